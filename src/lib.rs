@@ -1,0 +1,15 @@
+//! DynRT: a hardware ray tracer for dynamic scenes.
+//!
+//! Data flows one way: [`scene`] → [`bkd`] tree and memory image → machine ([`golden`] or the Verilog
+//! that [`hw`] describes with [`hdl`]) → results → [`report`]. [`cosim`] joins golden model and RTL.
+
+pub mod bkd;
+pub mod config;
+pub mod cosim;
+pub mod float;
+pub mod golden;
+pub mod hdl;
+pub mod hw;
+pub mod port;
+pub mod report;
+pub mod scene;
