@@ -1,1 +1,3 @@
+//! The machine, described with [`crate::hdl`].
 
+pub mod fp;
