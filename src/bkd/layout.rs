@@ -680,14 +680,14 @@ impl MemoryImage {
         Ok(deepest)
     }
 
-    /// What is checked of an image before a machine with a stack of `stack_depth` entries and node and record
-    /// addresses of `address_bits` bits may load it: every link in range, every record reached exactly once,
-    /// vertex indices in range, the tree no deeper than the stack.
+    /// What is checked of an image before a machine with a stack of `stack_depth` entries may load it: every link
+    /// in range, every record reached exactly once, vertex indices in range, the tree no deeper than the
+    /// stack. (Whether memory holds it is [`check_capacity`]'s to say.)
     ///
     /// # Errors
     /// One line that says what is wrong and what to do.
-    pub fn check(&self, stack_depth: u32, address_bits: u32) -> Result<()> {
-        check_capacity(0, self.records.len() as u64, address_bits)?;
+    pub fn check(&self, stack_depth: u32) -> Result<()> {
+        check_capacity(0, self.records.len() as u64, LINK_BITS)?;
         ensure!(!self.records.is_empty(), "the scene has no triangles");
         for (index, record) in self.records.iter().enumerate() {
             for vertex in record.vertices {
