@@ -3,7 +3,7 @@
 
 use dynrt::bkd::stats::TreeStatistics;
 use dynrt::bkd::{
-    BuildOptions, MemoryImage, Node, Record, SortKeys, SplitCost, Target, build, layout,
+    BuildOptions, Child, MemoryImage, Node, Record, SortKeys, SplitCost, Target, build, layout,
 };
 use dynrt::float::{Arithmetic, Format};
 use glam::DVec3;
@@ -591,6 +591,33 @@ fn scenes_without_volume_do_not_become_lists() {
             let tree = build(&mesh.vertices, &mesh.triangles, &options).unwrap();
             let depth = tree.depth();
             assert!(depth <= most, "{name} is {depth} deep with {options:?}");
+        }
+    }
+}
+
+#[test]
+fn a_line_is_cut_along_itself() {
+    let mut random = fastrand::Rng::with_seed(17);
+    for axis in 0..3 {
+        let mut along = [0.0; 3];
+        along[axis] = 1.0;
+        let mut mesh = flat_grid(20, along, [0.0; 3]);
+        random.shuffle(&mut mesh.triangles);
+        for options in forms(32) {
+            let tree = build(&mesh.vertices, &mesh.triangles, &options).unwrap();
+            let Child::Inner(root) = tree.root else {
+                panic!("800 triangles are no leaf");
+            };
+            assert_eq!(
+                tree.nodes[root as usize].axes, [axis as u8; 2],
+                "{options:?}"
+            );
+            let refit = tree.refit(&mesh.vertices, &mesh.triangles);
+            let [left, right] = refit.intervals[root as usize].map(|[lo, hi]| hi - lo);
+            assert!(
+                left + right <= 21.0,
+                "{left} + {right} of 20 with {options:?}"
+            );
         }
     }
 }

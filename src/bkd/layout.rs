@@ -213,7 +213,7 @@ impl Record {
     /// # Panics
     /// Where `words` does not hold whole records.
     pub fn hex_lines(&self, words: &[u32]) -> String {
-        assert!(words.len().is_multiple_of(self.words()));
+        assert_eq!(words.len() % self.words(), 0, "whole records");
         let digits = self.hex_digits();
         let mut lines = String::with_capacity(words.len() / self.words() * (digits + 1));
         for record in words.chunks_exact(self.words()) {
