@@ -1,4 +1,4 @@
-// The C interface between Rust (src/cosim/model.rs) and one Verilated module.
+// The C interface between Rust (src/cosim/) and one Verilated module.
 //
 // Compiled once per model, together with the class `Vmodel` that Verilator made of the Verilog, and with
 // `ports.h`, generated beside it, which holds
