@@ -1,1 +1,521 @@
+//! Every knob of the machine: its range, its unit, its meaning.
+//!
+//! A configuration is one TOML file that sets every key of [`KEYS`]. Files, their validation, the emitted
+//! manifest and random configurations all derive from that table.
 
+use crate::float::Format;
+use anyhow::{Context, Result, anyhow, bail};
+use std::fmt::Write as _;
+use std::ops::RangeInclusive;
+use std::path::Path;
+
+/// Which test decides whether a ray hits a triangle; see `docs/arithmetic.md`.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub enum TriangleTest {
+    MollerTrumbore,
+    Watertight,
+}
+
+/// A machine, and the memory around it.
+#[derive(Clone, Debug, PartialEq, Eq, Hash)]
+pub struct Config {
+    /// The file's stem; names generated folders and reports, shapes nothing.
+    pub name: String,
+    pub exponent_bits: u32,
+    pub fraction_bits: u32,
+    pub clock_mhz: u32,
+    pub rays_per_packet: u32,
+    pub packets_in_flight: u32,
+    pub tag_bits: u32,
+    pub axes_per_node: u32,
+    pub stack_depth: u32,
+    pub address_bits: u32,
+    pub triangle_test: TriangleTest,
+    pub memory_latency: u32,
+    pub memory_jitter: u32,
+    pub memory_in_order: bool,
+    pub memory_ready_percent: u32,
+}
+
+/// The values that a key may have.
+#[derive(Clone, Debug)]
+pub enum Values {
+    Range(RangeInclusive<u32>),
+    OneOf(&'static [u32]),
+    /// Named choices; the value is the index.
+    Names(&'static [&'static str]),
+}
+
+/// One knob.
+pub struct Key {
+    pub section: &'static str,
+    pub name: &'static str,
+    pub unit: &'static str,
+    pub meaning: &'static str,
+    pub values: Values,
+    /// Whether the key shapes the model of the machine's surroundings and not the machine itself.
+    pub environment: bool,
+    get: fn(&Config) -> u32,
+    set: fn(&mut Config, u32),
+}
+
+macro_rules! key {
+    ($section:literal, $name:literal, $unit:literal, $values:expr, $field:ident, $environment:literal, $meaning:literal) => {
+        Key {
+            section: $section,
+            name: $name,
+            unit: $unit,
+            meaning: $meaning,
+            values: $values,
+            environment: $environment,
+            get: |c| c.$field,
+            set: |c, v| c.$field = v,
+        }
+    };
+}
+
+/// All knobs, in the order of the files.
+pub static KEYS: &[Key] = &[
+    key!(
+        "float",
+        "exponent_bits",
+        "bits",
+        Values::Range(3..=10),
+        exponent_bits,
+        false,
+        "exponent of the machine's numbers; the bias is 2^(bits - 1) - 1"
+    ),
+    key!(
+        "float",
+        "fraction_bits",
+        "bits",
+        Values::Range(2..=23),
+        fraction_bits,
+        false,
+        "fraction of the machine's numbers; 16 make a significand that one DSP48 multiplies"
+    ),
+    key!(
+        "clock",
+        "target_mhz",
+        "MHz",
+        Values::Range(25..=200),
+        clock_mhz,
+        false,
+        "clock to reach; it sets the depth of every pipeline"
+    ),
+    key!(
+        "packets",
+        "rays",
+        "rays",
+        Values::OneOf(&[1, 2, 4, 8]),
+        rays_per_packet,
+        false,
+        "rays traversed together; each has a slice of the traversal unit"
+    ),
+    key!(
+        "packets",
+        "in_flight",
+        "packets",
+        Values::Range(4..=64),
+        packets_in_flight,
+        false,
+        "packets that hide each other's latency"
+    ),
+    key!(
+        "packets",
+        "tag_bits",
+        "bits",
+        Values::Range(4..=32),
+        tag_bits,
+        false,
+        "tag that a packet of rays carries in and its hits carry out"
+    ),
+    key!(
+        "tree",
+        "axes_per_node",
+        "axes",
+        Values::Range(1..=2),
+        axes_per_node,
+        false,
+        "1: both children are bounded on one axis, as in the original; 2: each on its own"
+    ),
+    key!(
+        "tree",
+        "stack_depth",
+        "entries",
+        Values::Range(8..=64),
+        stack_depth,
+        false,
+        "entries of a packet's stack, and the greatest depth of a tree in inner nodes"
+    ),
+    key!(
+        "tree",
+        "address_bits",
+        "bits",
+        Values::Range(8..=26),
+        address_bits,
+        false,
+        "index of a node, a triangle record or a vertex"
+    ),
+    Key {
+        section: "geometry",
+        name: "triangle_test",
+        unit: "",
+        meaning: "moller-trumbore, as in the original, or watertight: no ray slips between two triangles",
+        values: Values::Names(&["moller-trumbore", "watertight"]),
+        environment: false,
+        get: |c| c.triangle_test as u32,
+        set: |c, v| {
+            c.triangle_test = [TriangleTest::MollerTrumbore, TriangleTest::Watertight][v as usize]
+        },
+    },
+    key!(
+        "memory",
+        "latency",
+        "cycles",
+        Values::Range(1..=100),
+        memory_latency,
+        true,
+        "from a request to its answer, on every read port"
+    ),
+    key!(
+        "memory",
+        "jitter",
+        "cycles",
+        Values::Range(0..=100),
+        memory_jitter,
+        true,
+        "greatest random addition to the latency"
+    ),
+    Key {
+        section: "memory",
+        name: "order",
+        unit: "",
+        meaning: "whether answers come in the order of their requests",
+        values: Values::Names(&["out-of-order", "in-order"]),
+        environment: true,
+        get: |c| u32::from(c.memory_in_order),
+        set: |c, v| c.memory_in_order = v == 1,
+    },
+    key!(
+        "memory",
+        "ready_percent",
+        "%",
+        Values::Range(5..=100),
+        memory_ready_percent,
+        true,
+        "share of the cycles in which a read port takes a request"
+    ),
+];
+
+impl Key {
+    /// `section.name`.
+    pub fn path(&self) -> String {
+        format!("{}.{}", self.section, self.name)
+    }
+
+    /// The values that the key may have, for a person.
+    pub fn range(&self) -> String {
+        let list = |values: &[String]| values.join(", ");
+        match &self.values {
+            Values::Range(r) => format!("{} to {}", r.start(), r.end()),
+            Values::OneOf(values) => list(&values.iter().map(u32::to_string).collect::<Vec<_>>()),
+            Values::Names(names) => {
+                list(&names.iter().map(|n| format!("\"{n}\"")).collect::<Vec<_>>())
+            }
+        }
+    }
+
+    /// The key's value as TOML writes it.
+    pub fn value(&self, config: &Config) -> String {
+        let value = (self.get)(config);
+        match &self.values {
+            Values::Names(names) => format!("\"{}\"", names[value as usize]),
+            _ => value.to_string(),
+        }
+    }
+
+    /// Sets the key from a TOML value.
+    fn parse(&self, config: &mut Config, value: &toml::Value) -> Result<()> {
+        let parsed = match (&self.values, value) {
+            (Values::Range(r), toml::Value::Integer(i)) => {
+                u32::try_from(*i).ok().filter(|v| r.contains(v))
+            }
+            (Values::OneOf(values), toml::Value::Integer(i)) => {
+                u32::try_from(*i).ok().filter(|v| values.contains(v))
+            }
+            (Values::Names(names), toml::Value::String(s)) => {
+                names.iter().position(|n| n == s).map(|i| i as u32)
+            }
+            _ => None,
+        };
+        let Some(parsed) = parsed else {
+            bail!(
+                "{} = {value} is out of range: use {}",
+                self.path(),
+                self.range()
+            );
+        };
+        (self.set)(config, parsed);
+        Ok(())
+    }
+
+    /// A random value within the key's range.
+    pub fn randomise(&self, config: &mut Config, rng: &mut fastrand::Rng) {
+        let value = match &self.values {
+            Values::Range(r) => rng.u32(r.clone()),
+            Values::OneOf(values) => values[rng.usize(..values.len())],
+            Values::Names(names) => rng.u32(..names.len() as u32),
+        };
+        (self.set)(config, value);
+    }
+}
+
+/// The configurations of `configs/`, built in so that the command needs no files.
+pub const NAMED: &[(&str, &str)] = &[
+    (
+        "virtex4-lx160",
+        include_str!("../configs/virtex4-lx160.toml"),
+    ),
+    ("dynrt-2006", include_str!("../configs/dynrt-2006.toml")),
+    ("ecp5-85f", include_str!("../configs/ecp5-85f.toml")),
+    ("tiny", include_str!("../configs/tiny.toml")),
+];
+
+impl Config {
+    /// The reference machine, `virtex4-lx160`.
+    pub fn reference() -> Config {
+        Config::load(NAMED[0].0).expect("the reference configuration is valid")
+    }
+
+    /// A configuration by its name in `configs/`, or from a TOML file.
+    ///
+    /// # Errors
+    /// One line that names the file, the line, the key and what to write instead.
+    pub fn load(name_or_file: &str) -> Result<Config> {
+        if let Some((name, text)) = NAMED.iter().find(|(name, _)| *name == name_or_file) {
+            return Config::parse(name, &format!("configs/{name}.toml"), text);
+        }
+        let path = Path::new(name_or_file);
+        if !path.exists() {
+            bail!(
+                "{name_or_file}: no such configuration: name one of {} or a TOML file",
+                NAMED
+                    .iter()
+                    .map(|(name, _)| *name)
+                    .collect::<Vec<_>>()
+                    .join(", ")
+            );
+        }
+        let text = std::fs::read_to_string(path)
+            .with_context(|| format!("{name_or_file}: cannot read the configuration"))?;
+        let name = path.file_stem().unwrap_or_default().to_string_lossy();
+        Config::parse(&name, name_or_file, &text)
+    }
+
+    /// Parses a configuration; `file` names it in errors.
+    pub fn parse(name: &str, file: &str, text: &str) -> Result<Config> {
+        let table: toml::Table = text.parse().map_err(|e: toml::de::Error| {
+            let line = e.span().map_or(1, |s| line_of(text, s.start));
+            anyhow!("{file}:{line}: {}", e.message().replace('\n', " "))
+        })?;
+        let mut config = Config::blank(name);
+        for (section, keys) in &table {
+            let Some(keys) = keys.as_table() else {
+                bail!(
+                    "{file}:{}: key {section} stands outside a section: write it under one of {}",
+                    find_line(text, None, section),
+                    sections().join(", ")
+                );
+            };
+            if !sections().contains(&section.as_str()) {
+                bail!(
+                    "{file}:{}: unknown section [{section}]: there are {}",
+                    find_line(text, Some(section), ""),
+                    sections().join(", ")
+                );
+            }
+            for (name, value) in keys {
+                let at = || format!("{file}:{}", find_line(text, Some(section), name));
+                let Some(key) = KEYS.iter().find(|k| k.section == section && k.name == name) else {
+                    let known: Vec<_> = KEYS
+                        .iter()
+                        .filter(|k| k.section == section)
+                        .map(|k| k.name)
+                        .collect();
+                    bail!(
+                        "{}: unknown key {section}.{name}: [{section}] has {}",
+                        at(),
+                        known.join(", ")
+                    );
+                };
+                key.parse(&mut config, value)
+                    .map_err(|e| anyhow!("{}: {e}", at()))?;
+            }
+        }
+        for key in KEYS {
+            if table
+                .get(key.section)
+                .and_then(|s| s.get(key.name))
+                .is_none()
+            {
+                bail!(
+                    "{file}: key {} is missing ({}): set it to {}",
+                    key.path(),
+                    key.meaning,
+                    key.range()
+                );
+            }
+        }
+        Ok(config)
+    }
+
+    fn blank(name: &str) -> Config {
+        Config {
+            name: name.to_string(),
+            exponent_bits: 0,
+            fraction_bits: 0,
+            clock_mhz: 0,
+            rays_per_packet: 0,
+            packets_in_flight: 0,
+            tag_bits: 0,
+            axes_per_node: 0,
+            stack_depth: 0,
+            address_bits: 0,
+            triangle_test: TriangleTest::Watertight,
+            memory_latency: 0,
+            memory_jitter: 0,
+            memory_in_order: true,
+            memory_ready_percent: 0,
+        }
+    }
+
+    /// A machine with every key random within its range, the same for the same seed.
+    pub fn random(seed: u64) -> Config {
+        let mut rng = fastrand::Rng::with_seed(seed);
+        let mut config = Config::blank(&format!("random-{seed}"));
+        for key in KEYS {
+            key.randomise(&mut config, &mut rng);
+        }
+        config
+    }
+
+    /// The configuration as a TOML file, every key with its unit, range and meaning.
+    pub fn to_toml(&self) -> String {
+        let mut text = String::new();
+        let mut section = "";
+        for key in KEYS {
+            if key.section != section {
+                let gap = if section.is_empty() { "" } else { "\n" };
+                let _ = writeln!(text, "{gap}[{}]", key.section);
+                section = key.section;
+            }
+            let unit = if key.unit.is_empty() {
+                String::new()
+            } else {
+                format!(" {}", key.unit)
+            };
+            let _ = writeln!(
+                text,
+                "# {} ({}{unit})\n{} = {}",
+                key.meaning,
+                key.range(),
+                key.name,
+                key.value(self)
+            );
+        }
+        text
+    }
+
+    pub fn format(&self) -> Format {
+        Format::new(self.exponent_bits, self.fraction_bits)
+            .expect("a configuration's format is within range")
+    }
+}
+
+fn sections() -> Vec<&'static str> {
+    let mut sections: Vec<_> = KEYS.iter().map(|k| k.section).collect();
+    sections.dedup();
+    sections
+}
+
+fn line_of(text: &str, offset: usize) -> usize {
+    text[..offset.min(text.len())].matches('\n').count() + 1
+}
+
+/// The line on which a section (with an empty key) or a key of it is set; 1 where it is written in a form not looked for.
+fn find_line(text: &str, section: Option<&str>, key: &str) -> usize {
+    let mut within = section.is_none();
+    for (number, line) in text.lines().enumerate() {
+        let line = line.trim();
+        if let Some(header) = line.strip_prefix('[') {
+            within = Some(header.trim_end_matches(']').trim()) == section;
+            if within && key.is_empty() {
+                return number + 1;
+            }
+        } else if within && line.split('=').next().map(str::trim) == Some(key) {
+            return number + 1;
+        }
+    }
+    1
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn error(edit: impl Fn(String) -> String) -> String {
+        let text = edit(Config::reference().to_toml());
+        Config::parse("x", "x.toml", &text).unwrap_err().to_string()
+    }
+
+    #[test]
+    fn named_configurations_are_what_the_table_writes() {
+        for (name, text) in NAMED {
+            let config = Config::load(name).unwrap();
+            assert!(
+                text.ends_with(&config.to_toml()),
+                "configs/{name}.toml differs from what the key table writes:\n{}",
+                config.to_toml()
+            );
+        }
+    }
+
+    #[test]
+    fn errors_name_the_file_the_line_the_key_and_the_remedy() {
+        assert_eq!(
+            error(|t| t.replace("rays = 4", "rays = 3")),
+            "x.toml:13: packets.rays = 3 is out of range: use 1, 2, 4, 8"
+        );
+        assert_eq!(
+            error(|t| t.replace("in_flight = 48", "in_fligth = 48")),
+            "x.toml:15: unknown key packets.in_fligth: [packets] has rays, in_flight, tag_bits"
+        );
+        assert!(
+            error(|t| t.replace("[float]", "[flaot]"))
+                .starts_with("x.toml:1: unknown section [flaot]")
+        );
+        assert!(
+            error(|t| t.replace("rays = 4\n", ""))
+                .starts_with("x.toml: key packets.rays is missing")
+        );
+        assert!(error(|t| t.replace("rays = 4", "rays = ")).starts_with("x.toml:13: "));
+        assert_eq!(
+            Config::load("nonesuch").unwrap_err().to_string(),
+            "nonesuch: no such configuration: name one of virtex4-lx160, dynrt-2006, ecp5-85f, tiny or a TOML file"
+        );
+    }
+
+    #[test]
+    fn random_configurations_are_valid_and_replay() {
+        for seed in 0..100 {
+            let config = Config::random(seed);
+            assert_eq!(config, Config::random(seed));
+            let name = config.name.clone();
+            assert_eq!(
+                Config::parse(&name, "f", &config.to_toml()).unwrap(),
+                config
+            );
+        }
+    }
+}

@@ -42,8 +42,7 @@ impl Arithmetic {
     #[inline(always)]
     pub fn round(&self, value: f64) -> f64 {
         let bits = value.to_bits();
-        let rounded =
-            bits.wrapping_add(self.half_minus_one + (bits >> self.shift & 1)) & self.keep;
+        let rounded = bits.wrapping_add(self.half_minus_one + (bits >> self.shift & 1)) & self.keep;
         let magnitude = rounded & !SIGN;
         if magnitude.wrapping_sub(self.least) <= self.greatest - self.least {
             f64::from_bits(rounded)
