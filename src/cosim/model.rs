@@ -8,7 +8,7 @@
 //! without a register between, [`Model::eval`] settles it again after the input has changed; no edge happens.
 //!
 //! The clock is called `clk`, the reset, synchronous and active high, `rst`; a module may lack either. State
-//! is zero, not unknown, before the first clock. Cycles are counted from 0 by rising edges, those of a reset
+//! is zero, not unknown, unless the Verilog initialises it. Cycles are counted from 0 by rising edges, those of a reset
 //! included, and a trace's cycle *c* lasts from 10 *c* ns to 10 *c* + 10 ns, its rising edge in the middle.
 //!
 //! # Cache
