@@ -1,1 +1,33 @@
+//! The golden model: the machine's function, bit for bit, without a clock.
+//!
+//! It is written from `docs/arithmetic.md`, in that page's vocabulary, independently of the RTL; a file
+//! models one unit. Numbers of the machine's format are carried exactly in `f64`.
+//!
+//! | file | unit |
+//! |---|---|
+//! | [`setup`] | ray setup: validity, reciprocals, shear, clip to the scene's box |
+//! | [`clip`] | the plane distance and the clipping by an interval, which all units share |
+//! | [`tpu`] | the packet step, the stack entry and its pop |
+//! | [`geometry`] | both triangle tests, the interval of the triangle's box, the merge of hits |
+//! | [`raycast`] | a packet through all of them: [`Caster`] |
+//! | [`brute`] | every triangle by the same test with no tree at all |
+//! | [`oracle`] | an independent `f64` intersector that the picture is held against |
 
+pub mod brute;
+pub mod clip;
+pub mod geometry;
+pub mod oracle;
+pub mod raycast;
+pub mod setup;
+pub mod tpu;
+
+pub use brute::{BruteForce, brute_force};
+pub use geometry::{Closest, Outcome, Triangle};
+pub use raycast::{
+    Caster, Counts, Frame, HandOver, Observer, PacketResult, PopEvent, PushEvent, RayTest,
+    StepEvent,
+};
+pub use setup::RaySetup;
+
+/// The most rays that a packet may have.
+pub const MOST_RAYS: usize = 8;

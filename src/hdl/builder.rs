@@ -621,8 +621,9 @@ impl Builder {
         }
     }
 
-    /// An instance of a finished module. Staged inputs are aligned; outputs of a pipelined module are staged
-    /// after them. Every input but `clk` and `rst` must be given.
+    /// An instance of a finished module. Each staged input is delayed until it meets the others at the stage that
+    /// its port has in the module; outputs of a pipelined module are staged after them. Every input but `clk` and
+    /// `rst` must be given.
     #[track_caller]
     pub fn instance<'b>(
         &'b self,
@@ -632,8 +633,25 @@ impl Builder {
     ) -> Outputs<'b> {
         let (name, place) = (name.as_ref(), Location::caller());
         self.claim(name, place);
-        let (aligned, stage) =
-            self.align(&inputs.iter().map(|(_, s)| *s).collect::<Vec<_>>(), place);
+        // The stage, in this module, of the instance's stage 0.
+        let mut base: Option<Stage> = None;
+        for (port, signal) in inputs {
+            let Some(stage) = signal.stage_data() else {
+                continue;
+            };
+            let enters = module.port(port).and_then(|p| p.stage).unwrap_or(0);
+            let start = Stage {
+                at: stage.at.saturating_sub(enters),
+                ..stage
+            };
+            if base.is_some_and(|b| b.pipeline != start.pipeline) {
+                self.fail(
+                    place,
+                    format!("instance {name}: inputs come from two pipelines"),
+                );
+            }
+            base = Some(base.map_or(start, |b| if start.at > b.at { start } else { b }));
+        }
         let mut connected = vec![];
         for port in module
             .ports
@@ -641,12 +659,9 @@ impl Builder {
             .filter(|p| p.direction == Direction::Input)
         {
             if port.name == "clk" || port.name == "rst" {
-                if port.name == "rst" {
-                    self.has_reset.set(true);
-                }
                 continue;
             }
-            let Some(index) = inputs.iter().position(|(n, _)| *n == port.name) else {
+            let Some((_, signal)) = inputs.iter().find(|(n, _)| *n == port.name) else {
                 self.fail(
                     place,
                     format!(
@@ -656,7 +671,21 @@ impl Builder {
                 );
                 continue;
             };
-            let signal = aligned[index];
+            let signal = match (base, signal.stage_data()) {
+                (Some(base), Some(_)) => signal.at(base.at + port.stage.unwrap_or(0)),
+                (Some(_), None) if !signal.is_literal() && port.stage.is_some() => {
+                    self.fail(
+                        place,
+                        format!(
+                            "instance {name} of {}: {} has no stage, other inputs have",
+                            module.name,
+                            signal.describe()
+                        ),
+                    );
+                    *signal
+                }
+                _ => *signal,
+            };
             if signal.width() != port.width {
                 self.fail(
                     place,
@@ -692,16 +721,16 @@ impl Builder {
             if port.direction != Direction::Output {
                 continue;
             }
-            let at = match (stage, port.stage) {
-                (Some(s), Some(latency)) => Some(Stage {
-                    at: s.at + latency,
-                    ..s
+            let at = match (base, port.stage) {
+                (Some(base), Some(latency)) => Some(Stage {
+                    at: base.at + latency,
+                    ..base
                 }),
                 _ => None,
             };
             let wire = format!("{name}_{}", port.name);
-            let signal =
-                self.named_node(Op::Instance(instance, index), port.width, &wire, at, place);
+            let op = Op::Instance(instance, index);
+            let signal = self.named_node(op, port.width, &wire, at, place);
             outputs.push((port.name.clone(), signal.id));
         }
         let mut inner = self.inner.borrow_mut();

@@ -34,6 +34,17 @@ impl<'b> Pipeline<'b> {
         )
     }
 
+    /// An input port that meets the others at a later stage: an instance's input is delayed until then.
+    #[track_caller]
+    pub fn input_at(&self, name: impl AsRef<str>, width: u32, at: u32) -> Signal<'b> {
+        let stage = Stage {
+            pipeline: self.id,
+            at,
+        };
+        self.builder
+            .input_at(name.as_ref(), width, Some(stage), Location::caller())
+    }
+
     /// A 1-bit input port at stage 0 that says whether what comes with it means anything; reset clears its
     /// delay registers.
     #[track_caller]

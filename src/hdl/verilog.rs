@@ -144,7 +144,7 @@ impl Printer<'_> {
         // A memory's write data and address are read by each of its copies.
         for memory in &inner.memories {
             for id in memory.write.iter().flat_map(|(e, a, d)| [*e, *a, *d]) {
-                count[id] += memory.reads;
+                count[id] += memory.reads - 1;
             }
         }
         let mut sliced = HashSet::new();
@@ -166,6 +166,11 @@ impl Printer<'_> {
                 _ => inner
                     .combinational_inputs(id)
                     .iter()
+                    // A chain of choices is printed a line each, however long.
+                    .filter(|i| {
+                        let chain = matches!(node.op, Op::Mux(_, _, rest) if rest == **i);
+                        !(chain && matches!(inner.nodes[**i].op, Op::Mux(..)))
+                    })
                     .map(|i| if self.declared[*i] { 10 } else { length[*i] })
                     .sum(),
             };

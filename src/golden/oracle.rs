@@ -1,0 +1,363 @@
+//! An independent intersector in plain `f64`, which knows nothing of the machine's arithmetic, boxes or trees, and
+//! an account of the pixels in which the machine sees another triangle.
+
+use glam::DVec3;
+
+use crate::float::Format;
+use crate::port::{Hit, NONE, Ray};
+
+/// Triangles in a leaf of the oracle's hierarchy.
+const LEAF_SIZE: usize = 4;
+
+/// Casts rays at a mesh in `f64`.
+#[derive(Clone, Debug)]
+pub struct Oracle {
+    corners: Vec<[DVec3; 3]>,
+    /// Triangle numbers, those of a leaf side by side.
+    order: Vec<u32>,
+    /// The root is first.
+    boxes: Vec<BoxNode>,
+}
+
+#[derive(Clone, Copy, Debug)]
+struct BoxNode {
+    lo: DVec3,
+    hi: DVec3,
+    /// Of a leaf its range in `order`; of an inner node its two children's indices.
+    first: u32,
+    second: u32,
+    leaf: bool,
+}
+
+/// Why machine and oracle may see what they see.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Explanation {
+    /// They see the same triangle, or both none.
+    Agrees,
+    /// Two triangles at distances that the format cannot tell apart: |Δt|·|d| ≤ ε.
+    SameDistance { difference: f64, epsilon: f64 },
+    /// The ray passes within ε of an edge of either triangle.
+    NearEdge { distance: f64, epsilon: f64 },
+    /// Neither: the machine is wrong.
+    Unexplained {
+        /// From the nearest edge.
+        distance: f64,
+        epsilon: f64,
+    },
+}
+
+impl Oracle {
+    /// An oracle for a mesh of rounded vertices.
+    ///
+    /// # Panics
+    /// Where a triangle names a vertex that is not there.
+    pub fn new(vertices: &[[f64; 3]], triangles: &[[u32; 3]]) -> Self {
+        let corner = |index: u32| DVec3::from_array(vertices[index as usize]);
+        let mut oracle = Oracle {
+            corners: triangles.iter().map(|t| t.map(corner)).collect(),
+            order: (0..triangles.len() as u32).collect(),
+            boxes: Vec::new(),
+        };
+        if !triangles.is_empty() {
+            oracle.build(0, triangles.len());
+        }
+        oracle
+    }
+
+    /// Adds the hierarchy over a range of `order` and returns its index.
+    fn build(&mut self, start: usize, end: usize) -> u32 {
+        let index = self.boxes.len();
+        let range = &mut self.order[start..end];
+        let corners = &self.corners;
+        let all = range.iter().flat_map(|&t| corners[t as usize]);
+        let (lo, hi) = all.fold(
+            (DVec3::INFINITY, DVec3::NEG_INFINITY),
+            |(lo, hi), corner| (lo.min(corner), hi.max(corner)),
+        );
+        self.boxes.push(BoxNode {
+            lo,
+            hi,
+            first: start as u32,
+            second: end as u32,
+            leaf: true,
+        });
+        if end - start > LEAF_SIZE {
+            let extent = hi - lo;
+            let axis = (0..3)
+                .max_by(|&i, &j| extent[i].total_cmp(&extent[j]))
+                .expect("three axes");
+            let centre = |t: u32| corners[t as usize].iter().map(|c| c[axis]).sum::<f64>();
+            let middle = (end - start) / 2;
+            range.select_nth_unstable_by(middle, |&s, &t| centre(s).total_cmp(&centre(t)));
+            let first = self.build(start, start + middle);
+            let second = self.build(start + middle, end);
+            let node = &mut self.boxes[index];
+            (node.first, node.second, node.leaf) = (first, second, false);
+        }
+        index as u32
+    }
+
+    /// The closest hit with tmin ≤ t ≤ tmax, of equal ones that of the lowest triangle. An inactive or malformed
+    /// ray misses; an any-hit ray is treated like any other.
+    pub fn cast(&self, ray: &Ray) -> Hit {
+        let mut best = Hit::MISS;
+        let sound = ray.active && 0.0 <= ray.tmin && ray.tmin <= ray.tmax;
+        if self.boxes.is_empty() || !sound {
+            return best;
+        }
+        let origin = DVec3::from_array(ray.origin);
+        let direction = DVec3::from_array(ray.direction);
+        let inverse = direction.recip();
+        let mut open = vec![0];
+        while let Some(index) = open.pop() {
+            let node = &self.boxes[index as usize];
+            if !enters(node, origin, inverse, ray.tmin, ray.tmax.min(best.t)) {
+                continue;
+            }
+            if !node.leaf {
+                open.extend([node.first, node.second]);
+                continue;
+            }
+            for &number in &self.order[node.first as usize..node.second as usize] {
+                let Some((t, u, v)) = meet(&self.corners[number as usize], origin, direction)
+                else {
+                    continue;
+                };
+                let nearer = t < best.t || t == best.t && number < best.triangle;
+                if ray.tmin <= t && t <= ray.tmax && nearer {
+                    best = Hit {
+                        t,
+                        u,
+                        v,
+                        instance: 0,
+                        triangle: number,
+                    };
+                }
+            }
+        }
+        best
+    }
+
+    /// Least and greatest corner of the mesh.
+    fn bounds(&self) -> (DVec3, DVec3) {
+        self.boxes
+            .first()
+            .map_or((DVec3::ZERO, DVec3::ZERO), |root| (root.lo, root.hi))
+    }
+
+    /// Accounts for what the machine, computing in `format`, sees of a ray of which the oracle sees `exact`. With
+    /// ε = 32 · 2^−(f+1) · (|o| + t·|d| + the box's diagonal), t being the distance at which the respective triangle was hit.
+    pub fn explain(&self, format: Format, ray: &Ray, machine: &Hit, exact: &Hit) -> Explanation {
+        if machine.triangle == exact.triangle {
+            return Explanation::Agrees;
+        }
+        let origin = DVec3::from_array(ray.origin);
+        let direction = DVec3::from_array(ray.direction);
+        let (lo, hi) = self.bounds();
+        let unit = 32.0 * (-f64::from(format.fraction_bits() + 1)).exp2();
+        let epsilon_at =
+            |t: f64| unit * (origin.length() + t * direction.length() + (hi - lo).length());
+
+        if machine.is_hit() && exact.is_hit() {
+            let difference = (machine.t - exact.t).abs() * direction.length();
+            let epsilon = epsilon_at(machine.t.min(exact.t));
+            if difference <= epsilon {
+                return Explanation::SameDistance {
+                    difference,
+                    epsilon,
+                };
+            }
+        }
+        // Of the hits' edges, the one that is nearest in terms of its ε.
+        let mut nearest = (f64::INFINITY, 1.0);
+        for hit in [machine, exact] {
+            if hit.triangle == NONE {
+                continue;
+            }
+            let epsilon = epsilon_at(hit.t);
+            let corners = self.corners[hit.triangle as usize];
+            for side in 0..3 {
+                let (from, to) = (corners[side], corners[(side + 1) % 3]);
+                let distance = ray_to_segment(origin, direction, from, to);
+                if distance / epsilon < nearest.0 / nearest.1 {
+                    nearest = (distance, epsilon);
+                }
+            }
+        }
+        let (distance, epsilon) = nearest;
+        if distance <= epsilon {
+            Explanation::NearEdge { distance, epsilon }
+        } else {
+            Explanation::Unexplained { distance, epsilon }
+        }
+    }
+}
+
+/// Whether a ray may meet something in a box; generous by far more than `f64` errs.
+fn enters(node: &BoxNode, origin: DVec3, inverse: DVec3, tmin: f64, tmax: f64) -> bool {
+    let (mut near, mut far) = (tmin, tmax);
+    for axis in 0..3 {
+        let at_lo = (node.lo[axis] - origin[axis]) * inverse[axis];
+        let at_hi = (node.hi[axis] - origin[axis]) * inverse[axis];
+        if at_lo.is_nan() || at_hi.is_nan() {
+            continue;
+        }
+        near = near.max(at_lo.min(at_hi) - 1e-12 * at_lo.min(at_hi).abs());
+        far = far.min(at_lo.max(at_hi) + 1e-12 * at_lo.max(at_hi).abs());
+    }
+    near <= far
+}
+
+/// Where a line meets a triangle: t and the weights of the second and third corner. The triple products are taken
+/// with the corners seen from the origin, so that two triangles agree about an edge they share.
+fn meet(corners: &[DVec3; 3], origin: DVec3, direction: DVec3) -> Option<(f64, f64, f64)> {
+    let [a, b, c] = corners.map(|corner| corner - origin);
+    let weight_a = direction.dot(c.cross(b));
+    let weight_b = direction.dot(a.cross(c));
+    let weight_c = direction.dot(b.cross(a));
+    let weights = [weight_a, weight_b, weight_c];
+    if weights.iter().any(|&w| w < 0.0) && weights.iter().any(|&w| w > 0.0) {
+        return None;
+    }
+    let sum = weight_a + weight_b + weight_c;
+    let normal = (b - a).cross(c - a);
+    let t = a.dot(normal) / direction.dot(normal);
+    (sum != 0.0 && t.is_finite()).then(|| (t, weight_b / sum, weight_c / sum))
+}
+
+/// The distance between a ray and a segment. Along the segment the distance from the ray is convex.
+fn ray_to_segment(origin: DVec3, direction: DVec3, from: DVec3, to: DVec3) -> f64 {
+    let squared = direction.length_squared();
+    let from_ray = |part: f64| {
+        let point = from.lerp(to, part) - origin;
+        let along = (point.dot(direction) / squared).max(0.0);
+        (point - along * direction).length()
+    };
+    let (mut low, mut high) = (0.0, 1.0);
+    for _ in 0..100 {
+        let third = (high - low) / 3.0;
+        if from_ray(low + third) <= from_ray(high - third) {
+            high -= third;
+        } else {
+            low += third;
+        }
+    }
+    from_ray(low).min(from_ray(0.0)).min(from_ray(1.0))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn square() -> Oracle {
+        let corners = [
+            [0.0, 0.0, 1.0],
+            [1.0, 0.0, 1.0],
+            [1.0, 1.0, 1.0],
+            [0.0, 1.0, 1.0],
+        ];
+        Oracle::new(&corners, &[[0, 1, 2], [0, 2, 3]])
+    }
+
+    fn down(x: f64, y: f64) -> Ray {
+        Ray {
+            origin: [x, y, 0.0],
+            direction: [0.0, 0.0, 2.0],
+            tmin: 0.0,
+            tmax: f64::INFINITY,
+            active: true,
+            any_hit: false,
+        }
+    }
+
+    #[test]
+    fn a_square_is_hit_where_it_is() {
+        let hit = square().cast(&down(0.75, 0.25));
+        assert_eq!((hit.t, hit.u, hit.v, hit.triangle), (0.5, 0.5, 0.25, 0));
+        let hit = square().cast(&down(0.25, 0.75));
+        assert_eq!((hit.t, hit.u, hit.v, hit.triangle), (0.5, 0.25, 0.5, 1));
+        assert_eq!(square().cast(&down(0.5, 0.5)).triangle, 0);
+        assert!(!square().cast(&down(1.25, 0.5)).is_hit());
+        let short = Ray {
+            tmax: 0.49,
+            ..down(0.75, 0.25)
+        };
+        assert!(!square().cast(&short).is_hit());
+    }
+
+    #[test]
+    fn the_hierarchy_does_not_show() {
+        let mut random = fastrand::Rng::with_seed(7);
+        let mut point = || [0; 3].map(|_| random.f64() * 2.0 - 1.0);
+        let corners: Vec<[f64; 3]> = (0..300).map(|_| point()).collect();
+        let triangles: Vec<[u32; 3]> = (0..100).map(|t| [3 * t, 3 * t + 1, 3 * t + 2]).collect();
+        let oracle = Oracle::new(&corners, &triangles);
+        let mut hits = 0;
+        for _ in 0..1000 {
+            let ray = Ray {
+                origin: point(),
+                direction: point(),
+                ..down(0.0, 0.0)
+            };
+            let (o, d) = (
+                DVec3::from_array(ray.origin),
+                DVec3::from_array(ray.direction),
+            );
+            let plain = oracle
+                .corners
+                .iter()
+                .enumerate()
+                .filter_map(|(number, corners)| {
+                    let (t, ..) = meet(corners, o, d)?;
+                    (t >= 0.0).then_some((t, number as u32))
+                });
+            let plain = plain.min_by(|x, y| x.partial_cmp(y).expect("finite"));
+            let hit = oracle.cast(&ray);
+            assert_eq!(plain.map_or(NONE, |(_, number)| number), hit.triangle);
+            hits += usize::from(hit.is_hit());
+        }
+        assert!(hits > 100, "only {hits} hits");
+    }
+
+    #[test]
+    fn explanations_tell_an_edge_from_a_blunder() {
+        let oracle = square();
+        let explain = |ray: &Ray, machine: &Hit| {
+            oracle.explain(Format::FP24, ray, machine, &oracle.cast(ray))
+        };
+        let edge = down(0.00001, 0.5);
+        assert!(matches!(
+            explain(&edge, &Hit::MISS),
+            Explanation::NearEdge { .. }
+        ));
+        let inside = down(0.75, 0.25);
+        assert!(matches!(
+            explain(&inside, &Hit::MISS),
+            Explanation::Unexplained { .. }
+        ));
+        let other = Hit {
+            triangle: 1,
+            ..oracle.cast(&inside)
+        };
+        assert!(matches!(
+            explain(&inside, &other),
+            Explanation::SameDistance { .. }
+        ));
+        let far = Hit { t: 5.0, ..other };
+        assert!(matches!(
+            explain(&inside, &far),
+            Explanation::Unexplained { .. }
+        ));
+        assert_eq!(explain(&inside, &oracle.cast(&inside)), Explanation::Agrees);
+    }
+
+    #[test]
+    fn distance_of_ray_and_segment() {
+        let z = DVec3::Z;
+        let distance = |from, to| ray_to_segment(DVec3::ZERO, z, from, to);
+        let crossing = distance(DVec3::new(-1.0, 0.5, 3.0), DVec3::new(1.0, 0.5, 3.0));
+        assert!((crossing - 0.5).abs() < 1e-7);
+        let behind = distance(DVec3::new(0.0, 0.0, -2.0), DVec3::new(0.0, 1.0, -2.0));
+        assert!((behind - 2.0).abs() < 1e-7);
+    }
+}

@@ -1,0 +1,109 @@
+//! The traversal processing unit: what one packet step decides, and what becomes of a popped entry.
+//!
+//! A packet's N rays are lanes of arrays; a mask's bit k stands for lane k. The near and far of a lane outside a
+//! mask have no meaning.
+
+use super::clip::clip;
+use super::setup::RaySetup;
+use crate::bkd::layout::Target;
+use crate::float::Arithmetic;
+
+/// The part of a packet's rays that traversal reads, by axis and lane.
+#[derive(Clone, Debug)]
+pub struct PacketRays<const N: usize> {
+    pub origin: [[f64; N]; 3],
+    pub reciprocal: [[f64; N]; 3],
+    pub negative: [[bool; N]; 3],
+}
+
+/// Rays that go somewhere together, and their intervals there.
+#[derive(Clone, Copy, Debug)]
+pub struct Lanes<const N: usize> {
+    pub mask: u8,
+    pub near: [f64; N],
+    pub far: [f64; N],
+}
+
+/// A stack entry: a child put off, and the rays that go there.
+#[derive(Clone, Copy, Debug)]
+pub struct Entry<const N: usize> {
+    pub child: Target,
+    pub rays: Lanes<N>,
+}
+
+/// What one packet step computes. The packet goes to a side if its mask is not empty.
+#[derive(Clone, Copy, Debug)]
+pub struct StepOutcome<const N: usize> {
+    pub left: Lanes<N>,
+    pub right: Lanes<N>,
+    /// Of the rays that go both ways, those that go left first.
+    pub left_first: u8,
+}
+
+impl<const N: usize> PacketRays<N> {
+    pub fn new(rays: &[RaySetup; N]) -> Self {
+        PacketRays {
+            origin: [0, 1, 2].map(|axis| rays.each_ref().map(|ray| ray.origin[axis])),
+            reciprocal: [0, 1, 2].map(|axis| rays.each_ref().map(|ray| ray.reciprocal[axis])),
+            negative: [0, 1, 2].map(|axis| rays.each_ref().map(|ray| ray.negative[axis])),
+        }
+    }
+
+    /// Clips the intervals of `rays` by a child's and keeps those that are not empty.
+    #[inline(always)]
+    fn enter(&self, a: &Arithmetic, rays: &Lanes<N>, interval: [f64; 2], axis: usize) -> Lanes<N> {
+        let mut entered = *rays;
+        let (origin, reciprocal) = (&self.origin[axis], &self.reciprocal[axis]);
+        let negative = &self.negative[axis];
+        for k in 0..N {
+            [entered.near[k], entered.far[k]] = clip(
+                a,
+                [rays.near[k], rays.far[k]],
+                interval,
+                origin[k],
+                reciprocal[k],
+                negative[k],
+            );
+        }
+        entered.mask &= mask_where(|k| entered.near[k] <= entered.far[k], N);
+        entered
+    }
+
+    /// One packet step: both children's intervals and axes against all rays.
+    #[inline(always)]
+    pub fn step(
+        &self,
+        a: &Arithmetic,
+        rays: &Lanes<N>,
+        intervals: [[f64; 2]; 2],
+        axes: [usize; 2],
+    ) -> StepOutcome<N> {
+        let left = self.enter(a, rays, intervals[0], axes[0]);
+        let right = self.enter(a, rays, intervals[1], axes[1]);
+        let nearer = mask_where(|k| left.near[k] <= right.near[k], N);
+        StepOutcome {
+            left_first: left.mask & right.mask & nearer,
+            left,
+            right,
+        }
+    }
+}
+
+impl<const N: usize> Lanes<N> {
+    /// The rays of a popped entry that stay, their far bounded by each lane's `limit`.
+    #[inline(always)]
+    pub fn within(&self, a: &Arithmetic, limit: &[f64; N]) -> Lanes<N> {
+        let mut rays = *self;
+        for k in 0..N {
+            rays.far[k] = a.min(self.far[k], limit[k]);
+        }
+        rays.mask &= mask_where(|k| self.near[k] <= limit[k], N);
+        rays
+    }
+}
+
+/// The mask of the lanes of which `holds` is true.
+#[inline(always)]
+fn mask_where(holds: impl Fn(usize) -> bool, lanes: usize) -> u8 {
+    (0..lanes).fold(0, |mask, k| mask | u8::from(holds(k)) << k)
+}
