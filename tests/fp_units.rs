@@ -347,7 +347,7 @@ fn random_pairs(format: Format, seed: u64, count: usize) -> impl Iterator<Item =
         let b = match i % 4 {
             // About as great, of either sign: cancellation and alignment.
             0 => a.wrapping_add(random.u64(0..2 << f)).wrapping_sub(1 << f),
-            1 => a ^ (random.u64(..) & (1 << random.u32(0..=f)) - 1) ^ format.sign_bit(),
+            1 => a ^ (random.u64(..) & ((1 << random.u32(0..=f)) - 1)) ^ format.sign_bit(),
             // About the inverse of the range's ends: products that are almost too small or too great.
             2 => {
                 let inverse = (2 * one).wrapping_sub(a & (format.sign_bit() - 1));
@@ -412,7 +412,10 @@ fn all_pairs_of_special_operands() {
     let least = (list.len() * list.len()) as u64;
     let mut rig = Rig::new(vec![Bench::new(Format::FP24, 100, BINARY)]);
     let operands = directed(Format::FP24).chain(pairs(list));
-    let compared = rig.compare(vec![operands], "run it again")[0];
+    let compared = rig.compare(
+        vec![operands],
+        "cargo test --test fp_units all_pairs_of_special_operands",
+    )[0];
     assert!(compared > least);
     println!("{compared} pairs of special operands, {BINARY:?}");
 }
@@ -441,7 +444,10 @@ fn all_operands_of_one() {
                 let (library, sources) = (&library, &sources);
                 scope.spawn(move || {
                     let operands = (i * part..(i + 1) * part).map(|a| (a, 0));
-                    Rig::load(library, sources, bench()).compare(vec![operands], "run it again")[0]
+                    Rig::load(library, sources, bench()).compare(
+                        vec![operands],
+                        "cargo test --test fp_units all_operands_of_one",
+                    )[0]
                 })
             })
             .collect();
@@ -464,7 +470,7 @@ fn all_pairs_of_a_small_format() {
     let mut rig = Rig::new(vec![Bench::new(small, 100, ALL)]);
     let compared = rig.compare(
         vec![pairs((0..1 << small.width()).collect())],
-        "run it again",
+        "cargo test --test fp_units all_pairs_of_a_small_format",
     )[0];
     assert_eq!(compared, 1 << 20);
     println!("{compared} pairs in {small}, {ALL:?}");

@@ -245,13 +245,14 @@ pub fn module(format: Format, clock_mhz: u32, subtract: bool) -> Result<Rc<Modul
     crate::named! {
         let round_up = normal.bit(3) & (normal.bit(4) | normal.low(3).any());
         let cancelled = !normal.msb();
+        let normal_fraction = normal.field(4, f);
     }
     let at = plan.at("round");
     let shift = m.concat(&shift).named("shift").at(at).extend(x);
     crate::named! {
         let unrounded = m.concat(&[
             exponent_plus_2.at(at),
-            normal.field(4, f).at(at),
+            normal_fraction.at(at),
             m.lit(1u8, 1),
         ]);
         let correction = m.concat(&[!shift, m.zero(f), round_up.at(at)]);

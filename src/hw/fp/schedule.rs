@@ -71,20 +71,26 @@ pub(super) struct Schedule {
 
 impl Schedule {
     pub fn new(steps: Vec<Step>, clock_mhz: u32) -> Schedule {
+        // Stages are filled from the last one back: what is left over then makes the first stages short, to which
+        // the caller may add logic of its own.
         let within = |limit: u32| {
-            let (mut stage, mut used) = (0, 0);
-            let mut registered = false;
-            steps
+            let (mut from_end, mut used) = (0, 0);
+            let mut stages: Vec<u32> = steps
                 .iter()
+                .rev()
                 .map(|step| {
-                    if used > 0 && (registered || used + step.picoseconds > limit) {
-                        stage += 1;
+                    if used > 0 && (step.registered || used + step.picoseconds > limit) {
+                        from_end += 1;
                         used = 0;
                     }
                     used += step.picoseconds;
-                    registered = step.registered;
-                    stage
+                    from_end
                 })
+                .collect();
+            stages.reverse();
+            stages
+                .iter()
+                .map(|stage| from_end - stage)
                 .collect::<Vec<u32>>()
         };
         let depth = |limit| within(limit).last().map_or(0, |last| last + 1);
