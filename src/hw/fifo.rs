@@ -9,7 +9,9 @@ use std::rc::Rc;
 pub(super) fn fifo(width: u32, depth: u32) -> Result<Rc<Module>, HdlError> {
     let m = Builder::new(
         format!("fifo_{width}x{depth}"),
-        format!("a queue of {depth} words of {width} bits. What feeds it never has more than {depth} words under way."),
+        format!(
+            "a queue of {depth} words of {width} bits. What feeds it never has more than {depth} words under way."
+        ),
     );
     m.group("In");
     let push = m.input("push", 1);
@@ -52,8 +54,10 @@ pub(super) fn place<'b>(
     pop: Signal<'b>,
 ) -> Result<(Signal<'b>, Signal<'b>), HdlError> {
     let module = fifo(data.width(), depth)?;
-    let queue = push
-        .module()
-        .instance(name, &module, &[("push", push), ("data", data), ("pop", pop)]);
+    let queue = push.module().instance(
+        name,
+        &module,
+        &[("push", push), ("data", data), ("pop", pop)],
+    );
     Ok((queue.get("valid"), queue.get("front")))
 }

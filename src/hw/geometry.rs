@@ -37,7 +37,9 @@ fn triangle_box(plan: &Plan) -> Result<Rc<Module>, HdlError> {
     );
     let p = m.pipeline();
     m.group("The triangle's vertices");
-    let v: Vec<Vector<'_>> = (0..3).map(|i| vector(|x| p.input(format!("v{i}_{x}"), w))).collect();
+    let v: Vec<Vector<'_>> = (0..3)
+        .map(|i| vector(|x| p.input(format!("v{i}_{x}"), w)))
+        .collect();
     m.group("The ray");
     let origin = vector(|x| p.input(format!("origin_{x}"), w));
     let reciprocal = vector(|x| p.input(format!("reciprocal_{x}"), w));
@@ -54,26 +56,48 @@ fn triangle_box(plan: &Plan) -> Result<Rc<Module>, HdlError> {
         let hi = max(f, hi, v[2][i]).named(format!("hi_{x}")).register();
         flat.push(equal(f, lo, hi).named(format!("flat_{x}")).register());
         for (pair, (j, k)) in [(0, 1), (1, 2), (2, 0)].into_iter().enumerate() {
-            same[pair].push(equal(f, v[j][i], v[k][i]).named(format!("same{j}{k}_{x}")).register());
+            same[pair].push(
+                equal(f, v[j][i], v[k][i])
+                    .named(format!("same{j}{k}_{x}"))
+                    .register(),
+            );
         }
         let sign = signs.bit(i as u32);
         let place = |name: String, module: &Rc<Module>, plane| {
             m.instance(
                 name,
                 module,
-                &[("plane", plane), ("origin", origin[i]), ("reciprocal", reciprocal[i])],
+                &[
+                    ("plane", plane),
+                    ("origin", origin[i]),
+                    ("reciprocal", reciprocal[i]),
+                ],
             )
             .get("distance")
         };
-        let n = place(format!("near_{x}"), &plan.near_distance, sign.mux(hi, lo).named(format!("near_plane_{x}")).register());
-        let d = place(format!("far_{x}"), &plan.far_distance, sign.mux(lo, hi).named(format!("far_plane_{x}")).register());
+        let n = place(
+            format!("near_{x}"),
+            &plan.near_distance,
+            sign.mux(hi, lo).named(format!("near_plane_{x}")).register(),
+        );
+        let d = place(
+            format!("far_{x}"),
+            &plan.far_distance,
+            sign.mux(lo, hi).named(format!("far_plane_{x}")).register(),
+        );
         // From (-infinity, +infinity): a NaN does not clip.
         near = Some(match near {
-            None => is_nan(f, n).mux(m.lit(u128::from(f.infinity() | f.sign_bit()), w), n).named("near_after_x").register(),
+            None => is_nan(f, n)
+                .mux(m.lit(u128::from(f.infinity() | f.sign_bit()), w), n)
+                .named("near_after_x")
+                .register(),
             Some(near) => max(f, near, n).named(format!("near_after_{x}")).register(),
         });
         far = Some(match far {
-            None => is_nan(f, d).mux(m.lit(u128::from(f.infinity()), w), d).named("far_after_x").register(),
+            None => is_nan(f, d)
+                .mux(m.lit(u128::from(f.infinity()), w), d)
+                .named("far_after_x")
+                .register(),
             Some(far) => min(f, far, d).named(format!("far_after_{x}")).register(),
         });
     }
@@ -96,10 +120,15 @@ fn moller_trumbore(plan: &Plan) -> Result<Rc<Module>, HdlError> {
     let w = plan.number();
     let f = plan.format;
     let units = &plan.units;
-    let m = Builder::new("triangle_moller_trumbore", "the ray-triangle test of Moeller and Trumbore.");
+    let m = Builder::new(
+        "triangle_moller_trumbore",
+        "the ray-triangle test of Moeller and Trumbore.",
+    );
     let p = m.pipeline();
     m.group("The triangle's vertices");
-    let v: Vec<Vector<'_>> = (0..3).map(|i| vector(|x| p.input(format!("v{i}_{x}"), w))).collect();
+    let v: Vec<Vector<'_>> = (0..3)
+        .map(|i| vector(|x| p.input(format!("v{i}_{x}"), w)))
+        .collect();
     m.group("The ray");
     let o = vector(|x| p.input(format!("origin_{x}"), w));
     let d = vector(|x| p.input(format!("direction_{x}"), w));
@@ -121,7 +150,9 @@ fn moller_trumbore(plan: &Plan) -> Result<Rc<Module>, HdlError> {
     let sum = units.add("u_plus_v", u, vv);
     let zero = m.zero(w);
     let one = m.lit(u128::from(f.one()), w);
-    let inside = (less_equal(f, zero, u) & less_equal(f, zero, vv)).named("inside").register();
+    let inside = (less_equal(f, zero, u) & less_equal(f, zero, vv))
+        .named("weights_positive")
+        .register();
     let below = less_equal(f, sum, one).named("below_diagonal").register();
     let flat = is_zero(f, det).named("det_is_zero").register();
     let misses = !inside | !below | flat;
@@ -140,7 +171,9 @@ fn watertight(plan: &Plan) -> Result<Rc<Module>, HdlError> {
     );
     let p = m.pipeline();
     m.group("The triangle's vertices");
-    let v: Vec<Vector<'_>> = (0..3).map(|i| vector(|x| p.input(format!("v{i}_{x}"), w))).collect();
+    let v: Vec<Vector<'_>> = (0..3)
+        .map(|i| vector(|x| p.input(format!("v{i}_{x}"), w)))
+        .collect();
     m.group("The ray, and its shear");
     let o = vector(|x| p.input(format!("origin_{x}"), w));
     let kz = p.input("kz", 2);
@@ -153,18 +186,31 @@ fn watertight(plan: &Plan) -> Result<Rc<Module>, HdlError> {
     let names = ["a", "b", "c"];
     let mut sheared: Vec<Vector<'_>> = vec![];
     for (name, vertex) in names.iter().zip(&v) {
-        m.comment(format!("{}, seen from the origin and sheared.", name.to_uppercase()));
+        m.comment(format!(
+            "{}, seen from the origin and sheared.",
+            name.to_uppercase()
+        ));
         let from = difference(plan, name, *vertex, o);
         // kz names an axis; kx and ky follow it cyclically.
         let pick = |what: &str, choices: [usize; 3]| {
             let choices = choices.map(|axis| from[axis]);
-            m.select(kz, &choices).named(format!("{name}_{what}")).register()
+            m.select(kz, &choices)
+                .named(format!("{name}_{what}"))
+                .register()
         };
         let z = pick("kz", [0, 1, 2]);
         let x = pick("kx", [1, 2, 0]);
         let y = pick("ky", [2, 0, 1]);
-        let sx = units.sub(format!("{name}x"), x, units.mul(format!("{name}x_shift"), shear_x, z));
-        let sy = units.sub(format!("{name}y"), y, units.mul(format!("{name}y_shift"), shear_y, z));
+        let sx = units.sub(
+            format!("{name}x"),
+            x,
+            units.mul(format!("{name}x_shift"), shear_x, z),
+        );
+        let sy = units.sub(
+            format!("{name}y"),
+            y,
+            units.mul(format!("{name}y_shift"), shear_y, z),
+        );
         sheared.push([sx, sy, z]);
     }
     let [a, b, c] = [sheared[0], sheared[1], sheared[2]];
@@ -174,8 +220,12 @@ fn watertight(plan: &Plan) -> Result<Rc<Module>, HdlError> {
     let ew = edge_function(plan, "ew", b, a);
     let negative = |e| less(f, e, m.zero(w));
     let positive = |e| less(f, m.zero(w), e);
-    let some_negative = (negative(eu) | negative(ev) | negative(ew)).named("some_negative").register();
-    let some_positive = (positive(eu) | positive(ev) | positive(ew)).named("some_positive").register();
+    let some_negative = (negative(eu) | negative(ev) | negative(ew))
+        .named("some_negative")
+        .register();
+    let some_positive = (positive(eu) | positive(ev) | positive(ew))
+        .named("some_positive")
+        .register();
     m.comment("det = (U + V) + W, i = 1 / det.");
     let det = units.add("det", units.add("uv", eu, ev), ew);
     let i = units.reciprocal("i", det);
@@ -198,7 +248,11 @@ fn watertight(plan: &Plan) -> Result<Rc<Module>, HdlError> {
 /// The stage at which T × i is there: the sum of what is computed before it on the longest path.
 fn shear_z_stage(plan: &Plan) -> u32 {
     let of = |module: &Rc<Module>| module.latency().unwrap_or(0);
-    let (add, sub, mul) = (of(&plan.units.add), of(&plan.units.sub), of(&plan.units.mul));
+    let (add, sub, mul) = (
+        of(&plan.units.add),
+        of(&plan.units.sub),
+        of(&plan.units.mul),
+    );
     let edges = sub + 1 + mul + sub + mul + sub;
     let inverse = edges + 2 * add + of(&plan.units.reciprocal);
     let scaled = edges + mul + 2 * add;
@@ -206,8 +260,14 @@ fn shear_z_stage(plan: &Plan) -> u32 {
 }
 
 fn finish_test(m: &Builder, [t, u, v]: [Signal<'_>; 3], misses: Signal<'_>) {
-    let end = [t, u, v, misses].iter().filter_map(|s| s.stage()).max().unwrap_or(0);
-    m.group("Distance, the second and third vertex's weights, and whether the ray passes the triangle");
+    let end = [t, u, v, misses]
+        .iter()
+        .filter_map(|s| s.stage())
+        .max()
+        .unwrap_or(0);
+    m.group(
+        "Distance, the second and third vertex's weights, and whether the ray passes the triangle",
+    );
     m.output("test_t", t.at(end));
     m.output("test_u", u.at(end));
     m.output("test_v", v.at(end));
@@ -231,7 +291,10 @@ fn cross<'b>(plan: &Plan, name: &str, a: Vector<'b>, b: Vector<'b>) -> Vector<'b
 
 /// (a_x b_x + a_y b_y) + a_z b_z.
 fn dot<'b>(plan: &Plan, name: &str, a: Vector<'b>, b: Vector<'b>) -> Signal<'b> {
-    let product = |i: usize| plan.units.mul(format!("{name}_{}", AXES[i]), a[i], b[i]);
+    let product = |i: usize| {
+        plan.units
+            .mul(format!("{name}_of_{}", AXES[i]), a[i], b[i])
+    };
     let xy = plan.units.add(format!("{name}_xy"), product(0), product(1));
     plan.units.add(name, xy, product(2))
 }
@@ -258,9 +321,16 @@ fn triangle_test(plan: &Plan) -> Result<Rc<Module>, HdlError> {
     );
     let p = m.pipeline();
     let mut ports = vec![];
-    let end = test.latency().unwrap_or(0).max(in_box.latency().unwrap_or(0));
+    let end = test
+        .latency()
+        .unwrap_or(0)
+        .max(in_box.latency().unwrap_or(0));
     for module in [&test, &in_box] {
-        for port in module.ports().iter().filter(|port| port.direction == crate::hdl::Direction::Input && port.name != "clk") {
+        for port in module
+            .ports()
+            .iter()
+            .filter(|port| port.direction == crate::hdl::Direction::Input && port.name != "clk")
+        {
             if !ports.iter().any(|(name, _)| *name == port.name) {
                 m.group(port.group.clone());
                 let signal = p.input_at(&port.name, port.width, port.stage.unwrap_or(0));
@@ -287,11 +357,20 @@ fn triangle_test(plan: &Plan) -> Result<Rc<Module>, HdlError> {
     let near = boxed.get("box_near").at(end);
     let far = boxed.get("box_far").at(end);
     let raised = less(f, t, near).mux(near, t).named("raised").register();
-    let clamped = less(f, far, raised).mux(far, raised).named("clamped").register();
-    let misses = (tested.get("test_misses") | boxed.get("box_misses") | is_nan(f, tested.get("test_t")).at(end))
-        .named("misses");
-    let within = (less_equal(f, tmin, clamped) & less_equal(f, clamped, tmax) & !is_infinite(f, clamped)).named("within");
-    let hits = (within & !misses.at(limits_at)).named("hits").register();
+    let clamped = less(f, far, raised)
+        .mux(far, raised)
+        .named("clamped")
+        .register();
+    let misses = (tested.get("test_misses")
+        | boxed.get("box_misses")
+        | is_nan(f, tested.get("test_t")).at(end))
+    .named("misses");
+    let within_limits =
+        (less_equal(f, tmin, clamped) & less_equal(f, clamped, tmax) & !is_infinite(f, clamped))
+            .named("within_limits");
+    let hits = (within_limits & !misses.at(limits_at))
+        .named("hits")
+        .register();
     m.group("Whether the ray hits, and where");
     let last = limits_at + 1;
     m.output("hit", hits);
@@ -342,7 +421,10 @@ pub fn module(plan: &Plan) -> Result<Geometry, HdlError> {
     let early = Bundle::new(&early_fields);
     let late = Bundle::new(&late_fields);
     let setup_input = |fields: &[(&'static str, u32)]| -> Vec<(&'static str, Signal<'_>)> {
-        fields.iter().map(|(name, width)| (*name, m.input(format!("setup_{name}"), *width))).collect()
+        fields
+            .iter()
+            .map(|(name, width)| (*name, m.input(format!("setup_{name}"), *width)))
+            .collect()
     };
     let early_inputs = setup_input(&early_fields);
     let late_inputs = setup_input(&late_fields);
@@ -375,9 +457,18 @@ pub fn module(plan: &Plan) -> Result<Geometry, HdlError> {
     let leaf_word = Bundle::new(&[("context", context.width()), ("mask", rays), ("address", a)]);
     let take_leaf = (leaf_valid & record_ready).named("take_leaf");
     let leaf_data = leaf_word
-        .pack(&[("context", leaf_context), ("mask", leaf_mask), ("address", leaf_address)])
+        .pack(&[
+            ("context", leaf_context),
+            ("mask", leaf_mask),
+            ("address", leaf_address),
+        ])
         .named("leaf_data");
-    let leaves = m.memory("leaf_memory", packets, leaf_word.width(), Style::Distributed);
+    let leaves = m.memory(
+        "leaf_memory",
+        packets,
+        leaf_word.width(),
+        Style::Distributed,
+    );
     leaves.write(take_leaf, leaf_packet, leaf_data);
     m.group("Leaves from the traversal unit");
     m.output("leaf_ready", record_ready);
@@ -386,7 +477,9 @@ pub fn module(plan: &Plan) -> Result<Geometry, HdlError> {
     m.output("record_request_address", leaf_address);
     m.output("record_request_tag", leaf_packet);
 
-    m.comment("A record's answer: its number is kept, its three vertices are requested one a clock.");
+    m.comment(
+        "A record's answer: its number is kept, its three vertices are requested one a clock.",
+    );
     let record = |name: &str| {
         let field = triangle.field(name);
         record_data.field(field.lsb, field.width)
@@ -410,23 +503,45 @@ pub fn module(plan: &Plan) -> Result<Geometry, HdlError> {
     let corner = m.reg_reset("corner", 2, 0);
     let vertex_fire = (job_valid & vertex_ready).named("vertex_fire");
     let last_corner = corner.q.equals(2).named("last_corner");
-    corner.next_when(vertex_fire, last_corner.mux(m.zero(2), corner.q + m.lit(1u8, 2)));
+    corner.next_when(
+        vertex_fire,
+        last_corner.mux(m.zero(2), corner.q + m.lit(1u8, 2)),
+    );
     job_done.drive(vertex_fire & last_corner);
     m.group("Vertex memory: requests");
     m.output("vertex_request_valid", job_valid);
     m.output(
         "vertex_request_address",
-        m.select(corner.q, &[job.get(job_front, "v0"), job.get(job_front, "v1"), job.get(job_front, "v2")]),
+        m.select(
+            corner.q,
+            &[
+                job.get(job_front, "v0"),
+                job.get(job_front, "v1"),
+                job.get(job_front, "v2"),
+            ],
+        ),
     );
-    m.output("vertex_request_tag", job.get(job_front, "packet").concat(corner.q));
+    m.output(
+        "vertex_request_tag",
+        job.get(job_front, "packet").concat(corner.q),
+    );
 
     m.comment("Vertices arrive in any order; the third makes the triangle complete.");
     let arrived_packet = vertex_tag.high(pb);
     let arrived_corner = vertex_tag.low(2);
     let corners: Vec<_> = (0..3u32)
         .map(|i| {
-            let memory = m.memory(format!("vertex{i}_memory"), packets, vertex.width, Style::Block);
-            memory.write(vertex_valid & arrived_corner.equals(u128::from(i)), arrived_packet, vertex_data);
+            let memory = m.memory(
+                format!("vertex{i}_memory"),
+                packets,
+                vertex.width,
+                Style::Block,
+            );
+            memory.write(
+                vertex_valid & arrived_corner.equals(u128::from(i)),
+                arrived_packet,
+                vertex_data,
+            );
             memory
         })
         .collect();
@@ -442,7 +557,13 @@ pub fn module(plan: &Plan) -> Result<Geometry, HdlError> {
 
     m.comment("The rays of a complete triangle's mask go into the test, one a clock.");
     let take_ready = m.wire("take_ready", 1);
-    let (ready_valid, ready_packet) = fifo::place("ready_queue", packets, complete, arrived_packet, take_ready.get())?;
+    let (ready_valid, ready_packet) = fifo::place(
+        "ready_queue",
+        packets,
+        complete,
+        arrived_packet,
+        take_ready.get(),
+    )?;
     let ready_leaf = leaves.read_now(ready_packet);
     let busy = m.reg_reset("busy", 1, 0);
     let now_packet = m.reg("now_packet", pb);
@@ -454,7 +575,11 @@ pub fn module(plan: &Plan) -> Result<Geometry, HdlError> {
     take_ready.drive(idle_next & ready_valid);
     busy.next(m.priority(&[(idle_next, ready_valid)], m.lit(1u8, 1)));
     now_packet.next_when(take_ready.get(), ready_packet);
-    now_mask.next(take_ready.get().mux(leaf_word.get(ready_leaf, "mask"), rest_mask));
+    now_mask.next(
+        take_ready
+            .get()
+            .mux(leaf_word.get(ready_leaf, "mask"), rest_mask),
+    );
     now_first.next(take_ready.get());
 
     m.comment("The test.");
@@ -531,7 +656,9 @@ pub fn module(plan: &Plan) -> Result<Geometry, HdlError> {
             ("triangle", any.mux(none, number.at(merged_at))),
         ])
         .named("merged");
-    let writes = (valid.at(merged_at) & replaces).untimed().named("merge_writes");
+    let writes = (valid.at(merged_at) & replaces)
+        .untimed()
+        .named("merge_writes");
     let out_packet = packet.at(merged_at).untimed().named("merge_packet");
     let out_ray = ray.at(merged_at).untimed().named("merge_ray");
     closest.write(
@@ -544,21 +671,36 @@ pub fn module(plan: &Plan) -> Result<Geometry, HdlError> {
     m.output("limit_packet", out_packet);
     m.output("limit_ray", out_ray);
     let minus_infinity = m.lit(u128::from(f.infinity() | f.sign_bit()), w);
-    m.output("limit_value", any.mux(minus_infinity, t.at(merged_at)).untimed());
+    m.output(
+        "limit_value",
+        any.mux(minus_infinity, t.at(merged_at)).untimed(),
+    );
 
     m.comment("Which rays have hit something, gathered over the triangle's rays.");
     let gathered = m.reg("gathered", rays);
-    let one_hot: Vec<_> = (0..rays).rev().map(|i| writes & out_ray.equals(u128::from(i))).collect();
-    let so_far = first.at(merged_at).untimed().mux(touched.at(merged_at).untimed(), gathered.q);
+    let one_hot: Vec<_> = (0..rays)
+        .rev()
+        .map(|i| writes & out_ray.equals(u128::from(i)))
+        .collect();
+    let so_far = first
+        .at(merged_at)
+        .untimed()
+        .mux(touched.at(merged_at).untimed(), gathered.q);
     let now_touched = (so_far | m.concat(&one_hot)).named("now_touched");
     gathered.next_when(valid.at(merged_at).untimed(), now_touched);
     m.group("A leaf all of whose tests are merged");
-    m.output("done_valid", (valid.at(merged_at) & last.at(merged_at)).untimed());
+    m.output(
+        "done_valid",
+        (valid.at(merged_at) & last.at(merged_at)).untimed(),
+    );
     m.output("done_packet", out_packet);
     m.output(
         "done_context",
         context.pack(&[
-            ("level", context.get(leaf_context, "level").at(merged_at).untimed()),
+            (
+                "level",
+                context.get(leaf_context, "level").at(merged_at).untimed(),
+            ),
             ("touched", now_touched),
         ]),
     );
@@ -577,20 +719,30 @@ pub fn module(plan: &Plan) -> Result<Geometry, HdlError> {
     m.output("watch_test_valid", valid.at(merged_at).untimed());
     m.output("watch_test_packet", out_packet);
     m.output("watch_test_ray", out_ray);
-    m.output("watch_test_record", leaf_word.get(leaf, "address").at(merged_at).untimed());
+    m.output(
+        "watch_test_record",
+        leaf_word.get(leaf, "address").at(merged_at).untimed(),
+    );
     m.output("watch_test_hit", hit.at(merged_at).untimed());
     m.output("watch_test_replaces", replaces.untimed());
     m.output("watch_test_t", t.at(merged_at).untimed());
     m.output("watch_test_u", tested.get("u").at(merged_at).untimed());
     m.output("watch_test_v", tested.get("v").at(merged_at).untimed());
-    Ok(Geometry { module: m.finish()?, test })
+    Ok(Geometry {
+        module: m.finish()?,
+        test,
+    })
 }
 
 /// The number of the lowest bit that is set, and the rest without it.
 fn lowest<'b>(m: &'b Builder, mask: Signal<'b>, bits: u32) -> (Signal<'b>, Signal<'b>) {
     let width = mask.width();
-    let choices: Vec<_> = (0..width).map(|i| (mask.bit(i), m.lit(u128::from(i), bits))).collect();
-    let number = m.priority(&choices[..choices.len() - 1], choices[choices.len() - 1].1).named("issue_ray");
+    let choices: Vec<_> = (0..width)
+        .map(|i| (mask.bit(i), m.lit(u128::from(i), bits)))
+        .collect();
+    let number = m
+        .priority(&choices[..choices.len() - 1], choices[choices.len() - 1].1)
+        .named("issue_ray");
     let rest = (mask & (mask - m.lit(1u8, width))).named("rest_mask");
     (number, rest)
 }

@@ -59,7 +59,9 @@ fn module(plan: &Plan) -> Result<Rc<Module>, HdlError> {
     let ray_valid = m.input("ray_valid", 1);
     let ray_tag = m.input("ray_tag", plan.config.tag_bits);
     let ray_origin: Vec<_> = AXES.map(|x| m.input(format!("ray_origin_{x}"), w)).into();
-    let ray_direction: Vec<_> = AXES.map(|x| m.input(format!("ray_direction_{x}"), w)).into();
+    let ray_direction: Vec<_> = AXES
+        .map(|x| m.input(format!("ray_direction_{x}"), w))
+        .into();
     let ray_tmin = m.input("ray_tmin", w);
     let ray_tmax = m.input("ray_tmax", w);
     let ray_active = m.input("ray_active", 1);
@@ -106,7 +108,12 @@ fn module(plan: &Plan) -> Result<Rc<Module>, HdlError> {
     let take = (ray_valid & ready).named("take_ray");
     take_free.drive(take & last);
     place.next_when(take, last.mux(m.zero(rb), place.q + m.lit(1u8, rb)));
-    let tags = m.memory("tag_memory", packets, plan.config.tag_bits, Style::Distributed);
+    let tags = m.memory(
+        "tag_memory",
+        packets,
+        plan.config.tag_bits,
+        Style::Distributed,
+    );
     tags.write(take & first, free_front, ray_tag);
     m.group("Rays in");
     m.output("ray_ready", ready);
@@ -162,7 +169,10 @@ fn module(plan: &Plan) -> Result<Rc<Module>, HdlError> {
     let shared: Vec<String> = geometry_names.collect();
     set_up_fields.extend(shared.iter().map(String::as_str));
     for field in set_up_fields {
-        inputs.push((format!("setup_{field}"), set_up.get(&format!("out_{field}"))));
+        inputs.push((
+            format!("setup_{field}"),
+            set_up.get(&format!("out_{field}")),
+        ));
     }
     let borrowed: Vec<_> = inputs.iter().map(|(n, s)| (n.as_str(), *s)).collect();
     let traversal = m.instance("traversal", &tpu.module, &borrowed);
@@ -197,7 +207,10 @@ fn module(plan: &Plan) -> Result<Rc<Module>, HdlError> {
         fields.extend(directions.iter().map(String::as_str));
     }
     for field in fields {
-        inputs.push((format!("setup_{field}"), set_up.get(&format!("out_{field}"))));
+        inputs.push((
+            format!("setup_{field}"),
+            set_up.get(&format!("out_{field}")),
+        ));
     }
     let borrowed: Vec<_> = inputs.iter().map(|(n, s)| (n.as_str(), *s)).collect();
     let intersection = m.instance("intersection", &geometry.module, &borrowed);
@@ -217,7 +230,9 @@ fn module(plan: &Plan) -> Result<Rc<Module>, HdlError> {
         "finished_queue",
         packets,
         traversal.get("finished_valid"),
-        traversal.get("finished_touched").concat(traversal.get("finished_packet")),
+        traversal
+            .get("finished_touched")
+            .concat(traversal.get("finished_packet")),
         take_finished.get(),
     )?;
     let out = m.reg("out", out_word);
@@ -232,7 +247,9 @@ fn module(plan: &Plan) -> Result<Rc<Module>, HdlError> {
     take_finished.drive(load);
     out.next_when(load, finished_front);
     out_valid.next(load | (out_valid.q & !leaves));
-    let next_ray = taken.mux(out_ray.q + m.lit(1u8, rb), out_ray.q).named("next_ray");
+    let next_ray = taken
+        .mux(out_ray.q + m.lit(1u8, rb), out_ray.q)
+        .named("next_ray");
     out_ray.next(load.mux(m.zero(rb), next_ray));
     out_fresh.next(!load & out_valid.q & !leaves);
     let out_packet = out.q.low(pb).named("out_packet");
@@ -262,7 +279,10 @@ fn module(plan: &Plan) -> Result<Rc<Module>, HdlError> {
     ] {
         m.group(format!("{title}: requests"));
         for port in ["valid", "address", "tag"] {
-            m.output(format!("{name}_request_{port}"), from.get(&format!("{name}_request_{port}")));
+            m.output(
+                format!("{name}_request_{port}"),
+                from.get(&format!("{name}_request_{port}")),
+            );
         }
     }
 
@@ -270,7 +290,10 @@ fn module(plan: &Plan) -> Result<Rc<Module>, HdlError> {
     let under_way = m.reg_reset("under_way", pb + 1, 0);
     let enters = (take & last).named("packet_enters");
     let unit = m.lit(1u8, pb + 1);
-    under_way.next_when(enters ^ leaves, enters.mux(under_way.q + unit, under_way.q - unit));
+    under_way.next_when(
+        enters ^ leaves,
+        enters.mux(under_way.q + unit, under_way.q - unit),
+    );
     let some = under_way.q.any().named("some_under_way");
     let step = traversal.get("step_taken");
     let node_waiting = traversal.get("node_waiting");
@@ -299,10 +322,20 @@ fn module(plan: &Plan) -> Result<Rc<Module>, HdlError> {
     m.output("watch_start_packet", free_front);
     m.output("watch_start_tag", ray_tag);
     m.output("watch_step_valid", step);
-    for port in tpu.module.ports().iter().filter(|p| p.name.starts_with("watch_")) {
+    for port in tpu
+        .module
+        .ports()
+        .iter()
+        .filter(|p| p.name.starts_with("watch_"))
+    {
         m.output(port.name.clone(), traversal.get(&port.name));
     }
-    for port in geometry.module.ports().iter().filter(|p| p.name.starts_with("watch_")) {
+    for port in geometry
+        .module
+        .ports()
+        .iter()
+        .filter(|p| p.name.starts_with("watch_"))
+    {
         m.output(port.name.clone(), intersection.get(&port.name));
     }
     m.finish()

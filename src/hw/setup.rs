@@ -36,7 +36,11 @@ pub fn module(plan: &Plan, lookahead: u32) -> Result<Rc<Module>, HdlError> {
     let zero = m.zero(w);
     let tmin = is_zero(f, tmin).mux(zero, tmin).named("tmin_clean");
     let tmax = is_zero(f, tmax).mux(zero, tmax).named("tmax_clean");
-    let mut nans: Vec<_> = origin.iter().chain(&direction).map(|n| is_nan(f, *n)).collect();
+    let mut nans: Vec<_> = origin
+        .iter()
+        .chain(&direction)
+        .map(|n| is_nan(f, *n))
+        .collect();
     nans.extend([is_nan(f, tmin), is_nan(f, tmax)]);
     let any_nan = m.or_all(&nans).named("any_nan").register();
     let ordered = (less_equal(f, zero, tmin) & less_equal(f, tmin, tmax))
@@ -46,7 +50,10 @@ pub fn module(plan: &Plan, lookahead: u32) -> Result<Rc<Module>, HdlError> {
 
     m.comment("Reciprocals of the direction, and its sign bits.");
     let reciprocal: Vec<_> = (0..3)
-        .map(|i| plan.units.reciprocal(format!("reciprocal_{}", AXES[i]), direction[i]))
+        .map(|i| {
+            plan.units
+                .reciprocal(format!("reciprocal_{}", AXES[i]), direction[i])
+        })
         .collect();
     let signs = m.concat(&[direction[2].msb(), direction[1].msb(), direction[0].msb()]);
 
@@ -72,10 +79,16 @@ pub fn module(plan: &Plan, lookahead: u32) -> Result<Rc<Module>, HdlError> {
         };
         let near_distance = place(format!("near_{}", AXES[i]), &plan.near_distance, near_plane);
         let far_distance = place(format!("far_{}", AXES[i]), &plan.far_distance, far_plane);
-        near = max(f, near, near_distance).named(format!("near_after_{}", AXES[i])).register();
-        far = min(f, far, far_distance).named(format!("far_after_{}", AXES[i])).register();
+        near = max(f, near, near_distance)
+            .named(format!("near_after_{}", AXES[i]))
+            .register();
+        far = min(f, far, far_distance)
+            .named(format!("far_after_{}", AXES[i]))
+            .register();
     }
-    let enters = (sound & less_equal(f, near, far)).named("enters").register();
+    let enters = (sound & less_equal(f, near, far))
+        .named("enters")
+        .register();
 
     let mut outputs: Vec<(String, Signal<'_>)> = vec![
         ("out_packet".into(), packet),
@@ -107,9 +120,15 @@ pub fn module(plan: &Plan, lookahead: u32) -> Result<Rc<Module>, HdlError> {
         let y_wins = (y_beats_x & !z_wins).named("y_wins");
         let kz = z_wins.concat(y_wins).named("kz");
         let pick = |x, y, z| z_wins.mux(z, y_wins.mux(y, x));
-        let dkx = pick(direction[1], direction[2], direction[0]).named("direction_kx").register();
-        let dky = pick(direction[2], direction[0], direction[1]).named("direction_ky").register();
-        let rkz = pick(reciprocal[0], reciprocal[1], reciprocal[2]).named("reciprocal_kz").register();
+        let dkx = pick(direction[1], direction[2], direction[0])
+            .named("direction_kx")
+            .register();
+        let dky = pick(direction[2], direction[0], direction[1])
+            .named("direction_ky")
+            .register();
+        let rkz = pick(reciprocal[0], reciprocal[1], reciprocal[2])
+            .named("reciprocal_kz")
+            .register();
         outputs.push(("out_kz".into(), kz));
         outputs.push(("out_shear_x".into(), plan.units.mul("shear_x", dkx, rkz)));
         outputs.push(("out_shear_y".into(), plan.units.mul("shear_y", dky, rkz)));
@@ -120,13 +139,20 @@ pub fn module(plan: &Plan, lookahead: u32) -> Result<Rc<Module>, HdlError> {
         }
     }
 
-    let last = outputs.iter().filter_map(|(_, s)| s.stage()).max().unwrap_or(0).max(lookahead);
+    let last = outputs
+        .iter()
+        .filter_map(|(_, s)| s.stage())
+        .max()
+        .unwrap_or(0)
+        .max(lookahead);
     m.group("The ray, set up");
     m.output("out_valid", valid.at(last));
     for (name, signal) in outputs {
         m.output(name, signal.at(last));
     }
-    m.group(format!("Says {lookahead} clocks ahead that a ray is coming out"));
+    m.group(format!(
+        "Says {lookahead} clocks ahead that a ray is coming out"
+    ));
     m.output("soon", valid.at(last - lookahead));
     m.finish()
 }

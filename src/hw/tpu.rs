@@ -65,29 +65,43 @@ fn slice(plan: &Plan) -> Result<Rc<Module>, HdlError> {
         .collect();
     m.group("The ray's interval in the node, needed when the distances are there");
     let distance_latency = plan.near_distance.latency().unwrap_or(0);
-    let near = p.input_at("near", w, distance_latency);
-    let far = p.input_at("far", w, distance_latency);
-    let active = p.input_at("active", 1, distance_latency);
+    let near = p.input_at("ray_near", w, distance_latency);
+    let far = p.input_at("ray_far", w, distance_latency);
+    let active = p.input_at("ray_active", 1, distance_latency);
 
     let mut intervals = vec![];
     for (side, name) in sides.iter().enumerate() {
         m.comment(format!("The {name} child: near and far planes by the direction's sign, then near and far clipped."));
         let (lo, hi) = (planes[2 * side], planes[2 * side + 1]);
         let (sign, origin, reciprocal) = side_inputs[side];
-        let near_plane = sign.mux(hi, lo).named(format!("{name}_near_plane")).register();
-        let far_plane = sign.mux(lo, hi).named(format!("{name}_far_plane")).register();
+        let near_plane = sign
+            .mux(hi, lo)
+            .named(format!("{name}_near_plane"))
+            .register();
+        let far_plane = sign
+            .mux(lo, hi)
+            .named(format!("{name}_far_plane"))
+            .register();
         let near_distance = m
             .instance(
                 format!("{name}_near_distance"),
                 &plan.near_distance,
-                &[("plane", near_plane), ("origin", origin), ("reciprocal", reciprocal)],
+                &[
+                    ("plane", near_plane),
+                    ("origin", origin),
+                    ("reciprocal", reciprocal),
+                ],
             )
             .get("distance");
         let far_distance = m
             .instance(
                 format!("{name}_far_distance"),
                 &plan.far_distance,
-                &[("plane", far_plane), ("origin", origin), ("reciprocal", reciprocal)],
+                &[
+                    ("plane", far_plane),
+                    ("origin", origin),
+                    ("reciprocal", reciprocal),
+                ],
             )
             .get("distance");
         let near = max(f, near, near_distance).named(format!("{name}_near_clipped"));
@@ -99,7 +113,8 @@ fn slice(plan: &Plan) -> Result<Rc<Module>, HdlError> {
     let (right_near, right_far) = intervals[1];
     let goes_left = (active & less_equal(f, left_near, left_far)).named("goes_left");
     let goes_right = (active & less_equal(f, right_near, right_far)).named("goes_right");
-    let left_first = (goes_left & goes_right & less_equal(f, left_near, right_near)).named("both_left_first");
+    let left_first =
+        (goes_left & goes_right & less_equal(f, left_near, right_near)).named("both_left_first");
     let end = left_near.stage().unwrap_or(0) + 1;
     m.group("The ray's interval in the children, and where it goes");
     for (name, signal) in [
@@ -111,7 +126,11 @@ fn slice(plan: &Plan) -> Result<Rc<Module>, HdlError> {
         ("to_right", goes_right),
         ("left_before_right", left_first),
     ] {
-        let name = if name.ends_with("near") || name.ends_with("far") { format!("out_{name}") } else { name.to_string() };
+        let name = if name.ends_with("near") || name.ends_with("far") {
+            format!("out_{name}")
+        } else {
+            name.to_string()
+        };
         m.output(name, signal.at(end));
     }
     m.finish()
@@ -149,7 +168,10 @@ pub fn module(plan: &Plan) -> Result<Tpu, HdlError> {
         ("intervals", rays * interval.width()),
     ]);
 
-    let m = Builder::new("tpu", "the traversal processing unit: takes packets through a B-KD tree, a packet step a clock.");
+    let m = Builder::new(
+        "tpu",
+        "the traversal processing unit: takes packets through a B-KD tree, a packet step a clock.",
+    );
     m.group("A ray that has been set up; the last of a packet starts it. soon says so pop_latency clocks before");
     let setup_soon = m.input("setup_soon", 1);
     let setup_valid = m.input("setup_valid", 1);
@@ -160,7 +182,9 @@ pub fn module(plan: &Plan) -> Result<Tpu, HdlError> {
     let setup_far = m.input("setup_far", w);
     let setup_signs = m.input("setup_signs", 3);
     let setup_origin: Vec<_> = AXES.map(|x| m.input(format!("setup_origin_{x}"), w)).into();
-    let setup_reciprocal: Vec<_> = AXES.map(|x| m.input(format!("setup_reciprocal_{x}"), w)).into();
+    let setup_reciprocal: Vec<_> = AXES
+        .map(|x| m.input(format!("setup_reciprocal_{x}"), w))
+        .into();
     m.group("The root link word, constant while packets are under way");
     let root = m.input("root", Record::link_word().width);
     m.group("Node memory: requests");
@@ -208,18 +232,30 @@ pub fn module(plan: &Plan) -> Result<Tpu, HdlError> {
         .collect();
     let ray_memory: Vec<_> = (0..rays)
         .map(|i| {
-            let memory = m.memory(format!("ray{i}_memory"), packets, ray_word.width(), Style::Block);
+            let memory = m.memory(
+                format!("ray{i}_memory"),
+                packets,
+                ray_word.width(),
+                Style::Block,
+            );
             memory.write(setup_of[i as usize], setup_packet, setup_word);
             memory
         })
         .collect();
 
-    m.comment("Where a requested node lies, and its packet's context, kept while the request is out.");
+    m.comment(
+        "Where a requested node lies, and its packet's context, kept while the request is out.",
+    );
     let request_word = Bundle::new(&[("address", a), ("context", context.width()), ("popped", 1)]);
     let request_fire = m.wire("request_fire", 1);
     let request_item = m.wire("request_item", item.width());
     let request_popped = m.wire("request_popped", 1);
-    let requests = m.memory("request_memory", packets, request_word.width(), Style::Distributed);
+    let requests = m.memory(
+        "request_memory",
+        packets,
+        request_word.width(),
+        Style::Distributed,
+    );
     requests.write(
         request_fire.get(),
         item.get(request_item.get(), "packet"),
@@ -235,7 +271,12 @@ pub fn module(plan: &Plan) -> Result<Tpu, HdlError> {
     let stepped_packet = m.wire("stepped_packet", plan.packet_bits());
     let stepped_mask = m.wire("stepped_mask", rays);
     let stepped_intervals = m.wire("stepped_intervals", rays * interval.width());
-    let stepped = m.memory("stepped_memory", packets, rays * (1 + interval.width()), Style::Block);
+    let stepped = m.memory(
+        "stepped_memory",
+        packets,
+        rays * (1 + interval.width()),
+        Style::Block,
+    );
     stepped.write(
         stepped_write.get(),
         stepped_packet.get(),
@@ -245,13 +286,30 @@ pub fn module(plan: &Plan) -> Result<Tpu, HdlError> {
     let popped_mask_write = m.wire("popped_mask_write", 1);
     let popped_mask = m.wire("popped_mask", rays);
     let popped_masks = m.memory("popped_mask_memory", packets, rays, Style::Distributed);
-    popped_masks.write(popped_mask_write.get(), popped_packet.get(), popped_mask.get());
-    let popped_write: Vec<_> = (0..rays).map(|i| m.wire(format!("popped_write{i}"), 1)).collect();
-    let popped_interval: Vec<_> = (0..rays).map(|i| m.wire(format!("popped_interval{i}"), interval.width())).collect();
+    popped_masks.write(
+        popped_mask_write.get(),
+        popped_packet.get(),
+        popped_mask.get(),
+    );
+    let popped_write: Vec<_> = (0..rays)
+        .map(|i| m.wire(format!("popped_write{i}"), 1))
+        .collect();
+    let popped_interval: Vec<_> = (0..rays)
+        .map(|i| m.wire(format!("popped_interval{i}"), interval.width()))
+        .collect();
     let popped: Vec<_> = (0..rays as usize)
         .map(|i| {
-            let memory = m.memory(format!("popped{i}_memory"), packets, interval.width(), Style::Block);
-            memory.write(popped_write[i].get(), popped_packet.get(), popped_interval[i].get());
+            let memory = m.memory(
+                format!("popped{i}_memory"),
+                packets,
+                interval.width(),
+                Style::Block,
+            );
+            memory.write(
+                popped_write[i].get(),
+                popped_packet.get(),
+                popped_interval[i].get(),
+            );
             memory
         })
         .collect();
@@ -267,11 +325,14 @@ pub fn module(plan: &Plan) -> Result<Tpu, HdlError> {
     };
     let planes = ["left_lo", "left_hi", "right_lo", "right_hi"];
     let axes = [field("left_axis"), field("right_axis")];
-    let slice_near = slice.port("near").and_then(|port| port.stage).unwrap_or(0);
+    let slice_near = slice.port("ray_near").and_then(|port| port.stage).unwrap_or(0);
     let mut slices = vec![];
     let mut near_far_stage = 0;
     let sides = ["left", "right"];
-    let ray_words: Vec<_> = ray_memory.iter().map(|memory| plan.read(*memory, packet)).collect();
+    let ray_words: Vec<_> = ray_memory
+        .iter()
+        .map(|memory| plan.read(*memory, packet))
+        .collect();
     let entry_stage = packet.stage().unwrap_or(0) + plan.read_latency() + 1;
     let read_at = entry_stage + slice_near - plan.read_latency();
     let late_packet = packet.at(read_at);
@@ -280,7 +341,9 @@ pub fn module(plan: &Plan) -> Result<Tpu, HdlError> {
         .register();
     let from_pop = request_word.get(request, "popped");
     let stepped_word = plan.read(stepped, late_packet);
-    let popped_mask_word = popped_masks.read_now(packet.at(read_at + plan.read_latency() - 1)).register();
+    let popped_mask_word = popped_masks
+        .read_now(packet.at(read_at + plan.read_latency() - 1))
+        .register();
     let mask_in = from_pop
         .mux(popped_mask_word, stepped_word.high(rays))
         .named("mask_in");
@@ -288,7 +351,10 @@ pub fn module(plan: &Plan) -> Result<Tpu, HdlError> {
         let word = ray_words[i];
         let popped_word = plan.read(popped[i], late_packet);
         let current = from_pop
-            .mux(popped_word, stepped_word.field(i as u32 * interval.width(), interval.width()))
+            .mux(
+                popped_word,
+                stepped_word.field(i as u32 * interval.width(), interval.width()),
+            )
             .named(format!("ray{i}_interval"));
         let mut inputs = vec![];
         for (side, name) in sides.iter().enumerate() {
@@ -302,19 +368,27 @@ pub fn module(plan: &Plan) -> Result<Tpu, HdlError> {
                 .select(axis, &[signs.bit(0), signs.bit(1), signs.bit(2)])
                 .named(format!("ray{i}_{name}_sign"));
             inputs.push((format!("{name}_sign"), sign.register()));
-            inputs.push((format!("{name}_origin"), along("origin").named(format!("ray{i}_{name}_origin")).register()));
+            inputs.push((
+                format!("{name}_origin"),
+                along("origin")
+                    .named(format!("ray{i}_{name}_origin"))
+                    .register(),
+            ));
             inputs.push((
                 format!("{name}_reciprocal"),
-                along("reciprocal").named(format!("ray{i}_{name}_reciprocal")).register(),
+                along("reciprocal")
+                    .named(format!("ray{i}_{name}_reciprocal"))
+                    .register(),
             ));
         }
         for plane in planes {
             inputs.push((plane.to_string(), field(plane)));
         }
-        inputs.push(("near".into(), interval.get(current, "near")));
-        inputs.push(("far".into(), interval.get(current, "far")));
-        inputs.push(("active".into(), mask_in.bit(i as u32)));
-        let inputs: Vec<(&str, Signal<'_>)> = inputs.iter().map(|(n, s)| (n.as_str(), *s)).collect();
+        inputs.push(("ray_near".into(), interval.get(current, "near")));
+        inputs.push(("ray_far".into(), interval.get(current, "far")));
+        inputs.push(("ray_active".into(), mask_in.bit(i as u32)));
+        let inputs: Vec<(&str, Signal<'_>)> =
+            inputs.iter().map(|(n, s)| (n.as_str(), *s)).collect();
         let placed = m.instance(format!("slice{i}"), &slice, &inputs);
         near_far_stage = placed.get("out_left_near").stage().unwrap_or(0);
         slices.push(placed);
@@ -334,7 +408,12 @@ pub fn module(plan: &Plan) -> Result<Tpu, HdlError> {
         let parts: Vec<_> = slices
             .iter()
             .rev()
-            .map(|s| interval.pack(&[("near", s.get(&format!("out_{side}_near"))), ("far", s.get(&format!("out_{side}_far")))]))
+            .map(|s| {
+                interval.pack(&[
+                    ("near", s.get(&format!("out_{side}_near"))),
+                    ("far", s.get(&format!("out_{side}_far"))),
+                ])
+            })
             .collect();
         m.concat(&parts)
     };
@@ -342,17 +421,26 @@ pub fn module(plan: &Plan) -> Result<Tpu, HdlError> {
     let right_intervals = intervals_of("right").named("right_intervals");
 
     let decided = near_far_stage;
-    let own = request_word.get(request, "address").at(decided).named("own_address");
+    let own = request_word
+        .get(request, "address")
+        .at(decided)
+        .named("own_address");
     let context_in = request_word.get(request, "context").at(decided);
     let link_field = field("link");
     let link = link_field.low(a);
     let (left_leaf, right_leaf) = (field("left_leaf"), field("right_leaf"));
     let link_after = (link + m.lit(1u8, a)).named("link_after");
     let right_inner = left_leaf.mux(link, link_after);
-    let left_address = left_leaf.at(decided).mux(own, link.at(decided)).named("left_address");
+    let left_address = left_leaf
+        .at(decided)
+        .mux(own, link.at(decided))
+        .named("left_address");
     let right_address = right_leaf
         .at(decided)
-        .mux(left_leaf.at(decided).mux(link.at(decided), own), right_inner.register().at(decided))
+        .mux(
+            left_leaf.at(decided).mux(link.at(decided), own),
+            right_inner.register().at(decided),
+        )
         .named("right_address");
     let first_leaf = left_first.mux(left_leaf.at(decided), right_leaf.at(decided));
     let second_leaf = left_first.mux(right_leaf.at(decided), left_leaf.at(decided));
@@ -371,12 +459,18 @@ pub fn module(plan: &Plan) -> Result<Tpu, HdlError> {
 
     let step_valid = valid.at(decided).register().untimed().named("step_valid");
     let step_packet = packet.at(decided + 1).untimed().named("step_packet");
-    let step_goes = (goes_left | goes_right).named("goes_on").register().untimed();
+    let step_goes = (goes_left | goes_right)
+        .named("goes_on")
+        .register()
+        .untimed();
     let step_leaf = first_leaf.named("first_leaf").register().untimed();
     let step_address = first_address.named("first_address").register().untimed();
     let step_context = next_context.named("next_context").register().untimed();
     let step_mask = first_mask.named("first_mask").register().untimed();
-    let step_intervals = first_intervals.named("first_intervals").register().untimed();
+    let step_intervals = first_intervals
+        .named("first_intervals")
+        .register()
+        .untimed();
     stepped_write.drive((step_valid & step_goes).named("step_goes_on"));
     stepped_packet.drive(step_packet);
     stepped_mask.drive(step_mask);
@@ -396,12 +490,19 @@ pub fn module(plan: &Plan) -> Result<Tpu, HdlError> {
         .untimed();
     let full = push_level.equals(depth).named("stack_full");
     let stack_write = (push & !full).named("stack_write");
-    let stack = m.memory("stack", packets << plan.stack_bits(), entry.width(), Style::Block);
+    let stack = m.memory(
+        "stack",
+        packets << plan.stack_bits(),
+        entry.width(),
+        Style::Block,
+    );
     let stack_address_bits = crate::hdl::bits_for(u64::from(packets << plan.stack_bits()));
     let fit = stack_address_bits - plan.stack_bits();
     stack.write(
         stack_write,
-        step_packet.low(fit).concat(push_level.low(plan.stack_bits())),
+        step_packet
+            .low(fit)
+            .concat(push_level.low(plan.stack_bits())),
         push_word,
     );
     let overflow = m.reg_reset("overflow", 1, 0);
@@ -417,9 +518,20 @@ pub fn module(plan: &Plan) -> Result<Tpu, HdlError> {
     let retry_push = m.wire("retry_push", 1);
     let retry_item = m.wire("retry_item", pop_item.width());
     let pack_pop = |packet, context| pop_item.pack(&[("packet", packet), ("context", context)]);
-    let (done_any, done_front) =
-        fifo::place("done_queue", packets, done_valid, pack_pop(done_packet, done_context), take_done.get())?;
-    let (retry_any, retry_front) = fifo::place("retry_queue", packets, retry_push.get(), retry_item.get(), take_retry.get())?;
+    let (done_any, done_front) = fifo::place(
+        "done_queue",
+        packets,
+        done_valid,
+        pack_pop(done_packet, done_context),
+        take_done.get(),
+    )?;
+    let (retry_any, retry_front) = fifo::place(
+        "retry_queue",
+        packets,
+        retry_push.get(),
+        retry_item.get(),
+        take_retry.get(),
+    )?;
     let (nowhere_any, nowhere_front) = fifo::place(
         "nowhere_queue",
         packets,
@@ -434,8 +546,16 @@ pub fn module(plan: &Plan) -> Result<Tpu, HdlError> {
 
     m.comment("The pop.");
     let q = m.pipeline();
-    let pop_valid = q.enter(may_pop & (retry_any | done_any | nowhere_any)).named("pop_valid").cleared_by_reset();
-    let pop = q.enter(m.priority(&[(retry_any, retry_front), (done_any, done_front)], nowhere_front)).named("pop");
+    let pop_valid = q
+        .enter(may_pop & (retry_any | done_any | nowhere_any))
+        .named("pop_valid")
+        .cleared_by_reset();
+    let pop = q
+        .enter(m.priority(
+            &[(retry_any, retry_front), (done_any, done_front)],
+            nowhere_front,
+        ))
+        .named("pop");
     let pop_packet = pop_item.get(pop, "packet");
     let pop_context = pop_item.get(pop, "context");
     let pop_level = context.get(pop_context, "level");
@@ -444,7 +564,9 @@ pub fn module(plan: &Plan) -> Result<Tpu, HdlError> {
     let level_below = (pop_level - m.lit(1u8, plan.level_bits())).named("level_below");
     let popped_entry = plan.read(
         stack,
-        pop_packet.low(fit).concat(level_below.low(plan.stack_bits())),
+        pop_packet
+            .low(fit)
+            .concat(level_below.low(plan.stack_bits())),
     );
     let entry_mask = entry.get(popped_entry, "mask");
     let entry_intervals = entry.get(popped_entry, "intervals");
@@ -452,15 +574,23 @@ pub fn module(plan: &Plan) -> Result<Tpu, HdlError> {
     let mut pop_intervals = vec![];
     for i in 0..rays {
         let limits = m.memory(format!("limit{i}_memory"), packets, w, Style::Distributed);
-        limits.write(limit_valid & limit_ray.equals(u128::from(i)), limit_packet, limit_value);
-        let limit = limits.read_now(pop_packet.at(plan.read_latency() - 1)).register();
+        limits.write(
+            limit_valid & limit_ray.equals(u128::from(i)),
+            limit_packet,
+            limit_value,
+        );
+        let limit = limits
+            .read_now(pop_packet.at(plan.read_latency() - 1))
+            .register();
         let word = entry_intervals.field(i * interval.width(), interval.width());
         let near = interval.get(word, "near");
         let far = interval.get(word, "far");
         let touched = pop_touched.bit(i);
         let within = less_equal(f, near, limit).named(format!("ray{i}_within"));
         let stay = (entry_mask.bit(i) & (within | !touched)).named(format!("ray{i}_stays"));
-        let clipped = touched.mux(min(f, far, limit), far).named(format!("ray{i}_far"));
+        let clipped = touched
+            .mux(min(f, far, limit), far)
+            .named(format!("ray{i}_far"));
         stays.push(plan.settle(stay));
         pop_intervals.push(plan.settle(interval.pack(&[("near", near), ("far", clipped)])));
     }
@@ -486,7 +616,10 @@ pub fn module(plan: &Plan) -> Result<Tpu, HdlError> {
 
     m.comment("The start: rays arrive one by one, the last starts the packet at the root. No pop ends while one arrives.");
     let gathered = m.reg("gathered", rays);
-    let bit_in: Vec<_> = (0..rays).rev().map(|i| setup_enters & setup_ray.equals(u128::from(i))).collect();
+    let bit_in: Vec<_> = (0..rays)
+        .rev()
+        .map(|i| setup_enters & setup_ray.equals(u128::from(i)))
+        .collect();
     let first_ray = setup_ray.is_zero();
     let so_far = first_ray.mux(m.zero(rays), gathered.q);
     let start_mask = (so_far | m.concat(&bit_in)).named("start_mask");
@@ -519,7 +652,11 @@ pub fn module(plan: &Plan) -> Result<Tpu, HdlError> {
         "step_queue",
         packets,
         stepped_write.get() & !step_leaf,
-        item.pack(&[("packet", step_packet), ("address", step_address), ("context", step_context)]),
+        item.pack(&[
+            ("packet", step_packet),
+            ("address", step_address),
+            ("context", step_context),
+        ]),
         take_step_item.get(),
     )?;
     let (entered_any, entered_front) = fifo::place(
@@ -541,7 +678,10 @@ pub fn module(plan: &Plan) -> Result<Tpu, HdlError> {
     take_pop_item.drive(node_ready & !step_any & entered_any);
     m.group("Node memory: requests");
     m.output("node_request_valid", node_wanted);
-    m.output("node_request_address", item.get(request_item.get(), "address"));
+    m.output(
+        "node_request_address",
+        item.get(request_item.get(), "address"),
+    );
     m.output("node_request_tag", item.get(request_item.get(), "packet"));
 
     m.comment("Leaves to hand over: after steps, and after pops and starts.");
@@ -571,7 +711,9 @@ pub fn module(plan: &Plan) -> Result<Tpu, HdlError> {
         ]),
         take_pop_leaf.get(),
     )?;
-    let leaf_front = step_leaf_any.mux(step_leaf_front, entered_leaf_front).named("leaf_front");
+    let leaf_front = step_leaf_any
+        .mux(step_leaf_front, entered_leaf_front)
+        .named("leaf_front");
     take_step_leaf.drive(leaf_ready & step_leaf_any);
     take_pop_leaf.drive(leaf_ready & !step_leaf_any & entered_leaf_any);
     m.group("Leaves to the geometry unit");
@@ -581,9 +723,15 @@ pub fn module(plan: &Plan) -> Result<Tpu, HdlError> {
     }
 
     m.group("A finished packet, and which of its rays have hit something");
-    m.output("finished_valid", (start & !start_mask.any()) | (pop_done & pop_out_empty));
+    m.output(
+        "finished_valid",
+        (start & !start_mask.any()) | (pop_done & pop_out_empty),
+    );
     m.output("finished_packet", popped_packet.get());
-    m.output("finished_touched", setup_valid.mux(m.zero(rays), pop_out_touched));
+    m.output(
+        "finished_touched",
+        setup_valid.mux(m.zero(rays), pop_out_touched),
+    );
 
     m.group("Counters' events, and marks");
     m.output("step_taken", step_valid);
@@ -596,9 +744,18 @@ pub fn module(plan: &Plan) -> Result<Tpu, HdlError> {
     m.output("watch_step_node", own.at(decided + 1).untimed());
     m.output("watch_step_left", to_left.at(decided + 1).untimed());
     m.output("watch_step_right", to_right.at(decided + 1).untimed());
-    m.output("watch_step_left_first", left_first.at(decided + 1).untimed());
-    m.output("watch_step_left_intervals", left_intervals.at(decided + 1).untimed());
-    m.output("watch_step_right_intervals", right_intervals.at(decided + 1).untimed());
+    m.output(
+        "watch_step_left_first",
+        left_first.at(decided + 1).untimed(),
+    );
+    m.output(
+        "watch_step_left_intervals",
+        left_intervals.at(decided + 1).untimed(),
+    );
+    m.output(
+        "watch_step_right_intervals",
+        right_intervals.at(decided + 1).untimed(),
+    );
 
     Ok(Tpu {
         module: m.finish()?,
