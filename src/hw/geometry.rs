@@ -291,10 +291,7 @@ fn cross<'b>(plan: &Plan, name: &str, a: Vector<'b>, b: Vector<'b>) -> Vector<'b
 
 /// (a_x b_x + a_y b_y) + a_z b_z.
 fn dot<'b>(plan: &Plan, name: &str, a: Vector<'b>, b: Vector<'b>) -> Signal<'b> {
-    let product = |i: usize| {
-        plan.units
-            .mul(format!("{name}_of_{}", AXES[i]), a[i], b[i])
-    };
+    let product = |i: usize| plan.units.mul(format!("{name}_of_{}", AXES[i]), a[i], b[i]);
     let xy = plan.units.add(format!("{name}_xy"), product(0), product(1));
     plan.units.add(name, xy, product(2))
 }

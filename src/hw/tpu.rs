@@ -325,7 +325,10 @@ pub fn module(plan: &Plan) -> Result<Tpu, HdlError> {
     };
     let planes = ["left_lo", "left_hi", "right_lo", "right_hi"];
     let axes = [field("left_axis"), field("right_axis")];
-    let slice_near = slice.port("ray_near").and_then(|port| port.stage).unwrap_or(0);
+    let slice_near = slice
+        .port("ray_near")
+        .and_then(|port| port.stage)
+        .unwrap_or(0);
     let mut slices = vec![];
     let mut near_far_stage = 0;
     let sides = ["left", "right"];
