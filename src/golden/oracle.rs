@@ -119,7 +119,8 @@ impl Oracle {
                 continue;
             }
             for &number in &self.order[node.first as usize..node.second as usize] {
-                let Some((t, u, v)) = meet(&self.corners[number as usize], origin, direction) else {
+                let Some((t, u, v)) = meet(&self.corners[number as usize], origin, direction)
+                else {
                     continue;
                 };
                 let nearer = t < best.t || t == best.t && number < best.triangle;
@@ -249,7 +250,12 @@ mod tests {
     use super::*;
 
     fn square() -> Oracle {
-        let corners = [[0.0, 0.0, 1.0], [1.0, 0.0, 1.0], [1.0, 1.0, 1.0], [0.0, 1.0, 1.0]];
+        let corners = [
+            [0.0, 0.0, 1.0],
+            [1.0, 0.0, 1.0],
+            [1.0, 1.0, 1.0],
+            [0.0, 1.0, 1.0],
+        ];
         Oracle::new(&corners, &[[0, 1, 2], [0, 2, 3]])
     }
 
@@ -272,7 +278,10 @@ mod tests {
         assert_eq!((hit.t, hit.u, hit.v, hit.triangle), (0.5, 0.25, 0.5, 1));
         assert_eq!(square().cast(&down(0.5, 0.5)).triangle, 0);
         assert!(!square().cast(&down(1.25, 0.5)).is_hit());
-        let short = Ray { tmax: 0.49, ..down(0.75, 0.25) };
+        let short = Ray {
+            tmax: 0.49,
+            ..down(0.75, 0.25)
+        };
         assert!(!square().cast(&short).is_hit());
     }
 
@@ -285,12 +294,23 @@ mod tests {
         let oracle = Oracle::new(&corners, &triangles);
         let mut hits = 0;
         for _ in 0..1000 {
-            let ray = Ray { origin: point(), direction: point(), ..down(0.0, 0.0) };
-            let (o, d) = (DVec3::from_array(ray.origin), DVec3::from_array(ray.direction));
-            let plain = oracle.corners.iter().enumerate().filter_map(|(number, corners)| {
-                let (t, ..) = meet(corners, o, d)?;
-                (t >= 0.0).then_some((t, number as u32))
-            });
+            let ray = Ray {
+                origin: point(),
+                direction: point(),
+                ..down(0.0, 0.0)
+            };
+            let (o, d) = (
+                DVec3::from_array(ray.origin),
+                DVec3::from_array(ray.direction),
+            );
+            let plain = oracle
+                .corners
+                .iter()
+                .enumerate()
+                .filter_map(|(number, corners)| {
+                    let (t, ..) = meet(corners, o, d)?;
+                    (t >= 0.0).then_some((t, number as u32))
+                });
             let plain = plain.min_by(|x, y| x.partial_cmp(y).expect("finite"));
             let hit = oracle.cast(&ray);
             assert_eq!(plain.map_or(NONE, |(_, number)| number), hit.triangle);
@@ -306,13 +326,28 @@ mod tests {
             oracle.explain(Format::FP24, ray, machine, &oracle.cast(ray))
         };
         let edge = down(0.00001, 0.5);
-        assert!(matches!(explain(&edge, &Hit::MISS), Explanation::NearEdge { .. }));
+        assert!(matches!(
+            explain(&edge, &Hit::MISS),
+            Explanation::NearEdge { .. }
+        ));
         let inside = down(0.75, 0.25);
-        assert!(matches!(explain(&inside, &Hit::MISS), Explanation::Unexplained { .. }));
-        let other = Hit { triangle: 1, ..oracle.cast(&inside) };
-        assert!(matches!(explain(&inside, &other), Explanation::SameDistance { .. }));
+        assert!(matches!(
+            explain(&inside, &Hit::MISS),
+            Explanation::Unexplained { .. }
+        ));
+        let other = Hit {
+            triangle: 1,
+            ..oracle.cast(&inside)
+        };
+        assert!(matches!(
+            explain(&inside, &other),
+            Explanation::SameDistance { .. }
+        ));
         let far = Hit { t: 5.0, ..other };
-        assert!(matches!(explain(&inside, &far), Explanation::Unexplained { .. }));
+        assert!(matches!(
+            explain(&inside, &far),
+            Explanation::Unexplained { .. }
+        ));
         assert_eq!(explain(&inside, &oracle.cast(&inside)), Explanation::Agrees);
     }
 

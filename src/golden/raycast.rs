@@ -139,17 +139,26 @@ pub struct Frame {
 impl Frame {
     /// Packet steps of all packets.
     pub fn steps(&self) -> u64 {
-        self.packets.iter().map(|packet| u64::from(packet.steps)).sum()
+        self.packets
+            .iter()
+            .map(|packet| u64::from(packet.steps))
+            .sum()
     }
 
     /// Leaves handed over by all packets.
     pub fn tests(&self) -> u64 {
-        self.packets.iter().map(|packet| u64::from(packet.tests)).sum()
+        self.packets
+            .iter()
+            .map(|packet| u64::from(packet.tests))
+            .sum()
     }
 
     /// Ray–triangle tests of all packets.
     pub fn ray_tests(&self) -> u64 {
-        self.packets.iter().map(|packet| u64::from(packet.ray_tests)).sum()
+        self.packets
+            .iter()
+            .map(|packet| u64::from(packet.ray_tests))
+            .sum()
     }
 
     /// The most entries on any packet's stack.
@@ -234,12 +243,7 @@ impl Caster {
         Frame { hits, packets }
     }
 
-    fn cast_into(
-        &self,
-        rays: &[Ray],
-        hits: &mut [Hit],
-        observer: &mut impl Observer,
-    ) -> Counts {
+    fn cast_into(&self, rays: &[Ray], hits: &mut [Hit], observer: &mut impl Observer) -> Counts {
         assert!(
             rays.len() <= self.rays_per_packet,
             "a packet has {} rays, not {}",
@@ -395,7 +399,8 @@ impl Caster {
 
 impl<const N: usize> From<&Lanes<N>> for RaySet {
     fn from(lanes: &Lanes<N>) -> Self {
-        let widen = |values: &[f64; N]| std::array::from_fn(|k| values.get(k).copied().unwrap_or(0.0));
+        let widen =
+            |values: &[f64; N]| std::array::from_fn(|k| values.get(k).copied().unwrap_or(0.0));
         RaySet {
             mask: lanes.mask,
             near: widen(&lanes.near),

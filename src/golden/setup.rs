@@ -123,18 +123,41 @@ mod tests {
     fn only_sound_rays_are_valid() {
         assert!(setup(RAY).valid);
         let bad = [
-            Ray { active: false, ..RAY },
+            Ray {
+                active: false,
+                ..RAY
+            },
             Ray { tmin: -1.0, ..RAY },
-            Ray { tmin: 2.0, tmax: 1.0, ..RAY },
-            Ray { tmin: f64::NAN, ..RAY },
-            Ray { tmax: f64::NAN, ..RAY },
-            Ray { origin: [0.0, f64::NAN, 0.0], ..RAY },
-            Ray { direction: [0.0, 1.0, f64::NAN], ..RAY },
+            Ray {
+                tmin: 2.0,
+                tmax: 1.0,
+                ..RAY
+            },
+            Ray {
+                tmin: f64::NAN,
+                ..RAY
+            },
+            Ray {
+                tmax: f64::NAN,
+                ..RAY
+            },
+            Ray {
+                origin: [0.0, f64::NAN, 0.0],
+                ..RAY
+            },
+            Ray {
+                direction: [0.0, 1.0, f64::NAN],
+                ..RAY
+            },
         ];
         for ray in bad {
             assert!(!setup(ray).valid, "{ray:?}");
         }
-        let zero = setup(Ray { tmin: -0.0, tmax: -0.0, ..RAY });
+        let zero = setup(Ray {
+            tmin: -0.0,
+            tmax: -0.0,
+            ..RAY
+        });
         assert!(zero.valid && zero.tmin.is_sign_positive() && zero.tmax.is_sign_positive());
     }
 
@@ -143,13 +166,19 @@ mod tests {
         let shear = setup(RAY).shear;
         assert_eq!(shear.axes, [2, 0, 1]);
         assert_eq!(shear.scale, [-1.0, -0.5, -0.5]);
-        let equal = Ray { direction: [1.0; 3], ..RAY };
+        let equal = Ray {
+            direction: [1.0; 3],
+            ..RAY
+        };
         assert_eq!(setup(equal).shear.axes, [1, 2, 0]);
     }
 
     #[test]
     fn sign_bits_count_for_zeros() {
-        let ray = setup(Ray { direction: [-0.0, 0.0, 1.0], ..RAY });
+        let ray = setup(Ray {
+            direction: [-0.0, 0.0, 1.0],
+            ..RAY
+        });
         assert_eq!(ray.negative, [true, false, false]);
         assert_eq!(ray.reciprocal, [f64::NEG_INFINITY, f64::INFINITY, 1.0]);
     }

@@ -51,13 +51,7 @@ impl<const N: usize> PacketRays<N> {
 
     /// Clips the intervals of `rays` by a child's and keeps those that are not empty.
     #[inline(always)]
-    fn enter(
-        &self,
-        a: &Arithmetic,
-        rays: &Lanes<N>,
-        interval: [f64; 2],
-        axis: usize,
-    ) -> Lanes<N> {
+    fn enter(&self, a: &Arithmetic, rays: &Lanes<N>, interval: [f64; 2], axis: usize) -> Lanes<N> {
         let mut entered = *rays;
         let (origin, reciprocal) = (&self.origin[axis], &self.reciprocal[axis]);
         let negative = &self.negative[axis];
