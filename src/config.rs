@@ -31,7 +31,6 @@ pub struct Config {
     pub stack_depth: u32,
     pub address_bits: u32,
     pub triangle_test: TriangleTest,
-    pub triangles_in_flight: u32,
     pub memory_latency: u32,
     pub memory_jitter: u32,
     pub memory_in_order: bool,
@@ -170,15 +169,6 @@ pub static KEYS: &[Key] = &[
             c.triangle_test = [TriangleTest::MollerTrumbore, TriangleTest::Watertight][v as usize]
         },
     },
-    key!(
-        "geometry",
-        "triangles_in_flight",
-        "triangles",
-        Values::OneOf(&[4, 8, 16, 32]),
-        triangles_in_flight,
-        false,
-        "triangles that the geometry unit fetches at a time"
-    ),
     key!(
         "memory",
         "latency",
@@ -393,7 +383,6 @@ impl Config {
             stack_depth: 0,
             address_bits: 0,
             triangle_test: TriangleTest::Watertight,
-            triangles_in_flight: 0,
             memory_latency: 0,
             memory_jitter: 0,
             memory_in_order: true,

@@ -1,1 +1,14 @@
+//! The B-KD tree: [`build`](mod@build) makes a [`Tree`] of a mesh, [`Tree::refit`] its bounds, [`layout`] says where it lies in
+//! memory and makes the [`MemoryImage`] that golden model and RTL read.
+//!
+//! A node holds, for each of its two children, one interval on one axis. One triangle a leaf.
 
+pub mod build;
+pub mod layout;
+mod tree;
+
+pub use build::{BuildOptions, SortKeys, SplitCost, build};
+pub use layout::{
+    Field, LINK_BITS, LinkWord, MemoryImage, Node, Placement, Record, Target, TriangleRecord,
+};
+pub use tree::{Bounds, Child, Refit, Tree, TreeNode};

@@ -1,1 +1,59 @@
+//! A small hardware-construction layer: Rust describes synchronous hardware, Verilog-2001 comes out.
+//!
+//! A [`Builder`] makes one module. [`Signal`]s are width-checked; their operators are combinational. Registers,
+//! memories, instances and forward-declared wires make the rest. One clock `clk`, one synchronous reset
+//! `rst`, connected by themselves where they are needed.
+//!
+//! A [`Pipeline`] gives signals a stage. Operators align staged operands by delay registers, an instance of a
+//! pipelined module adds its latency, and a module reports the stages of its outputs: no latency is ever counted
+//! by hand.
+//!
+//! Mistakes (a width mismatch, a combinational loop, an undriven or doubly driven signal, a name clash) are
+//! reported by [`Builder::finish`] with the place in the Rust source.
+//!
+//! ```
+//! use dynrt::hdl::{Builder, Design};
+//! let m = Builder::new("multiply_add", "a * b + c, two stages.");
+//! let p = m.pipeline();
+//! let (a, b, c) = (p.input("a", 8), p.input("b", 8), p.input("c", 16));
+//! let product = a.mul(b).named("product").register();
+//! m.output("y", (product + c).register()); // c is delayed by a stage to meet the product
+//! let module = m.finish().unwrap();
+//! assert_eq!(module.latency(), Some(2));
+//! assert!(Design::new(module).unwrap().files()[0].1.contains("product"));
+//! ```
 
+mod builder;
+mod check;
+mod design;
+mod error;
+mod memory;
+mod pipeline;
+mod signal;
+mod verilog;
+
+pub use builder::{Builder, Reg, Wire};
+pub use design::{Design, Direction, Module, Port};
+pub use error::HdlError;
+pub use memory::{Memory, Style};
+pub use pipeline::Pipeline;
+pub use signal::Signal;
+
+/// Names signals after the Rust variables that hold them.
+///
+/// `named! { let sum = a + b; }` is `let sum = (a + b).named("sum");`.
+#[macro_export]
+macro_rules! named {
+    ($(let $name:ident = $value:expr;)*) => {
+        $(let $name = ($value).named(stringify!($name));)*
+    };
+}
+
+/// Bits that count from 0 to `values` − 1; at least 1.
+pub const fn bits_for(values: u64) -> u32 {
+    if values <= 2 {
+        1
+    } else {
+        64 - (values - 1).leading_zeros()
+    }
+}

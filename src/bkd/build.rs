@@ -1,0 +1,466 @@
+//! The build: a full sweep of the surface area heuristic over presorted lists.
+//!
+//! The triangles are sorted once by each key on each axis. A node is split where some list, cut at some
+//! position, costs least; the lists are then partitioned stably, so that they stay sorted. That is O(n log n)
+//! while the tree's depth is O(log n), and never more than O(n · greatest depth).
+
+use anyhow::{Result, ensure};
+
+use super::tree::{Bounds, Child, Tree, TreeNode};
+
+/// By which box a child's chance of being entered is estimated.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub enum SplitCost {
+    /// The child's tight box, as if a node stored it whole.
+    Boxes,
+    /// The region that traversal knows: the parent's, clipped by the one interval that the node stores.
+    Region,
+}
+
+/// The keys by which triangles are sorted on each axis.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub enum SortKeys {
+    /// The centre of the triangle's box: three lists.
+    Centre,
+    /// Its centre, its minimum and its maximum: nine lists.
+    CentreMinMax,
+}
+
+/// How a tree is built.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub struct BuildOptions {
+    pub cost: SplitCost,
+    pub sort_keys: SortKeys,
+    /// 1: both children's intervals lie on one axis; 2: each child's on its own.
+    pub axes_per_node: u32,
+    /// The most inner nodes on a path: the entries of the machine's traversal stack.
+    pub max_depth: u32,
+}
+
+impl BuildOptions {
+    /// The classical build: boxes' areas, one axis a node, sorted by centre.
+    pub fn plain(max_depth: u32) -> Self {
+        BuildOptions {
+            cost: SplitCost::Boxes,
+            sort_keys: SortKeys::Centre,
+            axes_per_node: 1,
+            max_depth,
+        }
+    }
+
+    /// As [`BuildOptions::plain`], but with the region cost.
+    pub fn region(max_depth: u32) -> Self {
+        BuildOptions {
+            cost: SplitCost::Region,
+            ..Self::plain(max_depth)
+        }
+    }
+
+    /// The builder's best for a machine with 1 or 2 axes a node.
+    pub fn default_for(axes_per_node: u32, max_depth: u32) -> Self {
+        BuildOptions {
+            cost: SplitCost::Region,
+            sort_keys: SortKeys::CentreMinMax,
+            axes_per_node,
+            max_depth,
+        }
+    }
+}
+
+/// Builds the tree of a mesh. The result depends on nothing but the arguments.
+///
+/// # Errors
+/// Where there is no triangle, a triangle names a vertex that is missing or not finite, or the greatest depth
+/// cannot hold so many triangles.
+pub fn build(
+    vertices: &[[f64; 3]],
+    triangles: &[[u32; 3]],
+    options: &BuildOptions,
+) -> Result<Tree> {
+    ensure!(!triangles.is_empty(), "the mesh has no triangles");
+    ensure!(
+        matches!(options.axes_per_node, 1 | 2),
+        "a node has 1 or 2 axes, not {}",
+        options.axes_per_node
+    );
+    for (number, triangle) in triangles.iter().enumerate() {
+        for &index in triangle {
+            let Some(vertex) = vertices.get(index as usize) else {
+                anyhow::bail!(
+                    "triangle {number} names vertex {index}, but there are {}; correct the mesh",
+                    vertices.len()
+                );
+            };
+            ensure!(
+                vertex.iter().all(|x| x.is_finite()),
+                "vertex {index} is not finite; correct the mesh"
+            );
+        }
+    }
+    let count = triangles.len();
+    super::layout::check_capacity(0, count as u64, super::layout::LINK_BITS)?;
+    ensure!(
+        options.max_depth >= 32 || count as u64 <= 1 << options.max_depth,
+        "{count} triangles need a tree of depth {}, but the traversal stack allows {}; \
+         simplify the mesh or deepen the stack",
+        count.next_power_of_two().ilog2(),
+        options.max_depth
+    );
+
+    let boxes = scaled_boxes(vertices, triangles);
+    let all = (boxes.iter()).fold(SweepBox::EMPTY, |union, b| union.union(b));
+    let mut builder = Builder {
+        lists: sorted_lists(&boxes, options.sort_keys),
+        goes_left: vec![false; count],
+        rest: Vec::with_capacity(count),
+        nodes: vec![
+            TreeNode {
+                children: [Child::Leaf(0); 2],
+                axes: [0; 2],
+            };
+            count - 1
+        ],
+        boxes,
+    };
+    let range = Range {
+        start: 0,
+        count,
+        region: all,
+        depth: options.max_depth,
+    };
+    let root = match (options.cost, options.axes_per_node) {
+        (SplitCost::Boxes, 1) => builder.subtree(&mut Sweep::<BoxArea>::new(count), range),
+        (SplitCost::Boxes, _) => builder.subtree(&mut Sweep::<BoxAreaOwnAxes>::new(count), range),
+        (SplitCost::Region, 1) => builder.subtree(&mut Sweep::<RegionArea>::new(count), range),
+        (SplitCost::Region, _) => {
+            builder.subtree(&mut Sweep::<RegionAreaOwnAxes>::new(count), range)
+        }
+    };
+    Ok(Tree {
+        nodes: builder.nodes,
+        root,
+    })
+}
+
+/// A box for sweeping: least corner and negated greatest corner, so that a union is eight minima.
+#[derive(Clone, Copy)]
+#[repr(align(32))]
+struct SweepBox([f32; 8]);
+
+impl SweepBox {
+    const EMPTY: SweepBox = SweepBox([f32::INFINITY; 8]);
+
+    #[inline(always)]
+    fn union(self, other: &SweepBox) -> SweepBox {
+        SweepBox(std::array::from_fn(|i| {
+            if other.0[i] < self.0[i] {
+                other.0[i]
+            } else {
+                self.0[i]
+            }
+        }))
+    }
+
+    #[inline(always)]
+    fn lo(&self, axis: usize) -> f32 {
+        self.0[axis]
+    }
+
+    #[inline(always)]
+    fn hi(&self, axis: usize) -> f32 {
+        -self.0[4 + axis]
+    }
+
+    #[inline(always)]
+    fn extents(&self) -> [f32; 3] {
+        std::array::from_fn(|axis| EXTENT + self.hi(axis) - self.lo(axis))
+    }
+
+    /// This region clipped by a child's interval on an axis.
+    #[inline(always)]
+    fn clipped(&self, axis: usize, child: &SweepBox) -> SweepBox {
+        let mut clipped = *self;
+        clipped.0[axis] = child.0[axis];
+        clipped.0[4 + axis] = child.0[4 + axis];
+        clipped
+    }
+}
+
+/// Added to every extent, in units of the scene's: keeps a flat scene's areas in proportion to its lengths.
+const EXTENT: f32 = 1.0 / 65536.0;
+
+#[inline(always)]
+fn half_area([x, y, z]: [f32; 3]) -> f32 {
+    x * y + y * z + z * x
+}
+
+/// The triangles' boxes, scaled by a power of two so that no coordinate exceeds 1 and no area overflows.
+fn scaled_boxes(vertices: &[[f64; 3]], triangles: &[[u32; 3]]) -> Vec<SweepBox> {
+    let exact: Vec<Bounds> = (triangles.iter())
+        .map(|&triangle| Bounds::of_triangle(vertices, triangle))
+        .collect();
+    let greatest = (exact.iter())
+        .flat_map(|b| b.lo.into_iter().chain(b.hi))
+        .fold(f64::MIN_POSITIVE, |greatest, x| greatest.max(x.abs()));
+    let scale = (-(greatest.log2().ceil())).exp2();
+    (exact.iter())
+        .map(|b| {
+            let mut scaled = SweepBox([0.0; 8]);
+            for axis in 0..3 {
+                scaled.0[axis] = (b.lo[axis] * scale) as f32;
+                scaled.0[4 + axis] = (-b.hi[axis] * scale) as f32;
+            }
+            scaled
+        })
+        .collect()
+}
+
+/// The triangles' numbers sorted by each key on each axis; equal keys in the order of the numbers. List i is of axis i mod 3.
+fn sorted_lists(boxes: &[SweepBox], keys: SortKeys) -> Vec<Vec<u32>> {
+    type Key = fn(&SweepBox, usize) -> f32;
+    let centre: Key = |b, axis| b.lo(axis) + b.hi(axis);
+    let keys: &[Key] = match keys {
+        SortKeys::Centre => &[centre],
+        SortKeys::CentreMinMax => &[centre, SweepBox::lo, SweepBox::hi],
+    };
+    let mut lists = Vec::with_capacity(3 * keys.len());
+    for key in keys {
+        for axis in 0..3 {
+            // One integer that orders as (key, number) does.
+            let mut sorted: Vec<u64> = (boxes.iter().zip(0u64..))
+                .map(|(b, number)| {
+                    let bits = (key(b, axis) + 0.0).to_bits();
+                    let ordered = if bits >> 31 == 1 {
+                        !bits
+                    } else {
+                        bits | 1 << 31
+                    };
+                    u64::from(ordered) << 32 | number
+                })
+                .collect();
+            sorted.sort_unstable();
+            lists.push(sorted.into_iter().map(|packed| packed as u32).collect());
+        }
+    }
+    lists
+}
+
+/// How a split is costed, and on which axes the children's intervals are stored.
+trait Measure {
+    /// The area by which a child's chance of being entered is estimated.
+    fn area(region: &SweepBox, sweep_axis: usize, child: &SweepBox) -> f32;
+    /// The axes of the children's intervals.
+    fn axes(region: &SweepBox, sweep_axis: usize, children: &[SweepBox; 2]) -> [u8; 2];
+}
+
+/// The axis on which a child's interval clips most of a region.
+fn best_axis(region: &SweepBox, child: &SweepBox) -> u8 {
+    let area = |axis: u8| half_area(region.clipped(axis.into(), child).extents());
+    (1..3).fold(
+        0,
+        |best, axis| if area(axis) < area(best) { axis } else { best },
+    )
+}
+
+struct BoxArea;
+
+impl Measure for BoxArea {
+    #[inline(always)]
+    fn area(_: &SweepBox, _: usize, child: &SweepBox) -> f32 {
+        half_area(child.extents())
+    }
+
+    fn axes(_: &SweepBox, sweep_axis: usize, _: &[SweepBox; 2]) -> [u8; 2] {
+        [sweep_axis as u8; 2]
+    }
+}
+
+struct BoxAreaOwnAxes;
+
+impl Measure for BoxAreaOwnAxes {
+    #[inline(always)]
+    fn area(_: &SweepBox, _: usize, child: &SweepBox) -> f32 {
+        half_area(child.extents())
+    }
+
+    fn axes(region: &SweepBox, _: usize, children: &[SweepBox; 2]) -> [u8; 2] {
+        [0, 1].map(|child| best_axis(region, &children[child]))
+    }
+}
+
+struct RegionArea;
+
+impl Measure for RegionArea {
+    #[inline(always)]
+    fn area(region: &SweepBox, sweep_axis: usize, child: &SweepBox) -> f32 {
+        half_area(region.clipped(sweep_axis, child).extents())
+    }
+
+    fn axes(_: &SweepBox, sweep_axis: usize, _: &[SweepBox; 2]) -> [u8; 2] {
+        [sweep_axis as u8; 2]
+    }
+}
+
+struct RegionAreaOwnAxes;
+
+impl Measure for RegionAreaOwnAxes {
+    #[inline(always)]
+    fn area(region: &SweepBox, _: usize, child: &SweepBox) -> f32 {
+        let [x, y, z] = region.extents();
+        let [cx, cy, cz] = child.extents();
+        let areas = [
+            cx * (y + z) + y * z,
+            cy * (z + x) + z * x,
+            cz * (x + y) + x * y,
+        ];
+        areas[0].min(areas[1]).min(areas[2])
+    }
+
+    fn axes(region: &SweepBox, _: usize, children: &[SweepBox; 2]) -> [u8; 2] {
+        [0, 1].map(|child| best_axis(region, &children[child]))
+    }
+}
+
+/// The triangles of one subtree.
+#[derive(Clone, Copy)]
+struct Range {
+    /// Where they lie in every list.
+    start: usize,
+    count: usize,
+    /// What traversal knows of their place.
+    region: SweepBox,
+    /// The most inner nodes on a path.
+    depth: u32,
+}
+
+/// Where to split a range: the first `left` triangles of a list go left.
+struct Split {
+    list: usize,
+    left: usize,
+}
+
+struct Sweep<M> {
+    /// For each position the area right of it.
+    right: Vec<f32>,
+    measure: std::marker::PhantomData<M>,
+}
+
+impl<M: Measure> Sweep<M> {
+    fn new(count: usize) -> Self {
+        Sweep {
+            right: vec![0.0; count],
+            measure: std::marker::PhantomData,
+        }
+    }
+
+    /// The split that costs least; of equals the one that divides most evenly, then the first.
+    fn best_split(&mut self, boxes: &[SweepBox], lists: &[Vec<u32>], range: &Range) -> Split {
+        let count = range.count;
+        // Only positions that leave both sides room under the greatest depth: the object median at worst.
+        let most = 1 << (range.depth - 1).min(32);
+        let first = count.saturating_sub(most).max(1);
+        let last = most.min(count - 1);
+        let right = &mut self.right[..count];
+        let mut best = Split { list: 0, left: 0 };
+        let mut best_cost = (f64::INFINITY, usize::MAX);
+        for (list, numbers) in lists.iter().enumerate() {
+            let axis = list % 3;
+            let numbers = &numbers[range.start..range.start + count];
+            let mut union = SweepBox::EMPTY;
+            for position in (first..count).rev() {
+                union = union.union(&boxes[numbers[position] as usize]);
+                right[position] = M::area(&range.region, axis, &union);
+            }
+            let mut union = SweepBox::EMPTY;
+            for position in 1..=last {
+                union = union.union(&boxes[numbers[position - 1] as usize]);
+                if position < first {
+                    continue;
+                }
+                let left = M::area(&range.region, axis, &union);
+                // Exact: an area has 24 bits and a count at most 26, so that ties are ties.
+                let cost = f64::from(left) * position as f64
+                    + f64::from(right[position]) * (count - position) as f64;
+                if cost <= best_cost.0 {
+                    let cost = (cost, position.abs_diff(count - position));
+                    if cost < best_cost {
+                        best_cost = cost;
+                        best = Split {
+                            list,
+                            left: position,
+                        };
+                    }
+                }
+            }
+        }
+        best
+    }
+}
+
+struct Builder {
+    boxes: Vec<SweepBox>,
+    /// The triangles' numbers, sorted differently in each list; every subtree has the same range of all.
+    lists: Vec<Vec<u32>>,
+    goes_left: Vec<bool>,
+    /// Scratch of a partition.
+    rest: Vec<u32>,
+    nodes: Vec<TreeNode>,
+}
+
+impl Builder {
+    /// Builds a subtree. Its count − 1 nodes take the indices from the range's start up, the left
+    /// child's, its root and the right child's in this order.
+    fn subtree<M: Measure>(&mut self, sweep: &mut Sweep<M>, range: Range) -> Child {
+        if range.count == 1 {
+            return Child::Leaf(self.lists[0][range.start]);
+        }
+        let split = sweep.best_split(&self.boxes, &self.lists, &range);
+        let children = self.partition(&range, &split);
+        let axes = M::axes(&range.region, split.list % 3, &children);
+        let [left, right] = [0, 1].map(|child| Range {
+            start: range.start + child * split.left,
+            count: if child == 0 {
+                split.left
+            } else {
+                range.count - split.left
+            },
+            region: range.region.clipped(axes[child].into(), &children[child]),
+            depth: range.depth - 1,
+        });
+        let index = range.start + split.left - 1;
+        let children = [self.subtree(sweep, left), self.subtree(sweep, right)];
+        self.nodes[index] = TreeNode { children, axes };
+        Child::Inner(index as u32)
+    }
+
+    /// Partitions all lists stably by a split; returns the boxes of both sides.
+    fn partition(&mut self, range: &Range, split: &Split) -> [SweepBox; 2] {
+        let whole = range.start..range.start + range.count;
+        let numbers = &self.lists[split.list][whole.clone()];
+        let mut boxes = [SweepBox::EMPTY; 2];
+        for (position, &number) in numbers.iter().enumerate() {
+            let side = usize::from(position >= split.left);
+            self.goes_left[number as usize] = side == 0;
+            boxes[side] = boxes[side].union(&self.boxes[number as usize]);
+        }
+        for (list, numbers) in self.lists.iter_mut().enumerate() {
+            if list == split.list {
+                continue;
+            }
+            let numbers = &mut numbers[whole.clone()];
+            self.rest.clear();
+            self.rest.resize(range.count, 0);
+            let (mut left, mut right) = (0, 0);
+            for position in 0..range.count {
+                let number = numbers[position];
+                let goes_left = self.goes_left[number as usize];
+                numbers[left] = number;
+                self.rest[right] = number;
+                left += usize::from(goes_left);
+                right += usize::from(!goes_left);
+            }
+            numbers[left..].copy_from_slice(&self.rest[..right]);
+        }
+        boxes
+    }
+}

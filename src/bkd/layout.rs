@@ -1,0 +1,823 @@
+//! The records in memory: the one definition from which memory images, golden model, RTL and
+//! documentation derive.
+//!
+//! A [`Record`] is a table of named bit fields. Records lie in arrays of whole records; an array's image is
+//! a little-endian bit vector in 32-bit words, each record starting at a word, or a line of hexadecimal
+//! digits a record for `$readmemh`.
+//!
+//! # Where things lie
+//! An object of n triangles takes n consecutive slots at one base in both the node and the triangle record
+//! array; indices are absolute. Its n − 1 nodes fill the first slots, children before parents, two inner
+//! children of one node side by side, the root last; the last node slot is unused. A node's children are
+//!
+//! | children        | left                 | right                |
+//! |-----------------|----------------------|----------------------|
+//! | two inner nodes | node \[link]         | node \[link + 1]     |
+//! | left is a leaf  | record \[own index]  | node \[link]         |
+//! | right is a leaf | node \[link]         | record \[own index]  |
+//! | two leaves      | record \[own index]  | record \[link]       |
+//!
+//! so that every triangle record is some node's: the record at the index of a node with two inner children, and
+//! the last one, serve the right leaves of nodes with two leaves.
+
+use anyhow::{Result, bail, ensure};
+use serde::Serialize;
+
+use super::tree::{Bounds, Child, Refit, Tree};
+use crate::float::Format;
+
+/// Bits of an index in a link word.
+pub const LINK_BITS: u32 = 26;
+
+/// The most triangle records that a link word can address.
+pub const MOST_RECORDS: u64 = 1 << LINK_BITS;
+
+/// A named range of bits in a record.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+pub struct Field {
+    pub name: &'static str,
+    /// The field's least significant bit, counted from the record's.
+    pub lsb: u32,
+    /// Bits, 1–64.
+    pub width: u32,
+    pub description: &'static str,
+}
+
+impl Field {
+    /// The field's value in a record of little-endian `words`.
+    pub fn get(&self, words: &[u32]) -> u64 {
+        let mut value = 0;
+        let mut done = 0;
+        while done < self.width {
+            let bit = self.lsb + done;
+            let take = (32 - bit % 32).min(self.width - done);
+            let part = u64::from(words[(bit / 32) as usize] >> (bit % 32)) & mask(take);
+            value |= part << done;
+            done += take;
+        }
+        value
+    }
+
+    /// Stores `value` in a record of little-endian `words`, leaving other bits as they are.
+    ///
+    /// # Panics
+    /// Where `value` does not fit the field.
+    pub fn set(&self, words: &mut [u32], value: u64) {
+        assert!(
+            value & !mask(self.width) == 0,
+            "{value:#x} does not fit the {} bits of field {}",
+            self.width,
+            self.name
+        );
+        let mut done = 0;
+        while done < self.width {
+            let bit = self.lsb + done;
+            let take = (32 - bit % 32).min(self.width - done);
+            let place = (mask(take) as u32) << (bit % 32);
+            let word = &mut words[(bit / 32) as usize];
+            *word = *word & !place | ((value >> done) as u32) << (bit % 32) & place;
+            done += take;
+        }
+    }
+}
+
+fn mask(width: u32) -> u64 {
+    if width >= 64 { !0 } else { (1 << width) - 1 }
+}
+
+/// The layout of one kind of record: its fields from the least significant bit up, without gaps.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
+pub struct Record {
+    pub name: &'static str,
+    /// Bits.
+    pub width: u32,
+    pub fields: Vec<Field>,
+}
+
+impl Record {
+    fn new(name: &'static str, parts: &[(&'static str, u32, &'static str)]) -> Self {
+        let mut width = 0;
+        let fields = parts
+            .iter()
+            .map(|&(name, bits, description)| {
+                let lsb = width;
+                width += bits;
+                Field {
+                    name,
+                    lsb,
+                    width: bits,
+                    description,
+                }
+            })
+            .collect();
+        Record {
+            name,
+            width,
+            fields,
+        }
+    }
+
+    /// A node: the intervals that bound its children, and a link word.
+    pub fn node(format: Format) -> Self {
+        let w = format.width();
+        let mut parts = vec![
+            (
+                "left_lo",
+                w,
+                "least coordinate of the left child on its axis",
+            ),
+            (
+                "left_hi",
+                w,
+                "greatest coordinate of the left child on its axis",
+            ),
+            (
+                "right_lo",
+                w,
+                "least coordinate of the right child on its axis",
+            ),
+            (
+                "right_hi",
+                w,
+                "greatest coordinate of the right child on its axis",
+            ),
+        ];
+        parts.extend(LINK_WORD);
+        Record::new("node", &parts)
+    }
+
+    /// A vertex's position.
+    pub fn vertex(format: Format) -> Self {
+        let w = format.width();
+        Record::new(
+            "vertex",
+            &[
+                ("x", w, "first coordinate"),
+                ("y", w, "second coordinate"),
+                ("z", w, "third coordinate"),
+            ],
+        )
+    }
+
+    /// A triangle: its vertices' indices in the mesh's order and its number in the mesh.
+    pub fn triangle() -> Self {
+        Record::new(
+            "triangle",
+            &[
+                ("v0", 32, "index of the first vertex"),
+                ("v1", 32, "index of the second vertex"),
+                ("v2", 32, "index of the third vertex"),
+                ("number", 32, "the triangle's number in its mesh"),
+            ],
+        )
+    }
+
+    /// The link word of a node; alone, the root by which an object is entered.
+    pub fn link_word() -> Self {
+        Record::new("link_word", &LINK_WORD)
+    }
+
+    /// The field of a name.
+    ///
+    /// # Panics
+    /// Where the record has no such field.
+    pub fn field(&self, name: &str) -> &Field {
+        self.fields
+            .iter()
+            .find(|field| field.name == name)
+            .unwrap_or_else(|| panic!("a {} record has no field {name}", self.name))
+    }
+
+    /// The value of a named field in a record of little-endian `words`.
+    pub fn get(&self, words: &[u32], name: &str) -> u64 {
+        self.field(name).get(words)
+    }
+
+    /// Stores a named field in a record of little-endian `words`.
+    pub fn set(&self, words: &mut [u32], name: &str, value: u64) {
+        self.field(name).set(words, value);
+    }
+
+    /// 32-bit words from one record of an array to the next.
+    pub fn words(&self) -> usize {
+        self.width.div_ceil(32) as usize
+    }
+
+    /// Hexadecimal digits of a record.
+    pub fn hex_digits(&self) -> usize {
+        self.width.div_ceil(4) as usize
+    }
+
+    /// The records of an array's words, a line each as `$readmemh` reads it: most significant digit first.
+    ///
+    /// # Panics
+    /// Where `words` does not hold whole records.
+    pub fn hex_lines(&self, words: &[u32]) -> String {
+        assert!(words.len().is_multiple_of(self.words()));
+        let digits = self.hex_digits();
+        let mut lines = String::with_capacity(words.len() / self.words() * (digits + 1));
+        for record in words.chunks_exact(self.words()) {
+            for digit in (0..digits).rev() {
+                let nibble = record[digit / 8] >> (4 * (digit % 8)) & 15;
+                lines.push(char::from_digit(nibble, 16).expect("a nibble"));
+            }
+            lines.push('\n');
+        }
+        lines
+    }
+
+    /// The words of an array from the lines that [`Record::hex_lines`] writes.
+    ///
+    /// # Errors
+    /// Names the first line that is no record.
+    pub fn words_of_hex(&self, lines: &str) -> Result<Vec<u32>> {
+        let mut words = Vec::new();
+        for (number, line) in lines.lines().enumerate() {
+            let start = words.len();
+            words.resize(start + self.words(), 0);
+            ensure!(
+                line.len() == self.hex_digits(),
+                "line {}: a {} record has {} hexadecimal digits, not {}",
+                number + 1,
+                self.name,
+                self.hex_digits(),
+                line.len()
+            );
+            for (digit, character) in line.chars().rev().enumerate() {
+                let Some(nibble) = character.to_digit(16) else {
+                    bail!("line {}: {character:?} is no hexadecimal digit", number + 1);
+                };
+                words[start + digit / 8] |= nibble << (4 * (digit % 8));
+            }
+        }
+        Ok(words)
+    }
+}
+
+const LINK_WORD: [(&str, u32, &str); 5] = [
+    (
+        "link",
+        LINK_BITS,
+        "index of the inner child, of the left one of two, or of the right leaf's record",
+    ),
+    ("left_leaf", 1, "the left child is a triangle"),
+    ("right_leaf", 1, "the right child is a triangle"),
+    (
+        "left_axis",
+        2,
+        "axis of the left child's interval: 0 x, 1 y, 2 z",
+    ),
+    (
+        "right_axis",
+        2,
+        "axis of the right child's interval: 0 x, 1 y, 2 z",
+    ),
+];
+
+/// Where a node's children lie, and the axes of their intervals.
+///
+/// As an object's root: with `left_leaf` set the object is one triangle, record \[link]; otherwise link is
+/// the root node's index. The other fields are 0.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
+pub struct LinkWord {
+    /// Less than 2²⁶.
+    pub link: u32,
+    pub left_leaf: bool,
+    pub right_leaf: bool,
+    /// 0 = x, 1 = y, 2 = z.
+    pub left_axis: u8,
+    /// 0 = x, 1 = y, 2 = z; equal to `left_axis` where a machine has one axis a node.
+    pub right_axis: u8,
+}
+
+impl LinkWord {
+    /// The link word's 32 bits.
+    ///
+    /// # Panics
+    /// Where a field does not fit.
+    pub fn pack(self) -> u32 {
+        assert!(u64::from(self.link) < MOST_RECORDS && self.left_axis < 4 && self.right_axis < 4);
+        self.link
+            | u32::from(self.left_leaf) << LINK_BITS
+            | u32::from(self.right_leaf) << (LINK_BITS + 1)
+            | u32::from(self.left_axis) << (LINK_BITS + 2)
+            | u32::from(self.right_axis) << (LINK_BITS + 4)
+    }
+
+    pub fn unpack(word: u32) -> Self {
+        LinkWord {
+            link: word & ((1 << LINK_BITS) - 1),
+            left_leaf: word >> LINK_BITS & 1 == 1,
+            right_leaf: word >> (LINK_BITS + 1) & 1 == 1,
+            left_axis: (word >> (LINK_BITS + 2) & 3) as u8,
+            right_axis: (word >> (LINK_BITS + 4) & 3) as u8,
+        }
+    }
+
+    /// The children of the node at index `own`: a node's or a record's index each.
+    pub fn children(self, own: u32) -> [Target; 2] {
+        match (self.left_leaf, self.right_leaf) {
+            (false, false) => [Target::Node(self.link), Target::Node(self.link + 1)],
+            (true, false) => [Target::Record(own), Target::Node(self.link)],
+            (false, true) => [Target::Node(self.link), Target::Record(own)],
+            (true, true) => [Target::Record(own), Target::Record(self.link)],
+        }
+    }
+
+    /// What an object's root link word names.
+    pub fn root(self) -> Target {
+        if self.left_leaf {
+            Target::Record(self.link)
+        } else {
+            Target::Node(self.link)
+        }
+    }
+}
+
+/// What a link leads to, by absolute index.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub enum Target {
+    Node(u32),
+    /// A triangle record: the child is a leaf.
+    Record(u32),
+}
+
+/// A node in decoded form.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Node {
+    /// \[least, greatest] coordinate of the left child on `link.left_axis`.
+    pub left: [f64; 2],
+    /// \[least, greatest] coordinate of the right child on `link.right_axis`.
+    pub right: [f64; 2],
+    pub link: LinkWord,
+}
+
+/// A triangle record in decoded form.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct TriangleRecord {
+    /// Vertex indices in the mesh's order.
+    pub vertices: [u32; 3],
+    /// The triangle's number in its mesh.
+    pub number: u32,
+}
+
+/// All that the machine reads of a scene of one object: arrays indexed by the absolute indices that links and
+/// records hold. Numbers are values of `format`.
+#[derive(Clone, Debug, PartialEq)]
+pub struct MemoryImage {
+    pub format: Format,
+    /// As many as `records`: the object's last node slot is unused, as are slots below its base.
+    pub nodes: Vec<Node>,
+    pub records: Vec<TriangleRecord>,
+    pub vertices: Vec<[f64; 3]>,
+    pub root: LinkWord,
+    /// Least and greatest corner of the box of all triangles.
+    pub bounds: ([f64; 3], [f64; 3]),
+}
+
+/// One object's slots in the node and record arrays, as [`place`] fills them.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Placement {
+    /// One for each triangle, the last unused.
+    pub nodes: Vec<Node>,
+    /// One for each triangle.
+    pub records: Vec<TriangleRecord>,
+    pub root: LinkWord,
+}
+
+/// The order in which nodes are laid out where nothing else asks for one: all below a node's children, then
+/// the children side by side. Every subtree is contiguous but for its root.
+pub fn default_order(tree: &Tree) -> Vec<u32> {
+    // In reverse: a node, then its children from right to left, the left one's descendants last.
+    let Child::Inner(root) = tree.root else {
+        return Vec::new();
+    };
+    let mut order = Vec::with_capacity(tree.nodes.len());
+    order.push(root);
+    let mut open = vec![root];
+    while let Some(index) = open.pop() {
+        let node = &tree.nodes[index as usize];
+        // The right child's descendants are nearer to it, hence opened first: pushed last.
+        for child in node.children {
+            if let Child::Inner(child) = child {
+                open.push(child);
+            }
+        }
+        for child in node.children.iter().rev() {
+            if let Child::Inner(child) = *child {
+                order.push(child);
+            }
+        }
+    }
+    order.reverse();
+    order
+}
+
+/// Lays out a tree at `base`, its nodes in `order` (indices into `tree.nodes`): children before parents and two
+/// inner children of one node side by side, left first. Vertex indices are raised by `vertex_base`.
+///
+/// # Errors
+/// Where the object would lie beyond what a link addresses.
+///
+/// # Panics
+/// Where `order` breaks its rules.
+pub fn place(
+    tree: &Tree,
+    refit: &Refit,
+    triangles: &[[u32; 3]],
+    order: &[u32],
+    base: u32,
+    vertex_base: u32,
+) -> Result<Placement> {
+    check_capacity(u64::from(base), triangles.len() as u64, LINK_BITS)?;
+    let count = triangles.len();
+    let record = |number: u32| TriangleRecord {
+        vertices: triangles[number as usize].map(|v| v + vertex_base),
+        number,
+    };
+    if let Child::Leaf(number) = tree.root {
+        return Ok(Placement {
+            nodes: vec![Node::default()],
+            records: vec![record(number)],
+            root: LinkWord {
+                link: base,
+                left_leaf: true,
+                ..LinkWord::default()
+            },
+        });
+    }
+    assert_eq!(order.len(), tree.nodes.len(), "an order names every node");
+
+    const UNPLACED: u32 = u32::MAX;
+    let mut slot_of = vec![UNPLACED; tree.nodes.len()];
+    let mut nodes = vec![Node::default(); count];
+    let mut records = vec![TriangleRecord::default(); count];
+    // Nodes whose right leaf still waits for a record. Among the nodes placed so far there is one more with two
+    // leaves than with two inner children for each finished subtree, so one waits whenever a record is free.
+    let mut waiting: Vec<(usize, u32)> = Vec::new();
+    for (slot, &index) in order.iter().enumerate() {
+        let node = &tree.nodes[index as usize];
+        let placed = |child: u32| {
+            let slot = slot_of[child as usize];
+            assert_ne!(slot, UNPLACED, "children precede their parents");
+            base + slot
+        };
+        let mut link = LinkWord {
+            left_axis: node.axes[0],
+            right_axis: node.axes[1],
+            ..LinkWord::default()
+        };
+        match node.children {
+            [Child::Inner(left), Child::Inner(right)] => {
+                link.link = placed(left);
+                assert_eq!(link.link + 1, placed(right), "siblings lie side by side");
+                let (owner, number) = waiting.pop().expect("a right leaf waits");
+                nodes[owner].link.link = base + slot as u32;
+                records[slot] = record(number);
+            }
+            [Child::Leaf(leaf), Child::Inner(inner)] => {
+                link.link = placed(inner);
+                link.left_leaf = true;
+                records[slot] = record(leaf);
+            }
+            [Child::Inner(inner), Child::Leaf(leaf)] => {
+                link.link = placed(inner);
+                link.right_leaf = true;
+                records[slot] = record(leaf);
+            }
+            [Child::Leaf(left), Child::Leaf(right)] => {
+                link.left_leaf = true;
+                link.right_leaf = true;
+                records[slot] = record(left);
+                waiting.push((slot, right));
+            }
+        }
+        let [left, right] = refit.intervals[index as usize];
+        nodes[slot] = Node { left, right, link };
+        assert_eq!(slot_of[index as usize], UNPLACED, "a node is placed once");
+        slot_of[index as usize] = slot as u32;
+    }
+    let (owner, number) = waiting.pop().expect("the last record is free");
+    nodes[owner].link.link = base + count as u32 - 1;
+    records[count - 1] = record(number);
+    Ok(Placement {
+        nodes,
+        records,
+        root: LinkWord {
+            link: base + count as u32 - 2,
+            ..LinkWord::default()
+        },
+    })
+}
+
+/// Checks that `triangles` records at `base` lie within what `address_bits` address (at most [`LINK_BITS`]).
+///
+/// # Errors
+/// Names the counts and the remedy.
+pub fn check_capacity(base: u64, triangles: u64, address_bits: u32) -> Result<()> {
+    let most = 1u64 << address_bits.min(LINK_BITS);
+    ensure!(
+        base + triangles <= most,
+        "the scene is too large for its address space: {} triangles, but {} address bits hold {most}; \
+         simplify the mesh or widen the address",
+        base + triangles,
+        address_bits.min(LINK_BITS),
+    );
+    Ok(())
+}
+
+impl MemoryImage {
+    /// The image of one mesh and its tree at base 0, nodes in the default order. `vertices` are values of `format`.
+    ///
+    /// # Errors
+    /// Where the mesh is too large for the link word.
+    pub fn new(
+        format: Format,
+        vertices: &[[f64; 3]],
+        triangles: &[[u32; 3]],
+        tree: &Tree,
+    ) -> Result<Self> {
+        let refit = tree.refit(vertices, triangles);
+        let placement = place(tree, &refit, triangles, &default_order(tree), 0, 0)?;
+        let Bounds { lo, hi } = refit.root;
+        Ok(MemoryImage {
+            format,
+            nodes: placement.nodes,
+            records: placement.records,
+            vertices: vertices.to_vec(),
+            root: placement.root,
+            bounds: (lo, hi),
+        })
+    }
+
+    /// Inner nodes of the tree.
+    pub fn node_count(&self) -> usize {
+        self.records.len() - 1
+    }
+
+    /// The node array's words, [`Record::words`] a node.
+    pub fn node_words(&self) -> Vec<u32> {
+        let layout = Record::node(self.format);
+        let numbers = ["left_lo", "left_hi", "right_lo", "right_hi"].map(|n| *layout.field(n));
+        let link = link_field(&layout);
+        pack(&layout, &self.nodes, |node, words| {
+            let values = [node.left[0], node.left[1], node.right[0], node.right[1]];
+            for (field, value) in numbers.iter().zip(values) {
+                field.set(words, self.format.to_bits(value));
+            }
+            link.set(words, u64::from(node.link.pack()));
+        })
+    }
+
+    /// The nodes of an array's words.
+    pub fn nodes_of_words(format: Format, words: &[u32]) -> Vec<Node> {
+        let layout = Record::node(format);
+        let number = |words: &[u32], name| format.to_f64(layout.get(words, name));
+        words
+            .chunks_exact(layout.words())
+            .map(|words| Node {
+                left: [number(words, "left_lo"), number(words, "left_hi")],
+                right: [number(words, "right_lo"), number(words, "right_hi")],
+                link: LinkWord::unpack(link_field(&layout).get(words) as u32),
+            })
+            .collect()
+    }
+
+    /// The triangle record array's words, [`Record::words`] a record.
+    pub fn record_words(&self) -> Vec<u32> {
+        let layout = Record::triangle();
+        let fields = ["v0", "v1", "v2", "number"].map(|name| *layout.field(name));
+        pack(&layout, &self.records, |record, words| {
+            let [v0, v1, v2] = record.vertices;
+            for (field, value) in fields.iter().zip([v0, v1, v2, record.number]) {
+                field.set(words, u64::from(value));
+            }
+        })
+    }
+
+    /// The triangle records of an array's words.
+    pub fn records_of_words(words: &[u32]) -> Vec<TriangleRecord> {
+        let layout = Record::triangle();
+        words
+            .chunks_exact(layout.words())
+            .map(|words| TriangleRecord {
+                vertices: ["v0", "v1", "v2"].map(|name| layout.get(words, name) as u32),
+                number: layout.get(words, "number") as u32,
+            })
+            .collect()
+    }
+
+    /// The vertex array's words, [`Record::words`] a vertex.
+    pub fn vertex_words(&self) -> Vec<u32> {
+        let layout = Record::vertex(self.format);
+        let fields = ["x", "y", "z"].map(|name| *layout.field(name));
+        pack(&layout, &self.vertices, |vertex, words| {
+            for (field, value) in fields.iter().zip(vertex) {
+                field.set(words, self.format.to_bits(*value));
+            }
+        })
+    }
+
+    /// The vertices of an array's words.
+    pub fn vertices_of_words(format: Format, words: &[u32]) -> Vec<[f64; 3]> {
+        let layout = Record::vertex(format);
+        words
+            .chunks_exact(layout.words())
+            .map(|words| ["x", "y", "z"].map(|name| format.to_f64(layout.get(words, name))))
+            .collect()
+    }
+
+    /// Inner nodes on the longest path from the root; each may push one entry on the traversal stack.
+    ///
+    /// # Errors
+    /// Where a link or record is not as the layout says.
+    pub fn depth(&self) -> Result<u32> {
+        let mut visited = vec![false; self.nodes.len()];
+        let mut reached = vec![false; self.records.len()];
+        let mut deepest = 0;
+        let mut open = vec![(self.root.root(), 0)];
+        while let Some((target, depth)) = open.pop() {
+            match target {
+                Target::Record(index) => {
+                    let Some(seen) = reached.get_mut(index as usize) else {
+                        bail!(
+                            "a link leads to triangle record {index}, but there are {}; build the tree anew",
+                            self.records.len()
+                        );
+                    };
+                    ensure!(
+                        !std::mem::replace(seen, true),
+                        "triangle record {index} is reached twice; build the tree anew"
+                    );
+                    deepest = deepest.max(depth);
+                }
+                Target::Node(index) => {
+                    let Some(seen) = visited.get_mut(index as usize) else {
+                        bail!(
+                            "a link leads to node {index}, but there are {}; build the tree anew",
+                            self.nodes.len()
+                        );
+                    };
+                    ensure!(
+                        !std::mem::replace(seen, true),
+                        "node {index} is reached twice; build the tree anew"
+                    );
+                    let link = self.nodes[index as usize].link;
+                    ensure!(
+                        link.left_axis < 3 && link.right_axis < 3,
+                        "node {index} has an axis other than 0, 1 and 2; build the tree anew"
+                    );
+                    open.extend(link.children(index).map(|child| (child, depth + 1)));
+                }
+            }
+        }
+        let missed = reached.iter().filter(|seen| !**seen).count();
+        ensure!(
+            missed == 0,
+            "{missed} of {} triangle records are not reached from the root; build the tree anew",
+            reached.len()
+        );
+        Ok(deepest)
+    }
+
+    /// What is checked of an image before a machine with a stack of `stack_depth` entries and node and record
+    /// addresses of `address_bits` bits may load it: every link in range, every record reached exactly once,
+    /// vertex indices in range, the tree no deeper than the stack.
+    ///
+    /// # Errors
+    /// One line that says what is wrong and what to do.
+    pub fn check(&self, stack_depth: u32, address_bits: u32) -> Result<()> {
+        check_capacity(0, self.records.len() as u64, address_bits)?;
+        ensure!(!self.records.is_empty(), "the scene has no triangles");
+        for (index, record) in self.records.iter().enumerate() {
+            for vertex in record.vertices {
+                ensure!(
+                    (vertex as usize) < self.vertices.len(),
+                    "triangle record {index} names vertex {vertex}, but there are {}; correct the mesh",
+                    self.vertices.len()
+                );
+            }
+        }
+        let depth = self.depth()?;
+        ensure!(
+            depth <= stack_depth,
+            "the tree is {depth} nodes deep but the traversal stack holds {stack_depth} entries; \
+             build it with a greatest depth of {stack_depth}"
+        );
+        Ok(())
+    }
+}
+
+/// The link word's bits of a node, as one field.
+fn link_field(node: &Record) -> Field {
+    Field {
+        name: "link_word",
+        lsb: node.field("link").lsb,
+        width: 32,
+        description: "all fields of the link word",
+    }
+}
+
+fn pack<T>(layout: &Record, items: &[T], fill: impl Fn(&T, &mut [u32])) -> Vec<u32> {
+    let mut words = vec![0; items.len() * layout.words()];
+    for (item, words) in items.iter().zip(words.chunks_exact_mut(layout.words())) {
+        fill(item, words);
+    }
+    words
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn records_have_the_design_widths() {
+        for (exponent, fraction) in [(7, 16), (3, 2), (8, 23), (10, 23)] {
+            let format = Format::new(exponent, fraction).unwrap();
+            assert_eq!(Record::node(format).width, 4 * format.width() + 32);
+            assert_eq!(Record::vertex(format).width, 3 * format.width());
+        }
+        assert_eq!(Record::node(Format::FP24).width, 128);
+        assert_eq!(Record::triangle().width, 128);
+        assert_eq!(Record::link_word().width, 32);
+    }
+
+    #[test]
+    fn fields_read_back_and_leave_their_neighbours() {
+        let seed = 0x5eed_0001;
+        let mut random = fastrand::Rng::with_seed(seed);
+        for (exponent, fraction) in [(7, 16), (3, 2), (10, 23)] {
+            let format = Format::new(exponent, fraction).unwrap();
+            for layout in [
+                Record::node(format),
+                Record::vertex(format),
+                Record::triangle(),
+            ] {
+                let mut words: Vec<u32> = (0..layout.words()).map(|_| random.u32(..)).collect();
+                for _ in 0..1000 {
+                    let field = &layout.fields[random.usize(..layout.fields.len())];
+                    let value = random.u64(..) & mask(field.width);
+                    let before: Vec<u64> = layout.fields.iter().map(|f| f.get(&words)).collect();
+                    field.set(&mut words, value);
+                    for (other, before) in layout.fields.iter().zip(before) {
+                        let expected = if other == field { value } else { before };
+                        assert_eq!(
+                            other.get(&words),
+                            expected,
+                            "seed {seed:#x}: {}",
+                            other.name
+                        );
+                    }
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn link_word_packs_as_its_fields_say() {
+        let layout = Record::link_word();
+        let link = LinkWord {
+            link: 0x2ab_cdef,
+            left_leaf: true,
+            right_leaf: false,
+            left_axis: 2,
+            right_axis: 1,
+        };
+        let word = [link.pack()];
+        assert_eq!(LinkWord::unpack(word[0]), link);
+        assert_eq!(layout.get(&word, "link"), 0x2ab_cdef);
+        assert_eq!(layout.get(&word, "left_leaf"), 1);
+        assert_eq!(layout.get(&word, "right_leaf"), 0);
+        assert_eq!(layout.get(&word, "left_axis"), 2);
+        assert_eq!(layout.get(&word, "right_axis"), 1);
+    }
+
+    #[test]
+    fn hex_lines_read_as_one_number_a_record() {
+        let layout = Record::vertex(Format::FP24);
+        // 72 bits: 18 digits, of which the third word holds two.
+        let words = [0x89ab_cdef, 0x0123_4567, 0xa5, 1, 2, 3];
+        let lines = layout.hex_lines(&words);
+        assert_eq!(lines, "a50123456789abcdef\n030000000200000001\n");
+        assert_eq!(layout.words_of_hex(&lines).unwrap(), words);
+        let error = layout.words_of_hex("a5").unwrap_err().to_string();
+        assert!(
+            error.starts_with("line 1: a vertex record has 18"),
+            "{error}"
+        );
+        let error = layout.words_of_hex("g50123456789abcdef").unwrap_err();
+        assert!(
+            error.to_string().contains("'g' is no hexadecimal digit"),
+            "{error}"
+        );
+    }
+
+    #[test]
+    fn capacity_says_what_does_not_fit() {
+        assert!(check_capacity(0, 1 << 26, 32).is_ok());
+        let error = check_capacity(1, 1 << 26, 32).unwrap_err().to_string();
+        assert!(error.contains("67108865 triangles"), "{error}");
+        let error = check_capacity(0, 1025, 10).unwrap_err().to_string();
+        assert!(error.contains("too large for its address space"), "{error}");
+    }
+}

@@ -1,0 +1,911 @@
+//! The description of one module, while it is being made.
+
+use super::design::{Direction, Module, Port};
+use super::error::HdlError;
+use super::memory::MemoryData;
+use super::pipeline::{Pipeline, Stage};
+use super::signal::Signal;
+use super::{check, verilog};
+use std::cell::{Cell, RefCell};
+use std::collections::HashMap;
+use std::panic::Location;
+use std::rc::Rc;
+
+pub(super) type Id = usize;
+pub(super) type Place = &'static Location<'static>;
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Binary {
+    And,
+    Or,
+    Xor,
+    Add,
+    Sub,
+    Mul,
+    Equal,
+    NotEqual,
+    Less,
+    LessEqual,
+    ShiftLeft,
+    ShiftRight,
+}
+
+#[derive(Clone, Debug)]
+pub(super) enum Op {
+    Input,
+    Literal(u128),
+    Not(Id),
+    Binary(Binary, Id, Id),
+    Mux(Id, Id, Id),
+    /// Most significant part first.
+    Concat(Vec<Id>),
+    Repeat(Id, u32),
+    /// Operand and least significant bit; the width is the node's.
+    Slice(Id, u32),
+    Any(Id),
+    All(Id),
+    Parity(Id),
+    Wire,
+    Register(Register),
+    /// Memory, copy of it, address, and whether the read is synchronous.
+    Read(usize, usize, Id, bool),
+    /// Instance and index of its port.
+    Instance(usize, usize),
+}
+
+#[derive(Clone, Debug, Default)]
+pub(super) struct Register {
+    pub next: Option<Id>,
+    pub enable: Option<Id>,
+    pub reset: Option<u128>,
+    /// A delay register belongs to the pipeline, not to the module's state.
+    pub delay: bool,
+}
+
+pub(super) struct Node {
+    pub op: Op,
+    pub width: u32,
+    pub name: Option<String>,
+    pub place: Place,
+    pub stage: Option<Stage>,
+    /// Delay registers of this signal are cleared by reset.
+    pub cleared: bool,
+}
+
+pub(super) struct InstanceData {
+    pub name: String,
+    pub module: Rc<Module>,
+    /// Input ports by name.
+    pub inputs: Vec<(String, Id)>,
+    /// Output ports by name.
+    pub outputs: Vec<(String, Id)>,
+}
+
+/// What is printed, in order.
+pub(super) enum Item {
+    Node(Id),
+    /// A wire's driver or a register's next value.
+    Drive(Id),
+    Comment(String),
+    Instance(usize),
+    Memory(usize),
+}
+
+#[derive(Default)]
+pub(super) struct Inner {
+    pub nodes: Vec<Node>,
+    pub items: Vec<Item>,
+    pub drivers: HashMap<Id, Id>,
+    pub instances: Vec<InstanceData>,
+    pub memories: Vec<MemoryData>,
+    /// Ports in order, with the node of each.
+    pub ports: Vec<(Port, Id)>,
+    pub names: HashMap<String, Place>,
+    pub delays: HashMap<Id, Id>,
+    pub pipelines: u32,
+}
+
+/// Makes one module.
+pub struct Builder {
+    pub(super) name: String,
+    pub(super) doc: String,
+    pub(super) place: Place,
+    pub(super) inner: RefCell<Inner>,
+    group: RefCell<String>,
+    error: RefCell<Option<HdlError>>,
+    pub(super) has_reset: Cell<bool>,
+}
+
+const KEYWORDS: &[&str] = &[
+    "always",
+    "and",
+    "assign",
+    "begin",
+    "buf",
+    "case",
+    "default",
+    "edge",
+    "else",
+    "end",
+    "event",
+    "for",
+    "function",
+    "if",
+    "initial",
+    "inout",
+    "input",
+    "integer",
+    "module",
+    "nand",
+    "negedge",
+    "nor",
+    "not",
+    "or",
+    "output",
+    "parameter",
+    "posedge",
+    "real",
+    "reg",
+    "release",
+    "repeat",
+    "signed",
+    "specify",
+    "strong0",
+    "strong1",
+    "supply0",
+    "supply1",
+    "table",
+    "task",
+    "time",
+    "tri",
+    "unsigned",
+    "use",
+    "vectored",
+    "wait",
+    "wand",
+    "weak0",
+    "weak1",
+    "while",
+    "wire",
+    "wor",
+    "xnor",
+    "xor",
+    "rst",
+    "clk",
+    "logic",
+    "bit",
+    "byte",
+    "int",
+    "do",
+    "next",
+    "interface",
+    "packed",
+    "priority",
+    "unique",
+    "var",
+    "void",
+    "with",
+    "cell",
+];
+
+impl Builder {
+    /// A module; `doc` says in its file's head what it is for.
+    #[track_caller]
+    pub fn new(name: impl Into<String>, doc: impl Into<String>) -> Builder {
+        Builder {
+            name: name.into(),
+            doc: doc.into(),
+            place: Location::caller(),
+            inner: RefCell::default(),
+            group: RefCell::default(),
+            error: RefCell::default(),
+            has_reset: Cell::new(false),
+        }
+    }
+
+    pub(super) fn fail(&self, place: Place, message: impl Into<String>) {
+        self.error.borrow_mut().get_or_insert(HdlError {
+            module: self.name.clone(),
+            message: message.into(),
+            place,
+        });
+    }
+
+    pub(super) fn node(
+        &self,
+        op: Op,
+        width: u32,
+        stage: Option<Stage>,
+        place: Place,
+    ) -> Signal<'_> {
+        if width == 0 {
+            self.fail(place, "a signal of no bits");
+        }
+        let mut inner = self.inner.borrow_mut();
+        let id = inner.nodes.len();
+        inner.items.push(Item::Node(id));
+        inner.nodes.push(Node {
+            op,
+            width,
+            name: None,
+            place,
+            stage,
+            cleared: false,
+        });
+        Signal { builder: self, id }
+    }
+
+    pub(super) fn claim(&self, name: &str, place: Place) {
+        let valid = name.starts_with(|c: char| c.is_ascii_lowercase())
+            && name
+                .chars()
+                .all(|c| c.is_ascii_lowercase() || c.is_ascii_digit() || c == '_')
+            && !KEYWORDS.contains(&name);
+        if !valid {
+            self.fail(
+                place,
+                format!(
+                    "\"{name}\" is no name for Verilog: use lower case, digits, _, and no keyword"
+                ),
+            );
+        }
+        let earlier = self
+            .inner
+            .borrow_mut()
+            .names
+            .insert(name.to_string(), place);
+        if let Some(earlier) = earlier {
+            self.fail(
+                place,
+                format!(
+                    "name clash: \"{name}\" is already taken at {}:{}",
+                    earlier.file(),
+                    earlier.line()
+                ),
+            );
+        }
+    }
+
+    pub(super) fn named_node(
+        &self,
+        op: Op,
+        width: u32,
+        name: &str,
+        stage: Option<Stage>,
+        place: Place,
+    ) -> Signal<'_> {
+        self.claim(name, place);
+        let signal = self.node(op, width, stage, place);
+        self.inner.borrow_mut().nodes[signal.id].name = Some(name.to_string());
+        signal
+    }
+
+    /// The heading of the ports that follow.
+    pub fn group(&self, heading: impl Into<String>) {
+        *self.group.borrow_mut() = heading.into();
+    }
+
+    /// A comment before what follows.
+    pub fn comment(&self, text: impl Into<String>) {
+        self.inner
+            .borrow_mut()
+            .items
+            .push(Item::Comment(text.into()));
+    }
+
+    /// An input port without a stage.
+    #[track_caller]
+    pub fn input(&self, name: impl AsRef<str>, width: u32) -> Signal<'_> {
+        self.input_at(name.as_ref(), width, None, Location::caller())
+    }
+
+    pub(super) fn input_at(
+        &self,
+        name: &str,
+        width: u32,
+        stage: Option<Stage>,
+        place: Place,
+    ) -> Signal<'_> {
+        let signal = self.named_node(Op::Input, width, name, stage, place);
+        self.port(name, width, Direction::Input, signal, place);
+        signal
+    }
+
+    /// An output port; a staged signal gives the port its stage.
+    #[track_caller]
+    pub fn output(&self, name: impl AsRef<str>, signal: Signal<'_>) {
+        let place = Location::caller();
+        self.claim(name.as_ref(), place);
+        self.port(
+            name.as_ref(),
+            signal.width(),
+            Direction::Output,
+            signal,
+            place,
+        );
+    }
+
+    fn port(&self, name: &str, width: u32, direction: Direction, signal: Signal<'_>, place: Place) {
+        if !std::ptr::eq(signal.builder, self) {
+            self.fail(
+                place,
+                format!(
+                    "port \"{name}\" is given a signal of module {}",
+                    signal.builder.name
+                ),
+            );
+            return;
+        }
+        let stage = signal.stage_data().map(|s| s.at);
+        self.inner.borrow_mut().ports.push((
+            Port {
+                name: name.to_string(),
+                width,
+                direction,
+                group: self.group.borrow().clone(),
+                stage,
+            },
+            signal.id,
+        ));
+    }
+
+    /// A constant.
+    #[track_caller]
+    pub fn lit(&self, value: impl Into<u128>, width: u32) -> Signal<'_> {
+        let value = value.into();
+        if width < 128 && value >> width != 0 {
+            self.fail(
+                Location::caller(),
+                format!("{value} does not fit {width} bits"),
+            );
+        }
+        self.node(Op::Literal(value), width, None, Location::caller())
+    }
+
+    #[track_caller]
+    pub fn zero(&self, width: u32) -> Signal<'_> {
+        self.node(Op::Literal(0), width, None, Location::caller())
+    }
+
+    #[track_caller]
+    pub fn ones(&self, width: u32) -> Signal<'_> {
+        if width <= 128 {
+            let value = if width == 128 {
+                u128::MAX
+            } else {
+                (1 << width) - 1
+            };
+            self.node(Op::Literal(value), width, None, Location::caller())
+        } else {
+            self.lit(1u8, 1).repeat(width)
+        }
+    }
+
+    /// A wire that is driven later, once: for what is used before it is made.
+    #[track_caller]
+    pub fn wire(&self, name: impl AsRef<str>, width: u32) -> Wire<'_> {
+        Wire {
+            signal: self.named_node(Op::Wire, width, name.as_ref(), None, Location::caller()),
+        }
+    }
+
+    /// A register without reset.
+    #[track_caller]
+    pub fn reg(&self, name: impl AsRef<str>, width: u32) -> Reg<'_> {
+        let op = Op::Register(Register::default());
+        Reg {
+            q: self.named_node(op, width, name.as_ref(), None, Location::caller()),
+        }
+    }
+
+    /// A register that reset sets to `value`.
+    #[track_caller]
+    pub fn reg_reset(&self, name: impl AsRef<str>, width: u32, value: u128) -> Reg<'_> {
+        let op = Op::Register(Register {
+            reset: Some(value),
+            ..Register::default()
+        });
+        self.has_reset.set(true);
+        Reg {
+            q: self.named_node(op, width, name.as_ref(), None, Location::caller()),
+        }
+    }
+
+    /// A pipeline, whose inputs are at stage 0.
+    pub fn pipeline(&self) -> Pipeline<'_> {
+        let mut inner = self.inner.borrow_mut();
+        inner.pipelines += 1;
+        Pipeline {
+            builder: self,
+            id: inner.pipelines,
+        }
+    }
+
+    /// Signals side by side, the first most significant.
+    #[track_caller]
+    pub fn concat(&self, parts: &[Signal<'_>]) -> Signal<'_> {
+        let place = Location::caller();
+        let (parts, stage) = self.align(parts, place);
+        let width = parts.iter().map(|p| p.width()).sum();
+        if let [only] = parts[..] {
+            return Signal {
+                builder: self,
+                id: only.id,
+            };
+        }
+        self.node(
+            Op::Concat(parts.iter().map(|p| p.id).collect()),
+            width,
+            stage,
+            place,
+        )
+    }
+
+    /// Bit by bit or of all.
+    #[track_caller]
+    pub fn or_all(&self, signals: &[Signal<'_>]) -> Signal<'_> {
+        self.reduce(signals, Binary::Or, Location::caller())
+    }
+
+    /// Bit by bit and of all.
+    #[track_caller]
+    pub fn and_all(&self, signals: &[Signal<'_>]) -> Signal<'_> {
+        self.reduce(signals, Binary::And, Location::caller())
+    }
+
+    fn reduce(&self, signals: &[Signal<'_>], op: Binary, place: Place) -> Signal<'_> {
+        let Some((first, rest)) = signals.split_first() else {
+            self.fail(place, "a reduction of no signals");
+            return self.zero(1);
+        };
+        let mut all = Signal {
+            builder: self,
+            id: first.id,
+        };
+        for signal in rest {
+            all = self.binary(
+                op,
+                all,
+                Signal {
+                    builder: self,
+                    id: signal.id,
+                },
+                place,
+            );
+        }
+        all
+    }
+
+    /// The value of the first condition that holds, else `default`.
+    #[track_caller]
+    pub fn priority<'b>(
+        &'b self,
+        choices: &[(Signal<'b>, Signal<'b>)],
+        default: Signal<'b>,
+    ) -> Signal<'b> {
+        choices
+            .iter()
+            .rev()
+            .fold(default, |rest, (condition, value)| {
+                condition.mux(*value, rest)
+            })
+    }
+
+    /// The choice that an index names; indexes past the last name the last.
+    #[track_caller]
+    pub fn select<'b>(&'b self, index: Signal<'b>, choices: &[Signal<'b>]) -> Signal<'b> {
+        let place = Location::caller();
+        let Some((last, rest)) = choices.split_last() else {
+            self.fail(place, "a selection among no signals");
+            return self.zero(1);
+        };
+        let mut chosen = *last;
+        for (i, choice) in rest.iter().enumerate().rev() {
+            chosen = index.equals(i as u128).mux(*choice, chosen);
+        }
+        chosen
+    }
+
+    /// Delays staged signals until all are at the latest's stage. Literals go with any stage.
+    pub(super) fn align<'b>(
+        &'b self,
+        signals: &[Signal<'_>],
+        place: Place,
+    ) -> (Vec<Signal<'b>>, Option<Stage>) {
+        let mut latest: Option<Stage> = None;
+        let mut unstaged = false;
+        for signal in signals {
+            if !std::ptr::eq(signal.builder, self) {
+                self.fail(
+                    place,
+                    format!(
+                        "a signal of module {} is used in another module",
+                        signal.builder.name
+                    ),
+                );
+                return (vec![self.zero(1); signals.len()], None);
+            }
+            if signal.is_literal() {
+                continue;
+            }
+            match (signal.stage_data(), latest) {
+                (None, _) => unstaged = true,
+                (Some(s), Some(l)) if s.pipeline != l.pipeline => {
+                    self.fail(
+                        place,
+                        "signals of two pipelines meet: bring one into the other's with enter_at",
+                    );
+                }
+                (Some(s), l) => latest = Some(l.map_or(s, |l| if s.at > l.at { s } else { l })),
+            }
+        }
+        if unstaged && latest.is_some() {
+            self.fail(place, "a staged signal meets one without a stage: bring it in with enter_at, or use untimed");
+        }
+        let aligned = signals
+            .iter()
+            .map(|signal| {
+                let signal = Signal {
+                    builder: self,
+                    id: signal.id,
+                };
+                match (signal.stage_data(), latest) {
+                    (Some(s), Some(l)) => signal.delay_by(l.at - s.at, place),
+                    _ => signal,
+                }
+            })
+            .collect();
+        (aligned, latest)
+    }
+
+    pub(super) fn binary(
+        &self,
+        op: Binary,
+        a: Signal<'_>,
+        b: Signal<'_>,
+        place: Place,
+    ) -> Signal<'_> {
+        let (ab, stage) = self.align(&[a, b], place);
+        let (a, b) = (ab[0], ab[1]);
+        let (wa, wb) = (a.width(), b.width());
+        let shifts = matches!(op, Binary::ShiftLeft | Binary::ShiftRight);
+        if wa != wb && !shifts && op != Binary::Mul {
+            self.fail(
+                place,
+                format!(
+                    "width mismatch: {op:?} of {wa} bits ({}) and {wb} bits ({})",
+                    a.describe(),
+                    b.describe()
+                ),
+            );
+        }
+        let width = match op {
+            Binary::Equal | Binary::NotEqual | Binary::Less | Binary::LessEqual => 1,
+            Binary::Mul => wa + wb,
+            _ => wa,
+        };
+        if let Some(folded) = self.fold(op, a, b) {
+            return folded;
+        }
+        self.node(Op::Binary(op, a.id, b.id), width, stage, place)
+    }
+
+    /// Simplifies what a literal makes trivial; lint rightly objects to it in the Verilog.
+    fn fold<'b>(&'b self, op: Binary, a: Signal<'b>, b: Signal<'b>) -> Option<Signal<'b>> {
+        let (la, lb) = (a.literal(), b.literal());
+        let full = |w: u32| if w >= 128 { u128::MAX } else { (1 << w) - 1 };
+        let w = a.width();
+        match (op, la, lb) {
+            (Binary::And, Some(v), _) | (Binary::And, _, Some(v)) if v == 0 => Some(self.zero(w)),
+            (Binary::And, Some(v), _) | (Binary::Or, Some(v), _)
+                if v == if op == Binary::And { full(w) } else { 0 } =>
+            {
+                Some(b)
+            }
+            (Binary::And, _, Some(v)) | (Binary::Or, _, Some(v))
+                if v == if op == Binary::And { full(w) } else { 0 } =>
+            {
+                Some(a)
+            }
+            (Binary::Or, Some(v), _) | (Binary::Or, _, Some(v)) if v == full(w) => {
+                Some(self.ones(w))
+            }
+            (Binary::Add, Some(0), _) => Some(b),
+            (
+                Binary::Add | Binary::Sub | Binary::ShiftLeft | Binary::ShiftRight | Binary::Xor,
+                _,
+                Some(0),
+            ) => Some(a),
+            (Binary::Xor, Some(0), _) => Some(b),
+            _ => None,
+        }
+    }
+
+    /// An instance of a finished module. Each staged input is delayed until it meets the others at the stage that
+    /// its port has in the module; outputs of a pipelined module are staged after them. Every input but `clk` and
+    /// `rst` must be given.
+    #[track_caller]
+    pub fn instance<'b>(
+        &'b self,
+        name: impl AsRef<str>,
+        module: &Rc<Module>,
+        inputs: &[(&str, Signal<'b>)],
+    ) -> Outputs<'b> {
+        let (name, place) = (name.as_ref(), Location::caller());
+        self.claim(name, place);
+        // The stage, in this module, of the instance's stage 0.
+        let mut base: Option<Stage> = None;
+        for (port, signal) in inputs {
+            let Some(stage) = signal.stage_data() else {
+                continue;
+            };
+            let enters = module.port(port).and_then(|p| p.stage).unwrap_or(0);
+            let start = Stage {
+                at: stage.at.saturating_sub(enters),
+                ..stage
+            };
+            if base.is_some_and(|b| b.pipeline != start.pipeline) {
+                self.fail(
+                    place,
+                    format!("instance {name}: inputs come from two pipelines"),
+                );
+            }
+            base = Some(base.map_or(start, |b| if start.at > b.at { start } else { b }));
+        }
+        let mut connected = vec![];
+        for port in module
+            .ports
+            .iter()
+            .filter(|p| p.direction == Direction::Input)
+        {
+            if port.name == "clk" || port.name == "rst" {
+                continue;
+            }
+            let Some((_, signal)) = inputs.iter().find(|(n, _)| *n == port.name) else {
+                self.fail(
+                    place,
+                    format!(
+                        "instance {name} of {}: input {} is undriven",
+                        module.name, port.name
+                    ),
+                );
+                continue;
+            };
+            let signal = match (base, signal.stage_data()) {
+                (Some(base), Some(_)) => signal.at(base.at + port.stage.unwrap_or(0)),
+                (Some(_), None) if !signal.is_literal() && port.stage.is_some() => {
+                    self.fail(
+                        place,
+                        format!(
+                            "instance {name} of {}: {} has no stage, other inputs have",
+                            module.name,
+                            signal.describe()
+                        ),
+                    );
+                    *signal
+                }
+                _ => *signal,
+            };
+            if signal.width() != port.width {
+                self.fail(
+                    place,
+                    format!(
+                        "width mismatch: instance {name} of {}: port {} has {} bits, {} has {}",
+                        module.name,
+                        port.name,
+                        port.width,
+                        signal.describe(),
+                        signal.width()
+                    ),
+                );
+            }
+            connected.push((port.name.clone(), signal.id));
+        }
+        for (given, _) in inputs {
+            let known = module
+                .port(given)
+                .is_some_and(|p| p.direction == Direction::Input);
+            if !known {
+                self.fail(
+                    place,
+                    format!(
+                        "instance {name}: module {} has no input {given}",
+                        module.name
+                    ),
+                );
+            }
+        }
+        let instance = self.inner.borrow().instances.len();
+        let mut outputs = vec![];
+        for (index, port) in module.ports.iter().enumerate() {
+            if port.direction != Direction::Output {
+                continue;
+            }
+            let at = match (base, port.stage) {
+                (Some(base), Some(latency)) => Some(Stage {
+                    at: base.at + latency,
+                    ..base
+                }),
+                _ => None,
+            };
+            let wire = format!("{name}_{}", port.name);
+            let op = Op::Instance(instance, index);
+            let signal = self.named_node(op, port.width, &wire, at, place);
+            outputs.push((port.name.clone(), signal.id));
+        }
+        let mut inner = self.inner.borrow_mut();
+        inner.instances.push(InstanceData {
+            name: name.to_string(),
+            module: module.clone(),
+            inputs: connected,
+            outputs: outputs.clone(),
+        });
+        inner.items.push(Item::Instance(instance));
+        Outputs {
+            builder: self,
+            place,
+            module: module.name.clone(),
+            outputs,
+        }
+    }
+
+    /// Checks the module and prints it.
+    ///
+    /// # Errors
+    /// The first mistake that was made, with its place in the Rust source.
+    pub fn finish(self) -> Result<Rc<Module>, HdlError> {
+        if let Some(error) = self.error.borrow_mut().take() {
+            return Err(error);
+        }
+        let paths = check::check(&self)?;
+        let verilog = verilog::print(&self);
+        let inner = self.inner.into_inner();
+        let clocked = verilog.clocked;
+        let mut ports = vec![];
+        for (present, name) in [(clocked, "clk"), (self.has_reset.get(), "rst")] {
+            if present {
+                ports.push(Port {
+                    name: name.to_string(),
+                    width: 1,
+                    direction: Direction::Input,
+                    group: String::new(),
+                    stage: None,
+                });
+            }
+        }
+        ports.extend(inner.ports.into_iter().map(|(port, _)| port));
+        Ok(Rc::new(Module {
+            name: self.name,
+            ports,
+            children: inner.instances.into_iter().map(|i| i.module).collect(),
+            verilog: verilog.text,
+            place: self.place,
+            paths,
+        }))
+    }
+
+    pub(super) fn drive(&self, target: Id, value: Signal<'_>, place: Place) {
+        let (width, name) = {
+            let inner = self.inner.borrow();
+            (
+                inner.nodes[target].width,
+                inner.nodes[target].name.clone().unwrap_or_default(),
+            )
+        };
+        if !std::ptr::eq(value.builder, self) {
+            self.fail(
+                place,
+                format!(
+                    "\"{name}\" is driven by a signal of module {}",
+                    value.builder.name
+                ),
+            );
+            return;
+        }
+        if value.width() != width {
+            self.fail(
+                place,
+                format!(
+                    "width mismatch: \"{name}\" has {width} bits, {} has {}",
+                    value.describe(),
+                    value.width()
+                ),
+            );
+        }
+        let mut inner = self.inner.borrow_mut();
+        if inner.drivers.insert(target, value.id).is_some() {
+            drop(inner);
+            self.fail(place, format!("\"{name}\" is doubly driven"));
+            return;
+        }
+        inner.items.push(Item::Drive(target));
+    }
+}
+
+/// The outputs of an instance.
+pub struct Outputs<'b> {
+    builder: &'b Builder,
+    place: Place,
+    module: String,
+    outputs: Vec<(String, Id)>,
+}
+
+impl<'b> Outputs<'b> {
+    /// An output by its port's name.
+    #[track_caller]
+    pub fn get(&self, port: &str) -> Signal<'b> {
+        match self.outputs.iter().find(|(name, _)| name == port) {
+            Some((_, id)) => Signal {
+                builder: self.builder,
+                id: *id,
+            },
+            None => {
+                self.builder.fail(
+                    Location::caller(),
+                    format!(
+                        "module {} has no output {port} (instance made at line {})",
+                        self.module,
+                        self.place.line()
+                    ),
+                );
+                self.builder.zero(1)
+            }
+        }
+    }
+}
+
+/// A wire that is driven once, later.
+#[derive(Clone, Copy)]
+pub struct Wire<'b> {
+    signal: Signal<'b>,
+}
+
+impl<'b> Wire<'b> {
+    pub fn get(&self) -> Signal<'b> {
+        self.signal
+    }
+
+    #[track_caller]
+    pub fn drive(&self, value: Signal<'b>) {
+        self.signal
+            .builder
+            .drive(self.signal.id, value, Location::caller());
+    }
+}
+
+/// A register of the module's state. Its output has no stage.
+#[derive(Clone, Copy)]
+pub struct Reg<'b> {
+    pub q: Signal<'b>,
+}
+
+impl<'b> Reg<'b> {
+    /// Sets the value after the next clock edge.
+    #[track_caller]
+    pub fn next(&self, value: Signal<'b>) {
+        self.set(value, None, Location::caller());
+    }
+
+    /// Sets the value after the next clock edge where `enable` (1 bit) is high; else the register keeps its value.
+    #[track_caller]
+    pub fn next_when(&self, enable: Signal<'b>, value: Signal<'b>) {
+        self.set(value, Some(enable), Location::caller());
+    }
+
+    fn set(&self, value: Signal<'b>, enable: Option<Signal<'b>>, place: Place) {
+        let builder = self.q.builder;
+        if let Some(enable) = enable
+            && enable.width() != 1
+        {
+            builder.fail(
+                place,
+                format!("width mismatch: an enable of {} bits", enable.width()),
+            );
+        }
+        builder.drive(self.q.id, value, place);
+        if let Op::Register(register) = &mut builder.inner.borrow_mut().nodes[self.q.id].op {
+            register.next = Some(value.id);
+            register.enable = enable.map(|e| e.id);
+        }
+    }
+}

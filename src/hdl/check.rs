@@ -1,0 +1,154 @@
+//! Checks of a whole module: every signal driven, no combinational loop.
+
+use super::builder::{Builder, Id, Inner, Op};
+use super::design::Direction;
+use super::error::HdlError;
+use std::collections::BTreeMap;
+
+impl Inner {
+    /// The nodes that a node's value depends on without a register between.
+    pub(super) fn combinational_inputs(&self, id: Id) -> Vec<Id> {
+        match &self.nodes[id].op {
+            Op::Input | Op::Literal(_) | Op::Register(_) | Op::Read(_, _, _, true) => vec![],
+            Op::Wire => self.drivers.get(&id).copied().into_iter().collect(),
+            Op::Not(a)
+            | Op::Repeat(a, _)
+            | Op::Slice(a, _)
+            | Op::Any(a)
+            | Op::All(a)
+            | Op::Parity(a) => vec![*a],
+            Op::Read(_, _, address, false) => vec![*address],
+            Op::Binary(_, a, b) => vec![*a, *b],
+            Op::Mux(c, a, b) => vec![*c, *a, *b],
+            Op::Concat(parts) => parts.clone(),
+            Op::Instance(instance, port) => {
+                let instance = &self.instances[*instance];
+                let port = &instance.module.ports[*port].name;
+                let sources = &instance.module.paths[port];
+                instance
+                    .inputs
+                    .iter()
+                    .filter(|(name, _)| sources.contains(name))
+                    .map(|(_, id)| *id)
+                    .collect()
+            }
+        }
+    }
+
+    fn called(&self, id: Id) -> String {
+        let node = &self.nodes[id];
+        match &node.name {
+            Some(name) => name.clone(),
+            None => format!("{}:{}", node.place.file(), node.place.line()),
+        }
+    }
+}
+
+/// Returns, for each output, the inputs that reach it combinationally.
+pub(super) fn check(builder: &Builder) -> Result<BTreeMap<String, Vec<String>>, HdlError> {
+    let inner = builder.inner.borrow();
+    let error = |place, message| HdlError {
+        module: builder.name.clone(),
+        message,
+        place,
+    };
+    for (id, node) in inner.nodes.iter().enumerate() {
+        let undriven = match &node.op {
+            Op::Wire => !inner.drivers.contains_key(&id),
+            Op::Register(register) => register.next.is_none(),
+            _ => false,
+        };
+        if undriven {
+            return Err(error(
+                node.place,
+                format!("\"{}\" is undriven", inner.called(id)),
+            ));
+        }
+    }
+    for memory in &inner.memories {
+        if memory.write.is_none() {
+            return Err(error(
+                memory.place,
+                format!(
+                    "memory \"{}\" is undriven: it is never written",
+                    memory.name
+                ),
+            ));
+        }
+        if memory.reads == 0 {
+            return Err(error(
+                memory.place,
+                format!("memory \"{}\" is never read", memory.name),
+            ));
+        }
+    }
+    find_loop(&inner).map_or(Ok(()), |cycle| {
+        let names: Vec<_> = cycle.iter().map(|id| inner.called(*id)).collect();
+        Err(error(
+            inner.nodes[cycle[0]].place,
+            format!("combinational loop: {}", names.join(" <- ")),
+        ))
+    })?;
+    let mut paths = BTreeMap::new();
+    for (port, id) in &inner.ports {
+        if port.direction == Direction::Output {
+            paths.insert(port.name.clone(), reaching_inputs(&inner, *id));
+        }
+    }
+    Ok(paths)
+}
+
+fn reaching_inputs(inner: &Inner, output: Id) -> Vec<String> {
+    let mut seen = vec![false; inner.nodes.len()];
+    let mut open = vec![output];
+    let mut inputs = vec![];
+    while let Some(id) = open.pop() {
+        if std::mem::replace(&mut seen[id], true) {
+            continue;
+        }
+        if let Op::Input = inner.nodes[id].op {
+            inputs.extend(inner.nodes[id].name.clone());
+        }
+        open.extend(inner.combinational_inputs(id));
+    }
+    inputs.sort();
+    inputs
+}
+
+/// A cycle of nodes, if there is one.
+fn find_loop(inner: &Inner) -> Option<Vec<Id>> {
+    #[derive(Clone, Copy, PartialEq)]
+    enum Mark {
+        New,
+        Open,
+        Done,
+    }
+    let mut marks = vec![Mark::New; inner.nodes.len()];
+    for start in 0..inner.nodes.len() {
+        if marks[start] != Mark::New {
+            continue;
+        }
+        marks[start] = Mark::Open;
+        let mut path = vec![(start, inner.combinational_inputs(start), 0)];
+        while let Some((id, inputs, next)) = path.last_mut() {
+            let Some(&input) = inputs.get(*next) else {
+                marks[*id] = Mark::Done;
+                path.pop();
+                continue;
+            };
+            *next += 1;
+            match marks[input] {
+                Mark::Done => {}
+                Mark::New => {
+                    marks[input] = Mark::Open;
+                    path.push((input, inner.combinational_inputs(input), 0));
+                }
+                Mark::Open => {
+                    let from = path.iter().position(|(id, ..)| *id == input)?;
+                    return Some(path[from..].iter().map(|(id, ..)| *id).collect());
+                }
+            }
+        }
+    }
+    None
+}

@@ -1,0 +1,499 @@
+//! Signals and their combinational operators.
+
+use super::builder::{Binary, Builder, Id, Item, Op, Place, Register};
+use super::pipeline::Stage;
+use std::ops;
+use std::panic::Location;
+
+/// A value of a known number of bits in a module under construction. Unsigned.
+#[derive(Clone, Copy)]
+pub struct Signal<'b> {
+    pub(super) builder: &'b Builder,
+    pub(super) id: Id,
+}
+
+impl<'b> Signal<'b> {
+    pub fn width(&self) -> u32 {
+        self.builder.inner.borrow().nodes[self.id].width
+    }
+
+    /// The module that the signal belongs to.
+    pub fn module(&self) -> &'b Builder {
+        self.builder
+    }
+
+    pub(super) fn stage_data(&self) -> Option<Stage> {
+        self.builder.inner.borrow().nodes[self.id].stage
+    }
+
+    /// Registers since the pipeline's inputs; `None` outside a pipeline.
+    pub fn stage(&self) -> Option<u32> {
+        self.stage_data().map(|s| s.at)
+    }
+
+    pub(super) fn literal(&self) -> Option<u128> {
+        match self.builder.inner.borrow().nodes[self.id].op {
+            Op::Literal(value) => Some(value),
+            _ => None,
+        }
+    }
+
+    pub(super) fn is_literal(&self) -> bool {
+        self.literal().is_some()
+    }
+
+    pub(super) fn describe(&self) -> String {
+        let inner = self.builder.inner.borrow();
+        let node = &inner.nodes[self.id];
+        match (&node.name, &node.op) {
+            (Some(name), _) => format!("\"{name}\""),
+            (None, Op::Literal(value)) => format!("literal {value}"),
+            _ => format!(
+                "the signal made at {}:{}",
+                node.place.file(),
+                node.place.line()
+            ),
+        }
+    }
+
+    /// Gives the signal its name in the Verilog.
+    #[track_caller]
+    pub fn named(self, name: impl AsRef<str>) -> Signal<'b> {
+        let name = name.as_ref();
+        let place = Location::caller();
+        let fresh = {
+            let inner = self.builder.inner.borrow();
+            let node = &inner.nodes[self.id];
+            node.name.is_none() && !matches!(node.op, Op::Literal(_))
+        };
+        if fresh {
+            self.builder.claim(name, place);
+            self.builder.inner.borrow_mut().nodes[self.id].name = Some(name.to_string());
+        }
+        self
+    }
+
+    /// Lets reset clear the delay registers of this signal (a valid bit's, say).
+    pub fn cleared_by_reset(self) -> Signal<'b> {
+        self.builder.inner.borrow_mut().nodes[self.id].cleared = true;
+        self
+    }
+
+    fn unary(self, op: fn(Id) -> Op, width: u32, place: Place) -> Signal<'b> {
+        self.builder
+            .node(op(self.id), width, self.stage_data(), place)
+    }
+
+    pub(super) fn restaged(self, stage: Option<Stage>, place: Place) -> Signal<'b> {
+        // A slice of all bits: the same signal under another stage.
+        self.builder
+            .node(Op::Slice(self.id, 0), self.width(), stage, place)
+    }
+
+    /// The signal as it is at its stage, for logic outside the pipeline.
+    #[track_caller]
+    pub fn untimed(self) -> Signal<'b> {
+        if self.stage_data().is_none() {
+            return self;
+        }
+        self.restaged(None, Location::caller())
+    }
+
+    /// The signal one register later.
+    #[track_caller]
+    pub fn register(self) -> Signal<'b> {
+        self.delay_by(1, Location::caller())
+    }
+
+    /// The signal `registers` later.
+    #[track_caller]
+    pub fn delay(self, registers: u32) -> Signal<'b> {
+        self.delay_by(registers, Location::caller())
+    }
+
+    /// The signal at a later stage of its pipeline.
+    #[track_caller]
+    pub fn at(self, stage: u32) -> Signal<'b> {
+        let place = Location::caller();
+        match self.stage_data() {
+            None if self.is_literal() => self,
+            None => {
+                self.builder
+                    .fail(place, format!("{} is in no pipeline", self.describe()));
+                self
+            }
+            Some(s) if s.at > stage => {
+                self.builder.fail(
+                    place,
+                    format!("{} is at stage {}, past {stage}", self.describe(), s.at),
+                );
+                self
+            }
+            Some(s) => self.delay_by(stage - s.at, place),
+        }
+    }
+
+    pub(super) fn delay_by(self, registers: u32, place: Place) -> Signal<'b> {
+        let mut signal = self;
+        if signal.is_literal() {
+            return signal;
+        }
+        for _ in 0..registers {
+            let known = self.builder.inner.borrow().delays.get(&signal.id).copied();
+            signal = match known {
+                Some(id) => Signal {
+                    builder: self.builder,
+                    id,
+                },
+                None => {
+                    let cleared = self.builder.inner.borrow().nodes[signal.id].cleared;
+                    if cleared {
+                        self.builder.has_reset.set(true);
+                    }
+                    let stage = signal.stage_data().map(|s| Stage { at: s.at + 1, ..s });
+                    let delayed = self.builder.node(
+                        Op::Register(Register {
+                            next: Some(signal.id),
+                            enable: None,
+                            reset: cleared.then_some(0),
+                            delay: true,
+                        }),
+                        signal.width(),
+                        stage,
+                        place,
+                    );
+                    let mut inner = self.builder.inner.borrow_mut();
+                    inner.nodes[delayed.id].cleared = cleared;
+                    inner.drivers.insert(delayed.id, signal.id);
+                    inner.delays.insert(signal.id, delayed.id);
+                    inner.items.push(Item::Drive(delayed.id));
+                    delayed
+                }
+            };
+        }
+        signal
+    }
+
+    /// Bits `high` down to `low`, both included.
+    #[track_caller]
+    pub fn bits(self, high: u32, low: u32) -> Signal<'b> {
+        let place = Location::caller();
+        if high < low || high >= self.width() {
+            self.builder.fail(
+                place,
+                format!(
+                    "{} has no bits {high} to {low}: it has {}",
+                    self.describe(),
+                    self.width()
+                ),
+            );
+            return self;
+        }
+        self.slice(low, high - low + 1, place)
+    }
+
+    fn slice(self, low: u32, width: u32, place: Place) -> Signal<'b> {
+        if low == 0 && width == self.width() {
+            return self;
+        }
+        if let Some(value) = self.literal() {
+            let value = if low >= 128 { 0 } else { value >> low };
+            let value = if width >= 128 {
+                value
+            } else {
+                value & ((1 << width) - 1)
+            };
+            return self.builder.lit(value, width);
+        }
+        let (stage, source, low) = {
+            let inner = self.builder.inner.borrow();
+            let node = &inner.nodes[self.id];
+            match &node.op {
+                // A slice of a slice is one slice.
+                Op::Slice(of, base) if inner.nodes[*of].stage == node.stage => {
+                    (node.stage, *of, base + low)
+                }
+                // A slice within one part of a concatenation is that part's.
+                Op::Concat(parts) => {
+                    let mut base = node.width;
+                    let mut found = None;
+                    for part in parts {
+                        base -= inner.nodes[*part].width;
+                        if low >= base && low + width <= base + inner.nodes[*part].width {
+                            found = Some((*part, low - base));
+                            break;
+                        }
+                    }
+                    match found {
+                        Some((part, inside)) => {
+                            drop(inner);
+                            let part = Signal {
+                                builder: self.builder,
+                                id: part,
+                            };
+                            return part.slice(inside, width, place);
+                        }
+                        None => (node.stage, self.id, low),
+                    }
+                }
+                _ => (node.stage, self.id, low),
+            }
+        };
+        self.builder
+            .node(Op::Slice(source, low), width, stage, place)
+    }
+
+    #[track_caller]
+    pub fn bit(self, index: u32) -> Signal<'b> {
+        self.bits(index, index)
+    }
+
+    /// The most significant bit.
+    #[track_caller]
+    pub fn msb(self) -> Signal<'b> {
+        self.bit(self.width() - 1)
+    }
+
+    /// The `width` least significant bits.
+    #[track_caller]
+    pub fn low(self, width: u32) -> Signal<'b> {
+        self.field(0, width)
+    }
+
+    /// The `width` most significant bits.
+    #[track_caller]
+    pub fn high(self, width: u32) -> Signal<'b> {
+        self.bits(self.width() - 1, self.width() - width)
+    }
+
+    /// `width` bits from bit `lsb` upwards.
+    #[track_caller]
+    pub fn field(self, lsb: u32, width: u32) -> Signal<'b> {
+        let place = Location::caller();
+        if width == 0 || lsb + width > self.width() {
+            self.builder.fail(
+                place,
+                format!(
+                    "{} has no {width} bits from {lsb}: it has {}",
+                    self.describe(),
+                    self.width()
+                ),
+            );
+            return self;
+        }
+        self.slice(lsb, width, place)
+    }
+
+    /// Zeros in front, up to `width` bits.
+    #[track_caller]
+    pub fn extend(self, width: u32) -> Signal<'b> {
+        if width < self.width() {
+            self.builder.fail(
+                Location::caller(),
+                format!("{} has more than {width} bits", self.describe()),
+            );
+            return self;
+        }
+        if width == self.width() {
+            return self;
+        }
+        if let Some(value) = self.literal() {
+            return self.builder.lit(value, width);
+        }
+        self.builder
+            .concat(&[self.builder.zero(width - self.width()), self])
+    }
+
+    /// `self` in front of `low`.
+    #[track_caller]
+    pub fn concat(self, low: Signal<'b>) -> Signal<'b> {
+        self.builder.concat(&[self, low])
+    }
+
+    /// The signal `times` side by side.
+    #[track_caller]
+    pub fn repeat(self, times: u32) -> Signal<'b> {
+        if times == 1 {
+            return self;
+        }
+        self.builder.node(
+            Op::Repeat(self.id, times),
+            self.width() * times,
+            self.stage_data(),
+            Location::caller(),
+        )
+    }
+
+    /// The full product.
+    #[track_caller]
+    pub fn mul(self, other: Signal<'b>) -> Signal<'b> {
+        self.builder
+            .binary(Binary::Mul, self, other, Location::caller())
+    }
+
+    #[track_caller]
+    pub fn eq(self, other: Signal<'b>) -> Signal<'b> {
+        self.builder
+            .binary(Binary::Equal, self, other, Location::caller())
+    }
+
+    #[track_caller]
+    pub fn ne(self, other: Signal<'b>) -> Signal<'b> {
+        self.builder
+            .binary(Binary::NotEqual, self, other, Location::caller())
+    }
+
+    /// Whether the signal is a constant.
+    #[track_caller]
+    pub fn equals(self, value: u128) -> Signal<'b> {
+        self.eq(self.builder.lit(value, self.width()))
+    }
+
+    #[track_caller]
+    pub fn lt(self, other: Signal<'b>) -> Signal<'b> {
+        self.builder
+            .binary(Binary::Less, self, other, Location::caller())
+    }
+
+    #[track_caller]
+    pub fn le(self, other: Signal<'b>) -> Signal<'b> {
+        self.builder
+            .binary(Binary::LessEqual, self, other, Location::caller())
+    }
+
+    #[track_caller]
+    pub fn gt(self, other: Signal<'b>) -> Signal<'b> {
+        self.builder
+            .binary(Binary::Less, other, self, Location::caller())
+    }
+
+    #[track_caller]
+    pub fn ge(self, other: Signal<'b>) -> Signal<'b> {
+        self.builder
+            .binary(Binary::LessEqual, other, self, Location::caller())
+    }
+
+    /// Shifted towards the most significant bit; the width stays.
+    #[track_caller]
+    pub fn shl(self, by: Signal<'b>) -> Signal<'b> {
+        self.builder
+            .binary(Binary::ShiftLeft, self, by, Location::caller())
+    }
+
+    /// Shifted towards the least significant bit; the width stays.
+    #[track_caller]
+    pub fn shr(self, by: Signal<'b>) -> Signal<'b> {
+        self.builder
+            .binary(Binary::ShiftRight, self, by, Location::caller())
+    }
+
+    /// `then` where this bit is 1, `otherwise` where it is 0.
+    #[track_caller]
+    pub fn mux(self, then: Signal<'b>, otherwise: Signal<'b>) -> Signal<'b> {
+        let place = Location::caller();
+        let (all, stage) = self.builder.align(&[self, then, otherwise], place);
+        let (condition, then, otherwise) = (all[0], all[1], all[2]);
+        if condition.width() != 1 {
+            self.builder.fail(
+                place,
+                format!(
+                    "width mismatch: a choice by {} bits ({})",
+                    condition.width(),
+                    condition.describe()
+                ),
+            );
+        }
+        if then.width() != otherwise.width() {
+            self.builder.fail(
+                place,
+                format!(
+                    "width mismatch: a choice of {} bits ({}) or {} bits ({})",
+                    then.width(),
+                    then.describe(),
+                    otherwise.width(),
+                    otherwise.describe()
+                ),
+            );
+        }
+        if then.id == otherwise.id {
+            return then;
+        }
+        match condition.literal() {
+            Some(0) => otherwise,
+            Some(_) => then,
+            None => self.builder.node(
+                Op::Mux(condition.id, then.id, otherwise.id),
+                then.width(),
+                stage,
+                place,
+            ),
+        }
+    }
+
+    /// Whether any bit is 1.
+    #[track_caller]
+    pub fn any(self) -> Signal<'b> {
+        if self.width() == 1 {
+            return self;
+        }
+        self.unary(Op::Any, 1, Location::caller())
+    }
+
+    /// Whether all bits are 1.
+    #[track_caller]
+    pub fn all(self) -> Signal<'b> {
+        if self.width() == 1 {
+            return self;
+        }
+        self.unary(Op::All, 1, Location::caller())
+    }
+
+    /// Whether the number of 1 bits is odd.
+    #[track_caller]
+    pub fn parity(self) -> Signal<'b> {
+        self.unary(Op::Parity, 1, Location::caller())
+    }
+
+    /// Whether all bits are 0.
+    #[track_caller]
+    pub fn is_zero(self) -> Signal<'b> {
+        !self.any()
+    }
+}
+
+macro_rules! operator {
+    ($trait:ident, $method:ident, $op:ident) => {
+        impl<'b> ops::$trait for Signal<'b> {
+            type Output = Signal<'b>;
+            #[track_caller]
+            fn $method(self, other: Signal<'b>) -> Signal<'b> {
+                self.builder
+                    .binary(Binary::$op, self, other, Location::caller())
+            }
+        }
+    };
+}
+operator!(BitAnd, bitand, And);
+operator!(BitOr, bitor, Or);
+operator!(BitXor, bitxor, Xor);
+operator!(Add, add, Add);
+operator!(Sub, sub, Sub);
+
+impl<'b> ops::Not for Signal<'b> {
+    type Output = Signal<'b>;
+    #[track_caller]
+    fn not(self) -> Signal<'b> {
+        let place = Location::caller();
+        if let Some(value) = self.literal() {
+            let mask = if self.width() >= 128 {
+                u128::MAX
+            } else {
+                (1 << self.width()) - 1
+            };
+            return self
+                .builder
+                .node(Op::Literal(!value & mask), self.width(), None, place);
+        }
+        self.unary(Op::Not, self.width(), place)
+    }
+}
