@@ -1,1 +1,88 @@
+//! Scenes: where triangles come from, how they become the machine's numbers, and the rays that look at them.
+//!
+//! [`load`] reads an OBJ file or builds one of the scenes that need no file; [`MachineMesh`] is the scene
+//! scaled and rounded to the machine's number format, from which everything else is computed; [`Camera`]
+//! and [`Frame`] make the packets of rays that cross the ray port.
 
+mod builtin;
+mod camera;
+mod machine;
+mod obj;
+mod rays;
+
+pub use builtin::{BUILTIN_NAMES, builtin};
+pub use camera::{Camera, View, default_light};
+pub use machine::MachineMesh;
+pub use rays::{Frame, ImageSize, RAYS_PER_PACKET, RayPacket, shadow_rays};
+
+use std::path::Path;
+
+/// The least and the greatest corner of an axis-aligned box.
+pub type Bounds = ([f64; 3], [f64; 3]);
+
+/// Triangles on shared vertices, in the scene's own units.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Mesh {
+    /// Vertices; triangles that meet share them as their source does.
+    pub positions: Vec<[f64; 3]>,
+    /// Three indices into `positions` each. A triangle's number is its place here.
+    pub triangles: Vec<[u32; 3]>,
+}
+
+impl Mesh {
+    /// The exact box of the vertices that triangles use; `None` for a mesh without triangles.
+    ///
+    /// # Panics
+    /// If a triangle names a vertex that does not exist.
+    pub fn bounds(&self) -> Option<Bounds> {
+        used_bounds(&self.positions, &self.triangles)
+    }
+}
+
+/// A mesh with the name by which reports speak of it.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Scene {
+    /// The file's stem, or the built-in scene's name.
+    pub name: String,
+    pub mesh: Mesh,
+}
+
+impl Scene {
+    /// See [`Mesh::bounds`]. A loaded scene always has triangles.
+    ///
+    /// # Panics
+    /// If the scene was made by hand without triangles.
+    pub fn bounds(&self) -> Bounds {
+        self.mesh.bounds().expect("a scene has triangles")
+    }
+}
+
+/// Loads a scene.
+///
+/// `spec` is the path of an OBJ file, or `builtin:NAME`, optionally with parameters:
+/// `builtin:NAME?key=value&key=value`, for example `builtin:teapot?tessellation=20`. See [`builtin()`] for
+/// names and parameters.
+///
+/// # Errors
+/// One line that names the file, the place in it and the remedy: no such file, a file that is no mesh, a
+/// mesh without triangles, vertices that are not finite, an index out of range, an unknown built-in scene.
+pub fn load(spec: &str) -> anyhow::Result<Scene> {
+    match spec.strip_prefix("builtin:") {
+        Some(rest) => builtin(rest),
+        None => obj::load(Path::new(spec)),
+    }
+}
+
+fn used_bounds(positions: &[[f64; 3]], triangles: &[[u32; 3]]) -> Option<Bounds> {
+    let mut corners = triangles
+        .iter()
+        .flatten()
+        .map(|&index| positions[index as usize]);
+    let first = corners.next()?;
+    Some(corners.fold((first, first), |(low, high), p| {
+        (
+            std::array::from_fn(|axis| low[axis].min(p[axis])),
+            std::array::from_fn(|axis| high[axis].max(p[axis])),
+        )
+    }))
+}

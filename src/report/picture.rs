@@ -1,0 +1,232 @@
+//! Pictures of what rays met and of what that took.
+
+use super::write_whole;
+use crate::port::{Hit, Ray};
+use crate::scene::{ImageSize, MachineMesh, RayPacket};
+use anyhow::{Context, Result};
+use glam::{DVec3, dvec3};
+use image::{ImageFormat, Rgb, RgbImage};
+use std::path::Path;
+
+/// Draws what the primary rays of `packets` hit: each triangle in one shade, by the angle between its plane and the
+/// ray and by a slight tint of its own; misses show a background. Where `shadowed` is given, a value for
+/// each ray in order, its pixels are darkened.
+///
+/// `hits` are the results of all rays in order, inactive ones included.
+///
+/// # Panics
+/// If there are not as many hits, or shadows, as rays, or a hit's triangle is not in `mesh`.
+pub fn shade(
+    size: ImageSize,
+    packets: &[RayPacket],
+    hits: &[Hit],
+    mesh: &MachineMesh,
+    shadowed: Option<&[bool]>,
+) -> RgbImage {
+    let rays: usize = packets.iter().map(|packet| packet.rays.len()).sum();
+    assert_eq!(hits.len(), rays, "every ray has a hit");
+    assert!(
+        shadowed.is_none_or(|s| s.len() == rays),
+        "every ray has a shadow or none"
+    );
+    let mut picture = RgbImage::new(size.width, size.height);
+    let pixels = packets
+        .iter()
+        .flat_map(|packet| std::iter::zip(&packet.pixels, &packet.rays));
+    for (number, ((&[column, row], ray), hit)) in pixels.zip(hits).enumerate() {
+        if !ray.active {
+            continue;
+        }
+        let light = match shadowed {
+            Some(shadowed) if shadowed[number] => 0.45,
+            _ => 1.0,
+        };
+        let colour = match hit.is_hit() {
+            true => light * surface(mesh, ray, hit.triangle),
+            false => background(f64::from(row) / f64::from(size.height)),
+        };
+        picture.put_pixel(column, row, to_pixel(colour));
+    }
+    picture
+}
+
+/// A triangle's linear colour as a ray sees it.
+fn surface(mesh: &MachineMesh, ray: &Ray, triangle: u32) -> DVec3 {
+    let corners = mesh.triangles[triangle as usize];
+    let [a, b, c] = corners.map(|index| DVec3::from(mesh.vertices[index as usize]));
+    let normal = (b - a).cross(c - a).normalize_or_zero();
+    let direction = DVec3::from(ray.direction).normalize_or_zero();
+    // Both sides are lit by a lamp at the eye; a little light from above tells walls from floors.
+    let facing = if normal.dot(direction) > 0.0 {
+        -normal
+    } else {
+        normal
+    };
+    let lamp = 0.12 + 0.6 * facing.dot(-direction);
+    let sky = 0.14 * (1.0 + facing.y);
+    // Neighbouring triangles have consecutive numbers: mixing the bits makes them differ.
+    let mixed =
+        triangle.wrapping_mul(0x9e37_79b1) ^ triangle.rotate_left(15).wrapping_mul(0x85eb_ca6b);
+    let byte = |shift: u32| f64::from(mixed >> shift & 255) / 255.0 - 0.5;
+    let tint = dvec3(0.86, 0.8, 0.72) + 0.07 * dvec3(byte(0), byte(8), byte(16)) + 0.1 * byte(24);
+    tint * (lamp + sky)
+}
+
+/// From a light horizon at the lower edge to a darker sky.
+fn background(down: f64) -> DVec3 {
+    dvec3(0.1, 0.16, 0.27).lerp(dvec3(0.5, 0.56, 0.62), down)
+}
+
+fn to_pixel(linear: DVec3) -> Rgb<u8> {
+    let encode = |x: f64| (x.clamp(0.0, 1.0).powf(1.0 / 2.2) * 255.0).round() as u8;
+    Rgb([encode(linear.x), encode(linear.y), encode(linear.z)])
+}
+
+/// Draws a count a packet, such as its steps, on the scale of [`heatmap_colour`], in which `greatest` is 1: by
+/// default the greatest count. Returns the picture and `greatest`.
+///
+/// # Panics
+/// If there are not as many counts as packets.
+pub fn heatmap(
+    size: ImageSize,
+    packets: &[RayPacket],
+    counts: &[u32],
+    greatest: Option<u32>,
+) -> (RgbImage, u32) {
+    assert_eq!(packets.len(), counts.len(), "every packet has a count");
+    let greatest = greatest.unwrap_or_else(|| counts.iter().copied().max().unwrap_or(0));
+    let mut picture = RgbImage::new(size.width, size.height);
+    for (packet, &count) in packets.iter().zip(counts) {
+        let colour = heatmap_colour(f64::from(count) / f64::from(greatest.max(1)));
+        for (&[column, row], ray) in packet.pixels.iter().zip(&packet.rays) {
+            if ray.active {
+                picture.put_pixel(column, row, Rgb(colour));
+            }
+        }
+    }
+    (picture, greatest)
+}
+
+/// A colour for a value from 0 to 1 (others are clamped): from near black through violet, red and orange to light
+/// yellow, lighter with every step, so that it reads without colour too.
+pub fn heatmap_colour(value: f64) -> [u8; 3] {
+    const STOPS: [[f64; 3]; 7] = [
+        [8.0, 6.0, 28.0],
+        [58.0, 16.0, 96.0],
+        [124.0, 30.0, 112.0],
+        [192.0, 50.0, 84.0],
+        [236.0, 104.0, 44.0],
+        [248.0, 172.0, 48.0],
+        [252.0, 246.0, 176.0],
+    ];
+    let place = value.clamp(0.0, 1.0) * (STOPS.len() - 1) as f64;
+    let lower = (place as usize).min(STOPS.len() - 2);
+    let share = place - lower as f64;
+    std::array::from_fn(|k| {
+        let (a, b) = (STOPS[lower][k], STOPS[lower + 1][k]);
+        (a + share * (b - a)).round() as u8
+    })
+}
+
+/// Writes a picture as PNG, whatever the file is called.
+///
+/// # Errors
+/// One line that names the file if it cannot be written.
+pub fn write_png(path: &Path, picture: &RgbImage) -> Result<()> {
+    let mut png = std::io::Cursor::new(Vec::new());
+    picture
+        .write_to(&mut png, ImageFormat::Png)
+        .with_context(|| format!("{}: cannot be drawn", path.display()))?;
+    write_whole(path, |file| {
+        Ok(std::io::Write::write_all(file, png.get_ref())?)
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::float::Format;
+    use crate::scene::{Camera, Frame, builtin};
+
+    /// Four packets of two rays over 3×2 pixels: the last ray of each row is outside the image.
+    fn small() -> (ImageSize, Vec<RayPacket>, MachineMesh) {
+        let size = ImageSize::new(3, 2).unwrap();
+        let scene = builtin("sphere?level=0").unwrap();
+        let mesh = MachineMesh::new(&scene, Format::FP24).unwrap();
+        let frame = Frame::new(size, 2).unwrap();
+        let camera = Camera::outside(scene.bounds());
+        let packets = frame.primary_rays(&camera, &mesh).unwrap();
+        (size, packets, mesh)
+    }
+
+    #[test]
+    fn hits_misses_and_shadows_differ() {
+        let (size, packets, mesh) = small();
+        let hit = Hit {
+            t: 1.0,
+            u: 0.0,
+            v: 0.0,
+            instance: 0,
+            triangle: 0,
+        };
+        let mut hits = [Hit::MISS; 8];
+        hits[0] = hit;
+        hits[1] = hit;
+        let mut shadowed = [false; 8];
+        shadowed[1] = true;
+        let picture = shade(size, &packets, &hits, &mesh, Some(&shadowed));
+        assert_eq!(picture.dimensions(), (3, 2));
+        let brightness = |x, y| -> u32 {
+            let Rgb(colour) = picture.get_pixel(x, y);
+            colour.iter().map(|&c| u32::from(c)).sum()
+        };
+        assert!(brightness(0, 0) > brightness(1, 0), "the shadow is darker");
+        assert_ne!(picture.get_pixel(0, 0), picture.get_pixel(2, 0));
+        assert!(
+            brightness(0, 1) > brightness(2, 0),
+            "the background lightens downwards"
+        );
+    }
+
+    #[test]
+    fn the_heat_map_spans_its_scale() {
+        let (size, packets, _) = small();
+        let (picture, greatest) = heatmap(size, &packets, &[0, 5, 10, 10], None);
+        assert_eq!(greatest, 10);
+        assert_eq!(picture.get_pixel(0, 0).0, heatmap_colour(0.0));
+        assert_eq!(picture.get_pixel(2, 0).0, heatmap_colour(0.5));
+        assert_eq!(picture.get_pixel(0, 1).0, heatmap_colour(1.0));
+        let (picture, greatest) = heatmap(size, &packets, &[0, 5, 10, 10], Some(20));
+        assert_eq!(
+            (greatest, picture.get_pixel(0, 1).0),
+            (20, heatmap_colour(0.5))
+        );
+        assert_eq!(heatmap(size, &packets, &[0; 4], None).1, 0);
+    }
+
+    #[test]
+    fn heat_map_colours_lighten_throughout() {
+        let light = |[r, g, b]: [u8; 3]| {
+            0.2126 * f64::from(r) + 0.7152 * f64::from(g) + 0.0722 * f64::from(b)
+        };
+        let scale: Vec<f64> = (0..=100)
+            .map(|i| light(heatmap_colour(f64::from(i) / 100.0)))
+            .collect();
+        assert!(scale.windows(2).all(|pair| pair[0] < pair[1]));
+        assert_eq!(heatmap_colour(-1.0), heatmap_colour(0.0));
+        assert_eq!(heatmap_colour(7.0), heatmap_colour(1.0));
+    }
+
+    #[test]
+    fn a_png_reads_back_whatever_its_name() {
+        let folder = tempfile::tempdir().unwrap();
+        let (size, packets, _) = small();
+        let (picture, _) = heatmap(size, &packets, &[1, 2, 3, 4], None);
+        let path = folder.path().join("picture");
+        write_png(&path, &picture).unwrap();
+        let bytes = std::fs::read(&path).unwrap();
+        let read = image::load_from_memory_with_format(&bytes, ImageFormat::Png).unwrap();
+        assert_eq!(read.to_rgb8(), picture);
+        assert!(write_png(&folder.path().join("no/such/place.png"), &picture).is_err());
+    }
+}

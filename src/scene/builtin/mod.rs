@@ -1,0 +1,175 @@
+//! Scenes that need no file.
+
+mod cornell;
+mod interior;
+mod shapes;
+mod teapot;
+mod teapot_data;
+
+use super::{Mesh, Scene};
+use anyhow::{Result, bail, ensure};
+use std::ops::RangeInclusive;
+
+/// The names that [`builtin()`] knows.
+pub const BUILTIN_NAMES: [&str; 5] = ["teapot", "cornell", "interior", "sphere", "knot"];
+
+/// Builds a scene that needs no file.
+///
+/// `spec` is a name, then optionally `?key=value` and more of them after `&`:
+///
+/// | name | parameters (range, default) | what |
+/// |---|---|---|
+/// | `teapot` | `tessellation` (1–128, 10) | the Utah teapot, each Bézier patch cut into tessellation² quads: 6,320 triangles |
+/// | `cornell` | | the Cornell box as measured, 38 triangles |
+/// | `interior` | | a vaulted hall with arcades, columns, benches and chandeliers |
+/// | `sphere` | `level` (0–8, 4) | an icosahedron subdivided level times: closed, 20·4^level triangles |
+/// | `knot` | `segments` (8–4096, 384), `sides` (3–64, 16) | a tube along a trefoil knot: closed, 2·segments·sides triangles |
+///
+/// Every scene is the same on every machine: coordinates lie on a fine grid, which takes up the last bits in
+/// which libraries of elementary functions differ.
+///
+/// # Errors
+/// One line if the name, a parameter's name or its value is unknown or out of range.
+pub fn builtin(spec: &str) -> Result<Scene> {
+    let (name, parameters) = spec.split_once('?').unwrap_or((spec, ""));
+    let mut parameters = Parameters::parse(name, parameters)?;
+    let mesh = match name {
+        "teapot" => teapot::mesh(parameters.take("tessellation", 1..=128, 10)?),
+        "cornell" => cornell::mesh(),
+        "interior" => interior::mesh(),
+        "sphere" => shapes::sphere(parameters.take("level", 0..=8, 4)?),
+        "knot" => shapes::knot(
+            parameters.take("segments", 8..=4096, 384)?,
+            parameters.take("sides", 3..=64, 16)?,
+        ),
+        _ => bail!(
+            "builtin:{name}: no such built-in scene; there are {}",
+            BUILTIN_NAMES.join(", ")
+        ),
+    };
+    parameters.finish()?;
+    Ok(Scene {
+        name: name.to_string(),
+        mesh,
+    })
+}
+
+/// The parameters of a built-in scene that are still to be used.
+struct Parameters<'a> {
+    scene: &'a str,
+    left: Vec<(&'a str, &'a str)>,
+    known: Vec<&'static str>,
+}
+
+impl<'a> Parameters<'a> {
+    fn parse(scene: &'a str, text: &'a str) -> Result<Self> {
+        let mut left: Vec<(&str, &str)> = Vec::new();
+        for part in text.split('&').filter(|part| !part.is_empty()) {
+            let Some((key, value)) = part.split_once('=') else {
+                bail!("builtin:{scene}: `{part}` has no value; write {part}=VALUE");
+            };
+            ensure!(
+                left.iter().all(|&(other, _)| other != key),
+                "builtin:{scene}: `{key}` is given twice; give it once"
+            );
+            left.push((key, value));
+        }
+        Ok(Self {
+            scene,
+            left,
+            known: Vec::new(),
+        })
+    }
+
+    fn take(&mut self, key: &'static str, range: RangeInclusive<u32>, default: u32) -> Result<u32> {
+        self.known.push(key);
+        let Some(index) = self.left.iter().position(|&(given, _)| given == key) else {
+            return Ok(default);
+        };
+        let (_, value) = self.left.swap_remove(index);
+        match value.parse() {
+            Ok(number) if range.contains(&number) => Ok(number),
+            _ => bail!(
+                "builtin:{}: {key} is `{value}`; give a whole number from {} to {}",
+                self.scene,
+                range.start(),
+                range.end()
+            ),
+        }
+    }
+
+    fn finish(self) -> Result<()> {
+        let Some((key, _)) = self.left.first() else {
+            return Ok(());
+        };
+        let scene = self.scene;
+        match self.known.as_slice() {
+            [] => bail!("builtin:{scene}: unknown parameter `{key}`; this scene has none"),
+            known => bail!(
+                "builtin:{scene}: unknown parameter `{key}`; there are {}",
+                known.join(", ")
+            ),
+        }
+    }
+}
+
+/// Puts a coordinate on the grid of built-in scenes, multiples of 2⁻³²: what is computed in two ways from
+/// the same numbers becomes the same, and so does what two machines compute.
+fn snap(x: f64) -> f64 {
+    const GRID: f64 = (1u64 << 32) as f64;
+    (x * GRID).round() / GRID + 0.0
+}
+
+/// Vertices that are found again by their position.
+#[derive(Default)]
+struct Welder {
+    mesh: Mesh,
+    found: std::collections::HashMap<[u64; 3], u32>,
+}
+
+impl Welder {
+    fn vertex(&mut self, position: [f64; 3]) -> u32 {
+        let position = position.map(snap);
+        *self
+            .found
+            .entry(position.map(f64::to_bits))
+            .or_insert_with(|| {
+                self.mesh.positions.push(position);
+                (self.mesh.positions.len() - 1) as u32
+            })
+    }
+
+    /// Adds a triangle unless two of its corners are the same.
+    fn triangle(&mut self, [a, b, c]: [u32; 3]) {
+        if a != b && b != c && c != a {
+            self.mesh.triangles.push([a, b, c]);
+        }
+    }
+
+    fn quad(&mut self, [a, b, c, d]: [[f64; 3]; 4]) {
+        let [a, b, c, d] = [a, b, c, d].map(|p| self.vertex(p));
+        self.triangle([a, b, c]);
+        self.triangle([a, c, d]);
+    }
+
+    /// Adds the surface `position(i / columns, j / rows)`, columns × rows quads.
+    fn surface(&mut self, columns: u32, rows: u32, position: impl Fn(f64, f64) -> [f64; 3]) {
+        let grid: Vec<u32> = (0..=rows)
+            .flat_map(|j| (0..=columns).map(move |i| (i, j)))
+            .map(|(i, j)| {
+                self.vertex(position(
+                    f64::from(i) / f64::from(columns),
+                    f64::from(j) / f64::from(rows),
+                ))
+            })
+            .collect();
+        let at = |i: u32, j: u32| grid[(j * (columns + 1) + i) as usize];
+        for j in 0..rows {
+            for i in 0..columns {
+                let (a, b, c, d) = (at(i, j), at(i + 1, j), at(i + 1, j + 1), at(i, j + 1));
+                self.triangle([a, b, c]);
+                self.triangle([a, c, d]);
+            }
+        }
+    }
+}

@@ -1,0 +1,323 @@
+//! Scenes in the machine's numbers.
+
+use super::{Bounds, Mesh, Scene, used_bounds};
+use crate::float::{Arithmetic, Format};
+use anyhow::{Context, Result, ensure};
+
+/// A mesh scaled by a power of two and rounded once to the machine's number format. Trees, memory images
+/// and results derive from it alone.
+#[derive(Clone, Debug, PartialEq)]
+pub struct MachineMesh {
+    /// The format whose numbers the vertices are.
+    pub format: Format,
+    /// A scene coordinate times 2^`log2_scale` is a machine coordinate.
+    pub log2_scale: i32,
+    /// Numbers of the format, carried exactly; −0 does not occur.
+    pub vertices: Vec<[f64; 3]>,
+    /// Three indices into `vertices` each, as in the scene's mesh.
+    pub triangles: Vec<[u32; 3]>,
+}
+
+impl MachineMesh {
+    /// The greatest magnitude of a scaled scene's coordinates, as a power of two: 2⁸ = 256, or 2^(bias − 1)
+    /// where a format of few exponent bits has less, which leaves room for distances and for rays that
+    /// start outside.
+    pub fn log2_limit(format: Format) -> i32 {
+        8.min(format.bias() - 1)
+    }
+
+    /// Scales a scene by the greatest power of two with which the box of its triangles fits the limit (by 1,
+    /// if all of its vertices are at the origin) and rounds its vertices.
+    ///
+    /// # Errors
+    /// If the mesh has no triangles, a triangle names a vertex that does not exist, a vertex is not finite, or
+    /// the scale is not a power of two that a double-precision number can be.
+    pub fn new(scene: &Scene, format: Format) -> Result<Self> {
+        let Scene { name, mesh } = scene;
+        check(mesh).with_context(|| format!("scene {name}"))?;
+        let (low, high) = scene.bounds();
+        let greatest = low
+            .iter()
+            .chain(&high)
+            .fold(0f64, |greatest, x| greatest.max(x.abs()));
+        let log2_scale = match greatest {
+            0.0 => 0,
+            greatest => Self::log2_limit(format) - ceil_log2(greatest),
+        };
+        ensure!(
+            (-1022..=1023).contains(&log2_scale),
+            "scene {name}: its greatest coordinate, {greatest:e}, would have to be scaled by 2^{log2_scale}, which no number can be; scale the scene towards 1"
+        );
+        let (arithmetic, scale) = (Arithmetic::new(format), power_of_two(log2_scale));
+        let vertices = mesh.positions.iter();
+        Ok(Self {
+            format,
+            log2_scale,
+            vertices: vertices
+                .map(|p| p.map(|x| arithmetic.round(x * scale) + 0.0))
+                .collect(),
+            triangles: mesh.triangles.clone(),
+        })
+    }
+
+    /// The exact box of the vertices that triangles use, in machine coordinates.
+    ///
+    /// # Panics
+    /// If there are no triangles.
+    pub fn bounds(&self) -> Bounds {
+        used_bounds(&self.vertices, &self.triangles).expect("a machine mesh has triangles")
+    }
+
+    /// 2^`log2_scale`: machine units per scene unit.
+    pub fn scale(&self) -> f64 {
+        power_of_two(self.log2_scale)
+    }
+
+    /// What of `scene`, which this was made from, the format cannot hold, a line each.
+    pub fn warnings(&self, scene: &Scene) -> Vec<String> {
+        let mut warnings = Vec::new();
+        let (name, format) = (&scene.name, self.format);
+        let total = self.triangles.len();
+        let degenerate = self
+            .triangles
+            .iter()
+            .filter(|&&triangle| {
+                is_degenerate(&self.vertices, triangle)
+                    && !is_degenerate(&scene.mesh.positions, triangle)
+            })
+            .count();
+        if degenerate > 0 {
+            warnings.push(format!(
+                "scene {name}: {degenerate} of {total} triangles have no area once rounded to {format}; a format with more fraction bits would keep them"
+            ));
+        }
+        let flushed = std::iter::zip(&scene.mesh.positions, &self.vertices)
+            .flat_map(|(before, after)| std::iter::zip(before, after))
+            .filter(|&(&before, &after)| before != 0.0 && after == 0.0)
+            .count();
+        if flushed > 0 {
+            warnings.push(format!(
+                "scene {name}: {flushed} coordinates are too small for {format} and became zero; a format with more exponent bits would keep them"
+            ));
+        }
+        // Far from the origin, neighbouring numbers lie further apart than the scene's details.
+        let (low, high) = self.bounds();
+        let extent = (0..3).map(|k| high[k] - low[k]).fold(0f64, f64::max);
+        let greatest = low.iter().chain(&high).fold(0f64, |g, x| g.max(x.abs()));
+        if extent < greatest / 16.0 {
+            warnings.push(format!(
+                "scene {name}: lies {:.0} times its own size away from the origin, where {format} is coarse; move it to the origin",
+                (greatest / extent).min(1e9)
+            ));
+        }
+        warnings
+    }
+}
+
+/// That every triangle's vertices exist and are finite.
+fn check(mesh: &Mesh) -> Result<()> {
+    ensure!(
+        !mesh.triangles.is_empty(),
+        "is an empty mesh, it has no triangles; give it some"
+    );
+    for (number, triangle) in mesh.triangles.iter().enumerate() {
+        for &vertex in triangle {
+            let position = mesh.positions.get(vertex as usize).with_context(|| {
+                format!(
+                    "triangle {number} names vertex {vertex}, which is out of range (there are {}, counted from 0); correct the mesh",
+                    mesh.positions.len()
+                )
+            })?;
+            ensure!(
+                position.iter().all(|x| x.is_finite()),
+                "vertex {vertex} of triangle {number} is not finite: {position:?}; correct the mesh"
+            );
+        }
+    }
+    Ok(())
+}
+
+/// 2^exponent, for exponents of normal double-precision numbers.
+fn power_of_two(exponent: i32) -> f64 {
+    assert!((-1022..=1023).contains(&exponent));
+    f64::from_bits(((exponent + 1023) as u64) << 52)
+}
+
+/// The least k with x ≤ 2^k, for a finite x > 0.
+fn ceil_log2(x: f64) -> i32 {
+    // Subnormal numbers have no exponent of their own.
+    let (x, shift) = if x < f64::MIN_POSITIVE {
+        (x * power_of_two(100), 100)
+    } else {
+        (x, 0)
+    };
+    let bits = x.to_bits();
+    let is_power = bits & ((1 << 52) - 1) == 0;
+    (bits >> 52) as i32 - 1023 - shift + i32::from(!is_power)
+}
+
+/// Whether a triangle's edges are parallel, which includes that corners coincide. Exact as long as its edges are.
+fn is_degenerate(positions: &[[f64; 3]], triangle: [u32; 3]) -> bool {
+    let [a, b, c] = triangle.map(|index| positions[index as usize]);
+    let ab: [f64; 3] = std::array::from_fn(|k| b[k] - a[k]);
+    let ac: [f64; 3] = std::array::from_fn(|k| c[k] - a[k]);
+    (0..3).all(|k| {
+        let (i, j) = ((k + 1) % 3, (k + 2) % 3);
+        // A product is its rounded value and the error that a fused operation gives back.
+        let product = |x: f64, y: f64| (x * y, x.mul_add(y, -(x * y)));
+        product(ab[i], ac[j]) == product(ab[j], ac[i])
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn scene(positions: &[[f64; 3]]) -> Scene {
+        let count = positions.len() as u32 / 3;
+        Scene {
+            name: "test".into(),
+            mesh: Mesh {
+                positions: positions.to_vec(),
+                triangles: (0..count).map(|i| [3 * i, 3 * i + 1, 3 * i + 2]).collect(),
+            },
+        }
+    }
+
+    fn triangle_to(greatest: f64) -> Scene {
+        scene(&[[0.0; 3], [greatest, 0.0, 0.0], [0.0, greatest / 2.0, 0.0]])
+    }
+
+    #[test]
+    fn the_scale_is_the_greatest_that_fits() {
+        for (greatest, expected) in [
+            (1.0, 8),
+            (256.0, 0),
+            (256.0 + 1e-9, -1),
+            (-256.0, 0),
+            (255.0, 0),
+            (128.0, 1),
+            (1e-300, 1004),
+            (1e300, -989),
+        ] {
+            let mesh = MachineMesh::new(&triangle_to(greatest), Format::FP24).unwrap();
+            assert_eq!(mesh.log2_scale, expected, "for {greatest}");
+            let reached = mesh.vertices[1][0].abs();
+            assert!(reached > 128.0 && reached <= 256.0, "{reached}");
+        }
+    }
+
+    #[test]
+    fn few_exponent_bits_lower_the_limit() {
+        for (exponent_bits, limit) in [(3, 4.0), (4, 64.0), (5, 256.0), (8, 256.0)] {
+            let format = Format::new(exponent_bits, 8).unwrap();
+            let mesh = MachineMesh::new(&triangle_to(1024.0), format).unwrap();
+            assert_eq!(mesh.vertices[1][0], limit);
+            assert_eq!(mesh.scale(), limit / 1024.0);
+        }
+    }
+
+    #[test]
+    fn vertices_are_rounded_once_and_have_no_negative_zero() {
+        let odd = 1.0 + 2f64.powi(-17) + 2f64.powi(-40);
+        let mesh = MachineMesh::new(
+            &scene(&[[256.0, -0.0, odd], [0.0, -1e-300, 1.0], [0.0, 1.0, 0.0]]),
+            Format::FP24,
+        )
+        .unwrap();
+        assert_eq!(mesh.vertices[0], [256.0, 0.0, 1.0 + 2f64.powi(-16)]);
+        for x in mesh.vertices.iter().flatten() {
+            assert!(x.to_bits() != (-0.0f64).to_bits());
+        }
+    }
+
+    #[test]
+    fn flat_scenes_and_single_points_have_a_scale() {
+        let flat = MachineMesh::new(&triangle_to(3.0), Format::FP24).unwrap();
+        assert_eq!(flat.bounds(), ([0.0; 3], [192.0, 96.0, 0.0]));
+        let point = MachineMesh::new(&scene(&[[0.0; 3]; 3]), Format::FP24).unwrap();
+        assert_eq!(
+            (point.log2_scale, point.bounds()),
+            (0, ([0.0; 3], [0.0; 3]))
+        );
+        assert!(point.warnings(&scene(&[[0.0; 3]; 3])).is_empty());
+    }
+
+    #[test]
+    fn unused_vertices_do_not_count() {
+        let mut far = triangle_to(1.0);
+        far.mesh.positions.push([1e6; 3]);
+        let mesh = MachineMesh::new(&far, Format::FP24).unwrap();
+        assert_eq!(mesh.log2_scale, 8);
+        assert_eq!(mesh.bounds().1, [256.0, 128.0, 0.0]);
+    }
+
+    #[test]
+    fn lost_detail_is_counted() {
+        // The second triangle is smaller than the distance between neighbouring numbers; the third had no area before.
+        let tiny = 1e-4;
+        let all = scene(&[
+            [0.0, 0.0, 0.0],
+            [256.0, 0.0, 0.0],
+            [0.0, 256.0, 1e-30],
+            [200.0, 200.0, 0.0],
+            [200.0 + tiny, 200.0, 0.0],
+            [200.0, 200.0 + tiny, 0.0],
+            [1.0, 1.0, 1.0],
+            [2.0, 2.0, 2.0],
+            [3.0, 3.0, 3.0],
+        ]);
+        let mesh = MachineMesh::new(&all, Format::FP24).unwrap();
+        let warnings = mesh.warnings(&all);
+        assert_eq!(warnings.len(), 2, "{warnings:?}");
+        assert!(
+            warnings[0].starts_with("scene test: 1 of 3 triangles have no area once rounded to ")
+        );
+        assert!(warnings[1].starts_with("scene test: 1 coordinates are too small for "));
+    }
+
+    #[test]
+    fn a_scene_far_from_the_origin_is_warned_of() {
+        let far = scene(&[[1000.0, 0.0, 0.0], [1010.0, 0.0, 0.0], [1000.0, 10.0, 0.0]]);
+        let mesh = MachineMesh::new(&far, Format::FP24).unwrap();
+        let warnings = mesh.warnings(&far);
+        assert_eq!(warnings.len(), 1);
+        assert!(
+            warnings[0].starts_with("scene test: lies 101 times its own size away from the origin")
+        );
+    }
+
+    #[test]
+    fn degenerate_means_exactly_parallel() {
+        let p = |z: f64| [[0.0; 3], [1.0, 1.0, 1.0], [3.0, 3.0, z]];
+        assert!(is_degenerate(&p(3.0), [0, 1, 2]));
+        assert!(!is_degenerate(&p(3.0 + 1e-15), [0, 1, 2]));
+        assert!(is_degenerate(&p(7.0), [0, 1, 1]));
+    }
+
+    #[test]
+    fn bad_meshes_are_refused_in_one_line() {
+        let fault = |scene: &Scene| {
+            let error = MachineMesh::new(scene, Format::FP24).unwrap_err();
+            format!("{error:#}")
+        };
+        assert_eq!(
+            fault(&scene(&[])),
+            "scene test: is an empty mesh, it has no triangles; give it some"
+        );
+        assert_eq!(
+            fault(&triangle_to(f64::NAN)),
+            "scene test: vertex 1 of triangle 0 is not finite: [NaN, 0.0, 0.0]; correct the mesh"
+        );
+        let mut missing = triangle_to(1.0);
+        missing.mesh.triangles[0][2] = 3;
+        assert_eq!(
+            fault(&missing),
+            "scene test: triangle 0 names vertex 3, which is out of range (there are 3, counted from 0); correct the mesh"
+        );
+        assert_eq!(
+            fault(&triangle_to(5e-324)),
+            "scene test: its greatest coordinate, 5e-324, would have to be scaled by 2^1082, which no number can be; scale the scene towards 1"
+        );
+    }
+}

@@ -1,0 +1,403 @@
+//! Packets of rays, in the machine's numbers.
+
+use super::{Camera, MachineMesh};
+use crate::float::Arithmetic;
+use crate::port::{Hit, Ray};
+use anyhow::{Result, bail, ensure};
+use glam::DVec3;
+use std::fmt;
+use std::str::FromStr;
+
+/// The sizes of packets that there are.
+pub const RAYS_PER_PACKET: [usize; 4] = [1, 2, 4, 8];
+
+/// The size of an image in pixels, written as `WIDTHxHEIGHT`.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct ImageSize {
+    pub width: u32,
+    pub height: u32,
+}
+
+impl ImageSize {
+    const LIMIT: u32 = 16384;
+
+    /// # Errors
+    /// If a side is 0 or longer than 16384 pixels.
+    pub fn new(width: u32, height: u32) -> Result<Self> {
+        ensure!(
+            (1..=Self::LIMIT).contains(&width) && (1..=Self::LIMIT).contains(&height),
+            "an image of {width}x{height} pixels cannot be made; give 1 to {} for each side",
+            Self::LIMIT
+        );
+        Ok(Self { width, height })
+    }
+}
+
+impl FromStr for ImageSize {
+    type Err = anyhow::Error;
+
+    fn from_str(text: &str) -> Result<Self> {
+        let sides = text.split_once('x');
+        match sides.map(|(width, height)| (width.parse(), height.parse())) {
+            Some((Ok(width), Ok(height))) => Self::new(width, height),
+            _ => bail!("`{text}` is no image size; give WIDTHxHEIGHT in pixels, such as 512x384"),
+        }
+    }
+}
+
+impl fmt::Display for ImageSize {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{}x{}", self.width, self.height)
+    }
+}
+
+/// The rays that travel together, and the pixels they belong to.
+#[derive(Clone, Debug, PartialEq)]
+pub struct RayPacket {
+    /// Column and row of each ray's pixel, from the upper left; an inactive ray's pixel may lie outside the image.
+    pub pixels: Vec<[u32; 2]>,
+    pub rays: Vec<Ray>,
+}
+
+/// How an image is cut into packets: into blocks of 1×1, 2×1, 2×2 or 4×2 pixels, row by row from the upper
+/// left, within a block as well.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Frame {
+    size: ImageSize,
+    /// Width and height of a block.
+    block: [u32; 2],
+}
+
+impl Frame {
+    /// # Errors
+    /// If there are no packets of `rays_per_packet` rays.
+    pub fn new(size: ImageSize, rays_per_packet: usize) -> Result<Self> {
+        let block = match rays_per_packet {
+            1 => [1, 1],
+            2 => [2, 1],
+            4 => [2, 2],
+            8 => [4, 2],
+            other => bail!("there are no packets of {other} rays; choose 1, 2, 4 or 8"),
+        };
+        Ok(Self { size, block })
+    }
+
+    pub fn size(&self) -> ImageSize {
+        self.size
+    }
+
+    pub fn rays_per_packet(&self) -> usize {
+        (self.block[0] * self.block[1]) as usize
+    }
+
+    pub fn packet_count(&self) -> usize {
+        self.blocks_per_row() * self.size.height.div_ceil(self.block[1]) as usize
+    }
+
+    fn blocks_per_row(&self) -> usize {
+        self.size.width.div_ceil(self.block[0]) as usize
+    }
+
+    /// The pixels of packet number `packet`; those at the right and lower edge may lie outside the image.
+    pub fn pixels(&self, packet: usize) -> Vec<[u32; 2]> {
+        let [width, height] = self.block;
+        let column = (packet % self.blocks_per_row()) as u32 * width;
+        let row = (packet / self.blocks_per_row()) as u32 * height;
+        (0..height)
+            .flat_map(|y| (0..width).map(move |x| [column + x, row + y]))
+            .collect()
+    }
+
+    /// The rays through the pixels' centres, in the coordinates of `mesh`: the eye is scaled and rounded, the
+    /// direction computed in double precision from the camera's frame and rounded. It is not normalised and not scaled:
+    /// a hit is t·|direction| machine units away. tmin is 0, tmax +∞; rays of pixels outside the image are inactive.
+    ///
+    /// # Errors
+    /// If the eye lies beyond the format's greatest number.
+    pub fn primary_rays(&self, camera: &Camera, mesh: &MachineMesh) -> Result<Vec<RayPacket>> {
+        let arithmetic = Arithmetic::new(mesh.format);
+        let origin = camera.eye.map(|x| arithmetic.round(x * mesh.scale()) + 0.0);
+        ensure!(
+            origin.iter().all(|x| x.is_finite()),
+            "the camera's eye ({}, {}, {}) lies too far from the scene for {}; move it nearer",
+            camera.eye[0],
+            camera.eye[1],
+            camera.eye[2],
+            mesh.format
+        );
+        let ImageSize { width, height } = self.size;
+        let (columns, rows) = (f64::from(width), f64::from(height));
+        let ray = |[column, row]: [u32; 2]| {
+            let x = (2.0 * (f64::from(column) + 0.5) - columns) / rows;
+            let y = 1.0 - 2.0 * (f64::from(row) + 0.5) / rows;
+            let Camera {
+                forward, right, up, ..
+            } = camera;
+            Ray {
+                origin,
+                direction: std::array::from_fn(|k| {
+                    arithmetic.round(forward[k] + x * right[k] + y * up[k])
+                }),
+                tmin: 0.0,
+                tmax: f64::INFINITY,
+                active: column < width && row < height,
+                any_hit: false,
+            }
+        };
+        Ok((0..self.packet_count())
+            .map(|packet| {
+                let pixels = self.pixels(packet);
+                let rays = pixels.iter().map(|&pixel| ray(pixel)).collect();
+                RayPacket { pixels, rays }
+            })
+            .collect())
+    }
+}
+
+/// Any-hit rays from what `packets` hit to a point light: a hit means shadow.
+///
+/// `hits` are the results of all rays in order, inactive ones included. `light` is in scene units. A shadow
+/// ray begins at its hit, pushed off the surface along the triangle's normal, to the side that the ray came
+/// from, by 32 ulps of the scene's greatest coordinate, or 1/64 of the diagonal of its box if that is
+/// less. Its direction is light − origin, tmin is 0 and tmax 1. Rays that hit nothing, and those that
+/// begin exactly at the light, are inactive.
+///
+/// # Errors
+/// If the light lies beyond the format's greatest number.
+///
+/// # Panics
+/// If there are not as many hits as rays, or a hit's triangle is not in `mesh`.
+pub fn shadow_rays(
+    packets: &[RayPacket],
+    hits: &[Hit],
+    mesh: &MachineMesh,
+    light: [f64; 3],
+) -> Result<Vec<RayPacket>> {
+    let arithmetic = Arithmetic::new(mesh.format);
+    let light = light.map(|x| arithmetic.round(x * mesh.scale()) + 0.0);
+    ensure!(
+        light.iter().all(|x| x.is_finite()),
+        "the light lies too far from the scene for {}; move it nearer",
+        mesh.format
+    );
+    let ray_count: usize = packets.iter().map(|packet| packet.rays.len()).sum();
+    assert_eq!(hits.len(), ray_count, "every ray has a hit");
+    let offset = shadow_offset(mesh);
+    let shadow = |ray: &Ray, hit: &Hit| {
+        let Some(&triangle) = mesh.triangles.get(hit.triangle as usize) else {
+            assert!(!hit.is_hit(), "hits are of this mesh");
+            return Ray::INACTIVE;
+        };
+        let [a, b, c] = triangle.map(|index| DVec3::from(mesh.vertices[index as usize]));
+        let direction = DVec3::from(ray.direction);
+        let normal = (b - a).cross(c - a).normalize_or_zero();
+        let towards_ray = if normal.dot(direction) > 0.0 {
+            -normal
+        } else {
+            normal
+        };
+        let point = DVec3::from(ray.origin) + hit.t * direction + offset * towards_ray;
+        let origin = point.to_array().map(|x| arithmetic.round(x) + 0.0);
+        let direction = std::array::from_fn(|k| arithmetic.round(light[k] - origin[k]));
+        if direction == [0.0; 3] {
+            return Ray::INACTIVE;
+        }
+        Ray {
+            origin,
+            direction,
+            tmin: 0.0,
+            tmax: 1.0,
+            active: true,
+            any_hit: true,
+        }
+    };
+    let mut hits = hits.iter();
+    Ok(packets
+        .iter()
+        .map(|packet| RayPacket {
+            pixels: packet.pixels.clone(),
+            rays: std::iter::zip(&packet.rays, &mut hits)
+                .map(|(ray, hit)| shadow(ray, hit))
+                .collect(),
+        })
+        .collect())
+}
+
+/// How far shadow rays begin off the surface, in machine units; see [`shadow_rays`].
+fn shadow_offset(mesh: &MachineMesh) -> f64 {
+    let (low, high) = mesh.bounds();
+    let greatest = low.iter().chain(&high).fold(0f64, |g, x| g.max(x.abs()));
+    let ulps = 32.0 * greatest / (1u64 << mesh.format.fraction_bits()) as f64;
+    ulps.min(DVec3::from(low).distance(high.into()) / 64.0)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::float::Format;
+    use crate::scene::builtin;
+
+    fn sphere() -> MachineMesh {
+        MachineMesh::new(&builtin("sphere?level=1").unwrap(), Format::FP24).unwrap()
+    }
+
+    fn camera() -> Camera {
+        Camera::look_at([0.0, 0.0, 3.0], [0.0; 3], [0.0, 1.0, 0.0], 90.0).unwrap()
+    }
+
+    fn frame(size: &str, rays: usize) -> Frame {
+        Frame::new(size.parse().unwrap(), rays).unwrap()
+    }
+
+    #[test]
+    fn every_pixel_has_one_active_ray_in_every_packet_size() {
+        for size in ["13x7", "1x1", "16x8", "3x2"] {
+            let mut rays_by_pixel = Vec::new();
+            for count in RAYS_PER_PACKET {
+                let frame = frame(size, count);
+                let packets = frame.primary_rays(&camera(), &sphere()).unwrap();
+                assert_eq!(packets.len(), frame.packet_count());
+                let mut active: Vec<([u32; 2], [f64; 3])> = Vec::new();
+                for packet in &packets {
+                    assert_eq!((packet.pixels.len(), packet.rays.len()), (count, count));
+                    for (&pixel, ray) in packet.pixels.iter().zip(&packet.rays) {
+                        let is_inside =
+                            pixel[0] < frame.size().width && pixel[1] < frame.size().height;
+                        assert_eq!(ray.active, is_inside);
+                        if ray.active {
+                            active.push((pixel, ray.direction));
+                        }
+                    }
+                }
+                active.sort_by_key(|&(pixel, _)| pixel);
+                let pixels: Vec<_> = active.iter().map(|&(pixel, _)| pixel).collect();
+                let ImageSize { width, height } = frame.size();
+                let expected: Vec<_> = (0..width)
+                    .flat_map(|x| (0..height).map(move |y| [x, y]))
+                    .collect();
+                assert_eq!(pixels, expected);
+                rays_by_pixel.push(active);
+            }
+            assert!(rays_by_pixel.windows(2).all(|pair| pair[0] == pair[1]));
+        }
+    }
+
+    #[test]
+    fn blocks_have_the_stated_shapes() {
+        assert_eq!(frame("8x4", 2).pixels(1), [[2, 0], [3, 0]]);
+        assert_eq!(frame("8x4", 4).pixels(5), [[2, 2], [3, 2], [2, 3], [3, 3]]);
+        assert_eq!(
+            frame("8x4", 8).pixels(1)[4..],
+            [[4, 1], [5, 1], [6, 1], [7, 1]]
+        );
+        let fault = Frame::new("8x4".parse().unwrap(), 3).unwrap_err();
+        assert_eq!(
+            fault.to_string(),
+            "there are no packets of 3 rays; choose 1, 2, 4 or 8"
+        );
+    }
+
+    #[test]
+    fn rays_go_through_pixel_centres() {
+        let mesh = sphere();
+        let packets = frame("4x2", 1).primary_rays(&camera(), &mesh).unwrap();
+        let directions: Vec<_> = packets.iter().map(|p| p.rays[0].direction).collect();
+        let row = |y: f64| [-1.5, -0.5, 0.5, 1.5].map(|x| [x, y, -1.0]);
+        let expected = [row(0.5), row(-0.5)].concat();
+        for (direction, expected) in directions.iter().zip(&expected) {
+            let distance = DVec3::from(*direction).distance((*expected).into());
+            assert!(distance < 1e-4, "{direction:?} {expected:?}");
+        }
+        let Ray {
+            origin,
+            tmin,
+            tmax,
+            any_hit,
+            ..
+        } = packets[0].rays[0];
+        assert_eq!(mesh.log2_scale, 8);
+        assert_eq!(
+            (origin, tmin, tmax),
+            ([0.0, 0.0, 768.0], 0.0, f64::INFINITY)
+        );
+        assert!(!any_hit);
+    }
+
+    #[test]
+    fn an_eye_beyond_the_format_is_refused() {
+        let mut camera = camera();
+        camera.eye = [1e30, 0.0, 0.0];
+        let fault = frame("4x2", 1)
+            .primary_rays(&camera, &sphere())
+            .unwrap_err();
+        let text = fault.to_string();
+        assert!(text.starts_with("the camera's eye (1000000000000000000000000000000, 0, 0) lies too far from the scene for "), "{text}");
+    }
+
+    #[test]
+    fn shadow_rays_lead_from_the_lit_side_to_the_light() {
+        let mesh = sphere();
+        let ray = Ray {
+            origin: [0.0, 0.0, 768.0],
+            direction: [0.0, 0.0, -1.0],
+            tmin: 0.0,
+            tmax: f64::INFINITY,
+            active: true,
+            any_hit: false,
+        };
+        let packet = RayPacket {
+            pixels: vec![[0, 0], [1, 0]],
+            rays: vec![ray, ray],
+        };
+        let hit = Hit {
+            t: 512.0,
+            u: 0.0,
+            v: 0.0,
+            instance: 0,
+            triangle: 0,
+        };
+        let light = [0.0, 0.0, 2.0];
+        let shadows = shadow_rays(&[packet], &[hit, Hit::MISS], &mesh, light).unwrap();
+        let [lit, missed] = shadows[0].rays[..] else {
+            panic!("two rays");
+        };
+        assert!(!missed.active);
+        assert!(lit.active && lit.any_hit);
+        assert_eq!((lit.tmin, lit.tmax), (0.0, 1.0));
+        let origin = DVec3::from(lit.origin);
+        let distance = origin.distance(DVec3::new(0.0, 0.0, 256.0));
+        let offset = shadow_offset(&mesh);
+        assert!(
+            (distance - offset).abs() < 0.02 && offset > 0.1,
+            "{distance} {offset}"
+        );
+        assert!(origin.z > 256.0 - 1e-9, "pushed towards the eye");
+        let end = origin + DVec3::from(lit.direction);
+        assert!(end.distance(DVec3::new(0.0, 0.0, 512.0)) < 0.02);
+    }
+
+    #[test]
+    fn sizes_are_read_and_refused() {
+        let size: ImageSize = "512x384".parse().unwrap();
+        assert_eq!(
+            (size.width, size.height, size.to_string()),
+            (512, 384, "512x384".into())
+        );
+        for (text, expected) in [
+            (
+                "512",
+                "`512` is no image size; give WIDTHxHEIGHT in pixels, such as 512x384",
+            ),
+            (
+                "5x-1",
+                "`5x-1` is no image size; give WIDTHxHEIGHT in pixels, such as 512x384",
+            ),
+            (
+                "0x5",
+                "an image of 0x5 pixels cannot be made; give 1 to 16384 for each side",
+            ),
+        ] {
+            assert_eq!(text.parse::<ImageSize>().unwrap_err().to_string(), expected);
+        }
+    }
+}
