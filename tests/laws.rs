@@ -6,8 +6,10 @@
 use dynrt::bkd::{BuildOptions, Child, MemoryImage, Tree, TreeNode, build};
 use dynrt::config::TriangleTest;
 use dynrt::float::{Arithmetic, Format};
+use dynrt::golden::oracle::Oracle;
 use dynrt::golden::{BruteForce, Caster, brute_force};
 use dynrt::port::{Hit, Ray};
+use dynrt::scene::{self, Camera, ImageSize, MachineMesh};
 use fastrand::Rng;
 use rayon::prelude::*;
 
@@ -423,6 +425,13 @@ fn check_batch(kind: Kind, format: Format, test: TriangleTest, rays: usize, seed
         )
     };
     check_same(what, format, &rays, &got, &want);
+    // The fast brute force is the plain one.
+    let few = &rays[..8];
+    let plain: Vec<Hit> = few
+        .iter()
+        .map(|ray| brute_force(&image, test, ray))
+        .collect();
+    check_same(what, format, few, &want[..8], &plain);
     let mut tally = Tally::default();
     for (ray, hit) in rays.iter().zip(&want) {
         tally.count(&mesh, ray, hit);
@@ -468,4 +477,292 @@ fn nothing_is_lost_and_the_tree_does_not_show() {
     for count in all.fields() {
         assert!(*count > 1000, "a kind of ray is missing");
     }
+}
+
+/// A scene of the user's size, with rays that look at it.
+struct View {
+    name: String,
+    mesh: Mesh,
+    camera: Camera,
+    machine: MachineMesh,
+}
+
+impl View {
+    fn new(spec: &str, inside: bool) -> View {
+        let scene = scene::load(spec).unwrap_or_else(|error| panic!("{error:#}"));
+        let machine = MachineMesh::new(&scene, Format::FP24).expect("the scene fits");
+        let camera = if inside {
+            Camera::inside(scene.bounds())
+        } else {
+            Camera::outside(scene.bounds())
+        };
+        View {
+            name: scene.name,
+            mesh: Mesh {
+                format: machine.format,
+                vertices: machine.vertices.clone(),
+                triangles: machine.triangles.clone(),
+            },
+            camera,
+            machine,
+        }
+    }
+
+    /// About `count` rays: through a picture's pixels, with every third ray from somewhere in the scene's box to a
+    /// point of some triangle instead, some of them limited or any-hit.
+    fn rays(&self, count: usize, rng: &mut Rng) -> Vec<Ray> {
+        let height = (count as f64 * 0.75).sqrt().ceil() as u32;
+        let size = ImageSize::new(height * 4 / 3, height).expect("a size");
+        let frame = scene::Frame::new(size, 4).expect("four rays a packet");
+        let packets = frame
+            .primary_rays(&self.camera, &self.machine)
+            .expect("an eye in range");
+        let mut rays: Vec<Ray> = packets.into_iter().flat_map(|packet| packet.rays).collect();
+        let a = Arithmetic::new(self.mesh.format);
+        let (lo, hi) = self.machine.bounds();
+        for packet in rays.chunks_mut(4).skip(2).step_by(3) {
+            let origin = [0, 1, 2].map(|i| a.round(between(rng, lo[i], hi[i])));
+            let triangle = self.mesh.triangles[rng.usize(..self.mesh.triangles.len())];
+            for (ray, vertex) in packet.iter_mut().zip(triangle.iter().cycle()) {
+                let target = self.mesh.vertices[*vertex as usize];
+                *ray = Ray {
+                    origin,
+                    direction: [0, 1, 2].map(|i| a.round(target[i] - origin[i])),
+                    tmin: one_of(rng, &[0.0, 0.0, 0.25]),
+                    tmax: one_of(rng, &[f64::INFINITY, 1.0, 0.75]),
+                    active: true,
+                    any_hit: rng.u8(..4) == 0,
+                };
+            }
+        }
+        rays
+    }
+}
+
+/// Where the shared scenes lie, beside the checkout.
+fn shared(path: &str) -> Option<String> {
+    let path = format!("{}/../shared/scenes/{path}", env!("CARGO_MANIFEST_DIR"));
+    let there = std::path::Path::new(&path).exists();
+    if !there {
+        eprintln!("{path} is absent: not tested with it");
+    }
+    there.then_some(path)
+}
+
+#[test]
+fn real_scenes_obey_the_law_too() {
+    let seed = seed();
+    let full = std::env::var_os("DYNRT_FULL").is_some();
+    let count = if full { FULL_RAYS } else { QUICK_RAYS };
+    let mut views = vec![
+        View::new("builtin:interior", true),
+        View::new("builtin:teapot", false),
+    ];
+    for (path, inside) in [
+        ("sponza/sponza.obj", true),
+        ("kitchen/kitchen.obj", true),
+        ("stanford_bunny/stanford-bunny.obj", false),
+    ] {
+        views.extend(shared(path).map(|path| View::new(&path, inside)));
+    }
+    for view in views {
+        let rng = &mut Rng::with_seed(seed);
+        let format = view.mesh.format;
+        let rays = view.rays(count, rng);
+        assert!(rays.len() >= count);
+        let trees =
+            [0, 1, 3].map(|kind| (kind, view.mesh.image(&some_tree(&view.mesh, kind, rng))));
+        let mut hits = 0;
+        for test in TESTS {
+            let want = BruteForce::new(&trees[0].1, test).cast(&rays);
+            hits += want.iter().filter(|hit| hit.is_hit()).count();
+            for (kind, image) in &trees {
+                for size in PACKETS {
+                    let got = Caster::new(image, test, size).cast_packets(&rays).hits;
+                    let what =
+                        || format!("{} {test:?}, tree {kind}, {size} rays a packet", view.name);
+                    check_same(what, format, &rays, &got, &want);
+                }
+            }
+        }
+        let tested = TESTS.len() * rays.len();
+        println!(
+            "{}: {tested} rays by brute force, {hits} hits, each with 3 trees and 4 packet sizes",
+            view.name
+        );
+        assert!(hits > tested / 4, "{}: hardly anything is hit", view.name);
+    }
+}
+
+/// A closed mesh and points within it.
+struct Room {
+    name: &'static str,
+    mesh: Mesh,
+    origins: Vec<[f64; 3]>,
+}
+
+/// A built-in closed mesh as the machine sees it. From the middle of each of some triangles, inwards along its
+/// normal to whatever comes next: halfway is inside.
+fn built_in_room(name: &'static str, rng: &mut Rng) -> Room {
+    let mesh = View::new(name, true).mesh;
+    let a = Arithmetic::new(mesh.format);
+    let oracle = Oracle::new(&mesh.vertices, &mesh.triangles);
+    let mut origins = Vec::new();
+    while origins.len() < 64 {
+        let triangle = mesh.triangles[rng.usize(..mesh.triangles.len())];
+        let [p, q, r] = triangle.map(|v| glam::DVec3::from_array(mesh.vertices[v as usize]));
+        let inwards = (r - p).cross(q - p).normalize();
+        let start = (p + q + r) / 3.0 + 1e-3 * inwards;
+        let hit = oracle.cast(&plain_ray(start.to_array(), inwards.to_array()));
+        assert!(hit.is_hit(), "{name} is not closed, or inside out");
+        origins.push(
+            (start + 0.5 * hit.t * inwards)
+                .to_array()
+                .map(|x| a.round(x)),
+        );
+    }
+    Room {
+        name,
+        mesh,
+        origins,
+    }
+}
+
+fn plain_ray(origin: [f64; 3], direction: [f64; 3]) -> Ray {
+    Ray {
+        origin,
+        direction,
+        tmin: 0.0,
+        tmax: f64::INFINITY,
+        active: true,
+        any_hit: false,
+    }
+}
+
+/// The surface of a cube as `n` × `n` squares a side, cut along one diagonal, its lattice points moved by `place`.
+fn cube(name: &'static str, n: i32, place: impl Fn([i32; 3]) -> [f64; 3]) -> Room {
+    let mut numbers = std::collections::BTreeMap::new();
+    let mut vertices = Vec::new();
+    let a = Arithmetic::new(Format::FP24);
+    let mut vertex = |corner: [i32; 3]| {
+        *numbers.entry(corner).or_insert_with(|| {
+            vertices.push(place(corner).map(|x| a.round(x)));
+            vertices.len() as u32 - 1
+        })
+    };
+    let mut triangles = Vec::new();
+    for axis in 0..3 {
+        for side in [0, n] {
+            for (x, y) in (0..n).flat_map(|x| (0..n).map(move |y| (x, y))) {
+                let mut at = |x, y| {
+                    let mut corner = [side; 3];
+                    (corner[(axis + 1) % 3], corner[(axis + 2) % 3]) = (x, y);
+                    vertex(corner)
+                };
+                let [p, q, r, s] = [at(x, y), at(x + 1, y), at(x + 1, y + 1), at(x, y + 1)];
+                triangles.extend([[p, q, r], [p, r, s]]);
+            }
+        }
+    }
+    Room {
+        name,
+        mesh: Mesh {
+            format: Format::FP24,
+            vertices,
+            triangles,
+        },
+        origins: Vec::new(),
+    }
+}
+
+#[test]
+fn the_watertight_test_lets_no_ray_out_of_a_closed_mesh() {
+    const RAYS: usize = 2_000_000;
+    let seed = seed();
+    let rng = &mut Rng::with_seed(seed);
+    let mut rooms = vec![
+        built_in_room("builtin:sphere?level=3", rng),
+        built_in_room("builtin:sphere?level=0", rng),
+        built_in_room("builtin:knot?segments=64&sides=8", rng),
+    ];
+
+    // Walls in axis planes, edges along axes, from lattice points too.
+    let mut cubic = cube("cube", 4, |corner| corner.map(|x| f64::from(x) - 2.0));
+    cubic.origins = (0..64)
+        .map(|k| match k % 2 {
+            0 => [0; 3].map(|_| f64::from(rng.i32(-3..=3)) / 2.0),
+            _ => [0; 3].map(|_| Arithmetic::new(Format::FP24).round(between(rng, -1.9, 1.9))),
+        })
+        .collect();
+    rooms.push(cubic);
+
+    // Spikes of random length as seen from the middle, far from it: long, thin triangles at grazing angles.
+    let lengths: Vec<f64> = (0..1000).map(|_| between(rng, 0.0, 3.0).exp2()).collect();
+    let mut star = cube("star", 6, |corner| {
+        let index = corner.iter().fold(0, |index, &x| 7 * index + x as usize);
+        let direction = glam::DVec3::from_array(corner.map(|x| f64::from(x) - 3.0));
+        (direction.normalize() * lengths[index] * 8.0 + glam::DVec3::new(100.0, -3.0, 0.3))
+            .to_array()
+    });
+    star.origins = (0..64)
+        .map(|_| {
+            let offset = [0; 3].map(|_| between(rng, -0.5, 0.5));
+            let middle = [100.0, -3.0, 0.3];
+            [0, 1, 2].map(|i| Arithmetic::new(Format::FP24).round(middle[i] + offset[i]))
+        })
+        .collect();
+    rooms.push(star);
+
+    let mut all = 0;
+    let mut lost = 0;
+    for room in &rooms {
+        let tree = some_tree(&room.mesh, 3, rng);
+        let caster = Caster::new(&room.mesh.image(&tree), TriangleTest::Watertight, 4);
+        let batches: Vec<u64> = (0..RAYS / 4000).map(|_| rng.u64(..)).collect();
+        let escaped: Vec<Ray> = batches
+            .par_iter()
+            .flat_map_iter(|&seed| {
+                let rng = &mut Rng::with_seed(seed);
+                let rays: Vec<Ray> = (0..4000).map(|_| aimed_ray(room, rng)).collect();
+                let hits = caster.cast_packets(&rays).hits;
+                let out = rays.into_iter().zip(hits).filter(|(_, hit)| !hit.is_hit());
+                out.map(|(ray, _)| ray).collect::<Vec<_>>()
+            })
+            .collect();
+        println!(
+            "{}: {} triangles, {RAYS} rays, {} escaped",
+            room.name,
+            room.mesh.triangles.len(),
+            escaped.len()
+        );
+        for ray in escaped.iter().take(3) {
+            println!("    {ray:?}");
+        }
+        all += RAYS;
+        lost += escaped.len();
+    }
+    assert!(all >= 10_000_000);
+    assert_eq!(lost, 0, "rays escaped");
+}
+
+/// From within a room: three of four at a vertex, a point of an edge, or a hair beside one of these.
+fn aimed_ray(room: &Room, rng: &mut Rng) -> Ray {
+    let a = Arithmetic::new(room.mesh.format);
+    let origin = one_of(rng, &room.origins);
+    if rng.u8(..4) == 0 {
+        let direction = [0; 3].map(|_| a.round(between(rng, -1.0, 1.0)));
+        return plain_ray(origin, direction);
+    }
+    let triangle = one_of(rng, &room.mesh.triangles);
+    let side = rng.usize(..3);
+    let [from, to] = [side, (side + 1) % 3].map(|k| room.mesh.vertices[triangle[k] as usize]);
+    let part = one_of(rng, &[0.0, 0.0, 0.5, 0.25, rng.clone().f64()]);
+    let length = one_of(rng, &[1.0, 1.0, 0.1, 3.7]);
+    let mut direction =
+        [0, 1, 2].map(|i| a.round(length * (from[i] + part * (to[i] - from[i]) - origin[i])));
+    if rng.bool() {
+        let axis = rng.usize(..3);
+        direction[axis] = a.step(direction[axis], rng.i32(-3..=3));
+    }
+    plain_ray(origin, direction)
 }

@@ -129,14 +129,14 @@ pub struct PacketResult {
 
 /// The results of many packets.
 #[derive(Clone, Debug)]
-pub struct Frame {
+pub struct FrameResult {
     /// One for each ray given, in order.
     pub hits: Vec<Hit>,
     /// One for each packet.
     pub packets: Vec<Counts>,
 }
 
-impl Frame {
+impl FrameResult {
     /// Packet steps of all packets.
     pub fn steps(&self) -> u64 {
         self.packets
@@ -233,14 +233,14 @@ impl Caster {
     }
 
     /// Casts rays in packets, in order, on all cores; the last packet is filled up with inactive rays.
-    pub fn cast_packets(&self, rays: &[Ray]) -> Frame {
+    pub fn cast_packets(&self, rays: &[Ray]) -> FrameResult {
         let mut hits = vec![Hit::MISS; rays.len()];
         let packets = rays
             .par_chunks(self.rays_per_packet)
             .zip(hits.par_chunks_mut(self.rays_per_packet))
             .map(|(rays, hits)| self.cast_into(rays, hits, &mut ()))
             .collect();
-        Frame { hits, packets }
+        FrameResult { hits, packets }
     }
 
     fn cast_into(&self, rays: &[Ray], hits: &mut [Hit], observer: &mut impl Observer) -> Counts {
