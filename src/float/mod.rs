@@ -11,6 +11,8 @@
 mod fast;
 mod format;
 pub mod plain;
+mod specials;
 
 pub use fast::Arithmetic;
 pub use format::{Format, FormatError};
+pub use specials::specials;
