@@ -64,8 +64,9 @@ impl Arithmetic {
         let magnitude = bits & !SIGN;
         // Half an ulp more, but a little less where that would take a tie to an odd number; then the excess is cut
         // off. A carry out of the fraction increments the exponent, as it must.
-        let odd = bits >> self.shift & 1;
-        let rounded = bits.wrapping_add(self.half_minus_one + odd) & self.keep;
+        let odd = bits.wrapping_shr(self.shift) & 1;
+        let more = self.half_minus_one.wrapping_add(odd);
+        let rounded = bits.wrapping_add(more) & self.keep;
         let rounded = if magnitude < self.least_rounded {
             0
         } else {
@@ -118,20 +119,26 @@ impl Arithmetic {
     pub fn step(&self, value: f64, ulps: i32) -> f64 {
         let bits = value.to_bits();
         let magnitude = bits & !SIGN;
-        let negate_if = |condition, position: i64| if condition { -position } else { position };
+        let negate_if = |condition, position: i64| {
+            if condition {
+                position.wrapping_neg()
+            } else {
+                position
+            }
+        };
         // On this line the format's numbers are consecutive integers: zero is 0, the least normal 1.
         let position = if magnitude == 0 {
             0
         } else {
-            (magnitude >> self.shift) as i64 - self.offset
+            (magnitude.wrapping_shr(self.shift) as i64).wrapping_sub(self.offset)
         };
-        let position = negate_if(bits != magnitude, position) + i64::from(ulps);
+        let position = negate_if(bits != magnitude, position).wrapping_add(i64::from(ulps));
         let negative = position < 0;
         let distance = negate_if(negative, position);
         let stepped = if distance == 0 {
             0
         } else {
-            ((distance + self.offset) as u64) << self.shift
+            (distance.wrapping_add(self.offset) as u64).wrapping_shl(self.shift)
         };
         let stepped = if distance > self.greatest_position {
             f64::INFINITY.to_bits()
