@@ -213,7 +213,7 @@ impl Record {
     /// # Panics
     /// Where `words` does not hold whole records.
     pub fn hex_lines(&self, words: &[u32]) -> String {
-        assert!(words.len().is_multiple_of(self.words()));
+        assert_eq!(words.len() % self.words(), 0, "whole records");
         let digits = self.hex_digits();
         let mut lines = String::with_capacity(words.len() / self.words() * (digits + 1));
         for record in words.chunks_exact(self.words()) {
@@ -680,14 +680,14 @@ impl MemoryImage {
         Ok(deepest)
     }
 
-    /// What is checked of an image before a machine with a stack of `stack_depth` entries and node and record
-    /// addresses of `address_bits` bits may load it: every link in range, every record reached exactly once,
-    /// vertex indices in range, the tree no deeper than the stack.
+    /// What is checked of an image before a machine with a stack of `stack_depth` entries may load it: every link
+    /// in range, every record reached exactly once, vertex indices in range, the tree no deeper than the
+    /// stack. (Whether memory holds it is [`check_capacity`]'s to say.)
     ///
     /// # Errors
     /// One line that says what is wrong and what to do.
-    pub fn check(&self, stack_depth: u32, address_bits: u32) -> Result<()> {
-        check_capacity(0, self.records.len() as u64, address_bits)?;
+    pub fn check(&self, stack_depth: u32) -> Result<()> {
+        check_capacity(0, self.records.len() as u64, LINK_BITS)?;
         ensure!(!self.records.is_empty(), "the scene has no triangles");
         for (index, record) in self.records.iter().enumerate() {
             for vertex in record.vertices {

@@ -5,6 +5,7 @@
 
 pub mod build;
 pub mod layout;
+pub mod stats;
 mod tree;
 
 pub use build::{BuildOptions, SortKeys, SplitCost, build};

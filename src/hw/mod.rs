@@ -1,1 +1,18 @@
+//! The machine, one file a unit, named as in `golden`. It follows `docs/arithmetic.md` and knows nothing of how
+//! its Verilog is simulated.
+//!
+//! [`raycast`] is the top: ray setup, traversal processing unit, geometry unit, and the packets' bookkeeping.
 
+mod bundle;
+mod distance;
+mod fifo;
+pub mod fp;
+pub mod geometry;
+mod plan;
+pub mod raycast;
+pub mod setup;
+pub mod tpu;
+
+pub use bundle::Bundle;
+pub use plan::Plan;
+pub use raycast::{Machine, emit};

@@ -38,7 +38,7 @@ pub fn shade(
             continue;
         }
         let light = match shadowed {
-            Some(shadowed) if shadowed[number] => 0.45,
+            Some(shadowed) if shadowed[number] => 0.4,
             _ => 1.0,
         };
         let colour = match hit.is_hit() {
@@ -62,19 +62,19 @@ fn surface(mesh: &MachineMesh, ray: &Ray, triangle: u32) -> DVec3 {
     } else {
         normal
     };
-    let lamp = 0.12 + 0.6 * facing.dot(-direction);
-    let sky = 0.14 * (1.0 + facing.y);
+    let lamp = 0.02 + 0.52 * facing.dot(-direction).powf(1.4);
+    let sky = 0.1 * (1.0 + facing.y);
     // Neighbouring triangles have consecutive numbers: mixing the bits makes them differ.
     let mixed =
         triangle.wrapping_mul(0x9e37_79b1) ^ triangle.rotate_left(15).wrapping_mul(0x85eb_ca6b);
     let byte = |shift: u32| f64::from(mixed >> shift & 255) / 255.0 - 0.5;
-    let tint = dvec3(0.86, 0.8, 0.72) + 0.07 * dvec3(byte(0), byte(8), byte(16)) + 0.1 * byte(24);
+    let tint = dvec3(0.95, 0.82, 0.66) + 0.07 * dvec3(byte(0), byte(8), byte(16)) + 0.1 * byte(24);
     tint * (lamp + sky)
 }
 
 /// From a light horizon at the lower edge to a darker sky.
 fn background(down: f64) -> DVec3 {
-    dvec3(0.1, 0.16, 0.27).lerp(dvec3(0.5, 0.56, 0.62), down)
+    dvec3(0.05, 0.09, 0.17).lerp(dvec3(0.34, 0.4, 0.46), down)
 }
 
 fn to_pixel(linear: DVec3) -> Rgb<u8> {

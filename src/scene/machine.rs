@@ -203,7 +203,7 @@ mod tests {
             let mesh = MachineMesh::new(&triangle_to(greatest), Format::FP24).unwrap();
             assert_eq!(mesh.log2_scale, expected, "for {greatest}");
             let reached = mesh.vertices[1][0].abs();
-            assert!(reached > 128.0 && reached <= 256.0, "{reached}");
+            assert!((128.0..=256.0).contains(&reached), "{reached}");
         }
     }
 

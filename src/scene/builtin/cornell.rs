@@ -1,6 +1,7 @@
-//! The Cornell box, from Cornell University's published measurements, in millimetres.
+//! The Cornell box, from Cornell University's published measurements, in millimetres, turned by half a turn
+//! around the vertical: its open front faces +z, where other scenes too are looked at from.
 
-use super::{Mesh, Welder};
+use super::{Mesh, Welder, snap};
 
 /// Floor, ceiling, three walls (the front is open) and two blocks standing on the floor without bottoms. The
 /// light is a hole's worth of the ceiling: the ceiling goes around it, so that nothing lies upon
@@ -48,6 +49,9 @@ pub fn mesh() -> Mesh {
         for i in 0..4 {
             scene.quad([at(i, 0.0), at(i, height), at(i + 1, height), at(i + 1, 0.0)]);
         }
+    }
+    for [x, _, z] in &mut scene.mesh.positions {
+        (*x, *z) = (snap(556.0 - *x), snap(559.2 - *z));
     }
     scene.mesh
 }

@@ -33,7 +33,7 @@ pub fn mesh() -> Mesh {
             urn(&mut hall, [middle, 0.0, side * 7.2]);
             arch_moulding(
                 &mut hall,
-                [middle, 2.6, side * (HALF_WIDTH - 0.02)],
+                [middle, 2.6, side * (HALF_WIDTH - 0.14)],
                 1.0,
                 0.12,
             );
@@ -70,7 +70,7 @@ fn shell(hall: &mut Welder) {
 
 /// A barrel vault with coffers, and a rib over each pair of columns.
 fn nave_vault(hall: &mut Welder) {
-    hall.surface(200, 44, |s, t| {
+    hall.surface(160, 44, |s, t| {
         // Coffers are sunk where both waves are high.
         let wave = |phase: f64| (1.6 * (TAU * phase).cos()).clamp(-0.5, 0.5) + 0.5;
         let sunk = 0.16 * wave(f64::from(2 * BAYS) * s + 0.5) * wave(11.0 * t + 0.5);
@@ -138,8 +138,8 @@ fn arcade_bay(hall: &mut Welder, middle: f64, side: f64) {
     });
     // A round window's frame and its bars, before the clerestory's wall.
     let centre = [middle, 7.75, side * (ARCADE_INNER - 0.03)];
-    ring(hall, centre, [X, Y], 0.75, 0.08, [32, 8]);
-    ring(hall, centre, [X, Y], 0.3, 0.05, [24, 6]);
+    ring(hall, centre, [X, Y], 0.75, 0.08, [24, 6]);
+    ring(hall, centre, [X, Y], 0.3, 0.05, [16, 5]);
     for spoke in 0..8 {
         let (sin, cos) = (TAU * f64::from(spoke) / 8.0).sin_cos();
         let at = |radius: f64| {
@@ -155,7 +155,7 @@ fn arcade_bay(hall: &mut Welder, middle: f64, side: f64) {
 
 /// Two barrels that cross over one bay of an aisle.
 fn aisle_vault(hall: &mut Welder, middle: f64, side: f64) {
-    hall.surface(16, 16, |s, t| {
+    hall.surface(12, 12, |s, t| {
         // Evenly spaced angles resolve the steep feet of the vault.
         let (along, across) = (PI * s, PI * t);
         let x = middle - BAY / 2.0 * along.cos();
@@ -180,20 +180,20 @@ fn column(hall: &mut Welder, foot: [f64; 3]) {
         [0.45, 0.53],
         [0.4, 0.56],
     ];
-    lathe(hall, foot, &base, 40, |_| 1.0);
+    lathe(hall, foot, &base, 32, |_| 1.0);
     // Entasis: the shaft is widest a third of the way up.
-    let shaft: Vec<[f64; 2]> = (0..=14)
+    let shaft: Vec<[f64; 2]> = (0..=6)
         .map(|i| {
-            let t = f64::from(i) / 14.0;
+            let t = f64::from(i) / 6.0;
             [
                 0.4 - 0.06 * t * t + 0.02 * (PI * t.sqrt()).sin(),
-                0.56 + 3.14 * t,
+                0.56 + (3.7 - 0.56) * t,
             ]
         })
         .collect();
-    // Flutes: every other of 40 lines lies deeper.
-    lathe(hall, foot, &shaft, 40, |angle| {
-        0.965 + 0.035 * (20.0 * angle).cos()
+    // Flutes: every other of 32 lines lies deeper.
+    lathe(hall, foot, &shaft, 32, |angle| {
+        0.965 + 0.035 * (16.0 * angle).cos()
     });
     let capital = [
         [0.34, 3.7],
@@ -206,8 +206,8 @@ fn column(hall: &mut Welder, foot: [f64; 3]) {
         [0.47, 4.3],
         [0.45, 4.35],
     ];
-    lathe(hall, foot, &capital, 40, |angle| {
-        1.0 + 0.02 * (10.0 * angle).cos()
+    lathe(hall, foot, &capital, 32, |angle| {
+        1.0 + 0.02 * (8.0 * angle).cos()
     });
 }
 
@@ -262,8 +262,8 @@ fn benches(hall: &mut Welder, side: f64) {
 /// A ring of candles that hangs from a chain.
 fn chandelier(hall: &mut Welder, x: f64) {
     let y = 6.4;
-    ring(hall, [x, y, 0.0], [X, Z], 1.15, 0.05, [64, 10]);
-    ring(hall, [x, y + 0.5, 0.0], [X, Z], 0.5, 0.04, [40, 8]);
+    ring(hall, [x, y, 0.0], [X, Z], 1.15, 0.05, [40, 6]);
+    ring(hall, [x, y + 0.5, 0.0], [X, Z], 0.5, 0.04, [24, 6]);
     for candle in 0..12 {
         let (sin, cos) = (TAU * f64::from(candle) / 12.0).sin_cos();
         let foot = [x + 1.15 * cos, y + 0.05, 1.15 * sin];
@@ -277,7 +277,7 @@ fn chandelier(hall: &mut Welder, x: f64) {
             [0.018, 0.34],
             [0.0, 0.4],
         ];
-        lathe(hall, foot, &profile, 12, |_| 1.0);
+        lathe(hall, foot, &profile, 8, |_| 1.0);
         if candle % 3 == 0 {
             bar(
                 hall,
@@ -297,7 +297,7 @@ fn chandelier(hall: &mut Welder, x: f64) {
     while link < NAVE_SPRINGING + ARCADE_INNER + 0.1 {
         let across = if turned { X } else { Z };
         let centre = [x, link, 0.0];
-        ring(hall, centre, [across, Y], 0.15, 0.025, [16, 6]);
+        ring(hall, centre, [across, Y], 0.15, 0.025, [12, 5]);
         link += 0.24;
         turned = !turned;
     }
@@ -310,18 +310,18 @@ fn sanctuary(hall: &mut Welder) {
         pillar(hall, [-16.8, 0.0], [2.8 - inset, 3.2 - inset], y, y + 0.2);
     }
     pillar(hall, [-16.8, 0.0], [0.6, 0.6], 0.8, 2.0);
-    knot_into(hall, 240, 14, 0.4, |[a, b, c]| {
+    knot_into(hall, 160, 10, 0.4, |[a, b, c]| {
         [-16.8 + 0.45 * c, 3.45 + 0.45 * a, 0.45 * b]
     });
-    let centre = [-HALF_LENGTH + 0.05, 8.6, 0.0];
+    let centre = [-HALF_LENGTH + 0.12, 8.6, 0.0];
     for radius in [0.6, 1.6, 2.9] {
-        ring(hall, centre, [Z, Y], radius, 0.1, [72, 10]);
+        ring(hall, centre, [Z, Y], radius, 0.1, [48, 8]);
     }
     for spoke in 0..16 {
         let (sin, cos) = (TAU * f64::from(spoke) / 16.0).sin_cos();
         let at = |radius: f64| [centre[0], centre[1] + radius * sin, radius * cos];
         bar(hall, at(0.65), at(2.85), 0.05);
-        ring(hall, at(2.25), [Z, Y], 0.32, 0.04, [20, 6]);
+        ring(hall, at(2.25), [Z, Y], 0.32, 0.04, [16, 5]);
     }
 }
 
@@ -346,7 +346,7 @@ fn urn(hall: &mut Welder, foot: [f64; 3]) {
         [0.1, 1.3],
         [0.0, 1.25],
     ];
-    lathe(hall, foot, &profile, 28, |_| 1.0);
+    lathe(hall, foot, &profile, 16, |_| 1.0);
 }
 
 const X: [f64; 3] = [1.0, 0.0, 0.0];
@@ -355,7 +355,7 @@ const Z: [f64; 3] = [0.0, 0.0, 1.0];
 
 /// Half a ring, upright along x, that stands on its two ends.
 fn arch_moulding(hall: &mut Welder, centre: [f64; 3], radius: f64, thickness: f64) {
-    hall.surface(8, 28, |s, t| {
+    hall.surface(6, 20, |s, t| {
         on_ring(centre, [X, Y], radius, thickness, PI * t, TAU * s)
     });
 }

@@ -19,7 +19,7 @@ pub const BUILTIN_NAMES: [&str; 5] = ["teapot", "cornell", "interior", "sphere",
 ///
 /// | name | parameters (range, default) | what |
 /// |---|---|---|
-/// | `teapot` | `tessellation` (1–128, 10) | the Utah teapot, each Bézier patch cut into tessellation² quads: 6,320 triangles |
+/// | `teapot` | `tessellation` (2–128, 10) | the Utah teapot, each Bézier patch cut into tessellation² quads: 6,320 triangles |
 /// | `cornell` | | the Cornell box as measured, 38 triangles |
 /// | `interior` | | a vaulted hall with arcades, columns, benches and chandeliers |
 /// | `sphere` | `level` (0–8, 4) | an icosahedron subdivided level times: closed, 20·4^level triangles |
@@ -34,7 +34,7 @@ pub fn builtin(spec: &str) -> Result<Scene> {
     let (name, parameters) = spec.split_once('?').unwrap_or((spec, ""));
     let mut parameters = Parameters::parse(name, parameters)?;
     let mesh = match name {
-        "teapot" => teapot::mesh(parameters.take("tessellation", 1..=128, 10)?),
+        "teapot" => teapot::mesh(parameters.take("tessellation", 2..=128, 10)?),
         "cornell" => cornell::mesh(),
         "interior" => interior::mesh(),
         "sphere" => shapes::sphere(parameters.take("level", 0..=8, 4)?),

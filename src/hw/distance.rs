@@ -1,0 +1,43 @@
+//! The plane distance: (plane − origin) × reciprocal, three ulps down or up.
+
+use super::fp::{Units, step};
+use crate::hdl::{Builder, HdlError, Module};
+use std::rc::Rc;
+
+/// Ulps that cover the plane distance's own three roundings.
+const SLACK: i32 = 3;
+
+pub(super) fn near(units: &Units) -> Result<Rc<Module>, HdlError> {
+    distance(
+        units,
+        "near_distance",
+        "a ray's distance to a near plane, three ulps down: it is never beyond the exact one.",
+        -SLACK,
+    )
+}
+
+pub(super) fn far(units: &Units) -> Result<Rc<Module>, HdlError> {
+    distance(
+        units,
+        "far_distance",
+        "a ray's distance to a far plane, three ulps up: it is never short of the exact one.",
+        SLACK,
+    )
+}
+
+fn distance(units: &Units, name: &str, doc: &str, slack: i32) -> Result<Rc<Module>, HdlError> {
+    let w = units.format.width();
+    let m = Builder::new(name, doc);
+    let p = m.pipeline();
+    m.group("The plane, and the ray's origin and reciprocal direction on the plane's axis");
+    let plane = p.input("plane", w);
+    let origin = p.input("origin", w);
+    // The reciprocal is needed only once the difference is there.
+    let subtracted = units.sub.latency().unwrap_or(0);
+    let reciprocal = p.input_at("reciprocal", w, subtracted);
+    let offset = units.sub("offset", plane, origin);
+    let exact = units.mul("scaled", offset, reciprocal);
+    m.group("Distance in multiples of the ray's direction");
+    m.output("distance", step(units.format, exact, slack).register());
+    m.finish()
+}

@@ -1,0 +1,264 @@
+//! Addition and subtraction: align, add, normalise, round.
+
+use super::fields::{Special, fields, pack};
+use super::schedule::{FAN_OUT, LOGIC, Schedule, Step, chain, reduction};
+use crate::float::{Format, plain};
+use crate::hdl::{Builder, HdlError, Module, bits_for};
+use std::rc::Rc;
+
+/// Bits by which the smaller significand is shifted at most: beyond its width and two more it is only sticky.
+fn align_bits(format: Format) -> u32 {
+    bits_for(u64::from(format.fraction_bits()) + 4).min(format.exponent_bits())
+}
+
+/// Bits of the sum: one in front for the carry; significand; guard, round and sticky bit.
+fn sum_width(format: Format) -> u32 {
+    format.fraction_bits() + 5
+}
+
+fn normalise_bits(format: Format) -> u32 {
+    bits_for(u64::from(sum_width(format)))
+}
+
+/// Bits of the result's exponent before it is known to be in range, two's complement.
+fn exponent_width(format: Format) -> u32 {
+    format.exponent_bits().max(normalise_bits(format)) + 2
+}
+
+fn schedule(format: Format, clock_mhz: u32) -> Schedule {
+    let (e, f) = (format.exponent_bits(), format.fraction_bits());
+    let width = sum_width(format);
+    let compare = chain(format.width() - 1).max(chain(e + 1) + 2 * LOGIC);
+    let mut steps = vec![
+        Step::new("compare", compare),
+        Step::new("swap", LOGIC + FAN_OUT),
+    ];
+    for level in (0..align_bits(format)).rev() {
+        steps.push(Step::new(format!("align by {}", 1 << level), LOGIC));
+    }
+    steps.push(Step::new("add", chain(width)));
+    for level in (0..normalise_bits(format)).rev() {
+        let delay = reduction(1 << level) + LOGIC + if level > 2 { FAN_OUT } else { 0 };
+        steps.push(Step::new(format!("normalise by {}", 1 << level), delay));
+    }
+    steps.push(Step::new("rounding", 2 * LOGIC));
+    steps.push(Step::new("round", chain(exponent_width(format) + f)));
+    steps.push(Step::new("pack", reduction(e + 1) + LOGIC));
+    Schedule::new(steps, clock_mhz)
+}
+
+/// Clocks from operands to sum.
+pub fn latency(format: Format, clock_mhz: u32) -> u32 {
+    schedule(format, clock_mhz).depth()
+}
+
+/// What `fp_add` computes.
+pub fn model(format: Format, a: u64, b: u64) -> u64 {
+    plain::add(format, a, b)
+}
+
+/// What `fp_sub` computes.
+pub fn model_sub(format: Format, a: u64, b: u64) -> u64 {
+    plain::sub(format, a, b)
+}
+
+/// Pairs at the edges of what the adder's steps distinguish.
+pub fn directed_cases(format: Format) -> Vec<(u64, u64)> {
+    let f = format.fraction_bits();
+    let sign = format.sign_bit();
+    let one = format.one();
+    let mut cases = vec![];
+    // A one and powers of two, and their neighbours, at all distances that move the rounding bits.
+    for distance in 0..=u64::from(f) + 4 {
+        let Some(small) = one.checked_sub(distance << f).filter(|s| *s > 3) else {
+            break;
+        };
+        for (big_offset, small_offset) in [(0, 0), (0, 1), (1, 0), (1, 1), (3, 3)] {
+            for signs in [0, sign] {
+                cases.push((one + big_offset, (small + small_offset) | signs));
+                cases.push((one + big_offset, (small - small_offset) | signs));
+            }
+        }
+    }
+    let (least, greatest) = (format.least_normal(), format.greatest());
+    for step in 0..4 {
+        // Cancellation down to and below the least normal, and sums about the greatest number.
+        cases.push((least + step, sign | least));
+        cases.push((2 * least + step, sign | (2 * least - 1)));
+        cases.push((greatest, greatest - step));
+        cases.push((greatest, (u64::from(f) << f) + step));
+    }
+    for zero in [0, sign, 1, sign | 1] {
+        for other in [0, sign, one, sign | one, least, greatest] {
+            cases.push((zero, other));
+        }
+    }
+    let infinity = format.infinity();
+    for special in [
+        infinity,
+        sign | infinity,
+        format.nan(),
+        sign | (infinity + 1),
+    ] {
+        for other in [0, one, sign | infinity, infinity, format.nan()] {
+            cases.push((special, other));
+        }
+    }
+    cases
+}
+
+/// The module `fp_add`, or `fp_sub`.
+pub fn module(format: Format, clock_mhz: u32, subtract: bool) -> Result<Rc<Module>, HdlError> {
+    let (e, f) = (format.exponent_bits(), format.fraction_bits());
+    let plan = schedule(format, clock_mhz);
+    let (name, operator) = if subtract {
+        ("fp_sub", "-")
+    } else {
+        ("fp_add", "+")
+    };
+    let m = Builder::new(
+        name,
+        format!("y = a {operator} b in {format}, rounded to nearest even, for {clock_mhz} MHz."),
+    );
+    let p = m.pipeline();
+    let (a, b) = (p.input("a", format.width()), p.input("b", format.width()));
+    let (a, b) = (fields(format, a), fields(format, b));
+
+    m.comment("The operand of the greater magnitude, and by how many bits the other must move.");
+    crate::named! {
+        let swap = a.magnitude.lt(b.magnitude);
+        let exponent_difference = a.exponent.extend(e + 1) - b.exponent.extend(e + 1);
+        let distance = exponent_difference.msb().mux(
+            b.exponent - a.exponent,
+            exponent_difference.low(e),
+        );
+    }
+    let b_sign = if subtract { !b.sign } else { b.sign };
+    crate::named! {
+        let subtracting = a.sign ^ b_sign;
+        let either_is_zero = a.exponent.is_zero() | b.exponent.is_zero();
+    }
+    let shift_bits = align_bits(format);
+    // A zero's fraction means nothing, and so does that of an operand that is too far away.
+    let (small_is_nothing, small_is_far) = if shift_bits < e {
+        let far = distance.bits(e - 1, shift_bits).any().named("too_far");
+        let nothing = (either_is_zero | far).named("small_vanishes");
+        (nothing, far & !either_is_zero)
+    } else {
+        (either_is_zero, m.zero(1))
+    };
+
+    let at = plan.at("swap");
+    let swap = swap.at(at);
+    crate::named! {
+        let big_sign = swap.mux(b_sign, a.sign);
+        let big_exponent = swap.mux(b.exponent, a.exponent);
+        let big_fraction = swap.mux(b.fraction, a.fraction);
+        let small_fraction =
+            swap.mux(a.fraction, b.fraction) & (!small_is_nothing).at(at).repeat(f);
+    }
+    m.comment(
+        "A NaN or an infinity is always the greater operand. Infinities of the same sign add to one.",
+    );
+    crate::named! {
+        let big_is_special = big_exponent.all();
+        let both_are_special = a.exponent.all() & b.exponent.all();
+        let nan =
+            big_is_special & (big_fraction.any() | (both_are_special & subtracting));
+    }
+
+    m.comment("Align the smaller significand; a sticky bit collects what is shifted out.");
+    let mut aligned = m.concat(&[(!small_is_nothing).at(at), small_fraction, m.zero(2)]);
+    let mut sticky = small_is_far.at(at);
+    let width = aligned.width();
+    for level in (0..shift_bits).rev() {
+        let by = 1 << level;
+        let at = plan.at(format!("align by {by}"));
+        let (select, word) = (distance.bit(level).at(at), aligned.at(at));
+        let lost = word.low(by.min(width)).any();
+        let shifted = if by < width {
+            word.high(width - by).extend(width)
+        } else {
+            m.zero(width)
+        };
+        aligned = select
+            .mux(shifted, word)
+            .named(format!("aligned_within_{by}"));
+        sticky = (sticky.at(at) | (select & lost)).named(format!("sticky_within_{by}"));
+    }
+
+    m.comment("The sum: carry, significand, three bits to round by. It is never negative.");
+    let at = plan.at("add");
+    let subtracting_here = subtracting.at(at);
+    let width = sum_width(format);
+    crate::named! {
+        let augend = m.concat(&[
+            m.lit(1u8, 2),
+            big_fraction.at(at),
+            m.zero(2),
+            subtracting_here,
+        ]);
+        let addend = m.concat(&[m.zero(1), aligned.at(at), sticky.at(at)])
+            ^ subtracting_here.repeat(width);
+        let sum = augend + addend;
+    }
+
+    m.comment("Normalise: the leading one moves to the front, to where a carry would be.");
+    let mut normal = sum;
+    let mut shift = vec![];
+    for level in (0..normalise_bits(format)).rev() {
+        let by = 1 << level;
+        let word = normal.at(plan.at(format!("normalise by {by}")));
+        let empty = word.high(by).is_zero().named(format!("zeros_{by}"));
+        let shifted = word.low(width - by).concat(m.zero(by));
+        normal = empty
+            .mux(shifted, word)
+            .named(format!("normal_within_{by}"));
+        shift.push(empty);
+    }
+
+    m.comment(
+        "Round to nearest even. The exponent is that of the greater operand, plus 1, minus the shift; \
+         minus the shift is plus its complement plus 1.",
+    );
+    let at = plan.at("rounding");
+    let normal = normal.at(at);
+    let x = exponent_width(format);
+    crate::named! {
+        let round_up = normal.bit(3) & (normal.bit(4) | normal.low(3).any());
+        let cancelled = !normal.msb();
+        let exponent_plus_2 = big_exponent.extend(x) + m.lit(2u8, x);
+    }
+    let at = plan.at("round");
+    let shift = m.concat(&shift).at(at).extend(x);
+    crate::named! {
+        let unrounded = m.concat(&[
+            exponent_plus_2.at(at),
+            normal.field(4, f).at(at),
+            m.lit(1u8, 1),
+        ]);
+        let correction = m.concat(&[!shift, m.zero(f), round_up.at(at)]);
+        let rounded = unrounded + correction;
+    }
+
+    m.comment("Below the least normal number: zero. Above the greatest: infinity.");
+    let at = plan.at("pack");
+    let rounded = rounded.at(at);
+    crate::named! {
+        let exponent = rounded.high(x);
+        let fraction = rounded.field(1, f);
+        let underflow = exponent.msb() | exponent.is_zero();
+        let overflow =
+            !exponent.msb() & (exponent.bits(x - 2, e).any() | exponent.low(e).all());
+        let zero = (underflow | cancelled.at(at)) & !big_is_special.at(at);
+        let infinity_or_nan = big_is_special.at(at) | (overflow & !cancelled.at(at));
+    }
+    let special = Special {
+        infinity_or_nan,
+        nan: nan.at(at),
+        zero,
+    };
+    let y = pack(big_sign.at(at), exponent.low(e), fraction, special);
+    m.output("y", y.at(plan.depth()));
+    m.finish()
+}

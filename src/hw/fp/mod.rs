@@ -1,0 +1,105 @@
+//! The machine's arithmetic units, for any [`Format`], as deep as a clock asks for.
+//!
+//! | unit | module | ports | computes |
+//! |---|---|---|---|
+//! | [`add`] | `fp_add`, `fp_sub` | `a`, `b` → `y` | a + b, a − b |
+//! | [`mul`] | `fp_mul` | `a`, `b` → `y` | a × b |
+//! | [`reciprocal`] | `fp_reciprocal` | `a` → `y` | 1 ÷ a |
+//!
+//! These are pipelines without control: operands every clock, the result a fixed number of clocks later
+//! ([`Module::latency`]). Inputs are not registered at entry; outputs come from registers. Any pattern is an
+//! operand: a stored exponent of 0 is a zero whatever the fraction, and so on; results are canonical and never −0.
+//! `docs/arithmetic.md` is normative, [`crate::float::plain`] the model.
+//!
+//! Comparisons ([`less`], [`less_equal`], [`equal`]), choices ([`min`], [`max`]) and steps by ulps ([`step()`]) are
+//! combinational and become part of the caller's module: how many of them fit between two registers is for the
+//! caller to say.
+//!
+//! # Depth
+//!
+//! A unit's steps are spread over as few stages as the clock allows, by a table of delays (`schedule.rs`) of an
+//! ECP5 of the slowest grade with a fifth of the period to spare. For [`Format::FP24`]:
+//!
+//! | clock, MHz | add, sub | mul | reciprocal |
+//! |---|---|---|---|
+//! | 50 | 3 | 2 | 5 |
+
+pub mod add;
+mod compare;
+mod fields;
+pub mod mul;
+pub mod reciprocal;
+mod schedule;
+mod step;
+
+pub use compare::{equal, is_infinite, is_nan, is_zero, less, less_equal, max, min};
+pub use step::step;
+
+use crate::float::Format;
+use crate::hdl::{HdlError, Module, Signal};
+use std::rc::Rc;
+
+/// The arithmetic units of a machine, each made once.
+#[derive(Clone)]
+pub struct Units {
+    pub format: Format,
+    /// The clock that the units' depths are chosen for, in MHz.
+    pub clock_mhz: u32,
+    pub add: Rc<Module>,
+    pub sub: Rc<Module>,
+    pub mul: Rc<Module>,
+    pub reciprocal: Rc<Module>,
+}
+
+impl Units {
+    /// # Errors
+    /// A mistake in a unit's description; none is known for any format.
+    pub fn new(format: Format, clock_mhz: u32) -> Result<Units, HdlError> {
+        Ok(Units {
+            format,
+            clock_mhz,
+            add: add::module(format, clock_mhz, false)?,
+            sub: add::module(format, clock_mhz, true)?,
+            mul: mul::module(format, clock_mhz)?,
+            reciprocal: reciprocal::module(format, clock_mhz)?,
+        })
+    }
+
+    /// a + b, by an instance called `name` in the operands' module.
+    #[track_caller]
+    pub fn add<'b>(&self, name: impl AsRef<str>, a: Signal<'b>, b: Signal<'b>) -> Signal<'b> {
+        binary(&self.add, name, a, b)
+    }
+
+    /// a − b, by an instance called `name` in the operands' module.
+    #[track_caller]
+    pub fn sub<'b>(&self, name: impl AsRef<str>, a: Signal<'b>, b: Signal<'b>) -> Signal<'b> {
+        binary(&self.sub, name, a, b)
+    }
+
+    /// a × b, by an instance called `name` in the operands' module.
+    #[track_caller]
+    pub fn mul<'b>(&self, name: impl AsRef<str>, a: Signal<'b>, b: Signal<'b>) -> Signal<'b> {
+        binary(&self.mul, name, a, b)
+    }
+
+    /// 1 ÷ a, by an instance called `name` in the operand's module.
+    #[track_caller]
+    pub fn reciprocal<'b>(&self, name: impl AsRef<str>, a: Signal<'b>) -> Signal<'b> {
+        a.module()
+            .instance(name, &self.reciprocal, &[("a", a)])
+            .get("y")
+    }
+}
+
+#[track_caller]
+fn binary<'b>(
+    module: &Rc<Module>,
+    name: impl AsRef<str>,
+    a: Signal<'b>,
+    b: Signal<'b>,
+) -> Signal<'b> {
+    a.module()
+        .instance(name, module, &[("a", a), ("b", b)])
+        .get("y")
+}

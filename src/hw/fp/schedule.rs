@@ -1,0 +1,149 @@
+//! How deep a unit's pipeline is: its steps, in order, are spread over as few stages as the clock allows.
+//!
+//! Every unit lists its critical path as steps with a delay each: a level of logic, a carry chain, a multiplication.
+//! A step is never split, and never shares a stage with so many others that their delays add up to more than the
+//! clock's [`budget`]. Within the fewest stages that keep this, the worst stage is made as short as possible.
+//!
+//! Delays are those of an ECP5 of the slowest grade, routing included; a Virtex-4 of the slowest grade is within a few
+//! percent. They decide where registers stand, never what a unit computes.
+
+/// A level of logic: one LUT and the way to the next.
+pub(super) const LOGIC: u32 = 1150;
+/// What more it takes to reach as many LUTs as a significand has bits.
+pub(super) const FAN_OUT: u32 = 350;
+/// A multiplication of at most 17 by 17 bits in a DSP block whose own registers are not used.
+pub(super) const MULTIPLY: u32 = 6000;
+
+/// An addition, subtraction or comparison of `width` bits on a carry chain.
+pub(super) const fn chain(width: u32) -> u32 {
+    1700 + 45 * width
+}
+
+/// A test of `width` bits, all ones or all zeros, as a tree of 4-input LUTs.
+pub(super) const fn reduction(width: u32) -> u32 {
+    let (mut levels, mut reach) = (0, 1);
+    while reach < width {
+        levels += 1;
+        reach *= 4;
+    }
+    levels * LOGIC
+}
+
+/// Picoseconds between two registers that a unit's steps may take at a clock of `clock_mhz`: the period, less a
+/// register's own delay and setup, less a fifth of the period that routing in a full device costs on top.
+pub(super) const fn budget(clock_mhz: u32) -> u32 {
+    let period = 1_000_000 / if clock_mhz == 0 { 1 } else { clock_mhz };
+    (period * 4 / 5).saturating_sub(700)
+}
+
+/// A part of a unit's critical path that no register splits.
+pub(super) struct Step {
+    name: String,
+    picoseconds: u32,
+    /// The next step begins a stage, whatever the clock.
+    registered: bool,
+}
+
+impl Step {
+    pub fn new(name: impl Into<String>, picoseconds: u32) -> Step {
+        Step {
+            name: name.into(),
+            picoseconds,
+            registered: false,
+        }
+    }
+
+    /// The same step with a register behind it at any clock.
+    pub fn registered(self) -> Step {
+        Step {
+            registered: true,
+            ..self
+        }
+    }
+}
+
+/// The stage of each step of a unit, counted from 0.
+pub(super) struct Schedule {
+    steps: Vec<(String, u32)>,
+}
+
+impl Schedule {
+    pub fn new(steps: Vec<Step>, clock_mhz: u32) -> Schedule {
+        let within = |limit: u32| {
+            let (mut stage, mut used) = (0, 0);
+            let mut registered = false;
+            steps
+                .iter()
+                .map(|step| {
+                    if used > 0 && (registered || used + step.picoseconds > limit) {
+                        stage += 1;
+                        used = 0;
+                    }
+                    used += step.picoseconds;
+                    registered = step.registered;
+                    stage
+                })
+                .collect::<Vec<u32>>()
+        };
+        let depth = |limit| within(limit).last().map_or(0, |last| last + 1);
+        // The least limit that needs no more stages: depth falls as the limit grows.
+        let (mut too_low, mut enough) = (0, budget(clock_mhz));
+        let fewest = depth(enough);
+        while enough - too_low > 1 {
+            let middle = too_low + (enough - too_low) / 2;
+            if depth(middle) == fewest {
+                enough = middle;
+            } else {
+                too_low = middle;
+            }
+        }
+        let stages = within(enough);
+        Schedule {
+            steps: steps.into_iter().map(|s| s.name).zip(stages).collect(),
+        }
+    }
+
+    /// The stage in which a step works.
+    pub fn at(&self, step: impl AsRef<str>) -> u32 {
+        let step = step.as_ref();
+        self.steps
+            .iter()
+            .find(|(name, _)| name == step)
+            .unwrap_or_else(|| panic!("the unit has no step \"{step}\""))
+            .1
+    }
+
+    /// Stages in all: the unit's latency, since a register ends each.
+    pub fn depth(&self) -> u32 {
+        self.steps.last().map_or(0, |(_, stage)| stage + 1)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn stages(steps: &[u32], clock_mhz: u32) -> Vec<u32> {
+        let steps = steps.iter().map(|ps| Step::new("", *ps)).collect();
+        let schedule = Schedule::new(steps, clock_mhz);
+        schedule.steps.iter().map(|(_, stage)| *stage).collect()
+    }
+
+    #[test]
+    fn stages_are_few_first_and_even_then() {
+        assert_eq!(budget(100), 7300);
+        assert_eq!(stages(&[3000, 3000, 1000], 100), [0, 0, 0]);
+        // Two stages either way: 7000 | 2000 is within the budget, 5000 | 4000 is better.
+        assert_eq!(stages(&[3000, 2000, 2000, 2000], 100), [0, 0, 1, 1]);
+        // A step beyond the budget has its stage to itself.
+        assert_eq!(stages(&[1000, 9000, 1000], 100), [0, 1, 2]);
+    }
+
+    #[test]
+    fn a_registered_step_ends_its_stage() {
+        let steps = vec![Step::new("a", 10).registered(), Step::new("b", 10)];
+        let schedule = Schedule::new(steps, 1);
+        assert_eq!((schedule.at("a"), schedule.at("b")), (0, 1));
+        assert_eq!(schedule.depth(), 2);
+    }
+}

@@ -1,0 +1,54 @@
+//! Stepping by ulps: combinational, built into the caller's module.
+
+use super::fields::fields;
+use crate::float::Format;
+use crate::hdl::{Signal, bits_for};
+
+/// The number `ulps` steps above `a` (below, where negative), a zero's pattern being +0. −0 and +0 are one
+/// value whose neighbours are ± the least normal number; past the greatest is infinity; infinities and NaNs do not
+/// step, their patterns stay.
+///
+/// Costs an adder of the format's width and a LUT or two for each bit.
+///
+/// # Panics
+/// Where `ulps` is 0, or steps over more numbers than there are between two powers of two.
+pub fn step<'b>(format: Format, a: Signal<'b>, ulps: i32) -> Signal<'b> {
+    let m = a.module();
+    let (e, f) = (format.exponent_bits(), format.fraction_bits());
+    let count = u64::from(ulps.unsigned_abs());
+    assert!(
+        (1..=1 << f).contains(&count),
+        "cannot step by {ulps} ulps in {format}"
+    );
+    let fields_of_a = fields(format, a);
+    let sign = fields_of_a.sign;
+    let down = m.lit(u8::from(ulps < 0), 1);
+
+    // Away from zero the magnitude, an integer, grows by `count`; towards zero it shrinks.
+    let outwards = if ulps < 0 { sign } else { !sign };
+    let (up_by, down_by) = (count, (1 << (e + f)) - count);
+    let moved = fields_of_a.magnitude + outwards.mux(m.lit(up_by, e + f), m.lit(down_by, e + f));
+    let (moved_exponent, moved_fraction) = (moved.high(e), moved.low(f));
+
+    // Below the least normal number the integers that follow are zero, then the numbers of the other sign from
+    // their least on: the complement of the fraction counts how many steps beyond zero it went.
+    let from_zero = fields_of_a.exponent.is_zero();
+    let about_zero = from_zero | (!outwards & moved_exponent.is_zero());
+    let low = bits_for(count);
+    let beyond = !moved_fraction.low(low);
+    let to_zero = !from_zero & beyond.is_zero();
+    let near_fraction = to_zero.mux(
+        m.zero(low),
+        from_zero.mux(m.lit(count - 1, low), beyond - m.lit(1u8, low)),
+    );
+    let near_zero = m.concat(&[
+        down & !to_zero,
+        (!to_zero).extend(e),
+        near_fraction.extend(f),
+    ]);
+
+    let overflow = moved_exponent.all();
+    let further = m.concat(&[sign, moved_exponent, moved_fraction & (!overflow).repeat(f)]);
+    let special = fields_of_a.exponent.all();
+    special.mux(a, about_zero.mux(near_zero, further))
+}

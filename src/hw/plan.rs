@@ -1,0 +1,99 @@
+//! What every unit of one machine agrees on: its configuration, the widths that follow from it, its arithmetic.
+
+use super::distance;
+use super::fp::Units;
+use crate::config::Config;
+use crate::float::Format;
+use crate::hdl::{HdlError, Memory, Module, Signal, bits_for};
+use std::rc::Rc;
+
+/// The widths and shared modules of one machine.
+#[derive(Clone)]
+pub struct Plan {
+    pub config: Config,
+    pub format: Format,
+    pub units: Units,
+    /// Plane distances, three ulps down and up.
+    pub near_distance: Rc<Module>,
+    pub far_distance: Rc<Module>,
+}
+
+/// Target clocks, in MHz, from which on a path needs a register more. A block RAM's output takes half of a 10 ns
+/// period on an ECP5, so from 80 MHz on it is registered again.
+const REGISTER_RAM_OUTPUT_FROM: u32 = 80;
+const REGISTER_EACH_COMPARISON_FROM: u32 = 70;
+
+impl Plan {
+    pub fn new(config: &Config) -> Result<Plan, HdlError> {
+        let format = config.format();
+        let units = Units::new(format, config.clock_mhz)?;
+        Ok(Plan {
+            config: config.clone(),
+            format,
+            near_distance: distance::near(&units)?,
+            far_distance: distance::far(&units)?,
+            units,
+        })
+    }
+
+    /// Bits of a number.
+    pub fn number(&self) -> u32 {
+        self.format.width()
+    }
+
+    pub fn rays(&self) -> u32 {
+        self.config.rays_per_packet
+    }
+
+    pub fn packets(&self) -> u32 {
+        self.config.packets_in_flight
+    }
+
+    /// Bits that number a ray of a packet.
+    pub fn ray_bits(&self) -> u32 {
+        bits_for(u64::from(self.rays()))
+    }
+
+    /// Bits that number a packet in flight.
+    pub fn packet_bits(&self) -> u32 {
+        bits_for(u64::from(self.packets()))
+    }
+
+    /// Bits that index an entry of a packet's stack.
+    pub fn stack_bits(&self) -> u32 {
+        bits_for(u64::from(self.config.stack_depth))
+    }
+
+    /// Bits that count the entries of a packet's stack.
+    pub fn level_bits(&self) -> u32 {
+        bits_for(u64::from(self.config.stack_depth) + 1)
+    }
+
+    pub fn address(&self) -> u32 {
+        self.config.address_bits
+    }
+
+    /// A synchronous read, with a second register where the clock asks for it.
+    pub fn read<'b>(&self, memory: Memory<'b>, address: Signal<'b>) -> Signal<'b> {
+        let word = memory.read(address);
+        if self.config.clock_mhz >= REGISTER_RAM_OUTPUT_FROM {
+            word.register()
+        } else {
+            word
+        }
+    }
+
+    /// Registers that [`Plan::read`] takes.
+    pub fn read_latency(&self) -> u32 {
+        1 + u32::from(self.config.clock_mhz >= REGISTER_RAM_OUTPUT_FROM)
+    }
+
+    /// A register after a comparison whose result chooses, where the clock asks for it.
+    pub fn settle<'b>(&self, signal: Signal<'b>) -> Signal<'b> {
+        if self.config.clock_mhz >= REGISTER_EACH_COMPARISON_FROM {
+            signal.register()
+        } else {
+            signal
+        }
+    }
+}

@@ -1,0 +1,158 @@
+//! Ray setup: reciprocals, the watertight test's shear, and the clip to the scene's box. A ray a clock.
+
+use super::fp::{is_nan, is_zero, less_equal, max, min};
+use super::plan::Plan;
+use crate::config::TriangleTest;
+use crate::hdl::{Builder, HdlError, Module, Signal};
+use std::rc::Rc;
+
+const AXES: [&str; 3] = ["x", "y", "z"];
+
+/// Ray setup as a pipeline. `lookahead` is how many clocks before its outputs `soon` announces them.
+pub fn module(plan: &Plan, lookahead: u32) -> Result<Rc<Module>, HdlError> {
+    let w = plan.number();
+    let f = plan.format;
+    let watertight = plan.config.triangle_test == TriangleTest::Watertight;
+    let m = Builder::new(
+        "ray_setup",
+        "what traversal and intersection need to know of a ray, and its interval in the scene's box.",
+    );
+    let p = m.pipeline();
+    m.group("A ray, its packet, and its place in it");
+    let valid = p.valid_input("valid");
+    let packet = p.input("packet", plan.packet_bits());
+    let ray = p.input("ray", plan.ray_bits());
+    let active = p.input("active", 1);
+    let any_hit = p.input("any_hit", 1);
+    let origin: Vec<_> = AXES.map(|a| p.input(format!("origin_{a}"), w)).into();
+    let direction: Vec<_> = AXES.map(|a| p.input(format!("direction_{a}"), w)).into();
+    let tmin = p.input("tmin", w);
+    let tmax = p.input("tmax", w);
+    m.group("The scene's box, constant while rays are under way");
+    let scene_lo: Vec<_> = AXES.map(|a| m.input(format!("scene_lo_{a}"), w)).into();
+    let scene_hi: Vec<_> = AXES.map(|a| m.input(format!("scene_hi_{a}"), w)).into();
+
+    m.comment("A ray is valid if it is active, nothing in it is a NaN, and 0 <= tmin <= tmax.");
+    let zero = m.zero(w);
+    let tmin = is_zero(f, tmin).mux(zero, tmin).named("tmin_clean");
+    let tmax = is_zero(f, tmax).mux(zero, tmax).named("tmax_clean");
+    let mut nans: Vec<_> = origin
+        .iter()
+        .chain(&direction)
+        .map(|n| is_nan(f, *n))
+        .collect();
+    nans.extend([is_nan(f, tmin), is_nan(f, tmax)]);
+    let any_nan = m.or_all(&nans).named("any_nan").register();
+    let ordered = (less_equal(f, zero, tmin) & less_equal(f, tmin, tmax))
+        .named("ordered")
+        .register();
+    let sound = (active & !any_nan & ordered).named("sound");
+
+    m.comment("Reciprocals of the direction, and its sign bits.");
+    let reciprocal: Vec<_> = (0..3)
+        .map(|i| {
+            plan.units
+                .reciprocal(format!("reciprocal_{}", AXES[i]), direction[i])
+        })
+        .collect();
+    let signs = m.concat(&[direction[2].msb(), direction[1].msb(), direction[0].msb()]);
+
+    m.comment("near and far, clipped by the scene's box.");
+    let (mut near, mut far) = (tmin, tmax);
+    for i in 0..3 {
+        let sign = direction[i].msb();
+        // The box does not change under way: it needs no delay registers to be right at any stage.
+        let (lo, hi) = (p.enter_at(scene_lo[i], 0), p.enter_at(scene_hi[i], 0));
+        let near_plane = sign.mux(hi, lo);
+        let far_plane = sign.mux(lo, hi);
+        let place = |name: String, module: &Rc<Module>, plane| {
+            m.instance(
+                name,
+                module,
+                &[
+                    ("plane", plane),
+                    ("origin", origin[i]),
+                    ("reciprocal", reciprocal[i]),
+                ],
+            )
+            .get("distance")
+        };
+        let near_distance = place(format!("near_{}", AXES[i]), &plan.near_distance, near_plane);
+        let far_distance = place(format!("far_{}", AXES[i]), &plan.far_distance, far_plane);
+        near = max(f, near, near_distance)
+            .named(format!("near_after_{}", AXES[i]))
+            .register();
+        far = min(f, far, far_distance)
+            .named(format!("far_after_{}", AXES[i]))
+            .register();
+    }
+    let enters = (sound & less_equal(f, near, far))
+        .named("enters")
+        .register();
+
+    let mut outputs: Vec<(String, Signal<'_>)> = vec![
+        ("out_packet".into(), packet),
+        ("out_ray".into(), ray),
+        ("out_enters".into(), enters),
+        ("out_near".into(), near),
+        ("out_far".into(), far),
+        ("out_signs".into(), signs),
+        ("out_tmin".into(), tmin),
+        ("out_tmax".into(), tmax),
+        ("out_any_hit".into(), any_hit),
+    ];
+    for i in 0..3 {
+        outputs.push((format!("out_origin_{}", AXES[i]), origin[i]));
+        outputs.push((format!("out_reciprocal_{}", AXES[i]), reciprocal[i]));
+    }
+    if watertight {
+        m.comment("The shear that the watertight test turns the ray into the z axis with.");
+        let size: Vec<_> = (0..3)
+            .map(|i| {
+                is_zero(f, direction[i])
+                    .mux(m.zero(w - 1), direction[i].low(w - 1))
+                    .named(format!("size_{}", AXES[i]))
+            })
+            .collect();
+        let y_beats_x = size[1].gt(size[0]).named("y_beats_x").register();
+        let xy_size = y_beats_x.mux(size[1], size[0]);
+        let z_wins = size[2].at(1).gt(xy_size).named("z_wins").register();
+        let y_wins = (y_beats_x & !z_wins).named("y_wins");
+        let kz = z_wins.concat(y_wins).named("kz");
+        let pick = |x, y, z| z_wins.mux(z, y_wins.mux(y, x));
+        let dkx = pick(direction[1], direction[2], direction[0])
+            .named("direction_kx")
+            .register();
+        let dky = pick(direction[2], direction[0], direction[1])
+            .named("direction_ky")
+            .register();
+        let rkz = pick(reciprocal[0], reciprocal[1], reciprocal[2])
+            .named("reciprocal_kz")
+            .register();
+        outputs.push(("out_kz".into(), kz));
+        outputs.push(("out_shear_x".into(), plan.units.mul("shear_x", dkx, rkz)));
+        outputs.push(("out_shear_y".into(), plan.units.mul("shear_y", dky, rkz)));
+        outputs.push(("out_shear_z".into(), rkz));
+    } else {
+        for i in 0..3 {
+            outputs.push((format!("out_direction_{}", AXES[i]), direction[i]));
+        }
+    }
+
+    let last = outputs
+        .iter()
+        .filter_map(|(_, s)| s.stage())
+        .max()
+        .unwrap_or(0)
+        .max(lookahead);
+    m.group("The ray, set up");
+    m.output("out_valid", valid.at(last));
+    for (name, signal) in outputs {
+        m.output(name, signal.at(last));
+    }
+    m.group(format!(
+        "Says {lookahead} clocks ahead that a ray is coming out"
+    ));
+    m.output("soon", valid.at(last - lookahead));
+    m.finish()
+}

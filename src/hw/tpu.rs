@@ -1,0 +1,765 @@
+//! The traversal processing unit: a packet step a clock.
+//!
+//! A packet under way is in exactly one place: waiting in a queue, in memory as a node request, in the step pipeline, in the
+//! pop pipeline, or in the geometry unit. So every queue is as deep as there are packets and can never overflow, every pipeline
+//! has a fixed latency and never stalls, and what belongs to a packet travels with it as its *context*.
+//!
+//! ```text
+//! start ──────────────────────────────► pop ──► fetch (popped) ──┐
+//!                                        ▲ ▲                     ▼
+//!  retry, step's pops, geometry's done ──┘ └── stack        node request
+//!                                               ▲                │
+//!  step ──► fetch (stepped) ────────────────────┼─► node request ▼
+//!   ▲                                           │           node answer
+//!   └─ 4 plane distances a ray, decision, push ─┴────────────────┘
+//! ```
+
+use super::bundle::Bundle;
+use super::fifo;
+use super::fp::{less_equal, max, min};
+use super::plan::Plan;
+use crate::bkd::layout::Record;
+use crate::hdl::{Builder, HdlError, Module, Signal, Style};
+use std::rc::Rc;
+
+const AXES: [&str; 3] = ["x", "y", "z"];
+
+/// The traversal processing unit, and how long its pop pipeline is.
+pub struct Tpu {
+    pub module: Rc<Module>,
+    /// Clocks from a pop's start to its result. Whatever else writes what a pop writes must say so that long before.
+    pub pop_latency: u32,
+    /// The slice of one ray, for its own tests.
+    pub slice: Rc<Module>,
+}
+
+/// What belongs to a packet beside its rays: how full its stack is, and which rays have hit something.
+pub(super) fn context(plan: &Plan) -> Bundle {
+    Bundle::new(&[("level", plan.level_bits()), ("touched", plan.rays())])
+}
+
+/// One ray's part of a packet step: its interval in both children, and where it goes.
+fn slice(plan: &Plan) -> Result<Rc<Module>, HdlError> {
+    let w = plan.number();
+    let f = plan.format;
+    let m = Builder::new(
+        "tpu_slice",
+        "one ray's part of a packet step: four plane distances, its interval in each child, where it goes.",
+    );
+    let p = m.pipeline();
+    m.group("The node's intervals");
+    let planes: Vec<_> = ["left_lo", "left_hi", "right_lo", "right_hi"]
+        .map(|name| p.input(name, w))
+        .into();
+    m.group("The ray on the left and the right child's axis");
+    let sides = ["left", "right"];
+    let side_inputs: Vec<_> = sides
+        .iter()
+        .map(|s| {
+            (
+                p.input(format!("{s}_sign"), 1),
+                p.input(format!("{s}_origin"), w),
+                p.input(format!("{s}_reciprocal"), w),
+            )
+        })
+        .collect();
+    m.group("The ray's interval in the node, needed when the distances are there");
+    let distance_latency = plan.near_distance.latency().unwrap_or(0);
+    let near = p.input_at("ray_near", w, distance_latency);
+    let far = p.input_at("ray_far", w, distance_latency);
+    let active = p.input_at("ray_active", 1, distance_latency);
+
+    let mut intervals = vec![];
+    for (side, name) in sides.iter().enumerate() {
+        m.comment(format!("The {name} child: near and far planes by the direction's sign, then near and far clipped."));
+        let (lo, hi) = (planes[2 * side], planes[2 * side + 1]);
+        let (sign, origin, reciprocal) = side_inputs[side];
+        let near_plane = sign
+            .mux(hi, lo)
+            .named(format!("{name}_near_plane"))
+            .register();
+        let far_plane = sign
+            .mux(lo, hi)
+            .named(format!("{name}_far_plane"))
+            .register();
+        let near_distance = m
+            .instance(
+                format!("{name}_near_distance"),
+                &plan.near_distance,
+                &[
+                    ("plane", near_plane),
+                    ("origin", origin),
+                    ("reciprocal", reciprocal),
+                ],
+            )
+            .get("distance");
+        let far_distance = m
+            .instance(
+                format!("{name}_far_distance"),
+                &plan.far_distance,
+                &[
+                    ("plane", far_plane),
+                    ("origin", origin),
+                    ("reciprocal", reciprocal),
+                ],
+            )
+            .get("distance");
+        let near = max(f, near, near_distance).named(format!("{name}_near_clipped"));
+        let far = min(f, far, far_distance).named(format!("{name}_far_clipped"));
+        intervals.push((near.register(), far.register()));
+    }
+    m.comment("Where the ray goes.");
+    let (left_near, left_far) = intervals[0];
+    let (right_near, right_far) = intervals[1];
+    let goes_left = (active & less_equal(f, left_near, left_far)).named("goes_left");
+    let goes_right = (active & less_equal(f, right_near, right_far)).named("goes_right");
+    let left_first =
+        (goes_left & goes_right & less_equal(f, left_near, right_near)).named("both_left_first");
+    let end = left_near.stage().unwrap_or(0) + 1;
+    m.group("The ray's interval in the children, and where it goes");
+    for (name, signal) in [
+        ("left_near", left_near),
+        ("left_far", left_far),
+        ("right_near", right_near),
+        ("right_far", right_far),
+        ("to_left", goes_left),
+        ("to_right", goes_right),
+        ("left_before_right", left_first),
+    ] {
+        let name = if name.ends_with("near") || name.ends_with("far") {
+            format!("out_{name}")
+        } else {
+            name.to_string()
+        };
+        m.output(name, signal.at(end));
+    }
+    m.finish()
+}
+
+/// The traversal processing unit of a machine.
+pub fn module(plan: &Plan) -> Result<Tpu, HdlError> {
+    let slice = slice(plan)?;
+    let w = plan.number();
+    let f = plan.format;
+    let rays = plan.rays();
+    let packets = plan.packets();
+    let a = plan.address();
+    let context = context(plan);
+    let depth = u128::from(plan.config.stack_depth);
+
+    // A child to go to.
+    let item = Bundle::new(&[
+        ("packet", plan.packet_bits()),
+        ("address", a),
+        ("context", context.width()),
+    ]);
+    let leaf_item = Bundle::new(&[
+        ("packet", plan.packet_bits()),
+        ("address", a),
+        ("context", context.width()),
+        ("mask", rays),
+    ]);
+    let pop_item = Bundle::new(&[("packet", plan.packet_bits()), ("context", context.width())]);
+    let interval = Bundle::new(&[("near", w), ("far", w)]);
+    let entry = Bundle::new(&[
+        ("address", a),
+        ("leaf", 1),
+        ("mask", rays),
+        ("intervals", rays * interval.width()),
+    ]);
+
+    let m = Builder::new(
+        "tpu",
+        "the traversal processing unit: takes packets through a B-KD tree, a packet step a clock.",
+    );
+    m.group("A ray that has been set up; the last of a packet starts it. soon says so pop_latency clocks before");
+    let setup_soon = m.input("setup_soon", 1);
+    let setup_valid = m.input("setup_valid", 1);
+    let setup_packet = m.input("setup_packet", plan.packet_bits());
+    let setup_ray = m.input("setup_ray", plan.ray_bits());
+    let setup_enters = m.input("setup_enters", 1);
+    let setup_near = m.input("setup_near", w);
+    let setup_far = m.input("setup_far", w);
+    let setup_signs = m.input("setup_signs", 3);
+    let setup_origin: Vec<_> = AXES.map(|x| m.input(format!("setup_origin_{x}"), w)).into();
+    let setup_reciprocal: Vec<_> = AXES
+        .map(|x| m.input(format!("setup_reciprocal_{x}"), w))
+        .into();
+    m.group("The root link word, constant while packets are under way");
+    let root = m.input("root", Record::link_word().width);
+    m.group("Node memory: requests");
+    let node_ready = m.input("node_request_ready", 1);
+    m.group("Node memory: answers, in any order, always taken");
+    let node_valid = m.input("node_response_valid", 1);
+    let node_tag = m.input("node_response_tag", plan.packet_bits());
+    let node_record = Record::node(f);
+    let node_data = m.input("node_response_data", node_record.width);
+    m.group("Leaves to the geometry unit");
+    let leaf_ready = m.input("leaf_ready", 1);
+    m.group("A closer hit of a ray: what its near must not exceed from now on");
+    let limit_valid = m.input("limit_valid", 1);
+    let limit_packet = m.input("limit_packet", plan.packet_bits());
+    let limit_ray = m.input("limit_ray", plan.ray_bits());
+    let limit_value = m.input("limit_value", w);
+    m.group("A leaf all of whose tests are merged");
+    let done_valid = m.input("done_valid", 1);
+    let done_packet = m.input("done_packet", plan.packet_bits());
+    let done_context = m.input("done_context", context.width());
+
+    m.comment("Rays: origin, reciprocal and signs, a memory for each place in the packet, written when set up.");
+    let ray_word = Bundle::new(&[
+        ("origin_x", w),
+        ("origin_y", w),
+        ("origin_z", w),
+        ("reciprocal_x", w),
+        ("reciprocal_y", w),
+        ("reciprocal_z", w),
+        ("signs", 3),
+    ]);
+    let setup_word = ray_word
+        .pack(&[
+            ("origin_x", setup_origin[0]),
+            ("origin_y", setup_origin[1]),
+            ("origin_z", setup_origin[2]),
+            ("reciprocal_x", setup_reciprocal[0]),
+            ("reciprocal_y", setup_reciprocal[1]),
+            ("reciprocal_z", setup_reciprocal[2]),
+            ("signs", setup_signs),
+        ])
+        .named("setup_word");
+    let setup_of: Vec<_> = (0..rays)
+        .map(|i| (setup_valid & setup_ray.equals(u128::from(i))).named(format!("setup_of_ray{i}")))
+        .collect();
+    let ray_memory: Vec<_> = (0..rays)
+        .map(|i| {
+            let memory = m.memory(
+                format!("ray{i}_memory"),
+                packets,
+                ray_word.width(),
+                Style::Block,
+            );
+            memory.write(setup_of[i as usize], setup_packet, setup_word);
+            memory
+        })
+        .collect();
+
+    m.comment(
+        "Where a requested node lies, and its packet's context, kept while the request is out.",
+    );
+    let request_word = Bundle::new(&[("address", a), ("context", context.width()), ("popped", 1)]);
+    let request_fire = m.wire("request_fire", 1);
+    let request_item = m.wire("request_item", item.width());
+    let request_popped = m.wire("request_popped", 1);
+    let requests = m.memory(
+        "request_memory",
+        packets,
+        request_word.width(),
+        Style::Distributed,
+    );
+    requests.write(
+        request_fire.get(),
+        item.get(request_item.get(), "packet"),
+        request_word.pack(&[
+            ("address", item.get(request_item.get(), "address")),
+            ("context", item.get(request_item.get(), "context")),
+            ("popped", request_popped.get()),
+        ]),
+    );
+
+    m.comment("Intervals and mask of the packet in the node it goes to: as a step left them, and as a pop or the setup did.");
+    let stepped_write = m.wire("stepped_write", 1);
+    let stepped_packet = m.wire("stepped_packet", plan.packet_bits());
+    let stepped_mask = m.wire("stepped_mask", rays);
+    let stepped_intervals = m.wire("stepped_intervals", rays * interval.width());
+    let stepped = m.memory(
+        "stepped_memory",
+        packets,
+        rays * (1 + interval.width()),
+        Style::Block,
+    );
+    stepped.write(
+        stepped_write.get(),
+        stepped_packet.get(),
+        stepped_mask.get().concat(stepped_intervals.get()),
+    );
+    let popped_packet = m.wire("popped_packet", plan.packet_bits());
+    let popped_mask_write = m.wire("popped_mask_write", 1);
+    let popped_mask = m.wire("popped_mask", rays);
+    let popped_masks = m.memory("popped_mask_memory", packets, rays, Style::Distributed);
+    popped_masks.write(
+        popped_mask_write.get(),
+        popped_packet.get(),
+        popped_mask.get(),
+    );
+    let popped_write: Vec<_> = (0..rays)
+        .map(|i| m.wire(format!("popped_write{i}"), 1))
+        .collect();
+    let popped_interval: Vec<_> = (0..rays)
+        .map(|i| m.wire(format!("popped_interval{i}"), interval.width()))
+        .collect();
+    let popped: Vec<_> = (0..rays as usize)
+        .map(|i| {
+            let memory = m.memory(
+                format!("popped{i}_memory"),
+                packets,
+                interval.width(),
+                Style::Block,
+            );
+            memory.write(
+                popped_write[i].get(),
+                popped_packet.get(),
+                popped_interval[i].get(),
+            );
+            memory
+        })
+        .collect();
+
+    m.comment("The packet step. A node's answer enters with the packet's rays.");
+    let p = m.pipeline();
+    let valid = p.enter(node_valid).cleared_by_reset();
+    let packet = p.enter(node_tag);
+    let node = p.enter(node_data);
+    let field = |name: &str| {
+        let field = node_record.field(name);
+        node.field(field.lsb, field.width)
+    };
+    let planes = ["left_lo", "left_hi", "right_lo", "right_hi"];
+    let axes = [field("left_axis"), field("right_axis")];
+    let slice_near = slice.port("ray_near").and_then(|port| port.stage).unwrap_or(0);
+    let mut slices = vec![];
+    let mut near_far_stage = 0;
+    let sides = ["left", "right"];
+    let ray_words: Vec<_> = ray_memory
+        .iter()
+        .map(|memory| plan.read(*memory, packet))
+        .collect();
+    let entry_stage = packet.stage().unwrap_or(0) + plan.read_latency() + 1;
+    let read_at = entry_stage + slice_near - plan.read_latency();
+    let late_packet = packet.at(read_at);
+    let request = requests
+        .read_now(packet.at(read_at + plan.read_latency() - 1))
+        .register();
+    let from_pop = request_word.get(request, "popped");
+    let stepped_word = plan.read(stepped, late_packet);
+    let popped_mask_word = popped_masks
+        .read_now(packet.at(read_at + plan.read_latency() - 1))
+        .register();
+    let mask_in = from_pop
+        .mux(popped_mask_word, stepped_word.high(rays))
+        .named("mask_in");
+    for i in 0..rays as usize {
+        let word = ray_words[i];
+        let popped_word = plan.read(popped[i], late_packet);
+        let current = from_pop
+            .mux(
+                popped_word,
+                stepped_word.field(i as u32 * interval.width(), interval.width()),
+            )
+            .named(format!("ray{i}_interval"));
+        let mut inputs = vec![];
+        for (side, name) in sides.iter().enumerate() {
+            let axis = axes[side];
+            let along = |what: &str| {
+                let of = AXES.map(|x| ray_word.get(word, &format!("{what}_{x}")));
+                m.select(axis, &of)
+            };
+            let signs = ray_word.get(word, "signs");
+            let sign = m
+                .select(axis, &[signs.bit(0), signs.bit(1), signs.bit(2)])
+                .named(format!("ray{i}_{name}_sign"));
+            inputs.push((format!("{name}_sign"), sign.register()));
+            inputs.push((
+                format!("{name}_origin"),
+                along("origin")
+                    .named(format!("ray{i}_{name}_origin"))
+                    .register(),
+            ));
+            inputs.push((
+                format!("{name}_reciprocal"),
+                along("reciprocal")
+                    .named(format!("ray{i}_{name}_reciprocal"))
+                    .register(),
+            ));
+        }
+        for plane in planes {
+            inputs.push((plane.to_string(), field(plane)));
+        }
+        inputs.push(("ray_near".into(), interval.get(current, "near")));
+        inputs.push(("ray_far".into(), interval.get(current, "far")));
+        inputs.push(("ray_active".into(), mask_in.bit(i as u32)));
+        let inputs: Vec<(&str, Signal<'_>)> =
+            inputs.iter().map(|(n, s)| (n.as_str(), *s)).collect();
+        let placed = m.instance(format!("slice{i}"), &slice, &inputs);
+        near_far_stage = placed.get("out_left_near").stage().unwrap_or(0);
+        slices.push(placed);
+    }
+    m.comment("The packet's decision.");
+    let gather = |name: &str| {
+        let bits: Vec<_> = slices.iter().rev().map(|s| s.get(name)).collect();
+        m.concat(&bits)
+    };
+    let to_left = gather("to_left").named("to_left");
+    let to_right = gather("to_right").named("to_right");
+    let goes_left = to_left.any().named("goes_left");
+    let goes_right = to_right.any().named("goes_right");
+    let some_left_first = gather("left_before_right").any();
+    let left_first = (goes_left & (some_left_first | !goes_right)).named("left_first");
+    let intervals_of = |side: &str| {
+        let parts: Vec<_> = slices
+            .iter()
+            .rev()
+            .map(|s| {
+                interval.pack(&[
+                    ("near", s.get(&format!("out_{side}_near"))),
+                    ("far", s.get(&format!("out_{side}_far"))),
+                ])
+            })
+            .collect();
+        m.concat(&parts)
+    };
+    let left_intervals = intervals_of("left").named("left_intervals");
+    let right_intervals = intervals_of("right").named("right_intervals");
+
+    let decided = near_far_stage;
+    let own = request_word
+        .get(request, "address")
+        .at(decided)
+        .named("own_address");
+    let context_in = request_word.get(request, "context").at(decided);
+    let link_field = field("link");
+    let link = link_field.low(a);
+    let (left_leaf, right_leaf) = (field("left_leaf"), field("right_leaf"));
+    let link_after = (link + m.lit(1u8, a)).named("link_after");
+    let right_inner = left_leaf.mux(link, link_after);
+    let left_address = left_leaf
+        .at(decided)
+        .mux(own, link.at(decided))
+        .named("left_address");
+    let right_address = right_leaf
+        .at(decided)
+        .mux(
+            left_leaf.at(decided).mux(link.at(decided), own),
+            right_inner.register().at(decided),
+        )
+        .named("right_address");
+    let first_leaf = left_first.mux(left_leaf.at(decided), right_leaf.at(decided));
+    let second_leaf = left_first.mux(right_leaf.at(decided), left_leaf.at(decided));
+    let first_address = left_first.mux(left_address, right_address);
+    let second_address = left_first.mux(right_address, left_address);
+    let first_mask = left_first.mux(to_left, to_right);
+    let second_mask = left_first.mux(to_right, to_left);
+    let first_intervals = left_first.mux(left_intervals, right_intervals);
+    let second_intervals = left_first.mux(right_intervals, left_intervals);
+    let level = context.get(context_in, "level");
+    let touched = context.get(context_in, "touched");
+    let both = (goes_left & goes_right).named("goes_both");
+    let pushes = (both & valid.at(decided)).named("pushes");
+    let next_level = (level + both.extend(plan.level_bits())).named("next_level");
+    let next_context = context.pack(&[("level", next_level), ("touched", touched)]);
+
+    let step_valid = valid.at(decided).register().untimed().named("step_valid");
+    let step_packet = packet.at(decided + 1).untimed().named("step_packet");
+    let step_goes = (goes_left | goes_right)
+        .named("goes_on")
+        .register()
+        .untimed();
+    let step_leaf = first_leaf.named("first_leaf").register().untimed();
+    let step_address = first_address.named("first_address").register().untimed();
+    let step_context = next_context.named("next_context").register().untimed();
+    let step_mask = first_mask.named("first_mask").register().untimed();
+    let step_intervals = first_intervals
+        .named("first_intervals")
+        .register()
+        .untimed();
+    stepped_write.drive((step_valid & step_goes).named("step_goes_on"));
+    stepped_packet.drive(step_packet);
+    stepped_mask.drive(step_mask);
+    stepped_intervals.drive(step_intervals);
+
+    m.comment("The stack.");
+    let push = pushes.register().untimed();
+    let push_level = level.named("level_before").at(decided + 1).untimed();
+    let push_word = entry
+        .pack(&[
+            ("address", second_address.named("second_address")),
+            ("leaf", second_leaf.named("second_leaf")),
+            ("mask", second_mask.named("second_mask")),
+            ("intervals", second_intervals.named("second_intervals")),
+        ])
+        .register()
+        .untimed();
+    let full = push_level.equals(depth).named("stack_full");
+    let stack_write = (push & !full).named("stack_write");
+    let stack = m.memory(
+        "stack",
+        packets << plan.stack_bits(),
+        entry.width(),
+        Style::Block,
+    );
+    let stack_address_bits = crate::hdl::bits_for(u64::from(packets << plan.stack_bits()));
+    let fit = stack_address_bits - plan.stack_bits();
+    stack.write(
+        stack_write,
+        step_packet
+            .low(fit)
+            .concat(push_level.low(plan.stack_bits())),
+        push_word,
+    );
+    let overflow = m.reg_reset("overflow", 1, 0);
+    overflow.next(overflow.q | (push & full));
+    let high_water = m.reg_reset("high_water", plan.level_bits(), 0);
+    let level_after = context.get(step_context, "level");
+    high_water.next_when(push & high_water.q.lt(level_after), level_after);
+
+    m.comment("Packets that pop: from the geometry unit, from steps that went nowhere, and again after a dropped entry.");
+    let take_done = m.wire("take_done", 1);
+    let take_retry = m.wire("take_retry", 1);
+    let take_stepped = m.wire("take_stepped_pop", 1);
+    let retry_push = m.wire("retry_push", 1);
+    let retry_item = m.wire("retry_item", pop_item.width());
+    let pack_pop = |packet, context| pop_item.pack(&[("packet", packet), ("context", context)]);
+    let (done_any, done_front) = fifo::place(
+        "done_queue",
+        packets,
+        done_valid,
+        pack_pop(done_packet, done_context),
+        take_done.get(),
+    )?;
+    let (retry_any, retry_front) = fifo::place(
+        "retry_queue",
+        packets,
+        retry_push.get(),
+        retry_item.get(),
+        take_retry.get(),
+    )?;
+    let (nowhere_any, nowhere_front) = fifo::place(
+        "nowhere_queue",
+        packets,
+        (step_valid & !step_goes).named("step_goes_nowhere"),
+        pack_pop(step_packet, step_context),
+        take_stepped.get(),
+    )?;
+    let may_pop = (!setup_soon).named("may_pop");
+    take_retry.drive(may_pop & retry_any);
+    take_done.drive(may_pop & !retry_any & done_any);
+    take_stepped.drive(may_pop & !retry_any & !done_any & nowhere_any);
+
+    m.comment("The pop.");
+    let q = m.pipeline();
+    let pop_valid = q
+        .enter(may_pop & (retry_any | done_any | nowhere_any))
+        .named("pop_valid")
+        .cleared_by_reset();
+    let pop = q
+        .enter(m.priority(
+            &[(retry_any, retry_front), (done_any, done_front)],
+            nowhere_front,
+        ))
+        .named("pop");
+    let pop_packet = pop_item.get(pop, "packet");
+    let pop_context = pop_item.get(pop, "context");
+    let pop_level = context.get(pop_context, "level");
+    let pop_touched = context.get(pop_context, "touched");
+    let stack_empty = pop_level.is_zero().named("stack_empty");
+    let level_below = (pop_level - m.lit(1u8, plan.level_bits())).named("level_below");
+    let popped_entry = plan.read(
+        stack,
+        pop_packet
+            .low(fit)
+            .concat(level_below.low(plan.stack_bits())),
+    );
+    let entry_mask = entry.get(popped_entry, "mask");
+    let entry_intervals = entry.get(popped_entry, "intervals");
+    let mut stays = vec![];
+    let mut pop_intervals = vec![];
+    for i in 0..rays {
+        let limits = m.memory(format!("limit{i}_memory"), packets, w, Style::Distributed);
+        limits.write(
+            limit_valid & limit_ray.equals(u128::from(i)),
+            limit_packet,
+            limit_value,
+        );
+        let limit = limits
+            .read_now(pop_packet.at(plan.read_latency() - 1))
+            .register();
+        let word = entry_intervals.field(i * interval.width(), interval.width());
+        let near = interval.get(word, "near");
+        let far = interval.get(word, "far");
+        let touched = pop_touched.bit(i);
+        let within = less_equal(f, near, limit).named(format!("ray{i}_within"));
+        let stay = (entry_mask.bit(i) & (within | !touched)).named(format!("ray{i}_stays"));
+        let clipped = touched
+            .mux(min(f, far, limit), far)
+            .named(format!("ray{i}_far"));
+        stays.push(plan.settle(stay));
+        pop_intervals.push(plan.settle(interval.pack(&[("near", near), ("far", clipped)])));
+    }
+    stays.reverse();
+    let stay_mask = m.concat(&stays).named("stay_mask").register();
+    let pop_intervals: Vec<_> = pop_intervals.into_iter().map(|s| s.register()).collect();
+    let pop_latency = stay_mask.stage().unwrap_or(0);
+    let pop_done = pop_valid.at(pop_latency).untimed().named("pop_done");
+    let pop_out_packet = pop_packet.at(pop_latency).untimed().named("pop_out_packet");
+    let pop_out_empty = stack_empty.at(pop_latency).untimed();
+    let pop_out_mask = stay_mask.untimed().named("pop_out_mask");
+    let pop_out_touched = pop_touched.at(pop_latency).untimed();
+    let pop_out_level = level_below.at(pop_latency).untimed();
+    let pop_out_address = entry.get(popped_entry, "address").at(pop_latency).untimed();
+    let pop_out_leaf = entry.get(popped_entry, "leaf").at(pop_latency).untimed();
+    let pop_out_context = context
+        .pack(&[("level", pop_out_level), ("touched", pop_out_touched)])
+        .named("pop_out_context");
+    let pop_goes = (pop_done & !pop_out_empty & pop_out_mask.any()).named("pop_goes_on");
+    let pop_dropped = (pop_done & !pop_out_empty & !pop_out_mask.any()).named("pop_dropped");
+    retry_push.drive(pop_dropped);
+    retry_item.drive(pack_pop(pop_out_packet, pop_out_context));
+
+    m.comment("The start: rays arrive one by one, the last starts the packet at the root. No pop ends while one arrives.");
+    let gathered = m.reg("gathered", rays);
+    let bit_in: Vec<_> = (0..rays)
+        .rev()
+        .map(|i| setup_enters & setup_ray.equals(u128::from(i)))
+        .collect();
+    let first_ray = setup_ray.is_zero();
+    let so_far = first_ray.mux(m.zero(rays), gathered.q);
+    let start_mask = (so_far | m.concat(&bit_in)).named("start_mask");
+    gathered.next_when(setup_valid, start_mask);
+    let last_ray = setup_ray.equals(u128::from(rays) - 1);
+    let start = (setup_valid & last_ray).named("start");
+    let start_goes = (start & start_mask.any()).named("start_goes");
+    let link_word = Record::link_word();
+    let root_address = root.field(link_word.field("link").lsb, a);
+    let root_leaf = root.field(link_word.field("left_leaf").lsb, 1);
+    let started_context = m.zero(context.width());
+
+    popped_packet.drive(setup_valid.mux(setup_packet, pop_out_packet));
+    popped_mask_write.drive(start_goes | pop_goes);
+    popped_mask.drive(setup_valid.mux(start_mask, pop_out_mask));
+    let setup_interval = interval.pack(&[("near", setup_near), ("far", setup_far)]);
+    for i in 0..rays as usize {
+        popped_write[i].drive(setup_of[i] | pop_goes);
+        popped_interval[i].drive(setup_valid.mux(setup_interval, pop_intervals[i].untimed()));
+    }
+    let entered = (start_goes | pop_goes).named("entered");
+    let entered_leaf = setup_valid.mux(root_leaf, pop_out_leaf);
+    let entered_address = setup_valid.mux(root_address, pop_out_address);
+    let entered_context = setup_valid.mux(started_context, pop_out_context);
+
+    m.comment("Nodes to fetch: after steps, and after pops and starts.");
+    let take_step_item = m.wire("take_step_item", 1);
+    let take_pop_item = m.wire("take_pop_item", 1);
+    let (step_any, step_front) = fifo::place(
+        "step_queue",
+        packets,
+        stepped_write.get() & !step_leaf,
+        item.pack(&[
+            ("packet", step_packet),
+            ("address", step_address),
+            ("context", step_context),
+        ]),
+        take_step_item.get(),
+    )?;
+    let (entered_any, entered_front) = fifo::place(
+        "entered_queue",
+        packets,
+        entered & !entered_leaf,
+        item.pack(&[
+            ("packet", popped_packet.get()),
+            ("address", entered_address),
+            ("context", entered_context),
+        ]),
+        take_pop_item.get(),
+    )?;
+    let node_wanted = (step_any | entered_any).named("node_wanted");
+    request_item.drive(step_any.mux(step_front, entered_front));
+    request_popped.drive(!step_any);
+    request_fire.drive(node_wanted & node_ready);
+    take_step_item.drive(node_ready & step_any);
+    take_pop_item.drive(node_ready & !step_any & entered_any);
+    m.group("Node memory: requests");
+    m.output("node_request_valid", node_wanted);
+    m.output(
+        "node_request_address",
+        item.get(request_item.get(), "address"),
+    );
+    m.output("node_request_tag", item.get(request_item.get(), "packet"));
+
+    m.comment("Leaves to hand over: after steps, and after pops and starts.");
+    let take_step_leaf = m.wire("take_step_leaf", 1);
+    let take_pop_leaf = m.wire("take_pop_leaf", 1);
+    let (step_leaf_any, step_leaf_front) = fifo::place(
+        "step_leaf_queue",
+        packets,
+        stepped_write.get() & step_leaf,
+        leaf_item.pack(&[
+            ("packet", step_packet),
+            ("address", step_address),
+            ("context", step_context),
+            ("mask", step_mask),
+        ]),
+        take_step_leaf.get(),
+    )?;
+    let (entered_leaf_any, entered_leaf_front) = fifo::place(
+        "entered_leaf_queue",
+        packets,
+        entered & entered_leaf,
+        leaf_item.pack(&[
+            ("packet", popped_packet.get()),
+            ("address", entered_address),
+            ("context", entered_context),
+            ("mask", popped_mask.get()),
+        ]),
+        take_pop_leaf.get(),
+    )?;
+    let leaf_front = step_leaf_any
+        .mux(step_leaf_front, entered_leaf_front)
+        .named("leaf_front");
+    take_step_leaf.drive(leaf_ready & step_leaf_any);
+    take_pop_leaf.drive(leaf_ready & !step_leaf_any & entered_leaf_any);
+    m.group("Leaves to the geometry unit");
+    m.output("leaf_valid", step_leaf_any | entered_leaf_any);
+    for name in ["packet", "address", "context", "mask"] {
+        m.output(format!("leaf_{name}"), leaf_item.get(leaf_front, name));
+    }
+
+    m.group("A finished packet, and which of its rays have hit something");
+    m.output(
+        "finished_valid",
+        (start & !start_mask.any()) | (pop_done & pop_out_empty),
+    );
+    m.output("finished_packet", popped_packet.get());
+    m.output(
+        "finished_touched",
+        setup_valid.mux(m.zero(rays), pop_out_touched),
+    );
+
+    m.group("Counters' events, and marks");
+    m.output("step_taken", step_valid);
+    m.output("node_waiting", node_wanted);
+    m.output("stack_high_water", high_water.q);
+    m.output("stack_overflow", overflow.q);
+
+    m.group("The packet step just decided, for whoever watches");
+    m.output("watch_step_packet", step_packet);
+    m.output("watch_step_node", own.at(decided + 1).untimed());
+    m.output("watch_step_left", to_left.at(decided + 1).untimed());
+    m.output("watch_step_right", to_right.at(decided + 1).untimed());
+    m.output(
+        "watch_step_left_first",
+        left_first.at(decided + 1).untimed(),
+    );
+    m.output(
+        "watch_step_left_intervals",
+        left_intervals.at(decided + 1).untimed(),
+    );
+    m.output(
+        "watch_step_right_intervals",
+        right_intervals.at(decided + 1).untimed(),
+    );
+
+    Ok(Tpu {
+        module: m.finish()?,
+        pop_latency,
+        slice,
+    })
+}
