@@ -745,6 +745,49 @@ fn the_watertight_test_lets_no_ray_out_of_a_closed_mesh() {
     assert_eq!(lost, 0, "rays escaped");
 }
 
+/// Where three planes of an axis-aligned box meet, every triangle's box ends too: there the three ulps by which the
+/// clipping is generous matter most.
+#[test]
+fn the_watertight_test_lets_no_ray_out_of_a_box() {
+    const BOXES: u64 = 2000;
+    const RAYS: usize = 1000;
+    let seed = seed();
+    let escaped: Vec<(u64, Ray)> = (0..BOXES)
+        .into_par_iter()
+        .flat_map_iter(|number| {
+            let seed = seed
+                .wrapping_mul(0x9e37_79b9_7f4a_7c15)
+                .wrapping_add(number);
+            let rng = &mut Rng::with_seed(seed);
+            let a = Arithmetic::new(Format::FP24);
+            let lo = [0; 3].map(|_| between(rng, -64.0, 32.0));
+            let size = [0; 3].map(|_| between(rng, -4.0, 5.0).exp2());
+            let mut room = cube("box", 1, |corner| {
+                [0, 1, 2].map(|i| lo[i] + f64::from(corner[i]) * size[i])
+            });
+            let inside = |rng: &mut Rng| {
+                [0, 1, 2].map(|i| a.round(lo[i] + size[i] * between(rng, 0.05, 0.95)))
+            };
+            room.origins = (0..16).map(|_| inside(rng)).collect();
+            let tree = some_tree(&room.mesh, 3, rng);
+            let caster = Caster::new(&room.mesh.image(&tree), TriangleTest::Watertight, 4);
+            let rays: Vec<Ray> = (0..RAYS).map(|_| aimed_ray(&room, rng)).collect();
+            let hits = caster.cast_packets(&rays).hits;
+            let out = rays.into_iter().zip(hits).filter(|(_, hit)| !hit.is_hit());
+            out.map(|(ray, _)| (seed, ray)).collect::<Vec<_>>()
+        })
+        .collect();
+    println!(
+        "{BOXES} boxes, {} rays, {} escaped",
+        BOXES * RAYS as u64,
+        escaped.len()
+    );
+    for (seed, ray) in escaped.iter().take(3) {
+        println!("    box seed {seed}: {ray:?}");
+    }
+    assert!(escaped.is_empty(), "rays escaped");
+}
+
 /// From within a room: three of four at a vertex, a point of an edge, or a hair beside one of these.
 fn aimed_ray(room: &Room, rng: &mut Rng) -> Ray {
     let a = Arithmetic::new(room.mesh.format);
