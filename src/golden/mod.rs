@@ -24,7 +24,7 @@ pub mod tpu;
 pub use brute::{BruteForce, brute_force};
 pub use geometry::{Closest, Outcome, Triangle};
 pub use raycast::{
-    Caster, Counts, Frame, HandOver, Observer, PacketResult, PopEvent, PushEvent, RayTest,
+    Caster, Counts, FrameResult, HandOver, Observer, PacketResult, PopEvent, PushEvent, RayTest,
     StepEvent,
 };
 pub use setup::RaySetup;
