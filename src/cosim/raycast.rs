@@ -141,7 +141,7 @@ struct MemoryPort {
 
 impl MemoryPort {
     fn new(model: &mut Model, name: &str, image: Image, timing: Timing) -> Result<Self> {
-        let mut port = MemoryPort {
+        let port = MemoryPort {
             port: ReadPort::new(name, image.rows(), timing)?,
             image,
             request: [
@@ -153,11 +153,12 @@ impl MemoryPort {
             valid: model.port(&format!("{name}_response_valid"))?,
             tag: model.port(&format!("{name}_response_tag"))?,
             data: model.port(&format!("{name}_response_data"))?,
-            shown_ready: true,
-            shown_valid: true,
+            shown_ready: false,
+            shown_valid: false,
             next: None,
         };
-        port.show(model);
+        model.set(port.ready, 0);
+        model.set(port.valid, 0);
         Ok(port)
     }
 
@@ -412,7 +413,7 @@ impl<'a> Run<'a> {
             // A ray once offered stays until it is taken.
             if shown.is_none() && offered < total && !self.stalls(self.options.ray_stall) {
                 if offered.is_multiple_of(size) {
-                    tag = *self.free_tags.last().expect("more tags than packets in flight");
+                    tag = self.free_tags.pop().expect("more tags than packets in flight");
                 }
                 let ray = self.rays.get(offered).copied().unwrap_or(Ray::INACTIVE);
                 self.offer(&ray, tag);
@@ -494,7 +495,6 @@ impl<'a> Run<'a> {
         expected.hits.resize(size, Hit::MISS);
         self.expected[packet] = Some(expected);
         self.by_tag[tag as usize] = Some((packet, 0));
-        self.free_tags.pop();
     }
 
     fn mismatch(&self, unit: &'static str, place: String, fields: Vec<Field>) -> anyhow::Error {
