@@ -25,7 +25,11 @@ fn check(config: &Config, what: &str, prepared: &Prepared, rays: &[Ray]) -> Repo
         report.tpu_utilisation(),
         report.gu_utilisation()
     );
-    assert_eq!(report.hits_checked, rays.len() as u64, "every ray's hit is checked");
+    assert_eq!(
+        report.hits_checked,
+        rays.len() as u64,
+        "every ray's hit is checked"
+    );
     assert!(hits > 0 && report.steps_checked > 0 && report.tests_checked > 0);
     report
 }
@@ -47,8 +51,17 @@ fn interior_and_its_shadows() {
     let prepared = prepare(&config, "builtin:interior", "512x384", Some(View::Inside));
     check(&config, "builtin:interior", &prepared, &prepared.rays);
     let shadows = shadow_rays(&config, &prepared);
-    assert!(shadows.iter().any(|ray| ray.any_hit && ray.tmax.is_finite()));
-    check(&config, "builtin:interior, shadow rays", &prepared, &shadows);
+    assert!(
+        shadows
+            .iter()
+            .any(|ray| ray.any_hit && ray.tmax.is_finite())
+    );
+    check(
+        &config,
+        "builtin:interior, shadow rays",
+        &prepared,
+        &shadows,
+    );
 }
 
 #[test]

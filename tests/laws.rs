@@ -55,7 +55,7 @@ impl Mesh {
         let image = MemoryImage::new(self.format, &self.vertices, &self.triangles, tree)
             .expect("a small scene fits");
         image
-            .check(self.triangles.len() as u32, 26)
+            .check(self.triangles.len() as u32)
             .expect("the image is sound");
         image
     }

@@ -22,8 +22,13 @@ fn whole(config: &Config, scene: &str, seed: u64) -> u64 {
         hit_stall: 0.3,
         ..Options::default()
     };
-    let report = run(config, &prepared.image, &rays, &options, &|_| ())
-        .unwrap_or_else(|e| panic!("{} (seed {seed}):\n{}\n{e:#}", config.name, config.to_toml()));
+    let report = run(config, &prepared.image, &rays, &options, &|_| ()).unwrap_or_else(|e| {
+        panic!(
+            "{} (seed {seed}):\n{}\n{e:#}",
+            config.name,
+            config.to_toml()
+        )
+    });
     println!(
         "{}: {} rays, {} packet steps, {} tests agree in all bits",
         config.name, report.hits_checked, report.steps_checked, report.tests_checked
@@ -46,7 +51,11 @@ fn variant(name: &str, edit: impl FnOnce(&mut Config)) -> Config {
 #[test]
 fn named_configurations() {
     for name in ["virtex4-lx160", "dynrt-2006", "ecp5-85f", "tiny"] {
-        whole(&Config::load(name).unwrap(), "builtin:teapot?tessellation=4", 1);
+        whole(
+            &Config::load(name).unwrap(),
+            "builtin:teapot?tessellation=4",
+            1,
+        );
     }
 }
 
@@ -61,7 +70,9 @@ fn configurations_that_differ_most() {
             c.fraction_bits = 23;
         }),
         variant("133 MHz", |c| c.clock_mhz = 133),
-        variant("Moller-Trumbore", |c| c.triangle_test = TriangleTest::MollerTrumbore),
+        variant("Moller-Trumbore", |c| {
+            c.triangle_test = TriangleTest::MollerTrumbore
+        }),
         variant("one axis, 64 packets", |c| {
             c.axes_per_node = 1;
             c.packets_in_flight = 64;
@@ -84,7 +95,11 @@ fn random_machines() {
         |_| fastrand::u64(..1 << 32),
         |seed| seed.parse().expect("DYNRT_SEED is a number"),
     );
-    let machines = if std::env::var_os("DYNRT_FULL").is_some() { 40 } else { 3 };
+    let machines = if std::env::var_os("DYNRT_FULL").is_some() {
+        40
+    } else {
+        3
+    };
     println!("random machines: DYNRT_SEED={seed} replays them");
     for i in 0..machines {
         let mut config = Config::random(seed.wrapping_add(i));

@@ -23,7 +23,6 @@ pub fn shared_scene(file: &str) -> Option<String> {
 pub struct Prepared {
     pub mesh: MachineMesh,
     pub image: MemoryImage,
-    pub frame: Frame,
     pub camera: Camera,
     pub bounds: scene::Bounds,
     pub packets: Vec<RayPacket>,
@@ -47,7 +46,6 @@ pub fn prepare(config: &Config, scene: &str, size: &str, view: Option<View>) -> 
     Prepared {
         mesh,
         image,
-        frame,
         camera,
         bounds,
         packets,
