@@ -8,13 +8,14 @@ use super::signal::Signal;
 use super::{check, verilog};
 use std::cell::{Cell, RefCell};
 use std::collections::HashMap;
+use std::collections::hash_map::Entry;
 use std::panic::Location;
 use std::rc::Rc;
 
 pub(super) type Id = usize;
 pub(super) type Place = &'static Location<'static>;
 
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub(super) enum Binary {
     And,
     Or,
@@ -30,7 +31,7 @@ pub(super) enum Binary {
     ShiftRight,
 }
 
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, PartialEq, Eq, Hash)]
 pub(super) enum Op {
     Input,
     Literal(u128),
@@ -53,7 +54,7 @@ pub(super) enum Op {
     Instance(usize, usize),
 }
 
-#[derive(Clone, Debug, Default)]
+#[derive(Clone, Debug, Default, PartialEq, Eq, Hash)]
 pub(super) struct Register {
     pub next: Option<Id>,
     pub enable: Option<Id>,
@@ -103,6 +104,8 @@ pub(super) struct Inner {
     pub names: HashMap<String, Place>,
     pub delays: HashMap<Id, Id>,
     pub pipelines: u32,
+    /// Nodes by what they compute: the same expression twice is one node.
+    pub known: HashMap<(Op, u32, Option<Stage>), Id>,
 }
 
 /// Makes one module.
@@ -116,76 +119,258 @@ pub struct Builder {
     pub(super) has_reset: Cell<bool>,
 }
 
+/// Reserved in Verilog or SystemVerilog (tools read files as either), or taken for clock and reset.
 const KEYWORDS: &[&str] = &[
+    "accept_on",
+    "alias",
     "always",
+    "always_comb",
+    "always_ff",
+    "always_latch",
     "and",
+    "assert",
     "assign",
+    "assume",
+    "automatic",
+    "before",
     "begin",
+    "bind",
+    "bins",
+    "binsof",
+    "bit",
+    "break",
     "buf",
+    "bufif0",
+    "bufif1",
+    "byte",
     "case",
+    "casex",
+    "casez",
+    "cell",
+    "chandle",
+    "checker",
+    "class",
+    "clk",
+    "clocking",
+    "cmos",
+    "config",
+    "const",
+    "constraint",
+    "context",
+    "continue",
+    "cover",
+    "covergroup",
+    "coverpoint",
+    "cross",
+    "deassign",
     "default",
+    "defparam",
+    "design",
+    "disable",
+    "dist",
+    "do",
     "edge",
     "else",
     "end",
+    "endcase",
+    "endchecker",
+    "endclass",
+    "endclocking",
+    "endconfig",
+    "endfunction",
+    "endgenerate",
+    "endgroup",
+    "endinterface",
+    "endmodule",
+    "endpackage",
+    "endprimitive",
+    "endprogram",
+    "endproperty",
+    "endsequence",
+    "endspecify",
+    "endtable",
+    "endtask",
+    "enum",
     "event",
+    "eventually",
+    "expect",
+    "export",
+    "extends",
+    "extern",
+    "final",
+    "first_match",
     "for",
+    "force",
+    "foreach",
+    "forever",
+    "fork",
+    "forkjoin",
     "function",
+    "generate",
+    "genvar",
+    "global",
+    "highz0",
+    "highz1",
     "if",
+    "iff",
+    "ifnone",
+    "ignore_bins",
+    "illegal_bins",
+    "implements",
+    "implies",
+    "import",
+    "incdir",
+    "include",
     "initial",
     "inout",
     "input",
+    "inside",
+    "instance",
+    "int",
     "integer",
+    "interconnect",
+    "interface",
+    "intersect",
+    "join",
+    "join_any",
+    "join_none",
+    "large",
+    "let",
+    "liblist",
+    "library",
+    "local",
+    "localparam",
+    "logic",
+    "longint",
+    "macromodule",
+    "matches",
+    "medium",
+    "modport",
     "module",
     "nand",
     "negedge",
+    "nettype",
+    "new",
+    "nexttime",
+    "nmos",
     "nor",
+    "noshowcancelled",
     "not",
+    "notif0",
+    "notif1",
+    "null",
     "or",
     "output",
+    "package",
+    "packed",
     "parameter",
+    "pmos",
     "posedge",
+    "primitive",
+    "priority",
+    "program",
+    "property",
+    "protected",
+    "pull0",
+    "pull1",
+    "pulldown",
+    "pullup",
+    "pulsestyle_ondetect",
+    "pulsestyle_onevent",
+    "pure",
+    "rand",
+    "randc",
+    "randcase",
+    "randsequence",
+    "rcmos",
     "real",
+    "realtime",
+    "ref",
     "reg",
+    "reject_on",
     "release",
     "repeat",
+    "restrict",
+    "return",
+    "rnmos",
+    "rpmos",
+    "rst",
+    "rtran",
+    "rtranif0",
+    "rtranif1",
+    "s_always",
+    "s_eventually",
+    "s_nexttime",
+    "s_until",
+    "s_until_with",
+    "scalared",
+    "sequence",
+    "shortint",
+    "shortreal",
+    "showcancelled",
     "signed",
+    "small",
+    "soft",
+    "solve",
     "specify",
+    "specparam",
+    "static",
+    "string",
+    "strong",
     "strong0",
     "strong1",
+    "struct",
+    "super",
     "supply0",
     "supply1",
+    "sync_accept_on",
+    "sync_reject_on",
     "table",
+    "tagged",
     "task",
+    "this",
+    "throughout",
     "time",
+    "timeprecision",
+    "timeunit",
+    "tran",
+    "tranif0",
+    "tranif1",
     "tri",
+    "tri0",
+    "tri1",
+    "triand",
+    "trior",
+    "trireg",
+    "type",
+    "typedef",
+    "union",
+    "unique",
+    "unique0",
     "unsigned",
+    "until",
+    "until_with",
+    "untyped",
     "use",
+    "uwire",
+    "var",
     "vectored",
+    "virtual",
+    "void",
     "wait",
+    "wait_order",
     "wand",
+    "weak",
     "weak0",
     "weak1",
     "while",
+    "wildcard",
     "wire",
+    "with",
+    "within",
     "wor",
     "xnor",
     "xor",
-    "rst",
-    "clk",
-    "logic",
-    "bit",
-    "byte",
-    "int",
-    "do",
-    "next",
-    "interface",
-    "packed",
-    "priority",
-    "unique",
-    "var",
-    "void",
-    "with",
-    "cell",
 ];
 
 impl Builder {
@@ -221,8 +406,27 @@ impl Builder {
         if width == 0 {
             self.fail(place, "a signal of no bits");
         }
+        let (op, stage) = match self.evaluate(&op, width) {
+            Some(value) => (Op::Literal(value), None),
+            None => (op, stage),
+        };
         let mut inner = self.inner.borrow_mut();
         let id = inner.nodes.len();
+        let pure = !matches!(
+            op,
+            Op::Input | Op::Wire | Op::Register(_) | Op::Read(..) | Op::Instance(..)
+        );
+        if pure {
+            match inner.known.entry((op.clone(), width, stage)) {
+                Entry::Occupied(known) => {
+                    return Signal {
+                        builder: self,
+                        id: *known.get(),
+                    };
+                }
+                Entry::Vacant(new) => new.insert(id),
+            };
+        }
         inner.items.push(Item::Node(id));
         inner.nodes.push(Node {
             op,
@@ -590,6 +794,62 @@ impl Builder {
         self.node(Op::Binary(op, a.id, b.id), width, stage, place)
     }
 
+    /// The value of an operation on literals, of at most 128 bits.
+    fn evaluate(&self, op: &Op, width: u32) -> Option<u128> {
+        if width > 128 {
+            return None;
+        }
+        let inner = self.inner.borrow();
+        let literal = |id: &Id| match inner.nodes[*id].op {
+            Op::Literal(value) => Some(value),
+            _ => None,
+        };
+        let mask = |w: u32| if w >= 128 { u128::MAX } else { (1 << w) - 1 };
+        let bits = |id: &Id| inner.nodes[*id].width;
+        Some(match op {
+            Op::Not(a) => !literal(a)? & mask(width),
+            Op::Any(a) => u128::from(literal(a)? != 0),
+            Op::All(a) => u128::from(literal(a)? == mask(bits(a))),
+            Op::Parity(a) => u128::from(literal(a)?.count_ones() % 2),
+            Op::Slice(a, low) => literal(a)?.checked_shr(*low).unwrap_or(0) & mask(width),
+            Op::Repeat(a, times) => {
+                let value = literal(a)?;
+                (0..*times).fold(0, |all, _| all << bits(a) | value)
+            }
+            Op::Concat(parts) => {
+                let mut all = 0;
+                for part in parts {
+                    all = if bits(part) >= 128 {
+                        0
+                    } else {
+                        all << bits(part)
+                    } | literal(part)?;
+                }
+                all
+            }
+            Op::Binary(op, a, b) => {
+                let (a, b) = (literal(a)?, literal(b)?);
+                match op {
+                    Binary::And => a & b,
+                    Binary::Or => a | b,
+                    Binary::Xor => a ^ b,
+                    Binary::Add => a.wrapping_add(b) & mask(width),
+                    Binary::Sub => a.wrapping_sub(b) & mask(width),
+                    Binary::Mul => a.checked_mul(b)?,
+                    Binary::Equal => u128::from(a == b),
+                    Binary::NotEqual => u128::from(a != b),
+                    Binary::Less => u128::from(a < b),
+                    Binary::LessEqual => u128::from(a <= b),
+                    Binary::ShiftLeft => {
+                        a.checked_shl(b.try_into().ok()?).unwrap_or(0) & mask(width)
+                    }
+                    Binary::ShiftRight => a.checked_shr(b.try_into().ok()?).unwrap_or(0),
+                }
+            }
+            _ => return None,
+        })
+    }
+
     /// Simplifies what a literal makes trivial; lint rightly objects to it in the Verilog.
     fn fold<'b>(&'b self, op: Binary, a: Signal<'b>, b: Signal<'b>) -> Option<Signal<'b>> {
         let (la, lb) = (a.literal(), b.literal());
@@ -610,6 +870,10 @@ impl Builder {
             (Binary::Or, Some(v), _) | (Binary::Or, _, Some(v)) if v == full(w) => {
                 Some(self.ones(w))
             }
+            (Binary::Less, _, Some(0)) => Some(self.zero(1)),
+            (Binary::LessEqual, Some(0), _) => Some(self.ones(1)),
+            (Binary::Less, Some(v), _) if v == full(w) => Some(self.zero(1)),
+            (Binary::LessEqual, _, Some(v)) if v == full(w) => Some(self.ones(1)),
             (Binary::Add, Some(0), _) => Some(b),
             (
                 Binary::Add | Binary::Sub | Binary::ShiftLeft | Binary::ShiftRight | Binary::Xor,

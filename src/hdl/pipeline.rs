@@ -5,7 +5,7 @@ use super::signal::Signal;
 use std::panic::Location;
 
 /// Where in which pipeline of a module a signal is.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub(super) struct Stage {
     pub pipeline: u32,
     /// Registers since the pipeline's inputs.

@@ -305,6 +305,10 @@ impl Printer<'_> {
             }
         }
         for (source, reader) in &readers {
+            // What reads a slice that is written in place reads through it: see mark.
+            if matches!(inner.nodes[*reader].op, Op::Slice(..)) && !self.declared[*reader] {
+                continue;
+            }
             let (low, width) = match inner.nodes[*reader].op {
                 Op::Slice(of, low) if of == *source => (low, inner.nodes[*reader].width),
                 _ => (0, inner.nodes[*source].width),
@@ -486,6 +490,9 @@ impl Printer<'_> {
             self.expression(id)
         };
         let one_line = format!("{target} {expression};");
+        if expression == self.names[id] {
+            return one_line;
+        }
         match &self.inner.nodes[id].op {
             Op::Mux(..) if one_line.len() > LINE || self.chained(id) => {
                 let mut text = target.to_string();

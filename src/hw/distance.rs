@@ -36,7 +36,7 @@ fn distance(units: &Units, name: &str, doc: &str, slack: i32) -> Result<Rc<Modul
     let subtracted = units.sub.latency().unwrap_or(0);
     let reciprocal = p.input_at("reciprocal", w, subtracted);
     let offset = units.sub("offset", plane, origin);
-    let exact = units.mul("product", offset, reciprocal);
+    let exact = units.mul("scaled", offset, reciprocal);
     m.group("Distance in multiples of the ray's direction");
     m.output("distance", step(units.format, exact, slack).register());
     m.finish()

@@ -151,7 +151,7 @@ fn moller_trumbore(plan: &Plan) -> Result<Rc<Module>, HdlError> {
     let zero = m.zero(w);
     let one = m.lit(u128::from(f.one()), w);
     let inside = (less_equal(f, zero, u) & less_equal(f, zero, vv))
-        .named("inside")
+        .named("weights_positive")
         .register();
     let below = less_equal(f, sum, one).named("below_diagonal").register();
     let flat = is_zero(f, det).named("det_is_zero").register();
@@ -291,7 +291,7 @@ fn cross<'b>(plan: &Plan, name: &str, a: Vector<'b>, b: Vector<'b>) -> Vector<'b
 
 /// (a_x b_x + a_y b_y) + a_z b_z.
 fn dot<'b>(plan: &Plan, name: &str, a: Vector<'b>, b: Vector<'b>) -> Signal<'b> {
-    let product = |i: usize| plan.units.mul(format!("{name}_{}", AXES[i]), a[i], b[i]);
+    let product = |i: usize| plan.units.mul(format!("{name}_of_{}", AXES[i]), a[i], b[i]);
     let xy = plan.units.add(format!("{name}_xy"), product(0), product(1));
     plan.units.add(name, xy, product(2))
 }
@@ -362,10 +362,12 @@ fn triangle_test(plan: &Plan) -> Result<Rc<Module>, HdlError> {
         | boxed.get("box_misses")
         | is_nan(f, tested.get("test_t")).at(end))
     .named("misses");
-    let within =
+    let within_limits =
         (less_equal(f, tmin, clamped) & less_equal(f, clamped, tmax) & !is_infinite(f, clamped))
-            .named("within");
-    let hits = (within & !misses.at(limits_at)).named("hits").register();
+            .named("within_limits");
+    let hits = (within_limits & !misses.at(limits_at))
+        .named("hits")
+        .register();
     m.group("Whether the ray hits, and where");
     let last = limits_at + 1;
     m.output("hit", hits);

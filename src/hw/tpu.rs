@@ -65,9 +65,9 @@ fn slice(plan: &Plan) -> Result<Rc<Module>, HdlError> {
         .collect();
     m.group("The ray's interval in the node, needed when the distances are there");
     let distance_latency = plan.near_distance.latency().unwrap_or(0);
-    let near = p.input_at("near", w, distance_latency);
-    let far = p.input_at("far", w, distance_latency);
-    let active = p.input_at("active", 1, distance_latency);
+    let near = p.input_at("ray_near", w, distance_latency);
+    let far = p.input_at("ray_far", w, distance_latency);
+    let active = p.input_at("ray_active", 1, distance_latency);
 
     let mut intervals = vec![];
     for (side, name) in sides.iter().enumerate() {
@@ -325,7 +325,10 @@ pub fn module(plan: &Plan) -> Result<Tpu, HdlError> {
     };
     let planes = ["left_lo", "left_hi", "right_lo", "right_hi"];
     let axes = [field("left_axis"), field("right_axis")];
-    let slice_near = slice.port("near").and_then(|port| port.stage).unwrap_or(0);
+    let slice_near = slice
+        .port("ray_near")
+        .and_then(|port| port.stage)
+        .unwrap_or(0);
     let mut slices = vec![];
     let mut near_far_stage = 0;
     let sides = ["left", "right"];
@@ -384,9 +387,9 @@ pub fn module(plan: &Plan) -> Result<Tpu, HdlError> {
         for plane in planes {
             inputs.push((plane.to_string(), field(plane)));
         }
-        inputs.push(("near".into(), interval.get(current, "near")));
-        inputs.push(("far".into(), interval.get(current, "far")));
-        inputs.push(("active".into(), mask_in.bit(i as u32)));
+        inputs.push(("ray_near".into(), interval.get(current, "near")));
+        inputs.push(("ray_far".into(), interval.get(current, "far")));
+        inputs.push(("ray_active".into(), mask_in.bit(i as u32)));
         let inputs: Vec<(&str, Signal<'_>)> =
             inputs.iter().map(|(n, s)| (n.as_str(), *s)).collect();
         let placed = m.instance(format!("slice{i}"), &slice, &inputs);
