@@ -8,7 +8,9 @@
 //! percent. They decide where registers stand, never what a unit computes.
 
 /// A level of logic: one LUT and the way to the next.
-pub(super) const LOGIC: u32 = 1150;
+pub(super) const LOGIC: u32 = 1100;
+/// A level of a shifter: two of them make one wide LUT.
+pub(super) const SHIFT: u32 = 800;
 /// What more it takes to reach as many LUTs as a significand has bits.
 pub(super) const FAN_OUT: u32 = 350;
 /// A multiplication of at most 17 by 17 bits in a DSP block whose own registers are not used.
@@ -16,7 +18,7 @@ pub(super) const MULTIPLY: u32 = 6000;
 
 /// An addition, subtraction or comparison of `width` bits on a carry chain.
 pub(super) const fn chain(width: u32) -> u32 {
-    1700 + 45 * width
+    1650 + 40 * width
 }
 
 /// A test of `width` bits, all ones or all zeros, as a tree of 4-input LUTs.
