@@ -6,6 +6,7 @@
 pub mod bkd;
 pub mod config;
 pub mod cosim;
+pub mod emit;
 pub mod float;
 pub mod golden;
 pub mod hdl;
