@@ -1,7 +1,7 @@
 //! The laws: nothing is lost, and the tree does not show; with the watertight test, nothing slips through an edge.
 //!
 //! Seeds are printed; `DYNRT_SEED=N cargo test --test laws` replays them. `DYNRT_FULL=1` casts 100,000 rays into each
-//! real scene by brute force instead of [`QUICK_RAYS`].
+//! real scene by brute force instead of 4,000, and ten times as many rays into everything else.
 
 use dynrt::bkd::{BuildOptions, Child, MemoryImage, Tree, TreeNode, build};
 use dynrt::config::TriangleTest;
@@ -30,6 +30,11 @@ fn seed() -> u64 {
     seed
 }
 
+/// Whether to take minutes instead of seconds.
+fn full() -> bool {
+    std::env::var_os("DYNRT_FULL").is_some()
+}
+
 /// A mesh whose vertices are numbers of the format.
 struct Mesh {
     format: Format,
@@ -55,7 +60,7 @@ impl Mesh {
         let image = MemoryImage::new(self.format, &self.vertices, &self.triangles, tree)
             .expect("a small scene fits");
         image
-            .check(self.triangles.len() as u32, 26)
+            .check(self.triangles.len() as u32)
             .expect("the image is sound");
         image
     }
@@ -441,15 +446,15 @@ fn check_batch(kind: Kind, format: Format, test: TriangleTest, rays: usize, seed
 
 #[test]
 fn nothing_is_lost_and_the_tree_does_not_show() {
-    const BATCHES: u64 = 640;
     const RAYS: usize = 1000;
+    let batches = if full() { 6400 } else { 640 };
     let seed = seed();
     let tiny = [(3, 2), (3, 8), (4, 3), (5, 2), (5, 10)].map(|(e, f)| Format::new(e, f).unwrap());
     let wide = [(8, 23), (10, 23), (7, 12), (6, 17)].map(|(e, f)| Format::new(e, f).unwrap());
     let mut all = Tally::default();
     for (kind_index, kind) in KINDS.into_iter().enumerate() {
         for test in TESTS {
-            let tally = (0..BATCHES)
+            let tally = (0..batches)
                 .into_par_iter()
                 .map(|batch| {
                     let seed = seed
@@ -552,8 +557,7 @@ fn shared(path: &str) -> Option<String> {
 #[test]
 fn real_scenes_obey_the_law_too() {
     let seed = seed();
-    let full = std::env::var_os("DYNRT_FULL").is_some();
-    let count = if full { FULL_RAYS } else { QUICK_RAYS };
+    let count = if full() { FULL_RAYS } else { QUICK_RAYS };
     let mut views = vec![
         View::new("builtin:interior", true),
         View::new("builtin:teapot", false),
@@ -677,7 +681,8 @@ fn cube(name: &'static str, n: i32, place: impl Fn([i32; 3]) -> [f64; 3]) -> Roo
 
 #[test]
 fn the_watertight_test_lets_no_ray_out_of_a_closed_mesh() {
-    const RAYS: usize = 2_000_000;
+    const BATCH: usize = 4000;
+    let rays_each: usize = if full() { 20_000_000 } else { 2_000_000 };
     let seed = seed();
     let rng = &mut Rng::with_seed(seed);
     let mut rooms = vec![
@@ -718,19 +723,19 @@ fn the_watertight_test_lets_no_ray_out_of_a_closed_mesh() {
     for room in &rooms {
         let tree = some_tree(&room.mesh, 3, rng);
         let caster = Caster::new(&room.mesh.image(&tree), TriangleTest::Watertight, 4);
-        let batches: Vec<u64> = (0..RAYS / 4000).map(|_| rng.u64(..)).collect();
+        let batches: Vec<u64> = (0..rays_each / BATCH).map(|_| rng.u64(..)).collect();
         let escaped: Vec<Ray> = batches
             .par_iter()
             .flat_map_iter(|&seed| {
                 let rng = &mut Rng::with_seed(seed);
-                let rays: Vec<Ray> = (0..4000).map(|_| aimed_ray(room, rng)).collect();
+                let rays: Vec<Ray> = (0..BATCH).map(|_| aimed_ray(room, rng)).collect();
                 let hits = caster.cast_packets(&rays).hits;
                 let out = rays.into_iter().zip(hits).filter(|(_, hit)| !hit.is_hit());
                 out.map(|(ray, _)| ray).collect::<Vec<_>>()
             })
             .collect();
         println!(
-            "{}: {} triangles, {RAYS} rays, {} escaped",
+            "{}: {} triangles, {rays_each} rays, {} escaped",
             room.name,
             room.mesh.triangles.len(),
             escaped.len()
@@ -738,7 +743,7 @@ fn the_watertight_test_lets_no_ray_out_of_a_closed_mesh() {
         for ray in escaped.iter().take(3) {
             println!("    {ray:?}");
         }
-        all += RAYS;
+        all += rays_each;
         lost += escaped.len();
     }
     assert!(all >= 10_000_000);
@@ -749,10 +754,10 @@ fn the_watertight_test_lets_no_ray_out_of_a_closed_mesh() {
 /// clipping is generous matter most.
 #[test]
 fn the_watertight_test_lets_no_ray_out_of_a_box() {
-    const BOXES: u64 = 2000;
     const RAYS: usize = 1000;
+    let boxes: u64 = if full() { 20_000 } else { 2000 };
     let seed = seed();
-    let escaped: Vec<(u64, Ray)> = (0..BOXES)
+    let escaped: Vec<(u64, Ray)> = (0..boxes)
         .into_par_iter()
         .flat_map_iter(|number| {
             let seed = seed
@@ -778,8 +783,8 @@ fn the_watertight_test_lets_no_ray_out_of_a_box() {
         })
         .collect();
     println!(
-        "{BOXES} boxes, {} rays, {} escaped",
-        BOXES * RAYS as u64,
+        "{boxes} boxes, {} rays, {} escaped",
+        boxes * RAYS as u64,
         escaped.len()
     );
     for (seed, ray) in escaped.iter().take(3) {

@@ -12,15 +12,8 @@ use rayon::prelude::*;
 
 const TESTS: [TriangleTest; 2] = [TriangleTest::MollerTrumbore, TriangleTest::Watertight];
 
-/// The greatest share of pixels that may show another triangle, in a thousand. It is 1 for the reference machine's
-/// watertight test. Möller–Trumbore decides a shared edge anew for each of its triangles: it keeps to 1 in the other
-/// scenes, but the built-in interior has the most edges in view and comes to 1.1.
-fn most_per_mille(test: TriangleTest) -> usize {
-    match test {
-        TriangleTest::Watertight => 1,
-        TriangleTest::MollerTrumbore => 2,
-    }
-}
+/// The greatest share of pixels that may show another triangle, in a thousand.
+const MOST_PER_MILLE: usize = 1;
 
 /// What a frame's pixels come to.
 #[derive(Clone, Copy, Debug, Default)]
@@ -93,7 +86,7 @@ fn account(spec: &str, inside: bool, format: Format) {
         );
         let others = account.same_distance + account.near_edge;
         assert!(
-            others * 1000 <= account.pixels * most_per_mille(test),
+            others * 1000 <= account.pixels * MOST_PER_MILLE,
             "{spec} {test:?}: {others} of {} pixels show another triangle",
             account.pixels
         );

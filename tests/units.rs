@@ -3,17 +3,20 @@
 //!
 //! Tests print their seed; `DYNRT_SEED=… cargo test --test units` replays them.
 
-use dynrt::bkd::{BuildOptions, MemoryImage, build};
+mod common;
+
+use common::prepare;
 use dynrt::config::{Config, TriangleTest};
 use dynrt::cosim::scoreboard::{Category, UnitOptions, UnitReport};
 use dynrt::cosim::workload::Workload;
 use dynrt::cosim::{model, unit_geometry, unit_tpu};
 use dynrt::golden::Caster;
-use dynrt::port::Ray;
-use dynrt::scene::{self, Camera, Frame, MachineMesh};
 
 /// Transactions of each unit of the reference machine, over all its workloads.
 const MANY: u64 = 1_000_000;
+
+/// Transactions of tiny scenes that meet every category many times.
+const FEW: u64 = 60_000;
 
 fn seed() -> u64 {
     let seed = match std::env::var("DYNRT_SEED") {
@@ -22,20 +25,6 @@ fn seed() -> u64 {
     };
     println!("replay with DYNRT_SEED={seed}");
     seed
-}
-
-/// A scene in a machine's memory, and the rays of a picture of it.
-fn frame(config: &Config, scene: &str, size: &str) -> (MemoryImage, Vec<Ray>) {
-    let scene = scene::load(scene).unwrap();
-    let mesh = MachineMesh::new(&scene, config.format()).unwrap();
-    let options = BuildOptions::default_for(config.axes_per_node, config.stack_depth);
-    let tree = build(&mesh.vertices, &mesh.triangles, &options).unwrap();
-    let image =
-        MemoryImage::new(config.format(), &mesh.vertices, &mesh.triangles, &tree).unwrap();
-    let frame = Frame::new(size.parse().unwrap(), config.rays_per_packet as usize).unwrap();
-    let camera = Camera::framing(scene.bounds());
-    let packets = frame.primary_rays(&camera, &mesh).unwrap();
-    (image, packets.into_iter().flat_map(|p| p.rays).collect())
 }
 
 type Run = fn(&Config, Workload<'_>, &UnitOptions) -> anyhow::Result<UnitReport>;
@@ -72,33 +61,29 @@ fn reference(test: TriangleTest) -> Config {
 #[test]
 fn tpu_of_the_reference_machine() {
     let (config, seed) = (Config::reference(), seed());
-    let (image, rays) = frame(&config, "builtin:teapot", "256x192");
-    let workload = Workload::Rays {
-        image: &image,
-        rays: &rays,
-    };
+    let scene = prepare(&config, "builtin:teapot", "256x192", None);
+    let (image, rays) = (&scene.image, &scene.rays);
+    let workload = Workload::Rays { image, rays };
     let report = check(unit_tpu::run, &config, workload, seed);
-    let golden = Caster::new(&image, config.triangle_test, 4).cast_packets(&rays);
+    let golden = Caster::new(image, config.triangle_test, 4).cast_packets(rays);
     assert_eq!(
         (report.transactions, report.packets),
         (golden.steps(), golden.packets.len() as u64)
     );
-    let rest = MANY.saturating_sub(report.transactions);
+    let rest = MANY.saturating_sub(report.transactions).max(FEW);
     let total = report.transactions + coincidences(unit_tpu::run, &config, rest, seed);
     assert!(total >= MANY);
 }
 
 fn geometry_of_the_reference_machine(test: TriangleTest) {
     let (config, seed) = (reference(test), seed());
-    let (image, rays) = frame(&config, "builtin:teapot", "256x192");
-    let workload = Workload::Rays {
-        image: &image,
-        rays: &rays,
-    };
+    let scene = prepare(&config, "builtin:teapot", "256x192", None);
+    let (image, rays) = (&scene.image, &scene.rays);
+    let workload = Workload::Rays { image, rays };
     let report = check(unit_geometry::run, &config, workload, seed);
-    let golden = Caster::new(&image, config.triangle_test, 4).cast_packets(&rays);
+    let golden = Caster::new(image, config.triangle_test, 4).cast_packets(rays);
     assert_eq!(report.transactions, golden.ray_tests());
-    let rest = MANY.saturating_sub(report.transactions);
+    let rest = MANY.saturating_sub(report.transactions).max(FEW);
     let total = report.transactions + coincidences(unit_geometry::run, &config, rest, seed);
     assert!(total >= MANY);
     for active in 1..=config.rays_per_packet {
@@ -153,7 +138,7 @@ fn others() -> Vec<Config> {
 fn tpu_of_other_machines() {
     let seed = seed();
     for config in others() {
-        coincidences(unit_tpu::run, &config, 60_000, seed);
+        coincidences(unit_tpu::run, &config, FEW, seed);
     }
 }
 
@@ -161,6 +146,6 @@ fn tpu_of_other_machines() {
 fn geometry_of_other_machines() {
     let seed = seed();
     for config in others() {
-        coincidences(unit_geometry::run, &config, 60_000, seed);
+        coincidences(unit_geometry::run, &config, FEW, seed);
     }
 }

@@ -141,7 +141,7 @@ pub(super) struct MemoryPort {
 
 impl MemoryPort {
     pub(super) fn new(model: &mut Model, name: &str, image: Image, timing: Timing) -> Result<Self> {
-        let mut port = MemoryPort {
+        let port = MemoryPort {
             port: ReadPort::new(name, image.rows(), timing)?,
             image,
             request: [
@@ -153,11 +153,12 @@ impl MemoryPort {
             valid: model.port(&format!("{name}_response_valid"))?,
             tag: model.port(&format!("{name}_response_tag"))?,
             data: model.port(&format!("{name}_response_data"))?,
-            shown_ready: true,
-            shown_valid: true,
+            shown_ready: false,
+            shown_valid: false,
             next: None,
         };
-        port.show(model);
+        model.set(port.ready, 0);
+        model.set(port.valid, 0);
         Ok(port)
     }
 
@@ -261,7 +262,10 @@ pub fn run(
     options: &Options,
     progress: &dyn Fn(u64),
 ) -> Result<Report> {
-    ensure!(!rays.is_empty(), "there are no rays to cast: nothing would be checked");
+    ensure!(
+        !rays.is_empty(),
+        "there are no rays to cast: nothing would be checked"
+    );
     image.check(config.stack_depth)?;
     let machine = hw::emit(config)?;
     let build_options = BuildOptions {
@@ -358,7 +362,11 @@ impl<'a> Run<'a> {
             valid: model.port("hit_valid")?,
             ready: model.port("hit_ready")?,
             tag: model.port("hit_tag")?,
-            numbers: [model.port("hit_t")?, model.port("hit_u")?, model.port("hit_v")?],
+            numbers: [
+                model.port("hit_t")?,
+                model.port("hit_u")?,
+                model.port("hit_v")?,
+            ],
             instance: model.port("hit_instance")?,
             triangle: model.port("hit_triangle")?,
         };
@@ -412,7 +420,10 @@ impl<'a> Run<'a> {
             // A ray once offered stays until it is taken.
             if shown.is_none() && offered < total && !self.stalls(self.options.ray_stall) {
                 if offered.is_multiple_of(size) {
-                    tag = *self.free_tags.last().expect("more tags than packets in flight");
+                    tag = self
+                        .free_tags
+                        .pop()
+                        .expect("more tags than packets in flight");
                 }
                 let ray = self.rays.get(offered).copied().unwrap_or(Ray::INACTIVE);
                 self.offer(&ray, tag);
@@ -473,7 +484,8 @@ impl<'a> Run<'a> {
         self.model.set(port.tag, u64::from(tag));
         for i in 0..3 {
             self.model.set(port.origin[i], f.to_bits(ray.origin[i]));
-            self.model.set(port.direction[i], f.to_bits(ray.direction[i]));
+            self.model
+                .set(port.direction[i], f.to_bits(ray.direction[i]));
         }
         self.model.set(port.tmin, f.to_bits(ray.tmin));
         self.model.set(port.tmax, f.to_bits(ray.tmax));
@@ -494,7 +506,6 @@ impl<'a> Run<'a> {
         expected.hits.resize(size, Hit::MISS);
         self.expected[packet] = Some(expected);
         self.by_tag[tag as usize] = Some((packet, 0));
-        self.free_tags.pop();
     }
 
     fn mismatch(&self, unit: &'static str, place: String, fields: Vec<Field>) -> anyhow::Error {
@@ -510,7 +521,11 @@ impl<'a> Run<'a> {
 
     fn expected(&self, unit: &'static str, packet: usize) -> Result<&Expected> {
         self.expected[packet].as_ref().ok_or_else(|| {
-            self.mismatch(unit, format!("an event of packet {packet}, which is not under way"), vec![])
+            self.mismatch(
+                unit,
+                format!("an event of packet {packet}, which is not under way"),
+                vec![],
+            )
         })
     }
 
@@ -535,7 +550,11 @@ impl<'a> Run<'a> {
             let node = self.model.get(w.step_node);
             return Err(self.mismatch(
                 "tpu",
-                format!("{}, which has only {}: node {node}", place(), expected.steps.len()),
+                format!(
+                    "{}, which has only {}: node {node}",
+                    place(),
+                    expected.steps.len()
+                ),
                 vec![],
             ));
         };
@@ -562,7 +581,11 @@ impl<'a> Run<'a> {
                 Field::integer("rays that go right", u64::from(golden.right.mask), masks[1]),
             ];
             if both {
-                fields.push(Field::integer("left first", u64::from(golden.left_first != 0), get(w.step_left_first)));
+                fields.push(Field::integer(
+                    "left first",
+                    u64::from(golden.left_first != 0),
+                    get(w.step_left_first),
+                ));
             }
             for (name, set, port) in [
                 ("left", &golden.left, w.intervals[0]),
@@ -601,7 +624,10 @@ impl<'a> Run<'a> {
         let at = expected.next_test;
         let rays = self.config.rays_per_packet as usize;
         let place = |slot: usize| {
-            format!("ray-triangle test {at} of its packet, ray {}", expected.first_ray + slot)
+            format!(
+                "ray-triangle test {at} of its packet, ray {}",
+                expected.first_ray + slot
+            )
         };
         let get = |port| self.model.get(port);
         let Some(golden) = expected.tests.get(at) else {
@@ -628,7 +654,12 @@ impl<'a> Run<'a> {
                 Field::integer("hit", u64::from(outcome.hit), get(w.test_hit)),
             ];
             for (i, name) in ["t", "u", "v"].into_iter().enumerate() {
-                fields.push(Field::number(name, self.format, numbers[i], get(w.test_numbers[i])));
+                fields.push(Field::number(
+                    name,
+                    self.format,
+                    numbers[i],
+                    get(w.test_numbers[i]),
+                ));
             }
             return Err(self.mismatch("geometry", place(golden.slot.into()), fields));
         }
@@ -644,7 +675,11 @@ impl<'a> Run<'a> {
         let get = |handle| self.model.get(handle);
         let tag = get(port.tag) as usize;
         let Some((packet, slot)) = self.by_tag.get(tag).copied().flatten() else {
-            return Err(self.mismatch("raycast", format!("a hit of tag {tag}, which is not under way"), vec![]));
+            return Err(self.mismatch(
+                "raycast",
+                format!("a hit of tag {tag}, which is not under way"),
+                vec![],
+            ));
         };
         let size = self.config.rays_per_packet as usize;
         let expected = self.expected("raycast", packet)?;
@@ -652,23 +687,48 @@ impl<'a> Run<'a> {
         let numbers = [golden.t, golden.u, golden.v].map(|x| self.format.to_bits(x));
         let identities = [golden.instance, golden.triangle].map(u64::from);
         let index = expected.first_ray + slot;
-        if port.numbers.map(get) != numbers || [get(port.instance), get(port.triangle)] != identities {
+        if port.numbers.map(get) != numbers
+            || [get(port.instance), get(port.triangle)] != identities
+        {
             let mut fields: Vec<_> = ["t", "u", "v"]
                 .into_iter()
                 .enumerate()
                 .map(|(i, name)| Field::number(name, self.format, numbers[i], get(port.numbers[i])))
                 .collect();
-            fields.push(Field::integer("instance", identities[0], get(port.instance)));
-            fields.push(Field::integer("triangle", identities[1], get(port.triangle)));
+            fields.push(Field::integer(
+                "instance",
+                identities[0],
+                get(port.instance),
+            ));
+            fields.push(Field::integer(
+                "triangle",
+                identities[1],
+                get(port.triangle),
+            ));
             return Err(self.mismatch("raycast", format!("the hit of ray {index}"), fields));
         }
         let finished = slot + 1 == size;
-        if finished && (expected.next_step, expected.next_test) != (expected.steps.len(), expected.tests.len()) {
+        if finished
+            && (expected.next_step, expected.next_test)
+                != (expected.steps.len(), expected.tests.len())
+        {
             let fields = vec![
-                Field::integer("packet steps", expected.steps.len() as u64, expected.next_step as u64),
-                Field::integer("ray-triangle tests", expected.tests.len() as u64, expected.next_test as u64),
+                Field::integer(
+                    "packet steps",
+                    expected.steps.len() as u64,
+                    expected.next_step as u64,
+                ),
+                Field::integer(
+                    "ray-triangle tests",
+                    expected.tests.len() as u64,
+                    expected.next_test as u64,
+                ),
             ];
-            return Err(self.mismatch("raycast", format!("the work done for the packet of ray {index}"), fields));
+            return Err(self.mismatch(
+                "raycast",
+                format!("the work done for the packet of ray {index}"),
+                fields,
+            ));
         }
         if let Some(hit) = self.hits.get_mut(index) {
             let [t, u, v] = port.numbers.map(|p| self.format.to_f64(self.model.get(p)));
@@ -704,7 +764,10 @@ impl<'a> Run<'a> {
             gu_starved_cycles: counter("count_gu_starved_cycles")?,
             stack_high_water: counter("stack_high_water")?,
         };
-        ensure!(counter("stack_overflow")? == 0, "the machine flags a stack overflow");
+        ensure!(
+            counter("stack_overflow")? == 0,
+            "the machine flags a stack overflow"
+        );
         let counted = [self.counters.packet_steps, self.counters.ray_triangle_tests];
         if counted != [self.steps_checked, self.tests_checked] {
             let fields = vec![

@@ -100,7 +100,8 @@ impl Contents {
 
     fn mark(&mut self) {
         let mark = |triangle: &Triangle| {
-            let some = |holds: fn(f64) -> bool| triangle.vertices.iter().flatten().any(|x| holds(*x));
+            let some =
+                |holds: fn(f64) -> bool| triangle.vertices.iter().flatten().any(|x| holds(*x));
             let (lo, hi) = triangle.bounds();
             Marks {
                 lo,
@@ -564,7 +565,9 @@ impl<'a> Run<'a> {
 
     /// Shows a packet's next leaf.
     fn offer(&mut self, id: usize) {
-        let packet = self.packets[id].as_mut().expect("it has a leaf to hand over");
+        let packet = self.packets[id]
+            .as_mut()
+            .expect("it has a leaf to hand over");
         // The unit passes the level on; it may be any.
         packet.level = match self.rng.u8(..8) {
             0 => u64::from(self.config.stack_depth),
@@ -619,7 +622,10 @@ impl<'a> Run<'a> {
             for (category, holds) in [
                 (Category::Nan, ray.nan || marks.nan),
                 (Category::Infinity, ray.infinite || marks.infinite),
-                (Category::SignedZero, ray.negative_zero || marks.negative_zero),
+                (
+                    Category::SignedZero,
+                    ray.negative_zero || marks.negative_zero,
+                ),
                 (Category::FlatBox, flat),
                 (Category::Degenerate, triangle.degenerate),
                 (Category::RayInPlane, in_plane),
@@ -650,9 +656,9 @@ impl<'a> Run<'a> {
         };
         if get(ports.test_valid) == 0 {
             return match strays() {
-                Some((what, _)) => {
-                    Err(self.bench.mismatch(format!("{what} without a test"), vec![]))
-                }
+                Some((what, _)) => Err(self
+                    .bench
+                    .mismatch(format!("{what} without a test"), vec![])),
                 None => Ok(None),
             };
         }
@@ -737,7 +743,11 @@ impl<'a> Run<'a> {
             fields.push(number("u", outcome.raw[1], ports.test_numbers[1]));
             fields.push(number("v", outcome.raw[2], ports.test_numbers[2]));
         }
-        fields.push(integer("replaces the closest", replaces, ports.test_replaces));
+        fields.push(integer(
+            "replaces the closest",
+            replaces,
+            ports.test_replaces,
+        ));
         fields.push(integer("limit given", replaces, ports.limit_valid));
         if expected.replaces {
             fields.push(integer("limit's packet", id as u64, ports.limit_packet));

@@ -98,7 +98,8 @@ impl Observer for Script<'_> {
         });
         categories.count(Category::RayInPlane, in_plane);
         let both = event.left.mask & event.right.mask;
-        let equal = some_ray(&|k, _| both >> k & 1 != 0 && event.left.near[k] == event.right.near[k]);
+        let equal =
+            some_ray(&|k, _| both >> k & 1 != 0 && event.left.near[k] == event.right.near[k]);
         categories.count(Category::EqualDistances, equal);
         categories.count(Category::AnyHit, some_ray(&|_, ray| ray.any_hit));
         let limited = some_ray(&|_, ray| ray.tmin > 0.0 || ray.tmax < f64::INFINITY);
@@ -513,7 +514,10 @@ impl<'a> Run<'a> {
     fn packet(&self, id: usize, what: &str) -> Result<&Packet> {
         match self.packets.get(id).and_then(Option::as_ref) {
             Some(packet) if packet.in_leaf => Err(self.bench.mismatch(
-                format!("{what} of {} while its leaf is being tested", name(id, packet)),
+                format!(
+                    "{what} of {} while its leaf is being tested",
+                    name(id, packet)
+                ),
                 vec![],
             )),
             Some(packet) => Ok(packet),
@@ -664,7 +668,11 @@ impl<'a> Run<'a> {
             let fields = (names.into_iter().zip(golden).zip(rtl))
                 .map(|((name, golden), rtl)| Field::integer(name, golden, rtl))
                 .collect();
-            let place = format!("leaf after packet step {} of {}", packet.steps, name(id, packet));
+            let place = format!(
+                "leaf after packet step {} of {}",
+                packet.steps,
+                name(id, packet)
+            );
             return Err(self.bench.mismatch(place, fields));
         }
         let packet = self.packets[id].as_mut().expect("it was there just now");
@@ -686,7 +694,11 @@ impl<'a> Run<'a> {
         let touched = model.get(ports.finished_touched);
         let packet = self.packet(id, "the end")?;
         if packet.next < packet.events.len() {
-            let place = format!("{} ends, but {} is next", name(id, packet), expected(packet));
+            let place = format!(
+                "{} ends, but {} is next",
+                name(id, packet),
+                expected(packet)
+            );
             return Err(self.bench.mismatch(place, vec![]));
         }
         if touched != packet.touched {

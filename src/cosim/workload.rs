@@ -477,13 +477,9 @@ mod tests {
             let mut deepest = 0;
             for _ in 0..200 {
                 let mesh = TinyMesh::random(&config, &mut rng).unwrap();
-                let image = MemoryImage::new(
-                    config.format(),
-                    &mesh.vertices,
-                    &mesh.triangles,
-                    &mesh.tree,
-                )
-                .unwrap();
+                let image =
+                    MemoryImage::new(config.format(), &mesh.vertices, &mesh.triangles, &mesh.tree)
+                        .unwrap();
                 image.check(config.stack_depth).unwrap();
                 TestScene::new(&config, &image).unwrap();
                 deepest = deepest.max(image.depth().unwrap());

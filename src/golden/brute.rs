@@ -77,8 +77,8 @@ impl BruteForce {
             let mut far = [f64::INFINITY; LANES];
             // near only grows and far only falls: once all are empty they stay so.
             let mut some = true;
-            for axis in 0..3 {
-                lanes.clip(a, &mut near, &mut far, intervals[axis], axis);
+            for (axis, interval) in intervals.iter().enumerate() {
+                lanes.clip(a, &mut near, &mut far, *interval, axis);
                 some = (0..LANES).fold(false, |some, k| some | (near[k] <= far[k]));
                 if !some {
                     break;

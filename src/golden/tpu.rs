@@ -70,8 +70,8 @@ impl<const N: usize> Lanes<N> {
     #[inline(always)]
     pub fn within(&self, a: &Arithmetic, limit: &[f64; N]) -> Lanes<N> {
         let mut rays = *self;
-        for k in 0..N {
-            rays.far[k] = a.min(self.far[k], limit[k]);
+        for (far, &limit) in rays.far.iter_mut().zip(limit) {
+            *far = a.min(*far, limit);
         }
         rays.mask &= mask_where(|k| self.near[k] <= limit[k], N);
         rays
