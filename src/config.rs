@@ -125,7 +125,7 @@ pub static KEYS: &[Key] = &[
         "packets",
         "tag_bits",
         "bits",
-        Values::Range(4..=32),
+        Values::Range(7..=32),
         tag_bits,
         false,
         "tag that a packet of rays carries in and its hits carry out"

@@ -9,6 +9,7 @@ use rayon::prelude::*;
 use rustc_apfloat::ieee::{Double, IeeeFloat, Semantics};
 use rustc_apfloat::{Float, FloatConvert};
 use std::cmp::Ordering;
+use std::sync::OnceLock;
 
 /// What the arithmetic is compared with: operations on the bit patterns of one format.
 trait Oracle: Sync {
@@ -58,7 +59,7 @@ impl Hardware {
 
     /// The exponent of a positive normal `f64`.
     fn exponent(&self, magnitude: f64) -> i32 {
-        let mut exponent = (magnitude.log2().floor() as i32).clamp(-1022, 1023);
+        let mut exponent = (magnitude.log2() as i32).clamp(-1022, 1023);
         while self.power(exponent) > magnitude {
             exponent -= 1;
         }
@@ -113,18 +114,19 @@ impl Oracle for Hardware {
         } else if magnitude > self.greatest * 2.0 {
             return sign | format.infinity();
         }
-        let ulp = self.ulp(magnitude);
-        let rounded = (magnitude / ulp).round_ties_even() * ulp;
+        let exponent = self.exponent(magnitude);
+        let ulp = self.power(exponent - format.fraction_bits() as i32);
+        let significand = (magnitude / ulp).round_ties_even();
+        let rounded = significand * ulp;
         if rounded < self.least {
-            0
+            return 0;
         } else if rounded > self.greatest {
-            sign | format.infinity()
-        } else {
-            let exponent = self.exponent(rounded);
-            let significand = rounded / self.power(exponent - format.fraction_bits() as i32);
-            let scale = 1 << format.fraction_bits();
-            sign | (exponent + format.bias()) as u64 * scale | significand as u64 % scale
+            return sign | format.infinity();
         }
+        // The first significand is a power of two, so that a carry into the next exponent needs no case.
+        let stored_exponent = (exponent + format.bias()) as u64;
+        let scale = 1 << format.fraction_bits();
+        sign | (stored_exponent * scale + significand as u64 - scale)
     }
 
     fn add(&self, a: u64, b: u64) -> u64 {
@@ -153,14 +155,17 @@ impl Oracle for Hardware {
             return self.canonical(bits);
         }
         let magnitude = value.abs();
-        let next = if magnitude == 0.0 {
+        if magnitude == 0.0 {
             return self.round(if up { self.least } else { -self.least });
-        } else if (value > 0.0) == up {
-            magnitude + self.ulp(magnitude)
-        } else if magnitude == self.power(self.exponent(magnitude)) {
-            magnitude - self.ulp(magnitude) / 2.0
+        }
+        let exponent = self.exponent(magnitude);
+        let ulp = self.power(exponent - self.format.fraction_bits() as i32);
+        let next = if (value > 0.0) == up {
+            magnitude + ulp
+        } else if magnitude == self.power(exponent) {
+            magnitude - ulp / 2.0
         } else {
-            magnitude - self.ulp(magnitude)
+            magnitude - ulp
         };
         self.round(next.copysign(value))
     }
@@ -425,9 +430,10 @@ impl Bench {
     fn steps(&self, a: u64) -> Result<(), String> {
         let (format, fast) = (self.format, &self.fast);
         let x = format.to_f64(a);
+        let zero_step = [&self.hardware as &dyn Oracle, &*self.apfloat]
+            .map(|oracle| without_negative_zero(format, oracle.canonical(a)));
         for up in [false, true] {
-            let mut hardware = without_negative_zero(format, self.hardware.canonical(a));
-            let mut apfloat = without_negative_zero(format, self.apfloat.canonical(a));
+            let [mut hardware, mut apfloat] = zero_step;
             for distance in 0..=3 {
                 let ulps = if up { distance } else { -distance };
                 if distance > 0 {
@@ -569,12 +575,13 @@ fn check_chunks(
 
 /// `DYNRT_SEED` where it is set, else another at every run.
 fn seed() -> u64 {
-    match std::env::var("DYNRT_SEED") {
+    static SEED: OnceLock<u64> = OnceLock::new();
+    *SEED.get_or_init(|| match std::env::var("DYNRT_SEED") {
         Ok(text) => text
             .parse()
             .unwrap_or_else(|_| panic!("DYNRT_SEED={text} is no unsigned integer")),
         Err(_) => fastrand::u64(..),
-    }
+    })
 }
 
 /// How random pairs are drawn.
@@ -815,15 +822,26 @@ fn extreme_formats_on_random_and_special_operands() {
 
 #[test]
 fn every_format_on_random_operands() {
-    for format in every_format() {
-        let bench = Bench::new(format);
-        check_random(&format!("{format} all operations"), 10_000, |rng| {
-            let distribution = DISTRIBUTIONS[rng.usize(..DISTRIBUTIONS.len())];
-            let (a, b) = distribution.pair(format, rng);
-            bench.binary(a, b)?;
-            bench.unary(a)
-        });
-    }
+    const ROUNDS: u64 = 10_000;
+    let benches: Vec<Bench> = every_format().map(Bench::new).collect();
+    let what = format!("all operations, of {} formats", benches.len());
+    check_random(&what, benches.len() as u64 * ROUNDS, |rng| {
+        let bench = &benches[rng.usize(..benches.len())];
+        let distribution = DISTRIBUTIONS[rng.usize(..DISTRIBUTIONS.len())];
+        let (a, b) = distribution.pair(bench.format, rng);
+        bench.binary(a, b)?;
+        bench.unary(a)?;
+        let ulps = rng.i32(..) >> rng.u32(..32);
+        let plain = plain::step(bench.format, a, ulps);
+        let fast = bench.fast.step(bench.format.to_f64(a), ulps);
+        match bench.format.to_bits(fast) {
+            fast if fast == plain => Ok(()),
+            fast => Err(format!(
+                "{} step of {a:#x} by {ulps}: plain {plain:#x}, fast {fast:#x}",
+                bench.format
+            )),
+        }
+    });
 }
 
 #[test]

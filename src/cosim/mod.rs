@@ -1,8 +1,45 @@
-//! Co-simulation: the emitted Verilog, run by Verilator under Rust.
+//! Co-simulation: the emitted Verilog, run by Verilator under Rust, held against the golden model.
 //!
 //! [`model`] builds a module into a library and drives it clock by clock; [`memory`] stands in for what a
-//! unit's ports lead to. Both are generic: they know nothing of ray tracing.
+//! unit's ports lead to. Both are generic: they know nothing of ray tracing. [`raycast`] drives the whole ray
+//! casting unit; [`mismatch`] says where RTL and golden model differ.
 
 mod build;
 pub mod memory;
+pub mod mismatch;
 pub mod model;
+pub mod raycast;
+
+use crate::config::Config;
+use crate::hdl::{Design, Direction};
+
+/// What Verilator is given of a design.
+pub fn sources(design: &Design) -> model::Sources {
+    let top = design.top();
+    model::Sources {
+        top: top.name().to_string(),
+        files: design.files(),
+        ports: top
+            .ports()
+            .iter()
+            .map(|port| model::Port {
+                name: port.name.clone(),
+                width: port.width,
+                input: port.direction == Direction::Input,
+            })
+            .collect(),
+    }
+}
+
+/// The timing of a memory of a configuration's surroundings.
+pub fn timing(config: &Config, seed: u64) -> memory::Timing {
+    memory::Timing {
+        latency: config.memory_latency,
+        jitter: config.memory_jitter,
+        // Without jitter answers cannot overtake each other.
+        out_of_order: !config.memory_in_order && config.memory_jitter > 0,
+        backpressure: 1.0 - f64::from(config.memory_ready_percent) / 100.0,
+        seed,
+        ..memory::Timing::default()
+    }
+}

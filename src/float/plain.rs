@@ -197,7 +197,7 @@ pub fn reciprocal(format: Format, a: u64) -> u64 {
             // A quotient of at least 40 bits; the lowest says that there is a remainder.
             const SCALE: u32 = 64;
             let one = 1_u128 << SCALE;
-            let quotient = one / significand | u128::from(one % significand != 0);
+            let quotient = (one / significand) | u128::from(one % significand != 0);
             round(format, negative, quotient, -exponent - SCALE as i32)
         }
     }

@@ -5,7 +5,7 @@
 
 use rayon::prelude::*;
 
-use super::clip::clip;
+use super::clip::RayLanes;
 use super::geometry::{Closest, Triangle};
 use super::raycast::fetch_triangles;
 use super::setup::RaySetup;
@@ -70,26 +70,15 @@ impl BruteForce {
         let a = &self.arithmetic;
         let rays: [RaySetup; LANES] =
             std::array::from_fn(|k| RaySetup::new(a, rays.get(k).unwrap_or(&Ray::INACTIVE)));
-        let origin = [0, 1, 2].map(|axis| rays.each_ref().map(|ray| ray.origin[axis]));
-        let reciprocal = [0, 1, 2].map(|axis| rays.each_ref().map(|ray| ray.reciprocal[axis]));
-        let negative = [0, 1, 2].map(|axis| rays.each_ref().map(|ray| ray.negative[axis]));
+        let lanes = RayLanes::new(&rays);
         let mut closest = [Closest::default(); LANES];
         for (triangle, intervals) in &self.triangles {
             let mut near = [f64::NEG_INFINITY; LANES];
             let mut far = [f64::INFINITY; LANES];
             // near only grows and far only falls: once all are empty they stay so.
             let mut some = true;
-            for axis in 0..3 {
-                for k in 0..LANES {
-                    [near[k], far[k]] = clip(
-                        a,
-                        [near[k], far[k]],
-                        intervals[axis],
-                        origin[axis][k],
-                        reciprocal[axis][k],
-                        negative[axis][k],
-                    );
-                }
+            for (axis, interval) in intervals.iter().enumerate() {
+                lanes.clip(a, &mut near, &mut far, *interval, axis);
                 some = (0..LANES).fold(false, |some, k| some | (near[k] <= far[k]));
                 if !some {
                     break;

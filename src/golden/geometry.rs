@@ -93,8 +93,8 @@ impl Triangle {
         }
         let inside;
         (inside, outcome.raw) = match test {
-            TriangleTest::MollerTrumbore => self.moller_trumbore(a, ray),
-            TriangleTest::Watertight => self.watertight(a, ray),
+            TriangleTest::MollerTrumbore => self.moller_trumbore::<WHOLE>(a, ray),
+            TriangleTest::Watertight => self.watertight::<WHOLE>(a, ray),
         };
         outcome.t = outcome.raw[0];
         if outcome.t < outcome.near {
@@ -115,7 +115,11 @@ impl Triangle {
 
     /// Whether the ray's line passes inside, and t, u, v.
     #[inline(always)]
-    fn moller_trumbore(&self, a: &Arithmetic, ray: &RaySetup) -> (bool, [f64; 3]) {
+    fn moller_trumbore<const WHOLE: bool>(
+        &self,
+        a: &Arithmetic,
+        ray: &RaySetup,
+    ) -> (bool, [f64; 3]) {
         let [v0, v1, v2] = self.vertices;
         let d = ray.direction;
         let e1 = sub(a, v1, v0);
@@ -124,8 +128,12 @@ impl Triangle {
         let p = cross(a, d, e2);
         let det = dot(a, e1, p);
         let i = a.reciprocal(det);
-        let q = cross(a, c, e1);
         let u = a.mul(dot(a, c, p), i);
+        if !WHOLE && !(0.0..=1.0).contains(&u) {
+            // As v ≥ 0, u + v ≤ 1 implies u ≤ 1.
+            return (false, [f64::NAN; 3]);
+        }
+        let q = cross(a, c, e1);
         let v = a.mul(dot(a, d, q), i);
         let t = a.mul(dot(a, e2, q), i);
         let inside = u >= 0.0 && v >= 0.0 && a.add(u, v) <= 1.0 && det != 0.0;
@@ -134,7 +142,7 @@ impl Triangle {
 
     /// Whether the ray's line passes inside, and t, u, v.
     #[inline(always)]
-    fn watertight(&self, a: &Arithmetic, ray: &RaySetup) -> (bool, [f64; 3]) {
+    fn watertight<const WHOLE: bool>(&self, a: &Arithmetic, ray: &RaySetup) -> (bool, [f64; 3]) {
         let [kx, ky, kz] = ray.shear.axes.map(usize::from);
         let [sx, sy, sz] = ray.shear.scale;
         let sheared = self.vertices.map(|vertex| {
@@ -151,6 +159,9 @@ impl Triangle {
         let w = a.sub(a.mul(bx, ay), a.mul(by, ax));
         let some_negative = u < 0.0 || v < 0.0 || w < 0.0;
         let some_positive = u > 0.0 || v > 0.0 || w > 0.0;
+        if !WHOLE && some_negative && some_positive {
+            return (false, [f64::NAN; 3]);
+        }
         let det = a.add(a.add(u, v), w);
         let i = a.reciprocal(det);
         let distance = a.add(a.add(a.mul(u, az), a.mul(v, bz)), a.mul(w, cz));
@@ -217,4 +228,116 @@ fn dot(a: &Arithmetic, x: [f64; 3], y: [f64; 3]) -> f64 {
         a.add(a.mul(x[0], y[0]), a.mul(x[1], y[1])),
         a.mul(x[2], y[2]),
     )
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::float::Format;
+    use crate::port::Ray;
+
+    const BOTH: [TriangleTest; 2] = [TriangleTest::MollerTrumbore, TriangleTest::Watertight];
+
+    fn ray(direction: [f64; 3], tmin: f64, tmax: f64) -> RaySetup {
+        let ray = Ray {
+            origin: [0.0; 3],
+            direction,
+            tmin,
+            tmax,
+            active: true,
+            any_hit: false,
+        };
+        RaySetup::new(&Arithmetic::new(Format::FP24), &ray)
+    }
+
+    fn test_both(triangle: &Triangle, ray: &RaySetup) -> [Outcome; 2] {
+        let a = Arithmetic::new(Format::FP24);
+        BOTH.map(|test| {
+            let whole = triangle.intersect::<true>(&a, test, ray);
+            let early = triangle.intersect::<false>(&a, test, ray);
+            assert_eq!(whole.hit, early.hit);
+            if whole.hit {
+                assert_eq!((whole.t, whole.raw), (early.t, early.raw));
+            }
+            whole
+        })
+    }
+
+    #[test]
+    fn limits_are_within() {
+        let triangle = Triangle::new([[-1.0, -1.0, 2.0], [3.0, -1.0, 2.0], [-1.0, 3.0, 2.0]], 0);
+        let limits = [
+            (0.0, f64::INFINITY, true),
+            (2.0, 2.0, true),
+            (2.25, 3.0, false),
+            (0.0, 1.75, false),
+        ];
+        for (tmin, tmax, hit) in limits {
+            for outcome in test_both(&triangle, &ray([0.0, 0.0, 1.0], tmin, tmax)) {
+                assert_eq!((outcome.hit, outcome.t), (hit, 2.0), "{tmin} {tmax}");
+            }
+        }
+        for outcome in test_both(&triangle, &ray([0.0, 0.0, -1.0], 0.0, f64::INFINITY)) {
+            assert!(!outcome.hit && outcome.t == -2.0);
+        }
+    }
+
+    #[test]
+    fn degenerate_triangles_never_hit() {
+        let flat = [
+            [[1.0, 1.0, 1.0]; 3],
+            [[1.0, 0.0, 1.0], [1.0, 0.0, 1.0], [1.0, 2.0, 1.0]],
+            [[1.0, 0.0, 1.0], [1.0, 1.0, 1.0], [1.0, 2.0, 1.0]],
+        ];
+        for vertices in flat {
+            let triangle = Triangle::new(vertices, 0);
+            assert!(triangle.degenerate);
+            for outcome in test_both(&triangle, &ray([1.0, 1.0, 1.0], 0.0, f64::INFINITY)) {
+                assert!(!outcome.hit);
+            }
+        }
+        // Slanted in all axes, a line is not told from a triangle; the tests must cope.
+        let line = Triangle::new([[1.0, 1.0, 1.0], [2.0, 2.0, 2.0], [3.0, 3.0, 3.0]], 0);
+        assert!(!line.degenerate);
+        test_both(&line, &ray([1.0, 1.0, 1.0], 0.0, f64::INFINITY));
+    }
+
+    #[test]
+    fn of_equal_hits_the_lowest_number_stays() {
+        let ray = ray([0.0, 0.0, 1.0], 0.0, f64::INFINITY);
+        let outcome = |t, u| Outcome {
+            hit: true,
+            raw: [t, u, 0.0],
+            near: t,
+            far: t,
+            t,
+        };
+        let numbers = |order: &[(f64, u32)]| {
+            let mut closest = Closest::default();
+            for &(t, number) in order {
+                closest.merge(&ray, &outcome(t, f64::from(number)), 0, number);
+            }
+            assert_eq!(
+                (closest.limit, closest.hit.u),
+                (closest.hit.t, f64::from(closest.hit.triangle))
+            );
+            (closest.hit.t, closest.hit.triangle)
+        };
+        assert_eq!(numbers(&[(2.0, 7), (2.0, 3), (2.0, 5), (3.0, 1)]), (2.0, 3));
+        assert_eq!(numbers(&[(2.0, 3), (1.0, 9)]), (1.0, 9));
+    }
+
+    #[test]
+    fn an_any_hit_ray_is_answered_by_its_first_hit() {
+        let ray = RaySetup {
+            any_hit: true,
+            tmin: 0.5,
+            ..ray([0.0, 0.0, 1.0], 0.0, f64::INFINITY)
+        };
+        let triangle = Triangle::new([[-1.0, -1.0, 2.0], [3.0, -1.0, 2.0], [-1.0, 3.0, 2.0]], 6);
+        let mut closest = Closest::default();
+        closest.merge(&ray, &test_both(&triangle, &ray)[0], 0, 6);
+        assert!(closest.hit.same_bits(&Hit::any(0.5), Format::FP24));
+        assert_eq!(closest.limit, f64::NEG_INFINITY);
+    }
 }

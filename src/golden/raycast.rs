@@ -3,9 +3,10 @@
 use rayon::prelude::*;
 
 use super::MOST_RAYS;
+use super::clip::RayLanes;
 use super::geometry::{Closest, Outcome, Triangle};
 use super::setup::RaySetup;
-use super::tpu::{Entry, Lanes, PacketRays};
+use super::tpu::{Entry, Lanes};
 use crate::bkd::layout::{MemoryImage, Target};
 use crate::config::TriangleTest;
 use crate::float::Arithmetic;
@@ -129,14 +130,14 @@ pub struct PacketResult {
 
 /// The results of many packets.
 #[derive(Clone, Debug)]
-pub struct Frame {
+pub struct FrameResult {
     /// One for each ray given, in order.
     pub hits: Vec<Hit>,
     /// One for each packet.
     pub packets: Vec<Counts>,
 }
 
-impl Frame {
+impl FrameResult {
     /// Packet steps of all packets.
     pub fn steps(&self) -> u64 {
         self.packets
@@ -233,14 +234,14 @@ impl Caster {
     }
 
     /// Casts rays in packets, in order, on all cores; the last packet is filled up with inactive rays.
-    pub fn cast_packets(&self, rays: &[Ray]) -> Frame {
+    pub fn cast_packets(&self, rays: &[Ray]) -> FrameResult {
         let mut hits = vec![Hit::MISS; rays.len()];
         let packets = rays
             .par_chunks(self.rays_per_packet)
             .zip(hits.par_chunks_mut(self.rays_per_packet))
             .map(|(rays, hits)| self.cast_into(rays, hits, &mut ()))
             .collect();
-        Frame { hits, packets }
+        FrameResult { hits, packets }
     }
 
     fn cast_into(&self, rays: &[Ray], hits: &mut [Hit], observer: &mut impl Observer) -> Counts {
@@ -284,7 +285,7 @@ impl Caster {
             return counts;
         }
 
-        let lanes = PacketRays::new(&rays);
+        let lanes = RayLanes::new(&rays);
         let mut stack: Vec<Entry<N>> = Vec::with_capacity(64);
         let mut next = Some(self.root);
         loop {
@@ -293,7 +294,7 @@ impl Caster {
                     counts.steps += 1;
                     let node = &self.nodes[index as usize];
                     let outcome =
-                        lanes.step(a, &current, node.intervals, node.axes.map(usize::from));
+                        current.step(a, &lanes, node.intervals, node.axes.map(usize::from));
                     let (left, right) = (outcome.left, outcome.right);
                     let left_first = outcome.left_first != 0;
                     let next = match (left.mask != 0, right.mask != 0) {
@@ -417,4 +418,192 @@ pub(super) fn fetch_triangles(image: &MemoryImage) -> Vec<Triangle> {
         .iter()
         .map(|record| Triangle::new(record.vertices.map(vertex), record.number))
         .collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::bkd::{BuildOptions, build};
+    use crate::float::Format;
+
+    /// Checks, while a packet is cast, that events follow from one another as `docs/arithmetic.md` says.
+    #[derive(Default)]
+    struct Follower {
+        counts: Counts,
+        stack: Vec<PushEvent>,
+        /// Where the packet must be seen next, and with which rays.
+        expected: Option<(Target, u8)>,
+        untested: u8,
+        limits: [f64; MOST_RAYS],
+        dropped: u32,
+        tested: [Closest; MOST_RAYS],
+    }
+
+    fn same_intervals(x: &RaySet, y: &RaySet) -> bool {
+        let same = |k: usize| x.near[k] == y.near[k] && x.far[k] == y.far[k];
+        x.mask == y.mask && (0..MOST_RAYS).all(|k| x.mask >> k & 1 == 0 || same(k))
+    }
+
+    impl Observer for Follower {
+        fn step(&mut self, event: &StepEvent) {
+            self.counts.steps += 1;
+            assert_eq!(self.untested, 0);
+            if let Some(expected) = self.expected {
+                assert_eq!(expected, (Target::Node(event.node), event.rays.mask));
+            }
+            let both = event.left.mask & event.right.mask;
+            assert_eq!((event.left.mask | event.right.mask) & !event.rays.mask, 0);
+            assert_eq!(event.left_first & !both, 0);
+            let first = if event.left.mask != 0 && (event.right.mask == 0 || event.left_first != 0)
+            {
+                &event.left
+            } else {
+                &event.right
+            };
+            assert_eq!(event.next.is_some(), first.mask != 0);
+            self.expected = event.next.map(|next| (next, first.mask));
+        }
+
+        fn push(&mut self, event: &PushEvent) {
+            assert!(self.expected.is_some_and(|(first, _)| first != event.child));
+            self.stack.push(*event);
+            assert_eq!(event.height as usize, self.stack.len());
+            self.counts.stack_high_water = self.counts.stack_high_water.max(event.height);
+        }
+
+        fn pop(&mut self, event: &PopEvent) {
+            assert!(self.expected.is_none() && self.untested == 0);
+            let pushed = self.stack.pop().expect("what is popped was pushed");
+            assert_eq!(
+                (pushed.child, self.stack.len()),
+                (event.child, event.height as usize)
+            );
+            let mut stay = pushed.rays;
+            for k in 0..MOST_RAYS {
+                stay.far[k] = stay.far[k].min(self.limits[k]);
+                if stay.near[k] > self.limits[k] {
+                    stay.mask &= !(1 << k);
+                }
+            }
+            assert!(same_intervals(&stay, &event.rays));
+            self.dropped += u32::from(stay.mask == 0);
+            self.expected = (stay.mask != 0).then_some((event.child, stay.mask));
+        }
+
+        fn hand_over(&mut self, event: &HandOver) {
+            self.counts.tests += 1;
+            let (target, mask) = self.expected.expect("a leaf follows from a step or a pop");
+            assert_eq!((target, mask), (Target::Record(event.record), event.mask));
+            self.expected = None;
+            self.untested = event.mask;
+        }
+
+        fn test(&mut self, event: &RayTest) {
+            self.counts.ray_tests += 1;
+            assert_eq!(self.untested.trailing_zeros(), u32::from(event.slot));
+            self.untested &= self.untested - 1;
+            let slot = usize::from(event.slot);
+            let RayTest {
+                outcome, merged, ..
+            } = event;
+            assert!(!outcome.hit || outcome.near <= outcome.t && outcome.t <= outcome.far);
+            assert!(!outcome.hit || merged.limit <= outcome.t);
+            self.limits[slot] = merged.limit;
+            self.tested[slot] = *merged;
+        }
+    }
+
+    #[test]
+    fn events_follow_from_one_another_and_watching_changes_nothing() {
+        let seed = 41;
+        let mut random = fastrand::Rng::with_seed(seed);
+        let a = Arithmetic::new(Format::FP24);
+        let mut point = |scale: f64| [0; 3].map(|_| a.round(scale * (random.f64() - 0.5)));
+        let mut vertices = Vec::new();
+        for _ in 0..500 {
+            let centre = point(16.0);
+            for _ in 0..3 {
+                let offset = point(4.0);
+                vertices.push([0, 1, 2].map(|i| a.add(centre[i], offset[i])));
+            }
+        }
+        let triangles: Vec<[u32; 3]> = (0..500).map(|t| [3 * t, 3 * t + 1, 3 * t + 2]).collect();
+        let tree = build(&vertices, &triangles, &BuildOptions::default_for(2, 64)).unwrap();
+        let image = MemoryImage::new(Format::FP24, &vertices, &triangles, &tree).unwrap();
+        let mut dropped = 0;
+        let mut hits = 0;
+        for test in [TriangleTest::MollerTrumbore, TriangleTest::Watertight] {
+            for rays_per_packet in [1, 2, 4, 8] {
+                let caster = Caster::new(&image, test, rays_per_packet);
+                let rays: Vec<Ray> = (0..400)
+                    .map(|k| Ray {
+                        origin: point(24.0),
+                        direction: point(1.0),
+                        tmin: 0.0,
+                        tmax: f64::INFINITY,
+                        active: k % 7 != 0,
+                        any_hit: k % 5 == 0,
+                    })
+                    .collect();
+                let frame = caster.cast_packets(&rays);
+                assert!(frame.steps() > 0 && frame.ray_tests() >= frame.tests());
+                for (index, rays) in rays.chunks(rays_per_packet).enumerate() {
+                    let mut follower = Follower {
+                        limits: [f64::INFINITY; MOST_RAYS],
+                        ..Follower::default()
+                    };
+                    let result = caster.cast(rays, &mut follower);
+                    assert!(
+                        follower.stack.is_empty() && follower.untested == 0,
+                        "seed {seed}"
+                    );
+                    assert_eq!(result.counts, follower.counts);
+                    assert_eq!(result.counts, frame.packets[index]);
+                    let want = &frame.hits[index * rays_per_packet..];
+                    for (slot, (hit, want)) in result.hits.iter().zip(want).enumerate() {
+                        assert!(hit.same_bits(want, Format::FP24), "seed {seed}");
+                        assert!(hit.same_bits(&follower.tested[slot].hit, Format::FP24));
+                        hits += u32::from(hit.is_hit());
+                    }
+                    dropped += follower.dropped;
+                }
+            }
+        }
+        assert!(
+            hits > 500 && dropped > 500,
+            "{hits} hits, {dropped} entries dropped"
+        );
+    }
+
+    #[test]
+    fn a_scene_of_one_triangle_takes_no_step() {
+        let vertices = [[0.0, 0.0, 1.0], [2.0, 0.0, 1.0], [0.0, 2.0, 1.0]];
+        let triangles = [[0, 1, 2]];
+        let tree = build(&vertices, &triangles, &BuildOptions::plain(64)).unwrap();
+        let image = MemoryImage::new(Format::FP24, &vertices, &triangles, &tree).unwrap();
+        let ray = Ray {
+            origin: [0.5, 0.5, 0.0],
+            direction: [0.0, 0.0, 0.5],
+            tmin: 0.0,
+            tmax: f64::INFINITY,
+            active: true,
+            any_hit: false,
+        };
+        let beside = Ray {
+            origin: [-1.0, 0.5, 0.0],
+            ..ray
+        };
+        for test in [TriangleTest::MollerTrumbore, TriangleTest::Watertight] {
+            let result = Caster::new(&image, test, 4).cast(&[ray, beside], &mut ());
+            let hit = result.hits[0];
+            assert_eq!((hit.t, hit.u, hit.v, hit.triangle), (2.0, 0.25, 0.25, 0));
+            assert!(!result.hits[1].is_hit());
+            let counts = Counts {
+                tests: 1,
+                ray_tests: 1,
+                ..Counts::default()
+            };
+            assert_eq!(result.counts, counts);
+        }
+    }
 }

@@ -3,18 +3,9 @@
 //! A packet's N rays are lanes of arrays; a mask's bit k stands for lane k. The near and far of a lane outside a
 //! mask have no meaning.
 
-use super::clip::clip;
-use super::setup::RaySetup;
+use super::clip::RayLanes;
 use crate::bkd::layout::Target;
 use crate::float::Arithmetic;
-
-/// The part of a packet's rays that traversal reads, by axis and lane.
-#[derive(Clone, Debug)]
-pub struct PacketRays<const N: usize> {
-    pub origin: [[f64; N]; 3],
-    pub reciprocal: [[f64; N]; 3],
-    pub negative: [[bool; N]; 3],
-}
 
 /// Rays that go somewhere together, and their intervals there.
 #[derive(Clone, Copy, Debug)]
@@ -40,41 +31,13 @@ pub struct StepOutcome<const N: usize> {
     pub left_first: u8,
 }
 
-impl<const N: usize> PacketRays<N> {
-    pub fn new(rays: &[RaySetup; N]) -> Self {
-        PacketRays {
-            origin: [0, 1, 2].map(|axis| rays.each_ref().map(|ray| ray.origin[axis])),
-            reciprocal: [0, 1, 2].map(|axis| rays.each_ref().map(|ray| ray.reciprocal[axis])),
-            negative: [0, 1, 2].map(|axis| rays.each_ref().map(|ray| ray.negative[axis])),
-        }
-    }
-
-    /// Clips the intervals of `rays` by a child's and keeps those that are not empty.
-    #[inline(always)]
-    fn enter(&self, a: &Arithmetic, rays: &Lanes<N>, interval: [f64; 2], axis: usize) -> Lanes<N> {
-        let mut entered = *rays;
-        let (origin, reciprocal) = (&self.origin[axis], &self.reciprocal[axis]);
-        let negative = &self.negative[axis];
-        for k in 0..N {
-            [entered.near[k], entered.far[k]] = clip(
-                a,
-                [rays.near[k], rays.far[k]],
-                interval,
-                origin[k],
-                reciprocal[k],
-                negative[k],
-            );
-        }
-        entered.mask &= mask_where(|k| entered.near[k] <= entered.far[k], N);
-        entered
-    }
-
+impl<const N: usize> Lanes<N> {
     /// One packet step: both children's intervals and axes against all rays.
     #[inline(always)]
     pub fn step(
         &self,
         a: &Arithmetic,
-        rays: &Lanes<N>,
+        rays: &RayLanes<N>,
         intervals: [[f64; 2]; 2],
         axes: [usize; 2],
     ) -> StepOutcome<N> {
@@ -87,15 +50,28 @@ impl<const N: usize> PacketRays<N> {
             right,
         }
     }
-}
 
-impl<const N: usize> Lanes<N> {
+    /// The rays whose interval, clipped by a child's, is not empty.
+    #[inline(always)]
+    fn enter(
+        &self,
+        a: &Arithmetic,
+        rays: &RayLanes<N>,
+        interval: [f64; 2],
+        axis: usize,
+    ) -> Lanes<N> {
+        let mut entered = *self;
+        rays.clip(a, &mut entered.near, &mut entered.far, interval, axis);
+        entered.mask &= mask_where(|k| entered.near[k] <= entered.far[k], N);
+        entered
+    }
+
     /// The rays of a popped entry that stay, their far bounded by each lane's `limit`.
     #[inline(always)]
     pub fn within(&self, a: &Arithmetic, limit: &[f64; N]) -> Lanes<N> {
         let mut rays = *self;
-        for k in 0..N {
-            rays.far[k] = a.min(self.far[k], limit[k]);
+        for (far, &limit) in rays.far.iter_mut().zip(limit) {
+            *far = a.min(*far, limit);
         }
         rays.mask &= mask_where(|k| self.near[k] <= limit[k], N);
         rays

@@ -1,7 +1,7 @@
 //! Addition and subtraction: align, add, normalise, round.
 
-use super::fields::{Special, fields, pack};
-use super::schedule::{FAN_OUT, LOGIC, Schedule, Step, chain, reduction};
+use super::fields::{Special, operand, pack};
+use super::schedule::{FAN_OUT, LOGIC, SHIFT, Schedule, Step, chain, reduction};
 use crate::float::{Format, plain};
 use crate::hdl::{Builder, HdlError, Module, bits_for};
 use std::rc::Rc;
@@ -34,11 +34,11 @@ fn schedule(format: Format, clock_mhz: u32) -> Schedule {
         Step::new("swap", LOGIC + FAN_OUT),
     ];
     for level in (0..align_bits(format)).rev() {
-        steps.push(Step::new(format!("align by {}", 1 << level), LOGIC));
+        steps.push(Step::new(format!("align by {}", 1 << level), SHIFT));
     }
     steps.push(Step::new("add", chain(width)));
     for level in (0..normalise_bits(format)).rev() {
-        let delay = reduction(1 << level) + LOGIC + if level > 2 { FAN_OUT } else { 0 };
+        let delay = reduction(1 << level) + SHIFT + if level > 2 { FAN_OUT } else { 0 };
         steps.push(Step::new(format!("normalise by {}", 1 << level), delay));
     }
     steps.push(Step::new("rounding", 2 * LOGIC));
@@ -86,7 +86,15 @@ pub fn directed_cases(format: Format) -> Vec<(u64, u64)> {
         cases.push((least + step, sign | least));
         cases.push((2 * least + step, sign | (2 * least - 1)));
         cases.push((greatest, greatest - step));
-        cases.push((greatest, (u64::from(f) << f) + step));
+    }
+    // Half an ulp of the greatest number, and neighbours: what takes it to infinity.
+    let last = format.exponent_mask() - 1;
+    if let Some(exponent) = last.checked_sub(u64::from(f) + 1).filter(|e| *e > 0) {
+        let half_ulp = exponent << f;
+        for addend in [half_ulp - 1, half_ulp, half_ulp + 1] {
+            cases.push((greatest, addend));
+            cases.push((sign | greatest, sign | addend));
+        }
     }
     for zero in [0, sign, 1, sign | 1] {
         for other in [0, sign, one, sign | one, least, greatest] {
@@ -122,7 +130,7 @@ pub fn module(format: Format, clock_mhz: u32, subtract: bool) -> Result<Rc<Modul
     );
     let p = m.pipeline();
     let (a, b) = (p.input("a", format.width()), p.input("b", format.width()));
-    let (a, b) = (fields(format, a), fields(format, b));
+    let (a, b) = (operand(format, "a", a), operand(format, "b", b));
 
     m.comment("The operand of the greater magnitude, and by how many bits the other must move.");
     crate::named! {
@@ -136,6 +144,7 @@ pub fn module(format: Format, clock_mhz: u32, subtract: bool) -> Result<Rc<Modul
     let b_sign = if subtract { !b.sign } else { b.sign };
     crate::named! {
         let subtracting = a.sign ^ b_sign;
+        let both_are_special = a.exponent.all() & b.exponent.all();
         let either_is_zero = a.exponent.is_zero() | b.exponent.is_zero();
     }
     let shift_bits = align_bits(format);
@@ -157,18 +166,10 @@ pub fn module(format: Format, clock_mhz: u32, subtract: bool) -> Result<Rc<Modul
         let small_fraction =
             swap.mux(a.fraction, b.fraction) & (!small_is_nothing).at(at).repeat(f);
     }
-    m.comment(
-        "A NaN or an infinity is always the greater operand. Infinities of the same sign add to one.",
-    );
-    crate::named! {
-        let big_is_special = big_exponent.all();
-        let both_are_special = a.exponent.all() & b.exponent.all();
-        let nan =
-            big_is_special & (big_fraction.any() | (both_are_special & subtracting));
-    }
-
     m.comment("Align the smaller significand; a sticky bit collects what is shifted out.");
-    let mut aligned = m.concat(&[(!small_is_nothing).at(at), small_fraction, m.zero(2)]);
+    let mut aligned = m
+        .concat(&[(!small_is_nothing).at(at), small_fraction, m.zero(2)])
+        .named("unaligned");
     let mut sticky = small_is_far.at(at);
     let width = aligned.width();
     for level in (0..shift_bits).rev() {
@@ -189,8 +190,8 @@ pub fn module(format: Format, clock_mhz: u32, subtract: bool) -> Result<Rc<Modul
 
     m.comment("The sum: carry, significand, three bits to round by. It is never negative.");
     let at = plan.at("add");
-    let subtracting_here = subtracting.at(at);
-    let width = sum_width(format);
+    let x = exponent_width(format);
+    let (aligned, subtracting_here) = (aligned.at(at), subtracting.at(at));
     crate::named! {
         let augend = m.concat(&[
             m.lit(1u8, 2),
@@ -198,11 +199,29 @@ pub fn module(format: Format, clock_mhz: u32, subtract: bool) -> Result<Rc<Modul
             m.zero(2),
             subtracting_here,
         ]);
-        let addend = m.concat(&[m.zero(1), aligned.at(at), sticky.at(at)])
-            ^ subtracting_here.repeat(width);
+        // In parts, not as one word: so Yosys takes it for the second operand of the sum, whose complement costs nothing.
+        let addend = m.concat(&[
+            subtracting_here,
+            aligned.msb() ^ subtracting_here,
+            aligned.field(2, f) ^ subtracting_here.repeat(f),
+            aligned.low(2) ^ subtracting_here.repeat(2),
+            sticky.at(at) ^ subtracting_here,
+        ]);
         let sum = augend + addend;
     }
+    m.comment(
+        "A NaN or an infinity is always the greater operand. Infinities of the same sign add to one.",
+    );
+    let (big_fraction, big_exponent) = (big_fraction.at(at), big_exponent.at(at));
+    crate::named! {
+        let big_is_special = big_exponent.all();
+        let nan = big_is_special
+            & (big_fraction.any() | (both_are_special.at(at) & subtracting_here));
+        let status = m.concat(&[big_sign.at(at), big_is_special, nan]);
+        let exponent_plus_2 = big_exponent.extend(x) + m.lit(2u8, x);
+    }
 
+    let width = sum_width(format);
     m.comment("Normalise: the leading one moves to the front, to where a carry would be.");
     let mut normal = sum;
     let mut shift = vec![];
@@ -223,18 +242,17 @@ pub fn module(format: Format, clock_mhz: u32, subtract: bool) -> Result<Rc<Modul
     );
     let at = plan.at("rounding");
     let normal = normal.at(at);
-    let x = exponent_width(format);
     crate::named! {
         let round_up = normal.bit(3) & (normal.bit(4) | normal.low(3).any());
         let cancelled = !normal.msb();
-        let exponent_plus_2 = big_exponent.extend(x) + m.lit(2u8, x);
+        let normal_fraction = normal.field(4, f);
     }
     let at = plan.at("round");
-    let shift = m.concat(&shift).at(at).extend(x);
+    let shift = m.concat(&shift).named("shift").at(at).extend(x);
     crate::named! {
         let unrounded = m.concat(&[
             exponent_plus_2.at(at),
-            normal.field(4, f).at(at),
+            normal_fraction.at(at),
             m.lit(1u8, 1),
         ]);
         let correction = m.concat(&[!shift, m.zero(f), round_up.at(at)]);
@@ -243,22 +261,25 @@ pub fn module(format: Format, clock_mhz: u32, subtract: bool) -> Result<Rc<Modul
 
     m.comment("Below the least normal number: zero. Above the greatest: infinity.");
     let at = plan.at("pack");
-    let rounded = rounded.at(at);
+    let (rounded, status) = (rounded.at(at), status.at(at));
     crate::named! {
+        let y_is_negative = status.bit(2);
+        let y_is_special = status.bit(1);
+        let y_is_nan = status.bit(0);
         let exponent = rounded.high(x);
         let fraction = rounded.field(1, f);
         let underflow = exponent.msb() | exponent.is_zero();
         let overflow =
             !exponent.msb() & (exponent.bits(x - 2, e).any() | exponent.low(e).all());
-        let zero = (underflow | cancelled.at(at)) & !big_is_special.at(at);
-        let infinity_or_nan = big_is_special.at(at) | (overflow & !cancelled.at(at));
+        let zero = (underflow | cancelled.at(at)) & !y_is_special;
+        let infinity_or_nan = y_is_special | (overflow & !cancelled.at(at));
     }
     let special = Special {
         infinity_or_nan,
-        nan: nan.at(at),
+        nan: y_is_nan,
         zero,
     };
-    let y = pack(big_sign.at(at), exponent.low(e), fraction, special);
+    let y = pack(y_is_negative, exponent.low(e), fraction, special);
     m.output("y", y.at(plan.depth()));
     m.finish()
 }

@@ -22,6 +22,22 @@ pub(super) fn fields<'b>(format: Format, number: Signal<'b>) -> Fields<'b> {
     }
 }
 
+/// The fields of an operand of a module, called after it in the Verilog.
+pub(super) fn operand<'b>(format: Format, name: &str, number: Signal<'b>) -> Fields<'b> {
+    let Fields {
+        sign,
+        exponent,
+        fraction,
+        magnitude,
+    } = fields(format, number);
+    Fields {
+        sign: sign.named(format!("{name}_sign")),
+        exponent: exponent.named(format!("{name}_exponent")),
+        fraction: fraction.named(format!("{name}_fraction")),
+        magnitude: magnitude.named(format!("{name}_magnitude")),
+    }
+}
+
 /// What a result is instead of the number that was computed. At most one of `infinity_or_nan` and `zero` is set; a
 /// NaN sets `infinity_or_nan` too.
 #[derive(Clone, Copy)]
@@ -51,5 +67,5 @@ pub(super) fn pack<'b>(
         let number_fraction = fraction & (!(infinity_or_nan | zero)).repeat(f);
         let y_fraction = m.concat(&[number_fraction.msb() | nan, number_fraction.low(f - 1)]);
     }
-    m.concat(&[y_sign, y_exponent, y_fraction])
+    m.concat(&[y_sign, y_exponent, y_fraction]).named("result")
 }

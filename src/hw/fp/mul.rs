@@ -1,6 +1,6 @@
 //! Multiplication: one product of significands, rounded.
 
-use super::fields::{Special, fields, pack};
+use super::fields::{Special, operand, pack};
 use super::schedule::{LOGIC, MULTIPLY, Schedule, Step, chain, reduction};
 use crate::float::{Format, plain};
 use crate::hdl::{Builder, HdlError, Module, Signal};
@@ -117,7 +117,7 @@ pub fn module(format: Format, clock_mhz: u32) -> Result<Rc<Module>, HdlError> {
     );
     let p = m.pipeline();
     let (a, b) = (p.input("a", format.width()), p.input("b", format.width()));
-    let (a, b) = (fields(format, a), fields(format, b));
+    let (a, b) = (operand(format, "a", a), operand(format, "b", b));
 
     m.comment("The significands, in [1, 2), and their product, in [1, 4).");
     crate::named! {
@@ -128,12 +128,13 @@ pub fn module(format: Format, clock_mhz: u32) -> Result<Rc<Module>, HdlError> {
 
     m.comment("The exponent for a product in [1, 2). The bias is a power of two less 1: the 1 is carried in.");
     let x = e + 2;
-    let exponent_sum = (a.exponent.extend(e + 1).concat(m.lit(1u8, 1))
-        + b.exponent.extend(e + 1).concat(m.lit(1u8, 1)))
-    .high(e + 1);
     crate::named! {
         let sign = a.sign ^ b.sign;
-        let sum_plus_1 = exponent_sum;
+        let exponent_sum = a.exponent.extend(e + 1).concat(m.lit(1u8, 1))
+            + b.exponent.extend(e + 1).concat(m.lit(1u8, 1));
+    }
+    let sum_plus_1 = exponent_sum.high(e + 1);
+    crate::named! {
         let low_exponent = m.concat(&[
             sum_plus_1.high(2).extend(3) - m.lit(1u8, 3),
             sum_plus_1.low(e - 1),
@@ -150,6 +151,7 @@ pub fn module(format: Format, clock_mhz: u32) -> Result<Rc<Module>, HdlError> {
         let nan = (a_is_special & a.fraction.any())
             | (b_is_special & b.fraction.any())
             | (special & factor_is_zero);
+        let status = m.concat(&[sign, special, nan, factor_is_zero]);
     }
 
     m.comment("Round to nearest even.");
@@ -178,21 +180,25 @@ pub fn module(format: Format, clock_mhz: u32) -> Result<Rc<Module>, HdlError> {
 
     m.comment("Below the least normal number: zero. Above the greatest: infinity.");
     let at = plan.at("pack");
-    let rounded = rounded.at(at);
+    let (rounded, status) = (rounded.at(at), status.at(at));
     crate::named! {
+        let y_is_negative = status.bit(3);
+        let y_is_special = status.bit(2);
+        let y_is_nan = status.bit(1);
+        let y_is_zero = status.bit(0);
         let exponent = rounded.high(x);
         let fraction = rounded.field(1, f);
         let underflow = exponent.msb() | exponent.is_zero();
         let overflow = !exponent.msb() & (exponent.bit(e) | exponent.low(e).all());
-        let zero = (underflow | factor_is_zero.at(at)) & !special.at(at);
-        let infinity_or_nan = special.at(at) | (overflow & !factor_is_zero.at(at));
+        let zero = (underflow | y_is_zero) & !y_is_special;
+        let infinity_or_nan = y_is_special | (overflow & !y_is_zero);
     }
     let special = Special {
         infinity_or_nan,
-        nan: nan.at(at),
+        nan: y_is_nan,
         zero,
     };
-    let y = pack(sign.at(at), exponent.low(e), fraction, special);
+    let y = pack(y_is_negative, exponent.low(e), fraction, special);
     m.output("y", y.at(plan.depth()));
     m.finish()
 }

@@ -6,7 +6,7 @@
 //! between two numbers, so one bit beyond the fraction rounds it. For x = 1 all bits are ones, the rounding carries all
 //! the way, and the result is exact.
 
-use super::fields::{Special, fields, pack};
+use super::fields::{Special, operand, pack};
 use super::schedule::{FAN_OUT, LOGIC, Schedule, Step, chain};
 use crate::float::{Format, plain};
 use crate::hdl::{Builder, HdlError, Module};
@@ -14,9 +14,11 @@ use std::rc::Rc;
 
 fn schedule(format: Format, clock_mhz: u32) -> Schedule {
     let (e, f) = (format.exponent_bits(), format.fraction_bits());
-    let mut steps: Vec<Step> = (1..=f + 1)
-        .map(|digit| Step::new(format!("digit {digit}"), chain(f + 2) + FAN_OUT))
-        .collect();
+    let mut steps = vec![Step::new("digit 1", chain(f + 2))];
+    for digit in 2..=f + 1 {
+        steps.push(Step::new(format!("choose {digit}"), LOGIC + FAN_OUT));
+        steps.push(Step::new(format!("digit {digit}"), chain(f + 2)));
+    }
     steps.push(Step::new("round", chain(e + f) + LOGIC));
     Schedule::new(steps, clock_mhz)
 }
@@ -58,7 +60,7 @@ pub fn module(format: Format, clock_mhz: u32) -> Result<Rc<Module>, HdlError> {
         format!("y = 1 / a in {format}, rounded to nearest even, for {clock_mhz} MHz."),
     );
     let p = m.pipeline();
-    let a = fields(format, p.input("a", format.width()));
+    let a = operand(format, "a", p.input("a", format.width()));
 
     m.comment(
         "The exponent of 1 / a where a is no power of two; for a power of two rounding adds the 1 that lacks. \
@@ -76,6 +78,7 @@ pub fn module(format: Format, clock_mhz: u32) -> Result<Rc<Module>, HdlError> {
         let nan = a_is_special & !fraction_is_zero;
         let zero = underflow | (a_is_special & fraction_is_zero);
         let infinity_or_nan = a_is_zero | nan;
+        let status = m.concat(&[sign, infinity_or_nan, nan, zero]);
     }
 
     m.comment(
@@ -85,33 +88,49 @@ pub fn module(format: Format, clock_mhz: u32) -> Result<Rc<Module>, HdlError> {
     let significand = m.lit(1u8, 2).concat(a.fraction).named("significand");
     let mut remainder = (significand - a.fraction.concat(m.zero(2))).named("remainder_1");
     let mut quotient = (!remainder.msb()).named("quotient_1");
+    // The fraction as a stage receives it: complemented where the digit before the register subtracted it. So a
+    // register behind the choice holds no more bits than one before it.
+    let (mut fraction, mut complemented) = (a.fraction, m.zero(1));
+    let mut last = 0;
     for digit in 2..=f + 1 {
-        let at = plan.at(format!("digit {digit}"));
+        let at = plan.at(format!("choose {digit}"));
         let before = remainder.at(at);
+        (fraction, complemented) = (fraction.at(at), complemented.at(at));
         let subtract = (!before.msb()).named(format!("subtract_{digit}"));
-        let doubled = m.concat(&[before.low(width - 1), subtract]);
-        remainder = (doubled + (significand.at(at) ^ subtract.repeat(width)))
-            .named(format!("remainder_{digit}"));
-        quotient = quotient.at(at).concat(!remainder.msb());
-        let ends_stage = digit == f + 1 || plan.at(format!("digit {}", digit + 1)) != at;
-        if ends_stage {
-            quotient = quotient.named(format!("quotient_{digit}"));
+        let chosen =
+            (fraction ^ (complemented ^ subtract).repeat(f)).named(format!("chosen_{digit}"));
+
+        let at = plan.at(format!("digit {digit}"));
+        if before.stage() != Some(at) {
+            (fraction, complemented) = (chosen, subtract);
         }
+        let subtract = subtract.at(at);
+        let doubled = before.low(width - 1).at(at).concat(subtract);
+        // The integer part of the significand is 01.
+        let addend = m.concat(&[subtract, !subtract, chosen.at(at)]);
+        remainder = (doubled + addend).named(format!("remainder_{digit}"));
+        if at != last {
+            quotient = quotient.named(format!("quotient_{}", digit - 1));
+            last = at;
+        }
+        quotient = quotient.at(at).concat(!remainder.msb());
     }
+    let quotient = quotient.named(format!("quotient_{}", f + 1));
 
     m.comment("Round by the last bit of the quotient.");
     let at = plan.at("round");
-    let quotient = quotient.at(at);
+    let (quotient, status) = (quotient.at(at), status.at(at));
     crate::named! {
+        let y_is_negative = status.bit(3);
         let unrounded = exponent.at(at).concat(quotient.high(f));
         let rounded = unrounded + quotient.bit(0).extend(e + f);
     }
     let special = Special {
-        infinity_or_nan: infinity_or_nan.at(at),
-        nan: nan.at(at),
-        zero: zero.at(at),
+        infinity_or_nan: status.bit(2).named("y_is_infinity_or_nan"),
+        nan: status.bit(1).named("y_is_nan"),
+        zero: status.bit(0).named("y_is_zero"),
     };
-    let y = pack(sign.at(at), rounded.high(e), rounded.low(f), special);
+    let y = pack(y_is_negative, rounded.high(e), rounded.low(f), special);
     m.output("y", y.at(plan.depth()));
     m.finish()
 }

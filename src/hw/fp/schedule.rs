@@ -8,7 +8,9 @@
 //! percent. They decide where registers stand, never what a unit computes.
 
 /// A level of logic: one LUT and the way to the next.
-pub(super) const LOGIC: u32 = 1150;
+pub(super) const LOGIC: u32 = 1100;
+/// A level of a shifter: two of them make one wide LUT.
+pub(super) const SHIFT: u32 = 800;
 /// What more it takes to reach as many LUTs as a significand has bits.
 pub(super) const FAN_OUT: u32 = 350;
 /// A multiplication of at most 17 by 17 bits in a DSP block whose own registers are not used.
@@ -16,7 +18,7 @@ pub(super) const MULTIPLY: u32 = 6000;
 
 /// An addition, subtraction or comparison of `width` bits on a carry chain.
 pub(super) const fn chain(width: u32) -> u32 {
-    1700 + 45 * width
+    1650 + 40 * width
 }
 
 /// A test of `width` bits, all ones or all zeros, as a tree of 4-input LUTs.
@@ -69,20 +71,26 @@ pub(super) struct Schedule {
 
 impl Schedule {
     pub fn new(steps: Vec<Step>, clock_mhz: u32) -> Schedule {
+        // Stages are filled from the last one back: what is left over then makes the first stages short, to which
+        // the caller may add logic of its own.
         let within = |limit: u32| {
-            let (mut stage, mut used) = (0, 0);
-            let mut registered = false;
-            steps
+            let (mut from_end, mut used) = (0, 0);
+            let mut stages: Vec<u32> = steps
                 .iter()
+                .rev()
                 .map(|step| {
-                    if used > 0 && (registered || used + step.picoseconds > limit) {
-                        stage += 1;
+                    if used > 0 && (step.registered || used + step.picoseconds > limit) {
+                        from_end += 1;
                         used = 0;
                     }
                     used += step.picoseconds;
-                    registered = step.registered;
-                    stage
+                    from_end
                 })
+                .collect();
+            stages.reverse();
+            stages
+                .iter()
+                .map(|stage| from_end - stage)
                 .collect::<Vec<u32>>()
         };
         let depth = |limit| within(limit).last().map_or(0, |last| last + 1);

@@ -1,0 +1,74 @@
+//! What the tests of whole machines share: a scene, its tree, its rays.
+
+use dynrt::bkd::layout::{MemoryImage, check_capacity};
+use dynrt::bkd::{BuildOptions, build};
+use dynrt::config::Config;
+use dynrt::golden::Caster;
+use dynrt::port::Ray;
+use dynrt::scene::{self, Camera, Frame, ImageSize, MachineMesh, RayPacket, View};
+use std::path::PathBuf;
+
+/// A scene of `../shared/scenes`, or nothing and a plain word about it where the folder is absent.
+#[allow(dead_code)]
+pub fn shared_scene(file: &str) -> Option<String> {
+    let path = PathBuf::from(concat!(env!("CARGO_MANIFEST_DIR"), "/../shared/scenes")).join(file);
+    if path.exists() {
+        return Some(path.to_string_lossy().into_owned());
+    }
+    eprintln!("absent, so not checked: ../shared/scenes/{file}");
+    None
+}
+
+/// A scene in a machine's memory, and the rays of a picture of it.
+pub struct Prepared {
+    pub mesh: MachineMesh,
+    pub image: MemoryImage,
+    pub camera: Camera,
+    pub bounds: scene::Bounds,
+    pub packets: Vec<RayPacket>,
+    pub rays: Vec<Ray>,
+}
+
+/// Loads a scene, builds the best tree that the machine takes, and makes the rays of a picture.
+pub fn prepare(config: &Config, scene: &str, size: &str, view: Option<View>) -> Prepared {
+    let scene = scene::load(scene).unwrap();
+    let mesh = MachineMesh::new(&scene, config.format()).unwrap();
+    check_capacity(0, mesh.triangles.len() as u64, config.address_bits).unwrap();
+    let options = BuildOptions::default_for(config.axes_per_node, config.stack_depth);
+    let tree = build(&mesh.vertices, &mesh.triangles, &options).unwrap();
+    let image = MemoryImage::new(mesh.format, &mesh.vertices, &mesh.triangles, &tree).unwrap();
+    let bounds = scene.bounds();
+    let camera = view.map_or_else(|| Camera::framing(bounds), |view| view.camera(bounds));
+    let size: ImageSize = size.parse().unwrap();
+    let frame = Frame::new(size, config.rays_per_packet as usize).unwrap();
+    let packets = frame.primary_rays(&camera, &mesh).unwrap();
+    let rays = rays_of(&packets);
+    Prepared {
+        mesh,
+        image,
+        camera,
+        bounds,
+        packets,
+        rays,
+    }
+}
+
+pub fn rays_of(packets: &[RayPacket]) -> Vec<Ray> {
+    packets
+        .iter()
+        .flat_map(|packet| packet.rays.iter().copied())
+        .collect()
+}
+
+/// The shadow rays of a prepared picture, by the golden model's primary hits.
+#[allow(dead_code)]
+pub fn shadow_rays(config: &Config, prepared: &Prepared) -> Vec<Ray> {
+    let caster = Caster::new(
+        &prepared.image,
+        config.triangle_test,
+        config.rays_per_packet as usize,
+    );
+    let hits = caster.cast_packets(&prepared.rays).hits;
+    let light = scene::default_light(prepared.bounds, &prepared.camera);
+    rays_of(&scene::shadow_rays(&prepared.packets, &hits, &prepared.mesh, light).unwrap())
+}
