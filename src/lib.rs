@@ -14,3 +14,4 @@ pub mod hw;
 pub mod port;
 pub mod report;
 pub mod scene;
+pub mod vectors;

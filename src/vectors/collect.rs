@@ -1,0 +1,266 @@
+//! Vectors from the golden model at work: what its observer sees becomes lines.
+
+use super::folder::Folder;
+use super::shape::Shape;
+use super::sheet::{Sheet, UnitSheets};
+use crate::bkd::layout::{MemoryImage, Node};
+use crate::float::Arithmetic;
+use crate::golden::raycast::RaySet;
+use crate::golden::{Caster, Observer, Outcome, PacketResult, RaySetup, RayTest, StepEvent};
+use crate::port::Ray;
+use anyhow::Result;
+use std::rc::Rc;
+
+/// Operands of a kind that a frame computes: an even choice of at most 2,000, the same for the same frame.
+pub struct Reservoir<T> {
+    pub kept: Vec<T>,
+    seen: usize,
+    rng: fastrand::Rng,
+}
+
+impl<T> Reservoir<T> {
+    const CAPACITY: usize = 2000;
+
+    fn new() -> Self {
+        Reservoir {
+            kept: vec![],
+            seen: 0,
+            rng: fastrand::Rng::with_seed(2006),
+        }
+    }
+
+    fn offer(&mut self, item: T) {
+        self.seen += 1;
+        if self.kept.len() < Self::CAPACITY {
+            self.kept.push(item);
+        } else {
+            let place = self.rng.usize(..self.seen);
+            if place < Self::CAPACITY {
+                self.kept[place] = item;
+            }
+        }
+    }
+}
+
+/// Operands that the frame computes with.
+pub struct Operands {
+    /// u and v of a triangle test.
+    pub add: Reservoir<[f64; 2]>,
+    /// A plane and an origin.
+    pub sub: Reservoir<[f64; 2]>,
+    /// Their difference and a reciprocal.
+    pub mul: Reservoir<[f64; 2]>,
+    /// Components of directions.
+    pub reciprocal: Reservoir<f64>,
+}
+
+/// Writes the lines of packets that are cast, and of single transactions.
+pub struct Collector<'a> {
+    pub shape: Shape,
+    pub arithmetic: Arithmetic,
+    image: &'a MemoryImage,
+    caster: Rc<Caster>,
+    pub rays: Sheet,
+    pub hits: Sheet,
+    pub packets: Sheet,
+    pub setup: UnitSheets,
+    pub step: UnitSheets,
+    pub test: UnitSheets,
+    pub operands: Operands,
+    /// Packet steps and ray–triangle tests of the packets.
+    pub steps: u64,
+    pub tests: u64,
+}
+
+impl<'a> Collector<'a> {
+    /// # Errors
+    /// One line that names a file that cannot be written.
+    pub fn new(folder: &Folder, shape: Shape, image: &'a MemoryImage) -> Result<Self> {
+        Ok(Collector {
+            arithmetic: Arithmetic::new(shape.format),
+            caster: Rc::new(Caster::new(image, shape.test, shape.rays)),
+            rays: Sheet::new(folder, "raycast_rays", shape.raycast_rays())?,
+            hits: Sheet::new(folder, "raycast_hits", shape.raycast_hits())?,
+            packets: Sheet::new(folder, "raycast_packets", shape.raycast_packets())?,
+            setup: UnitSheets::new(
+                folder,
+                "ray_setup",
+                shape.ray_setup_stimulus(),
+                shape.ray_setup_expected(),
+                true,
+            )?,
+            step: UnitSheets::new(
+                folder,
+                "packet_step",
+                shape.packet_step_stimulus(),
+                shape.packet_step_expected(),
+                true,
+            )?,
+            test: UnitSheets::new(
+                folder,
+                "triangle_test",
+                shape.triangle_test_stimulus(),
+                shape.triangle_test_expected(),
+                true,
+            )?,
+            operands: Operands {
+                add: Reservoir::new(),
+                sub: Reservoir::new(),
+                mul: Reservoir::new(),
+                reciprocal: Reservoir::new(),
+            },
+            shape,
+            image,
+            steps: 0,
+            tests: 0,
+        })
+    }
+
+    /// Casts a packet; places without a ray are inactive.
+    ///
+    /// # Errors
+    /// One line that names a file that cannot be written.
+    pub fn cast(&mut self, rays: &[Ray]) -> Result<PacketResult> {
+        let mut rays = rays.to_vec();
+        rays.resize(self.shape.rays, Ray::INACTIVE);
+        let tag = self.packets.lines & (u64::MAX >> (64 - self.shape.tag_bits));
+        let mut setups = vec![];
+        for ray in &rays {
+            setups.push(self.set_up(ray)?);
+            let mut values = self.shape.ray_values(ray);
+            values.push(tag);
+            self.rays.push(&values)?;
+        }
+        let (first_step, first_test) = (self.step.stimulus.lines, self.test.stimulus.lines);
+        let caster = Rc::clone(&self.caster);
+        let mut watcher = Watcher {
+            collector: self,
+            setups: &setups,
+            result: Ok(()),
+        };
+        let result = caster.cast(&rays, &mut watcher);
+        watcher.result?;
+        let steps = self.step.stimulus.lines - first_step;
+        let tests = self.test.stimulus.lines - first_test;
+        self.packets
+            .push(&[tag, first_step, steps, first_test, tests])?;
+        self.steps += steps;
+        self.tests += tests;
+        for hit in &result.hits {
+            let values = self.shape.hit_values(hit, tag);
+            self.hits.push(&values)?;
+        }
+        Ok(result)
+    }
+
+    /// A ray's setup.
+    ///
+    /// # Errors
+    /// One line that names a file that cannot be written.
+    pub fn set_up(&mut self, ray: &Ray) -> Result<RaySetup> {
+        let setup = RaySetup::new(&self.arithmetic, ray);
+        let interval = setup.enter_scene(&self.arithmetic, self.image.bounds);
+        for component in setup.direction {
+            self.operands.reciprocal.offer(component);
+        }
+        self.setup.push(
+            &self.shape.ray_values(ray),
+            &self.shape.ray_setup_values(&setup, interval),
+        )?;
+        Ok(setup)
+    }
+
+    /// A packet step: rays that come, rays that go left and right, and those that go both ways, left first.
+    ///
+    /// # Errors
+    /// One line that names a file that cannot be written.
+    pub fn step(
+        &mut self,
+        (index, node): (u32, &Node),
+        setups: &[RaySetup],
+        come: &RaySet,
+        (left, right, left_first): (&RaySet, &RaySet, u8),
+    ) -> Result<()> {
+        let shape = &self.shape;
+        let stimulus = shape.packet_step_values(index, node, setups, come);
+        let expected = shape.packet_step_outcome(index, node.link, left, right, left_first);
+        self.step.push(&stimulus, &expected)
+    }
+
+    /// A ray–triangle test.
+    ///
+    /// # Errors
+    /// One line that names a file that cannot be written.
+    pub fn test(
+        &mut self,
+        (slot, record): (u8, u32),
+        vertices: &[[f64; 3]; 3],
+        setup: &RaySetup,
+        outcome: &Outcome,
+    ) -> Result<()> {
+        let stimulus = self
+            .shape
+            .triangle_test_values(slot, record, vertices, setup);
+        let expected = self.shape.triangle_test_outcome(outcome);
+        self.test.push(&stimulus, &expected)
+    }
+}
+
+/// Turns what happens to one packet into lines; after a failure it does nothing more.
+struct Watcher<'c, 'a> {
+    collector: &'c mut Collector<'a>,
+    setups: &'c [RaySetup],
+    result: Result<()>,
+}
+
+impl Observer for Watcher<'_, '_> {
+    fn step(&mut self, event: &StepEvent) {
+        if self.result.is_err() {
+            return;
+        }
+        let node = self.collector.image.nodes[event.node as usize];
+        let sides = [
+            (node.left, node.link.left_axis),
+            (node.right, node.link.right_axis),
+        ];
+        let a = self.collector.arithmetic;
+        for (k, setup) in self.setups.iter().enumerate() {
+            if event.rays.mask >> k & 1 == 0 {
+                continue;
+            }
+            for (interval, axis) in sides {
+                let (origin, reciprocal) =
+                    (setup.origin[axis as usize], setup.reciprocal[axis as usize]);
+                for plane in interval {
+                    let operands = &mut self.collector.operands;
+                    operands.sub.offer([plane, origin]);
+                    operands.mul.offer([a.sub(plane, origin), reciprocal]);
+                }
+            }
+        }
+        self.result = self.collector.step(
+            (event.node, &node),
+            self.setups,
+            &event.rays,
+            (&event.left, &event.right, event.left_first),
+        );
+    }
+
+    fn test(&mut self, event: &RayTest) {
+        if self.result.is_err() {
+            return;
+        }
+        let [_, u, v] = event.outcome.raw;
+        self.collector.operands.add.offer([u, v]);
+        let record = self.collector.image.records[event.record as usize];
+        let vertices = record
+            .vertices
+            .map(|vertex| self.collector.image.vertices[vertex as usize]);
+        self.result = self.collector.test(
+            (event.slot, event.record),
+            &vertices,
+            &self.setups[event.slot as usize],
+            &event.outcome,
+        );
+    }
+}

@@ -1,0 +1,343 @@
+//! Vectors that a frame may not bring: rays of every kind, and transactions full of coincidences and special values.
+//! They are the same for the same machine and frame.
+
+use super::collect::Collector;
+use super::sheet::UnitSheets;
+use crate::bkd::layout::{LINK_BITS, LinkWord, Node};
+use crate::float::{Arithmetic, specials};
+use crate::golden::raycast::RaySet;
+use crate::golden::tpu::{Lanes, PacketRays};
+use crate::golden::{RaySetup, Triangle};
+use crate::port::{Hit, Ray};
+use anyhow::Result;
+
+/// Transactions of each unit beside those of the frame.
+const TRANSACTIONS: usize = 500;
+/// Partners of each special operand.
+const PARTNERS: usize = 4;
+
+/// Makes another ray of a frame's ray and its hit.
+type Variant = fn(&Arithmetic, &Ray, &Hit) -> Ray;
+
+/// What the rays of a frame are not by themselves.
+const VARIANTS: &[Variant] = &[
+    |_, ray, _| *ray,
+    |_, ray, _| Ray {
+        any_hit: true,
+        ..*ray
+    },
+    // The interval of distances is closed: a hit at tmin or tmax counts, a hit one ulp beyond does not.
+    |_, ray, hit| Ray {
+        tmax: hit.t,
+        ..*ray
+    },
+    |a, ray, hit| Ray {
+        tmax: a.step(hit.t, -1),
+        ..*ray
+    },
+    |a, ray, hit| Ray {
+        any_hit: true,
+        tmax: a.step(hit.t, -1),
+        ..*ray
+    },
+    |_, ray, hit| Ray {
+        tmin: hit.t,
+        ..*ray
+    },
+    |a, ray, hit| Ray {
+        tmin: a.step(hit.t, 1),
+        ..*ray
+    },
+    |_, ray, hit| Ray {
+        any_hit: true,
+        tmin: hit.t,
+        tmax: hit.t,
+        ..*ray
+    },
+    // Limits that make a ray miss, and zeros of both signs.
+    |_, ray, _| Ray {
+        tmin: 2.0,
+        tmax: 1.0,
+        ..*ray
+    },
+    |_, ray, _| Ray { tmin: -1.0, ..*ray },
+    |_, ray, _| Ray { tmin: -0.0, ..*ray },
+    |_, ray, _| Ray {
+        tmin: -0.0,
+        tmax: -0.0,
+        ..*ray
+    },
+    |_, ray, _| Ray {
+        tmin: f64::INFINITY,
+        ..*ray
+    },
+    |_, ray, _| Ray {
+        active: false,
+        ..*ray
+    },
+    // NaNs, zeros and infinities.
+    |_, ray, _| Ray {
+        tmin: f64::NAN,
+        ..*ray
+    },
+    |_, ray, _| Ray {
+        tmax: f64::NAN,
+        ..*ray
+    },
+    |_, ray, _| Ray {
+        origin: with(ray.origin, 1, f64::NAN),
+        ..*ray
+    },
+    |_, ray, _| Ray {
+        origin: with(ray.origin, 2, f64::INFINITY),
+        ..*ray
+    },
+    |_, ray, _| Ray {
+        direction: with(ray.direction, 0, f64::NAN),
+        ..*ray
+    },
+    |_, ray, _| Ray {
+        direction: with(ray.direction, 0, 0.0),
+        ..*ray
+    },
+    |_, ray, _| Ray {
+        direction: with(ray.direction, 1, -0.0),
+        ..*ray
+    },
+    |_, ray, _| Ray {
+        direction: with(ray.direction, 2, f64::NEG_INFINITY),
+        ..*ray
+    },
+    |_, ray, _| Ray {
+        direction: [0.0; 3],
+        ..*ray
+    },
+];
+
+fn with(mut vector: [f64; 3], axis: usize, component: f64) -> [f64; 3] {
+    vector[axis] = component;
+    vector
+}
+
+/// Casts packets of variants of one packet's rays: each ray is of each kind in turn, in a packet of mixed kinds.
+///
+/// # Errors
+/// One line that names a file that cannot be written.
+pub fn cast_variants(collector: &mut Collector<'_>, rays: &[Ray], hits: &[Hit]) -> Result<()> {
+    let a = collector.arithmetic;
+    for first in 0..VARIANTS.len() {
+        let variants: Vec<Ray> = rays
+            .iter()
+            .zip(hits)
+            .enumerate()
+            .map(|(k, (ray, hit))| VARIANTS[(first + k) % VARIANTS.len()](&a, ray, hit))
+            .collect();
+        collector.cast(&variants)?;
+    }
+    Ok(())
+}
+
+/// Random values on a grid so coarse that coincidences abound.
+struct Grid {
+    rng: fastrand::Rng,
+    arithmetic: Arithmetic,
+}
+
+impl Grid {
+    fn number(&mut self) -> f64 {
+        self.arithmetic.round(f64::from(self.rng.i32(-4..=4)) / 2.0)
+    }
+
+    fn vector(&mut self) -> [f64; 3] {
+        std::array::from_fn(|_| self.number())
+    }
+
+    fn one_of<T: Copy>(&mut self, values: &[T]) -> T {
+        values[self.rng.usize(..values.len())]
+    }
+
+    /// A valid ray; towards `target`, if there is one.
+    fn ray(&mut self, target: Option<[f64; 3]>) -> Ray {
+        let origin = self.vector();
+        let mut direction = match target {
+            Some(target) => std::array::from_fn(|i| self.arithmetic.sub(target[i], origin[i])),
+            None => self.vector(),
+        };
+        for component in &mut direction {
+            if *component == 0.0 && self.rng.bool() {
+                *component = -0.0;
+            }
+        }
+        Ray {
+            origin,
+            direction,
+            tmin: self.one_of(&[0.0, 0.0, 0.0, 0.5, 1.0]),
+            tmax: self.one_of(&[1.0, 2.0, f64::INFINITY, f64::INFINITY]),
+            active: true,
+            any_hit: false,
+        }
+    }
+}
+
+/// Ray setups with special values, triangle tests and packet steps with coincidences.
+///
+/// # Errors
+/// One line that names a file that cannot be written.
+pub fn transactions(collector: &mut Collector<'_>) -> Result<()> {
+    let mut grid = Grid {
+        rng: fastrand::Rng::with_seed(1),
+        arithmetic: collector.arithmetic,
+    };
+    let format = collector.shape.format;
+    let special: Vec<f64> = specials(format).iter().map(|&b| format.to_f64(b)).collect();
+    for _ in 0..TRANSACTIONS {
+        let mut ray = grid.ray(None);
+        for place in 0..8 {
+            if grid.rng.u8(..4) > 0 {
+                continue;
+            }
+            let number = grid.one_of(&special);
+            match place {
+                0..3 => ray.origin[place] = number,
+                3..6 => ray.direction[place - 3] = number,
+                6 => ray.tmin = number,
+                _ => ray.tmax = number,
+            }
+        }
+        ray.active = grid.rng.u8(..16) > 0;
+        ray.any_hit = grid.rng.bool();
+        collector.set_up(&ray)?;
+    }
+    for _ in 0..TRANSACTIONS {
+        triangle_test(collector, &mut grid)?;
+    }
+    for _ in 0..TRANSACTIONS {
+        match collector.shape.rays {
+            1 => packet_step::<1>(collector, &mut grid)?,
+            2 => packet_step::<2>(collector, &mut grid)?,
+            4 => packet_step::<4>(collector, &mut grid)?,
+            _ => packet_step::<8>(collector, &mut grid)?,
+        }
+    }
+    Ok(())
+}
+
+fn triangle_test(collector: &mut Collector<'_>, grid: &mut Grid) -> Result<()> {
+    let a = collector.arithmetic;
+    let vertices: [[f64; 3]; 3] = std::array::from_fn(|_| grid.vector());
+    // At nothing, at a corner, at the middle of an edge, or into the triangle.
+    let [v0, v1, v2] = vertices;
+    let between = |p: [f64; 3], q: [f64; 3]| std::array::from_fn(|i| a.round((p[i] + q[i]) / 2.0));
+    let target = match grid.rng.u8(..6) {
+        0 => None,
+        1 => Some(v2),
+        2 => Some(between(v0, v1)),
+        _ => Some(between(between(v0, v1), v2)),
+    };
+    let ray = grid.ray(target);
+    let setup = RaySetup::new(&a, &ray);
+    let outcome = Triangle::new(vertices, 0).intersect::<true>(&a, collector.shape.test, &setup);
+    collector.test((0, 0), &vertices, &setup, &outcome)
+}
+
+fn packet_step<const N: usize>(collector: &mut Collector<'_>, grid: &mut Grid) -> Result<()> {
+    let a = collector.arithmetic;
+    let setups: [RaySetup; N] = std::array::from_fn(|_| RaySetup::new(&a, &grid.ray(None)));
+    let mut interval = || {
+        let (p, q) = (grid.number(), grid.number());
+        if p < q { [p, q] } else { [q, p] }
+    };
+    let (left, right) = (interval(), interval());
+    let left_axis = grid.rng.u8(..3);
+    let right_axis = match collector.shape.axes_per_node {
+        1 => left_axis,
+        _ => grid.rng.u8(..3),
+    };
+    let node = Node {
+        left,
+        right,
+        link: LinkWord {
+            link: grid.rng.u32(..(1 << LINK_BITS) - 1),
+            left_leaf: grid.rng.bool(),
+            right_leaf: grid.rng.bool(),
+            left_axis,
+            right_axis,
+        },
+    };
+    let index = grid.rng.u32(..1 << LINK_BITS);
+    let mut come = Lanes {
+        mask: grid.rng.u8(1..=collector.shape.all()),
+        near: [0.0; N],
+        far: [0.0; N],
+    };
+    for k in 0..N {
+        come.near[k] = grid.one_of(&[0.0, 0.0, 0.5, 1.0]);
+        come.far[k] = grid.one_of(&[1.0, 2.0, 8.0, f64::INFINITY]);
+    }
+    let outcome = PacketRays::new(&setups).step(
+        &a,
+        &come,
+        [node.left, node.right],
+        [node.link.left_axis, node.link.right_axis].map(usize::from),
+    );
+    collector.step(
+        (index, &node),
+        &setups,
+        &RaySet::from(&come),
+        (
+            &RaySet::from(&outcome.left),
+            &RaySet::from(&outcome.right),
+            outcome.left_first,
+        ),
+    )
+}
+
+/// An operation on numbers.
+pub enum Operation {
+    Unary(fn(&Arithmetic, f64) -> f64),
+    Binary(fn(&Arithmetic, f64, f64) -> f64),
+}
+
+/// Lines of an arithmetic unit: every special operand, with some others where there are two, then those of the frame.
+///
+/// # Errors
+/// One line that names a file that cannot be written.
+pub fn arithmetic(
+    collector: &Collector<'_>,
+    sheets: &mut UnitSheets,
+    operation: &Operation,
+    of_frame: &[[f64; 2]],
+) -> Result<()> {
+    let a = &collector.arithmetic;
+    let format = collector.shape.format;
+    let special = specials(format);
+    let result = |operands: [u64; 2]| {
+        let [x, y] = operands.map(|bits| format.to_f64(bits));
+        format.to_bits(match operation {
+            Operation::Unary(f) => f(a, x),
+            Operation::Binary(f) => f(a, x, y),
+        })
+    };
+    let mut push = |operands: [u64; 2]| {
+        let count = match operation {
+            Operation::Unary(_) => 1,
+            Operation::Binary(_) => 2,
+        };
+        sheets.push(&operands[..count], &[(result(operands), true)])
+    };
+    let mut rng = fastrand::Rng::with_seed(2);
+    for &x in &special {
+        match operation {
+            Operation::Unary(_) => push([x, 0])?,
+            Operation::Binary(_) => {
+                for _ in 0..PARTNERS {
+                    push([x, special[rng.usize(..special.len())]])?;
+                }
+            }
+        }
+    }
+    for operands in of_frame {
+        push(operands.map(|number| format.to_bits(number)))?;
+    }
+    Ok(())
+}

@@ -1,0 +1,202 @@
+//! The folder of vectors: filled under a temporary name beside its place, then renamed.
+
+use anyhow::{Context, Result, bail};
+use std::collections::BTreeSet;
+use std::fs;
+use std::path::{Path, PathBuf};
+
+/// The manifest's name in the folder.
+pub const MANIFEST: &str = "manifest.json";
+/// The manifest's key that says that a folder holds vectors; its value is the version of their form.
+pub const VERSION_KEY: &str = "dynrt_vectors";
+
+/// A folder that is being filled; what is not [`Folder::publish`]ed vanishes.
+pub struct Folder {
+    place: PathBuf,
+    temporary: tempfile::TempDir,
+}
+
+impl Folder {
+    /// Begins a folder for `place`, which must not exist yet, be empty, or hold vectors and nothing else.
+    ///
+    /// # Errors
+    /// One line that says what is in the way.
+    pub fn begin(place: &Path) -> Result<Folder> {
+        check_free(place)?;
+        let parent = match place.parent() {
+            Some(parent) if !parent.as_os_str().is_empty() => parent,
+            _ => Path::new("."),
+        };
+        let advice = "give --out a place that can be written";
+        let written = |error: std::io::Error| {
+            anyhow::anyhow!(
+                "{}: cannot be written: {}; {advice}",
+                place.display(),
+                error.kind()
+            )
+        };
+        fs::create_dir_all(parent).map_err(written)?;
+        let mut builder = tempfile::Builder::new();
+        builder.prefix(".dynrt-vectors-");
+        #[cfg(unix)]
+        {
+            use std::os::unix::fs::PermissionsExt;
+            // As readable as any new folder: the process' file mode mask takes away what it forbids.
+            builder.permissions(fs::Permissions::from_mode(0o777));
+        }
+        Ok(Folder {
+            place: place.to_path_buf(),
+            temporary: builder.tempdir_in(parent).map_err(written)?,
+        })
+    }
+
+    /// Where to write a file of this name for now.
+    pub fn file(&self, name: &str) -> PathBuf {
+        self.temporary.path().join(name)
+    }
+
+    /// How to speak of a file.
+    pub fn shown(&self, name: &str) -> String {
+        self.place.join(name).display().to_string()
+    }
+
+    /// Writes a whole file.
+    ///
+    /// # Errors
+    /// One line that names the file.
+    pub fn write(&self, name: &str, text: &str) -> Result<()> {
+        fs::write(self.file(name), text)
+            .with_context(|| format!("{}: cannot be written", self.shown(name)))
+    }
+
+    /// Puts the folder in its place, instead of earlier vectors there.
+    ///
+    /// # Errors
+    /// One line that names the place; what was there before is there still.
+    pub fn publish(self) -> Result<()> {
+        let Folder { place, temporary } = self;
+        check_free(&place)?;
+        let shown = place.display().to_string();
+        let failed = || format!("{shown}: cannot be put in place");
+        // The earlier vectors move into a folder that is removed, and back if the new ones cannot take their place.
+        let parent = temporary.path().parent().unwrap_or(Path::new("."));
+        let retired = tempfile::Builder::new()
+            .prefix(".dynrt-vectors-")
+            .tempdir_in(parent)
+            .with_context(failed)?;
+        let earlier = retired.path().join("earlier");
+        let replaces = place.exists();
+        if replaces {
+            fs::rename(&place, &earlier).with_context(failed)?;
+        }
+        if let Err(error) = fs::rename(temporary.path(), &place) {
+            if replaces {
+                fs::rename(&earlier, &place).with_context(failed)?;
+            }
+            return Err(error).with_context(failed);
+        }
+        // Its content is in place: there is nothing left to remove.
+        let _ = temporary.keep();
+        Ok(())
+    }
+}
+
+/// That `place` is free, or holds earlier vectors and nothing that is not theirs.
+fn check_free(place: &Path) -> Result<()> {
+    let shown = place.display();
+    if !place.exists() {
+        return Ok(());
+    }
+    if !place.is_dir() {
+        bail!("{shown}: is a file; give --out a folder's name");
+    }
+    let entries = fs::read_dir(place).with_context(|| format!("{shown}: cannot be read"))?;
+    let mut names = BTreeSet::new();
+    for entry in entries {
+        let entry = entry.with_context(|| format!("{shown}: cannot be read"))?;
+        names.insert(entry.file_name().to_string_lossy().into_owned());
+    }
+    if names.is_empty() {
+        return Ok(());
+    }
+    let manifest: Option<serde_json::Value> = fs::read_to_string(place.join(MANIFEST))
+        .ok()
+        .and_then(|text| serde_json::from_str(&text).ok());
+    let Some(manifest) = manifest.filter(|manifest| manifest.get(VERSION_KEY).is_some()) else {
+        bail!(
+            "{shown}: exists and holds no vectors that could be replaced; name a new folder, or remove it"
+        );
+    };
+    let files = manifest["files"].as_array();
+    let listed: BTreeSet<&str> = files
+        .into_iter()
+        .flatten()
+        .filter_map(|file| file["file"].as_str())
+        .chain([MANIFEST])
+        .collect();
+    if let Some(foreign) = names.iter().find(|name| !listed.contains(name.as_str())) {
+        bail!(
+            "{shown}: holds {foreign} beside earlier vectors; move it elsewhere, or name a new folder"
+        );
+    }
+    Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn fill(place: &Path, text: &str) -> Result<()> {
+        let folder = Folder::begin(place)?;
+        folder.write("a.hex", text)?;
+        folder.write(
+            MANIFEST,
+            r#"{"dynrt_vectors": 1, "files": [{"file": "a.hex"}]}"#,
+        )?;
+        folder.publish()
+    }
+
+    fn refusal(place: &Path) -> String {
+        let error = format!("{:#}", Folder::begin(place).err().expect("refused"));
+        assert!(!error.contains('\n'), "{error}");
+        error.replace(&place.display().to_string(), "PLACE")
+    }
+
+    #[test]
+    fn vectors_replace_vectors_and_nothing_else() {
+        let parent = tempfile::tempdir().unwrap();
+        let place = parent.path().join("new/vectors");
+        fill(&place, "1").unwrap();
+        fill(&place, "2").unwrap();
+        assert_eq!(fs::read_to_string(place.join("a.hex")).unwrap(), "2");
+        fs::write(place.join("notes.txt"), "mine").unwrap();
+        assert_eq!(
+            refusal(&place),
+            "PLACE: holds notes.txt beside earlier vectors; move it elsewhere, or name a new folder"
+        );
+        let left: Vec<_> = fs::read_dir(place.parent().unwrap()).unwrap().collect();
+        assert_eq!(left.len(), 1, "no temporary folder is left: {left:?}");
+
+        let other = parent.path().join("other");
+        fs::create_dir(&other).unwrap();
+        fill(&other, "1").unwrap();
+        fs::write(other.join(MANIFEST), "{}").unwrap();
+        assert_eq!(
+            refusal(&other),
+            "PLACE: exists and holds no vectors that could be replaced; name a new folder, or remove it"
+        );
+        assert_eq!(
+            refusal(&other.join(MANIFEST)),
+            "PLACE: is a file; give --out a folder's name"
+        );
+    }
+
+    #[test]
+    fn what_is_not_published_vanishes() {
+        let parent = tempfile::tempdir().unwrap();
+        let folder = Folder::begin(&parent.path().join("v")).unwrap();
+        folder.write("a.hex", "1").unwrap();
+        drop(folder);
+        assert_eq!(fs::read_dir(parent.path()).unwrap().count(), 0);
+    }
+}

@@ -1,0 +1,333 @@
+//! Golden vectors: memory images, stimulus and expected results of every unit, as text files that any program reads.
+//!
+//! [`write()`] casts packets in the golden model and writes down what goes into and comes out of each unit.
+//! `docs/vectors.md` describes the files for who knows nothing else; the benches in `sim/` replay them in the RTL.
+//!
+//! | module | what |
+//! |---|---|
+//! | `layout` | the fields of a line |
+//! | `shape` | the layout of each file of one machine, and the values of its lines |
+//! | `sheet` | a file of lines being written |
+//! | `collect` | lines from the golden model at work |
+//! | `directed` | lines that a frame may not bring |
+//! | `header` | what the Verilog benches must know, as macros |
+//! | `folder` | the folder, which appears whole or not at all |
+
+mod collect;
+mod directed;
+mod folder;
+mod header;
+mod layout;
+mod shape;
+mod sheet;
+
+use crate::bkd::layout::{MemoryImage, Record, check_capacity};
+use crate::config::{Config, TriangleTest};
+use crate::hw;
+use crate::port::Hit;
+use crate::scene::RayPacket;
+use anyhow::{Context, Result, anyhow, ensure};
+use collect::Collector;
+use directed::Operation;
+use folder::{Folder, MANIFEST, VERSION_KEY};
+use layout::Layout;
+use serde_json::{Value, json};
+use shape::Shape;
+use sheet::{Sheet, UnitSheets};
+use std::path::Path;
+
+/// The version of the vectors' form, in the manifest.
+pub const VERSION: u32 = 1;
+
+/// The macros for the Verilog benches.
+const HEADER: &str = "vectors.vh";
+
+/// What vectors to write.
+#[derive(Clone, Copy, Debug)]
+pub struct Request<'a> {
+    pub config: &'a Config,
+    /// Names the scene in the manifest.
+    pub scene_name: &'a str,
+    /// In the configuration's number format.
+    pub image: &'a MemoryImage,
+    /// Of as many rays as the configuration says; at least one packet.
+    pub packets: &'a [RayPacket],
+    /// The most of `packets` to cast, spread evenly over them; `None` for all.
+    pub limit: Option<usize>,
+    /// The folder to write.
+    pub out: &'a Path,
+}
+
+/// What was written.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Summary {
+    /// Packets cast: those of the request, and of variants of their rays.
+    pub packets: u64,
+    /// Their rays, inactive ones included.
+    pub rays: u64,
+    /// Their packet steps.
+    pub steps: u64,
+    /// Their ray–triangle tests.
+    pub tests: u64,
+    /// Files in the folder.
+    pub files: usize,
+}
+
+/// Casts packets and writes the vectors of all units into a folder, which appears whole or not at all. Earlier vectors in its
+/// place are replaced.
+///
+/// # Errors
+/// One line: no packet to cast, an image that the machine cannot hold, a folder that holds something else or cannot be written.
+pub fn write(request: &Request<'_>) -> Result<Summary> {
+    let Request { config, image, .. } = *request;
+    check(request)?;
+    let machine = hw::emit(config).map_err(|error| anyhow!("the machine: {error}"))?;
+    let folder = Folder::begin(request.out)?;
+    let shape = Shape::new(config);
+
+    let mut memories = vec![];
+    for (stem, record, words) in [
+        ("nodes", Record::node(image.format), image.node_words()),
+        ("records", Record::triangle(), image.record_words()),
+        (
+            "vertices",
+            Record::vertex(image.format),
+            image.vertex_words(),
+        ),
+    ] {
+        let layout = Layout::default().record(&record, image.format);
+        let mut sheet = Sheet::new(&folder, stem, layout)?;
+        for line in record.hex_lines(&words).lines() {
+            sheet.push_text(line)?;
+        }
+        memories.push(sheet);
+    }
+    let mut scene = Sheet::new(&folder, "scene", shape.scene())?;
+    scene.push(&shape.scene_values(image.root, image.bounds))?;
+
+    let mut collector = Collector::new(&folder, shape.clone(), image)?;
+    cast(&mut collector, request)?;
+    let summary_of = |collector: &Collector<'_>, files| Summary {
+        packets: collector.packets.lines,
+        rays: collector.rays.lines,
+        steps: collector.steps,
+        tests: collector.tests,
+        files,
+    };
+    directed::transactions(&mut collector)?;
+    let mut arithmetic = operations(&folder, &collector)?;
+
+    let mut units = vec![];
+    let mut files = vec![];
+    let mut list = |sheet: &mut Sheet, unit: &str, role: &str, layout: &str| {
+        sheet.finish()?;
+        files.push((
+            sheet.file.clone(),
+            json!({"file": sheet.file, "unit": unit, "role": role, "lines": sheet.lines, "layout": layout}),
+            sheet.layout.clone(),
+            sheet.lines,
+        ));
+        anyhow::Ok(())
+    };
+    for sheet in &mut memories {
+        let stem = stem(sheet);
+        list(sheet, "memory", "image", &stem)?;
+    }
+    list(&mut scene, "memory", "registers", "scene")?;
+    list(&mut collector.rays, "raycast", "stimulus", "raycast_rays")?;
+    list(&mut collector.hits, "raycast", "expected", "raycast_hits")?;
+    list(
+        &mut collector.packets,
+        "raycast",
+        "packets",
+        "raycast_packets",
+    )?;
+    let sheets = [
+        &mut collector.setup,
+        &mut collector.step,
+        &mut collector.test,
+    ];
+    for unit in sheets.into_iter().chain(&mut arithmetic) {
+        let name = unit.name;
+        let care = unit.care.is_some();
+        units.push(json!({
+            "unit": name,
+            "transactions": unit.stimulus.lines,
+            "stimulus": unit.stimulus.file,
+            "expected": unit.expected.file,
+            "care": unit.care.as_ref().map(|care| &care.file),
+        }));
+        for (role, sheet) in ["stimulus", "expected", "care"].iter().zip(unit.sheets()) {
+            let layout = match *role {
+                "care" => format!("{name}_expected"),
+                _ => stem(sheet),
+            };
+            list(sheet, name, role, &layout)?;
+        }
+        debug_assert!(care || name.starts_with("fp_"));
+    }
+    let entries: Vec<_> = files
+        .iter()
+        .map(|(file, _, layout, lines)| header::Entry {
+            stem: file.trim_end_matches(".hex"),
+            lines: *lines,
+            layout,
+        })
+        .collect();
+    folder.write(
+        HEADER,
+        &header::text(config, &shape, &machine.design, &entries),
+    )?;
+    let summary = summary_of(&collector, files.len() + 2);
+    let mut layouts = serde_json::Map::new();
+    for (file, described, layout, _) in &files {
+        if described["role"] != "care" {
+            let mut value = serde_json::to_value(layout)?;
+            value["digits"] = json!(layout.digits());
+            layouts.insert(file.trim_end_matches(".hex").to_string(), value);
+        }
+    }
+    let mut described: Vec<Value> = files.into_iter().map(|(_, value, _, _)| value).collect();
+    described.push(json!({"file": HEADER, "unit": "sim", "role": "macros"}));
+    let manifest = json!({
+        VERSION_KEY: VERSION,
+        "scene": request.scene_name,
+        "triangles": image.records.len(),
+        "config": config.name,
+        "configuration": settings(config)?,
+        "number_format": {
+            "width": image.format.width(),
+            "exponent_bits": image.format.exponent_bits(),
+            "fraction_bits": image.format.fraction_bits(),
+            "bias": image.format.bias(),
+        },
+        "rays_per_packet": shape.rays,
+        "tag_bits": shape.tag_bits,
+        "triangle_test": match shape.test {
+            TriangleTest::MollerTrumbore => "moller-trumbore",
+            TriangleTest::Watertight => "watertight",
+        },
+        "packets": summary.packets,
+        "rays": summary.rays,
+        "packet_steps": summary.steps,
+        "ray_triangle_tests": summary.tests,
+        "units": units,
+        "pipelines": header::pipelines(&machine.design),
+        "files": described,
+        "layouts": layouts,
+    });
+    folder.write(MANIFEST, &format!("{manifest:#}\n"))?;
+    folder.publish()?;
+    Ok(summary)
+}
+
+fn stem(sheet: &Sheet) -> String {
+    sheet.file.trim_end_matches(".hex").to_string()
+}
+
+/// What must hold of a request before anything is written.
+fn check(request: &Request<'_>) -> Result<()> {
+    let Request {
+        config,
+        image,
+        packets,
+        ..
+    } = *request;
+    let scene = request.scene_name;
+    ensure!(
+        !packets.is_empty() && request.limit != Some(0),
+        "scene {scene}: no packet is to be cast; allow at least one"
+    );
+    ensure!(
+        image.format == config.format(),
+        "scene {scene}: its memory image is of {}, but the machine {} has {}; make the image for this machine",
+        image.format,
+        config.name,
+        config.format()
+    );
+    let rays = config.rays_per_packet as usize;
+    for (number, packet) in packets.iter().enumerate() {
+        ensure!(
+            packet.rays.len() == rays,
+            "scene {scene}: packet {number} has {} rays, but the machine {} takes packets of {rays}; make packets for this machine",
+            packet.rays.len(),
+            config.name
+        );
+    }
+    image
+        .check(config.stack_depth)
+        .with_context(|| format!("scene {scene}"))?;
+    check_capacity(0, image.records.len() as u64, config.address_bits)
+        .with_context(|| format!("scene {scene}"))?;
+    ensure!(
+        image.vertices.len() as u64 <= 1 << config.address_bits,
+        "scene {scene}: the scene is too large for its address space: {} vertices, but {} address bits hold {}; \
+         simplify the mesh or widen the address",
+        image.vertices.len(),
+        config.address_bits,
+        1u64 << config.address_bits
+    );
+    Ok(())
+}
+
+/// Casts the request's packets, then variants of the one with the most hits.
+fn cast(collector: &mut Collector<'_>, request: &Request<'_>) -> Result<()> {
+    let packets = request.packets;
+    let count = request.limit.unwrap_or(packets.len()).min(packets.len());
+    let mut richest: Option<(usize, usize, Vec<Hit>)> = None;
+    for number in (0..count).map(|i| i * packets.len() / count) {
+        let result = collector.cast(&packets[number].rays)?;
+        let hits = result.hits.iter().filter(|hit| hit.is_hit()).count();
+        if richest.as_ref().is_none_or(|(most, ..)| hits > *most) {
+            richest = Some((hits, number, result.hits));
+        }
+    }
+    let (_, number, hits) = richest.expect("at least one packet was cast");
+    directed::cast_variants(collector, &packets[number].rays, &hits)
+}
+
+/// The vectors of the arithmetic units.
+fn operations(folder: &Folder, collector: &Collector<'_>) -> Result<Vec<UnitSheets>> {
+    let operands = &collector.operands;
+    let directions: Vec<_> = operands.reciprocal.kept.iter().map(|&x| [x, 0.0]).collect();
+    let mut units = vec![];
+    for (name, operation, of_frame) in [
+        (
+            "fp_add",
+            Operation::Binary(|a, x, y| a.add(x, y)),
+            &operands.add.kept,
+        ),
+        (
+            "fp_sub",
+            Operation::Binary(|a, x, y| a.sub(x, y)),
+            &operands.sub.kept,
+        ),
+        (
+            "fp_mul",
+            Operation::Binary(|a, x, y| a.mul(x, y)),
+            &operands.mul.kept,
+        ),
+        (
+            "fp_reciprocal",
+            Operation::Unary(|a, x| a.reciprocal(x)),
+            &directions,
+        ),
+    ] {
+        let count = match operation {
+            Operation::Unary(_) => 1,
+            Operation::Binary(_) => 2,
+        };
+        let shape = &collector.shape;
+        let mut sheets =
+            UnitSheets::new(folder, name, shape.operands(count), shape.result(), false)?;
+        directed::arithmetic(collector, &mut sheets, &operation, of_frame)?;
+        units.push(sheets);
+    }
+    Ok(units)
+}
+
+/// The configuration's keys and values, by section.
+fn settings(config: &Config) -> Result<Value> {
+    let table: toml::Table = config.to_toml().parse()?;
+    Ok(serde_json::to_value(table)?)
+}

@@ -1,0 +1,479 @@
+//! What the vectors of one machine look like: the layout of every file's lines, and how values are put into them.
+
+use super::layout::{Kind, Layout};
+use crate::bkd::layout::{LINK_BITS, LinkWord, Node, Record, Target};
+use crate::config::{Config, TriangleTest};
+use crate::float::Format;
+use crate::golden::raycast::RaySet;
+use crate::golden::{MOST_RAYS, RaySetup};
+use crate::port::{Hit, Ray};
+
+use Kind::{Flag, Mask, Number, Unsigned};
+
+/// Bits that number a ray of a packet, whatever its size.
+const SLOT_BITS: u32 = MOST_RAYS.ilog2();
+
+/// What of a machine shapes its vectors.
+#[derive(Clone, Debug)]
+pub struct Shape {
+    pub format: Format,
+    pub test: TriangleTest,
+    /// Rays of a packet.
+    pub rays: usize,
+    pub tag_bits: u32,
+    pub axes_per_node: u32,
+}
+
+/// Values of an expected line, and whether each is compared.
+pub type Expected = Vec<(u64, bool)>;
+
+impl Shape {
+    pub fn new(config: &Config) -> Self {
+        Shape {
+            format: config.format(),
+            test: config.triangle_test,
+            rays: config.rays_per_packet as usize,
+            tag_bits: config.tag_bits,
+            axes_per_node: config.axes_per_node,
+        }
+    }
+
+    fn number(&self) -> u32 {
+        self.format.width()
+    }
+
+    pub fn bits(&self, number: f64) -> u64 {
+        self.format.to_bits(number)
+    }
+
+    fn vector(&self, vector: [f64; 3]) -> [u64; 3] {
+        vector.map(|number| self.bits(number))
+    }
+
+    /// The mask of all rays of a packet.
+    pub fn all(&self) -> u8 {
+        ((1u32 << self.rays) - 1) as u8
+    }
+
+    pub fn scene(&self) -> Layout {
+        Layout::default()
+            .field(
+                "root",
+                Record::link_word().width,
+                Unsigned,
+                "root link word",
+            )
+            .vector(
+                "lo",
+                self.number(),
+                "least corner of the box of all triangles",
+            )
+            .vector(
+                "hi",
+                self.number(),
+                "greatest corner of the box of all triangles",
+            )
+    }
+
+    pub fn scene_values(&self, root: LinkWord, (lo, hi): ([f64; 3], [f64; 3])) -> Vec<u64> {
+        let mut values = vec![u64::from(root.pack())];
+        values.extend(self.vector(lo));
+        values.extend(self.vector(hi));
+        values
+    }
+
+    fn with_ray(&self, layout: Layout) -> Layout {
+        let w = self.number();
+        layout
+            .vector("origin", w, "the ray's origin")
+            .vector("direction", w, "its direction")
+            .field("tmin", w, Number, "least distance of a hit")
+            .field("tmax", w, Number, "greatest distance of a hit")
+            .field("active", 1, Flag, "whether there is a ray in this place")
+            .field(
+                "any_hit",
+                1,
+                Flag,
+                "whether the ray asks only if there is a hit",
+            )
+    }
+
+    pub fn raycast_rays(&self) -> Layout {
+        self.with_ray(Layout::default())
+            .field("tag", self.tag_bits, Unsigned, "the packet's tag")
+    }
+
+    /// The ray's fields as the ray casting unit and ray setup take them.
+    pub fn ray_values(&self, ray: &Ray) -> Vec<u64> {
+        let mut values = vec![];
+        values.extend(self.vector(ray.origin));
+        values.extend(self.vector(ray.direction));
+        values.extend([
+            self.bits(ray.tmin),
+            self.bits(ray.tmax),
+            u64::from(ray.active),
+            u64::from(ray.any_hit),
+        ]);
+        values
+    }
+
+    pub fn raycast_hits(&self) -> Layout {
+        let w = self.number();
+        Layout::default()
+            .field("t", w, Number, "distance in multiples of the direction")
+            .field("u", w, Number, "weight of the second vertex")
+            .field("v", w, Number, "weight of the third vertex")
+            .field("instance", 32, Unsigned, "instance, all ones for none")
+            .field("triangle", 32, Unsigned, "triangle, all ones for none")
+            .field("tag", self.tag_bits, Unsigned, "the packet's tag")
+    }
+
+    pub fn hit_values(&self, hit: &Hit, tag: u64) -> Vec<u64> {
+        vec![
+            self.bits(hit.t),
+            self.bits(hit.u),
+            self.bits(hit.v),
+            u64::from(hit.instance),
+            u64::from(hit.triangle),
+            tag,
+        ]
+    }
+
+    pub fn raycast_packets(&self) -> Layout {
+        Layout::default()
+            .field("tag", self.tag_bits, Unsigned, "the packet's tag")
+            .field(
+                "first_step",
+                32,
+                Unsigned,
+                "line of packet_step_*.hex, from 0, of its first packet step",
+            )
+            .field("steps", 32, Unsigned, "packet steps it takes")
+            .field(
+                "first_test",
+                32,
+                Unsigned,
+                "line of triangle_test_*.hex, from 0, of its first ray-triangle test",
+            )
+            .field("tests", 32, Unsigned, "ray-triangle tests it takes")
+    }
+
+    pub fn ray_setup_stimulus(&self) -> Layout {
+        self.with_ray(Layout::default())
+    }
+
+    pub fn ray_setup_expected(&self) -> Layout {
+        let w = self.number();
+        let layout = Layout::default()
+            .field(
+                "enters",
+                1,
+                Flag,
+                "whether the ray is in the packet's first mask",
+            )
+            .field("near", w, Number, "near in the scene's box")
+            .field("far", w, Number, "far in the scene's box")
+            .field("tmin", w, Number, "tmin, a zero as +0")
+            .field("tmax", w, Number, "tmax, a zero as +0")
+            .field("any_hit", 1, Flag, "as it came");
+        self.with_setup(layout)
+    }
+
+    /// What setup makes of a ray: everything that the triangle test reads beside the limits.
+    fn with_setup(&self, layout: Layout) -> Layout {
+        let w = self.number();
+        let layout = layout
+            .vector("origin", w, "the ray's origin")
+            .vector("reciprocal", w, "reciprocal of its direction")
+            .field("signs", 3, Mask, "sign bits of its direction");
+        match self.test {
+            TriangleTest::MollerTrumbore => layout.vector("direction", w, "its direction"),
+            TriangleTest::Watertight => layout
+                .field("kz", 2, Unsigned, "axis k_z: 0 x, 1 y, 2 z")
+                .field("shear_x", w, Number, "S_x")
+                .field("shear_y", w, Number, "S_y")
+                .field("shear_z", w, Number, "S_z"),
+        }
+    }
+
+    fn setup_values(&self, ray: &RaySetup) -> Vec<u64> {
+        let mut values = vec![];
+        values.extend(self.vector(ray.origin));
+        values.extend(self.vector(ray.reciprocal));
+        values.push(signs(ray));
+        match self.test {
+            TriangleTest::MollerTrumbore => values.extend(self.vector(ray.direction)),
+            TriangleTest::Watertight => {
+                values.push(u64::from(ray.shear.axes[2]));
+                values.extend(self.vector(ray.shear.scale));
+            }
+        }
+        values
+    }
+
+    /// `interval` is the ray's in the scene's box.
+    pub fn ray_setup_values(&self, ray: &RaySetup, [near, far]: [f64; 2]) -> Expected {
+        let enters = ray.valid && near <= far;
+        let mut expected = vec![
+            (u64::from(enters), true),
+            (self.bits(near), enters),
+            (self.bits(far), enters),
+            (self.bits(ray.tmin), true),
+            (self.bits(ray.tmax), true),
+            (u64::from(ray.any_hit), true),
+        ];
+        // Only the shear is without meaning for a ray that is not valid: it lies above origin, reciprocal and signs.
+        let always = match self.test {
+            TriangleTest::MollerTrumbore => usize::MAX,
+            TriangleTest::Watertight => 7,
+        };
+        let values = self.setup_values(ray).into_iter().enumerate();
+        expected.extend(values.map(|(i, value)| (value, ray.valid || i < always)));
+        expected
+    }
+
+    pub fn packet_step_stimulus(&self) -> Layout {
+        let w = self.number();
+        let mut layout = Layout::default()
+            .field("node", LINK_BITS, Unsigned, "the node's index")
+            .record(&Record::node(self.format), self.format)
+            .field("mask", self.rays as u32, Mask, "rays that come");
+        for k in 0..self.rays {
+            layout = layout
+                .vector(&format!("ray{k}_origin"), w, &format!("ray {k}'s origin"))
+                .vector(
+                    &format!("ray{k}_reciprocal"),
+                    w,
+                    &format!("reciprocal of ray {k}'s direction"),
+                )
+                .field(
+                    format!("ray{k}_signs"),
+                    3,
+                    Mask,
+                    format!("sign bits of ray {k}'s direction"),
+                )
+                .field(
+                    format!("ray{k}_near"),
+                    w,
+                    Number,
+                    format!("ray {k}'s near in the node"),
+                )
+                .field(
+                    format!("ray{k}_far"),
+                    w,
+                    Number,
+                    format!("ray {k}'s far in the node"),
+                );
+        }
+        layout
+    }
+
+    /// Bits of one ray's fields in a line of `packet_step_stimulus.hex`.
+    pub fn packet_step_ray_bits(&self) -> u32 {
+        8 * self.number() + 3
+    }
+
+    /// A ray outside the mask comes with near = 0 and far = +∞: a machine that overlooks the mask is found out.
+    pub fn packet_step_values(
+        &self,
+        index: u32,
+        node: &Node,
+        rays: &[RaySetup],
+        set: &RaySet,
+    ) -> Vec<u64> {
+        let link = node.link;
+        let mut values = vec![u64::from(index)];
+        for number in node.left.into_iter().chain(node.right) {
+            values.push(self.bits(number));
+        }
+        values.extend([
+            u64::from(link.link),
+            u64::from(link.left_leaf),
+            u64::from(link.right_leaf),
+            u64::from(link.left_axis),
+            u64::from(link.right_axis),
+            u64::from(set.mask),
+        ]);
+        for (k, ray) in rays.iter().enumerate() {
+            let (near, far) = match set.mask >> k & 1 {
+                1 => (set.near[k], set.far[k]),
+                _ => (0.0, f64::INFINITY),
+            };
+            values.extend(self.vector(ray.origin));
+            values.extend(self.vector(ray.reciprocal));
+            values.extend([signs(ray), self.bits(near), self.bits(far)]);
+        }
+        values
+    }
+
+    pub fn packet_step_expected(&self) -> Layout {
+        let n = self.rays as u32;
+        let mut layout = Layout::default()
+            .field("to_left", n, Mask, "rays that go left")
+            .field("to_right", n, Mask, "rays that go right")
+            .field(
+                "both_left_first",
+                n,
+                Mask,
+                "of the rays that go both ways, those that go left first",
+            )
+            .field(
+                "left_first",
+                1,
+                Flag,
+                "whether the packet goes on with the left child",
+            )
+            .field(
+                "goes_on",
+                1,
+                Flag,
+                "whether it goes on with a child; else it pops",
+            )
+            .field(
+                "next_leaf",
+                1,
+                Flag,
+                "whether the child it goes on with is a leaf",
+            )
+            .field(
+                "next",
+                LINK_BITS,
+                Unsigned,
+                "index of that child's node, or of its triangle record",
+            )
+            .field("pushes", 1, Flag, "whether the other child is pushed")
+            .field("pushed_leaf", 1, Flag, "whether the child pushed is a leaf")
+            .field(
+                "pushed",
+                LINK_BITS,
+                Unsigned,
+                "index of that child's node, or of its triangle record",
+            );
+        for side in ["left", "right"] {
+            for k in 0..self.rays {
+                for end in ["near", "far"] {
+                    layout = layout.field(
+                        format!("{side}_ray{k}_{end}"),
+                        self.number(),
+                        Number,
+                        format!("ray {k}'s {end} in the {side} child"),
+                    );
+                }
+            }
+        }
+        layout
+    }
+
+    pub fn packet_step_outcome(
+        &self,
+        index: u32,
+        link: LinkWord,
+        left: &RaySet,
+        right: &RaySet,
+        both_left_first: u8,
+    ) -> Expected {
+        let (goes_left, goes_right) = (left.mask != 0, right.mask != 0);
+        let left_first = goes_left && (!goes_right || both_left_first != 0);
+        let goes_on = goes_left || goes_right;
+        let pushes = goes_left && goes_right;
+        let children = link.children(index);
+        let (first, second) = match left_first {
+            true => (children[0], children[1]),
+            false => (children[1], children[0]),
+        };
+        let mut expected = vec![
+            (u64::from(left.mask), true),
+            (u64::from(right.mask), true),
+            (u64::from(both_left_first), true),
+            (u64::from(left_first), true),
+            (u64::from(goes_on), true),
+        ];
+        let child = |target: Target, meant: bool| {
+            let (leaf, index) = match target {
+                Target::Node(index) => (0, index),
+                Target::Record(index) => (1, index),
+            };
+            [(leaf, meant), (u64::from(index), meant)]
+        };
+        let (next, pushed) = (child(first, goes_on), child(second, pushes));
+        expected.extend(next);
+        expected.push((u64::from(pushes), true));
+        expected.extend(pushed);
+        for side in [left, right] {
+            for k in 0..self.rays {
+                let meant = side.mask >> k & 1 == 1;
+                expected.push((self.bits(side.near[k]), meant));
+                expected.push((self.bits(side.far[k]), meant));
+            }
+        }
+        expected
+    }
+
+    pub fn triangle_test_stimulus(&self) -> Layout {
+        let w = self.number();
+        let layout = Layout::default()
+            .field("slot", SLOT_BITS, Unsigned, "the ray's place in its packet")
+            .field(
+                "record",
+                LINK_BITS,
+                Unsigned,
+                "index of the triangle's record",
+            )
+            .vector("v0", w, "first vertex")
+            .vector("v1", w, "second vertex")
+            .vector("v2", w, "third vertex")
+            .field("tmin", w, Number, "least distance of a hit, not -0")
+            .field("tmax", w, Number, "greatest distance of a hit, not -0");
+        self.with_setup(layout)
+    }
+
+    pub fn triangle_test_values(
+        &self,
+        slot: u8,
+        record: u32,
+        vertices: &[[f64; 3]; 3],
+        ray: &RaySetup,
+    ) -> Vec<u64> {
+        let mut values = vec![u64::from(slot), u64::from(record)];
+        for vertex in vertices {
+            values.extend(self.vector(*vertex));
+        }
+        values.extend([self.bits(ray.tmin), self.bits(ray.tmax)]);
+        values.extend(self.setup_values(ray));
+        values
+    }
+
+    pub fn triangle_test_expected(&self) -> Layout {
+        let w = self.number();
+        Layout::default()
+            .field("hit", 1, Flag, "whether the ray hits")
+            .field("t", w, Number, "distance, clamped into the triangle's box")
+            .field("u", w, Number, "weight of the second vertex")
+            .field("v", w, Number, "weight of the third vertex")
+    }
+
+    pub fn triangle_test_outcome(&self, outcome: &crate::golden::Outcome) -> Expected {
+        let [_, u, v] = outcome.raw;
+        let numbers = [outcome.t, u, v].map(|number| (self.bits(number), outcome.hit));
+        let mut expected = vec![(u64::from(outcome.hit), true)];
+        expected.extend(numbers);
+        expected
+    }
+
+    pub fn operands(&self, count: usize) -> Layout {
+        let operand = |layout: Layout, name: &str| {
+            layout.field(name, self.number(), Number, format!("operand {name}"))
+        };
+        ["a", "b"][..count]
+            .iter()
+            .fold(Layout::default(), |layout, name| operand(layout, name))
+    }
+
+    pub fn result(&self) -> Layout {
+        Layout::default().field("y", self.number(), Number, "result")
+    }
+}
+
+fn signs(ray: &RaySetup) -> u64 {
+    (0..3).fold(0, |bits, i| bits | u64::from(ray.negative[i]) << i)
+}
