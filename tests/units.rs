@@ -7,10 +7,11 @@ mod common;
 
 use common::prepare;
 use dynrt::config::{Config, TriangleTest};
-use dynrt::cosim::scoreboard::{Category, UnitOptions, UnitReport};
+use dynrt::cosim::scoreboard::{Category, Fault, UnitOptions, UnitReport};
 use dynrt::cosim::workload::Workload;
 use dynrt::cosim::{model, unit_geometry, unit_tpu};
 use dynrt::golden::Caster;
+use dynrt::port::Ray;
 
 /// Transactions of each unit of the reference machine, over all its workloads.
 const MANY: u64 = 1_000_000;
@@ -147,5 +148,80 @@ fn geometry_of_other_machines() {
     let seed = seed();
     for config in others() {
         coincidences(unit_geometry::run, &config, FEW, seed);
+    }
+}
+
+/// The checks check: faults in what is seldom looked at are noticed, and where only one field can show them the
+/// report marks that field.
+#[test]
+fn faults_are_noticed() {
+    let (config, seed) = (Config::load("tiny").unwrap(), seed());
+    let faults: [(Run, &str, &str, &str); 5] = [
+        // A limit that is an ulp off.
+        (
+            unit_tpu::run,
+            "[limit_packet] <= limit_value;",
+            "[limit_packet] <= limit_value ^ 24'd1;",
+            "unit tpu",
+        ),
+        // An entry popped is never dropped.
+        (
+            unit_tpu::run,
+            "(ray0_within |",
+            "(1'b1 | ray0_within |",
+            "unit tpu",
+        ),
+        // A finished packet has hit nothing.
+        (
+            unit_tpu::run,
+            "assign finished_touched = ",
+            "assign finished_touched = !",
+            "* rays that have hit something",
+        ),
+        // Of equal distances the last wins.
+        (
+            unit_geometry::run,
+            "(as_close & lower)",
+            "as_close",
+            "* replaces the closest",
+        ),
+        // What is read back is an ulp off.
+        (
+            unit_geometry::run,
+            "assign read_v = ",
+            "assign read_v = 24'd1 ^ ",
+            "* v ",
+        ),
+    ];
+    for (run, text, instead, said) in faults {
+        let options = UnitOptions {
+            fault: Some(Fault { text, instead }),
+            ..UnitOptions::new(seed)
+        };
+        let transactions = FEW;
+        let report = run(&config, Workload::Coincidences { transactions }, &options)
+            .unwrap_or_else(|e| panic!("{e:#}"));
+        let mismatch = report.mismatch.as_deref().unwrap_or("no mismatch");
+        println!("{text} -> {instead}\n{mismatch}");
+        assert_eq!(report.mismatches, 1);
+        assert!(mismatch.contains(said), "{mismatch}");
+        assert!(report.verdict().is_err());
+    }
+}
+
+/// A run that checks nothing fails.
+#[test]
+fn nothing_checked_is_a_failure() {
+    let config = Config::load("tiny").unwrap();
+    let scene = prepare(&config, "builtin:sphere?level=0", "2x2", None);
+    let rays = [Ray::INACTIVE; 8];
+    let workload = Workload::Rays {
+        image: &scene.image,
+        rays: &rays,
+    };
+    for run in [unit_tpu::run as Run, unit_geometry::run as Run] {
+        let report = run(&config, workload, &UnitOptions::new(1)).unwrap();
+        let error = report.verdict().unwrap_err().to_string();
+        assert!(error.contains("nothing was checked"), "{error}");
     }
 }

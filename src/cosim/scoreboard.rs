@@ -86,6 +86,8 @@ pub struct UnitOptions {
     /// The `dynrt cosim` command that runs this again, for a mismatch's report; may be empty.
     pub replay: String,
     pub trace: Option<Trace>,
+    /// A fault that the unit's Verilog is given first, to see that it is noticed.
+    pub fault: Option<Fault>,
     /// How the model is built. One with a trace is built for tracing, whatever this says.
     pub build: BuildOptions,
 }
@@ -98,8 +100,33 @@ impl UnitOptions {
             surroundings: None,
             replay: String::new(),
             trace: None,
+            fault: None,
             build: BuildOptions::default(),
         }
+    }
+}
+
+/// A change to Verilog: a text, wherever it occurs, and what stands there instead.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Fault {
+    pub text: &'static str,
+    pub instead: &'static str,
+}
+
+impl Fault {
+    fn apply(&self, sources: &mut Sources) -> Result<()> {
+        let mut found = false;
+        for (_, text) in &mut sources.files {
+            found |= text.contains(self.text);
+            *text = text.replace(self.text, self.instead);
+        }
+        ensure!(
+            found,
+            "no file of {} has the text `{}`, which a fault is to replace",
+            sources.top,
+            self.text
+        );
+        Ok(())
     }
 }
 
@@ -256,7 +283,10 @@ pub(super) struct Bench {
 
 impl Bench {
     pub fn new(unit: &'static str, module: &Rc<Module>, options: &UnitOptions) -> Result<Bench> {
-        let sources = sources(&Design::new(module.clone())?);
+        let mut sources = sources(&Design::new(module.clone())?);
+        if let Some(fault) = &options.fault {
+            fault.apply(&mut sources)?;
+        }
         let mut how = options.build.clone();
         how.traced |= options.trace.is_some();
         let built = build(&sources, &how, &|_| ())?;

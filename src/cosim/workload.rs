@@ -349,6 +349,11 @@ impl TinyMesh {
             0 => corner(rng),
             1 => target,
             2..=4 => [0; 3].map(|_| f64::from(rng.i32(-2 * GRID..=2 * GRID))),
+            // From far off: the triangle test's error is then greater than the box's slack.
+            5 => {
+                let exponent = (a.format().bias() - 3).clamp(0, 8);
+                [0; 3].map(|_| (2.0 * rng.f64() - 1.0) * f64::from(exponent).exp2())
+            }
             _ => [0; 3].map(|_| (2.0 * rng.f64() - 1.0) * reach),
         };
         let mut direction = match rng.u8(..8) {
