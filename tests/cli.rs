@@ -85,13 +85,18 @@ fn folder() -> tempfile::TempDir {
     tempfile::tempdir().unwrap()
 }
 
-const SUBCOMMANDS_WITH_SCENES: [&str; 3] = ["cosim", "render --out a.png", "stats --json a.json"];
+const SUBCOMMANDS_WITH_SCENES: [&str; 4] = [
+    "cosim",
+    "render --out a.png",
+    "stats --json a.json",
+    "vectors --out a",
+];
 
 #[test]
 fn help_of_every_subcommand_has_examples() {
     let folder = folder();
     let top = prints("--help", folder.path());
-    for name in ["generate", "cosim", "render", "stats"] {
+    for name in ["generate", "vectors", "cosim", "render", "stats"] {
         assert!(top.contains(name), "{name} in {top}");
         let help = prints(&format!("{name} --help"), folder.path());
         assert!(
@@ -346,6 +351,11 @@ fn outputs_that_cannot_be_written_get_one_line() {
             line.starts_with(&format!("{out}: cannot be written: ")),
             "{line}"
         );
+        let line = fault(
+            &format!("vectors builtin:cornell --out {out}"),
+            folder.path(),
+        );
+        assert!(line.starts_with(&format!("{out}: ")), "{line}");
     }
     for out in ["file/a", "missing/a", "folder", "/proc/nonesuch"] {
         for command in [
@@ -633,4 +643,40 @@ fn cosim_takes_shadow_rays_overrides_and_traces() {
         folder.path(),
     );
     assert!(fs::metadata(folder.path().join("w.fst")).unwrap().len() > 100);
+}
+
+#[test]
+fn cosim_runs_one_unit_alone() {
+    let folder = folder();
+    let scene = "builtin:sphere?level=1 --config tiny --size 16x12";
+    for (unit, counted) in [("tpu", "packet_steps"), ("geometry", "ray_triangle_tests")] {
+        prints(
+            &format!("cosim {scene} --unit {unit} --json u.json"),
+            folder.path(),
+        );
+        let value = json(&folder.path().join("u.json"));
+        assert_eq!(value["unit"], unit);
+        assert_eq!(value["mismatches"], 0);
+        let transactions = value[counted].as_u64().unwrap();
+        assert!(transactions > 0 && value["checked"].as_u64().unwrap() >= transactions);
+    }
+    assert_eq!(
+        fault(
+            &format!("cosim {scene} --unit tpu --out a.png"),
+            folder.path()
+        ),
+        "--unit tpu: one unit alone computes no picture; leave out --out"
+    );
+}
+
+#[test]
+fn vectors_are_written_and_replaced() {
+    let folder = folder();
+    let command = "vectors builtin:sphere?level=1 --config tiny --size 8x8 --limit 5 --out v";
+    let text = prints(command, folder.path());
+    assert!(text.starts_with("v: "), "{text}");
+    let first = contents(&folder.path().join("v"));
+    assert!(first.contains_key("manifest.json"));
+    prints(command, folder.path());
+    assert!(contents(&folder.path().join("v")) == first);
 }

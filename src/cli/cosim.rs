@@ -1,17 +1,22 @@
 //! `dynrt cosim`: the emitted Verilog under Verilator, held against the golden model.
 
-use super::frame::{Built, Loaded, SceneArgs, active};
-use super::{ConfigArgs, check_outputs, grouped, one_line, print, quoted};
+use super::frame::{Built, Loaded, SIZE, SceneArgs, active};
+use super::{ConfigArgs, check_outputs, grouped, one_line, print};
 use anyhow::{Result, ensure};
 use clap::ValueEnum;
+use dynrt::bkd::MemoryImage;
 use dynrt::config::KEYS;
 use dynrt::cosim::mismatch::Mismatch;
 use dynrt::cosim::raycast::{self, Options, Report, Trace};
+use dynrt::cosim::scoreboard::{UnitOptions, UnitReport};
+use dynrt::cosim::workload::Workload;
+use dynrt::cosim::{unit_geometry, unit_tpu};
 use dynrt::emit;
 use dynrt::golden::Caster;
+use dynrt::port::{Hit, Ray};
 use dynrt::report;
-use dynrt::scene::{RayPacket, default_light, shadow_rays};
-use serde_json::{Value, json};
+use dynrt::scene::{ImageSize, RayPacket, default_light, shadow_rays};
+use serde_json::{Map, Value, json};
 use std::fmt::Write as _;
 use std::path::PathBuf;
 
@@ -25,6 +30,7 @@ Examples:
   dynrt cosim builtin:teapot --out teapot.png
   dynrt cosim builtin:interior --view inside --json hall.json
   dynrt cosim builtin:interior --view inside --rays shadow --out shadows.png
+  dynrt cosim builtin:teapot --unit tpu --seed 3
   dynrt cosim builtin:cornell --size 64x48 --set memory.latency=40 --set memory.jitter=20 --seed 7
   dynrt cosim builtin:cornell --size 64x48 --trace cornell.fst --from 1000 --cycles 500";
 
@@ -34,8 +40,15 @@ Examples:
 pub struct Args {
     #[command(flatten)]
     scene: SceneArgs,
+    /// Width and height of the picture in pixels
+    #[arg(long, value_name = "WxH", default_value = SIZE)]
+    size: ImageSize,
     #[command(flatten)]
     config: ConfigArgs,
+    /// What to run: the whole ray casting unit, or one unit alone, with random delays and stalls around it in place
+    /// of the configuration's memories
+    #[arg(long, value_name = "UNIT", default_value = "raycast")]
+    unit: Unit,
     /// What to cast: the camera's rays, or any-hit rays from what they hit to a light
     #[arg(long, value_name = "RAYS", default_value = "primary")]
     rays: RayKind,
@@ -58,6 +71,38 @@ pub struct Args {
     #[arg(long, value_name = "N", requires = "trace", value_parser = clap::value_parser!(u64).range(1..))]
     cycles: Option<u64>,
 }
+
+#[derive(Clone, Copy, PartialEq, Eq, ValueEnum)]
+enum Unit {
+    /// The traversal processing unit: every packet step
+    Tpu,
+    /// The geometry unit: every ray-triangle test
+    Geometry,
+    /// Ray setup, traversal and geometry together, from rays to hits
+    Raycast,
+}
+
+impl Unit {
+    fn name(self) -> &'static str {
+        match self {
+            Unit::Tpu => "tpu",
+            Unit::Geometry => "geometry",
+            Unit::Raycast => "raycast",
+        }
+    }
+}
+
+/// The report of a unit's mismatch, many lines.
+#[derive(Debug)]
+pub struct UnitMismatch(String);
+
+impl std::fmt::Display for UnitMismatch {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.write_str(&self.0)
+    }
+}
+
+impl std::error::Error for UnitMismatch {}
 
 #[derive(Clone, Copy, PartialEq, Eq, ValueEnum)]
 enum RayKind {
@@ -84,8 +129,13 @@ struct Job<'a> {
 }
 
 pub fn run(args: &Args) -> Result<()> {
+    ensure!(
+        args.unit == Unit::Raycast || args.out.is_none(),
+        "--unit {}: one unit alone computes no picture; leave out --out",
+        args.unit.name()
+    );
     check_outputs(&[&args.out, &args.json, &args.trace].map(|path| path.as_deref()))?;
-    let loaded = args.scene.load(&args.config)?;
+    let loaded = args.scene.load(args.size, &args.config)?;
     let Built { image, .. } = loaded.build_default()?;
     let primary = Loaded::rays(&loaded.packets);
     let caster = Caster::new(
@@ -94,7 +144,7 @@ pub fn run(args: &Args) -> Result<()> {
         loaded.frame.rays_per_packet(),
     );
     // Shadow rays start where the golden model's primary rays end.
-    let shadow: Option<(Vec<RayPacket>, Vec<dynrt::port::Hit>)> = match args.rays {
+    let shadow: Option<(Vec<RayPacket>, Vec<Hit>)> = match args.rays {
         RayKind::Primary => None,
         RayKind::Shadow => {
             let hits = caster.cast_packets(&primary).hits;
@@ -112,13 +162,23 @@ pub fn run(args: &Args) -> Result<()> {
         loaded: &loaded,
         active: active(&rays)?,
     };
+    let trace = args.trace.as_ref().map(|path| Trace {
+        path: path.clone(),
+        from: args.from,
+        cycles: args.cycles.unwrap_or(1),
+    });
+    if args.unit != Unit::Raycast {
+        let hits = caster.cast_packets(&rays).hits;
+        return job.run_unit(
+            &image,
+            &rays,
+            hits.iter().filter(|h| h.is_hit()).count(),
+            trace,
+        );
+    }
     let options = Options {
         seed: args.seed,
-        trace: args.trace.as_ref().map(|path| Trace {
-            path: path.clone(),
-            from: args.from,
-            cycles: args.cycles.unwrap_or(1),
-        }),
+        trace,
         replay: job.replay(),
         ..Options::default()
     };
@@ -131,7 +191,7 @@ pub fn run(args: &Args) -> Result<()> {
         Ok(found) => found,
         Err(error) => {
             if let (Some(path), true) = (&args.json, error.is::<Mismatch>()) {
-                report::json(path, &job.mismatch_json(&error))?;
+                report::json(path, &job.mismatch_json(&one_line(&error)))?;
             }
             return Err(error);
         }
@@ -139,7 +199,7 @@ pub fn run(args: &Args) -> Result<()> {
     ensure!(found.checked() > 0, "nothing was checked");
     let mut text = job.text(&found);
     if let Some(path) = &args.out {
-        let size = args.scene.size();
+        let size = args.size;
         let picture = match &shadow {
             None => report::shade(size, &loaded.packets, &found.hits, &loaded.mesh, None),
             Some((_, hits)) => {
@@ -159,19 +219,34 @@ pub fn run(args: &Args) -> Result<()> {
     print(&text)
 }
 
+/// Adds the entries of one JSON object to another.
+fn extend(value: &mut Value, more: Value) {
+    if let (Value::Object(all), Value::Object(more)) = (value, more) {
+        all.extend(more);
+    }
+}
+
 impl Job<'_> {
     /// What a person types to run this again.
     fn replay(&self) -> String {
         let Args {
             scene,
             config,
+            size,
+            unit,
             rays,
             seed,
             ..
         } = self.args;
         let mut text = format!("dynrt cosim{}{}", scene.replay(), config.replay());
+        if size.to_string() != SIZE {
+            text += &format!(" --size {size}");
+        }
+        if *unit != Unit::Raycast {
+            text += &format!(" --unit {}", unit.name());
+        }
         if *rays != RayKind::Primary {
-            text += &format!(" --rays {}", quoted(rays.name()));
+            text += &format!(" --rays {}", rays.name());
         }
         if *seed != 1 {
             text += &format!(" --seed {seed}");
@@ -181,7 +256,7 @@ impl Job<'_> {
 
     /// What is known however the run ends.
     fn common_json(&self) -> Value {
-        let size = self.args.scene.size();
+        let size = self.args.size;
         let mut overrides = json!({});
         for setting in &self.args.config.set {
             let path = setting.split('=').next().unwrap_or_default().trim();
@@ -195,7 +270,7 @@ impl Job<'_> {
             "triangles": self.loaded.mesh.triangles.len(),
             "config": self.loaded.config.name,
             "overrides": overrides,
-            "unit": "raycast",
+            "unit": self.args.unit.name(),
             "ray_kind": self.args.rays.name(),
             "seed": self.args.seed,
             "width": size.width,
@@ -204,11 +279,74 @@ impl Job<'_> {
         })
     }
 
-    fn mismatch_json(&self, error: &anyhow::Error) -> Value {
+    fn mismatch_json(&self, mismatch: &str) -> Value {
         let mut value = self.common_json();
         value["mismatches"] = json!(1);
-        value["mismatch"] = json!(one_line(error));
+        value["mismatch"] = json!(mismatch);
         value["replay"] = json!(self.replay());
+        value
+    }
+
+    /// One unit alone.
+    fn run_unit(
+        &self,
+        image: &MemoryImage,
+        rays: &[Ray],
+        hits: usize,
+        trace: Option<Trace>,
+    ) -> Result<()> {
+        let args = self.args;
+        let options = UnitOptions {
+            replay: self.replay(),
+            trace,
+            ..UnitOptions::new(args.seed)
+        };
+        let workload = Workload::Rays { image, rays };
+        let run = match args.unit {
+            Unit::Tpu => unit_tpu::run,
+            _ => unit_geometry::run,
+        };
+        let found = run(&self.loaded.config, workload, &options)?;
+        let write = |value| match &args.json {
+            Some(path) => report::json(path, &value),
+            None => Ok(()),
+        };
+        if let Some(mismatch) = found.mismatch {
+            write(self.mismatch_json(&mismatch))?;
+            return Err(UnitMismatch(mismatch).into());
+        }
+        found.verdict()?;
+        write(self.unit_json(&found, hits))?;
+        print(&format!("{}\n", found.summary()))
+    }
+
+    fn unit_json(&self, found: &UnitReport, hits: usize) -> Value {
+        let of = |unit| match self.args.unit == unit {
+            true => found.transactions,
+            false => 0,
+        };
+        let per_clock = |count: u64| count as f64 / found.cycles as f64;
+        let categories: Map<String, Value> = (found.categories.iter())
+            .map(|(category, count)| (category.name().to_string(), json!(count)))
+            .collect();
+        let mut value = self.common_json();
+        extend(
+            &mut value,
+            json!({
+                "hits": hits,
+                "checked": found.checked,
+                "mismatches": found.mismatches,
+                "cycles": found.cycles,
+                "packet_steps": of(Unit::Tpu),
+                "ray_triangle_tests": of(Unit::Geometry),
+                "rays_per_clock": per_clock(self.active),
+                "tpu_utilisation": per_clock(of(Unit::Tpu)),
+                "gu_utilisation": per_clock(of(Unit::Geometry)),
+                "categories": categories,
+                "model_build_s": found.model_build_s,
+                "simulate_s": found.simulate_s,
+            }),
+        );
         value
     }
 
@@ -246,9 +384,7 @@ impl Job<'_> {
             "model_reused": found.model_reused,
             "simulate_s": found.simulate_s,
         });
-        if let (Value::Object(all), Value::Object(results)) = (&mut value, results) {
-            all.extend(results);
-        }
+        extend(&mut value, results);
         value
     }
 
@@ -270,7 +406,7 @@ impl Job<'_> {
             loaded.scene.name,
             grouped(loaded.mesh.triangles.len() as u64),
             loaded.config.name,
-            self.args.scene.size(),
+            self.args.size,
             grouped(self.active),
             self.args.rays.name(),
             grouped(self.hits(found)),

@@ -8,42 +8,43 @@ use dynrt::port::Ray;
 use dynrt::scene::{self, Camera, Frame, ImageSize, MachineMesh, RayPacket, Scene, View};
 use std::time::Instant;
 
+/// The size of a picture where none is given.
+pub const SIZE: &str = "512x384";
+
 /// Which scene, from where.
 #[derive(clap::Args)]
 pub struct SceneArgs {
     /// An OBJ file, or builtin:NAME for a scene that needs no file
     #[arg(value_name = "SCENE")]
     scene: String,
-    /// Width and height of the picture in pixels
-    #[arg(long, value_name = "WxH", default_value = "512x384")]
-    size: ImageSize,
     #[command(flatten)]
     camera: CameraArgs,
 }
 
+/// The heading of [`CameraArgs`].
+const CAMERA: &str = "Camera (by default one that frames the scene)";
+
 /// From where; by default the camera frames the scene from outside by itself.
 #[derive(clap::Args)]
-#[command(next_help_heading = "Camera (by default one that frames the scene)")]
 struct CameraArgs {
     /// A camera that depends only on the scene's box: inside for rooms, outside for objects
-    #[arg(long, value_name = "VIEW")]
+    #[arg(long, value_name = "VIEW", help_heading = CAMERA)]
     view: Option<View>,
     /// Where the camera is, in the scene's units
-    #[arg(long, value_name = "X,Y,Z", value_parser = vector, allow_hyphen_values = true, conflicts_with = "view")]
+    #[arg(long, value_name = "X,Y,Z", value_parser = vector, allow_hyphen_values = true, conflicts_with = "view", help_heading = CAMERA)]
     eye: Option<[f64; 3]>,
     /// What it looks at [default: the middle of the scene's box]
-    #[arg(long, value_name = "X,Y,Z", value_parser = vector, allow_hyphen_values = true, requires = "eye")]
+    #[arg(long, value_name = "X,Y,Z", value_parser = vector, allow_hyphen_values = true, requires = "eye", help_heading = CAMERA)]
     look_at: Option<[f64; 3]>,
     /// Which way is up [default: 0,1,0]
-    #[arg(long, value_name = "X,Y,Z", value_parser = vector, allow_hyphen_values = true, requires = "eye")]
+    #[arg(long, value_name = "X,Y,Z", value_parser = vector, allow_hyphen_values = true, requires = "eye", help_heading = CAMERA)]
     up: Option<[f64; 3]>,
     /// The whole vertical field of view [default: 60]
     #[arg(
         long,
         value_name = "DEGREES",
         allow_hyphen_values = true,
-        requires = "eye"
-    )]
+        requires = "eye", help_heading = CAMERA)]
     fov: Option<f64>,
 }
 
@@ -77,12 +78,9 @@ pub struct Built {
 }
 
 impl SceneArgs {
-    /// The options that choose this scene, camera and size again.
+    /// The arguments that choose this scene and camera again.
     pub fn replay(&self) -> String {
         let mut text = format!(" {}", quoted(&self.scene));
-        if self.size.to_string() != "512x384" {
-            text += &format!(" --size {}", self.size);
-        }
         let camera = &self.camera;
         match camera.view {
             Some(View::Inside) => text += " --view inside",
@@ -105,14 +103,10 @@ impl SceneArgs {
         text
     }
 
-    pub fn size(&self) -> ImageSize {
-        self.size
-    }
-
     /// Loads configuration and scene, says what the number format cannot hold, and makes the camera's rays.
-    pub fn load(&self, config: &ConfigArgs) -> Result<Loaded> {
+    pub fn load(&self, size: ImageSize, config: &ConfigArgs) -> Result<Loaded> {
         let config = config.load()?;
-        let frame = Frame::new(self.size, config.rays_per_packet as usize)?;
+        let frame = Frame::new(size, config.rays_per_packet as usize)?;
         let scene = scene::load(&self.scene)?;
         check_address_space(&scene, &config)
             .with_context(|| format!("{}, configuration {}", self.scene, config.name))?;

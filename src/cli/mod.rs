@@ -5,6 +5,7 @@ mod frame;
 mod generate;
 mod render;
 mod stats;
+mod vectors;
 
 use anyhow::Result;
 use clap::{Parser, Subcommand};
@@ -20,6 +21,7 @@ Examples:
   dynrt cosim builtin:teapot --out teapot.png        every ray of a picture through that Verilog
   dynrt render model.obj --view inside --out a.png   the same picture from the golden model, at once
   dynrt stats model.obj                              what trees of the mesh cost
+  dynrt vectors builtin:cornell --out vectors        stimulus and expected results for other simulators
   dynrt COMMAND --help                               all options, with examples
 
 SCENE is an OBJ file or builtin:NAME, NAME one of teapot, cornell, interior, sphere, knot; some take
@@ -38,20 +40,23 @@ struct Cli {
 #[derive(Subcommand)]
 enum Command {
     Generate(generate::Args),
+    Vectors(vectors::Args),
     Cosim(cosim::Args),
     Render(render::Args),
     Stats(stats::Args),
 }
 
+/// The heading of [`ConfigArgs`].
+const MACHINE: &str = "Machine";
+
 /// Which machine.
 #[derive(clap::Args)]
-#[command(next_help_heading = "Machine")]
 struct ConfigArgs {
     /// A configuration's name (virtex4-lx160, dynrt-2006, ecp5-85f, tiny) or a TOML file that sets every key
-    #[arg(long, value_name = "C", default_value = NAMED[0].0)]
+    #[arg(long, value_name = "C", default_value = NAMED[0].0, help_heading = MACHINE)]
     config: String,
     /// Sets one key of the configuration, such as packets.rays=8 or memory.latency=20; may be repeated
-    #[arg(long, value_name = "SECTION.KEY=VALUE")]
+    #[arg(long, value_name = "SECTION.KEY=VALUE", help_heading = MACHINE)]
     set: Vec<String>,
 }
 
@@ -88,6 +93,7 @@ impl ConfigArgs {
 pub fn main() -> ExitCode {
     let result = match Cli::parse().command {
         Command::Generate(args) => generate::run(&args),
+        Command::Vectors(args) => vectors::run(&args),
         Command::Cosim(args) => cosim::run(&args),
         Command::Render(args) => render::run(&args),
         Command::Stats(args) => stats::run(&args),
@@ -96,9 +102,9 @@ pub fn main() -> ExitCode {
         return ExitCode::SUCCESS;
     };
     // A mismatch's report has a line for each field; every other error is one line.
-    let text = match error.downcast_ref::<Mismatch>() {
-        Some(mismatch) => mismatch.to_string(),
-        None => one_line(&error),
+    let text = match error.is::<Mismatch>() || error.is::<cosim::UnitMismatch>() {
+        true => error.to_string(),
+        false => one_line(&error),
     };
     tell(&format!("error: {text}"));
     ExitCode::FAILURE

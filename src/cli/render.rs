@@ -1,10 +1,11 @@
 //! `dynrt render`: a picture from the golden model.
 
-use super::frame::{Loaded, SceneArgs, active};
+use super::frame::{Loaded, SIZE, SceneArgs, active};
 use super::{ConfigArgs, check_outputs, grouped, print};
 use anyhow::Result;
 use dynrt::golden::Caster;
 use dynrt::report;
+use dynrt::scene::ImageSize;
 use serde_json::json;
 use std::fmt::Write as _;
 use std::path::PathBuf;
@@ -25,6 +26,9 @@ Examples:
 pub struct Args {
     #[command(flatten)]
     scene: SceneArgs,
+    /// Width and height of the picture in pixels
+    #[arg(long, value_name = "WxH", default_value = SIZE)]
+    size: ImageSize,
     #[command(flatten)]
     config: ConfigArgs,
     /// The picture, as PNG
@@ -40,7 +44,7 @@ pub struct Args {
 
 pub fn run(args: &Args) -> Result<()> {
     check_outputs(&[&args.out, &args.heatmap, &args.json].map(|path| path.as_deref()))?;
-    let loaded = args.scene.load(&args.config)?;
+    let loaded = args.scene.load(args.size, &args.config)?;
     let rays = Loaded::rays(&loaded.packets);
     let ray_count = active(&rays)?;
     let built = loaded.build_default()?;
@@ -57,7 +61,7 @@ pub fn run(args: &Args) -> Result<()> {
     let packets = frame.packets.len();
     let per_packet = |count: u64| count as f64 / packets as f64;
     let mrays_per_s = ray_count as f64 / cast_s / 1e6;
-    let size = args.scene.size();
+    let size = args.size;
     let mut text = format!(
         "scene {}, {} triangles, configuration {}, {size}\n\
          {} rays, {} hits, {:.2} packet steps and {:.2} triangle tests a packet\n\

@@ -1,6 +1,6 @@
 //! `dynrt stats`: what trees of a scene take and cost.
 
-use super::frame::{Built, Loaded, SceneArgs, active};
+use super::frame::{Built, Loaded, SIZE, SceneArgs, active};
 use super::{ConfigArgs, check_outputs, grouped, print};
 use anyhow::Result;
 use dynrt::bkd::BuildOptions;
@@ -8,6 +8,7 @@ use dynrt::bkd::stats::TreeStatistics;
 use dynrt::golden::Caster;
 use dynrt::port::Ray;
 use dynrt::report;
+use dynrt::scene::ImageSize;
 use serde_json::{Value, json};
 use std::fmt::Write as _;
 use std::path::PathBuf;
@@ -30,6 +31,9 @@ Examples:
 pub struct Args {
     #[command(flatten)]
     scene: SceneArgs,
+    /// Width and height of the picture in pixels
+    #[arg(long, value_name = "WxH", default_value = SIZE)]
+    size: ImageSize,
     #[command(flatten)]
     config: ConfigArgs,
     /// The figures, as JSON
@@ -48,7 +52,7 @@ struct Measured {
 
 pub fn run(args: &Args) -> Result<()> {
     check_outputs(&[args.json.as_deref()])?;
-    let loaded = args.scene.load(&args.config)?;
+    let loaded = args.scene.load(args.size, &args.config)?;
     let rays = Loaded::rays(&loaded.packets);
     let ray_count = active(&rays)?;
     let depth = loaded.config.stack_depth;
@@ -98,7 +102,7 @@ fn measure(
 
 fn to_json(args: &Args, loaded: &Loaded, rays: u64, measured: &[Measured; 3]) -> Value {
     let [.., default] = measured;
-    let size = args.scene.size();
+    let size = args.size;
     let mut value = json!({
         "scene": loaded.scene.name,
         "config": loaded.config.name,
@@ -134,7 +138,7 @@ fn to_text(args: &Args, loaded: &Loaded, rays: u64, measured: &[Measured; 3]) ->
          {:8} {:>6} {:>13} {:>14} {:>9}\n",
         loaded.scene.name,
         loaded.config.name,
-        args.scene.size(),
+        args.size,
         grouped(rays),
         grouped(tree.triangles as u64),
         grouped(tree.nodes as u64),
