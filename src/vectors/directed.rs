@@ -5,8 +5,9 @@ use super::collect::Collector;
 use super::sheet::UnitSheets;
 use crate::bkd::layout::{LINK_BITS, LinkWord, Node};
 use crate::float::{Arithmetic, specials};
+use crate::golden::clip::RayLanes;
 use crate::golden::raycast::RaySet;
-use crate::golden::tpu::{Lanes, PacketRays};
+use crate::golden::tpu::Lanes;
 use crate::golden::{RaySetup, Triangle};
 use crate::port::{Hit, Ray};
 use anyhow::Result;
@@ -274,9 +275,9 @@ fn packet_step<const N: usize>(collector: &mut Collector<'_>, grid: &mut Grid) -
         come.near[k] = grid.one_of(&[0.0, 0.0, 0.5, 1.0]);
         come.far[k] = grid.one_of(&[1.0, 2.0, 8.0, f64::INFINITY]);
     }
-    let outcome = PacketRays::new(&setups).step(
+    let outcome = come.step(
         &a,
-        &come,
+        &RayLanes::new(&setups),
         [node.left, node.right],
         [node.link.left_axis, node.link.right_axis].map(usize::from),
     );
