@@ -664,3 +664,39 @@ fn files_alone_tell_every_result() {
         check(&out, &summary);
     }
 }
+
+/// Runs the Verilog benches; returns whether they pass, and what they say.
+fn run(vectors: &Path, rtl: &Path, arguments: &[&str]) -> (bool, String) {
+    let script = Path::new(env!("CARGO_MANIFEST_DIR")).join("sim/run.sh");
+    let Output {
+        status,
+        stdout,
+        stderr,
+    } = Command::new(script)
+        .args([vectors, rtl])
+        .args(arguments)
+        .output()
+        .unwrap();
+    let said = String::from_utf8(stdout).unwrap() + &String::from_utf8(stderr).unwrap();
+    (status.success(), said)
+}
+
+#[test]
+fn verilog_benches_replay_them() {
+    let root = Path::new(env!("CARGO_TARGET_TMPDIR")).join("vectors");
+    for case in CASES {
+        let folder = root.join(case.0);
+        let (out, rtl) = (folder.join("vectors"), folder.join("rtl"));
+        let built = Case::new(case);
+        built.write_rtl(&rtl);
+        let summary = built.write(&out);
+        let (passes, said) = run(&out, &rtl, &[]);
+        println!("{case:?}:\n{said}");
+        assert!(passes, "{said}");
+        let expected = format!(
+            "raycast: PASS {} hits checked, {} packet steps, {} triangle tests\n",
+            summary.rays, summary.steps, summary.tests
+        );
+        assert!(said.contains(&expected), "{said}");
+    }
+}
