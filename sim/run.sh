@@ -1,0 +1,77 @@
+#!/bin/sh
+# Replays golden vectors in the Verilog with Icarus Verilog alone.
+#
+#   sim/run.sh VECTORS RTL [BENCH...] [+PLUSARG...]
+#
+# VECTORS is a folder that `dynrt vectors` wrote, RTL one that `dynrt generate` wrote for the same configuration. BENCH is one or more
+# of fp, ray_setup, packet_step, triangle_test, raycast; all of them by default. Plusargs go to the benches; see sim/raycast_tb.v and
+# sim/memory.v. Prints a line a bench; the exit status is 0 only if each of them says PASS.
+
+sim=$(CDPATH='' cd -- "$(dirname -- "$0")" && pwd) || exit 2
+usage() {
+    echo "usage: $0 VECTORS RTL [fp|ray_setup|packet_step|triangle_test|raycast]... [+PLUSARG]..." >&2
+    exit 2
+}
+fail() {
+    echo "FAIL $*"
+    exit 1
+}
+
+[ $# -ge 2 ] || usage
+vectors=$1
+rtl=$2
+shift 2
+benches=
+plusargs=
+for word in "$@"; do
+    case $word in
+        +*) plusargs="$plusargs $word" ;;
+        fp | ray_setup | packet_step | triangle_test | raycast) benches="$benches $word" ;;
+        *) usage ;;
+    esac
+done
+: "${benches:=fp ray_setup packet_step triangle_test raycast}"
+
+command -v iverilog >/dev/null || fail "iverilog is not installed: install the package iverilog"
+[ -d "$vectors" ] || fail "$vectors is no folder"
+[ -f "$vectors/vectors.vh" ] || fail "$vectors/vectors.vh is missing"
+vectors=$(CDPATH='' cd -- "$vectors" && pwd) || exit 2
+# The generated modules may lie in the folder itself or in its folder rtl.
+[ -f "$rtl/raycast_unit.v" ] || rtl=$rtl/rtl
+[ -f "$rtl/raycast_unit.v" ] || fail "$rtl/raycast_unit.v is missing"
+rtl=$(CDPATH='' cd -- "$rtl" && pwd) || exit 2
+if empty=$(grep -o '[A-Z0-9_]*_LINES 0$' "$vectors/vectors.vh"); then
+    fail "$vectors/vectors.vh: nothing to check:" $empty
+fi
+
+work=$(mktemp -d) || exit 2
+trap 'rm -rf "$work"' EXIT
+trap 'exit 2' HUP INT TERM
+
+status=0
+for bench in $benches; do
+    sources=$sim/${bench}_tb.v
+    case $bench in
+        raycast) sources="$sim/memory.v" ;;
+        *) sources="$sim/replay.v" ;;
+    esac
+    if ! iverilog -g2001 -Wall -Wno-timescale -I "$sim" -I "$vectors" -y "$rtl" -Y .v -s "${bench}_tb" -o "$work/$bench" \
+        "$sim/${bench}_tb.v" "$sources" >"$work/log" 2>&1; then
+        cat "$work/log" >&2
+        echo "$bench: FAIL does not compile"
+        status=1
+        continue
+    fi
+    # The benches open their vectors by name.
+    # shellcheck disable=SC2086
+    (cd "$vectors" && vvp -n "$work/$bench" $plusargs) >"$work/out" 2>&1
+    if verdict=$(grep -m 1 '^FAIL ' "$work/out"); then
+        status=1
+    elif ! verdict=$(grep -m 1 '^PASS [1-9]' "$work/out"); then
+        cat "$work/out" >&2
+        verdict="FAIL without a verdict"
+        status=1
+    fi
+    echo "$bench: $verdict"
+done
+exit $status

@@ -1,0 +1,84 @@
+// Replays the vectors of the triangle test, a ray and a triangle a clock.
+`default_nettype none
+`timescale 1ns / 1ps
+`include "vectors.vh"
+`include "bench.vh"
+
+module triangle_test_tb;
+    reg     clk, running, failed;
+    integer file, line;
+    always #5 clk = !clk;
+
+    wire [`TRIANGLE_TEST_STIMULUS_BITS-1:0] in;
+    wire [`TRIANGLE_TEST_EXPECTED_BITS-1:0] out;
+    wire done;
+    replay #(
+        .NAME("triangle_test_expected.hex"), .LINES(`TRIANGLE_TEST_STIMULUS_LINES), .LATENCY(`TRIANGLE_TEST_LATENCY),
+        .STIMULUS_BITS(`TRIANGLE_TEST_STIMULUS_BITS), .EXPECTED_BITS(`TRIANGLE_TEST_EXPECTED_BITS)
+    ) test_replay (
+        .clk(clk), .running(running), .stimulus_now(in), .computed(out), .done(done), .failed()
+    );
+
+    // Some inputs are due later than the others.
+    wire [31:0] limits_line = test_replay.clock - `TRIANGLE_TEST_TMIN_STAGE;
+    wire [`TRIANGLE_TEST_STIMULUS_BITS-1:0] limits = test_replay.stimulus[limits_line];
+`ifdef WATERTIGHT
+    wire [31:0] scale_line = test_replay.clock - `TRIANGLE_TEST_SHEAR_Z_STAGE;
+    wire [`TRIANGLE_TEST_STIMULUS_BITS-1:0] scale = test_replay.stimulus[scale_line];
+`endif
+
+    triangle_test test (
+        .clk(clk),
+        .v0_x(in[`TRIANGLE_TEST_STIMULUS_V0_X]),
+        .v0_y(in[`TRIANGLE_TEST_STIMULUS_V0_Y]),
+        .v0_z(in[`TRIANGLE_TEST_STIMULUS_V0_Z]),
+        .v1_x(in[`TRIANGLE_TEST_STIMULUS_V1_X]),
+        .v1_y(in[`TRIANGLE_TEST_STIMULUS_V1_Y]),
+        .v1_z(in[`TRIANGLE_TEST_STIMULUS_V1_Z]),
+        .v2_x(in[`TRIANGLE_TEST_STIMULUS_V2_X]),
+        .v2_y(in[`TRIANGLE_TEST_STIMULUS_V2_Y]),
+        .v2_z(in[`TRIANGLE_TEST_STIMULUS_V2_Z]),
+        .origin_x(in[`TRIANGLE_TEST_STIMULUS_ORIGIN_X]),
+        .origin_y(in[`TRIANGLE_TEST_STIMULUS_ORIGIN_Y]),
+        .origin_z(in[`TRIANGLE_TEST_STIMULUS_ORIGIN_Z]),
+        .reciprocal_x(in[`TRIANGLE_TEST_STIMULUS_RECIPROCAL_X]),
+        .reciprocal_y(in[`TRIANGLE_TEST_STIMULUS_RECIPROCAL_Y]),
+        .reciprocal_z(in[`TRIANGLE_TEST_STIMULUS_RECIPROCAL_Z]),
+        .signs(in[`TRIANGLE_TEST_STIMULUS_SIGNS]),
+`ifdef WATERTIGHT
+        .kz(in[`TRIANGLE_TEST_STIMULUS_KZ]),
+        .shear_x(in[`TRIANGLE_TEST_STIMULUS_SHEAR_X]),
+        .shear_y(in[`TRIANGLE_TEST_STIMULUS_SHEAR_Y]),
+        .shear_z(scale[`TRIANGLE_TEST_STIMULUS_SHEAR_Z]),
+`else
+        .direction_x(in[`TRIANGLE_TEST_STIMULUS_DIRECTION_X]),
+        .direction_y(in[`TRIANGLE_TEST_STIMULUS_DIRECTION_Y]),
+        .direction_z(in[`TRIANGLE_TEST_STIMULUS_DIRECTION_Z]),
+`endif
+        .tmin(limits[`TRIANGLE_TEST_STIMULUS_TMIN]),
+        .tmax(limits[`TRIANGLE_TEST_STIMULUS_TMAX]),
+        .hit(out[`TRIANGLE_TEST_EXPECTED_HIT]),
+        .t(out[`TRIANGLE_TEST_EXPECTED_T]),
+        .u(out[`TRIANGLE_TEST_EXPECTED_U]),
+        .v(out[`TRIANGLE_TEST_EXPECTED_V])
+    );
+
+    initial begin
+        clk     = 1'b0;
+        running = 1'b0;
+        failed  = 1'b0;
+        #1;
+        `LOAD("triangle_test_stimulus.hex", test_replay.stimulus, `TRIANGLE_TEST_STIMULUS_LINES)
+        `LOAD("triangle_test_expected.hex", test_replay.expected, `TRIANGLE_TEST_EXPECTED_LINES)
+        `LOAD("triangle_test_care.hex", test_replay.care, `TRIANGLE_TEST_CARE_LINES)
+        running = !failed;
+    end
+
+    always @(posedge clk)
+        if (done) begin
+            $display("PASS %0d triangle tests checked", `TRIANGLE_TEST_EXPECTED_LINES);
+            $finish;
+        end
+endmodule
+
+`default_nettype wire

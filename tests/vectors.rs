@@ -1,0 +1,702 @@
+//! Golden vectors, checked by who knows only the files: an independent checker here, the Verilog benches in `sim/`.
+
+use dynrt::bkd::{self, BuildOptions, MemoryImage};
+use dynrt::config::Config;
+use dynrt::float::{Format, plain};
+use dynrt::hw;
+use dynrt::scene::{self, Camera, Frame, ImageSize, MachineMesh, RayPacket};
+use dynrt::vectors::{Request, Summary, write};
+use serde_json::Value;
+use std::collections::HashMap;
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::process::{Command, Output};
+
+/// A machine, a scene and a size of its picture, each of another kind.
+const CASES: [(&str, &str, &str); 3] = [
+    ("virtex4-lx160", "builtin:sphere?level=2", "8x6"),
+    ("tiny", "builtin:cornell", "6x4"),
+    ("dynrt-2006", "builtin:knot?segments=12&sides=3", "8x6"),
+];
+
+struct Case {
+    config: Config,
+    spec: &'static str,
+    image: MemoryImage,
+    packets: Vec<RayPacket>,
+}
+
+impl Case {
+    fn new((config, spec, size): (&str, &'static str, &str)) -> Case {
+        let config = Config::load(config).unwrap();
+        let scene = scene::load(spec).unwrap();
+        let mesh = MachineMesh::new(&scene, config.format()).unwrap();
+        let options = BuildOptions::default_for(config.axes_per_node, config.stack_depth);
+        let tree = bkd::build(&mesh.vertices, &mesh.triangles, &options).unwrap();
+        let image = MemoryImage::new(mesh.format, &mesh.vertices, &mesh.triangles, &tree).unwrap();
+        let size: ImageSize = size.parse().unwrap();
+        let frame = Frame::new(size, config.rays_per_packet as usize).unwrap();
+        let camera = Camera::framing(scene.bounds());
+        let packets = frame.primary_rays(&camera, &mesh).unwrap();
+        Case {
+            config,
+            spec,
+            image,
+            packets,
+        }
+    }
+
+    fn request<'a>(&'a self, out: &'a Path) -> Request<'a> {
+        Request {
+            config: &self.config,
+            scene_name: self.spec,
+            image: &self.image,
+            packets: &self.packets,
+            limit: None,
+            out,
+        }
+    }
+
+    fn write(&self, out: &Path) -> Summary {
+        write(&self.request(out)).unwrap()
+    }
+
+    fn write_rtl(&self, folder: &Path) {
+        fs::create_dir_all(folder).unwrap();
+        for (name, text) in hw::emit(&self.config).unwrap().design.files() {
+            fs::write(folder.join(name), text).unwrap();
+        }
+    }
+}
+
+/// A folder of vectors, read as `docs/vectors.md` says and in no other way.
+struct Vectors {
+    folder: PathBuf,
+    manifest: Value,
+}
+
+/// A line of a file: bits by the names of fields.
+struct Line<'a> {
+    digits: Vec<u8>,
+    fields: &'a HashMap<String, (u32, u32)>,
+}
+
+impl Line<'_> {
+    fn get(&self, name: &str) -> u64 {
+        let (lsb, width) = self.fields[name];
+        (0..width).fold(0, |value, bit| {
+            let place = lsb + bit;
+            let digit = self.digits[self.digits.len() - 1 - (place / 4) as usize];
+            value | u64::from(digit >> (place % 4) & 1) << bit
+        })
+    }
+
+    fn flag(&self, name: &str) -> bool {
+        assert_eq!(self.fields[name].1, 1, "{name} is a flag");
+        self.get(name) == 1
+    }
+
+    fn vector(&self, name: &str) -> [u64; 3] {
+        ["x", "y", "z"].map(|axis| self.get(&format!("{name}_{axis}")))
+    }
+}
+
+impl Vectors {
+    fn open(folder: &Path) -> Vectors {
+        let manifest = fs::read_to_string(folder.join("manifest.json")).unwrap();
+        Vectors {
+            folder: folder.to_path_buf(),
+            manifest: serde_json::from_str(&manifest).unwrap(),
+        }
+    }
+
+    fn number(&self, path: &str) -> u64 {
+        let value = self.manifest.pointer(path).and_then(Value::as_u64);
+        value.unwrap_or_else(|| panic!("the manifest has no number {path}"))
+    }
+
+    fn format(&self) -> Format {
+        let bits = |name: &str| self.number(&format!("/number_format/{name}")) as u32;
+        Format::new(bits("exponent_bits"), bits("fraction_bits")).unwrap()
+    }
+
+    fn file(&self, file: &str) -> &Value {
+        let files = self.manifest["files"].as_array().unwrap();
+        files.iter().find(|f| f["file"] == file).unwrap()
+    }
+
+    fn fields(&self, file: &str) -> HashMap<String, (u32, u32)> {
+        let layout = self.file(file)["layout"].as_str().unwrap();
+        let fields = self.manifest["layouts"][layout]["fields"]
+            .as_array()
+            .unwrap();
+        let part = |field: &Value, name: &str| field[name].as_u64().unwrap() as u32;
+        let entry = |field: &Value| {
+            let name = field["name"].as_str().unwrap().to_string();
+            (name, (part(field, "lsb"), part(field, "width")))
+        };
+        fields.iter().map(entry).collect()
+    }
+
+    /// Calls `check` with every line, checks that there are as many as the manifest says, and returns their number.
+    fn lines<'a>(&self, file: &str, fields: &'a HashMap<String, (u32, u32)>) -> Vec<Line<'a>> {
+        let text = fs::read_to_string(self.folder.join(file)).unwrap();
+        let layout = self.file(file)["layout"].as_str().unwrap();
+        let digits = self.number(&format!("/layouts/{layout}/digits")) as usize;
+        let lines: Vec<_> = text
+            .lines()
+            .map(|line| {
+                assert_eq!(line.len(), digits, "{file}: digits of {line}");
+                let digit = |c: char| c.to_digit(16).unwrap() as u8;
+                Line {
+                    digits: line.chars().map(digit).collect(),
+                    fields,
+                }
+            })
+            .collect();
+        assert_eq!(Some(lines.len() as u64), self.file(file)["lines"].as_u64());
+        assert!(!lines.is_empty(), "{file} is empty");
+        lines
+    }
+
+    /// Recomputes every transaction of a unit; `expect` gives names of expected fields and their values. Every bit that
+    /// the care file names must be recomputed, and no other is compared. Returns the number of transactions.
+    fn unit(&self, unit: &str, expect: impl Fn(&Line<'_>) -> Vec<(String, u64)>) -> usize {
+        let units = self.manifest["units"].as_array().unwrap();
+        let described = units.iter().find(|u| u["unit"] == unit).unwrap();
+        let name = |role: &str| described[role].as_str();
+        let (stimulus, expected) = (name("stimulus").unwrap(), name("expected").unwrap());
+        let fields = [self.fields(stimulus), self.fields(expected)];
+        let stimuli = self.lines(stimulus, &fields[0]);
+        let results = self.lines(expected, &fields[1]);
+        let cares = name("care").map(|care| self.lines(care, &fields[1]));
+        assert_eq!(stimuli.len(), results.len());
+        for (number, (line, result)) in stimuli.iter().zip(&results).enumerate() {
+            let computed: HashMap<_, _> = expect(line).into_iter().collect();
+            for (field, (_, width)) in &fields[1] {
+                let all = u64::MAX >> (64 - width);
+                let care = cares.as_ref().map_or(all, |cares| cares[number].get(field));
+                assert!(care == 0 || care == all, "a field is compared whole");
+                match (computed.get(field), care) {
+                    (_, 0) => assert_eq!(result.get(field), 0, "what is not compared is 0"),
+                    (Some(value), _) => assert_eq!(
+                        *value,
+                        result.get(field),
+                        "{expected} line {}: {field}",
+                        number + 1
+                    ),
+                    (None, _) => panic!(
+                        "{expected} line {}: {field} is compared, but of no meaning",
+                        number + 1
+                    ),
+                }
+            }
+        }
+        stimuli.len()
+    }
+}
+
+/// The arithmetic of `docs/arithmetic.md`, on bits.
+#[derive(Clone, Copy)]
+struct Machine {
+    f: Format,
+    watertight: bool,
+}
+
+/// A ray as traversal and triangle tests read it.
+struct Setup {
+    origin: [u64; 3],
+    direction: [u64; 3],
+    reciprocal: [u64; 3],
+    signs: u64,
+    tmin: u64,
+    tmax: u64,
+    kz: usize,
+    shear: [u64; 3],
+    valid: bool,
+}
+
+impl Machine {
+    fn infinity(self, negative: bool) -> u64 {
+        self.f.infinity() | if negative { self.f.sign_bit() } else { 0 }
+    }
+
+    fn is_zero(self, x: u64) -> bool {
+        plain::equal(self.f, x, 0)
+    }
+
+    fn clip(self, [near, far]: [u64; 2], [lo, hi]: [u64; 2], o: u64, r: u64, s: bool) -> [u64; 2] {
+        let f = self.f;
+        let (first, last) = if s { (hi, lo) } else { (lo, hi) };
+        let distance = |plane| plain::mul(f, plain::sub(f, plane, o), r);
+        [
+            plain::max(f, near, plain::step(f, distance(first), -3)),
+            plain::min(f, far, plain::step(f, distance(last), 3)),
+        ]
+    }
+
+    fn clip_box(self, mut interval: [u64; 2], lo: [u64; 3], hi: [u64; 3], ray: &Setup) -> [u64; 2] {
+        for i in 0..3 {
+            let sign = ray.signs >> i & 1 == 1;
+            interval = self.clip(
+                interval,
+                [lo[i], hi[i]],
+                ray.origin[i],
+                ray.reciprocal[i],
+                sign,
+            );
+        }
+        interval
+    }
+
+    fn set_up(self, line: &Line<'_>) -> Setup {
+        let f = self.f;
+        let (origin, direction) = (line.vector("origin"), line.vector("direction"));
+        let limit = |name| match line.get(name) {
+            x if self.is_zero(x) => 0,
+            x => x,
+        };
+        let (tmin, tmax) = (limit("tmin"), limit("tmax"));
+        let reciprocal = direction.map(|d| plain::reciprocal(f, d));
+        let mut numbers = origin.iter().chain(&direction).chain([&tmin, &tmax]);
+        let valid = line.flag("active")
+            && !numbers.any(|&x| f.is_nan(x))
+            && plain::less_equal(f, 0, tmin)
+            && plain::less_equal(f, tmin, tmax);
+        let size = |i: usize| direction[i] & !f.sign_bit();
+        let kz = (1..3).fold(0, |kz, i| {
+            if plain::less(f, size(kz), size(i)) {
+                i
+            } else {
+                kz
+            }
+        });
+        let rkz = reciprocal[kz];
+        let shear = |i: usize| plain::mul(f, direction[(kz + i) % 3], rkz);
+        Setup {
+            origin,
+            direction,
+            reciprocal,
+            signs: (0..3).fold(0, |s, i| {
+                s | u64::from(direction[i] & f.sign_bit() != 0) << i
+            }),
+            tmin,
+            tmax,
+            kz,
+            shear: [shear(1), shear(2), rkz],
+            valid,
+        }
+    }
+
+    /// What a line of `triangle_test_stimulus.hex` says of a ray.
+    fn given(self, line: &Line<'_>) -> Setup {
+        let watertight = self.watertight;
+        Setup {
+            origin: line.vector("origin"),
+            direction: if watertight {
+                [0; 3]
+            } else {
+                line.vector("direction")
+            },
+            reciprocal: line.vector("reciprocal"),
+            signs: line.get("signs"),
+            tmin: line.get("tmin"),
+            tmax: line.get("tmax"),
+            kz: if watertight {
+                line.get("kz") as usize
+            } else {
+                0
+            },
+            shear: if watertight {
+                line.vector("shear")
+            } else {
+                [0; 3]
+            },
+            valid: true,
+        }
+    }
+
+    fn difference(self, a: [u64; 3], b: [u64; 3]) -> [u64; 3] {
+        [0, 1, 2].map(|i| plain::sub(self.f, a[i], b[i]))
+    }
+
+    /// a·b − c·d, rounded three times.
+    fn products(self, a: u64, b: u64, c: u64, d: u64) -> u64 {
+        let f = self.f;
+        plain::sub(f, plain::mul(f, a, b), plain::mul(f, c, d))
+    }
+
+    fn cross(self, a: [u64; 3], b: [u64; 3]) -> [u64; 3] {
+        [(1, 2), (2, 0), (0, 1)].map(|(j, k)| self.products(a[j], b[k], a[k], b[j]))
+    }
+
+    fn dot(self, a: [u64; 3], b: [u64; 3]) -> u64 {
+        let f = self.f;
+        let product = |i: usize| plain::mul(f, a[i], b[i]);
+        plain::add(f, plain::add(f, product(0), product(1)), product(2))
+    }
+
+    /// t, u, v of a hit.
+    fn test(self, v: [[u64; 3]; 3], ray: &Setup) -> Option<[u64; 3]> {
+        let f = self.f;
+        let lo = [0, 1, 2].map(|i| plain::min(f, plain::min(f, v[0][i], v[1][i]), v[2][i]));
+        let hi = [0, 1, 2].map(|i| plain::max(f, plain::max(f, v[0][i], v[1][i]), v[2][i]));
+        let all = [self.infinity(true), self.infinity(false)];
+        let [near, far] = self.clip_box(all, lo, hi, ray);
+        let same = |a: [u64; 3], b: [u64; 3]| (0..3).all(|i| plain::equal(f, a[i], b[i]));
+        let flat = (0..3).filter(|&i| plain::equal(f, lo[i], hi[i])).count();
+        let degenerate = same(v[0], v[1]) || same(v[1], v[2]) || same(v[2], v[0]) || flat >= 2;
+        let [mut t, u, w] = if self.watertight {
+            self.watertight_test(v, ray)?
+        } else {
+            self.moller_trumbore(v, ray)?
+        };
+        if degenerate || plain::less(f, far, near) || f.is_nan(t) {
+            return None;
+        }
+        if plain::less(f, t, near) {
+            t = near;
+        }
+        if plain::less(f, far, t) {
+            t = far;
+        }
+        let within = plain::less_equal(f, ray.tmin, t) && plain::less_equal(f, t, ray.tmax);
+        (within && plain::less(f, t, f.infinity())).then_some([t, u, w])
+    }
+
+    fn moller_trumbore(self, v: [[u64; 3]; 3], ray: &Setup) -> Option<[u64; 3]> {
+        let f = self.f;
+        let (e1, e2) = (self.difference(v[1], v[0]), self.difference(v[2], v[0]));
+        let c = self.difference(ray.origin, v[0]);
+        let p = self.cross(ray.direction, e2);
+        let det = self.dot(e1, p);
+        let i = plain::reciprocal(f, det);
+        let q = self.cross(c, e1);
+        let u = plain::mul(f, self.dot(c, p), i);
+        let w = plain::mul(f, self.dot(ray.direction, q), i);
+        let t = plain::mul(f, self.dot(e2, q), i);
+        let positive = |x| plain::less_equal(f, 0, x);
+        let below = plain::less_equal(f, plain::add(f, u, w), f.one());
+        (positive(u) && positive(w) && below && !self.is_zero(det)).then_some([t, u, w])
+    }
+
+    fn watertight_test(self, v: [[u64; 3]; 3], ray: &Setup) -> Option<[u64; 3]> {
+        let f = self.f;
+        let [sx, sy, sz] = ray.shear;
+        let [a, b, c] = v.map(|vertex| {
+            let p = self.difference(vertex, ray.origin);
+            let (kx, ky, kz) = ((ray.kz + 1) % 3, (ray.kz + 2) % 3, ray.kz);
+            let shift = |k: usize, s| plain::sub(f, p[k], plain::mul(f, s, p[kz]));
+            [shift(kx, sx), shift(ky, sy), p[kz]]
+        });
+        let edges = [(c, b), (a, c), (b, a)].map(|(p, q)| self.products(p[0], q[1], p[1], q[0]));
+        let negative = edges.iter().any(|&e| plain::less(f, e, 0));
+        let positive = edges.iter().any(|&e| plain::less(f, 0, e));
+        let [eu, ev, ew] = edges;
+        let det = plain::add(f, plain::add(f, eu, ev), ew);
+        if negative && positive || self.is_zero(det) {
+            return None;
+        }
+        let i = plain::reciprocal(f, det);
+        let scaled = self.dot(edges, [a[2], b[2], c[2]]);
+        let t = plain::mul(f, plain::mul(f, scaled, i), sz);
+        Some([t, plain::mul(f, ev, i), plain::mul(f, ew, i)])
+    }
+}
+
+fn named<const N: usize>(name: &str, values: [u64; N]) -> Vec<(String, u64)> {
+    let axes = ["x", "y", "z"].iter().zip(values);
+    axes.map(|(axis, value)| (format!("{name}_{axis}"), value))
+        .collect()
+}
+
+/// Recomputes everything in a folder of vectors.
+fn check(folder: &Path, summary: &Summary) {
+    let vectors = Vectors::open(folder);
+    assert_eq!(vectors.number("/dynrt_vectors"), 1);
+    let f = vectors.format();
+    let machine = Machine {
+        f,
+        watertight: vectors.manifest["triangle_test"] == "watertight",
+    };
+    let rays = vectors.number("/rays_per_packet") as usize;
+
+    // The arithmetic units.
+    let binary = |unit: &str, operation: fn(Format, u64, u64) -> u64| {
+        vectors.unit(unit, |line| {
+            vec![("y".into(), operation(f, line.get("a"), line.get("b")))]
+        })
+    };
+    for (unit, operation) in [
+        ("fp_add", plain::add as fn(Format, u64, u64) -> u64),
+        ("fp_sub", plain::sub),
+        ("fp_mul", plain::mul),
+    ] {
+        assert!(binary(unit, operation) > 8000);
+    }
+    let reciprocals = vectors.unit("fp_reciprocal", |line| {
+        vec![("y".into(), plain::reciprocal(f, line.get("a")))]
+    });
+    assert!(reciprocals > 2000);
+
+    // The memory images: every record is reached once, and the box is that of all triangles.
+    let scene_fields = vectors.fields("scene.hex");
+    let scene = &vectors.lines("scene.hex", &scene_fields)[0];
+    let (lo, hi) = (scene.vector("lo"), scene.vector("hi"));
+    let [node_fields, record_fields, vertex_fields] =
+        ["nodes.hex", "records.hex", "vertices.hex"].map(|file| vectors.fields(file));
+    let nodes = vectors.lines("nodes.hex", &node_fields);
+    let records = vectors.lines("records.hex", &record_fields);
+    let vertices = vectors.lines("vertices.hex", &vertex_fields);
+    assert_eq!(nodes.len(), records.len());
+    let mut reached = vec![0; records.len()];
+    let root = scene.get("root");
+    let mut open = vec![(root >> 26 & 1 == 1, (root & 0x3ff_ffff) as usize)];
+    while let Some((leaf, index)) = open.pop() {
+        if leaf {
+            reached[index] += 1;
+            continue;
+        }
+        let node = &nodes[index];
+        let link = node.get("link") as usize;
+        open.extend(match (node.flag("left_leaf"), node.flag("right_leaf")) {
+            (false, false) => [(false, link), (false, link + 1)],
+            (true, false) => [(true, index), (false, link)],
+            (false, true) => [(false, link), (true, index)],
+            (true, true) => [(true, index), (true, link)],
+        });
+    }
+    assert!(reached.iter().all(|&count| count == 1), "{reached:?}");
+    let triangles: Vec<(u64, [[u64; 3]; 3])> = records
+        .iter()
+        .map(|record| {
+            let corner = |name| {
+                let vertex = &vertices[record.get(name) as usize];
+                ["x", "y", "z"].map(|axis| vertex.get(axis))
+            };
+            (record.get("number"), ["v0", "v1", "v2"].map(corner))
+        })
+        .collect();
+    for i in 0..3 {
+        let mut corners = triangles
+            .iter()
+            .flat_map(|(_, v)| v.map(|corner| corner[i]));
+        let first = corners.next().unwrap();
+        let bounds = corners.fold([first; 2], |[least, greatest], x| {
+            [plain::min(f, least, x), plain::max(f, greatest, x)]
+        });
+        assert_eq!(bounds, [lo[i], hi[i]]);
+    }
+
+    // Ray setup.
+    let setups = vectors.unit("ray_setup", |line| {
+        let ray = machine.set_up(line);
+        let [near, far] = machine.clip_box([ray.tmin, ray.tmax], lo, hi, &ray);
+        let enters = ray.valid && plain::less_equal(f, near, far);
+        let mut fields: Vec<(String, u64)> = vec![
+            ("enters".into(), u64::from(enters)),
+            ("tmin".into(), ray.tmin),
+            ("tmax".into(), ray.tmax),
+            ("any_hit".into(), line.get("any_hit")),
+            ("signs".into(), ray.signs),
+        ];
+        fields.extend(named("origin", ray.origin));
+        fields.extend(named("reciprocal", ray.reciprocal));
+        if enters {
+            fields.extend([("near".into(), near), ("far".into(), far)]);
+        }
+        if !machine.watertight {
+            fields.extend(named("direction", ray.direction));
+        } else if ray.valid {
+            fields.push(("kz".into(), ray.kz as u64));
+            fields.extend(named("shear", ray.shear));
+        }
+        fields
+    });
+    assert!(setups as u64 > summary.rays);
+
+    // Packet steps.
+    let steps = vectors.unit("packet_step", |line| step(machine, rays, line));
+    assert!(steps as u64 > summary.steps && summary.steps > 0);
+
+    // Triangle tests.
+    let tests = vectors.unit("triangle_test", |line| {
+        let ray = machine.given(line);
+        let v = ["v0", "v1", "v2"].map(|vertex| line.vector(vertex));
+        let mut fields = vec![("hit".to_string(), 0)];
+        if let Some(values) = machine.test(v, &ray) {
+            fields[0].1 = 1;
+            let names = ["t", "u", "v"].map(String::from);
+            fields.extend(names.into_iter().zip(values));
+        }
+        fields
+    });
+    assert!(tests as u64 > summary.tests && summary.tests > 0);
+
+    // Whole rays, with no tree at all.
+    let fields = ["raycast_rays.hex", "raycast_hits.hex"].map(|file| vectors.fields(file));
+    let lines = vectors.lines("raycast_rays.hex", &fields[0]);
+    let hits = vectors.lines("raycast_hits.hex", &fields[1]);
+    assert_eq!(
+        (lines.len() as u64, hits.len()),
+        (summary.rays, lines.len())
+    );
+    let mut counts = [0; 3];
+    let none = u64::from(u32::MAX);
+    for (number, (line, hit)) in lines.iter().zip(&hits).enumerate() {
+        let ray = machine.set_up(line);
+        let mut closest = [f.infinity(), 0, 0, none, none];
+        let [near, far] = machine.clip_box([ray.tmin, ray.tmax], lo, hi, &ray);
+        if ray.valid && plain::less_equal(f, near, far) {
+            for (triangle, v) in &triangles {
+                let Some([t, u, w]) = machine.test(*v, &ray) else {
+                    continue;
+                };
+                if line.flag("any_hit") {
+                    closest = [ray.tmin, 0, 0, none, none];
+                } else if plain::less(f, t, closest[0])
+                    || plain::equal(f, t, closest[0]) && *triangle < closest[4]
+                {
+                    closest = [t, u, w, 0, *triangle];
+                }
+            }
+        }
+        let given = ["t", "u", "v", "instance", "triangle"].map(|name| hit.get(name));
+        assert_eq!(given, closest, "raycast_hits.hex line {}", number + 1);
+        assert_eq!(hit.get("tag"), line.get("tag"));
+        let tags = 1 << vectors.number("/tag_bits");
+        assert_eq!(hit.get("tag"), (number / rays) as u64 % tags);
+        counts[match closest[0] {
+            _ if line.flag("any_hit") && closest[0] != f.infinity() => 0,
+            t if t != f.infinity() => 1,
+            _ => 2,
+        }] += 1;
+    }
+    assert!(
+        counts.iter().all(|&count| count > 0),
+        "hits of any-hit rays, hits, misses: {counts:?}"
+    );
+
+    // The packets' parts of the units' lines lie one after the other.
+    let packet_fields = vectors.fields("raycast_packets.hex");
+    let packets = vectors.lines("raycast_packets.hex", &packet_fields);
+    let mut next = [0, 0];
+    for packet in &packets {
+        assert_eq!([packet.get("first_step"), packet.get("first_test")], next);
+        next[0] += packet.get("steps");
+        next[1] += packet.get("tests");
+    }
+    assert_eq!(next, [summary.steps, summary.tests]);
+    assert_eq!(packets.len() as u64, summary.packets);
+    let files = fs::read_dir(folder).unwrap().count();
+    assert_eq!(files, summary.files);
+}
+
+/// What a packet step must give, by the names of expected fields.
+fn step(machine: Machine, rays: usize, line: &Line<'_>) -> Vec<(String, u64)> {
+    let f = machine.f;
+    let mask = line.get("mask");
+    let mut fields = vec![];
+    let mut nears = [vec![], vec![]];
+    let mut masks = [0u64; 2];
+    for (side, name) in ["left", "right"].into_iter().enumerate() {
+        let axis = ["x", "y", "z"][line.get(&format!("{name}_axis")) as usize];
+        let interval = ["lo", "hi"].map(|end| line.get(&format!("{name}_{end}")));
+        for k in 0..rays {
+            let of = |what: &str| line.get(&format!("ray{k}_{what}"));
+            let sign = of("signs") >> line.get(&format!("{name}_axis")) & 1 == 1;
+            let [near, far] = machine.clip(
+                [of("near"), of("far")],
+                interval,
+                of(&format!("origin_{axis}")),
+                of(&format!("reciprocal_{axis}")),
+                sign,
+            );
+            if mask >> k & 1 == 1 && plain::less_equal(f, near, far) {
+                masks[side] |= 1 << k;
+                fields.push((format!("{name}_ray{k}_near"), near));
+                fields.push((format!("{name}_ray{k}_far"), far));
+            }
+            nears[side].push(near);
+        }
+    }
+    let nearer = |k: &usize| plain::less_equal(f, nears[0][*k], nears[1][*k]);
+    let left_nearer = (0..rays).filter(nearer).fold(0, |bits, k| bits | 1 << k);
+    let both = masks[0] & masks[1] & left_nearer;
+    let (left, right) = (masks[0] != 0, masks[1] != 0);
+    let left_first = left && (!right || both != 0);
+    let (own, link) = (line.get("node"), line.get("link"));
+    let children = match (line.flag("left_leaf"), line.flag("right_leaf")) {
+        (false, false) => [(0, link), (0, link + 1)],
+        (true, false) => [(1, own), (0, link)],
+        (false, true) => [(0, link), (1, own)],
+        (true, true) => [(1, own), (1, link)],
+    };
+    let mut flag = |name: &str, value| fields.push((name.to_string(), value));
+    flag("to_left", masks[0]);
+    flag("to_right", masks[1]);
+    flag("both_left_first", both);
+    flag("left_first", u64::from(left_first));
+    flag("goes_on", u64::from(left || right));
+    flag("pushes", u64::from(left && right));
+    let (next, pushed) = (
+        children[usize::from(!left_first)],
+        children[usize::from(left_first)],
+    );
+    if left || right {
+        flag("next_leaf", next.0);
+        flag("next", next.1);
+    }
+    if left && right {
+        flag("pushed_leaf", pushed.0);
+        flag("pushed", pushed.1);
+    }
+    fields
+}
+
+#[test]
+fn files_alone_tell_every_result() {
+    for case in CASES {
+        let folder = tempfile::tempdir().unwrap();
+        let out = folder.path().join("vectors");
+        let summary = Case::new(case).write(&out);
+        println!("{case:?}: {summary:?}");
+        check(&out, &summary);
+    }
+}
+
+/// Runs the Verilog benches; returns whether they pass, and what they say.
+fn run(vectors: &Path, rtl: &Path, arguments: &[&str]) -> (bool, String) {
+    let script = Path::new(env!("CARGO_MANIFEST_DIR")).join("sim/run.sh");
+    let Output {
+        status,
+        stdout,
+        stderr,
+    } = Command::new(script)
+        .args([vectors, rtl])
+        .args(arguments)
+        .output()
+        .unwrap();
+    let said = String::from_utf8(stdout).unwrap() + &String::from_utf8(stderr).unwrap();
+    (status.success(), said)
+}
+
+#[test]
+fn verilog_benches_replay_them() {
+    let root = Path::new(env!("CARGO_TARGET_TMPDIR")).join("vectors");
+    for case in CASES {
+        let folder = root.join(case.0);
+        let (out, rtl) = (folder.join("vectors"), folder.join("rtl"));
+        let built = Case::new(case);
+        built.write_rtl(&rtl);
+        let summary = built.write(&out);
+        let (passes, said) = run(&out, &rtl, &[]);
+        println!("{case:?}:\n{said}");
+        assert!(passes, "{said}");
+        let expected = format!(
+            "raycast: PASS {} hits checked, {} packet steps, {} triangle tests\n",
+            summary.rays, summary.steps, summary.tests
+        );
+        assert!(said.contains(&expected), "{said}");
+    }
+}
