@@ -173,7 +173,7 @@ impl<F: FnMut(UpdateEvent)> Processor<'_, F> {
                 }
                 2 => {
                     let k = (bits >> 14 & 0x3ff_ffff) as u32;
-                    self.load(six(8), command.vertex_base + k)?;
+                    self.load(six(8), command.vertex_base.saturating_add(k))?;
                     5
                 }
                 _ => bail!("{:#04x} starts no instruction", bits & 0xff),

@@ -1,28 +1,25 @@
 //! From a tree's topology to its update program.
 //!
-//! 1. [`walk`] fixes the order of leaves and the order of nodes, each as one sequence.
+//! 1. [`walk`] fixes the order of the leaves.
 //! 2. [`VertexFile`] turns the sequence of leaves into one of loads and leaf merges.
-//! 3. [`compile`] interleaves that with the sequence of nodes so that no merge has to wait for another.
+//! 3. [`NodeQueue`] puts the nodes between them, so that no merge has to wait for another.
+
+use std::cmp::Reverse;
+use std::collections::{BinaryHeap, VecDeque};
 
 use anyhow::{Result, ensure};
 
 use super::{Instruction, Program, UpdateMachine};
-use crate::bkd::{Child, Tree};
+use crate::bkd::{Child, Tree, TreeNode};
 
-/// The two sequences of which a program is made.
+/// The order of the leaves, and that of the nodes in which the fewest box registers do.
 struct Walk {
     /// Triangles, in the order of their leaf merges.
     leaves: Vec<u32>,
-    nodes: Vec<NodeStep>,
+    /// Nodes, each with its right sibling if both are inner ones.
+    units: Vec<(u32, Option<u32>)>,
     /// Box registers that the sequences need at least.
     box_registers: u32,
-}
-
-struct NodeStep {
-    /// The index in [`Tree::nodes`].
-    node: u32,
-    /// Leaves that must have been merged before.
-    leaves_before: u32,
 }
 
 pub(super) fn compile(
@@ -47,8 +44,11 @@ pub(super) fn compile(
         }
     }
     let walk = walk(tree);
+    let nodes_walked: usize = (walk.units.iter())
+        .map(|(_, second)| 1 + usize::from(second.is_some()))
+        .sum();
     ensure!(
-        walk.leaves.len() == triangles.len() && walk.nodes.len() == tree.nodes.len(),
+        walk.leaves.len() == triangles.len() && nodes_walked == tree.nodes.len(),
         "the tree does not reach each of its {} nodes once; build it anew",
         tree.nodes.len()
     );
@@ -59,58 +59,27 @@ pub(super) fn compile(
         machine.box_registers
     );
 
-    let distance = machine.merge_distance as usize;
     let mut vertex_file = VertexFile::new(&walk.leaves, triangles, vertices, machine);
+    let mut nodes = NodeQueue::new(tree, &walk, machine);
     let mut instructions = Vec::with_capacity(triangles.len() * 11 / 4 + 16);
-    let mut boxes = BoxFile::default();
-    // Where the box of each node and of each leaf is, once it is.
-    let mut of_node = vec![Held::default(); tree.nodes.len()];
-    let mut of_leaf = vec![Held::default(); triangles.len()];
-    let (mut nodes_done, mut leaves_done) = (0, 0);
-    while nodes_done < walk.nodes.len() || leaves_done < walk.leaves.len() {
+    let mut leaves_done = 0;
+    while nodes.order.len() < tree.nodes.len() || leaves_done < walk.leaves.len() {
         let now = instructions.len();
-        if let Some(step) = walk.nodes.get(nodes_done)
-            && step.leaves_before as usize <= leaves_done
-        {
-            let node = &tree.nodes[step.node as usize];
-            let [left, right] = node.children.map(|child| match child {
-                Child::Inner(index) => of_node[index as usize],
-                Child::Leaf(number) => of_leaf[number as usize],
-            });
-            if now >= left.written + distance && now >= right.written + distance {
-                instructions.push(Instruction::Node {
-                    children: [left.register, right.register],
-                    axes: node.axes,
-                });
-                of_node[step.node as usize] = Held {
-                    register: left.register,
-                    written: now,
-                };
-                boxes.release(right.register);
-                nodes_done += 1;
-                continue;
-            }
-        }
-        let instruction = if let Some(load) = vertex_file.next_load() {
+        let instruction = if let Some(node) = nodes.next(now) {
+            node
+        } else if let Some(load) = vertex_file.next_load() {
             load
-        } else if leaves_done < walk.leaves.len() && boxes.in_use < machine.box_registers {
-            of_leaf[walk.leaves[leaves_done] as usize] = Held {
-                register: boxes.take(),
-                written: now,
-            };
+        } else if leaves_done < walk.leaves.len() && nodes.boxes.in_use < machine.box_registers {
+            nodes.leaf_merged(walk.leaves[leaves_done], now);
             leaves_done += 1;
             vertex_file.merge_leaf()
         } else {
-            Instruction::Nop
+            nodes.next_early(now).unwrap_or(Instruction::Nop)
         };
         instructions.push(instruction);
     }
-    let root = match tree.root {
-        Child::Inner(index) => of_node[index as usize],
-        Child::Leaf(number) => of_leaf[number as usize],
-    };
     instructions.push(Instruction::End {
-        register: root.register,
+        register: nodes.held(tree.root).register,
     });
 
     let vertices_used = vertex_file.loaded.len() as u32;
@@ -118,10 +87,166 @@ pub(super) fn compile(
         machine,
         instructions,
         vertex_order: vertex_file.vertex_order(),
-        node_order: walk.nodes.iter().map(|step| step.node).collect(),
         vertices_used,
-        box_registers_used: boxes.most_in_use,
+        box_registers_used: nodes.boxes.most_in_use,
+        node_order: nodes.order,
     })
+}
+
+/// Decides which node goes next: of those whose operands are there and old enough, the first of the walk.
+///
+/// Two inner siblings are written side by side: they make one *unit*, which is ready when all four operands are; any
+/// other node is a unit of its own.
+struct NodeQueue<'a> {
+    tree: &'a Tree,
+    distance: usize,
+    boxes: BoxFile,
+    /// Nodes in the order in which they are written.
+    order: Vec<u32>,
+    /// Where the box of each node and of each leaf is, once it is.
+    of_node: Vec<Held>,
+    of_leaf: Vec<Held>,
+    /// For each node and each leaf, the unit that reads its box: that of its parent; [`NEVER`] for the root.
+    reader_of_node: Vec<u32>,
+    reader_of_leaf: Vec<u32>,
+    units: Vec<Unit>,
+    /// Units all of whose operands are written, by the time when the last of them was.
+    waiting: VecDeque<(usize, u32)>,
+    /// Units that may go.
+    ready: BinaryHeap<Reverse<u32>>,
+    /// The second node of a unit whose first has gone.
+    sibling: Option<u32>,
+}
+
+/// One node, or two siblings.
+struct Unit {
+    first: u32,
+    second: Option<u32>,
+    /// Operands not yet written.
+    missing: u8,
+}
+
+impl<'a> NodeQueue<'a> {
+    fn new(tree: &'a Tree, walk: &Walk, machine: UpdateMachine) -> Self {
+        let mut queue = NodeQueue {
+            tree,
+            distance: machine.merge_distance as usize,
+            boxes: BoxFile::default(),
+            order: Vec::with_capacity(tree.nodes.len()),
+            of_node: vec![Held::default(); tree.nodes.len()],
+            of_leaf: vec![Held::default(); tree.triangle_count()],
+            reader_of_node: vec![NEVER; tree.nodes.len()],
+            reader_of_leaf: vec![NEVER; tree.triangle_count()],
+            units: Vec::with_capacity(tree.nodes.len()),
+            waiting: VecDeque::new(),
+            ready: BinaryHeap::new(),
+            sibling: None,
+        };
+        for &(first, second) in &walk.units {
+            let number = queue.units.len() as u32;
+            let mut missing = 0;
+            for node in [Some(first), second].into_iter().flatten() {
+                for child in tree.nodes[node as usize].children {
+                    missing += 1;
+                    match child {
+                        Child::Inner(index) => queue.reader_of_node[index as usize] = number,
+                        Child::Leaf(leaf) => queue.reader_of_leaf[leaf as usize] = number,
+                    }
+                }
+            }
+            queue.units.push(Unit {
+                first,
+                second,
+                missing,
+            });
+        }
+        queue
+    }
+
+    fn held(&self, child: Child) -> Held {
+        match child {
+            Child::Inner(index) => self.of_node[index as usize],
+            Child::Leaf(number) => self.of_leaf[number as usize],
+        }
+    }
+
+    /// The node that goes as instruction `now`, if one can.
+    fn next(&mut self, now: usize) -> Option<Instruction> {
+        while let Some(&(written, unit)) = self.waiting.front()
+            && now >= written + self.distance
+        {
+            self.waiting.pop_front();
+            self.ready.push(Reverse(unit));
+        }
+        if let Some(second) = self.sibling {
+            return self.old_enough(second, now).then(|| {
+                self.sibling = None;
+                self.merge(second, now)
+            });
+        }
+        let Reverse(unit) = self.ready.pop()?;
+        Some(self.begin(unit, now))
+    }
+
+    /// A node to go as instruction `now` where otherwise there is nothing to do: the first of two siblings, the second of
+    /// which has to wait.
+    fn next_early(&mut self, now: usize) -> Option<Instruction> {
+        if self.sibling.is_some() {
+            return None;
+        }
+        let place = (self.waiting.iter())
+            .position(|&(_, unit)| self.old_enough(self.units[unit as usize].first, now))?;
+        let (_, unit) = self.waiting.remove(place).expect("a place in the queue");
+        Some(self.begin(unit, now))
+    }
+
+    fn begin(&mut self, unit: u32, now: usize) -> Instruction {
+        let Unit { first, second, .. } = self.units[unit as usize];
+        self.sibling = second;
+        self.merge(first, now)
+    }
+
+    fn old_enough(&self, node: u32, now: usize) -> bool {
+        let children = self.tree.nodes[node as usize].children;
+        (children.into_iter()).all(|child| now >= self.held(child).written + self.distance)
+    }
+
+    fn merge(&mut self, node: u32, now: usize) -> Instruction {
+        let TreeNode { children, axes } = self.tree.nodes[node as usize];
+        let [left, right] = children.map(|child| self.held(child).register);
+        self.boxes.release(right);
+        self.of_node[node as usize] = Held {
+            register: left,
+            written: now,
+        };
+        self.order.push(node);
+        self.written(self.reader_of_node[node as usize], now);
+        Instruction::Node {
+            children: [left, right],
+            axes,
+        }
+    }
+
+    /// Notes that a leaf's box is written by instruction `now`.
+    fn leaf_merged(&mut self, number: u32, now: usize) {
+        self.of_leaf[number as usize] = Held {
+            register: self.boxes.take(),
+            written: now,
+        };
+        self.written(self.reader_of_leaf[number as usize], now);
+    }
+
+    /// Notes that one of the operands of a unit is written by instruction `now`.
+    fn written(&mut self, unit: u32, now: usize) {
+        if unit == NEVER {
+            return;
+        }
+        let missing = &mut self.units[unit as usize].missing;
+        *missing -= 1;
+        if *missing == 0 {
+            self.waiting.push_back((now, unit));
+        }
+    }
 }
 
 /// A box in a register.
@@ -161,8 +286,8 @@ impl BoxFile {
 enum Task {
     /// Make the boxes of a node's children.
     Children(u32),
-    /// Merge a node's children, whose boxes are made.
-    Node(u32),
+    /// Merge the children of a node, or of two siblings, whose boxes are made.
+    Unit(u32, Option<u32>),
     Leaf(u32),
 }
 
@@ -172,11 +297,12 @@ fn walk(tree: &Tree) -> Walk {
     let need = box_registers_needed(tree);
     let mut walk = Walk {
         leaves: Vec::with_capacity(tree.triangle_count()),
-        nodes: Vec::with_capacity(tree.nodes.len()),
+        units: Vec::with_capacity(tree.nodes.len()),
         box_registers: 1,
     };
+    let mut nodes_done = 0;
     let mut tasks = match tree.root {
-        Child::Inner(root) => vec![Task::Node(root), Task::Children(root)],
+        Child::Inner(root) => vec![Task::Unit(root, None), Task::Children(root)],
         Child::Leaf(number) => vec![Task::Leaf(number)],
     };
     while let Some(task) = tasks.pop() {
@@ -189,29 +315,29 @@ fn walk(tree: &Tree) -> Walk {
                         (left, right)
                     };
                     tasks.extend([
-                        Task::Node(right),
-                        Task::Node(left),
+                        Task::Unit(left, Some(right)),
                         Task::Children(second),
                         Task::Children(first),
                     ]);
                 }
                 [Child::Inner(inner), Child::Leaf(number)]
                 | [Child::Leaf(number), Child::Inner(inner)] => {
-                    tasks.extend([Task::Leaf(number), Task::Node(inner), Task::Children(inner)]);
+                    tasks.extend([
+                        Task::Leaf(number),
+                        Task::Unit(inner, None),
+                        Task::Children(inner),
+                    ]);
                 }
                 [Child::Leaf(left), Child::Leaf(right)] => {
                     tasks.extend([Task::Leaf(right), Task::Leaf(left)]);
                 }
             },
-            Task::Node(index) => {
-                let leaves_before = walk.leaves.len() as u32;
+            Task::Unit(first, second) => {
                 // A leaf takes a register and a node frees one.
-                let in_use = leaves_before - walk.nodes.len() as u32;
+                let in_use = walk.leaves.len() as u32 - nodes_done;
                 walk.box_registers = walk.box_registers.max(in_use);
-                walk.nodes.push(NodeStep {
-                    node: index,
-                    leaves_before,
-                });
+                nodes_done += 1 + u32::from(second.is_some());
+                walk.units.push((first, second));
             }
             Task::Leaf(number) => walk.leaves.push(number),
         }
