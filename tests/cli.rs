@@ -313,6 +313,11 @@ fn cameras_that_see_nothing_get_one_line() {
         line.contains("eye and look-at point are both (1, 2, 3)"),
         "{line}"
     );
+    let line = fault("render builtin:cornell --size 16384x16384", folder.path());
+    assert_eq!(
+        line,
+        "--size 16384x16384: more than 16,777,216 pixels; give a smaller picture"
+    );
     let line = fault("render builtin:cornell --eye=-1,2,nan", folder.path());
     assert!(line.contains("not finite"), "{line}");
     let line = fault(

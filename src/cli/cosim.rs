@@ -19,6 +19,7 @@ use dynrt::scene::{ImageSize, RayPacket, default_light, shadow_rays};
 use serde_json::{Map, Value, json};
 use std::fmt::Write as _;
 use std::path::PathBuf;
+use std::time::Duration;
 
 const HELP: &str = "\
 The Verilog of the configuration is built with Verilator once, kept in a cache ($DYNRT_CACHE, by default the user's cache
@@ -182,8 +183,10 @@ pub fn run(args: &Args) -> Result<()> {
         replay: job.replay(),
         ..Options::default()
     };
-    let bar = report::progress(rays.len() as u64, "rays");
+    let bar = report::progress(rays.len() as u64, "building the model");
+    bar.enable_steady_tick(Duration::from_millis(500));
     let result = raycast::run(&loaded.config, &image, &rays, &options, &|done| {
+        bar.set_message("rays");
         bar.set_position(done);
     });
     bar.finish_and_clear();

@@ -1,6 +1,6 @@
 //! What subcommands that cast rays share: a scene, a camera, a machine's memory, packets of rays.
 
-use super::{ConfigArgs, quoted, tell};
+use super::{ConfigArgs, grouped, quoted, tell};
 use anyhow::{Context, Result, bail, ensure};
 use dynrt::bkd::{BuildOptions, MemoryImage, Tree, build, layout};
 use dynrt::config::Config;
@@ -10,6 +10,9 @@ use std::time::Instant;
 
 /// The size of a picture where none is given.
 pub const SIZE: &str = "512x384";
+
+/// The most pixels of a picture: its rays are held in memory, some 150 bytes each.
+const MOST_PIXELS: u64 = 1 << 24;
 
 /// Which scene, from where.
 #[derive(clap::Args)]
@@ -105,6 +108,11 @@ impl SceneArgs {
 
     /// Loads configuration and scene, says what the number format cannot hold, and makes the camera's rays.
     pub fn load(&self, size: ImageSize, config: &ConfigArgs) -> Result<Loaded> {
+        ensure!(
+            u64::from(size.width) * u64::from(size.height) <= MOST_PIXELS,
+            "--size {size}: more than {} pixels; give a smaller picture",
+            grouped(MOST_PIXELS)
+        );
         let config = config.load()?;
         let frame = Frame::new(size, config.rays_per_packet as usize)?;
         let scene = scene::load(&self.scene)?;
