@@ -42,10 +42,15 @@ fn check(run: Run, config: &Config, workload: Workload<'_>, seed: u64) -> UnitRe
 fn coincidences(run: Run, config: &Config, transactions: u64, seed: u64) -> u64 {
     let report = check(run, config, Workload::Coincidences { transactions }, seed);
     assert!(report.transactions >= transactions);
+    let is_tpu = report.unit == "tpu";
     for (category, count) in &report.categories {
-        // A packet of one ray does not step for a ray that is not there.
-        let possible = config.rays_per_packet > 1
-            || !matches!(category, Category::Nan | Category::InactiveRay);
+        let possible = match category {
+            // A packet of one ray does not step for a ray that is not there.
+            Category::Nan | Category::InactiveRay => config.rays_per_packet > 1 || !is_tpu,
+            // Of a few in 60,000 tests none may be.
+            Category::Clamped => transactions >= MANY / 2,
+            _ => true,
+        };
         assert!(*count > 0 || !possible, "no {}", category.name());
     }
     report.transactions

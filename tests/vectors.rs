@@ -14,7 +14,7 @@ use std::process::{Command, Output};
 
 /// A machine, a scene and a size of its picture, each of another kind.
 const CASES: [(&str, &str, &str); 3] = [
-    ("virtex4-lx160", "builtin:sphere?level=2", "8x6"),
+    ("virtex4-lx160", "builtin:sphere?level=1", "8x6"),
     ("tiny", "builtin:cornell", "6x4"),
     ("dynrt-2006", "builtin:knot?segments=12&sides=3", "8x6"),
 ];
@@ -681,22 +681,480 @@ fn run(vectors: &Path, rtl: &Path, arguments: &[&str]) -> (bool, String) {
     (status.success(), said)
 }
 
+/// A folder of this name for a test's vectors and Verilog.
+fn workplace(name: &str) -> PathBuf {
+    Path::new(env!("CARGO_TARGET_TMPDIR"))
+        .join("vectors")
+        .join(name)
+}
+
 #[test]
 fn verilog_benches_replay_them() {
-    let root = Path::new(env!("CARGO_TARGET_TMPDIR")).join("vectors");
-    for case in CASES {
-        let folder = root.join(case.0);
-        let (out, rtl) = (folder.join("vectors"), folder.join("rtl"));
-        let built = Case::new(case);
-        built.write_rtl(&rtl);
-        let summary = built.write(&out);
-        let (passes, said) = run(&out, &rtl, &[]);
-        println!("{case:?}:\n{said}");
-        assert!(passes, "{said}");
-        let expected = format!(
-            "raycast: PASS {} hits checked, {} packet steps, {} triangle tests\n",
-            summary.rays, summary.steps, summary.tests
+    std::thread::scope(|scope| {
+        for case in CASES {
+            scope.spawn(move || {
+                let folder = workplace(case.0);
+                let (out, rtl) = (folder.join("vectors"), folder.join("rtl"));
+                let built = Case::new(case);
+                built.write_rtl(&rtl);
+                let request = Request {
+                    limit: Some(4),
+                    ..built.request(&out)
+                };
+                let summary = write(&request).unwrap();
+                let (passes, said) = run(&out, &rtl, &[]);
+                println!("{case:?}:\n{said}");
+                assert!(passes, "{said}");
+                let expected = format!(
+                    "raycast: PASS {} hits checked, {} packet steps, {} triangle tests\n",
+                    summary.rays, summary.steps, summary.tests
+                );
+                assert!(said.contains(&expected), "{said}");
+                for bench in ["fp", "ray_setup", "packet_step", "triangle_test"] {
+                    assert!(said.contains(&format!("{bench}: PASS ")), "{said}");
+                }
+            });
+        }
+    });
+}
+
+#[test]
+fn the_benches_find_what_is_wrong() {
+    let folder = workplace("changed");
+    let _ = fs::remove_dir_all(&folder);
+    let (good, rtl) = (folder.join("good"), folder.join("rtl"));
+    let case = Case::new(CASES[1]);
+    case.write_rtl(&rtl);
+    case.write(&good);
+    let seed =
+        std::env::var("DYNRT_SEED").map_or_else(|_| fastrand::u32(..), |s| s.parse().unwrap());
+    println!("replay with DYNRT_SEED={seed}");
+    let mut rng = fastrand::Rng::with_seed(seed.into());
+
+    // Nothing is: with memories and neighbours that come and go.
+    let seed_argument = format!("+seed={}", seed & 0x7fff_ffff);
+    let surroundings = [
+        "raycast",
+        "+latency=2",
+        "+jitter=30",
+        "+in_order=0",
+        "+ready=50",
+        "+rays=70",
+        "+hits=50",
+        &seed_argument,
+    ];
+    let (passes, said) = run(&good, &rtl, &surroundings);
+    assert!(passes && said.starts_with("raycast: PASS "), "{said}");
+
+    // The least significant bit of these lines is always compared.
+    let changed = folder.join("vectors");
+    for (bench, file) in [
+        ("fp", "fp_add_expected.hex"),
+        ("fp", "fp_sub_expected.hex"),
+        ("fp", "fp_mul_expected.hex"),
+        ("fp", "fp_reciprocal_expected.hex"),
+        ("ray_setup", "ray_setup_expected.hex"),
+        ("packet_step", "packet_step_expected.hex"),
+        ("triangle_test", "triangle_test_expected.hex"),
+        ("raycast", "raycast_hits.hex"),
+    ] {
+        copy(&good, &changed);
+        let mut lines: Vec<String> = fs::read_to_string(good.join(file))
+            .unwrap()
+            .lines()
+            .map(String::from)
+            .collect();
+        let number = rng.usize(..lines.len());
+        let line = &mut lines[number];
+        let digit = u8::from_str_radix(&line.split_off(line.len() - 1), 16).unwrap();
+        line.push_str(&format!("{:x}", digit ^ 1));
+        fs::write(changed.join(file), lines.join("\n") + "\n").unwrap();
+        let (passes, said) = run(&changed, &rtl, &[bench]);
+        let expected = format!("{bench}: FAIL {file} line {}: ", number + 1);
+        assert!(!passes && said.starts_with(&expected), "{expected}: {said}");
+    }
+
+    // What the packets do inside is compared as well.
+    let steps = Vectors::open(&good).number("/packet_steps") as usize;
+    let tests = Vectors::open(&good).number("/ray_triangle_tests") as usize;
+    for (file, belonging) in [
+        ("packet_step_expected.hex", steps),
+        ("triangle_test_expected.hex", tests),
+    ] {
+        copy(&good, &changed);
+        let text = fs::read_to_string(good.join(file)).unwrap();
+        let mut lines: Vec<String> = text.lines().map(String::from).collect();
+        let number = rng.usize(..belonging);
+        let line = &mut lines[number];
+        let digit = u8::from_str_radix(&line.split_off(line.len() - 1), 16).unwrap();
+        line.push_str(&format!("{:x}", digit ^ 1));
+        fs::write(changed.join(file), lines.join("\n") + "\n").unwrap();
+        let (passes, said) = run(&changed, &rtl, &["raycast"]);
+        let expected = format!("raycast: FAIL {file} line {}: ", number + 1);
+        assert!(!passes && said.starts_with(&expected), "{expected}: {said}");
+    }
+
+    // Files that are missing or too short.
+    copy(&good, &changed);
+    let hits = fs::read_to_string(good.join("raycast_hits.hex")).unwrap();
+    let last = hits.lines().count();
+    let shortened: Vec<_> = hits.lines().take(last - 1).collect();
+    fs::write(changed.join("raycast_hits.hex"), shortened.join("\n")).unwrap();
+    let (passes, said) = run(&changed, &rtl, &["raycast"]);
+    let expected =
+        format!("raycast: FAIL raycast_hits.hex line {last}: missing, or no hexadecimal number\n");
+    assert!(!passes && said.starts_with(&expected), "{said}");
+    fs::remove_file(changed.join("scene.hex")).unwrap();
+    for bench in ["ray_setup", "raycast"] {
+        let (passes, said) = run(&changed, &rtl, &[bench]);
+        let expected = format!("{bench}: FAIL scene.hex: the file is missing\n");
+        assert!(!passes && said == expected, "{said}");
+    }
+
+    // Nothing to check.
+    let header = fs::read_to_string(changed.join("vectors.vh")).unwrap();
+    let lines = format!("RAYCAST_HITS_LINES {last}\n");
+    assert!(header.contains(&lines));
+    fs::write(
+        changed.join("vectors.vh"),
+        header.replace(&lines, "RAYCAST_HITS_LINES 0\n"),
+    )
+    .unwrap();
+    let (passes, said) = run(&changed, &rtl, &["raycast"]);
+    assert!(
+        !passes && said.contains("nothing to check: RAYCAST_HITS_LINES 0"),
+        "{said}"
+    );
+    fs::remove_file(changed.join("vectors.vh")).unwrap();
+    let (passes, said) = run(&changed, &rtl, &["fp"]);
+    assert!(
+        !passes && said.ends_with("vectors.vh is missing\n"),
+        "{said}"
+    );
+    let (passes, said) = run(&good, &good, &["fp"]);
+    assert!(
+        !passes && said.ends_with("rtl/raycast_unit.v is missing\n"),
+        "{said}"
+    );
+}
+
+fn copy(from: &Path, to: &Path) {
+    let _ = fs::remove_dir_all(to);
+    fs::create_dir_all(to).unwrap();
+    for entry in fs::read_dir(from).unwrap() {
+        let entry = entry.unwrap();
+        fs::copy(entry.path(), to.join(entry.file_name())).unwrap();
+    }
+}
+
+#[test]
+fn the_same_request_writes_the_same_files() {
+    let folder = tempfile::tempdir().unwrap();
+    let case = Case::new(CASES[1]);
+    let [first, second] = ["first", "second"].map(|name| folder.path().join(name));
+    let summary = case.write(&first);
+    assert_eq!(summary, case.write(&second));
+    // Again in the place of the first.
+    case.write(&first);
+    for entry in fs::read_dir(&first).unwrap() {
+        let name = entry.unwrap().file_name();
+        assert!(
+            fs::read(first.join(&name)).unwrap() == fs::read(second.join(&name)).unwrap(),
+            "{name:?} differs"
         );
-        assert!(said.contains(&expected), "{said}");
+    }
+    let limited = Request {
+        limit: Some(3),
+        ..case.request(&second)
+    };
+    let fewer = write(&limited).unwrap();
+    assert_eq!(
+        summary.packets - fewer.packets,
+        case.packets.len() as u64 - 3
+    );
+    check(&second, &fewer);
+}
+
+#[test]
+fn bad_requests_are_refused_in_one_line_and_leave_nothing() {
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path().join("vectors");
+    let case = Case::new(CASES[1]);
+    let good = case.request(&out);
+    let refusal = |request: Request<'_>| {
+        let error = format!("{:#}", write(&request).unwrap_err());
+        assert!(!error.contains('\n'), "{error}");
+        error.replace(&folder.path().display().to_string(), "FOLDER")
+    };
+    let scene = "scene builtin:cornell";
+    assert_eq!(
+        refusal(Request {
+            limit: Some(0),
+            ..good
+        }),
+        format!("{scene}: no packet is to be cast; allow at least one")
+    );
+    assert_eq!(
+        refusal(Request {
+            packets: &[],
+            ..good
+        }),
+        format!("{scene}: no packet is to be cast; allow at least one")
+    );
+    let config = Config {
+        rays_per_packet: 4,
+        ..case.config.clone()
+    };
+    assert_eq!(
+        refusal(Request {
+            config: &config,
+            ..good
+        }),
+        format!(
+            "{scene}: packet 0 has 1 rays, but the machine tiny takes packets of 4; make packets for this machine"
+        )
+    );
+    let config = Config {
+        fraction_bits: 10,
+        ..case.config.clone()
+    };
+    assert_eq!(
+        refusal(Request {
+            config: &config,
+            ..good
+        }),
+        format!(
+            "{scene}: its memory image is of fp24(1-7-16), but the machine tiny has fp18(1-7-10); make the image for this machine"
+        )
+    );
+    let config = Config {
+        address_bits: 5,
+        ..case.config.clone()
+    };
+    assert!(
+        refusal(Request {
+            config: &config,
+            ..good
+        })
+        .starts_with(&format!(
+            "{scene}: the scene is too large for its address space: "
+        ))
+    );
+    let config = Config {
+        stack_depth: 2,
+        ..case.config.clone()
+    };
+    assert!(
+        refusal(Request {
+            config: &config,
+            ..good
+        })
+        .contains(" nodes deep but the traversal stack holds 2 entries")
+    );
+    let mut image = case.image.clone();
+    image.records[3].vertices[1] = 1 << 20;
+    assert!(
+        refusal(Request {
+            image: &image,
+            ..good
+        })
+        .starts_with(&format!(
+            "{scene}: triangle record 3 names vertex 1048576, but there are "
+        ))
+    );
+    assert_eq!(
+        fs::read_dir(folder.path()).unwrap().count(),
+        0,
+        "nothing is left"
+    );
+    fs::create_dir(&out).unwrap();
+    fs::write(out.join("thesis.txt"), "mine").unwrap();
+    assert_eq!(
+        refusal(good),
+        "FOLDER/vectors: exists and holds no vectors that could be replaced; name a new folder, or remove it"
+    );
+    assert_eq!(fs::read_dir(&out).unwrap().count(), 1);
+}
+
+/// The text between the end of `<!-- table: NAME -->` and the next empty line but one.
+fn table_in(text: &str, name: &str) -> String {
+    let mark = format!("<!-- table: {name} -->\n\n");
+    let (_, after) = text
+        .split_once(&mark)
+        .unwrap_or_else(|| panic!("the page has no table {name}"));
+    let lines = after.lines().take_while(|line| line.starts_with('|'));
+    lines.map(|line| format!("{line}\n")).collect()
+}
+
+fn page(name: &str) -> String {
+    let path = Path::new(env!("CARGO_MANIFEST_DIR"))
+        .join("docs")
+        .join(name);
+    fs::read_to_string(path).unwrap()
+}
+
+#[test]
+fn the_layout_page_says_what_the_layout_is() {
+    use dynrt::bkd::{LinkWord, Node, Record};
+    let text = page("layout.md");
+    for record in [
+        Record::node(Format::FP24),
+        Record::link_word(),
+        Record::triangle(),
+        Record::vertex(Format::FP24),
+    ] {
+        let mut table = String::from("| field | bits | width | what |\n|---|---|---|---|\n");
+        for field in &record.fields {
+            let last = field.lsb + field.width - 1;
+            let bits = if last == field.lsb {
+                format!("{last}")
+            } else {
+                format!("{last}:{}", field.lsb)
+            };
+            table += &format!(
+                "| `{}` | {bits} | {} | {} |\n",
+                field.name, field.width, field.description
+            );
+        }
+        table += &format!("| | | {} | |\n", record.width);
+        assert_eq!(
+            table_in(&text, record.name),
+            table,
+            "docs/layout.md, {}:\n{table}",
+            record.name
+        );
+    }
+    let link = LinkWord {
+        link: 5,
+        left_leaf: true,
+        right_leaf: false,
+        left_axis: 2,
+        right_axis: 1,
+    };
+    let image = MemoryImage {
+        nodes: vec![Node {
+            left: [0.0, 2.5],
+            right: [4.0, 5.0],
+            link,
+        }],
+        ..Case::new(CASES[1]).image
+    };
+    let line = Record::node(Format::FP24).hex_lines(&image.node_words());
+    assert!(text.contains(&format!("\n\n    {line}\n")), "{line}");
+    assert!(text.contains(&format!("| {:08x} | `link` = 5,", link.pack())));
+    use dynrt::bkd::layout::Target;
+    assert_eq!(link.children(7), [Target::Record(7), Target::Node(5)]);
+}
+
+/// A layout as the page shows it: the fields of all rays of a packet but the first are one row.
+fn layout_table(layout: &Value) -> String {
+    let fields = layout["fields"].as_array().unwrap();
+    let text = |field: &Value, key: &str| field[key].as_str().unwrap().to_string();
+    let number = |field: &Value, key: &str| field[key].as_u64().unwrap();
+    let repeated = |field: &Value| {
+        let name = text(field, "name");
+        name.split('_').any(|part| {
+            part.strip_prefix("ray")
+                .is_some_and(|k| k.parse().is_ok_and(|k: u32| k > 0))
+        })
+    };
+    let mut table = String::from("| field | bits | width | kind | what |\n|---|---|---|---|---|\n");
+    let mut place = 0;
+    while let Some(field) = fields.get(place) {
+        let run = fields[place..].iter().take_while(|f| repeated(f)).count();
+        let last = &fields[place + run.max(1) - 1];
+        let lsb = number(field, "lsb");
+        let end = number(last, "lsb") + number(last, "width");
+        let bits = match end - lsb {
+            1 => format!("{lsb}"),
+            _ => format!("{}:{lsb}", end - 1),
+        };
+        table += &match run {
+            0 => format!(
+                "| `{}` | {bits} | {} | {} | {} |\n",
+                text(field, "name"),
+                end - lsb,
+                text(field, "kind"),
+                text(field, "description")
+            ),
+            _ => format!(
+                "| `{}` … `{}` | {bits} | {} | | as for ray 0 |\n",
+                text(field, "name"),
+                text(last, "name"),
+                end - lsb
+            ),
+        };
+        place += run.max(1);
+    }
+    table + &format!("| | | {} | | |\n", layout["width"])
+}
+
+#[test]
+fn the_vectors_page_says_what_the_reference_machines_layouts_are() {
+    let text = page("vectors.md");
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path().join("vectors");
+    let case = Case::new(CASES[0]);
+    let request = Request {
+        limit: Some(1),
+        ..case.request(&out)
+    };
+    write(&request).unwrap();
+    let vectors = Vectors::open(&out);
+    for name in [
+        "scene",
+        "raycast_rays",
+        "raycast_hits",
+        "raycast_packets",
+        "ray_setup_stimulus",
+        "ray_setup_expected",
+        "packet_step_stimulus",
+        "packet_step_expected",
+        "triangle_test_stimulus",
+        "triangle_test_expected",
+        "fp_add_stimulus",
+        "fp_add_expected",
+    ] {
+        let table = layout_table(&vectors.manifest["layouts"][name]);
+        assert_eq!(
+            table_in(&text, name),
+            table,
+            "docs/vectors.md, {name}:\n{table}"
+        );
+    }
+    // The example decodes to what its table says.
+    let example = "000700000123000000003d00003e8000416800";
+    assert!(text.contains(&format!("\n\n    {example}\n")));
+    let fields = vectors.fields("raycast_hits.hex");
+    let line = Line {
+        digits: example
+            .chars()
+            .map(|c| c.to_digit(16).unwrap() as u8)
+            .collect(),
+        fields: &fields,
+    };
+    for (name, (lsb, width)) in &fields {
+        let digits = width.div_ceil(4) as usize;
+        let row = format!(
+            "| `{name}` | {}:{lsb} | {:0digits$x} | ",
+            lsb + width - 1,
+            line.get(name)
+        );
+        assert!(text.contains(&row), "{row}");
+    }
+    let numbers = ["t", "u", "v"].map(|name| Format::FP24.to_f64(line.get(name)));
+    assert_eq!(numbers, [5.625, 0.75, 0.25]);
+    // Every file is spoken of, if only by its unit's name in braces.
+    for file in fs::read_dir(&out).unwrap() {
+        let name = file.unwrap().file_name().into_string().unwrap();
+        let stem = name.split('.').next().unwrap();
+        let spoken = text.contains(&format!("`{name}`"))
+            || ["stimulus", "expected", "care"].iter().any(|role| {
+                stem.strip_suffix(&format!("_{role}")).is_some_and(|unit| {
+                    text.contains(&format!("`{unit}_{{"))
+                        || unit.starts_with("fp_") && text.contains("`fp_{add,sub,mul}_{")
+                })
+            });
+        assert!(spoken, "docs/vectors.md does not speak of {name}");
     }
 }

@@ -115,13 +115,7 @@ impl SceneArgs {
         );
         let config = config.load()?;
         let frame = Frame::new(size, config.rays_per_packet as usize)?;
-        let scene = scene::load(&self.scene)?;
-        check_address_space(&scene, &config)
-            .with_context(|| format!("{}, configuration {}", self.scene, config.name))?;
-        let mesh = MachineMesh::new(&scene, config.format())?;
-        for warning in mesh.warnings(&scene) {
-            tell(&format!("warning: {warning}"));
-        }
+        let (scene, mesh) = load_mesh(&self.scene, &config)?;
         let camera = self.camera.of(&scene)?;
         let packets = frame.primary_rays(&camera, &mesh)?;
         Ok(Loaded {
@@ -133,6 +127,18 @@ impl SceneArgs {
             packets,
         })
     }
+}
+
+/// Loads a scene into a machine's numbers, and says what they cannot hold.
+pub fn load_mesh(spec: &str, config: &Config) -> Result<(Scene, MachineMesh)> {
+    let scene = scene::load(spec)?;
+    check_address_space(&scene, config)
+        .with_context(|| format!("{spec}, configuration {}", config.name))?;
+    let mesh = MachineMesh::new(&scene, config.format())?;
+    for warning in mesh.warnings(&scene) {
+        tell(&format!("warning: {warning}"));
+    }
+    Ok((scene, mesh))
 }
 
 /// That indices of triangles, nodes and vertices fit the machine's addresses.

@@ -3,6 +3,7 @@
 mod cosim;
 mod frame;
 mod generate;
+mod program;
 mod render;
 mod stats;
 mod vectors;
@@ -21,6 +22,7 @@ Examples:
   dynrt cosim builtin:teapot --out teapot.png        every ray of a picture through that Verilog
   dynrt render model.obj --view inside --out a.png   the same picture from the golden model, at once
   dynrt stats model.obj                              what trees of the mesh cost
+  dynrt program model.obj                            the program that updates that tree when vertices move
   dynrt vectors builtin:cornell --out vectors        stimulus and expected results for other simulators
   dynrt COMMAND --help                               all options, with examples
 
@@ -44,6 +46,7 @@ enum Command {
     Cosim(cosim::Args),
     Render(render::Args),
     Stats(stats::Args),
+    Program(program::Args),
 }
 
 /// The heading of [`ConfigArgs`].
@@ -97,6 +100,7 @@ pub fn main() -> ExitCode {
         Command::Cosim(args) => cosim::run(&args),
         Command::Render(args) => render::run(&args),
         Command::Stats(args) => stats::run(&args),
+        Command::Program(args) => program::run(&args),
     };
     let Err(error) = result else {
         return ExitCode::SUCCESS;

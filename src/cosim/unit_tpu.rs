@@ -53,6 +53,7 @@ pub const CATEGORIES: &[Category] = &[
 ];
 
 /// What must happen to a packet, in order.
+#[expect(clippy::large_enum_variant, reason = "most events are steps")]
 enum Event {
     Step(StepEvent),
     Leaf {

@@ -1,0 +1,93 @@
+//! `dynrt program`: the update program of a scene's tree.
+
+use super::frame::load_mesh;
+use super::{ConfigArgs, check_outputs, grouped, print};
+use anyhow::{Context, Result};
+use dynrt::bkd::{BuildOptions, build};
+use dynrt::program::{Program, UpdateMachine};
+use dynrt::report;
+use serde_json::{Value, json};
+use std::path::PathBuf;
+use std::time::Instant;
+
+const HELP: &str = "\
+The update program rewrites the bounds of a tree whose topology stays when its vertices have moved. It has one stream
+of instructions: load a vertex, merge three vertices to a leaf's box, merge two boxes and write the node between.
+docs/update.md describes them bit for bit.
+
+Examples:
+  dynrt program builtin:teapot
+  dynrt program model.obj --list | less
+  dynrt program model.obj --json program.json";
+
+/// Compile the program that updates a scene's tree, and show what it takes
+#[derive(clap::Args)]
+#[command(after_help = HELP)]
+pub struct Args {
+    /// An OBJ file, or builtin:NAME for a scene that needs no file
+    #[arg(value_name = "SCENE")]
+    scene: String,
+    /// Every instruction, a line each: byte address, bytes, operands
+    #[arg(long)]
+    list: bool,
+    #[command(flatten)]
+    config: ConfigArgs,
+    /// The figures, as JSON
+    #[arg(long, value_name = "F")]
+    json: Option<PathBuf>,
+}
+
+pub fn run(args: &Args) -> Result<()> {
+    check_outputs(&[args.json.as_deref()])?;
+    let config = args.config.load()?;
+    let (scene, mesh) = load_mesh(&args.scene, &config)?;
+    let options = BuildOptions::default_for(config.axes_per_node, config.stack_depth);
+    let context = || format!("scene {}", scene.name);
+    let tree = build(&mesh.vertices, &mesh.triangles, &options).with_context(context)?;
+    let started = Instant::now();
+    let machine = UpdateMachine::default();
+    let program = Program::compile(&tree, &mesh.triangles, mesh.vertices.len(), machine)
+        .with_context(context)?;
+    let compile_s = started.elapsed().as_secs_f64();
+    let statistics = program.statistics();
+    if let Some(path) = &args.json {
+        let mut figures = json!({"scene": scene.name, "config": config.name});
+        let parts = [
+            serde_json::to_value(&statistics)?,
+            json!({"compile_s": compile_s}),
+        ];
+        for part in parts {
+            if let (Value::Object(all), Value::Object(part)) = (&mut figures, part) {
+                all.extend(part);
+            }
+        }
+        report::json(path, &figures)?;
+    }
+    if args.list {
+        return print(&program.listing());
+    }
+    let s = &statistics;
+    print(&format!(
+        "scene {}, {} triangles, {} nodes, {} vertices\n\
+         {} instructions ({:.3} a triangle): {} loads, {} leaf merges, {} node merges, {} nops\n\
+         {} bytes ({:.2} a triangle); {:.3} loads a vertex; {} of {} vertex and {} of {} box registers used\n\
+         compiled in {compile_s:.2} s\n",
+        scene.name,
+        grouped(s.triangles),
+        grouped(s.nodes),
+        grouped(s.vertices),
+        grouped(s.instructions),
+        s.instructions_per_triangle,
+        grouped(s.loads),
+        grouped(s.leaf_merges),
+        grouped(s.node_merges),
+        grouped(s.nops),
+        grouped(s.bytes),
+        s.bytes_per_triangle,
+        s.loads_per_vertex,
+        s.vertex_registers_used,
+        machine.vertex_registers,
+        s.box_registers_used,
+        machine.box_registers,
+    ))
+}
