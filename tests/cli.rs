@@ -96,7 +96,7 @@ const SUBCOMMANDS_WITH_SCENES: [&str; 4] = [
 fn help_of_every_subcommand_has_examples() {
     let folder = folder();
     let top = prints("--help", folder.path());
-    for name in ["generate", "vectors", "cosim", "render", "stats"] {
+    for name in ["generate", "vectors", "cosim", "render", "stats", "program"] {
         assert!(top.contains(name), "{name} in {top}");
         let help = prints(&format!("{name} --help"), folder.path());
         assert!(
