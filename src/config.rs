@@ -370,6 +370,25 @@ impl Config {
         Ok(config)
     }
 
+    /// Sets one key, `path` being `section.name`, from the text of its value, checked as in a file; quotes
+    /// around a named choice may be left out.
+    ///
+    /// # Errors
+    /// One line that names the key and what to write instead; the configuration is then as it was.
+    pub fn set(&mut self, path: &str, value: &str) -> Result<()> {
+        let Some(key) = KEYS.iter().find(|key| key.path() == path) else {
+            bail!(
+                "unknown key {path}: there are {}",
+                KEYS.iter().map(Key::path).collect::<Vec<_>>().join(", ")
+            );
+        };
+        let value = match value.parse() {
+            Ok(number) => toml::Value::Integer(number),
+            Err(_) => toml::Value::String(value.trim_matches('"').to_string()),
+        };
+        key.parse(self, &value)
+    }
+
     fn blank(name: &str) -> Config {
         Config {
             name: name.to_string(),
@@ -504,6 +523,33 @@ mod tests {
             Config::load("nonesuch").unwrap_err().to_string(),
             "nonesuch: no such configuration: name one of virtex4-lx160, dynrt-2006, ecp5-85f, tiny or a TOML file"
         );
+    }
+
+    #[test]
+    fn single_keys_are_set_and_checked_as_in_a_file() {
+        let mut config = Config::reference();
+        config.set("packets.rays", "8").unwrap();
+        config
+            .set("geometry.triangle_test", "moller-trumbore")
+            .unwrap();
+        config.set("memory.order", "\"out-of-order\"").unwrap();
+        assert_eq!(config.rays_per_packet, 8);
+        assert_eq!(config.triangle_test, TriangleTest::MollerTrumbore);
+        assert!(!config.memory_in_order);
+        let before = config.clone();
+        let mut fault = |path, value| config.set(path, value).unwrap_err().to_string();
+        assert_eq!(
+            fault("packets.rays", "3"),
+            "packets.rays = 3 is out of range: use 1, 2, 4, 8"
+        );
+        assert_eq!(
+            fault("packets.rays", "four"),
+            "packets.rays = \"four\" is out of range: use 1, 2, 4, 8"
+        );
+        assert!(fault("packets.ray", "4").starts_with(
+            "unknown key packets.ray: there are float.exponent_bits, float.fraction_bits, "
+        ));
+        assert_eq!(config, before);
     }
 
     #[test]

@@ -6,11 +6,13 @@
 pub mod bkd;
 pub mod config;
 pub mod cosim;
+pub mod emit;
 pub mod float;
 pub mod golden;
 pub mod hdl;
 pub mod hw;
 pub mod port;
+pub mod program;
 pub mod report;
 pub mod scene;
 pub mod vectors;

@@ -1,7 +1,7 @@
 //! The laws: nothing is lost, and the tree does not show; with the watertight test, nothing slips through an edge.
 //!
 //! Seeds are printed; `DYNRT_SEED=N cargo test --test laws` replays them. `DYNRT_FULL=1` casts 100,000 rays into each
-//! real scene by brute force instead of 4,000, and ten times as many rays into everything else.
+//! shared scene by brute force instead of 4,000, and ten times as many rays into everything else.
 
 use dynrt::bkd::{BuildOptions, Child, MemoryImage, Tree, TreeNode, build};
 use dynrt::config::TriangleTest;
@@ -557,19 +557,19 @@ fn shared(path: &str) -> Option<String> {
 #[test]
 fn real_scenes_obey_the_law_too() {
     let seed = seed();
-    let count = if full() { FULL_RAYS } else { QUICK_RAYS };
     let mut views = vec![
-        View::new("builtin:interior", true),
-        View::new("builtin:teapot", false),
+        (View::new("builtin:interior", true), QUICK_RAYS),
+        (View::new("builtin:teapot", false), QUICK_RAYS),
     ];
+    let shared_count = if full() { FULL_RAYS } else { QUICK_RAYS };
     for (path, inside) in [
         ("sponza/sponza.obj", true),
         ("kitchen/kitchen.obj", true),
         ("stanford_bunny/stanford-bunny.obj", false),
     ] {
-        views.extend(shared(path).map(|path| View::new(&path, inside)));
+        views.extend(shared(path).map(|path| (View::new(&path, inside), shared_count)));
     }
-    for view in views {
+    for (view, count) in views {
         let rng = &mut Rng::with_seed(seed);
         let format = view.mesh.format;
         let rays = view.rays(count, rng);

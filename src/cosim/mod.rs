@@ -2,13 +2,18 @@
 //!
 //! [`model`] builds a module into a library and drives it clock by clock; [`memory`] stands in for what a
 //! unit's ports lead to. Both are generic: they know nothing of ray tracing. [`raycast`] drives the whole ray
-//! casting unit; [`mismatch`] says where RTL and golden model differ.
+//! casting unit, [`unit_tpu`] and [`unit_geometry`] drive one unit each, on a [`workload`], under a [`scoreboard`];
+//! [`mismatch`] says where RTL and golden model differ.
 
 mod build;
 pub mod memory;
 pub mod mismatch;
 pub mod model;
 pub mod raycast;
+pub mod scoreboard;
+pub mod unit_geometry;
+pub mod unit_tpu;
+pub mod workload;
 
 use crate::config::Config;
 use crate::hdl::{Design, Direction};

@@ -126,7 +126,7 @@ impl Observer for Expected {
 }
 
 /// A tagged read port of the model with the memory behind it.
-struct MemoryPort {
+pub(super) struct MemoryPort {
     port: ReadPort,
     image: Image,
     request: [PortHandle; 3],
@@ -140,7 +140,7 @@ struct MemoryPort {
 }
 
 impl MemoryPort {
-    fn new(model: &mut Model, name: &str, image: Image, timing: Timing) -> Result<Self> {
+    pub(super) fn new(model: &mut Model, name: &str, image: Image, timing: Timing) -> Result<Self> {
         let port = MemoryPort {
             port: ReadPort::new(name, image.rows(), timing)?,
             image,
@@ -163,7 +163,7 @@ impl MemoryPort {
     }
 
     /// Before a clock edge: presents what the memory answers, and whether it takes a request.
-    fn show(&mut self, model: &mut Model) {
+    pub(super) fn show(&mut self, model: &mut Model) {
         let ready = self.port.ready();
         if ready != self.shown_ready {
             model.set(self.ready, u64::from(ready));
@@ -181,7 +181,7 @@ impl MemoryPort {
     }
 
     /// At the same edge: takes the request that the model offers.
-    fn take(&mut self, model: &Model) -> Result<()> {
+    pub(super) fn take(&mut self, model: &Model) -> Result<()> {
         let request = (model.get(self.request[0]) != 0).then(|| ReadRequest {
             address: model.get(self.request[1]),
             tag: model.get(self.request[2]) as u32,

@@ -6,7 +6,7 @@ use super::memory::MemoryData;
 use super::pipeline::{Pipeline, Stage};
 use super::signal::Signal;
 use super::{check, verilog};
-use std::cell::{Cell, RefCell};
+use std::cell::RefCell;
 use std::collections::HashMap;
 use std::collections::hash_map::Entry;
 use std::panic::Location;
@@ -97,6 +97,8 @@ pub(super) struct Inner {
     pub nodes: Vec<Node>,
     pub items: Vec<Item>,
     pub drivers: HashMap<Id, Id>,
+    /// Where each wire or register is driven.
+    pub driven_at: HashMap<Id, Place>,
     pub instances: Vec<InstanceData>,
     pub memories: Vec<MemoryData>,
     /// Ports in order, with the node of each.
@@ -116,11 +118,10 @@ pub struct Builder {
     pub(super) inner: RefCell<Inner>,
     group: RefCell<String>,
     error: RefCell<Option<HdlError>>,
-    pub(super) has_reset: Cell<bool>,
 }
 
 /// Reserved in Verilog or SystemVerilog (tools read files as either), or taken for clock and reset.
-const KEYWORDS: &[&str] = &[
+pub(super) const KEYWORDS: &[&str] = &[
     "accept_on",
     "alias",
     "always",
@@ -384,7 +385,6 @@ impl Builder {
             inner: RefCell::default(),
             group: RefCell::default(),
             error: RefCell::default(),
-            has_reset: Cell::new(false),
         }
     }
 
@@ -403,9 +403,12 @@ impl Builder {
         stage: Option<Stage>,
         place: Place,
     ) -> Signal<'_> {
-        if width == 0 {
+        let width = if width == 0 {
             self.fail(place, "a signal of no bits");
-        }
+            1
+        } else {
+            width
+        };
         let (op, stage) = match self.evaluate(&op, width) {
             Some(value) => (Op::Literal(value), None),
             None => (op, stage),
@@ -609,7 +612,6 @@ impl Builder {
             reset: Some(value),
             ..Register::default()
         });
-        self.has_reset.set(true);
         Reg {
             q: self.named_node(op, width, name.as_ref(), None, Location::caller()),
         }
@@ -629,13 +631,20 @@ impl Builder {
     #[track_caller]
     pub fn concat(&self, parts: &[Signal<'_>]) -> Signal<'_> {
         let place = Location::caller();
-        let (parts, stage) = self.align(parts, place);
+        let (aligned, stage) = self.align(parts, place);
+        let mut parts: Vec<Signal<'_>> = vec![];
+        for part in aligned {
+            match parts
+                .last()
+                .and_then(|last| self.joined(*last, part, place))
+            {
+                Some(joined) => *parts.last_mut().expect("there is a last part") = joined,
+                None => parts.push(part),
+            }
+        }
         let width = parts.iter().map(|p| p.width()).sum();
         if let [only] = parts[..] {
-            return Signal {
-                builder: self,
-                id: only.id,
-            };
+            return only;
         }
         self.node(
             Op::Concat(parts.iter().map(|p| p.id).collect()),
@@ -643,6 +652,32 @@ impl Builder {
             stage,
             place,
         )
+    }
+
+    /// Two parts of a concatenation as one: neighbouring bits of one signal, or literals.
+    fn joined<'b>(&'b self, high: Signal<'b>, low: Signal<'b>, place: Place) -> Option<Signal<'b>> {
+        let width = high.width() + low.width();
+        if let (Some(a), Some(b)) = (high.literal(), low.literal()) {
+            return (width <= 128).then(|| self.lit(a << low.width() | b, width));
+        }
+        let (of, base) = {
+            let inner = self.inner.borrow();
+            let (a, b) = (&inner.nodes[high.id], &inner.nodes[low.id]);
+            match (&a.op, &b.op) {
+                (Op::Slice(a_of, a_low), Op::Slice(b_of, b_low))
+                    if a_of == b_of
+                        && *a_low == b_low + b.width
+                        && a.name.is_none()
+                        && b.name.is_none()
+                        && a.stage == b.stage
+                        && a.stage == inner.nodes[*a_of].stage =>
+                {
+                    (self.adopt(*a_of), *b_low)
+                }
+                _ => return None,
+            }
+        };
+        Some(of.slice(base, width, place))
     }
 
     /// Bit by bit or of all.
@@ -710,6 +745,10 @@ impl Builder {
         chosen
     }
 
+    fn adopt(&self, id: Id) -> Signal<'_> {
+        Signal { builder: self, id }
+    }
+
     /// Delays staged signals until all are at the latest's stage. Literals go with any stage.
     pub(super) fn align<'b>(
         &'b self,
@@ -739,6 +778,7 @@ impl Builder {
                         place,
                         "signals of two pipelines meet: bring one into the other's with enter_at",
                     );
+                    return (signals.iter().map(|s| self.adopt(s.id)).collect(), None);
                 }
                 (Some(s), l) => latest = Some(l.map_or(s, |l| if s.at > l.at { s } else { l })),
             }
@@ -749,10 +789,7 @@ impl Builder {
         let aligned = signals
             .iter()
             .map(|signal| {
-                let signal = Signal {
-                    builder: self,
-                    id: signal.id,
-                };
+                let signal = self.adopt(signal.id);
                 match (signal.stage_data(), latest) {
                     (Some(s), Some(l)) => signal.delay_by(l.at - s.at, place),
                     _ => signal,
@@ -814,7 +851,8 @@ impl Builder {
             Op::Slice(a, low) => literal(a)?.checked_shr(*low).unwrap_or(0) & mask(width),
             Op::Repeat(a, times) => {
                 let value = literal(a)?;
-                (0..*times).fold(0, |all, _| all << bits(a) | value)
+                let shift = |all: u128| all.checked_shl(bits(a)).unwrap_or(0);
+                (0..*times).fold(0, |all, _| shift(all) | value)
             }
             Op::Concat(parts) => {
                 let mut all = 0;
@@ -870,6 +908,8 @@ impl Builder {
             (Binary::Or, Some(v), _) | (Binary::Or, _, Some(v)) if v == full(w) => {
                 Some(self.ones(w))
             }
+            (Binary::Equal, _, Some(1)) | (Binary::NotEqual, _, Some(0)) if w == 1 => Some(a),
+            (Binary::Equal, _, Some(0)) | (Binary::NotEqual, _, Some(1)) if w == 1 => Some(!a),
             (Binary::Less, _, Some(0)) => Some(self.zero(1)),
             (Binary::LessEqual, Some(0), _) => Some(self.ones(1)),
             (Binary::Less, Some(v), _) if v == full(w) => Some(self.zero(1)),
@@ -1024,9 +1064,8 @@ impl Builder {
         let paths = check::check(&self)?;
         let verilog = verilog::print(&self);
         let inner = self.inner.into_inner();
-        let clocked = verilog.clocked;
         let mut ports = vec![];
-        for (present, name) in [(clocked, "clk"), (self.has_reset.get(), "rst")] {
+        for (present, name) in [(verilog.clocked, "clk"), (verilog.reset, "rst")] {
             if present {
                 ports.push(Port {
                     name: name.to_string(),
@@ -1037,7 +1076,8 @@ impl Builder {
                 });
             }
         }
-        ports.extend(inner.ports.into_iter().map(|(port, _)| port));
+        let order = verilog::port_order(&inner.ports);
+        ports.extend(order.into_iter().map(|i| inner.ports[i].0.clone()));
         Ok(Rc::new(Module {
             name: self.name,
             ports,

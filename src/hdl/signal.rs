@@ -147,9 +147,6 @@ impl<'b> Signal<'b> {
                 },
                 None => {
                     let cleared = self.builder.inner.borrow().nodes[signal.id].cleared;
-                    if cleared {
-                        self.builder.has_reset.set(true);
-                    }
                     let stage = signal.stage_data().map(|s| Stage { at: s.at + 1, ..s });
                     let delayed = self.builder.node(
                         Op::Register(Register {
@@ -192,7 +189,7 @@ impl<'b> Signal<'b> {
         self.slice(low, high - low + 1, place)
     }
 
-    fn slice(self, low: u32, width: u32, place: Place) -> Signal<'b> {
+    pub(super) fn slice(self, low: u32, width: u32, place: Place) -> Signal<'b> {
         if low == 0 && width == self.width() {
             return self;
         }
@@ -418,10 +415,12 @@ impl<'b> Signal<'b> {
         if then.id == otherwise.id {
             return then;
         }
-        match condition.literal() {
-            Some(0) => otherwise,
-            Some(_) => then,
-            None => self.builder.node(
+        match (condition.literal(), then.literal(), otherwise.literal()) {
+            (Some(0), ..) => otherwise,
+            (Some(_), ..) => then,
+            (None, Some(1), Some(0)) if then.width() == 1 => condition,
+            (None, Some(0), Some(1)) if then.width() == 1 => !condition,
+            _ => self.builder.node(
                 Op::Mux(condition.id, then.id, otherwise.id),
                 then.width(),
                 stage,
@@ -484,16 +483,27 @@ impl<'b> ops::Not for Signal<'b> {
     #[track_caller]
     fn not(self) -> Signal<'b> {
         let place = Location::caller();
-        if let Some(value) = self.literal() {
-            let mask = if self.width() >= 128 {
-                u128::MAX
-            } else {
-                (1 << self.width()) - 1
-            };
-            return self
-                .builder
-                .node(Op::Literal(!value & mask), self.width(), None, place);
-        }
-        self.unary(Op::Not, self.width(), place)
+        let simpler = {
+            let inner = self.builder.inner.borrow();
+            let node = &inner.nodes[self.id];
+            match &node.op {
+                // What has a name is not looked into, for its reader's sake.
+                _ if node.name.is_some() => None,
+                Op::Not(a) if inner.nodes[*a].stage == node.stage => {
+                    return Signal {
+                        builder: self.builder,
+                        id: *a,
+                    };
+                }
+                Op::Binary(Binary::Equal, a, b) => Some(Op::Binary(Binary::NotEqual, *a, *b)),
+                Op::Binary(Binary::NotEqual, a, b) => Some(Op::Binary(Binary::Equal, *a, *b)),
+                Op::Binary(Binary::Less, a, b) => Some(Op::Binary(Binary::LessEqual, *b, *a)),
+                Op::Binary(Binary::LessEqual, a, b) => Some(Op::Binary(Binary::Less, *b, *a)),
+                _ => None,
+            }
+        };
+        let op = simpler.unwrap_or(Op::Not(self.id));
+        self.builder
+            .node(op, self.width(), self.stage_data(), place)
     }
 }

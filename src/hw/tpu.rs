@@ -317,14 +317,15 @@ pub fn module(plan: &Plan) -> Result<Tpu, HdlError> {
     m.comment("The packet step. A node's answer enters with the packet's rays.");
     let p = m.pipeline();
     let valid = p.enter(node_valid).cleared_by_reset();
-    let packet = p.enter(node_tag);
+    let packet = p.enter(node_tag).named("packet");
     let node = p.enter(node_data);
     let field = |name: &str| {
         let field = node_record.field(name);
         node.field(field.lsb, field.width)
     };
-    let planes = ["left_lo", "left_hi", "right_lo", "right_hi"];
-    let axes = [field("left_axis"), field("right_axis")];
+    let named_field = |name: &'static str| (name, field(name).named(name));
+    let planes = ["left_lo", "left_hi", "right_lo", "right_hi"].map(named_field);
+    let axes = ["left_axis", "right_axis"].map(|name| named_field(name).1);
     let slice_near = slice
         .port("ray_near")
         .and_then(|port| port.stage)
@@ -384,8 +385,8 @@ pub fn module(plan: &Plan) -> Result<Tpu, HdlError> {
                     .register(),
             ));
         }
-        for plane in planes {
-            inputs.push((plane.to_string(), field(plane)));
+        for (name, plane) in planes {
+            inputs.push((name.to_string(), plane));
         }
         inputs.push(("ray_near".into(), interval.get(current, "near")));
         inputs.push(("ray_far".into(), interval.get(current, "far")));
@@ -429,9 +430,9 @@ pub fn module(plan: &Plan) -> Result<Tpu, HdlError> {
         .at(decided)
         .named("own_address");
     let context_in = request_word.get(request, "context").at(decided);
-    let link_field = field("link");
-    let link = link_field.low(a);
-    let (left_leaf, right_leaf) = (field("left_leaf"), field("right_leaf"));
+    let link = field("link").low(a).named("link");
+    let left_leaf = named_field("left_leaf").1;
+    let right_leaf = named_field("right_leaf").1;
     let link_after = (link + m.lit(1u8, a)).named("link_after");
     let right_inner = left_leaf.mux(link, link_after);
     let left_address = left_leaf

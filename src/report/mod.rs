@@ -33,11 +33,39 @@ pub fn progress(length: u64, what: &'static str) -> ProgressBar {
     bar.with_message(what)
 }
 
+/// Checks, before long work, that a file can be written at `path` when it is done; leaves nothing there.
+///
+/// # Errors
+/// One line that names the file and why it cannot be written.
+pub fn check_writable(path: &Path) -> Result<()> {
+    create_beside(path).map(drop)
+}
+
 /// Lets `write` write a file under a temporary name beside `path`, then gives it its name.
 fn write_whole(
     path: &Path,
     write: impl FnOnce(&mut std::io::BufWriter<&mut tempfile::NamedTempFile>) -> Result<()>,
 ) -> Result<()> {
+    let shown = path.display();
+    let mut file = create_beside(path)?;
+    let mut buffered = std::io::BufWriter::new(&mut file);
+    write(&mut buffered)
+        .and_then(|()| Ok(buffered.flush()?))
+        .with_context(|| format!("{shown}: cannot be written"))?;
+    drop(buffered);
+    file.persist(path).map_err(|error| {
+        anyhow::anyhow!(
+            "{shown}: cannot be written: {}; {ADVICE}",
+            reason(&error.error)
+        )
+    })?;
+    Ok(())
+}
+
+const ADVICE: &str = "give a place that exists and can be written";
+
+/// A temporary file in the folder of `path`.
+fn create_beside(path: &Path) -> Result<tempfile::NamedTempFile> {
     let shown = path.display();
     if path.is_dir() {
         bail!("{shown}: cannot be written: it is a folder; give a file's name");
@@ -46,25 +74,12 @@ fn write_whole(
         Some(parent) if !parent.as_os_str().is_empty() => parent,
         _ => Path::new("."),
     };
-    let advice = "give a place that exists and can be written";
-    let mut file = tempfile::Builder::new()
+    tempfile::Builder::new()
         .permissions_of_new_files()
         .tempfile_in(folder)
         .map_err(|error| {
-            anyhow::anyhow!("{shown}: cannot be written: {}; {advice}", reason(&error))
-        })?;
-    let mut buffered = std::io::BufWriter::new(&mut file);
-    write(&mut buffered)
-        .and_then(|()| Ok(buffered.flush()?))
-        .with_context(|| format!("{shown}: cannot be written"))?;
-    drop(buffered);
-    file.persist(path).map_err(|error| {
-        anyhow::anyhow!(
-            "{shown}: cannot be written: {}; {advice}",
-            reason(&error.error)
-        )
-    })?;
-    Ok(())
+            anyhow::anyhow!("{shown}: cannot be written: {}; {ADVICE}", reason(&error))
+        })
 }
 
 /// Why, without the temporary name that the error may hold.
@@ -115,6 +130,7 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("missing").join("a.json");
         let fault = format!("{:#}", json(&path, &serde_json::json!(1)).unwrap_err());
+        assert_eq!(fault, format!("{:#}", check_writable(&path).unwrap_err()));
         assert_eq!(
             fault,
             format!(
@@ -139,6 +155,7 @@ mod tests {
     fn a_failed_write_leaves_nothing() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("a.json");
+        check_writable(&path).unwrap();
         write_whole(&path, |_| bail!("no more")).unwrap_err();
         assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 0);
     }

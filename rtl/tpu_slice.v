@@ -1,0 +1,219 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+// tpu_slice: one ray's part of a packet step: four plane distances, its interval in each child,
+// where it goes.
+// Latency: 12 clocks, one set of inputs a clock.
+
+`default_nettype none
+
+module tpu_slice (
+  input  wire        clk,
+
+  // The node's intervals
+  input  wire [23:0] left_lo,
+  input  wire [23:0] left_hi,
+  input  wire [23:0] right_lo,
+  input  wire [23:0] right_hi,
+
+  // The ray on the left and the right child's axis
+  input  wire        left_sign,
+  input  wire [23:0] left_origin,
+  input  wire [23:0] left_reciprocal,
+  input  wire        right_sign,
+  input  wire [23:0] right_origin,
+  input  wire [23:0] right_reciprocal,
+
+  // The ray's interval in the node, needed when the distances are there
+  input  wire [23:0] ray_near,
+  input  wire [23:0] ray_far,
+  input  wire        ray_active,
+
+  // The ray's interval in the children, and where it goes
+  output reg  [23:0] out_left_near,
+  output reg  [23:0] out_left_far,
+  output reg  [23:0] out_right_near,
+  output reg  [23:0] out_right_far,
+  output reg         to_left,
+  output reg         to_right,
+  output reg         left_before_right
+);
+
+  // The left child: near and far planes by the direction's sign, then near and far clipped.
+  wire [23:0] left_near_plane = left_sign ? left_hi : left_lo;
+  reg  [23:0] left_near_plane_s1;
+  wire [23:0] left_far_plane = left_sign ? left_lo : left_hi;
+  reg  [23:0] left_far_plane_s1;
+  reg  [23:0] left_origin_s1;
+  reg  [143:0] left_reciprocal_delay;
+  wire [23:0] left_reciprocal_s6 = left_reciprocal_delay[143:120];
+
+  wire [23:0] left_near_distance_distance;
+  near_distance left_near_distance (
+    .clk(clk),
+    .plane(left_near_plane_s1),
+    .origin(left_origin_s1),
+    .reciprocal(left_reciprocal_s6),
+    .distance(left_near_distance_distance)
+  );
+
+  wire [23:0] left_far_distance_distance;
+  far_distance left_far_distance (
+    .clk(clk),
+    .plane(left_far_plane_s1),
+    .origin(left_origin_s1),
+    .reciprocal(left_reciprocal_s6),
+    .distance(left_far_distance_distance)
+  );
+
+  reg  ray_near_22_16_is_zero_s10;
+  reg  [23:0] joined_s10;
+  reg  ray_near_23_s10;
+  wire choice =
+      (ray_near_23_s10 ^ left_near_distance_distance[23]) ? ray_near_23_s10 :
+      ((joined_s10 < {left_near_distance_distance[22:0], left_near_distance_distance[23]}) ^ ray_near_23_s10);
+  reg  term_s10;
+  wire term =
+      choice &
+      ~(ray_near_22_16_is_zero_s10 & (~|left_near_distance_distance[22:16])) &
+      ~(term_s10 | ((&left_near_distance_distance[22:16]) & (|left_near_distance_distance[15:0])));
+  reg  [23:0] ray_near_s10;
+  wire [23:0] left_near_clipped = term ? left_near_distance_distance : ray_near_s10;
+  reg  ray_far_22_16_is_zero_s10;
+  reg  [23:0] joined_2_s10;
+  reg  ray_far_23_s10;
+  wire choice_2 =
+      (left_far_distance_distance[23] ^ ray_far_23_s10) ? left_far_distance_distance[23] :
+      (({left_far_distance_distance[22:0], 1'b0} < joined_2_s10) ^ left_far_distance_distance[23]);
+  reg  term_2_s10;
+  wire term_2 =
+      choice_2 &
+      ~((~|left_far_distance_distance[22:16]) & ray_far_22_16_is_zero_s10) &
+      ~(((&left_far_distance_distance[22:16]) & (|left_far_distance_distance[15:0])) | term_2_s10);
+  reg  [23:0] ray_far_s10;
+  wire [23:0] left_far_clipped = term_2 ? left_far_distance_distance : ray_far_s10;
+  reg  [23:0] left_near_clipped_s11;
+  reg  [23:0] left_far_clipped_s11;
+
+  // The right child: near and far planes by the direction's sign, then near and far clipped.
+  wire [23:0] right_near_plane = right_sign ? right_hi : right_lo;
+  reg  [23:0] right_near_plane_s1;
+  wire [23:0] right_far_plane = right_sign ? right_lo : right_hi;
+  reg  [23:0] right_far_plane_s1;
+  reg  [23:0] right_origin_s1;
+  reg  [143:0] right_reciprocal_delay;
+  wire [23:0] right_reciprocal_s6 = right_reciprocal_delay[143:120];
+
+  wire [23:0] right_near_distance_distance;
+  near_distance right_near_distance (
+    .clk(clk),
+    .plane(right_near_plane_s1),
+    .origin(right_origin_s1),
+    .reciprocal(right_reciprocal_s6),
+    .distance(right_near_distance_distance)
+  );
+
+  wire [23:0] right_far_distance_distance;
+  far_distance right_far_distance (
+    .clk(clk),
+    .plane(right_far_plane_s1),
+    .origin(right_origin_s1),
+    .reciprocal(right_reciprocal_s6),
+    .distance(right_far_distance_distance)
+  );
+
+  wire choice_3 =
+      (ray_near_23_s10 ^ right_near_distance_distance[23]) ? ray_near_23_s10 :
+      ((joined_s10 < {right_near_distance_distance[22:0], right_near_distance_distance[23]}) ^ ray_near_23_s10);
+  wire term_3 =
+      choice_3 &
+      ~(ray_near_22_16_is_zero_s10 & (~|right_near_distance_distance[22:16])) &
+      ~(term_s10 | ((&right_near_distance_distance[22:16]) & (|right_near_distance_distance[15:0])));
+  wire [23:0] right_near_clipped = term_3 ? right_near_distance_distance : ray_near_s10;
+  wire choice_4 =
+      (right_far_distance_distance[23] ^ ray_far_23_s10) ? right_far_distance_distance[23] :
+      (({right_far_distance_distance[22:0], 1'b0} < joined_2_s10) ^ right_far_distance_distance[23]);
+  wire term_4 =
+      choice_4 &
+      ~((~|right_far_distance_distance[22:16]) & ray_far_22_16_is_zero_s10) &
+      ~(((&right_far_distance_distance[22:16]) & (|right_far_distance_distance[15:0])) | term_2_s10);
+  wire [23:0] right_far_clipped = term_4 ? right_far_distance_distance : ray_far_s10;
+  reg  [23:0] right_near_clipped_s11;
+  reg  [23:0] right_far_clipped_s11;
+
+  // Where the ray goes.
+  wire left_near_clipped_22_16_is_zero = ~|left_near_clipped_s11[22:16];
+  wire [23:0] joined = {left_near_clipped_s11[22:0], left_near_clipped_s11[23]};
+  wire choice_5 =
+      (left_far_clipped_s11[23] ^ left_near_clipped_s11[23]) ? left_far_clipped_s11[23] :
+      (({left_far_clipped_s11[22:0], 1'b0} < joined) ^ left_far_clipped_s11[23]);
+  wire term_5 = (&left_near_clipped_s11[22:16]) & (|left_near_clipped_s11[15:0]);
+  wire term_6 =
+      ~(choice_5 & ~((~|left_far_clipped_s11[22:16]) & left_near_clipped_22_16_is_zero)) &
+      ~(term_5 | ((&left_far_clipped_s11[22:16]) & (|left_far_clipped_s11[15:0])));
+  reg  ray_active_s10, ray_active_s11;
+  wire goes_left = ray_active_s11 & term_6;
+  wire right_near_clipped_22_16_is_zero = ~|right_near_clipped_s11[22:16];
+  wire term_7 =
+      ({right_far_clipped_s11[22:0], 1'b0} < {right_near_clipped_s11[22:0], right_near_clipped_s11[23]}) ^
+      right_far_clipped_s11[23];
+  wire term_8 =
+      ((right_far_clipped_s11[23] ^ right_near_clipped_s11[23]) ? right_far_clipped_s11[23] : term_7) &
+      ~((~|right_far_clipped_s11[22:16]) & right_near_clipped_22_16_is_zero);
+  wire term_9 = (&right_near_clipped_s11[22:16]) & (|right_near_clipped_s11[15:0]);
+  wire term_10 =
+      ~term_8 &
+      ~(term_9 | ((&right_far_clipped_s11[22:16]) & (|right_far_clipped_s11[15:0])));
+  wire goes_right = ray_active_s11 & term_10;
+  wire choice_6 =
+      (right_near_clipped_s11[23] ^ left_near_clipped_s11[23]) ? right_near_clipped_s11[23] :
+      (({right_near_clipped_s11[22:0], 1'b0} < joined) ^ right_near_clipped_s11[23]);
+  wire term_11 =
+      ~(choice_6 & ~(right_near_clipped_22_16_is_zero & left_near_clipped_22_16_is_zero)) &
+      ~(term_5 | term_9);
+  wire both_left_first = goes_left & goes_right & term_11;
+
+  // Pipeline registers.
+  always @(posedge clk) begin
+    // Stage 1
+    left_near_plane_s1 <= left_near_plane;
+    left_far_plane_s1 <= left_far_plane;
+    left_origin_s1 <= left_origin;
+    right_near_plane_s1 <= right_near_plane;
+    right_far_plane_s1 <= right_far_plane;
+    right_origin_s1 <= right_origin;
+    // Stage 10
+    ray_near_22_16_is_zero_s10 <= ~|ray_near[22:16];
+    joined_s10 <= {ray_near[22:0], 1'b0};
+    ray_near_23_s10 <= ray_near[23];
+    term_s10 <= (&ray_near[22:16]) & (|ray_near[15:0]);
+    ray_near_s10 <= ray_near;
+    ray_far_22_16_is_zero_s10 <= ~|ray_far[22:16];
+    joined_2_s10 <= {ray_far[22:0], ray_far[23]};
+    ray_far_23_s10 <= ray_far[23];
+    term_2_s10 <= (&ray_far[22:16]) & (|ray_far[15:0]);
+    ray_far_s10 <= ray_far;
+    ray_active_s10 <= ray_active;
+    // Stage 11
+    left_near_clipped_s11 <= left_near_clipped;
+    left_far_clipped_s11 <= left_far_clipped;
+    right_near_clipped_s11 <= right_near_clipped;
+    right_far_clipped_s11 <= right_far_clipped;
+    ray_active_s11 <= ray_active_s10;
+    // Stage 12
+    out_left_near <= left_near_clipped_s11;
+    out_left_far <= left_far_clipped_s11;
+    out_right_near <= right_near_clipped_s11;
+    out_right_far <= right_far_clipped_s11;
+    to_left <= goes_left;
+    to_right <= goes_right;
+    left_before_right <= both_left_first;
+  end
+
+  // Delay lines: values that wait for others of their pipeline, the newest lowest.
+  always @(posedge clk) begin
+    left_reciprocal_delay <= {left_reciprocal_delay[119:0], left_reciprocal};
+    right_reciprocal_delay <= {right_reciprocal_delay[119:0], right_reciprocal};
+  end
+
+endmodule
+
+`default_nettype wire

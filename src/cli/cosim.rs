@@ -1,0 +1,425 @@
+//! `dynrt cosim`: the emitted Verilog under Verilator, held against the golden model.
+
+use super::frame::{Built, Loaded, SIZE, SceneArgs, active};
+use super::{ConfigArgs, check_outputs, grouped, one_line, print};
+use anyhow::{Result, ensure};
+use clap::ValueEnum;
+use dynrt::bkd::MemoryImage;
+use dynrt::config::KEYS;
+use dynrt::cosim::mismatch::Mismatch;
+use dynrt::cosim::raycast::{self, Options, Report, Trace};
+use dynrt::cosim::scoreboard::{UnitOptions, UnitReport};
+use dynrt::cosim::workload::Workload;
+use dynrt::cosim::{unit_geometry, unit_tpu};
+use dynrt::emit;
+use dynrt::golden::Caster;
+use dynrt::port::{Hit, Ray};
+use dynrt::report;
+use dynrt::scene::{ImageSize, RayPacket, default_light, shadow_rays};
+use serde_json::{Map, Value, json};
+use std::fmt::Write as _;
+use std::path::PathBuf;
+
+const HELP: &str = "\
+The Verilog of the configuration is built with Verilator once, kept in a cache ($DYNRT_CACHE, by default the user's cache
+folder), and driven clock by clock. Every hit, every packet step and every ray-triangle test is compared with the
+golden model in all bits; the picture is drawn from what the Verilog computed. The first mismatch stops the run
+and is reported with the command that replays it. Exit status 0 only if something was checked and all agrees.
+
+Examples:
+  dynrt cosim builtin:teapot --out teapot.png
+  dynrt cosim builtin:interior --view inside --json hall.json
+  dynrt cosim builtin:interior --view inside --rays shadow --out shadows.png
+  dynrt cosim builtin:teapot --unit tpu --seed 3
+  dynrt cosim builtin:cornell --size 64x48 --set memory.latency=40 --set memory.jitter=20 --seed 7
+  dynrt cosim builtin:cornell --size 64x48 --trace cornell.fst --from 1000 --cycles 500";
+
+/// Co-simulate: cast a picture's rays through the Verilog and compare with the golden model
+#[derive(clap::Args)]
+#[command(after_help = HELP)]
+pub struct Args {
+    #[command(flatten)]
+    scene: SceneArgs,
+    /// Width and height of the picture in pixels
+    #[arg(long, value_name = "WxH", default_value = SIZE)]
+    size: ImageSize,
+    #[command(flatten)]
+    config: ConfigArgs,
+    /// What to run: the whole ray casting unit, or one unit alone, with random delays and stalls around it in place
+    /// of the configuration's memories
+    #[arg(long, value_name = "UNIT", default_value = "raycast")]
+    unit: Unit,
+    /// What to cast: the camera's rays, or any-hit rays from what they hit to a light
+    #[arg(long, value_name = "RAYS", default_value = "primary")]
+    rays: RayKind,
+    /// Of the memories' random delays and stalls
+    #[arg(long, value_name = "S", default_value_t = 1)]
+    seed: u64,
+    /// The picture that the Verilog computed, as PNG
+    #[arg(long, value_name = "F.png")]
+    out: Option<PathBuf>,
+    /// The figures, as JSON
+    #[arg(long, value_name = "F")]
+    json: Option<PathBuf>,
+    /// A waveform of some cycles, as FST
+    #[arg(long, value_name = "F.fst", requires = "cycles")]
+    trace: Option<PathBuf>,
+    /// The first cycle of the waveform
+    #[arg(long, value_name = "CYCLE", default_value_t = 0, requires = "trace")]
+    from: u64,
+    /// How many cycles the waveform has
+    #[arg(long, value_name = "N", requires = "trace", value_parser = clap::value_parser!(u64).range(1..))]
+    cycles: Option<u64>,
+}
+
+#[derive(Clone, Copy, PartialEq, Eq, ValueEnum)]
+enum Unit {
+    /// The traversal processing unit: every packet step
+    Tpu,
+    /// The geometry unit: every ray-triangle test
+    Geometry,
+    /// Ray setup, traversal and geometry together, from rays to hits
+    Raycast,
+}
+
+impl Unit {
+    fn name(self) -> &'static str {
+        match self {
+            Unit::Tpu => "tpu",
+            Unit::Geometry => "geometry",
+            Unit::Raycast => "raycast",
+        }
+    }
+}
+
+/// The report of a unit's mismatch, many lines.
+#[derive(Debug)]
+pub struct UnitMismatch(String);
+
+impl std::fmt::Display for UnitMismatch {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.write_str(&self.0)
+    }
+}
+
+impl std::error::Error for UnitMismatch {}
+
+#[derive(Clone, Copy, PartialEq, Eq, ValueEnum)]
+enum RayKind {
+    /// Closest hits of the camera's rays
+    Primary,
+    /// Any-hit rays of finite length from the camera's hits to a light
+    Shadow,
+}
+
+impl RayKind {
+    fn name(self) -> &'static str {
+        match self {
+            RayKind::Primary => "primary",
+            RayKind::Shadow => "shadow",
+        }
+    }
+}
+
+/// What is known before the run.
+struct Job<'a> {
+    args: &'a Args,
+    loaded: &'a Loaded,
+    active: u64,
+}
+
+pub fn run(args: &Args) -> Result<()> {
+    ensure!(
+        args.unit == Unit::Raycast || args.out.is_none(),
+        "--unit {}: one unit alone computes no picture; leave out --out",
+        args.unit.name()
+    );
+    check_outputs(&[&args.out, &args.json, &args.trace].map(|path| path.as_deref()))?;
+    let loaded = args.scene.load(args.size, &args.config)?;
+    let Built { image, .. } = loaded.build_default()?;
+    let primary = Loaded::rays(&loaded.packets);
+    let caster = Caster::new(
+        &image,
+        loaded.config.triangle_test,
+        loaded.frame.rays_per_packet(),
+    );
+    // Shadow rays start where the golden model's primary rays end.
+    let shadow: Option<(Vec<RayPacket>, Vec<Hit>)> = match args.rays {
+        RayKind::Primary => None,
+        RayKind::Shadow => {
+            let hits = caster.cast_packets(&primary).hits;
+            let light = default_light(loaded.scene.bounds(), &loaded.camera);
+            let packets = shadow_rays(&loaded.packets, &hits, &loaded.mesh, light)?;
+            Some((packets, hits))
+        }
+    };
+    let rays = match &shadow {
+        None => primary,
+        Some((packets, _)) => Loaded::rays(packets),
+    };
+    let job = Job {
+        args,
+        loaded: &loaded,
+        active: active(&rays)?,
+    };
+    let trace = args.trace.as_ref().map(|path| Trace {
+        path: path.clone(),
+        from: args.from,
+        cycles: args.cycles.unwrap_or(1),
+    });
+    if args.unit != Unit::Raycast {
+        let hits = caster.cast_packets(&rays).hits;
+        return job.run_unit(
+            &image,
+            &rays,
+            hits.iter().filter(|h| h.is_hit()).count(),
+            trace,
+        );
+    }
+    let options = Options {
+        seed: args.seed,
+        trace,
+        replay: job.replay(),
+        ..Options::default()
+    };
+    let bar = report::progress(rays.len() as u64, "rays");
+    let result = raycast::run(&loaded.config, &image, &rays, &options, &|done| {
+        bar.set_position(done);
+    });
+    bar.finish_and_clear();
+    let found = match result {
+        Ok(found) => found,
+        Err(error) => {
+            if let (Some(path), true) = (&args.json, error.is::<Mismatch>()) {
+                report::json(path, &job.mismatch_json(&one_line(&error)))?;
+            }
+            return Err(error);
+        }
+    };
+    ensure!(found.checked() > 0, "nothing was checked");
+    let mut text = job.text(&found);
+    if let Some(path) = &args.out {
+        let size = args.size;
+        let picture = match &shadow {
+            None => report::shade(size, &loaded.packets, &found.hits, &loaded.mesh, None),
+            Some((_, hits)) => {
+                let shadowed: Vec<bool> = found.hits.iter().map(|hit| hit.is_hit()).collect();
+                report::shade(size, &loaded.packets, hits, &loaded.mesh, Some(&shadowed))
+            }
+        };
+        report::write_png(path, &picture)?;
+        let _ = writeln!(text, "picture: {}", path.display());
+    }
+    if let Some(path) = &args.trace {
+        let _ = writeln!(text, "waveform: {}", path.display());
+    }
+    if let Some(path) = &args.json {
+        report::json(path, &job.json(&found))?;
+    }
+    print(&text)
+}
+
+/// Adds the entries of one JSON object to another.
+fn extend(value: &mut Value, more: Value) {
+    if let (Value::Object(all), Value::Object(more)) = (value, more) {
+        all.extend(more);
+    }
+}
+
+impl Job<'_> {
+    /// What a person types to run this again.
+    fn replay(&self) -> String {
+        let Args {
+            scene,
+            config,
+            size,
+            unit,
+            rays,
+            seed,
+            ..
+        } = self.args;
+        let mut text = format!("dynrt cosim{}{}", scene.replay(), config.replay());
+        if size.to_string() != SIZE {
+            text += &format!(" --size {size}");
+        }
+        if *unit != Unit::Raycast {
+            text += &format!(" --unit {}", unit.name());
+        }
+        if *rays != RayKind::Primary {
+            text += &format!(" --rays {}", rays.name());
+        }
+        if *seed != 1 {
+            text += &format!(" --seed {seed}");
+        }
+        text
+    }
+
+    /// What is known however the run ends.
+    fn common_json(&self) -> Value {
+        let size = self.args.size;
+        let mut overrides = json!({});
+        for setting in &self.args.config.set {
+            let path = setting.split('=').next().unwrap_or_default().trim();
+            if let Some(key) = KEYS.iter().find(|key| key.path() == path) {
+                overrides[path] =
+                    emit::configuration(&self.loaded.config)[key.section][key.name].clone();
+            }
+        }
+        json!({
+            "scene": self.loaded.scene.name,
+            "triangles": self.loaded.mesh.triangles.len(),
+            "config": self.loaded.config.name,
+            "overrides": overrides,
+            "unit": self.args.unit.name(),
+            "ray_kind": self.args.rays.name(),
+            "seed": self.args.seed,
+            "width": size.width,
+            "height": size.height,
+            "rays": self.active,
+        })
+    }
+
+    fn mismatch_json(&self, mismatch: &str) -> Value {
+        let mut value = self.common_json();
+        value["mismatches"] = json!(1);
+        value["mismatch"] = json!(mismatch);
+        value["replay"] = json!(self.replay());
+        value
+    }
+
+    /// One unit alone.
+    fn run_unit(
+        &self,
+        image: &MemoryImage,
+        rays: &[Ray],
+        hits: usize,
+        trace: Option<Trace>,
+    ) -> Result<()> {
+        let args = self.args;
+        let options = UnitOptions {
+            replay: self.replay(),
+            trace,
+            ..UnitOptions::new(args.seed)
+        };
+        let workload = Workload::Rays { image, rays };
+        let run = match args.unit {
+            Unit::Tpu => unit_tpu::run,
+            _ => unit_geometry::run,
+        };
+        let found = run(&self.loaded.config, workload, &options)?;
+        let write = |value| match &args.json {
+            Some(path) => report::json(path, &value),
+            None => Ok(()),
+        };
+        if let Some(mismatch) = found.mismatch {
+            write(self.mismatch_json(&mismatch))?;
+            return Err(UnitMismatch(mismatch).into());
+        }
+        found.verdict()?;
+        write(self.unit_json(&found, hits))?;
+        print(&format!("{}\n", found.summary()))
+    }
+
+    fn unit_json(&self, found: &UnitReport, hits: usize) -> Value {
+        let of = |unit| match self.args.unit == unit {
+            true => found.transactions,
+            false => 0,
+        };
+        let per_clock = |count: u64| count as f64 / found.cycles as f64;
+        let categories: Map<String, Value> = (found.categories.iter())
+            .map(|(category, count)| (category.name().to_string(), json!(count)))
+            .collect();
+        let mut value = self.common_json();
+        extend(
+            &mut value,
+            json!({
+                "hits": hits,
+                "checked": found.checked,
+                "mismatches": found.mismatches,
+                "cycles": found.cycles,
+                "packet_steps": of(Unit::Tpu),
+                "ray_triangle_tests": of(Unit::Geometry),
+                "rays_per_clock": per_clock(self.active),
+                "tpu_utilisation": per_clock(of(Unit::Tpu)),
+                "gu_utilisation": per_clock(of(Unit::Geometry)),
+                "categories": categories,
+                "model_build_s": found.model_build_s,
+                "simulate_s": found.simulate_s,
+            }),
+        );
+        value
+    }
+
+    fn hits(&self, found: &Report) -> u64 {
+        let hits = found.hits.iter().filter(|hit| hit.is_hit());
+        hits.count() as u64
+    }
+
+    fn rays_per_clock(&self, found: &Report) -> f64 {
+        self.active as f64 / found.cycles as f64
+    }
+
+    fn json(&self, found: &Report) -> Value {
+        let counters = &found.counters;
+        let mut value = self.common_json();
+        let results = json!({
+            "hits": self.hits(found),
+            "checked": found.checked(),
+            "hits_checked": found.hits_checked,
+            "steps_checked": found.steps_checked,
+            "tests_checked": found.tests_checked,
+            "mismatches": 0,
+            "cycles": found.cycles,
+            "packet_steps": counters.packet_steps,
+            "ray_triangle_tests": counters.ray_triangle_tests,
+            "rays_per_clock": self.rays_per_clock(found),
+            "tpu_utilisation": found.tpu_utilisation(),
+            "gu_utilisation": found.gu_utilisation(),
+            "tpu_busy_cycles": counters.tpu_busy_cycles,
+            "tpu_starved_cycles": counters.tpu_starved_cycles,
+            "gu_busy_cycles": counters.gu_busy_cycles,
+            "gu_starved_cycles": counters.gu_starved_cycles,
+            "stack_high_water": counters.stack_high_water,
+            "model_build_s": found.model_build_s,
+            "model_reused": found.model_reused,
+            "simulate_s": found.simulate_s,
+        });
+        extend(&mut value, results);
+        value
+    }
+
+    fn text(&self, found: &Report) -> String {
+        let loaded = self.loaded;
+        let mut settings = String::new();
+        for setting in &self.args.config.set {
+            let _ = write!(settings, ", {setting}");
+        }
+        let model = match found.model_reused {
+            true => "taken from the cache".to_string(),
+            false => format!("built in {:.1} s", found.model_build_s),
+        };
+        format!(
+            "scene {}, {} triangles, configuration {}{settings}, {}\n\
+             {} {} rays, {} hits: all bits agree in {} hits, {} packet steps, {} ray-triangle tests\n\
+             {} cycles, {:.4} rays a clock; traversal {:.3} packet steps a clock, geometry {:.3} tests a clock; at most {} stack entries\n\
+             model {model}, simulated in {:.1} s ({:.0} thousand cycles a second)\n",
+            loaded.scene.name,
+            grouped(loaded.mesh.triangles.len() as u64),
+            loaded.config.name,
+            self.args.size,
+            grouped(self.active),
+            self.args.rays.name(),
+            grouped(self.hits(found)),
+            grouped(found.hits_checked),
+            grouped(found.steps_checked),
+            grouped(found.tests_checked),
+            grouped(found.cycles),
+            self.rays_per_clock(found),
+            found.tpu_utilisation(),
+            found.gu_utilisation(),
+            found.counters.stack_high_water,
+            found.simulate_s,
+            found.cycles as f64 / found.simulate_s / 1e3,
+        )
+    }
+}

@@ -1,0 +1,225 @@
+//! What subcommands that cast rays share: a scene, a camera, a machine's memory, packets of rays.
+
+use super::{ConfigArgs, quoted, tell};
+use anyhow::{Context, Result, bail, ensure};
+use dynrt::bkd::{BuildOptions, MemoryImage, Tree, build, layout};
+use dynrt::config::Config;
+use dynrt::port::Ray;
+use dynrt::scene::{self, Camera, Frame, ImageSize, MachineMesh, RayPacket, Scene, View};
+use std::time::Instant;
+
+/// The size of a picture where none is given.
+pub const SIZE: &str = "512x384";
+
+/// Which scene, from where.
+#[derive(clap::Args)]
+pub struct SceneArgs {
+    /// An OBJ file, or builtin:NAME for a scene that needs no file
+    #[arg(value_name = "SCENE")]
+    scene: String,
+    #[command(flatten)]
+    camera: CameraArgs,
+}
+
+/// The heading of [`CameraArgs`].
+const CAMERA: &str = "Camera (by default one that frames the scene)";
+
+/// From where; by default the camera frames the scene from outside by itself.
+#[derive(clap::Args)]
+struct CameraArgs {
+    /// A camera that depends only on the scene's box: inside for rooms, outside for objects
+    #[arg(long, value_name = "VIEW", help_heading = CAMERA)]
+    view: Option<View>,
+    /// Where the camera is, in the scene's units
+    #[arg(long, value_name = "X,Y,Z", value_parser = vector, allow_hyphen_values = true, conflicts_with = "view", help_heading = CAMERA)]
+    eye: Option<[f64; 3]>,
+    /// What it looks at [default: the middle of the scene's box]
+    #[arg(long, value_name = "X,Y,Z", value_parser = vector, allow_hyphen_values = true, requires = "eye", help_heading = CAMERA)]
+    look_at: Option<[f64; 3]>,
+    /// Which way is up [default: 0,1,0]
+    #[arg(long, value_name = "X,Y,Z", value_parser = vector, allow_hyphen_values = true, requires = "eye", help_heading = CAMERA)]
+    up: Option<[f64; 3]>,
+    /// The whole vertical field of view [default: 60]
+    #[arg(
+        long,
+        value_name = "DEGREES",
+        allow_hyphen_values = true,
+        requires = "eye", help_heading = CAMERA)]
+    fov: Option<f64>,
+}
+
+/// Three numbers, written with commas.
+fn vector(text: &str) -> Result<[f64; 3], String> {
+    let numbers: Option<Vec<f64>> = (text.split(','))
+        .map(|part| part.trim().parse().ok())
+        .collect();
+    numbers
+        .and_then(|numbers| numbers.try_into().ok())
+        .ok_or_else(|| "give three numbers, such as 1,2.5,-3".into())
+}
+
+/// A scene as a machine's memory holds it, before any tree.
+pub struct Loaded {
+    pub config: Config,
+    pub scene: Scene,
+    pub mesh: MachineMesh,
+    pub camera: Camera,
+    pub frame: Frame,
+    /// The primary rays.
+    pub packets: Vec<RayPacket>,
+}
+
+/// A tree in memory.
+pub struct Built {
+    pub tree: Tree,
+    pub image: MemoryImage,
+    /// Seconds that building the tree took.
+    pub build_s: f64,
+}
+
+impl SceneArgs {
+    /// The arguments that choose this scene and camera again.
+    pub fn replay(&self) -> String {
+        let mut text = format!(" {}", quoted(&self.scene));
+        let camera = &self.camera;
+        match camera.view {
+            Some(View::Inside) => text += " --view inside",
+            Some(View::Outside) => text += " --view outside",
+            None => {}
+        }
+        let vectors = [
+            ("eye", camera.eye),
+            ("look-at", camera.look_at),
+            ("up", camera.up),
+        ];
+        for (name, vector) in vectors {
+            if let Some([x, y, z]) = vector {
+                text += &format!(" --{name}={x},{y},{z}");
+            }
+        }
+        if let Some(fov) = camera.fov {
+            text += &format!(" --fov={fov}");
+        }
+        text
+    }
+
+    /// Loads configuration and scene, says what the number format cannot hold, and makes the camera's rays.
+    pub fn load(&self, size: ImageSize, config: &ConfigArgs) -> Result<Loaded> {
+        let config = config.load()?;
+        let frame = Frame::new(size, config.rays_per_packet as usize)?;
+        let scene = scene::load(&self.scene)?;
+        check_address_space(&scene, &config)
+            .with_context(|| format!("{}, configuration {}", self.scene, config.name))?;
+        let mesh = MachineMesh::new(&scene, config.format())?;
+        for warning in mesh.warnings(&scene) {
+            tell(&format!("warning: {warning}"));
+        }
+        let camera = self.camera.of(&scene)?;
+        let packets = frame.primary_rays(&camera, &mesh)?;
+        Ok(Loaded {
+            config,
+            scene,
+            mesh,
+            camera,
+            frame,
+            packets,
+        })
+    }
+}
+
+/// That indices of triangles, nodes and vertices fit the machine's addresses.
+fn check_address_space(scene: &Scene, config: &Config) -> Result<()> {
+    let mesh = &scene.mesh;
+    layout::check_capacity(0, mesh.triangles.len() as u64, config.address_bits)?;
+    let (vertices, most) = (mesh.positions.len() as u64, 1u64 << config.address_bits);
+    ensure!(
+        vertices <= most,
+        "the scene is too large for its address space: {vertices} vertices, but {} address bits hold {most}; \
+         simplify the mesh or widen the address",
+        config.address_bits
+    );
+    Ok(())
+}
+
+impl CameraArgs {
+    fn of(&self, scene: &Scene) -> Result<Camera> {
+        let bounds = scene.bounds();
+        let Some(eye) = self.eye else {
+            return Ok(match self.view {
+                Some(view) => view.camera(bounds),
+                None => Camera::framing(bounds),
+            });
+        };
+        let (low, high) = bounds;
+        let middle = std::array::from_fn(|k| low[k] / 2.0 + high[k] / 2.0);
+        Camera::look_at(
+            eye,
+            self.look_at.unwrap_or(middle),
+            self.up.unwrap_or([0.0, 1.0, 0.0]),
+            self.fov.unwrap_or(60.0),
+        )
+    }
+}
+
+impl Loaded {
+    /// The builder's best tree for the machine.
+    pub fn build_default(&self) -> Result<Built> {
+        let Config {
+            axes_per_node,
+            stack_depth,
+            ..
+        } = self.config;
+        self.build(&BuildOptions::default_for(axes_per_node, stack_depth))
+    }
+
+    /// Builds a tree and checks that the machine can hold it.
+    pub fn build(&self, options: &BuildOptions) -> Result<Built> {
+        let MachineMesh {
+            vertices,
+            triangles,
+            ..
+        } = &self.mesh;
+        let started = Instant::now();
+        let tree = build(vertices, triangles, options)
+            .with_context(|| format!("scene {}", self.scene.name))?;
+        let build_s = started.elapsed().as_secs_f64();
+        let image = MemoryImage::new(self.mesh.format, vertices, triangles, &tree)
+            .and_then(|image| image.check(self.config.stack_depth).map(|()| image))
+            .with_context(|| format!("scene {}", self.scene.name))?;
+        Ok(Built {
+            tree,
+            image,
+            build_s,
+        })
+    }
+
+    /// The rays of packets, one after the other.
+    pub fn rays(packets: &[RayPacket]) -> Vec<Ray> {
+        let rays = packets.iter().flat_map(|packet| &packet.rays);
+        rays.copied().collect()
+    }
+}
+
+/// How many of `rays` are active; there must be some.
+pub fn active(rays: &[Ray]) -> Result<u64> {
+    match rays.iter().filter(|ray| ray.active).count() {
+        0 => bail!("no ray of this picture can be cast; give another camera or scene"),
+        count => Ok(count as u64),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn vectors_are_read() {
+        assert_eq!(vector("1,2.5,-3e2"), Ok([1.0, 2.5, -300.0]));
+        for text in ["", "1,2", "1,2,3,4", "a,b,c", "1,,2"] {
+            assert_eq!(
+                vector(text),
+                Err("give three numbers, such as 1,2.5,-3".into())
+            );
+        }
+    }
+}

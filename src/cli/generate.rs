@@ -1,0 +1,52 @@
+//! `dynrt generate`: the machine as Verilog.
+
+use super::{ConfigArgs, print};
+use anyhow::Result;
+use dynrt::emit;
+use std::path::PathBuf;
+
+const HELP: &str = "\
+Writes into DIR
+  *.v              Verilog-2001, one module a file
+  raycast_unit.f   the Verilog files, children first, for -f of most tools
+  raycast_unit.core  the same for FuseSoC, with a lint target
+  manifest.json    configuration, top module, modules with ports and latencies, layouts of the records in memory
+
+DIR is made if it does not exist. In one that exists, files of the same names are replaced, Verilog files that its old
+manifest.json lists and this machine lacks are removed, and nothing else is touched. Either all files are
+written or none. The same configuration gives the same files, to the byte.
+
+Examples:
+  dynrt generate --out build/rtl
+  dynrt generate --config dynrt-2006 --out build/original
+  dynrt generate --set packets.rays=8 --set clock.target_mhz=133 --out build/wide
+  cd build/rtl && verilator --lint-only -Wall -f raycast_unit.f --top-module raycast_unit
+
+Every configuration key, with its range, is explained in the files of configs/.";
+
+/// Emit the machine: Verilog, file lists and a manifest
+#[derive(clap::Args)]
+#[command(after_help = HELP)]
+pub struct Args {
+    /// The folder to write
+    #[arg(long, value_name = "DIR")]
+    out: PathBuf,
+    #[command(flatten)]
+    config: ConfigArgs,
+}
+
+pub fn run(args: &Args) -> Result<()> {
+    let config = args.config.load()?;
+    let (machine, files) = emit::generate(&config)?;
+    emit::write_folder(&args.out, &files)?;
+    let modules = machine.design.modules();
+    let lines: usize = modules.iter().map(|m| m.verilog().lines().count()).sum();
+    print(&format!(
+        "{}: {} modules, {} lines of Verilog, top module {}, configuration {}\n",
+        args.out.display(),
+        modules.len(),
+        super::grouped(lines as u64),
+        machine.design.top().name(),
+        config.name
+    ))
+}

@@ -1,0 +1,202 @@
+//! The command line: one file a subcommand, and what they share.
+
+mod cosim;
+mod frame;
+mod generate;
+mod render;
+mod stats;
+mod vectors;
+
+use anyhow::Result;
+use clap::{Parser, Subcommand};
+use dynrt::config::{Config, NAMED};
+use dynrt::cosim::mismatch::Mismatch;
+use std::io::{ErrorKind, Write};
+use std::path::Path;
+use std::process::ExitCode;
+
+const EXAMPLES: &str = "\
+Examples:
+  dynrt generate --out build/rtl                     Verilog of the reference machine
+  dynrt cosim builtin:teapot --out teapot.png        every ray of a picture through that Verilog
+  dynrt render model.obj --view inside --out a.png   the same picture from the golden model, at once
+  dynrt stats model.obj                              what trees of the mesh cost
+  dynrt vectors builtin:cornell --out vectors        stimulus and expected results for other simulators
+  dynrt COMMAND --help                               all options, with examples
+
+SCENE is an OBJ file or builtin:NAME, NAME one of teapot, cornell, interior, sphere, knot; some take
+parameters: 'builtin:teapot?tessellation=20', 'builtin:sphere?level=6', 'builtin:knot?segments=800&sides=24'.
+
+Exit status: 0 if all went well, 1 with one line on stderr if not, 2 for a command that makes no sense.";
+
+/// A hardware ray tracer: Verilog from Rust, proved bit for bit against a golden model.
+#[derive(Parser)]
+#[command(name = "dynrt", version, after_help = EXAMPLES, max_term_width = 110)]
+struct Cli {
+    #[command(subcommand)]
+    command: Command,
+}
+
+#[derive(Subcommand)]
+enum Command {
+    Generate(generate::Args),
+    Vectors(vectors::Args),
+    Cosim(cosim::Args),
+    Render(render::Args),
+    Stats(stats::Args),
+}
+
+/// The heading of [`ConfigArgs`].
+const MACHINE: &str = "Machine";
+
+/// Which machine.
+#[derive(clap::Args)]
+struct ConfigArgs {
+    /// A configuration's name (virtex4-lx160, dynrt-2006, ecp5-85f, tiny) or a TOML file that sets every key
+    #[arg(long, value_name = "C", default_value = NAMED[0].0, help_heading = MACHINE)]
+    config: String,
+    /// Sets one key of the configuration, such as packets.rays=8 or memory.latency=20; may be repeated
+    #[arg(long, value_name = "SECTION.KEY=VALUE", help_heading = MACHINE)]
+    set: Vec<String>,
+}
+
+impl ConfigArgs {
+    fn load(&self) -> Result<Config> {
+        let mut config = Config::load(&self.config)?;
+        for setting in &self.set {
+            let Some((path, value)) = setting.split_once('=') else {
+                anyhow::bail!(
+                    "--set {setting}: has no value; write SECTION.KEY=VALUE, such as packets.rays=8"
+                );
+            };
+            config
+                .set(path.trim(), value.trim())
+                .map_err(|error| error.context(format!("--set {setting}")))?;
+        }
+        Ok(config)
+    }
+
+    /// The options that choose this machine again.
+    fn replay(&self) -> String {
+        let mut text = String::new();
+        if self.config != NAMED[0].0 {
+            text += &format!(" --config {}", quoted(&self.config));
+        }
+        for setting in &self.set {
+            text += &format!(" --set {}", quoted(setting));
+        }
+        text
+    }
+}
+
+/// Runs the command that the process was given.
+pub fn main() -> ExitCode {
+    let result = match Cli::parse().command {
+        Command::Generate(args) => generate::run(&args),
+        Command::Vectors(args) => vectors::run(&args),
+        Command::Cosim(args) => cosim::run(&args),
+        Command::Render(args) => render::run(&args),
+        Command::Stats(args) => stats::run(&args),
+    };
+    let Err(error) = result else {
+        return ExitCode::SUCCESS;
+    };
+    // A mismatch's report has a line for each field; every other error is one line.
+    let text = match error.is::<Mismatch>() || error.is::<cosim::UnitMismatch>() {
+        true => error.to_string(),
+        false => one_line(&error),
+    };
+    tell(&format!("error: {text}"));
+    ExitCode::FAILURE
+}
+
+/// An error with its causes, in one line.
+fn one_line(error: &anyhow::Error) -> String {
+    let lines = format!("{error:#}");
+    lines
+        .lines()
+        .map(str::trim)
+        .filter(|line| !line.is_empty())
+        .collect::<Vec<_>>()
+        .join(" ")
+}
+
+/// A line to whoever sits in front of the program. That nobody reads it is no error.
+fn tell(line: &str) {
+    let _ = writeln!(std::io::stderr(), "{line}");
+}
+
+/// Writes results to stdout. A reader that has left, such as `head`, is no error.
+fn print(text: &str) -> Result<()> {
+    let mut out = std::io::stdout().lock();
+    match out.write_all(text.as_bytes()).and_then(|()| out.flush()) {
+        Err(error) if error.kind() != ErrorKind::BrokenPipe => {
+            Err(anyhow::anyhow!("stdout: cannot be written: {error}"))
+        }
+        _ => Ok(()),
+    }
+}
+
+/// Checks, before long work, that its results can be written.
+fn check_outputs(paths: &[Option<&Path>]) -> Result<()> {
+    paths
+        .iter()
+        .flatten()
+        .try_for_each(|path| dynrt::report::check_writable(path))
+}
+
+/// A word as a shell reads it.
+fn quoted(word: &str) -> String {
+    let is_plain = |c: char| c.is_ascii_alphanumeric() || "-_./:,=+".contains(c);
+    match !word.is_empty() && word.chars().all(is_plain) {
+        true => word.to_string(),
+        false => format!("'{}'", word.replace('\'', r"'\''")),
+    }
+}
+
+/// A count with its digits in groups of three.
+fn grouped(count: u64) -> String {
+    let digits = count.to_string();
+    let mut text = String::new();
+    for (i, digit) in digits.chars().enumerate() {
+        if i > 0 && (digits.len() - i).is_multiple_of(3) {
+            text.push(',');
+        }
+        text.push(digit);
+    }
+    text
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use clap::CommandFactory;
+
+    #[test]
+    fn the_command_line_is_well_formed() {
+        Cli::command().debug_assert();
+    }
+
+    #[test]
+    fn help_names_every_configuration_and_scene() {
+        let help = Cli::command().render_help().to_string();
+        for scene in dynrt::scene::BUILTIN_NAMES {
+            assert!(help.contains(scene), "{scene}");
+        }
+        let mut command = Cli::command();
+        let generate = command.find_subcommand_mut("generate").unwrap();
+        let help = generate.render_long_help().to_string();
+        for (name, _) in NAMED {
+            assert!(help.contains(name), "{name}");
+        }
+    }
+
+    #[test]
+    fn counts_and_words_read_well() {
+        let texts = [0, 999, 1000, 196_608, 1_234_567].map(grouped);
+        assert_eq!(texts, ["0", "999", "1,000", "196,608", "1,234,567"]);
+        assert_eq!(quoted("builtin:teapot"), "builtin:teapot");
+        assert_eq!(quoted("it's"), r"'it'\''s'");
+        assert_eq!(quoted("builtin:sphere?level=2"), "'builtin:sphere?level=2'");
+    }
+}

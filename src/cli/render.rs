@@ -1,0 +1,117 @@
+//! `dynrt render`: a picture from the golden model.
+
+use super::frame::{Loaded, SIZE, SceneArgs, active};
+use super::{ConfigArgs, check_outputs, grouped, print};
+use anyhow::Result;
+use dynrt::golden::Caster;
+use dynrt::report;
+use dynrt::scene::ImageSize;
+use serde_json::json;
+use std::fmt::Write as _;
+use std::path::PathBuf;
+use std::time::Instant;
+
+const HELP: &str = "\
+The golden model computes what the machine of the configuration computes, bit for bit, without a clock. A test is one
+visit of a leaf by a packet; averages are over all packets, those that miss the scene included.
+
+Examples:
+  dynrt render builtin:teapot --out teapot.png
+  dynrt render builtin:interior --view inside --out hall.png --heatmap steps.png
+  dynrt render model.obj --eye=4,2,-7 --look-at=0,1,0 --fov=40 --size 1024x768 --out model.png";
+
+/// Draw a picture with the golden model, and a heat map of its packet steps
+#[derive(clap::Args)]
+#[command(after_help = HELP)]
+pub struct Args {
+    #[command(flatten)]
+    scene: SceneArgs,
+    /// Width and height of the picture in pixels
+    #[arg(long, value_name = "WxH", default_value = SIZE)]
+    size: ImageSize,
+    #[command(flatten)]
+    config: ConfigArgs,
+    /// The picture, as PNG
+    #[arg(long, value_name = "F.png")]
+    out: Option<PathBuf>,
+    /// Packet steps of each packet, as PNG: the lighter the more
+    #[arg(long, value_name = "F.png")]
+    heatmap: Option<PathBuf>,
+    /// The figures, as JSON
+    #[arg(long, value_name = "F")]
+    json: Option<PathBuf>,
+}
+
+pub fn run(args: &Args) -> Result<()> {
+    check_outputs(&[&args.out, &args.heatmap, &args.json].map(|path| path.as_deref()))?;
+    let loaded = args.scene.load(args.size, &args.config)?;
+    let rays = Loaded::rays(&loaded.packets);
+    let ray_count = active(&rays)?;
+    let built = loaded.build_default()?;
+    let caster = Caster::new(
+        &built.image,
+        loaded.config.triangle_test,
+        loaded.frame.rays_per_packet(),
+    );
+    let started = Instant::now();
+    let frame = caster.cast_packets(&rays);
+    let cast_s = started.elapsed().as_secs_f64();
+
+    let hits = frame.hits.iter().filter(|hit| hit.is_hit()).count();
+    let packets = frame.packets.len();
+    let per_packet = |count: u64| count as f64 / packets as f64;
+    let mrays_per_s = ray_count as f64 / cast_s / 1e6;
+    let size = args.size;
+    let mut text = format!(
+        "scene {}, {} triangles, configuration {}, {size}\n\
+         {} rays, {} hits, {:.2} packet steps and {:.2} triangle tests a packet\n\
+         {:.2} M rays/s, tree built in {:.2} s\n",
+        loaded.scene.name,
+        grouped(loaded.mesh.triangles.len() as u64),
+        loaded.config.name,
+        grouped(ray_count),
+        grouped(hits as u64),
+        per_packet(frame.steps()),
+        per_packet(frame.tests()),
+        mrays_per_s,
+        built.build_s,
+    );
+    if let Some(path) = &args.out {
+        let picture = report::shade(size, &loaded.packets, &frame.hits, &loaded.mesh, None);
+        report::write_png(path, &picture)?;
+        let _ = writeln!(text, "picture: {}", path.display());
+    }
+    if let Some(path) = &args.heatmap {
+        let steps: Vec<u32> = frame.packets.iter().map(|packet| packet.steps).collect();
+        let (picture, greatest) = report::heatmap(size, &loaded.packets, &steps, None);
+        report::write_png(path, &picture)?;
+        let _ = writeln!(
+            text,
+            "heat map, 0 to {greatest} packet steps: {}",
+            path.display()
+        );
+    }
+    if let Some(path) = &args.json {
+        let value = json!({
+            "scene": loaded.scene.name,
+            "triangles": loaded.mesh.triangles.len(),
+            "config": loaded.config.name,
+            "width": size.width,
+            "height": size.height,
+            "rays": ray_count,
+            "hits": hits,
+            "packets": packets,
+            "packet_steps": frame.steps(),
+            "triangle_tests": frame.tests(),
+            "ray_triangle_tests": frame.ray_tests(),
+            "packet_steps_per_packet": per_packet(frame.steps()),
+            "triangle_tests_per_packet": per_packet(frame.tests()),
+            "stack_high_water": frame.stack_high_water(),
+            "build_s": built.build_s,
+            "cast_s": cast_s,
+            "mrays_per_s": mrays_per_s,
+        });
+        report::json(path, &value)?;
+    }
+    print(&text)
+}

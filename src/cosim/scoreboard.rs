@@ -1,0 +1,441 @@
+//! What the co-simulations of single units share: their surroundings, their options, their report, and
+//! the ray setup's place, which they take.
+
+use super::memory::{Bandwidth, Timing};
+use super::mismatch::{Field, Mismatch};
+use super::model::{BuildOptions, Model, PortHandle, Sources, build};
+use super::raycast::Trace;
+use super::sources;
+use crate::float::Format;
+use crate::golden::RaySetup;
+use crate::hdl::{Design, Module};
+use anyhow::{Context, Result, bail, ensure};
+use std::rc::Rc;
+use std::time::Instant;
+
+/// What surrounds a unit: memories, and the pace of its neighbours.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Surroundings {
+    /// Every read port's, each with a seed of its own.
+    pub memory: Timing,
+    /// Probability, 0 ≤ p < 1, that a neighbour pauses in a clock: gives nothing, or takes nothing.
+    pub pauses: f64,
+    /// Greatest number of clocks, from 1, until what stands for the geometry unit has tested a leaf.
+    pub leaf_clocks: u32,
+}
+
+impl Surroundings {
+    /// Memories that answer every clock after `latency` clocks, and neighbours that never pause.
+    pub fn steady(latency: u32) -> Surroundings {
+        Surroundings {
+            memory: Timing {
+                latency,
+                ..Timing::default()
+            },
+            pauses: 0.0,
+            leaf_clocks: 60,
+        }
+    }
+
+    /// Latencies from 1 to 100 clocks, in any order or in theirs; every pace, from none that ever waits to all that mostly do.
+    pub fn random(rng: &mut fastrand::Rng) -> Surroundings {
+        let latency = match rng.u8(..8) {
+            0 => 1,
+            1 => 100,
+            _ => rng.u32(1..=100),
+        };
+        let jitter = if rng.bool() { rng.u32(0..=100) } else { 0 };
+        let mut probability = || [0.0, 0.1, 0.3, 0.6][rng.usize(..4)];
+        let (backpressure, pauses) = (probability(), probability());
+        let (requests, cycles) = [(1, 1), (1, 1), (2, 3), (1, 2)][rng.usize(..4)];
+        Surroundings {
+            memory: Timing {
+                latency,
+                jitter,
+                out_of_order: jitter > 0 && rng.bool(),
+                bandwidth: Bandwidth { requests, cycles },
+                backpressure,
+                seed: rng.u64(..),
+            },
+            pauses,
+            leaf_clocks: [1, 20, 200][rng.usize(..3)],
+        }
+    }
+
+    /// The timing of port number `port`, with a seed that no other has.
+    pub(super) fn port(&self, port: u64) -> Timing {
+        Timing {
+            seed: self.memory.seed ^ port.wrapping_mul(0x9e37_79b9_7f4a_7c15),
+            ..self.memory
+        }
+    }
+
+    /// Clocks without any event after which a unit has stopped.
+    pub(super) fn patience(&self) -> u64 {
+        20_000 + 100 * u64::from(self.memory.latency + self.memory.jitter + self.leaf_clocks)
+    }
+}
+
+/// How a unit is co-simulated.
+#[derive(Clone, Debug)]
+pub struct UnitOptions {
+    /// Seed of all that is random; the same run has the same seed.
+    pub seed: u64,
+    /// `None`: new random ones again and again.
+    pub surroundings: Option<Surroundings>,
+    /// The `dynrt cosim` command that runs this again, for a mismatch's report; may be empty.
+    pub replay: String,
+    pub trace: Option<Trace>,
+    /// A fault that the unit's Verilog is given first, to see that it is noticed.
+    pub fault: Option<Fault>,
+    /// How the model is built. One with a trace is built for tracing, whatever this says.
+    pub build: BuildOptions,
+}
+
+impl UnitOptions {
+    /// Random surroundings, no trace, the user's cache.
+    pub fn new(seed: u64) -> UnitOptions {
+        UnitOptions {
+            seed,
+            surroundings: None,
+            replay: String::new(),
+            trace: None,
+            fault: None,
+            build: BuildOptions::default(),
+        }
+    }
+}
+
+/// A change to Verilog: a text, wherever it occurs, and what stands there instead.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Fault {
+    pub text: &'static str,
+    pub instead: &'static str,
+}
+
+impl Fault {
+    fn apply(&self, sources: &mut Sources) -> Result<()> {
+        let mut found = false;
+        for (_, text) in &mut sources.files {
+            found |= text.contains(self.text);
+            *text = text.replace(self.text, self.instead);
+        }
+        ensure!(
+            found,
+            "no file of {} has the text `{}`, which a fault is to replace",
+            sources.top,
+            self.text
+        );
+        Ok(())
+    }
+}
+
+/// What makes a transaction worth counting on its own. See [`Category::name`].
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub enum Category {
+    Nan,
+    Infinity,
+    SignedZero,
+    FlatBox,
+    RayInPlane,
+    EqualDistances,
+    DeepestStack,
+    Degenerate,
+    AnyHit,
+    FiniteLimits,
+    InactiveRay,
+    DroppedEntry,
+    NothingEntered,
+    LeafRoot,
+    Hit,
+    Clamped,
+    OnEdge,
+}
+
+impl Category {
+    const COUNT: usize = Category::OnEdge as usize + 1;
+
+    /// The category's name in reports.
+    pub fn name(self) -> &'static str {
+        match self {
+            Category::Nan => "NaN",
+            Category::Infinity => "infinities",
+            Category::SignedZero => "signed zeros",
+            Category::FlatBox => "flat boxes",
+            Category::RayInPlane => "rays in a plane",
+            Category::EqualDistances => "equal distances",
+            Category::DeepestStack => "deepest stack",
+            Category::Degenerate => "degenerate triangles",
+            Category::AnyHit => "any-hit rays",
+            Category::FiniteLimits => "finite tmin or tmax",
+            Category::InactiveRay => "inactive rays",
+            Category::DroppedEntry => "dropped entries",
+            Category::NothingEntered => "nothing entered",
+            Category::LeafRoot => "root is a leaf",
+            Category::Hit => "hits",
+            Category::Clamped => "distance clamped to the box",
+            Category::OnEdge => "hits on an edge",
+        }
+    }
+}
+
+/// Transactions by category.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct Categories([u64; Category::COUNT]);
+
+impl Categories {
+    #[inline]
+    pub(super) fn count(&mut self, category: Category, holds: bool) {
+        self.0[category as usize] += u64::from(holds);
+    }
+
+    /// Transactions of a category.
+    pub fn of(&self, category: Category) -> u64 {
+        self.0[category as usize]
+    }
+}
+
+/// What a unit's co-simulation found.
+#[derive(Clone, Debug)]
+pub struct UnitReport {
+    /// `tpu` or `geometry`.
+    pub unit: &'static str,
+    pub seed: u64,
+    /// Packets that went through the unit.
+    pub packets: u64,
+    /// Packet steps of the TPU, ray–triangle tests of the geometry unit.
+    pub transactions: u64,
+    /// Results compared: transactions, and beside them leaves handed over, packets finished, hits read back.
+    pub checked: u64,
+    /// 0, or 1: the run ends there.
+    pub mismatches: u64,
+    /// The report of the mismatch.
+    pub mismatch: Option<String>,
+    /// Clocks, the reset's included.
+    pub cycles: u64,
+    /// The categories that the unit can meet, and how many transactions were of each.
+    pub categories: Vec<(Category, u64)>,
+    /// Seconds that building the model took.
+    pub model_build_s: f64,
+    /// Seconds that simulating and comparing took.
+    pub simulate_s: f64,
+}
+
+impl UnitReport {
+    /// Whether the unit has passed.
+    ///
+    /// # Errors
+    /// The mismatch; or that nothing was checked.
+    pub fn verdict(&self) -> Result<()> {
+        if let Some(mismatch) = &self.mismatch {
+            bail!("{mismatch}");
+        }
+        ensure!(
+            self.transactions > 0 && self.checked > 0,
+            "{}: nothing was checked: no ray of the workload gives the unit anything to do",
+            self.unit
+        );
+        Ok(())
+    }
+
+    /// The report in a few lines.
+    pub fn summary(&self) -> String {
+        use std::fmt::Write as _;
+        let mut text = format!(
+            "{}: {} transactions, {} results of {} packets checked, {} mismatches in {} cycles (seed {}; model {:.1} s, run {:.1} s)",
+            self.unit,
+            self.transactions,
+            self.checked,
+            self.packets,
+            self.mismatches,
+            self.cycles,
+            self.seed,
+            self.model_build_s,
+            self.simulate_s
+        );
+        for (category, count) in &self.categories {
+            let _ = write!(text, "\n  {:28} {count:>10}", category.name());
+        }
+        text
+    }
+}
+
+/// What a run has counted so far.
+#[derive(Clone, Debug, Default)]
+pub(super) struct Tally {
+    pub packets: u64,
+    pub transactions: u64,
+    pub checked: u64,
+    pub categories: Categories,
+}
+
+/// A unit's model, built and loaded, and what a mismatch report needs.
+pub(super) struct Bench {
+    pub unit: &'static str,
+    pub model: Model,
+    pub sources: Sources,
+    pub tally: Tally,
+    pub seed: u64,
+    replay: String,
+    model_build_s: f64,
+    started: Instant,
+}
+
+impl Bench {
+    pub fn new(unit: &'static str, module: &Rc<Module>, options: &UnitOptions) -> Result<Bench> {
+        let mut sources = sources(&Design::new(module.clone())?);
+        if let Some(fault) = &options.fault {
+            fault.apply(&mut sources)?;
+        }
+        let mut how = options.build.clone();
+        how.traced |= options.trace.is_some();
+        let built = build(&sources, &how, &|_| ())?;
+        let mut model = Model::load(&built, &sources.ports)?;
+        if let Some(window) = &options.trace {
+            model.trace(&window.path, window.from, window.cycles)?;
+        }
+        Ok(Bench {
+            unit,
+            model,
+            sources,
+            tally: Tally::default(),
+            seed: options.seed,
+            replay: options.replay.clone(),
+            model_build_s: built.build_seconds,
+            started: Instant::now(),
+        })
+    }
+
+    /// The error for fields of which some differ; for an event that must not be, or did not come, without fields.
+    #[cold]
+    pub fn mismatch(&self, place: impl Into<String>, fields: Vec<Field>) -> anyhow::Error {
+        let mismatch = Mismatch {
+            unit: self.unit,
+            place: place.into(),
+            cycle: self.model.cycles(),
+            fields,
+            replay: self.replay.clone(),
+        };
+        mismatch.into()
+    }
+
+    /// The report of a run that ended so. Only a mismatch is a result; any other error stays one.
+    pub fn report(mut self, ended: Result<()>, categories: &[Category]) -> Result<UnitReport> {
+        self.model.trace_end();
+        let mismatch = match ended {
+            Ok(()) => None,
+            Err(error) => Some(error.downcast::<Mismatch>()?.to_string()),
+        };
+        let tally = &self.tally;
+        Ok(UnitReport {
+            unit: self.unit,
+            seed: self.seed,
+            packets: tally.packets,
+            transactions: tally.transactions,
+            checked: tally.checked,
+            mismatches: mismatch.is_some().into(),
+            mismatch,
+            cycles: self.model.cycles(),
+            categories: categories
+                .iter()
+                .map(|&category| (category, tally.categories.of(category)))
+                .collect(),
+            model_build_s: self.model_build_s,
+            simulate_s: self.started.elapsed().as_secs_f64(),
+        })
+    }
+}
+
+/// A ray as it leaves ray setup, by the golden model.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct RaySetUp {
+    pub ray: RaySetup,
+    /// near and far in the scene's box.
+    pub interval: [f64; 2],
+    pub enters: bool,
+}
+
+/// The ports through which a unit is given rays that have been set up.
+pub(super) struct SetupPorts {
+    valid: PortHandle,
+    packet: PortHandle,
+    ray: PortHandle,
+    fields: Vec<(PortHandle, String)>,
+}
+
+impl SetupPorts {
+    pub fn new(bench: &Bench) -> Result<SetupPorts> {
+        let model = &bench.model;
+        let mut fields = vec![];
+        for port in bench.sources.ports.iter().filter(|port| port.input) {
+            if let Some(field) = port.name.strip_prefix("setup_") {
+                if !["valid", "packet", "ray", "soon"].contains(&field) {
+                    fields.push((model.port(&port.name)?, field.to_string()));
+                }
+            }
+        }
+        Ok(SetupPorts {
+            valid: model.port("setup_valid")?,
+            packet: model.port("setup_packet")?,
+            ray: model.port("setup_ray")?,
+            fields,
+        })
+    }
+
+    /// The values of the ports for one ray.
+    pub fn word(&self, format: Format, ray: &RaySetUp) -> Result<Vec<u64>> {
+        self.fields
+            .iter()
+            .map(|(_, name)| {
+                setup_field(format, ray, name)
+                    .with_context(|| format!("the unit has a port setup_{name}, which is unknown"))
+            })
+            .collect()
+    }
+
+    /// Shows a ray for the coming edge.
+    pub fn show(&self, model: &mut Model, packet: usize, ray: usize, word: &[u64]) {
+        model.set(self.valid, 1);
+        model.set(self.packet, packet as u64);
+        model.set(self.ray, ray as u64);
+        for ((port, _), value) in self.fields.iter().zip(word) {
+            model.set(*port, *value);
+        }
+    }
+
+    /// Shows none; what else stands on the ports has no meaning, and stays.
+    pub fn hide(&self, model: &mut Model) {
+        model.set(self.valid, 0);
+    }
+}
+
+fn setup_field(format: Format, set_up: &RaySetUp, name: &str) -> Option<u64> {
+    let RaySetUp {
+        ray,
+        interval,
+        enters,
+    } = set_up;
+    let number = |x: f64| format.to_bits(x);
+    let axis = |name: &str| ["x", "y", "z"].iter().position(|axis| *axis == name);
+    Some(match name {
+        "enters" => u64::from(*enters),
+        "near" => number(interval[0]),
+        "far" => number(interval[1]),
+        "tmin" => number(ray.tmin),
+        "tmax" => number(ray.tmax),
+        "any_hit" => u64::from(ray.any_hit),
+        "signs" => (0..3).fold(0, |bits, i| bits | u64::from(ray.negative[i]) << i),
+        "kz" => u64::from(ray.shear.axes[2]),
+        _ => {
+            let (vector, component) = name.split_once('_')?;
+            let vector = match vector {
+                "origin" => ray.origin,
+                "direction" => ray.direction,
+                "reciprocal" => ray.reciprocal,
+                "shear" => ray.shear.scale,
+                _ => return None,
+            };
+            number(vector[axis(component)?])
+        }
+    })
+}

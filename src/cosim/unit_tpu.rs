@@ -1,0 +1,745 @@
+//! The traversal processing unit alone, held against the golden model step by step.
+//!
+//! What is around the unit is played here: ray setup gives it rays that the golden model has set up, node memory answers
+//! at any pace, and the geometry unit takes leaves and returns what the golden model's triangle tests made of them:
+//! limits, one a clock, then the leaf's context with the rays that have hit something.
+//!
+//! Every packet step is compared in all bits (node, which rays go where, their intervals, which child is first), every leaf
+//! handed over (record, rays, stack level, rays that have hit something), every packet finished, and at the end the
+//! stack's high-water mark.
+
+use super::mismatch::Field;
+use super::model::PortHandle;
+use super::raycast::MemoryPort;
+use super::scoreboard::{
+    Bench, Categories, Category, RaySetUp, SetupPorts, Surroundings, UnitOptions, UnitReport,
+};
+use super::workload::{Batch, Batches, TestScene, Workload};
+use crate::bkd::Target;
+use crate::config::Config;
+use crate::float::{Arithmetic, Format};
+use crate::golden::raycast::{RaySet, StepEvent};
+use crate::golden::{Closest, HandOver, Observer, PopEvent, PushEvent, RaySetup, RayTest};
+use crate::hw::{Plan, tpu};
+use crate::port::Ray;
+use anyhow::Result;
+use std::cmp::Reverse;
+use std::collections::{BinaryHeap, VecDeque};
+use std::rc::Rc;
+
+/// What the unit can meet, packet steps unless said otherwise.
+pub const CATEGORIES: &[Category] = &[
+    // A ray of the packet has a NaN, an infinity, a -0; or does not exist.
+    Category::Nan,
+    Category::Infinity,
+    Category::SignedZero,
+    Category::InactiveRay,
+    // A child's interval is flat; a ray lies in one of the planes.
+    Category::FlatBox,
+    Category::RayInPlane,
+    // A ray enters both children at the same distance.
+    Category::EqualDistances,
+    // A ray that comes is an any-hit ray, or has a limit.
+    Category::AnyHit,
+    Category::FiniteLimits,
+    // Pushes that fill the stack; entries dropped since all their rays have hit something nearer.
+    Category::DeepestStack,
+    Category::DroppedEntry,
+    // Leaves whose triangle is degenerate.
+    Category::Degenerate,
+    // Packets whose rays all miss the scene's box; that meet a triangle without a node.
+    Category::NothingEntered,
+    Category::LeafRoot,
+];
+
+/// What must happen to a packet, in order.
+#[expect(clippy::large_enum_variant, reason = "most events are steps")]
+enum Event {
+    Step(StepEvent),
+    Leaf {
+        leaf: HandOver,
+        level: u32,
+        /// Rays whose closest hit the leaf changes, and their limits.
+        limits: Vec<(u8, f64)>,
+    },
+}
+
+/// A packet's events, by the golden model.
+struct Script<'a> {
+    scene: &'a TestScene,
+    rays: &'a [RaySetup],
+    stack_depth: u32,
+    events: Vec<Event>,
+    level: u32,
+    high_water: u32,
+    closest: Vec<Closest>,
+    categories: &'a mut Categories,
+    /// Of the whole packet.
+    has: [(Category, bool); 4],
+}
+
+impl Observer for Script<'_> {
+    fn step(&mut self, event: &StepEvent) {
+        let categories = &mut *self.categories;
+        for (category, holds) in self.has {
+            categories.count(category, holds);
+        }
+        let children = &self.scene.intervals[event.node as usize];
+        let coming = |k: usize| event.rays.mask >> k & 1 != 0;
+        let some_ray = |holds: &dyn Fn(usize, &RaySetup) -> bool| {
+            let mut rays = self.rays.iter().enumerate();
+            rays.any(|(k, ray)| coming(k) && holds(k, ray))
+        };
+        let flat = children.iter().any(|([lo, hi], _)| lo == hi);
+        categories.count(Category::FlatBox, flat);
+        let in_plane = some_ray(&|_, ray| {
+            children.iter().any(|(interval, axis)| {
+                ray.reciprocal[*axis].is_infinite() && interval.contains(&ray.origin[*axis])
+            })
+        });
+        categories.count(Category::RayInPlane, in_plane);
+        let both = event.left.mask & event.right.mask;
+        let equal =
+            some_ray(&|k, _| both >> k & 1 != 0 && event.left.near[k] == event.right.near[k]);
+        categories.count(Category::EqualDistances, equal);
+        categories.count(Category::AnyHit, some_ray(&|_, ray| ray.any_hit));
+        let limited = some_ray(&|_, ray| ray.tmin > 0.0 || ray.tmax < f64::INFINITY);
+        categories.count(Category::FiniteLimits, limited);
+        self.events.push(Event::Step(*event));
+    }
+
+    fn push(&mut self, event: &PushEvent) {
+        self.level = event.height;
+        self.high_water = self.high_water.max(event.height);
+        let full = event.height == self.stack_depth;
+        self.categories.count(Category::DeepestStack, full);
+    }
+
+    fn pop(&mut self, event: &PopEvent) {
+        self.level = event.height;
+        let dropped = event.rays.mask == 0;
+        self.categories.count(Category::DroppedEntry, dropped);
+    }
+
+    fn hand_over(&mut self, event: &HandOver) {
+        let degenerate = self.scene.triangles[event.record as usize].degenerate;
+        self.categories.count(Category::Degenerate, degenerate);
+        self.events.push(Event::Leaf {
+            leaf: *event,
+            level: self.level,
+            limits: vec![],
+        });
+    }
+
+    fn test(&mut self, event: &RayTest) {
+        let before = &mut self.closest[usize::from(event.slot)];
+        let merged = event.merged;
+        let replaced = event.outcome.hit
+            && (before.limit != merged.limit || before.hit.triangle != merged.hit.triangle);
+        *before = merged;
+        if let (true, Some(Event::Leaf { limits, .. })) = (replaced, self.events.last_mut()) {
+            limits.push((event.slot, merged.limit));
+        }
+    }
+}
+
+/// A packet under way.
+struct Packet {
+    number: u64,
+    events: Vec<Event>,
+    next: usize,
+    steps: usize,
+    touched: u64,
+    /// Whether its leaf is with the geometry unit.
+    in_leaf: bool,
+}
+
+/// A packet that ray setup is giving to the unit.
+struct Arriving {
+    id: usize,
+    words: Vec<Vec<u64>>,
+    next: usize,
+}
+
+struct Ports {
+    root: PortHandle,
+    soon: PortHandle,
+    leaf_valid: PortHandle,
+    leaf_ready: PortHandle,
+    leaf_packet: PortHandle,
+    leaf_address: PortHandle,
+    leaf_context: PortHandle,
+    leaf_mask: PortHandle,
+    limit_valid: PortHandle,
+    limit_packet: PortHandle,
+    limit_ray: PortHandle,
+    limit_value: PortHandle,
+    done_valid: PortHandle,
+    done_packet: PortHandle,
+    done_context: PortHandle,
+    finished_valid: PortHandle,
+    finished_packet: PortHandle,
+    finished_touched: PortHandle,
+    step_taken: PortHandle,
+    step_packet: PortHandle,
+    step_node: PortHandle,
+    step_masks: [PortHandle; 2],
+    step_left_first: PortHandle,
+    step_intervals: [PortHandle; 2],
+}
+
+impl Ports {
+    fn new(bench: &Bench) -> Result<Ports> {
+        let port = |name: &str| bench.model.port(name);
+        Ok(Ports {
+            root: port("root")?,
+            soon: port("setup_soon")?,
+            leaf_valid: port("leaf_valid")?,
+            leaf_ready: port("leaf_ready")?,
+            leaf_packet: port("leaf_packet")?,
+            leaf_address: port("leaf_address")?,
+            leaf_context: port("leaf_context")?,
+            leaf_mask: port("leaf_mask")?,
+            limit_valid: port("limit_valid")?,
+            limit_packet: port("limit_packet")?,
+            limit_ray: port("limit_ray")?,
+            limit_value: port("limit_value")?,
+            done_valid: port("done_valid")?,
+            done_packet: port("done_packet")?,
+            done_context: port("done_context")?,
+            finished_valid: port("finished_valid")?,
+            finished_packet: port("finished_packet")?,
+            finished_touched: port("finished_touched")?,
+            step_taken: port("step_taken")?,
+            step_packet: port("watch_step_packet")?,
+            step_node: port("watch_step_node")?,
+            step_masks: [port("watch_step_left")?, port("watch_step_right")?],
+            step_left_first: port("watch_step_left_first")?,
+            step_intervals: [
+                port("watch_step_left_intervals")?,
+                port("watch_step_right_intervals")?,
+            ],
+        })
+    }
+}
+
+/// Co-simulates the traversal processing unit of a machine.
+///
+/// # Errors
+/// A tool that is missing; a scene that the machine cannot hold. A mismatch is no error here: it is in the report.
+pub fn run(config: &Config, workload: Workload<'_>, options: &UnitOptions) -> Result<UnitReport> {
+    let plan = Plan::new(config)?;
+    let unit = tpu::module(&plan)?;
+    let mut run = Run::new(config, &plan, &unit, options)?;
+    let ended = run.all(workload, options);
+    run.bench.report(ended, CATEGORIES)
+}
+
+struct Run<'a> {
+    config: &'a Config,
+    format: Format,
+    arithmetic: Arithmetic,
+    rays: u32,
+    level_bits: u32,
+    bench: Bench,
+    ports: Ports,
+    setup: SetupPorts,
+    /// By packet number in flight.
+    packets: Vec<Option<Packet>>,
+    free: Vec<usize>,
+    /// Rays that were announced, one a clock: the front one is shown for the coming edge.
+    announced: VecDeque<Option<(usize, usize, Vec<u64>)>>,
+    /// Leaves that are being tested, by the clock in which that ends.
+    tested: BinaryHeap<Reverse<(u64, usize)>>,
+    /// The leaf whose limits are being given, and which is next.
+    merging: Option<(usize, usize)>,
+    /// Leaves to be done in coming clocks.
+    done: VecDeque<usize>,
+    high_water: u32,
+    started: u64,
+    rng: fastrand::Rng,
+}
+
+impl<'a> Run<'a> {
+    fn new(
+        config: &'a Config,
+        plan: &Plan,
+        unit: &tpu::Tpu,
+        options: &UnitOptions,
+    ) -> Result<Run<'a>> {
+        let bench = Bench::new("tpu", &unit.module, options)?;
+        let setup = SetupPorts::new(&bench)?;
+        let ports = Ports::new(&bench)?;
+        let format = config.format();
+        Ok(Run {
+            config,
+            format,
+            arithmetic: Arithmetic::new(format),
+            rays: plan.rays(),
+            level_bits: plan.level_bits(),
+            bench,
+            ports,
+            setup,
+            packets: (0..plan.packets()).map(|_| None).collect(),
+            free: (0..plan.packets() as usize).collect(),
+            announced: std::iter::repeat_with(|| None)
+                .take(unit.pop_latency as usize)
+                .collect(),
+            tested: BinaryHeap::new(),
+            merging: None,
+            done: VecDeque::new(),
+            high_water: 0,
+            started: 0,
+            rng: fastrand::Rng::with_seed(options.seed),
+        })
+    }
+
+    fn all(&mut self, workload: Workload<'_>, options: &UnitOptions) -> Result<()> {
+        self.bench.model.reset(4);
+        let mut batches = Batches::new(self.config, workload, options.seed)?;
+        while let Some(batch) = batches.next(self.bench.tally.transactions)? {
+            let around = match options.surroundings {
+                Some(around) => around,
+                None => Surroundings::random(&mut self.rng),
+            };
+            self.batch(&batch, &around)?;
+        }
+        let model = &self.bench.model;
+        let (high_water, overflow) = (
+            model.get(model.port("stack_high_water")?),
+            model.get(model.port("stack_overflow")?),
+        );
+        if (high_water, overflow) != (self.high_water.into(), 0) {
+            let fields = vec![
+                Field::integer("stack high-water mark", self.high_water.into(), high_water),
+                Field::integer("stack overflow", 0, overflow),
+            ];
+            return Err(self.bench.mismatch("after all packets", fields));
+        }
+        self.bench.tally.checked += 1;
+        Ok(())
+    }
+
+    fn batch(&mut self, batch: &Batch, around: &Surroundings) -> Result<()> {
+        let scene = Rc::clone(&batch.scene);
+        let root = u64::from(scene.root.pack());
+        self.bench.model.set(self.ports.root, root);
+        let mut memory = MemoryPort::new(
+            &mut self.bench.model,
+            "node",
+            scene.nodes.clone(),
+            around.port(1),
+        )?;
+        let mut waiting = batch.packets.iter();
+        let mut arriving: Option<Arriving> = None;
+        let all = self.packets.len();
+        let mut idle = 0;
+        loop {
+            // Ray setup: a ray is announced, and shown so many clocks later.
+            if arriving.is_none() && !self.free.is_empty() {
+                arriving = match waiting.next() {
+                    Some(rays) => Some(self.arrive(&scene, rays)?),
+                    None if self.free.len() == all => break,
+                    None => None,
+                };
+            }
+            let announces = arriving.is_some() && !self.pauses(around);
+            let mut next = None;
+            if let (true, Some(packet)) = (announces, &mut arriving) {
+                let word = std::mem::take(&mut packet.words[packet.next]);
+                next = Some((packet.id, packet.next, word));
+                packet.next += 1;
+                if packet.next == self.rays as usize {
+                    arriving = None;
+                }
+            }
+            let model = &mut self.bench.model;
+            model.set(self.ports.soon, u64::from(announces));
+            self.announced.push_back(next);
+            match self.announced.pop_front().flatten() {
+                Some((packet, ray, word)) => self.setup.show(model, packet, ray, &word),
+                None => self.setup.hide(model),
+            }
+            memory.show(model);
+            self.return_leaves(around);
+            let takes_leaf = !self.pauses(around);
+            let model = &mut self.bench.model;
+            model.set(self.ports.leaf_ready, takes_leaf.into());
+
+            // What the unit shows for the edge.
+            model.eval();
+            let mut progress = self.watch_step()?;
+            progress |= self.watch_finished()?;
+            if takes_leaf && self.bench.model.get(self.ports.leaf_valid) != 0 {
+                self.take_leaf(around)?;
+                progress = true;
+            }
+            memory.take(&self.bench.model)?;
+            self.bench.model.clock();
+
+            idle = if progress { 0 } else { idle + 1 };
+            if idle > around.patience() {
+                return Err(self.stuck(idle));
+            }
+        }
+        Ok(())
+    }
+
+    fn pauses(&mut self, around: &Surroundings) -> bool {
+        around.pauses > 0.0 && self.rng.f64() < around.pauses
+    }
+
+    /// Chooses a packet's number in flight, and asks the golden model what must come of it.
+    fn arrive(&mut self, scene: &TestScene, rays: &[Ray]) -> Result<Arriving> {
+        let a = self.arithmetic;
+        let id = self.free.swap_remove(self.rng.usize(..self.free.len()));
+        let set_up: Vec<RaySetUp> = rays
+            .iter()
+            .map(|ray| {
+                let ray = RaySetup::new(&a, ray);
+                let interval = ray.enter_scene(&a, scene.bounds);
+                RaySetUp {
+                    enters: ray.valid && interval[0] <= interval[1],
+                    ray,
+                    interval,
+                }
+            })
+            .collect();
+        let words = set_up
+            .iter()
+            .map(|ray| self.setup.word(self.format, ray))
+            .collect::<Result<_>>()?;
+        let has = |holds: &dyn Fn(f64) -> bool| {
+            rays.iter().any(|ray| {
+                let numbers = ray.origin.iter().chain(&ray.direction);
+                ray.active && numbers.into_iter().any(|x| holds(*x))
+            })
+        };
+        let has_nan_limit = rays
+            .iter()
+            .any(|ray| ray.active && (ray.tmin.is_nan() || ray.tmax.is_nan()));
+        let golden: Vec<RaySetup> = set_up.iter().map(|ray| ray.ray).collect();
+        let categories = &mut self.bench.tally.categories;
+        let nothing = !set_up.iter().any(|ray| ray.enters);
+        categories.count(Category::NothingEntered, nothing);
+        let leaf_root = !nothing && matches!(scene.root.root(), Target::Record(_));
+        categories.count(Category::LeafRoot, leaf_root);
+        let mut script = Script {
+            scene,
+            rays: &golden,
+            stack_depth: self.config.stack_depth,
+            events: vec![],
+            level: 0,
+            high_water: 0,
+            closest: vec![Closest::default(); rays.len()],
+            categories,
+            has: [
+                (Category::Nan, has_nan_limit || has(&f64::is_nan)),
+                (Category::Infinity, has(&f64::is_infinite)),
+                (
+                    Category::SignedZero,
+                    has(&|x| x == 0.0 && x.is_sign_negative()),
+                ),
+                (Category::InactiveRay, rays.iter().any(|ray| !ray.active)),
+            ],
+        };
+        scene.caster.cast(rays, &mut script);
+        self.high_water = self.high_water.max(script.high_water);
+        self.packets[id] = Some(Packet {
+            number: self.started,
+            events: script.events,
+            next: 0,
+            steps: 0,
+            touched: 0,
+            in_leaf: false,
+        });
+        self.started += 1;
+        Ok(Arriving { id, words, next: 0 })
+    }
+
+    /// The geometry unit's side: limits, and leaves that are done, for the coming edge.
+    fn return_leaves(&mut self, around: &Surroundings) {
+        let now = self.bench.model.cycles();
+        let (mut limit, mut done) = (None, None);
+        if self.merging.is_none() {
+            if let Some(&Reverse((due, id))) = self.tested.peek() {
+                if due <= now {
+                    self.tested.pop();
+                    self.merging = Some((id, 0));
+                }
+            }
+        }
+        if let Some((id, next)) = self.merging {
+            if !self.pauses(around) {
+                let packet = self.packets[id].as_ref().expect("the packet is in a leaf");
+                let limits = match &packet.events[packet.next - 1] {
+                    Event::Leaf { limits, .. } => limits.as_slice(),
+                    Event::Step(_) => &[],
+                };
+                limit = limits.get(next).map(|limit| (id, *limit));
+                if next + 1 >= limits.len() {
+                    self.merging = None;
+                    self.done.push_back(id);
+                } else {
+                    self.merging = Some((id, next + 1));
+                }
+            }
+        }
+        // With the last limit, as the geometry unit does, or later.
+        if !self.done.is_empty() && !self.pauses(around) {
+            done = self.done.pop_front();
+        }
+        let (ports, model) = (&self.ports, &mut self.bench.model);
+        model.set(ports.limit_valid, limit.is_some().into());
+        if let Some((id, (ray, value))) = limit {
+            model.set(ports.limit_packet, id as u64);
+            model.set(ports.limit_ray, ray.into());
+            model.set(ports.limit_value, self.format.to_bits(value));
+        }
+        model.set(ports.done_valid, done.is_some().into());
+        if let Some(id) = done {
+            let packet = self.packets[id].as_mut().expect("the packet is in a leaf");
+            if let Event::Leaf { level, limits, .. } = &packet.events[packet.next - 1] {
+                for (ray, _) in limits {
+                    packet.touched |= 1 << ray;
+                }
+                let context = u64::from(*level) | packet.touched << self.level_bits;
+                model.set(ports.done_packet, id as u64);
+                model.set(ports.done_context, context);
+            }
+            packet.in_leaf = false;
+        }
+    }
+
+    /// The packet of an event of the unit.
+    fn packet(&self, id: usize, what: &str) -> Result<&Packet> {
+        match self.packets.get(id).and_then(Option::as_ref) {
+            Some(packet) if packet.in_leaf => Err(self.bench.mismatch(
+                format!(
+                    "{what} of {} while its leaf is being tested",
+                    name(id, packet)
+                ),
+                vec![],
+            )),
+            Some(packet) => Ok(packet),
+            None => Err(self.bench.mismatch(
+                format!("{what} of packet {id} in flight, which there is not"),
+                vec![],
+            )),
+        }
+    }
+
+    fn watch_step(&mut self) -> Result<bool> {
+        let (ports, model) = (&self.ports, &self.bench.model);
+        if model.get(ports.step_taken) == 0 {
+            return Ok(false);
+        }
+        let id = model.get(ports.step_packet) as usize;
+        let packet = self.packet(id, "a packet step")?;
+        let Some(Event::Step(golden)) = packet.events.get(packet.next) else {
+            let node = model.get(ports.step_node);
+            let place = format!(
+                "{}: a packet step at node {node}, but {} is next",
+                name(id, packet),
+                expected(packet)
+            );
+            return Err(self.bench.mismatch(place, vec![]));
+        };
+        let masks = ports.step_masks.map(|port| model.get(port));
+        let goes = [golden.left.mask, golden.right.mask].map(u64::from);
+        let left_first = golden_left_first(golden);
+        let mut agrees = model.get(ports.step_node) == u64::from(golden.node)
+            && masks == goes
+            && (model.get(ports.step_left_first) != 0) == left_first;
+        for (set, port) in [&golden.left, &golden.right]
+            .into_iter()
+            .zip(ports.step_intervals)
+        {
+            self.intervals(set, port, |_, _, golden, rtl| agrees &= golden == rtl);
+        }
+        if !agrees {
+            return Err(self.step_mismatch(id, packet, golden, left_first));
+        }
+        let packet = self.packets[id].as_mut().expect("it was there just now");
+        packet.next += 1;
+        packet.steps += 1;
+        self.bench.tally.transactions += 1;
+        self.bench.tally.checked += 1;
+        Ok(true)
+    }
+
+    /// Tells `each` ray's number, near or far, and its bits in the golden model and in the RTL, of all rays that enter.
+    #[inline]
+    fn intervals(
+        &self,
+        set: &RaySet,
+        port: PortHandle,
+        mut each: impl FnMut(u32, &'static str, u64, u64),
+    ) {
+        let width = self.format.width();
+        for k in (0..self.rays).filter(|k| set.mask >> k & 1 != 0) {
+            for (which, value, lsb) in [
+                ("near", set.near[k as usize], 2 * k * width),
+                ("far", set.far[k as usize], (2 * k + 1) * width),
+            ] {
+                let rtl = self.bench.model.get_field(port, lsb, width);
+                each(k, which, self.format.to_bits(value), rtl);
+            }
+        }
+    }
+
+    #[cold]
+    fn step_mismatch(
+        &self,
+        id: usize,
+        packet: &Packet,
+        golden: &StepEvent,
+        left_first: bool,
+    ) -> anyhow::Error {
+        let (ports, model) = (&self.ports, &self.bench.model);
+        let mut fields = vec![
+            Field::integer("node", golden.node.into(), model.get(ports.step_node)),
+            Field::integer(
+                "rays that go left",
+                golden.left.mask.into(),
+                model.get(ports.step_masks[0]),
+            ),
+            Field::integer(
+                "rays that go right",
+                golden.right.mask.into(),
+                model.get(ports.step_masks[1]),
+            ),
+            Field::integer(
+                "left first",
+                left_first.into(),
+                model.get(ports.step_left_first),
+            ),
+        ];
+        for (side, set, port) in [
+            ("left", &golden.left, ports.step_intervals[0]),
+            ("right", &golden.right, ports.step_intervals[1]),
+        ] {
+            self.intervals(set, port, |ray, which, golden, rtl| {
+                let name = format!("ray {ray} {side} {which}");
+                fields.push(Field::number(name, self.format, golden, rtl));
+            });
+        }
+        let place = format!(
+            "packet step {} at node {} of {}",
+            packet.steps,
+            golden.node,
+            name(id, packet)
+        );
+        self.bench.mismatch(place, fields)
+    }
+
+    fn take_leaf(&mut self, around: &Surroundings) -> Result<()> {
+        let (ports, model) = (&self.ports, &self.bench.model);
+        let id = model.get(ports.leaf_packet) as usize;
+        let address = model.get(ports.leaf_address);
+        let packet = self.packet(id, "a leaf")?;
+        let Some(Event::Leaf { leaf, level, .. }) = packet.events.get(packet.next) else {
+            let place = format!(
+                "{}: a leaf with record {address} is handed over, but {} is next",
+                name(id, packet),
+                expected(packet)
+            );
+            return Err(self.bench.mismatch(place, vec![]));
+        };
+        let context = model.get(ports.leaf_context);
+        let rtl = [
+            address,
+            model.get(ports.leaf_mask),
+            context & ((1 << self.level_bits) - 1),
+            context >> self.level_bits,
+        ];
+        let golden = [
+            leaf.record.into(),
+            leaf.mask.into(),
+            u64::from(*level),
+            packet.touched,
+        ];
+        if rtl != golden {
+            let names = [
+                "record",
+                "rays to test",
+                "stack level",
+                "rays that have hit something",
+            ];
+            let fields = (names.into_iter().zip(golden).zip(rtl))
+                .map(|((name, golden), rtl)| Field::integer(name, golden, rtl))
+                .collect();
+            let place = format!(
+                "leaf after packet step {} of {}",
+                packet.steps,
+                name(id, packet)
+            );
+            return Err(self.bench.mismatch(place, fields));
+        }
+        let packet = self.packets[id].as_mut().expect("it was there just now");
+        packet.next += 1;
+        packet.in_leaf = true;
+        let clocks = u64::from(self.rng.u32(1..=around.leaf_clocks.max(1)));
+        self.tested
+            .push(Reverse((self.bench.model.cycles() + clocks, id)));
+        self.bench.tally.checked += 1;
+        Ok(())
+    }
+
+    fn watch_finished(&mut self) -> Result<bool> {
+        let (ports, model) = (&self.ports, &self.bench.model);
+        if model.get(ports.finished_valid) == 0 {
+            return Ok(false);
+        }
+        let id = model.get(ports.finished_packet) as usize;
+        let touched = model.get(ports.finished_touched);
+        let packet = self.packet(id, "the end")?;
+        if packet.next < packet.events.len() {
+            let place = format!(
+                "{} ends, but {} is next",
+                name(id, packet),
+                expected(packet)
+            );
+            return Err(self.bench.mismatch(place, vec![]));
+        }
+        if touched != packet.touched {
+            let field = Field::integer("rays that have hit something", packet.touched, touched);
+            let place = format!("the end of {}", name(id, packet));
+            return Err(self.bench.mismatch(place, vec![field]));
+        }
+        self.packets[id] = None;
+        self.free.push(id);
+        self.bench.tally.packets += 1;
+        self.bench.tally.checked += 1;
+        Ok(true)
+    }
+
+    #[cold]
+    fn stuck(&self, clocks: u64) -> anyhow::Error {
+        let mut place = format!("nothing has happened for {clocks} clocks");
+        for (id, packet) in self.packets.iter().enumerate() {
+            if let Some(packet) = packet {
+                place += &format!("; {} waits for {}", name(id, packet), expected(packet));
+            }
+        }
+        self.bench.mismatch(place, vec![])
+    }
+}
+
+/// Which child the packet goes to first: left, if a ray that enters both does, or if no ray goes right.
+fn golden_left_first(step: &StepEvent) -> bool {
+    step.left.mask != 0 && (step.left_first != 0 || step.right.mask == 0)
+}
+
+fn name(id: usize, packet: &Packet) -> String {
+    format!("packet {} ({id} in flight)", packet.number)
+}
+
+/// What must happen to a packet next.
+fn expected(packet: &Packet) -> String {
+    match packet.events.get(packet.next) {
+        Some(Event::Step(step)) => format!("packet step {} at node {}", packet.steps, step.node),
+        Some(Event::Leaf { leaf, .. }) => format!("the leaf with record {}", leaf.record),
+        None => "its end".into(),
+    }
+}

@@ -1,0 +1,496 @@
+//! What a single unit is given to do: the rays of a scene, or random tiny scenes in which everything coincides.
+
+use crate::bkd::layout::Record;
+use crate::bkd::{BuildOptions, Child, LinkWord, MemoryImage, Tree, TreeNode, build};
+use crate::config::Config;
+use crate::float::{Arithmetic, Format};
+use crate::golden::{Caster, Triangle};
+use crate::port::Ray;
+use anyhow::{Result, ensure};
+use std::rc::Rc;
+
+use super::memory::Image;
+
+/// What a unit's co-simulation does.
+#[derive(Clone, Copy, Debug)]
+pub enum Workload<'a> {
+    /// Rays into one scene, in packets of the machine's size, in order; the last packet is filled up with inactive rays.
+    Rays {
+        image: &'a MemoryImage,
+        rays: &'a [Ray],
+    },
+    /// Random tiny scenes full of coincidences, and rays of every kind, until there were so many transactions.
+    Coincidences { transactions: u64 },
+}
+
+/// Packets that go through a unit between two times that it runs empty, when surroundings and scene may change.
+const PACKETS_OF_A_FRAME: usize = 2048;
+const PACKETS_OF_A_TINY_SCENE: usize = 160;
+
+/// A scene as a unit's memories hold it, and as the golden model sees it.
+pub(super) struct TestScene {
+    pub root: LinkWord,
+    pub bounds: ([f64; 3], [f64; 3]),
+    pub nodes: Image,
+    pub records: Image,
+    pub vertices: Image,
+    pub caster: Caster,
+    /// By record.
+    pub triangles: Vec<Triangle>,
+    /// By node: both children's intervals and their axes.
+    pub intervals: Vec<[([f64; 2], usize); 2]>,
+}
+
+impl TestScene {
+    pub fn new(config: &Config, image: &MemoryImage) -> Result<TestScene> {
+        let most = 1u64 << config.address_bits;
+        for (count, what) in [
+            (image.records.len(), "triangles"),
+            (image.vertices.len(), "vertices"),
+        ] {
+            ensure!(
+                count as u64 <= most,
+                "the scene has {count} {what}, but {} address bits name {most}: choose a configuration with more",
+                config.address_bits
+            );
+        }
+        let format = image.format;
+        let vertex = |index: u32| image.vertices[index as usize];
+        Ok(TestScene {
+            root: image.root,
+            bounds: image.bounds,
+            nodes: Image::from_words(image.node_words(), Record::node(format).width)?,
+            records: Image::from_words(image.record_words(), Record::triangle().width)?,
+            vertices: Image::from_words(image.vertex_words(), Record::vertex(format).width)?,
+            caster: Caster::new(image, config.triangle_test, config.rays_per_packet as usize),
+            triangles: image
+                .records
+                .iter()
+                .map(|record| Triangle::new(record.vertices.map(vertex), record.number))
+                .collect(),
+            intervals: image
+                .nodes
+                .iter()
+                .map(|node| {
+                    [
+                        (node.left, usize::from(node.link.left_axis)),
+                        (node.right, usize::from(node.link.right_axis)),
+                    ]
+                })
+                .collect(),
+        })
+    }
+}
+
+/// Packets of rays that go through a unit together.
+pub(super) struct Batch {
+    pub scene: Rc<TestScene>,
+    /// Each of a whole packet's rays.
+    pub packets: Vec<Vec<Ray>>,
+    /// The packets come from the triangles of a tiny scene, and not from a picture.
+    pub is_random: bool,
+}
+
+/// A workload, batch by batch.
+pub(super) struct Batches<'a> {
+    config: &'a Config,
+    workload: Workload<'a>,
+    rng: fastrand::Rng,
+    scene: Option<Rc<TestScene>>,
+    next_ray: usize,
+}
+
+impl<'a> Batches<'a> {
+    pub fn new(config: &'a Config, workload: Workload<'a>, seed: u64) -> Result<Batches<'a>> {
+        let scene = match workload {
+            Workload::Rays { image, .. } => {
+                ensure!(
+                    image.format == config.format(),
+                    "the scene is in numbers of {}, the machine's are {}",
+                    image.format,
+                    config.format()
+                );
+                image.check(config.stack_depth)?;
+                Some(Rc::new(TestScene::new(config, image)?))
+            }
+            Workload::Coincidences { .. } => None,
+        };
+        Ok(Batches {
+            config,
+            workload,
+            rng: fastrand::Rng::with_seed(seed ^ 0x5ce7e5),
+            scene,
+            next_ray: 0,
+        })
+    }
+
+    /// The next packets, when so many `transactions` are done; `None` when the work is done.
+    pub fn next(&mut self, transactions: u64) -> Result<Option<Batch>> {
+        let size = self.config.rays_per_packet as usize;
+        match self.workload {
+            Workload::Rays { rays, .. } => {
+                let rest = &rays[self.next_ray..];
+                let taken = rest.len().min(PACKETS_OF_A_FRAME * size);
+                self.next_ray += taken;
+                let packets = rest[..taken].chunks(size).map(|rays| {
+                    let mut packet = rays.to_vec();
+                    packet.resize(size, Ray::INACTIVE);
+                    packet
+                });
+                let scene = self.scene.clone().expect("a scene of its own");
+                Ok((taken > 0).then(|| Batch {
+                    scene,
+                    packets: packets.collect(),
+                    is_random: false,
+                }))
+            }
+            Workload::Coincidences {
+                transactions: enough,
+            } => {
+                if transactions >= enough {
+                    return Ok(None);
+                }
+                tiny_scene(self.config, PACKETS_OF_A_TINY_SCENE, &mut self.rng).map(Some)
+            }
+        }
+    }
+}
+
+/// A random tiny scene, and so many packets of rays into it.
+pub(super) fn tiny_scene(
+    config: &Config,
+    packets: usize,
+    rng: &mut fastrand::Rng,
+) -> Result<Batch> {
+    let format = config.format();
+    let mesh = TinyMesh::random(config, rng)?;
+    let image = MemoryImage::new(format, &mesh.vertices, &mesh.triangles, &mesh.tree)?;
+    let size = config.rays_per_packet as usize;
+    Ok(Batch {
+        scene: Rc::new(TestScene::new(config, &image)?),
+        packets: (0..packets)
+            .map(|_| mesh.packet(format, size, rng))
+            .collect(),
+        is_random: true,
+    })
+}
+
+/// A scene of few triangles, with a tree.
+struct TinyMesh {
+    vertices: Vec<[f64; 3]>,
+    triangles: Vec<[u32; 3]>,
+    tree: Tree,
+}
+
+/// The greatest coordinate of a tiny scene's grid.
+const GRID: i32 = 3;
+
+fn one_of<T: Copy>(rng: &mut fastrand::Rng, choices: &[T]) -> T {
+    choices[rng.usize(..choices.len())]
+}
+
+impl TinyMesh {
+    fn random(config: &Config, rng: &mut fastrand::Rng) -> Result<TinyMesh> {
+        let a = Arithmetic::new(config.format());
+        let axes = config.axes_per_node;
+        let most_depth = config.stack_depth;
+        let kind = rng.u8(..10);
+        if kind == 0 {
+            return Ok(TinyMesh::chain(rng, axes, most_depth));
+        }
+        let count = match kind {
+            1 => 1,
+            2 => rng.usize(2..=3),
+            _ => rng.usize(4..=40),
+        };
+        // Coordinates on a coarse grid; between its lines; or on one of the grid's planes for each triangle.
+        let on_grid = |rng: &mut fastrand::Rng| f64::from(rng.i32(-GRID..=GRID));
+        let all_flat = (kind == 3).then(|| (rng.usize(..3), on_grid(rng)));
+        let mut vertices: Vec<[f64; 3]> = vec![];
+        let mut triangles: Vec<[u32; 3]> = vec![];
+        while triangles.len() < count {
+            if !triangles.is_empty() && rng.u8(..8) == 0 {
+                // Once more, perhaps from another vertex on.
+                let mut again = triangles[rng.usize(..triangles.len())];
+                again.rotate_left(rng.usize(..3));
+                triangles.push(again);
+                continue;
+            }
+            let own_flat = (kind == 4 || rng.u8(..6) == 0).then(|| (rng.usize(..3), on_grid(rng)));
+            let mut corners = [0u32; 3];
+            for i in 0..3 {
+                if !vertices.is_empty() && own_flat.is_none() && rng.u8(..4) == 0 {
+                    corners[i] = rng.u32(..vertices.len() as u32);
+                    continue;
+                }
+                let mut vertex = match kind {
+                    5 | 6 => [0; 3].map(|_| a.round((2.0 * rng.f64() - 1.0) * f64::from(GRID))),
+                    _ => [0; 3].map(|_| on_grid(rng)),
+                };
+                if i > 0 && kind == 7 {
+                    // A sliver: near the vertex before, but on one axis.
+                    let axis = rng.usize(..3);
+                    let before = vertices[corners[i - 1] as usize];
+                    for j in (0..3).filter(|j| *j != axis) {
+                        vertex[j] = a.round(before[j] * one_of(rng, &[1.0, 1.0 + 1e-3]));
+                    }
+                }
+                for (axis, at) in own_flat.into_iter().chain(all_flat) {
+                    vertex[axis] = at;
+                }
+                if i > 0 && rng.u8(..24) == 0 {
+                    vertex = vertices[corners[i - 1] as usize];
+                }
+                corners[i] = vertices.len() as u32;
+                vertices.push(vertex);
+            }
+            triangles.push(corners);
+        }
+        // No scene has a -0, but a record may.
+        for x in vertices.iter_mut().flatten() {
+            if *x == 0.0 {
+                *x = if kind == 8 && rng.bool() { -0.0 } else { 0.0 };
+            }
+        }
+        let options = match rng.u8(..4) {
+            0 => Some(BuildOptions::plain(most_depth)),
+            1 => Some(BuildOptions::region(most_depth)),
+            2 => Some(BuildOptions::default_for(axes, most_depth)),
+            _ => None,
+        };
+        let tree = match options {
+            Some(options) => build(&vertices, &triangles, &options)?,
+            None => random_tree(rng, triangles.len(), axes, most_depth),
+        };
+        Ok(TinyMesh {
+            vertices,
+            triangles,
+            tree,
+        })
+    }
+
+    /// A tree as deep as the stack, whose every node most rays enter both children of, the deep one first.
+    fn chain(rng: &mut fastrand::Rng, axes: u32, depth: u32) -> TinyMesh {
+        let (low, high) = (-f64::from(GRID), f64::from(GRID));
+        let mut vertices = vec![[low; 3], [high; 3]];
+        let triangles = (0..=depth)
+            .map(|_| {
+                if vertices.len() < 40 {
+                    vertices.push([0; 3].map(|_| f64::from(rng.i32(-GRID..=GRID)) + 0.0));
+                }
+                [0, 1, rng.u32(2..vertices.len() as u32)]
+            })
+            .collect();
+        let nodes = (0..depth)
+            .map(|i| TreeNode {
+                children: match i + 1 < depth {
+                    true => [Child::Inner(i + 1), Child::Leaf(i)],
+                    false => [Child::Leaf(i), Child::Leaf(i + 1)],
+                },
+                axes: random_axes(rng, axes),
+            })
+            .collect();
+        TinyMesh {
+            vertices,
+            triangles,
+            tree: Tree {
+                nodes,
+                root: Child::Inner(0),
+            },
+        }
+    }
+
+    /// Rays that have nothing in common, or begin at one point and go almost the same way.
+    fn packet(&self, format: Format, size: usize, rng: &mut fastrand::Rng) -> Vec<Ray> {
+        let a = Arithmetic::new(format);
+        let together = rng.bool();
+        let first = self.ray(&a, rng);
+        (0..size)
+            .map(|i| {
+                if i == 0 || together && rng.u8(..8) == 0 {
+                    return first;
+                }
+                if !together {
+                    return self.ray(&a, rng);
+                }
+                let bend = |x: f64, rng: &mut fastrand::Rng| {
+                    if x == 0.0 || x.is_nan() {
+                        x
+                    } else {
+                        a.round(x * (1.0 + 0.2 * (rng.f64() - 0.5)))
+                    }
+                };
+                Ray {
+                    direction: first.direction.map(|x| bend(x, rng)),
+                    any_hit: rng.u8(..4) == 0,
+                    ..first
+                }
+            })
+            .collect()
+    }
+
+    fn ray(&self, a: &Arithmetic, rng: &mut fastrand::Rng) -> Ray {
+        let corner = |rng: &mut fastrand::Rng| {
+            let triangle = self.triangles[rng.usize(..self.triangles.len())];
+            self.vertices[triangle[rng.usize(..3)] as usize]
+        };
+        let target = {
+            let triangle = self.triangles[rng.usize(..self.triangles.len())];
+            let [p, q, r] = triangle.map(|v| self.vertices[v as usize]);
+            let (u, v) = match rng.u8(..4) {
+                0 => one_of(rng, &[(0.0, 0.0), (1.0, 0.0), (0.0, 1.0)]),
+                1 => one_of(rng, &[(0.5, 0.0), (0.0, 0.5), (0.5, 0.5)]),
+                _ => (0.6 * rng.f64(), 0.4 * rng.f64()),
+            };
+            [0, 1, 2].map(|i| p[i] + u * (q[i] - p[i]) + v * (r[i] - p[i]))
+        };
+        let reach = f64::from(2 * GRID);
+        let mut origin = match rng.u8(..8) {
+            0 => corner(rng),
+            1 => target,
+            2..=4 => [0; 3].map(|_| f64::from(rng.i32(-2 * GRID..=2 * GRID))),
+            _ => [0; 3].map(|_| (2.0 * rng.f64() - 1.0) * reach),
+        };
+        let mut direction = match rng.u8(..8) {
+            0 => {
+                let mut direction = [0; 3].map(|_| one_of(rng, &[0.0, -0.0]));
+                direction[rng.usize(..3)] = one_of(rng, &[1.0, -1.0, 0.5, -2.0]);
+                direction
+            }
+            1 => [0; 3].map(|_| f64::from(rng.i32(-2..=2))),
+            2 => [0; 3].map(|_| 2.0 * rng.f64() - 1.0),
+            _ => {
+                let length = one_of(rng, &[1.0, 1.0, 0.125, 4.0]);
+                [0, 1, 2].map(|i| length * (target[i] - origin[i]))
+            }
+        };
+        if rng.u8(..8) == 0 {
+            // Almost in the plane of a flat triangle: the test's error is then greater than the box's slack.
+            let axis = rng.usize(..3);
+            origin[axis] = target[axis] + one_of(rng, &[1.0, -1.0]) / 64.0;
+            direction = [0, 1, 2].map(|i| target[i] - origin[i]);
+        }
+        // Rounding makes every zero +0; those that were -0 stay so.
+        let round = |x: f64| if x == 0.0 { x } else { a.round(x) };
+        origin = origin.map(round);
+        direction = direction.map(round);
+        if rng.u8(..8) == 0 {
+            // In a plane of some box.
+            let axis = rng.usize(..3);
+            origin[axis] = corner(rng)[axis];
+            direction[axis] = one_of(rng, &[0.0, -0.0]);
+        }
+        if rng.u8(..16) == 0 {
+            let odd = odd_number(a.format(), rng);
+            let place = rng.usize(..6);
+            if place < 3 {
+                origin[place] = odd;
+            } else {
+                direction[place - 3] = odd;
+            }
+        }
+        let (mut tmin, mut tmax) = (0.0, f64::INFINITY);
+        match rng.u8(..8) {
+            0 => tmin = 2.0 * rng.f64(),
+            1 => tmax = 2.0 * rng.f64(),
+            2 => {
+                tmin = rng.f64();
+                tmax = tmin + rng.f64();
+            }
+            // The distance of what was aimed at.
+            3 => (tmin, tmax) = one_of(rng, &[(1.0, 1.0), (1.0, f64::INFINITY), (0.0, 1.0)]),
+            4 if rng.u8(..8) == 0 => {
+                (tmin, tmax) = (
+                    odd_number(a.format(), rng),
+                    one_of(rng, &[-0.0, 1.0, f64::INFINITY]),
+                );
+            }
+            _ => {}
+        }
+        Ray {
+            origin,
+            direction,
+            tmin: round(tmin),
+            tmax: round(tmax),
+            active: rng.u8(..32) != 0,
+            any_hit: rng.u8(..4) == 0,
+        }
+    }
+}
+
+/// A number that is seldom met.
+pub(super) fn odd_number(format: Format, rng: &mut fastrand::Rng) -> f64 {
+    let least = format.to_f64(format.least_normal());
+    let greatest = format.to_f64(format.greatest());
+    let magnitude = one_of(
+        rng,
+        &[0.0, least, greatest, f64::INFINITY, f64::INFINITY, f64::NAN],
+    );
+    if rng.bool() { -magnitude } else { magnitude }
+}
+
+fn random_axes(rng: &mut fastrand::Rng, axes: u32) -> [u8; 2] {
+    let left = rng.u8(..3);
+    [left, if axes == 2 { rng.u8(..3) } else { left }]
+}
+
+/// Any tree over so many triangles that is not too deep; neighbours need have nothing in common.
+fn random_tree(rng: &mut fastrand::Rng, triangles: usize, axes: u32, most_depth: u32) -> Tree {
+    fn grow(
+        rng: &mut fastrand::Rng,
+        leaves: &[u32],
+        axes: u32,
+        depth: u32,
+        nodes: &mut Vec<TreeNode>,
+    ) -> Child {
+        if let [leaf] = leaves {
+            return Child::Leaf(*leaf);
+        }
+        // Below a node no side may hold more leaves than the depth left allows.
+        let most = 1usize << (depth - 1).min(20);
+        let least_left = leaves.len().saturating_sub(most).max(1);
+        let at = rng.usize(least_left..=(leaves.len() - 1).min(most));
+        let (left, right) = leaves.split_at(at);
+        let children = [left, right].map(|side| grow(rng, side, axes, depth - 1, nodes));
+        nodes.push(TreeNode {
+            children,
+            axes: random_axes(rng, axes),
+        });
+        Child::Inner(nodes.len() as u32 - 1)
+    }
+    let mut order: Vec<u32> = (0..triangles as u32).collect();
+    rng.shuffle(&mut order);
+    let mut nodes = vec![];
+    let root = grow(rng, &order, axes, most_depth, &mut nodes);
+    Tree { nodes, root }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Whatever the machine, its tiny scenes fit it, and some fill its stack.
+    #[test]
+    fn tiny_scenes_fit_their_machine() {
+        let seed = fastrand::u64(..);
+        println!("seed {seed}");
+        let mut rng = fastrand::Rng::with_seed(seed);
+        for _ in 0..20 {
+            let mut config = Config::reference();
+            for key in crate::config::KEYS {
+                key.randomise(&mut config, &mut rng);
+            }
+            let mut deepest = 0;
+            for _ in 0..200 {
+                let mesh = TinyMesh::random(&config, &mut rng).unwrap();
+                let image =
+                    MemoryImage::new(config.format(), &mesh.vertices, &mesh.triangles, &mesh.tree)
+                        .unwrap();
+                image.check(config.stack_depth).unwrap();
+                TestScene::new(&config, &image).unwrap();
+                deepest = deepest.max(image.depth().unwrap());
+            }
+            assert_eq!(deepest, config.stack_depth, "{config:?}");
+        }
+    }
+}

@@ -1,0 +1,340 @@
+//! What is generated of a machine besides its Verilog: file list, FuseSoC core, manifest; and folders of
+//! generated files that appear whole.
+
+use crate::bkd::layout::Record;
+use crate::config::{Config, KEYS};
+use crate::hdl::{Design, Direction, Module, Port};
+use crate::hw::{self, Machine};
+use anyhow::{Context, Result, anyhow, bail};
+use serde_json::{Map, Value, json};
+use std::fmt::Write as _;
+use std::fs;
+use std::path::{Component, Path};
+
+/// The name of the manifest in a folder of generated files.
+pub const MANIFEST: &str = "manifest.json";
+
+/// Every file of a machine, by name: its modules, children first, then file list, core file and manifest. The
+/// same for the same configuration, to the byte.
+pub fn files(machine: &Machine) -> Vec<(String, String)> {
+    let design = &machine.design;
+    let top = design.top().name();
+    let mut files = design.files();
+    files.push((format!("{top}.f"), file_list(design)));
+    files.push((format!("{top}.core"), core_file(machine)));
+    files.push((MANIFEST.into(), format!("{:#}\n", manifest(machine))));
+    files
+}
+
+/// The Verilog files, a line each, children first, as `-f` of most tools reads them.
+fn file_list(design: &Design) -> String {
+    let mut list = String::new();
+    for module in design.modules() {
+        let _ = writeln!(list, "{}.v", module.name());
+    }
+    list
+}
+
+/// A FuseSoC core: the Verilog, and a target that lints it.
+fn core_file(machine: &Machine) -> String {
+    let design = &machine.design;
+    let top = design.top().name();
+    let config = plain_name(&machine.config.name);
+    let mut core = format!(
+        "CAPI=2:\n\
+         name: dynrt:machine:{config}:{}\n\
+         description: DynRT ray casting unit, configuration {config}\n\
+         \n\
+         filesets:\n  rtl:\n    files:\n",
+        env!("CARGO_PKG_VERSION")
+    );
+    for module in design.modules() {
+        let _ = writeln!(core, "      - {}.v", module.name());
+    }
+    let _ = write!(
+        core,
+        "    file_type: verilogSource-2001\n\
+         \n\
+         targets:\n\
+         \x20 default: &default\n\
+         \x20   filesets: [rtl]\n\
+         \x20   toplevel: {top}\n\
+         \x20 lint:\n\
+         \x20   <<: *default\n\
+         \x20   default_tool: verilator\n\
+         \x20   tools:\n\
+         \x20     verilator:\n\
+         \x20       mode: lint-only\n\
+         \x20       verilator_options: [-Wall]\n"
+    );
+    core
+}
+
+/// A name of letters, digits, `_` and `-`, as a core may have.
+fn plain_name(name: &str) -> String {
+    let plain = |c: char| match c.is_ascii_alphanumeric() || matches!(c, '_' | '-') {
+        true => c,
+        false => '_',
+    };
+    name.chars().map(plain).collect()
+}
+
+/// What a program needs to know of a machine to connect it and to fill its memories: configuration, top
+/// module, modules with ports and latencies, layouts of the records in memory, counters.
+pub fn manifest(machine: &Machine) -> Value {
+    let Machine { config, design } = machine;
+    let format = config.format();
+    let top = design.top();
+    let latencies: Map<String, Value> = design
+        .modules()
+        .iter()
+        .filter_map(|module| Some((module.name().to_string(), json!(module.latency()?))))
+        .collect();
+    let counters: Vec<Value> = (top.ports().iter())
+        .filter(|port| port.direction == Direction::Output)
+        .filter(|port| port.name.starts_with("count_") || port.name.starts_with("stack_"))
+        .map(|port| json!({"port": port.name, "width": port.width}))
+        .collect();
+    let file_names: Vec<String> = (design.modules().iter())
+        .map(|module| format!("{}.v", module.name()))
+        .collect();
+    json!({
+        "generator": concat!("dynrt ", env!("CARGO_PKG_VERSION")),
+        "configuration": configuration(config),
+        "number": {
+            "width": format.width(),
+            "exponent_bits": format.exponent_bits(),
+            "fraction_bits": format.fraction_bits(),
+            "bias": format.bias(),
+        },
+        "top": top.name(),
+        "files": file_names,
+        "ports": ports(top),
+        "counters": counters,
+        "modules": design.modules().iter().map(|m| describe(m)).collect::<Vec<_>>(),
+        "latencies": latencies,
+        "layouts": {
+            "node": layout(&Record::node(format)),
+            "link_word": layout(&Record::link_word()),
+            "triangle": layout(&Record::triangle()),
+            "vertex": layout(&Record::vertex(format)),
+        },
+    })
+}
+
+/// Every key of a configuration by section, and its name.
+pub fn configuration(config: &Config) -> Value {
+    let mut sections = Map::new();
+    sections.insert("name".into(), json!(config.name));
+    for key in KEYS {
+        let section = sections.entry(key.section).or_insert_with(|| json!({}));
+        // Numbers and quoted names are written alike in TOML and JSON.
+        let value = serde_json::from_str(&key.value(config)).expect("a number or a quoted name");
+        section[key.name] = value;
+    }
+    Value::Object(sections)
+}
+
+fn describe(module: &Module) -> Value {
+    let instances: Vec<&str> = module.children().iter().map(|m| m.name()).collect();
+    json!({
+        "name": module.name(),
+        "file": format!("{}.v", module.name()),
+        "latency": module.latency(),
+        "instances": instances,
+        "ports": ports(module),
+    })
+}
+
+fn ports(module: &Module) -> Vec<Value> {
+    let describe = |port: &Port| {
+        json!({
+            "name": port.name,
+            "direction": match port.direction {
+                Direction::Input => "input",
+                Direction::Output => "output",
+            },
+            "width": port.width,
+            "group": port.group,
+            "stage": port.stage,
+        })
+    };
+    module.ports().iter().map(describe).collect()
+}
+
+fn layout(record: &Record) -> Value {
+    let mut value = serde_json::to_value(record).expect("a layout is plain data");
+    value["hex_digits"] = json!(record.hex_digits());
+    value["words"] = json!(record.words());
+    value
+}
+
+/// Describes the machine of a configuration and generates all its files; see [`files`].
+///
+/// # Errors
+/// See [`hw::emit`].
+pub fn generate(config: &Config) -> Result<(Machine, Vec<(String, String)>)> {
+    let machine = hw::emit(config).with_context(|| format!("configuration {}", config.name))?;
+    let files = files(&machine);
+    Ok((machine, files))
+}
+
+/// Writes files into `folder`, all of them or none.
+///
+/// A folder that does not exist is filled under a temporary name beside its place, then renamed. In one
+/// that exists every file is first written to a temporary folder within, then renamed to its place; what the folder's
+/// old manifest lists and the new files lack is removed; nothing else is touched.
+///
+/// # Errors
+/// One line that names the folder and why it cannot be written.
+pub fn write_folder(folder: &Path, files: &[(String, String)]) -> Result<()> {
+    let fault = |error: std::io::Error| {
+        anyhow!(
+            "{}: cannot be written: {}; give a folder that can be",
+            folder.display(),
+            error.kind()
+        )
+    };
+    if folder.exists() && !folder.is_dir() {
+        bail!(
+            "{}: cannot be written: it is a file; give a folder",
+            folder.display()
+        );
+    }
+    let is_new = !folder.exists();
+    let within = match folder.parent() {
+        _ if !is_new => folder,
+        Some(parent) if !parent.as_os_str().is_empty() => parent,
+        _ => Path::new("."),
+    };
+    fs::create_dir_all(within).map_err(fault)?;
+    let temporary = temporary_folder(within).map_err(fault)?;
+    for (name, text) in files {
+        fs::write(temporary.path().join(name), text).map_err(fault)?;
+    }
+    if is_new {
+        fs::rename(temporary.path(), folder).map_err(fault)?;
+        // Its folder is the result now; there is nothing to remove.
+        let _ = temporary.keep();
+        return Ok(());
+    }
+    let stale = listed_files(folder);
+    for (name, _) in files {
+        fs::rename(temporary.path().join(name), folder.join(name)).map_err(fault)?;
+    }
+    for name in stale.iter().filter(|n| files.iter().all(|(f, _)| f != *n)) {
+        match fs::remove_file(folder.join(name)) {
+            Err(error) if error.kind() != std::io::ErrorKind::NotFound => return Err(fault(error)),
+            _ => {}
+        }
+    }
+    Ok(())
+}
+
+fn temporary_folder(within: &Path) -> std::io::Result<tempfile::TempDir> {
+    let mut builder = tempfile::Builder::new();
+    builder.prefix(".dynrt-");
+    #[cfg(unix)]
+    {
+        use std::os::unix::fs::PermissionsExt;
+        // Temporary folders are private, results as readable as any; the process' mode mask takes away what it forbids.
+        builder.permissions(fs::Permissions::from_mode(0o777));
+    }
+    builder.tempdir_in(within)
+}
+
+/// The files that an earlier run says it wrote: those in the folder's manifest, where this program made it.
+fn listed_files(folder: &Path) -> Vec<String> {
+    let manifest: Option<Value> = fs::read_to_string(folder.join(MANIFEST))
+        .ok()
+        .and_then(|text| serde_json::from_str(&text).ok());
+    let Some(manifest) = manifest else {
+        return Vec::new();
+    };
+    let is_ours = (manifest["generator"].as_str()).is_some_and(|g| g.starts_with("dynrt "));
+    let names = manifest["files"].as_array().filter(|_| is_ours);
+    let is_plain = |name: &&str| {
+        let mut parts = Path::new(name).components();
+        matches!(parts.next(), Some(Component::Normal(_))) && parts.next().is_none()
+    };
+    names
+        .into_iter()
+        .flatten()
+        .filter_map(Value::as_str)
+        .filter(is_plain)
+        .map(str::to_string)
+        .collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn file(name: &str, text: &str) -> (String, String) {
+        (name.to_string(), text.to_string())
+    }
+
+    fn names(folder: &Path) -> Vec<String> {
+        let mut names: Vec<String> = fs::read_dir(folder)
+            .unwrap()
+            .map(|entry| entry.unwrap().file_name().into_string().unwrap())
+            .collect();
+        names.sort();
+        names
+    }
+
+    fn manifest_of(files: &[&str]) -> (String, String) {
+        let manifest = json!({"generator": "dynrt 0", "files": files});
+        file(MANIFEST, &manifest.to_string())
+    }
+
+    #[test]
+    fn a_folder_is_made_and_replaced_without_harm_to_others_files() {
+        let parent = tempfile::tempdir().unwrap();
+        let folder = parent.path().join("a/b");
+        write_folder(
+            &folder,
+            &[
+                file("a.v", "1"),
+                file("old.v", "1"),
+                manifest_of(&["a.v", "old.v", "../x"]),
+            ],
+        )
+        .unwrap();
+        assert_eq!(names(&folder), ["a.v", "manifest.json", "old.v"]);
+        assert_eq!(names(&parent.path().join("a")), ["b"]);
+        fs::write(parent.path().join("a/x"), "not ours").unwrap();
+        fs::write(folder.join("mine.v"), "not ours").unwrap();
+        write_folder(&folder, &[file("a.v", "2"), manifest_of(&["a.v"])]).unwrap();
+        assert_eq!(names(&folder), ["a.v", "manifest.json", "mine.v"]);
+        assert_eq!(names(&parent.path().join("a")), ["b", "x"]);
+        assert_eq!(fs::read_to_string(folder.join("a.v")).unwrap(), "2");
+    }
+
+    #[test]
+    fn a_folder_that_cannot_be_written_is_named() {
+        let parent = tempfile::tempdir().unwrap();
+        let taken = parent.path().join("taken");
+        fs::write(&taken, "").unwrap();
+        let fault = |folder: &Path| {
+            let error = write_folder(folder, &[file("a.v", "")]).unwrap_err();
+            format!("{error:#}")
+        };
+        assert_eq!(
+            fault(&taken),
+            format!(
+                "{}: cannot be written: it is a file; give a folder",
+                taken.display()
+            )
+        );
+        let below = taken.join("below");
+        assert!(fault(&below).starts_with(&format!("{}: cannot be written: ", below.display())));
+        assert_eq!(names(parent.path()), ["taken"]);
+    }
+
+    #[test]
+    fn a_core_s_name_is_plain() {
+        assert_eq!(plain_name("virtex4-lx160"), "virtex4-lx160");
+        assert_eq!(plain_name("my machine: ö"), "my_machine___");
+    }
+}

@@ -1,0 +1,460 @@
+//! What of a module is printed, and as what: equal values as one, expressions where they are used or under a
+//! name of their own, long chains of delay registers as one shift register.
+
+use super::super::builder::{Binary, Id, Inner, Op, Register};
+use super::super::design::Direction;
+use std::collections::{HashMap, HashSet};
+
+/// Beyond this many characters, estimated, an expression gets a wire of its own.
+const LONG_EXPRESSION: usize = 72;
+/// The same for what is connected to an instance or a memory.
+const LONG_CONNECTION: usize = 36;
+/// From this many registers on, a chain of which few are read is a delay line.
+const DELAY_LINE: usize = 4;
+
+/// A chain of delay registers of one signal, printed as one shift register.
+pub(super) struct DelayLine {
+    /// The registers, the first to hold the value first.
+    pub registers: Vec<Id>,
+}
+
+pub(super) struct Plan<'a> {
+    pub inner: &'a Inner,
+    /// The node that is printed for a node: itself, or an earlier one of the same value.
+    pub stands: Vec<Id>,
+    /// What each node computes, in terms of nodes that stand for themselves.
+    pub ops: Vec<Op>,
+    /// Names that the Rust source gives.
+    pub given: Vec<Option<String>>,
+    /// Reached from an output, an instance or a memory.
+    pub live: Vec<bool>,
+    /// Declared under a name of its own.
+    pub declared: Vec<bool>,
+    /// For declared nodes: which bits are used.
+    pub used: Vec<Vec<bool>>,
+    pub lines: Vec<DelayLine>,
+    /// The delay line that a register is in, and how many registers are before it.
+    pub in_line: Vec<Option<(usize, usize)>>,
+    /// For each memory the copies that are read, by the node that reads each.
+    pub copies: Vec<Vec<Id>>,
+}
+
+/// Nodes by value: equal expressions and equal delay registers are one, whatever stage they are filed under.
+struct Values {
+    stands: Vec<Id>,
+    ops: Vec<Op>,
+    given: Vec<Option<String>>,
+}
+
+impl Values {
+    /// With `live` given, the delayed slice of a signal becomes a slice of the delayed signal where that is live.
+    fn of(inner: &Inner, live: Option<&[bool]>) -> Values {
+        let mut values = Values {
+            stands: (0..inner.nodes.len()).collect(),
+            ops: Vec::with_capacity(inner.nodes.len()),
+            given: inner.nodes.iter().map(|n| n.name.clone()).collect(),
+        };
+        let mut known: HashMap<(Op, u32), Id> = HashMap::new();
+        for (id, node) in inner.nodes.iter().enumerate() {
+            let state = matches!(&node.op, Op::Register(register) if !register.delay);
+            let mut op = if state {
+                node.op.clone() // its next value may come later
+            } else {
+                values.resolved(&node.op)
+            };
+            if let (Some(live), Op::Register(register)) = (live, &op)
+                && let (true, Some(next)) = (register.delay, register.next)
+                && let Op::Slice(of, low) = values.ops[next]
+            {
+                let whole = Op::Register(Register {
+                    next: Some(of),
+                    ..register.clone()
+                });
+                if let Some(&whole) = known.get(&(whole, inner.nodes[of].width))
+                    && live[whole]
+                {
+                    op = Op::Slice(whole, low);
+                }
+            }
+            let same = match &op {
+                Op::Slice(of, _) if inner.nodes[*of].width == node.width => Some(*of),
+                Op::Input | Op::Wire | Op::Read(..) | Op::Instance(..) => None,
+                Op::Register(_) if state => None,
+                _ => known.get(&(op.clone(), node.width)).copied(),
+            };
+            match same {
+                Some(same) if values.given[id].is_none() || values.given[same].is_none() => {
+                    values.stands[id] = same;
+                    if let Some(name) = values.given[id].take() {
+                        values.given[same] = Some(name);
+                    }
+                }
+                Some(_) => {}
+                None => {
+                    known.insert((op.clone(), node.width), id);
+                }
+            }
+            values.ops.push(op);
+        }
+        for id in 0..values.ops.len() {
+            if matches!(&values.ops[id], Op::Register(register) if !register.delay) {
+                values.ops[id] = values.resolved(&values.ops[id]);
+            }
+        }
+        values
+    }
+
+    fn resolved(&self, op: &Op) -> Op {
+        let at = |id: &Id| self.stands[*id];
+        match op {
+            Op::Not(a) => Op::Not(at(a)),
+            Op::Binary(op, a, b) => Op::Binary(*op, at(a), at(b)),
+            Op::Mux(c, a, b) => Op::Mux(at(c), at(a), at(b)),
+            Op::Concat(parts) => Op::Concat(parts.iter().map(at).collect()),
+            Op::Repeat(a, times) => Op::Repeat(at(a), *times),
+            Op::Slice(a, low) => match self.ops[at(a)] {
+                // A slice of a slice, with a change of stage between, is one slice.
+                Op::Slice(of, base) if self.given[at(a)].is_none() => Op::Slice(of, base + low),
+                _ => Op::Slice(at(a), *low),
+            },
+            Op::Any(a) => Op::Any(at(a)),
+            Op::All(a) => Op::All(at(a)),
+            Op::Parity(a) => Op::Parity(at(a)),
+            Op::Register(register) => Op::Register(Register {
+                next: register.next.as_ref().map(at),
+                enable: register.enable.as_ref().map(at),
+                ..register.clone()
+            }),
+            Op::Read(memory, copy, address, synchronous) => {
+                Op::Read(*memory, *copy, at(address), *synchronous)
+            }
+            Op::Input | Op::Literal(_) | Op::Wire | Op::Instance(..) => op.clone(),
+        }
+    }
+}
+
+impl<'a> Plan<'a> {
+    pub fn new(inner: &'a Inner) -> Plan<'a> {
+        let nodes = inner.nodes.len();
+        let mut plan = Plan {
+            inner,
+            stands: vec![],
+            ops: vec![],
+            given: vec![],
+            live: vec![],
+            declared: vec![false; nodes],
+            used: vec![vec![]; nodes],
+            lines: vec![],
+            in_line: vec![None; nodes],
+            copies: vec![],
+        };
+        for first in [true, false] {
+            let values = Values::of(inner, (!first).then_some(&plan.live));
+            plan.stands = values.stands;
+            plan.ops = values.ops;
+            plan.given = values.given;
+            plan.live = plan.liveness();
+        }
+        plan.copies = vec![vec![]; inner.memories.len()];
+        for (id, op) in plan.ops.iter().enumerate() {
+            if let (true, Op::Read(memory, ..)) = (plan.live[id], op) {
+                plan.copies[*memory].push(id);
+            }
+        }
+        let count = plan.count_uses();
+        plan.find_delay_lines(&count);
+        plan.choose_declared(&count);
+        plan.mark_used();
+        plan
+    }
+
+    pub fn width(&self, id: Id) -> u32 {
+        self.inner.nodes[id].width
+    }
+
+    /// The node that drives a wire.
+    pub fn driver(&self, wire: Id) -> Id {
+        self.stands[self.inner.drivers[&wire]]
+    }
+
+    /// Enable, address and data of a memory's write port.
+    pub fn write_port(&self, memory: usize) -> [Id; 3] {
+        let (enable, address, data) = self.inner.memories[memory]
+            .write
+            .expect("checked: every memory is written");
+        [enable, address, data].map(|id| self.stands[id])
+    }
+
+    /// All the nodes that a node's value comes from, through registers too.
+    pub fn sources(&self, id: Id) -> Vec<Id> {
+        match &self.ops[id] {
+            Op::Input | Op::Literal(_) | Op::Instance(..) => vec![],
+            Op::Wire => vec![self.driver(id)],
+            Op::Register(register) => register.next.into_iter().chain(register.enable).collect(),
+            Op::Not(a)
+            | Op::Repeat(a, _)
+            | Op::Slice(a, _)
+            | Op::Any(a)
+            | Op::All(a)
+            | Op::Parity(a)
+            | Op::Read(_, _, a, _) => vec![*a],
+            Op::Binary(_, a, b) => vec![*a, *b],
+            Op::Mux(c, a, b) => vec![*c, *a, *b],
+            Op::Concat(parts) => parts.clone(),
+        }
+    }
+
+    /// What instances read.
+    fn connected(&self) -> impl Iterator<Item = Id> + '_ {
+        self.inner
+            .instances
+            .iter()
+            .flat_map(|i| i.inputs.iter().map(|(_, id)| self.stands[*id]))
+    }
+
+    /// What output ports read.
+    fn outputs(&self) -> impl Iterator<Item = Id> + '_ {
+        self.inner
+            .ports
+            .iter()
+            .filter(|(p, _)| p.direction == Direction::Output)
+            .map(|(_, id)| self.stands[*id])
+    }
+
+    fn liveness(&self) -> Vec<bool> {
+        let mut live = vec![false; self.ops.len()];
+        let mut stored = vec![false; self.inner.memories.len()];
+        let mut open: Vec<Id> = self.outputs().chain(self.connected()).collect();
+        while let Some(id) = open.pop() {
+            if std::mem::replace(&mut live[id], true) {
+                continue;
+            }
+            open.extend(self.sources(id));
+            if let Op::Read(memory, ..) = self.ops[id]
+                && !std::mem::replace(&mut stored[memory], true)
+            {
+                open.extend(self.write_port(memory));
+            }
+        }
+        live
+    }
+
+    /// How many places read a node.
+    fn count_uses(&self) -> Vec<usize> {
+        let mut count = vec![0; self.ops.len()];
+        for id in (0..self.ops.len()).filter(|id| self.live[*id]) {
+            for source in self.sources(id) {
+                count[source] += 1;
+            }
+        }
+        for id in self.connected().chain(self.outputs()) {
+            count[id] += 1;
+        }
+        for (memory, copies) in self.copies.iter().enumerate() {
+            if !copies.is_empty() {
+                for id in self.write_port(memory) {
+                    count[id] += copies.len(); // each copy is written
+                }
+            }
+        }
+        count
+    }
+
+    fn delay(&self, id: Id) -> Option<(Id, Option<u128>)> {
+        match &self.ops[id] {
+            Op::Register(r) if r.delay && self.live[id] && self.stands[id] == id => {
+                Some((r.next.expect("a delay register has a next value"), r.reset))
+            }
+            _ => None,
+        }
+    }
+
+    fn find_delay_lines(&mut self, count: &[usize]) {
+        let mut follows: HashMap<Id, Id> = HashMap::new();
+        let mut heads = vec![];
+        for id in 0..self.ops.len() {
+            let Some((next, reset)) = self.delay(id) else {
+                continue;
+            };
+            match self.delay(next) {
+                Some((_, before)) if before == reset && !follows.contains_key(&next) => {
+                    follows.insert(next, id);
+                }
+                _ => heads.push(id),
+            }
+        }
+        for head in heads {
+            let mut registers = vec![head];
+            while let Some(id) = follows.get(&registers[registers.len() - 1]) {
+                registers.push(*id);
+            }
+            let last = registers[registers.len() - 1];
+            let read = registers
+                .iter()
+                .filter(|id| **id == last || count[**id] > 1 || self.given[**id].is_some())
+                .count();
+            if registers.len() >= DELAY_LINE && 2 * read <= registers.len() {
+                for (at, id) in registers.iter().enumerate() {
+                    self.in_line[*id] = Some((self.lines.len(), at));
+                }
+                self.lines.push(DelayLine { registers });
+            }
+        }
+    }
+
+    /// Whether an undeclared node is as short as a name.
+    fn short(&self, id: Id) -> bool {
+        match &self.ops[id] {
+            Op::Literal(_) | Op::Slice(..) => true,
+            Op::Not(a) | Op::Repeat(a, _) => self.declared[*a] || self.short(*a),
+            _ => false,
+        }
+    }
+
+    fn choose_declared(&mut self, count: &[usize]) {
+        let mut sliced = HashSet::new();
+        for (id, op) in self.ops.iter().enumerate() {
+            if let (true, Op::Slice(of, _)) = (self.live[id], op) {
+                sliced.insert(*of);
+            }
+        }
+        let mut length = vec![0usize; self.ops.len()];
+        for id in 0..self.ops.len() {
+            // Inputs and instances' outputs exist whether used or not.
+            if matches!(self.ops[id], Op::Input | Op::Instance(..)) {
+                self.declared[id] = true;
+                continue;
+            }
+            if !self.live[id] {
+                continue;
+            }
+            let state = match &self.ops[id] {
+                Op::Register(_) => match self.in_line[id] {
+                    Some((line, at)) => {
+                        let read = at + 1 == self.lines[line].registers.len() || count[id] > 1;
+                        self.declared[id] = read || self.given[id].is_some();
+                        continue;
+                    }
+                    None => true,
+                },
+                Op::Wire | Op::Read(..) => true,
+                _ => false,
+            };
+            if state {
+                self.declared[id] = true;
+                continue;
+            }
+            let sources = self.sources(id);
+            for source in &sources {
+                // A chain of choices is printed a line each: it cannot be an operand.
+                let rest = matches!(self.ops[id], Op::Mux(_, _, rest) if rest == *source);
+                if !rest && self.chained(*source) {
+                    self.declared[*source] = true;
+                }
+            }
+            let own = match &self.ops[id] {
+                Op::Literal(_) => 6,
+                Op::Binary(..) => 5,
+                Op::Mux(..) => 8,
+                Op::Concat(parts) => 2 * parts.len(),
+                _ => 4,
+            };
+            let operands: usize = sources
+                .iter()
+                .filter(|source| {
+                    let chain = matches!(self.ops[id], Op::Mux(_, _, rest) if rest == **source);
+                    !(chain && matches!(self.ops[**source], Op::Mux(..)))
+                })
+                .map(|source| {
+                    if self.declared[*source] {
+                        10
+                    } else {
+                        length[*source]
+                    }
+                })
+                .sum();
+            length[id] = own + operands;
+            self.declared[id] = self.given[id].is_some()
+                || sliced.contains(&id)
+                // The width of a product is its context's: it gets a context of its own.
+                || matches!(self.ops[id], Op::Binary(Binary::Mul, ..))
+                || !self.short(id) && (count[id] > 1 || length[id] > LONG_EXPRESSION);
+        }
+        let mut connected: Vec<Id> = self.connected().collect();
+        for (memory, copies) in self.copies.iter().enumerate() {
+            if !copies.is_empty() {
+                connected.extend(self.write_port(memory));
+            }
+        }
+        for id in connected {
+            if self.chained(id) || length[id] > LONG_CONNECTION {
+                self.declared[id] = true;
+            }
+        }
+        // Neither can it be a condition, an address, or a part of a delay line's next value.
+        let heads = self.lines.iter().map(|line| line.registers[0]);
+        let heads: Vec<Id> = heads.flat_map(|id| self.sources(id)).collect();
+        let within = (0..self.ops.len()).filter(|id| self.live[*id]);
+        let within = within.filter_map(|id| match &self.ops[id] {
+            Op::Register(register) => register.enable,
+            Op::Read(_, _, address, _) => Some(*address),
+            _ => None,
+        });
+        for id in within.chain(heads).collect::<Vec<_>>() {
+            if self.chained(id) {
+                self.declared[id] = true;
+            }
+        }
+    }
+
+    /// Whether a node is a choice of which the last alternative is another, written in place.
+    pub fn chained(&self, id: Id) -> bool {
+        match &self.ops[id] {
+            Op::Mux(_, _, rest) => {
+                !self.declared[id]
+                    && !self.declared[*rest]
+                    && matches!(self.ops[*rest], Op::Mux(..))
+            }
+            _ => false,
+        }
+    }
+
+    fn mark_used(&mut self) {
+        for id in 0..self.ops.len() {
+            self.used[id] = vec![false; self.width(id) as usize];
+        }
+        for reader in 0..self.ops.len() {
+            if !self.live[reader] {
+                continue;
+            }
+            match self.ops[reader] {
+                // What reads a slice that is written in place reads through it: see `mark`.
+                Op::Slice(..) if !self.declared[reader] => {}
+                Op::Slice(of, low) => self.mark(of, low, self.width(reader)),
+                _ => {
+                    for source in self.sources(reader) {
+                        self.mark(source, 0, self.width(source));
+                    }
+                }
+            }
+        }
+        let mut outside: Vec<Id> = self.connected().chain(self.outputs()).collect();
+        for (memory, copies) in self.copies.iter().enumerate() {
+            if !copies.is_empty() {
+                outside.extend(self.write_port(memory));
+            }
+        }
+        for id in outside {
+            self.mark(id, 0, self.width(id));
+        }
+    }
+
+    fn mark(&mut self, id: Id, low: u32, width: u32) {
+        self.used[id][low as usize..(low + width) as usize].fill(true);
+        if let Op::Slice(of, base) = self.ops[id]
+            && !self.declared[id]
+        {
+            self.mark(of, base + low, width);
+        }
+    }
+}

@@ -1,0 +1,682 @@
+//! The command as a user meets it: what it writes, and what it says of bad input.
+
+use dynrt::config::Config;
+use dynrt::scene::builtin;
+use serde_json::Value;
+use std::collections::BTreeMap;
+use std::fs;
+use std::path::Path;
+use std::process::{Command, Output, Stdio};
+
+fn dynrt(arguments: &str, folder: &Path) -> Command {
+    let mut command = Command::new(env!("CARGO_BIN_EXE_dynrt"));
+    command
+        .args(arguments.split_whitespace())
+        .current_dir(folder)
+        .stdin(Stdio::null());
+    command
+}
+
+fn run(arguments: &str, folder: &Path) -> Output {
+    dynrt(arguments, folder).output().unwrap()
+}
+
+/// Runs what must succeed; returns what it prints.
+fn prints(arguments: &str, folder: &Path) -> String {
+    let Output {
+        status,
+        stdout,
+        stderr,
+    } = run(arguments, folder);
+    let stderr = String::from_utf8(stderr).unwrap();
+    assert!(status.success(), "dynrt {arguments}: {stderr}");
+    assert_eq!(stderr, "", "dynrt {arguments} is quiet off a terminal");
+    String::from_utf8(stdout).unwrap()
+}
+
+/// The one line, without `error: `, with which a command must fail, leaving the folder as it was.
+fn fault_of(command: &mut Command) -> String {
+    let folder = command.get_current_dir().unwrap().to_path_buf();
+    let before = contents(&folder);
+    let output = command.output().unwrap();
+    let stderr = String::from_utf8(output.stderr).unwrap();
+    assert_eq!(output.status.code(), Some(1), "{command:?}: {stderr}");
+    assert_eq!(output.stdout, b"", "{command:?} printed results");
+    assert_eq!(stderr.lines().count(), 1, "{command:?}: {stderr}");
+    assert!(!stderr.contains("panicked"), "{command:?}: {stderr}");
+    assert!(
+        contents(&folder) == before,
+        "{command:?} left something behind"
+    );
+    let Some(line) = stderr.strip_prefix("error: ") else {
+        panic!("{command:?}: {stderr}");
+    };
+    line.trim_end().to_string()
+}
+
+fn fault(arguments: &str, folder: &Path) -> String {
+    fault_of(&mut dynrt(arguments, folder))
+}
+
+/// Every file below a folder, by its path.
+fn contents(folder: &Path) -> BTreeMap<String, Vec<u8>> {
+    let mut files = BTreeMap::new();
+    let mut open = vec![folder.to_path_buf()];
+    while let Some(next) = open.pop() {
+        for entry in fs::read_dir(next).unwrap() {
+            let path = entry.unwrap().path();
+            let name = path.strip_prefix(folder).unwrap().display().to_string();
+            if path.is_dir() {
+                files.insert(format!("{name}/"), vec![]);
+                open.push(path);
+            } else {
+                files.insert(name, fs::read(path).unwrap());
+            }
+        }
+    }
+    files
+}
+
+fn json(path: &Path) -> Value {
+    serde_json::from_slice(&fs::read(path).unwrap()).unwrap()
+}
+
+fn folder() -> tempfile::TempDir {
+    tempfile::tempdir().unwrap()
+}
+
+const SUBCOMMANDS_WITH_SCENES: [&str; 4] = [
+    "cosim",
+    "render --out a.png",
+    "stats --json a.json",
+    "vectors --out a",
+];
+
+#[test]
+fn help_of_every_subcommand_has_examples() {
+    let folder = folder();
+    let top = prints("--help", folder.path());
+    for name in ["generate", "vectors", "cosim", "render", "stats"] {
+        assert!(top.contains(name), "{name} in {top}");
+        let help = prints(&format!("{name} --help"), folder.path());
+        assert!(
+            help.contains("Examples:\n") && help.contains(&format!("\n  dynrt {name} ")),
+            "{help}"
+        );
+    }
+}
+
+#[test]
+fn a_command_that_makes_no_sense_has_status_2() {
+    let folder = folder();
+    for arguments in [
+        "",
+        "nonesuch",
+        "generate",
+        "render",
+        "render builtin:cornell --size 5",
+        "render builtin:cornell --eye 1,2",
+        "render builtin:cornell --look-at 0,0,0",
+        "render builtin:cornell --eye 1,2,3 --view inside",
+        "cosim builtin:cornell --from 3",
+    ] {
+        let output = run(arguments, folder.path());
+        let stderr = String::from_utf8_lossy(&output.stderr);
+        assert_eq!(output.status.code(), Some(2), "dynrt {arguments}: {stderr}");
+    }
+}
+
+#[test]
+fn scenes_that_cannot_be_used_get_one_line() {
+    let folder = folder();
+    let files = [
+        ("empty.obj", "", "empty"),
+        ("points.obj", "v 0 0 0\nv 1 0 0\nv 0 1 0\n", "empty"),
+        (
+            "nan.obj",
+            "v 0 0 0\nv 1 nan 0\nv 0 1 0\nf 1 2 3\n",
+            "finite",
+        ),
+        (
+            "inf.obj",
+            "v 0 0 0\nv 1 inf 0\nv 0 1 0\nf 1 2 3\n",
+            "finite",
+        ),
+        (
+            "huge.obj",
+            "v 0 0 0\nv 1 1e999 0\nv 0 1 0\nf 1 2 3\n",
+            "finite",
+        ),
+        ("index.obj", "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 4\n", "range"),
+        ("zero.obj", "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 0 1 2\n", "range"),
+        ("text.obj", "This is a letter and no mesh.\n", "mesh"),
+        ("picture.png", "\u{fffd}PNG\r\n\u{1a}\n\0\0\0", "mesh"),
+    ];
+    for (name, text, _) in files {
+        fs::write(folder.path().join(name), text).unwrap();
+    }
+    fs::write(folder.path().join("bytes.obj"), [0xff, 0xfe, 0x00, 0x80]).unwrap();
+    fs::create_dir(folder.path().join("folder")).unwrap();
+    let missing = [("nonesuch.obj", "", "no such file")];
+    let others = [("bytes.obj", "", "mesh"), ("folder", "", "folder")];
+    for command in SUBCOMMANDS_WITH_SCENES {
+        for (name, _, expected) in files.iter().chain(&missing).chain(&others) {
+            let line = fault(&format!("{command} {name}"), folder.path());
+            assert!(
+                line.contains(name) && line.contains(expected),
+                "{command} {name}, expecting `{expected}`: {line}"
+            );
+        }
+        let line = fault(&format!("{command} builtin:nonesuch"), folder.path());
+        assert!(
+            line.starts_with("builtin:nonesuch: no such built-in scene"),
+            "{line}"
+        );
+    }
+}
+
+#[test]
+fn a_scene_too_large_for_its_address_space_gets_one_line() {
+    let folder = folder();
+    for command in SUBCOMMANDS_WITH_SCENES {
+        let line = fault(
+            &format!("{command} builtin:teapot --config tiny"),
+            folder.path(),
+        );
+        assert_eq!(
+            line,
+            "builtin:teapot, configuration tiny: the scene is too large for its address space: 6320 triangles, \
+             but 12 address bits hold 4096; simplify the mesh or widen the address"
+        );
+    }
+    // Few enough triangles, but each with vertices of its own.
+    let triangle = |i: usize| {
+        let [a, b, c] = [3 * i + 1, 3 * i + 2, 3 * i + 3];
+        format!("v {i} 0 0\nv {i} 1 0\nv {i} 0 1\nf {a} {b} {c}\n")
+    };
+    let text: String = (0..1366).map(triangle).collect();
+    fs::write(folder.path().join("loose.obj"), text).unwrap();
+    assert_eq!(
+        fault("stats loose.obj --config tiny", folder.path()),
+        "loose.obj, configuration tiny: the scene is too large for its address space: 4098 vertices, \
+         but 12 address bits hold 4096; simplify the mesh or widen the address"
+    );
+}
+
+#[test]
+fn a_stack_too_shallow_gets_one_line() {
+    let folder = folder();
+    let line = fault(
+        "stats builtin:cornell --set tree.stack_depth=7",
+        folder.path(),
+    );
+    assert_eq!(
+        line,
+        "--set tree.stack_depth=7: tree.stack_depth = 7 is out of range: use 8 to 64"
+    );
+    let line = fault(
+        "stats builtin:teapot --set tree.stack_depth=8",
+        folder.path(),
+    );
+    assert!(
+        line.contains("6320 triangles need a tree of depth 13"),
+        "{line}"
+    );
+}
+
+#[test]
+fn configurations_that_cannot_be_used_get_one_line() {
+    let folder = folder();
+    let reference = Config::reference().to_toml();
+    let files = [
+        (
+            "unknown.toml",
+            reference.replace("in_flight", "in_fligth"),
+            "unknown.toml:",
+        ),
+        (
+            "range.toml",
+            reference.replace("rays = 4", "rays = 3"),
+            "range: use 1, 2, 4, 8",
+        ),
+        (
+            "section.toml",
+            reference.replace("[tree]", "[three]"),
+            "unknown section [three]",
+        ),
+        (
+            "missing.toml",
+            reference.replace("rays = 4\n", ""),
+            "packets.rays is missing",
+        ),
+        (
+            "type.toml",
+            reference.replace("rays = 4", "rays = \"4\""),
+            "packets.rays",
+        ),
+        (
+            "syntax.toml",
+            reference.replace("rays = 4", "rays = "),
+            "syntax.toml:",
+        ),
+    ];
+    for (name, text, expected) in files {
+        fs::write(folder.path().join(name), text).unwrap();
+        for command in [
+            "generate --out out",
+            "cosim builtin:cornell",
+            "render builtin:cornell",
+        ] {
+            let line = fault(&format!("{command} --config {name}"), folder.path());
+            assert!(line.starts_with(name) && line.contains(expected), "{line}");
+        }
+    }
+    for (options, expected) in [
+        (
+            "--config nonesuch",
+            "nonesuch: no such configuration: name one of ",
+        ),
+        (
+            "--set packets.rays=3",
+            "--set packets.rays=3: packets.rays = 3 is out of range: ",
+        ),
+        (
+            "--set packets.ray=4",
+            "--set packets.ray=4: unknown key packets.ray: there are ",
+        ),
+        (
+            "--set packets.rays",
+            "--set packets.rays: has no value; write ",
+        ),
+        (
+            "--set clock.target_mhz=-1",
+            "--set clock.target_mhz=-1: clock.target_mhz = -1 is out of range: ",
+        ),
+        (
+            "--set clock.target_mhz=99999999999999999999",
+            "--set clock.target_mhz=99999999999999999999: clock.target_mhz = \"99999999999999999999\" is out of range: ",
+        ),
+    ] {
+        let line = fault(&format!("generate --out out {options}"), folder.path());
+        assert!(line.starts_with(expected), "{line}");
+    }
+}
+
+#[test]
+fn cameras_that_see_nothing_get_one_line() {
+    let folder = folder();
+    let line = fault(
+        "render builtin:cornell --eye 1,2,3 --look-at 1,2,3",
+        folder.path(),
+    );
+    assert!(
+        line.contains("eye and look-at point are both (1, 2, 3)"),
+        "{line}"
+    );
+    let line = fault("render builtin:cornell --eye=-1,2,nan", folder.path());
+    assert!(line.contains("not finite"), "{line}");
+    let line = fault(
+        "render builtin:cornell --eye 1,2,3 --fov -10",
+        folder.path(),
+    );
+    assert!(line.contains("field of view is -10 degrees"), "{line}");
+}
+
+#[test]
+fn a_missing_verilator_gets_one_line() {
+    let folder = folder();
+    let path = tempfile::tempdir().unwrap();
+    let cache = tempfile::tempdir().unwrap();
+    let mut command = dynrt(
+        "cosim builtin:cornell --size 8x8 --json a.json --out a.png",
+        folder.path(),
+    );
+    command
+        .env("PATH", path.path())
+        .env("DYNRT_CACHE", cache.path());
+    assert_eq!(
+        fault_of(&mut command),
+        "verilator is not installed: apt-get install verilator g++"
+    );
+}
+
+#[test]
+fn outputs_that_cannot_be_written_get_one_line() {
+    let folder = folder();
+    fs::write(folder.path().join("file"), "").unwrap();
+    fs::create_dir(folder.path().join("folder")).unwrap();
+    for out in ["file", "file/below", "/proc/nonesuch/out"] {
+        let line = fault(&format!("generate --out {out}"), folder.path());
+        assert!(
+            line.starts_with(&format!("{out}: cannot be written: ")),
+            "{line}"
+        );
+        let line = fault(
+            &format!("vectors builtin:cornell --out {out}"),
+            folder.path(),
+        );
+        assert!(line.starts_with(&format!("{out}: ")), "{line}");
+    }
+    for out in ["file/a", "missing/a", "folder", "/proc/nonesuch"] {
+        for command in [
+            "render builtin:cornell --out",
+            "render builtin:cornell --heatmap",
+            "stats builtin:cornell --json",
+            "cosim builtin:cornell --out good.png --json",
+            "cosim builtin:cornell --cycles 5 --trace",
+        ] {
+            let line = fault(&format!("{command} {out}"), folder.path());
+            assert!(
+                line.starts_with(&format!("{out}: cannot be written: ")),
+                "{line}"
+            );
+        }
+    }
+}
+
+#[test]
+fn a_reader_that_leaves_is_no_error() {
+    let folder = folder();
+    let mut command = dynrt("stats builtin:cornell --size 32x24", folder.path());
+    let mut child = command
+        .stdout(Stdio::piped())
+        .stderr(Stdio::piped())
+        .spawn()
+        .unwrap();
+    drop(child.stdout.take());
+    let output = child.wait_with_output().unwrap();
+    assert_eq!(String::from_utf8_lossy(&output.stderr), "");
+    assert!(output.status.success());
+}
+
+#[test]
+fn what_the_format_cannot_hold_is_warned_of() {
+    let folder = folder();
+    fs::write(
+        folder.path().join("far.obj"),
+        "v 1000000 0 0\nv 1000001 0 0\nv 1000000 1 0\nf 1 2 3\n",
+    )
+    .unwrap();
+    let output = run("stats far.obj --size 8x8", folder.path());
+    let stderr = String::from_utf8(output.stderr).unwrap();
+    assert!(output.status.success(), "{stderr}");
+    assert!(stderr.lines().count() > 0, "{stderr}");
+    assert!(
+        stderr
+            .lines()
+            .all(|line| line.starts_with("warning: scene far: ")),
+        "{stderr}"
+    );
+}
+
+#[test]
+fn generating_is_deterministic_and_replaces_only_its_own() {
+    let folder = folder();
+    let at = |name: &str| folder.path().join(name);
+    prints("generate --config tiny --out a", folder.path());
+    prints("generate --config tiny --out deep/below/b", folder.path());
+    let first = contents(&at("a"));
+    assert!(first == contents(&at("deep/below/b")));
+    for (name, bytes) in &first {
+        let text = String::from_utf8_lossy(bytes);
+        let place = folder.path().to_string_lossy();
+        assert!(!text.contains(&*place), "{name} holds a path");
+    }
+    // Another machine into the same folder: its files only, and those that are not ours.
+    fs::write(at("a").join("notes.txt"), "mine").unwrap();
+    fs::write(at("a").join("old_unit.v"), "ours").unwrap();
+    let mut manifest = json(&at("a").join("manifest.json"));
+    manifest["files"]
+        .as_array_mut()
+        .unwrap()
+        .push("old_unit.v".into());
+    fs::write(at("a").join("manifest.json"), manifest.to_string()).unwrap();
+    prints("generate --config dynrt-2006 --out a", folder.path());
+    prints("generate --config dynrt-2006 --out c", folder.path());
+    let mut again = contents(&at("a"));
+    assert_eq!(again.remove("notes.txt").as_deref(), Some(&b"mine"[..]));
+    let again_names: Vec<_> = again.keys().collect();
+    let fresh = contents(&at("c"));
+    assert_eq!(again_names, fresh.keys().collect::<Vec<_>>());
+    assert!(again == fresh);
+    assert!(again != first);
+}
+
+#[test]
+fn the_manifest_says_what_was_generated() {
+    let folder = folder();
+    prints("generate --out rtl --set memory.latency=13", folder.path());
+    let out = folder.path().join("rtl");
+    let manifest = json(&out.join("manifest.json"));
+    let configuration = &manifest["configuration"];
+    assert_eq!(configuration["name"], "virtex4-lx160");
+    assert_eq!(configuration["memory"]["latency"], 13);
+    assert_eq!(configuration["geometry"]["triangle_test"], "watertight");
+    for key in dynrt::config::KEYS {
+        assert!(
+            !configuration[key.section][key.name].is_null(),
+            "{}",
+            key.path()
+        );
+    }
+    let top = manifest["top"].as_str().unwrap();
+    let modules = manifest["modules"].as_array().unwrap();
+    let files: Vec<_> = strings(&manifest["files"]);
+    let list = fs::read_to_string(out.join(format!("{top}.f"))).unwrap();
+    assert_eq!(list.lines().collect::<Vec<_>>(), files);
+    let core = fs::read_to_string(out.join(format!("{top}.core"))).unwrap();
+    assert!(core.starts_with("CAPI=2:\nname: dynrt:machine:virtex4-lx160:"));
+    assert_eq!(modules.len(), files.len());
+    let mut seen: Vec<&str> = vec![];
+    for (module, file) in modules.iter().zip(&files) {
+        let name = module["name"].as_str().unwrap();
+        assert_eq!(module["file"], *file);
+        assert!(core.contains(&format!("      - {file}\n")));
+        let verilog = fs::read_to_string(out.join(file)).unwrap();
+        assert!(
+            verilog.contains(&format!("module {name} "))
+                || verilog.contains(&format!("module {name}(")),
+            "{name}"
+        );
+        for child in strings(&module["instances"]) {
+            assert!(seen.contains(&child), "{child} comes before {name}");
+            assert!(verilog.contains(child), "{name} has a {child}");
+        }
+        let ports = module["ports"].as_array().unwrap();
+        assert!(!ports.is_empty());
+        for port in ports {
+            let declared = verilog.lines().any(|line| {
+                let mut words = line.split(|c: char| !c.is_ascii_alphanumeric() && c != '_');
+                line.trim_start()
+                    .starts_with(port["direction"].as_str().unwrap())
+                    && words.any(|word| word == port["name"].as_str().unwrap())
+            });
+            assert!(declared, "{name} declares {port}");
+        }
+        seen.push(name);
+    }
+    assert_eq!(seen.last(), Some(&top));
+    assert_eq!(manifest["ports"], modules.last().unwrap()["ports"]);
+    assert!(!manifest["latencies"].as_object().unwrap().is_empty());
+    for (name, width) in [
+        ("node", 128),
+        ("link_word", 32),
+        ("triangle", 128),
+        ("vertex", 72),
+    ] {
+        let layout = &manifest["layouts"][name];
+        assert_eq!(layout["width"], width, "{name}");
+        let fields = layout["fields"].as_array().unwrap();
+        let total: u64 = fields.iter().map(|f| f["width"].as_u64().unwrap()).sum();
+        assert_eq!(total, width, "{name}");
+    }
+    assert!(
+        manifest["counters"]
+            .as_array()
+            .unwrap()
+            .iter()
+            .any(|c| c["port"] == "count_packet_steps")
+    );
+}
+
+fn strings(value: &Value) -> Vec<&str> {
+    value
+        .as_array()
+        .unwrap()
+        .iter()
+        .map(|v| v.as_str().unwrap())
+        .collect()
+}
+
+#[test]
+fn stats_measures_three_trees() {
+    let folder = folder();
+    let text = prints(
+        "stats builtin:teapot --view outside --size 64x48 --json s.json",
+        folder.path(),
+    );
+    let value = json(&folder.path().join("s.json"));
+    let triangles = builtin("teapot").unwrap().mesh.triangles.len();
+    assert_eq!(value["triangles"], triangles);
+    assert_eq!(value["nodes"], triangles - 1);
+    assert_eq!(value["node_bytes"], 16 * (triangles - 1));
+    assert!(value["depth"].as_u64().unwrap() >= 13);
+    let steps = |name: &str| value[name]["packet_steps_per_packet"].as_f64().unwrap();
+    for name in ["plain", "region", "default"] {
+        assert!(text.contains(name), "{text}");
+        assert!(steps(name) > 1.0);
+        assert!(value[name]["triangle_tests_per_packet"].as_f64().unwrap() > 0.1);
+        assert!(value[name]["build_s"].as_f64().unwrap() > 0.0);
+    }
+    assert!(steps("default") < steps("region") && steps("region") < steps("plain"));
+}
+
+#[test]
+fn stats_averages_over_packets_that_miss() {
+    let folder = folder();
+    // Looking away, every packet misses the scene's box: no step, and still as many packets.
+    prints(
+        "stats builtin:sphere --eye 0,0,5 --look-at 0,0,9 --size 8x8 --json s.json",
+        folder.path(),
+    );
+    let value = json(&folder.path().join("s.json"));
+    assert_eq!(value["default"]["packet_steps_per_packet"], 0.0);
+    assert_eq!(value["rays"], 64);
+}
+
+#[test]
+fn render_and_cosim_draw_the_same_picture() {
+    let folder = folder();
+    let at = |name: &str| folder.path().join(name);
+    let scene = "builtin:sphere?level=2 --config tiny --size 21x15";
+    prints(
+        &format!("render {scene} --out golden.png --heatmap steps.png --json r.json"),
+        folder.path(),
+    );
+    let text = prints(
+        &format!("cosim {scene} --out rtl.png --json c.json"),
+        folder.path(),
+    );
+    assert!(text.contains("all bits agree"), "{text}");
+    assert!(fs::read(at("golden.png")).unwrap() == fs::read(at("rtl.png")).unwrap());
+    assert!(fs::read(at("steps.png")).unwrap() != fs::read(at("rtl.png")).unwrap());
+
+    let (render, cosim) = (json(&at("r.json")), json(&at("c.json")));
+    for key in [
+        "scene",
+        "triangles",
+        "config",
+        "width",
+        "height",
+        "rays",
+        "hits",
+        "packet_steps",
+        "ray_triangle_tests",
+    ] {
+        assert!(
+            !render[key].is_null() && render[key] == cosim[key],
+            "{key}: {} {}",
+            render[key],
+            cosim[key]
+        );
+    }
+    assert_eq!(cosim["rays"], 21 * 15);
+    assert_eq!(cosim["mismatches"], 0);
+    let number = |key: &str| {
+        cosim[key]
+            .as_f64()
+            .unwrap_or_else(|| panic!("{key} is a number"))
+    };
+    for key in [
+        "hits",
+        "checked",
+        "cycles",
+        "rays_per_clock",
+        "tpu_utilisation",
+        "gu_utilisation",
+        "simulate_s",
+    ] {
+        assert!(number(key) > 0.0, "{key}");
+    }
+    assert!(number("model_build_s") >= 0.0);
+    assert!(
+        number("checked") >= number("rays") + number("packet_steps") + number("ray_triangle_tests")
+    );
+}
+
+#[test]
+fn cosim_takes_shadow_rays_overrides_and_traces() {
+    let folder = folder();
+    let scene = "builtin:cornell --config tiny --size 16x12";
+    prints(
+        &format!(
+            "cosim {scene} --rays shadow --set memory.jitter=9 --set memory.order=out-of-order --set memory.ready_percent=60 --seed 5 --json c.json --out s.png"
+        ),
+        folder.path(),
+    );
+    let value = json(&folder.path().join("c.json"));
+    assert_eq!(value["ray_kind"], "shadow");
+    assert_eq!(value["overrides"]["memory.jitter"], 9);
+    assert!(value["hits"].as_u64().unwrap() > 0 && value["hits"].as_u64() < value["rays"].as_u64());
+    prints(
+        &format!("cosim {scene} --trace w.fst --from 100 --cycles 50"),
+        folder.path(),
+    );
+    assert!(fs::metadata(folder.path().join("w.fst")).unwrap().len() > 100);
+}
+
+#[test]
+fn cosim_runs_one_unit_alone() {
+    let folder = folder();
+    let scene = "builtin:sphere?level=1 --config tiny --size 16x12";
+    for (unit, counted) in [("tpu", "packet_steps"), ("geometry", "ray_triangle_tests")] {
+        prints(
+            &format!("cosim {scene} --unit {unit} --json u.json"),
+            folder.path(),
+        );
+        let value = json(&folder.path().join("u.json"));
+        assert_eq!(value["unit"], unit);
+        assert_eq!(value["mismatches"], 0);
+        let transactions = value[counted].as_u64().unwrap();
+        assert!(transactions > 0 && value["checked"].as_u64().unwrap() >= transactions);
+    }
+    assert_eq!(
+        fault(
+            &format!("cosim {scene} --unit tpu --out a.png"),
+            folder.path()
+        ),
+        "--unit tpu: one unit alone computes no picture; leave out --out"
+    );
+}
+
+#[test]
+fn vectors_are_written_and_replaced() {
+    let folder = folder();
+    let command = "vectors builtin:sphere?level=1 --config tiny --size 8x8 --limit 5 --out v";
+    let text = prints(command, folder.path());
+    assert!(text.starts_with("v: "), "{text}");
+    let first = contents(&folder.path().join("v"));
+    assert!(first.contains_key("manifest.json"));
+    prints(command, folder.path());
+    assert!(contents(&folder.path().join("v")) == first);
+}

@@ -1,0 +1,232 @@
+//! The traversal unit and the geometry unit, each alone, in all bits against the golden model: real frames and tiny scenes full of
+//! coincidences, under memory latencies from 1 to 100 clocks and back-pressure of every kind.
+//!
+//! Tests print their seed; `DYNRT_SEED=… cargo test --test units` replays them.
+
+mod common;
+
+use common::prepare;
+use dynrt::config::{Config, TriangleTest};
+use dynrt::cosim::scoreboard::{Category, Fault, UnitOptions, UnitReport};
+use dynrt::cosim::workload::Workload;
+use dynrt::cosim::{model, unit_geometry, unit_tpu};
+use dynrt::golden::Caster;
+use dynrt::port::Ray;
+
+/// Transactions of each unit of the reference machine, over all its workloads.
+const MANY: u64 = 1_000_000;
+
+/// Transactions of tiny scenes that meet every category many times.
+const FEW: u64 = 60_000;
+
+fn seed() -> u64 {
+    let seed = match std::env::var("DYNRT_SEED") {
+        Ok(text) => text.parse().expect("DYNRT_SEED must be a number"),
+        Err(_) => fastrand::u64(..),
+    };
+    println!("replay with DYNRT_SEED={seed}");
+    seed
+}
+
+type Run = fn(&Config, Workload<'_>, &UnitOptions) -> anyhow::Result<UnitReport>;
+
+/// Runs a workload and shows what came of it.
+fn check(run: Run, config: &Config, workload: Workload<'_>, seed: u64) -> UnitReport {
+    let report = run(config, workload, &UnitOptions::new(seed)).unwrap_or_else(|e| panic!("{e:#}"));
+    println!("{}, {}", config.name, report.summary());
+    report.verdict().unwrap_or_else(|e| panic!("{e:#}"));
+    report
+}
+
+/// So many transactions of tiny scenes; each category must have been met.
+fn coincidences(run: Run, config: &Config, transactions: u64, seed: u64) -> u64 {
+    let report = check(run, config, Workload::Coincidences { transactions }, seed);
+    assert!(report.transactions >= transactions);
+    let is_tpu = report.unit == "tpu";
+    for (category, count) in &report.categories {
+        let possible = match category {
+            // A packet of one ray does not step for a ray that is not there.
+            Category::Nan | Category::InactiveRay => config.rays_per_packet > 1 || !is_tpu,
+            // Of a few in 60,000 tests none may be.
+            Category::Clamped => transactions >= MANY / 2,
+            _ => true,
+        };
+        assert!(*count > 0 || !possible, "no {}", category.name());
+    }
+    report.transactions
+}
+
+fn reference(test: TriangleTest) -> Config {
+    Config {
+        triangle_test: test,
+        name: format!("reference, {test:?}"),
+        ..Config::reference()
+    }
+}
+
+#[test]
+fn tpu_of_the_reference_machine() {
+    let (config, seed) = (Config::reference(), seed());
+    let scene = prepare(&config, "builtin:teapot", "256x192", None);
+    let (image, rays) = (&scene.image, &scene.rays);
+    let workload = Workload::Rays { image, rays };
+    let report = check(unit_tpu::run, &config, workload, seed);
+    let golden = Caster::new(image, config.triangle_test, 4).cast_packets(rays);
+    assert_eq!(
+        (report.transactions, report.packets),
+        (golden.steps(), golden.packets.len() as u64)
+    );
+    let rest = MANY.saturating_sub(report.transactions).max(FEW);
+    let total = report.transactions + coincidences(unit_tpu::run, &config, rest, seed);
+    assert!(total >= MANY);
+}
+
+fn geometry_of_the_reference_machine(test: TriangleTest) {
+    let (config, seed) = (reference(test), seed());
+    let scene = prepare(&config, "builtin:teapot", "256x192", None);
+    let (image, rays) = (&scene.image, &scene.rays);
+    let workload = Workload::Rays { image, rays };
+    let report = check(unit_geometry::run, &config, workload, seed);
+    let golden = Caster::new(image, config.triangle_test, 4).cast_packets(rays);
+    assert_eq!(report.transactions, golden.ray_tests());
+    let rest = MANY.saturating_sub(report.transactions).max(FEW);
+    let total = report.transactions + coincidences(unit_geometry::run, &config, rest, seed);
+    assert!(total >= MANY);
+    for active in 1..=config.rays_per_packet {
+        let throughput =
+            unit_geometry::throughput(&config, active, seed, &model::BuildOptions::default())
+                .unwrap_or_else(|e| panic!("{e:#}"));
+        println!(
+            "leaves of {active} rays: {:.4} tests a clock, {:.4} of the peak ({} tests)",
+            throughput.rate(),
+            throughput.share_of_peak(),
+            throughput.tests
+        );
+        assert!(throughput.share_of_peak() >= 0.95);
+    }
+}
+
+#[test]
+fn watertight_geometry_of_the_reference_machine() {
+    geometry_of_the_reference_machine(TriangleTest::Watertight);
+}
+
+#[test]
+fn moller_trumbore_geometry_of_the_reference_machine() {
+    geometry_of_the_reference_machine(TriangleTest::MollerTrumbore);
+}
+
+/// Machines that differ from the reference in all that shapes the two units.
+fn others() -> Vec<Config> {
+    let single = Config {
+        name: "8 rays, 8-bit exponent and 23-bit fraction, 133 MHz".into(),
+        rays_per_packet: 8,
+        exponent_bits: 8,
+        fraction_bits: 23,
+        clock_mhz: 133,
+        packets_in_flight: 21,
+        triangle_test: TriangleTest::MollerTrumbore,
+        ..Config::reference()
+    };
+    let pairs = Config {
+        name: "2 rays, one axis, 64 packets, 66 MHz".into(),
+        rays_per_packet: 2,
+        packets_in_flight: 64,
+        axes_per_node: 1,
+        stack_depth: 11,
+        clock_mhz: 66,
+        ..Config::reference()
+    };
+    vec![Config::load("tiny").unwrap(), pairs, single]
+}
+
+#[test]
+fn tpu_of_other_machines() {
+    let seed = seed();
+    for config in others() {
+        coincidences(unit_tpu::run, &config, FEW, seed);
+    }
+}
+
+#[test]
+fn geometry_of_other_machines() {
+    let seed = seed();
+    for config in others() {
+        coincidences(unit_geometry::run, &config, FEW, seed);
+    }
+}
+
+/// The checks check: faults in what is seldom looked at are noticed, and where only one field can show them the
+/// report marks that field.
+#[test]
+fn faults_are_noticed() {
+    let (config, seed) = (Config::load("tiny").unwrap(), seed());
+    let faults: [(Run, &str, &str, &str); 5] = [
+        // A limit that is an ulp off.
+        (
+            unit_tpu::run,
+            "[limit_packet] <= limit_value;",
+            "[limit_packet] <= limit_value ^ 24'd1;",
+            "unit tpu",
+        ),
+        // An entry popped is never dropped.
+        (
+            unit_tpu::run,
+            "(ray0_within |",
+            "(1'b1 | ray0_within |",
+            "unit tpu",
+        ),
+        // A finished packet has hit nothing.
+        (
+            unit_tpu::run,
+            "assign finished_touched = ",
+            "assign finished_touched = !",
+            "* rays that have hit something",
+        ),
+        // Of equal distances the last wins.
+        (
+            unit_geometry::run,
+            "(as_close & lower)",
+            "as_close",
+            "* replaces the closest",
+        ),
+        // What is read back is an ulp off.
+        (
+            unit_geometry::run,
+            "assign read_v = ",
+            "assign read_v = 24'd1 ^ ",
+            "* v ",
+        ),
+    ];
+    for (run, text, instead, said) in faults {
+        let options = UnitOptions {
+            fault: Some(Fault { text, instead }),
+            ..UnitOptions::new(seed)
+        };
+        let transactions = FEW;
+        let report = run(&config, Workload::Coincidences { transactions }, &options)
+            .unwrap_or_else(|e| panic!("{e:#}"));
+        let mismatch = report.mismatch.as_deref().unwrap_or("no mismatch");
+        println!("{text} -> {instead}\n{mismatch}");
+        assert_eq!(report.mismatches, 1);
+        assert!(mismatch.contains(said), "{mismatch}");
+        assert!(report.verdict().is_err());
+    }
+}
+
+/// A run that checks nothing fails.
+#[test]
+fn nothing_checked_is_a_failure() {
+    let config = Config::load("tiny").unwrap();
+    let scene = prepare(&config, "builtin:sphere?level=0", "2x2", None);
+    let rays = [Ray::INACTIVE; 8];
+    let workload = Workload::Rays {
+        image: &scene.image,
+        rays: &rays,
+    };
+    for run in [unit_tpu::run as Run, unit_geometry::run as Run] {
+        let report = run(&config, workload, &UnitOptions::new(1)).unwrap();
+        let error = report.verdict().unwrap_err().to_string();
+        assert!(error.contains("nothing was checked"), "{error}");
+    }
+}
