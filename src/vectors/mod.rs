@@ -275,7 +275,7 @@ fn cast(collector: &mut Collector<'_>, request: &Request<'_>) -> Result<()> {
     let packets = request.packets;
     let count = request.limit.unwrap_or(packets.len()).min(packets.len());
     let mut richest: Option<(usize, usize, Vec<Hit>)> = None;
-    for number in (0..count).map(|i| i * packets.len() / count) {
+    for number in (0..count).map(|i| (2 * i + 1) * packets.len() / (2 * count)) {
         let result = collector.cast(&packets[number].rays)?;
         let hits = result.hits.iter().filter(|hit| hit.is_hit()).count();
         if richest.as_ref().is_none_or(|(most, ..)| hits > *most) {
