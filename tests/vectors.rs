@@ -793,7 +793,8 @@ fn the_benches_find_what_is_wrong() {
             .lines()
             .map(String::from)
             .collect();
-        let number = rng.usize(..lines.len());
+        // Early, so that the bench ends soon.
+        let number = rng.usize(..lines.len().min(300));
         let line = &mut lines[number];
         let digit = u8::from_str_radix(&line.split_off(line.len() - 1), 16).unwrap();
         line.push_str(&format!("{:x}", digit ^ 1));
