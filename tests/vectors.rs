@@ -739,6 +739,7 @@ fn verilog_benches_replay_them() {
                     summary.rays, summary.steps, summary.tests
                 );
                 assert!(said.contains(&expected), "{said}");
+                assert!(summary.steps > 0 && summary.tests > 0, "{summary:?}");
                 for bench in ["fp", "ray_setup", "packet_step", "triangle_test"] {
                     assert!(said.contains(&format!("{bench}: PASS ")), "{said}");
                 }
