@@ -739,6 +739,7 @@ fn verilog_benches_replay_them() {
                     summary.rays, summary.steps, summary.tests
                 );
                 assert!(said.contains(&expected), "{said}");
+                assert!(summary.steps > 0 && summary.tests > 0, "{summary:?}");
                 for bench in ["fp", "ray_setup", "packet_step", "triangle_test"] {
                     assert!(said.contains(&format!("{bench}: PASS ")), "{said}");
                 }
@@ -793,7 +794,8 @@ fn the_benches_find_what_is_wrong() {
             .lines()
             .map(String::from)
             .collect();
-        let number = rng.usize(..lines.len());
+        // Early, so that the bench ends soon.
+        let number = rng.usize(..lines.len().min(300));
         let line = &mut lines[number];
         let digit = u8::from_str_radix(&line.split_off(line.len() - 1), 16).unwrap();
         line.push_str(&format!("{:x}", digit ^ 1));

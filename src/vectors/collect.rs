@@ -6,8 +6,8 @@ use super::sheet::{Sheet, UnitSheets};
 use crate::bkd::layout::{MemoryImage, Node};
 use crate::float::Arithmetic;
 use crate::golden::raycast::RaySet;
-use crate::golden::{Caster, Observer, Outcome, PacketResult, RaySetup, RayTest, StepEvent};
-use crate::port::Ray;
+use crate::golden::{Caster, Observer, Outcome, RaySetup, RayTest, StepEvent};
+use crate::port::{Hit, Ray};
 use anyhow::Result;
 use std::rc::Rc;
 
@@ -116,11 +116,16 @@ impl<'a> Collector<'a> {
         })
     }
 
+    /// What a packet's rays hit, of which nothing is written.
+    pub fn hits_of(&self, rays: &[Ray]) -> Vec<Hit> {
+        self.caster.cast(rays, &mut ()).hits
+    }
+
     /// Casts a packet; places without a ray are inactive.
     ///
     /// # Errors
     /// One line that names a file that cannot be written.
-    pub fn cast(&mut self, rays: &[Ray]) -> Result<PacketResult> {
+    pub fn cast(&mut self, rays: &[Ray]) -> Result<()> {
         let mut rays = rays.to_vec();
         rays.resize(self.shape.rays, Ray::INACTIVE);
         let tag = self.packets.lines & (u64::MAX >> (64 - self.shape.tag_bits));
@@ -150,7 +155,7 @@ impl<'a> Collector<'a> {
             let values = self.shape.hit_values(hit, tag);
             self.hits.push(&values)?;
         }
-        Ok(result)
+        Ok(())
     }
 
     /// A ray's setup.

@@ -52,7 +52,7 @@ pub struct Request<'a> {
     pub image: &'a MemoryImage,
     /// Of as many rays as the configuration says; at least one packet.
     pub packets: &'a [RayPacket],
-    /// The most of `packets` to cast, spread evenly over them; `None` for all.
+    /// The most of `packets` to cast, spread over them; `None` for all.
     pub limit: Option<usize>,
     /// The folder to write.
     pub out: &'a Path,
@@ -270,20 +270,27 @@ fn check(request: &Request<'_>) -> Result<()> {
     Ok(())
 }
 
-/// Casts the request's packets, then variants of the one with the most hits.
+/// Casts the request's packets, or as many as its limit allows, then variants of the one with the most hits.
 fn cast(collector: &mut Collector<'_>, request: &Request<'_>) -> Result<()> {
     let packets = request.packets;
     let count = request.limit.unwrap_or(packets.len()).min(packets.len());
-    let mut richest: Option<(usize, usize, Vec<Hit>)> = None;
-    for number in (0..count).map(|i| (2 * i + 1) * packets.len() / (2 * count)) {
-        let result = collector.cast(&packets[number].rays)?;
-        let hits = result.hits.iter().filter(|hit| hit.is_hit()).count();
-        if richest.as_ref().is_none_or(|(most, ..)| hits > *most) {
-            richest = Some((hits, number, result.hits));
-        }
+    // One at random from each of `count` equal parts: a fixed distance would often meet the same column of the picture.
+    let mut rng = fastrand::Rng::with_seed(3);
+    for part in 0..count {
+        let (from, to) = (
+            part * packets.len() / count,
+            (part + 1) * packets.len() / count,
+        );
+        collector.cast(&packets[rng.usize(from..to)].rays)?;
     }
-    let (_, number, hits) = richest.expect("at least one packet was cast");
-    directed::cast_variants(collector, &packets[number].rays, &hits)
+    // Not only of those that were cast: the variants of rays that hit nothing would say little.
+    let hits_of = |packet: &RayPacket| collector.hits_of(&packet.rays);
+    let hits: Vec<Vec<Hit>> = packets.iter().map(hits_of).collect();
+    let richest = (0..packets.len())
+        .rev()
+        .max_by_key(|&number| hits[number].iter().filter(|hit| hit.is_hit()).count())
+        .expect("there are packets");
+    directed::cast_variants(collector, &packets[richest].rays, &hits[richest])
 }
 
 /// The vectors of the arithmetic units.
