@@ -365,12 +365,10 @@ impl<'a> Plan<'a> {
                     let chain = matches!(self.ops[id], Op::Mux(_, _, rest) if rest == **source);
                     !(chain && matches!(self.ops[**source], Op::Mux(..)))
                 })
-                .map(|source| {
-                    if self.declared[*source] {
-                        10
-                    } else {
-                        length[*source]
-                    }
+                .map(|source| match &self.given[*source] {
+                    Some(name) => name.len(),
+                    None if self.declared[*source] => 14,
+                    None => length[*source],
                 })
                 .sum();
             length[id] = own + operands;
