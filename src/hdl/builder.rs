@@ -741,12 +741,11 @@ impl Builder {
         choices: &[(Signal<'b>, Signal<'b>)],
         default: Signal<'b>,
     ) -> Signal<'b> {
-        choices
-            .iter()
-            .rev()
-            .fold(default, |rest, (condition, value)| {
-                condition.mux(*value, rest)
-            })
+        let mut chosen = default;
+        for (condition, value) in choices.iter().rev() {
+            chosen = condition.mux(*value, chosen);
+        }
+        chosen
     }
 
     /// The choice that an index names; indexes past the last name the last.
@@ -774,37 +773,50 @@ impl Builder {
         signals: &[Signal<'_>],
         place: Place,
     ) -> (Vec<Signal<'b>>, Option<Stage>) {
-        let mut latest: Option<Stage> = None;
-        let mut unstaged = false;
+        let mut latest: Option<(Stage, &Signal<'_>)> = None;
+        let mut unstaged: Option<&Signal<'_>> = None;
         for signal in signals {
             if !std::ptr::eq(signal.builder, self) {
-                self.fail(
-                    place,
-                    format!(
-                        "a signal of module {} is used in another module",
-                        signal.builder.name
-                    ),
+                let message = format!(
+                    "{} of module {} is used in another module",
+                    signal.describe(),
+                    signal.builder.name
                 );
+                // Whichever of them is finished says so.
+                signal.builder.fail(place, &message);
+                self.fail(place, message);
                 return (vec![self.zero(1); signals.len()], None);
             }
-            if signal.is_literal() {
-                continue;
-            }
             match (signal.stage_data(), latest) {
-                (None, _) => unstaged = true,
-                (Some(s), Some(l)) if s.pipeline != l.pipeline => {
+                (None, _) if signal.is_literal() => {}
+                (None, _) => unstaged = unstaged.or(Some(signal)),
+                (Some(s), Some((l, other))) if s.pipeline != l.pipeline => {
                     self.fail(
                         place,
-                        "signals of two pipelines meet: bring one into the other's with enter_at",
+                        format!(
+                            "{} and {} are in two pipelines: bring one into the other's with \
+                             untimed and enter_at",
+                            other.describe(),
+                            signal.describe()
+                        ),
                     );
                     return (signals.iter().map(|s| self.adopt(s.id)).collect(), None);
                 }
-                (Some(s), l) => latest = Some(l.map_or(s, |l| if s.at > l.at { s } else { l })),
+                (Some(s), Some((l, _))) if s.at <= l.at => {}
+                (Some(s), _) => latest = Some((s, signal)),
             }
         }
-        if unstaged && latest.is_some() {
-            self.fail(place, "a staged signal meets one without a stage: bring it in with enter_at, or use untimed");
+        if let (Some(unstaged), Some((_, staged))) = (unstaged, latest) {
+            self.fail(
+                place,
+                format!(
+                    "{} has a stage, {} has none: bring it in with enter_at, or use untimed",
+                    staged.describe(),
+                    unstaged.describe()
+                ),
+            );
         }
+        let latest = latest.map(|(stage, _)| stage);
         let aligned = signals
             .iter()
             .map(|signal| {
@@ -912,6 +924,15 @@ impl Builder {
         let (la, lb) = (a.literal(), b.literal());
         let full = |w: u32| if w >= 128 { u128::MAX } else { (1 << w) - 1 };
         let w = a.width();
+        if a.id == b.id {
+            return match op {
+                Binary::And | Binary::Or => Some(a),
+                Binary::Xor | Binary::Sub => Some(self.zero(w)),
+                Binary::Equal | Binary::LessEqual => Some(self.ones(1)),
+                Binary::NotEqual | Binary::Less => Some(self.zero(1)),
+                _ => None,
+            };
+        }
         match (op, la, lb) {
             (Binary::And, Some(v), _) | (Binary::And, _, Some(v)) if v == 0 => Some(self.zero(w)),
             (Binary::And, Some(v), _) | (Binary::Or, Some(v), _)
@@ -929,6 +950,8 @@ impl Builder {
             }
             (Binary::Equal, _, Some(1)) | (Binary::NotEqual, _, Some(0)) if w == 1 => Some(a),
             (Binary::Equal, _, Some(0)) | (Binary::NotEqual, _, Some(1)) if w == 1 => Some(!a),
+            (Binary::ShiftLeft | Binary::ShiftRight, Some(0), _) => Some(a),
+            (Binary::Mul, Some(0), _) | (Binary::Mul, _, Some(0)) => Some(self.zero(w + b.width())),
             (Binary::Less, _, Some(0)) => Some(self.zero(1)),
             (Binary::LessEqual, Some(0), _) => Some(self.ones(1)),
             (Binary::Less, Some(v), _) if v == full(w) => Some(self.zero(1)),
@@ -1285,6 +1308,7 @@ impl<'b> Reg<'b> {
                 );
             }
         }
+        let enable = enable.filter(|enable| enable.literal() != Some(1));
         builder.drive(self.q.id, value, place);
         if let Op::Register(register) = &mut builder.inner.borrow_mut().nodes[self.q.id].op {
             register.next = Some(value.id);

@@ -31,7 +31,8 @@ impl<'b> Signal<'b> {
         self.stage_data().map(|s| s.at)
     }
 
-    pub(super) fn literal(&self) -> Option<u128> {
+    /// The signal's value where it is a constant: a literal, or what follows from literals alone.
+    pub fn literal(&self) -> Option<u128> {
         match self.builder.inner.borrow().nodes[self.id].op {
             Op::Literal(value) => Some(value),
             _ => None,
