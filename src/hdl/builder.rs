@@ -105,6 +105,8 @@ pub(super) struct Inner {
     pub ports: Vec<(Port, Id)>,
     pub names: HashMap<String, Place>,
     pub delays: HashMap<Id, Id>,
+    /// Reads by memory, address, and whether they are synchronous.
+    pub reads: HashMap<(usize, Id, bool), Id>,
     pub pipelines: u32,
     /// Nodes by what they compute: the same expression twice is one node.
     pub known: HashMap<(Op, u32, Option<Stage>), Id>,
@@ -378,14 +380,16 @@ impl Builder {
     /// A module; `doc` says in its file's head what it is for.
     #[track_caller]
     pub fn new(name: impl Into<String>, doc: impl Into<String>) -> Builder {
-        Builder {
+        let builder = Builder {
             name: name.into(),
             doc: doc.into(),
             place: Location::caller(),
             inner: RefCell::default(),
             group: RefCell::default(),
             error: RefCell::default(),
-        }
+        };
+        builder.check_name(&builder.name, builder.place);
+        builder
     }
 
     pub(super) fn fail(&self, place: Place, message: impl Into<String>) {
@@ -442,7 +446,7 @@ impl Builder {
         Signal { builder: self, id }
     }
 
-    pub(super) fn claim(&self, name: &str, place: Place) {
+    fn check_name(&self, name: &str, place: Place) {
         let valid = name.starts_with(|c: char| c.is_ascii_lowercase())
             && name
                 .chars()
@@ -456,6 +460,11 @@ impl Builder {
                 ),
             );
         }
+    }
+
+    /// Takes a name, which must be good and free.
+    pub(super) fn claim(&self, name: &str, place: Place) {
+        self.check_name(name, place);
         let earlier = self
             .inner
             .borrow_mut()
@@ -608,12 +617,22 @@ impl Builder {
     /// A register that reset sets to `value`.
     #[track_caller]
     pub fn reg_reset(&self, name: impl AsRef<str>, width: u32, value: u128) -> Reg<'_> {
+        let place = Location::caller();
+        if width < 128 && value >> width != 0 {
+            self.fail(
+                place,
+                format!(
+                    "reset of \"{}\": {value} does not fit {width} bits",
+                    name.as_ref()
+                ),
+            );
+        }
         let op = Op::Register(Register {
             reset: Some(value),
             ..Register::default()
         });
         Reg {
-            q: self.named_node(op, width, name.as_ref(), None, Location::caller()),
+            q: self.named_node(op, width, name.as_ref(), None, place),
         }
     }
 
@@ -722,12 +741,11 @@ impl Builder {
         choices: &[(Signal<'b>, Signal<'b>)],
         default: Signal<'b>,
     ) -> Signal<'b> {
-        choices
-            .iter()
-            .rev()
-            .fold(default, |rest, (condition, value)| {
-                condition.mux(*value, rest)
-            })
+        let mut chosen = default;
+        for (condition, value) in choices.iter().rev() {
+            chosen = condition.mux(*value, chosen);
+        }
+        chosen
     }
 
     /// The choice that an index names; indexes past the last name the last.
@@ -755,37 +773,50 @@ impl Builder {
         signals: &[Signal<'_>],
         place: Place,
     ) -> (Vec<Signal<'b>>, Option<Stage>) {
-        let mut latest: Option<Stage> = None;
-        let mut unstaged = false;
+        let mut latest: Option<(Stage, &Signal<'_>)> = None;
+        let mut unstaged: Option<&Signal<'_>> = None;
         for signal in signals {
             if !std::ptr::eq(signal.builder, self) {
-                self.fail(
-                    place,
-                    format!(
-                        "a signal of module {} is used in another module",
-                        signal.builder.name
-                    ),
+                let message = format!(
+                    "{} of module {} is used in another module",
+                    signal.describe(),
+                    signal.builder.name
                 );
+                // Whichever of them is finished says so.
+                signal.builder.fail(place, &message);
+                self.fail(place, message);
                 return (vec![self.zero(1); signals.len()], None);
             }
-            if signal.is_literal() {
-                continue;
-            }
             match (signal.stage_data(), latest) {
-                (None, _) => unstaged = true,
-                (Some(s), Some(l)) if s.pipeline != l.pipeline => {
+                (None, _) if signal.is_literal() => {}
+                (None, _) => unstaged = unstaged.or(Some(signal)),
+                (Some(s), Some((l, other))) if s.pipeline != l.pipeline => {
                     self.fail(
                         place,
-                        "signals of two pipelines meet: bring one into the other's with enter_at",
+                        format!(
+                            "{} and {} are in two pipelines: bring one into the other's with \
+                             untimed and enter_at",
+                            other.describe(),
+                            signal.describe()
+                        ),
                     );
                     return (signals.iter().map(|s| self.adopt(s.id)).collect(), None);
                 }
-                (Some(s), l) => latest = Some(l.map_or(s, |l| if s.at > l.at { s } else { l })),
+                (Some(s), Some((l, _))) if s.at <= l.at => {}
+                (Some(s), _) => latest = Some((s, signal)),
             }
         }
-        if unstaged && latest.is_some() {
-            self.fail(place, "a staged signal meets one without a stage: bring it in with enter_at, or use untimed");
+        if let (Some(unstaged), Some((_, staged))) = (unstaged, latest) {
+            self.fail(
+                place,
+                format!(
+                    "{} has a stage, {} has none: bring it in with enter_at, or use untimed",
+                    staged.describe(),
+                    unstaged.describe()
+                ),
+            );
         }
+        let latest = latest.map(|(stage, _)| stage);
         let aligned = signals
             .iter()
             .map(|signal| {
@@ -893,6 +924,15 @@ impl Builder {
         let (la, lb) = (a.literal(), b.literal());
         let full = |w: u32| if w >= 128 { u128::MAX } else { (1 << w) - 1 };
         let w = a.width();
+        if a.id == b.id {
+            return match op {
+                Binary::And | Binary::Or => Some(a),
+                Binary::Xor | Binary::Sub => Some(self.zero(w)),
+                Binary::Equal | Binary::LessEqual => Some(self.ones(1)),
+                Binary::NotEqual | Binary::Less => Some(self.zero(1)),
+                _ => None,
+            };
+        }
         match (op, la, lb) {
             (Binary::And, Some(v), _) | (Binary::And, _, Some(v)) if v == 0 => Some(self.zero(w)),
             (Binary::And, Some(v), _) | (Binary::Or, Some(v), _)
@@ -910,6 +950,8 @@ impl Builder {
             }
             (Binary::Equal, _, Some(1)) | (Binary::NotEqual, _, Some(0)) if w == 1 => Some(a),
             (Binary::Equal, _, Some(0)) | (Binary::NotEqual, _, Some(1)) if w == 1 => Some(!a),
+            (Binary::ShiftLeft | Binary::ShiftRight, Some(0), _) => Some(a),
+            (Binary::Mul, Some(0), _) | (Binary::Mul, _, Some(0)) => Some(self.zero(w + b.width())),
             (Binary::Less, _, Some(0)) => Some(self.zero(1)),
             (Binary::LessEqual, Some(0), _) => Some(self.ones(1)),
             (Binary::Less, Some(v), _) if v == full(w) => Some(self.zero(1)),
@@ -939,7 +981,23 @@ impl Builder {
         self.claim(name, place);
         // The stage, in this module, of the instance's stage 0.
         let mut base: Option<Stage> = None;
-        for (port, signal) in inputs {
+        for (index, (port, signal)) in inputs.iter().enumerate() {
+            if !std::ptr::eq(signal.builder, self) {
+                self.fail(
+                    place,
+                    format!(
+                        "instance {name}: input {port} is given a signal of module {}",
+                        signal.builder.name
+                    ),
+                );
+                continue;
+            }
+            if inputs[..index].iter().any(|(earlier, _)| earlier == port) {
+                self.fail(
+                    place,
+                    format!("instance {name}: input {port} is doubly driven"),
+                );
+            }
             let Some(stage) = signal.stage_data() else {
                 continue;
             };
@@ -975,6 +1033,9 @@ impl Builder {
                 );
                 continue;
             };
+            if !std::ptr::eq(signal.builder, self) {
+                continue; // reported above
+            }
             let signal = match (base, signal.stage_data()) {
                 (Some(base), Some(_)) => signal.at(base.at + port.stage.unwrap_or(0)),
                 (Some(_), None) if !signal.is_literal() && port.stage.is_some() => {
@@ -1116,12 +1177,29 @@ impl Builder {
                 ),
             );
         }
+        if value.stage_data().is_some() {
+            self.fail(
+                place,
+                format!(
+                    "\"{name}\" has no stage, {} has one: use untimed",
+                    value.describe()
+                ),
+            );
+        }
         let mut inner = self.inner.borrow_mut();
-        if inner.drivers.insert(target, value.id).is_some() {
+        if let Some(earlier) = inner.driven_at.insert(target, place) {
             drop(inner);
-            self.fail(place, format!("\"{name}\" is doubly driven"));
+            self.fail(
+                place,
+                format!(
+                    "\"{name}\" is doubly driven: first at {}:{}",
+                    earlier.file(),
+                    earlier.line()
+                ),
+            );
             return;
         }
+        inner.drivers.insert(target, value.id);
         inner.items.push(Item::Drive(target));
     }
 }
@@ -1198,14 +1276,39 @@ impl<'b> Reg<'b> {
 
     fn set(&self, value: Signal<'b>, enable: Option<Signal<'b>>, place: Place) {
         let builder = self.q.builder;
-        if let Some(enable) = enable
-            && enable.width() != 1
-        {
-            builder.fail(
-                place,
-                format!("width mismatch: an enable of {} bits", enable.width()),
-            );
+        if let Some(enable) = enable {
+            let name = self.q.describe();
+            if !std::ptr::eq(enable.builder, builder) {
+                builder.fail(
+                    place,
+                    format!(
+                        "{name} is enabled by a signal of module {}",
+                        enable.builder.name
+                    ),
+                );
+                return;
+            }
+            if enable.width() != 1 {
+                builder.fail(
+                    place,
+                    format!(
+                        "width mismatch: an enable of {} bits ({})",
+                        enable.width(),
+                        enable.describe()
+                    ),
+                );
+            }
+            if enable.stage_data().is_some() {
+                builder.fail(
+                    place,
+                    format!(
+                        "{name} has no stage, its enable ({}) has one: use untimed",
+                        enable.describe()
+                    ),
+                );
+            }
         }
+        let enable = enable.filter(|enable| enable.literal() != Some(1));
         builder.drive(self.q.id, value, place);
         if let Op::Register(register) = &mut builder.inner.borrow_mut().nodes[self.q.id].op {
             register.next = Some(value.id);

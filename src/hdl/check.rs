@@ -34,14 +34,6 @@ impl Inner {
             }
         }
     }
-
-    fn called(&self, id: Id) -> String {
-        let node = &self.nodes[id];
-        match &node.name {
-            Some(name) => name.clone(),
-            None => format!("{}:{}", node.place.file(), node.place.line()),
-        }
-    }
 }
 
 /// Returns, for each output, the inputs that reach it combinationally.
@@ -61,7 +53,10 @@ pub(super) fn check(builder: &Builder) -> Result<BTreeMap<String, Vec<String>>, 
         if undriven {
             return Err(error(
                 node.place,
-                format!("\"{}\" is undriven", inner.called(id)),
+                format!(
+                    "\"{}\" is undriven",
+                    node.name.as_deref().unwrap_or_default()
+                ),
             ));
         }
     }
@@ -83,9 +78,18 @@ pub(super) fn check(builder: &Builder) -> Result<BTreeMap<String, Vec<String>>, 
         }
     }
     find_loop(&inner).map_or(Ok(()), |cycle| {
-        let names: Vec<_> = cycle.iter().map(|id| inner.called(*id)).collect();
+        // Named signals tell enough. A wire closes the loop: nothing else is used before it is made.
+        let wire = |id: &Id| matches!(inner.nodes[*id].op, Op::Wire);
+        let start = cycle.iter().position(wire).unwrap_or(0);
+        let mut names: Vec<_> = cycle[start..]
+            .iter()
+            .chain(&cycle[..start])
+            .filter_map(|id| inner.nodes[*id].name.clone())
+            .collect();
+        names.extend(names.first().cloned());
+        let place = inner.driven_at.get(&cycle[start]);
         Err(error(
-            inner.nodes[cycle[0]].place,
+            place.copied().unwrap_or(inner.nodes[cycle[start]].place),
             format!("combinational loop: {}", names.join(" <- ")),
         ))
     })?;

@@ -21,13 +21,23 @@ pub(super) struct MemoryData {
     pub style: Style,
     /// Enable, address, data.
     pub write: Option<(Id, Id, Id)>,
-    /// One copy of the memory a read port, since no RAM has more than one beside its write port.
+    pub written_at: Option<Place>,
+    /// Read ports.
     pub reads: usize,
     pub place: Place,
 }
 
-/// A memory of `depth` words. A synchronous read of the word that is being written is undefined: synthesis is told
-/// that it does not matter.
+/// A memory of `depth` words with one write port and any number of read ports, each with a copy of the memory of its
+/// own, since no RAM has more than one beside its write port. Reads at the same signal share a port.
+///
+/// # Reading what is being written
+///
+/// A synchronous read ([`Memory::read`]) of the word that is written in the same clock gives no defined value: RAMs
+/// differ (old word, new word, neither), and synthesis is told by `no_rw_check` that it does not matter, or it would
+/// add a bypass. Simulation gives the old word; nothing may rely on it. A combinational read
+/// ([`Memory::read_now`]) gives the old word up to the clock edge and the new one after it, in hardware too.
+///
+/// A word that was never written, or that lies past the depth, is undefined as well.
 #[derive(Clone, Copy)]
 pub struct Memory<'b> {
     builder: &'b Builder,
@@ -46,6 +56,15 @@ impl Builder {
     ) -> Memory<'_> {
         let place = Location::caller();
         self.claim(name.as_ref(), place);
+        if depth == 0 || width == 0 {
+            self.fail(
+                place,
+                format!(
+                    "memory \"{}\" has {depth} words of {width} bits",
+                    name.as_ref()
+                ),
+            );
+        }
         let mut inner = self.inner.borrow_mut();
         let index = inner.memories.len();
         inner.memories.push(MemoryData {
@@ -54,6 +73,7 @@ impl Builder {
             width,
             style,
             write: None,
+            written_at: None,
             reads: 0,
             place,
         });
@@ -66,7 +86,8 @@ impl Builder {
 }
 
 impl<'b> Memory<'b> {
-    fn check_address(&self, address: Signal<'b>, place: Place) {
+    /// Whether an address can be the memory's; what is wrong with it is reported.
+    fn check_address(&self, address: Signal<'b>, place: Place) -> bool {
         let (depth, name) = {
             let inner = self.builder.inner.borrow();
             (
@@ -74,50 +95,94 @@ impl<'b> Memory<'b> {
                 inner.memories[self.index].name.clone(),
             )
         };
-        let expected = super::bits_for(u64::from(depth));
-        if address.width() != expected {
-            self.builder.fail(place, format!("width mismatch: memory \"{name}\" of {depth} words takes {expected} address bits, not {}", address.width()));
-        }
-    }
-
-    /// The write port. It may be set once.
-    #[track_caller]
-    pub fn write(&self, enable: Signal<'b>, address: Signal<'b>, data: Signal<'b>) {
-        let place = Location::caller();
-        self.check_address(address, place);
-        let (aligned, _) = self.builder.align(&[enable, address, data], place);
-        let mut inner = self.builder.inner.borrow_mut();
-        let memory = &mut inner.memories[self.index];
-        let (width, name) = (memory.width, memory.name.clone());
-        let twice = memory
-            .write
-            .replace((aligned[0].id, aligned[1].id, aligned[2].id))
-            .is_some();
-        drop(inner);
-        if data.width() != width || enable.width() != 1 {
+        if !std::ptr::eq(address.builder, self.builder) {
             self.builder.fail(
                 place,
                 format!(
-                    "width mismatch: memory \"{name}\" has words of {width} bits, not {}",
+                    "memory \"{name}\" is addressed by a signal of module {}",
+                    address.builder.name
+                ),
+            );
+            return false;
+        }
+        let expected = super::bits_for(u64::from(depth));
+        if address.width() != expected {
+            self.builder.fail(
+                place,
+                format!(
+                    "width mismatch: memory \"{name}\" of {depth} words takes {expected} address \
+                     bits, {} has {}",
+                    address.describe(),
+                    address.width()
+                ),
+            );
+        }
+        true
+    }
+
+    /// The write port. It may be set once. `enable` (1 bit), `address` and `data` of a pipeline are aligned.
+    /// A write at an address past the depth is lost.
+    #[track_caller]
+    pub fn write(&self, enable: Signal<'b>, address: Signal<'b>, data: Signal<'b>) {
+        let place = Location::caller();
+        if !self.check_address(address, place) {
+            return;
+        }
+        let (width, name) = {
+            let inner = self.builder.inner.borrow();
+            let memory = &inner.memories[self.index];
+            (memory.width, memory.name.clone())
+        };
+        let (aligned, _) = self.builder.align(&[enable, address, data], place);
+        if enable.width() != 1 {
+            self.builder.fail(
+                place,
+                format!(
+                    "width mismatch: a write enable of {} bits ({})",
+                    enable.width(),
+                    enable.describe()
+                ),
+            );
+        }
+        if data.width() != width {
+            self.builder.fail(
+                place,
+                format!(
+                    "width mismatch: memory \"{name}\" has words of {width} bits, {} has {}",
+                    data.describe(),
                     data.width()
                 ),
             );
         }
-        if twice {
+        let earlier = {
+            let mut inner = self.builder.inner.borrow_mut();
+            let memory = &mut inner.memories[self.index];
+            let ids = (aligned[0].id, aligned[1].id, aligned[2].id);
+            let earlier = memory.write.replace(ids).and(memory.written_at);
+            memory.written_at = Some(place);
+            earlier
+        };
+        if let Some(earlier) = earlier {
             self.builder.fail(
                 place,
-                format!("memory \"{name}\" is doubly driven: it has one write port"),
+                format!(
+                    "memory \"{name}\" is doubly driven: it has one write port, used at {}:{}",
+                    earlier.file(),
+                    earlier.line()
+                ),
             );
         }
     }
 
-    /// The word at `address`, a clock later.
+    /// The word at `address`, a clock later: it is in a register of the RAM's own, which is part of block RAM. The
+    /// address is taken every clock. Of a staged address, the word is a stage later.
     #[track_caller]
     pub fn read(&self, address: Signal<'b>) -> Signal<'b> {
         self.port(address, true, Location::caller())
     }
 
-    /// The word at `address`, combinationally. Only for distributed RAM.
+    /// The word at `address`, combinationally, at the address's stage. Only for distributed RAM. While a word is
+    /// being written, its old value is read until the clock edge.
     #[track_caller]
     pub fn read_now(&self, address: Signal<'b>) -> Signal<'b> {
         let place = Location::caller();
@@ -129,30 +194,34 @@ impl<'b> Memory<'b> {
     }
 
     fn port(&self, address: Signal<'b>, synchronous: bool, place: Place) -> Signal<'b> {
-        self.check_address(address, place);
-        let (width, copy, name) = {
-            let mut inner = self.builder.inner.borrow_mut();
-            let memory = &mut inner.memories[self.index];
-            memory.reads += 1;
-            (
-                memory.width,
-                memory.reads - 1,
-                format!("{}_read{}", memory.name, memory.reads - 1),
-            )
+        if !self.check_address(address, place) {
+            return self.builder.zero(1);
+        }
+        let width = {
+            let inner = self.builder.inner.borrow();
+            inner.memories[self.index].width
         };
+        let key = (self.index, address.id, synchronous);
+        let known = self.builder.inner.borrow().reads.get(&key).copied();
+        if let Some(id) = known {
+            return Signal {
+                builder: self.builder,
+                id,
+            };
+        }
         let stage = address.stage_data().map(|s| Stage {
             at: s.at + u32::from(synchronous),
             ..s
         });
+        let copy = {
+            let mut inner = self.builder.inner.borrow_mut();
+            let memory = &mut inner.memories[self.index];
+            memory.reads += 1;
+            memory.reads - 1
+        };
         let read = Op::Read(self.index, copy, address.id, synchronous);
-        let signal = self.builder.named_node(read, width, &name, stage, place);
-        if synchronous {
-            self.builder
-                .inner
-                .borrow_mut()
-                .items
-                .push(Item::Drive(signal.id));
-        }
+        let signal = self.builder.node(read, width, stage, place);
+        self.builder.inner.borrow_mut().reads.insert(key, signal.id);
         signal
     }
 }

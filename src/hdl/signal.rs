@@ -31,7 +31,8 @@ impl<'b> Signal<'b> {
         self.stage_data().map(|s| s.at)
     }
 
-    pub(super) fn literal(&self) -> Option<u128> {
+    /// The signal's value where it is a constant: a literal, or what follows from literals alone.
+    pub fn literal(&self) -> Option<u128> {
         match self.builder.inner.borrow().nodes[self.id].op {
             Op::Literal(value) => Some(value),
             _ => None,
@@ -260,14 +261,14 @@ impl<'b> Signal<'b> {
     /// The `width` most significant bits.
     #[track_caller]
     pub fn high(self, width: u32) -> Signal<'b> {
-        self.bits(self.width() - 1, self.width() - width)
+        self.field(self.width().saturating_sub(width), width)
     }
 
     /// `width` bits from bit `lsb` upwards.
     #[track_caller]
     pub fn field(self, lsb: u32, width: u32) -> Signal<'b> {
         let place = Location::caller();
-        if width == 0 || lsb + width > self.width() {
+        if width == 0 || width > self.width() || lsb > self.width() - width {
             self.builder.fail(
                 place,
                 format!(

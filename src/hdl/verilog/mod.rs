@@ -129,7 +129,12 @@ impl Body {
     fn always(&mut self, statements: &[String]) {
         let mut block = String::from("  always @(posedge clk) begin\n");
         for statement in statements {
-            let _ = writeln!(block, "    {}", statement.replace('\n', "\n  "));
+            match statement.as_str() {
+                "" => block.push('\n'),
+                text => {
+                    let _ = writeln!(block, "    {}", text.replace('\n', "\n  "));
+                }
+            }
         }
         block.push_str("  end\n");
         self.block(&block);
@@ -359,7 +364,10 @@ impl Printer<'_> {
         if !delays.is_empty() {
             body.comment("Pipeline registers.");
             let mut statements = vec![];
-            for at in &stages {
+            for (i, at) in stages.iter().enumerate() {
+                if i > 0 {
+                    statements.push(String::new());
+                }
                 if stages.len() > 1 {
                     statements.push(match at {
                         None => "// Outside the pipelines".to_string(),
@@ -414,6 +422,9 @@ impl Printer<'_> {
     }
 
     fn memories(&self, body: &mut Body) {
+        if self.plan.copies.iter().any(|copies| !copies.is_empty()) {
+            body.comment("Memories.");
+        }
         for (index, copies) in self.plan.copies.iter().enumerate() {
             for (name, read) in self.names.copies[index].iter().zip(copies) {
                 let [enable, address, data] = self.plan.write_port(index).map(|id| self.part(id));

@@ -126,17 +126,21 @@ impl Names {
             let stem = match &self.stem[next] {
                 Some(stem) => stem.clone(),
                 None => {
-                    let stem = self
-                        .phrase(plan, next, 2)
-                        .filter(|name| name.len() <= LONG_NAME)
-                        .or_else(|| goals[next].clone())
-                        .unwrap_or_else(|| kind(&plan.ops[next]).to_string());
-                    let mut unique = stem.clone();
-                    let mut n = 1;
-                    while !stems.insert(unique.clone()) {
-                        n += 1;
-                        unique = format!("{stem}_{n}");
-                    }
+                    let phrase = self.phrase(plan, next, 2);
+                    let unique = match (phrase, &goals[next]) {
+                        (Some(name), _) if name.len() <= LONG_NAME => self.unique(name),
+                        // The goal has this name, its delays are called after it.
+                        (_, Some(goal)) => {
+                            let mut unique = goal.clone();
+                            let mut n = 1;
+                            while !stems.insert(unique.clone()) {
+                                n += 1;
+                                unique = format!("{goal}_{n}");
+                            }
+                            unique
+                        }
+                        _ => self.unique(kind(&plan.ops[next]).to_string()),
+                    };
                     self.stem[next] = Some(unique.clone());
                     unique
                 }

@@ -352,6 +352,15 @@ impl<'a> Plan<'a> {
                     self.declared[*source] = true;
                 }
             }
+            if let Op::Binary(Binary::Mul, ..) = self.ops[id] {
+                // The product's width is that of its operands too: no operator may stand there.
+                for source in &sources {
+                    self.declared[*source] |= !matches!(
+                        self.ops[*source],
+                        Op::Literal(_) | Op::Slice(..) | Op::Concat(_) | Op::Repeat(..)
+                    );
+                }
+            }
             let own = match &self.ops[id] {
                 Op::Literal(_) => 6,
                 Op::Binary(..) => 5,
@@ -365,12 +374,10 @@ impl<'a> Plan<'a> {
                     let chain = matches!(self.ops[id], Op::Mux(_, _, rest) if rest == **source);
                     !(chain && matches!(self.ops[**source], Op::Mux(..)))
                 })
-                .map(|source| {
-                    if self.declared[*source] {
-                        10
-                    } else {
-                        length[*source]
-                    }
+                .map(|source| match &self.given[*source] {
+                    Some(name) => name.len(),
+                    None if self.declared[*source] => 14,
+                    None => length[*source],
                 })
                 .sum();
             length[id] = own + operands;
@@ -431,6 +438,8 @@ impl<'a> Plan<'a> {
                 // What reads a slice that is written in place reads through it: see `mark`.
                 Op::Slice(..) if !self.declared[reader] => {}
                 Op::Slice(of, low) => self.mark(of, low, self.width(reader)),
+                // A register of a delay line reads the one before it in the line itself.
+                Op::Register(_) if self.in_line[reader].is_some_and(|(_, at)| at > 0) => {}
                 _ => {
                     for source in self.sources(reader) {
                         self.mark(source, 0, self.width(source));
