@@ -29,14 +29,14 @@ module fifo_38x48 (
     if (rst) count <= 6'd0; else if (push ^ pop) count <= push ? (count + 6'd1) : (count - 6'd1);
   end
 
-  wire [37:0] words_read0 = words[head];
+  assign front = words[head];
 
+  // Memories.
   always @(posedge clk) begin
     if (push) words[tail] <= data;
   end
 
   assign valid = |count;
-  assign front = words_read0;
 
 endmodule
 

@@ -80,12 +80,14 @@ module fp_mul (
     product_s1 <= product;
     low_exponent_s1 <= low_exponent;
     status_s1 <= status;
+
     // Stage 2
     low_exponent_s2 <= low_exponent_s1;
     product_fraction_s2 <= product_fraction;
     at_least_2_s2 <= at_least_2;
     round_up_s2 <= round_up;
     status_s2 <= status_s1;
+
     // Stage 3
     y <= result;
   end

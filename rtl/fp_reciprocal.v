@@ -178,56 +178,67 @@ module fp_reciprocal (
     quotient_1_s1 <= quotient_1;
     remainder_1_16_0_s1 <= remainder_1[16:0];
     chosen_2_s1 <= chosen_2;
+
     // Stage 2
     remainder_3_s2 <= remainder_3;
     chosen_2_s2 <= chosen_2_s1;
     quotient_1_s2 <= quotient_1_s1;
     quotient_3_s2 <= quotient_3;
+
     // Stage 3
     subtract_5_s3 <= subtract_5;
     remainder_4_16_0_s3 <= remainder_4[16:0];
     chosen_5_s3 <= chosen_5;
     quotient_4_s3 <= quotient_4;
+
     // Stage 4
     remainder_6_s4 <= remainder_6;
     chosen_5_s4 <= chosen_5_s3;
     subtract_5_s4 <= subtract_5_s3;
     quotient_6_s4 <= quotient_6;
+
     // Stage 5
     subtract_8_s5 <= subtract_8;
     remainder_7_16_0_s5 <= remainder_7[16:0];
     chosen_8_s5 <= chosen_8;
     quotient_7_s5 <= quotient_7;
+
     // Stage 6
     remainder_9_s6 <= remainder_9;
     chosen_8_s6 <= chosen_8_s5;
     subtract_8_s6 <= subtract_8_s5;
     quotient_9_s6 <= quotient_9;
+
     // Stage 7
     subtract_11_s7 <= subtract_11;
     remainder_10_16_0_s7 <= remainder_10[16:0];
     chosen_11_s7 <= chosen_11;
     quotient_10_s7 <= quotient_10;
+
     // Stage 8
     remainder_12_s8 <= remainder_12;
     chosen_11_s8 <= chosen_11_s7;
     subtract_11_s8 <= subtract_11_s7;
     quotient_12_s8 <= quotient_12;
+
     // Stage 9
     subtract_14_s9 <= subtract_14;
     remainder_13_16_0_s9 <= remainder_13[16:0];
     chosen_14_s9 <= chosen_14;
     quotient_13_s9 <= quotient_13;
+
     // Stage 10
     remainder_15_s10 <= remainder_15;
     chosen_14_s10 <= chosen_14_s9;
     subtract_14_s10 <= subtract_14_s9;
     quotient_15_s10 <= quotient_15;
+
     // Stage 11
     subtract_17_s11 <= subtract_17;
     remainder_16_16_0_s11 <= remainder_16[16:0];
     chosen_17_s11 <= chosen_17;
     quotient_16_s11 <= quotient_16;
+
     // Stage 12
     y <= result;
   end

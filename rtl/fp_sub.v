@@ -139,16 +139,19 @@ module fp_sub (
     big_exponent_s1 <= big_exponent;
     both_are_special_s1 <= both_are_special;
     big_sign_s1 <= big_sign;
+
     // Stage 2
     sum_s2 <= sum;
     exponent_plus_2_s2 <= exponent_plus_2;
     status_s2 <= status;
+
     // Stage 3
     normal_within_8_s3 <= normal_within_8;
     zeros_16_s3 <= zeros_16;
     zeros_8_s3 <= zeros_8;
     exponent_plus_2_s3 <= exponent_plus_2_s2;
     status_s3 <= status_s2;
+
     // Stage 4
     shift_s4 <= shift;
     exponent_plus_2_s4 <= exponent_plus_2_s3;
@@ -156,6 +159,7 @@ module fp_sub (
     round_up_s4 <= round_up;
     status_s4 <= status_s3;
     cancelled_s4 <= cancelled;
+
     // Stage 5
     y <= result;
   end

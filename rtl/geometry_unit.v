@@ -151,14 +151,14 @@ module geometry_unit (
   wire vertex2_memory_write_enable = vertex_response_valid & (vertex_response_tag[1:0] == 2'd2);
   (* no_rw_check, ram_style = "distributed" *)
   reg  [1:0] arrival_memory [0:47];
-  wire [1:0] arrival_memory_read0 = arrival_memory[vertex_response_tag[7:2]];
-  wire arrival_memory_read0_is_2 = arrival_memory_read0 == 2'd2;
-  wire triangle_complete = vertex_response_valid & arrival_memory_read0_is_2;
+  wire [1:0] arrival_memory_read = arrival_memory[vertex_response_tag[7:2]];
+  wire arrival_memory_read_is_2 = arrival_memory_read == 2'd2;
+  wire triangle_complete = vertex_response_valid & arrival_memory_read_is_2;
   wire [5:0] arrival_memory_write_address = sweep ? sweep_packet : vertex_response_tag[7:2];
   wire [1:0] arrival_memory_write_data =
       sweep ? 2'd0 :
-      arrival_memory_read0_is_2 ? 2'd0 :
-      (arrival_memory_read0 + 2'd1);
+      arrival_memory_read_is_2 ? 2'd0 :
+      (arrival_memory_read + 2'd1);
 
   // The rays of a complete triangle's mask go into the test, one a clock.
   wire take_ready;
@@ -219,14 +219,14 @@ module geometry_unit (
   reg  [72:0] ray_limit_memory_copy1 [0:191];
   wire [72:0] ray_limit_memory_write_data = {setup_shear_z, setup_any_hit, setup_tmax, setup_tmin};
   wire [7:0] test_index = {now_packet, issue_ray};
-  reg  [196:0] ray_memory_read0;
-  reg  [196:0] ray_memory_read0_s2;
-  reg  [71:0] vertex0_memory_read0;
-  reg  [71:0] vertex0_memory_read0_s2;
-  reg  [71:0] vertex1_memory_read0;
-  reg  [71:0] vertex1_memory_read0_s2;
-  reg  [71:0] vertex2_memory_read0;
-  reg  [71:0] vertex2_memory_read0_s2;
+  reg  [196:0] ray_memory_read;
+  reg  [196:0] ray_memory_read_s2;
+  reg  [71:0] vertex0_memory_read;
+  reg  [71:0] vertex0_memory_read_s2;
+  reg  [71:0] vertex1_memory_read;
+  reg  [71:0] vertex1_memory_read_s2;
+  reg  [71:0] vertex2_memory_read;
+  reg  [71:0] vertex2_memory_read_s2;
   reg  [423:0] test_index_delay;
   wire [7:0] test_index_s47 = test_index_delay[375:368];
   wire [7:0] test_index_s52 = test_index_delay[415:408];
@@ -241,26 +241,26 @@ module geometry_unit (
   wire [23:0] test_v;
   triangle_test test (
     .clk(clk),
-    .v0_x(vertex0_memory_read0_s2[23:0]),
-    .v0_y(vertex0_memory_read0_s2[47:24]),
-    .v0_z(vertex0_memory_read0_s2[71:48]),
-    .v1_x(vertex1_memory_read0_s2[23:0]),
-    .v1_y(vertex1_memory_read0_s2[47:24]),
-    .v1_z(vertex1_memory_read0_s2[71:48]),
-    .v2_x(vertex2_memory_read0_s2[23:0]),
-    .v2_y(vertex2_memory_read0_s2[47:24]),
-    .v2_z(vertex2_memory_read0_s2[71:48]),
-    .origin_x(ray_memory_read0_s2[23:0]),
-    .origin_y(ray_memory_read0_s2[47:24]),
-    .origin_z(ray_memory_read0_s2[71:48]),
-    .kz(ray_memory_read0_s2[148:147]),
-    .shear_x(ray_memory_read0_s2[172:149]),
-    .shear_y(ray_memory_read0_s2[196:173]),
+    .v0_x(vertex0_memory_read_s2[23:0]),
+    .v0_y(vertex0_memory_read_s2[47:24]),
+    .v0_z(vertex0_memory_read_s2[71:48]),
+    .v1_x(vertex1_memory_read_s2[23:0]),
+    .v1_y(vertex1_memory_read_s2[47:24]),
+    .v1_z(vertex1_memory_read_s2[71:48]),
+    .v2_x(vertex2_memory_read_s2[23:0]),
+    .v2_y(vertex2_memory_read_s2[47:24]),
+    .v2_z(vertex2_memory_read_s2[71:48]),
+    .origin_x(ray_memory_read_s2[23:0]),
+    .origin_y(ray_memory_read_s2[47:24]),
+    .origin_z(ray_memory_read_s2[71:48]),
+    .kz(ray_memory_read_s2[148:147]),
+    .shear_x(ray_memory_read_s2[172:149]),
+    .shear_y(ray_memory_read_s2[196:173]),
     .shear_z(ray_limit_memory_read1_s49[72:49]),
-    .reciprocal_x(ray_memory_read0_s2[95:72]),
-    .reciprocal_y(ray_memory_read0_s2[119:96]),
-    .reciprocal_z(ray_memory_read0_s2[143:120]),
-    .signs(ray_memory_read0_s2[146:144]),
+    .reciprocal_x(ray_memory_read_s2[95:72]),
+    .reciprocal_y(ray_memory_read_s2[119:96]),
+    .reciprocal_z(ray_memory_read_s2[143:120]),
+    .signs(ray_memory_read_s2[146:144]),
     .tmin(ray_limit_memory_read0_s54[23:0]),
     .tmax(ray_limit_memory_read0_s54[47:24]),
     .hit(test_hit),
@@ -282,8 +282,8 @@ module geometry_unit (
   wire [5:0] now_packet_s54 = now_packet_delay[323:318];
   wire [35:0] leaf_memory_read1 = leaf_memory_copy1[now_packet_s54];
   reg  [35:0] leaf_memory_read1_s55;
-  wire [31:0] number_memory_read0 = number_memory[now_packet_s54];
-  reg  [31:0] number_memory_read0_s55;
+  wire [31:0] number_memory_read = number_memory[now_packet_s54];
+  reg  [31:0] number_memory_read_s55;
   reg  [111:0] issue_ray_delay;
   wire [1:0] issue_ray_s55 = issue_ray_delay[109:108];
   wire was_touched =
@@ -303,15 +303,16 @@ module geometry_unit (
       ((test_t == closest_memory_read0_s55[23:0]) | term) &
       ~all_test_t_22_16_and_any_test_t_15_0 &
       ~term_4;
-  wire lower = number_memory_read0_s55 < closest_memory_read0_s55[103:72];
+  wire lower = number_memory_read_s55 < closest_memory_read0_s55[103:72];
   reg  ray_limit_memory_read0_48_s55;
-  wire term_5 = ray_limit_memory_read0_48_s55 | ~was_touched | closer | (as_close & lower);
-  wire replaces = test_hit & term_5;
+  wire replaces =
+      test_hit &
+      (ray_limit_memory_read0_48_s55 | ~was_touched | closer | (as_close & lower));
   reg  ray_limit_memory_read0_48_s56;
   reg  [23:0] ray_limit_memory_read0_23_0_s55, ray_limit_memory_read0_23_0_s56;
-  reg  [31:0] number_memory_read0_s56;
+  reg  [31:0] number_memory_read_s56;
   wire [103:0] merged = {
-      ray_limit_memory_read0_48_s56 ? 32'hffffffff : number_memory_read0_s56,
+      ray_limit_memory_read0_48_s56 ? 32'hffffffff : number_memory_read_s56,
       ray_limit_memory_read0_48_s56 ? 24'd0 : watch_test_v,
       ray_limit_memory_read0_48_s56 ? 24'd0 : watch_test_u,
       ray_limit_memory_read0_48_s56 ? ray_limit_memory_read0_23_0_s56 : watch_test_t
@@ -345,6 +346,7 @@ module geometry_unit (
   reg  [5:0] leaf_memory_read1_5_0_s56;
   reg  [103:0] closest_memory_read1;
 
+  // Memories.
   always @(posedge clk) begin
     if (take_leaf) leaf_memory_copy0[leaf_packet] <= leaf_data;
   end
@@ -359,17 +361,17 @@ module geometry_unit (
 
   always @(posedge clk) begin
     if (vertex0_memory_write_enable) vertex0_memory[vertex_response_tag[7:2]] <= vertex_response_data;
-    vertex0_memory_read0 <= vertex0_memory[now_packet];
+    vertex0_memory_read <= vertex0_memory[now_packet];
   end
 
   always @(posedge clk) begin
     if (vertex1_memory_write_enable) vertex1_memory[vertex_response_tag[7:2]] <= vertex_response_data;
-    vertex1_memory_read0 <= vertex1_memory[now_packet];
+    vertex1_memory_read <= vertex1_memory[now_packet];
   end
 
   always @(posedge clk) begin
     if (vertex2_memory_write_enable) vertex2_memory[vertex_response_tag[7:2]] <= vertex_response_data;
-    vertex2_memory_read0 <= vertex2_memory[now_packet];
+    vertex2_memory_read <= vertex2_memory[now_packet];
   end
 
   always @(posedge clk) begin
@@ -378,7 +380,7 @@ module geometry_unit (
 
   always @(posedge clk) begin
     if (setup_valid) ray_memory[ray_memory_write_address] <= ray_memory_write_data;
-    ray_memory_read0 <= ray_memory[test_index];
+    ray_memory_read <= ray_memory[test_index];
   end
 
   always @(posedge clk) begin
@@ -404,20 +406,24 @@ module geometry_unit (
   // Pipeline registers.
   always @(posedge clk) begin
     // Stage 2
-    ray_memory_read0_s2 <= ray_memory_read0;
-    vertex0_memory_read0_s2 <= vertex0_memory_read0;
-    vertex1_memory_read0_s2 <= vertex1_memory_read0;
-    vertex2_memory_read0_s2 <= vertex2_memory_read0;
+    ray_memory_read_s2 <= ray_memory_read;
+    vertex0_memory_read_s2 <= vertex0_memory_read;
+    vertex1_memory_read_s2 <= vertex1_memory_read;
+    vertex2_memory_read_s2 <= vertex2_memory_read;
+
     // Stage 49
     ray_limit_memory_read1_s49 <= ray_limit_memory_read1;
+
     // Stage 54
     ray_limit_memory_read0_s54 <= ray_limit_memory_read0;
+
     // Stage 55
     closest_memory_read0_s55 <= closest_memory_read0;
     leaf_memory_read1_s55 <= leaf_memory_read1;
-    number_memory_read0_s55 <= number_memory_read0;
+    number_memory_read_s55 <= number_memory_read;
     ray_limit_memory_read0_48_s55 <= ray_limit_memory_read0_s54[48];
     ray_limit_memory_read0_23_0_s55 <= ray_limit_memory_read0_s54[23:0];
+
     // Stage 56
     watch_test_replaces <= replaces;
     ray_limit_memory_read0_48_s56 <= ray_limit_memory_read0_48_s55;
@@ -425,7 +431,7 @@ module geometry_unit (
     watch_test_t <= test_t;
     watch_test_u <= test_u;
     watch_test_v <= test_v;
-    number_memory_read0_s56 <= number_memory_read0_s55;
+    number_memory_read_s56 <= number_memory_read_s55;
     leaf_memory_read1_9_6_s56 <= leaf_memory_read1_s55[9:6];
     leaf_memory_read1_5_0_s56 <= leaf_memory_read1_s55[5:0];
     watch_test_record <= leaf_memory_read1_s55[35:14];

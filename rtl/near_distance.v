@@ -40,10 +40,9 @@ module near_distance (
       term ? 2'd0 :
       ~any_scaled_y_22_16 ? 2'd2 :
       (~sum[1:0] - 2'd1);
-  wire [23:0] joined = {scaled_y[23], sum[22:16], sum[15:0] & {16{~(&sum[22:16])}}};
-  wire [23:0] choice_2 =
-      (~any_scaled_y_22_16 | (~scaled_y[23] & (~|sum[22:16]))) ? {~term, 6'd0, ~term, 14'd0, choice} :
-      joined;
+  wire [23:0] joined = {~term, 6'd0, ~term, 14'd0, choice};
+  wire [23:0] joined_2 = {scaled_y[23], sum[22:16], sum[15:0] & {16{~(&sum[22:16])}}};
+  wire [23:0] choice_2 = (~any_scaled_y_22_16 | (~scaled_y[23] & (~|sum[22:16]))) ? joined : joined_2;
 
   // Pipeline registers.
   always @(posedge clk) begin

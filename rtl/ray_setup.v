@@ -140,18 +140,15 @@ module ray_setup (
   wire [23:0] joined_s16 = joined_delay[383:360];
   reg  [15:0] tmin_clean_23_delay;
   wire tmin_clean_23_s16 = tmin_clean_23_delay[15];
-  wire choice =
-      (tmin_clean_23_s16 ^ near_x_distance[23]) ? tmin_clean_23_s16 :
-      ((joined_s16 < {near_x_distance[22:0], near_x_distance[23]}) ^ tmin_clean_23_s16);
+  wire term_8 = (joined_s16 < {near_x_distance[22:0], near_x_distance[23]}) ^ tmin_clean_23_s16;
+  wire choice = (tmin_clean_23_s16 ^ near_x_distance[23]) ? tmin_clean_23_s16 : term_8;
   reg  [15:0] term_delay;
   wire term_s16 = term_delay[15];
-  wire term_8 =
-      choice &
-      ~(tmin_clean_22_16_is_zero_s16 & (~|near_x_distance[22:16])) &
-      ~(term_s16 | ((&near_x_distance[22:16]) & (|near_x_distance[15:0])));
+  wire term_9 = ~(term_s16 | ((&near_x_distance[22:16]) & (|near_x_distance[15:0])));
+  wire term_10 = choice & ~(tmin_clean_22_16_is_zero_s16 & (~|near_x_distance[22:16])) & term_9;
   reg  [479:0] tmin_clean_delay;
   wire [23:0] tmin_clean_s16 = tmin_clean_delay[383:360];
-  wire [23:0] near_after_x = term_8 ? near_x_distance : tmin_clean_s16;
+  wire [23:0] near_after_x = term_10 ? near_x_distance : tmin_clean_s16;
   reg  [23:0] near_after_x_s17;
   reg  [15:0] tmax_clean_22_16_is_zero_delay;
   wire tmax_clean_22_16_is_zero_s16 = tmax_clean_22_16_is_zero_delay[15];
@@ -164,13 +161,13 @@ module ray_setup (
       (({far_x_distance[22:0], 1'b0} < joined_2_s16) ^ far_x_distance[23]);
   reg  [15:0] term_2_delay;
   wire term_2_s16 = term_2_delay[15];
-  wire term_9 =
+  wire term_11 =
       choice_2 &
       ~((~|far_x_distance[22:16]) & tmax_clean_22_16_is_zero_s16) &
       ~(((&far_x_distance[22:16]) & (|far_x_distance[15:0])) | term_2_s16);
   reg  [479:0] tmax_clean_delay;
   wire [23:0] tmax_clean_s16 = tmax_clean_delay[383:360];
-  wire [23:0] far_after_x = term_9 ? far_x_distance : tmax_clean_s16;
+  wire [23:0] far_after_x = term_11 ? far_x_distance : tmax_clean_s16;
   reg  [23:0] far_after_x_s17;
   reg  [167:0] near_y_plane_delay;
   wire [23:0] near_y_plane_s7 = near_y_plane_delay[167:144];
@@ -204,27 +201,28 @@ module ray_setup (
   wire choice_3 =
       (near_after_x_s17[23] ^ near_y_distance_23_s17) ? near_after_x_s17[23] :
       (({near_after_x_s17[22:0], 1'b0} < joined_3_s17) ^ near_after_x_s17[23]);
-  reg  term_10_s17;
-  wire term_10 =
+  reg  term_12_s17;
+  wire term_13 =
       choice_3 &
       ~((~|near_after_x_s17[22:16]) & near_y_distance_22_16_is_zero_s17) &
-      ~(((&near_after_x_s17[22:16]) & (|near_after_x_s17[15:0])) | term_10_s17);
+      ~(((&near_after_x_s17[22:16]) & (|near_after_x_s17[15:0])) | term_12_s17);
   reg  [23:0] near_y_distance_s17;
-  wire [23:0] near_after_y = term_10 ? near_y_distance_s17 : near_after_x_s17;
+  wire [23:0] near_after_y = term_13 ? near_y_distance_s17 : near_after_x_s17;
   reg  [23:0] near_after_y_s18;
   reg  far_y_distance_22_16_is_zero_s17;
   reg  [23:0] joined_4_s17;
   reg  far_y_distance_23_s17;
-  wire choice_4 =
-      (far_y_distance_23_s17 ^ far_after_x_s17[23]) ? far_y_distance_23_s17 :
-      ((joined_4_s17 < {far_after_x_s17[22:0], far_after_x_s17[23]}) ^ far_y_distance_23_s17);
-  reg  term_11_s17;
-  wire term_11 =
+  wire term_14 =
+      (joined_4_s17 < {far_after_x_s17[22:0], far_after_x_s17[23]}) ^
+      far_y_distance_23_s17;
+  wire choice_4 = (far_y_distance_23_s17 ^ far_after_x_s17[23]) ? far_y_distance_23_s17 : term_14;
+  reg  term_15_s17;
+  wire term_16 =
       choice_4 &
       ~(far_y_distance_22_16_is_zero_s17 & (~|far_after_x_s17[22:16])) &
-      ~(term_11_s17 | ((&far_after_x_s17[22:16]) & (|far_after_x_s17[15:0])));
+      ~(term_15_s17 | ((&far_after_x_s17[22:16]) & (|far_after_x_s17[15:0])));
   reg  [23:0] far_y_distance_s17;
-  wire [23:0] far_after_y = term_11 ? far_y_distance_s17 : far_after_x_s17;
+  wire [23:0] far_after_y = term_16 ? far_y_distance_s17 : far_after_x_s17;
   reg  [23:0] far_after_y_s18;
   reg  [167:0] near_z_plane_delay;
   wire [23:0] near_z_plane_s7 = near_z_plane_delay[167:144];
@@ -258,40 +256,40 @@ module ray_setup (
   wire choice_5 =
       (near_after_y_s18[23] ^ near_z_distance_23_s18) ? near_after_y_s18[23] :
       (({near_after_y_s18[22:0], 1'b0} < joined_5_s18) ^ near_after_y_s18[23]);
-  reg  term_12_s17, term_12_s18;
-  wire term_12 =
+  reg  term_17_s17, term_17_s18;
+  wire term_18 =
       choice_5 &
       ~((~|near_after_y_s18[22:16]) & near_z_distance_22_16_is_zero_s18) &
-      ~(((&near_after_y_s18[22:16]) & (|near_after_y_s18[15:0])) | term_12_s18);
+      ~(((&near_after_y_s18[22:16]) & (|near_after_y_s18[15:0])) | term_17_s18);
   reg  [23:0] near_z_distance_s17, near_z_distance_s18;
-  wire [23:0] near_after_z = term_12 ? near_z_distance_s18 : near_after_y_s18;
+  wire [23:0] near_after_z = term_18 ? near_z_distance_s18 : near_after_y_s18;
   reg  [23:0] near_after_z_s19;
   reg  far_z_distance_22_16_is_zero_s17, far_z_distance_22_16_is_zero_s18;
   reg  [23:0] joined_6_s17, joined_6_s18;
   reg  far_z_distance_23_s17, far_z_distance_23_s18;
-  wire choice_6 =
-      (far_z_distance_23_s18 ^ far_after_y_s18[23]) ? far_z_distance_23_s18 :
-      ((joined_6_s18 < {far_after_y_s18[22:0], far_after_y_s18[23]}) ^ far_z_distance_23_s18);
-  reg  term_13_s17, term_13_s18;
-  wire term_13 =
+  wire term_19 =
+      (joined_6_s18 < {far_after_y_s18[22:0], far_after_y_s18[23]}) ^
+      far_z_distance_23_s18;
+  wire choice_6 = (far_z_distance_23_s18 ^ far_after_y_s18[23]) ? far_z_distance_23_s18 : term_19;
+  reg  term_20_s17, term_20_s18;
+  wire term_21 =
       choice_6 &
       ~(far_z_distance_22_16_is_zero_s18 & (~|far_after_y_s18[22:16])) &
-      ~(term_13_s18 | ((&far_after_y_s18[22:16]) & (|far_after_y_s18[15:0])));
+      ~(term_20_s18 | ((&far_after_y_s18[22:16]) & (|far_after_y_s18[15:0])));
   reg  [23:0] far_z_distance_s17, far_z_distance_s18;
-  wire [23:0] far_after_z = term_13 ? far_z_distance_s18 : far_after_y_s18;
+  wire [23:0] far_after_z = term_21 ? far_z_distance_s18 : far_after_y_s18;
   reg  [23:0] far_after_z_s19;
-  wire term_14 =
-      ({far_after_z_s19[22:0], 1'b0} < {near_after_z_s19[22:0], near_after_z_s19[23]}) ^
-      far_after_z_s19[23];
-  wire term_15 =
-      ((far_after_z_s19[23] ^ near_after_z_s19[23]) ? far_after_z_s19[23] : term_14) &
-      ~((~|far_after_z_s19[22:16]) & (~|near_after_z_s19[22:16]));
-  wire term_16 =
+  wire comparison = {far_after_z_s19[22:0], 1'b0} < {near_after_z_s19[22:0], near_after_z_s19[23]};
+  wire choice_7 =
+      (far_after_z_s19[23] ^ near_after_z_s19[23]) ? far_after_z_s19[23] :
+      (comparison ^ far_after_z_s19[23]);
+  wire term_22 = choice_7 & ~((~|far_after_z_s19[22:16]) & (~|near_after_z_s19[22:16]));
+  wire term_23 =
       ((&near_after_z_s19[22:16]) & (|near_after_z_s19[15:0])) |
       ((&far_after_z_s19[22:16]) & (|far_after_z_s19[15:0]));
   reg  [17:0] sound_delay;
   wire sound_s19 = sound_delay[17];
-  wire enters = sound_s19 & (~term_15 & ~term_16);
+  wire enters = sound_s19 & (~term_22 & ~term_23);
 
   // The shear that the watertight test turns the ray into the z axis with.
   wire [22:0] size_x = (~|direction_x[22:16]) ? 23'd0 : direction_x[22:0];
@@ -393,50 +391,55 @@ module ray_setup (
     direction_z_s1 <= direction_z;
     direction_y_s1 <= direction_y;
     direction_x_s1 <= direction_x;
+
     // Stage 2
     y_beats_x_s2 <= y_beats_x_s1;
     direction_z_s2 <= direction_z_s1;
     direction_y_s2 <= direction_y_s1;
     direction_x_s2 <= direction_x_s1;
+
     // Stage 17
     near_after_x_s17 <= near_after_x;
     far_after_x_s17 <= far_after_x;
     near_y_distance_22_16_is_zero_s17 <= ~|near_y_distance[22:16];
     joined_3_s17 <= {near_y_distance[22:0], near_y_distance[23]};
     near_y_distance_23_s17 <= near_y_distance[23];
-    term_10_s17 <= (&near_y_distance[22:16]) & (|near_y_distance[15:0]);
+    term_12_s17 <= (&near_y_distance[22:16]) & (|near_y_distance[15:0]);
     near_y_distance_s17 <= near_y_distance;
     far_y_distance_22_16_is_zero_s17 <= ~|far_y_distance[22:16];
     joined_4_s17 <= {far_y_distance[22:0], 1'b0};
     far_y_distance_23_s17 <= far_y_distance[23];
-    term_11_s17 <= (&far_y_distance[22:16]) & (|far_y_distance[15:0]);
+    term_15_s17 <= (&far_y_distance[22:16]) & (|far_y_distance[15:0]);
     far_y_distance_s17 <= far_y_distance;
     near_z_distance_22_16_is_zero_s17 <= ~|near_z_distance[22:16];
     joined_5_s17 <= {near_z_distance[22:0], near_z_distance[23]};
     near_z_distance_23_s17 <= near_z_distance[23];
-    term_12_s17 <= (&near_z_distance[22:16]) & (|near_z_distance[15:0]);
+    term_17_s17 <= (&near_z_distance[22:16]) & (|near_z_distance[15:0]);
     near_z_distance_s17 <= near_z_distance;
     far_z_distance_22_16_is_zero_s17 <= ~|far_z_distance[22:16];
     joined_6_s17 <= {far_z_distance[22:0], 1'b0};
     far_z_distance_23_s17 <= far_z_distance[23];
-    term_13_s17 <= (&far_z_distance[22:16]) & (|far_z_distance[15:0]);
+    term_20_s17 <= (&far_z_distance[22:16]) & (|far_z_distance[15:0]);
     far_z_distance_s17 <= far_z_distance;
+
     // Stage 18
     near_after_y_s18 <= near_after_y;
     far_after_y_s18 <= far_after_y;
     near_z_distance_22_16_is_zero_s18 <= near_z_distance_22_16_is_zero_s17;
     joined_5_s18 <= joined_5_s17;
     near_z_distance_23_s18 <= near_z_distance_23_s17;
-    term_12_s18 <= term_12_s17;
+    term_17_s18 <= term_17_s17;
     near_z_distance_s18 <= near_z_distance_s17;
     far_z_distance_22_16_is_zero_s18 <= far_z_distance_22_16_is_zero_s17;
     joined_6_s18 <= joined_6_s17;
     far_z_distance_23_s18 <= far_z_distance_23_s17;
-    term_13_s18 <= term_13_s17;
+    term_20_s18 <= term_20_s17;
     far_z_distance_s18 <= far_z_distance_s17;
+
     // Stage 19
     near_after_z_s19 <= near_after_z;
     far_after_z_s19 <= far_after_z;
+
     // Stage 20
     out_enters <= enters;
     out_near <= near_after_z_s19;

@@ -417,6 +417,7 @@ module raycast_unit (
   // Finished packets hand out their hits ray by ray. The word read is always that of the ray shown
   // next.
   wire take_finished;
+  wire [9:0] finished_queue_data = {traversal_finished_touched, traversal_finished_packet};
 
   wire finished_queue_valid;
   wire [9:0] finished_queue_front;
@@ -424,7 +425,7 @@ module raycast_unit (
     .clk(clk),
     .rst(rst),
     .push(traversal_finished_valid),
-    .data({traversal_finished_touched, traversal_finished_packet}),
+    .data(finished_queue_data),
     .pop(take_finished),
     .valid(finished_queue_valid),
     .front(finished_queue_front)
@@ -464,7 +465,7 @@ module raycast_unit (
       (out_ray == 2'd2) ? out[8] :
       out[9];
   wire [31:0] out_triangle = out_touched ? intersection_read_triangle : 32'hffffffff;
-  wire [15:0] tag_memory_read0 = tag_memory[out_packet];
+  assign hit_tag = tag_memory[out_packet];
 
   // Counters since reset.
   reg  [6:0] under_way;
@@ -483,7 +484,7 @@ module raycast_unit (
   reg  [39:0] gu_starved_cycles_counter;
 
   always @(posedge clk) begin
-    if (rst) cycles_counter <= 40'd0; else if (1'b1) cycles_counter <= cycles_counter + 40'd1;
+    if (rst) cycles_counter <= 40'd0; else cycles_counter <= cycles_counter + 40'd1;
     if (rst) packet_steps_counter <= 40'd0; else if (traversal_step_taken) packet_steps_counter <= packet_steps_counter + 40'd1;
     if (rst) ray_triangle_tests_counter <= 40'd0; else if (intersection_test_issued) ray_triangle_tests_counter <= ray_triangle_tests_counter + 40'd1;
     if (rst) tpu_busy_cycles_counter <= 40'd0; else if (traversal_node_waiting | traversal_step_taken) tpu_busy_cycles_counter <= tpu_busy_cycles_counter + 40'd1;
@@ -492,13 +493,13 @@ module raycast_unit (
     if (rst) gu_starved_cycles_counter <= 40'd0; else if (some_under_way & ~intersection_test_issued) gu_starved_cycles_counter <= gu_starved_cycles_counter + 40'd1;
   end
 
+  // Memories.
   always @(posedge clk) begin
     if (take_ray & first_ray) tag_memory[free_queue_front] <= ray_tag;
   end
 
   assign ray_ready = ready;
   assign hit_valid = shown;
-  assign hit_tag = tag_memory_read0;
   assign hit_t = out_touched ? intersection_read_t : 24'h7f0000;
   assign hit_u = out_touched ? intersection_read_u : 24'd0;
   assign hit_v = out_touched ? intersection_read_v : 24'd0;

@@ -149,64 +149,64 @@ module tpu (
   wire [23:0] right_hi = node_response_data[95:72];
   wire [1:0] left_axis = node_response_data[125:124];
   wire [1:0] right_axis = node_response_data[127:126];
-  reg  [146:0] ray0_memory_read0;
-  reg  [146:0] ray0_memory_read0_s2;
-  reg  [146:0] ray1_memory_read0;
-  reg  [146:0] ray1_memory_read0_s2;
-  reg  [146:0] ray2_memory_read0;
-  reg  [146:0] ray2_memory_read0_s2;
-  reg  [146:0] ray3_memory_read0;
-  reg  [146:0] ray3_memory_read0_s2;
+  reg  [146:0] ray0_memory_read;
+  reg  [146:0] ray0_memory_read_s2;
+  reg  [146:0] ray1_memory_read;
+  reg  [146:0] ray1_memory_read_s2;
+  reg  [146:0] ray2_memory_read;
+  reg  [146:0] ray2_memory_read_s2;
+  reg  [146:0] ray3_memory_read;
+  reg  [146:0] ray3_memory_read_s2;
   reg  [95:0] packet_delay;
   wire [5:0] packet_s10 = packet_delay[59:54];
   wire [5:0] packet_s11 = packet_delay[65:60];
-  wire [32:0] request_memory_read0 = request_memory[packet_s11];
-  reg  [32:0] request_memory_read0_s12;
-  reg  [195:0] stepped_memory_read0;
-  reg  [195:0] stepped_memory_read0_s12;
-  wire [3:0] popped_mask_memory_read0 = popped_mask_memory[packet_s11];
-  reg  [3:0] popped_mask_memory_read0_s12;
+  wire [32:0] request_memory_read = request_memory[packet_s11];
+  reg  [32:0] request_memory_read_s12;
+  reg  [195:0] stepped_memory_read;
+  reg  [195:0] stepped_memory_read_s12;
+  wire [3:0] popped_mask_memory_read = popped_mask_memory[packet_s11];
+  reg  [3:0] popped_mask_memory_read_s12;
   wire [3:0] mask_in =
-      request_memory_read0_s12[32] ? popped_mask_memory_read0_s12 :
-      stepped_memory_read0_s12[195:192];
-  reg  [47:0] popped0_memory_read0;
-  reg  [47:0] popped0_memory_read0_s12;
+      request_memory_read_s12[32] ? popped_mask_memory_read_s12 :
+      stepped_memory_read_s12[195:192];
+  reg  [47:0] popped0_memory_read;
+  reg  [47:0] popped0_memory_read_s12;
   wire [47:0] ray0_interval =
-      request_memory_read0_s12[32] ? popped0_memory_read0_s12 :
-      stepped_memory_read0_s12[47:0];
+      request_memory_read_s12[32] ? popped0_memory_read_s12 :
+      stepped_memory_read_s12[47:0];
   reg  left_axis_is_1_s1, left_axis_is_1_s2;
   reg  left_axis_is_0_s1, left_axis_is_0_s2;
   wire ray0_left_sign =
-      left_axis_is_0_s2 ? ray0_memory_read0_s2[144] :
-      left_axis_is_1_s2 ? ray0_memory_read0_s2[145] :
-      ray0_memory_read0_s2[146];
+      left_axis_is_0_s2 ? ray0_memory_read_s2[144] :
+      left_axis_is_1_s2 ? ray0_memory_read_s2[145] :
+      ray0_memory_read_s2[146];
   reg  ray0_left_sign_s3;
   wire [23:0] ray0_left_origin =
-      left_axis_is_0_s2 ? ray0_memory_read0_s2[23:0] :
-      left_axis_is_1_s2 ? ray0_memory_read0_s2[47:24] :
-      ray0_memory_read0_s2[71:48];
+      left_axis_is_0_s2 ? ray0_memory_read_s2[23:0] :
+      left_axis_is_1_s2 ? ray0_memory_read_s2[47:24] :
+      ray0_memory_read_s2[71:48];
   reg  [23:0] ray0_left_origin_s3;
   wire [23:0] ray0_left_reciprocal =
-      left_axis_is_0_s2 ? ray0_memory_read0_s2[95:72] :
-      left_axis_is_1_s2 ? ray0_memory_read0_s2[119:96] :
-      ray0_memory_read0_s2[143:120];
+      left_axis_is_0_s2 ? ray0_memory_read_s2[95:72] :
+      left_axis_is_1_s2 ? ray0_memory_read_s2[119:96] :
+      ray0_memory_read_s2[143:120];
   reg  [23:0] ray0_left_reciprocal_s3;
   reg  right_axis_is_1_s1, right_axis_is_1_s2;
   reg  right_axis_is_0_s1, right_axis_is_0_s2;
   wire ray0_right_sign =
-      right_axis_is_0_s2 ? ray0_memory_read0_s2[144] :
-      right_axis_is_1_s2 ? ray0_memory_read0_s2[145] :
-      ray0_memory_read0_s2[146];
+      right_axis_is_0_s2 ? ray0_memory_read_s2[144] :
+      right_axis_is_1_s2 ? ray0_memory_read_s2[145] :
+      ray0_memory_read_s2[146];
   reg  ray0_right_sign_s3;
   wire [23:0] ray0_right_origin =
-      right_axis_is_0_s2 ? ray0_memory_read0_s2[23:0] :
-      right_axis_is_1_s2 ? ray0_memory_read0_s2[47:24] :
-      ray0_memory_read0_s2[71:48];
+      right_axis_is_0_s2 ? ray0_memory_read_s2[23:0] :
+      right_axis_is_1_s2 ? ray0_memory_read_s2[47:24] :
+      ray0_memory_read_s2[71:48];
   reg  [23:0] ray0_right_origin_s3;
   wire [23:0] ray0_right_reciprocal =
-      right_axis_is_0_s2 ? ray0_memory_read0_s2[95:72] :
-      right_axis_is_1_s2 ? ray0_memory_read0_s2[119:96] :
-      ray0_memory_read0_s2[143:120];
+      right_axis_is_0_s2 ? ray0_memory_read_s2[95:72] :
+      right_axis_is_1_s2 ? ray0_memory_read_s2[119:96] :
+      ray0_memory_read_s2[143:120];
   reg  [23:0] ray0_right_reciprocal_s3;
   reg  [23:0] left_lo_s1, left_lo_s2, left_lo_s3;
   reg  [23:0] left_hi_s1, left_hi_s2, left_hi_s3;
@@ -244,40 +244,40 @@ module tpu (
     .left_before_right(slice0_left_before_right)
   );
 
-  reg  [47:0] popped1_memory_read0;
-  reg  [47:0] popped1_memory_read0_s12;
+  reg  [47:0] popped1_memory_read;
+  reg  [47:0] popped1_memory_read_s12;
   wire [47:0] ray1_interval =
-      request_memory_read0_s12[32] ? popped1_memory_read0_s12 :
-      stepped_memory_read0_s12[95:48];
+      request_memory_read_s12[32] ? popped1_memory_read_s12 :
+      stepped_memory_read_s12[95:48];
   wire ray1_left_sign =
-      left_axis_is_0_s2 ? ray1_memory_read0_s2[144] :
-      left_axis_is_1_s2 ? ray1_memory_read0_s2[145] :
-      ray1_memory_read0_s2[146];
+      left_axis_is_0_s2 ? ray1_memory_read_s2[144] :
+      left_axis_is_1_s2 ? ray1_memory_read_s2[145] :
+      ray1_memory_read_s2[146];
   reg  ray1_left_sign_s3;
   wire [23:0] ray1_left_origin =
-      left_axis_is_0_s2 ? ray1_memory_read0_s2[23:0] :
-      left_axis_is_1_s2 ? ray1_memory_read0_s2[47:24] :
-      ray1_memory_read0_s2[71:48];
+      left_axis_is_0_s2 ? ray1_memory_read_s2[23:0] :
+      left_axis_is_1_s2 ? ray1_memory_read_s2[47:24] :
+      ray1_memory_read_s2[71:48];
   reg  [23:0] ray1_left_origin_s3;
   wire [23:0] ray1_left_reciprocal =
-      left_axis_is_0_s2 ? ray1_memory_read0_s2[95:72] :
-      left_axis_is_1_s2 ? ray1_memory_read0_s2[119:96] :
-      ray1_memory_read0_s2[143:120];
+      left_axis_is_0_s2 ? ray1_memory_read_s2[95:72] :
+      left_axis_is_1_s2 ? ray1_memory_read_s2[119:96] :
+      ray1_memory_read_s2[143:120];
   reg  [23:0] ray1_left_reciprocal_s3;
   wire ray1_right_sign =
-      right_axis_is_0_s2 ? ray1_memory_read0_s2[144] :
-      right_axis_is_1_s2 ? ray1_memory_read0_s2[145] :
-      ray1_memory_read0_s2[146];
+      right_axis_is_0_s2 ? ray1_memory_read_s2[144] :
+      right_axis_is_1_s2 ? ray1_memory_read_s2[145] :
+      ray1_memory_read_s2[146];
   reg  ray1_right_sign_s3;
   wire [23:0] ray1_right_origin =
-      right_axis_is_0_s2 ? ray1_memory_read0_s2[23:0] :
-      right_axis_is_1_s2 ? ray1_memory_read0_s2[47:24] :
-      ray1_memory_read0_s2[71:48];
+      right_axis_is_0_s2 ? ray1_memory_read_s2[23:0] :
+      right_axis_is_1_s2 ? ray1_memory_read_s2[47:24] :
+      ray1_memory_read_s2[71:48];
   reg  [23:0] ray1_right_origin_s3;
   wire [23:0] ray1_right_reciprocal =
-      right_axis_is_0_s2 ? ray1_memory_read0_s2[95:72] :
-      right_axis_is_1_s2 ? ray1_memory_read0_s2[119:96] :
-      ray1_memory_read0_s2[143:120];
+      right_axis_is_0_s2 ? ray1_memory_read_s2[95:72] :
+      right_axis_is_1_s2 ? ray1_memory_read_s2[119:96] :
+      ray1_memory_read_s2[143:120];
   reg  [23:0] ray1_right_reciprocal_s3;
 
   wire [23:0] slice1_out_left_near;
@@ -311,40 +311,40 @@ module tpu (
     .left_before_right(slice1_left_before_right)
   );
 
-  reg  [47:0] popped2_memory_read0;
-  reg  [47:0] popped2_memory_read0_s12;
+  reg  [47:0] popped2_memory_read;
+  reg  [47:0] popped2_memory_read_s12;
   wire [47:0] ray2_interval =
-      request_memory_read0_s12[32] ? popped2_memory_read0_s12 :
-      stepped_memory_read0_s12[143:96];
+      request_memory_read_s12[32] ? popped2_memory_read_s12 :
+      stepped_memory_read_s12[143:96];
   wire ray2_left_sign =
-      left_axis_is_0_s2 ? ray2_memory_read0_s2[144] :
-      left_axis_is_1_s2 ? ray2_memory_read0_s2[145] :
-      ray2_memory_read0_s2[146];
+      left_axis_is_0_s2 ? ray2_memory_read_s2[144] :
+      left_axis_is_1_s2 ? ray2_memory_read_s2[145] :
+      ray2_memory_read_s2[146];
   reg  ray2_left_sign_s3;
   wire [23:0] ray2_left_origin =
-      left_axis_is_0_s2 ? ray2_memory_read0_s2[23:0] :
-      left_axis_is_1_s2 ? ray2_memory_read0_s2[47:24] :
-      ray2_memory_read0_s2[71:48];
+      left_axis_is_0_s2 ? ray2_memory_read_s2[23:0] :
+      left_axis_is_1_s2 ? ray2_memory_read_s2[47:24] :
+      ray2_memory_read_s2[71:48];
   reg  [23:0] ray2_left_origin_s3;
   wire [23:0] ray2_left_reciprocal =
-      left_axis_is_0_s2 ? ray2_memory_read0_s2[95:72] :
-      left_axis_is_1_s2 ? ray2_memory_read0_s2[119:96] :
-      ray2_memory_read0_s2[143:120];
+      left_axis_is_0_s2 ? ray2_memory_read_s2[95:72] :
+      left_axis_is_1_s2 ? ray2_memory_read_s2[119:96] :
+      ray2_memory_read_s2[143:120];
   reg  [23:0] ray2_left_reciprocal_s3;
   wire ray2_right_sign =
-      right_axis_is_0_s2 ? ray2_memory_read0_s2[144] :
-      right_axis_is_1_s2 ? ray2_memory_read0_s2[145] :
-      ray2_memory_read0_s2[146];
+      right_axis_is_0_s2 ? ray2_memory_read_s2[144] :
+      right_axis_is_1_s2 ? ray2_memory_read_s2[145] :
+      ray2_memory_read_s2[146];
   reg  ray2_right_sign_s3;
   wire [23:0] ray2_right_origin =
-      right_axis_is_0_s2 ? ray2_memory_read0_s2[23:0] :
-      right_axis_is_1_s2 ? ray2_memory_read0_s2[47:24] :
-      ray2_memory_read0_s2[71:48];
+      right_axis_is_0_s2 ? ray2_memory_read_s2[23:0] :
+      right_axis_is_1_s2 ? ray2_memory_read_s2[47:24] :
+      ray2_memory_read_s2[71:48];
   reg  [23:0] ray2_right_origin_s3;
   wire [23:0] ray2_right_reciprocal =
-      right_axis_is_0_s2 ? ray2_memory_read0_s2[95:72] :
-      right_axis_is_1_s2 ? ray2_memory_read0_s2[119:96] :
-      ray2_memory_read0_s2[143:120];
+      right_axis_is_0_s2 ? ray2_memory_read_s2[95:72] :
+      right_axis_is_1_s2 ? ray2_memory_read_s2[119:96] :
+      ray2_memory_read_s2[143:120];
   reg  [23:0] ray2_right_reciprocal_s3;
 
   wire [23:0] slice2_out_left_near;
@@ -378,40 +378,40 @@ module tpu (
     .left_before_right(slice2_left_before_right)
   );
 
-  reg  [47:0] popped3_memory_read0;
-  reg  [47:0] popped3_memory_read0_s12;
+  reg  [47:0] popped3_memory_read;
+  reg  [47:0] popped3_memory_read_s12;
   wire [47:0] ray3_interval =
-      request_memory_read0_s12[32] ? popped3_memory_read0_s12 :
-      stepped_memory_read0_s12[191:144];
+      request_memory_read_s12[32] ? popped3_memory_read_s12 :
+      stepped_memory_read_s12[191:144];
   wire ray3_left_sign =
-      left_axis_is_0_s2 ? ray3_memory_read0_s2[144] :
-      left_axis_is_1_s2 ? ray3_memory_read0_s2[145] :
-      ray3_memory_read0_s2[146];
+      left_axis_is_0_s2 ? ray3_memory_read_s2[144] :
+      left_axis_is_1_s2 ? ray3_memory_read_s2[145] :
+      ray3_memory_read_s2[146];
   reg  ray3_left_sign_s3;
   wire [23:0] ray3_left_origin =
-      left_axis_is_0_s2 ? ray3_memory_read0_s2[23:0] :
-      left_axis_is_1_s2 ? ray3_memory_read0_s2[47:24] :
-      ray3_memory_read0_s2[71:48];
+      left_axis_is_0_s2 ? ray3_memory_read_s2[23:0] :
+      left_axis_is_1_s2 ? ray3_memory_read_s2[47:24] :
+      ray3_memory_read_s2[71:48];
   reg  [23:0] ray3_left_origin_s3;
   wire [23:0] ray3_left_reciprocal =
-      left_axis_is_0_s2 ? ray3_memory_read0_s2[95:72] :
-      left_axis_is_1_s2 ? ray3_memory_read0_s2[119:96] :
-      ray3_memory_read0_s2[143:120];
+      left_axis_is_0_s2 ? ray3_memory_read_s2[95:72] :
+      left_axis_is_1_s2 ? ray3_memory_read_s2[119:96] :
+      ray3_memory_read_s2[143:120];
   reg  [23:0] ray3_left_reciprocal_s3;
   wire ray3_right_sign =
-      right_axis_is_0_s2 ? ray3_memory_read0_s2[144] :
-      right_axis_is_1_s2 ? ray3_memory_read0_s2[145] :
-      ray3_memory_read0_s2[146];
+      right_axis_is_0_s2 ? ray3_memory_read_s2[144] :
+      right_axis_is_1_s2 ? ray3_memory_read_s2[145] :
+      ray3_memory_read_s2[146];
   reg  ray3_right_sign_s3;
   wire [23:0] ray3_right_origin =
-      right_axis_is_0_s2 ? ray3_memory_read0_s2[23:0] :
-      right_axis_is_1_s2 ? ray3_memory_read0_s2[47:24] :
-      ray3_memory_read0_s2[71:48];
+      right_axis_is_0_s2 ? ray3_memory_read_s2[23:0] :
+      right_axis_is_1_s2 ? ray3_memory_read_s2[47:24] :
+      ray3_memory_read_s2[71:48];
   reg  [23:0] ray3_right_origin_s3;
   wire [23:0] ray3_right_reciprocal =
-      right_axis_is_0_s2 ? ray3_memory_read0_s2[95:72] :
-      right_axis_is_1_s2 ? ray3_memory_read0_s2[119:96] :
-      ray3_memory_read0_s2[143:120];
+      right_axis_is_0_s2 ? ray3_memory_read_s2[95:72] :
+      right_axis_is_1_s2 ? ray3_memory_read_s2[119:96] :
+      ray3_memory_read_s2[143:120];
   reg  [23:0] ray3_right_reciprocal_s3;
 
   wire [23:0] slice3_out_left_near;
@@ -450,9 +450,13 @@ module tpu (
   wire [3:0] to_right = {slice3_to_right, slice2_to_right, slice1_to_right, slice0_to_right};
   wire goes_left = |to_left;
   wire goes_right = |to_right;
-  wire left_first =
-      goes_left &
-      ((|{slice3_left_before_right, slice2_left_before_right, slice1_left_before_right, slice0_left_before_right}) | ~goes_right);
+  wire [3:0] joined = {
+      slice3_left_before_right,
+      slice2_left_before_right,
+      slice1_left_before_right,
+      slice0_left_before_right
+    };
+  wire left_first = goes_left & ((|joined) | ~goes_right);
   wire [191:0] left_intervals = {
       slice3_out_left_far,
       slice3_out_left_near,
@@ -473,10 +477,10 @@ module tpu (
       slice0_out_right_far,
       slice0_out_right_near
     };
-  reg  [87:0] request_memory_read0_21_0_delay;
-  wire [21:0] own_address = request_memory_read0_21_0_delay[65:44];
-  reg  [9:0] request_memory_read0_31_22_s13, request_memory_read0_31_22_s14;
-  reg  [9:0] request_memory_read0_31_22_s15;
+  reg  [87:0] request_memory_read_21_0_delay;
+  wire [21:0] own_address = request_memory_read_21_0_delay[65:44];
+  reg  [9:0] request_memory_read_31_22_s13, request_memory_read_31_22_s14;
+  reg  [9:0] request_memory_read_31_22_s15;
   wire [21:0] link = node_response_data[117:96];
   wire left_leaf = node_response_data[122];
   wire right_leaf = node_response_data[123];
@@ -499,13 +503,13 @@ module tpu (
   wire [3:0] second_mask = left_first ? to_right : to_left;
   wire [191:0] first_intervals = left_first ? left_intervals : right_intervals;
   wire [191:0] second_intervals = left_first ? right_intervals : left_intervals;
-  wire [5:0] level_before = request_memory_read0_31_22_s15[5:0];
+  wire [5:0] level_before = request_memory_read_31_22_s15[5:0];
   wire goes_both = goes_left & goes_right;
   reg  [15:0] node_response_valid_delay;
   wire node_response_valid_s15 = node_response_valid_delay[14];
   wire pushes = goes_both & node_response_valid_s15;
   wire [5:0] next_level = level_before + {5'd0, goes_both};
-  wire [9:0] next_context = {request_memory_read0_31_22_s15[9:6], next_level};
+  wire [9:0] next_context = {request_memory_read_31_22_s15[9:6], next_level};
   wire step_valid = node_response_valid_delay[15];
   wire [5:0] step_packet = packet_delay[95:90];
   wire goes_on = goes_left | goes_right;
@@ -600,128 +604,140 @@ module tpu (
       nowhere_queue_front;
   wire stack_empty = ~|pop[11:6];
   wire [5:0] level_below = pop[11:6] - 6'd1;
-  reg  [218:0] stack_read0;
-  reg  [218:0] stack_read0_s2;
+  reg  [218:0] stack_read;
+  reg  [218:0] stack_read_s2;
   (* no_rw_check, ram_style = "distributed" *)
   reg  [23:0] limit0_memory [0:47];
   reg  [23:0] pop_5_0_delay;
   wire [5:0] pop_5_0_s1 = pop_5_0_delay[5:0];
-  wire [23:0] limit0_memory_read0 = limit0_memory[pop_5_0_s1];
-  reg  [23:0] limit0_memory_read0_s2;
-  wire limit0_memory_read0_22_16_is_zero = ~|limit0_memory_read0_s2[22:16];
-  wire [23:0] joined = {limit0_memory_read0_s2[22:0], 1'b0};
-  wire choice =
-      (limit0_memory_read0_s2[23] ^ stack_read0_s2[50]) ? limit0_memory_read0_s2[23] :
-      ((joined < {stack_read0_s2[49:27], stack_read0_s2[50]}) ^ limit0_memory_read0_s2[23]);
-  wire term = (&limit0_memory_read0_s2[22:16]) & (|limit0_memory_read0_s2[15:0]);
+  wire [23:0] limit0_memory_read = limit0_memory[pop_5_0_s1];
+  reg  [23:0] limit0_memory_read_s2;
+  wire limit0_memory_read_22_16_is_zero = ~|limit0_memory_read_s2[22:16];
+  wire [23:0] joined_2 = {limit0_memory_read_s2[22:0], 1'b0};
+  wire term = (joined_2 < {stack_read_s2[49:27], stack_read_s2[50]}) ^ limit0_memory_read_s2[23];
+  wire choice_2 = (limit0_memory_read_s2[23] ^ stack_read_s2[50]) ? limit0_memory_read_s2[23] : term;
+  wire term_2 = (&limit0_memory_read_s2[22:16]) & (|limit0_memory_read_s2[15:0]);
   wire ray0_within =
-      ~(choice & ~(limit0_memory_read0_22_16_is_zero & (~|stack_read0_s2[49:43]))) &
-      ~(((&stack_read0_s2[49:43]) & (|stack_read0_s2[42:27])) | term);
+      ~(choice_2 & ~(limit0_memory_read_22_16_is_zero & (~|stack_read_s2[49:43]))) &
+      ~(((&stack_read_s2[49:43]) & (|stack_read_s2[42:27])) | term_2);
   reg  not_pop_12_s1, not_pop_12_s2;
-  wire ray0_stays = stack_read0_s2[23] & (ray0_within | not_pop_12_s2);
-  wire choice_2 =
-      (limit0_memory_read0_s2[23] ^ stack_read0_s2[74]) ? limit0_memory_read0_s2[23] :
-      ((joined < {stack_read0_s2[73:51], stack_read0_s2[74]}) ^ limit0_memory_read0_s2[23]);
-  wire term_2 =
-      choice_2 &
-      ~(limit0_memory_read0_22_16_is_zero & (~|stack_read0_s2[73:67])) &
-      ~(term | ((&stack_read0_s2[73:67]) & (|stack_read0_s2[66:51])));
+  wire ray0_stays = stack_read_s2[23] & (ray0_within | not_pop_12_s2);
+  wire term_3 = (joined_2 < {stack_read_s2[73:51], stack_read_s2[74]}) ^ limit0_memory_read_s2[23];
+  wire choice_3 =
+      (limit0_memory_read_s2[23] ^ stack_read_s2[74]) ? limit0_memory_read_s2[23] :
+      term_3;
+  wire term_4 =
+      choice_3 &
+      ~(limit0_memory_read_22_16_is_zero & (~|stack_read_s2[73:67])) &
+      ~(term_2 | ((&stack_read_s2[73:67]) & (|stack_read_s2[66:51])));
   reg  pop_12_s1, pop_12_s2;
   wire [23:0] ray0_far =
-      pop_12_s2 ? (term_2 ? limit0_memory_read0_s2 : stack_read0_s2[74:51]) :
-      stack_read0_s2[74:51];
+      pop_12_s2 ? (term_4 ? limit0_memory_read_s2 : stack_read_s2[74:51]) :
+      stack_read_s2[74:51];
   reg  ray0_stays_s3;
-  reg  [47:0] joined_2_s3;
-  (* no_rw_check, ram_style = "distributed" *)
-  reg  [23:0] limit1_memory [0:47];
-  wire [23:0] limit1_memory_read0 = limit1_memory[pop_5_0_s1];
-  reg  [23:0] limit1_memory_read0_s2;
-  wire limit1_memory_read0_22_16_is_zero = ~|limit1_memory_read0_s2[22:16];
-  wire [23:0] joined_2 = {limit1_memory_read0_s2[22:0], 1'b0};
-  wire choice_3 =
-      (limit1_memory_read0_s2[23] ^ stack_read0_s2[98]) ? limit1_memory_read0_s2[23] :
-      ((joined_2 < {stack_read0_s2[97:75], stack_read0_s2[98]}) ^ limit1_memory_read0_s2[23]);
-  wire term_3 = (&limit1_memory_read0_s2[22:16]) & (|limit1_memory_read0_s2[15:0]);
-  wire ray1_within =
-      ~(choice_3 & ~(limit1_memory_read0_22_16_is_zero & (~|stack_read0_s2[97:91]))) &
-      ~(((&stack_read0_s2[97:91]) & (|stack_read0_s2[90:75])) | term_3);
-  reg  not_pop_13_s1, not_pop_13_s2;
-  wire ray1_stays = stack_read0_s2[24] & (ray1_within | not_pop_13_s2);
-  wire choice_4 =
-      (limit1_memory_read0_s2[23] ^ stack_read0_s2[122]) ? limit1_memory_read0_s2[23] :
-      ((joined_2 < {stack_read0_s2[121:99], stack_read0_s2[122]}) ^ limit1_memory_read0_s2[23]);
-  wire term_4 =
-      choice_4 &
-      ~(limit1_memory_read0_22_16_is_zero & (~|stack_read0_s2[121:115])) &
-      ~(term_3 | ((&stack_read0_s2[121:115]) & (|stack_read0_s2[114:99])));
-  reg  pop_13_s1, pop_13_s2;
-  wire [23:0] ray1_far =
-      pop_13_s2 ? (term_4 ? limit1_memory_read0_s2 : stack_read0_s2[122:99]) :
-      stack_read0_s2[122:99];
-  reg  ray1_stays_s3;
   reg  [47:0] joined_3_s3;
   (* no_rw_check, ram_style = "distributed" *)
-  reg  [23:0] limit2_memory [0:47];
-  wire [23:0] limit2_memory_read0 = limit2_memory[pop_5_0_s1];
-  reg  [23:0] limit2_memory_read0_s2;
-  wire limit2_memory_read0_22_16_is_zero = ~|limit2_memory_read0_s2[22:16];
-  wire [23:0] joined_3 = {limit2_memory_read0_s2[22:0], 1'b0};
+  reg  [23:0] limit1_memory [0:47];
+  wire [23:0] limit1_memory_read = limit1_memory[pop_5_0_s1];
+  reg  [23:0] limit1_memory_read_s2;
+  wire limit1_memory_read_22_16_is_zero = ~|limit1_memory_read_s2[22:16];
+  wire [23:0] joined_4 = {limit1_memory_read_s2[22:0], 1'b0};
+  wire term_5 = (joined_4 < {stack_read_s2[97:75], stack_read_s2[98]}) ^ limit1_memory_read_s2[23];
+  wire choice_4 =
+      (limit1_memory_read_s2[23] ^ stack_read_s2[98]) ? limit1_memory_read_s2[23] :
+      term_5;
+  wire term_6 = (&limit1_memory_read_s2[22:16]) & (|limit1_memory_read_s2[15:0]);
+  wire ray1_within =
+      ~(choice_4 & ~(limit1_memory_read_22_16_is_zero & (~|stack_read_s2[97:91]))) &
+      ~(((&stack_read_s2[97:91]) & (|stack_read_s2[90:75])) | term_6);
+  reg  not_pop_13_s1, not_pop_13_s2;
+  wire ray1_stays = stack_read_s2[24] & (ray1_within | not_pop_13_s2);
+  wire term_7 = (joined_4 < {stack_read_s2[121:99], stack_read_s2[122]}) ^ limit1_memory_read_s2[23];
   wire choice_5 =
-      (limit2_memory_read0_s2[23] ^ stack_read0_s2[146]) ? limit2_memory_read0_s2[23] :
-      ((joined_3 < {stack_read0_s2[145:123], stack_read0_s2[146]}) ^ limit2_memory_read0_s2[23]);
-  wire term_5 = (&limit2_memory_read0_s2[22:16]) & (|limit2_memory_read0_s2[15:0]);
-  wire ray2_within =
-      ~(choice_5 & ~(limit2_memory_read0_22_16_is_zero & (~|stack_read0_s2[145:139]))) &
-      ~(((&stack_read0_s2[145:139]) & (|stack_read0_s2[138:123])) | term_5);
-  reg  not_pop_14_s1, not_pop_14_s2;
-  wire ray2_stays = stack_read0_s2[25] & (ray2_within | not_pop_14_s2);
+      (limit1_memory_read_s2[23] ^ stack_read_s2[122]) ? limit1_memory_read_s2[23] :
+      term_7;
+  wire term_8 =
+      choice_5 &
+      ~(limit1_memory_read_22_16_is_zero & (~|stack_read_s2[121:115])) &
+      ~(term_6 | ((&stack_read_s2[121:115]) & (|stack_read_s2[114:99])));
+  reg  pop_13_s1, pop_13_s2;
+  wire [23:0] ray1_far =
+      pop_13_s2 ? (term_8 ? limit1_memory_read_s2 : stack_read_s2[122:99]) :
+      stack_read_s2[122:99];
+  reg  ray1_stays_s3;
+  reg  [47:0] joined_5_s3;
+  (* no_rw_check, ram_style = "distributed" *)
+  reg  [23:0] limit2_memory [0:47];
+  wire [23:0] limit2_memory_read = limit2_memory[pop_5_0_s1];
+  reg  [23:0] limit2_memory_read_s2;
+  wire limit2_memory_read_22_16_is_zero = ~|limit2_memory_read_s2[22:16];
+  wire [23:0] joined_6 = {limit2_memory_read_s2[22:0], 1'b0};
+  wire term_9 = (joined_6 < {stack_read_s2[145:123], stack_read_s2[146]}) ^ limit2_memory_read_s2[23];
   wire choice_6 =
-      (limit2_memory_read0_s2[23] ^ stack_read0_s2[170]) ? limit2_memory_read0_s2[23] :
-      ((joined_3 < {stack_read0_s2[169:147], stack_read0_s2[170]}) ^ limit2_memory_read0_s2[23]);
-  wire term_6 =
-      choice_6 &
-      ~(limit2_memory_read0_22_16_is_zero & (~|stack_read0_s2[169:163])) &
-      ~(term_5 | ((&stack_read0_s2[169:163]) & (|stack_read0_s2[162:147])));
+      (limit2_memory_read_s2[23] ^ stack_read_s2[146]) ? limit2_memory_read_s2[23] :
+      term_9;
+  wire term_10 = (&limit2_memory_read_s2[22:16]) & (|limit2_memory_read_s2[15:0]);
+  wire ray2_within =
+      ~(choice_6 & ~(limit2_memory_read_22_16_is_zero & (~|stack_read_s2[145:139]))) &
+      ~(((&stack_read_s2[145:139]) & (|stack_read_s2[138:123])) | term_10);
+  reg  not_pop_14_s1, not_pop_14_s2;
+  wire ray2_stays = stack_read_s2[25] & (ray2_within | not_pop_14_s2);
+  wire term_11 =
+      (joined_6 < {stack_read_s2[169:147], stack_read_s2[170]}) ^
+      limit2_memory_read_s2[23];
+  wire choice_7 =
+      (limit2_memory_read_s2[23] ^ stack_read_s2[170]) ? limit2_memory_read_s2[23] :
+      term_11;
+  wire term_12 =
+      choice_7 &
+      ~(limit2_memory_read_22_16_is_zero & (~|stack_read_s2[169:163])) &
+      ~(term_10 | ((&stack_read_s2[169:163]) & (|stack_read_s2[162:147])));
   reg  pop_14_s1, pop_14_s2;
   wire [23:0] ray2_far =
-      pop_14_s2 ? (term_6 ? limit2_memory_read0_s2 : stack_read0_s2[170:147]) :
-      stack_read0_s2[170:147];
+      pop_14_s2 ? (term_12 ? limit2_memory_read_s2 : stack_read_s2[170:147]) :
+      stack_read_s2[170:147];
   reg  ray2_stays_s3;
-  reg  [47:0] joined_4_s3;
+  reg  [47:0] joined_7_s3;
   (* no_rw_check, ram_style = "distributed" *)
   reg  [23:0] limit3_memory [0:47];
-  wire [23:0] limit3_memory_read0 = limit3_memory[pop_5_0_s1];
-  reg  [23:0] limit3_memory_read0_s2;
-  wire limit3_memory_read0_22_16_is_zero = ~|limit3_memory_read0_s2[22:16];
-  wire [23:0] joined_4 = {limit3_memory_read0_s2[22:0], 1'b0};
-  wire choice_7 =
-      (limit3_memory_read0_s2[23] ^ stack_read0_s2[194]) ? limit3_memory_read0_s2[23] :
-      ((joined_4 < {stack_read0_s2[193:171], stack_read0_s2[194]}) ^ limit3_memory_read0_s2[23]);
-  wire term_7 = (&limit3_memory_read0_s2[22:16]) & (|limit3_memory_read0_s2[15:0]);
-  wire ray3_within =
-      ~(choice_7 & ~(limit3_memory_read0_22_16_is_zero & (~|stack_read0_s2[193:187]))) &
-      ~(((&stack_read0_s2[193:187]) & (|stack_read0_s2[186:171])) | term_7);
-  reg  not_pop_15_s1, not_pop_15_s2;
-  wire ray3_stays = stack_read0_s2[26] & (ray3_within | not_pop_15_s2);
+  wire [23:0] limit3_memory_read = limit3_memory[pop_5_0_s1];
+  reg  [23:0] limit3_memory_read_s2;
+  wire limit3_memory_read_22_16_is_zero = ~|limit3_memory_read_s2[22:16];
+  wire [23:0] joined_8 = {limit3_memory_read_s2[22:0], 1'b0};
+  wire term_13 =
+      (joined_8 < {stack_read_s2[193:171], stack_read_s2[194]}) ^
+      limit3_memory_read_s2[23];
   wire choice_8 =
-      (limit3_memory_read0_s2[23] ^ stack_read0_s2[218]) ? limit3_memory_read0_s2[23] :
-      ((joined_4 < {stack_read0_s2[217:195], stack_read0_s2[218]}) ^ limit3_memory_read0_s2[23]);
-  wire term_8 =
-      choice_8 &
-      ~(limit3_memory_read0_22_16_is_zero & (~|stack_read0_s2[217:211])) &
-      ~(term_7 | ((&stack_read0_s2[217:211]) & (|stack_read0_s2[210:195])));
+      (limit3_memory_read_s2[23] ^ stack_read_s2[194]) ? limit3_memory_read_s2[23] :
+      term_13;
+  wire term_14 = (&limit3_memory_read_s2[22:16]) & (|limit3_memory_read_s2[15:0]);
+  wire ray3_within =
+      ~(choice_8 & ~(limit3_memory_read_22_16_is_zero & (~|stack_read_s2[193:187]))) &
+      ~(((&stack_read_s2[193:187]) & (|stack_read_s2[186:171])) | term_14);
+  reg  not_pop_15_s1, not_pop_15_s2;
+  wire ray3_stays = stack_read_s2[26] & (ray3_within | not_pop_15_s2);
+  wire term_15 =
+      (joined_8 < {stack_read_s2[217:195], stack_read_s2[218]}) ^
+      limit3_memory_read_s2[23];
+  wire choice_9 =
+      (limit3_memory_read_s2[23] ^ stack_read_s2[218]) ? limit3_memory_read_s2[23] :
+      term_15;
+  wire term_16 =
+      choice_9 &
+      ~(limit3_memory_read_22_16_is_zero & (~|stack_read_s2[217:211])) &
+      ~(term_14 | ((&stack_read_s2[217:211]) & (|stack_read_s2[210:195])));
   reg  pop_15_s1, pop_15_s2;
   wire [23:0] ray3_far =
-      pop_15_s2 ? (term_8 ? limit3_memory_read0_s2 : stack_read0_s2[218:195]) :
-      stack_read0_s2[218:195];
+      pop_15_s2 ? (term_16 ? limit3_memory_read_s2 : stack_read_s2[218:195]) :
+      stack_read_s2[218:195];
   reg  ray3_stays_s3;
-  reg  [47:0] joined_5_s3;
+  reg  [47:0] joined_9_s3;
   wire [3:0] stay_mask = {ray3_stays_s3, ray2_stays_s3, ray1_stays_s3, ray0_stays_s3};
   reg  [3:0] pop_out_mask;
-  reg  [47:0] joined_2_s4;
   reg  [47:0] joined_3_s4;
-  reg  [47:0] joined_4_s4;
   reg  [47:0] joined_5_s4;
+  reg  [47:0] joined_7_s4;
+  reg  [47:0] joined_9_s4;
   reg  [3:0] pop_valid_delay;
   wire pop_done = pop_valid_delay[3];
   wire [5:0] pop_out_packet = pop_5_0_delay[23:18];
@@ -731,8 +747,8 @@ module tpu (
   wire [3:0] pop_15_12_s4 = pop_15_12_delay[15:12];
   reg  [23:0] level_below_delay;
   wire [5:0] level_below_s4 = level_below_delay[23:18];
-  reg  [21:0] stack_read0_21_0_s3, stack_read0_21_0_s4;
-  reg  stack_read0_22_s3, stack_read0_22_s4;
+  reg  [21:0] stack_read_21_0_s3, stack_read_21_0_s4;
+  reg  stack_read_22_s3, stack_read_22_s4;
   wire [9:0] pop_out_context = {pop_15_12_s4, level_below_s4};
   wire pop_done_and_not_stack_empty = pop_done & ~stack_empty_s4;
   wire any_pop_out_mask = |pop_out_mask;
@@ -744,13 +760,13 @@ module tpu (
   // The start: rays arrive one by one, the last starts the packet at the root. No pop ends while
   // one arrives.
   reg  [3:0] gathered;
-  wire [3:0] joined_5 = {
+  wire [3:0] joined_10 = {
       setup_enters & setup_ray_is_3,
       setup_enters & setup_ray_is_2,
       setup_enters & setup_ray_is_1,
       setup_enters & setup_ray_is_0
     };
-  wire [3:0] start_mask = ((~|setup_ray) ? 4'd0 : gathered) | joined_5;
+  wire [3:0] start_mask = ((~|setup_ray) ? 4'd0 : gathered) | joined_10;
 
   always @(posedge clk) begin
     if (setup_valid) gathered <= start_mask;
@@ -762,22 +778,23 @@ module tpu (
   wire entered = start_goes | pop_goes_on;
   assign popped_mask_write = entered;
   assign popped_mask = setup_valid ? start_mask : pop_out_mask;
-  wire [47:0] joined_6 = {setup_far, setup_near};
+  wire [47:0] joined_11 = {setup_far, setup_near};
   assign popped_write0 = setup_of_ray0 | pop_goes_on;
-  assign popped_interval0 = setup_valid ? joined_6 : joined_2_s4;
+  assign popped_interval0 = setup_valid ? joined_11 : joined_3_s4;
   assign popped_write1 = setup_of_ray1 | pop_goes_on;
-  assign popped_interval1 = setup_valid ? joined_6 : joined_3_s4;
+  assign popped_interval1 = setup_valid ? joined_11 : joined_5_s4;
   assign popped_write2 = setup_of_ray2 | pop_goes_on;
-  assign popped_interval2 = setup_valid ? joined_6 : joined_4_s4;
+  assign popped_interval2 = setup_valid ? joined_11 : joined_7_s4;
   assign popped_write3 = setup_of_ray3 | pop_goes_on;
-  assign popped_interval3 = setup_valid ? joined_6 : joined_5_s4;
-  wire choice_9 = setup_valid ? root[26] : stack_read0_22_s4;
-  wire [21:0] choice_10 = setup_valid ? root[21:0] : stack_read0_21_0_s4;
-  wire [9:0] choice_11 = setup_valid ? 10'd0 : pop_out_context;
+  assign popped_interval3 = setup_valid ? joined_11 : joined_9_s4;
+  wire choice_10 = setup_valid ? root[26] : stack_read_22_s4;
+  wire [21:0] choice_11 = setup_valid ? root[21:0] : stack_read_21_0_s4;
+  wire [9:0] choice_12 = setup_valid ? 10'd0 : pop_out_context;
 
   // Nodes to fetch: after steps, and after pops and starts.
   wire take_step_item;
   wire take_pop_item;
+  wire [37:0] step_queue_data = {next_context_s16, first_address_s16, step_packet};
 
   wire step_queue_valid;
   wire [37:0] step_queue_front;
@@ -785,19 +802,21 @@ module tpu (
     .clk(clk),
     .rst(rst),
     .push(stepped_write & ~first_leaf_s16),
-    .data({next_context_s16, first_address_s16, step_packet}),
+    .data(step_queue_data),
     .pop(take_step_item),
     .valid(step_queue_valid),
     .front(step_queue_front)
   );
+
+  wire [37:0] entered_queue_data = {choice_12, choice_11, popped_packet};
 
   wire entered_queue_valid;
   wire [37:0] entered_queue_front;
   fifo_38x48 entered_queue (
     .clk(clk),
     .rst(rst),
-    .push(entered & ~choice_9),
-    .data({choice_11, choice_10, popped_packet}),
+    .push(entered & ~choice_10),
+    .data(entered_queue_data),
     .pop(take_pop_item),
     .valid(entered_queue_valid),
     .front(entered_queue_front)
@@ -832,14 +851,14 @@ module tpu (
     .front(step_leaf_queue_front)
   );
 
-  wire [41:0] entered_leaf_queue_data = {popped_mask, choice_11, choice_10, popped_packet};
+  wire [41:0] entered_leaf_queue_data = {popped_mask, choice_12, choice_11, popped_packet};
 
   wire entered_leaf_queue_valid;
   wire [41:0] entered_leaf_queue_front;
   fifo_42x48 entered_leaf_queue (
     .clk(clk),
     .rst(rst),
-    .push(entered & choice_9),
+    .push(entered & choice_10),
     .data(entered_leaf_queue_data),
     .pop(take_pop_leaf),
     .valid(entered_leaf_queue_valid),
@@ -849,26 +868,27 @@ module tpu (
   wire [41:0] leaf_front = step_leaf_queue_valid ? step_leaf_queue_front : entered_leaf_queue_front;
   assign take_step_leaf = leaf_ready & step_leaf_queue_valid;
   assign take_pop_leaf = leaf_ready & ~step_leaf_queue_valid & entered_leaf_queue_valid;
-  assign watch_step_node = request_memory_read0_21_0_delay[87:66];
+  assign watch_step_node = request_memory_read_21_0_delay[87:66];
 
+  // Memories.
   always @(posedge clk) begin
     if (setup_of_ray0) ray0_memory[setup_packet] <= setup_word;
-    ray0_memory_read0 <= ray0_memory[packet];
+    ray0_memory_read <= ray0_memory[packet];
   end
 
   always @(posedge clk) begin
     if (setup_of_ray1) ray1_memory[setup_packet] <= setup_word;
-    ray1_memory_read0 <= ray1_memory[packet];
+    ray1_memory_read <= ray1_memory[packet];
   end
 
   always @(posedge clk) begin
     if (setup_of_ray2) ray2_memory[setup_packet] <= setup_word;
-    ray2_memory_read0 <= ray2_memory[packet];
+    ray2_memory_read <= ray2_memory[packet];
   end
 
   always @(posedge clk) begin
     if (setup_of_ray3) ray3_memory[setup_packet] <= setup_word;
-    ray3_memory_read0 <= ray3_memory[packet];
+    ray3_memory_read <= ray3_memory[packet];
   end
 
   always @(posedge clk) begin
@@ -877,7 +897,7 @@ module tpu (
 
   always @(posedge clk) begin
     if (stepped_write) stepped_memory[stepped_packet] <= {stepped_mask, stepped_intervals};
-    stepped_memory_read0 <= stepped_memory[packet_s10];
+    stepped_memory_read <= stepped_memory[packet_s10];
   end
 
   always @(posedge clk) begin
@@ -886,27 +906,27 @@ module tpu (
 
   always @(posedge clk) begin
     if (popped_write0) popped0_memory[popped_packet] <= popped_interval0;
-    popped0_memory_read0 <= popped0_memory[packet_s10];
+    popped0_memory_read <= popped0_memory[packet_s10];
   end
 
   always @(posedge clk) begin
     if (popped_write1) popped1_memory[popped_packet] <= popped_interval1;
-    popped1_memory_read0 <= popped1_memory[packet_s10];
+    popped1_memory_read <= popped1_memory[packet_s10];
   end
 
   always @(posedge clk) begin
     if (popped_write2) popped2_memory[popped_packet] <= popped_interval2;
-    popped2_memory_read0 <= popped2_memory[packet_s10];
+    popped2_memory_read <= popped2_memory[packet_s10];
   end
 
   always @(posedge clk) begin
     if (popped_write3) popped3_memory[popped_packet] <= popped_interval3;
-    popped3_memory_read0 <= popped3_memory[packet_s10];
+    popped3_memory_read <= popped3_memory[packet_s10];
   end
 
   always @(posedge clk) begin
     if (stack_write) stack[{step_packet, level_before_s16[4:0]}] <= stack_write_data_s16;
-    stack_read0 <= stack[{pop[5:0], level_below[4:0]}];
+    stack_read <= stack[{pop[5:0], level_below[4:0]}];
   end
 
   always @(posedge clk) begin
@@ -936,11 +956,12 @@ module tpu (
     left_hi_s1 <= left_hi;
     right_lo_s1 <= right_lo;
     right_hi_s1 <= right_hi;
+
     // Pipeline 1, stage 2
-    ray0_memory_read0_s2 <= ray0_memory_read0;
-    ray1_memory_read0_s2 <= ray1_memory_read0;
-    ray2_memory_read0_s2 <= ray2_memory_read0;
-    ray3_memory_read0_s2 <= ray3_memory_read0;
+    ray0_memory_read_s2 <= ray0_memory_read;
+    ray1_memory_read_s2 <= ray1_memory_read;
+    ray2_memory_read_s2 <= ray2_memory_read;
+    ray3_memory_read_s2 <= ray3_memory_read;
     left_axis_is_1_s2 <= left_axis_is_1_s1;
     left_axis_is_0_s2 <= left_axis_is_0_s1;
     right_axis_is_1_s2 <= right_axis_is_1_s1;
@@ -949,6 +970,7 @@ module tpu (
     left_hi_s2 <= left_hi_s1;
     right_lo_s2 <= right_lo_s1;
     right_hi_s2 <= right_hi_s1;
+
     // Pipeline 1, stage 3
     ray0_left_sign_s3 <= ray0_left_sign;
     ray0_left_origin_s3 <= ray0_left_origin;
@@ -978,20 +1000,25 @@ module tpu (
     ray3_right_sign_s3 <= ray3_right_sign;
     ray3_right_origin_s3 <= ray3_right_origin;
     ray3_right_reciprocal_s3 <= ray3_right_reciprocal;
+
     // Pipeline 1, stage 12
-    request_memory_read0_s12 <= request_memory_read0;
-    stepped_memory_read0_s12 <= stepped_memory_read0;
-    popped_mask_memory_read0_s12 <= popped_mask_memory_read0;
-    popped0_memory_read0_s12 <= popped0_memory_read0;
-    popped1_memory_read0_s12 <= popped1_memory_read0;
-    popped2_memory_read0_s12 <= popped2_memory_read0;
-    popped3_memory_read0_s12 <= popped3_memory_read0;
+    request_memory_read_s12 <= request_memory_read;
+    stepped_memory_read_s12 <= stepped_memory_read;
+    popped_mask_memory_read_s12 <= popped_mask_memory_read;
+    popped0_memory_read_s12 <= popped0_memory_read;
+    popped1_memory_read_s12 <= popped1_memory_read;
+    popped2_memory_read_s12 <= popped2_memory_read;
+    popped3_memory_read_s12 <= popped3_memory_read;
+
     // Pipeline 1, stage 13
-    request_memory_read0_31_22_s13 <= request_memory_read0_s12[31:22];
+    request_memory_read_31_22_s13 <= request_memory_read_s12[31:22];
+
     // Pipeline 1, stage 14
-    request_memory_read0_31_22_s14 <= request_memory_read0_31_22_s13;
+    request_memory_read_31_22_s14 <= request_memory_read_31_22_s13;
+
     // Pipeline 1, stage 15
-    request_memory_read0_31_22_s15 <= request_memory_read0_31_22_s14;
+    request_memory_read_31_22_s15 <= request_memory_read_31_22_s14;
+
     // Pipeline 1, stage 16
     goes_on_s16 <= goes_on;
     first_leaf_s16 <= first_leaf;
@@ -1007,6 +1034,7 @@ module tpu (
     watch_step_left_first <= left_first;
     watch_step_left_intervals <= left_intervals;
     watch_step_right_intervals <= right_intervals;
+
     // Pipeline 2, stage 1
     not_pop_12_s1 <= ~pop[12];
     pop_12_s1 <= pop[12];
@@ -1016,45 +1044,48 @@ module tpu (
     pop_14_s1 <= pop[14];
     not_pop_15_s1 <= ~pop[15];
     pop_15_s1 <= pop[15];
+
     // Pipeline 2, stage 2
-    stack_read0_s2 <= stack_read0;
-    limit0_memory_read0_s2 <= limit0_memory_read0;
+    stack_read_s2 <= stack_read;
+    limit0_memory_read_s2 <= limit0_memory_read;
     not_pop_12_s2 <= not_pop_12_s1;
     pop_12_s2 <= pop_12_s1;
-    limit1_memory_read0_s2 <= limit1_memory_read0;
+    limit1_memory_read_s2 <= limit1_memory_read;
     not_pop_13_s2 <= not_pop_13_s1;
     pop_13_s2 <= pop_13_s1;
-    limit2_memory_read0_s2 <= limit2_memory_read0;
+    limit2_memory_read_s2 <= limit2_memory_read;
     not_pop_14_s2 <= not_pop_14_s1;
     pop_14_s2 <= pop_14_s1;
-    limit3_memory_read0_s2 <= limit3_memory_read0;
+    limit3_memory_read_s2 <= limit3_memory_read;
     not_pop_15_s2 <= not_pop_15_s1;
     pop_15_s2 <= pop_15_s1;
+
     // Pipeline 2, stage 3
     ray0_stays_s3 <= ray0_stays;
-    joined_2_s3 <= {ray0_far, stack_read0_s2[50:27]};
+    joined_3_s3 <= {ray0_far, stack_read_s2[50:27]};
     ray1_stays_s3 <= ray1_stays;
-    joined_3_s3 <= {ray1_far, stack_read0_s2[98:75]};
+    joined_5_s3 <= {ray1_far, stack_read_s2[98:75]};
     ray2_stays_s3 <= ray2_stays;
-    joined_4_s3 <= {ray2_far, stack_read0_s2[146:123]};
+    joined_7_s3 <= {ray2_far, stack_read_s2[146:123]};
     ray3_stays_s3 <= ray3_stays;
-    joined_5_s3 <= {ray3_far, stack_read0_s2[194:171]};
-    stack_read0_21_0_s3 <= stack_read0_s2[21:0];
-    stack_read0_22_s3 <= stack_read0_s2[22];
+    joined_9_s3 <= {ray3_far, stack_read_s2[194:171]};
+    stack_read_21_0_s3 <= stack_read_s2[21:0];
+    stack_read_22_s3 <= stack_read_s2[22];
+
     // Pipeline 2, stage 4
     pop_out_mask <= stay_mask;
-    joined_2_s4 <= joined_2_s3;
     joined_3_s4 <= joined_3_s3;
-    joined_4_s4 <= joined_4_s3;
     joined_5_s4 <= joined_5_s3;
-    stack_read0_21_0_s4 <= stack_read0_21_0_s3;
-    stack_read0_22_s4 <= stack_read0_22_s3;
+    joined_7_s4 <= joined_7_s3;
+    joined_9_s4 <= joined_9_s3;
+    stack_read_21_0_s4 <= stack_read_21_0_s3;
+    stack_read_22_s4 <= stack_read_22_s3;
   end
 
   // Delay lines: values that wait for others of their pipeline, the newest lowest.
   always @(posedge clk) begin
     packet_delay <= {packet_delay[89:0], packet};
-    request_memory_read0_21_0_delay <= {request_memory_read0_21_0_delay[65:0], request_memory_read0_s12[21:0]};
+    request_memory_read_21_0_delay <= {request_memory_read_21_0_delay[65:0], request_memory_read_s12[21:0]};
     left_leaf_delay <= {left_leaf_delay[13:0], left_leaf};
     link_delay <= {link_delay[307:0], link};
     right_leaf_delay <= {right_leaf_delay[13:0], right_leaf};

@@ -66,30 +66,34 @@ module tpu_slice (
 
   reg  ray_near_22_16_is_zero_s10;
   reg  [23:0] joined_s10;
+  wire comparison = joined_s10 < {left_near_distance_distance[22:0], left_near_distance_distance[23]};
   reg  ray_near_23_s10;
   wire choice =
       (ray_near_23_s10 ^ left_near_distance_distance[23]) ? ray_near_23_s10 :
-      ((joined_s10 < {left_near_distance_distance[22:0], left_near_distance_distance[23]}) ^ ray_near_23_s10);
-  reg  term_s10;
-  wire term =
-      choice &
-      ~(ray_near_22_16_is_zero_s10 & (~|left_near_distance_distance[22:16])) &
-      ~(term_s10 | ((&left_near_distance_distance[22:16]) & (|left_near_distance_distance[15:0])));
+      (comparison ^ ray_near_23_s10);
+  wire term = choice & ~(ray_near_22_16_is_zero_s10 & (~|left_near_distance_distance[22:16]));
+  wire term_2 = (&left_near_distance_distance[22:16]) & (|left_near_distance_distance[15:0]);
+  reg  term_3_s10;
   reg  [23:0] ray_near_s10;
-  wire [23:0] left_near_clipped = term ? left_near_distance_distance : ray_near_s10;
+  wire [23:0] left_near_clipped =
+      (term & ~(term_3_s10 | term_2)) ? left_near_distance_distance :
+      ray_near_s10;
   reg  ray_far_22_16_is_zero_s10;
   reg  [23:0] joined_2_s10;
   reg  ray_far_23_s10;
+  wire term_4 =
+      ({left_far_distance_distance[22:0], 1'b0} < joined_2_s10) ^
+      left_far_distance_distance[23];
   wire choice_2 =
       (left_far_distance_distance[23] ^ ray_far_23_s10) ? left_far_distance_distance[23] :
-      (({left_far_distance_distance[22:0], 1'b0} < joined_2_s10) ^ left_far_distance_distance[23]);
-  reg  term_2_s10;
-  wire term_2 =
-      choice_2 &
-      ~((~|left_far_distance_distance[22:16]) & ray_far_22_16_is_zero_s10) &
-      ~(((&left_far_distance_distance[22:16]) & (|left_far_distance_distance[15:0])) | term_2_s10);
+      term_4;
+  wire term_5 = choice_2 & ~((~|left_far_distance_distance[22:16]) & ray_far_22_16_is_zero_s10);
+  wire term_6 = (&left_far_distance_distance[22:16]) & (|left_far_distance_distance[15:0]);
+  reg  term_7_s10;
   reg  [23:0] ray_far_s10;
-  wire [23:0] left_far_clipped = term_2 ? left_far_distance_distance : ray_far_s10;
+  wire [23:0] left_far_clipped =
+      (term_5 & ~(term_6 | term_7_s10)) ? left_far_distance_distance :
+      ray_far_s10;
   reg  [23:0] left_near_clipped_s11;
   reg  [23:0] left_far_clipped_s11;
 
@@ -120,56 +124,62 @@ module tpu_slice (
     .distance(right_far_distance_distance)
   );
 
+  wire comparison_2 =
+      joined_s10 <
+      {right_near_distance_distance[22:0], right_near_distance_distance[23]};
   wire choice_3 =
       (ray_near_23_s10 ^ right_near_distance_distance[23]) ? ray_near_23_s10 :
-      ((joined_s10 < {right_near_distance_distance[22:0], right_near_distance_distance[23]}) ^ ray_near_23_s10);
-  wire term_3 =
-      choice_3 &
-      ~(ray_near_22_16_is_zero_s10 & (~|right_near_distance_distance[22:16])) &
-      ~(term_s10 | ((&right_near_distance_distance[22:16]) & (|right_near_distance_distance[15:0])));
-  wire [23:0] right_near_clipped = term_3 ? right_near_distance_distance : ray_near_s10;
+      (comparison_2 ^ ray_near_23_s10);
+  wire term_8 = choice_3 & ~(ray_near_22_16_is_zero_s10 & (~|right_near_distance_distance[22:16]));
+  wire term_9 = (&right_near_distance_distance[22:16]) & (|right_near_distance_distance[15:0]);
+  wire [23:0] right_near_clipped =
+      (term_8 & ~(term_3_s10 | term_9)) ? right_near_distance_distance :
+      ray_near_s10;
+  wire term_10 =
+      ({right_far_distance_distance[22:0], 1'b0} < joined_2_s10) ^
+      right_far_distance_distance[23];
   wire choice_4 =
       (right_far_distance_distance[23] ^ ray_far_23_s10) ? right_far_distance_distance[23] :
-      (({right_far_distance_distance[22:0], 1'b0} < joined_2_s10) ^ right_far_distance_distance[23]);
-  wire term_4 =
-      choice_4 &
-      ~((~|right_far_distance_distance[22:16]) & ray_far_22_16_is_zero_s10) &
-      ~(((&right_far_distance_distance[22:16]) & (|right_far_distance_distance[15:0])) | term_2_s10);
-  wire [23:0] right_far_clipped = term_4 ? right_far_distance_distance : ray_far_s10;
+      term_10;
+  wire term_11 = choice_4 & ~((~|right_far_distance_distance[22:16]) & ray_far_22_16_is_zero_s10);
+  wire term_12 = (&right_far_distance_distance[22:16]) & (|right_far_distance_distance[15:0]);
+  wire [23:0] right_far_clipped =
+      (term_11 & ~(term_12 | term_7_s10)) ? right_far_distance_distance :
+      ray_far_s10;
   reg  [23:0] right_near_clipped_s11;
   reg  [23:0] right_far_clipped_s11;
 
   // Where the ray goes.
   wire left_near_clipped_22_16_is_zero = ~|left_near_clipped_s11[22:16];
-  wire [23:0] joined = {left_near_clipped_s11[22:0], left_near_clipped_s11[23]};
+  wire [23:0] joined_3 = {left_near_clipped_s11[22:0], left_near_clipped_s11[23]};
   wire choice_5 =
       (left_far_clipped_s11[23] ^ left_near_clipped_s11[23]) ? left_far_clipped_s11[23] :
-      (({left_far_clipped_s11[22:0], 1'b0} < joined) ^ left_far_clipped_s11[23]);
-  wire term_5 = (&left_near_clipped_s11[22:16]) & (|left_near_clipped_s11[15:0]);
-  wire term_6 =
+      (({left_far_clipped_s11[22:0], 1'b0} < joined_3) ^ left_far_clipped_s11[23]);
+  wire term_13 = (&left_near_clipped_s11[22:16]) & (|left_near_clipped_s11[15:0]);
+  wire term_14 =
       ~(choice_5 & ~((~|left_far_clipped_s11[22:16]) & left_near_clipped_22_16_is_zero)) &
-      ~(term_5 | ((&left_far_clipped_s11[22:16]) & (|left_far_clipped_s11[15:0])));
+      ~(term_13 | ((&left_far_clipped_s11[22:16]) & (|left_far_clipped_s11[15:0])));
   reg  ray_active_s10, ray_active_s11;
-  wire goes_left = ray_active_s11 & term_6;
+  wire goes_left = ray_active_s11 & term_14;
   wire right_near_clipped_22_16_is_zero = ~|right_near_clipped_s11[22:16];
-  wire term_7 =
-      ({right_far_clipped_s11[22:0], 1'b0} < {right_near_clipped_s11[22:0], right_near_clipped_s11[23]}) ^
-      right_far_clipped_s11[23];
-  wire term_8 =
-      ((right_far_clipped_s11[23] ^ right_near_clipped_s11[23]) ? right_far_clipped_s11[23] : term_7) &
-      ~((~|right_far_clipped_s11[22:16]) & right_near_clipped_22_16_is_zero);
-  wire term_9 = (&right_near_clipped_s11[22:16]) & (|right_near_clipped_s11[15:0]);
-  wire term_10 =
-      ~term_8 &
-      ~(term_9 | ((&right_far_clipped_s11[22:16]) & (|right_far_clipped_s11[15:0])));
-  wire goes_right = ray_active_s11 & term_10;
+  wire comparison_3 =
+      {right_far_clipped_s11[22:0], 1'b0} <
+      {right_near_clipped_s11[22:0], right_near_clipped_s11[23]};
   wire choice_6 =
+      (right_far_clipped_s11[23] ^ right_near_clipped_s11[23]) ? right_far_clipped_s11[23] :
+      (comparison_3 ^ right_far_clipped_s11[23]);
+  wire term_15 = (&right_near_clipped_s11[22:16]) & (|right_near_clipped_s11[15:0]);
+  wire term_16 =
+      ~(choice_6 & ~((~|right_far_clipped_s11[22:16]) & right_near_clipped_22_16_is_zero)) &
+      ~(term_15 | ((&right_far_clipped_s11[22:16]) & (|right_far_clipped_s11[15:0])));
+  wire goes_right = ray_active_s11 & term_16;
+  wire choice_7 =
       (right_near_clipped_s11[23] ^ left_near_clipped_s11[23]) ? right_near_clipped_s11[23] :
-      (({right_near_clipped_s11[22:0], 1'b0} < joined) ^ right_near_clipped_s11[23]);
-  wire term_11 =
-      ~(choice_6 & ~(right_near_clipped_22_16_is_zero & left_near_clipped_22_16_is_zero)) &
-      ~(term_5 | term_9);
-  wire both_left_first = goes_left & goes_right & term_11;
+      (({right_near_clipped_s11[22:0], 1'b0} < joined_3) ^ right_near_clipped_s11[23]);
+  wire term_17 =
+      ~(choice_7 & ~(right_near_clipped_22_16_is_zero & left_near_clipped_22_16_is_zero)) &
+      ~(term_13 | term_15);
+  wire both_left_first = goes_left & goes_right & term_17;
 
   // Pipeline registers.
   always @(posedge clk) begin
@@ -180,24 +190,27 @@ module tpu_slice (
     right_near_plane_s1 <= right_near_plane;
     right_far_plane_s1 <= right_far_plane;
     right_origin_s1 <= right_origin;
+
     // Stage 10
     ray_near_22_16_is_zero_s10 <= ~|ray_near[22:16];
     joined_s10 <= {ray_near[22:0], 1'b0};
     ray_near_23_s10 <= ray_near[23];
-    term_s10 <= (&ray_near[22:16]) & (|ray_near[15:0]);
+    term_3_s10 <= (&ray_near[22:16]) & (|ray_near[15:0]);
     ray_near_s10 <= ray_near;
     ray_far_22_16_is_zero_s10 <= ~|ray_far[22:16];
     joined_2_s10 <= {ray_far[22:0], ray_far[23]};
     ray_far_23_s10 <= ray_far[23];
-    term_2_s10 <= (&ray_far[22:16]) & (|ray_far[15:0]);
+    term_7_s10 <= (&ray_far[22:16]) & (|ray_far[15:0]);
     ray_far_s10 <= ray_far;
     ray_active_s10 <= ray_active;
+
     // Stage 11
     left_near_clipped_s11 <= left_near_clipped;
     left_far_clipped_s11 <= left_far_clipped;
     right_near_clipped_s11 <= right_near_clipped;
     right_far_clipped_s11 <= right_far_clipped;
     ray_active_s11 <= ray_active_s10;
+
     // Stage 12
     out_left_near <= left_near_clipped_s11;
     out_left_far <= left_far_clipped_s11;

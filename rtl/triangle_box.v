@@ -37,69 +37,72 @@ module triangle_box (
   // The x axis.
   wire v1_x_22_16_is_zero = ~|v1_x[22:16];
   wire v0_x_22_16_is_zero = ~|v0_x[22:16];
-  wire term = ({v1_x[22:0], 1'b0} < {v0_x[22:0], v0_x[23]}) ^ v1_x[23];
-  wire term_2 =
-      ((v1_x[23] ^ v0_x[23]) ? v1_x[23] : term) &
-      ~(v1_x_22_16_is_zero & v0_x_22_16_is_zero);
+  wire choice =
+      (v1_x[23] ^ v0_x[23]) ? v1_x[23] :
+      (({v1_x[22:0], 1'b0} < {v0_x[22:0], v0_x[23]}) ^ v1_x[23]);
   wire all_v1_x_22_16_and_any_v1_x_15_0 = (&v1_x[22:16]) & (|v1_x[15:0]);
   wire all_v0_x_22_16_and_any_v0_x_15_0 = (&v0_x[22:16]) & (|v0_x[15:0]);
-  wire [23:0] lo01_x =
-      (term_2 & ~(all_v1_x_22_16_and_any_v1_x_15_0 | all_v0_x_22_16_and_any_v0_x_15_0)) ? v1_x :
-      v0_x;
+  wire term =
+      choice &
+      ~(v1_x_22_16_is_zero & v0_x_22_16_is_zero) &
+      ~(all_v1_x_22_16_and_any_v1_x_15_0 | all_v0_x_22_16_and_any_v0_x_15_0);
+  wire [23:0] lo01_x = term ? v1_x : v0_x;
   reg  [23:0] lo01_x_s1;
-  wire term_3 = v0_x_22_16_is_zero & v1_x_22_16_is_zero;
-  wire term_4 = ({v0_x[22:0], 1'b0} < {v1_x[22:0], v1_x[23]}) ^ v0_x[23];
-  wire term_5 = ((v0_x[23] ^ v1_x[23]) ? v0_x[23] : term_4) & ~term_3;
-  wire [23:0] hi01_x =
-      (term_5 & ~(all_v0_x_22_16_and_any_v0_x_15_0 | all_v1_x_22_16_and_any_v1_x_15_0)) ? v1_x :
-      v0_x;
+  wire term_2 = v0_x_22_16_is_zero & v1_x_22_16_is_zero;
+  wire choice_2 =
+      (v0_x[23] ^ v1_x[23]) ? v0_x[23] :
+      (({v0_x[22:0], 1'b0} < {v1_x[22:0], v1_x[23]}) ^ v0_x[23]);
+  wire term_3 =
+      choice_2 &
+      ~term_2 &
+      ~(all_v0_x_22_16_and_any_v0_x_15_0 | all_v1_x_22_16_and_any_v1_x_15_0);
+  wire [23:0] hi01_x = term_3 ? v1_x : v0_x;
   reg  [23:0] hi01_x_s1;
   wire v2_x_22_16_is_zero = ~|v2_x[22:16];
   reg  v2_x_22_16_is_zero_s1;
   reg  [23:0] joined_s1;
   reg  v2_x_23_s1;
-  wire choice =
-      (v2_x_23_s1 ^ lo01_x_s1[23]) ? v2_x_23_s1 :
-      ((joined_s1 < {lo01_x_s1[22:0], lo01_x_s1[23]}) ^ v2_x_23_s1);
+  wire term_4 = (joined_s1 < {lo01_x_s1[22:0], lo01_x_s1[23]}) ^ v2_x_23_s1;
+  wire choice_3 = (v2_x_23_s1 ^ lo01_x_s1[23]) ? v2_x_23_s1 : term_4;
   wire all_v2_x_22_16_and_any_v2_x_15_0 = (&v2_x[22:16]) & (|v2_x[15:0]);
   reg  all_v2_x_22_16_and_any_v2_x_15_0_s1;
-  wire term_6 =
-      choice &
+  wire term_5 =
+      choice_3 &
       ~(v2_x_22_16_is_zero_s1 & (~|lo01_x_s1[22:16])) &
       ~(all_v2_x_22_16_and_any_v2_x_15_0_s1 | ((&lo01_x_s1[22:16]) & (|lo01_x_s1[15:0])));
   reg  [23:0] v2_x_s1;
-  wire [23:0] lo_x = term_6 ? v2_x_s1 : lo01_x_s1;
+  wire [23:0] lo_x = term_5 ? v2_x_s1 : lo01_x_s1;
   reg  [23:0] lo_x_s2;
   reg  [23:0] joined_2_s1;
-  wire choice_2 =
+  wire choice_4 =
       (hi01_x_s1[23] ^ v2_x_23_s1) ? hi01_x_s1[23] :
       (({hi01_x_s1[22:0], 1'b0} < joined_2_s1) ^ hi01_x_s1[23]);
-  wire term_7 =
-      choice_2 &
+  wire term_6 =
+      choice_4 &
       ~((~|hi01_x_s1[22:16]) & v2_x_22_16_is_zero_s1) &
       ~(((&hi01_x_s1[22:16]) & (|hi01_x_s1[15:0])) | all_v2_x_22_16_and_any_v2_x_15_0_s1);
-  wire [23:0] hi_x = term_7 ? v2_x_s1 : hi01_x_s1;
+  wire [23:0] hi_x = term_6 ? v2_x_s1 : hi01_x_s1;
   reg  [23:0] hi_x_s2;
-  wire term_8 = (lo_x_s2 == hi_x_s2) | ((~|lo_x_s2[22:16]) & (~|hi_x_s2[22:16]));
+  wire term_7 = (lo_x_s2 == hi_x_s2) | ((~|lo_x_s2[22:16]) & (~|hi_x_s2[22:16]));
   wire flat_x =
-      term_8 &
+      term_7 &
       ~((&lo_x_s2[22:16]) & (|lo_x_s2[15:0])) &
       ~((&hi_x_s2[22:16]) & (|hi_x_s2[15:0]));
   reg  flat_x_s3;
   wire same01_x =
-      ((v0_x == v1_x) | term_3) &
+      ((v0_x == v1_x) | term_2) &
       ~all_v0_x_22_16_and_any_v0_x_15_0 &
       ~all_v1_x_22_16_and_any_v1_x_15_0;
   reg  same01_x_s1;
-  wire term_9 =
+  wire term_8 =
       ((v1_x == v2_x) | (v1_x_22_16_is_zero & v2_x_22_16_is_zero)) &
       ~all_v1_x_22_16_and_any_v1_x_15_0;
-  wire same12_x = term_9 & ~all_v2_x_22_16_and_any_v2_x_15_0;
+  wire same12_x = term_8 & ~all_v2_x_22_16_and_any_v2_x_15_0;
   reg  same12_x_s1;
-  wire term_10 =
+  wire term_9 =
       ((v2_x == v0_x) | (v2_x_22_16_is_zero & v0_x_22_16_is_zero)) &
       ~all_v2_x_22_16_and_any_v2_x_15_0;
-  wire same20_x = term_10 & ~all_v0_x_22_16_and_any_v0_x_15_0;
+  wire same20_x = term_9 & ~all_v0_x_22_16_and_any_v0_x_15_0;
   reg  same20_x_s1;
   reg  signs_0_s1, signs_0_s2;
   wire [23:0] near_plane_x = signs_0_s2 ? hi_x_s2 : lo_x_s2;
@@ -141,69 +144,72 @@ module triangle_box (
   // The y axis.
   wire v1_y_22_16_is_zero = ~|v1_y[22:16];
   wire v0_y_22_16_is_zero = ~|v0_y[22:16];
-  wire term_11 = ({v1_y[22:0], 1'b0} < {v0_y[22:0], v0_y[23]}) ^ v1_y[23];
-  wire term_12 =
-      ((v1_y[23] ^ v0_y[23]) ? v1_y[23] : term_11) &
-      ~(v1_y_22_16_is_zero & v0_y_22_16_is_zero);
+  wire choice_5 =
+      (v1_y[23] ^ v0_y[23]) ? v1_y[23] :
+      (({v1_y[22:0], 1'b0} < {v0_y[22:0], v0_y[23]}) ^ v1_y[23]);
   wire all_v1_y_22_16_and_any_v1_y_15_0 = (&v1_y[22:16]) & (|v1_y[15:0]);
   wire all_v0_y_22_16_and_any_v0_y_15_0 = (&v0_y[22:16]) & (|v0_y[15:0]);
-  wire [23:0] lo01_y =
-      (term_12 & ~(all_v1_y_22_16_and_any_v1_y_15_0 | all_v0_y_22_16_and_any_v0_y_15_0)) ? v1_y :
-      v0_y;
+  wire term_10 =
+      choice_5 &
+      ~(v1_y_22_16_is_zero & v0_y_22_16_is_zero) &
+      ~(all_v1_y_22_16_and_any_v1_y_15_0 | all_v0_y_22_16_and_any_v0_y_15_0);
+  wire [23:0] lo01_y = term_10 ? v1_y : v0_y;
   reg  [23:0] lo01_y_s1;
-  wire term_13 = v0_y_22_16_is_zero & v1_y_22_16_is_zero;
-  wire term_14 = ({v0_y[22:0], 1'b0} < {v1_y[22:0], v1_y[23]}) ^ v0_y[23];
-  wire term_15 = ((v0_y[23] ^ v1_y[23]) ? v0_y[23] : term_14) & ~term_13;
-  wire [23:0] hi01_y =
-      (term_15 & ~(all_v0_y_22_16_and_any_v0_y_15_0 | all_v1_y_22_16_and_any_v1_y_15_0)) ? v1_y :
-      v0_y;
+  wire term_11 = v0_y_22_16_is_zero & v1_y_22_16_is_zero;
+  wire choice_6 =
+      (v0_y[23] ^ v1_y[23]) ? v0_y[23] :
+      (({v0_y[22:0], 1'b0} < {v1_y[22:0], v1_y[23]}) ^ v0_y[23]);
+  wire term_12 =
+      choice_6 &
+      ~term_11 &
+      ~(all_v0_y_22_16_and_any_v0_y_15_0 | all_v1_y_22_16_and_any_v1_y_15_0);
+  wire [23:0] hi01_y = term_12 ? v1_y : v0_y;
   reg  [23:0] hi01_y_s1;
   wire v2_y_22_16_is_zero = ~|v2_y[22:16];
   reg  v2_y_22_16_is_zero_s1;
   reg  [23:0] joined_3_s1;
   reg  v2_y_23_s1;
-  wire choice_3 =
-      (v2_y_23_s1 ^ lo01_y_s1[23]) ? v2_y_23_s1 :
-      ((joined_3_s1 < {lo01_y_s1[22:0], lo01_y_s1[23]}) ^ v2_y_23_s1);
+  wire term_13 = (joined_3_s1 < {lo01_y_s1[22:0], lo01_y_s1[23]}) ^ v2_y_23_s1;
+  wire choice_7 = (v2_y_23_s1 ^ lo01_y_s1[23]) ? v2_y_23_s1 : term_13;
   wire all_v2_y_22_16_and_any_v2_y_15_0 = (&v2_y[22:16]) & (|v2_y[15:0]);
   reg  all_v2_y_22_16_and_any_v2_y_15_0_s1;
-  wire term_16 =
-      choice_3 &
+  wire term_14 =
+      choice_7 &
       ~(v2_y_22_16_is_zero_s1 & (~|lo01_y_s1[22:16])) &
       ~(all_v2_y_22_16_and_any_v2_y_15_0_s1 | ((&lo01_y_s1[22:16]) & (|lo01_y_s1[15:0])));
   reg  [23:0] v2_y_s1;
-  wire [23:0] lo_y = term_16 ? v2_y_s1 : lo01_y_s1;
+  wire [23:0] lo_y = term_14 ? v2_y_s1 : lo01_y_s1;
   reg  [23:0] lo_y_s2;
   reg  [23:0] joined_4_s1;
-  wire choice_4 =
+  wire choice_8 =
       (hi01_y_s1[23] ^ v2_y_23_s1) ? hi01_y_s1[23] :
       (({hi01_y_s1[22:0], 1'b0} < joined_4_s1) ^ hi01_y_s1[23]);
-  wire term_17 =
-      choice_4 &
+  wire term_15 =
+      choice_8 &
       ~((~|hi01_y_s1[22:16]) & v2_y_22_16_is_zero_s1) &
       ~(((&hi01_y_s1[22:16]) & (|hi01_y_s1[15:0])) | all_v2_y_22_16_and_any_v2_y_15_0_s1);
-  wire [23:0] hi_y = term_17 ? v2_y_s1 : hi01_y_s1;
+  wire [23:0] hi_y = term_15 ? v2_y_s1 : hi01_y_s1;
   reg  [23:0] hi_y_s2;
-  wire term_18 = (lo_y_s2 == hi_y_s2) | ((~|lo_y_s2[22:16]) & (~|hi_y_s2[22:16]));
+  wire term_16 = (lo_y_s2 == hi_y_s2) | ((~|lo_y_s2[22:16]) & (~|hi_y_s2[22:16]));
   wire flat_y =
-      term_18 &
+      term_16 &
       ~((&lo_y_s2[22:16]) & (|lo_y_s2[15:0])) &
       ~((&hi_y_s2[22:16]) & (|hi_y_s2[15:0]));
   reg  flat_y_s3;
   wire same01_y =
-      ((v0_y == v1_y) | term_13) &
+      ((v0_y == v1_y) | term_11) &
       ~all_v0_y_22_16_and_any_v0_y_15_0 &
       ~all_v1_y_22_16_and_any_v1_y_15_0;
   reg  same01_y_s1;
-  wire term_19 =
+  wire term_17 =
       ((v1_y == v2_y) | (v1_y_22_16_is_zero & v2_y_22_16_is_zero)) &
       ~all_v1_y_22_16_and_any_v1_y_15_0;
-  wire same12_y = term_19 & ~all_v2_y_22_16_and_any_v2_y_15_0;
+  wire same12_y = term_17 & ~all_v2_y_22_16_and_any_v2_y_15_0;
   reg  same12_y_s1;
-  wire term_20 =
+  wire term_18 =
       ((v2_y == v0_y) | (v2_y_22_16_is_zero & v0_y_22_16_is_zero)) &
       ~all_v2_y_22_16_and_any_v2_y_15_0;
-  wire same20_y = term_20 & ~all_v0_y_22_16_and_any_v0_y_15_0;
+  wire same20_y = term_18 & ~all_v0_y_22_16_and_any_v0_y_15_0;
   reg  same20_y_s1;
   reg  signs_1_s1, signs_1_s2;
   wire [23:0] near_plane_y = signs_1_s2 ? hi_y_s2 : lo_y_s2;
@@ -236,74 +242,78 @@ module triangle_box (
   reg  near_y_distance_22_16_is_zero_s13;
   reg  [23:0] joined_5_s13;
   reg  near_y_distance_23_s13;
-  wire choice_5 =
+  wire choice_9 =
       (near_after_x_s13[23] ^ near_y_distance_23_s13) ? near_after_x_s13[23] :
       (({near_after_x_s13[22:0], 1'b0} < joined_5_s13) ^ near_after_x_s13[23]);
-  reg  term_21_s13;
-  wire term_21 =
-      choice_5 &
+  reg  term_19_s13;
+  wire term_20 =
+      choice_9 &
       ~((~|near_after_x_s13[22:16]) & near_y_distance_22_16_is_zero_s13) &
-      ~(((&near_after_x_s13[22:16]) & (|near_after_x_s13[15:0])) | term_21_s13);
+      ~(((&near_after_x_s13[22:16]) & (|near_after_x_s13[15:0])) | term_19_s13);
   reg  [23:0] near_y_distance_s13;
-  wire [23:0] near_after_y = term_21 ? near_y_distance_s13 : near_after_x_s13;
+  wire [23:0] near_after_y = term_20 ? near_y_distance_s13 : near_after_x_s13;
   reg  [23:0] near_after_y_s14;
   reg  far_y_distance_22_16_is_zero_s13;
   reg  [23:0] joined_6_s13;
   reg  far_y_distance_23_s13;
-  wire choice_6 =
-      (far_y_distance_23_s13 ^ far_after_x_s13[23]) ? far_y_distance_23_s13 :
-      ((joined_6_s13 < {far_after_x_s13[22:0], far_after_x_s13[23]}) ^ far_y_distance_23_s13);
+  wire term_21 =
+      (joined_6_s13 < {far_after_x_s13[22:0], far_after_x_s13[23]}) ^
+      far_y_distance_23_s13;
+  wire choice_10 = (far_y_distance_23_s13 ^ far_after_x_s13[23]) ? far_y_distance_23_s13 : term_21;
   reg  term_22_s13;
-  wire term_22 =
-      choice_6 &
+  wire term_23 =
+      choice_10 &
       ~(far_y_distance_22_16_is_zero_s13 & (~|far_after_x_s13[22:16])) &
       ~(term_22_s13 | ((&far_after_x_s13[22:16]) & (|far_after_x_s13[15:0])));
   reg  [23:0] far_y_distance_s13;
-  wire [23:0] far_after_y = term_22 ? far_y_distance_s13 : far_after_x_s13;
+  wire [23:0] far_after_y = term_23 ? far_y_distance_s13 : far_after_x_s13;
   reg  [23:0] far_after_y_s14;
 
   // The z axis.
   wire v1_z_22_16_is_zero = ~|v1_z[22:16];
   wire v0_z_22_16_is_zero = ~|v0_z[22:16];
-  wire term_23 = ({v1_z[22:0], 1'b0} < {v0_z[22:0], v0_z[23]}) ^ v1_z[23];
-  wire term_24 =
-      ((v1_z[23] ^ v0_z[23]) ? v1_z[23] : term_23) &
-      ~(v1_z_22_16_is_zero & v0_z_22_16_is_zero);
+  wire choice_11 =
+      (v1_z[23] ^ v0_z[23]) ? v1_z[23] :
+      (({v1_z[22:0], 1'b0} < {v0_z[22:0], v0_z[23]}) ^ v1_z[23]);
   wire all_v1_z_22_16_and_any_v1_z_15_0 = (&v1_z[22:16]) & (|v1_z[15:0]);
   wire all_v0_z_22_16_and_any_v0_z_15_0 = (&v0_z[22:16]) & (|v0_z[15:0]);
-  wire [23:0] lo01_z =
-      (term_24 & ~(all_v1_z_22_16_and_any_v1_z_15_0 | all_v0_z_22_16_and_any_v0_z_15_0)) ? v1_z :
-      v0_z;
+  wire term_24 =
+      choice_11 &
+      ~(v1_z_22_16_is_zero & v0_z_22_16_is_zero) &
+      ~(all_v1_z_22_16_and_any_v1_z_15_0 | all_v0_z_22_16_and_any_v0_z_15_0);
+  wire [23:0] lo01_z = term_24 ? v1_z : v0_z;
   reg  [23:0] lo01_z_s1;
   wire term_25 = v0_z_22_16_is_zero & v1_z_22_16_is_zero;
-  wire term_26 = ({v0_z[22:0], 1'b0} < {v1_z[22:0], v1_z[23]}) ^ v0_z[23];
-  wire term_27 = ((v0_z[23] ^ v1_z[23]) ? v0_z[23] : term_26) & ~term_25;
-  wire [23:0] hi01_z =
-      (term_27 & ~(all_v0_z_22_16_and_any_v0_z_15_0 | all_v1_z_22_16_and_any_v1_z_15_0)) ? v1_z :
-      v0_z;
+  wire choice_12 =
+      (v0_z[23] ^ v1_z[23]) ? v0_z[23] :
+      (({v0_z[22:0], 1'b0} < {v1_z[22:0], v1_z[23]}) ^ v0_z[23]);
+  wire term_26 =
+      choice_12 &
+      ~term_25 &
+      ~(all_v0_z_22_16_and_any_v0_z_15_0 | all_v1_z_22_16_and_any_v1_z_15_0);
+  wire [23:0] hi01_z = term_26 ? v1_z : v0_z;
   reg  [23:0] hi01_z_s1;
   wire v2_z_22_16_is_zero = ~|v2_z[22:16];
   reg  v2_z_22_16_is_zero_s1;
   reg  [23:0] joined_7_s1;
   reg  v2_z_23_s1;
-  wire choice_7 =
-      (v2_z_23_s1 ^ lo01_z_s1[23]) ? v2_z_23_s1 :
-      ((joined_7_s1 < {lo01_z_s1[22:0], lo01_z_s1[23]}) ^ v2_z_23_s1);
+  wire term_27 = (joined_7_s1 < {lo01_z_s1[22:0], lo01_z_s1[23]}) ^ v2_z_23_s1;
+  wire choice_13 = (v2_z_23_s1 ^ lo01_z_s1[23]) ? v2_z_23_s1 : term_27;
   wire all_v2_z_22_16_and_any_v2_z_15_0 = (&v2_z[22:16]) & (|v2_z[15:0]);
   reg  all_v2_z_22_16_and_any_v2_z_15_0_s1;
   wire term_28 =
-      choice_7 &
+      choice_13 &
       ~(v2_z_22_16_is_zero_s1 & (~|lo01_z_s1[22:16])) &
       ~(all_v2_z_22_16_and_any_v2_z_15_0_s1 | ((&lo01_z_s1[22:16]) & (|lo01_z_s1[15:0])));
   reg  [23:0] v2_z_s1;
   wire [23:0] lo_z = term_28 ? v2_z_s1 : lo01_z_s1;
   reg  [23:0] lo_z_s2;
   reg  [23:0] joined_8_s1;
-  wire choice_8 =
+  wire choice_14 =
       (hi01_z_s1[23] ^ v2_z_23_s1) ? hi01_z_s1[23] :
       (({hi01_z_s1[22:0], 1'b0} < joined_8_s1) ^ hi01_z_s1[23]);
   wire term_29 =
-      choice_8 &
+      choice_14 &
       ~((~|hi01_z_s1[22:16]) & v2_z_22_16_is_zero_s1) &
       ~(((&hi01_z_s1[22:16]) & (|hi01_z_s1[15:0])) | all_v2_z_22_16_and_any_v2_z_15_0_s1);
   wire [23:0] hi_z = term_29 ? v2_z_s1 : hi01_z_s1;
@@ -360,53 +370,53 @@ module triangle_box (
   reg  near_z_distance_22_16_is_zero_s13, near_z_distance_22_16_is_zero_s14;
   reg  [23:0] joined_9_s13, joined_9_s14;
   reg  near_z_distance_23_s13, near_z_distance_23_s14;
-  wire choice_9 =
+  wire choice_15 =
       (near_after_y_s14[23] ^ near_z_distance_23_s14) ? near_after_y_s14[23] :
       (({near_after_y_s14[22:0], 1'b0} < joined_9_s14) ^ near_after_y_s14[23]);
   reg  term_33_s13, term_33_s14;
-  wire term_33 =
-      choice_9 &
+  wire term_34 =
+      choice_15 &
       ~((~|near_after_y_s14[22:16]) & near_z_distance_22_16_is_zero_s14) &
       ~(((&near_after_y_s14[22:16]) & (|near_after_y_s14[15:0])) | term_33_s14);
   reg  [23:0] near_z_distance_s13, near_z_distance_s14;
-  wire [23:0] near_after_z = term_33 ? near_z_distance_s14 : near_after_y_s14;
+  wire [23:0] near_after_z = term_34 ? near_z_distance_s14 : near_after_y_s14;
   reg  [23:0] near_after_z_s15;
   reg  far_z_distance_22_16_is_zero_s13, far_z_distance_22_16_is_zero_s14;
   reg  [23:0] joined_10_s13, joined_10_s14;
   reg  far_z_distance_23_s13, far_z_distance_23_s14;
-  wire choice_10 =
-      (far_z_distance_23_s14 ^ far_after_y_s14[23]) ? far_z_distance_23_s14 :
-      ((joined_10_s14 < {far_after_y_s14[22:0], far_after_y_s14[23]}) ^ far_z_distance_23_s14);
-  reg  term_34_s13, term_34_s14;
-  wire term_34 =
-      choice_10 &
+  wire term_35 =
+      (joined_10_s14 < {far_after_y_s14[22:0], far_after_y_s14[23]}) ^
+      far_z_distance_23_s14;
+  wire choice_16 = (far_z_distance_23_s14 ^ far_after_y_s14[23]) ? far_z_distance_23_s14 : term_35;
+  reg  term_36_s13, term_36_s14;
+  wire term_37 =
+      choice_16 &
       ~(far_z_distance_22_16_is_zero_s14 & (~|far_after_y_s14[22:16])) &
-      ~(term_34_s14 | ((&far_after_y_s14[22:16]) & (|far_after_y_s14[15:0])));
+      ~(term_36_s14 | ((&far_after_y_s14[22:16]) & (|far_after_y_s14[15:0])));
   reg  [23:0] far_z_distance_s13, far_z_distance_s14;
-  wire [23:0] far_after_z = term_34 ? far_z_distance_s14 : far_after_y_s14;
+  wire [23:0] far_after_z = term_37 ? far_z_distance_s14 : far_after_y_s14;
   reg  [23:0] far_after_z_s15;
 
   // Degenerate: two vertices are equal, or the box is flat on two axes.
-  wire term_35 = (flat_x_s3 & flat_y_s3) | (flat_y_s3 & flat_z_s3) | (flat_z_s3 & flat_x_s3);
+  wire term_38 = (flat_x_s3 & flat_y_s3) | (flat_y_s3 & flat_z_s3) | (flat_z_s3 & flat_x_s3);
   reg  same01_x_and_same01_y_and_same01_z_s2, same01_x_and_same01_y_and_same01_z_s3;
   reg  same12_x_and_same12_y_and_same12_z_s2, same12_x_and_same12_y_and_same12_z_s3;
   reg  same20_x_and_same20_y_and_same20_z_s2, same20_x_and_same20_y_and_same20_z_s3;
   wire any_degenerate =
-      term_35 |
+      term_38 |
       same01_x_and_same01_y_and_same01_z_s3 |
       same12_x_and_same12_y_and_same12_z_s3 |
       same20_x_and_same20_y_and_same20_z_s3;
   reg  [12:0] any_degenerate_delay;
-  wire term_36 =
-      ({far_after_z_s15[22:0], 1'b0} < {near_after_z_s15[22:0], near_after_z_s15[23]}) ^
-      far_after_z_s15[23];
-  wire term_37 =
-      ((far_after_z_s15[23] ^ near_after_z_s15[23]) ? far_after_z_s15[23] : term_36) &
-      ~((~|far_after_z_s15[22:16]) & (~|near_after_z_s15[22:16]));
-  wire term_38 =
+  wire comparison = {far_after_z_s15[22:0], 1'b0} < {near_after_z_s15[22:0], near_after_z_s15[23]};
+  wire choice_17 =
+      (far_after_z_s15[23] ^ near_after_z_s15[23]) ? far_after_z_s15[23] :
+      (comparison ^ far_after_z_s15[23]);
+  wire term_39 = choice_17 & ~((~|far_after_z_s15[22:16]) & (~|near_after_z_s15[22:16]));
+  wire term_40 =
       ((&far_after_z_s15[22:16]) & (|far_after_z_s15[15:0])) |
       ((&near_after_z_s15[22:16]) & (|near_after_z_s15[15:0]));
-  wire empty_interval = term_37 & ~term_38;
+  wire empty_interval = term_39 & ~term_40;
   reg  empty_interval_s16;
   wire any_degenerate_s16 = any_degenerate_delay[12];
 
@@ -452,6 +462,7 @@ module triangle_box (
     same20_z_s1 <= same20_z;
     signs_2_s1 <= signs[2];
     origin_z_s1 <= origin_z;
+
     // Stage 2
     lo_x_s2 <= lo_x;
     hi_x_s2 <= hi_x;
@@ -468,6 +479,7 @@ module triangle_box (
     same01_x_and_same01_y_and_same01_z_s2 <= same01_x_s1 & same01_y_s1 & same01_z_s1;
     same12_x_and_same12_y_and_same12_z_s2 <= same12_x_s1 & same12_y_s1 & same12_z_s1;
     same20_x_and_same20_y_and_same20_z_s2 <= same20_x_s1 & same20_y_s1 & same20_z_s1;
+
     // Stage 3
     flat_x_s3 <= flat_x;
     near_plane_x_s3 <= near_plane_x;
@@ -484,13 +496,14 @@ module triangle_box (
     same01_x_and_same01_y_and_same01_z_s3 <= same01_x_and_same01_y_and_same01_z_s2;
     same12_x_and_same12_y_and_same12_z_s3 <= same12_x_and_same12_y_and_same12_z_s2;
     same20_x_and_same20_y_and_same20_z_s3 <= same20_x_and_same20_y_and_same20_z_s2;
+
     // Stage 13
     near_after_x_s13 <= near_after_x;
     far_after_x_s13 <= far_after_x;
     near_y_distance_22_16_is_zero_s13 <= ~|near_y_distance[22:16];
     joined_5_s13 <= {near_y_distance[22:0], near_y_distance[23]};
     near_y_distance_23_s13 <= near_y_distance[23];
-    term_21_s13 <= (&near_y_distance[22:16]) & (|near_y_distance[15:0]);
+    term_19_s13 <= (&near_y_distance[22:16]) & (|near_y_distance[15:0]);
     near_y_distance_s13 <= near_y_distance;
     far_y_distance_22_16_is_zero_s13 <= ~|far_y_distance[22:16];
     joined_6_s13 <= {far_y_distance[22:0], 1'b0};
@@ -505,8 +518,9 @@ module triangle_box (
     far_z_distance_22_16_is_zero_s13 <= ~|far_z_distance[22:16];
     joined_10_s13 <= {far_z_distance[22:0], 1'b0};
     far_z_distance_23_s13 <= far_z_distance[23];
-    term_34_s13 <= (&far_z_distance[22:16]) & (|far_z_distance[15:0]);
+    term_36_s13 <= (&far_z_distance[22:16]) & (|far_z_distance[15:0]);
     far_z_distance_s13 <= far_z_distance;
+
     // Stage 14
     near_after_y_s14 <= near_after_y;
     far_after_y_s14 <= far_after_y;
@@ -518,11 +532,13 @@ module triangle_box (
     far_z_distance_22_16_is_zero_s14 <= far_z_distance_22_16_is_zero_s13;
     joined_10_s14 <= joined_10_s13;
     far_z_distance_23_s14 <= far_z_distance_23_s13;
-    term_34_s14 <= term_34_s13;
+    term_36_s14 <= term_36_s13;
     far_z_distance_s14 <= far_z_distance_s13;
+
     // Stage 15
     near_after_z_s15 <= near_after_z;
     far_after_z_s15 <= far_after_z;
+
     // Stage 16
     empty_interval_s16 <= empty_interval;
     box_near <= near_after_z_s15;

@@ -106,48 +106,48 @@ module triangle_test (
   wire [23:0] own_box_box_near_s50 = own_box_box_near_delay[815:792];
   reg  [839:0] own_box_box_far_delay;
   wire [23:0] own_box_box_far_s50 = own_box_box_far_delay[815:792];
-  wire term =
-      ({intersection_test_t[22:0], 1'b0} < {own_box_box_near_s50[22:0], own_box_box_near_s50[23]}) ^
-      intersection_test_t[23];
-  wire term_2 =
-      ((intersection_test_t[23] ^ own_box_box_near_s50[23]) ? intersection_test_t[23] : term) &
-      ~((~|intersection_test_t[22:16]) & (~|own_box_box_near_s50[22:16]));
-  wire term_3 = (&intersection_test_t[22:16]) & (|intersection_test_t[15:0]);
-  wire term_4 = term_2 & ~(term_3 | ((&own_box_box_near_s50[22:16]) & (|own_box_box_near_s50[15:0])));
-  wire [23:0] raised = term_4 ? own_box_box_near_s50 : intersection_test_t;
+  wire comparison =
+      {intersection_test_t[22:0], 1'b0} <
+      {own_box_box_near_s50[22:0], own_box_box_near_s50[23]};
+  wire choice =
+      (intersection_test_t[23] ^ own_box_box_near_s50[23]) ? intersection_test_t[23] :
+      (comparison ^ intersection_test_t[23]);
+  wire term = choice & ~((~|intersection_test_t[22:16]) & (~|own_box_box_near_s50[22:16]));
+  wire term_2 = (&intersection_test_t[22:16]) & (|intersection_test_t[15:0]);
+  wire term_3 = term & ~(term_2 | ((&own_box_box_near_s50[22:16]) & (|own_box_box_near_s50[15:0])));
+  wire [23:0] raised = term_3 ? own_box_box_near_s50 : intersection_test_t;
   reg  [23:0] raised_s51;
   reg  own_box_box_far_22_16_is_zero_s51;
   reg  [23:0] joined_s51;
   reg  own_box_box_far_23_s51;
-  wire choice =
-      (own_box_box_far_23_s51 ^ raised_s51[23]) ? own_box_box_far_23_s51 :
-      ((joined_s51 < {raised_s51[22:0], raised_s51[23]}) ^ own_box_box_far_23_s51);
+  wire term_4 = (joined_s51 < {raised_s51[22:0], raised_s51[23]}) ^ own_box_box_far_23_s51;
+  wire choice_2 = (own_box_box_far_23_s51 ^ raised_s51[23]) ? own_box_box_far_23_s51 : term_4;
   reg  term_5_s51;
-  wire term_5 =
-      choice &
+  wire term_6 =
+      choice_2 &
       ~(own_box_box_far_22_16_is_zero_s51 & (~|raised_s51[22:16])) &
       ~(term_5_s51 | ((&raised_s51[22:16]) & (|raised_s51[15:0])));
   wire [23:0] own_box_box_far_s51 = own_box_box_far_delay[839:816];
-  wire [23:0] clamped = term_5 ? own_box_box_far_s51 : raised_s51;
+  wire [23:0] clamped = term_6 ? own_box_box_far_s51 : raised_s51;
   reg  [23:0] clamped_s52;
   reg  [33:0] own_box_box_misses_delay;
   wire own_box_box_misses_s50 = own_box_box_misses_delay[33];
-  wire misses = intersection_test_misses | own_box_box_misses_s50 | term_3;
+  wire misses = intersection_test_misses | own_box_box_misses_s50 | term_2;
   wire clamped_22_16_is_zero = ~|clamped_s52[22:16];
-  wire term_6 = ({clamped_s52[22:0], 1'b0} < {tmin[22:0], tmin[23]}) ^ clamped_s52[23];
-  wire term_7 =
-      ((clamped_s52[23] ^ tmin[23]) ? clamped_s52[23] : term_6) &
+  wire term_7 = ({clamped_s52[22:0], 1'b0} < {tmin[22:0], tmin[23]}) ^ clamped_s52[23];
+  wire term_8 =
+      ((clamped_s52[23] ^ tmin[23]) ? clamped_s52[23] : term_7) &
       ~(clamped_22_16_is_zero & (~|tmin[22:16]));
   wire all_clamped_22_16 = &clamped_s52[22:16];
   wire any_clamped_15_0 = |clamped_s52[15:0];
-  wire term_8 = all_clamped_22_16 & any_clamped_15_0;
-  wire term_9 = ~term_7 & ~(((&tmin[22:16]) & (|tmin[15:0])) | term_8);
-  wire term_10 = ({tmax[22:0], 1'b0} < {clamped_s52[22:0], clamped_s52[23]}) ^ tmax[23];
-  wire term_11 =
-      ((tmax[23] ^ clamped_s52[23]) ? tmax[23] : term_10) &
+  wire term_9 = all_clamped_22_16 & any_clamped_15_0;
+  wire term_10 = ~term_8 & ~(((&tmin[22:16]) & (|tmin[15:0])) | term_9);
+  wire term_11 = ({tmax[22:0], 1'b0} < {clamped_s52[22:0], clamped_s52[23]}) ^ tmax[23];
+  wire term_12 =
+      ((tmax[23] ^ clamped_s52[23]) ? tmax[23] : term_11) &
       ~((~|tmax[22:16]) & clamped_22_16_is_zero);
-  wire term_12 = ~term_11 & ~(term_8 | ((&tmax[22:16]) & (|tmax[15:0])));
-  wire within_limits = term_9 & term_12 & ~(all_clamped_22_16 & ~any_clamped_15_0);
+  wire term_13 = ~term_12 & ~(term_9 | ((&tmax[22:16]) & (|tmax[15:0])));
+  wire within_limits = term_10 & term_13 & ~(all_clamped_22_16 & ~any_clamped_15_0);
   reg  misses_s51, misses_s52;
   wire hits = within_limits & ~misses_s52;
   reg  [23:0] intersection_test_u_s51, intersection_test_u_s52;
@@ -164,11 +164,13 @@ module triangle_test (
     misses_s51 <= misses;
     intersection_test_u_s51 <= intersection_test_u;
     intersection_test_v_s51 <= intersection_test_v;
+
     // Stage 52
     clamped_s52 <= clamped;
     misses_s52 <= misses_s51;
     intersection_test_u_s52 <= intersection_test_u_s51;
     intersection_test_v_s52 <= intersection_test_v_s51;
+
     // Stage 53
     hit <= hits;
     t <= clamped_s52;

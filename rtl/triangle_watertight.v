@@ -362,10 +362,10 @@ module triangle_watertight (
   wire term_4 = ~((&ew_y[22:16]) & (|ew_y[15:0]));
   wire some_negative = term_3 | (ew_y[23] & any_ew_y_22_16 & term_4);
   reg  some_negative_s23;
-  wire term_5 = (eu_y[23] ? 1'b0 : (24'd0 < {eu_y[22:0], eu_y[23]})) & any_eu_y_22_16;
-  wire term_6 = (ev_y[23] ? 1'b0 : (24'd0 < {ev_y[22:0], ev_y[23]})) & any_ev_y_22_16;
-  wire term_7 = (ew_y[23] ? 1'b0 : (24'd0 < {ew_y[22:0], ew_y[23]})) & any_ew_y_22_16;
-  wire some_positive = (term_5 & term) | (term_6 & term_2) | (term_7 & term_4);
+  wire term_5 = (eu_y[23] ? 1'b0 : (24'd0 < {eu_y[22:0], eu_y[23]})) & any_eu_y_22_16 & term;
+  wire term_6 = (ev_y[23] ? 1'b0 : (24'd0 < {ev_y[22:0], ev_y[23]})) & any_ev_y_22_16 & term_2;
+  wire term_7 = (ew_y[23] ? 1'b0 : (24'd0 < {ew_y[22:0], ew_y[23]})) & any_ew_y_22_16 & term_4;
+  wire some_positive = term_5 | term_6 | term_7;
   reg  some_positive_s23;
 
   // det = (U + V) + W, i = 1 / det.
@@ -500,14 +500,18 @@ module triangle_watertight (
     // Stage 23
     some_negative_s23 <= some_negative;
     some_positive_s23 <= some_positive;
+
     // Stage 33
     det_is_zero_s33 <= det_is_zero;
+
     // Stage 48
     u_y_s48 <= u_y;
     v_y_s48 <= v_y;
+
     // Stage 49
     u_y_s49 <= u_y_s48;
     v_y_s49 <= v_y_s48;
+
     // Stage 50
     test_u <= u_y_s49;
     test_v <= v_y_s49;
