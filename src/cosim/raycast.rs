@@ -127,6 +127,7 @@ impl Observer for Expected {
 
 /// A tagged read port of the model with the memory behind it.
 pub(super) struct MemoryPort {
+    name: String,
     port: ReadPort,
     image: Image,
     request: [PortHandle; 3],
@@ -137,11 +138,14 @@ pub(super) struct MemoryPort {
     shown_ready: bool,
     shown_valid: bool,
     next: Option<super::memory::ReadResponse>,
+    /// A request that was shown and not taken: it must be shown again, unchanged.
+    waiting: Option<ReadRequest>,
 }
 
 impl MemoryPort {
     pub(super) fn new(model: &mut Model, name: &str, image: Image, timing: Timing) -> Result<Self> {
         let port = MemoryPort {
+            name: name.to_string(),
             port: ReadPort::new(name, image.rows(), timing)?,
             image,
             request: [
@@ -156,6 +160,7 @@ impl MemoryPort {
             shown_ready: false,
             shown_valid: false,
             next: None,
+            waiting: None,
         };
         model.set(port.ready, 0);
         model.set(port.valid, 0);
@@ -186,6 +191,15 @@ impl MemoryPort {
             address: model.get(self.request[1]),
             tag: model.get(self.request[2]) as u32,
         });
+        ensure!(
+            self.waiting.is_none() || self.waiting == request,
+            "read port of the {} memory, cycle {}: the request {:?} was not taken, yet now {:?} is shown",
+            self.name,
+            model.cycles(),
+            self.waiting,
+            request
+        );
+        self.waiting = if self.port.ready() { None } else { request };
         self.next = self.port.step(request)?;
         Ok(())
     }

@@ -710,7 +710,6 @@ pub fn module(plan: &Plan) -> Result<Geometry, HdlError> {
     }
     m.group("Counters' events");
     m.output("test_issued", busy.q);
-    m.output("triangle_waiting", leaf_valid | job_valid);
 
     m.group("The ray-triangle test just merged, for whoever watches");
     m.output("watch_test_valid", valid.at(merged_at).untimed());

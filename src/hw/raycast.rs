@@ -296,17 +296,15 @@ fn module(plan: &Plan) -> Result<Rc<Module>, HdlError> {
     );
     let some = under_way.q.any().named("some_under_way");
     let step = traversal.get("step_taken");
-    let node_waiting = traversal.get("node_waiting");
     let test = intersection.get("test_issued");
-    let triangle_waiting = intersection.get("triangle_waiting");
     m.group("Counters since reset");
     let counters = [
         ("cycles", m.lit(1u8, 1)),
         ("packet_steps", step),
         ("ray_triangle_tests", test),
-        ("tpu_busy_cycles", node_waiting | step),
+        ("tpu_busy_cycles", step),
         ("tpu_starved_cycles", some & !step),
-        ("gu_busy_cycles", triangle_waiting | test),
+        ("gu_busy_cycles", test),
         ("gu_starved_cycles", some & !test),
     ];
     for (name, event) in counters {
@@ -320,7 +318,10 @@ fn module(plan: &Plan) -> Result<Rc<Module>, HdlError> {
     m.group("What happens inside, for whoever watches");
     m.output("watch_start_valid", take & last);
     m.output("watch_start_packet", free_front);
-    m.output("watch_start_tag", ray_tag);
+    m.output(
+        "watch_start_tag",
+        first.mux(ray_tag, tags.read_now(free_front)),
+    );
     m.output("watch_step_valid", step);
     for port in tpu
         .module

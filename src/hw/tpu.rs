@@ -325,7 +325,12 @@ pub fn module(plan: &Plan) -> Result<Tpu, HdlError> {
     };
     let named_field = |name: &'static str| (name, field(name).named(name));
     let planes = ["left_lo", "left_hi", "right_lo", "right_hi"].map(named_field);
-    let axes = ["left_axis", "right_axis"].map(|name| named_field(name).1);
+    let left_axis = named_field("left_axis").1;
+    let axes = match plan.config.axes_per_node {
+        // One axis bounds both children: the right one's would say the same.
+        1 => [left_axis; 2],
+        _ => [left_axis, named_field("right_axis").1],
+    };
     let slice_near = slice
         .port("ray_near")
         .and_then(|port| port.stage)
@@ -675,11 +680,12 @@ pub fn module(plan: &Plan) -> Result<Tpu, HdlError> {
         take_pop_item.get(),
     )?;
     let node_wanted = (step_any | entered_any).named("node_wanted");
-    request_item.drive(step_any.mux(step_front, entered_front));
-    request_popped.drive(!step_any);
+    let from_step = held_choice(&m, "request", node_wanted, node_ready, step_any);
+    request_item.drive(from_step.mux(step_front, entered_front));
+    request_popped.drive(!from_step);
     request_fire.drive(node_wanted & node_ready);
-    take_step_item.drive(node_ready & step_any);
-    take_pop_item.drive(node_ready & !step_any & entered_any);
+    take_step_item.drive(node_ready & from_step);
+    take_pop_item.drive(node_ready & !from_step & entered_any);
     m.group("Node memory: requests");
     m.output("node_request_valid", node_wanted);
     m.output(
@@ -715,13 +721,15 @@ pub fn module(plan: &Plan) -> Result<Tpu, HdlError> {
         ]),
         take_pop_leaf.get(),
     )?;
-    let leaf_front = step_leaf_any
+    let leaf_wanted = (step_leaf_any | entered_leaf_any).named("leaf_wanted");
+    let leaf_from_step = held_choice(&m, "leaf", leaf_wanted, leaf_ready, step_leaf_any);
+    let leaf_front = leaf_from_step
         .mux(step_leaf_front, entered_leaf_front)
         .named("leaf_front");
-    take_step_leaf.drive(leaf_ready & step_leaf_any);
-    take_pop_leaf.drive(leaf_ready & !step_leaf_any & entered_leaf_any);
+    take_step_leaf.drive(leaf_ready & leaf_from_step);
+    take_pop_leaf.drive(leaf_ready & !leaf_from_step & entered_leaf_any);
     m.group("Leaves to the geometry unit");
-    m.output("leaf_valid", step_leaf_any | entered_leaf_any);
+    m.output("leaf_valid", leaf_wanted);
     for name in ["packet", "address", "context", "mask"] {
         m.output(format!("leaf_{name}"), leaf_item.get(leaf_front, name));
     }
@@ -739,7 +747,6 @@ pub fn module(plan: &Plan) -> Result<Tpu, HdlError> {
 
     m.group("Counters' events, and marks");
     m.output("step_taken", step_valid);
-    m.output("node_waiting", node_wanted);
     m.output("stack_high_water", high_water.q);
     m.output("stack_overflow", overflow.q);
 
@@ -766,4 +773,24 @@ pub fn module(plan: &Plan) -> Result<Tpu, HdlError> {
         pop_latency,
         slice,
     })
+}
+
+/// Which of two queues is served: the preferred one where it has something, but what was offered and not
+/// taken is offered again, so that a waiting request never changes.
+fn held_choice<'b>(
+    m: &'b Builder,
+    name: &str,
+    wanted: Signal<'b>,
+    ready: Signal<'b>,
+    preferred: Signal<'b>,
+) -> Signal<'b> {
+    let waits = m.reg_reset(format!("{name}_waits"), 1, 0);
+    let waiting_choice = m.reg(format!("{name}_waiting_choice"), 1);
+    let choice = waits
+        .q
+        .mux(waiting_choice.q, preferred)
+        .named(format!("{name}_choice"));
+    waits.next(wanted & !ready);
+    waiting_choice.next(choice);
+    choice
 }
