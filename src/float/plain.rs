@@ -106,16 +106,6 @@ fn round(format: Format, negative: bool, significand: u128, exponent: i32) -> u6
     }
 }
 
-/// `significand` · 2^−`distance`, with its lowest bit set where a set bit was shifted out: enough to round by, as
-/// long as that bit lies below the one that decides a tie.
-fn shift_right_sticky(significand: u128, distance: u32) -> u128 {
-    if distance >= u128::BITS {
-        return u128::from(significand != 0);
-    }
-    let kept = significand >> distance;
-    kept | u128::from(kept << distance != significand)
-}
-
 /// a + b.
 pub fn add(format: Format, a: u64, b: u64) -> u64 {
     match (Number::of(format, a), Number::of(format, b)) {
@@ -136,12 +126,13 @@ pub fn add(format: Format, a: u64, b: u64) -> u64 {
                 exponent: b_exponent,
             },
         ) => {
-            // Significands have at most 24 bits. With 64 more below them, an operand loses bits only where it
-            // is too small for anything but its presence to matter.
+            // With 64 bits below the significands, of at most 24 bits, an operand loses some only where it is
+            // less than 2^−40 ulps of the other: too little to change how that is rounded.
             const GUARD: u32 = 64;
             let exponent = a_exponent.max(b_exponent);
             let align = |significand: u128, own: i32| {
-                shift_right_sticky(significand << GUARD, (exponent - own) as u32) as i128
+                let distance = (exponent - own) as u32;
+                (significand << GUARD).checked_shr(distance).unwrap_or(0) as i128
             };
             let sign = |negative| if negative { -1 } else { 1 };
             let sum =
@@ -197,7 +188,7 @@ pub fn reciprocal(format: Format, a: u64) -> u64 {
             // A quotient of at least 40 bits; the lowest says that there is a remainder.
             const SCALE: u32 = 64;
             let one = 1_u128 << SCALE;
-            let quotient = (one / significand) | u128::from(one % significand != 0);
+            let quotient = (one / significand) | u128::from(!one.is_multiple_of(significand));
             round(format, negative, quotient, -exponent - SCALE as i32)
         }
     }
