@@ -12,6 +12,7 @@ pub mod golden;
 pub mod hdl;
 pub mod hw;
 pub mod port;
+pub mod program;
 pub mod report;
 pub mod scene;
 pub mod vectors;

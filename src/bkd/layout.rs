@@ -159,6 +159,22 @@ impl Record {
         )
     }
 
+    /// A whole box: an object's, as the update processor writes it.
+    pub fn bounding_box(format: Format) -> Self {
+        let w = format.width();
+        Record::new(
+            "box",
+            &[
+                ("lo_x", w, "least first coordinate"),
+                ("lo_y", w, "least second coordinate"),
+                ("lo_z", w, "least third coordinate"),
+                ("hi_x", w, "greatest first coordinate"),
+                ("hi_y", w, "greatest second coordinate"),
+                ("hi_z", w, "greatest third coordinate"),
+            ],
+        )
+    }
+
     /// A triangle: its vertices' indices in the mesh's order and its number in the mesh.
     pub fn triangle() -> Self {
         Record::new(

@@ -1,0 +1,495 @@
+//! From a tree's topology to its update program.
+//!
+//! 1. [`walk`] fixes the order of the leaves.
+//! 2. [`VertexFile`] turns the sequence of leaves into one of loads and leaf merges.
+//! 3. [`NodeQueue`] puts the nodes between them, so that no merge has to wait for another.
+
+use std::cmp::Reverse;
+use std::collections::{BinaryHeap, VecDeque};
+
+use anyhow::{Result, ensure};
+
+use super::{Instruction, Program, UpdateMachine};
+use crate::bkd::{Child, Tree, TreeNode};
+
+/// The order of the leaves, and that of the nodes in which the fewest box registers do.
+struct Walk {
+    /// Triangles, in the order of their leaf merges.
+    leaves: Vec<u32>,
+    /// Nodes, each with its right sibling if both are inner ones.
+    units: Vec<(u32, Option<u32>)>,
+    /// Box registers that the sequences need at least.
+    box_registers: u32,
+}
+
+pub(super) fn compile(
+    tree: &Tree,
+    triangles: &[[u32; 3]],
+    vertices: usize,
+    machine: UpdateMachine,
+) -> Result<Program> {
+    machine.check()?;
+    ensure!(
+        tree.triangle_count() == triangles.len(),
+        "the tree has {} leaves but the mesh {} triangles; build the tree anew",
+        tree.triangle_count(),
+        triangles.len()
+    );
+    for (number, triangle) in triangles.iter().enumerate() {
+        for &vertex in triangle {
+            ensure!(
+                (vertex as usize) < vertices,
+                "triangle {number} names vertex {vertex}, but there are {vertices}; correct the mesh"
+            );
+        }
+    }
+    let walk = walk(tree);
+    let nodes_walked: usize = (walk.units.iter())
+        .map(|(_, second)| 1 + usize::from(second.is_some()))
+        .sum();
+    ensure!(
+        walk.leaves.len() == triangles.len() && nodes_walked == tree.nodes.len(),
+        "the tree does not reach each of its {} nodes once; build it anew",
+        tree.nodes.len()
+    );
+    ensure!(
+        walk.box_registers <= machine.box_registers,
+        "the tree's update program needs {} box registers, but the machine has {}; give it more or split the mesh",
+        walk.box_registers,
+        machine.box_registers
+    );
+
+    let mut vertex_file = VertexFile::new(&walk.leaves, triangles, vertices, machine);
+    let mut nodes = NodeQueue::new(tree, &walk, machine);
+    let mut instructions = Vec::with_capacity(triangles.len() * 11 / 4 + 16);
+    let mut leaves_done = 0;
+    while nodes.order.len() < tree.nodes.len() || leaves_done < walk.leaves.len() {
+        let now = instructions.len();
+        let instruction = if let Some(node) = nodes.next(now) {
+            node
+        } else if let Some(load) = vertex_file.next_load() {
+            load
+        } else if leaves_done < walk.leaves.len() && nodes.boxes.in_use < machine.box_registers {
+            nodes.leaf_merged(walk.leaves[leaves_done], now);
+            leaves_done += 1;
+            vertex_file.merge_leaf()
+        } else {
+            nodes.next_early(now).unwrap_or(Instruction::Nop)
+        };
+        instructions.push(instruction);
+    }
+    instructions.push(Instruction::End {
+        register: nodes.held(tree.root).register,
+    });
+
+    let vertices_used = vertex_file.loaded.len() as u32;
+    Ok(Program {
+        machine,
+        instructions,
+        vertex_order: vertex_file.vertex_order(),
+        vertices_used,
+        box_registers_used: nodes.boxes.most_in_use,
+        node_order: nodes.order,
+    })
+}
+
+/// Decides which node goes next: of those whose operands are there and old enough, the first of the walk.
+///
+/// Two inner siblings are written side by side: they make one *unit*, which is ready when all four operands are; any
+/// other node is a unit of its own.
+struct NodeQueue<'a> {
+    tree: &'a Tree,
+    distance: usize,
+    boxes: BoxFile,
+    /// Nodes in the order in which they are written.
+    order: Vec<u32>,
+    /// Where the box of each node and of each leaf is, once it is.
+    of_node: Vec<Held>,
+    of_leaf: Vec<Held>,
+    /// For each node and each leaf, the unit that reads its box: that of its parent; [`NEVER`] for the root.
+    reader_of_node: Vec<u32>,
+    reader_of_leaf: Vec<u32>,
+    units: Vec<Unit>,
+    /// Units all of whose operands are written, by the time when the last of them was.
+    waiting: VecDeque<(usize, u32)>,
+    /// Units that may go.
+    ready: BinaryHeap<Reverse<u32>>,
+    /// The second node of a unit whose first has gone.
+    sibling: Option<u32>,
+}
+
+/// One node, or two siblings.
+struct Unit {
+    first: u32,
+    second: Option<u32>,
+    /// Operands not yet written.
+    missing: u8,
+}
+
+impl<'a> NodeQueue<'a> {
+    fn new(tree: &'a Tree, walk: &Walk, machine: UpdateMachine) -> Self {
+        let mut queue = NodeQueue {
+            tree,
+            distance: machine.merge_distance as usize,
+            boxes: BoxFile::default(),
+            order: Vec::with_capacity(tree.nodes.len()),
+            of_node: vec![Held::default(); tree.nodes.len()],
+            of_leaf: vec![Held::default(); tree.triangle_count()],
+            reader_of_node: vec![NEVER; tree.nodes.len()],
+            reader_of_leaf: vec![NEVER; tree.triangle_count()],
+            units: Vec::with_capacity(tree.nodes.len()),
+            waiting: VecDeque::new(),
+            ready: BinaryHeap::new(),
+            sibling: None,
+        };
+        for &(first, second) in &walk.units {
+            let number = queue.units.len() as u32;
+            let mut missing = 0;
+            for node in [Some(first), second].into_iter().flatten() {
+                for child in tree.nodes[node as usize].children {
+                    missing += 1;
+                    match child {
+                        Child::Inner(index) => queue.reader_of_node[index as usize] = number,
+                        Child::Leaf(leaf) => queue.reader_of_leaf[leaf as usize] = number,
+                    }
+                }
+            }
+            queue.units.push(Unit {
+                first,
+                second,
+                missing,
+            });
+        }
+        queue
+    }
+
+    fn held(&self, child: Child) -> Held {
+        match child {
+            Child::Inner(index) => self.of_node[index as usize],
+            Child::Leaf(number) => self.of_leaf[number as usize],
+        }
+    }
+
+    /// The node that goes as instruction `now`, if one can.
+    fn next(&mut self, now: usize) -> Option<Instruction> {
+        while let Some(&(written, unit)) = self.waiting.front()
+            && now >= written + self.distance
+        {
+            self.waiting.pop_front();
+            self.ready.push(Reverse(unit));
+        }
+        if let Some(second) = self.sibling {
+            return self.old_enough(second, now).then(|| {
+                self.sibling = None;
+                self.merge(second, now)
+            });
+        }
+        let Reverse(unit) = self.ready.pop()?;
+        Some(self.begin(unit, now))
+    }
+
+    /// A node to go as instruction `now` where otherwise there is nothing to do: the first of two siblings, the second of
+    /// which has to wait.
+    fn next_early(&mut self, now: usize) -> Option<Instruction> {
+        if self.sibling.is_some() {
+            return None;
+        }
+        let place = (self.waiting.iter())
+            .position(|&(_, unit)| self.old_enough(self.units[unit as usize].first, now))?;
+        let (_, unit) = self.waiting.remove(place).expect("a place in the queue");
+        Some(self.begin(unit, now))
+    }
+
+    fn begin(&mut self, unit: u32, now: usize) -> Instruction {
+        let Unit { first, second, .. } = self.units[unit as usize];
+        self.sibling = second;
+        self.merge(first, now)
+    }
+
+    fn old_enough(&self, node: u32, now: usize) -> bool {
+        let children = self.tree.nodes[node as usize].children;
+        (children.into_iter()).all(|child| now >= self.held(child).written + self.distance)
+    }
+
+    fn merge(&mut self, node: u32, now: usize) -> Instruction {
+        let TreeNode { children, axes } = self.tree.nodes[node as usize];
+        let [left, right] = children.map(|child| self.held(child).register);
+        self.boxes.release(right);
+        self.of_node[node as usize] = Held {
+            register: left,
+            written: now,
+        };
+        self.order.push(node);
+        self.written(self.reader_of_node[node as usize], now);
+        Instruction::Node {
+            children: [left, right],
+            axes,
+        }
+    }
+
+    /// Notes that a leaf's box is written by instruction `now`.
+    fn leaf_merged(&mut self, number: u32, now: usize) {
+        self.of_leaf[number as usize] = Held {
+            register: self.boxes.take(),
+            written: now,
+        };
+        self.written(self.reader_of_leaf[number as usize], now);
+    }
+
+    /// Notes that one of the operands of a unit is written by instruction `now`.
+    fn written(&mut self, unit: u32, now: usize) {
+        if unit == NEVER {
+            return;
+        }
+        let missing = &mut self.units[unit as usize].missing;
+        *missing -= 1;
+        if *missing == 0 {
+            self.waiting.push_back((now, unit));
+        }
+    }
+}
+
+/// A box in a register.
+#[derive(Clone, Copy, Default)]
+struct Held {
+    register: u8,
+    /// The number of the instruction that wrote it.
+    written: usize,
+}
+
+/// Which box registers are free, as the machine itself decides it.
+#[derive(Default)]
+struct BoxFile {
+    free: Vec<u8>,
+    fresh: u8,
+    in_use: u32,
+    most_in_use: u32,
+}
+
+impl BoxFile {
+    fn take(&mut self) -> u8 {
+        self.in_use += 1;
+        self.most_in_use = self.most_in_use.max(self.in_use);
+        self.free.pop().unwrap_or_else(|| {
+            self.fresh += 1;
+            self.fresh - 1
+        })
+    }
+
+    fn release(&mut self, register: u8) {
+        self.in_use -= 1;
+        self.free.push(register);
+    }
+}
+
+/// What is left to do in [`walk`], last in, first out.
+enum Task {
+    /// Make the boxes of a node's children.
+    Children(u32),
+    /// Merge the children of a node, or of two siblings, whose boxes are made.
+    Unit(u32, Option<u32>),
+    Leaf(u32),
+}
+
+/// Walks the tree depth first, the greedier subtree first. Siblings are written side by side, so what a subtree leaves
+/// behind until its sibling is done is not its box but those of its two children.
+fn walk(tree: &Tree) -> Walk {
+    let need = box_registers_needed(tree);
+    let mut walk = Walk {
+        leaves: Vec::with_capacity(tree.triangle_count()),
+        units: Vec::with_capacity(tree.nodes.len()),
+        box_registers: 1,
+    };
+    let mut nodes_done = 0;
+    let mut tasks = match tree.root {
+        Child::Inner(root) => vec![Task::Unit(root, None), Task::Children(root)],
+        Child::Leaf(number) => vec![Task::Leaf(number)],
+    };
+    while let Some(task) = tasks.pop() {
+        match task {
+            Task::Children(index) => match tree.nodes[index as usize].children {
+                [Child::Inner(left), Child::Inner(right)] => {
+                    let (first, second) = if need[right as usize] > need[left as usize] {
+                        (right, left)
+                    } else {
+                        (left, right)
+                    };
+                    tasks.extend([
+                        Task::Unit(left, Some(right)),
+                        Task::Children(second),
+                        Task::Children(first),
+                    ]);
+                }
+                [Child::Inner(inner), Child::Leaf(number)]
+                | [Child::Leaf(number), Child::Inner(inner)] => {
+                    tasks.extend([
+                        Task::Leaf(number),
+                        Task::Unit(inner, None),
+                        Task::Children(inner),
+                    ]);
+                }
+                [Child::Leaf(left), Child::Leaf(right)] => {
+                    tasks.extend([Task::Leaf(right), Task::Leaf(left)]);
+                }
+            },
+            Task::Unit(first, second) => {
+                // A leaf takes a register and a node frees one.
+                let in_use = walk.leaves.len() as u32 - nodes_done;
+                walk.box_registers = walk.box_registers.max(in_use);
+                nodes_done += 1 + u32::from(second.is_some());
+                walk.units.push((first, second));
+            }
+            Task::Leaf(number) => walk.leaves.push(number),
+        }
+    }
+    walk
+}
+
+/// For each node, the box registers in which its children's boxes can be made.
+fn box_registers_needed(tree: &Tree) -> Vec<u32> {
+    let mut need = vec![0u32; tree.nodes.len()];
+    for index in tree.children_first() {
+        need[index as usize] = match tree.nodes[index as usize].children {
+            [Child::Inner(left), Child::Inner(right)] => {
+                let (left, right) = (need[left as usize], need[right as usize]);
+                left.max(right).max(left.min(right) + 2)
+            }
+            [Child::Inner(inner), Child::Leaf(_)] | [Child::Leaf(_), Child::Inner(inner)] => {
+                need[inner as usize]
+            }
+            [Child::Leaf(_), Child::Leaf(_)] => 2,
+        };
+    }
+    need
+}
+
+/// The vertex registers, filled for one leaf after the other. The vertex whose next use is farthest gives way.
+struct VertexFile<'a> {
+    leaves: &'a [u32],
+    triangles: &'a [[u32; 3]],
+    /// For each leaf, in order, and corner, the leaf that uses the vertex next.
+    next_uses: Vec<[u32; 3]>,
+    /// The leaf whose vertices are being loaded.
+    leaf: usize,
+    /// For each vertex, the register it is in, or [`NOWHERE`].
+    register_of: Vec<u8>,
+    /// For each vertex, its place in `loaded`, or [`NEVER`].
+    place_of: Vec<u32>,
+    /// Vertices by first load.
+    loaded: Vec<u32>,
+    /// For each register, the vertex in it, or [`NEVER`].
+    contents: Vec<u32>,
+    /// For each register, the leaf that uses it next, or [`NEVER`].
+    used_next: Vec<u32>,
+    last: u8,
+}
+
+const NEVER: u32 = u32::MAX;
+const NOWHERE: u8 = u8::MAX;
+
+impl<'a> VertexFile<'a> {
+    fn new(
+        leaves: &'a [u32],
+        triangles: &'a [[u32; 3]],
+        vertices: usize,
+        machine: UpdateMachine,
+    ) -> Self {
+        let mut used_from_here = vec![NEVER; vertices];
+        let mut next_uses = vec![[NEVER; 3]; leaves.len()];
+        for (leaf, &number) in leaves.iter().enumerate().rev() {
+            let triangle = triangles[number as usize];
+            next_uses[leaf] = triangle.map(|vertex| used_from_here[vertex as usize]);
+            for vertex in triangle {
+                used_from_here[vertex as usize] = leaf as u32;
+            }
+        }
+        let registers = machine.vertex_registers as usize;
+        VertexFile {
+            leaves,
+            triangles,
+            next_uses,
+            leaf: 0,
+            register_of: vec![NOWHERE; vertices],
+            place_of: vec![NEVER; vertices],
+            loaded: Vec::new(),
+            contents: vec![NEVER; registers],
+            used_next: vec![NEVER; registers],
+            last: 0,
+        }
+    }
+
+    /// The next load that the leaf needs, if any.
+    fn next_load(&mut self) -> Option<Instruction> {
+        let number = *self.leaves.get(self.leaf)?;
+        let triangle = self.triangles[number as usize];
+        let vertex = triangle
+            .into_iter()
+            .find(|&vertex| self.register_of[vertex as usize] == NOWHERE)?;
+        // Those of this leaf are used soonest, hence stay.
+        for held in triangle {
+            let register = self.register_of[held as usize];
+            if register != NOWHERE {
+                debug_assert_eq!(self.used_next[register as usize], self.leaf as u32);
+            }
+        }
+        let mut victim = 0;
+        for (register, &next) in self.used_next.iter().enumerate() {
+            if next > self.used_next[victim] {
+                victim = register;
+            }
+        }
+        let evicted = self.contents[victim];
+        if evicted != NEVER {
+            self.register_of[evicted as usize] = NOWHERE;
+        }
+        let register = victim as u8;
+        self.contents[victim] = vertex;
+        self.used_next[victim] = self.leaf as u32;
+        self.register_of[vertex as usize] = register;
+        self.last = register;
+        let place = &mut self.place_of[vertex as usize];
+        Some(if *place == NEVER {
+            *place = self.loaded.len() as u32;
+            self.loaded.push(vertex);
+            Instruction::Load { register }
+        } else {
+            Instruction::Reload {
+                register,
+                vertex: *place,
+            }
+        })
+    }
+
+    /// The merge of the leaf, whose vertices are all loaded, and on to the next leaf.
+    fn merge_leaf(&mut self) -> Instruction {
+        let triangle = self.triangles[self.leaves[self.leaf] as usize];
+        let registers = triangle.map(|vertex| self.register_of[vertex as usize]);
+        for (register, next) in registers.into_iter().zip(self.next_uses[self.leaf]) {
+            self.used_next[register as usize] = next;
+        }
+        self.leaf += 1;
+        let [x, y, z] = registers;
+        let last = self.last;
+        // Minimum and maximum do not depend on the order.
+        if z == last {
+            Instruction::LeafLast { vertices: [x, y] }
+        } else if y == last {
+            Instruction::LeafLast { vertices: [x, z] }
+        } else if x == last {
+            Instruction::LeafLast { vertices: [y, z] }
+        } else {
+            Instruction::Leaf {
+                vertices: registers,
+            }
+        }
+    }
+
+    /// All vertices, by first load, unused ones last.
+    fn vertex_order(self) -> Vec<u32> {
+        let mut order = self.loaded;
+        let unused = (0..self.place_of.len() as u32)
+            .filter(|&vertex| self.place_of[vertex as usize] == NEVER);
+        order.extend(unused);
+        order
+    }
+}

@@ -1,0 +1,433 @@
+//! The update program: a tree's topology compiled into the one instruction stream that the update processor runs
+//! after every motion of the vertices. `docs/update.md` is normative.
+//!
+//! [`Program::compile`] fixes two orders besides the instructions: that of the vertices in memory (by first load) and
+//! that of the nodes (as they are written). [`Program::image`] lays an object out accordingly.
+
+mod compile;
+mod encode;
+
+use std::fmt::Write as _;
+
+use anyhow::{Result, bail, ensure};
+use serde::Serialize;
+
+use crate::bkd::{MemoryImage, Tree, layout};
+use crate::float::Format;
+
+pub use encode::{FORMS, Form, Instruction, decode, encode};
+
+/// What a program needs to know of the update processor.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize)]
+pub struct UpdateMachine {
+    /// Registers of one vertex each, in [`UpdateMachine::REGISTERS`].
+    pub vertex_registers: u32,
+    /// Registers of one box each, in [`UpdateMachine::REGISTERS`].
+    pub box_registers: u32,
+    /// Instructions from the one that writes a box register to the first that may read it, in
+    /// [`UpdateMachine::MERGE_DISTANCE`]; 1 is the next.
+    pub merge_distance: u32,
+}
+
+impl UpdateMachine {
+    /// The number of registers of a kind that a machine may have.
+    pub const REGISTERS: std::ops::RangeInclusive<u32> = 8..=64;
+    /// The merge distances that a machine may have.
+    pub const MERGE_DISTANCE: std::ops::RangeInclusive<u32> = 1..=16;
+
+    /// # Errors
+    /// Names the parameter that is out of range.
+    pub fn check(&self) -> Result<()> {
+        for (name, value, range) in [
+            ("vertex registers", self.vertex_registers, Self::REGISTERS),
+            ("box registers", self.box_registers, Self::REGISTERS),
+            (
+                "instructions of merge distance",
+                self.merge_distance,
+                Self::MERGE_DISTANCE,
+            ),
+        ] {
+            ensure!(
+                range.contains(&value),
+                "an update processor has {} to {} {name}, not {value}",
+                range.start(),
+                range.end()
+            );
+        }
+        Ok(())
+    }
+}
+
+impl Default for UpdateMachine {
+    /// 64 registers of either kind, as in the original, and a merge distance of 6.
+    fn default() -> Self {
+        UpdateMachine {
+            vertex_registers: 64,
+            box_registers: 64,
+            merge_distance: 6,
+        }
+    }
+}
+
+/// The update program of one object.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Program {
+    /// The machine it was compiled for: it runs on any with no fewer registers and no greater distance.
+    pub machine: UpdateMachine,
+    /// What is executed, `end` last.
+    pub instructions: Vec<Instruction>,
+    /// The mesh's vertices in the order in which the program wants them in memory: by first load, unused ones last.
+    /// Entry k is the mesh's index of the vertex at vertex base + k.
+    pub vertex_order: Vec<u32>,
+    /// Indices into [`Tree::nodes`] in the order in which they are written: the `order` of [`layout::place`].
+    pub node_order: Vec<u32>,
+    vertices_used: u32,
+    box_registers_used: u32,
+}
+
+/// A program in figures.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Statistics {
+    pub triangles: u64,
+    /// Nodes written: one less than triangles.
+    pub nodes: u64,
+    /// Vertices that triangles use.
+    pub vertices: u64,
+    /// All instructions, `end` and `nop` included.
+    pub instructions: u64,
+    /// Vertices loaded, the first time and again.
+    pub loads: u64,
+    /// Vertices loaded again.
+    pub reloads: u64,
+    /// Merges of three vertices.
+    pub leaf_merges: u64,
+    /// Those in the short form, which implies the vertex loaded last.
+    pub short_leaf_merges: u64,
+    /// Merges of two boxes.
+    pub node_merges: u64,
+    /// Instructions that only wait.
+    pub nops: u64,
+    /// Encoded length, without the fill after `end`.
+    pub bytes: u64,
+    pub vertex_registers_used: u32,
+    pub box_registers_used: u32,
+    /// `loads` ÷ `vertices`; 1 is the least there is.
+    pub loads_per_vertex: f64,
+    pub instructions_per_triangle: f64,
+    pub bytes_per_triangle: f64,
+}
+
+impl Program {
+    /// Compiles the update program of a tree over `triangles`, whose indices are below `vertices`, for a machine.
+    /// The result depends on nothing but the arguments.
+    ///
+    /// # Errors
+    /// Where a machine's parameter is out of range, the tree is not one over these triangles, a triangle names a missing
+    /// vertex, or the tree needs more box registers than the machine has.
+    pub fn compile(
+        tree: &Tree,
+        triangles: &[[u32; 3]],
+        vertices: usize,
+        machine: UpdateMachine,
+    ) -> Result<Program> {
+        compile::compile(tree, triangles, vertices, machine)
+    }
+
+    /// The program as it lies in memory: encoded, filled with zeros up to a multiple of [`Program::ROW_BYTES`].
+    pub fn bytes(&self) -> Vec<u8> {
+        let mut bytes = encode(&self.instructions);
+        bytes.resize(bytes.len().next_multiple_of(Self::ROW_BYTES), 0);
+        bytes
+    }
+
+    /// A program starts at a multiple of this many bytes and is filled up to one.
+    pub const ROW_BYTES: usize = 16;
+
+    /// The rows of [`Program::bytes`], a line of hexadecimal digits each as `$readmemh` reads it.
+    pub fn hex_lines(&self) -> String {
+        let mut lines = String::new();
+        for row in self.bytes().chunks_exact(Self::ROW_BYTES) {
+            for byte in row.iter().rev() {
+                write!(lines, "{byte:02x}").expect("a string takes all");
+            }
+            lines.push('\n');
+        }
+        lines
+    }
+
+    /// Something for each of the mesh's vertices, put in the order of the program.
+    ///
+    /// # Panics
+    /// Where `items` are not as many as the mesh's vertices.
+    pub fn reorder_vertices<T: Clone>(&self, items: &[T]) -> Vec<T> {
+        assert_eq!(
+            items.len(),
+            self.vertex_order.len(),
+            "an item for each vertex"
+        );
+        let order = self.vertex_order.iter();
+        order.map(|&old| items[old as usize].clone()).collect()
+    }
+
+    /// The mesh's triangles, naming vertices by their places in the order of the program.
+    ///
+    /// # Panics
+    /// Where a triangle names a vertex that the mesh did not have.
+    pub fn renumber(&self, triangles: &[[u32; 3]]) -> Vec<[u32; 3]> {
+        let mut place_of = vec![0; self.vertex_order.len()];
+        for (place, &old) in self.vertex_order.iter().enumerate() {
+            place_of[old as usize] = place as u32;
+        }
+        let renumbered = |&triangle: &[u32; 3]| triangle.map(|old| place_of[old as usize]);
+        triangles.iter().map(renumbered).collect()
+    }
+
+    /// The memory image of the object at base 0, vertices and nodes in the order of the program. `tree`, `triangles` and
+    /// `vertices` are what it was compiled from; `vertices` hold numbers of `format`, in the mesh's order.
+    ///
+    /// # Errors
+    /// Where the mesh is too large for the link word.
+    pub fn image(
+        &self,
+        format: Format,
+        vertices: &[[f64; 3]],
+        triangles: &[[u32; 3]],
+        tree: &Tree,
+    ) -> Result<MemoryImage> {
+        let refit = tree.refit(vertices, triangles);
+        let placement = layout::place(
+            tree,
+            &refit,
+            &self.renumber(triangles),
+            &self.node_order,
+            0,
+            0,
+        )?;
+        Ok(MemoryImage {
+            format,
+            nodes: placement.nodes,
+            records: placement.records,
+            vertices: self.reorder_vertices(vertices),
+            root: placement.root,
+            bounds: (refit.root.lo, refit.root.hi),
+        })
+    }
+
+    /// The program in figures.
+    pub fn statistics(&self) -> Statistics {
+        let (mut loads, mut reloads, mut leaves, mut short, mut nodes, mut nops) =
+            (0, 0, 0, 0, 0, 0);
+        let (mut bytes, mut vertex_registers_used) = (0, 0);
+        for instruction in &self.instructions {
+            bytes += instruction.form().bytes as u64;
+            match *instruction {
+                Instruction::Load { register } => {
+                    loads += 1;
+                    vertex_registers_used = vertex_registers_used.max(u32::from(register) + 1);
+                }
+                Instruction::Reload { .. } => {
+                    loads += 1;
+                    reloads += 1;
+                }
+                Instruction::Leaf { .. } => leaves += 1,
+                Instruction::LeafLast { .. } => {
+                    leaves += 1;
+                    short += 1;
+                }
+                Instruction::Node { .. } => nodes += 1,
+                Instruction::Nop => nops += 1,
+                Instruction::End { .. } => {}
+            }
+        }
+        let vertices = u64::from(self.vertices_used);
+        let instructions = self.instructions.len() as u64;
+        Statistics {
+            triangles: leaves,
+            nodes,
+            vertices,
+            instructions,
+            loads,
+            reloads,
+            leaf_merges: leaves,
+            short_leaf_merges: short,
+            node_merges: nodes,
+            nops,
+            bytes,
+            vertex_registers_used,
+            box_registers_used: self.box_registers_used,
+            loads_per_vertex: loads as f64 / vertices as f64,
+            instructions_per_triangle: instructions as f64 / leaves as f64,
+            bytes_per_triangle: bytes as f64 / leaves as f64,
+        }
+    }
+
+    /// Checks what `docs/update.md` says that a program guarantees its machine.
+    ///
+    /// # Errors
+    /// Names the instruction that breaks a rule, and the rule.
+    pub fn check(&self) -> Result<()> {
+        check(&self.instructions, self.machine)
+    }
+
+    /// The program as text, a line an instruction: byte address, the bytes, the instruction with its implicit operands
+    /// written out.
+    pub fn listing(&self) -> String {
+        let mut listing = String::with_capacity(self.instructions.len() * 48);
+        let mut state = Implicit::default();
+        let mut address = 0;
+        for &instruction in &self.instructions {
+            let code = encode(&[instruction]);
+            let mut hex = String::new();
+            for byte in &code {
+                write!(hex, "{byte:02x} ").expect("a string takes all");
+            }
+            let text = state.step(instruction);
+            writeln!(listing, "{address:08x}  {hex:<15} {text}").expect("a string takes all");
+            address += code.len();
+        }
+        listing
+    }
+}
+
+/// The operands that instructions imply, as decoding in order finds them.
+#[derive(Default)]
+struct Implicit {
+    next_vertex: u32,
+    next_node: u32,
+    last: u8,
+    free: Vec<u8>,
+    fresh: u8,
+}
+
+impl Implicit {
+    fn box_register(&mut self) -> u8 {
+        self.free.pop().unwrap_or_else(|| {
+            self.fresh += 1;
+            self.fresh - 1
+        })
+    }
+
+    /// Goes past an instruction and says what it does.
+    fn step(&mut self, instruction: Instruction) -> String {
+        let axis = |axis: u8| ["x", "y", "z"][axis as usize];
+        match instruction {
+            Instruction::Load { register } => {
+                self.last = register;
+                self.next_vertex += 1;
+                format!("load v{register}, [{}]", self.next_vertex - 1)
+            }
+            Instruction::Reload { register, vertex } => {
+                self.last = register;
+                format!("load v{register}, [{vertex}]  ; again")
+            }
+            Instruction::Leaf {
+                vertices: [x, y, z],
+            } => {
+                format!("leaf b{}, v{x} v{y} v{z}", self.box_register())
+            }
+            Instruction::LeafLast { vertices: [x, y] } => {
+                format!("leaf b{}, v{x} v{y} v{}", self.box_register(), self.last)
+            }
+            Instruction::Node {
+                children: [a, b],
+                axes: [left, right],
+            } => {
+                self.free.push(b);
+                self.next_node += 1;
+                format!(
+                    "node b{a}, b{a}.{} b{b}.{}  ; node {}",
+                    axis(left),
+                    axis(right),
+                    self.next_node - 1
+                )
+            }
+            Instruction::Nop => "nop".into(),
+            Instruction::End { register } => format!("end  b{register}"),
+        }
+    }
+}
+
+/// Checks a stream of instructions against the rules for a machine; see [`Program::check`].
+///
+/// # Errors
+/// Names the instruction that breaks a rule, and the rule.
+pub fn check(instructions: &[Instruction], machine: UpdateMachine) -> Result<()> {
+    machine.check()?;
+    let mut vertex_written = vec![false; machine.vertex_registers as usize];
+    // For each box register in use, the number of the instruction that wrote it.
+    let mut box_written: Vec<Option<usize>> = vec![None; machine.box_registers as usize];
+    let mut state = Implicit::default();
+    for (number, &instruction) in instructions.iter().enumerate() {
+        let fault = |what: String| {
+            Err(anyhow::anyhow!(
+                "instruction {number} ({instruction:?}) {what}; compile the program anew"
+            ))
+        };
+        if instruction.form().name == "end" && number + 1 != instructions.len() {
+            return fault("is not the last".into());
+        }
+        match instruction {
+            Instruction::Load { register } | Instruction::Reload { register, .. } => {
+                if let Instruction::Reload { vertex, .. } = instruction
+                    && vertex >= state.next_vertex
+                {
+                    return fault("loads a vertex again that was never loaded".into());
+                }
+                let Some(written) = vertex_written.get_mut(register as usize) else {
+                    return fault("names a vertex register that the machine lacks".into());
+                };
+                *written = true;
+                state.step(instruction);
+            }
+            Instruction::Leaf { .. } | Instruction::LeafLast { .. } => {
+                let vertices = match instruction {
+                    Instruction::Leaf { vertices } => vertices,
+                    Instruction::LeafLast { vertices: [x, y] } => [x, y, state.last],
+                    _ => unreachable!("a leaf merge"),
+                };
+                for register in vertices {
+                    if vertex_written.get(register as usize) != Some(&true) {
+                        return fault(format!("reads v{register}, which nothing wrote"));
+                    }
+                }
+                let register = state.box_register();
+                let Some(written) = box_written.get_mut(register as usize) else {
+                    return fault("finds no free box register".into());
+                };
+                *written = Some(number);
+            }
+            Instruction::Node { children, axes } => {
+                for register in children {
+                    let Some(&Some(written)) = box_written.get(register as usize) else {
+                        return fault(format!("reads b{register}, which holds no box"));
+                    };
+                    if number - written < machine.merge_distance as usize {
+                        return fault(format!(
+                            "reads b{register} {} instructions after it is written",
+                            number - written
+                        ));
+                    }
+                }
+                let [a, b] = children;
+                if a == b || axes.iter().any(|&axis| axis > 2) {
+                    return fault("merges a box with itself or has an axis beyond z".into());
+                }
+                box_written[a as usize] = Some(number);
+                box_written[b as usize] = None;
+                state.step(instruction);
+            }
+            Instruction::Nop => {}
+            Instruction::End { register } => {
+                let held = box_written.iter().filter(|written| written.is_some());
+                if held.count() != 1 || !matches!(box_written.get(register as usize), Some(Some(_)))
+                {
+                    return fault("does not find all boxes merged into its own".into());
+                }
+            }
+        }
+    }
+    let Some(Instruction::End { .. }) = instructions.last() else {
+        bail!("the program does not end; compile it anew");
+    };
+    Ok(())
+}
