@@ -16,6 +16,7 @@ use dynrt::cosim::unit_update::{
 use dynrt::cosim::{model, sources};
 use dynrt::hdl::Design;
 use dynrt::hw::{Plan, update};
+use dynrt::program::UpdateMachine;
 use dynrt::scene::{self, MachineMesh};
 
 /// Instructions of random topologies on the reference machine.
@@ -45,20 +46,24 @@ fn check(
     report
 }
 
-/// So many instructions of random topologies; each category must have been met.
-fn random(config: &Config, instructions: u64, seed: u64) {
+/// So many instructions of random topologies.
+fn random(config: &Config, instructions: u64, seed: u64) -> UpdateReport {
     let workload = Workload::Random { instructions };
     let report = check(config, workload, Traffic::Separate, &UnitOptions::new(seed));
     assert!(report.unit.transactions >= instructions);
     assert!(report.unit.checked > report.unit.packets);
-    for (category, count) in &report.unit.categories {
-        assert!(*count > 0, "no {}", category.name());
-    }
+    report
 }
 
 #[test]
 fn random_topologies_on_the_reference_machine() {
-    random(&Config::reference(), MANY, seed());
+    let report = random(&Config::reference(), MANY, seed());
+    for (category, count) in &report.unit.categories {
+        assert!(*count > 0, "no {}", category.name());
+    }
+    let waits = &report.objects[0];
+    assert!(waits.vertex_wait_cycles > 0, "no wait for a vertex");
+    assert!(waits.node_wait_cycles > 0, "no wait for room for a node");
 }
 
 /// Machines that differ from the reference in all that shapes the unit.
@@ -123,6 +128,44 @@ fn object(config: &Config, name: &str) -> UpdateObject {
     let machine = machine(config).unwrap();
     let (format, triangles, vertices) = (config.format(), &mesh.triangles, &mesh.vertices);
     UpdateObject::new(name, format, machine, &tree, triangles, vertices).unwrap()
+}
+
+/// The merge distance that a machine declares is the least that works: a program compiled for one less reads a register
+/// too soon, and that shows.
+#[test]
+fn a_merge_that_comes_too_soon_is_a_mismatch() {
+    let seed = seed();
+    for config in [vec![Config::reference()], others()].concat() {
+        // A strip along which every box reaches further than those before it.
+        let steps = (0..14).map(|k| (f64::from(k % 4) + 4.0) * f64::from(1 << (k / 4)) / 4.0);
+        let vertices: Vec<[f64; 3]> = steps.map(|x| [x, x, -x]).collect();
+        let triangles: Vec<[u32; 3]> = (0..12).map(|k| [k, k + 1, k + 2]).collect();
+        let options = BuildOptions::default_for(config.axes_per_node, config.stack_depth);
+        let tree = build(&vertices, &triangles, &options).unwrap();
+        let machine = machine(&config).unwrap();
+        let mismatches = |merge_distance| {
+            let machine = UpdateMachine {
+                merge_distance,
+                ..machine
+            };
+            let format = config.format();
+            let object =
+                UpdateObject::new("strip", format, machine, &tree, &triangles, &vertices).unwrap();
+            let options = UnitOptions {
+                surroundings: Some(Surroundings::steady(1)),
+                ..UnitOptions::new(seed)
+            };
+            let workload = Workload::Objects(std::slice::from_ref(&object));
+            let report = run(&config, workload, Traffic::Separate, &options).unwrap();
+            assert_eq!(
+                report.unit.mismatches,
+                report.unit.mismatch.iter().count() as u64
+            );
+            report.unit.mismatches
+        };
+        assert_eq!(mismatches(machine.merge_distance), 0, "{}", config.name);
+        assert_eq!(mismatches(machine.merge_distance - 1), 1, "{}", config.name);
+    }
 }
 
 /// Scenes with one memory of 16 bytes a clock behind all ports, answering after 8 clocks.

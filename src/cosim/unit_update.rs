@@ -4,7 +4,7 @@
 //!
 //! [`UpdateUnit`] runs one update after another on memories that the caller keeps; [`run`] gives it a [`Workload`].
 
-use super::memory::{Image, ReadPort, ReadRequest, ReadResponse, WritePort, WriteRequest};
+use super::memory::{Image, ReadPort, ReadRequest, ReadResponse, Timing, WritePort, WriteRequest};
 use super::mismatch::Field;
 use super::model::{Model, PortHandle};
 use super::scoreboard::{Bench, Categories, Category, Surroundings, UnitOptions, UnitReport};
@@ -108,8 +108,9 @@ pub struct UpdateArrays {
 pub enum Traffic {
     /// Not at all: each port has a memory of its own.
     Separate,
-    /// One memory behind all ports, which takes one of their requests a clock, in turn: a row of 16 bytes of the program, a
-    /// vertex, a node's numbers, a box. That is at most 16 bytes a clock in all, up to 32 bits a number.
+    /// One memory behind all ports, which takes one of their requests a clock, in turn: a row of the program, a vertex, a
+    /// node's numbers. Up to 32 bits a number that is at most 16 bytes a clock in all, each padded to a row. (Only the
+    /// object's box, once an update, is longer.)
     Shared,
 }
 
@@ -390,14 +391,19 @@ impl UpdateUnit {
         let w = format.width();
         self.updates += 1;
         let timing = |port: u64| around.port(4 * self.updates + port);
+        // What takes writes pauses by itself, so that slow writes meet fast reads too.
+        let write_timing = |port: u64| Timing {
+            backpressure: around.pauses,
+            ..timing(port)
+        };
         let program_rows = (arrays.program.len() / Program::ROW_BYTES) as u64;
         let vertices = (arrays.vertices.len() / vertex_words) as u64;
         let mut program_port = ReadPort::new("program", program_rows, timing(0))?;
         let mut vertex_port = ReadPort::new("vertex", vertices, timing(1))?;
         let mut lanes = [w; NODE_LANES as usize];
         lanes[NODE_LANES as usize - 1] = 32;
-        let mut node_port = WritePort::new("node", &lanes, timing(2))?;
-        let mut box_port = WritePort::new("box", &[w; 6], timing(3))?;
+        let mut node_port = WritePort::new("node", &lanes, write_timing(2))?;
+        let mut box_port = WritePort::new("box", &[w; 6], write_timing(3))?;
         let mut node_data = vec![0; node_words];
         let mut box_data = vec![0; box_words];
 
@@ -415,7 +421,8 @@ impl UpdateUnit {
         let (mut program_answer, mut vertex_answer) = (None, None);
         let (mut started, mut idle, mut turn) = (false, 0, 0);
         loop {
-            let starts = !started && !(around.pauses > 0.0 && self.rng.f64() < around.pauses);
+            let pauses = around.pauses > 0.0 && self.rng.f64() < around.pauses;
+            let starts = !started && !pauses;
             let model = &mut self.bench.model;
             let row_request = self.program.request(model);
             let vertex_request = self.vertex.request(model);
@@ -725,6 +732,11 @@ fn batch(
 ) -> Result<UpdateFigures> {
     let around = match options.surroundings {
         Some(around) => around,
+        // Vertices that come fast, nodes that are taken slowly: else the vertices are what all wait for.
+        None if rng.u8(..4) == 0 => Surroundings {
+            pauses: 0.8,
+            ..Surroundings::steady(rng.u32(1..=10))
+        },
         None => Surroundings::random(rng),
     };
     let format = config.format();
