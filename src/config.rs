@@ -31,6 +31,12 @@ pub struct Config {
     pub stack_depth: u32,
     pub address_bits: u32,
     pub triangle_test: TriangleTest,
+    pub update_vertex_registers: u32,
+    pub update_box_registers: u32,
+    pub update_program_rows: u32,
+    pub update_instructions_ahead: u32,
+    pub update_vertices_ahead: u32,
+    pub update_nodes_waiting: u32,
     pub memory_latency: u32,
     pub memory_jitter: u32,
     pub memory_in_order: bool,
@@ -169,6 +175,60 @@ pub static KEYS: &[Key] = &[
             c.triangle_test = [TriangleTest::MollerTrumbore, TriangleTest::Watertight][v as usize]
         },
     },
+    key!(
+        "update",
+        "vertex_registers",
+        "registers",
+        Values::Range(8..=64),
+        update_vertex_registers,
+        false,
+        "vertices that the update processor holds; the more, the fewer are loaded twice"
+    ),
+    key!(
+        "update",
+        "box_registers",
+        "registers",
+        Values::Range(8..=64),
+        update_box_registers,
+        false,
+        "boxes that the update processor holds; an object of n triangles takes at most 2 log2(n)"
+    ),
+    key!(
+        "update",
+        "program_rows",
+        "rows",
+        Values::Range(2..=32),
+        update_program_rows,
+        false,
+        "rows of 16 bytes of the update program that are fetched ahead"
+    ),
+    key!(
+        "update",
+        "instructions_ahead",
+        "instructions",
+        Values::Range(4..=128),
+        update_instructions_ahead,
+        false,
+        "decoded update instructions that wait for their vertices; about the memory's latency"
+    ),
+    key!(
+        "update",
+        "vertices_ahead",
+        "vertices",
+        Values::Range(2..=64),
+        update_vertices_ahead,
+        false,
+        "vertices that the update processor fetches ahead"
+    ),
+    key!(
+        "update",
+        "nodes_waiting",
+        "nodes",
+        Values::Range(2..=32),
+        update_nodes_waiting,
+        false,
+        "nodes merged by the update processor that wait to be written"
+    ),
     key!(
         "memory",
         "latency",
@@ -402,6 +462,12 @@ impl Config {
             stack_depth: 0,
             address_bits: 0,
             triangle_test: TriangleTest::Watertight,
+            update_vertex_registers: 0,
+            update_box_registers: 0,
+            update_program_rows: 0,
+            update_instructions_ahead: 0,
+            update_vertices_ahead: 0,
+            update_nodes_waiting: 0,
             memory_latency: 0,
             memory_jitter: 0,
             memory_in_order: true,

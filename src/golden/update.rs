@@ -206,9 +206,9 @@ impl<F: FnMut(UpdateEvent)> Processor<'_, F> {
             let Some(vertex) = self.v[register] else {
                 bail!("v{register} is read, but nothing wrote it");
             };
-            for i in 0..3 {
-                merged.lo[i] = self.arithmetic.min(merged.lo[i], vertex[i]);
-                merged.hi[i] = self.arithmetic.max(merged.hi[i], vertex[i]);
+            for (i, x) in vertex.into_iter().enumerate() {
+                merged.lo[i] = self.arithmetic.min(merged.lo[i], x);
+                merged.hi[i] = self.arithmetic.max(merged.hi[i], x);
             }
         }
         let d = match self.free_list.pop() {

@@ -12,6 +12,7 @@ mod plan;
 pub mod raycast;
 pub mod setup;
 pub mod tpu;
+pub mod update;
 
 pub use bundle::Bundle;
 pub use plan::Plan;

@@ -1,0 +1,898 @@
+//! The update processor alone, held against the golden model: every program row and every vertex requested, every node
+//! written, in order, address and all bits, and the object's box; then all of node and box memory, so that whatever
+//! was written beside them shows.
+//!
+//! [`UpdateUnit`] runs one update after another on memories that the caller keeps; [`run`] gives it a [`Workload`].
+
+use super::memory::{Image, ReadPort, ReadRequest, ReadResponse, Timing, WritePort, WriteRequest};
+use super::mismatch::Field;
+use super::model::{Model, PortHandle};
+use super::scoreboard::{Bench, Categories, Category, Surroundings, UnitOptions, UnitReport};
+use crate::bkd::layout::Record;
+use crate::bkd::{Child, Tree, TreeNode};
+use crate::config::Config;
+use crate::float::Format;
+use crate::golden::update::{UpdateCommand, UpdateEvent, UpdateMemory, update};
+use crate::hw::Plan;
+use crate::hw::update::{NODE_LANES, module};
+use crate::program::{Program, UpdateMachine};
+use anyhow::{Context, Result, ensure};
+use std::collections::VecDeque;
+
+/// What the unit can meet.
+pub const CATEGORIES: &[Category] = &[
+    // A vertex read has a NaN, an infinity.
+    Category::Nan,
+    Category::Infinity,
+    // A node written has a flat interval.
+    Category::FlatBox,
+    // An object is one triangle.
+    Category::LeafRoot,
+];
+
+/// What programs for the update processor of a machine must be compiled for.
+///
+/// # Errors
+/// A mistake in the machine's description; none is known.
+pub fn machine(config: &Config) -> Result<UpdateMachine> {
+    Ok(module(&Plan::new(config)?)?.machine)
+}
+
+/// An object to update: its program, and its vertices in the program's order.
+#[derive(Clone, Debug)]
+pub struct UpdateObject {
+    pub name: String,
+    /// Whole rows.
+    pub program: Vec<u8>,
+    /// Whole [`Record::vertex`] records.
+    pub vertices: Vec<u32>,
+    pub triangles: u64,
+}
+
+impl UpdateObject {
+    /// Compiles the object's program for a machine. `vertices` hold numbers of `format`.
+    ///
+    /// # Errors
+    /// What [`Program::compile`] refuses.
+    pub fn new(
+        name: impl Into<String>,
+        format: Format,
+        machine: UpdateMachine,
+        tree: &Tree,
+        triangles: &[[u32; 3]],
+        vertices: &[[f64; 3]],
+    ) -> Result<UpdateObject> {
+        let program = Program::compile(tree, triangles, vertices.len(), machine)?;
+        let record = Record::vertex(format);
+        let mut words = vec![0; vertices.len() * record.words()];
+        let ordered = program.reorder_vertices(vertices);
+        for (vertex, words) in ordered.iter().zip(words.chunks_exact_mut(record.words())) {
+            for (field, x) in record.fields.iter().zip(vertex) {
+                field.set(words, format.to_bits(*x));
+            }
+        }
+        Ok(UpdateObject {
+            name: name.into(),
+            program: program.bytes(),
+            vertices: words,
+            triangles: triangles.len() as u64,
+        })
+    }
+}
+
+/// What the unit is given to do.
+#[derive(Clone, Copy, Debug)]
+pub enum Workload<'a> {
+    /// These objects, one after another.
+    Objects(&'a [UpdateObject]),
+    /// Random topologies, small more often than not, their vertices full of coincidences and special values,
+    /// until so many instructions are executed.
+    Random { instructions: u64 },
+}
+
+/// The memories around the unit.
+#[derive(Clone, Debug)]
+pub struct UpdateArrays {
+    /// Programs, each in whole rows of 16 bytes.
+    pub program: Vec<u8>,
+    /// Words of [`Record::vertex`] records.
+    pub vertices: Vec<u32>,
+    /// [`Record::node`] records.
+    pub nodes: Image,
+    /// [`Record::bounding_box`] records.
+    pub boxes: Image,
+}
+
+/// How the memories' traffic is limited beside what [`Surroundings`] say.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Traffic {
+    /// Not at all: each port has a memory of its own.
+    Separate,
+    /// One memory behind all ports, which takes one of their requests a clock, in turn: a row of the program, a vertex, a
+    /// node's numbers. Up to 32 bits a number that is at most 16 bytes a clock in all, each padded to a row. (Only the
+    /// object's box, once an update, is longer.)
+    Shared,
+}
+
+/// Figures of updates.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct UpdateFigures {
+    pub name: String,
+    pub triangles: u64,
+    pub nodes_written: u64,
+    pub vertices_read: u64,
+    /// As the RTL counts them; the first is compared with the golden model's.
+    pub instructions: u64,
+    /// Clocks from start to completion.
+    pub busy_cycles: u64,
+    /// Those of them in which no instruction went.
+    pub stalled_cycles: u64,
+    /// Those in which a vertex was missing; room for a node.
+    pub vertex_wait_cycles: u64,
+    pub node_wait_cycles: u64,
+}
+
+impl UpdateFigures {
+    fn add(&mut self, other: &UpdateFigures) {
+        self.triangles += other.triangles;
+        self.nodes_written += other.nodes_written;
+        self.vertices_read += other.vertices_read;
+        self.instructions += other.instructions;
+        self.busy_cycles += other.busy_cycles;
+        self.stalled_cycles += other.stalled_cycles;
+        self.vertex_wait_cycles += other.vertex_wait_cycles;
+        self.node_wait_cycles += other.node_wait_cycles;
+    }
+
+    pub fn instructions_per_clock(&self) -> f64 {
+        self.instructions as f64 / self.busy_cycles as f64
+    }
+
+    pub fn triangles_per_clock(&self) -> f64 {
+        self.triangles as f64 / self.busy_cycles as f64
+    }
+
+    pub fn nodes_per_clock(&self) -> f64 {
+        self.nodes_written as f64 / self.busy_cycles as f64
+    }
+
+    /// The figures in a line.
+    pub fn summary(&self) -> String {
+        format!(
+            "{}: {} triangles, {} instructions in {} clocks ({} waiting for a vertex, {} for room for a node): {:.4} instructions, {:.4} triangles, {:.4} nodes a clock",
+            self.name,
+            self.triangles,
+            self.instructions,
+            self.busy_cycles,
+            self.vertex_wait_cycles,
+            self.node_wait_cycles,
+            self.instructions_per_clock(),
+            self.triangles_per_clock(),
+            self.nodes_per_clock()
+        )
+    }
+}
+
+/// What a run found.
+#[derive(Clone, Debug)]
+pub struct UpdateReport {
+    /// Updates as its packets, instructions as its transactions.
+    pub unit: UnitReport,
+    /// Of each object of the workload, or of all random ones together.
+    pub objects: Vec<UpdateFigures>,
+}
+
+impl UpdateReport {
+    /// The report in a few lines.
+    pub fn summary(&self) -> String {
+        let unit = &self.unit;
+        let mut text = format!(
+            "update: {} instructions of {} updates, {} results checked, {} mismatches in {} cycles (seed {}; model {:.1} s, run {:.1} s)",
+            unit.transactions,
+            unit.packets,
+            unit.checked,
+            unit.mismatches,
+            unit.cycles,
+            unit.seed,
+            unit.model_build_s,
+            unit.simulate_s
+        );
+        for (category, count) in &unit.categories {
+            text += &format!("\n  {:28} {count:>10}", category.name());
+        }
+        for object in &self.objects {
+            text += &format!("\n  {}", object.summary());
+        }
+        text
+    }
+}
+
+/// The ports of a tagged read port of the unit.
+struct ReadHandles {
+    valid: PortHandle,
+    address: PortHandle,
+    tag: PortHandle,
+    ready: PortHandle,
+    response_valid: PortHandle,
+    response_tag: PortHandle,
+    response_data: PortHandle,
+}
+
+impl ReadHandles {
+    fn new(model: &Model, name: &str) -> Result<ReadHandles> {
+        let port = |of: &str| model.port(&format!("{name}_{of}"));
+        Ok(ReadHandles {
+            valid: port("request_valid")?,
+            address: port("request_address")?,
+            tag: port("request_tag")?,
+            ready: port("request_ready")?,
+            response_valid: port("response_valid")?,
+            response_tag: port("response_tag")?,
+            response_data: port("response_data")?,
+        })
+    }
+
+    fn request(&self, model: &Model) -> Option<ReadRequest> {
+        (model.get(self.valid) != 0).then(|| ReadRequest {
+            address: model.get(self.address),
+            tag: model.get(self.tag) as u32,
+        })
+    }
+
+    fn respond(&self, model: &mut Model, response: Option<ReadResponse>, data: &[u32]) {
+        model.set(self.response_valid, u64::from(response.is_some()));
+        if let Some(response) = response {
+            model.set(self.response_tag, response.tag.into());
+            model.set_words(self.response_data, data);
+        }
+    }
+}
+
+/// The ports of a write port of the unit.
+struct WriteHandles {
+    valid: PortHandle,
+    address: PortHandle,
+    data: PortHandle,
+    ready: PortHandle,
+}
+
+impl WriteHandles {
+    fn new(model: &Model, name: &str) -> Result<WriteHandles> {
+        let port = |of: &str| model.port(&format!("{name}_write_{of}"));
+        Ok(WriteHandles {
+            valid: port("valid")?,
+            address: port("address")?,
+            data: port("data")?,
+            ready: port("ready")?,
+        })
+    }
+}
+
+/// What the golden model says that an update does.
+#[derive(Default)]
+struct Expected {
+    rows: VecDeque<u64>,
+    vertices: VecDeque<u32>,
+    nodes: VecDeque<(u32, [u64; 4])>,
+    boxes: VecDeque<(u32, [u64; 6])>,
+}
+
+impl Expected {
+    fn left(&self) -> usize {
+        self.rows.len() + self.vertices.len() + self.nodes.len() + self.boxes.len()
+    }
+}
+
+/// The update processor in simulation.
+pub struct UpdateUnit {
+    bench: Bench,
+    format: Format,
+    machine: UpdateMachine,
+    program: ReadHandles,
+    vertex: ReadHandles,
+    node: WriteHandles,
+    node_mask: PortHandle,
+    bounding_box: WriteHandles,
+    start: PortHandle,
+    start_ready: PortHandle,
+    command: [PortHandle; 5],
+    done: PortHandle,
+    counters: [PortHandle; 5],
+    rng: fastrand::Rng,
+    /// Updates so far, to give every memory of each a seed of its own.
+    updates: u64,
+}
+
+impl UpdateUnit {
+    /// Builds the unit of a machine and resets it.
+    ///
+    /// # Errors
+    /// A tool that is missing.
+    pub fn new(config: &Config, options: &UnitOptions) -> Result<UpdateUnit> {
+        let unit = module(&Plan::new(config)?)?;
+        let mut bench = Bench::new("update", &unit.module, options)?;
+        bench.model.reset(4);
+        let model = &bench.model;
+        let port = |name: &str| model.port(name);
+        Ok(UpdateUnit {
+            format: config.format(),
+            machine: unit.machine,
+            program: ReadHandles::new(model, "program")?,
+            vertex: ReadHandles::new(model, "vertex")?,
+            node: WriteHandles::new(model, "node")?,
+            node_mask: port("node_write_mask")?,
+            bounding_box: WriteHandles::new(model, "box")?,
+            start: port("start_valid")?,
+            start_ready: port("start_ready")?,
+            command: [
+                port("start_program")?,
+                port("start_rows")?,
+                port("start_vertex_base")?,
+                port("start_node_base")?,
+                port("start_box_index")?,
+            ],
+            done: port("done")?,
+            counters: [
+                port("count_instructions")?,
+                port("count_busy_cycles")?,
+                port("count_stalled_cycles")?,
+                port("count_vertex_wait_cycles")?,
+                port("count_node_wait_cycles")?,
+            ],
+            rng: fastrand::Rng::with_seed(options.seed),
+            updates: 0,
+            bench,
+        })
+    }
+
+    /// What the programs that it runs must be compiled for.
+    pub fn machine(&self) -> UpdateMachine {
+        self.machine
+    }
+
+    /// Runs an update of `rows` rows of program; node and box memory are then as the RTL left them, which is as the
+    /// golden model says.
+    ///
+    /// # Errors
+    /// A [`super::mismatch::Mismatch`]; a program that the golden model refuses.
+    pub fn update(
+        &mut self,
+        arrays: &mut UpdateArrays,
+        command: UpdateCommand,
+        rows: u32,
+        around: &Surroundings,
+        traffic: Traffic,
+    ) -> Result<UpdateFigures> {
+        let format = self.format;
+        let mut golden_nodes = arrays.nodes.words().to_vec();
+        let mut golden_boxes = arrays.boxes.words().to_vec();
+        let mut expected = Expected::default();
+        let first_row = command.program / Program::ROW_BYTES as u32;
+        expected
+            .rows
+            .extend((0..rows).map(|row| u64::from(first_row + row)));
+        let memory = UpdateMemory {
+            format,
+            program: &arrays.program,
+            vertices: &arrays.vertices,
+            nodes: &mut golden_nodes,
+            boxes: &mut golden_boxes,
+        };
+        let golden = update(memory, command, |event| match event {
+            UpdateEvent::VertexRead { vertex } => expected.vertices.push_back(vertex),
+            UpdateEvent::NodeWrite { node, bounds } => expected.nodes.push_back((node, bounds)),
+            UpdateEvent::BoxWrite { index, bounds } => expected.boxes.push_back((index, bounds)),
+        })?;
+        self.count(&arrays.vertices, &expected);
+
+        let vertex_words = Record::vertex(format).words();
+        let node_words = Record::node(format).words();
+        let box_words = Record::bounding_box(format).words();
+        let w = format.width();
+        self.updates += 1;
+        let timing = |port: u64| around.port(4 * self.updates + port);
+        // What takes writes pauses by itself, so that slow writes meet fast reads too.
+        let write_timing = |port: u64| Timing {
+            backpressure: around.pauses,
+            ..timing(port)
+        };
+        let program_rows = (arrays.program.len() / Program::ROW_BYTES) as u64;
+        let vertices = (arrays.vertices.len() / vertex_words) as u64;
+        let mut program_port = ReadPort::new("program", program_rows, timing(0))?;
+        let mut vertex_port = ReadPort::new("vertex", vertices, timing(1))?;
+        let mut lanes = [w; NODE_LANES as usize];
+        lanes[NODE_LANES as usize - 1] = 32;
+        let mut node_port = WritePort::new("node", &lanes, write_timing(2))?;
+        let mut box_port = WritePort::new("box", &[w; 6], write_timing(3))?;
+        let mut node_data = vec![0; node_words];
+        let mut box_data = vec![0; box_words];
+
+        let values = [
+            first_row,
+            rows,
+            command.vertex_base,
+            command.node_base,
+            command.box_index,
+        ];
+        for (port, value) in self.command.into_iter().zip(values) {
+            self.bench.model.set(port, value.into());
+        }
+        let before = self.counters.map(|port| self.bench.model.get(port));
+        let (mut program_answer, mut vertex_answer) = (None, None);
+        let (mut started, mut idle, mut turn) = (false, 0, 0);
+        loop {
+            let pauses = around.pauses > 0.0 && self.rng.f64() < around.pauses;
+            let starts = !started && !pauses;
+            let model = &mut self.bench.model;
+            let row_request = self.program.request(model);
+            let vertex_request = self.vertex.request(model);
+            let node_request = model.get(self.node.valid) != 0;
+            let box_request = model.get(self.bounding_box.valid) != 0;
+            let offered = [
+                row_request.is_some() && program_port.ready(),
+                vertex_request.is_some() && vertex_port.ready(),
+                node_request && node_port.ready(),
+                box_request && box_port.ready(),
+            ];
+            let mut granted = [true; 4];
+            if traffic == Traffic::Shared {
+                let chosen = (0..4).map(|k| (turn + k) % 4).find(|k| offered[*k]);
+                granted = std::array::from_fn(|k| chosen == Some(k));
+                turn = chosen.map_or(turn, |k| k + 1);
+            }
+            let accepted: [bool; 4] = std::array::from_fn(|k| offered[k] && granted[k]);
+            let starting = starts && model.get(self.start_ready) != 0;
+
+            // For the edge.
+            model.set(self.start, starts.into());
+            model.set(
+                self.program.ready,
+                (granted[0] && program_port.ready()).into(),
+            );
+            model.set(
+                self.vertex.ready,
+                (granted[1] && vertex_port.ready()).into(),
+            );
+            model.set(self.node.ready, (granted[2] && node_port.ready()).into());
+            model.set(
+                self.bounding_box.ready,
+                (granted[3] && box_port.ready()).into(),
+            );
+            let row = program_answer.map_or([0; 4], |answer: ReadResponse| {
+                let start = answer.address as usize * Program::ROW_BYTES;
+                let bytes = &arrays.program[start..start + Program::ROW_BYTES];
+                std::array::from_fn(|k| {
+                    bytes[4 * k..4 * k + 4]
+                        .iter()
+                        .rev()
+                        .fold(0, |word, byte| word << 8 | u32::from(*byte))
+                })
+            });
+            self.program.respond(model, program_answer, &row);
+            let vertex = vertex_answer.map_or(&[][..], |answer: ReadResponse| {
+                let start = answer.address as usize * vertex_words;
+                &arrays.vertices[start..start + vertex_words]
+            });
+            self.vertex.respond(model, vertex_answer, vertex);
+
+            // What the unit does at it.
+            if accepted[0] {
+                let rtl = row_request.map_or(0, |request| request.address);
+                self.ordered("program row", expected.rows.pop_front(), rtl)?;
+            }
+            if accepted[1] {
+                let rtl = vertex_request.map_or(0, |request| request.address);
+                let golden = expected.vertices.pop_front().map(u64::from);
+                self.ordered("vertex read", golden, rtl)?;
+            }
+            if accepted[2] {
+                let next = expected.nodes.pop_front();
+                self.node_written(next, golden.nodes_written as usize - expected.nodes.len())?;
+            }
+            if accepted[3] {
+                self.box_written(expected.boxes.pop_front())?;
+            }
+            let model = &self.bench.model;
+            program_answer = program_port.step(row_request.filter(|_| granted[0]))?;
+            vertex_answer = vertex_port.step(vertex_request.filter(|_| granted[1]))?;
+            if accepted[2] {
+                model.get_words(self.node.data, &mut node_data);
+            }
+            let write = WriteRequest {
+                address: model.get(self.node.address),
+                data: &node_data,
+                mask: model.get(self.node_mask),
+            };
+            node_port.step(accepted[2].then_some(write), &mut arrays.nodes)?;
+            if accepted[3] {
+                model.get_words(self.bounding_box.data, &mut box_data);
+            }
+            let write = WriteRequest {
+                address: model.get(self.bounding_box.address),
+                data: &box_data,
+                mask: 0b11_1111,
+            };
+            box_port.step(accepted[3].then_some(write), &mut arrays.boxes)?;
+            self.bench.model.clock();
+
+            started |= starting;
+            if self.bench.model.get(self.done) != 0 {
+                break;
+            }
+            let progress = starting || accepted.contains(&true);
+            idle = if progress { 0 } else { idle + 1 };
+            if idle > around.patience() {
+                let place = format!(
+                    "nothing happens for {idle} clocks, with {} nodes to be written",
+                    expected.nodes.len()
+                );
+                return Err(self.bench.mismatch(place, vec![]));
+            }
+        }
+
+        // What comes of it.
+        let model = &mut self.bench.model;
+        model.set(self.start, 0);
+        for ready in [
+            self.program.ready,
+            self.vertex.ready,
+            self.node.ready,
+            self.bounding_box.ready,
+            self.program.response_valid,
+            self.vertex.response_valid,
+        ] {
+            model.set(ready, 0);
+        }
+        let after = self.counters.map(|port| self.bench.model.get(port));
+        let [instructions, busy, stalled, vertex_wait, node_wait] =
+            std::array::from_fn(|k| after[k] - before[k]);
+        if (instructions, busy, expected.left()) != (golden.instructions, instructions + stalled, 0)
+        {
+            let fields = vec![
+                Field::integer("instructions", golden.instructions, instructions),
+                Field::integer("busy cycles", instructions + stalled, busy),
+                Field::integer("reads and writes left", 0, expected.left() as u64),
+            ];
+            return Err(self.bench.mismatch("after an update", fields));
+        }
+        for (name, golden, rtl) in [
+            ("node", &golden_nodes, &arrays.nodes),
+            ("box", &golden_boxes, &arrays.boxes),
+        ] {
+            let differs = golden.iter().zip(rtl.words()).position(|(g, r)| g != r);
+            if let Some(word) = differs {
+                let (golden, rtl) = (golden[word], rtl.words()[word]);
+                let fields = vec![Field::integer("word", golden.into(), rtl.into())];
+                let place = format!("word {word} of {name} memory after an update");
+                return Err(self.bench.mismatch(place, fields));
+            }
+        }
+        let tally = &mut self.bench.tally;
+        tally.packets += 1;
+        tally.transactions += instructions;
+        tally.checked += 1;
+        Ok(UpdateFigures {
+            name: String::new(),
+            triangles: golden.nodes_written + 1,
+            nodes_written: golden.nodes_written,
+            vertices_read: golden.vertices_read,
+            instructions,
+            busy_cycles: busy,
+            stalled_cycles: stalled,
+            vertex_wait_cycles: vertex_wait,
+            node_wait_cycles: node_wait,
+        })
+    }
+
+    /// Counts what an update will meet.
+    fn count(&mut self, vertices: &[u32], expected: &Expected) {
+        let format = self.format;
+        let record = Record::vertex(format);
+        let categories: &mut Categories = &mut self.bench.tally.categories;
+        for &vertex in &expected.vertices {
+            let words = &vertices[vertex as usize * record.words()..];
+            let any = |is: fn(f64) -> bool| {
+                let mut fields = record.fields.iter();
+                fields.any(|field| is(format.to_f64(field.get(words))))
+            };
+            categories.count(Category::Nan, any(f64::is_nan));
+            categories.count(Category::Infinity, any(f64::is_infinite));
+        }
+        for (_, [left_lo, left_hi, right_lo, right_hi]) in &expected.nodes {
+            let flat = left_lo == left_hi || right_lo == right_hi;
+            categories.count(Category::FlatBox, flat);
+        }
+        categories.count(Category::LeafRoot, expected.nodes.is_empty());
+    }
+
+    fn ordered(&mut self, what: &str, golden: Option<u64>, rtl: u64) -> Result<()> {
+        self.bench.tally.checked += 1;
+        match golden {
+            Some(golden) if golden == rtl => Ok(()),
+            Some(golden) => {
+                let fields = vec![Field::integer("index", golden, rtl)];
+                Err(self.bench.mismatch(what, fields))
+            }
+            None => Err(self
+                .bench
+                .mismatch(format!("one {what} too many, at {rtl}"), vec![])),
+        }
+    }
+
+    fn node_written(&mut self, golden: Option<(u32, [u64; 4])>, number: usize) -> Result<()> {
+        self.bench.tally.checked += 1;
+        let (model, w) = (&self.bench.model, self.format.width());
+        let address = model.get(self.node.address);
+        let Some((node, bounds)) = golden else {
+            let place = format!("one node too many is written, at {address}");
+            return Err(self.bench.mismatch(place, vec![]));
+        };
+        let rtl: [u64; 4] =
+            std::array::from_fn(|k| model.get_field(self.node.data, k as u32 * w, w));
+        let mask = model.get(self.node_mask);
+        if (address, rtl, mask) == (node.into(), bounds, 0b1111) {
+            return Ok(());
+        }
+        let mut fields = vec![
+            Field::integer("node", node.into(), address),
+            Field::integer("write mask", 0b1111, mask),
+        ];
+        let names = ["left_lo", "left_hi", "right_lo", "right_hi"];
+        for (name, (golden, rtl)) in names.into_iter().zip(bounds.into_iter().zip(rtl)) {
+            fields.push(Field::number(name, self.format, golden, rtl));
+        }
+        Err(self
+            .bench
+            .mismatch(format!("node write {number} of an update"), fields))
+    }
+
+    fn box_written(&mut self, golden: Option<(u32, [u64; 6])>) -> Result<()> {
+        self.bench.tally.checked += 1;
+        let (model, w) = (&self.bench.model, self.format.width());
+        let address = model.get(self.bounding_box.address);
+        let Some((index, bounds)) = golden else {
+            return Err(self
+                .bench
+                .mismatch(format!("one box too many is written, at {address}"), vec![]));
+        };
+        let rtl: [u64; 6] =
+            std::array::from_fn(|k| model.get_field(self.bounding_box.data, k as u32 * w, w));
+        if (address, rtl) == (index.into(), bounds) {
+            return Ok(());
+        }
+        let mut fields = vec![Field::integer("box", index.into(), address)];
+        let record = Record::bounding_box(self.format);
+        for (field, (golden, rtl)) in record.fields.iter().zip(bounds.into_iter().zip(rtl)) {
+            fields.push(Field::number(field.name, self.format, golden, rtl));
+        }
+        Err(self.bench.mismatch("the object's box", fields))
+    }
+}
+
+/// Co-simulates the update processor of a machine.
+///
+/// # Errors
+/// A tool that is missing; an object that the machine cannot hold. A mismatch is no error here: it is in the report.
+pub fn run(
+    config: &Config,
+    workload: Workload<'_>,
+    traffic: Traffic,
+    options: &UnitOptions,
+) -> Result<UpdateReport> {
+    let mut unit = UpdateUnit::new(config, options)?;
+    let mut rng = fastrand::Rng::with_seed(options.seed ^ 0x7570_6461_7465);
+    let mut objects = vec![];
+    let ended = match workload {
+        Workload::Objects(all) => all.iter().try_for_each(|object| {
+            let mut figures = batch(
+                &mut unit,
+                config,
+                std::slice::from_ref(object),
+                traffic,
+                options,
+                &mut rng,
+            )?;
+            figures.name.clone_from(&object.name);
+            objects.push(figures);
+            Ok(())
+        }),
+        Workload::Random { instructions } => {
+            let mut total = UpdateFigures {
+                name: "random topologies".into(),
+                ..UpdateFigures::default()
+            };
+            let ended = (|| {
+                while total.instructions < instructions {
+                    let several = random_objects(config, unit.machine(), &mut rng)?;
+                    total.add(&batch(
+                        &mut unit, config, &several, traffic, options, &mut rng,
+                    )?);
+                }
+                Ok(())
+            })();
+            objects.push(total);
+            ended
+        }
+    };
+    Ok(UpdateReport {
+        unit: unit.bench.report(ended, CATEGORIES)?,
+        objects,
+    })
+}
+
+/// Updates objects that lie together in memory, with gaps between them, one after another; twice over where there are
+/// several, so that what one leaves behind in the unit meets the other.
+fn batch(
+    unit: &mut UpdateUnit,
+    config: &Config,
+    objects: &[UpdateObject],
+    traffic: Traffic,
+    options: &UnitOptions,
+    rng: &mut fastrand::Rng,
+) -> Result<UpdateFigures> {
+    let around = match options.surroundings {
+        Some(around) => around,
+        // Vertices that come fast, nodes that are taken slowly: else the vertices are what all wait for.
+        None if rng.u8(..4) == 0 => Surroundings {
+            pauses: 0.8,
+            ..Surroundings::steady(rng.u32(1..=10))
+        },
+        None => Surroundings::random(rng),
+    };
+    let format = config.format();
+    let vertex_words = Record::vertex(format).words();
+    let mut program = vec![];
+    let mut vertices = vec![];
+    let mut nodes = 0;
+    let mut commands = vec![];
+    for (box_index, object) in objects.iter().enumerate() {
+        let gap = rng.usize(..3);
+        program.extend(std::iter::repeat_with(|| rng.u8(..)).take(gap * Program::ROW_BYTES));
+        vertices.extend(std::iter::repeat_with(|| rng.u32(..)).take(gap * vertex_words));
+        nodes += gap as u64;
+        commands.push((
+            UpdateCommand {
+                program: program.len() as u32,
+                vertex_base: (vertices.len() / vertex_words) as u32,
+                node_base: nodes as u32,
+                box_index: box_index as u32,
+            },
+            (object.program.len() / Program::ROW_BYTES) as u32,
+        ));
+        program.extend(&object.program);
+        vertices.extend(&object.vertices);
+        nodes += object.triangles;
+    }
+    let most = nodes
+        .max((vertices.len() / vertex_words) as u64)
+        .max((program.len() / Program::ROW_BYTES) as u64);
+    ensure!(
+        most < 1 << config.address_bits,
+        "the objects take {most} indices, but tree.address_bits = {} address {}; set it to {} or more",
+        config.address_bits,
+        1u64 << config.address_bits,
+        64 - most.leading_zeros()
+    );
+    // Whatever is there before: what must stay shows then.
+    let mut noise = |rows: u64, bits: u32| {
+        let count = rows as usize * bits.div_ceil(32) as usize;
+        let words = std::iter::repeat_with(|| rng.u32(..)).take(count).collect();
+        Image::from_words(words, bits)
+    };
+    let mut arrays = UpdateArrays {
+        program,
+        vertices,
+        nodes: noise(nodes, Record::node(format).width)?,
+        boxes: noise(objects.len() as u64, Record::bounding_box(format).width)?,
+    };
+    let mut figures = UpdateFigures::default();
+    let rounds = if objects.len() > 1 { 2 } else { 1 };
+    for (command, rows) in commands.iter().cycle().take(rounds * commands.len()) {
+        figures.add(&unit.update(&mut arrays, *command, *rows, &around, traffic)?);
+    }
+    Ok(figures)
+}
+
+/// A few random objects that a machine can hold together.
+fn random_objects(
+    config: &Config,
+    machine: UpdateMachine,
+    rng: &mut fastrand::Rng,
+) -> Result<Vec<UpdateObject>> {
+    // n triangles take at most 2 log2(n) box registers, and a random one up to three indices of vertices each.
+    let most = (1usize << (machine.box_registers / 2).min(11))
+        .min((1 << config.address_bits) / 20)
+        .max(1);
+    (0..rng.usize(1..=4))
+        .map(|_| random_object(config.format(), machine, most, rng))
+        .collect()
+}
+
+/// An object of random size, at most `most` triangles, connectivity, tree and vertices.
+fn random_object(
+    format: Format,
+    machine: UpdateMachine,
+    most: usize,
+    rng: &mut fastrand::Rng,
+) -> Result<UpdateObject> {
+    let size = [1, 2, 3, 10, 60, 400, 2000][rng.usize(..7)];
+    let count = rng.usize(1..=most.min(size));
+    let triangles: Vec<[u32; 3]> = match rng.u8(..3) {
+        // Any corners, some of them the same.
+        0 => {
+            let vertices = rng.u32(1..=2 * count as u32);
+            let mut corner = || rng.u32(..vertices);
+            (0..count).map(|_| [corner(), corner(), corner()]).collect()
+        }
+        // A strip, its triangles turned at random.
+        1 => (0..count as u32)
+            .map(|k| {
+                let mut corners = [k, k + 1, k + 2];
+                rng.shuffle(&mut corners);
+                corners
+            })
+            .collect(),
+        // Nothing shared.
+        _ => (0..count as u32)
+            .map(|k| [3 * k, 3 * k + 1, 3 * k + 2])
+            .collect(),
+    };
+    let used = triangles.iter().flatten().max().map_or(0, |v| v + 1);
+    let kind = rng.u8(..4);
+    let vertices: Vec<[f64; 3]> = (0..used)
+        .map(|_| std::array::from_fn(|_| random_number(format, kind, rng)))
+        .collect();
+    let tree = random_tree(count, rng);
+    UpdateObject::new("random", format, machine, &tree, &triangles, &vertices)
+        .with_context(|| format!("a random object of {count} triangles"))
+}
+
+/// A number of the format that is no −0: any, or one of few.
+fn random_number(format: Format, kind: u8, rng: &mut fastrand::Rng) -> f64 {
+    let special = [f64::NAN, f64::INFINITY, f64::NEG_INFINITY, 0.0];
+    match kind {
+        0 => f64::from(rng.i8(-2..=2)),
+        1 if rng.u8(..4) == 0 => special[rng.usize(..4)],
+        2 => [f64::NAN, special[rng.usize(..4)]][rng.usize(..2)],
+        _ => match format.to_f64(rng.u64(..1 << format.width())) {
+            0.0 => 0.0,
+            x => x,
+        },
+    }
+}
+
+/// A tree of a random shape over triangles in a random order.
+fn random_tree(count: usize, rng: &mut fastrand::Rng) -> Tree {
+    let mut leaves: Vec<u32> = (0..count as u32).collect();
+    rng.shuffle(&mut leaves);
+    let mut nodes: Vec<TreeNode> = Vec::with_capacity(count - 1);
+    let shape = rng.u8(..4);
+    // The ranges of leaves still to be split, and whose child each is.
+    let mut open = vec![(0, count, None::<(usize, usize)>)];
+    let mut root = Child::Leaf(leaves[0]);
+    while let Some((from, to, parent)) = open.pop() {
+        let child = if to - from == 1 {
+            Child::Leaf(leaves[from])
+        } else {
+            let split = match shape {
+                0 => from + (to - from) / 2,
+                1 => from + 1,
+                2 => to - 1,
+                _ => rng.usize(from + 1..to),
+            };
+            let node = nodes.len();
+            open.push((from, split, Some((node, 0))));
+            open.push((split, to, Some((node, 1))));
+            nodes.push(TreeNode {
+                children: [Child::Leaf(0); 2],
+                axes: [rng.u8(..3), rng.u8(..3)],
+            });
+            Child::Inner(node as u32)
+        };
+        match parent {
+            Some((node, side)) => nodes[node].children[side] = child,
+            None => root = child,
+        }
+    }
+    Tree { nodes, root }
+}

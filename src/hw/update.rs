@@ -1,0 +1,670 @@
+//! The update processor: runs an update program (`docs/update.md`) and rewrites the bounds of all nodes of an object.
+//!
+//! The program never branches, so everything is known ahead, and three parts work at their own pace. Only execution
+//! can wait for memory, and where it waits all later instructions do. So merges need no interlock: their distance in
+//! clocks is at least the one in instructions that the program was compiled for.
+//!
+//! ```text
+//! program rows ─► prefetch ─► window ─► decode ─┬─► instruction queue ─► execute ─► merge ─► box registers
+//!                                               │                         ▲  │  └─► node queue ─► node writes
+//!                                               └─► vertex prefetch ──────┘  └─► vertex registers
+//! ```
+//!
+//! | clock, MHz | merge distance |
+//! |---|---|
+//! | below 70 | 3 |
+//! | 70 to 119 | 4 |
+//! | from 120 on | 6 |
+//!
+//! The reference machine's takes, as Yosys counts them for Virtex-4, 3,629 LUT4, 1,693 flip-flops and, as distributed RAM,
+//! 2,182 RAM16X1D and 72 RAM64X1S, which are 4,652 LUT4 more; no block RAM and no DSP48.
+
+use super::bundle::Bundle;
+use super::fifo;
+use super::fp::{is_nan, less};
+use super::plan::Plan;
+use super::raycast::COUNTER_BITS;
+use crate::bkd::layout::Record;
+use crate::hdl::{Builder, HdlError, Module, Signal, Style, bits_for};
+use crate::program::{Program, UpdateMachine};
+use std::rc::Rc;
+
+const AXES: [&str; 3] = ["x", "y", "z"];
+
+/// Target clock, in MHz, from which on a comparison and the choice that it makes have a stage each.
+const SPLIT_COMPARISONS_FROM: u32 = 120;
+
+/// Bits of a row of the program.
+const ROW_BITS: u32 = 8 * Program::ROW_BYTES as u32;
+
+/// Bits that the window takes from a row at a time.
+const WORD_BITS: u32 = 32;
+
+/// Bytes of the window. Four more find room beside the longest instruction, of five: it never runs dry by itself.
+const WINDOW_BYTES: u32 = 12;
+
+/// Vertex indices decoded and not yet requested: enough for a load every clock.
+const VERTEX_INDICES: u32 = 4;
+
+/// The lanes of a node's write mask: its four numbers, lowest first, and above them the link word, never written.
+pub const NODE_LANES: u32 = 5;
+const NODE_MASK: u32 = 0b01111;
+
+/// The update processor, and what its programs must be compiled for.
+pub struct UpdateProcessor {
+    pub module: Rc<Module>,
+    /// Its registers, and the merge distance that follows from its depth.
+    pub machine: UpdateMachine,
+}
+
+/// The choice that an index names, by a tree of choices between two.
+fn pick<'b>(index: Signal<'b>, choices: &[Signal<'b>]) -> Signal<'b> {
+    if let [only] = choices {
+        return *only;
+    }
+    let half = choices.len().next_power_of_two() / 2;
+    let (low, high) = choices.split_at(half);
+    index
+        .bit(half.trailing_zeros())
+        .mux(pick(index, high), pick(index, low))
+}
+
+/// Reads ahead: takes addresses while it has room for their words, requests them through a tagged read port that may
+/// answer in any order, and gives the words out in the order of the addresses.
+fn prefetch(name: &str, width: u32, depth: u32, address: u32) -> Result<Rc<Module>, HdlError> {
+    let m = Builder::new(
+        name,
+        format!(
+            "requests up to {depth} words ahead through a tagged read port and gives them out in order."
+        ),
+    );
+    let tag = bits_for(u64::from(depth));
+    let count_bits = bits_for(u64::from(depth) + 1);
+    m.group("Addresses to read, taken where fetch_ready is high");
+    let fetch_valid = m.input("fetch_valid", 1);
+    let fetch_address = m.input("fetch_address", address);
+    m.group("Memory: requests");
+    let request_ready = m.input("request_ready", 1);
+    m.group("Memory: answers, of any latency, in any order");
+    let response_valid = m.input("response_valid", 1);
+    let response_tag = m.input("response_tag", tag);
+    let response_data = m.input("response_data", width);
+    m.group("The words in order; pop takes the front word, and only where valid is high");
+    let pop = m.input("pop", 1);
+
+    m.comment("A request takes a slot, whose number is its tag; the slot is free again when its word is the front.");
+    let head = m.reg_reset("head", tag, 0);
+    let tail = m.reg_reset("tail", tag, 0);
+    let count = m.reg_reset("count", count_bits, 0);
+    let arrived = m.reg_reset("arrived", depth, 0);
+    let front_valid = m.reg_reset("front_valid", 1, 0);
+    let room = count.q.ne(m.lit(depth, count_bits)).named("room");
+    let requested = (fetch_valid & request_ready & room).named("requested");
+    let arrived_bits: Vec<_> = (0..depth).map(|i| arrived.q.bit(i)).collect();
+    let head_arrived = pick(head.q, &arrived_bits).named("head_arrived");
+    let advance = (head_arrived & (!front_valid.q | pop)).named("advance");
+    let last_slot = u128::from(depth) - 1;
+    let (one, zero) = (m.lit(1u8, tag), m.zero(tag));
+    head.next_when(advance, head.q.equals(last_slot).mux(zero, head.q + one));
+    tail.next_when(requested, tail.q.equals(last_slot).mux(zero, tail.q + one));
+    let unit = m.lit(1u8, count_bits);
+    count.next_when(
+        requested ^ advance,
+        requested.mux(count.q + unit, count.q - unit),
+    );
+    let lowest = m.lit(1u8, depth);
+    let comes = lowest.shl(response_tag) & response_valid.repeat(depth);
+    let goes = lowest.shl(head.q) & advance.repeat(depth);
+    arrived.next((arrived.q | comes) & !goes);
+
+    let words = m.memory("words", depth, width, Style::Distributed);
+    words.write(response_valid, response_tag, response_data);
+    let front = m.reg("front_word", width);
+    front.next_when(advance, words.read_now(head.q));
+    front_valid.next(advance | (front_valid.q & !pop));
+
+    m.output("fetch_ready", request_ready & room);
+    m.output("request_valid", fetch_valid & room);
+    m.output("request_address", fetch_address);
+    m.output("request_tag", tail.q);
+    m.output("valid", front_valid.q);
+    m.output("front", front.q);
+    m.group("Whether no word is under way or in here");
+    m.output("empty", !(count.q.any() | front_valid.q));
+    m.finish()
+}
+
+/// A count of what is under way in a part of limited room. Returns whether there is room for one more, and whether
+/// there is any.
+fn occupancy<'b>(
+    m: &'b Builder,
+    name: &str,
+    most: u32,
+    comes: Signal<'b>,
+    goes: Signal<'b>,
+) -> (Signal<'b>, Signal<'b>) {
+    let bits = bits_for(u64::from(most) + 1);
+    let count = m.reg_reset(name, bits, 0);
+    let one = m.lit(1u8, bits);
+    count.next_when(comes ^ goes, comes.mux(count.q + one, count.q - one));
+    (count.q.ne(m.lit(most, bits)), count.q.any())
+}
+
+/// The update processor of a machine.
+///
+/// # Errors
+/// A mistake in the description; none is known for any configuration.
+pub fn module(plan: &Plan) -> Result<UpdateProcessor, HdlError> {
+    let (w, f, a) = (plan.number(), plan.format, plan.address());
+    let config = &plan.config;
+    let vertex_bits = bits_for(u64::from(config.update_vertex_registers));
+    let box_bits = bits_for(u64::from(config.update_box_registers));
+    // x and y name vertex or box registers; z a vertex register, or a node's two axes.
+    let xy_bits = vertex_bits.max(box_bits);
+    let z_bits = vertex_bits.max(4);
+    let instruction = Bundle::new(&[
+        ("load", 1),
+        ("leaf", 1),
+        ("node", 1),
+        ("end", 1),
+        ("x", xy_bits),
+        ("y", xy_bits),
+        ("z", z_bits),
+        ("target", box_bits),
+    ]);
+
+    let m = Builder::new(
+        "update_processor",
+        "the update processor: runs an update program, which rewrites the bounds of an object's nodes.",
+    );
+    m.group("An update: rows of its program, bases of the object's vertices and nodes, index of its box");
+    let start_valid = m.input("start_valid", 1);
+    let start_program = m.input("start_program", a);
+    let start_rows = m.input("start_rows", a);
+    let start_vertex_base = m.input("start_vertex_base", a);
+    let start_node_base = m.input("start_node_base", a);
+    let start_box_index = m.input("start_box_index", a);
+    let read_port = |name: &str, title: &str, tags: u32, width: u32| {
+        m.group(format!("{title}: requests"));
+        let ready = m.input(format!("{name}_request_ready"), 1);
+        m.group(format!("{title}: answers, of any latency, in any order"));
+        [
+            ready,
+            m.input(format!("{name}_response_valid"), 1),
+            m.input(format!("{name}_response_tag"), bits_for(u64::from(tags))),
+            m.input(format!("{name}_response_data"), width),
+        ]
+    };
+    let vertex_width = Record::vertex(f).width;
+    let (rows_ahead, vertices_ahead) = (config.update_program_rows, config.update_vertices_ahead);
+    let program_port = read_port("program", "Program memory", rows_ahead, ROW_BITS);
+    let vertex_port = read_port("vertex", "Vertex memory", vertices_ahead, vertex_width);
+    m.group("Node memory: writes");
+    let node_write_ready = m.input("node_write_ready", 1);
+    m.group("The object's box: its write, after all of the nodes'");
+    let box_write_ready = m.input("box_write_ready", 1);
+
+    m.comment("An update starts when the last one is over and none of its rows is left.");
+    let running = m.reg_reset("running", 1, 0);
+    let decoding = m.reg_reset("decoding", 1, 0);
+    let rows_left = m.reg_reset("rows_left", a, 0);
+    let no_rows = m.wire("no_rows", 1);
+    let start_ready = (no_rows.get() & !(running.q | rows_left.q.any())).named("idle");
+    let start = (start_valid & start_ready).named("start");
+    m.group("An update: rows of its program, bases of the object's vertices and nodes, index of its box");
+    m.output("start_ready", start_ready);
+
+    m.comment("Fetch: rows of the program, ahead of their use.");
+    let fetch_row = m.reg("fetch_row", a);
+    let pop_row = m.wire("pop_row", 1);
+    let rows_wanted = rows_left.q.any();
+    let program_prefetch = prefetch("program_prefetch", ROW_BITS, rows_ahead, a)?;
+    let rows = m.instance(
+        "rows",
+        &program_prefetch,
+        &[
+            ("fetch_valid", rows_wanted),
+            ("fetch_address", fetch_row.q),
+            ("request_ready", program_port[0]),
+            ("response_valid", program_port[1]),
+            ("response_tag", program_port[2]),
+            ("response_data", program_port[3]),
+            ("pop", pop_row.get()),
+        ],
+    );
+    no_rows.drive(rows.get("empty"));
+    let row_requested = (rows_wanted & rows.get("fetch_ready")).named("row_requested");
+    let one = m.lit(1u8, a);
+    fetch_row.next_when(
+        start | row_requested,
+        start.mux(start_program, fetch_row.q + one),
+    );
+    rows_left.next_when(
+        start | row_requested,
+        start.mux(start_rows, rows_left.q - one),
+    );
+    m.group("Program memory: requests");
+    for name in ["valid", "address", "tag"] {
+        m.output(
+            format!("program_request_{name}"),
+            rows.get(&format!("request_{name}")),
+        );
+    }
+
+    m.comment(
+        "The window: the program's next bytes, refilled by words. Bytes past window_count are 0.",
+    );
+    let count_bits = bits_for(u64::from(WINDOW_BYTES) + 1);
+    let window = m.reg("window", 8 * WINDOW_BYTES);
+    let window_count = m.reg_reset("window_count", count_bits, 0);
+    let words = ROW_BITS / WORD_BITS;
+    let word_bits = bits_for(u64::from(words));
+    let word_index = m.reg_reset("word_index", word_bits, 0);
+    let row = rows.get("front");
+    let row_words: Vec<_> = (0..words)
+        .map(|i| row.field(i * WORD_BITS, WORD_BITS))
+        .collect();
+    let word_bytes = WORD_BITS / 8;
+    let refill = window_count
+        .q
+        .le(m.lit(WINDOW_BYTES - word_bytes, count_bits))
+        & rows.get("valid")
+        & decoding.q;
+    let refill = refill.named("refill");
+    let last_word = word_index.q.equals(u128::from(words) - 1);
+    pop_row.drive(rows.get("valid") & (!decoding.q | (refill & last_word)));
+    word_index.next((word_index.q + refill.extend(word_bits)) & decoding.q.repeat(word_bits));
+    let word = pick(word_index.q, &row_words).named("next_word") & refill.repeat(WORD_BITS);
+    let filled = (window.q
+        | word
+            .extend(8 * WINDOW_BYTES)
+            .shl(window_count.q.concat(m.zero(3))))
+    .named("filled");
+
+    m.comment("Decode: the first byte tells the kind and the length.");
+    let code = |bit: u32| window.q.bit(bit);
+    let long = (code(3) & code(2)).named("long_code");
+    crate::named! {
+        let is_next = code(1) & code(0);
+        let is_leaf = long & !code(1);
+        let is_node = !long & !is_next;
+        let is_reload = long & code(1) & !code(0) & code(5);
+        let is_end = long & code(1) & !code(0) & code(4);
+    }
+    let is_short = (is_leaf & code(0)).named("is_short");
+    let is_three = (is_leaf & !code(0)).named("is_three");
+    let is_two = (is_short | is_node | is_end).named("is_two");
+    let is_load = (is_next | is_reload).named("is_load");
+    let lengths = [(5, is_reload), (3, is_three), (2, is_two)];
+    let has = |bytes: u32| window_count.q.ge(m.lit(bytes, count_bits));
+    let complete = has(1)
+        & lengths
+            .map(|(bytes, is)| !is | has(bytes))
+            .into_iter()
+            .reduce(|all, one| all & one)
+            .expect("there are lengths");
+    let complete = complete.named("complete");
+    let queue_room = m.wire("queue_room", 1);
+    let index_room = m.wire("index_room", 1);
+    let decode = (decoding.q & complete & queue_room.get() & index_room.get()).named("decode");
+    let after = |bytes: u32| {
+        m.zero(8 * bytes)
+            .concat(filled.high(8 * (WINDOW_BYTES - bytes)))
+    };
+    let choices = lengths.map(|(bytes, is)| (is, after(bytes)));
+    let rest = m.priority(&choices, after(1)).named("rest");
+    let next_window = decode.mux(rest, filled);
+    window.next(next_window & decoding.q.repeat(8 * WINDOW_BYTES));
+    let length = |bytes: u32| m.lit(bytes, count_bits);
+    let choices = lengths.map(|(bytes, is)| (is, length(bytes)));
+    let instruction_length = m.priority(&choices, length(1)).named("instruction_length");
+    let used = decode.mux(instruction_length, length(0));
+    let added = refill.mux(length(word_bytes), length(0));
+    window_count.next((window_count.q + added - used) & decoding.q.repeat(count_bits));
+    decoding.next(start | (decoding.q & !(decode & is_end)));
+
+    m.comment("The decoded instruction. Its implicit registers and its vertex's index follow from those before it.");
+    let decoded = m.reg_reset("decoded", 1, 0);
+    decoded.next(decode);
+    let hold = |name: &str, value| {
+        let register = m.reg(name, Signal::width(&value));
+        register.next(value);
+        register.q
+    };
+    let in_second_byte = is_reload | is_end;
+    let x = is_next.mux(
+        window.q.field(2, 6),
+        in_second_byte.mux(window.q.field(8, 6), window.q.field(4, 6)),
+    );
+    let x = hold("decoded_x", x.low(xy_bits));
+    let y = hold("decoded_y", window.q.field(10, 6).low(xy_bits));
+    let explicit_z = hold("decoded_z", window.q.field(16, 6).low(vertex_bits));
+    let axes = hold("decoded_axes", window.q.low(4));
+    let again = hold("decoded_index", window.q.field(14, 26).low(a));
+    let load = hold("decoded_load", is_load);
+    let reload = hold("decoded_reload", is_reload);
+    let leaf = hold("decoded_leaf", is_leaf);
+    let short = hold("decoded_short", is_short);
+    let node = hold("decoded_node", is_node);
+    let end = hold("decoded_end", is_end);
+
+    let last = m.reg("last", vertex_bits);
+    last.next_when(decoded.q & load, x.low(vertex_bits));
+    let z = node
+        .mux(
+            axes.extend(z_bits),
+            short.mux(last.q, explicit_z).extend(z_bits),
+        )
+        .named("implied_z");
+
+    let boxes_count_bits = bits_for(u64::from(config.update_box_registers) + 1);
+    let free_count = m.reg_reset("free_count", boxes_count_bits, 0);
+    let fresh = m.reg("fresh", box_bits);
+    let any_free = free_count.q.any().named("any_free");
+    let frees = (decoded.q & node).named("frees");
+    let takes = (decoded.q & leaf).named("takes");
+    let takes_free = (takes & any_free).named("takes_free");
+    let unit = m.lit(1u8, boxes_count_bits);
+    free_count.next_when(
+        start | frees | takes_free,
+        start.mux(
+            m.zero(boxes_count_bits),
+            frees.mux(free_count.q + unit, free_count.q - unit),
+        ),
+    );
+    let box_unit = m.lit(1u8, box_bits);
+    fresh.next_when(
+        start | (takes & !any_free),
+        start.mux(m.zero(box_bits), fresh.q + box_unit),
+    );
+    let free_list = m.memory(
+        "free_list",
+        config.update_box_registers,
+        box_bits,
+        Style::Distributed,
+    );
+    free_list.write(frees, free_count.q.low(box_bits), y.low(box_bits));
+    let free = free_list.read_now(free_count.q.low(box_bits) - box_unit);
+    let target = node
+        .mux(x.low(box_bits), any_free.mux(free, fresh.q))
+        .named("implied_target");
+
+    let vertex_base = m.reg("vertex_base", a);
+    vertex_base.next_when(start, start_vertex_base);
+    let next_vertex = m.reg("next_vertex", a);
+    let counts = (decoded.q & load & !reload).named("loads_next");
+    next_vertex.next_when(
+        start | counts,
+        start.mux(start_vertex_base, next_vertex.q + one),
+    );
+    let index = reload.mux(vertex_base.q + again, next_vertex.q);
+
+    m.comment("Vertices are requested in the order of their loads, ahead of their use.");
+    let take_index = m.wire("take_index", 1);
+    let pop_vertex = m.wire("pop_vertex", 1);
+    let (index_valid, index_front) = fifo::place(
+        "vertex_indices",
+        VERTEX_INDICES,
+        decoded.q & load,
+        index,
+        take_index.get(),
+    )?;
+    let (room, _) = occupancy(
+        &m,
+        "indices_under_way",
+        VERTEX_INDICES,
+        decode & is_load,
+        take_index.get(),
+    );
+    index_room.drive(room);
+    let vertex_prefetch = prefetch("vertex_prefetch", vertex_width, vertices_ahead, a)?;
+    let fetched = m.instance(
+        "vertices",
+        &vertex_prefetch,
+        &[
+            ("fetch_valid", index_valid),
+            ("fetch_address", index_front),
+            ("request_ready", vertex_port[0]),
+            ("response_valid", vertex_port[1]),
+            ("response_tag", vertex_port[2]),
+            ("response_data", vertex_port[3]),
+            ("pop", pop_vertex.get()),
+        ],
+    );
+    take_index.drive(index_valid & fetched.get("fetch_ready"));
+    m.group("Vertex memory: requests");
+    for name in ["valid", "address", "tag"] {
+        m.output(
+            format!("vertex_request_{name}"),
+            fetched.get(&format!("request_{name}")),
+        );
+    }
+
+    m.comment("Instructions wait for their vertices.");
+    let take_instruction = m.wire("take_instruction", 1);
+    let (queue_valid, queue_front) = fifo::place(
+        "instruction_queue",
+        config.update_instructions_ahead,
+        decoded.q,
+        instruction.pack(&[
+            ("load", load),
+            ("leaf", leaf),
+            ("node", node),
+            ("end", end),
+            ("x", x),
+            ("y", y),
+            ("z", z),
+            ("target", target),
+        ]),
+        take_instruction.get(),
+    )?;
+    let (room, _) = occupancy(
+        &m,
+        "instructions_waiting",
+        config.update_instructions_ahead,
+        decode,
+        take_instruction.get(),
+    );
+    queue_room.drive(room);
+
+    m.comment("Execute: the current instruction goes unless what it needs is missing.");
+    let current = m.reg("current", instruction.width());
+    let current_valid = m.reg_reset("current_valid", 1, 0);
+    let part = |name: &str| {
+        instruction
+            .get(current.q, name)
+            .named(format!("current_{name}"))
+    };
+    let valid_part = |name: &str| (current_valid.q & part(name)).named(format!("{name}_waits"));
+    let (loads, leafs, nodes, ends) = (
+        valid_part("load"),
+        valid_part("leaf"),
+        valid_part("node"),
+        valid_part("end"),
+    );
+    let node_room = m.wire("node_room", 1);
+    let box_taken = m.wire("box_taken", 1);
+    let missing_vertex = (loads & !fetched.get("valid")).named("missing_vertex");
+    let missing_room = (nodes & !node_room.get()).named("missing_room");
+    let unfinished = (ends & !box_taken.get()).named("unfinished");
+    let goes = (current_valid.q & !(missing_vertex | missing_room | unfinished)).named("goes");
+    let take = (queue_valid & (goes | !current_valid.q)).named("take");
+    take_instruction.drive(take);
+    current.next_when(take, queue_front);
+    current_valid.next(take | (current_valid.q & !goes));
+    let load_goes = (loads & fetched.get("valid")).named("load_goes");
+    let node_goes = (nodes & node_room.get()).named("node_goes");
+    pop_vertex.drive(load_goes);
+
+    m.comment("The registers. A load is written as it goes; the next instruction can read it.");
+    let vertex_registers = m.memory(
+        "vertex_registers",
+        config.update_vertex_registers,
+        vertex_width,
+        Style::Distributed,
+    );
+    let vertex_number = |name| part(name).low(vertex_bits);
+    vertex_registers.write(load_goes, vertex_number("x"), fetched.get("front"));
+    let corners = ["x", "y", "z"].map(|name| vertex_registers.read_now(vertex_number(name)));
+    let box_registers = m.memory(
+        "box_registers",
+        config.update_box_registers,
+        Record::bounding_box(f).width,
+        Style::Distributed,
+    );
+    let boxes = ["x", "y"].map(|name| box_registers.read_now(part(name).low(box_bits)));
+
+    m.comment("Merge: of two boxes, or of three vertices, of which each is a box too. A number that is no NaN goes before one that is.");
+    let p = m.pipeline();
+    let merges = p
+        .enter((leafs | node_goes).named("merge_goes"))
+        .cleared_by_reset();
+    let of_leaf = p.enter(part("leaf")).named("of_leaf").register();
+    let target = p.enter(part("target")).named("merge_target");
+    let mut merged = vec![];
+    let mut operands = vec![];
+    let infinity = u128::from(f.infinity());
+    let infinities = [infinity, infinity | 1 << (w - 1)];
+    for end in 0..2 {
+        for (axis, axis_name) in AXES.iter().enumerate() {
+            let name = |of: &str| format!("{of}_{}_{axis_name}", ["lo", "hi"][end]);
+            let corner = corners.map(|corner| corner.field(axis as u32 * w, w));
+            let bound = boxes.map(|b| b.field((3 * end + axis) as u32 * w, w));
+            let operand = |k: usize| part("leaf").mux(corner[k], bound[k]);
+            let first = p.enter(operand(0)).named(name("first")).register();
+            let second = p.enter(operand(1)).named(name("second")).register();
+            let third = p
+                .enter(corner[2])
+                .named(format!("third_{axis_name}"))
+                .register();
+            operands.push((first, second));
+            let beats = |x, bound| {
+                if end == 0 {
+                    less(f, x, bound)
+                } else {
+                    less(f, bound, x)
+                }
+            };
+            let [nan_1, nan_2, nan_3] = [first, second, third].map(|x| is_nan(f, x));
+            let nan_1 = nan_1.named(name("nan_first"));
+            let nan_2 = nan_2.named(name("nan_second"));
+            let nan_3 = nan_3.named(format!("nan_third_{axis_name}"));
+            let two = beats(second, first) | (nan_1 & !nan_2);
+            let two = split_comparison(plan, two.named(name("take_second")));
+            let best = two.mux(second, first).named(name("best")).register();
+            let none = (nan_1 & nan_2).named(name("nan_both")).register();
+            let three = of_leaf & (beats(third, best) | (none & !nan_3));
+            let three = split_comparison(plan, three.named(name("take_third")));
+            let nothing = m.lit(infinities[end], w);
+            let bound = (none & nan_3).mux(nothing, three.mux(third, best));
+            merged.push(plan.settle(bound.named(name("merged"))));
+        }
+    }
+    merged.reverse();
+    let merged = m.concat(&merged);
+    let written = merged.stage().unwrap_or(0);
+    box_registers.write(
+        merges.at(written).untimed(),
+        target.at(written).untimed(),
+        merged.untimed(),
+    );
+
+    m.comment("A node's intervals, each on its axis, wait until they are written.");
+    let axes = p.enter(part("z").low(4)).named("merge_axes").register();
+    let mut numbers = vec![];
+    for (child, side) in ["left", "right"].into_iter().enumerate() {
+        let axis = axes.field(2 * child as u32, 2);
+        for (end, bound) in ["lo", "hi"].into_iter().enumerate() {
+            let of_axis: Vec<_> = operands[3 * end..3 * end + 3]
+                .iter()
+                .map(|(first, second)| if child == 0 { *first } else { *second })
+                .collect();
+            let number = m.select(axis, &of_axis).named(format!("{side}_{bound}"));
+            numbers.push(number.register());
+        }
+    }
+    numbers.reverse();
+    let intervals = m.concat(&numbers);
+    let node_done = p.enter(node_goes).cleared_by_reset();
+    let node_pop = m.wire("node_pop", 1);
+    let (node_valid, node_front) = fifo::place(
+        "node_queue",
+        config.update_nodes_waiting,
+        node_done.at(intervals.stage().unwrap_or(0)).untimed(),
+        intervals.untimed(),
+        node_pop.get(),
+    )?;
+    node_pop.drive(node_valid & node_write_ready);
+    let (room, any_nodes) = occupancy(
+        &m,
+        "nodes_under_way",
+        config.update_nodes_waiting,
+        node_goes,
+        node_pop.get(),
+    );
+    node_room.drive(room);
+    let next_node = m.reg("next_node", a);
+    next_node.next_when(
+        start | node_pop.get(),
+        start.mux(start_node_base, next_node.q + one),
+    );
+    m.group("Node memory: writes");
+    m.output("node_write_valid", node_valid);
+    m.output("node_write_address", next_node.q);
+    m.output("node_write_mask", m.lit(NODE_MASK, NODE_LANES));
+    m.output("node_write_data", node_front.extend(Record::node(f).width));
+
+    m.comment("The end: when all merges are in their registers and all nodes written, the box, read like a node's.");
+    let under_way: Vec<_> = (1..=written).map(|k| merges.at(k).untimed()).collect();
+    let complete = !(m.or_all(&under_way) | any_nodes);
+    let complete = complete.named("all_complete");
+    let box_shown = m.reg_reset("box_shown", 1, 0);
+    box_taken.drive(box_shown.q & box_write_ready);
+    box_shown.next(ends & complete & !box_taken.get());
+    let box_index = m.reg("box_index", a);
+    box_index.next_when(start, start_box_index);
+    let mut bounds: Vec<_> = operands.iter().map(|(first, _)| *first).collect();
+    bounds.reverse();
+    m.group("The object's box: its write, after all of the nodes'");
+    m.output("box_write_valid", box_shown.q);
+    m.output("box_write_address", box_index.q);
+    m.output("box_write_data", m.concat(&bounds).untimed());
+    running.next(start | (running.q & !box_taken.get()));
+    let done = m.reg_reset("over", 1, 0);
+    done.next(box_taken.get());
+    m.group("High for a clock when an update is complete");
+    m.output("done", done.q);
+
+    m.comment("Counters since reset.");
+    m.group("Counters since reset");
+    let counters = [
+        ("instructions", goes),
+        ("busy_cycles", running.q),
+        ("stalled_cycles", running.q & !goes),
+        ("vertex_wait_cycles", missing_vertex),
+        ("node_wait_cycles", missing_room),
+    ];
+    for (name, event) in counters {
+        let counter = m.reg_reset(format!("{name}_counter"), COUNTER_BITS, 0);
+        counter.next_when(event, counter.q + m.lit(1u8, COUNTER_BITS));
+        m.output(format!("count_{name}"), counter.q);
+    }
+
+    Ok(UpdateProcessor {
+        module: m.finish()?,
+        machine: UpdateMachine {
+            vertex_registers: config.update_vertex_registers,
+            box_registers: config.update_box_registers,
+            merge_distance: written + 1,
+        },
+    })
+}
+
+/// A register between a comparison and the choice that it makes, where the clock asks for it.
+fn split_comparison<'b>(plan: &Plan, choice: Signal<'b>) -> Signal<'b> {
+    if plan.config.clock_mhz >= SPLIT_COMPARISONS_FROM {
+        choice.register()
+    } else {
+        choice
+    }
+}
