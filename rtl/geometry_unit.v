@@ -84,7 +84,6 @@ module geometry_unit (
 
   // Counters' events
   output wire         test_issued,
-  output wire         triangle_waiting,
 
   // The ray-triangle test just merged, for whoever watches
   output wire         watch_test_valid,
@@ -470,7 +469,6 @@ module geometry_unit (
   assign read_v = closest_memory_read1[71:48];
   assign read_triangle = closest_memory_read1[103:72];
   assign test_issued = busy;
-  assign triangle_waiting = leaf_valid | vertex_queue_valid;
   assign watch_test_packet = merge_packet;
   assign watch_test_ray = merge_ray;
 

@@ -146,11 +146,15 @@ module raycast_unit (
   wire packet_enters = take_ray & last_ray;
   assign take_free = packet_enters;
   (* no_rw_check, ram_style = "distributed" *)
-  reg  [15:0] tag_memory [0:47];
+  reg  [15:0] tag_memory_copy0 [0:47];
+  (* no_rw_check, ram_style = "distributed" *)
+  reg  [15:0] tag_memory_copy1 [0:47];
 
   always @(posedge clk) begin
     if (rst) place <= 2'd0; else if (take_ray) place <= last_ray ? 2'd0 : (place + 2'd1);
   end
+
+  wire take_ray_and_first_ray = take_ray & first_ray;
 
   // Ray setup.
   wire setup_out_valid;
@@ -241,7 +245,6 @@ module raycast_unit (
   wire [5:0] traversal_finished_packet;
   wire [3:0] traversal_finished_touched;
   wire traversal_step_taken;
-  wire traversal_node_waiting;
   wire [5:0] traversal_stack_high_water;
   wire traversal_stack_overflow;
   wire [5:0] traversal_watch_step_packet;
@@ -293,7 +296,6 @@ module raycast_unit (
     .finished_packet(traversal_finished_packet),
     .finished_touched(traversal_finished_touched),
     .step_taken(traversal_step_taken),
-    .node_waiting(traversal_node_waiting),
     .stack_high_water(traversal_stack_high_water),
     .stack_overflow(traversal_stack_overflow),
     .watch_step_packet(traversal_watch_step_packet),
@@ -327,7 +329,6 @@ module raycast_unit (
   wire [23:0] intersection_read_v;
   wire [31:0] intersection_read_triangle;
   wire intersection_test_issued;
-  wire intersection_triangle_waiting;
   wire intersection_watch_test_valid;
   wire [5:0] intersection_watch_test_packet;
   wire [1:0] intersection_watch_test_ray;
@@ -393,7 +394,6 @@ module raycast_unit (
     .read_v(intersection_read_v),
     .read_triangle(intersection_read_triangle),
     .test_issued(intersection_test_issued),
-    .triangle_waiting(intersection_triangle_waiting),
     .watch_test_valid(intersection_watch_test_valid),
     .watch_test_packet(intersection_watch_test_packet),
     .watch_test_ray(intersection_watch_test_ray),
@@ -465,7 +465,7 @@ module raycast_unit (
       (out_ray == 2'd2) ? out[8] :
       out[9];
   wire [31:0] out_triangle = out_touched ? intersection_read_triangle : 32'hffffffff;
-  assign hit_tag = tag_memory[out_packet];
+  assign hit_tag = tag_memory_copy0[out_packet];
 
   // Counters since reset.
   reg  [6:0] under_way;
@@ -487,15 +487,21 @@ module raycast_unit (
     if (rst) cycles_counter <= 40'd0; else cycles_counter <= cycles_counter + 40'd1;
     if (rst) packet_steps_counter <= 40'd0; else if (traversal_step_taken) packet_steps_counter <= packet_steps_counter + 40'd1;
     if (rst) ray_triangle_tests_counter <= 40'd0; else if (intersection_test_issued) ray_triangle_tests_counter <= ray_triangle_tests_counter + 40'd1;
-    if (rst) tpu_busy_cycles_counter <= 40'd0; else if (traversal_node_waiting | traversal_step_taken) tpu_busy_cycles_counter <= tpu_busy_cycles_counter + 40'd1;
+    if (rst) tpu_busy_cycles_counter <= 40'd0; else if (traversal_step_taken) tpu_busy_cycles_counter <= tpu_busy_cycles_counter + 40'd1;
     if (rst) tpu_starved_cycles_counter <= 40'd0; else if (some_under_way & ~traversal_step_taken) tpu_starved_cycles_counter <= tpu_starved_cycles_counter + 40'd1;
-    if (rst) gu_busy_cycles_counter <= 40'd0; else if (intersection_triangle_waiting | intersection_test_issued) gu_busy_cycles_counter <= gu_busy_cycles_counter + 40'd1;
+    if (rst) gu_busy_cycles_counter <= 40'd0; else if (intersection_test_issued) gu_busy_cycles_counter <= gu_busy_cycles_counter + 40'd1;
     if (rst) gu_starved_cycles_counter <= 40'd0; else if (some_under_way & ~intersection_test_issued) gu_starved_cycles_counter <= gu_starved_cycles_counter + 40'd1;
   end
 
+  wire [15:0] tag_memory_read1 = tag_memory_copy1[free_queue_front];
+
   // Memories.
   always @(posedge clk) begin
-    if (take_ray & first_ray) tag_memory[free_queue_front] <= ray_tag;
+    if (take_ray_and_first_ray) tag_memory_copy0[free_queue_front] <= ray_tag;
+  end
+
+  always @(posedge clk) begin
+    if (take_ray_and_first_ray) tag_memory_copy1[free_queue_front] <= ray_tag;
   end
 
   assign ray_ready = ready;
@@ -525,7 +531,7 @@ module raycast_unit (
   assign stack_overflow = traversal_stack_overflow;
   assign watch_start_valid = packet_enters;
   assign watch_start_packet = free_queue_front;
-  assign watch_start_tag = ray_tag;
+  assign watch_start_tag = first_ray ? ray_tag : tag_memory_read1;
   assign watch_step_valid = traversal_step_taken;
   assign watch_step_packet = traversal_watch_step_packet;
   assign watch_step_node = traversal_watch_step_node;

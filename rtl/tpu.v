@@ -63,7 +63,6 @@ module tpu (
 
   // Counters' events, and marks
   output wire         step_taken,
-  output wire         node_waiting,
   output wire [5:0]   stack_high_water,
   output wire         stack_overflow,
 
@@ -823,11 +822,20 @@ module tpu (
   );
 
   wire node_wanted = step_queue_valid | entered_queue_valid;
-  assign request_item = step_queue_valid ? step_queue_front : entered_queue_front;
-  assign request_popped = ~step_queue_valid;
+  reg  request_waits;
+  reg  request_waiting_choice;
+  wire request_choice = request_waits ? request_waiting_choice : step_queue_valid;
+
+  always @(posedge clk) begin
+    if (rst) request_waits <= 1'b0; else request_waits <= node_wanted & ~node_request_ready;
+    request_waiting_choice <= request_choice;
+  end
+
+  assign request_item = request_choice ? step_queue_front : entered_queue_front;
+  assign request_popped = ~request_choice;
   assign request_fire = node_wanted & node_request_ready;
-  assign take_step_item = node_request_ready & step_queue_valid;
-  assign take_pop_item = node_request_ready & ~step_queue_valid & entered_queue_valid;
+  assign take_step_item = node_request_ready & request_choice;
+  assign take_pop_item = node_request_ready & ~request_choice & entered_queue_valid;
 
   // Leaves to hand over: after steps, and after pops and starts.
   wire take_step_leaf;
@@ -865,9 +873,19 @@ module tpu (
     .front(entered_leaf_queue_front)
   );
 
-  wire [41:0] leaf_front = step_leaf_queue_valid ? step_leaf_queue_front : entered_leaf_queue_front;
-  assign take_step_leaf = leaf_ready & step_leaf_queue_valid;
-  assign take_pop_leaf = leaf_ready & ~step_leaf_queue_valid & entered_leaf_queue_valid;
+  wire leaf_wanted = step_leaf_queue_valid | entered_leaf_queue_valid;
+  reg  leaf_waits;
+  reg  leaf_waiting_choice;
+  wire leaf_choice = leaf_waits ? leaf_waiting_choice : step_leaf_queue_valid;
+
+  always @(posedge clk) begin
+    if (rst) leaf_waits <= 1'b0; else leaf_waits <= leaf_wanted & ~leaf_ready;
+    leaf_waiting_choice <= leaf_choice;
+  end
+
+  wire [41:0] leaf_front = leaf_choice ? step_leaf_queue_front : entered_leaf_queue_front;
+  assign take_step_leaf = leaf_ready & leaf_choice;
+  assign take_pop_leaf = leaf_ready & ~leaf_choice & entered_leaf_queue_valid;
   assign watch_step_node = request_memory_read_21_0_delay[87:66];
 
   // Memories.
@@ -1101,7 +1119,7 @@ module tpu (
   assign node_request_valid = node_wanted;
   assign node_request_address = request_item[27:6];
   assign node_request_tag = request_item[5:0];
-  assign leaf_valid = step_leaf_queue_valid | entered_leaf_queue_valid;
+  assign leaf_valid = leaf_wanted;
   assign leaf_packet = leaf_front[5:0];
   assign leaf_address = leaf_front[27:6];
   assign leaf_context = leaf_front[37:28];
@@ -1110,7 +1128,6 @@ module tpu (
   assign finished_packet = popped_packet;
   assign finished_touched = setup_valid ? 4'd0 : pop_15_12_s4;
   assign step_taken = step_valid;
-  assign node_waiting = node_wanted;
   assign stack_high_water = high_water;
   assign stack_overflow = overflow;
   assign watch_step_packet = step_packet;

@@ -4,7 +4,8 @@ use super::frame::load_mesh;
 use super::{ConfigArgs, check_outputs, grouped, print};
 use anyhow::{Context, Result};
 use dynrt::bkd::{BuildOptions, build};
-use dynrt::program::{Program, UpdateMachine};
+use dynrt::cosim::unit_update;
+use dynrt::program::Program;
 use dynrt::report;
 use serde_json::{Value, json};
 use std::path::PathBuf;
@@ -45,7 +46,7 @@ pub fn run(args: &Args) -> Result<()> {
     let context = || format!("scene {}", scene.name);
     let tree = build(&mesh.vertices, &mesh.triangles, &options).with_context(context)?;
     let started = Instant::now();
-    let machine = UpdateMachine::default();
+    let machine = unit_update::machine(&config)?;
     let program = Program::compile(&tree, &mesh.triangles, mesh.vertices.len(), machine)
         .with_context(context)?;
     let compile_s = started.elapsed().as_secs_f64();
