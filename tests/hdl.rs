@@ -1260,16 +1260,12 @@ impl<'b> Maker<'b, '_> {
             }
             1 => {
                 let times = width.div_ceil(have);
-                let repeated = if times > 1 && times * have <= 128 {
-                    let signal = self.signals[net].repeat(times);
-                    self.add(Net::Concat(vec![net; times as usize]), signal)
-                } else {
-                    net
-                };
-                match self.width(repeated) >= width {
-                    true => self.part(repeated, width),
-                    false => self.of(width),
+                if times * have > 128 {
+                    return self.input_bit(width);
                 }
+                let signal = self.signals[net].repeat(times);
+                let repeated = self.add(Net::Concat(vec![net; times as usize]), signal);
+                self.part(repeated, width)
             }
             _ => {
                 let rest = self.of(width - have);
@@ -1434,7 +1430,7 @@ impl<'b> Maker<'b, '_> {
                 let memory = self
                     .m
                     .memory(format!("m{}", self.names), 1 << bits, width, style);
-                let write = [self.of(1), self.address(bits), self.of(width)];
+                let write = [self.of(1), self.variable(bits), self.of(width)];
                 let [e, a, d] = write.map(|net| self.signals[net]);
                 memory.write(e, a, d);
                 self.memories.push(Stored {
@@ -1443,7 +1439,7 @@ impl<'b> Maker<'b, '_> {
                 });
                 let index = self.memories.len() - 1;
                 for _ in 0..self.rng.u32(1..4) {
-                    let address = self.address(bits);
+                    let address = self.variable(bits);
                     let at = self.signals[address];
                     if now && self.rng.bool() {
                         self.add(Net::ReadNow(index, address), memory.read_now(at));
@@ -1460,37 +1456,43 @@ impl<'b> Maker<'b, '_> {
         }
     }
 
-    /// A net of which no bit is a constant or a register's own: tools rightly object to a register that only ever
-    /// keeps itself, and to a comparison that never changes.
+    /// A net of a width that is no constant, and in a pipeline has a stage: one bit of an input, repeated.
+    fn input_bit(&mut self, width: u32) -> usize {
+        let bit = self.part(0, 1);
+        let signal = self.signals[bit].repeat(width);
+        self.add(Net::Concat(vec![bit; width as usize]), signal)
+    }
+
+    /// A net of which no bit is a register's own: tools rightly object to a register that only ever keeps itself,
+    /// and to a comparison that never changes.
     fn varied(&mut self, width: u32) -> usize {
-        let (value, bit) = (self.of(width), self.part(0, 1));
-        let changes = self.signals[bit].repeat(width);
-        let changes = self.add(Net::Concat(vec![bit; width as usize]), changes);
+        let (value, changes) = (self.of(width), self.input_bit(width));
         let signal = self.signals[value] ^ self.signals[changes];
         match signal.literal() {
-            Some(_) => self.varied(width),
+            Some(_) => changes,
             None => self.add(Net::Two(Two::Xor, value, changes), signal),
         }
     }
 
-    /// An address that varies: one that does not is no memory's.
-    fn address(&mut self, bits: u32) -> usize {
-        loop {
-            let net = self.of(bits);
-            if self.signals[net].literal().is_none() {
-                return net;
-            }
+    /// A net of a width that is no constant: an address that is one is no memory's, and an instance must be told
+    /// its stage.
+    fn variable(&mut self, width: u32) -> usize {
+        let net = self.of(width);
+        match self.signals[net].literal() {
+            Some(_) => self.input_bit(width),
+            None => net,
         }
     }
 
     fn instance(&mut self, child: &Rc<Random>, staged: bool) {
         let mut inputs = vec![];
         for (i, (_, width, _)) in child.inputs.iter().enumerate() {
-            let mut net = self.of(*width);
             // One input says at which stage the instance is.
-            while staged && i == 0 && self.signals[net].stage().is_none() {
-                net = self.of(*width);
-            }
+            let net = if staged && i == 0 {
+                self.variable(*width)
+            } else {
+                self.of(*width)
+            };
             inputs.push(net);
         }
         let ports: Vec<_> = child

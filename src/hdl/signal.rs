@@ -324,6 +324,7 @@ impl<'b> Signal<'b> {
 
     /// The full product.
     #[track_caller]
+    #[allow(clippy::should_implement_trait)] // the product is wider than its factors, and their widths may differ
     pub fn mul(self, other: Signal<'b>) -> Signal<'b> {
         self.builder
             .binary(Binary::Mul, self, other, Location::caller())
@@ -373,6 +374,7 @@ impl<'b> Signal<'b> {
 
     /// Shifted towards the most significant bit; the width stays.
     #[track_caller]
+    #[allow(clippy::should_implement_trait)] // the amount is a signal of another width
     pub fn shl(self, by: Signal<'b>) -> Signal<'b> {
         self.builder
             .binary(Binary::ShiftLeft, self, by, Location::caller())
@@ -380,6 +382,7 @@ impl<'b> Signal<'b> {
 
     /// Shifted towards the least significant bit; the width stays.
     #[track_caller]
+    #[allow(clippy::should_implement_trait)] // the amount is a signal of another width
     pub fn shr(self, by: Signal<'b>) -> Signal<'b> {
         self.builder
             .binary(Binary::ShiftRight, self, by, Location::caller())

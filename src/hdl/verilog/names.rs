@@ -4,7 +4,7 @@
 use super::super::builder::{Binary, Id, KEYWORDS, Op};
 use super::super::design::Direction;
 use super::plan::Plan;
-use std::collections::HashSet;
+use std::collections::{HashMap, HashSet};
 
 /// The longest name that is made of what a signal computes.
 const LONG_NAME: usize = 36;
@@ -24,6 +24,8 @@ pub(super) struct Names {
     /// The wire that takes what nothing reads.
     pub unused: String,
     taken: HashSet<String>,
+    /// Names that were wanted more than once, with the last number that they got.
+    numbers: HashMap<String, u32>,
 }
 
 impl Names {
@@ -39,6 +41,7 @@ impl Names {
             lines: vec![],
             unused: String::new(),
             taken: inner.names.keys().cloned().collect(),
+            numbers: HashMap::new(),
         };
         names.taken.extend(KEYWORDS.iter().map(|k| k.to_string()));
         names.unused = names.unique("unused".to_string());
@@ -73,13 +76,17 @@ impl Names {
     }
 
     fn unique(&mut self, name: String) -> String {
-        let mut unique = name.clone();
-        let mut n = 1;
-        while !self.taken.insert(unique.clone()) {
-            n += 1;
-            unique = format!("{name}_{n}");
+        if self.taken.insert(name.clone()) {
+            return name;
         }
-        unique
+        let number = self.numbers.entry(name.clone()).or_insert(1);
+        loop {
+            *number += 1;
+            let unique = format!("{name}_{number}");
+            if self.taken.insert(unique.clone()) {
+                return unique;
+            }
+        }
     }
 
     /// A nameless node that drives an output port or an earlier wire is that port or wire.
