@@ -1,7 +1,7 @@
 //! A human figure under one closed skin.
 //!
-//! Its body is the smooth union of round cones about the bones of its skeleton, turned into triangles by naive
-//! surface nets. A vertex is bound to the bone whose cone is nearest, and the binding is then spread over the
+//! Its body is the smooth union of round cones about the bones of its skeleton, turned into triangles by marching
+//! tetrahedra and evened out. A vertex is bound to the bone whose cone is nearest, and the binding is then spread over the
 //! skin, so that it bends smoothly where it should and a leg does not tug at the other.
 
 use super::super::Mesh;
@@ -54,7 +54,13 @@ const MIDDLE_CONES: [Cone; 10] = [
         [0.07, 0.955, 0.0],
         0.110,
     ),
-    ("spine", [0.0, 1.03, 0.0], 0.112, [0.0, 1.14, 0.0], 0.108),
+    (
+        "spine",
+        [-0.035, 1.10, 0.0],
+        0.108,
+        [0.035, 1.10, 0.0],
+        0.108,
+    ),
     ("chest", [-0.06, 1.26, 0.0], 0.115, [0.06, 1.26, 0.0], 0.115),
     (
         "chest",
@@ -164,9 +170,12 @@ const LEFT_CONES: [Cone; 10] = [
 pub fn animated(detail: u32) -> Animated {
     let joints = joints();
     let cones = cones(&joints);
-    let mesh = surface_net(&cones, HEIGHT / f64::from(detail));
-    let steps = (SPREAD * f64::from(detail)).powi(2).round() as usize;
-    let influences = bind(&mesh, &cones, joints.len(), steps);
+    let mut mesh = isosurface(&cones, HEIGHT / f64::from(detail));
+    let neighbours = neighbours(&mesh);
+    smooth(&mut mesh.positions, &neighbours, &cones);
+    // Edges are about half a cell long, and what spreads at random gets as far as the root of its steps.
+    let steps = (2.0 * SPREAD * f64::from(detail)).powi(2).round() as usize;
+    let influences = bind(&mesh.positions, &neighbours, &cones, joints.len(), steps);
     let place = |joint: usize| DVec3::from_array(joints[joint].place);
     let nodes = joints.iter().enumerate().map(|(number, joint)| {
         let origin = joint.parent.map_or(DVec3::ZERO, place);
@@ -310,96 +319,86 @@ fn field(cones: &[Flesh], point: DVec3) -> f64 {
         .expect("there are cones")
 }
 
-/// The triangles of the field's zero: one vertex in each cell of a grid that it passes through, amid where it
-/// crosses the cell's edges, and a quadrilateral around each edge of the grid that it crosses.
-fn surface_net(cones: &[Flesh], cell: f64) -> Mesh {
+/// The triangles of the field's zero by marching tetrahedra: the cubes of a grid fall into six tetrahedra each, which
+/// the zero cuts in a triangle or two. Whatever the field, the mesh is closed and each of its edges joins two
+/// triangles.
+fn isosurface(cones: &[Flesh], cell: f64) -> Mesh {
     let (mut low, mut high) = (DVec3::INFINITY, DVec3::NEG_INFINITY);
     for cone in cones {
-        let radius = DVec3::splat(cone.radii.0.max(cone.radii.1) + cell);
+        let radius = DVec3::splat(cone.radii.0.max(cone.radii.1) + SMOOTHING + cell);
         for end in [cone.from, cone.from + cone.along] {
             low = low.min(end - radius);
             high = high.max(end + radius);
         }
     }
     // A plane of the grid in the plane of symmetry.
-    let first = (low / cell).floor().as_i64vec3();
-    let counts = ((high / cell).ceil().as_i64vec3() - first + 1).as_usizevec3();
-    let point = |p: [usize; 3]| {
-        let steps = first.as_dvec3() + DVec3::new(p[0] as f64, p[1] as f64, p[2] as f64);
-        steps * cell
-    };
-    let number = |p: [usize; 3]| (p[2] * counts.y + p[1]) * counts.x + p[0];
+    let first = (low / cell).floor();
+    let counts = ((high / cell).ceil() - first + 1.0).to_array();
+    let counts = counts.map(|count| count as usize);
+    let point = |p: [usize; 3]| (first + DVec3::from_array(p.map(|i| i as f64))) * cell;
+    let number = |p: [usize; 3]| (p[2] * counts[1] + p[1]) * counts[0] + p[0];
     let grid = |most: [usize; 3]| {
         (0..most[2])
             .flat_map(move |z| (0..most[1]).flat_map(move |y| (0..most[0]).map(move |x| [x, y, z])))
     };
-    let values: Vec<f64> = grid(counts.to_array())
-        .map(|p| field(cones, point(p)))
-        .collect();
+    let values: Vec<f64> = grid(counts).map(|p| field(cones, point(p))).collect();
     let mut mesh = Mesh::default();
-    let mut vertices: HashMap<[usize; 3], u32> = HashMap::new();
-    for base in grid(counts.to_array().map(|count| count - 1)) {
-        let corner = |bits: usize| {
-            let p: [usize; 3] = std::array::from_fn(|axis| base[axis] + (bits >> axis & 1));
-            (point(p), values[number(p)])
-        };
-        let (mut sum, mut crossings) = (DVec3::ZERO, 0);
-        for from in 0..8 {
-            for axis in (0..3).filter(|axis| from >> axis & 1 == 0) {
-                let ((p, a), (q, b)) = (corner(from), corner(from | 1 << axis));
-                if (a < 0.0) != (b < 0.0) {
-                    sum += p + (q - p) * (a / (a - b));
-                    crossings += 1;
+    // By the grid's points at the ends of the edge that the vertex is on.
+    let mut vertices: HashMap<[usize; 2], u32> = HashMap::new();
+    for base in grid(counts.map(|count| count - 1)) {
+        // A tetrahedron follows the cube's edges along the axes in some order from corner 000 to corner 111.
+        for order in [
+            [0, 1, 2],
+            [1, 2, 0],
+            [2, 0, 1],
+            [0, 2, 1],
+            [2, 1, 0],
+            [1, 0, 2],
+        ] {
+            let mut corners = [base; 4];
+            for (step, axis) in order.into_iter().enumerate() {
+                for corner in &mut corners[step + 1..] {
+                    corner[axis] += 1;
                 }
             }
-        }
-        if crossings > 0 {
-            vertices.insert(base, mesh.positions.len() as u32);
-            let middle = sum / f64::from(crossings);
-            mesh.positions.push(middle.to_array().map(snap));
-        }
-    }
-    for base in grid(counts.to_array()) {
-        for axis in 0..3 {
-            let mut end = base;
-            end[axis] += 1;
-            if end[axis] == counts[axis] {
-                continue;
-            }
-            let inside = values[number(base)] < 0.0;
-            if inside == (values[number(end)] < 0.0) {
-                continue;
-            }
-            // The cells around the edge, counter-clockwise seen against the axis.
-            let (u, v) = ((axis + 1) % 3, (axis + 2) % 3);
-            let mut around = [(1, 1), (0, 1), (0, 0), (1, 0)].map(|(du, dv)| {
-                let mut cell = base;
-                cell[u] -= du;
-                cell[v] -= dv;
-                vertices[&cell]
-            });
-            if !inside {
-                around.reverse();
-            }
-            let [a, b, c, d] = around;
-            let length = |i: u32, j: u32| {
-                let place = |i: u32| DVec3::from_array(mesh.positions[i as usize]);
-                (place(i) - place(j)).length()
+            let (inside, outside): (Vec<_>, Vec<_>) = corners
+                .iter()
+                .partition(|&&corner| values[number(corner)] < 0.0);
+            let cut: Vec<[[usize; 3]; 2]> = match (inside.as_slice(), outside.as_slice()) {
+                (&[i], &[a, b, c]) => vec![[i, a], [i, b], [i, c]],
+                (&[a, b, c], &[o]) => vec![[a, o], [b, o], [c, o]],
+                (&[i, j], &[a, b]) => vec![[i, a], [i, b], [j, b], [j, a]],
+                _ => continue,
             };
-            // Cut along the shorter diagonal.
-            mesh.triangles.extend(if length(a, c) <= length(b, d) {
-                [[a, b, c], [a, c, d]]
-            } else {
-                [[b, c, d], [b, d, a]]
-            });
+            // Its front is where the outside is, seen on the middles of the edges, which lie in one plane.
+            let middle = |[i, o]: [[usize; 3]; 2]| (point(i) + point(o)) / 2.0;
+            let [p, q, r] = [0, 1, 2].map(|corner| middle(cut[corner]));
+            let outwards = point(cut[0][1]) - point(cut[0][0]);
+            let turned = (q - p).cross(r - p).dot(outwards) < 0.0;
+            let mut corners: Vec<u32> = cut
+                .into_iter()
+                .map(|[i, o]| {
+                    *vertices.entry([number(i), number(o)]).or_insert_with(|| {
+                        let (inner, outer) = (values[number(i)], values[number(o)]);
+                        let place = point(i).lerp(point(o), inner / (inner - outer));
+                        mesh.positions.push(place.to_array());
+                        (mesh.positions.len() - 1) as u32
+                    })
+                })
+                .collect();
+            if turned {
+                corners.reverse();
+            }
+            let fan = corners.windows(2).skip(1);
+            mesh.triangles
+                .extend(fan.map(|pair| [corners[0], pair[0], pair[1]]));
         }
     }
     mesh
 }
 
-/// Binds every vertex to the joint whose flesh is nearest, then lets each vertex take the mean of itself and its
-/// neighbours, `steps` times over.
-fn bind(mesh: &Mesh, cones: &[Flesh], joint_count: usize, steps: usize) -> Vec<Influences> {
+/// The vertices that share an edge with each.
+fn neighbours(mesh: &Mesh) -> Vec<Vec<usize>> {
     let mut neighbours = vec![Vec::new(); mesh.positions.len()];
     for &[a, b, c] in &mesh.triangles {
         // In a closed mesh every edge runs once either way.
@@ -407,8 +406,42 @@ fn bind(mesh: &Mesh, cones: &[Flesh], joint_count: usize, steps: usize) -> Vec<I
             neighbours[from as usize].push(to as usize);
         }
     }
-    let mut bindings: Vec<BTreeMap<usize, f64>> = mesh
-        .positions
+    neighbours
+}
+
+/// Evens out the grid's traces: vertices move amid their neighbours and from there back to the field's zero.
+fn smooth(positions: &mut Vec<[f64; 3]>, neighbours: &[Vec<usize>], cones: &[Flesh]) {
+    const ROUNDS: usize = 6;
+    const STEP: f64 = 1e-4;
+    for _ in 0..ROUNDS {
+        let moved = neighbours.iter().map(|around| {
+            let sum: DVec3 = around
+                .iter()
+                .map(|&other| DVec3::from_array(positions[other]))
+                .sum();
+            let middle = sum / around.len() as f64;
+            let slope = DVec3::AXES.map(|axis| {
+                let [ahead, behind] = [STEP, -STEP].map(|step| field(cones, middle + step * axis));
+                (ahead - behind) / (2.0 * STEP)
+            });
+            let slope = DVec3::from_array(slope);
+            let onto = middle - slope * (field(cones, middle) / slope.length_squared());
+            onto.to_array().map(snap)
+        });
+        *positions = moved.collect();
+    }
+}
+
+/// Binds every vertex to the joint whose flesh is nearest, then lets each vertex take the mean of itself and its
+/// neighbours, `steps` times over.
+fn bind(
+    positions: &[[f64; 3]],
+    neighbours: &[Vec<usize>],
+    cones: &[Flesh],
+    joint_count: usize,
+    steps: usize,
+) -> Vec<Influences> {
+    let mut bindings: Vec<BTreeMap<usize, f64>> = positions
         .iter()
         .map(|&position| {
             let point = DVec3::from_array(position);

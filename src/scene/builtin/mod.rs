@@ -23,7 +23,7 @@ pub const BUILTIN_NAMES: [&str; 5] = ["teapot", "cornell", "interior", "sphere",
 /// | name | parameters (range, default) | what | clips |
 /// |---|---|---|---|
 /// | `water` | `resolution` (2–1024, 104) | a surface under travelling waves, 2·resolution² triangles; the host writes every vertex in every frame | `waves` |
-/// | `figure` | `detail` (48–160, 80) | a human figure under one closed skin, 21 joints; it is `detail` cells high, from which its triangles come | `walk`, `wave` |
+/// | `figure` | `detail` (36–96, 48) | a human figure under one closed skin, 21 joints; it is `detail` cells high, from which its triangles come | `walk`, `wave` |
 pub const ANIMATED_NAMES: [&str; 2] = ["water", "figure"];
 
 /// Builds a scene that needs no file.
@@ -76,7 +76,7 @@ pub(super) fn animated(spec: &str) -> Result<Animated> {
     let mut parameters = Parameters::parse(name, parameters)?;
     let animated = match name {
         "water" => water::animated(parameters.take("resolution", 2..=1024, 104)?),
-        "figure" => figure::animated(parameters.take("detail", 48..=160, 80)?),
+        "figure" => figure::animated(parameters.take("detail", 36..=96, 48)?),
         _ => bail!(
             "builtin:{name}: no such built-in scene; there are {}",
             [&ANIMATED_NAMES[..], &BUILTIN_NAMES].concat().join(", ")

@@ -12,14 +12,15 @@ const PERIOD: f64 = 4.0;
 const HALF_WIDTH: f64 = 2.0;
 
 /// Trochoidal waves: the direction they travel in, in degrees from +x towards +z, their length, their height above
-/// the mean, how often they pass in a period, and where they begin, in turns.
+/// the mean, how often they pass in a period, and where they begin, in turns. Heights × 2π / lengths add up to less than
+/// 1, so that no crest ever curls over.
 const WAVES: [(f64, f64, f64, f64, f64); 6] = [
-    (20.0, 2.60, 0.110, 3.0, 0.00),
-    (-35.0, 1.70, 0.060, 4.0, 0.31),
-    (75.0, 1.10, 0.036, 5.0, 0.62),
-    (-80.0, 0.75, 0.020, 6.0, 0.17),
-    (5.0, 0.48, 0.012, 8.0, 0.84),
-    (130.0, 0.36, 0.008, 9.0, 0.45),
+    (20.0, 2.60, 0.085, 3.0, 0.00),
+    (-35.0, 1.70, 0.045, 4.0, 0.31),
+    (75.0, 1.10, 0.027, 5.0, 0.62),
+    (-80.0, 0.75, 0.015, 6.0, 0.17),
+    (5.0, 0.48, 0.009, 8.0, 0.84),
+    (130.0, 0.36, 0.006, 9.0, 0.45),
 ];
 
 pub fn animated(resolution: u32) -> Animated {

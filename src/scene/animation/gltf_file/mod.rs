@@ -12,6 +12,7 @@ use accessor::{Buffers, Numbers, groups};
 use anyhow::{Context, Result, anyhow, bail, ensure};
 use glam::{DAffine3, DQuat, DVec3};
 use gltf::accessor::Dimensions;
+use gltf::json::validation::Checked;
 use gltf::scene::Transform;
 use serde_json::{Map, Value};
 use std::collections::{BTreeMap, HashMap};
@@ -478,8 +479,19 @@ impl Loader<'_> {
 
     /// What a channel does; nothing, if it moves morph targets of what has none.
     fn track(&self, channel: &gltf::animation::Channel, rig: &Rig) -> Result<Option<Track>> {
-        let node = channel.target().node().index();
-        let (property, dimensions, numbers, width) = match channel.target().property() {
+        // The crate checks a channel's sampler but not its target.
+        let animation = &self.document.as_json().animations[channel.animation().index()];
+        let target = &animation.channels[channel.index()].target;
+        let node = target.node.value();
+        ensure!(
+            node < rig.nodes.len(),
+            "moves node {node}, which is out of range (there are {}, counted from 0); export the file anew",
+            rig.nodes.len()
+        );
+        let Checked::Valid(property) = target.path else {
+            bail!("moves no property that glTF knows; remove it");
+        };
+        let (property, dimensions, numbers, width) = match property {
             gltf::animation::Property::Translation => (
                 Property::Translation,
                 Dimensions::Vec3,
