@@ -12,7 +12,7 @@ use std::path::Path;
 /// | a file whose name ends in `.glb` or `.gltf` | nodes, skins, morph targets and clips of glTF 2.0; materials, pictures and cameras are not looked at |
 /// | a folder | its files whose names end in `.obj`, in the order of their names, are the frames of a sequence |
 /// | a file whose name ends in `.obj` | a scene that stands still |
-/// | `builtin:NAME` | a built-in scene, see [`builtin()`](crate::scene::builtin) and [`ANIMATED_NAMES`](crate::scene::ANIMATED_NAMES) |
+/// | `builtin:NAME` | a built-in scene, see [`builtin()`](fn@crate::scene::builtin) and [`ANIMATED_NAMES`](crate::scene::ANIMATED_NAMES) |
 ///
 /// Vertices of a glTF mesh that are the same in everything that moves them become one: files part them where
 /// normals or texture coordinates differ, which costs the machine time and changes no picture.

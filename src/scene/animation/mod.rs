@@ -465,8 +465,8 @@ impl Animated {
             "scene {}: no frames; give at least one",
             self.name
         );
-        let mut world = Box::EMPTY;
-        let mut boxes = vec![(Box::EMPTY, Box::EMPTY); self.objects.len()];
+        let mut world = GrowingBox::EMPTY;
+        let mut boxes = vec![(GrowingBox::EMPTY, GrowingBox::EMPTY); self.objects.len()];
         let used: Vec<Vec<bool>> = self.objects.iter().map(Object::used).collect();
         for pose in poses {
             for (number, object) in self.objects.iter().enumerate() {
@@ -485,8 +485,8 @@ impl Animated {
                 }
             }
         }
-        let of = |what: Box, name: &str| {
-            let Box { low, high, finite } = what;
+        let of = |what: GrowingBox, name: &str| {
+            let GrowingBox { low, high, finite } = what;
             ensure!(
                 finite,
                 "scene {}: {name} has vertices that are not finite; bring its numbers towards 1",
@@ -545,24 +545,24 @@ impl Object {
 
 /// A box that grows.
 #[derive(Clone, Copy)]
-struct Box {
+struct GrowingBox {
     low: [f64; 3],
     high: [f64; 3],
     finite: bool,
 }
 
-impl Box {
-    const EMPTY: Box = Box {
+impl GrowingBox {
+    const EMPTY: Self = Self {
         low: [f64::INFINITY; 3],
         high: [f64::NEG_INFINITY; 3],
         finite: true,
     };
 
     fn grow(&mut self, point: [f64; 3]) {
-        for axis in 0..3 {
-            self.low[axis] = self.low[axis].min(point[axis]);
-            self.high[axis] = self.high[axis].max(point[axis]);
-            self.finite &= point[axis].is_finite();
+        for (axis, x) in point.into_iter().enumerate() {
+            self.low[axis] = self.low[axis].min(x);
+            self.high[axis] = self.high[axis].max(x);
+            self.finite &= x.is_finite();
         }
     }
 }

@@ -18,7 +18,7 @@ use std::f64::consts::TAU;
 const HEIGHT: f64 = 1.8;
 
 /// How far cones of the union reach for each other, in metres.
-const SMOOTHING: f64 = 0.045;
+const SMOOTHING: f64 = 0.075;
 
 /// How wide the binding is spread over the skin, as a share of the figure's height.
 const SPREAD: f64 = 0.035;

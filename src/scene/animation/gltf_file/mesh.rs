@@ -195,13 +195,14 @@ impl Source {
             let left_over = triangles.remainder().len();
             return (triangles.map(|t| [t[0], t[1], t[2]]).collect(), left_over);
         }
-        let windows = indices.windows(3).enumerate();
+        let windows = indices.windows(3);
         let triangles: Vec<[u32; 3]> = match primitive.mode() {
             Mode::TriangleFan => windows
-                .map(|(_, window)| [window[1], window[2], indices[0]])
+                .map(|window| [window[1], window[2], indices[0]])
                 .collect(),
             // Every other triangle of a strip runs the other way round. Those without area only connect.
             _ => windows
+                .enumerate()
                 .map(|(number, window)| match number % 2 {
                     0 => [window[0], window[1], window[2]],
                     _ => [window[0], window[2], window[1]],
