@@ -35,19 +35,8 @@ impl MachineMesh {
     pub fn new(scene: &Scene, format: Format) -> Result<Self> {
         let Scene { name, mesh } = scene;
         check(mesh).with_context(|| format!("scene {name}"))?;
-        let (low, high) = scene.bounds();
-        let greatest = low
-            .iter()
-            .chain(&high)
-            .fold(0f64, |greatest, x| greatest.max(x.abs()));
-        let log2_scale = match greatest {
-            0.0 => 0,
-            greatest => Self::log2_limit(format) - ceil_log2(greatest),
-        };
-        ensure!(
-            (-1022..=1023).contains(&log2_scale),
-            "scene {name}: its greatest coordinate, {greatest:e}, would have to be scaled by 2^{log2_scale}, which no number can be; scale the scene towards 1"
-        );
+        let log2_scale =
+            log2_scale(scene.bounds(), format).with_context(|| format!("scene {name}"))?;
         let (arithmetic, scale) = (Arithmetic::new(format), power_of_two(log2_scale));
         let vertices = mesh.positions.iter();
         Ok(Self {
@@ -112,6 +101,27 @@ impl MachineMesh {
         }
         warnings
     }
+}
+
+/// The exponent of the greatest power of two by which a box can be scaled to fit ±2^[`MachineMesh::log2_limit`]; 0 for
+/// a box that is nothing but the origin.
+///
+/// # Errors
+/// If that power is none that a double-precision number can be.
+pub fn log2_scale((low, high): Bounds, format: Format) -> Result<i32> {
+    let greatest = low
+        .iter()
+        .chain(&high)
+        .fold(0f64, |greatest, x| greatest.max(x.abs()));
+    let log2_scale = match greatest {
+        0.0 => 0,
+        greatest => MachineMesh::log2_limit(format) - ceil_log2(greatest),
+    };
+    ensure!(
+        (-1022..=1023).contains(&log2_scale),
+        "its greatest coordinate, {greatest:e}, would have to be scaled by 2^{log2_scale}, which no number can be; scale the scene towards 1"
+    );
+    Ok(log2_scale)
 }
 
 /// That every triangle's vertices exist and are finite.

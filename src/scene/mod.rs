@@ -2,17 +2,20 @@
 //!
 //! [`load`] reads an OBJ file or builds one of the scenes that need no file; [`MachineMesh`] is the scene
 //! scaled and rounded to the machine's number format, from which everything else is computed; [`Camera`]
-//! and [`Frame`] make the packets of rays that cross the ray port.
+//! and [`Frame`] make the packets of rays that cross the ray port. [`load_animated`] reads what moves:
+//! see [`animation`].
 
+pub mod animation;
 mod builtin;
 mod camera;
 mod machine;
 mod obj;
 mod rays;
 
-pub use builtin::{BUILTIN_NAMES, builtin};
+pub use animation::{Animated, load_animated};
+pub use builtin::{ANIMATED_NAMES, BUILTIN_NAMES, builtin};
 pub use camera::{Camera, View, default_light};
-pub use machine::MachineMesh;
+pub use machine::{MachineMesh, log2_scale};
 pub use rays::{Frame, ImageSize, RAYS_PER_PACKET, RayPacket, shadow_rays};
 
 use std::path::Path;

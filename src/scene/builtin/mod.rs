@@ -1,17 +1,30 @@
 //! Scenes that need no file.
 
 mod cornell;
+mod figure;
 mod interior;
 mod shapes;
 mod teapot;
 mod teapot_data;
+mod water;
 
+pub(super) use water::surface as water_surface;
+
+use super::animation::Animated;
 use super::{Mesh, Scene};
 use anyhow::{Result, bail, ensure};
 use std::ops::RangeInclusive;
 
 /// The names that [`builtin()`] knows.
 pub const BUILTIN_NAMES: [&str; 5] = ["teapot", "cornell", "interior", "sphere", "knot"];
+
+/// The names of the built-in scenes that move: see [`load_animated`](super::load_animated).
+///
+/// | name | parameters (range, default) | what | clips |
+/// |---|---|---|---|
+/// | `water` | `resolution` (2–1024, 104) | a surface under travelling waves, 2·resolution² triangles; the host writes every vertex in every frame | `waves` |
+/// | `figure` | `detail` (36–96, 48) | a human figure under one closed skin, 21 joints; it is `detail` cells high, from which its triangles come | `walk`, `wave` |
+pub const ANIMATED_NAMES: [&str; 2] = ["water", "figure"];
 
 /// Builds a scene that needs no file.
 ///
@@ -52,6 +65,25 @@ pub fn builtin(spec: &str) -> Result<Scene> {
         name: name.to_string(),
         mesh,
     })
+}
+
+/// Builds a scene with its motion, of which those of [`builtin()`] have none.
+pub(super) fn animated(spec: &str) -> Result<Animated> {
+    let (name, parameters) = spec.split_once('?').unwrap_or((spec, ""));
+    if BUILTIN_NAMES.contains(&name) {
+        return Ok(Animated::still(builtin(spec)?));
+    }
+    let mut parameters = Parameters::parse(name, parameters)?;
+    let animated = match name {
+        "water" => water::animated(parameters.take("resolution", 2..=1024, 104)?),
+        "figure" => figure::animated(parameters.take("detail", 36..=96, 48)?),
+        _ => bail!(
+            "builtin:{name}: no such built-in scene; there are {}",
+            [&ANIMATED_NAMES[..], &BUILTIN_NAMES].concat().join(", ")
+        ),
+    };
+    parameters.finish()?;
+    Ok(animated)
 }
 
 /// The parameters of a built-in scene that are still to be used.

@@ -1,0 +1,293 @@
+//! Numbers out of a glTF file's buffers.
+//!
+//! The crate's own iterators trust counts, offsets and strides; a file need not deserve that. Here everything is
+//! checked, and every number becomes an `f64`, which holds all that glTF knows exactly.
+
+use anyhow::{Context, Result, bail, ensure};
+use base64::Engine;
+use base64::alphabet::STANDARD;
+use base64::engine::{DecodePaddingMode, GeneralPurpose, GeneralPurposeConfig};
+use gltf::accessor::{Accessor, DataType, Dimensions};
+use gltf::buffer::{Source, View};
+use std::cell::OnceCell;
+use std::path::Path;
+
+/// Elements that an accessor may claim to have without a buffer that has them.
+const MOST_ZEROS: usize = 1 << 26;
+
+/// What an accessor's integers mean.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Numbers {
+    /// Integers are themselves; there are no others.
+    Indices,
+    /// Integers are fractions of the greatest.
+    Fractions,
+    /// Integers are what the accessor says they are.
+    AsStored,
+}
+
+/// The buffers of a file, read when they are first needed: those that only pictures need may be missing.
+pub struct Buffers<'a> {
+    document: &'a gltf::Document,
+    folder: &'a Path,
+    binary_chunk: Option<&'a [u8]>,
+    read: Vec<OnceCell<Vec<u8>>>,
+}
+
+impl<'a> Buffers<'a> {
+    /// Files are sought from `folder`.
+    pub fn new(
+        document: &'a gltf::Document,
+        folder: &'a Path,
+        binary_chunk: Option<&'a [u8]>,
+    ) -> Self {
+        let read = document.buffers().map(|_| OnceCell::new()).collect();
+        Self {
+            document,
+            folder,
+            binary_chunk,
+            read,
+        }
+    }
+
+    fn buffer(&self, number: usize) -> Result<&[u8]> {
+        let buffer = self.document.buffers().nth(number).expect("validated");
+        let bytes = match buffer.source() {
+            Source::Bin => self.binary_chunk.with_context(|| {
+                format!("buffer {number} is missing: the file has no binary chunk for it; export it anew")
+            })?,
+            Source::Uri(uri) => {
+                let cell = &self.read[number];
+                if cell.get().is_none() {
+                    let bytes = self.fetch(uri).with_context(|| format!("buffer {number}"))?;
+                    let _ = cell.set(bytes);
+                }
+                cell.get().expect("just set")
+            }
+        };
+        let length = buffer.length();
+        ensure!(
+            bytes.len() >= length,
+            "buffer {number} has {} bytes, not {length}; export the file anew",
+            bytes.len()
+        );
+        Ok(&bytes[..length])
+    }
+
+    fn fetch(&self, uri: &str) -> Result<Vec<u8>> {
+        if let Some(data) = uri.strip_prefix("data:") {
+            let (_, text) = data
+                .split_once(";base64,")
+                .context("is a data URI that is not base64; export the file anew")?;
+            let lenient = GeneralPurposeConfig::new()
+                .with_decode_padding_mode(DecodePaddingMode::Indifferent);
+            return GeneralPurpose::new(&STANDARD, lenient)
+                .decode(text)
+                .map_err(|error| anyhow::anyhow!("is no base64: {error}; export the file anew"));
+        }
+        ensure!(
+            !uri.contains("://"),
+            "`{uri}` is not a file beside this one; put it there"
+        );
+        let name = percent_encoding::percent_decode_str(uri).decode_utf8_lossy();
+        let path = self.folder.join(&*name);
+        std::fs::read(&path).map_err(|error| match error.kind() {
+            std::io::ErrorKind::NotFound => anyhow::anyhow!(
+                "is missing: there is no file {}; put it there",
+                path.display()
+            ),
+            _ => anyhow::anyhow!("{}: cannot be read: {error}", path.display()),
+        })
+    }
+
+    fn view(&self, view: &View) -> Result<&[u8]> {
+        let buffer = self.buffer(view.buffer().index())?;
+        let range = view
+            .offset()
+            .checked_add(view.length())
+            .and_then(|end| buffer.get(view.offset()..end));
+        range.with_context(|| {
+            format!(
+                "bufferView {} reaches beyond buffer {} of {} bytes; export the file anew",
+                view.index(),
+                view.buffer().index(),
+                buffer.len()
+            )
+        })
+    }
+
+    /// An accessor's numbers, element after element.
+    ///
+    /// # Errors
+    /// One line, which does not say whose accessor it is, if it has other dimensions or types of numbers, reaches beyond
+    /// its buffer, or a number is not finite.
+    pub fn read(
+        &self,
+        accessor: &Accessor,
+        dimensions: Dimensions,
+        numbers: Numbers,
+    ) -> Result<Vec<f64>> {
+        let inner = || {
+            ensure!(
+                accessor.dimensions() == dimensions,
+                "has elements of type {:?}, where {dimensions:?} belongs; export the file anew",
+                accessor.dimensions()
+            );
+            let kind = accessor.data_type();
+            let fitting = match numbers {
+                Numbers::Indices => matches!(kind, DataType::U8 | DataType::U16 | DataType::U32),
+                Numbers::Fractions | Numbers::AsStored => kind != DataType::U32,
+            };
+            ensure!(
+                fitting,
+                "has numbers of type {kind:?}, which do not belong there; export the file anew"
+            );
+            self.read_fitting(accessor, numbers)
+        };
+        inner().with_context(|| format!("accessor {}", accessor.index()))
+    }
+
+    fn read_fitting(&self, accessor: &Accessor, numbers: Numbers) -> Result<Vec<f64>> {
+        let layout = Layout {
+            kind: accessor.data_type(),
+            width: accessor.dimensions().multiplicity(),
+            normalised: match numbers {
+                Numbers::Indices => false,
+                Numbers::Fractions => true,
+                Numbers::AsStored => accessor.normalized(),
+            },
+        };
+        let count = accessor.count();
+        let mut values = match accessor.view() {
+            Some(view) => {
+                layout.read(self.view(&view)?, accessor.offset(), view.stride(), count)?
+            }
+            None => {
+                ensure!(
+                    count <= MOST_ZEROS,
+                    "has {count} elements without a buffer; at most {MOST_ZEROS} may be so"
+                );
+                vec![0.0; count * layout.width]
+            }
+        };
+        if let Some(sparse) = accessor.sparse() {
+            let (indices, replacements) = (sparse.indices(), sparse.values());
+            let index_layout = Layout {
+                kind: match indices.index_type().size() {
+                    1 => DataType::U8,
+                    2 => DataType::U16,
+                    _ => DataType::U32,
+                },
+                width: 1,
+                normalised: false,
+            };
+            let view = indices.view();
+            let places = index_layout.read(
+                self.view(&view)?,
+                indices.offset(),
+                view.stride(),
+                sparse.count(),
+            )?;
+            let view = replacements.view();
+            let replacements = layout.read(
+                self.view(&view)?,
+                replacements.offset(),
+                view.stride(),
+                sparse.count(),
+            )?;
+            for (place, element) in std::iter::zip(places, replacements.chunks_exact(layout.width))
+            {
+                let place = place as usize;
+                ensure!(
+                    place < count,
+                    "replaces element {place}, which is out of range (there are {count}, counted from 0); correct its sparse indices"
+                );
+                values[place * layout.width..][..layout.width].copy_from_slice(element);
+            }
+        }
+        if let Some(place) = values.iter().position(|value| !value.is_finite()) {
+            bail!(
+                "element {} is not finite: it has {}; correct it",
+                place / layout.width,
+                values[place]
+            );
+        }
+        Ok(values)
+    }
+}
+
+/// An accessor's numbers by elements of `N`.
+pub fn groups<const N: usize>(numbers: &[f64]) -> Vec<[f64; N]> {
+    let elements = numbers.chunks_exact(N);
+    elements
+        .map(|element| element.try_into().expect("N numbers"))
+        .collect()
+}
+
+/// How elements lie in a buffer.
+struct Layout {
+    kind: DataType,
+    width: usize,
+    normalised: bool,
+}
+
+impl Layout {
+    fn read(
+        &self,
+        bytes: &[u8],
+        offset: usize,
+        stride: Option<usize>,
+        count: usize,
+    ) -> Result<Vec<f64>> {
+        let size = self.kind.size() * self.width;
+        let stride = stride.unwrap_or(size);
+        ensure!(
+            stride >= size,
+            "has elements of {size} bytes every {stride} bytes; export the file anew"
+        );
+        if count == 0 {
+            return Ok(Vec::new());
+        }
+        let end = (count - 1)
+            .checked_mul(stride)
+            .and_then(|last| last.checked_add(offset)?.checked_add(size));
+        ensure!(
+            end.is_some_and(|end| end <= bytes.len()),
+            "has {count} elements of {size} bytes, which reach beyond its bufferView of {} bytes; export the file anew",
+            bytes.len()
+        );
+        let mut values = Vec::with_capacity(count * self.width);
+        for element in bytes[offset..].chunks(stride).take(count) {
+            let components = element[..size].chunks_exact(self.kind.size());
+            values.extend(components.map(|component| self.number(component)));
+        }
+        Ok(values)
+    }
+
+    fn number(&self, bytes: &[u8]) -> f64 {
+        let (value, greatest) = match (self.kind, bytes) {
+            (DataType::I8, &[a]) => (f64::from(a as i8), f64::from(i8::MAX)),
+            (DataType::U8, &[a]) => (f64::from(a), f64::from(u8::MAX)),
+            (DataType::I16, &[a, b]) => {
+                (f64::from(i16::from_le_bytes([a, b])), f64::from(i16::MAX))
+            }
+            (DataType::U16, &[a, b]) => {
+                (f64::from(u16::from_le_bytes([a, b])), f64::from(u16::MAX))
+            }
+            (DataType::U32, &[a, b, c, d]) => (
+                f64::from(u32::from_le_bytes([a, b, c, d])),
+                f64::from(u32::MAX),
+            ),
+            (DataType::F32, &[a, b, c, d]) => {
+                return f64::from(f32::from_le_bytes([a, b, c, d])) + 0.0;
+            }
+            _ => unreachable!("components are as long as their type"),
+        };
+        if self.normalised {
+            // The least of a signed type would be less than −1.
+            (value / greatest).max(-1.0)
+        } else {
+            value
+        }
+    }
+}

@@ -1,0 +1,265 @@
+//! Meshes of glTF files: their primitives joined, their vertices shared.
+
+use super::super::{Influences, MOST_INFLUENCES};
+use super::accessor::{Buffers, Numbers, groups};
+use super::{attribute_sets, target_count};
+use crate::scene::Mesh;
+use anyhow::{Context, Result, ensure};
+use gltf::accessor::Dimensions;
+use gltf::mesh::{Mode, Semantic};
+use std::collections::HashMap;
+
+/// A mesh and what moves its vertices.
+#[derive(Default)]
+pub struct Parts {
+    pub mesh: Mesh,
+    /// One a vertex; none if it has no skin.
+    pub influences: Vec<Influences>,
+    /// For each morph target one a vertex.
+    pub displacements: Vec<Vec<[f64; 3]>>,
+}
+
+/// Joins the triangles of all of a mesh's primitives. With `joint_count` vertices must be bound to so many joints.
+/// Vertices that are the same in everything become one, and those that no triangle uses are left out.
+pub fn read(
+    buffers: &Buffers,
+    mesh: &gltf::Mesh,
+    name: &str,
+    joint_count: Option<usize>,
+    warnings: &mut Vec<String>,
+) -> Result<Parts> {
+    let mut welder = Welder {
+        parts: Parts {
+            displacements: vec![Vec::new(); target_count(mesh)],
+            ..Parts::default()
+        },
+        found: HashMap::new(),
+    };
+    let (mut reduced, mut bound) = (0, 0);
+    for primitive in mesh.primitives() {
+        let place = format!("primitive {}", primitive.index());
+        if !matches!(
+            primitive.mode(),
+            Mode::Triangles | Mode::TriangleStrip | Mode::TriangleFan
+        ) {
+            warnings.push(format!(
+                "mesh {name}, {place}: left out, it is made of {:?}, not of triangles",
+                primitive.mode()
+            ));
+            continue;
+        }
+        let source = Source::read(buffers, &primitive, joint_count.is_some())
+            .with_context(|| place.clone())?;
+        let (triangles, left_over) = source.triangles(&primitive);
+        if left_over > 0 {
+            warnings.push(format!(
+                "mesh {name}, {place}: {left_over} vertices at its end make no triangle and are left out"
+            ));
+        }
+        let mut numbers: Vec<Option<u32>> = vec![None; source.positions.len()];
+        for triangle in triangles {
+            let mut welded = [0; 3];
+            for (corner, index) in std::iter::zip(&mut welded, triangle) {
+                let vertex = index as usize;
+                *corner = match numbers[vertex] {
+                    Some(number) => number,
+                    None => {
+                        let influences = match joint_count {
+                            None => None,
+                            Some(count) => {
+                                let given = &source.influences[vertex];
+                                let (influences, more) = Influences::new(given, count)
+                                    .with_context(|| format!("{place}, vertex {vertex}"))?;
+                                bound += 1;
+                                reduced += usize::from(more);
+                                Some(influences)
+                            }
+                        };
+                        let number = welder.vertex(&source, vertex, influences)?;
+                        *numbers[vertex].insert(number)
+                    }
+                };
+            }
+            welder.parts.mesh.triangles.push(welded);
+        }
+    }
+    if reduced > 0 {
+        warnings.push(format!(
+            "mesh {name}: {reduced} of {bound} vertices follow more than {MOST_INFLUENCES} joints; they keep the {MOST_INFLUENCES} strongest"
+        ));
+    }
+    Ok(welder.parts)
+}
+
+/// A primitive as the file has it.
+struct Source {
+    positions: Vec<[f64; 3]>,
+    /// Into `positions`.
+    indices: Vec<u32>,
+    /// Of each vertex joints and weights, as given; none without a skin.
+    influences: Vec<Vec<(u32, f64)>>,
+    displacements: Vec<Vec<[f64; 3]>>,
+}
+
+impl Source {
+    fn read(buffers: &Buffers, primitive: &gltf::Primitive, skinned: bool) -> Result<Self> {
+        let positions = primitive.get(&Semantic::Positions).expect("validated");
+        let positions = buffers
+            .read(&positions, Dimensions::Vec3, Numbers::AsStored)
+            .context("POSITION")?;
+        let positions = groups::<3>(&positions);
+        let count = positions.len();
+        let indices: Vec<u32> = match primitive.indices() {
+            None => (0..u32::try_from(count).context("has more than 2^32 vertices")?).collect(),
+            Some(accessor) => {
+                let indices = buffers
+                    .read(&accessor, Dimensions::Scalar, Numbers::Indices)
+                    .context("indices")?;
+                for (place, &index) in indices.iter().enumerate() {
+                    ensure!(
+                        index < count as f64,
+                        "indices, accessor {}: element {place} names vertex {index}, which is out of range (there are {count}, counted from 0); correct it",
+                        accessor.index()
+                    );
+                }
+                indices.into_iter().map(|index| index as u32).collect()
+            }
+        };
+        let mut displacements = Vec::new();
+        for (number, target) in primitive.morph_targets().enumerate() {
+            let place = || format!("morph target {number}");
+            displacements.push(match target.positions() {
+                None => vec![[0.0; 3]; count],
+                Some(accessor) => {
+                    let moved = buffers
+                        .read(&accessor, Dimensions::Vec3, Numbers::AsStored)
+                        .with_context(place)?;
+                    let moved = groups::<3>(&moved);
+                    check_count(moved.len(), count).with_context(place)?;
+                    moved
+                }
+            });
+        }
+        let influences = match skinned {
+            false => Vec::new(),
+            true => Self::influences(buffers, primitive, count)?,
+        };
+        Ok(Self {
+            positions,
+            indices,
+            influences,
+            displacements,
+        })
+    }
+
+    fn influences(
+        buffers: &Buffers,
+        primitive: &gltf::Primitive,
+        count: usize,
+    ) -> Result<Vec<Vec<(u32, f64)>>> {
+        let sets = attribute_sets(primitive);
+        ensure!(
+            !sets.is_empty(),
+            "has a skin but neither JOINTS_0 nor WEIGHTS_0; bind its vertices to joints"
+        );
+        let mut influences = vec![Vec::new(); count];
+        for (set, (joints, weights)) in sets {
+            ensure!(
+                joints && weights,
+                "has JOINTS_{set} or WEIGHTS_{set} without the other; export the file anew"
+            );
+            let attribute = |semantic: Semantic, numbers| {
+                let place = semantic.to_string();
+                let accessor = primitive.get(&semantic).expect("there is this set");
+                let values = buffers.read(&accessor, Dimensions::Vec4, numbers);
+                let values = values.with_context(|| place.clone())?;
+                let values = groups::<4>(&values);
+                check_count(values.len(), count).context(place)?;
+                anyhow::Ok(values)
+            };
+            let joints = attribute(Semantic::Joints(set), Numbers::Indices)?;
+            let weights = attribute(Semantic::Weights(set), Numbers::Fractions)?;
+            for (vertex, given) in influences.iter_mut().enumerate() {
+                let pairs = std::iter::zip(joints[vertex], weights[vertex]);
+                given.extend(pairs.map(|(joint, weight)| (joint as u32, weight)));
+            }
+        }
+        Ok(influences)
+    }
+
+    /// Triangles, and how many vertices at the end make none.
+    fn triangles(&self, primitive: &gltf::Primitive) -> (Vec<[u32; 3]>, usize) {
+        let indices = &self.indices;
+        if primitive.mode() == Mode::Triangles {
+            let triangles = indices.chunks_exact(3);
+            let left_over = triangles.remainder().len();
+            return (triangles.map(|t| [t[0], t[1], t[2]]).collect(), left_over);
+        }
+        let windows = indices.windows(3);
+        let triangles: Vec<[u32; 3]> = match primitive.mode() {
+            Mode::TriangleFan => windows
+                .map(|window| [window[1], window[2], indices[0]])
+                .collect(),
+            // Every other triangle of a strip runs the other way round. Those without area only connect.
+            _ => windows
+                .enumerate()
+                .map(|(number, window)| match number % 2 {
+                    0 => [window[0], window[1], window[2]],
+                    _ => [window[0], window[2], window[1]],
+                })
+                .filter(|[a, b, c]| a != b && b != c && c != a)
+                .collect(),
+        };
+        let left_over = if indices.len() < 3 { indices.len() } else { 0 };
+        (triangles, left_over)
+    }
+}
+
+fn check_count(count: usize, vertices: usize) -> Result<()> {
+    ensure!(
+        count == vertices,
+        "has {count} elements for {vertices} vertices; export the file anew"
+    );
+    Ok(())
+}
+
+/// Vertices that are found again by everything that moves them.
+struct Welder {
+    parts: Parts,
+    found: HashMap<Vec<u64>, u32>,
+}
+
+impl Welder {
+    fn vertex(
+        &mut self,
+        source: &Source,
+        vertex: usize,
+        influences: Option<Influences>,
+    ) -> Result<u32> {
+        let position = source.positions[vertex];
+        let none = [0.0; 3];
+        let targets = self.parts.displacements.len();
+        let displaced: Vec<[f64; 3]> = (0..targets)
+            .map(|target| source.displacements.get(target).map_or(none, |d| d[vertex]))
+            .collect();
+        let mut key: Vec<u64> = position.iter().map(|x| x.to_bits()).collect();
+        key.extend(displaced.iter().flatten().map(|x| x.to_bits()));
+        if let Some(influences) = &influences {
+            key.extend(influences.joints.iter().map(|&joint| u64::from(joint)));
+            key.extend(influences.weights.iter().map(|weight| weight.to_bits()));
+        }
+        if let Some(&number) = self.found.get(&key) {
+            return Ok(number);
+        }
+        let parts = &mut self.parts;
+        let number = u32::try_from(parts.mesh.positions.len());
+        let number = number.context("has more than 2^32 vertices")?;
+        parts.mesh.positions.push(position);
+        parts.influences.extend(influences);
+        for (all, one) in std::iter::zip(&mut parts.displacements, displaced) {
+            all.push(one);
+        }
+        self.found.insert(key, number);
+        Ok(number)
+    }
+}

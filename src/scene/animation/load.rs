@@ -1,0 +1,54 @@
+//! Where scenes that move come from.
+
+use super::super::{BUILTIN_NAMES, builtin, obj};
+use super::{Animated, gltf_file, sequence};
+use anyhow::{Result, bail};
+use std::path::Path;
+
+/// Loads a scene with its motion.
+///
+/// | `spec` | what |
+/// |---|---|
+/// | a file whose name ends in `.glb` or `.gltf` | nodes, skins, morph targets and clips of glTF 2.0; materials, pictures and cameras are not looked at |
+/// | a folder | its files whose names end in `.obj`, in the order of their names, are the frames of a sequence |
+/// | a file whose name ends in `.obj` | a scene that stands still |
+/// | `builtin:NAME` | a built-in scene, see [`builtin()`](fn@crate::scene::builtin) and [`ANIMATED_NAMES`](crate::scene::ANIMATED_NAMES) |
+///
+/// Vertices of a glTF mesh that are the same in everything that moves them become one: files part them where
+/// normals or texture coordinates differ, which costs the machine time and changes no picture.
+///
+/// # Errors
+/// One line that names the file, the place in it and the remedy: no such file; a file that is no mesh; no triangles; a
+/// missing buffer; an index or a joint out of range; numbers that are not finite; weights that are zero;
+/// cyclic nodes; a required extension that is not known here; frames of different topology.
+pub fn load_animated(spec: &str) -> Result<Animated> {
+    if let Some(rest) = spec.strip_prefix("builtin:") {
+        return builtin::animated(rest);
+    }
+    let path = Path::new(spec);
+    let shown = path.display();
+    let metadata = match std::fs::metadata(path) {
+        Ok(metadata) => metadata,
+        Err(error) if error.kind() == std::io::ErrorKind::NotFound => {
+            let mut names = builtin::ANIMATED_NAMES.iter().chain(&BUILTIN_NAMES);
+            if names.any(|name| *name == spec) {
+                bail!("{shown}: no such file; for the built-in scene, give builtin:{spec}");
+            }
+            bail!(
+                "{shown}: no such file; give a glTF or OBJ file, a folder of OBJ files, or builtin:NAME"
+            );
+        }
+        Err(error) => bail!("{shown}: cannot be read: {error}"),
+    };
+    if metadata.is_dir() {
+        return sequence::load(path);
+    }
+    let extension = path.extension().unwrap_or_default().to_string_lossy();
+    match extension.to_ascii_lowercase().as_str() {
+        "glb" | "gltf" => gltf_file::load(path),
+        "obj" => Ok(Animated::still(obj::load(path)?)),
+        _ => bail!(
+            "{shown}: is no scene that can be read here; give a file whose name ends in .glb, .gltf or .obj, a folder of OBJ files, or builtin:NAME"
+        ),
+    }
+}

@@ -1,0 +1,605 @@
+//! Scenes that move.
+//!
+//! An [`Animated`] scene is made of [`Object`]s, meshes whose triangles never change, that stand in the world as
+//! [`Instance`]s. A [`Pose`] is one frame of it: all that the host computes and hands to the machine.
+//!
+//! | what moves | who moves it |
+//! |---|---|
+//! | a whole object | the host writes the matrix of its instance |
+//! | a skinned object's vertices | the host writes the matrices of the palette, the machine the vertices |
+//! | morph targets, mesh sequences, water | the host writes the vertices (of a skinned object those at rest) |
+//!
+//! As glTF has it, a skinned object ignores the place of its node: its palette leads to the world, and
+//! the matrix of its instance is the identity. All numbers here are in the scene's own units and in double
+//! precision; [`Animated::extents`] and [`log2_scale`](super::log2_scale) say how to scale them for the machine.
+
+mod curve;
+mod gltf_file;
+mod load;
+mod rig;
+mod sequence;
+mod skin;
+
+pub use load::load_animated;
+pub use sequence::SEQUENCE_FRAMES_PER_SECOND;
+pub use skin::{Influences, MOST_INFLUENCES, Skin, skin_f64, transform_point};
+
+pub(super) use curve::{Curve, Interpolation};
+pub(super) use rig::{Local, Node, Property, Rig, Track};
+
+use super::{Bounds, Mesh, Scene, builtin};
+use anyhow::{Context, Result, bail, ensure};
+use glam::{DAffine3, DQuat, DVec3};
+
+/// A 3×4 matrix by rows: the point (x, y, z) goes to `m[row][0]·x + m[row][1]·y + m[row][2]·z + m[row][3]`.
+pub type Matrix3x4 = [[f64; 4]; 3];
+
+/// The matrix that moves nothing.
+pub const IDENTITY: Matrix3x4 = [
+    [1.0, 0.0, 0.0, 0.0],
+    [0.0, 1.0, 0.0, 0.0],
+    [0.0, 0.0, 1.0, 0.0],
+];
+
+/// A scene with its motion.
+#[derive(Clone, Debug)]
+pub struct Animated {
+    /// The file's stem, the folder's name, or the built-in scene's name.
+    pub name: String,
+    /// At least one, each with at least one triangle.
+    pub objects: Vec<Object>,
+    /// At least one; every object has one.
+    pub instances: Vec<Instance>,
+    /// What the scene can do; none, if it only stands.
+    pub clips: Vec<Clip>,
+    /// What of the source was left out or changed, a line each.
+    pub warnings: Vec<String>,
+    pub(super) rig: Rig,
+}
+
+/// A mesh of fixed triangles.
+#[derive(Clone, Debug)]
+pub struct Object {
+    pub name: String,
+    /// At rest, in the object's own space. Triangles meet in shared vertices.
+    pub mesh: Mesh,
+    pub kind: Kind,
+    pub(super) writer: Writer,
+}
+
+/// How an object's vertices move within the object.
+#[derive(Clone, Debug)]
+pub enum Kind {
+    /// Not at all.
+    Static,
+    /// With joints; those of a skinned object may also be blended from morph targets before.
+    Skinned(Skin),
+    /// The host blends them from morph targets.
+    Morphed,
+    /// The host takes them from a sequence of meshes.
+    Sequence,
+    /// The host computes them.
+    Procedural,
+}
+
+/// What the host writes into an object's vertices each frame.
+#[derive(Clone, Debug)]
+pub(super) enum Writer {
+    Nothing,
+    /// The mesh plus displacements, each times a weight of the node.
+    Morphs {
+        displacements: Vec<Vec<[f64; 3]>>,
+        node: usize,
+    },
+    Frames(Vec<Vec<[f64; 3]>>),
+    Water {
+        resolution: u32,
+    },
+}
+
+/// An object standing in the world.
+#[derive(Clone, Debug)]
+pub struct Instance {
+    pub name: String,
+    /// Its place in [`Animated::objects`].
+    pub object: usize,
+    /// The node that carries it; none for what always stands at the identity.
+    pub(super) node: Option<usize>,
+}
+
+/// A motion that a scene can play.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Clip {
+    /// Unique in its scene; a clip that the source gives no name is called by its number.
+    pub name: String,
+    /// The time of its last key; before 0 and after this it holds still. Playing it over and over is left to the caller.
+    pub seconds: f64,
+}
+
+impl Clip {
+    /// Times that divide the clip into `frames` equal steps, beginning with 0; the end, which is where a clip made to
+    /// be repeated begins again, is none of them.
+    pub fn frame_times(&self, frames: usize) -> Vec<f64> {
+        let step = |i| self.seconds * i as f64 / frames as f64;
+        (0..frames).map(step).collect()
+    }
+}
+
+/// One frame: what the host computes and hands to the machine.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Pose {
+    /// One for each object.
+    pub objects: Vec<ObjectPose>,
+    /// One for each instance: from the object's space to the world. Never singular.
+    pub instances: Vec<Matrix3x4>,
+}
+
+/// The part of a frame that is one object's.
+#[derive(Clone, Debug, PartialEq)]
+pub struct ObjectPose {
+    /// The object's vertices if the host writes them each frame (see [`Object::is_written_by_host`]): those at rest if
+    /// it is skinned.
+    pub positions: Option<Vec<[f64; 3]>>,
+    /// Of a skinned object one matrix a joint: the joint's place in the world × its inverse bind matrix. Else empty.
+    pub palette: Vec<Matrix3x4>,
+}
+
+/// What a program does to joints beyond what a clip does to them.
+#[derive(Clone, Debug, Default)]
+pub struct Overrides {
+    rotations: Vec<(String, Rotation)>,
+}
+
+#[derive(Clone, Copy, Debug)]
+enum Rotation {
+    Instead(DQuat),
+    Further(DQuat),
+}
+
+impl Overrides {
+    /// Turns a joint to a rotation against its parent, whatever the clip says: a quaternion x, y, z, w, of any length
+    /// but zero.
+    pub fn rotate(mut self, joint: &str, quaternion: [f64; 4]) -> Self {
+        let rotation = Rotation::Instead(DQuat::from_array(quaternion));
+        self.rotations.push((joint.to_string(), rotation));
+        self
+    }
+
+    /// Turns a joint, from where the clip or rest has it, about an axis of its own space. The axis may have any length but
+    /// zero; the angle is in radians, counter-clockwise seen against the axis.
+    pub fn turn(mut self, joint: &str, axis: [f64; 3], angle: f64) -> Self {
+        // An axis that is none becomes a quaternion of NaNs, which posing refuses.
+        let axis = DVec3::from_array(axis).normalize();
+        let rotation = Rotation::Further(DQuat::from_axis_angle(axis, angle));
+        self.rotations.push((joint.to_string(), rotation));
+        self
+    }
+}
+
+/// The boxes of a scene over frames.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Extents {
+    /// Of all instances' triangles, in the world.
+    pub world: Bounds,
+    /// One for each object.
+    pub objects: Vec<ObjectExtents>,
+}
+
+/// The boxes of an object's triangles over frames, in the object's space.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct ObjectExtents {
+    /// Of vertices as the host writes them: before skinning.
+    pub rest: Bounds,
+    /// Of vertices as the tree sees them: after skinning.
+    pub posed: Bounds,
+}
+
+impl Object {
+    /// How its vertices follow joints, if they do.
+    pub fn skin(&self) -> Option<&Skin> {
+        match &self.kind {
+            Kind::Skinned(skin) => Some(skin),
+            _ => None,
+        }
+    }
+
+    /// Whether the host writes the vertices every frame: those at rest of a skinned object. Else they never change.
+    pub fn is_written_by_host(&self) -> bool {
+        !matches!(self.writer, Writer::Nothing)
+    }
+
+    /// Which vertices triangles use.
+    fn used(&self) -> Vec<bool> {
+        let mut used = vec![false; self.mesh.positions.len()];
+        for &index in self.mesh.triangles.iter().flatten() {
+            used[index as usize] = true;
+        }
+        used
+    }
+}
+
+impl Animated {
+    /// A scene of one object that stands still.
+    pub(super) fn still(scene: Scene) -> Self {
+        let Scene { name, mesh } = scene;
+        Self::single(name, mesh, Kind::Static, Writer::Nothing)
+    }
+
+    /// A scene of one object that stands at the identity, without clips.
+    pub(super) fn single(name: String, mesh: Mesh, kind: Kind, writer: Writer) -> Self {
+        Animated {
+            objects: vec![Object {
+                name: name.clone(),
+                mesh,
+                kind,
+                writer,
+            }],
+            instances: vec![Instance {
+                name: name.clone(),
+                object: 0,
+                node: None,
+            }],
+            clips: Vec::new(),
+            warnings: Vec::new(),
+            rig: Rig::default(),
+            name,
+        }
+    }
+
+    /// The place in `clips` of the clip of that name; of no name the first clip's, if there is any.
+    ///
+    /// # Errors
+    /// One line that lists the clips there are, if none has the name.
+    pub fn clip(&self, name: Option<&str>) -> Result<Option<usize>> {
+        let Some(name) = name else {
+            return Ok((!self.clips.is_empty()).then_some(0));
+        };
+        match self.clips.iter().position(|clip| clip.name == name) {
+            Some(place) => Ok(Some(place)),
+            None if self.clips.is_empty() => bail!(
+                "scene {}: no clip `{name}`: this scene has no clips; leave the clip out",
+                self.name
+            ),
+            None => bail!(
+                "scene {}: no clip `{name}`; there are {}",
+                self.name,
+                quoted(self.clips.iter().map(|clip| clip.name.as_str()))
+            ),
+        }
+    }
+
+    /// The names of the joints and other nodes that [`Overrides`] can turn.
+    pub fn node_names(&self) -> Vec<&str> {
+        let nodes = self.rig.nodes.iter();
+        nodes.map(|node| node.name.as_str()).collect()
+    }
+
+    /// Triangles of all objects, each counted once however often it stands.
+    pub fn triangle_count(&self) -> usize {
+        let objects = self.objects.iter();
+        objects.map(|object| object.mesh.triangles.len()).sum()
+    }
+
+    /// The scene at a time of a clip, or at rest. Before its first key and after its last a clip holds still.
+    ///
+    /// # Errors
+    /// See [`Animated::pose_with`].
+    pub fn pose(&self, clip: Option<usize>, seconds: f64) -> Result<Pose> {
+        self.pose_with(clip, seconds, &Overrides::default())
+    }
+
+    /// The scene at a time of a clip, or at rest, with joints turned by a program.
+    ///
+    /// # Errors
+    /// One line if there is no such clip, the time is NaN, an override names no node or several or is no
+    /// rotation, a matrix is not finite, or that of an instance is singular.
+    pub fn pose_with(
+        &self,
+        clip: Option<usize>,
+        seconds: f64,
+        overrides: &Overrides,
+    ) -> Result<Pose> {
+        self.try_pose(clip, seconds, overrides).with_context(|| {
+            match clip.and_then(|clip| self.clips.get(clip)) {
+                Some(clip) => format!("scene {}, clip {} at {seconds} s", self.name, clip.name),
+                None => format!("scene {}", self.name),
+            }
+        })
+    }
+
+    fn try_pose(&self, clip: Option<usize>, seconds: f64, overrides: &Overrides) -> Result<Pose> {
+        ensure!(
+            !seconds.is_nan(),
+            "the time is NaN; give a number of seconds"
+        );
+        if let Some(clip) = clip {
+            ensure!(
+                clip < self.clips.len(),
+                "no clip {clip}, counted from 0: there are {}",
+                self.clips.len()
+            );
+        }
+        let posed = self.rig.pose(clip, seconds, |locals| {
+            for (name, rotation) in &overrides.rotations {
+                let local = &mut locals[self.node(name)?];
+                let rotation = match rotation {
+                    Rotation::Instead(rotation) => *rotation,
+                    Rotation::Further(turn) => local.rotation * *turn,
+                };
+                let length = rotation.length();
+                ensure!(
+                    length > 0.0 && length.is_finite(),
+                    "what `{name}` is to be turned by is no rotation"
+                );
+                local.set_rotation(rotation / length);
+            }
+            Ok(())
+        })?;
+        let instances = self.instances.iter().map(|instance| {
+            let Some(node) = instance.node else {
+                return Ok(IDENTITY);
+            };
+            let matrix = posed.globals[node];
+            ensure!(
+                matrix.is_finite(),
+                "the matrix of instance {} is not finite; bring its node's numbers towards 1",
+                instance.name
+            );
+            ensure!(
+                !is_singular(&matrix),
+                "the matrix of instance {} is singular: it presses the object flat; give its node, and those above it, scales without zeros",
+                instance.name
+            );
+            Ok(rows(&matrix))
+        });
+        let instances = instances.collect::<Result<_>>()?;
+        let objects = self.objects.iter().map(|object| {
+            let palette = object.skin().map_or(Ok(Vec::new()), |skin| {
+                std::iter::zip(&skin.nodes, &skin.inverse_bind)
+                    .enumerate()
+                    .map(|(joint, (&node, inverse_bind))| {
+                        let matrix = posed.globals[node] * *inverse_bind;
+                        ensure!(
+                            matrix.is_finite(),
+                            "the matrix of joint {} of {} is not finite; bring its node's numbers towards 1",
+                            skin.joint_names[joint],
+                            object.name
+                        );
+                        Ok(rows(&matrix))
+                    })
+                    .collect()
+            })?;
+            Ok(ObjectPose {
+                positions: object.written(clip, seconds, &posed.weights),
+                palette,
+            })
+        });
+        Ok(Pose {
+            objects: objects.collect::<Result<_>>()?,
+            instances,
+        })
+    }
+
+    /// The node of a name: a joint, if a joint and another node share it.
+    fn node(&self, name: &str) -> Result<usize> {
+        let named = |node: &usize| self.rig.nodes[*node].name == name;
+        let skins = self.objects.iter().filter_map(Object::skin);
+        let mut joints: Vec<usize> = skins
+            .flat_map(|skin| skin.nodes.iter().copied())
+            .filter(named)
+            .collect();
+        joints.sort_unstable();
+        joints.dedup();
+        if joints.is_empty() {
+            joints = (0..self.rig.nodes.len()).filter(named).collect();
+        }
+        match joints.as_slice() {
+            [node] => Ok(*node),
+            [] if self.rig.nodes.is_empty() => {
+                bail!("no joint `{name}`: this scene has no joints")
+            }
+            [] => bail!("no joint `{name}`; there are {}", quoted(self.node_names())),
+            several => bail!(
+                "`{name}` is the name of {} nodes; give the one to turn a name of its own",
+                several.len()
+            ),
+        }
+    }
+
+    /// An object's vertices at a pose of this scene, after skinning, in double precision.
+    ///
+    /// # Panics
+    /// If there is no such object or the pose is another scene's.
+    pub fn vertices(&self, pose: &Pose, object: usize) -> Vec<[f64; 3]> {
+        let (object, pose) = (&self.objects[object], &pose.objects[object]);
+        let positions = pose.positions.as_ref().unwrap_or(&object.mesh.positions);
+        match object.skin() {
+            Some(skin) => skin_f64(positions, &skin.influences, &pose.palette),
+            None => positions.clone(),
+        }
+    }
+
+    /// The whole scene at a pose as one mesh in the world, instance after instance, in double precision.
+    ///
+    /// # Panics
+    /// If the pose is another scene's, or the scene has more than 2³² vertices.
+    pub fn world_mesh(&self, pose: &Pose) -> Mesh {
+        let mut mesh = Mesh::default();
+        for (instance, matrix) in std::iter::zip(&self.instances, &pose.instances) {
+            let base = u32::try_from(mesh.positions.len()).expect("at most 2^32 vertices");
+            let vertices = self.vertices(pose, instance.object);
+            let moved = vertices.iter().map(|&p| transform_point(matrix, p));
+            mesh.positions.extend(moved);
+            let triangles = &self.objects[instance.object].mesh.triangles;
+            mesh.triangles
+                .extend(triangles.iter().map(|t| t.map(|index| base + index)));
+        }
+        mesh
+    }
+
+    /// The boxes of the scene and its objects over the frames of a clip: of vertices that triangles use, in double
+    /// precision.
+    ///
+    /// # Errors
+    /// One line if `times` is empty, a vertex is not finite, or as [`Animated::pose`].
+    pub fn extents(&self, clip: Option<usize>, times: &[f64]) -> Result<Extents> {
+        ensure!(
+            !times.is_empty(),
+            "scene {}: no frames; give at least one",
+            self.name
+        );
+        let poses = times.iter().map(|&seconds| self.pose(clip, seconds));
+        self.extents_of(&poses.collect::<Result<Vec<_>>>()?)
+    }
+
+    /// The boxes of the scene and its objects over poses: see [`Animated::extents`].
+    ///
+    /// # Errors
+    /// One line if there are no poses or a vertex is not finite.
+    ///
+    /// # Panics
+    /// If a pose is another scene's.
+    pub fn extents_of(&self, poses: &[Pose]) -> Result<Extents> {
+        ensure!(
+            !poses.is_empty(),
+            "scene {}: no frames; give at least one",
+            self.name
+        );
+        let mut world = GrowingBox::EMPTY;
+        let mut boxes = vec![(GrowingBox::EMPTY, GrowingBox::EMPTY); self.objects.len()];
+        let used: Vec<Vec<bool>> = self.objects.iter().map(Object::used).collect();
+        for pose in poses {
+            for (number, object) in self.objects.iter().enumerate() {
+                let vertices = self.vertices(pose, number);
+                let rest = pose.objects[number].positions.as_ref();
+                let rest = rest.unwrap_or(&object.mesh.positions);
+                let (at_rest, posed) = &mut boxes[number];
+                for vertex in (0..vertices.len()).filter(|&vertex| used[number][vertex]) {
+                    at_rest.grow(rest[vertex]);
+                    posed.grow(vertices[vertex]);
+                    for (instance, matrix) in std::iter::zip(&self.instances, &pose.instances) {
+                        if instance.object == number {
+                            world.grow(transform_point(matrix, vertices[vertex]));
+                        }
+                    }
+                }
+            }
+        }
+        let of = |what: GrowingBox, name: &str| {
+            let GrowingBox { low, high, finite } = what;
+            ensure!(
+                finite,
+                "scene {}: {name} has vertices that are not finite; bring its numbers towards 1",
+                self.name
+            );
+            Ok((low, high))
+        };
+        let objects = std::iter::zip(&self.objects, boxes).map(|(object, (rest, posed))| {
+            Ok(ObjectExtents {
+                rest: of(rest, &object.name)?,
+                posed: of(posed, &object.name)?,
+            })
+        });
+        Ok(Extents {
+            objects: objects.collect::<Result<_>>()?,
+            world: of(world, "the world")?,
+        })
+    }
+}
+
+impl Object {
+    /// What the host writes at a time.
+    fn written(
+        &self,
+        clip: Option<usize>,
+        seconds: f64,
+        weights: &[Vec<f64>],
+    ) -> Option<Vec<[f64; 3]>> {
+        let moves = clip.is_some();
+        match &self.writer {
+            Writer::Nothing => None,
+            Writer::Morphs {
+                displacements,
+                node,
+            } => {
+                let mut positions = self.mesh.positions.clone();
+                for (displacement, &weight) in std::iter::zip(displacements, &weights[*node]) {
+                    if weight != 0.0 {
+                        for (position, moved) in std::iter::zip(&mut positions, displacement) {
+                            for axis in 0..3 {
+                                position[axis] += weight * moved[axis];
+                            }
+                        }
+                    }
+                }
+                Some(positions)
+            }
+            Writer::Frames(frames) if moves => Some(sequence::at(frames, seconds)),
+            Writer::Water { resolution } if moves => {
+                Some(builtin::water_surface(*resolution, seconds))
+            }
+            Writer::Frames(_) | Writer::Water { .. } => Some(self.mesh.positions.clone()),
+        }
+    }
+}
+
+/// A box that grows.
+#[derive(Clone, Copy)]
+struct GrowingBox {
+    low: [f64; 3],
+    high: [f64; 3],
+    finite: bool,
+}
+
+impl GrowingBox {
+    const EMPTY: Self = Self {
+        low: [f64::INFINITY; 3],
+        high: [f64::NEG_INFINITY; 3],
+        finite: true,
+    };
+
+    fn grow(&mut self, point: [f64; 3]) {
+        for (axis, x) in point.into_iter().enumerate() {
+            self.low[axis] = self.low[axis].min(x);
+            self.high[axis] = self.high[axis].max(x);
+            self.finite &= x.is_finite();
+        }
+    }
+}
+
+/// Whether a matrix presses space flat, up to rounding: its columns span next to no volume for their length.
+fn is_singular(matrix: &DAffine3) -> bool {
+    const NEXT_TO_NOTHING: f64 = 1e-12;
+    let m = matrix.matrix3;
+    let columns = [m.x_axis, m.y_axis, m.z_axis];
+    if columns.iter().any(|column| column.length() == 0.0) {
+        return true;
+    }
+    let [x, y, z] = columns.map(|column| column / column.length());
+    x.cross(y).dot(z).abs() <= NEXT_TO_NOTHING
+}
+
+fn rows(matrix: &DAffine3) -> Matrix3x4 {
+    let DAffine3 {
+        matrix3,
+        translation,
+    } = matrix;
+    std::array::from_fn(|row| {
+        [
+            matrix3.x_axis[row],
+            matrix3.y_axis[row],
+            matrix3.z_axis[row],
+            translation[row],
+        ]
+    })
+}
+
+/// Names for an error message, not too many of them.
+fn quoted<'a>(names: impl IntoIterator<Item = &'a str>) -> String {
+    const MOST: usize = 64;
+    let names: Vec<String> = names.into_iter().map(|name| format!("`{name}`")).collect();
+    match names.len() {
+        0..=MOST => names.join(", "),
+        count => format!("{} and {} more", names[..MOST].join(", "), count - MOST),
+    }
+}

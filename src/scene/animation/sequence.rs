@@ -1,0 +1,108 @@
+//! Sequences of OBJ files, one a frame.
+
+use super::super::{Mesh, obj};
+use super::{Animated, Clip, Kind, Writer};
+use anyhow::{Context, Result, ensure};
+use std::path::{Path, PathBuf};
+
+/// How fast a sequence of meshes plays. Between two meshes vertices run in straight lines.
+pub const SEQUENCE_FRAMES_PER_SECOND: f64 = 24.0;
+
+/// The meshes of a folder's OBJ files in the order of their names.
+pub fn load(folder: &Path) -> Result<Animated> {
+    let shown = folder.display();
+    let entries = std::fs::read_dir(folder).with_context(|| format!("{shown}: cannot be read"))?;
+    let mut files: Vec<PathBuf> = Vec::new();
+    for entry in entries {
+        let path = entry
+            .with_context(|| format!("{shown}: cannot be read"))?
+            .path();
+        let is_obj = path
+            .extension()
+            .is_some_and(|extension| extension.eq_ignore_ascii_case("obj"));
+        if is_obj && path.is_file() {
+            files.push(path);
+        }
+    }
+    files.sort();
+    ensure!(
+        !files.is_empty(),
+        "{shown}: has no OBJ files; give a folder whose files, each name ending in .obj, are the frames"
+    );
+    let (mut frames, mut first): (Vec<Vec<[f64; 3]>>, Option<Mesh>) = (Vec::new(), None);
+    for file in &files {
+        let mesh = obj::load(file)?.mesh;
+        match &first {
+            None => {
+                frames.push(mesh.positions.clone());
+                first = Some(mesh);
+            }
+            Some(first) => {
+                check_topology(first, &mesh).with_context(|| {
+                    format!(
+                        "{}: its topology is not that of {}",
+                        file.display(),
+                        files[0].display()
+                    )
+                })?;
+                frames.push(mesh.positions);
+            }
+        }
+    }
+    let mesh = first.expect("there is a file");
+    // A folder given as `.` has no name of its own.
+    let name = folder
+        .canonicalize()
+        .unwrap_or_else(|_| folder.to_path_buf());
+    let name = name
+        .file_name()
+        .unwrap_or_default()
+        .to_string_lossy()
+        .into_owned();
+    let seconds = frames.len() as f64 / SEQUENCE_FRAMES_PER_SECOND;
+    let mut animated = Animated::single(name, mesh, Kind::Sequence, Writer::Frames(frames));
+    animated.clips.push(Clip {
+        name: "sequence".into(),
+        seconds,
+    });
+    Ok(animated)
+}
+
+fn check_topology(first: &Mesh, other: &Mesh) -> Result<()> {
+    let remedy = "export all frames from one mesh";
+    ensure!(
+        first.positions.len() == other.positions.len(),
+        "it has {} vertices, not {}; {remedy}",
+        other.positions.len(),
+        first.positions.len()
+    );
+    ensure!(
+        first.triangles.len() == other.triangles.len(),
+        "it has {} triangles, not {}; {remedy}",
+        other.triangles.len(),
+        first.triangles.len()
+    );
+    let differs = std::iter::zip(&first.triangles, &other.triangles).position(|(a, b)| a != b);
+    if let Some(number) = differs {
+        anyhow::bail!(
+            "triangle {number} has the vertices {:?}, not {:?}; {remedy}",
+            other.triangles[number],
+            first.triangles[number]
+        );
+    }
+    Ok(())
+}
+
+/// The vertices at a time: those of the frame that is there, or between two.
+pub fn at(frames: &[Vec<[f64; 3]>], seconds: f64) -> Vec<[f64; 3]> {
+    let place = (seconds * SEQUENCE_FRAMES_PER_SECOND).clamp(0.0, (frames.len() - 1) as f64);
+    // The time of a frame, divided and multiplied, may miss it by its last bits.
+    let nearest = place.round();
+    if (place - nearest).abs() < 1e-9 {
+        return frames[nearest as usize].clone();
+    }
+    let (before, part) = (place.floor() as usize, place.fract());
+    std::iter::zip(&frames[before], &frames[before + 1])
+        .map(|(a, b)| std::array::from_fn(|axis| a[axis] + (b[axis] - a[axis]) * part))
+        .collect()
+}
