@@ -309,6 +309,24 @@ impl Key {
             }
             _ => None,
         };
+        // Digits beyond 64 bits come as text.
+        let is_whole = match value {
+            toml::Value::Integer(_) => true,
+            toml::Value::String(s) => {
+                let digits = s.strip_prefix('-').unwrap_or(s);
+                s.parse::<i64>().is_err()
+                    && !digits.is_empty()
+                    && digits.bytes().all(|b| b.is_ascii_digit())
+            }
+            _ => false,
+        };
+        if !is_whole && !matches!(self.values, Values::Names(_)) {
+            bail!(
+                "{} = {value} is no whole number: use {}",
+                self.path(),
+                self.range()
+            );
+        }
         let Some(parsed) = parsed else {
             bail!(
                 "{} = {value} is out of range: use {}",
@@ -366,6 +384,9 @@ impl Config {
                     .collect::<Vec<_>>()
                     .join(", ")
             );
+        }
+        if !path.is_file() {
+            bail!("{name_or_file}: is no regular file; give a configuration's name or a TOML file");
         }
         let text = std::fs::read_to_string(path)
             .with_context(|| format!("{name_or_file}: cannot read the configuration"))?;
@@ -610,7 +631,7 @@ mod tests {
         );
         assert_eq!(
             fault("packets.rays", "four"),
-            "packets.rays = \"four\" is out of range: use 1, 2, 4, 8"
+            "packets.rays = \"four\" is no whole number: use 1, 2, 4, 8"
         );
         assert!(fault("packets.ray", "4").starts_with(
             "unknown key packets.ray: there are float.exponent_bits, float.fraction_bits, "

@@ -179,11 +179,13 @@ pub fn generate(config: &Config) -> Result<(Machine, Vec<(String, String)>)> {
     Ok((machine, files))
 }
 
-/// Writes files into `folder`, all of them or none.
+/// Writes files into `folder`.
 ///
-/// A folder that does not exist is filled under a temporary name beside its place, then renamed. In one
-/// that exists every file is first written to a temporary folder within, then renamed to its place; what the folder's
-/// old manifest lists and the new files lack is removed; nothing else is touched.
+/// A folder that does not exist is filled under a temporary name beside its place, then renamed: it appears whole or
+/// not at all. In one that exists every file is first written whole to a temporary folder within; then each is renamed
+/// to its place, what the folder's old manifest lists and the new files lack is removed, and the new manifest comes
+/// last. An error before the first rename leaves the folder as it was; a crash between renames leaves the old
+/// manifest beside some new files. Nothing else is touched.
 ///
 /// # Errors
 /// One line that names the folder and why it cannot be written.
@@ -199,6 +201,15 @@ pub fn write_folder(folder: &Path, files: &[(String, String)]) -> Result<()> {
         bail!(
             "{}: cannot be written: it is a file; give a folder",
             folder.display()
+        );
+    }
+    let taken = (files.iter())
+        .map(|(name, _)| folder.join(name))
+        .find(|path| path.is_dir());
+    if let Some(taken) = taken {
+        bail!(
+            "{}: cannot be written: it is a folder; move it elsewhere",
+            taken.display()
         );
     }
     let is_new = !folder.exists();
@@ -219,16 +230,24 @@ pub fn write_folder(folder: &Path, files: &[(String, String)]) -> Result<()> {
         return Ok(());
     }
     let stale = listed_files(folder);
-    for (name, _) in files {
-        fs::rename(temporary.path().join(name), folder.join(name)).map_err(fault)?;
-    }
+    let publish =
+        |name: &str| fs::rename(temporary.path().join(name), folder.join(name)).map_err(fault);
+    let (manifest, others): (Vec<_>, Vec<_>) = files
+        .iter()
+        .map(|(name, _)| name)
+        .partition(|name| *name == MANIFEST);
+    others.into_iter().try_for_each(|name| publish(name))?;
     for name in stale.iter().filter(|n| files.iter().all(|(f, _)| f != *n)) {
-        match fs::remove_file(folder.join(name)) {
-            Err(error) if error.kind() != std::io::ErrorKind::NotFound => return Err(fault(error)),
+        let path = folder.join(name);
+        match fs::remove_file(&path) {
+            // A folder of that name is not what an earlier run wrote.
+            Err(error) if error.kind() != std::io::ErrorKind::NotFound && !path.is_dir() => {
+                return Err(fault(error));
+            }
             _ => {}
         }
     }
-    Ok(())
+    manifest.into_iter().try_for_each(|name| publish(name))
 }
 
 fn temporary_folder(within: &Path) -> std::io::Result<tempfile::TempDir> {

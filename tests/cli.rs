@@ -116,7 +116,7 @@ fn a_command_that_makes_no_sense_has_status_2() {
         "render",
         "render builtin:cornell --size 5",
         "render builtin:cornell --eye 1,2",
-        "render builtin:cornell --look-at 0,0,0",
+        "render builtin:cornell --look-at 0,0,0 --view outside",
         "render builtin:cornell --eye 1,2,3 --view inside",
         "cosim builtin:cornell --from 3",
     ] {
@@ -147,6 +147,11 @@ fn scenes_that_cannot_be_used_get_one_line() {
             "v 0 0 0\nv 1 1e999 0\nv 0 1 0\nf 1 2 3\n",
             "finite",
         ),
+        (
+            "large.obj",
+            "v 0 0 0\nv 1 1e300 0\nv 0 1 0\nf 1 2 3\n",
+            "beyond the range of single precision: its y is 1e300",
+        ),
         ("index.obj", "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 4\n", "range"),
         ("zero.obj", "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 0 1 2\n", "range"),
         ("text.obj", "This is a letter and no mesh.\n", "mesh"),
@@ -171,6 +176,47 @@ fn scenes_that_cannot_be_used_get_one_line() {
         assert!(
             line.starts_with("builtin:nonesuch: no such built-in scene"),
             "{line}"
+        );
+    }
+}
+
+#[test]
+fn a_byte_order_mark_is_no_fault_and_flat_triangles_are_counted() {
+    let folder = folder();
+    fs::write(
+        folder.path().join("marked.obj"),
+        "\u{feff}v 0 0 0\nv 1 0 0\nv 0 1 0\nv 2 0 0\nf 1 2 3\nf 1 2 4\n",
+    )
+    .unwrap();
+    let output = run("stats marked.obj --size 8x8", folder.path());
+    let stderr = String::from_utf8(output.stderr).unwrap();
+    assert!(output.status.success(), "{stderr}");
+    assert_eq!(
+        stderr,
+        "warning: scene marked: 1 of 2 triangles have no area; remove them from the mesh, where they only take time\n"
+    );
+}
+
+#[cfg(unix)]
+#[test]
+fn what_is_no_regular_file_is_not_read() {
+    let folder = folder();
+    std::os::unix::fs::symlink("/dev/zero", folder.path().join("device.obj")).unwrap();
+    let refused = |arguments: &str| {
+        let output = run(arguments, folder.path());
+        assert_eq!(output.status.code(), Some(1));
+        String::from_utf8(output.stderr).unwrap()
+    };
+    assert_eq!(
+        refused("stats device.obj"),
+        "error: device.obj: is no regular file; give an OBJ file or builtin:NAME\n"
+    );
+    for place in [".", "device.obj"] {
+        assert_eq!(
+            refused(&format!("stats builtin:cornell --config {place}")),
+            format!(
+                "error: {place}: is no regular file; give a configuration's name or a TOML file\n"
+            )
         );
     }
 }
@@ -281,6 +327,10 @@ fn configurations_that_cannot_be_used_get_one_line() {
             "--set packets.rays=3: packets.rays = 3 is out of range: ",
         ),
         (
+            "--set packets.rays=x",
+            "--set packets.rays=x: packets.rays = \"x\" is no whole number: ",
+        ),
+        (
             "--set packets.ray=4",
             "--set packets.ray=4: unknown key packets.ray: there are ",
         ),
@@ -379,6 +429,97 @@ fn outputs_that_cannot_be_written_get_one_line() {
     }
 }
 
+#[cfg(unix)]
+#[test]
+fn links_and_devices_stay_what_they_are() {
+    use std::os::unix::fs::symlink;
+    let folder = folder();
+    let at = |name: &str| folder.path().join(name);
+    let command = "stats builtin:cornell --size 8x8 --json";
+    fs::write(at("real.json"), "old").unwrap();
+    symlink("real.json", at("link.json")).unwrap();
+    symlink("new.json", at("dangling.json")).unwrap();
+    prints(&format!("{command} link.json"), folder.path());
+    prints(&format!("{command} dangling.json"), folder.path());
+    for name in ["link.json", "dangling.json"] {
+        assert!(fs::symlink_metadata(at(name)).unwrap().is_symlink());
+    }
+    for name in ["real.json", "new.json"] {
+        assert_eq!(json(&at(name))["config"], "virtex4-lx160", "{name}");
+    }
+    let text = prints(&format!("{command} /dev/stdout"), folder.path());
+    let (value, text) = text.split_at(text.find("\n}\n").unwrap() + 3);
+    let value: Value = serde_json::from_str(value).unwrap();
+    assert_eq!(value["view"], "framing");
+    assert!(text.starts_with("scene cornell, configuration virtex4-lx160, view framing, "));
+    symlink("/dev/full", at("full")).unwrap();
+    let mut full = dynrt(&format!("{command} full"), folder.path());
+    // Not `fault_of`: it would read the device.
+    let output = full.output().unwrap();
+    let stderr = String::from_utf8(output.stderr).unwrap();
+    assert_eq!(output.status.code(), Some(1));
+    assert!(
+        stderr.starts_with("error: full: cannot be written: ") && stderr.lines().count() == 1,
+        "{stderr}"
+    );
+    let trace = run(
+        "cosim builtin:cornell --size 8x8 --trace full --cycles 5",
+        folder.path(),
+    );
+    assert_eq!(
+        String::from_utf8(trace.stderr).unwrap(),
+        "error: full: cannot be written: it is no regular file; give a file's name\n"
+    );
+}
+
+#[test]
+fn outputs_that_would_overwrite_each_other_are_refused() {
+    let folder = folder();
+    assert_eq!(
+        fault("render builtin:cornell --out a --json ./a", folder.path()),
+        "./a: is the same file as a; give each output its own"
+    );
+}
+
+#[test]
+fn generating_where_a_folder_is_in_the_way_changes_nothing() {
+    let folder = folder();
+    prints("generate --config tiny --out rtl", folder.path());
+    let taken = folder.path().join("rtl/raycast_unit.v");
+    fs::remove_file(&taken).unwrap();
+    fs::create_dir(&taken).unwrap();
+    assert_eq!(
+        fault("generate --out rtl", folder.path()),
+        "rtl/raycast_unit.v: cannot be written: it is a folder; move it elsewhere"
+    );
+}
+
+#[test]
+fn camera_options_change_the_camera_that_frames_the_scene() {
+    let folder = folder();
+    let at = |name: &str| folder.path().join(name);
+    let picture = |options: &str, expected: &str| {
+        prints(
+            &format!("render builtin:teapot --size 32x24 --out a.png --json a.json {options}"),
+            folder.path(),
+        );
+        assert_eq!(json(&at("a.json"))["view"], expected);
+        fs::read(at("a.png")).unwrap()
+    };
+    let mut pictures = vec![
+        picture("", "framing"),
+        picture("--fov 20", "framing fov=20"),
+        picture("--look-at 0,0,0", "framing look-at=0,0,0"),
+        picture("--up 1,0,0", "framing up=1,0,0"),
+        picture("--view inside", "inside"),
+        picture("--eye 9,9,9 --fov 50", "eye=9,9,9 fov=50"),
+    ];
+    let count = pictures.len();
+    pictures.sort();
+    pictures.dedup();
+    assert_eq!(pictures.len(), count, "each option changes the picture");
+}
+
 #[test]
 fn a_reader_that_leaves_is_no_error() {
     let folder = folder();
@@ -454,7 +595,7 @@ fn the_manifest_says_what_was_generated() {
     let out = folder.path().join("rtl");
     let manifest = json(&out.join("manifest.json"));
     let configuration = &manifest["configuration"];
-    assert_eq!(configuration["name"], "virtex4-lx160");
+    assert_eq!(configuration["name"], "virtex4-lx160-custom");
     assert_eq!(configuration["memory"]["latency"], 13);
     assert_eq!(configuration["geometry"]["triangle_test"], "watertight");
     for key in dynrt::config::KEYS {
@@ -470,7 +611,7 @@ fn the_manifest_says_what_was_generated() {
     let list = fs::read_to_string(out.join(format!("{top}.f"))).unwrap();
     assert_eq!(list.lines().collect::<Vec<_>>(), files);
     let core = fs::read_to_string(out.join(format!("{top}.core"))).unwrap();
-    assert!(core.starts_with("CAPI=2:\nname: dynrt:machine:virtex4-lx160:"));
+    assert!(core.starts_with("CAPI=2:\nname: dynrt:machine:virtex4-lx160-custom:"));
     assert_eq!(modules.len(), files.len());
     let mut seen: Vec<&str> = vec![];
     for (module, file) in modules.iter().zip(&files) {
@@ -641,6 +782,8 @@ fn cosim_takes_shadow_rays_overrides_and_traces() {
     );
     let value = json(&folder.path().join("c.json"));
     assert_eq!(value["ray_kind"], "shadow");
+    assert_eq!(value["view"], "framing");
+    assert_eq!(value["config"], "tiny-custom");
     assert_eq!(value["overrides"]["memory.jitter"], 9);
     assert!(value["hits"].as_u64().unwrap() > 0 && value["hits"].as_u64() < value["rays"].as_u64());
     prints(
@@ -648,6 +791,17 @@ fn cosim_takes_shadow_rays_overrides_and_traces() {
         folder.path(),
     );
     assert!(fs::metadata(folder.path().join("w.fst")).unwrap().len() > 100);
+    let late = run(
+        &format!("cosim {scene} --trace w.fst --from 900000000 --cycles 50"),
+        folder.path(),
+    );
+    let stderr = String::from_utf8(late.stderr).unwrap();
+    assert!(late.status.success(), "{stderr}");
+    assert!(
+        stderr.starts_with("warning: w.fst: the waveform is empty: ")
+            && stderr.lines().count() == 1,
+        "{stderr}"
+    );
 }
 
 #[test]
@@ -684,4 +838,18 @@ fn vectors_are_written_and_replaced() {
     assert!(first.contains_key("manifest.json"));
     prints(command, folder.path());
     assert!(contents(&folder.path().join("v")) == first);
+    for out in ["v/../v", "v/."] {
+        prints(
+            &command.replace("--out v", &format!("--out {out}")),
+            folder.path(),
+        );
+        let names = contents(folder.path());
+        assert!(names.keys().all(|name| name.starts_with("v/")), "{names:?}");
+        assert!(contents(&folder.path().join("v")) == first);
+    }
+    let place = folder.path().join("v");
+    let before = contents(&place);
+    let mut within = dynrt(&command.replace("--out v", "--out ."), &place);
+    assert!(fault_of(&mut within).starts_with(".: holds the folder in which this runs"));
+    assert!(contents(&place) == before);
 }

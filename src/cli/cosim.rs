@@ -1,17 +1,15 @@
 //! `dynrt cosim`: the emitted Verilog under Verilator, held against the golden model.
 
 use super::frame::{Built, Loaded, SIZE, SceneArgs, active};
-use super::{ConfigArgs, check_outputs, grouped, one_line, print};
+use super::{ConfigArgs, check_outputs, counted, one_line, print, tell};
 use anyhow::{Result, ensure};
 use clap::ValueEnum;
 use dynrt::bkd::MemoryImage;
-use dynrt::config::KEYS;
 use dynrt::cosim::mismatch::Mismatch;
 use dynrt::cosim::raycast::{self, Options, Report, Trace};
 use dynrt::cosim::scoreboard::{UnitOptions, UnitReport};
 use dynrt::cosim::workload::Workload;
 use dynrt::cosim::{unit_geometry, unit_tpu};
-use dynrt::emit;
 use dynrt::golden::Caster;
 use dynrt::port::{Hit, Ray};
 use dynrt::report;
@@ -122,6 +120,19 @@ impl RayKind {
     }
 }
 
+/// The figures of a run that are not known where a mismatch ended it.
+const WHOLE_RUN_KEYS: [&str; 9] = [
+    "hits",
+    "checked",
+    "cycles",
+    "packet_steps",
+    "ray_triangle_tests",
+    "rays_per_clock",
+    "tpu_utilisation",
+    "gu_utilisation",
+    "simulate_s",
+];
+
 /// What is known before the run.
 struct Job<'a> {
     args: &'a Args,
@@ -136,6 +147,9 @@ pub fn run(args: &Args) -> Result<()> {
         args.unit.name()
     );
     check_outputs(&[&args.out, &args.json, &args.trace].map(|path| path.as_deref()))?;
+    if let Some(path) = &args.trace {
+        report::check_regular(path)?;
+    }
     let loaded = args.scene.load(args.size, &args.config)?;
     let Built { image, .. } = loaded.build_default()?;
     let primary = Loaded::rays(&loaded.packets);
@@ -193,13 +207,15 @@ pub fn run(args: &Args) -> Result<()> {
     let found = match result {
         Ok(found) => found,
         Err(error) => {
-            if let (Some(path), true) = (&args.json, error.is::<Mismatch>()) {
-                report::json(path, &job.mismatch_json(&one_line(&error)))?;
+            if let (Some(path), Some(mismatch)) = (&args.json, error.downcast_ref::<Mismatch>()) {
+                let value = job.mismatch_json(&one_line(&error), mismatch.cycle, None);
+                report::json(path, &value)?;
             }
             return Err(error);
         }
     };
     ensure!(found.checked() > 0, "nothing was checked");
+    job.check_trace(found.cycles);
     let mut text = job.text(&found);
     if let Some(path) = &args.out {
         let size = args.size;
@@ -257,22 +273,26 @@ impl Job<'_> {
         text
     }
 
+    /// Says so if the run was over before the waveform's first cycle.
+    fn check_trace(&self, cycles: u64) {
+        let Args { trace, from, .. } = self.args;
+        if let (Some(path), true) = (trace, *from >= cycles) {
+            tell(&format!(
+                "warning: {}: the waveform is empty: it was to begin at cycle {from}, and the run has {cycles}; give a smaller --from",
+                path.display()
+            ));
+        }
+    }
+
     /// What is known however the run ends.
     fn common_json(&self) -> Value {
         let size = self.args.size;
-        let mut overrides = json!({});
-        for setting in &self.args.config.set {
-            let path = setting.split('=').next().unwrap_or_default().trim();
-            if let Some(key) = KEYS.iter().find(|key| key.path() == path) {
-                overrides[path] =
-                    emit::configuration(&self.loaded.config)[key.section][key.name].clone();
-            }
-        }
         json!({
             "scene": self.loaded.scene.name,
             "triangles": self.loaded.mesh.triangles.len(),
             "config": self.loaded.config.name,
-            "overrides": overrides,
+            "overrides": self.args.config.overrides(&self.loaded.config),
+            "view": self.loaded.view,
             "unit": self.args.unit.name(),
             "ray_kind": self.args.rays.name(),
             "seed": self.args.seed,
@@ -282,8 +302,14 @@ impl Job<'_> {
         })
     }
 
-    fn mismatch_json(&self, mismatch: &str) -> Value {
+    /// Of a run that a mismatch ended; what is only known of a whole run is null.
+    fn mismatch_json(&self, mismatch: &str, cycles: u64, checked: Option<u64>) -> Value {
         let mut value = self.common_json();
+        for key in WHOLE_RUN_KEYS {
+            value[key] = Value::Null;
+        }
+        value["checked"] = json!(checked);
+        value["cycles"] = json!(cycles);
         value["mismatches"] = json!(1);
         value["mismatch"] = json!(mismatch);
         value["replay"] = json!(self.replay());
@@ -315,10 +341,11 @@ impl Job<'_> {
             None => Ok(()),
         };
         if let Some(mismatch) = found.mismatch {
-            write(self.mismatch_json(&mismatch))?;
+            write(self.mismatch_json(&mismatch, found.cycles, Some(found.checked)))?;
             return Err(UnitMismatch(mismatch).into());
         }
         found.verdict()?;
+        self.check_trace(found.cycles);
         write(self.unit_json(&found, hits))?;
         print(&format!("{}\n", found.summary()))
     }
@@ -371,6 +398,7 @@ impl Job<'_> {
             "hits_checked": found.hits_checked,
             "steps_checked": found.steps_checked,
             "tests_checked": found.tests_checked,
+            // A report is of a run without one: the first mismatch ends it with an error.
             "mismatches": 0,
             "cycles": found.cycles,
             "packet_steps": counters.packet_steps,
@@ -393,30 +421,27 @@ impl Job<'_> {
 
     fn text(&self, found: &Report) -> String {
         let loaded = self.loaded;
-        let mut settings = String::new();
-        for setting in &self.args.config.set {
-            let _ = write!(settings, ", {setting}");
-        }
         let model = match found.model_reused {
             true => "taken from the cache".to_string(),
             false => format!("built in {:.1} s", found.model_build_s),
         };
         format!(
-            "scene {}, {} triangles, configuration {}{settings}, {}\n\
-             {} {} rays, {} hits: all bits agree in {} hits, {} packet steps, {} ray-triangle tests\n\
-             {} cycles, {:.4} rays a clock; traversal {:.3} packet steps a clock, geometry {:.3} tests a clock; at most {} stack entries\n\
+            "scene {}, {}, configuration {}{}, view {}, {}\n\
+             {}, {}: all bits agree in {}, {}, {}\n\
+             {}, {:.4} rays a clock; traversal {:.3} packet steps a clock, geometry {:.3} tests a clock; at most {} stack entries\n\
              model {model}, simulated in {:.1} s ({:.0} thousand cycles a second)\n",
             loaded.scene.name,
-            grouped(loaded.mesh.triangles.len() as u64),
+            counted(loaded.mesh.triangles.len() as u64, "triangle"),
             loaded.config.name,
+            self.args.config.settings(),
+            loaded.view,
             self.args.size,
-            grouped(self.active),
-            self.args.rays.name(),
-            grouped(self.hits(found)),
-            grouped(found.hits_checked),
-            grouped(found.steps_checked),
-            grouped(found.tests_checked),
-            grouped(found.cycles),
+            counted(self.active, &format!("{} ray", self.args.rays.name())),
+            counted(self.hits(found), "hit"),
+            counted(found.hits_checked, "hit"),
+            counted(found.steps_checked, "packet step"),
+            counted(found.tests_checked, "ray-triangle test"),
+            counted(found.cycles, "cycle"),
             self.rays_per_clock(found),
             found.tpu_utilisation(),
             found.gu_utilisation(),

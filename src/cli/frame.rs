@@ -27,7 +27,7 @@ pub struct SceneArgs {
 /// The heading of [`CameraArgs`].
 const CAMERA: &str = "Camera (by default one that frames the scene)";
 
-/// From where; by default the camera frames the scene from outside by itself.
+/// From where; by default the camera frames the scene from outside by itself. The other options change that camera.
 #[derive(clap::Args)]
 struct CameraArgs {
     /// A camera that depends only on the scene's box: inside for rooms, outside for objects
@@ -37,17 +37,17 @@ struct CameraArgs {
     #[arg(long, value_name = "X,Y,Z", value_parser = vector, allow_hyphen_values = true, conflicts_with = "view", help_heading = CAMERA)]
     eye: Option<[f64; 3]>,
     /// What it looks at [default: the middle of the scene's box]
-    #[arg(long, value_name = "X,Y,Z", value_parser = vector, allow_hyphen_values = true, requires = "eye", help_heading = CAMERA)]
+    #[arg(long, value_name = "X,Y,Z", value_parser = vector, allow_hyphen_values = true, conflicts_with = "view", help_heading = CAMERA)]
     look_at: Option<[f64; 3]>,
     /// Which way is up [default: 0,1,0]
-    #[arg(long, value_name = "X,Y,Z", value_parser = vector, allow_hyphen_values = true, requires = "eye", help_heading = CAMERA)]
+    #[arg(long, value_name = "X,Y,Z", value_parser = vector, allow_hyphen_values = true, conflicts_with = "view", help_heading = CAMERA)]
     up: Option<[f64; 3]>,
-    /// The whole vertical field of view [default: 60]
+    /// The whole vertical field of view [default: 60 with --eye, else that of the camera that frames the scene]
     #[arg(
         long,
         value_name = "DEGREES",
         allow_hyphen_values = true,
-        requires = "eye", help_heading = CAMERA)]
+        conflicts_with = "view", help_heading = CAMERA)]
     fov: Option<f64>,
 }
 
@@ -67,6 +67,8 @@ pub struct Loaded {
     pub scene: Scene,
     pub mesh: MachineMesh,
     pub camera: Camera,
+    /// How reports speak of the camera.
+    pub view: String,
     pub frame: Frame,
     /// The primary rays.
     pub packets: Vec<RayPacket>,
@@ -84,24 +86,13 @@ impl SceneArgs {
     /// The arguments that choose this scene and camera again.
     pub fn replay(&self) -> String {
         let mut text = format!(" {}", quoted(&self.scene));
-        let camera = &self.camera;
-        match camera.view {
+        match self.camera.view {
             Some(View::Inside) => text += " --view inside",
             Some(View::Outside) => text += " --view outside",
             None => {}
         }
-        let vectors = [
-            ("eye", camera.eye),
-            ("look-at", camera.look_at),
-            ("up", camera.up),
-        ];
-        for (name, vector) in vectors {
-            if let Some([x, y, z]) = vector {
-                text += &format!(" --{name}={x},{y},{z}");
-            }
-        }
-        if let Some(fov) = camera.fov {
-            text += &format!(" --fov={fov}");
+        for setting in self.camera.settings() {
+            text += &format!(" --{setting}");
         }
         text
     }
@@ -123,6 +114,7 @@ impl SceneArgs {
             scene,
             mesh,
             camera,
+            view: self.camera.name(),
             frame,
             packets,
         })
@@ -156,13 +148,46 @@ fn check_address_space(scene: &Scene, config: &Config) -> Result<()> {
 }
 
 impl CameraArgs {
+    /// The options beside `--view` that are given, as `name=value`.
+    fn settings(&self) -> Vec<String> {
+        let vector = |name: &str, vector: Option<[f64; 3]>| {
+            vector.map(|[x, y, z]| format!("{name}={x},{y},{z}"))
+        };
+        [
+            vector("eye", self.eye),
+            vector("look-at", self.look_at),
+            vector("up", self.up),
+            self.fov.map(|fov| format!("fov={fov}")),
+        ]
+        .into_iter()
+        .flatten()
+        .collect()
+    }
+
+    /// What reports call the camera: `inside`, `outside`, `framing`, or the options that make it.
+    fn name(&self) -> String {
+        let base = match self.view {
+            Some(View::Inside) => Some("inside"),
+            Some(View::Outside) => Some("outside"),
+            None if self.eye.is_none() => Some("framing"),
+            None => None,
+        };
+        let base = base.map(str::to_string).into_iter();
+        base.chain(self.settings()).collect::<Vec<_>>().join(" ")
+    }
+
     fn of(&self, scene: &Scene) -> Result<Camera> {
         let bounds = scene.bounds();
-        let Some(eye) = self.eye else {
-            return Ok(match self.view {
-                Some(view) => view.camera(bounds),
-                None => Camera::framing(bounds),
-            });
+        if let Some(view) = self.view {
+            return Ok(view.camera(bounds));
+        }
+        let framing = Camera::framing(bounds);
+        if self.settings().is_empty() {
+            return Ok(framing);
+        }
+        let (eye, fov) = match self.eye {
+            Some(eye) => (eye, 60.0),
+            None => (framing.eye, framing.vertical_fov_degrees()),
         };
         let (low, high) = bounds;
         let middle = std::array::from_fn(|k| low[k] / 2.0 + high[k] / 2.0);
@@ -170,7 +195,7 @@ impl CameraArgs {
             eye,
             self.look_at.unwrap_or(middle),
             self.up.unwrap_or([0.0, 1.0, 0.0]),
-            self.fov.unwrap_or(60.0),
+            self.fov.unwrap_or(fov),
         )
     }
 }

@@ -13,8 +13,8 @@ Writes into DIR
   manifest.json    configuration, top module, modules with ports and latencies, layouts of the records in memory
 
 DIR is made if it does not exist. In one that exists, files of the same names are replaced, Verilog files that its old
-manifest.json lists and this machine lacks are removed, and nothing else is touched. Either all files are
-written or none. The same configuration gives the same files, to the byte.
+manifest.json lists and this machine lacks are removed, and nothing else is touched. All files are written whole before
+the first takes its place, the manifest last. The same configuration gives the same files, to the byte.
 
 Examples:
   dynrt generate --out build/rtl

@@ -10,8 +10,10 @@ mod vectors;
 
 use anyhow::Result;
 use clap::{Parser, Subcommand};
-use dynrt::config::{Config, NAMED};
+use dynrt::config::{Config, KEYS, NAMED};
 use dynrt::cosim::mismatch::Mismatch;
+use dynrt::{emit, report};
+use serde_json::{Map, Value};
 use std::io::{ErrorKind, Write};
 use std::path::Path;
 use std::process::ExitCode;
@@ -64,8 +66,10 @@ struct ConfigArgs {
 }
 
 impl ConfigArgs {
+    /// The machine. One that `--set` has changed is no longer the one of that name, and gets a name of its own.
     fn load(&self) -> Result<Config> {
         let mut config = Config::load(&self.config)?;
+        let named = config.clone();
         for setting in &self.set {
             let Some((path, value)) = setting.split_once('=') else {
                 anyhow::bail!(
@@ -76,7 +80,29 @@ impl ConfigArgs {
                 .set(path.trim(), value.trim())
                 .map_err(|error| error.context(format!("--set {setting}")))?;
         }
+        if config != named {
+            config.name += "-custom";
+        }
         Ok(config)
+    }
+
+    /// The keys that `--set` names, with their values in `config`.
+    fn overrides(&self, config: &Config) -> Value {
+        let mut overrides = Map::new();
+        for setting in &self.set {
+            let path = setting.split('=').next().unwrap_or_default().trim();
+            if let Some(key) = KEYS.iter().find(|key| key.path() == path) {
+                let value = emit::configuration(config)[key.section][key.name].clone();
+                overrides.insert(path.into(), value);
+            }
+        }
+        Value::Object(overrides)
+    }
+
+    /// What follows the configuration's name in a line: the settings.
+    fn settings(&self) -> String {
+        let settings = self.set.iter().map(|setting| format!(", {setting}"));
+        settings.collect()
     }
 
     /// The options that choose this machine again.
@@ -141,12 +167,22 @@ fn print(text: &str) -> Result<()> {
     }
 }
 
-/// Checks, before long work, that its results can be written.
+/// Checks, before long work, that its results can be written, each to a file of its own.
 fn check_outputs(paths: &[Option<&Path>]) -> Result<()> {
+    let given: Vec<&Path> = paths.iter().flatten().copied().collect();
+    for (number, path) in given.iter().enumerate() {
+        if let Some(other) = (given[..number].iter()).find(|p| report::is_same_file(p, path)) {
+            anyhow::bail!(
+                "{}: is the same file as {}; give each output its own",
+                path.display(),
+                other.display()
+            );
+        }
+    }
     paths
         .iter()
         .flatten()
-        .try_for_each(|path| dynrt::report::check_writable(path))
+        .try_for_each(|path| report::check_writable(path))
 }
 
 /// A word as a shell reads it.
@@ -169,6 +205,12 @@ fn grouped(count: u64) -> String {
         text.push(digit);
     }
     text
+}
+
+/// A count of things, `thing` being the name of one.
+fn counted(count: u64, thing: &str) -> String {
+    let plural = if count == 1 { "" } else { "s" };
+    format!("{} {thing}{plural}", grouped(count))
 }
 
 #[cfg(test)]
@@ -199,6 +241,11 @@ mod tests {
     fn counts_and_words_read_well() {
         let texts = [0, 999, 1000, 196_608, 1_234_567].map(grouped);
         assert_eq!(texts, ["0", "999", "1,000", "196,608", "1,234,567"]);
+        let counts = [0, 1, 2000].map(|count| counted(count, "primary ray"));
+        assert_eq!(
+            counts,
+            ["0 primary rays", "1 primary ray", "2,000 primary rays"]
+        );
         assert_eq!(quoted("builtin:teapot"), "builtin:teapot");
         assert_eq!(quoted("it's"), r"'it'\''s'");
         assert_eq!(quoted("builtin:sphere?level=2"), "'builtin:sphere?level=2'");

@@ -1,7 +1,7 @@
 //! `dynrt program`: the update program of a scene's tree.
 
 use super::frame::load_mesh;
-use super::{ConfigArgs, check_outputs, grouped, print};
+use super::{ConfigArgs, check_outputs, counted, grouped, print};
 use anyhow::{Context, Result};
 use dynrt::bkd::{BuildOptions, build};
 use dynrt::cosim::unit_update;
@@ -69,15 +69,15 @@ pub fn run(args: &Args) -> Result<()> {
     }
     let s = &statistics;
     print(&format!(
-        "scene {}, {} triangles, {} nodes, {} vertices\n\
-         {} instructions ({:.3} a triangle): {} loads, {} leaf merges, {} node merges, {} nops\n\
+        "scene {}, {}, {}, {} vertices\n\
+         {} ({:.3} a triangle): {} loads, {} leaf merges, {} node merges, {} nops\n\
          {} bytes ({:.2} a triangle); {:.3} loads a vertex; {} of {} vertex and {} of {} box registers used\n\
          compiled in {compile_s:.2} s\n",
         scene.name,
-        grouped(s.triangles),
-        grouped(s.nodes),
+        counted(s.triangles, "triangle"),
+        counted(s.nodes, "node"),
         grouped(s.vertices),
-        grouped(s.instructions),
+        counted(s.instructions, "instruction"),
         s.instructions_per_triangle,
         grouped(s.loads),
         grouped(s.leaf_merges),

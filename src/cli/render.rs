@@ -1,7 +1,7 @@
 //! `dynrt render`: a picture from the golden model.
 
 use super::frame::{Loaded, SIZE, SceneArgs, active};
-use super::{ConfigArgs, check_outputs, grouped, print};
+use super::{ConfigArgs, check_outputs, counted, print};
 use anyhow::Result;
 use dynrt::golden::Caster;
 use dynrt::report;
@@ -63,14 +63,16 @@ pub fn run(args: &Args) -> Result<()> {
     let mrays_per_s = ray_count as f64 / cast_s / 1e6;
     let size = args.size;
     let mut text = format!(
-        "scene {}, {} triangles, configuration {}, {size}\n\
-         {} rays, {} hits, {:.2} packet steps and {:.2} triangle tests a packet\n\
+        "scene {}, {}, configuration {}{}, view {}, {size}\n\
+         {}, {}, {:.2} packet steps and {:.2} triangle tests a packet\n\
          {:.2} M rays/s, tree built in {:.2} s\n",
         loaded.scene.name,
-        grouped(loaded.mesh.triangles.len() as u64),
+        counted(loaded.mesh.triangles.len() as u64, "triangle"),
         loaded.config.name,
-        grouped(ray_count),
-        grouped(hits as u64),
+        args.config.settings(),
+        loaded.view,
+        counted(ray_count, "ray"),
+        counted(hits as u64, "hit"),
         per_packet(frame.steps()),
         per_packet(frame.tests()),
         mrays_per_s,
@@ -96,6 +98,8 @@ pub fn run(args: &Args) -> Result<()> {
             "scene": loaded.scene.name,
             "triangles": loaded.mesh.triangles.len(),
             "config": loaded.config.name,
+            "overrides": args.config.overrides(&loaded.config),
+            "view": loaded.view,
             "width": size.width,
             "height": size.height,
             "rays": ray_count,

@@ -1,7 +1,7 @@
 //! `dynrt stats`: what trees of a scene take and cost.
 
 use super::frame::{Built, Loaded, SIZE, SceneArgs, active};
-use super::{ConfigArgs, check_outputs, grouped, print};
+use super::{ConfigArgs, check_outputs, counted, grouped, print};
 use anyhow::Result;
 use dynrt::bkd::BuildOptions;
 use dynrt::bkd::stats::TreeStatistics;
@@ -106,6 +106,8 @@ fn to_json(args: &Args, loaded: &Loaded, rays: u64, measured: &[Measured; 3]) ->
     let mut value = json!({
         "scene": loaded.scene.name,
         "config": loaded.config.name,
+        "overrides": args.config.overrides(&loaded.config),
+        "view": loaded.view,
         "width": size.width,
         "height": size.height,
         "rays": rays,
@@ -133,15 +135,17 @@ fn to_text(args: &Args, loaded: &Loaded, rays: u64, measured: &[Measured; 3]) ->
     let [.., default] = measured;
     let tree = &default.tree;
     let mut text = format!(
-        "scene {}, configuration {}, {}, {} rays\n\
-         {} triangles, {} nodes; bytes: nodes {}, triangle records {}, vertices {}\n\n\
+        "scene {}, configuration {}{}, view {}, {}, {}\n\
+         {}, {}; bytes: nodes {}, triangle records {}, vertices {}\n\n\
          {:8} {:>6} {:>13} {:>14} {:>9}\n",
         loaded.scene.name,
         loaded.config.name,
+        args.config.settings(),
+        loaded.view,
         args.size,
-        grouped(rays),
-        grouped(tree.triangles as u64),
-        grouped(tree.nodes as u64),
+        counted(rays, "ray"),
+        counted(tree.triangles as u64, "triangle"),
+        counted(tree.nodes as u64, "node"),
         grouped(tree.node_bytes as u64),
         grouped(tree.record_bytes as u64),
         grouped(tree.vertex_bytes as u64),

@@ -1,7 +1,7 @@
 //! `dynrt vectors`: what goes into and comes out of each unit, as files.
 
 use super::frame::{Built, SceneArgs};
-use super::{ConfigArgs, grouped, print};
+use super::{ConfigArgs, counted, print};
 use anyhow::Result;
 use dynrt::scene::ImageSize;
 use dynrt::vectors::{self, Request, Summary};
@@ -56,12 +56,12 @@ pub fn run(args: &Args) -> Result<()> {
         out: &args.out,
     })?;
     print(&format!(
-        "{}: {files} files: {} packets, {} rays, {} packet steps, {} ray-triangle tests; scene {}, configuration {}\n",
+        "{}: {files} files: {}, {}, {}, {}; scene {}, configuration {}\n",
         args.out.display(),
-        grouped(packets),
-        grouped(rays),
-        grouped(steps),
-        grouped(tests),
+        counted(packets, "packet"),
+        counted(rays, "ray"),
+        counted(steps, "packet step"),
+        counted(tests, "ray-triangle test"),
         loaded.scene.name,
         loaded.config.name
     ))

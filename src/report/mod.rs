@@ -1,15 +1,16 @@
 //! What people and programs look at: pictures, JSON, progress.
 //!
-//! Files appear whole or not at all: they are written beside their place, then renamed.
+//! Files appear whole or not at all: they are written beside their place, then renamed. Symbolic links are followed;
+//! devices and pipes are written to as they are.
 
 mod picture;
 
 pub use picture::{heatmap, heatmap_colour, shade, write_png};
 
-use anyhow::{Context, Result, bail};
+use anyhow::{Result, bail};
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 use std::io::{IsTerminal, Write};
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 /// Writes a value as indented JSON with a final newline.
 ///
@@ -38,47 +39,146 @@ pub fn progress(length: u64, what: &'static str) -> ProgressBar {
 /// # Errors
 /// One line that names the file and why it cannot be written.
 pub fn check_writable(path: &Path) -> Result<()> {
-    create_beside(path).map(drop)
+    match Place::of(path) {
+        Place::File(file) => create_beside(path, &file).map(drop),
+        // To open it could wait for a reader, or end what a reader sees.
+        Place::Stream => Ok(()),
+    }
 }
 
-/// Lets `write` write a file under a temporary name beside `path`, then gives it its name.
-fn write_whole(
-    path: &Path,
-    write: impl FnOnce(&mut std::io::BufWriter<&mut tempfile::NamedTempFile>) -> Result<()>,
-) -> Result<()> {
+/// Checks that `path` names a regular file or none yet, as formats need that are not written from first to last byte.
+///
+/// # Errors
+/// One line that names what is there.
+pub fn check_regular(path: &Path) -> Result<()> {
+    match Place::of(path) {
+        Place::File(_) => Ok(()),
+        Place::Stream => bail!(
+            "{}: cannot be written: it is no regular file; give a file's name",
+            path.display()
+        ),
+    }
+}
+
+/// Whether two paths name the same regular file, which one of them would lose.
+pub fn is_same_file(a: &Path, b: &Path) -> bool {
+    let resolved = |path| match Place::of(path) {
+        Place::File(file) => {
+            let folder = folder_of(&file).canonicalize().ok()?;
+            Some(folder.join(file.file_name()?))
+        }
+        Place::Stream => None,
+    };
+    resolved(a).is_some_and(|a| resolved(b) == Some(a))
+}
+
+/// What a path leads to.
+enum Place {
+    /// A file, or nothing yet, with symbolic links followed: it is replaced as a whole.
+    File(PathBuf),
+    /// A device, a pipe or a socket: it takes what is written and stays what it is.
+    Stream,
+}
+
+impl Place {
+    fn of(path: &Path) -> Place {
+        if is_stdout(path) {
+            return Place::Stream;
+        }
+        match std::fs::metadata(path) {
+            Ok(found) if found.is_dir() => Place::File(path.to_path_buf()),
+            Ok(found) => match path.canonicalize() {
+                Ok(file) if found.is_file() => Place::File(file),
+                _ => Place::Stream,
+            },
+            // A link to a file that does not exist yet leads to where it will be.
+            Err(_) => Place::File(follow(path)),
+        }
+    }
+}
+
+/// Follows symbolic links to a place where nothing is.
+fn follow(path: &Path) -> PathBuf {
+    /// As many as the kernel follows.
+    const LINKS: usize = 40;
+    let mut place = path.to_path_buf();
+    for _ in 0..LINKS {
+        match std::fs::read_link(&place) {
+            Ok(target) => place = folder_of(&place).join(target),
+            Err(_) => break,
+        }
+    }
+    place
+}
+
+/// Whether a path is the standard output. What goes there must share the position in it with the text that follows,
+/// wherever the output is redirected to.
+fn is_stdout(path: &Path) -> bool {
+    ["/dev/stdout", "/dev/fd/1", "/proc/self/fd/1"]
+        .iter()
+        .any(|name| path == Path::new(name))
+}
+
+/// Lets `write` write a file under a temporary name beside the place that `path` leads to, then gives it its name; or,
+/// into a device or a pipe, directly.
+fn write_whole(path: &Path, write: impl FnOnce(&mut dyn Write) -> Result<()>) -> Result<()> {
     let shown = path.display();
-    let mut file = create_beside(path)?;
-    let mut buffered = std::io::BufWriter::new(&mut file);
-    write(&mut buffered)
-        .and_then(|()| Ok(buffered.flush()?))
-        .with_context(|| format!("{shown}: cannot be written"))?;
-    drop(buffered);
-    file.persist(path).map_err(|error| {
-        anyhow::anyhow!(
-            "{shown}: cannot be written: {}; {ADVICE}",
-            reason(&error.error)
-        )
-    })?;
-    Ok(())
+    let failed = |error: &std::io::Error| {
+        anyhow::anyhow!("{shown}: cannot be written: {}; {ADVICE}", reason(error))
+    };
+    let fill = |stream: &mut dyn Write| {
+        let mut buffered = std::io::BufWriter::new(stream);
+        write(&mut buffered)
+            .and_then(|()| Ok(buffered.flush()?))
+            .map_err(|error| match error.downcast_ref::<std::io::Error>() {
+                Some(error) => failed(error),
+                None => error.context(format!("{shown}: cannot be written")),
+            })
+    };
+    match Place::of(path) {
+        Place::File(place) => {
+            let mut file = create_beside(path, &place)?;
+            fill(&mut file)?;
+            file.persist(place).map_err(|error| failed(&error.error))?;
+            Ok(())
+        }
+        Place::Stream if is_stdout(path) => fill(&mut std::io::stdout().lock()),
+        Place::Stream => {
+            let mut stream = std::fs::OpenOptions::new()
+                .write(true)
+                .open(path)
+                .map_err(|error| failed(&error))?;
+            fill(&mut stream)
+        }
+    }
 }
 
 const ADVICE: &str = "give a place that exists and can be written";
 
-/// A temporary file in the folder of `path`.
-fn create_beside(path: &Path) -> Result<tempfile::NamedTempFile> {
-    let shown = path.display();
-    if path.is_dir() {
-        bail!("{shown}: cannot be written: it is a folder; give a file's name");
-    }
-    let folder = match path.parent() {
+/// The folder in which a path's last part is.
+fn folder_of(path: &Path) -> &Path {
+    match path.parent() {
         Some(parent) if !parent.as_os_str().is_empty() => parent,
         _ => Path::new("."),
-    };
+    }
+}
+
+/// A temporary file in the folder of `place`, to which `path` leads.
+fn create_beside(path: &Path, place: &Path) -> Result<tempfile::NamedTempFile> {
+    let shown = path.display();
+    if place.is_dir() {
+        bail!("{shown}: cannot be written: it is a folder; give a file's name");
+    }
+    let folder = folder_of(place);
     tempfile::Builder::new()
         .permissions_of_new_files()
         .tempfile_in(folder)
         .map_err(|error| {
-            anyhow::anyhow!("{shown}: cannot be written: {}; {ADVICE}", reason(&error))
+            let reason = match folder.exists() {
+                true => reason(&error),
+                false => format!("there is no folder {}", folder.display()),
+            };
+            anyhow::anyhow!("{shown}: cannot be written: {reason}; {ADVICE}")
         })
 }
 
@@ -134,8 +234,9 @@ mod tests {
         assert_eq!(
             fault,
             format!(
-                "{}: cannot be written: entity not found; give a place that exists and can be written",
-                path.display()
+                "{}: cannot be written: there is no folder {}; give a place that exists and can be written",
+                path.display(),
+                path.parent().unwrap().display()
             )
         );
         let fault = format!(

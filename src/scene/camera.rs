@@ -88,6 +88,12 @@ impl Camera {
         camera
     }
 
+    /// The whole vertical field of view.
+    pub fn vertical_fov_degrees(&self) -> f64 {
+        let [up, forward] = [self.up, self.forward].map(|v| DVec3::from(v).length());
+        2.0 * (up / forward).atan().to_degrees()
+    }
+
     /// From `eye` towards `target`, with `up` upwards in the image (it need not be perpendicular), and the whole
     /// vertical field of view in degrees.
     ///
@@ -269,6 +275,7 @@ mod tests {
         close(camera.forward, [0.0, 0.0, -1.0]);
         close(camera.right, [1.0, 0.0, 0.0]);
         close(camera.up, [0.0, 1.0, 0.0]);
+        assert!((camera.vertical_fov_degrees() - 90.0).abs() < 1e-9);
     }
 
     #[test]

@@ -75,6 +75,14 @@ impl MachineMesh {
                     && !is_degenerate(&scene.mesh.positions, triangle)
             })
             .count();
+        let flat = (self.triangles.iter())
+            .filter(|&&triangle| is_degenerate(&scene.mesh.positions, triangle))
+            .count();
+        if flat > 0 {
+            warnings.push(format!(
+                "scene {name}: {flat} of {total} triangles have no area; remove them from the mesh, where they only take time"
+            ));
+        }
         if degenerate > 0 {
             warnings.push(format!(
                 "scene {name}: {degenerate} of {total} triangles have no area once rounded to {format}; a format with more fraction bits would keep them"
@@ -279,11 +287,12 @@ mod tests {
         ]);
         let mesh = MachineMesh::new(&all, Format::FP24).unwrap();
         let warnings = mesh.warnings(&all);
-        assert_eq!(warnings.len(), 2, "{warnings:?}");
+        assert_eq!(warnings.len(), 3, "{warnings:?}");
+        assert!(warnings[0].starts_with("scene test: 1 of 3 triangles have no area; "));
         assert!(
-            warnings[0].starts_with("scene test: 1 of 3 triangles have no area once rounded to ")
+            warnings[1].starts_with("scene test: 1 of 3 triangles have no area once rounded to ")
         );
-        assert!(warnings[1].starts_with("scene test: 1 coordinates are too small for "));
+        assert!(warnings[2].starts_with("scene test: 1 coordinates are too small for "));
     }
 
     #[test]

@@ -77,6 +77,11 @@ pub fn load(path: &Path) -> Result<Scene> {
         !metadata.is_dir(),
         "{shown}: is a folder, not a mesh; give an OBJ file or builtin:NAME"
     );
+    // To read a pipe could wait for ever.
+    ensure!(
+        metadata.is_file(),
+        "{shown}: is no regular file; give an OBJ file or builtin:NAME"
+    );
     let is_obj = path
         .extension()
         .is_some_and(|extension| extension.eq_ignore_ascii_case("obj"));
@@ -95,6 +100,9 @@ pub fn load(path: &Path) -> Result<Scene> {
 
 /// Errors begin with what follows the file's name.
 fn parse(bytes: &[u8]) -> Result<Mesh> {
+    /// Some editors begin a UTF-8 file with it.
+    const BYTE_ORDER_MARK: &[u8] = b"\xef\xbb\xbf";
+    let bytes = bytes.strip_prefix(BYTE_ORDER_MARK).unwrap_or(bytes);
     ensure!(
         !bytes.contains(&0),
         ": is a binary file, not an OBJ mesh; export the mesh as OBJ"
@@ -222,8 +230,14 @@ fn position<'a, 'b>(words: &'b [&'a str]) -> Result<&'b [&'a str], String> {
     }
     // Nearly every reader of OBJ files, `tobj` by default too, keeps single precision.
     for (number, axis) in numbers.iter().zip(["x", "y", "z"]) {
-        if !((number / weight) as f32).is_finite() {
-            return Err(format!("is not finite: its {axis} is {}", number / weight));
+        let value = number / weight;
+        if !value.is_finite() {
+            return Err(format!("is not finite: its {axis} is {value}"));
+        }
+        if !(value as f32).is_finite() {
+            return Err(format!(
+                "is beyond the range of single precision: its {axis} is {value:e}"
+            ));
         }
     }
     Ok(&words[..kept])
@@ -346,7 +360,7 @@ mod tests {
             ),
             (
                 "v 1e39 0 0\n",
-                ", line 1: vertex 1 is not finite: its x is 1000000000000000000000000000000000000000; correct or remove it",
+                ", line 1: vertex 1 is beyond the range of single precision: its x is 1e39; correct or remove it",
             ),
             (
                 "v 1 0 0 0\n",

@@ -12,6 +12,9 @@ pub const VERSION_KEY: &str = "dynrt_vectors";
 
 /// A folder that is being filled; what is not [`Folder::publish`]ed vanishes.
 pub struct Folder {
+    /// As the user named it.
+    shown: PathBuf,
+    /// Without links and dots, so that its parent and its name are what they seem.
     place: PathBuf,
     temporary: tempfile::TempDir,
 }
@@ -22,11 +25,8 @@ impl Folder {
     /// # Errors
     /// One line that says what is in the way.
     pub fn begin(place: &Path) -> Result<Folder> {
-        check_free(place)?;
-        let parent = match place.parent() {
-            Some(parent) if !parent.as_os_str().is_empty() => parent,
-            _ => Path::new("."),
-        };
+        check_free(place, place)?;
+        let shown = place;
         let advice = "give --out a place that can be written";
         let written = |error: std::io::Error| {
             anyhow::anyhow!(
@@ -35,7 +35,29 @@ impl Folder {
                 error.kind()
             )
         };
-        fs::create_dir_all(parent).map_err(written)?;
+        let parent = match place.parent() {
+            Some(parent) if !parent.as_os_str().is_empty() => parent,
+            _ => Path::new("."),
+        };
+        if !place.exists() {
+            fs::create_dir_all(parent).map_err(written)?;
+        }
+        // Making the parent of `v/../v` makes `v`: whether the place exists is asked again.
+        let place = match (place.exists(), place.file_name()) {
+            (true, _) => place.canonicalize().map_err(written)?,
+            (false, Some(name)) => parent.canonicalize().map_err(written)?.join(name),
+            (false, None) => bail!("{}: is no folder's name; give --out one", shown.display()),
+        };
+        let current = std::env::current_dir().and_then(|folder| folder.canonicalize());
+        let (false, Some(parent)) = (
+            current.is_ok_and(|current| current.starts_with(&place)),
+            place.parent(),
+        ) else {
+            bail!(
+                "{}: holds the folder in which this runs, and cannot be replaced; name a folder in it",
+                shown.display()
+            );
+        };
         let mut builder = tempfile::Builder::new();
         builder.prefix(".dynrt-vectors-");
         #[cfg(unix)]
@@ -45,8 +67,9 @@ impl Folder {
             builder.permissions(fs::Permissions::from_mode(0o777));
         }
         Ok(Folder {
-            place: place.to_path_buf(),
+            shown: shown.to_path_buf(),
             temporary: builder.tempdir_in(parent).map_err(written)?,
+            place,
         })
     }
 
@@ -57,7 +80,7 @@ impl Folder {
 
     /// How to speak of a file.
     pub fn shown(&self, name: &str) -> String {
-        self.place.join(name).display().to_string()
+        self.shown.join(name).display().to_string()
     }
 
     /// Writes a whole file.
@@ -72,28 +95,40 @@ impl Folder {
     /// Puts the folder in its place, instead of earlier vectors there.
     ///
     /// # Errors
-    /// One line that names the place; what was there before is there still.
+    /// One line that names the place; what was there before is there still, or, if it cannot be put back, where the line
+    /// says.
     pub fn publish(self) -> Result<()> {
-        let Folder { place, temporary } = self;
-        check_free(&place)?;
-        let shown = place.display().to_string();
-        let failed = || format!("{shown}: cannot be put in place");
+        let Folder {
+            shown,
+            place,
+            temporary,
+        } = self;
+        check_free(&place, &shown)?;
+        let shown = shown.display();
+        let failed = |error: std::io::Error| {
+            anyhow::anyhow!("{shown}: cannot be put in place: {}", error.kind())
+        };
         // The earlier vectors move into a folder that is removed, and back if the new ones cannot take their place.
         let parent = temporary.path().parent().unwrap_or(Path::new("."));
         let retired = tempfile::Builder::new()
             .prefix(".dynrt-vectors-")
             .tempdir_in(parent)
-            .with_context(failed)?;
+            .map_err(failed)?;
         let earlier = retired.path().join("earlier");
         let replaces = place.exists();
         if replaces {
-            fs::rename(&place, &earlier).with_context(failed)?;
+            fs::rename(&place, &earlier).map_err(failed)?;
         }
         if let Err(error) = fs::rename(temporary.path(), &place) {
-            if replaces {
-                fs::rename(&earlier, &place).with_context(failed)?;
+            if replaces && fs::rename(&earlier, &place).is_err() {
+                let kept = retired.keep().join("earlier");
+                bail!(
+                    "{shown}: cannot be put in place: {}; the earlier vectors are in {}: move them back",
+                    error.kind(),
+                    kept.display()
+                );
             }
-            return Err(error).with_context(failed);
+            return Err(failed(error));
         }
         // Its content is in place: there is nothing left to remove.
         let _ = temporary.keep();
@@ -102,8 +137,8 @@ impl Folder {
 }
 
 /// That `place` is free, or holds earlier vectors and nothing that is not theirs.
-fn check_free(place: &Path) -> Result<()> {
-    let shown = place.display();
+fn check_free(place: &Path, shown: &Path) -> Result<()> {
+    let shown = shown.display();
     if !place.exists() {
         return Ok(());
     }
@@ -189,6 +224,32 @@ mod tests {
             refusal(&other.join(MANIFEST)),
             "PLACE: is a file; give --out a folder's name"
         );
+    }
+
+    #[test]
+    fn a_place_may_be_named_in_a_roundabout_way() {
+        let parent = tempfile::tempdir().unwrap();
+        let place = parent.path().join("v");
+        #[cfg(unix)]
+        std::os::unix::fs::symlink("v", parent.path().join("link")).unwrap();
+        #[cfg(not(unix))]
+        fs::create_dir(parent.path().join("link")).unwrap();
+        for name in ["v/../v", "v/.", "v/../v", "link/../v/", "v/../link/../v"] {
+            fill(&parent.path().join(name), name).unwrap();
+            let text = fs::read_to_string(place.join("a.hex")).unwrap();
+            assert_eq!(text, name);
+        }
+        #[cfg(unix)]
+        {
+            fill(&parent.path().join("link"), "linked").unwrap();
+            let text = fs::read_to_string(place.join("a.hex")).unwrap();
+            assert_eq!(text, "linked");
+        }
+        let mut left: Vec<_> = (fs::read_dir(parent.path()).unwrap())
+            .map(|entry| entry.unwrap().file_name())
+            .collect();
+        left.sort();
+        assert_eq!(left, ["link", "v"]);
     }
 
     #[test]
