@@ -121,7 +121,7 @@ impl RayKind {
 }
 
 /// The figures of a run that are not known where a mismatch ended it.
-const WHOLE_RUN_KEYS: [&str; 9] = [
+const WHOLE_RUN_KEYS: [&str; 10] = [
     "hits",
     "checked",
     "cycles",
@@ -130,6 +130,7 @@ const WHOLE_RUN_KEYS: [&str; 9] = [
     "rays_per_clock",
     "tpu_utilisation",
     "gu_utilisation",
+    "model_build_s",
     "simulate_s",
 ];
 

@@ -258,7 +258,9 @@ mod tests {
             (point.log2_scale, point.bounds()),
             (0, ([0.0; 3], [0.0; 3]))
         );
-        assert!(point.warnings(&scene(&[[0.0; 3]; 3])).is_empty());
+        let warnings = point.warnings(&scene(&[[0.0; 3]; 3]));
+        assert_eq!(warnings.len(), 1, "{warnings:?}");
+        assert!(warnings[0].contains("1 of 1 triangles have no area; "));
     }
 
     #[test]
