@@ -808,7 +808,11 @@ fn cosim_takes_shadow_rays_overrides_and_traces() {
 fn cosim_runs_one_unit_alone() {
     let folder = folder();
     let scene = "builtin:sphere?level=1 --config tiny --size 16x12";
-    for (unit, counted) in [("tpu", "packet_steps"), ("geometry", "ray_triangle_tests")] {
+    for (unit, counted) in [
+        ("tpu", "packet_steps"),
+        ("geometry", "ray_triangle_tests"),
+        ("update", "instructions"),
+    ] {
         prints(
             &format!("cosim {scene} --unit {unit} --json u.json"),
             folder.path(),

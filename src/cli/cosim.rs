@@ -4,10 +4,11 @@ use super::frame::{Built, Loaded, SIZE, SceneArgs, active};
 use super::{ConfigArgs, check_outputs, counted, one_line, print, tell};
 use anyhow::{Result, ensure};
 use clap::ValueEnum;
-use dynrt::bkd::MemoryImage;
+use dynrt::bkd::{MemoryImage, Tree};
 use dynrt::cosim::mismatch::Mismatch;
 use dynrt::cosim::raycast::{self, Options, Report, Trace};
 use dynrt::cosim::scoreboard::{UnitOptions, UnitReport};
+use dynrt::cosim::unit_update::{self, Traffic, UpdateObject};
 use dynrt::cosim::workload::Workload;
 use dynrt::cosim::{unit_geometry, unit_tpu};
 use dynrt::golden::Caster;
@@ -30,6 +31,7 @@ Examples:
   dynrt cosim builtin:interior --view inside --json hall.json
   dynrt cosim builtin:interior --view inside --rays shadow --out shadows.png
   dynrt cosim builtin:teapot --unit tpu --seed 3
+  dynrt cosim builtin:sphere --unit update
   dynrt cosim builtin:cornell --size 64x48 --set memory.latency=40 --set memory.jitter=20 --seed 7
   dynrt cosim builtin:cornell --size 64x48 --trace cornell.fst --from 1000 --cycles 500";
 
@@ -79,6 +81,8 @@ enum Unit {
     Geometry,
     /// Ray setup, traversal and geometry together, from rays to hits
     Raycast,
+    /// The update processor: every node that the scene's update program writes
+    Update,
 }
 
 impl Unit {
@@ -87,6 +91,7 @@ impl Unit {
             Unit::Tpu => "tpu",
             Unit::Geometry => "geometry",
             Unit::Raycast => "raycast",
+            Unit::Update => "update",
         }
     }
 }
@@ -152,7 +157,7 @@ pub fn run(args: &Args) -> Result<()> {
         report::check_regular(path)?;
     }
     let loaded = args.scene.load(args.size, &args.config)?;
-    let Built { image, .. } = loaded.build_default()?;
+    let Built { image, tree, .. } = loaded.build_default()?;
     let primary = Loaded::rays(&loaded.packets);
     let caster = Caster::new(
         &image,
@@ -183,6 +188,9 @@ pub fn run(args: &Args) -> Result<()> {
         from: args.from,
         cycles: args.cycles.unwrap_or(1),
     });
+    if args.unit == Unit::Update {
+        return job.run_update(&tree, trace);
+    }
     if args.unit != Unit::Raycast {
         let hits = caster.cast_packets(&rays).hits;
         return job.run_unit(
@@ -349,6 +357,59 @@ impl Job<'_> {
         self.check_trace(found.cycles);
         write(self.unit_json(&found, hits))?;
         print(&format!("{}\n", found.summary()))
+    }
+
+    /// The update processor alone, on the scene's update program.
+    fn run_update(&self, tree: &Tree, trace: Option<Trace>) -> Result<()> {
+        let Loaded {
+            config,
+            mesh,
+            scene,
+            ..
+        } = self.loaded;
+        let options = UnitOptions {
+            replay: self.replay(),
+            trace,
+            ..UnitOptions::new(self.args.seed)
+        };
+        let object = UpdateObject::new(
+            &scene.name,
+            mesh.format,
+            unit_update::machine(config)?,
+            tree,
+            &mesh.triangles,
+            &mesh.vertices,
+        )?;
+        let workload = unit_update::Workload::Objects(std::slice::from_ref(&object));
+        let found = unit_update::run(config, workload, Traffic::Separate, &options)?;
+        let write = |value| match &self.args.json {
+            Some(path) => report::json(path, &value),
+            None => Ok(()),
+        };
+        let unit = &found.unit;
+        if let Some(mismatch) = &unit.mismatch {
+            write(self.mismatch_json(mismatch, unit.cycles, Some(unit.checked)))?;
+            return Err(UnitMismatch(mismatch.clone()).into());
+        }
+        unit.verdict()?;
+        self.check_trace(unit.cycles);
+        let mut value = self.unit_json(unit, 0);
+        for figures in &found.objects {
+            extend(
+                &mut value,
+                json!({
+                    "instructions": figures.instructions,
+                    "nodes_written": figures.nodes_written,
+                    "busy_cycles": figures.busy_cycles,
+                    "stalled_cycles": figures.stalled_cycles,
+                    "instructions_per_clock": figures.instructions_per_clock(),
+                    "triangles_per_clock": figures.triangles_per_clock(),
+                    "nodes_per_clock": figures.nodes_per_clock(),
+                }),
+            );
+        }
+        write(value)?;
+        print(&format!("{}\n", found.summary().trim_end()))
     }
 
     fn unit_json(&self, found: &UnitReport, hits: usize) -> Value {
