@@ -811,7 +811,7 @@ fn cosim_runs_one_unit_alone() {
     for (unit, counted) in [
         ("tpu", "packet_steps"),
         ("geometry", "ray_triangle_tests"),
-        ("update", "instructions"),
+        ("update", "nodes_written"),
     ] {
         prints(
             &format!("cosim {scene} --unit {unit} --json u.json"),
