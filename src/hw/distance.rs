@@ -1,7 +1,7 @@
 //! The plane distance: (plane − origin) × reciprocal, three ulps down or up.
 
 use super::fp::{Units, step};
-use crate::hdl::{Builder, HdlError, Module};
+use crate::hdl::{Builder, HdlError, Module, Signal};
 use std::rc::Rc;
 
 /// Ulps that cover the plane distance's own three roundings.
@@ -40,4 +40,23 @@ fn distance(units: &Units, name: &str, doc: &str, slack: i32) -> Result<Rc<Modul
     m.group("Distance in multiples of the ray's direction");
     m.output("distance", step(units.format, exact, slack).register());
     m.finish()
+}
+
+/// Places a [`near`] or [`far`] distance as the instance `name` in the plane's module.
+pub(super) fn place<'b>(
+    name: impl AsRef<str>,
+    distance: &Rc<Module>,
+    plane: Signal<'b>,
+    origin: Signal<'b>,
+    reciprocal: Signal<'b>,
+) -> Signal<'b> {
+    let inputs = [
+        ("plane", plane),
+        ("origin", origin),
+        ("reciprocal", reciprocal),
+    ];
+    plane
+        .module()
+        .instance(name, distance, &inputs)
+        .get("distance")
 }

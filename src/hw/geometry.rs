@@ -4,16 +4,15 @@
 //! and nothing can overflow. Rays outside a leaf's mask are skipped and cost nothing.
 
 use super::bundle::Bundle;
+use super::distance;
 use super::fifo;
 use super::fp::{equal, is_infinite, is_nan, is_zero, less, less_equal, max, min};
-use super::plan::Plan;
+use super::plan::{AXES, Plan};
 use super::tpu;
 use crate::bkd::layout::Record;
 use crate::config::TriangleTest;
 use crate::hdl::{Builder, HdlError, Module, Signal, Style, bits_for};
 use std::rc::Rc;
-
-const AXES: [&str; 3] = ["x", "y", "z"];
 
 /// The geometry unit, and the triangle test within.
 pub struct Geometry {
@@ -64,16 +63,7 @@ fn triangle_box(plan: &Plan) -> Result<Rc<Module>, HdlError> {
         }
         let sign = signs.bit(i as u32);
         let place = |name: String, module: &Rc<Module>, plane| {
-            m.instance(
-                name,
-                module,
-                &[
-                    ("plane", plane),
-                    ("origin", origin[i]),
-                    ("reciprocal", reciprocal[i]),
-                ],
-            )
-            .get("distance")
+            distance::place(name, module, plane, origin[i], reciprocal[i])
         };
         let n = place(
             format!("near_{x}"),

@@ -7,6 +7,9 @@ use crate::float::Format;
 use crate::hdl::{HdlError, Memory, Module, Signal, bits_for};
 use std::rc::Rc;
 
+/// The axes, as ports and fields are named after them.
+pub(super) const AXES: [&str; 3] = ["x", "y", "z"];
+
 /// The widths and shared modules of one machine.
 #[derive(Clone)]
 pub struct Plan {

@@ -1,14 +1,12 @@
 //! The ray casting unit: ray setup, traversal processing unit, geometry unit, and who is in which packet's place.
 
 use super::fifo;
-use super::plan::Plan;
+use super::plan::{AXES, Plan};
 use super::{geometry, setup, tpu};
 use crate::bkd::layout::Record;
 use crate::config::{Config, TriangleTest};
 use crate::hdl::{Builder, Design, HdlError, Module, Style};
 use std::rc::Rc;
-
-const AXES: [&str; 3] = ["x", "y", "z"];
 
 /// Bits of each counter; they wrap.
 pub const COUNTER_BITS: u32 = 40;

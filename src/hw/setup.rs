@@ -1,12 +1,11 @@
 //! Ray setup: reciprocals, the watertight test's shear, and the clip to the scene's box. A ray a clock.
 
+use super::distance;
 use super::fp::{is_nan, is_zero, less_equal, max, min};
-use super::plan::Plan;
+use super::plan::{AXES, Plan};
 use crate::config::TriangleTest;
 use crate::hdl::{Builder, HdlError, Module, Signal};
 use std::rc::Rc;
-
-const AXES: [&str; 3] = ["x", "y", "z"];
 
 /// Ray setup as a pipeline. `lookahead` is how many clocks before its outputs `soon` announces them.
 pub fn module(plan: &Plan, lookahead: u32) -> Result<Rc<Module>, HdlError> {
@@ -66,16 +65,7 @@ pub fn module(plan: &Plan, lookahead: u32) -> Result<Rc<Module>, HdlError> {
         let near_plane = sign.mux(hi, lo);
         let far_plane = sign.mux(lo, hi);
         let place = |name: String, module: &Rc<Module>, plane| {
-            m.instance(
-                name,
-                module,
-                &[
-                    ("plane", plane),
-                    ("origin", origin[i]),
-                    ("reciprocal", reciprocal[i]),
-                ],
-            )
-            .get("distance")
+            distance::place(name, module, plane, origin[i], reciprocal[i])
         };
         let near_distance = place(format!("near_{}", AXES[i]), &plan.near_distance, near_plane);
         let far_distance = place(format!("far_{}", AXES[i]), &plan.far_distance, far_plane);

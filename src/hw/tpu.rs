@@ -15,14 +15,13 @@
 //! ```
 
 use super::bundle::Bundle;
+use super::distance;
 use super::fifo;
 use super::fp::{less_equal, max, min};
-use super::plan::Plan;
+use super::plan::{AXES, Plan};
 use crate::bkd::layout::Record;
 use crate::hdl::{Builder, HdlError, Module, Signal, Style};
 use std::rc::Rc;
-
-const AXES: [&str; 3] = ["x", "y", "z"];
 
 /// The traversal processing unit, and how long its pop pipeline is.
 pub struct Tpu {
@@ -82,28 +81,12 @@ fn slice(plan: &Plan) -> Result<Rc<Module>, HdlError> {
             .mux(lo, hi)
             .named(format!("{name}_far_plane"))
             .register();
-        let near_distance = m
-            .instance(
-                format!("{name}_near_distance"),
-                &plan.near_distance,
-                &[
-                    ("plane", near_plane),
-                    ("origin", origin),
-                    ("reciprocal", reciprocal),
-                ],
-            )
-            .get("distance");
-        let far_distance = m
-            .instance(
-                format!("{name}_far_distance"),
-                &plan.far_distance,
-                &[
-                    ("plane", far_plane),
-                    ("origin", origin),
-                    ("reciprocal", reciprocal),
-                ],
-            )
-            .get("distance");
+        let place = |which: &str, module: &Rc<Module>, plane| {
+            let instance = format!("{name}_{which}_distance");
+            distance::place(instance, module, plane, origin, reciprocal)
+        };
+        let near_distance = place("near", &plan.near_distance, near_plane);
+        let far_distance = place("far", &plan.far_distance, far_plane);
         let near = max(f, near, near_distance).named(format!("{name}_near_clipped"));
         let far = min(f, far, far_distance).named(format!("{name}_far_clipped"));
         intervals.push((near.register(), far.register()));

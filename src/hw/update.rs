@@ -22,14 +22,12 @@
 use super::bundle::Bundle;
 use super::fifo;
 use super::fp::{is_nan, less};
-use super::plan::Plan;
+use super::plan::{AXES, Plan};
 use super::raycast::COUNTER_BITS;
 use crate::bkd::layout::Record;
 use crate::hdl::{Builder, HdlError, Module, Signal, Style, bits_for};
 use crate::program::{Program, UpdateMachine};
 use std::rc::Rc;
-
-const AXES: [&str; 3] = ["x", "y", "z"];
 
 /// Target clock, in MHz, from which on a comparison and the choice that it makes have a stage each.
 const SPLIT_COMPARISONS_FROM: u32 = 120;
@@ -505,7 +503,7 @@ pub fn module(plan: &Plan) -> Result<UpdateProcessor, HdlError> {
     );
     let vertex_number = |name| part(name).low(vertex_bits);
     vertex_registers.write(load_goes, vertex_number("x"), fetched.get("front"));
-    let corners = ["x", "y", "z"].map(|name| vertex_registers.read_now(vertex_number(name)));
+    let corners = AXES.map(|name| vertex_registers.read_now(vertex_number(name)));
     let box_registers = m.memory(
         "box_registers",
         config.update_box_registers,
