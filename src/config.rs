@@ -37,6 +37,10 @@ pub struct Config {
     pub update_instructions_ahead: u32,
     pub update_vertices_ahead: u32,
     pub update_nodes_waiting: u32,
+    pub skinning_joints: u32,
+    pub skinning_rows_ahead: u32,
+    pub skinning_vertices_ahead: u32,
+    pub skinning_vertices_waiting: u32,
     pub memory_latency: u32,
     pub memory_jitter: u32,
     pub memory_in_order: bool,
@@ -228,6 +232,42 @@ pub static KEYS: &[Key] = &[
         update_nodes_waiting,
         false,
         "nodes merged by the update processor that wait to be written"
+    ),
+    key!(
+        "skinning",
+        "joints",
+        "joints",
+        Values::OneOf(&[16, 32, 64, 128, 256]),
+        skinning_joints,
+        false,
+        "matrices that the palette holds"
+    ),
+    key!(
+        "skinning",
+        "rows_ahead",
+        "rows",
+        Values::Range(2..=32),
+        skinning_rows_ahead,
+        false,
+        "rows of four influences that the skinning processor fetches ahead"
+    ),
+    key!(
+        "skinning",
+        "vertices_ahead",
+        "vertices",
+        Values::Range(2..=64),
+        skinning_vertices_ahead,
+        false,
+        "vertices at rest that the skinning processor fetches ahead; about the memory's latency"
+    ),
+    key!(
+        "skinning",
+        "vertices_waiting",
+        "vertices",
+        Values::Range(4..=128),
+        skinning_vertices_waiting,
+        false,
+        "vertices in the arithmetic or waiting to be written; its depth, where vertices follow one joint each"
     ),
     key!(
         "memory",
@@ -489,6 +529,10 @@ impl Config {
             update_instructions_ahead: 0,
             update_vertices_ahead: 0,
             update_nodes_waiting: 0,
+            skinning_joints: 0,
+            skinning_rows_ahead: 0,
+            skinning_vertices_ahead: 0,
+            skinning_vertices_waiting: 0,
             memory_latency: 0,
             memory_jitter: 0,
             memory_in_order: true,

@@ -1031,6 +1031,8 @@ fn the_layout_page_says_what_the_layout_is() {
     for record in [
         Record::node(Format::FP24),
         Record::link_word(),
+        Record::instance(),
+        Record::influence_row(Format::FP24),
         Record::triangle(),
         Record::vertex(Format::FP24),
     ] {

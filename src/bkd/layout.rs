@@ -29,6 +29,12 @@ use crate::float::Format;
 /// Bits of an index in a link word.
 pub const LINK_BITS: u32 = 26;
 
+/// Bits that name a joint of a palette.
+pub const JOINT_BITS: u32 = 8;
+
+/// Influences in a row of the skinning processor's stream.
+pub const INFLUENCES_PER_ROW: usize = 4;
+
 /// The most triangle records that a link word can address.
 pub const MOST_RECORDS: u64 = 1 << LINK_BITS;
 
@@ -186,6 +192,46 @@ impl Record {
                 ("number", 32, "the triangle's number in its mesh"),
             ],
         )
+    }
+
+    /// An instance: where its six vectors lie, its object's root and its number. As wide as a triangle record, with the
+    /// number in the same place, and in the same array.
+    pub fn instance() -> Self {
+        Record::new(
+            "instance",
+            &[
+                ("vectors", 32, "index of the first of its six vectors"),
+                ("root", 32, "root link word of its object"),
+                ("unused", 32, "0"),
+                ("number", 32, "the instance's number in the scene"),
+            ],
+        )
+    }
+
+    /// A row of the skinning processor's influences: [`INFLUENCES_PER_ROW`] of them.
+    pub fn influence_row(format: Format) -> Self {
+        let w = format.width();
+        let names = [
+            ["weight0", "joint0", "last0"],
+            ["weight1", "joint1", "last1"],
+            ["weight2", "joint2", "last2"],
+            ["weight3", "joint3", "last3"],
+        ];
+        let parts: Vec<_> = names
+            .into_iter()
+            .flat_map(|[weight, joint, last]| {
+                [
+                    (
+                        weight,
+                        w - 1,
+                        "the joint's weight, without its sign, which is 0",
+                    ),
+                    (joint, JOINT_BITS, "the joint's place in the palette"),
+                    (last, 1, "the vertex has no further influence"),
+                ]
+            })
+            .collect();
+        Record::new("influence_row", &parts)
     }
 
     /// The link word of a node; alone, the root by which an object is entered.

@@ -12,6 +12,7 @@ mod plan;
 pub mod raycast;
 pub mod setup;
 pub mod tpu;
+mod triangle;
 pub mod update;
 
 pub use bundle::Bundle;
