@@ -16,8 +16,8 @@
 //! | 70 to 119 | 5 |
 //! | from 120 on | 8 |
 //!
-//! The reference machine's takes, as Yosys counts them for Virtex-4, 3,629 LUT4, 1,693 flip-flops and, as distributed RAM,
-//! 2,182 RAM16X1D and 72 RAM64X1S, which are 4,652 LUT4 more; no block RAM and no DSP48.
+//! The reference machine's takes, as Yosys counts them for Virtex-4, 2,673 LUT4, 1,707 flip-flops, 454 RAM16X1D, which are 908 LUT4
+//! more, and 14 block RAMs; no DSP48.
 
 use super::bundle::Bundle;
 use super::fifo;
