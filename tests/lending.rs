@@ -198,9 +198,9 @@ impl Rig {
         let mut vertices = [(); 3].map(|()| self.vector());
         if self.rng.u32(0..4) > 0 {
             for vertex in &mut vertices {
-                for i in 0..3 {
+                for (i, component) in vertex.iter_mut().enumerate() {
                     let at = ray.origin[i] + t * ray.direction[i];
-                    vertex[i] = self.a.round(at + vertex[i]);
+                    *component = self.a.round(at + *component);
                 }
             }
         }
