@@ -393,7 +393,8 @@ pub fn module(plan: &Plan) -> Result<Geometry, HdlError> {
     }
     inputs.push(("matrix".into(), (direction_slot | origin_slot).at(start)));
     let stage_of = |port: &str| test.port(port).and_then(|p| p.stage).unwrap_or(0) + start;
-    let translated_at = stage_of("translation_x");
+    let translated_at = AXES.map(|x| stage_of(&format!("translation_{x}")));
+    let translated_at = *translated_at.iter().min().expect("three axes");
     // A direction is not moved: it has the translation +0.
     let translation = plan.read_where(
         translations,

@@ -11,6 +11,7 @@ pub mod geometry;
 mod plan;
 pub mod raycast;
 pub mod setup;
+mod share;
 pub mod tpu;
 mod triangle;
 pub mod update;
