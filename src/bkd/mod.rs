@@ -10,6 +10,7 @@ mod tree;
 
 pub use build::{BuildOptions, SortKeys, SplitCost, build};
 pub use layout::{
-    Field, LINK_BITS, LinkWord, MemoryImage, Node, Placement, Record, Target, TriangleRecord,
+    Columns, Field, Influence, LINK_BITS, LinkWord, MemoryImage, Node, Placement, Record, Target,
+    TriangleRecord,
 };
 pub use tree::{Bounds, Child, Refit, Tree, TreeNode};
