@@ -1,8 +1,8 @@
 //! Vectors from the golden model at work: what its observer sees becomes lines.
 
-use super::folder::Folder;
 use super::shape::Shape;
 use super::sheet::{Sheet, UnitSheets};
+use crate::report::folder::Folder;
 use crate::bkd::layout::{MemoryImage, Node};
 use crate::float::Arithmetic;
 use crate::golden::raycast::RaySet;
