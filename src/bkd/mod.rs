@@ -5,6 +5,7 @@
 
 pub mod build;
 pub mod layout;
+pub mod quality;
 pub mod stats;
 mod tree;
 
@@ -13,4 +14,5 @@ pub use layout::{
     Columns, Field, Influence, LINK_BITS, LinkWord, MemoryImage, Node, Placement, Record, Target,
     TriangleRecord,
 };
+pub use quality::Quality;
 pub use tree::{Bounds, Child, Refit, Tree, TreeNode};
