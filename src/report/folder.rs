@@ -199,7 +199,10 @@ mod tests {
     }
 
     fn refusal(place: &Path) -> String {
-        let error = format!("{:#}", Folder::begin(place, VECTORS).err().expect("refused"));
+        let error = format!(
+            "{:#}",
+            Folder::begin(place, VECTORS).err().expect("refused")
+        );
         assert!(!error.contains('\n'), "{error}");
         error.replace(&place.display().to_string(), "PLACE")
     }

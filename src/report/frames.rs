@@ -19,7 +19,8 @@ const CONTENT: Content = Content {
                 .and_then(|rest| rest.strip_suffix(SUFFIX));
             number.is_some_and(|n| n.len() >= 4 && n.bytes().all(|b| b.is_ascii_digit()))
         };
-        let frames: std::collections::BTreeSet<_> = names.iter().filter(is_frame).cloned().collect();
+        let frames: std::collections::BTreeSet<_> =
+            names.iter().filter(is_frame).cloned().collect();
         (!frames.is_empty()).then_some(frames)
     },
 };

@@ -86,8 +86,7 @@ fn surface(corners: [[f64; 3]; 3], ray: &Ray, hit: &Hit) -> DVec3 {
     // Neighbouring triangles have consecutive numbers: mixing the bits makes them differ. So do those of an instance and
     // the next; of instance 0, the only one of a scene of one level, the number is left as it is.
     let number = hit.triangle ^ hit.instance.wrapping_mul(0xc2b2_ae35);
-    let mixed =
-        number.wrapping_mul(0x9e37_79b1) ^ number.rotate_left(15).wrapping_mul(0x85eb_ca6b);
+    let mixed = number.wrapping_mul(0x9e37_79b1) ^ number.rotate_left(15).wrapping_mul(0x85eb_ca6b);
     let byte = |shift: u32| f64::from(mixed >> shift & 255) / 255.0 - 0.5;
     let tint = dvec3(0.95, 0.82, 0.66) + 0.07 * dvec3(byte(0), byte(8), byte(16)) + 0.1 * byte(24);
     tint * (lamp + sky)
@@ -290,8 +289,7 @@ mod tests {
             .into();
         write_gif(&path, &pictures, 24.0).unwrap();
         let bytes = std::fs::read(&path).unwrap();
-        let decoder =
-            image::codecs::gif::GifDecoder::new(std::io::Cursor::new(&bytes)).unwrap();
+        let decoder = image::codecs::gif::GifDecoder::new(std::io::Cursor::new(&bytes)).unwrap();
         let frames = decoder.into_frames().collect_frames().unwrap();
         assert_eq!(frames.len(), 3);
         for (frame, picture) in frames.iter().zip(&pictures) {

@@ -2,12 +2,12 @@
 
 use super::shape::Shape;
 use super::sheet::{Sheet, UnitSheets};
-use crate::report::folder::Folder;
 use crate::bkd::layout::{MemoryImage, Node};
 use crate::float::Arithmetic;
 use crate::golden::raycast::RaySet;
 use crate::golden::{Caster, Observer, Outcome, RaySetup, RayTest, StepEvent};
 use crate::port::{Hit, Ray};
+use crate::report::folder::Folder;
 use anyhow::Result;
 use std::rc::Rc;
 

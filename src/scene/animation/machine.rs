@@ -73,8 +73,8 @@ impl MachineScene {
         joints: u32,
     ) -> Result<MachineScene> {
         let arithmetic = Arithmetic::new(format);
-        let world = log2_scale(extents.world, format)
-            .with_context(|| format!("scene {}", scene.name))?;
+        let world =
+            log2_scale(extents.world, format).with_context(|| format!("scene {}", scene.name))?;
         let objects = std::iter::zip(&scene.objects, &extents.objects).map(|(object, extents)| {
             let of = |bounds| {
                 log2_scale(bounds, format)
