@@ -323,11 +323,6 @@ impl RaycastUnit {
         self.model.cycles()
     }
 
-    /// Ends the waveform, if there is one.
-    pub fn trace_end(&mut self) {
-        self.model.trace_end();
-    }
-
     /// Resets the unit and casts rays as [`run`] does, whose options hold but for the trace.
     ///
     /// # Errors

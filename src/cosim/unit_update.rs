@@ -350,6 +350,22 @@ impl UpdateUnit {
         self.machine
     }
 
+    /// Clocks simulated so far, the reset's included.
+    pub fn cycles(&self) -> u64 {
+        self.bench.model.cycles()
+    }
+
+    /// Results compared so far.
+    pub fn checked(&self) -> u64 {
+        self.bench.tally.checked
+    }
+
+    /// Lets all that is random in what follows depend on `seed`, not on how many updates went before.
+    pub fn reseed(&mut self, seed: u64) {
+        self.rng = fastrand::Rng::with_seed(seed);
+        self.updates = 0;
+    }
+
     /// Runs an update of `rows` rows of program; node and box memory are then as the RTL left them, which is as the
     /// golden model says.
     ///
