@@ -128,7 +128,7 @@ pub(super) fn processor(plan: &Plan, sum_latency: u32) -> Result<Rc<Module>, Hdl
     m.comment("Vectors ahead of their use: the palette's, then the vertices at rest.");
     let count_bits = joints.width() + 2;
     let column_unit = m.lit(1u8, count_bits);
-    let columns = joints.concat(m.zero(2));
+    let columns = joints.concat(m.zero(2)).named("columns");
     let columns_to_request = m.reg_reset("columns_to_request", count_bits, 0);
     let column_address = m.reg("column_address", a);
     let rest_to_request = m.reg_reset("rest_to_request", a, 0);
