@@ -251,8 +251,8 @@ fn faults_are_mismatches() {
             ..UnitOptions::new(seed)
         };
         let workload = Workload::Random { vertices: 10_000 };
-        let report = run(&config, workload, Traffic::Separate, &options)
-            .unwrap_or_else(|e| panic!("{e:#}"));
+        let report =
+            run(&config, workload, Traffic::Separate, &options).unwrap_or_else(|e| panic!("{e:#}"));
         assert_eq!(report.unit.mismatches, 1, "`{instead}` is not noticed");
         assert!(report.unit.mismatch.is_some());
         assert!(report.unit.verdict().is_err());

@@ -18,7 +18,7 @@ use super::workload::{Batch, Batches, TestScene, Workload, odd_number, tiny_scen
 use crate::bkd::layout::Record;
 use crate::config::{Config, TriangleTest};
 use crate::float::{Arithmetic, Format};
-use crate::golden::{Closest, HandOver, Observer, Outcome, RaySetup, Triangle};
+use crate::golden::{Closest, HandOver, Observer, Outcome, RaySetup, Triangle, WHOLE_LINE};
 use crate::hw::{Plan, geometry};
 use crate::port::Ray;
 use anyhow::{Result, ensure};
@@ -300,6 +300,7 @@ pub fn throughput(
     let packets = batch.packets.iter().map(|rays| {
         let leaf = |rng: &mut fastrand::Rng| HandOver {
             record: rng.u32(..records),
+            instance: false,
             mask: all[rng.usize(..all.len())],
         };
         let leaves = (0..LEAVES_FOR_THROUGHPUT).map(|_| leaf(&mut run.rng));
@@ -404,6 +405,7 @@ impl<'a> Run<'a> {
                 for _ in 0..self.rng.usize(1..=12) {
                     leaves.0.push(HandOver {
                         record: self.rng.u32(..records),
+                        instance: false,
                         mask: self.rng.u8(1..=all),
                     });
                 }
@@ -595,7 +597,8 @@ impl<'a> Run<'a> {
                 continue;
             }
             let setup = &ray.setup;
-            let outcome = triangle.intersect::<true>(&self.arithmetic, self.test, setup);
+            let outcome =
+                triangle.intersect::<true>(&self.arithmetic, self.test, setup, WHOLE_LINE);
             let before = ray.closest;
             ray.closest.merge(setup, &outcome, 0, triangle.number);
             let after = ray.closest;

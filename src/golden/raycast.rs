@@ -1,4 +1,6 @@
-//! The ray casting unit: a packet of rays through setup, traversal and triangle tests.
+//! The ray casting unit: a packet of rays through setup, traversal, ray transformations and triangle tests.
+
+use std::ops::Range;
 
 use rayon::prelude::*;
 
@@ -7,7 +9,8 @@ use super::clip::RayLanes;
 use super::geometry::{Closest, Outcome, Triangle};
 use super::setup::RaySetup;
 use super::tpu::{Entry, Lanes};
-use crate::bkd::layout::{MemoryImage, Target};
+use super::transform::{Instance, Transformed, WHOLE_LINE};
+use crate::bkd::layout::{MemoryImage, Target, TriangleRecord};
 use crate::config::TriangleTest;
 use crate::float::Arithmetic;
 use crate::port::{Hit, Ray};
@@ -29,6 +32,9 @@ pub trait Observer {
     fn pop(&mut self, _event: &PopEvent) {}
     /// A leaf was handed over to the geometry unit.
     fn hand_over(&mut self, _event: &HandOver) {}
+    /// One ray was taken to an instance's object: of an instance handed over, ray by ray from slot 0 up. If some ray
+    /// enters, the packet goes on at the object's root, in its space.
+    fn enter(&mut self, _event: &EnterEvent) {}
     /// One ray was tested against one triangle: of a leaf handed over, ray by ray from slot 0 up.
     fn test(&mut self, _event: &RayTest) {}
 }
@@ -52,6 +58,8 @@ pub struct RaySet {
 pub struct StepEvent {
     /// The node's index.
     pub node: u32,
+    /// Whether the packet is in an object's space, below a top-level tree.
+    pub inside: bool,
     /// The rays that come, with their intervals.
     pub rays: RaySet,
     /// The rays that go left, with their intervals clipped by the left child's.
@@ -68,6 +76,8 @@ pub struct StepEvent {
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct PushEvent {
     pub child: Target,
+    /// Whether the child is in an object's tree below a top-level one.
+    pub inside: bool,
     /// The rays that go there, with their intervals.
     pub rays: RaySet,
     /// Entries on the stack, this one included.
@@ -78,6 +88,8 @@ pub struct PushEvent {
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct PopEvent {
     pub child: Target,
+    /// Whether the child is in an object's tree below a top-level one: the packet goes on in the object's space.
+    pub inside: bool,
     /// The rays that stay, with their far bounded by their limit. None stays: the entry is dropped, the next one popped.
     pub rays: RaySet,
     /// Entries left on the stack.
@@ -87,10 +99,25 @@ pub struct PopEvent {
 /// A leaf handed over to the geometry unit.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct HandOver {
-    /// Index of the triangle's record.
+    /// Index of the leaf's record.
     pub record: u32,
-    /// The rays to test.
+    /// Whether it is an instance, for the rays to enter; else a triangle, for them to be tested.
+    pub instance: bool,
+    /// The rays that come.
     pub mask: u8,
+}
+
+/// A ray taken to an instance's object.
+#[derive(Clone, Copy, Debug)]
+pub struct EnterEvent {
+    /// The ray's place in its packet.
+    pub slot: u8,
+    /// Index of the instance's record.
+    pub record: u32,
+    /// The instance's number in the scene.
+    pub instance: u32,
+    /// The ray in the object's space, its window, and whether it enters.
+    pub transformed: Transformed,
 }
 
 /// A ray–triangle test and its merge.
@@ -100,6 +127,8 @@ pub struct RayTest {
     pub slot: u8,
     /// Index of the triangle's record.
     pub record: u32,
+    /// The number of the instance that the packet is in, 0 in a scene of one level.
+    pub instance: u32,
     /// The triangle's number in its mesh.
     pub triangle: u32,
     pub outcome: Outcome,
@@ -112,10 +141,14 @@ pub struct RayTest {
 pub struct Counts {
     /// Packet steps.
     pub steps: u32,
-    /// Leaves handed over: a packet's triangle tests.
+    /// Triangles handed over: a packet's triangle tests.
     pub tests: u32,
-    /// Ray–triangle tests: the rays of all leaves handed over.
+    /// Ray–triangle tests: the rays of all triangles handed over.
     pub ray_tests: u32,
+    /// Instances handed over: a packet's entries.
+    pub entries: u32,
+    /// Ray transformations: the rays of all instances handed over.
+    pub ray_transforms: u32,
     /// The most entries on the stack at one time.
     pub stack_high_water: u32,
 }
@@ -140,25 +173,33 @@ pub struct FrameResult {
 impl FrameResult {
     /// Packet steps of all packets.
     pub fn steps(&self) -> u64 {
-        self.packets
-            .iter()
-            .map(|packet| u64::from(packet.steps))
-            .sum()
+        self.sum(|packet| packet.steps)
     }
 
-    /// Leaves handed over by all packets.
+    /// Triangles handed over by all packets.
     pub fn tests(&self) -> u64 {
-        self.packets
-            .iter()
-            .map(|packet| u64::from(packet.tests))
-            .sum()
+        self.sum(|packet| packet.tests)
     }
 
     /// Ray–triangle tests of all packets.
     pub fn ray_tests(&self) -> u64 {
+        self.sum(|packet| packet.ray_tests)
+    }
+
+    /// Instances handed over by all packets.
+    pub fn entries(&self) -> u64 {
+        self.sum(|packet| packet.entries)
+    }
+
+    /// Ray transformations of all packets.
+    pub fn ray_transforms(&self) -> u64 {
+        self.sum(|packet| packet.ray_transforms)
+    }
+
+    fn sum(&self, count: impl Fn(&Counts) -> u32) -> u64 {
         self.packets
             .iter()
-            .map(|packet| u64::from(packet.ray_tests))
+            .map(|packet| u64::from(count(packet)))
             .sum()
     }
 
@@ -188,7 +229,11 @@ pub struct Caster {
     test: TriangleTest,
     rays_per_packet: usize,
     nodes: Vec<DecodedNode>,
+    /// By record; at an instance's record one that is of no meaning.
     triangles: Vec<Triangle>,
+    /// Of a scene of two levels: by record, from `first_instance` on.
+    instances: Vec<Instance>,
+    first_instance: u32,
     root: Target,
     bounds: ([f64; 3], [f64; 3]),
 }
@@ -197,7 +242,7 @@ impl Caster {
     /// Decodes an image that [`MemoryImage::check`] accepts.
     ///
     /// # Panics
-    /// Where `rays_per_packet` is not 1, 2, 4 or 8, or a link or a vertex index leads outside the image.
+    /// Where `rays_per_packet` is not 1, 2, 4 or 8, or the image is not sound.
     pub fn new(image: &MemoryImage, test: TriangleTest, rays_per_packet: usize) -> Self {
         assert!(
             matches!(rays_per_packet, 1 | 2 | 4 | 8),
@@ -208,12 +253,17 @@ impl Caster {
             axes: [node.link.left_axis, node.link.right_axis],
             children: node.link.children(index as u32),
         };
+        let instances = image.instance_records().expect("a sound image");
         Caster {
             arithmetic: Arithmetic::new(image.format),
             test,
             rays_per_packet,
             nodes: image.nodes.iter().enumerate().map(decode).collect(),
-            triangles: fetch_triangles(image),
+            triangles: fetch_triangles(image, &instances),
+            first_instance: instances.start,
+            instances: instances
+                .map(|record| Instance::fetch(image, record))
+                .collect(),
             root: image.root.root(),
             bounds: image.bounds,
         }
@@ -251,15 +301,20 @@ impl Caster {
             self.rays_per_packet,
             rays.len()
         );
-        match self.rays_per_packet {
-            1 => self.traverse::<1, _>(rays, hits, observer),
-            2 => self.traverse::<2, _>(rays, hits, observer),
-            4 => self.traverse::<4, _>(rays, hits, observer),
-            _ => self.traverse::<8, _>(rays, hits, observer),
+        match (self.rays_per_packet, self.instances.is_empty()) {
+            (1, true) => self.traverse::<1, false, _>(rays, hits, observer),
+            (2, true) => self.traverse::<2, false, _>(rays, hits, observer),
+            (4, true) => self.traverse::<4, false, _>(rays, hits, observer),
+            (_, true) => self.traverse::<8, false, _>(rays, hits, observer),
+            (1, false) => self.traverse::<1, true, _>(rays, hits, observer),
+            (2, false) => self.traverse::<2, true, _>(rays, hits, observer),
+            (4, false) => self.traverse::<4, true, _>(rays, hits, observer),
+            (_, false) => self.traverse::<8, true, _>(rays, hits, observer),
         }
     }
 
-    fn traverse<const N: usize, O: Observer>(
+    /// Casts a packet of N rays. `INSTANCED` says that the scene has two levels; without it nothing is spent on them.
+    fn traverse<const N: usize, const INSTANCED: bool, O: Observer>(
         &self,
         rays: &[Ray],
         hits: &mut [Hit],
@@ -286,6 +341,9 @@ impl Caster {
         }
 
         let lanes = RayLanes::new(&rays);
+        // Where the packet is: in the world, or inside the object of an instance, where these stand for its rays.
+        let mut inside = false;
+        let mut object = INSTANCED.then(|| Inside::new(&rays, &lanes));
         let mut stack: Vec<Entry<N>> = Vec::with_capacity(64);
         let mut next = Some(self.root);
         loop {
@@ -293,8 +351,12 @@ impl Caster {
                 Some(Target::Node(index)) => {
                     counts.steps += 1;
                     let node = &self.nodes[index as usize];
+                    let lanes = match &object {
+                        Some(object) if inside => &object.lanes,
+                        _ => &lanes,
+                    };
                     let outcome =
-                        current.step(a, &lanes, node.intervals, node.axes.map(usize::from));
+                        current.step(a, lanes, node.intervals, node.axes.map(usize::from));
                     let (left, right) = (outcome.left, outcome.right);
                     let left_first = outcome.left_first != 0;
                     let next = match (left.mask != 0, right.mask != 0) {
@@ -307,6 +369,7 @@ impl Caster {
                     if O::WATCHES {
                         observer.step(&StepEvent {
                             node: index,
+                            inside,
                             rays: RaySet::from(&current),
                             left: RaySet::from(&left),
                             right: RaySet::from(&right),
@@ -324,6 +387,7 @@ impl Caster {
                             current = first;
                             stack.push(Entry {
                                 child,
+                                inside,
                                 rays: second,
                             });
                             let height = stack.len() as u32;
@@ -331,6 +395,7 @@ impl Caster {
                             if O::WATCHES {
                                 observer.push(&PushEvent {
                                     child,
+                                    inside,
                                     rays: RaySet::from(&second),
                                     height,
                                 });
@@ -342,47 +407,79 @@ impl Caster {
                     next
                 }
                 Some(Target::Record(record)) => {
-                    counts.tests += 1;
-                    counts.ray_tests += current.mask.count_ones();
                     if O::WATCHES {
                         observer.hand_over(&HandOver {
                             record,
+                            instance: INSTANCED && !inside,
                             mask: current.mask,
                         });
                     }
-                    let triangle = &self.triangles[record as usize];
-                    let mut mask = current.mask;
-                    while mask != 0 {
-                        let slot = mask.trailing_zeros() as usize;
-                        mask &= mask - 1;
-                        let ray = &rays[slot];
-                        let outcome = if O::WATCHES {
-                            triangle.intersect::<true>(a, self.test, ray)
-                        } else {
-                            triangle.intersect::<false>(a, self.test, ray)
-                        };
-                        closest[slot].merge(ray, &outcome, 0, triangle.number);
-                        if O::WATCHES {
-                            observer.test(&RayTest {
-                                slot: slot as u8,
-                                record,
-                                triangle: triangle.number,
-                                outcome,
-                                merged: closest[slot],
-                            });
+                    match &mut object {
+                        Some(object) if !inside => {
+                            counts.entries += 1;
+                            counts.ray_transforms += current.mask.count_ones();
+                            let instance = &self.instances[(record - self.first_instance) as usize];
+                            let mask = current.mask;
+                            current =
+                                object.enter(a, instance, &rays, mask, |slot, transformed| {
+                                    if O::WATCHES {
+                                        observer.enter(&EnterEvent {
+                                            slot,
+                                            record,
+                                            instance: instance.number,
+                                            transformed: *transformed,
+                                        });
+                                    }
+                                });
+                            inside = current.mask != 0;
+                            inside.then_some(instance.root)
+                        }
+                        object => {
+                            counts.tests += 1;
+                            counts.ray_tests += current.mask.count_ones();
+                            let triangle = &self.triangles[record as usize];
+                            let mut mask = current.mask;
+                            while mask != 0 {
+                                let slot = mask.trailing_zeros() as usize;
+                                mask &= mask - 1;
+                                let (ray, window, instance) = match object {
+                                    Some(object) => {
+                                        (&object.rays[slot], object.windows[slot], object.number)
+                                    }
+                                    None => (&rays[slot], WHOLE_LINE, 0),
+                                };
+                                let outcome = if O::WATCHES {
+                                    triangle.intersect::<true>(a, self.test, ray, window)
+                                } else {
+                                    triangle.intersect::<false>(a, self.test, ray, window)
+                                };
+                                closest[slot].merge(ray, &outcome, instance, triangle.number);
+                                if O::WATCHES {
+                                    observer.test(&RayTest {
+                                        slot: slot as u8,
+                                        record,
+                                        instance,
+                                        triangle: triangle.number,
+                                        outcome,
+                                        merged: closest[slot],
+                                    });
+                                }
+                            }
+                            None
                         }
                     }
-                    None
                 }
                 None => {
                     let Some(entry) = stack.pop() else {
                         break;
                     };
+                    inside = entry.inside;
                     let limit = closest.map(|ray| ray.limit);
                     current = entry.rays.within(a, &limit);
                     if O::WATCHES {
                         observer.pop(&PopEvent {
                             child: entry.child,
+                            inside,
                             rays: RaySet::from(&current),
                             height: stack.len() as u32,
                         });
@@ -398,6 +495,58 @@ impl Caster {
     }
 }
 
+/// A packet's rays inside the object of the instance that was entered last. An instance that was left is entered
+/// again only by another leaf, so that its entries are gone when the next one is entered.
+struct Inside<const N: usize> {
+    /// The instance's number.
+    number: u32,
+    rays: [RaySetup; N],
+    lanes: RayLanes<N>,
+    windows: [[f64; 2]; N],
+}
+
+impl<const N: usize> Inside<N> {
+    /// Inside of nothing yet; rays that never enter stay as they are.
+    fn new(rays: &[RaySetup; N], lanes: &RayLanes<N>) -> Self {
+        Inside {
+            number: 0,
+            rays: *rays,
+            lanes: *lanes,
+            windows: [WHOLE_LINE; N],
+        }
+    }
+
+    /// Takes the rays of a mask to an instance's object, and returns those that enter it. `watch` sees each one.
+    fn enter(
+        &mut self,
+        a: &Arithmetic,
+        instance: &Instance,
+        world: &[RaySetup; N],
+        mut mask: u8,
+        mut watch: impl FnMut(u8, &Transformed),
+    ) -> Lanes<N> {
+        let mut entering = Lanes {
+            mask: 0,
+            near: [0.0; N],
+            far: [0.0; N],
+        };
+        self.number = instance.number;
+        while mask != 0 {
+            let slot = mask.trailing_zeros() as usize;
+            mask &= mask - 1;
+            let transformed = instance.transform(a, &world[slot]);
+            watch(slot as u8, &transformed);
+            self.rays[slot] = transformed.ray;
+            self.windows[slot] = transformed.window;
+            entering.mask |= u8::from(transformed.enters) << slot;
+            entering.near[slot] = transformed.near;
+            entering.far[slot] = transformed.far;
+        }
+        self.lanes = RayLanes::new(&self.rays);
+        entering
+    }
+}
+
 impl<const N: usize> From<&Lanes<N>> for RaySet {
     fn from(lanes: &Lanes<N>) -> Self {
         let widen =
@@ -410,14 +559,24 @@ impl<const N: usize> From<&Lanes<N>> for RaySet {
     }
 }
 
-/// The triangles of an image's records, in the records' order.
-pub(super) fn fetch_triangles(image: &MemoryImage) -> Vec<Triangle> {
-    let vertex = |index: u32| image.vertices[index as usize];
-    image
-        .records
-        .iter()
-        .map(|record| Triangle::new(record.vertices.map(vertex), record.number))
+/// The triangles of an image's records, in the records' order; in place of its instances, one at the origin.
+fn fetch_triangles(image: &MemoryImage, instances: &Range<u32>) -> Vec<Triangle> {
+    (0..)
+        .zip(&image.records)
+        .map(|(index, record)| {
+            if instances.contains(&index) {
+                Triangle::new([[0.0; 3]; 3], u32::MAX)
+            } else {
+                fetch_triangle(image, record)
+            }
+        })
         .collect()
+}
+
+/// The triangle of a record.
+pub(super) fn fetch_triangle(image: &MemoryImage, record: &TriangleRecord) -> Triangle {
+    let vertex = |index: u32| image.vertices[index as usize];
+    Triangle::new(record.vertices.map(vertex), record.number)
 }
 
 #[cfg(test)]

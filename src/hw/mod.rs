@@ -12,6 +12,7 @@ mod plan;
 mod prefetch;
 pub mod raycast;
 pub mod setup;
+mod share;
 pub mod skinning;
 pub mod tpu;
 mod triangle;
