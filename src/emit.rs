@@ -43,7 +43,7 @@ fn core_file(machine: &Machine) -> String {
     let mut core = format!(
         "CAPI=2:\n\
          name: dynrt:machine:{config}:{}\n\
-         description: DynRT ray casting unit, configuration {config}\n\
+         description: DynRT core, configuration {config}\n\
          \n\
          filesets:\n  rtl:\n    files:\n",
         env!("CARGO_PKG_VERSION")
@@ -92,7 +92,7 @@ pub fn manifest(machine: &Machine) -> Value {
         .collect();
     let counters: Vec<Value> = (top.ports().iter())
         .filter(|port| port.direction == Direction::Output)
-        .filter(|port| port.name.starts_with("count_") || port.name.starts_with("stack_"))
+        .filter(|port| port.name.contains("count_") || port.name.starts_with("stack_"))
         .map(|port| json!({"port": port.name, "width": port.width}))
         .collect();
     let file_names: Vec<String> = (design.modules().iter())
@@ -117,7 +117,10 @@ pub fn manifest(machine: &Machine) -> Value {
             "node": layout(&Record::node(format)),
             "link_word": layout(&Record::link_word()),
             "triangle": layout(&Record::triangle()),
+            "instance": layout(&Record::instance()),
             "vertex": layout(&Record::vertex(format)),
+            "box": layout(&Record::bounding_box(format)),
+            "influence_row": layout(&Record::influence_row(format)),
         },
     })
 }
@@ -172,9 +175,10 @@ fn layout(record: &Record) -> Value {
 /// Describes the machine of a configuration and generates all its files; see [`files`].
 ///
 /// # Errors
-/// See [`hw::emit`].
+/// See [`hw::core::emit`].
 pub fn generate(config: &Config) -> Result<(Machine, Vec<(String, String)>)> {
-    let machine = hw::emit(config).with_context(|| format!("configuration {}", config.name))?;
+    let machine =
+        hw::core::emit(config).with_context(|| format!("configuration {}", config.name))?;
     let files = files(&machine);
     Ok((machine, files))
 }

@@ -10,7 +10,7 @@ use dynrt::{cosim, hw};
 
 /// Emits, lints and runs a machine. Returns how much was checked.
 fn whole(config: &Config, scene: &str, seed: u64) -> u64 {
-    let machine = hw::emit(config).unwrap_or_else(|e| panic!("{}: {e}", config.name));
+    let machine = hw::core::emit(config).unwrap_or_else(|e| panic!("{}: {e}", config.name));
     cosim::model::lint(&cosim::sources(&machine.design))
         .unwrap_or_else(|e| panic!("{}: {e:#}", config.name));
     let prepared = prepare(config, scene, "37x25", None);

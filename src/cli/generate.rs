@@ -8,8 +8,8 @@ use std::path::PathBuf;
 const HELP: &str = "\
 Writes into DIR
   *.v              Verilog-2001, one module a file
-  raycast_unit.f   the Verilog files, children first, for -f of most tools
-  raycast_unit.core  the same for FuseSoC, with a lint target
+  dynrt_core.f     the Verilog files, children first, for -f of most tools
+  dynrt_core.core  the same for FuseSoC, with a lint target
   manifest.json    configuration, top module, modules with ports and latencies, layouts of the records in memory
 
 DIR is made if it does not exist. In one that exists, files of the same names are replaced, Verilog files that its old
@@ -20,7 +20,7 @@ Examples:
   dynrt generate --out build/rtl
   dynrt generate --config dynrt-2006 --out build/original
   dynrt generate --set packets.rays=8 --set clock.target_mhz=133 --out build/wide
-  cd build/rtl && verilator --lint-only -Wall -f raycast_unit.f --top-module raycast_unit
+  cd build/rtl && verilator --lint-only -Wall -f dynrt_core.f --top-module dynrt_core
 
 Every configuration key, with its range, is explained in the files of configs/.";
 

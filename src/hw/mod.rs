@@ -1,9 +1,10 @@
 //! The machine, one file a unit, named as in `golden`. It follows `docs/arithmetic.md` and knows nothing of how
 //! its Verilog is simulated.
 //!
-//! [`raycast`] is the top: ray setup, traversal processing unit, geometry unit, and the packets' bookkeeping.
+//! [`core`] places all units. [`raycast`] is the largest: ray setup, traversal processing unit, geometry unit, and the packets' bookkeeping.
 
 mod bundle;
+pub mod core;
 mod distance;
 mod fifo;
 pub mod fp;

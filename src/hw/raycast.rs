@@ -30,7 +30,7 @@ pub fn emit(config: &Config) -> Result<Machine, HdlError> {
     })
 }
 
-fn module(plan: &Plan) -> Result<Rc<Module>, HdlError> {
+pub(super) fn module(plan: &Plan) -> Result<Rc<Module>, HdlError> {
     let tpu = tpu::module(plan)?;
     let setup = setup::module(plan, tpu.pop_latency)?;
     let geometry = geometry::module(plan)?;

@@ -12,12 +12,12 @@
 //!
 //! | clock, MHz | merge distance |
 //! |---|---|
-//! | below 70 | 3 |
-//! | 70 to 119 | 4 |
-//! | from 120 on | 6 |
+//! | below 70 | 4 |
+//! | 70 to 119 | 5 |
+//! | from 120 on | 8 |
 //!
-//! The reference machine's takes, as Yosys counts them for Virtex-4, 3,629 LUT4, 1,693 flip-flops and, as distributed RAM,
-//! 2,182 RAM16X1D and 72 RAM64X1S, which are 4,652 LUT4 more; no block RAM and no DSP48.
+//! The reference machine's takes, as Yosys counts them for Virtex-4, 2,673 LUT4, 1,707 flip-flops, 454 RAM16X1D, which are 908 LUT4
+//! more, and 14 block RAMs; no DSP48.
 
 use super::bundle::Bundle;
 use super::fifo;
@@ -26,12 +26,15 @@ use super::plan::{AXES, Plan};
 use super::prefetch::{occupancy, pick, prefetch};
 use super::raycast::COUNTER_BITS;
 use crate::bkd::layout::Record;
-use crate::hdl::{Builder, HdlError, Module, Signal, Style, bits_for};
+use crate::hdl::{Builder, HdlError, Memory, Module, Signal, Style, bits_for};
 use crate::program::{Program, UpdateMachine};
 use std::rc::Rc;
 
 /// Target clock, in MHz, from which on a comparison and the choice that it makes have a stage each.
 const SPLIT_COMPARISONS_FROM: u32 = 120;
+
+/// Target clock, in MHz, from which on a block RAM's output has a stage of its own. Below, a choice between two follows it.
+const REGISTER_RAM_OUTPUT_FROM: u32 = 120;
 
 /// Bits of a row of the program.
 const ROW_BITS: u32 = 8 * Program::ROW_BYTES as u32;
@@ -407,25 +410,26 @@ pub fn module(plan: &Plan) -> Result<UpdateProcessor, HdlError> {
         "vertex_registers",
         config.update_vertex_registers,
         vertex_width,
-        Style::Distributed,
+        Style::Block,
     );
     let vertex_number = |name| part(name).low(vertex_bits);
     vertex_registers.write(load_goes, vertex_number("x"), fetched.get("front"));
-    let corners = AXES.map(|name| vertex_registers.read_now(vertex_number(name)));
+    let p = m.pipeline();
+    let read_vertex = |name| read(plan, vertex_registers, p.enter(vertex_number(name)));
+    let corners = AXES.map(read_vertex);
     let box_registers = m.memory(
         "box_registers",
         config.update_box_registers,
         Record::bounding_box(f).width,
-        Style::Distributed,
+        Style::Block,
     );
-    let boxes = ["x", "y"].map(|name| box_registers.read_now(part(name).low(box_bits)));
+    let boxes = ["x", "y"].map(|name| read(plan, box_registers, p.enter(part(name).low(box_bits))));
 
     m.comment("Merge: of two boxes, or of three vertices, of which each is a box too. A number that is no NaN goes before one that is.");
-    let p = m.pipeline();
     let merges = p
         .enter((leafs | node_goes).named("merge_goes"))
         .cleared_by_reset();
-    let of_leaf = p.enter(part("leaf")).named("of_leaf").register();
+    let of_leaf = p.enter(part("leaf")).named("of_leaf");
     let target = p.enter(part("target")).named("merge_target");
     let mut merged = vec![];
     let mut operands = vec![];
@@ -436,13 +440,10 @@ pub fn module(plan: &Plan) -> Result<UpdateProcessor, HdlError> {
             let name = |of: &str| format!("{of}_{}_{axis_name}", ["lo", "hi"][end]);
             let corner = corners.map(|corner| corner.field(axis as u32 * w, w));
             let bound = boxes.map(|b| b.field((3 * end + axis) as u32 * w, w));
-            let operand = |k: usize| part("leaf").mux(corner[k], bound[k]);
-            let first = p.enter(operand(0)).named(name("first")).register();
-            let second = p.enter(operand(1)).named(name("second")).register();
-            let third = p
-                .enter(corner[2])
-                .named(format!("third_{axis_name}"))
-                .register();
+            let operand = |k: usize| of_leaf.mux(corner[k], bound[k]);
+            let first = operand(0).named(name("first")).register();
+            let second = operand(1).named(name("second")).register();
+            let third = corner[2].named(format!("third_{axis_name}")).register();
             operands.push((first, second));
             let beats = |x, bound| {
                 if end == 0 {
@@ -469,6 +470,7 @@ pub fn module(plan: &Plan) -> Result<UpdateProcessor, HdlError> {
     merged.reverse();
     let merged = m.concat(&merged);
     let written = merged.stage().unwrap_or(0);
+    let read_at = operands[0].0.stage().unwrap_or(0);
     box_registers.write(
         merges.at(written).untimed(),
         target.at(written).untimed(),
@@ -476,7 +478,7 @@ pub fn module(plan: &Plan) -> Result<UpdateProcessor, HdlError> {
     );
 
     m.comment("A node's intervals, each on its axis, wait until they are written.");
-    let axes = p.enter(part("z").low(4)).named("merge_axes").register();
+    let axes = p.enter(part("z").low(4)).named("merge_axes").at(read_at);
     let mut numbers = vec![];
     for (child, side) in ["left", "right"].into_iter().enumerate() {
         let axis = axes.field(2 * child as u32, 2);
@@ -521,7 +523,10 @@ pub fn module(plan: &Plan) -> Result<UpdateProcessor, HdlError> {
     m.output("node_write_data", node_front.extend(Record::node(f).width));
 
     m.comment("The end: when all merges are in their registers and all nodes written, the box, read like a node's.");
-    let under_way: Vec<_> = (1..=written).map(|k| merges.at(k).untimed()).collect();
+    // What is shown was read read_at clocks before.
+    let under_way: Vec<_> = (1..written + read_at)
+        .map(|k| merges.at(k).untimed())
+        .collect();
     let complete = !(m.or_all(&under_way) | any_nodes);
     let complete = complete.named("all_complete");
     let box_shown = m.reg_reset("box_shown", 1, 0);
@@ -564,6 +569,16 @@ pub fn module(plan: &Plan) -> Result<UpdateProcessor, HdlError> {
             merge_distance: written + 1,
         },
     })
+}
+
+/// A register's contents, a clock later or two.
+fn read<'b>(plan: &Plan, registers: Memory<'b>, number: Signal<'b>) -> Signal<'b> {
+    let word = registers.read(number);
+    if plan.config.clock_mhz >= REGISTER_RAM_OUTPUT_FROM {
+        word.register()
+    } else {
+        word
+    }
 }
 
 /// A register between a comparison and the choice that it makes, where the clock asks for it.

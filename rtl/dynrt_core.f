@@ -18,3 +18,10 @@ triangle_test.v
 geometry_unit.v
 fifo_10x48.v
 raycast_unit.v
+program_prefetch.v
+fifo_22x4.v
+vertex_prefetch.v
+fifo_28x64.v
+fifo_96x8.v
+update_processor.v
+dynrt_core.v

@@ -1,0 +1,59 @@
+//! The whole core: every unit of the machine, side by side, each with its own ports to memory.
+
+use super::plan::Plan;
+use super::raycast::{self, Machine};
+use super::update;
+use crate::config::Config;
+use crate::hdl::{Builder, Design, Direction, HdlError, Module};
+use std::rc::Rc;
+
+/// Describes the core of a configuration. The top module is `dynrt_core`.
+///
+/// # Errors
+/// A mistake in the description itself, with its place in the Rust source.
+pub fn emit(config: &Config) -> Result<Machine, HdlError> {
+    let plan = Plan::new(config)?;
+    Ok(Machine {
+        config: config.clone(),
+        design: Design::new(module(&plan)?)?,
+    })
+}
+
+fn module(plan: &Plan) -> Result<Rc<Module>, HdlError> {
+    let m = Builder::new(
+        "dynrt_core",
+        "the core: ray casting and update of the tree. Units work independently; what may not overlap is for whoever starts them to see to.",
+    );
+    for (name, prefix, unit) in [
+        ("casting", "", raycast::module(plan)?),
+        ("updating", "update_", update::module(plan)?.module),
+    ] {
+        let of = |direction| {
+            let ports = unit.ports().iter();
+            ports.filter(move |port| {
+                port.direction == direction && !matches!(port.name.as_str(), "clk" | "rst")
+            })
+        };
+        let inputs: Vec<_> = of(Direction::Input)
+            .map(|port| {
+                m.group(group(prefix, &port.group));
+                let outside = format!("{prefix}{}", port.name);
+                (port.name.as_str(), m.input(outside, port.width))
+            })
+            .collect();
+        let placed = m.instance(name, &unit, &inputs);
+        for port in of(Direction::Output) {
+            m.group(group(prefix, &port.group));
+            m.output(format!("{prefix}{}", port.name), placed.get(&port.name));
+        }
+    }
+    m.finish()
+}
+
+/// The heading of a unit's group of ports among all units'.
+fn group(prefix: &str, heading: &str) -> String {
+    match prefix {
+        "" => heading.to_string(),
+        _ => format!("Update processor. {heading}"),
+    }
+}
