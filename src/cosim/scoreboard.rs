@@ -150,10 +150,17 @@ pub enum Category {
     Hit,
     Clamped,
     OnEdge,
+    OneInfluence,
+    TwoInfluences,
+    ThreeInfluences,
+    FourInfluences,
+    InTwoRows,
+    FullPalette,
+    OneVertex,
 }
 
 impl Category {
-    const COUNT: usize = Category::OnEdge as usize + 1;
+    const COUNT: usize = Category::OneVertex as usize + 1;
 
     /// The category's name in reports.
     pub fn name(self) -> &'static str {
@@ -175,6 +182,13 @@ impl Category {
             Category::Hit => "hits",
             Category::Clamped => "distance clamped to the box",
             Category::OnEdge => "hits on an edge",
+            Category::OneInfluence => "one influence",
+            Category::TwoInfluences => "two influences",
+            Category::ThreeInfluences => "three influences",
+            Category::FourInfluences => "four influences",
+            Category::InTwoRows => "influences in two rows",
+            Category::FullPalette => "palette full",
+            Category::OneVertex => "mesh of one vertex",
         }
     }
 }

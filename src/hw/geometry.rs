@@ -11,7 +11,7 @@ use super::tpu;
 use super::triangle;
 use crate::bkd::layout::Record;
 use crate::config::TriangleTest;
-use crate::hdl::{Builder, HdlError, Module, Signal, Style, bits_for};
+use crate::hdl::{Builder, Direction, HdlError, Module, Signal, Style, bits_for};
 use std::rc::Rc;
 
 /// The geometry unit, and the triangle test within.
@@ -260,6 +260,21 @@ pub fn module(plan: &Plan) -> Result<Geometry, HdlError> {
     if watertight {
         let shear_z = late.get(limits_read(stage_of("shear_z")), "shear_z");
         inputs.push(("shear_z".into(), shear_z));
+    }
+    // Every slot is a test, from (-infinity, +infinity).
+    for port in test.ports() {
+        let value = match port.name.as_str() {
+            "window_near" => f.infinity() | f.sign_bit(),
+            "window_far" => f.infinity(),
+            "matrix" | "accumulate" | "weight" => 0,
+            name if name.starts_with("translation_")
+                || name.starts_with("sum_") && port.direction == Direction::Input =>
+            {
+                0
+            }
+            _ => continue,
+        };
+        inputs.push((port.name.clone(), m.lit(value, port.width)));
     }
     let named: Vec<(&str, Signal<'_>)> = inputs.iter().map(|(n, s)| (n.as_str(), *s)).collect();
     let tested = m.instance("test", &test, &named);
