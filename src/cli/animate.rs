@@ -24,7 +24,7 @@ hits, the picture. The first mismatch stops the run and is reported with the com
 only if all agrees.
 
 SCENE is a glTF file (.glb, .gltf), a folder of OBJ files, which are the frames of a sequence, an OBJ file, or builtin:NAME,
-NAME one of water, figure, or a scene that stands still.
+NAME one of water, figure, reef, or a scene that stands still.
 
 Examples:
   dynrt animate builtin:water --frames 24 --gif water.gif

@@ -18,6 +18,7 @@ use super::mismatch::{Field, Mismatch};
 use super::raycast::{self, RaycastUnit, Trace};
 use super::scoreboard::{Surroundings, UnitOptions};
 use super::timing;
+use super::unit_skinning::{self, SkinArrays, SkinUnit};
 use super::unit_update::{self, Traffic, UpdateArrays, UpdateUnit};
 use crate::bkd::layout::{
     INFLUENCES_PER_ROW, Influence, MemoryImage, Record, check_capacity, influence_words,
@@ -232,7 +233,12 @@ pub fn run(
         film.frames.len()
     );
     let mut host = Host::new(config, film)?;
-    let mut units = Units::new(config, options)?;
+    let skins = host.objects.iter().any(|object| object.skin.is_some());
+    ensure!(
+        skins || !matches!(options.trace, Some((Unit::Skinning, _))),
+        "nothing in this scene is skinned: there is no waveform of the skinning processor to be had; give another unit"
+    );
+    let mut units = Units::new(config, options, skins)?;
     for number in 0..film.frames.len() {
         let run = match number >= options.from_frame {
             true => Some(&mut units),
@@ -253,6 +259,8 @@ pub fn run(
 
 /// The models, each built once.
 struct Units {
+    /// Where anything is skinned.
+    skinning: Option<SkinUnit>,
     update: UpdateUnit,
     raycast: RaycastUnit,
     around: Surroundings,
@@ -261,7 +269,7 @@ struct Units {
 }
 
 impl Units {
-    fn new(config: &Config, options: &Options) -> Result<Units> {
+    fn new(config: &Config, options: &Options, skins: bool) -> Result<Units> {
         let trace_of = |unit: Unit| {
             let traced = options.trace.as_ref().filter(|(of, _)| *of == unit);
             traced.map(|(_, trace)| trace.clone())
@@ -271,6 +279,10 @@ impl Units {
             ..UnitOptions::new(options.seed)
         };
         Ok(Units {
+            skinning: match skins {
+                true => Some(SkinUnit::new(config, &of_unit(Unit::Skinning))?),
+                false => None,
+            },
             update: UpdateUnit::new(config, &of_unit(Unit::Update))?,
             raycast: RaycastUnit::new(config, trace_of(Unit::Raycast).as_ref())?,
             around: Surroundings {
@@ -288,6 +300,10 @@ impl Units {
         self.around.memory.seed = seed;
         self.update.reseed(seed);
         // The ray casting unit is reset before every picture, the others once.
+        if let Some(skinning) = &mut self.skinning {
+            skinning.reseed(seed);
+            self.began[Unit::Skinning as usize] = skinning.cycles() - RESET;
+        }
         self.began[Unit::Update as usize] = self.update.cycles() - RESET;
         self.began[Unit::Raycast as usize] = self.raycast.cycles();
     }
@@ -802,17 +818,39 @@ impl<'a> Host<'a> {
     fn skin(
         &mut self,
         command: SkinCommand,
-        _units: Option<&mut Units>,
+        units: Option<&mut Units>,
         figures: &mut Figures,
     ) -> Result<()> {
-        let memory = SkinMemory {
-            format: self.format(),
-            influences: &self.influences,
-            vertices: &mut self.arrays.vertices,
+        let format = self.format();
+        let Some(units) = units else {
+            let memory = SkinMemory {
+                format,
+                influences: &self.influences,
+                vertices: &mut self.arrays.vertices,
+            };
+            skin(memory, command, |_| ())?;
+            return Ok(());
         };
-        let found = skin(memory, command, |_| ())?;
+        let unit = (units.skinning.as_mut()).expect("a scene with a skin has the unit");
+        let vertices = std::mem::take(&mut self.arrays.vertices);
+        let mut arrays = SkinArrays {
+            influences: std::mem::take(&mut self.influences),
+            vertices: Image::from_words(vertices, Record::vertex(format).width)?,
+        };
+        let before = unit.checked();
+        let found = unit.skin(
+            &mut arrays,
+            command,
+            &units.around,
+            unit_skinning::Traffic::Shared,
+        );
+        self.influences = arrays.influences;
+        self.arrays.vertices = arrays.vertices.into_words();
+        let found = found?;
+        figures.skinning_cycles += found.busy_cycles;
         figures.vertices_skinned += found.vertices;
         figures.influences += found.influences;
+        figures.checked += unit.checked() - before;
         Ok(())
     }
 

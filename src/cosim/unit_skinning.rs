@@ -258,6 +258,22 @@ impl SkinUnit {
         })
     }
 
+    /// Clocks simulated so far, the reset's included.
+    pub fn cycles(&self) -> u64 {
+        self.bench.model.cycles()
+    }
+
+    /// Results compared so far.
+    pub fn checked(&self) -> u64 {
+        self.bench.tally.checked
+    }
+
+    /// Lets all that is random in what follows depend on `seed`, not on how many meshes went before.
+    pub fn reseed(&mut self, seed: u64) {
+        self.rng = fastrand::Rng::with_seed(seed);
+        self.meshes = 0;
+    }
+
     /// Skins a mesh; vertex memory is then as the RTL left it, which is as the golden model says.
     ///
     /// # Errors
