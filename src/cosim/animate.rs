@@ -16,7 +16,7 @@
 use super::memory::Image;
 use super::mismatch::{Field, Mismatch};
 use super::raycast::{self, RaycastUnit, Trace};
-use super::scoreboard::{Surroundings, UnitOptions};
+use super::scoreboard::{Fault, Surroundings, UnitOptions};
 use super::timing;
 use super::unit_skinning::{self, SkinArrays, SkinUnit};
 use super::unit_update::{self, Traffic, UpdateArrays, UpdateUnit};
@@ -88,6 +88,8 @@ pub struct Options {
     pub from_frame: usize,
     /// A waveform of one unit, its cycles counted from the beginning of `from_frame`.
     pub trace: Option<(Unit, Trace)>,
+    /// A fault that the Verilog of the skinning or the update processor is given first, to see that it is noticed.
+    pub fault: Option<(Unit, Fault)>,
     /// What a person types to run this again from its first frame, for a mismatch's report; may be empty.
     pub replay: String,
 }
@@ -99,6 +101,7 @@ impl Default for Options {
             rebuild_above: REBUILD_ABOVE,
             from_frame: 0,
             trace: None,
+            fault: None,
             replay: String::new(),
         }
     }
@@ -276,6 +279,7 @@ impl Units {
         };
         let of_unit = |unit: Unit| UnitOptions {
             trace: trace_of(unit),
+            fault: (options.fault.filter(|(of, _)| *of == unit)).map(|(_, fault)| fault),
             ..UnitOptions::new(options.seed)
         };
         Ok(Units {
