@@ -229,6 +229,7 @@ pub fn run(args: &Args) -> Result<()> {
             (unit, trace)
         }),
         replay: args.replay(),
+        fault: None,
     };
     let film = Film {
         scene: &machine,
