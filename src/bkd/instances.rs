@@ -5,7 +5,8 @@ use glam::{DAffine3, DVec3};
 
 use super::build::{BuildOptions, build_over_boxes};
 use super::layout::{
-    self, Columns, InstanceRecord, LINK_BITS, LinkWord, MemoryImage, Node, TriangleRecord, check_capacity,
+    self, Columns, InstanceRecord, LINK_BITS, LinkWord, MemoryImage, Node, TriangleRecord,
+    check_capacity,
 };
 use super::tree::{Bounds, Tree};
 use crate::float::{Arithmetic, Format};

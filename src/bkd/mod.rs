@@ -13,7 +13,7 @@ mod tree;
 pub use build::{BuildOptions, SortKeys, SplitCost, build, build_over_boxes};
 pub use instances::{InstanceSpec, InstancedImage, ObjectPlace, WIDENING};
 pub use layout::{
-    Columns, Field, Influence, InstanceRecord, LINK_BITS, LinkWord, MemoryImage, Node, Placement, Record, Target,
-    TriangleRecord,
+    Columns, Field, Influence, InstanceRecord, LINK_BITS, LinkWord, MemoryImage, Node, Placement,
+    Record, Target, TriangleRecord,
 };
 pub use tree::{Bounds, Child, Refit, Tree, TreeNode};

@@ -15,8 +15,9 @@
 use super::plan::{AXES, Plan};
 use super::prefetch::{occupancy, pick, prefetch};
 use super::raycast::COUNTER_BITS;
+use super::triangle;
 use crate::bkd::layout::{INFLUENCES_PER_ROW, Record};
-use crate::hdl::{Builder, HdlError, Module, Signal, Style, bits_for};
+use crate::hdl::{Builder, Direction, HdlError, Module, Signal, Style, bits_for};
 use std::rc::Rc;
 
 /// Bits that number an influence of its vertex.
@@ -406,7 +407,7 @@ pub(super) fn processor(plan: &Plan, sum_latency: u32) -> Result<Rc<Module>, Hdl
 /// # Errors
 /// A mistake in the description; none is known for any configuration.
 pub fn unit(plan: &Plan) -> Result<Rc<Module>, HdlError> {
-    let test = stand_in(plan)?;
+    let test = triangle::module(plan)?;
     let stage_of = |port: &str| test.port(port).and_then(|p| p.stage).unwrap_or(0);
     let sum_latency = stage_of("sum_0") - stage_of("sum_a_0");
     let processor = processor(plan, sum_latency)?;
@@ -499,22 +500,30 @@ pub fn unit(plan: &Plan) -> Result<Rc<Module>, HdlError> {
         let coordinate = p.enter(front.get(&format!("issue_{x}")));
         operands.push((format!("origin_{x}"), coordinate.at(start)));
     }
-    let at_translation = stage_of("translation_x") + start;
-    let word = plan.read(columns[3], joint.at(at_translation - start));
     for (i, x) in AXES.into_iter().enumerate() {
-        operands.push((format!("translation_{x}"), word.field(i as u32 * w, w)));
+        let name = format!("translation_{x}");
+        let word = plan.read(columns[3], joint.at(stage_of(&name)));
+        operands.push((name, word.field(i as u32 * w, w)));
     }
     let at_weight = stage_of("weight") + start;
     let weight = p.enter(front.get("issue_weight")).at(at_weight);
     operands.push(("weight".into(), weight));
+    operands.push(("matrix".into(), m.lit(1u8, 1)));
+    let at_sums = stage_of("sum_a_0") + start;
+    let skinning = p.enter_at(front.get("skinning"), at_sums);
+    operands.push(("accumulate".into(), skinning));
     for k in 0..6 {
         let (kind, x) = (["pair", "vertex"][k / 3], AXES[k % 3]);
         for side in ["a", "b"] {
-            let name = format!("{kind}_{side}_{x}");
-            operands.push((
-                format!("sum_{side}_{k}"),
-                p.enter_at(front.get(&name), start),
-            ));
+            let operand = front.get(&format!("{kind}_{side}_{x}"));
+            operands.push((format!("sum_{side}_{k}"), p.enter_at(operand, at_sums)));
+        }
+    }
+    for port in test.ports() {
+        let given = operands.iter().any(|(name, _)| *name == port.name);
+        if port.direction == Direction::Input && port.name != "clk" && port.name != "rst" && !given
+        {
+            operands.push((port.name.clone(), m.zero(port.width)));
         }
     }
     let named: Vec<_> = operands.iter().map(|(n, s)| (n.as_str(), *s)).collect();
@@ -558,45 +567,6 @@ pub fn unit(plan: &Plan) -> Result<Rc<Module>, HdlError> {
         let counter = m.reg_reset(format!("{name}_counter"), COUNTER_BITS, 0);
         counter.next_when(event, counter.q + m.lit(1u8, COUNTER_BITS));
         m.output(format!("count_{name}"), counter.q);
-    }
-    m.finish()
-}
-
-/// The triangle test's matrix mode with operators of its own.
-fn stand_in(plan: &Plan) -> Result<Rc<Module>, HdlError> {
-    let w = plan.number();
-    let units = &plan.units;
-    let m = Builder::new("stand_in", "stand-in.");
-    let p = m.pipeline();
-    let columns: Vec<[Signal<'_>; 3]> = (0..3)
-        .map(|k| AXES.map(|x| p.input(format!("v{k}_{x}"), w)))
-        .collect();
-    let point = AXES.map(|x| p.input(format!("origin_{x}"), w));
-    let mut moved = vec![];
-    for (i, x) in AXES.into_iter().enumerate() {
-        let product = |k: usize| units.mul(format!("product_{k}_{x}"), columns[k][i], point[k]);
-        let xy = units.add(format!("xy_{x}"), product(0), product(1));
-        moved.push(units.add(format!("xyz_{x}"), xy, product(2)));
-    }
-    let at = moved[0].stage().unwrap_or(0);
-    let translated: Vec<_> = AXES
-        .into_iter()
-        .enumerate()
-        .map(|(i, x)| {
-            let t = p.input_at(format!("translation_{x}"), w, at);
-            units.add(format!("moved_at_{x}"), moved[i], t)
-        })
-        .collect();
-    let at = translated[0].stage().unwrap_or(0);
-    let weight = p.input_at("weight", w, at);
-    for (i, x) in AXES.into_iter().enumerate() {
-        let y = units.mul(format!("weighted_at_{x}"), translated[i], weight);
-        m.output(format!("weighted_{x}"), y);
-    }
-    for k in 0..6 {
-        let a = p.input(format!("sum_a_{k}"), w);
-        let b = p.input(format!("sum_b_{k}"), w);
-        m.output(format!("sum_{k}"), units.add(format!("sum_at_{k}"), a, b));
     }
     m.finish()
 }
