@@ -12,7 +12,7 @@ use super::mismatch::Field;
 use super::model::{BuildOptions, PortHandle};
 use super::raycast::MemoryPort;
 use super::scoreboard::{
-    Bench, Category, RaySetUp, SetupPorts, Surroundings, UnitOptions, UnitReport,
+    Bench, Category, RaySetUp, SetupPlace, SetupPorts, Surroundings, UnitOptions, UnitReport,
 };
 use super::workload::{Batch, Batches, TestScene, Workload, odd_number, tiny_scene};
 use crate::bkd::layout::Record;
@@ -451,7 +451,8 @@ impl<'a> Run<'a> {
                 Some(packet) if writes => {
                     let word = &packet.words[packet.next];
                     let model = &mut self.bench.model;
-                    self.setup.show(model, packet.id, packet.next, word);
+                    let place = SetupPlace::of_world(packet.id, packet.next, packet.words.len());
+                    self.setup.show(model, place, word);
                     packet.next += 1;
                     if packet.next == packet.words.len() {
                         ready.push(packet.id);

@@ -12,7 +12,8 @@ use super::mismatch::Field;
 use super::model::PortHandle;
 use super::raycast::MemoryPort;
 use super::scoreboard::{
-    Bench, Categories, Category, RaySetUp, SetupPorts, Surroundings, UnitOptions, UnitReport,
+    Bench, Categories, Category, RaySetUp, SetupPlace, SetupPorts, Surroundings, UnitOptions,
+    UnitReport,
 };
 use super::workload::{Batch, Batches, TestScene, Workload};
 use crate::bkd::Target;
@@ -357,7 +358,10 @@ impl<'a> Run<'a> {
             model.set(self.ports.soon, u64::from(announces));
             self.announced.push_back(next);
             match self.announced.pop_front().flatten() {
-                Some((packet, ray, word)) => self.setup.show(model, packet, ray, &word),
+                Some((packet, ray, word)) => {
+                    let place = SetupPlace::of_world(packet, ray, self.rays as usize);
+                    self.setup.show(model, place, &word);
+                }
                 None => self.setup.hide(model),
             }
             memory.show(model);

@@ -582,17 +582,26 @@ pub(super) fn fetch_triangle(image: &MemoryImage, record: &TriangleRecord) -> Tr
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::bkd::{BuildOptions, build};
+    use crate::bkd::{BuildOptions, InstanceSpec, InstancedImage, build};
     use crate::float::Format;
+    use glam::{DAffine3, DMat3, DVec3, EulerRot};
 
     /// Checks, while a packet is cast, that events follow from one another as `docs/arithmetic.md` says.
     #[derive(Default)]
     struct Follower {
+        instanced: bool,
         counts: Counts,
         stack: Vec<PushEvent>,
-        /// Where the packet must be seen next, and with which rays.
-        expected: Option<(Target, u8)>,
+        /// Where the packet must be seen next, and with which rays; of an object's root only the rays are known.
+        expected: Option<(Option<Target>, u8)>,
+        /// Whether that is in an object's space.
+        inside: bool,
         untested: u8,
+        /// Rays that an instance still waits for, and those that entered it, with their intervals.
+        untransformed: u8,
+        entered: Option<RaySet>,
+        instance: u32,
+        windows: [[f64; 2]; MOST_RAYS],
         limits: [f64; MOST_RAYS],
         dropped: u32,
         tested: [Closest; MOST_RAYS],
@@ -607,8 +616,13 @@ mod tests {
         fn step(&mut self, event: &StepEvent) {
             self.counts.steps += 1;
             assert_eq!(self.untested, 0);
-            if let Some(expected) = self.expected {
-                assert_eq!(expected, (Target::Node(event.node), event.rays.mask));
+            if let Some((target, mask)) = self.expected {
+                assert!(target.is_none_or(|target| target == Target::Node(event.node)));
+                assert_eq!(mask, event.rays.mask);
+            }
+            assert_eq!(self.inside, event.inside);
+            if let Some(entered) = self.entered.take() {
+                assert!(same_intervals(&entered, &event.rays));
             }
             let both = event.left.mask & event.right.mask;
             assert_eq!((event.left.mask | event.right.mask) & !event.rays.mask, 0);
@@ -620,23 +634,29 @@ mod tests {
                 &event.right
             };
             assert_eq!(event.next.is_some(), first.mask != 0);
-            self.expected = event.next.map(|next| (next, first.mask));
+            self.expected = event.next.map(|next| (Some(next), first.mask));
         }
 
         fn push(&mut self, event: &PushEvent) {
-            assert!(self.expected.is_some_and(|(first, _)| first != event.child));
+            assert!(
+                self.expected
+                    .is_some_and(|(first, _)| first != Some(event.child))
+            );
+            assert_eq!(self.inside, event.inside);
             self.stack.push(*event);
             assert_eq!(event.height as usize, self.stack.len());
             self.counts.stack_high_water = self.counts.stack_high_water.max(event.height);
         }
 
         fn pop(&mut self, event: &PopEvent) {
-            assert!(self.expected.is_none() && self.untested == 0);
+            assert!(self.expected.is_none() && self.untested == 0 && self.untransformed == 0);
+            self.entered = None;
             let pushed = self.stack.pop().expect("what is popped was pushed");
             assert_eq!(
-                (pushed.child, self.stack.len()),
-                (event.child, event.height as usize)
+                (pushed.child, pushed.inside, self.stack.len()),
+                (event.child, event.inside, event.height as usize)
             );
+            self.inside = event.inside;
             let mut stay = pushed.rays;
             for k in 0..MOST_RAYS {
                 stay.far[k] = stay.far[k].min(self.limits[k]);
@@ -646,19 +666,52 @@ mod tests {
             }
             assert!(same_intervals(&stay, &event.rays));
             self.dropped += u32::from(stay.mask == 0);
-            self.expected = (stay.mask != 0).then_some((event.child, stay.mask));
+            self.expected = (stay.mask != 0).then_some((Some(event.child), stay.mask));
         }
 
         fn hand_over(&mut self, event: &HandOver) {
-            self.counts.tests += 1;
             let (target, mask) = self.expected.expect("a leaf follows from a step or a pop");
-            assert_eq!((target, mask), (Target::Record(event.record), event.mask));
+            assert!(target.is_none_or(|target| target == Target::Record(event.record)));
+            assert_eq!(mask, event.mask);
             self.expected = None;
-            self.untested = event.mask;
+            assert_eq!(event.instance, self.instanced && !self.inside);
+            if event.instance {
+                self.counts.entries += 1;
+                self.untransformed = mask;
+                self.entered = Some(RaySet {
+                    mask: 0,
+                    near: [0.0; MOST_RAYS],
+                    far: [0.0; MOST_RAYS],
+                });
+            } else {
+                self.counts.tests += 1;
+                self.untested = mask;
+            }
+        }
+
+        fn enter(&mut self, event: &EnterEvent) {
+            self.counts.ray_transforms += 1;
+            assert_eq!(self.untransformed.trailing_zeros(), u32::from(event.slot));
+            self.untransformed &= self.untransformed - 1;
+            let slot = usize::from(event.slot);
+            let moved = &event.transformed;
+            self.instance = event.instance;
+            self.windows[slot] = moved.window;
+            let entered = self.entered.as_mut().expect("an instance was handed over");
+            assert_eq!(moved.enters, moved.ray.valid && moved.near <= moved.far);
+            entered.mask |= u8::from(moved.enters) << slot;
+            entered.near[slot] = moved.near;
+            entered.far[slot] = moved.far;
+            if self.untransformed == 0 && entered.mask != 0 {
+                self.expected = Some((None, entered.mask));
+                self.inside = true;
+            }
         }
 
         fn test(&mut self, event: &RayTest) {
             self.counts.ray_tests += 1;
+            assert_eq!(self.inside, self.instanced);
+            assert_eq!(event.instance, self.instance);
             assert_eq!(self.untested.trailing_zeros(), u32::from(event.slot));
             self.untested &= self.untested - 1;
             let slot = usize::from(event.slot);
@@ -667,6 +720,10 @@ mod tests {
             } = event;
             assert!(!outcome.hit || outcome.near <= outcome.t && outcome.t <= outcome.far);
             assert!(!outcome.hit || merged.limit <= outcome.t);
+            if self.instanced {
+                let [near, far] = self.windows[slot];
+                assert!(outcome.near >= near && outcome.far <= far);
+            }
             self.limits[slot] = merged.limit;
             self.tested[slot] = *merged;
         }
@@ -689,11 +746,31 @@ mod tests {
         let triangles: Vec<[u32; 3]> = (0..500).map(|t| [3 * t, 3 * t + 1, 3 * t + 2]).collect();
         let tree = build(&vertices, &triangles, &BuildOptions::default_for(2, 64)).unwrap();
         let image = MemoryImage::new(Format::FP24, &vertices, &triangles, &tree).unwrap();
+        let mut instanced = InstancedImage::new(Format::FP24);
+        instanced.add_object(&image).unwrap();
+        let instances: Vec<InstanceSpec> = (0..12)
+            .map(|number| {
+                let [x, y, z] = point(1.0);
+                let turn = DMat3::from_euler(EulerRot::XYZ, 4.0 * x, 4.0 * y, 4.0 * z);
+                let place = DVec3::from_array(point(20.0));
+                let matrix = DAffine3::from_mat3_translation(turn * 0.5, place);
+                let bounds = instanced.objects()[0].bounds;
+                let columns = matrix.to_cols_array_2d();
+                InstanceSpec::new(Format::FP24, number, 0, &columns, bounds).unwrap()
+            })
+            .collect();
+        let options = BuildOptions::default_for(2, 64);
+        instanced.set_top(&instances, &options).unwrap();
         let mut dropped = 0;
         let mut hits = 0;
+        let mut entries = 0;
+        let images = [&image, instanced.image()];
         for test in [TriangleTest::MollerTrumbore, TriangleTest::Watertight] {
-            for rays_per_packet in [1, 2, 4, 8] {
-                let caster = Caster::new(&image, test, rays_per_packet);
+            for (image, rays_per_packet) in images
+                .into_iter()
+                .flat_map(|image| [1, 2, 4, 8].map(|rays| (image, rays)))
+            {
+                let caster = Caster::new(image, test, rays_per_packet);
                 let rays: Vec<Ray> = (0..400)
                     .map(|k| Ray {
                         origin: point(24.0),
@@ -708,6 +785,7 @@ mod tests {
                 assert!(frame.steps() > 0 && frame.ray_tests() >= frame.tests());
                 for (index, rays) in rays.chunks(rays_per_packet).enumerate() {
                     let mut follower = Follower {
+                        instanced: image.is_instanced(),
                         limits: [f64::INFINITY; MOST_RAYS],
                         ..Follower::default()
                     };
@@ -725,12 +803,13 @@ mod tests {
                         hits += u32::from(hit.is_hit());
                     }
                     dropped += follower.dropped;
+                    entries += follower.counts.entries;
                 }
             }
         }
         assert!(
-            hits > 500 && dropped > 500,
-            "{hits} hits, {dropped} entries dropped"
+            hits > 1000 && dropped > 500 && entries > 1000,
+            "{hits} hits, {dropped} entries dropped, {entries} entries of instances"
         );
     }
 
