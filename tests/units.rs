@@ -159,6 +159,40 @@ fn geometry_of_other_machines() {
     }
 }
 
+/// Ray transformations of the geometry unit, and tests in objects' spaces between them.
+fn transforms_of_the_reference_machine(test: TriangleTest) {
+    let (config, seed) = (reference(test), seed());
+    let workload = Workload::Instances { transactions: MANY };
+    let run: Run = unit_geometry::run_transform;
+    let report = check(run, &config, workload, seed);
+    assert!(report.transactions >= MANY);
+    for (category, count) in &report.categories {
+        assert!(*count > 0, "no {}", category.name());
+    }
+}
+
+#[test]
+fn watertight_transforms_of_the_reference_machine() {
+    transforms_of_the_reference_machine(TriangleTest::Watertight);
+}
+
+#[test]
+fn moller_trumbore_transforms_of_the_reference_machine() {
+    transforms_of_the_reference_machine(TriangleTest::MollerTrumbore);
+}
+
+/// The geometry unit of other machines in scenes of two levels, by its tests this time.
+#[test]
+fn two_levels_in_the_geometry_unit_of_other_machines() {
+    let seed = seed();
+    for config in others() {
+        let transactions = FEW;
+        let workload = Workload::Instances { transactions };
+        let report = check(unit_geometry::run, &config, workload, seed);
+        assert!(report.transactions >= FEW);
+    }
+}
+
 /// Scenes of two levels through the whole ray casting unit: packet steps, ray transformations, triangle tests and hits, in all
 /// bits, for packets of every size, with both triangle tests.
 #[test]
@@ -170,7 +204,7 @@ fn whole_machines_of_two_levels() {
             let config = Config {
                 rays_per_packet,
                 triangle_test,
-                packets_in_flight: rng.u32(1..=24),
+                packets_in_flight: rng.u32(4..=24),
                 clock_mhz: [50, 75, 100, 133][rng.usize(..4)],
                 memory_jitter: rng.u32(0..=20),
                 memory_in_order: rng.bool(),

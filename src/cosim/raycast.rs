@@ -100,9 +100,9 @@ impl Report {
         self.counters.packet_steps as f64 / self.cycles as f64
     }
 
-    /// Ray–triangle tests a clock.
+    /// Slots of the triangle test that are used a clock: one for each ray–triangle test, three for each ray transformation.
     pub fn gu_utilisation(&self) -> f64 {
-        self.counters.ray_triangle_tests as f64 / self.cycles as f64
+        self.counters.gu_busy_cycles as f64 / self.cycles as f64
     }
 }
 

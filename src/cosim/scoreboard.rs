@@ -150,6 +150,9 @@ pub enum Category {
     Hit,
     Clamped,
     OnEdge,
+    EmptyWindow,
+    OutsideLimits,
+    Mirrored,
     OneInfluence,
     TwoInfluences,
     ThreeInfluences,
@@ -182,6 +185,9 @@ impl Category {
             Category::Hit => "hits",
             Category::Clamped => "distance clamped to the box",
             Category::OnEdge => "hits on an edge",
+            Category::EmptyWindow => "empty windows",
+            Category::OutsideLimits => "window outside tmin and tmax",
+            Category::Mirrored => "mirroring instances",
             Category::OneInfluence => "one influence",
             Category::TwoInfluences => "two influences",
             Category::ThreeInfluences => "three influences",
@@ -212,12 +218,12 @@ impl Categories {
 /// What a unit's co-simulation found.
 #[derive(Clone, Debug)]
 pub struct UnitReport {
-    /// `tpu` or `geometry`.
+    /// `tpu`, `geometry` or `transform`.
     pub unit: &'static str,
     pub seed: u64,
     /// Packets that went through the unit.
     pub packets: u64,
-    /// Packet steps of the TPU, ray–triangle tests of the geometry unit.
+    /// Packet steps of the TPU, ray–triangle tests or ray transformations of the geometry unit.
     pub transactions: u64,
     /// Results compared: transactions, and beside them leaves handed over, packets finished, hits read back.
     pub checked: u64,

@@ -233,6 +233,48 @@ pub fn instanced_scene(
     }
 }
 
+/// How often a scene stands in [`in_instances`].
+const INSTANCES_OF_A_SCENE: usize = 8;
+
+/// A scene of one level as instances of itself: the first where it is, the others turned, scaled, some mirrored, about its centre,
+/// and moved within its extent.
+///
+/// # Errors
+/// Where the stack does not hold the instances' tree beside the scene's, or the format or the machine's addresses do not
+/// hold the instances.
+pub fn in_instances(config: &Config, scene: &MemoryImage, seed: u64) -> Result<MemoryImage> {
+    let mut rng = fastrand::Rng::with_seed(seed ^ 0x1_7a9c);
+    let mut image = InstancedImage::new(scene.format);
+    let object = image.add_object(scene)?;
+    let bounds = image.objects()[object].bounds;
+    let centre = [0, 1, 2].map(|i| (bounds.lo[i] + bounds.hi[i]) / 2.0);
+    let mut specs = vec![];
+    for number in 0..INSTANCES_OF_A_SCENE {
+        let columns = if number == 0 {
+            IDENTITY
+        } else {
+            let mut columns = random_turn(&mut rng);
+            let [x, y, z, _] = columns;
+            for i in 0..3 {
+                let turned = x[i] * centre[0] + y[i] * centre[1] + z[i] * centre[2];
+                let moved = (rng.f64() - 0.5) * (bounds.hi[i] - bounds.lo[i]);
+                columns[3][i] = centre[i] - turned + moved;
+            }
+            columns
+        };
+        specs.push(InstanceSpec::new(
+            scene.format,
+            number,
+            object,
+            &columns,
+            bounds,
+        )?);
+    }
+    let options = BuildOptions::default_for(config.axes_per_node, config.stack_depth);
+    image.set_top(&specs, &options)?;
+    Ok(image.image().clone())
+}
+
 /// Instances of tiny objects.
 struct TinyInstances {
     image: MemoryImage,
@@ -369,6 +411,13 @@ fn random_placement(rng: &mut fastrand::Rng) -> Columns {
         columns[3] = [0; 3].map(|_| f64::from(rng.i32(-GRID..=GRID)));
         return columns;
     }
+    columns = random_turn(rng);
+    columns[3] = [0; 3].map(|_| (2.0 * rng.f64() - 1.0) * reach);
+    columns
+}
+
+/// A matrix that turns and scales, evenly or not, and mirrors or does not, about the origin.
+fn random_turn(rng: &mut fastrand::Rng) -> Columns {
     // A random unit quaternion's rotation.
     let q = loop {
         let q = [0; 4].map(|_| 2.0 * rng.f64() - 1.0);
@@ -378,17 +427,13 @@ fn random_placement(rng: &mut fastrand::Rng) -> Columns {
         }
     };
     let turn = glam::DMat3::from_quat(glam::DQuat::from_array(q)).to_cols_array_2d();
-    let even = 0.5 + rng.f64();
+    let evenly = rng.bool().then(|| 0.5 + rng.f64());
+    let mut columns = [[0.0; 3]; 4];
     for (column, turned) in columns.iter_mut().zip(turn) {
-        let scale = if kind == 2 {
-            even
-        } else {
-            0.25 + 2.0 * rng.f64()
-        };
+        let scale = evenly.unwrap_or_else(|| 0.25 + 2.0 * rng.f64());
         let mirror = one_of(rng, &[1.0, 1.0, -1.0]);
         *column = turned.map(|x| scale * mirror * x);
     }
-    columns[3] = [0; 3].map(|_| (2.0 * rng.f64() - 1.0) * reach);
     columns
 }
 
