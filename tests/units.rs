@@ -8,8 +8,8 @@ mod common;
 use common::prepare;
 use dynrt::config::{Config, TriangleTest};
 use dynrt::cosim::scoreboard::{Category, Fault, UnitOptions, UnitReport};
-use dynrt::cosim::workload::Workload;
-use dynrt::cosim::{model, unit_geometry, unit_tpu};
+use dynrt::cosim::workload::{Workload, instanced_scene};
+use dynrt::cosim::{model, raycast, unit_geometry, unit_tpu};
 use dynrt::golden::Caster;
 use dynrt::port::Ray;
 
@@ -18,6 +18,9 @@ const MANY: u64 = 1_000_000;
 
 /// Transactions of tiny scenes that meet every category many times.
 const FEW: u64 = 60_000;
+
+/// Scenes that each machine of two levels casts rays into.
+const SCENES_OF_TWO_LEVELS: u32 = 12;
 
 fn seed() -> u64 {
     let seed = match std::env::var("DYNRT_SEED") {
@@ -153,6 +156,84 @@ fn geometry_of_other_machines() {
     let seed = seed();
     for config in others() {
         coincidences(unit_geometry::run, &config, FEW, seed);
+    }
+}
+
+/// Ray transformations of the geometry unit, and tests in objects' spaces between them.
+fn transforms_of_the_reference_machine(test: TriangleTest) {
+    let (config, seed) = (reference(test), seed());
+    let workload = Workload::Instances { transactions: MANY };
+    let run: Run = unit_geometry::run_transform;
+    let report = check(run, &config, workload, seed);
+    assert!(report.transactions >= MANY);
+    for (category, count) in &report.categories {
+        assert!(*count > 0, "no {}", category.name());
+    }
+}
+
+#[test]
+fn watertight_transforms_of_the_reference_machine() {
+    transforms_of_the_reference_machine(TriangleTest::Watertight);
+}
+
+#[test]
+fn moller_trumbore_transforms_of_the_reference_machine() {
+    transforms_of_the_reference_machine(TriangleTest::MollerTrumbore);
+}
+
+/// The geometry unit of other machines in scenes of two levels, by its tests this time.
+#[test]
+fn two_levels_in_the_geometry_unit_of_other_machines() {
+    let seed = seed();
+    for config in others() {
+        let transactions = FEW;
+        let workload = Workload::Instances { transactions };
+        let report = check(unit_geometry::run, &config, workload, seed);
+        assert!(report.transactions >= FEW);
+    }
+}
+
+/// Scenes of two levels through the whole ray casting unit: packet steps, ray transformations, triangle tests and hits, in all
+/// bits, for packets of every size, with both triangle tests.
+#[test]
+fn whole_machines_of_two_levels() {
+    let seed = seed();
+    let mut rng = fastrand::Rng::with_seed(seed);
+    for rays_per_packet in [1, 2, 4, 8] {
+        for triangle_test in [TriangleTest::Watertight, TriangleTest::MollerTrumbore] {
+            let config = Config {
+                rays_per_packet,
+                triangle_test,
+                packets_in_flight: rng.u32(4..=24),
+                clock_mhz: [50, 75, 100, 133][rng.usize(..4)],
+                memory_jitter: rng.u32(0..=20),
+                memory_in_order: rng.bool(),
+                memory_ready_percent: rng.u32(50..=100),
+                name: format!("{rays_per_packet} rays, {triangle_test:?}"),
+                ..Config::reference()
+            };
+            let (mut transforms, mut tests, mut hits) = (0, 0, 0);
+            for scene in 0..SCENES_OF_TWO_LEVELS {
+                let (image, rays) = instanced_scene(&config, 600, &mut rng).unwrap();
+                let options = raycast::Options {
+                    seed: rng.u64(..),
+                    ray_stall: [0.0, 0.3][rng.usize(..2)],
+                    hit_stall: [0.0, 0.3][rng.usize(..2)],
+                    ..raycast::Options::default()
+                };
+                let report = raycast::run(&config, &image, &rays, &options, &|_| ())
+                    .unwrap_or_else(|e| panic!("{}, scene {scene}: {e:#}", config.to_toml()));
+                assert_eq!(report.hits_checked, rays.len() as u64);
+                transforms += report.transforms_checked;
+                tests += report.tests_checked;
+                hits += report.hits.iter().filter(|hit| hit.is_hit()).count();
+            }
+            println!(
+                "{} rays, {triangle_test:?}: {transforms} transformations, {tests} tests, {hits} hits",
+                rays_per_packet
+            );
+            assert!(transforms > 1000 && tests > 1000 && hits > 100);
+        }
     }
 }
 

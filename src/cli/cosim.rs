@@ -9,7 +9,7 @@ use dynrt::cosim::mismatch::Mismatch;
 use dynrt::cosim::raycast::{self, Options, Report, Trace};
 use dynrt::cosim::scoreboard::{UnitOptions, UnitReport};
 use dynrt::cosim::unit_update::{self, Traffic, UpdateObject};
-use dynrt::cosim::workload::Workload;
+use dynrt::cosim::workload::{Workload, in_instances};
 use dynrt::cosim::{unit_geometry, unit_tpu};
 use dynrt::golden::Caster;
 use dynrt::port::{Hit, Ray};
@@ -22,7 +22,7 @@ use std::time::Duration;
 
 const HELP: &str = "\
 The Verilog of the configuration is built with Verilator once, kept in a cache ($DYNRT_CACHE, by default the user's cache
-folder), and driven clock by clock. Every hit, every packet step and every ray-triangle test is compared with the
+folder), and driven clock by clock. Every hit, packet step, ray transformation and ray-triangle test is compared with the
 golden model in all bits; the picture is drawn from what the Verilog computed. The first mismatch stops the run
 and is reported with the command that replays it. Exit status 0 only if something was checked and all agrees.
 
@@ -31,6 +31,7 @@ Examples:
   dynrt cosim builtin:interior --view inside --json hall.json
   dynrt cosim builtin:interior --view inside --rays shadow --out shadows.png
   dynrt cosim builtin:teapot --unit tpu --seed 3
+  dynrt cosim builtin:teapot --unit transform
   dynrt cosim builtin:sphere --unit update
   dynrt cosim builtin:cornell --size 64x48 --set memory.latency=40 --set memory.jitter=20 --seed 7
   dynrt cosim builtin:cornell --size 64x48 --trace cornell.fst --from 1000 --cycles 500";
@@ -79,6 +80,8 @@ enum Unit {
     Tpu,
     /// The geometry unit: every ray-triangle test
     Geometry,
+    /// The geometry unit's ray transformations, in a scene of two levels: this one's, or the scene eight times, turned at random
+    Transform,
     /// Ray setup, traversal and geometry together, from rays to hits
     Raycast,
     /// The update processor: every node that the scene's update program writes
@@ -90,6 +93,7 @@ impl Unit {
         match self {
             Unit::Tpu => "tpu",
             Unit::Geometry => "geometry",
+            Unit::Transform => "transform",
             Unit::Raycast => "raycast",
             Unit::Update => "update",
         }
@@ -191,14 +195,12 @@ pub fn run(args: &Args) -> Result<()> {
     if args.unit == Unit::Update {
         return job.run_update(&tree, trace);
     }
+    if args.unit == Unit::Transform && !image.is_instanced() {
+        let image = in_instances(&loaded.config, &image, args.seed)?;
+        return job.run_unit(&image, &rays, trace);
+    }
     if args.unit != Unit::Raycast {
-        let hits = caster.cast_packets(&rays).hits;
-        return job.run_unit(
-            &image,
-            &rays,
-            hits.iter().filter(|h| h.is_hit()).count(),
-            trace,
-        );
+        return job.run_unit(&image, &rays, trace);
     }
     let options = Options {
         seed: args.seed,
@@ -326,14 +328,12 @@ impl Job<'_> {
     }
 
     /// One unit alone.
-    fn run_unit(
-        &self,
-        image: &MemoryImage,
-        rays: &[Ray],
-        hits: usize,
-        trace: Option<Trace>,
-    ) -> Result<()> {
+    fn run_unit(&self, image: &MemoryImage, rays: &[Ray], trace: Option<Trace>) -> Result<()> {
         let args = self.args;
+        let Loaded { config, frame, .. } = self.loaded;
+        let caster = Caster::new(image, config.triangle_test, frame.rays_per_packet());
+        let hits = caster.cast_packets(rays).hits;
+        let hits = hits.iter().filter(|hit| hit.is_hit()).count();
         let options = UnitOptions {
             replay: self.replay(),
             trace,
@@ -342,9 +342,10 @@ impl Job<'_> {
         let workload = Workload::Rays { image, rays };
         let run = match args.unit {
             Unit::Tpu => unit_tpu::run,
+            Unit::Transform => unit_geometry::run_transform,
             _ => unit_geometry::run,
         };
-        let found = run(&self.loaded.config, workload, &options)?;
+        let found = run(config, workload, &options)?;
         let write = |value| match &args.json {
             Some(path) => report::json(path, &value),
             None => Ok(()),
@@ -431,6 +432,7 @@ impl Job<'_> {
                 "cycles": found.cycles,
                 "packet_steps": of(Unit::Tpu),
                 "ray_triangle_tests": of(Unit::Geometry),
+                "ray_transforms": of(Unit::Transform),
                 "rays_per_clock": per_clock(self.active),
                 "tpu_utilisation": per_clock(of(Unit::Tpu)),
                 "gu_utilisation": per_clock(of(Unit::Geometry)),
@@ -460,11 +462,13 @@ impl Job<'_> {
             "hits_checked": found.hits_checked,
             "steps_checked": found.steps_checked,
             "tests_checked": found.tests_checked,
+            "transforms_checked": found.transforms_checked,
             // A report is of a run without one: the first mismatch ends it with an error.
             "mismatches": 0,
             "cycles": found.cycles,
             "packet_steps": counters.packet_steps,
             "ray_triangle_tests": counters.ray_triangle_tests,
+            "ray_transforms": counters.ray_transforms,
             "rays_per_clock": self.rays_per_clock(found),
             "tpu_utilisation": found.tpu_utilisation(),
             "gu_utilisation": found.gu_utilisation(),

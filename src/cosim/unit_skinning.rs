@@ -1,4 +1,4 @@
-//! The skinning processor, with the arithmetic that it borrows from the geometry unit, held against the golden model: every
+//! Skinning in the ray casting unit, where the skinning processor borrows the geometry unit, held against the golden model: every
 //! vector and every influence row requested, every vertex written, in order, address and all bits; then all of vertex memory, so
 //! that whatever was written beside them shows.
 //!
@@ -16,8 +16,7 @@ use crate::bkd::layout::{
 use crate::config::Config;
 use crate::float::Format;
 use crate::golden::skinning::{MOST_INFLUENCES, SkinCommand, SkinEvent, SkinMemory, Skinned, skin};
-use crate::hw::Plan;
-use crate::hw::skinning;
+use crate::hw::emit;
 use anyhow::{Result, ensure};
 use std::collections::VecDeque;
 
@@ -204,7 +203,7 @@ impl Expected {
     }
 }
 
-/// The skinning processor in simulation.
+/// The ray casting unit in simulation, given nothing but meshes to skin.
 pub struct SkinUnit {
     bench: Bench,
     format: Format,
@@ -223,13 +222,13 @@ pub struct SkinUnit {
 }
 
 impl SkinUnit {
-    /// Builds the unit of a machine and resets it.
+    /// Builds the ray casting unit of a machine and resets it.
     ///
     /// # Errors
     /// A tool that is missing.
     pub fn new(config: &Config, options: &UnitOptions) -> Result<SkinUnit> {
-        let unit = skinning::unit(&Plan::new(config)?)?;
-        let mut bench = Bench::new("skinning", &unit, options)?;
+        let machine = emit(config)?;
+        let mut bench = Bench::new("skinning", machine.design.top(), options)?;
         bench.model.reset(4);
         let model = &bench.model;
         let port = |name: &str| model.port(name);

@@ -14,13 +14,15 @@
 
 use super::plan::{AXES, Plan};
 use super::prefetch::{occupancy, pick, prefetch};
-use super::raycast::COUNTER_BITS;
 use crate::bkd::layout::{INFLUENCES_PER_ROW, Record};
-use crate::hdl::{Builder, HdlError, Module, Signal, Style, bits_for};
+use crate::hdl::{Builder, HdlError, Module, Outputs, Pipeline, Signal, Style, bits_for};
 use std::rc::Rc;
 
 /// Bits that number an influence of its vertex.
-pub(super) const POSITION_BITS: u32 = 2;
+const POSITION_BITS: u32 = 2;
+
+/// What goes with an influence through the geometry unit and comes back with the result, and its bits.
+const ISSUED: [(&str, u32); 3] = [("valid", 1), ("position", POSITION_BITS), ("last", 1)];
 
 /// Bits that number a joint of a machine's palette.
 pub(super) fn joint_bits(plan: &Plan) -> u32 {
@@ -54,11 +56,13 @@ pub(super) fn start_ports(plan: &Plan) -> [(&'static str, u32); 7] {
     ]
 }
 
-/// The skinning processor of a machine whose lent adders take `sum_latency` clocks from operands to sum.
+/// The skinning processor of a machine whose triangle test is `test`.
 ///
 /// # Errors
 /// A mistake in the description; none is known for any configuration.
-pub(super) fn processor(plan: &Plan, sum_latency: u32) -> Result<Rc<Module>, HdlError> {
+pub(super) fn module(plan: &Plan, test: &Module) -> Result<Rc<Module>, HdlError> {
+    let stage_of = |port: &str| test.port(port).and_then(|p| p.stage).unwrap_or(0);
+    let sum_latency = stage_of("sum_0") - stage_of("sum_a_0");
     let (w, a) = (plan.number(), plan.address());
     let config = &plan.config;
     let vector = Record::vertex(plan.format);
@@ -104,9 +108,8 @@ pub(super) fn processor(plan: &Plan, sum_latency: u32) -> Result<Rc<Module>, Hdl
     m.group(
         "From the geometry unit: a moved vertex times a weight, and which of its vertex's it is",
     );
-    let weighted_valid = m.input("weighted_valid", 1);
-    let weighted_position = m.input("weighted_position", POSITION_BITS);
-    let weighted_last = m.input("weighted_last", 1);
+    let [weighted_valid, weighted_position, weighted_last] =
+        ISSUED.map(|(name, width)| m.input(format!("weighted_{name}"), width));
     let weighted = AXES.map(|x| m.input(format!("weighted_{x}"), w));
     m.group("From the geometry unit: sums of two weighted ones, and of two sums");
     let pair_sums = AXES.map(|x| m.input(format!("pair_sum_{x}"), w));
@@ -401,202 +404,97 @@ pub(super) fn processor(plan: &Plan, sum_latency: u32) -> Result<Rc<Module>, Hdl
     m.finish()
 }
 
-/// Everything of a machine that skins, alone: processor, palette memories and the arithmetic.
-///
-/// # Errors
-/// A mistake in the description; none is known for any configuration.
-pub fn unit(plan: &Plan) -> Result<Rc<Module>, HdlError> {
-    let test = stand_in(plan)?;
-    let stage_of = |port: &str| test.port(port).and_then(|p| p.stage).unwrap_or(0);
-    let sum_latency = stage_of("sum_0") - stage_of("sum_a_0");
-    let processor = processor(plan, sum_latency)?;
-    let w = plan.number();
-    let vector = Record::vertex(plan.format);
-    let row = Record::influence_row(plan.format);
-    let m = Builder::new(
-        "skinning_unit",
-        "the skinning processor with the arithmetic that it borrows.",
-    );
-    let mut inputs: Vec<(String, Signal<'_>)> = vec![];
-    m.group("A mesh to skin");
-    inputs.push(("start_valid".into(), m.input("skin_start_valid", 1)));
-    for (name, width) in start_ports(plan) {
-        inputs.push((
-            format!("start_{name}"),
-            m.input(format!("skin_start_{name}"), width),
-        ));
-    }
-    inputs.push(("may_start".into(), m.lit(1u8, 1)));
-    for (name, title, tag, width) in [
-        (
-            "vertex",
-            "Vertex memory",
-            vector_tag_bits(plan),
-            vector.width,
-        ),
-        (
-            "influence",
-            "Influence memory",
-            row_tag_bits(plan),
-            row.width,
-        ),
-    ] {
-        m.group(title);
-        for (port, width) in [
-            ("request_ready", 1),
-            ("response_valid", 1),
-            ("response_tag", tag),
-            ("response_data", width),
-        ] {
-            let port = format!("{name}_{port}");
-            inputs.push((port.clone(), m.input(&port, width)));
-        }
-    }
-    m.group("Vertex memory: writes");
-    inputs.push(("write_ready".into(), m.input("skin_write_ready", 1)));
-    let weighted_valid = m.wire("weighted_valid", 1);
-    let weighted_position = m.wire("weighted_position", POSITION_BITS);
-    let weighted_last = m.wire("weighted_last", 1);
-    let weighted = AXES.map(|x| m.wire(format!("weighted_{x}"), w));
-    let sums: Vec<_> = (0..6).map(|k| m.wire(format!("sum_{k}"), w)).collect();
-    inputs.push(("weighted_valid".into(), weighted_valid.get()));
-    inputs.push(("weighted_position".into(), weighted_position.get()));
-    inputs.push(("weighted_last".into(), weighted_last.get()));
-    for (i, x) in AXES.into_iter().enumerate() {
-        inputs.push((format!("weighted_{x}"), weighted[i].get()));
-        inputs.push((format!("pair_sum_{x}"), sums[i].get()));
-        inputs.push((format!("vertex_sum_{x}"), sums[3 + i].get()));
-    }
-    let named: Vec<_> = inputs.iter().map(|(n, s)| (n.as_str(), *s)).collect();
-    let front = m.instance("processor", &processor, &named);
+/// Sums that the triangle test makes at once: a pair's in each component, then a vertex's.
+const SUMS: usize = 6;
 
-    let jb = joint_bits(plan);
-    let p = m.pipeline();
-    let joint = p.enter(front.get("issue_joint"));
-    let columns: Vec<_> = ["column_x", "column_y", "column_z", "column_w"]
-        .into_iter()
-        .enumerate()
-        .map(|(k, name)| {
-            let memory = m.memory(name, 1 << jb, vector.width, Style::Block);
-            let here = front.get("palette_column").equals(k as u128);
-            memory.write(
-                front.get("palette_valid") & here,
-                front.get("palette_joint"),
-                front.get("palette_data"),
-            );
-            memory
-        })
-        .collect();
-    let start = plan.read_latency();
-    let mut operands: Vec<(String, Signal<'_>)> = vec![];
-    for (k, memory) in columns[..3].iter().enumerate() {
-        let word = plan.read(*memory, joint);
-        for (i, x) in AXES.into_iter().enumerate() {
-            operands.push((format!("v{k}_{x}"), word.field(i as u32 * w, w)));
-        }
-    }
-    for x in AXES {
-        let coordinate = p.enter(front.get(&format!("issue_{x}")));
-        operands.push((format!("origin_{x}"), coordinate.at(start)));
-    }
-    let at_translation = stage_of("translation_x") + start;
-    let word = plan.read(columns[3], joint.at(at_translation - start));
-    for (i, x) in AXES.into_iter().enumerate() {
-        operands.push((format!("translation_{x}"), word.field(i as u32 * w, w)));
-    }
-    let at_weight = stage_of("weight") + start;
-    let weight = p.enter(front.get("issue_weight")).at(at_weight);
-    operands.push(("weight".into(), weight));
-    for k in 0..6 {
-        let (kind, x) = (["pair", "vertex"][k / 3], AXES[k % 3]);
-        for side in ["a", "b"] {
-            let name = format!("{kind}_{side}_{x}");
-            operands.push((
-                format!("sum_{side}_{k}"),
-                p.enter_at(front.get(&name), start),
-            ));
-        }
-    }
-    let named: Vec<_> = operands.iter().map(|(n, s)| (n.as_str(), *s)).collect();
-    let tested = m.instance("test", &test, &named);
-    let moved = tested.get("weighted_x");
-    let at = moved.stage().unwrap_or(0);
-    weighted_valid.drive(
-        p.enter(front.get("issue_valid"))
-            .cleared_by_reset()
-            .at(at)
-            .untimed(),
-    );
-    weighted_position.drive(p.enter(front.get("issue_position")).at(at).untimed());
-    weighted_last.drive(p.enter(front.get("issue_last")).at(at).untimed());
-    for (i, x) in AXES.into_iter().enumerate() {
-        weighted[i].drive(tested.get(&format!("weighted_{x}")).untimed());
-    }
-    for (k, sum) in sums.iter().enumerate() {
-        sum.drive(tested.get(&format!("sum_{k}")).untimed());
-    }
-
-    m.group("A mesh to skin");
-    m.output("skin_start_ready", front.get("start_ready"));
-    m.output("skin_done", front.get("done"));
-    for name in ["vertex", "influence"] {
-        for port in ["valid", "address", "tag"] {
-            let port = format!("{name}_request_{port}");
-            m.output(&port, front.get(&port));
-        }
-    }
-    for port in ["valid", "address", "data"] {
-        m.output(
-            format!("skin_write_{port}"),
-            front.get(&format!("write_{port}")),
-        );
-    }
-    for (name, event) in [
-        ("skin_influences", front.get("influence_issued")),
-        ("skin_cycles", front.get("skinning")),
-    ] {
-        let counter = m.reg_reset(format!("{name}_counter"), COUNTER_BITS, 0);
-        counter.next_when(event, counter.q + m.lit(1u8, COUNTER_BITS));
-        m.output(format!("count_{name}"), counter.q);
-    }
-    m.finish()
+/// What the geometry unit is given while it is borrowed.
+pub(super) struct Borrower<'b> {
+    /// Whether it is: constant while anything of skinning is under way.
+    pub active: Signal<'b>,
+    palette_valid: Signal<'b>,
+    palette_column: Signal<'b>,
+    pub palette_joint: Signal<'b>,
+    pub palette_data: Signal<'b>,
+    issued: [Signal<'b>; 3],
+    /// Of the influence that is issued.
+    pub joint: Signal<'b>,
+    pub point: [Signal<'b>; 3],
+    pub weight: Signal<'b>,
+    /// By the names of the triangle test's inputs, `sum_a_0` and so on.
+    pub operands: Vec<(String, Signal<'b>)>,
 }
 
-/// The triangle test's matrix mode with operators of its own.
-fn stand_in(plan: &Plan) -> Result<Rc<Module>, HdlError> {
-    let w = plan.number();
-    let units = &plan.units;
-    let m = Builder::new("stand_in", "stand-in.");
-    let p = m.pipeline();
-    let columns: Vec<[Signal<'_>; 3]> = (0..3)
-        .map(|k| AXES.map(|x| p.input(format!("v{k}_{x}"), w)))
-        .collect();
-    let point = AXES.map(|x| p.input(format!("origin_{x}"), w));
-    let mut moved = vec![];
-    for (i, x) in AXES.into_iter().enumerate() {
-        let product = |k: usize| units.mul(format!("product_{k}_{x}"), columns[k][i], point[k]);
-        let xy = units.add(format!("xy_{x}"), product(0), product(1));
-        moved.push(units.add(format!("xyz_{x}"), xy, product(2)));
+/// How the processor and the triangle test call the operands and the sum of one of [`SUMS`].
+fn sum_names(k: usize) -> [(String, String); 3] {
+    let (of, x) = (["pair", "vertex"][k / 3], AXES[k % 3]);
+    [("a_", "sum_a_"), ("b_", "sum_b_"), ("sum_", "sum_")]
+        .map(|(processor, test)| (format!("{of}_{processor}{x}"), format!("{test}{k}")))
+}
+
+impl<'b> Borrower<'b> {
+    /// The geometry unit's inputs from the processor, named as the processor's outputs are, after `skin_`.
+    pub fn new(m: &'b Builder, plan: &Plan) -> Borrower<'b> {
+        let (w, joint_width) = (plan.number(), joint_bits(plan));
+        m.group("Skinning: whether it borrows this unit");
+        let active = m.input("skinning", 1);
+        let input = |name: &str, width| m.input(format!("skin_{name}"), width);
+        m.group("Skinning: a column of a joint's matrix");
+        let palette_valid = input("palette_valid", 1);
+        let palette_joint = input("palette_joint", joint_width);
+        let palette_column = input("palette_column", 2);
+        let palette_data = input("palette_data", Record::vertex(plan.format).width);
+        m.group("Skinning: an influence, and which of its vertex's it is");
+        let issued = ISSUED.map(|(name, width)| input(&format!("issue_{name}"), width));
+        let joint = input("issue_joint", joint_width);
+        let point = AXES.map(|x| input(&format!("issue_{x}"), w));
+        let weight = input("issue_weight", w);
+        m.group("Skinning: numbers to add");
+        let operands = (0..SUMS).flat_map(|k| {
+            let [a, b, _] = sum_names(k);
+            [a, b].map(|(processor, test)| (test, input(&processor, w)))
+        });
+        Borrower {
+            active,
+            palette_valid,
+            palette_column,
+            palette_joint,
+            palette_data,
+            issued,
+            joint,
+            point,
+            weight,
+            operands: operands.collect(),
+        }
     }
-    let at = moved[0].stage().unwrap_or(0);
-    let translated: Vec<_> = AXES
-        .into_iter()
-        .enumerate()
-        .map(|(i, x)| {
-            let t = p.input_at(format!("translation_{x}"), w, at);
-            units.add(format!("moved_at_{x}"), moved[i], t)
-        })
-        .collect();
-    let at = translated[0].stage().unwrap_or(0);
-    let weight = p.input_at("weight", w, at);
-    for (i, x) in AXES.into_iter().enumerate() {
-        let y = units.mul(format!("weighted_at_{x}"), translated[i], weight);
-        m.output(format!("weighted_{x}"), y);
+
+    /// Whether a palette's column comes, and is this one.
+    pub fn writes_column(&self, column: u128) -> Signal<'b> {
+        self.palette_valid & self.palette_column.equals(column)
     }
-    for k in 0..6 {
-        let a = p.input(format!("sum_a_{k}"), w);
-        let b = p.input(format!("sum_b_{k}"), w);
-        m.output(format!("sum_{k}"), units.add(format!("sum_at_{k}"), a, b));
+
+    /// The geometry unit's outputs to the processor: what was issued, moved and weighted, with what it was issued with, and
+    /// sums.
+    pub fn give_back(&self, m: &'b Builder, p: &Pipeline<'b>, tested: &Outputs<'b>) {
+        m.group(
+            "Skinning: an influence's vertex moved and weighted, and which of its vertex's it is",
+        );
+        let weighted = AXES.map(|x| tested.get(&format!("weighted_{x}")));
+        let at = weighted[0].stage().unwrap_or(0);
+        for ((name, _), signal) in ISSUED.into_iter().zip(self.issued) {
+            let entered = p.enter(signal);
+            let entered = match name {
+                "valid" => entered.cleared_by_reset(),
+                _ => entered,
+            };
+            m.output(format!("skin_weighted_{name}"), entered.at(at).untimed());
+        }
+        for (x, number) in AXES.into_iter().zip(weighted) {
+            m.output(format!("skin_weighted_{x}"), number.untimed());
+        }
+        m.group("Skinning: sums");
+        for k in 0..SUMS {
+            let [.., (processor, test)] = sum_names(k);
+            m.output(format!("skin_{processor}"), tested.get(&test).untimed());
+        }
     }
-    m.finish()
 }

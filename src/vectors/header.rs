@@ -72,7 +72,7 @@ pub fn text(config: &Config, shape: &Shape, design: &Design, files: &[Entry<'_>]
     );
     let packet_bits = design
         .top()
-        .port("node_request_tag")
+        .port("watch_start_packet")
         .map_or(1, |port| port.width);
     let ray_bits = design
         .top()
@@ -83,6 +83,7 @@ pub fn text(config: &Config, shape: &Shape, design: &Design, files: &[Entry<'_>]
         "The machine",
         &[
             ("NUMBER_BITS", shape.format.width().into()),
+            ("EXPONENT_BITS", config.exponent_bits.into()),
             ("RAYS_PER_PACKET", shape.rays as u64),
             ("RAY_BITS", ray_bits.into()),
             ("PACKET_BITS", packet_bits.into()),
