@@ -83,6 +83,11 @@ pub struct Built {
 }
 
 impl SceneArgs {
+    /// The scene, as it was given.
+    pub fn spec(&self) -> &str {
+        &self.scene
+    }
+
     /// The arguments that choose this scene and camera again.
     pub fn replay(&self) -> String {
         format!(" {}{}", quoted(&self.scene), self.camera.replay())

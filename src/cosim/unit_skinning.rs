@@ -14,9 +14,10 @@ use crate::bkd::layout::{
     vector_words,
 };
 use crate::config::Config;
-use crate::float::Format;
+use crate::float::{Arithmetic, Format};
 use crate::golden::skinning::{MOST_INFLUENCES, SkinCommand, SkinEvent, SkinMemory, Skinned, skin};
 use crate::hw::emit;
+use crate::scene::animation::{MachineObject, ObjectFrame};
 use anyhow::{Result, ensure};
 use std::collections::VecDeque;
 
@@ -45,6 +46,50 @@ pub struct SkinMesh {
     pub influences: Vec<Influence>,
     /// At least one.
     pub palette: Vec<Columns>,
+}
+
+impl SkinMesh {
+    /// A skinned object in a frame; none, if it is not skinned.
+    pub fn of_frame(object: &MachineObject, frame: &ObjectFrame) -> Option<SkinMesh> {
+        let influences = object.influences.as_ref()?;
+        Some(SkinMesh {
+            name: object.name.clone(),
+            rest: frame.written.as_ref().unwrap_or(&object.rest).clone(),
+            influences: influences.iter().flatten().copied().collect(),
+            palette: frame.palette.clone(),
+        })
+    }
+
+    /// An object bound at random, the same for the same seed: every vertex to 1 to 4 of up to `joints` random matrices.
+    pub fn bound_at_random(
+        format: Format,
+        object: &MachineObject,
+        joints: u32,
+        seed: u64,
+    ) -> SkinMesh {
+        let mut rng = fastrand::Rng::with_seed(seed);
+        let a = Arithmetic::new(format);
+        let joints = rng.u32(1..=joints);
+        let palette = (0..joints).map(|_| -> Columns {
+            std::array::from_fn(|_| std::array::from_fn(|_| a.round(2.0 * rng.f64() - 1.0)))
+        });
+        let palette = palette.collect();
+        let influences = object.rest.iter().flat_map(|_| {
+            let follows = rng.usize(1..=MOST_INFLUENCES);
+            let influence = |k| Influence {
+                joint: rng.u32(..joints) as u8,
+                weight: a.round(rng.f64()),
+                last: k == follows,
+            };
+            (1..=follows).map(influence).collect::<Vec<_>>()
+        });
+        SkinMesh {
+            name: object.name.clone(),
+            rest: object.rest.clone(),
+            influences: influences.collect(),
+            palette,
+        }
+    }
 }
 
 /// What the unit is given to do.
@@ -165,6 +210,16 @@ pub struct SkinReport {
 }
 
 impl SkinReport {
+    /// The figures of all meshes together.
+    pub fn total(&self) -> SkinFigures {
+        let mut total = SkinFigures {
+            name: "all meshes".into(),
+            ..SkinFigures::default()
+        };
+        self.meshes.iter().for_each(|mesh| total.add(mesh));
+        total
+    }
+
     /// The report in a few lines.
     pub fn summary(&self) -> String {
         let unit = &self.unit;
