@@ -5,13 +5,11 @@ use glam::{DAffine3, DVec3};
 
 use super::build::{BuildOptions, build_over_boxes};
 use super::layout::{
-    self, InstanceRecord, LINK_BITS, LinkWord, MemoryImage, Node, TriangleRecord, check_capacity,
+    self, Columns, InstanceRecord, LINK_BITS, LinkWord, MemoryImage, Node, TriangleRecord,
+    check_capacity,
 };
 use super::tree::{Bounds, Tree};
 use crate::float::{Arithmetic, Format};
-
-/// An affine transformation by columns: what x, y and z are multiplied by, and what is added.
-pub type Columns = [[f64; 3]; 4];
 
 /// By how much an instance's box in the world is widened on every side, in the machine's units. It covers what
 /// rounding the matrix and the transformed ray moves a hit by, as seen from the world.

@@ -978,6 +978,60 @@ fn pack<T>(layout: &Record, items: &[T], fill: impl Fn(&T, &mut [u32])) -> Vec<u
     words
 }
 
+/// A matrix by columns, c_x, c_y, c_z, c_w: the point (x, y, z) goes to c_x·x + c_y·y + c_z·z + c_w. In memory each column
+/// is a vector of the vertex array, one after another.
+pub type Columns = [[f64; 3]; 4];
+
+/// One joint that a vertex follows, as the skinning processor's stream has it.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Influence {
+    /// The joint's place in the palette.
+    pub joint: u8,
+    /// A value of the format; its sign is not stored.
+    pub weight: f64,
+    /// The vertex has no further influence.
+    pub last: bool,
+}
+
+/// The words of the influence rows that hold a stream, [`Record::words`] of [`Record::influence_row`] a row; zeros fill the last row.
+pub fn influence_words(format: Format, stream: &[Influence]) -> Vec<u32> {
+    let layout = Record::influence_row(format);
+    let rows: Vec<_> = stream.chunks(INFLUENCES_PER_ROW).collect();
+    pack(&layout, &rows, |row, words| {
+        for (influence, fields) in row.iter().zip(layout.fields.chunks_exact(3)) {
+            let weight = format.to_bits(influence.weight) & !format.sign_bit();
+            fields[0].set(words, weight);
+            fields[1].set(words, influence.joint.into());
+            fields[2].set(words, influence.last.into());
+        }
+    })
+}
+
+/// The influences in the words of whole rows, what fills the last one included: [`INFLUENCES_PER_ROW`] a row.
+pub fn influences_of_words(format: Format, words: &[u32]) -> Vec<Influence> {
+    let layout = Record::influence_row(format);
+    let row = |words| {
+        let of = |fields: &[Field]| Influence {
+            weight: format.to_f64(fields[0].get(words)),
+            joint: fields[1].get(words) as u8,
+            last: fields[2].get(words) != 0,
+        };
+        layout.fields.chunks_exact(3).map(of).collect::<Vec<_>>()
+    };
+    words.chunks_exact(layout.words()).flat_map(row).collect()
+}
+
+/// The words of vectors in the vertex array, [`Record::words`] of [`Record::vertex`] each: vertices, or the columns of
+/// matrices (a palette's are `palette.as_flattened()`).
+pub fn vector_words(format: Format, vectors: &[[f64; 3]]) -> Vec<u32> {
+    let layout = Record::vertex(format);
+    pack(&layout, vectors, |vector, words| {
+        for (field, value) in layout.fields.iter().zip(vector) {
+            field.set(words, format.to_bits(*value));
+        }
+    })
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -1071,5 +1125,43 @@ mod tests {
         assert!(error.contains("67108865 triangles"), "{error}");
         let error = check_capacity(0, 1025, 10).unwrap_err().to_string();
         assert!(error.contains("too large for its address space"), "{error}");
+    }
+
+    #[test]
+    fn influences_read_back_from_their_rows() {
+        let seed = 0x5eed_0002;
+        let mut random = fastrand::Rng::with_seed(seed);
+        for (exponent, fraction) in [(7, 16), (3, 2), (10, 23)] {
+            let format = Format::new(exponent, fraction).unwrap();
+            for count in [0, 1, 4, 5, 11] {
+                let mut any = || Influence {
+                    joint: random.u8(..),
+                    weight: format.to_f64(random.u64(..format.sign_bit())),
+                    last: random.bool(),
+                };
+                let mut stream: Vec<_> = (0..count).map(|_| any()).collect();
+                // NaN is not equal to itself.
+                stream.iter_mut().for_each(|influence| {
+                    if influence.weight.is_nan() {
+                        influence.weight = f64::INFINITY;
+                    }
+                });
+                let words = influence_words(format, &stream);
+                let read = influences_of_words(format, &words);
+                assert_eq!(
+                    read.len(),
+                    stream.len().next_multiple_of(INFLUENCES_PER_ROW)
+                );
+                assert_eq!(read[..count], stream, "seed {seed:#x}");
+                let filled = read[count..].iter().all(|i| *i == Influence::default());
+                assert!(filled, "seed {seed:#x}");
+            }
+        }
+        let nan = Influence {
+            weight: f64::NAN,
+            ..Influence::default()
+        };
+        let words = influence_words(Format::FP24, &[nan]);
+        assert!(influences_of_words(Format::FP24, &words)[0].weight.is_nan());
     }
 }

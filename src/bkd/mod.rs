@@ -7,13 +7,15 @@
 pub mod build;
 mod instances;
 pub mod layout;
+pub mod quality;
 pub mod stats;
 mod tree;
 
 pub use build::{BuildOptions, SortKeys, SplitCost, build, build_over_boxes};
-pub use instances::{Columns, InstanceSpec, InstancedImage, ObjectPlace, WIDENING};
+pub use instances::{InstanceSpec, InstancedImage, ObjectPlace, WIDENING};
 pub use layout::{
-    Field, InstanceRecord, LINK_BITS, LinkWord, MemoryImage, Node, Placement, Record, Target,
-    TriangleRecord,
+    Columns, Field, Influence, InstanceRecord, LINK_BITS, LinkWord, MemoryImage, Node, Placement,
+    Record, Target, TriangleRecord,
 };
+pub use quality::Quality;
 pub use tree::{Bounds, Child, Refit, Tree, TreeNode};

@@ -7,14 +7,16 @@ use clap::ValueEnum;
 use dynrt::bkd::{MemoryImage, Tree};
 use dynrt::cosim::mismatch::Mismatch;
 use dynrt::cosim::raycast::{self, Options, Report, Trace};
-use dynrt::cosim::scoreboard::{UnitOptions, UnitReport};
+use dynrt::cosim::scoreboard::{Surroundings, UnitOptions, UnitReport};
+use dynrt::cosim::unit_skinning::{self, SkinMesh};
 use dynrt::cosim::unit_update::{self, Traffic, UpdateObject};
 use dynrt::cosim::workload::{Workload, in_instances};
 use dynrt::cosim::{unit_geometry, unit_tpu};
 use dynrt::golden::Caster;
 use dynrt::port::{Hit, Ray};
 use dynrt::report;
-use dynrt::scene::{ImageSize, RayPacket, default_light, shadow_rays};
+use dynrt::scene::animation::MachineScene;
+use dynrt::scene::{ImageSize, RayPacket, default_light, load_animated, shadow_rays};
 use serde_json::{Map, Value, json};
 use std::fmt::Write as _;
 use std::path::PathBuf;
@@ -33,6 +35,7 @@ Examples:
   dynrt cosim builtin:teapot --unit tpu --seed 3
   dynrt cosim builtin:teapot --unit transform
   dynrt cosim builtin:sphere --unit update
+  dynrt cosim builtin:figure --unit skinning
   dynrt cosim builtin:cornell --size 64x48 --set memory.latency=40 --set memory.jitter=20 --seed 7
   dynrt cosim builtin:cornell --size 64x48 --trace cornell.fst --from 1000 --cycles 500";
 
@@ -86,6 +89,9 @@ enum Unit {
     Raycast,
     /// The update processor: every node that the scene's update program writes
     Update,
+    /// Skinning: every vertex of the scene's skinned meshes, half through its first clip; of a scene without any, every vertex
+    /// bound to joints at random. The scene may be a glTF file, too
+    Skinning,
 }
 
 impl Unit {
@@ -96,6 +102,7 @@ impl Unit {
             Unit::Transform => "transform",
             Unit::Raycast => "raycast",
             Unit::Update => "update",
+            Unit::Skinning => "skinning",
         }
     }
 }
@@ -160,6 +167,14 @@ pub fn run(args: &Args) -> Result<()> {
     if let Some(path) = &args.trace {
         report::check_regular(path)?;
     }
+    let trace = args.trace.as_ref().map(|path| Trace {
+        path: path.clone(),
+        from: args.from,
+        cycles: args.cycles.unwrap_or(1),
+    });
+    if args.unit == Unit::Skinning {
+        return args.run_skinning(trace);
+    }
     let loaded = args.scene.load(args.size, &args.config)?;
     let Built { image, tree, .. } = loaded.build_default()?;
     let primary = Loaded::rays(&loaded.packets);
@@ -187,11 +202,6 @@ pub fn run(args: &Args) -> Result<()> {
         loaded: &loaded,
         active: active(&rays)?,
     };
-    let trace = args.trace.as_ref().map(|path| Trace {
-        path: path.clone(),
-        from: args.from,
-        cycles: args.cycles.unwrap_or(1),
-    });
     if args.unit == Unit::Update {
         return job.run_update(&tree, trace);
     }
@@ -205,7 +215,7 @@ pub fn run(args: &Args) -> Result<()> {
     let options = Options {
         seed: args.seed,
         trace,
-        replay: job.replay(),
+        replay: args.replay(),
         ..Options::default()
     };
     let bar = report::progress(rays.len() as u64, "building the model");
@@ -226,7 +236,7 @@ pub fn run(args: &Args) -> Result<()> {
         }
     };
     ensure!(found.checked() > 0, "nothing was checked");
-    job.check_trace(found.cycles);
+    args.check_trace(found.cycles);
     let mut text = job.text(&found);
     if let Some(path) = &args.out {
         let size = args.size;
@@ -256,7 +266,7 @@ fn extend(value: &mut Value, more: Value) {
     }
 }
 
-impl Job<'_> {
+impl Args {
     /// What a person types to run this again.
     fn replay(&self) -> String {
         let Args {
@@ -267,7 +277,7 @@ impl Job<'_> {
             rays,
             seed,
             ..
-        } = self.args;
+        } = self;
         let mut text = format!("dynrt cosim{}{}", scene.replay(), config.replay());
         if size.to_string() != SIZE {
             text += &format!(" --size {size}");
@@ -286,7 +296,7 @@ impl Job<'_> {
 
     /// Says so if the run was over before the waveform's first cycle.
     fn check_trace(&self, cycles: u64) {
-        let Args { trace, from, .. } = self.args;
+        let Args { trace, from, .. } = self;
         if let (Some(path), true) = (trace, *from >= cycles) {
             tell(&format!(
                 "warning: {}: the waveform is empty: it was to begin at cycle {from}, and the run has {cycles}; give a smaller --from",
@@ -295,6 +305,109 @@ impl Job<'_> {
         }
     }
 
+    /// Skinning alone, which needs no rays: first with random delays and stalls around it, then at its full pace.
+    fn run_skinning(&self, trace: Option<Trace>) -> Result<()> {
+        let config = self.config.load()?;
+        let spec = self.scene.spec();
+        let scene = load_animated(spec)?;
+        for warning in &scene.warnings {
+            tell(&format!("warning: {warning}"));
+        }
+        let clip = scene.clip(None)?;
+        let seconds = clip.map_or(0.0, |clip| scene.clips[clip].seconds / 2.0);
+        let pose = scene.pose(clip, seconds)?;
+        let extents = scene.extents_of(std::slice::from_ref(&pose))?;
+        let (format, joints) = (config.format(), config.skinning_joints);
+        let machine = MachineScene::new(&scene, &extents, format, joints)?;
+        let frame = machine.frame(&pose)?;
+        let mut meshes: Vec<SkinMesh> = std::iter::zip(&machine.objects, &frame.objects)
+            .filter_map(|(object, frame)| SkinMesh::of_frame(object, frame))
+            .collect();
+        if meshes.is_empty() {
+            tell(&format!(
+                "{}: nothing is skinned; bound at random",
+                scene.name
+            ));
+            let bound = |object| SkinMesh::bound_at_random(format, object, joints, self.seed);
+            meshes = machine.objects.iter().map(bound).collect();
+        }
+        let workload = unit_skinning::Workload::Meshes(&meshes);
+        let options = UnitOptions {
+            replay: self.replay(),
+            trace,
+            ..UnitOptions::new(self.seed)
+        };
+        let at_pace = UnitOptions {
+            surroundings: Some(Surroundings::steady(config.memory_latency)),
+            trace: None,
+            ..options.clone()
+        };
+        let write = |mut value: Value, found: &UnitReport| {
+            extend(
+                &mut value,
+                json!({
+                    "scene": scene.name,
+                    "triangles": scene.triangle_count(),
+                    "config": config.name,
+                    "overrides": self.config.overrides(&config),
+                    "unit": self.unit.name(),
+                    "seed": self.seed,
+                    "mismatches": found.mismatches,
+                }),
+            );
+            match &self.json {
+                Some(path) => report::json(path, &value),
+                None => Ok(()),
+            }
+        };
+        use unit_skinning::Traffic;
+        let checked_run = |traffic, options: &UnitOptions| {
+            let found = unit_skinning::run(&config, workload, traffic, options)?;
+            let unit = &found.unit;
+            if let Some(mismatch) = &unit.mismatch {
+                let value = json!({
+                    "checked": unit.checked,
+                    "cycles": unit.cycles,
+                    "mismatch": mismatch,
+                    "replay": self.replay(),
+                });
+                write(value, unit)?;
+                return Err(UnitMismatch(mismatch.clone()).into());
+            }
+            unit.verdict()?;
+            Ok::<_, anyhow::Error>(found)
+        };
+        let found = checked_run(Traffic::Separate, &options)?;
+        self.check_trace(found.unit.cycles);
+        let pace = checked_run(Traffic::Shared, &at_pace)?;
+        let (unit, total) = (&found.unit, pace.total());
+        let categories: Map<String, Value> = (unit.categories.iter())
+            .map(|(category, count)| (category.name().to_string(), json!(count)))
+            .collect();
+        let value = json!({
+            "meshes": pace.meshes.len(),
+            "vertices": total.vertices,
+            "influences": total.influences,
+            "busy_cycles": total.busy_cycles,
+            "influences_per_clock": total.influences_per_clock(),
+            "vertices_per_clock": total.vertices_per_clock(),
+            "checked": unit.checked + pace.unit.checked,
+            "cycles": unit.cycles + pace.unit.cycles,
+            "categories": categories,
+            "model_build_s": unit.model_build_s + pace.unit.model_build_s,
+            "simulate_s": unit.simulate_s + pace.unit.simulate_s,
+        });
+        write(value, unit)?;
+        print(&format!(
+            "{}\nat full pace, with {} bytes of memory traffic a clock:\n{}\n",
+            found.summary(),
+            unit_skinning::SHARED_BYTES,
+            pace.summary()
+        ))
+    }
+}
+
+impl Job<'_> {
     /// What is known however the run ends.
     fn common_json(&self) -> Value {
         let size = self.args.size;
@@ -323,7 +436,7 @@ impl Job<'_> {
         value["cycles"] = json!(cycles);
         value["mismatches"] = json!(1);
         value["mismatch"] = json!(mismatch);
-        value["replay"] = json!(self.replay());
+        value["replay"] = json!(self.args.replay());
         value
     }
 
@@ -335,7 +448,7 @@ impl Job<'_> {
         let hits = caster.cast_packets(rays).hits;
         let hits = hits.iter().filter(|hit| hit.is_hit()).count();
         let options = UnitOptions {
-            replay: self.replay(),
+            replay: self.args.replay(),
             trace,
             ..UnitOptions::new(args.seed)
         };
@@ -355,7 +468,7 @@ impl Job<'_> {
             return Err(UnitMismatch(mismatch).into());
         }
         found.verdict()?;
-        self.check_trace(found.cycles);
+        self.args.check_trace(found.cycles);
         write(self.unit_json(&found, hits))?;
         print(&format!("{}\n", found.summary()))
     }
@@ -369,7 +482,7 @@ impl Job<'_> {
             ..
         } = self.loaded;
         let options = UnitOptions {
-            replay: self.replay(),
+            replay: self.args.replay(),
             trace,
             ..UnitOptions::new(self.args.seed)
         };
@@ -393,7 +506,7 @@ impl Job<'_> {
             return Err(UnitMismatch(mismatch.clone()).into());
         }
         unit.verdict()?;
-        self.check_trace(unit.cycles);
+        self.args.check_trace(unit.cycles);
         let mut value = self.unit_json(unit, 0);
         for figures in &found.objects {
             extend(

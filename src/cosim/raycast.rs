@@ -353,40 +353,82 @@ pub fn run(
     options: &Options,
     progress: &dyn Fn(u64),
 ) -> Result<Report> {
-    ensure!(
-        !rays.is_empty(),
-        "there are no rays to cast: nothing would be checked"
-    );
+    ensure!(!rays.is_empty(), NO_RAYS);
     image.check(config.stack_depth)?;
-    let machine = hw::emit(config)?;
-    let build_options = BuildOptions {
-        traced: options.trace.is_some(),
-        ..BuildOptions::default()
-    };
-    let sources = sources(&machine.design);
-    let started = Instant::now();
-    let built = build(&sources, &build_options, &|_| ())?;
-    let model_build_s = started.elapsed().as_secs_f64();
-    let mut model = Model::load(&built, &sources.ports)?;
-    if let Some(trace) = &options.trace {
-        model.trace(&trace.path, trace.from, trace.cycles)?;
+    RaycastUnit::new(config, options.trace.as_ref())?.cast(image, rays, options, progress)
+}
+
+const NO_RAYS: &str = "there are no rays to cast: nothing would be checked";
+
+/// The ray casting unit in simulation, built once for any number of pictures.
+pub struct RaycastUnit {
+    config: Config,
+    model: Model,
+    model_build_s: f64,
+    model_reused: bool,
+}
+
+impl RaycastUnit {
+    /// Builds the unit of a machine; with a trace, one that writes it.
+    ///
+    /// # Errors
+    /// A tool that is missing.
+    pub fn new(config: &Config, trace: Option<&Trace>) -> Result<RaycastUnit> {
+        let machine = hw::emit(config)?;
+        let build_options = BuildOptions {
+            traced: trace.is_some(),
+            ..BuildOptions::default()
+        };
+        let sources = sources(&machine.design);
+        let started = Instant::now();
+        let built = build(&sources, &build_options, &|_| ())?;
+        let model_build_s = started.elapsed().as_secs_f64();
+        let mut model = Model::load(&built, &sources.ports)?;
+        if let Some(trace) = trace {
+            model.trace(&trace.path, trace.from, trace.cycles)?;
+        }
+        Ok(RaycastUnit {
+            config: config.clone(),
+            model,
+            model_build_s,
+            model_reused: built.reused,
+        })
     }
-    let started = Instant::now();
-    let mut run = Run::new(config, image, rays, options, &mut model)?;
-    run.all(progress)?;
-    let report = Report {
-        hits: run.hits,
-        hits_checked: run.hits_checked,
-        steps_checked: run.steps_checked,
-        tests_checked: run.tests_checked,
-        transforms_checked: run.transforms_checked,
-        cycles: run.cycles,
-        counters: run.counters,
-        model_build_s,
-        model_reused: built.reused,
-        simulate_s: started.elapsed().as_secs_f64(),
-    };
-    Ok(report)
+
+    /// Clocks simulated so far, resets included: a mismatch's cycle is counted so, and a trace's.
+    pub fn cycles(&self) -> u64 {
+        self.model.cycles()
+    }
+
+    /// Resets the unit and casts rays as [`run`] does, whose options hold but for the trace.
+    ///
+    /// # Errors
+    /// The first mismatch; a machine that makes no headway; no rays at all; an image that the machine cannot hold.
+    pub fn cast(
+        &mut self,
+        image: &MemoryImage,
+        rays: &[Ray],
+        options: &Options,
+        progress: &dyn Fn(u64),
+    ) -> Result<Report> {
+        ensure!(!rays.is_empty(), NO_RAYS);
+        image.check(self.config.stack_depth)?;
+        let started = Instant::now();
+        let mut run = Run::new(&self.config, image, rays, options, &mut self.model)?;
+        run.all(progress)?;
+        Ok(Report {
+            hits: run.hits,
+            hits_checked: run.hits_checked,
+            steps_checked: run.steps_checked,
+            tests_checked: run.tests_checked,
+            transforms_checked: run.transforms_checked,
+            cycles: run.cycles,
+            counters: run.counters,
+            model_build_s: self.model_build_s,
+            model_reused: self.model_reused,
+            simulate_s: started.elapsed().as_secs_f64(),
+        })
+    }
 }
 
 struct Run<'a> {

@@ -153,10 +153,17 @@ pub enum Category {
     EmptyWindow,
     OutsideLimits,
     Mirrored,
+    OneInfluence,
+    TwoInfluences,
+    ThreeInfluences,
+    FourInfluences,
+    InTwoRows,
+    FullPalette,
+    OneVertex,
 }
 
 impl Category {
-    const COUNT: usize = Category::Mirrored as usize + 1;
+    const COUNT: usize = Category::OneVertex as usize + 1;
 
     /// The category's name in reports.
     pub fn name(self) -> &'static str {
@@ -181,6 +188,13 @@ impl Category {
             Category::EmptyWindow => "empty windows",
             Category::OutsideLimits => "window outside tmin and tmax",
             Category::Mirrored => "mirroring instances",
+            Category::OneInfluence => "one influence",
+            Category::TwoInfluences => "two influences",
+            Category::ThreeInfluences => "three influences",
+            Category::FourInfluences => "four influences",
+            Category::InTwoRows => "influences in two rows",
+            Category::FullPalette => "palette full",
+            Category::OneVertex => "mesh of one vertex",
         }
     }
 }

@@ -11,6 +11,7 @@
 //! | [`transform`] | a ray taken to an instance's object, and its window |
 //! | [`geometry`] | both triangle tests, the interval of the triangle's box, the merge of hits |
 //! | [`raycast`] | a packet through all of them: [`Caster`] |
+//! | [`skinning`] | the skinning processor: a palette of matrices and the influences write vertices |
 //! | [`update`] | the update processor: a program over the vertices writes bounds |
 //! | [`brute`] | every triangle of every instance by the same test with no tree at all |
 //! | [`oracle`] | an independent `f64` intersector that the picture is held against |
@@ -21,6 +22,7 @@ pub mod geometry;
 pub mod oracle;
 pub mod raycast;
 pub mod setup;
+pub mod skinning;
 pub mod tpu;
 pub mod transform;
 pub mod update;

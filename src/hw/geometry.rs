@@ -8,24 +8,28 @@
 //! A packet has at most one leaf under way, so everything here is numbered by its packet, queues are as deep as there are packets,
 //! and nothing can overflow. Rays outside a leaf's mask are skipped and cost nothing.
 //!
-//! Where a packet's vertices and an instance's six vectors are kept:
+//! While no packet is under way, the skinning processor (`skinning.rs`) borrows the test: it writes a palette of matrices and then
+//! issues an influence a clock, which takes a slot.
 //!
-//! | memory | region 0 | region 1 |
-//! |---|---|---|
-//! | `vertex0_memory` | first vertex, or c_x | least corner of the instance's box |
-//! | `vertex1_memory` | second vertex, or c_y | greatest corner |
-//! | `vertex2_memory` | third vertex, or c_z | greatest corner |
-//! | `translation_memory` | c_w | |
+//! Where a packet's vertices, an instance's six vectors and a palette's matrices are kept:
+//!
+//! | memory | by packet | behind, by packet | behind, by joint |
+//! |---|---|---|---|
+//! | `vertex0_memory` | first vertex, or c_x | least corner of the instance's box | p_x |
+//! | `vertex1_memory` | second vertex, or c_y | greatest corner | p_y |
+//! | `vertex2_memory` | third vertex, or c_z | greatest corner | p_z |
+//! | `translation_memory` | c_w | | p_w |
 
 use super::bundle::Bundle;
 use super::fifo;
 use super::fp::{equal, less, max, min};
 use super::plan::{AXES, Plan};
+use super::skinning;
 use super::tpu;
 use super::triangle;
 use crate::bkd::layout::Record;
 use crate::config::TriangleTest;
-use crate::hdl::{Builder, Direction, HdlError, Module, Signal, Style};
+use crate::hdl::{Builder, HdlError, Module, Signal, Style};
 use std::rc::Rc;
 
 /// Bits that number a leaf's vertices or vectors in the tags of their requests.
@@ -38,9 +42,6 @@ const VECTORS_OF_INSTANCE: u8 = 6;
 const BOX_SLOT: u128 = 0;
 const DIRECTION_SLOT: u128 = 1;
 const ORIGIN_SLOT: u128 = 2;
-
-/// How the inputs of the triangle test begin that only skinning uses.
-const SKINNING_PORTS: [&str; 3] = ["accumulate", "sum_", "weight"];
 
 /// The geometry unit, and the triangle test within.
 pub struct Geometry {
@@ -122,6 +123,7 @@ pub fn module(plan: &Plan) -> Result<Geometry, HdlError> {
     let vertex_valid = m.input("vertex_response_valid", 1);
     let vertex_tag = m.input("vertex_response_tag", pb + CORNER_BITS);
     let vertex_data = m.input("vertex_response_data", vertex.width);
+    let skin = skinning::Borrower::new(&m, plan);
     m.group("After reset, packet numbers in turn, to clear what counts by packet");
     let sweep = m.input("sweep", 1);
     let sweep_packet = m.input("sweep_packet", pb);
@@ -251,20 +253,33 @@ pub fn module(plan: &Plan) -> Result<Geometry, HdlError> {
             .collect();
         vertex_valid & m.or_all(&any)
     };
-    // Vectors 4 and 5 are an instance's box: region 1.
+    // Vectors 4 and 5 are an instance's box.
     let arrived_place = arrived_corner.bit(2).concat(arrived_packet);
-    let corner_memory = |name: &str, corners: &[u32]| {
-        let memory = m.memory(name, plan.level_packets(), vertex.width, Style::Block);
-        memory.write(arrives_as(corners), arrived_place, vertex_data);
+    let vector_data = skin
+        .active
+        .mux(skin.palette_data, vertex_data)
+        .named("vector_data");
+    let joint_width = skin.joint.width();
+    let vector_memory = |name: &str, corners: &[u32], place: Signal<'_>, column: u128| {
+        let bits = place.width().max(joint_width);
+        let depth = (1 << bits) + plan.config.skinning_joints;
+        let memory = m.memory(name, depth, vertex.width, Style::Block);
+        let in_palette = skin.palette_joint.extend(bits);
+        let place = skin.active.mux(in_palette, place.extend(bits));
+        memory.write(
+            skin.active
+                .mux(skin.writes_column(column), arrives_as(corners)),
+            skin.active.concat(place),
+            vector_data,
+        );
         memory
     };
     let corners = [
-        corner_memory("vertex0_memory", &[0, 4]),
-        corner_memory("vertex1_memory", &[1, 5]),
-        corner_memory("vertex2_memory", &[2, 5]),
+        vector_memory("vertex0_memory", &[0, 4], arrived_place, 0),
+        vector_memory("vertex1_memory", &[1, 5], arrived_place, 1),
+        vector_memory("vertex2_memory", &[2, 5], arrived_place, 2),
     ];
-    let translations = m.memory("translation_memory", packets, vertex.width, Style::Block);
-    translations.write(arrives_as(&[3]), arrived_packet, vertex_data);
+    let translations = vector_memory("translation_memory", &[3], arrived_packet, 3);
     let arrivals = m.memory("arrival_memory", packets, CORNER_BITS, Style::Distributed);
     let before = arrivals.read_now(arrived_packet);
     let arrived_is_instance = instance_leaves.read_now(arrived_packet);
@@ -323,7 +338,17 @@ pub fn module(plan: &Plan) -> Result<Geometry, HdlError> {
     let origin_slot = p
         .enter(in_slot(ORIGIN_SLOT).named("in_origin_slot"))
         .cleared_by_reset();
-    let packet = p.enter(now_packet.q);
+    // A joint goes the packet's way, and beside it with the bits that it has more.
+    let joint_low = skin.joint.extend(joint_width.max(pb)).low(pb);
+    let packet = p.enter(
+        skin.active
+            .mux(joint_low, now_packet.q)
+            .named("packet_or_joint"),
+    );
+    let joint_high = (joint_width > pb).then(|| {
+        let high = skin.joint.high(joint_width - pb);
+        p.enter((high & skin.active.repeat(joint_width - pb)).named("joint_high"))
+    });
     let ray = p.enter(issue_ray);
     let first = p.enter(now_first.q);
     let last = p.enter(now_last);
@@ -369,7 +394,18 @@ pub fn module(plan: &Plan) -> Result<Geometry, HdlError> {
         directions.map(|(name, _)| early.get(ray_word, name))
     };
     let mut inputs: Vec<(String, Signal<'_>)> = vec![];
-    let corner_index = box_slot.concat(packet).named("corner_index");
+    // Above the packet: whether its box is wanted, or the rest of a joint; and whether it is a joint.
+    let skinning_at = |at: u32| p.enter_at(skin.active, at);
+    let corner_bits = plan.level_packet_bits().max(joint_width);
+    let above_packet = match joint_high {
+        Some(high) => high | box_slot.extend(high.width()),
+        None => box_slot,
+    };
+    let corner_index = m.concat(&[
+        skinning_at(0),
+        above_packet.extend(corner_bits - pb),
+        packet,
+    ]);
     for (i, memory) in corners.iter().enumerate() {
         let word = plan.read(*memory, corner_index);
         for x in AXES {
@@ -384,22 +420,35 @@ pub fn module(plan: &Plan) -> Result<Geometry, HdlError> {
             .iter()
             .position(|origin| origin == name);
         let value = match point {
-            Some(i) => is_direction
-                .mux(direction[i], own)
+            Some(i) => skinning_at(start)
+                .mux(
+                    p.enter(skin.point[i]).at(start),
+                    is_direction.mux(direction[i], own),
+                )
                 .named(format!("point_{}", AXES[i])),
             None => own,
         };
         inputs.push((name.to_string(), value));
     }
-    inputs.push(("matrix".into(), (direction_slot | origin_slot).at(start)));
+    let matrix = (direction_slot | origin_slot).at(start) | skinning_at(start);
+    inputs.push(("matrix".into(), matrix));
     let stage_of = |port: &str| test.port(port).and_then(|p| p.stage).unwrap_or(0) + start;
     let translated_at = AXES.map(|x| stage_of(&format!("translation_{x}")));
     let translated_at = *translated_at.iter().min().expect("three axes");
+    let read_at = translated_at - start;
+    let translation_index: Vec<_> = [
+        Some(skinning_at(read_at)),
+        joint_high.map(|high| high.at(read_at)),
+        Some(packet.at(read_at)),
+    ]
+    .into_iter()
+    .flatten()
+    .collect();
     // A direction is not moved: it has the translation +0.
     let translation = plan.read_where(
         translations,
-        packet.at(translated_at - start),
-        origin_slot.at(translated_at - start),
+        m.concat(&translation_index),
+        origin_slot.at(read_at) | skinning_at(read_at),
         m.zero(vertex.width),
     );
     for x in AXES {
@@ -435,18 +484,17 @@ pub fn module(plan: &Plan) -> Result<Geometry, HdlError> {
         let word = plan.read(memory, level_index.at(sheared_at - start));
         inputs.push(("shear_z".into(), word));
     }
-    // Nothing is skinned here.
-    for port in test.ports() {
-        if SKINNING_PORTS
-            .iter()
-            .any(|prefix| port.name.starts_with(prefix))
-            && port.direction == Direction::Input
-        {
-            inputs.push((port.name.clone(), m.zero(port.width)));
-        }
+    let weight = p.enter(skin.weight).at(stage_of("weight"));
+    inputs.push(("weight".into(), weight));
+    let summed_at = stage_of("accumulate");
+    inputs.push(("accumulate".into(), skinning_at(summed_at)));
+    for (name, operand) in &skin.operands {
+        inputs.push((name.clone(), p.enter_at(*operand, summed_at)));
     }
     let named: Vec<(&str, Signal<'_>)> = inputs.iter().map(|(n, s)| (n.as_str(), *s)).collect();
     let tested = m.instance("test", &test, &named);
+
+    skin.give_back(&m, &p, &tested);
 
     m.comment("A ray's window is kept as soon as its box slot has it.");
     let boxed_at = tested.get("box_near").stage().unwrap_or(0);

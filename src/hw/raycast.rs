@@ -2,10 +2,10 @@
 
 use super::fifo;
 use super::plan::{AXES, Plan};
-use super::{geometry, setup, tpu};
+use super::{geometry, setup, skinning, tpu};
 use crate::bkd::layout::Record;
 use crate::config::{Config, TriangleTest};
-use crate::hdl::{Builder, Design, HdlError, Module, Style};
+use crate::hdl::{Builder, Design, Direction, HdlError, Module, Style};
 use std::rc::Rc;
 
 /// Bits of each counter; they wrap.
@@ -34,6 +34,7 @@ pub(super) fn module(plan: &Plan) -> Result<Rc<Module>, HdlError> {
     let tpu = tpu::module(plan)?;
     let setup = setup::module(plan, tpu.pop_latency)?;
     let geometry = geometry::module(plan)?;
+    let skinning = skinning::module(plan, &geometry.test)?;
     let w = plan.number();
     let rays = plan.rays();
     let packets = plan.packets();
@@ -80,12 +81,27 @@ pub(super) fn module(plan: &Plan) -> Result<Rc<Module>, HdlError> {
     };
     let node_port = memory_inputs("node", "Node memory", plan.level_packet_bits(), node.width);
     let record_port = memory_inputs("record", "Record memory", pb + 1, triangle.width);
-    let vertex_port = memory_inputs(
-        "vertex",
-        "Vertex memory",
-        pb + geometry::CORNER_BITS,
-        vertex.width,
+    let corner_tag = pb + geometry::CORNER_BITS;
+    let vector_tag = skinning::vector_tag_bits(plan);
+    let vertex_tag = corner_tag.max(vector_tag);
+    let vertex_port = memory_inputs("vertex", "Vertex memory", vertex_tag, vertex.width);
+    let influence_row = Record::influence_row(plan.format);
+    let influence_port = memory_inputs(
+        "influence",
+        "Influence memory",
+        skinning::row_tag_bits(plan),
+        influence_row.width,
     );
+    const SKINNING: &str = "A mesh to skin, taken when no packet is under way: indices of its palette, influence rows, vertices at rest \
+         and vertices to write, and how many of each";
+    m.group(SKINNING);
+    let skin_start = m.input("skin_start_valid", 1);
+    let skin_start_inputs: Vec<_> = skinning::start_ports(plan)
+        .into_iter()
+        .map(|(name, width)| (name, m.input(format!("skin_start_{name}"), width)))
+        .collect();
+    m.group("Vertex memory: writes of skinned vertices");
+    let skin_write_ready = m.input("skin_write_ready", 1);
 
     m.comment("After reset every packet number is put into the queue of free ones, and what counts by packet is cleared.");
     let sweeping = m.reg_reset("sweeping", 1, 1);
@@ -108,7 +124,10 @@ pub(super) fn module(plan: &Plan) -> Result<Rc<Module>, HdlError> {
     let first = place.q.is_zero().named("first_ray");
     let last = place.q.equals(u128::from(rays) - 1).named("last_ray");
     let object_valid = m.wire("object_valid", 1);
-    let ready = (!sweeping.q & free_any & !object_valid.get()).named("ready");
+    // A mesh to skin does not wait for a pause between packets: it makes one.
+    let skinning_now = m.wire("skinning_now", 1);
+    let paused = (skin_start | skinning_now.get()).named("paused");
+    let ready = (!sweeping.q & free_any & !object_valid.get() & !paused).named("ready");
     let take = (ray_valid & ready).named("take_ray");
     take_free.drive(take & last);
     place.next_when(take, last.mux(m.zero(rb), place.q + m.lit(1u8, rb)));
@@ -220,9 +239,13 @@ pub(super) fn module(plan: &Plan) -> Result<Rc<Module>, HdlError> {
         ("record_response_tag".into(), record_port.2),
         ("record_response_data".into(), record_port.3),
         ("vertex_request_ready".into(), vertex_port.0),
-        ("vertex_response_valid".into(), vertex_port.1),
-        ("vertex_response_tag".into(), vertex_port.2),
+        (
+            "vertex_response_valid".into(),
+            vertex_port.1 & !skinning_now.get(),
+        ),
+        ("vertex_response_tag".into(), vertex_port.2.low(corner_tag)),
         ("vertex_response_data".into(), vertex_port.3),
+        ("skinning".into(), skinning_now.get()),
         ("sweep".into(), sweeping.q),
         ("sweep_packet".into(), sweep_packet.q),
         ("read_packet".into(), read_packet.get()),
@@ -249,6 +272,17 @@ pub(super) fn module(plan: &Plan) -> Result<Rc<Module>, HdlError> {
             format!("setup_{field}"),
             set_up.get(&format!("out_{field}")),
         ));
+    }
+    let of_skinning = |direction| {
+        let ports = geometry.module.ports().iter();
+        let ports = ports.filter(move |port| port.direction == direction);
+        ports.filter_map(|port| Some((port.name.strip_prefix("skin_")?, port.width)))
+    };
+    let mut to_geometry = vec![];
+    for (name, width) in of_skinning(Direction::Input) {
+        let wire = m.wire(format!("skin_{name}"), width);
+        inputs.push((format!("skin_{name}"), wire.get()));
+        to_geometry.push((name, wire));
     }
     let borrowed: Vec<_> = inputs.iter().map(|(n, s)| (n.as_str(), *s)).collect();
     let intersection = m.instance("intersection", &geometry.module, &borrowed);
@@ -316,10 +350,57 @@ pub(super) fn module(plan: &Plan) -> Result<Rc<Module>, HdlError> {
     m.output("hit_instance", touched.mux(hit_of("instance"), none));
     m.output("hit_triangle", touched.mux(hit_of("triangle"), none));
 
+    m.comment("Skinning borrows the geometry unit and its port to vertex memory.");
+    let under_way = m.reg_reset("under_way", pb + 1, 0);
+    let some = under_way.q.any().named("some_under_way");
+    let enters = (take & last).named("packet_enters");
+    let unit = m.lit(1u8, pb + 1);
+    under_way.next_when(
+        enters ^ leaves,
+        enters.mux(under_way.q + unit, under_way.q - unit),
+    );
+    let mut inputs = vec![
+        ("start_valid".to_string(), skin_start),
+        ("may_start".into(), !some & !sweeping.q),
+        ("vertex_request_ready".into(), vertex_port.0),
+        (
+            "vertex_response_valid".into(),
+            vertex_port.1 & skinning_now.get(),
+        ),
+        ("vertex_response_tag".into(), vertex_port.2.low(vector_tag)),
+        ("vertex_response_data".into(), vertex_port.3),
+        ("influence_request_ready".into(), influence_port.0),
+        ("influence_response_valid".into(), influence_port.1),
+        ("influence_response_tag".into(), influence_port.2),
+        ("influence_response_data".into(), influence_port.3),
+        ("write_ready".into(), skin_write_ready),
+    ];
+    for (name, signal) in skin_start_inputs {
+        inputs.push((format!("start_{name}"), signal));
+    }
+    for (name, _) in of_skinning(Direction::Output) {
+        inputs.push((name.to_string(), intersection.get(&format!("skin_{name}"))));
+    }
+    let borrowed: Vec<_> = inputs.iter().map(|(n, s)| (n.as_str(), *s)).collect();
+    let skin = m.instance("skinning", &skinning, &borrowed);
+    skinning_now.drive(skin.get("skinning"));
+    for (name, wire) in to_geometry {
+        wire.drive(skin.get(name));
+    }
+    m.group(SKINNING);
+    m.output("skin_start_ready", skin.get("start_ready"));
+    m.group("High for a clock when a mesh is complete");
+    m.output("skin_done", skin.get("done"));
+    m.group("Vertex memory: writes of skinned vertices");
+    for port in ["valid", "address", "data"] {
+        let name = format!("write_{port}");
+        m.output(format!("skin_{name}"), skin.get(&name));
+    }
+
     for (name, title, from) in [
         ("node", "Node memory", &traversal),
         ("record", "Record memory", &intersection),
-        ("vertex", "Vertex memory", &intersection),
+        ("influence", "Influence memory", &skin),
     ] {
         m.group(format!("{title}: requests"));
         for port in ["valid", "address", "tag"] {
@@ -329,16 +410,19 @@ pub(super) fn module(plan: &Plan) -> Result<Rc<Module>, HdlError> {
             );
         }
     }
+    m.group("Vertex memory: requests");
+    for (port, width) in [
+        ("valid", 1),
+        ("address", plan.address()),
+        ("tag", vertex_tag),
+    ] {
+        let name = format!("vertex_request_{port}");
+        let of_skin = skin.get(&name).extend(width);
+        let of_geometry = intersection.get(&name).extend(width);
+        m.output(&name, skinning_now.get().mux(of_skin, of_geometry));
+    }
 
     m.comment("Counters since reset.");
-    let under_way = m.reg_reset("under_way", pb + 1, 0);
-    let enters = (take & last).named("packet_enters");
-    let unit = m.lit(1u8, pb + 1);
-    under_way.next_when(
-        enters ^ leaves,
-        enters.mux(under_way.q + unit, under_way.q - unit),
-    );
-    let some = under_way.q.any().named("some_under_way");
     let step = traversal.get("step_taken");
     let test = intersection.get("test_issued");
     let transform = intersection.get("transform_issued");
@@ -353,6 +437,8 @@ pub(super) fn module(plan: &Plan) -> Result<Rc<Module>, HdlError> {
         ("ray_transforms", transform),
         ("gu_busy_cycles", slot),
         ("gu_starved_cycles", some & !slot),
+        ("skin_influences", skin.get("influence_issued")),
+        ("skin_cycles", skinning_now.get()),
     ];
     for (name, event) in counters {
         let counter = m.reg_reset(format!("{name}_counter"), COUNTER_BITS, 0);
