@@ -302,18 +302,18 @@ impl Units {
     fn begin(&mut self, seed: u64, frame: usize) {
         let seed = seed ^ (frame as u64).wrapping_mul(0x9e37_79b9_7f4a_7c15);
         self.around.memory.seed = seed;
-        self.update.reseed(seed);
-        // The ray casting unit is reset before every picture, the others once.
+        // All units are reset for every frame: the ray casting unit by itself, the others beside once when they are built.
         if let Some(skinning) = &mut self.skinning {
-            skinning.reseed(seed);
             self.began[Unit::Skinning as usize] = skinning.cycles() - RESET;
+            skinning.restart(seed);
         }
         self.began[Unit::Update as usize] = self.update.cycles() - RESET;
+        self.update.restart(seed);
         self.began[Unit::Raycast as usize] = self.raycast.cycles();
     }
 }
 
-/// Clocks for which a unit is reset before its first work.
+/// Clocks for which a unit is reset when it is built.
 const RESET: u64 = 4;
 
 /// An object of the film.

@@ -322,8 +322,9 @@ impl SkinUnit {
         self.bench.tally.checked
     }
 
-    /// Lets all that is random in what follows depend on `seed`, not on how many meshes went before.
-    pub fn reseed(&mut self, seed: u64) {
+    /// Resets the unit and lets all that is random in what follows depend on `seed`, not on how many meshes went before.
+    pub fn restart(&mut self, seed: u64) {
+        self.bench.model.reset(4);
         self.rng = fastrand::Rng::with_seed(seed);
         self.meshes = 0;
     }

@@ -18,7 +18,7 @@
 //! `sum` belong to no slot; only the difference of their stages matters: the clocks from operands to sum.
 
 use super::distance;
-use super::fp::{equal, is_infinite, is_nan, is_zero, less, less_equal, max, min};
+use super::fp::{equal, is_infinite, is_nan, is_zero, less, less_equal, named_max, named_min};
 use super::plan::{AXES, Plan};
 use super::share::{Lender, negated};
 use crate::config::TriangleTest;
@@ -57,10 +57,10 @@ fn triangle_box(plan: &Plan) -> Result<Rc<Module>, HdlError> {
     let mut same = [vec![], vec![], vec![]];
     for (i, x) in AXES.iter().enumerate() {
         m.comment(format!("The box on the {x} axis."));
-        let lo = plan.settle(min(f, v[0][i], v[1][i]).named(format!("lo01_{x}")));
-        let hi = plan.settle(max(f, v[0][i], v[1][i]).named(format!("hi01_{x}")));
-        let lo = min(f, lo, v[2][i]).named(format!("lo_{x}")).register();
-        let hi = max(f, hi, v[2][i]).named(format!("hi_{x}")).register();
+        let lo = plan.settle(named_min(f, format!("lo01_{x}"), v[0][i], v[1][i]));
+        let hi = plan.settle(named_max(f, format!("hi01_{x}"), v[0][i], v[1][i]));
+        let lo = named_min(f, format!("lo_{x}"), lo, v[2][i]).register();
+        let hi = named_max(f, format!("hi_{x}"), hi, v[2][i]).register();
         boxes.push((lo, hi));
         flat.push(equal(f, lo, hi).named(format!("flat_{x}")).register());
         for (pair, (j, k)) in [(0, 1), (1, 2), (2, 0)].into_iter().enumerate() {
@@ -116,8 +116,8 @@ fn triangle_box(plan: &Plan) -> Result<Rc<Module>, HdlError> {
             (window("window_near", at), window("window_far", at))
         });
         interval = Some((
-            max(f, near, n).named(format!("near_after_{x}")).register(),
-            min(f, far, d).named(format!("far_after_{x}")).register(),
+            named_max(f, format!("near_after_{x}"), near, n).register(),
+            named_min(f, format!("far_after_{x}"), far, d).register(),
         ));
     }
     let (near, far) = interval.expect("three axes");
@@ -567,11 +567,9 @@ pub(super) fn module(plan: &Plan) -> Result<Rc<Module>, HdlError> {
     let t = tested.get("test_t").at(end);
     let near = boxed.get("box_near").at(end);
     let far = boxed.get("box_far").at(end);
-    let raised = less(f, t, near).mux(near, t).named("raised").register();
-    let clamped = less(f, far, raised)
-        .mux(far, raised)
-        .named("clamped")
-        .register();
+    // A NaN is never replaced: t's makes it a miss.
+    let raised = named_max(f, "raised", t, near).register();
+    let clamped = named_min(f, "clamped", raised, far).register();
     let misses = (tested.get("test_misses")
         | boxed.get("box_misses")
         | is_nan(f, tested.get("test_t")).at(end))
