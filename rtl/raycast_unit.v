@@ -732,46 +732,46 @@ module raycast_unit (
     if (rst) under_way <= 7'd0; else if (packet_enters ^ packet_leaves) under_way <= packet_enters ? (under_way + 7'd1) : (under_way - 7'd1);
   end
 
-  wire skinning_vertex_response_valid = vertex_response_valid & skinning_now;
+  wire skinner_vertex_response_valid = vertex_response_valid & skinning_now;
 
-  wire skinning_start_ready;
-  wire skinning_vertex_request_valid;
-  wire [21:0] skinning_vertex_request_address;
-  wire [3:0] skinning_vertex_request_tag;
-  wire skinning_influence_request_valid;
-  wire [21:0] skinning_influence_request_address;
-  wire [2:0] skinning_influence_request_tag;
-  wire skinning_write_valid;
-  wire [21:0] skinning_write_address;
-  wire [71:0] skinning_write_data;
-  wire skinning_skinning;
-  wire skinning_palette_valid;
-  wire [7:0] skinning_palette_joint;
-  wire [1:0] skinning_palette_column;
-  wire [71:0] skinning_palette_data;
-  wire skinning_issue_valid;
-  wire [7:0] skinning_issue_joint;
-  wire [23:0] skinning_issue_x;
-  wire [23:0] skinning_issue_y;
-  wire [23:0] skinning_issue_z;
-  wire [23:0] skinning_issue_weight;
-  wire [1:0] skinning_issue_position;
-  wire skinning_issue_last;
-  wire [23:0] skinning_pair_a_x;
-  wire [23:0] skinning_pair_b_x;
-  wire [23:0] skinning_pair_a_y;
-  wire [23:0] skinning_pair_b_y;
-  wire [23:0] skinning_pair_a_z;
-  wire [23:0] skinning_pair_b_z;
-  wire [23:0] skinning_vertex_a_x;
-  wire [23:0] skinning_vertex_b_x;
-  wire [23:0] skinning_vertex_a_y;
-  wire [23:0] skinning_vertex_b_y;
-  wire [23:0] skinning_vertex_a_z;
-  wire [23:0] skinning_vertex_b_z;
-  wire skinning_done;
-  wire skinning_influence_issued;
-  skinning_processor skinning (
+  wire skinner_start_ready;
+  wire skinner_vertex_request_valid;
+  wire [21:0] skinner_vertex_request_address;
+  wire [3:0] skinner_vertex_request_tag;
+  wire skinner_influence_request_valid;
+  wire [21:0] skinner_influence_request_address;
+  wire [2:0] skinner_influence_request_tag;
+  wire skinner_write_valid;
+  wire [21:0] skinner_write_address;
+  wire [71:0] skinner_write_data;
+  wire skinner_skinning;
+  wire skinner_palette_valid;
+  wire [7:0] skinner_palette_joint;
+  wire [1:0] skinner_palette_column;
+  wire [71:0] skinner_palette_data;
+  wire skinner_issue_valid;
+  wire [7:0] skinner_issue_joint;
+  wire [23:0] skinner_issue_x;
+  wire [23:0] skinner_issue_y;
+  wire [23:0] skinner_issue_z;
+  wire [23:0] skinner_issue_weight;
+  wire [1:0] skinner_issue_position;
+  wire skinner_issue_last;
+  wire [23:0] skinner_pair_a_x;
+  wire [23:0] skinner_pair_b_x;
+  wire [23:0] skinner_pair_a_y;
+  wire [23:0] skinner_pair_b_y;
+  wire [23:0] skinner_pair_a_z;
+  wire [23:0] skinner_pair_b_z;
+  wire [23:0] skinner_vertex_a_x;
+  wire [23:0] skinner_vertex_b_x;
+  wire [23:0] skinner_vertex_a_y;
+  wire [23:0] skinner_vertex_b_y;
+  wire [23:0] skinner_vertex_a_z;
+  wire [23:0] skinner_vertex_b_z;
+  wire skinner_done;
+  wire skinner_influence_issued;
+  skinning_processor skinner (
     .clk(clk),
     .rst(rst),
     .start_valid(skin_start_valid),
@@ -782,26 +782,26 @@ module raycast_unit (
     .start_rest(skin_start_rest),
     .start_vertices(skin_start_vertices),
     .start_target(skin_start_target),
-    .start_ready(skinning_start_ready),
+    .start_ready(skinner_start_ready),
     .may_start(~some_under_way & ~sweeping),
     .vertex_request_ready(vertex_request_ready),
-    .vertex_request_valid(skinning_vertex_request_valid),
-    .vertex_request_address(skinning_vertex_request_address),
-    .vertex_request_tag(skinning_vertex_request_tag),
-    .vertex_response_valid(skinning_vertex_response_valid),
+    .vertex_request_valid(skinner_vertex_request_valid),
+    .vertex_request_address(skinner_vertex_request_address),
+    .vertex_request_tag(skinner_vertex_request_tag),
+    .vertex_response_valid(skinner_vertex_response_valid),
     .vertex_response_tag(vertex_response_tag[3:0]),
     .vertex_response_data(vertex_response_data),
     .influence_request_ready(influence_request_ready),
-    .influence_request_valid(skinning_influence_request_valid),
-    .influence_request_address(skinning_influence_request_address),
-    .influence_request_tag(skinning_influence_request_tag),
+    .influence_request_valid(skinner_influence_request_valid),
+    .influence_request_address(skinner_influence_request_address),
+    .influence_request_tag(skinner_influence_request_tag),
     .influence_response_valid(influence_response_valid),
     .influence_response_tag(influence_response_tag),
     .influence_response_data(influence_response_data),
     .write_ready(skin_write_ready),
-    .write_valid(skinning_write_valid),
-    .write_address(skinning_write_address),
-    .write_data(skinning_write_data),
+    .write_valid(skinner_write_valid),
+    .write_address(skinner_write_address),
+    .write_data(skinner_write_data),
     .weighted_valid(intersection_skin_weighted_valid),
     .weighted_position(intersection_skin_weighted_position),
     .weighted_last(intersection_skin_weighted_last),
@@ -814,68 +814,68 @@ module raycast_unit (
     .vertex_sum_x(intersection_skin_vertex_sum_x),
     .vertex_sum_y(intersection_skin_vertex_sum_y),
     .vertex_sum_z(intersection_skin_vertex_sum_z),
-    .skinning(skinning_skinning),
-    .palette_valid(skinning_palette_valid),
-    .palette_joint(skinning_palette_joint),
-    .palette_column(skinning_palette_column),
-    .palette_data(skinning_palette_data),
-    .issue_valid(skinning_issue_valid),
-    .issue_joint(skinning_issue_joint),
-    .issue_x(skinning_issue_x),
-    .issue_y(skinning_issue_y),
-    .issue_z(skinning_issue_z),
-    .issue_weight(skinning_issue_weight),
-    .issue_position(skinning_issue_position),
-    .issue_last(skinning_issue_last),
-    .pair_a_x(skinning_pair_a_x),
-    .pair_b_x(skinning_pair_b_x),
-    .pair_a_y(skinning_pair_a_y),
-    .pair_b_y(skinning_pair_b_y),
-    .pair_a_z(skinning_pair_a_z),
-    .pair_b_z(skinning_pair_b_z),
-    .vertex_a_x(skinning_vertex_a_x),
-    .vertex_b_x(skinning_vertex_b_x),
-    .vertex_a_y(skinning_vertex_a_y),
-    .vertex_b_y(skinning_vertex_b_y),
-    .vertex_a_z(skinning_vertex_a_z),
-    .vertex_b_z(skinning_vertex_b_z),
-    .done(skinning_done),
-    .influence_issued(skinning_influence_issued)
+    .skinning(skinner_skinning),
+    .palette_valid(skinner_palette_valid),
+    .palette_joint(skinner_palette_joint),
+    .palette_column(skinner_palette_column),
+    .palette_data(skinner_palette_data),
+    .issue_valid(skinner_issue_valid),
+    .issue_joint(skinner_issue_joint),
+    .issue_x(skinner_issue_x),
+    .issue_y(skinner_issue_y),
+    .issue_z(skinner_issue_z),
+    .issue_weight(skinner_issue_weight),
+    .issue_position(skinner_issue_position),
+    .issue_last(skinner_issue_last),
+    .pair_a_x(skinner_pair_a_x),
+    .pair_b_x(skinner_pair_b_x),
+    .pair_a_y(skinner_pair_a_y),
+    .pair_b_y(skinner_pair_b_y),
+    .pair_a_z(skinner_pair_a_z),
+    .pair_b_z(skinner_pair_b_z),
+    .vertex_a_x(skinner_vertex_a_x),
+    .vertex_b_x(skinner_vertex_b_x),
+    .vertex_a_y(skinner_vertex_a_y),
+    .vertex_b_y(skinner_vertex_b_y),
+    .vertex_a_z(skinner_vertex_a_z),
+    .vertex_b_z(skinner_vertex_b_z),
+    .done(skinner_done),
+    .influence_issued(skinner_influence_issued)
   );
 
-  assign skinning_now = skinning_skinning;
-  assign skin_palette_valid = skinning_palette_valid;
-  assign skin_palette_joint = skinning_palette_joint;
-  assign skin_palette_column = skinning_palette_column;
-  assign skin_palette_data = skinning_palette_data;
-  assign skin_issue_valid = skinning_issue_valid;
-  assign skin_issue_position = skinning_issue_position;
-  assign skin_issue_last = skinning_issue_last;
-  assign skin_issue_joint = skinning_issue_joint;
-  assign skin_issue_x = skinning_issue_x;
-  assign skin_issue_y = skinning_issue_y;
-  assign skin_issue_z = skinning_issue_z;
-  assign skin_issue_weight = skinning_issue_weight;
-  assign skin_pair_a_x = skinning_pair_a_x;
-  assign skin_pair_b_x = skinning_pair_b_x;
-  assign skin_pair_a_y = skinning_pair_a_y;
-  assign skin_pair_b_y = skinning_pair_b_y;
-  assign skin_pair_a_z = skinning_pair_a_z;
-  assign skin_pair_b_z = skinning_pair_b_z;
-  assign skin_vertex_a_x = skinning_vertex_a_x;
-  assign skin_vertex_b_x = skinning_vertex_b_x;
-  assign skin_vertex_a_y = skinning_vertex_a_y;
-  assign skin_vertex_b_y = skinning_vertex_b_y;
-  assign skin_vertex_a_z = skinning_vertex_a_z;
-  assign skin_vertex_b_z = skinning_vertex_b_z;
+  assign skinning_now = skinner_skinning;
+  assign skin_palette_valid = skinner_palette_valid;
+  assign skin_palette_joint = skinner_palette_joint;
+  assign skin_palette_column = skinner_palette_column;
+  assign skin_palette_data = skinner_palette_data;
+  assign skin_issue_valid = skinner_issue_valid;
+  assign skin_issue_position = skinner_issue_position;
+  assign skin_issue_last = skinner_issue_last;
+  assign skin_issue_joint = skinner_issue_joint;
+  assign skin_issue_x = skinner_issue_x;
+  assign skin_issue_y = skinner_issue_y;
+  assign skin_issue_z = skinner_issue_z;
+  assign skin_issue_weight = skinner_issue_weight;
+  assign skin_pair_a_x = skinner_pair_a_x;
+  assign skin_pair_b_x = skinner_pair_b_x;
+  assign skin_pair_a_y = skinner_pair_a_y;
+  assign skin_pair_b_y = skinner_pair_b_y;
+  assign skin_pair_a_z = skinner_pair_a_z;
+  assign skin_pair_b_z = skinner_pair_b_z;
+  assign skin_vertex_a_x = skinner_vertex_a_x;
+  assign skin_vertex_b_x = skinner_vertex_b_x;
+  assign skin_vertex_a_y = skinner_vertex_a_y;
+  assign skin_vertex_b_y = skinner_vertex_b_y;
+  assign skin_vertex_a_z = skinner_vertex_a_z;
+  assign skin_vertex_b_z = skinner_vertex_b_z;
   assign vertex_request_valid =
-      skinning_now ? skinning_vertex_request_valid :
+      skinning_now ? skinner_vertex_request_valid :
       intersection_vertex_request_valid;
   assign vertex_request_address =
-      skinning_now ? skinning_vertex_request_address :
+      skinning_now ? skinner_vertex_request_address :
       intersection_vertex_request_address;
   assign vertex_request_tag =
-      skinning_now ? {5'd0, skinning_vertex_request_tag} :
+      skinning_now ? {5'd0, skinner_vertex_request_tag} :
       intersection_vertex_request_tag;
 
   // Counters since reset.
@@ -899,7 +899,7 @@ module raycast_unit (
     if (rst) ray_transforms_counter <= 40'd0; else if (intersection_transform_issued) ray_transforms_counter <= ray_transforms_counter + 40'd1;
     if (rst) gu_busy_cycles_counter <= 40'd0; else if (intersection_slot_taken) gu_busy_cycles_counter <= gu_busy_cycles_counter + 40'd1;
     if (rst) gu_starved_cycles_counter <= 40'd0; else if (some_under_way & ~intersection_slot_taken) gu_starved_cycles_counter <= gu_starved_cycles_counter + 40'd1;
-    if (rst) skin_influences_counter <= 40'd0; else if (skinning_influence_issued) skin_influences_counter <= skin_influences_counter + 40'd1;
+    if (rst) skin_influences_counter <= 40'd0; else if (skinner_influence_issued) skin_influences_counter <= skin_influences_counter + 40'd1;
     if (rst) skin_cycles_counter <= 40'd0; else if (skinning_now) skin_cycles_counter <= skin_cycles_counter + 40'd1;
   end
 
@@ -927,14 +927,14 @@ module raycast_unit (
   assign record_request_valid = intersection_record_request_valid;
   assign record_request_address = intersection_record_request_address;
   assign record_request_tag = intersection_record_request_tag;
-  assign influence_request_valid = skinning_influence_request_valid;
-  assign influence_request_address = skinning_influence_request_address;
-  assign influence_request_tag = skinning_influence_request_tag;
-  assign skin_start_ready = skinning_start_ready;
-  assign skin_write_valid = skinning_write_valid;
-  assign skin_write_address = skinning_write_address;
-  assign skin_write_data = skinning_write_data;
-  assign skin_done = skinning_done;
+  assign influence_request_valid = skinner_influence_request_valid;
+  assign influence_request_address = skinner_influence_request_address;
+  assign influence_request_tag = skinner_influence_request_tag;
+  assign skin_start_ready = skinner_start_ready;
+  assign skin_write_valid = skinner_write_valid;
+  assign skin_write_address = skinner_write_address;
+  assign skin_write_data = skinner_write_data;
+  assign skin_done = skinner_done;
   assign count_cycles = cycles_counter;
   assign count_packet_steps = packet_steps_counter;
   assign count_ray_triangle_tests = ray_triangle_tests_counter;

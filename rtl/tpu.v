@@ -546,6 +546,7 @@ module tpu (
       second_address
     };
   reg  [219:0] stack_write_data_s16;
+  assign watch_step_node = request_memory_read_21_0_delay[87:66];
   wire stack_full = level_before_s16 == 6'd32;
   wire stack_write = pushes_s16 & ~stack_full;
   (* no_rw_check, ram_style = "block" *)
@@ -918,7 +919,6 @@ module tpu (
   wire [42:0] leaf_front = leaf_choice ? step_leaf_queue_front : entered_leaf_queue_front;
   assign take_step_leaf = leaf_ready & leaf_choice;
   assign take_pop_leaf = leaf_ready & ~leaf_choice & entered_leaf_queue_valid;
-  assign watch_step_node = request_memory_read_21_0_delay[87:66];
 
   // Memories.
   always @(posedge clk) begin
