@@ -43,7 +43,8 @@ fn check(run: Run, config: &Config, workload: Workload<'_>, seed: u64) -> UnitRe
 
 /// So many transactions of tiny scenes; each category must have been met.
 fn coincidences(run: Run, config: &Config, transactions: u64, seed: u64) -> u64 {
-    let report = check(run, config, Workload::Coincidences { transactions }, seed);
+    let workload = Workload::Coincidences { transactions };
+    let report = check(run, config, workload, seed);
     assert!(report.transactions >= transactions);
     let is_tpu = report.unit == "tpu";
     for (category, count) in &report.categories {
@@ -148,6 +149,10 @@ fn tpu_of_other_machines() {
     let seed = seed();
     for config in others() {
         coincidences(unit_tpu::run, &config, FEW, seed);
+        let transactions = FEW;
+        let workload = Workload::Instances { transactions };
+        let report = check(unit_tpu::run, &config, workload, seed);
+        assert!(report.transactions >= FEW);
     }
 }
 
@@ -242,10 +247,13 @@ fn whole_machines_of_two_levels() {
 #[test]
 fn faults_are_noticed() {
     let (config, seed) = (Config::load("tiny").unwrap(), seed());
-    let faults: [(Run, &str, &str, &str); 5] = [
+    let one_level = Workload::Coincidences { transactions: FEW };
+    let two_levels = Workload::Instances { transactions: FEW };
+    let faults: [(Run, Workload<'_>, &str, &str, &str); 8] = [
         // A limit that is an ulp off.
         (
             unit_tpu::run,
+            one_level,
             "[limit_packet] <= limit_value;",
             "[limit_packet] <= limit_value ^ 24'd1;",
             "unit tpu",
@@ -253,6 +261,7 @@ fn faults_are_noticed() {
         // An entry popped is never dropped.
         (
             unit_tpu::run,
+            one_level,
             "(ray0_within |",
             "(1'b1 | ray0_within |",
             "unit tpu",
@@ -260,6 +269,7 @@ fn faults_are_noticed() {
         // A finished packet has hit nothing.
         (
             unit_tpu::run,
+            one_level,
             "assign finished_touched = ",
             "assign finished_touched = !",
             "* rays that have hit something",
@@ -267,6 +277,7 @@ fn faults_are_noticed() {
         // Of equal distances the last wins.
         (
             unit_geometry::run,
+            one_level,
             "(as_close & lower)",
             "as_close",
             "* replaces the closest",
@@ -274,19 +285,42 @@ fn faults_are_noticed() {
         // What is read back is an ulp off.
         (
             unit_geometry::run,
+            one_level,
             "assign read_v = ",
             "assign read_v = 24'd1 ^ ",
             "* v ",
         ),
+        // An instance that no ray enters ends its packet.
+        (
+            unit_tpu::run,
+            two_levels,
+            "start_nowhere & ~setup_object",
+            "start_nowhere",
+            "unit tpu",
+        ),
+        // The interval in an object is an ulp off.
+        (
+            unit_geometry::run_transform,
+            two_levels,
+            "object_tmax <= ",
+            "object_tmax <= 24'd1 ^ ",
+            "* tmax",
+        ),
+        // Triangles in an object are of instance 0.
+        (
+            unit_geometry::run,
+            two_levels,
+            "assign read_instance = ",
+            "assign read_instance = 32'd1 ^ ",
+            "* instance",
+        ),
     ];
-    for (run, text, instead, said) in faults {
+    for (run, workload, text, instead, said) in faults {
         let options = UnitOptions {
             fault: Some(Fault { text, instead }),
             ..UnitOptions::new(seed)
         };
-        let transactions = FEW;
-        let report = run(&config, Workload::Coincidences { transactions }, &options)
-            .unwrap_or_else(|e| panic!("{e:#}"));
+        let report = run(&config, workload, &options).unwrap_or_else(|e| panic!("{e:#}"));
         let mismatch = report.mismatch.as_deref().unwrap_or("no mismatch");
         println!("{text} -> {instead}\n{mismatch}");
         assert_eq!(report.mismatches, 1);
