@@ -2,12 +2,14 @@
 
 use dynrt::bkd::{self, BuildOptions, MemoryImage};
 use dynrt::config::Config;
+use dynrt::cosim::unit_skinning::SkinMesh;
 use dynrt::float::{Format, plain};
 use dynrt::hw;
+use dynrt::scene::animation::MachineScene;
 use dynrt::scene::{self, Camera, Frame, ImageSize, MachineMesh, RayPacket};
-use dynrt::vectors::{Request, Summary, write};
+use dynrt::vectors::{Posed, Request, Summary, pose, write};
 use serde_json::Value;
-use std::collections::HashMap;
+use std::collections::{BTreeSet, HashMap};
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
@@ -19,10 +21,17 @@ const CASES: [(&str, &str, &str); 3] = [
     ("dynrt-2006", "builtin:knot?segments=12&sides=3", "8x6"),
 ];
 
+/// Scenes that move: one of two levels, one that is skinned.
+const MOVING: [(&str, &str, &str); 2] = [
+    ("virtex4-lx160", "builtin:reef?fish=3", "10x6"),
+    ("dynrt-2006", "builtin:figure?detail=36", "8x6"),
+];
+
 struct Case {
     config: Config,
     spec: &'static str,
     image: MemoryImage,
+    skins: Vec<SkinMesh>,
     packets: Vec<RayPacket>,
 }
 
@@ -45,6 +54,33 @@ impl Case {
             config,
             spec,
             image,
+            skins: vec![],
+            packets,
+        }
+    }
+
+    /// A scene that moves, a while after its motion began.
+    fn moving((config, spec, size): (&str, &'static str, &str)) -> Case {
+        let config = Config::load(config).unwrap();
+        let scene = scene::load_animated(spec).unwrap();
+        let pose_of_scene = scene.pose(scene.clip(None).unwrap(), 0.3).unwrap();
+        let poses = [pose_of_scene];
+        let extents = scene.extents_of(&poses).unwrap();
+        let machine =
+            MachineScene::new(&scene, &extents, config.format(), config.skinning_joints).unwrap();
+        let Posed { image, skins } =
+            pose(&config, &machine, &machine.frame(&poses[0]).unwrap()).unwrap();
+        let size: ImageSize = size.parse().unwrap();
+        let frame = Frame::new(size, config.rays_per_packet as usize).unwrap();
+        let camera = Camera::framing(extents.world);
+        let packets = frame
+            .rays_in(&camera, config.format(), machine.log2_scale)
+            .unwrap();
+        Case {
+            config,
+            spec,
+            image,
+            skins,
             packets,
         }
     }
@@ -54,6 +90,7 @@ impl Case {
             config: &self.config,
             scene_name: self.spec,
             image: &self.image,
+            skins: &self.skins,
             packets: &self.packets,
             limit: None,
             out,
@@ -66,7 +103,7 @@ impl Case {
 
     fn write_rtl(&self, folder: &Path) {
         fs::create_dir_all(folder).unwrap();
-        for (name, text) in hw::emit(&self.config).unwrap().design.files() {
+        for (name, text) in hw::core::emit(&self.config).unwrap().design.files() {
             fs::write(folder.join(name), text).unwrap();
         }
     }
@@ -217,6 +254,7 @@ struct Setup {
     kz: usize,
     shear: [u64; 3],
     valid: bool,
+    window: [u64; 2],
 }
 
 impl Machine {
@@ -260,10 +298,18 @@ impl Machine {
             x => x,
         };
         let (tmin, tmax) = (limit("tmin"), limit("tmax"));
+        let setup = self.prepare(origin, direction, [tmin, tmax]);
+        Setup {
+            valid: setup.valid && line.flag("active"),
+            ..setup
+        }
+    }
+
+    fn prepare(self, origin: [u64; 3], direction: [u64; 3], [tmin, tmax]: [u64; 2]) -> Setup {
+        let f = self.f;
         let reciprocal = direction.map(|d| plain::reciprocal(f, d));
         let mut numbers = origin.iter().chain(&direction).chain([&tmin, &tmax]);
-        let valid = line.flag("active")
-            && !numbers.any(|&x| f.is_nan(x))
+        let valid = !numbers.any(|&x| f.is_nan(x))
             && plain::less_equal(f, 0, tmin)
             && plain::less_equal(f, tmin, tmax);
         let size = |i: usize| direction[i] & !f.sign_bit();
@@ -288,6 +334,7 @@ impl Machine {
             kz,
             shear: [shear(1), shear(2), rkz],
             valid,
+            window: [self.infinity(true), self.infinity(false)],
         }
     }
 
@@ -316,7 +363,39 @@ impl Machine {
                 [0; 3]
             },
             valid: true,
+            window: [line.get("window_near"), line.get("window_far")],
         }
+    }
+
+    /// The rounded sum of a point or a direction's products with the columns of a matrix.
+    fn linear(self, columns: &[[u64; 3]; 4], i: usize, v: [u64; 3]) -> u64 {
+        let f = self.f;
+        let product = |k: usize| plain::mul(f, columns[k][i], v[k]);
+        plain::add(f, plain::add(f, product(0), product(1)), product(2))
+    }
+
+    fn point(self, columns: &[[u64; 3]; 4], v: [u64; 3]) -> [u64; 3] {
+        [0, 1, 2].map(|i| plain::add(self.f, self.linear(columns, i, v), columns[3][i]))
+    }
+
+    fn direction(self, columns: &[[u64; 3]; 4], v: [u64; 3]) -> [u64; 3] {
+        [0, 1, 2].map(|i| self.linear(columns, i, v))
+    }
+
+    /// The ray in an instance's object, if it enters.
+    fn enter(self, instance: &Placed, ray: &Setup) -> Option<Setup> {
+        let f = self.f;
+        let everywhere = [self.infinity(true), self.infinity(false)];
+        let window = self.clip_box(everywhere, instance.lo, instance.hi, ray);
+        let moved = self.prepare(
+            self.point(&instance.columns, ray.origin),
+            self.direction(&instance.columns, ray.direction),
+            [ray.tmin, ray.tmax],
+        );
+        let near = plain::max(f, ray.tmin, window[0]);
+        let far = plain::min(f, ray.tmax, window[1]);
+        let enters = moved.valid && plain::less_equal(f, near, far);
+        enters.then_some(Setup { window, ..moved })
     }
 
     fn difference(self, a: [u64; 3], b: [u64; 3]) -> [u64; 3] {
@@ -344,8 +423,7 @@ impl Machine {
         let f = self.f;
         let lo = [0, 1, 2].map(|i| plain::min(f, plain::min(f, v[0][i], v[1][i]), v[2][i]));
         let hi = [0, 1, 2].map(|i| plain::max(f, plain::max(f, v[0][i], v[1][i]), v[2][i]));
-        let all = [self.infinity(true), self.infinity(false)];
-        let [near, far] = self.clip_box(all, lo, hi, ray);
+        let [near, far] = self.clip_box(ray.window, lo, hi, ray);
         let same = |a: [u64; 3], b: [u64; 3]| (0..3).all(|i| plain::equal(f, a[i], b[i]));
         let flat = (0..3).filter(|&i| plain::equal(f, lo[i], hi[i])).count();
         let degenerate = same(v[0], v[1]) || same(v[1], v[2]) || same(v[2], v[0]) || flat >= 2;
@@ -407,6 +485,37 @@ impl Machine {
     }
 }
 
+/// An instance, as memory says.
+struct Placed {
+    columns: [[u64; 3]; 4],
+    lo: [u64; 3],
+    hi: [u64; 3],
+    number: u64,
+    /// Its object's root.
+    root: u64,
+}
+
+/// The records below a root.
+fn records_below(nodes: &[Line<'_>], root: u64) -> Vec<usize> {
+    let mut records = vec![];
+    let mut open = vec![(root >> 26 & 1 == 1, (root & 0x3ff_ffff) as usize)];
+    while let Some((leaf, index)) = open.pop() {
+        if leaf {
+            records.push(index);
+            continue;
+        }
+        let node = &nodes[index];
+        let link = node.get("link") as usize;
+        open.extend(match (node.flag("left_leaf"), node.flag("right_leaf")) {
+            (false, false) => [(false, link), (false, link + 1)],
+            (true, false) => [(true, index), (false, link)],
+            (false, true) => [(false, link), (true, index)],
+            (true, true) => [(true, index), (true, link)],
+        });
+    }
+    records
+}
+
 fn named<const N: usize>(name: &str, values: [u64; N]) -> Vec<(String, u64)> {
     let axes = ["x", "y", "z"].iter().zip(values);
     axes.map(|(axis, value)| (format!("{name}_{axis}"), value))
@@ -454,36 +563,52 @@ fn check(folder: &Path, summary: &Summary) {
     assert_eq!(nodes.len(), records.len());
     let mut reached = vec![0; records.len()];
     let root = scene.get("root");
-    let mut open = vec![(root >> 26 & 1 == 1, (root & 0x3ff_ffff) as usize)];
-    while let Some((leaf, index)) = open.pop() {
-        if leaf {
-            reached[index] += 1;
-            continue;
+    let vector = |index: u64| ["x", "y", "z"].map(|axis| vertices[index as usize].get(axis));
+    // A scene of one level is an object of which nothing stands anywhere else.
+    let mut instances = vec![];
+    let mut roots = BTreeSet::from([root]);
+    if root >> 27 & 1 == 1 {
+        roots.clear();
+        for record in records_below(&nodes, root) {
+            reached[record] += 1;
+            let record = &records[record];
+            let of = |k| vector(record.get("v0") + k);
+            assert_eq!(record.get("v2"), 0);
+            roots.insert(record.get("v1"));
+            instances.push(Placed {
+                columns: [0, 1, 2, 3].map(of),
+                lo: of(4),
+                hi: of(5),
+                number: record.get("number"),
+                root: record.get("v1"),
+            });
         }
-        let node = &nodes[index];
-        let link = node.get("link") as usize;
-        open.extend(match (node.flag("left_leaf"), node.flag("right_leaf")) {
-            (false, false) => [(false, link), (false, link + 1)],
-            (true, false) => [(true, index), (false, link)],
-            (false, true) => [(false, link), (true, index)],
-            (true, true) => [(true, index), (true, link)],
-        });
+        let numbers: BTreeSet<_> = instances.iter().map(|placed| placed.number).collect();
+        assert!(numbers.into_iter().eq(0..instances.len() as u64));
+    }
+    assert_eq!(vectors.number("/instances"), instances.len() as u64);
+    assert_eq!(
+        vectors.number("/levels"),
+        1 + u64::from(!instances.is_empty())
+    );
+    let mut objects: HashMap<u64, Vec<(u64, [[u64; 3]; 3])>> = HashMap::new();
+    for root in roots {
+        let mut triangles = vec![];
+        for record in records_below(&nodes, root) {
+            reached[record] += 1;
+            let record = &records[record];
+            let corners = ["v0", "v1", "v2"].map(|name| vector(record.get(name)));
+            triangles.push((record.get("number"), corners));
+        }
+        objects.insert(root, triangles);
     }
     assert!(reached.iter().all(|&count| count == 1), "{reached:?}");
-    let triangles: Vec<(u64, [[u64; 3]; 3])> = records
-        .iter()
-        .map(|record| {
-            let corner = |name| {
-                let vertex = &vertices[record.get(name) as usize];
-                ["x", "y", "z"].map(|axis| vertex.get(axis))
-            };
-            (record.get("number"), ["v0", "v1", "v2"].map(corner))
-        })
-        .collect();
+    let corners: Vec<[u64; 3]> = match instances.is_empty() {
+        true => objects[&root].iter().flat_map(|(_, v)| *v).collect(),
+        false => instances.iter().flat_map(|p| [p.lo, p.hi]).collect(),
+    };
     for i in 0..3 {
-        let mut corners = triangles
-            .iter()
-            .flat_map(|(_, v)| v.map(|corner| corner[i]));
+        let mut corners = corners.iter().map(|corner| corner[i]);
         let first = corners.next().unwrap();
         let bounds = corners.fold([first; 2], |[least, greatest], x| {
             [plain::min(f, least, x), plain::max(f, greatest, x)]
@@ -551,16 +676,27 @@ fn check(folder: &Path, summary: &Summary) {
         let mut closest = [f.infinity(), 0, 0, none, none];
         let [near, far] = machine.clip_box([ray.tmin, ray.tmax], lo, hi, &ray);
         if ray.valid && plain::less_equal(f, near, far) {
-            for (triangle, v) in &triangles {
-                let Some([t, u, w]) = machine.test(*v, &ray) else {
-                    continue;
-                };
-                if line.flag("any_hit") {
-                    closest = [ray.tmin, 0, 0, none, none];
-                } else if plain::less(f, t, closest[0])
-                    || plain::equal(f, t, closest[0]) && *triangle < closest[4]
-                {
-                    closest = [t, u, w, 0, *triangle];
+            let mut test = |ray: &Setup, instance: u64, root: u64| {
+                for (triangle, v) in &objects[&root] {
+                    let Some([t, u, w]) = machine.test(*v, ray) else {
+                        continue;
+                    };
+                    if line.flag("any_hit") {
+                        closest = [ray.tmin, 0, 0, none, none];
+                    } else if plain::less(f, t, closest[0])
+                        || plain::equal(f, t, closest[0])
+                            && (instance, *triangle) < (closest[3], closest[4])
+                    {
+                        closest = [t, u, w, instance, *triangle];
+                    }
+                }
+            };
+            if instances.is_empty() {
+                test(&ray, 0, root);
+            }
+            for placed in &instances {
+                if let Some(moved) = machine.enter(placed, &ray) {
+                    test(&moved, placed.number, placed.root);
                 }
             }
         }
@@ -583,16 +719,296 @@ fn check(folder: &Path, summary: &Summary) {
     // The packets' parts of the units' lines lie one after the other.
     let packet_fields = vectors.fields("raycast_packets.hex");
     let packets = vectors.lines("raycast_packets.hex", &packet_fields);
-    let mut next = [0, 0];
+    let parts = ["step", "test", "transform"];
+    let mut next = [0; 3];
     for packet in &packets {
-        assert_eq!([packet.get("first_step"), packet.get("first_test")], next);
-        next[0] += packet.get("steps");
-        next[1] += packet.get("tests");
+        for (next, part) in next.iter_mut().zip(parts) {
+            assert_eq!(packet.get(&format!("first_{part}")), *next);
+            *next += packet.get(&format!("{part}s"));
+        }
     }
-    assert_eq!(next, [summary.steps, summary.tests]);
+    assert_eq!(next, [summary.steps, summary.tests, summary.transforms]);
+
+    // Ray transformations: of the packet's rays, by the instance's vectors in memory.
+    if !instances.is_empty() {
+        let transforms = vectors.unit("ray_transform", |line| {
+            let record = &records[line.get("record") as usize];
+            let of = |k| vector(record.get("v0") + k);
+            let columns = [0, 1, 2, 3].map(of);
+            let given = ["cx", "cy", "cz", "cw", "lo", "hi"].map(|name| line.vector(name));
+            let [cx, cy, cz, cw] = columns;
+            assert_eq!(given, [cx, cy, cz, cw, of(4), of(5)]);
+            let ray = machine.prepare(line.vector("origin"), line.vector("direction"), [0, 0]);
+            assert_eq!(
+                (ray.reciprocal, ray.signs),
+                (line.vector("reciprocal"), line.get("signs"))
+            );
+            let everywhere = [machine.infinity(true), machine.infinity(false)];
+            let [near, far] = machine.clip_box(everywhere, of(4), of(5), &ray);
+            let mut fields = named("origin", machine.point(&columns, ray.origin));
+            fields.extend(named(
+                "direction",
+                machine.direction(&columns, ray.direction),
+            ));
+            fields.extend([("near".into(), near), ("far".into(), far)]);
+            fields
+        });
+        assert_eq!(transforms as u64, summary.transforms);
+        assert!(transforms > 0);
+        let fields = vectors.fields("ray_transform_stimulus.hex");
+        let transforms = vectors.lines("ray_transform_stimulus.hex", &fields);
+        for (number, packet) in packets.iter().enumerate() {
+            let first = packet.get("first_transform") as usize;
+            for line in &transforms[first..][..packet.get("transforms") as usize] {
+                let ray = &lines[number * rays + line.get("slot") as usize];
+                for name in ["origin", "direction"] {
+                    assert_eq!(line.vector(name), ray.vector(name));
+                }
+            }
+        }
+    }
+    let updates = check_updates(&vectors, f);
+    assert_eq!(updates, [summary.updates, summary.nodes_written]);
+    let skins = check_skins(&vectors, machine);
+    assert_eq!(skins, [summary.skins, summary.vertices_skinned]);
     assert_eq!(packets.len() as u64, summary.packets);
     let files = fs::read_dir(folder).unwrap().count();
     assert_eq!(files, summary.files);
+}
+
+/// Runs every update program on the files, as `docs/update.md` says. Returns updates and nodes written.
+fn check_updates(vectors: &Vectors, f: Format) -> [u64; 2] {
+    let files = [
+        "update_program.hex",
+        "update_vertices.hex",
+        "update_nodes_before.hex",
+        "update_commands.hex",
+        "update_node_writes.hex",
+        "update_nodes_after.hex",
+        "update_boxes.hex",
+    ];
+    let fields = files.map(|file| vectors.fields(file));
+    let lines: Vec<_> = files
+        .iter()
+        .zip(&fields)
+        .map(|(file, fields)| vectors.lines(file, fields))
+        .collect();
+    let [program, vertices, before, commands, writes, after, boxes] = &lines[..] else {
+        unreachable!()
+    };
+    let code: Vec<u8> = program
+        .iter()
+        .flat_map(|row| {
+            ["low", "high"]
+                .map(|half| row.get(half).to_le_bytes())
+                .concat()
+        })
+        .collect();
+    assert_eq!(before.len(), after.len());
+    let mut written: Vec<Option<usize>> = vec![None; before.len()];
+    let mut boxes_written = BTreeSet::new();
+    let (mut next_write, mut instructions, mut moved) = (0, 0, 0);
+    let infinity = [f.infinity() | f.sign_bit(), f.infinity()];
+    type Region = [[u64; 2]; 3];
+    let grow = |region: &mut Region, i: usize, lo: u64, hi: u64| {
+        region[i] = [
+            plain::min(f, region[i][0], lo),
+            plain::max(f, region[i][1], hi),
+        ];
+    };
+    for (number, command) in commands.iter().enumerate() {
+        let of = |name: &str| command.get(name) as usize;
+        assert_eq!(of("first_write"), next_write, "update {number}");
+        let code = &code[16 * of("program")..][..16 * of("rows")];
+        let (mut at, mut count) = (0, 0);
+        let mut v: [Option<[u64; 3]>; 64] = [None; 64];
+        let mut b: [Option<Region>; 64] = [None; 64];
+        let (mut next_vertex, mut next_node) = (of("vertex_base"), of("node_base"));
+        let (mut last, mut free, mut fresh) = (0, vec![], 0);
+        loop {
+            let word = (0..5).rev().fold(0u64, |word, k| {
+                word << 8 | u64::from(code.get(at + k).copied().unwrap_or(0))
+            });
+            let six = |lsb: u32| (word >> lsb & 63) as usize;
+            count += 1;
+            let vertex = |index: usize| Some(["x", "y", "z"].map(|axis| vertices[index].get(axis)));
+            match (word & 3, word >> 2 & 3, word >> 4 & 15) {
+                (3, _, _) => {
+                    last = six(2);
+                    v[last] = vertex(next_vertex);
+                    next_vertex += 1;
+                    at += 1;
+                }
+                (2, 3, 2) => {
+                    last = six(8);
+                    v[last] = vertex(of("vertex_base") + (word >> 14 & 0x3ff_ffff) as usize);
+                    at += 5;
+                }
+                (kind @ (0 | 1), 3, _) => {
+                    let third = if kind == 0 { six(16) } else { last };
+                    let mut region = [[infinity[1], infinity[0]]; 3];
+                    for register in [six(4), six(10), third] {
+                        let corner = v[register].expect("loaded before it is used");
+                        for (i, x) in corner.into_iter().enumerate() {
+                            grow(&mut region, i, x, x);
+                        }
+                    }
+                    let register = free.pop().unwrap_or_else(|| {
+                        fresh += 1;
+                        fresh - 1
+                    });
+                    b[register] = Some(region);
+                    at += if kind == 0 { 3 } else { 2 };
+                }
+                (2, 3, 0) => at += 1,
+                (2, 3, 1) => {
+                    let region = b[six(8)].expect("a box");
+                    let index = of("box_index");
+                    assert!(boxes_written.insert(index), "each box is written once");
+                    let corners = ["lo", "hi"].map(|end| boxes[index].vector(end));
+                    let expected = [0, 1].map(|end| region.map(|interval| interval[end]));
+                    assert_eq!(corners, expected, "update_boxes.hex line {}", index + 1);
+                    at += 2;
+                    break;
+                }
+                (2, 3, _) => panic!("no instruction"),
+                (left_axis, right_axis, _) => {
+                    let (left, right) = (six(4), six(10));
+                    let regions = [left, right].map(|register| b[register].expect("a box"));
+                    let [[left_lo, left_hi], [right_lo, right_hi]] = [
+                        regions[0][left_axis as usize],
+                        regions[1][right_axis as usize],
+                    ];
+                    let line = &writes[next_write];
+                    let given = ["node", "mask", "left_lo", "left_hi", "right_lo", "right_hi"]
+                        .map(|name| line.get(name));
+                    let expected = [
+                        next_node as u64,
+                        0b01111,
+                        left_lo,
+                        left_hi,
+                        right_lo,
+                        right_hi,
+                    ];
+                    assert_eq!(
+                        given,
+                        expected,
+                        "update_node_writes.hex line {}",
+                        next_write + 1
+                    );
+                    // The axes are those of the link word.
+                    let node = &before[next_node];
+                    let axes = [node.get("left_axis"), node.get("right_axis")];
+                    assert_eq!(axes, [left_axis, right_axis]);
+                    assert_eq!(written[next_node], None, "a node is written once");
+                    written[next_node] = Some(next_write);
+                    let mut merged = regions[0];
+                    for (i, [lo, hi]) in regions[1].into_iter().enumerate() {
+                        grow(&mut merged, i, lo, hi);
+                    }
+                    (b[left], b[right]) = (Some(merged), None);
+                    free.push(right);
+                    (next_node, next_write, at) = (next_node + 1, next_write + 1, at + 2);
+                }
+            }
+        }
+        assert!(at.div_ceil(16) == of("rows") && code[at..].iter().all(|&byte| byte == 0));
+        assert_eq!(of("instructions"), count);
+        assert_eq!(of("writes"), next_write - of("first_write"));
+        instructions += count as u64;
+    }
+    for (index, (node, after)) in before.iter().zip(after).enumerate() {
+        for name in node.fields.keys() {
+            let due = match written[index] {
+                Some(line) if name.ends_with("_lo") || name.ends_with("_hi") => {
+                    writes[line].get(name)
+                }
+                _ => node.get(name),
+            };
+            assert_eq!(
+                after.get(name),
+                due,
+                "update_nodes_after.hex line {}",
+                index + 1
+            );
+            moved += u64::from(due != node.get(name));
+        }
+    }
+    // The motion is seen, the guards between the objects are as they were.
+    assert!(moved > 0);
+    assert!(written.iter().filter(|line| line.is_none()).count() > commands.len());
+    assert_eq!(next_write, writes.len());
+    assert_eq!(instructions, vectors.number("/update_instructions"));
+    assert_eq!(boxes_written.len(), boxes.len());
+    [commands.len() as u64, next_write as u64]
+}
+
+/// Skins every mesh of the files. Returns meshes and vertices.
+fn check_skins(vectors: &Vectors, machine: Machine) -> [u64; 2] {
+    let f = machine.f;
+    let files = [
+        "skinning_influences.hex",
+        "skinning_vectors.hex",
+        "skinning_commands.hex",
+        "skinning_expected.hex",
+    ];
+    let fields = files.map(|file| vectors.fields(file));
+    let lines: Vec<_> = files
+        .iter()
+        .zip(&fields)
+        .map(|(file, fields)| vectors.lines(file, fields))
+        .collect();
+    let [rows, memory, commands, expected] = &lines[..] else {
+        unreachable!()
+    };
+    let vector = |index: u64| ["x", "y", "z"].map(|axis| memory[index as usize].get(axis));
+    let (mut next, mut influences) = (0, 0);
+    let mut follows = BTreeSet::new();
+    for command in commands {
+        assert_eq!(command.get("first_vertex"), next as u64);
+        let mut place = 0;
+        for number in 0..command.get("vertices") {
+            let rest = vector(command.get("rest") + number);
+            let mut q = [[0; 3]; 4];
+            for k in 0.. {
+                let row = &rows[command.get("influences") as usize + place / 4];
+                let of = |name: &str| row.get(&format!("{name}{}", place % 4));
+                let joint = of("joint");
+                assert!(joint < command.get("joints"));
+                let columns = [0, 1, 2, 3].map(|c| vector(command.get("palette") + 4 * joint + c));
+                let moved = machine.point(&columns, rest);
+                q[k] = moved.map(|x| plain::mul(f, x, of("weight")));
+                let last = of("last") == 1;
+                place += 1;
+                if last {
+                    follows.insert(k + 1);
+                    break;
+                }
+            }
+            let sum = |i: usize| {
+                let pair = |k: usize| plain::add(f, q[k][i], q[k + 1][i]);
+                plain::add(f, pair(0), pair(2))
+            };
+            let line = &expected[next];
+            let given = (
+                line.get("vertex"),
+                ["x", "y", "z"].map(|axis| line.get(axis)),
+            );
+            let due = (command.get("target") + number, [0, 1, 2].map(sum));
+            assert_eq!(given, due, "skinning_expected.hex line {}", next + 1);
+            next += 1;
+        }
+        assert_eq!(command.get("count"), place as u64);
+        assert_eq!(command.get("rows"), place.div_ceil(4) as u64);
+        influences += place as u64;
+    }
+    assert_eq!(next, expected.len());
+    assert_eq!(influences, vectors.number("/influences"));
+    assert!(
+        follows.into_iter().eq(1..=4),
+        "vertices of 1 to 4 influences"
+    );
+    [commands.len() as u64, next as u64]
 }
 
 /// What a packet step must give, by the names of expected fields.
@@ -659,12 +1075,22 @@ fn step(machine: Machine, rays: usize, line: &Line<'_>) -> Vec<(String, u64)> {
 
 #[test]
 fn files_alone_tell_every_result() {
-    for case in CASES {
+    let cases = CASES.into_iter().map(Case::new);
+    for case in cases.chain(MOVING.into_iter().map(Case::moving)) {
         let folder = tempfile::tempdir().unwrap();
         let out = folder.path().join("vectors");
-        let summary = Case::new(case).write(&out);
-        println!("{case:?}: {summary:?}");
+        let summary = case.write(&out);
+        println!("{}, {}: {summary:?}", case.config.name, case.spec);
         check(&out, &summary);
+        // Each distinct object, and each skinned one, beside those that are always there.
+        let of_scene = [summary.updates - 20, summary.skins - 12];
+        let (objects, skinned) = match case.spec {
+            "builtin:reef?fish=3" => (4, 0),
+            "builtin:figure?detail=36" => (1, 1),
+            _ => (1, 0),
+        };
+        assert_eq!(of_scene, [objects, skinned]);
+        assert_eq!(summary.transforms > 0, case.image.is_instanced());
     }
     for (rays_per_packet, exponent_bits, fraction_bits) in [(8, 8, 23), (2, 6, 11)] {
         let config = Config {
@@ -706,6 +1132,7 @@ fn workplace(name: &str) -> PathBuf {
 #[test]
 fn verilog_benches_replay_them() {
     let mut cases: Vec<Case> = CASES.into_iter().map(Case::new).collect();
+    cases.extend(MOVING.into_iter().map(Case::moving));
     // More packets at a time than there are tags, another format, a faster clock.
     let config = Config {
         name: "few-tags".into(),
@@ -721,7 +1148,8 @@ fn verilog_benches_replay_them() {
     std::thread::scope(|scope| {
         for built in cases {
             scope.spawn(move || {
-                let case = built.config.name.as_str();
+                let spec = built.spec.split([':', '?']).nth(1).unwrap();
+                let case = &format!("{}-{spec}", built.config.name);
                 let folder = workplace(case);
                 let (out, rtl) = (folder.join("vectors"), folder.join("rtl"));
                 let _ = fs::remove_dir_all(&folder);
@@ -735,10 +1163,28 @@ fn verilog_benches_replay_them() {
                 println!("{case}:\n{said}");
                 assert!(passes, "{said}");
                 let expected = format!(
-                    "raycast: PASS {} hits checked, {} packet steps, {} triangle tests\n",
-                    summary.rays, summary.steps, summary.tests
+                    "raycast: PASS {} hits checked, {} packet steps, {} triangle tests, {} ray transformations\n",
+                    summary.rays, summary.steps, summary.tests, summary.transforms
                 );
                 assert!(said.contains(&expected), "{said}");
+                let manifest = Vectors::open(&out);
+                let total = |name: &str| manifest.number(&format!("/{name}"));
+                for line in [
+                    format!(
+                        "update: PASS {} updates checked, {} node writes, {} instructions\n",
+                        summary.updates,
+                        summary.nodes_written,
+                        total("update_instructions")
+                    ),
+                    format!(
+                        "skinning: PASS {} meshes checked, {} vertices, {} influences\n",
+                        summary.skins,
+                        summary.vertices_skinned,
+                        total("influences")
+                    ),
+                ] {
+                    assert!(said.contains(&line), "{line}: {said}");
+                }
                 assert!(summary.steps > 0 && summary.tests > 0, "{summary:?}");
                 for bench in ["fp", "ray_setup", "packet_step", "triangle_test"] {
                     assert!(said.contains(&format!("{bench}: PASS ")), "{said}");
@@ -776,6 +1222,23 @@ fn the_benches_find_what_is_wrong() {
     let (passes, said) = run(&good, &rtl, &surroundings);
     assert!(passes && said.starts_with("raycast: PASS "), "{said}");
 
+    for bench in ["update", "skinning"] {
+        let surroundings = [
+            bench,
+            "+latency=2",
+            "+jitter=30",
+            "+in_order=0",
+            "+ready=50",
+            "+writes=50",
+            &seed_argument,
+        ];
+        let (passes, said) = run(&good, &rtl, &surroundings);
+        assert!(
+            passes && said.starts_with(&format!("{bench}: PASS ")),
+            "{said}"
+        );
+    }
+
     // The least significant bit of these lines is always compared.
     let changed = folder.join("vectors");
     for (bench, file) in [
@@ -787,6 +1250,10 @@ fn the_benches_find_what_is_wrong() {
         ("packet_step", "packet_step_expected.hex"),
         ("triangle_test", "triangle_test_expected.hex"),
         ("raycast", "raycast_hits.hex"),
+        ("update", "update_node_writes.hex"),
+        ("update", "update_nodes_after.hex"),
+        ("update", "update_boxes.hex"),
+        ("skinning", "skinning_expected.hex"),
     ] {
         copy(&good, &changed);
         let mut lines: Vec<String> = fs::read_to_string(good.join(file))
@@ -803,6 +1270,42 @@ fn the_benches_find_what_is_wrong() {
         let (passes, said) = run(&changed, &rtl, &[bench]);
         let expected = format!("{bench}: FAIL {file} line {}: ", number + 1);
         assert!(!passes && said.starts_with(&expected), "{expected}: {said}");
+    }
+
+    // What goes in is seen as well: another vertex, another weight, another place. The last records are guards.
+    for (bench, file, field) in [
+        ("update", "update_vertices.hex", "x"),
+        ("update", "update_nodes_before.hex", "link"),
+        ("update", "update_commands.hex", "node_base"),
+        ("skinning", "skinning_commands.hex", "target"),
+        ("skinning", "skinning_influences.hex", "weight0"),
+    ] {
+        copy(&good, &changed);
+        let fields = Vectors::open(&good).fields(file);
+        let (lsb, width) = fields[field];
+        let text = fs::read_to_string(good.join(file)).unwrap();
+        let lines: Vec<String> = text
+            .lines()
+            .map(|line| {
+                let mut digits: Vec<char> = line.chars().collect();
+                // A number's exponent, an index' least bit.
+                let bit = if width >= 23 && field.len() < 8 && field != "link" && field != "target"
+                {
+                    lsb + width - 3
+                } else {
+                    lsb
+                };
+                let place = digits.len() - 1 - (bit / 4) as usize;
+                let digit = digits[place].to_digit(16).unwrap() ^ 1 << (bit % 4);
+                digits[place] = char::from_digit(digit, 16).unwrap();
+                digits.into_iter().collect()
+            })
+            .collect();
+        fs::write(changed.join(file), lines.join("\n") + "\n").unwrap();
+        let (passes, said) = run(&changed, &rtl, &[bench]);
+        let expected = format!("{bench}: FAIL ");
+        assert!(!passes && said.starts_with(&expected), "{file}: {said}");
+        assert!(said.contains(".hex"), "{file}: {said}");
     }
 
     // What the packets do inside is compared as well.
@@ -824,6 +1327,26 @@ fn the_benches_find_what_is_wrong() {
         let expected = format!("raycast: FAIL {file} line {}: ", number + 1);
         assert!(!passes && said.starts_with(&expected), "{expected}: {said}");
     }
+
+    // Ray transformations, in a scene of two levels.
+    let two_levels = Case::moving(MOVING[0]);
+    let (reef, reef_rtl) = (folder.join("reef"), folder.join("reef_rtl"));
+    two_levels.write_rtl(&reef_rtl);
+    let limited = Request {
+        limit: Some(1),
+        ..two_levels.request(&reef)
+    };
+    write(&limited).unwrap();
+    let file = "ray_transform_expected.hex";
+    let text = fs::read_to_string(reef.join(file)).unwrap();
+    let mut lines: Vec<String> = text.lines().map(String::from).collect();
+    let number = rng.usize(..lines.len().min(100));
+    let digit = lines[number].pop().unwrap().to_digit(16).unwrap() ^ 1;
+    lines[number].push(char::from_digit(digit, 16).unwrap());
+    fs::write(reef.join(file), lines.join("\n") + "\n").unwrap();
+    let (passes, said) = run(&reef, &reef_rtl, &["raycast"]);
+    let expected = format!("raycast: FAIL {file} line {}: ", number + 1);
+    assert!(!passes && said.starts_with(&expected), "{expected}: {said}");
 
     // Files that are missing or too short.
     copy(&good, &changed);
@@ -1127,7 +1650,7 @@ fn the_vectors_page_says_what_the_reference_machines_layouts_are() {
     let text = page("vectors.md");
     let folder = tempfile::tempdir().unwrap();
     let out = folder.path().join("vectors");
-    let case = Case::new(CASES[0]);
+    let case = Case::moving(MOVING[0]);
     let request = Request {
         limit: Some(1),
         ..case.request(&out)
@@ -1147,6 +1670,14 @@ fn the_vectors_page_says_what_the_reference_machines_layouts_are() {
         "triangle_test_expected",
         "fp_add_stimulus",
         "fp_add_expected",
+        "ray_transform_stimulus",
+        "ray_transform_expected",
+        "update_program",
+        "update_commands",
+        "update_node_writes",
+        "update_boxes",
+        "skinning_commands",
+        "skinning_expected",
     ] {
         let table = layout_table(&vectors.manifest["layouts"][name]);
         assert_eq!(
