@@ -630,8 +630,7 @@ impl<'b> Unit<'b> {
         let mask_in = from_pop
             .mux(popped_mask_word, stepped_word.high(rays))
             .named("mask_in");
-        for i in 0..rays as usize {
-            let word = ray_words[i];
+        for (i, word) in ray_words.into_iter().enumerate() {
             let popped_word = plan.read(intervals.popped[i], late_packet);
             let current = from_pop
                 .mux(
