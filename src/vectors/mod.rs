@@ -46,7 +46,7 @@ use std::path::Path;
 use update::UpdateSheets;
 
 /// The version of the vectors' form, in the manifest.
-pub const VERSION: u32 = 1;
+pub const VERSION: u32 = 2;
 
 /// The manifest's name in the folder.
 const MANIFEST: &str = "manifest.json";

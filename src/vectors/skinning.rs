@@ -86,7 +86,13 @@ impl SkinSheets {
         let (mut vectors, mut rows) = (vec![], vec![]);
         let mut commands = vec![];
         let row_words = Record::influence_row(format).words();
-        for mesh in meshes.iter().chain(&directed) {
+        for (number, mesh) in meshes.iter().chain(&directed).enumerate() {
+            // With the record in front.
+            let room = 1 + 4 * mesh.palette.len() + 2 * mesh.rest.len();
+            let fits = (vectors.len() + room) as u64 <= 1 << config.address_bits;
+            if number >= meshes.len() && !fits {
+                continue;
+            }
             ensure!(
                 mesh.palette.len() as u32 <= config.skinning_joints,
                 "{} has {} joints, but the machine's palette holds {}; raise skinning.joints, or bind the object to fewer",

@@ -24,6 +24,8 @@ use Kind::{Mask, Unsigned};
 const DIRECTED: usize = 20;
 /// The most triangles of one of them: a tree over so many fits the fewest box registers, 2·log₂ 12 < 8.
 const MOST_TRIANGLES: usize = 12;
+/// More records than one of them takes in any memory, guards included.
+const ROOM: u64 = 40;
 /// By what part of the greatest side of its box an object's vertices move at most, in each coordinate.
 const MOTION: f64 = 1.0 / 64.0;
 
@@ -118,24 +120,31 @@ impl UpdateSheets {
             .map_err(|error| anyhow!("the machine: {error}"))?
             .machine;
         let mut rng = fastrand::Rng::with_seed(4);
-        let mut objects = objects_of(image, &mut rng);
+        let objects = objects_of(image, &mut rng);
         let mut memory = Memory::default();
-        for _ in 0..DIRECTED {
-            objects.push(directed(config, &mut rng)?);
-        }
-        let boxes = objects.len();
         let mut commands = vec![];
         for (number, object) in objects.iter().enumerate() {
             memory.guard(format, &mut rng);
-            // Boxes in another order than the objects'.
-            let index = (boxes - 1 - number) as u32;
             let command = memory
-                .add(format, machine, object, index)
+                .add(format, machine, object)
                 .with_context(|| format!("update program of object {number}"))?;
             commands.push(command);
         }
-        memory.guard(format, &mut rng);
         memory.check(config)?;
+        for _ in 0..DIRECTED {
+            if memory.most(format) + ROOM > 1 << config.address_bits {
+                break;
+            }
+            let object = directed(config, &mut rng)?;
+            memory.guard(format, &mut rng);
+            commands.push(memory.add(format, machine, &object)?);
+        }
+        // Boxes in another order than the objects'.
+        let boxes = (0..commands.len() as u32).rev();
+        for ((command, _), index) in commands.iter_mut().zip(boxes) {
+            command.box_index = index;
+        }
+        memory.guard(format, &mut rng);
         memory.run(folder, shape, &commands)
     }
 }
@@ -182,7 +191,6 @@ impl Memory {
         format: Format,
         machine: UpdateMachine,
         object: &Object,
-        box_index: u32,
     ) -> Result<(UpdateCommand, u64)> {
         let Object {
             tree,
@@ -195,7 +203,7 @@ impl Memory {
             program: self.program.len() as u32,
             vertex_base: (self.vertices.len() / Record::vertex(format).words()) as u32,
             node_base: (self.nodes.len() / Record::node(format).words()) as u32,
-            box_index,
+            box_index: 0,
         };
         let placement = place(
             tree,
@@ -222,12 +230,17 @@ impl Memory {
         Ok((command, rows))
     }
 
+    /// The records of the memory that has most.
+    fn most(&self, format: Format) -> u64 {
+        let vertices = self.vertices.len() / Record::vertex(format).words();
+        let nodes = self.nodes.len() / Record::node(format).words();
+        let rows = self.program.len() / Program::ROW_BYTES;
+        vertices.max(nodes).max(rows) as u64
+    }
+
     /// That the machine can address all of it.
     fn check(&self, config: &Config) -> Result<()> {
-        let format = config.format();
-        let most = (self.vertices.len() / Record::vertex(format).words())
-            .max(self.nodes.len() / Record::node(format).words())
-            .max(self.program.len() / Program::ROW_BYTES) as u64;
+        let most = self.most(config.format());
         ensure!(
             most <= 1 << config.address_bits,
             "the scene is too large for its address space: its objects and their update programs take {most} indices, but {} \
