@@ -6,7 +6,7 @@ use anyhow::{Context, Result, ensure};
 use dynrt::bkd::{BuildOptions, MemoryImage, build};
 use dynrt::config::Config;
 use dynrt::scene::animation::MachineScene;
-use dynrt::scene::{ANIMATED_NAMES, Frame, ImageSize, RayPacket, load_animated};
+use dynrt::scene::{BUILTIN_NAMES, Frame, ImageSize, RayPacket, load_animated};
 use dynrt::vectors::{self, Posed, Request, Summary};
 use std::path::{Path, PathBuf};
 
@@ -72,7 +72,7 @@ impl Args {
     fn moves(&self) -> bool {
         if let Some(rest) = self.scene.strip_prefix("builtin:") {
             let name = rest.split('?').next().unwrap_or(rest);
-            return ANIMATED_NAMES.contains(&name);
+            return !BUILTIN_NAMES.contains(&name);
         }
         let path = Path::new(&self.scene);
         let extension = path.extension().unwrap_or_default().to_ascii_lowercase();
