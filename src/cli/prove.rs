@@ -98,9 +98,16 @@ pub fn run(args: &Args) -> Result<()> {
         });
         report::json(path, &value)?;
     }
-    let of = counted(rows.len() as u64, if args.plant { "planted fault" } else { "proof" });
+    let of = counted(
+        rows.len() as u64,
+        if args.plant { "planted fault" } else { "proof" },
+    );
     if failed > 0 {
-        let wrong = if args.plant { "not refuted" } else { "without a proof" };
+        let wrong = if args.plant {
+            "not refuted"
+        } else {
+            "without a proof"
+        };
         bail!("{failed} of {of} {wrong}; see the table");
     }
     let seconds = clock.elapsed().as_secs_f64();

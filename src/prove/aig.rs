@@ -48,7 +48,10 @@ pub struct Graph {
 /// The name and the bit's number of `name[bit]`, or of a signal of one bit.
 fn bit_of(name: &str) -> Result<(&str, usize)> {
     match name.strip_suffix(']').and_then(|n| n.split_once('[')) {
-        Some((word, bit)) => Ok((word, bit.parse().with_context(|| format!("AIGER name {name}"))?)),
+        Some((word, bit)) => Ok((
+            word,
+            bit.parse().with_context(|| format!("AIGER name {name}"))?,
+        )),
         None => Ok((name, 0)),
     }
 }
@@ -66,7 +69,9 @@ impl Circuit {
         };
         let numbers = |line: &str| -> Result<Vec<u32>> {
             let parts = line.split(' ').map(|n| n.parse::<u32>());
-            parts.collect::<Result<_, _>>().with_context(|| format!("AIGER line {line:?}"))
+            parts
+                .collect::<Result<_, _>>()
+                .with_context(|| format!("AIGER line {line:?}"))
         };
         let header = numbers(&rest.join(" "))?;
         let &[most, inputs, registers, outputs, gates, ..] = &header[..] else {
@@ -81,7 +86,12 @@ impl Circuit {
             }
             _ => bail!("AIGER literal {literal} is defined twice or out of range"),
         };
-        let mut next = || lines.next().context("the AIGER file ends early").and_then(numbers);
+        let mut next = || {
+            lines
+                .next()
+                .context("the AIGER file ends early")
+                .and_then(numbers)
+        };
         for i in 0..inputs as usize {
             define(next()?[0], Node::Input(i))?;
         }
@@ -91,7 +101,9 @@ impl Circuit {
                 _ => bail!("an AIGER register has no next state"),
             }
         }
-        let roots = (0..outputs).map(|_| Ok(next()?[0])).collect::<Result<Vec<_>>>()?;
+        let roots = (0..outputs)
+            .map(|_| Ok(next()?[0]))
+            .collect::<Result<Vec<_>>>()?;
         for _ in 0..gates {
             match next()?[..] {
                 [gate, a, b] => define(gate, Node::And(a, b))?,
@@ -107,10 +119,14 @@ impl Circuit {
         }
         let mut name = |kind: char, i: usize| {
             let place = format!("{kind}{i}");
-            names.remove(&place).with_context(|| format!("AIGER {place} has no name"))
+            names
+                .remove(&place)
+                .with_context(|| format!("AIGER {place} has no name"))
         };
         Ok(Circuit {
-            inputs: (0..inputs as usize).map(|i| name('i', i)).collect::<Result<_>>()?,
+            inputs: (0..inputs as usize)
+                .map(|i| name('i', i))
+                .collect::<Result<_>>()?,
             outputs: (roots.into_iter().enumerate())
                 .map(|(i, root)| Ok((name('o', i)?, root)))
                 .collect::<Result<_>>()?,
@@ -140,7 +156,8 @@ impl Circuit {
         let mut outputs: Vec<(String, Vec<Literal>)> = vec![];
         for (name, root) in &self.outputs {
             let (word, bit) = bit_of(name)?;
-            let (literal, registers) = self.see_through(node(*root), &mut graph, &mut known)
+            let (literal, registers) = self
+                .see_through(node(*root), &mut graph, &mut known)
                 .with_context(|| format!("output {name}"))?;
             let expected = latency(word);
             if let Some(registers) = registers {
@@ -153,7 +170,10 @@ impl Circuit {
                 outputs.push((word.to_string(), vec![]));
             }
             let (_, bits) = outputs.last_mut().expect("there is one");
-            ensure!(bits.len() == bit, "the bits of output {word} are not in order");
+            ensure!(
+                bits.len() == bit,
+                "the bits of output {word} are not in order"
+            );
             bits.push(literal ^ (root & 1));
         }
         graph.outputs = outputs;
@@ -230,7 +250,9 @@ impl Graph {
 
     fn output(&self, name: &str) -> Result<&Vec<Literal>> {
         let found = self.outputs.iter().find(|(n, _)| n == name);
-        Ok(&found.with_context(|| format!("no output is called {name}"))?.1)
+        Ok(&found
+            .with_context(|| format!("no output is called {name}"))?
+            .1)
     }
 
     /// Where the bits of an input lie among all inputs, least significant first.
@@ -286,7 +308,12 @@ impl Graph {
             self.output(got)?.clone(),
             self.output(expected)?.clone(),
         );
-        ensure!(a.len() == b.len(), "{got} has {} bits, {expected} {}", a.len(), b.len());
+        ensure!(
+            a.len() == b.len(),
+            "{got} has {} bits, {expected} {}",
+            a.len(),
+            b.len()
+        );
         let mut same = TRUE;
         for (a, b) in a.into_iter().zip(b) {
             let differs = self.xor(a, b);
@@ -332,15 +359,28 @@ impl Graph {
         [header.into_bytes(), body].concat()
     }
 
-    /// The values of all nodes for 64 assignments of the inputs at once.
-    pub fn simulate(&self, inputs: &[u64]) -> Values<'_> {
-        let mut nodes = vec![0];
+    /// The values of all nodes, for 64 assignments of the inputs in each of `N` words.
+    pub fn evaluate<const N: usize>(&self, inputs: &[[u64; N]], nodes: &mut Vec<[u64; N]>) {
+        nodes.clear();
+        nodes.push([0; N]);
         nodes.extend(inputs);
-        let value = |l: Literal, nodes: &[u64]| nodes[node(l)] ^ 0u64.wrapping_sub(u64::from(l & 1));
         for [a, b] in &self.gates {
-            let gate = value(*a, &nodes) & value(*b, &nodes);
-            nodes.push(gate);
+            let (a, b) = (Graph::literal(nodes, *a), Graph::literal(nodes, *b));
+            nodes.push(std::array::from_fn(|word| a[word] & b[word]));
         }
+    }
+
+    /// A literal's values, those of all nodes being known.
+    pub fn literal<const N: usize>(nodes: &[[u64; N]], literal: Literal) -> [u64; N] {
+        let complement = 0u64.wrapping_sub(u64::from(literal & 1));
+        nodes[node(literal)].map(|word| word ^ complement)
+    }
+
+    /// The values of all nodes for 64 assignments of the inputs.
+    pub fn simulate(&self, inputs: &[u64]) -> Values<'_> {
+        let inputs: Vec<[u64; 1]> = inputs.iter().map(|word| [*word]).collect();
+        let mut nodes = vec![];
+        self.evaluate(&inputs, &mut nodes);
         Values { graph: self, nodes }
     }
 }
@@ -356,13 +396,13 @@ pub struct Fixed {
 /// What [`Graph::simulate`] computed.
 pub struct Values<'g> {
     graph: &'g Graph,
-    nodes: Vec<u64>,
+    nodes: Vec<[u64; 1]>,
 }
 
 impl Values<'_> {
     /// A literal, in each of 64 assignments.
     pub fn literal(&self, literal: Literal) -> u64 {
-        self.nodes[node(literal)] ^ 0u64.wrapping_sub(u64::from(literal & 1))
+        Graph::literal(&self.nodes, literal)[0]
     }
 
     /// An output word in the assignment of the given number.
@@ -371,7 +411,9 @@ impl Values<'_> {
     /// An output that does not exist.
     pub fn word(&self, name: &str, assignment: u32) -> Result<u64> {
         let bits = self.graph.output(name)?.iter().enumerate();
-        Ok(bits.fold(0, |word, (i, bit)| word | (self.literal(*bit) >> assignment & 1) << i))
+        Ok(bits.fold(0, |word, (i, bit)| {
+            word | (self.literal(*bit) >> assignment & 1) << i
+        }))
     }
 }
 
@@ -381,7 +423,13 @@ mod tests {
 
     /// y = a & b, with a register on each path, or on one only.
     fn circuit(registers: [bool; 2]) -> Circuit {
-        let next = |i: usize, input| if registers[i] { 6 + 2 * i as u32 } else { input };
+        let next = |i: usize, input| {
+            if registers[i] {
+                6 + 2 * i as u32
+            } else {
+                input
+            }
+        };
         let text = format!(
             "aag 5 2 2 1 1\n2\n4\n6 2\n8 4\n10\n10 {} {}\ni0 a\ni1 b\no0 y\nc\n",
             next(0, 2),
@@ -407,23 +455,40 @@ mod tests {
         assert!(error([true, false], 1).contains("paths of 1 and of 0 registers"));
         assert!(error([true, true], 2).contains("1 clocks after its inputs, not 2"));
         let text = "aag 2 1 1 1 0\n2\n4 4\n4\ni0 a\no0 y\nc\n";
-        let looped = Circuit::parse(text).expect("well formed").transparent(|_| 0);
+        let looped = Circuit::parse(text)
+            .expect("well formed")
+            .transparent(|_| 0);
         assert!(format!("{:#}", looped.err().expect("a loop")).contains("depends on"));
     }
 
     #[test]
     fn fixed_inputs_fold() {
-        let graph = circuit([false, false]).transparent(|_| 0).expect("balanced");
-        let fixed = |value| Fixed { input: "a".into(), bits: 0..1, value };
+        let graph = circuit([false, false])
+            .transparent(|_| 0)
+            .expect("balanced");
+        let fixed = |value| Fixed {
+            input: "a".into(),
+            bits: 0..1,
+            value,
+        };
         assert_eq!(graph.fixed(&[fixed(0)]).expect("an input").gates.len(), 0);
         let b = graph.fixed(&[fixed(1)]).expect("an input");
         assert_eq!(b.output("y").expect("y"), &vec![4]);
-        assert!(graph.fixed(&[Fixed { input: "x".into(), ..fixed(0) }]).is_err());
+        assert!(
+            graph
+                .fixed(&[Fixed {
+                    input: "x".into(),
+                    ..fixed(0)
+                }])
+                .is_err()
+        );
     }
 
     #[test]
     fn aiger_has_the_gates_that_matter() {
-        let graph = circuit([false, false]).transparent(|_| 0).expect("balanced");
+        let graph = circuit([false, false])
+            .transparent(|_| 0)
+            .expect("balanced");
         let root = graph.output("y").expect("y")[0];
         assert_eq!(graph.to_aiger(root), b"aig 3 2 0 1 1\n6\n\x02\x02".to_vec());
         assert_eq!(graph.to_aiger(TRUE), b"aig 2 2 0 1 0\n1\n".to_vec());

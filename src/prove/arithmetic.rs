@@ -55,18 +55,30 @@ pub struct Case {
 
 impl Case {
     fn all() -> Case {
-        Case { name: "all operands".into(), fixed: vec![], quick: true }
+        Case {
+            name: "all operands".into(),
+            fixed: vec![],
+            quick: true,
+        }
     }
 }
 
 fn fixed(input: &str, lsb: u32, width: u32, value: u64) -> Fixed {
-    Fixed { input: input.into(), bits: lsb..lsb + width, value }
+    Fixed {
+        input: input.into(),
+        bits: lsb..lsb + width,
+        value,
+    }
 }
 
 fn plant(what: &str, line: &str, from: &str, to: &str) -> Plant {
     Plant {
         what: what.into(),
-        edit: Edit { line: line.into(), from: from.into(), to: to.into() },
+        edit: Edit {
+            line: line.into(),
+            from: from.into(),
+            to: to.into(),
+        },
     }
 }
 
@@ -76,7 +88,12 @@ fn plant(what: &str, line: &str, from: &str, to: &str) -> Plant {
 /// A mistake in a unit's description.
 pub fn proofs(unit: &str, format: Format, clock_mhz: u32) -> Result<Vec<Equivalence>> {
     let units = Units::new(format, clock_mhz)?;
-    let odd = plant("a tie is rounded away from zero", "wire round_up", "& (", "& (1'b1 | ");
+    let odd = plant(
+        "a tie is rounded away from zero",
+        "wire round_up",
+        "& (",
+        "& (1'b1 | ",
+    );
     Ok(match unit {
         "add" => sums(&units.add, format, false, odd),
         "sub" => sums(&units.sub, format, true, odd),
@@ -86,14 +103,26 @@ pub fn proofs(unit: &str, format: Format, clock_mhz: u32) -> Result<Vec<Equivale
             reference: reference::product(format),
             cases: vec![Case::all()],
             method: Method::Reasoned,
-            plants: vec![odd, plant("an infinity is a number unless both are", "wire special =", "|", "&")],
+            plants: vec![
+                odd,
+                plant(
+                    "an infinity is a number unless both are",
+                    "wire special =",
+                    "|",
+                    "&",
+                ),
+            ],
         }],
         "reciprocal" => vec![Equivalence {
             module: units.reciprocal.clone(),
             what: "1 / a, exact then rounded once".into(),
             reference: reference::reciprocal(format),
             cases: vec![Case::all()],
-            method: if format.width() <= EXHAUSTIBLE { Method::Exhausted } else { Method::Reasoned },
+            method: if format.width() <= EXHAUSTIBLE {
+                Method::Exhausted
+            } else {
+                Method::Reasoned
+            },
             plants: vec![plant("rounding does not carry", " rounded = ", "+", "|")],
         }],
         "compare" => [
@@ -151,7 +180,12 @@ fn sums(module: &Rc<Module>, format: Format, subtract: bool, odd: Plant) -> Vec<
                 special("b", "an infinity or a NaN", ones),
             ],
             method: Method::Reasoned,
-            plants: vec![plant("infinities of unlike signs add up", "wire nan =", "&", "& 1'b0 &")],
+            plants: vec![plant(
+                "nothing ever gives a NaN",
+                "wire nan =",
+                "&",
+                "& 1'b0 &",
+            )],
         },
         Equivalence {
             module: module.clone(),
@@ -165,7 +199,10 @@ fn sums(module: &Rc<Module>, format: Format, subtract: bool, odd: Plant) -> Vec<
 }
 
 fn related(name: &str, what: &str, relation: Relation, format: Format) -> Result<Equivalence> {
-    let m = Builder::new(format!("fp_{name}"), format!("y = {what} in {format}."));
+    let m = Builder::new(
+        format!("fp_{name}"),
+        format!("{name} of a and b in {format}."),
+    );
     let (a, b) = (m.input("a", format.width()), m.input("b", format.width()));
     let y = match relation {
         Relation::Less => fp::less(format, a, b),
@@ -200,7 +237,12 @@ fn stepped(name: &str, ulps: i32, format: Format) -> Result<Equivalence> {
         reference: reference::step(format, ulps),
         cases: vec![Case::all()],
         method: Method::Reasoned,
-        plants: vec![plant("zero is never met", "wire to_zero", "=", "= 1'b0 &")],
+        plants: vec![plant(
+            "it steps one ulp too far up",
+            " sum = ",
+            " + (",
+            " + 1'b1 + (",
+        )],
     })
 }
 
@@ -259,7 +301,10 @@ impl Equivalence {
     fn gates(&self, folder: &Path, plant: Option<&Plant>) -> Result<Result<Graph, String>> {
         let name = self.module.name();
         let mut text = self.module.verilog().to_string();
-        ensure!(self.module.children().is_empty(), "{name} has children, which no reference stands in for");
+        ensure!(
+            self.module.children().is_empty(),
+            "{name} has children, which no reference stands in for"
+        );
         if let Some(plant) = plant {
             text = edited(&text, &plant.edit).with_context(|| name.to_string())?;
         }
@@ -278,7 +323,9 @@ impl Equivalence {
         let has_unit = self.reference.contains("dut dut");
         let of_unit = |word: &str| if word == "y" && has_unit { latency } else { 0 };
         let circuit = Circuit::parse(&aiger)?;
-        Ok(circuit.transparent(of_unit).map_err(|error| format!("{error:#}")))
+        Ok(circuit
+            .transparent(of_unit)
+            .map_err(|error| format!("{error:#}")))
     }
 }
 
@@ -292,7 +339,8 @@ fn reason(graph: &mut Graph, folder: &Path) -> Result<Outcome> {
     std::fs::write(folder.join("case.aig"), graph.to_aiger(differs)).context("case.aig")?;
     let found = folder.join("counterexample");
     let _ = std::fs::remove_file(&found);
-    let script = "read_aiger case.aig; strash; ifraig; dch; drwsat; iprove; write_cex -n counterexample";
+    let script =
+        "read_aiger case.aig; strash; ifraig; dch; drwsat; iprove; write_cex -n counterexample";
     let text = match tools::run(folder, CASE_LIMIT, "yosys-abc", &["-c", script])? {
         Ended::With { text, .. } => text,
         Ended::OutOfTime => {
@@ -314,7 +362,9 @@ fn reason(graph: &mut Graph, folder: &Path) -> Result<Outcome> {
             continue;
         };
         let place: usize = place.parse().context("ABC's counterexample")?;
-        *inputs.get_mut(place).context("ABC's counterexample has more inputs")? = value.parse()?;
+        *inputs
+            .get_mut(place)
+            .context("ABC's counterexample has more inputs")? = value.parse()?;
     }
     let values = graph.simulate(&inputs);
     ensure!(
@@ -345,18 +395,27 @@ fn exhaust(graph: &mut Graph) -> Result<Outcome> {
         0xffff_0000_ffff_0000,
         0xffff_ffff_0000_0000,
     ];
+    // Four words at once: 256 operands, of which each word's first two higher bits are the word's number.
+    const WORDS: usize = 4;
     let rest = places.len().saturating_sub(LOWEST.len());
-    let mut inputs = vec![0; graph.inputs.len()];
-    for high in 0..1u64 << rest {
+    let mut inputs = vec![[0; WORDS]; graph.inputs.len()];
+    let mut nodes = vec![];
+    for high in (0..1u64 << rest).step_by(WORDS) {
         for (i, place) in places.iter().enumerate() {
-            inputs[*place] = match LOWEST.get(i) {
+            inputs[*place] = std::array::from_fn(|word| match LOWEST.get(i) {
                 Some(pattern) => *pattern,
-                None => 0u64.wrapping_sub(high >> (i - LOWEST.len()) & 1),
-            };
+                None => 0u64.wrapping_sub((high + word as u64) >> (i - LOWEST.len()) & 1),
+            });
         }
-        let wrong = graph.simulate(&inputs).literal(differs);
-        if wrong != 0 {
-            return Ok(Outcome::Refuted(shown(graph, &inputs, wrong.trailing_zeros())?));
+        graph.evaluate(&inputs, &mut nodes);
+        let wrong = Graph::literal(&nodes, differs);
+        if let Some(word) = wrong.iter().position(|word| *word != 0) {
+            let inputs: Vec<u64> = inputs.iter().map(|words| words[word]).collect();
+            return Ok(Outcome::Refuted(shown(
+                graph,
+                &inputs,
+                wrong[word].trailing_zeros(),
+            )?));
         }
     }
     Ok(Outcome::Proved)
@@ -383,7 +442,11 @@ fn shown(graph: &Graph, inputs: &[u64], assignment: u32) -> Result<String> {
     let mut text = String::new();
     for (i, name) in ["a", "b", "y", "expected"].into_iter().enumerate() {
         let comma = if i > 0 { ", " } else { "" };
-        let _ = write!(text, "{comma}{name} = {:#x}", values.word(name, assignment)?);
+        let _ = write!(
+            text,
+            "{comma}{name} = {:#x}",
+            values.word(name, assignment)?
+        );
     }
     Ok(text)
 }

@@ -31,7 +31,10 @@ struct Law {
 }
 
 fn law(what: &str, holds: impl Into<String>) -> Law {
-    Law { what: what.into(), holds: holds.into() }
+    Law {
+        what: what.into(),
+        holds: holds.into(),
+    }
 }
 
 /// A module, what is assumed of what surrounds it, and its laws.
@@ -52,7 +55,11 @@ pub struct Induction {
 fn plant(what: &str, line: &str, from: &str, to: &str) -> Plant {
     Plant {
         what: what.into(),
-        edit: Edit { line: line.into(), from: from.into(), to: to.into() },
+        edit: Edit {
+            line: line.into(),
+            from: from.into(),
+            to: to.into(),
+        },
     }
 }
 
@@ -71,7 +78,11 @@ pub fn proofs(unit: &str, config: &Config) -> Result<Vec<Induction>> {
         found.with_context(|| format!("the machine has no module {name}"))
     };
     let named = |part: &str| {
-        let found: Vec<_> = all.iter().filter(|m| m.name().contains(part)).cloned().collect();
+        let found: Vec<_> = all
+            .iter()
+            .filter(|m| m.name().contains(part))
+            .cloned()
+            .collect();
         ensure!(!found.is_empty(), "the machine has no module called {part}");
         Ok(found)
     };
@@ -101,15 +112,22 @@ const START: &str = "
 
 fn port_width(module: &Module, name: &str) -> Result<u32> {
     let port = module.port(name);
-    Ok(port.with_context(|| format!("{} has no port {name}", module.name()))?.width)
+    Ok(port
+        .with_context(|| format!("{} has no port {name}", module.name()))?
+        .width)
 }
 
 /// The text between `before` and `after` where it first stands in an emitted module.
 fn between<'t>(module: &'t Module, before: &str, after: &str) -> Result<&'t str> {
     let text = module.verilog();
-    let found = text.split_once(before).and_then(|(_, rest)| rest.split_once(after));
+    let found = text
+        .split_once(before)
+        .and_then(|(_, rest)| rest.split_once(after));
     let (inner, _) = found.with_context(|| {
-        format!("{}: its Verilog has no {before:?}; the laws must follow the unit", module.name())
+        format!(
+            "{}: its Verilog has no {before:?}; the laws must follow the unit",
+            module.name()
+        )
     })?;
     Ok(inner)
 }
@@ -127,7 +145,9 @@ fn pipeline_bits(module: &Module, last: &str) -> Result<Vec<String>> {
         let place: u32 = place.parse().with_context(|| format!("{last} = {text}"))?;
         return Ok((0..=place).map(|i| format!("{line}_delay[{i}]")).collect());
     }
-    let (name, stage) = text.rsplit_once("_s").with_context(|| format!("{last} = {text}"))?;
+    let (name, stage) = text
+        .rsplit_once("_s")
+        .with_context(|| format!("{last} = {text}"))?;
     let stage: u32 = stage.parse().with_context(|| format!("{last} = {text}"))?;
     Ok((1..=stage).map(|i| format!("{name}_s{i}")).collect())
 }
@@ -144,15 +164,26 @@ fn queues(module: &Module) -> Result<Vec<Queue>> {
     let text = module.verilog();
     let mut found = vec![];
     for (at, _) in text.match_indices("\n  fifo_") {
-        let instance = &text[at..at + text[at..].find("\n  );").context("an instance has an end")?];
+        let instance = &text[at..at
+            + text[at..]
+                .find("\n  );")
+                .context("an instance has an end")?];
         let connection = |port: &str| {
-            let rest = instance.split_once(&format!("    .{port}(")).map(|(_, rest)| rest);
-            let line = rest.and_then(|r| r.lines().next()).map(|l| l.trim_end_matches(','));
+            let rest = instance
+                .split_once(&format!("    .{port}("))
+                .map(|(_, rest)| rest);
+            let line = rest
+                .and_then(|r| r.lines().next())
+                .map(|l| l.trim_end_matches(','));
             let inner = line.and_then(|l| l.strip_suffix(')'));
-            inner.map(str::to_string).with_context(|| format!("no .{port} in {instance:?}"))
+            inner
+                .map(str::to_string)
+                .with_context(|| format!("no .{port} in {instance:?}"))
         };
         let head: Vec<&str> = instance.split_whitespace().collect();
-        let depth = head[0].rsplit_once('x').and_then(|(_, depth)| depth.parse().ok());
+        let depth = head[0]
+            .rsplit_once('x')
+            .and_then(|(_, depth)| depth.parse().ok());
         found.push(Queue {
             name: head[1].to_string(),
             depth: depth.with_context(|| format!("the depth of {}", head[0]))?,
@@ -208,10 +239,17 @@ fn of_any_value(module: &Module) -> String {
             ports.push(format!("  input wire {range} {name}"));
         } else {
             ports.push(format!("  output wire {range} {name}"));
-            let _ = writeln!(body, "  (* anyseq *) wire {range} any_{name};\n  assign {name} = any_{name};");
+            let _ = writeln!(
+                body,
+                "  (* anyseq *) wire {range} any_{name};\n  assign {name} = any_{name};"
+            );
         }
     }
-    format!("module {} (\n{}\n);\n{body}endmodule\n", module.name(), ports.join(",\n"))
+    format!(
+        "module {} (\n{}\n);\n{body}endmodule\n",
+        module.name(),
+        ports.join(",\n")
+    )
 }
 
 /// Of a queue: what comes out is what went in, in order, once; nothing is lost and nothing overflows, given that it is
@@ -254,24 +292,56 @@ fn fifo(module: &Rc<Module>) -> Result<Induction> {
     );
     Ok(Induction {
         module: module.name().into(),
-        what: "words come out in order, each once; none is lost; no overflow; the front stays".into(),
+        what: "words come out in order, each once; none is lost; no overflow; the front stays"
+            .into(),
         texts: texts(module),
         observer,
         laws: vec![
-            law("the queue never holds more words than it has room for", format!("count <= {depth}")),
+            law(
+                "the queue never holds more words than it has room for",
+                format!("count <= {depth}"),
+            ),
             law("the head is a slot", format!("head < {depth}")),
-            law("the tail is as far from the head as there are words", "tail == f_tail"),
-            law("it shows a word where it holds one", "valid == (count != 0)"),
-            law("a watched word is held until it is popped", "!f_watching | f_ahead < count"),
-            law("a watched word keeps its slot", "!f_watching | f_stored == f_word"),
-            law("a watched word comes out in its turn", "!(f_watching & f_ahead == 0) | (valid & front == f_word)"),
-            law("a front word that is not popped stays", "!f_stays | (valid & front == f_front)"),
+            law(
+                "the tail is as far from the head as there are words",
+                "tail == f_tail",
+            ),
+            law(
+                "it shows a word where it holds one",
+                "valid == (count != 0)",
+            ),
+            law(
+                "a watched word is held until it is popped",
+                "!f_watching | f_ahead < count",
+            ),
+            law(
+                "a watched word keeps its slot",
+                "!f_watching | f_stored == f_word",
+            ),
+            law(
+                "a watched word comes out in its turn",
+                "!(f_watching & f_ahead == 0) | (valid & front == f_word)",
+            ),
+            law(
+                "a front word that is not popped stays",
+                "!f_stays | (valid & front == f_front)",
+            ),
         ],
         depth: 1,
         arrays: false,
         plants: vec![
-            plant("a push and a pop at once count as a push", "if (push ^ pop)", "push ^ pop", "push | pop"),
-            plant("a word is written beside its slot", "words[tail] <=", "tail", "head"),
+            plant(
+                "a push and a pop at once count as a push",
+                "if (push ^ pop)",
+                "push ^ pop",
+                "push | pop",
+            ),
+            plant(
+                "a word is written beside its slot",
+                "words[tail] <=",
+                "tail",
+                "head",
+            ),
         ],
     })
 }
@@ -280,7 +350,10 @@ fn fifo(module: &Rc<Module>) -> Result<Induction> {
 /// in any order.
 fn prefetch(module: &Rc<Module>) -> Result<Induction> {
     let depth = words(module, "words")?;
-    let (width, tag) = (port_width(module, "front")?, port_width(module, "request_tag")?);
+    let (width, tag) = (
+        port_width(module, "front")?,
+        port_width(module, "request_tag")?,
+    );
     let address = port_width(module, "request_address")?;
     let bits = tag + 2;
     let observer = format!(
@@ -387,8 +460,13 @@ fn credit(module: &Rc<Module>) -> Result<Induction> {
     let in_merge = to_node_queue.len();
     // The box is read behind as many registers as a node's bounds.
     let shown = between(module, "assign box_write_data = {", "}")?;
-    let (_, read) = shown.rsplit_once("_s").context("the box is read through registers")?;
-    let read: usize = read.trim().parse().context("the registers behind a box's read")?;
+    let (_, read) = shown
+        .rsplit_once("_s")
+        .context("the box is read through registers")?;
+    let read: usize = read
+        .trim()
+        .parse()
+        .context("the registers behind a box's read")?;
     let history = |name: &str, of: &str, length: usize| {
         format!(
             "  reg [{length}-1:0] {name};\n  always @(posedge clk) if (rst) {name} <= 0; else {name} <= {{{name}, {of}}};\n"
@@ -403,11 +481,39 @@ fn credit(module: &Rc<Module>) -> Result<Induction> {
     let sum: Vec<String> = (0..in_merge).map(|i| format!("f_nodes[{i}]")).collect();
     let mut laws = vec![];
     let _ = write!(observer, "  wire [7:0] f_merging = {};\n", sum.join(" + "));
+    // Programs have instructions of one kind each, and what comes out of a queue is what went in.
+    observer += "  always @* assume (!(is_reload & is_end));
+  always @* assume (!current_valid | (current_load + current_leaf + current_node + current_end <= 3'd1));
+";
+    laws.push(law(
+        "a decoded instruction is of one kind",
+        "!decoded | (decoded_load + decoded_leaf + decoded_node + decoded_end <= 3'd1)",
+    ));
     for (name, valid, ready, stays) in [
-        ("program row", "any_rows_left", "rows_fetch_ready", "fetch_row"),
-        ("vertex", "vertex_indices_valid", "vertices_fetch_ready", "1'b0"),
-        ("node write", "node_write_valid", "node_write_ready", "{node_write_address, node_write_mask}"),
-        ("box write", "box_write_valid", "box_write_ready", "box_write_address"),
+        (
+            "program row",
+            "any_rows_left",
+            "rows_fetch_ready",
+            "fetch_row",
+        ),
+        (
+            "vertex",
+            "vertex_indices_valid",
+            "vertices_fetch_ready",
+            "1'b0",
+        ),
+        (
+            "node write",
+            "node_write_valid",
+            "node_write_ready",
+            "{node_write_address, node_write_mask}",
+        ),
+        (
+            "box write",
+            "box_write_valid",
+            "box_write_ready",
+            "box_write_address",
+        ),
     ] {
         let id = name.replace(' ', "_");
         let _ = write!(
@@ -432,36 +538,84 @@ fn credit(module: &Rc<Module>) -> Result<Induction> {
             "an instruction's credit is in the queue or just decoded",
             format!("instructions_waiting == {} + decoded", instructions.count()),
         ),
-        law("no more instructions have credits than there is room", format!("instructions_waiting <= {}", most(instructions))),
+        law(
+            "no more instructions have credits than there is room",
+            format!("instructions_waiting <= {}", most(instructions)),
+        ),
         law(
             "a vertex index's credit is in the queue or just decoded",
-            format!("indices_under_way == {} + (decoded & decoded_load)", indices.count()),
+            format!(
+                "indices_under_way == {} + (decoded & decoded_load)",
+                indices.count()
+            ),
         ),
-        law("no more vertex indices have credits than there is room", format!("indices_under_way <= {}", most(indices))),
-        law("a node leaves the merge as long after it entered as it should", format!("{} == f_nodes[{}]", nodes.push, in_merge - 1)),
+        law(
+            "no more vertex indices have credits than there is room",
+            format!("indices_under_way <= {}", most(indices)),
+        ),
+        law(
+            "a node leaves the merge as long after it entered as it should",
+            format!("{} == f_nodes[{}]", nodes.push, in_merge - 1),
+        ),
         law(
             "a node's credit is in the queue or in the merge",
             format!("nodes_under_way == {} + f_merging", nodes.count()),
         ),
-        law("no more nodes have credits than there is room", format!("nodes_under_way <= {}", most(nodes))),
-        law("nothing is pushed to a full instruction queue", format!("!decoded | {} < {}", instructions.count(), most(instructions))),
-        law("nothing is pushed to a full node queue", format!("!{} | {} < {}", nodes.push, nodes.count(), most(nodes))),
-        law("no update starts while rows are left", "!any_rows_left | !start"),
-        law("a box is shown at an update's end only", "!box_shown | end_waits"),
-        law("an end belongs to a running update", "!end_waits | running"),
-        law("the box that is shown was read since the end came", "!box_shown | &f_ends"),
+        law(
+            "no more nodes have credits than there is room",
+            format!("nodes_under_way <= {}", most(nodes)),
+        ),
+        law(
+            "nothing is pushed to a full instruction queue",
+            format!(
+                "!decoded | {} < {}",
+                instructions.count(),
+                most(instructions)
+            ),
+        ),
+        law(
+            "nothing is pushed to a full node queue",
+            format!("!{} | {} < {}", nodes.push, nodes.count(), most(nodes)),
+        ),
+        law(
+            "no update starts while rows are left",
+            "!any_rows_left | !start",
+        ),
+        law(
+            "a box is shown at an update's end only",
+            "!box_shown | end_waits",
+        ),
+        law(
+            "a box is shown when all else is complete",
+            "!box_shown | all_complete",
+        ),
+        law(
+            "the box that is shown was read since the end came",
+            "!box_shown | &f_ends",
+        ),
     ]);
     Ok(Induction {
         module: module.name().into(),
-        what: "no credit is lost or invented, no queue overflows, what is shown at a port stays".into(),
+        what: "no credit is lost or invented, no queue overflows, what is shown at a port stays"
+            .into(),
         texts: texts(module),
         observer,
         laws,
         depth: in_merge.max(read) as u32 + 2,
         arrays: false,
         plants: vec![
-            plant("a credit comes back twice", "if (decode ^ take_instruction)", "decode ^ take_instruction", "take_instruction"),
-            plant("a node goes without room", "wire node_goes =", "& node_room", ""),
+            plant(
+                "a credit comes back twice",
+                "if (decode ^ take_instruction)",
+                "decode ^ take_instruction",
+                "take_instruction",
+            ),
+            plant(
+                "a node goes without room",
+                "wire node_goes =",
+                "& node_room",
+                "",
+            ),
         ],
     })
 }
@@ -523,15 +677,30 @@ fn packets(module: &Rc<Module>, packets: u32, rays: u32) -> Result<Induction> {
     ]);
     let zero = format!("{bits}'d0");
     let mut laws = vec![
-        law("as many packets are in the step pipeline as bits say", "f_stepping == f_step_bits"),
-        law("as many packets are in the pop pipeline as bits say", "f_popping == f_pop_bits"),
+        law(
+            "as many packets are in the step pipeline as bits say",
+            "f_stepping == f_step_bits",
+        ),
+        law(
+            "as many packets are in the pop pipeline as bits say",
+            "f_popping == f_pop_bits",
+        ),
         law(
             "no pop ends where a ray arrives",
-            format!("(f_soon & {{{}}}) == 0", popping.iter().rev().cloned().collect::<Vec<_>>().join(", ")),
+            format!(
+                "(f_soon & {{{}}}) == 0",
+                popping.iter().rev().cloned().collect::<Vec<_>>().join(", ")
+            ),
         ),
     ];
     for (i, (count, comes, goes)) in places.iter().enumerate() {
-        let before = |name: &str| if i == 0 { zero.clone() } else { format!("{name}{}", i - 1) };
+        let before = |name: &str| {
+            if i == 0 {
+                zero.clone()
+            } else {
+                format!("{name}{}", i - 1)
+            }
+        };
         let _ = write!(
             observer,
             "  wire [{bits}-1:0] f_change{i} = {change} + ({comes}) - ({goes});
@@ -541,7 +710,10 @@ fn packets(module: &Rc<Module>, packets: u32, rays: u32) -> Result<Induction> {
             change = before("f_change"),
         );
         laws.push(law(
-            &format!("packets are neither lost nor doubled up to {}", count.trim()),
+            &format!(
+                "packets are neither lost nor doubled up to {}",
+                count.trim()
+            ),
             format!("f_sum{i} == {} + {count}", before("f_sum")),
         ));
         laws.push(law(
@@ -553,7 +725,10 @@ fn packets(module: &Rc<Module>, packets: u32, rays: u32) -> Result<Induction> {
         "every packet is in one place or finished",
         format!("f_sum{} == f_total", places.len() - 1),
     ));
-    laws.push(law("no more packets are under way than there are", format!("f_total <= {packets}")));
+    laws.push(law(
+        "no more packets are under way than there are",
+        format!("f_total <= {packets}"),
+    ));
     for queue in &queues {
         laws.push(law(
             &format!("{} is popped only where it shows a word", queue.name),
@@ -572,15 +747,27 @@ fn packets(module: &Rc<Module>, packets: u32, rays: u32) -> Result<Induction> {
     }
     Ok(Induction {
         module: module.name().into(),
-        what: format!("every packet is in one place, no queue overflows; a machine of {packets} packets"),
+        what: format!(
+            "every packet is in one place, no queue overflows; a machine of {packets} packets"
+        ),
         texts: texts(module),
         observer,
         laws,
         depth: 1,
         arrays: false,
         plants: vec![
-            plant("a dropped entry's packet is lost", "assign retry_push =", "pop_dropped", "pop_dropped & ~pop_done"),
-            plant("a packet goes on and ends", "wire step_goes_nowhere =", "& ~", "| "),
+            plant(
+                "a dropped entry's packet is lost",
+                "assign retry_push =",
+                "pop_dropped",
+                "pop_dropped & ~pop_done",
+            ),
+            plant(
+                "a packet goes on and ends",
+                "wire step_goes_nowhere =",
+                "& ~",
+                "| ",
+            ),
         ],
     })
 }
@@ -589,11 +776,27 @@ fn packets(module: &Rc<Module>, packets: u32, rays: u32) -> Result<Induction> {
 fn held(queues: &[Queue]) -> Result<[(&'static str, &'static str, String); 2]> {
     let in_queue = |choice: &str, preferred: &str, other: &str| {
         let (preferred, other) = (queue(queues, preferred)?, queue(queues, other)?);
-        Ok::<_, anyhow::Error>(format!("({choice} ? {} != 0 : {} != 0)", preferred.count(), other.count()))
+        Ok::<_, anyhow::Error>(format!(
+            "({choice} ? {} != 0 : {} != 0)",
+            preferred.count(),
+            other.count()
+        ))
     };
     Ok([
-        ("node request", "request_waits", in_queue("request_waiting_choice", "step_queue", "entered_queue")?),
-        ("leaf", "leaf_waits", in_queue("leaf_waiting_choice", "step_leaf_queue", "entered_leaf_queue")?),
+        (
+            "node request",
+            "request_waits",
+            in_queue("request_waiting_choice", "step_queue", "entered_queue")?,
+        ),
+        (
+            "leaf",
+            "leaf_waits",
+            in_queue(
+                "leaf_waiting_choice",
+                "step_leaf_queue",
+                "entered_leaf_queue",
+            )?,
+        ),
     ])
 }
 
@@ -605,17 +808,40 @@ fn choices(module: &Rc<Module>) -> Result<Induction> {
     for queue in &queues {
         observer += &queue.view();
         let (push, count, depth) = (&queue.push, queue.count(), queue.depth);
-        let _ = writeln!(observer, "  always @* assume (!({push}) | {count} < {depth});");
+        let _ = writeln!(
+            observer,
+            "  always @* assume (!({push}) | {count} < {depth});"
+        );
     }
     let mut laws: Vec<Law> = (queues.iter())
-        .map(|q| law(&format!("{} holds no more than it has room for", q.name), format!("{} <= {}", q.count(), q.depth)))
+        .map(|q| {
+            law(
+                &format!("{} holds no more than it has room for", q.name),
+                format!("{} <= {}", q.count(), q.depth),
+            )
+        })
         .collect();
     for (name, waits, choice) in held(&queues)? {
-        laws.push(law(&format!("the {name} that waits is still in its queue"), format!("!{waits} | {choice}")));
+        laws.push(law(
+            &format!("the {name} that waits is still in its queue"),
+            format!("!{waits} | {choice}"),
+        ));
     }
     for (name, valid, ready, choice, takes) in [
-        ("node request", "node_request_valid", "node_request_ready", "request_choice", ["take_step_item", "take_pop_item"]),
-        ("leaf", "leaf_valid", "leaf_ready", "leaf_choice", ["take_step_leaf", "take_pop_leaf"]),
+        (
+            "node request",
+            "node_request_valid",
+            "node_request_ready",
+            "request_choice",
+            ["take_step_item", "take_pop_item"],
+        ),
+        (
+            "leaf",
+            "leaf_valid",
+            "leaf_ready",
+            "leaf_choice",
+            ["take_step_leaf", "take_pop_leaf"],
+        ),
     ] {
         let id = name.replace(' ', "_");
         let _ = write!(
@@ -633,8 +859,14 @@ fn choices(module: &Rc<Module>) -> Result<Induction> {
                 &format!("a {name} that is not taken stays, from the same queue"),
                 format!("!f_refused_{id} | ({valid} & {choice} == f_choice_{id})"),
             ),
-            law(&format!("one queue is popped where a {name} is taken, none elsewhere"), format!("({first} ^ {second}) == ({valid} & {ready})")),
-            law(&format!("no two queues are popped for a {name}"), format!("!({first} & {second})")),
+            law(
+                &format!("one queue is popped where a {name} is taken, none elsewhere"),
+                format!("({first} ^ {second}) == ({valid} & {ready})"),
+            ),
+            law(
+                &format!("no two queues are popped for a {name}"),
+                format!("!({first} & {second})"),
+            ),
         ]);
     }
     Ok(Induction {
@@ -646,22 +878,36 @@ fn choices(module: &Rc<Module>) -> Result<Induction> {
         depth: 1,
         arrays: false,
         plants: vec![
-            plant("a waiting request gives way", "wire request_choice =", "request_waits ?", "1'b0 ?"),
-            plant("a waiting leaf gives way", "wire leaf_choice =", "leaf_waits ?", "1'b0 ?"),
+            plant(
+                "a waiting request gives way",
+                "wire request_choice =",
+                "request_waits ?",
+                "1'b0 ?",
+            ),
+            plant(
+                "a waiting leaf gives way",
+                "wire leaf_choice =",
+                "leaf_waits ?",
+                "1'b0 ?",
+            ),
         ],
     })
 }
 
 /// Of the stack: what a pop reads is what was last pushed for that packet at that level. One packet and level, any, are
-/// watched. A packet's level goes up by 1 with a push and down by 1 with a pop.
+/// watched. A packet's level goes up by 1 with a push and down by 1 with a pop. It is assumed to be at most the stack's depth:
+/// beyond it the unit has long flagged an overflow.
 fn stack(module: &Rc<Module>, config: &Config) -> Result<Induction> {
     let (packets, levels) = (config.packets_in_flight, config.stack_depth);
     let pb = bits_for(u64::from(packets));
     let lb = bits_for(u64::from(levels) + 1);
-    let width = between(module, "  reg  [", ":0] stack_read;").map(|t| t.rsplit("reg  [").next().unwrap_or(t))?;
+    let width = between(module, "  reg  [", ":0] stack_read;")
+        .map(|t| t.rsplit("reg  [").next().unwrap_or(t))?;
     let level = between(module, "wire stack_full = ", " == ")?;
     let address = between(module, "if (stack_write) stack[", "] <=")?;
-    let data = between(module, "if (stack_write) stack[", ";")?.rsplit("<= ").next();
+    let data = between(module, "if (stack_write) stack[", ";")?
+        .rsplit("<= ")
+        .next();
     let data = data.context("the stack is written")?;
     let (packet_bits, level_bits) = address
         .trim_matches(['{', '}'])
@@ -676,7 +922,7 @@ fn stack(module: &Rc<Module>, config: &Config) -> Result<Induction> {
   (* anyconst *) wire [{pb}-1:0] f_packet;
   (* anyconst *) wire [{lb}-1:0] f_level;
   always @* assume (f_packet < {packets} & f_level < {levels});
-  always @* assume (step_packet < {packets} & {level} <= {levels} & pop[{pb}-1:0] < {packets} & level_below < {levels});
+  always @* assume (!pushes_last | (step_packet < {packets} & {level} <= {levels}));
   wire f_push = pushes_last & step_packet == f_packet & {level} == f_level & f_level != {levels};
   wire f_pop = pop_valid & !stack_empty & pop[{pb}-1:0] == f_packet & level_below == f_level;
   reg f_pushed, f_popped;
@@ -698,19 +944,40 @@ fn stack(module: &Rc<Module>, config: &Config) -> Result<Induction> {
     let push = between(module, "wire stack_write = ", " & ")?;
     Ok(Induction {
         module: module.name().into(),
-        what: format!("a pop reads what the packet's push at its level wrote; {packets} packets, {levels} levels"),
+        what: format!(
+            "a pop reads what the packet's push at its level wrote; {packets} packets, {levels} levels"
+        ),
         texts: texts(module),
         observer: observer.replace("pushes_last", push),
         laws: vec![
-            law("what was pushed stays until it is overwritten at its level", "!f_pushed | f_stored == f_word"),
-            law("a pop reads what was pushed", "!f_popped | stack_read == f_expected"),
-            law("a push to a full stack is not written", format!("!stack_write | {level} < {levels}")),
+            law(
+                "what was pushed stays until it is overwritten at its level",
+                "!f_pushed | f_stored == f_word",
+            ),
+            law(
+                "a pop reads what was pushed",
+                "!f_popped | stack_read == f_expected",
+            ),
+            law(
+                "a push to a full stack is not written",
+                format!("!stack_write | {level} < {levels}"),
+            ),
         ],
         depth: 1,
         arrays: true,
         plants: vec![
-            plant("a pop reads its own level, not the one below", "stack_read <= stack[", "level_below[", "pop["),
-            plant("a full stack is written", "wire stack_write =", "& ~stack_full", ""),
+            plant(
+                "a pop reads another level",
+                "stack_read <= stack[",
+                "level_below",
+                "~level_below",
+            ),
+            plant(
+                "a full stack is written",
+                "wire stack_write =",
+                "& ~stack_full",
+                "",
+            ),
         ],
     })
 }
@@ -728,13 +995,21 @@ impl Induction {
     pub fn prove(&self, folder: &Path, plant: Option<&Plant>) -> Result<(usize, Outcome)> {
         let (text, first_law) = self.text(plant)?;
         std::fs::write(folder.join("laws.sv"), text).context("laws.sv")?;
-        let memory = if self.arrays { "memory_collect" } else { "memory -nordff" };
-        let write = if self.arrays { "write_smt2" } else { "write_smt2 -nomem" };
+        let memory = if self.arrays {
+            "memory_collect"
+        } else {
+            "memory -nordff"
+        };
+        let write = if self.arrays {
+            "write_smt2"
+        } else {
+            "write_smt2 -nomem"
+        };
         tools::yosys(
             folder,
             &format!(
-                "read_verilog -formal -sv laws.sv; hierarchy -check -top {}; proc; flatten; opt -nodffe -nosdff; \
-                 {memory}; opt -nodffe -nosdff; delete -output o:*; opt_clean -purge; dffunmap; opt_clean; \
+                "read_verilog -formal -sv laws.sv; hierarchy -check -top {}; proc; flatten; delete -output o:*; \
+                 opt -purge -nodffe -nosdff; {memory}; opt -purge -nodffe -nosdff; dffunmap; opt_clean -purge; \
                  {write} laws.smt2",
                 self.module
             ),
@@ -755,17 +1030,31 @@ impl Induction {
                 args.push("--unroll");
             }
             args.push("laws.smt2");
-            let stage = if induction { "a step of the induction" } else { "after reset" };
+            let stage = if induction {
+                "a step of the induction"
+            } else {
+                "after reset"
+            };
             let text = match tools::run(folder, LIMIT, "yosys-smtbmc", &args)? {
                 Ended::With { text, .. } => text,
                 Ended::OutOfTime => {
                     let limit = LIMIT.as_secs();
-                    return Ok((0, Outcome::Undecided(format!("{stage}: z3 takes more than {limit} s"))));
+                    return Ok((
+                        0,
+                        Outcome::Undecided(format!("{stage}: z3 takes more than {limit} s")),
+                    ));
                 }
             };
-            let last = text.lines().rev().find(|line| line.contains("Status:")).unwrap_or_default();
+            let last = text
+                .lines()
+                .rev()
+                .find(|line| line.contains("Status:"))
+                .unwrap_or_default();
             if last.ends_with("FAILED") {
-                return Ok((0, Outcome::Refuted(format!("{stage}: {}", self.broken(&text, first_law)))));
+                return Ok((
+                    0,
+                    Outcome::Refuted(format!("{stage}: {}", self.broken(&text, first_law))),
+                ));
             }
             if !last.ends_with("PASSED") {
                 let line = text.lines().last().unwrap_or("smtbmc says nothing").trim();
@@ -786,7 +1075,7 @@ impl Induction {
         };
         let end = edited.rfind("endmodule").context("a module has an end")?;
         let mut text = format!("{}{}", &edited[..end], self.observer);
-        text += "  always @(posedge clk) if (f_started) begin\n";
+        text += "  always @* if (f_started) begin\n";
         let first_law = text.lines().count() + 1;
         for law in &self.laws {
             let _ = writeln!(text, "    assert ({}); // {}", law.holds, law.what);
@@ -801,15 +1090,24 @@ impl Induction {
     fn broken(&self, text: &str, first_law: usize) -> String {
         let mut broken: Vec<&str> = vec![];
         for line in text.lines().filter(|line| line.contains("Assert failed")) {
-            let number = line.split_once("laws.sv:").and_then(|(_, rest)| rest.split(['.', '-']).next());
-            let law = number.and_then(|n| n.parse::<usize>().ok()).and_then(|n| n.checked_sub(first_law));
+            let number = line
+                .split_once("laws.sv:")
+                .and_then(|(_, rest)| rest.split(['.', '-']).nth(2));
+            let law = number
+                .and_then(|n| n.parse::<usize>().ok())
+                .and_then(|n| n.checked_sub(first_law));
             if let Some(law) = law.and_then(|n| self.laws.get(n)) {
                 broken.push(&law.what);
             }
         }
         broken.dedup();
-        let step = text.lines().rev().find_map(|line| line.split_once(" in step ").map(|(_, n)| n));
-        let clock = step.map_or(String::new(), |step| format!(" at clock {}", step.trim_end_matches('.')));
+        let step = text
+            .lines()
+            .rev()
+            .find_map(|line| line.split_once(" in step ").map(|(_, n)| n));
+        let clock = step.map_or(String::new(), |step| {
+            format!(" at clock {}", step.trim_end_matches('.'))
+        });
         match broken.is_empty() {
             true => format!("a law fails{clock}"),
             false => format!("not so{clock}: {}", broken.join("; ")),

@@ -21,13 +21,28 @@ pub const UNITS: [(&str, &str); 11] = [
     ("sub", "fp_sub: the difference of any two operands"),
     ("mul", "fp_mul: the product of any two operands"),
     ("reciprocal", "fp_reciprocal: the reciprocal of any operand"),
-    ("compare", "less, less or equal, equal, min, max of any two operands"),
+    (
+        "compare",
+        "less, less or equal, equal, min, max of any two operands",
+    ),
     ("step", "steps of three ulps from any operand"),
-    ("fifo", "every queue: order, no loss, no duplicate, no overflow"),
-    ("prefetch", "words read ahead: order, slots, port, nothing waits for itself"),
+    (
+        "fifo",
+        "every queue: order, no loss, no duplicate, no overflow",
+    ),
+    (
+        "prefetch",
+        "words read ahead: order, slots, port, nothing waits for itself",
+    ),
     ("credit", "the update processor's credits and ports"),
-    ("tpu", "the traversal unit's packets, queues, ports and choices"),
-    ("stack", "the traversal unit's stack: a pop reads what the push wrote"),
+    (
+        "tpu",
+        "the traversal unit's packets, queues, ports and choices",
+    ),
+    (
+        "stack",
+        "the traversal unit's stack: a pop reads what the push wrote",
+    ),
 ];
 
 /// How a proof ended.
@@ -98,11 +113,16 @@ impl Row {
 fn edited(text: &str, edit: &Edit) -> Result<String> {
     let found: Vec<usize> = text.match_indices(&edit.line).map(|(at, _)| at).collect();
     let &[start] = &found[..] else {
-        bail!("{} lines contain {:?}, where a fault should be planted", found.len(), edit.line);
+        bail!(
+            "{} lines contain {:?}, where a fault should be planted",
+            found.len(),
+            edit.line
+        );
     };
     let end = text[start..].find(';').map_or(text.len(), |n| start + n);
     let at = text[start..end].find(&edit.from);
-    let at = start + at.with_context(|| format!("{:?} is not behind {:?}", edit.from, edit.line))?;
+    let at =
+        start + at.with_context(|| format!("{:?} is not behind {:?}", edit.from, edit.line))?;
     Ok([&text[..at], &edit.to, &text[at + edit.from.len()..]].concat())
 }
 
@@ -114,7 +134,10 @@ pub fn check_units(names: &[String]) -> Result<()> {
     for name in names {
         if !UNITS.iter().any(|(unit, _)| unit == name) {
             let all: Vec<&str> = UNITS.iter().map(|(unit, _)| *unit).collect();
-            bail!("{name}: nothing of this name can be proved; use {}", all.join(", "));
+            bail!(
+                "{name}: nothing of this name can be proved; use {}",
+                all.join(", ")
+            );
         }
     }
     Ok(())
@@ -169,7 +192,9 @@ fn subjects(unit: &str, config: &Config) -> Result<Vec<Subject>> {
     let equivalences = arithmetic::proofs(unit, config.format(), config.clock_mhz)?;
     let inductions = control::proofs(unit, config)?;
     let equivalences = equivalences.into_iter().map(Subject::Equivalence);
-    Ok(equivalences.chain(inductions.into_iter().map(Subject::Induction)).collect())
+    Ok(equivalences
+        .chain(inductions.into_iter().map(Subject::Induction))
+        .collect())
 }
 
 impl Subject {
@@ -204,9 +229,10 @@ impl Subject {
     ) -> Result<Row> {
         let clock = Instant::now();
         let (how, (cases, outcome)) = match self {
-            Subject::Equivalence(proof) => {
-                (proof.how(), proof.prove(folder, options.quick, plant, done)?)
-            }
+            Subject::Equivalence(proof) => (
+                proof.how(),
+                proof.prove(folder, options.quick, plant, done)?,
+            ),
             Subject::Induction(proof) => (proof.how(), proof.prove(folder, plant)?),
         };
         Ok(Row {
@@ -228,9 +254,16 @@ mod tests {
 
     #[test]
     fn an_edit_changes_one_place() {
-        let edit = |line: &str| Edit { line: line.into(), from: "+".into(), to: "-".into() };
+        let edit = |line: &str| Edit {
+            line: line.into(),
+            from: "+".into(),
+            to: "-".into(),
+        };
         let text = "wire a = b + c + d;\nwire e = f;\n";
-        assert_eq!(edited(text, &edit("wire a")).unwrap(), "wire a = b - c + d;\nwire e = f;\n");
+        assert_eq!(
+            edited(text, &edit("wire a")).unwrap(),
+            "wire a = b - c + d;\nwire e = f;\n"
+        );
         assert!(edited(text, &edit("wire")).is_err());
         assert!(edited(text, &edit("wire e")).is_err());
     }

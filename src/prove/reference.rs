@@ -150,7 +150,10 @@ endmodule
 }
 
 fn operand_inputs(format: Format) -> String {
-    format!("  input wire [{}:0] operand_a, operand_b,", format.width() - 1)
+    format!(
+        "  input wire [{}:0] operand_a, operand_b,",
+        format.width() - 1
+    )
 }
 
 /// Of what kind the operands are. A zero's fraction means nothing.

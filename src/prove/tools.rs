@@ -35,7 +35,11 @@ pub fn check() -> Result<()> {
     }
     for (tool, package) in PACKAGES {
         let mut command = Command::new(tool);
-        command.arg("-h").stdin(Stdio::null()).stdout(Stdio::null()).stderr(Stdio::null());
+        command
+            .arg("-h")
+            .stdin(Stdio::null())
+            .stdout(Stdio::null())
+            .stderr(Stdio::null());
         match command.status() {
             Ok(_) => {}
             Err(error) if error.kind() == ErrorKind::NotFound => {
@@ -88,7 +92,11 @@ pub fn yosys(folder: &Path, script: &str) -> Result<()> {
         Ended::With { success: true, .. } => Ok(()),
         Ended::With { text, .. } => {
             let line = text.lines().find(|line| line.contains("ERROR"));
-            bail!("Yosys: {}", line.or(text.lines().last()).unwrap_or("fails without a word"))
+            bail!(
+                "Yosys: {}",
+                line.or(text.lines().last())
+                    .unwrap_or("fails without a word")
+            )
         }
         Ended::OutOfTime => bail!("Yosys takes more than {} s", LIMIT.as_secs()),
     }
