@@ -13,6 +13,7 @@ pub mod hdl;
 pub mod hw;
 pub mod port;
 pub mod program;
+pub mod prove;
 pub mod report;
 pub mod scene;
 pub mod vectors;

@@ -5,6 +5,7 @@ mod cosim;
 mod frame;
 mod generate;
 mod program;
+mod prove;
 mod render;
 mod stats;
 mod vectors;
@@ -27,6 +28,7 @@ Examples:
   dynrt render model.obj --view inside --out a.png   the same picture from the golden model, at once
   dynrt stats model.obj                              what trees of the mesh cost
   dynrt program model.obj                            the program that updates that tree when vertices move
+  dynrt prove --quick                                proofs about that Verilog by open tools
   dynrt vectors builtin:cornell --out vectors        stimulus and expected results for other simulators
   dynrt COMMAND --help                               all options, with examples
 
@@ -52,6 +54,7 @@ enum Command {
     Render(render::Args),
     Stats(stats::Args),
     Program(program::Args),
+    Prove(prove::Args),
 }
 
 /// The heading of [`ConfigArgs`].
@@ -131,6 +134,7 @@ pub fn main() -> ExitCode {
         Command::Render(args) => render::run(&args),
         Command::Stats(args) => stats::run(&args),
         Command::Program(args) => program::run(&args),
+        Command::Prove(args) => prove::run(&args),
     };
     let Err(error) = result else {
         return ExitCode::SUCCESS;
