@@ -15,4 +15,5 @@ pub mod port;
 pub mod program;
 pub mod report;
 pub mod scene;
+pub mod synth;
 pub mod vectors;

@@ -6,6 +6,7 @@ mod generate;
 mod program;
 mod render;
 mod stats;
+mod synth;
 mod vectors;
 
 use anyhow::Result;
@@ -25,6 +26,7 @@ Examples:
   dynrt render model.obj --view inside --out a.png   the same picture from the golden model, at once
   dynrt stats model.obj                              what trees of the mesh cost
   dynrt program model.obj                            the program that updates that tree when vertices move
+  dynrt synth                                        what the machine takes of a Virtex-4, unit by unit
   dynrt vectors builtin:cornell --out vectors        stimulus and expected results for other simulators
   dynrt COMMAND --help                               all options, with examples
 
@@ -49,6 +51,7 @@ enum Command {
     Render(render::Args),
     Stats(stats::Args),
     Program(program::Args),
+    Synth(synth::Args),
 }
 
 /// The heading of [`ConfigArgs`].
@@ -127,6 +130,7 @@ pub fn main() -> ExitCode {
         Command::Render(args) => render::run(&args),
         Command::Stats(args) => stats::run(&args),
         Command::Program(args) => program::run(&args),
+        Command::Synth(args) => synth::run(&args),
     };
     let Err(error) = result else {
         return ExitCode::SUCCESS;

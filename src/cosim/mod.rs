@@ -5,7 +5,7 @@
 //! casting unit, [`unit_tpu`], [`unit_geometry`] and [`unit_update`] drive one unit each, on a [`workload`], under a [`scoreboard`];
 //! [`mismatch`] says where RTL and golden model differ.
 
-mod build;
+pub(crate) mod build;
 pub mod memory;
 pub mod mismatch;
 pub mod model;
