@@ -1,5 +1,6 @@
 //! The command line: one file a subcommand, and what they share.
 
+mod constraints;
 mod cosim;
 mod frame;
 mod generate;
@@ -27,6 +28,7 @@ Examples:
   dynrt stats model.obj                              what trees of the mesh cost
   dynrt program model.obj                            the program that updates that tree when vertices move
   dynrt synth                                        what the machine takes of a Virtex-4, unit by unit
+  dynrt constraints --out build/constraints          from Verilog to a bitstream that tests itself
   dynrt vectors builtin:cornell --out vectors        stimulus and expected results for other simulators
   dynrt COMMAND --help                               all options, with examples
 
@@ -52,6 +54,7 @@ enum Command {
     Stats(stats::Args),
     Program(program::Args),
     Synth(synth::Args),
+    Constraints(constraints::Args),
 }
 
 /// The heading of [`ConfigArgs`].
@@ -131,6 +134,7 @@ pub fn main() -> ExitCode {
         Command::Stats(args) => stats::run(&args),
         Command::Program(args) => program::run(&args),
         Command::Synth(args) => synth::run(&args),
+        Command::Constraints(args) => constraints::run(&args),
     };
     let Err(error) = result else {
         return ExitCode::SUCCESS;

@@ -7,6 +7,7 @@
 //! | `wrapper` | shift registers at a module's ports, so that pins stay off its critical paths |
 //! | `cells` | what Yosys reports |
 //! | `timing` | what nextpnr reports, in the names of our modules |
+//! | [`constraints`], [`selftest`] | what takes a machine to a bitstream, and the design that it is of |
 //! | `store` | results that were reached before |
 //!
 //! Every module is synthesised alone, with all below it flattened into it, so that a unit's figures hold what it is made of, and
@@ -17,6 +18,8 @@
 //! where it was.
 
 mod cells;
+pub mod constraints;
+pub mod selftest;
 mod store;
 pub mod target;
 mod timing;
