@@ -271,9 +271,9 @@ fn ecp5_script(rtl: &str) -> String {
 
 fn simulation_script(rtl: &str) -> String {
     let (top, bench) = (selftest::TOP, selftest::BENCH);
-    let mut text = preamble(&format!(
-        "The self-test in Icarus Verilog: prints PASS or FAIL with the checksum of the hits."
-    ));
+    let mut text = preamble(
+        "The self-test in Icarus Verilog: prints PASS or FAIL with the checksum of the hits.",
+    );
     let _ = write!(
         text,
         "iverilog=$(need 'apt-get install iverilog' iverilog)\n\

@@ -23,7 +23,7 @@ const PICTURE: (u32, u32) = (16, 16);
 /// Bits that each field of a hit rotates the hash before it is added.
 const ROTATION: u32 = 7;
 /// Clocks in a row without a hit after which the bench gives up.
-const PATIENCE: u32 = 100_000;
+const PATIENCE: u32 = 10_000;
 
 /// The self-test of one machine.
 pub struct SelfTest {
