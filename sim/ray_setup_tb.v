@@ -33,6 +33,9 @@ module ray_setup_tb;
         .valid(running),
         .packet(packet),
         .ray(ray),
+        .first(1'b0),
+        .last(1'b0),
+        .object(1'b0),
         .active(in[`RAY_SETUP_STIMULUS_ACTIVE]),
         .any_hit(in[`RAY_SETUP_STIMULUS_ANY_HIT]),
         .origin_x(in[`RAY_SETUP_STIMULUS_ORIGIN_X]),
@@ -52,6 +55,9 @@ module ray_setup_tb;
         .out_valid(out_valid),
         .out_packet(out_packet),
         .out_ray(out_ray),
+        .out_first(),
+        .out_last(),
+        .out_object(),
         .out_enters(out[`RAY_SETUP_EXPECTED_ENTERS]),
         .out_near(out[`RAY_SETUP_EXPECTED_NEAR]),
         .out_far(out[`RAY_SETUP_EXPECTED_FAR]),
@@ -75,6 +81,7 @@ module ray_setup_tb;
         .out_direction_y(out[`RAY_SETUP_EXPECTED_DIRECTION_Y]),
         .out_direction_z(out[`RAY_SETUP_EXPECTED_DIRECTION_Z]),
 `endif
+        .next_packet(),
         .soon()
     );
 

@@ -40,15 +40,15 @@ module raycast_tb;
     wire [31:0]                   hit_instance, hit_triangle;
     wire                          node_request_ready, node_request_valid, node_response_valid;
     wire [`ADDRESS_BITS-1:0]      node_request_address;
-    wire [`PACKET_BITS-1:0]       node_request_tag, node_response_tag;
+    wire [`PACKET_BITS:0]         node_request_tag, node_response_tag;
     wire [`NODES_BITS-1:0]        node_response_data;
     wire                          record_request_ready, record_request_valid, record_response_valid;
     wire [`ADDRESS_BITS-1:0]      record_request_address;
-    wire [`PACKET_BITS-1:0]       record_request_tag, record_response_tag;
+    wire [`PACKET_BITS:0]         record_request_tag, record_response_tag;
     wire [`RECORDS_BITS-1:0]      record_response_data;
     wire                          vertex_request_ready, vertex_request_valid, vertex_response_valid;
     wire [`ADDRESS_BITS-1:0]      vertex_request_address;
-    wire [`PACKET_BITS+1:0]       vertex_request_tag, vertex_response_tag;
+    wire [`VERTEX_TAG_BITS-1:0]   vertex_request_tag, vertex_response_tag;
     wire [`VERTICES_BITS-1:0]     vertex_response_data;
     wire [39:0]                   count_packet_steps, count_ray_triangle_tests;
     wire                          stack_overflow;
@@ -115,13 +115,38 @@ module raycast_tb;
         .vertex_response_valid(vertex_response_valid),
         .vertex_response_tag(vertex_response_tag),
         .vertex_response_data(vertex_response_data),
+        // Nothing is skinned.
+        .skin_start_valid(1'b0),
+        .skin_start_palette({`ADDRESS_BITS{1'b0}}),
+        .skin_start_joints({`JOINT_COUNT_BITS{1'b0}}),
+        .skin_start_influences({`ADDRESS_BITS{1'b0}}),
+        .skin_start_rows({`ADDRESS_BITS{1'b0}}),
+        .skin_start_rest({`ADDRESS_BITS{1'b0}}),
+        .skin_start_vertices({`ADDRESS_BITS{1'b0}}),
+        .skin_start_target({`ADDRESS_BITS{1'b0}}),
+        .skin_start_ready(),
+        .skin_done(),
+        .skin_write_ready(1'b0),
+        .skin_write_valid(),
+        .skin_write_address(),
+        .skin_write_data(),
+        .influence_request_ready(1'b0),
+        .influence_request_valid(),
+        .influence_request_address(),
+        .influence_request_tag(),
+        .influence_response_valid(1'b0),
+        .influence_response_tag({`INFLUENCE_TAG_BITS{1'b0}}),
+        .influence_response_data({`INFLUENCE_ROW_BITS{1'b0}}),
         .count_cycles(),
         .count_packet_steps(count_packet_steps),
         .count_ray_triangle_tests(count_ray_triangle_tests),
+        .count_ray_transforms(),
         .count_tpu_busy_cycles(),
         .count_tpu_starved_cycles(),
         .count_gu_busy_cycles(),
         .count_gu_starved_cycles(),
+        .count_skin_influences(),
+        .count_skin_cycles(),
         .stack_high_water(),
         .stack_overflow(stack_overflow),
         .watch_start_valid(watch_start_valid),
@@ -140,15 +165,28 @@ module raycast_tb;
         .watch_test_ray(watch_test_ray),
         .watch_test_record(watch_test_record),
         .watch_test_hit(watch_test_hit),
+        .watch_test_instance(),
         .watch_test_replaces(),
         .watch_test_t(watch_test_t),
         .watch_test_u(watch_test_u),
-        .watch_test_v(watch_test_v)
+        .watch_test_v(watch_test_v),
+        .watch_transform_valid(),
+        .watch_transform_packet(),
+        .watch_transform_ray(),
+        .watch_transform_record(),
+        .watch_transform_near(),
+        .watch_transform_far(),
+        .watch_transform_origin_x(),
+        .watch_transform_origin_y(),
+        .watch_transform_origin_z(),
+        .watch_transform_direction_x(),
+        .watch_transform_direction_y(),
+        .watch_transform_direction_z()
     );
 
     memory #(
         .NAME("nodes.hex"), .WIDTH(`NODES_BITS), .LINES(`NODES_LINES),
-        .ADDRESS_BITS(`ADDRESS_BITS), .TAG_BITS(`PACKET_BITS)
+        .ADDRESS_BITS(`ADDRESS_BITS), .TAG_BITS(`PACKET_BITS + 1)
     ) nodes (
         .clk(clk), .rst(rst),
         .request_ready(node_request_ready), .request_valid(node_request_valid),
@@ -157,7 +195,7 @@ module raycast_tb;
     );
     memory #(
         .NAME("records.hex"), .WIDTH(`RECORDS_BITS), .LINES(`RECORDS_LINES),
-        .ADDRESS_BITS(`ADDRESS_BITS), .TAG_BITS(`PACKET_BITS)
+        .ADDRESS_BITS(`ADDRESS_BITS), .TAG_BITS(`PACKET_BITS + 1)
     ) records (
         .clk(clk), .rst(rst),
         .request_ready(record_request_ready), .request_valid(record_request_valid),
@@ -166,7 +204,7 @@ module raycast_tb;
     );
     memory #(
         .NAME("vertices.hex"), .WIDTH(`VERTICES_BITS), .LINES(`VERTICES_LINES),
-        .ADDRESS_BITS(`ADDRESS_BITS), .TAG_BITS(`PACKET_BITS + 2)
+        .ADDRESS_BITS(`ADDRESS_BITS), .TAG_BITS(`VERTEX_TAG_BITS)
     ) vertices (
         .clk(clk), .rst(rst),
         .request_ready(vertex_request_ready), .request_valid(vertex_request_valid),

@@ -19,6 +19,8 @@ module triangle_test_tb;
         .clk(clk), .running(running), .stimulus_now(in), .computed(out), .done(done), .failed()
     );
 
+    localparam [`NUMBER_BITS-2:0] INFINITE = {{`EXPONENT_BITS{1'b1}}, {(`NUMBER_BITS - 1 - `EXPONENT_BITS){1'b0}}};
+
     // Some inputs are due later than the others.
     wire [31:0] limits_line = test_replay.clock - `TRIANGLE_TEST_TMIN_STAGE;
     wire [`TRIANGLE_TEST_STIMULUS_BITS-1:0] limits = test_replay.stimulus[limits_line];
@@ -55,8 +57,43 @@ module triangle_test_tb;
         .direction_y(in[`TRIANGLE_TEST_STIMULUS_DIRECTION_Y]),
         .direction_z(in[`TRIANGLE_TEST_STIMULUS_DIRECTION_Z]),
 `endif
+        // Every slot is a test, in the world.
+        .matrix(1'b0),
+        .translation_x({`NUMBER_BITS{1'b0}}),
+        .translation_y({`NUMBER_BITS{1'b0}}),
+        .translation_z({`NUMBER_BITS{1'b0}}),
+        .weight({`NUMBER_BITS{1'b0}}),
+        .accumulate(1'b0),
+        .sum_a_0({`NUMBER_BITS{1'b0}}),
+        .sum_b_0({`NUMBER_BITS{1'b0}}),
+        .sum_a_1({`NUMBER_BITS{1'b0}}),
+        .sum_b_1({`NUMBER_BITS{1'b0}}),
+        .sum_a_2({`NUMBER_BITS{1'b0}}),
+        .sum_b_2({`NUMBER_BITS{1'b0}}),
+        .sum_a_3({`NUMBER_BITS{1'b0}}),
+        .sum_b_3({`NUMBER_BITS{1'b0}}),
+        .sum_a_4({`NUMBER_BITS{1'b0}}),
+        .sum_b_4({`NUMBER_BITS{1'b0}}),
+        .sum_a_5({`NUMBER_BITS{1'b0}}),
+        .sum_b_5({`NUMBER_BITS{1'b0}}),
+        .window_near({1'b1, INFINITE}),
+        .window_far({1'b0, INFINITE}),
         .tmin(limits[`TRIANGLE_TEST_STIMULUS_TMIN]),
         .tmax(limits[`TRIANGLE_TEST_STIMULUS_TMAX]),
+        .moved_x(),
+        .moved_y(),
+        .moved_z(),
+        .weighted_x(),
+        .weighted_y(),
+        .weighted_z(),
+        .sum_0(),
+        .sum_1(),
+        .sum_2(),
+        .sum_3(),
+        .sum_4(),
+        .sum_5(),
+        .box_near(),
+        .box_far(),
         .hit(out[`TRIANGLE_TEST_EXPECTED_HIT]),
         .t(out[`TRIANGLE_TEST_EXPECTED_T]),
         .u(out[`TRIANGLE_TEST_EXPECTED_U]),

@@ -1408,7 +1408,7 @@ fn other_things_are_refused_in_one_line() {
     for (spec, expected) in [
         (
             "builtin:whale",
-            "builtin:whale: no such built-in scene; there are water, figure, teapot, cornell, interior, sphere, knot",
+            "builtin:whale: no such built-in scene; there are water, figure, reef, teapot, cornell, interior, sphere, knot",
         ),
         (
             "builtin:water?resolution=1",

@@ -8,8 +8,8 @@ mod common;
 use common::prepare;
 use dynrt::config::{Config, TriangleTest};
 use dynrt::cosim::scoreboard::{Category, Fault, UnitOptions, UnitReport};
-use dynrt::cosim::workload::Workload;
-use dynrt::cosim::{model, unit_geometry, unit_tpu};
+use dynrt::cosim::workload::{Workload, instanced_scene};
+use dynrt::cosim::{model, raycast, unit_geometry, unit_tpu};
 use dynrt::golden::Caster;
 use dynrt::port::Ray;
 
@@ -18,6 +18,9 @@ const MANY: u64 = 1_000_000;
 
 /// Transactions of tiny scenes that meet every category many times.
 const FEW: u64 = 60_000;
+
+/// Scenes that each machine of two levels casts rays into.
+const SCENES_OF_TWO_LEVELS: u32 = 12;
 
 fn seed() -> u64 {
     let seed = match std::env::var("DYNRT_SEED") {
@@ -40,7 +43,8 @@ fn check(run: Run, config: &Config, workload: Workload<'_>, seed: u64) -> UnitRe
 
 /// So many transactions of tiny scenes; each category must have been met.
 fn coincidences(run: Run, config: &Config, transactions: u64, seed: u64) -> u64 {
-    let report = check(run, config, Workload::Coincidences { transactions }, seed);
+    let workload = Workload::Coincidences { transactions };
+    let report = check(run, config, workload, seed);
     assert!(report.transactions >= transactions);
     let is_tpu = report.unit == "tpu";
     for (category, count) in &report.categories {
@@ -145,6 +149,10 @@ fn tpu_of_other_machines() {
     let seed = seed();
     for config in others() {
         coincidences(unit_tpu::run, &config, FEW, seed);
+        let transactions = FEW;
+        let workload = Workload::Instances { transactions };
+        let report = check(unit_tpu::run, &config, workload, seed);
+        assert!(report.transactions >= FEW);
     }
 }
 
@@ -156,15 +164,96 @@ fn geometry_of_other_machines() {
     }
 }
 
+/// Ray transformations of the geometry unit, and tests in objects' spaces between them.
+fn transforms_of_the_reference_machine(test: TriangleTest) {
+    let (config, seed) = (reference(test), seed());
+    let workload = Workload::Instances { transactions: MANY };
+    let run: Run = unit_geometry::run_transform;
+    let report = check(run, &config, workload, seed);
+    assert!(report.transactions >= MANY);
+    for (category, count) in &report.categories {
+        assert!(*count > 0, "no {}", category.name());
+    }
+}
+
+#[test]
+fn watertight_transforms_of_the_reference_machine() {
+    transforms_of_the_reference_machine(TriangleTest::Watertight);
+}
+
+#[test]
+fn moller_trumbore_transforms_of_the_reference_machine() {
+    transforms_of_the_reference_machine(TriangleTest::MollerTrumbore);
+}
+
+/// The geometry unit of other machines in scenes of two levels, by its tests this time.
+#[test]
+fn two_levels_in_the_geometry_unit_of_other_machines() {
+    let seed = seed();
+    for config in others() {
+        let transactions = FEW;
+        let workload = Workload::Instances { transactions };
+        let report = check(unit_geometry::run, &config, workload, seed);
+        assert!(report.transactions >= FEW);
+    }
+}
+
+/// Scenes of two levels through the whole ray casting unit: packet steps, ray transformations, triangle tests and hits, in all
+/// bits, for packets of every size, with both triangle tests.
+#[test]
+fn whole_machines_of_two_levels() {
+    let seed = seed();
+    let mut rng = fastrand::Rng::with_seed(seed);
+    for rays_per_packet in [1, 2, 4, 8] {
+        for triangle_test in [TriangleTest::Watertight, TriangleTest::MollerTrumbore] {
+            let config = Config {
+                rays_per_packet,
+                triangle_test,
+                packets_in_flight: rng.u32(4..=24),
+                clock_mhz: [50, 75, 100, 133][rng.usize(..4)],
+                memory_jitter: rng.u32(0..=20),
+                memory_in_order: rng.bool(),
+                memory_ready_percent: rng.u32(50..=100),
+                name: format!("{rays_per_packet} rays, {triangle_test:?}"),
+                ..Config::reference()
+            };
+            let (mut transforms, mut tests, mut hits) = (0, 0, 0);
+            for scene in 0..SCENES_OF_TWO_LEVELS {
+                let (image, rays) = instanced_scene(&config, 600, &mut rng).unwrap();
+                let options = raycast::Options {
+                    seed: rng.u64(..),
+                    ray_stall: [0.0, 0.3][rng.usize(..2)],
+                    hit_stall: [0.0, 0.3][rng.usize(..2)],
+                    ..raycast::Options::default()
+                };
+                let report = raycast::run(&config, &image, &rays, &options, &|_| ())
+                    .unwrap_or_else(|e| panic!("{}, scene {scene}: {e:#}", config.to_toml()));
+                assert_eq!(report.hits_checked, rays.len() as u64);
+                transforms += report.transforms_checked;
+                tests += report.tests_checked;
+                hits += report.hits.iter().filter(|hit| hit.is_hit()).count();
+            }
+            println!(
+                "{} rays, {triangle_test:?}: {transforms} transformations, {tests} tests, {hits} hits",
+                rays_per_packet
+            );
+            assert!(transforms > 1000 && tests > 1000 && hits > 100);
+        }
+    }
+}
+
 /// The checks check: faults in what is seldom looked at are noticed, and where only one field can show them the
 /// report marks that field.
 #[test]
 fn faults_are_noticed() {
     let (config, seed) = (Config::load("tiny").unwrap(), seed());
-    let faults: [(Run, &str, &str, &str); 5] = [
+    let one_level = Workload::Coincidences { transactions: FEW };
+    let two_levels = Workload::Instances { transactions: FEW };
+    let faults: [(Run, Workload<'_>, &str, &str, &str); 8] = [
         // A limit that is an ulp off.
         (
             unit_tpu::run,
+            one_level,
             "[limit_packet] <= limit_value;",
             "[limit_packet] <= limit_value ^ 24'd1;",
             "unit tpu",
@@ -172,6 +261,7 @@ fn faults_are_noticed() {
         // An entry popped is never dropped.
         (
             unit_tpu::run,
+            one_level,
             "(ray0_within |",
             "(1'b1 | ray0_within |",
             "unit tpu",
@@ -179,6 +269,7 @@ fn faults_are_noticed() {
         // A finished packet has hit nothing.
         (
             unit_tpu::run,
+            one_level,
             "assign finished_touched = ",
             "assign finished_touched = !",
             "* rays that have hit something",
@@ -186,6 +277,7 @@ fn faults_are_noticed() {
         // Of equal distances the last wins.
         (
             unit_geometry::run,
+            one_level,
             "(as_close & lower)",
             "as_close",
             "* replaces the closest",
@@ -193,19 +285,42 @@ fn faults_are_noticed() {
         // What is read back is an ulp off.
         (
             unit_geometry::run,
+            one_level,
             "assign read_v = ",
             "assign read_v = 24'd1 ^ ",
             "* v ",
         ),
+        // An instance that no ray enters ends its packet.
+        (
+            unit_tpu::run,
+            two_levels,
+            "start_nowhere & !setup_object",
+            "start_nowhere",
+            "unit tpu",
+        ),
+        // The interval in an object is an ulp off.
+        (
+            unit_geometry::run_transform,
+            two_levels,
+            "assign object_tmax = ",
+            "assign object_tmax = 24'd1 ^ ",
+            "* tmax",
+        ),
+        // Triangles in an object are of instance 0.
+        (
+            unit_geometry::run,
+            two_levels,
+            "assign read_instance = ",
+            "assign read_instance = 32'd1 ^ ",
+            "* instance",
+        ),
     ];
-    for (run, text, instead, said) in faults {
+    for (run, workload, text, instead, said) in faults {
         let options = UnitOptions {
             fault: Some(Fault { text, instead }),
             ..UnitOptions::new(seed)
         };
-        let transactions = FEW;
-        let report = run(&config, Workload::Coincidences { transactions }, &options)
-            .unwrap_or_else(|e| panic!("{e:#}"));
+        let report = run(&config, workload, &options).unwrap_or_else(|e| panic!("{e:#}"));
         let mismatch = report.mismatch.as_deref().unwrap_or("no mismatch");
         println!("{text} -> {instead}\n{mismatch}");
         assert_eq!(report.mismatches, 1);

@@ -84,11 +84,6 @@ pub fn build(
     options: &BuildOptions,
 ) -> Result<Tree> {
     ensure!(!triangles.is_empty(), "the mesh has no triangles");
-    ensure!(
-        matches!(options.axes_per_node, 1 | 2),
-        "a node has 1 or 2 axes, not {}",
-        options.axes_per_node
-    );
     for (number, triangle) in triangles.iter().enumerate() {
         for &index in triangle {
             let Some(vertex) = vertices.get(index as usize) else {
@@ -103,18 +98,63 @@ pub fn build(
             );
         }
     }
-    let count = triangles.len();
+    let boxes: Vec<Bounds> = (triangles.iter())
+        .map(|&triangle| Bounds::of_triangle(vertices, triangle))
+        .collect();
+    let leaves = Leaves {
+        plural: "triangles",
+        remedy: "simplify the mesh",
+    };
+    build_leaves(&boxes, leaves, options)
+}
+
+/// Builds the top-level tree over instances, of which these are the boxes in the world. The result depends on
+/// nothing but the arguments.
+///
+/// # Errors
+/// Where there is no box, one is not finite, or the greatest depth cannot hold so many.
+pub fn build_over_boxes(boxes: &[Bounds], options: &BuildOptions) -> Result<Tree> {
+    ensure!(!boxes.is_empty(), "the scene has no instances");
+    for (number, bounds) in boxes.iter().enumerate() {
+        ensure!(
+            (bounds.lo.iter().chain(&bounds.hi)).all(|x| x.is_finite()),
+            "the box of instance {number} is not finite; correct its matrix"
+        );
+    }
+    let leaves = Leaves {
+        plural: "instances",
+        remedy: "leave some out",
+    };
+    build_leaves(boxes, leaves, options)
+}
+
+/// What a tree's leaves are called where there are too many.
+struct Leaves {
+    plural: &'static str,
+    remedy: &'static str,
+}
+
+/// Builds a tree over at least one finite box.
+fn build_leaves(boxes: &[Bounds], leaves: Leaves, options: &BuildOptions) -> Result<Tree> {
+    ensure!(
+        matches!(options.axes_per_node, 1 | 2),
+        "a node has 1 or 2 axes, not {}",
+        options.axes_per_node
+    );
+    let count = boxes.len();
     super::layout::check_capacity(0, count as u64, super::layout::LINK_BITS)?;
     let max_depth = options.max_depth.min(MOST_DEPTH);
     ensure!(
         count as u64 <= 1 << max_depth,
-        "{count} triangles need a tree of depth {}, but the traversal stack allows {}; \
-         simplify the mesh or deepen the stack",
+        "{count} {} need a tree of depth {}, but the traversal stack allows {}; \
+         {} or deepen the stack",
+        leaves.plural,
         count.next_power_of_two().ilog2(),
-        options.max_depth
+        options.max_depth,
+        leaves.remedy
     );
 
-    let boxes = scaled_boxes(vertices, triangles);
+    let boxes = scaled_boxes(boxes);
     let all = (boxes.iter()).fold(SweepBox::EMPTY, |union, b| union.union(b));
     let mut builder = Builder {
         lists: sorted_lists(&boxes, options.sort_keys),
@@ -201,11 +241,8 @@ fn half_area([x, y, z]: [f32; 3]) -> f32 {
     x * y + y * z + z * x
 }
 
-/// The triangles' boxes, scaled by a power of two so that no coordinate exceeds 1 and no area overflows.
-fn scaled_boxes(vertices: &[[f64; 3]], triangles: &[[u32; 3]]) -> Vec<SweepBox> {
-    let exact: Vec<Bounds> = (triangles.iter())
-        .map(|&triangle| Bounds::of_triangle(vertices, triangle))
-        .collect();
+/// Boxes scaled by a power of two so that no coordinate exceeds 1 and no area overflows.
+fn scaled_boxes(exact: &[Bounds]) -> Vec<SweepBox> {
     let greatest = (exact.iter())
         .flat_map(|b| b.lo.into_iter().chain(b.hi))
         .fold(f64::MIN_POSITIVE, |greatest, x| greatest.max(x.abs()));

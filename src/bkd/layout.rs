@@ -20,7 +20,10 @@
 //! so that every triangle record is some node's: the record at the index of a node with two inner children, and
 //! the last one, serve the right leaves of nodes with two leaves.
 
-use anyhow::{Result, bail, ensure};
+use std::collections::HashMap;
+use std::collections::hash_map::Entry;
+
+use anyhow::{Result, anyhow, bail, ensure};
 use serde::Serialize;
 
 use super::tree::{Bounds, Child, Refit, Tree};
@@ -338,8 +341,8 @@ const LINK_WORD: [(&str, u32, &str); 5] = [
 
 /// Where a node's children lie, and the axes of their intervals.
 ///
-/// As an object's root: with `left_leaf` set the object is one triangle, record \[link]; otherwise link is
-/// the root node's index. The other fields are 0.
+/// As a root: with `left_leaf` set the tree is one leaf, record \[link]; otherwise link is the root node's index.
+/// `right_leaf` marks the root of a top-level tree, whose leaves are instances. The other fields are 0.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 pub struct LinkWord {
     /// Less than 2²⁶.
@@ -386,7 +389,7 @@ impl LinkWord {
         }
     }
 
-    /// What an object's root link word names.
+    /// What a root link word names.
     pub fn root(self) -> Target {
         if self.left_leaf {
             Target::Record(self.link)
@@ -400,7 +403,7 @@ impl LinkWord {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Target {
     Node(u32),
-    /// A triangle record: the child is a leaf.
+    /// A triangle record, in a top-level tree an instance record: the child is a leaf.
     Record(u32),
 }
 
@@ -423,17 +426,58 @@ pub struct TriangleRecord {
     pub number: u32,
 }
 
-/// All that the machine reads of a scene of one object: arrays indexed by the absolute indices that links and
-/// records hold. Numbers are values of `format`.
+/// An instance record in decoded form. It shares the array of the triangle records: the conversions keep its bits.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct InstanceRecord {
+    /// Index of the first of its six vectors in the vertex array: the columns of the matrix that takes a point of the
+    /// world to the object's space, the least and the greatest corner of its box in the world.
+    pub vectors: u32,
+    /// Its object's root.
+    pub root: LinkWord,
+    /// Its number in the scene, which ties and results use.
+    pub number: u32,
+}
+
+impl InstanceRecord {
+    /// Vectors of an instance in the vertex array.
+    pub const VECTORS: usize = 6;
+}
+
+impl From<InstanceRecord> for TriangleRecord {
+    /// The triangle record of the same bits.
+    fn from(instance: InstanceRecord) -> Self {
+        TriangleRecord {
+            vertices: [instance.vectors, instance.root.pack(), 0],
+            number: instance.number,
+        }
+    }
+}
+
+impl From<TriangleRecord> for InstanceRecord {
+    /// The instance record of the same bits; the unused field is left out.
+    fn from(record: TriangleRecord) -> Self {
+        let [vectors, root, _] = record.vertices;
+        InstanceRecord {
+            vectors,
+            root: LinkWord::unpack(root),
+            number: record.number,
+        }
+    }
+}
+
+/// All that the machine reads of a scene: arrays indexed by the absolute indices that links and records hold. Numbers
+/// are values of `format`. [`super::InstancedImage`] makes those of two levels.
 #[derive(Clone, Debug, PartialEq)]
 pub struct MemoryImage {
     pub format: Format,
-    /// As many as `records`: the object's last node slot is unused, as are slots below its base.
+    /// As many as `records`: an object's last node slot is unused, as are slots below its base.
     pub nodes: Vec<Node>,
+    /// Triangle records; below the root of two levels, instance records by their bits ([`InstanceRecord`]).
     pub records: Vec<TriangleRecord>,
     pub vertices: Vec<[f64; 3]>,
+    /// `right_leaf` marks a scene of two levels.
     pub root: LinkWord,
-    /// Least and greatest corner of the box of all triangles.
+    /// Least and greatest corner of the box of all triangles, or of all instances' boxes in the world.
     pub bounds: ([f64; 3], [f64; 3]),
 }
 
@@ -491,12 +535,22 @@ pub fn place(
     base: u32,
     vertex_base: u32,
 ) -> Result<Placement> {
-    check_capacity(u64::from(base), triangles.len() as u64, LINK_BITS)?;
-    let count = triangles.len();
-    let record = |number: u32| TriangleRecord {
+    place_records(tree, refit, order, base, |number| TriangleRecord {
         vertices: triangles[number as usize].map(|v| v + vertex_base),
         number,
-    };
+    })
+}
+
+/// [`place`] for leaves of any kind: `record` gives that of a leaf's number.
+pub(super) fn place_records(
+    tree: &Tree,
+    refit: &Refit,
+    order: &[u32],
+    base: u32,
+    record: impl Fn(u32) -> TriangleRecord,
+) -> Result<Placement> {
+    let count = tree.triangle_count();
+    check_capacity(u64::from(base), count as u64, LINK_BITS)?;
     if let Child::Leaf(number) = tree.root {
         return Ok(Placement {
             nodes: vec![Node::default()],
@@ -612,7 +666,43 @@ impl MemoryImage {
         })
     }
 
-    /// Inner nodes of the tree.
+    /// Whether the scene has two levels: the root is a top-level tree's.
+    pub fn is_instanced(&self) -> bool {
+        self.root.right_leaf
+    }
+
+    /// The indices of the records below a root, lowest first: an object's triangles, or the top-level tree's instances.
+    ///
+    /// # Errors
+    /// Where a link is not as the layout says.
+    pub fn records_below(&self, root: LinkWord) -> Result<Vec<u32>> {
+        let mut records = Vec::new();
+        Walk::new(self).tree(root, |record, _| records.push(record))?;
+        records.sort_unstable();
+        Ok(records)
+    }
+
+    /// The instance records of the top-level tree, lowest first: they lie one after another. Empty in a scene of one
+    /// level.
+    ///
+    /// # Errors
+    /// Where a link is not as the layout says, or there is a gap.
+    pub fn instance_records(&self) -> Result<std::ops::Range<u32>> {
+        if !self.is_instanced() {
+            return Ok(0..0);
+        }
+        let records = self.records_below(self.root)?;
+        let first = records[0];
+        let range = first..first + records.len() as u32;
+        ensure!(
+            records.last() == Some(&(range.end - 1)),
+            "the {} instance records do not lie one after another from {first} on; build the top-level tree anew",
+            records.len()
+        );
+        Ok(range)
+    }
+
+    /// Inner nodes of the tree, in a scene of one level.
     pub fn node_count(&self) -> usize {
         self.records.len() - 1
     }
@@ -689,69 +779,65 @@ impl MemoryImage {
             .collect()
     }
 
-    /// Inner nodes on the longest path from the root; each may push one entry on the traversal stack.
+    /// Inner nodes on the longest path from the root, of two levels both together; each may push one entry on the
+    /// traversal stack.
     ///
     /// # Errors
     /// Where a link or record is not as the layout says.
     pub fn depth(&self) -> Result<u32> {
-        let mut visited = vec![false; self.nodes.len()];
-        let mut reached = vec![false; self.records.len()];
+        let mut walk = Walk::new(self);
         let mut deepest = 0;
-        let mut open = vec![(self.root.root(), 0)];
-        while let Some((target, depth)) = open.pop() {
-            match target {
-                Target::Record(index) => {
-                    let Some(seen) = reached.get_mut(index as usize) else {
-                        bail!(
-                            "a link leads to triangle record {index}, but there are {}; build the tree anew",
-                            self.records.len()
-                        );
-                    };
-                    ensure!(
-                        !std::mem::replace(seen, true),
-                        "triangle record {index} is reached twice; build the tree anew"
-                    );
-                    deepest = deepest.max(depth);
-                }
-                Target::Node(index) => {
-                    let Some(seen) = visited.get_mut(index as usize) else {
-                        bail!(
-                            "a link leads to node {index}, but there are {}; build the tree anew",
-                            self.nodes.len()
-                        );
-                    };
-                    ensure!(
-                        !std::mem::replace(seen, true),
-                        "node {index} is reached twice; build the tree anew"
-                    );
-                    let link = self.nodes[index as usize].link;
-                    ensure!(
-                        link.left_axis < 3 && link.right_axis < 3,
-                        "node {index} has an axis other than 0, 1 and 2; build the tree anew"
-                    );
-                    open.extend(link.children(index).map(|child| (child, depth + 1)));
-                }
-            }
+        if !self.is_instanced() {
+            walk.tree(self.root, |_, depth| deepest = deepest.max(depth))?;
+            let missed = walk.reached.iter().filter(|seen| !**seen).count();
+            ensure!(
+                missed == 0,
+                "{missed} of {} triangle records are not reached from the root; build the tree anew",
+                walk.reached.len()
+            );
+            return Ok(deepest);
         }
-        let missed = reached.iter().filter(|seen| !**seen).count();
-        ensure!(
-            missed == 0,
-            "{missed} of {} triangle records are not reached from the root; build the tree anew",
-            reached.len()
-        );
+        let mut instances = Vec::new();
+        walk.tree(self.root, |record, depth| instances.push((record, depth)))?;
+        // An object is walked once, however many its instances.
+        let mut object_depths = HashMap::new();
+        for (index, top_depth) in instances {
+            let root = InstanceRecord::from(self.records[index as usize]).root;
+            ensure!(
+                !root.right_leaf,
+                "instance record {index} names the root of a top-level tree: levels do not nest; name an object's root"
+            );
+            let depth = match object_depths.entry(root) {
+                Entry::Occupied(known) => *known.get(),
+                Entry::Vacant(unknown) => {
+                    let mut depth = 0;
+                    (walk.tree(root, |_, leaf_depth| depth = depth.max(leaf_depth))).map_err(
+                        |error| anyhow!("the object of instance record {index}: {error}"),
+                    )?;
+                    *unknown.insert(depth)
+                }
+            };
+            deepest = deepest.max(top_depth + depth);
+        }
         Ok(deepest)
     }
 
     /// What is checked of an image before a machine with a stack of `stack_depth` entries may load it: every link
-    /// in range, every record reached exactly once, vertex indices in range, the tree no deeper than the
-    /// stack. (Whether memory holds it is [`check_capacity`]'s to say.)
+    /// in range, every record reached exactly once (of two levels: no record twice, but for an object's by several
+    /// instances; an object need not be instanced), indices of vertices and vectors in range, instances numbered from
+    /// 0 up, the tree no deeper than the stack. (Whether memory holds it is [`check_capacity`]'s to say.)
     ///
     /// # Errors
     /// One line that says what is wrong and what to do.
     pub fn check(&self, stack_depth: u32) -> Result<()> {
         check_capacity(0, self.records.len() as u64, LINK_BITS)?;
         ensure!(!self.records.is_empty(), "the scene has no triangles");
-        for (index, record) in self.records.iter().enumerate() {
+        let instances = self.instance_records()?;
+        self.check_instances(instances.clone())?;
+        for (index, record) in (0u32..).zip(&self.records) {
+            if instances.contains(&index) {
+                continue;
+            }
             for vertex in record.vertices {
                 ensure!(
                     (vertex as usize) < self.vertices.len(),
@@ -762,10 +848,114 @@ impl MemoryImage {
         }
         let depth = self.depth()?;
         ensure!(
-            depth <= stack_depth,
+            depth <= stack_depth || self.is_instanced(),
             "the tree is {depth} nodes deep but the traversal stack holds {stack_depth} entries; \
              build it with a greatest depth of {stack_depth}"
         );
+        ensure!(
+            depth <= stack_depth,
+            "both levels together are {depth} nodes deep but the traversal stack holds {stack_depth} entries; \
+             build them with a greatest depth of {stack_depth} in all"
+        );
+        Ok(())
+    }
+
+    /// That instance records are sound but for their roots.
+    fn check_instances(&self, records: std::ops::Range<u32>) -> Result<()> {
+        let count = records.len();
+        let mut numbered = vec![false; count];
+        for index in records {
+            let record = self.records[index as usize];
+            let InstanceRecord {
+                vectors,
+                root,
+                number,
+            } = record.into();
+            ensure!(
+                vectors as usize + InstanceRecord::VECTORS <= self.vertices.len(),
+                "instance record {index} names vectors {vectors} and the {} after it, but there are {}; \
+                 build the top-level tree anew",
+                InstanceRecord::VECTORS - 1,
+                self.vertices.len()
+            );
+            ensure!(
+                root.left_axis == 0 && root.right_axis == 0 && record.vertices[2] == 0,
+                "instance record {index} has a field other than 0 where it must be 0; build the top-level tree anew"
+            );
+            let Some(taken) = numbered.get_mut(number as usize) else {
+                bail!(
+                    "instance record {index} has the number {number}, but there are {count} instances, counted from 0; \
+                     build the top-level tree anew"
+                );
+            };
+            ensure!(
+                !std::mem::replace(taken, true),
+                "two instances have the number {number}; build the top-level tree anew"
+            );
+        }
+        Ok(())
+    }
+}
+
+/// Walks trees by their links, and sees to it that nothing is reached twice.
+struct Walk<'a> {
+    image: &'a MemoryImage,
+    visited: Vec<bool>,
+    reached: Vec<bool>,
+}
+
+impl<'a> Walk<'a> {
+    fn new(image: &'a MemoryImage) -> Self {
+        Walk {
+            image,
+            visited: vec![false; image.nodes.len()],
+            reached: vec![false; image.records.len()],
+        }
+    }
+
+    /// Goes through the tree of a root and tells `leaf` each record's index and the number of inner nodes above it.
+    fn tree(&mut self, root: LinkWord, mut leaf: impl FnMut(u32, u32)) -> Result<()> {
+        let kind = if root.right_leaf {
+            "instance"
+        } else {
+            "triangle"
+        };
+        let mut open = vec![(root.root(), 0)];
+        while let Some((target, depth)) = open.pop() {
+            match target {
+                Target::Record(index) => {
+                    let Some(seen) = self.reached.get_mut(index as usize) else {
+                        bail!(
+                            "a link leads to {kind} record {index}, but there are {}; build the tree anew",
+                            self.image.records.len()
+                        );
+                    };
+                    ensure!(
+                        !std::mem::replace(seen, true),
+                        "{kind} record {index} is reached twice; build the tree anew"
+                    );
+                    leaf(index, depth);
+                }
+                Target::Node(index) => {
+                    let Some(seen) = self.visited.get_mut(index as usize) else {
+                        bail!(
+                            "a link leads to node {index}, but there are {}; build the tree anew",
+                            self.image.nodes.len()
+                        );
+                    };
+                    ensure!(
+                        !std::mem::replace(seen, true),
+                        "node {index} is reached twice; build the tree anew"
+                    );
+                    let link = self.image.nodes[index as usize].link;
+                    ensure!(
+                        link.left_axis < 3 && link.right_axis < 3,
+                        "node {index} has an axis other than 0, 1 and 2; build the tree anew"
+                    );
+                    open.extend(link.children(index).map(|child| (child, depth + 1)));
+                }
+            }
+        }
         Ok(())
     }
 }
@@ -786,6 +976,60 @@ fn pack<T>(layout: &Record, items: &[T], fill: impl Fn(&T, &mut [u32])) -> Vec<u
         fill(item, words);
     }
     words
+}
+
+/// A matrix by columns, c_x, c_y, c_z, c_w: the point (x, y, z) goes to c_x·x + c_y·y + c_z·z + c_w. In memory each column
+/// is a vector of the vertex array, one after another.
+pub type Columns = [[f64; 3]; 4];
+
+/// One joint that a vertex follows, as the skinning processor's stream has it.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Influence {
+    /// The joint's place in the palette.
+    pub joint: u8,
+    /// A value of the format; its sign is not stored.
+    pub weight: f64,
+    /// The vertex has no further influence.
+    pub last: bool,
+}
+
+/// The words of the influence rows that hold a stream, [`Record::words`] of [`Record::influence_row`] a row; zeros fill the last row.
+pub fn influence_words(format: Format, stream: &[Influence]) -> Vec<u32> {
+    let layout = Record::influence_row(format);
+    let rows: Vec<_> = stream.chunks(INFLUENCES_PER_ROW).collect();
+    pack(&layout, &rows, |row, words| {
+        for (influence, fields) in row.iter().zip(layout.fields.chunks_exact(3)) {
+            let weight = format.to_bits(influence.weight) & !format.sign_bit();
+            fields[0].set(words, weight);
+            fields[1].set(words, influence.joint.into());
+            fields[2].set(words, influence.last.into());
+        }
+    })
+}
+
+/// The influences in the words of whole rows, what fills the last one included: [`INFLUENCES_PER_ROW`] a row.
+pub fn influences_of_words(format: Format, words: &[u32]) -> Vec<Influence> {
+    let layout = Record::influence_row(format);
+    let row = |words| {
+        let of = |fields: &[Field]| Influence {
+            weight: format.to_f64(fields[0].get(words)),
+            joint: fields[1].get(words) as u8,
+            last: fields[2].get(words) != 0,
+        };
+        layout.fields.chunks_exact(3).map(of).collect::<Vec<_>>()
+    };
+    words.chunks_exact(layout.words()).flat_map(row).collect()
+}
+
+/// The words of vectors in the vertex array, [`Record::words`] of [`Record::vertex`] each: vertices, or the columns of
+/// matrices (a palette's are `palette.as_flattened()`).
+pub fn vector_words(format: Format, vectors: &[[f64; 3]]) -> Vec<u32> {
+    let layout = Record::vertex(format);
+    pack(&layout, vectors, |vector, words| {
+        for (field, value) in layout.fields.iter().zip(vector) {
+            field.set(words, format.to_bits(*value));
+        }
+    })
 }
 
 #[cfg(test)]
@@ -881,5 +1125,43 @@ mod tests {
         assert!(error.contains("67108865 triangles"), "{error}");
         let error = check_capacity(0, 1025, 10).unwrap_err().to_string();
         assert!(error.contains("too large for its address space"), "{error}");
+    }
+
+    #[test]
+    fn influences_read_back_from_their_rows() {
+        let seed = 0x5eed_0002;
+        let mut random = fastrand::Rng::with_seed(seed);
+        for (exponent, fraction) in [(7, 16), (3, 2), (10, 23)] {
+            let format = Format::new(exponent, fraction).unwrap();
+            for count in [0, 1, 4, 5, 11] {
+                let mut any = || Influence {
+                    joint: random.u8(..),
+                    weight: format.to_f64(random.u64(..format.sign_bit())),
+                    last: random.bool(),
+                };
+                let mut stream: Vec<_> = (0..count).map(|_| any()).collect();
+                // NaN is not equal to itself.
+                stream.iter_mut().for_each(|influence| {
+                    if influence.weight.is_nan() {
+                        influence.weight = f64::INFINITY;
+                    }
+                });
+                let words = influence_words(format, &stream);
+                let read = influences_of_words(format, &words);
+                assert_eq!(
+                    read.len(),
+                    stream.len().next_multiple_of(INFLUENCES_PER_ROW)
+                );
+                assert_eq!(read[..count], stream, "seed {seed:#x}");
+                let filled = read[count..].iter().all(|i| *i == Influence::default());
+                assert!(filled, "seed {seed:#x}");
+            }
+        }
+        let nan = Influence {
+            weight: f64::NAN,
+            ..Influence::default()
+        };
+        let words = influence_words(Format::FP24, &[nan]);
+        assert!(influences_of_words(Format::FP24, &words)[0].weight.is_nan());
     }
 }

@@ -5,7 +5,7 @@
 pub enum Child {
     /// The index of an inner node in [`Tree::nodes`].
     Inner(u32),
-    /// The number of a triangle in its mesh.
+    /// The number of a triangle in its mesh; of a top-level tree, of an instance.
     Leaf(u32),
 }
 
@@ -18,7 +18,7 @@ pub struct TreeNode {
     pub axes: [u8; 2],
 }
 
-/// A tree's topology: n − 1 inner nodes over n ≥ 1 triangles, in no particular order.
+/// A tree's topology: n − 1 inner nodes over n ≥ 1 leaves, triangles or instances, in no particular order.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Tree {
     pub nodes: Vec<TreeNode>,
@@ -135,11 +135,16 @@ impl Tree {
 
     /// The bounds of the tree over `vertices`: exact minima and maxima of the triangles' vertices.
     pub fn refit(&self, vertices: &[[f64; 3]], triangles: &[[u32; 3]]) -> Refit {
+        self.refit_leaves(|number| Bounds::of_triangle(vertices, triangles[number as usize]))
+    }
+
+    /// The bounds of the tree over leaves of which `leaf_box` gives the boxes: their exact minima and maxima.
+    pub fn refit_leaves(&self, leaf_box: impl Fn(u32) -> Bounds) -> Refit {
         let mut boxes = vec![Bounds::EMPTY; self.nodes.len()];
         let mut intervals = vec![[[0.0; 2]; 2]; self.nodes.len()];
         let of = |boxes: &[Bounds], child| match child {
             Child::Inner(index) => boxes[index as usize],
-            Child::Leaf(number) => Bounds::of_triangle(vertices, triangles[number as usize]),
+            Child::Leaf(number) => leaf_box(number),
         };
         for index in self.children_first() {
             let node = &self.nodes[index as usize];

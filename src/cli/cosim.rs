@@ -7,14 +7,16 @@ use clap::ValueEnum;
 use dynrt::bkd::{MemoryImage, Tree};
 use dynrt::cosim::mismatch::Mismatch;
 use dynrt::cosim::raycast::{self, Options, Report, Trace};
-use dynrt::cosim::scoreboard::{UnitOptions, UnitReport};
+use dynrt::cosim::scoreboard::{Surroundings, UnitOptions, UnitReport};
+use dynrt::cosim::unit_skinning::{self, SkinMesh};
 use dynrt::cosim::unit_update::{self, Traffic, UpdateObject};
-use dynrt::cosim::workload::Workload;
+use dynrt::cosim::workload::{Workload, in_instances};
 use dynrt::cosim::{unit_geometry, unit_tpu};
 use dynrt::golden::Caster;
 use dynrt::port::{Hit, Ray};
 use dynrt::report;
-use dynrt::scene::{ImageSize, RayPacket, default_light, shadow_rays};
+use dynrt::scene::animation::MachineScene;
+use dynrt::scene::{ImageSize, RayPacket, default_light, load_animated, shadow_rays};
 use serde_json::{Map, Value, json};
 use std::fmt::Write as _;
 use std::path::PathBuf;
@@ -22,7 +24,7 @@ use std::time::Duration;
 
 const HELP: &str = "\
 The Verilog of the configuration is built with Verilator once, kept in a cache ($DYNRT_CACHE, by default the user's cache
-folder), and driven clock by clock. Every hit, every packet step and every ray-triangle test is compared with the
+folder), and driven clock by clock. Every hit, packet step, ray transformation and ray-triangle test is compared with the
 golden model in all bits; the picture is drawn from what the Verilog computed. The first mismatch stops the run
 and is reported with the command that replays it. Exit status 0 only if something was checked and all agrees.
 
@@ -31,7 +33,9 @@ Examples:
   dynrt cosim builtin:interior --view inside --json hall.json
   dynrt cosim builtin:interior --view inside --rays shadow --out shadows.png
   dynrt cosim builtin:teapot --unit tpu --seed 3
+  dynrt cosim builtin:teapot --unit transform
   dynrt cosim builtin:sphere --unit update
+  dynrt cosim builtin:figure --unit skinning
   dynrt cosim builtin:cornell --size 64x48 --set memory.latency=40 --set memory.jitter=20 --seed 7
   dynrt cosim builtin:cornell --size 64x48 --trace cornell.fst --from 1000 --cycles 500";
 
@@ -79,10 +83,15 @@ enum Unit {
     Tpu,
     /// The geometry unit: every ray-triangle test
     Geometry,
+    /// The geometry unit's ray transformations, in a scene of two levels: this one's, or the scene eight times, turned at random
+    Transform,
     /// Ray setup, traversal and geometry together, from rays to hits
     Raycast,
     /// The update processor: every node that the scene's update program writes
     Update,
+    /// Skinning: every vertex of the scene's skinned meshes, half through its first clip; of a scene without any, every vertex
+    /// bound to joints at random. The scene may be a glTF file, too
+    Skinning,
 }
 
 impl Unit {
@@ -90,8 +99,10 @@ impl Unit {
         match self {
             Unit::Tpu => "tpu",
             Unit::Geometry => "geometry",
+            Unit::Transform => "transform",
             Unit::Raycast => "raycast",
             Unit::Update => "update",
+            Unit::Skinning => "skinning",
         }
     }
 }
@@ -156,6 +167,14 @@ pub fn run(args: &Args) -> Result<()> {
     if let Some(path) = &args.trace {
         report::check_regular(path)?;
     }
+    let trace = args.trace.as_ref().map(|path| Trace {
+        path: path.clone(),
+        from: args.from,
+        cycles: args.cycles.unwrap_or(1),
+    });
+    if args.unit == Unit::Skinning {
+        return args.run_skinning(trace);
+    }
     let loaded = args.scene.load(args.size, &args.config)?;
     let Built { image, tree, .. } = loaded.build_default()?;
     let primary = Loaded::rays(&loaded.packets);
@@ -183,27 +202,20 @@ pub fn run(args: &Args) -> Result<()> {
         loaded: &loaded,
         active: active(&rays)?,
     };
-    let trace = args.trace.as_ref().map(|path| Trace {
-        path: path.clone(),
-        from: args.from,
-        cycles: args.cycles.unwrap_or(1),
-    });
     if args.unit == Unit::Update {
         return job.run_update(&tree, trace);
     }
+    if args.unit == Unit::Transform && !image.is_instanced() {
+        let image = in_instances(&loaded.config, &image, args.seed)?;
+        return job.run_unit(&image, &rays, trace);
+    }
     if args.unit != Unit::Raycast {
-        let hits = caster.cast_packets(&rays).hits;
-        return job.run_unit(
-            &image,
-            &rays,
-            hits.iter().filter(|h| h.is_hit()).count(),
-            trace,
-        );
+        return job.run_unit(&image, &rays, trace);
     }
     let options = Options {
         seed: args.seed,
         trace,
-        replay: job.replay(),
+        replay: args.replay(),
         ..Options::default()
     };
     let bar = report::progress(rays.len() as u64, "building the model");
@@ -224,7 +236,7 @@ pub fn run(args: &Args) -> Result<()> {
         }
     };
     ensure!(found.checked() > 0, "nothing was checked");
-    job.check_trace(found.cycles);
+    args.check_trace(found.cycles);
     let mut text = job.text(&found);
     if let Some(path) = &args.out {
         let size = args.size;
@@ -254,7 +266,7 @@ fn extend(value: &mut Value, more: Value) {
     }
 }
 
-impl Job<'_> {
+impl Args {
     /// What a person types to run this again.
     fn replay(&self) -> String {
         let Args {
@@ -265,7 +277,7 @@ impl Job<'_> {
             rays,
             seed,
             ..
-        } = self.args;
+        } = self;
         let mut text = format!("dynrt cosim{}{}", scene.replay(), config.replay());
         if size.to_string() != SIZE {
             text += &format!(" --size {size}");
@@ -284,7 +296,7 @@ impl Job<'_> {
 
     /// Says so if the run was over before the waveform's first cycle.
     fn check_trace(&self, cycles: u64) {
-        let Args { trace, from, .. } = self.args;
+        let Args { trace, from, .. } = self;
         if let (Some(path), true) = (trace, *from >= cycles) {
             tell(&format!(
                 "warning: {}: the waveform is empty: it was to begin at cycle {from}, and the run has {cycles}; give a smaller --from",
@@ -293,6 +305,109 @@ impl Job<'_> {
         }
     }
 
+    /// Skinning alone, which needs no rays: first with random delays and stalls around it, then at its full pace.
+    fn run_skinning(&self, trace: Option<Trace>) -> Result<()> {
+        let config = self.config.load()?;
+        let spec = self.scene.spec();
+        let scene = load_animated(spec)?;
+        for warning in &scene.warnings {
+            tell(&format!("warning: {warning}"));
+        }
+        let clip = scene.clip(None)?;
+        let seconds = clip.map_or(0.0, |clip| scene.clips[clip].seconds / 2.0);
+        let pose = scene.pose(clip, seconds)?;
+        let extents = scene.extents_of(std::slice::from_ref(&pose))?;
+        let (format, joints) = (config.format(), config.skinning_joints);
+        let machine = MachineScene::new(&scene, &extents, format, joints)?;
+        let frame = machine.frame(&pose)?;
+        let mut meshes: Vec<SkinMesh> = std::iter::zip(&machine.objects, &frame.objects)
+            .filter_map(|(object, frame)| SkinMesh::of_frame(object, frame))
+            .collect();
+        if meshes.is_empty() {
+            tell(&format!(
+                "{}: nothing is skinned; bound at random",
+                scene.name
+            ));
+            let bound = |object| SkinMesh::bound_at_random(format, object, joints, self.seed);
+            meshes = machine.objects.iter().map(bound).collect();
+        }
+        let workload = unit_skinning::Workload::Meshes(&meshes);
+        let options = UnitOptions {
+            replay: self.replay(),
+            trace,
+            ..UnitOptions::new(self.seed)
+        };
+        let at_pace = UnitOptions {
+            surroundings: Some(Surroundings::steady(config.memory_latency)),
+            trace: None,
+            ..options.clone()
+        };
+        let write = |mut value: Value, found: &UnitReport| {
+            extend(
+                &mut value,
+                json!({
+                    "scene": scene.name,
+                    "triangles": scene.triangle_count(),
+                    "config": config.name,
+                    "overrides": self.config.overrides(&config),
+                    "unit": self.unit.name(),
+                    "seed": self.seed,
+                    "mismatches": found.mismatches,
+                }),
+            );
+            match &self.json {
+                Some(path) => report::json(path, &value),
+                None => Ok(()),
+            }
+        };
+        use unit_skinning::Traffic;
+        let checked_run = |traffic, options: &UnitOptions| {
+            let found = unit_skinning::run(&config, workload, traffic, options)?;
+            let unit = &found.unit;
+            if let Some(mismatch) = &unit.mismatch {
+                let value = json!({
+                    "checked": unit.checked,
+                    "cycles": unit.cycles,
+                    "mismatch": mismatch,
+                    "replay": self.replay(),
+                });
+                write(value, unit)?;
+                return Err(UnitMismatch(mismatch.clone()).into());
+            }
+            unit.verdict()?;
+            Ok::<_, anyhow::Error>(found)
+        };
+        let found = checked_run(Traffic::Separate, &options)?;
+        self.check_trace(found.unit.cycles);
+        let pace = checked_run(Traffic::Shared, &at_pace)?;
+        let (unit, total) = (&found.unit, pace.total());
+        let categories: Map<String, Value> = (unit.categories.iter())
+            .map(|(category, count)| (category.name().to_string(), json!(count)))
+            .collect();
+        let value = json!({
+            "meshes": pace.meshes.len(),
+            "vertices": total.vertices,
+            "influences": total.influences,
+            "busy_cycles": total.busy_cycles,
+            "influences_per_clock": total.influences_per_clock(),
+            "vertices_per_clock": total.vertices_per_clock(),
+            "checked": unit.checked + pace.unit.checked,
+            "cycles": unit.cycles + pace.unit.cycles,
+            "categories": categories,
+            "model_build_s": unit.model_build_s + pace.unit.model_build_s,
+            "simulate_s": unit.simulate_s + pace.unit.simulate_s,
+        });
+        write(value, unit)?;
+        print(&format!(
+            "{}\nat full pace, with {} bytes of memory traffic a clock:\n{}\n",
+            found.summary(),
+            unit_skinning::SHARED_BYTES,
+            pace.summary()
+        ))
+    }
+}
+
+impl Job<'_> {
     /// What is known however the run ends.
     fn common_json(&self) -> Value {
         let size = self.args.size;
@@ -321,30 +436,29 @@ impl Job<'_> {
         value["cycles"] = json!(cycles);
         value["mismatches"] = json!(1);
         value["mismatch"] = json!(mismatch);
-        value["replay"] = json!(self.replay());
+        value["replay"] = json!(self.args.replay());
         value
     }
 
     /// One unit alone.
-    fn run_unit(
-        &self,
-        image: &MemoryImage,
-        rays: &[Ray],
-        hits: usize,
-        trace: Option<Trace>,
-    ) -> Result<()> {
+    fn run_unit(&self, image: &MemoryImage, rays: &[Ray], trace: Option<Trace>) -> Result<()> {
         let args = self.args;
+        let Loaded { config, frame, .. } = self.loaded;
+        let caster = Caster::new(image, config.triangle_test, frame.rays_per_packet());
+        let hits = caster.cast_packets(rays).hits;
+        let hits = hits.iter().filter(|hit| hit.is_hit()).count();
         let options = UnitOptions {
-            replay: self.replay(),
+            replay: self.args.replay(),
             trace,
             ..UnitOptions::new(args.seed)
         };
         let workload = Workload::Rays { image, rays };
         let run = match args.unit {
             Unit::Tpu => unit_tpu::run,
+            Unit::Transform => unit_geometry::run_transform,
             _ => unit_geometry::run,
         };
-        let found = run(&self.loaded.config, workload, &options)?;
+        let found = run(config, workload, &options)?;
         let write = |value| match &args.json {
             Some(path) => report::json(path, &value),
             None => Ok(()),
@@ -354,7 +468,7 @@ impl Job<'_> {
             return Err(UnitMismatch(mismatch).into());
         }
         found.verdict()?;
-        self.check_trace(found.cycles);
+        self.args.check_trace(found.cycles);
         write(self.unit_json(&found, hits))?;
         print(&format!("{}\n", found.summary()))
     }
@@ -368,7 +482,7 @@ impl Job<'_> {
             ..
         } = self.loaded;
         let options = UnitOptions {
-            replay: self.replay(),
+            replay: self.args.replay(),
             trace,
             ..UnitOptions::new(self.args.seed)
         };
@@ -392,7 +506,7 @@ impl Job<'_> {
             return Err(UnitMismatch(mismatch.clone()).into());
         }
         unit.verdict()?;
-        self.check_trace(unit.cycles);
+        self.args.check_trace(unit.cycles);
         let mut value = self.unit_json(unit, 0);
         for figures in &found.objects {
             extend(
@@ -431,6 +545,7 @@ impl Job<'_> {
                 "cycles": found.cycles,
                 "packet_steps": of(Unit::Tpu),
                 "ray_triangle_tests": of(Unit::Geometry),
+                "ray_transforms": of(Unit::Transform),
                 "rays_per_clock": per_clock(self.active),
                 "tpu_utilisation": per_clock(of(Unit::Tpu)),
                 "gu_utilisation": per_clock(of(Unit::Geometry)),
@@ -460,11 +575,13 @@ impl Job<'_> {
             "hits_checked": found.hits_checked,
             "steps_checked": found.steps_checked,
             "tests_checked": found.tests_checked,
+            "transforms_checked": found.transforms_checked,
             // A report is of a run without one: the first mismatch ends it with an error.
             "mismatches": 0,
             "cycles": found.cycles,
             "packet_steps": counters.packet_steps,
             "ray_triangle_tests": counters.ray_triangle_tests,
+            "ray_transforms": counters.ray_transforms,
             "rays_per_clock": self.rays_per_clock(found),
             "tpu_utilisation": found.tpu_utilisation(),
             "gu_utilisation": found.gu_utilisation(),

@@ -5,7 +5,7 @@ use anyhow::{Context, Result, bail, ensure};
 use dynrt::bkd::{BuildOptions, MemoryImage, Tree, build, layout};
 use dynrt::config::Config;
 use dynrt::port::Ray;
-use dynrt::scene::{self, Camera, Frame, ImageSize, MachineMesh, RayPacket, Scene, View};
+use dynrt::scene::{self, Bounds, Camera, Frame, ImageSize, MachineMesh, RayPacket, Scene, View};
 use std::time::Instant;
 
 /// The size of a picture where none is given.
@@ -29,7 +29,7 @@ const CAMERA: &str = "Camera (by default one that frames the scene)";
 
 /// From where; by default the camera frames the scene from outside by itself. The other options change that camera.
 #[derive(clap::Args)]
-struct CameraArgs {
+pub struct CameraArgs {
     /// A camera that depends only on the scene's box: inside for rooms, outside for objects
     #[arg(long, value_name = "VIEW", help_heading = CAMERA)]
     view: Option<View>,
@@ -83,31 +83,23 @@ pub struct Built {
 }
 
 impl SceneArgs {
+    /// The scene, as it was given.
+    pub fn spec(&self) -> &str {
+        &self.scene
+    }
+
     /// The arguments that choose this scene and camera again.
     pub fn replay(&self) -> String {
-        let mut text = format!(" {}", quoted(&self.scene));
-        match self.camera.view {
-            Some(View::Inside) => text += " --view inside",
-            Some(View::Outside) => text += " --view outside",
-            None => {}
-        }
-        for setting in self.camera.settings() {
-            text += &format!(" --{setting}");
-        }
-        text
+        format!(" {}{}", quoted(&self.scene), self.camera.replay())
     }
 
     /// Loads configuration and scene, says what the number format cannot hold, and makes the camera's rays.
     pub fn load(&self, size: ImageSize, config: &ConfigArgs) -> Result<Loaded> {
-        ensure!(
-            u64::from(size.width) * u64::from(size.height) <= MOST_PIXELS,
-            "--size {size}: more than {} pixels; give a smaller picture",
-            grouped(MOST_PIXELS)
-        );
+        check_size(size)?;
         let config = config.load()?;
         let frame = Frame::new(size, config.rays_per_packet as usize)?;
         let (scene, mesh) = load_mesh(&self.scene, &config)?;
-        let camera = self.camera.of(&scene)?;
+        let camera = self.camera.of(scene.bounds())?;
         let packets = frame.primary_rays(&camera, &mesh)?;
         Ok(Loaded {
             config,
@@ -119,6 +111,16 @@ impl SceneArgs {
             packets,
         })
     }
+}
+
+/// That a picture's rays can be held.
+pub fn check_size(size: ImageSize) -> Result<()> {
+    ensure!(
+        u64::from(size.width) * u64::from(size.height) <= MOST_PIXELS,
+        "--size {size}: more than {} pixels; give a smaller picture",
+        grouped(MOST_PIXELS)
+    );
+    Ok(())
 }
 
 /// Loads a scene into a machine's numbers, and says what they cannot hold.
@@ -165,7 +167,7 @@ impl CameraArgs {
     }
 
     /// What reports call the camera: `inside`, `outside`, `framing`, or the options that make it.
-    fn name(&self) -> String {
+    pub fn name(&self) -> String {
         let base = match self.view {
             Some(View::Inside) => Some("inside"),
             Some(View::Outside) => Some("outside"),
@@ -176,8 +178,22 @@ impl CameraArgs {
         base.chain(self.settings()).collect::<Vec<_>>().join(" ")
     }
 
-    fn of(&self, scene: &Scene) -> Result<Camera> {
-        let bounds = scene.bounds();
+    /// The options that choose this camera again.
+    pub fn replay(&self) -> String {
+        let mut text = String::new();
+        match self.view {
+            Some(View::Inside) => text += " --view inside",
+            Some(View::Outside) => text += " --view outside",
+            None => {}
+        }
+        for setting in self.settings() {
+            text += &format!(" --{setting}");
+        }
+        text
+    }
+
+    /// The camera for a scene of this box.
+    pub fn of(&self, bounds: Bounds) -> Result<Camera> {
         if let Some(view) = self.view {
             return Ok(view.camera(bounds));
         }

@@ -1,5 +1,6 @@
 //! The command line: one file a subcommand, and what they share.
 
+mod animate;
 mod constraints;
 mod cosim;
 mod frame;
@@ -24,6 +25,7 @@ const EXAMPLES: &str = "\
 Examples:
   dynrt generate --out build/rtl                     Verilog of the reference machine
   dynrt cosim builtin:teapot --out teapot.png        every ray of a picture through that Verilog
+  dynrt animate builtin:water --gif water.gif        every stage of every frame of a scene that moves
   dynrt render model.obj --view inside --out a.png   the same picture from the golden model, at once
   dynrt stats model.obj                              what trees of the mesh cost
   dynrt program model.obj                            the program that updates that tree when vertices move
@@ -50,6 +52,7 @@ enum Command {
     Generate(generate::Args),
     Vectors(vectors::Args),
     Cosim(cosim::Args),
+    Animate(animate::Args),
     Render(render::Args),
     Stats(stats::Args),
     Program(program::Args),
@@ -130,6 +133,7 @@ pub fn main() -> ExitCode {
         Command::Generate(args) => generate::run(&args),
         Command::Vectors(args) => vectors::run(&args),
         Command::Cosim(args) => cosim::run(&args),
+        Command::Animate(args) => animate::run(&args),
         Command::Render(args) => render::run(&args),
         Command::Stats(args) => stats::run(&args),
         Command::Program(args) => program::run(&args),

@@ -174,6 +174,11 @@ impl Image {
     pub fn words(&self) -> &[u32] {
         &self.words
     }
+
+    /// All words, record after record.
+    pub fn into_words(self) -> Vec<u32> {
+        self.words
+    }
 }
 
 fn words_for(bits: u32) -> usize {

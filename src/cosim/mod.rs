@@ -2,9 +2,10 @@
 //!
 //! [`model`] builds a module into a library and drives it clock by clock; [`memory`] stands in for what a
 //! unit's ports lead to. Both are generic: they know nothing of ray tracing. [`raycast`] drives the whole ray
-//! casting unit, [`unit_tpu`], [`unit_geometry`] and [`unit_update`] drive one unit each, on a [`workload`], under a [`scoreboard`];
+//! casting unit, [`unit_tpu`], [`unit_geometry`], [`unit_skinning`] and [`unit_update`] drive one unit each, on a [`workload`], under a [`scoreboard`];
 //! [`mismatch`] says where RTL and golden model differ.
 
+pub mod animate;
 pub(crate) mod build;
 pub mod memory;
 pub mod mismatch;
@@ -12,6 +13,7 @@ pub mod model;
 pub mod raycast;
 pub mod scoreboard;
 pub mod unit_geometry;
+pub mod unit_skinning;
 pub mod unit_tpu;
 pub mod unit_update;
 pub mod workload;

@@ -1,4 +1,4 @@
-//! The whole ray casting unit: rays in, hits out, every packet step and every ray–triangle test on the way held
+//! The whole ray casting unit: rays in, hits out, every packet step, ray transformation and ray–triangle test on the way held
 //! against the golden model, in all bits.
 
 use super::memory::{Image, ReadPort, ReadRequest, Timing};
@@ -8,7 +8,7 @@ use super::{sources, timing};
 use crate::bkd::layout::{MemoryImage, Record};
 use crate::config::Config;
 use crate::float::Format;
-use crate::golden::{Caster, Observer, RayTest, StepEvent};
+use crate::golden::{Caster, EnterEvent, Observer, RayTest, StepEvent};
 use crate::hw;
 use crate::port::{Hit, NONE, Ray};
 use anyhow::{Result, bail, ensure};
@@ -58,10 +58,11 @@ impl Default for Options {
 pub struct Report {
     /// The RTL's hits, one for each ray given, in order.
     pub hits: Vec<Hit>,
-    /// Hits, packet steps and ray–triangle tests that were compared in all bits and agree.
+    /// Hits, packet steps, ray–triangle tests and ray transformations that were compared in all bits and agree.
     pub hits_checked: u64,
     pub steps_checked: u64,
     pub tests_checked: u64,
+    pub transforms_checked: u64,
     /// From the first ray offered to the last hit taken.
     pub cycles: u64,
     /// The RTL's own counters.
@@ -77,6 +78,7 @@ pub struct Counters {
     pub cycles: u64,
     pub packet_steps: u64,
     pub ray_triangle_tests: u64,
+    pub ray_transforms: u64,
     pub tpu_busy_cycles: u64,
     pub tpu_starved_cycles: u64,
     pub gu_busy_cycles: u64,
@@ -86,7 +88,7 @@ pub struct Counters {
 
 impl Report {
     pub fn checked(&self) -> u64 {
-        self.hits_checked + self.steps_checked + self.tests_checked
+        self.hits_checked + self.steps_checked + self.tests_checked + self.transforms_checked
     }
 
     pub fn rays_per_clock(&self) -> f64 {
@@ -98,9 +100,9 @@ impl Report {
         self.counters.packet_steps as f64 / self.cycles as f64
     }
 
-    /// Ray–triangle tests a clock.
+    /// Slots of the triangle test that are used a clock: one for each ray–triangle test, three for each ray transformation.
     pub fn gu_utilisation(&self) -> f64 {
-        self.counters.ray_triangle_tests as f64 / self.cycles as f64
+        self.counters.gu_busy_cycles as f64 / self.cycles as f64
     }
 }
 
@@ -112,8 +114,10 @@ struct Expected {
     hits: Vec<Hit>,
     steps: Vec<StepEvent>,
     tests: Vec<RayTest>,
+    transforms: Vec<EnterEvent>,
     next_step: usize,
     next_test: usize,
+    next_transform: usize,
 }
 
 impl Observer for Expected {
@@ -122,6 +126,9 @@ impl Observer for Expected {
     }
     fn test(&mut self, event: &RayTest) {
         self.tests.push(*event);
+    }
+    fn enter(&mut self, event: &EnterEvent) {
+        self.transforms.push(*event);
     }
 }
 
@@ -218,8 +225,76 @@ struct Watch {
     test_packet: PortHandle,
     test_ray: PortHandle,
     test_record: PortHandle,
+    test_instance: PortHandle,
     test_hit: PortHandle,
     test_numbers: [PortHandle; 3],
+    transform: TransformWatch,
+}
+
+/// The ports that show a ray taken to an object's space.
+pub(super) struct TransformWatch {
+    valid: PortHandle,
+    packet: PortHandle,
+    ray: PortHandle,
+    record: PortHandle,
+    /// Window, origin, direction.
+    numbers: [PortHandle; 8],
+}
+
+/// The names of [`TransformWatch`]'s numbers.
+const TRANSFORM_NUMBERS: [&str; 8] = [
+    "near",
+    "far",
+    "origin_x",
+    "origin_y",
+    "origin_z",
+    "direction_x",
+    "direction_y",
+    "direction_z",
+];
+
+impl TransformWatch {
+    pub(super) fn new(model: &Model) -> Result<Self> {
+        let port = |name: &str| model.port(&format!("watch_transform_{name}"));
+        let mut numbers = vec![];
+        for name in TRANSFORM_NUMBERS {
+            numbers.push(port(name)?);
+        }
+        Ok(TransformWatch {
+            valid: port("valid")?,
+            packet: port("packet")?,
+            ray: port("ray")?,
+            record: port("record")?,
+            numbers: numbers.try_into().expect("as many as there are names"),
+        })
+    }
+
+    /// The packet in flight whose ray is shown, if one is.
+    pub(super) fn packet(&self, model: &Model) -> Option<usize> {
+        (model.get(self.valid) != 0).then(|| model.get(self.packet) as usize)
+    }
+
+    /// What differs between the ray shown and the golden model's: nothing, or all fields.
+    pub(super) fn compare(&self, model: &Model, format: Format, golden: &EnterEvent) -> Vec<Field> {
+        let transformed = &golden.transformed;
+        let [near, far] = transformed.window;
+        let [ox, oy, oz] = transformed.ray.origin;
+        let [dx, dy, dz] = transformed.ray.direction;
+        let numbers = [near, far, ox, oy, oz, dx, dy, dz].map(|x| format.to_bits(x));
+        let (ray, record) = (u64::from(golden.slot), u64::from(golden.record));
+        let get = |port| model.get(port);
+        if get(self.ray) == ray && get(self.record) == record && self.numbers.map(get) == numbers {
+            return vec![];
+        }
+        let mut fields = vec![
+            Field::integer("ray of the packet", ray, get(self.ray)),
+            Field::integer("instance record", record, get(self.record)),
+        ];
+        for ((name, golden), port) in TRANSFORM_NUMBERS.iter().zip(numbers).zip(self.numbers) {
+            fields.push(Field::number(*name, format, golden, get(port)));
+        }
+        fields
+    }
 }
 
 impl Watch {
@@ -237,8 +312,10 @@ impl Watch {
             test_packet: port("test_packet")?,
             test_ray: port("test_ray")?,
             test_record: port("test_record")?,
+            test_instance: port("test_instance")?,
             test_hit: port("test_hit")?,
             test_numbers: [port("test_t")?, port("test_u")?, port("test_v")?],
+            transform: TransformWatch::new(model)?,
         })
     }
 }
@@ -276,39 +353,82 @@ pub fn run(
     options: &Options,
     progress: &dyn Fn(u64),
 ) -> Result<Report> {
-    ensure!(
-        !rays.is_empty(),
-        "there are no rays to cast: nothing would be checked"
-    );
+    ensure!(!rays.is_empty(), NO_RAYS);
     image.check(config.stack_depth)?;
-    let machine = hw::emit(config)?;
-    let build_options = BuildOptions {
-        traced: options.trace.is_some(),
-        ..BuildOptions::default()
-    };
-    let sources = sources(&machine.design);
-    let started = Instant::now();
-    let built = build(&sources, &build_options, &|_| ())?;
-    let model_build_s = started.elapsed().as_secs_f64();
-    let mut model = Model::load(&built, &sources.ports)?;
-    if let Some(trace) = &options.trace {
-        model.trace(&trace.path, trace.from, trace.cycles)?;
+    RaycastUnit::new(config, options.trace.as_ref())?.cast(image, rays, options, progress)
+}
+
+const NO_RAYS: &str = "there are no rays to cast: nothing would be checked";
+
+/// The ray casting unit in simulation, built once for any number of pictures.
+pub struct RaycastUnit {
+    config: Config,
+    model: Model,
+    model_build_s: f64,
+    model_reused: bool,
+}
+
+impl RaycastUnit {
+    /// Builds the unit of a machine; with a trace, one that writes it.
+    ///
+    /// # Errors
+    /// A tool that is missing.
+    pub fn new(config: &Config, trace: Option<&Trace>) -> Result<RaycastUnit> {
+        let machine = hw::emit(config)?;
+        let build_options = BuildOptions {
+            traced: trace.is_some(),
+            ..BuildOptions::default()
+        };
+        let sources = sources(&machine.design);
+        let started = Instant::now();
+        let built = build(&sources, &build_options, &|_| ())?;
+        let model_build_s = started.elapsed().as_secs_f64();
+        let mut model = Model::load(&built, &sources.ports)?;
+        if let Some(trace) = trace {
+            model.trace(&trace.path, trace.from, trace.cycles)?;
+        }
+        Ok(RaycastUnit {
+            config: config.clone(),
+            model,
+            model_build_s,
+            model_reused: built.reused,
+        })
     }
-    let started = Instant::now();
-    let mut run = Run::new(config, image, rays, options, &mut model)?;
-    run.all(progress)?;
-    let report = Report {
-        hits: run.hits,
-        hits_checked: run.hits_checked,
-        steps_checked: run.steps_checked,
-        tests_checked: run.tests_checked,
-        cycles: run.cycles,
-        counters: run.counters,
-        model_build_s,
-        model_reused: built.reused,
-        simulate_s: started.elapsed().as_secs_f64(),
-    };
-    Ok(report)
+
+    /// Clocks simulated so far, resets included: a mismatch's cycle is counted so, and a trace's.
+    pub fn cycles(&self) -> u64 {
+        self.model.cycles()
+    }
+
+    /// Resets the unit and casts rays as [`run`] does, whose options hold but for the trace.
+    ///
+    /// # Errors
+    /// The first mismatch; a machine that makes no headway; no rays at all; an image that the machine cannot hold.
+    pub fn cast(
+        &mut self,
+        image: &MemoryImage,
+        rays: &[Ray],
+        options: &Options,
+        progress: &dyn Fn(u64),
+    ) -> Result<Report> {
+        ensure!(!rays.is_empty(), NO_RAYS);
+        image.check(self.config.stack_depth)?;
+        let started = Instant::now();
+        let mut run = Run::new(&self.config, image, rays, options, &mut self.model)?;
+        run.all(progress)?;
+        Ok(Report {
+            hits: run.hits,
+            hits_checked: run.hits_checked,
+            steps_checked: run.steps_checked,
+            tests_checked: run.tests_checked,
+            transforms_checked: run.transforms_checked,
+            cycles: run.cycles,
+            counters: run.counters,
+            model_build_s: self.model_build_s,
+            model_reused: self.model_reused,
+            simulate_s: started.elapsed().as_secs_f64(),
+        })
+    }
 }
 
 struct Run<'a> {
@@ -332,6 +452,7 @@ struct Run<'a> {
     hits_checked: u64,
     steps_checked: u64,
     tests_checked: u64,
+    transforms_checked: u64,
     cycles: u64,
     counters: Counters,
     rng: fastrand::Rng,
@@ -412,6 +533,7 @@ impl<'a> Run<'a> {
             hits_checked: 0,
             steps_checked: 0,
             tests_checked: 0,
+            transforms_checked: 0,
             cycles: 0,
             counters: Counters::default(),
             rng: fastrand::Rng::with_seed(options.seed ^ 4),
@@ -448,7 +570,7 @@ impl<'a> Run<'a> {
             let takes_hit = !self.stalls(self.options.hit_stall);
             self.model.set(self.hit_port.ready, u64::from(takes_hit));
 
-            let mut events = self.watch_step()? | self.watch_test()?;
+            let mut events = self.watch_step()? | self.watch_test()? | self.watch_transform()?;
             if let Some(index) = shown
                 && self.model.get(self.ray_port.ready) != 0
             {
@@ -659,12 +781,14 @@ impl<'a> Run<'a> {
         let numbers = [outcome.t, outcome.raw[1], outcome.raw[2]].map(|x| self.format.to_bits(x));
         let agrees = get(w.test_ray) == u64::from(golden.slot)
             && get(w.test_record) == u64::from(golden.record)
+            && get(w.test_instance) == u64::from(golden.instance)
             && (get(w.test_hit) != 0) == outcome.hit
             && (!outcome.hit || w.test_numbers.map(get) == numbers);
         if !agrees {
             let mut fields = vec![
                 Field::integer("ray of the packet", u64::from(golden.slot), get(w.test_ray)),
                 Field::integer("record", u64::from(golden.record), get(w.test_record)),
+                Field::integer("instance", u64::from(golden.instance), get(w.test_instance)),
                 Field::integer("hit", u64::from(outcome.hit), get(w.test_hit)),
             ];
             for (i, name) in ["t", "u", "v"].into_iter().enumerate() {
@@ -681,6 +805,37 @@ impl<'a> Run<'a> {
             expected.next_test += 1;
         }
         self.tests_checked += 1;
+        Ok(true)
+    }
+
+    fn watch_transform(&mut self) -> Result<bool> {
+        let watch = &self.watch.transform;
+        let Some(packet) = watch.packet(self.model) else {
+            return Ok(false);
+        };
+        let expected = self.expected("geometry", packet)?;
+        let at = expected.next_transform;
+        let first_ray = expected.first_ray;
+        let Some(golden) = expected.transforms.get(at) else {
+            let count = expected.transforms.len();
+            let place = format!(
+                "ray transformation {at} of the packet of ray {first_ray}, which has only {count}"
+            );
+            return Err(self.mismatch("geometry", place, vec![]));
+        };
+        let fields = watch.compare(self.model, self.format, golden);
+        if !fields.is_empty() {
+            let place = format!(
+                "ray transformation {at} of its packet, ray {}, to instance {}",
+                first_ray + usize::from(golden.slot),
+                golden.instance
+            );
+            return Err(self.mismatch("geometry", place, fields));
+        }
+        if let Some(expected) = &mut self.expected[packet] {
+            expected.next_transform += 1;
+        }
+        self.transforms_checked += 1;
         Ok(true)
     }
 
@@ -722,22 +877,24 @@ impl<'a> Run<'a> {
             return Err(self.mismatch("raycast", format!("the hit of ray {index}"), fields));
         }
         let finished = slot + 1 == size;
-        if finished
-            && (expected.next_step, expected.next_test)
-                != (expected.steps.len(), expected.tests.len())
-        {
-            let fields = vec![
-                Field::integer(
-                    "packet steps",
-                    expected.steps.len() as u64,
-                    expected.next_step as u64,
-                ),
-                Field::integer(
-                    "ray-triangle tests",
-                    expected.tests.len() as u64,
-                    expected.next_test as u64,
-                ),
-            ];
+        let work = [
+            ("packet steps", expected.steps.len(), expected.next_step),
+            (
+                "ray-triangle tests",
+                expected.tests.len(),
+                expected.next_test,
+            ),
+            (
+                "ray transformations",
+                expected.transforms.len(),
+                expected.next_transform,
+            ),
+        ];
+        if finished && work.iter().any(|(_, golden, rtl)| golden != rtl) {
+            let fields = work
+                .into_iter()
+                .map(|(name, golden, rtl)| Field::integer(name, golden as u64, rtl as u64))
+                .collect();
             return Err(self.mismatch(
                 "raycast",
                 format!("the work done for the packet of ray {index}"),
@@ -772,6 +929,7 @@ impl<'a> Run<'a> {
             cycles: counter("count_cycles")?,
             packet_steps: counter("count_packet_steps")?,
             ray_triangle_tests: counter("count_ray_triangle_tests")?,
+            ray_transforms: counter("count_ray_transforms")?,
             tpu_busy_cycles: counter("count_tpu_busy_cycles")?,
             tpu_starved_cycles: counter("count_tpu_starved_cycles")?,
             gu_busy_cycles: counter("count_gu_busy_cycles")?,
@@ -782,12 +940,28 @@ impl<'a> Run<'a> {
             counter("stack_overflow")? == 0,
             "the machine flags a stack overflow"
         );
-        let counted = [self.counters.packet_steps, self.counters.ray_triangle_tests];
-        if counted != [self.steps_checked, self.tests_checked] {
-            let fields = vec![
-                Field::integer("packet steps", self.steps_checked, counted[0]),
-                Field::integer("ray-triangle tests", self.tests_checked, counted[1]),
-            ];
+        let counted = [
+            (
+                "packet steps",
+                self.steps_checked,
+                self.counters.packet_steps,
+            ),
+            (
+                "ray-triangle tests",
+                self.tests_checked,
+                self.counters.ray_triangle_tests,
+            ),
+            (
+                "ray transformations",
+                self.transforms_checked,
+                self.counters.ray_transforms,
+            ),
+        ];
+        if counted.iter().any(|(_, golden, rtl)| golden != rtl) {
+            let fields = counted
+                .into_iter()
+                .map(|(name, golden, rtl)| Field::integer(name, golden, rtl))
+                .collect();
             return Err(self.mismatch("raycast", "the machine's own counters".into(), fields));
         }
         Ok(())

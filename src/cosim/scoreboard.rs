@@ -150,10 +150,20 @@ pub enum Category {
     Hit,
     Clamped,
     OnEdge,
+    EmptyWindow,
+    OutsideLimits,
+    Mirrored,
+    OneInfluence,
+    TwoInfluences,
+    ThreeInfluences,
+    FourInfluences,
+    InTwoRows,
+    FullPalette,
+    OneVertex,
 }
 
 impl Category {
-    const COUNT: usize = Category::OnEdge as usize + 1;
+    const COUNT: usize = Category::OneVertex as usize + 1;
 
     /// The category's name in reports.
     pub fn name(self) -> &'static str {
@@ -175,6 +185,16 @@ impl Category {
             Category::Hit => "hits",
             Category::Clamped => "distance clamped to the box",
             Category::OnEdge => "hits on an edge",
+            Category::EmptyWindow => "empty windows",
+            Category::OutsideLimits => "window outside tmin and tmax",
+            Category::Mirrored => "mirroring instances",
+            Category::OneInfluence => "one influence",
+            Category::TwoInfluences => "two influences",
+            Category::ThreeInfluences => "three influences",
+            Category::FourInfluences => "four influences",
+            Category::InTwoRows => "influences in two rows",
+            Category::FullPalette => "palette full",
+            Category::OneVertex => "mesh of one vertex",
         }
     }
 }
@@ -198,12 +218,12 @@ impl Categories {
 /// What a unit's co-simulation found.
 #[derive(Clone, Debug)]
 pub struct UnitReport {
-    /// `tpu` or `geometry`.
+    /// `tpu`, `geometry` or `transform`.
     pub unit: &'static str,
     pub seed: u64,
     /// Packets that went through the unit.
     pub packets: u64,
-    /// Packet steps of the TPU, ray–triangle tests of the geometry unit.
+    /// Packet steps of the TPU, ray–triangle tests or ray transformations of the geometry unit.
     pub transactions: u64,
     /// Results compared: transactions, and beside them leaves handed over, packets finished, hits read back.
     pub checked: u64,
@@ -355,11 +375,40 @@ pub(super) struct RaySetUp {
     pub enters: bool,
 }
 
+/// Which ray of which packet in flight is given to a unit.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) struct SetupPlace {
+    pub packet: usize,
+    /// Its place in the packet.
+    pub ray: usize,
+    /// Whether it is the first and the last of the packet's rays that come.
+    pub first: bool,
+    pub last: bool,
+    /// Whether it is in an object's space.
+    pub object: bool,
+}
+
+impl SetupPlace {
+    /// A ray of the world, in a packet of `rays`.
+    pub fn of_world(packet: usize, ray: usize, rays: usize) -> SetupPlace {
+        SetupPlace {
+            packet,
+            ray,
+            first: ray == 0,
+            last: ray + 1 == rays,
+            object: false,
+        }
+    }
+}
+
 /// The ports through which a unit is given rays that have been set up.
 pub(super) struct SetupPorts {
     valid: PortHandle,
     packet: PortHandle,
     ray: PortHandle,
+    object: PortHandle,
+    /// Of a unit that has them.
+    first_and_last: Option<[PortHandle; 2]>,
     fields: Vec<(PortHandle, String)>,
 }
 
@@ -369,7 +418,17 @@ impl SetupPorts {
         let mut fields = vec![];
         for port in bench.sources.ports.iter().filter(|port| port.input) {
             if let Some(field) = port.name.strip_prefix("setup_") {
-                if !["valid", "packet", "ray", "soon"].contains(&field) {
+                const OF_PLACE: [&str; 8] = [
+                    "valid",
+                    "packet",
+                    "ray",
+                    "first",
+                    "last",
+                    "object",
+                    "soon",
+                    "next_packet",
+                ];
+                if !OF_PLACE.contains(&field) {
                     fields.push((model.port(&port.name)?, field.to_string()));
                 }
             }
@@ -378,6 +437,11 @@ impl SetupPorts {
             valid: model.port("setup_valid")?,
             packet: model.port("setup_packet")?,
             ray: model.port("setup_ray")?,
+            object: model.port("setup_object")?,
+            first_and_last: match (model.port("setup_first"), model.port("setup_last")) {
+                (Ok(first), Ok(last)) => Some([first, last]),
+                _ => None,
+            },
             fields,
         })
     }
@@ -394,10 +458,15 @@ impl SetupPorts {
     }
 
     /// Shows a ray for the coming edge.
-    pub fn show(&self, model: &mut Model, packet: usize, ray: usize, word: &[u64]) {
+    pub fn show(&self, model: &mut Model, place: SetupPlace, word: &[u64]) {
         model.set(self.valid, 1);
-        model.set(self.packet, packet as u64);
-        model.set(self.ray, ray as u64);
+        model.set(self.packet, place.packet as u64);
+        model.set(self.ray, place.ray as u64);
+        model.set(self.object, place.object.into());
+        if let Some([first, last]) = self.first_and_last {
+            model.set(first, place.first.into());
+            model.set(last, place.last.into());
+        }
         for ((port, _), value) in self.fields.iter().zip(word) {
             model.set(*port, *value);
         }

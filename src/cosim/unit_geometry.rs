@@ -6,19 +6,26 @@
 //!
 //! Every ray–triangle test is compared in all bits (ray, record, whether it hits and replaces the closest hit, t, u and v of a hit, the
 //! limit), every leaf done (its context, with the rays that have hit something), every closest hit read back.
+//!
+//! In a scene of two levels the traversal unit hands over instances too. Every ray that the unit then transforms is compared in all bits (its
+//! origin and direction in the object's space, its window, the interval that it is given to ray setup with), and where its packet starts in
+//! the object. The transformed rays are set up by the golden model and written, and triangles are tested with them.
 
 use super::memory::Image;
 use super::mismatch::Field;
 use super::model::{BuildOptions, PortHandle};
-use super::raycast::MemoryPort;
+use super::raycast::{MemoryPort, TransformWatch};
 use super::scoreboard::{
-    Bench, Category, RaySetUp, SetupPorts, Surroundings, UnitOptions, UnitReport,
+    Bench, Category, RaySetUp, SetupPlace, SetupPorts, Surroundings, UnitOptions, UnitReport,
 };
 use super::workload::{Batch, Batches, TestScene, Workload, odd_number, tiny_scene};
-use crate::bkd::layout::Record;
+use crate::bkd::layout::{InstanceRecord, Record, Target};
 use crate::config::{Config, TriangleTest};
 use crate::float::{Arithmetic, Format};
-use crate::golden::{Closest, HandOver, Observer, Outcome, RaySetup, Triangle};
+use crate::golden::{
+    Closest, EnterEvent, HandOver, Instance, Observer, Outcome, RaySetup, Transformed, Triangle,
+    WHOLE_LINE,
+};
 use crate::hw::{Plan, geometry};
 use crate::port::Ray;
 use anyhow::{Result, ensure};
@@ -46,6 +53,34 @@ pub const CATEGORIES: &[Category] = &[
     Category::DeepestStack,
 ];
 
+/// What it can meet in ray transformations.
+pub const TRANSFORM_CATEGORIES: &[Category] = &[
+    // The ray, the instance's matrix or box, or what comes of them, has a NaN, an infinity, a -0.
+    Category::Nan,
+    Category::Infinity,
+    Category::SignedZero,
+    // The instance's box is flat on one axis; the ray lies in a plane of it.
+    Category::FlatBox,
+    Category::RayInPlane,
+    // The ray misses the instance's box; is in it, but not between tmin and tmax; no ray of the packet enters.
+    Category::EmptyWindow,
+    Category::OutsideLimits,
+    Category::NothingEntered,
+    Category::AnyHit,
+    Category::FiniteLimits,
+    // The instance mirrors; its object's root is a leaf.
+    Category::Mirrored,
+    Category::LeafRoot,
+    Category::DeepestStack,
+];
+
+/// Which of the unit's transactions count.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Counted {
+    Tests,
+    Transforms,
+}
+
 /// A triangle as the categories see it.
 struct Marks {
     lo: [f64; 3],
@@ -59,8 +94,11 @@ struct Marks {
 struct Contents {
     records: Image,
     vertices: Image,
+    /// By record; in the place of an instance one of no meaning.
     triangles: Vec<Triangle>,
     marks: Vec<Marks>,
+    /// By record, those that are instances.
+    instances: Vec<Option<Instance>>,
 }
 
 impl Contents {
@@ -70,16 +108,33 @@ impl Contents {
             vertices: scene.vertices.clone(),
             triangles: scene.triangles.clone(),
             marks: vec![],
+            instances: scene.instances.clone(),
         };
         contents.mark();
         contents
+    }
+
+    /// Whether leaves in the world are instances.
+    fn is_instanced(&self) -> bool {
+        self.instances.iter().any(Option::is_some)
+    }
+
+    /// Indices of the triangles' records, or of the instances'.
+    fn records_of(&self, instances: bool) -> Vec<u32> {
+        (0u32..)
+            .zip(&self.instances)
+            .filter(|(_, instance)| instance.is_some() == instances)
+            .map(|(index, _)| index)
+            .collect()
     }
 
     /// Puts infinities, NaNs and other odd numbers into some of the vertices. No scene has such; yet they must do no more harm
     /// than golden model and RTL agree on.
     fn poison(&mut self, format: Format, rng: &mut fastrand::Rng) {
         let (vertex, triangle) = (Record::vertex(format), Record::triangle());
-        for row in 0..self.vertices.rows() {
+        // Instances' vectors come last, and stay.
+        let vectors = self.instances.iter().flatten().count() * InstanceRecord::VECTORS;
+        for row in 0..self.vertices.rows() - vectors as u64 {
             for axis in ["x", "y", "z"] {
                 if rng.u8(..32) == 0 {
                     let bits = format.to_bits(odd_number(format, rng));
@@ -88,6 +143,9 @@ impl Contents {
             }
         }
         for (row, entry) in self.triangles.iter_mut().enumerate() {
+            if self.instances[row].is_some() {
+                continue;
+            }
             let record = self.records.row(row as u64);
             let corners = ["v0", "v1", "v2"].map(|corner| {
                 let words = self.vertices.row(triangle.get(record, corner));
@@ -119,6 +177,51 @@ fn is_negative_zero(x: f64) -> bool {
     x == 0.0 && x.is_sign_negative()
 }
 
+/// Of which categories a ray transformation is.
+fn transform_categories(
+    instance: &Instance,
+    ray: &TestRay,
+    transformed: &Transformed,
+) -> [(Category, bool); 10] {
+    let (lo, hi) = instance.bounds;
+    let some = |holds: fn(f64) -> bool| {
+        let moved = (transformed.ray.origin.iter()).chain(&transformed.ray.direction);
+        let vectors = instance.columns.as_flattened().iter().chain(&lo).chain(&hi);
+        moved.chain(vectors).any(|x| holds(*x))
+    };
+    let setup = &ray.setup;
+    let in_plane = (0..3)
+        .any(|i| setup.reciprocal[i].is_infinite() && [lo[i], hi[i]].contains(&setup.origin[i]));
+    let [near, far] = transformed.window;
+    let [x, y, z, _] = instance.columns;
+    let cross = [0, 1, 2].map(|i: usize| {
+        let (j, k) = ((i + 1) % 3, (i + 2) % 3);
+        x[j] * y[k] - x[k] * y[j]
+    });
+    let volume: f64 = (0..3).map(|i| cross[i] * z[i]).sum();
+    [
+        (Category::Nan, ray.nan || some(f64::is_nan)),
+        (Category::Infinity, ray.infinite || some(f64::is_infinite)),
+        (
+            Category::SignedZero,
+            ray.negative_zero || some(is_negative_zero),
+        ),
+        (Category::FlatBox, (0..3).any(|i| lo[i] == hi[i])),
+        (Category::RayInPlane, in_plane),
+        (Category::EmptyWindow, near > far),
+        (
+            Category::OutsideLimits,
+            near <= far && transformed.near > transformed.far,
+        ),
+        (Category::AnyHit, setup.any_hit),
+        (
+            Category::FiniteLimits,
+            setup.tmin > 0.0 || setup.tmax < f64::INFINITY,
+        ),
+        (Category::Mirrored, volume < 0.0),
+    ]
+}
+
 /// What must come of one ray–triangle test.
 struct Expected {
     ray: usize,
@@ -130,6 +233,8 @@ struct Expected {
 /// A ray of a packet, and its result so far.
 struct TestRay {
     setup: RaySetup,
+    /// In the space of the object that its packet is or was in last.
+    object: Option<Transformed>,
     closest: Closest,
     nan: bool,
     infinite: bool,
@@ -142,8 +247,12 @@ struct Packet {
     rays: Vec<TestRay>,
     leaves: Vec<HandOver>,
     next_leaf: usize,
-    /// Of the leaf that is with the unit, not empty while one is.
+    /// Of the triangle that is with the unit, not empty while one is.
     tests: VecDeque<Expected>,
+    /// Of the instance that is with the unit, not empty while one is.
+    transforms: VecDeque<EnterEvent>,
+    /// The number of the instance that the packet is in.
+    instance: u32,
     level: u64,
     touched: u64,
     /// Rays read back so far.
@@ -157,11 +266,12 @@ impl Packet {
     }
 }
 
-/// Rays that are being written.
-struct Arriving {
-    id: usize,
-    words: Vec<Vec<u64>>,
-    next: usize,
+/// A ray that is written into the unit.
+struct Writing {
+    place: SetupPlace,
+    word: Vec<u64>,
+    /// Of a ray of the world: bits of its direction.
+    direction: [u64; 3],
 }
 
 struct Ports {
@@ -184,6 +294,7 @@ struct Ports {
     test_packet: PortHandle,
     test_ray: PortHandle,
     test_record: PortHandle,
+    test_instance: PortHandle,
     test_hit: PortHandle,
     test_replaces: PortHandle,
     test_numbers: [PortHandle; 3],
@@ -191,6 +302,18 @@ struct Ports {
     read_ray: PortHandle,
     read_numbers: [PortHandle; 3],
     read_triangle: PortHandle,
+    read_instance: PortHandle,
+    instanced: PortHandle,
+    next_packet: PortHandle,
+    start_address: PortHandle,
+    start_leaf: PortHandle,
+    start_context: PortHandle,
+    transform: TransformWatch,
+    object_valid: PortHandle,
+    /// Packet, ray, first, last, tmin, tmax.
+    object: [PortHandle; 6],
+    /// Of the watertight test: valid, packet, ray, direction.
+    world: Option<[PortHandle; 6]>,
 }
 
 impl Ports {
@@ -216,6 +339,7 @@ impl Ports {
             test_packet: port("watch_test_packet")?,
             test_ray: port("watch_test_ray")?,
             test_record: port("watch_test_record")?,
+            test_instance: port("watch_test_instance")?,
             test_hit: port("watch_test_hit")?,
             test_replaces: port("watch_test_replaces")?,
             test_numbers: [
@@ -227,6 +351,33 @@ impl Ports {
             read_ray: port("read_ray")?,
             read_numbers: [port("read_t")?, port("read_u")?, port("read_v")?],
             read_triangle: port("read_triangle")?,
+            read_instance: port("read_instance")?,
+            instanced: port("instanced")?,
+            next_packet: port("setup_next_packet")?,
+            start_address: port("start_address")?,
+            start_leaf: port("start_leaf")?,
+            start_context: port("start_context")?,
+            transform: TransformWatch::new(&bench.model)?,
+            object_valid: port("object_valid")?,
+            object: [
+                port("object_packet")?,
+                port("object_ray")?,
+                port("object_first")?,
+                port("object_last")?,
+                port("object_tmin")?,
+                port("object_tmax")?,
+            ],
+            world: match port("world_valid") {
+                Ok(valid) => Some([
+                    valid,
+                    port("world_packet")?,
+                    port("world_ray")?,
+                    port("world_direction_x")?,
+                    port("world_direction_y")?,
+                    port("world_direction_z")?,
+                ]),
+                Err(_) => None,
+            },
         })
     }
 }
@@ -237,9 +388,23 @@ impl Ports {
 /// # Errors
 /// A tool that is missing; a scene that the machine cannot hold. A mismatch is no error here: it is in the report.
 pub fn run(config: &Config, workload: Workload<'_>, options: &UnitOptions) -> Result<UnitReport> {
-    let mut run = Run::new(config, options)?;
+    let mut run = Run::new(config, Counted::Tests, options)?;
     let ended = run.all(workload, options);
     run.bench.report(ended, CATEGORIES)
+}
+
+/// The same, but counting ray transformations. A scene of one level has none.
+///
+/// # Errors
+/// As [`run`].
+pub fn run_transform(
+    config: &Config,
+    workload: Workload<'_>,
+    options: &UnitOptions,
+) -> Result<UnitReport> {
+    let mut run = Run::new(config, Counted::Transforms, options)?;
+    let ended = run.all(workload, options);
+    run.bench.report(ended, TRANSFORM_CATEGORIES)
 }
 
 /// How fast the geometry unit is.
@@ -288,7 +453,7 @@ pub fn throughput(
         build: build.clone(),
         ..UnitOptions::new(seed)
     };
-    let mut run = Run::new(config, &options)?;
+    let mut run = Run::new(config, Counted::Tests, &options)?;
     run.reset();
     let batch = tiny_scene(config, config.packets_in_flight as usize, &mut run.rng)?;
     let contents = Contents::new(&batch.scene);
@@ -300,6 +465,7 @@ pub fn throughput(
     let packets = batch.packets.iter().map(|rays| {
         let leaf = |rng: &mut fastrand::Rng| HandOver {
             record: rng.u32(..records),
+            instance: false,
             mask: all[rng.usize(..all.len())],
         };
         let leaves = (0..LEAVES_FOR_THROUGHPUT).map(|_| leaf(&mut run.rng));
@@ -318,10 +484,15 @@ pub fn throughput(
 
 struct Run<'a> {
     config: &'a Config,
+    counted: Counted,
+    /// Whether the batch's scene has two levels.
+    instanced: bool,
     format: Format,
     arithmetic: Arithmetic,
     test: TriangleTest,
     level_bits: u32,
+    /// Clocks by which a packet is named before its ray is written.
+    read_latency: usize,
     bench: Bench,
     ports: Ports,
     setup: SetupPorts,
@@ -335,14 +506,21 @@ struct Run<'a> {
 }
 
 impl<'a> Run<'a> {
-    fn new(config: &'a Config, options: &UnitOptions) -> Result<Run<'a>> {
+    fn new(config: &'a Config, counted: Counted, options: &UnitOptions) -> Result<Run<'a>> {
         let plan = Plan::new(config)?;
-        let bench = Bench::new("geometry", &geometry::module(&plan)?.module, options)?;
+        let name = match counted {
+            Counted::Tests => "geometry",
+            Counted::Transforms => "transform",
+        };
+        let bench = Bench::new(name, &geometry::module(&plan)?.module, options)?;
         let setup = SetupPorts::new(&bench)?;
         let ports = Ports::new(&bench)?;
         let format = config.format();
         Ok(Run {
             config,
+            counted,
+            instanced: false,
+            read_latency: plan.read_latency() as usize,
             format,
             arithmetic: Arithmetic::new(format),
             test: config.triangle_test,
@@ -382,14 +560,14 @@ impl<'a> Run<'a> {
             if batch.is_random && self.rng.u8(..4) == 0 {
                 contents.poison(self.format, &mut self.rng);
             }
-            let packets = self.scripts(&batch);
+            let packets = self.scripts(&batch, &contents);
             self.batch(&contents, packets, &around)?;
         }
         Ok(())
     }
 
     /// Each packet's rays and leaves. Packets that come to no leaf are left out.
-    fn scripts(&mut self, batch: &Batch) -> Vec<(Vec<Ray>, Vec<HandOver>)> {
+    fn scripts(&mut self, batch: &Batch, contents: &Contents) -> Vec<(Vec<Ray>, Vec<HandOver>)> {
         struct Leaves(Vec<HandOver>);
         impl Observer for Leaves {
             fn hand_over(&mut self, event: &HandOver) {
@@ -397,14 +575,30 @@ impl<'a> Run<'a> {
             }
         }
         let all = ((1u32 << self.config.rays_per_packet) - 1) as u8;
-        let records = batch.scene.triangles.len() as u32;
+        let (triangles, instances) = (contents.records_of(false), contents.records_of(true));
         let script = |rays: &Vec<Ray>| {
             let mut leaves = Leaves(vec![]);
             if batch.is_random {
+                // In two levels only the rays of an instance are in its object's space.
+                let mut come = all;
                 for _ in 0..self.rng.usize(1..=12) {
+                    let first = leaves.0.is_empty();
+                    let instance = !instances.is_empty() && (first || self.rng.u8(..3) == 0);
+                    let records = if instance { &instances } else { &triangles };
+                    let among = if instance { all } else { come };
+                    let mask = loop {
+                        let mask = self.rng.u8(1..=all) & among;
+                        if mask != 0 {
+                            break mask;
+                        }
+                    };
+                    if instance {
+                        come = mask;
+                    }
                     leaves.0.push(HandOver {
-                        record: self.rng.u32(..records),
-                        mask: self.rng.u8(1..=all),
+                        record: records[self.rng.usize(..records.len())],
+                        instance,
+                        mask,
                     });
                 }
             } else {
@@ -422,46 +616,74 @@ impl<'a> Run<'a> {
         packets: Vec<(Vec<Ray>, Vec<HandOver>)>,
         around: &Surroundings,
     ) -> Result<()> {
+        self.instanced = contents.is_instanced();
         let model = &mut self.bench.model;
         let mut records =
             MemoryPort::new(model, "record", contents.records.clone(), around.port(1))?;
         let mut vertices =
             MemoryPort::new(model, "vertex", contents.vertices.clone(), around.port(2))?;
+        let instanced = self.instanced;
+        model.set(self.ports.instanced, instanced.into());
         let mut waiting = packets.into_iter();
         let all = self.packets.len();
-        let mut arriving: Option<Arriving> = None;
+        // Rays to be written; those whose packet was named so many clocks before.
+        let mut arriving: VecDeque<Writing> = VecDeque::new();
+        let mut announced: VecDeque<Option<Writing>> =
+            (0..self.read_latency).map(|_| None).collect();
         // Packets that have a leaf to hand over; the one whose leaf is offered; those to be read back.
         let mut ready: Vec<usize> = vec![];
         let mut offered: Option<usize> = None;
         let mut finished: VecDeque<usize> = VecDeque::new();
         let mut idle = 0;
         loop {
-            if arriving.is_none() && !self.free.is_empty() {
-                arriving = match waiting.next() {
-                    Some((rays, leaves)) => Some(self.arrive(&rays, leaves)?),
+            if arriving.is_empty() && !self.free.is_empty() {
+                match waiting.next() {
+                    Some((rays, leaves)) => self.arrive(&rays, leaves, &mut arriving)?,
                     None if self.free.len() == all => break,
-                    None => None,
-                };
+                    None => {}
+                }
             }
             // One ray a clock is written.
-            let writes = arriving.is_some() && !self.pauses(around);
-            match &mut arriving {
-                Some(packet) if writes => {
-                    let word = &packet.words[packet.next];
-                    let model = &mut self.bench.model;
-                    self.setup.show(model, packet.id, packet.next, word);
-                    packet.next += 1;
-                    if packet.next == packet.words.len() {
-                        ready.push(packet.id);
-                        arriving = None;
+            let next = match self.pauses(around) {
+                true => None,
+                false => arriving.pop_front(),
+            };
+            let model = &mut self.bench.model;
+            if let Some(writing) = &next {
+                model.set(self.ports.next_packet, writing.place.packet as u64);
+            }
+            announced.push_back(next);
+            let written = announced.pop_front().flatten();
+            if let Some(world) = &self.ports.world {
+                let of_world = written.as_ref().filter(|w| !w.place.object);
+                model.set(world[0], of_world.is_some().into());
+                if let Some(writing) = of_world {
+                    let [x, y, z] = writing.direction;
+                    let place = writing.place;
+                    let values = [place.packet as u64, place.ray as u64, x, y, z];
+                    for (port, value) in world[1..].iter().zip(values) {
+                        model.set(*port, value);
                     }
                 }
-                _ => self.setup.hide(&mut self.bench.model),
+            }
+            match &written {
+                Some(Writing { place, word, .. }) => {
+                    self.setup.show(model, *place, word);
+                    if place.last {
+                        let packet = self.packets[place.packet].as_ref();
+                        let packet = packet.expect("its rays are being written");
+                        match packet.next_leaf < packet.leaves.len() {
+                            true => ready.push(place.packet),
+                            false => finished.push_back(place.packet),
+                        }
+                    }
+                }
+                None => self.setup.hide(model),
             }
             // A leaf once offered stays until it is taken.
             if offered.is_none() && !ready.is_empty() && !self.pauses(around) {
                 let id = ready.swap_remove(self.rng.usize(..ready.len()));
-                self.offer(id);
+                self.offer(id, instanced);
                 offered = Some(id);
             }
             let ports = &self.ports;
@@ -485,7 +707,10 @@ impl<'a> Run<'a> {
 
             // What the unit shows for the edge.
             model.eval();
-            let mut progress = writes;
+            let mut progress = written.is_some();
+            if let Some(place) = written.map(|writing| writing.place) {
+                self.check_start(contents, place)?;
+            }
             if let Some(id) = offered {
                 if self.bench.model.get(self.ports.leaf_ready) != 0 {
                     self.expect(contents, id);
@@ -502,6 +727,12 @@ impl<'a> Run<'a> {
                     } else {
                         finished.push_back(id);
                     }
+                }
+            }
+            if let Some((id, is_done)) = self.watch_transform()? {
+                progress = true;
+                if is_done {
+                    self.set_up_object(id, &mut arriving)?;
                 }
             }
             records.take(&self.bench.model)?;
@@ -526,23 +757,32 @@ impl<'a> Run<'a> {
         around.pauses > 0.0 && self.rng.f64() < around.pauses
     }
 
-    /// Chooses a packet's number in flight.
-    fn arrive(&mut self, rays: &[Ray], leaves: Vec<HandOver>) -> Result<Arriving> {
+    /// Chooses a packet's number in flight, and lets its rays be written.
+    fn arrive(
+        &mut self,
+        rays: &[Ray],
+        leaves: Vec<HandOver>,
+        arriving: &mut VecDeque<Writing>,
+    ) -> Result<()> {
         let id = self.free.swap_remove(self.rng.usize(..self.free.len()));
-        let mut words = vec![];
         let mut tested = vec![];
-        for ray in rays {
+        for (slot, ray) in rays.iter().enumerate() {
             let setup = RaySetup::new(&self.arithmetic, ray);
             let set_up = RaySetUp {
                 ray: setup,
                 interval: [setup.tmin, setup.tmax],
                 enters: setup.valid,
             };
-            words.push(self.setup.word(self.format, &set_up)?);
+            arriving.push_back(Writing {
+                place: SetupPlace::of_world(id, slot, rays.len()),
+                word: self.setup.word(self.format, &set_up)?,
+                direction: ray.direction.map(|x| self.format.to_bits(x)),
+            });
             let numbers = ray.origin.iter().chain(&ray.direction);
             let some = |holds: fn(f64) -> bool| numbers.clone().any(|x| holds(*x));
             tested.push(TestRay {
                 setup,
+                object: None,
                 closest: Closest::default(),
                 nan: some(f64::is_nan) || ray.tmin.is_nan() || ray.tmax.is_nan(),
                 infinite: some(f64::is_infinite),
@@ -555,16 +795,95 @@ impl<'a> Run<'a> {
             leaves,
             next_leaf: 0,
             tests: VecDeque::new(),
+            transforms: VecDeque::new(),
+            instance: 0,
             level: 0,
             touched: 0,
             read: 0,
         });
         self.started += 1;
-        Ok(Arriving { id, words, next: 0 })
+        Ok(())
+    }
+
+    /// Ray setup's part for the rays that the unit has transformed: all of them are written, whether they enter or not.
+    fn set_up_object(&mut self, id: usize, arriving: &mut VecDeque<Writing>) -> Result<()> {
+        let packet = self.packets[id].as_ref().expect("its rays are transformed");
+        let mask = packet.leaves[packet.next_leaf - 1].mask;
+        for (slot, ray) in packet.rays.iter().enumerate() {
+            if mask >> slot & 1 == 0 {
+                continue;
+            }
+            let object = ray.object.as_ref().expect("it was transformed");
+            let set_up = RaySetUp {
+                // Ray setup gets the interval as limits. The unit must keep the world's.
+                ray: RaySetup {
+                    tmin: object.near,
+                    tmax: object.far,
+                    ..object.ray
+                },
+                interval: [object.near, object.far],
+                enters: object.enters,
+            };
+            arriving.push_back(Writing {
+                place: SetupPlace {
+                    packet: id,
+                    ray: slot,
+                    first: mask & ((1 << slot) - 1) == 0,
+                    last: mask >> slot == 1,
+                    object: true,
+                },
+                word: self.setup.word(self.format, &set_up)?,
+                direction: [0; 3],
+            });
+        }
+        Ok(())
+    }
+
+    /// Beside the last ray of an object: compares where its packet starts.
+    fn check_start(&mut self, contents: &Contents, place: SetupPlace) -> Result<()> {
+        if !place.object || !place.last {
+            return Ok(());
+        }
+        let packet = self.packets[place.packet]
+            .as_ref()
+            .expect("its rays are being written");
+        let record = packet.leaves[packet.next_leaf - 1].record;
+        let instance = contents.instances[record as usize]
+            .as_ref()
+            .expect("it is an instance");
+        let (address, is_leaf) = match instance.root {
+            Target::Node(index) => (index, 0),
+            Target::Record(index) => (index, 1),
+        };
+        let (ports, model) = (&self.ports, &self.bench.model);
+        let context = self.context(packet, 1);
+        let fields = [
+            ("root's index", u64::from(address), ports.start_address),
+            ("root is a leaf", is_leaf, ports.start_leaf),
+            ("context", context, ports.start_context),
+        ]
+        .map(|(name, golden, port)| (name, golden, model.get(port)));
+        if fields.iter().any(|(_, golden, rtl)| golden != rtl) {
+            let fields = fields.map(|(name, golden, rtl)| Field::integer(name, golden, rtl));
+            let place = format!(
+                "start of packet {} ({} in flight) in the object of instance record {record}",
+                packet.number, place.packet
+            );
+            return Err(self.bench.mismatch(place, fields.into()));
+        }
+        self.bench.tally.checked += 1;
+        Ok(())
+    }
+
+    /// A packet's context, as the traversal unit packs it.
+    fn context(&self, packet: &Packet, inside: u64) -> u64 {
+        packet.level
+            | packet.touched << self.level_bits
+            | inside << (self.level_bits + self.config.rays_per_packet)
     }
 
     /// Shows a packet's next leaf.
-    fn offer(&mut self, id: usize) {
+    fn offer(&mut self, id: usize, instanced: bool) {
         let packet = self.packets[id]
             .as_mut()
             .expect("it has a leaf to hand over");
@@ -574,11 +893,12 @@ impl<'a> Run<'a> {
             _ => self.rng.u64(..=u64::from(self.config.stack_depth)),
         };
         let leaf = packet.leaf();
+        let packet = self.packets[id].as_ref().expect("it was there just now");
+        let context = self.context(packet, u64::from(instanced && !leaf.instance));
         let (ports, model) = (&self.ports, &mut self.bench.model);
         model.set(ports.leaf_packet, id as u64);
         model.set(ports.leaf_address, leaf.record.into());
         model.set(ports.leaf_mask, leaf.mask.into());
-        let context = packet.level | packet.touched << self.level_bits;
         model.set(ports.leaf_context, context);
     }
 
@@ -586,6 +906,40 @@ impl<'a> Run<'a> {
     fn expect(&mut self, contents: &Contents, id: usize) {
         let packet = self.packets[id].as_mut().expect("its leaf is taken");
         let leaf = packet.leaf();
+        let full = packet.level == u64::from(self.config.stack_depth);
+        let counts_transforms = self.counted == Counted::Transforms;
+        if let Some(instance) = &contents.instances[leaf.record as usize] {
+            packet.instance = instance.number;
+            let mut some_enters = false;
+            for (slot, ray) in packet.rays.iter_mut().enumerate() {
+                if leaf.mask >> slot & 1 == 0 {
+                    continue;
+                }
+                let transformed = instance.transform(&self.arithmetic, &ray.setup);
+                ray.object = Some(transformed);
+                some_enters |= transformed.enters;
+                packet.transforms.push_back(EnterEvent {
+                    slot: slot as u8,
+                    record: leaf.record,
+                    instance: instance.number,
+                    transformed,
+                });
+                if counts_transforms {
+                    let categories = &mut self.bench.tally.categories;
+                    for (category, holds) in transform_categories(instance, ray, &transformed) {
+                        categories.count(category, holds);
+                    }
+                    let leaf_root = matches!(instance.root, Target::Record(_));
+                    categories.count(Category::LeafRoot, leaf_root);
+                    categories.count(Category::DeepestStack, full);
+                }
+            }
+            if counts_transforms {
+                let categories = &mut self.bench.tally.categories;
+                categories.count(Category::NothingEntered, !some_enters);
+            }
+            return;
+        }
         let triangle = &contents.triangles[leaf.record as usize];
         let marks = &contents.marks[leaf.record as usize];
         let flat = (0..3).any(|i| marks.lo[i] == marks.hi[i]) && !triangle.degenerate;
@@ -594,12 +948,18 @@ impl<'a> Run<'a> {
             if leaf.mask >> slot & 1 == 0 {
                 continue;
             }
-            let setup = &ray.setup;
-            let outcome = triangle.intersect::<true>(&self.arithmetic, self.test, setup);
+            let (setup, window) = match (&ray.object, self.instanced) {
+                (Some(object), true) => (&object.ray, object.window),
+                _ => (&ray.setup, WHOLE_LINE),
+            };
+            let outcome = triangle.intersect::<true>(&self.arithmetic, self.test, setup, window);
             let before = ray.closest;
-            ray.closest.merge(setup, &outcome, 0, triangle.number);
+            let instance = packet.instance;
+            ray.closest
+                .merge(setup, &outcome, instance, triangle.number);
             let after = ray.closest;
-            let nearer = after.hit.t != before.hit.t || after.hit.triangle != before.hit.triangle;
+            let identity = |closest: &Closest| (closest.hit.instance, closest.hit.triangle);
+            let nearer = after.hit.t != before.hit.t || identity(&after) != identity(&before);
             let replaces = outcome.hit && (setup.any_hit || nearer);
             packet.touched |= u64::from(replaces) << slot;
             packet.tests.push_back(Expected {
@@ -609,6 +969,9 @@ impl<'a> Run<'a> {
                 limit: after.limit,
             });
 
+            if counts_transforms {
+                continue;
+            }
             let [t, u, v] = outcome.raw;
             let hits = outcome.hit;
             let in_plane = (0..3).any(|i| {
@@ -618,7 +981,6 @@ impl<'a> Run<'a> {
             let limited = setup.tmin > 0.0 || setup.tmax < f64::INFINITY;
             let as_far = hits && !setup.any_hit && outcome.t == before.hit.t;
             let on_edge = hits && (u == 0.0 || v == 0.0 || u + v == 1.0);
-            let full = packet.level == u64::from(self.config.stack_depth);
             for (category, holds) in [
                 (Category::Nan, ray.nan || marks.nan),
                 (Category::Infinity, ray.infinite || marks.infinite),
@@ -683,9 +1045,13 @@ impl<'a> Run<'a> {
             expected.outcome.raw[1],
             expected.outcome.raw[2],
         ];
-        let context = packet.level | packet.touched << self.level_bits;
+        let (inside, instance) = (u64::from(self.instanced), packet.instance);
+        let context = packet.level
+            | packet.touched << self.level_bits
+            | inside << (self.level_bits + self.config.rays_per_packet);
         let agrees = get(ports.test_ray) == expected.ray as u64
             && get(ports.test_record) == u64::from(leaf.record)
+            && get(ports.test_instance) == u64::from(instance)
             && get(ports.test_hit) == u64::from(hits)
             && get(ports.test_replaces) == u64::from(expected.replaces)
             && (!hits || ports.test_numbers.map(get) == numbers.map(bits))
@@ -705,13 +1071,75 @@ impl<'a> Run<'a> {
             packet.next_leaf += 1;
         }
         let now = self.bench.model.cycles();
-        let tally = &mut self.bench.tally;
-        if tally.transactions == 0 {
+        if self.tested.end == 0 {
             self.tested.start = now;
         }
         self.tested.end = now + 1;
-        tally.transactions += 1;
+        let tally = &mut self.bench.tally;
+        tally.transactions += u64::from(self.counted == Counted::Tests);
         tally.checked += 1 + u64::from(is_done);
+        Ok(Some((id, is_done)))
+    }
+
+    /// Compares the transformed ray that the unit shows, if any; returns its packet, and whether its instance is done.
+    fn watch_transform(&mut self) -> Result<Option<(usize, bool)>> {
+        let (ports, model) = (&self.ports, &self.bench.model);
+        let Some(id) = ports.transform.packet(model) else {
+            return match model.get(ports.object_valid) {
+                0 => Ok(None),
+                _ => Err(self
+                    .bench
+                    .mismatch("a ray for ray setup without a transformation", vec![])),
+            };
+        };
+        let golden = self
+            .packets
+            .get_mut(id)
+            .and_then(Option::as_mut)
+            .and_then(|packet| Some((packet.transforms.pop_front()?, packet)));
+        let Some((expected, packet)) = golden else {
+            let place = format!(
+                "a transformed ray of packet {id} in flight, which has no instance in the unit"
+            );
+            return Err(self.bench.mismatch(place, vec![]));
+        };
+        let is_done = packet.transforms.is_empty();
+        let mask = packet.leaf().mask;
+        let is_first = mask.trailing_zeros() == u32::from(expected.slot);
+        let transformed = &expected.transformed;
+        let mut fields = ports.transform.compare(model, self.format, &expected);
+        let bits = |x: f64| self.format.to_bits(x);
+        let given = [
+            id as u64,
+            expected.slot.into(),
+            is_first.into(),
+            is_done.into(),
+            bits(transformed.near),
+            bits(transformed.far),
+        ];
+        let rtl = ports.object.map(|port| model.get(port));
+        let valid = model.get(ports.object_valid);
+        if !fields.is_empty() || valid != 1 || rtl != given {
+            fields.push(Field::integer("given to ray setup", 1, valid));
+            let names = ["packet", "ray", "first", "last"];
+            for ((name, golden), rtl) in names.into_iter().zip(given).zip(rtl) {
+                fields.push(Field::integer(name, golden, rtl));
+            }
+            for (name, k) in [("tmin", 4), ("tmax", 5)] {
+                fields.push(Field::number(name, self.format, given[k], rtl[k]));
+            }
+            let place = format!(
+                "ray {} of packet {} ({id} in flight) taken to instance record {}, its leaf {}",
+                expected.slot, packet.number, expected.record, packet.next_leaf
+            );
+            return Err(self.bench.mismatch(place, fields));
+        }
+        if is_done {
+            packet.next_leaf += 1;
+        }
+        let tally = &mut self.bench.tally;
+        tally.transactions += u64::from(self.counted == Counted::Transforms);
+        tally.checked += 1;
         Ok(Some((id, is_done)))
     }
 
@@ -736,6 +1164,7 @@ impl<'a> Run<'a> {
         let mut fields = vec![
             integer("ray of the packet", expected.ray as u64, ports.test_ray),
             integer("record", record.into(), ports.test_record),
+            integer("instance", packet.instance.into(), ports.test_instance),
             integer("hit", outcome.hit.into(), ports.test_hit),
         ];
         if outcome.hit {
@@ -777,15 +1206,18 @@ impl<'a> Run<'a> {
             let hit = packet.rays[slot].closest.hit;
             let golden = [hit.t, hit.u, hit.v].map(|x| self.format.to_bits(x));
             let rtl = ports.read_numbers.map(|port| model.get(port));
-            let triangle = model.get(ports.read_triangle);
-            if golden != rtl || u64::from(hit.triangle) != triangle {
+            let identity = [ports.read_instance, ports.read_triangle].map(|port| model.get(port));
+            let golden_identity = [hit.instance, hit.triangle].map(u64::from);
+            if golden != rtl || golden_identity != identity {
                 let mut fields: Vec<_> = ["t", "u", "v"]
                     .into_iter()
                     .zip(golden)
                     .zip(rtl)
                     .map(|((name, golden), rtl)| Field::number(name, self.format, golden, rtl))
                     .collect();
-                fields.push(Field::integer("triangle", hit.triangle.into(), triangle));
+                for (k, name) in ["instance", "triangle"].into_iter().enumerate() {
+                    fields.push(Field::integer(name, golden_identity[k], identity[k]));
+                }
                 let place = format!(
                     "closest hit of ray {slot} of packet {} ({id} in flight), read back",
                     packet.number
@@ -808,6 +1240,13 @@ impl<'a> Run<'a> {
         let mut place = format!("nothing has happened for {clocks} clocks");
         for (id, packet) in self.packets.iter().enumerate() {
             let Some(packet) = packet else { continue };
+            if let Some(transform) = packet.transforms.front() {
+                let (slot, record) = (transform.slot, transform.record);
+                place += &format!(
+                    "; packet {} ({id} in flight) waits for ray {slot} to be taken to instance record {record}",
+                    packet.number
+                );
+            }
             if let Some(test) = packet.tests.front() {
                 let record = packet.leaf().record;
                 place += &format!(

@@ -2,7 +2,8 @@
 //!
 //! What is around the unit is played here: ray setup gives it rays that the golden model has set up, node memory answers
 //! at any pace, and the geometry unit takes leaves and returns what the golden model's triangle tests made of them:
-//! limits, one a clock, then the leaf's context with the rays that have hit something.
+//! limits, one a clock, then the leaf's context with the rays that have hit something. In a scene of two levels it takes
+//! instances too, and gives the rays that the golden model has transformed back through ray setup, between rays of the world.
 //!
 //! Every packet step is compared in all bits (node, which rays go where, their intervals, which child is first), every leaf
 //! handed over (record, rays, stack level, rays that have hit something), every packet finished, and at the end the
@@ -12,14 +13,17 @@ use super::mismatch::Field;
 use super::model::PortHandle;
 use super::raycast::MemoryPort;
 use super::scoreboard::{
-    Bench, Categories, Category, RaySetUp, SetupPorts, Surroundings, UnitOptions, UnitReport,
+    Bench, Categories, Category, RaySetUp, SetupPlace, SetupPorts, Surroundings, UnitOptions,
+    UnitReport,
 };
 use super::workload::{Batch, Batches, TestScene, Workload};
 use crate::bkd::Target;
 use crate::config::Config;
 use crate::float::{Arithmetic, Format};
 use crate::golden::raycast::{RaySet, StepEvent};
-use crate::golden::{Closest, HandOver, Observer, PopEvent, PushEvent, RaySetup, RayTest};
+use crate::golden::{
+    Closest, EnterEvent, HandOver, Observer, PopEvent, PushEvent, RaySetup, RayTest,
+};
 use crate::hw::{Plan, tpu};
 use crate::port::Ray;
 use anyhow::Result;
@@ -61,6 +65,8 @@ enum Event {
         level: u32,
         /// Rays whose closest hit the leaf changes, and their limits.
         limits: Vec<(u8, f64)>,
+        /// Of an instance: its rays in the object's space.
+        entries: Vec<EnterEvent>,
     },
 }
 
@@ -122,20 +128,28 @@ impl Observer for Script<'_> {
     }
 
     fn hand_over(&mut self, event: &HandOver) {
-        let degenerate = self.scene.triangles[event.record as usize].degenerate;
+        let degenerate = !event.instance && self.scene.triangles[event.record as usize].degenerate;
         self.categories.count(Category::Degenerate, degenerate);
         self.events.push(Event::Leaf {
             leaf: *event,
             level: self.level,
             limits: vec![],
+            entries: vec![],
         });
+    }
+
+    fn enter(&mut self, event: &EnterEvent) {
+        if let Some(Event::Leaf { entries, .. }) = self.events.last_mut() {
+            entries.push(*event);
+        }
     }
 
     fn test(&mut self, event: &RayTest) {
         let before = &mut self.closest[usize::from(event.slot)];
         let merged = event.merged;
+        let identity = |closest: &Closest| (closest.hit.instance, closest.hit.triangle);
         let replaced = event.outcome.hit
-            && (before.limit != merged.limit || before.hit.triangle != merged.hit.triangle);
+            && (before.limit != merged.limit || identity(before) != identity(&merged));
         *before = merged;
         if let (true, Some(Event::Leaf { limits, .. })) = (replaced, self.events.last_mut()) {
             limits.push((event.slot, merged.limit));
@@ -154,15 +168,17 @@ struct Packet {
     in_leaf: bool,
 }
 
-/// A packet that ray setup is giving to the unit.
+/// A ray that ray setup is giving to the unit.
 struct Arriving {
-    id: usize,
-    words: Vec<Vec<u64>>,
-    next: usize,
+    place: SetupPlace,
+    word: Vec<u64>,
 }
 
 struct Ports {
     root: PortHandle,
+    object_address: PortHandle,
+    object_leaf: PortHandle,
+    object_context: PortHandle,
     soon: PortHandle,
     leaf_valid: PortHandle,
     leaf_ready: PortHandle,
@@ -193,6 +209,9 @@ impl Ports {
         let port = |name: &str| bench.model.port(name);
         Ok(Ports {
             root: port("root")?,
+            object_address: port("object_address")?,
+            object_leaf: port("object_leaf")?,
+            object_context: port("object_context")?,
             soon: port("setup_soon")?,
             leaf_valid: port("leaf_valid")?,
             leaf_ready: port("leaf_ready")?,
@@ -244,11 +263,15 @@ struct Run<'a> {
     bench: Bench,
     ports: Ports,
     setup: SetupPorts,
+    /// Whether the batch's scene has two levels.
+    instanced: bool,
     /// By packet number in flight.
     packets: Vec<Option<Packet>>,
     free: Vec<usize>,
     /// Rays that were announced, one a clock: the front one is shown for the coming edge.
-    announced: VecDeque<Option<(usize, usize, Vec<u64>)>>,
+    announced: VecDeque<Option<Arriving>>,
+    /// Rays of objects that are still to be announced.
+    entering: VecDeque<Arriving>,
     /// Leaves that are being tested, by the clock in which that ends.
     tested: BinaryHeap<Reverse<(u64, usize)>>,
     /// The leaf whose limits are being given, and which is next.
@@ -280,11 +303,13 @@ impl<'a> Run<'a> {
             bench,
             ports,
             setup,
+            instanced: false,
             packets: (0..plan.packets()).map(|_| None).collect(),
             free: (0..plan.packets() as usize).collect(),
             announced: std::iter::repeat_with(|| None)
                 .take(unit.pop_latency as usize)
                 .collect(),
+            entering: VecDeque::new(),
             tested: BinaryHeap::new(),
             merging: None,
             done: VecDeque::new(),
@@ -322,6 +347,7 @@ impl<'a> Run<'a> {
 
     fn batch(&mut self, batch: &Batch, around: &Surroundings) -> Result<()> {
         let scene = Rc::clone(&batch.scene);
+        self.instanced = scene.root.right_leaf;
         let root = u64::from(scene.root.pack());
         self.bench.model.set(self.ports.root, root);
         let mut memory = MemoryPort::new(
@@ -331,37 +357,33 @@ impl<'a> Run<'a> {
             around.port(1),
         )?;
         let mut waiting = batch.packets.iter();
-        let mut arriving: Option<Arriving> = None;
+        // A packet's rays that are still to be announced.
+        let mut arriving: VecDeque<Arriving> = VecDeque::new();
         let all = self.packets.len();
         let mut idle = 0;
         loop {
-            // Ray setup: a ray is announced, and shown so many clocks later.
-            if arriving.is_none() && !self.free.is_empty() {
-                arriving = match waiting.next() {
-                    Some(rays) => Some(self.arrive(&scene, rays)?),
+            // Ray setup: a ray is announced, and shown so many clocks later. Rays of objects go first.
+            if arriving.is_empty() && !self.free.is_empty() {
+                match waiting.next() {
+                    Some(rays) => self.arrive(&scene, rays, &mut arriving)?,
                     None if self.free.len() == all => break,
-                    None => None,
-                };
-            }
-            let announces = arriving.is_some() && !self.pauses(around);
-            let mut next = None;
-            if let (true, Some(packet)) = (announces, &mut arriving) {
-                let word = std::mem::take(&mut packet.words[packet.next]);
-                next = Some((packet.id, packet.next, word));
-                packet.next += 1;
-                if packet.next == self.rays as usize {
-                    arriving = None;
+                    None => {}
                 }
             }
+            let next = match self.pauses(around) {
+                true => None,
+                false => self.entering.pop_front().or_else(|| arriving.pop_front()),
+            };
             let model = &mut self.bench.model;
-            model.set(self.ports.soon, u64::from(announces));
+            model.set(self.ports.soon, next.is_some().into());
             self.announced.push_back(next);
             match self.announced.pop_front().flatten() {
-                Some((packet, ray, word)) => self.setup.show(model, packet, ray, &word),
+                Some(ray) => self.show(&scene, &ray),
                 None => self.setup.hide(model),
             }
+            let model = &mut self.bench.model;
             memory.show(model);
-            self.return_leaves(around);
+            self.return_leaves(around)?;
             let takes_leaf = !self.pauses(around);
             let model = &mut self.bench.model;
             model.set(self.ports.leaf_ready, takes_leaf.into());
@@ -389,8 +411,68 @@ impl<'a> Run<'a> {
         around.pauses > 0.0 && self.rng.f64() < around.pauses
     }
 
+    /// Shows a ray that has been set up; the last of an object's, with where the packet starts there.
+    fn show(&mut self, scene: &TestScene, ray: &Arriving) {
+        let model = &mut self.bench.model;
+        self.setup.show(model, ray.place, &ray.word);
+        if !ray.place.object || !ray.place.last {
+            return;
+        }
+        let packet = self.packets[ray.place.packet]
+            .as_mut()
+            .expect("its rays are transformed");
+        packet.in_leaf = false;
+        let Event::Leaf { leaf, level, .. } = &packet.events[packet.next - 1] else {
+            unreachable!("the packet is at an instance");
+        };
+        let instance = scene.instances[leaf.record as usize]
+            .as_ref()
+            .expect("it is an instance");
+        let (address, is_leaf) = match instance.root {
+            Target::Node(index) => (index, 0),
+            Target::Record(index) => (index, 1),
+        };
+        let inside = 1 << (self.level_bits + self.rays);
+        let context = u64::from(*level) | packet.touched << self.level_bits | inside;
+        model.set(self.ports.object_address, address.into());
+        model.set(self.ports.object_leaf, is_leaf);
+        model.set(self.ports.object_context, context);
+    }
+
+    /// Ray setup's part for an instance's rays.
+    fn enter(&mut self, id: usize) -> Result<()> {
+        let packet = self.packets[id].as_ref().expect("the packet is in a leaf");
+        let Event::Leaf { entries, .. } = &packet.events[packet.next - 1] else {
+            unreachable!("the packet is at an instance");
+        };
+        for (k, entry) in entries.iter().enumerate() {
+            let ray = &entry.transformed;
+            let set_up = RaySetUp {
+                ray: ray.ray,
+                interval: [ray.near, ray.far],
+                enters: ray.enters,
+            };
+            self.entering.push_back(Arriving {
+                place: SetupPlace {
+                    packet: id,
+                    ray: entry.slot.into(),
+                    first: k == 0,
+                    last: k + 1 == entries.len(),
+                    object: true,
+                },
+                word: self.setup.word(self.format, &set_up)?,
+            });
+        }
+        Ok(())
+    }
+
     /// Chooses a packet's number in flight, and asks the golden model what must come of it.
-    fn arrive(&mut self, scene: &TestScene, rays: &[Ray]) -> Result<Arriving> {
+    fn arrive(
+        &mut self,
+        scene: &TestScene,
+        rays: &[Ray],
+        arriving: &mut VecDeque<Arriving>,
+    ) -> Result<()> {
         let a = self.arithmetic;
         let id = self.free.swap_remove(self.rng.usize(..self.free.len()));
         let set_up: Vec<RaySetUp> = rays
@@ -405,10 +487,12 @@ impl<'a> Run<'a> {
                 }
             })
             .collect();
-        let words = set_up
-            .iter()
-            .map(|ray| self.setup.word(self.format, ray))
-            .collect::<Result<_>>()?;
+        for (k, ray) in set_up.iter().enumerate() {
+            arriving.push_back(Arriving {
+                place: SetupPlace::of_world(id, k, rays.len()),
+                word: self.setup.word(self.format, ray)?,
+            });
+        }
         let has = |holds: &dyn Fn(f64) -> bool| {
             rays.iter().any(|ray| {
                 let numbers = ray.origin.iter().chain(&ray.direction);
@@ -454,18 +538,22 @@ impl<'a> Run<'a> {
             in_leaf: false,
         });
         self.started += 1;
-        Ok(Arriving { id, words, next: 0 })
+        Ok(())
     }
 
     /// The geometry unit's side: limits, and leaves that are done, for the coming edge.
-    fn return_leaves(&mut self, around: &Surroundings) {
+    fn return_leaves(&mut self, around: &Surroundings) -> Result<()> {
         let now = self.bench.model.cycles();
         let (mut limit, mut done) = (None, None);
         if self.merging.is_none() {
             if let Some(&Reverse((due, id))) = self.tested.peek() {
                 if due <= now {
                     self.tested.pop();
-                    self.merging = Some((id, 0));
+                    if self.is_at_instance(id) {
+                        self.enter(id)?;
+                    } else {
+                        self.merging = Some((id, 0));
+                    }
                 }
             }
         }
@@ -503,12 +591,20 @@ impl<'a> Run<'a> {
                 for (ray, _) in limits {
                     packet.touched |= 1 << ray;
                 }
-                let context = u64::from(*level) | packet.touched << self.level_bits;
+                let inside = u64::from(self.instanced) << (self.level_bits + self.rays);
+                let context = u64::from(*level) | packet.touched << self.level_bits | inside;
                 model.set(ports.done_packet, id as u64);
                 model.set(ports.done_context, context);
             }
             packet.in_leaf = false;
         }
+        Ok(())
+    }
+
+    /// Whether the leaf that a packet is at is an instance.
+    fn is_at_instance(&self, id: usize) -> bool {
+        let packet = self.packets[id].as_ref().expect("the packet is in a leaf");
+        matches!(&packet.events[packet.next - 1], Event::Leaf { leaf, .. } if leaf.instance)
     }
 
     /// The packet of an event of the unit.
@@ -651,13 +747,15 @@ impl<'a> Run<'a> {
             address,
             model.get(ports.leaf_mask),
             context & ((1 << self.level_bits) - 1),
-            context >> self.level_bits,
+            context >> self.level_bits & ((1 << self.rays) - 1),
+            context >> (self.level_bits + self.rays),
         ];
         let golden = [
             leaf.record.into(),
             leaf.mask.into(),
             u64::from(*level),
             packet.touched,
+            u64::from(self.instanced && !leaf.instance),
         ];
         if rtl != golden {
             let names = [
@@ -665,6 +763,7 @@ impl<'a> Run<'a> {
                 "rays to test",
                 "stack level",
                 "rays that have hit something",
+                "inside an object",
             ];
             let fields = (names.into_iter().zip(golden).zip(rtl))
                 .map(|((name, golden), rtl)| Field::integer(name, golden, rtl))

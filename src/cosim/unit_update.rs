@@ -208,18 +208,18 @@ impl UpdateReport {
 }
 
 /// The ports of a tagged read port of the unit.
-struct ReadHandles {
-    valid: PortHandle,
-    address: PortHandle,
-    tag: PortHandle,
-    ready: PortHandle,
-    response_valid: PortHandle,
-    response_tag: PortHandle,
-    response_data: PortHandle,
+pub(super) struct ReadHandles {
+    pub valid: PortHandle,
+    pub address: PortHandle,
+    pub tag: PortHandle,
+    pub ready: PortHandle,
+    pub response_valid: PortHandle,
+    pub response_tag: PortHandle,
+    pub response_data: PortHandle,
 }
 
 impl ReadHandles {
-    fn new(model: &Model, name: &str) -> Result<ReadHandles> {
+    pub fn new(model: &Model, name: &str) -> Result<ReadHandles> {
         let port = |of: &str| model.port(&format!("{name}_{of}"));
         Ok(ReadHandles {
             valid: port("request_valid")?,
@@ -232,14 +232,14 @@ impl ReadHandles {
         })
     }
 
-    fn request(&self, model: &Model) -> Option<ReadRequest> {
+    pub fn request(&self, model: &Model) -> Option<ReadRequest> {
         (model.get(self.valid) != 0).then(|| ReadRequest {
             address: model.get(self.address),
             tag: model.get(self.tag) as u32,
         })
     }
 
-    fn respond(&self, model: &mut Model, response: Option<ReadResponse>, data: &[u32]) {
+    pub fn respond(&self, model: &mut Model, response: Option<ReadResponse>, data: &[u32]) {
         model.set(self.response_valid, u64::from(response.is_some()));
         if let Some(response) = response {
             model.set(self.response_tag, response.tag.into());
@@ -249,15 +249,15 @@ impl ReadHandles {
 }
 
 /// The ports of a write port of the unit.
-struct WriteHandles {
-    valid: PortHandle,
-    address: PortHandle,
-    data: PortHandle,
-    ready: PortHandle,
+pub(super) struct WriteHandles {
+    pub valid: PortHandle,
+    pub address: PortHandle,
+    pub data: PortHandle,
+    pub ready: PortHandle,
 }
 
 impl WriteHandles {
-    fn new(model: &Model, name: &str) -> Result<WriteHandles> {
+    pub fn new(model: &Model, name: &str) -> Result<WriteHandles> {
         let port = |of: &str| model.port(&format!("{name}_write_{of}"));
         Ok(WriteHandles {
             valid: port("valid")?,
@@ -348,6 +348,23 @@ impl UpdateUnit {
     /// What the programs that it runs must be compiled for.
     pub fn machine(&self) -> UpdateMachine {
         self.machine
+    }
+
+    /// Clocks simulated so far, the reset's included.
+    pub fn cycles(&self) -> u64 {
+        self.bench.model.cycles()
+    }
+
+    /// Results compared so far.
+    pub fn checked(&self) -> u64 {
+        self.bench.tally.checked
+    }
+
+    /// Resets the unit and lets all that is random in what follows depend on `seed`, not on how many updates went before.
+    pub fn restart(&mut self, seed: u64) {
+        self.bench.model.reset(4);
+        self.rng = fastrand::Rng::with_seed(seed);
+        self.updates = 0;
     }
 
     /// Runs an update of `rows` rows of program; node and box memory are then as the RTL left them, which is as the

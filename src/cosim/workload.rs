@@ -1,10 +1,13 @@
 //! What a single unit is given to do: the rays of a scene, or random tiny scenes in which everything coincides.
 
 use crate::bkd::layout::Record;
-use crate::bkd::{BuildOptions, Child, LinkWord, MemoryImage, Tree, TreeNode, build};
+use crate::bkd::{
+    BuildOptions, Child, Columns, InstanceRecord, InstanceSpec, InstancedImage, LinkWord,
+    MemoryImage, Tree, TreeNode, build,
+};
 use crate::config::Config;
 use crate::float::{Arithmetic, Format};
-use crate::golden::{Caster, Triangle};
+use crate::golden::{Caster, Instance, Triangle};
 use crate::port::Ray;
 use anyhow::{Result, ensure};
 use std::rc::Rc;
@@ -21,6 +24,8 @@ pub enum Workload<'a> {
     },
     /// Random tiny scenes full of coincidences, and rays of every kind, until there were so many transactions.
     Coincidences { transactions: u64 },
+    /// The same in scenes of two levels: instances of a few tiny objects, turned, scaled, mirrored.
+    Instances { transactions: u64 },
 }
 
 /// Packets that go through a unit between two times that it runs empty, when surroundings and scene may change.
@@ -35,8 +40,10 @@ pub(super) struct TestScene {
     pub records: Image,
     pub vertices: Image,
     pub caster: Caster,
-    /// By record.
+    /// By record; in the place of an instance a triangle of no meaning.
     pub triangles: Vec<Triangle>,
+    /// By record: those that are instances.
+    pub instances: Vec<Option<Instance>>,
     /// By node: both children's intervals and their axes.
     pub intervals: Vec<[([f64; 2], usize); 2]>,
 }
@@ -56,6 +63,8 @@ impl TestScene {
         }
         let format = image.format;
         let vertex = |index: u32| image.vertices[index as usize];
+        let instances = image.instance_records()?;
+        let records = || (0u32..).zip(&image.records);
         Ok(TestScene {
             root: image.root,
             bounds: image.bounds,
@@ -63,10 +72,16 @@ impl TestScene {
             records: Image::from_words(image.record_words(), Record::triangle().width)?,
             vertices: Image::from_words(image.vertex_words(), Record::vertex(format).width)?,
             caster: Caster::new(image, config.triangle_test, config.rays_per_packet as usize),
-            triangles: image
-                .records
-                .iter()
-                .map(|record| Triangle::new(record.vertices.map(vertex), record.number))
+            triangles: records()
+                .map(|(index, record)| match instances.contains(&index) {
+                    true => Triangle::new([[0.0; 3]; 3], record.number),
+                    false => Triangle::new(record.vertices.map(vertex), record.number),
+                })
+                .collect(),
+            instances: records()
+                .map(|(index, _)| {
+                    (instances.contains(&index)).then(|| Instance::fetch(image, index))
+                })
                 .collect(),
             intervals: image
                 .nodes
@@ -113,7 +128,7 @@ impl<'a> Batches<'a> {
                 image.check(config.stack_depth)?;
                 Some(Rc::new(TestScene::new(config, image)?))
             }
-            Workload::Coincidences { .. } => None,
+            Workload::Coincidences { .. } | Workload::Instances { .. } => None,
         };
         Ok(Batches {
             config,
@@ -152,6 +167,21 @@ impl<'a> Batches<'a> {
                 }
                 tiny_scene(self.config, PACKETS_OF_A_TINY_SCENE, &mut self.rng).map(Some)
             }
+            Workload::Instances {
+                transactions: enough,
+            } => {
+                if transactions >= enough {
+                    return Ok(None);
+                }
+                let size = self.config.rays_per_packet as usize;
+                let (image, rays) =
+                    instanced_scene(self.config, PACKETS_OF_A_TINY_SCENE * size, &mut self.rng)?;
+                Ok(Some(Batch {
+                    scene: Rc::new(TestScene::new(self.config, &image)?),
+                    packets: rays.chunks(size).map(<[Ray]>::to_vec).collect(),
+                    is_random: true,
+                }))
+            }
         }
     }
 }
@@ -173,6 +203,238 @@ pub(super) fn tiny_scene(
             .collect(),
         is_random: true,
     })
+}
+
+/// A random tiny scene of two levels, and so many rays into it, neighbours often alike.
+///
+/// # Errors
+/// A machine whose addresses are too short for any.
+pub fn instanced_scene(
+    config: &Config,
+    rays: usize,
+    rng: &mut fastrand::Rng,
+) -> Result<(MemoryImage, Vec<Ray>)> {
+    let format = config.format();
+    // A machine of few addresses holds few vertices: what is too large is made anew, smaller.
+    let mut most_objects = 4;
+    loop {
+        let tiny = TinyInstances::random(config, most_objects, rng)?;
+        if tiny.image.vertices.len() as u64 > 1 << config.address_bits && most_objects > 0 {
+            most_objects -= 1;
+            continue;
+        }
+        let size = config.rays_per_packet as usize;
+        let mut all = vec![];
+        while all.len() < rays {
+            all.extend(tiny.packet(format, size, rng));
+        }
+        all.truncate(rays);
+        return Ok((tiny.image, all));
+    }
+}
+
+/// How often a scene stands in [`in_instances`].
+const INSTANCES_OF_A_SCENE: usize = 8;
+
+/// A scene of one level as instances of itself: the first where it is, the others turned, scaled, some mirrored, about its centre,
+/// and moved within its extent.
+///
+/// # Errors
+/// Where the stack does not hold the instances' tree beside the scene's, or the format or the machine's addresses do not
+/// hold the instances.
+pub fn in_instances(config: &Config, scene: &MemoryImage, seed: u64) -> Result<MemoryImage> {
+    let mut rng = fastrand::Rng::with_seed(seed ^ 0x1_7a9c);
+    let mut image = InstancedImage::new(scene.format);
+    let object = image.add_object(scene)?;
+    let bounds = image.objects()[object].bounds;
+    let centre = [0, 1, 2].map(|i| (bounds.lo[i] + bounds.hi[i]) / 2.0);
+    let mut specs = vec![];
+    for number in 0..INSTANCES_OF_A_SCENE {
+        let columns = if number == 0 {
+            IDENTITY
+        } else {
+            let mut columns = random_turn(&mut rng);
+            let [x, y, z, _] = columns;
+            for i in 0..3 {
+                let turned = x[i] * centre[0] + y[i] * centre[1] + z[i] * centre[2];
+                let moved = (rng.f64() - 0.5) * (bounds.hi[i] - bounds.lo[i]);
+                columns[3][i] = centre[i] - turned + moved;
+            }
+            columns
+        };
+        specs.push(InstanceSpec::new(
+            scene.format,
+            number,
+            object,
+            &columns,
+            bounds,
+        )?);
+    }
+    let options = BuildOptions::default_for(config.axes_per_node, config.stack_depth);
+    image.set_top(&specs, &options)?;
+    Ok(image.image().clone())
+}
+
+/// Instances of tiny objects.
+struct TinyInstances {
+    image: MemoryImage,
+    objects: Vec<TinyMesh>,
+    /// Each instance's object, and the matrix that takes it to the world.
+    instances: Vec<(usize, Columns)>,
+}
+
+/// The fewest nodes on the longest path that every tiny object has room for.
+const LEAST_OBJECT_DEPTH: u32 = 6;
+
+impl TinyInstances {
+    /// At most so many objects, but at least one; one alone, of few triangles, if none are asked for.
+    fn random(config: &Config, most_objects: usize, rng: &mut fastrand::Rng) -> Result<Self> {
+        let format = config.format();
+        let object_depth = rng.u32(LEAST_OBJECT_DEPTH..config.stack_depth);
+        let top_depth = config.stack_depth - object_depth;
+        let of_object = Config {
+            stack_depth: object_depth,
+            ..config.clone()
+        };
+        let mut image = InstancedImage::new(format);
+        let mut objects: Vec<TinyMesh> = vec![];
+        let count = rng.usize(1..=most_objects.max(1));
+        while objects.len() < count {
+            let mesh = TinyMesh::random(&of_object, rng)?;
+            if most_objects == 0 && mesh.vertices.len() > 1 << (config.address_bits - 2) {
+                continue;
+            }
+            let object = MemoryImage::new(format, &mesh.vertices, &mesh.triangles, &mesh.tree)?;
+            image.add_object(&object)?;
+            objects.push(mesh);
+        }
+        let most = 12.min(1 << top_depth.min(8));
+        let mut instances: Vec<(usize, Columns)> = vec![];
+        let mut specs: Vec<InstanceSpec> = vec![];
+        for number in 0..rng.usize(1..=most) {
+            let object = rng.usize(..objects.len());
+            let bounds = image.objects()[object].bounds;
+            let mut columns = random_placement(rng);
+            if number > 0 && rng.u8(..6) == 0 {
+                // Where another one stands: every distance is met twice.
+                columns = instances[rng.usize(..number)].1;
+            }
+            let spec = match InstanceSpec::new(format, number, object, &columns, bounds) {
+                Ok(mut spec) => {
+                    if columns == IDENTITY && rng.bool() {
+                        // Not widened: flat objects then have flat boxes.
+                        spec.world_box = bounds;
+                    }
+                    spec
+                }
+                // The format is too coarse for it there.
+                Err(_) => {
+                    columns = IDENTITY;
+                    InstanceSpec {
+                        object,
+                        world_to_object: IDENTITY,
+                        world_box: bounds,
+                    }
+                }
+            };
+            instances.push((object, columns));
+            specs.push(spec);
+        }
+        if rng.bool() {
+            let options = BuildOptions::default_for(config.axes_per_node, config.stack_depth);
+            image.set_top(&specs, &options)?;
+        } else {
+            let tree = random_tree(rng, specs.len(), config.axes_per_node, top_depth);
+            image.set_top_tree(&specs, &tree)?;
+        }
+        let first = image.instance_vectors(0) as usize;
+        let mut image = image.image().clone();
+        if rng.u8(..8) == 0 {
+            // No scene has such matrices; yet they must do no more harm than golden model and RTL agree on. A box stays
+            // one, but may be endless.
+            for vectors in image.vertices[first..].chunks_mut(InstanceRecord::VECTORS) {
+                let (columns, corners) = vectors.split_at_mut(4);
+                for x in columns.as_flattened_mut() {
+                    if rng.u8(..24) == 0 {
+                        *x = odd_number(format, rng);
+                    }
+                }
+                for (corner, end) in corners.iter_mut().zip([-f64::INFINITY, f64::INFINITY]) {
+                    if rng.u8(..16) == 0 {
+                        corner[rng.usize(..3)] = end;
+                    }
+                }
+            }
+        }
+        Ok(TinyInstances {
+            image,
+            objects,
+            instances,
+        })
+    }
+
+    /// Rays at one of the instances, as if it were alone in its own space.
+    fn packet(&self, format: Format, size: usize, rng: &mut fastrand::Rng) -> Vec<Ray> {
+        let a = Arithmetic::new(format);
+        let (object, columns) = &self.instances[rng.usize(..self.instances.len())];
+        let mut rays = self.objects[*object].packet(format, size, rng);
+        if *columns != IDENTITY {
+            let linear = |v: [f64; 3]| {
+                [0, 1, 2].map(|i| (0..3).map(|axis| columns[axis][i] * v[axis]).sum::<f64>())
+            };
+            for ray in &mut rays {
+                let turned = linear(ray.origin);
+                ray.origin = [0, 1, 2].map(|i| a.round(turned[i] + columns[3][i]));
+                ray.direction = linear(ray.direction).map(|x| a.round(x));
+            }
+        }
+        rays
+    }
+}
+
+const IDENTITY: Columns = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [0.0; 3]];
+
+/// A matrix that places an object: none; axes exchanged and mirrored; turned and scaled, evenly or not, mirrored or not.
+fn random_placement(rng: &mut fastrand::Rng) -> Columns {
+    let kind = rng.u8(..4);
+    if kind == 0 {
+        return IDENTITY;
+    }
+    let reach = f64::from(GRID);
+    let mut columns = [[0.0; 3]; 4];
+    if kind == 1 {
+        let mut axes = [0, 1, 2];
+        rng.shuffle(&mut axes);
+        for (column, axis) in columns.iter_mut().zip(axes) {
+            column[axis] = one_of(rng, &[1.0, -1.0, 0.5, -2.0]);
+        }
+        columns[3] = [0; 3].map(|_| f64::from(rng.i32(-GRID..=GRID)));
+        return columns;
+    }
+    columns = random_turn(rng);
+    columns[3] = [0; 3].map(|_| (2.0 * rng.f64() - 1.0) * reach);
+    columns
+}
+
+/// A matrix that turns and scales, evenly or not, and mirrors or does not, about the origin.
+fn random_turn(rng: &mut fastrand::Rng) -> Columns {
+    // A random unit quaternion's rotation.
+    let q = loop {
+        let q = [0; 4].map(|_| 2.0 * rng.f64() - 1.0);
+        let length = q.iter().map(|x| x * x).sum::<f64>().sqrt();
+        if (0.1..=1.0).contains(&length) {
+            break q.map(|x| x / length);
+        }
+    };
+    let turn = glam::DMat3::from_quat(glam::DQuat::from_array(q)).to_cols_array_2d();
+    let evenly = rng.bool().then(|| 0.5 + rng.f64());
+    let mut columns = [[0.0; 3]; 4];
+    for (column, turned) in columns.iter_mut().zip(turn) {
+        let scale = evenly.unwrap_or_else(|| 0.25 + 2.0 * rng.f64());
+        let mirror = one_of(rng, &[1.0, 1.0, -1.0]);
+        *column = turned.map(|x| scale * mirror * x);
+    }
+    columns
 }
 
 /// A scene of few triangles, with a tree.

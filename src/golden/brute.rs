@@ -1,4 +1,5 @@
-//! Brute force: every triangle by the geometry unit's very test and merge; no tree, no box of the scene, no packets.
+//! Brute force: every triangle of every instance by the geometry unit's very transformation, test and merge; no tree, no
+//! box of the scene, no packets.
 //!
 //! A triangle that the ray's interval in the triangle's own box rules out is not tested further: that is the test's
 //! own outcome. Triangles go by in the records' order, whose effect on the result is none.
@@ -7,9 +8,10 @@ use rayon::prelude::*;
 
 use super::clip::RayLanes;
 use super::geometry::{Closest, Triangle};
-use super::raycast::fetch_triangles;
+use super::raycast::fetch_triangle;
 use super::setup::RaySetup;
-use crate::bkd::layout::MemoryImage;
+use super::transform::{Instance, WHOLE_LINE};
+use crate::bkd::layout::{InstanceRecord, LinkWord, MemoryImage};
 use crate::config::TriangleTest;
 use crate::float::Arithmetic;
 use crate::port::{Hit, Ray};
@@ -17,43 +19,91 @@ use crate::port::{Hit, Ray};
 /// Rays whose boxes are clipped side by side.
 const LANES: usize = 8;
 
+/// The triangles of an object.
+///
+/// # Panics
+/// Where the image is not sound.
+fn triangles_of(image: &MemoryImage, root: LinkWord) -> Vec<Triangle> {
+    let records = image.records_below(root).expect("a sound image");
+    let fetch = |index: u32| fetch_triangle(image, &image.records[index as usize]);
+    records.into_iter().map(fetch).collect()
+}
+
 /// Tests one ray against every triangle, in the plainest way.
+///
+/// # Panics
+/// Where the image is not sound ([`MemoryImage::check`]).
 pub fn brute_force(image: &MemoryImage, test: TriangleTest, ray: &Ray) -> Hit {
     let a = Arithmetic::new(image.format);
     let ray = RaySetup::new(&a, ray);
     let mut closest = Closest::default();
-    if ray.valid {
-        for triangle in fetch_triangles(image) {
-            let outcome = triangle.intersect::<true>(&a, test, &ray);
-            closest.merge(&ray, &outcome, 0, triangle.number);
+    let mut meet = |root, ray: &RaySetup, window, instance| {
+        for triangle in triangles_of(image, root) {
+            let outcome = triangle.intersect::<true>(&a, test, ray, window);
+            closest.merge(ray, &outcome, instance, triangle.number);
+        }
+    };
+    if ray.valid && !image.is_instanced() {
+        meet(image.root, &ray, WHOLE_LINE, 0);
+    } else if ray.valid {
+        for record in image.instance_records().expect("a sound image") {
+            let instance = Instance::fetch(image, record);
+            let moved = instance.transform(&a, &ray);
+            if moved.ray.valid {
+                let root = InstanceRecord::from(image.records[record as usize]).root;
+                meet(root, &moved.ray, moved.window, instance.number);
+            }
         }
     }
     closest.hit
 }
+
+/// A triangle that is not degenerate, and \[least, greatest] coordinate of its box on each axis.
+type BoxedTriangle = (Triangle, [[f64; 2]; 3]);
 
 /// [`brute_force`] for many rays: the same result, on all cores, several rays at a time.
 #[derive(Clone, Debug)]
 pub struct BruteForce {
     arithmetic: Arithmetic,
     test: TriangleTest,
-    /// Those that are not degenerate, each with its box.
-    triangles: Vec<(Triangle, [[f64; 2]; 3])>,
+    objects: Vec<Vec<BoxedTriangle>>,
+    /// Each with its object's place in `objects`; none in a scene of one level, whose only object is in the world.
+    instances: Vec<(Instance, usize)>,
 }
 
 impl BruteForce {
+    /// # Panics
+    /// Where the image is not sound ([`MemoryImage::check`]).
     pub fn new(image: &MemoryImage, test: TriangleTest) -> Self {
+        let records = image.instance_records().expect("a sound image");
+        let root_of = |record: u32| InstanceRecord::from(image.records[record as usize]).root;
+        let mut roots = Vec::new();
+        let mut instances = Vec::new();
+        for record in records {
+            let root = root_of(record);
+            let object = roots.iter().position(|&known| known == root);
+            let object = object.unwrap_or_else(|| {
+                roots.push(root);
+                roots.len() - 1
+            });
+            instances.push((Instance::fetch(image, record), object));
+        }
+        if !image.is_instanced() {
+            roots.push(image.root);
+        }
         let boxed = |triangle: Triangle| {
             let (lo, hi) = triangle.bounds();
             (triangle, [0, 1, 2].map(|i| [lo[i], hi[i]]))
         };
+        let object = |root: LinkWord| {
+            let triangles = triangles_of(image, root).into_iter();
+            triangles.filter(|t| !t.degenerate).map(boxed).collect()
+        };
         BruteForce {
             arithmetic: Arithmetic::new(image.format),
             test,
-            triangles: fetch_triangles(image)
-                .into_iter()
-                .filter(|triangle| !triangle.degenerate)
-                .map(boxed)
-                .collect(),
+            objects: roots.into_iter().map(object).collect(),
+            instances,
         }
     }
 
@@ -70,11 +120,46 @@ impl BruteForce {
         let a = &self.arithmetic;
         let rays: [RaySetup; LANES] =
             std::array::from_fn(|k| RaySetup::new(a, rays.get(k).unwrap_or(&Ray::INACTIVE)));
-        let lanes = RayLanes::new(&rays);
         let mut closest = [Closest::default(); LANES];
-        for (triangle, intervals) in &self.triangles {
-            let mut near = [f64::NEG_INFINITY; LANES];
-            let mut far = [f64::INFINITY; LANES];
+        if self.instances.is_empty() {
+            self.meet(
+                &self.objects[0],
+                &rays,
+                [WHOLE_LINE; LANES],
+                0,
+                &mut closest,
+            );
+        }
+        for (instance, object) in &self.instances {
+            let moved = rays.each_ref().map(|ray| instance.transform(a, ray));
+            let windows = moved.each_ref().map(|moved| moved.window);
+            self.meet(
+                &self.objects[*object],
+                &moved.map(|moved| moved.ray),
+                windows,
+                instance.number,
+                &mut closest,
+            );
+        }
+        for (hit, closest) in hits.iter_mut().zip(&closest) {
+            *hit = closest.hit;
+        }
+    }
+
+    /// Merges what rays in an object's space meet of it.
+    fn meet(
+        &self,
+        object: &[BoxedTriangle],
+        rays: &[RaySetup; LANES],
+        windows: [[f64; 2]; LANES],
+        instance: u32,
+        closest: &mut [Closest; LANES],
+    ) {
+        let a = &self.arithmetic;
+        let lanes = RayLanes::new(rays);
+        for (triangle, intervals) in object {
+            let mut near = windows.map(|[near, _]| near);
+            let mut far = windows.map(|[_, far]| far);
             // near only grows and far only falls: once all are empty they stay so.
             let mut some = true;
             for (axis, interval) in intervals.iter().enumerate() {
@@ -89,13 +174,10 @@ impl BruteForce {
             }
             for k in 0..LANES {
                 if near[k] <= far[k] && rays[k].valid {
-                    let outcome = triangle.intersect::<false>(a, self.test, &rays[k]);
-                    closest[k].merge(&rays[k], &outcome, 0, triangle.number);
+                    let outcome = triangle.intersect::<false>(a, self.test, &rays[k], windows[k]);
+                    closest[k].merge(&rays[k], &outcome, instance, triangle.number);
                 }
             }
-        }
-        for (hit, closest) in hits.iter_mut().zip(&closest) {
-            *hit = closest.hit;
         }
     }
 }

@@ -22,7 +22,7 @@ pub struct Outcome {
     pub hit: bool,
     /// t, u and v as the triangle test computes them, before t is clamped. Of a miss they may be anything.
     pub raw: [f64; 3],
-    /// The ray's interval in the triangle's own box, from (−∞, +∞).
+    /// The ray's interval in the triangle's own box, from its window.
     pub near: f64,
     pub far: f64,
     /// t clamped into that interval; of a hit, its distance.
@@ -67,7 +67,7 @@ impl Triangle {
         (lo, hi)
     }
 
-    /// Tests a ray. Without `WHOLE` it stops as soon as a miss is certain, and of a miss only `hit` is of meaning;
+    /// Tests a ray of a window: in an instance [`super::Transformed::window`], else [`super::WHOLE_LINE`]. Without `WHOLE` it stops as soon as a miss is certain, and of a miss only `hit` is of meaning;
     /// the answer is the same.
     #[inline(always)]
     pub fn intersect<const WHOLE: bool>(
@@ -75,12 +75,13 @@ impl Triangle {
         a: &Arithmetic,
         test: TriangleTest,
         ray: &RaySetup,
+        window: [f64; 2],
     ) -> Outcome {
         let mut outcome = Outcome {
             hit: false,
             raw: [f64::NAN; 3],
-            near: f64::NEG_INFINITY,
-            far: f64::INFINITY,
+            near: window[0],
+            far: window[1],
             t: f64::NAN,
         };
         if !WHOLE && self.degenerate {
@@ -234,6 +235,7 @@ fn dot(a: &Arithmetic, x: [f64; 3], y: [f64; 3]) -> f64 {
 mod tests {
     use super::*;
     use crate::float::Format;
+    use crate::golden::WHOLE_LINE;
     use crate::port::Ray;
 
     const BOTH: [TriangleTest; 2] = [TriangleTest::MollerTrumbore, TriangleTest::Watertight];
@@ -253,8 +255,8 @@ mod tests {
     fn test_both(triangle: &Triangle, ray: &RaySetup) -> [Outcome; 2] {
         let a = Arithmetic::new(Format::FP24);
         BOTH.map(|test| {
-            let whole = triangle.intersect::<true>(&a, test, ray);
-            let early = triangle.intersect::<false>(&a, test, ray);
+            let whole = triangle.intersect::<true>(&a, test, ray, WHOLE_LINE);
+            let early = triangle.intersect::<false>(&a, test, ray, WHOLE_LINE);
             assert_eq!(whole.hit, early.hit);
             if whole.hit {
                 assert_eq!((whole.t, whole.raw), (early.t, early.raw));
@@ -279,6 +281,30 @@ mod tests {
         }
         for outcome in test_both(&triangle, &ray([0.0, 0.0, -1.0], 0.0, f64::INFINITY)) {
             assert!(!outcome.hit && outcome.t == -2.0);
+        }
+    }
+
+    #[test]
+    fn a_hit_outside_the_window_is_moved_to_it() {
+        let a = Arithmetic::new(Format::FP24);
+        let triangle = Triangle::new([[-1.0, -1.0, 2.0], [3.0, -1.0, 2.0], [-1.0, 3.0, 2.0]], 0);
+        let ulp = 2f64.powi(-15);
+        let cases = [
+            ([1.0, 3.0], Some(2.0)),
+            ([2.0 + ulp, 3.0], Some(2.0 + ulp)),
+            ([1.0, 2.0 - ulp], Some(2.0 - ulp)),
+            // Beyond the slack of the triangle's own box nothing is left.
+            ([2.0 + 4.0 * ulp, 3.0], None),
+            ([3.0, 1.0], None),
+        ];
+        for (window, t) in cases {
+            for test in BOTH {
+                let ray = ray([0.0, 0.0, 1.0], 0.0, f64::INFINITY);
+                let whole = triangle.intersect::<true>(&a, test, &ray, window);
+                let early = triangle.intersect::<false>(&a, test, &ray, window);
+                assert_eq!((whole.hit, early.hit), (t.is_some(), t.is_some()));
+                assert!(t.is_none_or(|t| whole.t == t && early.t == t), "{window:?}");
+            }
         }
     }
 

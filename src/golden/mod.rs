@@ -8,10 +8,12 @@
 //! | [`setup`] | ray setup: validity, reciprocals, shear, clip to the scene's box |
 //! | [`clip`] | the plane distance and the clipping by an interval, which all units share |
 //! | [`tpu`] | the packet step, the stack entry and its pop |
+//! | [`transform`] | a ray taken to an instance's object, and its window |
 //! | [`geometry`] | both triangle tests, the interval of the triangle's box, the merge of hits |
 //! | [`raycast`] | a packet through all of them: [`Caster`] |
+//! | [`skinning`] | the skinning processor: a palette of matrices and the influences write vertices |
 //! | [`update`] | the update processor: a program over the vertices writes bounds |
-//! | [`brute`] | every triangle by the same test with no tree at all |
+//! | [`brute`] | every triangle of every instance by the same test with no tree at all |
 //! | [`oracle`] | an independent `f64` intersector that the picture is held against |
 
 pub mod brute;
@@ -20,16 +22,19 @@ pub mod geometry;
 pub mod oracle;
 pub mod raycast;
 pub mod setup;
+pub mod skinning;
 pub mod tpu;
+pub mod transform;
 pub mod update;
 
 pub use brute::{BruteForce, brute_force};
 pub use geometry::{Closest, Outcome, Triangle};
 pub use raycast::{
-    Caster, Counts, FrameResult, HandOver, Observer, PacketResult, PopEvent, PushEvent, RaySet,
-    RayTest, StepEvent,
+    Caster, Counts, EnterEvent, FrameResult, HandOver, Observer, PacketResult, PopEvent, PushEvent,
+    RaySet, RayTest, StepEvent,
 };
 pub use setup::RaySetup;
+pub use transform::{Instance, Transformed, WHOLE_LINE};
 
 /// The most rays that a packet may have.
 pub const MOST_RAYS: usize = 8;

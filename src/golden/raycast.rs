@@ -1,4 +1,6 @@
-//! The ray casting unit: a packet of rays through setup, traversal and triangle tests.
+//! The ray casting unit: a packet of rays through setup, traversal, ray transformations and triangle tests.
+
+use std::ops::Range;
 
 use rayon::prelude::*;
 
@@ -7,7 +9,8 @@ use super::clip::RayLanes;
 use super::geometry::{Closest, Outcome, Triangle};
 use super::setup::RaySetup;
 use super::tpu::{Entry, Lanes};
-use crate::bkd::layout::{MemoryImage, Target};
+use super::transform::{Instance, Transformed, WHOLE_LINE};
+use crate::bkd::layout::{MemoryImage, Target, TriangleRecord};
 use crate::config::TriangleTest;
 use crate::float::Arithmetic;
 use crate::port::{Hit, Ray};
@@ -29,6 +32,9 @@ pub trait Observer {
     fn pop(&mut self, _event: &PopEvent) {}
     /// A leaf was handed over to the geometry unit.
     fn hand_over(&mut self, _event: &HandOver) {}
+    /// One ray was taken to an instance's object: of an instance handed over, ray by ray from slot 0 up. If some ray
+    /// enters, the packet goes on at the object's root, in its space.
+    fn enter(&mut self, _event: &EnterEvent) {}
     /// One ray was tested against one triangle: of a leaf handed over, ray by ray from slot 0 up.
     fn test(&mut self, _event: &RayTest) {}
 }
@@ -52,6 +58,8 @@ pub struct RaySet {
 pub struct StepEvent {
     /// The node's index.
     pub node: u32,
+    /// Whether the packet is in an object's space, below a top-level tree.
+    pub inside: bool,
     /// The rays that come, with their intervals.
     pub rays: RaySet,
     /// The rays that go left, with their intervals clipped by the left child's.
@@ -68,6 +76,8 @@ pub struct StepEvent {
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct PushEvent {
     pub child: Target,
+    /// Whether the child is in an object's tree below a top-level one.
+    pub inside: bool,
     /// The rays that go there, with their intervals.
     pub rays: RaySet,
     /// Entries on the stack, this one included.
@@ -78,6 +88,8 @@ pub struct PushEvent {
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct PopEvent {
     pub child: Target,
+    /// Whether the child is in an object's tree below a top-level one: the packet goes on in the object's space.
+    pub inside: bool,
     /// The rays that stay, with their far bounded by their limit. None stays: the entry is dropped, the next one popped.
     pub rays: RaySet,
     /// Entries left on the stack.
@@ -87,10 +99,25 @@ pub struct PopEvent {
 /// A leaf handed over to the geometry unit.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct HandOver {
-    /// Index of the triangle's record.
+    /// Index of the leaf's record.
     pub record: u32,
-    /// The rays to test.
+    /// Whether it is an instance, for the rays to enter; else a triangle, for them to be tested.
+    pub instance: bool,
+    /// The rays that come.
     pub mask: u8,
+}
+
+/// A ray taken to an instance's object.
+#[derive(Clone, Copy, Debug)]
+pub struct EnterEvent {
+    /// The ray's place in its packet.
+    pub slot: u8,
+    /// Index of the instance's record.
+    pub record: u32,
+    /// The instance's number in the scene.
+    pub instance: u32,
+    /// The ray in the object's space, its window, and whether it enters.
+    pub transformed: Transformed,
 }
 
 /// A ray–triangle test and its merge.
@@ -100,6 +127,8 @@ pub struct RayTest {
     pub slot: u8,
     /// Index of the triangle's record.
     pub record: u32,
+    /// The number of the instance that the packet is in, 0 in a scene of one level.
+    pub instance: u32,
     /// The triangle's number in its mesh.
     pub triangle: u32,
     pub outcome: Outcome,
@@ -112,10 +141,14 @@ pub struct RayTest {
 pub struct Counts {
     /// Packet steps.
     pub steps: u32,
-    /// Leaves handed over: a packet's triangle tests.
+    /// Triangles handed over: a packet's triangle tests.
     pub tests: u32,
-    /// Ray–triangle tests: the rays of all leaves handed over.
+    /// Ray–triangle tests: the rays of all triangles handed over.
     pub ray_tests: u32,
+    /// Instances handed over: a packet's entries.
+    pub entries: u32,
+    /// Ray transformations: the rays of all instances handed over.
+    pub ray_transforms: u32,
     /// The most entries on the stack at one time.
     pub stack_high_water: u32,
 }
@@ -140,25 +173,33 @@ pub struct FrameResult {
 impl FrameResult {
     /// Packet steps of all packets.
     pub fn steps(&self) -> u64 {
-        self.packets
-            .iter()
-            .map(|packet| u64::from(packet.steps))
-            .sum()
+        self.sum(|packet| packet.steps)
     }
 
-    /// Leaves handed over by all packets.
+    /// Triangles handed over by all packets.
     pub fn tests(&self) -> u64 {
-        self.packets
-            .iter()
-            .map(|packet| u64::from(packet.tests))
-            .sum()
+        self.sum(|packet| packet.tests)
     }
 
     /// Ray–triangle tests of all packets.
     pub fn ray_tests(&self) -> u64 {
+        self.sum(|packet| packet.ray_tests)
+    }
+
+    /// Instances handed over by all packets.
+    pub fn entries(&self) -> u64 {
+        self.sum(|packet| packet.entries)
+    }
+
+    /// Ray transformations of all packets.
+    pub fn ray_transforms(&self) -> u64 {
+        self.sum(|packet| packet.ray_transforms)
+    }
+
+    fn sum(&self, count: impl Fn(&Counts) -> u32) -> u64 {
         self.packets
             .iter()
-            .map(|packet| u64::from(packet.ray_tests))
+            .map(|packet| u64::from(count(packet)))
             .sum()
     }
 
@@ -188,7 +229,11 @@ pub struct Caster {
     test: TriangleTest,
     rays_per_packet: usize,
     nodes: Vec<DecodedNode>,
+    /// By record; at an instance's record one that is of no meaning.
     triangles: Vec<Triangle>,
+    /// Of a scene of two levels: by record, from `first_instance` on.
+    instances: Vec<Instance>,
+    first_instance: u32,
     root: Target,
     bounds: ([f64; 3], [f64; 3]),
 }
@@ -197,7 +242,7 @@ impl Caster {
     /// Decodes an image that [`MemoryImage::check`] accepts.
     ///
     /// # Panics
-    /// Where `rays_per_packet` is not 1, 2, 4 or 8, or a link or a vertex index leads outside the image.
+    /// Where `rays_per_packet` is not 1, 2, 4 or 8, or the image is not sound.
     pub fn new(image: &MemoryImage, test: TriangleTest, rays_per_packet: usize) -> Self {
         assert!(
             matches!(rays_per_packet, 1 | 2 | 4 | 8),
@@ -208,12 +253,17 @@ impl Caster {
             axes: [node.link.left_axis, node.link.right_axis],
             children: node.link.children(index as u32),
         };
+        let instances = image.instance_records().expect("a sound image");
         Caster {
             arithmetic: Arithmetic::new(image.format),
             test,
             rays_per_packet,
             nodes: image.nodes.iter().enumerate().map(decode).collect(),
-            triangles: fetch_triangles(image),
+            triangles: fetch_triangles(image, &instances),
+            first_instance: instances.start,
+            instances: instances
+                .map(|record| Instance::fetch(image, record))
+                .collect(),
             root: image.root.root(),
             bounds: image.bounds,
         }
@@ -251,15 +301,20 @@ impl Caster {
             self.rays_per_packet,
             rays.len()
         );
-        match self.rays_per_packet {
-            1 => self.traverse::<1, _>(rays, hits, observer),
-            2 => self.traverse::<2, _>(rays, hits, observer),
-            4 => self.traverse::<4, _>(rays, hits, observer),
-            _ => self.traverse::<8, _>(rays, hits, observer),
+        match (self.rays_per_packet, self.instances.is_empty()) {
+            (1, true) => self.traverse::<1, false, _>(rays, hits, observer),
+            (2, true) => self.traverse::<2, false, _>(rays, hits, observer),
+            (4, true) => self.traverse::<4, false, _>(rays, hits, observer),
+            (_, true) => self.traverse::<8, false, _>(rays, hits, observer),
+            (1, false) => self.traverse::<1, true, _>(rays, hits, observer),
+            (2, false) => self.traverse::<2, true, _>(rays, hits, observer),
+            (4, false) => self.traverse::<4, true, _>(rays, hits, observer),
+            (_, false) => self.traverse::<8, true, _>(rays, hits, observer),
         }
     }
 
-    fn traverse<const N: usize, O: Observer>(
+    /// Casts a packet of N rays. `INSTANCED` says that the scene has two levels; without it nothing is spent on them.
+    fn traverse<const N: usize, const INSTANCED: bool, O: Observer>(
         &self,
         rays: &[Ray],
         hits: &mut [Hit],
@@ -286,6 +341,9 @@ impl Caster {
         }
 
         let lanes = RayLanes::new(&rays);
+        // Where the packet is: in the world, or inside the object of an instance, where these stand for its rays.
+        let mut inside = false;
+        let mut object = INSTANCED.then(|| Inside::new(&rays, &lanes));
         let mut stack: Vec<Entry<N>> = Vec::with_capacity(64);
         let mut next = Some(self.root);
         loop {
@@ -293,8 +351,12 @@ impl Caster {
                 Some(Target::Node(index)) => {
                     counts.steps += 1;
                     let node = &self.nodes[index as usize];
+                    let lanes = match &object {
+                        Some(object) if inside => &object.lanes,
+                        _ => &lanes,
+                    };
                     let outcome =
-                        current.step(a, &lanes, node.intervals, node.axes.map(usize::from));
+                        current.step(a, lanes, node.intervals, node.axes.map(usize::from));
                     let (left, right) = (outcome.left, outcome.right);
                     let left_first = outcome.left_first != 0;
                     let next = match (left.mask != 0, right.mask != 0) {
@@ -307,6 +369,7 @@ impl Caster {
                     if O::WATCHES {
                         observer.step(&StepEvent {
                             node: index,
+                            inside,
                             rays: RaySet::from(&current),
                             left: RaySet::from(&left),
                             right: RaySet::from(&right),
@@ -324,6 +387,7 @@ impl Caster {
                             current = first;
                             stack.push(Entry {
                                 child,
+                                inside,
                                 rays: second,
                             });
                             let height = stack.len() as u32;
@@ -331,6 +395,7 @@ impl Caster {
                             if O::WATCHES {
                                 observer.push(&PushEvent {
                                     child,
+                                    inside,
                                     rays: RaySet::from(&second),
                                     height,
                                 });
@@ -342,47 +407,79 @@ impl Caster {
                     next
                 }
                 Some(Target::Record(record)) => {
-                    counts.tests += 1;
-                    counts.ray_tests += current.mask.count_ones();
                     if O::WATCHES {
                         observer.hand_over(&HandOver {
                             record,
+                            instance: INSTANCED && !inside,
                             mask: current.mask,
                         });
                     }
-                    let triangle = &self.triangles[record as usize];
-                    let mut mask = current.mask;
-                    while mask != 0 {
-                        let slot = mask.trailing_zeros() as usize;
-                        mask &= mask - 1;
-                        let ray = &rays[slot];
-                        let outcome = if O::WATCHES {
-                            triangle.intersect::<true>(a, self.test, ray)
-                        } else {
-                            triangle.intersect::<false>(a, self.test, ray)
-                        };
-                        closest[slot].merge(ray, &outcome, 0, triangle.number);
-                        if O::WATCHES {
-                            observer.test(&RayTest {
-                                slot: slot as u8,
-                                record,
-                                triangle: triangle.number,
-                                outcome,
-                                merged: closest[slot],
-                            });
+                    match &mut object {
+                        Some(object) if !inside => {
+                            counts.entries += 1;
+                            counts.ray_transforms += current.mask.count_ones();
+                            let instance = &self.instances[(record - self.first_instance) as usize];
+                            let mask = current.mask;
+                            current =
+                                object.enter(a, instance, &rays, mask, |slot, transformed| {
+                                    if O::WATCHES {
+                                        observer.enter(&EnterEvent {
+                                            slot,
+                                            record,
+                                            instance: instance.number,
+                                            transformed: *transformed,
+                                        });
+                                    }
+                                });
+                            inside = current.mask != 0;
+                            inside.then_some(instance.root)
+                        }
+                        object => {
+                            counts.tests += 1;
+                            counts.ray_tests += current.mask.count_ones();
+                            let triangle = &self.triangles[record as usize];
+                            let mut mask = current.mask;
+                            while mask != 0 {
+                                let slot = mask.trailing_zeros() as usize;
+                                mask &= mask - 1;
+                                let (ray, window, instance) = match object {
+                                    Some(object) => {
+                                        (&object.rays[slot], object.windows[slot], object.number)
+                                    }
+                                    None => (&rays[slot], WHOLE_LINE, 0),
+                                };
+                                let outcome = if O::WATCHES {
+                                    triangle.intersect::<true>(a, self.test, ray, window)
+                                } else {
+                                    triangle.intersect::<false>(a, self.test, ray, window)
+                                };
+                                closest[slot].merge(ray, &outcome, instance, triangle.number);
+                                if O::WATCHES {
+                                    observer.test(&RayTest {
+                                        slot: slot as u8,
+                                        record,
+                                        instance,
+                                        triangle: triangle.number,
+                                        outcome,
+                                        merged: closest[slot],
+                                    });
+                                }
+                            }
+                            None
                         }
                     }
-                    None
                 }
                 None => {
                     let Some(entry) = stack.pop() else {
                         break;
                     };
+                    inside = entry.inside;
                     let limit = closest.map(|ray| ray.limit);
                     current = entry.rays.within(a, &limit);
                     if O::WATCHES {
                         observer.pop(&PopEvent {
                             child: entry.child,
+                            inside,
                             rays: RaySet::from(&current),
                             height: stack.len() as u32,
                         });
@@ -398,6 +495,58 @@ impl Caster {
     }
 }
 
+/// A packet's rays inside the object of the instance that was entered last. An instance that was left is entered
+/// again only by another leaf, so that its entries are gone when the next one is entered.
+struct Inside<const N: usize> {
+    /// The instance's number.
+    number: u32,
+    rays: [RaySetup; N],
+    lanes: RayLanes<N>,
+    windows: [[f64; 2]; N],
+}
+
+impl<const N: usize> Inside<N> {
+    /// Inside of nothing yet; rays that never enter stay as they are.
+    fn new(rays: &[RaySetup; N], lanes: &RayLanes<N>) -> Self {
+        Inside {
+            number: 0,
+            rays: *rays,
+            lanes: *lanes,
+            windows: [WHOLE_LINE; N],
+        }
+    }
+
+    /// Takes the rays of a mask to an instance's object, and returns those that enter it. `watch` sees each one.
+    fn enter(
+        &mut self,
+        a: &Arithmetic,
+        instance: &Instance,
+        world: &[RaySetup; N],
+        mut mask: u8,
+        mut watch: impl FnMut(u8, &Transformed),
+    ) -> Lanes<N> {
+        let mut entering = Lanes {
+            mask: 0,
+            near: [0.0; N],
+            far: [0.0; N],
+        };
+        self.number = instance.number;
+        while mask != 0 {
+            let slot = mask.trailing_zeros() as usize;
+            mask &= mask - 1;
+            let transformed = instance.transform(a, &world[slot]);
+            watch(slot as u8, &transformed);
+            self.rays[slot] = transformed.ray;
+            self.windows[slot] = transformed.window;
+            entering.mask |= u8::from(transformed.enters) << slot;
+            entering.near[slot] = transformed.near;
+            entering.far[slot] = transformed.far;
+        }
+        self.lanes = RayLanes::new(&self.rays);
+        entering
+    }
+}
+
 impl<const N: usize> From<&Lanes<N>> for RaySet {
     fn from(lanes: &Lanes<N>) -> Self {
         let widen =
@@ -410,30 +559,49 @@ impl<const N: usize> From<&Lanes<N>> for RaySet {
     }
 }
 
-/// The triangles of an image's records, in the records' order.
-pub(super) fn fetch_triangles(image: &MemoryImage) -> Vec<Triangle> {
-    let vertex = |index: u32| image.vertices[index as usize];
-    image
-        .records
-        .iter()
-        .map(|record| Triangle::new(record.vertices.map(vertex), record.number))
+/// The triangles of an image's records, in the records' order; in place of its instances, one at the origin.
+fn fetch_triangles(image: &MemoryImage, instances: &Range<u32>) -> Vec<Triangle> {
+    (0..)
+        .zip(&image.records)
+        .map(|(index, record)| {
+            if instances.contains(&index) {
+                Triangle::new([[0.0; 3]; 3], u32::MAX)
+            } else {
+                fetch_triangle(image, record)
+            }
+        })
         .collect()
+}
+
+/// The triangle of a record.
+pub(super) fn fetch_triangle(image: &MemoryImage, record: &TriangleRecord) -> Triangle {
+    let vertex = |index: u32| image.vertices[index as usize];
+    Triangle::new(record.vertices.map(vertex), record.number)
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::bkd::{BuildOptions, build};
+    use crate::bkd::{BuildOptions, InstanceSpec, InstancedImage, build};
     use crate::float::Format;
+    use glam::{DAffine3, DMat3, DVec3, EulerRot};
 
     /// Checks, while a packet is cast, that events follow from one another as `docs/arithmetic.md` says.
     #[derive(Default)]
     struct Follower {
+        instanced: bool,
         counts: Counts,
         stack: Vec<PushEvent>,
-        /// Where the packet must be seen next, and with which rays.
-        expected: Option<(Target, u8)>,
+        /// Where the packet must be seen next, and with which rays; of an object's root only the rays are known.
+        expected: Option<(Option<Target>, u8)>,
+        /// Whether that is in an object's space.
+        inside: bool,
         untested: u8,
+        /// Rays that an instance still waits for, and those that entered it, with their intervals.
+        untransformed: u8,
+        entered: Option<RaySet>,
+        instance: u32,
+        windows: [[f64; 2]; MOST_RAYS],
         limits: [f64; MOST_RAYS],
         dropped: u32,
         tested: [Closest; MOST_RAYS],
@@ -448,8 +616,13 @@ mod tests {
         fn step(&mut self, event: &StepEvent) {
             self.counts.steps += 1;
             assert_eq!(self.untested, 0);
-            if let Some(expected) = self.expected {
-                assert_eq!(expected, (Target::Node(event.node), event.rays.mask));
+            if let Some((target, mask)) = self.expected {
+                assert!(target.is_none_or(|target| target == Target::Node(event.node)));
+                assert_eq!(mask, event.rays.mask);
+            }
+            assert_eq!(self.inside, event.inside);
+            if let Some(entered) = self.entered.take() {
+                assert!(same_intervals(&entered, &event.rays));
             }
             let both = event.left.mask & event.right.mask;
             assert_eq!((event.left.mask | event.right.mask) & !event.rays.mask, 0);
@@ -461,23 +634,29 @@ mod tests {
                 &event.right
             };
             assert_eq!(event.next.is_some(), first.mask != 0);
-            self.expected = event.next.map(|next| (next, first.mask));
+            self.expected = event.next.map(|next| (Some(next), first.mask));
         }
 
         fn push(&mut self, event: &PushEvent) {
-            assert!(self.expected.is_some_and(|(first, _)| first != event.child));
+            assert!(
+                self.expected
+                    .is_some_and(|(first, _)| first != Some(event.child))
+            );
+            assert_eq!(self.inside, event.inside);
             self.stack.push(*event);
             assert_eq!(event.height as usize, self.stack.len());
             self.counts.stack_high_water = self.counts.stack_high_water.max(event.height);
         }
 
         fn pop(&mut self, event: &PopEvent) {
-            assert!(self.expected.is_none() && self.untested == 0);
+            assert!(self.expected.is_none() && self.untested == 0 && self.untransformed == 0);
+            self.entered = None;
             let pushed = self.stack.pop().expect("what is popped was pushed");
             assert_eq!(
-                (pushed.child, self.stack.len()),
-                (event.child, event.height as usize)
+                (pushed.child, pushed.inside, self.stack.len()),
+                (event.child, event.inside, event.height as usize)
             );
+            self.inside = event.inside;
             let mut stay = pushed.rays;
             for k in 0..MOST_RAYS {
                 stay.far[k] = stay.far[k].min(self.limits[k]);
@@ -487,19 +666,52 @@ mod tests {
             }
             assert!(same_intervals(&stay, &event.rays));
             self.dropped += u32::from(stay.mask == 0);
-            self.expected = (stay.mask != 0).then_some((event.child, stay.mask));
+            self.expected = (stay.mask != 0).then_some((Some(event.child), stay.mask));
         }
 
         fn hand_over(&mut self, event: &HandOver) {
-            self.counts.tests += 1;
             let (target, mask) = self.expected.expect("a leaf follows from a step or a pop");
-            assert_eq!((target, mask), (Target::Record(event.record), event.mask));
+            assert!(target.is_none_or(|target| target == Target::Record(event.record)));
+            assert_eq!(mask, event.mask);
             self.expected = None;
-            self.untested = event.mask;
+            assert_eq!(event.instance, self.instanced && !self.inside);
+            if event.instance {
+                self.counts.entries += 1;
+                self.untransformed = mask;
+                self.entered = Some(RaySet {
+                    mask: 0,
+                    near: [0.0; MOST_RAYS],
+                    far: [0.0; MOST_RAYS],
+                });
+            } else {
+                self.counts.tests += 1;
+                self.untested = mask;
+            }
+        }
+
+        fn enter(&mut self, event: &EnterEvent) {
+            self.counts.ray_transforms += 1;
+            assert_eq!(self.untransformed.trailing_zeros(), u32::from(event.slot));
+            self.untransformed &= self.untransformed - 1;
+            let slot = usize::from(event.slot);
+            let moved = &event.transformed;
+            self.instance = event.instance;
+            self.windows[slot] = moved.window;
+            let entered = self.entered.as_mut().expect("an instance was handed over");
+            assert_eq!(moved.enters, moved.ray.valid && moved.near <= moved.far);
+            entered.mask |= u8::from(moved.enters) << slot;
+            entered.near[slot] = moved.near;
+            entered.far[slot] = moved.far;
+            if self.untransformed == 0 && entered.mask != 0 {
+                self.expected = Some((None, entered.mask));
+                self.inside = true;
+            }
         }
 
         fn test(&mut self, event: &RayTest) {
             self.counts.ray_tests += 1;
+            assert_eq!(self.inside, self.instanced);
+            assert_eq!(event.instance, self.instance);
             assert_eq!(self.untested.trailing_zeros(), u32::from(event.slot));
             self.untested &= self.untested - 1;
             let slot = usize::from(event.slot);
@@ -508,6 +720,10 @@ mod tests {
             } = event;
             assert!(!outcome.hit || outcome.near <= outcome.t && outcome.t <= outcome.far);
             assert!(!outcome.hit || merged.limit <= outcome.t);
+            if self.instanced {
+                let [near, far] = self.windows[slot];
+                assert!(outcome.near >= near && outcome.far <= far);
+            }
             self.limits[slot] = merged.limit;
             self.tested[slot] = *merged;
         }
@@ -530,11 +746,31 @@ mod tests {
         let triangles: Vec<[u32; 3]> = (0..500).map(|t| [3 * t, 3 * t + 1, 3 * t + 2]).collect();
         let tree = build(&vertices, &triangles, &BuildOptions::default_for(2, 64)).unwrap();
         let image = MemoryImage::new(Format::FP24, &vertices, &triangles, &tree).unwrap();
+        let mut instanced = InstancedImage::new(Format::FP24);
+        instanced.add_object(&image).unwrap();
+        let instances: Vec<InstanceSpec> = (0..12)
+            .map(|number| {
+                let [x, y, z] = point(1.0);
+                let turn = DMat3::from_euler(EulerRot::XYZ, 4.0 * x, 4.0 * y, 4.0 * z);
+                let place = DVec3::from_array(point(20.0));
+                let matrix = DAffine3::from_mat3_translation(turn * 0.5, place);
+                let bounds = instanced.objects()[0].bounds;
+                let columns = matrix.to_cols_array_2d();
+                InstanceSpec::new(Format::FP24, number, 0, &columns, bounds).unwrap()
+            })
+            .collect();
+        let options = BuildOptions::default_for(2, 64);
+        instanced.set_top(&instances, &options).unwrap();
         let mut dropped = 0;
         let mut hits = 0;
+        let mut entries = 0;
+        let images = [&image, instanced.image()];
         for test in [TriangleTest::MollerTrumbore, TriangleTest::Watertight] {
-            for rays_per_packet in [1, 2, 4, 8] {
-                let caster = Caster::new(&image, test, rays_per_packet);
+            for (image, rays_per_packet) in images
+                .into_iter()
+                .flat_map(|image| [1, 2, 4, 8].map(|rays| (image, rays)))
+            {
+                let caster = Caster::new(image, test, rays_per_packet);
                 let rays: Vec<Ray> = (0..400)
                     .map(|k| Ray {
                         origin: point(24.0),
@@ -549,6 +785,7 @@ mod tests {
                 assert!(frame.steps() > 0 && frame.ray_tests() >= frame.tests());
                 for (index, rays) in rays.chunks(rays_per_packet).enumerate() {
                     let mut follower = Follower {
+                        instanced: image.is_instanced(),
                         limits: [f64::INFINITY; MOST_RAYS],
                         ..Follower::default()
                     };
@@ -566,12 +803,13 @@ mod tests {
                         hits += u32::from(hit.is_hit());
                     }
                     dropped += follower.dropped;
+                    entries += follower.counts.entries;
                 }
             }
         }
         assert!(
-            hits > 500 && dropped > 500,
-            "{hits} hits, {dropped} entries dropped"
+            hits > 1000 && dropped > 500 && entries > 1000,
+            "{hits} hits, {dropped} entries dropped, {entries} entries of instances"
         );
     }
 

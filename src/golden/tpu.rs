@@ -19,6 +19,8 @@ pub struct Lanes<const N: usize> {
 #[derive(Clone, Copy, Debug)]
 pub struct Entry<const N: usize> {
     pub child: Target,
+    /// Whether the child is in an object's tree below the top level: the rays go there in the object's space.
+    pub inside: bool,
     pub rays: Lanes<N>,
 }
 

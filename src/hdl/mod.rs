@@ -32,7 +32,7 @@ mod pipeline;
 mod signal;
 mod verilog;
 
-pub use builder::{Builder, Reg, Wire};
+pub use builder::{Builder, Outputs, Reg, Wire};
 pub use design::{Design, Direction, Module, Port};
 pub use error::HdlError;
 pub use memory::{Memory, Style};

@@ -4,15 +4,16 @@ use super::fp::{Units, step};
 use crate::hdl::{Builder, HdlError, Module, Signal};
 use std::rc::Rc;
 
-/// Ulps that cover the plane distance's own three roundings.
-const SLACK: i32 = 3;
+/// Ulps by which a near and a far distance step: they cover the plane distance's own three roundings.
+pub(super) const NEAR_SLACK: i32 = -3;
+pub(super) const FAR_SLACK: i32 = 3;
 
 pub(super) fn near(units: &Units) -> Result<Rc<Module>, HdlError> {
     distance(
         units,
         "near_distance",
         "a ray's distance to a near plane, three ulps down: it is never beyond the exact one.",
-        -SLACK,
+        NEAR_SLACK,
     )
 }
 
@@ -21,7 +22,7 @@ pub(super) fn far(units: &Units) -> Result<Rc<Module>, HdlError> {
         units,
         "far_distance",
         "a ray's distance to a far plane, three ulps up: it is never short of the exact one.",
-        SLACK,
+        FAR_SLACK,
     )
 }
 
@@ -32,14 +33,27 @@ fn distance(units: &Units, name: &str, doc: &str, slack: i32) -> Result<Rc<Modul
     m.group("The plane, and the ray's origin and reciprocal direction on the plane's axis");
     let plane = p.input("plane", w);
     let origin = p.input("origin", w);
-    // The reciprocal is needed only once the difference is there.
-    let subtracted = units.sub.latency().unwrap_or(0);
-    let reciprocal = p.input_at("reciprocal", w, subtracted);
     let offset = units.sub("offset", plane, origin);
-    let exact = units.mul("scaled", offset, reciprocal);
+    // The reciprocal is needed only once the difference is there.
+    let reciprocal = p.input_at("reciprocal", w, offset.stage().unwrap_or(0));
     m.group("Distance in multiples of the ray's direction");
-    m.output("distance", step(units.format, exact, slack).register());
+    m.output(
+        "distance",
+        from_offset("scaled", units, offset, reciprocal, slack),
+    );
     m.finish()
+}
+
+/// A plane's distance, from its `offset` from the origin: `slack` ulps down or up.
+pub(super) fn from_offset<'b>(
+    name: impl AsRef<str>,
+    units: &Units,
+    offset: Signal<'b>,
+    reciprocal: Signal<'b>,
+    slack: i32,
+) -> Signal<'b> {
+    let exact = units.mul(name, offset, reciprocal);
+    step(units.format, exact, slack).register()
 }
 
 /// Places a [`near`] or [`far`] distance as the instance `name` in the plane's module.

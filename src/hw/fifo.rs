@@ -1,5 +1,7 @@
-//! A queue in distributed RAM. Its first word shows before it is taken.
+//! Queues whose first word shows before it is taken: in distributed RAM where every clock counts, in block RAM where a word
+//! every few clocks is enough.
 
+use super::plan::Plan;
 use crate::hdl::{Builder, HdlError, Module, Signal, Style, bits_for};
 use std::rc::Rc;
 
@@ -54,6 +56,75 @@ pub(super) fn place<'b>(
     pop: Signal<'b>,
 ) -> Result<(Signal<'b>, Signal<'b>), HdlError> {
     let module = fifo(data.width(), depth)?;
+    let queue = push.module().instance(
+        name,
+        &module,
+        &[("push", push), ("data", data), ("pop", pop)],
+    );
+    Ok((queue.get("valid"), queue.get("front")))
+}
+
+/// A queue as [`fifo`] makes it, in block RAM. A word shows [`Plan::read_latency`] + 2 clocks after it was pushed, and
+/// the next one may be taken [`Plan::read_latency`] + 1 clocks after the one before.
+pub(super) fn block_fifo(plan: &Plan, width: u32, depth: u32) -> Result<Rc<Module>, HdlError> {
+    let m = Builder::new(
+        format!("block_fifo_{width}x{depth}"),
+        format!(
+            "a queue of {depth} words of {width} bits in block RAM, for a word every few clocks. What feeds it never has more than {depth} words under way."
+        ),
+    );
+    m.group("In");
+    let push = m.input("push", 1);
+    let data = m.input("data", width);
+    m.group("Out: the front word, taken by pop");
+    let pop = m.input("pop", 1);
+
+    let bits = bits_for(u64::from(depth));
+    let count_bits = bits_for(u64::from(depth) + 1);
+    let (one, unit) = (m.lit(1u8, bits), m.lit(1u8, count_bits));
+    let head = m.reg_reset("head", bits, 0);
+    let tail = m.reg_reset("tail", bits, 0);
+    let count = m.reg_reset("count", count_bits, 0);
+    let last = u128::from(depth) - 1;
+    let next_head = head.q.equals(last).mux(m.zero(bits), head.q + one);
+    let next_tail = tail.q.equals(last).mux(m.zero(bits), tail.q + one);
+    let words = m.memory("words", depth, width, Style::Block);
+    words.write(push, tail.q, data);
+    let word = plan.read(words, head.q);
+
+    m.comment("The word at the head is read again and again; it is there once the head has stood still for the RAM's latency.");
+    let latency = plan.read_latency();
+    let stored = count.q.any().named("stored");
+    let load = m.wire("load", 1);
+    let mut settled = stored;
+    for clock in 0..latency {
+        let next = m.reg_reset(format!("settled{clock}"), 1, 0);
+        next.next(settled & stored & !load.get());
+        settled = next.q;
+    }
+    let front_valid = m.reg_reset("front_valid", 1, 0);
+    load.drive(settled & (!front_valid.q | pop));
+    front_valid.next(load.get() | (front_valid.q & !pop));
+    let front = m.reg("front_word", width);
+    front.next_when(load.get(), word);
+    head.next_when(load.get(), next_head);
+    tail.next_when(push, next_tail);
+    count.next_when(push ^ load.get(), push.mux(count.q + unit, count.q - unit));
+    m.output("valid", front_valid.q);
+    m.output("front", front.q);
+    m.finish()
+}
+
+/// Places a queue of [`block_fifo`]. Returns its valid bit and its front word.
+pub(super) fn place_block<'b>(
+    plan: &Plan,
+    name: &str,
+    depth: u32,
+    push: Signal<'b>,
+    data: Signal<'b>,
+    pop: Signal<'b>,
+) -> Result<(Signal<'b>, Signal<'b>), HdlError> {
+    let module = block_fifo(plan, data.width(), depth)?;
     let queue = push.module().instance(
         name,
         &module,

@@ -1,18 +1,47 @@
-//! The geometry unit: fetches a leaf's triangle and its vertices, tests the packet's rays against it, one a clock, and merges the hits.
+//! The geometry unit: fetches a leaf and its vertices, and passes the packet's rays one a clock through the triangle test.
+//!
+//! - A leaf that is a **triangle** takes a slot of the test for each ray; the hits are merged.
+//! - A leaf that is an **instance** of an object takes three slots for each ray, in which the test's own operators transform the ray:
+//!   *box* (the ray's interval in the instance's box: its window), *direction* and *origin* (each a matrix times a vector). The
+//!   transformed ray goes through ray setup again and the packet goes on in the object's space.
 //!
 //! A packet has at most one leaf under way, so everything here is numbered by its packet, queues are as deep as there are packets,
 //! and nothing can overflow. Rays outside a leaf's mask are skipped and cost nothing.
+//!
+//! While no packet is under way, the skinning processor (`skinning.rs`) borrows the test: it writes a palette of matrices and then
+//! issues an influence a clock, which takes a slot.
+//!
+//! Where a packet's vertices, an instance's six vectors and a palette's matrices are kept:
+//!
+//! | memory | by packet | behind, by packet | behind, by joint |
+//! |---|---|---|---|
+//! | `vertex0_memory` | first vertex, or c_x | least corner of the instance's box | p_x |
+//! | `vertex1_memory` | second vertex, or c_y | greatest corner | p_y |
+//! | `vertex2_memory` | third vertex, or c_z | greatest corner | p_z |
+//! | `translation_memory` | c_w | | p_w |
 
 use super::bundle::Bundle;
 use super::fifo;
-use super::fp::{equal, less};
+use super::fp::{equal, less, max, min};
 use super::plan::{AXES, Plan};
+use super::skinning;
 use super::tpu;
 use super::triangle;
 use crate::bkd::layout::Record;
 use crate::config::TriangleTest;
-use crate::hdl::{Builder, HdlError, Module, Signal, Style, bits_for};
+use crate::hdl::{Builder, HdlError, Module, Signal, Style};
 use std::rc::Rc;
+
+/// Bits that number a leaf's vertices or vectors in the tags of their requests.
+pub(super) const CORNER_BITS: u32 = 3;
+const VERTICES_OF_TRIANGLE: u8 = 3;
+/// Four columns of the matrix, two corners of the box.
+const VECTORS_OF_INSTANCE: u8 = 6;
+
+/// The slots that a ray takes to be transformed, in their order.
+const BOX_SLOT: u128 = 0;
+const DIRECTION_SLOT: u128 = 1;
+const ORIGIN_SLOT: u128 = 2;
 
 /// The geometry unit, and the triangle test within.
 pub struct Geometry {
@@ -38,10 +67,11 @@ pub fn module(plan: &Plan) -> Result<Geometry, HdlError> {
         "geometry_unit",
         "the geometry unit: a leaf's triangle and vertices are fetched, the packet's rays tested one a clock, the hits merged.",
     );
-    m.group("A ray that has been set up");
+    m.group("A ray that has been set up, of the world or in an object's space");
     let setup_valid = m.input("setup_valid", 1);
     let setup_packet = m.input("setup_packet", pb);
     let setup_ray = m.input("setup_ray", plan.ray_bits());
+    let setup_object = m.input("setup_object", 1);
     let mut early_fields: Vec<(&'static str, u32)> = vec![
         ("origin_x", w),
         ("origin_y", w),
@@ -51,41 +81,49 @@ pub fn module(plan: &Plan) -> Result<Geometry, HdlError> {
         ("reciprocal_z", w),
         ("signs", 3),
     ];
-    let mut late_fields: Vec<(&'static str, u32)> = vec![("tmin", w), ("tmax", w), ("any_hit", 1)];
+    let directions = ["direction_x", "direction_y", "direction_z"].map(|name| (name, w));
     if watertight {
         early_fields.extend([("kz", 2), ("shear_x", w), ("shear_y", w)]);
-        late_fields.push(("shear_z", w));
     } else {
-        early_fields.extend([("direction_x", w), ("direction_y", w), ("direction_z", w)]);
+        early_fields.extend(directions);
     }
+    let limit_fields = [("tmin", w), ("tmax", w), ("any_hit", 1)];
     let early = Bundle::new(&early_fields);
-    let late = Bundle::new(&late_fields);
-    let setup_input = |fields: &[(&'static str, u32)]| -> Vec<(&'static str, Signal<'_>)> {
-        fields
-            .iter()
-            .map(|(name, width)| (*name, m.input(format!("setup_{name}"), *width)))
-            .collect()
-    };
-    let early_inputs = setup_input(&early_fields);
-    let late_inputs = setup_input(&late_fields);
+    let limits = Bundle::new(&limit_fields);
+    let inputs_of =
+        |prefix: &str, fields: &[(&'static str, u32)]| -> Vec<(&'static str, Signal<'_>)> {
+            fields
+                .iter()
+                .map(|(name, width)| (*name, m.input(format!("{prefix}_{name}"), *width)))
+                .collect()
+        };
+    let early_inputs = inputs_of("setup", &early_fields);
+    let limit_inputs = inputs_of("setup", &limit_fields);
+    m.group("The packet of the ray that will have been set up so many clocks later as a memory's read takes");
+    let next_packet = m.input("setup_next_packet", pb);
+    m.group(
+        "Whether leaves in the world are instances of objects: bit right_leaf of the scene's root",
+    );
+    let instanced = m.input("instanced", 1);
     m.group("Leaves from the traversal unit");
     let leaf_valid = m.input("leaf_valid", 1);
     let leaf_packet = m.input("leaf_packet", pb);
     let leaf_address = m.input("leaf_address", a);
     let leaf_context = m.input("leaf_context", context.width());
     let leaf_mask = m.input("leaf_mask", rays);
-    m.group("Triangle record memory: requests");
+    m.group("Record memory: requests");
     let record_ready = m.input("record_request_ready", 1);
-    m.group("Triangle record memory: answers, in any order, always taken");
+    m.group("Record memory: answers, in any order, always taken");
     let record_valid = m.input("record_response_valid", 1);
-    let record_tag = m.input("record_response_tag", pb);
+    let record_tag = m.input("record_response_tag", pb + 1);
     let record_data = m.input("record_response_data", triangle.width);
     m.group("Vertex memory: requests");
     let vertex_ready = m.input("vertex_request_ready", 1);
     m.group("Vertex memory: answers, in any order, always taken");
     let vertex_valid = m.input("vertex_response_valid", 1);
-    let vertex_tag = m.input("vertex_response_tag", pb + 2);
+    let vertex_tag = m.input("vertex_response_tag", pb + CORNER_BITS);
     let vertex_data = m.input("vertex_response_data", vertex.width);
+    let skin = skinning::Borrower::new(&m, plan);
     m.group("After reset, packet numbers in turn, to clear what counts by packet");
     let sweep = m.input("sweep", 1);
     let sweep_packet = m.input("sweep_packet", pb);
@@ -93,187 +131,460 @@ pub fn module(plan: &Plan) -> Result<Geometry, HdlError> {
     let hit_packet = m.input("read_packet", pb);
     let hit_ray = m.input("read_ray", plan.ray_bits());
 
-    m.comment("A leaf is taken when its record can be requested.");
-    let leaf_word = Bundle::new(&[("context", context.width()), ("mask", rays), ("address", a)]);
+    m.comment("A leaf is taken when its record can be requested. Its tag says whether it is an instance's.");
+    let leaf_word = Bundle::new(&[("context", context.width()), ("address", a)]);
     let take_leaf = (leaf_valid & record_ready).named("take_leaf");
     let leaf_data = leaf_word
-        .pack(&[
-            ("context", leaf_context),
-            ("mask", leaf_mask),
-            ("address", leaf_address),
-        ])
+        .pack(&[("context", leaf_context), ("address", leaf_address)])
         .named("leaf_data");
-    let leaves = m.memory(
-        "leaf_memory",
-        packets,
-        leaf_word.width(),
-        Style::Distributed,
-    );
+    let leaves = m.memory("leaf_memory", packets, leaf_word.width(), Style::Block);
     leaves.write(take_leaf, leaf_packet, leaf_data);
+    let masks = m.memory("mask_memory", packets, rays, Style::Distributed);
+    masks.write(take_leaf, leaf_packet, leaf_mask);
+    let leaf_is_instance =
+        (instanced & !context.get(leaf_context, "inside")).named("leaf_is_instance");
+    let instance_leaves = m.memory("instance_leaf_memory", packets, 1, Style::Distributed);
+    instance_leaves.write(take_leaf, leaf_packet, leaf_is_instance);
     m.group("Leaves from the traversal unit");
     m.output("leaf_ready", record_ready);
-    m.group("Triangle record memory: requests");
+    m.group("Record memory: requests");
     m.output("record_request_valid", leaf_valid);
     m.output("record_request_address", leaf_address);
-    m.output("record_request_tag", leaf_packet);
+    m.output("record_request_tag", leaf_is_instance.concat(leaf_packet));
 
     m.comment(
-        "A record's answer: its number is kept, its three vertices are requested one a clock.",
+        "A record's answer: numbers and an instance's root are kept; three vertices, or the six vectors that lie one after another, \
+         are requested one a clock.",
     );
-    let record = |name: &str| {
-        let field = triangle.field(name);
+    let field_of = |record: &Record, name: &str| {
+        let field = record.field(name);
         record_data.field(field.lsb, field.width)
     };
-    let numbers = m.memory("number_memory", packets, 32, Style::Distributed);
-    numbers.write(record_valid, record_tag, record("number"));
-    let job = Bundle::new(&[("packet", pb), ("v0", a), ("v1", a), ("v2", a)]);
+    let record_packet = record_tag.low(pb);
+    let record_is_instance = record_tag.msb();
+    let instance = Record::instance();
+    let triangle_numbers = m.memory("triangle_number_memory", packets, 32, Style::Block);
+    triangle_numbers.write(
+        record_valid & !record_is_instance,
+        record_packet,
+        field_of(&triangle, "number"),
+    );
+    let instance_numbers = m.memory("instance_number_memory", packets, 32, Style::Block);
+    let instance_answer = (record_valid & record_is_instance).named("instance_answer");
+    instance_numbers.write(
+        instance_answer,
+        record_packet,
+        field_of(&instance, "number"),
+    );
+    let link = Record::link_word();
+    let root_word = field_of(&instance, "root");
+    let root = Bundle::new(&[("address", a), ("leaf", 1)]);
+    let root_data = root
+        .pack(&[
+            ("address", root_word.field(link.field("link").lsb, a)),
+            ("leaf", root_word.bit(link.field("left_leaf").lsb)),
+        ])
+        .named("root_data");
+    let roots = m.memory("root_memory", packets, root.width(), Style::Block);
+    roots.write(instance_answer, record_packet, root_data);
+    let job = Bundle::new(&[
+        ("packet", pb),
+        ("instance", 1),
+        ("v0", a),
+        ("v1", a),
+        ("v2", a),
+    ]);
+    // An instance's first vector is named where a triangle's first vertex is.
+    let first_vector = instance.field("vectors");
+    assert_eq!(first_vector.lsb, triangle.field("v0").lsb);
     let job_done = m.wire("job_done", 1);
-    let (job_valid, job_front) = fifo::place(
+    let (job_valid, job_front) = fifo::place_block(
+        plan,
         "vertex_queue",
         packets,
         record_valid,
         job.pack(&[
-            ("packet", record_tag),
-            ("v0", record("v0").low(a)),
-            ("v1", record("v1").low(a)),
-            ("v2", record("v2").low(a)),
+            ("packet", record_packet),
+            ("instance", record_is_instance),
+            ("v0", field_of(&triangle, "v0").low(a)),
+            ("v1", field_of(&triangle, "v1").low(a)),
+            ("v2", field_of(&triangle, "v2").low(a)),
         ]),
         job_done.get(),
     )?;
-    let corner = m.reg_reset("corner", 2, 0);
+    let corner = m.reg_reset("corner", CORNER_BITS, 0);
     let vertex_fire = (job_valid & vertex_ready).named("vertex_fire");
-    let last_corner = corner.q.equals(2).named("last_corner");
+    let job_is_instance = job.get(job_front, "instance");
+    let one_corner = m.lit(1u8, CORNER_BITS);
+    let last_corner = corner
+        .q
+        .eq(last_corner_of(job_is_instance))
+        .named("last_corner");
     corner.next_when(
         vertex_fire,
-        last_corner.mux(m.zero(2), corner.q + m.lit(1u8, 2)),
+        last_corner.mux(m.zero(CORNER_BITS), corner.q + one_corner),
     );
     job_done.drive(vertex_fire & last_corner);
+    let vector_address = (job.get(job_front, "v0") + corner.q.extend(a)).named("vector_address");
+    let of_triangle = ["v0", "v1", "v2"].map(|v| job.get(job_front, v));
+    let vertex_address = m
+        .select(corner.q.low(2), &of_triangle)
+        .named("vertex_address");
     m.group("Vertex memory: requests");
     m.output("vertex_request_valid", job_valid);
     m.output(
         "vertex_request_address",
-        m.select(
-            corner.q,
-            &[
-                job.get(job_front, "v0"),
-                job.get(job_front, "v1"),
-                job.get(job_front, "v2"),
-            ],
-        ),
+        job_is_instance.mux(vector_address, vertex_address),
     );
     m.output(
         "vertex_request_tag",
         job.get(job_front, "packet").concat(corner.q),
     );
 
-    m.comment("Vertices arrive in any order; the third makes the triangle complete.");
+    m.comment(
+        "Vertices and vectors arrive in any order; the last one to come makes the leaf complete.",
+    );
     let arrived_packet = vertex_tag.high(pb);
-    let arrived_corner = vertex_tag.low(2);
-    let corners: Vec<_> = (0..3u32)
-        .map(|i| {
-            let memory = m.memory(
-                format!("vertex{i}_memory"),
-                packets,
-                vertex.width,
-                Style::Block,
-            );
-            memory.write(
-                vertex_valid & arrived_corner.equals(u128::from(i)),
-                arrived_packet,
-                vertex_data,
-            );
-            memory
-        })
-        .collect();
-    let arrivals = m.memory("arrival_memory", packets, 2, Style::Distributed);
+    let arrived_corner = vertex_tag.low(CORNER_BITS);
+    let arrives_as = |corners: &[u32]| {
+        let any: Vec<_> = corners
+            .iter()
+            .map(|corner| arrived_corner.equals(u128::from(*corner)))
+            .collect();
+        vertex_valid & m.or_all(&any)
+    };
+    // Vectors 4 and 5 are an instance's box.
+    let arrived_place = arrived_corner.bit(2).concat(arrived_packet);
+    let vector_data = skin
+        .active
+        .mux(skin.palette_data, vertex_data)
+        .named("vector_data");
+    let joint_width = skin.joint.width();
+    let vector_memory = |name: &str, corners: &[u32], place: Signal<'_>, column: u128| {
+        let bits = place.width().max(joint_width);
+        let depth = (1 << bits) + plan.config.skinning_joints;
+        let memory = m.memory(name, depth, vertex.width, Style::Block);
+        let in_palette = skin.palette_joint.extend(bits);
+        let place = skin.active.mux(in_palette, place.extend(bits));
+        memory.write(
+            skin.active
+                .mux(skin.writes_column(column), arrives_as(corners)),
+            skin.active.concat(place),
+            vector_data,
+        );
+        memory
+    };
+    let corners = [
+        vector_memory("vertex0_memory", &[0, 4], arrived_place, 0),
+        vector_memory("vertex1_memory", &[1, 5], arrived_place, 1),
+        vector_memory("vertex2_memory", &[2, 5], arrived_place, 2),
+    ];
+    let translations = vector_memory("translation_memory", &[3], arrived_packet, 3);
+    let arrivals = m.memory("arrival_memory", packets, CORNER_BITS, Style::Distributed);
     let before = arrivals.read_now(arrived_packet);
-    let complete = (vertex_valid & before.equals(2)).named("triangle_complete");
-    let counted = before.equals(2).mux(m.zero(2), before + m.lit(1u8, 2));
+    let arrived_is_instance = instance_leaves.read_now(arrived_packet);
+    let last_arrives = before
+        .eq(last_corner_of(arrived_is_instance))
+        .named("last_arrives");
+    let complete = (vertex_valid & last_arrives).named("leaf_complete");
+    let counted = last_arrives.mux(m.zero(CORNER_BITS), before + one_corner);
     arrivals.write(
         sweep | vertex_valid,
         sweep.mux(sweep_packet, arrived_packet),
-        sweep.mux(m.zero(2), counted),
+        sweep.mux(m.zero(CORNER_BITS), counted),
     );
 
-    m.comment("The rays of a complete triangle's mask go into the test, one a clock.");
+    m.comment(
+        "The rays of a complete leaf's mask go into the test, one a clock: a ray once for a triangle, three times for an instance, \
+         for its box, the direction and the origin.",
+    );
     let take_ready = m.wire("take_ready", 1);
-    let (ready_valid, ready_packet) = fifo::place(
+    let (ready_valid, ready_front) = fifo::place(
         "ready_queue",
         packets,
         complete,
-        arrived_packet,
+        arrived_is_instance.concat(arrived_packet),
         take_ready.get(),
     )?;
-    let ready_leaf = leaves.read_now(ready_packet);
+    let ready_packet = ready_front.low(pb);
+    let ready_mask = masks.read_now(ready_packet);
     let busy = m.reg_reset("busy", 1, 0);
     let now_packet = m.reg("now_packet", pb);
+    let now_instance = m.reg("now_instance", 1);
     let now_mask = m.reg("now_mask", rays);
     let now_first = m.reg("now_first", 1);
+    let slot = m.reg("slot", 2);
     let (issue_ray, rest_mask) = lowest(&m, now_mask.q, plan.ray_bits());
-    let now_last = rest_mask.is_zero().named("now_last");
+    let last_slot = (!now_instance.q | slot.q.equals(ORIGIN_SLOT)).named("last_slot");
+    let now_last = (last_slot & rest_mask.is_zero()).named("now_last");
     let idle_next = (!busy.q | now_last).named("takes_next");
-    take_ready.drive(idle_next & ready_valid);
+    let takes = (idle_next & ready_valid).named("takes");
+    take_ready.drive(takes);
     busy.next(m.priority(&[(idle_next, ready_valid)], m.lit(1u8, 1)));
-    now_packet.next_when(take_ready.get(), ready_packet);
-    now_mask.next(
-        take_ready
-            .get()
-            .mux(leaf_word.get(ready_leaf, "mask"), rest_mask),
-    );
-    now_first.next(take_ready.get());
+    now_packet.next_when(takes, ready_packet);
+    now_instance.next_when(takes, ready_front.msb());
+    now_mask.next_when(takes | last_slot, takes.mux(ready_mask, rest_mask));
+    now_first.next_when(takes | last_slot, takes);
+    slot.next((takes | last_slot).mux(m.zero(2), slot.q + m.lit(1u8, 2)));
+    let in_slot = |number: u128| busy.q & now_instance.q & slot.q.equals(number);
 
-    m.comment("The test.");
+    m.comment("The test, and what it lends its operators to.");
     let p = m.pipeline();
-    let valid = p.enter(busy.q).cleared_by_reset();
-    let packet = p.enter(now_packet.q);
+    let valid = p.enter(busy.q & !now_instance.q).cleared_by_reset();
+    let box_slot = p
+        .enter(in_slot(BOX_SLOT).named("in_box_slot"))
+        .cleared_by_reset();
+    let direction_slot = p.enter(in_slot(DIRECTION_SLOT).named("in_direction_slot"));
+    let origin_slot = p
+        .enter(in_slot(ORIGIN_SLOT).named("in_origin_slot"))
+        .cleared_by_reset();
+    // A joint goes the packet's way, and beside it with the bits that it has more.
+    let joint_low = skin.joint.extend(joint_width.max(pb)).low(pb);
+    let packet = p.enter(
+        skin.active
+            .mux(joint_low, now_packet.q)
+            .named("packet_or_joint"),
+    );
+    let joint_high = (joint_width > pb).then(|| {
+        let high = skin.joint.high(joint_width - pb);
+        p.enter((high & skin.active.repeat(joint_width - pb)).named("joint_high"))
+    });
     let ray = p.enter(issue_ray);
     let first = p.enter(now_first.q);
     let last = p.enter(now_last);
-    let by_ray = packets << plan.ray_bits();
-    let by_ray_bits = bits_for(u64::from(by_ray));
-    let index_bits = by_ray_bits - plan.ray_bits();
-    let setup_index = setup_packet.low(index_bits).concat(setup_ray);
-    let ray_memory = m.memory("ray_memory", by_ray, early.width(), Style::Block);
-    ray_memory.write(setup_valid, setup_index, early.pack(&early_inputs));
-    let limit_memory = m.memory("ray_limit_memory", by_ray, late.width(), Style::Block);
-    limit_memory.write(setup_valid, setup_index, late.pack(&late_inputs));
-    let index = packet.low(index_bits).concat(ray).named("test_index");
-    let ray_word = plan.read(ray_memory, index);
+    let inside = p.enter((instanced & !now_instance.q).named("now_inside"));
+    let by_ray = plan.rays_in_flight();
+    let setup_index = plan.ray_index(setup_packet, setup_ray);
+    let setup_level_index = setup_object.concat(setup_index);
+    let of_world = (setup_valid & !setup_object).named("setup_of_world");
+    let ray_memory = m.memory(
+        "ray_memory",
+        plan.level_rays_in_flight(),
+        early.width(),
+        Style::Block,
+    );
+    ray_memory.write(setup_valid, setup_level_index, early.pack(&early_inputs));
+    let limit_memory = m.memory("ray_limit_memory", by_ray, limits.width(), Style::Block);
+    limit_memory.write(of_world, setup_index, limits.pack(&limit_inputs));
+    let index = plan.ray_index(packet, ray).named("test_index");
+    let level_index = inside.concat(index).named("test_level_index");
+    let start = plan.read_latency();
+    let ray_word = plan.read(ray_memory, level_index);
+    let direction_word = Bundle::new(&directions);
+    let direction = if watertight {
+        m.group("A ray of the world as it comes: the watertight test needs its direction for transformations alone");
+        let world_valid = m.input("world_valid", 1);
+        let world_packet = m.input("world_packet", pb);
+        let world_ray = m.input("world_ray", plan.ray_bits());
+        let world_direction = inputs_of("world", &directions);
+        let memory = m.memory(
+            "direction_memory",
+            by_ray,
+            direction_word.width(),
+            Style::Block,
+        );
+        memory.write(
+            world_valid,
+            plan.ray_index(world_packet, world_ray),
+            direction_word.pack(&world_direction),
+        );
+        let word = plan.read(memory, index);
+        directions.map(|(name, _)| direction_word.get(word, name))
+    } else {
+        directions.map(|(name, _)| early.get(ray_word, name))
+    };
     let mut inputs: Vec<(String, Signal<'_>)> = vec![];
+    // Above the packet: whether its box is wanted, or the rest of a joint; and whether it is a joint.
+    let skinning_at = |at: u32| p.enter_at(skin.active, at);
+    let corner_bits = plan.level_packet_bits().max(joint_width);
+    let above_packet = match joint_high {
+        Some(high) => high | box_slot.extend(high.width()),
+        None => box_slot,
+    };
+    let corner_index = m.concat(&[
+        skinning_at(0),
+        above_packet.extend(corner_bits - pb),
+        packet,
+    ]);
     for (i, memory) in corners.iter().enumerate() {
-        let word = plan.read(*memory, packet);
+        let word = plan.read(*memory, corner_index);
         for x in AXES {
             let field = vertex.field(x);
             inputs.push((format!("v{i}_{x}"), word.field(field.lsb, field.width)));
         }
     }
+    let is_direction = direction_slot.at(start).named("point_is_direction");
     for (name, _) in &early_fields {
-        inputs.push((name.to_string(), early.get(ray_word, name)));
+        let own = early.get(ray_word, name);
+        let point = ["origin_x", "origin_y", "origin_z"]
+            .iter()
+            .position(|origin| origin == name);
+        let value = match point {
+            Some(i) => skinning_at(start)
+                .mux(
+                    p.enter(skin.point[i]).at(start),
+                    is_direction.mux(direction[i], own),
+                )
+                .named(format!("point_{}", AXES[i])),
+            None => own,
+        };
+        inputs.push((name.to_string(), value));
     }
-    let start = plan.read_latency();
+    let matrix = (direction_slot | origin_slot).at(start) | skinning_at(start);
+    inputs.push(("matrix".into(), matrix));
     let stage_of = |port: &str| test.port(port).and_then(|p| p.stage).unwrap_or(0) + start;
-    let limits_read = |at: u32| plan.read(limit_memory, index.at(at - plan.read_latency()));
+    let translated_at = AXES.map(|x| stage_of(&format!("translation_{x}")));
+    let translated_at = *translated_at.iter().min().expect("three axes");
+    let read_at = translated_at - start;
+    let translation_index: Vec<_> = [
+        Some(skinning_at(read_at)),
+        joint_high.map(|high| high.at(read_at)),
+        Some(packet.at(read_at)),
+    ]
+    .into_iter()
+    .flatten()
+    .collect();
+    // A direction is not moved: it has the translation +0.
+    let translation = plan.read_where(
+        translations,
+        m.concat(&translation_index),
+        origin_slot.at(read_at) | skinning_at(read_at),
+        m.zero(vertex.width),
+    );
+    for x in AXES {
+        let field = vertex.field(x);
+        let value = translation.field(field.lsb, field.width);
+        inputs.push((format!("translation_{x}"), value));
+    }
+    let infinity = m.lit(u128::from(f.infinity()), w);
+    let minus_infinity = m.lit(u128::from(f.infinity() | f.sign_bit()), w);
+    let window = Bundle::new(&[("near", w), ("far", w)]);
+    let window_memory = m.memory("window_memory", by_ray, window.width(), Style::Block);
+    let no_window = window.pack(&[("near", minus_infinity), ("far", infinity)]);
+    let windowed_at = stage_of("window_near");
+    let window_word = plan.read_where(
+        window_memory,
+        index.at(windowed_at - start),
+        inside.at(windowed_at - start),
+        no_window,
+    );
+    for name in ["near", "far"] {
+        inputs.push((format!("window_{name}"), window.get(window_word, name)));
+    }
     let at_limits = stage_of("tmin");
-    let limits = limits_read(at_limits);
-    inputs.push(("tmin".into(), late.get(limits, "tmin")));
-    inputs.push(("tmax".into(), late.get(limits, "tmax")));
+    let limits_word = plan.read(limit_memory, index.at(at_limits - start));
+    let tmin = limits.get(limits_word, "tmin");
+    inputs.push(("tmin".into(), tmin));
+    inputs.push(("tmax".into(), limits.get(limits_word, "tmax")));
     if watertight {
-        let shear_z = late.get(limits_read(stage_of("shear_z")), "shear_z");
-        inputs.push(("shear_z".into(), shear_z));
+        let shear = m.input("setup_shear_z", w);
+        let memory = m.memory("shear_memory", plan.level_rays_in_flight(), w, Style::Block);
+        memory.write(setup_valid, setup_level_index, shear);
+        let sheared_at = stage_of("shear_z");
+        let word = plan.read(memory, level_index.at(sheared_at - start));
+        inputs.push(("shear_z".into(), word));
+    }
+    let weight = p.enter(skin.weight).at(stage_of("weight"));
+    inputs.push(("weight".into(), weight));
+    let summed_at = stage_of("accumulate");
+    inputs.push(("accumulate".into(), skinning_at(summed_at)));
+    for (name, operand) in &skin.operands {
+        inputs.push((name.clone(), p.enter_at(*operand, summed_at)));
     }
     let named: Vec<(&str, Signal<'_>)> = inputs.iter().map(|(n, s)| (n.as_str(), *s)).collect();
     let tested = m.instance("test", &test, &named);
 
-    m.comment("The merge: a hit replaces the ray's closest one if it is closer, or as close and of a lower triangle.");
+    skin.give_back(&m, &p, &tested);
+
+    m.comment("A ray's window is kept as soon as its box slot has it.");
+    let boxed_at = tested.get("box_near").stage().unwrap_or(0);
+    let new_window = window
+        .pack(&[
+            ("near", tested.get("box_near")),
+            ("far", tested.get("box_far")),
+        ])
+        .untimed();
+    window_memory.write(
+        box_slot.at(boxed_at).untimed(),
+        index.at(boxed_at).untimed(),
+        new_window,
+    );
+    m.comment("The direction waits for the origin, a clock behind it; then the transformed ray leaves, with its interval.");
+    let moved = AXES.map(|x| tested.get(&format!("moved_{x}")));
+    let moved_at = moved[0].stage().unwrap_or(0);
+    // The box's slot is two clocks ahead of the origin's: its window can be read from stage boxed_at - 1 of the origin's on.
+    let leaves_at = moved_at.max(boxed_at + start - 1);
+    let moved_direction: Vec<_> = (0..3)
+        .map(|i| {
+            let held = m.reg(format!("moved_direction_{}", AXES[i]), w);
+            held.next_when(direction_slot.at(moved_at).untimed(), moved[i].untimed());
+            // It stays until the next ray's, three clocks later.
+            p.enter_at(held.q, leaves_at.min(moved_at + 2))
+        })
+        .collect();
+    let own_window = plan.read(window_memory, index.at(leaves_at - start));
+    let own_limits = plan.read(limit_memory, index.at(leaves_at - start));
+    let (window_near, window_far) = (
+        window.get(own_window, "near"),
+        window.get(own_window, "far"),
+    );
+    let object_near = max(f, limits.get(own_limits, "tmin"), window_near).named("object_near");
+    let object_far = min(f, limits.get(own_limits, "tmax"), window_far).named("object_far");
+    let left_at = leaves_at + 1;
+    m.group("A ray in an object's space, to be set up; its interval comes as tmin and tmax");
+    let object_valid = origin_slot.at(left_at).untimed();
+    m.output("object_valid", object_valid);
+    m.output("object_packet", packet.at(left_at).untimed());
+    m.output("object_ray", ray.at(left_at).untimed());
+    m.output("object_first", first.at(left_at).untimed());
+    m.output("object_last", last.at(left_at).untimed());
+    for i in 0..3 {
+        let name = format!("object_origin_{}", AXES[i]);
+        m.output(name, moved[i].at(left_at).untimed());
+    }
+    for (i, direction) in moved_direction.iter().enumerate() {
+        let name = format!("object_direction_{}", AXES[i]);
+        m.output(name, direction.at(left_at).untimed());
+    }
+    m.output("object_tmin", object_near.at(left_at).untimed());
+    m.output("object_tmax", object_far.at(left_at).untimed());
+    m.group("Where the packet announced by setup_next_packet starts in its object, when its ray has been set up");
+    let start_root = plan.read(roots, next_packet);
+    let start_context = leaf_word.get(plan.read(leaves, next_packet), "context");
+    m.output("start_address", root.get(start_root, "address"));
+    m.output("start_leaf", root.get(start_root, "leaf"));
+    m.output(
+        "start_context",
+        context.pack(&[
+            ("level", context.get(start_context, "level")),
+            ("touched", context.get(start_context, "touched")),
+            ("inside", m.lit(1u8, 1)),
+        ]),
+    );
+
+    m.comment("The merge: a hit replaces the ray's closest one if it is closer, or as close and of a lower instance and triangle.");
     let hit = tested.get("hit");
     let merge_at = hit.stage().unwrap_or(0);
-    let closest_word = Bundle::new(&[("t", w), ("u", w), ("v", w), ("triangle", 32)]);
+    let closest_word = Bundle::new(&[
+        ("t", w),
+        ("u", w),
+        ("v", w),
+        ("triangle", 32),
+        ("instance", 32),
+    ]);
     let closest = m.memory("closest_memory", by_ray, closest_word.width(), Style::Block);
-    let old = plan.read(closest, index.at(merge_at - plan.read_latency()));
-    let leaf = leaves.read_now(packet.at(merge_at - 1)).register();
-    let number = numbers.read_now(packet.at(merge_at - 1)).register();
-    let any_hit = late.get(limits, "any_hit");
-    let tmin = late.get(limits, "tmin");
+    let read_at = merge_at - plan.read_latency();
+    let old = plan.read(closest, index.at(read_at));
+    let leaf = plan.read(leaves, packet.at(read_at));
+    let triangle_number = plan.read(triangle_numbers, packet.at(read_at));
+    // In a scene of one level every triangle is of instance 0.
+    let instance_number = plan.read_where(
+        instance_numbers,
+        packet.at(read_at),
+        inside.at(read_at),
+        m.zero(32),
+    );
+    let any_hit = limits.get(limits_word, "any_hit");
     let leaf_context = leaf_word.get(leaf, "context");
     let touched = context.get(leaf_context, "touched");
     let was_touched = bit_of(&m, touched, ray.at(merge_at)).named("was_touched");
@@ -281,7 +592,11 @@ pub fn module(plan: &Plan) -> Result<Geometry, HdlError> {
     let old_t = closest_word.get(old, "t");
     let closer = less(f, t, old_t).named("closer");
     let as_close = equal(f, t, old_t).named("as_close");
-    let lower = number.lt(closest_word.get(old, "triangle")).named("lower");
+    let identity = instance_number.concat(triangle_number).named("identity");
+    let old_identity = closest_word
+        .get(old, "instance")
+        .concat(closest_word.get(old, "triangle"));
+    let lower = identity.lt(old_identity).named("lower");
     let replaces = (hit & (any_hit.at(merge_at) | !was_touched | closer | (as_close & lower)))
         .named("replaces")
         .register();
@@ -293,7 +608,8 @@ pub fn module(plan: &Plan) -> Result<Geometry, HdlError> {
             ("t", any.mux(tmin.at(merged_at), t.at(merged_at))),
             ("u", any.mux(m.zero(w), tested.get("u").at(merged_at))),
             ("v", any.mux(m.zero(w), tested.get("v").at(merged_at))),
-            ("triangle", any.mux(none, number.at(merged_at))),
+            ("triangle", any.mux(none, triangle_number.at(merged_at))),
+            ("instance", any.mux(none, instance_number.at(merged_at))),
         ])
         .named("merged");
     let writes = (valid.at(merged_at) & replaces)
@@ -303,7 +619,7 @@ pub fn module(plan: &Plan) -> Result<Geometry, HdlError> {
     let out_ray = ray.at(merged_at).untimed().named("merge_ray");
     closest.write(
         writes,
-        out_packet.low(index_bits).concat(out_ray),
+        plan.ray_index(out_packet, out_ray),
         merged.untimed(),
     );
     m.group("A closer hit of a ray: what its near must not exceed from now on");
@@ -342,17 +658,23 @@ pub fn module(plan: &Plan) -> Result<Geometry, HdlError> {
                 context.get(leaf_context, "level").at(merged_at).untimed(),
             ),
             ("touched", now_touched),
+            (
+                "inside",
+                context.get(leaf_context, "inside").at(merged_at).untimed(),
+            ),
         ]),
     );
     m.group("The closest hit that was asked for, a clock or two later");
     let read = m.pipeline();
-    let read_index = read.enter(hit_packet.low(index_bits).concat(hit_ray));
+    let read_index = read.enter(plan.ray_index(hit_packet, hit_ray));
     let read_word = closest.read(read_index).untimed();
-    for name in ["t", "u", "v", "triangle"] {
+    for name in ["t", "u", "v", "instance", "triangle"] {
         m.output(format!("read_{name}"), closest_word.get(read_word, name));
     }
     m.group("Counters' events");
-    m.output("test_issued", busy.q);
+    m.output("slot_taken", busy.q);
+    m.output("test_issued", busy.q & !now_instance.q);
+    m.output("transform_issued", in_slot(ORIGIN_SLOT));
 
     m.group("The ray-triangle test just merged, for whoever watches");
     m.output("watch_test_valid", valid.at(merged_at).untimed());
@@ -362,15 +684,52 @@ pub fn module(plan: &Plan) -> Result<Geometry, HdlError> {
         "watch_test_record",
         leaf_word.get(leaf, "address").at(merged_at).untimed(),
     );
+    m.output(
+        "watch_test_instance",
+        instance_number.at(merged_at).untimed(),
+    );
     m.output("watch_test_hit", hit.at(merged_at).untimed());
     m.output("watch_test_replaces", replaces.untimed());
     m.output("watch_test_t", t.at(merged_at).untimed());
     m.output("watch_test_u", tested.get("u").at(merged_at).untimed());
     m.output("watch_test_v", tested.get("v").at(merged_at).untimed());
+
+    m.group("The ray just transformed, its interval in the instance's box, and the instance's record, for whoever watches");
+    let watched_leaf = plan.read(leaves, packet.at(left_at - plan.read_latency()));
+    m.output("watch_transform_valid", object_valid);
+    m.output("watch_transform_packet", packet.at(left_at).untimed());
+    m.output("watch_transform_ray", ray.at(left_at).untimed());
+    m.output(
+        "watch_transform_record",
+        leaf_word.get(watched_leaf, "address").untimed(),
+    );
+    m.output("watch_transform_near", window_near.at(left_at).untimed());
+    m.output("watch_transform_far", window_far.at(left_at).untimed());
+    for i in 0..3 {
+        m.output(
+            format!("watch_transform_origin_{}", AXES[i]),
+            moved[i].at(left_at).untimed(),
+        );
+    }
+    for (i, direction) in moved_direction.iter().enumerate() {
+        m.output(
+            format!("watch_transform_direction_{}", AXES[i]),
+            direction.at(left_at).untimed(),
+        );
+    }
     Ok(Geometry {
         module: m.finish()?,
         test,
     })
+}
+
+/// The last of a leaf's vertices or vectors.
+fn last_corner_of(is_instance: Signal<'_>) -> Signal<'_> {
+    let m = is_instance.module();
+    is_instance.mux(
+        m.lit(VECTORS_OF_INSTANCE - 1, CORNER_BITS),
+        m.lit(VERTICES_OF_TRIANGLE - 1, CORNER_BITS),
+    )
 }
 
 /// The number of the lowest bit that is set, and the rest without it.

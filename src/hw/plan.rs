@@ -91,6 +91,49 @@ impl Plan {
         1 + u32::from(self.config.clock_mhz >= REGISTER_RAM_OUTPUT_FROM)
     }
 
+    /// A read as [`Plan::read`] makes it, but `otherwise` where `wanted`, which stands beside the address, is low.
+    /// Where the word is registered again, choosing a constant costs only that register's reset.
+    pub fn read_where<'b>(
+        &self,
+        memory: Memory<'b>,
+        address: Signal<'b>,
+        wanted: Signal<'b>,
+        otherwise: Signal<'b>,
+    ) -> Signal<'b> {
+        let word = wanted.register().mux(memory.read(address), otherwise);
+        if self.read_latency() > 1 {
+            word.register()
+        } else {
+            word
+        }
+    }
+
+    /// Bits that number a packet in the world and in an object's space.
+    pub fn level_packet_bits(&self) -> u32 {
+        1 + self.packet_bits()
+    }
+
+    /// Words of a memory that has one for each packet in the world, and behind them one for each in an object's space.
+    pub fn level_packets(&self) -> u32 {
+        (1 << self.packet_bits()) + self.packets()
+    }
+
+    /// Words of a memory that has one for each ray in flight.
+    pub fn rays_in_flight(&self) -> u32 {
+        self.packets() << self.ray_bits()
+    }
+
+    /// The word of a ray in such a memory.
+    pub fn ray_index<'b>(&self, packet: Signal<'b>, ray: Signal<'b>) -> Signal<'b> {
+        let bits = bits_for(u64::from(self.rays_in_flight())) - self.ray_bits();
+        packet.low(bits).concat(ray)
+    }
+
+    /// Words of a memory that has one for each ray in flight in the world, and behind them one for each in an object's space.
+    pub fn level_rays_in_flight(&self) -> u32 {
+        (1 << bits_for(u64::from(self.rays_in_flight()))) + self.rays_in_flight()
+    }
+
     /// A register after a comparison whose result chooses, where the clock asks for it.
     pub fn settle<'b>(&self, signal: Signal<'b>) -> Signal<'b> {
         if self.config.clock_mhz >= REGISTER_EACH_COMPARISON_FROM {

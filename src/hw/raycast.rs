@@ -2,10 +2,10 @@
 
 use super::fifo;
 use super::plan::{AXES, Plan};
-use super::{geometry, setup, tpu};
+use super::{geometry, setup, skinning, tpu};
 use crate::bkd::layout::Record;
 use crate::config::{Config, TriangleTest};
-use crate::hdl::{Builder, Design, HdlError, Module, Style};
+use crate::hdl::{Builder, Design, Direction, HdlError, Module, Style};
 use std::rc::Rc;
 
 /// Bits of each counter; they wrap.
@@ -34,6 +34,7 @@ pub(super) fn module(plan: &Plan) -> Result<Rc<Module>, HdlError> {
     let tpu = tpu::module(plan)?;
     let setup = setup::module(plan, tpu.pop_latency)?;
     let geometry = geometry::module(plan)?;
+    let skinning = skinning::module(plan, &geometry.test)?;
     let w = plan.number();
     let rays = plan.rays();
     let packets = plan.packets();
@@ -78,9 +79,29 @@ pub(super) fn module(plan: &Plan) -> Result<Rc<Module>, HdlError> {
         let data = m.input(format!("{name}_response_data"), data);
         (ready, valid, tag, data)
     };
-    let node_port = memory_inputs("node", "Node memory", pb, node.width);
-    let record_port = memory_inputs("record", "Triangle record memory", pb, triangle.width);
-    let vertex_port = memory_inputs("vertex", "Vertex memory", pb + 2, vertex.width);
+    let node_port = memory_inputs("node", "Node memory", plan.level_packet_bits(), node.width);
+    let record_port = memory_inputs("record", "Record memory", pb + 1, triangle.width);
+    let corner_tag = pb + geometry::CORNER_BITS;
+    let vector_tag = skinning::vector_tag_bits(plan);
+    let vertex_tag = corner_tag.max(vector_tag);
+    let vertex_port = memory_inputs("vertex", "Vertex memory", vertex_tag, vertex.width);
+    let influence_row = Record::influence_row(plan.format);
+    let influence_port = memory_inputs(
+        "influence",
+        "Influence memory",
+        skinning::row_tag_bits(plan),
+        influence_row.width,
+    );
+    const SKINNING: &str = "A mesh to skin, taken when no packet is under way: indices of its palette, influence rows, vertices at rest \
+         and vertices to write, and how many of each";
+    m.group(SKINNING);
+    let skin_start = m.input("skin_start_valid", 1);
+    let skin_start_inputs: Vec<_> = skinning::start_ports(plan)
+        .into_iter()
+        .map(|(name, width)| (name, m.input(format!("skin_start_{name}"), width)))
+        .collect();
+    m.group("Vertex memory: writes of skinned vertices");
+    let skin_write_ready = m.input("skin_write_ready", 1);
 
     m.comment("After reset every packet number is put into the queue of free ones, and what counts by packet is cleared.");
     let sweeping = m.reg_reset("sweeping", 1, 1);
@@ -102,7 +123,11 @@ pub(super) fn module(plan: &Plan) -> Result<Rc<Module>, HdlError> {
     let place = m.reg_reset("place", rb, 0);
     let first = place.q.is_zero().named("first_ray");
     let last = place.q.equals(u128::from(rays) - 1).named("last_ray");
-    let ready = (!sweeping.q & free_any).named("ready");
+    let object_valid = m.wire("object_valid", 1);
+    // A mesh to skin does not wait for a pause between packets: it makes one.
+    let skinning_now = m.wire("skinning_now", 1);
+    let paused = (skin_start | skinning_now.get()).named("paused");
+    let ready = (!sweeping.q & free_any & !object_valid.get() & !paused).named("ready");
     let take = (ray_valid & ready).named("take_ray");
     take_free.drive(take & last);
     place.next_when(take, last.mux(m.zero(rb), place.q + m.lit(1u8, rb)));
@@ -116,20 +141,35 @@ pub(super) fn module(plan: &Plan) -> Result<Rc<Module>, HdlError> {
     m.group("Rays in");
     m.output("ray_ready", ready);
 
-    m.comment("Ray setup.");
+    m.comment(
+        "Ray setup: of a ray of the world, or, before that, of one that the geometry unit has taken to an object's space.",
+    );
     let names = |prefix: &str| AXES.map(|x| format!("{prefix}_{x}"));
+    let is_object = object_valid.get();
+    let object_fields = [
+        ("packet".to_string(), pb, free_front),
+        ("ray".into(), rb, place.q),
+        ("first".into(), 1, first),
+        ("last".into(), 1, last),
+        ("tmin".into(), w, ray_tmin),
+        ("tmax".into(), w, ray_tmax),
+    ]
+    .into_iter()
+    .chain((0..3).map(|i| (names("origin")[i].clone(), w, ray_origin[i])))
+    .chain((0..3).map(|i| (names("direction")[i].clone(), w, ray_direction[i])));
     let mut inputs = vec![
-        ("valid".to_string(), take),
-        ("packet".into(), free_front),
-        ("ray".into(), place.q),
-        ("active".into(), ray_active),
+        ("valid".to_string(), is_object | take),
+        ("object".into(), is_object),
+        ("active".into(), is_object | ray_active),
         ("any_hit".into(), ray_any_hit),
-        ("tmin".into(), ray_tmin),
-        ("tmax".into(), ray_tmax),
     ];
+    let mut from_object = vec![];
+    for (name, width, of_world) in object_fields {
+        let of_object = m.wire(format!("object_{name}"), width);
+        inputs.push((name.clone(), is_object.mux(of_object.get(), of_world)));
+        from_object.push((name, of_object));
+    }
     for i in 0..3 {
-        inputs.push((names("origin")[i].clone(), ray_origin[i]));
-        inputs.push((names("direction")[i].clone(), ray_direction[i]));
         inputs.push((names("scene_lo")[i].clone(), scene_lo[i]));
         inputs.push((names("scene_hi")[i].clone(), scene_hi[i]));
     }
@@ -146,8 +186,14 @@ pub(super) fn module(plan: &Plan) -> Result<Rc<Module>, HdlError> {
     let done_packet = m.wire("done_packet", pb);
     let context_width = tpu::context(plan).width();
     let done_context = m.wire("done_context", context_width);
+    let start_address = m.wire("start_address", plan.address());
+    let start_leaf = m.wire("start_leaf", 1);
+    let start_context = m.wire("start_context", context_width);
     let mut inputs = vec![
         ("setup_soon".to_string(), set_up.get("soon")),
+        ("object_address".into(), start_address.get()),
+        ("object_leaf".into(), start_leaf.get()),
+        ("object_context".into(), start_context.get()),
         ("root".into(), root),
         ("node_request_ready".into(), node_port.0),
         ("node_response_valid".into(), node_port.1),
@@ -162,7 +208,9 @@ pub(super) fn module(plan: &Plan) -> Result<Rc<Module>, HdlError> {
         ("done_packet".into(), done_packet.get()),
         ("done_context".into(), done_context.get()),
     ];
-    let mut set_up_fields = vec!["valid", "packet", "ray", "enters", "near", "far", "signs"];
+    let mut set_up_fields = vec![
+        "valid", "packet", "ray", "first", "last", "object", "enters", "near", "far", "signs",
+    ];
     let geometry_names = names("origin").into_iter().chain(names("reciprocal"));
     let shared: Vec<String> = geometry_names.collect();
     set_up_fields.extend(shared.iter().map(String::as_str));
@@ -177,8 +225,11 @@ pub(super) fn module(plan: &Plan) -> Result<Rc<Module>, HdlError> {
 
     let read_packet = m.wire("read_packet", pb);
     let read_ray = m.wire("read_ray", rb);
+    let right_leaf = Record::link_word().field("right_leaf").lsb;
     let mut inputs = vec![
-        ("leaf_valid".to_string(), traversal.get("leaf_valid")),
+        ("instanced".to_string(), root.bit(right_leaf)),
+        ("setup_next_packet".into(), set_up.get("next_packet")),
+        ("leaf_valid".into(), traversal.get("leaf_valid")),
         ("leaf_packet".into(), traversal.get("leaf_packet")),
         ("leaf_address".into(), traversal.get("leaf_address")),
         ("leaf_context".into(), traversal.get("leaf_context")),
@@ -188,19 +239,31 @@ pub(super) fn module(plan: &Plan) -> Result<Rc<Module>, HdlError> {
         ("record_response_tag".into(), record_port.2),
         ("record_response_data".into(), record_port.3),
         ("vertex_request_ready".into(), vertex_port.0),
-        ("vertex_response_valid".into(), vertex_port.1),
-        ("vertex_response_tag".into(), vertex_port.2),
+        (
+            "vertex_response_valid".into(),
+            vertex_port.1 & !skinning_now.get(),
+        ),
+        ("vertex_response_tag".into(), vertex_port.2.low(corner_tag)),
         ("vertex_response_data".into(), vertex_port.3),
+        ("skinning".into(), skinning_now.get()),
         ("sweep".into(), sweeping.q),
         ("sweep_packet".into(), sweep_packet.q),
         ("read_packet".into(), read_packet.get()),
         ("read_ray".into(), read_ray.get()),
     ];
-    let mut fields = vec!["valid", "packet", "ray", "signs", "tmin", "tmax", "any_hit"];
+    let mut fields = vec![
+        "valid", "packet", "ray", "object", "signs", "tmin", "tmax", "any_hit",
+    ];
     fields.extend(shared.iter().map(String::as_str));
     let directions = names("direction");
     if watertight {
         fields.extend(["kz", "shear_x", "shear_y", "shear_z"]);
+        inputs.push(("world_valid".into(), take));
+        inputs.push(("world_packet".into(), free_front));
+        inputs.push(("world_ray".into(), place.q));
+        for i in 0..3 {
+            inputs.push((format!("world_{}", directions[i]), ray_direction[i]));
+        }
     } else {
         fields.extend(directions.iter().map(String::as_str));
     }
@@ -209,6 +272,17 @@ pub(super) fn module(plan: &Plan) -> Result<Rc<Module>, HdlError> {
             format!("setup_{field}"),
             set_up.get(&format!("out_{field}")),
         ));
+    }
+    let of_skinning = |direction| {
+        let ports = geometry.module.ports().iter();
+        let ports = ports.filter(move |port| port.direction == direction);
+        ports.filter_map(|port| Some((port.name.strip_prefix("skin_")?, port.width)))
+    };
+    let mut to_geometry = vec![];
+    for (name, width) in of_skinning(Direction::Input) {
+        let wire = m.wire(format!("skin_{name}"), width);
+        inputs.push((format!("skin_{name}"), wire.get()));
+        to_geometry.push((name, wire));
     }
     let borrowed: Vec<_> = inputs.iter().map(|(n, s)| (n.as_str(), *s)).collect();
     let intersection = m.instance("intersection", &geometry.module, &borrowed);
@@ -220,6 +294,13 @@ pub(super) fn module(plan: &Plan) -> Result<Rc<Module>, HdlError> {
     done_valid.drive(intersection.get("done_valid"));
     done_packet.drive(intersection.get("done_packet"));
     done_context.drive(intersection.get("done_context"));
+    start_address.drive(intersection.get("start_address"));
+    start_leaf.drive(intersection.get("start_leaf"));
+    start_context.drive(intersection.get("start_context"));
+    object_valid.drive(intersection.get("object_valid"));
+    for (name, wire) in from_object {
+        wire.drive(intersection.get(&format!("object_{name}")));
+    }
 
     m.comment("Finished packets hand out their hits ray by ray. The word read is always that of the ray shown next.");
     let out_word = pb + rays;
@@ -260,20 +341,66 @@ pub(super) fn module(plan: &Plan) -> Result<Rc<Module>, HdlError> {
     let infinity = m.lit(u128::from(plan.format.infinity()), w);
     let hit_of = |name: &str| intersection.get(&format!("read_{name}"));
     let none = m.lit(u128::from(u32::MAX), 32);
-    let hit_triangle = touched.mux(hit_of("triangle"), none).named("out_triangle");
     m.group("Hits out");
     m.output("hit_valid", shown);
     m.output("hit_tag", tags.read_now(out_packet));
     m.output("hit_t", touched.mux(hit_of("t"), infinity));
     m.output("hit_u", touched.mux(hit_of("u"), m.zero(w)));
     m.output("hit_v", touched.mux(hit_of("v"), m.zero(w)));
-    m.output("hit_instance", hit_triangle.all().repeat(32));
-    m.output("hit_triangle", hit_triangle);
+    m.output("hit_instance", touched.mux(hit_of("instance"), none));
+    m.output("hit_triangle", touched.mux(hit_of("triangle"), none));
+
+    m.comment("Skinning borrows the geometry unit and its port to vertex memory.");
+    let under_way = m.reg_reset("under_way", pb + 1, 0);
+    let some = under_way.q.any().named("some_under_way");
+    let enters = (take & last).named("packet_enters");
+    let unit = m.lit(1u8, pb + 1);
+    under_way.next_when(
+        enters ^ leaves,
+        enters.mux(under_way.q + unit, under_way.q - unit),
+    );
+    let mut inputs = vec![
+        ("start_valid".to_string(), skin_start),
+        ("may_start".into(), !some & !sweeping.q),
+        ("vertex_request_ready".into(), vertex_port.0),
+        (
+            "vertex_response_valid".into(),
+            vertex_port.1 & skinning_now.get(),
+        ),
+        ("vertex_response_tag".into(), vertex_port.2.low(vector_tag)),
+        ("vertex_response_data".into(), vertex_port.3),
+        ("influence_request_ready".into(), influence_port.0),
+        ("influence_response_valid".into(), influence_port.1),
+        ("influence_response_tag".into(), influence_port.2),
+        ("influence_response_data".into(), influence_port.3),
+        ("write_ready".into(), skin_write_ready),
+    ];
+    for (name, signal) in skin_start_inputs {
+        inputs.push((format!("start_{name}"), signal));
+    }
+    for (name, _) in of_skinning(Direction::Output) {
+        inputs.push((name.to_string(), intersection.get(&format!("skin_{name}"))));
+    }
+    let borrowed: Vec<_> = inputs.iter().map(|(n, s)| (n.as_str(), *s)).collect();
+    let skin = m.instance("skinning", &skinning, &borrowed);
+    skinning_now.drive(skin.get("skinning"));
+    for (name, wire) in to_geometry {
+        wire.drive(skin.get(name));
+    }
+    m.group(SKINNING);
+    m.output("skin_start_ready", skin.get("start_ready"));
+    m.group("High for a clock when a mesh is complete");
+    m.output("skin_done", skin.get("done"));
+    m.group("Vertex memory: writes of skinned vertices");
+    for port in ["valid", "address", "data"] {
+        let name = format!("write_{port}");
+        m.output(format!("skin_{name}"), skin.get(&name));
+    }
 
     for (name, title, from) in [
         ("node", "Node memory", &traversal),
-        ("record", "Triangle record memory", &intersection),
-        ("vertex", "Vertex memory", &intersection),
+        ("record", "Record memory", &intersection),
+        ("influence", "Influence memory", &skin),
     ] {
         m.group(format!("{title}: requests"));
         for port in ["valid", "address", "tag"] {
@@ -283,18 +410,23 @@ pub(super) fn module(plan: &Plan) -> Result<Rc<Module>, HdlError> {
             );
         }
     }
+    m.group("Vertex memory: requests");
+    for (port, width) in [
+        ("valid", 1),
+        ("address", plan.address()),
+        ("tag", vertex_tag),
+    ] {
+        let name = format!("vertex_request_{port}");
+        let of_skin = skin.get(&name).extend(width);
+        let of_geometry = intersection.get(&name).extend(width);
+        m.output(&name, skinning_now.get().mux(of_skin, of_geometry));
+    }
 
     m.comment("Counters since reset.");
-    let under_way = m.reg_reset("under_way", pb + 1, 0);
-    let enters = (take & last).named("packet_enters");
-    let unit = m.lit(1u8, pb + 1);
-    under_way.next_when(
-        enters ^ leaves,
-        enters.mux(under_way.q + unit, under_way.q - unit),
-    );
-    let some = under_way.q.any().named("some_under_way");
     let step = traversal.get("step_taken");
     let test = intersection.get("test_issued");
+    let transform = intersection.get("transform_issued");
+    let slot = intersection.get("slot_taken");
     m.group("Counters since reset");
     let counters = [
         ("cycles", m.lit(1u8, 1)),
@@ -302,8 +434,11 @@ pub(super) fn module(plan: &Plan) -> Result<Rc<Module>, HdlError> {
         ("ray_triangle_tests", test),
         ("tpu_busy_cycles", step),
         ("tpu_starved_cycles", some & !step),
-        ("gu_busy_cycles", test),
-        ("gu_starved_cycles", some & !test),
+        ("ray_transforms", transform),
+        ("gu_busy_cycles", slot),
+        ("gu_starved_cycles", some & !slot),
+        ("skin_influences", skin.get("influence_issued")),
+        ("skin_cycles", skinning_now.get()),
     ];
     for (name, event) in counters {
         let counter = m.reg_reset(format!("{name}_counter"), COUNTER_BITS, 0);

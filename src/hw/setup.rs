@@ -1,4 +1,7 @@
 //! Ray setup: reciprocals, the watertight test's shear, and the clip to the scene's box. A ray a clock.
+//!
+//! Rays of the world come from the ray port. Rays in an object's space come from the geometry unit, with the interval that
+//! they have in the instance as tmin and tmax; no box clips them further.
 
 use super::distance;
 use super::fp::{is_nan, is_zero, less_equal, max, min};
@@ -7,7 +10,8 @@ use crate::config::TriangleTest;
 use crate::hdl::{Builder, HdlError, Module, Signal};
 use std::rc::Rc;
 
-/// Ray setup as a pipeline. `lookahead` is how many clocks before its outputs `soon` announces them.
+/// Ray setup as a pipeline. `lookahead` is how many clocks before its outputs `soon` announces them; the packet alone
+/// is named [`Plan::read_latency`] clocks before, for reads of what belongs to it.
 pub fn module(plan: &Plan, lookahead: u32) -> Result<Rc<Module>, HdlError> {
     let w = plan.number();
     let f = plan.format;
@@ -17,10 +21,15 @@ pub fn module(plan: &Plan, lookahead: u32) -> Result<Rc<Module>, HdlError> {
         "what traversal and intersection need to know of a ray, and its interval in the scene's box.",
     );
     let p = m.pipeline();
-    m.group("A ray, its packet, and its place in it");
+    m.group("A ray's packet and place in it, and whether it is the first and the last of the packet's rays that come");
     let valid = p.valid_input("valid");
     let packet = p.input("packet", plan.packet_bits());
     let ray = p.input("ray", plan.ray_bits());
+    let first = p.input("first", 1);
+    let last_of_packet = p.input("last", 1);
+    m.group("Whether it is in an object's space: the scene's box does not clip it");
+    let object = p.input("object", 1);
+    m.group("The ray");
     let active = p.input("active", 1);
     let any_hit = p.input("any_hit", 1);
     let origin: Vec<_> = AXES.map(|a| p.input(format!("origin_{a}"), w)).into();
@@ -56,12 +65,15 @@ pub fn module(plan: &Plan, lookahead: u32) -> Result<Rc<Module>, HdlError> {
         .collect();
     let signs = m.concat(&[direction[2].msb(), direction[1].msb(), direction[0].msb()]);
 
-    m.comment("near and far, clipped by the scene's box.");
+    m.comment("near and far, clipped by the scene's box; in an object's space by (-infinity, +infinity), which never clips.");
+    let infinity = m.lit(u128::from(f.infinity()), w);
+    let minus_infinity = m.lit(u128::from(f.infinity() | f.sign_bit()), w);
     let (mut near, mut far) = (tmin, tmax);
     for i in 0..3 {
         let sign = direction[i].msb();
         // The box does not change under way: it needs no delay registers to be right at any stage.
         let (lo, hi) = (p.enter_at(scene_lo[i], 0), p.enter_at(scene_hi[i], 0));
+        let (lo, hi) = (object.mux(minus_infinity, lo), object.mux(infinity, hi));
         let near_plane = sign.mux(hi, lo);
         let far_plane = sign.mux(lo, hi);
         let place = |name: String, module: &Rc<Module>, plane| {
@@ -83,6 +95,9 @@ pub fn module(plan: &Plan, lookahead: u32) -> Result<Rc<Module>, HdlError> {
     let mut outputs: Vec<(String, Signal<'_>)> = vec![
         ("out_packet".into(), packet),
         ("out_ray".into(), ray),
+        ("out_first".into(), first),
+        ("out_last".into(), last_of_packet),
+        ("out_object".into(), object),
         ("out_enters".into(), enters),
         ("out_near".into(), near),
         ("out_far".into(), far),
@@ -134,12 +149,18 @@ pub fn module(plan: &Plan, lookahead: u32) -> Result<Rc<Module>, HdlError> {
         .filter_map(|(_, s)| s.stage())
         .max()
         .unwrap_or(0)
-        .max(lookahead);
+        .max(lookahead)
+        .max(plan.read_latency());
     m.group("The ray, set up");
     m.output("out_valid", valid.at(last));
     for (name, signal) in outputs {
         m.output(name, signal.at(last));
     }
+    let ahead = plan.read_latency();
+    m.group(format!(
+        "The packet of the ray that comes out {ahead} clocks later"
+    ));
+    m.output("next_packet", packet.at(last - ahead));
     m.group(format!(
         "Says {lookahead} clocks ahead that a ray is coming out"
     ));

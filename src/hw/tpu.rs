@@ -32,9 +32,14 @@ pub struct Tpu {
     pub slice: Rc<Module>,
 }
 
-/// What belongs to a packet beside its rays: how full its stack is, and which rays have hit something.
+/// What belongs to a packet beside its rays: how full its stack is, which rays have hit something, and whether it is inside an
+/// object, in whose space its rays then are.
 pub(super) fn context(plan: &Plan) -> Bundle {
-    Bundle::new(&[("level", plan.level_bits()), ("touched", plan.rays())])
+    Bundle::new(&[
+        ("level", plan.level_bits()),
+        ("touched", plan.rays()),
+        ("inside", 1),
+    ])
 }
 
 /// One ray's part of a packet step: its interval in both children, and where it goes.
@@ -147,6 +152,7 @@ pub fn module(plan: &Plan) -> Result<Tpu, HdlError> {
     let entry = Bundle::new(&[
         ("address", a),
         ("leaf", 1),
+        ("inside", 1),
         ("mask", rays),
         ("intervals", rays * interval.width()),
     ]);
@@ -155,11 +161,15 @@ pub fn module(plan: &Plan) -> Result<Tpu, HdlError> {
         "tpu",
         "the traversal processing unit: takes packets through a B-KD tree, a packet step a clock.",
     );
-    m.group("A ray that has been set up; the last of a packet starts it. soon says so pop_latency clocks before");
+    m.group(
+        "A ray that has been set up; a packet's last one that comes starts the packet. soon says so pop_latency clocks before",
+    );
     let setup_soon = m.input("setup_soon", 1);
     let setup_valid = m.input("setup_valid", 1);
     let setup_packet = m.input("setup_packet", plan.packet_bits());
     let setup_ray = m.input("setup_ray", plan.ray_bits());
+    let setup_first = m.input("setup_first", 1);
+    let setup_last = m.input("setup_last", 1);
     let setup_enters = m.input("setup_enters", 1);
     let setup_near = m.input("setup_near", w);
     let setup_far = m.input("setup_far", w);
@@ -168,13 +178,18 @@ pub fn module(plan: &Plan) -> Result<Tpu, HdlError> {
     let setup_reciprocal: Vec<_> = AXES
         .map(|x| m.input(format!("setup_reciprocal_{x}"), w))
         .into();
+    m.group("The ray is in an object's space: where and with which context its packet starts there, beside its last ray");
+    let setup_object = m.input("setup_object", 1);
+    let object_address = m.input("object_address", a);
+    let object_leaf = m.input("object_leaf", 1);
+    let object_context = m.input("object_context", context.width());
     m.group("The root link word, constant while packets are under way");
     let root = m.input("root", Record::link_word().width);
     m.group("Node memory: requests");
     let node_ready = m.input("node_request_ready", 1);
     m.group("Node memory: answers, in any order, always taken");
     let node_valid = m.input("node_response_valid", 1);
-    let node_tag = m.input("node_response_tag", plan.packet_bits());
+    let node_tag = m.input("node_response_tag", plan.level_packet_bits());
     let node_record = Record::node(f);
     let node_data = m.input("node_response_data", node_record.width);
     m.group("Leaves to the geometry unit");
@@ -189,7 +204,10 @@ pub fn module(plan: &Plan) -> Result<Tpu, HdlError> {
     let done_packet = m.input("done_packet", plan.packet_bits());
     let done_context = m.input("done_context", context.width());
 
-    m.comment("Rays: origin, reciprocal and signs, a memory for each place in the packet, written when set up.");
+    m.comment(
+        "Rays: origin, reciprocal and signs, a memory for each place in the packet, written when set up: in the world, and behind that \
+         in the object's space, so that the world's are still there when the packet leaves an object.",
+    );
     let ray_word = Bundle::new(&[
         ("origin_x", w),
         ("origin_y", w),
@@ -217,11 +235,12 @@ pub fn module(plan: &Plan) -> Result<Tpu, HdlError> {
         .map(|i| {
             let memory = m.memory(
                 format!("ray{i}_memory"),
-                packets,
+                plan.level_packets(),
                 ray_word.width(),
                 Style::Block,
             );
-            memory.write(setup_of[i as usize], setup_packet, setup_word);
+            let place = setup_object.concat(setup_packet);
+            memory.write(setup_of[i as usize], place, setup_word);
             memory
         })
         .collect();
@@ -300,7 +319,8 @@ pub fn module(plan: &Plan) -> Result<Tpu, HdlError> {
     m.comment("The packet step. A node's answer enters with the packet's rays.");
     let p = m.pipeline();
     let valid = p.enter(node_valid).cleared_by_reset();
-    let packet = p.enter(node_tag).named("packet");
+    let level_packet = p.enter(node_tag);
+    let packet = level_packet.low(plan.packet_bits()).named("packet");
     let node = p.enter(node_data);
     let field = |name: &str| {
         let field = node_record.field(name);
@@ -323,7 +343,7 @@ pub fn module(plan: &Plan) -> Result<Tpu, HdlError> {
     let sides = ["left", "right"];
     let ray_words: Vec<_> = ray_memory
         .iter()
-        .map(|memory| plan.read(*memory, packet))
+        .map(|memory| plan.read(*memory, level_packet))
         .collect();
     let entry_stage = packet.stage().unwrap_or(0) + plan.read_latency() + 1;
     let read_at = entry_stage + slice_near - plan.read_latency();
@@ -444,10 +464,15 @@ pub fn module(plan: &Plan) -> Result<Tpu, HdlError> {
     let second_intervals = left_first.mux(right_intervals, left_intervals);
     let level = context.get(context_in, "level");
     let touched = context.get(context_in, "touched");
+    let inside = context.get(context_in, "inside");
     let both = (goes_left & goes_right).named("goes_both");
     let pushes = (both & valid.at(decided)).named("pushes");
     let next_level = (level + both.extend(plan.level_bits())).named("next_level");
-    let next_context = context.pack(&[("level", next_level), ("touched", touched)]);
+    let next_context = context.pack(&[
+        ("level", next_level),
+        ("touched", touched),
+        ("inside", inside),
+    ]);
 
     let step_valid = valid.at(decided).register().untimed().named("step_valid");
     let step_packet = packet.at(decided + 1).untimed().named("step_packet");
@@ -475,6 +500,7 @@ pub fn module(plan: &Plan) -> Result<Tpu, HdlError> {
         .pack(&[
             ("address", second_address.named("second_address")),
             ("leaf", second_leaf.named("second_leaf")),
+            ("inside", inside),
             ("mask", second_mask.named("second_mask")),
             ("intervals", second_intervals.named("second_intervals")),
         ])
@@ -503,7 +529,10 @@ pub fn module(plan: &Plan) -> Result<Tpu, HdlError> {
     let level_after = context.get(step_context, "level");
     high_water.next_when(push & high_water.q.lt(level_after), level_after);
 
-    m.comment("Packets that pop: from the geometry unit, from steps that went nowhere, and again after a dropped entry.");
+    m.comment(
+        "Packets that pop: from the geometry unit, from steps that went nowhere, and again after a dropped entry or an instance \
+         that no ray enters.",
+    );
     let take_done = m.wire("take_done", 1);
     let take_retry = m.wire("take_retry", 1);
     let take_stepped = m.wire("take_stepped_pop", 1);
@@ -599,30 +628,50 @@ pub fn module(plan: &Plan) -> Result<Tpu, HdlError> {
     let pop_out_address = entry.get(popped_entry, "address").at(pop_latency).untimed();
     let pop_out_leaf = entry.get(popped_entry, "leaf").at(pop_latency).untimed();
     let pop_out_context = context
-        .pack(&[("level", pop_out_level), ("touched", pop_out_touched)])
+        .pack(&[
+            ("level", pop_out_level),
+            ("touched", pop_out_touched),
+            (
+                "inside",
+                entry.get(popped_entry, "inside").at(pop_latency).untimed(),
+            ),
+        ])
         .named("pop_out_context");
     let pop_goes = (pop_done & !pop_out_empty & pop_out_mask.any()).named("pop_goes_on");
     let pop_dropped = (pop_done & !pop_out_empty & !pop_out_mask.any()).named("pop_dropped");
-    retry_push.drive(pop_dropped);
-    retry_item.drive(pack_pop(pop_out_packet, pop_out_context));
 
-    m.comment("The start: rays arrive one by one, the last starts the packet at the root. No pop ends while one arrives.");
-    let gathered = m.reg("gathered", rays);
+    m.comment(
+        "The start, in the scene or in an object: rays arrive one by one, the last one starts the packet at the root. No pop ends while \
+         one arrives. Rays of the world and of an object's space may alternate.",
+    );
     let bit_in: Vec<_> = (0..rays)
         .rev()
         .map(|i| setup_enters & setup_ray.equals(u128::from(i)))
         .collect();
-    let first_ray = setup_ray.is_zero();
-    let so_far = first_ray.mux(m.zero(rays), gathered.q);
-    let start_mask = (so_far | m.concat(&bit_in)).named("start_mask");
-    gathered.next_when(setup_valid, start_mask);
-    let last_ray = setup_ray.equals(u128::from(rays) - 1);
-    let start = (setup_valid & last_ray).named("start");
+    let bit_in = m.concat(&bit_in).named("bit_in");
+    let gathered = m.reg("gathered", rays);
+    let gathered_object = m.reg("gathered_object", rays);
+    let so_far = setup_first.mux(
+        m.zero(rays),
+        setup_object.mux(gathered_object.q, gathered.q),
+    );
+    let start_mask = (so_far | bit_in).named("start_mask");
+    gathered.next_when(setup_valid & !setup_object, start_mask);
+    gathered_object.next_when(setup_valid & setup_object, start_mask);
+    let start = (setup_valid & setup_last).named("start");
     let start_goes = (start & start_mask.any()).named("start_goes");
+    let start_nowhere = (start & !start_mask.any()).named("start_nowhere");
     let link_word = Record::link_word();
     let root_address = root.field(link_word.field("link").lsb, a);
     let root_leaf = root.field(link_word.field("left_leaf").lsb, 1);
-    let started_context = m.zero(context.width());
+    let started_context = setup_object.mux(object_context, m.zero(context.width()));
+    let started_address = setup_object.mux(object_address, root_address);
+    let started_leaf = setup_object.mux(object_leaf, root_leaf);
+    retry_push.drive(pop_dropped | (start_nowhere & setup_object));
+    retry_item.drive(setup_valid.mux(
+        pack_pop(setup_packet, object_context),
+        pack_pop(pop_out_packet, pop_out_context),
+    ));
 
     popped_packet.drive(setup_valid.mux(setup_packet, pop_out_packet));
     popped_mask_write.drive(start_goes | pop_goes);
@@ -633,8 +682,8 @@ pub fn module(plan: &Plan) -> Result<Tpu, HdlError> {
         popped_interval[i].drive(setup_valid.mux(setup_interval, pop_intervals[i].untimed()));
     }
     let entered = (start_goes | pop_goes).named("entered");
-    let entered_leaf = setup_valid.mux(root_leaf, pop_out_leaf);
-    let entered_address = setup_valid.mux(root_address, pop_out_address);
+    let entered_leaf = setup_valid.mux(started_leaf, pop_out_leaf);
+    let entered_address = setup_valid.mux(started_address, pop_out_address);
     let entered_context = setup_valid.mux(started_context, pop_out_context);
 
     m.comment("Nodes to fetch: after steps, and after pops and starts.");
@@ -675,12 +724,19 @@ pub fn module(plan: &Plan) -> Result<Tpu, HdlError> {
         "node_request_address",
         item.get(request_item.get(), "address"),
     );
-    m.output("node_request_tag", item.get(request_item.get(), "packet"));
+    let request_context = item.get(request_item.get(), "context");
+    m.output(
+        "node_request_tag",
+        context
+            .get(request_context, "inside")
+            .concat(item.get(request_item.get(), "packet")),
+    );
 
     m.comment("Leaves to hand over: after steps, and after pops and starts.");
     let take_step_leaf = m.wire("take_step_leaf", 1);
     let take_pop_leaf = m.wire("take_pop_leaf", 1);
-    let (step_leaf_any, step_leaf_front) = fifo::place(
+    let (step_leaf_any, step_leaf_front) = fifo::place_block(
+        plan,
         "step_leaf_queue",
         packets,
         stepped_write.get() & step_leaf,
@@ -692,7 +748,8 @@ pub fn module(plan: &Plan) -> Result<Tpu, HdlError> {
         ]),
         take_step_leaf.get(),
     )?;
-    let (entered_leaf_any, entered_leaf_front) = fifo::place(
+    let (entered_leaf_any, entered_leaf_front) = fifo::place_block(
+        plan,
         "entered_leaf_queue",
         packets,
         entered & entered_leaf,
@@ -720,7 +777,7 @@ pub fn module(plan: &Plan) -> Result<Tpu, HdlError> {
     m.group("A finished packet, and which of its rays have hit something");
     m.output(
         "finished_valid",
-        (start & !start_mask.any()) | (pop_done & pop_out_empty),
+        (start_nowhere & !setup_object) | (pop_done & pop_out_empty),
     );
     m.output("finished_packet", popped_packet.get());
     m.output(

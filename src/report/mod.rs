@@ -3,9 +3,12 @@
 //! Files appear whole or not at all: they are written beside their place, then renamed. Symbolic links are followed;
 //! devices and pipes are written to as they are.
 
+pub(crate) mod folder;
+mod frames;
 mod picture;
 
-pub use picture::{heatmap, heatmap_colour, shade, write_png};
+pub use frames::FrameFolder;
+pub use picture::{heatmap, heatmap_colour, shade, shade_triangles, write_gif, write_png};
 
 use anyhow::{Result, bail};
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};

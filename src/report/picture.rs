@@ -5,7 +5,8 @@ use crate::port::{Hit, Ray};
 use crate::scene::{ImageSize, MachineMesh, RayPacket};
 use anyhow::{Context, Result};
 use glam::{DVec3, dvec3};
-use image::{ImageFormat, Rgb, RgbImage};
+use image::codecs::gif::{GifEncoder, Repeat};
+use image::{Delay, DynamicImage, Frame, ImageFormat, Rgb, RgbImage};
 use std::path::Path;
 
 /// Draws what the primary rays of `packets` hit: each triangle in one shade, by the angle between its plane and the
@@ -21,6 +22,25 @@ pub fn shade(
     packets: &[RayPacket],
     hits: &[Hit],
     mesh: &MachineMesh,
+    shadowed: Option<&[bool]>,
+) -> RgbImage {
+    let corners = |hit: &Hit| {
+        let triangle = mesh.triangles[hit.triangle as usize];
+        triangle.map(|index| mesh.vertices[index as usize])
+    };
+    shade_triangles(size, packets, hits, corners, shadowed)
+}
+
+/// Draws what the primary rays of `packets` hit as [`shade`] does, `corners` being those of the triangle that a hit
+/// names, in the world.
+///
+/// # Panics
+/// If there are not as many hits, or shadows, as rays.
+pub fn shade_triangles(
+    size: ImageSize,
+    packets: &[RayPacket],
+    hits: &[Hit],
+    corners: impl Fn(&Hit) -> [[f64; 3]; 3],
     shadowed: Option<&[bool]>,
 ) -> RgbImage {
     let rays: usize = packets.iter().map(|packet| packet.rays.len()).sum();
@@ -42,7 +62,7 @@ pub fn shade(
             _ => 1.0,
         };
         let colour = match hit.is_hit() {
-            true => light * surface(mesh, ray, hit.triangle),
+            true => light * surface(corners(hit), ray, hit),
             false => background(f64::from(row) / f64::from(size.height)),
         };
         picture.put_pixel(column, row, to_pixel(colour));
@@ -51,9 +71,8 @@ pub fn shade(
 }
 
 /// A triangle's linear colour as a ray sees it.
-fn surface(mesh: &MachineMesh, ray: &Ray, triangle: u32) -> DVec3 {
-    let corners = mesh.triangles[triangle as usize];
-    let [a, b, c] = corners.map(|index| DVec3::from(mesh.vertices[index as usize]));
+fn surface(corners: [[f64; 3]; 3], ray: &Ray, hit: &Hit) -> DVec3 {
+    let [a, b, c] = corners.map(DVec3::from);
     let normal = (b - a).cross(c - a).normalize_or_zero();
     let direction = DVec3::from(ray.direction).normalize_or_zero();
     // Both sides are lit by a lamp at the eye; a little light from above tells walls from floors.
@@ -64,9 +83,10 @@ fn surface(mesh: &MachineMesh, ray: &Ray, triangle: u32) -> DVec3 {
     };
     let lamp = 0.02 + 0.52 * facing.dot(-direction).powf(1.4);
     let sky = 0.1 * (1.0 + facing.y);
-    // Neighbouring triangles have consecutive numbers: mixing the bits makes them differ.
-    let mixed =
-        triangle.wrapping_mul(0x9e37_79b1) ^ triangle.rotate_left(15).wrapping_mul(0x85eb_ca6b);
+    // Neighbouring triangles have consecutive numbers: mixing the bits makes them differ. So do those of an instance and
+    // the next; of instance 0, the only one of a scene of one level, the number is left as it is.
+    let number = hit.triangle ^ hit.instance.wrapping_mul(0xc2b2_ae35);
+    let mixed = number.wrapping_mul(0x9e37_79b1) ^ number.rotate_left(15).wrapping_mul(0x85eb_ca6b);
     let byte = |shift: u32| f64::from(mixed >> shift & 255) / 255.0 - 0.5;
     let tint = dvec3(0.95, 0.82, 0.66) + 0.07 * dvec3(byte(0), byte(8), byte(16)) + 0.1 * byte(24);
     tint * (lamp + sky)
@@ -142,18 +162,47 @@ pub fn write_png(path: &Path, picture: &RgbImage) -> Result<()> {
     })
 }
 
+/// Writes pictures as a GIF that repeats for ever, whatever the file is called.
+///
+/// GIF counts hundredths of a second and players stumble over less than two: each picture stays for the number nearest
+/// to 1 / `frames_per_second`, at least 2.
+///
+/// # Errors
+/// One line that names the file if it cannot be written or drawn.
+///
+/// # Panics
+/// Unless `frames_per_second` is above 0 and finite.
+pub fn write_gif(path: &Path, pictures: &[RgbImage], frames_per_second: f64) -> Result<()> {
+    assert!(frames_per_second > 0.0 && frames_per_second.is_finite());
+    // What a GIF can say, 655 s, is more than any animation's picture stays.
+    let hundredths = (100.0 / frames_per_second).round().clamp(2.0, 65535.0) as u32;
+    let delay = Delay::from_numer_denom_ms(10 * hundredths, 1);
+    let mut gif = Vec::new();
+    let drawn = (|| {
+        let mut encoder = GifEncoder::new_with_speed(&mut gif, 10);
+        encoder.set_repeat(Repeat::Infinite)?;
+        for picture in pictures {
+            let picture = DynamicImage::from(picture.clone()).to_rgba8();
+            encoder.encode_frame(Frame::from_parts(picture, 0, 0, delay))?;
+        }
+        Ok::<_, image::ImageError>(())
+    })();
+    drawn.with_context(|| format!("{}: cannot be drawn", path.display()))?;
+    write_whole(path, |file| Ok(std::io::Write::write_all(file, &gif)?))
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
     use crate::float::Format;
-    use crate::scene::{Camera, Frame, builtin};
+    use crate::scene::{self, Camera, builtin};
 
     /// Four packets of two rays over 3×2 pixels: the last ray of each row is outside the image.
     fn small() -> (ImageSize, Vec<RayPacket>, MachineMesh) {
         let size = ImageSize::new(3, 2).unwrap();
         let scene = builtin("sphere?level=0").unwrap();
         let mesh = MachineMesh::new(&scene, Format::FP24).unwrap();
-        let frame = Frame::new(size, 2).unwrap();
+        let frame = scene::Frame::new(size, 2).unwrap();
         let camera = Camera::outside(scene.bounds());
         let packets = frame.primary_rays(&camera, &mesh).unwrap();
         (size, packets, mesh)
@@ -228,5 +277,25 @@ mod tests {
         let read = image::load_from_memory_with_format(&bytes, ImageFormat::Png).unwrap();
         assert_eq!(read.to_rgb8(), picture);
         assert!(write_png(&folder.path().join("no/such/place.png"), &picture).is_err());
+    }
+
+    #[test]
+    fn a_gif_reads_back_frame_by_frame() {
+        use image::AnimationDecoder;
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("moving");
+        let pictures: Vec<RgbImage> = [[255, 0, 0], [0, 0, 255], [0, 255, 0]]
+            .map(|colour| RgbImage::from_pixel(5, 4, Rgb(colour)))
+            .into();
+        write_gif(&path, &pictures, 24.0).unwrap();
+        let bytes = std::fs::read(&path).unwrap();
+        let decoder = image::codecs::gif::GifDecoder::new(std::io::Cursor::new(&bytes)).unwrap();
+        let frames = decoder.into_frames().collect_frames().unwrap();
+        assert_eq!(frames.len(), 3);
+        for (frame, picture) in frames.iter().zip(&pictures) {
+            assert_eq!(frame.delay().numer_denom_ms(), (40, 1));
+            let read = DynamicImage::from(frame.buffer().clone()).to_rgb8();
+            assert_eq!(&read, picture);
+        }
     }
 }

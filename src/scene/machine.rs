@@ -156,7 +156,7 @@ fn check(mesh: &Mesh) -> Result<()> {
 }
 
 /// 2^exponent, for exponents of normal double-precision numbers.
-fn power_of_two(exponent: i32) -> f64 {
+pub(super) fn power_of_two(exponent: i32) -> f64 {
     assert!((-1022..=1023).contains(&exponent));
     f64::from_bits(((exponent + 1023) as u64) << 52)
 }

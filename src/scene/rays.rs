@@ -1,7 +1,8 @@
 //! Packets of rays, in the machine's numbers.
 
+use super::machine::power_of_two;
 use super::{Camera, MachineMesh};
-use crate::float::Arithmetic;
+use crate::float::{Arithmetic, Format};
 use crate::port::{Hit, Ray};
 use anyhow::{Result, bail, ensure};
 use glam::DVec3;
@@ -115,15 +116,29 @@ impl Frame {
     /// # Errors
     /// If the eye lies beyond the format's greatest number.
     pub fn primary_rays(&self, camera: &Camera, mesh: &MachineMesh) -> Result<Vec<RayPacket>> {
-        let arithmetic = Arithmetic::new(mesh.format);
-        let origin = camera.eye.map(|x| arithmetic.round(x * mesh.scale()) + 0.0);
+        self.rays_in(camera, mesh.format, mesh.log2_scale)
+    }
+
+    /// [`Frame::primary_rays`] in the coordinates of a world whose unit is 2^`log2_scale` machine units.
+    ///
+    /// # Errors
+    /// If the eye lies beyond the format's greatest number.
+    pub fn rays_in(
+        &self,
+        camera: &Camera,
+        format: Format,
+        log2_scale: i32,
+    ) -> Result<Vec<RayPacket>> {
+        let arithmetic = Arithmetic::new(format);
+        let scale = power_of_two(log2_scale);
+        let origin = camera.eye.map(|x| arithmetic.round(x * scale) + 0.0);
         ensure!(
             origin.iter().all(|x| x.is_finite()),
             "the camera's eye ({}, {}, {}) lies too far from the scene for {}; move it nearer",
             camera.eye[0],
             camera.eye[1],
             camera.eye[2],
-            mesh.format
+            format
         );
         let ImageSize { width, height } = self.size;
         let (columns, rows) = (f64::from(width), f64::from(height));

@@ -1,6 +1,5 @@
 //! Vectors from the golden model at work: what its observer sees becomes lines.
 
-use super::folder::Folder;
 use super::shape::Shape;
 use super::sheet::{Sheet, UnitSheets};
 use crate::bkd::layout::{MemoryImage, Node};
@@ -8,6 +7,7 @@ use crate::float::Arithmetic;
 use crate::golden::raycast::RaySet;
 use crate::golden::{Caster, Observer, Outcome, RaySetup, RayTest, StepEvent};
 use crate::port::{Hit, Ray};
+use crate::report::folder::Folder;
 use anyhow::Result;
 use std::rc::Rc;
 

@@ -8,7 +8,7 @@ use crate::float::{Arithmetic, specials};
 use crate::golden::clip::RayLanes;
 use crate::golden::raycast::RaySet;
 use crate::golden::tpu::Lanes;
-use crate::golden::{RaySetup, Triangle};
+use crate::golden::{RaySetup, Triangle, WHOLE_LINE};
 use crate::port::{Hit, Ray};
 use anyhow::Result;
 
@@ -237,7 +237,8 @@ fn triangle_test(collector: &mut Collector<'_>, grid: &mut Grid) -> Result<()> {
     };
     let ray = grid.ray(target);
     let setup = RaySetup::new(&a, &ray);
-    let outcome = Triangle::new(vertices, 0).intersect::<true>(&a, collector.shape.test, &setup);
+    let outcome =
+        Triangle::new(vertices, 0).intersect::<true>(&a, collector.shape.test, &setup, WHOLE_LINE);
     collector.test((0, 0), &vertices, &setup, &outcome)
 }
 

@@ -70,22 +70,20 @@ pub fn text(config: &Config, shape: &Shape, design: &Design, files: &[Entry<'_>]
     let mut text = String::from(
         "// What the benches in sim/ must know of the vectors beside this file. Generated with them by `dynrt vectors`.\n",
     );
-    let packet_bits = design
-        .top()
-        .port("node_request_tag")
-        .map_or(1, |port| port.width);
-    let ray_bits = design
-        .top()
-        .port("watch_test_ray")
-        .map_or(1, |port| port.width);
+    let bits_of = |port: &str| design.top().port(port).map_or(1, |port| port.width.into());
     define(
         &mut text,
         "The machine",
         &[
             ("NUMBER_BITS", shape.format.width().into()),
+            ("EXPONENT_BITS", config.exponent_bits.into()),
             ("RAYS_PER_PACKET", shape.rays as u64),
-            ("RAY_BITS", ray_bits.into()),
-            ("PACKET_BITS", packet_bits.into()),
+            ("RAY_BITS", bits_of("watch_test_ray")),
+            ("PACKET_BITS", bits_of("watch_start_packet")),
+            ("VERTEX_TAG_BITS", bits_of("vertex_request_tag")),
+            ("INFLUENCE_TAG_BITS", bits_of("influence_request_tag")),
+            ("INFLUENCE_ROW_BITS", bits_of("influence_response_data")),
+            ("JOINT_COUNT_BITS", bits_of("skin_start_joints")),
             ("TAG_BITS", shape.tag_bits.into()),
             ("ADDRESS_BITS", config.address_bits.into()),
             ("MEMORY_LATENCY", config.memory_latency.into()),

@@ -11,11 +11,9 @@
 //! | `collect` | lines from the golden model at work |
 //! | `directed` | lines that a frame may not bring |
 //! | `header` | what the Verilog benches must know, as macros |
-//! | `folder` | the folder, which appears whole or not at all |
 
 mod collect;
 mod directed;
-mod folder;
 mod header;
 mod layout;
 mod shape;
@@ -25,11 +23,11 @@ use crate::bkd::layout::{MemoryImage, Record, check_capacity};
 use crate::config::{Config, TriangleTest};
 use crate::hw;
 use crate::port::Hit;
+use crate::report::folder::{Content, Folder};
 use crate::scene::RayPacket;
 use anyhow::{Context, Result, anyhow, ensure};
 use collect::Collector;
 use directed::Operation;
-use folder::{Folder, MANIFEST, VERSION_KEY};
 use layout::Layout;
 use serde_json::{Value, json};
 use shape::Shape;
@@ -38,6 +36,25 @@ use std::path::Path;
 
 /// The version of the vectors' form, in the manifest.
 pub const VERSION: u32 = 1;
+
+/// The manifest's name in the folder.
+const MANIFEST: &str = "manifest.json";
+/// The manifest's key that says that a folder holds vectors; its value is the version of their form.
+const VERSION_KEY: &str = "dynrt_vectors";
+
+/// A folder of vectors: its manifest lists its files.
+const CONTENT: Content = Content {
+    name: "vectors",
+    owned: |folder, _| {
+        let text = std::fs::read_to_string(folder.join(MANIFEST)).ok()?;
+        let manifest: Value = serde_json::from_str(&text).ok()?;
+        manifest.get(VERSION_KEY)?;
+        let files = manifest["files"].as_array();
+        let listed = files.into_iter().flatten();
+        let names = listed.filter_map(|file| file["file"].as_str());
+        Some(names.chain([MANIFEST]).map(str::to_string).collect())
+    },
+};
 
 /// The macros for the Verilog benches.
 const HEADER: &str = "vectors.vh";
@@ -82,7 +99,7 @@ pub fn write(request: &Request<'_>) -> Result<Summary> {
     let Request { config, image, .. } = *request;
     check(request)?;
     let machine = hw::emit(config).map_err(|error| anyhow!("the machine: {error}"))?;
-    let folder = Folder::begin(request.out)?;
+    let folder = Folder::begin(request.out, CONTENT)?;
     let shape = Shape::new(config);
 
     let mut memories = vec![];

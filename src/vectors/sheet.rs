@@ -1,7 +1,7 @@
 //! Files of lines, written as lines come.
 
-use super::folder::Folder;
 use super::layout::Layout;
+use crate::report::folder::Folder;
 use anyhow::{Context, Result};
 use std::fs::File;
 use std::io::{BufWriter, Write};

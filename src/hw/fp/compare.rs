@@ -25,12 +25,24 @@ pub fn is_infinite<'b>(format: Format, a: Signal<'b>) -> Signal<'b> {
 ///
 /// With equal signs one carry chain decides: negative numbers are in order where their magnitudes are not, so the
 /// sign, as one bit more of `b`, turns "less" into "less or equal", and then inverts it.
-fn less_ordered<'b>(format: Format, a: Signal<'b>, b: Signal<'b>) -> Signal<'b> {
+///
+/// `name` is what its parts are called after in the Verilog.
+fn less_ordered<'b>(
+    format: Format,
+    name: Option<&str>,
+    a: Signal<'b>,
+    b: Signal<'b>,
+) -> Signal<'b> {
     let both_zero = is_zero(format, a) & is_zero(format, b);
     let m = a.module();
     let (a, b) = (fields(format, a), fields(format, b));
     let magnitude_less = a.magnitude.concat(m.zero(1)).lt(b.magnitude.concat(b.sign));
-    (a.sign ^ b.sign).mux(a.sign, magnitude_less ^ a.sign) & !both_zero
+    let unless_zero = (a.sign ^ b.sign).mux(a.sign, magnitude_less ^ a.sign);
+    if let Some(name) = name {
+        both_zero.named(format!("{name}_both_zero"));
+        unless_zero.named(format!("{name}_unless_zero"));
+    }
+    unless_zero & !both_zero
 }
 
 fn ordered<'b>(format: Format, a: Signal<'b>, b: Signal<'b>) -> Signal<'b> {
@@ -39,12 +51,12 @@ fn ordered<'b>(format: Format, a: Signal<'b>, b: Signal<'b>) -> Signal<'b> {
 
 /// a < b: −0 = +0, false with a NaN. 1 bit.
 pub fn less<'b>(format: Format, a: Signal<'b>, b: Signal<'b>) -> Signal<'b> {
-    less_ordered(format, a, b) & ordered(format, a, b)
+    less_ordered(format, None, a, b) & ordered(format, a, b)
 }
 
 /// a ≤ b: −0 = +0, false with a NaN. 1 bit.
 pub fn less_equal<'b>(format: Format, a: Signal<'b>, b: Signal<'b>) -> Signal<'b> {
-    !less_ordered(format, b, a) & ordered(format, a, b)
+    !less_ordered(format, None, b, a) & ordered(format, a, b)
 }
 
 /// a = b: −0 = +0, false with a NaN. 1 bit.
@@ -61,4 +73,36 @@ pub fn min<'b>(format: Format, bound: Signal<'b>, x: Signal<'b>) -> Signal<'b> {
 /// `x` where it is greater than `bound`, else `bound`, its pattern unchanged: a NaN never replaces a bound.
 pub fn max<'b>(format: Format, bound: Signal<'b>, x: Signal<'b>) -> Signal<'b> {
     less(format, bound, x).mux(x, bound)
+}
+
+/// [`less`], it and its parts called after `name` in the Verilog.
+fn named_less<'b>(format: Format, name: String, a: Signal<'b>, b: Signal<'b>) -> Signal<'b> {
+    let ordered = ordered(format, a, b).named(format!("{name}_ordered"));
+    (less_ordered(format, Some(&name), a, b) & ordered).named(name)
+}
+
+/// [`min`], called `name` in the Verilog, and what decides it after that.
+pub fn named_min<'b>(
+    format: Format,
+    name: impl AsRef<str>,
+    bound: Signal<'b>,
+    x: Signal<'b>,
+) -> Signal<'b> {
+    let name = name.as_ref();
+    named_less(format, format!("{name}_is_less"), x, bound)
+        .mux(x, bound)
+        .named(name)
+}
+
+/// [`max`], called `name` in the Verilog, and what decides it after that.
+pub fn named_max<'b>(
+    format: Format,
+    name: impl AsRef<str>,
+    bound: Signal<'b>,
+    x: Signal<'b>,
+) -> Signal<'b> {
+    let name = name.as_ref();
+    named_less(format, format!("{name}_is_greater"), bound, x)
+        .mux(x, bound)
+        .named(name)
 }

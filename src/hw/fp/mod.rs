@@ -47,7 +47,9 @@ pub mod reciprocal;
 mod schedule;
 mod step;
 
-pub use compare::{equal, is_infinite, is_nan, is_zero, less, less_equal, max, min};
+pub use compare::{
+    equal, is_infinite, is_nan, is_zero, less, less_equal, max, min, named_max, named_min,
+};
 pub use step::step;
 
 use crate::float::Format;

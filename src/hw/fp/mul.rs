@@ -28,6 +28,11 @@ pub fn latency(format: Format, clock_mhz: u32) -> u32 {
     schedule(format, clock_mhz).depth()
 }
 
+/// Whether the caller may choose between two operands before the unit, a level of logic, without a register.
+pub fn takes_choice(format: Format, clock_mhz: u32) -> bool {
+    schedule(format, clock_mhz).takes_choice()
+}
+
 /// What `fp_mul` computes.
 pub fn model(format: Format, a: u64, b: u64) -> u64 {
     plain::mul(format, a, b)

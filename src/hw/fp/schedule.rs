@@ -67,6 +67,8 @@ impl Step {
 /// The stage of each step of a unit, counted from 0.
 pub(super) struct Schedule {
     steps: Vec<(String, u32)>,
+    /// Picoseconds that the first stage leaves of the budget.
+    headroom: u32,
 }
 
 impl Schedule {
@@ -106,7 +108,14 @@ impl Schedule {
             }
         }
         let stages = within(enough);
+        let first: u32 = steps
+            .iter()
+            .zip(&stages)
+            .filter(|(_, stage)| **stage == 0)
+            .map(|(step, _)| step.picoseconds)
+            .sum();
         Schedule {
+            headroom: budget(clock_mhz).saturating_sub(first),
             steps: steps.into_iter().map(|s| s.name).zip(stages).collect(),
         }
     }
@@ -119,6 +128,11 @@ impl Schedule {
             .find(|(name, _)| name == step)
             .unwrap_or_else(|| panic!("the unit has no step \"{step}\""))
             .1
+    }
+
+    /// Whether the caller may choose between two operands before the unit, a level of logic, without a register.
+    pub fn takes_choice(&self) -> bool {
+        self.headroom >= LOGIC
     }
 
     /// Stages in all: the unit's latency, since a register ends each.
@@ -145,6 +159,15 @@ mod tests {
         assert_eq!(stages(&[3000, 2000, 2000, 2000], 100), [0, 0, 1, 1]);
         // A step beyond the budget has its stage to itself.
         assert_eq!(stages(&[1000, 9000, 1000], 100), [0, 1, 2]);
+    }
+
+    #[test]
+    fn a_choice_fits_before_a_short_first_stage() {
+        let takes = |first| Schedule::new(vec![Step::new("a", first)], 100).takes_choice();
+        assert!(takes(7300 - LOGIC) && !takes(7301 - LOGIC) && !takes(9000));
+        // Only the first stage counts.
+        let steps = vec![Step::new("a", 100).registered(), Step::new("b", 7300)];
+        assert!(Schedule::new(steps, 100).takes_choice());
     }
 
     #[test]

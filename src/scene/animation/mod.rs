@@ -16,11 +16,13 @@
 mod curve;
 mod gltf_file;
 mod load;
+mod machine;
 mod rig;
 mod sequence;
 mod skin;
 
 pub use load::load_animated;
+pub use machine::{MachineFrame, MachineObject, MachineScene, ObjectFrame};
 pub use sequence::SEQUENCE_FRAMES_PER_SECOND;
 pub use skin::{Influences, MOST_INFLUENCES, Skin, skin_f64, transform_point};
 

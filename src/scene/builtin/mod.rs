@@ -3,6 +3,7 @@
 mod cornell;
 mod figure;
 mod interior;
+mod reef;
 mod shapes;
 mod teapot;
 mod teapot_data;
@@ -24,7 +25,8 @@ pub const BUILTIN_NAMES: [&str; 5] = ["teapot", "cornell", "interior", "sphere",
 /// |---|---|---|---|
 /// | `water` | `resolution` (2–1024, 104) | a surface under travelling waves, 2·resolution² triangles; the host writes every vertex in every frame | `waves` |
 /// | `figure` | `detail` (36–96, 48) | a human figure under one closed skin, 21 joints; it is `detail` cells high, from which its triangles come | `walk`, `wave` |
-pub const ANIMATED_NAMES: [&str; 2] = ["water", "figure"];
+/// | `reef` | `fish` (1–8192, 800) | shoals of `fish` fish over 160 weeds, 80 stones and a seabed: instances of four objects, of which two deform | `swim` |
+pub const ANIMATED_NAMES: [&str; 3] = ["water", "figure", "reef"];
 
 /// Builds a scene that needs no file.
 ///
@@ -77,6 +79,7 @@ pub(super) fn animated(spec: &str) -> Result<Animated> {
     let animated = match name {
         "water" => water::animated(parameters.take("resolution", 2..=1024, 104)?),
         "figure" => figure::animated(parameters.take("detail", 36..=96, 48)?),
+        "reef" => reef::animated(parameters.take("fish", 1..=8192, 800)?),
         _ => bail!(
             "builtin:{name}: no such built-in scene; there are {}",
             [&ANIMATED_NAMES[..], &BUILTIN_NAMES].concat().join(", ")

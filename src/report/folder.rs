@@ -1,17 +1,23 @@
-//! The folder of vectors: filled under a temporary name beside its place, then renamed.
+//! A folder of results: filled under a temporary name beside its place, then renamed.
 
 use anyhow::{Context, Result, bail};
 use std::collections::BTreeSet;
 use std::fs;
 use std::path::{Path, PathBuf};
 
-/// The manifest's name in the folder.
-pub const MANIFEST: &str = "manifest.json";
-/// The manifest's key that says that a folder holds vectors; its value is the version of their form.
-pub const VERSION_KEY: &str = "dynrt_vectors";
+/// What a folder is filled with, and so what may be replaced.
+#[derive(Clone, Copy)]
+pub struct Content {
+    /// How messages speak of it, in the plural.
+    pub name: &'static str,
+    /// Of a folder with files of the names given: the names that belong to an earlier result, or none if it holds no
+    /// such result.
+    pub owned: fn(&Path, &BTreeSet<String>) -> Option<BTreeSet<String>>,
+}
 
 /// A folder that is being filled; what is not [`Folder::publish`]ed vanishes.
 pub struct Folder {
+    content: Content,
     /// As the user named it.
     shown: PathBuf,
     /// Without links and dots, so that its parent and its name are what they seem.
@@ -20,12 +26,12 @@ pub struct Folder {
 }
 
 impl Folder {
-    /// Begins a folder for `place`, which must not exist yet, be empty, or hold vectors and nothing else.
+    /// Begins a folder for `place`, which must not exist yet, be empty, or hold such content and nothing else.
     ///
     /// # Errors
     /// One line that says what is in the way.
-    pub fn begin(place: &Path) -> Result<Folder> {
-        check_free(place, place)?;
+    pub fn begin(place: &Path, content: Content) -> Result<Folder> {
+        check_free(place, place, content)?;
         let shown = place;
         let advice = "give --out a place that can be written";
         let written = |error: std::io::Error| {
@@ -59,7 +65,7 @@ impl Folder {
             );
         };
         let mut builder = tempfile::Builder::new();
-        builder.prefix(".dynrt-vectors-");
+        builder.prefix(".dynrt-");
         #[cfg(unix)]
         {
             use std::os::unix::fs::PermissionsExt;
@@ -67,6 +73,7 @@ impl Folder {
             builder.permissions(fs::Permissions::from_mode(0o777));
         }
         Ok(Folder {
+            content,
             shown: shown.to_path_buf(),
             temporary: builder.tempdir_in(parent).map_err(written)?,
             place,
@@ -92,26 +99,27 @@ impl Folder {
             .with_context(|| format!("{}: cannot be written", self.shown(name)))
     }
 
-    /// Puts the folder in its place, instead of earlier vectors there.
+    /// Puts the folder in its place, instead of an earlier one there.
     ///
     /// # Errors
     /// One line that names the place; what was there before is there still, or, if it cannot be put back, where the line
     /// says.
     pub fn publish(self) -> Result<()> {
         let Folder {
+            content,
             shown,
             place,
             temporary,
         } = self;
-        check_free(&place, &shown)?;
+        check_free(&place, &shown, content)?;
         let shown = shown.display();
         let failed = |error: std::io::Error| {
             anyhow::anyhow!("{shown}: cannot be put in place: {}", error.kind())
         };
-        // The earlier vectors move into a folder that is removed, and back if the new ones cannot take their place.
+        // What was there moves into a folder that is removed, and back if its successor cannot take its place.
         let parent = temporary.path().parent().unwrap_or(Path::new("."));
         let retired = tempfile::Builder::new()
-            .prefix(".dynrt-vectors-")
+            .prefix(".dynrt-")
             .tempdir_in(parent)
             .map_err(failed)?;
         let earlier = retired.path().join("earlier");
@@ -123,8 +131,9 @@ impl Folder {
             if replaces && fs::rename(&earlier, &place).is_err() {
                 let kept = retired.keep().join("earlier");
                 bail!(
-                    "{shown}: cannot be put in place: {}; the earlier vectors are in {}: move them back",
+                    "{shown}: cannot be put in place: {}; the earlier {} are in {}: move them back",
                     error.kind(),
+                    content.name,
                     kept.display()
                 );
             }
@@ -136,8 +145,8 @@ impl Folder {
     }
 }
 
-/// That `place` is free, or holds earlier vectors and nothing that is not theirs.
-fn check_free(place: &Path, shown: &Path) -> Result<()> {
+/// That `place` is free, or holds an earlier result and nothing that is not its own.
+fn check_free(place: &Path, shown: &Path, content: Content) -> Result<()> {
     let shown = shown.display();
     if !place.exists() {
         return Ok(());
@@ -154,24 +163,15 @@ fn check_free(place: &Path, shown: &Path) -> Result<()> {
     if names.is_empty() {
         return Ok(());
     }
-    let manifest: Option<serde_json::Value> = fs::read_to_string(place.join(MANIFEST))
-        .ok()
-        .and_then(|text| serde_json::from_str(&text).ok());
-    let Some(manifest) = manifest.filter(|manifest| manifest.get(VERSION_KEY).is_some()) else {
+    let what = content.name;
+    let Some(owned) = (content.owned)(place, &names) else {
         bail!(
-            "{shown}: exists and holds no vectors that could be replaced; name a new folder, or remove it"
+            "{shown}: exists and holds no {what} that could be replaced; name a new folder, or remove it"
         );
     };
-    let files = manifest["files"].as_array();
-    let listed: BTreeSet<&str> = files
-        .into_iter()
-        .flatten()
-        .filter_map(|file| file["file"].as_str())
-        .chain([MANIFEST])
-        .collect();
-    if let Some(foreign) = names.iter().find(|name| !listed.contains(name.as_str())) {
+    if let Some(foreign) = names.iter().find(|name| !owned.contains(*name)) {
         bail!(
-            "{shown}: holds {foreign} beside earlier vectors; move it elsewhere, or name a new folder"
+            "{shown}: holds {foreign} beside earlier {what}; move it elsewhere, or name a new folder"
         );
     }
     Ok(())
@@ -181,18 +181,28 @@ fn check_free(place: &Path, shown: &Path) -> Result<()> {
 mod tests {
     use super::*;
 
+    /// `a.hex`, and `list`, which names it.
+    const VECTORS: Content = Content {
+        name: "vectors",
+        owned: |folder, _| {
+            let list = fs::read_to_string(folder.join("list")).ok()?;
+            let names = list.split_whitespace().chain(["list"]);
+            Some(names.map(str::to_string).collect())
+        },
+    };
+
     fn fill(place: &Path, text: &str) -> Result<()> {
-        let folder = Folder::begin(place)?;
+        let folder = Folder::begin(place, VECTORS)?;
         folder.write("a.hex", text)?;
-        folder.write(
-            MANIFEST,
-            r#"{"dynrt_vectors": 1, "files": [{"file": "a.hex"}]}"#,
-        )?;
+        folder.write("list", "a.hex")?;
         folder.publish()
     }
 
     fn refusal(place: &Path) -> String {
-        let error = format!("{:#}", Folder::begin(place).err().expect("refused"));
+        let error = format!(
+            "{:#}",
+            Folder::begin(place, VECTORS).err().expect("refused")
+        );
         assert!(!error.contains('\n'), "{error}");
         error.replace(&place.display().to_string(), "PLACE")
     }
@@ -215,13 +225,13 @@ mod tests {
         let other = parent.path().join("other");
         fs::create_dir(&other).unwrap();
         fill(&other, "1").unwrap();
-        fs::write(other.join(MANIFEST), "{}").unwrap();
+        fs::remove_file(other.join("list")).unwrap();
         assert_eq!(
             refusal(&other),
             "PLACE: exists and holds no vectors that could be replaced; name a new folder, or remove it"
         );
         assert_eq!(
-            refusal(&other.join(MANIFEST)),
+            refusal(&other.join("a.hex")),
             "PLACE: is a file; give --out a folder's name"
         );
     }
@@ -255,7 +265,7 @@ mod tests {
     #[test]
     fn what_is_not_published_vanishes() {
         let parent = tempfile::tempdir().unwrap();
-        let folder = Folder::begin(&parent.path().join("v")).unwrap();
+        let folder = Folder::begin(&parent.path().join("v"), VECTORS).unwrap();
         folder.write("a.hex", "1").unwrap();
         drop(folder);
         assert_eq!(fs::read_dir(parent.path()).unwrap().count(), 0);

@@ -1,0 +1,451 @@
+//! Scenes of two levels: objects laid out one after another, and a top-level tree over instances of them.
+
+use anyhow::{Context, Result, ensure};
+use glam::{DAffine3, DVec3};
+
+use super::build::{BuildOptions, build_over_boxes};
+use super::layout::{
+    self, Columns, InstanceRecord, LINK_BITS, LinkWord, MemoryImage, Node, TriangleRecord,
+    check_capacity,
+};
+use super::tree::{Bounds, Tree};
+use crate::float::{Arithmetic, Format};
+
+/// By how much an instance's box in the world is widened on every side, in the machine's units. It covers what
+/// rounding the matrix and the transformed ray moves a hit by, as seen from the world.
+pub const WIDENING: f64 = 1.0 / 16.0;
+
+/// Where an instance stands. Its number is its place in the list that [`InstancedImage::set_top`] is given.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct InstanceSpec {
+    /// The object's number, as [`InstancedImage::add_object`] gave it.
+    pub object: usize,
+    /// Takes a point of the world to the object's space. Numbers of the format.
+    pub world_to_object: Columns,
+    /// The box in the world, already widened. Numbers of the format.
+    pub world_box: Bounds,
+}
+
+impl InstanceSpec {
+    /// The instance of an object that `object_to_world` places, a transformation of machine coordinates: the inverse
+    /// rounded once to the format; the box around the eight transformed corners of `object_box` (the object's own, in
+    /// its space), widened by [`WIDENING`] on every side and rounded outwards.
+    ///
+    /// # Errors
+    /// Where the matrix is singular, or the format cannot hold its inverse or the box: one line that names the
+    /// instance by `number`.
+    pub fn new(
+        format: Format,
+        number: usize,
+        object: usize,
+        object_to_world: &Columns,
+        object_box: Bounds,
+    ) -> Result<Self> {
+        let a = Arithmetic::new(format);
+        let matrix = DAffine3::from_cols_array_2d(object_to_world);
+        ensure!(
+            matrix.is_finite(),
+            "instance {number}: its matrix holds a number that is not finite; correct it"
+        );
+        ensure!(
+            !is_flat(&matrix),
+            "instance {number}: its matrix is singular; give it an extent in all three dimensions"
+        );
+        let world_to_object =
+            (matrix.inverse().to_cols_array_2d()).map(|column| column.map(|x| a.round(x)));
+        let rounded = DAffine3::from_cols_array_2d(&world_to_object);
+        ensure!(
+            rounded.is_finite() && !is_flat(&rounded),
+            "instance {number}: {format} cannot hold the inverse of its matrix; give it a scale nearer to 1"
+        );
+        let mut world_box = Bounds::EMPTY;
+        for corner in 0..8 {
+            let coordinate = |axis: usize| match corner >> axis & 1 {
+                0 => object_box.lo[axis],
+                _ => object_box.hi[axis],
+            };
+            let corner = DVec3::from_array([0, 1, 2].map(coordinate));
+            let corner = matrix.transform_point3(corner).to_array();
+            world_box = world_box.union(Bounds {
+                lo: corner,
+                hi: corner,
+            });
+        }
+        world_box.lo = world_box.lo.map(|x| round_down(&a, x - WIDENING));
+        world_box.hi = world_box.hi.map(|x| -round_down(&a, -x - WIDENING) + 0.0);
+        ensure!(
+            is_box(&world_box),
+            "instance {number}: {format} cannot hold its box in the world; place it nearer to the origin"
+        );
+        Ok(InstanceSpec {
+            object,
+            world_to_object,
+            world_box,
+        })
+    }
+
+    /// That all numbers are ones of the format, and the box is one.
+    fn check(&self, a: &Arithmetic) -> Result<()> {
+        let numbers = self.world_to_object.as_flattened().iter();
+        let numbers = numbers.chain(&self.world_box.lo).chain(&self.world_box.hi);
+        for &x in numbers {
+            ensure!(
+                x.is_finite() && a.round(x) == x,
+                "{x:e} is no number of {}; round its matrix and its box to the format",
+                a.format()
+            );
+        }
+        ensure!(
+            is_box(&self.world_box),
+            "its box in the world is empty; correct its matrix"
+        );
+        Ok(())
+    }
+}
+
+/// Whether a transformation presses space flat, up to rounding: its columns span next to no volume for their length.
+fn is_flat(matrix: &DAffine3) -> bool {
+    const NEXT_TO_NOTHING: f64 = 1e-12;
+    let m = matrix.matrix3;
+    let [x, y, z] = [m.x_axis, m.y_axis, m.z_axis].map(DVec3::normalize_or_zero);
+    x.cross(y).dot(z).abs() <= NEXT_TO_NOTHING
+}
+
+/// Whether a box is finite and not empty.
+fn is_box(bounds: &Bounds) -> bool {
+    (0..3).all(|i| {
+        bounds.lo[i].is_finite() && bounds.hi[i].is_finite() && bounds.lo[i] <= bounds.hi[i]
+    })
+}
+
+/// The greatest number of the format that is not above x; −∞ where there is none.
+fn round_down(a: &Arithmetic, x: f64) -> f64 {
+    let rounded = a.round(x);
+    if rounded > x {
+        a.step(rounded, -1)
+    } else {
+        rounded
+    }
+}
+
+/// Where an object lies in the arrays of an [`InstancedImage`].
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct ObjectPlace {
+    /// Index of its first slot among nodes and triangle records: an update's node base.
+    pub base: u32,
+    /// Its triangles: slots in both arrays, the last node slot unused.
+    pub triangles: u32,
+    /// Index of its first vertex: an update's vertex base.
+    pub vertex_base: u32,
+    pub vertices: u32,
+    /// By which instances enter it.
+    pub root: LinkWord,
+    /// The box of its triangles, in its own space.
+    pub bounds: Bounds,
+    /// Inner nodes on the longest path from its root.
+    pub depth: u32,
+}
+
+/// A memory image of two levels, made in two parts: objects, and vectors that something else reads, are added once;
+/// the top-level tree over the instances is set anew whenever one moves.
+///
+/// In the node and record arrays the objects lie one after another, then the top-level tree; in the vertex array what
+/// was added, in the order in which it was, then six vectors an instance, in the order of their numbers.
+#[derive(Clone, Debug, PartialEq)]
+pub struct InstancedImage {
+    image: MemoryImage,
+    objects: Vec<ObjectPlace>,
+    /// Records and vertices below the top level's.
+    record_count: usize,
+    vertex_count: usize,
+}
+
+impl InstancedImage {
+    /// An image without objects.
+    pub fn new(format: Format) -> Self {
+        InstancedImage {
+            image: MemoryImage {
+                format,
+                nodes: Vec::new(),
+                records: Vec::new(),
+                vertices: Vec::new(),
+                root: NO_TOP,
+                bounds: EMPTY_SCENE,
+            },
+            objects: Vec::new(),
+            record_count: 0,
+            vertex_count: 0,
+        }
+    }
+
+    /// Adds an object, from its own image at base 0, and returns its number. The top level must be set again.
+    ///
+    /// # Errors
+    /// Where the object is of another format or no sound scene of one level, or the arrays grow too large for a link.
+    pub fn add_object(&mut self, object: &MemoryImage) -> Result<usize> {
+        let number = self.objects.len();
+        let place = self
+            .placed(object, self.record_count, self.vertex_count)
+            .with_context(|| format!("object {number}"))?;
+        self.remove_top();
+        let at = place.base as usize;
+        (self.image.nodes).resize(at + object.nodes.len(), Node::default());
+        (self.image.records).resize(at + object.records.len(), TriangleRecord::default());
+        (self.image.vertices).resize(place.vertex_base as usize + object.vertices.len(), [0.0; 3]);
+        self.fill(object, &place);
+        self.record_count = self.image.records.len();
+        self.vertex_count = self.image.vertices.len();
+        self.objects.push(place);
+        Ok(number)
+    }
+
+    /// Puts another state of an object in its place: vertices, bounds or a new tree over as many triangles. Instances
+    /// stay as they are: set the top level again if the object's box or depth has changed.
+    ///
+    /// # Errors
+    /// As [`InstancedImage::add_object`], and where the counts of triangles or vertices differ.
+    ///
+    /// # Panics
+    /// Where there is no such object.
+    pub fn replace_object(&mut self, number: usize, object: &MemoryImage) -> Result<()> {
+        let old = self.objects[number];
+        let place = self
+            .placed(object, old.base as usize, old.vertex_base as usize)
+            .with_context(|| format!("object {number}"))?;
+        ensure!(
+            (place.triangles, place.vertices) == (old.triangles, old.vertices),
+            "object {number} has {} triangles and {} vertices, but its place holds {} and {}; build the image anew",
+            place.triangles,
+            place.vertices,
+            old.triangles,
+            old.vertices
+        );
+        self.fill(object, &place);
+        for index in self.record_count..self.image.records.len() {
+            let record = &mut self.image.records[index];
+            let mut instance = InstanceRecord::from(*record);
+            if instance.root == old.root {
+                instance.root = place.root;
+                *record = instance.into();
+            }
+        }
+        self.objects[number] = place;
+        Ok(())
+    }
+
+    /// Adds vectors to the vertex array that no triangle names, as palettes are or vertices at rest, and returns the
+    /// index of the first. The top level must be set again.
+    ///
+    /// # Errors
+    /// Where an index of the vertex array has more than 32 bits.
+    pub fn add_vectors(&mut self, vectors: &[[f64; 3]]) -> Result<u32> {
+        let first = self.vertex_count;
+        check_vertices(first + vectors.len())?;
+        self.remove_top();
+        self.image.vertices.extend_from_slice(vectors);
+        self.vertex_count = self.image.vertices.len();
+        Ok(first as u32)
+    }
+
+    /// Writes vectors from an index on, over such as were added.
+    ///
+    /// # Panics
+    /// Where they reach into the top level's.
+    pub fn write_vectors(&mut self, first: u32, vectors: &[[f64; 3]]) {
+        let first = first as usize;
+        assert!(first + vectors.len() <= self.vertex_count, "added vectors");
+        self.image.vertices[first..first + vectors.len()].copy_from_slice(vectors);
+    }
+
+    /// Builds the top-level tree over instances, in place of the one before. `options` are those of the objects' trees:
+    /// both levels together are no deeper than `max_depth`.
+    ///
+    /// # Errors
+    /// Where there is no instance, one is not sound or names an object that is not there, the stack cannot hold both
+    /// levels, or the arrays grow too large: one line; the image stays as it was.
+    pub fn set_top(&mut self, instances: &[InstanceSpec], options: &BuildOptions) -> Result<()> {
+        self.check_instances(instances)?;
+        let objects = instances.iter().map(|instance| instance.object);
+        let deepest = objects.map(|object| self.objects[object].depth).max();
+        let deepest = deepest.unwrap_or(0);
+        let needed = instances.len().next_power_of_two().ilog2();
+        ensure!(
+            needed + deepest <= options.max_depth,
+            "{} instances need a top-level tree of depth {needed} and their objects one of {deepest}, but the traversal \
+             stack allows {} in all; build shallower objects, leave instances out or deepen the stack",
+            instances.len(),
+            options.max_depth
+        );
+        let boxes: Vec<Bounds> = instances.iter().map(|spec| spec.world_box).collect();
+        let options = BuildOptions {
+            max_depth: options.max_depth - deepest,
+            ..*options
+        };
+        self.put_top(instances, &build_over_boxes(&boxes, &options)?)
+    }
+
+    /// Sets a top-level tree of one's own, its leaves the instances' numbers.
+    ///
+    /// # Errors
+    /// As [`InstancedImage::set_top`], but for the depth: [`MemoryImage::check`] sees to that.
+    ///
+    /// # Panics
+    /// Where `tree` is none over these instances.
+    pub fn set_top_tree(&mut self, instances: &[InstanceSpec], tree: &Tree) -> Result<()> {
+        self.check_instances(instances)?;
+        assert_eq!(
+            tree.triangle_count(),
+            instances.len(),
+            "a leaf for each instance"
+        );
+        self.put_top(instances, tree)
+    }
+
+    /// The whole image. Before the top level is set it has no root, and [`MemoryImage::check`] refuses it.
+    pub fn image(&self) -> &MemoryImage {
+        &self.image
+    }
+
+    /// Where the objects lie, by their numbers.
+    pub fn objects(&self) -> &[ObjectPlace] {
+        &self.objects
+    }
+
+    /// The index of the top level's first slot among nodes and records.
+    pub fn top_base(&self) -> u32 {
+        self.record_count as u32
+    }
+
+    /// The index of an instance's first vector in the vertex array.
+    pub fn instance_vectors(&self, number: usize) -> u32 {
+        (self.vertex_count + InstanceRecord::VECTORS * number) as u32
+    }
+
+    fn check_instances(&self, instances: &[InstanceSpec]) -> Result<()> {
+        ensure!(!instances.is_empty(), "the scene has no instances");
+        let a = Arithmetic::new(self.image.format);
+        for (number, instance) in instances.iter().enumerate() {
+            ensure!(
+                instance.object < self.objects.len(),
+                "instance {number} is of object {}, but there are {}, counted from 0; add the object first",
+                instance.object,
+                self.objects.len()
+            );
+            (instance.check(&a)).map_err(|error| error.context(format!("instance {number}")))?;
+        }
+        Ok(())
+    }
+
+    fn put_top(&mut self, instances: &[InstanceSpec], tree: &Tree) -> Result<()> {
+        check_vertices(self.vertex_count + InstanceRecord::VECTORS * instances.len())?;
+        let refit = tree.refit_leaves(|number| instances[number as usize].world_box);
+        let record = |number: u32| {
+            TriangleRecord::from(InstanceRecord {
+                vectors: self.instance_vectors(number as usize),
+                root: self.objects[instances[number as usize].object].root,
+                number,
+            })
+        };
+        let order = layout::default_order(tree);
+        let placement = layout::place_records(tree, &refit, &order, self.top_base(), record)?;
+        self.remove_top();
+        self.image.nodes.extend(placement.nodes);
+        self.image.records.extend(placement.records);
+        for instance in instances {
+            let Bounds { lo, hi } = instance.world_box;
+            let vectors = instance.world_to_object.into_iter().chain([lo, hi]);
+            (self.image.vertices).extend(vectors.map(|vector| vector.map(|x| x + 0.0)));
+        }
+        self.image.root = LinkWord {
+            right_leaf: true,
+            ..placement.root
+        };
+        self.image.bounds = (refit.root.lo, refit.root.hi);
+        Ok(())
+    }
+
+    fn remove_top(&mut self) {
+        self.image.nodes.truncate(self.record_count);
+        self.image.records.truncate(self.record_count);
+        self.image.vertices.truncate(self.vertex_count);
+        self.image.root = NO_TOP;
+        self.image.bounds = EMPTY_SCENE;
+    }
+
+    /// The place of an object at given bases.
+    fn placed(&self, object: &MemoryImage, base: usize, vertex_base: usize) -> Result<ObjectPlace> {
+        ensure!(
+            object.format == self.image.format,
+            "it is in {} but the scene in {}; build it in the scene's format",
+            object.format,
+            self.image.format
+        );
+        ensure!(
+            !object.is_instanced(),
+            "it has two levels itself, which do not nest; add its objects instead"
+        );
+        object.check(u32::MAX)?;
+        check_capacity(base as u64, object.records.len() as u64, LINK_BITS)?;
+        check_vertices(vertex_base + object.vertices.len())?;
+        let (lo, hi) = object.bounds;
+        Ok(ObjectPlace {
+            base: base as u32,
+            triangles: object.records.len() as u32,
+            vertex_base: vertex_base as u32,
+            vertices: object.vertices.len() as u32,
+            root: raised(object.root, base as u32),
+            bounds: Bounds { lo, hi },
+            depth: object.depth()?,
+        })
+    }
+
+    /// Copies an object into its place.
+    fn fill(&mut self, object: &MemoryImage, place: &ObjectPlace) {
+        let base = place.base as usize;
+        let used = object.nodes.len() - 1;
+        for (slot, node) in self.image.nodes[base..]
+            .iter_mut()
+            .zip(&object.nodes[..used])
+        {
+            *slot = Node {
+                link: raised(node.link, place.base),
+                ..*node
+            };
+        }
+        for (slot, record) in self.image.records[base..].iter_mut().zip(&object.records) {
+            *slot = TriangleRecord {
+                vertices: record.vertices.map(|v| v + place.vertex_base),
+                number: record.number,
+            };
+        }
+        let vertices = &mut self.image.vertices[place.vertex_base as usize..];
+        vertices[..object.vertices.len()].copy_from_slice(&object.vertices);
+    }
+}
+
+/// The root of a scene whose top level is not set: it leads nowhere.
+const NO_TOP: LinkWord = LinkWord {
+    link: (1 << LINK_BITS) - 1,
+    left_leaf: true,
+    right_leaf: true,
+    left_axis: 0,
+    right_axis: 0,
+};
+
+const EMPTY_SCENE: ([f64; 3], [f64; 3]) = ([0.0; 3], [0.0; 3]);
+
+/// A link word whose index is raised by an object's base.
+fn raised(link: LinkWord, base: u32) -> LinkWord {
+    LinkWord {
+        link: link.link + base,
+        ..link
+    }
+}
+
+fn check_vertices(count: usize) -> Result<()> {
+    ensure!(
+        u32::try_from(count).is_ok(),
+        "the scene has {count} vertices, more than 32 bits name; simplify the meshes"
+    );
+    Ok(())
+}

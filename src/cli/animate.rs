@@ -1,0 +1,436 @@
+//! `dynrt animate`: a scene that moves, every stage of every frame in the emitted Verilog.
+
+use super::frame::{CameraArgs, SIZE, active, check_size};
+use super::{ConfigArgs, check_outputs, counted, one_line, print, quoted, tell};
+use anyhow::{Context, Result, ensure};
+use dynrt::cosim::animate::{
+    self, Figures, Film, FrameReport, Options, REBUILD_ABOVE, Setup, TreeReport, Unit,
+};
+use dynrt::cosim::mismatch::Mismatch;
+use dynrt::cosim::raycast::Trace;
+use dynrt::report::{self, FrameFolder};
+use dynrt::scene::animation::{MachineFrame, MachineScene};
+use dynrt::scene::{Animated, Frame, ImageSize, load_animated};
+use serde_json::{Value, json};
+use std::fmt::Write as _;
+use std::path::PathBuf;
+use std::time::Duration;
+
+const HELP: &str = "\
+In every frame the host poses the scene and builds the tree over its instances; the skinning processor writes the
+vertices of skinned objects; the update processor writes the bounds of trees whose vertices moved; the ray casting unit
+draws. All three run as Verilog under Verilator and are compared with the golden model in all bits: vertices, nodes, boxes,
+hits, the picture. The first mismatch stops the run and is reported with the command that replays its frame. Exit status 0
+only if all agrees.
+
+SCENE is a glTF file (.glb, .gltf), a folder of OBJ files, which are the frames of a sequence, an OBJ file, or builtin:NAME,
+NAME one of water, figure, reef, or a scene that stands still.
+
+Examples:
+  dynrt animate builtin:water --frames 24 --gif water.gif
+  dynrt animate builtin:figure --clip wave --fps 10 --size 256x192 --out wave
+  dynrt animate model.glb --clip Run --frames 12 --json run.json
+  dynrt animate model.glb --rebuild-above 1.2 --view outside --json rebuilt.json";
+
+/// Co-simulate an animation: skinning, update and ray casting of every frame through the Verilog
+#[derive(clap::Args)]
+#[command(after_help = HELP)]
+pub struct Args {
+    /// What to show
+    #[arg(value_name = "SCENE")]
+    scene: String,
+    /// The motion to play [default: the scene's first]
+    #[arg(long, value_name = "NAME")]
+    clip: Option<String>,
+    /// How many frames [default: as many as the clip has at --fps, else 12; 1 of a scene without clips]
+    #[arg(long, value_name = "N", allow_hyphen_values = true)]
+    frames: Option<String>,
+    /// Frames a second; a clip that is over begins again [default: the frames divide the clip]
+    #[arg(long, value_name = "F", allow_hyphen_values = true)]
+    fps: Option<f64>,
+    /// Width and height of the pictures in pixels
+    #[arg(long, value_name = "WxH", default_value = SIZE)]
+    size: ImageSize,
+    #[command(flatten)]
+    camera: CameraArgs,
+    #[command(flatten)]
+    config: ConfigArgs,
+    /// An object's tree is built anew when it costs more than so many times what a new one would
+    #[arg(long, value_name = "R", default_value_t = REBUILD_ABOVE, allow_hyphen_values = true)]
+    rebuild_above: f64,
+    /// Of the memories' random delays and stalls
+    #[arg(long, value_name = "S", default_value_t = 1)]
+    seed: u64,
+    /// The frames as PNG, in a folder of their own
+    #[arg(long, value_name = "DIR")]
+    out: Option<PathBuf>,
+    /// The frames as one animated picture
+    #[arg(long, value_name = "F.gif")]
+    gif: Option<PathBuf>,
+    /// The figures, as JSON
+    #[arg(long, value_name = "F")]
+    json: Option<PathBuf>,
+    /// The first frame to run in Verilog, counted from 0; those before only move the scene to where it then is
+    #[arg(long, value_name = "K", default_value_t = 0)]
+    from_frame: usize,
+    /// A waveform of some cycles of one unit, as FST
+    #[arg(long, value_name = "F.fst", requires_all = ["cycles", "unit"])]
+    trace: Option<PathBuf>,
+    /// The unit of the waveform
+    #[arg(long, value_name = "UNIT", requires = "trace")]
+    unit: Option<Unit>,
+    /// The first cycle of the waveform, counted from the first frame run
+    #[arg(long, value_name = "CYCLE", default_value_t = 0, requires = "trace")]
+    from: u64,
+    /// How many cycles the waveform has
+    #[arg(long, value_name = "N", requires = "trace", value_parser = clap::value_parser!(u64).range(1..))]
+    cycles: Option<u64>,
+}
+
+/// When the frames are, and how fast they follow each other.
+struct Schedule {
+    /// The clip's name.
+    clip: Option<String>,
+    /// Seconds into the clip, a frame each.
+    times: Vec<f64>,
+    frames_per_second: f64,
+}
+
+/// Frames where nothing says how many.
+const FRAMES: usize = 12;
+
+/// The most frames: all of their pictures may be held in memory.
+const MOST_FRAMES: usize = 100_000;
+
+impl Args {
+    fn schedule(&self, scene: &Animated) -> Result<(Option<usize>, Schedule)> {
+        let given = match &self.frames {
+            None => None,
+            Some(text) => match text.parse::<usize>() {
+                Ok(count) if (1..=MOST_FRAMES).contains(&count) => Some(count),
+                _ => anyhow::bail!("--frames {text}: give a whole number from 1 to {MOST_FRAMES}"),
+            },
+        };
+        if let Some(fps) = self.fps {
+            ensure!(
+                fps > 0.0 && (1e-3..=1e6).contains(&fps),
+                "--fps {fps}: give from 0.001 to 1000000 frames a second"
+            );
+        }
+        let clip = scene.clip(self.clip.as_deref())?;
+        let seconds = clip.map_or(0.0, |clip| scene.clips[clip].seconds);
+        let (times, frames_per_second) = if seconds > 0.0 {
+            match (given, self.fps) {
+                (given, Some(fps)) => {
+                    // What a clip at most has, and at least one frame of one that is shorter than one.
+                    let all = (seconds * fps).round().clamp(1.0, MOST_FRAMES as f64);
+                    let count = given.unwrap_or(all as usize);
+                    let time = |frame: usize| (frame as f64 / fps).rem_euclid(seconds);
+                    ((0..count).map(time).collect(), fps)
+                }
+                (given, None) => {
+                    let count = given.unwrap_or(FRAMES);
+                    let clip = &scene.clips[clip.expect("it has a length")];
+                    (clip.frame_times(count), count as f64 / seconds)
+                }
+            }
+        } else {
+            (vec![0.0; given.unwrap_or(1)], self.fps.unwrap_or(12.0))
+        };
+        Ok((
+            clip,
+            Schedule {
+                clip: clip.map(|clip| scene.clips[clip].name.clone()),
+                times,
+                frames_per_second,
+            },
+        ))
+    }
+
+    /// What a person types to run this again, but for where it begins.
+    fn replay(&self) -> String {
+        let mut text = format!("dynrt animate {}", quoted(&self.scene));
+        if let Some(clip) = &self.clip {
+            text += &format!(" --clip {}", quoted(clip));
+        }
+        if let Some(frames) = &self.frames {
+            text += &format!(" --frames {frames}");
+        }
+        if let Some(fps) = self.fps {
+            text += &format!(" --fps {fps}");
+        }
+        text += &self.camera.replay();
+        text += &self.config.replay();
+        if self.size.to_string() != SIZE {
+            text += &format!(" --size {}", self.size);
+        }
+        if self.rebuild_above != REBUILD_ABOVE {
+            text += &format!(" --rebuild-above {}", self.rebuild_above);
+        }
+        if self.seed != 1 {
+            text += &format!(" --seed {}", self.seed);
+        }
+        text
+    }
+}
+
+pub fn run(args: &Args) -> Result<()> {
+    check_size(args.size)?;
+    ensure!(
+        args.rebuild_above >= 1.0,
+        "--rebuild-above {}: give 1 or more, how many times a new tree's cost is too much",
+        args.rebuild_above
+    );
+    check_outputs(&[&args.gif, &args.json, &args.trace].map(|path| path.as_deref()))?;
+    if let Some(path) = &args.trace {
+        report::check_regular(path)?;
+    }
+    let config = args.config.load()?;
+    let frame = Frame::new(args.size, config.rays_per_packet as usize)?;
+    let scene = load_animated(&args.scene)?;
+    for warning in &scene.warnings {
+        tell(&format!("warning: {warning}"));
+    }
+    let (clip, schedule) = args.schedule(&scene)?;
+    let count = schedule.times.len();
+    ensure!(
+        args.from_frame < count,
+        "--from-frame {}: there are {}, counted from 0",
+        args.from_frame,
+        counted(count as u64, "frame")
+    );
+    let poses = schedule.times.iter().map(|&time| scene.pose(clip, time));
+    let poses = poses.collect::<Result<Vec<_>>>()?;
+    let extents = scene.extents_of(&poses)?;
+    let format = config.format();
+    let machine = MachineScene::new(&scene, &extents, format, config.skinning_joints)?;
+    let frames = (poses.iter().enumerate())
+        .map(|(number, pose)| {
+            let frame = machine.frame(pose);
+            frame.with_context(|| format!("scene {}, frame {number}", scene.name))
+        })
+        .collect::<Result<Vec<MachineFrame>>>()?;
+    let camera = args.camera.of(extents.world)?;
+    let packets = frame.rays_in(&camera, format, machine.log2_scale)?;
+    let rays: Vec<_> = packets.iter().flat_map(|p| p.rays.clone()).collect();
+    active(&rays)?;
+    let folder = args.out.as_deref().map(FrameFolder::begin).transpose()?;
+
+    let options = Options {
+        seed: args.seed,
+        rebuild_above: args.rebuild_above,
+        from_frame: args.from_frame,
+        trace: args.trace.as_ref().zip(args.unit).map(|(path, unit)| {
+            let trace = Trace {
+                path: path.clone(),
+                from: args.from,
+                cycles: args.cycles.unwrap_or(1),
+            };
+            (unit, trace)
+        }),
+        replay: args.replay(),
+        fault: None,
+    };
+    let film = Film {
+        scene: &machine,
+        frames: &frames,
+        size: args.size,
+        packets: &packets,
+    };
+    let shown = count - args.from_frame;
+    let bar = report::progress((shown * rays.len()) as u64, "building the models");
+    bar.enable_steady_tick(Duration::from_millis(500));
+    let told = |number: usize, done: u64| {
+        bar.set_message(format!("frame {number}"));
+        bar.set_position(((number - args.from_frame) * rays.len()) as u64 + done);
+    };
+    let mut job = Job {
+        args,
+        scene: &scene,
+        config: &config.name,
+        overrides: args.config.overrides(&config),
+        schedule: &schedule,
+        frames: Vec::new(),
+        total: Figures::default(),
+    };
+    let mut pictures = Vec::new();
+    let result = animate::run(&config, film, &options, &told, |frame| {
+        if let Some(folder) = &folder {
+            folder.add(frame.number, &frame.picture)?;
+        }
+        job.add(&frame);
+        if args.gif.is_some() {
+            pictures.push(frame.picture);
+        }
+        Ok(())
+    });
+    bar.finish_and_clear();
+    let setup = match result {
+        Ok(setup) => setup,
+        Err(error) => {
+            if let (Some(path), true) = (&args.json, error.is::<Mismatch>()) {
+                report::json(path, &job.json(None, Some(&error)))?;
+            }
+            let context = || format!("scene {}", scene.name);
+            return match error.is::<Mismatch>() {
+                true => Err(error),
+                false => Err(error.context(context())),
+            };
+        }
+    };
+    ensure!(job.total.checked > 0, "nothing was checked");
+    let mut text = job.text(&setup);
+    if let (Some(folder), Some(path)) = (folder, &args.out) {
+        folder.publish()?;
+        let _ = writeln!(text, "frames: {}", path.display());
+    }
+    if let Some(path) = &args.gif {
+        report::write_gif(path, &pictures, schedule.frames_per_second)?;
+        let _ = writeln!(text, "animated picture: {}", path.display());
+    }
+    if let Some(path) = &args.trace {
+        let _ = writeln!(text, "waveform: {}", path.display());
+    }
+    if let Some(path) = &args.json {
+        report::json(path, &job.json(Some(&setup), None))?;
+    }
+    print(&text)
+}
+
+/// What is known of a run so far.
+struct Job<'a> {
+    args: &'a Args,
+    scene: &'a Animated,
+    config: &'a str,
+    overrides: Value,
+    schedule: &'a Schedule,
+    frames: Vec<Value>,
+    total: Figures,
+}
+
+impl Job<'_> {
+    fn add(&mut self, frame: &FrameReport) {
+        self.total.add(&frame.figures);
+        let mut value = json!({
+            "frame": frame.number,
+            "seconds": self.schedule.times[frame.number],
+        });
+        extend(&mut value, figures(&frame.figures, 0));
+        let trees: &[TreeReport] = &frame.trees;
+        value["trees"] = json!(trees);
+        self.frames.push(value);
+    }
+
+    fn text(&self, setup: &Setup) -> String {
+        let Figures {
+            skinning_cycles,
+            update_cycles,
+            raycast_cycles,
+            ..
+        } = self.total;
+        let percent = |share: f64| 100.0 * share;
+        let grouped = super::grouped;
+        let mut text = format!(
+            "scene {}{}, {} of {} and {}, {}, configuration {}{}, view {}, {}\n\
+             {} agree in all bits: {}, {} skinned, {} updated, {} hits\n\
+             cycles: skinning {} ({:.1} %), update {} ({:.1} %), ray casting {}\n",
+            self.scene.name,
+            match &self.schedule.clip {
+                Some(clip) => format!(", clip {clip}"),
+                None => String::new(),
+            },
+            counted(setup.triangles as u64, "triangle"),
+            counted(setup.objects as u64, "object"),
+            counted(setup.instances as u64, "instance"),
+            counted(setup.levels.into(), "level"),
+            self.config,
+            self.args.config.settings(),
+            self.args.camera.name(),
+            self.args.size,
+            counted(self.total.checked, "result"),
+            counted(self.frames.len() as u64, "frame"),
+            match self.total.vertices_skinned {
+                1 => "1 vertex".into(),
+                count => format!("{} vertices", grouped(count)),
+            },
+            counted(self.total.triangles, "triangle"),
+            grouped(self.total.hits),
+            grouped(skinning_cycles),
+            percent(self.total.skinning_share()),
+            grouped(update_cycles),
+            percent(self.total.update_share()),
+            grouped(raycast_cycles),
+        );
+        if let (Some(triangles), Some(nodes)) = (
+            self.total.triangles_per_clock(),
+            self.total.nodes_per_clock(),
+        ) {
+            let _ = writeln!(
+                text,
+                "update: {triangles:.3} triangles and {nodes:.3} nodes a clock; refitted trees cost {:.3} times new ones; {}",
+                self.total.sah_ratio(),
+                counted(self.total.rebuilds, "rebuild")
+            );
+        }
+        text
+    }
+
+    /// With `setup` of a whole run, with a mismatch of one that it ended.
+    fn json(&self, setup: Option<&Setup>, mismatch: Option<&anyhow::Error>) -> Value {
+        let args = self.args;
+        let mut value = json!({
+            "scene": self.scene.name,
+            "clip": self.schedule.clip,
+            "config": self.config,
+            "overrides": self.overrides,
+            "view": args.camera.name(),
+            "width": args.size.width,
+            "height": args.size.height,
+            "frames_per_second": self.schedule.frames_per_second,
+            "rebuild_above": args.rebuild_above,
+            "seed": args.seed,
+        });
+        if let Some(setup) = setup {
+            extend(&mut value, json!(setup));
+        }
+        if let Some(error) = mismatch {
+            value["mismatch"] = json!(one_line(error));
+            value["replay"] = json!(args.replay());
+        }
+        value["frames"] = json!(self.frames);
+        value["total"] = figures(&self.total, mismatch.iter().count());
+        value
+    }
+}
+
+/// Figures as JSON. Rates of nothing are null.
+fn figures(of: &Figures, mismatches: usize) -> Value {
+    let ratio = |x: f64| if x.is_finite() { json!(x) } else { Value::Null };
+    json!({
+        "skinning_cycles": of.skinning_cycles,
+        "update_cycles": of.update_cycles,
+        "raycast_cycles": of.raycast_cycles,
+        "update_share": ratio(of.update_share()),
+        "skinning_share": ratio(of.skinning_share()),
+        "vertices_skinned": of.vertices_skinned,
+        "influences": of.influences,
+        "triangles": of.triangles,
+        "nodes_written": of.nodes_written,
+        "instructions": of.instructions,
+        "triangles_per_clock": of.triangles_per_clock(),
+        "nodes_per_clock": of.nodes_per_clock(),
+        "rays": of.rays,
+        "hits": of.hits,
+        "sah_ratio": ratio(of.sah_ratio()),
+        "rebuilds": of.rebuilds,
+        "checked": of.checked,
+        "mismatches": mismatches,
+    })
+}
+
+/// Adds the entries of one JSON object to another.
+fn extend(value: &mut Value, more: Value) {
+    if let (Value::Object(all), Value::Object(more)) = (value, more) {
+        all.extend(more);
+    }
+}

@@ -1,0 +1,1035 @@
+//! A scene that moves, every stage of every frame in RTL.
+//!
+//! ```text
+//! host: pose ─→ vertices at rest, palettes ─→ skinning processor ─→ vertices ─→ update processor ─→ bounds, boxes
+//!       boxes, instances ─→ top-level tree ──────────────────────────────────────────────→ ray casting unit ─→ picture
+//! ```
+//!
+//! Units are held against their golden models transaction by transaction while they run. Beside that, after every frame, all of
+//! the machine's memory is held against one computed by other means: vertices skinned in the mesh's order, bounds of
+//! the tree from scratch; and the picture against that of the golden caster. The host only ever reads what the RTL
+//! wrote: nothing is passed on from the golden side.
+//!
+//! Where a tree has become bad for what moved, the host builds it anew and compiles its program; both serve from the
+//! next frame on.
+
+use super::memory::Image;
+use super::mismatch::{Field, Mismatch};
+use super::raycast::{self, RaycastUnit, Trace};
+use super::scoreboard::{Fault, Surroundings, UnitOptions};
+use super::timing;
+use super::unit_skinning::{self, SkinArrays, SkinUnit};
+use super::unit_update::{self, Traffic, UpdateArrays, UpdateUnit};
+use crate::bkd::layout::{
+    INFLUENCES_PER_ROW, Influence, MemoryImage, Record, check_capacity, influence_words,
+    vector_words,
+};
+use crate::bkd::stats::TreeStatistics;
+use crate::bkd::{Bounds, BuildOptions, InstanceSpec, InstancedImage, Quality, Tree, build};
+use crate::config::Config;
+use crate::float::{Arithmetic, Format};
+use crate::golden::Caster;
+use crate::golden::skinning::{SkinCommand, SkinMemory, skin, skin_vertices};
+use crate::golden::update::{UpdateCommand, UpdateMemory, update};
+use crate::port::{Hit, Ray};
+use crate::program::{Program, UpdateMachine};
+use crate::report;
+use crate::scene::animation::{
+    MachineFrame, MachineObject, MachineScene, Matrix3x4, ObjectFrame, transform_point,
+};
+use crate::scene::{ImageSize, RayPacket};
+use anyhow::{Context, Result, ensure};
+use image::RgbImage;
+use serde::Serialize;
+
+/// The ratio of [`Quality::ratio`] above which a tree is built anew where nothing else is said.
+pub const REBUILD_ABOVE: f64 = 1.5;
+
+/// What is shown.
+#[derive(Clone, Copy, Debug)]
+pub struct Film<'a> {
+    pub scene: &'a MachineScene,
+    /// At least one.
+    pub frames: &'a [MachineFrame],
+    pub size: ImageSize,
+    /// The same in all frames.
+    pub packets: &'a [RayPacket],
+}
+
+/// The units that have a model of their own.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
+pub enum Unit {
+    /// The skinning processor
+    Skinning,
+    /// The update processor
+    Update,
+    /// Ray setup, traversal and geometry together
+    Raycast,
+}
+
+impl Unit {
+    pub fn name(self) -> &'static str {
+        match self {
+            Unit::Skinning => "skinning",
+            Unit::Update => "update",
+            Unit::Raycast => "raycast",
+        }
+    }
+}
+
+/// How to run.
+#[derive(Clone, Debug)]
+pub struct Options {
+    /// Of the memories' jitter and stalls; every frame's follow from it and the frame's number.
+    pub seed: u64,
+    /// Above this ratio of its cost to that of one built anew an object's tree is built anew; at least 1, +∞: never.
+    pub rebuild_above: f64,
+    /// The first frame that runs in RTL; what comes before only brings trees and memory to where they then are.
+    pub from_frame: usize,
+    /// A waveform of one unit, its cycles counted from the beginning of `from_frame`.
+    pub trace: Option<(Unit, Trace)>,
+    /// A fault that the Verilog of the skinning or the update processor is given first, to see that it is noticed.
+    pub fault: Option<(Unit, Fault)>,
+    /// What a person types to run this again from its first frame, for a mismatch's report; may be empty.
+    pub replay: String,
+}
+
+impl Default for Options {
+    fn default() -> Self {
+        Options {
+            seed: 1,
+            rebuild_above: REBUILD_ABOVE,
+            from_frame: 0,
+            trace: None,
+            fault: None,
+            replay: String::new(),
+        }
+    }
+}
+
+/// The figures of a frame, or of several together.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Figures {
+    /// Clocks from a unit's start to its completion. Skinning and update are given one memory behind all of their
+    /// ports; see [`unit_update::Traffic::Shared`].
+    pub skinning_cycles: u64,
+    pub update_cycles: u64,
+    pub raycast_cycles: u64,
+    /// Vertices skinned, and influences on them.
+    pub vertices_skinned: u64,
+    pub influences: u64,
+    /// Triangles of objects whose bounds were updated, and nodes written, and instructions executed for it.
+    pub triangles: u64,
+    pub nodes_written: u64,
+    pub instructions: u64,
+    /// Active rays, and hits of them.
+    pub rays: u64,
+    pub hits: u64,
+    /// Costs of the trees as refitted and of trees built anew, each weighted by the area of its instances' boxes in
+    /// the world.
+    pub refitted_cost: f64,
+    pub rebuilt_cost: f64,
+    /// Trees built anew after the frame.
+    pub rebuilds: u64,
+    /// Results of RTL compared in all bits.
+    pub checked: u64,
+}
+
+impl Figures {
+    /// Clocks of all units.
+    pub fn cycles(&self) -> u64 {
+        self.skinning_cycles + self.update_cycles + self.raycast_cycles
+    }
+
+    /// The update's share of all cycles, from 0 to 1.
+    pub fn update_share(&self) -> f64 {
+        self.update_cycles as f64 / self.cycles() as f64
+    }
+
+    /// Skinning's share of all cycles, from 0 to 1.
+    pub fn skinning_share(&self) -> f64 {
+        self.skinning_cycles as f64 / self.cycles() as f64
+    }
+
+    /// Of the update; none where nothing was updated.
+    pub fn triangles_per_clock(&self) -> Option<f64> {
+        (self.update_cycles > 0).then(|| self.triangles as f64 / self.update_cycles as f64)
+    }
+
+    /// Of the update; none where nothing was updated.
+    pub fn nodes_per_clock(&self) -> Option<f64> {
+        (self.update_cycles > 0).then(|| self.nodes_written as f64 / self.update_cycles as f64)
+    }
+
+    /// What refitted trees cost, relative to trees built anew for each frame.
+    pub fn sah_ratio(&self) -> f64 {
+        self.refitted_cost / self.rebuilt_cost
+    }
+
+    /// Adds another frame's.
+    pub fn add(&mut self, other: &Figures) {
+        self.skinning_cycles += other.skinning_cycles;
+        self.update_cycles += other.update_cycles;
+        self.raycast_cycles += other.raycast_cycles;
+        self.vertices_skinned += other.vertices_skinned;
+        self.influences += other.influences;
+        self.triangles += other.triangles;
+        self.nodes_written += other.nodes_written;
+        self.instructions += other.instructions;
+        self.rays += other.rays;
+        self.hits += other.hits;
+        self.refitted_cost += other.refitted_cost;
+        self.rebuilt_cost += other.rebuilt_cost;
+        self.rebuilds += other.rebuilds;
+        self.checked += other.checked;
+    }
+}
+
+/// A frame as the RTL made it.
+#[derive(Clone, Debug)]
+pub struct FrameReport {
+    /// Its place in [`Film::frames`].
+    pub number: usize,
+    pub figures: Figures,
+    /// Of objects whose vertices can move: the tree's cost relative to one built anew, and whether it is built anew.
+    pub trees: Vec<TreeReport>,
+    pub picture: RgbImage,
+}
+
+/// The tree of an object that moves, in a frame.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct TreeReport {
+    pub object: String,
+    pub sah_ratio: f64,
+    /// Built anew from the next frame on.
+    pub rebuilt: bool,
+}
+
+/// What is known of a film before its first frame.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+pub struct Setup {
+    /// 1 or 2.
+    pub levels: u32,
+    pub objects: usize,
+    pub instances: usize,
+    /// Of all objects, each counted once.
+    pub triangles: usize,
+}
+
+/// Shows a film through the RTL of `config` from `options.from_frame` on, and gives each frame to `done` as soon as all of
+/// it agrees. `progress` is told how many rays of a frame have come back.
+///
+/// # Errors
+/// The first mismatch, a [`Mismatch`] whose cycle and replay are those of its frame alone; a scene that the machine cannot
+/// hold; a tool that is missing; no frame from `from_frame` on; an error of `done`.
+pub fn run(
+    config: &Config,
+    film: Film<'_>,
+    options: &Options,
+    progress: &dyn Fn(usize, u64),
+    mut done: impl FnMut(FrameReport) -> Result<()>,
+) -> Result<Setup> {
+    ensure!(
+        options.from_frame < film.frames.len(),
+        "there is no frame {}: there are {}, counted from 0",
+        options.from_frame,
+        film.frames.len()
+    );
+    let mut host = Host::new(config, film)?;
+    let skins = host.objects.iter().any(|object| object.skin.is_some());
+    ensure!(
+        skins || !matches!(options.trace, Some((Unit::Skinning, _))),
+        "nothing in this scene is skinned: there is no waveform of the skinning processor to be had; give another unit"
+    );
+    let mut units = Units::new(config, options, skins)?;
+    for number in 0..film.frames.len() {
+        let run = match number >= options.from_frame {
+            true => Some(&mut units),
+            false => None,
+        };
+        let report = host
+            .frame(number, run, options, progress)
+            .map_err(|error| match error.downcast_ref::<Mismatch>() {
+                Some(_) => error,
+                None => error.context(format!("frame {number}")),
+            })?;
+        if let Some(report) = report {
+            done(report)?;
+        }
+    }
+    Ok(host.setup)
+}
+
+/// The models, each built once.
+struct Units {
+    /// Where anything is skinned.
+    skinning: Option<SkinUnit>,
+    update: UpdateUnit,
+    raycast: RaycastUnit,
+    around: Surroundings,
+    /// By [`Unit`]: the clocks of its model before the frame that would not be, did it begin with that frame.
+    began: [u64; 3],
+}
+
+impl Units {
+    fn new(config: &Config, options: &Options, skins: bool) -> Result<Units> {
+        let trace_of = |unit: Unit| {
+            let traced = options.trace.as_ref().filter(|(of, _)| *of == unit);
+            traced.map(|(_, trace)| trace.clone())
+        };
+        let of_unit = |unit: Unit| UnitOptions {
+            trace: trace_of(unit),
+            fault: (options.fault.filter(|(of, _)| *of == unit)).map(|(_, fault)| fault),
+            ..UnitOptions::new(options.seed)
+        };
+        Ok(Units {
+            skinning: match skins {
+                true => Some(SkinUnit::new(config, &of_unit(Unit::Skinning))?),
+                false => None,
+            },
+            update: UpdateUnit::new(config, &of_unit(Unit::Update))?,
+            raycast: RaycastUnit::new(config, trace_of(Unit::Raycast).as_ref())?,
+            around: Surroundings {
+                memory: timing(config, options.seed),
+                pauses: 0.0,
+                leaf_clocks: 1,
+            },
+            began: [0; 3],
+        })
+    }
+
+    /// Begins a frame: whatever is random in it depends on the frame's number alone, so that it can be run on its own.
+    fn begin(&mut self, seed: u64, frame: usize) {
+        let seed = seed ^ (frame as u64).wrapping_mul(0x9e37_79b9_7f4a_7c15);
+        self.around.memory.seed = seed;
+        // All units are reset for every frame: the ray casting unit by itself, the others beside once when they are built.
+        if let Some(skinning) = &mut self.skinning {
+            self.began[Unit::Skinning as usize] = skinning.cycles() - RESET;
+            skinning.restart(seed);
+        }
+        self.began[Unit::Update as usize] = self.update.cycles() - RESET;
+        self.update.restart(seed);
+        self.began[Unit::Raycast as usize] = self.raycast.cycles();
+    }
+}
+
+/// Clocks for which a unit is reset when it is built.
+const RESET: u64 = 4;
+
+/// An object of the film.
+struct Object<'a> {
+    machine: &'a MachineObject,
+    /// Whether any frame moves its vertices.
+    moves: bool,
+    options: BuildOptions,
+    tree: Tree,
+    program: Program,
+    /// The program in whole rows, and the address of its first byte.
+    code: Vec<u8>,
+    code_at: u32,
+    skin: Option<SkinPlace>,
+    /// What the host gave last; none before the first frame and where memory awaits a new order.
+    given: Option<ObjectFrame>,
+    /// In the mesh's order, as the host gave them last.
+    rest: Vec<[f64; 3]>,
+    /// In the mesh's order, as the tree sees them, by the golden model.
+    vertices: Vec<[f64; 3]>,
+    /// Costs of the tree as refitted and of one built anew, for the vertices as they are.
+    costs: [f64; 2],
+}
+
+/// Where the parts of a skinned object lie.
+#[derive(Clone, Copy)]
+struct SkinPlace {
+    /// Indices of the first vector of the palette and of the first vertex at rest.
+    palette: u32,
+    rest: u32,
+    /// Index of the first row of influences, and how many there are.
+    influences: u32,
+    rows: u32,
+}
+
+impl<'a> Object<'a> {
+    /// The object with a tree for where its vertices are in the first frame.
+    fn new(
+        film: Film<'a>,
+        number: usize,
+        machine: UpdateMachine,
+        options: BuildOptions,
+    ) -> Result<Object<'a>> {
+        let object = &film.scene.objects[number];
+        let is_written = |frame: &MachineFrame| frame.objects[number].written.is_some();
+        let (mut rest, first) = (object.rest.clone(), &film.frames[0].objects[number]);
+        let vertices = posed(film.scene, number, &mut rest, first)?;
+        let tree = build(&vertices, &object.triangles, &options)?;
+        let program = Program::compile(&tree, &object.triangles, vertices.len(), machine)?;
+        let statistics =
+            TreeStatistics::new(&tree, &vertices, &object.triangles, film.scene.format);
+        let cost = statistics.expected_steps + statistics.expected_tests;
+        Ok(Object {
+            machine: object,
+            moves: object.influences.is_some() || film.frames.iter().any(is_written),
+            options,
+            code: program.bytes(),
+            code_at: 0,
+            tree,
+            program,
+            skin: None,
+            given: None,
+            rest,
+            vertices,
+            costs: [cost; 2],
+        })
+    }
+
+    /// The object's part of memory at base 0, by the golden model: its bounds are computed from scratch.
+    fn image(&self, format: Format) -> Result<MemoryImage> {
+        let triangles = &self.machine.triangles;
+        self.program
+            .image(format, &self.vertices, triangles, &self.tree)
+    }
+
+    /// The stream of influences in the order of the program's vertices; none of an object without a skin.
+    fn influences(&self) -> Vec<Influence> {
+        let influences = self.machine.influences.as_ref();
+        influences.map_or(Vec::new(), |influences| {
+            self.program.reorder_vertices(influences).concat()
+        })
+    }
+}
+
+/// The vertices that the tree sees in a frame, in the mesh's order, by the golden model; `rest` becomes what the host has given
+/// up to then.
+fn posed(
+    scene: &MachineScene,
+    number: usize,
+    rest: &mut Vec<[f64; 3]>,
+    frame: &ObjectFrame,
+) -> Result<Vec<[f64; 3]>> {
+    if let Some(written) = &frame.written {
+        rest.clone_from(written);
+    }
+    let vertices = match &scene.objects[number].influences {
+        Some(influences) => {
+            let arithmetic = Arithmetic::new(scene.format);
+            skin_vertices(&arithmetic, rest, &influences.concat(), &frame.palette)
+        }
+        None => rest.clone(),
+    };
+    scene.check_vertices(number, &vertices)?;
+    Ok(vertices)
+}
+
+/// The host: it keeps the machine's memory and starts its units.
+struct Host<'a> {
+    config: &'a Config,
+    film: Film<'a>,
+    rays: Vec<Ray>,
+    machine: UpdateMachine,
+    objects: Vec<Object<'a>>,
+    /// What memory must hold, by the golden model.
+    golden: InstancedImage,
+    /// What memory holds, by host and RTL.
+    arrays: UpdateArrays,
+    influences: Vec<u32>,
+    one_level: bool,
+    /// Of the top-level tree in memory.
+    specs: Vec<InstanceSpec>,
+    setup: Setup,
+}
+
+/// What a tree for some of a scene's triangles may be as deep as: what the top-level tree leaves of the stack.
+fn object_depth(stack_depth: u32, instances: usize, triangles: usize) -> u32 {
+    /// Entries beyond the fewest that the top-level tree can do with, so that it need not be balanced.
+    const SLACK: u32 = 4;
+    if instances == 1 {
+        return stack_depth;
+    }
+    let top = instances.next_power_of_two().ilog2() + SLACK;
+    let fewest = triangles.next_power_of_two().ilog2();
+    stack_depth.saturating_sub(top).max(fewest).min(stack_depth)
+}
+
+impl<'a> Host<'a> {
+    fn new(config: &'a Config, film: Film<'a>) -> Result<Host<'a>> {
+        let (scene, format) = (film.scene, config.format());
+        let machine = unit_update::machine(config)?;
+        let one_level = scene.is_one_level(film.frames);
+        let triangles: usize = scene.objects.iter().map(|o| o.triangles.len()).sum();
+        let top = if one_level { 0 } else { scene.instances.len() };
+        check_capacity(0, (triangles + top) as u64, config.address_bits)?;
+        let mut objects = Vec::new();
+        let mut golden = InstancedImage::new(format);
+        let (mut program, mut influences) = (Vec::new(), Vec::new());
+        let row = INFLUENCES_PER_ROW;
+        for (number, object) in scene.objects.iter().enumerate() {
+            let count = object.triangles.len();
+            let depth = object_depth(config.stack_depth, scene.instances.len(), count);
+            let options = BuildOptions::default_for(config.axes_per_node, depth);
+            let mut object =
+                Object::new(film, number, machine, options).with_context(|| object.name.clone())?;
+            golden.add_object(&object.image(format)?)?;
+            object.code_at = program.len() as u32;
+            program.extend_from_slice(&object.code);
+            let stream = object.influences();
+            if !stream.is_empty() {
+                let joints = film.frames[0].objects[number].palette.len();
+                object.skin = Some(SkinPlace {
+                    palette: golden.add_vectors(&vec![[0.0; 3]; 4 * joints])?,
+                    rest: golden.add_vectors(&vec![[0.0; 3]; object.rest.len()])?,
+                    influences: influences.len() as u32 / row_words(format),
+                    rows: stream.len().div_ceil(row) as u32,
+                });
+                influences.extend(influence_words(format, &stream));
+            }
+            objects.push(object);
+        }
+        let mut host = Host {
+            config,
+            film,
+            rays: (film.packets.iter())
+                .flat_map(|packet| packet.rays.iter().copied())
+                .collect(),
+            machine,
+            arrays: UpdateArrays {
+                program,
+                vertices: Vec::new(),
+                nodes: Image::zeroed(0, 1),
+                boxes: Image::zeroed(objects.len() as u64, Record::bounding_box(format).width),
+            },
+            influences,
+            objects,
+            golden,
+            one_level,
+            specs: Vec::new(),
+            setup: Setup {
+                levels: if one_level { 1 } else { 2 },
+                objects: scene.objects.len(),
+                instances: scene.instances.len(),
+                triangles,
+            },
+        };
+        // The host loads memory: links, triangle records, and bounds of what never moves. Bounds of all else are the
+        // update processor's to write, and are left zero.
+        let boxes: Vec<Bounds> = host.golden.objects().iter().map(|o| o.bounds).collect();
+        for (number, bounds) in boxes.iter().enumerate() {
+            if !host.objects[number].moves {
+                let (layout, row) = (Record::bounding_box(format), number as u64);
+                let numbers = bounds.lo.into_iter().chain(bounds.hi);
+                for (field, x) in layout.fields.iter().zip(numbers) {
+                    field.set(host.arrays.boxes.row_mut(row), format.to_bits(x));
+                }
+            }
+        }
+        host.set_top(0, &boxes)?;
+        let image = host.golden.image();
+        let vertices = image.vertices.len() as u64;
+        ensure!(
+            vertices <= 1 << config.address_bits,
+            "the scene is too large for its address space: {vertices} vertices and vectors, but {} address bits hold {}; simplify the meshes or widen the address",
+            config.address_bits,
+            1u64 << config.address_bits
+        );
+        host.arrays.vertices = image.vertex_words();
+        let nodes = image.node_words();
+        host.arrays.nodes = Image::from_words(nodes, Record::node(format).width)?;
+        for number in 0..host.objects.len() {
+            if host.objects[number].moves {
+                host.load_tree(number);
+            }
+        }
+        Ok(host)
+    }
+
+    fn format(&self) -> Format {
+        self.film.scene.format
+    }
+
+    /// Writes links of an object's nodes, and zeros in the place of bounds.
+    fn load_tree(&mut self, number: usize) {
+        let layout = Record::node(self.format());
+        let place = self.golden.objects()[number];
+        let words = self.golden.image().node_words();
+        let slots = place.base as usize..(place.base + place.triangles) as usize;
+        for slot in slots {
+            let node = self.arrays.nodes.row_mut(slot as u64);
+            node.copy_from_slice(&words[slot * layout.words()..][..layout.words()]);
+            for bound in ["left_lo", "left_hi", "right_lo", "right_hi"] {
+                layout.set(node, bound, 0);
+            }
+        }
+    }
+
+    /// Writes vectors from an index of vertex memory on.
+    fn write_vectors(&mut self, first: u32, vectors: &[[f64; 3]]) {
+        let words = vector_words(self.format(), vectors);
+        let start = first as usize * Record::vertex(self.format()).words();
+        self.arrays.vertices[start..start + words.len()].copy_from_slice(&words);
+    }
+
+    /// The box of an object as it stands in box memory.
+    fn box_of(&self, number: usize) -> Bounds {
+        let (layout, format) = (Record::bounding_box(self.format()), self.format());
+        let words = self.arrays.boxes.row(number as u64);
+        let numbers: Vec<f64> = (layout.fields.iter())
+            .map(|field| format.to_f64(field.get(words)))
+            .collect();
+        Bounds {
+            lo: [numbers[0], numbers[1], numbers[2]],
+            hi: [numbers[3], numbers[4], numbers[5]],
+        }
+    }
+
+    /// Builds the top-level tree over the instances of a frame, objects having these boxes. Of one level there is none.
+    fn set_top(&mut self, frame: usize, boxes: &[Bounds]) -> Result<()> {
+        if self.one_level {
+            return Ok(());
+        }
+        let format = self.format();
+        let instances = std::iter::zip(
+            &self.film.scene.instances,
+            &self.film.frames[frame].instances,
+        );
+        let specs = instances
+            .enumerate()
+            .map(|(number, (&object, matrix))| {
+                let columns = columns(matrix);
+                InstanceSpec::new(format, number, object, &columns, boxes[object])
+            })
+            .collect::<Result<_>>()?;
+        self.specs = specs;
+        let Config {
+            axes_per_node,
+            stack_depth,
+            ..
+        } = *self.config;
+        let options = BuildOptions::default_for(axes_per_node, stack_depth);
+        self.golden.set_top(&self.specs, &options)
+    }
+
+    /// Writes what of the golden image is the top level's: nodes and instances' vectors.
+    fn load_top(&mut self) {
+        if self.one_level {
+            return;
+        }
+        let image = self.golden.image();
+        let words = Record::node(image.format).words();
+        let nodes = image.node_words();
+        let first = self.golden.top_base() as usize;
+        for slot in first..image.nodes.len() {
+            let node = &nodes[slot * words..][..words];
+            self.arrays.nodes.row_mut(slot as u64).copy_from_slice(node);
+        }
+        let first = self.golden.instance_vectors(0);
+        let vectors = image.vertices[first as usize..].to_vec();
+        self.write_vectors(first, &vectors);
+    }
+
+    /// Brings memory to a frame; with `units`, by RTL, which then draws it.
+    fn frame(
+        &mut self,
+        number: usize,
+        mut units: Option<&mut Units>,
+        options: &Options,
+        progress: &dyn Fn(usize, u64),
+    ) -> Result<Option<FrameReport>> {
+        let film = self.film;
+        let frame = &film.frames[number];
+        let mut figures = Figures::default();
+        if let Some(units) = &mut units {
+            units.begin(options.seed, number);
+        }
+        let mut changed = Vec::new();
+        for object in 0..self.objects.len() {
+            let given = &frame.objects[object];
+            let state = &mut self.objects[object];
+            if !state.moves || state.given.as_ref() == Some(given) {
+                continue;
+            }
+            state.vertices = posed(film.scene, object, &mut state.rest, given)?;
+            state.given = Some(given.clone());
+            self.move_object(object, given, units.as_deref_mut(), &mut figures)
+                .map_err(|error| located(error, number, units.as_deref(), options))?;
+            // The golden side of it, by other means.
+            let image = self.objects[object].image(self.format())?;
+            self.golden.replace_object(object, &image)?;
+            changed.push(object);
+        }
+        let boxes: Vec<Bounds> = (0..self.objects.len()).map(|k| self.box_of(k)).collect();
+        let moved = number == 0 || frame.instances != film.frames[number - 1].instances;
+        if moved || !changed.is_empty() {
+            self.set_top(number, &boxes)?;
+            self.load_top();
+        }
+        figures.checked += self
+            .compare_memory()
+            .map_err(|mismatch| located(mismatch.into(), number, units.as_deref(), options))?;
+
+        // Trees are judged, and the golden picture is cast, while the RTL draws its own.
+        let image = self.image(&boxes);
+        let (format, objects) = (self.format(), &self.objects);
+        let side = |draws: bool| {
+            let qualities = changed.iter().map(|&number| {
+                let Object {
+                    machine,
+                    tree,
+                    vertices,
+                    options,
+                    ..
+                } = &objects[number];
+                Quality::of(tree, vertices, &machine.triangles, options, format)
+            });
+            let qualities: Result<Vec<Quality>> = qualities.collect();
+            let rays_per_packet = self.config.rays_per_packet as usize;
+            let hits = draws.then(|| {
+                let caster = Caster::new(&image, self.config.triangle_test, rays_per_packet);
+                caster.cast_packets(&self.rays).hits
+            });
+            (qualities, hits)
+        };
+        let (qualities, drawn) = match &mut units {
+            None => (side(false).0?, None),
+            Some(units) => {
+                image.check(self.config.stack_depth)?;
+                let (rtl, (qualities, golden)) = std::thread::scope(|scope| {
+                    let golden = scope.spawn(|| side(true));
+                    let options = raycast::Options {
+                        seed: units.around.memory.seed,
+                        ..raycast::Options::default()
+                    };
+                    let told = |rays| progress(number, rays);
+                    let rtl = units.raycast.cast(&image, &self.rays, &options, &told);
+                    (rtl, golden.join().expect("the golden model does not panic"))
+                });
+                let rtl = rtl.map_err(|error| located(error, number, Some(&**units), options))?;
+                (qualities?, Some((rtl, golden.expect("it was cast"))))
+            }
+        };
+        for (&object, quality) in changed.iter().zip(&qualities) {
+            self.objects[object].costs = [quality.refitted, quality.rebuilt];
+        }
+        let picture = match &drawn {
+            None => None,
+            Some((rtl, golden)) => {
+                let picture = self.shade(frame, &rtl.hits);
+                compare_pictures(&picture, &self.shade(frame, golden))
+                    .map_err(|e| located(e.into(), number, units.as_deref(), options))?;
+                let active = self.rays.iter().filter(|ray| ray.active).count() as u64;
+                figures.raycast_cycles = rtl.cycles;
+                figures.rays = active;
+                figures.hits = rtl.hits.iter().filter(|hit| hit.is_hit()).count() as u64;
+                figures.checked += rtl.checked() + active;
+                Some(picture)
+            }
+        };
+        self.weigh(&mut figures);
+        let mut trees = Vec::new();
+        for (object, quality) in changed.into_iter().zip(qualities) {
+            let sah_ratio = quality.ratio();
+            // The last frame has no next one, which a new tree could serve.
+            let rebuilt = sah_ratio > options.rebuild_above && number + 1 < film.frames.len();
+            trees.push(TreeReport {
+                object: self.objects[object].machine.name.clone(),
+                sah_ratio,
+                rebuilt,
+            });
+            if rebuilt {
+                figures.rebuilds += 1;
+                self.rebuild(object, quality.tree)?;
+            }
+        }
+        Ok(picture.map(|picture| FrameReport {
+            number,
+            figures,
+            trees,
+            picture,
+        }))
+    }
+
+    /// Skinning and update of an object whose vertices have changed.
+    fn move_object(
+        &mut self,
+        number: usize,
+        given: &ObjectFrame,
+        mut units: Option<&mut Units>,
+        figures: &mut Figures,
+    ) -> Result<()> {
+        let format = self.format();
+        let place = self.golden.objects()[number];
+        let state = &self.objects[number];
+        let rest = state.program.reorder_vertices(&state.rest);
+        let (code_at, rows) = (state.code_at, state.code.len() / Program::ROW_BYTES);
+        match state.skin {
+            None => self.write_vectors(place.vertex_base, &rest),
+            Some(skin) => {
+                self.golden.write_vectors(skin.rest, &rest);
+                let palette = given.palette.as_flattened();
+                self.golden.write_vectors(skin.palette, palette);
+                self.write_vectors(skin.rest, &rest);
+                self.write_vectors(skin.palette, palette);
+                let command = SkinCommand {
+                    palette: skin.palette,
+                    joints: given.palette.len() as u32,
+                    influences: skin.influences,
+                    rows: skin.rows,
+                    rest: skin.rest,
+                    vertices: place.vertices,
+                    target: place.vertex_base,
+                };
+                self.skin(command, units.as_deref_mut(), figures)?;
+            }
+        }
+        let command = UpdateCommand {
+            program: code_at,
+            vertex_base: place.vertex_base,
+            node_base: place.base,
+            box_index: number as u32,
+        };
+        let Some(units) = units else {
+            let (mut nodes, mut boxes) = (
+                self.arrays.nodes.words().to_vec(),
+                self.arrays.boxes.words().to_vec(),
+            );
+            let memory = UpdateMemory {
+                format,
+                program: &self.arrays.program,
+                vertices: &self.arrays.vertices,
+                nodes: &mut nodes,
+                boxes: &mut boxes,
+            };
+            update(memory, command, |_| ())?;
+            self.arrays.nodes = Image::from_words(nodes, Record::node(format).width)?;
+            self.arrays.boxes = Image::from_words(boxes, Record::bounding_box(format).width)?;
+            return Ok(());
+        };
+        let before = units.update.checked();
+        let found = units.update.update(
+            &mut self.arrays,
+            command,
+            rows as u32,
+            &units.around,
+            Traffic::Shared,
+        )?;
+        figures.update_cycles += found.busy_cycles;
+        figures.triangles += found.triangles;
+        figures.nodes_written += found.nodes_written;
+        figures.instructions += found.instructions;
+        figures.checked += units.update.checked() - before;
+        Ok(())
+    }
+
+    /// Skins an object.
+    fn skin(
+        &mut self,
+        command: SkinCommand,
+        units: Option<&mut Units>,
+        figures: &mut Figures,
+    ) -> Result<()> {
+        let format = self.format();
+        let Some(units) = units else {
+            let memory = SkinMemory {
+                format,
+                influences: &self.influences,
+                vertices: &mut self.arrays.vertices,
+            };
+            skin(memory, command, |_| ())?;
+            return Ok(());
+        };
+        let unit = (units.skinning.as_mut()).expect("a scene with a skin has the unit");
+        let vertices = std::mem::take(&mut self.arrays.vertices);
+        let mut arrays = SkinArrays {
+            influences: std::mem::take(&mut self.influences),
+            vertices: Image::from_words(vertices, Record::vertex(format).width)?,
+        };
+        let before = unit.checked();
+        let found = unit.skin(
+            &mut arrays,
+            command,
+            &units.around,
+            unit_skinning::Traffic::Shared,
+        );
+        self.influences = arrays.influences;
+        self.arrays.vertices = arrays.vertices.into_words();
+        let found = found?;
+        figures.skinning_cycles += found.busy_cycles;
+        figures.vertices_skinned += found.vertices;
+        figures.influences += found.influences;
+        figures.checked += unit.checked() - before;
+        Ok(())
+    }
+
+    /// The memory image that is cast, objects having these boxes.
+    fn image(&self, boxes: &[Bounds]) -> MemoryImage {
+        let mut image = self.golden.image().clone();
+        if self.one_level {
+            image.root = self.golden.objects()[0].root;
+            image.bounds = (boxes[0].lo, boxes[0].hi);
+        }
+        image
+    }
+
+    /// Holds all of memory that moves against the golden image; returns how many records were compared.
+    fn compare_memory(&self) -> Result<u64, Mismatch> {
+        let (image, format) = (self.golden.image(), self.format());
+        let mut boxes = Vec::new();
+        let box_layout = Record::bounding_box(format);
+        for place in self.golden.objects() {
+            let mut words = vec![0; box_layout.words()];
+            let numbers = place.bounds.lo.into_iter().chain(place.bounds.hi);
+            for (field, x) in box_layout.fields.iter().zip(numbers) {
+                field.set(&mut words, format.to_bits(x));
+            }
+            boxes.extend(words);
+        }
+        let mut compared = 0;
+        for (layout, golden, memory) in [
+            (
+                Record::vertex(format),
+                image.vertex_words(),
+                &self.arrays.vertices[..],
+            ),
+            (
+                Record::node(format),
+                image.node_words(),
+                self.arrays.nodes.words(),
+            ),
+            (box_layout, boxes, self.arrays.boxes.words()),
+        ] {
+            let records = std::iter::zip(
+                golden.chunks_exact(layout.words()),
+                memory.chunks_exact(layout.words()),
+            );
+            for (index, (golden, memory)) in records.enumerate() {
+                if golden != memory {
+                    let fields = layout.fields.iter().map(|field| {
+                        let (golden, memory) = (field.get(golden), field.get(memory));
+                        match field.width == format.width() {
+                            true => Field::number(field.name, format, golden, memory),
+                            false => Field::integer(field.name, golden, memory),
+                        }
+                    });
+                    return Err(Mismatch {
+                        unit: Unit::Update.name(),
+                        place: format!("{} {index} of memory", layout.name),
+                        cycle: 0,
+                        fields: fields.collect(),
+                        replay: String::new(),
+                    });
+                }
+                compared += 1;
+            }
+        }
+        Ok(compared)
+    }
+
+    /// Draws what rays hit in a frame.
+    fn shade(&self, frame: &MachineFrame, hits: &[Hit]) -> RgbImage {
+        let corners = |hit: &Hit| {
+            let instance = hit.instance as usize;
+            let object = &self.objects[self.film.scene.instances[instance]];
+            let triangle = object.machine.triangles[hit.triangle as usize];
+            triangle.map(|vertex| {
+                let vertex = object.vertices[vertex as usize];
+                transform_point(&frame.instances[instance], vertex)
+            })
+        };
+        report::shade_triangles(self.film.size, self.film.packets, hits, corners, None)
+    }
+
+    /// Sums the trees' costs over the instances, each as likely to be met as its box in the world is large.
+    fn weigh(&self, figures: &mut Figures) {
+        for (number, &object) in self.film.scene.instances.iter().enumerate() {
+            let area = match self.specs.get(number) {
+                Some(spec) => spec.world_box.half_area(),
+                None => 1.0,
+            };
+            let [refitted, rebuilt] = self.objects[object].costs;
+            figures.refitted_cost += area * refitted;
+            figures.rebuilt_cost += area * rebuilt;
+        }
+    }
+
+    /// Gives an object another tree, and so another program and another order of vertices and nodes. All of the object is
+    /// moved anew in the next frame.
+    fn rebuild(&mut self, number: usize, tree: Tree) -> Result<()> {
+        let format = self.format();
+        let object = &mut self.objects[number];
+        let triangles = &object.machine.triangles;
+        object.program = Program::compile(&tree, triangles, object.vertices.len(), self.machine)?;
+        object.tree = tree;
+        object.code = object.program.bytes();
+        object.given = None;
+        // Programs follow one another, and this one may be longer or shorter than before.
+        self.arrays.program.clear();
+        for object in &mut self.objects {
+            object.code_at = self.arrays.program.len() as u32;
+            self.arrays.program.extend_from_slice(&object.code);
+        }
+        let object = &self.objects[number];
+        if let Some(skin) = object.skin {
+            let words = influence_words(format, &object.influences());
+            let start = (skin.influences * row_words(format)) as usize;
+            self.influences[start..start + words.len()].copy_from_slice(&words);
+        }
+        let image = object.image(format)?;
+        self.golden.replace_object(number, &image)?;
+        self.load_tree(number);
+        Ok(())
+    }
+}
+
+fn row_words(format: Format) -> u32 {
+    Record::influence_row(format).words() as u32
+}
+
+fn columns(matrix: &Matrix3x4) -> [[f64; 3]; 4] {
+    std::array::from_fn(|column| std::array::from_fn(|row| matrix[row][column]))
+}
+
+fn compare_pictures(rtl: &RgbImage, golden: &RgbImage) -> Result<(), Mismatch> {
+    let differs = (rtl.enumerate_pixels().zip(golden.pixels())).find(|((_, _, r), g)| r != g);
+    let Some(((x, y, rtl), golden)) = differs else {
+        return Ok(());
+    };
+    let channels = ["red", "green", "blue"].into_iter().enumerate();
+    let field =
+        |(k, name): (usize, &str)| Field::integer(name, golden.0[k].into(), rtl.0[k].into());
+    Err(Mismatch {
+        unit: Unit::Raycast.name(),
+        place: format!("pixel {x}, {y} of the picture"),
+        cycle: 0,
+        fields: channels.map(field).collect(),
+        replay: String::new(),
+    })
+}
+
+/// A mismatch with its frame, its cycle counted from the beginning of that, and the command that begins there.
+fn located(
+    error: anyhow::Error,
+    number: usize,
+    units: Option<&Units>,
+    options: &Options,
+) -> anyhow::Error {
+    let mut mismatch = match error.downcast::<Mismatch>() {
+        Ok(mismatch) => mismatch,
+        Err(error) => return error,
+    };
+    let unit = match mismatch.unit {
+        "skinning" => Unit::Skinning,
+        "update" => Unit::Update,
+        _ => Unit::Raycast,
+    };
+    if let Some(units) = units {
+        let began = units.began[unit as usize];
+        mismatch.cycle = mismatch.cycle.saturating_sub(began);
+    }
+    mismatch.place = format!("frame {number}, {}", mismatch.place);
+    if !options.replay.is_empty() {
+        mismatch.replay = format!(
+            "{} --from-frame {number} --unit {}",
+            options.replay,
+            unit.name()
+        );
+    }
+    mismatch.into()
+}

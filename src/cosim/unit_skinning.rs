@@ -1,0 +1,802 @@
+//! Skinning in the ray casting unit, where the skinning processor borrows the geometry unit, held against the golden model: every
+//! vector and every influence row requested, every vertex written, in order, address and all bits; then all of vertex memory, so
+//! that whatever was written beside them shows.
+//!
+//! [`SkinUnit`] skins one mesh after another in memories that the caller keeps; [`run`] gives it a [`Workload`].
+
+use super::memory::{Image, ReadPort, ReadResponse, Timing, WritePort, WriteRequest};
+use super::mismatch::Field;
+use super::model::PortHandle;
+use super::scoreboard::{Bench, Category, Surroundings, UnitOptions, UnitReport};
+use super::unit_update::{ReadHandles, WriteHandles};
+use crate::bkd::layout::{
+    Columns, INFLUENCES_PER_ROW, Influence, Record, influence_words, influences_of_words,
+    vector_words,
+};
+use crate::config::Config;
+use crate::float::{Arithmetic, Format};
+use crate::golden::skinning::{MOST_INFLUENCES, SkinCommand, SkinEvent, SkinMemory, Skinned, skin};
+use crate::hw::emit;
+use crate::scene::animation::{MachineObject, ObjectFrame};
+use anyhow::{Result, ensure};
+use std::collections::VecDeque;
+
+/// What the unit can meet: of vertices, but for the last two, which are of meshes.
+pub const CATEGORIES: &[Category] = &[
+    Category::OneInfluence,
+    Category::TwoInfluences,
+    Category::ThreeInfluences,
+    Category::FourInfluences,
+    Category::InTwoRows,
+    // The vertex at rest or a matrix or a weight has a NaN, an infinity, a −0.
+    Category::Nan,
+    Category::Infinity,
+    Category::SignedZero,
+    Category::FullPalette,
+    Category::OneVertex,
+];
+
+/// A mesh to skin. Numbers are of the machine's format.
+#[derive(Clone, Debug)]
+pub struct SkinMesh {
+    pub name: String,
+    /// At least one.
+    pub rest: Vec<[f64; 3]>,
+    /// Vertex by vertex, 1 to 4 each, the last of each marked.
+    pub influences: Vec<Influence>,
+    /// At least one.
+    pub palette: Vec<Columns>,
+}
+
+impl SkinMesh {
+    /// A skinned object in a frame; none, if it is not skinned.
+    pub fn of_frame(object: &MachineObject, frame: &ObjectFrame) -> Option<SkinMesh> {
+        let influences = object.influences.as_ref()?;
+        Some(SkinMesh {
+            name: object.name.clone(),
+            rest: frame.written.as_ref().unwrap_or(&object.rest).clone(),
+            influences: influences.iter().flatten().copied().collect(),
+            palette: frame.palette.clone(),
+        })
+    }
+
+    /// An object bound at random, the same for the same seed: every vertex to 1 to 4 of up to `joints` random matrices.
+    pub fn bound_at_random(
+        format: Format,
+        object: &MachineObject,
+        joints: u32,
+        seed: u64,
+    ) -> SkinMesh {
+        let mut rng = fastrand::Rng::with_seed(seed);
+        let a = Arithmetic::new(format);
+        let joints = rng.u32(1..=joints);
+        let palette = (0..joints).map(|_| -> Columns {
+            std::array::from_fn(|_| std::array::from_fn(|_| a.round(2.0 * rng.f64() - 1.0)))
+        });
+        let palette = palette.collect();
+        let influences = object.rest.iter().flat_map(|_| {
+            let follows = rng.usize(1..=MOST_INFLUENCES);
+            let influence = |k| Influence {
+                joint: rng.u32(..joints) as u8,
+                weight: a.round(rng.f64()),
+                last: k == follows,
+            };
+            (1..=follows).map(influence).collect::<Vec<_>>()
+        });
+        SkinMesh {
+            name: object.name.clone(),
+            rest: object.rest.clone(),
+            influences: influences.collect(),
+            palette,
+        }
+    }
+}
+
+/// What the unit is given to do.
+#[derive(Clone, Copy, Debug)]
+pub enum Workload<'a> {
+    /// These meshes, one after another.
+    Meshes(&'a [SkinMesh]),
+    /// Random meshes, small more often than not, full of special values, until so many vertices are skinned.
+    Random { vertices: u64 },
+}
+
+/// The memories around the unit.
+#[derive(Clone, Debug)]
+pub struct SkinArrays {
+    /// Words of [`Record::influence_row`] records.
+    pub influences: Vec<u32>,
+    /// [`Record::vertex`] records: palettes, vertices at rest, vertices to write.
+    pub vertices: Image,
+}
+
+impl SkinArrays {
+    /// Memories that hold one mesh, and the command that skins it: vertices to write first, from index 0 on, then those at
+    /// rest, then the palette.
+    ///
+    /// # Errors
+    /// Where a mesh has more vectors than can be counted.
+    pub fn of_mesh(format: Format, mesh: &SkinMesh) -> Result<(SkinArrays, SkinCommand)> {
+        let count = mesh.rest.len();
+        let mut vectors = vec![[0.0; 3]; count];
+        vectors.extend(&mesh.rest);
+        vectors.extend(mesh.palette.as_flattened());
+        ensure!(
+            u32::try_from(vectors.len()).is_ok(),
+            "{}: {} vectors are too many",
+            mesh.name,
+            vectors.len()
+        );
+        let arrays = SkinArrays {
+            influences: influence_words(format, &mesh.influences),
+            vertices: Image::from_words(
+                vector_words(format, &vectors),
+                Record::vertex(format).width,
+            )?,
+        };
+        let command = SkinCommand {
+            palette: 2 * count as u32,
+            joints: mesh.palette.len() as u32,
+            influences: 0,
+            rows: mesh.influences.len().div_ceil(INFLUENCES_PER_ROW) as u32,
+            rest: count as u32,
+            vertices: count as u32,
+            target: 0,
+        };
+        Ok((arrays, command))
+    }
+}
+
+/// How the memories' traffic is limited beside what [`Surroundings`] say.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Traffic {
+    /// Not at all: each port has a memory of its own.
+    Separate,
+    /// One memory behind all ports that moves [`SHARED_BYTES`] a clock, reads and writes together. A record takes its
+    /// whole bytes: in Fp24 a vector 9, a row of influences 16. Ports are served in turn; at most one clock's bytes are saved up.
+    Shared,
+}
+
+/// Bytes a clock of [`Traffic::Shared`].
+pub const SHARED_BYTES: u32 = 32;
+
+/// Figures of skinning.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct SkinFigures {
+    pub name: String,
+    pub vertices: u64,
+    /// As the RTL counts them; the first is compared with the golden model's.
+    pub influences: u64,
+    /// Clocks from start to completion.
+    pub busy_cycles: u64,
+}
+
+impl SkinFigures {
+    fn add(&mut self, other: &SkinFigures) {
+        self.vertices += other.vertices;
+        self.influences += other.influences;
+        self.busy_cycles += other.busy_cycles;
+    }
+
+    pub fn influences_per_clock(&self) -> f64 {
+        self.influences as f64 / self.busy_cycles as f64
+    }
+
+    pub fn vertices_per_clock(&self) -> f64 {
+        self.vertices as f64 / self.busy_cycles as f64
+    }
+
+    /// The figures in a line.
+    pub fn summary(&self) -> String {
+        format!(
+            "{}: {} vertices, {} influences in {} clocks: {:.4} influences, {:.4} vertices a clock",
+            self.name,
+            self.vertices,
+            self.influences,
+            self.busy_cycles,
+            self.influences_per_clock(),
+            self.vertices_per_clock()
+        )
+    }
+}
+
+/// What a run found.
+#[derive(Clone, Debug)]
+pub struct SkinReport {
+    /// Meshes as its packets, vertices as its transactions.
+    pub unit: UnitReport,
+    /// Of each mesh of the workload, or of all random ones together.
+    pub meshes: Vec<SkinFigures>,
+}
+
+impl SkinReport {
+    /// The figures of all meshes together.
+    pub fn total(&self) -> SkinFigures {
+        let mut total = SkinFigures {
+            name: "all meshes".into(),
+            ..SkinFigures::default()
+        };
+        self.meshes.iter().for_each(|mesh| total.add(mesh));
+        total
+    }
+
+    /// The report in a few lines.
+    pub fn summary(&self) -> String {
+        let unit = &self.unit;
+        let mut text = format!(
+            "skinning: {} vertices of {} meshes, {} results checked, {} mismatches in {} cycles (seed {}; model {:.1} s, run {:.1} s)",
+            unit.transactions,
+            unit.packets,
+            unit.checked,
+            unit.mismatches,
+            unit.cycles,
+            unit.seed,
+            unit.model_build_s,
+            unit.simulate_s
+        );
+        for (category, count) in &unit.categories {
+            text += &format!("\n  {:28} {count:>10}", category.name());
+        }
+        for mesh in &self.meshes {
+            text += &format!("\n  {}", mesh.summary());
+        }
+        text
+    }
+}
+
+/// What the golden model says that skinning does.
+#[derive(Default)]
+struct Expected {
+    vectors: VecDeque<u32>,
+    rows: VecDeque<u32>,
+    writes: VecDeque<(u32, [u64; 3])>,
+}
+
+impl Expected {
+    fn left(&self) -> usize {
+        self.vectors.len() + self.rows.len() + self.writes.len()
+    }
+}
+
+/// The ray casting unit in simulation, given nothing but meshes to skin.
+pub struct SkinUnit {
+    bench: Bench,
+    format: Format,
+    joints: u32,
+    vector: ReadHandles,
+    row: ReadHandles,
+    write: WriteHandles,
+    start: PortHandle,
+    start_ready: PortHandle,
+    command: [PortHandle; 7],
+    done: PortHandle,
+    counters: [PortHandle; 2],
+    rng: fastrand::Rng,
+    /// Meshes so far, to give every memory of each a seed of its own.
+    meshes: u64,
+}
+
+impl SkinUnit {
+    /// Builds the ray casting unit of a machine and resets it.
+    ///
+    /// # Errors
+    /// A tool that is missing.
+    pub fn new(config: &Config, options: &UnitOptions) -> Result<SkinUnit> {
+        let machine = emit(config)?;
+        let mut bench = Bench::new("skinning", machine.design.top(), options)?;
+        bench.model.reset(4);
+        let model = &bench.model;
+        let port = |name: &str| model.port(name);
+        Ok(SkinUnit {
+            format: config.format(),
+            joints: config.skinning_joints,
+            vector: ReadHandles::new(model, "vertex")?,
+            row: ReadHandles::new(model, "influence")?,
+            write: WriteHandles::new(model, "skin")?,
+            start: port("skin_start_valid")?,
+            start_ready: port("skin_start_ready")?,
+            command: [
+                port("skin_start_palette")?,
+                port("skin_start_joints")?,
+                port("skin_start_influences")?,
+                port("skin_start_rows")?,
+                port("skin_start_rest")?,
+                port("skin_start_vertices")?,
+                port("skin_start_target")?,
+            ],
+            done: port("skin_done")?,
+            counters: [port("count_skin_influences")?, port("count_skin_cycles")?],
+            rng: fastrand::Rng::with_seed(options.seed),
+            meshes: 0,
+            bench,
+        })
+    }
+
+    /// Clocks simulated so far, the reset's included.
+    pub fn cycles(&self) -> u64 {
+        self.bench.model.cycles()
+    }
+
+    /// Results compared so far.
+    pub fn checked(&self) -> u64 {
+        self.bench.tally.checked
+    }
+
+    /// Resets the unit and lets all that is random in what follows depend on `seed`, not on how many meshes went before.
+    pub fn restart(&mut self, seed: u64) {
+        self.bench.model.reset(4);
+        self.rng = fastrand::Rng::with_seed(seed);
+        self.meshes = 0;
+    }
+
+    /// Skins a mesh; vertex memory is then as the RTL left it, which is as the golden model says.
+    ///
+    /// # Errors
+    /// A [`super::mismatch::Mismatch`]; a command that the golden model refuses; a palette that the machine cannot hold.
+    pub fn skin(
+        &mut self,
+        arrays: &mut SkinArrays,
+        command: SkinCommand,
+        around: &Surroundings,
+        traffic: Traffic,
+    ) -> Result<SkinFigures> {
+        ensure!(
+            command.joints <= self.joints,
+            "the palette has {} joints, but skinning.joints = {}; set it to {} or more",
+            command.joints,
+            self.joints,
+            command.joints.next_power_of_two()
+        );
+        let format = self.format;
+        let mut golden_vertices = arrays.vertices.words().to_vec();
+        let mut expected = Expected::default();
+        let memory = SkinMemory {
+            format,
+            influences: &arrays.influences,
+            vertices: &mut golden_vertices,
+        };
+        let golden = skin(memory, command, |event| match event {
+            SkinEvent::VectorRead { index } => expected.vectors.push_back(index),
+            SkinEvent::RowRead { row } => expected.rows.push_back(row),
+            SkinEvent::VertexWrite { vertex, position } => {
+                expected.writes.push_back((vertex, position));
+            }
+        })?;
+        self.count(arrays, command);
+
+        let w = format.width();
+        let row_record = Record::influence_row(format);
+        let row_words = row_record.words();
+        let vector_record = Record::vertex(format);
+        let bytes = [vector_record.width, row_record.width, vector_record.width]
+            .map(|bits| bits.div_ceil(8));
+        self.meshes += 1;
+        let timing = |port: u64| around.port(3 * self.meshes + port);
+        // What takes writes pauses by itself, so that slow writes meet fast reads too.
+        let write_timing = Timing {
+            backpressure: around.pauses,
+            ..timing(2)
+        };
+        let rows = (arrays.influences.len() / row_words) as u64;
+        let mut vector_port = ReadPort::new("vertex", arrays.vertices.rows(), timing(0))?;
+        let mut row_port = ReadPort::new("influence", rows, timing(1))?;
+        let mut write_port = WritePort::new("skin_write", &[w; 3], write_timing)?;
+        let mut data = vec![0; vector_record.words()];
+
+        let values = [
+            command.palette,
+            command.joints,
+            command.influences,
+            command.rows,
+            command.rest,
+            command.vertices,
+            command.target,
+        ];
+        for (port, value) in self.command.into_iter().zip(values) {
+            self.bench.model.set(port, value.into());
+        }
+        let before = self.counters.map(|port| self.bench.model.get(port));
+        let (mut vector_answer, mut row_answer) = (None::<ReadResponse>, None::<ReadResponse>);
+        let (mut started, mut idle, mut turn, mut budget) = (false, 0, 0, SHARED_BYTES);
+        loop {
+            let pauses = around.pauses > 0.0 && self.rng.f64() < around.pauses;
+            let starts = !started && !pauses;
+            let model = &mut self.bench.model;
+            let vector_request = self.vector.request(model);
+            let row_request = self.row.request(model);
+            let offered = [
+                vector_request.is_some() && vector_port.ready(),
+                row_request.is_some() && row_port.ready(),
+                model.get(self.write.valid) != 0 && write_port.ready(),
+            ];
+            let mut granted = [true; 3];
+            if traffic == Traffic::Shared {
+                granted = [false; 3];
+                let first = turn;
+                for port in (0..3).map(|k| (first + k) % 3) {
+                    if offered[port] && bytes[port] <= budget {
+                        granted[port] = true;
+                        budget -= bytes[port];
+                        turn = port + 1;
+                    }
+                }
+                budget = budget.min(SHARED_BYTES) + SHARED_BYTES;
+            }
+            let accepted: [bool; 3] = std::array::from_fn(|k| offered[k] && granted[k]);
+            let starting = starts && model.get(self.start_ready) != 0;
+
+            // For the edge.
+            model.set(self.start, starts.into());
+            let ready = [
+                (self.vector.ready, vector_port.ready()),
+                (self.row.ready, row_port.ready()),
+                (self.write.ready, write_port.ready()),
+            ];
+            for ((port, ready), granted) in ready.into_iter().zip(granted) {
+                model.set(port, (ready && granted).into());
+            }
+            let vector =
+                vector_answer.map_or(&[][..], |answer| arrays.vertices.row(answer.address));
+            self.vector.respond(model, vector_answer, vector);
+            let row = row_answer.map_or(&[][..], |answer| {
+                &arrays.influences[answer.address as usize * row_words..][..row_words]
+            });
+            self.row.respond(model, row_answer, row);
+
+            // What the unit does at it.
+            if accepted[0] {
+                let rtl = vector_request.map_or(0, |request| request.address);
+                self.ordered("vector read", expected.vectors.pop_front(), rtl)?;
+            }
+            if accepted[1] {
+                let rtl = row_request.map_or(0, |request| request.address);
+                self.ordered("row of influences read", expected.rows.pop_front(), rtl)?;
+            }
+            if accepted[2] {
+                let next = expected.writes.pop_front();
+                let left = expected.writes.len() as u64;
+                self.vertex_written(next, golden.vertices - left)?;
+            }
+            let model = &self.bench.model;
+            vector_answer = vector_port.step(vector_request.filter(|_| granted[0]))?;
+            row_answer = row_port.step(row_request.filter(|_| granted[1]))?;
+            if accepted[2] {
+                model.get_words(self.write.data, &mut data);
+            }
+            let write = WriteRequest {
+                address: model.get(self.write.address),
+                data: &data,
+                mask: 0b111,
+            };
+            write_port.step(accepted[2].then_some(write), &mut arrays.vertices)?;
+            self.bench.model.clock();
+
+            started |= starting;
+            if self.bench.model.get(self.done) != 0 {
+                break;
+            }
+            let progress = starting || accepted.contains(&true);
+            idle = if progress { 0 } else { idle + 1 };
+            if idle > around.patience() {
+                let place = format!(
+                    "nothing happens for {idle} clocks, with {} vertices to be written",
+                    expected.writes.len()
+                );
+                return Err(self.bench.mismatch(place, vec![]));
+            }
+        }
+        self.finish(before, golden, &expected, &golden_vertices, arrays)
+    }
+
+    /// What comes of it, after the last clock.
+    fn finish(
+        &mut self,
+        before: [u64; 2],
+        golden: Skinned,
+        expected: &Expected,
+        golden_vertices: &[u32],
+        arrays: &SkinArrays,
+    ) -> Result<SkinFigures> {
+        let model = &mut self.bench.model;
+        model.set(self.start, 0);
+        for port in [
+            self.vector.ready,
+            self.row.ready,
+            self.write.ready,
+            self.vector.response_valid,
+            self.row.response_valid,
+        ] {
+            model.set(port, 0);
+        }
+        let after = self.counters.map(|port| self.bench.model.get(port));
+        let [influences, busy] = std::array::from_fn(|k| after[k] - before[k]);
+        if (influences, expected.left()) != (golden.influences, 0) {
+            let fields = vec![
+                Field::integer("influences", golden.influences, influences),
+                Field::integer("reads and writes left", 0, expected.left() as u64),
+            ];
+            return Err(self.bench.mismatch("after a mesh", fields));
+        }
+        let rtl = arrays.vertices.words();
+        let differs = golden_vertices.iter().zip(rtl).position(|(g, r)| g != r);
+        if let Some(word) = differs {
+            let fields = vec![Field::integer(
+                "word",
+                golden_vertices[word].into(),
+                rtl[word].into(),
+            )];
+            let place = format!("word {word} of vertex memory after a mesh");
+            return Err(self.bench.mismatch(place, fields));
+        }
+        let tally = &mut self.bench.tally;
+        tally.packets += 1;
+        tally.transactions += golden.vertices;
+        tally.checked += 1;
+        Ok(SkinFigures {
+            name: String::new(),
+            vertices: golden.vertices,
+            influences,
+            busy_cycles: busy,
+        })
+    }
+
+    /// Counts what a mesh will meet. The golden model has found the command to be good.
+    fn count(&mut self, arrays: &SkinArrays, command: SkinCommand) {
+        let format = self.format;
+        let vector_record = Record::vertex(format);
+        let vector = |index: u32| {
+            let words = arrays.vertices.row(index.into());
+            ["x", "y", "z"].map(|name| format.to_f64(vector_record.get(words, name)))
+        };
+        let row_words = Record::influence_row(format).words();
+        let rows = command.influences as usize * row_words;
+        let rows = &arrays.influences[rows..rows + command.rows as usize * row_words];
+        let influences = influences_of_words(format, rows);
+        let categories = &mut self.bench.tally.categories;
+        let mut place = 0;
+        for number in 0..command.vertices {
+            let first = place;
+            let mut numbers = vector(command.rest + number).to_vec();
+            loop {
+                let influence = influences[place];
+                place += 1;
+                numbers.push(influence.weight);
+                let columns = command.palette + 4 * u32::from(influence.joint);
+                numbers.extend((columns..columns + 4).flat_map(vector));
+                if influence.last {
+                    break;
+                }
+            }
+            let by_count = [
+                Category::OneInfluence,
+                Category::TwoInfluences,
+                Category::ThreeInfluences,
+                Category::FourInfluences,
+            ];
+            categories.count(by_count[place - first - 1], true);
+            let split = first / INFLUENCES_PER_ROW != (place - 1) / INFLUENCES_PER_ROW;
+            categories.count(Category::InTwoRows, split);
+            let any = |is: fn(&f64) -> bool| numbers.iter().any(is);
+            categories.count(Category::Nan, any(|x| x.is_nan()));
+            categories.count(Category::Infinity, any(|x| x.is_infinite()));
+            let negative_zero = any(|x| *x == 0.0 && x.is_sign_negative());
+            categories.count(Category::SignedZero, negative_zero);
+        }
+        categories.count(Category::FullPalette, command.joints == self.joints);
+        categories.count(Category::OneVertex, command.vertices == 1);
+    }
+
+    fn ordered(&mut self, what: &str, golden: Option<u32>, rtl: u64) -> Result<()> {
+        self.bench.tally.checked += 1;
+        match golden.map(u64::from) {
+            Some(golden) if golden == rtl => Ok(()),
+            Some(golden) => {
+                let fields = vec![Field::integer("index", golden, rtl)];
+                Err(self.bench.mismatch(what, fields))
+            }
+            None => Err(self
+                .bench
+                .mismatch(format!("one {what} too many, at {rtl}"), vec![])),
+        }
+    }
+
+    fn vertex_written(&mut self, golden: Option<(u32, [u64; 3])>, number: u64) -> Result<()> {
+        self.bench.tally.checked += 1;
+        let (model, w) = (&self.bench.model, self.format.width());
+        let address = model.get(self.write.address);
+        let Some((vertex, position)) = golden else {
+            let place = format!("one vertex too many is written, at {address}");
+            return Err(self.bench.mismatch(place, vec![]));
+        };
+        let rtl: [u64; 3] =
+            std::array::from_fn(|k| model.get_field(self.write.data, k as u32 * w, w));
+        if (address, rtl) == (vertex.into(), position) {
+            return Ok(());
+        }
+        let mut fields = vec![Field::integer("vertex", vertex.into(), address)];
+        for (name, (golden, rtl)) in ["x", "y", "z"]
+            .into_iter()
+            .zip(position.into_iter().zip(rtl))
+        {
+            fields.push(Field::number(name, self.format, golden, rtl));
+        }
+        Err(self
+            .bench
+            .mismatch(format!("vertex write {number} of a mesh"), fields))
+    }
+}
+
+/// Co-simulates the skinning processor of a machine.
+///
+/// # Errors
+/// A tool that is missing; a mesh that the machine cannot hold. A mismatch is no error here: it is in the report.
+pub fn run(
+    config: &Config,
+    workload: Workload<'_>,
+    traffic: Traffic,
+    options: &UnitOptions,
+) -> Result<SkinReport> {
+    let mut unit = SkinUnit::new(config, options)?;
+    let mut rng = fastrand::Rng::with_seed(options.seed ^ 0x736b_696e);
+    let mut meshes = vec![];
+    let ended = match workload {
+        Workload::Meshes(all) => all.iter().try_for_each(|mesh| {
+            let around = surroundings(options, &mut rng);
+            let (mut arrays, command) = SkinArrays::of_mesh(config.format(), mesh)?;
+            check_capacity(config, &arrays)?;
+            let mut figures = unit.skin(&mut arrays, command, &around, traffic)?;
+            figures.name.clone_from(&mesh.name);
+            meshes.push(figures);
+            Ok(())
+        }),
+        Workload::Random { vertices } => {
+            let mut total = SkinFigures {
+                name: "random meshes".into(),
+                ..SkinFigures::default()
+            };
+            let mut ended = Ok(());
+            while ended.is_ok() && total.vertices < vertices {
+                let around = surroundings(options, &mut rng);
+                let (mut arrays, commands) = random_meshes(config, &mut rng)?;
+                // Twice over, so that what one leaves behind in the unit meets the other.
+                ended = commands.repeat(2).into_iter().try_for_each(|command| {
+                    total.add(&unit.skin(&mut arrays, command, &around, traffic)?);
+                    Ok(())
+                });
+            }
+            meshes.push(total);
+            ended
+        }
+    };
+    Ok(SkinReport {
+        unit: unit.bench.report(ended, CATEGORIES)?,
+        meshes,
+    })
+}
+
+fn surroundings(options: &UnitOptions, rng: &mut fastrand::Rng) -> Surroundings {
+    match options.surroundings {
+        Some(around) => around,
+        // Reads that come fast, vertices that are taken slowly: else the reads are what all wait for.
+        None if rng.u8(..4) == 0 => Surroundings {
+            pauses: 0.8,
+            ..Surroundings::steady(rng.u32(1..=10))
+        },
+        None => Surroundings::random(rng),
+    }
+}
+
+/// Checks that the machine's addresses reach all of the arrays.
+fn check_capacity(config: &Config, arrays: &SkinArrays) -> Result<()> {
+    let row_words = Record::influence_row(config.format()).words();
+    let most = arrays
+        .vertices
+        .rows()
+        .max((arrays.influences.len() / row_words) as u64);
+    ensure!(
+        most < 1 << config.address_bits,
+        "the meshes take {most} indices, but tree.address_bits = {} address {}; set it to {} or more",
+        config.address_bits,
+        1u64 << config.address_bits,
+        64 - most.leading_zeros()
+    );
+    Ok(())
+}
+
+/// A few random meshes together in memory, noise between them and where they are written.
+fn random_meshes(
+    config: &Config,
+    rng: &mut fastrand::Rng,
+) -> Result<(SkinArrays, Vec<SkinCommand>)> {
+    let format = config.format();
+    let vector = Record::vertex(format);
+    let row = Record::influence_row(format);
+    // All palettes may be full, and there are a few meshes.
+    let room = (1usize << config.address_bits).saturating_sub(32 * config.skinning_joints as usize);
+    let most = (room / 32).clamp(1, 4000);
+    let (mut influences, mut vertices) = (vec![], vec![]);
+    let noise = |count: usize, words: usize, rng: &mut fastrand::Rng| -> Vec<u32> {
+        std::iter::repeat_with(|| rng.u32(..))
+            .take(count * words)
+            .collect()
+    };
+    let mut commands = vec![];
+    for _ in 0..rng.usize(1..=4) {
+        let size = [1, 2, 3, 10, 60, 400, 4000][rng.usize(..7)];
+        let count = rng.usize(1..=most.min(size));
+        let joints = match rng.u8(..4) {
+            0 => config.skinning_joints,
+            1 => 1,
+            _ => rng.u32(1..=config.skinning_joints),
+        };
+        let kind = rng.u8(..4);
+        let add_vectors = |number: usize, vertices: &mut Vec<u32>, rng: &mut fastrand::Rng| {
+            let gap = rng.usize(..3);
+            vertices.extend(noise(gap, vector.words(), rng));
+            let first = vertices.len() / vector.words();
+            for _ in 0..number {
+                let start = vertices.len();
+                vertices.resize(start + vector.words(), 0);
+                for field in &vector.fields {
+                    field.set(&mut vertices[start..], random_bits(format, kind, rng));
+                }
+            }
+            first as u32
+        };
+        let palette = add_vectors(4 * joints as usize, &mut vertices, rng);
+        let rest = add_vectors(count, &mut vertices, rng);
+        let target = add_vectors(count, &mut vertices, rng);
+        // As many of each, or always the same.
+        let always = rng.usize(..=MOST_INFLUENCES);
+        let mut stream = vec![];
+        for _ in 0..count {
+            let follows = match always {
+                0 => rng.usize(1..=MOST_INFLUENCES),
+                always => always,
+            };
+            stream.extend((1..=follows).map(|k| Influence {
+                joint: rng.u32(..joints) as u8,
+                weight: format.to_f64(random_bits(format, kind, rng) & !format.sign_bit()),
+                last: k == follows,
+            }));
+        }
+        let gap = rng.usize(..3);
+        influences.extend(noise(gap, row.words(), rng));
+        let first_row = influences.len() / row.words();
+        influences.extend(influence_words(format, &stream));
+        commands.push(SkinCommand {
+            palette,
+            joints,
+            influences: first_row as u32,
+            rows: stream.len().div_ceil(INFLUENCES_PER_ROW) as u32,
+            rest,
+            vertices: count as u32,
+            target,
+        });
+    }
+    let arrays = SkinArrays {
+        influences,
+        vertices: Image::from_words(vertices, vector.width)?,
+    };
+    check_capacity(config, &arrays)?;
+    Ok((arrays, commands))
+}
+
+/// A number's bit pattern: any at all, one of few, or one of moderate size with now and then a special one among them.
+fn random_bits(format: Format, kind: u8, rng: &mut fastrand::Rng) -> u64 {
+    let special = [f64::NAN, f64::INFINITY, f64::NEG_INFINITY, 0.0, -0.0];
+    let moderate = |rng: &mut fastrand::Rng| {
+        let bias = (format.exponent_mask() >> 1) as i64;
+        let reach = bias.min(4);
+        let exponent = (bias + rng.i64(-reach + 1..=reach)) as u64;
+        let fraction = rng.u64(..=format.fraction_mask());
+        let sign = if rng.bool() { format.sign_bit() } else { 0 };
+        sign | exponent << format.fraction_bits() | fraction
+    };
+    match kind {
+        0 => rng.u64(..1 << format.width()),
+        1 => format.to_bits(f64::from(rng.i8(-1..=1)) * [1.0, -1.0][rng.usize(..2)]),
+        2 if rng.u8(..16) == 0 => format.to_bits(special[rng.usize(..5)]),
+        _ => moderate(rng),
+    }
+}

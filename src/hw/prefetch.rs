@@ -1,0 +1,102 @@
+//! What reads a stream from memory ahead of its use, and what keeps a part of limited room from overflowing.
+
+use crate::hdl::{Builder, HdlError, Module, Signal, Style, bits_for};
+use std::rc::Rc;
+
+/// The choice that an index names, by a tree of choices between two.
+pub(super) fn pick<'b>(index: Signal<'b>, choices: &[Signal<'b>]) -> Signal<'b> {
+    if let [only] = choices {
+        return *only;
+    }
+    let half = choices.len().next_power_of_two() / 2;
+    let (low, high) = choices.split_at(half);
+    index
+        .bit(half.trailing_zeros())
+        .mux(pick(index, high), pick(index, low))
+}
+
+/// Reads ahead: takes addresses while it has room for their words, requests them through a tagged read port that may
+/// answer in any order, and gives the words out in the order of the addresses.
+pub(super) fn prefetch(
+    name: &str,
+    width: u32,
+    depth: u32,
+    address: u32,
+) -> Result<Rc<Module>, HdlError> {
+    let m = Builder::new(
+        name,
+        format!(
+            "requests up to {depth} words ahead through a tagged read port and gives them out in order."
+        ),
+    );
+    let tag = bits_for(u64::from(depth));
+    let count_bits = bits_for(u64::from(depth) + 1);
+    m.group("Addresses to read, taken where fetch_ready is high");
+    let fetch_valid = m.input("fetch_valid", 1);
+    let fetch_address = m.input("fetch_address", address);
+    m.group("Memory: requests");
+    let request_ready = m.input("request_ready", 1);
+    m.group("Memory: answers, of any latency, in any order");
+    let response_valid = m.input("response_valid", 1);
+    let response_tag = m.input("response_tag", tag);
+    let response_data = m.input("response_data", width);
+    m.group("The words in order; pop takes the front word, and only where valid is high");
+    let pop = m.input("pop", 1);
+
+    m.comment("A request takes a slot, whose number is its tag; the slot is free again when its word is the front.");
+    let head = m.reg_reset("head", tag, 0);
+    let tail = m.reg_reset("tail", tag, 0);
+    let count = m.reg_reset("count", count_bits, 0);
+    let arrived = m.reg_reset("arrived", depth, 0);
+    let front_valid = m.reg_reset("front_valid", 1, 0);
+    let room = count.q.ne(m.lit(depth, count_bits)).named("room");
+    let requested = (fetch_valid & request_ready & room).named("requested");
+    let arrived_bits: Vec<_> = (0..depth).map(|i| arrived.q.bit(i)).collect();
+    let head_arrived = pick(head.q, &arrived_bits).named("head_arrived");
+    let advance = (head_arrived & (!front_valid.q | pop)).named("advance");
+    let last_slot = u128::from(depth) - 1;
+    let (one, zero) = (m.lit(1u8, tag), m.zero(tag));
+    head.next_when(advance, head.q.equals(last_slot).mux(zero, head.q + one));
+    tail.next_when(requested, tail.q.equals(last_slot).mux(zero, tail.q + one));
+    let unit = m.lit(1u8, count_bits);
+    count.next_when(
+        requested ^ advance,
+        requested.mux(count.q + unit, count.q - unit),
+    );
+    let lowest = m.lit(1u8, depth);
+    let comes = lowest.shl(response_tag) & response_valid.repeat(depth);
+    let goes = lowest.shl(head.q) & advance.repeat(depth);
+    arrived.next((arrived.q | comes) & !goes);
+
+    let words = m.memory("words", depth, width, Style::Distributed);
+    words.write(response_valid, response_tag, response_data);
+    let front = m.reg("front_word", width);
+    front.next_when(advance, words.read_now(head.q));
+    front_valid.next(advance | (front_valid.q & !pop));
+
+    m.output("fetch_ready", request_ready & room);
+    m.output("request_valid", fetch_valid & room);
+    m.output("request_address", fetch_address);
+    m.output("request_tag", tail.q);
+    m.output("valid", front_valid.q);
+    m.output("front", front.q);
+    m.group("Whether no word is under way or in here");
+    m.output("empty", !(count.q.any() | front_valid.q));
+    m.finish()
+}
+
+/// A count of what is under way in a part of limited room. Returns whether there is room for one more, and whether
+/// there is any.
+pub(super) fn occupancy<'b>(
+    m: &'b Builder,
+    name: &str,
+    most: u32,
+    comes: Signal<'b>,
+    goes: Signal<'b>,
+) -> (Signal<'b>, Signal<'b>) {
+    let bits = bits_for(u64::from(most) + 1);
+    let count = m.reg_reset(name, bits, 0);
+    let one = m.lit(1u8, bits);
+    count.next_when(comes ^ goes, comes.mux(count.q + one, count.q - one));
+    (count.q.ne(m.lit(most, bits)), count.q.any())
+}

@@ -1,0 +1,304 @@
+//! A scene that moves, in the machine's numbers.
+//!
+//! The world is scaled by the greatest power of two with which its box over all frames fits, every object by one of its own: the
+//! vertices of each use the number format to the full however large the object stands in the world. A skinned object's
+//! vertices are the world's, since its palette leads there; only those at rest have a scale of their own. What
+//! leads from one space to another carries the scales: it is computed in double precision and rounded once.
+
+use super::{Animated, Extents, Matrix3x4, Pose};
+use crate::bkd::layout::{Columns, Influence};
+use crate::float::{Arithmetic, Format};
+use crate::scene::machine::{log2_scale, power_of_two};
+use anyhow::{Context, Result, bail, ensure};
+
+/// What of a scene stays as it is from frame to frame.
+#[derive(Clone, Debug, PartialEq)]
+pub struct MachineScene {
+    /// The format whose numbers vertices, weights and palettes are.
+    pub format: Format,
+    /// A scene coordinate times 2^`log2_scale` is a machine coordinate of the world.
+    pub log2_scale: i32,
+    /// One for each of [`Animated::objects`].
+    pub objects: Vec<MachineObject>,
+    /// Objects' places, one for each of [`Animated::instances`].
+    pub instances: Vec<usize>,
+}
+
+/// An object in the machine's numbers.
+#[derive(Clone, Debug, PartialEq)]
+pub struct MachineObject {
+    pub name: String,
+    /// An object's coordinate times 2^`log2_scale` is a machine coordinate of the space in which its tree stands. Of a
+    /// skinned object that is the world.
+    pub log2_scale: i32,
+    /// The same of vertices as the host gives them: of a skinned object those at rest, else equal to `log2_scale`.
+    pub rest_log2_scale: i32,
+    /// As the host gives them, rounded once; −0 does not occur.
+    pub rest: Vec<[f64; 3]>,
+    /// Three indices into `rest` each, as in the object's mesh.
+    pub triangles: Vec<[u32; 3]>,
+    /// Of a skinned object those of each vertex, 1 to 4, the last one marked.
+    pub influences: Option<Vec<Vec<Influence>>>,
+}
+
+/// What the host gives the machine in a frame.
+#[derive(Clone, Debug, PartialEq)]
+pub struct MachineFrame {
+    /// One for each object.
+    pub objects: Vec<ObjectFrame>,
+    /// One for each instance: from its object's space to the world, both in machine coordinates, in double precision. (The
+    /// machine wants the inverse, rounded.)
+    pub instances: Vec<Matrix3x4>,
+}
+
+/// The part of a frame that is one object's.
+#[derive(Clone, Debug, PartialEq)]
+pub struct ObjectFrame {
+    /// Vertices that the host writes this frame, if it writes any: those at rest of a skinned object.
+    pub written: Option<Vec<[f64; 3]>>,
+    /// Of a skinned object a matrix a joint, from vertices at rest to the world, both in machine coordinates; else empty.
+    pub palette: Vec<Columns>,
+}
+
+impl MachineScene {
+    /// Scales and rounds a scene whose boxes over all frames to be shown are `extents`, for a machine whose palette holds
+    /// `joints` matrices.
+    ///
+    /// # Errors
+    /// One line that names the object: more joints than the machine's palette holds, or a scale that is no number.
+    pub fn new(
+        scene: &Animated,
+        extents: &Extents,
+        format: Format,
+        joints: u32,
+    ) -> Result<MachineScene> {
+        let arithmetic = Arithmetic::new(format);
+        let world =
+            log2_scale(extents.world, format).with_context(|| format!("scene {}", scene.name))?;
+        let objects = std::iter::zip(&scene.objects, &extents.objects).map(|(object, extents)| {
+            let of = |bounds| {
+                log2_scale(bounds, format)
+                    .with_context(|| format!("scene {}: {}", scene.name, object.name))
+            };
+            let (log2_scale, rest_log2_scale) = match object.skin() {
+                Some(_) => (world, of(extents.rest)?),
+                None => {
+                    let own = of(extents.posed)?;
+                    (own, own)
+                }
+            };
+            let influences = match object.skin() {
+                None => None,
+                Some(skin) => {
+                    let count = skin.joint_count();
+                    ensure!(
+                        count <= joints as usize,
+                        "scene {}: {} has {count} joints, but the machine's palette holds {joints}; raise skinning.joints, or bind the object to fewer",
+                        scene.name,
+                        object.name
+                    );
+                    let of_vertex = |of: &super::Influences| {
+                        let n = of.count();
+                        let influence = |k: usize| Influence {
+                            joint: of.joints[k] as u8,
+                            weight: arithmetic.round(of.weights[k]),
+                            last: k + 1 == n,
+                        };
+                        (0..n).map(influence).collect()
+                    };
+                    Some(skin.influences.iter().map(of_vertex).collect())
+                }
+            };
+            Ok(MachineObject {
+                name: object.name.clone(),
+                log2_scale,
+                rest_log2_scale,
+                rest: rounded(&arithmetic, &object.mesh.positions, rest_log2_scale),
+                triangles: object.mesh.triangles.clone(),
+                influences,
+            })
+        });
+        Ok(MachineScene {
+            format,
+            log2_scale: world,
+            objects: objects.collect::<Result<_>>()?,
+            instances: scene.instances.iter().map(|i| i.object).collect(),
+        })
+    }
+
+    /// A pose of the scene that this was made from.
+    ///
+    /// # Errors
+    /// One line that names the object and the joint if the format cannot hold a palette's number.
+    ///
+    /// # Panics
+    /// If the pose is another scene's.
+    pub fn frame(&self, pose: &Pose) -> Result<MachineFrame> {
+        let arithmetic = Arithmetic::new(self.format);
+        assert_eq!(pose.objects.len(), self.objects.len());
+        assert_eq!(pose.instances.len(), self.instances.len());
+        let objects = std::iter::zip(&self.objects, &pose.objects).map(|(object, pose)| {
+            let written = (pose.positions.as_ref())
+                .map(|positions| rounded(&arithmetic, positions, object.rest_log2_scale));
+            let palette = pose.palette.iter().enumerate().map(|(joint, matrix)| {
+                let [from, to] = [object.rest_log2_scale, object.log2_scale];
+                let scaled = rescaled(matrix, from, to);
+                let columns: Columns = std::array::from_fn(|column| {
+                    std::array::from_fn(|row| arithmetic.round(scaled[row][column]) + 0.0)
+                });
+                ensure!(
+                    columns.as_flattened().iter().all(|x| x.is_finite()),
+                    "{}: the matrix of joint {joint} has a number that {} cannot hold; bring its scale towards 1, or give the format more exponent bits",
+                    object.name,
+                    self.format
+                );
+                Ok(columns)
+            });
+            Ok(ObjectFrame {
+                written,
+                palette: palette.collect::<Result<_>>()?,
+            })
+        });
+        let instances = std::iter::zip(&self.instances, &pose.instances);
+        Ok(MachineFrame {
+            objects: objects.collect::<Result<_>>()?,
+            instances: instances
+                .map(|(&object, matrix)| {
+                    let object = &self.objects[object];
+                    // A skinned object's matrix is the identity, and so are its scales' quotient.
+                    rescaled(matrix, object.log2_scale, self.log2_scale)
+                })
+                .collect(),
+        })
+    }
+
+    /// Whether all frames can be cast in one level: there is one instance, and it always stands where its object's
+    /// space is the world's.
+    pub fn is_one_level(&self, frames: &[MachineFrame]) -> bool {
+        let identity = |frame: &MachineFrame| frame.instances == [super::IDENTITY];
+        self.instances.len() == 1 && frames.iter().all(identity)
+    }
+
+    /// Checks that an object's vertices, after skinning, are numbers, those at least that triangles use.
+    ///
+    /// # Errors
+    /// One line that names the object and the vertex.
+    pub fn check_vertices(&self, object: usize, vertices: &[[f64; 3]]) -> Result<()> {
+        let object = &self.objects[object];
+        for &vertex in object.triangles.iter().flatten() {
+            if vertices[vertex as usize].iter().any(|x| !x.is_finite()) {
+                bail!(
+                    "{}: vertex {vertex} leaves the numbers of {} on its way to {:?}; give the format more exponent bits",
+                    object.name,
+                    self.format,
+                    vertices[vertex as usize]
+                );
+            }
+        }
+        Ok(())
+    }
+}
+
+/// Positions scaled and rounded once, −0 to +0.
+fn rounded(arithmetic: &Arithmetic, positions: &[[f64; 3]], log2_scale: i32) -> Vec<[f64; 3]> {
+    let scale = power_of_two(log2_scale);
+    let number = |x: f64| arithmetic.round(x * scale) + 0.0;
+    positions.iter().map(|p| p.map(number)).collect()
+}
+
+/// A matrix between spaces of which the one that it leads from is scaled by 2^`from`, the other by 2^`to`.
+fn rescaled(matrix: &Matrix3x4, from: i32, to: i32) -> Matrix3x4 {
+    let scale = power_of_two(to);
+    // In two steps, since the quotient alone may be no number.
+    let linear = |x: f64| x * scale / power_of_two(from);
+    matrix.map(|[x, y, z, w]| [linear(x), linear(y), linear(z), w * scale])
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::{IDENTITY, load_animated, skin_f64, transform_point};
+    use super::*;
+    use crate::golden::skinning::skin_vertices;
+
+    #[test]
+    fn water_stands_in_one_level_and_fills_the_range() {
+        let scene = load_animated("builtin:water?resolution=8").unwrap();
+        let clip = scene.clip(None).unwrap();
+        let times = scene.clips[0].frame_times(3);
+        let extents = scene.extents(clip, &times).unwrap();
+        let machine = MachineScene::new(&scene, &extents, Format::FP24, 256).unwrap();
+        let frames: Vec<_> = times
+            .iter()
+            .map(|&t| machine.frame(&scene.pose(clip, t).unwrap()).unwrap())
+            .collect();
+        assert!(machine.is_one_level(&frames));
+        assert_eq!(machine.objects[0].log2_scale, machine.log2_scale);
+        let written = frames.iter().flat_map(|f| f.objects[0].written.as_ref());
+        let greatest = written
+            .flatten()
+            .flatten()
+            .fold(0f64, |g, x| g.max(x.abs()));
+        assert!(greatest > 128.0 && greatest <= 256.0, "{greatest}");
+    }
+
+    #[test]
+    fn skinning_in_machine_numbers_is_skinning_scaled() {
+        let scene = load_animated("builtin:figure?detail=36").unwrap();
+        let clip = scene.clip(Some("walk")).unwrap();
+        let times = scene.clips[clip.unwrap()].frame_times(4);
+        let extents = scene.extents(clip, &times).unwrap();
+        let machine = MachineScene::new(&scene, &extents, Format::FP24, 32).unwrap();
+        let pose = scene.pose(clip, times[1]).unwrap();
+        let frame = machine.frame(&pose).unwrap();
+        let object = &machine.objects[0];
+        let influences = object.influences.as_ref().unwrap().concat();
+        let arithmetic = Arithmetic::new(machine.format);
+        let palette = &frame.objects[0].palette;
+        let skinned = skin_vertices(&arithmetic, &object.rest, &influences, palette);
+        let skin = scene.objects[0].skin().unwrap();
+        let positions = &scene.objects[0].mesh.positions;
+        let exact = skin_f64(positions, &skin.influences, &pose.objects[0].palette);
+        let scale = power_of_two(machine.log2_scale);
+        for (skinned, exact) in skinned.iter().zip(&exact) {
+            for (x, y) in skinned.iter().zip(exact) {
+                // A few roundings of numbers up to 512.
+                assert!((x - y * scale).abs() < 0.05, "{x} {}", y * scale);
+            }
+        }
+        machine.check_vertices(0, &skinned).unwrap();
+        assert!(machine.is_one_level(&[frame]));
+    }
+
+    #[test]
+    fn instances_carry_both_scales() {
+        let mut matrix = IDENTITY;
+        matrix[0] = [3.0, 0.5, 0.0, 10.0];
+        let scaled = rescaled(&matrix, 4, -2);
+        let [x, _, _] = transform_point(&scaled, [16.0, 32.0, 0.0]);
+        // The point (1, 2, 0) goes to x = 3 + 1 + 10.
+        assert_eq!(x, 14.0 / 4.0);
+    }
+
+    #[test]
+    fn too_many_joints_and_too_great_numbers_are_refused() {
+        let scene = load_animated("builtin:figure?detail=36").unwrap();
+        let extents = scene.extents(None, &[0.0]).unwrap();
+        let fault = MachineScene::new(&scene, &extents, Format::FP24, 16).unwrap_err();
+        assert_eq!(
+            fault.to_string(),
+            "scene figure: figure has 21 joints, but the machine's palette holds 16; raise skinning.joints, or bind the object to fewer"
+        );
+        let machine = MachineScene::new(&scene, &extents, Format::FP24, 32).unwrap();
+        let mut pose = scene.pose(None, 0.0).unwrap();
+        pose.objects[0].palette[3][1][1] = 1e30;
+        let fault = machine.frame(&pose).unwrap_err().to_string();
+        assert!(
+            fault.starts_with("figure: the matrix of joint 3 has a number that "),
+            "{fault}"
+        );
+        let object = &machine.objects[0];
+        let mut vertices = object.rest.clone();
+        vertices[object.triangles[0][0] as usize][2] = f64::INFINITY;
+        assert!(machine.check_vertices(0, &vertices).is_err());
+    }
+}

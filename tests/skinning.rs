@@ -1,0 +1,231 @@
+//! The skinning processor, in all bits against the golden model: random meshes under memory latencies from 1 to 100 clocks
+//! and back-pressure of every kind, and whole meshes at its full pace.
+//!
+//! Tests print their seed; `DYNRT_SEED=… cargo test --test skinning` replays them. With `DYNRT_FULL=1` a million vertices
+//! are skinned, else a tenth of them.
+
+#[allow(dead_code)]
+mod common;
+
+use common::shared_scene;
+use dynrt::bkd::{Columns, Influence};
+use dynrt::config::{Config, TriangleTest};
+use dynrt::cosim::scoreboard::{Fault, Surroundings, UnitOptions};
+use dynrt::cosim::unit_skinning::{SkinFigures, SkinMesh, SkinReport, Traffic, Workload, run};
+use dynrt::float::Arithmetic;
+use dynrt::scene::load_animated;
+
+fn seed() -> u64 {
+    let seed = match std::env::var("DYNRT_SEED") {
+        Ok(text) => text.parse().expect("DYNRT_SEED must be a number"),
+        Err(_) => fastrand::u64(..),
+    };
+    println!("replay with DYNRT_SEED={seed}");
+    seed
+}
+
+/// So many in the full mode, a tenth of them else.
+fn share(vertices: u64) -> u64 {
+    let full = std::env::var_os("DYNRT_FULL").is_some_and(|value| value == "1");
+    let share = if full { vertices } else { vertices / 10 };
+    println!("{share} of {vertices} vertices (all with DYNRT_FULL=1)");
+    share
+}
+
+fn check(
+    config: &Config,
+    workload: Workload<'_>,
+    traffic: Traffic,
+    options: &UnitOptions,
+) -> SkinReport {
+    let report = run(config, workload, traffic, options).unwrap_or_else(|e| panic!("{e:#}"));
+    println!("{}, {}", config.name, report.summary());
+    report.unit.verdict().unwrap_or_else(|e| panic!("{e:#}"));
+    report
+}
+
+/// So many vertices of random meshes.
+fn random(config: &Config, vertices: u64, seed: u64) -> SkinReport {
+    let workload = Workload::Random { vertices };
+    let report = check(config, workload, Traffic::Separate, &UnitOptions::new(seed));
+    assert!(report.unit.transactions >= vertices);
+    assert!(report.unit.checked > report.unit.packets);
+    report
+}
+
+#[test]
+fn random_meshes_on_the_reference_machine() {
+    let report = random(&Config::reference(), share(1_000_000), seed());
+    for (category, count) in &report.unit.categories {
+        assert!(*count > 0, "no {}", category.name());
+    }
+}
+
+/// Machines that differ from the reference in all that shapes the unit.
+fn others() -> Vec<Config> {
+    vec![
+        Config::load("tiny").unwrap(),
+        Config {
+            name: "least queues, 3-bit exponent and 2-bit fraction, 66 MHz, Möller–Trumbore".into(),
+            exponent_bits: 3,
+            fraction_bits: 2,
+            clock_mhz: 66,
+            triangle_test: TriangleTest::MollerTrumbore,
+            skinning_joints: 16,
+            skinning_rows_ahead: 2,
+            skinning_vertices_ahead: 2,
+            skinning_vertices_waiting: 4,
+            ..Config::reference()
+        },
+        Config {
+            name: "odd sizes, 8-bit exponent and 23-bit fraction, 133 MHz, packets of 8".into(),
+            exponent_bits: 8,
+            fraction_bits: 23,
+            clock_mhz: 133,
+            rays_per_packet: 8,
+            packets_in_flight: 13,
+            skinning_joints: 64,
+            skinning_rows_ahead: 5,
+            skinning_vertices_ahead: 37,
+            skinning_vertices_waiting: 101,
+            address_bits: 26,
+            ..Config::reference()
+        },
+    ]
+}
+
+#[test]
+fn random_meshes_on_other_machines() {
+    let seed = seed();
+    let vertices = share(100_000);
+    for config in others() {
+        random(&config, vertices, seed);
+    }
+}
+
+/// The skinned objects of a scene half through its first clip, in numbers of the machine: lengths scaled to fit 256.
+fn meshes(config: &Config, scene: &str) -> Vec<SkinMesh> {
+    let animated = load_animated(scene).unwrap();
+    let clip = animated.clip(None).unwrap();
+    let seconds = clip.map_or(0.0, |clip| animated.clips[clip].seconds / 2.0);
+    let pose = animated.pose(clip, seconds).unwrap();
+    let a = Arithmetic::new(config.format());
+    let skinned = animated.objects.iter().zip(&pose.objects);
+    skinned
+        .filter_map(|(object, pose)| {
+            let skin = object.skin()?;
+            let positions = pose.positions.as_ref().unwrap_or(&object.mesh.positions);
+            let lengths = positions.iter().flatten().map(|x| x.abs());
+            let limit = lengths
+                .chain(pose.palette.iter().flatten().map(|row| row[3].abs()))
+                .fold(f64::MIN_POSITIVE, f64::max);
+            let scale = (256.0 / limit).log2().floor().exp2();
+            let influences = skin.influences.iter().flat_map(|of_vertex| {
+                let count = of_vertex.count();
+                (0..count).map(move |k| Influence {
+                    joint: of_vertex.joints[k] as u8,
+                    weight: a.round(of_vertex.weights[k]),
+                    last: k + 1 == count,
+                })
+            });
+            let palette = pose.palette.iter().map(|rows| -> Columns {
+                let scale_of = |column: usize| if column == 3 { scale } else { 1.0 };
+                std::array::from_fn(|c| rows.map(|row| a.round(row[c] * scale_of(c))))
+            });
+            Some(SkinMesh {
+                name: format!("{scene}, {}", object.name),
+                rest: positions
+                    .iter()
+                    .map(|p| p.map(|x| a.round(x * scale)))
+                    .collect(),
+                influences: influences.collect(),
+                palette: palette.collect(),
+            })
+        })
+        .collect()
+}
+
+/// Meshes with one memory of 32 bytes a clock behind all ports, answering after 8 clocks.
+fn at_full_pace(meshes: &[SkinMesh]) -> Vec<SkinFigures> {
+    let options = UnitOptions {
+        surroundings: Some(Surroundings::steady(8)),
+        ..UnitOptions::new(seed())
+    };
+    let workload = Workload::Meshes(meshes);
+    check(&Config::reference(), workload, Traffic::Shared, &options).meshes
+}
+
+/// A palette and what fills the pipeline cost a few hundred clocks a mesh.
+#[test]
+fn whole_meshes_at_full_pace() {
+    let config = Config::reference();
+    let files = [
+        "fox/Fox.glb",
+        "cesium_man/CesiumMan.glb",
+        "rigged_figure/RiggedFigure.glb",
+        "robot_expressive/RobotExpressive.glb",
+        "spider/Spider.glb",
+        "hand/left.glb",
+    ];
+    let files = files.into_iter().filter_map(shared_scene);
+    let builtin = ["builtin:figure?detail=96", "builtin:figure"].map(str::to_string);
+    let scenes = builtin.into_iter().chain(files);
+    let meshes: Vec<_> = scenes.flat_map(|scene| meshes(&config, &scene)).collect();
+    let figures = at_full_pace(&meshes);
+    assert!(figures[0].influences >= 10_000, "{}", figures[0].summary());
+    for figures in figures {
+        if figures.influences >= 10_000 {
+            let pace = figures.influences_per_clock();
+            assert!(pace >= 0.95, "{}", figures.summary());
+        }
+    }
+}
+
+/// However many influences a vertex has, one goes a clock: 32 bytes are enough for a vertex read, one written and a quarter
+/// of a row each clock.
+#[test]
+fn an_influence_goes_every_clock_however_many_a_vertex_has() {
+    let count = 12_000;
+    let mesh = |per_vertex: usize| SkinMesh {
+        name: format!("{per_vertex} influences a vertex"),
+        rest: vec![[1.0, -2.0, 0.5]; count / per_vertex],
+        influences: (0..count)
+            .map(|k| Influence {
+                joint: (k % 5) as u8,
+                weight: 0.25,
+                last: (k + 1) % per_vertex == 0,
+            })
+            .collect(),
+        palette: vec![[[1.0, 0.0, 0.5], [0.25, 1.0, 0.0], [0.0, 0.5, 1.0], [1.0; 3]]; 5],
+    };
+    let meshes: Vec<_> = (1..=4).map(mesh).collect();
+    for figures in at_full_pace(&meshes) {
+        let pace = figures.influences_per_clock();
+        assert!(pace >= 0.99, "{}", figures.summary());
+    }
+}
+
+/// Faults of the kind that a designer makes are noticed.
+#[test]
+fn faults_are_mismatches() {
+    let seed = seed();
+    // Its write queue is short, so that it fills.
+    let config = Config::load("tiny").unwrap();
+    for (text, instead) in [
+        // The first pair's sum is lost, a vertex issued without room for it, the write queue's next word shown too late.
+        ("{upper_done}", "{1'b0}"),
+        ("assign room = ", "assign room = 1'b1 | "),
+        ("write_queue[next_head]", "write_queue[queue_head]"),
+    ] {
+        let options = UnitOptions {
+            fault: Some(Fault { text, instead }),
+            ..UnitOptions::new(seed)
+        };
+        let workload = Workload::Random { vertices: 10_000 };
+        let report =
+            run(&config, workload, Traffic::Separate, &options).unwrap_or_else(|e| panic!("{e:#}"));
+        assert_eq!(report.unit.mismatches, 1, "`{instead}` is not noticed");
+        assert!(report.unit.mismatch.is_some());
+        assert!(report.unit.verdict().is_err());
+    }
+}
