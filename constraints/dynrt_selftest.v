@@ -58,11 +58,11 @@ module dynrt_selftest (
   // The node memory answers two clocks after a request.
   wire node_request_valid;
   wire [21:0] node_request_address;
-  wire [5:0] node_request_tag;
+  wire [6:0] node_request_tag;
   reg  node_read;
   reg  node_response_valid;
-  reg  [5:0] node_read_tag;
-  reg  [5:0] node_response_tag;
+  reg  [6:0] node_read_tag;
+  reg  [6:0] node_response_tag;
   wire [127:0] node_word;
   reg  [127:0] node_response_data;
   always @(posedge clk) begin
@@ -77,11 +77,11 @@ module dynrt_selftest (
   // The record memory answers two clocks after a request.
   wire record_request_valid;
   wire [21:0] record_request_address;
-  wire [5:0] record_request_tag;
+  wire [6:0] record_request_tag;
   reg  record_read;
   reg  record_response_valid;
-  reg  [5:0] record_read_tag;
-  reg  [5:0] record_response_tag;
+  reg  [6:0] record_read_tag;
+  reg  [6:0] record_response_tag;
   wire [127:0] record_word;
   reg  [127:0] record_response_data;
   always @(posedge clk) begin
@@ -96,11 +96,11 @@ module dynrt_selftest (
   // The vertex memory answers two clocks after a request.
   wire vertex_request_valid;
   wire [21:0] vertex_request_address;
-  wire [7:0] vertex_request_tag;
+  wire [8:0] vertex_request_tag;
   reg  vertex_read;
   reg  vertex_response_valid;
-  reg  [7:0] vertex_read_tag;
-  reg  [7:0] vertex_response_tag;
+  reg  [8:0] vertex_read_tag;
+  reg  [8:0] vertex_response_tag;
   wire [71:0] vertex_word;
   reg  [71:0] vertex_response_data;
   always @(posedge clk) begin
@@ -162,7 +162,7 @@ module dynrt_selftest (
     endcase
   end
 
-  wire [1414:0] unread;
+  wire [1912:0] unread;
   dynrt_core core (
     .clk(clk),
     .rst(rst),
@@ -215,71 +215,108 @@ module dynrt_selftest (
     .vertex_response_valid(vertex_response_valid),
     .vertex_response_tag(vertex_response_tag),
     .vertex_response_data(vertex_response_data),
-    .count_cycles(unread[39:0]),
-    .count_packet_steps(unread[79:40]),
-    .count_ray_triangle_tests(unread[119:80]),
-    .count_tpu_busy_cycles(unread[159:120]),
-    .count_tpu_starved_cycles(unread[199:160]),
-    .count_gu_busy_cycles(unread[239:200]),
-    .count_gu_starved_cycles(unread[279:240]),
-    .stack_high_water(unread[285:280]),
-    .stack_overflow(unread[286:286]),
-    .watch_start_valid(unread[287:287]),
-    .watch_start_packet(unread[293:288]),
-    .watch_start_tag(unread[309:294]),
-    .watch_step_valid(unread[310:310]),
-    .watch_step_packet(unread[316:311]),
-    .watch_step_node(unread[338:317]),
-    .watch_step_left(unread[342:339]),
-    .watch_step_right(unread[346:343]),
-    .watch_step_left_first(unread[347:347]),
-    .watch_step_left_intervals(unread[539:348]),
-    .watch_step_right_intervals(unread[731:540]),
-    .watch_test_valid(unread[732:732]),
-    .watch_test_packet(unread[738:733]),
-    .watch_test_ray(unread[740:739]),
-    .watch_test_record(unread[762:741]),
-    .watch_test_hit(unread[763:763]),
-    .watch_test_replaces(unread[764:764]),
-    .watch_test_t(unread[788:765]),
-    .watch_test_u(unread[812:789]),
-    .watch_test_v(unread[836:813]),
+    .influence_request_ready(1'd0),
+    .influence_request_valid(unread[0:0]),
+    .influence_request_address(unread[22:1]),
+    .influence_request_tag(unread[25:23]),
+    .influence_response_valid(1'd0),
+    .influence_response_tag(3'd0),
+    .influence_response_data(128'd0),
+    .skin_start_valid(1'd0),
+    .skin_start_palette(22'd0),
+    .skin_start_joints(9'd0),
+    .skin_start_influences(22'd0),
+    .skin_start_rows(22'd0),
+    .skin_start_rest(22'd0),
+    .skin_start_vertices(22'd0),
+    .skin_start_target(22'd0),
+    .skin_start_ready(unread[26:26]),
+    .skin_write_ready(1'd0),
+    .skin_write_valid(unread[27:27]),
+    .skin_write_address(unread[49:28]),
+    .skin_write_data(unread[121:50]),
+    .skin_done(unread[122:122]),
+    .count_cycles(unread[162:123]),
+    .count_packet_steps(unread[202:163]),
+    .count_ray_triangle_tests(unread[242:203]),
+    .count_tpu_busy_cycles(unread[282:243]),
+    .count_tpu_starved_cycles(unread[322:283]),
+    .count_ray_transforms(unread[362:323]),
+    .count_gu_busy_cycles(unread[402:363]),
+    .count_gu_starved_cycles(unread[442:403]),
+    .count_skin_influences(unread[482:443]),
+    .count_skin_cycles(unread[522:483]),
+    .stack_high_water(unread[528:523]),
+    .stack_overflow(unread[529:529]),
+    .watch_start_valid(unread[530:530]),
+    .watch_start_packet(unread[536:531]),
+    .watch_start_tag(unread[552:537]),
+    .watch_step_valid(unread[553:553]),
+    .watch_step_packet(unread[559:554]),
+    .watch_step_node(unread[581:560]),
+    .watch_step_left(unread[585:582]),
+    .watch_step_right(unread[589:586]),
+    .watch_step_left_first(unread[590:590]),
+    .watch_step_left_intervals(unread[782:591]),
+    .watch_step_right_intervals(unread[974:783]),
+    .watch_test_valid(unread[975:975]),
+    .watch_test_packet(unread[981:976]),
+    .watch_test_ray(unread[983:982]),
+    .watch_test_record(unread[1005:984]),
+    .watch_test_instance(unread[1037:1006]),
+    .watch_test_hit(unread[1038:1038]),
+    .watch_test_replaces(unread[1039:1039]),
+    .watch_test_t(unread[1063:1040]),
+    .watch_test_u(unread[1087:1064]),
+    .watch_test_v(unread[1111:1088]),
+    .watch_transform_valid(unread[1112:1112]),
+    .watch_transform_packet(unread[1118:1113]),
+    .watch_transform_ray(unread[1120:1119]),
+    .watch_transform_record(unread[1142:1121]),
+    .watch_transform_near(unread[1166:1143]),
+    .watch_transform_far(unread[1190:1167]),
+    .watch_transform_origin_x(unread[1214:1191]),
+    .watch_transform_origin_y(unread[1238:1215]),
+    .watch_transform_origin_z(unread[1262:1239]),
+    .watch_transform_direction_x(unread[1286:1263]),
+    .watch_transform_direction_y(unread[1310:1287]),
+    .watch_transform_direction_z(unread[1334:1311]),
     .update_start_valid(1'd0),
     .update_start_program(22'd0),
     .update_start_rows(22'd0),
     .update_start_vertex_base(22'd0),
     .update_start_node_base(22'd0),
     .update_start_box_index(22'd0),
-    .update_start_ready(unread[837:837]),
+    .update_start_ready(unread[1335:1335]),
     .update_program_request_ready(1'd0),
-    .update_program_request_valid(unread[838:838]),
-    .update_program_request_address(unread[860:839]),
-    .update_program_request_tag(unread[863:861]),
+    .update_program_request_valid(unread[1336:1336]),
+    .update_program_request_address(unread[1358:1337]),
+    .update_program_request_tag(unread[1361:1359]),
     .update_program_response_valid(1'd0),
     .update_program_response_tag(3'd0),
     .update_program_response_data(128'd0),
     .update_vertex_request_ready(1'd0),
-    .update_vertex_request_valid(unread[864:864]),
-    .update_vertex_request_address(unread[886:865]),
-    .update_vertex_request_tag(unread[890:887]),
+    .update_vertex_request_valid(unread[1362:1362]),
+    .update_vertex_request_address(unread[1384:1363]),
+    .update_vertex_request_tag(unread[1388:1385]),
     .update_vertex_response_valid(1'd0),
     .update_vertex_response_tag(4'd0),
     .update_vertex_response_data(72'd0),
     .update_node_write_ready(1'd0),
-    .update_node_write_valid(unread[891:891]),
-    .update_node_write_address(unread[913:892]),
-    .update_node_write_mask(unread[918:914]),
-    .update_node_write_data(unread[1046:919]),
+    .update_node_write_valid(unread[1389:1389]),
+    .update_node_write_address(unread[1411:1390]),
+    .update_node_write_mask(unread[1416:1412]),
+    .update_node_write_data(unread[1544:1417]),
     .update_box_write_ready(1'd0),
-    .update_box_write_valid(unread[1047:1047]),
-    .update_box_write_address(unread[1069:1048]),
-    .update_box_write_data(unread[1213:1070]),
-    .update_done(unread[1214:1214]),
-    .update_count_instructions(unread[1254:1215]),
-    .update_count_busy_cycles(unread[1294:1255]),
-    .update_count_stalled_cycles(unread[1334:1295]),
-    .update_count_vertex_wait_cycles(unread[1374:1335]),
-    .update_count_node_wait_cycles(unread[1414:1375])
+    .update_box_write_valid(unread[1545:1545]),
+    .update_box_write_address(unread[1567:1546]),
+    .update_box_write_data(unread[1711:1568]),
+    .update_done(unread[1712:1712]),
+    .update_count_instructions(unread[1752:1713]),
+    .update_count_busy_cycles(unread[1792:1753]),
+    .update_count_stalled_cycles(unread[1832:1793]),
+    .update_count_vertex_wait_cycles(unread[1872:1833]),
+    .update_count_node_wait_cycles(unread[1912:1873])
   );
 
   // What nothing reads.

@@ -46,34 +46,65 @@ module dynrt_core (
   input  wire         node_request_ready,
   output wire         node_request_valid,
   output wire [21:0]  node_request_address,
-  output wire [5:0]   node_request_tag,
+  output wire [6:0]   node_request_tag,
 
   // Node memory: answers, in any order, always taken
   input  wire         node_response_valid,
-  input  wire [5:0]   node_response_tag,
+  input  wire [6:0]   node_response_tag,
   input  wire [127:0] node_response_data,
 
-  // Triangle record memory: requests
+  // Record memory: requests
   input  wire         record_request_ready,
   output wire         record_request_valid,
   output wire [21:0]  record_request_address,
-  output wire [5:0]   record_request_tag,
+  output wire [6:0]   record_request_tag,
 
-  // Triangle record memory: answers, in any order, always taken
+  // Record memory: answers, in any order, always taken
   input  wire         record_response_valid,
-  input  wire [5:0]   record_response_tag,
+  input  wire [6:0]   record_response_tag,
   input  wire [127:0] record_response_data,
 
   // Vertex memory: requests
   input  wire         vertex_request_ready,
   output wire         vertex_request_valid,
   output wire [21:0]  vertex_request_address,
-  output wire [7:0]   vertex_request_tag,
+  output wire [8:0]   vertex_request_tag,
 
   // Vertex memory: answers, in any order, always taken
   input  wire         vertex_response_valid,
-  input  wire [7:0]   vertex_response_tag,
+  input  wire [8:0]   vertex_response_tag,
   input  wire [71:0]  vertex_response_data,
+
+  // Influence memory: requests
+  input  wire         influence_request_ready,
+  output wire         influence_request_valid,
+  output wire [21:0]  influence_request_address,
+  output wire [2:0]   influence_request_tag,
+
+  // Influence memory: answers, in any order, always taken
+  input  wire         influence_response_valid,
+  input  wire [2:0]   influence_response_tag,
+  input  wire [127:0] influence_response_data,
+
+  // A mesh to skin, taken when no packet is under way: indices of its palette, influence rows, vertices at rest and vertices to write, and how many of each
+  input  wire         skin_start_valid,
+  input  wire [21:0]  skin_start_palette,
+  input  wire [8:0]   skin_start_joints,
+  input  wire [21:0]  skin_start_influences,
+  input  wire [21:0]  skin_start_rows,
+  input  wire [21:0]  skin_start_rest,
+  input  wire [21:0]  skin_start_vertices,
+  input  wire [21:0]  skin_start_target,
+  output wire         skin_start_ready,
+
+  // Vertex memory: writes of skinned vertices
+  input  wire         skin_write_ready,
+  output wire         skin_write_valid,
+  output wire [21:0]  skin_write_address,
+  output wire [71:0]  skin_write_data,
+
+  // High for a clock when a mesh is complete
+  output wire         skin_done,
 
   // Counters since reset
   output wire [39:0]  count_cycles,
@@ -81,8 +112,11 @@ module dynrt_core (
   output wire [39:0]  count_ray_triangle_tests,
   output wire [39:0]  count_tpu_busy_cycles,
   output wire [39:0]  count_tpu_starved_cycles,
+  output wire [39:0]  count_ray_transforms,
   output wire [39:0]  count_gu_busy_cycles,
   output wire [39:0]  count_gu_starved_cycles,
+  output wire [39:0]  count_skin_influences,
+  output wire [39:0]  count_skin_cycles,
   output wire [5:0]   stack_high_water,
   output wire         stack_overflow,
 
@@ -102,11 +136,24 @@ module dynrt_core (
   output wire [5:0]   watch_test_packet,
   output wire [1:0]   watch_test_ray,
   output wire [21:0]  watch_test_record,
+  output wire [31:0]  watch_test_instance,
   output wire         watch_test_hit,
   output wire         watch_test_replaces,
   output wire [23:0]  watch_test_t,
   output wire [23:0]  watch_test_u,
   output wire [23:0]  watch_test_v,
+  output wire         watch_transform_valid,
+  output wire [5:0]   watch_transform_packet,
+  output wire [1:0]   watch_transform_ray,
+  output wire [21:0]  watch_transform_record,
+  output wire [23:0]  watch_transform_near,
+  output wire [23:0]  watch_transform_far,
+  output wire [23:0]  watch_transform_origin_x,
+  output wire [23:0]  watch_transform_origin_y,
+  output wire [23:0]  watch_transform_origin_z,
+  output wire [23:0]  watch_transform_direction_x,
+  output wire [23:0]  watch_transform_direction_y,
+  output wire [23:0]  watch_transform_direction_z,
 
   // Update processor. An update: rows of its program, bases of the object's vertices and nodes, index of its box
   input  wire         update_start_valid,
@@ -173,20 +220,31 @@ module dynrt_core (
   wire [31:0] casting_hit_triangle;
   wire casting_node_request_valid;
   wire [21:0] casting_node_request_address;
-  wire [5:0] casting_node_request_tag;
+  wire [6:0] casting_node_request_tag;
   wire casting_record_request_valid;
   wire [21:0] casting_record_request_address;
-  wire [5:0] casting_record_request_tag;
+  wire [6:0] casting_record_request_tag;
   wire casting_vertex_request_valid;
   wire [21:0] casting_vertex_request_address;
-  wire [7:0] casting_vertex_request_tag;
+  wire [8:0] casting_vertex_request_tag;
+  wire casting_influence_request_valid;
+  wire [21:0] casting_influence_request_address;
+  wire [2:0] casting_influence_request_tag;
+  wire casting_skin_start_ready;
+  wire casting_skin_write_valid;
+  wire [21:0] casting_skin_write_address;
+  wire [71:0] casting_skin_write_data;
+  wire casting_skin_done;
   wire [39:0] casting_count_cycles;
   wire [39:0] casting_count_packet_steps;
   wire [39:0] casting_count_ray_triangle_tests;
   wire [39:0] casting_count_tpu_busy_cycles;
   wire [39:0] casting_count_tpu_starved_cycles;
+  wire [39:0] casting_count_ray_transforms;
   wire [39:0] casting_count_gu_busy_cycles;
   wire [39:0] casting_count_gu_starved_cycles;
+  wire [39:0] casting_count_skin_influences;
+  wire [39:0] casting_count_skin_cycles;
   wire [5:0] casting_stack_high_water;
   wire casting_stack_overflow;
   wire casting_watch_start_valid;
@@ -204,11 +262,24 @@ module dynrt_core (
   wire [5:0] casting_watch_test_packet;
   wire [1:0] casting_watch_test_ray;
   wire [21:0] casting_watch_test_record;
+  wire [31:0] casting_watch_test_instance;
   wire casting_watch_test_hit;
   wire casting_watch_test_replaces;
   wire [23:0] casting_watch_test_t;
   wire [23:0] casting_watch_test_u;
   wire [23:0] casting_watch_test_v;
+  wire casting_watch_transform_valid;
+  wire [5:0] casting_watch_transform_packet;
+  wire [1:0] casting_watch_transform_ray;
+  wire [21:0] casting_watch_transform_record;
+  wire [23:0] casting_watch_transform_near;
+  wire [23:0] casting_watch_transform_far;
+  wire [23:0] casting_watch_transform_origin_x;
+  wire [23:0] casting_watch_transform_origin_y;
+  wire [23:0] casting_watch_transform_origin_z;
+  wire [23:0] casting_watch_transform_direction_x;
+  wire [23:0] casting_watch_transform_direction_y;
+  wire [23:0] casting_watch_transform_direction_z;
   raycast_unit casting (
     .clk(clk),
     .rst(rst),
@@ -261,13 +332,37 @@ module dynrt_core (
     .vertex_response_valid(vertex_response_valid),
     .vertex_response_tag(vertex_response_tag),
     .vertex_response_data(vertex_response_data),
+    .influence_request_ready(influence_request_ready),
+    .influence_request_valid(casting_influence_request_valid),
+    .influence_request_address(casting_influence_request_address),
+    .influence_request_tag(casting_influence_request_tag),
+    .influence_response_valid(influence_response_valid),
+    .influence_response_tag(influence_response_tag),
+    .influence_response_data(influence_response_data),
+    .skin_start_valid(skin_start_valid),
+    .skin_start_palette(skin_start_palette),
+    .skin_start_joints(skin_start_joints),
+    .skin_start_influences(skin_start_influences),
+    .skin_start_rows(skin_start_rows),
+    .skin_start_rest(skin_start_rest),
+    .skin_start_vertices(skin_start_vertices),
+    .skin_start_target(skin_start_target),
+    .skin_start_ready(casting_skin_start_ready),
+    .skin_write_ready(skin_write_ready),
+    .skin_write_valid(casting_skin_write_valid),
+    .skin_write_address(casting_skin_write_address),
+    .skin_write_data(casting_skin_write_data),
+    .skin_done(casting_skin_done),
     .count_cycles(casting_count_cycles),
     .count_packet_steps(casting_count_packet_steps),
     .count_ray_triangle_tests(casting_count_ray_triangle_tests),
     .count_tpu_busy_cycles(casting_count_tpu_busy_cycles),
     .count_tpu_starved_cycles(casting_count_tpu_starved_cycles),
+    .count_ray_transforms(casting_count_ray_transforms),
     .count_gu_busy_cycles(casting_count_gu_busy_cycles),
     .count_gu_starved_cycles(casting_count_gu_starved_cycles),
+    .count_skin_influences(casting_count_skin_influences),
+    .count_skin_cycles(casting_count_skin_cycles),
     .stack_high_water(casting_stack_high_water),
     .stack_overflow(casting_stack_overflow),
     .watch_start_valid(casting_watch_start_valid),
@@ -285,11 +380,24 @@ module dynrt_core (
     .watch_test_packet(casting_watch_test_packet),
     .watch_test_ray(casting_watch_test_ray),
     .watch_test_record(casting_watch_test_record),
+    .watch_test_instance(casting_watch_test_instance),
     .watch_test_hit(casting_watch_test_hit),
     .watch_test_replaces(casting_watch_test_replaces),
     .watch_test_t(casting_watch_test_t),
     .watch_test_u(casting_watch_test_u),
-    .watch_test_v(casting_watch_test_v)
+    .watch_test_v(casting_watch_test_v),
+    .watch_transform_valid(casting_watch_transform_valid),
+    .watch_transform_packet(casting_watch_transform_packet),
+    .watch_transform_ray(casting_watch_transform_ray),
+    .watch_transform_record(casting_watch_transform_record),
+    .watch_transform_near(casting_watch_transform_near),
+    .watch_transform_far(casting_watch_transform_far),
+    .watch_transform_origin_x(casting_watch_transform_origin_x),
+    .watch_transform_origin_y(casting_watch_transform_origin_y),
+    .watch_transform_origin_z(casting_watch_transform_origin_z),
+    .watch_transform_direction_x(casting_watch_transform_direction_x),
+    .watch_transform_direction_y(casting_watch_transform_direction_y),
+    .watch_transform_direction_z(casting_watch_transform_direction_z)
   );
 
   wire updating_start_ready;
@@ -370,13 +478,24 @@ module dynrt_core (
   assign vertex_request_valid = casting_vertex_request_valid;
   assign vertex_request_address = casting_vertex_request_address;
   assign vertex_request_tag = casting_vertex_request_tag;
+  assign influence_request_valid = casting_influence_request_valid;
+  assign influence_request_address = casting_influence_request_address;
+  assign influence_request_tag = casting_influence_request_tag;
+  assign skin_start_ready = casting_skin_start_ready;
+  assign skin_write_valid = casting_skin_write_valid;
+  assign skin_write_address = casting_skin_write_address;
+  assign skin_write_data = casting_skin_write_data;
+  assign skin_done = casting_skin_done;
   assign count_cycles = casting_count_cycles;
   assign count_packet_steps = casting_count_packet_steps;
   assign count_ray_triangle_tests = casting_count_ray_triangle_tests;
   assign count_tpu_busy_cycles = casting_count_tpu_busy_cycles;
   assign count_tpu_starved_cycles = casting_count_tpu_starved_cycles;
+  assign count_ray_transforms = casting_count_ray_transforms;
   assign count_gu_busy_cycles = casting_count_gu_busy_cycles;
   assign count_gu_starved_cycles = casting_count_gu_starved_cycles;
+  assign count_skin_influences = casting_count_skin_influences;
+  assign count_skin_cycles = casting_count_skin_cycles;
   assign stack_high_water = casting_stack_high_water;
   assign stack_overflow = casting_stack_overflow;
   assign watch_start_valid = casting_watch_start_valid;
@@ -394,11 +513,24 @@ module dynrt_core (
   assign watch_test_packet = casting_watch_test_packet;
   assign watch_test_ray = casting_watch_test_ray;
   assign watch_test_record = casting_watch_test_record;
+  assign watch_test_instance = casting_watch_test_instance;
   assign watch_test_hit = casting_watch_test_hit;
   assign watch_test_replaces = casting_watch_test_replaces;
   assign watch_test_t = casting_watch_test_t;
   assign watch_test_u = casting_watch_test_u;
   assign watch_test_v = casting_watch_test_v;
+  assign watch_transform_valid = casting_watch_transform_valid;
+  assign watch_transform_packet = casting_watch_transform_packet;
+  assign watch_transform_ray = casting_watch_transform_ray;
+  assign watch_transform_record = casting_watch_transform_record;
+  assign watch_transform_near = casting_watch_transform_near;
+  assign watch_transform_far = casting_watch_transform_far;
+  assign watch_transform_origin_x = casting_watch_transform_origin_x;
+  assign watch_transform_origin_y = casting_watch_transform_origin_y;
+  assign watch_transform_origin_z = casting_watch_transform_origin_z;
+  assign watch_transform_direction_x = casting_watch_transform_direction_x;
+  assign watch_transform_direction_y = casting_watch_transform_direction_y;
+  assign watch_transform_direction_z = casting_watch_transform_direction_z;
   assign update_start_ready = updating_start_ready;
   assign update_program_request_valid = updating_program_request_valid;
   assign update_program_request_address = updating_program_request_address;

@@ -9,10 +9,17 @@ module ray_setup (
   input  wire        clk,
   input  wire        rst,
 
-  // A ray, its packet, and its place in it
+  // A ray's packet and place in it, and whether it is the first and the last of the packet's rays that come
   input  wire        valid,
   input  wire [5:0]  packet,
   input  wire [1:0]  ray,
+  input  wire        first,
+  input  wire        last,
+
+  // Whether it is in an object's space: the scene's box does not clip it
+  input  wire        object,
+
+  // The ray
   input  wire        active,
   input  wire        any_hit,
   input  wire [23:0] origin_x,
@@ -36,6 +43,9 @@ module ray_setup (
   output wire        out_valid,
   output wire [5:0]  out_packet,
   output wire [1:0]  out_ray,
+  output wire        out_first,
+  output wire        out_last,
+  output wire        out_object,
   output reg         out_enters,
   output reg  [23:0] out_near,
   output reg  [23:0] out_far,
@@ -53,6 +63,9 @@ module ray_setup (
   output wire [23:0] out_shear_x,
   output wire [23:0] out_shear_y,
   output wire [23:0] out_shear_z,
+
+  // The packet of the ray that comes out 2 clocks later
+  output wire [5:0]  next_packet,
 
   // Says 4 clocks ahead that a ray is coming out
   output wire        soon
@@ -107,7 +120,10 @@ module ray_setup (
     .y(reciprocal_z_y)
   );
 
-  // near and far, clipped by the scene's box.
+  // near and far, clipped by the scene's box; in an object's space by (-infinity, +infinity), which
+  // never clips.
+  wire [23:0] choice = object ? 24'hff0000 : scene_lo_x;
+  wire [23:0] choice_2 = object ? 24'h7f0000 : scene_hi_x;
   reg  [167:0] near_x_plane_delay;
   wire [23:0] near_x_plane_s7 = near_x_plane_delay[167:144];
   reg  [479:0] origin_x_delay;
@@ -141,11 +157,11 @@ module ray_setup (
   reg  [15:0] tmin_clean_23_delay;
   wire tmin_clean_23_s16 = tmin_clean_23_delay[15];
   wire term_8 = (joined_s16 < {near_x_distance[22:0], near_x_distance[23]}) ^ tmin_clean_23_s16;
-  wire choice = (tmin_clean_23_s16 ^ near_x_distance[23]) ? tmin_clean_23_s16 : term_8;
+  wire choice_3 = (tmin_clean_23_s16 ^ near_x_distance[23]) ? tmin_clean_23_s16 : term_8;
   reg  [15:0] term_delay;
   wire term_s16 = term_delay[15];
   wire term_9 = ~(term_s16 | ((&near_x_distance[22:16]) & (|near_x_distance[15:0])));
-  wire term_10 = choice & ~(tmin_clean_22_16_is_zero_s16 & (~|near_x_distance[22:16])) & term_9;
+  wire term_10 = choice_3 & ~(tmin_clean_22_16_is_zero_s16 & (~|near_x_distance[22:16])) & term_9;
   reg  [479:0] tmin_clean_delay;
   wire [23:0] tmin_clean_s16 = tmin_clean_delay[383:360];
   wire [23:0] near_after_x = term_10 ? near_x_distance : tmin_clean_s16;
@@ -156,19 +172,21 @@ module ray_setup (
   wire [23:0] joined_2_s16 = joined_2_delay[383:360];
   reg  [15:0] tmax_clean_23_delay;
   wire tmax_clean_23_s16 = tmax_clean_23_delay[15];
-  wire choice_2 =
+  wire choice_4 =
       (far_x_distance[23] ^ tmax_clean_23_s16) ? far_x_distance[23] :
       (({far_x_distance[22:0], 1'b0} < joined_2_s16) ^ far_x_distance[23]);
   reg  [15:0] term_2_delay;
   wire term_2_s16 = term_2_delay[15];
   wire term_11 =
-      choice_2 &
+      choice_4 &
       ~((~|far_x_distance[22:16]) & tmax_clean_22_16_is_zero_s16) &
       ~(((&far_x_distance[22:16]) & (|far_x_distance[15:0])) | term_2_s16);
   reg  [479:0] tmax_clean_delay;
   wire [23:0] tmax_clean_s16 = tmax_clean_delay[383:360];
   wire [23:0] far_after_x = term_11 ? far_x_distance : tmax_clean_s16;
   reg  [23:0] far_after_x_s17;
+  wire [23:0] choice_5 = object ? 24'hff0000 : scene_lo_y;
+  wire [23:0] choice_6 = object ? 24'h7f0000 : scene_hi_y;
   reg  [167:0] near_y_plane_delay;
   wire [23:0] near_y_plane_s7 = near_y_plane_delay[167:144];
   reg  [479:0] origin_y_delay;
@@ -198,12 +216,12 @@ module ray_setup (
   reg  near_y_distance_22_16_is_zero_s17;
   reg  [23:0] joined_3_s17;
   reg  near_y_distance_23_s17;
-  wire choice_3 =
+  wire choice_7 =
       (near_after_x_s17[23] ^ near_y_distance_23_s17) ? near_after_x_s17[23] :
       (({near_after_x_s17[22:0], 1'b0} < joined_3_s17) ^ near_after_x_s17[23]);
   reg  term_12_s17;
   wire term_13 =
-      choice_3 &
+      choice_7 &
       ~((~|near_after_x_s17[22:16]) & near_y_distance_22_16_is_zero_s17) &
       ~(((&near_after_x_s17[22:16]) & (|near_after_x_s17[15:0])) | term_12_s17);
   reg  [23:0] near_y_distance_s17;
@@ -215,15 +233,17 @@ module ray_setup (
   wire term_14 =
       (joined_4_s17 < {far_after_x_s17[22:0], far_after_x_s17[23]}) ^
       far_y_distance_23_s17;
-  wire choice_4 = (far_y_distance_23_s17 ^ far_after_x_s17[23]) ? far_y_distance_23_s17 : term_14;
+  wire choice_8 = (far_y_distance_23_s17 ^ far_after_x_s17[23]) ? far_y_distance_23_s17 : term_14;
   reg  term_15_s17;
   wire term_16 =
-      choice_4 &
+      choice_8 &
       ~(far_y_distance_22_16_is_zero_s17 & (~|far_after_x_s17[22:16])) &
       ~(term_15_s17 | ((&far_after_x_s17[22:16]) & (|far_after_x_s17[15:0])));
   reg  [23:0] far_y_distance_s17;
   wire [23:0] far_after_y = term_16 ? far_y_distance_s17 : far_after_x_s17;
   reg  [23:0] far_after_y_s18;
+  wire [23:0] choice_9 = object ? 24'hff0000 : scene_lo_z;
+  wire [23:0] choice_10 = object ? 24'h7f0000 : scene_hi_z;
   reg  [167:0] near_z_plane_delay;
   wire [23:0] near_z_plane_s7 = near_z_plane_delay[167:144];
   reg  [479:0] origin_z_delay;
@@ -253,12 +273,12 @@ module ray_setup (
   reg  near_z_distance_22_16_is_zero_s17, near_z_distance_22_16_is_zero_s18;
   reg  [23:0] joined_5_s17, joined_5_s18;
   reg  near_z_distance_23_s17, near_z_distance_23_s18;
-  wire choice_5 =
+  wire choice_11 =
       (near_after_y_s18[23] ^ near_z_distance_23_s18) ? near_after_y_s18[23] :
       (({near_after_y_s18[22:0], 1'b0} < joined_5_s18) ^ near_after_y_s18[23]);
   reg  term_17_s17, term_17_s18;
   wire term_18 =
-      choice_5 &
+      choice_11 &
       ~((~|near_after_y_s18[22:16]) & near_z_distance_22_16_is_zero_s18) &
       ~(((&near_after_y_s18[22:16]) & (|near_after_y_s18[15:0])) | term_17_s18);
   reg  [23:0] near_z_distance_s17, near_z_distance_s18;
@@ -270,20 +290,20 @@ module ray_setup (
   wire term_19 =
       (joined_6_s18 < {far_after_y_s18[22:0], far_after_y_s18[23]}) ^
       far_z_distance_23_s18;
-  wire choice_6 = (far_z_distance_23_s18 ^ far_after_y_s18[23]) ? far_z_distance_23_s18 : term_19;
+  wire choice_12 = (far_z_distance_23_s18 ^ far_after_y_s18[23]) ? far_z_distance_23_s18 : term_19;
   reg  term_20_s17, term_20_s18;
   wire term_21 =
-      choice_6 &
+      choice_12 &
       ~(far_z_distance_22_16_is_zero_s18 & (~|far_after_y_s18[22:16])) &
       ~(term_20_s18 | ((&far_after_y_s18[22:16]) & (|far_after_y_s18[15:0])));
   reg  [23:0] far_z_distance_s17, far_z_distance_s18;
   wire [23:0] far_after_z = term_21 ? far_z_distance_s18 : far_after_y_s18;
   reg  [23:0] far_after_z_s19;
   wire comparison = {far_after_z_s19[22:0], 1'b0} < {near_after_z_s19[22:0], near_after_z_s19[23]};
-  wire choice_7 =
+  wire choice_13 =
       (far_after_z_s19[23] ^ near_after_z_s19[23]) ? far_after_z_s19[23] :
       (comparison ^ far_after_z_s19[23]);
-  wire term_22 = choice_7 & ~((~|far_after_z_s19[22:16]) & (~|near_after_z_s19[22:16]));
+  wire term_22 = choice_13 & ~((~|far_after_z_s19[22:16]) & (~|near_after_z_s19[22:16]));
   wire term_23 =
       ((&near_after_z_s19[22:16]) & (|near_after_z_s19[15:0])) |
       ((&far_after_z_s19[22:16]) & (|far_after_z_s19[15:0]));
@@ -352,9 +372,16 @@ module ray_setup (
   assign soon = valid_delay[15];
   assign out_valid = valid_delay[19];
   reg  [119:0] packet_delay;
+  assign next_packet = packet_delay[107:102];
   assign out_packet = packet_delay[119:114];
   reg  [39:0] ray_delay;
   assign out_ray = ray_delay[39:38];
+  reg  [19:0] first_delay;
+  assign out_first = first_delay[19];
+  reg  [19:0] last_delay;
+  assign out_last = last_delay[19];
+  reg  [19:0] object_delay;
+  assign out_object = object_delay[19];
   reg  [59:0] out_signs_delay;
   assign out_signs = out_signs_delay[59:57];
   assign out_tmin = tmin_clean_delay[479:456];
@@ -448,9 +475,9 @@ module ray_setup (
 
   // Delay lines: values that wait for others of their pipeline, the newest lowest.
   always @(posedge clk) begin
-    near_x_plane_delay <= {near_x_plane_delay[143:0], direction_x[23] ? scene_hi_x : scene_lo_x};
+    near_x_plane_delay <= {near_x_plane_delay[143:0], direction_x[23] ? choice_2 : choice};
     origin_x_delay <= {origin_x_delay[455:0], origin_x};
-    far_x_plane_delay <= {far_x_plane_delay[143:0], direction_x[23] ? scene_lo_x : scene_hi_x};
+    far_x_plane_delay <= {far_x_plane_delay[143:0], direction_x[23] ? choice : choice_2};
     tmin_clean_22_16_is_zero_delay <= {tmin_clean_22_16_is_zero_delay[14:0], ~any_tmin_clean_22_16};
     joined_delay <= {joined_delay[359:0], {tmin_clean[22:0], 1'b0}};
     tmin_clean_23_delay <= {tmin_clean_23_delay[14:0], tmin_clean[23]};
@@ -461,12 +488,12 @@ module ray_setup (
     tmax_clean_23_delay <= {tmax_clean_23_delay[14:0], tmax_clean[23]};
     term_2_delay <= {term_2_delay[14:0], term_2};
     tmax_clean_delay <= {tmax_clean_delay[455:0], tmax_clean};
-    near_y_plane_delay <= {near_y_plane_delay[143:0], direction_y[23] ? scene_hi_y : scene_lo_y};
+    near_y_plane_delay <= {near_y_plane_delay[143:0], direction_y[23] ? choice_6 : choice_5};
     origin_y_delay <= {origin_y_delay[455:0], origin_y};
-    far_y_plane_delay <= {far_y_plane_delay[143:0], direction_y[23] ? scene_lo_y : scene_hi_y};
-    near_z_plane_delay <= {near_z_plane_delay[143:0], direction_z[23] ? scene_hi_z : scene_lo_z};
+    far_y_plane_delay <= {far_y_plane_delay[143:0], direction_y[23] ? choice_5 : choice_6};
+    near_z_plane_delay <= {near_z_plane_delay[143:0], direction_z[23] ? choice_10 : choice_9};
     origin_z_delay <= {origin_z_delay[455:0], origin_z};
-    far_z_plane_delay <= {far_z_plane_delay[143:0], direction_z[23] ? scene_lo_z : scene_hi_z};
+    far_z_plane_delay <= {far_z_plane_delay[143:0], direction_z[23] ? choice_9 : choice_10};
     sound_delay <= {sound_delay[16:0], sound};
     z_wins_delay <= {z_wins_delay[9:0], z_wins};
     direction_kx_delay <= {direction_kx_delay[239:0], direction_kx};
@@ -476,6 +503,9 @@ module ray_setup (
     if (rst) valid_delay <= 20'd0; else valid_delay <= {valid_delay[18:0], valid};
     packet_delay <= {packet_delay[113:0], packet};
     ray_delay <= {ray_delay[37:0], ray};
+    first_delay <= {first_delay[18:0], first};
+    last_delay <= {last_delay[18:0], last};
+    object_delay <= {object_delay[18:0], object};
     out_signs_delay <= {out_signs_delay[56:0], {direction_z[23], direction_y[23], direction_x[23]}};
     any_hit_delay <= {any_hit_delay[18:0], any_hit};
     reciprocal_x_y_delay <= {reciprocal_x_y_delay[167:0], reciprocal_x_y};

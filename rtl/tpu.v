@@ -7,11 +7,13 @@ module tpu (
   input  wire         clk,
   input  wire         rst,
 
-  // A ray that has been set up; the last of a packet starts it. soon says so pop_latency clocks before
+  // A ray that has been set up; a packet's last one that comes starts the packet. soon says so pop_latency clocks before
   input  wire         setup_soon,
   input  wire         setup_valid,
   input  wire [5:0]   setup_packet,
   input  wire [1:0]   setup_ray,
+  input  wire         setup_first,
+  input  wire         setup_last,
   input  wire         setup_enters,
   input  wire [23:0]  setup_near,
   input  wire [23:0]  setup_far,
@@ -23,6 +25,12 @@ module tpu (
   input  wire [23:0]  setup_reciprocal_y,
   input  wire [23:0]  setup_reciprocal_z,
 
+  // The ray is in an object's space: where and with which context its packet starts there, beside its last ray
+  input  wire         setup_object,
+  input  wire [21:0]  object_address,
+  input  wire         object_leaf,
+  input  wire [10:0]  object_context,
+
   // The root link word, constant while packets are under way
   input  wire [31:0]  root,
 
@@ -30,11 +38,11 @@ module tpu (
   input  wire         node_request_ready,
   output wire         node_request_valid,
   output wire [21:0]  node_request_address,
-  output wire [5:0]   node_request_tag,
+  output wire [6:0]   node_request_tag,
 
   // Node memory: answers, in any order, always taken
   input  wire         node_response_valid,
-  input  wire [5:0]   node_response_tag,
+  input  wire [6:0]   node_response_tag,
   input  wire [127:0] node_response_data,
 
   // Leaves to the geometry unit
@@ -42,7 +50,7 @@ module tpu (
   output wire         leaf_valid,
   output wire [5:0]   leaf_packet,
   output wire [21:0]  leaf_address,
-  output wire [9:0]   leaf_context,
+  output wire [10:0]  leaf_context,
   output wire [3:0]   leaf_mask,
 
   // A closer hit of a ray: what its near must not exceed from now on
@@ -54,7 +62,7 @@ module tpu (
   // A leaf all of whose tests are merged
   input  wire         done_valid,
   input  wire [5:0]   done_packet,
-  input  wire [9:0]   done_context,
+  input  wire [10:0]  done_context,
 
   // A finished packet, and which of its rays have hit something
   output wire         finished_valid,
@@ -76,7 +84,9 @@ module tpu (
   output reg  [191:0] watch_step_right_intervals
 );
 
-  // Rays: origin, reciprocal and signs, a memory for each place in the packet, written when set up.
+  // Rays: origin, reciprocal and signs, a memory for each place in the packet, written when set up:
+  // in the world, and behind that in the object's space, so that the world's are still there when
+  // the packet leaves an object.
   wire [146:0] setup_word = {
       setup_signs,
       setup_reciprocal_z,
@@ -95,20 +105,21 @@ module tpu (
   wire setup_ray_is_3 = setup_ray == 2'd3;
   wire setup_of_ray3 = setup_valid & setup_ray_is_3;
   (* no_rw_check, ram_style = "block" *)
-  reg  [146:0] ray0_memory [0:47];
+  reg  [146:0] ray0_memory [0:111];
+  wire [6:0] ray0_memory_write_address = {setup_object, setup_packet};
   (* no_rw_check, ram_style = "block" *)
-  reg  [146:0] ray1_memory [0:47];
+  reg  [146:0] ray1_memory [0:111];
   (* no_rw_check, ram_style = "block" *)
-  reg  [146:0] ray2_memory [0:47];
+  reg  [146:0] ray2_memory [0:111];
   (* no_rw_check, ram_style = "block" *)
-  reg  [146:0] ray3_memory [0:47];
+  reg  [146:0] ray3_memory [0:111];
 
   // Where a requested node lies, and its packet's context, kept while the request is out.
   wire request_fire;
-  wire [37:0] request_item;
+  wire [38:0] request_item;
   wire request_popped;
   (* no_rw_check, ram_style = "distributed" *)
-  reg  [32:0] request_memory [0:47];
+  reg  [33:0] request_memory [0:47];
 
   // Intervals and mask of the packet in the node it goes to: as a step left them, and as a pop or
   // the setup did.
@@ -141,7 +152,7 @@ module tpu (
   reg  [47:0] popped3_memory [0:47];
 
   // The packet step. A node's answer enters with the packet's rays.
-  wire [5:0] packet = node_response_tag;
+  wire [5:0] packet = node_response_tag[5:0];
   wire [23:0] left_lo = node_response_data[23:0];
   wire [23:0] left_hi = node_response_data[47:24];
   wire [23:0] right_lo = node_response_data[71:48];
@@ -159,19 +170,19 @@ module tpu (
   reg  [95:0] packet_delay;
   wire [5:0] packet_s10 = packet_delay[59:54];
   wire [5:0] packet_s11 = packet_delay[65:60];
-  wire [32:0] request_memory_read = request_memory[packet_s11];
-  reg  [32:0] request_memory_read_s12;
+  wire [33:0] request_memory_read = request_memory[packet_s11];
+  reg  [33:0] request_memory_read_s12;
   reg  [195:0] stepped_memory_read;
   reg  [195:0] stepped_memory_read_s12;
   wire [3:0] popped_mask_memory_read = popped_mask_memory[packet_s11];
   reg  [3:0] popped_mask_memory_read_s12;
   wire [3:0] mask_in =
-      request_memory_read_s12[32] ? popped_mask_memory_read_s12 :
+      request_memory_read_s12[33] ? popped_mask_memory_read_s12 :
       stepped_memory_read_s12[195:192];
   reg  [47:0] popped0_memory_read;
   reg  [47:0] popped0_memory_read_s12;
   wire [47:0] ray0_interval =
-      request_memory_read_s12[32] ? popped0_memory_read_s12 :
+      request_memory_read_s12[33] ? popped0_memory_read_s12 :
       stepped_memory_read_s12[47:0];
   reg  left_axis_is_1_s1, left_axis_is_1_s2;
   reg  left_axis_is_0_s1, left_axis_is_0_s2;
@@ -246,7 +257,7 @@ module tpu (
   reg  [47:0] popped1_memory_read;
   reg  [47:0] popped1_memory_read_s12;
   wire [47:0] ray1_interval =
-      request_memory_read_s12[32] ? popped1_memory_read_s12 :
+      request_memory_read_s12[33] ? popped1_memory_read_s12 :
       stepped_memory_read_s12[95:48];
   wire ray1_left_sign =
       left_axis_is_0_s2 ? ray1_memory_read_s2[144] :
@@ -313,7 +324,7 @@ module tpu (
   reg  [47:0] popped2_memory_read;
   reg  [47:0] popped2_memory_read_s12;
   wire [47:0] ray2_interval =
-      request_memory_read_s12[32] ? popped2_memory_read_s12 :
+      request_memory_read_s12[33] ? popped2_memory_read_s12 :
       stepped_memory_read_s12[143:96];
   wire ray2_left_sign =
       left_axis_is_0_s2 ? ray2_memory_read_s2[144] :
@@ -380,7 +391,7 @@ module tpu (
   reg  [47:0] popped3_memory_read;
   reg  [47:0] popped3_memory_read_s12;
   wire [47:0] ray3_interval =
-      request_memory_read_s12[32] ? popped3_memory_read_s12 :
+      request_memory_read_s12[33] ? popped3_memory_read_s12 :
       stepped_memory_read_s12[191:144];
   wire ray3_left_sign =
       left_axis_is_0_s2 ? ray3_memory_read_s2[144] :
@@ -478,8 +489,8 @@ module tpu (
     };
   reg  [87:0] request_memory_read_21_0_delay;
   wire [21:0] own_address = request_memory_read_21_0_delay[65:44];
-  reg  [9:0] request_memory_read_31_22_s13, request_memory_read_31_22_s14;
-  reg  [9:0] request_memory_read_31_22_s15;
+  reg  [10:0] request_memory_read_32_22_s13, request_memory_read_32_22_s14;
+  reg  [10:0] request_memory_read_32_22_s15;
   wire [21:0] link = node_response_data[117:96];
   wire left_leaf = node_response_data[122];
   wire right_leaf = node_response_data[123];
@@ -502,20 +513,20 @@ module tpu (
   wire [3:0] second_mask = left_first ? to_right : to_left;
   wire [191:0] first_intervals = left_first ? left_intervals : right_intervals;
   wire [191:0] second_intervals = left_first ? right_intervals : left_intervals;
-  wire [5:0] level_before = request_memory_read_31_22_s15[5:0];
+  wire [5:0] level_before = request_memory_read_32_22_s15[5:0];
   wire goes_both = goes_left & goes_right;
   reg  [15:0] node_response_valid_delay;
   wire node_response_valid_s15 = node_response_valid_delay[14];
   wire pushes = goes_both & node_response_valid_s15;
   wire [5:0] next_level = level_before + {5'd0, goes_both};
-  wire [9:0] next_context = {request_memory_read_31_22_s15[9:6], next_level};
+  wire [10:0] next_context = {request_memory_read_32_22_s15[10:6], next_level};
   wire step_valid = node_response_valid_delay[15];
   wire [5:0] step_packet = packet_delay[95:90];
   wire goes_on = goes_left | goes_right;
   reg  goes_on_s16;
   reg  first_leaf_s16;
   reg  [21:0] first_address_s16;
-  reg  [9:0] next_context_s16;
+  reg  [10:0] next_context_s16;
   reg  [3:0] first_mask_s16;
   reg  [191:0] first_intervals_s16;
   wire step_goes_on = step_valid & goes_on_s16;
@@ -527,11 +538,19 @@ module tpu (
   // The stack.
   reg  pushes_s16;
   reg  [5:0] level_before_s16;
-  reg  [218:0] stack_write_data_s16;
+  wire [219:0] stack_write_data = {
+      second_intervals,
+      second_mask,
+      request_memory_read_32_22_s15[10],
+      second_leaf,
+      second_address
+    };
+  reg  [219:0] stack_write_data_s16;
+  assign watch_step_node = request_memory_read_21_0_delay[87:66];
   wire stack_full = level_before_s16 == 6'd32;
   wire stack_write = pushes_s16 & ~stack_full;
   (* no_rw_check, ram_style = "block" *)
-  reg  [218:0] stack [0:1535];
+  reg  [219:0] stack [0:1535];
   reg  overflow;
   reg  [5:0] high_water;
 
@@ -541,16 +560,16 @@ module tpu (
   end
 
   // Packets that pop: from the geometry unit, from steps that went nowhere, and again after a
-  // dropped entry.
+  // dropped entry or an instance that no ray enters.
   wire take_done;
   wire take_retry;
   wire take_stepped_pop;
   wire retry_push;
-  wire [15:0] retry_item;
+  wire [16:0] retry_item;
 
   wire done_queue_valid;
-  wire [15:0] done_queue_front;
-  fifo_16x48 done_queue (
+  wire [16:0] done_queue_front;
+  fifo_17x48 done_queue (
     .clk(clk),
     .rst(rst),
     .push(done_valid),
@@ -561,8 +580,8 @@ module tpu (
   );
 
   wire retry_queue_valid;
-  wire [15:0] retry_queue_front;
-  fifo_16x48 retry_queue (
+  wire [16:0] retry_queue_front;
+  fifo_17x48 retry_queue (
     .clk(clk),
     .rst(rst),
     .push(retry_push),
@@ -575,8 +594,8 @@ module tpu (
   wire step_goes_nowhere = step_valid & ~goes_on_s16;
 
   wire nowhere_queue_valid;
-  wire [15:0] nowhere_queue_front;
-  fifo_16x48 nowhere_queue (
+  wire [16:0] nowhere_queue_front;
+  fifo_17x48 nowhere_queue (
     .clk(clk),
     .rst(rst),
     .push(step_goes_nowhere),
@@ -597,14 +616,14 @@ module tpu (
 
   // The pop.
   wire pop_valid = may_pop & (retry_queue_valid | done_queue_valid | nowhere_queue_valid);
-  wire [15:0] pop =
+  wire [16:0] pop =
       retry_queue_valid ? retry_queue_front :
       done_queue_valid ? done_queue_front :
       nowhere_queue_front;
   wire stack_empty = ~|pop[11:6];
   wire [5:0] level_below = pop[11:6] - 6'd1;
-  reg  [218:0] stack_read;
-  reg  [218:0] stack_read_s2;
+  reg  [219:0] stack_read;
+  reg  [219:0] stack_read_s2;
   (* no_rw_check, ram_style = "distributed" *)
   reg  [23:0] limit0_memory [0:47];
   reg  [23:0] pop_5_0_delay;
@@ -613,26 +632,26 @@ module tpu (
   reg  [23:0] limit0_memory_read_s2;
   wire limit0_memory_read_22_16_is_zero = ~|limit0_memory_read_s2[22:16];
   wire [23:0] joined_2 = {limit0_memory_read_s2[22:0], 1'b0};
-  wire term = (joined_2 < {stack_read_s2[49:27], stack_read_s2[50]}) ^ limit0_memory_read_s2[23];
-  wire choice_2 = (limit0_memory_read_s2[23] ^ stack_read_s2[50]) ? limit0_memory_read_s2[23] : term;
+  wire term = (joined_2 < {stack_read_s2[50:28], stack_read_s2[51]}) ^ limit0_memory_read_s2[23];
+  wire choice_2 = (limit0_memory_read_s2[23] ^ stack_read_s2[51]) ? limit0_memory_read_s2[23] : term;
   wire term_2 = (&limit0_memory_read_s2[22:16]) & (|limit0_memory_read_s2[15:0]);
   wire ray0_within =
-      ~(choice_2 & ~(limit0_memory_read_22_16_is_zero & (~|stack_read_s2[49:43]))) &
-      ~(((&stack_read_s2[49:43]) & (|stack_read_s2[42:27])) | term_2);
+      ~(choice_2 & ~(limit0_memory_read_22_16_is_zero & (~|stack_read_s2[50:44]))) &
+      ~(((&stack_read_s2[50:44]) & (|stack_read_s2[43:28])) | term_2);
   reg  not_pop_12_s1, not_pop_12_s2;
-  wire ray0_stays = stack_read_s2[23] & (ray0_within | not_pop_12_s2);
-  wire term_3 = (joined_2 < {stack_read_s2[73:51], stack_read_s2[74]}) ^ limit0_memory_read_s2[23];
+  wire ray0_stays = stack_read_s2[24] & (ray0_within | not_pop_12_s2);
+  wire term_3 = (joined_2 < {stack_read_s2[74:52], stack_read_s2[75]}) ^ limit0_memory_read_s2[23];
   wire choice_3 =
-      (limit0_memory_read_s2[23] ^ stack_read_s2[74]) ? limit0_memory_read_s2[23] :
+      (limit0_memory_read_s2[23] ^ stack_read_s2[75]) ? limit0_memory_read_s2[23] :
       term_3;
   wire term_4 =
       choice_3 &
-      ~(limit0_memory_read_22_16_is_zero & (~|stack_read_s2[73:67])) &
-      ~(term_2 | ((&stack_read_s2[73:67]) & (|stack_read_s2[66:51])));
+      ~(limit0_memory_read_22_16_is_zero & (~|stack_read_s2[74:68])) &
+      ~(term_2 | ((&stack_read_s2[74:68]) & (|stack_read_s2[67:52])));
   reg  pop_12_s1, pop_12_s2;
   wire [23:0] ray0_far =
-      pop_12_s2 ? (term_4 ? limit0_memory_read_s2 : stack_read_s2[74:51]) :
-      stack_read_s2[74:51];
+      pop_12_s2 ? (term_4 ? limit0_memory_read_s2 : stack_read_s2[75:52]) :
+      stack_read_s2[75:52];
   reg  ray0_stays_s3;
   reg  [47:0] joined_3_s3;
   (* no_rw_check, ram_style = "distributed" *)
@@ -641,28 +660,28 @@ module tpu (
   reg  [23:0] limit1_memory_read_s2;
   wire limit1_memory_read_22_16_is_zero = ~|limit1_memory_read_s2[22:16];
   wire [23:0] joined_4 = {limit1_memory_read_s2[22:0], 1'b0};
-  wire term_5 = (joined_4 < {stack_read_s2[97:75], stack_read_s2[98]}) ^ limit1_memory_read_s2[23];
+  wire term_5 = (joined_4 < {stack_read_s2[98:76], stack_read_s2[99]}) ^ limit1_memory_read_s2[23];
   wire choice_4 =
-      (limit1_memory_read_s2[23] ^ stack_read_s2[98]) ? limit1_memory_read_s2[23] :
+      (limit1_memory_read_s2[23] ^ stack_read_s2[99]) ? limit1_memory_read_s2[23] :
       term_5;
   wire term_6 = (&limit1_memory_read_s2[22:16]) & (|limit1_memory_read_s2[15:0]);
   wire ray1_within =
-      ~(choice_4 & ~(limit1_memory_read_22_16_is_zero & (~|stack_read_s2[97:91]))) &
-      ~(((&stack_read_s2[97:91]) & (|stack_read_s2[90:75])) | term_6);
+      ~(choice_4 & ~(limit1_memory_read_22_16_is_zero & (~|stack_read_s2[98:92]))) &
+      ~(((&stack_read_s2[98:92]) & (|stack_read_s2[91:76])) | term_6);
   reg  not_pop_13_s1, not_pop_13_s2;
-  wire ray1_stays = stack_read_s2[24] & (ray1_within | not_pop_13_s2);
-  wire term_7 = (joined_4 < {stack_read_s2[121:99], stack_read_s2[122]}) ^ limit1_memory_read_s2[23];
+  wire ray1_stays = stack_read_s2[25] & (ray1_within | not_pop_13_s2);
+  wire term_7 = (joined_4 < {stack_read_s2[122:100], stack_read_s2[123]}) ^ limit1_memory_read_s2[23];
   wire choice_5 =
-      (limit1_memory_read_s2[23] ^ stack_read_s2[122]) ? limit1_memory_read_s2[23] :
+      (limit1_memory_read_s2[23] ^ stack_read_s2[123]) ? limit1_memory_read_s2[23] :
       term_7;
   wire term_8 =
       choice_5 &
-      ~(limit1_memory_read_22_16_is_zero & (~|stack_read_s2[121:115])) &
-      ~(term_6 | ((&stack_read_s2[121:115]) & (|stack_read_s2[114:99])));
+      ~(limit1_memory_read_22_16_is_zero & (~|stack_read_s2[122:116])) &
+      ~(term_6 | ((&stack_read_s2[122:116]) & (|stack_read_s2[115:100])));
   reg  pop_13_s1, pop_13_s2;
   wire [23:0] ray1_far =
-      pop_13_s2 ? (term_8 ? limit1_memory_read_s2 : stack_read_s2[122:99]) :
-      stack_read_s2[122:99];
+      pop_13_s2 ? (term_8 ? limit1_memory_read_s2 : stack_read_s2[123:100]) :
+      stack_read_s2[123:100];
   reg  ray1_stays_s3;
   reg  [47:0] joined_5_s3;
   (* no_rw_check, ram_style = "distributed" *)
@@ -671,30 +690,30 @@ module tpu (
   reg  [23:0] limit2_memory_read_s2;
   wire limit2_memory_read_22_16_is_zero = ~|limit2_memory_read_s2[22:16];
   wire [23:0] joined_6 = {limit2_memory_read_s2[22:0], 1'b0};
-  wire term_9 = (joined_6 < {stack_read_s2[145:123], stack_read_s2[146]}) ^ limit2_memory_read_s2[23];
+  wire term_9 = (joined_6 < {stack_read_s2[146:124], stack_read_s2[147]}) ^ limit2_memory_read_s2[23];
   wire choice_6 =
-      (limit2_memory_read_s2[23] ^ stack_read_s2[146]) ? limit2_memory_read_s2[23] :
+      (limit2_memory_read_s2[23] ^ stack_read_s2[147]) ? limit2_memory_read_s2[23] :
       term_9;
   wire term_10 = (&limit2_memory_read_s2[22:16]) & (|limit2_memory_read_s2[15:0]);
   wire ray2_within =
-      ~(choice_6 & ~(limit2_memory_read_22_16_is_zero & (~|stack_read_s2[145:139]))) &
-      ~(((&stack_read_s2[145:139]) & (|stack_read_s2[138:123])) | term_10);
+      ~(choice_6 & ~(limit2_memory_read_22_16_is_zero & (~|stack_read_s2[146:140]))) &
+      ~(((&stack_read_s2[146:140]) & (|stack_read_s2[139:124])) | term_10);
   reg  not_pop_14_s1, not_pop_14_s2;
-  wire ray2_stays = stack_read_s2[25] & (ray2_within | not_pop_14_s2);
+  wire ray2_stays = stack_read_s2[26] & (ray2_within | not_pop_14_s2);
   wire term_11 =
-      (joined_6 < {stack_read_s2[169:147], stack_read_s2[170]}) ^
+      (joined_6 < {stack_read_s2[170:148], stack_read_s2[171]}) ^
       limit2_memory_read_s2[23];
   wire choice_7 =
-      (limit2_memory_read_s2[23] ^ stack_read_s2[170]) ? limit2_memory_read_s2[23] :
+      (limit2_memory_read_s2[23] ^ stack_read_s2[171]) ? limit2_memory_read_s2[23] :
       term_11;
   wire term_12 =
       choice_7 &
-      ~(limit2_memory_read_22_16_is_zero & (~|stack_read_s2[169:163])) &
-      ~(term_10 | ((&stack_read_s2[169:163]) & (|stack_read_s2[162:147])));
+      ~(limit2_memory_read_22_16_is_zero & (~|stack_read_s2[170:164])) &
+      ~(term_10 | ((&stack_read_s2[170:164]) & (|stack_read_s2[163:148])));
   reg  pop_14_s1, pop_14_s2;
   wire [23:0] ray2_far =
-      pop_14_s2 ? (term_12 ? limit2_memory_read_s2 : stack_read_s2[170:147]) :
-      stack_read_s2[170:147];
+      pop_14_s2 ? (term_12 ? limit2_memory_read_s2 : stack_read_s2[171:148]) :
+      stack_read_s2[171:148];
   reg  ray2_stays_s3;
   reg  [47:0] joined_7_s3;
   (* no_rw_check, ram_style = "distributed" *)
@@ -704,31 +723,31 @@ module tpu (
   wire limit3_memory_read_22_16_is_zero = ~|limit3_memory_read_s2[22:16];
   wire [23:0] joined_8 = {limit3_memory_read_s2[22:0], 1'b0};
   wire term_13 =
-      (joined_8 < {stack_read_s2[193:171], stack_read_s2[194]}) ^
+      (joined_8 < {stack_read_s2[194:172], stack_read_s2[195]}) ^
       limit3_memory_read_s2[23];
   wire choice_8 =
-      (limit3_memory_read_s2[23] ^ stack_read_s2[194]) ? limit3_memory_read_s2[23] :
+      (limit3_memory_read_s2[23] ^ stack_read_s2[195]) ? limit3_memory_read_s2[23] :
       term_13;
   wire term_14 = (&limit3_memory_read_s2[22:16]) & (|limit3_memory_read_s2[15:0]);
   wire ray3_within =
-      ~(choice_8 & ~(limit3_memory_read_22_16_is_zero & (~|stack_read_s2[193:187]))) &
-      ~(((&stack_read_s2[193:187]) & (|stack_read_s2[186:171])) | term_14);
+      ~(choice_8 & ~(limit3_memory_read_22_16_is_zero & (~|stack_read_s2[194:188]))) &
+      ~(((&stack_read_s2[194:188]) & (|stack_read_s2[187:172])) | term_14);
   reg  not_pop_15_s1, not_pop_15_s2;
-  wire ray3_stays = stack_read_s2[26] & (ray3_within | not_pop_15_s2);
+  wire ray3_stays = stack_read_s2[27] & (ray3_within | not_pop_15_s2);
   wire term_15 =
-      (joined_8 < {stack_read_s2[217:195], stack_read_s2[218]}) ^
+      (joined_8 < {stack_read_s2[218:196], stack_read_s2[219]}) ^
       limit3_memory_read_s2[23];
   wire choice_9 =
-      (limit3_memory_read_s2[23] ^ stack_read_s2[218]) ? limit3_memory_read_s2[23] :
+      (limit3_memory_read_s2[23] ^ stack_read_s2[219]) ? limit3_memory_read_s2[23] :
       term_15;
   wire term_16 =
       choice_9 &
-      ~(limit3_memory_read_22_16_is_zero & (~|stack_read_s2[217:211])) &
-      ~(term_14 | ((&stack_read_s2[217:211]) & (|stack_read_s2[210:195])));
+      ~(limit3_memory_read_22_16_is_zero & (~|stack_read_s2[218:212])) &
+      ~(term_14 | ((&stack_read_s2[218:212]) & (|stack_read_s2[211:196])));
   reg  pop_15_s1, pop_15_s2;
   wire [23:0] ray3_far =
-      pop_15_s2 ? (term_16 ? limit3_memory_read_s2 : stack_read_s2[218:195]) :
-      stack_read_s2[218:195];
+      pop_15_s2 ? (term_16 ? limit3_memory_read_s2 : stack_read_s2[219:196]) :
+      stack_read_s2[219:196];
   reg  ray3_stays_s3;
   reg  [47:0] joined_9_s3;
   wire [3:0] stay_mask = {ray3_stays_s3, ray2_stays_s3, ray1_stays_s3, ray0_stays_s3};
@@ -748,56 +767,70 @@ module tpu (
   wire [5:0] level_below_s4 = level_below_delay[23:18];
   reg  [21:0] stack_read_21_0_s3, stack_read_21_0_s4;
   reg  stack_read_22_s3, stack_read_22_s4;
-  wire [9:0] pop_out_context = {pop_15_12_s4, level_below_s4};
+  reg  stack_read_23_s3, stack_read_23_s4;
+  wire [10:0] pop_out_context = {stack_read_23_s4, pop_15_12_s4, level_below_s4};
   wire pop_done_and_not_stack_empty = pop_done & ~stack_empty_s4;
   wire any_pop_out_mask = |pop_out_mask;
   wire pop_goes_on = pop_done_and_not_stack_empty & any_pop_out_mask;
   wire pop_dropped = pop_done_and_not_stack_empty & ~any_pop_out_mask;
-  assign retry_push = pop_dropped;
-  assign retry_item = {pop_out_context, pop_out_packet};
 
-  // The start: rays arrive one by one, the last starts the packet at the root. No pop ends while
-  // one arrives.
-  reg  [3:0] gathered;
-  wire [3:0] joined_10 = {
+  // The start, in the scene or in an object: rays arrive one by one, the last one starts the packet
+  // at the root. No pop ends while one arrives. Rays of the world and of an object's space may
+  // alternate.
+  wire [3:0] bit_in = {
       setup_enters & setup_ray_is_3,
       setup_enters & setup_ray_is_2,
       setup_enters & setup_ray_is_1,
       setup_enters & setup_ray_is_0
     };
-  wire [3:0] start_mask = ((~|setup_ray) ? 4'd0 : gathered) | joined_10;
+  reg  [3:0] gathered;
+  reg  [3:0] gathered_object;
+  wire [3:0] choice_10 =
+      setup_first ? 4'd0 :
+      setup_object ? gathered_object :
+      gathered;
+  wire [3:0] start_mask = choice_10 | bit_in;
 
   always @(posedge clk) begin
-    if (setup_valid) gathered <= start_mask;
+    if (setup_valid & ~setup_object) gathered <= start_mask;
+    if (setup_valid & setup_object) gathered_object <= start_mask;
   end
 
+  wire start = setup_valid & setup_last;
   wire any_start_mask = |start_mask;
-  wire start_goes = setup_of_ray3 & any_start_mask;
+  wire start_goes = start & any_start_mask;
+  wire start_nowhere = start & ~any_start_mask;
+  assign retry_push = pop_dropped | (start_nowhere & setup_object);
+  assign retry_item =
+      setup_valid ? {object_context, setup_packet} :
+      {pop_out_context, pop_out_packet};
   assign popped_packet = setup_valid ? setup_packet : pop_out_packet;
   wire entered = start_goes | pop_goes_on;
   assign popped_mask_write = entered;
   assign popped_mask = setup_valid ? start_mask : pop_out_mask;
-  wire [47:0] joined_11 = {setup_far, setup_near};
+  wire [47:0] joined_10 = {setup_far, setup_near};
   assign popped_write0 = setup_of_ray0 | pop_goes_on;
-  assign popped_interval0 = setup_valid ? joined_11 : joined_3_s4;
+  assign popped_interval0 = setup_valid ? joined_10 : joined_3_s4;
   assign popped_write1 = setup_of_ray1 | pop_goes_on;
-  assign popped_interval1 = setup_valid ? joined_11 : joined_5_s4;
+  assign popped_interval1 = setup_valid ? joined_10 : joined_5_s4;
   assign popped_write2 = setup_of_ray2 | pop_goes_on;
-  assign popped_interval2 = setup_valid ? joined_11 : joined_7_s4;
+  assign popped_interval2 = setup_valid ? joined_10 : joined_7_s4;
   assign popped_write3 = setup_of_ray3 | pop_goes_on;
-  assign popped_interval3 = setup_valid ? joined_11 : joined_9_s4;
-  wire choice_10 = setup_valid ? root[26] : stack_read_22_s4;
-  wire [21:0] choice_11 = setup_valid ? root[21:0] : stack_read_21_0_s4;
-  wire [9:0] choice_12 = setup_valid ? 10'd0 : pop_out_context;
+  assign popped_interval3 = setup_valid ? joined_10 : joined_9_s4;
+  wire choice_11 = setup_valid ? (setup_object ? object_leaf : root[26]) : stack_read_22_s4;
+  wire [21:0] choice_12 =
+      setup_valid ? (setup_object ? object_address : root[21:0]) :
+      stack_read_21_0_s4;
+  wire [10:0] choice_13 = setup_valid ? (setup_object ? object_context : 11'd0) : pop_out_context;
 
   // Nodes to fetch: after steps, and after pops and starts.
   wire take_step_item;
   wire take_pop_item;
-  wire [37:0] step_queue_data = {next_context_s16, first_address_s16, step_packet};
+  wire [38:0] step_queue_data = {next_context_s16, first_address_s16, step_packet};
 
   wire step_queue_valid;
-  wire [37:0] step_queue_front;
-  fifo_38x48 step_queue (
+  wire [38:0] step_queue_front;
+  fifo_39x48 step_queue (
     .clk(clk),
     .rst(rst),
     .push(stepped_write & ~first_leaf_s16),
@@ -807,14 +840,14 @@ module tpu (
     .front(step_queue_front)
   );
 
-  wire [37:0] entered_queue_data = {choice_12, choice_11, popped_packet};
+  wire [38:0] entered_queue_data = {choice_13, choice_12, popped_packet};
 
   wire entered_queue_valid;
-  wire [37:0] entered_queue_front;
-  fifo_38x48 entered_queue (
+  wire [38:0] entered_queue_front;
+  fifo_39x48 entered_queue (
     .clk(clk),
     .rst(rst),
-    .push(entered & ~choice_10),
+    .push(entered & ~choice_11),
     .data(entered_queue_data),
     .pop(take_pop_item),
     .valid(entered_queue_valid),
@@ -840,7 +873,7 @@ module tpu (
   // Leaves to hand over: after steps, and after pops and starts.
   wire take_step_leaf;
   wire take_pop_leaf;
-  wire [41:0] step_leaf_queue_data = {
+  wire [42:0] step_leaf_queue_data = {
       first_mask_s16,
       next_context_s16,
       first_address_s16,
@@ -848,8 +881,8 @@ module tpu (
     };
 
   wire step_leaf_queue_valid;
-  wire [41:0] step_leaf_queue_front;
-  fifo_42x48 step_leaf_queue (
+  wire [42:0] step_leaf_queue_front;
+  block_fifo_43x48 step_leaf_queue (
     .clk(clk),
     .rst(rst),
     .push(stepped_write & first_leaf_s16),
@@ -859,14 +892,14 @@ module tpu (
     .front(step_leaf_queue_front)
   );
 
-  wire [41:0] entered_leaf_queue_data = {popped_mask, choice_12, choice_11, popped_packet};
+  wire [42:0] entered_leaf_queue_data = {popped_mask, choice_13, choice_12, popped_packet};
 
   wire entered_leaf_queue_valid;
-  wire [41:0] entered_leaf_queue_front;
-  fifo_42x48 entered_leaf_queue (
+  wire [42:0] entered_leaf_queue_front;
+  block_fifo_43x48 entered_leaf_queue (
     .clk(clk),
     .rst(rst),
-    .push(entered & choice_10),
+    .push(entered & choice_11),
     .data(entered_leaf_queue_data),
     .pop(take_pop_leaf),
     .valid(entered_leaf_queue_valid),
@@ -883,34 +916,33 @@ module tpu (
     leaf_waiting_choice <= leaf_choice;
   end
 
-  wire [41:0] leaf_front = leaf_choice ? step_leaf_queue_front : entered_leaf_queue_front;
+  wire [42:0] leaf_front = leaf_choice ? step_leaf_queue_front : entered_leaf_queue_front;
   assign take_step_leaf = leaf_ready & leaf_choice;
   assign take_pop_leaf = leaf_ready & ~leaf_choice & entered_leaf_queue_valid;
-  assign watch_step_node = request_memory_read_21_0_delay[87:66];
 
   // Memories.
   always @(posedge clk) begin
-    if (setup_of_ray0) ray0_memory[setup_packet] <= setup_word;
-    ray0_memory_read <= ray0_memory[packet];
+    if (setup_of_ray0) ray0_memory[ray0_memory_write_address] <= setup_word;
+    ray0_memory_read <= ray0_memory[node_response_tag];
   end
 
   always @(posedge clk) begin
-    if (setup_of_ray1) ray1_memory[setup_packet] <= setup_word;
-    ray1_memory_read <= ray1_memory[packet];
+    if (setup_of_ray1) ray1_memory[ray0_memory_write_address] <= setup_word;
+    ray1_memory_read <= ray1_memory[node_response_tag];
   end
 
   always @(posedge clk) begin
-    if (setup_of_ray2) ray2_memory[setup_packet] <= setup_word;
-    ray2_memory_read <= ray2_memory[packet];
+    if (setup_of_ray2) ray2_memory[ray0_memory_write_address] <= setup_word;
+    ray2_memory_read <= ray2_memory[node_response_tag];
   end
 
   always @(posedge clk) begin
-    if (setup_of_ray3) ray3_memory[setup_packet] <= setup_word;
-    ray3_memory_read <= ray3_memory[packet];
+    if (setup_of_ray3) ray3_memory[ray0_memory_write_address] <= setup_word;
+    ray3_memory_read <= ray3_memory[node_response_tag];
   end
 
   always @(posedge clk) begin
-    if (request_fire) request_memory[request_item[5:0]] <= {request_popped, request_item[37:6]};
+    if (request_fire) request_memory[request_item[5:0]] <= {request_popped, request_item[38:6]};
   end
 
   always @(posedge clk) begin
@@ -1029,13 +1061,13 @@ module tpu (
     popped3_memory_read_s12 <= popped3_memory_read;
 
     // Pipeline 1, stage 13
-    request_memory_read_31_22_s13 <= request_memory_read_s12[31:22];
+    request_memory_read_32_22_s13 <= request_memory_read_s12[32:22];
 
     // Pipeline 1, stage 14
-    request_memory_read_31_22_s14 <= request_memory_read_31_22_s13;
+    request_memory_read_32_22_s14 <= request_memory_read_32_22_s13;
 
     // Pipeline 1, stage 15
-    request_memory_read_31_22_s15 <= request_memory_read_31_22_s14;
+    request_memory_read_32_22_s15 <= request_memory_read_32_22_s14;
 
     // Pipeline 1, stage 16
     goes_on_s16 <= goes_on;
@@ -1046,7 +1078,7 @@ module tpu (
     first_intervals_s16 <= first_intervals;
     pushes_s16 <= pushes;
     level_before_s16 <= level_before;
-    stack_write_data_s16 <= {second_intervals, second_mask, second_leaf, second_address};
+    stack_write_data_s16 <= stack_write_data;
     watch_step_left <= to_left;
     watch_step_right <= to_right;
     watch_step_left_first <= left_first;
@@ -1080,15 +1112,16 @@ module tpu (
 
     // Pipeline 2, stage 3
     ray0_stays_s3 <= ray0_stays;
-    joined_3_s3 <= {ray0_far, stack_read_s2[50:27]};
+    joined_3_s3 <= {ray0_far, stack_read_s2[51:28]};
     ray1_stays_s3 <= ray1_stays;
-    joined_5_s3 <= {ray1_far, stack_read_s2[98:75]};
+    joined_5_s3 <= {ray1_far, stack_read_s2[99:76]};
     ray2_stays_s3 <= ray2_stays;
-    joined_7_s3 <= {ray2_far, stack_read_s2[146:123]};
+    joined_7_s3 <= {ray2_far, stack_read_s2[147:124]};
     ray3_stays_s3 <= ray3_stays;
-    joined_9_s3 <= {ray3_far, stack_read_s2[194:171]};
+    joined_9_s3 <= {ray3_far, stack_read_s2[195:172]};
     stack_read_21_0_s3 <= stack_read_s2[21:0];
     stack_read_22_s3 <= stack_read_s2[22];
+    stack_read_23_s3 <= stack_read_s2[23];
 
     // Pipeline 2, stage 4
     pop_out_mask <= stay_mask;
@@ -1098,6 +1131,7 @@ module tpu (
     joined_9_s4 <= joined_9_s3;
     stack_read_21_0_s4 <= stack_read_21_0_s3;
     stack_read_22_s4 <= stack_read_22_s3;
+    stack_read_23_s4 <= stack_read_23_s3;
   end
 
   // Delay lines: values that wait for others of their pipeline, the newest lowest.
@@ -1118,13 +1152,13 @@ module tpu (
 
   assign node_request_valid = node_wanted;
   assign node_request_address = request_item[27:6];
-  assign node_request_tag = request_item[5:0];
+  assign node_request_tag = {request_item[38], request_item[5:0]};
   assign leaf_valid = leaf_wanted;
   assign leaf_packet = leaf_front[5:0];
   assign leaf_address = leaf_front[27:6];
-  assign leaf_context = leaf_front[37:28];
-  assign leaf_mask = leaf_front[41:38];
-  assign finished_valid = (setup_of_ray3 & ~any_start_mask) | (pop_done & stack_empty_s4);
+  assign leaf_context = leaf_front[38:28];
+  assign leaf_mask = leaf_front[42:39];
+  assign finished_valid = (start_nowhere & ~setup_object) | (pop_done & stack_empty_s4);
   assign finished_packet = popped_packet;
   assign finished_touched = setup_valid ? 4'd0 : pop_15_12_s4;
   assign step_taken = step_valid;
@@ -1133,7 +1167,7 @@ module tpu (
   assign watch_step_packet = step_packet;
 
   // What nothing reads.
-  wire unused = &{1'b0, root[25:22], root[31:27], node_response_data[121:118]};
+  wire unused = &{1'b0, root[25:22], root[31:27], node_response_data[121:118], pop[16]};
 
 endmodule
 

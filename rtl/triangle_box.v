@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: MIT OR Apache-2.0
 // triangle_box: a ray's interval in a triangle's own box, by the very plane distances of traversal,
 // and whether the triangle is degenerate.
-// Latency: 16 clocks, one set of inputs a clock.
+// Latency: 8 to 16 clocks, one set of inputs a clock.
 
 `default_nettype none
 
@@ -28,395 +28,614 @@ module triangle_box (
   input  wire [23:0] reciprocal_z,
   input  wire [2:0]  signs,
 
+  // While it accumulates: sums, whose operands are given at any time
+  input  wire        accumulate,
+  input  wire [23:0] sum_a_0,
+  input  wire [23:0] sum_b_0,
+  input  wire [23:0] sum_a_1,
+  input  wire [23:0] sum_b_1,
+  input  wire [23:0] sum_a_2,
+  input  wire [23:0] sum_b_2,
+  input  wire [23:0] sum_a_3,
+  input  wire [23:0] sum_b_3,
+  input  wire [23:0] sum_a_4,
+  input  wire [23:0] sum_b_4,
+  input  wire [23:0] sum_a_5,
+  input  wire [23:0] sum_b_5,
+  output wire [23:0] sum_0,
+  output wire [23:0] sum_1,
+  output wire [23:0] sum_2,
+  output wire [23:0] sum_3,
+  output wire [23:0] sum_4,
+  output wire [23:0] sum_5,
+
+  // The interval that the box clips
+  input  wire [23:0] window_near,
+  input  wire [23:0] window_far,
+
   // The interval, and whether the box alone makes the ray miss
   output reg  [23:0] box_near,
   output reg  [23:0] box_far,
   output wire        box_misses
 );
 
-  // The x axis.
-  wire v1_x_22_16_is_zero = ~|v1_x[22:16];
-  wire v0_x_22_16_is_zero = ~|v0_x[22:16];
-  wire choice =
-      (v1_x[23] ^ v0_x[23]) ? v1_x[23] :
-      (({v1_x[22:0], 1'b0} < {v0_x[22:0], v0_x[23]}) ^ v1_x[23]);
+  // The box on the x axis.
   wire all_v1_x_22_16_and_any_v1_x_15_0 = (&v1_x[22:16]) & (|v1_x[15:0]);
   wire all_v0_x_22_16_and_any_v0_x_15_0 = (&v0_x[22:16]) & (|v0_x[15:0]);
-  wire term =
-      choice &
-      ~(v1_x_22_16_is_zero & v0_x_22_16_is_zero) &
-      ~(all_v1_x_22_16_and_any_v1_x_15_0 | all_v0_x_22_16_and_any_v0_x_15_0);
-  wire [23:0] lo01_x = term ? v1_x : v0_x;
+  wire lo01_x_is_less_ordered = ~(all_v1_x_22_16_and_any_v1_x_15_0 | all_v0_x_22_16_and_any_v0_x_15_0);
+  wire v1_x_22_16_is_zero = ~|v1_x[22:16];
+  wire v0_x_22_16_is_zero = ~|v0_x[22:16];
+  wire lo01_x_is_less_both_zero = v1_x_22_16_is_zero & v0_x_22_16_is_zero;
+  wire lo01_x_is_less_unless_zero =
+      (v1_x[23] ^ v0_x[23]) ? v1_x[23] :
+      (({v1_x[22:0], 1'b0} < {v0_x[22:0], v0_x[23]}) ^ v1_x[23]);
+  wire lo01_x_is_less =
+      lo01_x_is_less_unless_zero &
+      ~lo01_x_is_less_both_zero &
+      lo01_x_is_less_ordered;
+  wire [23:0] lo01_x = lo01_x_is_less ? v1_x : v0_x;
   reg  [23:0] lo01_x_s1;
-  wire term_2 = v0_x_22_16_is_zero & v1_x_22_16_is_zero;
-  wire choice_2 =
+  wire hi01_x_is_greater_ordered = ~(all_v0_x_22_16_and_any_v0_x_15_0 | all_v1_x_22_16_and_any_v1_x_15_0);
+  wire hi01_x_is_greater_both_zero = v0_x_22_16_is_zero & v1_x_22_16_is_zero;
+  wire hi01_x_is_greater_unless_zero =
       (v0_x[23] ^ v1_x[23]) ? v0_x[23] :
       (({v0_x[22:0], 1'b0} < {v1_x[22:0], v1_x[23]}) ^ v0_x[23]);
-  wire term_3 =
-      choice_2 &
-      ~term_2 &
-      ~(all_v0_x_22_16_and_any_v0_x_15_0 | all_v1_x_22_16_and_any_v1_x_15_0);
-  wire [23:0] hi01_x = term_3 ? v1_x : v0_x;
+  wire hi01_x_is_greater =
+      hi01_x_is_greater_unless_zero &
+      ~hi01_x_is_greater_both_zero &
+      hi01_x_is_greater_ordered;
+  wire [23:0] hi01_x = hi01_x_is_greater ? v1_x : v0_x;
   reg  [23:0] hi01_x_s1;
-  wire v2_x_22_16_is_zero = ~|v2_x[22:16];
-  reg  v2_x_22_16_is_zero_s1;
-  reg  [23:0] joined_s1;
-  reg  v2_x_23_s1;
-  wire term_4 = (joined_s1 < {lo01_x_s1[22:0], lo01_x_s1[23]}) ^ v2_x_23_s1;
-  wire choice_3 = (v2_x_23_s1 ^ lo01_x_s1[23]) ? v2_x_23_s1 : term_4;
   wire all_v2_x_22_16_and_any_v2_x_15_0 = (&v2_x[22:16]) & (|v2_x[15:0]);
   reg  all_v2_x_22_16_and_any_v2_x_15_0_s1;
-  wire term_5 =
-      choice_3 &
-      ~(v2_x_22_16_is_zero_s1 & (~|lo01_x_s1[22:16])) &
-      ~(all_v2_x_22_16_and_any_v2_x_15_0_s1 | ((&lo01_x_s1[22:16]) & (|lo01_x_s1[15:0])));
+  wire lo_x_is_less_ordered = ~(all_v2_x_22_16_and_any_v2_x_15_0_s1 | ((&lo01_x_s1[22:16]) & (|lo01_x_s1[15:0])));
+  wire v2_x_22_16_is_zero = ~|v2_x[22:16];
+  reg  v2_x_22_16_is_zero_s1;
+  wire lo_x_is_less_both_zero = v2_x_22_16_is_zero_s1 & (~|lo01_x_s1[22:16]);
+  reg  [23:0] joined_s1;
+  reg  v2_x_23_s1;
+  wire term = (joined_s1 < {lo01_x_s1[22:0], lo01_x_s1[23]}) ^ v2_x_23_s1;
+  wire lo_x_is_less_unless_zero = (v2_x_23_s1 ^ lo01_x_s1[23]) ? v2_x_23_s1 : term;
+  wire lo_x_is_less = lo_x_is_less_unless_zero & ~lo_x_is_less_both_zero & lo_x_is_less_ordered;
   reg  [23:0] v2_x_s1;
-  wire [23:0] lo_x = term_5 ? v2_x_s1 : lo01_x_s1;
+  wire [23:0] lo_x = lo_x_is_less ? v2_x_s1 : lo01_x_s1;
   reg  [23:0] lo_x_s2;
+  wire hi_x_is_greater_ordered = ~(((&hi01_x_s1[22:16]) & (|hi01_x_s1[15:0])) | all_v2_x_22_16_and_any_v2_x_15_0_s1);
+  wire hi_x_is_greater_both_zero = (~|hi01_x_s1[22:16]) & v2_x_22_16_is_zero_s1;
   reg  [23:0] joined_2_s1;
-  wire choice_4 =
+  wire hi_x_is_greater_unless_zero =
       (hi01_x_s1[23] ^ v2_x_23_s1) ? hi01_x_s1[23] :
       (({hi01_x_s1[22:0], 1'b0} < joined_2_s1) ^ hi01_x_s1[23]);
-  wire term_6 =
-      choice_4 &
-      ~((~|hi01_x_s1[22:16]) & v2_x_22_16_is_zero_s1) &
-      ~(((&hi01_x_s1[22:16]) & (|hi01_x_s1[15:0])) | all_v2_x_22_16_and_any_v2_x_15_0_s1);
-  wire [23:0] hi_x = term_6 ? v2_x_s1 : hi01_x_s1;
+  wire hi_x_is_greater =
+      hi_x_is_greater_unless_zero &
+      ~hi_x_is_greater_both_zero &
+      hi_x_is_greater_ordered;
+  wire [23:0] hi_x = hi_x_is_greater ? v2_x_s1 : hi01_x_s1;
   reg  [23:0] hi_x_s2;
-  wire term_7 = (lo_x_s2 == hi_x_s2) | ((~|lo_x_s2[22:16]) & (~|hi_x_s2[22:16]));
+  wire term_2 = (lo_x_s2 == hi_x_s2) | ((~|lo_x_s2[22:16]) & (~|hi_x_s2[22:16]));
   wire flat_x =
-      term_7 &
+      term_2 &
       ~((&lo_x_s2[22:16]) & (|lo_x_s2[15:0])) &
       ~((&hi_x_s2[22:16]) & (|hi_x_s2[15:0]));
   reg  flat_x_s3;
   wire same01_x =
-      ((v0_x == v1_x) | term_2) &
+      ((v0_x == v1_x) | hi01_x_is_greater_both_zero) &
       ~all_v0_x_22_16_and_any_v0_x_15_0 &
       ~all_v1_x_22_16_and_any_v1_x_15_0;
   reg  same01_x_s1;
-  wire term_8 =
+  wire term_3 =
       ((v1_x == v2_x) | (v1_x_22_16_is_zero & v2_x_22_16_is_zero)) &
       ~all_v1_x_22_16_and_any_v1_x_15_0;
-  wire same12_x = term_8 & ~all_v2_x_22_16_and_any_v2_x_15_0;
+  wire same12_x = term_3 & ~all_v2_x_22_16_and_any_v2_x_15_0;
   reg  same12_x_s1;
-  wire term_9 =
+  wire term_4 =
       ((v2_x == v0_x) | (v2_x_22_16_is_zero & v0_x_22_16_is_zero)) &
       ~all_v2_x_22_16_and_any_v2_x_15_0;
-  wire same20_x = term_9 & ~all_v0_x_22_16_and_any_v0_x_15_0;
+  wire same20_x = term_4 & ~all_v0_x_22_16_and_any_v0_x_15_0;
   reg  same20_x_s1;
-  reg  signs_0_s1, signs_0_s2;
-  wire [23:0] near_plane_x = signs_0_s2 ? hi_x_s2 : lo_x_s2;
-  reg  [23:0] near_plane_x_s3;
-  reg  [23:0] origin_x_s1, origin_x_s2, origin_x_s3;
-  reg  [191:0] reciprocal_x_delay;
-  wire [23:0] reciprocal_x_s8 = reciprocal_x_delay[191:168];
 
-  wire [23:0] near_x_distance;
-  near_distance near_x (
-    .clk(clk),
-    .plane(near_plane_x_s3),
-    .origin(origin_x_s3),
-    .reciprocal(reciprocal_x_s8),
-    .distance(near_x_distance)
-  );
-
-  wire [23:0] far_plane_x = signs_0_s2 ? lo_x_s2 : hi_x_s2;
-  reg  [23:0] far_plane_x_s3;
-
-  wire [23:0] far_x_distance;
-  far_distance far_x (
-    .clk(clk),
-    .plane(far_plane_x_s3),
-    .origin(origin_x_s3),
-    .reciprocal(reciprocal_x_s8),
-    .distance(far_x_distance)
-  );
-
-  wire [23:0] near_after_x =
-      ((&near_x_distance[22:16]) & (|near_x_distance[15:0])) ? 24'hff0000 :
-      near_x_distance;
-  reg  [23:0] near_after_x_s13;
-  wire [23:0] far_after_x =
-      ((&far_x_distance[22:16]) & (|far_x_distance[15:0])) ? 24'h7f0000 :
-      far_x_distance;
-  reg  [23:0] far_after_x_s13;
-
-  // The y axis.
-  wire v1_y_22_16_is_zero = ~|v1_y[22:16];
-  wire v0_y_22_16_is_zero = ~|v0_y[22:16];
-  wire choice_5 =
-      (v1_y[23] ^ v0_y[23]) ? v1_y[23] :
-      (({v1_y[22:0], 1'b0} < {v0_y[22:0], v0_y[23]}) ^ v1_y[23]);
+  // The box on the y axis.
   wire all_v1_y_22_16_and_any_v1_y_15_0 = (&v1_y[22:16]) & (|v1_y[15:0]);
   wire all_v0_y_22_16_and_any_v0_y_15_0 = (&v0_y[22:16]) & (|v0_y[15:0]);
-  wire term_10 =
-      choice_5 &
-      ~(v1_y_22_16_is_zero & v0_y_22_16_is_zero) &
-      ~(all_v1_y_22_16_and_any_v1_y_15_0 | all_v0_y_22_16_and_any_v0_y_15_0);
-  wire [23:0] lo01_y = term_10 ? v1_y : v0_y;
+  wire lo01_y_is_less_ordered = ~(all_v1_y_22_16_and_any_v1_y_15_0 | all_v0_y_22_16_and_any_v0_y_15_0);
+  wire v1_y_22_16_is_zero = ~|v1_y[22:16];
+  wire v0_y_22_16_is_zero = ~|v0_y[22:16];
+  wire lo01_y_is_less_both_zero = v1_y_22_16_is_zero & v0_y_22_16_is_zero;
+  wire lo01_y_is_less_unless_zero =
+      (v1_y[23] ^ v0_y[23]) ? v1_y[23] :
+      (({v1_y[22:0], 1'b0} < {v0_y[22:0], v0_y[23]}) ^ v1_y[23]);
+  wire lo01_y_is_less =
+      lo01_y_is_less_unless_zero &
+      ~lo01_y_is_less_both_zero &
+      lo01_y_is_less_ordered;
+  wire [23:0] lo01_y = lo01_y_is_less ? v1_y : v0_y;
   reg  [23:0] lo01_y_s1;
-  wire term_11 = v0_y_22_16_is_zero & v1_y_22_16_is_zero;
-  wire choice_6 =
+  wire hi01_y_is_greater_ordered = ~(all_v0_y_22_16_and_any_v0_y_15_0 | all_v1_y_22_16_and_any_v1_y_15_0);
+  wire hi01_y_is_greater_both_zero = v0_y_22_16_is_zero & v1_y_22_16_is_zero;
+  wire hi01_y_is_greater_unless_zero =
       (v0_y[23] ^ v1_y[23]) ? v0_y[23] :
       (({v0_y[22:0], 1'b0} < {v1_y[22:0], v1_y[23]}) ^ v0_y[23]);
-  wire term_12 =
-      choice_6 &
-      ~term_11 &
-      ~(all_v0_y_22_16_and_any_v0_y_15_0 | all_v1_y_22_16_and_any_v1_y_15_0);
-  wire [23:0] hi01_y = term_12 ? v1_y : v0_y;
+  wire hi01_y_is_greater =
+      hi01_y_is_greater_unless_zero &
+      ~hi01_y_is_greater_both_zero &
+      hi01_y_is_greater_ordered;
+  wire [23:0] hi01_y = hi01_y_is_greater ? v1_y : v0_y;
   reg  [23:0] hi01_y_s1;
-  wire v2_y_22_16_is_zero = ~|v2_y[22:16];
-  reg  v2_y_22_16_is_zero_s1;
-  reg  [23:0] joined_3_s1;
-  reg  v2_y_23_s1;
-  wire term_13 = (joined_3_s1 < {lo01_y_s1[22:0], lo01_y_s1[23]}) ^ v2_y_23_s1;
-  wire choice_7 = (v2_y_23_s1 ^ lo01_y_s1[23]) ? v2_y_23_s1 : term_13;
   wire all_v2_y_22_16_and_any_v2_y_15_0 = (&v2_y[22:16]) & (|v2_y[15:0]);
   reg  all_v2_y_22_16_and_any_v2_y_15_0_s1;
-  wire term_14 =
-      choice_7 &
-      ~(v2_y_22_16_is_zero_s1 & (~|lo01_y_s1[22:16])) &
-      ~(all_v2_y_22_16_and_any_v2_y_15_0_s1 | ((&lo01_y_s1[22:16]) & (|lo01_y_s1[15:0])));
+  wire lo_y_is_less_ordered = ~(all_v2_y_22_16_and_any_v2_y_15_0_s1 | ((&lo01_y_s1[22:16]) & (|lo01_y_s1[15:0])));
+  wire v2_y_22_16_is_zero = ~|v2_y[22:16];
+  reg  v2_y_22_16_is_zero_s1;
+  wire lo_y_is_less_both_zero = v2_y_22_16_is_zero_s1 & (~|lo01_y_s1[22:16]);
+  reg  [23:0] joined_3_s1;
+  reg  v2_y_23_s1;
+  wire term_5 = (joined_3_s1 < {lo01_y_s1[22:0], lo01_y_s1[23]}) ^ v2_y_23_s1;
+  wire lo_y_is_less_unless_zero = (v2_y_23_s1 ^ lo01_y_s1[23]) ? v2_y_23_s1 : term_5;
+  wire lo_y_is_less = lo_y_is_less_unless_zero & ~lo_y_is_less_both_zero & lo_y_is_less_ordered;
   reg  [23:0] v2_y_s1;
-  wire [23:0] lo_y = term_14 ? v2_y_s1 : lo01_y_s1;
+  wire [23:0] lo_y = lo_y_is_less ? v2_y_s1 : lo01_y_s1;
   reg  [23:0] lo_y_s2;
+  wire hi_y_is_greater_ordered = ~(((&hi01_y_s1[22:16]) & (|hi01_y_s1[15:0])) | all_v2_y_22_16_and_any_v2_y_15_0_s1);
+  wire hi_y_is_greater_both_zero = (~|hi01_y_s1[22:16]) & v2_y_22_16_is_zero_s1;
   reg  [23:0] joined_4_s1;
-  wire choice_8 =
+  wire hi_y_is_greater_unless_zero =
       (hi01_y_s1[23] ^ v2_y_23_s1) ? hi01_y_s1[23] :
       (({hi01_y_s1[22:0], 1'b0} < joined_4_s1) ^ hi01_y_s1[23]);
-  wire term_15 =
-      choice_8 &
-      ~((~|hi01_y_s1[22:16]) & v2_y_22_16_is_zero_s1) &
-      ~(((&hi01_y_s1[22:16]) & (|hi01_y_s1[15:0])) | all_v2_y_22_16_and_any_v2_y_15_0_s1);
-  wire [23:0] hi_y = term_15 ? v2_y_s1 : hi01_y_s1;
+  wire hi_y_is_greater =
+      hi_y_is_greater_unless_zero &
+      ~hi_y_is_greater_both_zero &
+      hi_y_is_greater_ordered;
+  wire [23:0] hi_y = hi_y_is_greater ? v2_y_s1 : hi01_y_s1;
   reg  [23:0] hi_y_s2;
-  wire term_16 = (lo_y_s2 == hi_y_s2) | ((~|lo_y_s2[22:16]) & (~|hi_y_s2[22:16]));
+  wire term_6 = (lo_y_s2 == hi_y_s2) | ((~|lo_y_s2[22:16]) & (~|hi_y_s2[22:16]));
   wire flat_y =
-      term_16 &
+      term_6 &
       ~((&lo_y_s2[22:16]) & (|lo_y_s2[15:0])) &
       ~((&hi_y_s2[22:16]) & (|hi_y_s2[15:0]));
   reg  flat_y_s3;
   wire same01_y =
-      ((v0_y == v1_y) | term_11) &
+      ((v0_y == v1_y) | hi01_y_is_greater_both_zero) &
       ~all_v0_y_22_16_and_any_v0_y_15_0 &
       ~all_v1_y_22_16_and_any_v1_y_15_0;
   reg  same01_y_s1;
-  wire term_17 =
+  wire term_7 =
       ((v1_y == v2_y) | (v1_y_22_16_is_zero & v2_y_22_16_is_zero)) &
       ~all_v1_y_22_16_and_any_v1_y_15_0;
-  wire same12_y = term_17 & ~all_v2_y_22_16_and_any_v2_y_15_0;
+  wire same12_y = term_7 & ~all_v2_y_22_16_and_any_v2_y_15_0;
   reg  same12_y_s1;
-  wire term_18 =
+  wire term_8 =
       ((v2_y == v0_y) | (v2_y_22_16_is_zero & v0_y_22_16_is_zero)) &
       ~all_v2_y_22_16_and_any_v2_y_15_0;
-  wire same20_y = term_18 & ~all_v0_y_22_16_and_any_v0_y_15_0;
+  wire same20_y = term_8 & ~all_v0_y_22_16_and_any_v0_y_15_0;
   reg  same20_y_s1;
-  reg  signs_1_s1, signs_1_s2;
-  wire [23:0] near_plane_y = signs_1_s2 ? hi_y_s2 : lo_y_s2;
-  reg  [23:0] near_plane_y_s3;
-  reg  [23:0] origin_y_s1, origin_y_s2, origin_y_s3;
-  reg  [191:0] reciprocal_y_delay;
-  wire [23:0] reciprocal_y_s8 = reciprocal_y_delay[191:168];
 
-  wire [23:0] near_y_distance;
-  near_distance near_y (
-    .clk(clk),
-    .plane(near_plane_y_s3),
-    .origin(origin_y_s3),
-    .reciprocal(reciprocal_y_s8),
-    .distance(near_y_distance)
-  );
-
-  wire [23:0] far_plane_y = signs_1_s2 ? lo_y_s2 : hi_y_s2;
-  reg  [23:0] far_plane_y_s3;
-
-  wire [23:0] far_y_distance;
-  far_distance far_y (
-    .clk(clk),
-    .plane(far_plane_y_s3),
-    .origin(origin_y_s3),
-    .reciprocal(reciprocal_y_s8),
-    .distance(far_y_distance)
-  );
-
-  reg  near_y_distance_22_16_is_zero_s13;
-  reg  [23:0] joined_5_s13;
-  reg  near_y_distance_23_s13;
-  wire choice_9 =
-      (near_after_x_s13[23] ^ near_y_distance_23_s13) ? near_after_x_s13[23] :
-      (({near_after_x_s13[22:0], 1'b0} < joined_5_s13) ^ near_after_x_s13[23]);
-  reg  term_19_s13;
-  wire term_20 =
-      choice_9 &
-      ~((~|near_after_x_s13[22:16]) & near_y_distance_22_16_is_zero_s13) &
-      ~(((&near_after_x_s13[22:16]) & (|near_after_x_s13[15:0])) | term_19_s13);
-  reg  [23:0] near_y_distance_s13;
-  wire [23:0] near_after_y = term_20 ? near_y_distance_s13 : near_after_x_s13;
-  reg  [23:0] near_after_y_s14;
-  reg  far_y_distance_22_16_is_zero_s13;
-  reg  [23:0] joined_6_s13;
-  reg  far_y_distance_23_s13;
-  wire term_21 =
-      (joined_6_s13 < {far_after_x_s13[22:0], far_after_x_s13[23]}) ^
-      far_y_distance_23_s13;
-  wire choice_10 = (far_y_distance_23_s13 ^ far_after_x_s13[23]) ? far_y_distance_23_s13 : term_21;
-  reg  term_22_s13;
-  wire term_23 =
-      choice_10 &
-      ~(far_y_distance_22_16_is_zero_s13 & (~|far_after_x_s13[22:16])) &
-      ~(term_22_s13 | ((&far_after_x_s13[22:16]) & (|far_after_x_s13[15:0])));
-  reg  [23:0] far_y_distance_s13;
-  wire [23:0] far_after_y = term_23 ? far_y_distance_s13 : far_after_x_s13;
-  reg  [23:0] far_after_y_s14;
-
-  // The z axis.
-  wire v1_z_22_16_is_zero = ~|v1_z[22:16];
-  wire v0_z_22_16_is_zero = ~|v0_z[22:16];
-  wire choice_11 =
-      (v1_z[23] ^ v0_z[23]) ? v1_z[23] :
-      (({v1_z[22:0], 1'b0} < {v0_z[22:0], v0_z[23]}) ^ v1_z[23]);
+  // The box on the z axis.
   wire all_v1_z_22_16_and_any_v1_z_15_0 = (&v1_z[22:16]) & (|v1_z[15:0]);
   wire all_v0_z_22_16_and_any_v0_z_15_0 = (&v0_z[22:16]) & (|v0_z[15:0]);
-  wire term_24 =
-      choice_11 &
-      ~(v1_z_22_16_is_zero & v0_z_22_16_is_zero) &
-      ~(all_v1_z_22_16_and_any_v1_z_15_0 | all_v0_z_22_16_and_any_v0_z_15_0);
-  wire [23:0] lo01_z = term_24 ? v1_z : v0_z;
+  wire lo01_z_is_less_ordered = ~(all_v1_z_22_16_and_any_v1_z_15_0 | all_v0_z_22_16_and_any_v0_z_15_0);
+  wire v1_z_22_16_is_zero = ~|v1_z[22:16];
+  wire v0_z_22_16_is_zero = ~|v0_z[22:16];
+  wire lo01_z_is_less_both_zero = v1_z_22_16_is_zero & v0_z_22_16_is_zero;
+  wire lo01_z_is_less_unless_zero =
+      (v1_z[23] ^ v0_z[23]) ? v1_z[23] :
+      (({v1_z[22:0], 1'b0} < {v0_z[22:0], v0_z[23]}) ^ v1_z[23]);
+  wire lo01_z_is_less =
+      lo01_z_is_less_unless_zero &
+      ~lo01_z_is_less_both_zero &
+      lo01_z_is_less_ordered;
+  wire [23:0] lo01_z = lo01_z_is_less ? v1_z : v0_z;
   reg  [23:0] lo01_z_s1;
-  wire term_25 = v0_z_22_16_is_zero & v1_z_22_16_is_zero;
-  wire choice_12 =
+  wire hi01_z_is_greater_ordered = ~(all_v0_z_22_16_and_any_v0_z_15_0 | all_v1_z_22_16_and_any_v1_z_15_0);
+  wire hi01_z_is_greater_both_zero = v0_z_22_16_is_zero & v1_z_22_16_is_zero;
+  wire hi01_z_is_greater_unless_zero =
       (v0_z[23] ^ v1_z[23]) ? v0_z[23] :
       (({v0_z[22:0], 1'b0} < {v1_z[22:0], v1_z[23]}) ^ v0_z[23]);
-  wire term_26 =
-      choice_12 &
-      ~term_25 &
-      ~(all_v0_z_22_16_and_any_v0_z_15_0 | all_v1_z_22_16_and_any_v1_z_15_0);
-  wire [23:0] hi01_z = term_26 ? v1_z : v0_z;
+  wire hi01_z_is_greater =
+      hi01_z_is_greater_unless_zero &
+      ~hi01_z_is_greater_both_zero &
+      hi01_z_is_greater_ordered;
+  wire [23:0] hi01_z = hi01_z_is_greater ? v1_z : v0_z;
   reg  [23:0] hi01_z_s1;
-  wire v2_z_22_16_is_zero = ~|v2_z[22:16];
-  reg  v2_z_22_16_is_zero_s1;
-  reg  [23:0] joined_7_s1;
-  reg  v2_z_23_s1;
-  wire term_27 = (joined_7_s1 < {lo01_z_s1[22:0], lo01_z_s1[23]}) ^ v2_z_23_s1;
-  wire choice_13 = (v2_z_23_s1 ^ lo01_z_s1[23]) ? v2_z_23_s1 : term_27;
   wire all_v2_z_22_16_and_any_v2_z_15_0 = (&v2_z[22:16]) & (|v2_z[15:0]);
   reg  all_v2_z_22_16_and_any_v2_z_15_0_s1;
-  wire term_28 =
-      choice_13 &
-      ~(v2_z_22_16_is_zero_s1 & (~|lo01_z_s1[22:16])) &
-      ~(all_v2_z_22_16_and_any_v2_z_15_0_s1 | ((&lo01_z_s1[22:16]) & (|lo01_z_s1[15:0])));
+  wire lo_z_is_less_ordered = ~(all_v2_z_22_16_and_any_v2_z_15_0_s1 | ((&lo01_z_s1[22:16]) & (|lo01_z_s1[15:0])));
+  wire v2_z_22_16_is_zero = ~|v2_z[22:16];
+  reg  v2_z_22_16_is_zero_s1;
+  wire lo_z_is_less_both_zero = v2_z_22_16_is_zero_s1 & (~|lo01_z_s1[22:16]);
+  reg  [23:0] joined_5_s1;
+  reg  v2_z_23_s1;
+  wire term_9 = (joined_5_s1 < {lo01_z_s1[22:0], lo01_z_s1[23]}) ^ v2_z_23_s1;
+  wire lo_z_is_less_unless_zero = (v2_z_23_s1 ^ lo01_z_s1[23]) ? v2_z_23_s1 : term_9;
+  wire lo_z_is_less = lo_z_is_less_unless_zero & ~lo_z_is_less_both_zero & lo_z_is_less_ordered;
   reg  [23:0] v2_z_s1;
-  wire [23:0] lo_z = term_28 ? v2_z_s1 : lo01_z_s1;
+  wire [23:0] lo_z = lo_z_is_less ? v2_z_s1 : lo01_z_s1;
   reg  [23:0] lo_z_s2;
-  reg  [23:0] joined_8_s1;
-  wire choice_14 =
+  wire hi_z_is_greater_ordered = ~(((&hi01_z_s1[22:16]) & (|hi01_z_s1[15:0])) | all_v2_z_22_16_and_any_v2_z_15_0_s1);
+  wire hi_z_is_greater_both_zero = (~|hi01_z_s1[22:16]) & v2_z_22_16_is_zero_s1;
+  reg  [23:0] joined_6_s1;
+  wire hi_z_is_greater_unless_zero =
       (hi01_z_s1[23] ^ v2_z_23_s1) ? hi01_z_s1[23] :
-      (({hi01_z_s1[22:0], 1'b0} < joined_8_s1) ^ hi01_z_s1[23]);
-  wire term_29 =
-      choice_14 &
-      ~((~|hi01_z_s1[22:16]) & v2_z_22_16_is_zero_s1) &
-      ~(((&hi01_z_s1[22:16]) & (|hi01_z_s1[15:0])) | all_v2_z_22_16_and_any_v2_z_15_0_s1);
-  wire [23:0] hi_z = term_29 ? v2_z_s1 : hi01_z_s1;
+      (({hi01_z_s1[22:0], 1'b0} < joined_6_s1) ^ hi01_z_s1[23]);
+  wire hi_z_is_greater =
+      hi_z_is_greater_unless_zero &
+      ~hi_z_is_greater_both_zero &
+      hi_z_is_greater_ordered;
+  wire [23:0] hi_z = hi_z_is_greater ? v2_z_s1 : hi01_z_s1;
   reg  [23:0] hi_z_s2;
-  wire term_30 = (lo_z_s2 == hi_z_s2) | ((~|lo_z_s2[22:16]) & (~|hi_z_s2[22:16]));
+  wire term_10 = (lo_z_s2 == hi_z_s2) | ((~|lo_z_s2[22:16]) & (~|hi_z_s2[22:16]));
   wire flat_z =
-      term_30 &
+      term_10 &
       ~((&lo_z_s2[22:16]) & (|lo_z_s2[15:0])) &
       ~((&hi_z_s2[22:16]) & (|hi_z_s2[15:0]));
   reg  flat_z_s3;
   wire same01_z =
-      ((v0_z == v1_z) | term_25) &
+      ((v0_z == v1_z) | hi01_z_is_greater_both_zero) &
       ~all_v0_z_22_16_and_any_v0_z_15_0 &
       ~all_v1_z_22_16_and_any_v1_z_15_0;
   reg  same01_z_s1;
-  wire term_31 =
+  wire term_11 =
       ((v1_z == v2_z) | (v1_z_22_16_is_zero & v2_z_22_16_is_zero)) &
       ~all_v1_z_22_16_and_any_v1_z_15_0;
-  wire same12_z = term_31 & ~all_v2_z_22_16_and_any_v2_z_15_0;
+  wire same12_z = term_11 & ~all_v2_z_22_16_and_any_v2_z_15_0;
   reg  same12_z_s1;
-  wire term_32 =
+  wire term_12 =
       ((v2_z == v0_z) | (v2_z_22_16_is_zero & v0_z_22_16_is_zero)) &
       ~all_v2_z_22_16_and_any_v2_z_15_0;
-  wire same20_z = term_32 & ~all_v0_z_22_16_and_any_v0_z_15_0;
+  wire same20_z = term_12 & ~all_v0_z_22_16_and_any_v0_z_15_0;
   reg  same20_z_s1;
+
+  // Clipped on the x axis.
+  reg  signs_0_s1, signs_0_s2;
+  wire [23:0] near_x_plane =
+      accumulate ? sum_a_0 :
+      signs_0_s2 ? hi_x_s2 :
+      lo_x_s2;
+  reg  [23:0] origin_x_s1, origin_x_s2;
+  wire [23:0] near_x_origin = accumulate ? {~sum_b_0[23], sum_b_0[22:0]} : origin_x_s2;
+  reg  [23:0] near_x_plane_s3;
+  reg  [23:0] near_x_origin_s3;
+
+  wire [23:0] near_x_offset_y;
+  fp_sub near_x_offset (
+    .clk(clk),
+    .a(near_x_plane_s3),
+    .b(near_x_origin_s3),
+    .y(near_x_offset_y)
+  );
+
+  reg  [191:0] reciprocal_x_delay;
+  wire [23:0] reciprocal_x_s8 = reciprocal_x_delay[191:168];
+
+  wire [23:0] near_x_y;
+  fp_mul near_x (
+    .clk(clk),
+    .a(near_x_offset_y),
+    .b(reciprocal_x_s8),
+    .y(near_x_y)
+  );
+
+  wire [22:0] sum = near_x_y[22:0] + (near_x_y[23] ? 23'd3 : 23'h7ffffd);
+  wire any_near_x_y_22_16 = |near_x_y[22:16];
+  wire term_13 = any_near_x_y_22_16 & (~|(~sum[1:0]));
+  wire [1:0] choice =
+      term_13 ? 2'd0 :
+      ~any_near_x_y_22_16 ? 2'd2 :
+      (~sum[1:0] - 2'd1);
+  wire [23:0] joined_7 = {~term_13, 6'd0, ~term_13, 14'd0, choice};
+  wire [23:0] joined_8 = {near_x_y[23], sum[22:16], sum[15:0] & {16{~(&sum[22:16])}}};
+  wire [23:0] choice_2 =
+      (~any_near_x_y_22_16 | (~near_x_y[23] & (~|sum[22:16]))) ? joined_7 :
+      joined_8;
+  reg  [23:0] choice_3_s12;
+  wire [23:0] far_x_plane =
+      accumulate ? sum_a_3 :
+      signs_0_s2 ? lo_x_s2 :
+      hi_x_s2;
+  wire [23:0] far_x_origin = accumulate ? {~sum_b_3[23], sum_b_3[22:0]} : origin_x_s2;
+  reg  [23:0] far_x_plane_s3;
+  reg  [23:0] far_x_origin_s3;
+
+  wire [23:0] far_x_offset_y;
+  fp_sub far_x_offset (
+    .clk(clk),
+    .a(far_x_plane_s3),
+    .b(far_x_origin_s3),
+    .y(far_x_offset_y)
+  );
+
+  wire [23:0] far_x_y;
+  fp_mul far_x (
+    .clk(clk),
+    .a(far_x_offset_y),
+    .b(reciprocal_x_s8),
+    .y(far_x_y)
+  );
+
+  wire [22:0] sum_6 = far_x_y[22:0] + (~far_x_y[23] ? 23'd3 : 23'h7ffffd);
+  wire any_far_x_y_22_16 = |far_x_y[22:16];
+  wire term_14 = any_far_x_y_22_16 & (~|(~sum_6[1:0]));
+  wire [1:0] choice_4 =
+      term_14 ? 2'd0 :
+      ~any_far_x_y_22_16 ? 2'd2 :
+      (~sum_6[1:0] - 2'd1);
+  wire [23:0] joined_9 = {far_x_y[23], sum_6[22:16], sum_6[15:0] & {16{~(&sum_6[22:16])}}};
+  wire [23:0] choice_5 =
+      (~any_far_x_y_22_16 | (far_x_y[23] & (~|sum_6[22:16]))) ? {1'b0, 6'd0, ~term_14, 14'd0, choice_4} :
+      joined_9;
+  reg  [23:0] choice_6_s12;
+  wire term_15 =
+      ((&window_near[22:16]) & (|window_near[15:0])) |
+      ((&choice_3_s12[22:16]) & (|choice_3_s12[15:0]));
+  wire near_after_x_is_greater_ordered = ~term_15;
+  wire near_after_x_is_greater_both_zero = (~|window_near[22:16]) & (~|choice_3_s12[22:16]);
+  wire term_16 =
+      ({window_near[22:0], 1'b0} < {choice_3_s12[22:0], choice_3_s12[23]}) ^
+      window_near[23];
+  wire near_after_x_is_greater_unless_zero =
+      (window_near[23] ^ choice_3_s12[23]) ? window_near[23] :
+      term_16;
+  wire term_17 = near_after_x_is_greater_unless_zero & ~near_after_x_is_greater_both_zero;
+  wire near_after_x_is_greater = term_17 & near_after_x_is_greater_ordered;
+  wire [23:0] near_after_x = near_after_x_is_greater ? choice_3_s12 : window_near;
+  reg  [23:0] near_after_x_s13;
+  wire term_18 =
+      ((&choice_6_s12[22:16]) & (|choice_6_s12[15:0])) |
+      ((&window_far[22:16]) & (|window_far[15:0]));
+  wire far_after_x_is_less_ordered = ~term_18;
+  wire far_after_x_is_less_both_zero = (~|choice_6_s12[22:16]) & (~|window_far[22:16]);
+  wire term_19 = ({choice_6_s12[22:0], 1'b0} < {window_far[22:0], window_far[23]}) ^ choice_6_s12[23];
+  wire far_after_x_is_less_unless_zero =
+      (choice_6_s12[23] ^ window_far[23]) ? choice_6_s12[23] :
+      term_19;
+  wire far_after_x_is_less =
+      far_after_x_is_less_unless_zero &
+      ~far_after_x_is_less_both_zero &
+      far_after_x_is_less_ordered;
+  wire [23:0] far_after_x = far_after_x_is_less ? choice_6_s12 : window_far;
+  reg  [23:0] far_after_x_s13;
+
+  // Clipped on the y axis.
+  reg  signs_1_s1, signs_1_s2;
+  wire [23:0] near_y_plane =
+      accumulate ? sum_a_1 :
+      signs_1_s2 ? hi_y_s2 :
+      lo_y_s2;
+  reg  [23:0] origin_y_s1, origin_y_s2;
+  wire [23:0] near_y_origin = accumulate ? {~sum_b_1[23], sum_b_1[22:0]} : origin_y_s2;
+  reg  [23:0] near_y_plane_s3;
+  reg  [23:0] near_y_origin_s3;
+
+  wire [23:0] near_y_offset_y;
+  fp_sub near_y_offset (
+    .clk(clk),
+    .a(near_y_plane_s3),
+    .b(near_y_origin_s3),
+    .y(near_y_offset_y)
+  );
+
+  reg  [191:0] reciprocal_y_delay;
+  wire [23:0] reciprocal_y_s8 = reciprocal_y_delay[191:168];
+
+  wire [23:0] near_y_y;
+  fp_mul near_y (
+    .clk(clk),
+    .a(near_y_offset_y),
+    .b(reciprocal_y_s8),
+    .y(near_y_y)
+  );
+
+  wire [22:0] sum_7 = near_y_y[22:0] + (near_y_y[23] ? 23'd3 : 23'h7ffffd);
+  wire any_near_y_y_22_16 = |near_y_y[22:16];
+  wire term_20 = any_near_y_y_22_16 & (~|(~sum_7[1:0]));
+  wire [1:0] choice_7 =
+      term_20 ? 2'd0 :
+      ~any_near_y_y_22_16 ? 2'd2 :
+      (~sum_7[1:0] - 2'd1);
+  wire [23:0] joined_10 = {~term_20, 6'd0, ~term_20, 14'd0, choice_7};
+  wire [23:0] joined_11 = {near_y_y[23], sum_7[22:16], sum_7[15:0] & {16{~(&sum_7[22:16])}}};
+  wire [23:0] choice_8 =
+      (~any_near_y_y_22_16 | (~near_y_y[23] & (~|sum_7[22:16]))) ? joined_10 :
+      joined_11;
+  reg  [23:0] choice_9_s12;
+  wire [23:0] far_y_plane =
+      accumulate ? sum_a_4 :
+      signs_1_s2 ? lo_y_s2 :
+      hi_y_s2;
+  wire [23:0] far_y_origin = accumulate ? {~sum_b_4[23], sum_b_4[22:0]} : origin_y_s2;
+  reg  [23:0] far_y_plane_s3;
+  reg  [23:0] far_y_origin_s3;
+
+  wire [23:0] far_y_offset_y;
+  fp_sub far_y_offset (
+    .clk(clk),
+    .a(far_y_plane_s3),
+    .b(far_y_origin_s3),
+    .y(far_y_offset_y)
+  );
+
+  wire [23:0] far_y_y;
+  fp_mul far_y (
+    .clk(clk),
+    .a(far_y_offset_y),
+    .b(reciprocal_y_s8),
+    .y(far_y_y)
+  );
+
+  wire [22:0] sum_8 = far_y_y[22:0] + (~far_y_y[23] ? 23'd3 : 23'h7ffffd);
+  wire any_far_y_y_22_16 = |far_y_y[22:16];
+  wire term_21 = any_far_y_y_22_16 & (~|(~sum_8[1:0]));
+  wire [1:0] choice_10 =
+      term_21 ? 2'd0 :
+      ~any_far_y_y_22_16 ? 2'd2 :
+      (~sum_8[1:0] - 2'd1);
+  wire [23:0] joined_12 = {far_y_y[23], sum_8[22:16], sum_8[15:0] & {16{~(&sum_8[22:16])}}};
+  wire [23:0] choice_11 =
+      (~any_far_y_y_22_16 | (far_y_y[23] & (~|sum_8[22:16]))) ? {1'b0, 6'd0, ~term_21, 14'd0, choice_10} :
+      joined_12;
+  reg  [23:0] choice_12_s12;
+  reg  term_22_s13;
+  wire near_after_y_is_greater_ordered = ~(((&near_after_x_s13[22:16]) & (|near_after_x_s13[15:0])) | term_22_s13);
+  reg  choice_9_22_16_is_zero_s13;
+  wire near_after_y_is_greater_both_zero = (~|near_after_x_s13[22:16]) & choice_9_22_16_is_zero_s13;
+  reg  [23:0] joined_13_s13;
+  reg  choice_9_23_s13;
+  wire near_after_y_is_greater_unless_zero =
+      (near_after_x_s13[23] ^ choice_9_23_s13) ? near_after_x_s13[23] :
+      (({near_after_x_s13[22:0], 1'b0} < joined_13_s13) ^ near_after_x_s13[23]);
+  wire term_23 = near_after_y_is_greater_unless_zero & ~near_after_y_is_greater_both_zero;
+  wire near_after_y_is_greater = term_23 & near_after_y_is_greater_ordered;
+  reg  [23:0] choice_9_s13;
+  wire [23:0] near_after_y = near_after_y_is_greater ? choice_9_s13 : near_after_x_s13;
+  reg  [23:0] near_after_y_s14;
+  reg  term_24_s13;
+  wire far_after_y_is_less_ordered = ~(term_24_s13 | ((&far_after_x_s13[22:16]) & (|far_after_x_s13[15:0])));
+  reg  choice_12_22_16_is_zero_s13;
+  wire far_after_y_is_less_both_zero = choice_12_22_16_is_zero_s13 & (~|far_after_x_s13[22:16]);
+  reg  [23:0] joined_14_s13;
+  reg  choice_12_23_s13;
+  wire term_25 = (joined_14_s13 < {far_after_x_s13[22:0], far_after_x_s13[23]}) ^ choice_12_23_s13;
+  wire far_after_y_is_less_unless_zero =
+      (choice_12_23_s13 ^ far_after_x_s13[23]) ? choice_12_23_s13 :
+      term_25;
+  wire far_after_y_is_less =
+      far_after_y_is_less_unless_zero &
+      ~far_after_y_is_less_both_zero &
+      far_after_y_is_less_ordered;
+  reg  [23:0] choice_12_s13;
+  wire [23:0] far_after_y = far_after_y_is_less ? choice_12_s13 : far_after_x_s13;
+  reg  [23:0] far_after_y_s14;
+
+  // Clipped on the z axis.
   reg  signs_2_s1, signs_2_s2;
-  wire [23:0] near_plane_z = signs_2_s2 ? hi_z_s2 : lo_z_s2;
-  reg  [23:0] near_plane_z_s3;
-  reg  [23:0] origin_z_s1, origin_z_s2, origin_z_s3;
+  wire [23:0] near_z_plane =
+      accumulate ? sum_a_2 :
+      signs_2_s2 ? hi_z_s2 :
+      lo_z_s2;
+  reg  [23:0] origin_z_s1, origin_z_s2;
+  wire [23:0] near_z_origin = accumulate ? {~sum_b_2[23], sum_b_2[22:0]} : origin_z_s2;
+  reg  [23:0] near_z_plane_s3;
+  reg  [23:0] near_z_origin_s3;
+
+  wire [23:0] near_z_offset_y;
+  fp_sub near_z_offset (
+    .clk(clk),
+    .a(near_z_plane_s3),
+    .b(near_z_origin_s3),
+    .y(near_z_offset_y)
+  );
+
   reg  [191:0] reciprocal_z_delay;
   wire [23:0] reciprocal_z_s8 = reciprocal_z_delay[191:168];
 
-  wire [23:0] near_z_distance;
-  near_distance near_z (
+  wire [23:0] near_z_y;
+  fp_mul near_z (
     .clk(clk),
-    .plane(near_plane_z_s3),
-    .origin(origin_z_s3),
-    .reciprocal(reciprocal_z_s8),
-    .distance(near_z_distance)
+    .a(near_z_offset_y),
+    .b(reciprocal_z_s8),
+    .y(near_z_y)
   );
 
-  wire [23:0] far_plane_z = signs_2_s2 ? lo_z_s2 : hi_z_s2;
-  reg  [23:0] far_plane_z_s3;
+  wire [22:0] sum_9 = near_z_y[22:0] + (near_z_y[23] ? 23'd3 : 23'h7ffffd);
+  wire any_near_z_y_22_16 = |near_z_y[22:16];
+  wire term_26 = any_near_z_y_22_16 & (~|(~sum_9[1:0]));
+  wire [1:0] choice_13 =
+      term_26 ? 2'd0 :
+      ~any_near_z_y_22_16 ? 2'd2 :
+      (~sum_9[1:0] - 2'd1);
+  wire [23:0] joined_15 = {~term_26, 6'd0, ~term_26, 14'd0, choice_13};
+  wire [23:0] joined_16 = {near_z_y[23], sum_9[22:16], sum_9[15:0] & {16{~(&sum_9[22:16])}}};
+  wire [23:0] choice_14 =
+      (~any_near_z_y_22_16 | (~near_z_y[23] & (~|sum_9[22:16]))) ? joined_15 :
+      joined_16;
+  reg  [23:0] choice_15_s12;
+  wire [23:0] far_z_plane =
+      accumulate ? sum_a_5 :
+      signs_2_s2 ? lo_z_s2 :
+      hi_z_s2;
+  wire [23:0] far_z_origin = accumulate ? {~sum_b_5[23], sum_b_5[22:0]} : origin_z_s2;
+  reg  [23:0] far_z_plane_s3;
+  reg  [23:0] far_z_origin_s3;
 
-  wire [23:0] far_z_distance;
-  far_distance far_z (
+  wire [23:0] far_z_offset_y;
+  fp_sub far_z_offset (
     .clk(clk),
-    .plane(far_plane_z_s3),
-    .origin(origin_z_s3),
-    .reciprocal(reciprocal_z_s8),
-    .distance(far_z_distance)
+    .a(far_z_plane_s3),
+    .b(far_z_origin_s3),
+    .y(far_z_offset_y)
   );
 
-  reg  near_z_distance_22_16_is_zero_s13, near_z_distance_22_16_is_zero_s14;
-  reg  [23:0] joined_9_s13, joined_9_s14;
-  reg  near_z_distance_23_s13, near_z_distance_23_s14;
-  wire choice_15 =
-      (near_after_y_s14[23] ^ near_z_distance_23_s14) ? near_after_y_s14[23] :
-      (({near_after_y_s14[22:0], 1'b0} < joined_9_s14) ^ near_after_y_s14[23]);
-  reg  term_33_s13, term_33_s14;
-  wire term_34 =
-      choice_15 &
-      ~((~|near_after_y_s14[22:16]) & near_z_distance_22_16_is_zero_s14) &
-      ~(((&near_after_y_s14[22:16]) & (|near_after_y_s14[15:0])) | term_33_s14);
-  reg  [23:0] near_z_distance_s13, near_z_distance_s14;
-  wire [23:0] near_after_z = term_34 ? near_z_distance_s14 : near_after_y_s14;
+  wire [23:0] far_z_y;
+  fp_mul far_z (
+    .clk(clk),
+    .a(far_z_offset_y),
+    .b(reciprocal_z_s8),
+    .y(far_z_y)
+  );
+
+  wire [22:0] sum_10 = far_z_y[22:0] + (~far_z_y[23] ? 23'd3 : 23'h7ffffd);
+  wire any_far_z_y_22_16 = |far_z_y[22:16];
+  wire term_27 = any_far_z_y_22_16 & (~|(~sum_10[1:0]));
+  wire [1:0] choice_16 =
+      term_27 ? 2'd0 :
+      ~any_far_z_y_22_16 ? 2'd2 :
+      (~sum_10[1:0] - 2'd1);
+  wire [23:0] joined_17 = {far_z_y[23], sum_10[22:16], sum_10[15:0] & {16{~(&sum_10[22:16])}}};
+  wire [23:0] choice_17 =
+      (~any_far_z_y_22_16 | (far_z_y[23] & (~|sum_10[22:16]))) ? {1'b0, 6'd0, ~term_27, 14'd0, choice_16} :
+      joined_17;
+  reg  [23:0] choice_18_s12;
+  reg  term_28_s13, term_28_s14;
+  wire near_after_z_is_greater_ordered = ~(((&near_after_y_s14[22:16]) & (|near_after_y_s14[15:0])) | term_28_s14);
+  reg  choice_15_22_16_is_zero_s13, choice_15_22_16_is_zero_s14;
+  wire near_after_z_is_greater_both_zero = (~|near_after_y_s14[22:16]) & choice_15_22_16_is_zero_s14;
+  reg  [23:0] joined_18_s13, joined_18_s14;
+  reg  choice_15_23_s13, choice_15_23_s14;
+  wire near_after_z_is_greater_unless_zero =
+      (near_after_y_s14[23] ^ choice_15_23_s14) ? near_after_y_s14[23] :
+      (({near_after_y_s14[22:0], 1'b0} < joined_18_s14) ^ near_after_y_s14[23]);
+  wire term_29 = near_after_z_is_greater_unless_zero & ~near_after_z_is_greater_both_zero;
+  wire near_after_z_is_greater = term_29 & near_after_z_is_greater_ordered;
+  reg  [23:0] choice_15_s13, choice_15_s14;
+  wire [23:0] near_after_z = near_after_z_is_greater ? choice_15_s14 : near_after_y_s14;
   reg  [23:0] near_after_z_s15;
-  reg  far_z_distance_22_16_is_zero_s13, far_z_distance_22_16_is_zero_s14;
-  reg  [23:0] joined_10_s13, joined_10_s14;
-  reg  far_z_distance_23_s13, far_z_distance_23_s14;
-  wire term_35 =
-      (joined_10_s14 < {far_after_y_s14[22:0], far_after_y_s14[23]}) ^
-      far_z_distance_23_s14;
-  wire choice_16 = (far_z_distance_23_s14 ^ far_after_y_s14[23]) ? far_z_distance_23_s14 : term_35;
-  reg  term_36_s13, term_36_s14;
-  wire term_37 =
-      choice_16 &
-      ~(far_z_distance_22_16_is_zero_s14 & (~|far_after_y_s14[22:16])) &
-      ~(term_36_s14 | ((&far_after_y_s14[22:16]) & (|far_after_y_s14[15:0])));
-  reg  [23:0] far_z_distance_s13, far_z_distance_s14;
-  wire [23:0] far_after_z = term_37 ? far_z_distance_s14 : far_after_y_s14;
+  reg  term_30_s13, term_30_s14;
+  wire far_after_z_is_less_ordered = ~(term_30_s14 | ((&far_after_y_s14[22:16]) & (|far_after_y_s14[15:0])));
+  reg  choice_18_22_16_is_zero_s13, choice_18_22_16_is_zero_s14;
+  wire far_after_z_is_less_both_zero = choice_18_22_16_is_zero_s14 & (~|far_after_y_s14[22:16]);
+  reg  [23:0] joined_19_s13, joined_19_s14;
+  reg  choice_18_23_s13, choice_18_23_s14;
+  wire term_31 = (joined_19_s14 < {far_after_y_s14[22:0], far_after_y_s14[23]}) ^ choice_18_23_s14;
+  wire far_after_z_is_less_unless_zero =
+      (choice_18_23_s14 ^ far_after_y_s14[23]) ? choice_18_23_s14 :
+      term_31;
+  wire far_after_z_is_less =
+      far_after_z_is_less_unless_zero &
+      ~far_after_z_is_less_both_zero &
+      far_after_z_is_less_ordered;
+  reg  [23:0] choice_18_s13, choice_18_s14;
+  wire [23:0] far_after_z = far_after_z_is_less ? choice_18_s14 : far_after_y_s14;
   reg  [23:0] far_after_z_s15;
 
   // Degenerate: two vertices are equal, or the box is flat on two axes.
-  wire term_38 = (flat_x_s3 & flat_y_s3) | (flat_y_s3 & flat_z_s3) | (flat_z_s3 & flat_x_s3);
+  wire term_32 = (flat_x_s3 & flat_y_s3) | (flat_y_s3 & flat_z_s3) | (flat_z_s3 & flat_x_s3);
   reg  same01_x_and_same01_y_and_same01_z_s2, same01_x_and_same01_y_and_same01_z_s3;
   reg  same12_x_and_same12_y_and_same12_z_s2, same12_x_and_same12_y_and_same12_z_s3;
   reg  same20_x_and_same20_y_and_same20_z_s2, same20_x_and_same20_y_and_same20_z_s3;
   wire any_degenerate =
-      term_38 |
+      term_32 |
       same01_x_and_same01_y_and_same01_z_s3 |
       same12_x_and_same12_y_and_same12_z_s3 |
       same20_x_and_same20_y_and_same20_z_s3;
   reg  [12:0] any_degenerate_delay;
   wire comparison = {far_after_z_s15[22:0], 1'b0} < {near_after_z_s15[22:0], near_after_z_s15[23]};
-  wire choice_17 =
+  wire choice_19 =
       (far_after_z_s15[23] ^ near_after_z_s15[23]) ? far_after_z_s15[23] :
       (comparison ^ far_after_z_s15[23]);
-  wire term_39 = choice_17 & ~((~|far_after_z_s15[22:16]) & (~|near_after_z_s15[22:16]));
-  wire term_40 =
+  wire term_33 = choice_19 & ~((~|far_after_z_s15[22:16]) & (~|near_after_z_s15[22:16]));
+  wire term_34 =
       ((&far_after_z_s15[22:16]) & (|far_after_z_s15[15:0])) |
       ((&near_after_z_s15[22:16]) & (|near_after_z_s15[15:0]));
-  wire empty_interval = term_39 & ~term_40;
+  wire empty_interval = term_33 & ~term_34;
   reg  empty_interval_s16;
   wire any_degenerate_s16 = any_degenerate_delay[12];
 
@@ -425,55 +644,55 @@ module triangle_box (
     // Stage 1
     lo01_x_s1 <= lo01_x;
     hi01_x_s1 <= hi01_x;
+    all_v2_x_22_16_and_any_v2_x_15_0_s1 <= all_v2_x_22_16_and_any_v2_x_15_0;
     v2_x_22_16_is_zero_s1 <= v2_x_22_16_is_zero;
     joined_s1 <= {v2_x[22:0], 1'b0};
     v2_x_23_s1 <= v2_x[23];
-    all_v2_x_22_16_and_any_v2_x_15_0_s1 <= all_v2_x_22_16_and_any_v2_x_15_0;
     v2_x_s1 <= v2_x;
     joined_2_s1 <= {v2_x[22:0], v2_x[23]};
     same01_x_s1 <= same01_x;
     same12_x_s1 <= same12_x;
     same20_x_s1 <= same20_x;
-    signs_0_s1 <= signs[0];
-    origin_x_s1 <= origin_x;
     lo01_y_s1 <= lo01_y;
     hi01_y_s1 <= hi01_y;
+    all_v2_y_22_16_and_any_v2_y_15_0_s1 <= all_v2_y_22_16_and_any_v2_y_15_0;
     v2_y_22_16_is_zero_s1 <= v2_y_22_16_is_zero;
     joined_3_s1 <= {v2_y[22:0], 1'b0};
     v2_y_23_s1 <= v2_y[23];
-    all_v2_y_22_16_and_any_v2_y_15_0_s1 <= all_v2_y_22_16_and_any_v2_y_15_0;
     v2_y_s1 <= v2_y;
     joined_4_s1 <= {v2_y[22:0], v2_y[23]};
     same01_y_s1 <= same01_y;
     same12_y_s1 <= same12_y;
     same20_y_s1 <= same20_y;
-    signs_1_s1 <= signs[1];
-    origin_y_s1 <= origin_y;
     lo01_z_s1 <= lo01_z;
     hi01_z_s1 <= hi01_z;
-    v2_z_22_16_is_zero_s1 <= v2_z_22_16_is_zero;
-    joined_7_s1 <= {v2_z[22:0], 1'b0};
-    v2_z_23_s1 <= v2_z[23];
     all_v2_z_22_16_and_any_v2_z_15_0_s1 <= all_v2_z_22_16_and_any_v2_z_15_0;
+    v2_z_22_16_is_zero_s1 <= v2_z_22_16_is_zero;
+    joined_5_s1 <= {v2_z[22:0], 1'b0};
+    v2_z_23_s1 <= v2_z[23];
     v2_z_s1 <= v2_z;
-    joined_8_s1 <= {v2_z[22:0], v2_z[23]};
+    joined_6_s1 <= {v2_z[22:0], v2_z[23]};
     same01_z_s1 <= same01_z;
     same12_z_s1 <= same12_z;
     same20_z_s1 <= same20_z;
+    signs_0_s1 <= signs[0];
+    origin_x_s1 <= origin_x;
+    signs_1_s1 <= signs[1];
+    origin_y_s1 <= origin_y;
     signs_2_s1 <= signs[2];
     origin_z_s1 <= origin_z;
 
     // Stage 2
     lo_x_s2 <= lo_x;
     hi_x_s2 <= hi_x;
-    signs_0_s2 <= signs_0_s1;
-    origin_x_s2 <= origin_x_s1;
     lo_y_s2 <= lo_y;
     hi_y_s2 <= hi_y;
-    signs_1_s2 <= signs_1_s1;
-    origin_y_s2 <= origin_y_s1;
     lo_z_s2 <= lo_z;
     hi_z_s2 <= hi_z;
+    signs_0_s2 <= signs_0_s1;
+    origin_x_s2 <= origin_x_s1;
+    signs_1_s2 <= signs_1_s1;
+    origin_y_s2 <= origin_y_s1;
     signs_2_s2 <= signs_2_s1;
     origin_z_s2 <= origin_z_s1;
     same01_x_and_same01_y_and_same01_z_s2 <= same01_x_s1 & same01_y_s1 & same01_z_s1;
@@ -482,58 +701,69 @@ module triangle_box (
 
     // Stage 3
     flat_x_s3 <= flat_x;
-    near_plane_x_s3 <= near_plane_x;
-    origin_x_s3 <= origin_x_s2;
-    far_plane_x_s3 <= far_plane_x;
     flat_y_s3 <= flat_y;
-    near_plane_y_s3 <= near_plane_y;
-    origin_y_s3 <= origin_y_s2;
-    far_plane_y_s3 <= far_plane_y;
     flat_z_s3 <= flat_z;
-    near_plane_z_s3 <= near_plane_z;
-    origin_z_s3 <= origin_z_s2;
-    far_plane_z_s3 <= far_plane_z;
+    near_x_plane_s3 <= near_x_plane;
+    near_x_origin_s3 <= near_x_origin;
+    far_x_plane_s3 <= far_x_plane;
+    far_x_origin_s3 <= far_x_origin;
+    near_y_plane_s3 <= near_y_plane;
+    near_y_origin_s3 <= near_y_origin;
+    far_y_plane_s3 <= far_y_plane;
+    far_y_origin_s3 <= far_y_origin;
+    near_z_plane_s3 <= near_z_plane;
+    near_z_origin_s3 <= near_z_origin;
+    far_z_plane_s3 <= far_z_plane;
+    far_z_origin_s3 <= far_z_origin;
     same01_x_and_same01_y_and_same01_z_s3 <= same01_x_and_same01_y_and_same01_z_s2;
     same12_x_and_same12_y_and_same12_z_s3 <= same12_x_and_same12_y_and_same12_z_s2;
     same20_x_and_same20_y_and_same20_z_s3 <= same20_x_and_same20_y_and_same20_z_s2;
 
+    // Stage 12
+    choice_3_s12 <= (&near_x_y[22:16]) ? near_x_y : choice_2;
+    choice_6_s12 <= (&far_x_y[22:16]) ? far_x_y : choice_5;
+    choice_9_s12 <= (&near_y_y[22:16]) ? near_y_y : choice_8;
+    choice_12_s12 <= (&far_y_y[22:16]) ? far_y_y : choice_11;
+    choice_15_s12 <= (&near_z_y[22:16]) ? near_z_y : choice_14;
+    choice_18_s12 <= (&far_z_y[22:16]) ? far_z_y : choice_17;
+
     // Stage 13
     near_after_x_s13 <= near_after_x;
     far_after_x_s13 <= far_after_x;
-    near_y_distance_22_16_is_zero_s13 <= ~|near_y_distance[22:16];
-    joined_5_s13 <= {near_y_distance[22:0], near_y_distance[23]};
-    near_y_distance_23_s13 <= near_y_distance[23];
-    term_19_s13 <= (&near_y_distance[22:16]) & (|near_y_distance[15:0]);
-    near_y_distance_s13 <= near_y_distance;
-    far_y_distance_22_16_is_zero_s13 <= ~|far_y_distance[22:16];
-    joined_6_s13 <= {far_y_distance[22:0], 1'b0};
-    far_y_distance_23_s13 <= far_y_distance[23];
-    term_22_s13 <= (&far_y_distance[22:16]) & (|far_y_distance[15:0]);
-    far_y_distance_s13 <= far_y_distance;
-    near_z_distance_22_16_is_zero_s13 <= ~|near_z_distance[22:16];
-    joined_9_s13 <= {near_z_distance[22:0], near_z_distance[23]};
-    near_z_distance_23_s13 <= near_z_distance[23];
-    term_33_s13 <= (&near_z_distance[22:16]) & (|near_z_distance[15:0]);
-    near_z_distance_s13 <= near_z_distance;
-    far_z_distance_22_16_is_zero_s13 <= ~|far_z_distance[22:16];
-    joined_10_s13 <= {far_z_distance[22:0], 1'b0};
-    far_z_distance_23_s13 <= far_z_distance[23];
-    term_36_s13 <= (&far_z_distance[22:16]) & (|far_z_distance[15:0]);
-    far_z_distance_s13 <= far_z_distance;
+    term_22_s13 <= (&choice_9_s12[22:16]) & (|choice_9_s12[15:0]);
+    choice_9_22_16_is_zero_s13 <= ~|choice_9_s12[22:16];
+    joined_13_s13 <= {choice_9_s12[22:0], choice_9_s12[23]};
+    choice_9_23_s13 <= choice_9_s12[23];
+    choice_9_s13 <= choice_9_s12;
+    term_24_s13 <= (&choice_12_s12[22:16]) & (|choice_12_s12[15:0]);
+    choice_12_22_16_is_zero_s13 <= ~|choice_12_s12[22:16];
+    joined_14_s13 <= {choice_12_s12[22:0], 1'b0};
+    choice_12_23_s13 <= choice_12_s12[23];
+    choice_12_s13 <= choice_12_s12;
+    term_28_s13 <= (&choice_15_s12[22:16]) & (|choice_15_s12[15:0]);
+    choice_15_22_16_is_zero_s13 <= ~|choice_15_s12[22:16];
+    joined_18_s13 <= {choice_15_s12[22:0], choice_15_s12[23]};
+    choice_15_23_s13 <= choice_15_s12[23];
+    choice_15_s13 <= choice_15_s12;
+    term_30_s13 <= (&choice_18_s12[22:16]) & (|choice_18_s12[15:0]);
+    choice_18_22_16_is_zero_s13 <= ~|choice_18_s12[22:16];
+    joined_19_s13 <= {choice_18_s12[22:0], 1'b0};
+    choice_18_23_s13 <= choice_18_s12[23];
+    choice_18_s13 <= choice_18_s12;
 
     // Stage 14
     near_after_y_s14 <= near_after_y;
     far_after_y_s14 <= far_after_y;
-    near_z_distance_22_16_is_zero_s14 <= near_z_distance_22_16_is_zero_s13;
-    joined_9_s14 <= joined_9_s13;
-    near_z_distance_23_s14 <= near_z_distance_23_s13;
-    term_33_s14 <= term_33_s13;
-    near_z_distance_s14 <= near_z_distance_s13;
-    far_z_distance_22_16_is_zero_s14 <= far_z_distance_22_16_is_zero_s13;
-    joined_10_s14 <= joined_10_s13;
-    far_z_distance_23_s14 <= far_z_distance_23_s13;
-    term_36_s14 <= term_36_s13;
-    far_z_distance_s14 <= far_z_distance_s13;
+    term_28_s14 <= term_28_s13;
+    choice_15_22_16_is_zero_s14 <= choice_15_22_16_is_zero_s13;
+    joined_18_s14 <= joined_18_s13;
+    choice_15_23_s14 <= choice_15_23_s13;
+    choice_15_s14 <= choice_15_s13;
+    term_30_s14 <= term_30_s13;
+    choice_18_22_16_is_zero_s14 <= choice_18_22_16_is_zero_s13;
+    joined_19_s14 <= joined_19_s13;
+    choice_18_23_s14 <= choice_18_23_s13;
+    choice_18_s14 <= choice_18_s13;
 
     // Stage 15
     near_after_z_s15 <= near_after_z;
@@ -553,6 +783,12 @@ module triangle_box (
     any_degenerate_delay <= {any_degenerate_delay[11:0], any_degenerate};
   end
 
+  assign sum_0 = near_x_offset_y;
+  assign sum_1 = near_y_offset_y;
+  assign sum_2 = near_z_offset_y;
+  assign sum_3 = far_x_offset_y;
+  assign sum_4 = far_y_offset_y;
+  assign sum_5 = far_z_offset_y;
   assign box_misses = empty_interval_s16 | any_degenerate_s16;
 
 endmodule

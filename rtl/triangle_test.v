@@ -1,14 +1,17 @@
 // SPDX-License-Identifier: MIT OR Apache-2.0
 // triangle_test: a ray against a triangle: the test itself, clamped to the ray's interval in the
-// triangle's own box, within tmin and tmax.
-// Latency: 53 clocks, one set of inputs a clock.
+// triangle's own box, within tmin and tmax; or a matrix applied to a point.
+// Latency: 8 to 53 clocks, one set of inputs a clock.
 
 `default_nettype none
 
 module triangle_test (
   input  wire        clk,
 
-  // The triangle's vertices
+  // What the slot is: 0 a test, 1 a matrix
+  input  wire        matrix,
+
+  // The triangle's vertices, or the matrix's columns x, y, z
   input  wire [23:0] v0_x,
   input  wire [23:0] v0_y,
   input  wire [23:0] v0_z,
@@ -19,15 +22,25 @@ module triangle_test (
   input  wire [23:0] v2_y,
   input  wire [23:0] v2_z,
 
-  // The ray, and its shear
+  // The ray's origin, or the point
   input  wire [23:0] origin_x,
   input  wire [23:0] origin_y,
   input  wire [23:0] origin_z,
+
+  // The ray's shear
   input  wire [1:0]  kz,
   input  wire [23:0] shear_x,
   input  wire [23:0] shear_y,
 
-  // The reciprocal of the direction's greatest component, needed last
+  // The matrix's fourth column
+  input  wire [23:0] translation_y,
+  input  wire [23:0] translation_x,
+  input  wire [23:0] translation_z,
+
+  // The weight of the moved point
+  input  wire [23:0] weight,
+
+  // The reciprocal of the direction's greatest component
   input  wire [23:0] shear_z,
 
   // The ray
@@ -35,6 +48,31 @@ module triangle_test (
   input  wire [23:0] reciprocal_y,
   input  wire [23:0] reciprocal_z,
   input  wire [2:0]  signs,
+
+  // While it accumulates: sums, whose operands are given at any time
+  input  wire        accumulate,
+  input  wire [23:0] sum_a_0,
+  input  wire [23:0] sum_b_0,
+  input  wire [23:0] sum_a_1,
+  input  wire [23:0] sum_b_1,
+  input  wire [23:0] sum_a_2,
+  input  wire [23:0] sum_b_2,
+  input  wire [23:0] sum_a_3,
+  input  wire [23:0] sum_b_3,
+  input  wire [23:0] sum_a_4,
+  input  wire [23:0] sum_b_4,
+  input  wire [23:0] sum_a_5,
+  input  wire [23:0] sum_b_5,
+  output wire [23:0] sum_0,
+  output wire [23:0] sum_1,
+  output wire [23:0] sum_2,
+  output wire [23:0] sum_3,
+  output wire [23:0] sum_4,
+  output wire [23:0] sum_5,
+
+  // The interval that the box clips
+  input  wire [23:0] window_near,
+  input  wire [23:0] window_far,
 
   // The ray's limits, needed last
   input  wire [23:0] tmin,
@@ -44,15 +82,36 @@ module triangle_test (
   output reg         hit,
   output reg  [23:0] t,
   output reg  [23:0] u,
-  output reg  [23:0] v
+  output reg  [23:0] v,
+
+  // The point moved by the matrix
+  output wire [23:0] moved_x,
+  output wire [23:0] moved_y,
+  output wire [23:0] moved_z,
+
+  // The point moved and weighted
+  output wire [23:0] weighted_x,
+  output wire [23:0] weighted_y,
+  output wire [23:0] weighted_z,
+
+  // The interval, and whether the box alone makes the ray miss
+  output wire [23:0] box_near,
+  output wire [23:0] box_far
 );
 
   wire [23:0] intersection_test_t;
   wire [23:0] intersection_test_u;
   wire [23:0] intersection_test_v;
   wire intersection_test_misses;
+  wire [23:0] intersection_moved_x;
+  wire [23:0] intersection_moved_y;
+  wire [23:0] intersection_moved_z;
+  wire [23:0] intersection_weighted_x;
+  wire [23:0] intersection_weighted_y;
+  wire [23:0] intersection_weighted_z;
   triangle_watertight intersection (
     .clk(clk),
+    .matrix(matrix),
     .v0_x(v0_x),
     .v0_y(v0_y),
     .v0_z(v0_z),
@@ -68,13 +127,29 @@ module triangle_test (
     .kz(kz),
     .shear_x(shear_x),
     .shear_y(shear_y),
+    .translation_y(translation_y),
+    .translation_x(translation_x),
+    .translation_z(translation_z),
+    .weight(weight),
     .shear_z(shear_z),
     .test_t(intersection_test_t),
     .test_u(intersection_test_u),
     .test_v(intersection_test_v),
-    .test_misses(intersection_test_misses)
+    .test_misses(intersection_test_misses),
+    .moved_x(intersection_moved_x),
+    .moved_y(intersection_moved_y),
+    .moved_z(intersection_moved_z),
+    .weighted_x(intersection_weighted_x),
+    .weighted_y(intersection_weighted_y),
+    .weighted_z(intersection_weighted_z)
   );
 
+  wire [23:0] own_box_sum_0;
+  wire [23:0] own_box_sum_1;
+  wire [23:0] own_box_sum_2;
+  wire [23:0] own_box_sum_3;
+  wire [23:0] own_box_sum_4;
+  wire [23:0] own_box_sum_5;
   wire [23:0] own_box_box_near;
   wire [23:0] own_box_box_far;
   wire own_box_box_misses;
@@ -96,6 +171,27 @@ module triangle_test (
     .reciprocal_y(reciprocal_y),
     .reciprocal_z(reciprocal_z),
     .signs(signs),
+    .accumulate(accumulate),
+    .sum_a_0(sum_a_0),
+    .sum_b_0(sum_b_0),
+    .sum_a_1(sum_a_1),
+    .sum_b_1(sum_b_1),
+    .sum_a_2(sum_a_2),
+    .sum_b_2(sum_b_2),
+    .sum_a_3(sum_a_3),
+    .sum_b_3(sum_b_3),
+    .sum_a_4(sum_a_4),
+    .sum_b_4(sum_b_4),
+    .sum_a_5(sum_a_5),
+    .sum_b_5(sum_b_5),
+    .sum_0(own_box_sum_0),
+    .sum_1(own_box_sum_1),
+    .sum_2(own_box_sum_2),
+    .sum_3(own_box_sum_3),
+    .sum_4(own_box_sum_4),
+    .sum_5(own_box_sum_5),
+    .window_near(window_near),
+    .window_far(window_far),
     .box_near(own_box_box_near),
     .box_far(own_box_box_far),
     .box_misses(own_box_box_misses)
@@ -106,48 +202,56 @@ module triangle_test (
   wire [23:0] own_box_box_near_s50 = own_box_box_near_delay[815:792];
   reg  [839:0] own_box_box_far_delay;
   wire [23:0] own_box_box_far_s50 = own_box_box_far_delay[815:792];
+  wire term = (&intersection_test_t[22:16]) & (|intersection_test_t[15:0]);
+  wire raised_is_greater_ordered = ~(term | ((&own_box_box_near_s50[22:16]) & (|own_box_box_near_s50[15:0])));
+  wire raised_is_greater_both_zero = (~|intersection_test_t[22:16]) & (~|own_box_box_near_s50[22:16]);
   wire comparison =
       {intersection_test_t[22:0], 1'b0} <
       {own_box_box_near_s50[22:0], own_box_box_near_s50[23]};
-  wire choice =
+  wire raised_is_greater_unless_zero =
       (intersection_test_t[23] ^ own_box_box_near_s50[23]) ? intersection_test_t[23] :
       (comparison ^ intersection_test_t[23]);
-  wire term = choice & ~((~|intersection_test_t[22:16]) & (~|own_box_box_near_s50[22:16]));
-  wire term_2 = (&intersection_test_t[22:16]) & (|intersection_test_t[15:0]);
-  wire term_3 = term & ~(term_2 | ((&own_box_box_near_s50[22:16]) & (|own_box_box_near_s50[15:0])));
-  wire [23:0] raised = term_3 ? own_box_box_near_s50 : intersection_test_t;
+  wire raised_is_greater =
+      raised_is_greater_unless_zero &
+      ~raised_is_greater_both_zero &
+      raised_is_greater_ordered;
+  wire [23:0] raised = raised_is_greater ? own_box_box_near_s50 : intersection_test_t;
   reg  [23:0] raised_s51;
+  reg  term_2_s51;
+  wire clamped_is_less_ordered = ~(term_2_s51 | ((&raised_s51[22:16]) & (|raised_s51[15:0])));
   reg  own_box_box_far_22_16_is_zero_s51;
+  wire clamped_is_less_both_zero = own_box_box_far_22_16_is_zero_s51 & (~|raised_s51[22:16]);
   reg  [23:0] joined_s51;
   reg  own_box_box_far_23_s51;
-  wire term_4 = (joined_s51 < {raised_s51[22:0], raised_s51[23]}) ^ own_box_box_far_23_s51;
-  wire choice_2 = (own_box_box_far_23_s51 ^ raised_s51[23]) ? own_box_box_far_23_s51 : term_4;
-  reg  term_5_s51;
-  wire term_6 =
-      choice_2 &
-      ~(own_box_box_far_22_16_is_zero_s51 & (~|raised_s51[22:16])) &
-      ~(term_5_s51 | ((&raised_s51[22:16]) & (|raised_s51[15:0])));
+  wire term_3 = (joined_s51 < {raised_s51[22:0], raised_s51[23]}) ^ own_box_box_far_23_s51;
+  wire clamped_is_less_unless_zero =
+      (own_box_box_far_23_s51 ^ raised_s51[23]) ? own_box_box_far_23_s51 :
+      term_3;
+  wire clamped_is_less =
+      clamped_is_less_unless_zero &
+      ~clamped_is_less_both_zero &
+      clamped_is_less_ordered;
   wire [23:0] own_box_box_far_s51 = own_box_box_far_delay[839:816];
-  wire [23:0] clamped = term_6 ? own_box_box_far_s51 : raised_s51;
+  wire [23:0] clamped = clamped_is_less ? own_box_box_far_s51 : raised_s51;
   reg  [23:0] clamped_s52;
   reg  [33:0] own_box_box_misses_delay;
   wire own_box_box_misses_s50 = own_box_box_misses_delay[33];
-  wire misses = intersection_test_misses | own_box_box_misses_s50 | term_2;
+  wire misses = intersection_test_misses | own_box_box_misses_s50 | term;
   wire clamped_22_16_is_zero = ~|clamped_s52[22:16];
-  wire term_7 = ({clamped_s52[22:0], 1'b0} < {tmin[22:0], tmin[23]}) ^ clamped_s52[23];
-  wire term_8 =
-      ((clamped_s52[23] ^ tmin[23]) ? clamped_s52[23] : term_7) &
+  wire term_4 = ({clamped_s52[22:0], 1'b0} < {tmin[22:0], tmin[23]}) ^ clamped_s52[23];
+  wire term_5 =
+      ((clamped_s52[23] ^ tmin[23]) ? clamped_s52[23] : term_4) &
       ~(clamped_22_16_is_zero & (~|tmin[22:16]));
   wire all_clamped_22_16 = &clamped_s52[22:16];
   wire any_clamped_15_0 = |clamped_s52[15:0];
-  wire term_9 = all_clamped_22_16 & any_clamped_15_0;
-  wire term_10 = ~term_8 & ~(((&tmin[22:16]) & (|tmin[15:0])) | term_9);
-  wire term_11 = ({tmax[22:0], 1'b0} < {clamped_s52[22:0], clamped_s52[23]}) ^ tmax[23];
-  wire term_12 =
-      ((tmax[23] ^ clamped_s52[23]) ? tmax[23] : term_11) &
+  wire term_6 = all_clamped_22_16 & any_clamped_15_0;
+  wire term_7 = ~term_5 & ~(((&tmin[22:16]) & (|tmin[15:0])) | term_6);
+  wire term_8 = ({tmax[22:0], 1'b0} < {clamped_s52[22:0], clamped_s52[23]}) ^ tmax[23];
+  wire term_9 =
+      ((tmax[23] ^ clamped_s52[23]) ? tmax[23] : term_8) &
       ~((~|tmax[22:16]) & clamped_22_16_is_zero);
-  wire term_13 = ~term_12 & ~(term_9 | ((&tmax[22:16]) & (|tmax[15:0])));
-  wire within_limits = term_10 & term_13 & ~(all_clamped_22_16 & ~any_clamped_15_0);
+  wire term_10 = ~term_9 & ~(term_6 | ((&tmax[22:16]) & (|tmax[15:0])));
+  wire within_limits = term_7 & term_10 & ~(all_clamped_22_16 & ~any_clamped_15_0);
   reg  misses_s51, misses_s52;
   wire hits = within_limits & ~misses_s52;
   reg  [23:0] intersection_test_u_s51, intersection_test_u_s52;
@@ -157,10 +261,10 @@ module triangle_test (
   always @(posedge clk) begin
     // Stage 51
     raised_s51 <= raised;
+    term_2_s51 <= (&own_box_box_far_s50[22:16]) & (|own_box_box_far_s50[15:0]);
     own_box_box_far_22_16_is_zero_s51 <= ~|own_box_box_far_s50[22:16];
     joined_s51 <= {own_box_box_far_s50[22:0], 1'b0};
     own_box_box_far_23_s51 <= own_box_box_far_s50[23];
-    term_5_s51 <= (&own_box_box_far_s50[22:16]) & (|own_box_box_far_s50[15:0]);
     misses_s51 <= misses;
     intersection_test_u_s51 <= intersection_test_u;
     intersection_test_v_s51 <= intersection_test_v;
@@ -184,6 +288,21 @@ module triangle_test (
     own_box_box_far_delay <= {own_box_box_far_delay[815:0], own_box_box_far};
     own_box_box_misses_delay <= {own_box_box_misses_delay[32:0], own_box_box_misses};
   end
+
+  assign sum_0 = own_box_sum_0;
+  assign sum_1 = own_box_sum_1;
+  assign sum_2 = own_box_sum_2;
+  assign sum_3 = own_box_sum_3;
+  assign sum_4 = own_box_sum_4;
+  assign sum_5 = own_box_sum_5;
+  assign moved_x = intersection_moved_x;
+  assign moved_y = intersection_moved_y;
+  assign moved_z = intersection_moved_z;
+  assign weighted_x = intersection_weighted_x;
+  assign weighted_y = intersection_weighted_y;
+  assign weighted_z = intersection_weighted_z;
+  assign box_near = own_box_box_near;
+  assign box_far = own_box_box_far;
 
 endmodule
 

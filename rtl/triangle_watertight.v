@@ -1,14 +1,17 @@
 // SPDX-License-Identifier: MIT OR Apache-2.0
 // triangle_watertight: the watertight ray-triangle test of Woop, Benthin and Wald: edge functions
-// of vertices sheared into the ray's frame.
-// Latency: 50 clocks, one set of inputs a clock.
+// of vertices sheared into the ray's frame. Its operators also apply a matrix to a point.
+// Latency: 35 to 50 clocks, one set of inputs a clock.
 
 `default_nettype none
 
 module triangle_watertight (
   input  wire        clk,
 
-  // The triangle's vertices
+  // What the slot is: 0 a test, 1 a matrix
+  input  wire        matrix,
+
+  // The triangle's vertices, or the matrix's columns x, y, z
   input  wire [23:0] v0_x,
   input  wire [23:0] v0_y,
   input  wire [23:0] v0_z,
@@ -19,30 +22,59 @@ module triangle_watertight (
   input  wire [23:0] v2_y,
   input  wire [23:0] v2_z,
 
-  // The ray, and its shear
+  // The ray's origin, or the point
   input  wire [23:0] origin_x,
   input  wire [23:0] origin_y,
   input  wire [23:0] origin_z,
+
+  // The ray's shear
   input  wire [1:0]  kz,
   input  wire [23:0] shear_x,
   input  wire [23:0] shear_y,
 
-  // The reciprocal of the direction's greatest component, needed last
+  // The matrix's fourth column
+  input  wire [23:0] translation_y,
+  input  wire [23:0] translation_x,
+  input  wire [23:0] translation_z,
+
+  // The weight of the moved point
+  input  wire [23:0] weight,
+
+  // The reciprocal of the direction's greatest component
   input  wire [23:0] shear_z,
 
   // Distance, the second and third vertex's weights, and whether the ray passes the triangle
   output wire [23:0] test_t,
   output reg  [23:0] test_u,
   output reg  [23:0] test_v,
-  output wire        test_misses
+  output wire        test_misses,
+
+  // The point moved by the matrix
+  output wire [23:0] moved_x,
+  output wire [23:0] moved_y,
+  output wire [23:0] moved_z,
+
+  // The point moved and weighted
+  output wire [23:0] weighted_x,
+  output wire [23:0] weighted_y,
+  output wire [23:0] weighted_z
 );
 
-  // A, seen from the origin and sheared.
+  // Matrix: the columns pass as if seen from the origin and along z; the point takes the shear's
+  // way.
+  wire [23:0] seen_from_x = matrix ? 24'd0 : origin_x;
+  wire [23:0] seen_from_y = matrix ? 24'd0 : origin_y;
+  wire [23:0] seen_from_z = matrix ? 24'd0 : origin_z;
+  wire [1:0] axis = matrix ? 2'd0 : kz;
+  wire [23:0] shear_or_point_x = matrix ? origin_x : shear_x;
+  wire [23:0] shear_or_point_y = matrix ? origin_y : shear_y;
+
+  // The vertices a, b, c, seen from the origin, their axes turned.
   wire [23:0] a_x_y;
   fp_sub a_x (
     .clk(clk),
     .a(v0_x),
-    .b(origin_x),
+    .b(seen_from_x),
     .y(a_x_y)
   );
 
@@ -50,7 +82,7 @@ module triangle_watertight (
   fp_sub a_y (
     .clk(clk),
     .a(v0_y),
-    .b(origin_y),
+    .b(seen_from_y),
     .y(a_y_y)
   );
 
@@ -58,78 +90,15 @@ module triangle_watertight (
   fp_sub a_z (
     .clk(clk),
     .a(v0_z),
-    .b(origin_z),
+    .b(seen_from_z),
     .y(a_z_y)
   );
 
-  reg  [4:0] kz_is_1_delay;
-  wire kz_is_1_s5 = kz_is_1_delay[4];
-  reg  [4:0] kz_is_0_delay;
-  wire kz_is_0_s5 = kz_is_0_delay[4];
-  wire [23:0] a_kz =
-      kz_is_0_s5 ? a_x_y :
-      kz_is_1_s5 ? a_y_y :
-      a_z_y;
-  reg  [407:0] a_kz_delay;
-  wire [23:0] a_kz_s6 = a_kz_delay[23:0];
-  wire [23:0] a_kx =
-      kz_is_0_s5 ? a_y_y :
-      kz_is_1_s5 ? a_z_y :
-      a_x_y;
-  reg  [95:0] a_kx_delay;
-  wire [23:0] a_ky =
-      kz_is_0_s5 ? a_z_y :
-      kz_is_1_s5 ? a_x_y :
-      a_y_y;
-  reg  [95:0] a_ky_delay;
-  reg  [143:0] shear_x_delay;
-  wire [23:0] shear_x_s6 = shear_x_delay[143:120];
-
-  wire [23:0] ax_shift_y;
-  fp_mul ax_shift (
-    .clk(clk),
-    .a(shear_x_s6),
-    .b(a_kz_s6),
-    .y(ax_shift_y)
-  );
-
-  wire [23:0] a_kx_s9 = a_kx_delay[95:72];
-
-  wire [23:0] ax_y;
-  fp_sub ax (
-    .clk(clk),
-    .a(a_kx_s9),
-    .b(ax_shift_y),
-    .y(ax_y)
-  );
-
-  reg  [143:0] shear_y_delay;
-  wire [23:0] shear_y_s6 = shear_y_delay[143:120];
-
-  wire [23:0] ay_shift_y;
-  fp_mul ay_shift (
-    .clk(clk),
-    .a(shear_y_s6),
-    .b(a_kz_s6),
-    .y(ay_shift_y)
-  );
-
-  wire [23:0] a_ky_s9 = a_ky_delay[95:72];
-
-  wire [23:0] ay_y;
-  fp_sub ay (
-    .clk(clk),
-    .a(a_ky_s9),
-    .b(ay_shift_y),
-    .y(ay_y)
-  );
-
-  // B, seen from the origin and sheared.
   wire [23:0] b_x_y;
   fp_sub b_x (
     .clk(clk),
     .a(v1_x),
-    .b(origin_x),
+    .b(seen_from_x),
     .y(b_x_y)
   );
 
@@ -137,7 +106,7 @@ module triangle_watertight (
   fp_sub b_y (
     .clk(clk),
     .a(v1_y),
-    .b(origin_y),
+    .b(seen_from_y),
     .y(b_y_y)
   );
 
@@ -145,51 +114,191 @@ module triangle_watertight (
   fp_sub b_z (
     .clk(clk),
     .a(v1_z),
-    .b(origin_z),
+    .b(seen_from_z),
     .y(b_z_y)
   );
 
+  wire [23:0] c_x_y;
+  fp_sub c_x (
+    .clk(clk),
+    .a(v2_x),
+    .b(seen_from_x),
+    .y(c_x_y)
+  );
+
+  wire [23:0] c_y_y;
+  fp_sub c_y (
+    .clk(clk),
+    .a(v2_y),
+    .b(seen_from_y),
+    .y(c_y_y)
+  );
+
+  wire [23:0] c_z_y;
+  fp_sub c_z (
+    .clk(clk),
+    .a(v2_z),
+    .b(seen_from_z),
+    .y(c_z_y)
+  );
+
+  reg  [4:0] axis_is_1_delay;
+  wire axis_is_1_s5 = axis_is_1_delay[4];
+  reg  [4:0] axis_is_0_delay;
+  wire axis_is_0_s5 = axis_is_0_delay[4];
+  wire [23:0] a_kz =
+      axis_is_0_s5 ? a_x_y :
+      axis_is_1_s5 ? a_y_y :
+      a_z_y;
+  reg  [407:0] a_kz_delay;
+  wire [23:0] a_kz_s6 = a_kz_delay[23:0];
+  wire [23:0] a_kx =
+      axis_is_0_s5 ? a_y_y :
+      axis_is_1_s5 ? a_z_y :
+      a_x_y;
+  reg  [95:0] a_kx_delay;
+  wire [23:0] a_ky =
+      axis_is_0_s5 ? a_z_y :
+      axis_is_1_s5 ? a_x_y :
+      a_y_y;
+  reg  [95:0] a_ky_delay;
   wire [23:0] b_kz =
-      kz_is_0_s5 ? b_x_y :
-      kz_is_1_s5 ? b_y_y :
+      axis_is_0_s5 ? b_x_y :
+      axis_is_1_s5 ? b_y_y :
       b_z_y;
   reg  [407:0] b_kz_delay;
   wire [23:0] b_kz_s6 = b_kz_delay[23:0];
   wire [23:0] b_kx =
-      kz_is_0_s5 ? b_y_y :
-      kz_is_1_s5 ? b_z_y :
+      axis_is_0_s5 ? b_y_y :
+      axis_is_1_s5 ? b_z_y :
       b_x_y;
   reg  [95:0] b_kx_delay;
   wire [23:0] b_ky =
-      kz_is_0_s5 ? b_z_y :
-      kz_is_1_s5 ? b_x_y :
+      axis_is_0_s5 ? b_z_y :
+      axis_is_1_s5 ? b_x_y :
       b_y_y;
   reg  [95:0] b_ky_delay;
+  wire [23:0] c_kz =
+      axis_is_0_s5 ? c_x_y :
+      axis_is_1_s5 ? c_y_y :
+      c_z_y;
+  reg  [407:0] c_kz_delay;
+  wire [23:0] c_kx =
+      axis_is_0_s5 ? c_y_y :
+      axis_is_1_s5 ? c_z_y :
+      c_x_y;
+  reg  [95:0] c_kx_delay;
+  wire [23:0] c_ky =
+      axis_is_0_s5 ? c_z_y :
+      axis_is_1_s5 ? c_x_y :
+      c_y_y;
+  reg  [95:0] c_ky_delay;
+
+  // What shears them. Matrix: the products of column x (by shear x) and y (by shear y), each
+  // component once.
+  reg  [143:0] shear_or_point_x_delay;
+  wire [23:0] shear_or_point_x_s6 = shear_or_point_x_delay[143:120];
+
+  wire [23:0] ax_shift_y;
+  fp_mul ax_shift (
+    .clk(clk),
+    .a(shear_or_point_x_s6),
+    .b(a_kz_s6),
+    .y(ax_shift_y)
+  );
+
+  reg  [43:0] matrix_delay;
+  wire matrix_s5 = matrix_delay[4];
+  wire [23:0] bx_shift_factor = matrix_s5 ? a_z_y : b_kz;
+  reg  [23:0] bx_shift_factor_s6;
 
   wire [23:0] bx_shift_y;
   fp_mul bx_shift (
     .clk(clk),
-    .a(shear_x_s6),
-    .b(b_kz_s6),
+    .a(shear_or_point_x_s6),
+    .b(bx_shift_factor_s6),
     .y(bx_shift_y)
   );
 
-  wire [23:0] b_kx_s9 = b_kx_delay[95:72];
+  wire [23:0] cx_shift_factor = matrix_s5 ? a_y_y : c_kz;
+  reg  [23:0] cx_shift_factor_s6;
 
-  wire [23:0] bx_y;
-  fp_sub bx (
+  wire [23:0] cx_shift_y;
+  fp_mul cx_shift (
     .clk(clk),
-    .a(b_kx_s9),
-    .b(bx_shift_y),
-    .y(bx_y)
+    .a(shear_or_point_x_s6),
+    .b(cx_shift_factor_s6),
+    .y(cx_shift_y)
+  );
+
+  wire [23:0] ay_shift_factor = matrix_s5 ? b_y_y : a_kz;
+  reg  [23:0] ay_shift_factor_s6;
+  reg  [143:0] shear_or_point_y_delay;
+  wire [23:0] shear_or_point_y_s6 = shear_or_point_y_delay[143:120];
+
+  wire [23:0] ay_shift_y;
+  fp_mul ay_shift (
+    .clk(clk),
+    .a(shear_or_point_y_s6),
+    .b(ay_shift_factor_s6),
+    .y(ay_shift_y)
   );
 
   wire [23:0] by_shift_y;
   fp_mul by_shift (
     .clk(clk),
-    .a(shear_y_s6),
+    .a(shear_or_point_y_s6),
     .b(b_kz_s6),
     .y(by_shift_y)
+  );
+
+  wire [23:0] cy_shift_factor = matrix_s5 ? b_z_y : c_kz;
+  reg  [23:0] cy_shift_factor_s6;
+
+  wire [23:0] cy_shift_y;
+  fp_mul cy_shift (
+    .clk(clk),
+    .a(shear_or_point_y_s6),
+    .b(cy_shift_factor_s6),
+    .y(cy_shift_y)
+  );
+
+  // Sheared. Matrix: the sum of columns x and y in ax, ay, bx; column z passes in cx, cy.
+  wire matrix_s9 = matrix_delay[8];
+  wire [23:0] a_kx_s9 = a_kx_delay[95:72];
+  wire [23:0] ax_minuend = matrix_s9 ? by_shift_y : a_kx_s9;
+  wire [23:0] ax_subtrahend = {ax_shift_y[23] ^ matrix_s9, ax_shift_y[22:0]};
+
+  wire [23:0] ax_y;
+  fp_sub ax (
+    .clk(clk),
+    .a(ax_minuend),
+    .b(ax_subtrahend),
+    .y(ax_y)
+  );
+
+  wire [23:0] a_ky_s9 = a_ky_delay[95:72];
+  wire [23:0] ay_minuend = matrix_s9 ? cx_shift_y : a_ky_s9;
+  wire [23:0] ay_subtrahend = {ay_shift_y[23] ^ matrix_s9, ay_shift_y[22:0]};
+
+  wire [23:0] ay_y;
+  fp_sub ay (
+    .clk(clk),
+    .a(ay_minuend),
+    .b(ay_subtrahend),
+    .y(ay_y)
+  );
+
+  wire [23:0] b_kx_s9 = b_kx_delay[95:72];
+  wire [23:0] bx_minuend = matrix_s9 ? cy_shift_y : b_kx_s9;
+  wire [23:0] bx_subtrahend = {bx_shift_y[23] ^ matrix_s9, bx_shift_y[22:0]};
+
+  wire [23:0] bx_y;
+  fp_sub bx (
+    .clk(clk),
+    .a(bx_minuend),
+    .b(bx_subtrahend),
+    .y(bx_y)
   );
 
   wire [23:0] b_ky_s9 = b_ky_delay[95:72];
@@ -202,90 +311,39 @@ module triangle_watertight (
     .y(by_y)
   );
 
-  // C, seen from the origin and sheared.
-  wire [23:0] c_x_y;
-  fp_sub c_x (
-    .clk(clk),
-    .a(v2_x),
-    .b(origin_x),
-    .y(c_x_y)
-  );
-
-  wire [23:0] c_y_y;
-  fp_sub c_y (
-    .clk(clk),
-    .a(v2_y),
-    .b(origin_y),
-    .y(c_y_y)
-  );
-
-  wire [23:0] c_z_y;
-  fp_sub c_z (
-    .clk(clk),
-    .a(v2_z),
-    .b(origin_z),
-    .y(c_z_y)
-  );
-
-  wire [23:0] c_kz =
-      kz_is_0_s5 ? c_x_y :
-      kz_is_1_s5 ? c_y_y :
-      c_z_y;
-  reg  [407:0] c_kz_delay;
-  wire [23:0] c_kz_s6 = c_kz_delay[23:0];
-  wire [23:0] c_kx =
-      kz_is_0_s5 ? c_y_y :
-      kz_is_1_s5 ? c_z_y :
-      c_x_y;
-  reg  [95:0] c_kx_delay;
-  wire [23:0] c_ky =
-      kz_is_0_s5 ? c_z_y :
-      kz_is_1_s5 ? c_x_y :
-      c_y_y;
-  reg  [95:0] c_ky_delay;
-
-  wire [23:0] cx_shift_y;
-  fp_mul cx_shift (
-    .clk(clk),
-    .a(shear_x_s6),
-    .b(c_kz_s6),
-    .y(cx_shift_y)
-  );
-
+  wire [23:0] cx_subtrahend = matrix_s9 ? 24'd0 : cx_shift_y;
   wire [23:0] c_kx_s9 = c_kx_delay[95:72];
 
   wire [23:0] cx_y;
   fp_sub cx (
     .clk(clk),
     .a(c_kx_s9),
-    .b(cx_shift_y),
+    .b(cx_subtrahend),
     .y(cx_y)
   );
 
-  wire [23:0] cy_shift_y;
-  fp_mul cy_shift (
-    .clk(clk),
-    .a(shear_y_s6),
-    .b(c_kz_s6),
-    .y(cy_shift_y)
-  );
-
+  wire [23:0] cy_subtrahend = matrix_s9 ? 24'd0 : cy_shift_y;
   wire [23:0] c_ky_s9 = c_ky_delay[95:72];
 
   wire [23:0] cy_y;
   fp_sub cy (
     .clk(clk),
     .a(c_ky_s9),
-    .b(cy_shift_y),
+    .b(cy_subtrahend),
     .y(cy_y)
   );
 
-  // Edge functions.
+  // Edge functions. Matrix: plus the products of column z, which is added to the sum.
+  wire matrix_s14 = matrix_delay[13];
+  reg  [335:0] origin_z_delay;
+  wire [23:0] origin_z_s14 = origin_z_delay[335:312];
+  wire [23:0] eu_factor = matrix_s14 ? origin_z_s14 : by_y;
+
   wire [23:0] eu_plus_y;
   fp_mul eu_plus (
     .clk(clk),
     .a(cx_y),
-    .b(by_y),
+    .b(eu_factor),
     .y(eu_plus_y)
   );
 
@@ -297,18 +355,12 @@ module triangle_watertight (
     .y(eu_minus_y)
   );
 
-  wire [23:0] eu_y;
-  fp_sub eu (
-    .clk(clk),
-    .a(eu_plus_y),
-    .b(eu_minus_y),
-    .y(eu_y)
-  );
+  wire [23:0] ev_factor = matrix_s14 ? origin_z_s14 : ax_y;
 
   wire [23:0] ev_plus_y;
   fp_mul ev_plus (
     .clk(clk),
-    .a(ax_y),
+    .a(ev_factor),
     .b(cy_y),
     .y(ev_plus_y)
   );
@@ -321,19 +373,15 @@ module triangle_watertight (
     .y(ev_minus_y)
   );
 
-  wire [23:0] ev_y;
-  fp_sub ev (
-    .clk(clk),
-    .a(ev_plus_y),
-    .b(ev_minus_y),
-    .y(ev_y)
-  );
+  wire [23:0] c_kz_s14 = c_kz_delay[215:192];
+  wire [23:0] ew_factor_b = matrix_s14 ? c_kz_s14 : bx_y;
+  wire [23:0] ew_factor_a = matrix_s14 ? origin_z_s14 : ay_y;
 
   wire [23:0] ew_plus_y;
   fp_mul ew_plus (
     .clk(clk),
-    .a(bx_y),
-    .b(ay_y),
+    .a(ew_factor_b),
+    .b(ew_factor_a),
     .y(ew_plus_y)
   );
 
@@ -345,11 +393,37 @@ module triangle_watertight (
     .y(ew_minus_y)
   );
 
+  wire matrix_s17 = matrix_delay[16];
+  reg  [23:0] joined_s15, joined_s16, joined_s17;
+  wire [23:0] eu_subtrahend = matrix_s17 ? joined_s17 : eu_minus_y;
+
+  wire [23:0] eu_y;
+  fp_sub eu (
+    .clk(clk),
+    .a(eu_plus_y),
+    .b(eu_subtrahend),
+    .y(eu_y)
+  );
+
+  reg  [23:0] joined_2_s15, joined_2_s16, joined_2_s17;
+  wire [23:0] ev_subtrahend = matrix_s17 ? joined_2_s17 : ev_minus_y;
+
+  wire [23:0] ev_y;
+  fp_sub ev (
+    .clk(clk),
+    .a(ev_plus_y),
+    .b(ev_subtrahend),
+    .y(ev_y)
+  );
+
+  reg  [23:0] joined_3_s15, joined_3_s16, joined_3_s17;
+  wire [23:0] ew_subtrahend = matrix_s17 ? joined_3_s17 : ew_minus_y;
+
   wire [23:0] ew_y;
   fp_sub ew (
     .clk(clk),
     .a(ew_plus_y),
-    .b(ew_minus_y),
+    .b(ew_subtrahend),
     .y(ew_y)
   );
 
@@ -368,22 +442,27 @@ module triangle_watertight (
   wire some_positive = term_5 | term_6 | term_7;
   reg  some_positive_s23;
 
-  // det = (U + V) + W, i = 1 / det.
+  // det = (U + V) + W, i = 1 / det. Matrix: the translation is added, y in U + V, x in det.
+  wire matrix_s22 = matrix_delay[21];
+  wire [23:0] ev_or_translation = matrix_s22 ? translation_y : ev_y;
+
   wire [23:0] uv_y;
   fp_add uv (
     .clk(clk),
     .a(eu_y),
-    .b(ev_y),
+    .b(ev_or_translation),
     .y(uv_y)
   );
 
-  reg  [527:0] ew_y_delay;
+  wire matrix_s27 = matrix_delay[26];
+  wire [23:0] uv_or_translation = matrix_s27 ? translation_x : uv_y;
+  reg  [239:0] ew_y_delay;
   wire [23:0] ew_y_s27 = ew_y_delay[119:96];
 
   wire [23:0] det_y;
   fp_add det (
     .clk(clk),
-    .a(uv_y),
+    .a(uv_or_translation),
     .b(ew_y_s27),
     .y(det_y)
   );
@@ -398,7 +477,7 @@ module triangle_watertight (
   wire det_is_zero = ~|det_y[22:16];
   reg  det_is_zero_s33;
 
-  // T = (U Az + V Bz) + W Cz, t = (T i) Sz, u = V i, v = W i.
+  // T = U Az + V Bz + W Cz. Matrix: the translation is added, z in T.
   wire [23:0] a_kz_s22 = a_kz_delay[407:384];
 
   wire [23:0] ua_y;
@@ -437,17 +516,31 @@ module triangle_watertight (
     .y(ua_vb_y)
   );
 
+  wire matrix_s30 = matrix_delay[29];
+  reg  [191:0] ev_y_delay;
+  wire [23:0] ev_y_s27 = ev_y_delay[119:96];
+  wire [23:0] ev_y_s30 = ev_y_delay[191:168];
+  wire [23:0] ua_vb_or_sum = matrix_s30 ? ev_y_s30 : ua_vb_y;
   reg  [119:0] wc_y_delay;
   wire [23:0] wc_y_s30 = wc_y_delay[119:96];
+  wire [23:0] wc_or_translation = matrix_s30 ? translation_z : wc_y_s30;
 
   wire [23:0] scaled_y;
   fp_add scaled (
     .clk(clk),
-    .a(ua_vb_y),
-    .b(wc_y_s30),
+    .a(ua_vb_or_sum),
+    .b(wc_or_translation),
     .y(scaled_y)
   );
 
+  // t = (T i) Sz, u = V i, v = W i. Matrix: all by the weight; the point moved takes the way of V
+  // and W.
+  wire [23:0] v_or_moved_y = matrix_s27 ? uv_y : ev_y_s27;
+  wire matrix_s32 = matrix_delay[31];
+  wire [23:0] ew_y_s32 = ew_y_delay[239:216];
+  wire [23:0] w_or_moved_x = matrix_s32 ? det_y : ew_y_s32;
+  wire matrix_s44 = matrix_delay[43];
+  wire [23:0] i_or_weight = matrix_s44 ? weight : i_y;
   reg  [215:0] scaled_y_delay;
   wire [23:0] scaled_y_s44 = scaled_y_delay[215:192];
 
@@ -455,8 +548,32 @@ module triangle_watertight (
   fp_mul distance (
     .clk(clk),
     .a(scaled_y_s44),
-    .b(i_y),
+    .b(i_or_weight),
     .y(distance_y)
+  );
+
+  reg  [407:0] v_or_moved_y_delay;
+  assign moved_y = v_or_moved_y_delay[191:168];
+  wire [23:0] v_or_moved_y_s44 = v_or_moved_y_delay[407:384];
+
+  wire [23:0] u_y;
+  fp_mul u (
+    .clk(clk),
+    .a(v_or_moved_y_s44),
+    .b(i_or_weight),
+    .y(u_y)
+  );
+
+  reg  [287:0] w_or_moved_x_delay;
+  assign moved_x = w_or_moved_x_delay[71:48];
+  wire [23:0] w_or_moved_x_s44 = w_or_moved_x_delay[287:264];
+
+  wire [23:0] v_y;
+  fp_mul v (
+    .clk(clk),
+    .a(w_or_moved_x_s44),
+    .b(i_or_weight),
+    .y(v_y)
   );
 
   wire [23:0] t_y;
@@ -465,27 +582,6 @@ module triangle_watertight (
     .a(distance_y),
     .b(shear_z),
     .y(t_y)
-  );
-
-  reg  [527:0] ev_y_delay;
-  wire [23:0] ev_y_s44 = ev_y_delay[527:504];
-
-  wire [23:0] u_y;
-  fp_mul u (
-    .clk(clk),
-    .a(ev_y_s44),
-    .b(i_y),
-    .y(u_y)
-  );
-
-  wire [23:0] ew_y_s44 = ew_y_delay[527:504];
-
-  wire [23:0] v_y;
-  fp_mul v (
-    .clk(clk),
-    .a(ew_y_s44),
-    .b(i_y),
-    .y(v_y)
   );
 
   reg  [9:0] some_negative_and_some_positive_delay;
@@ -497,6 +593,27 @@ module triangle_watertight (
 
   // Pipeline registers.
   always @(posedge clk) begin
+    // Stage 6
+    bx_shift_factor_s6 <= bx_shift_factor;
+    cx_shift_factor_s6 <= cx_shift_factor;
+    ay_shift_factor_s6 <= ay_shift_factor;
+    cy_shift_factor_s6 <= cy_shift_factor;
+
+    // Stage 15
+    joined_s15 <= {~ay_y[23], ay_y[22:0]};
+    joined_2_s15 <= {~bx_y[23], bx_y[22:0]};
+    joined_3_s15 <= {~ax_y[23], ax_y[22:0]};
+
+    // Stage 16
+    joined_s16 <= joined_s15;
+    joined_2_s16 <= joined_2_s15;
+    joined_3_s16 <= joined_3_s15;
+
+    // Stage 17
+    joined_s17 <= joined_s16;
+    joined_2_s17 <= joined_2_s16;
+    joined_3_s17 <= joined_3_s16;
+
     // Stage 23
     some_negative_s23 <= some_negative;
     some_positive_s23 <= some_positive;
@@ -519,28 +636,36 @@ module triangle_watertight (
 
   // Delay lines: values that wait for others of their pipeline, the newest lowest.
   always @(posedge clk) begin
-    kz_is_1_delay <= {kz_is_1_delay[3:0], kz == 2'd1};
-    kz_is_0_delay <= {kz_is_0_delay[3:0], kz == 2'd0};
+    axis_is_1_delay <= {axis_is_1_delay[3:0], axis == 2'd1};
+    axis_is_0_delay <= {axis_is_0_delay[3:0], axis == 2'd0};
     a_kz_delay <= {a_kz_delay[383:0], a_kz};
     a_kx_delay <= {a_kx_delay[71:0], a_kx};
     a_ky_delay <= {a_ky_delay[71:0], a_ky};
-    shear_x_delay <= {shear_x_delay[119:0], shear_x};
-    shear_y_delay <= {shear_y_delay[119:0], shear_y};
     b_kz_delay <= {b_kz_delay[383:0], b_kz};
     b_kx_delay <= {b_kx_delay[71:0], b_kx};
     b_ky_delay <= {b_ky_delay[71:0], b_ky};
     c_kz_delay <= {c_kz_delay[383:0], c_kz};
     c_kx_delay <= {c_kx_delay[71:0], c_kx};
     c_ky_delay <= {c_ky_delay[71:0], c_ky};
-    ew_y_delay <= {ew_y_delay[503:0], ew_y};
+    shear_or_point_x_delay <= {shear_or_point_x_delay[119:0], shear_or_point_x};
+    matrix_delay <= {matrix_delay[42:0], matrix};
+    shear_or_point_y_delay <= {shear_or_point_y_delay[119:0], shear_or_point_y};
+    origin_z_delay <= {origin_z_delay[311:0], origin_z};
+    ew_y_delay <= {ew_y_delay[215:0], ew_y};
+    ev_y_delay <= {ev_y_delay[167:0], ev_y};
     wc_y_delay <= {wc_y_delay[95:0], wc_y};
     scaled_y_delay <= {scaled_y_delay[191:0], scaled_y};
-    ev_y_delay <= {ev_y_delay[503:0], ev_y};
+    v_or_moved_y_delay <= {v_or_moved_y_delay[383:0], v_or_moved_y};
+    w_or_moved_x_delay <= {w_or_moved_x_delay[263:0], w_or_moved_x};
     some_negative_and_some_positive_delay <= {some_negative_and_some_positive_delay[8:0], some_negative_s23 & some_positive_s23};
     test_misses_delay <= {test_misses_delay[15:0], some_negative_and_some_positive_s33 | det_is_zero_s33};
   end
 
   assign test_t = t_y;
+  assign moved_z = scaled_y;
+  assign weighted_x = v_y;
+  assign weighted_y = u_y;
+  assign weighted_z = distance_y;
 
 endmodule
 

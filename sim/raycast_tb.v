@@ -1,5 +1,5 @@
 // Replays whole rays in the ray casting unit: every hit is compared in all bits by its tag, every packet step and every ray-triangle
-// test that the unit shows is compared in the packet's order.
+// test, and in a scene of two levels every ray transformation, that the unit shows is compared in the packet's order.
 //
 // Plusargs: those of memory.v; +rays=PERCENT of the cycles in which a ray is offered, +hits=PERCENT in which a hit is taken
 // (100 by default, both).
@@ -25,6 +25,12 @@ module raycast_tb;
     reg [`TRIANGLE_TEST_STIMULUS_BITS-1:0] test_stimulus   [0:`TRIANGLE_TEST_STIMULUS_LINES-1];
     reg [`TRIANGLE_TEST_EXPECTED_BITS-1:0] test_expected   [0:`TRIANGLE_TEST_EXPECTED_LINES-1];
     reg [`TRIANGLE_TEST_CARE_BITS-1:0]     test_care       [0:`TRIANGLE_TEST_CARE_LINES-1];
+`ifdef TWO_LEVELS
+    reg [`RAY_TRANSFORM_STIMULUS_BITS-1:0] transform_stimulus [0:`RAY_TRANSFORM_STIMULUS_LINES-1];
+    reg [`RAY_TRANSFORM_EXPECTED_BITS-1:0] transform_expected [0:`RAY_TRANSFORM_EXPECTED_LINES-1];
+    reg [`RAY_TRANSFORM_STIMULUS_BITS-1:0] transform_in;
+    reg [`RAY_TRANSFORM_EXPECTED_BITS-1:0] transform, transform_due;
+`endif
     reg [`SCENE_BITS-1:0]                  scene           [0:0];
     wire [`SCENE_BITS-1:0] registers = scene[0];
 
@@ -50,7 +56,7 @@ module raycast_tb;
     wire [`ADDRESS_BITS-1:0]      vertex_request_address;
     wire [`VERTEX_TAG_BITS-1:0]   vertex_request_tag, vertex_response_tag;
     wire [`VERTICES_BITS-1:0]     vertex_response_data;
-    wire [39:0]                   count_packet_steps, count_ray_triangle_tests;
+    wire [39:0]                   count_packet_steps, count_ray_triangle_tests, count_ray_transforms;
     wire                          stack_overflow;
     wire                          watch_start_valid, watch_step_valid, watch_test_valid;
     wire [`PACKET_BITS-1:0]       watch_start_packet, watch_step_packet, watch_test_packet;
@@ -62,6 +68,13 @@ module raycast_tb;
     wire [`RAY_BITS-1:0]          watch_test_ray;
     wire                          watch_test_hit;
     wire [W-1:0]                  watch_test_t, watch_test_u, watch_test_v;
+    wire                          watch_transform_valid;
+    wire [`PACKET_BITS-1:0]       watch_transform_packet;
+    wire [`RAY_BITS-1:0]          watch_transform_ray;
+    wire [`ADDRESS_BITS-1:0]      watch_transform_record;
+    wire [W-1:0]                  watch_transform_near, watch_transform_far;
+    wire [W-1:0]                  watch_transform_origin_x, watch_transform_origin_y, watch_transform_origin_z;
+    wire [W-1:0]                  watch_transform_direction_x, watch_transform_direction_y, watch_transform_direction_z;
 
     raycast_unit unit (
         .clk(clk),
@@ -140,7 +153,7 @@ module raycast_tb;
         .count_cycles(),
         .count_packet_steps(count_packet_steps),
         .count_ray_triangle_tests(count_ray_triangle_tests),
-        .count_ray_transforms(),
+        .count_ray_transforms(count_ray_transforms),
         .count_tpu_busy_cycles(),
         .count_tpu_starved_cycles(),
         .count_gu_busy_cycles(),
@@ -170,18 +183,18 @@ module raycast_tb;
         .watch_test_t(watch_test_t),
         .watch_test_u(watch_test_u),
         .watch_test_v(watch_test_v),
-        .watch_transform_valid(),
-        .watch_transform_packet(),
-        .watch_transform_ray(),
-        .watch_transform_record(),
-        .watch_transform_near(),
-        .watch_transform_far(),
-        .watch_transform_origin_x(),
-        .watch_transform_origin_y(),
-        .watch_transform_origin_z(),
-        .watch_transform_direction_x(),
-        .watch_transform_direction_y(),
-        .watch_transform_direction_z()
+        .watch_transform_valid(watch_transform_valid),
+        .watch_transform_packet(watch_transform_packet),
+        .watch_transform_ray(watch_transform_ray),
+        .watch_transform_record(watch_transform_record),
+        .watch_transform_near(watch_transform_near),
+        .watch_transform_far(watch_transform_far),
+        .watch_transform_origin_x(watch_transform_origin_x),
+        .watch_transform_origin_y(watch_transform_origin_y),
+        .watch_transform_origin_z(watch_transform_origin_z),
+        .watch_transform_direction_x(watch_transform_direction_x),
+        .watch_transform_direction_y(watch_transform_direction_y),
+        .watch_transform_direction_z(watch_transform_direction_z)
     );
 
     memory #(
@@ -218,16 +231,18 @@ module raycast_tb;
     reg     busy      [0:PLACES-1];
     integer packet_of [0:PLACES-1];
     integer hits_of   [0:PLACES-1];
-    // The next lines of its steps and tests, and the lines after its last.
+    // The next lines of its steps, tests and transformations, and the lines after its last.
     integer step_of   [0:PLACES-1];
     integer step_end  [0:PLACES-1];
     integer test_of   [0:PLACES-1];
     integer test_end  [0:PLACES-1];
+    integer transform_of  [0:PLACES-1];
+    integer transform_end [0:PLACES-1];
     // The place of each packet in the unit.
     integer place_in  [0:(1<<`PACKET_BITS)-1];
 
     integer seed, ray_percent, hit_percent, idle;
-    integer hits_checked, steps_checked, tests_checked;
+    integer hits_checked, steps_checked, tests_checked, transforms_checked;
     integer place, at;
 
     reg [`RAYCAST_PACKETS_BITS-1:0]        packet;
@@ -258,6 +273,7 @@ module raycast_tb;
         hits_checked  = 0;
         steps_checked = 0;
         tests_checked = 0;
+        transforms_checked = 0;
         idle          = 0;
         #1;
         `LOAD("nodes.hex", nodes.words, `NODES_LINES)
@@ -273,6 +289,10 @@ module raycast_tb;
         `LOAD("triangle_test_stimulus.hex", test_stimulus, `TRIANGLE_TEST_STIMULUS_LINES)
         `LOAD("triangle_test_expected.hex", test_expected, `TRIANGLE_TEST_EXPECTED_LINES)
         `LOAD("triangle_test_care.hex", test_care, `TRIANGLE_TEST_CARE_LINES)
+`ifdef TWO_LEVELS
+        `LOAD("ray_transform_stimulus.hex", transform_stimulus, `RAY_TRANSFORM_STIMULUS_LINES)
+        `LOAD("ray_transform_expected.hex", transform_expected, `RAY_TRANSFORM_EXPECTED_LINES)
+`endif
         repeat (4) @(posedge clk);
         rst <= 1'b0;
     end
@@ -298,6 +318,8 @@ module raycast_tb;
                     step_end[place]  = packet[`RAYCAST_PACKETS_FIRST_STEP] + packet[`RAYCAST_PACKETS_STEPS];
                     test_of[place]   = packet[`RAYCAST_PACKETS_FIRST_TEST];
                     test_end[place]  = packet[`RAYCAST_PACKETS_FIRST_TEST] + packet[`RAYCAST_PACKETS_TESTS];
+                    transform_of[place]  = packet[`RAYCAST_PACKETS_FIRST_TRANSFORM];
+                    transform_end[place] = packet[`RAYCAST_PACKETS_FIRST_TRANSFORM] + packet[`RAYCAST_PACKETS_TRANSFORMS];
                 end
                 at = next_ray + 1;
             end else begin
@@ -377,6 +399,43 @@ module raycast_tb;
             end
         end
 
+    // Rays taken to an object's space.
+    always @(posedge clk)
+        if (!rst && !failed && watch_transform_valid) begin
+            place = place_in[watch_transform_packet];
+            at    = transform_of[place];
+            if (at >= transform_end[place]) begin
+                $display("FAIL raycast_packets.hex line %0d: a ray transformation (record %0d) beyond its last",
+                    packet_of[place] + 1, watch_transform_record);
+                fail;
+            end
+`ifdef TWO_LEVELS
+            else begin
+                transform_in  = transform_stimulus[at];
+                transform_due = transform_expected[at];
+                transform[`RAY_TRANSFORM_EXPECTED_ORIGIN_X]    = watch_transform_origin_x;
+                transform[`RAY_TRANSFORM_EXPECTED_ORIGIN_Y]    = watch_transform_origin_y;
+                transform[`RAY_TRANSFORM_EXPECTED_ORIGIN_Z]    = watch_transform_origin_z;
+                transform[`RAY_TRANSFORM_EXPECTED_DIRECTION_X] = watch_transform_direction_x;
+                transform[`RAY_TRANSFORM_EXPECTED_DIRECTION_Y] = watch_transform_direction_y;
+                transform[`RAY_TRANSFORM_EXPECTED_DIRECTION_Z] = watch_transform_direction_z;
+                transform[`RAY_TRANSFORM_EXPECTED_NEAR]        = watch_transform_near;
+                transform[`RAY_TRANSFORM_EXPECTED_FAR]         = watch_transform_far;
+                if (watch_transform_record !== transform_in[`RAY_TRANSFORM_STIMULUS_RECORD_LSB +: `ADDRESS_BITS]
+                    || (N > 1 && watch_transform_ray !== transform_in[`RAY_TRANSFORM_STIMULUS_SLOT_LSB +: `RAY_BITS])
+                    || transform !== transform_due
+                ) begin
+                    $display("FAIL ray_transform_expected.hex line %0d: record %0d, expected %0d; ray %0d, expected %0d; result %h, expected %h",
+                        at + 1, watch_transform_record, transform_in[`RAY_TRANSFORM_STIMULUS_RECORD],
+                        watch_transform_ray, transform_in[`RAY_TRANSFORM_STIMULUS_SLOT], transform, transform_due);
+                    fail;
+                end
+                transform_of[place] = at + 1;
+                transforms_checked  = transforms_checked + 1;
+            end
+`endif
+        end
+
     // Hits out.
     always @(posedge clk)
         if (!rst && !failed && hit_valid && hit_ready) begin
@@ -401,9 +460,12 @@ module raycast_tb;
                 hits_of[place] = hits_of[place] + 1;
                 if (hits_of[place] == N) begin
                     busy[place] = 1'b0;
-                    if (step_of[place] != step_end[place] || test_of[place] != test_end[place]) begin
-                        $display("FAIL raycast_packets.hex line %0d: %0d packet steps and %0d triangle tests are missing",
-                            packet_of[place] + 1, step_end[place] - step_of[place], test_end[place] - test_of[place]);
+                    if (step_of[place] != step_end[place] || test_of[place] != test_end[place]
+                        || transform_of[place] != transform_end[place]
+                    ) begin
+                        $display("FAIL raycast_packets.hex line %0d: %0d packet steps, %0d triangle tests and %0d ray transformations are missing",
+                            packet_of[place] + 1, step_end[place] - step_of[place], test_end[place] - test_of[place],
+                            transform_end[place] - transform_of[place]);
                         fail;
                     end
                 end
@@ -414,17 +476,20 @@ module raycast_tb;
     always @(negedge clk)
         if (!rst && !failed) begin
             if (hits_checked == `RAYCAST_HITS_LINES) begin
-                if (stack_overflow !== 1'b0 || count_packet_steps !== steps_checked || count_ray_triangle_tests !== tests_checked) begin
-                    $display("FAIL counters: stack_overflow %b, packet steps %0d of %0d, triangle tests %0d of %0d",
-                        stack_overflow, count_packet_steps, steps_checked, count_ray_triangle_tests, tests_checked);
+                if (stack_overflow !== 1'b0 || count_packet_steps !== steps_checked || count_ray_triangle_tests !== tests_checked
+                    || count_ray_transforms !== transforms_checked
+                ) begin
+                    $display("FAIL counters: stack_overflow %b, packet steps %0d of %0d, triangle tests %0d of %0d, ray transformations %0d of %0d",
+                        stack_overflow, count_packet_steps, steps_checked, count_ray_triangle_tests, tests_checked,
+                        count_ray_transforms, transforms_checked);
                     fail;
                 end else begin
-                    $display("PASS %0d hits checked, %0d packet steps, %0d triangle tests",
-                        hits_checked, steps_checked, tests_checked);
+                    $display("PASS %0d hits checked, %0d packet steps, %0d triangle tests, %0d ray transformations",
+                        hits_checked, steps_checked, tests_checked, transforms_checked);
                     $finish;
                 end
             end
-            idle = (watch_step_valid || watch_test_valid || (hit_valid && hit_ready) || (ray_valid && ray_ready)) ? 0 : idle + 1;
+            idle = (watch_step_valid || watch_test_valid || watch_transform_valid || (hit_valid && hit_ready) || (ray_valid && ray_ready)) ? 0 : idle + 1;
             if (idle == 100000) begin
                 $display("FAIL nothing has happened for 100000 clocks; %0d of %0d hits are missing",
                     `RAYCAST_HITS_LINES - hits_checked, `RAYCAST_HITS_LINES);

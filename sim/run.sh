@@ -4,12 +4,12 @@
 #   sim/run.sh VECTORS RTL [BENCH...] [+PLUSARG...]
 #
 # VECTORS is a folder that `dynrt vectors` wrote, RTL one that `dynrt generate` wrote for the same configuration. BENCH is one or more
-# of fp, ray_setup, packet_step, triangle_test, raycast; all of them by default. Plusargs go to the benches; see sim/raycast_tb.v and
-# sim/memory.v. Prints a line a bench; the exit status is 0 only if each of them says PASS.
+# of fp, ray_setup, packet_step, triangle_test, raycast, update, skinning; all of them by default. Plusargs go to the benches; see
+# sim/raycast_tb.v and sim/memory.v. Prints a line a bench; the exit status is 0 only if each of them says PASS.
 
 sim=$(CDPATH='' cd -- "$(dirname -- "$0")" && pwd) || exit 2
 usage() {
-    echo "usage: $0 VECTORS RTL [fp|ray_setup|packet_step|triangle_test|raycast]... [+PLUSARG]..." >&2
+    echo "usage: $0 VECTORS RTL [fp|ray_setup|packet_step|triangle_test|raycast|update|skinning]... [+PLUSARG]..." >&2
     exit 2
 }
 fail() {
@@ -26,11 +26,11 @@ plusargs=
 for word in "$@"; do
     case $word in
         +*) plusargs="$plusargs $word" ;;
-        fp | ray_setup | packet_step | triangle_test | raycast) benches="$benches $word" ;;
+        fp | ray_setup | packet_step | triangle_test | raycast | update | skinning) benches="$benches $word" ;;
         *) usage ;;
     esac
 done
-: "${benches:=fp ray_setup packet_step triangle_test raycast}"
+: "${benches:=fp ray_setup packet_step triangle_test raycast update skinning}"
 
 command -v iverilog >/dev/null || fail "iverilog is not installed: install the package iverilog"
 [ -d "$vectors" ] || fail "$vectors is no folder"
@@ -52,7 +52,7 @@ status=0
 for bench in $benches; do
     sources=$sim/${bench}_tb.v
     case $bench in
-        raycast) sources="$sim/memory.v" ;;
+        raycast | update | skinning) sources="$sim/memory.v" ;;
         *) sources="$sim/replay.v" ;;
     esac
     if ! iverilog -g2001 -Wall -Wno-timescale -I "$sim" -I "$vectors" -y "$rtl" -Y .v -s "${bench}_tb" -o "$work/$bench" \

@@ -19,11 +19,11 @@ module triangle_test_tb;
         .clk(clk), .running(running), .stimulus_now(in), .computed(out), .done(done), .failed()
     );
 
-    localparam [`NUMBER_BITS-2:0] INFINITE = {{`EXPONENT_BITS{1'b1}}, {(`NUMBER_BITS - 1 - `EXPONENT_BITS){1'b0}}};
-
     // Some inputs are due later than the others.
     wire [31:0] limits_line = test_replay.clock - `TRIANGLE_TEST_TMIN_STAGE;
     wire [`TRIANGLE_TEST_STIMULUS_BITS-1:0] limits = test_replay.stimulus[limits_line];
+    wire [31:0] window_line = test_replay.clock - `TRIANGLE_TEST_WINDOW_NEAR_STAGE;
+    wire [`TRIANGLE_TEST_STIMULUS_BITS-1:0] window = test_replay.stimulus[window_line];
 `ifdef WATERTIGHT
     wire [31:0] scale_line = test_replay.clock - `TRIANGLE_TEST_SHEAR_Z_STAGE;
     wire [`TRIANGLE_TEST_STIMULUS_BITS-1:0] scale = test_replay.stimulus[scale_line];
@@ -57,7 +57,7 @@ module triangle_test_tb;
         .direction_y(in[`TRIANGLE_TEST_STIMULUS_DIRECTION_Y]),
         .direction_z(in[`TRIANGLE_TEST_STIMULUS_DIRECTION_Z]),
 `endif
-        // Every slot is a test, in the world.
+        // Every slot is a test.
         .matrix(1'b0),
         .translation_x({`NUMBER_BITS{1'b0}}),
         .translation_y({`NUMBER_BITS{1'b0}}),
@@ -76,8 +76,8 @@ module triangle_test_tb;
         .sum_b_4({`NUMBER_BITS{1'b0}}),
         .sum_a_5({`NUMBER_BITS{1'b0}}),
         .sum_b_5({`NUMBER_BITS{1'b0}}),
-        .window_near({1'b1, INFINITE}),
-        .window_far({1'b0, INFINITE}),
+        .window_near(window[`TRIANGLE_TEST_STIMULUS_WINDOW_NEAR]),
+        .window_far(window[`TRIANGLE_TEST_STIMULUS_WINDOW_FAR]),
         .tmin(limits[`TRIANGLE_TEST_STIMULUS_TMIN]),
         .tmax(limits[`TRIANGLE_TEST_STIMULUS_TMAX]),
         .moved_x(),

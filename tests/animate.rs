@@ -18,7 +18,7 @@ use dynrt::float::Arithmetic;
 use dynrt::golden::Caster;
 use dynrt::golden::skinning::skin_vertices;
 use dynrt::scene::animation::{MachineFrame, MachineScene, Overrides, Pose};
-use dynrt::scene::{Animated, Camera, Frame, ImageSize, RayPacket, load_animated};
+use dynrt::scene::{Animated, Frame, ImageSize, RayPacket, load_animated};
 use serde_json::{Value, json};
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -45,7 +45,7 @@ impl Shown {
         let frames: Vec<_> = frames.collect();
         let size: ImageSize = size.parse().unwrap();
         let frame = Frame::new(size, config.rays_per_packet as usize).unwrap();
-        let camera = Camera::framing(extents.world);
+        let camera = scene.camera(poses, size);
         let packets = frame.rays_in(&camera, format, machine.log2_scale).unwrap();
         Shown {
             machine,

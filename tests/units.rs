@@ -294,7 +294,7 @@ fn faults_are_noticed() {
         (
             unit_tpu::run,
             two_levels,
-            "start_nowhere & !setup_object",
+            "start_nowhere & ~setup_object",
             "start_nowhere",
             "unit tpu",
         ),
@@ -302,8 +302,8 @@ fn faults_are_noticed() {
         (
             unit_geometry::run_transform,
             two_levels,
-            "assign object_tmax = ",
-            "assign object_tmax = 24'd1 ^ ",
+            "object_tmax <= ",
+            "object_tmax <= 24'd1 ^ ",
             "* tmax",
         ),
         // Triangles in an object are of instance 0.

@@ -761,13 +761,7 @@ impl MemoryImage {
 
     /// The vertex array's words, [`Record::words`] a vertex.
     pub fn vertex_words(&self) -> Vec<u32> {
-        let layout = Record::vertex(self.format);
-        let fields = ["x", "y", "z"].map(|name| *layout.field(name));
-        pack(&layout, &self.vertices, |vertex, words| {
-            for (field, value) in fields.iter().zip(vertex) {
-                field.set(words, self.format.to_bits(*value));
-            }
-        })
+        vector_words(self.format, &self.vertices)
     }
 
     /// The vertices of an array's words.

@@ -210,7 +210,10 @@ pub fn run(args: &Args) -> Result<()> {
             frame.with_context(|| format!("scene {}, frame {number}", scene.name))
         })
         .collect::<Result<Vec<MachineFrame>>>()?;
-    let camera = args.camera.of(extents.world)?;
+    let camera = match args.camera.is_default() {
+        true => scene.camera(&poses, args.size),
+        false => args.camera.of(extents.world)?,
+    };
     let packets = frame.rays_in(&camera, format, machine.log2_scale)?;
     let rays: Vec<_> = packets.iter().flat_map(|p| p.rays.clone()).collect();
     active(&rays)?;
@@ -394,8 +397,9 @@ impl Job<'_> {
             extend(&mut value, json!(setup));
         }
         if let Some(error) = mismatch {
+            let found = error.downcast_ref::<Mismatch>();
             value["mismatch"] = json!(one_line(error));
-            value["replay"] = json!(args.replay());
+            value["replay"] = json!(found.map(|mismatch| &mismatch.replay));
         }
         value["frames"] = json!(self.frames);
         value["total"] = figures(&self.total, mismatch.iter().count());

@@ -178,6 +178,11 @@ impl CameraArgs {
         base.chain(self.settings()).collect::<Vec<_>>().join(" ")
     }
 
+    /// Whether it is left to the scene alone.
+    pub fn is_default(&self) -> bool {
+        self.view.is_none() && self.settings().is_empty()
+    }
+
     /// The options that choose this camera again.
     pub fn replay(&self) -> String {
         let mut text = String::new();

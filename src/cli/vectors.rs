@@ -1,30 +1,52 @@
 //! `dynrt vectors`: what goes into and comes out of each unit, as files.
 
-use super::frame::{Built, SceneArgs};
-use super::{ConfigArgs, counted, print};
-use anyhow::Result;
-use dynrt::scene::ImageSize;
-use dynrt::vectors::{self, Request, Summary};
-use std::path::PathBuf;
+use super::frame::{CameraArgs, check_size, load_mesh};
+use super::{ConfigArgs, counted, print, tell};
+use anyhow::{Context, Result, ensure};
+use dynrt::bkd::{BuildOptions, MemoryImage, build};
+use dynrt::config::Config;
+use dynrt::scene::animation::MachineScene;
+use dynrt::scene::{ANIMATED_NAMES, Frame, ImageSize, RayPacket, load_animated};
+use dynrt::vectors::{self, Posed, Request, Summary};
+use std::path::{Path, PathBuf};
 
 const HELP: &str = "\
 Writes memory images for $readmemh, stimulus and expected results of every unit, and manifest.json, which lists the files
 and every bit of their lines. docs/vectors.md describes them so that another program can check them knowing nothing
 else; the Verilog benches in sim/ replay them in plain Icarus.
 
+SCENE may move: a glTF file (.glb, .gltf), a folder of OBJ files, or builtin:water, builtin:figure, builtin:reef. It is written as it
+is at one time, its skinned objects with their palettes. Where it has several parts or they stand apart it has two levels, and
+ray transformations are written as well.
+
 DIR is made if it does not exist; earlier vectors in it are replaced as a whole; a folder that holds anything
 else is left alone.
 
 Examples:
   dynrt vectors builtin:cornell --out build/vectors
-  dynrt vectors model.obj --config dynrt-2006 --size 128x96 --limit 500 --out build/vectors";
+  dynrt vectors model.obj --config dynrt-2006 --size 128x96 --limit 500 --out build/vectors
+  dynrt vectors model.glb --clip Run --seconds 0.5 --out build/vectors";
 
 /// Write golden vectors: memory images, stimulus and expected results of every unit
 #[derive(clap::Args)]
 #[command(after_help = HELP)]
 pub struct Args {
+    /// An OBJ or glTF file, a folder of OBJ files, or builtin:NAME
+    #[arg(value_name = "SCENE")]
+    scene: String,
+    /// Of a scene that moves, the motion [default: its first]
+    #[arg(long, value_name = "NAME")]
+    clip: Option<String>,
+    /// Of a scene that moves, the time in the motion
+    #[arg(
+        long,
+        value_name = "T",
+        default_value_t = 0.0,
+        allow_hyphen_values = true
+    )]
+    seconds: f64,
     #[command(flatten)]
-    scene: SceneArgs,
+    camera: CameraArgs,
     /// Width and height of the picture in pixels
     #[arg(long, value_name = "WxH", default_value = "64x48")]
     size: ImageSize,
@@ -38,31 +60,121 @@ pub struct Args {
     out: PathBuf,
 }
 
+/// A scene in a machine's memory, and the rays to cast into it.
+struct Prepared {
+    name: String,
+    posed: Posed,
+    packets: Vec<RayPacket>,
+}
+
+impl Args {
+    /// Whether the scene is one that can move; others are loaded with what they warn of.
+    fn moves(&self) -> bool {
+        if let Some(rest) = self.scene.strip_prefix("builtin:") {
+            let name = rest.split('?').next().unwrap_or(rest);
+            return ANIMATED_NAMES.contains(&name);
+        }
+        let path = Path::new(&self.scene);
+        let extension = path.extension().unwrap_or_default().to_ascii_lowercase();
+        path.is_dir() || extension == "glb" || extension == "gltf"
+    }
+
+    fn still(&self, config: &Config, frame: &Frame) -> Result<Prepared> {
+        ensure!(
+            self.clip.is_none() && self.seconds == 0.0,
+            "{}: stands still; leave --clip and --seconds out, or give a scene that moves",
+            self.scene
+        );
+        let (scene, mesh) = load_mesh(&self.scene, config)?;
+        let camera = self.camera.of(scene.bounds())?;
+        let options = BuildOptions::default_for(config.axes_per_node, config.stack_depth);
+        let image = build(&mesh.vertices, &mesh.triangles, &options)
+            .and_then(|tree| MemoryImage::new(mesh.format, &mesh.vertices, &mesh.triangles, &tree))
+            .with_context(|| format!("scene {}", scene.name))?;
+        Ok(Prepared {
+            packets: frame.primary_rays(&camera, &mesh)?,
+            name: scene.name,
+            posed: Posed {
+                image,
+                skins: vec![],
+            },
+        })
+    }
+
+    fn at_a_time(&self, config: &Config, frame: &Frame) -> Result<Prepared> {
+        ensure!(
+            self.seconds.is_finite() && self.seconds >= 0.0,
+            "--seconds {}: give a time from 0 on",
+            self.seconds
+        );
+        let scene = load_animated(&self.scene)?;
+        for warning in &scene.warnings {
+            tell(&format!("warning: {warning}"));
+        }
+        let clip = scene.clip(self.clip.as_deref())?;
+        let poses = [scene.pose(clip, self.seconds)?];
+        let extents = scene.extents_of(&poses)?;
+        let machine = MachineScene::new(&scene, &extents, config.format(), config.skinning_joints)?;
+        let camera = self.camera.of(extents.world)?;
+        let posed = machine
+            .frame(&poses[0])
+            .and_then(|frame| vectors::pose(config, &machine, &frame))
+            .with_context(|| format!("scene {}", scene.name))?;
+        Ok(Prepared {
+            packets: frame.rays_in(&camera, config.format(), machine.log2_scale)?,
+            name: scene.name,
+            posed,
+        })
+    }
+}
+
 pub fn run(args: &Args) -> Result<()> {
-    let loaded = args.scene.load(args.size, &args.config)?;
-    let Built { image, .. } = loaded.build_default()?;
+    check_size(args.size)?;
+    let config = args.config.load()?;
+    let frame = Frame::new(args.size, config.rays_per_packet as usize)?;
+    let Prepared {
+        name,
+        posed: Posed { image, skins },
+        packets,
+    } = match args.moves() {
+        true => args.at_a_time(&config, &frame)?,
+        false => args.still(&config, &frame)?,
+    };
     let Summary {
         packets,
         rays,
         steps,
         tests,
+        transforms,
+        updates,
+        nodes_written,
+        skins: meshes,
+        vertices_skinned,
         files,
     } = vectors::write(&Request {
-        config: &loaded.config,
-        scene_name: &loaded.scene.name,
+        config: &config,
+        scene_name: &name,
         image: &image,
-        packets: &loaded.packets,
+        skins: &skins,
+        packets: &packets,
         limit: args.limit.map(|limit| limit as usize),
         out: &args.out,
     })?;
+    let transforms = match image.is_instanced() {
+        true => format!("{}, ", counted(transforms, "ray transformation")),
+        false => String::new(),
+    };
     print(&format!(
-        "{}: {files} files: {}, {}, {}, {}; scene {}, configuration {}\n",
+        "{}: {files} files: {}, {}, {}, {transforms}{}; {} with {}; {} with {}; scene {name}, configuration {}\n",
         args.out.display(),
         counted(packets, "packet"),
         counted(rays, "ray"),
         counted(steps, "packet step"),
         counted(tests, "ray-triangle test"),
-        loaded.scene.name,
-        loaded.config.name
+        counted(updates, "update"),
+        counted(nodes_written, "node write"),
+        counted(meshes, "skinned object"),
+        counted(vertices_skinned, "vertex write"),
+        config.name
     ))
 }

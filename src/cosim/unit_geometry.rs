@@ -669,14 +669,6 @@ impl<'a> Run<'a> {
             match &written {
                 Some(Writing { place, word, .. }) => {
                     self.setup.show(model, *place, word);
-                    if place.last {
-                        let packet = self.packets[place.packet].as_ref();
-                        let packet = packet.expect("its rays are being written");
-                        match packet.next_leaf < packet.leaves.len() {
-                            true => ready.push(place.packet),
-                            false => finished.push_back(place.packet),
-                        }
-                    }
                 }
                 None => self.setup.hide(model),
             }
@@ -710,6 +702,14 @@ impl<'a> Run<'a> {
             let mut progress = written.is_some();
             if let Some(place) = written.map(|writing| writing.place) {
                 self.check_start(contents, place)?;
+                if place.last {
+                    let packet = self.packets[place.packet].as_ref();
+                    let packet = packet.expect("its rays are being written");
+                    match packet.next_leaf < packet.leaves.len() {
+                        true => ready.push(place.packet),
+                        false => finished.push_back(place.packet),
+                    }
+                }
             }
             if let Some(id) = offered {
                 if self.bench.model.get(self.ports.leaf_ready) != 0 {

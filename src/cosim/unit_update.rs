@@ -8,7 +8,7 @@ use super::memory::{Image, ReadPort, ReadRequest, ReadResponse, Timing, WritePor
 use super::mismatch::Field;
 use super::model::{Model, PortHandle};
 use super::scoreboard::{Bench, Categories, Category, Surroundings, UnitOptions, UnitReport};
-use crate::bkd::layout::Record;
+use crate::bkd::layout::{Record, vector_words};
 use crate::bkd::{Child, Tree, TreeNode};
 use crate::config::Config;
 use crate::float::Format;
@@ -63,18 +63,10 @@ impl UpdateObject {
         vertices: &[[f64; 3]],
     ) -> Result<UpdateObject> {
         let program = Program::compile(tree, triangles, vertices.len(), machine)?;
-        let record = Record::vertex(format);
-        let mut words = vec![0; vertices.len() * record.words()];
-        let ordered = program.reorder_vertices(vertices);
-        for (vertex, words) in ordered.iter().zip(words.chunks_exact_mut(record.words())) {
-            for (field, x) in record.fields.iter().zip(vertex) {
-                field.set(words, format.to_bits(*x));
-            }
-        }
         Ok(UpdateObject {
             name: name.into(),
             program: program.bytes(),
-            vertices: words,
+            vertices: vector_words(format, &program.reorder_vertices(vertices)),
             triangles: triangles.len() as u64,
         })
     }

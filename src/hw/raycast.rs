@@ -382,7 +382,7 @@ pub(super) fn module(plan: &Plan) -> Result<Rc<Module>, HdlError> {
         inputs.push((name.to_string(), intersection.get(&format!("skin_{name}"))));
     }
     let borrowed: Vec<_> = inputs.iter().map(|(n, s)| (n.as_str(), *s)).collect();
-    let skin = m.instance("skinning", &skinning, &borrowed);
+    let skin = m.instance("skinner", &skinning, &borrowed);
     skinning_now.drive(skin.get("skinning"));
     for (name, wire) in to_geometry {
         wire.drive(skin.get(name));

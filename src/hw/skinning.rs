@@ -11,6 +11,9 @@
 //! ```
 //!
 //! What is issued never waits; a vertex's last influence is issued when the write queue has room for the vertex.
+//!
+//! The reference machine's takes, as Yosys counts them for Virtex-4, 642 LUT4, 1,039 flip-flops, 2 RAMB16 (the write queue) and, as
+//! distributed RAM, 200 RAM16X1D, which are 400 LUT4 more; no DSP48. Beside that the geometry unit chooses between its own operands and these.
 
 use super::plan::{AXES, Plan};
 use super::prefetch::{occupancy, pick, prefetch};

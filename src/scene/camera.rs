@@ -88,6 +88,47 @@ impl Camera {
         camera
     }
 
+    /// From the direction of [`Camera::outside`], as near as all of these points are still seen, with a small margin, in an image
+    /// `aspect` times as wide as high; but never nearer to one than a tenth of their depth.
+    ///
+    /// # Panics
+    /// If there are no points, or `aspect` is not positive.
+    pub fn framing_points(points: impl IntoIterator<Item = [f64; 3]>, aspect: f64) -> Self {
+        const TANGENT: f64 = 0.45;
+        const MARGIN: f64 = 1.05;
+        const NEAR: f64 = 0.1;
+        assert!(aspect > 0.0, "an image has a width");
+        let mut camera = Camera::new(DVec3::ZERO, -OUTSIDE, DVec3::Y, TANGENT);
+        let [forward, right, up] =
+            [camera.forward, camera.right, camera.up].map(|v| DVec3::from(v).normalize());
+        let tangents = [aspect * TANGENT / MARGIN, TANGENT / MARGIN];
+        // A point at x across and z along the direction is seen from an eye at (a, c) if |x − a| ≤ tangent · (z − c).
+        let mut sides = [[f64::NEG_INFINITY; 2]; 2];
+        let (mut nearest, mut farthest) = (f64::INFINITY, f64::NEG_INFINITY);
+        for point in points {
+            let point = DVec3::from(point);
+            let along = point.dot(forward);
+            (nearest, farthest) = (nearest.min(along), farthest.max(along));
+            for (across, (sides, tangent)) in
+                [right, up].into_iter().zip(sides.iter_mut().zip(tangents))
+            {
+                let across = point.dot(across);
+                sides[0] = sides[0].max(across - tangent * along);
+                sides[1] = sides[1].max(-across - tangent * along);
+            }
+        }
+        assert!(nearest.is_finite(), "there are points, and they are finite");
+        let along = std::iter::zip(sides, tangents)
+            .map(|([a, b], tangent)| -(a + b) / (2.0 * tangent))
+            .fold(f64::INFINITY, f64::min);
+        // Of what is thin and points at the eye, one end could be where the eye is.
+        let room = NEAR * positive_or_one(farthest - nearest);
+        let along = along.min(nearest - room);
+        let [x, y] = sides.map(|[a, b]| (a - b) / 2.0);
+        camera.eye = (along * forward + x * right + y * up).into();
+        camera
+    }
+
     /// The whole vertical field of view.
     pub fn vertical_fov_degrees(&self) -> f64 {
         let [up, forward] = [self.up, self.forward].map(|v| DVec3::from(v).length());
@@ -323,5 +364,42 @@ mod tests {
         assert!((0..3).all(|k| BOX.0[k] < inside[k] && inside[k] < BOX.1[k]));
         let camera = Camera::outside(BOX);
         assert!(default_light(BOX, &camera)[1] > camera.eye[1]);
+    }
+
+    #[test]
+    fn points_are_framed_closely() {
+        let mut random = fastrand::Rng::with_seed(5);
+        let mut close = 0;
+        for aspect in [0.75, 1.0, 4.0 / 3.0, 2.5] {
+            for _ in 0..50 {
+                let size = [0; 3].map(|_| 10f64.powi(random.i32(-2..=2)));
+                let points: Vec<[f64; 3]> = (0..40)
+                    .map(|_| size.map(|s| s * (random.f64() - 0.3)))
+                    .collect();
+                let camera = Camera::framing_points(points.iter().copied(), aspect);
+                let [eye, forward, right, up] =
+                    [camera.eye, camera.forward, camera.right, camera.up].map(DVec3::from);
+                let tangent = up.length();
+                let mut widest = 0f64;
+                let (mut nearest, mut farthest) = (f64::INFINITY, 0f64);
+                for &point in &points {
+                    let to = DVec3::from(point) - eye;
+                    let depth = to.dot(forward);
+                    (nearest, farthest) = (nearest.min(depth), farthest.max(depth));
+                    let x = to.dot(right) / tangent / (depth * tangent * aspect);
+                    let y = to.dot(up) / tangent / (depth * tangent);
+                    widest = widest.max(x.abs()).max(y.abs());
+                }
+                let room = nearest / (farthest - nearest);
+                assert!(room > 0.1 - 1e-9 && widest < 1.0 / 1.05 + 1e-9);
+                let is_close = widest > 1.0 / 1.05 - 1e-9;
+                assert!(is_close || room < 0.1 + 1e-9, "{widest} {room}");
+                close += u32::from(is_close);
+            }
+        }
+        assert!(close > 100, "{close}");
+        let camera = Camera::framing_points([[3.0, 4.0, 5.0]], 1.0);
+        let distance = DVec3::from(camera.eye).distance(DVec3::new(3.0, 4.0, 5.0));
+        assert!((distance - 0.1).abs() < 1e-9);
     }
 }

@@ -4,8 +4,10 @@ use super::shape::Shape;
 use super::sheet::{Sheet, UnitSheets};
 use crate::bkd::layout::{MemoryImage, Node};
 use crate::float::Arithmetic;
-use crate::golden::raycast::RaySet;
-use crate::golden::{Caster, Observer, Outcome, RaySetup, RayTest, StepEvent};
+use crate::golden::raycast::{EnterEvent, RaySet};
+use crate::golden::{
+    Caster, Instance, Observer, Outcome, RaySetup, RayTest, StepEvent, WHOLE_LINE,
+};
 use crate::port::{Hit, Ray};
 use crate::report::folder::Folder;
 use anyhow::Result;
@@ -66,6 +68,8 @@ pub struct Collector<'a> {
     pub setup: UnitSheets,
     pub step: UnitSheets,
     pub test: UnitSheets,
+    /// Of a scene of two levels.
+    pub transform: Option<UnitSheets>,
     pub operands: Operands,
     /// Packet steps and ray–triangle tests of the packets.
     pub steps: u64,
@@ -103,6 +107,17 @@ impl<'a> Collector<'a> {
                 shape.triangle_test_expected(),
                 true,
             )?,
+            transform: (image.is_instanced())
+                .then(|| {
+                    UnitSheets::new(
+                        folder,
+                        "ray_transform",
+                        shape.ray_transform_stimulus(),
+                        shape.ray_transform_expected(),
+                        false,
+                    )
+                })
+                .transpose()?,
             operands: Operands {
                 add: Reservoir::new(),
                 sub: Reservoir::new(),
@@ -138,7 +153,10 @@ impl<'a> Collector<'a> {
         }
         let (first_step, first_test) = (self.step.stimulus.lines, self.test.stimulus.lines);
         let caster = Rc::clone(&self.caster);
+        let first_transform = self.transforms();
         let mut watcher = Watcher {
+            inside: setups.clone(),
+            windows: vec![WHOLE_LINE; setups.len()],
             collector: self,
             setups: &setups,
             result: Ok(()),
@@ -147,8 +165,16 @@ impl<'a> Collector<'a> {
         watcher.result?;
         let steps = self.step.stimulus.lines - first_step;
         let tests = self.test.stimulus.lines - first_test;
-        self.packets
-            .push(&[tag, first_step, steps, first_test, tests])?;
+        let transforms = self.transforms() - first_transform;
+        self.packets.push(&[
+            tag,
+            first_step,
+            steps,
+            first_test,
+            tests,
+            first_transform,
+            transforms,
+        ])?;
         self.steps += steps;
         self.tests += tests;
         for hit in &result.hits {
@@ -156,6 +182,11 @@ impl<'a> Collector<'a> {
             self.hits.push(&values)?;
         }
         Ok(())
+    }
+
+    /// Ray transformations so far: 0 in a scene of one level.
+    pub fn transforms(&self) -> u64 {
+        (self.transform.as_ref()).map_or(0, |sheets| sheets.stimulus.lines)
     }
 
     /// A ray's setup.
@@ -192,7 +223,7 @@ impl<'a> Collector<'a> {
         self.step.push(&stimulus, &expected)
     }
 
-    /// A ray–triangle test.
+    /// A ray–triangle test of a ray and its window.
     ///
     /// # Errors
     /// One line that names a file that cannot be written.
@@ -200,12 +231,12 @@ impl<'a> Collector<'a> {
         &mut self,
         (slot, record): (u8, u32),
         vertices: &[[f64; 3]; 3],
-        setup: &RaySetup,
+        (setup, window): (&RaySetup, [f64; 2]),
         outcome: &Outcome,
     ) -> Result<()> {
         let stimulus = self
             .shape
-            .triangle_test_values(slot, record, vertices, setup);
+            .triangle_test_values(slot, record, vertices, setup, window);
         let expected = self.shape.triangle_test_outcome(outcome);
         self.test.push(&stimulus, &expected)
     }
@@ -215,6 +246,10 @@ impl<'a> Collector<'a> {
 struct Watcher<'c, 'a> {
     collector: &'c mut Collector<'a>,
     setups: &'c [RaySetup],
+    /// The rays inside the object that the packet entered last, and their windows. In a scene of one level the rays
+    /// themselves: there is nothing that they enter.
+    inside: Vec<RaySetup>,
+    windows: Vec<[f64; 2]>,
     result: Result<()>,
 }
 
@@ -229,7 +264,11 @@ impl Observer for Watcher<'_, '_> {
             (node.right, node.link.right_axis),
         ];
         let a = self.collector.arithmetic;
-        for (k, setup) in self.setups.iter().enumerate() {
+        let setups = match event.inside {
+            true => &self.inside,
+            false => self.setups,
+        };
+        for (k, setup) in setups.iter().enumerate() {
             if event.rays.mask >> k & 1 == 0 {
                 continue;
             }
@@ -245,7 +284,7 @@ impl Observer for Watcher<'_, '_> {
         }
         self.result = self.collector.step(
             (event.node, &node),
-            self.setups,
+            setups,
             &event.rays,
             (&event.left, &event.right, event.left_first),
         );
@@ -264,8 +303,32 @@ impl Observer for Watcher<'_, '_> {
         self.result = self.collector.test(
             (event.slot, event.record),
             &vertices,
-            &self.setups[event.slot as usize],
+            (
+                &self.inside[event.slot as usize],
+                self.windows[event.slot as usize],
+            ),
             &event.outcome,
         );
+    }
+
+    fn enter(&mut self, event: &EnterEvent) {
+        if self.result.is_err() {
+            return;
+        }
+        let slot = event.slot as usize;
+        let Collector {
+            shape,
+            image,
+            transform,
+            ..
+        } = &mut *self.collector;
+        let sheets = transform.as_mut().expect("a scene of two levels");
+        let instance = Instance::fetch(image, event.record);
+        self.result = sheets.push(
+            &shape.ray_transform_values(event.slot, event.record, &instance, &self.setups[slot]),
+            &shape.ray_transform_outcome(&event.transformed),
+        );
+        self.inside[slot] = event.transformed.ray;
+        self.windows[slot] = event.transformed.window;
     }
 }

@@ -237,9 +237,16 @@ fn triangle_test(collector: &mut Collector<'_>, grid: &mut Grid) -> Result<()> {
     };
     let ray = grid.ray(target);
     let setup = RaySetup::new(&a, &ray);
+    let window = match grid.rng.u8(..4) {
+        0 => [
+            grid.one_of(&[f64::NEG_INFINITY, 0.0, 0.5, 1.0]),
+            grid.one_of(&[0.5, 1.0, 2.0, f64::INFINITY]),
+        ],
+        _ => WHOLE_LINE,
+    };
     let outcome =
-        Triangle::new(vertices, 0).intersect::<true>(&a, collector.shape.test, &setup, WHOLE_LINE);
-    collector.test((0, 0), &vertices, &setup, &outcome)
+        Triangle::new(vertices, 0).intersect::<true>(&a, collector.shape.test, &setup, window);
+    collector.test((0, 0), &vertices, (&setup, window), &outcome)
 }
 
 fn packet_step<const N: usize>(collector: &mut Collector<'_>, grid: &mut Grid) -> Result<()> {

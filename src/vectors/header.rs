@@ -84,6 +84,15 @@ pub fn text(config: &Config, shape: &Shape, design: &Design, files: &[Entry<'_>]
             ("INFLUENCE_TAG_BITS", bits_of("influence_request_tag")),
             ("INFLUENCE_ROW_BITS", bits_of("influence_response_data")),
             ("JOINT_COUNT_BITS", bits_of("skin_start_joints")),
+            (
+                "UPDATE_PROGRAM_TAG_BITS",
+                bits_of("update_program_request_tag"),
+            ),
+            (
+                "UPDATE_VERTEX_TAG_BITS",
+                bits_of("update_vertex_request_tag"),
+            ),
+            ("NODE_LANES", bits_of("update_node_write_mask")),
             ("TAG_BITS", shape.tag_bits.into()),
             ("ADDRESS_BITS", config.address_bits.into()),
             ("MEMORY_LATENCY", config.memory_latency.into()),
@@ -93,6 +102,12 @@ pub fn text(config: &Config, shape: &Shape, design: &Design, files: &[Entry<'_>]
     );
     if shape.test == TriangleTest::Watertight {
         text.push_str("`define WATERTIGHT\n");
+    }
+    if files
+        .iter()
+        .any(|file| file.stem == "ray_transform_stimulus")
+    {
+        text.push_str("`define TWO_LEVELS\n");
     }
     if config.memory_in_order {
         text.push_str("`define MEMORY_IN_ORDER\n");

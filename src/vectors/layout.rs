@@ -8,11 +8,11 @@ use serde::Serialize;
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Kind {
-    /// A floating-point number of the machine's format.
+    /// A floating-point number of the machine's format; where the field is one bit narrower, without its sign, which is +.
     Number,
     /// An unsigned number.
     Unsigned,
-    /// A bit for each ray of a packet, that of the ray in slot 0 least significant; or for each axis, x least.
+    /// A bit for each ray of a packet, that of the ray in slot 0 least significant; or for each axis, x least; or for each lane.
     Mask,
     /// One bit, 1 for yes.
     Flag,
@@ -80,13 +80,12 @@ impl Layout {
             ..
         } in &record.fields
         {
-            let kind = match *name {
-                "left_leaf" | "right_leaf" => Kind::Flag,
-                "left_axis" | "right_axis" | "link" | "v0" | "v1" | "v2" | "number" => {
-                    Kind::Unsigned
-                }
-                _ => {
-                    assert_eq!(*width, format.width(), "{name} is a number");
+            let kind = match name.trim_end_matches(|c: char| c.is_ascii_digit()) {
+                "left_leaf" | "right_leaf" | "last" => Kind::Flag,
+                "left_axis" | "right_axis" | "link" | "v" | "number" | "joint" => Kind::Unsigned,
+                stem => {
+                    let signless = u32::from(stem == "weight");
+                    assert_eq!(*width + signless, format.width(), "{name} is a number");
                     Kind::Number
                 }
             };

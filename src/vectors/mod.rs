@@ -10,17 +10,26 @@
 //! | `sheet` | a file of lines being written |
 //! | `collect` | lines from the golden model at work |
 //! | `directed` | lines that a frame may not bring |
+//! | `update` | the update of the scene's objects |
+//! | `skinning` | skinned meshes |
+//! | `pose` | a scene that moves, in memory as it is at one time |
 //! | `header` | what the Verilog benches must know, as macros |
 
 mod collect;
 mod directed;
 mod header;
 mod layout;
+mod pose;
 mod shape;
 mod sheet;
+mod skinning;
+mod update;
+
+pub use pose::{Posed, pose};
 
 use crate::bkd::layout::{MemoryImage, Record, check_capacity};
 use crate::config::{Config, TriangleTest};
+use crate::cosim::unit_skinning::SkinMesh;
 use crate::hw;
 use crate::port::Hit;
 use crate::report::folder::{Content, Folder};
@@ -32,7 +41,9 @@ use layout::Layout;
 use serde_json::{Value, json};
 use shape::Shape;
 use sheet::{Sheet, UnitSheets};
+use skinning::SkinSheets;
 use std::path::Path;
+use update::UpdateSheets;
 
 /// The version of the vectors' form, in the manifest.
 pub const VERSION: u32 = 1;
@@ -65,8 +76,10 @@ pub struct Request<'a> {
     pub config: &'a Config,
     /// Names the scene in the manifest.
     pub scene_name: &'a str,
-    /// In the configuration's number format.
+    /// Of one level or two, in the configuration's number format.
     pub image: &'a MemoryImage,
+    /// The scene's skinned objects, to which others are always added.
+    pub skins: &'a [SkinMesh],
     /// Of as many rays as the configuration says; at least one packet.
     pub packets: &'a [RayPacket],
     /// The most of `packets` to cast, spread over them; `None` for all.
@@ -86,6 +99,14 @@ pub struct Summary {
     pub steps: u64,
     /// Their ray–triangle tests.
     pub tests: u64,
+    /// Their ray transformations; none in a scene of one level.
+    pub transforms: u64,
+    /// Updates of objects, and the nodes that they write.
+    pub updates: u64,
+    pub nodes_written: u64,
+    /// Meshes skinned, and their vertices.
+    pub skins: u64,
+    pub vertices_skinned: u64,
     /// Files in the folder.
     pub files: usize,
 }
@@ -98,7 +119,7 @@ pub struct Summary {
 pub fn write(request: &Request<'_>) -> Result<Summary> {
     let Request { config, image, .. } = *request;
     check(request)?;
-    let machine = hw::emit(config).map_err(|error| anyhow!("the machine: {error}"))?;
+    let machine = hw::core::emit(config).map_err(|error| anyhow!("the machine: {error}"))?;
     let folder = Folder::begin(request.out, CONTENT)?;
     let shape = Shape::new(config);
 
@@ -124,13 +145,10 @@ pub fn write(request: &Request<'_>) -> Result<Summary> {
 
     let mut collector = Collector::new(&folder, shape.clone(), image)?;
     cast(&mut collector, request)?;
-    let summary_of = |collector: &Collector<'_>, files| Summary {
-        packets: collector.packets.lines,
-        rays: collector.rays.lines,
-        steps: collector.steps,
-        tests: collector.tests,
-        files,
-    };
+    let context = || format!("scene {}", request.scene_name);
+    let mut update = UpdateSheets::write(&folder, config, &shape, image).with_context(context)?;
+    let mut skin =
+        SkinSheets::write(&folder, config, &shape, request.skins).with_context(context)?;
     directed::transactions(&mut collector)?;
     let mut arithmetic = operations(&folder, &collector)?;
 
@@ -159,14 +177,37 @@ pub fn write(request: &Request<'_>) -> Result<Summary> {
         "packets",
         "raycast_packets",
     )?;
+    let [program, vertices, before] = &mut update.images;
+    for (sheet, role) in [
+        (program, "image"),
+        (vertices, "image"),
+        (before, "image"),
+        (&mut update.commands, "stimulus"),
+        (&mut update.writes, "expected"),
+        (&mut update.after, "expected"),
+        (&mut update.boxes, "expected"),
+    ] {
+        let stem = stem(sheet);
+        list(sheet, "update", role, &stem)?;
+    }
+    for (sheet, role) in [
+        (&mut skin.influences, "image"),
+        (&mut skin.vectors, "image"),
+        (&mut skin.commands, "stimulus"),
+        (&mut skin.expected, "expected"),
+    ] {
+        let stem = stem(sheet);
+        list(sheet, "skinning", role, &stem)?;
+    }
+    let transforms = collector.transforms();
     let sheets = [
-        &mut collector.setup,
-        &mut collector.step,
-        &mut collector.test,
+        Some(&mut collector.setup),
+        Some(&mut collector.step),
+        Some(&mut collector.test),
+        collector.transform.as_mut(),
     ];
-    for unit in sheets.into_iter().chain(&mut arithmetic) {
+    for unit in sheets.into_iter().flatten().chain(&mut arithmetic) {
         let name = unit.name;
-        let care = unit.care.is_some();
         units.push(json!({
             "unit": name,
             "transactions": unit.stimulus.lines,
@@ -181,7 +222,6 @@ pub fn write(request: &Request<'_>) -> Result<Summary> {
             };
             list(sheet, name, role, &layout)?;
         }
-        debug_assert!(care || name.starts_with("fp_"));
     }
     let entries: Vec<_> = files
         .iter()
@@ -195,7 +235,18 @@ pub fn write(request: &Request<'_>) -> Result<Summary> {
         HEADER,
         &header::text(config, &shape, &machine.design, &entries),
     )?;
-    let summary = summary_of(&collector, files.len() + 2);
+    let summary = Summary {
+        packets: collector.packets.lines,
+        rays: collector.rays.lines,
+        steps: collector.steps,
+        tests: collector.tests,
+        transforms,
+        updates: update.commands.lines,
+        nodes_written: update.writes.lines,
+        skins: skin.commands.lines,
+        vertices_skinned: skin.expected.lines,
+        files: files.len() + 2,
+    };
     let mut layouts = serde_json::Map::new();
     for (file, described, layout, _) in &files {
         if described["role"] != "care" {
@@ -206,10 +257,13 @@ pub fn write(request: &Request<'_>) -> Result<Summary> {
     }
     let mut described: Vec<Value> = files.into_iter().map(|(_, value, _, _)| value).collect();
     described.push(json!({"file": HEADER, "unit": "sim", "role": "macros"}));
+    let instances = image.instance_records()?.len();
     let manifest = json!({
         VERSION_KEY: VERSION,
         "scene": request.scene_name,
-        "triangles": image.records.len(),
+        "triangles": image.records.len() - instances,
+        "levels": 1 + u32::from(image.is_instanced()),
+        "instances": instances,
         "config": config.name,
         "configuration": settings(config)?,
         "number_format": {
@@ -228,6 +282,13 @@ pub fn write(request: &Request<'_>) -> Result<Summary> {
         "rays": summary.rays,
         "packet_steps": summary.steps,
         "ray_triangle_tests": summary.tests,
+        "ray_transforms": summary.transforms,
+        "updates": summary.updates,
+        "update_instructions": update.instructions,
+        "nodes_written": summary.nodes_written,
+        "skinned_meshes": summary.skins,
+        "skinned_vertices": summary.vertices_skinned,
+        "influences": skin.total,
         "units": units,
         "pipelines": header::pipelines(&machine.design),
         "files": described,

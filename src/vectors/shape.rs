@@ -5,7 +5,7 @@ use crate::bkd::layout::{LINK_BITS, LinkWord, Node, Record, Target};
 use crate::config::{Config, TriangleTest};
 use crate::float::Format;
 use crate::golden::raycast::RaySet;
-use crate::golden::{MOST_RAYS, RaySetup};
+use crate::golden::{Instance, MOST_RAYS, RaySetup, Transformed};
 use crate::port::{Hit, Ray};
 
 use Kind::{Flag, Mask, Number, Unsigned};
@@ -38,7 +38,7 @@ impl Shape {
         }
     }
 
-    fn number(&self) -> u32 {
+    pub fn number(&self) -> u32 {
         self.format.width()
     }
 
@@ -46,7 +46,7 @@ impl Shape {
         self.format.to_bits(number)
     }
 
-    fn vector(&self, vector: [f64; 3]) -> [u64; 3] {
+    pub fn vector(&self, vector: [f64; 3]) -> [u64; 3] {
         vector.map(|number| self.bits(number))
     }
 
@@ -156,6 +156,82 @@ impl Shape {
                 "line of triangle_test_*.hex, from 0, of its first ray-triangle test",
             )
             .field("tests", 32, Unsigned, "ray-triangle tests it takes")
+            .field(
+                "first_transform",
+                32,
+                Unsigned,
+                "line of ray_transform_*.hex, from 0, of its first ray transformation",
+            )
+            .field("transforms", 32, Unsigned, "ray transformations it takes")
+    }
+
+    pub fn ray_transform_stimulus(&self) -> Layout {
+        let w = self.number();
+        let mut layout = Layout::default()
+            .field("slot", SLOT_BITS, Unsigned, "the ray's place in its packet")
+            .field(
+                "record",
+                LINK_BITS,
+                Unsigned,
+                "index of the instance's record",
+            );
+        for column in ["cx", "cy", "cz", "cw"] {
+            let what = format!("the matrix' column c_{}", &column[1..]);
+            layout = layout.vector(column, w, &what);
+        }
+        layout
+            .vector("lo", w, "least corner of the instance's box in the world")
+            .vector("hi", w, "greatest corner of that box")
+            .vector("origin", w, "the ray's origin in the world")
+            .vector("direction", w, "its direction there")
+            .vector("reciprocal", w, "reciprocal of that")
+            .field("signs", 3, Mask, "sign bits of its direction there")
+    }
+
+    pub fn ray_transform_values(
+        &self,
+        slot: u8,
+        record: u32,
+        instance: &Instance,
+        ray: &RaySetup,
+    ) -> Vec<u64> {
+        let mut values = vec![u64::from(slot), u64::from(record)];
+        let (lo, hi) = instance.bounds;
+        let [x, y, z, w] = instance.columns;
+        let vectors = [
+            x,
+            y,
+            z,
+            w,
+            lo,
+            hi,
+            ray.origin,
+            ray.direction,
+            ray.reciprocal,
+        ];
+        for vector in vectors {
+            values.extend(self.vector(vector));
+        }
+        values.push(signs(ray));
+        values
+    }
+
+    pub fn ray_transform_expected(&self) -> Layout {
+        let w = self.number();
+        Layout::default()
+            .vector("origin", w, "the ray's origin in the object's space")
+            .vector("direction", w, "its direction there")
+            .field("near", w, Number, "near of its window")
+            .field("far", w, Number, "far of its window")
+    }
+
+    pub fn ray_transform_outcome(&self, transformed: &Transformed) -> Expected {
+        let [near, far] = transformed.window;
+        let mut values = vec![];
+        values.extend(self.vector(transformed.ray.origin));
+        values.extend(self.vector(transformed.ray.direction));
+        values.extend([self.bits(near), self.bits(far)]);
+        values.into_iter().map(|value| (value, true)).collect()
     }
 
     pub fn ray_setup_stimulus(&self) -> Layout {
@@ -423,7 +499,19 @@ impl Shape {
             .vector("v1", w, "second vertex")
             .vector("v2", w, "third vertex")
             .field("tmin", w, Number, "least distance of a hit, not -0")
-            .field("tmax", w, Number, "greatest distance of a hit, not -0");
+            .field("tmax", w, Number, "greatest distance of a hit, not -0")
+            .field(
+                "window_near",
+                w,
+                Number,
+                "near of the ray's window, -infinity in the world",
+            )
+            .field(
+                "window_far",
+                w,
+                Number,
+                "far of the ray's window, +infinity in the world",
+            );
         self.with_setup(layout)
     }
 
@@ -433,12 +521,14 @@ impl Shape {
         record: u32,
         vertices: &[[f64; 3]; 3],
         ray: &RaySetup,
+        window: [f64; 2],
     ) -> Vec<u64> {
         let mut values = vec![u64::from(slot), u64::from(record)];
         for vertex in vertices {
             values.extend(self.vector(*vertex));
         }
-        values.extend([self.bits(ray.tmin), self.bits(ray.tmax)]);
+        let [near, far] = window;
+        values.extend([ray.tmin, ray.tmax, near, far].map(|x| self.bits(x)));
         values.extend(self.setup_values(ray));
         values
     }

@@ -29,7 +29,7 @@ pub use skin::{Influences, MOST_INFLUENCES, Skin, skin_f64, transform_point};
 pub(super) use curve::{Curve, Interpolation};
 pub(super) use rig::{Local, Node, Property, Rig, Track};
 
-use super::{Bounds, Mesh, Scene, builtin};
+use super::{Bounds, Camera, ImageSize, Mesh, Scene, builtin};
 use anyhow::{Context, Result, bail, ensure};
 use glam::{DAffine3, DQuat, DVec3};
 
@@ -437,6 +437,19 @@ impl Animated {
                 .extend(triangles.iter().map(|t| t.map(|index| base + index)));
         }
         mesh
+    }
+
+    /// A camera that sees all triangles in all of these poses, as near as it can.
+    ///
+    /// # Panics
+    /// If there are no poses, one is another scene's, or a vertex is not finite.
+    pub fn camera(&self, poses: &[Pose], size: ImageSize) -> Camera {
+        let meshes = poses.iter().map(|pose| self.world_mesh(pose));
+        let corners = meshes.flat_map(|mesh| {
+            let indices = mesh.triangles.into_iter().flatten();
+            indices.map(move |index| mesh.positions[index as usize])
+        });
+        Camera::framing_points(corners, f64::from(size.width) / f64::from(size.height))
     }
 
     /// The boxes of the scene and its objects over the frames of a clip: of vertices that triangles use, in double

@@ -1,0 +1,443 @@
+//! Vectors of the update processor: objects whose vertices have moved, and what rewriting their bounds must write.
+//!
+//! All objects lie together in memories of their own, behind records of no meaning, and are updated one after another.
+
+use super::layout::{Kind, Layout};
+use super::shape::Shape;
+use super::sheet::Sheet;
+use crate::bkd::layout::{LINK_BITS, MemoryImage, Record, Target, place, vector_words};
+use crate::bkd::{BuildOptions, Child, Tree, TreeNode, build};
+use crate::config::Config;
+use crate::float::{Arithmetic, Format};
+use crate::golden::Instance;
+use crate::golden::update::{UpdateCommand, UpdateEvent, UpdateMemory, update};
+use crate::hw::Plan;
+use crate::hw::update::{NODE_LANES, module};
+use crate::program::{Program, UpdateMachine};
+use crate::report::folder::Folder;
+use anyhow::{Context, Result, anyhow, ensure};
+use std::collections::{BTreeSet, HashMap};
+
+use Kind::{Mask, Unsigned};
+
+/// Objects beside the scene's: small, their vertices full of coincidences and special values.
+const DIRECTED: usize = 20;
+/// The most triangles of one of them: a tree over so many fits the fewest box registers, 2·log₂ 12 < 8.
+const MOST_TRIANGLES: usize = 12;
+/// By what part of the greatest side of its box an object's vertices move at most, in each coordinate.
+const MOTION: f64 = 1.0 / 64.0;
+
+/// The write mask of a node: all lanes but that of the link word, the uppermost.
+const ALL_NUMBERS: u64 = (1 << (NODE_LANES - 1)) - 1;
+
+/// An object by itself: a tree over triangles, its vertices as they were when its bounds were written last, and as they are.
+struct Object {
+    tree: Tree,
+    triangles: Vec<[u32; 3]>,
+    before: Vec<[f64; 3]>,
+    after: Vec<[f64; 3]>,
+}
+
+/// The files of the update processor.
+pub struct UpdateSheets {
+    /// In the order in which they are listed.
+    pub images: [Sheet; 3],
+    pub commands: Sheet,
+    pub writes: Sheet,
+    pub after: Sheet,
+    pub boxes: Sheet,
+    /// Instructions of all updates.
+    pub instructions: u64,
+}
+
+impl Shape {
+    fn update_program(&self) -> Layout {
+        Layout::default()
+            .field(
+                "low",
+                64,
+                Unsigned,
+                "bytes 0 to 7 of the row, the first least significant",
+            )
+            .field("high", 64, Unsigned, "bytes 8 to 15")
+    }
+
+    fn update_commands(&self) -> Layout {
+        let index =
+            |layout: Layout, name: &str, what: &str| layout.field(name, LINK_BITS, Unsigned, what);
+        let layout = index(Layout::default(), "program", "first row of the program");
+        let layout = index(layout, "rows", "rows that it has");
+        let layout = index(layout, "vertex_base", "index of the object's first vertex");
+        let layout = index(layout, "node_base", "index of the object's first node");
+        index(layout, "box_index", "index at which its box is written")
+            .field(
+                "first_write",
+                32,
+                Unsigned,
+                "line of update_node_writes.hex, from 0, of its first node",
+            )
+            .field("writes", 32, Unsigned, "nodes that it writes")
+            .field(
+                "instructions",
+                32,
+                Unsigned,
+                "instructions that it executes, end included",
+            )
+    }
+
+    fn update_node_writes(&self) -> Layout {
+        let mut layout = Layout::default()
+            .field("node", LINK_BITS, Unsigned, "index of the node written")
+            .field(
+                "mask",
+                NODE_LANES,
+                Mask,
+                "lanes written: the four numbers, left_lo least, and not the link word",
+            );
+        for field in &Record::node(self.format).fields[..4] {
+            layout = layout.field(field.name, field.width, Kind::Number, field.description);
+        }
+        layout
+    }
+}
+
+impl UpdateSheets {
+    /// Updates the objects of an image, and directed ones.
+    ///
+    /// # Errors
+    /// One line: an object for which the update processor has too few registers; a file that cannot be written.
+    pub fn write(
+        folder: &Folder,
+        config: &Config,
+        shape: &Shape,
+        image: &MemoryImage,
+    ) -> Result<Self> {
+        let format = shape.format;
+        let machine = Plan::new(config)
+            .and_then(|plan| module(&plan))
+            .map_err(|error| anyhow!("the machine: {error}"))?
+            .machine;
+        let mut rng = fastrand::Rng::with_seed(4);
+        let mut objects = objects_of(image, &mut rng);
+        let mut memory = Memory::default();
+        for _ in 0..DIRECTED {
+            objects.push(directed(config, &mut rng)?);
+        }
+        let boxes = objects.len();
+        let mut commands = vec![];
+        for (number, object) in objects.iter().enumerate() {
+            memory.guard(format, &mut rng);
+            // Boxes in another order than the objects'.
+            let index = (boxes - 1 - number) as u32;
+            let command = memory
+                .add(format, machine, object, index)
+                .with_context(|| format!("update program of object {number}"))?;
+            commands.push(command);
+        }
+        memory.guard(format, &mut rng);
+        memory.check(config)?;
+        memory.run(folder, shape, &commands)
+    }
+}
+
+/// The memories around the update processor.
+#[derive(Default)]
+struct Memory {
+    program: Vec<u8>,
+    /// Words of [`Record::vertex`] and [`Record::node`] records.
+    vertices: Vec<u32>,
+    nodes: Vec<u32>,
+}
+
+impl Memory {
+    /// A record or two that no update may read or write, in each memory.
+    fn guard(&mut self, format: Format, rng: &mut fastrand::Rng) {
+        for _ in 0..rng.usize(1..=2) {
+            self.program
+                .extend(std::iter::repeat_with(|| rng.u8(..)).take(Program::ROW_BYTES));
+        }
+        let mut records = |record: Record, words: &mut Vec<u32>| {
+            for _ in 0..rng.usize(1..=2) {
+                let first = words.len();
+                words.resize(first + record.words(), 0);
+                for field in &record.fields {
+                    let value = rng.u64(..) >> (64 - field.width);
+                    // A number stands for itself: canonical.
+                    let value = match field.width == format.width() {
+                        true => format.to_bits(format.to_f64(value)),
+                        false => value,
+                    };
+                    field.set(&mut words[first..], value);
+                }
+            }
+        };
+        records(Record::vertex(format), &mut self.vertices);
+        records(Record::node(format), &mut self.nodes);
+    }
+
+    /// Lays an object out behind what is there, its vertices moved and its bounds not yet; returns what updates it, and the
+    /// rows of its program.
+    fn add(
+        &mut self,
+        format: Format,
+        machine: UpdateMachine,
+        object: &Object,
+        box_index: u32,
+    ) -> Result<(UpdateCommand, u64)> {
+        let Object {
+            tree,
+            triangles,
+            before,
+            after,
+        } = object;
+        let program = Program::compile(tree, triangles, before.len(), machine)?;
+        let command = UpdateCommand {
+            program: self.program.len() as u32,
+            vertex_base: (self.vertices.len() / Record::vertex(format).words()) as u32,
+            node_base: (self.nodes.len() / Record::node(format).words()) as u32,
+            box_index,
+        };
+        let placement = place(
+            tree,
+            &tree.refit(before, triangles),
+            &program.renumber(triangles),
+            &program.node_order,
+            command.node_base,
+            command.vertex_base,
+        )?;
+        let slots = MemoryImage {
+            format,
+            nodes: placement.nodes,
+            records: vec![],
+            vertices: vec![],
+            root: placement.root,
+            bounds: ([0.0; 3], [0.0; 3]),
+        };
+        let code = program.bytes();
+        let rows = (code.len() / Program::ROW_BYTES) as u64;
+        self.program.extend(code);
+        self.vertices
+            .extend(vector_words(format, &program.reorder_vertices(after)));
+        self.nodes.extend(slots.node_words());
+        Ok((command, rows))
+    }
+
+    /// That the machine can address all of it.
+    fn check(&self, config: &Config) -> Result<()> {
+        let format = config.format();
+        let most = (self.vertices.len() / Record::vertex(format).words())
+            .max(self.nodes.len() / Record::node(format).words())
+            .max(self.program.len() / Program::ROW_BYTES) as u64;
+        ensure!(
+            most <= 1 << config.address_bits,
+            "the scene is too large for its address space: its objects and their update programs take {most} indices, but {} \
+             address bits hold {}; simplify the mesh or widen the address",
+            config.address_bits,
+            1u64 << config.address_bits
+        );
+        Ok(())
+    }
+
+    /// Runs the updates in the golden model and writes all files.
+    fn run(
+        mut self,
+        folder: &Folder,
+        shape: &Shape,
+        commands: &[(UpdateCommand, u64)],
+    ) -> Result<UpdateSheets> {
+        let format = shape.format;
+        let [vertex, node, bounding_box] = [
+            Record::vertex(format),
+            Record::node(format),
+            Record::bounding_box(format),
+        ];
+        let records = |stem: &str, record: &Record, words: &[u32]| {
+            let layout = Layout::default().record(record, format);
+            let mut sheet = Sheet::new(folder, stem, layout)?;
+            for line in record.hex_lines(words).lines() {
+                sheet.push_text(line)?;
+            }
+            anyhow::Ok(sheet)
+        };
+        let mut program = Sheet::new(folder, "update_program", shape.update_program())?;
+        for row in self.program.chunks_exact(Program::ROW_BYTES) {
+            let half = |from: usize| {
+                let bytes = row[from..from + 8].try_into().expect("eight bytes");
+                u64::from_le_bytes(bytes)
+            };
+            program.push(&[half(0), half(8)])?;
+        }
+        let images = [
+            program,
+            records("update_vertices", &vertex, &self.vertices)?,
+            records("update_nodes_before", &node, &self.nodes)?,
+        ];
+        let mut lines = Sheet::new(folder, "update_commands", shape.update_commands())?;
+        let mut writes = Sheet::new(folder, "update_node_writes", shape.update_node_writes())?;
+        let mut box_words = vec![0; commands.len() * bounding_box.words()];
+        let mut instructions = 0;
+        for (number, &(command, rows)) in commands.iter().enumerate() {
+            let first_write = writes.lines;
+            let mut result = Ok(());
+            let memory = UpdateMemory {
+                format,
+                program: &self.program,
+                vertices: &self.vertices,
+                nodes: &mut self.nodes,
+                boxes: &mut box_words,
+            };
+            let updated = update(memory, command, |event| {
+                if let (UpdateEvent::NodeWrite { node, bounds }, true) = (event, result.is_ok()) {
+                    let mut values = vec![u64::from(node), ALL_NUMBERS];
+                    values.extend(bounds);
+                    result = writes.push(&values);
+                }
+            })
+            .with_context(|| format!("update {number}"))?;
+            result?;
+            let row = Program::ROW_BYTES as u32;
+            instructions += updated.instructions;
+            lines.push(&[
+                u64::from(command.program / row),
+                rows,
+                u64::from(command.vertex_base),
+                u64::from(command.node_base),
+                u64::from(command.box_index),
+                first_write,
+                updated.nodes_written,
+                updated.instructions,
+            ])?;
+        }
+        Ok(UpdateSheets {
+            images,
+            commands: lines,
+            writes,
+            after: records("update_nodes_after", &node, &self.nodes)?,
+            boxes: records("update_boxes", &bounding_box, &box_words)?,
+            instructions,
+        })
+    }
+}
+
+/// The objects of an image, each once, their vertices moved a little.
+fn objects_of(image: &MemoryImage, rng: &mut fastrand::Rng) -> Vec<Object> {
+    let instances = image.instance_records().expect("a sound image");
+    let mut roots = BTreeSet::new();
+    if instances.is_empty() {
+        roots.insert(key(image.root.root()));
+    }
+    for record in instances {
+        roots.insert(key(Instance::fetch(image, record).root));
+    }
+    roots
+        .into_iter()
+        .map(|(leaf, index)| {
+            let root = match leaf {
+                true => Target::Record(index),
+                false => Target::Node(index),
+            };
+            let (tree, triangles, before) = taken_out(image, root);
+            let after = moved(image.format, &before, rng);
+            Object {
+                tree,
+                triangles,
+                before,
+                after,
+            }
+        })
+        .collect()
+}
+
+/// A root as something that can be sorted.
+fn key(root: Target) -> (bool, u32) {
+    match root {
+        Target::Node(index) => (false, index),
+        Target::Record(index) => (true, index),
+    }
+}
+
+/// The tree below a root, its triangles and their vertices, numbered anew.
+fn taken_out(image: &MemoryImage, root: Target) -> (Tree, Vec<[u32; 3]>, Vec<[f64; 3]>) {
+    let mut tree = Tree {
+        nodes: vec![],
+        root: Child::Leaf(0),
+    };
+    let mut records = vec![];
+    let mut open = vec![(root, None::<(usize, usize)>)];
+    while let Some((target, parent)) = open.pop() {
+        let child = match target {
+            Target::Record(record) => {
+                records.push(image.records[record as usize].vertices);
+                Child::Leaf(records.len() as u32 - 1)
+            }
+            Target::Node(index) => {
+                let link = image.nodes[index as usize].link;
+                let number = tree.nodes.len();
+                for (side, child) in link.children(index).into_iter().enumerate() {
+                    open.push((child, Some((number, side))));
+                }
+                tree.nodes.push(TreeNode {
+                    children: [Child::Leaf(0); 2],
+                    axes: [link.left_axis, link.right_axis],
+                });
+                Child::Inner(number as u32)
+            }
+        };
+        match parent {
+            Some((node, side)) => tree.nodes[node].children[side] = child,
+            None => tree.root = child,
+        }
+    }
+    let mut numbers = HashMap::new();
+    let mut vertices = vec![];
+    let triangles = records
+        .iter()
+        .map(|corners| {
+            corners.map(|corner| {
+                *numbers.entry(corner).or_insert_with(|| {
+                    vertices.push(image.vertices[corner as usize]);
+                    vertices.len() as u32 - 1
+                })
+            })
+        })
+        .collect();
+    (tree, triangles, vertices)
+}
+
+/// Vertices moved at random, each coordinate by up to [`MOTION`] of the greatest side of their box.
+fn moved(format: Format, vertices: &[[f64; 3]], rng: &mut fastrand::Rng) -> Vec<[f64; 3]> {
+    let a = Arithmetic::new(format);
+    let side = |i: usize| {
+        let coordinates = || vertices.iter().map(|v| v[i]);
+        coordinates().fold(f64::MIN, f64::max) - coordinates().fold(f64::MAX, f64::min)
+    };
+    let reach = MOTION * side(0).max(side(1)).max(side(2));
+    // A sum of +0 has no −0.
+    let mut coordinate = |x: f64| a.round(x + reach * (2.0 * rng.f64() - 1.0)) + 0.0;
+    vertices.iter().map(|v| v.map(&mut coordinate)).collect()
+}
+
+/// A small object: triangles of any corners, a vertex that none uses, coordinates on a coarse grid before; after, some of
+/// them infinite or NaN.
+fn directed(config: &Config, rng: &mut fastrand::Rng) -> Result<Object> {
+    let count = rng.usize(1..=MOST_TRIANGLES);
+    let vertices = rng.u32(3..=2 * MOST_TRIANGLES as u32);
+    let mut grid = |_| std::array::from_fn(|_| f64::from(rng.i8(-4..=4)) / 2.0 + 0.0);
+    let before: Vec<[f64; 3]> = (0..=vertices).map(&mut grid).collect();
+    let mut after: Vec<[f64; 3]> = (0..=vertices).map(&mut grid).collect();
+    for coordinate in after.as_flattened_mut() {
+        if rng.u8(..8) == 0 {
+            *coordinate = [f64::NAN, f64::INFINITY, f64::NEG_INFINITY][rng.usize(..3)];
+        }
+    }
+    let triangles: Vec<[u32; 3]> = (0..count)
+        .map(|_| std::array::from_fn(|_| rng.u32(..vertices)))
+        .collect();
+    let options = BuildOptions::default_for(config.axes_per_node, config.stack_depth);
+    Ok(Object {
+        tree: build(&before, &triangles, &options)?,
+        triangles,
+        before,
+        after,
+    })
+}
