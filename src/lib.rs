@@ -16,4 +16,5 @@ pub mod program;
 pub mod prove;
 pub mod report;
 pub mod scene;
+pub mod synth;
 pub mod vectors;

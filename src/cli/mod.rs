@@ -1,6 +1,7 @@
 //! The command line: one file a subcommand, and what they share.
 
 mod animate;
+mod constraints;
 mod cosim;
 mod frame;
 mod generate;
@@ -8,6 +9,7 @@ mod program;
 mod prove;
 mod render;
 mod stats;
+mod synth;
 mod vectors;
 
 use anyhow::Result;
@@ -29,6 +31,8 @@ Examples:
   dynrt stats model.obj                              what trees of the mesh cost
   dynrt program model.obj                            the program that updates that tree when vertices move
   dynrt prove --quick                                proofs about that Verilog by open tools
+  dynrt synth                                        what the machine takes of a Virtex-4, unit by unit
+  dynrt constraints --out build/constraints          from Verilog to a bitstream that tests itself
   dynrt vectors builtin:cornell --out vectors        stimulus and expected results for other simulators
   dynrt COMMAND --help                               all options, with examples
 
@@ -55,6 +59,8 @@ enum Command {
     Stats(stats::Args),
     Program(program::Args),
     Prove(prove::Args),
+    Synth(synth::Args),
+    Constraints(constraints::Args),
 }
 
 /// The heading of [`ConfigArgs`].
@@ -135,6 +141,8 @@ pub fn main() -> ExitCode {
         Command::Stats(args) => stats::run(&args),
         Command::Program(args) => program::run(&args),
         Command::Prove(args) => prove::run(&args),
+        Command::Synth(args) => synth::run(&args),
+        Command::Constraints(args) => constraints::run(&args),
     };
     let Err(error) = result else {
         return ExitCode::SUCCESS;
