@@ -1,7 +1,7 @@
 # make demo   a picture of a built-in scene, every ray of it cast by the Verilog and checked
 # make test   the tests, in less than 20 minutes on two cores
 # make full   the tests at full length: hours
-# make rtl    refresh the Verilog in rtl/, which a test holds to what the program generates
+# make rtl    refresh rtl/ and constraints/, which tests hold to what the program generates
 # make lint   formatting and clippy
 # make tools  install what of the above is missing (Debian packages; asks for nothing)
 
@@ -22,6 +22,7 @@ full: tools
 
 rtl:
 	cargo run --release --quiet -- generate --out rtl
+	cargo run --release --quiet -- constraints --out constraints
 
 lint:
 	cargo fmt --check

@@ -688,10 +688,12 @@ module update_processor (
   wire all_complete = ~(term_18 | (|nodes_under_way));
   reg  box_shown;
   assign box_taken = box_shown & box_write_ready;
+  reg  end_waits_s1;
+  wire box_was_read = end_waits & end_waits_s1;
   reg  [21:0] box_index;
 
   always @(posedge clk) begin
-    if (rst) box_shown <= 1'b0; else box_shown <= end_waits & all_complete & ~box_taken;
+    if (rst) box_shown <= 1'b0; else box_shown <= box_was_read & all_complete & ~box_taken;
     if (start) box_index <= start_box_index;
   end
 
@@ -762,6 +764,7 @@ module update_processor (
     if (rst) merge_goes_s1 <= 1'b0; else merge_goes_s1 <= merge_goes;
     merge_axes_s1 <= merge_axes;
     if (rst) node_goes_s1 <= 1'b0; else node_goes_s1 <= node_goes;
+    if (rst) end_waits_s1 <= 1'b0; else end_waits_s1 <= end_waits;
 
     // Stage 2
     first_lo_x_s2 <= first_lo_x;

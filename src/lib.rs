@@ -13,6 +13,8 @@ pub mod hdl;
 pub mod hw;
 pub mod port;
 pub mod program;
+pub mod prove;
 pub mod report;
 pub mod scene;
+pub mod synth;
 pub mod vectors;

@@ -1,12 +1,15 @@
 //! The command line: one file a subcommand, and what they share.
 
 mod animate;
+mod constraints;
 mod cosim;
 mod frame;
 mod generate;
 mod program;
+mod prove;
 mod render;
 mod stats;
+mod synth;
 mod vectors;
 
 use anyhow::Result;
@@ -27,6 +30,9 @@ Examples:
   dynrt render model.obj --view inside --out a.png   the same picture from the golden model, at once
   dynrt stats model.obj                              what trees of the mesh cost
   dynrt program model.obj                            the program that updates that tree when vertices move
+  dynrt prove --quick                                proofs about that Verilog by open tools
+  dynrt synth                                        what the machine takes of a Virtex-4, unit by unit
+  dynrt constraints --out build/constraints          from Verilog to a bitstream that tests itself
   dynrt vectors builtin:cornell --out vectors        stimulus and expected results for other simulators
   dynrt COMMAND --help                               all options, with examples
 
@@ -52,6 +58,9 @@ enum Command {
     Render(render::Args),
     Stats(stats::Args),
     Program(program::Args),
+    Prove(prove::Args),
+    Synth(synth::Args),
+    Constraints(constraints::Args),
 }
 
 /// The heading of [`ConfigArgs`].
@@ -131,6 +140,9 @@ pub fn main() -> ExitCode {
         Command::Render(args) => render::run(&args),
         Command::Stats(args) => stats::run(&args),
         Command::Program(args) => program::run(&args),
+        Command::Prove(args) => prove::run(&args),
+        Command::Synth(args) => synth::run(&args),
+        Command::Constraints(args) => constraints::run(&args),
     };
     let Err(error) = result else {
         return ExitCode::SUCCESS;

@@ -126,7 +126,7 @@ pub fn build(sources: &Sources, options: &BuildOptions, progress: &dyn Fn(&str))
     let start = Instant::now();
     sources.check()?;
     let tools = Tools::find()?;
-    let cache = cache_folder(options)?;
+    let cache = cache_folder(options.cache.clone())?;
     let key = model_key(sources, options, tools);
     let folder = cache.join("models").join(format!("{}-{key}", sources.top));
     let library = folder.join("model.so");
@@ -285,13 +285,14 @@ fn first_line(text: &str) -> &str {
         .unwrap_or("no message")
 }
 
-fn cache_folder(options: &BuildOptions) -> Result<PathBuf> {
+/// The cache folder given, or the user's (see [`model`](super::model)), made where it is not there.
+pub(crate) fn cache_folder(given: Option<PathBuf>) -> Result<PathBuf> {
     let variable = |name| {
         std::env::var_os(name)
             .filter(|value| !value.is_empty())
             .map(PathBuf::from)
     };
-    let folder = (options.cache.clone())
+    let folder = given
         .or_else(|| variable("DYNRT_CACHE"))
         .or_else(|| variable("XDG_CACHE_HOME").map(|folder| folder.join("dynrt")))
         .or_else(|| variable("HOME").map(|folder| folder.join(".cache/dynrt")))
@@ -310,7 +311,7 @@ fn cache_folder(options: &BuildOptions) -> Result<PathBuf> {
 }
 
 /// Hash of a list of texts, each with its length, so that different lists never look alike.
-fn key(parts: &[&str]) -> String {
+pub(crate) fn key(parts: &[&str]) -> String {
     let mut hash = Sha256::new();
     for part in parts {
         hash.update((part.len() as u64).to_le_bytes());
@@ -457,7 +458,7 @@ fn remove_abandoned(cache: &Path) {
 }
 
 /// The line of a tool's output that says what is wrong: the first error, else the first warning.
-fn complaint(printed: &str) -> Option<String> {
+pub(crate) fn complaint(printed: &str) -> Option<String> {
     let lines = || {
         printed
             .lines()

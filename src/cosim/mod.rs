@@ -6,7 +6,7 @@
 //! [`mismatch`] says where RTL and golden model differ.
 
 pub mod animate;
-mod build;
+pub(crate) mod build;
 pub mod memory;
 pub mod mismatch;
 pub mod model;

@@ -531,7 +531,11 @@ pub fn module(plan: &Plan) -> Result<UpdateProcessor, HdlError> {
     let complete = complete.named("all_complete");
     let box_shown = m.reg_reset("box_shown", 1, 0);
     box_taken.drive(box_shown.q & box_write_ready);
-    box_shown.next(ends & complete & !box_taken.get());
+    // The end must itself have waited until its register is read: nothing else may have been under way for long.
+    let waits = p.enter(ends).cleared_by_reset();
+    let was_read = (1..read_at).fold(ends, |so_far, k| so_far & waits.at(k).untimed());
+    let was_read = was_read.named("box_was_read");
+    box_shown.next(was_read & complete & !box_taken.get());
     let box_index = m.reg("box_index", a);
     box_index.next_when(start, start_box_index);
     let mut bounds: Vec<_> = operands.iter().map(|(first, _)| *first).collect();

@@ -1,0 +1,35 @@
+#!/bin/sh
+# dynrt_selftest.v to a bitstream for a Virtex-4 LX160, by ISE (10.1 to 14.7, whichever has the device).
+# Usage: sh ise.sh        synthesis by XST
+#        sh ise.sh edif   from what edif.sh has synthesised with Yosys
+# The result is build/dynrt_selftest.bit, the timing build/dynrt_selftest.twr.
+set -eu
+cd "$(dirname -- "$0")"
+mkdir -p build
+need() {
+    package=$1
+    shift
+    for tool; do
+        if command -v "$tool" >/dev/null; then echo "$tool"; return; fi
+    done
+    echo "error: $1 is not installed: $package" >&2
+    exit 1
+}
+for tool in xst ngdbuild map par trce bitgen; do
+    need 'install ISE and source its settings script' "$tool" >/dev/null
+done
+case ${1-xst} in
+    xst) xst -intstyle silent -ifn dynrt_selftest.xst -ofn build/dynrt_selftest.syr; netlist=dynrt_selftest.ngc ;;
+    edif) netlist=dynrt_selftest.edif ;;
+    *) echo 'usage: sh ise.sh [xst|edif]' >&2; exit 2 ;;
+esac
+cd build
+[ -f "$netlist" ] || { echo "error: build/$netlist is missing: run sh edif.sh first" >&2; exit 1; }
+rm -f dynrt_selftest.bit
+ngdbuild -intstyle silent -p xc4vlx160-10-ff1148 -uc ../dynrt_selftest.ucf "$netlist" dynrt_selftest.ngd
+map -intstyle silent -p xc4vlx160-10-ff1148 -timing -ol high -pr b -w -o dynrt_selftest_map.ncd dynrt_selftest.ngd dynrt_selftest.pcf
+par -intstyle silent -ol high -w dynrt_selftest_map.ncd dynrt_selftest.ncd dynrt_selftest.pcf
+trce -intstyle silent -v 10 -o dynrt_selftest.twr dynrt_selftest.ncd dynrt_selftest.pcf
+# The reader of the report decides whether the clock is met; bitgen does not ask.
+grep -q 'All constraints were met' dynrt_selftest.par || echo 'warning: the clock is missed, see build/dynrt_selftest.twr' >&2
+bitgen -intstyle silent -w dynrt_selftest.ncd dynrt_selftest.bit dynrt_selftest.pcf

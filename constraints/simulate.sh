@@ -1,0 +1,19 @@
+#!/bin/sh
+# The self-test in Icarus Verilog: prints PASS or FAIL with the checksum of the hits.
+set -eu
+cd "$(dirname -- "$0")"
+mkdir -p build
+need() {
+    package=$1
+    shift
+    for tool; do
+        if command -v "$tool" >/dev/null; then echo "$tool"; return; fi
+    done
+    echo "error: $1 is not installed: $package" >&2
+    exit 1
+}
+iverilog=$(need 'apt-get install iverilog' iverilog)
+"$iverilog" -g2001 -s dynrt_selftest_tb -o build/dynrt_selftest_tb -f dynrt_selftest.f dynrt_selftest_tb.v
+verdict=$(vvp -n build/dynrt_selftest_tb)
+echo "$verdict"
+case $verdict in PASS*) ;; *) exit 1 ;; esac

@@ -1,0 +1,452 @@
+//! The arithmetic units against exact arithmetic and one rounding, for all operands.
+//!
+//! Yosys turns a unit and its reference into gates. The unit's registers are taken for wires, once it is checked gate by
+//! gate that every path from an operand to the result has as many as the unit's latency says ([`Circuit::transparent`]):
+//! so what is proved of the gates holds of the pipeline, whatever comes before and after. ABC then shows that no
+//! operands make a difference. Where operands are few enough, all of them are tried on the gates instead.
+
+use super::aig::{Circuit, Fixed, Graph};
+use super::reference::{self, Relation};
+use super::tools::{self, Ended};
+use super::{Edit, Outcome, Plant, edited};
+use crate::float::Format;
+use crate::hdl::{Builder, Module};
+use crate::hw::fp::{self, Units};
+use anyhow::{Context, Result, ensure};
+use std::fmt::Write as _;
+use std::path::Path;
+use std::rc::Rc;
+use std::time::Duration;
+
+/// The slack of the machine's plane distances, in ulps: what it steps by.
+const ULPS: i32 = 3;
+
+/// What ABC may take for one case. The slowest of the reference format takes about a hundredth.
+const CASE_LIMIT: Duration = Duration::from_secs(120);
+
+/// As many free input bits are tried one by one rather than reasoned about.
+const EXHAUSTIBLE: u32 = 24;
+
+/// A unit, what it should compute, and into which cases the operands fall.
+pub struct Equivalence {
+    pub module: Rc<Module>,
+    pub what: String,
+    reference: String,
+    pub cases: Vec<Case>,
+    method: Method,
+    pub plants: Vec<Plant>,
+}
+
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+enum Method {
+    /// ABC's `iprove`.
+    Reasoned,
+    /// Every operand tried.
+    Exhausted,
+}
+
+/// Operands with some bits fixed.
+pub struct Case {
+    name: String,
+    fixed: Vec<Fixed>,
+    /// Whether it is among those that are always proved.
+    pub quick: bool,
+}
+
+impl Case {
+    fn all() -> Case {
+        Case {
+            name: "all operands".into(),
+            fixed: vec![],
+            quick: true,
+        }
+    }
+}
+
+fn fixed(input: &str, lsb: u32, width: u32, value: u64) -> Fixed {
+    Fixed {
+        input: input.into(),
+        bits: lsb..lsb + width,
+        value,
+    }
+}
+
+fn plant(what: &str, line: &str, from: &str, to: &str) -> Plant {
+    Plant {
+        what: what.into(),
+        edit: Edit {
+            line: line.into(),
+            from: from.into(),
+            to: to.into(),
+        },
+    }
+}
+
+/// All equivalences of a unit of the given name; none if it is no unit of arithmetic.
+///
+/// # Errors
+/// A mistake in a unit's description.
+pub fn proofs(unit: &str, format: Format, clock_mhz: u32) -> Result<Vec<Equivalence>> {
+    let units = Units::new(format, clock_mhz)?;
+    let odd = plant(
+        "a tie is rounded away from zero",
+        "wire round_up",
+        "& (",
+        "& (1'b1 | ",
+    );
+    Ok(match unit {
+        "add" => sums(&units.add, format, false, odd),
+        "sub" => sums(&units.sub, format, true, odd),
+        "mul" => vec![Equivalence {
+            module: units.mul.clone(),
+            what: "a * b, exact then rounded once".into(),
+            reference: reference::product(format),
+            cases: vec![Case::all()],
+            method: Method::Reasoned,
+            plants: vec![
+                odd,
+                plant(
+                    "an infinity is a number unless both are",
+                    "wire special =",
+                    "|",
+                    "&",
+                ),
+            ],
+        }],
+        "reciprocal" => vec![Equivalence {
+            module: units.reciprocal.clone(),
+            what: "1 / a, exact then rounded once".into(),
+            reference: reference::reciprocal(format),
+            cases: vec![Case::all()],
+            method: if format.width() <= EXHAUSTIBLE {
+                Method::Exhausted
+            } else {
+                Method::Reasoned
+            },
+            plants: vec![plant("rounding does not carry", " rounded = ", "+", "|")],
+        }],
+        "compare" => [
+            ("less", "a < b", Relation::Less),
+            ("less_equal", "a <= b", Relation::LessEqual),
+            ("equal", "a = b", Relation::Equal),
+            ("min", "b where b < a, else a", Relation::Min),
+            ("max", "b where b > a, else a", Relation::Max),
+        ]
+        .into_iter()
+        .map(|(name, what, relation)| related(name, what, relation, format))
+        .collect::<Result<_>>()?,
+        "step" => [("down", -ULPS), ("up", ULPS)]
+            .into_iter()
+            .map(|(name, ulps)| stepped(name, ulps, format))
+            .collect::<Result<_>>()?,
+        _ => vec![],
+    })
+}
+
+/// A sum's proofs: numbers by the distance of their exponents, everything else, and that these are all.
+fn sums(module: &Rc<Module>, format: Format, subtract: bool, odd: Plant) -> Vec<Equivalence> {
+    let (e, f) = (format.exponent_bits(), format.fraction_bits());
+    let operator = if subtract { '-' } else { '+' };
+    // Where the smaller operand meets the rounding bits, and where it leaves them, is where mistakes live.
+    let edge = |distance: u32| distance < 3 || (f - 1..f + 4).contains(&distance);
+    let distances = (0..(1u32 << e) - 2).map(|distance| Case {
+        name: format!("exponents {distance} apart"),
+        fixed: vec![fixed("distance", 0, e, distance.into())],
+        quick: edge(distance),
+    });
+    let special = |operand: &str, name: &str, exponent: u64| Case {
+        name: format!("{operand} is {name}"),
+        fixed: vec![fixed(&format!("operand_{operand}"), f, e, exponent)],
+        quick: true,
+    };
+    let ones = format.exponent_mask();
+    vec![
+        Equivalence {
+            module: module.clone(),
+            what: format!("a {operator} b of numbers, exact then rounded once"),
+            reference: reference::sum_of_numbers(format, subtract),
+            cases: distances.collect(),
+            method: Method::Reasoned,
+            plants: vec![odd],
+        },
+        Equivalence {
+            module: module.clone(),
+            what: format!("a {operator} b with a zero, an infinity or a NaN"),
+            reference: reference::sum_of_specials(format, subtract),
+            cases: vec![
+                special("a", "a zero", 0),
+                special("b", "a zero", 0),
+                special("a", "an infinity or a NaN", ones),
+                special("b", "an infinity or a NaN", ones),
+            ],
+            method: Method::Reasoned,
+            plants: vec![plant(
+                "nothing ever gives a NaN",
+                "wire nan =",
+                "&",
+                "& 1'b0 &",
+            )],
+        },
+        Equivalence {
+            module: module.clone(),
+            what: "every pair of numbers is one of the cases".into(),
+            reference: reference::sum_coverage(format),
+            cases: vec![Case::all()],
+            method: Method::Reasoned,
+            plants: vec![],
+        },
+    ]
+}
+
+fn related(name: &str, what: &str, relation: Relation, format: Format) -> Result<Equivalence> {
+    let m = Builder::new(
+        format!("fp_{name}"),
+        format!("{name} of a and b in {format}."),
+    );
+    let (a, b) = (m.input("a", format.width()), m.input("b", format.width()));
+    let y = match relation {
+        Relation::Less => fp::less(format, a, b),
+        Relation::LessEqual => fp::less_equal(format, a, b),
+        Relation::Equal => fp::equal(format, a, b),
+        Relation::Min => fp::min(format, a, b),
+        Relation::Max => fp::max(format, a, b),
+    };
+    m.output("y", y.extend(format.width()));
+    let plant = match relation {
+        Relation::Equal => plant("unlike patterns are equal", " == ", "==", "!="),
+        _ => plant("the order is turned round", " < ", "<", ">"),
+    };
+    Ok(Equivalence {
+        module: m.finish()?,
+        what: what.into(),
+        reference: reference::relation(format, relation),
+        cases: vec![Case::all()],
+        method: Method::Reasoned,
+        plants: vec![plant],
+    })
+}
+
+fn stepped(name: &str, ulps: i32, format: Format) -> Result<Equivalence> {
+    let what = format!("the number {ulps:+} ulps from a");
+    let m = Builder::new(format!("fp_{name}"), format!("y = {what} in {format}."));
+    let a = m.input("a", format.width());
+    m.output("y", fp::step(format, a, ulps));
+    Ok(Equivalence {
+        module: m.finish()?,
+        what,
+        reference: reference::step(format, ulps),
+        cases: vec![Case::all()],
+        method: Method::Reasoned,
+        plants: vec![plant(
+            "it steps one ulp too far up",
+            " sum = ",
+            " + (",
+            " + 1'b1 + (",
+        )],
+    })
+}
+
+impl Equivalence {
+    /// How it is proved, as the report says it.
+    pub fn how(&self) -> String {
+        let registers = self.module.latency().unwrap_or(0);
+        let how = match self.method {
+            Method::Reasoned => "abc iprove",
+            Method::Exhausted => "all operands on the gates",
+        };
+        match registers {
+            0 => how.into(),
+            _ => format!("{how}, {registers} registers on all paths"),
+        }
+    }
+
+    /// Proves the cases that are asked for, or finds operands that make a difference. `done` is called after each case.
+    ///
+    /// # Errors
+    /// A tool that fails; a plant that does not fit the emitted text.
+    pub fn prove(
+        &self,
+        folder: &Path,
+        quick: bool,
+        plant: Option<&Plant>,
+        done: &dyn Fn(),
+    ) -> Result<(usize, Outcome)> {
+        let graph = match self.gates(folder, plant)? {
+            Ok(graph) => graph,
+            Err(imbalance) => return Ok((0, Outcome::Refuted(imbalance))),
+        };
+        let mut proved = 0;
+        for case in self.cases.iter().filter(|case| case.quick || !quick) {
+            let mut graph = graph.fixed(&case.fixed)?;
+            let outcome = match self.method {
+                Method::Reasoned => reason(&mut graph, folder)?,
+                Method::Exhausted => exhaust(&mut graph)?,
+            };
+            match outcome {
+                Outcome::Proved => proved += 1,
+                Outcome::Refuted(text) => {
+                    return Ok((proved, Outcome::Refuted(format!("{}: {text}", case.name))));
+                }
+                Outcome::Undecided(text) => {
+                    return Ok((proved, Outcome::Undecided(format!("{}: {text}", case.name))));
+                }
+            }
+            done();
+        }
+        ensure!(proved > 0, "{}: no case to prove", self.what);
+        Ok((proved, Outcome::Proved))
+    }
+
+    /// Unit and reference as one combinational circuit, or why the unit is no pipeline of its latency.
+    fn gates(&self, folder: &Path, plant: Option<&Plant>) -> Result<Result<Graph, String>> {
+        let name = self.module.name();
+        let mut text = self.module.verilog().to_string();
+        ensure!(
+            self.module.children().is_empty(),
+            "{name} has children, which no reference stands in for"
+        );
+        if let Some(plant) = plant {
+            text = edited(&text, &plant.edit).with_context(|| name.to_string())?;
+        }
+        let text = text.replacen(&format!("module {name} ("), "module dut (", 1);
+        for (file, text) in [("dut.v", &text), ("case.v", &self.reference)] {
+            std::fs::write(folder.join(file), text).with_context(|| file.to_string())?;
+        }
+        tools::yosys(
+            folder,
+            "read_verilog dut.v case.v; hierarchy -check -top prove_case; proc; flatten; \
+             opt -nodffe -nosdff; techmap; opt -nodffe -nosdff; aigmap; opt_clean; \
+             write_aiger -ascii -symbols case.aag",
+        )?;
+        let aiger = std::fs::read_to_string(folder.join("case.aag")).context("case.aag")?;
+        let latency = self.module.latency().unwrap_or(0);
+        let has_unit = self.reference.contains("dut dut");
+        let of_unit = |word: &str| if word == "y" && has_unit { latency } else { 0 };
+        let circuit = Circuit::parse(&aiger)?;
+        Ok(circuit
+            .transparent(of_unit)
+            .map_err(|error| format!("{error:#}")))
+    }
+}
+
+/// Asks ABC whether any operands make a difference.
+fn reason(graph: &mut Graph, folder: &Path) -> Result<Outcome> {
+    let differs = graph.differs("legal", "y", "expected")?;
+    ensure!(
+        meaningful(graph)?,
+        "no operands of a case that were tried mean anything: the case proves nothing"
+    );
+    std::fs::write(folder.join("case.aig"), graph.to_aiger(differs)).context("case.aig")?;
+    let found = folder.join("counterexample");
+    let _ = std::fs::remove_file(&found);
+    let script =
+        "read_aiger case.aig; strash; ifraig; dch; drwsat; iprove; write_cex -n counterexample";
+    let text = match tools::run(folder, CASE_LIMIT, "yosys-abc", &["-c", script])? {
+        Ended::With { text, .. } => text,
+        Ended::OutOfTime => {
+            let limit = CASE_LIMIT.as_secs();
+            return Ok(Outcome::Undecided(format!("ABC takes more than {limit} s")));
+        }
+    };
+    let says = |word: &str| text.lines().any(|line| line.starts_with(word));
+    if says("UNSATISFIABLE") {
+        return Ok(Outcome::Proved);
+    }
+    if !says("SATISFIABLE") {
+        return Ok(Outcome::Undecided("ABC does not decide it".into()));
+    }
+    let text = std::fs::read_to_string(&found).context("ABC's counterexample")?;
+    let mut inputs = vec![0; graph.inputs.len()];
+    for line in text.lines() {
+        let Some((place, value)) = line.strip_prefix("pi").and_then(|l| l.split_once("@0=")) else {
+            continue;
+        };
+        let place: usize = place.parse().context("ABC's counterexample")?;
+        *inputs
+            .get_mut(place)
+            .context("ABC's counterexample has more inputs")? = value.parse()?;
+    }
+    let values = graph.simulate(&inputs);
+    ensure!(
+        values.literal(differs) & 1 == 1,
+        "ABC's counterexample makes no difference on the gates"
+    );
+    Ok(Outcome::Refuted(shown(graph, &inputs, 0)?))
+}
+
+/// Tries all assignments of the inputs that the operand `a` has.
+fn exhaust(graph: &mut Graph) -> Result<Outcome> {
+    let differs = graph.differs("legal", "y", "expected")?;
+    let places: Vec<usize> = (graph.inputs.iter().enumerate())
+        .filter(|(_, name)| name.starts_with("operand_a"))
+        .map(|(place, _)| place)
+        .collect();
+    ensure!(
+        places.len() as u32 <= EXHAUSTIBLE,
+        "2^{} operands are too many to try each",
+        places.len()
+    );
+    /// The lowest six inputs count through the 64 bits of a word.
+    const LOWEST: [u64; 6] = [
+        0xaaaa_aaaa_aaaa_aaaa,
+        0xcccc_cccc_cccc_cccc,
+        0xf0f0_f0f0_f0f0_f0f0,
+        0xff00_ff00_ff00_ff00,
+        0xffff_0000_ffff_0000,
+        0xffff_ffff_0000_0000,
+    ];
+    // Four words at once: 256 operands, of which each word's first two higher bits are the word's number.
+    const WORDS: usize = 4;
+    let rest = places.len().saturating_sub(LOWEST.len());
+    let mut inputs = vec![[0; WORDS]; graph.inputs.len()];
+    let mut nodes = vec![];
+    for high in (0..1u64 << rest).step_by(WORDS) {
+        for (i, place) in places.iter().enumerate() {
+            inputs[*place] = std::array::from_fn(|word| match LOWEST.get(i) {
+                Some(pattern) => *pattern,
+                None => 0u64.wrapping_sub((high + word as u64) >> (i - LOWEST.len()) & 1),
+            });
+        }
+        graph.evaluate(&inputs, &mut nodes);
+        let wrong = Graph::literal(&nodes, differs);
+        if let Some(word) = wrong.iter().position(|word| *word != 0) {
+            let inputs: Vec<u64> = inputs.iter().map(|words| words[word]).collect();
+            return Ok(Outcome::Refuted(shown(
+                graph,
+                &inputs,
+                wrong[word].trailing_zeros(),
+            )?));
+        }
+    }
+    Ok(Outcome::Proved)
+}
+
+/// Whether some operands of a case are legal. Most are, so few tries find one.
+fn meaningful(graph: &Graph) -> Result<bool> {
+    let mut random = fastrand::Rng::with_seed(1);
+    for _ in 0..1000 {
+        let inputs: Vec<u64> = graph.inputs.iter().map(|_| random.u64(..)).collect();
+        let values = graph.simulate(&inputs);
+        for assignment in 0..64 {
+            if values.word("legal", assignment)? == 1 {
+                return Ok(true);
+            }
+        }
+    }
+    Ok(false)
+}
+
+/// Operands and results of one of 64 assignments.
+fn shown(graph: &Graph, inputs: &[u64], assignment: u32) -> Result<String> {
+    let values = graph.simulate(inputs);
+    let mut text = String::new();
+    for (i, name) in ["a", "b", "y", "expected"].into_iter().enumerate() {
+        let comma = if i > 0 { ", " } else { "" };
+        let _ = write!(
+            text,
+            "{comma}{name} = {:#x}",
+            values.word(name, assignment)?
+        );
+    }
+    Ok(text)
+}

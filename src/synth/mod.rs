@@ -1,0 +1,357 @@
+//! Area and clock of a machine's modules by open tools: Yosys counts what a module takes of a device, nextpnr places and routes it.
+//!
+//! | module | what |
+//! |---|---|
+//! | [`target`] | the devices: what they hold, how modules are mapped to them, what a cell counts for |
+//! | `tools` | finding and running the tools |
+//! | `wrapper` | shift registers at a module's ports, so that pins stay off its critical paths |
+//! | `cells` | what Yosys reports |
+//! | `timing` | what nextpnr reports, in the names of our modules |
+//! | [`constraints`], [`selftest`] | what takes a machine to a bitstream, and the design that it is of |
+//! | `store` | results that were reached before |
+//!
+//! Every module is synthesised alone, with all below it flattened into it, so that a unit's figures hold what it is made of, and
+//! the parts of a unit do not add up to the whole: what two parts share, or what a constant port makes superfluous, is counted once.
+//!
+//! A result is kept in the cache folder under a key of all that went into it: the module's Verilog and that of all modules below
+//! it, the tool's version, its options. A module is synthesised again only when one of them changes, and a run that was cut off goes on
+//! where it was.
+
+mod cells;
+pub mod constraints;
+pub mod selftest;
+mod store;
+pub mod target;
+mod timing;
+mod tools;
+mod wrapper;
+
+pub use cells::{Cells, parse_cells};
+pub use target::{Area, Target};
+pub use timing::{CriticalPath, Point, Timing, parse_timing};
+pub use tools::TOOLS_VARIABLE;
+
+use crate::config::Config;
+use crate::emit;
+use crate::hdl::{Design, Module};
+use anyhow::{Context, Result, bail, ensure};
+use serde::Serialize;
+use serde_json::Value;
+use std::path::PathBuf;
+use std::rc::Rc;
+use std::time::Instant;
+use store::Store;
+use tools::Tool;
+
+/// What to find out.
+#[derive(Clone, Debug)]
+pub struct Request {
+    /// The device.
+    pub target: Target,
+    /// Names of the modules; all of them, and the whole machine, where empty.
+    pub units: Vec<String>,
+    /// How often each module is placed and routed, from seeds 1, 2, … on; 0: not at all.
+    pub seeds: u32,
+    /// The cache folder; `None` for the user's, as for models (see [`crate::cosim::model`]).
+    pub cache: Option<PathBuf>,
+}
+
+/// What a machine takes of a device.
+#[derive(Clone, Debug, Serialize)]
+pub struct Report {
+    pub generator: &'static str,
+    /// Every key of the configuration, by section.
+    pub configuration: Value,
+    pub target: &'static str,
+    /// What the device holds.
+    pub device: Area,
+    /// How the columns are counted.
+    pub counted: &'static str,
+    /// The tools' versions.
+    pub tools: Vec<String>,
+    /// The modules below the top module, children first, or those that were asked for.
+    pub units: Vec<Unit>,
+    /// The top module; nothing where single units were asked for.
+    pub total: Option<Unit>,
+}
+
+/// What one module takes, with all that is below it.
+#[derive(Clone, Debug, Serialize)]
+pub struct Unit {
+    pub name: String,
+    /// Registers from inputs to outputs, of a pipeline.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub latency: Option<u32>,
+    #[serde(flatten)]
+    pub area: Area,
+    /// The same in percent of the device.
+    pub share_percent: Share,
+    /// Cells by kind, as Yosys names them.
+    pub cells: Cells,
+    /// The clock of the worst seed, in MHz, where it was routed.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub mhz: Option<f64>,
+    /// What limits the clock of the worst seed.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub critical_path: Option<CriticalPath>,
+    /// The clock of every seed from 1 on, in MHz.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub mhz_by_seed: Vec<f64>,
+}
+
+/// Shares of a device, in percent.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct Share {
+    pub lut4: f64,
+    pub ff: f64,
+    pub dsp: f64,
+    pub ram: f64,
+}
+
+impl Share {
+    fn new(area: Area, device: Area) -> Share {
+        let percent =
+            |part: u64, whole: u64| (part as f64 * 10_000.0 / whole as f64).round() / 100.0;
+        Share {
+            lut4: percent(area.lut4, device.lut4),
+            ff: percent(area.ff, device.ff),
+            dsp: percent(area.dsp, device.dsp),
+            ram: percent(area.ram, device.ram),
+        }
+    }
+}
+
+/// Synthesises modules of a configuration's machine and, where `request.seeds` is not 0, places and routes them. One tool runs at a
+/// time. `progress` is told what is going on, a line at a time; nothing where all is known already.
+///
+/// # Errors
+/// One line each: there is no such module; no open tool routes for the target; a tool is missing or too old (and how to
+/// install it) or fails (what it said first, and where all that it said is kept); the cache cannot be written.
+pub fn synthesise(config: &Config, request: &Request, progress: &dyn Fn(&str)) -> Result<Report> {
+    let target = request.target;
+    let is_routed = request.seeds > 0;
+    let (machine, _) = emit::generate(config)?;
+    let design = &machine.design;
+    let chosen = choose(design, &request.units)?;
+    ensure!(
+        !is_routed || target.is_routable(),
+        "target {}: no open tool places and routes it; route for {}, the nearest device that one does",
+        target.name(),
+        Target::Ecp5_85f.name()
+    );
+    let tools = Tools {
+        yosys: tools::yosys(target)?,
+        nextpnr: is_routed.then(tools::nextpnr).transpose()?,
+    };
+    let bench = Bench {
+        target,
+        clock_mhz: config.clock_mhz,
+        seeds: request.seeds,
+        store: Store::open(request.cache.clone())?,
+        tools: &tools,
+        progress,
+    };
+    let count = chosen.len();
+    let mut measured = Vec::with_capacity(count);
+    for (index, module) in chosen.into_iter().enumerate() {
+        let number = format!("{} of {count}", index + 1);
+        let unit = bench
+            .measure(module, &number)
+            .with_context(|| format!("module {}", module.name()))?;
+        measured.push(unit);
+    }
+    let total = match request.units.is_empty() {
+        true => measured.pop(),
+        false => None,
+    };
+    Ok(Report {
+        generator: concat!("dynrt ", env!("CARGO_PKG_VERSION")),
+        configuration: emit::configuration(config),
+        target: target.name(),
+        device: target.holds(),
+        counted: target.counting(),
+        tools: tools.versions(),
+        units: measured,
+        total,
+    })
+}
+
+/// The modules of the names given, or all.
+fn choose<'d>(design: &'d Design, names: &[String]) -> Result<Vec<&'d Rc<Module>>> {
+    let modules = design.modules();
+    if names.is_empty() {
+        return Ok(modules.iter().collect());
+    }
+    let find = |name: &String| {
+        let Some(module) = modules.iter().find(|module| module.name() == name) else {
+            let known: Vec<&str> = modules.iter().map(|module| module.name()).collect();
+            bail!(
+                "unit {name}: this machine has no such module; choose of {}",
+                known.join(", ")
+            )
+        };
+        Ok(module)
+    };
+    names.iter().map(find).collect()
+}
+
+struct Tools {
+    yosys: Tool,
+    nextpnr: Option<Tool>,
+}
+
+impl Tools {
+    fn versions(&self) -> Vec<String> {
+        let tools = std::iter::once(&self.yosys).chain(&self.nextpnr);
+        tools.map(|tool| tool.version.clone()).collect()
+    }
+}
+
+/// What modules are measured with.
+struct Bench<'a> {
+    target: Target,
+    /// The clock asked for, in MHz.
+    clock_mhz: u32,
+    seeds: u32,
+    store: Store,
+    tools: &'a Tools,
+    progress: &'a dyn Fn(&str),
+}
+
+/// The netlist that nextpnr reads.
+const NETLIST: &str = "netlist.json";
+
+impl Bench<'_> {
+    fn measure(&self, module: &Rc<Module>, number: &str) -> Result<Unit> {
+        let job = Job::new(self, module)?;
+        let mut cells = self.store.get::<Cells>(module.name(), &job.area_key);
+        let timings: Vec<Option<Timing>> = (1..=self.seeds)
+            .map(|seed| self.store.get(module.name(), &job.timing_key(self, seed)))
+            .collect();
+        // Netlists are large and are not kept: whoever places one makes it again.
+        if cells.is_none() || timings.iter().any(Option::is_none) {
+            job.write()?;
+            cells = Some(self.synthesise(&job, number)?);
+        }
+        let cells = cells.expect("known or just counted");
+        let area = self.target.area(&cells)?;
+        let mut routed = Vec::new();
+        for (seed, known) in (1..).zip(timings) {
+            routed.push(match known {
+                Some(timing) => timing,
+                None => self.route(&job, seed, number)?,
+            });
+        }
+        let worst = routed.iter().min_by(|a, b| a.mhz.total_cmp(&b.mhz));
+        Ok(Unit {
+            name: module.name().to_string(),
+            latency: module.latency(),
+            area,
+            share_percent: Share::new(area, self.target.holds()),
+            cells,
+            mhz: worst.map(|timing| timing.mhz),
+            critical_path: worst.map(|timing| timing.critical_path.clone()),
+            mhz_by_seed: routed.iter().map(|timing| timing.mhz).collect(),
+        })
+    }
+
+    fn synthesise(&self, job: &Job<'_>, number: &str) -> Result<Cells> {
+        let name = job.module.name();
+        let started = Instant::now();
+        (self.progress)(&format!("synthesising {name} ({number})"));
+        let log = self.store.failure_log(&format!("{name}-yosys"));
+        self.tools
+            .yosys
+            .run(job.folder.path(), &["-q", "-p", &job.script], &log)?;
+        let mut cells = parse_cells(&job.read(target::CELLS)?)?;
+        if self.target.is_routable() {
+            wrapper::subtract(job.module, &mut cells)?;
+        }
+        self.target.area(&cells)?;
+        self.store.put(name, &job.area_key, &cells)?;
+        let seconds = started.elapsed().as_secs_f64();
+        (self.progress)(&format!("synthesised {name} in {seconds:.0} s"));
+        Ok(cells)
+    }
+
+    fn route(&self, job: &Job<'_>, seed: u32, number: &str) -> Result<Timing> {
+        const REPORT: &str = "timing.json";
+        let name = job.module.name();
+        let nextpnr = (self.tools.nextpnr.as_ref()).expect("found where modules are routed");
+        let started = Instant::now();
+        (self.progress)(&format!("routing {name} from seed {seed} ({number})"));
+        let options = target::nextpnr_options(self.clock_mhz, seed);
+        let mut args: Vec<&str> = options.iter().map(String::as_str).collect();
+        args.extend(["--json", NETLIST, "--report", REPORT]);
+        let log = self.store.failure_log(&format!("{name}-nextpnr"));
+        nextpnr.run(job.folder.path(), &args, &log)?;
+        let timing = parse_timing(&job.read(REPORT)?, job.module)?;
+        self.store.put(name, &job.timing_key(self, seed), &timing)?;
+        let seconds = started.elapsed().as_secs_f64();
+        (self.progress)(&format!(
+            "routed {name} in {seconds:.0} s: {:.1} MHz",
+            timing.mhz
+        ));
+        Ok(timing)
+    }
+}
+
+/// A module in a folder of its own, with what the tools are told.
+struct Job<'a> {
+    module: &'a Rc<Module>,
+    /// The Verilog, by file.
+    files: Vec<(String, String)>,
+    /// Of Yosys.
+    script: String,
+    area_key: String,
+    folder: tempfile::TempDir,
+}
+
+impl<'a> Job<'a> {
+    fn new(bench: &Bench<'_>, module: &'a Rc<Module>) -> Result<Job<'a>> {
+        let mut files = Design::new(module.clone())?.files();
+        let mut top = module.name();
+        if bench.target.is_routable() {
+            let text = wrapper::verilog(module)?;
+            files.push((format!("{}.v", wrapper::NAME), text));
+            top = wrapper::NAME;
+        }
+        let names: Vec<&str> = files.iter().map(|(name, _)| name.as_str()).collect();
+        let script = bench.target.yosys_script(&names, top, NETLIST);
+        let mut parts = vec![bench.tools.yosys.version.as_str(), &script];
+        parts.extend(files.iter().flat_map(|(n, text)| [n.as_str(), text]));
+        let area_key = store::key(&parts);
+        let folder = tempfile::tempdir().context("cannot create a temporary folder")?;
+        Ok(Job {
+            module,
+            area_key,
+            script,
+            files,
+            folder,
+        })
+    }
+
+    fn timing_key(&self, bench: &Bench<'_>, seed: u32) -> String {
+        let options = target::nextpnr_options(bench.clock_mhz, seed);
+        let nextpnr = bench.tools.nextpnr.as_ref();
+        let version = nextpnr.map_or("", |tool| &tool.version);
+        let mut parts = vec![self.area_key.as_str(), version];
+        parts.extend(options.iter().map(String::as_str));
+        store::key(&parts)
+    }
+
+    fn write(&self) -> Result<()> {
+        for (name, text) in &self.files {
+            let path = self.folder.path().join(name);
+            std::fs::write(&path, text)
+                .with_context(|| format!("cannot write {}", path.display()))?;
+        }
+        Ok(())
+    }
+
+    fn read(&self, name: &str) -> Result<String> {
+        let path = self.folder.path().join(name);
+        std::fs::read_to_string(&path)
+            .with_context(|| format!("the tool has not written {}", path.display()))
+    }
+}

@@ -1,0 +1,60 @@
+//! Results that were reached before, under a key of all that went into them.
+
+use crate::cosim::build;
+use anyhow::{Result, anyhow};
+use serde::Serialize;
+use serde::de::DeserializeOwned;
+use std::fs;
+use std::path::PathBuf;
+
+pub(super) use crate::cosim::build::key;
+
+/// The folder of results.
+pub(super) struct Store {
+    folder: PathBuf,
+    failed: PathBuf,
+}
+
+impl Store {
+    /// In the cache folder given, or the user's.
+    pub fn open(cache: Option<PathBuf>) -> Result<Store> {
+        let cache = build::cache_folder(cache)?;
+        let store = Store {
+            folder: cache.join("synth"),
+            failed: cache.join("failed"),
+        };
+        fs::create_dir_all(&store.folder).map_err(|error| store.fault(&error))?;
+        Ok(store)
+    }
+
+    fn fault(&self, error: &std::io::Error) -> anyhow::Error {
+        anyhow!(
+            "cannot write to the cache {}: {error}; set DYNRT_CACHE to a folder that can be written",
+            self.folder.display()
+        )
+    }
+
+    fn place(&self, name: &str, key: &str) -> PathBuf {
+        self.folder.join(format!("{name}-{key}.json"))
+    }
+
+    /// What is known; nothing too where the file cannot be read, so that it is made again.
+    pub fn get<T: DeserializeOwned>(&self, name: &str, key: &str) -> Option<T> {
+        let text = fs::read_to_string(self.place(name, key)).ok()?;
+        serde_json::from_str(&text).ok()
+    }
+
+    pub fn put<T: Serialize>(&self, name: &str, key: &str, value: &T) -> Result<()> {
+        let file =
+            tempfile::NamedTempFile::new_in(&self.folder).map_err(|error| self.fault(&error))?;
+        serde_json::to_writer(&file, value)?;
+        file.persist(self.place(name, key))
+            .map_err(|error| self.fault(&error.error))?;
+        Ok(())
+    }
+
+    /// Where all that a failing tool said is kept.
+    pub fn failure_log(&self, name: &str) -> PathBuf {
+        self.failed.join(format!("{name}.log"))
+    }
+}

@@ -1,0 +1,176 @@
+//! What nextpnr reports: the clock reached, and the path that limits it, in the names of our modules.
+
+use super::wrapper;
+use crate::hdl::Module;
+use anyhow::{Context, Result};
+use serde::{Deserialize, Serialize};
+use serde_json::Value;
+use std::fmt;
+
+/// What a module reached, placed and routed.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Timing {
+    /// The fastest clock.
+    pub mhz: f64,
+    pub critical_path: CriticalPath,
+}
+
+/// The slowest way from a register to a register.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct CriticalPath {
+    /// Where the signal starts.
+    pub from: Point,
+    /// Signals that it passes and that have a name in the Verilog.
+    pub through: Vec<Point>,
+    /// Where it ends.
+    pub to: Point,
+    /// What logic takes of it, registers' own times included.
+    pub logic_ns: f64,
+    /// What the wires take of it.
+    pub routing_ns: f64,
+}
+
+/// A signal of one of our modules, where it stands under the module that was routed.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Point {
+    /// Names of the instances on the way down, joined by dots; empty in the routed module itself.
+    pub instance: String,
+    /// The module whose signal it is.
+    pub module: String,
+    /// The signal, or `inputs` or `outputs`: the registers around the routed module.
+    pub signal: String,
+}
+
+impl fmt::Display for Point {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self.instance.as_str() {
+            "" => write!(f, "{}", self.signal),
+            instance => write!(f, "{instance}.{}", self.signal),
+        }
+    }
+}
+
+impl fmt::Display for CriticalPath {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{} → {}", self.from, self.to)?;
+        let deepest = (self.through.iter().chain([&self.from, &self.to])).max_by_key(|point| {
+            point.instance.split('.').count() * usize::from(!point.instance.is_empty())
+        });
+        match deepest.filter(|point| !point.instance.is_empty()) {
+            Some(point) => write!(f, " ({})", point.module),
+            None => Ok(()),
+        }
+    }
+}
+
+/// The clock and its critical path, from what nextpnr's `--report` writes of a wrapped `module`.
+///
+/// # Errors
+/// The text is no such report, or a cut-off one, or tells of no path between registers.
+pub fn parse_timing(report: &str, module: &Module) -> Result<Timing> {
+    const WHAT: &str = "nextpnr has written no whole report of its timing";
+    let report: Value = serde_json::from_str(report).context(WHAT)?;
+    let clocks = report["fmax"].as_object().context(WHAT)?;
+    let (clock, figures) = clocks.iter().next().context(WHAT)?;
+    let mhz = figures["achieved"].as_f64().context(WHAT)?;
+    let edge = format!("posedge {clock}");
+    let paths = report["critical_paths"].as_array().context(WHAT)?;
+    let path = (paths.iter())
+        .find(|path| path["from"] == edge.as_str() && path["to"] == edge.as_str())
+        .context(WHAT)?;
+    let segments = path["path"].as_array().context(WHAT)?;
+    let cell = |segment: Option<&Value>, end: &str| {
+        let name = segment?[end]["cell"].as_str()?;
+        Some(point(module, name))
+    };
+    let from = cell(segments.first(), "from").context(WHAT)?;
+    let to = cell(segments.last(), "to").context(WHAT)?;
+    let mut through: Vec<Point> = vec![];
+    let (mut logic_ns, mut routing_ns) = (0.0, 0.0);
+    for segment in segments {
+        let delay = segment["delay"].as_f64().context(WHAT)?;
+        if segment["type"] != "routing" {
+            logic_ns += delay;
+            continue;
+        }
+        routing_ns += delay;
+        let net = segment["net"].as_str().context(WHAT)?;
+        let passed = point(module, net);
+        if passed != from && passed != to && through.last() != Some(&passed) {
+            through.push(passed);
+        }
+    }
+    let picoseconds = |ns: f64| (ns * 1000.0).round() / 1000.0;
+    Ok(Timing {
+        mhz: (mhz * 100.0).round() / 100.0,
+        critical_path: CriticalPath {
+            from,
+            through,
+            to,
+            logic_ns: picoseconds(logic_ns),
+            routing_ns: picoseconds(routing_ns),
+        },
+    })
+}
+
+/// What Yosys appends to a signal's name to name the cells and wires around it.
+const SUFFIXES: [&str; 9] = [
+    "_TRELLIS_",
+    "_LUT4_",
+    "_CCU2C_",
+    "_PFUMX_",
+    "_L6MUX21_",
+    "_MULT18X18D",
+    "_DP16KD",
+    "_PDPW16KD",
+    "$",
+];
+
+/// The signal that a flattened cell or net belongs to or was named after.
+fn point(module: &Module, flat: &str) -> Point {
+    let cut = (SUFFIXES.iter())
+        .filter_map(|suffix| flat.find(suffix))
+        .min()
+        .unwrap_or(flat.len());
+    let name = flat[..cut].split('[').next().unwrap_or_default();
+    let mut parts = name.split('.').peekable();
+    let mut point = Point {
+        instance: String::new(),
+        module: module.name().to_string(),
+        signal: match parts.next() {
+            Some(wrapper::INSTANCE) => String::new(),
+            Some(wrapper::STIMULUS) => "inputs".into(),
+            Some(wrapper::CAPTURED) => "outputs".into(),
+            _ => name.to_string(),
+        },
+    };
+    if !point.signal.is_empty() {
+        return point;
+    }
+    let mut within = module;
+    while let Some(part) = parts.peek() {
+        let Some(child) =
+            (within.children().iter()).find(|child| has_instance(within, child, part))
+        else {
+            break;
+        };
+        if !point.instance.is_empty() {
+            point.instance.push('.');
+        }
+        point.instance.push_str(part);
+        within = child;
+        parts.next();
+    }
+    point.module = within.name().to_string();
+    // A memory's cells are numbered behind a dot.
+    point.signal = parts.next().unwrap_or("(unnamed)").to_string();
+    point
+}
+
+/// Whether a module has an instance of that name of one of its children; the printer puts `child instance (` on a line.
+fn has_instance(module: &Module, child: &Module, instance: &str) -> bool {
+    module.verilog().lines().any(|line| {
+        let words = line.trim().strip_suffix(" (");
+        words.and_then(|words| words.split_once(' ')) == Some((child.name(), instance))
+    })
+}
