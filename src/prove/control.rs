@@ -87,15 +87,20 @@ pub fn proofs(unit: &str, config: &Config) -> Result<Vec<Induction>> {
         Ok(found)
     };
     match unit {
-        "fifo" => named("fifo_")?.iter().map(fifo).collect(),
+        "fifo" => {
+            let prove = |module| match is_block_queue(module) {
+                true => block_fifo(module),
+                false => fifo(module),
+            };
+            named("fifo_")?.iter().map(prove).collect()
+        }
         "prefetch" => named("_prefetch")?.iter().map(prefetch).collect(),
         "credit" => Ok(vec![credit(&find(&all, "update_processor")?)?]),
         "tpu" => {
             let mut few = config.clone();
             few.set("packets.in_flight", &FEW_PACKETS.to_string())?;
-            let rays = config.rays_per_packet;
             Ok(vec![
-                packets(&find(&modules(&few)?, "tpu")?, FEW_PACKETS, rays)?,
+                packets(&find(&modules(&few)?, "tpu")?, FEW_PACKETS)?,
                 choices(&find(&all, "tpu")?)?,
             ])
         }
@@ -158,12 +163,32 @@ struct Queue {
     depth: u32,
     push: String,
     pop: String,
+    /// Of a queue in block RAM, the registers that say that its head has stood still: their number.
+    settling: Option<usize>,
+}
+
+/// What the names of queues' modules begin with.
+const QUEUES: [&str; 2] = ["fifo_", "block_fifo_"];
+
+fn is_queue(module: &str) -> bool {
+    QUEUES.iter().any(|prefix| module.starts_with(prefix))
+}
+
+fn is_block_queue(module: &Rc<Module>) -> bool {
+    module.name().starts_with(QUEUES[1])
 }
 
 fn queues(module: &Module) -> Result<Vec<Queue>> {
     let text = module.verilog();
     let mut found = vec![];
-    for (at, _) in text.match_indices("\n  fifo_") {
+    let places = (QUEUES.iter()).flat_map(|name| {
+        text.match_indices(&format!("\n  {name}"))
+            .map(|(at, _)| at)
+            .collect::<Vec<_>>()
+    });
+    let mut places: Vec<usize> = places.collect();
+    places.sort_unstable();
+    for at in places {
         let instance = &text[at..at
             + text[at..]
                 .find("\n  );")
@@ -184,7 +209,10 @@ fn queues(module: &Module) -> Result<Vec<Queue>> {
         let depth = head[0]
             .rsplit_once('x')
             .and_then(|(_, depth)| depth.parse().ok());
+        let child = module.children().iter().find(|m| m.name() == head[0]);
+        let child = child.with_context(|| format!("{} is placed", head[0]))?;
         found.push(Queue {
+            settling: is_block_queue(child).then(|| settling(child)),
             name: head[1].to_string(),
             depth: depth.with_context(|| format!("the depth of {}", head[0]))?,
             push: connection("push")?,
@@ -195,16 +223,68 @@ fn queues(module: &Module) -> Result<Vec<Queue>> {
     Ok(found)
 }
 
+/// The registers of a queue in block RAM that say that its head has stood still.
+fn settling(module: &Module) -> usize {
+    module.verilog().matches("\n  reg  settled").count()
+}
+
 impl Queue {
-    /// The register that counts its words.
-    fn count(&self) -> String {
-        format!("\\{}.count ", self.name)
+    fn register(&self, name: &str) -> String {
+        format!("\\{}.{name} ", self.name)
     }
 
-    /// A wire through which that can be read.
+    /// How many words it holds.
+    fn count(&self) -> String {
+        match self.settling {
+            None => self.register("count"),
+            Some(_) => format!(
+                "({} + {})",
+                self.register("count"),
+                self.register("front_valid")
+            ),
+        }
+    }
+
+    /// Whether it shows a word.
+    fn shows(&self) -> String {
+        match self.settling {
+            None => format!("({} != 0)", self.register("count")),
+            Some(_) => self.register("front_valid"),
+        }
+    }
+
+    /// Wires through which its registers can be read.
     fn view(&self) -> String {
         let bits = bits_for(u64::from(self.depth) + 1);
-        format!("  (* hierconn *) wire [{}:0] {};\n", bits - 1, self.count())
+        let mut wires = format!(
+            "  (* hierconn *) wire [{}:0] {};\n",
+            bits - 1,
+            self.register("count")
+        );
+        if let Some(settling) = self.settling {
+            let names = (0..settling)
+                .map(|k| format!("settled{k}"))
+                .chain(["front_valid".into()]);
+            for name in names {
+                let _ = writeln!(wires, "  (* hierconn *) wire {};", self.register(&name));
+            }
+        }
+        wires
+    }
+
+    /// Of a queue in block RAM: its head stands still only while it names a word.
+    fn settles(&self) -> Option<Law> {
+        let settled: Vec<_> = (0..self.settling?)
+            .map(|k| self.register(&format!("settled{k}")))
+            .collect();
+        Some(law(
+            &format!("the head of {} stands still at a word", self.name),
+            format!(
+                "!({}) | {} != 0",
+                settled.join(" | "),
+                self.register("count")
+            ),
+        ))
     }
 }
 
@@ -218,7 +298,7 @@ fn texts(module: &Rc<Module>) -> Vec<String> {
     let mut texts = vec![module.verilog().to_string()];
     for child in module.children() {
         let name = child.name();
-        if name.starts_with("fifo_") || name.ends_with("_prefetch") {
+        if is_queue(name) || name.ends_with("_prefetch") {
             texts.extend(self::texts(child));
         } else {
             texts.push(of_any_value(child));
@@ -335,6 +415,109 @@ fn fifo(module: &Rc<Module>) -> Result<Induction> {
                 "if (push ^ pop)",
                 "push ^ pop",
                 "push | pop",
+            ),
+            plant(
+                "a word is written beside its slot",
+                "words[tail] <=",
+                "tail",
+                "head",
+            ),
+        ],
+    })
+}
+
+/// The same of a queue in block RAM, whose front word has a register of its own.
+fn block_fifo(module: &Rc<Module>) -> Result<Induction> {
+    let (width, depth) = (port_width(module, "data")?, words(module, "words")?);
+    let bits = bits_for(u64::from(depth)) + 2;
+    let settling = settling(module);
+    let observer = format!(
+        "{START}
+  always @* assume (!pop | valid);
+  always @* assume (!push | count + front_valid < {depth});
+  (* anyseq *) wire f_choose;
+  reg f_watching;
+  reg [{width}-1:0] f_word;
+  reg [{bits}-1:0] f_ahead;
+  always @(posedge clk)
+    if (rst) f_watching <= 1'b0;
+    else if (!f_watching) begin
+      if (push & f_choose) begin
+        f_watching <= 1'b1;
+        f_word <= data;
+        f_ahead <= count + front_valid - pop;
+      end
+    end else if (pop) begin
+      f_ahead <= f_ahead - 1'b1;
+      if (f_ahead == 0) f_watching <= 1'b0;
+    end
+  wire [{bits}-1:0] f_end = head + count;
+  wire [{bits}-1:0] f_tail = f_end >= {depth} ? f_end - {depth} : f_end;
+  wire f_in_front = front_valid & f_ahead == 0;
+  wire [{bits}-1:0] f_at = head + f_ahead - front_valid;
+  wire [{bits}-1:0] f_slot = f_at >= {depth} ? f_at - {depth} : f_at;
+  wire [{width}-1:0] f_stored = words[f_slot];
+  wire [{width}-1:0] f_first = words[head];
+  reg f_stays;
+  reg [{width}-1:0] f_front;
+  always @(posedge clk) begin
+    f_stays <= !rst & valid & !pop;
+    f_front <= front;
+  end
+"
+    );
+    let mut laws = vec![
+        law(
+            "the queue never holds more words than it has room for",
+            format!("count + front_valid <= {depth}"),
+        ),
+        law("the head is a slot", format!("head < {depth}")),
+        law(
+            "the tail is as far from the head as there are words",
+            "tail == f_tail",
+        ),
+        law(
+            "a watched word is held until it is popped",
+            "!f_watching | f_ahead < count + front_valid",
+        ),
+        law(
+            "a watched word keeps its slot",
+            "!f_watching | (f_in_front ? front_word == f_word : f_stored == f_word)",
+        ),
+        law(
+            "a watched word comes out in its turn",
+            "!(f_watching & f_ahead == 0 & valid) | front == f_word",
+        ),
+        law(
+            "a front word that is not popped stays",
+            "!f_stays | (valid & front == f_front)",
+        ),
+    ];
+    for (k, word) in ["words_read", "words_read_d1"]
+        .iter()
+        .take(settling)
+        .enumerate()
+    {
+        laws.push(law(
+            "the word read is the head's once that has stood still",
+            format!("!settled{k} | (count != 0 & {word} == f_first)"),
+        ));
+    }
+    Ok(Induction {
+        module: module.name().into(),
+        what: "words come out in order, each once; none is lost; no overflow; the front stays"
+            .into(),
+        texts: texts(module),
+        observer,
+        laws,
+        depth: 1,
+        arrays: false,
+        plants: vec![
+            plant(
+                "a push and a pop at once count as a push",
+                "if (push ^ load)",
+                "push ^ load",
+                "push | load",
             ),
             plant(
                 "a word is written beside its slot",
@@ -622,7 +805,7 @@ fn credit(module: &Rc<Module>) -> Result<Induction> {
 
 /// Of the traversal unit: every packet that it was given is in exactly one place, or is finished: so no queue ever holds more than
 /// there are packets. It is given no more packets than it has numbers for; memory and geometry unit answer what they were asked.
-fn packets(module: &Rc<Module>, packets: u32, rays: u32) -> Result<Induction> {
+fn packets(module: &Rc<Module>, packets: u32) -> Result<Induction> {
     let queues = queues(module)?;
     let stepping = pipeline_bits(module, "step_valid")?;
     let popping = pipeline_bits(module, "pop_done")?;
@@ -635,7 +818,9 @@ fn packets(module: &Rc<Module>, packets: u32, rays: u32) -> Result<Induction> {
         "
   reg [{pops}-1:0] f_soon;
   reg [{bits}-1:0] f_total, f_memory, f_geometry, f_stepping, f_popping;
-  wire f_start = setup_valid & setup_ray == {last};
+  wire f_start = setup_valid & setup_last & !setup_object;
+  // A packet that was handed over at an instance comes back as rays set up in the object's space.
+  wire f_enters = setup_valid & setup_last & setup_object;
   wire f_request = node_request_valid & node_request_ready;
   wire f_leaf = leaf_valid & leaf_ready;
   always @(posedge clk)
@@ -646,7 +831,7 @@ fn packets(module: &Rc<Module>, packets: u32, rays: u32) -> Result<Induction> {
       f_soon <= {{f_soon, setup_soon}};
       f_total <= f_total + f_start - finished_valid;
       f_memory <= f_memory + f_request - node_response_valid;
-      f_geometry <= f_geometry + f_leaf - done_valid;
+      f_geometry <= f_geometry + f_leaf - done_valid - f_enters;
       f_stepping <= f_stepping + node_response_valid - step_valid;
       f_popping <= f_popping + pop_valid - pop_done;
     end
@@ -654,12 +839,11 @@ fn packets(module: &Rc<Module>, packets: u32, rays: u32) -> Result<Induction> {
     assume (setup_valid == f_soon[{pops}-1]);
     assume (!f_start | f_total < {packets});
     assume (!node_response_valid | f_memory != 0);
-    assume (!done_valid | f_geometry != 0);
+    assume (f_geometry >= done_valid + f_enters);
   end
   wire [{bits}-1:0] f_step_bits = {steps};
   wire [{bits}-1:0] f_pop_bits = {pop_bits};
 ",
-        last = rays - 1,
         steps = stepping.join(" + "),
         pop_bits = popping.join(" + "),
     );
@@ -673,7 +857,7 @@ fn packets(module: &Rc<Module>, packets: u32, rays: u32) -> Result<Induction> {
     places.extend([
         place("f_memory", "f_request", "node_response_valid"),
         place("f_stepping", "node_response_valid", "step_valid"),
-        place("f_geometry", "f_leaf", "done_valid"),
+        place("f_geometry", "f_leaf", "done_valid + f_enters"),
     ]);
     let zero = format!("{bits}'d0");
     let mut laws = vec![
@@ -732,12 +916,13 @@ fn packets(module: &Rc<Module>, packets: u32, rays: u32) -> Result<Induction> {
     for queue in &queues {
         laws.push(law(
             &format!("{} is popped only where it shows a word", queue.name),
-            format!("!({}) | {} != 0", queue.pop, queue.count()),
+            format!("!({}) | {}", queue.pop, queue.shows()),
         ));
         laws.push(law(
             &format!("nothing is pushed to a full {}", queue.name),
             format!("!({}) | {} < {packets}", queue.push, queue.count()),
         ));
+        laws.extend(queue.settles());
     }
     for (name, waits, choice) in held(&queues)? {
         laws.push(law(
@@ -777,9 +962,9 @@ fn held(queues: &[Queue]) -> Result<[(&'static str, &'static str, String); 2]> {
     let in_queue = |choice: &str, preferred: &str, other: &str| {
         let (preferred, other) = (queue(queues, preferred)?, queue(queues, other)?);
         Ok::<_, anyhow::Error>(format!(
-            "({choice} ? {} != 0 : {} != 0)",
-            preferred.count(),
-            other.count()
+            "({choice} ? {} : {})",
+            preferred.shows(),
+            other.shows()
         ))
     };
     Ok([
@@ -821,6 +1006,7 @@ fn choices(module: &Rc<Module>) -> Result<Induction> {
             )
         })
         .collect();
+    laws.extend(queues.iter().filter_map(Queue::settles));
     for (name, waits, choice) in held(&queues)? {
         laws.push(law(
             &format!("the {name} that waits is still in its queue"),

@@ -14,6 +14,8 @@ const VIRTEX4_PART: &str = "xc4vlx160-10-ff1148";
 /// The board of the ECP5: a ULX3S with an LFE5U-85F-6BG381C, and its oscillator in MHz.
 const BOARD: &str = "dynrt_ulx3s";
 const OSCILLATOR_MHZ: u32 = 25;
+/// The greatest divider of a PLL's output.
+const MOST_OUTPUT: u32 = 128;
 
 /// How a board's clock is made from its oscillator by an ECP5's PLL: oscillator × feedback ÷ input.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -43,8 +45,8 @@ impl Pll {
             })
             .expect("a clock of 4 MHz or more");
         Pll {
-            // As near to 600 MHz as it gets, which is within the range for every clock up to 400 MHz.
-            output: (600_000 + best.khz() / 2) / best.khz(),
+            // As near to 600 MHz as the divider goes, which is within the range for every clock up to 400 MHz.
+            output: ((600_000 + best.khz() / 2) / best.khz()).min(MOST_OUTPUT),
             ..best
         }
     }
