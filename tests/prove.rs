@@ -77,8 +77,8 @@ fn products_comparisons_and_steps() {
 }
 
 #[test]
-fn queues_credits_and_stack() {
-    let units = ["fifo", "prefetch", "credit", "tpu", "stack"];
+fn queues_and_packets() {
+    let units = ["fifo", "prefetch", "tpu"];
     hold(
         &rows(&machine(&[("packets.in_flight", "4")]), &units, true, false),
         10,
@@ -105,7 +105,7 @@ fn planted_faults_of_the_arithmetic_are_refuted() {
 
 #[test]
 fn planted_faults_of_control_are_refuted() {
-    let units = ["prefetch", "credit", "tpu", "stack"];
+    let units = ["prefetch", "credit", "tpu"];
     hold(
         &rows(&machine(&[("packets.in_flight", "4")]), &units, true, true),
         10,

@@ -309,6 +309,18 @@ fn texts(module: &Rc<Module>) -> Vec<String> {
     texts
 }
 
+/// The module's text, its children replaced by outputs of any value.
+fn alone(module: &Rc<Module>) -> Vec<String> {
+    let mut texts = vec![module.verilog().to_string()];
+    for child in module.children() {
+        let text = of_any_value(child);
+        if !texts.contains(&text) {
+            texts.push(text);
+        }
+    }
+    texts
+}
+
 fn of_any_value(module: &Module) -> String {
     let mut ports = vec![];
     let mut body = String::new();
@@ -664,10 +676,28 @@ fn credit(module: &Rc<Module>) -> Result<Induction> {
     let sum: Vec<String> = (0..in_merge).map(|i| format!("f_nodes[{i}]")).collect();
     let mut laws = vec![];
     let _ = write!(observer, "  wire [7:0] f_merging = {};\n", sum.join(" + "));
-    // Programs have instructions of one kind each, and what comes out of a queue is what went in.
+    // Programs have instructions of one kind each and end with their end; what comes out of the queue is what went in.
     observer += "  always @* assume (!(is_reload & is_end));
   always @* assume (!current_valid | (current_load + current_leaf + current_node + current_end <= 3'd1));
 ";
+    let _ = writeln!(
+        observer,
+        "  always @* assume (!end_waits | !(decoding | decoded | {} != 0));",
+        instructions.count()
+    );
+    laws.extend([
+        law(
+            "nothing is decoded after an end",
+            "!(decoded & decoded_end & decoding)",
+        ),
+        law(
+            "an update runs while anything of it is left",
+            format!(
+                "running | !(decoding | decoded | {} != 0 | current_valid | nodes_under_way != 0)",
+                instructions.count()
+            ),
+        ),
+    ]);
     laws.push(law(
         "a decoded instruction is of one kind",
         "!decoded | (decoded_load + decoded_leaf + decoded_node + decoded_end <= 3'd1)",
@@ -1133,7 +1163,7 @@ fn stack(module: &Rc<Module>, config: &Config) -> Result<Induction> {
         what: format!(
             "a pop reads what the packet's push at its level wrote; {packets} packets, {levels} levels"
         ),
-        texts: texts(module),
+        texts: alone(module),
         observer: observer.replace("pushes_last", push),
         laws: vec![
             law(
