@@ -3,6 +3,7 @@
 //! Data flows one way: [`scene`] → [`bkd`] tree and memory image → machine ([`golden`] or the Verilog
 //! that [`hw`] describes with [`hdl`]) → results → [`report`]. [`cosim`] joins golden model and RTL.
 
+pub mod baseline;
 pub mod bkd;
 pub mod config;
 pub mod cosim;

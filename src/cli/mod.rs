@@ -1,6 +1,7 @@
 //! The command line: one file a subcommand, and what they share.
 
 mod animate;
+mod baseline;
 mod constraints;
 mod cosim;
 mod frame;
@@ -33,6 +34,7 @@ Examples:
   dynrt prove --quick                                proofs about that Verilog by open tools
   dynrt synth                                        what the machine takes of a Virtex-4, unit by unit
   dynrt constraints --out build/constraints          from Verilog to a bitstream that tests itself
+  dynrt baseline                                     whether any of that has become worse than what is checked in
   dynrt vectors builtin:cornell --out vectors        stimulus and expected results for other simulators
   dynrt COMMAND --help                               all options, with examples
 
@@ -61,6 +63,8 @@ enum Command {
     Prove(prove::Args),
     Synth(synth::Args),
     Constraints(constraints::Args),
+    Baseline(baseline::Args),
+    Numbers(baseline::NumbersArgs),
 }
 
 /// The heading of [`ConfigArgs`].
@@ -143,6 +147,8 @@ pub fn main() -> ExitCode {
         Command::Prove(args) => prove::run(&args),
         Command::Synth(args) => synth::run(&args),
         Command::Constraints(args) => constraints::run(&args),
+        Command::Baseline(args) => baseline::run(&args),
+        Command::Numbers(args) => baseline::numbers(&args),
     };
     let Err(error) = result else {
         return ExitCode::SUCCESS;

@@ -36,6 +36,8 @@ pub struct Options {
     pub ray_stall: f64,
     /// Share of the clocks in which no hit is taken, 0 to 1.
     pub hit_stall: f64,
+    /// Clocks from one of [`Report::samples`] to the next; none are taken without.
+    pub sample_cycles: Option<u64>,
     pub trace: Option<Trace>,
     /// What a person types to run this again, for a mismatch's report.
     pub replay: String,
@@ -47,6 +49,7 @@ impl Default for Options {
             seed: 1,
             ray_stall: 0.0,
             hit_stall: 0.0,
+            sample_cycles: None,
             trace: None,
             replay: String::new(),
         }
@@ -67,6 +70,8 @@ pub struct Report {
     pub cycles: u64,
     /// The RTL's own counters.
     pub counters: Counters,
+    /// The same as they stood every [`Options::sample_cycles`] clocks on the way.
+    pub samples: Vec<Counters>,
     pub model_build_s: f64,
     pub model_reused: bool,
     pub simulate_s: f64,
@@ -424,6 +429,7 @@ impl RaycastUnit {
             transforms_checked: run.transforms_checked,
             cycles: run.cycles,
             counters: run.counters,
+            samples: run.samples,
             model_build_s: self.model_build_s,
             model_reused: self.model_reused,
             simulate_s: started.elapsed().as_secs_f64(),
@@ -455,6 +461,7 @@ struct Run<'a> {
     transforms_checked: u64,
     cycles: u64,
     counters: Counters,
+    samples: Vec<Counters>,
     rng: fastrand::Rng,
 }
 
@@ -536,6 +543,7 @@ impl<'a> Run<'a> {
             transforms_checked: 0,
             cycles: 0,
             counters: Counters::default(),
+            samples: Vec::new(),
             rng: fastrand::Rng::with_seed(options.seed ^ 4),
         })
     }
@@ -595,6 +603,12 @@ impl<'a> Run<'a> {
             }
             self.model.clock();
             self.cycles += u64::from(started);
+            if let Some(every) = self.options.sample_cycles
+                && started
+                && self.cycles.is_multiple_of(every)
+            {
+                self.samples.push(self.counters()?);
+            }
             idle = if events { 0 } else { idle + 1 };
             if idle > PATIENCE {
                 bail!(
@@ -606,7 +620,7 @@ impl<'a> Run<'a> {
             }
         }
         progress(total as u64);
-        self.read_counters()
+        self.end()
     }
 
     fn stalls(&mut self, probability: f64) -> bool {
@@ -923,9 +937,13 @@ impl<'a> Run<'a> {
         Ok(())
     }
 
-    fn read_counters(&mut self) -> Result<()> {
-        let counter = |name: &str| -> Result<u64> { Ok(self.model.get(self.model.port(name)?)) };
-        self.counters = Counters {
+    fn counter(&self, name: &str) -> Result<u64> {
+        Ok(self.model.get(self.model.port(name)?))
+    }
+
+    fn counters(&self) -> Result<Counters> {
+        let counter = |name: &str| self.counter(name);
+        Ok(Counters {
             cycles: counter("count_cycles")?,
             packet_steps: counter("count_packet_steps")?,
             ray_triangle_tests: counter("count_ray_triangle_tests")?,
@@ -935,9 +953,14 @@ impl<'a> Run<'a> {
             gu_busy_cycles: counter("count_gu_busy_cycles")?,
             gu_starved_cycles: counter("count_gu_starved_cycles")?,
             stack_high_water: counter("stack_high_water")?,
-        };
+        })
+    }
+
+    /// Reads what the unit counted, and holds it against what was seen of it.
+    fn end(&mut self) -> Result<()> {
+        self.counters = self.counters()?;
         ensure!(
-            counter("stack_overflow")? == 0,
+            self.counter("stack_overflow")? == 0,
             "the machine flags a stack overflow"
         );
         let counted = [

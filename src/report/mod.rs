@@ -26,6 +26,14 @@ pub fn json(path: &Path, value: &serde_json::Value) -> Result<()> {
     })
 }
 
+/// Writes a text.
+///
+/// # Errors
+/// One line that names the file if it cannot be written.
+pub fn text(path: &Path, text: &str) -> Result<()> {
+    write_whole(path, |file| Ok(file.write_all(text.as_bytes())?))
+}
+
 /// A progress bar on stderr that counts to `length`; silent where stderr is not a terminal.
 pub fn progress(length: u64, what: &'static str) -> ProgressBar {
     let bar = ProgressBar::with_draw_target(Some(length), ProgressDrawTarget::hidden());

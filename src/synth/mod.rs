@@ -176,6 +176,18 @@ pub fn synthesise(config: &Config, request: &Request, progress: &dyn Fn(&str)) -
     })
 }
 
+/// Of a module's Verilog and that of all modules below it: the same only where the text is the same.
+///
+/// # Errors
+/// None of a module that [`emit::generate`] made.
+pub fn fingerprint(module: &Rc<Module>) -> Result<String> {
+    let files = Design::new(module.clone())?.files();
+    let parts: Vec<&str> = (files.iter())
+        .flat_map(|(name, text)| [name.as_str(), text])
+        .collect();
+    Ok(store::key(&parts))
+}
+
 /// The modules of the names given, or all.
 fn choose<'d>(design: &'d Design, names: &[String]) -> Result<Vec<&'d Rc<Module>>> {
     let modules = design.modules();

@@ -1,0 +1,342 @@
+//! Measures what a baseline holds.
+
+use super::{
+    Baseline, ConfigurationArea, Depth, FAST, FilmFigures, FrameFigures, SEEDS, UnitArea, UnitClock,
+};
+use crate::bkd::layout::MemoryImage;
+use crate::bkd::{BuildOptions, build};
+use crate::config::{Config, NAMED};
+use crate::cosim::animate::{self, Figures, Film};
+use crate::cosim::raycast::{self, Counters};
+use crate::emit;
+use crate::scene::animation::{MachineFrame, MachineScene, load_animated};
+use crate::scene::{self, Camera, Frame, ImageSize, MachineMesh, View};
+use crate::synth::{self, Target};
+use anyhow::{Context, Result, ensure};
+use std::path::PathBuf;
+
+/// The fixed frames: scenes that need no file.
+const FRAMES: [(&str, Option<View>, &str); 3] = [
+    ("builtin:teapot", None, "256x192"),
+    ("builtin:cornell", None, "256x192"),
+    ("builtin:interior", Some(View::Inside), "256x192"),
+];
+
+/// The fixed films: one that is skinned, one that the host moves, one of two levels.
+const FILMS: [(&str, usize, &str); 3] = [
+    ("builtin:figure", 3, "256x192"),
+    ("builtin:water", 2, "128x96"),
+    ("builtin:reef", 2, "128x96"),
+];
+
+/// Intervals that a frame is cut into, about.
+const INTERVALS: u64 = 100;
+
+/// Units of the table of depths, and clocks that they are made for.
+const DEPTH_UNITS: [&str; 4] = ["fp_add", "fp_mul", "fp_reciprocal", "near_distance"];
+const DEPTH_CLOCKS: [u32; 6] = [50, 66, 75, 100, 125, 150];
+
+/// What to measure; all else is taken over from the baseline given.
+#[derive(Clone, Debug, Default)]
+pub struct Request {
+    /// Modules that took more LUT4 than this are not synthesised again; `None`: all that have changed are.
+    pub most_lut4: Option<u64>,
+    /// The clocks of all modules, the other configurations' area and the table of depths too: hours, without a cache.
+    pub clock: bool,
+    /// The cache folder; `None` for the user's.
+    pub cache: Option<PathBuf>,
+}
+
+/// Measures the reference machine. Returns its figures, and of each module that has changed but was not synthesised its name and
+/// why. `progress` is told what is going on, a line at a time.
+///
+/// # Errors
+/// A mismatch of RTL and golden model; a tool that is missing or fails.
+pub fn measure(
+    was: &Baseline,
+    request: &Request,
+    progress: &dyn Fn(&str),
+) -> Result<(Baseline, Vec<(String, String)>)> {
+    let config = Config::reference();
+    let mut is = Baseline {
+        machine: config.name.clone(),
+        ..was.clone()
+    };
+    is.frames = (FRAMES.iter())
+        .map(|&(scene, view, size)| frame(&config, scene, view, size, progress))
+        .collect::<Result<_>>()?;
+    is.films = (FILMS.iter())
+        .map(|&(scene, frames, size)| film(&config, scene, frames, size, progress))
+        .collect::<Result<_>>()?;
+    let kept = area(&config, was, &mut is, request, progress)?;
+    if request.clock {
+        clock(&config, &mut is, request, progress)?;
+    }
+    Ok((is, kept))
+}
+
+fn rounded(value: f64) -> f64 {
+    (value * 1e4).round() / 1e4
+}
+
+fn frame(
+    config: &Config,
+    spec: &str,
+    view: Option<View>,
+    size: &str,
+    progress: &dyn Fn(&str),
+) -> Result<FrameFigures> {
+    progress(&format!("casting {spec} at {size}"));
+    let scene = scene::load(spec)?;
+    let mesh = MachineMesh::new(&scene, config.format())?;
+    let options = BuildOptions::default_for(config.axes_per_node, config.stack_depth);
+    let tree = build(&mesh.vertices, &mesh.triangles, &options)?;
+    let image = MemoryImage::new(mesh.format, &mesh.vertices, &mesh.triangles, &tree)?;
+    let bounds = scene.bounds();
+    let (camera, name) = match view {
+        Some(View::Inside) => (Camera::inside(bounds), "inside"),
+        Some(View::Outside) => (Camera::outside(bounds), "outside"),
+        None => (Camera::framing(bounds), "framing"),
+    };
+    let pixels: ImageSize = size.parse()?;
+    let picture = Frame::new(pixels, config.rays_per_packet as usize)?;
+    let packets = picture.primary_rays(&camera, &mesh)?;
+    let rays: Vec<_> = packets.iter().flat_map(|p| p.rays.clone()).collect();
+    let replay = format!("dynrt cosim {spec} --size {size}");
+    let mut options = raycast::Options {
+        replay: match view {
+            None => replay,
+            Some(_) => format!("{replay} --view {name}"),
+        },
+        ..raycast::Options::default()
+    };
+    let mut unit = raycast::RaycastUnit::new(config, None)?;
+    // The first run only tells how long it is: intervals are whole hundredths of it, in round numbers.
+    let cycles = unit.cast(&image, &rays, &options, &|_| ())?.cycles;
+    let interval_cycles = (cycles / INTERVALS).next_power_of_two();
+    options.sample_cycles = Some(interval_cycles);
+    let report = unit.cast(&image, &rays, &options, &|_| ())?;
+    ensure!(
+        report.cycles == cycles,
+        "{spec}: {cycles} clocks, then {} for the same rays: a run does not repeat itself",
+        report.cycles
+    );
+    let by_interval = |count: fn(&Counters) -> u64| {
+        let mut before = 0;
+        let mut share = |sample: &Counters| {
+            let now = count(sample);
+            let share = (now - before) as f64 / interval_cycles as f64;
+            before = now;
+            rounded(share)
+        };
+        report.samples.iter().map(&mut share).collect()
+    };
+    Ok(FrameFigures {
+        scene: spec.into(),
+        view: name.into(),
+        size: size.into(),
+        rays: rays.iter().filter(|ray| ray.active).count() as u64,
+        cycles,
+        packet_steps: report.counters.packet_steps,
+        ray_triangle_tests: report.counters.ray_triangle_tests,
+        tpu_utilisation: rounded(report.tpu_utilisation()),
+        gu_utilisation: rounded(report.gu_utilisation()),
+        interval_cycles,
+        tpu_by_interval: by_interval(|counters| counters.packet_steps),
+        gu_by_interval: by_interval(|counters| counters.gu_busy_cycles),
+    })
+}
+
+fn film(
+    config: &Config,
+    spec: &str,
+    count: usize,
+    size: &str,
+    progress: &dyn Fn(&str),
+) -> Result<FilmFigures> {
+    progress(&format!("showing {count} frames of {spec} at {size}"));
+    let scene = load_animated(spec)?;
+    let clip = scene.clip(None)?;
+    let times = clip.map_or(vec![0.0; count], |clip| {
+        scene.clips[clip].frame_times(count)
+    });
+    let poses = times.iter().map(|&time| scene.pose(clip, time));
+    let poses = poses.collect::<Result<Vec<_>>>()?;
+    let extents = scene.extents_of(&poses)?;
+    let format = config.format();
+    let machine = MachineScene::new(&scene, &extents, format, config.skinning_joints)?;
+    let frames = poses.iter().map(|pose| machine.frame(pose));
+    let frames = frames.collect::<Result<Vec<MachineFrame>>>()?;
+    let pixels: ImageSize = size.parse()?;
+    let camera = scene.camera(&poses, pixels);
+    let picture = Frame::new(pixels, config.rays_per_packet as usize)?;
+    let packets = picture.rays_in(&camera, format, machine.log2_scale)?;
+    let film = Film {
+        scene: &machine,
+        frames: &frames,
+        size: pixels,
+        packets: &packets,
+    };
+    let options = animate::Options {
+        replay: format!("dynrt animate {spec} --frames {count} --size {size}"),
+        ..animate::Options::default()
+    };
+    let mut total = Figures::default();
+    animate::run(config, film, &options, &|_, _| (), |frame| {
+        total.add(&frame.figures);
+        Ok(())
+    })?;
+    Ok(FilmFigures {
+        scene: spec.into(),
+        size: size.into(),
+        frames: count as u64,
+        rays: total.rays,
+        skinning_cycles: total.skinning_cycles,
+        influences: total.influences,
+        update_cycles: total.update_cycles,
+        instructions: total.instructions,
+        triangles: total.triangles,
+        nodes_written: total.nodes_written,
+        raycast_cycles: total.raycast_cycles,
+    })
+}
+
+fn area(
+    config: &Config,
+    was: &Baseline,
+    is: &mut Baseline,
+    request: &Request,
+    progress: &dyn Fn(&str),
+) -> Result<Vec<(String, String)>> {
+    let (machine, _) = emit::generate(config)?;
+    let (mut units, mut kept, mut changed) = (vec![], vec![], vec![]);
+    for module in machine.design.modules() {
+        let (name, verilog) = (module.name().to_string(), synth::fingerprint(module)?);
+        let old = was.unit_area(&name);
+        if let Some(old) = old.filter(|old| old.verilog == verilog) {
+            units.push(old.clone());
+            continue;
+        }
+        if let (Some(old), Some(most)) = (old, request.most_lut4)
+            && old.area.lut4 > most
+        {
+            kept.push((
+                name,
+                format!(
+                    "it took {} LUT4, and modules of more than {most} are measured by dynrt baseline --all",
+                    old.area.lut4
+                ),
+            ));
+            units.push(old.clone());
+            continue;
+        }
+        // Its place; the area follows.
+        changed.push(name.clone());
+        units.push(UnitArea {
+            name,
+            verilog,
+            area: Default::default(),
+        });
+    }
+    if !changed.is_empty() {
+        let report = synth::synthesise(
+            config,
+            &synth::Request {
+                target: Target::Virtex4Lx160,
+                units: changed,
+                seeds: 0,
+                cache: request.cache.clone(),
+            },
+            progress,
+        )?;
+        is.area_tools = report.tools;
+        for measured in report.units {
+            let unit = units.iter_mut().find(|unit| unit.name == measured.name);
+            unit.context("a module that was not asked for")?.area = measured.area;
+        }
+    }
+    is.area = units;
+    Ok(kept)
+}
+
+fn clock(
+    config: &Config,
+    is: &mut Baseline,
+    request: &Request,
+    progress: &dyn Fn(&str),
+) -> Result<()> {
+    let routing = |units: Vec<String>, seeds| synth::Request {
+        target: Target::Ecp5_85f,
+        units,
+        seeds,
+        cache: request.cache.clone(),
+    };
+    (is.clock, is.clock_tools) = clocks(config, &routing, progress)?;
+    is.fast_clock = clocks(&Config::load(FAST)?, &routing, progress)?.0;
+    is.configurations.clear();
+    for &(name, _) in NAMED {
+        let config = Config::load(name)?;
+        let (machine, _) = emit::generate(&config)?;
+        let top = machine.design.top();
+        let verilog = synth::fingerprint(top)?;
+        let known = is.area.iter().find(|unit| unit.verilog == verilog);
+        let area = match known {
+            Some(unit) => unit.area,
+            None => {
+                let asked = synth::Request {
+                    target: Target::Virtex4Lx160,
+                    ..routing(vec![top.name().into()], 0)
+                };
+                let report = synth::synthesise(&config, &asked, progress)?;
+                report.units.first().context("the machine")?.area
+            }
+        };
+        is.configurations.push(ConfigurationArea {
+            name: name.into(),
+            clock_mhz: config.clock_mhz,
+            verilog,
+            area,
+        });
+    }
+    is.depths.clear();
+    for asked_mhz in DEPTH_CLOCKS {
+        let mut config = config.clone();
+        config.set("clock.target_mhz", &asked_mhz.to_string())?;
+        let units = DEPTH_UNITS.map(String::from).to_vec();
+        let report = synth::synthesise(&config, &routing(units, 1), progress)?;
+        for unit in report.units {
+            is.depths.push(Depth {
+                depth: unit.latency.context("the depth of a pipeline")?,
+                mhz: rounded(unit.mhz.context("a module that was routed has a clock")?),
+                unit: unit.name,
+                asked_mhz,
+                area: unit.area,
+            });
+        }
+    }
+    Ok(())
+}
+
+/// The clocks of all modules of a machine but the whole, which no device of this kind leaves room to route with shift registers around it.
+fn clocks(
+    config: &Config,
+    routing: &dyn Fn(Vec<String>, u32) -> synth::Request,
+    progress: &dyn Fn(&str),
+) -> Result<(Vec<UnitClock>, Vec<String>)> {
+    let (machine, _) = emit::generate(config)?;
+    let modules = machine.design.modules();
+    let names = modules.iter().map(|module| module.name().to_string());
+    let report = synth::synthesise(config, &routing(names.collect(), SEEDS), progress)?;
+    let clocks = (report.units.into_iter().zip(modules))
+        .map(|(unit, module)| {
+            let path = unit.critical_path.context("a critical path")?;
+            Ok(UnitClock {
+                name: unit.name,
+                verilog: synth::fingerprint(module)?,
+                mhz: rounded(unit.mhz.context("a clock")?),
+                critical_path: path.to_string(),
+            })
+        })
+        .collect::<Result<_>>()?;
+    Ok((clocks, report.tools))
+}

@@ -1,0 +1,385 @@
+//! The ratchet: what the reference machine takes, how fast it is and in how many clocks it does fixed work, as checked in
+//! under `docs/`, and what a change does to it.
+//!
+//! | figure | holds when |
+//! |---|---|
+//! | clocks and counts of fixed frames and films | they are the same to the clock |
+//! | area of each module | it is at most 1 % more; a module whose Verilog is the same needs no tool to tell |
+//! | clock of each module, placed and routed | the worst seed is at most 3 % slower |
+//!
+//! [`page`] makes the page of numbers and its plots of the same figures, so that they are written down once.
+
+mod measure;
+pub mod page;
+mod plots;
+
+pub use measure::{Request, measure};
+
+use crate::synth::Area;
+use anyhow::{Context, Result, anyhow};
+use serde::{Deserialize, Serialize};
+use std::fmt::{self, Write as _};
+use std::path::Path;
+
+/// Figures of the reference machine, and some of others.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct Baseline {
+    /// The configuration that units, frames and films are of.
+    pub machine: String,
+    /// Whole pictures through the ray casting unit.
+    pub frames: Vec<FrameFigures>,
+    /// Scenes that move, through all units.
+    pub films: Vec<FilmFigures>,
+    /// Versions of the tools that counted area.
+    pub area_tools: Vec<String>,
+    /// On a Virtex-4 LX160: every module, the machine last.
+    pub area: Vec<UnitArea>,
+    /// Versions of the tools that placed and routed.
+    pub clock_tools: Vec<String>,
+    /// On an ECP5-85F, speed grade 6: the worst of [`SEEDS`] seeds.
+    pub clock: Vec<UnitClock>,
+    /// The same of the configuration [`FAST`].
+    pub fast_clock: Vec<UnitClock>,
+    /// All named configurations, whole.
+    pub configurations: Vec<ConfigurationArea>,
+    /// Of units made for several clocks.
+    pub depths: Vec<Depth>,
+}
+
+/// Seeds from which each module is placed and routed.
+pub const SEEDS: u32 = 3;
+
+/// The configuration for the fastest clock.
+pub const FAST: &str = "ecp5-85f";
+
+/// A picture, all rays of which went through the RTL.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct FrameFigures {
+    pub scene: String,
+    /// `inside`, `outside` or `framing`.
+    pub view: String,
+    pub size: String,
+    pub rays: u64,
+    /// From the first ray taken to the last hit.
+    pub cycles: u64,
+    pub packet_steps: u64,
+    pub ray_triangle_tests: u64,
+    /// Packet steps a clock.
+    pub tpu_utilisation: f64,
+    /// Slots of the triangle test used a clock.
+    pub gu_utilisation: f64,
+    /// Clocks of one value of what follows.
+    pub interval_cycles: u64,
+    /// `tpu_utilisation` of each interval.
+    pub tpu_by_interval: Vec<f64>,
+    /// `gu_utilisation` of each interval.
+    pub gu_by_interval: Vec<f64>,
+}
+
+/// Frames of a scene that moves, every stage of which ran in RTL.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct FilmFigures {
+    pub scene: String,
+    pub size: String,
+    pub frames: u64,
+    pub rays: u64,
+    pub skinning_cycles: u64,
+    pub influences: u64,
+    pub update_cycles: u64,
+    pub instructions: u64,
+    pub triangles: u64,
+    pub nodes_written: u64,
+    pub raycast_cycles: u64,
+}
+
+/// What a module takes, all below it included.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct UnitArea {
+    pub name: String,
+    /// See [`crate::synth::fingerprint`].
+    pub verilog: String,
+    #[serde(flatten)]
+    pub area: Area,
+}
+
+/// The clock of a module, placed and routed.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct UnitClock {
+    pub name: String,
+    pub verilog: String,
+    /// Of the worst seed.
+    pub mhz: f64,
+    /// From start to end of the slowest path, in the Verilog's names.
+    pub critical_path: String,
+}
+
+/// What the machine of a named configuration takes of a Virtex-4.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct ConfigurationArea {
+    pub name: String,
+    /// What it is made for.
+    pub clock_mhz: u32,
+    pub verilog: String,
+    #[serde(flatten)]
+    pub area: Area,
+}
+
+/// A unit made for a clock, on an ECP5-85F from one seed.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Depth {
+    pub unit: String,
+    /// What it was made for.
+    pub asked_mhz: u32,
+    /// Registers from its inputs to its outputs.
+    pub depth: u32,
+    #[serde(flatten)]
+    pub area: Area,
+    pub mhz: f64,
+}
+
+/// How a figure compares with the one that is checked in.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Verdict {
+    /// Within what is allowed.
+    Holds,
+    /// Different where it must be the same, or worse than is allowed.
+    Fails,
+    /// Not measured this time, and so kept as it was.
+    Kept,
+}
+
+/// A figure beside the one that is checked in.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Finding {
+    /// Whose, and which.
+    pub figure: String,
+    pub was: String,
+    pub is: String,
+    pub verdict: Verdict,
+}
+
+impl fmt::Display for Finding {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Finding {
+            figure, was, is, ..
+        } = self;
+        match self.verdict {
+            Verdict::Kept => write!(f, "{figure}: {was}, not measured now: {is}"),
+            _ if was == is => write!(f, "{figure}: {is}"),
+            _ => write!(f, "{figure}: {was} → {is}"),
+        }
+    }
+}
+
+/// What is in place of a figure that is not there.
+const NOTHING: &str = "nothing";
+
+/// How much more of anything a module may take.
+const AREA_SLACK: f64 = 0.01;
+
+/// How much slower a module may be: place and route of the same function wanders by as much.
+const CLOCK_SLACK: f64 = 0.03;
+
+impl Baseline {
+    /// Reads a checked-in file.
+    ///
+    /// # Errors
+    /// One line that names the file and the remedy where it cannot be read or is not of this form.
+    pub fn read(path: &Path) -> Result<Baseline> {
+        let shown = path.display();
+        let text = std::fs::read_to_string(path).map_err(|error| {
+            anyhow!("{shown}: {error}; run this in a checkout, give --file, or make one: dynrt baseline --accept \"the first\" --clock")
+        })?;
+        serde_json::from_str(&text).with_context(|| {
+            format!("{shown}: is no baseline of this version; restore it from the repository, or remove it and make one anew")
+        })
+    }
+
+    fn unit_area(&self, name: &str) -> Option<&UnitArea> {
+        self.area.iter().find(|unit| unit.name == name)
+    }
+}
+
+/// Something that has a name, by which it is found again, and figures.
+trait Figures {
+    fn name(&self) -> String;
+    /// Names and values of what must be the same, or is compared with some slack.
+    fn values(&self) -> Vec<(&'static str, f64)>;
+}
+
+impl Figures for FrameFigures {
+    fn name(&self) -> String {
+        format!("{} {} {}", self.scene, self.view, self.size)
+    }
+    fn values(&self) -> Vec<(&'static str, f64)> {
+        vec![
+            ("rays", self.rays as f64),
+            ("cycles", self.cycles as f64),
+            ("packet_steps", self.packet_steps as f64),
+            ("ray_triangle_tests", self.ray_triangle_tests as f64),
+            ("tpu_utilisation", self.tpu_utilisation),
+            ("gu_utilisation", self.gu_utilisation),
+        ]
+    }
+}
+
+impl Figures for FilmFigures {
+    fn name(&self) -> String {
+        format!("{} {} frames {}", self.scene, self.frames, self.size)
+    }
+    fn values(&self) -> Vec<(&'static str, f64)> {
+        vec![
+            ("rays", self.rays as f64),
+            ("skinning_cycles", self.skinning_cycles as f64),
+            ("influences", self.influences as f64),
+            ("update_cycles", self.update_cycles as f64),
+            ("instructions", self.instructions as f64),
+            ("triangles", self.triangles as f64),
+            ("nodes_written", self.nodes_written as f64),
+            ("raycast_cycles", self.raycast_cycles as f64),
+        ]
+    }
+}
+
+fn area_values(area: Area) -> Vec<(&'static str, f64)> {
+    vec![
+        ("lut4", area.lut4 as f64),
+        ("ff", area.ff as f64),
+        ("dsp", area.dsp as f64),
+        ("ram", area.ram as f64),
+    ]
+}
+
+impl Figures for UnitArea {
+    fn name(&self) -> String {
+        self.name.clone()
+    }
+    fn values(&self) -> Vec<(&'static str, f64)> {
+        area_values(self.area)
+    }
+}
+
+impl Figures for ConfigurationArea {
+    fn name(&self) -> String {
+        format!("configuration {}", self.name)
+    }
+    fn values(&self) -> Vec<(&'static str, f64)> {
+        area_values(self.area)
+    }
+}
+
+impl Figures for UnitClock {
+    fn name(&self) -> String {
+        self.name.clone()
+    }
+    fn values(&self) -> Vec<(&'static str, f64)> {
+        vec![("mhz", self.mhz)]
+    }
+}
+
+impl Figures for Depth {
+    fn name(&self) -> String {
+        format!("{} made for {} MHz", self.unit, self.asked_mhz)
+    }
+    fn values(&self) -> Vec<(&'static str, f64)> {
+        let mut values = vec![("depth", f64::from(self.depth)), ("mhz", self.mhz)];
+        values.extend(area_values(self.area));
+        values
+    }
+}
+
+/// Which changes are allowed.
+#[derive(Clone, Copy)]
+enum Rule {
+    Same,
+    AtMost(f64),
+    AtLeast(f64),
+}
+
+impl Rule {
+    fn holds(self, was: f64, is: f64) -> bool {
+        match self {
+            Rule::Same => was == is,
+            Rule::AtMost(slack) => is <= was * (1.0 + slack),
+            Rule::AtLeast(slack) => is >= was * (1.0 - slack),
+        }
+    }
+}
+
+/// Compares lists whose elements are found by name: one that is new or gone fails too.
+fn compare_all<T: Figures>(was: &[T], is: &[T], rule: Rule, findings: &mut Vec<Finding>) {
+    for new in is {
+        let name = new.name();
+        let Some(old) = was.iter().find(|old| old.name() == name) else {
+            findings.push(Finding {
+                figure: name,
+                was: NOTHING.into(),
+                is: "new".into(),
+                verdict: Verdict::Fails,
+            });
+            continue;
+        };
+        for ((what, old), (_, new)) in old.values().into_iter().zip(new.values()) {
+            findings.push(Finding {
+                figure: format!("{name}: {what}"),
+                was: format!("{old}"),
+                is: format!("{new}"),
+                verdict: match rule.holds(old, new) {
+                    true => Verdict::Holds,
+                    false => Verdict::Fails,
+                },
+            });
+        }
+    }
+    for old in was {
+        let name = old.name();
+        if !is.iter().any(|new| new.name() == name) {
+            findings.push(Finding {
+                figure: name,
+                was: "there".into(),
+                is: NOTHING.into(),
+                verdict: Verdict::Fails,
+            });
+        }
+    }
+}
+
+/// Every figure of `is` beside that of `was`. Modules of which `kept` tells why they were not measured are said to be so.
+pub fn compare(was: &Baseline, is: &Baseline, kept: &[(String, String)]) -> Vec<Finding> {
+    let mut findings = vec![];
+    compare_all(&was.frames, &is.frames, Rule::Same, &mut findings);
+    compare_all(&was.films, &is.films, Rule::Same, &mut findings);
+    compare_all(&was.area, &is.area, Rule::AtMost(AREA_SLACK), &mut findings);
+    let slower = Rule::AtLeast(CLOCK_SLACK);
+    compare_all(&was.clock, &is.clock, slower, &mut findings);
+    compare_all(&was.fast_clock, &is.fast_clock, slower, &mut findings);
+    let more = Rule::AtMost(AREA_SLACK);
+    compare_all(&was.configurations, &is.configurations, more, &mut findings);
+    for (name, why) in kept {
+        findings.push(Finding {
+            figure: name.clone(),
+            was: "changed".into(),
+            is: why.clone(),
+            verdict: Verdict::Kept,
+        });
+    }
+    findings
+}
+
+/// A section of the log: why, and every figure that is another now.
+pub fn log_entry(why: &str, findings: &[Finding]) -> String {
+    let mut text = format!("\n## {why}\n\n");
+    let changed: Vec<&Finding> = findings.iter().filter(|f| f.was != f.is).collect();
+    if changed.is_empty() {
+        text += "No figure changed.\n";
+    }
+    for finding in changed {
+        let _ = writeln!(text, "- {finding}");
+    }
+    text
+}
+
+/// What a new log begins with.
+pub const LOG_HEAD: &str =
+    "# Changes of the baseline\n\nWritten by `dynrt baseline --accept WHY`, the latest last.\n";

@@ -1,0 +1,297 @@
+//! The page of numbers: the original's figures beside ours, and what each costs.
+
+use super::{Baseline, FAST, FrameFigures, UnitClock, plots};
+use crate::config::{Config, NAMED};
+use crate::synth::{Area, Target};
+use anyhow::{Context, Result};
+use std::fmt::Write as _;
+
+/// The page's file name; its plots lie beside it.
+pub const PAGE: &str = "numbers.md";
+
+/// The page and its plots, by file name. The same for the same baseline, to the byte.
+///
+/// # Errors
+/// A baseline that lacks what is shown.
+pub fn files(baseline: &Baseline) -> Result<Vec<(String, String)>> {
+    let shown = (baseline.frames.last())
+        .context("the baseline has no frame: make one with dynrt baseline --accept")?;
+    Ok(vec![
+        (PAGE.into(), page(baseline, shown)?),
+        ("area.svg".into(), plots::area_by_unit(baseline)?),
+        ("clock.svg".into(), plots::clock_by_depth(baseline)?),
+        ("utilisation.svg".into(), plots::utilisation(shown)?),
+    ])
+}
+
+fn grouped(count: u64) -> String {
+    let digits = count.to_string();
+    let groups = digits.as_bytes().rchunks(3).rev();
+    let groups: Vec<&str> = groups
+        .map(|g| std::str::from_utf8(g).expect("digits"))
+        .collect();
+    groups.join(",")
+}
+
+fn percent(part: u64, whole: u64) -> String {
+    format!("{:.1} %", part as f64 * 100.0 / whole as f64)
+}
+
+/// What a module takes, in the columns of a table.
+fn area_columns(area: Area) -> String {
+    format!(
+        "{} | {} | {} | {}",
+        grouped(area.lut4),
+        grouped(area.ff),
+        area.dsp,
+        area.ram
+    )
+}
+
+fn slowest(clocks: &[UnitClock]) -> Option<&UnitClock> {
+    clocks.iter().min_by(|a, b| a.mhz.total_cmp(&b.mhz))
+}
+
+fn page(baseline: &Baseline, shown: &FrameFigures) -> Result<String> {
+    let mut text = String::from(HEAD);
+    original_and_ours(&mut text, baseline)?;
+    frames(&mut text, baseline);
+    units(&mut text, baseline);
+    configurations(&mut text, baseline)?;
+    depths(&mut text, baseline);
+    let _ = write!(
+        text,
+        "## Utilisation over a frame\n\n![Utilisation over a frame](utilisation.svg)\n\n\
+         `{}` at {}, {} clocks a point; the slope at the end is the last packets that run dry. As figures: `tpu_by_interval` and \
+         `gu_by_interval` of `docs/baseline.json`.\n",
+        shown.scene,
+        shown.size,
+        grouped(shown.interval_cycles)
+    );
+    Ok(text)
+}
+
+const HEAD: &str = "\
+# Numbers
+
+Everything here is made from [`baseline.json`](baseline.json) by `dynrt numbers`; `dynrt baseline` measures it again and fails where
+it has become worse (`make test`; with `--clock`, `make evidence`). [`baseline.log.md`](baseline.log.md) says why it ever did.
+
+";
+
+/// Rows of what the original reached and what we do.
+fn original_and_ours(text: &mut String, baseline: &Baseline) -> Result<()> {
+    let device = Target::Virtex4Lx160.holds();
+    let config = Config::reference();
+    let whole = baseline.area.last().context("no area is known")?.area;
+    let film = |name: &str| {
+        let films = &baseline.films;
+        films
+            .iter()
+            .find(|film| film.scene.ends_with(name))
+            .with_context(|| format!("no film of {name}"))
+    };
+    let (figure, water) = (film("figure")?, film("water")?);
+    let rays = |frame: &FrameFigures| frame.rays as f64 / frame.cycles as f64;
+    let least = baseline
+        .frames
+        .iter()
+        .map(rays)
+        .fold(f64::INFINITY, f64::min);
+    let most = baseline.frames.iter().map(rays).fold(0.0, f64::max);
+    let busiest = baseline
+        .frames
+        .iter()
+        .map(|f| f.tpu_utilisation)
+        .fold(0.0, f64::max);
+    let clocks = figure.skinning_cycles + figure.update_cycles + figure.raycast_cycles;
+    let clock = match slowest(&baseline.clock) {
+        Some(unit) => format!(
+            "{:.0} MHz, the slowest module (`{}`), ECP5-85F grade 6",
+            unit.mhz, unit.name
+        ),
+        None => "not measured".into(),
+    };
+    let _ = write!(
+        text,
+        "## The original and ours\n\n\
+         The original's figures are those of Woop, Marmitt and Slusallek, 2006, on a Virtex-4 LX160.\n\n\
+         | what | original | ours | shown by |\n|---|---|---|---|\n\
+         | clock, placed and routed | 66 MHz, Virtex-4 | {clock} | `dynrt synth --route --seeds {}` |\n\
+         | packet steps a clock, peak 1 | – | {busiest:.3} on a whole frame | `dynrt baseline` |\n\
+         | primary rays a clock | 0.03–0.12 | {least:.3}–{most:.3} over the frames below | `dynrt baseline` |\n\
+         | update, triangles a clock | 0.24 | {:.3} (`{}`) | `dynrt baseline` |\n\
+         | update, instructions a clock, peak 1 | – | {:.4} | `dynrt baseline` |\n\
+         | skinning, influences a clock, peak 1 | – | {:.3} (`{}`) | `dynrt baseline` |\n\
+         | update's share of a frame | 1–15 % | {} (`{}`, {}) | `dynrt baseline` |\n\
+         | bytes of program a triangle | – | 5.0 on closed meshes | `dynrt program` |\n\
+         | packets in flight × rays | 32 × 4 | {} × {} | [`configs/`](../configs) |\n\
+         | LUT4 of an LX160 | – | {} ({}) | `dynrt synth` |\n\
+         | DSP48 | – | {} ({}) | `dynrt synth` |\n\
+         | RAMB16 | – | {} ({}) | `dynrt synth` |\n\n",
+        super::SEEDS,
+        water.triangles as f64 / water.update_cycles as f64,
+        water.scene,
+        water.instructions as f64 / water.update_cycles as f64,
+        figure.influences as f64 / figure.skinning_cycles as f64,
+        figure.scene,
+        percent(figure.update_cycles, clocks),
+        figure.scene,
+        figure.size,
+        config.packets_in_flight,
+        config.rays_per_packet,
+        grouped(whole.lut4),
+        percent(whole.lut4, device.lut4),
+        whole.dsp,
+        percent(whole.dsp, device.dsp),
+        whole.ram,
+        percent(whole.ram, device.ram),
+    );
+    Ok(())
+}
+
+fn frames(text: &mut String, baseline: &Baseline) {
+    *text += "## Frames and films in clocks\n\nCompared to the clock by `cargo test --test baseline`; every result of them is equal to the golden model's in all bits.\n\n\
+              | frame | rays | clocks | packet steps | ray–triangle tests | rays a clock | TPU | GU |\n|---|---|---|---|---|---|---|---|\n";
+    for frame in &baseline.frames {
+        let _ = writeln!(
+            text,
+            "| `{}` {}, {} | {} | {} | {} | {} | {:.3} | {:.3} | {:.3} |",
+            frame.scene,
+            frame.view,
+            frame.size,
+            grouped(frame.rays),
+            grouped(frame.cycles),
+            grouped(frame.packet_steps),
+            grouped(frame.ray_triangle_tests),
+            frame.rays as f64 / frame.cycles as f64,
+            frame.tpu_utilisation,
+            frame.gu_utilisation,
+        );
+    }
+    *text += "\n| film | frames | skinning, clocks | influences | update, clocks | instructions | triangles | ray casting, clocks |\n|---|---|---|---|---|---|---|---|\n";
+    for film in &baseline.films {
+        let _ = writeln!(
+            text,
+            "| `{}` {} | {} | {} | {} | {} | {} | {} | {} |",
+            film.scene,
+            film.size,
+            film.frames,
+            grouped(film.skinning_cycles),
+            grouped(film.influences),
+            grouped(film.update_cycles),
+            grouped(film.instructions),
+            grouped(film.triangles),
+            grouped(film.raycast_cycles),
+        );
+    }
+    text.push('\n');
+}
+
+fn units(text: &mut String, baseline: &Baseline) {
+    let _ = write!(
+        text,
+        "## Area and clock by module\n\n![Area by module](area.svg)\n\n\
+         Each module alone, with all below it. Area: Virtex-4 LX160, {} (`dynrt synth`). Clock: ECP5-85F, speed grade 6, the worst of {} seeds, {} \
+         (`dynrt synth --route --seeds {}`).\n\n\
+         | module | LUT4 | FF | DSP48 | RAMB16 | MHz | slowest path |\n|---|---|---|---|---|---|---|\n",
+        baseline.area_tools.join(", "),
+        super::SEEDS,
+        baseline.clock_tools.join(", "),
+        super::SEEDS,
+    );
+    for unit in &baseline.area {
+        let clock = baseline.clock.iter().find(|clock| clock.name == unit.name);
+        let (mhz, path) = clock.map_or(("–".into(), "–".into()), |clock| {
+            (
+                format!("{:.1}", clock.mhz),
+                format!("`{}`", clock.critical_path),
+            )
+        });
+        let _ = writeln!(
+            text,
+            "| `{}` | {} | {mhz} | {path} |",
+            unit.name,
+            area_columns(unit.area)
+        );
+    }
+    text.push('\n');
+}
+
+fn configurations(text: &mut String, baseline: &Baseline) -> Result<()> {
+    let device = Target::Virtex4Lx160.holds();
+    *text += "## Configurations\n\n\
+              | configuration | what | made for | LUT4 | FF | DSP48 | RAMB16 | of an LX160 | slowest module on an ECP5-85F | verified by |\n|---|---|---|---|---|---|---|---|---|---|\n";
+    for &(name, _) in NAMED {
+        let config = Config::load(name)?;
+        let known = baseline.configurations.iter().find(|c| c.name == name);
+        let area = known.map_or("– | – | – | –".into(), |known| {
+            area_columns(known.area)
+        });
+        let share = known.map_or("–".into(), |known| percent(known.area.lut4, device.lut4));
+        let clocks: &[UnitClock] = match name {
+            _ if name == baseline.machine => &baseline.clock,
+            FAST => &baseline.fast_clock,
+            _ => &[],
+        };
+        let clock = slowest(clocks).map_or("–".into(), |unit| {
+            format!("{:.1} MHz (`{}`)", unit.mhz, unit.name)
+        });
+        let verified = match name == baseline.machine {
+            true => "every test; proofs, mutants",
+            false => "`cargo test --test machines`: lint, units and a scene in all bits",
+        };
+        let _ = writeln!(
+            text,
+            "| {name} | {} × {} packets, {:?}, {} axes a node | {} MHz | {area} | {share} | {clock} | {verified} |",
+            config.rays_per_packet,
+            config.packets_in_flight,
+            config.triangle_test,
+            config.axes_per_node,
+            config.clock_mhz,
+        );
+    }
+    *text +=
+        "\n`dynrt synth --config NAME`, and `dynrt synth --config NAME --route --seeds 3`.\n\n";
+    Ok(())
+}
+
+fn depths(text: &mut String, baseline: &Baseline) {
+    *text += "## Clock asked for, depth, area, clock reached\n\n![Clock by depth](clock.svg)\n\n\
+              On an ECP5-85F, speed grade 6, one seed: `dynrt synth --route --clocks 50,66,75,100,125,150 --unit UNIT`. Depth: LUT4 / flip-flops, MHz reached.\n\n";
+    let mut clocks: Vec<u32> = baseline.depths.iter().map(|d| d.asked_mhz).collect();
+    clocks.sort_unstable();
+    clocks.dedup();
+    let mut units: Vec<&str> = vec![];
+    for depth in &baseline.depths {
+        if !units.contains(&&*depth.unit) {
+            units.push(&depth.unit);
+        }
+    }
+    *text += "| unit |";
+    for clock in &clocks {
+        let _ = write!(text, " {clock} MHz |");
+    }
+    *text += "\n|---|";
+    *text += &"---|".repeat(clocks.len());
+    text.push('\n');
+    for unit in units {
+        let _ = write!(text, "| `{unit}` |");
+        for clock in &clocks {
+            let at = |d: &&super::Depth| d.unit == unit && d.asked_mhz == *clock;
+            let _ = match baseline.depths.iter().find(at) {
+                Some(d) => write!(
+                    text,
+                    " {}: {} / {}, {:.0} |",
+                    d.depth,
+                    grouped(d.area.lut4),
+                    grouped(d.area.ff),
+                    d.mhz
+                ),
+                None => write!(text, " – |"),
+            };
+        }
+        text.push('\n');
+    }
+    text.push('\n');
+}

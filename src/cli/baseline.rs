@@ -1,0 +1,154 @@
+//! `dynrt baseline`: the ratchet; `dynrt numbers`: the page made of it.
+
+use super::{check_outputs, counted, print, tell};
+use anyhow::{Context, Result, bail, ensure};
+use dynrt::baseline::{self, Baseline, LOG_HEAD, Request, Verdict, page};
+use dynrt::report;
+use serde_json::json;
+use std::fmt::Write as _;
+use std::path::{Path, PathBuf};
+
+const HELP: &str = "\
+Measures the reference machine and compares: clocks and counts of fixed frames and films must be the same, no module may take more than
+1 % more of anything, none may become more than 3 % slower. A module whose Verilog has not changed is not synthesised again.
+
+Examples:
+  dynrt baseline                            clocks, and the area of the smaller modules that have changed
+  dynrt baseline --all                      the area of the larger ones too: up to an hour where they have changed
+  dynrt baseline --all --clock              everything, placed and routed from three seeds: hours
+  dynrt baseline --accept 'a stack of 24'   take the figures as they are now, and log why";
+
+/// Larger modules are left out without `--all`: Yosys takes minutes for them.
+const MOST_LUT4: u64 = 6000;
+
+/// Compare what the machine costs with what is checked in, or accept what it costs now
+#[derive(clap::Args)]
+#[command(after_help = HELP)]
+pub struct Args {
+    /// The checked-in figures
+    #[arg(long, value_name = "F", default_value = "docs/baseline.json")]
+    file: PathBuf,
+    /// The area of every module that has changed, however large
+    #[arg(long)]
+    all: bool,
+    /// The clocks of all modules, the other configurations and the table of depths too
+    #[arg(long)]
+    clock: bool,
+    /// Write the figures as they are now, and why, into the log beside them
+    #[arg(long, value_name = "WHY")]
+    accept: Option<String>,
+    /// The comparison, as JSON
+    #[arg(long, value_name = "F")]
+    json: Option<PathBuf>,
+}
+
+pub fn run(args: &Args) -> Result<()> {
+    check_outputs(&[args.json.as_deref()])?;
+    if let Some(why) = &args.accept {
+        let why = why.trim();
+        ensure!(
+            !why.is_empty() && why.lines().count() == 1,
+            "--accept: say in one line why the figures may change"
+        );
+        report::check_writable(&args.file)?;
+    }
+    let was = match (&args.accept, args.file.exists()) {
+        (Some(_), false) => Baseline::default(),
+        _ => Baseline::read(&args.file)?,
+    };
+    let request = Request {
+        most_lut4: (!args.all && args.accept.is_none()).then_some(MOST_LUT4),
+        clock: args.clock,
+        cache: None,
+    };
+    let (is, kept) = baseline::measure(&was, &request, &tell)?;
+    let findings = baseline::compare(&was, &is, &kept);
+    ensure!(!findings.is_empty(), "nothing was compared");
+    let count = |verdict| findings.iter().filter(|f| f.verdict == verdict).count();
+    let failed = count(Verdict::Fails);
+    if let Some(path) = &args.json {
+        let value = json!({
+            "checked": findings.len(),
+            "failed": failed,
+            "kept": kept.len(),
+            "findings": findings,
+            "figures": is,
+        });
+        report::json(path, &value)?;
+    }
+    if let Some(why) = &args.accept {
+        accept(&args.file, why.trim(), &is, &findings)?;
+        return print(&format!(
+            "{}: {} written; make numbers refreshes the page\n",
+            args.file.display(),
+            counted(findings.len() as u64, "figure")
+        ));
+    }
+    let mut text = String::new();
+    for finding in &findings {
+        let word = match finding.verdict {
+            Verdict::Fails => "FAILS",
+            Verdict::Kept => "later",
+            Verdict::Holds if finding.was != finding.is => "moved",
+            Verdict::Holds => continue,
+        };
+        let _ = writeln!(text, "{word}  {finding}");
+    }
+    let _ = writeln!(
+        text,
+        "{} compared with {}, {failed} fail, {} not measured now",
+        counted(findings.len() as u64, "figure"),
+        args.file.display(),
+        kept.len()
+    );
+    print(&text)?;
+    match findings.iter().find(|f| f.verdict == Verdict::Fails) {
+        None => Ok(()),
+        Some(first) => bail!(
+            "{failed} of {} have changed for the worse, the first {first}; if that is meant: dynrt baseline --accept WHY",
+            counted(findings.len() as u64, "figure")
+        ),
+    }
+}
+
+/// The log beside a file of figures.
+fn log_of(file: &Path) -> PathBuf {
+    file.with_extension("log.md")
+}
+
+fn accept(file: &Path, why: &str, is: &Baseline, findings: &[baseline::Finding]) -> Result<()> {
+    let log = log_of(file);
+    let before = match log.exists() {
+        true => std::fs::read_to_string(&log)
+            .with_context(|| format!("{}: cannot be read", log.display()))?,
+        false => LOG_HEAD.to_string(),
+    };
+    let entry = baseline::log_entry(why, findings);
+    report::json(file, &serde_json::to_value(is)?)?;
+    report::text(&log, &format!("{before}{entry}"))
+}
+
+/// Write the page of numbers and its plots from the checked-in figures
+#[derive(clap::Args)]
+pub struct NumbersArgs {
+    /// The checked-in figures
+    #[arg(long, value_name = "F", default_value = "docs/baseline.json")]
+    file: PathBuf,
+    /// The folder of page and plots
+    #[arg(long, value_name = "DIR", default_value = "docs")]
+    out: PathBuf,
+}
+
+pub fn numbers(args: &NumbersArgs) -> Result<()> {
+    let files = page::files(&Baseline::read(&args.file)?)?;
+    std::fs::create_dir_all(&args.out)
+        .with_context(|| format!("{}: cannot be made", args.out.display()))?;
+    for (name, content) in &files {
+        report::text(&args.out.join(name), content)?;
+    }
+    print(&format!(
+        "{}: {} written\n",
+        args.out.display(),
+        counted(files.len() as u64, "file")
+    ))
+}

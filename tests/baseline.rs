@@ -1,0 +1,106 @@
+//! The ratchet: the reference machine costs and takes what `docs/baseline.json` says, and the page of numbers says the same.
+
+use dynrt::baseline::{Baseline, Finding, Request, Verdict, compare, log_entry, measure, page};
+use std::fs;
+use std::path::{Path, PathBuf};
+
+fn docs() -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("docs")
+}
+
+fn checked_in() -> Baseline {
+    Baseline::read(&docs().join("baseline.json")).unwrap_or_else(|error| panic!("{error:#}"))
+}
+
+fn failures(findings: &[Finding]) -> Vec<String> {
+    let failed = findings.iter().filter(|f| f.verdict == Verdict::Fails);
+    failed.map(ToString::to_string).collect()
+}
+
+/// Clocks are the same; no smaller module that has changed takes more. (`dynrt baseline --all --clock` is the rest.)
+#[test]
+fn nothing_has_become_worse() {
+    let was = checked_in();
+    assert!(!was.frames.is_empty() && !was.films.is_empty() && was.area.len() > 20);
+    let request = Request {
+        most_lut4: Some(6000),
+        ..Request::default()
+    };
+    let (is, kept) = measure(&was, &request, &|line| println!("{line}"))
+        .unwrap_or_else(|error| panic!("{error:#}"));
+    let findings = compare(&was, &is, &kept);
+    println!("{} figures compared, {} kept", findings.len(), kept.len());
+    assert!(findings.len() > 100);
+    let failed = failures(&findings);
+    assert!(
+        failed.is_empty(),
+        "{failed:#?}\nif that is meant: dynrt baseline --accept WHY, then make numbers"
+    );
+}
+
+#[test]
+fn the_page_of_numbers_is_current() {
+    let files = page::files(&checked_in()).unwrap();
+    assert_eq!(files.len(), 4);
+    for (name, text) in files {
+        let held = fs::read_to_string(docs().join(&name)).unwrap_or_default();
+        assert!(
+            held == text,
+            "docs/{name} is not what is generated; refresh it with: make numbers"
+        );
+    }
+}
+
+/// Each kind of loss is noticed, and what is allowed is.
+#[test]
+fn losses_are_noticed() {
+    let was = checked_in();
+    assert!(failures(&compare(&was, &was, &[])).is_empty());
+    type Edit = fn(&mut Baseline);
+    let losses: [(&str, Edit); 12] = [
+        ("cycles", |b| b.frames[0].cycles += 1),
+        ("cycles", |b| b.frames[0].cycles -= 1),
+        ("tpu_utilisation", |b| b.frames[1].tpu_utilisation -= 1e-4),
+        ("update_cycles", |b| b.films[0].update_cycles += 1),
+        ("skinning_cycles", |b| b.films[0].skinning_cycles += 1),
+        ("nothing", |b| drop(b.frames.remove(0))),
+        ("lut4", |b| {
+            let lut4 = &mut b.area.last_mut().unwrap().area.lut4;
+            *lut4 += *lut4 / 90;
+        }),
+        ("dsp", |b| b.area.last_mut().unwrap().area.dsp += 1),
+        ("ram", |b| b.area.last_mut().unwrap().area.ram += 2),
+        ("nothing", |b| drop(b.area.pop())),
+        ("new", |b| b.area[0].name += "_2"),
+        ("mhz", |b| b.clock[0].mhz *= 0.96),
+    ];
+    for (what, edit) in losses {
+        let mut is = was.clone();
+        edit(&mut is);
+        let failed = failures(&compare(&was, &is, &[]));
+        assert!(
+            failed.iter().any(|line| line.contains(what)),
+            "{what}: {failed:?}"
+        );
+    }
+    let allowed: [Edit; 4] = [
+        |b| {
+            let lut4 = &mut b.area.last_mut().unwrap().area.lut4;
+            *lut4 += *lut4 / 110;
+        },
+        |b| b.area.last_mut().unwrap().area.lut4 /= 2,
+        |b| b.clock[0].mhz *= 0.98,
+        |b| b.clock[0].mhz *= 1.5,
+    ];
+    for edit in allowed {
+        let mut is = was.clone();
+        edit(&mut is);
+        let findings = compare(&was, &is, &[]);
+        assert!(failures(&findings).is_empty());
+        let entry = log_entry("a reason", &findings);
+        assert!(
+            entry.contains("## a reason") && entry.contains("→"),
+            "{entry}"
+        );
+    }
+}
