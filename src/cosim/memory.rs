@@ -135,7 +135,7 @@ impl Image {
     pub fn from_words(words: Vec<u32>, bits: u32) -> Result<Image> {
         let words_per_row = words_for(bits);
         ensure!(
-            words.len() % words_per_row == 0,
+            words.len().is_multiple_of(words_per_row),
             "{} words do not make whole records of {words_per_row} words ({bits} bits)",
             words.len()
         );

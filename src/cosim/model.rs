@@ -338,7 +338,7 @@ impl Model {
                 wide[..count].copy_from_slice(&words[..count]);
                 wide[count..].fill(0);
                 // Verilator takes the bits above the port's to be zero.
-                if slot.width % 32 != 0 {
+                if !slot.width.is_multiple_of(32) {
                     wide[slot.width as usize / 32] &= u32::MAX >> (32 - slot.width % 32);
                 }
             }
