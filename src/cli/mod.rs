@@ -5,6 +5,7 @@ mod baseline;
 mod constraints;
 mod cosim;
 mod frame;
+mod fuzz;
 mod generate;
 mod program;
 mod prove;
@@ -32,6 +33,7 @@ Examples:
   dynrt stats model.obj                              what trees of the mesh cost
   dynrt program model.obj                            the program that updates that tree when vertices move
   dynrt prove --quick                                proofs about that Verilog by open tools
+  dynrt fuzz                                         random machines, generated, linted, co-simulated
   dynrt synth                                        what the machine takes of a Virtex-4, unit by unit
   dynrt constraints --out build/constraints          from Verilog to a bitstream that tests itself
   dynrt baseline                                     whether any of that has become worse than what is checked in
@@ -61,6 +63,7 @@ enum Command {
     Stats(stats::Args),
     Program(program::Args),
     Prove(prove::Args),
+    Fuzz(fuzz::Args),
     Synth(synth::Args),
     Constraints(constraints::Args),
     Baseline(baseline::Args),
@@ -145,6 +148,7 @@ pub fn main() -> ExitCode {
         Command::Stats(args) => stats::run(&args),
         Command::Program(args) => program::run(&args),
         Command::Prove(args) => prove::run(&args),
+        Command::Fuzz(args) => fuzz::run_fuzz(&args),
         Command::Synth(args) => synth::run(&args),
         Command::Constraints(args) => constraints::run(&args),
         Command::Baseline(args) => baseline::run(&args),

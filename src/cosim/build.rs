@@ -350,7 +350,7 @@ fn model_key(sources: &Sources, options: &BuildOptions, tools: &Tools) -> String
 }
 
 /// A folder in the cache in which something is being built, removed when dropped.
-struct Workshop {
+pub(crate) struct Workshop {
     folder: tempfile::TempDir,
     /// Where the log goes if the build fails.
     failure_log: PathBuf,
@@ -358,7 +358,8 @@ struct Workshop {
 }
 
 impl Workshop {
-    const PREFIX: &str = "building-";
+    /// What the names of such folders begin with; those that a killed process has left are removed after a day.
+    pub(crate) const PREFIX: &str = "building-";
 
     fn open(cache: &Path, name: &str) -> Result<Workshop> {
         remove_abandoned(cache);

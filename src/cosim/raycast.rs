@@ -379,10 +379,22 @@ impl RaycastUnit {
     /// # Errors
     /// A tool that is missing.
     pub fn new(config: &Config, trace: Option<&Trace>) -> Result<RaycastUnit> {
+        RaycastUnit::built(config, trace, &BuildOptions::default())
+    }
+
+    /// The same, its model built as `how` says; one with a trace is built for tracing, whatever that says.
+    ///
+    /// # Errors
+    /// As [`RaycastUnit::new`].
+    pub fn built(
+        config: &Config,
+        trace: Option<&Trace>,
+        how: &BuildOptions,
+    ) -> Result<RaycastUnit> {
         let machine = hw::emit(config)?;
         let build_options = BuildOptions {
-            traced: trace.is_some(),
-            ..BuildOptions::default()
+            traced: how.traced || trace.is_some(),
+            ..how.clone()
         };
         let sources = sources(&machine.design);
         let started = Instant::now();
