@@ -1,6 +1,6 @@
 //! `dynrt fuzz`: random machines, each generated, linted and co-simulated.
 
-use super::{check_outputs, counted, grouped, print, tell};
+use super::{check_outputs, counted, grouped, print};
 use anyhow::{Result, bail};
 use dynrt::emit;
 use dynrt::fuzz::{Case, Event, Failed, Failure, Options, Passed, Report, Stage, Workbench, run};
@@ -165,14 +165,12 @@ pub fn run_fuzz(args: &Args) -> Result<()> {
         );
     }
     let remembered = report.passed.iter().filter(|p| p.remembered).count();
-    if remembered > 0 {
-        tell(&format!(
-            "{} passed before, and nothing of them has changed; --again checks them again",
-            counted(remembered as u64, "machine")
-        ));
-    }
+    let before = match remembered {
+        0 => String::new(),
+        some => format!(" ({some} in earlier runs; --again checks them again)"),
+    };
     print(&format!(
-        "{} passed, {} results: {summary}; in {seconds:.0} s\n",
+        "{} passed{before}, {} results: {summary}; in {seconds:.0} s\n",
         counted(report.passed.len() as u64, "machine"),
         grouped(report.checked()),
     ))

@@ -64,7 +64,7 @@ impl Sizes {
     fn draw(rng: &mut fastrand::Rng) -> Sizes {
         Sizes(Size::ALL.map(|size| match size {
             Size::Packets => 24,
-            Size::Transactions => 1500,
+            Size::Transactions => 1000,
             _ => rng.u32(1..=size.most()),
         }))
     }

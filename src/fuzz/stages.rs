@@ -288,7 +288,7 @@ impl Workbench {
 }
 
 /// The compiler's options for models.
-const OPT: &str = "-O1";
+const OPT: &str = "-O0";
 
 /// Verilator, Icarus, Yosys.
 const LINT_TOOLS: u64 = 3;
