@@ -6,6 +6,7 @@ mod constraints;
 mod cosim;
 mod frame;
 mod generate;
+mod mutate;
 mod program;
 mod prove;
 mod render;
@@ -34,6 +35,7 @@ Examples:
   dynrt prove --quick                                proofs about that Verilog by open tools
   dynrt synth                                        what the machine takes of a Virtex-4, unit by unit
   dynrt constraints --out build/constraints          from Verilog to a bitstream that tests itself
+  dynrt mutate --mutants 100 --seed 1                whether co-simulation would notice a bug
   dynrt baseline                                     whether any of that has become worse than what is checked in
   dynrt vectors builtin:cornell --out vectors        stimulus and expected results for other simulators
   dynrt COMMAND --help                               all options, with examples
@@ -63,6 +65,7 @@ enum Command {
     Prove(prove::Args),
     Synth(synth::Args),
     Constraints(constraints::Args),
+    Mutate(mutate::Args),
     Baseline(baseline::Args),
     Numbers(baseline::NumbersArgs),
 }
@@ -147,6 +150,7 @@ pub fn main() -> ExitCode {
         Command::Prove(args) => prove::run(&args),
         Command::Synth(args) => synth::run(&args),
         Command::Constraints(args) => constraints::run(&args),
+        Command::Mutate(args) => mutate::run(&args),
         Command::Baseline(args) => baseline::run(&args),
         Command::Numbers(args) => baseline::numbers(&args),
     };
