@@ -83,8 +83,11 @@ void *dynrt_mesh(void *device, const float *vertices, size_t vertex_count, const
     memcpy(mesh->vertices, vertices, 3 * sizeof(float) * vertex_count);
     memcpy(indices, triangles, 3 * sizeof(unsigned) * triangle_count);
     rtcSetSceneFlags(mesh->scene, moves ? RTC_SCENE_FLAG_ROBUST | RTC_SCENE_FLAG_DYNAMIC : RTC_SCENE_FLAG_ROBUST);
-    if (moves)
+    if (moves) {
+        /* A geometry's quality counts only in scenes of low quality, which have an index for each geometry. */
+        rtcSetSceneBuildQuality(mesh->scene, RTC_BUILD_QUALITY_LOW);
         rtcSetGeometryBuildQuality(mesh->geometry, RTC_BUILD_QUALITY_REFIT);
+    }
     rtcCommitGeometry(mesh->geometry);
     rtcAttachGeometry(mesh->scene, mesh->geometry);
     return mesh;
