@@ -5,6 +5,7 @@
 
 pub mod baseline;
 pub mod bkd;
+pub mod compare;
 pub mod config;
 pub mod cosim;
 pub mod emit;

@@ -2,6 +2,7 @@
 
 mod animate;
 mod baseline;
+mod compare;
 mod constraints;
 mod cosim;
 mod frame;
@@ -31,6 +32,7 @@ Examples:
   dynrt animate builtin:water --gif water.gif        every stage of every frame of a scene that moves
   dynrt render model.obj --view inside --out a.png   the same picture from the golden model, at once
   dynrt stats model.obj                              what trees of the mesh cost
+  dynrt compare model.obj                            build, refit, rays a second and hits beside Embree 3
   dynrt program model.obj                            the program that updates that tree when vertices move
   dynrt prove --quick                                proofs about that Verilog by open tools
   dynrt synth                                        what the machine takes of a Virtex-4, unit by unit
@@ -61,6 +63,7 @@ enum Command {
     Animate(animate::Args),
     Render(render::Args),
     Stats(stats::Args),
+    Compare(compare::Args),
     Program(program::Args),
     Prove(prove::Args),
     Synth(synth::Args),
@@ -146,6 +149,7 @@ pub fn main() -> ExitCode {
         Command::Animate(args) => animate::run(&args),
         Command::Render(args) => render::run(&args),
         Command::Stats(args) => stats::run(&args),
+        Command::Compare(args) => compare::run(&args),
         Command::Program(args) => program::run(&args),
         Command::Prove(args) => prove::run(&args),
         Command::Synth(args) => synth::run(&args),
