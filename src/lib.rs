@@ -5,6 +5,7 @@
 
 pub mod baseline;
 pub mod bkd;
+pub mod compare;
 pub mod config;
 pub mod cosim;
 pub mod emit;
@@ -13,6 +14,7 @@ pub mod fuzz;
 pub mod golden;
 pub mod hdl;
 pub mod hw;
+pub mod mutate;
 pub mod port;
 pub mod program;
 pub mod prove;

@@ -12,21 +12,6 @@ use rayon::prelude::*;
 
 const TESTS: [TriangleTest; 2] = [TriangleTest::MollerTrumbore, TriangleTest::Watertight];
 
-/// The greatest share of pixels that may show another triangle, in a thousand.
-const MOST_PER_MILLE: usize = 1;
-
-/// What a frame's pixels come to.
-#[derive(Clone, Copy, Debug, Default)]
-struct Account {
-    pixels: usize,
-    hits: usize,
-    same_distance: usize,
-    near_edge: usize,
-    unexplained: usize,
-    /// Of those near an edge, the pixels in which the machine sees nothing and the oracle something.
-    lost: usize,
-}
-
 fn account(spec: &str, inside: bool, format: Format) {
     let scene = scene::load(spec).unwrap_or_else(|error| panic!("{error:#}"));
     let mesh = MachineMesh::new(&scene, format).expect("the scene fits");
@@ -52,44 +37,34 @@ fn account(spec: &str, inside: bool, format: Format) {
     let exact: Vec<Hit> = rays.par_iter().map(|ray| oracle.cast(ray)).collect();
     for test in TESTS {
         let machine = Caster::new(&image, test, 4).cast_packets(&rays).hits;
-        let mut account = Account {
-            pixels: rays.len(),
-            ..Account::default()
-        };
-        for ((ray, machine), exact) in rays.iter().zip(&machine).zip(&exact) {
-            account.hits += usize::from(machine.is_hit());
-            match oracle.explain(format, ray, machine, exact) {
-                Explanation::Agrees => {}
-                Explanation::SameDistance { .. } => account.same_distance += 1,
-                Explanation::NearEdge { .. } => {
-                    account.near_edge += 1;
-                    account.lost += usize::from(!machine.is_hit());
-                }
-                Explanation::Unexplained { distance, epsilon } => {
-                    account.unexplained += 1;
-                    eprintln!(
-                        "{spec} {test:?}: {ray:?}\n  machine {machine:?}\n  f64     {exact:?}\n  \
-                         {distance:e} from an edge, allowed is {epsilon:e}"
-                    );
-                }
+        let account = oracle.account(format, &rays, &machine, &exact);
+        for &(index, explanation) in &account.differences {
+            if let Explanation::Unexplained { distance, epsilon } = explanation {
+                eprintln!(
+                    "{spec} {test:?}: {:?}\n  machine {:?}\n  f64     {:?}\n  \
+                     {distance:e} from an edge, allowed is {epsilon:e}",
+                    rays[index], machine[index], exact[index]
+                );
             }
         }
-        println!("{} {format} {test:?}: {account:?}", scene.name);
-        assert_eq!(account.pixels, 512 * 384);
+        println!(
+            "{} {format} {test:?}: {} pixels, {} hits; another triangle: {} at the same distance, {} near an edge ({} lost), {} unexplained",
+            scene.name,
+            account.rays,
+            account.hits,
+            account.same_distance,
+            account.near_edge,
+            account.lost,
+            account.unexplained
+        );
+        assert_eq!(account.rays, 512 * 384);
         assert!(
-            account.hits > account.pixels / 20,
+            account.hits > account.rays / 20,
             "{spec}: hardly anything is hit"
         );
-        assert_eq!(
-            account.unexplained, 0,
-            "{spec} {test:?}: unexplained pixels"
-        );
-        let others = account.same_distance + account.near_edge;
-        assert!(
-            others * 1000 <= account.pixels * MOST_PER_MILLE,
-            "{spec} {test:?}: {others} of {} pixels show another triangle",
-            account.pixels
-        );
+        account
+            .verdict()
+            .unwrap_or_else(|error| panic!("{spec} {test:?}: {error}"));
     }
 }
 

@@ -2,11 +2,13 @@
 
 mod animate;
 mod baseline;
+mod compare;
 mod constraints;
 mod cosim;
 mod frame;
 mod fuzz;
 mod generate;
+mod mutate;
 mod program;
 mod prove;
 mod render;
@@ -31,11 +33,13 @@ Examples:
   dynrt animate builtin:water --gif water.gif        every stage of every frame of a scene that moves
   dynrt render model.obj --view inside --out a.png   the same picture from the golden model, at once
   dynrt stats model.obj                              what trees of the mesh cost
+  dynrt compare model.obj                            build, refit, rays a second and hits beside Embree 3
   dynrt program model.obj                            the program that updates that tree when vertices move
   dynrt prove --quick                                proofs about that Verilog by open tools
   dynrt fuzz                                         random machines, generated, linted, co-simulated
   dynrt synth                                        what the machine takes of a Virtex-4, unit by unit
   dynrt constraints --out build/constraints          from Verilog to a bitstream that tests itself
+  dynrt mutate --mutants 100 --seed 1                whether co-simulation would notice a bug
   dynrt baseline                                     whether any of that has become worse than what is checked in
   dynrt vectors builtin:cornell --out vectors        stimulus and expected results for other simulators
   dynrt COMMAND --help                               all options, with examples
@@ -61,11 +65,13 @@ enum Command {
     Animate(animate::Args),
     Render(render::Args),
     Stats(stats::Args),
+    Compare(compare::Args),
     Program(program::Args),
     Prove(prove::Args),
     Fuzz(fuzz::Args),
     Synth(synth::Args),
     Constraints(constraints::Args),
+    Mutate(mutate::Args),
     Baseline(baseline::Args),
     Numbers(baseline::NumbersArgs),
 }
@@ -146,11 +152,13 @@ pub fn main() -> ExitCode {
         Command::Animate(args) => animate::run(&args),
         Command::Render(args) => render::run(&args),
         Command::Stats(args) => stats::run(&args),
+        Command::Compare(args) => compare::run(&args),
         Command::Program(args) => program::run(&args),
         Command::Prove(args) => prove::run(&args),
         Command::Fuzz(args) => fuzz::run_fuzz(&args),
         Command::Synth(args) => synth::run(&args),
         Command::Constraints(args) => constraints::run(&args),
+        Command::Mutate(args) => mutate::run(&args),
         Command::Baseline(args) => baseline::run(&args),
         Command::Numbers(args) => baseline::numbers(&args),
     };

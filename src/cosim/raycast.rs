@@ -4,6 +4,7 @@
 use super::memory::{Image, ReadPort, ReadRequest, Timing};
 use super::mismatch::{Field, Mismatch};
 use super::model::{BuildOptions, Model, PortHandle, build};
+use super::scoreboard::Mutated;
 use super::{sources, timing};
 use crate::bkd::layout::{MemoryImage, Record};
 use crate::config::Config;
@@ -379,7 +380,7 @@ impl RaycastUnit {
     /// # Errors
     /// A tool that is missing.
     pub fn new(config: &Config, trace: Option<&Trace>) -> Result<RaycastUnit> {
-        RaycastUnit::built(config, trace, &BuildOptions::default())
+        Self::build(config, trace, &BuildOptions::default(), None)
     }
 
     /// The same, its model built as `how` says; one with a trace is built for tracing, whatever that says.
@@ -391,16 +392,39 @@ impl RaycastUnit {
         trace: Option<&Trace>,
         how: &BuildOptions,
     ) -> Result<RaycastUnit> {
+        Self::build(config, trace, how, None)
+    }
+
+    /// Builds the unit with mutants, one of them selected.
+    ///
+    /// # Errors
+    /// A tool that is missing.
+    pub fn mutated(config: &Config, mutated: Option<&Mutated>) -> Result<RaycastUnit> {
+        Self::build(config, None, &BuildOptions::default(), mutated)
+    }
+
+    fn build(
+        config: &Config,
+        trace: Option<&Trace>,
+        how: &BuildOptions,
+        mutated: Option<&Mutated>,
+    ) -> Result<RaycastUnit> {
         let machine = hw::emit(config)?;
         let build_options = BuildOptions {
             traced: how.traced || trace.is_some(),
             ..how.clone()
         };
-        let sources = sources(&machine.design);
+        let mut sources = sources(&machine.design);
+        if let Some(mutated) = mutated {
+            mutated.apply(&mut sources);
+        }
         let started = Instant::now();
         let built = build(&sources, &build_options, &|_| ())?;
         let model_build_s = started.elapsed().as_secs_f64();
         let mut model = Model::load(&built, &sources.ports)?;
+        if let Some(mutated) = mutated {
+            mutated.select(&mut model)?;
+        }
         if let Some(trace) = trace {
             model.trace(&trace.path, trace.from, trace.cycles)?;
         }

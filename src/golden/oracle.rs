@@ -1,6 +1,7 @@
 //! An independent intersector in plain `f64`, which knows nothing of the machine's arithmetic, boxes or trees, and
 //! an account of the pixels in which the machine sees another triangle.
 
+use anyhow::{Result, ensure};
 use glam::DVec3;
 
 use crate::float::Format;
@@ -44,6 +45,62 @@ pub enum Explanation {
         distance: f64,
         epsilon: f64,
     },
+}
+
+/// Of this many rays one may see another triangle than an independent intersector does.
+pub const RAYS_PER_DIFFERENCE: usize = 1000;
+
+/// What many rays come to, as two intersectors see them.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Account {
+    /// Active rays.
+    pub rays: usize,
+    /// Rays that hit something in the machine.
+    pub hits: usize,
+    /// Rays that [`Explanation::SameDistance`] explains.
+    pub same_distance: usize,
+    /// Rays that [`Explanation::NearEdge`] explains.
+    pub near_edge: usize,
+    /// Of those near an edge, the rays that see nothing in the machine and something in the other.
+    pub lost: usize,
+    /// Rays that nothing explains.
+    pub unexplained: usize,
+    /// Every ray that sees another triangle, by its index, in order.
+    pub differences: Vec<(usize, Explanation)>,
+}
+
+impl Account {
+    /// Rays that see another triangle, explained or not.
+    pub fn different(&self) -> usize {
+        self.differences.len()
+    }
+
+    /// Whether there were hits, all differences are explained, and they are few enough ([`RAYS_PER_DIFFERENCE`]).
+    ///
+    /// # Errors
+    /// One line that says which of these fails.
+    pub fn verdict(&self) -> Result<()> {
+        let Account {
+            rays,
+            hits,
+            unexplained,
+            ..
+        } = *self;
+        ensure!(
+            hits > 0,
+            "none of {rays} rays hits anything: nothing was compared; give another camera"
+        );
+        ensure!(
+            unexplained == 0,
+            "{unexplained} of {rays} rays see another triangle, and neither an edge nor an equal distance explains it"
+        );
+        let different = self.different();
+        ensure!(
+            different * RAYS_PER_DIFFERENCE <= rays,
+            "{different} of {rays} rays see another triangle, more than one in {RAYS_PER_DIFFERENCE}"
+        );
+        Ok(())
+    }
 }
 
 impl Oracle {
@@ -145,7 +202,42 @@ impl Oracle {
             .map_or((DVec3::ZERO, DVec3::ZERO), |root| (root.lo, root.hi))
     }
 
-    /// Accounts for what the machine, computing in `format`, sees of a ray of which the oracle sees `exact`. With
+    /// Accounts for what the machine, computing in `format`, sees of rays of which another intersector sees `others`: this
+    /// one, or one that computes in no coarser a format than the machine.
+    ///
+    /// # Panics
+    /// If there are not as many hits of either as rays.
+    pub fn account(
+        &self,
+        format: Format,
+        rays: &[Ray],
+        machine: &[Hit],
+        others: &[Hit],
+    ) -> Account {
+        assert!(rays.len() == machine.len() && rays.len() == others.len());
+        let mut account = Account {
+            rays: rays.iter().filter(|ray| ray.active).count(),
+            ..Account::default()
+        };
+        for (index, ray) in rays.iter().enumerate() {
+            let (machine, other) = (&machine[index], &others[index]);
+            account.hits += usize::from(machine.is_hit());
+            let explanation = self.explain(format, ray, machine, other);
+            match explanation {
+                Explanation::Agrees => continue,
+                Explanation::SameDistance { .. } => account.same_distance += 1,
+                Explanation::NearEdge { .. } => {
+                    account.near_edge += 1;
+                    account.lost += usize::from(!machine.is_hit());
+                }
+                Explanation::Unexplained { .. } => account.unexplained += 1,
+            }
+            account.differences.push((index, explanation));
+        }
+        account
+    }
+
+    /// Explains what the machine, computing in `format`, sees of a ray of which the oracle sees `exact`. With
     /// ε = 32 · 2^−(f+1) · (|o| + t·|d| + the box's diagonal), t being the distance at which the respective triangle was hit.
     pub fn explain(&self, format: Format, ray: &Ray, machine: &Hit, exact: &Hit) -> Explanation {
         if machine.triangle == exact.triangle {
@@ -349,6 +441,27 @@ mod tests {
             Explanation::Unexplained { .. }
         ));
         assert_eq!(explain(&inside, &oracle.cast(&inside)), Explanation::Agrees);
+    }
+
+    #[test]
+    fn an_account_counts_and_judges() {
+        let oracle = square();
+        let rays = [down(0.75, 0.25), down(0.00001, 0.5), down(2.0, 0.5)];
+        let exact = rays.map(|ray| oracle.cast(&ray));
+        let account = |machine: &[Hit]| oracle.account(Format::FP24, &rays, machine, &exact);
+        let same = account(&exact);
+        assert_eq!((same.rays, same.hits, same.different()), (3, 2, 0));
+        same.verdict().unwrap();
+
+        let fault = |account: Account| account.verdict().unwrap_err().to_string();
+        let lost = account(&[exact[0], Hit::MISS, Hit::MISS]);
+        assert_eq!((lost.near_edge, lost.lost, lost.hits), (1, 1, 1));
+        assert_eq!(lost.differences[0].0, 1);
+        assert!(fault(lost).contains("1 of 3 rays see another triangle, more than"));
+        let blunder = account(&[Hit::MISS, exact[1], Hit::MISS]);
+        assert_eq!((blunder.unexplained, blunder.different()), (1, 1));
+        assert!(fault(blunder).contains("explains it"));
+        assert!(fault(account(&[Hit::MISS; 3])).contains("nothing was compared"));
     }
 
     #[test]
