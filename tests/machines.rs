@@ -21,9 +21,8 @@ fn is_full() -> bool {
 }
 
 /// Checks machines, and that something was checked in every stage.
-fn check(options: &Options) -> Report {
-    let bench = Workbench::new().unwrap_or_else(|e| panic!("{e:#}"));
-    let report = run(&bench, options, &mut |event| {
+fn check(bench: &Workbench, options: &Options) -> Report {
+    let report = run(bench, options, &mut |event| {
         if let Event::Passed(_, passed) = event {
             println!("{}: {:?}", passed.case.command(None), passed.checked);
         }
@@ -48,7 +47,8 @@ fn check(options: &Options) -> Report {
 #[test]
 fn random_machines() {
     let machines = if is_full() { 20 } else { 2 };
-    let report = check(&Options::new(seed(), machines));
+    let bench = Workbench::new().unwrap();
+    let report = check(&bench, &Options::new(seed(), machines));
     println!("{} results", report.checked());
 }
 
@@ -94,7 +94,7 @@ fn chosen() -> Vec<Config> {
 /// Their units alone are tested elsewhere (`units`, `update`, `skinning`).
 #[test]
 fn named_configurations_and_those_that_differ_most() {
-    let seed = seed();
+    let (seed, bench) = (seed(), Workbench::new().unwrap());
     for config in chosen() {
         println!("{}", config.name);
         let stages = [
@@ -103,14 +103,15 @@ fn named_configurations_and_those_that_differ_most() {
             Stage::Raycast,
             Stage::Animation,
         ];
-        check(&Options {
+        let options = Options {
             config: Some(config),
             stages: stages.into(),
             sizes: [Size::Packets, Size::Frames]
                 .map(|size| format!("{}={}", size.name(), size.most()))
                 .into(),
             ..Options::new(seed, 1)
-        });
+        };
+        check(&bench, &options);
     }
 }
 

@@ -3,7 +3,9 @@
 use super::{check_outputs, counted, grouped, print};
 use anyhow::{Result, bail};
 use dynrt::emit;
-use dynrt::fuzz::{Case, Event, Failed, Failure, Options, Passed, Report, Stage, Workbench, run};
+use dynrt::fuzz::{
+    Case, Event, Failed, Failure, Options, Passed, Report, Size, Stage, Workbench, run,
+};
 use dynrt::report;
 use serde_json::{Map, Value, json};
 use std::path::PathBuf;
@@ -223,6 +225,11 @@ fn to_json(options: &Options, report: &Report, seconds: f64) -> Value {
     })
 }
 
+fn sizes_json(case: &Case) -> Value {
+    let size = |size: Size| (size.name().to_string(), json!(case.sizes.get(size)));
+    Value::Object(Size::ALL.into_iter().map(size).collect())
+}
+
 fn machine_json(passed: &Passed) -> Value {
     let checked: Map<String, Value> = (passed.checked.iter())
         .map(|checked| (checked.stage.name().into(), json!(checked.count)))
@@ -230,6 +237,7 @@ fn machine_json(passed: &Passed) -> Value {
     json!({
         "seed": passed.case.seed,
         "config": emit::configuration(&passed.case.config),
+        "sizes": sizes_json(&passed.case),
         "checked": checked,
         "seconds": passed.seconds,
         "remembered": passed.remembered,
@@ -241,6 +249,7 @@ fn failed_json(failed: &Failed) -> Value {
         json!({
             "seed": case.seed,
             "config": emit::configuration(&case.config),
+            "sizes": sizes_json(case),
             "stage": failure.stage.name(),
             "message": failure.message,
             "command": case.command(Some(failure.stage)),
