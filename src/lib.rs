@@ -13,6 +13,7 @@ pub mod float;
 pub mod golden;
 pub mod hdl;
 pub mod hw;
+pub mod mutate;
 pub mod port;
 pub mod program;
 pub mod prove;

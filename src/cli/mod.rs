@@ -7,6 +7,7 @@ mod constraints;
 mod cosim;
 mod frame;
 mod generate;
+mod mutate;
 mod program;
 mod prove;
 mod render;
@@ -36,6 +37,7 @@ Examples:
   dynrt prove --quick                                proofs about that Verilog by open tools
   dynrt synth                                        what the machine takes of a Virtex-4, unit by unit
   dynrt constraints --out build/constraints          from Verilog to a bitstream that tests itself
+  dynrt mutate --mutants 100 --seed 1                whether co-simulation would notice a bug
   dynrt baseline                                     whether any of that has become worse than what is checked in
   dynrt vectors builtin:cornell --out vectors        stimulus and expected results for other simulators
   dynrt COMMAND --help                               all options, with examples
@@ -66,6 +68,7 @@ enum Command {
     Prove(prove::Args),
     Synth(synth::Args),
     Constraints(constraints::Args),
+    Mutate(mutate::Args),
     Baseline(baseline::Args),
     Numbers(baseline::NumbersArgs),
 }
@@ -151,6 +154,7 @@ pub fn main() -> ExitCode {
         Command::Prove(args) => prove::run(&args),
         Command::Synth(args) => synth::run(&args),
         Command::Constraints(args) => constraints::run(&args),
+        Command::Mutate(args) => mutate::run(&args),
         Command::Baseline(args) => baseline::run(&args),
         Command::Numbers(args) => baseline::numbers(&args),
     };

@@ -4,6 +4,7 @@
 use super::memory::{Image, ReadPort, ReadRequest, Timing};
 use super::mismatch::{Field, Mismatch};
 use super::model::{BuildOptions, Model, PortHandle, build};
+use super::scoreboard::Mutated;
 use super::{sources, timing};
 use crate::bkd::layout::{MemoryImage, Record};
 use crate::config::Config;
@@ -379,16 +380,38 @@ impl RaycastUnit {
     /// # Errors
     /// A tool that is missing.
     pub fn new(config: &Config, trace: Option<&Trace>) -> Result<RaycastUnit> {
+        Self::build(config, trace, None)
+    }
+
+    /// Builds the unit with mutants, one of them selected.
+    ///
+    /// # Errors
+    /// A tool that is missing.
+    pub fn mutated(config: &Config, mutated: Option<&Mutated>) -> Result<RaycastUnit> {
+        Self::build(config, None, mutated)
+    }
+
+    fn build(
+        config: &Config,
+        trace: Option<&Trace>,
+        mutated: Option<&Mutated>,
+    ) -> Result<RaycastUnit> {
         let machine = hw::emit(config)?;
         let build_options = BuildOptions {
             traced: trace.is_some(),
             ..BuildOptions::default()
         };
-        let sources = sources(&machine.design);
+        let mut sources = sources(&machine.design);
+        if let Some(mutated) = mutated {
+            mutated.apply(&mut sources);
+        }
         let started = Instant::now();
         let built = build(&sources, &build_options, &|_| ())?;
         let model_build_s = started.elapsed().as_secs_f64();
         let mut model = Model::load(&built, &sources.ports)?;
+        if let Some(mutated) = mutated {
+            mutated.select(&mut model)?;
+        }
         if let Some(trace) = trace {
             model.trace(&trace.path, trace.from, trace.cycles)?;
         }

@@ -3,7 +3,7 @@
 
 use super::memory::{Bandwidth, Timing};
 use super::mismatch::{Field, Mismatch};
-use super::model::{BuildOptions, Model, PortHandle, Sources, build};
+use super::model::{BuildOptions, Model, Port, PortHandle, Sources, build};
 use super::raycast::Trace;
 use super::sources;
 use crate::float::Format;
@@ -11,6 +11,7 @@ use crate::golden::RaySetup;
 use crate::hdl::{Design, Module};
 use anyhow::{Context, Result, bail, ensure};
 use std::rc::Rc;
+use std::sync::Arc;
 use std::time::Instant;
 
 /// What surrounds a unit: memories, and the pace of its neighbours.
@@ -88,6 +89,8 @@ pub struct UnitOptions {
     pub trace: Option<Trace>,
     /// A fault that the unit's Verilog is given first, to see that it is noticed.
     pub fault: Option<Fault>,
+    /// The unit's Verilog with mutants, one of them selected.
+    pub mutated: Option<Mutated>,
     /// How the model is built. One with a trace is built for tracing, whatever this says.
     pub build: BuildOptions,
 }
@@ -101,6 +104,7 @@ impl UnitOptions {
             replay: String::new(),
             trace: None,
             fault: None,
+            mutated: None,
             build: BuildOptions::default(),
         }
     }
@@ -126,6 +130,32 @@ impl Fault {
             sources.top,
             self.text
         );
+        Ok(())
+    }
+}
+
+/// Verilog in place of a unit's, with one input more, which selects what it does.
+#[derive(Clone, Debug)]
+pub struct Mutated {
+    pub files: Arc<Vec<(String, String)>>,
+    /// The input's name and bits.
+    pub port: (&'static str, u32),
+    pub selected: u32,
+}
+
+impl Mutated {
+    pub(super) fn apply(&self, sources: &mut Sources) {
+        sources.files.clone_from(&self.files);
+        sources.ports.push(Port {
+            name: self.port.0.into(),
+            width: self.port.1,
+            input: true,
+        });
+    }
+
+    pub(super) fn select(&self, model: &mut Model) -> Result<()> {
+        let port = model.port(self.port.0)?;
+        model.set(port, u64::from(self.selected));
         Ok(())
     }
 }
@@ -307,10 +337,16 @@ impl Bench {
         if let Some(fault) = &options.fault {
             fault.apply(&mut sources)?;
         }
+        if let Some(mutated) = &options.mutated {
+            mutated.apply(&mut sources);
+        }
         let mut how = options.build.clone();
         how.traced |= options.trace.is_some();
         let built = build(&sources, &how, &|_| ())?;
         let mut model = Model::load(&built, &sources.ports)?;
+        if let Some(mutated) = &options.mutated {
+            mutated.select(&mut model)?;
+        }
         if let Some(window) = &options.trace {
             model.trace(&window.path, window.from, window.cycles)?;
         }

@@ -26,6 +26,9 @@ pub struct Plan {
 const REGISTER_RAM_OUTPUT_FROM: u32 = 80;
 const REGISTER_EACH_COMPARISON_FROM: u32 = 70;
 
+/// A choice between queues that addresses a memory of many block RAMs: the wires to all of them take most of a 10 ns period.
+const REGISTER_CHOICE_FROM: u32 = 80;
+
 impl Plan {
     pub fn new(config: &Config) -> Result<Plan, HdlError> {
         let format = config.format();
@@ -132,6 +135,14 @@ impl Plan {
     /// Words of a memory that has one for each ray in flight in the world, and behind them one for each in an object's space.
     pub fn level_rays_in_flight(&self) -> u32 {
         (1 << bits_for(u64::from(self.rays_in_flight()))) + self.rays_in_flight()
+    }
+
+    /// A register after a choice that addresses a large memory, where the clock asks for it.
+    pub fn choose<'b>(&self, signal: Signal<'b>) -> Signal<'b> {
+        match self.config.clock_mhz >= REGISTER_CHOICE_FROM {
+            true => signal.register(),
+            false => signal,
+        }
     }
 
     /// A register after a comparison whose result chooses, where the clock asks for it.

@@ -953,12 +953,13 @@ impl<'b> Unit<'b> {
             .enter(may_pop & (retry_any | done_any | nowhere_any))
             .named("pop_valid")
             .cleared_by_reset();
-        let pop = q
+        let chosen = q
             .enter(m.priority(
                 &[(retry_any, retry_front), (done_any, done_front)],
                 nowhere_front,
             ))
-            .named("pop");
+            .named("pop_chosen");
+        let pop = plan.choose(chosen).named("pop");
         let pop_packet = pop_item.get(pop, "packet");
         let pop_context = pop_item.get(pop, "context");
         let pop_level = context.get(pop_context, "level");
@@ -971,6 +972,7 @@ impl<'b> Unit<'b> {
                 .low(stack.packet_bits)
                 .concat(level_below.low(plan.stack_bits())),
         );
+        let before_entry = popped_entry.stage().unwrap_or(1) - 1;
         let entry_mask = entry.get(popped_entry, "mask");
         let entry_intervals = entry.get(popped_entry, "intervals");
         let mut stays = vec![];
@@ -982,9 +984,7 @@ impl<'b> Unit<'b> {
                 limit_packet,
                 limit_value,
             );
-            let limit = limits
-                .read_now(pop_packet.at(plan.read_latency() - 1))
-                .register();
+            let limit = limits.read_now(pop_packet.at(before_entry)).register();
             let word = entry_intervals.field(i * interval.width(), interval.width());
             let near = interval.get(word, "near");
             let far = interval.get(word, "far");

@@ -8,7 +8,7 @@ mod aig;
 mod arithmetic;
 mod control;
 mod reference;
-mod tools;
+pub(crate) mod tools;
 
 use crate::config::Config;
 use anyhow::{Context, Result, bail, ensure};

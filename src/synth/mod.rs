@@ -20,7 +20,7 @@
 mod cells;
 pub mod constraints;
 pub mod selftest;
-mod store;
+pub(crate) mod store;
 pub mod target;
 mod timing;
 mod tools;

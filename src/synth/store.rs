@@ -7,20 +7,25 @@ use serde::de::DeserializeOwned;
 use std::fs;
 use std::path::PathBuf;
 
-pub(super) use crate::cosim::build::key;
+pub(crate) use crate::cosim::build::key;
 
 /// The folder of results.
-pub(super) struct Store {
+pub(crate) struct Store {
     folder: PathBuf,
     failed: PathBuf,
 }
 
 impl Store {
-    /// In the cache folder given, or the user's.
+    /// Of synthesis, in the cache folder given, or the user's.
     pub fn open(cache: Option<PathBuf>) -> Result<Store> {
+        Store::open_in(cache, "synth")
+    }
+
+    /// Of that name, in the cache folder given, or the user's.
+    pub fn open_in(cache: Option<PathBuf>, name: &str) -> Result<Store> {
         let cache = build::cache_folder(cache)?;
         let store = Store {
-            folder: cache.join("synth"),
+            folder: cache.join(name),
             failed: cache.join("failed"),
         };
         fs::create_dir_all(&store.folder).map_err(|error| store.fault(&error))?;

@@ -1,0 +1,166 @@
+//! Whether a mutated module does at its ports what the module does, for ever: by induction over Yosys' pairs of signals of the
+//! same name. A module that holds much memory is not tried.
+
+use super::text::Site;
+use crate::prove::tools::{self, Ended};
+use anyhow::{Context, Result};
+use std::collections::BTreeSet;
+use std::fmt::Write as _;
+use std::time::Duration;
+
+/// Bits of memory up to which a module is tried: they become registers.
+const MOST_MEMORY_BITS: u64 = 4096;
+
+const LIMIT: Duration = Duration::from_secs(60);
+
+/// Clocks over which the induction looks back.
+const DEPTH: u32 = 6;
+
+/// Says what proved it, if it was proved within the time.
+///
+/// # Errors
+/// Yosys cannot be started.
+pub(super) fn proved(
+    texts: &[String],
+    names: &[&str],
+    at: usize,
+    site: &Site,
+) -> Result<Option<String>> {
+    let below = below(texts, names, at);
+    let memory: u64 = below
+        .iter()
+        .map(|&module| memory_bits(&texts[module]))
+        .sum();
+    if memory > MOST_MEMORY_BITS {
+        return Ok(None);
+    }
+    let folder = tempfile::tempdir().context("cannot create a temporary folder")?;
+    let mut script = String::new();
+    for (design, changed) in [("gold", false), ("gate", true)] {
+        script += "design -reset; ";
+        for &module in &below {
+            let name = format!("{design}_{}.v", names[module]);
+            let text = match changed && module == at {
+                true => site.apply(&texts[module]),
+                false => texts[module].clone(),
+            };
+            std::fs::write(folder.path().join(&name), text)
+                .context("cannot write a temporary file")?;
+            let _ = write!(script, "read_verilog {name}; ");
+        }
+        let top = names[at];
+        let _ = write!(
+            script,
+            "prep -flatten -top {top}; memory_map; opt -full; design -stash {design}; "
+        );
+    }
+    let top = names[at];
+    let _ = write!(
+        script,
+        "design -copy-from gold -as gold {top}; design -copy-from gate -as gate {top}; \
+         equiv_make gold gate equiv; hierarchy -top equiv; clean; \
+         equiv_simple -seq {DEPTH}; equiv_induct -seq {DEPTH}; equiv_status -assert"
+    );
+    let ended = tools::run(folder.path(), LIMIT, "yosys", &["-q", "-p", &script])?;
+    Ok(match ended {
+        Ended::With { success: true, .. } => Some(format!("Yosys: equiv_induct -seq {DEPTH}")),
+        _ => None,
+    })
+}
+
+/// A module and all below it.
+fn below(texts: &[String], names: &[&str], at: usize) -> BTreeSet<usize> {
+    let mut found = BTreeSet::from([at]);
+    let mut open = vec![at];
+    while let Some(module) = open.pop() {
+        for (other, name) in names.iter().enumerate() {
+            let placed = texts[module].contains(&format!("\n  {name} "));
+            if placed && found.insert(other) {
+                open.push(other);
+            }
+        }
+    }
+    found
+}
+
+/// Bits of the memories that a text declares: `reg [high:0] name [0:last];`
+fn memory_bits(text: &str) -> u64 {
+    let size = |range: &str, first: &str, last: &str| -> Option<u64> {
+        let inner = range.strip_prefix(first)?.strip_suffix(last)?;
+        Some(inner.parse::<u64>().ok()? + 1)
+    };
+    let lines = text.lines().map(str::trim);
+    let memories = lines.filter(|line| line.starts_with("reg ") && line.ends_with("];"));
+    memories
+        .filter_map(|line| {
+            let words: Vec<&str> = line.split_whitespace().collect();
+            let width = match words.len() {
+                4 => size(words[1], "[", ":0]")?,
+                _ => 1,
+            };
+            Some(width * size(words.last()?, "[0:", "];")?)
+        })
+        .sum()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::mutate::text::{Kind, sites};
+
+    const TEXT: &str = "\
+module counter (
+  input  wire       clk,
+  input  wire       rst,
+  input  wire       step,
+  output wire       high
+);
+
+  reg  [1:0] count;
+
+  always @(posedge clk) begin
+    if (rst) count <= 2'd0; else if (step) count <= (count == 2'd2) ? 2'd0 : (count + 2'd1);
+  end
+
+  wire never = step & (count == 2'd3) & (count == 2'd1);
+  assign high = (count == 2'd2) | never;
+
+endmodule
+";
+
+    #[test]
+    fn what_no_one_can_see_is_proved_and_nothing_else() {
+        let texts = [TEXT.to_string()];
+        let all = sites(TEXT);
+        let verdict = |before: &str, instead: &str| {
+            let site = all
+                .iter()
+                .find(|site| &TEXT[site.place.clone()] == before && site.instead == instead);
+            let site = site.unwrap_or_else(|| panic!("{before} → {instead}: {all:?}"));
+            proved(&texts, &["counter"], 0, site).unwrap().is_some()
+        };
+        assert!(!verdict("+", "-"));
+        assert!(!verdict("2'd2", "2'd3"));
+        // The first `&` of what can never hold: then it is step or nothing.
+        assert!(!verdict("|", "&"));
+        let equal = all.iter().filter(|site| site.kind == Kind::Operator);
+        let last = equal
+            .filter(|site| TEXT[..site.place.start].contains("never =") && site.instead == "&");
+        assert!(last.count() > 0);
+        // `count == 3` and `count == 1` exclude each other; so do `count == 2` and `count == 1`.
+        let site = all
+            .iter()
+            .find(|site| &TEXT[site.place.clone()] == "2'd3" && site.instead == "2'd2");
+        assert!(
+            proved(&texts, &["counter"], 0, site.unwrap())
+                .unwrap()
+                .is_some()
+        );
+    }
+
+    #[test]
+    fn memories_are_counted() {
+        let text = "  reg  [23:0] limit [0:47];\n  reg  [5:0] head;\n  reg  flags [0:7];\n";
+        assert_eq!(memory_bits(text), 24 * 48 + 8);
+    }
+}

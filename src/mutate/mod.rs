@@ -1,0 +1,491 @@
+//! Mutants: single changes of the emitted Verilog, which co-simulation must notice.
+//!
+//! All mutants of a unit are compiled into one model, in which an input selects one ([`text`]); with none selected it is the machine
+//! as it is, and passes. Each mutant then runs through what the unit's tests run, and is noticed at the first bit that differs, when
+//! the unit stops, or when its own checks fail. What survives is tried for equivalence ([`equivalence`]) and otherwise listed.
+//!
+//! | unit | modules | runs |
+//! |---|---|---|
+//! | `tpu` | traversal unit and below | packets in tiny scenes of one and of two levels |
+//! | `geometry` | geometry unit and below, what the traversal unit has too left out | triangle tests, ray transformations |
+//! | `update` | update processor and its prefetch | programs of random topologies |
+//! | `raycast` | ray setup, skinning processor, what joins the units | whole small scenes of two levels; random skinned meshes |
+
+mod equivalence;
+pub mod text;
+
+pub use text::Kind;
+
+use crate::bkd::layout::MemoryImage;
+use crate::config::Config;
+use crate::cosim::raycast::RaycastUnit;
+use crate::cosim::scoreboard::{Mutated, UnitOptions};
+use crate::cosim::workload::{Workload, instanced_scene};
+use crate::cosim::{raycast, unit_geometry, unit_skinning, unit_tpu, unit_update};
+use crate::hdl::{Design, Module};
+use crate::hw;
+use crate::port::Ray;
+use crate::synth::store::{self, Store};
+use anyhow::{Context, Result, bail, ensure};
+use rayon::prelude::*;
+use serde::{Deserialize, Serialize};
+use std::collections::BTreeSet;
+use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::path::PathBuf;
+use std::rc::Rc;
+use std::sync::Arc;
+use text::{SELECT, Site, instrument, sites};
+
+/// The units, whose modules are mutated.
+pub const UNITS: [&str; 4] = ["tpu", "geometry", "update", "raycast"];
+
+/// A part of results' keys: counts up when runs become others.
+const RUNS_VERSION: &str = "1";
+
+/// Transactions of a mutant's runs: most are noticed in the first, what is left goes on to the last.
+const LENGTHS: [u64; 3] = [2_000, 30_000, 200_000];
+
+/// What to do.
+#[derive(Clone, Debug)]
+pub struct Request {
+    pub mutants: u32,
+    pub seed: u64,
+    /// Of [`UNITS`]; all, if there is none.
+    pub units: Vec<String>,
+    /// This mutant alone, by its number from 1 on.
+    pub only: Option<u32>,
+    /// Whether survivors are tried for equivalence.
+    pub prove: bool,
+    /// How many of [`LENGTHS`] survivors run.
+    pub lengths: usize,
+    /// The cache folder; `None` for the user's.
+    pub cache: Option<PathBuf>,
+}
+
+impl Request {
+    /// All units, everything tried.
+    pub fn new(mutants: u32, seed: u64) -> Request {
+        Request {
+            mutants,
+            seed,
+            units: vec![],
+            only: None,
+            prove: true,
+            lengths: LENGTHS.len(),
+            cache: None,
+        }
+    }
+}
+
+/// What became of a mutant.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase", tag = "outcome")]
+pub enum Outcome {
+    /// The run, and the first line of what it said.
+    Noticed { run: String, how: String },
+    /// No difference can ever be seen at the module's ports: what showed it.
+    Equivalent { proof: String },
+    /// The runs that it passed.
+    Survived { runs: Vec<String> },
+}
+
+/// A mutant.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
+pub struct Mutant {
+    /// From 1 on, for [`Request::only`].
+    pub number: u32,
+    pub unit: &'static str,
+    pub module: String,
+    pub line: usize,
+    pub kind: Kind,
+    /// The expression before and after.
+    pub before: String,
+    pub after: String,
+    #[serde(flatten)]
+    pub outcome: Outcome,
+}
+
+/// What became of all.
+#[derive(Clone, Debug, Serialize)]
+pub struct Report {
+    pub seed: u64,
+    pub mutants: Vec<Mutant>,
+}
+
+impl Report {
+    pub fn noticed(&self) -> usize {
+        let noticed = |m: &&Mutant| matches!(m.outcome, Outcome::Noticed { .. });
+        self.mutants.iter().filter(noticed).count()
+    }
+
+    pub fn equivalent(&self) -> usize {
+        let equivalent = |m: &&Mutant| matches!(m.outcome, Outcome::Equivalent { .. });
+        self.mutants.iter().filter(equivalent).count()
+    }
+
+    pub fn survivors(&self) -> impl Iterator<Item = &Mutant> {
+        let survived = |m: &&Mutant| matches!(m.outcome, Outcome::Survived { .. });
+        self.mutants.iter().filter(survived)
+    }
+
+    /// Noticed, of those not proved equivalent, in percent.
+    pub fn share_percent(&self) -> f64 {
+        self.noticed() as f64 * 100.0 / (self.mutants.len() - self.equivalent()).max(1) as f64
+    }
+}
+
+/// A unit with the mutants drawn of it.
+struct Population {
+    unit: &'static str,
+    /// Its modules, the unit last.
+    modules: Vec<Rc<Module>>,
+    /// Number, index of the module, change.
+    drawn: Vec<(u32, usize, Site)>,
+}
+
+fn top(config: &Config, unit: &str) -> Result<Rc<Module>> {
+    let plan = || hw::Plan::new(config);
+    Ok(match unit {
+        "tpu" => hw::tpu::module(&plan()?)?.module,
+        "geometry" => hw::geometry::module(&plan()?)?.module,
+        "update" => hw::update::module(&plan()?)?.module,
+        "raycast" => hw::emit(config)?.design.top().clone(),
+        _ => bail!("unit {unit}: is not one of {}", UNITS.join(", ")),
+    })
+}
+
+/// Draws mutants: as many of each unit, in a unit by turns of each kind, in a kind of any place alike. A module that two units have is
+/// mutated in the first.
+fn draw(config: &Config, request: &Request) -> Result<Vec<Population>> {
+    let mut rng = fastrand::Rng::with_seed(request.seed);
+    let mut seen: BTreeSet<String> = BTreeSet::new();
+    let mut number = 0;
+    let mut all = vec![];
+    for (index, unit) in UNITS.into_iter().enumerate() {
+        let design = Design::new(top(config, unit)?)?;
+        let modules = design.modules().to_vec();
+        let mut places: Vec<Vec<(usize, Site)>> = vec![vec![]; Kind::ALL.len()];
+        for (at, module) in modules.iter().enumerate() {
+            if !seen.insert(module.name().to_string()) {
+                continue;
+            }
+            for site in sites(module.verilog()) {
+                let kind = Kind::ALL.iter().position(|kind| *kind == site.kind);
+                places[kind.expect("every kind is listed")].push((at, site));
+            }
+        }
+        let units = UNITS.len() as u32;
+        let share = request.mutants / units + u32::from((index as u32) < request.mutants % units);
+        let mut drawn = vec![];
+        let mut kind = 0;
+        while (drawn.len() as u32) < share && places.iter().any(|places| !places.is_empty()) {
+            let of_kind = &mut places[kind % Kind::ALL.len()];
+            kind += 1;
+            if of_kind.is_empty() {
+                continue;
+            }
+            let (at, site) = of_kind.swap_remove(rng.usize(..of_kind.len()));
+            number += 1;
+            drawn.push((number, at, site));
+        }
+        all.push(Population {
+            unit,
+            modules,
+            drawn,
+        });
+    }
+    for unit in &request.units {
+        ensure!(
+            UNITS.contains(&&**unit),
+            "unit {unit}: is not one of {}",
+            UNITS.join(", ")
+        );
+    }
+    if !request.units.is_empty() {
+        all.retain(|population| request.units.iter().any(|unit| unit == population.unit));
+    }
+    if let Some(only) = request.only {
+        for population in &mut all {
+            population.drawn.retain(|(number, ..)| *number == only);
+        }
+    }
+    all.retain(|population| !population.drawn.is_empty());
+    ensure!(
+        !all.is_empty(),
+        "there is no such mutant: {number} were drawn with seed {}",
+        request.seed
+    );
+    Ok(all)
+}
+
+/// What a run of a unit with a mutant came to: `None` if all agrees.
+type Run<'a> = (
+    String,
+    Box<dyn Fn(Option<Mutated>) -> Result<Option<String>> + Sync + 'a>,
+);
+
+/// Scenes of two levels and rays into them, for whole machines.
+struct Scenes(Vec<(MemoryImage, Vec<Ray>)>);
+
+impl Scenes {
+    fn new(config: &Config, count: usize, rays: usize, seed: u64) -> Result<Scenes> {
+        let mut rng = fastrand::Rng::with_seed(seed);
+        let scenes = (0..count).map(|_| instanced_scene(config, rays, &mut rng));
+        scenes.collect::<Result<_>>().map(Scenes)
+    }
+}
+
+fn unit_options(seed: u64, mutated: Option<Mutated>) -> UnitOptions {
+    UnitOptions {
+        mutated,
+        ..UnitOptions::new(seed)
+    }
+}
+
+/// The runs of a unit, the shortest first.
+fn runs<'a>(config: &'a Config, unit: &str, lengths: usize) -> Result<Vec<Run<'a>>> {
+    let mut all: Vec<Run<'a>> = vec![];
+    for (seed, &length) in (1u64..).zip(&LENGTHS[..lengths]) {
+        let kinds: &[&str] = match unit {
+            "tpu" => &["packets", "instances"],
+            "geometry" => &["tests", "transforms"],
+            "update" => &["programs"],
+            _ => &["rays", "skins"],
+        };
+        for &kind in kinds {
+            let name = format!("{kind} {length}");
+            let run: Box<dyn Fn(Option<Mutated>) -> Result<Option<String>> + Sync> = match kind {
+                "packets" => Box::new(move |mutated| {
+                    let workload = Workload::Coincidences {
+                        transactions: length,
+                    };
+                    let report = unit_tpu::run(config, workload, &unit_options(seed, mutated))?;
+                    Ok(report.mismatch)
+                }),
+                "instances" => Box::new(move |mutated| {
+                    let workload = Workload::Instances {
+                        transactions: length,
+                    };
+                    let report = unit_tpu::run(config, workload, &unit_options(seed, mutated))?;
+                    Ok(report.mismatch)
+                }),
+                "tests" => Box::new(move |mutated| {
+                    let workload = Workload::Coincidences {
+                        transactions: length,
+                    };
+                    let report =
+                        unit_geometry::run(config, workload, &unit_options(seed, mutated))?;
+                    Ok(report.mismatch)
+                }),
+                "transforms" => Box::new(move |mutated| {
+                    let workload = Workload::Instances {
+                        transactions: length / 2,
+                    };
+                    let options = unit_options(seed, mutated);
+                    Ok(unit_geometry::run_transform(config, workload, &options)?.mismatch)
+                }),
+                "programs" => Box::new(move |mutated| {
+                    let workload = unit_update::Workload::Random {
+                        instructions: length,
+                    };
+                    let options = unit_options(seed, mutated);
+                    let traffic = unit_update::Traffic::Separate;
+                    let report = unit_update::run(config, workload, traffic, &options)?;
+                    Ok(report.unit.mismatch)
+                }),
+                "rays" => {
+                    let count = 1 + length as usize / 4000;
+                    let scenes = Scenes::new(config, count, 600, seed)?;
+                    Box::new(move |mutated| {
+                        let mut unit = RaycastUnit::mutated(config, mutated.as_ref())?;
+                        for (number, (image, rays)) in scenes.0.iter().enumerate() {
+                            let stall = [0.0, 0.3][number % 2];
+                            let options = raycast::Options {
+                                seed: seed + number as u64,
+                                ray_stall: stall,
+                                hit_stall: stall,
+                                ..raycast::Options::default()
+                            };
+                            unit.cast(image, rays, &options, &|_| ())?;
+                        }
+                        Ok(None)
+                    })
+                }
+                _ => Box::new(move |mutated| {
+                    let workload = unit_skinning::Workload::Random {
+                        vertices: length / 4,
+                    };
+                    let options = unit_options(seed, mutated);
+                    let traffic = unit_skinning::Traffic::Separate;
+                    let report = unit_skinning::run(config, workload, traffic, &options)?;
+                    Ok(report.unit.mismatch)
+                }),
+            };
+            all.push((name, run));
+        }
+    }
+    Ok(all)
+}
+
+/// What made a run end: a mismatch, an error of the run, or nothing. A mutant may break what a bench takes for granted, such as that a
+/// packet has a number that exists; then the bench's own check ends it, and that is noticing too.
+fn told(run: &Run<'_>, mutated: Option<Mutated>) -> Option<String> {
+    let said = match catch_unwind(AssertUnwindSafe(|| (run.1)(mutated))) {
+        Ok(Ok(None)) => return None,
+        Ok(Ok(Some(mismatch))) => mismatch,
+        Ok(Err(error)) => format!("{error:#}"),
+        Err(_) => "the bench's own check fails".into(),
+    };
+    Some(said.lines().next().unwrap_or("stopped").to_string())
+}
+
+/// Draws mutants and runs them. `progress` is told what is going on; `done` how many mutants of how many are through.
+///
+/// # Errors
+/// A tool that is missing; a machine that fails without any mutant; no such unit or mutant.
+pub fn mutate(
+    config: &Config,
+    request: &Request,
+    progress: &dyn Fn(&str),
+    done: &(dyn Fn(usize, usize) + Sync),
+) -> Result<Report> {
+    ensure!(request.mutants > 0, "--mutants 0: nothing would be checked");
+    let populations = draw(config, request)?;
+    let total = populations.iter().map(|p| p.drawn.len()).sum();
+    let store = Store::open_in(request.cache.clone(), "mutants")?;
+    let mut mutants: Vec<Mutant> = vec![];
+    for population in &populations {
+        let before = mutants.len();
+        let told = |count| done(before + count, total);
+        mutants.extend(run_unit(
+            config, request, population, &store, progress, &told,
+        )?);
+    }
+    Ok(Report {
+        seed: request.seed,
+        mutants,
+    })
+}
+
+fn run_unit(
+    config: &Config,
+    request: &Request,
+    population: &Population,
+    store: &Store,
+    progress: &dyn Fn(&str),
+    done: &(dyn Fn(usize) + Sync),
+) -> Result<Vec<Mutant>> {
+    let Population {
+        unit,
+        modules,
+        drawn,
+    } = population;
+    let texts: Vec<String> = modules
+        .iter()
+        .map(|module| module.verilog().to_string())
+        .collect();
+    let names: Vec<&str> = modules.iter().map(|module| module.name()).collect();
+    let files: Vec<(String, String)> = (modules.iter().zip(&texts).enumerate())
+        .map(|(at, (module, text))| {
+            let of_module = drawn.iter().filter(|(_, module, _)| *module == at);
+            let changes: Vec<_> = of_module.map(|(number, _, site)| (*number, site)).collect();
+            (
+                format!("{}.v", module.name()),
+                instrument(text, &changes, &names),
+            )
+        })
+        .collect();
+    let files = Arc::new(files);
+    let key = |number: u32| -> String {
+        let (_, at, site) = drawn.iter().find(|d| d.0 == number).expect("drawn");
+        let mut parts = vec![RUNS_VERSION, *unit, names[*at]];
+        let place = format!("{:?} {} {}", site.place, site.instead, request.lengths);
+        let config = config.to_toml();
+        parts.extend([&*place, &config]);
+        parts.extend(texts.iter().map(String::as_str));
+        store::key(&parts)
+    };
+    let known = |number: u32| store.get::<Outcome>(unit, &key(number));
+    let runs = runs(config, unit, request.lengths)?;
+    let all_known = request.only.is_none() && drawn.iter().all(|d| known(d.0).is_some());
+    if !all_known {
+        progress(&format!("building {unit} with {} mutants", drawn.len()));
+        let select = |selected| Mutated {
+            files: files.clone(),
+            port: SELECT,
+            selected,
+        };
+        for run in &runs {
+            if let Some(said) = told(run, Some(select(0))) {
+                bail!("{unit}, {}: fails without any mutant: {said}", run.0);
+            }
+        }
+        progress(&format!(
+            "{unit} passes without a mutant; running the mutants"
+        ));
+    }
+    let select = |selected| Mutated {
+        files: files.clone(),
+        port: SELECT,
+        selected,
+    };
+    let finished = std::sync::atomic::AtomicUsize::new(0);
+    // Modules are not to be shared between threads; their texts are.
+    let outcomes: Vec<(u32, Outcome)> = drawn
+        .par_iter()
+        .map(|(number, at, site)| {
+            let outcome = match known(*number).filter(|_| request.only.is_none()) {
+                Some(outcome) => outcome,
+                None => {
+                    let noticed = runs.iter().find_map(|run| {
+                        let how = told(run, Some(select(*number)))?;
+                        let run = run.0.clone();
+                        Some(Outcome::Noticed { run, how })
+                    });
+                    let outcome = match noticed {
+                        Some(outcome) => outcome,
+                        None => survivor(request, &texts, &names, *at, site, &runs)?,
+                    };
+                    store.put(unit, &key(*number), &outcome)?;
+                    outcome
+                }
+            };
+            done(1 + finished.fetch_add(1, std::sync::atomic::Ordering::Relaxed));
+            Ok((*number, outcome))
+        })
+        .collect::<Result<_>>()?;
+    let describe = |(number, outcome): (u32, Outcome)| {
+        let (_, at, site) = (drawn.iter().find(|d| d.0 == number)).context("a mutant")?;
+        let text = &texts[*at];
+        let plain = |text: &str| text.split_whitespace().collect::<Vec<_>>().join(" ");
+        Ok(Mutant {
+            number,
+            unit,
+            module: names[*at].to_string(),
+            line: site.line(text),
+            kind: site.kind,
+            before: plain(&text[site.expression.clone()]),
+            after: plain(&site.changed(text)),
+            outcome,
+        })
+    };
+    outcomes.into_iter().map(describe).collect()
+}
+
+fn survivor(
+    request: &Request,
+    texts: &[String],
+    names: &[&str],
+    at: usize,
+    site: &Site,
+    runs: &[Run<'_>],
+) -> Result<Outcome> {
+    if request.prove
+        && let Some(proof) = equivalence::proved(texts, names, at, site)?
+    {
+        return Ok(Outcome::Equivalent { proof });
+    }
+    Ok(Outcome::Survived {
+        runs: runs.iter().map(|run| run.0.clone()).collect(),
+    })
+}
