@@ -126,12 +126,12 @@ fn everything_is_measured_in_every_round() {
 }
 
 #[test]
-fn a_wrong_mesh_does_not_agree() {
+fn a_wrong_triangle_is_noticed() {
     if !embree_is_here() {
         return;
     }
     let config = Config::reference();
-    let picture = picture(&config, "builtin:teapot", false, "128x96");
+    let picture = picture(&config, "builtin:cornell", false, "128x96");
     let found = compare(&config, &picture, 1);
     // Were the machine's hits those of another triangle at another distance, it would be seen.
     let mut hits = found.built.hits.clone();
@@ -140,7 +140,7 @@ fn a_wrong_mesh_does_not_agree() {
         hit.is_hit() && hit.u > 0.25 && hit.v > 0.25 && hit.u + hit.v < 0.75
     };
     let wrong = hits.iter_mut().find(amid).unwrap();
-    wrong.triangle = (wrong.triangle + 3000) % picture.mesh.triangles.len() as u32;
+    wrong.triangle = (wrong.triangle + 19) % picture.mesh.triangles.len() as u32;
     wrong.t *= 1.5;
     let oracle =
         dynrt::golden::oracle::Oracle::new(&picture.mesh.vertices, &picture.mesh.triangles);
