@@ -16,7 +16,7 @@ use std::path::Path;
 use std::time::Instant;
 
 /// What can be proved, with what it is.
-pub const UNITS: [(&str, &str); 11] = [
+pub const UNITS: [(&str, &str); 12] = [
     ("add", "fp_add: the sum of any two operands"),
     ("sub", "fp_sub: the difference of any two operands"),
     ("mul", "fp_mul: the product of any two operands"),
@@ -34,7 +34,14 @@ pub const UNITS: [(&str, &str); 11] = [
         "prefetch",
         "words read ahead: order, slots, port, nothing waits for itself",
     ),
-    ("credit", "the update processor's credits and ports"),
+    (
+        "credit",
+        "the update processor: credits, ports, nothing locks up",
+    ),
+    (
+        "skin",
+        "the skinning processor: credits, write queue, ports, nothing locks up",
+    ),
     (
         "tpu",
         "the traversal unit's packets, queues, ports and choices",
