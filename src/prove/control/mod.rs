@@ -84,6 +84,11 @@ pub fn proofs(unit: &str, config: &Config) -> Result<Vec<Induction>> {
         let found = all.iter().find(|m| m.name() == name).cloned();
         found.with_context(|| format!("the machine has no module {name}"))
     };
+    let few = |key: &str, value: u32| {
+        let mut few = config.clone();
+        few.set(key, &value.to_string())?;
+        modules(&few)
+    };
     let named = |part: &str| {
         let found: Vec<_> = all
             .iter()
@@ -103,15 +108,18 @@ pub fn proofs(unit: &str, config: &Config) -> Result<Vec<Induction>> {
         }
         "prefetch" => named("_prefetch")?.iter().map(queues::prefetch).collect(),
         "credit" => Ok(vec![update::credit(&find(&all, "update_processor")?)?]),
-        "skin" => Ok(vec![skinning::conserves(&find(
-            &all,
-            "skinning_processor",
-        )?)?]),
-        "tpu" => {
-            let mut few = config.clone();
-            few.set("packets.in_flight", &FEW_PACKETS.to_string())?;
+        "skin" => {
+            let few = few("skinning.vertices_waiting", skinning::FEW_VERTICES)?;
+            const NAME: &str = "skinning_processor";
             Ok(vec![
-                traversal::packets(&find(&modules(&few)?, "tpu")?, FEW_PACKETS)?,
+                skinning::conserves(&find(&all, NAME)?)?,
+                skinning::write_queue(&find(&few, NAME)?)?,
+            ])
+        }
+        "tpu" => {
+            let few = few("packets.in_flight", FEW_PACKETS)?;
+            Ok(vec![
+                traversal::packets(&find(&few, "tpu")?, FEW_PACKETS)?,
                 traversal::choices(&find(&all, "tpu")?)?,
             ])
         }

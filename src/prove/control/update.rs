@@ -257,10 +257,10 @@ pub(super) fn credit(module: &Rc<Module>) -> Result<Induction> {
                 "",
             ),
             plant(
-                "room for an instruction is seen where there is none",
+                "room for an instruction is never seen",
                 "assign queue_room =",
-                "!=",
-                "==",
+                "instructions_waiting",
+                "1'b0 & instructions_waiting",
             ),
             plant(
                 "a load's vertex is not asked for",
