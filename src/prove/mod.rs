@@ -16,7 +16,7 @@ use std::path::Path;
 use std::time::Instant;
 
 /// What can be proved, with what it is.
-pub const UNITS: [(&str, &str); 12] = [
+pub const UNITS: [(&str, &str); 13] = [
     ("add", "fp_add: the sum of any two operands"),
     ("sub", "fp_sub: the difference of any two operands"),
     ("mul", "fp_mul: the product of any two operands"),
@@ -49,6 +49,10 @@ pub const UNITS: [(&str, &str); 12] = [
     (
         "stack",
         "the traversal unit's stack: a pop reads what the push wrote",
+    ),
+    (
+        "share",
+        "the ray casting unit: packet numbers, tags, who has the geometry unit and its port",
     ),
 ];
 

@@ -7,6 +7,7 @@
 //! removed. Arithmetic inside a module is replaced by outputs of any value.
 
 mod queues;
+mod raycast;
 mod skinning;
 mod traversal;
 mod update;
@@ -75,7 +76,11 @@ fn plant(what: &str, line: &str, from: &str, to: &str) -> Plant {
 /// # Errors
 /// A mistake in the machine's description; a module that no longer has what the laws speak of.
 pub fn proofs(unit: &str, config: &Config) -> Result<Vec<Induction>> {
-    if !["fifo", "prefetch", "credit", "skin", "tpu", "stack"].contains(&unit) {
+    if ![
+        "fifo", "prefetch", "credit", "skin", "tpu", "stack", "share",
+    ]
+    .contains(&unit)
+    {
         return Ok(vec![]);
     }
     let modules = |config: &Config| anyhow::Ok(emit::generate(config)?.0.design.modules().to_vec());
@@ -123,6 +128,10 @@ pub fn proofs(unit: &str, config: &Config) -> Result<Vec<Induction>> {
                 traversal::choices(&find(&all, "tpu")?)?,
             ])
         }
+        "share" => Ok(vec![raycast::shares(
+            &find(&all, "raycast_unit")?,
+            config.packets_in_flight,
+        )?]),
         _ => Ok(vec![traversal::stack(&find(&all, "tpu")?, config)?]),
     }
 }
