@@ -16,7 +16,7 @@ use std::path::Path;
 use std::time::Instant;
 
 /// What can be proved, with what it is.
-pub const UNITS: [(&str, &str); 13] = [
+pub const UNITS: [(&str, &str); 14] = [
     ("add", "fp_add: the sum of any two operands"),
     ("sub", "fp_sub: the difference of any two operands"),
     ("mul", "fp_mul: the product of any two operands"),
@@ -41,6 +41,10 @@ pub const UNITS: [(&str, &str); 13] = [
     (
         "skin",
         "the skinning processor: credits, write queue, ports, nothing locks up",
+    ),
+    (
+        "geometry",
+        "the geometry unit: leaves, vertices, rays, ports, nothing locks up",
     ),
     (
         "tpu",

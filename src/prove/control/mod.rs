@@ -6,6 +6,7 @@
 //! that if all hold for that many clocks they hold in the next: so they hold for ever. What the laws do not depend on is
 //! removed. Arithmetic inside a module is replaced by outputs of any value.
 
+mod geometry;
 mod queues;
 mod raycast;
 mod skinning;
@@ -71,16 +72,17 @@ fn plant(what: &str, line: &str, from: &str, to: &str) -> Plant {
     }
 }
 
+/// Of [`super::UNITS`], those that are proved by induction.
+const CONTROL: [&str; 8] = [
+    "fifo", "prefetch", "credit", "skin", "geometry", "tpu", "stack", "share",
+];
+
 /// All inductions of a unit of the given name; none if it is no unit of control.
 ///
 /// # Errors
 /// A mistake in the machine's description; a module that no longer has what the laws speak of.
 pub fn proofs(unit: &str, config: &Config) -> Result<Vec<Induction>> {
-    if ![
-        "fifo", "prefetch", "credit", "skin", "tpu", "stack", "share",
-    ]
-    .contains(&unit)
-    {
+    if !CONTROL.contains(&unit) {
         return Ok(vec![]);
     }
     let modules = |config: &Config| anyhow::Ok(emit::generate(config)?.0.design.modules().to_vec());
@@ -127,6 +129,13 @@ pub fn proofs(unit: &str, config: &Config) -> Result<Vec<Induction>> {
                 traversal::packets(&find(&few, "tpu")?, FEW_PACKETS)?,
                 traversal::choices(&find(&all, "tpu")?)?,
             ])
+        }
+        "geometry" => {
+            let few = few("packets.in_flight", FEW_PACKETS)?;
+            Ok(vec![geometry::conserves(
+                &find(&few, "geometry_unit")?,
+                FEW_PACKETS,
+            )?])
         }
         "share" => Ok(vec![raycast::shares(
             &find(&all, "raycast_unit")?,
