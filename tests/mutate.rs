@@ -8,13 +8,18 @@ fn request(seed: u64) -> Request {
         units: vec!["update".into()],
         prove: false,
         lengths: 1,
-        ..Request::new(96, seed)
+        ..Request::new(120, seed)
     }
 }
 
 fn run(request: &Request) -> Report {
-    mutate(&Config::reference(), request, &|line| println!("{line}"), &|_, _| ())
-        .unwrap_or_else(|error| panic!("{error:#}"))
+    mutate(
+        &Config::reference(),
+        request,
+        &|line| println!("{line}"),
+        &|_, _| (),
+    )
+    .unwrap_or_else(|error| panic!("{error:#}"))
 }
 
 fn drawn(mutants: &[Mutant]) -> Vec<(u32, &str, usize, &str)> {
@@ -32,11 +37,16 @@ fn mutants_are_noticed_and_come_again() {
     }
     assert_eq!(report.mutants.len(), 24);
     for kind in Kind::ALL {
-        assert!(report.mutants.iter().any(|m| m.kind == kind), "{}", kind.name());
+        assert!(
+            report.mutants.iter().any(|m| m.kind == kind),
+            "{}",
+            kind.name()
+        );
     }
     // The shortest run, and nothing proved: the whole notices more.
     assert!(report.share_percent() >= 75.0, "{}", report.share_percent());
-    let noticed = |m: &&Mutant| matches!(&m.outcome, Outcome::Noticed { how, .. } if !how.is_empty());
+    let noticed =
+        |m: &&Mutant| matches!(&m.outcome, Outcome::Noticed { how, .. } if !how.is_empty());
     let first = report.mutants.iter().find(noticed).expect("one is noticed");
     let alone = run(&Request {
         only: Some(first.number),
@@ -61,10 +71,13 @@ fn what_is_not_there_is_refused_in_one_line() {
     let mut unknown = request(1);
     unknown.units = vec!["shader".into()];
     let cases = [
-        (unknown, "unit shader: is not one of tpu, geometry, update, raycast"),
+        (
+            unknown,
+            "unit shader: is not one of arithmetic, tpu, geometry, update, raycast",
+        ),
         (
             Request {
-                only: Some(97),
+                only: Some(121),
                 ..request(1)
             },
             "there is no such mutant",
