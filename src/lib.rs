@@ -10,6 +10,7 @@ pub mod config;
 pub mod cosim;
 pub mod emit;
 pub mod float;
+pub mod fuzz;
 pub mod golden;
 pub mod hdl;
 pub mod hw;

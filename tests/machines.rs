@@ -1,66 +1,72 @@
-//! Machines of other configurations: each is emitted, linted by three tools and co-simulated on a small scene, with
-//! memories and stalls that come and go at random.
+//! Machines of other configurations: each is generated, linted by three tools, and co-simulated unit by unit and as a whole.
+//!
+//! Random ones are new in every run; tests print their seed, and `DYNRT_SEED=… cargo test --test machines` replays them. With
+//! `DYNRT_FULL=1` there are twenty of them, and the named configurations are given more to do.
 
-mod common;
+use dynrt::config::{Config, NAMED, TriangleTest};
+use dynrt::cosim::scoreboard::Fault;
+use dynrt::fuzz::{Case, Event, Options, Report, Size, Stage, Workbench, run};
 
-use common::{prepare, shadow_rays};
-use dynrt::config::{Config, TriangleTest};
-use dynrt::cosim::raycast::{Options, run};
-use dynrt::{cosim, hw};
-
-/// Emits, lints and runs a machine. Returns how much was checked.
-fn whole(config: &Config, scene: &str, seed: u64) -> u64 {
-    let machine = hw::core::emit(config).unwrap_or_else(|e| panic!("{}: {e}", config.name));
-    cosim::model::lint(&cosim::sources(&machine.design))
-        .unwrap_or_else(|e| panic!("{}: {e:#}", config.name));
-    let prepared = prepare(config, scene, "37x25", None);
-    let mut rays = prepared.rays.clone();
-    rays.extend(shadow_rays(config, &prepared));
-    let options = Options {
-        seed,
-        ray_stall: 0.2,
-        hit_stall: 0.3,
-        ..Options::default()
+fn seed() -> u64 {
+    let seed = match std::env::var("DYNRT_SEED") {
+        Ok(text) => text.parse().expect("DYNRT_SEED must be a number"),
+        Err(_) => fastrand::u64(..1 << 32),
     };
-    let report = run(config, &prepared.image, &rays, &options, &|_| ()).unwrap_or_else(|e| {
-        panic!(
-            "{} (seed {seed}):\n{}\n{e:#}",
-            config.name,
-            config.to_toml()
-        )
+    println!("replay with DYNRT_SEED={seed}");
+    seed
+}
+
+fn is_full() -> bool {
+    std::env::var_os("DYNRT_FULL").is_some_and(|value| value == "1")
+}
+
+/// Checks machines, and that something was checked in every stage.
+fn check(options: &Options) -> Report {
+    let bench = Workbench::new().unwrap_or_else(|e| panic!("{e:#}"));
+    let report = run(&bench, options, &mut |event| {
+        if let Event::Passed(_, passed) = event {
+            println!("{}: {:?}", passed.case.command(None), passed.checked);
+        }
     });
-    println!(
-        "{}: {} rays, {} packet steps, {} tests agree in all bits",
-        config.name, report.hits_checked, report.steps_checked, report.tests_checked
-    );
-    assert!(report.hits_checked == rays.len() as u64 && report.steps_checked > 0);
-    report.checked()
-}
-
-fn variant(name: &str, edit: impl FnOnce(&mut Config)) -> Config {
-    let mut config = Config::reference();
-    config.name = name.to_string();
-    config.memory_latency = 13;
-    config.memory_jitter = 20;
-    config.memory_in_order = false;
-    config.memory_ready_percent = 70;
-    edit(&mut config);
-    config
-}
-
-#[test]
-fn named_configurations() {
-    for name in ["virtex4-lx160", "dynrt-2006", "ecp5-85f", "tiny"] {
-        whole(
-            &Config::load(name).unwrap(),
-            "builtin:teapot?tessellation=4",
-            1,
+    let report = report.unwrap_or_else(|e| panic!("{e:#}"));
+    if let Some(failed) = &report.failed {
+        panic!(
+            "{}\n{}\nshrunk: {}\n{}",
+            failed.case.command(Some(failed.failure.stage)),
+            failed.failure.message,
+            failed.shrunk.command(Some(failed.shrunk_failure.stage)),
+            failed.shrunk_failure.message
         );
     }
+    assert_eq!(report.passed.len() as u32, options.machines);
+    for &stage in &options.stages {
+        assert!(report.checked_in(stage) > 0, "nothing in {}", stage.name());
+    }
+    report
 }
 
 #[test]
-fn configurations_that_differ_most() {
+fn random_machines() {
+    let machines = if is_full() { 20 } else { 2 };
+    let report = check(&Options::new(seed(), machines));
+    println!("{} results", report.checked());
+}
+
+/// The named configurations, and those that differ from the reference most in one way each.
+fn chosen() -> Vec<Config> {
+    let variant = |name: &str, edit: fn(&mut Config)| {
+        let mut config = Config {
+            name: name.into(),
+            memory_latency: 13,
+            memory_jitter: 20,
+            memory_in_order: false,
+            memory_ready_percent: 70,
+            ..Config::reference()
+        };
+        edit(&mut config);
+        config
+    };
+    let named = NAMED.iter().map(|(name, _)| Config::load(name).unwrap());
     let variants = [
         variant("1 ray a packet", |c| c.rays_per_packet = 1),
         variant("2 rays a packet", |c| c.rays_per_packet = 2),
@@ -82,28 +88,92 @@ fn configurations_that_differ_most() {
             c.packets_in_flight = 5;
         }),
     ];
-    let checked: u64 = variants
-        .iter()
-        .map(|config| whole(config, "builtin:teapot?tessellation=3", 7))
-        .sum();
-    assert!(checked > 0);
+    named.chain(variants).collect()
 }
 
+/// Their units alone are tested elsewhere (`units`, `update`, `skinning`).
 #[test]
-fn random_machines() {
-    let seed = std::env::var("DYNRT_SEED").map_or_else(
-        |_| fastrand::u64(..1 << 32),
-        |seed| seed.parse().expect("DYNRT_SEED is a number"),
-    );
-    let machines = if std::env::var_os("DYNRT_FULL").is_some() {
-        40
-    } else {
-        3
+fn named_configurations_and_those_that_differ_most() {
+    let seed = seed();
+    for config in chosen() {
+        println!("{}", config.name);
+        let stages = [
+            Stage::Generate,
+            Stage::Lint,
+            Stage::Raycast,
+            Stage::Animation,
+        ];
+        check(&Options {
+            config: Some(config),
+            stages: stages.into(),
+            sizes: [Size::Packets, Size::Frames]
+                .map(|size| format!("{}={}", size.name(), size.most()))
+                .into(),
+            ..Options::new(seed, 1)
+        });
+    }
+}
+
+/// A fault planted in one unit's Verilog is found, its machine is shrunk to the reference and next to nothing to do, and the
+/// command that is printed makes that case again.
+#[test]
+fn a_planted_fault_is_found_and_shrunk() {
+    // Every box that is written is wrong in all bits. (Update processors are small, and quickly built.)
+    let fault = Fault {
+        text: "assign box_write_data = {",
+        instead: "assign box_write_data = ~{",
     };
-    println!("random machines: DYNRT_SEED={seed} replays them");
-    for i in 0..machines {
-        // 240 triangles: what 8 address bits name and 8 stack entries reach.
-        let config = Config::random(seed.wrapping_add(i));
-        whole(&config, "builtin:teapot?tessellation=2", seed);
+    let bench = Workbench::new().unwrap().with_fault(Stage::Update, fault);
+    let options = Options {
+        stages: vec![Stage::Update],
+        shrink_attempts: 12,
+        again: true,
+        ..Options::new(seed(), 3)
+    };
+    let (mut tried, mut told) = (0, false);
+    let report = run(&bench, &options, &mut |event| match event {
+        Event::Failed(number, ..) => told = number == 0,
+        Event::Shrinks(attempts, _) => tried = attempts,
+        Event::Enters(..) | Event::Passed(..) => {}
+    })
+    .unwrap();
+    assert!(report.passed.is_empty() && told);
+    let failed = report.failed.expect("the fault shows");
+    println!("{}", failed.failure.message);
+    assert_eq!(failed.failure.stage, Stage::Update);
+    assert_eq!(failed.case, Case::random(options.seed));
+    assert_eq!((failed.attempts, failed.attempts > 0), (tried, true));
+    assert_eq!(failed.shrunk.settings(), Vec::<String>::new());
+    assert_eq!(failed.shrunk.sizes.get(Size::Transactions), 1);
+    assert_eq!(failed.shrunk_failure.stage, Stage::Update);
+    assert_eq!(
+        failed.shrunk.command(Some(Stage::Update)),
+        format!(
+            "dynrt fuzz --machines 1 --seed {} --stage update --config virtex4-lx160{}",
+            options.seed,
+            Size::ALL
+                .iter()
+                .filter(|&&size| failed.case.sizes.get(size) > 1)
+                .map(|size| format!(" --size {}=1", size.name()))
+                .collect::<String>()
+        )
+    );
+    // Without the fault it passes.
+    let sound = Workbench::new().unwrap();
+    let checked = sound.check(&failed.shrunk, &[Stage::Update], &|_| ());
+    assert!(checked.unwrap()[0].count > 0);
+}
+
+/// A machine that is asked nothing, or no machine, is an error and no success.
+#[test]
+fn nothing_to_check_is_an_error() {
+    let bench = Workbench::new().unwrap();
+    let none = Options {
+        stages: vec![],
+        ..Options::new(1, 1)
+    };
+    for options in [none, Options::new(1, 0)] {
+        let error = run(&bench, &options, &mut |_| ()).unwrap_err();
+        assert!(error.to_string().contains("nothing would be checked"));
     }
 }

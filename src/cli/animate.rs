@@ -232,7 +232,7 @@ pub fn run(args: &Args) -> Result<()> {
             (unit, trace)
         }),
         replay: args.replay(),
-        fault: None,
+        ..Options::default()
     };
     let film = Film {
         scene: &machine,

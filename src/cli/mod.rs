@@ -6,6 +6,7 @@ mod compare;
 mod constraints;
 mod cosim;
 mod frame;
+mod fuzz;
 mod generate;
 mod mutate;
 mod program;
@@ -35,6 +36,7 @@ Examples:
   dynrt compare model.obj                            build, refit, rays a second and hits beside Embree 3
   dynrt program model.obj                            the program that updates that tree when vertices move
   dynrt prove --quick                                proofs about that Verilog by open tools
+  dynrt fuzz                                         random machines, generated, linted, co-simulated
   dynrt synth                                        what the machine takes of a Virtex-4, unit by unit
   dynrt constraints --out build/constraints          from Verilog to a bitstream that tests itself
   dynrt mutate --mutants 100 --seed 1                whether co-simulation would notice a bug
@@ -66,6 +68,7 @@ enum Command {
     Compare(compare::Args),
     Program(program::Args),
     Prove(prove::Args),
+    Fuzz(fuzz::Args),
     Synth(synth::Args),
     Constraints(constraints::Args),
     Mutate(mutate::Args),
@@ -152,6 +155,7 @@ pub fn main() -> ExitCode {
         Command::Compare(args) => compare::run(&args),
         Command::Program(args) => program::run(&args),
         Command::Prove(args) => prove::run(&args),
+        Command::Fuzz(args) => fuzz::run_fuzz(&args),
         Command::Synth(args) => synth::run(&args),
         Command::Constraints(args) => constraints::run(&args),
         Command::Mutate(args) => mutate::run(&args),

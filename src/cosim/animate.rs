@@ -15,6 +15,7 @@
 
 use super::memory::Image;
 use super::mismatch::{Field, Mismatch};
+use super::model::BuildOptions as ModelOptions;
 use super::raycast::{self, RaycastUnit, Trace};
 use super::scoreboard::{Fault, Surroundings, UnitOptions};
 use super::timing;
@@ -90,6 +91,8 @@ pub struct Options {
     pub trace: Option<(Unit, Trace)>,
     /// A fault that the Verilog of the skinning or the update processor is given first, to see that it is noticed.
     pub fault: Option<(Unit, Fault)>,
+    /// How models are built. One with a trace is built for tracing, whatever this says.
+    pub build: ModelOptions,
     /// What a person types to run this again from its first frame, for a mismatch's report; may be empty.
     pub replay: String,
 }
@@ -102,6 +105,7 @@ impl Default for Options {
             from_frame: 0,
             trace: None,
             fault: None,
+            build: ModelOptions::default(),
             replay: String::new(),
         }
     }
@@ -280,6 +284,7 @@ impl Units {
         let of_unit = |unit: Unit| UnitOptions {
             trace: trace_of(unit),
             fault: (options.fault.filter(|(of, _)| *of == unit)).map(|(_, fault)| fault),
+            build: options.build.clone(),
             ..UnitOptions::new(options.seed)
         };
         Ok(Units {
@@ -288,7 +293,7 @@ impl Units {
                 false => None,
             },
             update: UpdateUnit::new(config, &of_unit(Unit::Update))?,
-            raycast: RaycastUnit::new(config, trace_of(Unit::Raycast).as_ref())?,
+            raycast: RaycastUnit::built(config, trace_of(Unit::Raycast).as_ref(), &options.build)?,
             around: Surroundings {
                 memory: timing(config, options.seed),
                 pauses: 0.0,

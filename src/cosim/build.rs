@@ -116,6 +116,9 @@ const SLOW_OPT: &str = "-O0";
 /// headers: a model of 820 kB took 6.7 s of CPU in units of 60 kB, 3.7 s in units of 300 kB.
 const UNIT_BYTES: u64 = 300_000;
 
+/// The same where the compiler does not optimise, and so takes less time for the text than for the headers.
+const PLAIN_UNIT_BYTES: u64 = 1_500_000;
+
 /// Makes a model of `sources`, or finds it in the cache. `progress` is told what is going on, a line at a time.
 ///
 /// # Errors
@@ -350,7 +353,7 @@ fn model_key(sources: &Sources, options: &BuildOptions, tools: &Tools) -> String
 }
 
 /// A folder in the cache in which something is being built, removed when dropped.
-struct Workshop {
+pub(crate) struct Workshop {
     folder: tempfile::TempDir,
     /// Where the log goes if the build fails.
     failure_log: PathBuf,
@@ -358,7 +361,8 @@ struct Workshop {
 }
 
 impl Workshop {
-    const PREFIX: &str = "building-";
+    /// What the names of such folders begin with; those that a killed process has left are removed after a day.
+    pub(crate) const PREFIX: &str = "building-";
 
     fn open(cache: &Path, name: &str) -> Result<Workshop> {
         remove_abandoned(cache);
@@ -710,7 +714,12 @@ fn join_units(obj: &Path, opt: &str) -> Result<Vec<Unit>> {
     for (kind, opt, mut pieces) in [("fast", opt, fast), ("slow", SLOW_OPT, slow)] {
         let bytes: u64 = pieces.iter().map(|(bytes, _)| bytes).sum();
         // At most a few for each core, so that greater models make greater units.
-        let count = (bytes.div_ceil(UNIT_BYTES) as usize).clamp(1, 4 * jobs());
+        let unit = if opt == "-O0" {
+            PLAIN_UNIT_BYTES
+        } else {
+            UNIT_BYTES
+        };
+        let count = (bytes.div_ceil(unit) as usize).clamp(1, 4 * jobs());
         // Greatest first, each to the unit that is least so far.
         pieces.sort_by(|a, b| b.cmp(a));
         let mut bins = vec![(0, String::new()); count];

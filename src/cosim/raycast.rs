@@ -4,7 +4,7 @@
 use super::memory::{Image, ReadPort, ReadRequest, Timing};
 use super::mismatch::{Field, Mismatch};
 use super::model::{BuildOptions, Model, PortHandle, build};
-use super::scoreboard::Mutated;
+use super::scoreboard::{DISTURBED_CYCLES, Mutated};
 use super::{sources, timing};
 use crate::bkd::layout::{MemoryImage, Record};
 use crate::config::Config;
@@ -380,7 +380,19 @@ impl RaycastUnit {
     /// # Errors
     /// A tool that is missing.
     pub fn new(config: &Config, trace: Option<&Trace>) -> Result<RaycastUnit> {
-        Self::build(config, trace, None)
+        Self::build(config, trace, &BuildOptions::default(), None)
+    }
+
+    /// The same, its model built as `how` says; one with a trace is built for tracing, whatever that says.
+    ///
+    /// # Errors
+    /// As [`RaycastUnit::new`].
+    pub fn built(
+        config: &Config,
+        trace: Option<&Trace>,
+        how: &BuildOptions,
+    ) -> Result<RaycastUnit> {
+        Self::build(config, trace, how, None)
     }
 
     /// Builds the unit with mutants, one of them selected.
@@ -388,18 +400,19 @@ impl RaycastUnit {
     /// # Errors
     /// A tool that is missing.
     pub fn mutated(config: &Config, mutated: Option<&Mutated>) -> Result<RaycastUnit> {
-        Self::build(config, None, mutated)
+        Self::build(config, None, &BuildOptions::default(), mutated)
     }
 
     fn build(
         config: &Config,
         trace: Option<&Trace>,
+        how: &BuildOptions,
         mutated: Option<&Mutated>,
     ) -> Result<RaycastUnit> {
         let machine = hw::emit(config)?;
         let build_options = BuildOptions {
-            traced: trace.is_some(),
-            ..BuildOptions::default()
+            traced: how.traced || trace.is_some(),
+            ..how.clone()
         };
         let mut sources = sources(&machine.design);
         if let Some(mutated) = mutated {
@@ -409,6 +422,7 @@ impl RaycastUnit {
         let built = build(&sources, &build_options, &|_| ())?;
         let model_build_s = started.elapsed().as_secs_f64();
         let mut model = Model::load(&built, &sources.ports)?;
+        model.disturb(1, DISTURBED_CYCLES);
         if let Some(mutated) = mutated {
             mutated.select(&mut model)?;
         }

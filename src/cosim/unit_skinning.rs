@@ -711,8 +711,10 @@ fn random_meshes(
     let format = config.format();
     let vector = Record::vertex(format);
     let row = Record::influence_row(format);
-    // All palettes may be full, and there are a few meshes.
-    let room = (1usize << config.address_bits).saturating_sub(32 * config.skinning_joints as usize);
+    // All palettes may be full, and there are a few meshes: so many joints that half of a small memory is left to vertices.
+    let memory = 1usize << config.address_bits;
+    let most_joints = config.skinning_joints.min((memory / 64) as u32);
+    let room = memory - 32 * most_joints as usize;
     let most = (room / 32).clamp(1, 4000);
     let (mut influences, mut vertices) = (vec![], vec![]);
     let noise = |count: usize, words: usize, rng: &mut fastrand::Rng| -> Vec<u32> {
@@ -725,9 +727,9 @@ fn random_meshes(
         let size = [1, 2, 3, 10, 60, 400, 4000][rng.usize(..7)];
         let count = rng.usize(1..=most.min(size));
         let joints = match rng.u8(..4) {
-            0 => config.skinning_joints,
+            0 => most_joints,
             1 => 1,
-            _ => rng.u32(1..=config.skinning_joints),
+            _ => rng.u32(1..=most_joints),
         };
         let kind = rng.u8(..4);
         let add_vectors = |number: usize, vertices: &mut Vec<u32>, rng: &mut fastrand::Rng| {

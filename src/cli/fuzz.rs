@@ -1,0 +1,258 @@
+//! `dynrt fuzz`: random machines, each generated, linted and co-simulated.
+
+use super::{check_outputs, counted, grouped, print};
+use anyhow::{Result, bail};
+use dynrt::emit;
+use dynrt::fuzz::{Case, Event, Failed, Failure, Options, Passed, Report, Stage, Workbench, run};
+use dynrt::report;
+use serde_json::{Map, Value, json};
+use std::io::IsTerminal;
+use std::path::PathBuf;
+use std::time::Instant;
+
+const HELP: &str = "\
+Every key of the configuration is drawn at random within its range. Each machine is generated, linted by verilator -Wall,
+iverilog -g2001 and yosys, and co-simulated against the golden model in all bits: traversal unit, geometry unit, update and
+skinning processor alone, the ray casting unit on scenes of two levels, and all together on a scene that moves, with
+triangles of no area, slivers, coincident and flat ones, and instances turned, mirrored and pressed flat.
+
+Machine number K of seed S is the first machine of seed S + K. The first that fails ends the run: it is reported with the
+command that checks just it, and shrunk, key by key towards the reference machine and by halves towards a smaller scene, to the
+plainest machine that fails in the same stage, which is printed as a command too. Machines that pass are remembered in
+the cache by their Verilog and their scene: a run that was cut off goes on where it was.
+
+Needs verilator, iverilog, yosys and g++. One machine takes about half a minute of two cores.
+
+Examples:
+  dynrt fuzz                                       ten machines of a new seed
+  dynrt fuzz --machines 200 --seed 1 --json F      the same 200 machines every time
+  dynrt fuzz --machines 1 --seed 27 --list         the machine of that seed, without checking it
+  dynrt fuzz --config tiny --machines 5            one machine, five random scenes
+  dynrt fuzz --seed 1 --stage lint --machines 500  some stages only";
+
+/// Check random machines: generated, linted, co-simulated unit by unit and whole
+#[derive(clap::Args)]
+#[command(after_help = HELP)]
+pub struct Args {
+    /// How many machines
+    #[arg(long, value_name = "N", default_value_t = 10, value_parser = clap::value_parser!(u32).range(1..))]
+    machines: u32,
+    /// Of the first machine; each further one's is greater by one [default: a new one, printed]
+    #[arg(long, value_name = "S")]
+    seed: Option<u64>,
+    /// Only this stage; may be repeated [default: all]
+    #[arg(long, value_name = "STAGE")]
+    stage: Vec<Stage>,
+    /// In place of random machines this one: a configuration's name or a TOML file
+    #[arg(long, value_name = "C")]
+    config: Option<String>,
+    /// Sets one key of --config, such as packets.rays=8; may be repeated
+    #[arg(long, value_name = "SECTION.KEY=VALUE", requires = "config")]
+    set: Vec<String>,
+    /// Sets a size of what machines are given to do: objects, triangles, instances, frames, packets or transactions
+    #[arg(long, value_name = "NAME=N")]
+    size: Vec<String>,
+    /// Check machines again that have passed before
+    #[arg(long)]
+    again: bool,
+    /// The most cases tried to make a failing one plainer
+    #[arg(long, value_name = "N", default_value_t = 80)]
+    shrink: usize,
+    /// Print the machines, and check nothing
+    #[arg(long, conflicts_with = "json")]
+    list: bool,
+    /// What was checked of each machine, as JSON; written when all are checked, or one has failed
+    #[arg(long, value_name = "F")]
+    json: Option<PathBuf>,
+}
+
+impl Args {
+    fn options(&self) -> Result<Options> {
+        let seed = self.seed.unwrap_or_else(|| fastrand::u64(..1 << 32));
+        let mut options = Options::new(seed, self.machines);
+        if !self.stage.is_empty() {
+            options.stages.clone_from(&self.stage);
+        }
+        if let Some(config) = &self.config {
+            let chosen = super::ConfigArgs {
+                config: config.clone(),
+                set: self.set.clone(),
+            };
+            options.config = Some(chosen.load()?);
+        }
+        options.sizes.clone_from(&self.size);
+        options.again = self.again;
+        options.shrink_attempts = self.shrink;
+        Ok(options)
+    }
+}
+
+pub fn run_fuzz(args: &Args) -> Result<()> {
+    check_outputs(&[args.json.as_deref()])?;
+    let options = args.options()?;
+    // A mistake in a size shows before anything is printed.
+    let cases = options.cases()?;
+    print(&format!(
+        "{} from seed {}\n",
+        counted(options.machines.into(), "machine"),
+        options.seed
+    ))?;
+    if args.list {
+        return cases.iter().try_for_each(|case| print(&line(case)));
+    }
+    let bar = report::progress(options.machines.into(), "machines");
+    let quiet = !std::io::stderr().is_terminal();
+    let started = Instant::now();
+    let bench = Workbench::new()?;
+    let mut printed = Ok(());
+    let report = run(&bench, &options, &mut |event| match event {
+        Event::Enters(number, case, stage) => {
+            bar.set_message(format!("seed {}: {}", case.seed, stage.name()));
+            bar.set_position(number.into());
+        }
+        Event::Passed(number, passed) => {
+            bar.set_position(u64::from(number) + 1);
+            let text = line_of(passed);
+            bar.suspend(|| {
+                if printed.is_ok() {
+                    printed = print(&text);
+                }
+            });
+        }
+        Event::Failed(_, case, failure) => bar.suspend(|| {
+            let text = format!("{}{}", line(case), why("it fails", case, failure));
+            if printed.is_ok() {
+                printed = print(&text);
+            }
+        }),
+        Event::Shrinks(attempts, _) => {
+            bar.set_message(format!(
+                "shrinking: {attempts} of {}",
+                options.shrink_attempts
+            ));
+            if !quiet {
+                bar.tick();
+            }
+        }
+    })?;
+    bar.finish_and_clear();
+    printed?;
+    let seconds = started.elapsed().as_secs_f64();
+    if let Some(path) = &args.json {
+        report::json(path, &to_json(&options, &report, seconds))?;
+    }
+    let summary = Stage::ALL
+        .into_iter()
+        .filter(|stage| options.stages.contains(stage))
+        .map(|stage| format!("{} {}", stage.name(), grouped(report.checked_in(stage))))
+        .collect::<Vec<_>>()
+        .join(", ");
+    if let Some(failed) = &report.failed {
+        print(&format!(
+            "shrunk in {} to\n  {}\n",
+            counted(failed.attempts as u64, "attempt"),
+            failed.shrunk.command(Some(failed.shrunk_failure.stage))
+        ))?;
+        if failed.shrunk_failure != failed.failure {
+            print(&indented(&failed.shrunk_failure.message))?;
+        }
+        bail!(
+            "the machine of seed {} fails in stage {}, after {} that passed; replay it with {}",
+            failed.case.seed,
+            failed.failure.stage.name(),
+            counted(report.passed.len() as u64, "machine"),
+            failed.case.command(Some(failed.failure.stage))
+        );
+    }
+    let remembered = report.passed.iter().filter(|p| p.remembered).count();
+    let before = match remembered {
+        0 => String::new(),
+        some => format!(" ({some} in earlier runs; --again checks them again)"),
+    };
+    print(&format!(
+        "{} passed{before}, {} results: {summary}; in {seconds:.0} s\n",
+        counted(report.passed.len() as u64, "machine"),
+        grouped(report.checked()),
+    ))
+}
+
+/// A machine, as settings.
+fn line(case: &Case) -> String {
+    let settings = case.settings();
+    let settings: Vec<String> = settings.iter().map(|s| format!("--set {s}")).collect();
+    format!("seed {}: {}\n", case.seed, settings.join(" "))
+}
+
+fn line_of(passed: &Passed) -> String {
+    let results: u64 = passed.checked.iter().map(|checked| checked.count).sum();
+    let when = match passed.remembered {
+        true => "passed before".to_string(),
+        false => format!("passed in {:.1} s", passed.seconds),
+    };
+    format!(
+        "{}  {when}, {}\n",
+        line(&passed.case),
+        counted(results, "result")
+    )
+}
+
+fn why(what: &str, case: &Case, failure: &Failure) -> String {
+    format!(
+        "{what} in stage {}; replay with\n  {}\n{}",
+        failure.stage.name(),
+        case.command(Some(failure.stage)),
+        indented(&failure.message)
+    )
+}
+
+fn indented(text: &str) -> String {
+    text.lines().map(|line| format!("    {line}\n")).collect()
+}
+
+fn to_json(options: &Options, report: &Report, seconds: f64) -> Value {
+    let stages: Map<String, Value> = Stage::ALL
+        .into_iter()
+        .filter(|stage| options.stages.contains(stage))
+        .map(|stage| (stage.name().into(), json!(report.checked_in(stage))))
+        .collect();
+    json!({
+        "seed": options.seed,
+        "asked": options.machines,
+        "passed": report.passed.len(),
+        "failed": u32::from(report.failed.is_some()),
+        "checked": stages,
+        "seconds": seconds,
+        "machines": report.passed.iter().map(machine_json).collect::<Vec<_>>(),
+        "failure": report.failed.as_ref().map(failed_json),
+    })
+}
+
+fn machine_json(passed: &Passed) -> Value {
+    let checked: Map<String, Value> = (passed.checked.iter())
+        .map(|checked| (checked.stage.name().into(), json!(checked.count)))
+        .collect();
+    json!({
+        "seed": passed.case.seed,
+        "config": emit::configuration(&passed.case.config),
+        "checked": checked,
+        "seconds": passed.seconds,
+        "remembered": passed.remembered,
+    })
+}
+
+fn failed_json(failed: &Failed) -> Value {
+    let one = |case: &Case, failure: &Failure| {
+        json!({
+            "seed": case.seed,
+            "config": emit::configuration(&case.config),
+            "stage": failure.stage.name(),
+            "message": failure.message,
+            "command": case.command(Some(failure.stage)),
+        })
+    };
+    json!({
+        "machine": one(&failed.case, &failed.failure),
+        "shrunk": one(&failed.shrunk, &failed.shrunk_failure),
+        "attempts": failed.attempts,
+    })
+}

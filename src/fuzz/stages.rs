@@ -1,0 +1,302 @@
+//! What every machine goes through.
+
+use super::case::{Case, Size};
+use super::scene::RandomFilm;
+use crate::cosim::model::{self, BuildOptions, Sources};
+use crate::cosim::raycast::{self, RaycastUnit};
+use crate::cosim::scoreboard::{Fault, UnitOptions, UnitReport};
+use crate::cosim::workload::{Workload, instanced_scene};
+use crate::cosim::{animate, build, sources, unit_geometry, unit_skinning, unit_tpu, unit_update};
+use crate::emit;
+use crate::hw;
+use anyhow::{Context, Result, ensure};
+use std::panic::{AssertUnwindSafe, catch_unwind};
+
+/// A step of a machine's way through its checks, in order.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
+pub enum Stage {
+    /// The machine is described and printed as Verilog, with its manifest
+    Generate,
+    /// verilator -Wall, iverilog -g2001 and yosys accept it without a word
+    Lint,
+    /// The traversal unit alone, packet step by packet step
+    Tpu,
+    /// The geometry unit alone, test by test
+    Geometry,
+    /// The geometry unit alone, ray transformation by ray transformation
+    Transform,
+    /// The update processor alone
+    Update,
+    /// The skinning processor alone
+    Skinning,
+    /// The ray casting unit on scenes of two levels, with rays of every kind
+    Raycast,
+    /// Skinning, update and ray casting of a scene that moves
+    Animation,
+}
+
+impl Stage {
+    pub const ALL: [Stage; 9] = [
+        Stage::Generate,
+        Stage::Lint,
+        Stage::Tpu,
+        Stage::Geometry,
+        Stage::Transform,
+        Stage::Update,
+        Stage::Skinning,
+        Stage::Raycast,
+        Stage::Animation,
+    ];
+
+    pub fn name(self) -> &'static str {
+        match self {
+            Stage::Generate => "generate",
+            Stage::Lint => "lint",
+            Stage::Tpu => "tpu",
+            Stage::Geometry => "geometry",
+            Stage::Transform => "transform",
+            Stage::Update => "update",
+            Stage::Skinning => "skinning",
+            Stage::Raycast => "raycast",
+            Stage::Animation => "animation",
+        }
+    }
+}
+
+/// What a stage found to be right: files generated, tools that had nothing to say, or results compared in all bits.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Checked {
+    pub stage: Stage,
+    pub count: u64,
+}
+
+/// Why a machine fails.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Failure {
+    pub stage: Stage,
+    /// A line, or a mismatch's report.
+    pub message: String,
+}
+
+/// Where models are built: a cache that is emptied after every machine, since none of its models is wanted again.
+pub struct Workbench {
+    folder: tempfile::TempDir,
+    build: BuildOptions,
+    /// A fault that the Verilog of the units alone is given, to see that it is noticed.
+    fault: Option<(Stage, Fault)>,
+}
+
+impl Workbench {
+    /// A workbench beside the user's models, gone when dropped. Verilator's runtime is compiled on the way, and so all tools are
+    /// known to work.
+    ///
+    /// # Errors
+    /// One line that names a tool that is missing or fails, or a cache that cannot be written.
+    pub fn new() -> Result<Workbench> {
+        let cache = build::cache_folder(None)?;
+        let folder = (tempfile::Builder::new().prefix(build::Workshop::PREFIX))
+            .tempdir_in(&cache)
+            .with_context(|| {
+                format!(
+                    "cannot write to the cache {}; set DYNRT_CACHE to a folder that can be written",
+                    cache.display()
+                )
+            })?;
+        let bench = Workbench {
+            build: BuildOptions {
+                // Simulations are short: the compiler's time is what counts.
+                opt: OPT.into(),
+                cache: Some(folder.path().to_path_buf()),
+                ..BuildOptions::default()
+            },
+            folder,
+            fault: None,
+        };
+        let trivial = Sources {
+            top: "trivial".into(),
+            files: vec![("trivial.v".into(), TRIVIAL.into())],
+            ports: [("clk", true), ("d", true), ("q", false)]
+                .map(|(name, input)| model::Port {
+                    name: name.into(),
+                    width: 1,
+                    input,
+                })
+                .into(),
+        };
+        model::lint(&trivial)?;
+        model::build(&trivial, &bench.build, &|_| ())?;
+        Ok(bench)
+    }
+
+    /// The same, with a fault in the Verilog of one stage's unit.
+    #[must_use]
+    pub fn with_fault(mut self, stage: Stage, fault: Fault) -> Workbench {
+        self.fault = Some((stage, fault));
+        self
+    }
+
+    /// Removes the models built so far; failing to is no harm.
+    pub fn clear(&self) {
+        let _ = std::fs::remove_dir_all(self.folder.path().join("models"));
+        let _ = std::fs::remove_dir_all(self.folder.path().join("failed"));
+    }
+
+    /// Takes a case through the stages of `stages`, in order. `told` hears of each before it begins.
+    ///
+    /// # Errors
+    /// The first stage that fails, or that checks nothing.
+    pub fn check(
+        &self,
+        case: &Case,
+        stages: &[Stage],
+        told: &dyn Fn(Stage),
+    ) -> Result<Vec<Checked>, Failure> {
+        let mut all = vec![];
+        for stage in Stage::ALL.into_iter().filter(|s| stages.contains(s)) {
+            told(stage);
+            let found = catch_unwind(AssertUnwindSafe(|| self.stage(case, stage)));
+            let failure = match found {
+                Ok(Ok(0)) => "nothing was checked".to_string(),
+                Ok(Ok(count)) => {
+                    all.push(Checked { stage, count });
+                    continue;
+                }
+                Ok(Err(error)) => format!("{error:#}"),
+                Err(panic) => {
+                    let text = panic.downcast_ref::<String>().map(String::as_str);
+                    let text = text.or_else(|| panic.downcast_ref::<&str>().copied());
+                    format!("panic: {}", text.unwrap_or("without a message"))
+                }
+            };
+            return Err(Failure {
+                stage,
+                message: failure,
+            });
+        }
+        Ok(all)
+    }
+
+    fn stage(&self, case: &Case, stage: Stage) -> Result<u64> {
+        let Case {
+            seed,
+            config,
+            sizes,
+        } = case;
+        let transactions = u64::from(sizes.get(Size::Transactions));
+        let options = UnitOptions {
+            build: self.build.clone(),
+            fault: (self.fault.filter(|(of, _)| *of == stage)).map(|(_, fault)| fault),
+            ..UnitOptions::new(*seed)
+        };
+        let one_level = Workload::Coincidences { transactions };
+        let two_levels = Workload::Instances { transactions };
+        let checked = |report: UnitReport| report.verdict().map(|()| report.checked);
+        match stage {
+            Stage::Generate => {
+                let (_, files) = emit::generate(config)?;
+                Ok(files.len() as u64)
+            }
+            Stage::Lint => {
+                let machine = hw::core::emit(config)?;
+                model::lint(&sources(&machine.design))?;
+                Ok(LINT_TOOLS)
+            }
+            Stage::Tpu => {
+                let one = checked(unit_tpu::run(config, one_level, &options)?)?;
+                Ok(one + checked(unit_tpu::run(config, two_levels, &options)?)?)
+            }
+            Stage::Geometry => {
+                let one = checked(unit_geometry::run(config, one_level, &options)?)?;
+                Ok(one + checked(unit_geometry::run(config, two_levels, &options)?)?)
+            }
+            Stage::Transform => {
+                checked(unit_geometry::run_transform(config, two_levels, &options)?)
+            }
+            Stage::Update => {
+                let workload = unit_update::Workload::Random {
+                    instructions: transactions,
+                };
+                let traffic = [unit_update::Traffic::Separate, unit_update::Traffic::Shared];
+                let traffic = traffic[(seed % 2) as usize];
+                checked(unit_update::run(config, workload, traffic, &options)?.unit)
+            }
+            Stage::Skinning => {
+                let workload = unit_skinning::Workload::Random {
+                    vertices: transactions.div_ceil(4),
+                };
+                let traffic = [
+                    unit_skinning::Traffic::Separate,
+                    unit_skinning::Traffic::Shared,
+                ];
+                let traffic = traffic[(seed % 2) as usize];
+                checked(unit_skinning::run(config, workload, traffic, &options)?.unit)
+            }
+            Stage::Raycast => self.raycast(case),
+            Stage::Animation => self.animation(case),
+        }
+    }
+
+    /// Scenes of two levels, through models that wait for nothing and models that wait often.
+    fn raycast(&self, case: &Case) -> Result<u64> {
+        let Case {
+            seed,
+            config,
+            sizes,
+        } = case;
+        let mut rng = fastrand::Rng::with_seed(seed ^ 0x7261_7963_6173_7400);
+        let mut unit = RaycastUnit::built(config, None, &self.build)?;
+        let count = (sizes.get(Size::Packets) * config.rays_per_packet) as usize;
+        let mut checked = 0;
+        for stall in [0.0, 0.3] {
+            let (image, rays) = instanced_scene(config, count, &mut rng)?;
+            let options = raycast::Options {
+                seed: rng.u64(..),
+                ray_stall: stall,
+                hit_stall: stall,
+                ..raycast::Options::default()
+            };
+            let report = unit.cast(&image, &rays, &options, &|_| ())?;
+            ensure!(
+                report.hits_checked == rays.len() as u64,
+                "{} of {} hits were checked",
+                report.hits_checked,
+                rays.len()
+            );
+            checked += report.checked();
+        }
+        Ok(checked)
+    }
+
+    fn animation(&self, case: &Case) -> Result<u64> {
+        let film = RandomFilm::new(case)?;
+        let options = animate::Options {
+            seed: case.seed,
+            rebuild_above: [1.0, animate::REBUILD_ABOVE, f64::INFINITY][(case.seed % 3) as usize],
+            build: self.build.clone(),
+            ..animate::Options::default()
+        };
+        let (mut checked, mut frames) = (0, 0);
+        animate::run(&case.config, film.film(), &options, &|_, _| (), |frame| {
+            checked += frame.figures.checked;
+            frames += 1;
+            Ok(())
+        })?;
+        let asked = case.sizes.get(Size::Frames);
+        ensure!(frames == asked, "{frames} of {asked} frames were drawn");
+        Ok(checked)
+    }
+}
+
+/// The compiler's options for models.
+const OPT: &str = "-O0";
+
+/// Verilator, Icarus, Yosys.
+const LINT_TOOLS: u64 = 3;
+
+/// The least that every tool can be tried on.
+const TRIVIAL: &str = "`default_nettype none
+module trivial (input wire clk, input wire d, output reg q);
+    always @(posedge clk) q <= d;
+endmodule
+`default_nettype wire
+";
