@@ -138,7 +138,10 @@ pub(super) fn packets(module: &Rc<Module>, packets: u32) -> Result<Induction> {
         observer,
         laws,
         happens: "finished_valid & f_total != 0".into(),
-        cut: vec![],
+        // Which way a packet goes.
+        cut: ["goes_left", "goes_right", "stay_mask", "stack_read"]
+            .map(String::from)
+            .to_vec(),
         depth: 1,
         arrays: false,
         plants: vec![
@@ -262,8 +265,17 @@ pub(super) fn choices(module: &Rc<Module>) -> Result<Induction> {
         texts: texts(module, &[]),
         observer,
         laws,
-        happens: "f_refused_node_request".into(),
-        cut: vec![],
+        happens: "f_refused_leaf & leaf_ready".into(),
+        // What is pushed, and when.
+        cut: [
+            "stepped_write",
+            "entered",
+            "retry_push",
+            "step_goes_nowhere",
+            "stack_read",
+        ]
+        .map(String::from)
+        .to_vec(),
         depth: 1,
         arrays: false,
         plants: vec![
