@@ -283,6 +283,7 @@ pub(super) fn conserves(module: &Rc<Module>, packets: u32) -> Result<Induction> 
         texts: texts(module, &[]),
         observer,
         laws,
+        happens: "f_out != 0".into(),
         cut: vec![],
         depth: 1,
         arrays: false,

@@ -31,6 +31,12 @@ const LIMIT: Duration = Duration::from_secs(240);
 /// where they are deep; the description is the same for any number of packets.
 const FEW_PACKETS: u32 = 4;
 
+/// The last stage of a proof: that it is not about nothing.
+const HAPPENS: &str = "what can happen";
+
+/// Clocks after reset in which what a proof is about must be seen to happen.
+const SOON: u32 = 40;
+
 /// A law: what it says, and a Verilog expression that is true at every clock after the first.
 struct Law {
     what: String,
@@ -53,6 +59,8 @@ pub struct Induction {
     /// What the laws need: assumptions on inputs, and what is remembered of the past.
     observer: String,
     laws: Vec<Law>,
+    /// What happens at some clock soon after reset under all that is assumed: else the laws are about nothing.
+    happens: String,
     /// Signals that are given any value at every clock, whatever drives them: what is proved of any holds of theirs.
     cut: Vec<String>,
     depth: u32,
@@ -137,10 +145,13 @@ pub fn proofs(unit: &str, config: &Config) -> Result<Vec<Induction>> {
                 FEW_PACKETS,
             )?])
         }
-        "share" => Ok(vec![raycast::shares(
-            &find(&all, "raycast_unit")?,
-            config.packets_in_flight,
-        )?]),
+        "share" => {
+            let few = few("packets.in_flight", FEW_PACKETS)?;
+            Ok(vec![raycast::shares(
+                &find(&few, "raycast_unit")?,
+                FEW_PACKETS,
+            )?])
+        }
         _ => Ok(vec![traversal::stack(&find(&all, "tpu")?, config)?]),
     }
 }
@@ -498,24 +509,18 @@ impl Induction {
         // The base must cover as many clocks as a step assumes, and what a planted fault needs to show.
         let base = (self.depth + 1).to_string();
         let depth = self.depth.to_string();
-        for induction in [false, true] {
+        let soon = SOON.to_string();
+        for (stage, stage_args) in [
+            ("after reset", &["-t", &base][..]),
+            ("a step of the induction", &["-t", &depth, "-i"]),
+            (HAPPENS, &["-t", &soon, "-c"]),
+        ] {
             let mut args = vec!["--noprogress", "-s", "z3"];
-            args.extend(match induction {
-                false => ["-t", &base],
-                true => ["-t", &depth],
-            });
-            if induction {
-                args.push("-i");
-            }
+            args.extend(stage_args);
             if !self.arrays {
                 args.push("--unroll");
             }
             args.push("laws.smt2");
-            let stage = if induction {
-                "a step of the induction"
-            } else {
-                "after reset"
-            };
             let text = match tools::run(folder, LIMIT, "yosys-smtbmc", &args)? {
                 Ended::With { text, .. } => text,
                 Ended::OutOfTime => {
@@ -531,6 +536,15 @@ impl Induction {
                 .rev()
                 .find(|line| line.contains("Status:"))
                 .unwrap_or_default();
+            if last.ends_with("FAILED") && stage == HAPPENS {
+                return Ok((
+                    0,
+                    Outcome::Undecided(format!(
+                        "{} never happens within {SOON} clocks of reset: the laws are about nothing",
+                        self.happens
+                    )),
+                ));
+            }
             if last.ends_with("FAILED") {
                 return Ok((
                     0,
@@ -561,7 +575,7 @@ impl Induction {
         for law in &self.laws {
             let _ = writeln!(text, "    assert ({}); // {}", law.holds, law.what);
         }
-        text += "  end\n";
+        let _ = write!(text, "    cover ({});\n  end\n", self.happens);
         text += &edited[end..];
         children.iter().for_each(|child| text += child);
         Ok((text, first_law))

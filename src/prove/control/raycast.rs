@@ -197,6 +197,7 @@ pub(super) fn shares(module: &Rc<Module>, packets: u32) -> Result<Induction> {
         texts: texts(module, &["_processor"]),
         observer,
         laws,
+        happens: "packet_leaves".into(),
         cut: vec![],
         depth: 1,
         arrays: false,

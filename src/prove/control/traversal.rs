@@ -137,7 +137,11 @@ pub(super) fn packets(module: &Rc<Module>, packets: u32) -> Result<Induction> {
         texts: texts(module, &[]),
         observer,
         laws,
-        cut: vec![],
+        happens: "finished_valid & f_total != 0".into(),
+        // Which way a packet goes.
+        cut: ["goes_left", "goes_right", "stay_mask", "stack_read"]
+            .map(String::from)
+            .to_vec(),
         depth: 1,
         arrays: false,
         plants: vec![
@@ -261,7 +265,17 @@ pub(super) fn choices(module: &Rc<Module>) -> Result<Induction> {
         texts: texts(module, &[]),
         observer,
         laws,
-        cut: vec![],
+        happens: "f_refused_leaf & leaf_ready".into(),
+        // What is pushed, and when.
+        cut: [
+            "stepped_write",
+            "entered",
+            "retry_push",
+            "step_goes_nowhere",
+            "stack_read",
+        ]
+        .map(String::from)
+        .to_vec(),
         depth: 1,
         arrays: false,
         plants: vec![
@@ -377,6 +391,7 @@ pub(super) fn stack(module: &Rc<Module>, config: &Config) -> Result<Induction> {
                 "!(pop_done & f_level_popped != 0) | f_level_out == f_level_popped - 1'b1",
             ),
         ],
+        happens: "f_popped".into(),
         cut: cut.map(String::from).to_vec(),
         depth: pops as u32 + 1,
         arrays: true,

@@ -240,6 +240,7 @@ pub(super) fn credit(module: &Rc<Module>) -> Result<Induction> {
         texts: texts(module, &["_prefetch"]),
         observer,
         laws,
+        happens: "done".into(),
         cut: vec![],
         depth: 1,
         arrays: false,
