@@ -177,3 +177,54 @@ fn nothing_to_check_is_an_error() {
         assert!(error.to_string().contains("nothing would be checked"));
     }
 }
+
+fn dynrt(arguments: &str) -> std::process::Output {
+    let mut command = std::process::Command::new(env!("CARGO_BIN_EXE_dynrt"));
+    command.args(arguments.split_whitespace()).output().unwrap()
+}
+
+/// The machines that the command lists are those of the library, and their settings make them again.
+#[test]
+fn listed_machines_are_the_seeds() {
+    let output = dynrt("fuzz --machines 3 --seed 12 --list");
+    assert!(output.status.success() && output.stderr.is_empty());
+    let text = String::from_utf8(output.stdout).unwrap();
+    let lines: Vec<&str> = text.lines().collect();
+    assert_eq!((lines.len(), lines[0]), (4, "3 machines from seed 12"));
+    for (seed, line) in (12..).zip(&lines[1..]) {
+        let settings = line.strip_prefix(&format!("seed {seed}: --set ")).unwrap();
+        let mut config = Config::reference();
+        for setting in settings.split(" --set ") {
+            let (key, value) = setting.split_once('=').unwrap();
+            config.set(key, value).unwrap();
+        }
+        config.name = format!("random-{seed}");
+        assert_eq!(config, Case::random(seed).config);
+    }
+}
+
+#[test]
+fn bad_requests_get_one_clear_line() {
+    for (arguments, said) in [
+        (
+            "--size triangles=99",
+            "triangles=99: is out of range; use 1 to 24",
+        ),
+        (
+            "--config nonesuch",
+            "nonesuch: no such configuration: name one of ",
+        ),
+        (
+            "--config tiny --set packets.rays=3",
+            "--set packets.rays=3: packets.rays = 3 is out of range: use 1, 2, 4, 8",
+        ),
+        ("--json /nonexistent/f.json", "/nonexistent/f.json: "),
+    ] {
+        let output = dynrt(&format!("fuzz {arguments}"));
+        let text = String::from_utf8(output.stderr).unwrap();
+        assert_eq!(output.status.code(), Some(1), "{arguments}: {text}");
+        assert!(output.stdout.is_empty(), "{arguments}");
+        assert!(text.starts_with(&format!("error: {said}")), "{text}");
+        assert_eq!(text.lines().count(), 1, "{text}");
+    }
+}

@@ -6,7 +6,6 @@ use dynrt::emit;
 use dynrt::fuzz::{Case, Event, Failed, Failure, Options, Passed, Report, Stage, Workbench, run};
 use dynrt::report;
 use serde_json::{Map, Value, json};
-use std::io::IsTerminal;
 use std::path::PathBuf;
 use std::time::Instant;
 
@@ -101,7 +100,6 @@ pub fn run_fuzz(args: &Args) -> Result<()> {
         return cases.iter().try_for_each(|case| print(&line(case)));
     }
     let bar = report::progress(options.machines.into(), "machines");
-    let quiet = !std::io::stderr().is_terminal();
     let started = Instant::now();
     let bench = Workbench::new()?;
     let mut printed = Ok(());
@@ -130,9 +128,7 @@ pub fn run_fuzz(args: &Args) -> Result<()> {
                 "shrinking: {attempts} of {}",
                 options.shrink_attempts
             ));
-            if !quiet {
-                bar.tick();
-            }
+            bar.tick();
         }
     })?;
     bar.finish_and_clear();

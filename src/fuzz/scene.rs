@@ -469,7 +469,7 @@ fn columns(matrix: &Matrix3x4) -> Columns {
 
 /// The greatest finite number of a format, but for its fraction.
 fn greatest(format: Format) -> f64 {
-    f64::from(format.bias() as i32).exp2()
+    f64::from(format.bias()).exp2()
 }
 
 fn box_of(triangles: &[[u32; 3]], vertices: &[[f64; 3]]) -> Bounds {
