@@ -27,10 +27,15 @@ full: tools
 # Each step leaves its report and, when it has ended well, a stamp: what is done for these sources is not done again. A step that was cut
 # off goes on where it was by the cache, in which routed modules, proved cases, mutants and machines lie.
 EVIDENCE := target/evidence
-SOURCES := Cargo.toml Cargo.lock $(shell find src sim tests benches configs rtl constraints docs/baseline.json -type f)
+comma := ,
+SOURCES := Cargo.toml Cargo.lock docs/baseline.json $(shell find src sim tests benches configs rtl constraints -type f)
 DYNRT := target/release/dynrt
-SHARED := $(wildcard ../shared/scenes)
-STEPS := prove plants machines mutants numbers frames tests speed
+# Scene and view, joined by a comma; those that are no files of the project only where they are.
+OBJECTS := builtin:teapot,outside builtin:knot,outside \
+    $(patsubst %,%$(comma)outside,$(wildcard ../shared/scenes/stanford_bunny/stanford-bunny.obj))
+ROOMS := builtin:interior,inside \
+    $(patsubst %,%$(comma)inside,$(wildcard ../shared/scenes/kitchen/kitchen.obj ../shared/scenes/sponza/sponza.obj))
+STEPS := prove plants machines mutants numbers frames embree tests speed
 
 evidence: tools $(STEPS:%=$(EVIDENCE)/%.done)
 	@echo "evidence: all $(words $(STEPS)) steps hold; their reports are in $(EVIDENCE)/"
@@ -48,6 +53,10 @@ EVIDENCE_machines = $(DYNRT) fuzz --machines 200 --seed 1 --json $(EVIDENCE)/mac
 EVIDENCE_mutants = $(DYNRT) mutate --mutants 600 --seed 1 --least 95 --json $(EVIDENCE)/mutants.json | tee $(EVIDENCE)/mutants.txt
 EVIDENCE_numbers = $(DYNRT) baseline --all --clock --json $(EVIDENCE)/numbers.json | tee $(EVIDENCE)/numbers.txt
 EVIDENCE_frames = cargo test --test frames -- --nocapture | tee $(EVIDENCE)/frames.txt
+EVIDENCE_embree = for what in $(OBJECTS) $(ROOMS); do \
+    name=$${what%%,*}; file=$$(basename $${name\#builtin:} .obj); \
+    $(DYNRT) compare $$name --view $${what\#\#*,} --json $(EVIDENCE)/embree-$$file.json --out $(EVIDENCE)/embree-$$file.png; \
+    done | tee $(EVIDENCE)/embree.txt
 EVIDENCE_tests = DYNRT_FULL=1 cargo test 2>&1 | tee $(EVIDENCE)/tests.txt
 EVIDENCE_speed = cargo bench | tee $(EVIDENCE)/speed.txt
 
