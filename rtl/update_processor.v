@@ -67,8 +67,8 @@ module update_processor (
   reg  running;
   reg  decoding;
   reg  [21:0] rows_left;
+  reg  any_rows_left;
   wire no_rows;
-  wire any_rows_left = |rows_left;
   wire idle = no_rows & ~(running | any_rows_left);
   wire start = start_valid & idle;
 
@@ -109,6 +109,12 @@ module update_processor (
   always @(posedge clk) begin
     if (start_or_row_requested) fetch_row <= start ? start_program : (fetch_row + 22'd1);
     if (rst) rows_left <= 22'd0; else if (start_or_row_requested) rows_left <= start ? start_rows : (rows_left - 22'd1);
+  end
+
+  wire last_row = rows_left == 22'd1;
+
+  always @(posedge clk) begin
+    if (rst) any_rows_left <= 1'b0; else if (start_or_row_requested) any_rows_left <= start ? (|start_rows) : ~last_row;
   end
 
   // The window: the program's next bytes, refilled by words. Bytes past window_count are 0.

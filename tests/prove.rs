@@ -77,11 +77,13 @@ fn products_comparisons_and_steps() {
 }
 
 #[test]
-fn queues_and_packets() {
-    let units = ["fifo", "prefetch", "tpu"];
+fn queues_ports_and_units() {
+    let units = [
+        "fifo", "prefetch", "credit", "skin", "geometry", "tpu", "stack", "share",
+    ];
     hold(
         &rows(&machine(&[("packets.in_flight", "4")]), &units, true, false),
-        10,
+        20,
     );
 }
 
@@ -105,10 +107,12 @@ fn planted_faults_of_the_arithmetic_are_refuted() {
 
 #[test]
 fn planted_faults_of_control_are_refuted() {
-    let units = ["prefetch", "credit", "tpu"];
+    let units = [
+        "prefetch", "credit", "skin", "geometry", "tpu", "stack", "share",
+    ];
     hold(
         &rows(&machine(&[("packets.in_flight", "4")]), &units, true, true),
-        10,
+        35,
     );
 }
 

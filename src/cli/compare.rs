@@ -15,8 +15,8 @@ Both sides get the same mesh, rounded to the machine's numbers, and the same ray
 in robust mode (Debian: apt-get install libembree-dev, and a C compiler, since benches/embree.c is compiled at each start).
 
 The hits are the golden model's, which are the machine's bit for bit. A ray that sees another triangle must pass within ε of an edge,
-or both triangles must be equally far within ε, ε being 32 units in the last place of the scene's coordinates; at most one ray in
-1000 may differ at all. Otherwise the exit status is 1. The same is done with the vertices moved and both trees refitted.
+or meet both triangles equally far within ε, ε being 32 rounding errors of numbers as great as distances in the scene; at most one
+ray in 1000 may differ at all. Otherwise the exit status is 1. The same is done with the vertices moved and both trees refitted.
 
 Times are of this project's software, not of the hardware it emits: the tree's builder, its refit, the golden model.
 

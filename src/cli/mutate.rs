@@ -28,7 +28,7 @@ pub struct Args {
     /// Of the draw; the same draws the same
     #[arg(long, value_name = "S", default_value_t = 1)]
     seed: u64,
-    /// Those of one unit only: tpu, geometry, update or raycast; may be repeated
+    /// Those of one unit only: arithmetic, tpu, geometry, update or raycast; may be repeated
     #[arg(long, value_name = "NAME")]
     unit: Vec<String>,
     /// One mutant alone, by its number

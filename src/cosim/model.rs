@@ -370,6 +370,27 @@ impl Model {
         unsafe { (self.eval)(self.shim.as_ptr()) };
     }
 
+    /// Clocks the model `cycles` times with random bits at all inputs but `rst`, then sets them to zero: state becomes what no
+    /// one has prepared, as it is in a device that has just been switched on, and reset must do with it.
+    pub fn disturb(&mut self, seed: u64, cycles: u64) {
+        let mut rng = fastrand::Rng::with_seed(seed);
+        let inputs: Vec<(PortHandle, usize)> = (self.ports.iter().zip(&self.slots).enumerate())
+            .filter(|(_, (port, _))| port.input && !matches!(&*port.name, "clk" | "rst"))
+            .map(|(index, (_, slot))| (PortHandle(index as u32), slot.words()))
+            .collect();
+        for cycle in 0..=cycles {
+            for &(port, words) in &inputs {
+                let bits: Vec<u32> = (0..words)
+                    .map(|_| if cycle < cycles { rng.u32(..) } else { 0 })
+                    .collect();
+                self.set_words(port, &bits);
+            }
+            if cycle < cycles {
+                self.clock();
+            }
+        }
+    }
+
     /// Holds `rst` high for `cycles` rising edges and leaves it low. A module without `rst` is only clocked.
     pub fn reset(&mut self, cycles: u64) {
         if let Some(rst) = self.rst {

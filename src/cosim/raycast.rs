@@ -4,7 +4,7 @@
 use super::memory::{Image, ReadPort, ReadRequest, Timing};
 use super::mismatch::{Field, Mismatch};
 use super::model::{BuildOptions, Model, PortHandle, build};
-use super::scoreboard::Mutated;
+use super::scoreboard::{DISTURBED_CYCLES, Mutated};
 use super::{sources, timing};
 use crate::bkd::layout::{MemoryImage, Record};
 use crate::config::Config;
@@ -422,6 +422,7 @@ impl RaycastUnit {
         let built = build(&sources, &build_options, &|_| ())?;
         let model_build_s = started.elapsed().as_secs_f64();
         let mut model = Model::load(&built, &sources.ports)?;
+        model.disturb(1, DISTURBED_CYCLES);
         if let Some(mutated) = mutated {
             mutated.select(&mut model)?;
         }

@@ -319,6 +319,9 @@ pub(super) struct Tally {
     pub categories: Categories,
 }
 
+/// Clocks that a model runs with random inputs before its first reset.
+pub(super) const DISTURBED_CYCLES: u64 = 64;
+
 /// A unit's model, built and loaded, and what a mismatch report needs.
 pub(super) struct Bench {
     pub unit: &'static str,
@@ -344,6 +347,7 @@ impl Bench {
         how.traced |= options.trace.is_some();
         let built = build(&sources, &how, &|_| ())?;
         let mut model = Model::load(&built, &sources.ports)?;
+        model.disturb(options.seed, DISTURBED_CYCLES);
         if let Some(mutated) = &options.mutated {
             mutated.select(&mut model)?;
         }

@@ -35,7 +35,8 @@ struct BoxNode {
 pub enum Explanation {
     /// They see the same triangle, or both none.
     Agrees,
-    /// Two triangles at distances that the format cannot tell apart: |Δt|·|d| ≤ ε.
+    /// Two triangles at distances that the format cannot tell apart, |Δt|·|d| ≤ ε, both of which the ray meets or passes within ε of
+    /// an edge.
     SameDistance { difference: f64, epsilon: f64 },
     /// The ray passes within ε of an edge of either triangle.
     NearEdge { distance: f64, epsilon: f64 },
@@ -250,10 +251,23 @@ impl Oracle {
         let epsilon_at =
             |t: f64| unit * (origin.length() + t * direction.length() + (hi - lo).length());
 
+        let to_edges = |hit: &Hit| {
+            let corners = self.corners[hit.triangle as usize];
+            (0..3)
+                .map(|side| {
+                    ray_to_segment(origin, direction, corners[side], corners[(side + 1) % 3])
+                })
+                .fold(f64::INFINITY, f64::min)
+        };
+        // That two triangles of one plane are equally far says nothing of where in the plane the ray comes through.
+        let meets = |hit: &Hit| {
+            meet(&self.corners[hit.triangle as usize], origin, direction).is_some()
+                || to_edges(hit) <= epsilon_at(hit.t)
+        };
         if machine.is_hit() && exact.is_hit() {
             let difference = (machine.t - exact.t).abs() * direction.length();
             let epsilon = epsilon_at(machine.t.min(exact.t));
-            if difference <= epsilon {
+            if difference <= epsilon && meets(machine) && meets(exact) {
                 return Explanation::SameDistance {
                     difference,
                     epsilon,
@@ -267,13 +281,9 @@ impl Oracle {
                 continue;
             }
             let epsilon = epsilon_at(hit.t);
-            let corners = self.corners[hit.triangle as usize];
-            for side in 0..3 {
-                let (from, to) = (corners[side], corners[(side + 1) % 3]);
-                let distance = ray_to_segment(origin, direction, from, to);
-                if distance / epsilon < nearest.0 / nearest.1 {
-                    nearest = (distance, epsilon);
-                }
+            let distance = to_edges(hit);
+            if distance / epsilon < nearest.0 / nearest.1 {
+                nearest = (distance, epsilon);
             }
         }
         let (distance, epsilon) = nearest;
@@ -431,8 +441,17 @@ mod tests {
             triangle: 1,
             ..oracle.cast(&inside)
         };
+        assert!(
+            matches!(explain(&inside, &other), Explanation::Unexplained { .. }),
+            "the neighbour is equally far, but not there"
+        );
+        let diagonal = down(0.500001, 0.5);
+        let neighbour = Hit {
+            triangle: 1,
+            ..oracle.cast(&diagonal)
+        };
         assert!(matches!(
-            explain(&inside, &other),
+            explain(&diagonal, &neighbour),
             Explanation::SameDistance { .. }
         ));
         let far = Hit { t: 5.0, ..other };

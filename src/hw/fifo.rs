@@ -5,10 +5,14 @@ use super::plan::Plan;
 use crate::hdl::{Builder, HdlError, Module, Signal, Style, bits_for};
 use std::rc::Rc;
 
+/// Target clock, in MHz, from which on a queue's valid bit and front word are registers: what follows them, a choice between queues and
+/// the wires to a memory's address, leaves no time for a counter's test and a read of distributed RAM.
+const REGISTER_FRONT_FROM: u32 = 105;
+
 /// A queue of `depth` words of `width` bits: `push`, `data` → `valid`, `front`; `pop` takes the front word, and only
-/// where `valid` is high. A word shows a clock after it was pushed. There is no full flag: the queue is deep enough for all that
-/// can be in it, which is the caller's to see to.
-pub(super) fn fifo(width: u32, depth: u32) -> Result<Rc<Module>, HdlError> {
+/// where `valid` is high. A word shows a clock after it was pushed, at any clock. There is no full flag: the queue is deep enough for
+/// all that can be in it, which is the caller's to see to.
+pub(super) fn fifo(plan: &Plan, width: u32, depth: u32) -> Result<Rc<Module>, HdlError> {
     let m = Builder::new(
         format!("fifo_{width}x{depth}"),
         format!(
@@ -42,20 +46,36 @@ pub(super) fn fifo(width: u32, depth: u32) -> Result<Rc<Module>, HdlError> {
 
     let words = m.memory("words", depth, width, Style::Distributed);
     words.write(push, tail.q, data);
-    m.output("valid", count.q.any());
-    m.output("front", words.read_now(head.q));
+    if plan.config.clock_mhz < REGISTER_FRONT_FROM {
+        m.output("valid", count.q.any());
+        m.output("front", words.read_now(head.q));
+        return m.finish();
+    }
+    m.comment("The front word stands in a register too, which the word behind it follows: one stored, or the one that is pushed.");
+    let front_valid = m.reg_reset("front_valid", 1, 0);
+    let more = m.reg_reset("more", 1, 0);
+    let front = m.reg("front_word", width);
+    let no_pop = !pop;
+    front_valid.next(push | more.q | (front_valid.q & no_pop));
+    let three = count.q.ge(m.lit(3u8, count_bits)).named("at_least_three");
+    more.next(pop.mux(push.mux(more.q, three), more.q | (push & front_valid.q)));
+    let behind = words.read_now(next_head.named("next_head"));
+    front.next_when(pop | !front_valid.q, more.q.mux(behind, data));
+    m.output("valid", front_valid.q);
+    m.output("front", front.q);
     m.finish()
 }
 
 /// Places a queue. Returns its valid bit and its front word.
 pub(super) fn place<'b>(
+    plan: &Plan,
     name: &str,
     depth: u32,
     push: Signal<'b>,
     data: Signal<'b>,
     pop: Signal<'b>,
 ) -> Result<(Signal<'b>, Signal<'b>), HdlError> {
-    let module = fifo(data.width(), depth)?;
+    let module = fifo(plan, data.width(), depth)?;
     let queue = push.module().instance(
         name,
         &module,

@@ -300,6 +300,7 @@ pub fn module(plan: &Plan) -> Result<Geometry, HdlError> {
     );
     let take_ready = m.wire("take_ready", 1);
     let (ready_valid, ready_front) = fifo::place(
+        plan,
         "ready_queue",
         packets,
         complete,

@@ -112,6 +112,7 @@ pub(super) fn module(plan: &Plan) -> Result<Rc<Module>, HdlError> {
     let freed_packet = m.wire("freed_packet", pb);
     let take_free = m.wire("take_free", 1);
     let (free_any, free_front) = fifo::place(
+        plan,
         "free_queue",
         packets,
         sweeping.q | freed.get(),
@@ -306,6 +307,7 @@ pub(super) fn module(plan: &Plan) -> Result<Rc<Module>, HdlError> {
     let out_word = pb + rays;
     let take_finished = m.wire("take_finished", 1);
     let (finished_any, finished_front) = fifo::place(
+        plan,
         "finished_queue",
         packets,
         traversal.get("finished_valid"),

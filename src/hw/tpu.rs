@@ -922,6 +922,7 @@ impl<'b> Unit<'b> {
         let retry_push = m.wire("retry_push", 1);
         let retry_item = m.wire("retry_item", pop_item.width());
         let (done_any, done_front) = fifo::place(
+            plan,
             "done_queue",
             packets,
             done_valid,
@@ -929,6 +930,7 @@ impl<'b> Unit<'b> {
             take_done.get(),
         )?;
         let (retry_any, retry_front) = fifo::place(
+            plan,
             "retry_queue",
             packets,
             retry_push.get(),
@@ -936,6 +938,7 @@ impl<'b> Unit<'b> {
             take_retry.get(),
         )?;
         let (nowhere_any, nowhere_front) = fifo::place(
+            plan,
             "nowhere_queue",
             packets,
             (step.valid & !step.goes).named("step_goes_nowhere"),
@@ -1139,6 +1142,7 @@ impl<'b> Unit<'b> {
         let take_step_item = m.wire("take_step_item", 1);
         let take_pop_item = m.wire("take_pop_item", 1);
         let (step_any, step_front) = fifo::place(
+            plan,
             "step_queue",
             packets,
             intervals.stepped_write.get() & !step.leaf,
@@ -1150,6 +1154,7 @@ impl<'b> Unit<'b> {
             take_step_item.get(),
         )?;
         let (entered_any, entered_front) = fifo::place(
+            plan,
             "entered_queue",
             packets,
             entered.valid & !entered.leaf,

@@ -117,8 +117,9 @@ pub fn module(plan: &Plan) -> Result<UpdateProcessor, HdlError> {
     let running = m.reg_reset("running", 1, 0);
     let decoding = m.reg_reset("decoding", 1, 0);
     let rows_left = m.reg_reset("rows_left", a, 0);
+    let any_rows_left = m.reg_reset("any_rows_left", 1, 0);
     let no_rows = m.wire("no_rows", 1);
-    let start_ready = (no_rows.get() & !(running.q | rows_left.q.any())).named("idle");
+    let start_ready = (no_rows.get() & !(running.q | any_rows_left.q)).named("idle");
     let start = (start_valid & start_ready).named("start");
     m.group("An update: rows of its program, bases of the object's vertices and nodes, index of its box");
     m.output("start_ready", start_ready);
@@ -126,7 +127,7 @@ pub fn module(plan: &Plan) -> Result<UpdateProcessor, HdlError> {
     m.comment("Fetch: rows of the program, ahead of their use.");
     let fetch_row = m.reg("fetch_row", a);
     let pop_row = m.wire("pop_row", 1);
-    let rows_wanted = rows_left.q.any();
+    let rows_wanted = any_rows_left.q;
     let program_prefetch = prefetch("program_prefetch", ROW_BITS, rows_ahead, a)?;
     let rows = m.instance(
         "rows",
@@ -151,6 +152,11 @@ pub fn module(plan: &Plan) -> Result<UpdateProcessor, HdlError> {
     rows_left.next_when(
         start | row_requested,
         start.mux(start_rows, rows_left.q - one),
+    );
+    let last_row = rows_left.q.equals(1).named("last_row");
+    any_rows_left.next_when(
+        start | row_requested,
+        start.mux(start_rows.any(), !last_row),
     );
     m.group("Program memory: requests");
     for name in ["valid", "address", "tag"] {
@@ -312,6 +318,7 @@ pub fn module(plan: &Plan) -> Result<UpdateProcessor, HdlError> {
     let take_index = m.wire("take_index", 1);
     let pop_vertex = m.wire("pop_vertex", 1);
     let (index_valid, index_front) = fifo::place(
+        plan,
         "vertex_indices",
         VERTEX_INDICES,
         decoded.q & load,
@@ -352,6 +359,7 @@ pub fn module(plan: &Plan) -> Result<UpdateProcessor, HdlError> {
     m.comment("Instructions wait for their vertices.");
     let take_instruction = m.wire("take_instruction", 1);
     let (queue_valid, queue_front) = fifo::place(
+        plan,
         "instruction_queue",
         config.update_instructions_ahead,
         decoded.q,
@@ -496,6 +504,7 @@ pub fn module(plan: &Plan) -> Result<UpdateProcessor, HdlError> {
     let node_done = p.enter(node_goes).cleared_by_reset();
     let node_pop = m.wire("node_pop", 1);
     let (node_valid, node_front) = fifo::place(
+        plan,
         "node_queue",
         config.update_nodes_waiting,
         node_done.at(intervals.stage().unwrap_or(0)).untimed(),

@@ -6,6 +6,7 @@
 //!
 //! | unit | modules | runs |
 //! |---|---|---|
+//! | `arithmetic` | adder, subtractor, multiplier, reciprocal, plane distances | operands, each result |
 //! | `tpu` | traversal unit and below | packets in tiny scenes of one and of two levels |
 //! | `geometry` | geometry unit and below, what the traversal unit has too left out | triangle tests, ray transformations |
 //! | `update` | update processor and its prefetch | programs of random topologies |
@@ -21,7 +22,7 @@ use crate::config::Config;
 use crate::cosim::raycast::RaycastUnit;
 use crate::cosim::scoreboard::{Mutated, UnitOptions};
 use crate::cosim::workload::{Workload, instanced_scene};
-use crate::cosim::{raycast, unit_geometry, unit_skinning, unit_tpu, unit_update};
+use crate::cosim::{raycast, unit_arithmetic, unit_geometry, unit_skinning, unit_tpu, unit_update};
 use crate::hdl::{Design, Module};
 use crate::hw;
 use crate::port::Ray;
@@ -37,10 +38,10 @@ use std::sync::Arc;
 use text::{SELECT, Site, instrument, sites};
 
 /// The units, whose modules are mutated.
-pub const UNITS: [&str; 4] = ["tpu", "geometry", "update", "raycast"];
+pub const UNITS: [&str; 5] = ["arithmetic", "tpu", "geometry", "update", "raycast"];
 
 /// A part of results' keys: counts up when runs become others.
-const RUNS_VERSION: &str = "1";
+const RUNS_VERSION: &str = "2";
 
 /// Transactions of a mutant's runs: most are noticed in the first, what is left goes on to the last.
 const LENGTHS: [u64; 3] = [2_000, 30_000, 200_000];
@@ -139,19 +140,29 @@ struct Population {
     unit: &'static str,
     /// Its modules, the unit last.
     modules: Vec<Rc<Module>>,
+    /// What stands around them for the run, name and text, where that is no module of the machine.
+    around: Option<(&'static str, String)>,
     /// Number, index of the module, change.
     drawn: Vec<(u32, usize, Site)>,
 }
 
-fn top(config: &Config, unit: &str) -> Result<Rc<Module>> {
+/// A unit's modules, and what stands around them.
+type Modules = (Vec<Rc<Module>>, Option<(&'static str, String)>);
+
+fn modules_of(config: &Config, unit: &str) -> Result<Modules> {
+    if unit == unit_arithmetic::TOP {
+        let (modules, around) = unit_arithmetic::modules(config)?;
+        return Ok((modules, Some((unit_arithmetic::TOP, around))));
+    }
     let plan = || hw::Plan::new(config);
-    Ok(match unit {
+    let top = match unit {
         "tpu" => hw::tpu::module(&plan()?)?.module,
         "geometry" => hw::geometry::module(&plan()?)?.module,
         "update" => hw::update::module(&plan()?)?.module,
         "raycast" => hw::emit(config)?.design.top().clone(),
         _ => bail!("unit {unit}: is not one of {}", UNITS.join(", ")),
-    })
+    };
+    Ok((Design::new(top)?.modules().to_vec(), None))
 }
 
 /// Draws mutants: as many of each unit, in a unit by turns of each kind, in a kind of any place alike. A module that two units have is
@@ -162,8 +173,7 @@ fn draw(config: &Config, request: &Request) -> Result<Vec<Population>> {
     let mut number = 0;
     let mut all = vec![];
     for (index, unit) in UNITS.into_iter().enumerate() {
-        let design = Design::new(top(config, unit)?)?;
-        let modules = design.modules().to_vec();
+        let (modules, around) = modules_of(config, unit)?;
         let mut places: Vec<Vec<(usize, Site)>> = vec![vec![]; Kind::ALL.len()];
         for (at, module) in modules.iter().enumerate() {
             if !seen.insert(module.name().to_string()) {
@@ -191,6 +201,7 @@ fn draw(config: &Config, request: &Request) -> Result<Vec<Population>> {
         all.push(Population {
             unit,
             modules,
+            around,
             drawn,
         });
     }
@@ -247,6 +258,7 @@ fn runs<'a>(config: &'a Config, unit: &str, lengths: usize) -> Result<Vec<Run<'a
     let mut all: Vec<Run<'a>> = vec![];
     for (seed, &length) in (1u64..).zip(&LENGTHS[..lengths]) {
         let kinds: &[&str] = match unit {
+            "arithmetic" => &["operands"],
             "tpu" => &["packets", "instances"],
             "geometry" => &["tests", "transforms"],
             "update" => &["programs"],
@@ -255,6 +267,10 @@ fn runs<'a>(config: &'a Config, unit: &str, lengths: usize) -> Result<Vec<Run<'a
         for &kind in kinds {
             let name = format!("{kind} {length}");
             let run: Box<dyn Fn(Option<Mutated>) -> Result<Option<String>> + Sync> = match kind {
+                "operands" => Box::new(move |mutated| {
+                    unit_arithmetic::run(config, 20 * length, &unit_options(seed, mutated))?;
+                    Ok(None)
+                }),
                 "packets" => Box::new(move |mutated| {
                     let workload = Workload::Coincidences {
                         transactions: length,
@@ -378,6 +394,7 @@ fn run_unit(
     let Population {
         unit,
         modules,
+        around,
         drawn,
     } = population;
     let texts: Vec<String> = modules
@@ -385,7 +402,7 @@ fn run_unit(
         .map(|module| module.verilog().to_string())
         .collect();
     let names: Vec<&str> = modules.iter().map(|module| module.name()).collect();
-    let files: Vec<(String, String)> = (modules.iter().zip(&texts).enumerate())
+    let mut files: Vec<(String, String)> = (modules.iter().zip(&texts).enumerate())
         .map(|(at, (module, text))| {
             let of_module = drawn.iter().filter(|(_, module, _)| *module == at);
             let changes: Vec<_> = of_module.map(|(number, _, site)| (*number, site)).collect();
@@ -395,6 +412,9 @@ fn run_unit(
             )
         })
         .collect();
+    if let Some((name, text)) = around {
+        files.push((format!("{name}.v"), instrument(text, &[], &names)));
+    }
     let files = Arc::new(files);
     let key = |number: u32| -> String {
         let (_, at, site) = drawn.iter().find(|d| d.0 == number).expect("drawn");

@@ -16,7 +16,7 @@ use std::path::Path;
 use std::time::Instant;
 
 /// What can be proved, with what it is.
-pub const UNITS: [(&str, &str); 11] = [
+pub const UNITS: [(&str, &str); 14] = [
     ("add", "fp_add: the sum of any two operands"),
     ("sub", "fp_sub: the difference of any two operands"),
     ("mul", "fp_mul: the product of any two operands"),
@@ -34,7 +34,18 @@ pub const UNITS: [(&str, &str); 11] = [
         "prefetch",
         "words read ahead: order, slots, port, nothing waits for itself",
     ),
-    ("credit", "the update processor's credits and ports"),
+    (
+        "credit",
+        "the update processor: credits, ports, nothing locks up",
+    ),
+    (
+        "skin",
+        "the skinning processor: credits, write queue, ports, nothing locks up",
+    ),
+    (
+        "geometry",
+        "the geometry unit: leaves, vertices, rays, ports, nothing locks up",
+    ),
     (
         "tpu",
         "the traversal unit's packets, queues, ports and choices",
@@ -42,6 +53,10 @@ pub const UNITS: [(&str, &str); 11] = [
     (
         "stack",
         "the traversal unit's stack: a pop reads what the push wrote",
+    ),
+    (
+        "share",
+        "the ray casting unit: packet numbers, tags, who has the geometry unit and its port",
     ),
 ];
 

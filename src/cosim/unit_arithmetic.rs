@@ -1,0 +1,218 @@
+//! The floating-point pipelines alone, held against the definition of the arithmetic, operand by operand: operands of any bits, all
+//! special ones with each other, and pairs that nearly cancel.
+
+use super::model::{Model, Port, PortHandle, Sources, build};
+use super::scoreboard::{DISTURBED_CYCLES, UnitOptions};
+use crate::config::Config;
+use crate::float::{Format, plain, specials};
+use crate::hdl::{Design, Module};
+use crate::hw::Plan;
+use anyhow::{Result, bail, ensure};
+use std::fmt::Write as _;
+use std::rc::Rc;
+
+/// Name of the module that holds them all.
+pub const TOP: &str = "arithmetic";
+
+/// Ulps by which plane distances are moved.
+const SLACK: i32 = 3;
+
+/// A pipeline and what it computes of its operands, in the order of its inputs.
+struct Operation {
+    module: Rc<Module>,
+    operands: Vec<&'static str>,
+    result: &'static str,
+    golden: fn(Format, &[u64]) -> u64,
+}
+
+fn distance(format: Format, [plane, origin, reciprocal]: [u64; 3], ulps: i32) -> u64 {
+    let difference = plain::sub(format, plane, origin);
+    plain::step(format, plain::mul(format, difference, reciprocal), ulps)
+}
+
+fn operations(plan: &Plan) -> Vec<Operation> {
+    let units = &plan.units;
+    let operation = |module: &Rc<Module>, operands: &[&'static str], result, golden| Operation {
+        module: module.clone(),
+        operands: operands.to_vec(),
+        result,
+        golden,
+    };
+    let plane = ["plane", "origin", "reciprocal"];
+    vec![
+        operation(&units.add, &["a", "b"], "y", |f, x| {
+            plain::add(f, x[0], x[1])
+        }),
+        operation(&units.sub, &["a", "b"], "y", |f, x| {
+            plain::sub(f, x[0], x[1])
+        }),
+        operation(&units.mul, &["a", "b"], "y", |f, x| {
+            plain::mul(f, x[0], x[1])
+        }),
+        operation(&units.reciprocal, &["a"], "y", |f, x| {
+            plain::reciprocal(f, x[0])
+        }),
+        operation(&plan.near_distance, &plane, "distance", |f, x| {
+            distance(f, [x[0], x[1], x[2]], -SLACK)
+        }),
+        operation(&plan.far_distance, &plane, "distance", |f, x| {
+            distance(f, [x[0], x[1], x[2]], SLACK)
+        }),
+    ]
+}
+
+/// The modules, children first, and the text of the one that holds them.
+///
+/// # Errors
+/// A mistake in the description; none is known for any configuration.
+pub fn modules(config: &Config) -> Result<(Vec<Rc<Module>>, String)> {
+    let plan = Plan::new(config)?;
+    let mut all: Vec<Rc<Module>> = vec![];
+    for operation in operations(&plan) {
+        for module in Design::new(operation.module)?.modules() {
+            if !all.iter().any(|known| known.name() == module.name()) {
+                all.push(module.clone());
+            }
+        }
+    }
+    Ok((all, wrapper(&plan)))
+}
+
+fn wrapper(plan: &Plan) -> String {
+    let range = format!("[{}:0]", plan.format.width() - 1);
+    let (mut ports, mut body) = (String::from("  input  wire clk"), String::new());
+    for operation in operations(plan) {
+        let name = operation.module.name();
+        let mut pins = String::from("    .clk(clk)");
+        for operand in &operation.operands {
+            let _ = write!(ports, ",\n  input  wire {range} {name}_{operand}");
+            let _ = write!(pins, ",\n    .{operand}({name}_{operand})");
+        }
+        let result = operation.result;
+        let _ = write!(ports, ",\n  output wire {range} {name}_{result}");
+        let _ = write!(pins, ",\n    .{result}({name}_{result})");
+        let _ = write!(body, "  {name} {name}_unit (\n{pins}\n  );\n\n");
+    }
+    format!(
+        "`default_nettype none\n\nmodule {TOP} (\n{ports}\n);\n\n{body}endmodule\n\n`default_nettype wire\n"
+    )
+}
+
+fn sources(config: &Config, plan: &Plan) -> Result<Sources> {
+    let (modules, wrapper) = modules(config)?;
+    let mut files: Vec<(String, String)> = (modules.iter())
+        .map(|module| (format!("{}.v", module.name()), module.verilog().to_string()))
+        .collect();
+    files.push((format!("{TOP}.v"), wrapper));
+    let width = plan.format.width();
+    let port = |name: String, width, input| Port { name, width, input };
+    let mut ports = vec![port("clk".into(), 1, true)];
+    for operation in operations(plan) {
+        let name = operation.module.name();
+        let operands = operation.operands.iter();
+        ports.extend(operands.map(|operand| port(format!("{name}_{operand}"), width, true)));
+        ports.push(port(format!("{name}_{}", operation.result), width, false));
+    }
+    Ok(Sources {
+        top: TOP.into(),
+        files,
+        ports,
+    })
+}
+
+/// Draws operands of a format.
+struct Operands {
+    format: Format,
+    specials: Vec<u64>,
+    rng: fastrand::Rng,
+}
+
+impl Operands {
+    fn draw(&mut self, count: usize) -> Vec<u64> {
+        let width = self.format.width();
+        let mask = u64::MAX >> (64 - width);
+        let any = |rng: &mut fastrand::Rng| plain::canonical(self.format, rng.u64(..) & mask);
+        let kind = self.rng.u32(..4);
+        let mut drawn: Vec<u64> = (0..count)
+            .map(|_| match kind {
+                0 | 1 => any(&mut self.rng),
+                _ => self.specials[self.rng.usize(..self.specials.len())],
+            })
+            .collect();
+        if kind == 1 && count > 1 {
+            // Near the first, or near its negative: sums of a few bits, ties, long carries.
+            let near = drawn[0].wrapping_add(self.rng.u64(..9)).wrapping_sub(4);
+            let shifted = self.rng.u64(..3) << (self.rng.u32(..=2) * self.format.fraction_bits());
+            let sign = self.rng.u64(..2) << (width - 1);
+            drawn[1] = plain::canonical(self.format, (near.wrapping_add(shifted) ^ sign) & mask);
+        }
+        drawn
+    }
+}
+
+/// Gives each pipeline so many operands, one set a clock, and compares all results.
+///
+/// # Errors
+/// The first result that differs; a tool that is missing.
+pub fn run(config: &Config, sets: u64, options: &UnitOptions) -> Result<u64> {
+    ensure!(sets > 0, "no operands: nothing would be checked");
+    let plan = Plan::new(config)?;
+    let mut sources = sources(config, &plan)?;
+    if let Some(mutated) = &options.mutated {
+        mutated.apply(&mut sources);
+    }
+    let built = build(&sources, &options.build, &|_| ())?;
+    let mut model = Model::load(&built, &sources.ports)?;
+    model.disturb(options.seed, DISTURBED_CYCLES);
+    if let Some(mutated) = &options.mutated {
+        mutated.select(&mut model)?;
+    }
+    let mut operands = Operands {
+        format: plan.format,
+        specials: specials(plan.format),
+        rng: fastrand::Rng::with_seed(options.seed ^ 0x6f70),
+    };
+    let mut pipelines = vec![];
+    for operation in operations(&plan) {
+        let name = operation.module.name().to_string();
+        let inputs = (operation.operands.iter())
+            .map(|operand| {
+                let stage = operation.module.port(operand).and_then(|port| port.stage);
+                Ok((
+                    model.port(&format!("{name}_{operand}"))?,
+                    u64::from(stage.unwrap_or(0)),
+                ))
+            })
+            .collect::<Result<Vec<(PortHandle, u64)>>>()?;
+        let output = model.port(&format!("{name}_{}", operation.result))?;
+        let latency = u64::from(operation.module.latency().unwrap_or(0));
+        let drawn: Vec<Vec<u64>> = vec![];
+        pipelines.push((operation, name, inputs, output, latency, drawn));
+    }
+    let longest = pipelines.iter().map(|p| p.4).max().unwrap_or(0);
+    let mut checked = 0;
+    for edge in 0..sets + longest {
+        for (operation, _, inputs, _, _, drawn) in &mut pipelines {
+            drawn.push(operands.draw(operation.operands.len()));
+            for (number, &(port, stage)) in inputs.iter().enumerate() {
+                if edge >= stage {
+                    model.set(port, drawn[(edge - stage) as usize][number]);
+                }
+            }
+        }
+        model.clock();
+        for (operation, name, _, output, latency, drawn) in &pipelines {
+            let Some(set) = (edge + 1).checked_sub(*latency) else {
+                continue;
+            };
+            let set = &drawn[set as usize];
+            let golden = (operation.golden)(plan.format, set);
+            let rtl = model.get(*output);
+            if golden != rtl {
+                bail!("mismatch in {name}: of {set:x?} comes {rtl:x}, not {golden:x}");
+            }
+            checked += 1;
+        }
+    }
+    Ok(checked)
+}

@@ -1,0 +1,425 @@
+//! The traversal unit: packets, choices, stack.
+
+use super::*;
+
+/// Of the traversal unit: every packet that it was given is in exactly one place, or is finished: so no queue ever holds more than
+/// there are packets. It is given no more packets than it has numbers for; memory and geometry unit answer what they were asked.
+pub(super) fn packets(module: &Rc<Module>, packets: u32) -> Result<Induction> {
+    let queues = queues(module)?;
+    let stepping = pipeline_bits(module, "step_valid")?;
+    let popping = pipeline_bits(module, "pop_done")?;
+    let bits = bits_for(u64::from(packets) + 1) + 4;
+    let pops = popping.len();
+    let mut observer = START.to_string();
+    queues.iter().for_each(|queue| observer += &queue.view());
+    let _ = write!(
+        observer,
+        "
+  reg [{pops}-1:0] f_soon;
+  reg [{bits}-1:0] f_total, f_memory, f_geometry, f_stepping, f_popping;
+  wire f_start = setup_valid & setup_last & !setup_object;
+  // A packet that was handed over at an instance comes back as rays set up in the object's space.
+  wire f_enters = setup_valid & setup_last & setup_object;
+  wire f_request = node_request_valid & node_request_ready;
+  wire f_leaf = leaf_valid & leaf_ready;
+  always @(posedge clk)
+    if (rst) begin
+      f_soon <= 0;
+      f_total <= 0; f_memory <= 0; f_geometry <= 0; f_stepping <= 0; f_popping <= 0;
+    end else begin
+      f_soon <= {{f_soon, setup_soon}};
+      f_total <= f_total + f_start - finished_valid;
+      f_memory <= f_memory + f_request - node_response_valid;
+      f_geometry <= f_geometry + f_leaf - done_valid - f_enters;
+      f_stepping <= f_stepping + node_response_valid - step_valid;
+      f_popping <= f_popping + pop_valid - pop_done;
+    end
+  always @* begin
+    assume (setup_valid == f_soon[{pops}-1]);
+    assume (!f_start | f_total < {packets});
+    assume (!node_response_valid | f_memory != 0);
+    assume (f_geometry >= done_valid + f_enters);
+  end
+  wire [{bits}-1:0] f_step_bits = {steps};
+  wire [{bits}-1:0] f_pop_bits = {pop_bits};
+",
+        steps = stepping.join(" + "),
+        pop_bits = popping.join(" + "),
+    );
+    // Partial sums, each kept by itself: that the last is the total is then easy to see, clock by clock.
+    let mut places: Vec<(String, String, String)> = queues
+        .iter()
+        .map(|queue| (queue.count(), queue.push.clone(), queue.pop.clone()))
+        .collect();
+    let place = |a: &str, b: &str, c: &str| (a.to_string(), b.to_string(), c.to_string());
+    places.insert(3, place("f_popping", "pop_valid", "pop_done"));
+    places.extend([
+        place("f_memory", "f_request", "node_response_valid"),
+        place("f_stepping", "node_response_valid", "step_valid"),
+        place("f_geometry", "f_leaf", "done_valid + f_enters"),
+    ]);
+    let zero = format!("{bits}'d0");
+    let mut laws = vec![
+        law(
+            "as many packets are in the step pipeline as bits say",
+            "f_stepping == f_step_bits",
+        ),
+        law(
+            "as many packets are in the pop pipeline as bits say",
+            "f_popping == f_pop_bits",
+        ),
+        law(
+            "no pop ends where a ray arrives",
+            format!(
+                "(f_soon & {{{}}}) == 0",
+                popping.iter().rev().cloned().collect::<Vec<_>>().join(", ")
+            ),
+        ),
+    ];
+    for (i, (count, comes, goes)) in places.iter().enumerate() {
+        let before = |name: &str| {
+            if i == 0 {
+                zero.clone()
+            } else {
+                format!("{name}{}", i - 1)
+            }
+        };
+        let _ = write!(
+            observer,
+            "  wire [{bits}-1:0] f_change{i} = {change} + ({comes}) - ({goes});
+  reg [{bits}-1:0] f_sum{i};
+  always @(posedge clk) if (rst) f_sum{i} <= 0; else f_sum{i} <= f_sum{i} + f_change{i};
+",
+            change = before("f_change"),
+        );
+        laws.push(law(
+            &format!(
+                "packets are neither lost nor doubled up to {}",
+                count.trim()
+            ),
+            format!("f_sum{i} == {} + {count}", before("f_sum")),
+        ));
+        laws.push(law(
+            &format!("{} holds no more than there are packets", count.trim()),
+            format!("{count} <= {packets}"),
+        ));
+    }
+    laws.push(law(
+        "every packet is in one place or finished",
+        format!("f_sum{} == f_total", places.len() - 1),
+    ));
+    laws.push(law(
+        "no more packets are under way than there are",
+        format!("f_total <= {packets}"),
+    ));
+    for queue in &queues {
+        laws.push(law(
+            &format!("{} is popped only where it shows a word", queue.name),
+            format!("!({}) | {}", queue.pop, queue.shows()),
+        ));
+        laws.push(law(
+            &format!("nothing is pushed to a full {}", queue.name),
+            format!("!({}) | {} < {packets}", queue.push, queue.count()),
+        ));
+        laws.extend(queue.settles());
+    }
+    for (name, waits, choice) in held(&queues)? {
+        laws.push(law(
+            &format!("the {name} that waits is still in its queue"),
+            format!("!{waits} | {choice}"),
+        ));
+    }
+    Ok(Induction {
+        module: module.name().into(),
+        what: format!(
+            "every packet is in one place, no queue overflows; a machine of {packets} packets"
+        ),
+        texts: texts(module, &[]),
+        observer,
+        laws,
+        happens: "finished_valid & f_total != 0".into(),
+        // Which way a packet goes.
+        cut: ["goes_left", "goes_right", "stay_mask", "stack_read"]
+            .map(String::from)
+            .to_vec(),
+        depth: 1,
+        arrays: false,
+        plants: vec![
+            plant(
+                "a dropped entry's packet is lost",
+                "assign retry_push =",
+                "pop_dropped",
+                "pop_dropped & ~pop_done",
+            ),
+            plant(
+                "a packet goes on and ends",
+                "wire step_goes_nowhere =",
+                "& ~",
+                "| ",
+            ),
+        ],
+    })
+}
+
+/// For node requests and leaves: whether one waits, and the state in which the queue that it is from has it.
+fn held(queues: &[Queue]) -> Result<[(&'static str, &'static str, String); 2]> {
+    let in_queue = |choice: &str, preferred: &str, other: &str| {
+        let (preferred, other) = (queue(queues, preferred)?, queue(queues, other)?);
+        Ok::<_, anyhow::Error>(format!(
+            "({choice} ? {} : {})",
+            preferred.shows(),
+            other.shows()
+        ))
+    };
+    Ok([
+        (
+            "node request",
+            "request_waits",
+            in_queue("request_waiting_choice", "step_queue", "entered_queue")?,
+        ),
+        (
+            "leaf",
+            "leaf_waits",
+            in_queue(
+                "leaf_waiting_choice",
+                "step_leaf_queue",
+                "entered_leaf_queue",
+            )?,
+        ),
+    ])
+}
+
+/// Of the choices between two queues: what is offered and not taken is offered again, from the same queue, which keeps it at its
+/// front (a law of the queue). What feeds a queue finds room in it, which [`packets`] shows.
+pub(super) fn choices(module: &Rc<Module>) -> Result<Induction> {
+    let queues = queues(module)?;
+    let mut observer = START.to_string();
+    for queue in &queues {
+        observer += &queue.view();
+        let (push, count, depth) = (&queue.push, queue.count(), queue.depth);
+        let _ = writeln!(
+            observer,
+            "  always @* assume (!({push}) | {count} < {depth});"
+        );
+    }
+    let mut laws: Vec<Law> = (queues.iter())
+        .map(|q| {
+            law(
+                &format!("{} holds no more than it has room for", q.name),
+                format!("{} <= {}", q.count(), q.depth),
+            )
+        })
+        .collect();
+    laws.extend(queues.iter().filter_map(Queue::settles));
+    for (name, waits, choice) in held(&queues)? {
+        laws.push(law(
+            &format!("the {name} that waits is still in its queue"),
+            format!("!{waits} | {choice}"),
+        ));
+    }
+    for (name, valid, ready, choice, takes) in [
+        (
+            "node request",
+            "node_request_valid",
+            "node_request_ready",
+            "request_choice",
+            ["take_step_item", "take_pop_item"],
+        ),
+        (
+            "leaf",
+            "leaf_valid",
+            "leaf_ready",
+            "leaf_choice",
+            ["take_step_leaf", "take_pop_leaf"],
+        ),
+    ] {
+        let id = name.replace(' ', "_");
+        let _ = write!(
+            observer,
+            "  reg f_refused_{id}, f_choice_{id};
+  always @(posedge clk) begin
+    f_refused_{id} <= !rst & {valid} & !{ready};
+    f_choice_{id} <= {choice};
+  end
+"
+        );
+        let [first, second] = takes;
+        laws.extend([
+            law(
+                &format!("a {name} that is not taken stays, from the same queue"),
+                format!("!f_refused_{id} | ({valid} & {choice} == f_choice_{id})"),
+            ),
+            law(
+                &format!("one queue is popped where a {name} is taken, none elsewhere"),
+                format!("({first} ^ {second}) == ({valid} & {ready})"),
+            ),
+            law(
+                &format!("no two queues are popped for a {name}"),
+                format!("!({first} & {second})"),
+            ),
+        ]);
+    }
+    Ok(Induction {
+        module: module.name().into(),
+        what: "node requests and leaves shown stay until taken, each taken from one queue".into(),
+        texts: texts(module, &[]),
+        observer,
+        laws,
+        happens: "f_refused_leaf & leaf_ready".into(),
+        // What is pushed, and when.
+        cut: [
+            "stepped_write",
+            "entered",
+            "retry_push",
+            "step_goes_nowhere",
+            "stack_read",
+        ]
+        .map(String::from)
+        .to_vec(),
+        depth: 1,
+        arrays: false,
+        plants: vec![
+            plant(
+                "a waiting request gives way",
+                "wire request_choice =",
+                "request_waits ?",
+                "1'b0 ?",
+            ),
+            plant(
+                "a waiting leaf gives way",
+                "wire leaf_choice =",
+                "leaf_waits ?",
+                "1'b0 ?",
+            ),
+        ],
+    })
+}
+
+/// Of the stack: what a pop reads is what was last pushed for that packet at that level, and a packet's level goes up by 1 with a
+/// push and down by 1 with a pop. One packet and level, any, are watched. What is pushed, who pops and which level a node's answer
+/// brings back may be anything; but a level is assumed to be at most the stack's depth: beyond it the unit has long flagged an overflow.
+pub(super) fn stack(module: &Rc<Module>, config: &Config) -> Result<Induction> {
+    let (packets, levels) = (config.packets_in_flight, config.stack_depth);
+    let pb = bits_for(u64::from(packets));
+    let lb = bits_for(u64::from(levels) + 1);
+    let width = between(module, "  reg  [", ":0] stack_read;")
+        .map(|t| t.rsplit("reg  [").next().unwrap_or(t))?;
+    let level = between(module, "wire stack_full = ", " == ")?;
+    let level_after = between(module, "(high_water < ", ")")?;
+    let address = between(module, "if (stack_write) stack[", "] <=")?;
+    let data = between(module, "if (stack_write) stack[", ";")?
+        .rsplit("<= ")
+        .next();
+    let data = data.context("the stack is written")?;
+    let (packet_bits, level_bits) = address
+        .trim_matches(['{', '}'])
+        .split_once(", ")
+        .context("the stack's address is packet and level")?;
+    let part = |bits: &str, of: &str| match bits.split_once('[') {
+        Some((_, range)) => format!("{of}[{range}"),
+        None => of.to_string(),
+    };
+    let pops = pipeline_bits(module, "pop_done")?.len();
+    let level_out = between(module, "pop_out_context = {", "}")?
+        .rsplit(", ")
+        .next();
+    let level_out = level_out.context("a pop's context has a level")?;
+    let push = between(module, "wire stack_write = ", " & ")?;
+    let observer = format!(
+        "{START}
+  (* anyconst *) wire [{pb}-1:0] f_packet;
+  (* anyconst *) wire [{lb}-1:0] f_level;
+  always @* assume (f_packet < {packets} & f_level < {levels});
+  always @* assume (!{push} | (step_packet < {packets} & {level} <= {levels}));
+  wire [{lb}-1:0] f_pop_level = pop[{pb} +: {lb}];
+  wire f_push = {push} & step_packet == f_packet & {level} == f_level & f_level != {levels};
+  wire f_pop = pop_valid & !stack_empty & pop[{pb}-1:0] == f_packet & f_pop_level == f_level + 1'b1;
+  reg f_pushed, f_popped;
+  reg [{width}:0] f_word, f_expected;
+  reg [{pops}*{lb}-1:0] f_popped_levels;
+  always @(posedge clk) begin
+    if (rst) f_pushed <= 1'b0;
+    else if (f_push) begin
+      f_pushed <= 1'b1;
+      f_word <= {data};
+    end
+    f_popped <= !rst & f_pop & f_pushed;
+    f_expected <= f_word;
+    f_popped_levels <= {{f_popped_levels, f_pop_level}};
+  end
+  wire [{width}:0] f_stored = stack[{{{packet}, {level_low}}}];
+  wire [{lb}-1:0] f_level_popped = f_popped_levels[{pops}*{lb}-1 -: {lb}];
+  wire [{lb}-1:0] f_level_before = {level};
+  wire [{lb}-1:0] f_level_out = pop_out_context[{lb}-1:0];
+",
+        packet = part(packet_bits, "f_packet"),
+        level_low = part(level_bits, "f_level"),
+    );
+    let cut = [
+        "pop",
+        "goes_both",
+        "level_before",
+        "stack_write_data",
+        "step_packet",
+    ];
+    Ok(Induction {
+        module: module.name().into(),
+        what: format!(
+            "a pop reads what the packet's push at its level wrote; levels count; {packets} packets, {levels} levels"
+        ),
+        texts: alone(module),
+        observer,
+        laws: vec![
+            law(
+                "what was pushed stays until it is overwritten at its level",
+                "!f_pushed | f_stored == f_word",
+            ),
+            law(
+                "a pop reads what was pushed",
+                "!f_popped | stack_read == f_expected",
+            ),
+            law(
+                "a push to a full stack is not written",
+                format!("!stack_write | {level} < {levels}"),
+            ),
+            law(
+                "a packet's level goes up by 1 where it pushes, else stays",
+                format!("!step_valid | {level_after} == f_level_before + {push}"),
+            ),
+            law(
+                "a packet's level goes down by 1 where it pops",
+                "!(pop_done & f_level_popped != 0) | f_level_out == f_level_popped - 1'b1",
+            ),
+        ],
+        happens: "f_popped".into(),
+        cut: cut.map(String::from).to_vec(),
+        depth: pops as u32 + 1,
+        arrays: true,
+        plants: vec![
+            plant(
+                "a pop reads another level",
+                "stack_read <= stack[",
+                "level_below",
+                "~level_below",
+            ),
+            plant(
+                "a full stack is written",
+                "wire stack_write =",
+                "& ~stack_full",
+                "",
+            ),
+            plant(
+                "a push leaves the packet's level as it was",
+                "next_level =",
+                "goes_both",
+                "1'b0",
+            ),
+            plant(
+                "a pop leaves the packet two levels down",
+                "pop_out_context =",
+                level_out,
+                &format!("{level_out} - 1'b1"),
+            ),
+        ],
+    })
+}
