@@ -79,11 +79,11 @@ fn products_comparisons_and_steps() {
 #[test]
 fn queues_ports_and_units() {
     let units = [
-        "fifo", "prefetch", "credit", "skin", "geometry", "tpu", "stack", "share",
+        "slots", "fifo", "prefetch", "credit", "skin", "geometry", "tpu", "stack", "share",
     ];
     hold(
         &rows(&machine(&[("packets.in_flight", "4")]), &units, true, false),
-        20,
+        22,
     );
 }
 
@@ -108,11 +108,11 @@ fn planted_faults_of_the_arithmetic_are_refuted() {
 #[test]
 fn planted_faults_of_control_are_refuted() {
     let units = [
-        "prefetch", "credit", "skin", "geometry", "tpu", "stack", "share",
+        "slots", "prefetch", "credit", "skin", "geometry", "tpu", "stack", "share",
     ];
     hold(
         &rows(&machine(&[("packets.in_flight", "4")]), &units, true, true),
-        35,
+        39,
     );
 }
 

@@ -13,9 +13,12 @@ Units:
   add, sub, mul     the result is the exact one, rounded once, for all operands, specials included
   reciprocal        the same; every operand is tried on the gates
   compare, step     less, less or equal, equal, min, max; steps of three ulps
+  slots             the triangle test: own slots and borrowed ones never meet
   fifo, prefetch    every queue and every reader ahead of the machine: order, no loss, no duplicate, no overflow
-  credit            the update processor's credits are what they stand for; its ports keep what they show
+  credit            the update processor: credits are what they stand for, ports keep what they show, nothing locks up
+  skin, geometry    the skinning processor, the geometry unit: the same of vertices, meshes, leaves and rays
   tpu, stack        packets are neither lost nor doubled, no queue overflows; a pop reads what the push wrote
+  share             the ray casting unit: packet numbers, tags, who has the geometry unit and its port to memory
 
 Arithmetic is compared with a reference of its own by ABC, on gates that Yosys makes of both, once every path through the
 unit has been seen to have as many registers as its latency says. The rest is proved by induction with yosys-smtbmc and z3.

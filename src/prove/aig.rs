@@ -148,6 +148,22 @@ impl Circuit {
     /// # Errors
     /// The output or the gate at which numbers of registers differ; a loop of registers.
     pub fn transparent(&self, latency: impl Fn(&str) -> u32) -> Result<Graph> {
+        self.staged(|_| 0, latency)
+    }
+
+    /// The same of a pipeline whose input words enter at stages of their own: `entry` says at which; an output word then comes at the
+    /// stage that `latency` says.
+    ///
+    /// # Errors
+    /// As of [`Circuit::transparent`].
+    pub fn staged(
+        &self,
+        entry: impl Fn(&str) -> u32,
+        latency: impl Fn(&str) -> u32,
+    ) -> Result<Graph> {
+        let entries: Vec<u32> = (self.inputs.iter())
+            .map(|name| Ok(entry(bit_of(name)?.0)))
+            .collect::<Result<_>>()?;
         let mut graph = Graph {
             inputs: self.inputs.clone(),
             ..Graph::default()
@@ -157,7 +173,7 @@ impl Circuit {
         for (name, root) in &self.outputs {
             let (word, bit) = bit_of(name)?;
             let (literal, registers) = self
-                .see_through(node(*root), &mut graph, &mut known)
+                .see_through(node(*root), &entries, &mut graph, &mut known)
                 .with_context(|| format!("output {name}"))?;
             let expected = latency(word);
             if let Some(registers) = registers {
@@ -184,6 +200,7 @@ impl Circuit {
     fn see_through(
         &self,
         index: usize,
+        entries: &[u32],
         graph: &mut Graph,
         known: &mut [Option<Option<(Literal, Option<u32>)>>],
     ) -> Result<(Literal, Option<u32>)> {
@@ -193,12 +210,12 @@ impl Circuit {
             None => known[index] = Some(None),
         }
         let mut follow = |literal: Literal, graph: &mut Graph| {
-            let (value, registers) = self.see_through(node(literal), graph, known)?;
+            let (value, registers) = self.see_through(node(literal), entries, graph, known)?;
             anyhow::Ok((value ^ (literal & 1), registers))
         };
         let value = match self.nodes[index] {
             Node::False => (FALSE, None),
-            Node::Input(i) => (2 * (i as u32 + 1), Some(0)),
+            Node::Input(i) => (2 * (i as u32 + 1), Some(entries[i])),
             Node::Register(next) => {
                 let (value, registers) = follow(next, graph)?;
                 (value, registers.map(|n| n + 1))

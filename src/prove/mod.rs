@@ -1,6 +1,7 @@
 //! Proofs about the emitted Verilog, by open tools.
 //!
-//! Arithmetic ([`arithmetic`]) is compared with an exact reference for all operands; queues, credits, stack and ports
+//! Arithmetic ([`arithmetic`]) is compared with an exact reference for all operands; a pipeline that is lent is shown to keep its slots
+//! apart ([`slots`]); queues, credits, stack and ports
 //! ([`control`]) are proved by induction. Every proof has *plants*: edits of the emitted text, each of which must make it
 //! fail, with a counterexample. A proof that a tool leaves undecided has failed.
 
@@ -8,6 +9,7 @@ mod aig;
 mod arithmetic;
 mod control;
 mod reference;
+mod slots;
 pub(crate) mod tools;
 
 use crate::config::Config;
@@ -16,7 +18,7 @@ use std::path::Path;
 use std::time::Instant;
 
 /// What can be proved, with what it is.
-pub const UNITS: [(&str, &str); 14] = [
+pub const UNITS: [(&str, &str); 15] = [
     ("add", "fp_add: the sum of any two operands"),
     ("sub", "fp_sub: the difference of any two operands"),
     ("mul", "fp_mul: the product of any two operands"),
@@ -26,6 +28,10 @@ pub const UNITS: [(&str, &str); 14] = [
         "less, less or equal, equal, min, max of any two operands",
     ),
     ("step", "steps of three ulps from any operand"),
+    (
+        "slots",
+        "the triangle test: own and borrowed slots never meet",
+    ),
     (
         "fifo",
         "every queue: order, no loss, no duplicate, no overflow",
@@ -200,6 +206,7 @@ pub fn run(
 /// Something to prove, by one of two ways.
 enum Subject {
     Equivalence(arithmetic::Equivalence),
+    Slots(slots::Slots),
     Induction(control::Induction),
 }
 
@@ -207,7 +214,9 @@ fn subjects(unit: &str, config: &Config) -> Result<Vec<Subject>> {
     let equivalences = arithmetic::proofs(unit, config.format(), config.clock_mhz)?;
     let inductions = control::proofs(unit, config)?;
     let equivalences = equivalences.into_iter().map(Subject::Equivalence);
+    let slots = slots::proofs(unit, config)?.into_iter().map(Subject::Slots);
     Ok(equivalences
+        .chain(slots)
         .chain(inductions.into_iter().map(Subject::Induction))
         .collect())
 }
@@ -216,6 +225,7 @@ impl Subject {
     fn plants(&self) -> &[Plant] {
         match self {
             Subject::Equivalence(proof) => &proof.plants,
+            Subject::Slots(proof) => &proof.plants,
             Subject::Induction(proof) => &proof.plants,
         }
     }
@@ -223,6 +233,7 @@ impl Subject {
     fn what(&self) -> &str {
         match self {
             Subject::Equivalence(proof) => &proof.what,
+            Subject::Slots(proof) => &proof.what,
             Subject::Induction(proof) => &proof.what,
         }
     }
@@ -230,6 +241,7 @@ impl Subject {
     fn module(&self) -> &str {
         match self {
             Subject::Equivalence(proof) => proof.module.name(),
+            Subject::Slots(proof) => proof.module.name(),
             Subject::Induction(proof) => &proof.module,
         }
     }
@@ -247,6 +259,10 @@ impl Subject {
             Subject::Equivalence(proof) => (
                 proof.how(),
                 proof.prove(folder, options.quick, plant, done)?,
+            ),
+            Subject::Slots(proof) => (
+                "every path's registers".to_string(),
+                proof.prove(folder, plant)?,
             ),
             Subject::Induction(proof) => (proof.how(), proof.prove(folder, plant)?),
         };
