@@ -412,22 +412,24 @@ module geometry_unit (
   reg  [71:0] vertex2_memory_read_s2;
   reg  [36:0] in_direction_slot_delay;
   wire point_is_direction = in_direction_slot_delay[1];
+  reg  skinning_s2;
   reg  [23:0] skin_issue_x_s1, skin_issue_x_s2;
   wire [23:0] point_x =
-      skinning ? skin_issue_x_s2 :
+      skinning_s2 ? skin_issue_x_s2 :
       point_is_direction ? direction_memory_read_s2[23:0] :
       ray_memory_read_s2[23:0];
   reg  [23:0] skin_issue_y_s1, skin_issue_y_s2;
   wire [23:0] point_y =
-      skinning ? skin_issue_y_s2 :
+      skinning_s2 ? skin_issue_y_s2 :
       point_is_direction ? direction_memory_read_s2[47:24] :
       ray_memory_read_s2[47:24];
   reg  [23:0] skin_issue_z_s1, skin_issue_z_s2;
   wire [23:0] point_z =
-      skinning ? skin_issue_z_s2 :
+      skinning_s2 ? skin_issue_z_s2 :
       point_is_direction ? direction_memory_read_s2[71:48] :
       ray_memory_read_s2[71:48];
-  reg  in_direction_slot_or_in_origin_slot_s1, in_direction_slot_or_in_origin_slot_s2;
+  reg  in_direction_slot_or_in_origin_slot_s1;
+  reg  test_matrix_s2;
   reg  [43:0] joint_high_delay;
   wire [1:0] joint_high_s22 = joint_high_delay[43:42];
   reg  [335:0] packet_or_joint_delay;
@@ -485,7 +487,7 @@ module geometry_unit (
   wire [23:0] test_box_far;
   triangle_test test (
     .clk(clk),
-    .matrix(in_direction_slot_or_in_origin_slot_s2 | skinning),
+    .matrix(test_matrix_s2),
     .v0_x(vertex0_memory_read_s2[23:0]),
     .v0_y(vertex0_memory_read_s2[47:24]),
     .v0_z(vertex0_memory_read_s2[71:48]),
@@ -510,7 +512,7 @@ module geometry_unit (
     .reciprocal_y(ray_memory_read_s2[119:96]),
     .reciprocal_z(ray_memory_read_s2[143:120]),
     .signs(ray_memory_read_s2[146:144]),
-    .accumulate(skinning),
+    .accumulate(skinning_s2),
     .sum_a_0(skin_pair_a_x),
     .sum_b_0(skin_pair_b_x),
     .sum_a_1(skin_pair_a_y),
@@ -757,7 +759,7 @@ module geometry_unit (
 
   always @(posedge clk) begin
     if (translation_memory_write_enable) translation_memory[translation_memory_write_address] <= vector_data;
-    translation_memory_read <= translation_memory[{skinning, joint_high_s22, packet_or_joint_s22}];
+    translation_memory_read <= translation_memory[{skinning_s2, joint_high_s22, packet_or_joint_s22}];
   end
 
   always @(posedge clk) begin
@@ -827,16 +829,17 @@ module geometry_unit (
     vertex0_memory_read_s2 <= vertex0_memory_read;
     vertex1_memory_read_s2 <= vertex1_memory_read;
     vertex2_memory_read_s2 <= vertex2_memory_read;
+    skinning_s2 <= skinning;
     skin_issue_x_s2 <= skin_issue_x_s1;
     skin_issue_y_s2 <= skin_issue_y_s1;
     skin_issue_z_s2 <= skin_issue_z_s1;
-    in_direction_slot_or_in_origin_slot_s2 <= in_direction_slot_or_in_origin_slot_s1;
+    test_matrix_s2 <= in_direction_slot_or_in_origin_slot_s1 | skinning_s2;
 
     // Stage 14
     choice_4_s14 <= now_inside_s13 ? window_memory_read0 : 48'h7f0000ff0000;
 
     // Stage 23
-    in_origin_slot_or_skinning_s23 <= in_origin_slot_s22 | skinning;
+    in_origin_slot_or_skinning_s23 <= in_origin_slot_s22 | skinning_s2;
 
     // Stage 24
     choice_3_s24 <= in_origin_slot_or_skinning_s23 ? translation_memory_read : 72'd0;

@@ -396,7 +396,12 @@ pub fn module(plan: &Plan) -> Result<Geometry, HdlError> {
     };
     let mut inputs: Vec<(String, Signal<'_>)> = vec![];
     // Above the packet: whether its box is wanted, or the rest of a joint; and whether it is a joint.
-    let skinning_at = |at: u32| p.enter_at(skin.active, at);
+    // The skinning processor lends the test for a whole mesh, so that a register more changes nothing, and keeps a fan-out to
+    // hundreds of operands off the operators' first stage.
+    let skinning_at = |at: u32| match at.checked_sub(1) {
+        Some(before) => p.enter_at(skin.active, before).register(),
+        None => p.enter_at(skin.active, at),
+    };
     let corner_bits = plan.level_packet_bits().max(joint_width);
     let above_packet = match joint_high {
         Some(high) => high | box_slot.extend(high.width()),
@@ -431,8 +436,8 @@ pub fn module(plan: &Plan) -> Result<Geometry, HdlError> {
         };
         inputs.push((name.to_string(), value));
     }
-    let matrix = (direction_slot | origin_slot).at(start) | skinning_at(start);
-    inputs.push(("matrix".into(), matrix));
+    let matrix = (direction_slot | origin_slot).at(start - 1) | skinning_at(start - 1);
+    inputs.push(("matrix".into(), matrix.register()));
     let stage_of = |port: &str| test.port(port).and_then(|p| p.stage).unwrap_or(0) + start;
     let translated_at = AXES.map(|x| stage_of(&format!("translation_{x}")));
     let translated_at = *translated_at.iter().min().expect("three axes");
