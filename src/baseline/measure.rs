@@ -29,6 +29,15 @@ const FILMS: [(&str, usize, &str); 3] = [
     ("builtin:reef", 2, "128x96"),
 ];
 
+/// The units that are placed and routed, each with all below it: together they are the machine, but for what joins them.
+pub const UNITS: [&str; 5] = [
+    "ray_setup",
+    "tpu",
+    "geometry_unit",
+    "skinning_processor",
+    "update_processor",
+];
+
 /// Intervals that a frame is cut into, about.
 const INTERVALS: u64 = 100;
 
@@ -41,8 +50,10 @@ const DEPTH_CLOCKS: [u32; 6] = [50, 66, 75, 100, 125, 150];
 pub struct Request {
     /// Modules that took more LUT4 than this are not synthesised again; `None`: all that have changed are.
     pub most_lut4: Option<u64>,
-    /// The clocks of all modules, the other configurations' area and the table of depths too: hours, without a cache.
+    /// The clocks of the [`UNITS`] too, of the reference machine and of [`FAST`]: hours, without a cache.
     pub clock: bool,
+    /// The area of the other named configurations, and the table of depths too: an hour, without a cache.
+    pub others: bool,
     /// The cache folder; `None` for the user's.
     pub cache: Option<PathBuf>,
 }
@@ -69,8 +80,18 @@ pub fn measure(
         .map(|&(scene, frames, size)| film(&config, scene, frames, size, progress))
         .collect::<Result<_>>()?;
     let kept = area(&config, was, &mut is, request, progress)?;
+    let routing = |units: &[&str], seeds| synth::Request {
+        target: Target::Ecp5_85f,
+        units: units.iter().map(ToString::to_string).collect(),
+        seeds,
+        cache: request.cache.clone(),
+    };
+    if request.others {
+        others(&config, &mut is, &routing, progress)?;
+    }
     if request.clock {
-        clock(&config, &mut is, request, progress)?;
+        (is.clock, is.clock_tools) = clocks(&config, &routing, progress)?;
+        is.fast_clock = clocks(&Config::load(FAST)?, &routing, progress)?.0;
     }
     Ok((is, kept))
 }
@@ -259,20 +280,15 @@ fn area(
     Ok(kept)
 }
 
-fn clock(
+/// How modules are asked to be placed and routed from so many seeds.
+type Routing<'a> = &'a dyn Fn(&[&str], u32) -> synth::Request;
+
+fn others(
     config: &Config,
     is: &mut Baseline,
-    request: &Request,
+    routing: Routing<'_>,
     progress: &dyn Fn(&str),
 ) -> Result<()> {
-    let routing = |units: Vec<String>, seeds| synth::Request {
-        target: Target::Ecp5_85f,
-        units,
-        seeds,
-        cache: request.cache.clone(),
-    };
-    (is.clock, is.clock_tools) = clocks(config, &routing, progress)?;
-    is.fast_clock = clocks(&Config::load(FAST)?, &routing, progress)?.0;
     is.configurations.clear();
     for &(name, _) in NAMED {
         let config = Config::load(name)?;
@@ -285,7 +301,7 @@ fn clock(
             None => {
                 let asked = synth::Request {
                     target: Target::Virtex4Lx160,
-                    ..routing(vec![top.name().into()], 0)
+                    ..routing(&[top.name()], 0)
                 };
                 let report = synth::synthesise(&config, &asked, progress)?;
                 report.units.first().context("the machine")?.area
@@ -302,8 +318,7 @@ fn clock(
     for asked_mhz in DEPTH_CLOCKS {
         let mut config = config.clone();
         config.set("clock.target_mhz", &asked_mhz.to_string())?;
-        let units = DEPTH_UNITS.map(String::from).to_vec();
-        let report = synth::synthesise(&config, &routing(units, 1), progress)?;
+        let report = synth::synthesise(&config, &routing(&DEPTH_UNITS, 1), progress)?;
         for unit in report.units {
             is.depths.push(Depth {
                 depth: unit.latency.context("the depth of a pipeline")?,
@@ -317,22 +332,22 @@ fn clock(
     Ok(())
 }
 
-/// The clocks of all modules of a machine but the whole, which no device of this kind leaves room to route with shift registers around it.
+/// The clocks of a machine's units.
 fn clocks(
     config: &Config,
-    routing: &dyn Fn(Vec<String>, u32) -> synth::Request,
+    routing: Routing<'_>,
     progress: &dyn Fn(&str),
 ) -> Result<(Vec<UnitClock>, Vec<String>)> {
     let (machine, _) = emit::generate(config)?;
     let modules = machine.design.modules();
-    let names = modules.iter().map(|module| module.name().to_string());
-    let report = synth::synthesise(config, &routing(names.collect(), SEEDS), progress)?;
-    let clocks = (report.units.into_iter().zip(modules))
-        .map(|(unit, module)| {
+    let report = synth::synthesise(config, &routing(&UNITS, SEEDS), progress)?;
+    let clocks = (report.units.into_iter())
+        .map(|unit| {
             let path = unit.critical_path.context("a critical path")?;
+            let module = modules.iter().find(|module| module.name() == unit.name);
             Ok(UnitClock {
+                verilog: synth::fingerprint(module.context("a unit of the machine")?)?,
                 name: unit.name,
-                verilog: synth::fingerprint(module)?,
                 mhz: rounded(unit.mhz.context("a clock")?),
                 critical_path: path.to_string(),
             })

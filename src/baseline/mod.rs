@@ -5,7 +5,7 @@
 //! |---|---|
 //! | clocks and counts of fixed frames and films | they are the same to the clock |
 //! | area of each module | it is at most 1 % more; a module whose Verilog is the same needs no tool to tell |
-//! | clock of each module, placed and routed | the worst seed is at most 3 % slower |
+//! | clock of each unit, placed and routed | the worst seed is at most 3 % slower |
 //!
 //! [`page`] makes the page of numbers and its plots of the same figures, so that they are written down once.
 
@@ -13,7 +13,7 @@ mod measure;
 pub mod page;
 mod plots;
 
-pub use measure::{Request, measure};
+pub use measure::{Request, UNITS, measure};
 
 use crate::synth::Area;
 use anyhow::{Context, Result, anyhow};
@@ -189,7 +189,7 @@ impl Baseline {
     pub fn read(path: &Path) -> Result<Baseline> {
         let shown = path.display();
         let text = std::fs::read_to_string(path).map_err(|error| {
-            anyhow!("{shown}: {error}; run this in a checkout, give --file, or make one: dynrt baseline --accept \"the first\" --clock")
+            anyhow!("{shown}: {error}; run this in a checkout, give --file, or make one: dynrt baseline --accept \"the first\" --others --clock")
         })?;
         serde_json::from_str(&text).with_context(|| {
             format!("{shown}: is no baseline of this version; restore it from the repository, or remove it and make one anew")

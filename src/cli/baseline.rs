@@ -15,7 +15,7 @@ Measures the reference machine and compares: clocks and counts of fixed frames a
 Examples:
   dynrt baseline                            clocks, and the area of the smaller modules that have changed
   dynrt baseline --all                      the area of the larger ones too: up to an hour where they have changed
-  dynrt baseline --all --clock              everything, placed and routed from three seeds: hours
+  dynrt baseline --all --others --clock     everything, placed and routed from three seeds: hours
   dynrt baseline --accept 'a stack of 24'   take the figures as they are now, and log why";
 
 /// Larger modules are left out without `--all`: Yosys takes minutes for them.
@@ -31,7 +31,10 @@ pub struct Args {
     /// The area of every module that has changed, however large
     #[arg(long)]
     all: bool,
-    /// The clocks of all modules, the other configurations and the table of depths too
+    /// The area of the other named configurations and the table of depths too
+    #[arg(long)]
+    others: bool,
+    /// The clocks of the units too, placed and routed from three seeds
     #[arg(long)]
     clock: bool,
     /// Write the figures as they are now, and why, into the log beside them
@@ -59,6 +62,7 @@ pub fn run(args: &Args) -> Result<()> {
     let request = Request {
         most_lut4: (!args.all && args.accept.is_none()).then_some(MOST_LUT4),
         clock: args.clock,
+        others: args.others,
         cache: None,
     };
     let (is, kept) = baseline::measure(&was, &request, &tell)?;
