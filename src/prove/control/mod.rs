@@ -213,6 +213,8 @@ struct Queue {
     pop: String,
     /// Of a queue in block RAM, the registers that say that its head has stood still: their number.
     settling: Option<usize>,
+    /// Of a queue in distributed RAM: whether its front word stands in a register (see `hw::fifo`).
+    front_registered: bool,
 }
 
 /// What the names of queues' modules begin with.
@@ -224,6 +226,11 @@ fn is_queue(module: &str) -> bool {
 
 fn is_block_queue(module: &Rc<Module>) -> bool {
     module.name().starts_with(QUEUES[1])
+}
+
+/// Whether a queue in distributed RAM keeps its front word, and how many words it has, in registers.
+fn is_front_registered(module: &Module) -> bool {
+    module.verilog().contains("\n  reg  more;")
 }
 
 fn queues(module: &Module) -> Result<Vec<Queue>> {
@@ -261,6 +268,7 @@ fn queues(module: &Module) -> Result<Vec<Queue>> {
         let child = child.with_context(|| format!("{} is placed", head[0]))?;
         found.push(Queue {
             settling: is_block_queue(child).then(|| settling(child)),
+            front_registered: is_front_registered(child),
             name: head[1].to_string(),
             depth: depth.with_context(|| format!("the depth of {}", head[0]))?,
             push: connection("push")?,
@@ -316,6 +324,16 @@ impl Queue {
             for name in names {
                 let _ = writeln!(wires, "  (* hierconn *) wire {};", self.register(&name));
             }
+        }
+        if self.front_registered {
+            // Laws of the queue itself, which its user may rely on.
+            let [valid, more] = ["front_valid", "more"].map(|name| self.register(name));
+            let count = self.register("count");
+            let _ = writeln!(
+                wires,
+                "  (* hierconn *) wire {valid};\n  (* hierconn *) wire {more};\n  \
+                 always @* assume ({valid} == ({count} != 0) & {more} == ({count} > 1));"
+            );
         }
         wires
     }

@@ -40,7 +40,21 @@ pub(super) fn fifo(module: &Rc<Module>) -> Result<Induction> {
   end
 "
     );
-    Ok(Induction {
+    let registered = is_front_registered(module).then(|| {
+        law(
+            "it knows whether there is a word behind the front",
+            "more == (count > 1)",
+        )
+    });
+    let forgets = is_front_registered(module).then(|| {
+        plant(
+            "a word that is pushed as the last one is popped is not its successor",
+            "front_word <= more ? words_read : data",
+            ": data",
+            ": words_read",
+        )
+    });
+    let mut proof = Induction {
         module: module.name().into(),
         what: "words come out in order, each once; none is lost; no overflow; the front stays"
             .into(),
@@ -95,7 +109,10 @@ pub(super) fn fifo(module: &Rc<Module>) -> Result<Induction> {
                 "head",
             ),
         ],
-    })
+    };
+    proof.laws.extend(registered);
+    proof.plants.extend(forgets);
+    Ok(proof)
 }
 
 /// The same of a queue in block RAM, whose front word has a register of its own.
