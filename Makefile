@@ -51,7 +51,7 @@ EVIDENCE_prove = $(DYNRT) prove --json $(EVIDENCE)/prove.json | tee $(EVIDENCE)/
 EVIDENCE_plants = $(DYNRT) prove --plant --json $(EVIDENCE)/plants.json | tee $(EVIDENCE)/plants.txt
 EVIDENCE_machines = $(DYNRT) fuzz --machines 200 --seed 1 --json $(EVIDENCE)/machines.json | tee $(EVIDENCE)/machines.txt
 EVIDENCE_mutants = $(DYNRT) mutate --mutants 600 --seed 1 --least 95 --json $(EVIDENCE)/mutants.json | tee $(EVIDENCE)/mutants.txt
-EVIDENCE_numbers = $(DYNRT) baseline --all --others --clock --json $(EVIDENCE)/numbers.json | tee $(EVIDENCE)/numbers.txt
+EVIDENCE_numbers = $(DYNRT) baseline --all --configurations --depths --clock --json $(EVIDENCE)/numbers.json | tee $(EVIDENCE)/numbers.txt
 EVIDENCE_frames = cargo test --test frames -- --nocapture | tee $(EVIDENCE)/frames.txt
 EVIDENCE_embree = for what in $(OBJECTS) $(ROOMS); do \
     name=$${what%%,*}; file=$$(basename $${name\#builtin:} .obj); \

@@ -52,8 +52,10 @@ pub struct Request {
     pub most_lut4: Option<u64>,
     /// The clocks of the [`UNITS`] too, of the reference machine and of [`FAST`]: hours, without a cache.
     pub clock: bool,
-    /// The area of the other named configurations, and the table of depths too: an hour, without a cache.
-    pub others: bool,
+    /// The area of the other named configurations too: half an hour, without a cache.
+    pub configurations: bool,
+    /// The table of depths too: half an hour, without a cache.
+    pub depths: bool,
     /// The cache folder; `None` for the user's.
     pub cache: Option<PathBuf>,
 }
@@ -86,8 +88,11 @@ pub fn measure(
         seeds,
         cache: request.cache.clone(),
     };
-    if request.others {
-        others(&config, &mut is, &routing, progress)?;
+    if request.configurations {
+        configurations(&mut is, &routing, progress)?;
+    }
+    if request.depths {
+        depths(&config, &mut is, &routing, progress)?;
     }
     if request.clock {
         (is.clock, is.clock_tools) = clocks(&config, &routing, progress)?;
@@ -283,12 +288,7 @@ fn area(
 /// How modules are asked to be placed and routed from so many seeds.
 type Routing<'a> = &'a dyn Fn(&[&str], u32) -> synth::Request;
 
-fn others(
-    config: &Config,
-    is: &mut Baseline,
-    routing: Routing<'_>,
-    progress: &dyn Fn(&str),
-) -> Result<()> {
+fn configurations(is: &mut Baseline, routing: Routing<'_>, progress: &dyn Fn(&str)) -> Result<()> {
     is.configurations.clear();
     for &(name, _) in NAMED {
         let config = Config::load(name)?;
@@ -314,6 +314,15 @@ fn others(
             area,
         });
     }
+    Ok(())
+}
+
+fn depths(
+    config: &Config,
+    is: &mut Baseline,
+    routing: Routing<'_>,
+    progress: &dyn Fn(&str),
+) -> Result<()> {
     is.depths.clear();
     for asked_mhz in DEPTH_CLOCKS {
         let mut config = config.clone();

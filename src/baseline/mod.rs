@@ -189,7 +189,7 @@ impl Baseline {
     pub fn read(path: &Path) -> Result<Baseline> {
         let shown = path.display();
         let text = std::fs::read_to_string(path).map_err(|error| {
-            anyhow!("{shown}: {error}; run this in a checkout, give --file, or make one: dynrt baseline --accept \"the first\" --others --clock")
+            anyhow!("{shown}: {error}; run this in a checkout, give --file, or make one: dynrt baseline --accept \"the first\" --configurations --depths --clock")
         })?;
         serde_json::from_str(&text).with_context(|| {
             format!("{shown}: is no baseline of this version; restore it from the repository, or remove it and make one anew")

@@ -15,7 +15,7 @@ Measures the reference machine and compares: clocks and counts of fixed frames a
 Examples:
   dynrt baseline                            clocks, and the area of the smaller modules that have changed
   dynrt baseline --all                      the area of the larger ones too: up to an hour where they have changed
-  dynrt baseline --all --others --clock     everything, placed and routed from three seeds: hours
+  dynrt baseline --all --configurations --depths --clock     everything, placed and routed from three seeds: hours
   dynrt baseline --accept 'a stack of 24'   take the figures as they are now, and log why";
 
 /// Larger modules are left out without `--all`: Yosys takes minutes for them.
@@ -31,9 +31,12 @@ pub struct Args {
     /// The area of every module that has changed, however large
     #[arg(long)]
     all: bool,
-    /// The area of the other named configurations and the table of depths too
+    /// The area of the other named configurations too
     #[arg(long)]
-    others: bool,
+    configurations: bool,
+    /// The table of depths too
+    #[arg(long)]
+    depths: bool,
     /// The clocks of the units too, placed and routed from three seeds
     #[arg(long)]
     clock: bool,
@@ -62,7 +65,8 @@ pub fn run(args: &Args) -> Result<()> {
     let request = Request {
         most_lut4: (!args.all && args.accept.is_none()).then_some(MOST_LUT4),
         clock: args.clock,
-        others: args.others,
+        configurations: args.configurations,
+        depths: args.depths,
         cache: None,
     };
     let (is, kept) = baseline::measure(&was, &request, &tell)?;

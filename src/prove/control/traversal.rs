@@ -319,7 +319,14 @@ pub(super) fn stack(module: &Rc<Module>, config: &Config) -> Result<Induction> {
         Some((_, range)) => format!("{of}[{range}"),
         None => of.to_string(),
     };
-    let pops = pipeline_bits(module, "pop_done")?.len();
+    // What pops may pass a register before it addresses the stack; its valid bit passes as many.
+    let valid_bits = pipeline_bits(module, "pop_done")?;
+    let pop_stage = usize::from(module.verilog().contains("] pop_chosen ="));
+    let pop_valid = match pop_stage {
+        0 => "pop_valid",
+        stage => &valid_bits[stage - 1],
+    };
+    let pops = valid_bits.len() - pop_stage;
     let level_out = between(module, "pop_out_context = {", "}")?
         .rsplit(", ")
         .next();
@@ -333,7 +340,7 @@ pub(super) fn stack(module: &Rc<Module>, config: &Config) -> Result<Induction> {
   always @* assume (!{push} | (step_packet < {packets} & {level} <= {levels}));
   wire [{lb}-1:0] f_pop_level = pop[{pb} +: {lb}];
   wire f_push = {push} & step_packet == f_packet & {level} == f_level & f_level != {levels};
-  wire f_pop = pop_valid & !stack_empty & pop[{pb}-1:0] == f_packet & f_pop_level == f_level + 1'b1;
+  wire f_pop = {pop_valid} & !stack_empty & pop[{pb}-1:0] == f_packet & f_pop_level == f_level + 1'b1;
   reg f_pushed, f_popped;
   reg [{width}:0] f_word, f_expected;
   reg [{pops}*{lb}-1:0] f_popped_levels;
