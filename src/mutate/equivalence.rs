@@ -1,5 +1,10 @@
 //! Whether a mutated module does at its ports what the module does, for ever: by induction over Yosys' pairs of signals of the
 //! same name. A module that holds much memory is not tried.
+//!
+//! A mutation that no port shows may well show inside: `<` for `<=` before a choice between equals. So pairs of inner signals that
+//! were not proved are matched no more, and the rest is tried again; ports stay, and every pair that is left must be proved. The induction
+//! says that two modules which have agreed for [`DEPTH`] clocks do so ever after. That they agree in the first place is what the
+//! runs before have shown, which every survivor has passed.
 
 use super::text::Site;
 use crate::prove::tools::{self, Ended};
@@ -15,6 +20,13 @@ const LIMIT: Duration = Duration::from_secs(60);
 
 /// Clocks over which the induction looks back.
 const DEPTH: u32 = 6;
+
+/// Times that a proof is tried, with fewer and fewer inner signals matched.
+const ATTEMPTS: usize = 4;
+
+/// The inner signals that are not matched, and what was not proved, in files of a proof's folder.
+const UNMATCHED: &str = "unmatched.txt";
+const STATUS: &str = "status.txt";
 
 /// Says what proved it, if it was proved within the time.
 ///
@@ -58,14 +70,58 @@ pub(super) fn proved(
     let _ = write!(
         script,
         "design -copy-from gold -as gold {top}; design -copy-from gate -as gate {top}; \
-         equiv_make gold gate equiv; hierarchy -top equiv; clean; \
-         equiv_simple -seq {DEPTH}; equiv_induct -seq {DEPTH}; equiv_status -assert"
+         equiv_make -blacklist {UNMATCHED} gold gate equiv; hierarchy -top equiv; clean; \
+         equiv_simple -seq {DEPTH}; equiv_induct -seq {DEPTH}; tee -q -o {STATUS} equiv_status; equiv_status -assert"
     );
-    let ended = tools::run(folder.path(), LIMIT, "yosys", &["-q", "-p", &script])?;
-    Ok(match ended {
-        Ended::With { success: true, .. } => Some(format!("Yosys: equiv_induct -seq {DEPTH}")),
-        _ => None,
+    let ports = ports(&texts[at]);
+    let mut unmatched: BTreeSet<String> = BTreeSet::new();
+    for _ in 0..ATTEMPTS {
+        let list: Vec<&str> = unmatched.iter().map(String::as_str).collect();
+        std::fs::write(folder.path().join(UNMATCHED), list.join("\n"))
+            .context("cannot write a temporary file")?;
+        let ended = tools::run(folder.path(), LIMIT, "yosys", &["-q", "-p", &script])?;
+        match ended {
+            Ended::With { success: true, .. } => {
+                return Ok(Some(format!("Yosys: equiv_induct -seq {DEPTH}")));
+            }
+            Ended::With { .. } => {}
+            Ended::OutOfTime => return Ok(None),
+        }
+        // Without a status it was not the proof that failed.
+        let Ok(status) = std::fs::read_to_string(folder.path().join(STATUS)) else {
+            return Ok(None);
+        };
+        let before = unmatched.len();
+        unmatched.extend(unproved(&status).filter(|name| !ports.contains(name)));
+        if unmatched.len() == before {
+            return Ok(None);
+        }
+    }
+    Ok(None)
+}
+
+/// The signals of which `equiv_status` says that a bit is not proved.
+fn unproved(status: &str) -> impl Iterator<Item = String> {
+    let lines = status
+        .lines()
+        .filter_map(|line| line.trim().strip_prefix("Unproven $equiv "));
+    lines.flat_map(|line| {
+        let words = line.split_whitespace().filter_map(|word| {
+            let name = word.strip_prefix('\\')?;
+            name.strip_suffix("_gold").or(name.strip_suffix("_gate"))
+        });
+        words.map(str::to_string).collect::<Vec<_>>()
     })
+}
+
+/// The names of a module's ports, of which there is one a line.
+fn ports(text: &str) -> BTreeSet<String> {
+    let lines = text.lines().map(str::trim);
+    lines
+        .filter(|line| line.starts_with("input ") || line.starts_with("output "))
+        .filter_map(|line| line.trim_end_matches(',').split_whitespace().last())
+        .map(str::to_string)
+        .collect()
 }
 
 /// A module and all below it.
@@ -156,6 +212,58 @@ endmodule
                 .unwrap()
                 .is_some()
         );
+    }
+
+    /// The lesser of two numbers, chosen a clock later than compared.
+    const LESSER: &str = "\
+module lesser (
+  input  wire       clk,
+  input  wire [3:0] a,
+  input  wire [3:0] b,
+  output reg  [3:0] y
+);
+
+  wire term = a < b;
+  wire less = (a[3] ^ b[3]) ? b[3] : term;
+  reg  less_s1;
+  reg  [3:0] a_s1, b_s1;
+
+  always @(posedge clk) begin
+    less_s1 <= less;
+    a_s1 <= a;
+    b_s1 <= b;
+    y <= less_s1 ? a_s1 : b_s1;
+  end
+
+endmodule
+";
+
+    #[test]
+    fn a_change_that_shows_inside_alone_is_proved() {
+        let texts = [LESSER.to_string()];
+        let verdict = |before: &str, instead: &str| {
+            let all = sites(LESSER);
+            let site = (all.iter())
+                .find(|site| &LESSER[site.place.clone()] == before && site.instead == instead);
+            let site = site.unwrap_or_else(|| panic!("{before} → {instead}: {all:?}"));
+            proved(&texts, &["lesser"], 0, site).unwrap().is_some()
+        };
+        // Of equal numbers either is the lesser.
+        assert!(verdict("<", "<="));
+        // Where both are negative the wrong one, or one of two clocks, is chosen.
+        assert!(!verdict("^", "|"));
+        assert!(!verdict("a_s1", "a"));
+    }
+
+    #[test]
+    fn what_is_not_proved_is_read_and_ports_are_known() {
+        let status = "Found 3 $equiv cells in equiv:\n\
+            \x20 Unproven $equiv $auto$equiv_make.cc:274:find_same_wires$29: \\inner.term_gold [2] \\inner.term_gate [2]\n\
+            \x20 Unproven $equiv $auto$equiv_make.cc:242:find_same_wires$27: \\y_gold \\y_gate\n";
+        let names: BTreeSet<String> = unproved(status).collect();
+        assert_eq!(names.into_iter().collect::<Vec<_>>(), ["inner.term", "y"]);
+        let names: Vec<String> = ports(LESSER).into_iter().collect();
+        assert_eq!(names, ["a", "b", "clk", "y"]);
     }
 
     #[test]

@@ -8,7 +8,7 @@
 //! |---|---|---|
 //! | `arithmetic` | adder, subtractor, multiplier, reciprocal, plane distances | operands, each result |
 //! | `tpu` | traversal unit and below | packets in tiny scenes of one and of two levels |
-//! | `geometry` | geometry unit and below, what the traversal unit has too left out | triangle tests, ray transformations |
+//! | `geometry` | geometry unit and below, what the traversal unit has too left out | triangle tests, ray transformations; skinned meshes in the whole machine, which borrows its operators |
 //! | `update` | update processor and its prefetch | programs of random topologies |
 //! | `raycast` | ray setup, skinning processor, what joins the units | whole small scenes of two levels; random skinned meshes |
 
@@ -41,7 +41,7 @@ use text::{SELECT, Site, instrument, sites};
 pub const UNITS: [&str; 5] = ["arithmetic", "tpu", "geometry", "update", "raycast"];
 
 /// A part of results' keys: counts up when runs become others.
-const RUNS_VERSION: &str = "2";
+const RUNS_VERSION: &str = "3";
 
 /// Transactions of a mutant's runs: most are noticed in the first, what is left goes on to the last.
 const LENGTHS: [u64; 3] = [2_000, 30_000, 200_000];
@@ -253,14 +253,34 @@ fn unit_options(seed: u64, mutated: Option<Mutated>) -> UnitOptions {
     }
 }
 
-/// The runs of a unit, the shortest first.
-fn runs<'a>(config: &'a Config, unit: &str, lengths: usize) -> Result<Vec<Run<'a>>> {
+type Files = Arc<Vec<(String, String)>>;
+
+/// The whole machine's Verilog around a unit's with mutants.
+fn whole_machine(config: &Config, unit: &[(String, String)]) -> Result<Files> {
+    let machine = hw::emit(config)?;
+    let modules = machine.design.modules();
+    let names: Vec<&str> = modules.iter().map(|module| module.name()).collect();
+    let file = |module: &Rc<Module>| {
+        let name = format!("{}.v", module.name());
+        let of_unit = unit.iter().find(|(other, _)| *other == name).cloned();
+        of_unit.unwrap_or_else(|| (name, instrument(module.verilog(), &[], &names)))
+    };
+    Ok(Arc::new(modules.iter().map(file).collect()))
+}
+
+/// The runs of a unit, the shortest first. Those that need more than the unit have `whole`, with the same mutants.
+fn runs<'a>(
+    config: &'a Config,
+    unit: &str,
+    lengths: usize,
+    whole: Option<Files>,
+) -> Result<Vec<Run<'a>>> {
     let mut all: Vec<Run<'a>> = vec![];
     for (seed, &length) in (1u64..).zip(&LENGTHS[..lengths]) {
         let kinds: &[&str] = match unit {
             "arithmetic" => &["operands"],
             "tpu" => &["packets", "instances"],
-            "geometry" => &["tests", "transforms"],
+            "geometry" => &["tests", "transforms", "skins"],
             "update" => &["programs"],
             _ => &["rays", "skins"],
         };
@@ -327,15 +347,25 @@ fn runs<'a>(config: &'a Config, unit: &str, lengths: usize) -> Result<Vec<Run<'a
                         Ok(None)
                     })
                 }
-                _ => Box::new(move |mutated| {
-                    let workload = unit_skinning::Workload::Random {
-                        vertices: length / 4,
-                    };
-                    let options = unit_options(seed, mutated);
-                    let traffic = unit_skinning::Traffic::Separate;
-                    let report = unit_skinning::run(config, workload, traffic, &options)?;
-                    Ok(report.unit.mismatch)
-                }),
+                _ => {
+                    let whole = whole.clone();
+                    Box::new(move |mutated| {
+                        let workload = unit_skinning::Workload::Random {
+                            vertices: length / 4,
+                        };
+                        let in_whole = |mutated: Mutated| match &whole {
+                            Some(files) => Mutated {
+                                files: files.clone(),
+                                ..mutated
+                            },
+                            None => mutated,
+                        };
+                        let options = unit_options(seed, mutated.map(in_whole));
+                        let traffic = unit_skinning::Traffic::Separate;
+                        let report = unit_skinning::run(config, workload, traffic, &options)?;
+                        Ok(report.unit.mismatch)
+                    })
+                }
             };
             all.push((name, run));
         }
@@ -426,7 +456,11 @@ fn run_unit(
         store::key(&parts)
     };
     let known = |number: u32| store.get::<Outcome>(unit, &key(number));
-    let runs = runs(config, unit, request.lengths)?;
+    let whole = match *unit {
+        "geometry" => Some(whole_machine(config, &files)?),
+        _ => None,
+    };
+    let runs = runs(config, unit, request.lengths, whole)?;
     let all_known = request.only.is_none() && drawn.iter().all(|d| known(d.0).is_some());
     if !all_known {
         progress(&format!("building {unit} with {} mutants", drawn.len()));

@@ -443,8 +443,28 @@ fn other_operator(operator: &str, is_binary: bool) -> Option<&'static str> {
 /// The name of the input that selects a mutant, and its bits.
 pub const SELECT: (&str, u32) = ("mutant", 32);
 
+/// Registers and the literals that reset gives them: `if (rst) name <= literal;`
+fn reset_values(text: &str) -> Vec<(String, String)> {
+    let tokens = tokens(text);
+    let word = |token: &Token| &text[token.start..token.end];
+    let resets = tokens.windows(8).filter(|window| {
+        let words: Vec<&str> = window.iter().map(word).collect();
+        words[..4] == ["if", "(", "rst", ")"]
+            && window[4].word == Word::Name
+            && words[5] == "<="
+            && window[6].word == Word::Literal
+            && words[7] == ";"
+    });
+    resets
+        .map(|window| (word(&window[4]).to_string(), word(&window[6]).to_string()))
+        .collect()
+}
+
 /// A module's text in which each of `changes` holds where [`SELECT`] has its number, and which hands that input on to its children,
 /// modules of the names of `modules`.
+///
+/// Registers that reset sets begin as the complement of what it gives them. Verilator begins with zeros, which most resets give too:
+/// a reset left out would change nothing.
 pub fn instrument(text: &str, changes: &[(u32, &Site)], modules: &[&str]) -> String {
     let (select, bits) = SELECT;
     // From the end on, so that what lies before stays where it is.
@@ -477,6 +497,14 @@ pub fn instrument(text: &str, changes: &[(u32, &Site)], modules: &[&str]) -> Str
             let behind = tokens[at + 2].end;
             edits.push((behind..behind, format!("\n    .{select}({select}),")));
         }
+    }
+    let resets = reset_values(text);
+    if let Some(end) = text.rfind("endmodule").filter(|_| !resets.is_empty()) {
+        let mut initial = String::from("initial begin\n");
+        for (name, value) in &resets {
+            initial += &format!("    {name} = ~{value};\n");
+        }
+        edits.push((end..end, format!("  {initial}  end\n\n")));
     }
     edits.sort_by_key(|(range, _)| range.start);
     let mut changed = text.to_string();
@@ -587,6 +615,18 @@ endmodule
             text.contains("(mutant == 32'd1) ? (a[2:0] + 4'd5)")
                 || text.contains("(mutant == 32'd1) ? ({1'b0, a[2:1]} + 4'd5)")
         );
+    }
+
+    #[test]
+    fn registers_begin_as_what_reset_does_not_give() {
+        assert_eq!(
+            reset_values(TEXT),
+            [("kept".to_string(), "4'd2".to_string())]
+        );
+        let text = instrument(TEXT, &[], &["child"]);
+        assert!(text.contains("\n  initial begin\n    kept = ~4'd2;\n  end\n\nendmodule\n"));
+        let without = TEXT.replace("if (rst) kept <= 4'd2; else ", "");
+        assert!(!instrument(&without, &[], &["child"]).contains("initial"));
     }
 
     #[test]
