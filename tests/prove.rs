@@ -1,6 +1,6 @@
 //! The quick part of `dynrt prove`, and that a fault planted in the emitted Verilog makes each proof fail.
 //!
-//! Together they take about three minutes. `dynrt prove` and `dynrt prove --plant` are the whole.
+//! Together they take five to eight minutes of one core. `dynrt prove` and `dynrt prove --plant` are the whole.
 
 use dynrt::config::Config;
 use dynrt::prove::{self, Options, Outcome, Row};
@@ -51,6 +51,11 @@ fn hold(rows: &[Row], least: usize) {
 
 const SMALL: &[(&str, &str)] = &[("float.exponent_bits", "4"), ("float.fraction_bits", "5")];
 
+/// A machine whose control is the reference's, with few packets and small numbers.
+fn few_packets() -> Config {
+    machine(&[SMALL, &[("packets.in_flight", "4")]].concat())
+}
+
 #[test]
 fn sums_of_the_reference_format() {
     hold(&rows(&machine(&[]), &["add", "sub"], true, false), 6);
@@ -81,10 +86,7 @@ fn queues_ports_and_units() {
     let units = [
         "slots", "fifo", "prefetch", "credit", "skin", "geometry", "tpu", "stack", "share",
     ];
-    hold(
-        &rows(&machine(&[("packets.in_flight", "4")]), &units, true, false),
-        22,
-    );
+    hold(&rows(&few_packets(), &units, true, false), 22);
 }
 
 #[test]
@@ -110,10 +112,7 @@ fn planted_faults_of_control_are_refuted() {
     let units = [
         "slots", "prefetch", "credit", "skin", "geometry", "tpu", "stack", "share",
     ];
-    hold(
-        &rows(&machine(&[("packets.in_flight", "4")]), &units, true, true),
-        39,
-    );
+    hold(&rows(&few_packets(), &units, true, true), 39);
 }
 
 #[test]

@@ -193,6 +193,15 @@ fn words(module: &Module, memory: &str) -> Result<u32> {
 
 /// The registers behind a bit that enters a pipeline, up to the wire called `last`.
 fn pipeline_bits(module: &Module, last: &str) -> Result<Vec<String>> {
+    // The last may be a register by its own name.
+    let numbered = last
+        .rsplit_once("_s")
+        .is_some_and(|(_, n)| n.parse::<u32>().is_ok());
+    let before = between(module, &format!("else {last} <= "), ";");
+    if let (false, Ok(before)) = (numbered, before) {
+        let before = pipeline_bits(module, before)?;
+        return Ok(before.into_iter().chain([last.to_string()]).collect());
+    }
     let text = between(module, &format!("wire {last} = "), ";").unwrap_or(last);
     if let Some((line, place)) = text.strip_suffix(']').and_then(|t| t.split_once("_delay[")) {
         let place: u32 = place.parse().with_context(|| format!("{last} = {text}"))?;

@@ -151,7 +151,7 @@ pub(super) fn shares(module: &Rc<Module>, packets: u32) -> Result<Induction> {
         ),
         law(
             "a packet's hits leave under the tag that its first ray came with",
-            format!("!f_is_out | hit_tag == f_tag"),
+            "!f_is_out | hit_tag == f_tag",
         ),
         law(
             "a packet's tag stays while it is under way",
