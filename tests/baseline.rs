@@ -1,6 +1,8 @@
 //! The ratchet: the reference machine costs and takes what `docs/baseline.json` says, and the page of numbers says the same.
 
-use dynrt::baseline::{Baseline, Finding, Request, UnitClock, Verdict, compare, log_entry, measure, page};
+use dynrt::baseline::{
+    Baseline, Finding, Request, UnitClock, Verdict, compare, log_entry, measure, page,
+};
 use std::fs;
 use std::path::{Path, PathBuf};
 

@@ -406,11 +406,11 @@ fn flipped(literal: &str) -> Option<String> {
         'h' => 16,
         _ => return None,
     };
-    let value = u128::from_str_radix(&digits, radix).ok()? ^ 1;
+    let (value, count) = (u128::from_str_radix(&digits, radix).ok()? ^ 1, digits.len());
     let text = match base {
-        'b' => format!("{value:0$b}", digits.len()),
+        'b' => format!("{value:0count$b}"),
         'd' => format!("{value}"),
-        _ => format!("{value:0$x}", digits.len()),
+        _ => format!("{value:0count$x}"),
     };
     Some(format!("{width}'{base}{text}"))
 }
