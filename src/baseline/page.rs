@@ -62,7 +62,7 @@ fn page(baseline: &Baseline, shown: &FrameFigures) -> Result<String> {
     let _ = write!(
         text,
         "## Utilisation over a frame\n\n![Utilisation over a frame](utilisation.svg)\n\n\
-         `{}` at {}, {} clocks a point; the slope at the end is the last packets that run dry. As figures: `tpu_by_interval` and \
+         `{}` at {}, {} clocks a point. As figures: `tpu_by_interval` and \
          `gu_by_interval` of `docs/baseline.json`.\n",
         shown.scene,
         shown.size,
