@@ -399,18 +399,14 @@ module geometry_unit (
   wire [71:0] direction_memory_write_data = {world_direction_z, world_direction_y, world_direction_x};
   reg  [71:0] direction_memory_read;
   reg  [71:0] direction_memory_read_s2;
-  wire [8:0] vertex0_memory_read_address = {
-      skinning,
-      joint_high | {1'b0, in_box_slot},
-      packet_or_joint
-    };
+  reg  [8:0] vertex0_memory_read_address_s1;
   reg  [71:0] vertex0_memory_read;
-  reg  [71:0] vertex0_memory_read_s2;
+  reg  [71:0] vertex0_memory_read_s3;
   reg  [71:0] vertex1_memory_read;
-  reg  [71:0] vertex1_memory_read_s2;
+  reg  [71:0] vertex1_memory_read_s3;
   reg  [71:0] vertex2_memory_read;
-  reg  [71:0] vertex2_memory_read_s2;
-  reg  [36:0] in_direction_slot_delay;
+  reg  [71:0] vertex2_memory_read_s3;
+  reg  [37:0] in_direction_slot_delay;
   wire point_is_direction = in_direction_slot_delay[1];
   reg  skinning_s2;
   reg  [23:0] skin_issue_x_s1, skin_issue_x_s2;
@@ -418,54 +414,64 @@ module geometry_unit (
       skinning_s2 ? skin_issue_x_s2 :
       point_is_direction ? direction_memory_read_s2[23:0] :
       ray_memory_read_s2[23:0];
+  reg  [23:0] point_x_s3;
   reg  [23:0] skin_issue_y_s1, skin_issue_y_s2;
   wire [23:0] point_y =
       skinning_s2 ? skin_issue_y_s2 :
       point_is_direction ? direction_memory_read_s2[47:24] :
       ray_memory_read_s2[47:24];
+  reg  [23:0] point_y_s3;
   reg  [23:0] skin_issue_z_s1, skin_issue_z_s2;
   wire [23:0] point_z =
       skinning_s2 ? skin_issue_z_s2 :
       point_is_direction ? direction_memory_read_s2[71:48] :
       ray_memory_read_s2[71:48];
-  reg  in_direction_slot_or_in_origin_slot_s1;
-  reg  test_matrix_s2;
-  reg  [43:0] joint_high_delay;
-  wire [1:0] joint_high_s22 = joint_high_delay[43:42];
-  reg  [335:0] packet_or_joint_delay;
-  wire [5:0] packet_or_joint_s22 = packet_or_joint_delay[131:126];
-  reg  [37:0] in_origin_slot_delay;
-  wire in_origin_slot_s22 = in_origin_slot_delay[21];
-  reg  in_origin_slot_or_skinning_s23;
+  reg  [23:0] point_z_s3;
+  reg  in_direction_slot_or_in_origin_slot_s1, in_direction_slot_or_in_origin_slot_s2;
+  reg  test_matrix_s3;
+  reg  [45:0] joint_high_delay;
+  wire [1:0] joint_high_s23 = joint_high_delay[45:44];
+  reg  [341:0] packet_or_joint_delay;
+  wire [5:0] packet_or_joint_s23 = packet_or_joint_delay[137:132];
+  reg  [38:0] in_origin_slot_delay;
+  wire in_origin_slot_s23 = in_origin_slot_delay[22];
+  reg  in_origin_slot_or_skinning_s24;
   reg  [71:0] translation_memory_read;
-  reg  [71:0] choice_3_s24;
+  reg  [71:0] choice_3_s25;
   (* no_rw_check, ram_style = "block" *)
   reg  [47:0] window_memory_copy0 [0:191];
   (* no_rw_check, ram_style = "block" *)
   reg  [47:0] window_memory_copy1 [0:191];
-  reg  [423:0] test_index_delay;
-  wire [7:0] test_index_s12 = test_index_delay[95:88];
-  reg  [53:0] now_inside_delay;
-  wire now_inside_s13 = now_inside_delay[12];
+  reg  [431:0] test_index_delay;
+  wire [7:0] test_index_s13 = test_index_delay[103:96];
+  reg  [54:0] now_inside_delay;
+  wire now_inside_s14 = now_inside_delay[13];
   reg  [47:0] window_memory_read0;
-  reg  [47:0] choice_4_s14;
-  wire [7:0] test_index_s18 = test_index_delay[143:136];
-  wire [7:0] test_index_s35 = test_index_delay[279:272];
-  wire [7:0] test_index_s52 = test_index_delay[415:408];
+  reg  [47:0] choice_4_s15;
+  wire [7:0] test_index_s19 = test_index_delay[151:144];
+  wire [7:0] test_index_s36 = test_index_delay[287:280];
+  wire [7:0] test_index_s53 = test_index_delay[423:416];
   reg  [48:0] ray_limit_memory_read0;
-  reg  [48:0] ray_limit_memory_read0_s54;
+  reg  [48:0] ray_limit_memory_read0_s55;
   (* no_rw_check, ram_style = "block" *)
   reg  [23:0] shear_memory [0:447];
-  reg  [422:0] test_level_index_delay;
-  wire [8:0] test_level_index_s47 = test_level_index_delay[422:414];
+  reg  [431:0] test_level_index_delay;
+  wire [8:0] test_level_index_s48 = test_level_index_delay[431:423];
   reg  [23:0] shear_memory_read;
-  reg  [23:0] shear_memory_read_s49;
-  reg  [1103:0] skin_issue_weight_delay;
-  wire [23:0] skin_issue_weight_s46 = skin_issue_weight_delay[1103:1080];
+  reg  [23:0] shear_memory_read_s50;
+  reg  [1127:0] skin_issue_weight_delay;
+  wire [23:0] skin_issue_weight_s47 = skin_issue_weight_delay[1127:1104];
+  reg  [1:0] ray_memory_read_148_147_s3;
+  reg  [23:0] ray_memory_read_172_149_s3;
+  reg  [23:0] ray_memory_read_196_173_s3;
   reg  [119:0] choice_3_23_0_delay;
-  wire [23:0] choice_3_23_0_s29 = choice_3_23_0_delay[119:96];
+  wire [23:0] choice_3_23_0_s30 = choice_3_23_0_delay[119:96];
   reg  [191:0] choice_3_71_48_delay;
-  wire [23:0] choice_3_71_48_s32 = choice_3_71_48_delay[191:168];
+  wire [23:0] choice_3_71_48_s33 = choice_3_71_48_delay[191:168];
+  reg  [23:0] ray_memory_read_95_72_s3;
+  reg  [23:0] ray_memory_read_119_96_s3;
+  reg  [23:0] ray_memory_read_143_120_s3;
+  reg  [2:0] ray_memory_read_146_144_s3;
 
   wire [23:0] test_sum_0;
   wire [23:0] test_sum_1;
@@ -487,31 +493,31 @@ module geometry_unit (
   wire [23:0] test_box_far;
   triangle_test test (
     .clk(clk),
-    .matrix(test_matrix_s2),
-    .v0_x(vertex0_memory_read_s2[23:0]),
-    .v0_y(vertex0_memory_read_s2[47:24]),
-    .v0_z(vertex0_memory_read_s2[71:48]),
-    .v1_x(vertex1_memory_read_s2[23:0]),
-    .v1_y(vertex1_memory_read_s2[47:24]),
-    .v1_z(vertex1_memory_read_s2[71:48]),
-    .v2_x(vertex2_memory_read_s2[23:0]),
-    .v2_y(vertex2_memory_read_s2[47:24]),
-    .v2_z(vertex2_memory_read_s2[71:48]),
-    .origin_x(point_x),
-    .origin_y(point_y),
-    .origin_z(point_z),
-    .kz(ray_memory_read_s2[148:147]),
-    .shear_x(ray_memory_read_s2[172:149]),
-    .shear_y(ray_memory_read_s2[196:173]),
-    .translation_y(choice_3_s24[47:24]),
-    .translation_x(choice_3_23_0_s29),
-    .translation_z(choice_3_71_48_s32),
-    .weight(skin_issue_weight_s46),
-    .shear_z(shear_memory_read_s49),
-    .reciprocal_x(ray_memory_read_s2[95:72]),
-    .reciprocal_y(ray_memory_read_s2[119:96]),
-    .reciprocal_z(ray_memory_read_s2[143:120]),
-    .signs(ray_memory_read_s2[146:144]),
+    .matrix(test_matrix_s3),
+    .v0_x(vertex0_memory_read_s3[23:0]),
+    .v0_y(vertex0_memory_read_s3[47:24]),
+    .v0_z(vertex0_memory_read_s3[71:48]),
+    .v1_x(vertex1_memory_read_s3[23:0]),
+    .v1_y(vertex1_memory_read_s3[47:24]),
+    .v1_z(vertex1_memory_read_s3[71:48]),
+    .v2_x(vertex2_memory_read_s3[23:0]),
+    .v2_y(vertex2_memory_read_s3[47:24]),
+    .v2_z(vertex2_memory_read_s3[71:48]),
+    .origin_x(point_x_s3),
+    .origin_y(point_y_s3),
+    .origin_z(point_z_s3),
+    .kz(ray_memory_read_148_147_s3),
+    .shear_x(ray_memory_read_172_149_s3),
+    .shear_y(ray_memory_read_196_173_s3),
+    .translation_y(choice_3_s25[47:24]),
+    .translation_x(choice_3_23_0_s30),
+    .translation_z(choice_3_71_48_s33),
+    .weight(skin_issue_weight_s47),
+    .shear_z(shear_memory_read_s50),
+    .reciprocal_x(ray_memory_read_95_72_s3),
+    .reciprocal_y(ray_memory_read_119_96_s3),
+    .reciprocal_z(ray_memory_read_143_120_s3),
+    .signs(ray_memory_read_146_144_s3),
     .accumulate(skinning_s2),
     .sum_a_0(skin_pair_a_x),
     .sum_b_0(skin_pair_b_x),
@@ -531,10 +537,10 @@ module geometry_unit (
     .sum_3(test_sum_3),
     .sum_4(test_sum_4),
     .sum_5(test_sum_5),
-    .window_near(choice_4_s14[23:0]),
-    .window_far(choice_4_s14[47:24]),
-    .tmin(ray_limit_memory_read0_s54[23:0]),
-    .tmax(ray_limit_memory_read0_s54[47:24]),
+    .window_near(choice_4_s15[23:0]),
+    .window_far(choice_4_s15[47:24]),
+    .tmin(ray_limit_memory_read0_s55[23:0]),
+    .tmax(ray_limit_memory_read0_s55[47:24]),
     .hit(test_hit),
     .t(test_t),
     .u(test_u),
@@ -549,74 +555,74 @@ module geometry_unit (
     .box_far(test_box_far)
   );
 
-  reg  [48:0] skin_issue_valid_delay;
-  assign skin_weighted_valid = skin_issue_valid_delay[48];
-  reg  [97:0] skin_issue_position_delay;
-  assign skin_weighted_position = skin_issue_position_delay[97:96];
-  reg  [48:0] skin_issue_last_delay;
-  assign skin_weighted_last = skin_issue_last_delay[48];
+  reg  [49:0] skin_issue_valid_delay;
+  assign skin_weighted_valid = skin_issue_valid_delay[49];
+  reg  [99:0] skin_issue_position_delay;
+  assign skin_weighted_position = skin_issue_position_delay[99:98];
+  reg  [49:0] skin_issue_last_delay;
+  assign skin_weighted_last = skin_issue_last_delay[49];
 
   // A ray's window is kept as soon as its box slot has it.
   wire [47:0] window_memory_write_data = {test_box_far, test_box_near};
-  reg  [17:0] in_box_slot_delay;
-  wire in_box_slot_s18 = in_box_slot_delay[17];
+  reg  [18:0] in_box_slot_delay;
+  wire in_box_slot_s19 = in_box_slot_delay[18];
 
   // The direction waits for the origin, a clock behind it; then the transformed ray leaves, with
   // its interval.
   reg  [23:0] moved_direction_x;
-  wire point_is_direction_s37 = in_direction_slot_delay[36];
+  wire point_is_direction_s38 = in_direction_slot_delay[37];
   reg  [23:0] moved_direction_y;
   reg  [23:0] moved_direction_z;
   reg  [47:0] window_memory_read1;
-  reg  [47:0] window_memory_read1_s37;
+  reg  [47:0] window_memory_read1_s38;
   reg  [48:0] ray_limit_memory_read1;
-  reg  [48:0] ray_limit_memory_read1_s37;
+  reg  [48:0] ray_limit_memory_read1_s38;
 
   always @(posedge clk) begin
-    if (point_is_direction_s37) moved_direction_x <= test_moved_x;
-    if (point_is_direction_s37) moved_direction_y <= test_moved_y;
-    if (point_is_direction_s37) moved_direction_z <= test_moved_z;
+    if (point_is_direction_s38) moved_direction_x <= test_moved_x;
+    if (point_is_direction_s38) moved_direction_y <= test_moved_y;
+    if (point_is_direction_s38) moved_direction_z <= test_moved_z;
   end
 
   wire comparison =
-      {ray_limit_memory_read1_s37[22:0], 1'b0} <
-      {window_memory_read1_s37[22:0], window_memory_read1_s37[23]};
+      {ray_limit_memory_read1_s38[22:0], 1'b0} <
+      {window_memory_read1_s38[22:0], window_memory_read1_s38[23]};
   wire choice_5 =
-      (ray_limit_memory_read1_s37[23] ^ window_memory_read1_s37[23]) ? ray_limit_memory_read1_s37[23] :
-      (comparison ^ ray_limit_memory_read1_s37[23]);
+      (ray_limit_memory_read1_s38[23] ^ window_memory_read1_s38[23]) ? ray_limit_memory_read1_s38[23] :
+      (comparison ^ ray_limit_memory_read1_s38[23]);
   wire term_4 =
       choice_5 &
-      ~((~|ray_limit_memory_read1_s37[22:16]) & (~|window_memory_read1_s37[22:16]));
+      ~((~|ray_limit_memory_read1_s38[22:16]) & (~|window_memory_read1_s38[22:16]));
   wire term_5 =
-      ((&ray_limit_memory_read1_s37[22:16]) & (|ray_limit_memory_read1_s37[15:0])) |
-      ((&window_memory_read1_s37[22:16]) & (|window_memory_read1_s37[15:0]));
+      ((&ray_limit_memory_read1_s38[22:16]) & (|ray_limit_memory_read1_s38[15:0])) |
+      ((&window_memory_read1_s38[22:16]) & (|window_memory_read1_s38[15:0]));
   wire [23:0] object_near =
-      (term_4 & ~term_5) ? window_memory_read1_s37[23:0] :
-      ray_limit_memory_read1_s37[23:0];
+      (term_4 & ~term_5) ? window_memory_read1_s38[23:0] :
+      ray_limit_memory_read1_s38[23:0];
   wire comparison_2 =
-      {window_memory_read1_s37[46:24], 1'b0} <
-      {ray_limit_memory_read1_s37[46:24], ray_limit_memory_read1_s37[47]};
+      {window_memory_read1_s38[46:24], 1'b0} <
+      {ray_limit_memory_read1_s38[46:24], ray_limit_memory_read1_s38[47]};
   wire choice_6 =
-      (window_memory_read1_s37[47] ^ ray_limit_memory_read1_s37[47]) ? window_memory_read1_s37[47] :
-      (comparison_2 ^ window_memory_read1_s37[47]);
+      (window_memory_read1_s38[47] ^ ray_limit_memory_read1_s38[47]) ? window_memory_read1_s38[47] :
+      (comparison_2 ^ window_memory_read1_s38[47]);
   wire term_6 =
       choice_6 &
-      ~((~|window_memory_read1_s37[46:40]) & (~|ray_limit_memory_read1_s37[46:40]));
+      ~((~|window_memory_read1_s38[46:40]) & (~|ray_limit_memory_read1_s38[46:40]));
   wire term_7 =
-      ((&window_memory_read1_s37[46:40]) & (|window_memory_read1_s37[39:24])) |
-      ((&ray_limit_memory_read1_s37[46:40]) & (|ray_limit_memory_read1_s37[39:24]));
+      ((&window_memory_read1_s38[46:40]) & (|window_memory_read1_s38[39:24])) |
+      ((&ray_limit_memory_read1_s38[46:40]) & (|ray_limit_memory_read1_s38[39:24]));
   wire [23:0] object_far =
-      (term_6 & ~term_7) ? window_memory_read1_s37[47:24] :
-      ray_limit_memory_read1_s37[47:24];
-  assign object_valid = in_origin_slot_delay[37];
-  wire [5:0] packet_or_joint_s36 = packet_or_joint_delay[215:210];
-  assign object_packet = packet_or_joint_delay[227:222];
-  reg  [111:0] issue_ray_delay;
-  assign object_ray = issue_ray_delay[75:74];
-  reg  [55:0] now_first_delay;
-  assign object_first = now_first_delay[37];
-  reg  [55:0] now_last_delay;
-  assign object_last = now_last_delay[37];
+      (term_6 & ~term_7) ? window_memory_read1_s38[47:24] :
+      ray_limit_memory_read1_s38[47:24];
+  assign object_valid = in_origin_slot_delay[38];
+  wire [5:0] packet_or_joint_s37 = packet_or_joint_delay[221:216];
+  assign object_packet = packet_or_joint_delay[233:228];
+  reg  [113:0] issue_ray_delay;
+  assign object_ray = issue_ray_delay[77:76];
+  reg  [56:0] now_first_delay;
+  assign object_first = now_first_delay[38];
+  reg  [56:0] now_last_delay;
+  assign object_last = now_last_delay[38];
   reg  [22:0] root_memory_read;
   reg  [22:0] root_memory_read_d1;
   reg  [32:0] leaf_memory_read0;
@@ -628,80 +634,80 @@ module geometry_unit (
   reg  [135:0] closest_memory_copy0 [0:191];
   (* no_rw_check, ram_style = "block" *)
   reg  [135:0] closest_memory_copy1 [0:191];
-  wire [7:0] test_index_s53 = test_index_delay[423:416];
+  wire [7:0] test_index_s54 = test_index_delay[431:424];
   reg  [135:0] closest_memory_read0;
-  reg  [135:0] closest_memory_read0_s55;
-  wire [5:0] packet_or_joint_s53 = packet_or_joint_delay[317:312];
+  reg  [135:0] closest_memory_read0_s56;
+  wire [5:0] packet_or_joint_s54 = packet_or_joint_delay[323:318];
   reg  [32:0] leaf_memory_read1;
-  reg  [32:0] leaf_memory_read1_s55;
+  reg  [32:0] leaf_memory_read1_s56;
   reg  [31:0] triangle_number_memory_read;
-  reg  [31:0] triangle_number_memory_read_s55;
-  wire now_inside_s54 = now_inside_delay[53];
+  reg  [31:0] triangle_number_memory_read_s56;
+  wire now_inside_s55 = now_inside_delay[54];
   reg  [31:0] instance_number_memory_read;
-  reg  [31:0] watch_test_instance_s55;
-  wire [1:0] issue_ray_s55 = issue_ray_delay[109:108];
+  reg  [31:0] watch_test_instance_s56;
+  wire [1:0] issue_ray_s56 = issue_ray_delay[111:110];
   wire was_touched =
-      (issue_ray_s55 == 2'd0) ? leaf_memory_read1_s55[6] :
-      (issue_ray_s55 == 2'd1) ? leaf_memory_read1_s55[7] :
-      (issue_ray_s55 == 2'd2) ? leaf_memory_read1_s55[8] :
-      leaf_memory_read1_s55[9];
-  wire term_8 = (~|test_t[22:16]) & (~|closest_memory_read0_s55[22:16]);
+      (issue_ray_s56 == 2'd0) ? leaf_memory_read1_s56[6] :
+      (issue_ray_s56 == 2'd1) ? leaf_memory_read1_s56[7] :
+      (issue_ray_s56 == 2'd2) ? leaf_memory_read1_s56[8] :
+      leaf_memory_read1_s56[9];
+  wire term_8 = (~|test_t[22:16]) & (~|closest_memory_read0_s56[22:16]);
   wire term_9 =
-      ({test_t[22:0], 1'b0} < {closest_memory_read0_s55[22:0], closest_memory_read0_s55[23]}) ^
+      ({test_t[22:0], 1'b0} < {closest_memory_read0_s56[22:0], closest_memory_read0_s56[23]}) ^
       test_t[23];
-  wire term_10 = ((test_t[23] ^ closest_memory_read0_s55[23]) ? test_t[23] : term_9) & ~term_8;
+  wire term_10 = ((test_t[23] ^ closest_memory_read0_s56[23]) ? test_t[23] : term_9) & ~term_8;
   wire all_test_t_22_16_and_any_test_t_15_0 = (&test_t[22:16]) & (|test_t[15:0]);
-  wire term_11 = (&closest_memory_read0_s55[22:16]) & (|closest_memory_read0_s55[15:0]);
+  wire term_11 = (&closest_memory_read0_s56[22:16]) & (|closest_memory_read0_s56[15:0]);
   wire closer = term_10 & ~(all_test_t_22_16_and_any_test_t_15_0 | term_11);
   wire as_close =
-      ((test_t == closest_memory_read0_s55[23:0]) | term_8) &
+      ((test_t == closest_memory_read0_s56[23:0]) | term_8) &
       ~all_test_t_22_16_and_any_test_t_15_0 &
       ~term_11;
-  wire [63:0] identity = {watch_test_instance_s55, triangle_number_memory_read_s55};
-  wire lower = identity < closest_memory_read0_s55[135:72];
-  reg  ray_limit_memory_read0_48_s55;
+  wire [63:0] identity = {watch_test_instance_s56, triangle_number_memory_read_s56};
+  wire lower = identity < closest_memory_read0_s56[135:72];
+  reg  ray_limit_memory_read0_48_s56;
   wire replaces =
       test_hit &
-      (ray_limit_memory_read0_48_s55 | ~was_touched | closer | (as_close & lower));
-  reg  ray_limit_memory_read0_48_s56;
-  reg  [23:0] ray_limit_memory_read0_23_0_s55, ray_limit_memory_read0_23_0_s56;
-  reg  [31:0] triangle_number_memory_read_s56;
+      (ray_limit_memory_read0_48_s56 | ~was_touched | closer | (as_close & lower));
+  reg  ray_limit_memory_read0_48_s57;
+  reg  [23:0] ray_limit_memory_read0_23_0_s56, ray_limit_memory_read0_23_0_s57;
+  reg  [31:0] triangle_number_memory_read_s57;
   wire [135:0] merged = {
-      ray_limit_memory_read0_48_s56 ? 32'hffffffff : watch_test_instance,
-      ray_limit_memory_read0_48_s56 ? 32'hffffffff : triangle_number_memory_read_s56,
-      ray_limit_memory_read0_48_s56 ? 24'd0 : watch_test_v,
-      ray_limit_memory_read0_48_s56 ? 24'd0 : watch_test_u,
-      ray_limit_memory_read0_48_s56 ? ray_limit_memory_read0_23_0_s56 : watch_test_t
+      ray_limit_memory_read0_48_s57 ? 32'hffffffff : watch_test_instance,
+      ray_limit_memory_read0_48_s57 ? 32'hffffffff : triangle_number_memory_read_s57,
+      ray_limit_memory_read0_48_s57 ? 24'd0 : watch_test_v,
+      ray_limit_memory_read0_48_s57 ? 24'd0 : watch_test_u,
+      ray_limit_memory_read0_48_s57 ? ray_limit_memory_read0_23_0_s57 : watch_test_t
     };
-  reg  [55:0] test_issued_delay;
-  assign watch_test_valid = test_issued_delay[55];
+  reg  [56:0] test_issued_delay;
+  assign watch_test_valid = test_issued_delay[56];
   wire merge_writes = watch_test_valid & watch_test_replaces;
-  wire [5:0] merge_packet = packet_or_joint_delay[335:330];
-  wire [1:0] merge_ray = issue_ray_delay[111:110];
+  wire [5:0] merge_packet = packet_or_joint_delay[341:336];
+  wire [1:0] merge_ray = issue_ray_delay[113:112];
   wire [7:0] closest_memory_write_address = {merge_packet, merge_ray};
 
   // Which rays have hit something, gathered over the triangle's rays.
   reg  [3:0] gathered;
-  wire now_first_s56 = now_first_delay[55];
-  reg  [3:0] leaf_memory_read1_9_6_s56;
+  wire now_first_s57 = now_first_delay[56];
+  reg  [3:0] leaf_memory_read1_9_6_s57;
   wire [3:0] joined = {
       merge_writes & (merge_ray == 2'd3),
       merge_writes & (merge_ray == 2'd2),
       merge_writes & (merge_ray == 2'd1),
       merge_writes & (merge_ray == 2'd0)
     };
-  wire [3:0] now_touched = (now_first_s56 ? leaf_memory_read1_9_6_s56 : gathered) | joined;
+  wire [3:0] now_touched = (now_first_s57 ? leaf_memory_read1_9_6_s57 : gathered) | joined;
 
   always @(posedge clk) begin
     if (watch_test_valid) gathered <= now_touched;
   end
 
-  wire now_last_s56 = now_last_delay[55];
-  reg  [5:0] leaf_memory_read1_5_0_s56;
-  reg  leaf_memory_read1_10_s56;
+  wire now_last_s57 = now_last_delay[56];
+  reg  [5:0] leaf_memory_read1_5_0_s57;
+  reg  leaf_memory_read1_10_s57;
   reg  [135:0] closest_memory_read1;
   reg  [32:0] leaf_memory_read2;
-  reg  [32:0] leaf_memory_read2_s38;
+  reg  [32:0] leaf_memory_read2_s39;
 
   // Memories.
   always @(posedge clk) begin
@@ -711,12 +717,12 @@ module geometry_unit (
 
   always @(posedge clk) begin
     if (take_leaf) leaf_memory_copy1[leaf_packet] <= leaf_data;
-    leaf_memory_read1 <= leaf_memory_copy1[packet_or_joint_s53];
+    leaf_memory_read1 <= leaf_memory_copy1[packet_or_joint_s54];
   end
 
   always @(posedge clk) begin
     if (take_leaf) leaf_memory_copy2[leaf_packet] <= leaf_data;
-    leaf_memory_read2 <= leaf_memory_copy2[packet_or_joint_s36];
+    leaf_memory_read2 <= leaf_memory_copy2[packet_or_joint_s37];
   end
 
   always @(posedge clk) begin
@@ -729,12 +735,12 @@ module geometry_unit (
 
   always @(posedge clk) begin
     if (triangle_number_memory_write_enable) triangle_number_memory[record_response_tag[5:0]] <= record_response_data[127:96];
-    triangle_number_memory_read <= triangle_number_memory[packet_or_joint_s53];
+    triangle_number_memory_read <= triangle_number_memory[packet_or_joint_s54];
   end
 
   always @(posedge clk) begin
     if (instance_answer) instance_number_memory[record_response_tag[5:0]] <= record_response_data[127:96];
-    instance_number_memory_read <= instance_number_memory[packet_or_joint_s53];
+    instance_number_memory_read <= instance_number_memory[packet_or_joint_s54];
   end
 
   always @(posedge clk) begin
@@ -744,22 +750,22 @@ module geometry_unit (
 
   always @(posedge clk) begin
     if (vertex0_memory_write_enable) vertex0_memory[vertex0_memory_write_address] <= vector_data;
-    vertex0_memory_read <= vertex0_memory[vertex0_memory_read_address];
+    vertex0_memory_read <= vertex0_memory[vertex0_memory_read_address_s1];
   end
 
   always @(posedge clk) begin
     if (vertex1_memory_write_enable) vertex1_memory[vertex0_memory_write_address] <= vector_data;
-    vertex1_memory_read <= vertex1_memory[vertex0_memory_read_address];
+    vertex1_memory_read <= vertex1_memory[vertex0_memory_read_address_s1];
   end
 
   always @(posedge clk) begin
     if (vertex2_memory_write_enable) vertex2_memory[vertex0_memory_write_address] <= vector_data;
-    vertex2_memory_read <= vertex2_memory[vertex0_memory_read_address];
+    vertex2_memory_read <= vertex2_memory[vertex0_memory_read_address_s1];
   end
 
   always @(posedge clk) begin
     if (translation_memory_write_enable) translation_memory[translation_memory_write_address] <= vector_data;
-    translation_memory_read <= translation_memory[{skinning_s2, joint_high_s22, packet_or_joint_s22}];
+    translation_memory_read <= translation_memory[{skinning_s2, joint_high_s23, packet_or_joint_s23}];
   end
 
   always @(posedge clk) begin
@@ -773,12 +779,12 @@ module geometry_unit (
 
   always @(posedge clk) begin
     if (setup_of_world) ray_limit_memory_copy0[ray_limit_memory_write_address] <= ray_limit_memory_write_data;
-    ray_limit_memory_read0 <= ray_limit_memory_copy0[test_index_s52];
+    ray_limit_memory_read0 <= ray_limit_memory_copy0[test_index_s53];
   end
 
   always @(posedge clk) begin
     if (setup_of_world) ray_limit_memory_copy1[ray_limit_memory_write_address] <= ray_limit_memory_write_data;
-    ray_limit_memory_read1 <= ray_limit_memory_copy1[test_index_s35];
+    ray_limit_memory_read1 <= ray_limit_memory_copy1[test_index_s36];
   end
 
   always @(posedge clk) begin
@@ -787,23 +793,23 @@ module geometry_unit (
   end
 
   always @(posedge clk) begin
-    if (in_box_slot_s18) window_memory_copy0[test_index_s18] <= window_memory_write_data;
-    window_memory_read0 <= window_memory_copy0[test_index_s12];
+    if (in_box_slot_s19) window_memory_copy0[test_index_s19] <= window_memory_write_data;
+    window_memory_read0 <= window_memory_copy0[test_index_s13];
   end
 
   always @(posedge clk) begin
-    if (in_box_slot_s18) window_memory_copy1[test_index_s18] <= window_memory_write_data;
-    window_memory_read1 <= window_memory_copy1[test_index_s35];
+    if (in_box_slot_s19) window_memory_copy1[test_index_s19] <= window_memory_write_data;
+    window_memory_read1 <= window_memory_copy1[test_index_s36];
   end
 
   always @(posedge clk) begin
     if (setup_valid) shear_memory[ray_memory_write_address] <= setup_shear_z;
-    shear_memory_read <= shear_memory[test_level_index_s47];
+    shear_memory_read <= shear_memory[test_level_index_s48];
   end
 
   always @(posedge clk) begin
     if (merge_writes) closest_memory_copy0[closest_memory_write_address] <= merged;
-    closest_memory_read0 <= closest_memory_copy0[test_index_s53];
+    closest_memory_read0 <= closest_memory_copy0[test_index_s54];
   end
 
   always @(posedge clk) begin
@@ -818,6 +824,7 @@ module geometry_unit (
     leaf_memory_read0_d1 <= leaf_memory_read0;
 
     // Stage 1
+    vertex0_memory_read_address_s1 <= {skinning, joint_high | {1'b0, in_box_slot}, packet_or_joint};
     skin_issue_x_s1 <= skin_issue_x;
     skin_issue_y_s1 <= skin_issue_y;
     skin_issue_z_s1 <= skin_issue_z;
@@ -826,29 +833,42 @@ module geometry_unit (
     // Stage 2
     ray_memory_read_s2 <= ray_memory_read;
     direction_memory_read_s2 <= direction_memory_read;
-    vertex0_memory_read_s2 <= vertex0_memory_read;
-    vertex1_memory_read_s2 <= vertex1_memory_read;
-    vertex2_memory_read_s2 <= vertex2_memory_read;
     skinning_s2 <= skinning;
     skin_issue_x_s2 <= skin_issue_x_s1;
     skin_issue_y_s2 <= skin_issue_y_s1;
     skin_issue_z_s2 <= skin_issue_z_s1;
-    test_matrix_s2 <= in_direction_slot_or_in_origin_slot_s1 | skinning_s2;
+    in_direction_slot_or_in_origin_slot_s2 <= in_direction_slot_or_in_origin_slot_s1;
 
-    // Stage 14
-    choice_4_s14 <= now_inside_s13 ? window_memory_read0 : 48'h7f0000ff0000;
+    // Stage 3
+    vertex0_memory_read_s3 <= vertex0_memory_read;
+    vertex1_memory_read_s3 <= vertex1_memory_read;
+    vertex2_memory_read_s3 <= vertex2_memory_read;
+    point_x_s3 <= point_x;
+    point_y_s3 <= point_y;
+    point_z_s3 <= point_z;
+    test_matrix_s3 <= in_direction_slot_or_in_origin_slot_s2 | skinning_s2;
+    ray_memory_read_148_147_s3 <= ray_memory_read_s2[148:147];
+    ray_memory_read_172_149_s3 <= ray_memory_read_s2[172:149];
+    ray_memory_read_196_173_s3 <= ray_memory_read_s2[196:173];
+    ray_memory_read_95_72_s3 <= ray_memory_read_s2[95:72];
+    ray_memory_read_119_96_s3 <= ray_memory_read_s2[119:96];
+    ray_memory_read_143_120_s3 <= ray_memory_read_s2[143:120];
+    ray_memory_read_146_144_s3 <= ray_memory_read_s2[146:144];
 
-    // Stage 23
-    in_origin_slot_or_skinning_s23 <= in_origin_slot_s22 | skinning_s2;
+    // Stage 15
+    choice_4_s15 <= now_inside_s14 ? window_memory_read0 : 48'h7f0000ff0000;
 
     // Stage 24
-    choice_3_s24 <= in_origin_slot_or_skinning_s23 ? translation_memory_read : 72'd0;
+    in_origin_slot_or_skinning_s24 <= in_origin_slot_s23 | skinning_s2;
 
-    // Stage 37
-    window_memory_read1_s37 <= window_memory_read1;
-    ray_limit_memory_read1_s37 <= ray_limit_memory_read1;
+    // Stage 25
+    choice_3_s25 <= in_origin_slot_or_skinning_s24 ? translation_memory_read : 72'd0;
 
     // Stage 38
+    window_memory_read1_s38 <= window_memory_read1;
+    ray_limit_memory_read1_s38 <= ray_limit_memory_read1;
+
+    // Stage 39
     object_origin_x <= test_moved_x;
     object_origin_y <= test_moved_y;
     object_origin_z <= test_moved_z;
@@ -857,60 +877,60 @@ module geometry_unit (
     object_direction_z <= moved_direction_z;
     object_tmin <= object_near;
     object_tmax <= object_far;
-    leaf_memory_read2_s38 <= leaf_memory_read2;
-    watch_transform_near <= window_memory_read1_s37[23:0];
-    watch_transform_far <= window_memory_read1_s37[47:24];
+    leaf_memory_read2_s39 <= leaf_memory_read2;
+    watch_transform_near <= window_memory_read1_s38[23:0];
+    watch_transform_far <= window_memory_read1_s38[47:24];
 
-    // Stage 49
-    shear_memory_read_s49 <= shear_memory_read;
-
-    // Stage 54
-    ray_limit_memory_read0_s54 <= ray_limit_memory_read0;
+    // Stage 50
+    shear_memory_read_s50 <= shear_memory_read;
 
     // Stage 55
-    closest_memory_read0_s55 <= closest_memory_read0;
-    leaf_memory_read1_s55 <= leaf_memory_read1;
-    triangle_number_memory_read_s55 <= triangle_number_memory_read;
-    watch_test_instance_s55 <= now_inside_s54 ? instance_number_memory_read : 32'd0;
-    ray_limit_memory_read0_48_s55 <= ray_limit_memory_read0_s54[48];
-    ray_limit_memory_read0_23_0_s55 <= ray_limit_memory_read0_s54[23:0];
+    ray_limit_memory_read0_s55 <= ray_limit_memory_read0;
 
     // Stage 56
+    closest_memory_read0_s56 <= closest_memory_read0;
+    leaf_memory_read1_s56 <= leaf_memory_read1;
+    triangle_number_memory_read_s56 <= triangle_number_memory_read;
+    watch_test_instance_s56 <= now_inside_s55 ? instance_number_memory_read : 32'd0;
+    ray_limit_memory_read0_48_s56 <= ray_limit_memory_read0_s55[48];
+    ray_limit_memory_read0_23_0_s56 <= ray_limit_memory_read0_s55[23:0];
+
+    // Stage 57
     watch_test_replaces <= replaces;
-    ray_limit_memory_read0_48_s56 <= ray_limit_memory_read0_48_s55;
-    ray_limit_memory_read0_23_0_s56 <= ray_limit_memory_read0_23_0_s55;
+    ray_limit_memory_read0_48_s57 <= ray_limit_memory_read0_48_s56;
+    ray_limit_memory_read0_23_0_s57 <= ray_limit_memory_read0_23_0_s56;
     watch_test_t <= test_t;
     watch_test_u <= test_u;
     watch_test_v <= test_v;
-    triangle_number_memory_read_s56 <= triangle_number_memory_read_s55;
-    watch_test_instance <= watch_test_instance_s55;
-    leaf_memory_read1_9_6_s56 <= leaf_memory_read1_s55[9:6];
-    leaf_memory_read1_5_0_s56 <= leaf_memory_read1_s55[5:0];
-    leaf_memory_read1_10_s56 <= leaf_memory_read1_s55[10];
-    watch_test_record <= leaf_memory_read1_s55[32:11];
+    triangle_number_memory_read_s57 <= triangle_number_memory_read_s56;
+    watch_test_instance <= watch_test_instance_s56;
+    leaf_memory_read1_9_6_s57 <= leaf_memory_read1_s56[9:6];
+    leaf_memory_read1_5_0_s57 <= leaf_memory_read1_s56[5:0];
+    leaf_memory_read1_10_s57 <= leaf_memory_read1_s56[10];
+    watch_test_record <= leaf_memory_read1_s56[32:11];
     watch_test_hit <= test_hit;
   end
 
   // Delay lines: values that wait for others of their pipeline, the newest lowest.
   always @(posedge clk) begin
-    in_direction_slot_delay <= {in_direction_slot_delay[35:0], in_direction_slot};
-    joint_high_delay <= {joint_high_delay[41:0], joint_high};
-    packet_or_joint_delay <= {packet_or_joint_delay[329:0], packet_or_joint};
-    if (rst) in_origin_slot_delay <= 38'd0; else in_origin_slot_delay <= {in_origin_slot_delay[36:0], in_origin_slot};
-    test_index_delay <= {test_index_delay[415:0], test_index};
-    now_inside_delay <= {now_inside_delay[52:0], now_inside};
-    test_level_index_delay <= {test_level_index_delay[413:0], test_level_index};
-    skin_issue_weight_delay <= {skin_issue_weight_delay[1079:0], skin_issue_weight};
-    choice_3_23_0_delay <= {choice_3_23_0_delay[95:0], choice_3_s24[23:0]};
-    choice_3_71_48_delay <= {choice_3_71_48_delay[167:0], choice_3_s24[71:48]};
-    if (rst) skin_issue_valid_delay <= 49'd0; else skin_issue_valid_delay <= {skin_issue_valid_delay[47:0], skin_issue_valid};
-    skin_issue_position_delay <= {skin_issue_position_delay[95:0], skin_issue_position};
-    skin_issue_last_delay <= {skin_issue_last_delay[47:0], skin_issue_last};
-    if (rst) in_box_slot_delay <= 18'd0; else in_box_slot_delay <= {in_box_slot_delay[16:0], in_box_slot};
-    issue_ray_delay <= {issue_ray_delay[109:0], issue_ray};
-    now_first_delay <= {now_first_delay[54:0], now_first};
-    now_last_delay <= {now_last_delay[54:0], now_last};
-    if (rst) test_issued_delay <= 56'd0; else test_issued_delay <= {test_issued_delay[54:0], test_issued};
+    in_direction_slot_delay <= {in_direction_slot_delay[36:0], in_direction_slot};
+    joint_high_delay <= {joint_high_delay[43:0], joint_high};
+    packet_or_joint_delay <= {packet_or_joint_delay[335:0], packet_or_joint};
+    if (rst) in_origin_slot_delay <= 39'd0; else in_origin_slot_delay <= {in_origin_slot_delay[37:0], in_origin_slot};
+    test_index_delay <= {test_index_delay[423:0], test_index};
+    now_inside_delay <= {now_inside_delay[53:0], now_inside};
+    test_level_index_delay <= {test_level_index_delay[422:0], test_level_index};
+    skin_issue_weight_delay <= {skin_issue_weight_delay[1103:0], skin_issue_weight};
+    choice_3_23_0_delay <= {choice_3_23_0_delay[95:0], choice_3_s25[23:0]};
+    choice_3_71_48_delay <= {choice_3_71_48_delay[167:0], choice_3_s25[71:48]};
+    if (rst) skin_issue_valid_delay <= 50'd0; else skin_issue_valid_delay <= {skin_issue_valid_delay[48:0], skin_issue_valid};
+    skin_issue_position_delay <= {skin_issue_position_delay[97:0], skin_issue_position};
+    skin_issue_last_delay <= {skin_issue_last_delay[48:0], skin_issue_last};
+    if (rst) in_box_slot_delay <= 19'd0; else in_box_slot_delay <= {in_box_slot_delay[17:0], in_box_slot};
+    issue_ray_delay <= {issue_ray_delay[111:0], issue_ray};
+    now_first_delay <= {now_first_delay[55:0], now_first};
+    now_last_delay <= {now_last_delay[55:0], now_last};
+    if (rst) test_issued_delay <= 57'd0; else test_issued_delay <= {test_issued_delay[55:0], test_issued};
   end
 
   assign leaf_ready = record_request_ready;
@@ -935,10 +955,10 @@ module geometry_unit (
   assign limit_valid = merge_writes;
   assign limit_packet = merge_packet;
   assign limit_ray = merge_ray;
-  assign limit_value = ray_limit_memory_read0_48_s56 ? 24'hff0000 : watch_test_t;
-  assign done_valid = watch_test_valid & now_last_s56;
+  assign limit_value = ray_limit_memory_read0_48_s57 ? 24'hff0000 : watch_test_t;
+  assign done_valid = watch_test_valid & now_last_s57;
   assign done_packet = merge_packet;
-  assign done_context = {leaf_memory_read1_10_s56, now_touched, leaf_memory_read1_5_0_s56};
+  assign done_context = {leaf_memory_read1_10_s57, now_touched, leaf_memory_read1_5_0_s57};
   assign read_t = closest_memory_read1[23:0];
   assign read_u = closest_memory_read1[47:24];
   assign read_v = closest_memory_read1[71:48];
@@ -951,7 +971,7 @@ module geometry_unit (
   assign watch_transform_valid = object_valid;
   assign watch_transform_packet = object_packet;
   assign watch_transform_ray = object_ray;
-  assign watch_transform_record = leaf_memory_read2_s38[32:11];
+  assign watch_transform_record = leaf_memory_read2_s39[32:11];
   assign watch_transform_origin_x = object_origin_x;
   assign watch_transform_origin_y = object_origin_y;
   assign watch_transform_origin_z = object_origin_z;
@@ -966,10 +986,10 @@ module geometry_unit (
     record_response_data[57:54],
     record_response_data[63:59],
     record_response_data[95:86],
-    ray_limit_memory_read1_s37[48],
+    ray_limit_memory_read1_s38[48],
     leaf_memory_read0_d1[32:10],
-    closest_memory_read0_s55[71:24],
-    leaf_memory_read2_s38[10:0]
+    closest_memory_read0_s56[71:24],
+    leaf_memory_read2_s39[10:0]
   };
 
 endmodule

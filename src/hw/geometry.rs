@@ -369,7 +369,9 @@ pub fn module(plan: &Plan) -> Result<Geometry, HdlError> {
     limit_memory.write(of_world, setup_index, limits.pack(&limit_inputs));
     let index = plan.ray_index(packet, ray).named("test_index");
     let level_index = inside.concat(index).named("test_level_index");
-    let start = plan.read_latency();
+    let read = plan.read_latency();
+    // The point that the test takes is chosen among three; where the clock asks for it, the test starts a clock after the choice.
+    let start = read + plan.choose_latency();
     let ray_word = plan.read(ray_memory, level_index);
     let direction_word = Bundle::new(&directions);
     let direction = if watertight {
@@ -413,25 +415,27 @@ pub fn module(plan: &Plan) -> Result<Geometry, HdlError> {
         packet,
     ]);
     for (i, memory) in corners.iter().enumerate() {
-        let word = plan.read(*memory, corner_index);
+        let word = plan.read(*memory, corner_index.at(start - read));
         for x in AXES {
             let field = vertex.field(x);
             inputs.push((format!("v{i}_{x}"), word.field(field.lsb, field.width)));
         }
     }
-    let is_direction = direction_slot.at(start).named("point_is_direction");
+    let is_direction = direction_slot.at(read).named("point_is_direction");
     for (name, _) in &early_fields {
         let own = early.get(ray_word, name);
         let point = ["origin_x", "origin_y", "origin_z"]
             .iter()
             .position(|origin| origin == name);
         let value = match point {
-            Some(i) => skinning_at(start)
-                .mux(
-                    p.enter(skin.point[i]).at(start),
-                    is_direction.mux(direction[i], own),
-                )
-                .named(format!("point_{}", AXES[i])),
+            Some(i) => plan.choose(
+                skinning_at(read)
+                    .mux(
+                        p.enter(skin.point[i]).at(read),
+                        is_direction.mux(direction[i], own),
+                    )
+                    .named(format!("point_{}", AXES[i])),
+            ),
             None => own,
         };
         inputs.push((name.to_string(), value));
@@ -441,7 +445,7 @@ pub fn module(plan: &Plan) -> Result<Geometry, HdlError> {
     let stage_of = |port: &str| test.port(port).and_then(|p| p.stage).unwrap_or(0) + start;
     let translated_at = AXES.map(|x| stage_of(&format!("translation_{x}")));
     let translated_at = *translated_at.iter().min().expect("three axes");
-    let read_at = translated_at - start;
+    let read_at = translated_at - read;
     let translation_index: Vec<_> = [
         Some(skinning_at(read_at)),
         joint_high.map(|high| high.at(read_at)),
@@ -470,15 +474,15 @@ pub fn module(plan: &Plan) -> Result<Geometry, HdlError> {
     let windowed_at = stage_of("window_near");
     let window_word = plan.read_where(
         window_memory,
-        index.at(windowed_at - start),
-        inside.at(windowed_at - start),
+        index.at(windowed_at - read),
+        inside.at(windowed_at - read),
         no_window,
     );
     for name in ["near", "far"] {
         inputs.push((format!("window_{name}"), window.get(window_word, name)));
     }
     let at_limits = stage_of("tmin");
-    let limits_word = plan.read(limit_memory, index.at(at_limits - start));
+    let limits_word = plan.read(limit_memory, index.at(at_limits - read));
     let tmin = limits.get(limits_word, "tmin");
     inputs.push(("tmin".into(), tmin));
     inputs.push(("tmax".into(), limits.get(limits_word, "tmax")));
@@ -487,7 +491,7 @@ pub fn module(plan: &Plan) -> Result<Geometry, HdlError> {
         let memory = m.memory("shear_memory", plan.level_rays_in_flight(), w, Style::Block);
         memory.write(setup_valid, setup_level_index, shear);
         let sheared_at = stage_of("shear_z");
-        let word = plan.read(memory, level_index.at(sheared_at - start));
+        let word = plan.read(memory, level_index.at(sheared_at - read));
         inputs.push(("shear_z".into(), word));
     }
     let weight = p.enter(skin.weight).at(stage_of("weight"));
@@ -519,7 +523,7 @@ pub fn module(plan: &Plan) -> Result<Geometry, HdlError> {
     let moved = AXES.map(|x| tested.get(&format!("moved_{x}")));
     let moved_at = moved[0].stage().unwrap_or(0);
     // The box's slot is two clocks ahead of the origin's: its window can be read from stage boxed_at - 1 of the origin's on.
-    let leaves_at = moved_at.max(boxed_at + start - 1);
+    let leaves_at = moved_at.max(boxed_at + read - 1);
     let moved_direction: Vec<_> = (0..3)
         .map(|i| {
             let held = m.reg(format!("moved_direction_{}", AXES[i]), w);
@@ -528,8 +532,8 @@ pub fn module(plan: &Plan) -> Result<Geometry, HdlError> {
             p.enter_at(held.q, leaves_at.min(moved_at + 2))
         })
         .collect();
-    let own_window = plan.read(window_memory, index.at(leaves_at - start));
-    let own_limits = plan.read(limit_memory, index.at(leaves_at - start));
+    let own_window = plan.read(window_memory, index.at(leaves_at - read));
+    let own_limits = plan.read(limit_memory, index.at(leaves_at - read));
     let (window_near, window_far) = (
         window.get(own_window, "near"),
         window.get(own_window, "far"),

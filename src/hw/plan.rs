@@ -26,7 +26,7 @@ pub struct Plan {
 const REGISTER_RAM_OUTPUT_FROM: u32 = 80;
 const REGISTER_EACH_COMPARISON_FROM: u32 = 70;
 
-/// A choice between queues that addresses a memory of many block RAMs: the wires to all of them take most of a 10 ns period.
+/// A choice whose result goes to many block RAMs or operators: the wires to all of them take most of a 10 ns period.
 const REGISTER_CHOICE_FROM: u32 = 80;
 
 impl Plan {
@@ -137,12 +137,17 @@ impl Plan {
         (1 << bits_for(u64::from(self.rays_in_flight()))) + self.rays_in_flight()
     }
 
-    /// A register after a choice that addresses a large memory, where the clock asks for it.
+    /// A register after a choice whose result goes far, to a large memory or to many operators, where the clock asks for it.
     pub fn choose<'b>(&self, signal: Signal<'b>) -> Signal<'b> {
-        match self.config.clock_mhz >= REGISTER_CHOICE_FROM {
-            true => signal.register(),
-            false => signal,
+        match self.choose_latency() {
+            0 => signal,
+            _ => signal.register(),
         }
+    }
+
+    /// Registers that [`Plan::choose`] takes.
+    pub fn choose_latency(&self) -> u32 {
+        u32::from(self.config.clock_mhz >= REGISTER_CHOICE_FROM)
     }
 
     /// A register after a comparison whose result chooses, where the clock asks for it.
