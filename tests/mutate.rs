@@ -52,7 +52,7 @@ fn mutants_are_noticed_and_come_again() {
         only: Some(first.number),
         ..request(1)
     });
-    assert_eq!(alone.mutants, [first.clone()]);
+    assert_eq!(alone.mutants, std::slice::from_ref(first));
     let again = run(&request(1));
     assert_eq!(drawn(&report.mutants), drawn(&again.mutants));
     let other = run(&Request {

@@ -56,6 +56,15 @@ fn bit_of(name: &str) -> Result<(&str, usize)> {
     }
 }
 
+/// What is known of a node when registers are seen through.
+#[derive(Clone, Copy)]
+enum Sight {
+    Unseen,
+    UnderWay,
+    /// Its literal, and the registers on the paths that lead to it.
+    Seen(Literal, Option<u32>),
+}
+
 impl Circuit {
     /// Reads ASCII AIGER with a symbol table.
     ///
@@ -80,7 +89,7 @@ impl Circuit {
         let mut nodes = vec![None; most as usize + 1];
         nodes[0] = Some(Node::False);
         let mut define = |literal: u32, what: Node| match nodes.get_mut(node(literal)) {
-            Some(place @ None) if literal % 2 == 0 => {
+            Some(place @ None) if literal.is_multiple_of(2) => {
                 *place = Some(what);
                 Ok(())
             }
@@ -168,7 +177,7 @@ impl Circuit {
             inputs: self.inputs.clone(),
             ..Graph::default()
         };
-        let mut known = vec![None; self.nodes.len()];
+        let mut known = vec![Sight::Unseen; self.nodes.len()];
         let mut outputs: Vec<(String, Vec<Literal>)> = vec![];
         for (name, root) in &self.outputs {
             let (word, bit) = bit_of(name)?;
@@ -202,12 +211,12 @@ impl Circuit {
         index: usize,
         entries: &[u32],
         graph: &mut Graph,
-        known: &mut [Option<Option<(Literal, Option<u32>)>>],
+        known: &mut [Sight],
     ) -> Result<(Literal, Option<u32>)> {
         match known[index] {
-            Some(Some(value)) => return Ok(value),
-            Some(None) => bail!("a register's value depends on the one it had before"),
-            None => known[index] = Some(None),
+            Sight::Seen(literal, registers) => return Ok((literal, registers)),
+            Sight::UnderWay => bail!("a register's value depends on the one it had before"),
+            Sight::Unseen => known[index] = Sight::UnderWay,
         }
         let mut follow = |literal: Literal, graph: &mut Graph| {
             let (value, registers) = self.see_through(node(literal), entries, graph, known)?;
@@ -233,7 +242,7 @@ impl Circuit {
             }
         };
         let value = (value.0, value.1.filter(|_| value.0 > TRUE));
-        known[index] = Some(Some(value));
+        known[index] = Sight::Seen(value.0, value.1);
         Ok(value)
     }
 }

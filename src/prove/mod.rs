@@ -120,10 +120,10 @@ pub struct Row {
 impl Row {
     /// Whether it ended as it should: proved, or, with a planted fault, refuted.
     pub fn holds(&self) -> bool {
-        match (&self.fault, &self.outcome) {
-            (None, Outcome::Proved) | (Some(_), Outcome::Refuted(_)) => true,
-            _ => false,
-        }
+        matches!(
+            (&self.fault, &self.outcome),
+            (None, Outcome::Proved) | (Some(_), Outcome::Refuted(_))
+        )
     }
 }
 
