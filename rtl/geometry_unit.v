@@ -584,35 +584,17 @@ module geometry_unit (
     if (point_is_direction_s38) moved_direction_z <= test_moved_z;
   end
 
-  wire comparison =
-      {ray_limit_memory_read1_s38[22:0], 1'b0} <
-      {window_memory_read1_s38[22:0], window_memory_read1_s38[23]};
-  wire choice_5 =
-      (ray_limit_memory_read1_s38[23] ^ window_memory_read1_s38[23]) ? ray_limit_memory_read1_s38[23] :
-      (comparison ^ ray_limit_memory_read1_s38[23]);
-  wire term_4 =
-      choice_5 &
-      ~((~|ray_limit_memory_read1_s38[22:16]) & (~|window_memory_read1_s38[22:16]));
-  wire term_5 =
-      ((&ray_limit_memory_read1_s38[22:16]) & (|ray_limit_memory_read1_s38[15:0])) |
-      ((&window_memory_read1_s38[22:16]) & (|window_memory_read1_s38[15:0]));
+  wire object_near_is_greater =
+      (ray_limit_memory_read1_s38[22:0] < window_memory_read1_s38[22:0]) &
+      ~window_memory_read1_s38[23];
   wire [23:0] object_near =
-      (term_4 & ~term_5) ? window_memory_read1_s38[23:0] :
+      object_near_is_greater ? window_memory_read1_s38[23:0] :
       ray_limit_memory_read1_s38[23:0];
-  wire comparison_2 =
-      {window_memory_read1_s38[46:24], 1'b0} <
-      {ray_limit_memory_read1_s38[46:24], ray_limit_memory_read1_s38[47]};
-  wire choice_6 =
-      (window_memory_read1_s38[47] ^ ray_limit_memory_read1_s38[47]) ? window_memory_read1_s38[47] :
-      (comparison_2 ^ window_memory_read1_s38[47]);
-  wire term_6 =
-      choice_6 &
-      ~((~|window_memory_read1_s38[46:40]) & (~|ray_limit_memory_read1_s38[46:40]));
-  wire term_7 =
-      ((&window_memory_read1_s38[46:40]) & (|window_memory_read1_s38[39:24])) |
-      ((&ray_limit_memory_read1_s38[46:40]) & (|ray_limit_memory_read1_s38[39:24]));
+  wire object_far_is_less =
+      (window_memory_read1_s38[46:24] < ray_limit_memory_read1_s38[46:24]) |
+      window_memory_read1_s38[47];
   wire [23:0] object_far =
-      (term_6 & ~term_7) ? window_memory_read1_s38[47:24] :
+      object_far_is_less ? window_memory_read1_s38[47:24] :
       ray_limit_memory_read1_s38[47:24];
   assign object_valid = in_origin_slot_delay[38];
   wire [5:0] packet_or_joint_s37 = packet_or_joint_delay[221:216];
@@ -651,18 +633,8 @@ module geometry_unit (
       (issue_ray_s56 == 2'd1) ? leaf_memory_read1_s56[7] :
       (issue_ray_s56 == 2'd2) ? leaf_memory_read1_s56[8] :
       leaf_memory_read1_s56[9];
-  wire term_8 = (~|test_t[22:16]) & (~|closest_memory_read0_s56[22:16]);
-  wire term_9 =
-      ({test_t[22:0], 1'b0} < {closest_memory_read0_s56[22:0], closest_memory_read0_s56[23]}) ^
-      test_t[23];
-  wire term_10 = ((test_t[23] ^ closest_memory_read0_s56[23]) ? test_t[23] : term_9) & ~term_8;
-  wire all_test_t_22_16_and_any_test_t_15_0 = (&test_t[22:16]) & (|test_t[15:0]);
-  wire term_11 = (&closest_memory_read0_s56[22:16]) & (|closest_memory_read0_s56[15:0]);
-  wire closer = term_10 & ~(all_test_t_22_16_and_any_test_t_15_0 | term_11);
-  wire as_close =
-      ((test_t == closest_memory_read0_s56[23:0]) | term_8) &
-      ~all_test_t_22_16_and_any_test_t_15_0 &
-      ~term_11;
+  wire closer = test_t[22:0] < closest_memory_read0_s56[22:0];
+  wire as_close = test_t == closest_memory_read0_s56[23:0];
   wire [63:0] identity = {watch_test_instance_s56, triangle_number_memory_read_s56};
   wire lower = identity < closest_memory_read0_s56[135:72];
   reg  ray_limit_memory_read0_48_s56;

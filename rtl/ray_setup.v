@@ -88,11 +88,10 @@ module ray_setup (
   wire any_nan = term_5 | term | term_2;
   reg  any_nan_s1;
   wire any_tmin_clean_22_16 = |tmin_clean[22:16];
-  wire tmax_clean_22_16_is_zero = ~|tmax_clean[22:16];
   wire term_6 = ({tmax_clean[22:0], 1'b0} < {tmin_clean[22:0], tmin_clean[23]}) ^ tmax_clean[23];
   wire term_7 =
       ((tmax_clean[23] ^ tmin_clean[23]) ? tmax_clean[23] : term_6) &
-      ~(tmax_clean_22_16_is_zero & ~any_tmin_clean_22_16);
+      ~((~|tmax_clean[22:16]) & ~any_tmin_clean_22_16);
   wire ordered = ~(tmin_clean[23] & any_tmin_clean_22_16) & ~term & (~term_7 & ~(term | term_2));
   reg  ordered_s1;
   reg  active_s1;
@@ -150,43 +149,32 @@ module ray_setup (
     .distance(far_x_distance)
   );
 
-  reg  [15:0] tmin_clean_22_16_is_zero_delay;
-  wire tmin_clean_22_16_is_zero_s16 = tmin_clean_22_16_is_zero_delay[15];
-  reg  [383:0] joined_delay;
-  wire [23:0] joined_s16 = joined_delay[383:360];
-  reg  [15:0] tmin_clean_23_delay;
-  wire tmin_clean_23_s16 = tmin_clean_23_delay[15];
-  wire term_8 = (joined_s16 < {near_x_distance[22:0], near_x_distance[23]}) ^ tmin_clean_23_s16;
-  wire choice_3 = (tmin_clean_23_s16 ^ near_x_distance[23]) ? tmin_clean_23_s16 : term_8;
-  reg  [15:0] term_delay;
-  wire term_s16 = term_delay[15];
-  wire term_9 = ~(term_s16 | ((&near_x_distance[22:16]) & (|near_x_distance[15:0])));
-  wire term_10 = choice_3 & ~(tmin_clean_22_16_is_zero_s16 & (~|near_x_distance[22:16])) & term_9;
+  reg  [367:0] tmin_clean_22_0_delay;
+  wire [22:0] tmin_clean_22_0_s16 = tmin_clean_22_0_delay[367:345];
+  wire near_after_x_is_greater_ordered = ~((&near_x_distance[22:16]) & (|near_x_distance[15:0]));
+  wire near_after_x_is_greater =
+      (tmin_clean_22_0_s16 < near_x_distance[22:0]) &
+      ~near_x_distance[23] &
+      near_after_x_is_greater_ordered;
   reg  [479:0] tmin_clean_delay;
   wire [23:0] tmin_clean_s16 = tmin_clean_delay[383:360];
-  wire [23:0] near_after_x = term_10 ? near_x_distance : tmin_clean_s16;
+  wire [23:0] near_after_x = near_after_x_is_greater ? near_x_distance : tmin_clean_s16;
   reg  [23:0] near_after_x_s17;
-  reg  [15:0] tmax_clean_22_16_is_zero_delay;
-  wire tmax_clean_22_16_is_zero_s16 = tmax_clean_22_16_is_zero_delay[15];
-  reg  [383:0] joined_2_delay;
-  wire [23:0] joined_2_s16 = joined_2_delay[383:360];
+  reg  [383:0] joined_delay;
+  wire [23:0] joined_s16 = joined_delay[383:360];
   reg  [15:0] tmax_clean_23_delay;
   wire tmax_clean_23_s16 = tmax_clean_23_delay[15];
-  wire choice_4 =
+  wire choice_3 =
       (far_x_distance[23] ^ tmax_clean_23_s16) ? far_x_distance[23] :
-      (({far_x_distance[22:0], 1'b0} < joined_2_s16) ^ far_x_distance[23]);
-  reg  [15:0] term_2_delay;
-  wire term_2_s16 = term_2_delay[15];
-  wire term_11 =
-      choice_4 &
-      ~((~|far_x_distance[22:16]) & tmax_clean_22_16_is_zero_s16) &
-      ~(((&far_x_distance[22:16]) & (|far_x_distance[15:0])) | term_2_s16);
+      (({far_x_distance[22:0], 1'b0} < joined_s16) ^ far_x_distance[23]);
+  wire far_after_x_is_less_ordered = ~((&far_x_distance[22:16]) & (|far_x_distance[15:0]));
+  wire far_after_x_is_less = choice_3 & far_after_x_is_less_ordered;
   reg  [479:0] tmax_clean_delay;
   wire [23:0] tmax_clean_s16 = tmax_clean_delay[383:360];
-  wire [23:0] far_after_x = term_11 ? far_x_distance : tmax_clean_s16;
+  wire [23:0] far_after_x = far_after_x_is_less ? far_x_distance : tmax_clean_s16;
   reg  [23:0] far_after_x_s17;
-  wire [23:0] choice_5 = object ? 24'hff0000 : scene_lo_y;
-  wire [23:0] choice_6 = object ? 24'h7f0000 : scene_hi_y;
+  wire [23:0] choice_4 = object ? 24'hff0000 : scene_lo_y;
+  wire [23:0] choice_5 = object ? 24'h7f0000 : scene_hi_y;
   reg  [167:0] near_y_plane_delay;
   wire [23:0] near_y_plane_s7 = near_y_plane_delay[167:144];
   reg  [479:0] origin_y_delay;
@@ -213,37 +201,29 @@ module ray_setup (
     .distance(far_y_distance)
   );
 
-  reg  near_y_distance_22_16_is_zero_s17;
-  reg  [23:0] joined_3_s17;
-  reg  near_y_distance_23_s17;
-  wire choice_7 =
-      (near_after_x_s17[23] ^ near_y_distance_23_s17) ? near_after_x_s17[23] :
-      (({near_after_x_s17[22:0], 1'b0} < joined_3_s17) ^ near_after_x_s17[23]);
-  reg  term_12_s17;
-  wire term_13 =
-      choice_7 &
-      ~((~|near_after_x_s17[22:16]) & near_y_distance_22_16_is_zero_s17) &
-      ~(((&near_after_x_s17[22:16]) & (|near_after_x_s17[15:0])) | term_12_s17);
+  reg  [22:0] near_y_distance_22_0_s17;
+  reg  not_near_y_distance_23_s17;
+  wire near_after_y_is_greater_ordered = ~((&near_y_distance[22:16]) & (|near_y_distance[15:0]));
+  reg  near_after_y_is_greater_ordered_s17;
+  wire near_after_y_is_greater =
+      (near_after_x_s17[22:0] < near_y_distance_22_0_s17) &
+      not_near_y_distance_23_s17 &
+      near_after_y_is_greater_ordered_s17;
   reg  [23:0] near_y_distance_s17;
-  wire [23:0] near_after_y = term_13 ? near_y_distance_s17 : near_after_x_s17;
+  wire [23:0] near_after_y = near_after_y_is_greater ? near_y_distance_s17 : near_after_x_s17;
   reg  [23:0] near_after_y_s18;
-  reg  far_y_distance_22_16_is_zero_s17;
-  reg  [23:0] joined_4_s17;
+  reg  [23:0] joined_2_s17;
   reg  far_y_distance_23_s17;
-  wire term_14 =
-      (joined_4_s17 < {far_after_x_s17[22:0], far_after_x_s17[23]}) ^
-      far_y_distance_23_s17;
-  wire choice_8 = (far_y_distance_23_s17 ^ far_after_x_s17[23]) ? far_y_distance_23_s17 : term_14;
-  reg  term_15_s17;
-  wire term_16 =
-      choice_8 &
-      ~(far_y_distance_22_16_is_zero_s17 & (~|far_after_x_s17[22:16])) &
-      ~(term_15_s17 | ((&far_after_x_s17[22:16]) & (|far_after_x_s17[15:0])));
+  wire term_8 = (joined_2_s17 < {far_after_x_s17[22:0], far_after_x_s17[23]}) ^ far_y_distance_23_s17;
+  wire choice_6 = (far_y_distance_23_s17 ^ far_after_x_s17[23]) ? far_y_distance_23_s17 : term_8;
+  wire far_after_y_is_less_ordered = ~((&far_y_distance[22:16]) & (|far_y_distance[15:0]));
+  reg  far_after_y_is_less_ordered_s17;
+  wire far_after_y_is_less = choice_6 & far_after_y_is_less_ordered_s17;
   reg  [23:0] far_y_distance_s17;
-  wire [23:0] far_after_y = term_16 ? far_y_distance_s17 : far_after_x_s17;
+  wire [23:0] far_after_y = far_after_y_is_less ? far_y_distance_s17 : far_after_x_s17;
   reg  [23:0] far_after_y_s18;
-  wire [23:0] choice_9 = object ? 24'hff0000 : scene_lo_z;
-  wire [23:0] choice_10 = object ? 24'h7f0000 : scene_hi_z;
+  wire [23:0] choice_7 = object ? 24'hff0000 : scene_lo_z;
+  wire [23:0] choice_8 = object ? 24'h7f0000 : scene_hi_z;
   reg  [167:0] near_z_plane_delay;
   wire [23:0] near_z_plane_s7 = near_z_plane_delay[167:144];
   reg  [479:0] origin_z_delay;
@@ -270,46 +250,38 @@ module ray_setup (
     .distance(far_z_distance)
   );
 
-  reg  near_z_distance_22_16_is_zero_s17, near_z_distance_22_16_is_zero_s18;
-  reg  [23:0] joined_5_s17, joined_5_s18;
-  reg  near_z_distance_23_s17, near_z_distance_23_s18;
-  wire choice_11 =
-      (near_after_y_s18[23] ^ near_z_distance_23_s18) ? near_after_y_s18[23] :
-      (({near_after_y_s18[22:0], 1'b0} < joined_5_s18) ^ near_after_y_s18[23]);
-  reg  term_17_s17, term_17_s18;
-  wire term_18 =
-      choice_11 &
-      ~((~|near_after_y_s18[22:16]) & near_z_distance_22_16_is_zero_s18) &
-      ~(((&near_after_y_s18[22:16]) & (|near_after_y_s18[15:0])) | term_17_s18);
+  reg  [22:0] near_z_distance_22_0_s17, near_z_distance_22_0_s18;
+  reg  not_near_z_distance_23_s17, not_near_z_distance_23_s18;
+  wire near_after_z_is_greater_ordered = ~((&near_z_distance[22:16]) & (|near_z_distance[15:0]));
+  reg  near_after_z_is_greater_ordered_s17, near_after_z_is_greater_ordered_s18;
+  wire near_after_z_is_greater =
+      (near_after_y_s18[22:0] < near_z_distance_22_0_s18) &
+      not_near_z_distance_23_s18 &
+      near_after_z_is_greater_ordered_s18;
   reg  [23:0] near_z_distance_s17, near_z_distance_s18;
-  wire [23:0] near_after_z = term_18 ? near_z_distance_s18 : near_after_y_s18;
+  wire [23:0] near_after_z = near_after_z_is_greater ? near_z_distance_s18 : near_after_y_s18;
   reg  [23:0] near_after_z_s19;
-  reg  far_z_distance_22_16_is_zero_s17, far_z_distance_22_16_is_zero_s18;
-  reg  [23:0] joined_6_s17, joined_6_s18;
+  reg  [23:0] joined_3_s17, joined_3_s18;
   reg  far_z_distance_23_s17, far_z_distance_23_s18;
-  wire term_19 =
-      (joined_6_s18 < {far_after_y_s18[22:0], far_after_y_s18[23]}) ^
-      far_z_distance_23_s18;
-  wire choice_12 = (far_z_distance_23_s18 ^ far_after_y_s18[23]) ? far_z_distance_23_s18 : term_19;
-  reg  term_20_s17, term_20_s18;
-  wire term_21 =
-      choice_12 &
-      ~(far_z_distance_22_16_is_zero_s18 & (~|far_after_y_s18[22:16])) &
-      ~(term_20_s18 | ((&far_after_y_s18[22:16]) & (|far_after_y_s18[15:0])));
+  wire term_9 = (joined_3_s18 < {far_after_y_s18[22:0], far_after_y_s18[23]}) ^ far_z_distance_23_s18;
+  wire choice_9 = (far_z_distance_23_s18 ^ far_after_y_s18[23]) ? far_z_distance_23_s18 : term_9;
+  wire far_after_z_is_less_ordered = ~((&far_z_distance[22:16]) & (|far_z_distance[15:0]));
+  reg  far_after_z_is_less_ordered_s17, far_after_z_is_less_ordered_s18;
+  wire far_after_z_is_less = choice_9 & far_after_z_is_less_ordered_s18;
   reg  [23:0] far_z_distance_s17, far_z_distance_s18;
-  wire [23:0] far_after_z = term_21 ? far_z_distance_s18 : far_after_y_s18;
+  wire [23:0] far_after_z = far_after_z_is_less ? far_z_distance_s18 : far_after_y_s18;
   reg  [23:0] far_after_z_s19;
   wire comparison = {far_after_z_s19[22:0], 1'b0} < {near_after_z_s19[22:0], near_after_z_s19[23]};
-  wire choice_13 =
+  wire choice_10 =
       (far_after_z_s19[23] ^ near_after_z_s19[23]) ? far_after_z_s19[23] :
       (comparison ^ far_after_z_s19[23]);
-  wire term_22 = choice_13 & ~((~|far_after_z_s19[22:16]) & (~|near_after_z_s19[22:16]));
-  wire term_23 =
+  wire term_10 = choice_10 & ~((~|far_after_z_s19[22:16]) & (~|near_after_z_s19[22:16]));
+  wire term_11 =
       ((&near_after_z_s19[22:16]) & (|near_after_z_s19[15:0])) |
       ((&far_after_z_s19[22:16]) & (|far_after_z_s19[15:0]));
   reg  [17:0] sound_delay;
   wire sound_s19 = sound_delay[17];
-  wire enters = sound_s19 & (~term_22 & ~term_23);
+  wire enters = sound_s19 & (~term_10 & ~term_11);
 
   // The shear that the watertight test turns the ray into the z axis with.
   wire [22:0] size_x = (~|direction_x[22:16]) ? 23'd0 : direction_x[22:0];
@@ -428,39 +400,33 @@ module ray_setup (
     // Stage 17
     near_after_x_s17 <= near_after_x;
     far_after_x_s17 <= far_after_x;
-    near_y_distance_22_16_is_zero_s17 <= ~|near_y_distance[22:16];
-    joined_3_s17 <= {near_y_distance[22:0], near_y_distance[23]};
-    near_y_distance_23_s17 <= near_y_distance[23];
-    term_12_s17 <= (&near_y_distance[22:16]) & (|near_y_distance[15:0]);
+    near_y_distance_22_0_s17 <= near_y_distance[22:0];
+    not_near_y_distance_23_s17 <= ~near_y_distance[23];
+    near_after_y_is_greater_ordered_s17 <= near_after_y_is_greater_ordered;
     near_y_distance_s17 <= near_y_distance;
-    far_y_distance_22_16_is_zero_s17 <= ~|far_y_distance[22:16];
-    joined_4_s17 <= {far_y_distance[22:0], 1'b0};
+    joined_2_s17 <= {far_y_distance[22:0], 1'b0};
     far_y_distance_23_s17 <= far_y_distance[23];
-    term_15_s17 <= (&far_y_distance[22:16]) & (|far_y_distance[15:0]);
+    far_after_y_is_less_ordered_s17 <= far_after_y_is_less_ordered;
     far_y_distance_s17 <= far_y_distance;
-    near_z_distance_22_16_is_zero_s17 <= ~|near_z_distance[22:16];
-    joined_5_s17 <= {near_z_distance[22:0], near_z_distance[23]};
-    near_z_distance_23_s17 <= near_z_distance[23];
-    term_17_s17 <= (&near_z_distance[22:16]) & (|near_z_distance[15:0]);
+    near_z_distance_22_0_s17 <= near_z_distance[22:0];
+    not_near_z_distance_23_s17 <= ~near_z_distance[23];
+    near_after_z_is_greater_ordered_s17 <= near_after_z_is_greater_ordered;
     near_z_distance_s17 <= near_z_distance;
-    far_z_distance_22_16_is_zero_s17 <= ~|far_z_distance[22:16];
-    joined_6_s17 <= {far_z_distance[22:0], 1'b0};
+    joined_3_s17 <= {far_z_distance[22:0], 1'b0};
     far_z_distance_23_s17 <= far_z_distance[23];
-    term_20_s17 <= (&far_z_distance[22:16]) & (|far_z_distance[15:0]);
+    far_after_z_is_less_ordered_s17 <= far_after_z_is_less_ordered;
     far_z_distance_s17 <= far_z_distance;
 
     // Stage 18
     near_after_y_s18 <= near_after_y;
     far_after_y_s18 <= far_after_y;
-    near_z_distance_22_16_is_zero_s18 <= near_z_distance_22_16_is_zero_s17;
-    joined_5_s18 <= joined_5_s17;
-    near_z_distance_23_s18 <= near_z_distance_23_s17;
-    term_17_s18 <= term_17_s17;
+    near_z_distance_22_0_s18 <= near_z_distance_22_0_s17;
+    not_near_z_distance_23_s18 <= not_near_z_distance_23_s17;
+    near_after_z_is_greater_ordered_s18 <= near_after_z_is_greater_ordered_s17;
     near_z_distance_s18 <= near_z_distance_s17;
-    far_z_distance_22_16_is_zero_s18 <= far_z_distance_22_16_is_zero_s17;
-    joined_6_s18 <= joined_6_s17;
+    joined_3_s18 <= joined_3_s17;
     far_z_distance_23_s18 <= far_z_distance_23_s17;
-    term_20_s18 <= term_20_s17;
+    far_after_z_is_less_ordered_s18 <= far_after_z_is_less_ordered_s17;
     far_z_distance_s18 <= far_z_distance_s17;
 
     // Stage 19
@@ -478,22 +444,17 @@ module ray_setup (
     near_x_plane_delay <= {near_x_plane_delay[143:0], direction_x[23] ? choice_2 : choice};
     origin_x_delay <= {origin_x_delay[455:0], origin_x};
     far_x_plane_delay <= {far_x_plane_delay[143:0], direction_x[23] ? choice : choice_2};
-    tmin_clean_22_16_is_zero_delay <= {tmin_clean_22_16_is_zero_delay[14:0], ~any_tmin_clean_22_16};
-    joined_delay <= {joined_delay[359:0], {tmin_clean[22:0], 1'b0}};
-    tmin_clean_23_delay <= {tmin_clean_23_delay[14:0], tmin_clean[23]};
-    term_delay <= {term_delay[14:0], term};
+    tmin_clean_22_0_delay <= {tmin_clean_22_0_delay[344:0], tmin_clean[22:0]};
     tmin_clean_delay <= {tmin_clean_delay[455:0], tmin_clean};
-    tmax_clean_22_16_is_zero_delay <= {tmax_clean_22_16_is_zero_delay[14:0], tmax_clean_22_16_is_zero};
-    joined_2_delay <= {joined_2_delay[359:0], {tmax_clean[22:0], tmax_clean[23]}};
+    joined_delay <= {joined_delay[359:0], {tmax_clean[22:0], tmax_clean[23]}};
     tmax_clean_23_delay <= {tmax_clean_23_delay[14:0], tmax_clean[23]};
-    term_2_delay <= {term_2_delay[14:0], term_2};
     tmax_clean_delay <= {tmax_clean_delay[455:0], tmax_clean};
-    near_y_plane_delay <= {near_y_plane_delay[143:0], direction_y[23] ? choice_6 : choice_5};
+    near_y_plane_delay <= {near_y_plane_delay[143:0], direction_y[23] ? choice_5 : choice_4};
     origin_y_delay <= {origin_y_delay[455:0], origin_y};
-    far_y_plane_delay <= {far_y_plane_delay[143:0], direction_y[23] ? choice_5 : choice_6};
-    near_z_plane_delay <= {near_z_plane_delay[143:0], direction_z[23] ? choice_10 : choice_9};
+    far_y_plane_delay <= {far_y_plane_delay[143:0], direction_y[23] ? choice_4 : choice_5};
+    near_z_plane_delay <= {near_z_plane_delay[143:0], direction_z[23] ? choice_8 : choice_7};
     origin_z_delay <= {origin_z_delay[455:0], origin_z};
-    far_z_plane_delay <= {far_z_plane_delay[143:0], direction_z[23] ? choice_9 : choice_10};
+    far_z_plane_delay <= {far_z_plane_delay[143:0], direction_z[23] ? choice_7 : choice_8};
     sound_delay <= {sound_delay[16:0], sound};
     z_wins_delay <= {z_wins_delay[9:0], z_wins};
     direction_kx_delay <= {direction_kx_delay[239:0], direction_kx};

@@ -631,132 +631,86 @@ module tpu (
   wire [5:0] pop_5_0_s2 = pop_5_0_delay[5:0];
   wire [23:0] limit0_memory_read = limit0_memory[pop_5_0_s2];
   reg  [23:0] limit0_memory_read_s3;
-  wire limit0_memory_read_22_16_is_zero = ~|limit0_memory_read_s3[22:16];
-  wire [23:0] joined_2 = {limit0_memory_read_s3[22:0], 1'b0};
-  wire term = (joined_2 < {stack_read_s3[50:28], stack_read_s3[51]}) ^ limit0_memory_read_s3[23];
-  wire choice_2 = (limit0_memory_read_s3[23] ^ stack_read_s3[51]) ? limit0_memory_read_s3[23] : term;
-  wire term_2 = (&limit0_memory_read_s3[22:16]) & (|limit0_memory_read_s3[15:0]);
-  wire ray0_within =
-      ~(choice_2 & ~(limit0_memory_read_22_16_is_zero & (~|stack_read_s3[50:44]))) &
-      ~(((&stack_read_s3[50:44]) & (|stack_read_s3[43:28])) | term_2);
+  wire ray0_within = ~((limit0_memory_read_s3[22:0] < stack_read_s3[50:28]) | limit0_memory_read_s3[23]);
   reg  not_pop_12_s2, not_pop_12_s3;
   wire ray0_stays = stack_read_s3[24] & (ray0_within | not_pop_12_s3);
-  wire term_3 = (joined_2 < {stack_read_s3[74:52], stack_read_s3[75]}) ^ limit0_memory_read_s3[23];
-  wire choice_3 =
+  wire comparison = {limit0_memory_read_s3[22:0], 1'b0} < {stack_read_s3[74:52], stack_read_s3[75]};
+  wire ray0_far_or_limit_is_less =
       (limit0_memory_read_s3[23] ^ stack_read_s3[75]) ? limit0_memory_read_s3[23] :
-      term_3;
-  wire term_4 =
-      choice_3 &
-      ~(limit0_memory_read_22_16_is_zero & (~|stack_read_s3[74:68])) &
-      ~(term_2 | ((&stack_read_s3[74:68]) & (|stack_read_s3[67:52])));
-  reg  pop_12_s2, pop_12_s3;
-  wire [23:0] ray0_far =
-      pop_12_s3 ? (term_4 ? limit0_memory_read_s3 : stack_read_s3[75:52]) :
+      (comparison ^ limit0_memory_read_s3[23]);
+  wire [23:0] ray0_far_or_limit =
+      ray0_far_or_limit_is_less ? limit0_memory_read_s3 :
       stack_read_s3[75:52];
+  reg  pop_12_s2, pop_12_s3;
+  wire [23:0] ray0_far = pop_12_s3 ? ray0_far_or_limit : stack_read_s3[75:52];
   reg  ray0_stays_s4;
-  reg  [47:0] joined_3_s4;
+  reg  [47:0] joined_2_s4;
   (* no_rw_check, ram_style = "distributed" *)
   reg  [23:0] limit1_memory [0:47];
   wire [23:0] limit1_memory_read = limit1_memory[pop_5_0_s2];
   reg  [23:0] limit1_memory_read_s3;
-  wire limit1_memory_read_22_16_is_zero = ~|limit1_memory_read_s3[22:16];
-  wire [23:0] joined_4 = {limit1_memory_read_s3[22:0], 1'b0};
-  wire term_5 = (joined_4 < {stack_read_s3[98:76], stack_read_s3[99]}) ^ limit1_memory_read_s3[23];
-  wire choice_4 =
-      (limit1_memory_read_s3[23] ^ stack_read_s3[99]) ? limit1_memory_read_s3[23] :
-      term_5;
-  wire term_6 = (&limit1_memory_read_s3[22:16]) & (|limit1_memory_read_s3[15:0]);
-  wire ray1_within =
-      ~(choice_4 & ~(limit1_memory_read_22_16_is_zero & (~|stack_read_s3[98:92]))) &
-      ~(((&stack_read_s3[98:92]) & (|stack_read_s3[91:76])) | term_6);
+  wire ray1_within = ~((limit1_memory_read_s3[22:0] < stack_read_s3[98:76]) | limit1_memory_read_s3[23]);
   reg  not_pop_13_s2, not_pop_13_s3;
   wire ray1_stays = stack_read_s3[25] & (ray1_within | not_pop_13_s3);
-  wire term_7 = (joined_4 < {stack_read_s3[122:100], stack_read_s3[123]}) ^ limit1_memory_read_s3[23];
-  wire choice_5 =
+  wire comparison_2 =
+      {limit1_memory_read_s3[22:0], 1'b0} <
+      {stack_read_s3[122:100], stack_read_s3[123]};
+  wire ray1_far_or_limit_is_less =
       (limit1_memory_read_s3[23] ^ stack_read_s3[123]) ? limit1_memory_read_s3[23] :
-      term_7;
-  wire term_8 =
-      choice_5 &
-      ~(limit1_memory_read_22_16_is_zero & (~|stack_read_s3[122:116])) &
-      ~(term_6 | ((&stack_read_s3[122:116]) & (|stack_read_s3[115:100])));
-  reg  pop_13_s2, pop_13_s3;
-  wire [23:0] ray1_far =
-      pop_13_s3 ? (term_8 ? limit1_memory_read_s3 : stack_read_s3[123:100]) :
+      (comparison_2 ^ limit1_memory_read_s3[23]);
+  wire [23:0] ray1_far_or_limit =
+      ray1_far_or_limit_is_less ? limit1_memory_read_s3 :
       stack_read_s3[123:100];
+  reg  pop_13_s2, pop_13_s3;
+  wire [23:0] ray1_far = pop_13_s3 ? ray1_far_or_limit : stack_read_s3[123:100];
   reg  ray1_stays_s4;
-  reg  [47:0] joined_5_s4;
+  reg  [47:0] joined_3_s4;
   (* no_rw_check, ram_style = "distributed" *)
   reg  [23:0] limit2_memory [0:47];
   wire [23:0] limit2_memory_read = limit2_memory[pop_5_0_s2];
   reg  [23:0] limit2_memory_read_s3;
-  wire limit2_memory_read_22_16_is_zero = ~|limit2_memory_read_s3[22:16];
-  wire [23:0] joined_6 = {limit2_memory_read_s3[22:0], 1'b0};
-  wire term_9 = (joined_6 < {stack_read_s3[146:124], stack_read_s3[147]}) ^ limit2_memory_read_s3[23];
-  wire choice_6 =
-      (limit2_memory_read_s3[23] ^ stack_read_s3[147]) ? limit2_memory_read_s3[23] :
-      term_9;
-  wire term_10 = (&limit2_memory_read_s3[22:16]) & (|limit2_memory_read_s3[15:0]);
-  wire ray2_within =
-      ~(choice_6 & ~(limit2_memory_read_22_16_is_zero & (~|stack_read_s3[146:140]))) &
-      ~(((&stack_read_s3[146:140]) & (|stack_read_s3[139:124])) | term_10);
+  wire ray2_within = ~((limit2_memory_read_s3[22:0] < stack_read_s3[146:124]) | limit2_memory_read_s3[23]);
   reg  not_pop_14_s2, not_pop_14_s3;
   wire ray2_stays = stack_read_s3[26] & (ray2_within | not_pop_14_s3);
-  wire term_11 =
-      (joined_6 < {stack_read_s3[170:148], stack_read_s3[171]}) ^
-      limit2_memory_read_s3[23];
-  wire choice_7 =
+  wire comparison_3 =
+      {limit2_memory_read_s3[22:0], 1'b0} <
+      {stack_read_s3[170:148], stack_read_s3[171]};
+  wire ray2_far_or_limit_is_less =
       (limit2_memory_read_s3[23] ^ stack_read_s3[171]) ? limit2_memory_read_s3[23] :
-      term_11;
-  wire term_12 =
-      choice_7 &
-      ~(limit2_memory_read_22_16_is_zero & (~|stack_read_s3[170:164])) &
-      ~(term_10 | ((&stack_read_s3[170:164]) & (|stack_read_s3[163:148])));
-  reg  pop_14_s2, pop_14_s3;
-  wire [23:0] ray2_far =
-      pop_14_s3 ? (term_12 ? limit2_memory_read_s3 : stack_read_s3[171:148]) :
+      (comparison_3 ^ limit2_memory_read_s3[23]);
+  wire [23:0] ray2_far_or_limit =
+      ray2_far_or_limit_is_less ? limit2_memory_read_s3 :
       stack_read_s3[171:148];
+  reg  pop_14_s2, pop_14_s3;
+  wire [23:0] ray2_far = pop_14_s3 ? ray2_far_or_limit : stack_read_s3[171:148];
   reg  ray2_stays_s4;
-  reg  [47:0] joined_7_s4;
+  reg  [47:0] joined_4_s4;
   (* no_rw_check, ram_style = "distributed" *)
   reg  [23:0] limit3_memory [0:47];
   wire [23:0] limit3_memory_read = limit3_memory[pop_5_0_s2];
   reg  [23:0] limit3_memory_read_s3;
-  wire limit3_memory_read_22_16_is_zero = ~|limit3_memory_read_s3[22:16];
-  wire [23:0] joined_8 = {limit3_memory_read_s3[22:0], 1'b0};
-  wire term_13 =
-      (joined_8 < {stack_read_s3[194:172], stack_read_s3[195]}) ^
-      limit3_memory_read_s3[23];
-  wire choice_8 =
-      (limit3_memory_read_s3[23] ^ stack_read_s3[195]) ? limit3_memory_read_s3[23] :
-      term_13;
-  wire term_14 = (&limit3_memory_read_s3[22:16]) & (|limit3_memory_read_s3[15:0]);
-  wire ray3_within =
-      ~(choice_8 & ~(limit3_memory_read_22_16_is_zero & (~|stack_read_s3[194:188]))) &
-      ~(((&stack_read_s3[194:188]) & (|stack_read_s3[187:172])) | term_14);
+  wire ray3_within = ~((limit3_memory_read_s3[22:0] < stack_read_s3[194:172]) | limit3_memory_read_s3[23]);
   reg  not_pop_15_s2, not_pop_15_s3;
   wire ray3_stays = stack_read_s3[27] & (ray3_within | not_pop_15_s3);
-  wire term_15 =
-      (joined_8 < {stack_read_s3[218:196], stack_read_s3[219]}) ^
-      limit3_memory_read_s3[23];
-  wire choice_9 =
+  wire comparison_4 =
+      {limit3_memory_read_s3[22:0], 1'b0} <
+      {stack_read_s3[218:196], stack_read_s3[219]};
+  wire ray3_far_or_limit_is_less =
       (limit3_memory_read_s3[23] ^ stack_read_s3[219]) ? limit3_memory_read_s3[23] :
-      term_15;
-  wire term_16 =
-      choice_9 &
-      ~(limit3_memory_read_22_16_is_zero & (~|stack_read_s3[218:212])) &
-      ~(term_14 | ((&stack_read_s3[218:212]) & (|stack_read_s3[211:196])));
-  reg  pop_15_s2, pop_15_s3;
-  wire [23:0] ray3_far =
-      pop_15_s3 ? (term_16 ? limit3_memory_read_s3 : stack_read_s3[219:196]) :
+      (comparison_4 ^ limit3_memory_read_s3[23]);
+  wire [23:0] ray3_far_or_limit =
+      ray3_far_or_limit_is_less ? limit3_memory_read_s3 :
       stack_read_s3[219:196];
+  reg  pop_15_s2, pop_15_s3;
+  wire [23:0] ray3_far = pop_15_s3 ? ray3_far_or_limit : stack_read_s3[219:196];
   reg  ray3_stays_s4;
-  reg  [47:0] joined_9_s4;
+  reg  [47:0] joined_5_s4;
   wire [3:0] stay_mask = {ray3_stays_s4, ray2_stays_s4, ray1_stays_s4, ray0_stays_s4};
   reg  [3:0] pop_out_mask;
+  reg  [47:0] joined_2_s5;
   reg  [47:0] joined_3_s5;
+  reg  [47:0] joined_4_s5;
   reg  [47:0] joined_5_s5;
-  reg  [47:0] joined_7_s5;
-  reg  [47:0] joined_9_s5;
   reg  [4:0] pop_valid_delay;
   wire pop_done = pop_valid_delay[4];
   wire [5:0] pop_out_packet = pop_5_0_delay[23:18];
@@ -786,11 +740,11 @@ module tpu (
     };
   reg  [3:0] gathered;
   reg  [3:0] gathered_object;
-  wire [3:0] choice_10 =
+  wire [3:0] choice_2 =
       setup_first ? 4'd0 :
       setup_object ? gathered_object :
       gathered;
-  wire [3:0] start_mask = choice_10 | bit_in;
+  wire [3:0] start_mask = choice_2 | bit_in;
 
   always @(posedge clk) begin
     if (setup_valid & ~setup_object) gathered <= start_mask;
@@ -809,20 +763,20 @@ module tpu (
   wire entered = start_goes | pop_goes_on;
   assign popped_mask_write = entered;
   assign popped_mask = setup_valid ? start_mask : pop_out_mask;
-  wire [47:0] joined_10 = {setup_far, setup_near};
+  wire [47:0] joined_6 = {setup_far, setup_near};
   assign popped_write0 = setup_of_ray0 | pop_goes_on;
-  assign popped_interval0 = setup_valid ? joined_10 : joined_3_s5;
+  assign popped_interval0 = setup_valid ? joined_6 : joined_2_s5;
   assign popped_write1 = setup_of_ray1 | pop_goes_on;
-  assign popped_interval1 = setup_valid ? joined_10 : joined_5_s5;
+  assign popped_interval1 = setup_valid ? joined_6 : joined_3_s5;
   assign popped_write2 = setup_of_ray2 | pop_goes_on;
-  assign popped_interval2 = setup_valid ? joined_10 : joined_7_s5;
+  assign popped_interval2 = setup_valid ? joined_6 : joined_4_s5;
   assign popped_write3 = setup_of_ray3 | pop_goes_on;
-  assign popped_interval3 = setup_valid ? joined_10 : joined_9_s5;
-  wire choice_11 = setup_valid ? (setup_object ? object_leaf : root[26]) : stack_read_22_s5;
-  wire [21:0] choice_12 =
+  assign popped_interval3 = setup_valid ? joined_6 : joined_5_s5;
+  wire choice_3 = setup_valid ? (setup_object ? object_leaf : root[26]) : stack_read_22_s5;
+  wire [21:0] choice_4 =
       setup_valid ? (setup_object ? object_address : root[21:0]) :
       stack_read_21_0_s5;
-  wire [10:0] choice_13 = setup_valid ? (setup_object ? object_context : 11'd0) : pop_out_context;
+  wire [10:0] choice_5 = setup_valid ? (setup_object ? object_context : 11'd0) : pop_out_context;
 
   // Nodes to fetch: after steps, and after pops and starts.
   wire take_step_item;
@@ -841,14 +795,14 @@ module tpu (
     .front(step_queue_front)
   );
 
-  wire [38:0] entered_queue_data = {choice_13, choice_12, popped_packet};
+  wire [38:0] entered_queue_data = {choice_5, choice_4, popped_packet};
 
   wire entered_queue_valid;
   wire [38:0] entered_queue_front;
   fifo_39x48 entered_queue (
     .clk(clk),
     .rst(rst),
-    .push(entered & ~choice_11),
+    .push(entered & ~choice_3),
     .data(entered_queue_data),
     .pop(take_pop_item),
     .valid(entered_queue_valid),
@@ -893,14 +847,14 @@ module tpu (
     .front(step_leaf_queue_front)
   );
 
-  wire [42:0] entered_leaf_queue_data = {popped_mask, choice_13, choice_12, popped_packet};
+  wire [42:0] entered_leaf_queue_data = {popped_mask, choice_5, choice_4, popped_packet};
 
   wire entered_leaf_queue_valid;
   wire [42:0] entered_leaf_queue_front;
   block_fifo_43x48 entered_leaf_queue (
     .clk(clk),
     .rst(rst),
-    .push(entered & choice_11),
+    .push(entered & choice_3),
     .data(entered_leaf_queue_data),
     .pop(take_pop_leaf),
     .valid(entered_leaf_queue_valid),
@@ -1116,23 +1070,23 @@ module tpu (
 
     // Pipeline 2, stage 4
     ray0_stays_s4 <= ray0_stays;
-    joined_3_s4 <= {ray0_far, stack_read_s3[51:28]};
+    joined_2_s4 <= {ray0_far, stack_read_s3[51:28]};
     ray1_stays_s4 <= ray1_stays;
-    joined_5_s4 <= {ray1_far, stack_read_s3[99:76]};
+    joined_3_s4 <= {ray1_far, stack_read_s3[99:76]};
     ray2_stays_s4 <= ray2_stays;
-    joined_7_s4 <= {ray2_far, stack_read_s3[147:124]};
+    joined_4_s4 <= {ray2_far, stack_read_s3[147:124]};
     ray3_stays_s4 <= ray3_stays;
-    joined_9_s4 <= {ray3_far, stack_read_s3[195:172]};
+    joined_5_s4 <= {ray3_far, stack_read_s3[195:172]};
     stack_read_21_0_s4 <= stack_read_s3[21:0];
     stack_read_22_s4 <= stack_read_s3[22];
     stack_read_23_s4 <= stack_read_s3[23];
 
     // Pipeline 2, stage 5
     pop_out_mask <= stay_mask;
+    joined_2_s5 <= joined_2_s4;
     joined_3_s5 <= joined_3_s4;
+    joined_4_s5 <= joined_4_s4;
     joined_5_s5 <= joined_5_s4;
-    joined_7_s5 <= joined_7_s4;
-    joined_9_s5 <= joined_9_s4;
     stack_read_21_0_s5 <= stack_read_21_0_s4;
     stack_read_22_s5 <= stack_read_22_s4;
     stack_read_23_s5 <= stack_read_23_s4;

@@ -64,36 +64,30 @@ module tpu_slice (
     .distance(left_far_distance_distance)
   );
 
-  reg  ray_near_22_16_is_zero_s10;
-  reg  [23:0] joined_s10;
-  wire comparison = joined_s10 < {left_near_distance_distance[22:0], left_near_distance_distance[23]};
-  reg  ray_near_23_s10;
-  wire choice =
-      (ray_near_23_s10 ^ left_near_distance_distance[23]) ? ray_near_23_s10 :
-      (comparison ^ ray_near_23_s10);
-  wire term = choice & ~(ray_near_22_16_is_zero_s10 & (~|left_near_distance_distance[22:16]));
+  reg  [22:0] ray_near_22_0_s10;
+  wire term =
+      (ray_near_22_0_s10 < left_near_distance_distance[22:0]) &
+      ~left_near_distance_distance[23];
   wire term_2 = (&left_near_distance_distance[22:16]) & (|left_near_distance_distance[15:0]);
-  reg  term_3_s10;
+  wire left_near_clipped_is_greater_ordered = ~term_2;
+  wire left_near_clipped_is_greater = term & left_near_clipped_is_greater_ordered;
   reg  [23:0] ray_near_s10;
   wire [23:0] left_near_clipped =
-      (term & ~(term_3_s10 | term_2)) ? left_near_distance_distance :
+      left_near_clipped_is_greater ? left_near_distance_distance :
       ray_near_s10;
-  reg  ray_far_22_16_is_zero_s10;
-  reg  [23:0] joined_2_s10;
+  reg  [23:0] joined_s10;
   reg  ray_far_23_s10;
-  wire term_4 =
-      ({left_far_distance_distance[22:0], 1'b0} < joined_2_s10) ^
+  wire term_3 =
+      ({left_far_distance_distance[22:0], 1'b0} < joined_s10) ^
       left_far_distance_distance[23];
-  wire choice_2 =
+  wire choice =
       (left_far_distance_distance[23] ^ ray_far_23_s10) ? left_far_distance_distance[23] :
-      term_4;
-  wire term_5 = choice_2 & ~((~|left_far_distance_distance[22:16]) & ray_far_22_16_is_zero_s10);
-  wire term_6 = (&left_far_distance_distance[22:16]) & (|left_far_distance_distance[15:0]);
-  reg  term_7_s10;
+      term_3;
+  wire term_4 = (&left_far_distance_distance[22:16]) & (|left_far_distance_distance[15:0]);
+  wire left_far_clipped_is_less_ordered = ~term_4;
+  wire left_far_clipped_is_less = choice & left_far_clipped_is_less_ordered;
   reg  [23:0] ray_far_s10;
-  wire [23:0] left_far_clipped =
-      (term_5 & ~(term_6 | term_7_s10)) ? left_far_distance_distance :
-      ray_far_s10;
+  wire [23:0] left_far_clipped = left_far_clipped_is_less ? left_far_distance_distance : ray_far_s10;
   reg  [23:0] left_near_clipped_s11;
   reg  [23:0] left_far_clipped_s11;
 
@@ -124,62 +118,42 @@ module tpu_slice (
     .distance(right_far_distance_distance)
   );
 
-  wire comparison_2 =
-      joined_s10 <
-      {right_near_distance_distance[22:0], right_near_distance_distance[23]};
-  wire choice_3 =
-      (ray_near_23_s10 ^ right_near_distance_distance[23]) ? ray_near_23_s10 :
-      (comparison_2 ^ ray_near_23_s10);
-  wire term_8 = choice_3 & ~(ray_near_22_16_is_zero_s10 & (~|right_near_distance_distance[22:16]));
-  wire term_9 = (&right_near_distance_distance[22:16]) & (|right_near_distance_distance[15:0]);
+  wire term_5 =
+      (ray_near_22_0_s10 < right_near_distance_distance[22:0]) &
+      ~right_near_distance_distance[23];
+  wire term_6 = (&right_near_distance_distance[22:16]) & (|right_near_distance_distance[15:0]);
+  wire right_near_clipped_is_greater_ordered = ~term_6;
+  wire right_near_clipped_is_greater = term_5 & right_near_clipped_is_greater_ordered;
   wire [23:0] right_near_clipped =
-      (term_8 & ~(term_3_s10 | term_9)) ? right_near_distance_distance :
+      right_near_clipped_is_greater ? right_near_distance_distance :
       ray_near_s10;
-  wire term_10 =
-      ({right_far_distance_distance[22:0], 1'b0} < joined_2_s10) ^
+  wire term_7 =
+      ({right_far_distance_distance[22:0], 1'b0} < joined_s10) ^
       right_far_distance_distance[23];
-  wire choice_4 =
+  wire choice_2 =
       (right_far_distance_distance[23] ^ ray_far_23_s10) ? right_far_distance_distance[23] :
-      term_10;
-  wire term_11 = choice_4 & ~((~|right_far_distance_distance[22:16]) & ray_far_22_16_is_zero_s10);
-  wire term_12 = (&right_far_distance_distance[22:16]) & (|right_far_distance_distance[15:0]);
+      term_7;
+  wire term_8 = (&right_far_distance_distance[22:16]) & (|right_far_distance_distance[15:0]);
+  wire right_far_clipped_is_less_ordered = ~term_8;
+  wire right_far_clipped_is_less = choice_2 & right_far_clipped_is_less_ordered;
   wire [23:0] right_far_clipped =
-      (term_11 & ~(term_12 | term_7_s10)) ? right_far_distance_distance :
+      right_far_clipped_is_less ? right_far_distance_distance :
       ray_far_s10;
   reg  [23:0] right_near_clipped_s11;
   reg  [23:0] right_far_clipped_s11;
 
   // Where the ray goes.
-  wire left_near_clipped_22_16_is_zero = ~|left_near_clipped_s11[22:16];
-  wire [23:0] joined_3 = {left_near_clipped_s11[22:0], left_near_clipped_s11[23]};
-  wire choice_5 =
-      (left_far_clipped_s11[23] ^ left_near_clipped_s11[23]) ? left_far_clipped_s11[23] :
-      (({left_far_clipped_s11[22:0], 1'b0} < joined_3) ^ left_far_clipped_s11[23]);
-  wire term_13 = (&left_near_clipped_s11[22:16]) & (|left_near_clipped_s11[15:0]);
-  wire term_14 =
-      ~(choice_5 & ~((~|left_far_clipped_s11[22:16]) & left_near_clipped_22_16_is_zero)) &
-      ~(term_13 | ((&left_far_clipped_s11[22:16]) & (|left_far_clipped_s11[15:0])));
   reg  ray_active_s10, ray_active_s11;
-  wire goes_left = ray_active_s11 & term_14;
-  wire right_near_clipped_22_16_is_zero = ~|right_near_clipped_s11[22:16];
-  wire comparison_3 =
-      {right_far_clipped_s11[22:0], 1'b0} <
-      {right_near_clipped_s11[22:0], right_near_clipped_s11[23]};
-  wire choice_6 =
-      (right_far_clipped_s11[23] ^ right_near_clipped_s11[23]) ? right_far_clipped_s11[23] :
-      (comparison_3 ^ right_far_clipped_s11[23]);
-  wire term_15 = (&right_near_clipped_s11[22:16]) & (|right_near_clipped_s11[15:0]);
-  wire term_16 =
-      ~(choice_6 & ~((~|right_far_clipped_s11[22:16]) & right_near_clipped_22_16_is_zero)) &
-      ~(term_15 | ((&right_far_clipped_s11[22:16]) & (|right_far_clipped_s11[15:0])));
-  wire goes_right = ray_active_s11 & term_16;
-  wire choice_7 =
-      (right_near_clipped_s11[23] ^ left_near_clipped_s11[23]) ? right_near_clipped_s11[23] :
-      (({right_near_clipped_s11[22:0], 1'b0} < joined_3) ^ right_near_clipped_s11[23]);
-  wire term_17 =
-      ~(choice_7 & ~(right_near_clipped_22_16_is_zero & left_near_clipped_22_16_is_zero)) &
-      ~(term_13 | term_15);
-  wire both_left_first = goes_left & goes_right & term_17;
+  wire goes_left =
+      ray_active_s11 &
+      ~((left_far_clipped_s11[22:0] < left_near_clipped_s11[22:0]) | left_far_clipped_s11[23]);
+  wire goes_right =
+      ray_active_s11 &
+      ~((right_far_clipped_s11[22:0] < right_near_clipped_s11[22:0]) | right_far_clipped_s11[23]);
+  wire both_left_first =
+      goes_left &
+      goes_right &
+      (left_near_clipped_s11[22:0] <= right_near_clipped_s11[22:0]);
 
   // Pipeline registers.
   always @(posedge clk) begin
@@ -192,15 +166,10 @@ module tpu_slice (
     right_origin_s1 <= right_origin;
 
     // Stage 10
-    ray_near_22_16_is_zero_s10 <= ~|ray_near[22:16];
-    joined_s10 <= {ray_near[22:0], 1'b0};
-    ray_near_23_s10 <= ray_near[23];
-    term_3_s10 <= (&ray_near[22:16]) & (|ray_near[15:0]);
+    ray_near_22_0_s10 <= ray_near[22:0];
     ray_near_s10 <= ray_near;
-    ray_far_22_16_is_zero_s10 <= ~|ray_far[22:16];
-    joined_2_s10 <= {ray_far[22:0], ray_far[23]};
+    joined_s10 <= {ray_far[22:0], ray_far[23]};
     ray_far_23_s10 <= ray_far[23];
-    term_7_s10 <= (&ray_far[22:16]) & (|ray_far[15:0]);
     ray_far_s10 <= ray_far;
     ray_active_s10 <= ray_active;
 

@@ -60,52 +60,52 @@ module triangle_box (
 );
 
   // The box on the x axis.
-  wire all_v1_x_22_16_and_any_v1_x_15_0 = (&v1_x[22:16]) & (|v1_x[15:0]);
-  wire all_v0_x_22_16_and_any_v0_x_15_0 = (&v0_x[22:16]) & (|v0_x[15:0]);
-  wire lo01_x_is_less_ordered = ~(all_v1_x_22_16_and_any_v1_x_15_0 | all_v0_x_22_16_and_any_v0_x_15_0);
-  wire v1_x_22_16_is_zero = ~|v1_x[22:16];
-  wire v0_x_22_16_is_zero = ~|v0_x[22:16];
-  wire lo01_x_is_less_both_zero = v1_x_22_16_is_zero & v0_x_22_16_is_zero;
   wire lo01_x_is_less_unless_zero =
       (v1_x[23] ^ v0_x[23]) ? v1_x[23] :
       (({v1_x[22:0], 1'b0} < {v0_x[22:0], v0_x[23]}) ^ v1_x[23]);
+  wire v1_x_22_16_is_zero = ~|v1_x[22:16];
+  wire v0_x_22_16_is_zero = ~|v0_x[22:16];
+  wire lo01_x_is_less_both_zero = v1_x_22_16_is_zero & v0_x_22_16_is_zero;
+  wire all_v1_x_22_16_and_any_v1_x_15_0 = (&v1_x[22:16]) & (|v1_x[15:0]);
+  wire all_v0_x_22_16_and_any_v0_x_15_0 = (&v0_x[22:16]) & (|v0_x[15:0]);
+  wire lo01_x_is_less_ordered = ~(all_v1_x_22_16_and_any_v1_x_15_0 | all_v0_x_22_16_and_any_v0_x_15_0);
   wire lo01_x_is_less =
       lo01_x_is_less_unless_zero &
       ~lo01_x_is_less_both_zero &
       lo01_x_is_less_ordered;
   wire [23:0] lo01_x = lo01_x_is_less ? v1_x : v0_x;
   reg  [23:0] lo01_x_s1;
-  wire hi01_x_is_greater_ordered = ~(all_v0_x_22_16_and_any_v0_x_15_0 | all_v1_x_22_16_and_any_v1_x_15_0);
-  wire hi01_x_is_greater_both_zero = v0_x_22_16_is_zero & v1_x_22_16_is_zero;
   wire hi01_x_is_greater_unless_zero =
       (v0_x[23] ^ v1_x[23]) ? v0_x[23] :
       (({v0_x[22:0], 1'b0} < {v1_x[22:0], v1_x[23]}) ^ v0_x[23]);
+  wire hi01_x_is_greater_both_zero = v0_x_22_16_is_zero & v1_x_22_16_is_zero;
+  wire hi01_x_is_greater_ordered = ~(all_v0_x_22_16_and_any_v0_x_15_0 | all_v1_x_22_16_and_any_v1_x_15_0);
   wire hi01_x_is_greater =
       hi01_x_is_greater_unless_zero &
       ~hi01_x_is_greater_both_zero &
       hi01_x_is_greater_ordered;
   wire [23:0] hi01_x = hi01_x_is_greater ? v1_x : v0_x;
   reg  [23:0] hi01_x_s1;
-  wire all_v2_x_22_16_and_any_v2_x_15_0 = (&v2_x[22:16]) & (|v2_x[15:0]);
-  reg  all_v2_x_22_16_and_any_v2_x_15_0_s1;
-  wire lo_x_is_less_ordered = ~(all_v2_x_22_16_and_any_v2_x_15_0_s1 | ((&lo01_x_s1[22:16]) & (|lo01_x_s1[15:0])));
-  wire v2_x_22_16_is_zero = ~|v2_x[22:16];
-  reg  v2_x_22_16_is_zero_s1;
-  wire lo_x_is_less_both_zero = v2_x_22_16_is_zero_s1 & (~|lo01_x_s1[22:16]);
   reg  [23:0] joined_s1;
   reg  v2_x_23_s1;
   wire term = (joined_s1 < {lo01_x_s1[22:0], lo01_x_s1[23]}) ^ v2_x_23_s1;
   wire lo_x_is_less_unless_zero = (v2_x_23_s1 ^ lo01_x_s1[23]) ? v2_x_23_s1 : term;
+  wire v2_x_22_16_is_zero = ~|v2_x[22:16];
+  reg  v2_x_22_16_is_zero_s1;
+  wire lo_x_is_less_both_zero = v2_x_22_16_is_zero_s1 & (~|lo01_x_s1[22:16]);
+  wire all_v2_x_22_16_and_any_v2_x_15_0 = (&v2_x[22:16]) & (|v2_x[15:0]);
+  reg  all_v2_x_22_16_and_any_v2_x_15_0_s1;
+  wire lo_x_is_less_ordered = ~(all_v2_x_22_16_and_any_v2_x_15_0_s1 | ((&lo01_x_s1[22:16]) & (|lo01_x_s1[15:0])));
   wire lo_x_is_less = lo_x_is_less_unless_zero & ~lo_x_is_less_both_zero & lo_x_is_less_ordered;
   reg  [23:0] v2_x_s1;
   wire [23:0] lo_x = lo_x_is_less ? v2_x_s1 : lo01_x_s1;
   reg  [23:0] lo_x_s2;
-  wire hi_x_is_greater_ordered = ~(((&hi01_x_s1[22:16]) & (|hi01_x_s1[15:0])) | all_v2_x_22_16_and_any_v2_x_15_0_s1);
-  wire hi_x_is_greater_both_zero = (~|hi01_x_s1[22:16]) & v2_x_22_16_is_zero_s1;
   reg  [23:0] joined_2_s1;
   wire hi_x_is_greater_unless_zero =
       (hi01_x_s1[23] ^ v2_x_23_s1) ? hi01_x_s1[23] :
       (({hi01_x_s1[22:0], 1'b0} < joined_2_s1) ^ hi01_x_s1[23]);
+  wire hi_x_is_greater_both_zero = (~|hi01_x_s1[22:16]) & v2_x_22_16_is_zero_s1;
+  wire hi_x_is_greater_ordered = ~(((&hi01_x_s1[22:16]) & (|hi01_x_s1[15:0])) | all_v2_x_22_16_and_any_v2_x_15_0_s1);
   wire hi_x_is_greater =
       hi_x_is_greater_unless_zero &
       ~hi_x_is_greater_both_zero &
@@ -113,175 +113,154 @@ module triangle_box (
   wire [23:0] hi_x = hi_x_is_greater ? v2_x_s1 : hi01_x_s1;
   reg  [23:0] hi_x_s2;
   wire term_2 = (lo_x_s2 == hi_x_s2) | ((~|lo_x_s2[22:16]) & (~|hi_x_s2[22:16]));
-  wire flat_x =
-      term_2 &
-      ~((&lo_x_s2[22:16]) & (|lo_x_s2[15:0])) &
-      ~((&hi_x_s2[22:16]) & (|hi_x_s2[15:0]));
+  wire term_3 = ((&lo_x_s2[22:16]) & (|lo_x_s2[15:0])) | ((&hi_x_s2[22:16]) & (|hi_x_s2[15:0]));
+  wire flat_x = term_2 & ~term_3;
   reg  flat_x_s3;
-  wire same01_x =
-      ((v0_x == v1_x) | hi01_x_is_greater_both_zero) &
-      ~all_v0_x_22_16_and_any_v0_x_15_0 &
-      ~all_v1_x_22_16_and_any_v1_x_15_0;
+  wire same01_x = ((v0_x == v1_x) | hi01_x_is_greater_both_zero) & hi01_x_is_greater_ordered;
   reg  same01_x_s1;
-  wire term_3 =
+  wire same12_x =
       ((v1_x == v2_x) | (v1_x_22_16_is_zero & v2_x_22_16_is_zero)) &
-      ~all_v1_x_22_16_and_any_v1_x_15_0;
-  wire same12_x = term_3 & ~all_v2_x_22_16_and_any_v2_x_15_0;
+      ~(all_v1_x_22_16_and_any_v1_x_15_0 | all_v2_x_22_16_and_any_v2_x_15_0);
   reg  same12_x_s1;
-  wire term_4 =
+  wire same20_x =
       ((v2_x == v0_x) | (v2_x_22_16_is_zero & v0_x_22_16_is_zero)) &
-      ~all_v2_x_22_16_and_any_v2_x_15_0;
-  wire same20_x = term_4 & ~all_v0_x_22_16_and_any_v0_x_15_0;
+      ~(all_v2_x_22_16_and_any_v2_x_15_0 | all_v0_x_22_16_and_any_v0_x_15_0);
   reg  same20_x_s1;
 
   // The box on the y axis.
-  wire all_v1_y_22_16_and_any_v1_y_15_0 = (&v1_y[22:16]) & (|v1_y[15:0]);
-  wire all_v0_y_22_16_and_any_v0_y_15_0 = (&v0_y[22:16]) & (|v0_y[15:0]);
-  wire lo01_y_is_less_ordered = ~(all_v1_y_22_16_and_any_v1_y_15_0 | all_v0_y_22_16_and_any_v0_y_15_0);
-  wire v1_y_22_16_is_zero = ~|v1_y[22:16];
-  wire v0_y_22_16_is_zero = ~|v0_y[22:16];
-  wire lo01_y_is_less_both_zero = v1_y_22_16_is_zero & v0_y_22_16_is_zero;
   wire lo01_y_is_less_unless_zero =
       (v1_y[23] ^ v0_y[23]) ? v1_y[23] :
       (({v1_y[22:0], 1'b0} < {v0_y[22:0], v0_y[23]}) ^ v1_y[23]);
+  wire v1_y_22_16_is_zero = ~|v1_y[22:16];
+  wire v0_y_22_16_is_zero = ~|v0_y[22:16];
+  wire lo01_y_is_less_both_zero = v1_y_22_16_is_zero & v0_y_22_16_is_zero;
+  wire all_v1_y_22_16_and_any_v1_y_15_0 = (&v1_y[22:16]) & (|v1_y[15:0]);
+  wire all_v0_y_22_16_and_any_v0_y_15_0 = (&v0_y[22:16]) & (|v0_y[15:0]);
+  wire lo01_y_is_less_ordered = ~(all_v1_y_22_16_and_any_v1_y_15_0 | all_v0_y_22_16_and_any_v0_y_15_0);
   wire lo01_y_is_less =
       lo01_y_is_less_unless_zero &
       ~lo01_y_is_less_both_zero &
       lo01_y_is_less_ordered;
   wire [23:0] lo01_y = lo01_y_is_less ? v1_y : v0_y;
   reg  [23:0] lo01_y_s1;
-  wire hi01_y_is_greater_ordered = ~(all_v0_y_22_16_and_any_v0_y_15_0 | all_v1_y_22_16_and_any_v1_y_15_0);
-  wire hi01_y_is_greater_both_zero = v0_y_22_16_is_zero & v1_y_22_16_is_zero;
   wire hi01_y_is_greater_unless_zero =
       (v0_y[23] ^ v1_y[23]) ? v0_y[23] :
       (({v0_y[22:0], 1'b0} < {v1_y[22:0], v1_y[23]}) ^ v0_y[23]);
+  wire hi01_y_is_greater_both_zero = v0_y_22_16_is_zero & v1_y_22_16_is_zero;
+  wire hi01_y_is_greater_ordered = ~(all_v0_y_22_16_and_any_v0_y_15_0 | all_v1_y_22_16_and_any_v1_y_15_0);
   wire hi01_y_is_greater =
       hi01_y_is_greater_unless_zero &
       ~hi01_y_is_greater_both_zero &
       hi01_y_is_greater_ordered;
   wire [23:0] hi01_y = hi01_y_is_greater ? v1_y : v0_y;
   reg  [23:0] hi01_y_s1;
-  wire all_v2_y_22_16_and_any_v2_y_15_0 = (&v2_y[22:16]) & (|v2_y[15:0]);
-  reg  all_v2_y_22_16_and_any_v2_y_15_0_s1;
-  wire lo_y_is_less_ordered = ~(all_v2_y_22_16_and_any_v2_y_15_0_s1 | ((&lo01_y_s1[22:16]) & (|lo01_y_s1[15:0])));
+  reg  [23:0] joined_3_s1;
+  reg  v2_y_23_s1;
+  wire term_4 = (joined_3_s1 < {lo01_y_s1[22:0], lo01_y_s1[23]}) ^ v2_y_23_s1;
+  wire lo_y_is_less_unless_zero = (v2_y_23_s1 ^ lo01_y_s1[23]) ? v2_y_23_s1 : term_4;
   wire v2_y_22_16_is_zero = ~|v2_y[22:16];
   reg  v2_y_22_16_is_zero_s1;
   wire lo_y_is_less_both_zero = v2_y_22_16_is_zero_s1 & (~|lo01_y_s1[22:16]);
-  reg  [23:0] joined_3_s1;
-  reg  v2_y_23_s1;
-  wire term_5 = (joined_3_s1 < {lo01_y_s1[22:0], lo01_y_s1[23]}) ^ v2_y_23_s1;
-  wire lo_y_is_less_unless_zero = (v2_y_23_s1 ^ lo01_y_s1[23]) ? v2_y_23_s1 : term_5;
+  wire all_v2_y_22_16_and_any_v2_y_15_0 = (&v2_y[22:16]) & (|v2_y[15:0]);
+  reg  all_v2_y_22_16_and_any_v2_y_15_0_s1;
+  wire lo_y_is_less_ordered = ~(all_v2_y_22_16_and_any_v2_y_15_0_s1 | ((&lo01_y_s1[22:16]) & (|lo01_y_s1[15:0])));
   wire lo_y_is_less = lo_y_is_less_unless_zero & ~lo_y_is_less_both_zero & lo_y_is_less_ordered;
   reg  [23:0] v2_y_s1;
   wire [23:0] lo_y = lo_y_is_less ? v2_y_s1 : lo01_y_s1;
   reg  [23:0] lo_y_s2;
-  wire hi_y_is_greater_ordered = ~(((&hi01_y_s1[22:16]) & (|hi01_y_s1[15:0])) | all_v2_y_22_16_and_any_v2_y_15_0_s1);
-  wire hi_y_is_greater_both_zero = (~|hi01_y_s1[22:16]) & v2_y_22_16_is_zero_s1;
   reg  [23:0] joined_4_s1;
   wire hi_y_is_greater_unless_zero =
       (hi01_y_s1[23] ^ v2_y_23_s1) ? hi01_y_s1[23] :
       (({hi01_y_s1[22:0], 1'b0} < joined_4_s1) ^ hi01_y_s1[23]);
+  wire hi_y_is_greater_both_zero = (~|hi01_y_s1[22:16]) & v2_y_22_16_is_zero_s1;
+  wire hi_y_is_greater_ordered = ~(((&hi01_y_s1[22:16]) & (|hi01_y_s1[15:0])) | all_v2_y_22_16_and_any_v2_y_15_0_s1);
   wire hi_y_is_greater =
       hi_y_is_greater_unless_zero &
       ~hi_y_is_greater_both_zero &
       hi_y_is_greater_ordered;
   wire [23:0] hi_y = hi_y_is_greater ? v2_y_s1 : hi01_y_s1;
   reg  [23:0] hi_y_s2;
-  wire term_6 = (lo_y_s2 == hi_y_s2) | ((~|lo_y_s2[22:16]) & (~|hi_y_s2[22:16]));
-  wire flat_y =
-      term_6 &
-      ~((&lo_y_s2[22:16]) & (|lo_y_s2[15:0])) &
-      ~((&hi_y_s2[22:16]) & (|hi_y_s2[15:0]));
+  wire term_5 = (lo_y_s2 == hi_y_s2) | ((~|lo_y_s2[22:16]) & (~|hi_y_s2[22:16]));
+  wire term_6 = ((&lo_y_s2[22:16]) & (|lo_y_s2[15:0])) | ((&hi_y_s2[22:16]) & (|hi_y_s2[15:0]));
+  wire flat_y = term_5 & ~term_6;
   reg  flat_y_s3;
-  wire same01_y =
-      ((v0_y == v1_y) | hi01_y_is_greater_both_zero) &
-      ~all_v0_y_22_16_and_any_v0_y_15_0 &
-      ~all_v1_y_22_16_and_any_v1_y_15_0;
+  wire same01_y = ((v0_y == v1_y) | hi01_y_is_greater_both_zero) & hi01_y_is_greater_ordered;
   reg  same01_y_s1;
-  wire term_7 =
+  wire same12_y =
       ((v1_y == v2_y) | (v1_y_22_16_is_zero & v2_y_22_16_is_zero)) &
-      ~all_v1_y_22_16_and_any_v1_y_15_0;
-  wire same12_y = term_7 & ~all_v2_y_22_16_and_any_v2_y_15_0;
+      ~(all_v1_y_22_16_and_any_v1_y_15_0 | all_v2_y_22_16_and_any_v2_y_15_0);
   reg  same12_y_s1;
-  wire term_8 =
+  wire same20_y =
       ((v2_y == v0_y) | (v2_y_22_16_is_zero & v0_y_22_16_is_zero)) &
-      ~all_v2_y_22_16_and_any_v2_y_15_0;
-  wire same20_y = term_8 & ~all_v0_y_22_16_and_any_v0_y_15_0;
+      ~(all_v2_y_22_16_and_any_v2_y_15_0 | all_v0_y_22_16_and_any_v0_y_15_0);
   reg  same20_y_s1;
 
   // The box on the z axis.
-  wire all_v1_z_22_16_and_any_v1_z_15_0 = (&v1_z[22:16]) & (|v1_z[15:0]);
-  wire all_v0_z_22_16_and_any_v0_z_15_0 = (&v0_z[22:16]) & (|v0_z[15:0]);
-  wire lo01_z_is_less_ordered = ~(all_v1_z_22_16_and_any_v1_z_15_0 | all_v0_z_22_16_and_any_v0_z_15_0);
-  wire v1_z_22_16_is_zero = ~|v1_z[22:16];
-  wire v0_z_22_16_is_zero = ~|v0_z[22:16];
-  wire lo01_z_is_less_both_zero = v1_z_22_16_is_zero & v0_z_22_16_is_zero;
   wire lo01_z_is_less_unless_zero =
       (v1_z[23] ^ v0_z[23]) ? v1_z[23] :
       (({v1_z[22:0], 1'b0} < {v0_z[22:0], v0_z[23]}) ^ v1_z[23]);
+  wire v1_z_22_16_is_zero = ~|v1_z[22:16];
+  wire v0_z_22_16_is_zero = ~|v0_z[22:16];
+  wire lo01_z_is_less_both_zero = v1_z_22_16_is_zero & v0_z_22_16_is_zero;
+  wire all_v1_z_22_16_and_any_v1_z_15_0 = (&v1_z[22:16]) & (|v1_z[15:0]);
+  wire all_v0_z_22_16_and_any_v0_z_15_0 = (&v0_z[22:16]) & (|v0_z[15:0]);
+  wire lo01_z_is_less_ordered = ~(all_v1_z_22_16_and_any_v1_z_15_0 | all_v0_z_22_16_and_any_v0_z_15_0);
   wire lo01_z_is_less =
       lo01_z_is_less_unless_zero &
       ~lo01_z_is_less_both_zero &
       lo01_z_is_less_ordered;
   wire [23:0] lo01_z = lo01_z_is_less ? v1_z : v0_z;
   reg  [23:0] lo01_z_s1;
-  wire hi01_z_is_greater_ordered = ~(all_v0_z_22_16_and_any_v0_z_15_0 | all_v1_z_22_16_and_any_v1_z_15_0);
-  wire hi01_z_is_greater_both_zero = v0_z_22_16_is_zero & v1_z_22_16_is_zero;
   wire hi01_z_is_greater_unless_zero =
       (v0_z[23] ^ v1_z[23]) ? v0_z[23] :
       (({v0_z[22:0], 1'b0} < {v1_z[22:0], v1_z[23]}) ^ v0_z[23]);
+  wire hi01_z_is_greater_both_zero = v0_z_22_16_is_zero & v1_z_22_16_is_zero;
+  wire hi01_z_is_greater_ordered = ~(all_v0_z_22_16_and_any_v0_z_15_0 | all_v1_z_22_16_and_any_v1_z_15_0);
   wire hi01_z_is_greater =
       hi01_z_is_greater_unless_zero &
       ~hi01_z_is_greater_both_zero &
       hi01_z_is_greater_ordered;
   wire [23:0] hi01_z = hi01_z_is_greater ? v1_z : v0_z;
   reg  [23:0] hi01_z_s1;
-  wire all_v2_z_22_16_and_any_v2_z_15_0 = (&v2_z[22:16]) & (|v2_z[15:0]);
-  reg  all_v2_z_22_16_and_any_v2_z_15_0_s1;
-  wire lo_z_is_less_ordered = ~(all_v2_z_22_16_and_any_v2_z_15_0_s1 | ((&lo01_z_s1[22:16]) & (|lo01_z_s1[15:0])));
+  reg  [23:0] joined_5_s1;
+  reg  v2_z_23_s1;
+  wire term_7 = (joined_5_s1 < {lo01_z_s1[22:0], lo01_z_s1[23]}) ^ v2_z_23_s1;
+  wire lo_z_is_less_unless_zero = (v2_z_23_s1 ^ lo01_z_s1[23]) ? v2_z_23_s1 : term_7;
   wire v2_z_22_16_is_zero = ~|v2_z[22:16];
   reg  v2_z_22_16_is_zero_s1;
   wire lo_z_is_less_both_zero = v2_z_22_16_is_zero_s1 & (~|lo01_z_s1[22:16]);
-  reg  [23:0] joined_5_s1;
-  reg  v2_z_23_s1;
-  wire term_9 = (joined_5_s1 < {lo01_z_s1[22:0], lo01_z_s1[23]}) ^ v2_z_23_s1;
-  wire lo_z_is_less_unless_zero = (v2_z_23_s1 ^ lo01_z_s1[23]) ? v2_z_23_s1 : term_9;
+  wire all_v2_z_22_16_and_any_v2_z_15_0 = (&v2_z[22:16]) & (|v2_z[15:0]);
+  reg  all_v2_z_22_16_and_any_v2_z_15_0_s1;
+  wire lo_z_is_less_ordered = ~(all_v2_z_22_16_and_any_v2_z_15_0_s1 | ((&lo01_z_s1[22:16]) & (|lo01_z_s1[15:0])));
   wire lo_z_is_less = lo_z_is_less_unless_zero & ~lo_z_is_less_both_zero & lo_z_is_less_ordered;
   reg  [23:0] v2_z_s1;
   wire [23:0] lo_z = lo_z_is_less ? v2_z_s1 : lo01_z_s1;
   reg  [23:0] lo_z_s2;
-  wire hi_z_is_greater_ordered = ~(((&hi01_z_s1[22:16]) & (|hi01_z_s1[15:0])) | all_v2_z_22_16_and_any_v2_z_15_0_s1);
-  wire hi_z_is_greater_both_zero = (~|hi01_z_s1[22:16]) & v2_z_22_16_is_zero_s1;
   reg  [23:0] joined_6_s1;
   wire hi_z_is_greater_unless_zero =
       (hi01_z_s1[23] ^ v2_z_23_s1) ? hi01_z_s1[23] :
       (({hi01_z_s1[22:0], 1'b0} < joined_6_s1) ^ hi01_z_s1[23]);
+  wire hi_z_is_greater_both_zero = (~|hi01_z_s1[22:16]) & v2_z_22_16_is_zero_s1;
+  wire hi_z_is_greater_ordered = ~(((&hi01_z_s1[22:16]) & (|hi01_z_s1[15:0])) | all_v2_z_22_16_and_any_v2_z_15_0_s1);
   wire hi_z_is_greater =
       hi_z_is_greater_unless_zero &
       ~hi_z_is_greater_both_zero &
       hi_z_is_greater_ordered;
   wire [23:0] hi_z = hi_z_is_greater ? v2_z_s1 : hi01_z_s1;
   reg  [23:0] hi_z_s2;
-  wire term_10 = (lo_z_s2 == hi_z_s2) | ((~|lo_z_s2[22:16]) & (~|hi_z_s2[22:16]));
-  wire flat_z =
-      term_10 &
-      ~((&lo_z_s2[22:16]) & (|lo_z_s2[15:0])) &
-      ~((&hi_z_s2[22:16]) & (|hi_z_s2[15:0]));
+  wire term_8 = (lo_z_s2 == hi_z_s2) | ((~|lo_z_s2[22:16]) & (~|hi_z_s2[22:16]));
+  wire term_9 = ((&lo_z_s2[22:16]) & (|lo_z_s2[15:0])) | ((&hi_z_s2[22:16]) & (|hi_z_s2[15:0]));
+  wire flat_z = term_8 & ~term_9;
   reg  flat_z_s3;
-  wire same01_z =
-      ((v0_z == v1_z) | hi01_z_is_greater_both_zero) &
-      ~all_v0_z_22_16_and_any_v0_z_15_0 &
-      ~all_v1_z_22_16_and_any_v1_z_15_0;
+  wire same01_z = ((v0_z == v1_z) | hi01_z_is_greater_both_zero) & hi01_z_is_greater_ordered;
   reg  same01_z_s1;
-  wire term_11 =
+  wire same12_z =
       ((v1_z == v2_z) | (v1_z_22_16_is_zero & v2_z_22_16_is_zero)) &
-      ~all_v1_z_22_16_and_any_v1_z_15_0;
-  wire same12_z = term_11 & ~all_v2_z_22_16_and_any_v2_z_15_0;
+      ~(all_v1_z_22_16_and_any_v1_z_15_0 | all_v2_z_22_16_and_any_v2_z_15_0);
   reg  same12_z_s1;
-  wire term_12 =
+  wire same20_z =
       ((v2_z == v0_z) | (v2_z_22_16_is_zero & v0_z_22_16_is_zero)) &
-      ~all_v2_z_22_16_and_any_v2_z_15_0;
-  wire same20_z = term_12 & ~all_v0_z_22_16_and_any_v0_z_15_0;
+      ~(all_v2_z_22_16_and_any_v2_z_15_0 | all_v0_z_22_16_and_any_v0_z_15_0);
   reg  same20_z_s1;
 
   // Clipped on the x axis.
@@ -316,12 +295,12 @@ module triangle_box (
 
   wire [22:0] sum = near_x_y[22:0] + (near_x_y[23] ? 23'd3 : 23'h7ffffd);
   wire any_near_x_y_22_16 = |near_x_y[22:16];
-  wire term_13 = any_near_x_y_22_16 & (~|(~sum[1:0]));
+  wire term_10 = any_near_x_y_22_16 & (~|(~sum[1:0]));
   wire [1:0] choice =
-      term_13 ? 2'd0 :
+      term_10 ? 2'd0 :
       ~any_near_x_y_22_16 ? 2'd2 :
       (~sum[1:0] - 2'd1);
-  wire [23:0] joined_7 = {~term_13, 6'd0, ~term_13, 14'd0, choice};
+  wire [23:0] joined_7 = {~term_10, 6'd0, ~term_10, 14'd0, choice};
   wire [23:0] joined_8 = {near_x_y[23], sum[22:16], sum[15:0] & {16{~(&sum[22:16])}}};
   wire [23:0] choice_2 =
       (~any_near_x_y_22_16 | (~near_x_y[23] & (~|sum[22:16]))) ? joined_7 :
@@ -353,44 +332,28 @@ module triangle_box (
 
   wire [22:0] sum_6 = far_x_y[22:0] + (~far_x_y[23] ? 23'd3 : 23'h7ffffd);
   wire any_far_x_y_22_16 = |far_x_y[22:16];
-  wire term_14 = any_far_x_y_22_16 & (~|(~sum_6[1:0]));
+  wire term_11 = any_far_x_y_22_16 & (~|(~sum_6[1:0]));
   wire [1:0] choice_4 =
-      term_14 ? 2'd0 :
+      term_11 ? 2'd0 :
       ~any_far_x_y_22_16 ? 2'd2 :
       (~sum_6[1:0] - 2'd1);
   wire [23:0] joined_9 = {far_x_y[23], sum_6[22:16], sum_6[15:0] & {16{~(&sum_6[22:16])}}};
   wire [23:0] choice_5 =
-      (~any_far_x_y_22_16 | (far_x_y[23] & (~|sum_6[22:16]))) ? {1'b0, 6'd0, ~term_14, 14'd0, choice_4} :
+      (~any_far_x_y_22_16 | (far_x_y[23] & (~|sum_6[22:16]))) ? {1'b0, 6'd0, ~term_11, 14'd0, choice_4} :
       joined_9;
   reg  [23:0] choice_6_s12;
-  wire term_15 =
-      ((&window_near[22:16]) & (|window_near[15:0])) |
-      ((&choice_3_s12[22:16]) & (|choice_3_s12[15:0]));
-  wire near_after_x_is_greater_ordered = ~term_15;
-  wire near_after_x_is_greater_both_zero = (~|window_near[22:16]) & (~|choice_3_s12[22:16]);
-  wire term_16 =
+  wire term_12 =
       ({window_near[22:0], 1'b0} < {choice_3_s12[22:0], choice_3_s12[23]}) ^
       window_near[23];
-  wire near_after_x_is_greater_unless_zero =
-      (window_near[23] ^ choice_3_s12[23]) ? window_near[23] :
-      term_16;
-  wire term_17 = near_after_x_is_greater_unless_zero & ~near_after_x_is_greater_both_zero;
-  wire near_after_x_is_greater = term_17 & near_after_x_is_greater_ordered;
+  wire choice_7 = (window_near[23] ^ choice_3_s12[23]) ? window_near[23] : term_12;
+  wire near_after_x_is_greater_ordered = ~((&choice_3_s12[22:16]) & (|choice_3_s12[15:0]));
+  wire near_after_x_is_greater = choice_7 & near_after_x_is_greater_ordered;
   wire [23:0] near_after_x = near_after_x_is_greater ? choice_3_s12 : window_near;
   reg  [23:0] near_after_x_s13;
-  wire term_18 =
-      ((&choice_6_s12[22:16]) & (|choice_6_s12[15:0])) |
-      ((&window_far[22:16]) & (|window_far[15:0]));
-  wire far_after_x_is_less_ordered = ~term_18;
-  wire far_after_x_is_less_both_zero = (~|choice_6_s12[22:16]) & (~|window_far[22:16]);
-  wire term_19 = ({choice_6_s12[22:0], 1'b0} < {window_far[22:0], window_far[23]}) ^ choice_6_s12[23];
-  wire far_after_x_is_less_unless_zero =
-      (choice_6_s12[23] ^ window_far[23]) ? choice_6_s12[23] :
-      term_19;
-  wire far_after_x_is_less =
-      far_after_x_is_less_unless_zero &
-      ~far_after_x_is_less_both_zero &
-      far_after_x_is_less_ordered;
+  wire term_13 = ({choice_6_s12[22:0], 1'b0} < {window_far[22:0], window_far[23]}) ^ choice_6_s12[23];
+  wire choice_8 = (choice_6_s12[23] ^ window_far[23]) ? choice_6_s12[23] : term_13;
+  wire far_after_x_is_less_ordered = ~((&choice_6_s12[22:16]) & (|choice_6_s12[15:0]));
+  wire far_after_x_is_less = choice_8 & far_after_x_is_less_ordered;
   wire [23:0] far_after_x = far_after_x_is_less ? choice_6_s12 : window_far;
   reg  [23:0] far_after_x_s13;
 
@@ -426,17 +389,17 @@ module triangle_box (
 
   wire [22:0] sum_7 = near_y_y[22:0] + (near_y_y[23] ? 23'd3 : 23'h7ffffd);
   wire any_near_y_y_22_16 = |near_y_y[22:16];
-  wire term_20 = any_near_y_y_22_16 & (~|(~sum_7[1:0]));
-  wire [1:0] choice_7 =
-      term_20 ? 2'd0 :
+  wire term_14 = any_near_y_y_22_16 & (~|(~sum_7[1:0]));
+  wire [1:0] choice_9 =
+      term_14 ? 2'd0 :
       ~any_near_y_y_22_16 ? 2'd2 :
       (~sum_7[1:0] - 2'd1);
-  wire [23:0] joined_10 = {~term_20, 6'd0, ~term_20, 14'd0, choice_7};
+  wire [23:0] joined_10 = {~term_14, 6'd0, ~term_14, 14'd0, choice_9};
   wire [23:0] joined_11 = {near_y_y[23], sum_7[22:16], sum_7[15:0] & {16{~(&sum_7[22:16])}}};
-  wire [23:0] choice_8 =
+  wire [23:0] choice_10 =
       (~any_near_y_y_22_16 | (~near_y_y[23] & (~|sum_7[22:16]))) ? joined_10 :
       joined_11;
-  reg  [23:0] choice_9_s12;
+  reg  [23:0] choice_11_s12;
   wire [23:0] far_y_plane =
       accumulate ? sum_a_4 :
       signs_1_s2 ? lo_y_s2 :
@@ -463,46 +426,36 @@ module triangle_box (
 
   wire [22:0] sum_8 = far_y_y[22:0] + (~far_y_y[23] ? 23'd3 : 23'h7ffffd);
   wire any_far_y_y_22_16 = |far_y_y[22:16];
-  wire term_21 = any_far_y_y_22_16 & (~|(~sum_8[1:0]));
-  wire [1:0] choice_10 =
-      term_21 ? 2'd0 :
+  wire term_15 = any_far_y_y_22_16 & (~|(~sum_8[1:0]));
+  wire [1:0] choice_12 =
+      term_15 ? 2'd0 :
       ~any_far_y_y_22_16 ? 2'd2 :
       (~sum_8[1:0] - 2'd1);
   wire [23:0] joined_12 = {far_y_y[23], sum_8[22:16], sum_8[15:0] & {16{~(&sum_8[22:16])}}};
-  wire [23:0] choice_11 =
-      (~any_far_y_y_22_16 | (far_y_y[23] & (~|sum_8[22:16]))) ? {1'b0, 6'd0, ~term_21, 14'd0, choice_10} :
+  wire [23:0] choice_13 =
+      (~any_far_y_y_22_16 | (far_y_y[23] & (~|sum_8[22:16]))) ? {1'b0, 6'd0, ~term_15, 14'd0, choice_12} :
       joined_12;
-  reg  [23:0] choice_12_s12;
-  reg  term_22_s13;
-  wire near_after_y_is_greater_ordered = ~(((&near_after_x_s13[22:16]) & (|near_after_x_s13[15:0])) | term_22_s13);
-  reg  choice_9_22_16_is_zero_s13;
-  wire near_after_y_is_greater_both_zero = (~|near_after_x_s13[22:16]) & choice_9_22_16_is_zero_s13;
+  reg  [23:0] choice_14_s12;
   reg  [23:0] joined_13_s13;
-  reg  choice_9_23_s13;
-  wire near_after_y_is_greater_unless_zero =
-      (near_after_x_s13[23] ^ choice_9_23_s13) ? near_after_x_s13[23] :
+  reg  choice_11_23_s13;
+  wire choice_15 =
+      (near_after_x_s13[23] ^ choice_11_23_s13) ? near_after_x_s13[23] :
       (({near_after_x_s13[22:0], 1'b0} < joined_13_s13) ^ near_after_x_s13[23]);
-  wire term_23 = near_after_y_is_greater_unless_zero & ~near_after_y_is_greater_both_zero;
-  wire near_after_y_is_greater = term_23 & near_after_y_is_greater_ordered;
-  reg  [23:0] choice_9_s13;
-  wire [23:0] near_after_y = near_after_y_is_greater ? choice_9_s13 : near_after_x_s13;
+  wire near_after_y_is_greater_ordered = ~((&choice_11_s12[22:16]) & (|choice_11_s12[15:0]));
+  reg  near_after_y_is_greater_ordered_s13;
+  wire near_after_y_is_greater = choice_15 & near_after_y_is_greater_ordered_s13;
+  reg  [23:0] choice_11_s13;
+  wire [23:0] near_after_y = near_after_y_is_greater ? choice_11_s13 : near_after_x_s13;
   reg  [23:0] near_after_y_s14;
-  reg  term_24_s13;
-  wire far_after_y_is_less_ordered = ~(term_24_s13 | ((&far_after_x_s13[22:16]) & (|far_after_x_s13[15:0])));
-  reg  choice_12_22_16_is_zero_s13;
-  wire far_after_y_is_less_both_zero = choice_12_22_16_is_zero_s13 & (~|far_after_x_s13[22:16]);
   reg  [23:0] joined_14_s13;
-  reg  choice_12_23_s13;
-  wire term_25 = (joined_14_s13 < {far_after_x_s13[22:0], far_after_x_s13[23]}) ^ choice_12_23_s13;
-  wire far_after_y_is_less_unless_zero =
-      (choice_12_23_s13 ^ far_after_x_s13[23]) ? choice_12_23_s13 :
-      term_25;
-  wire far_after_y_is_less =
-      far_after_y_is_less_unless_zero &
-      ~far_after_y_is_less_both_zero &
-      far_after_y_is_less_ordered;
-  reg  [23:0] choice_12_s13;
-  wire [23:0] far_after_y = far_after_y_is_less ? choice_12_s13 : far_after_x_s13;
+  reg  choice_14_23_s13;
+  wire term_16 = (joined_14_s13 < {far_after_x_s13[22:0], far_after_x_s13[23]}) ^ choice_14_23_s13;
+  wire choice_16 = (choice_14_23_s13 ^ far_after_x_s13[23]) ? choice_14_23_s13 : term_16;
+  wire far_after_y_is_less_ordered = ~((&choice_14_s12[22:16]) & (|choice_14_s12[15:0]));
+  reg  far_after_y_is_less_ordered_s13;
+  wire far_after_y_is_less = choice_16 & far_after_y_is_less_ordered_s13;
+  reg  [23:0] choice_14_s13;
+  wire [23:0] far_after_y = far_after_y_is_less ? choice_14_s13 : far_after_x_s13;
   reg  [23:0] far_after_y_s14;
 
   // Clipped on the z axis.
@@ -537,17 +490,17 @@ module triangle_box (
 
   wire [22:0] sum_9 = near_z_y[22:0] + (near_z_y[23] ? 23'd3 : 23'h7ffffd);
   wire any_near_z_y_22_16 = |near_z_y[22:16];
-  wire term_26 = any_near_z_y_22_16 & (~|(~sum_9[1:0]));
-  wire [1:0] choice_13 =
-      term_26 ? 2'd0 :
+  wire term_17 = any_near_z_y_22_16 & (~|(~sum_9[1:0]));
+  wire [1:0] choice_17 =
+      term_17 ? 2'd0 :
       ~any_near_z_y_22_16 ? 2'd2 :
       (~sum_9[1:0] - 2'd1);
-  wire [23:0] joined_15 = {~term_26, 6'd0, ~term_26, 14'd0, choice_13};
+  wire [23:0] joined_15 = {~term_17, 6'd0, ~term_17, 14'd0, choice_17};
   wire [23:0] joined_16 = {near_z_y[23], sum_9[22:16], sum_9[15:0] & {16{~(&sum_9[22:16])}}};
-  wire [23:0] choice_14 =
+  wire [23:0] choice_18 =
       (~any_near_z_y_22_16 | (~near_z_y[23] & (~|sum_9[22:16]))) ? joined_15 :
       joined_16;
-  reg  [23:0] choice_15_s12;
+  reg  [23:0] choice_19_s12;
   wire [23:0] far_z_plane =
       accumulate ? sum_a_5 :
       signs_2_s2 ? lo_z_s2 :
@@ -574,68 +527,53 @@ module triangle_box (
 
   wire [22:0] sum_10 = far_z_y[22:0] + (~far_z_y[23] ? 23'd3 : 23'h7ffffd);
   wire any_far_z_y_22_16 = |far_z_y[22:16];
-  wire term_27 = any_far_z_y_22_16 & (~|(~sum_10[1:0]));
-  wire [1:0] choice_16 =
-      term_27 ? 2'd0 :
+  wire term_18 = any_far_z_y_22_16 & (~|(~sum_10[1:0]));
+  wire [1:0] choice_20 =
+      term_18 ? 2'd0 :
       ~any_far_z_y_22_16 ? 2'd2 :
       (~sum_10[1:0] - 2'd1);
   wire [23:0] joined_17 = {far_z_y[23], sum_10[22:16], sum_10[15:0] & {16{~(&sum_10[22:16])}}};
-  wire [23:0] choice_17 =
-      (~any_far_z_y_22_16 | (far_z_y[23] & (~|sum_10[22:16]))) ? {1'b0, 6'd0, ~term_27, 14'd0, choice_16} :
+  wire [23:0] choice_21 =
+      (~any_far_z_y_22_16 | (far_z_y[23] & (~|sum_10[22:16]))) ? {1'b0, 6'd0, ~term_18, 14'd0, choice_20} :
       joined_17;
-  reg  [23:0] choice_18_s12;
-  reg  term_28_s13, term_28_s14;
-  wire near_after_z_is_greater_ordered = ~(((&near_after_y_s14[22:16]) & (|near_after_y_s14[15:0])) | term_28_s14);
-  reg  choice_15_22_16_is_zero_s13, choice_15_22_16_is_zero_s14;
-  wire near_after_z_is_greater_both_zero = (~|near_after_y_s14[22:16]) & choice_15_22_16_is_zero_s14;
+  reg  [23:0] choice_22_s12;
   reg  [23:0] joined_18_s13, joined_18_s14;
-  reg  choice_15_23_s13, choice_15_23_s14;
-  wire near_after_z_is_greater_unless_zero =
-      (near_after_y_s14[23] ^ choice_15_23_s14) ? near_after_y_s14[23] :
+  reg  choice_19_23_s13, choice_19_23_s14;
+  wire choice_23 =
+      (near_after_y_s14[23] ^ choice_19_23_s14) ? near_after_y_s14[23] :
       (({near_after_y_s14[22:0], 1'b0} < joined_18_s14) ^ near_after_y_s14[23]);
-  wire term_29 = near_after_z_is_greater_unless_zero & ~near_after_z_is_greater_both_zero;
-  wire near_after_z_is_greater = term_29 & near_after_z_is_greater_ordered;
-  reg  [23:0] choice_15_s13, choice_15_s14;
-  wire [23:0] near_after_z = near_after_z_is_greater ? choice_15_s14 : near_after_y_s14;
+  wire near_after_z_is_greater_ordered = ~((&choice_19_s12[22:16]) & (|choice_19_s12[15:0]));
+  reg  near_after_z_is_greater_ordered_s13, near_after_z_is_greater_ordered_s14;
+  wire near_after_z_is_greater = choice_23 & near_after_z_is_greater_ordered_s14;
+  reg  [23:0] choice_19_s13, choice_19_s14;
+  wire [23:0] near_after_z = near_after_z_is_greater ? choice_19_s14 : near_after_y_s14;
   reg  [23:0] near_after_z_s15;
-  reg  term_30_s13, term_30_s14;
-  wire far_after_z_is_less_ordered = ~(term_30_s14 | ((&far_after_y_s14[22:16]) & (|far_after_y_s14[15:0])));
-  reg  choice_18_22_16_is_zero_s13, choice_18_22_16_is_zero_s14;
-  wire far_after_z_is_less_both_zero = choice_18_22_16_is_zero_s14 & (~|far_after_y_s14[22:16]);
   reg  [23:0] joined_19_s13, joined_19_s14;
-  reg  choice_18_23_s13, choice_18_23_s14;
-  wire term_31 = (joined_19_s14 < {far_after_y_s14[22:0], far_after_y_s14[23]}) ^ choice_18_23_s14;
-  wire far_after_z_is_less_unless_zero =
-      (choice_18_23_s14 ^ far_after_y_s14[23]) ? choice_18_23_s14 :
-      term_31;
-  wire far_after_z_is_less =
-      far_after_z_is_less_unless_zero &
-      ~far_after_z_is_less_both_zero &
-      far_after_z_is_less_ordered;
-  reg  [23:0] choice_18_s13, choice_18_s14;
-  wire [23:0] far_after_z = far_after_z_is_less ? choice_18_s14 : far_after_y_s14;
+  reg  choice_22_23_s13, choice_22_23_s14;
+  wire term_19 = (joined_19_s14 < {far_after_y_s14[22:0], far_after_y_s14[23]}) ^ choice_22_23_s14;
+  wire choice_24 = (choice_22_23_s14 ^ far_after_y_s14[23]) ? choice_22_23_s14 : term_19;
+  wire far_after_z_is_less_ordered = ~((&choice_22_s12[22:16]) & (|choice_22_s12[15:0]));
+  reg  far_after_z_is_less_ordered_s13, far_after_z_is_less_ordered_s14;
+  wire far_after_z_is_less = choice_24 & far_after_z_is_less_ordered_s14;
+  reg  [23:0] choice_22_s13, choice_22_s14;
+  wire [23:0] far_after_z = far_after_z_is_less ? choice_22_s14 : far_after_y_s14;
   reg  [23:0] far_after_z_s15;
 
   // Degenerate: two vertices are equal, or the box is flat on two axes.
-  wire term_32 = (flat_x_s3 & flat_y_s3) | (flat_y_s3 & flat_z_s3) | (flat_z_s3 & flat_x_s3);
+  wire term_20 = (flat_x_s3 & flat_y_s3) | (flat_y_s3 & flat_z_s3) | (flat_z_s3 & flat_x_s3);
   reg  same01_x_and_same01_y_and_same01_z_s2, same01_x_and_same01_y_and_same01_z_s3;
   reg  same12_x_and_same12_y_and_same12_z_s2, same12_x_and_same12_y_and_same12_z_s3;
   reg  same20_x_and_same20_y_and_same20_z_s2, same20_x_and_same20_y_and_same20_z_s3;
   wire any_degenerate =
-      term_32 |
+      term_20 |
       same01_x_and_same01_y_and_same01_z_s3 |
       same12_x_and_same12_y_and_same12_z_s3 |
       same20_x_and_same20_y_and_same20_z_s3;
   reg  [12:0] any_degenerate_delay;
   wire comparison = {far_after_z_s15[22:0], 1'b0} < {near_after_z_s15[22:0], near_after_z_s15[23]};
-  wire choice_19 =
+  wire empty_interval =
       (far_after_z_s15[23] ^ near_after_z_s15[23]) ? far_after_z_s15[23] :
       (comparison ^ far_after_z_s15[23]);
-  wire term_33 = choice_19 & ~((~|far_after_z_s15[22:16]) & (~|near_after_z_s15[22:16]));
-  wire term_34 =
-      ((&far_after_z_s15[22:16]) & (|far_after_z_s15[15:0])) |
-      ((&near_after_z_s15[22:16]) & (|near_after_z_s15[15:0]));
-  wire empty_interval = term_33 & ~term_34;
   reg  empty_interval_s16;
   wire any_degenerate_s16 = any_degenerate_delay[12];
 
@@ -644,10 +582,10 @@ module triangle_box (
     // Stage 1
     lo01_x_s1 <= lo01_x;
     hi01_x_s1 <= hi01_x;
-    all_v2_x_22_16_and_any_v2_x_15_0_s1 <= all_v2_x_22_16_and_any_v2_x_15_0;
-    v2_x_22_16_is_zero_s1 <= v2_x_22_16_is_zero;
     joined_s1 <= {v2_x[22:0], 1'b0};
     v2_x_23_s1 <= v2_x[23];
+    v2_x_22_16_is_zero_s1 <= v2_x_22_16_is_zero;
+    all_v2_x_22_16_and_any_v2_x_15_0_s1 <= all_v2_x_22_16_and_any_v2_x_15_0;
     v2_x_s1 <= v2_x;
     joined_2_s1 <= {v2_x[22:0], v2_x[23]};
     same01_x_s1 <= same01_x;
@@ -655,10 +593,10 @@ module triangle_box (
     same20_x_s1 <= same20_x;
     lo01_y_s1 <= lo01_y;
     hi01_y_s1 <= hi01_y;
-    all_v2_y_22_16_and_any_v2_y_15_0_s1 <= all_v2_y_22_16_and_any_v2_y_15_0;
-    v2_y_22_16_is_zero_s1 <= v2_y_22_16_is_zero;
     joined_3_s1 <= {v2_y[22:0], 1'b0};
     v2_y_23_s1 <= v2_y[23];
+    v2_y_22_16_is_zero_s1 <= v2_y_22_16_is_zero;
+    all_v2_y_22_16_and_any_v2_y_15_0_s1 <= all_v2_y_22_16_and_any_v2_y_15_0;
     v2_y_s1 <= v2_y;
     joined_4_s1 <= {v2_y[22:0], v2_y[23]};
     same01_y_s1 <= same01_y;
@@ -666,10 +604,10 @@ module triangle_box (
     same20_y_s1 <= same20_y;
     lo01_z_s1 <= lo01_z;
     hi01_z_s1 <= hi01_z;
-    all_v2_z_22_16_and_any_v2_z_15_0_s1 <= all_v2_z_22_16_and_any_v2_z_15_0;
-    v2_z_22_16_is_zero_s1 <= v2_z_22_16_is_zero;
     joined_5_s1 <= {v2_z[22:0], 1'b0};
     v2_z_23_s1 <= v2_z[23];
+    v2_z_22_16_is_zero_s1 <= v2_z_22_16_is_zero;
+    all_v2_z_22_16_and_any_v2_z_15_0_s1 <= all_v2_z_22_16_and_any_v2_z_15_0;
     v2_z_s1 <= v2_z;
     joined_6_s1 <= {v2_z[22:0], v2_z[23]};
     same01_z_s1 <= same01_z;
@@ -722,48 +660,42 @@ module triangle_box (
     // Stage 12
     choice_3_s12 <= (&near_x_y[22:16]) ? near_x_y : choice_2;
     choice_6_s12 <= (&far_x_y[22:16]) ? far_x_y : choice_5;
-    choice_9_s12 <= (&near_y_y[22:16]) ? near_y_y : choice_8;
-    choice_12_s12 <= (&far_y_y[22:16]) ? far_y_y : choice_11;
-    choice_15_s12 <= (&near_z_y[22:16]) ? near_z_y : choice_14;
-    choice_18_s12 <= (&far_z_y[22:16]) ? far_z_y : choice_17;
+    choice_11_s12 <= (&near_y_y[22:16]) ? near_y_y : choice_10;
+    choice_14_s12 <= (&far_y_y[22:16]) ? far_y_y : choice_13;
+    choice_19_s12 <= (&near_z_y[22:16]) ? near_z_y : choice_18;
+    choice_22_s12 <= (&far_z_y[22:16]) ? far_z_y : choice_21;
 
     // Stage 13
     near_after_x_s13 <= near_after_x;
     far_after_x_s13 <= far_after_x;
-    term_22_s13 <= (&choice_9_s12[22:16]) & (|choice_9_s12[15:0]);
-    choice_9_22_16_is_zero_s13 <= ~|choice_9_s12[22:16];
-    joined_13_s13 <= {choice_9_s12[22:0], choice_9_s12[23]};
-    choice_9_23_s13 <= choice_9_s12[23];
-    choice_9_s13 <= choice_9_s12;
-    term_24_s13 <= (&choice_12_s12[22:16]) & (|choice_12_s12[15:0]);
-    choice_12_22_16_is_zero_s13 <= ~|choice_12_s12[22:16];
-    joined_14_s13 <= {choice_12_s12[22:0], 1'b0};
-    choice_12_23_s13 <= choice_12_s12[23];
-    choice_12_s13 <= choice_12_s12;
-    term_28_s13 <= (&choice_15_s12[22:16]) & (|choice_15_s12[15:0]);
-    choice_15_22_16_is_zero_s13 <= ~|choice_15_s12[22:16];
-    joined_18_s13 <= {choice_15_s12[22:0], choice_15_s12[23]};
-    choice_15_23_s13 <= choice_15_s12[23];
-    choice_15_s13 <= choice_15_s12;
-    term_30_s13 <= (&choice_18_s12[22:16]) & (|choice_18_s12[15:0]);
-    choice_18_22_16_is_zero_s13 <= ~|choice_18_s12[22:16];
-    joined_19_s13 <= {choice_18_s12[22:0], 1'b0};
-    choice_18_23_s13 <= choice_18_s12[23];
-    choice_18_s13 <= choice_18_s12;
+    joined_13_s13 <= {choice_11_s12[22:0], choice_11_s12[23]};
+    choice_11_23_s13 <= choice_11_s12[23];
+    near_after_y_is_greater_ordered_s13 <= near_after_y_is_greater_ordered;
+    choice_11_s13 <= choice_11_s12;
+    joined_14_s13 <= {choice_14_s12[22:0], 1'b0};
+    choice_14_23_s13 <= choice_14_s12[23];
+    far_after_y_is_less_ordered_s13 <= far_after_y_is_less_ordered;
+    choice_14_s13 <= choice_14_s12;
+    joined_18_s13 <= {choice_19_s12[22:0], choice_19_s12[23]};
+    choice_19_23_s13 <= choice_19_s12[23];
+    near_after_z_is_greater_ordered_s13 <= near_after_z_is_greater_ordered;
+    choice_19_s13 <= choice_19_s12;
+    joined_19_s13 <= {choice_22_s12[22:0], 1'b0};
+    choice_22_23_s13 <= choice_22_s12[23];
+    far_after_z_is_less_ordered_s13 <= far_after_z_is_less_ordered;
+    choice_22_s13 <= choice_22_s12;
 
     // Stage 14
     near_after_y_s14 <= near_after_y;
     far_after_y_s14 <= far_after_y;
-    term_28_s14 <= term_28_s13;
-    choice_15_22_16_is_zero_s14 <= choice_15_22_16_is_zero_s13;
     joined_18_s14 <= joined_18_s13;
-    choice_15_23_s14 <= choice_15_23_s13;
-    choice_15_s14 <= choice_15_s13;
-    term_30_s14 <= term_30_s13;
-    choice_18_22_16_is_zero_s14 <= choice_18_22_16_is_zero_s13;
+    choice_19_23_s14 <= choice_19_23_s13;
+    near_after_z_is_greater_ordered_s14 <= near_after_z_is_greater_ordered_s13;
+    choice_19_s14 <= choice_19_s13;
     joined_19_s14 <= joined_19_s13;
-    choice_18_23_s14 <= choice_18_23_s13;
-    choice_18_s14 <= choice_18_s13;
+    choice_22_23_s14 <= choice_22_23_s13;
+    far_after_z_is_less_ordered_s14 <= far_after_z_is_less_ordered_s13;
+    choice_22_s14 <= choice_22_s13;
 
     // Stage 15
     near_after_z_s15 <= near_after_z;

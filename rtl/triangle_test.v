@@ -202,56 +202,33 @@ module triangle_test (
   wire [23:0] own_box_box_near_s50 = own_box_box_near_delay[815:792];
   reg  [839:0] own_box_box_far_delay;
   wire [23:0] own_box_box_far_s50 = own_box_box_far_delay[815:792];
-  wire term = (&intersection_test_t[22:16]) & (|intersection_test_t[15:0]);
-  wire raised_is_greater_ordered = ~(term | ((&own_box_box_near_s50[22:16]) & (|own_box_box_near_s50[15:0])));
-  wire raised_is_greater_both_zero = (~|intersection_test_t[22:16]) & (~|own_box_box_near_s50[22:16]);
   wire comparison =
       {intersection_test_t[22:0], 1'b0} <
       {own_box_box_near_s50[22:0], own_box_box_near_s50[23]};
-  wire raised_is_greater_unless_zero =
+  wire choice =
       (intersection_test_t[23] ^ own_box_box_near_s50[23]) ? intersection_test_t[23] :
       (comparison ^ intersection_test_t[23]);
-  wire raised_is_greater =
-      raised_is_greater_unless_zero &
-      ~raised_is_greater_both_zero &
-      raised_is_greater_ordered;
+  wire term = (&intersection_test_t[22:16]) & (|intersection_test_t[15:0]);
+  wire raised_is_greater_ordered = ~term;
+  wire raised_is_greater = choice & raised_is_greater_ordered;
   wire [23:0] raised = raised_is_greater ? own_box_box_near_s50 : intersection_test_t;
   reg  [23:0] raised_s51;
-  reg  term_2_s51;
-  wire clamped_is_less_ordered = ~(term_2_s51 | ((&raised_s51[22:16]) & (|raised_s51[15:0])));
-  reg  own_box_box_far_22_16_is_zero_s51;
-  wire clamped_is_less_both_zero = own_box_box_far_22_16_is_zero_s51 & (~|raised_s51[22:16]);
   reg  [23:0] joined_s51;
   reg  own_box_box_far_23_s51;
-  wire term_3 = (joined_s51 < {raised_s51[22:0], raised_s51[23]}) ^ own_box_box_far_23_s51;
-  wire clamped_is_less_unless_zero =
-      (own_box_box_far_23_s51 ^ raised_s51[23]) ? own_box_box_far_23_s51 :
-      term_3;
-  wire clamped_is_less =
-      clamped_is_less_unless_zero &
-      ~clamped_is_less_both_zero &
-      clamped_is_less_ordered;
+  wire term_2 = (joined_s51 < {raised_s51[22:0], raised_s51[23]}) ^ own_box_box_far_23_s51;
+  wire choice_2 = (own_box_box_far_23_s51 ^ raised_s51[23]) ? own_box_box_far_23_s51 : term_2;
+  wire clamped_is_less_ordered = ~((&raised_s51[22:16]) & (|raised_s51[15:0]));
+  wire clamped_is_less = choice_2 & clamped_is_less_ordered;
   wire [23:0] own_box_box_far_s51 = own_box_box_far_delay[839:816];
   wire [23:0] clamped = clamped_is_less ? own_box_box_far_s51 : raised_s51;
   reg  [23:0] clamped_s52;
   reg  [33:0] own_box_box_misses_delay;
   wire own_box_box_misses_s50 = own_box_box_misses_delay[33];
   wire misses = intersection_test_misses | own_box_box_misses_s50 | term;
-  wire clamped_22_16_is_zero = ~|clamped_s52[22:16];
-  wire term_4 = ({clamped_s52[22:0], 1'b0} < {tmin[22:0], tmin[23]}) ^ clamped_s52[23];
-  wire term_5 =
-      ((clamped_s52[23] ^ tmin[23]) ? clamped_s52[23] : term_4) &
-      ~(clamped_22_16_is_zero & (~|tmin[22:16]));
-  wire all_clamped_22_16 = &clamped_s52[22:16];
-  wire any_clamped_15_0 = |clamped_s52[15:0];
-  wire term_6 = all_clamped_22_16 & any_clamped_15_0;
-  wire term_7 = ~term_5 & ~(((&tmin[22:16]) & (|tmin[15:0])) | term_6);
-  wire term_8 = ({tmax[22:0], 1'b0} < {clamped_s52[22:0], clamped_s52[23]}) ^ tmax[23];
-  wire term_9 =
-      ((tmax[23] ^ clamped_s52[23]) ? tmax[23] : term_8) &
-      ~((~|tmax[22:16]) & clamped_22_16_is_zero);
-  wire term_10 = ~term_9 & ~(term_6 | ((&tmax[22:16]) & (|tmax[15:0])));
-  wire within_limits = term_7 & term_10 & ~(all_clamped_22_16 & ~any_clamped_15_0);
+  wire term_3 =
+      ~((clamped_s52[22:0] < tmin[22:0]) | clamped_s52[23]) &
+      ~((tmax[22:0] < clamped_s52[22:0]) & ~clamped_s52[23]);
+  wire within_limits = term_3 & ~((&clamped_s52[22:16]) & (~|clamped_s52[15:0]));
   reg  misses_s51, misses_s52;
   wire hits = within_limits & ~misses_s52;
   reg  [23:0] intersection_test_u_s51, intersection_test_u_s52;
@@ -261,8 +238,6 @@ module triangle_test (
   always @(posedge clk) begin
     // Stage 51
     raised_s51 <= raised;
-    term_2_s51 <= (&own_box_box_far_s50[22:16]) & (|own_box_box_far_s50[15:0]);
-    own_box_box_far_22_16_is_zero_s51 <= ~|own_box_box_far_s50[22:16];
     joined_s51 <= {own_box_box_far_s50[22:0], 1'b0};
     own_box_box_far_23_s51 <= own_box_box_far_s50[23];
     misses_s51 <= misses;
@@ -303,6 +278,9 @@ module triangle_test (
   assign weighted_z = intersection_weighted_z;
   assign box_near = own_box_box_near;
   assign box_far = own_box_box_far;
+
+  // What nothing reads.
+  wire unused = &{1'b0, tmin[23], tmax[23]};
 
 endmodule
 

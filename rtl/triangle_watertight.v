@@ -427,19 +427,15 @@ module triangle_watertight (
     .y(ew_y)
   );
 
-  wire any_eu_y_22_16 = |eu_y[22:16];
   wire term = ~((&eu_y[22:16]) & (|eu_y[15:0]));
-  wire any_ev_y_22_16 = |ev_y[22:16];
   wire term_2 = ~((&ev_y[22:16]) & (|ev_y[15:0]));
-  wire term_3 = (eu_y[23] & any_eu_y_22_16 & term) | (ev_y[23] & any_ev_y_22_16 & term_2);
-  wire any_ew_y_22_16 = |ew_y[22:16];
-  wire term_4 = ~((&ew_y[22:16]) & (|ew_y[15:0]));
-  wire some_negative = term_3 | (ew_y[23] & any_ew_y_22_16 & term_4);
+  wire term_3 = ~((&ew_y[22:16]) & (|ew_y[15:0]));
+  wire some_negative = (eu_y[23] & term) | (ev_y[23] & term_2) | (ew_y[23] & term_3);
   reg  some_negative_s23;
-  wire term_5 = (eu_y[23] ? 1'b0 : (24'd0 < {eu_y[22:0], eu_y[23]})) & any_eu_y_22_16 & term;
-  wire term_6 = (ev_y[23] ? 1'b0 : (24'd0 < {ev_y[22:0], ev_y[23]})) & any_ev_y_22_16 & term_2;
-  wire term_7 = (ew_y[23] ? 1'b0 : (24'd0 < {ew_y[22:0], ew_y[23]})) & any_ew_y_22_16 & term_4;
-  wire some_positive = term_5 | term_6 | term_7;
+  wire term_4 =
+      ((23'd0 < eu_y[22:0]) & ~eu_y[23] & term) |
+      ((23'd0 < ev_y[22:0]) & ~ev_y[23] & term_2);
+  wire some_positive = term_4 | ((23'd0 < ew_y[22:0]) & ~ew_y[23] & term_3);
   reg  some_positive_s23;
 
   // det = (U + V) + W, i = 1 / det. Matrix: the translation is added, y in U + V, x in det.

@@ -425,11 +425,11 @@ module update_processor (
   reg  [23:0] best_lo_x_s3;
   wire nan_both_lo_x = nan_first_lo_x & nan_second_lo_x;
   reg  nan_both_lo_x_s3;
-  reg  third_x_22_16_is_zero_s3;
   reg  [23:0] joined_s3;
   reg  third_x_23_s3;
   wire term_4 = (joined_s3 < {best_lo_x_s3[22:0], best_lo_x_s3[23]}) ^ third_x_23_s3;
   wire choice_2 = (third_x_23_s3 ^ best_lo_x_s3[23]) ? third_x_23_s3 : term_4;
+  reg  third_x_22_16_is_zero_s3;
   reg  nan_third_x_s3;
   wire term_5 =
       choice_2 &
@@ -465,11 +465,11 @@ module update_processor (
   reg  [23:0] best_lo_y_s3;
   wire nan_both_lo_y = nan_first_lo_y & nan_second_lo_y;
   reg  nan_both_lo_y_s3;
-  reg  third_y_22_16_is_zero_s3;
   reg  [23:0] joined_2_s3;
   reg  third_y_23_s3;
   wire term_7 = (joined_2_s3 < {best_lo_y_s3[22:0], best_lo_y_s3[23]}) ^ third_y_23_s3;
   wire choice_4 = (third_y_23_s3 ^ best_lo_y_s3[23]) ? third_y_23_s3 : term_7;
+  reg  third_y_22_16_is_zero_s3;
   reg  nan_third_y_s3;
   wire term_8 =
       choice_4 &
@@ -504,11 +504,11 @@ module update_processor (
   reg  [23:0] best_lo_z_s3;
   wire nan_both_lo_z = nan_first_lo_z & nan_second_lo_z;
   reg  nan_both_lo_z_s3;
-  reg  third_z_22_16_is_zero_s3;
   reg  [23:0] joined_3_s3;
   reg  third_z_23_s3;
   wire term_10 = (joined_3_s3 < {best_lo_z_s3[22:0], best_lo_z_s3[23]}) ^ third_z_23_s3;
   wire choice_6 = (third_z_23_s3 ^ best_lo_z_s3[23]) ? third_z_23_s3 : term_10;
+  reg  third_z_22_16_is_zero_s3;
   reg  nan_third_z_s3;
   wire term_11 =
       choice_6 &
@@ -796,26 +796,26 @@ module update_processor (
     // Stage 3
     best_lo_x_s3 <= best_lo_x;
     nan_both_lo_x_s3 <= nan_both_lo_x;
-    third_x_22_16_is_zero_s3 <= ~|third_x_s2[22:16];
     joined_s3 <= {third_x_s2[22:0], 1'b0};
     third_x_23_s3 <= third_x_s2[23];
+    third_x_22_16_is_zero_s3 <= ~|third_x_s2[22:16];
     nan_third_x_s3 <= nan_third_x;
     not_nan_third_x_s3 <= ~nan_third_x;
     of_leaf_s3 <= of_leaf_s2;
     third_x_s3 <= third_x_s2;
     best_lo_y_s3 <= best_lo_y;
     nan_both_lo_y_s3 <= nan_both_lo_y;
-    third_y_22_16_is_zero_s3 <= ~|third_y_s2[22:16];
     joined_2_s3 <= {third_y_s2[22:0], 1'b0};
     third_y_23_s3 <= third_y_s2[23];
+    third_y_22_16_is_zero_s3 <= ~|third_y_s2[22:16];
     nan_third_y_s3 <= nan_third_y;
     not_nan_third_y_s3 <= ~nan_third_y;
     third_y_s3 <= third_y_s2;
     best_lo_z_s3 <= best_lo_z;
     nan_both_lo_z_s3 <= nan_both_lo_z;
-    third_z_22_16_is_zero_s3 <= ~|third_z_s2[22:16];
     joined_3_s3 <= {third_z_s2[22:0], 1'b0};
     third_z_23_s3 <= third_z_s2[23];
+    third_z_22_16_is_zero_s3 <= ~|third_z_s2[22:16];
     nan_third_z_s3 <= nan_third_z;
     not_nan_third_z_s3 <= ~nan_third_z;
     third_z_s3 <= third_z_s2;

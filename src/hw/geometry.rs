@@ -22,7 +22,7 @@
 
 use super::bundle::Bundle;
 use super::fifo;
-use super::fp::{equal, less, max, min};
+use super::fp::{Knowing, Known, equal, less};
 use super::plan::{AXES, Plan};
 use super::skinning;
 use super::tpu;
@@ -538,9 +538,17 @@ pub fn module(plan: &Plan) -> Result<Geometry, HdlError> {
         window.get(own_window, "near"),
         window.get(own_window, "far"),
     );
-    let object_near = max(f, limits.get(own_limits, "tmin"), window_near).named("object_near");
-    let object_far = min(f, limits.get(own_limits, "tmax"), window_far).named("object_far");
-    let left_at = leaves_at + 1;
+    let object_near = plan.max(
+        "object_near",
+        limits.get(own_limits, "tmin").known(Known::Positive),
+        window_near.known(Known::Number),
+    );
+    let object_far = plan.min(
+        "object_far",
+        limits.get(own_limits, "tmax").known(Known::Positive),
+        window_far.known(Known::Number),
+    );
+    let left_at = object_near.stage().unwrap_or(leaves_at) + 1;
     m.group("A ray in an object's space, to be set up; its interval comes as tmin and tmax");
     let object_valid = origin_slot.at(left_at).untimed();
     m.output("object_valid", object_valid);
@@ -600,8 +608,10 @@ pub fn module(plan: &Plan) -> Result<Geometry, HdlError> {
     let was_touched = bit_of(&m, touched, ray.at(merge_at)).named("was_touched");
     let t = tested.get("t");
     let old_t = closest_word.get(old, "t");
-    let closer = less(f, t, old_t).named("closer");
-    let as_close = equal(f, t, old_t).named("as_close");
+    // Distances of hits, where the decision counts: not less than tmin.
+    let [new_t, old_t] = [t, old_t].map(|t| t.known(Known::Positive));
+    let closer = less(f, new_t, old_t).named("closer");
+    let as_close = equal(f, new_t, old_t).named("as_close");
     let identity = instance_number.concat(triangle_number).named("identity");
     let old_identity = closest_word
         .get(old, "instance")

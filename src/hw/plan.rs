@@ -1,7 +1,7 @@
 //! What every unit of one machine agrees on: its configuration, the widths that follow from it, its arithmetic.
 
 use super::distance;
-use super::fp::Units;
+use super::fp::{Operand, Units, named_less};
 use crate::config::Config;
 use crate::float::Format;
 use crate::hdl::{HdlError, Memory, Module, Signal, bits_for};
@@ -25,6 +25,9 @@ pub struct Plan {
 /// period on an ECP5, so from 80 MHz on it is registered again.
 const REGISTER_RAM_OUTPUT_FROM: u32 = 80;
 const REGISTER_EACH_COMPARISON_FROM: u32 = 70;
+
+/// What a comparison decides goes to each bit of a choice.
+const REGISTER_DECISIONS_FROM: u32 = 110;
 
 /// A choice whose result goes to many block RAMs or operators: the wires to all of them take most of a 10 ns period.
 const REGISTER_CHOICE_FROM: u32 = 80;
@@ -148,6 +151,47 @@ impl Plan {
     /// Registers that [`Plan::choose`] takes.
     pub fn choose_latency(&self) -> u32 {
         u32::from(self.config.clock_mhz >= REGISTER_CHOICE_FROM)
+    }
+
+    /// `x` where it is less than `bound`, else `bound`, its pattern unchanged: a NaN never replaces a bound. Called `name` in the
+    /// Verilog. Where the clock asks for it, a register follows the comparison.
+    pub fn min<'b>(
+        &self,
+        name: impl AsRef<str>,
+        bound: impl Into<Operand<'b>>,
+        x: impl Into<Operand<'b>>,
+    ) -> Signal<'b> {
+        let (bound, x) = (bound.into(), x.into());
+        let name = name.as_ref();
+        let less = named_less(self.format, &format!("{name}_is_less"), x, bound);
+        self.replaced(name, less, bound, x)
+    }
+
+    /// `x` where it is greater than `bound`, else `bound`; as [`Plan::min`].
+    pub fn max<'b>(
+        &self,
+        name: impl AsRef<str>,
+        bound: impl Into<Operand<'b>>,
+        x: impl Into<Operand<'b>>,
+    ) -> Signal<'b> {
+        let (bound, x) = (bound.into(), x.into());
+        let name = name.as_ref();
+        let greater = named_less(self.format, &format!("{name}_is_greater"), bound, x);
+        self.replaced(name, greater, bound, x)
+    }
+
+    fn replaced<'b>(
+        &self,
+        name: &str,
+        replaces: Signal<'b>,
+        bound: Operand<'b>,
+        x: Operand<'b>,
+    ) -> Signal<'b> {
+        let replaces = match self.config.clock_mhz >= REGISTER_DECISIONS_FROM {
+            true => replaces.register(),
+            false => replaces,
+        };
+        replaces.mux(x.signal(), bound.signal()).named(name)
     }
 
     /// A register after a comparison whose result chooses, where the clock asks for it.

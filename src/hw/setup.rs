@@ -4,7 +4,7 @@
 //! they have in the instance as tmin and tmax; no box clips them further.
 
 use super::distance;
-use super::fp::{is_nan, is_zero, less_equal, max, min};
+use super::fp::{Knowing, Known, is_nan, is_zero, less_equal};
 use super::plan::{AXES, Plan};
 use crate::config::TriangleTest;
 use crate::hdl::{Builder, HdlError, Module, Signal};
@@ -81,11 +81,21 @@ pub fn module(plan: &Plan, lookahead: u32) -> Result<Rc<Module>, HdlError> {
         };
         let near_distance = place(format!("near_{}", AXES[i]), &plan.near_distance, near_plane);
         let far_distance = place(format!("far_{}", AXES[i]), &plan.far_distance, far_plane);
-        near = max(f, near, near_distance)
-            .named(format!("near_after_{}", AXES[i]))
+        let [near_distance, far_distance] =
+            [near_distance, far_distance].map(|distance| distance.known(Known::Result));
+        near = plan
+            .max(
+                format!("near_after_{}", AXES[i]),
+                near.known(Known::Positive),
+                near_distance,
+            )
             .register();
-        far = min(f, far, far_distance)
-            .named(format!("far_after_{}", AXES[i]))
+        far = plan
+            .min(
+                format!("far_after_{}", AXES[i]),
+                far.known(Known::Number),
+                far_distance,
+            )
             .register();
     }
     let enters = (sound & less_equal(f, near, far))

@@ -17,7 +17,7 @@
 use super::bundle::Bundle;
 use super::distance;
 use super::fifo;
-use super::fp::{less_equal, max, min};
+use super::fp::{Knowing, Known, Operand, less_equal};
 use super::plan::{AXES, Plan};
 use crate::bkd::layout::Record;
 use crate::hdl::{Builder, HdlError, Memory, Module, Outputs, Reg, Signal, Style, Wire};
@@ -69,6 +69,7 @@ fn slice(plan: &Plan) -> Result<Rc<Module>, HdlError> {
         .collect();
     m.group("The ray's interval in the node, needed when the distances are there");
     let distance_latency = plan.near_distance.latency().unwrap_or(0);
+    // A valid ray's 0 <= tmin <= near, and neither near nor far is ever a NaN.
     let near = p.input_at("ray_near", w, distance_latency);
     let far = p.input_at("ray_far", w, distance_latency);
     let active = p.input_at("ray_active", 1, distance_latency);
@@ -92,9 +93,18 @@ fn slice(plan: &Plan) -> Result<Rc<Module>, HdlError> {
         };
         let near_distance = place("near", &plan.near_distance, near_plane);
         let far_distance = place("far", &plan.far_distance, far_plane);
-        let near = max(f, near, near_distance).named(format!("{name}_near_clipped"));
-        let far = min(f, far, far_distance).named(format!("{name}_far_clipped"));
-        intervals.push((near.register(), far.register()));
+        let near = plan.max(
+            format!("{name}_near_clipped"),
+            near.known(Known::Positive),
+            near_distance.known(Known::Result),
+        );
+        let far = plan.min(
+            format!("{name}_far_clipped"),
+            far.known(Known::Number),
+            far_distance.known(Known::Result),
+        );
+        let near = near.register().known(Known::Positive);
+        intervals.push((near, far.register().known(Known::Number)));
     }
     m.comment("Where the ray goes.");
     let (left_near, left_far) = intervals[0];
@@ -103,6 +113,8 @@ fn slice(plan: &Plan) -> Result<Rc<Module>, HdlError> {
     let goes_right = (active & less_equal(f, right_near, right_far)).named("goes_right");
     let left_first =
         (goes_left & goes_right & less_equal(f, left_near, right_near)).named("both_left_first");
+    let [left_near, left_far, right_near, right_far] =
+        [left_near, left_far, right_near, right_far].map(Operand::signal);
     let end = left_near.stage().unwrap_or(0) + 1;
     m.group("The ray's interval in the children, and where it goes");
     for (name, signal) in [
@@ -992,11 +1004,17 @@ impl<'b> Unit<'b> {
             let near = interval.get(word, "near");
             let far = interval.get(word, "far");
             let touched = pop_touched.bit(i);
-            let within = less_equal(f, near, limit).named(format!("ray{i}_within"));
+            // Any hit's limit is minus infinity; a closest hit's is a distance.
+            let limit = limit.known(Known::Number);
+            let within =
+                less_equal(f, near.known(Known::Positive), limit).named(format!("ray{i}_within"));
             let stay = (entry_mask.bit(i) & (within | !touched)).named(format!("ray{i}_stays"));
-            let clipped = touched
-                .mux(min(f, far, limit), far)
-                .named(format!("ray{i}_far"));
+            let nearer = plan.min(
+                format!("ray{i}_far_or_limit"),
+                far.known(Known::Number),
+                limit,
+            );
+            let clipped = touched.mux(nearer, far).named(format!("ray{i}_far"));
             stays.push(plan.settle(stay));
             pop_intervals.push(plan.settle(interval.pack(&[("near", near), ("far", clipped)])));
         }

@@ -18,7 +18,7 @@
 //! `sum` belong to no slot; only the difference of their stages matters: the clocks from operands to sum.
 
 use super::distance;
-use super::fp::{equal, is_infinite, is_nan, is_zero, less, less_equal, named_max, named_min};
+use super::fp::{Knowing, Known, equal, is_infinite, is_nan, is_zero, less, less_equal};
 use super::plan::{AXES, Plan};
 use super::share::{Lender, negated};
 use crate::config::TriangleTest;
@@ -57,10 +57,10 @@ fn triangle_box(plan: &Plan) -> Result<Rc<Module>, HdlError> {
     let mut same = [vec![], vec![], vec![]];
     for (i, x) in AXES.iter().enumerate() {
         m.comment(format!("The box on the {x} axis."));
-        let lo = plan.settle(named_min(f, format!("lo01_{x}"), v[0][i], v[1][i]));
-        let hi = plan.settle(named_max(f, format!("hi01_{x}"), v[0][i], v[1][i]));
-        let lo = named_min(f, format!("lo_{x}"), lo, v[2][i]).register();
-        let hi = named_max(f, format!("hi_{x}"), hi, v[2][i]).register();
+        let lo = plan.settle(plan.min(format!("lo01_{x}"), v[0][i], v[1][i]));
+        let hi = plan.settle(plan.max(format!("hi01_{x}"), v[0][i], v[1][i]));
+        let lo = plan.min(format!("lo_{x}"), lo, v[2][i]).register();
+        let hi = plan.max(format!("hi_{x}"), hi, v[2][i]).register();
         boxes.push((lo, hi));
         flat.push(equal(f, lo, hi).named(format!("flat_{x}")).register());
         for (pair, (j, k)) in [(0, 1), (1, 2), (2, 0)].into_iter().enumerate() {
@@ -116,8 +116,18 @@ fn triangle_box(plan: &Plan) -> Result<Rc<Module>, HdlError> {
             (window("window_near", at), window("window_far", at))
         });
         interval = Some((
-            named_max(f, format!("near_after_{x}"), near, n).register(),
-            named_min(f, format!("far_after_{x}"), far, d).register(),
+            plan.max(
+                format!("near_after_{x}"),
+                near.known(Known::Number),
+                n.known(Known::Result),
+            )
+            .register(),
+            plan.min(
+                format!("far_after_{x}"),
+                far.known(Known::Number),
+                d.known(Known::Result),
+            )
+            .register(),
         ));
     }
     let (near, far) = interval.expect("three axes");
@@ -125,7 +135,9 @@ fn triangle_box(plan: &Plan) -> Result<Rc<Module>, HdlError> {
     let mut degenerate = vec![flat[0] & flat[1], flat[1] & flat[2], flat[2] & flat[0]];
     degenerate.extend(same.iter().map(|s| m.and_all(s)));
     let degenerate = m.or_all(&degenerate).named("any_degenerate").register();
-    let empty = less(f, far, near).named("empty_interval").register();
+    let empty = less(f, far.known(Known::Number), near.known(Known::Number))
+        .named("empty_interval")
+        .register();
     let end = empty.stage().unwrap_or(0);
     m.group("The interval, and whether the box alone makes the ray miss");
     m.output("box_near", near.at(end));
@@ -288,10 +300,14 @@ fn moller_trumbore(plan: &Plan) -> Result<Rc<Module>, HdlError> {
     let sum = units.add("u_plus_v", u, vv);
     let zero = m.zero(w);
     let one = m.lit(u128::from(f.one()), w);
-    let inside = (less_equal(f, zero, u) & less_equal(f, zero, vv))
-        .named("weights_positive")
+    let none = zero.known(Known::Positive);
+    let inside = (less_equal(f, none, u.known(Known::Result))
+        & less_equal(f, none, vv.known(Known::Result)))
+    .named("weights_positive")
+    .register();
+    let below = less_equal(f, sum.known(Known::Result), one.known(Known::Positive))
+        .named("below_diagonal")
         .register();
-    let below = less_equal(f, sum, one).named("below_diagonal").register();
     let flat = is_zero(f, det).named("det_is_zero").register();
     let misses = !inside | !below | flat;
     finish_test(&m, [t, u, vv], misses);
@@ -421,12 +437,14 @@ fn watertight(plan: &Plan) -> Result<Rc<Module>, HdlError> {
     let eu = edge("eu", eu_plus, eu_minus, 1);
     let ev = edge("ev", ev_plus, ev_minus, 2);
     let ew = edge("ew", ew_plus, ew_minus, 0);
-    let negative = |e| less(f, e, zero);
-    let positive = |e| less(f, zero, e);
-    let some_negative = (negative(eu) | negative(ev) | negative(ew))
+    let none = zero.known(Known::Positive);
+    let edges = [eu, ev, ew].map(|e| e.known(Known::Result));
+    let some_negative = m
+        .or_all(&edges.map(|e| less(f, e, none)))
         .named("some_negative")
         .register();
-    let some_positive = (positive(eu) | positive(ev) | positive(ew))
+    let some_positive = m
+        .or_all(&edges.map(|e| less(f, none, e)))
         .named("some_positive")
         .register();
     m.comment(
@@ -559,23 +577,29 @@ pub(super) fn module(plan: &Plan) -> Result<Rc<Module>, HdlError> {
     let tested = place("intersection", &test);
     let boxed = place("own_box", &in_box);
     let end = latest(&[tested.get("test_t"), boxed.get("box_near")]);
-    m.group("The ray's limits, needed last");
-    let limits_at = end + 2;
-    let tmin = p.input_at("tmin", w, limits_at);
-    let tmax = p.input_at("tmax", w, limits_at);
     m.comment("Clamp t into the box's interval; the box decides a miss before.");
     let t = tested.get("test_t").at(end);
     let near = boxed.get("box_near").at(end);
     let far = boxed.get("box_far").at(end);
     // A NaN is never replaced: t's makes it a miss.
-    let raised = named_max(f, "raised", t, near).register();
-    let clamped = named_min(f, "clamped", raised, far).register();
+    let [near, far] = [near, far].map(|end| end.known(Known::Number));
+    let raised = plan.max("raised", t.known(Known::Result), near).register();
+    let clamped = plan
+        .min("clamped", raised.known(Known::Result), far)
+        .register();
+    m.group("The ray's limits, needed last");
+    let limits_at = clamped.stage().unwrap_or(0);
+    let tmin = p.input_at("tmin", w, limits_at);
+    let tmax = p.input_at("tmax", w, limits_at);
     let misses = (tested.get("test_misses")
         | boxed.get("box_misses")
         | is_nan(f, tested.get("test_t")).at(end))
     .named("misses");
+    let [least, most] = [tmin, tmax].map(|limit| limit.known(Known::Positive));
+    // A NaN is a miss by itself.
+    let distance = clamped.known(Known::Number);
     let within_limits =
-        (less_equal(f, tmin, clamped) & less_equal(f, clamped, tmax) & !is_infinite(f, clamped))
+        (less_equal(f, least, distance) & less_equal(f, distance, most) & !is_infinite(f, clamped))
             .named("within_limits");
     let hits = (within_limits & !misses.at(limits_at))
         .named("hits")

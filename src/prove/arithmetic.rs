@@ -10,8 +10,8 @@ use super::reference::{self, Relation};
 use super::tools::{self, Ended};
 use super::{Edit, Outcome, Plant, edited};
 use crate::float::Format;
-use crate::hdl::{Builder, Module};
-use crate::hw::fp::{self, Units};
+use crate::hdl::{Builder, Module, Signal};
+use crate::hw::fp::{self, Knowing, Known, Operand, Units};
 use anyhow::{Context, Result, ensure};
 use std::fmt::Write as _;
 use std::path::Path;
@@ -133,7 +133,13 @@ pub fn proofs(unit: &str, format: Format, clock_mhz: u32) -> Result<Vec<Equivale
             ("max", "b where b > a, else a", Relation::Max),
         ]
         .into_iter()
-        .map(|(name, what, relation)| related(name, what, relation, format))
+        .flat_map(|(name, what, relation)| {
+            let knowing = match relation {
+                Relation::Less | Relation::LessEqual | Relation::Equal => &KNOWING[..],
+                Relation::Min | Relation::Max => &KNOWING[..1],
+            };
+            (knowing.iter()).map(move |known| related(name, what, relation, *known, format))
+        })
         .collect::<Result<_>>()?,
         "step" => [("down", -ULPS), ("up", ULPS)]
             .into_iter()
@@ -198,27 +204,89 @@ fn sums(module: &Rc<Module>, format: Format, subtract: bool, odd: Plant) -> Vec<
     ]
 }
 
-fn related(name: &str, what: &str, relation: Relation, format: Format) -> Result<Equivalence> {
+/// What is known of both operands: nothing first, then every pair that the machine's comparisons have.
+const KNOWING: [[Known; 2]; 9] = {
+    use Known::{Nothing, Number, Positive, Result};
+    [
+        [Nothing, Nothing],
+        [Result, Result],
+        [Result, Number],
+        [Number, Result],
+        [Result, Positive],
+        [Positive, Result],
+        [Number, Positive],
+        [Positive, Number],
+        [Positive, Positive],
+    ]
+};
+
+/// The operand as it is where what is `known` holds, else +0, for which it does.
+fn made_known<'b>(format: Format, operand: Signal<'b>, known: Known) -> Signal<'b> {
+    let m = operand.module();
+    let zero = m.zero(format.width());
+    let result = !fp::is_zero(format, operand) | operand.is_zero();
+    let number = result & !fp::is_nan(format, operand);
+    let holds = match known {
+        Known::Nothing => return operand,
+        Known::Result => result,
+        Known::Number => number,
+        Known::Positive => number & !operand.msb(),
+    };
+    holds.mux(operand, zero)
+}
+
+fn relation_of<'b>(
+    format: Format,
+    relation: Relation,
+    a: Operand<'b>,
+    b: Operand<'b>,
+) -> Signal<'b> {
+    match relation {
+        Relation::Less => fp::less(format, a, b),
+        Relation::LessEqual => fp::less_equal(format, a, b),
+        Relation::Equal => fp::equal(format, a, b),
+        Relation::Min => fp::less(format, b, a).mux(b.signal(), a.signal()),
+        Relation::Max => fp::less(format, a, b).mux(b.signal(), a.signal()),
+    }
+}
+
+/// A relation of any two operands; where something is known of them, the relation that knows it gives what the other gives.
+fn related(
+    name: &str,
+    what: &str,
+    relation: Relation,
+    known: [Known; 2],
+    format: Format,
+) -> Result<Equivalence> {
     let m = Builder::new(
         format!("fp_{name}"),
         format!("{name} of a and b in {format}."),
     );
     let (a, b) = (m.input("a", format.width()), m.input("b", format.width()));
-    let y = match relation {
-        Relation::Less => fp::less(format, a, b),
-        Relation::LessEqual => fp::less_equal(format, a, b),
-        Relation::Equal => fp::equal(format, a, b),
-        Relation::Min => fp::min(format, a, b),
-        Relation::Max => fp::max(format, a, b),
+    let of = |a, b| relation_of(format, relation, a, b);
+    let any = of(a.into(), b.into());
+    let blind = known == KNOWING[0];
+    let y = match blind {
+        true => any,
+        false => {
+            let [a, b] = [(a, known[0]), (b, known[1])]
+                .map(|(operand, known)| (made_known(format, operand, known), known));
+            let knows = of(a.0.known(a.1), b.0.known(b.1)).named("knows");
+            any ^ knows ^ of(a.0.into(), b.0.into())
+        }
     };
     m.output("y", y.extend(format.width()));
-    let plant = match relation {
-        Relation::Equal => plant("unlike patterns are equal", " == ", "==", "!="),
-        _ => plant("the order is turned round", " < ", "<", ">"),
+    let plant = match (blind, relation) {
+        (false, _) => plant("what knows more says the opposite", " knows = ", "knows = ", "knows = ~"),
+        (true, Relation::Equal) => plant("unlike patterns are equal", " == ", "==", "!="),
+        (true, _) => plant("the order is turned round", " < ", "<", ">"),
     };
     Ok(Equivalence {
         module: m.finish()?,
-        what: what.into(),
+        what: match blind {
+            true => what.into(),
+            false => format!("{what}, a: {:?}, b: {:?}", known[0], known[1]).to_lowercase(),
+        },
         reference: reference::relation(format, relation),
         cases: vec![Case::all()],
         method: Method::Reasoned,

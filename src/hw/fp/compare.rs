@@ -21,6 +21,55 @@ pub fn is_infinite<'b>(format: Format, a: Signal<'b>) -> Signal<'b> {
     a.exponent.all() & a.fraction.is_zero()
 }
 
+/// What is known of an operand's pattern: each more than the one before.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub enum Known {
+    Nothing,
+    /// As operators give it: no −0, and no other pattern of zero than +0.
+    Result,
+    /// And no NaN.
+    Number,
+    /// And not negative.
+    Positive,
+}
+
+/// An operand of a comparison: a signal, and what its user vouches for. A comparison has no logic for what cannot be.
+#[derive(Clone, Copy)]
+pub struct Operand<'b> {
+    signal: Signal<'b>,
+    known: Known,
+}
+
+impl<'b> From<Signal<'b>> for Operand<'b> {
+    fn from(signal: Signal<'b>) -> Operand<'b> {
+        signal.known(Known::Nothing)
+    }
+}
+
+/// To say what is known of a signal.
+pub trait Knowing<'b> {
+    fn known(self, known: Known) -> Operand<'b>;
+}
+
+impl<'b> Knowing<'b> for Signal<'b> {
+    fn known(self, known: Known) -> Operand<'b> {
+        Operand {
+            signal: self,
+            known,
+        }
+    }
+}
+
+impl<'b> Operand<'b> {
+    pub fn signal(self) -> Signal<'b> {
+        self.signal
+    }
+
+    fn may_be_nan(self, format: Format) -> Option<Signal<'b>> {
+        (self.known < Known::Number).then(|| is_nan(format, self.signal))
+    }
+}
+
 /// a < b for numbers that are not NaN.
 ///
 /// With equal signs one carry chain decides: negative numbers are in order where their magnitudes are not, so the
@@ -30,79 +79,93 @@ pub fn is_infinite<'b>(format: Format, a: Signal<'b>) -> Signal<'b> {
 fn less_ordered<'b>(
     format: Format,
     name: Option<&str>,
-    a: Signal<'b>,
-    b: Signal<'b>,
+    a: Operand<'b>,
+    b: Operand<'b>,
 ) -> Signal<'b> {
-    let both_zero = is_zero(format, a) & is_zero(format, b);
-    let m = a.module();
-    let (a, b) = (fields(format, a), fields(format, b));
-    let magnitude_less = a.magnitude.concat(m.zero(1)).lt(b.magnitude.concat(b.sign));
-    let unless_zero = (a.sign ^ b.sign).mux(a.sign, magnitude_less ^ a.sign);
-    if let Some(name) = name {
-        both_zero.named(format!("{name}_both_zero"));
-        unless_zero.named(format!("{name}_unless_zero"));
+    let part = |signal: Signal<'b>, what: &str| match name {
+        Some(name) => signal.named(format!("{name}_{what}")),
+        None => signal,
+    };
+    let m = a.signal.module();
+    let (x, y) = (fields(format, a.signal), fields(format, b.signal));
+    let positive = |operand: Operand<'b>| operand.known == Known::Positive;
+    let unless_zero = match (positive(a), positive(b)) {
+        (true, true) => x.magnitude.lt(y.magnitude),
+        (true, false) => x.magnitude.lt(y.magnitude) & !y.sign,
+        (false, true) => x.magnitude.lt(y.magnitude) | x.sign,
+        (false, false) => {
+            let magnitude_less = x.magnitude.concat(m.zero(1)).lt(y.magnitude.concat(y.sign));
+            (x.sign ^ y.sign).mux(x.sign, magnitude_less ^ x.sign)
+        }
+    };
+    // Zeros of one pattern are in order as they are.
+    if a.known.min(b.known) >= Known::Result {
+        return unless_zero;
     }
-    unless_zero & !both_zero
+    let both_zero = is_zero(format, a.signal) & is_zero(format, b.signal);
+    part(unless_zero, "unless_zero") & !part(both_zero, "both_zero")
 }
 
-fn ordered<'b>(format: Format, a: Signal<'b>, b: Signal<'b>) -> Signal<'b> {
-    !(is_nan(format, a) | is_nan(format, b))
+/// Whether neither is a NaN; `None` where none can be.
+fn ordered<'b>(format: Format, a: Operand<'b>, b: Operand<'b>) -> Option<Signal<'b>> {
+    match (a.may_be_nan(format), b.may_be_nan(format)) {
+        (Some(a), Some(b)) => Some(!(a | b)),
+        (a, b) => a.or(b).map(|nan| !nan),
+    }
 }
 
 /// a < b: −0 = +0, false with a NaN. 1 bit.
-pub fn less<'b>(format: Format, a: Signal<'b>, b: Signal<'b>) -> Signal<'b> {
-    less_ordered(format, None, a, b) & ordered(format, a, b)
-}
-
-/// a ≤ b: −0 = +0, false with a NaN. 1 bit.
-pub fn less_equal<'b>(format: Format, a: Signal<'b>, b: Signal<'b>) -> Signal<'b> {
-    !less_ordered(format, None, b, a) & ordered(format, a, b)
-}
-
-/// a = b: −0 = +0, false with a NaN. 1 bit.
-pub fn equal<'b>(format: Format, a: Signal<'b>, b: Signal<'b>) -> Signal<'b> {
-    let both_zero = is_zero(format, a) & is_zero(format, b);
-    (a.eq(b) | both_zero) & !is_nan(format, a) & !is_nan(format, b)
-}
-
-/// `x` where it is less than `bound`, else `bound`, its pattern unchanged: a NaN never replaces a bound.
-pub fn min<'b>(format: Format, bound: Signal<'b>, x: Signal<'b>) -> Signal<'b> {
-    less(format, x, bound).mux(x, bound)
-}
-
-/// `x` where it is greater than `bound`, else `bound`, its pattern unchanged: a NaN never replaces a bound.
-pub fn max<'b>(format: Format, bound: Signal<'b>, x: Signal<'b>) -> Signal<'b> {
-    less(format, bound, x).mux(x, bound)
+pub fn less<'b>(
+    format: Format,
+    a: impl Into<Operand<'b>>,
+    b: impl Into<Operand<'b>>,
+) -> Signal<'b> {
+    let (a, b) = (a.into(), b.into());
+    let less = less_ordered(format, None, a, b);
+    ordered(format, a, b).map_or(less, |ordered| less & ordered)
 }
 
 /// [`less`], it and its parts called after `name` in the Verilog.
-fn named_less<'b>(format: Format, name: String, a: Signal<'b>, b: Signal<'b>) -> Signal<'b> {
-    let ordered = ordered(format, a, b).named(format!("{name}_ordered"));
-    (less_ordered(format, Some(&name), a, b) & ordered).named(name)
+pub fn named_less<'b>(
+    format: Format,
+    name: &str,
+    a: impl Into<Operand<'b>>,
+    b: impl Into<Operand<'b>>,
+) -> Signal<'b> {
+    let (a, b) = (a.into(), b.into());
+    let less = less_ordered(format, Some(name), a, b);
+    let ordered = ordered(format, a, b);
+    let less = ordered.map_or(less, |o| less & o.named(format!("{name}_ordered")));
+    less.named(name)
 }
 
-/// [`min`], called `name` in the Verilog, and what decides it after that.
-pub fn named_min<'b>(
+/// a ≤ b: −0 = +0, false with a NaN. 1 bit.
+pub fn less_equal<'b>(
     format: Format,
-    name: impl AsRef<str>,
-    bound: Signal<'b>,
-    x: Signal<'b>,
+    a: impl Into<Operand<'b>>,
+    b: impl Into<Operand<'b>>,
 ) -> Signal<'b> {
-    let name = name.as_ref();
-    named_less(format, format!("{name}_is_less"), x, bound)
-        .mux(x, bound)
-        .named(name)
+    let (a, b) = (a.into(), b.into());
+    let less_equal = !less_ordered(format, None, b, a);
+    ordered(format, a, b).map_or(less_equal, |ordered| less_equal & ordered)
 }
 
-/// [`max`], called `name` in the Verilog, and what decides it after that.
-pub fn named_max<'b>(
+/// a = b: −0 = +0, false with a NaN. 1 bit.
+pub fn equal<'b>(
     format: Format,
-    name: impl AsRef<str>,
-    bound: Signal<'b>,
-    x: Signal<'b>,
+    a: impl Into<Operand<'b>>,
+    b: impl Into<Operand<'b>>,
 ) -> Signal<'b> {
-    let name = name.as_ref();
-    named_less(format, format!("{name}_is_greater"), bound, x)
-        .mux(x, bound)
-        .named(name)
+    let (a, b) = (a.into(), b.into());
+    let same = a.signal.eq(b.signal);
+    let equal = match a.known.min(b.known) >= Known::Result {
+        true => same,
+        false => same | (is_zero(format, a.signal) & is_zero(format, b.signal)),
+    };
+    // Of a pattern that is no NaN's, the same is none either.
+    let nan = match a.known.max(b.known) >= Known::Number {
+        true if a.known.min(b.known) >= Known::Result => None,
+        _ => ordered(format, a, b),
+    };
+    nan.map_or(equal, |ordered| equal & ordered)
 }

@@ -11,7 +11,7 @@
 //! operand: a stored exponent of 0 is a zero whatever the fraction, and so on; results are canonical and never −0.
 //! `docs/arithmetic.md` is normative, [`crate::float::plain`] the model.
 //!
-//! Comparisons ([`less`], [`less_equal`], [`equal`]), choices ([`min`], [`max`]) and steps by ulps ([`step()`]) are
+//! Comparisons ([`less`], [`less_equal`], [`equal`]) and steps by ulps ([`step()`]) are
 //! combinational and become part of the caller's module: how many of them fit between two registers is for the
 //! caller to say.
 //!
@@ -37,7 +37,8 @@
 //! | mul | 89 / 71 / 1, 99 MHz | 89 / 102 / 1, 139 MHz | 89 / 131 / 1, 147 MHz |
 //! | reciprocal | 377 / 345 / 0, 82 MHz | 431 / 609 / 0, 124 MHz | 324 / 906 / 0, 171 MHz |
 //!
-//! Combinational, in LUT4: less 56, equal 33, min or max 81, a step of three ulps 63 to 78.
+//! Combinational, in LUT4: less 56, equal 33, min or max 81, a step of three ulps 63 to 78; a comparison takes less where something is
+//! [`Known`] of its operands.
 
 pub mod add;
 mod compare;
@@ -48,7 +49,7 @@ mod schedule;
 mod step;
 
 pub use compare::{
-    equal, is_infinite, is_nan, is_zero, less, less_equal, max, min, named_max, named_min,
+    Knowing, Known, Operand, equal, is_infinite, is_nan, is_zero, less, less_equal, named_less,
 };
 pub use step::step;
 
