@@ -64,6 +64,27 @@ impl Slot {
     }
 }
 
+/// What a model's inputs were, but `clk` and `rst`, at successive rising edges.
+#[derive(Clone, Debug)]
+pub struct Recording {
+    /// Inputs by name.
+    ports: Vec<String>,
+    most: usize,
+    /// Each cycle's inputs in 32-bit words.
+    cycles: Vec<Vec<Vec<u32>>>,
+}
+
+impl Recording {
+    /// How many cycles there are.
+    pub fn len(&self) -> usize {
+        self.cycles.len()
+    }
+
+    pub fn is_empty(&self) -> bool {
+        self.cycles.is_empty()
+    }
+}
+
 /// A running instance of a module: state, ports, clock.
 ///
 /// A model can be moved to another thread but not shared. Any number, of the same library or of others, can
@@ -76,6 +97,7 @@ pub struct Model {
     slots: Vec<Slot>,
     ports: Vec<Port>,
     cycles: u64,
+    recording: Option<Recording>,
     rst: Option<PortHandle>,
     traced: bool,
     shim: NonNull<c_void>,
@@ -139,6 +161,7 @@ impl Model {
                 slots: Vec::with_capacity(ports.len()),
                 ports: ports.to_vec(),
                 cycles: 0,
+                recording: None,
                 rst: None,
                 traced: traced() != 0,
                 shim,
@@ -358,6 +381,11 @@ impl Model {
     /// `cycles` rising edges with the inputs as they are.
     #[inline]
     pub fn run(&mut self, cycles: u64) {
+        if self.recording.is_some() {
+            for _ in 0..cycles {
+                self.record_inputs();
+            }
+        }
         // SAFETY: `shim` is what the library's `create` returned, not destroyed yet, and accessed by us only.
         unsafe { (self.clock)(self.shim.as_ptr(), cycles) };
         self.cycles += cycles;
@@ -374,9 +402,8 @@ impl Model {
     /// one has prepared, as it is in a device that has just been switched on, and reset must do with it.
     pub fn disturb(&mut self, seed: u64, cycles: u64) {
         let mut rng = fastrand::Rng::with_seed(seed);
-        let inputs: Vec<(PortHandle, usize)> = (self.ports.iter().zip(&self.slots).enumerate())
-            .filter(|(_, (port, _))| port.input && !matches!(&*port.name, "clk" | "rst"))
-            .map(|(index, (_, slot))| (PortHandle(index as u32), slot.words()))
+        let inputs: Vec<(PortHandle, usize)> = (self.inputs())
+            .map(|port| (port, self.slots[port.0 as usize].words()))
             .collect();
         for cycle in 0..=cycles {
             for &(port, words) in &inputs {
@@ -389,6 +416,65 @@ impl Model {
                 self.clock();
             }
         }
+    }
+
+    /// Keeps what the inputs are at so many rising edges from now on, for [`Model::recorded`].
+    pub fn record(&mut self, cycles: usize) {
+        self.recording = Some(Recording {
+            ports: self
+                .inputs()
+                .map(|port| self.ports[port.0 as usize].name.clone())
+                .collect(),
+            most: cycles,
+            cycles: vec![],
+        });
+    }
+
+    /// What has been recorded, if anything has.
+    pub fn recorded(&mut self) -> Option<Recording> {
+        self.recording.take()
+    }
+
+    fn inputs(&self) -> impl Iterator<Item = PortHandle> + use<'_> {
+        (self.ports.iter().enumerate())
+            .filter(|(_, port)| port.input && !matches!(&*port.name, "clk" | "rst"))
+            .map(|(index, _)| PortHandle(index as u32))
+    }
+
+    fn record_inputs(&mut self) {
+        let Some(mut recording) = self.recording.take() else {
+            return;
+        };
+        if recording.cycles.len() < recording.most {
+            let words_of = |port: PortHandle| {
+                let mut words = vec![0; self.slots[port.0 as usize].words()];
+                self.get_words(port, &mut words);
+                words
+            };
+            recording.cycles.push(self.inputs().map(words_of).collect());
+        }
+        self.recording = Some(recording);
+    }
+
+    /// Gives the inputs what was recorded at the first `cycles` rising edges of a model with the same inputs, then sets them to zero: the
+    /// state becomes what it was amid that traffic, and a reset must end it.
+    ///
+    /// # Errors
+    /// An input of another model.
+    pub fn play(&mut self, recording: &Recording, cycles: usize) -> Result<()> {
+        let ports: Vec<PortHandle> = (recording.ports.iter())
+            .map(|name| self.port(name))
+            .collect::<Result<_>>()?;
+        for words in recording.cycles.iter().take(cycles) {
+            for (&port, words) in ports.iter().zip(words) {
+                self.set_words(port, words);
+            }
+            self.clock();
+        }
+        for port in ports {
+            self.set_words(port, &[]);
+        }
+        Ok(())
     }
 
     /// Holds `rst` high for `cycles` rising edges and leaves it low. A module without `rst` is only clocked.

@@ -4,7 +4,9 @@
 use super::memory::{Image, ReadPort, ReadRequest, Timing};
 use super::mismatch::{Field, Mismatch};
 use super::model::{BuildOptions, Model, PortHandle, build};
-use super::scoreboard::{DISTURBED_CYCLES, Mutated};
+use super::scoreboard::{
+    DISTURBED_CYCLES, Interrupted, Mutated, RECORDED_CYCLES, RESET_CYCLES, Recorder,
+};
 use super::{sources, timing};
 use crate::bkd::layout::{MemoryImage, Record};
 use crate::config::Config;
@@ -76,6 +78,21 @@ pub struct Report {
     pub model_build_s: f64,
     pub model_reused: bool,
     pub simulate_s: f64,
+}
+
+/// Slots of the triangle test that a ray takes to be transformed.
+const SLOTS_OF_TRANSFORM: u64 = 3;
+
+/// A pattern that means the same: a zero or a NaN has any fraction.
+fn disguised(format: Format, bits: u64, rng: &mut fastrand::Rng) -> u64 {
+    let fraction = (1u64 << format.fraction_bits()) - 1;
+    let exponent = bits >> format.fraction_bits() & format.exponent_mask();
+    let is_nan = exponent == format.exponent_mask() && bits & fraction != 0;
+    match exponent == 0 || is_nan {
+        true if is_nan => bits & !fraction | rng.u64(1..=fraction),
+        true => bits & !fraction | rng.u64(..=fraction),
+        false => bits,
+    }
 }
 
 /// The counters of the ray casting unit.
@@ -437,6 +454,25 @@ impl RaycastUnit {
         })
     }
 
+    /// Lets a reset, that of the next picture, interrupt an earlier one's traffic.
+    ///
+    /// # Errors
+    /// Traffic of another machine.
+    pub fn interrupt(&mut self, interrupted: &Interrupted) -> Result<()> {
+        self.model.reset(RESET_CYCLES);
+        self.model.play(&interrupted.traffic, interrupted.at)
+    }
+
+    /// Records the first traffic from now on, for [`RaycastUnit::recorded`].
+    pub fn record(&mut self) {
+        self.model.record(RECORDED_CYCLES);
+    }
+
+    /// Leaves what was recorded with a recorder.
+    pub fn recorded(&mut self, recorder: &Recorder) {
+        recorder.put(self.model.recorded());
+    }
+
     /// Clocks simulated so far, resets included: a mismatch's cycle is counted so, and a trace's.
     pub fn cycles(&self) -> u64 {
         self.model.cycles()
@@ -497,6 +533,8 @@ struct Run<'a> {
     tests_checked: u64,
     transforms_checked: u64,
     cycles: u64,
+    /// The model's clock at which the last reset had ended.
+    reset_at: u64,
     counters: Counters,
     samples: Vec<Counters>,
     rng: fastrand::Rng,
@@ -579,6 +617,7 @@ impl<'a> Run<'a> {
             tests_checked: 0,
             transforms_checked: 0,
             cycles: 0,
+            reset_at: 0,
             counters: Counters::default(),
             samples: Vec::new(),
             rng: fastrand::Rng::with_seed(options.seed ^ 4),
@@ -588,7 +627,8 @@ impl<'a> Run<'a> {
     fn all(&mut self, progress: &dyn Fn(u64)) -> Result<()> {
         let size = self.config.rays_per_packet as usize;
         let total = self.rays.len().div_ceil(size) * size;
-        self.model.reset(4);
+        self.model.reset(RESET_CYCLES);
+        self.reset_at = self.model.cycles();
         let (mut offered, mut taken) = (0usize, 0usize);
         let mut shown: Option<usize> = None;
         let mut tag = 0;
@@ -669,13 +709,16 @@ impl<'a> Run<'a> {
         let port = &self.ray_port;
         self.model.set(port.valid, 1);
         self.model.set(port.tag, u64::from(tag));
-        for i in 0..3 {
-            self.model.set(port.origin[i], f.to_bits(ray.origin[i]));
-            self.model
-                .set(port.direction[i], f.to_bits(ray.direction[i]));
+        let rng = &mut self.rng;
+        let numbers = (0..3).flat_map(|i| {
+            [
+                (port.origin[i], ray.origin[i]),
+                (port.direction[i], ray.direction[i]),
+            ]
+        });
+        for (port, number) in numbers.chain([(port.tmin, ray.tmin), (port.tmax, ray.tmax)]) {
+            self.model.set(port, disguised(f, f.to_bits(number), rng));
         }
-        self.model.set(port.tmin, f.to_bits(ray.tmin));
-        self.model.set(port.tmax, f.to_bits(ray.tmax));
         self.model.set(port.active, u64::from(ray.active));
         self.model.set(port.any_hit, u64::from(ray.any_hit));
     }
@@ -1015,6 +1058,27 @@ impl<'a> Run<'a> {
                 "ray transformations",
                 self.transforms_checked,
                 self.counters.ray_transforms,
+            ),
+            (
+                "clocks",
+                self.model.cycles() - self.reset_at,
+                self.counters.cycles,
+            ),
+            (
+                "clocks of the traversal unit",
+                self.steps_checked,
+                self.counters.tpu_busy_cycles,
+            ),
+            (
+                "clocks of the geometry unit",
+                self.tests_checked + SLOTS_OF_TRANSFORM * self.transforms_checked,
+                self.counters.gu_busy_cycles,
+            ),
+            // With both of them busy or not, as many clocks had packets under way.
+            (
+                "clocks with packets",
+                self.counters.tpu_busy_cycles + self.counters.tpu_starved_cycles,
+                self.counters.gu_busy_cycles + self.counters.gu_starved_cycles,
             ),
         ];
         if counted.iter().any(|(_, golden, rtl)| golden != rtl) {

@@ -3,7 +3,7 @@
 
 use super::memory::{Bandwidth, Timing};
 use super::mismatch::{Field, Mismatch};
-use super::model::{BuildOptions, Model, Port, PortHandle, Sources, build};
+use super::model::{BuildOptions, Model, Port, PortHandle, Recording, Sources, build};
 use super::raycast::Trace;
 use super::sources;
 use crate::float::Format;
@@ -11,7 +11,7 @@ use crate::golden::RaySetup;
 use crate::hdl::{Design, Module};
 use anyhow::{Context, Result, bail, ensure};
 use std::rc::Rc;
-use std::sync::Arc;
+use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Instant;
 
 /// What surrounds a unit: memories, and the pace of its neighbours.
@@ -91,6 +91,10 @@ pub struct UnitOptions {
     pub fault: Option<Fault>,
     /// The unit's Verilog with mutants, one of them selected.
     pub mutated: Option<Mutated>,
+    /// Traffic of an earlier run that a reset interrupts before this one begins.
+    pub interrupted: Option<Interrupted>,
+    /// Where the run's first traffic is left, for [`UnitOptions::interrupted`] of another.
+    pub record: Option<Recorder>,
     /// How the model is built. One with a trace is built for tracing, whatever this says.
     pub build: BuildOptions,
 }
@@ -105,10 +109,39 @@ impl UnitOptions {
             trace: None,
             fault: None,
             mutated: None,
+            interrupted: None,
+            record: None,
             build: BuildOptions::default(),
         }
     }
 }
+
+/// Takes a run's first traffic.
+#[derive(Clone, Debug, Default)]
+pub struct Recorder(Arc<Mutex<Option<Recording>>>);
+
+impl Recorder {
+    pub(super) fn put(&self, recording: Option<Recording>) {
+        *self.0.lock().unwrap_or_else(PoisonError::into_inner) = recording;
+    }
+
+    /// What was recorded; `None` before the run's end, or where nothing was clocked.
+    pub fn take(&self) -> Option<Arc<Recording>> {
+        let mut recorded = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+        let recording = recorded.take().filter(|recording| !recording.is_empty());
+        recording.map(Arc::new)
+    }
+}
+
+/// Traffic that is played until a cycle, at which it is interrupted.
+#[derive(Clone, Debug)]
+pub struct Interrupted {
+    pub traffic: Arc<Recording>,
+    pub at: usize,
+}
+
+/// Cycles of a run that are recorded, resets included.
+pub const RECORDED_CYCLES: usize = 4000;
 
 /// A change to Verilog: a text, wherever it occurs, and what stands there instead.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -319,6 +352,9 @@ pub(super) struct Tally {
     pub categories: Categories,
 }
 
+/// Clocks of a reset: one is enough for any unit.
+pub(super) const RESET_CYCLES: u64 = 1;
+
 /// Clocks that a model runs with random inputs before its first reset.
 pub(super) const DISTURBED_CYCLES: u64 = 64;
 
@@ -330,6 +366,7 @@ pub(super) struct Bench {
     pub tally: Tally,
     pub seed: u64,
     replay: String,
+    record: Option<Recorder>,
     model_build_s: f64,
     started: Instant,
 }
@@ -348,6 +385,13 @@ impl Bench {
         let built = build(&sources, &how, &|_| ())?;
         let mut model = Model::load(&built, &sources.ports)?;
         model.disturb(options.seed, DISTURBED_CYCLES);
+        if let Some(interrupted) = &options.interrupted {
+            model.reset(RESET_CYCLES);
+            model.play(&interrupted.traffic, interrupted.at)?;
+        }
+        if options.record.is_some() {
+            model.record(RECORDED_CYCLES);
+        }
         if let Some(mutated) = &options.mutated {
             mutated.select(&mut model)?;
         }
@@ -361,6 +405,7 @@ impl Bench {
             tally: Tally::default(),
             seed: options.seed,
             replay: options.replay.clone(),
+            record: options.record.clone(),
             model_build_s: built.build_seconds,
             started: Instant::now(),
         })
@@ -382,6 +427,9 @@ impl Bench {
     /// The report of a run that ended so. Only a mismatch is a result; any other error stays one.
     pub fn report(mut self, ended: Result<()>, categories: &[Category]) -> Result<UnitReport> {
         self.model.trace_end();
+        if let Some(record) = &self.record {
+            record.put(self.model.recorded());
+        }
         let mismatch = match ended {
             Ok(()) => None,
             Err(error) => Some(error.downcast::<Mismatch>()?.to_string()),

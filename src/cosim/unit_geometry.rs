@@ -16,7 +16,8 @@ use super::mismatch::Field;
 use super::model::{BuildOptions, PortHandle};
 use super::raycast::{MemoryPort, TransformWatch};
 use super::scoreboard::{
-    Bench, Category, RaySetUp, SetupPlace, SetupPorts, Surroundings, UnitOptions, UnitReport,
+    Bench, Category, RESET_CYCLES, RaySetUp, SetupPlace, SetupPorts, Surroundings, UnitOptions,
+    UnitReport,
 };
 use super::workload::{Batch, Batches, TestScene, Workload, odd_number, tiny_scene};
 use crate::bkd::layout::{InstanceRecord, Record, Target};
@@ -455,7 +456,23 @@ pub fn throughput(
     };
     let mut run = Run::new(config, Counted::Tests, &options)?;
     run.reset();
-    let batch = tiny_scene(config, config.packets_in_flight as usize, &mut run.rng)?;
+    let mut batch = tiny_scene(
+        config,
+        config.packets_in_flight as usize,
+        false,
+        &mut run.rng,
+    )?;
+    // A leaf is met by valid rays alone.
+    for ray in batch.packets.iter_mut().flatten() {
+        if !RaySetup::new(&run.arithmetic, ray).valid {
+            *ray = Ray {
+                direction: [1.0, 0.5, 0.25],
+                tmax: f64::INFINITY,
+                active: true,
+                ..Ray::INACTIVE
+            };
+        }
+    }
     let contents = Contents::new(&batch.scene);
     let all: Vec<u8> = (0..=u8::MAX)
         .filter(|mask| u32::from(*mask) >> config.rays_per_packet == 0)
@@ -539,7 +556,7 @@ impl<'a> Run<'a> {
     /// Reset, and the sweep over all packets that must follow.
     fn reset(&mut self) {
         let model = &mut self.bench.model;
-        model.reset(4);
+        model.reset(RESET_CYCLES);
         model.set(self.ports.sweep, 1);
         for packet in 0..self.packets.len() {
             model.set(self.ports.sweep_packet, packet as u64);
@@ -574,11 +591,20 @@ impl<'a> Run<'a> {
                 self.0.push(*event);
             }
         }
-        let all = ((1u32 << self.config.rays_per_packet) - 1) as u8;
         let (triangles, instances) = (contents.records_of(false), contents.records_of(true));
         let script = |rays: &Vec<Ray>| {
             let mut leaves = Leaves(vec![]);
             if batch.is_random {
+                // A leaf is met by valid rays alone.
+                let valid = rays
+                    .iter()
+                    .map(|ray| RaySetup::new(&self.arithmetic, ray).valid);
+                let all = (0..)
+                    .zip(valid)
+                    .fold(0u8, |mask, (slot, valid)| mask | u8::from(valid) << slot);
+                if all == 0 {
+                    return (rays.clone(), vec![]);
+                }
                 // In two levels only the rays of an instance are in its object's space.
                 let mut come = all;
                 for _ in 0..self.rng.usize(1..=12) {
@@ -587,7 +613,7 @@ impl<'a> Run<'a> {
                     let records = if instance { &instances } else { &triangles };
                     let among = if instance { all } else { come };
                     let mask = loop {
-                        let mask = self.rng.u8(1..=all) & among;
+                        let mask = self.rng.u8(1..) & among;
                         if mask != 0 {
                             break mask;
                         }

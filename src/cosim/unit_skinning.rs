@@ -7,7 +7,7 @@
 use super::memory::{Image, ReadPort, ReadResponse, Timing, WritePort, WriteRequest};
 use super::mismatch::Field;
 use super::model::PortHandle;
-use super::scoreboard::{Bench, Category, Surroundings, UnitOptions, UnitReport};
+use super::scoreboard::{Bench, Category, RESET_CYCLES, Surroundings, UnitOptions, UnitReport};
 use super::unit_update::{ReadHandles, WriteHandles};
 use crate::bkd::layout::{
     Columns, INFLUENCES_PER_ROW, Influence, Record, influence_words, influences_of_words,
@@ -284,7 +284,7 @@ impl SkinUnit {
     pub fn new(config: &Config, options: &UnitOptions) -> Result<SkinUnit> {
         let machine = emit(config)?;
         let mut bench = Bench::new("skinning", machine.design.top(), options)?;
-        bench.model.reset(4);
+        bench.model.reset(RESET_CYCLES);
         let model = &bench.model;
         let port = |name: &str| model.port(name);
         Ok(SkinUnit {
@@ -324,7 +324,7 @@ impl SkinUnit {
 
     /// Resets the unit and lets all that is random in what follows depend on `seed`, not on how many meshes went before.
     pub fn restart(&mut self, seed: u64) {
-        self.bench.model.reset(4);
+        self.bench.model.reset(RESET_CYCLES);
         self.rng = fastrand::Rng::with_seed(seed);
         self.meshes = 0;
     }

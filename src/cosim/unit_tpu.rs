@@ -13,8 +13,8 @@ use super::mismatch::Field;
 use super::model::PortHandle;
 use super::raycast::MemoryPort;
 use super::scoreboard::{
-    Bench, Categories, Category, RaySetUp, SetupPlace, SetupPorts, Surroundings, UnitOptions,
-    UnitReport,
+    Bench, Categories, Category, RESET_CYCLES, RaySetUp, SetupPlace, SetupPorts, Surroundings,
+    UnitOptions, UnitReport,
 };
 use super::workload::{Batch, Batches, TestScene, Workload};
 use crate::bkd::Target;
@@ -320,7 +320,7 @@ impl<'a> Run<'a> {
     }
 
     fn all(&mut self, workload: Workload<'_>, options: &UnitOptions) -> Result<()> {
-        self.bench.model.reset(4);
+        self.bench.model.reset(RESET_CYCLES);
         let mut batches = Batches::new(self.config, workload, options.seed)?;
         while let Some(batch) = batches.next(self.bench.tally.transactions)? {
             let around = match options.surroundings {

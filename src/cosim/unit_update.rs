@@ -7,7 +7,9 @@
 use super::memory::{Image, ReadPort, ReadRequest, ReadResponse, Timing, WritePort, WriteRequest};
 use super::mismatch::Field;
 use super::model::{Model, PortHandle};
-use super::scoreboard::{Bench, Categories, Category, Surroundings, UnitOptions, UnitReport};
+use super::scoreboard::{
+    Bench, Categories, Category, RESET_CYCLES, Surroundings, UnitOptions, UnitReport,
+};
 use crate::bkd::layout::{Record, vector_words};
 use crate::bkd::{Child, Tree, TreeNode};
 use crate::config::Config;
@@ -303,7 +305,7 @@ impl UpdateUnit {
     pub fn new(config: &Config, options: &UnitOptions) -> Result<UpdateUnit> {
         let unit = module(&Plan::new(config)?)?;
         let mut bench = Bench::new("update", &unit.module, options)?;
-        bench.model.reset(4);
+        bench.model.reset(RESET_CYCLES);
         let model = &bench.model;
         let port = |name: &str| model.port(name);
         Ok(UpdateUnit {
@@ -354,7 +356,7 @@ impl UpdateUnit {
 
     /// Resets the unit and lets all that is random in what follows depend on `seed`, not on how many updates went before.
     pub fn restart(&mut self, seed: u64) {
-        self.bench.model.reset(4);
+        self.bench.model.reset(RESET_CYCLES);
         self.rng = fastrand::Rng::with_seed(seed);
         self.updates = 0;
     }

@@ -32,6 +32,9 @@ pub enum Workload<'a> {
 const PACKETS_OF_A_FRAME: usize = 2048;
 const PACKETS_OF_A_TINY_SCENE: usize = 160;
 
+/// Of so many tiny scenes the first fills the stack, so that no run is without one.
+const DEEP_SCENE_EACH: usize = 16;
+
 /// A scene as a unit's memories hold it, and as the golden model sees it.
 pub(super) struct TestScene {
     pub root: LinkWord,
@@ -113,6 +116,8 @@ pub(super) struct Batches<'a> {
     rng: fastrand::Rng,
     scene: Option<Rc<TestScene>>,
     next_ray: usize,
+    /// Tiny scenes so far.
+    scenes: usize,
 }
 
 impl<'a> Batches<'a> {
@@ -136,6 +141,7 @@ impl<'a> Batches<'a> {
             rng: fastrand::Rng::with_seed(seed ^ 0x5ce7e5),
             scene,
             next_ray: 0,
+            scenes: 0,
         })
     }
 
@@ -165,7 +171,9 @@ impl<'a> Batches<'a> {
                 if transactions >= enough {
                     return Ok(None);
                 }
-                tiny_scene(self.config, PACKETS_OF_A_TINY_SCENE, &mut self.rng).map(Some)
+                let deep = self.scenes.is_multiple_of(DEEP_SCENE_EACH);
+                self.scenes += 1;
+                tiny_scene(self.config, PACKETS_OF_A_TINY_SCENE, deep, &mut self.rng).map(Some)
             }
             Workload::Instances {
                 transactions: enough,
@@ -186,14 +194,18 @@ impl<'a> Batches<'a> {
     }
 }
 
-/// A random tiny scene, and so many packets of rays into it.
+/// A random tiny scene, and so many packets of rays into it. A `deep` one's tree fills the stack.
 pub(super) fn tiny_scene(
     config: &Config,
     packets: usize,
+    deep: bool,
     rng: &mut fastrand::Rng,
 ) -> Result<Batch> {
     let format = config.format();
-    let mesh = TinyMesh::random(config, rng)?;
+    let mesh = match deep {
+        true => TinyMesh::chain(rng, config.axes_per_node, config.stack_depth),
+        false => TinyMesh::random(config, rng)?,
+    };
     let image = MemoryImage::new(format, &mesh.vertices, &mesh.triangles, &mesh.tree)?;
     let size = config.rays_per_packet as usize;
     Ok(Batch {

@@ -19,8 +19,9 @@ pub use text::Kind;
 
 use crate::bkd::layout::MemoryImage;
 use crate::config::Config;
+use crate::cosim::model::Recording;
 use crate::cosim::raycast::RaycastUnit;
-use crate::cosim::scoreboard::{Mutated, UnitOptions};
+use crate::cosim::scoreboard::{Interrupted, Mutated, Recorder, UnitOptions};
 use crate::cosim::workload::{Workload, instanced_scene};
 use crate::cosim::{raycast, unit_arithmetic, unit_geometry, unit_skinning, unit_tpu, unit_update};
 use crate::hdl::{Design, Module};
@@ -41,7 +42,7 @@ use text::{SELECT, Site, instrument, sites};
 pub const UNITS: [&str; 5] = ["arithmetic", "tpu", "geometry", "update", "raycast"];
 
 /// A part of results' keys: counts up when runs become others.
-const RUNS_VERSION: &str = "3";
+const RUNS_VERSION: &str = "4";
 
 /// Transactions of a mutant's runs: most are noticed in the first, what is left goes on to the last.
 const LENGTHS: [u64; 3] = [2_000, 30_000, 200_000];
@@ -232,8 +233,31 @@ fn draw(config: &Config, request: &Request) -> Result<Vec<Population>> {
 /// What a run of a unit with a mutant came to: `None` if all agrees.
 type Run<'a> = (
     String,
-    Box<dyn Fn(Option<Mutated>) -> Result<Option<String>> + Sync + 'a>,
+    Box<dyn Fn(Play) -> Result<Option<String>> + Sync + 'a>,
 );
+
+/// How a run is done.
+#[derive(Clone, Default)]
+struct Play {
+    mutated: Option<Mutated>,
+    /// Traffic before it, which its first reset interrupts.
+    interrupted: Option<Interrupted>,
+    record: Option<Recorder>,
+}
+
+impl Play {
+    fn options(self, seed: u64) -> UnitOptions {
+        UnitOptions {
+            mutated: self.mutated,
+            interrupted: self.interrupted,
+            record: self.record,
+            ..UnitOptions::new(seed)
+        }
+    }
+}
+
+/// Times that each of the shortest runs is done once more, after a reset amid its traffic: of what a reset leaves, most shows soon or never.
+const INTERRUPTIONS: u64 = 6;
 
 /// Scenes of two levels and rays into them, for whole machines.
 struct Scenes(Vec<(MemoryImage, Vec<Ray>)>);
@@ -243,13 +267,6 @@ impl Scenes {
         let mut rng = fastrand::Rng::with_seed(seed);
         let scenes = (0..count).map(|_| instanced_scene(config, rays, &mut rng));
         scenes.collect::<Result<_>>().map(Scenes)
-    }
-}
-
-fn unit_options(seed: u64, mutated: Option<Mutated>) -> UnitOptions {
-    UnitOptions {
-        mutated,
-        ..UnitOptions::new(seed)
     }
 }
 
@@ -286,45 +303,44 @@ fn runs<'a>(
         };
         for &kind in kinds {
             let name = format!("{kind} {length}");
-            let run: Box<dyn Fn(Option<Mutated>) -> Result<Option<String>> + Sync> = match kind {
-                "operands" => Box::new(move |mutated| {
-                    unit_arithmetic::run(config, 20 * length, &unit_options(seed, mutated))?;
+            let run: Box<dyn Fn(Play) -> Result<Option<String>> + Sync> = match kind {
+                "operands" => Box::new(move |play: Play| {
+                    unit_arithmetic::run(config, 20 * length, &play.options(seed))?;
                     Ok(None)
                 }),
-                "packets" => Box::new(move |mutated| {
+                "packets" => Box::new(move |play: Play| {
                     let workload = Workload::Coincidences {
                         transactions: length,
                     };
-                    let report = unit_tpu::run(config, workload, &unit_options(seed, mutated))?;
+                    let report = unit_tpu::run(config, workload, &play.options(seed))?;
                     Ok(report.mismatch)
                 }),
-                "instances" => Box::new(move |mutated| {
+                "instances" => Box::new(move |play: Play| {
                     let workload = Workload::Instances {
                         transactions: length,
                     };
-                    let report = unit_tpu::run(config, workload, &unit_options(seed, mutated))?;
+                    let report = unit_tpu::run(config, workload, &play.options(seed))?;
                     Ok(report.mismatch)
                 }),
-                "tests" => Box::new(move |mutated| {
+                "tests" => Box::new(move |play: Play| {
                     let workload = Workload::Coincidences {
                         transactions: length,
                     };
-                    let report =
-                        unit_geometry::run(config, workload, &unit_options(seed, mutated))?;
+                    let report = unit_geometry::run(config, workload, &play.options(seed))?;
                     Ok(report.mismatch)
                 }),
-                "transforms" => Box::new(move |mutated| {
+                "transforms" => Box::new(move |play: Play| {
                     let workload = Workload::Instances {
                         transactions: length / 2,
                     };
-                    let options = unit_options(seed, mutated);
+                    let options = play.options(seed);
                     Ok(unit_geometry::run_transform(config, workload, &options)?.mismatch)
                 }),
-                "programs" => Box::new(move |mutated| {
+                "programs" => Box::new(move |play: Play| {
                     let workload = unit_update::Workload::Random {
                         instructions: length,
                     };
-                    let options = unit_options(seed, mutated);
+                    let options = play.options(seed);
                     let traffic = unit_update::Traffic::Separate;
                     let report = unit_update::run(config, workload, traffic, &options)?;
                     Ok(report.unit.mismatch)
@@ -332,8 +348,14 @@ fn runs<'a>(
                 "rays" => {
                     let count = 1 + length as usize / 4000;
                     let scenes = Scenes::new(config, count, 600, seed)?;
-                    Box::new(move |mutated| {
-                        let mut unit = RaycastUnit::mutated(config, mutated.as_ref())?;
+                    Box::new(move |play: Play| {
+                        let mut unit = RaycastUnit::mutated(config, play.mutated.as_ref())?;
+                        if let Some(interrupted) = &play.interrupted {
+                            unit.interrupt(interrupted)?;
+                        }
+                        if play.record.is_some() {
+                            unit.record();
+                        }
                         for (number, (image, rays)) in scenes.0.iter().enumerate() {
                             let stall = [0.0, 0.3][number % 2];
                             let options = raycast::Options {
@@ -344,12 +366,15 @@ fn runs<'a>(
                             };
                             unit.cast(image, rays, &options, &|_| ())?;
                         }
+                        if let Some(recorder) = &play.record {
+                            unit.recorded(recorder);
+                        }
                         Ok(None)
                     })
                 }
                 _ => {
                     let whole = whole.clone();
-                    Box::new(move |mutated| {
+                    Box::new(move |play: Play| {
                         let workload = unit_skinning::Workload::Random {
                             vertices: length / 4,
                         };
@@ -360,7 +385,11 @@ fn runs<'a>(
                             },
                             None => mutated,
                         };
-                        let options = unit_options(seed, mutated.map(in_whole));
+                        let options = Play {
+                            mutated: play.mutated.clone().map(in_whole),
+                            ..play
+                        }
+                        .options(seed);
                         let traffic = unit_skinning::Traffic::Separate;
                         let report = unit_skinning::run(config, workload, traffic, &options)?;
                         Ok(report.unit.mismatch)
@@ -375,8 +404,8 @@ fn runs<'a>(
 
 /// What made a run end: a mismatch, an error of the run, or nothing. A mutant may break what a bench takes for granted, such as that a
 /// packet has a number that exists; then the bench's own check ends it, and that is noticing too.
-fn told(run: &Run<'_>, mutated: Option<Mutated>) -> Option<String> {
-    let said = match catch_unwind(AssertUnwindSafe(|| (run.1)(mutated))) {
+fn told(run: &Run<'_>, play: Play) -> Option<String> {
+    let said = match catch_unwind(AssertUnwindSafe(|| (run.1)(play))) {
         Ok(Ok(None)) => return None,
         Ok(Ok(Some(mismatch))) => mismatch,
         Ok(Err(error)) => format!("{error:#}"),
@@ -462,26 +491,84 @@ fn run_unit(
     };
     let runs = runs(config, unit, request.lengths, whole)?;
     let all_known = request.only.is_none() && drawn.iter().all(|d| known(d.0).is_some());
-    if !all_known {
-        progress(&format!("building {unit} with {} mutants", drawn.len()));
-        let select = |selected| Mutated {
+    let select = |selected| Play {
+        mutated: Some(Mutated {
             files: files.clone(),
             port: SELECT,
             selected,
-        };
+        }),
+        ..Play::default()
+    };
+    let shortest = &runs[..runs.len() / request.lengths];
+    let mut traffic: Vec<Option<Arc<Recording>>> = vec![];
+    if !all_known {
+        progress(&format!("building {unit} with {} mutants", drawn.len()));
         for run in &runs {
-            if let Some(said) = told(run, Some(select(0))) {
+            let recorder = Recorder::default();
+            let play = Play {
+                record: Some(recorder.clone()),
+                ..select(0)
+            };
+            if let Some(said) = told(run, play) {
                 bail!("{unit}, {}: fails without any mutant: {said}", run.0);
+            }
+            traffic.push(recorder.take());
+        }
+    }
+    // What the unit of arithmetic has is no traffic, and it has no reset.
+    let interruptions = |number: u32| {
+        let mut rng = fastrand::Rng::with_seed(u64::from(number));
+        let mut all = vec![];
+        for (run, traffic) in shortest.iter().zip(&traffic) {
+            for _ in 0..INTERRUPTIONS {
+                if let Some(traffic) = traffic {
+                    let at = rng.usize(traffic.len() / 8..traffic.len());
+                    let traffic = traffic.clone();
+                    all.push((run, Interrupted { traffic, at }));
+                }
+            }
+        }
+        all
+    };
+    if !all_known {
+        for (run, interrupted) in interruptions(0) {
+            let after = interrupted.at;
+            let play = Play {
+                interrupted: Some(interrupted),
+                ..select(0)
+            };
+            if let Some(said) = told(run, play) {
+                bail!(
+                    "{unit}, {}, after a reset {after} clocks into its traffic: fails without any mutant: {said}",
+                    run.0
+                );
             }
         }
         progress(&format!(
             "{unit} passes without a mutant; running the mutants"
         ));
     }
-    let select = |selected| Mutated {
-        files: files.clone(),
-        port: SELECT,
-        selected,
+    let noticed_by = |number: u32| -> Option<Outcome> {
+        let by = |run: &Run<'_>| {
+            let how = told(run, select(number))?;
+            let run = run.0.clone();
+            Some(Outcome::Noticed { run, how })
+        };
+        let amid = |(run, interrupted): (&Run<'_>, Interrupted)| {
+            let name = format!(
+                "{}, after a reset {} clocks into its traffic",
+                run.0, interrupted.at
+            );
+            let play = Play {
+                interrupted: Some(interrupted),
+                ..select(number)
+            };
+            let how = told(run, play)?;
+            Some(Outcome::Noticed { run: name, how })
+        };
+        (shortest.iter().find_map(by))
+            .or_else(|| interruptions(number).into_iter().find_map(amid))
+            .or_else(|| runs[shortest.len()..].iter().find_map(by))
     };
     let finished = std::sync::atomic::AtomicUsize::new(0);
     // Modules are not to be shared between threads; their texts are.
@@ -491,12 +578,7 @@ fn run_unit(
             let outcome = match known(*number).filter(|_| request.only.is_none()) {
                 Some(outcome) => outcome,
                 None => {
-                    let noticed = runs.iter().find_map(|run| {
-                        let how = told(run, Some(select(*number)))?;
-                        let run = run.0.clone();
-                        Some(Outcome::Noticed { run, how })
-                    });
-                    let outcome = match noticed {
+                    let outcome = match noticed_by(*number) {
                         Some(outcome) => outcome,
                         None => survivor(request, &texts, &names, *at, site, &runs)?,
                     };

@@ -277,7 +277,12 @@ fn related(
     };
     m.output("y", y.extend(format.width()));
     let plant = match (blind, relation) {
-        (false, _) => plant("what knows more says the opposite", " knows = ", "knows = ", "knows = ~"),
+        (false, _) => plant(
+            "what knows more says the opposite",
+            " knows = ",
+            "knows = ",
+            "knows = ~",
+        ),
         (true, Relation::Equal) => plant("unlike patterns are equal", " == ", "==", "!="),
         (true, _) => plant("the order is turned round", " < ", "<", ">"),
     };
