@@ -1021,7 +1021,15 @@ impl<'b> Unit<'b> {
         stays.reverse();
         let stay_mask = m.concat(&stays).named("stay_mask").register();
         let pop_intervals: Vec<_> = pop_intervals.into_iter().map(|s| s.register()).collect();
-        let pop_latency = stay_mask.stage().unwrap_or(0);
+        // What clips a far may take a clock more than what a ray stays by.
+        let pop_latency = (pop_intervals.iter().chain([&stay_mask]))
+            .filter_map(Signal::stage)
+            .max()
+            .unwrap_or(0);
+        let stay_mask = stay_mask.at(pop_latency);
+        let pop_intervals: Vec<_> = (pop_intervals.into_iter())
+            .map(|interval| interval.at(pop_latency))
+            .collect();
         let pop_done = pop_valid.at(pop_latency).untimed().named("pop_done");
         let pop_out_packet = pop_packet.at(pop_latency).untimed().named("pop_out_packet");
         let pop_out_empty = stack_empty.at(pop_latency).untimed();
