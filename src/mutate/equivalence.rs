@@ -1,9 +1,6 @@
 //! Whether a mutated module does at its ports what the module does, for ever: by induction over Yosys' pairs of signals of the
 //! same name. A module that holds much memory is not tried.
 //!
-//! It is tried twice. First the modules within are black boxes, the same in both, which must get the same inputs for ever: then the proof is of the
-//! module's own text alone, and quick. A difference that shows at a black box's input, but not behind it, needs all of it flattened.
-//!
 //! A mutation that no port shows may well show inside: `<` for `<=` before a choice between equals. So pairs of inner signals that
 //! were not proved are matched no more, and the rest is tried again; ports stay, and every pair that is left must be proved. The induction
 //! says that two modules which have agreed for [`DEPTH`] clocks do so ever after. That they agree in the first place is what the
@@ -41,33 +38,12 @@ pub(super) fn proved(
     at: usize,
     site: &Site,
 ) -> Result<Option<String>> {
-    for opaque in [true, false] {
-        let memory: u64 = match opaque {
-            true => memory_bits(&texts[at]),
-            false => (below(texts, names, at).iter())
-                .map(|&module| memory_bits(&texts[module]))
-                .sum(),
-        };
-        if memory > MOST_MEMORY_BITS {
-            return Ok(None);
-        }
-        if let Some(proof) = induction(texts, names, at, site, opaque)? {
-            return Ok(Some(proof));
-        }
-    }
-    Ok(None)
-}
-
-/// One kind of proof: with the modules within as black boxes, or with all of them.
-fn induction(
-    texts: &[String],
-    names: &[&str],
-    at: usize,
-    site: &Site,
-    opaque: bool,
-) -> Result<Option<String>> {
     let below = below(texts, names, at);
-    if !opaque && below.len() == 1 {
+    let memory: u64 = below
+        .iter()
+        .map(|&module| memory_bits(&texts[module]))
+        .sum();
+    if memory > MOST_MEMORY_BITS {
         return Ok(None);
     }
     let folder = tempfile::tempdir().context("cannot create a temporary folder")?;
@@ -82,11 +58,7 @@ fn induction(
             };
             std::fs::write(folder.path().join(&name), text)
                 .context("cannot write a temporary file")?;
-            let as_box = match opaque && module != at {
-                true => "-lib ",
-                false => "",
-            };
-            let _ = write!(script, "read_verilog {as_box}{name}; ");
+            let _ = write!(script, "read_verilog {name}; ");
         }
         let top = names[at];
         let _ = write!(
@@ -110,11 +82,7 @@ fn induction(
         let ended = tools::run(folder.path(), LIMIT, "yosys", &["-q", "-p", &script])?;
         match ended {
             Ended::With { success: true, .. } => {
-                let around = match opaque && below.len() > 1 {
-                    true => ", the modules within as black boxes",
-                    false => "",
-                };
-                return Ok(Some(format!("Yosys: equiv_induct -seq {DEPTH}{around}")));
+                return Ok(Some(format!("Yosys: equiv_induct -seq {DEPTH}")));
             }
             Ended::With { .. } => {}
             Ended::OutOfTime => return Ok(None),
@@ -285,67 +253,6 @@ endmodule
         // Where both are negative the wrong one, or one of two clocks, is chosen.
         assert!(!verdict("^", "|"));
         assert!(!verdict("a_s1", "a"));
-    }
-
-    /// What is asked of an adder, whose answer is used only where it is `wanted`.
-    const ASKING: &str = "\
-module asking (
-  input  wire       clk,
-  input  wire       wanted,
-  input  wire [3:0] a,
-  input  wire [3:0] b,
-  output wire [3:0] y
-);
-
-  wire [3:0] first = wanted ? a : 4'd0;
-  wire [3:0] sum;
-  wire       never = (a == 4'd3) & (a == 4'd1);
-  wire       either = wanted | never;
-
-  adder add (
-    .a(first),
-    .b(b),
-    .y(sum)
-  );
-
-  assign y = either ? sum : 4'd0;
-
-endmodule
-";
-
-    const ADDER: &str = "\
-module adder (
-  input  wire [3:0] a,
-  input  wire [3:0] b,
-  output wire [3:0] y
-);
-
-  assign y = a + b;
-
-endmodule
-";
-
-    #[test]
-    fn the_modules_within_may_be_black_boxes() {
-        let texts = [ADDER.to_string(), ASKING.to_string()];
-        let names = ["adder", "asking"];
-        let all = sites(ASKING);
-        let verdict = |before: &str, instead: &str, opaque| {
-            let site = (all.iter())
-                .find(|site| &ASKING[site.place.clone()] == before && site.instead == instead);
-            let site = site.unwrap_or_else(|| panic!("{before} → {instead}: {all:?}"));
-            induction(&texts, &names, 1, site, opaque)
-                .unwrap()
-                .is_some()
-        };
-        // It can no more be 2 and 1 than it can be 3 and 1.
-        assert!(verdict("4'd3", "4'd2", true));
-        assert!(verdict("4'd3", "4'd2", false));
-        assert!(!verdict("|", "&", true));
-        assert!(!verdict("|", "&", false));
-        // The adder gets other numbers where nobody looks: only the whole shows that none sees them.
-        assert!(!verdict("4'd0", "4'd1", true));
-        assert!(verdict("4'd0", "4'd1", false));
     }
 
     #[test]
