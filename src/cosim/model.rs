@@ -402,19 +402,26 @@ impl Model {
     /// one has prepared, as it is in a device that has just been switched on, and reset must do with it.
     pub fn disturb(&mut self, seed: u64, cycles: u64) {
         let mut rng = fastrand::Rng::with_seed(seed);
-        let inputs: Vec<(PortHandle, usize)> = (self.inputs())
-            .map(|port| (port, self.slots[port.0 as usize].words()))
-            .collect();
+        let inputs: Vec<PortHandle> = self.inputs().collect();
         for cycle in 0..=cycles {
-            for &(port, words) in &inputs {
-                let bits: Vec<u32> = (0..words)
-                    .map(|_| if cycle < cycles { rng.u32(..) } else { 0 })
-                    .collect();
-                self.set_words(port, &bits);
-            }
             if cycle < cycles {
+                self.garble(inputs.iter().copied(), &mut rng);
                 self.clock();
+            } else {
+                for &port in &inputs {
+                    self.set_words(port, &[]);
+                }
             }
+        }
+    }
+
+    /// Gives inputs random bits, as what has no meaning may have.
+    pub fn garble(&mut self, ports: impl IntoIterator<Item = PortHandle>, rng: &mut fastrand::Rng) {
+        for port in ports {
+            let words: Vec<u32> = (0..self.slots[port.0 as usize].words())
+                .map(|_| rng.u32(..))
+                .collect();
+            self.set_words(port, &words);
         }
     }
 

@@ -522,6 +522,7 @@ struct Run<'a> {
     hit_port: HitPort,
     watch: Watch,
     start_packet: PortHandle,
+    start_tag: PortHandle,
     /// By packet number in flight: which packet it is.
     expected: Vec<Option<Expected>>,
     /// By tag: the packet's number in flight, and rays that have come back.
@@ -599,6 +600,7 @@ impl<'a> Run<'a> {
         Ok(Run {
             watch: Watch::new(model)?,
             start_packet: model.port("watch_start_packet")?,
+            start_tag: model.port("watch_start_tag")?,
             caster: Caster::new(image, config.triangle_test, config.rays_per_packet as usize),
             config,
             format,
@@ -647,7 +649,12 @@ impl<'a> Run<'a> {
                         .expect("more tags than packets in flight");
                 }
                 let ray = self.rays.get(offered).copied().unwrap_or(Ray::INACTIVE);
-                self.offer(&ray, tag);
+                // The tag of a packet's first ray counts for all.
+                let shown_tag = match offered.is_multiple_of(size) {
+                    true => tag,
+                    false => self.rng.u32(..),
+                };
+                self.offer(&ray, shown_tag);
                 shown = Some(offered);
             } else if shown.is_none() {
                 self.model.set(self.ray_port.valid, 0);
@@ -664,7 +671,7 @@ impl<'a> Run<'a> {
                 shown = None;
                 offered += 1;
                 if offered.is_multiple_of(size) {
-                    self.start(index + 1 - size, tag);
+                    self.start(index + 1 - size, tag)?;
                 }
             }
             if takes_hit && self.model.get(self.hit_port.valid) != 0 {
@@ -724,7 +731,13 @@ impl<'a> Run<'a> {
     }
 
     /// A packet's last ray was taken: the golden model says what must come of it.
-    fn start(&mut self, first_ray: usize, tag: u32) {
+    fn start(&mut self, first_ray: usize, tag: u32) -> Result<()> {
+        let shown = self.model.get(self.start_tag);
+        if shown != u64::from(tag) {
+            let fields = vec![Field::integer("tag", tag.into(), shown)];
+            let place = format!("the packet that begins with ray {first_ray}");
+            return Err(self.mismatch("raycast", place, fields));
+        }
         let size = self.config.rays_per_packet as usize;
         let packet = self.model.get(self.start_packet) as usize;
         let rays = &self.rays[first_ray..(first_ray + size).min(self.rays.len())];
@@ -736,6 +749,7 @@ impl<'a> Run<'a> {
         expected.hits.resize(size, Hit::MISS);
         self.expected[packet] = Some(expected);
         self.by_tag[tag as usize] = Some((packet, 0));
+        Ok(())
     }
 
     fn mismatch(&self, unit: &'static str, place: String, fields: Vec<Field>) -> anyhow::Error {

@@ -560,9 +560,13 @@ impl SetupPorts {
         }
     }
 
-    /// Shows none; what else stands on the ports has no meaning, and stays.
-    pub fn hide(&self, model: &mut Model) {
+    /// Shows none; what else stands on the ports has no meaning, and may be anything.
+    pub fn hide(&self, model: &mut Model, rng: &mut fastrand::Rng) {
         model.set(self.valid, 0);
+        let fields = self.fields.iter().map(|(port, _)| *port);
+        let ends = self.first_and_last.into_iter().flatten();
+        let places = [self.packet, self.ray, self.object];
+        model.garble(places.into_iter().chain(ends).chain(fields), rng);
     }
 }
 

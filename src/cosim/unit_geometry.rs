@@ -135,9 +135,10 @@ impl Contents {
         let (vertex, triangle) = (Record::vertex(format), Record::triangle());
         // Instances' vectors come last, and stay.
         let vectors = self.instances.iter().flatten().count() * InstanceRecord::VECTORS;
+        let seldom = if rng.bool() { 32 } else { 6 };
         for row in 0..self.vertices.rows() - vectors as u64 {
             for axis in ["x", "y", "z"] {
-                if rng.u8(..32) == 0 {
+                if rng.u8(..seldom) == 0 {
                     let bits = format.to_bits(odd_number(format, rng));
                     vertex.set(self.vertices.row_mut(row), axis, bits);
                 }
@@ -696,7 +697,7 @@ impl<'a> Run<'a> {
                 Some(Writing { place, word, .. }) => {
                     self.setup.show(model, *place, word);
                 }
-                None => self.setup.hide(model),
+                None => self.setup.hide(model, &mut self.rng),
             }
             // A leaf once offered stays until it is taken.
             if offered.is_none() && !ready.is_empty() && !self.pauses(around) {
@@ -707,6 +708,15 @@ impl<'a> Run<'a> {
             let ports = &self.ports;
             let model = &mut self.bench.model;
             model.set(ports.leaf_valid, offered.is_some().into());
+            if offered.is_none() {
+                let leaf = [
+                    ports.leaf_packet,
+                    ports.leaf_address,
+                    ports.leaf_context,
+                    ports.leaf_mask,
+                ];
+                model.garble(leaf, &mut self.rng);
+            }
             // One closest hit a clock is read.
             let reads = if !finished.is_empty() && !self.pauses(around) {
                 finished.front().copied()

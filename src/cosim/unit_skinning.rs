@@ -396,6 +396,10 @@ impl SkinUnit {
             self.bench.model.set(port, value.into());
         }
         let before = self.counters.map(|port| self.bench.model.get(port));
+        if self.meshes == 1 && before.iter().any(|&count| count != 0) {
+            let fields = before.map(|count| Field::integer("counter", 0, count));
+            return Err(self.bench.mismatch("after reset", fields.into()));
+        }
         let (mut vector_answer, mut row_answer) = (None::<ReadResponse>, None::<ReadResponse>);
         let (mut started, mut idle, mut turn, mut budget) = (false, 0, 0, SHARED_BYTES);
         loop {

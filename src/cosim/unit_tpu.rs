@@ -379,7 +379,7 @@ impl<'a> Run<'a> {
             self.announced.push_back(next);
             match self.announced.pop_front().flatten() {
                 Some(ray) => self.show(&scene, &ray),
-                None => self.setup.hide(model),
+                None => self.setup.hide(model, &mut self.rng),
             }
             let model = &mut self.bench.model;
             memory.show(model);

@@ -429,6 +429,10 @@ impl UpdateUnit {
             self.bench.model.set(port, value.into());
         }
         let before = self.counters.map(|port| self.bench.model.get(port));
+        if self.updates == 1 && before.iter().any(|&count| count != 0) {
+            let fields = before.map(|count| Field::integer("counter", 0, count));
+            return Err(self.bench.mismatch("after reset", fields.into()));
+        }
         let (mut program_answer, mut vertex_answer) = (None, None);
         let (mut started, mut idle, mut turn) = (false, 0, 0);
         loop {

@@ -145,6 +145,22 @@ impl<'a> Batches<'a> {
         })
     }
 
+    /// Gives some packets' rays directions so long that distances come near the least normal number.
+    fn hasten(&mut self, batch: &mut Batch) {
+        let a = Arithmetic::new(self.config.format());
+        let longest = (self.config.format().bias() - 1) as i32;
+        for packet in &mut batch.packets {
+            if self.rng.u8(..16) != 0 {
+                continue;
+            }
+            let length = f64::powi(2.0, longest - self.rng.i32(..4));
+            for ray in packet {
+                ray.direction = ray.direction.map(|x| a.round(x * length));
+                (ray.tmin, ray.tmax) = (0.0, f64::INFINITY);
+            }
+        }
+    }
+
     /// The next packets, when so many `transactions` are done; `None` when the work is done.
     pub fn next(&mut self, transactions: u64) -> Result<Option<Batch>> {
         let size = self.config.rays_per_packet as usize;
@@ -173,7 +189,10 @@ impl<'a> Batches<'a> {
                 }
                 let deep = self.scenes.is_multiple_of(DEEP_SCENE_EACH);
                 self.scenes += 1;
-                tiny_scene(self.config, PACKETS_OF_A_TINY_SCENE, deep, &mut self.rng).map(Some)
+                let mut batch =
+                    tiny_scene(self.config, PACKETS_OF_A_TINY_SCENE, deep, &mut self.rng)?;
+                self.hasten(&mut batch);
+                Ok(Some(batch))
             }
             Workload::Instances {
                 transactions: enough,
