@@ -105,8 +105,8 @@ impl Bench {
                 Sub => units.sub("subtractor", a, b),
                 Mul => units.mul("multiplier", a, b),
                 Reciprocal => units.reciprocal("divider", a),
-                Min => fp::min(format, a, b).register(),
-                Max => fp::max(format, a, b).register(),
+                Min => fp::less(format, b, a).mux(b, a).register(),
+                Max => fp::less(format, a, b).mux(b, a).register(),
                 Down => fp::step(format, a, -ULPS).register(),
                 Up => fp::step(format, a, ULPS).register(),
                 Relations => m

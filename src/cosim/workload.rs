@@ -148,7 +148,7 @@ impl<'a> Batches<'a> {
     /// Gives some packets' rays directions so long that distances come near the least normal number.
     fn hasten(&mut self, batch: &mut Batch) {
         let a = Arithmetic::new(self.config.format());
-        let longest = (self.config.format().bias() - 1) as i32;
+        let longest = self.config.format().bias() - 1;
         for packet in &mut batch.packets {
             if self.rng.u8(..16) != 0 {
                 continue;
