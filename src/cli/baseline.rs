@@ -136,8 +136,16 @@ fn accept(file: &Path, why: &str, is: &Baseline, findings: &[baseline::Finding])
     report::text(&log, &format!("{before}{entry}"))
 }
 
+const NUMBERS_HELP: &str = "\
+Measures nothing: what the page says is what `dynrt baseline --accept` has measured.
+
+Examples:
+  dynrt numbers                                     docs/numbers.md and its plots, from docs/baseline.json
+  dynrt numbers --file my-baseline.json --out page  those of other figures, in a folder of their own";
+
 /// Write the page of numbers and its plots from the checked-in figures
 #[derive(clap::Args)]
+#[command(after_help = NUMBERS_HELP)]
 pub struct NumbersArgs {
     /// The checked-in figures
     #[arg(long, value_name = "F", default_value = "docs/baseline.json")]
