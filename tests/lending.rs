@@ -182,14 +182,18 @@ impl Rig {
     /// A ray against a triangle that is often about where the ray goes, in a window at times.
     fn test_slot(&mut self) -> Slot {
         let mut slot = self.noise();
+        // A test is made for valid rays alone: 0 <= tmin <= tmax.
+        let tmin = match self.rng.bool() {
+            true => 0.0,
+            false => self.number().abs(),
+        };
         let ray = Ray {
             origin: self.vector(),
             direction: self.vector(),
-            tmin: if self.rng.bool() { 0.0 } else { self.number() },
-            tmax: if self.rng.bool() {
-                f64::INFINITY
-            } else {
-                self.number()
+            tmin,
+            tmax: match self.rng.bool() {
+                true => f64::INFINITY,
+                false => self.number().abs().max(tmin),
             },
             active: true,
             any_hit: false,
