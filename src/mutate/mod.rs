@@ -499,7 +499,7 @@ fn run_unit(
         }),
         ..Play::default()
     };
-    let shortest = &runs[..runs.len() / request.lengths];
+    let shortest = &runs[..runs.len().checked_div(request.lengths).unwrap_or(0)];
     let mut traffic: Vec<Option<Arc<Recording>>> = vec![];
     if !all_known {
         progress(&format!("building {unit} with {} mutants", drawn.len()));
