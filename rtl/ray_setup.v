@@ -74,25 +74,25 @@ module ray_setup (
   // A ray is valid if it is active, nothing in it is a NaN, and 0 <= tmin <= tmax.
   wire [23:0] tmin_clean = (~|tmin[22:16]) ? 24'd0 : tmin;
   wire [23:0] tmax_clean = (~|tmax[22:16]) ? 24'd0 : tmax;
-  wire term = (&tmin_clean[22:16]) & (|tmin_clean[15:0]);
-  wire term_2 = (&tmax_clean[22:16]) & (|tmax_clean[15:0]);
-  wire term_3 = ((&origin_x[22:16]) & (|origin_x[15:0])) | ((&origin_y[22:16]) & (|origin_y[15:0]));
-  wire term_4 =
-      term_3 |
+  wire term = ((&origin_x[22:16]) & (|origin_x[15:0])) | ((&origin_y[22:16]) & (|origin_y[15:0]));
+  wire term_2 =
+      term |
       ((&origin_z[22:16]) & (|origin_z[15:0])) |
       ((&direction_x[22:16]) & (|direction_x[15:0]));
-  wire term_5 =
-      term_4 |
+  wire term_3 =
+      term_2 |
       ((&direction_y[22:16]) & (|direction_y[15:0])) |
       ((&direction_z[22:16]) & (|direction_z[15:0]));
-  wire any_nan = term_5 | term | term_2;
+  wire any_nan =
+      term_3 |
+      ((&tmin_clean[22:16]) & (|tmin_clean[15:0])) |
+      ((&tmax_clean[22:16]) & (|tmax_clean[15:0]));
   reg  any_nan_s1;
-  wire any_tmin_clean_22_16 = |tmin_clean[22:16];
-  wire term_6 = ({tmax_clean[22:0], 1'b0} < {tmin_clean[22:0], tmin_clean[23]}) ^ tmax_clean[23];
-  wire term_7 =
-      ((tmax_clean[23] ^ tmin_clean[23]) ? tmax_clean[23] : term_6) &
-      ~((~|tmax_clean[22:16]) & ~any_tmin_clean_22_16);
-  wire ordered = ~(tmin_clean[23] & any_tmin_clean_22_16) & ~term & (~term_7 & ~(term | term_2));
+  wire [23:0] joined = {tmax_clean[22:0], 1'b0};
+  wire choice =
+      (tmax_clean[23] ^ tmin_clean[23]) ? tmax_clean[23] :
+      ((joined < {tmin_clean[22:0], tmin_clean[23]}) ^ tmax_clean[23]);
+  wire ordered = ~tmin_clean[23] & ~choice;
   reg  ordered_s1;
   reg  active_s1;
   wire sound = active_s1 & ~any_nan_s1 & ordered_s1;
@@ -121,8 +121,8 @@ module ray_setup (
 
   // near and far, clipped by the scene's box; in an object's space by (-infinity, +infinity), which
   // never clips.
-  wire [23:0] choice = object ? 24'hff0000 : scene_lo_x;
-  wire [23:0] choice_2 = object ? 24'h7f0000 : scene_hi_x;
+  wire [23:0] choice_2 = object ? 24'hff0000 : scene_lo_x;
+  wire [23:0] choice_3 = object ? 24'h7f0000 : scene_hi_x;
   reg  [167:0] near_x_plane_delay;
   wire [23:0] near_x_plane_s7 = near_x_plane_delay[167:144];
   reg  [479:0] origin_x_delay;
@@ -156,22 +156,18 @@ module ray_setup (
       (tmin_clean_22_0_s16 < near_x_distance[22:0]) &
       ~near_x_distance[23] &
       near_after_x_is_greater_ordered;
-  reg  [479:0] tmin_clean_delay;
-  wire [23:0] tmin_clean_s16 = tmin_clean_delay[383:360];
-  wire [23:0] near_after_x = near_after_x_is_greater ? near_x_distance : tmin_clean_s16;
+  reg  [479:0] out_tmin_delay;
+  wire [23:0] out_tmin_s16 = out_tmin_delay[383:360];
+  wire [23:0] near_after_x = near_after_x_is_greater ? near_x_distance : out_tmin_s16;
   reg  [23:0] near_after_x_s17;
   reg  [383:0] joined_delay;
   wire [23:0] joined_s16 = joined_delay[383:360];
-  reg  [15:0] tmax_clean_23_delay;
-  wire tmax_clean_23_s16 = tmax_clean_23_delay[15];
-  wire choice_3 =
-      (far_x_distance[23] ^ tmax_clean_23_s16) ? far_x_distance[23] :
+  wire far_after_x_is_less =
+      far_x_distance[23] ? far_x_distance[23] :
       (({far_x_distance[22:0], 1'b0} < joined_s16) ^ far_x_distance[23]);
-  wire far_after_x_is_less_ordered = ~((&far_x_distance[22:16]) & (|far_x_distance[15:0]));
-  wire far_after_x_is_less = choice_3 & far_after_x_is_less_ordered;
-  reg  [479:0] tmax_clean_delay;
-  wire [23:0] tmax_clean_s16 = tmax_clean_delay[383:360];
-  wire [23:0] far_after_x = far_after_x_is_less ? far_x_distance : tmax_clean_s16;
+  reg  [479:0] out_tmax_delay;
+  wire [23:0] out_tmax_s16 = out_tmax_delay[383:360];
+  wire [23:0] far_after_x = far_after_x_is_less ? far_x_distance : out_tmax_s16;
   reg  [23:0] far_after_x_s17;
   wire [23:0] choice_4 = object ? 24'hff0000 : scene_lo_y;
   wire [23:0] choice_5 = object ? 24'h7f0000 : scene_hi_y;
@@ -214,16 +210,15 @@ module ray_setup (
   reg  [23:0] near_after_y_s18;
   reg  [23:0] joined_2_s17;
   reg  far_y_distance_23_s17;
-  wire term_8 = (joined_2_s17 < {far_after_x_s17[22:0], far_after_x_s17[23]}) ^ far_y_distance_23_s17;
-  wire choice_6 = (far_y_distance_23_s17 ^ far_after_x_s17[23]) ? far_y_distance_23_s17 : term_8;
-  wire far_after_y_is_less_ordered = ~((&far_y_distance[22:16]) & (|far_y_distance[15:0]));
-  reg  far_after_y_is_less_ordered_s17;
-  wire far_after_y_is_less = choice_6 & far_after_y_is_less_ordered_s17;
+  wire term_4 = (joined_2_s17 < {far_after_x_s17[22:0], far_after_x_s17[23]}) ^ far_y_distance_23_s17;
+  wire far_after_y_is_less =
+      (far_y_distance_23_s17 ^ far_after_x_s17[23]) ? far_y_distance_23_s17 :
+      term_4;
   reg  [23:0] far_y_distance_s17;
   wire [23:0] far_after_y = far_after_y_is_less ? far_y_distance_s17 : far_after_x_s17;
   reg  [23:0] far_after_y_s18;
-  wire [23:0] choice_7 = object ? 24'hff0000 : scene_lo_z;
-  wire [23:0] choice_8 = object ? 24'h7f0000 : scene_hi_z;
+  wire [23:0] choice_6 = object ? 24'hff0000 : scene_lo_z;
+  wire [23:0] choice_7 = object ? 24'h7f0000 : scene_hi_z;
   reg  [167:0] near_z_plane_delay;
   wire [23:0] near_z_plane_s7 = near_z_plane_delay[167:144];
   reg  [479:0] origin_z_delay;
@@ -263,25 +258,24 @@ module ray_setup (
   reg  [23:0] near_after_z_s19;
   reg  [23:0] joined_3_s17, joined_3_s18;
   reg  far_z_distance_23_s17, far_z_distance_23_s18;
-  wire term_9 = (joined_3_s18 < {far_after_y_s18[22:0], far_after_y_s18[23]}) ^ far_z_distance_23_s18;
-  wire choice_9 = (far_z_distance_23_s18 ^ far_after_y_s18[23]) ? far_z_distance_23_s18 : term_9;
-  wire far_after_z_is_less_ordered = ~((&far_z_distance[22:16]) & (|far_z_distance[15:0]));
-  reg  far_after_z_is_less_ordered_s17, far_after_z_is_less_ordered_s18;
-  wire far_after_z_is_less = choice_9 & far_after_z_is_less_ordered_s18;
+  wire term_5 = (joined_3_s18 < {far_after_y_s18[22:0], far_after_y_s18[23]}) ^ far_z_distance_23_s18;
+  wire far_after_z_is_less =
+      (far_z_distance_23_s18 ^ far_after_y_s18[23]) ? far_z_distance_23_s18 :
+      term_5;
   reg  [23:0] far_z_distance_s17, far_z_distance_s18;
   wire [23:0] far_after_z = far_after_z_is_less ? far_z_distance_s18 : far_after_y_s18;
   reg  [23:0] far_after_z_s19;
   wire comparison = {far_after_z_s19[22:0], 1'b0} < {near_after_z_s19[22:0], near_after_z_s19[23]};
-  wire choice_10 =
+  wire choice_8 =
       (far_after_z_s19[23] ^ near_after_z_s19[23]) ? far_after_z_s19[23] :
       (comparison ^ far_after_z_s19[23]);
-  wire term_10 = choice_10 & ~((~|far_after_z_s19[22:16]) & (~|near_after_z_s19[22:16]));
-  wire term_11 =
+  wire term_6 = choice_8 & ~((~|far_after_z_s19[22:16]) & (~|near_after_z_s19[22:16]));
+  wire term_7 =
       ((&near_after_z_s19[22:16]) & (|near_after_z_s19[15:0])) |
       ((&far_after_z_s19[22:16]) & (|far_after_z_s19[15:0]));
   reg  [17:0] sound_delay;
   wire sound_s19 = sound_delay[17];
-  wire enters = sound_s19 & (~term_10 & ~term_11);
+  wire enters = sound_s19 & (~term_6 & ~term_7);
 
   // The shear that the watertight test turns the ray into the z axis with.
   wire [22:0] size_x = (~|direction_x[22:16]) ? 23'd0 : direction_x[22:0];
@@ -356,8 +350,8 @@ module ray_setup (
   assign out_object = object_delay[19];
   reg  [59:0] out_signs_delay;
   assign out_signs = out_signs_delay[59:57];
-  assign out_tmin = tmin_clean_delay[479:456];
-  assign out_tmax = tmax_clean_delay[479:456];
+  assign out_tmin = out_tmin_delay[479:456];
+  assign out_tmax = out_tmax_delay[479:456];
   reg  [19:0] any_hit_delay;
   assign out_any_hit = any_hit_delay[19];
   assign out_origin_x = origin_x_delay[479:456];
@@ -406,7 +400,6 @@ module ray_setup (
     near_y_distance_s17 <= near_y_distance;
     joined_2_s17 <= {far_y_distance[22:0], 1'b0};
     far_y_distance_23_s17 <= far_y_distance[23];
-    far_after_y_is_less_ordered_s17 <= far_after_y_is_less_ordered;
     far_y_distance_s17 <= far_y_distance;
     near_z_distance_22_0_s17 <= near_z_distance[22:0];
     not_near_z_distance_23_s17 <= ~near_z_distance[23];
@@ -414,7 +407,6 @@ module ray_setup (
     near_z_distance_s17 <= near_z_distance;
     joined_3_s17 <= {far_z_distance[22:0], 1'b0};
     far_z_distance_23_s17 <= far_z_distance[23];
-    far_after_z_is_less_ordered_s17 <= far_after_z_is_less_ordered;
     far_z_distance_s17 <= far_z_distance;
 
     // Stage 18
@@ -426,7 +418,6 @@ module ray_setup (
     near_z_distance_s18 <= near_z_distance_s17;
     joined_3_s18 <= joined_3_s17;
     far_z_distance_23_s18 <= far_z_distance_23_s17;
-    far_after_z_is_less_ordered_s18 <= far_after_z_is_less_ordered_s17;
     far_z_distance_s18 <= far_z_distance_s17;
 
     // Stage 19
@@ -441,20 +432,19 @@ module ray_setup (
 
   // Delay lines: values that wait for others of their pipeline, the newest lowest.
   always @(posedge clk) begin
-    near_x_plane_delay <= {near_x_plane_delay[143:0], direction_x[23] ? choice_2 : choice};
+    near_x_plane_delay <= {near_x_plane_delay[143:0], direction_x[23] ? choice_3 : choice_2};
     origin_x_delay <= {origin_x_delay[455:0], origin_x};
-    far_x_plane_delay <= {far_x_plane_delay[143:0], direction_x[23] ? choice : choice_2};
+    far_x_plane_delay <= {far_x_plane_delay[143:0], direction_x[23] ? choice_2 : choice_3};
     tmin_clean_22_0_delay <= {tmin_clean_22_0_delay[344:0], tmin_clean[22:0]};
-    tmin_clean_delay <= {tmin_clean_delay[455:0], tmin_clean};
-    joined_delay <= {joined_delay[359:0], {tmax_clean[22:0], tmax_clean[23]}};
-    tmax_clean_23_delay <= {tmax_clean_23_delay[14:0], tmax_clean[23]};
-    tmax_clean_delay <= {tmax_clean_delay[455:0], tmax_clean};
+    out_tmin_delay <= {out_tmin_delay[455:0], {1'b0, tmin_clean[22:0]}};
+    joined_delay <= {joined_delay[359:0], joined};
+    out_tmax_delay <= {out_tmax_delay[455:0], {1'b0, tmax_clean[22:0]}};
     near_y_plane_delay <= {near_y_plane_delay[143:0], direction_y[23] ? choice_5 : choice_4};
     origin_y_delay <= {origin_y_delay[455:0], origin_y};
     far_y_plane_delay <= {far_y_plane_delay[143:0], direction_y[23] ? choice_4 : choice_5};
-    near_z_plane_delay <= {near_z_plane_delay[143:0], direction_z[23] ? choice_8 : choice_7};
+    near_z_plane_delay <= {near_z_plane_delay[143:0], direction_z[23] ? choice_7 : choice_6};
     origin_z_delay <= {origin_z_delay[455:0], origin_z};
-    far_z_plane_delay <= {far_z_plane_delay[143:0], direction_z[23] ? choice_7 : choice_8};
+    far_z_plane_delay <= {far_z_plane_delay[143:0], direction_z[23] ? choice_6 : choice_7};
     sound_delay <= {sound_delay[16:0], sound};
     z_wins_delay <= {z_wins_delay[9:0], z_wins};
     direction_kx_delay <= {direction_kx_delay[239:0], direction_kx};

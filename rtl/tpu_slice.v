@@ -80,12 +80,9 @@ module tpu_slice (
   wire term_3 =
       ({left_far_distance_distance[22:0], 1'b0} < joined_s10) ^
       left_far_distance_distance[23];
-  wire choice =
+  wire left_far_clipped_is_less =
       (left_far_distance_distance[23] ^ ray_far_23_s10) ? left_far_distance_distance[23] :
       term_3;
-  wire term_4 = (&left_far_distance_distance[22:16]) & (|left_far_distance_distance[15:0]);
-  wire left_far_clipped_is_less_ordered = ~term_4;
-  wire left_far_clipped_is_less = choice & left_far_clipped_is_less_ordered;
   reg  [23:0] ray_far_s10;
   wire [23:0] left_far_clipped = left_far_clipped_is_less ? left_far_distance_distance : ray_far_s10;
   reg  [23:0] left_near_clipped_s11;
@@ -118,24 +115,21 @@ module tpu_slice (
     .distance(right_far_distance_distance)
   );
 
-  wire term_5 =
+  wire term_4 =
       (ray_near_22_0_s10 < right_near_distance_distance[22:0]) &
       ~right_near_distance_distance[23];
-  wire term_6 = (&right_near_distance_distance[22:16]) & (|right_near_distance_distance[15:0]);
-  wire right_near_clipped_is_greater_ordered = ~term_6;
-  wire right_near_clipped_is_greater = term_5 & right_near_clipped_is_greater_ordered;
+  wire term_5 = (&right_near_distance_distance[22:16]) & (|right_near_distance_distance[15:0]);
+  wire right_near_clipped_is_greater_ordered = ~term_5;
+  wire right_near_clipped_is_greater = term_4 & right_near_clipped_is_greater_ordered;
   wire [23:0] right_near_clipped =
       right_near_clipped_is_greater ? right_near_distance_distance :
       ray_near_s10;
-  wire term_7 =
+  wire term_6 =
       ({right_far_distance_distance[22:0], 1'b0} < joined_s10) ^
       right_far_distance_distance[23];
-  wire choice_2 =
+  wire right_far_clipped_is_less =
       (right_far_distance_distance[23] ^ ray_far_23_s10) ? right_far_distance_distance[23] :
-      term_7;
-  wire term_8 = (&right_far_distance_distance[22:16]) & (|right_far_distance_distance[15:0]);
-  wire right_far_clipped_is_less_ordered = ~term_8;
-  wire right_far_clipped_is_less = choice_2 & right_far_clipped_is_less_ordered;
+      term_6;
   wire [23:0] right_far_clipped =
       right_far_clipped_is_less ? right_far_distance_distance :
       ray_far_s10;

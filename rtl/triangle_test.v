@@ -205,30 +205,30 @@ module triangle_test (
   wire comparison =
       {intersection_test_t[22:0], 1'b0} <
       {own_box_box_near_s50[22:0], own_box_box_near_s50[23]};
-  wire choice =
+  wire raised_is_greater =
       (intersection_test_t[23] ^ own_box_box_near_s50[23]) ? intersection_test_t[23] :
       (comparison ^ intersection_test_t[23]);
-  wire term = (&intersection_test_t[22:16]) & (|intersection_test_t[15:0]);
-  wire raised_is_greater_ordered = ~term;
-  wire raised_is_greater = choice & raised_is_greater_ordered;
   wire [23:0] raised = raised_is_greater ? own_box_box_near_s50 : intersection_test_t;
   reg  [23:0] raised_s51;
   reg  [23:0] joined_s51;
   reg  own_box_box_far_23_s51;
-  wire term_2 = (joined_s51 < {raised_s51[22:0], raised_s51[23]}) ^ own_box_box_far_23_s51;
-  wire choice_2 = (own_box_box_far_23_s51 ^ raised_s51[23]) ? own_box_box_far_23_s51 : term_2;
+  wire term = (joined_s51 < {raised_s51[22:0], raised_s51[23]}) ^ own_box_box_far_23_s51;
+  wire choice = (own_box_box_far_23_s51 ^ raised_s51[23]) ? own_box_box_far_23_s51 : term;
   wire clamped_is_less_ordered = ~((&raised_s51[22:16]) & (|raised_s51[15:0]));
-  wire clamped_is_less = choice_2 & clamped_is_less_ordered;
+  wire clamped_is_less = choice & clamped_is_less_ordered;
   wire [23:0] own_box_box_far_s51 = own_box_box_far_delay[839:816];
   wire [23:0] clamped = clamped_is_less ? own_box_box_far_s51 : raised_s51;
   reg  [23:0] clamped_s52;
   reg  [33:0] own_box_box_misses_delay;
   wire own_box_box_misses_s50 = own_box_box_misses_delay[33];
-  wire misses = intersection_test_misses | own_box_box_misses_s50 | term;
-  wire term_3 =
+  wire misses =
+      intersection_test_misses |
+      own_box_box_misses_s50 |
+      ((&intersection_test_t[22:16]) & (|intersection_test_t[15:0]));
+  wire term_2 =
       ~((clamped_s52[22:0] < tmin[22:0]) | clamped_s52[23]) &
       ~((tmax[22:0] < clamped_s52[22:0]) & ~clamped_s52[23]);
-  wire within_limits = term_3 & ~((&clamped_s52[22:16]) & (~|clamped_s52[15:0]));
+  wire within_limits = term_2 & ~((&clamped_s52[22:16]) & (~|clamped_s52[15:0]));
   reg  misses_s51, misses_s52;
   wire hits = within_limits & ~misses_s52;
   reg  [23:0] intersection_test_u_s51, intersection_test_u_s52;

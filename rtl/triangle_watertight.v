@@ -427,15 +427,12 @@ module triangle_watertight (
     .y(ew_y)
   );
 
-  wire term = ~((&eu_y[22:16]) & (|eu_y[15:0]));
-  wire term_2 = ~((&ev_y[22:16]) & (|ev_y[15:0]));
-  wire term_3 = ~((&ew_y[22:16]) & (|ew_y[15:0]));
-  wire some_negative = (eu_y[23] & term) | (ev_y[23] & term_2) | (ew_y[23] & term_3);
+  wire some_negative = eu_y[23] | ev_y[23] | ew_y[23];
   reg  some_negative_s23;
-  wire term_4 =
-      ((23'd0 < eu_y[22:0]) & ~eu_y[23] & term) |
-      ((23'd0 < ev_y[22:0]) & ~ev_y[23] & term_2);
-  wire some_positive = term_4 | ((23'd0 < ew_y[22:0]) & ~ew_y[23] & term_3);
+  wire term = (23'd0 < eu_y[22:0]) & ~eu_y[23] & ~((&eu_y[22:16]) & (|eu_y[15:0]));
+  wire term_2 = (23'd0 < ev_y[22:0]) & ~ev_y[23] & ~((&ev_y[22:16]) & (|ev_y[15:0]));
+  wire term_3 = (23'd0 < ew_y[22:0]) & ~ew_y[23] & ~((&ew_y[22:16]) & (|ew_y[15:0]));
+  wire some_positive = term | term_2 | term_3;
   reg  some_positive_s23;
 
   // det = (U + V) + W, i = 1 / det. Matrix: the translation is added, y in U + V, x in det.

@@ -125,7 +125,7 @@ module update_processor (
   assign pop_row = rows_valid & (~decoding | (refill & (word_index == 2'd3)));
 
   always @(posedge clk) begin
-    if (rst) word_index <= 2'd0; else word_index <= (word_index + {1'b0, refill}) & {2{decoding}};
+    word_index <= (word_index + {1'b0, refill}) & {2{decoding}};
   end
 
   wire [31:0] next_word =
@@ -171,7 +171,7 @@ module update_processor (
       (decode ? instruction_length : 4'd0);
 
   always @(posedge clk) begin
-    if (rst) window_count <= 4'd0; else window_count <= difference & {4{decoding}};
+    window_count <= difference & {4{decoding}};
     if (rst) decoding <= 1'b0; else decoding <= start | (decoding & ~(decode & is_end));
   end
 
@@ -215,10 +215,8 @@ module update_processor (
     if (decoded_and_decoded_load) last <= decoded_x;
   end
 
-  wire [5:0] implied_z =
-      decoded_node ? {2'd0, decoded_axes} :
-      decoded_short ? last :
-      decoded_z;
+  wire [5:0] choice = decoded_short ? last : decoded_z;
+  wire [5:0] implied_z = {choice[5:4], decoded_node ? decoded_axes : choice[3:0]};
   reg  [6:0] free_count;
   reg  [5:0] fresh;
   wire any_free = |free_count;
@@ -229,7 +227,7 @@ module update_processor (
   reg  [5:0] free_list [0:63];
 
   always @(posedge clk) begin
-    if (rst) free_count <= 7'd0; else if (start | frees | takes_free) free_count <=
+    if (start | frees | takes_free) free_count <=
         start ? 7'd0 :
         frees ? (free_count + 7'd1) :
         (free_count - 7'd1);
@@ -414,13 +412,11 @@ module update_processor (
   wire nan_second_lo_x = (&second_lo_x_s2[22:16]) & (|second_lo_x_s2[15:0]);
   wire nan_third_x = (&third_x_s2[22:16]) & (|third_x_s2[15:0]);
   wire comparison = {second_lo_x_s2[22:0], 1'b0} < {first_lo_x_s2[22:0], first_lo_x_s2[23]};
-  wire choice =
+  wire choice_2 =
       (second_lo_x_s2[23] ^ first_lo_x_s2[23]) ? second_lo_x_s2[23] :
       (comparison ^ second_lo_x_s2[23]);
-  wire term_3 = choice & ~((~|second_lo_x_s2[22:16]) & (~|first_lo_x_s2[22:16]));
-  wire take_second_lo_x =
-      (term_3 & ~(nan_second_lo_x | nan_first_lo_x)) |
-      (nan_first_lo_x & ~nan_second_lo_x);
+  wire term_3 = choice_2 & ~((~|second_lo_x_s2[22:16]) & (~|first_lo_x_s2[22:16]));
+  wire take_second_lo_x = (term_3 & ~nan_second_lo_x) | (nan_first_lo_x & ~nan_second_lo_x);
   wire [23:0] best_lo_x = take_second_lo_x ? second_lo_x_s2 : first_lo_x_s2;
   reg  [23:0] best_lo_x_s3;
   wire nan_both_lo_x = nan_first_lo_x & nan_second_lo_x;
@@ -428,16 +424,13 @@ module update_processor (
   reg  [23:0] joined_s3;
   reg  third_x_23_s3;
   wire term_4 = (joined_s3 < {best_lo_x_s3[22:0], best_lo_x_s3[23]}) ^ third_x_23_s3;
-  wire choice_2 = (third_x_23_s3 ^ best_lo_x_s3[23]) ? third_x_23_s3 : term_4;
+  wire choice_3 = (third_x_23_s3 ^ best_lo_x_s3[23]) ? third_x_23_s3 : term_4;
   reg  third_x_22_16_is_zero_s3;
-  reg  nan_third_x_s3;
-  wire term_5 =
-      choice_2 &
-      ~(third_x_22_16_is_zero_s3 & (~|best_lo_x_s3[22:16])) &
-      ~(nan_third_x_s3 | ((&best_lo_x_s3[22:16]) & (|best_lo_x_s3[15:0])));
   reg  not_nan_third_x_s3;
+  wire term_5 = choice_3 & ~(third_x_22_16_is_zero_s3 & (~|best_lo_x_s3[22:16])) & not_nan_third_x_s3;
   reg  of_leaf_s2, of_leaf_s3;
   wire take_third_lo_x = of_leaf_s3 & (term_5 | (nan_both_lo_x_s3 & not_nan_third_x_s3));
+  reg  nan_third_x_s3;
   reg  [23:0] third_x_s3;
   wire [23:0] merged_lo_x =
       (nan_both_lo_x_s3 & nan_third_x_s3) ? 24'h7f0000 :
@@ -454,13 +447,11 @@ module update_processor (
   wire nan_second_lo_y = (&second_lo_y_s2[22:16]) & (|second_lo_y_s2[15:0]);
   wire nan_third_y = (&third_y_s2[22:16]) & (|third_y_s2[15:0]);
   wire comparison_2 = {second_lo_y_s2[22:0], 1'b0} < {first_lo_y_s2[22:0], first_lo_y_s2[23]};
-  wire choice_3 =
+  wire choice_4 =
       (second_lo_y_s2[23] ^ first_lo_y_s2[23]) ? second_lo_y_s2[23] :
       (comparison_2 ^ second_lo_y_s2[23]);
-  wire term_6 = choice_3 & ~((~|second_lo_y_s2[22:16]) & (~|first_lo_y_s2[22:16]));
-  wire take_second_lo_y =
-      (term_6 & ~(nan_second_lo_y | nan_first_lo_y)) |
-      (nan_first_lo_y & ~nan_second_lo_y);
+  wire term_6 = choice_4 & ~((~|second_lo_y_s2[22:16]) & (~|first_lo_y_s2[22:16]));
+  wire take_second_lo_y = (term_6 & ~nan_second_lo_y) | (nan_first_lo_y & ~nan_second_lo_y);
   wire [23:0] best_lo_y = take_second_lo_y ? second_lo_y_s2 : first_lo_y_s2;
   reg  [23:0] best_lo_y_s3;
   wire nan_both_lo_y = nan_first_lo_y & nan_second_lo_y;
@@ -468,15 +459,12 @@ module update_processor (
   reg  [23:0] joined_2_s3;
   reg  third_y_23_s3;
   wire term_7 = (joined_2_s3 < {best_lo_y_s3[22:0], best_lo_y_s3[23]}) ^ third_y_23_s3;
-  wire choice_4 = (third_y_23_s3 ^ best_lo_y_s3[23]) ? third_y_23_s3 : term_7;
+  wire choice_5 = (third_y_23_s3 ^ best_lo_y_s3[23]) ? third_y_23_s3 : term_7;
   reg  third_y_22_16_is_zero_s3;
-  reg  nan_third_y_s3;
-  wire term_8 =
-      choice_4 &
-      ~(third_y_22_16_is_zero_s3 & (~|best_lo_y_s3[22:16])) &
-      ~(nan_third_y_s3 | ((&best_lo_y_s3[22:16]) & (|best_lo_y_s3[15:0])));
   reg  not_nan_third_y_s3;
+  wire term_8 = choice_5 & ~(third_y_22_16_is_zero_s3 & (~|best_lo_y_s3[22:16])) & not_nan_third_y_s3;
   wire take_third_lo_y = of_leaf_s3 & (term_8 | (nan_both_lo_y_s3 & not_nan_third_y_s3));
+  reg  nan_third_y_s3;
   reg  [23:0] third_y_s3;
   wire [23:0] merged_lo_y =
       (nan_both_lo_y_s3 & nan_third_y_s3) ? 24'h7f0000 :
@@ -493,13 +481,11 @@ module update_processor (
   wire nan_second_lo_z = (&second_lo_z_s2[22:16]) & (|second_lo_z_s2[15:0]);
   wire nan_third_z = (&third_z_s2[22:16]) & (|third_z_s2[15:0]);
   wire comparison_3 = {second_lo_z_s2[22:0], 1'b0} < {first_lo_z_s2[22:0], first_lo_z_s2[23]};
-  wire choice_5 =
+  wire choice_6 =
       (second_lo_z_s2[23] ^ first_lo_z_s2[23]) ? second_lo_z_s2[23] :
       (comparison_3 ^ second_lo_z_s2[23]);
-  wire term_9 = choice_5 & ~((~|second_lo_z_s2[22:16]) & (~|first_lo_z_s2[22:16]));
-  wire take_second_lo_z =
-      (term_9 & ~(nan_second_lo_z | nan_first_lo_z)) |
-      (nan_first_lo_z & ~nan_second_lo_z);
+  wire term_9 = choice_6 & ~((~|second_lo_z_s2[22:16]) & (~|first_lo_z_s2[22:16]));
+  wire take_second_lo_z = (term_9 & ~nan_second_lo_z) | (nan_first_lo_z & ~nan_second_lo_z);
   wire [23:0] best_lo_z = take_second_lo_z ? second_lo_z_s2 : first_lo_z_s2;
   reg  [23:0] best_lo_z_s3;
   wire nan_both_lo_z = nan_first_lo_z & nan_second_lo_z;
@@ -507,15 +493,15 @@ module update_processor (
   reg  [23:0] joined_3_s3;
   reg  third_z_23_s3;
   wire term_10 = (joined_3_s3 < {best_lo_z_s3[22:0], best_lo_z_s3[23]}) ^ third_z_23_s3;
-  wire choice_6 = (third_z_23_s3 ^ best_lo_z_s3[23]) ? third_z_23_s3 : term_10;
+  wire choice_7 = (third_z_23_s3 ^ best_lo_z_s3[23]) ? third_z_23_s3 : term_10;
   reg  third_z_22_16_is_zero_s3;
-  reg  nan_third_z_s3;
-  wire term_11 =
-      choice_6 &
-      ~(third_z_22_16_is_zero_s3 & (~|best_lo_z_s3[22:16])) &
-      ~(nan_third_z_s3 | ((&best_lo_z_s3[22:16]) & (|best_lo_z_s3[15:0])));
   reg  not_nan_third_z_s3;
+  wire term_11 =
+      choice_7 &
+      ~(third_z_22_16_is_zero_s3 & (~|best_lo_z_s3[22:16])) &
+      not_nan_third_z_s3;
   wire take_third_lo_z = of_leaf_s3 & (term_11 | (nan_both_lo_z_s3 & not_nan_third_z_s3));
+  reg  nan_third_z_s3;
   reg  [23:0] third_z_s3;
   wire [23:0] merged_lo_z =
       (nan_both_lo_z_s3 & nan_third_z_s3) ? 24'h7f0000 :
@@ -529,25 +515,23 @@ module update_processor (
   wire nan_first_hi_x = (&first_hi_x_s2[22:16]) & (|first_hi_x_s2[15:0]);
   wire nan_second_hi_x = (&second_hi_x_s2[22:16]) & (|second_hi_x_s2[15:0]);
   wire comparison_4 = {first_hi_x_s2[22:0], 1'b0} < {second_hi_x_s2[22:0], second_hi_x_s2[23]};
-  wire choice_7 =
+  wire choice_8 =
       (first_hi_x_s2[23] ^ second_hi_x_s2[23]) ? first_hi_x_s2[23] :
       (comparison_4 ^ first_hi_x_s2[23]);
-  wire term_12 = choice_7 & ~((~|first_hi_x_s2[22:16]) & (~|second_hi_x_s2[22:16]));
-  wire take_second_hi_x =
-      (term_12 & ~(nan_first_hi_x | nan_second_hi_x)) |
-      (nan_first_hi_x & ~nan_second_hi_x);
+  wire term_12 = choice_8 & ~((~|first_hi_x_s2[22:16]) & (~|second_hi_x_s2[22:16]));
+  wire take_second_hi_x = (term_12 & ~nan_second_hi_x) | (nan_first_hi_x & ~nan_second_hi_x);
   wire [23:0] best_hi_x = take_second_hi_x ? second_hi_x_s2 : first_hi_x_s2;
   reg  [23:0] best_hi_x_s3;
   wire nan_both_hi_x = nan_first_hi_x & nan_second_hi_x;
   reg  nan_both_hi_x_s3;
   reg  [23:0] joined_4_s3;
-  wire choice_8 =
+  wire choice_9 =
       (best_hi_x_s3[23] ^ third_x_23_s3) ? best_hi_x_s3[23] :
       (({best_hi_x_s3[22:0], 1'b0} < joined_4_s3) ^ best_hi_x_s3[23]);
   wire term_13 =
-      choice_8 &
+      choice_9 &
       ~((~|best_hi_x_s3[22:16]) & third_x_22_16_is_zero_s3) &
-      ~(((&best_hi_x_s3[22:16]) & (|best_hi_x_s3[15:0])) | nan_third_x_s3);
+      not_nan_third_x_s3;
   wire take_third_hi_x = of_leaf_s3 & (term_13 | (nan_both_hi_x_s3 & not_nan_third_x_s3));
   wire [23:0] merged_hi_x =
       (nan_both_hi_x_s3 & nan_third_x_s3) ? 24'hff0000 :
@@ -561,25 +545,23 @@ module update_processor (
   wire nan_first_hi_y = (&first_hi_y_s2[22:16]) & (|first_hi_y_s2[15:0]);
   wire nan_second_hi_y = (&second_hi_y_s2[22:16]) & (|second_hi_y_s2[15:0]);
   wire comparison_5 = {first_hi_y_s2[22:0], 1'b0} < {second_hi_y_s2[22:0], second_hi_y_s2[23]};
-  wire choice_9 =
+  wire choice_10 =
       (first_hi_y_s2[23] ^ second_hi_y_s2[23]) ? first_hi_y_s2[23] :
       (comparison_5 ^ first_hi_y_s2[23]);
-  wire term_14 = choice_9 & ~((~|first_hi_y_s2[22:16]) & (~|second_hi_y_s2[22:16]));
-  wire take_second_hi_y =
-      (term_14 & ~(nan_first_hi_y | nan_second_hi_y)) |
-      (nan_first_hi_y & ~nan_second_hi_y);
+  wire term_14 = choice_10 & ~((~|first_hi_y_s2[22:16]) & (~|second_hi_y_s2[22:16]));
+  wire take_second_hi_y = (term_14 & ~nan_second_hi_y) | (nan_first_hi_y & ~nan_second_hi_y);
   wire [23:0] best_hi_y = take_second_hi_y ? second_hi_y_s2 : first_hi_y_s2;
   reg  [23:0] best_hi_y_s3;
   wire nan_both_hi_y = nan_first_hi_y & nan_second_hi_y;
   reg  nan_both_hi_y_s3;
   reg  [23:0] joined_5_s3;
-  wire choice_10 =
+  wire choice_11 =
       (best_hi_y_s3[23] ^ third_y_23_s3) ? best_hi_y_s3[23] :
       (({best_hi_y_s3[22:0], 1'b0} < joined_5_s3) ^ best_hi_y_s3[23]);
   wire term_15 =
-      choice_10 &
+      choice_11 &
       ~((~|best_hi_y_s3[22:16]) & third_y_22_16_is_zero_s3) &
-      ~(((&best_hi_y_s3[22:16]) & (|best_hi_y_s3[15:0])) | nan_third_y_s3);
+      not_nan_third_y_s3;
   wire take_third_hi_y = of_leaf_s3 & (term_15 | (nan_both_hi_y_s3 & not_nan_third_y_s3));
   wire [23:0] merged_hi_y =
       (nan_both_hi_y_s3 & nan_third_y_s3) ? 24'hff0000 :
@@ -593,25 +575,23 @@ module update_processor (
   wire nan_first_hi_z = (&first_hi_z_s2[22:16]) & (|first_hi_z_s2[15:0]);
   wire nan_second_hi_z = (&second_hi_z_s2[22:16]) & (|second_hi_z_s2[15:0]);
   wire comparison_6 = {first_hi_z_s2[22:0], 1'b0} < {second_hi_z_s2[22:0], second_hi_z_s2[23]};
-  wire choice_11 =
+  wire choice_12 =
       (first_hi_z_s2[23] ^ second_hi_z_s2[23]) ? first_hi_z_s2[23] :
       (comparison_6 ^ first_hi_z_s2[23]);
-  wire term_16 = choice_11 & ~((~|first_hi_z_s2[22:16]) & (~|second_hi_z_s2[22:16]));
-  wire take_second_hi_z =
-      (term_16 & ~(nan_first_hi_z | nan_second_hi_z)) |
-      (nan_first_hi_z & ~nan_second_hi_z);
+  wire term_16 = choice_12 & ~((~|first_hi_z_s2[22:16]) & (~|second_hi_z_s2[22:16]));
+  wire take_second_hi_z = (term_16 & ~nan_second_hi_z) | (nan_first_hi_z & ~nan_second_hi_z);
   wire [23:0] best_hi_z = take_second_hi_z ? second_hi_z_s2 : first_hi_z_s2;
   reg  [23:0] best_hi_z_s3;
   wire nan_both_hi_z = nan_first_hi_z & nan_second_hi_z;
   reg  nan_both_hi_z_s3;
   reg  [23:0] joined_6_s3;
-  wire choice_12 =
+  wire choice_13 =
       (best_hi_z_s3[23] ^ third_z_23_s3) ? best_hi_z_s3[23] :
       (({best_hi_z_s3[22:0], 1'b0} < joined_6_s3) ^ best_hi_z_s3[23]);
   wire term_17 =
-      choice_12 &
+      choice_13 &
       ~((~|best_hi_z_s3[22:16]) & third_z_22_16_is_zero_s3) &
-      ~(((&best_hi_z_s3[22:16]) & (|best_hi_z_s3[15:0])) | nan_third_z_s3);
+      not_nan_third_z_s3;
   wire take_third_hi_z = of_leaf_s3 & (term_17 | (nan_both_hi_z_s3 & not_nan_third_z_s3));
   wire [23:0] merged_hi_z =
       (nan_both_hi_z_s3 & nan_third_z_s3) ? 24'hff0000 :
@@ -767,7 +747,7 @@ module update_processor (
   always @(posedge clk) begin
     // Stage 1
     of_leaf_s1 <= of_leaf;
-    if (rst) merge_goes_s1 <= 1'b0; else merge_goes_s1 <= merge_goes;
+    merge_goes_s1 <= merge_goes;
     merge_axes_s1 <= merge_axes;
     if (rst) node_goes_s1 <= 1'b0; else node_goes_s1 <= node_goes;
     if (rst) end_waits_s1 <= 1'b0; else end_waits_s1 <= end_waits;
@@ -789,7 +769,7 @@ module update_processor (
     second_hi_y_s2 <= second_hi_y;
     first_hi_z_s2 <= first_hi_z;
     second_hi_z_s2 <= second_hi_z;
-    if (rst) merge_goes_s2 <= 1'b0; else merge_goes_s2 <= merge_goes_s1;
+    merge_goes_s2 <= merge_goes_s1;
     merge_axes_s2 <= merge_axes_s1;
     if (rst) node_goes_s2 <= 1'b0; else node_goes_s2 <= node_goes_s1;
 
@@ -799,25 +779,25 @@ module update_processor (
     joined_s3 <= {third_x_s2[22:0], 1'b0};
     third_x_23_s3 <= third_x_s2[23];
     third_x_22_16_is_zero_s3 <= ~|third_x_s2[22:16];
-    nan_third_x_s3 <= nan_third_x;
     not_nan_third_x_s3 <= ~nan_third_x;
     of_leaf_s3 <= of_leaf_s2;
+    nan_third_x_s3 <= nan_third_x;
     third_x_s3 <= third_x_s2;
     best_lo_y_s3 <= best_lo_y;
     nan_both_lo_y_s3 <= nan_both_lo_y;
     joined_2_s3 <= {third_y_s2[22:0], 1'b0};
     third_y_23_s3 <= third_y_s2[23];
     third_y_22_16_is_zero_s3 <= ~|third_y_s2[22:16];
-    nan_third_y_s3 <= nan_third_y;
     not_nan_third_y_s3 <= ~nan_third_y;
+    nan_third_y_s3 <= nan_third_y;
     third_y_s3 <= third_y_s2;
     best_lo_z_s3 <= best_lo_z;
     nan_both_lo_z_s3 <= nan_both_lo_z;
     joined_3_s3 <= {third_z_s2[22:0], 1'b0};
     third_z_23_s3 <= third_z_s2[23];
     third_z_22_16_is_zero_s3 <= ~|third_z_s2[22:16];
-    nan_third_z_s3 <= nan_third_z;
     not_nan_third_z_s3 <= ~nan_third_z;
+    nan_third_z_s3 <= nan_third_z;
     third_z_s3 <= third_z_s2;
     best_hi_x_s3 <= best_hi_x;
     nan_both_hi_x_s3 <= nan_both_hi_x;
@@ -828,7 +808,7 @@ module update_processor (
     best_hi_z_s3 <= best_hi_z;
     nan_both_hi_z_s3 <= nan_both_hi_z;
     joined_6_s3 <= {third_z_s2[22:0], third_z_s2[23]};
-    if (rst) merge_goes_s3 <= 1'b0; else merge_goes_s3 <= merge_goes_s2;
+    merge_goes_s3 <= merge_goes_s2;
     left_lo_s3 <= left_lo;
     left_hi_s3 <= left_hi;
     right_lo_s3 <= right_lo;
@@ -842,10 +822,10 @@ module update_processor (
     merged_hi_x_s4 <= merged_hi_x;
     merged_hi_y_s4 <= merged_hi_y;
     merged_hi_z_s4 <= merged_hi_z;
-    if (rst) merge_goes_s4 <= 1'b0; else merge_goes_s4 <= merge_goes_s3;
+    merge_goes_s4 <= merge_goes_s3;
 
     // Stage 5
-    if (rst) merge_goes_s5 <= 1'b0; else merge_goes_s5 <= merge_goes_s4;
+    merge_goes_s5 <= merge_goes_s4;
   end
 
   // Delay lines: values that wait for others of their pipeline, the newest lowest.

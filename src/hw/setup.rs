@@ -51,10 +51,14 @@ pub fn module(plan: &Plan, lookahead: u32) -> Result<Rc<Module>, HdlError> {
         .collect();
     nans.extend([is_nan(f, tmin), is_nan(f, tmax)]);
     let any_nan = m.or_all(&nans).named("any_nan").register();
-    let ordered = (less_equal(f, zero, tmin) & less_equal(f, tmin, tmax))
+    // What it says of a NaN does not matter.
+    let [least, most] = [tmin, tmax].map(|limit| limit.known(Known::Number));
+    let ordered = (less_equal(f, zero.known(Known::Positive), least) & less_equal(f, least, most))
         .named("ordered")
         .register();
     let sound = (active & !any_nan & ordered).named("sound");
+    // A sound ray's limits are not negative, and another's do not matter.
+    let [tmin, tmax] = [tmin, tmax].map(|limit| m.zero(1).concat(limit.low(w - 1)));
 
     m.comment("Reciprocals of the direction, and its sign bits.");
     let reciprocal: Vec<_> = (0..3)

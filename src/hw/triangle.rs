@@ -18,7 +18,7 @@
 //! `sum` belong to no slot; only the difference of their stages matters: the clocks from operands to sum.
 
 use super::distance;
-use super::fp::{Knowing, Known, equal, is_infinite, is_nan, is_zero, less, less_equal};
+use super::fp::{Knowing, Known, Operand, equal, is_infinite, is_nan, is_zero, less, less_equal};
 use super::plan::{AXES, Plan};
 use super::share::{Lender, negated};
 use crate::config::TriangleTest;
@@ -55,17 +55,23 @@ fn triangle_box(plan: &Plan) -> Result<Rc<Module>, HdlError> {
     let mut boxes = vec![];
     let mut flat = vec![];
     let mut same = [vec![], vec![], vec![]];
+    // A vertex with a NaN makes the ray miss by its determinant, whatever the box is.
+    fn number<'b>(coordinate: Signal<'b>) -> Operand<'b> {
+        coordinate.known(Known::NoNan)
+    }
     for (i, x) in AXES.iter().enumerate() {
         m.comment(format!("The box on the {x} axis."));
-        let lo = plan.settle(plan.min(format!("lo01_{x}"), v[0][i], v[1][i]));
-        let hi = plan.settle(plan.max(format!("hi01_{x}"), v[0][i], v[1][i]));
-        let lo = plan.min(format!("lo_{x}"), lo, v[2][i]).register();
-        let hi = plan.max(format!("hi_{x}"), hi, v[2][i]).register();
+        let [v0, v1, v2] = [0, 1, 2].map(|k: usize| number(v[k][i]));
+        let lo = plan.settle(plan.min(format!("lo01_{x}"), v0, v1));
+        let hi = plan.settle(plan.max(format!("hi01_{x}"), v0, v1));
+        let lo = plan.min(format!("lo_{x}"), number(lo), v2).register();
+        let hi = plan.max(format!("hi_{x}"), number(hi), v2).register();
         boxes.push((lo, hi));
-        flat.push(equal(f, lo, hi).named(format!("flat_{x}")).register());
+        let is_flat = equal(f, number(lo), number(hi)).named(format!("flat_{x}"));
+        flat.push(is_flat.register());
         for (pair, (j, k)) in [(0, 1), (1, 2), (2, 0)].into_iter().enumerate() {
             same[pair].push(
-                equal(f, v[j][i], v[k][i])
+                equal(f, number(v[j][i]), number(v[k][i]))
                     .named(format!("same{j}{k}_{x}"))
                     .register(),
             );

@@ -21,7 +21,7 @@
 
 use super::bundle::Bundle;
 use super::fifo;
-use super::fp::{is_nan, less};
+use super::fp::{Knowing, Known, is_nan, less};
 use super::plan::{AXES, Plan};
 use super::prefetch::{occupancy, pick, prefetch};
 use super::raycast::COUNTER_BITS;
@@ -171,10 +171,11 @@ pub fn module(plan: &Plan) -> Result<UpdateProcessor, HdlError> {
     );
     let count_bits = bits_for(u64::from(WINDOW_BYTES) + 1);
     let window = m.reg("window", 8 * WINDOW_BYTES);
-    let window_count = m.reg_reset("window_count", count_bits, 0);
+    let window_count = m.reg("window_count", count_bits);
     let words = ROW_BITS / WORD_BITS;
     let word_bits = bits_for(u64::from(words));
-    let word_index = m.reg_reset("word_index", word_bits, 0);
+    // Cleared while nothing is decoded.
+    let word_index = m.reg("word_index", word_bits);
     let row = rows.get("front");
     let row_words: Vec<_> = (0..words)
         .map(|i| row.field(i * WORD_BITS, WORD_BITS))
@@ -265,15 +266,16 @@ pub fn module(plan: &Plan) -> Result<UpdateProcessor, HdlError> {
 
     let last = m.reg("last", vertex_bits);
     last.next_when(decoded.q & load, x.low(vertex_bits));
-    let z = node
-        .mux(
-            axes.extend(z_bits),
-            short.mux(last.q, explicit_z).extend(z_bits),
-        )
-        .named("implied_z");
+    let z = short.mux(last.q, explicit_z).extend(z_bits);
+    let z_or_axes = node.mux(axes, z.low(4));
+    let z = match z_bits {
+        4 => z_or_axes,
+        _ => z.high(z_bits - 4).concat(z_or_axes),
+    };
+    let z = z.named("implied_z");
 
     let boxes_count_bits = bits_for(u64::from(config.update_box_registers) + 1);
-    let free_count = m.reg_reset("free_count", boxes_count_bits, 0);
+    let free_count = m.reg("free_count", boxes_count_bits);
     let fresh = m.reg("fresh", box_bits);
     let any_free = free_count.q.any().named("any_free");
     let frees = (decoded.q & node).named("frees");
@@ -434,9 +436,8 @@ pub fn module(plan: &Plan) -> Result<UpdateProcessor, HdlError> {
     let boxes = ["x", "y"].map(|name| read(plan, box_registers, p.enter(part(name).low(box_bits))));
 
     m.comment("Merge: of two boxes, or of three vertices, of which each is a box too. A number that is no NaN goes before one that is.");
-    let merges = p
-        .enter((leafs | node_goes).named("merge_goes"))
-        .cleared_by_reset();
+    // What a reset leaves here is written before an update can merge anything.
+    let merges = p.enter((leafs | node_goes).named("merge_goes"));
     let of_leaf = p.enter(part("leaf")).named("of_leaf");
     let target = p.enter(part("target")).named("merge_target");
     let mut merged = vec![];
@@ -464,11 +465,14 @@ pub fn module(plan: &Plan) -> Result<UpdateProcessor, HdlError> {
             let nan_1 = nan_1.named(name("nan_first"));
             let nan_2 = nan_2.named(name("nan_second"));
             let nan_3 = nan_3.named(format!("nan_third_{axis_name}"));
-            let two = beats(second, first) | (nan_1 & !nan_2);
+            // A bound that is a NaN is looked for beside the comparison.
+            let two =
+                beats(second.known(Known::Nothing), first.known(Known::NoNan)) | (nan_1 & !nan_2);
             let two = split_comparison(plan, two.named(name("take_second")));
             let best = two.mux(second, first).named(name("best")).register();
             let none = (nan_1 & nan_2).named(name("nan_both")).register();
-            let three = of_leaf & (beats(third, best) | (none & !nan_3));
+            let three = of_leaf
+                & (beats(third.known(Known::Nothing), best.known(Known::NoNan)) | (none & !nan_3));
             let three = split_comparison(plan, three.named(name("take_third")));
             let nothing = m.lit(infinities[end], w);
             let bound = (none & nan_3).mux(nothing, three.mux(third, best));

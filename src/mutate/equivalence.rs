@@ -6,6 +6,7 @@
 //! says that two modules which have agreed for [`DEPTH`] clocks do so ever after. That they agree in the first place is what the
 //! runs before have shown, which every survivor has passed.
 
+use super::next_state;
 use super::text::Site;
 use crate::prove::tools::{self, Ended};
 use anyhow::{Context, Result};
@@ -39,6 +40,9 @@ pub(super) fn proved(
     site: &Site,
 ) -> Result<Option<String>> {
     let below = below(texts, names, at);
+    if next_state::proved(texts, names, &below, at, site)? {
+        return Ok(Some(next_state::PROOF.into()));
+    }
     let memory: u64 = below
         .iter()
         .map(|&module| memory_bits(&texts[module]))
@@ -212,6 +216,58 @@ endmodule
                 .unwrap()
                 .is_some()
         );
+    }
+
+    /// The lesser of two numbers, which a memory too large to become registers keeps.
+    const KEPT: &str = "\
+module kept (
+  input  wire        clk,
+  input  wire        write,
+  input  wire [9:0]  address,
+  input  wire [15:0] a,
+  input  wire [15:0] b,
+  output reg  [15:0] y
+);
+
+  reg  [15:0] words [0:1023];
+  reg  [15:0] word_s1;
+
+  wire less = a < b;
+  wire [15:0] lesser = less ? a : b;
+
+  always @(posedge clk) begin
+    if (write & less) words[address] <= lesser;
+    if (write & ~less) words[address] <= lesser + 16'd1;
+    word_s1 <= words[address];
+    y <= word_s1;
+  end
+
+endmodule
+";
+
+    #[test]
+    fn memories_of_any_size_are_no_hindrance() {
+        let kept = KEPT.replace("    if (write & less) words[address] <= lesser;\n", "");
+        let kept = kept.replace(
+            "if (write & ~less) words[address] <= lesser + 16'd1",
+            "if (write) words[address] <= lesser",
+        );
+        let verdict = |text: &str, before: &str, instead: &str| {
+            let texts = [text.to_string()];
+            let all = sites(text);
+            let site = (all.iter())
+                .find(|site| &text[site.place.clone()] == before && site.instead == instead);
+            let site = site.unwrap_or_else(|| panic!("{before} → {instead}: {all:?}"));
+            proved(&texts, &["kept"], 0, site).unwrap()
+        };
+        assert_eq!(
+            verdict(&kept, "<", "<=").as_deref(),
+            Some(next_state::PROOF)
+        );
+        // Here it matters which of the two equals is less.
+        assert_eq!(verdict(KEPT, "<", "<="), None);
+        assert_eq!(verdict(&kept, "<", ">"), None);
+        assert_eq!(verdict(&kept, "word_s1", "y"), None);
     }
 
     /// The lesser of two numbers, chosen a clock later than compared.

@@ -13,6 +13,7 @@
 //! | `raycast` | ray setup, skinning processor, what joins the units | whole small scenes of two levels; random skinned meshes |
 
 mod equivalence;
+mod next_state;
 pub mod text;
 
 pub use text::Kind;

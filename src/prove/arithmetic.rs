@@ -205,10 +205,13 @@ fn sums(module: &Rc<Module>, format: Format, subtract: bool, odd: Plant) -> Vec<
 }
 
 /// What is known of both operands: nothing first, then every pair that the machine's comparisons have.
-const KNOWING: [[Known; 2]; 9] = {
-    use Known::{Nothing, Number, Positive, Result};
+const KNOWING: [[Known; 2]; 12] = {
+    use Known::{NoNan, Nothing, Number, Positive, Result};
     [
         [Nothing, Nothing],
+        [NoNan, NoNan],
+        [NoNan, Nothing],
+        [Nothing, NoNan],
         [Result, Result],
         [Result, Number],
         [Number, Result],
@@ -224,10 +227,13 @@ const KNOWING: [[Known; 2]; 9] = {
 fn made_known<'b>(format: Format, operand: Signal<'b>, known: Known) -> Signal<'b> {
     let m = operand.module();
     let zero = m.zero(format.width());
-    let result = !fp::is_zero(format, operand) | operand.is_zero();
-    let number = result & !fp::is_nan(format, operand);
+    let nan = fp::is_nan(format, operand);
+    let operators_nan = operand.equals(u128::from(format.nan()));
+    let result = (!fp::is_zero(format, operand) | operand.is_zero()) & (!nan | operators_nan);
+    let number = result & !nan;
     let holds = match known {
         Known::Nothing => return operand,
+        Known::NoNan => !nan,
         Known::Result => result,
         Known::Number => number,
         Known::Positive => number & !operand.msb(),

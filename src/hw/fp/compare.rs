@@ -21,13 +21,15 @@ pub fn is_infinite<'b>(format: Format, a: Signal<'b>) -> Signal<'b> {
     a.exponent.all() & a.fraction.is_zero()
 }
 
-/// What is known of an operand's pattern: each more than the one before.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+/// What is known of an operand's pattern.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Known {
     Nothing,
-    /// As operators give it: no −0, and no other pattern of zero than +0.
+    /// No NaN; or the comparison does not matter where it is one.
+    NoNan,
+    /// As operators give it: no other pattern of zero than +0, none of NaN than theirs, which is positive and greater than any number.
     Result,
-    /// And no NaN.
+    /// As operators give it, and no NaN.
     Number,
     /// And not negative.
     Positive,
@@ -66,11 +68,16 @@ impl<'b> Operand<'b> {
     }
 
     fn may_be_nan(self, format: Format) -> Option<Signal<'b>> {
-        (self.known < Known::Number).then(|| is_nan(format, self.signal))
+        matches!(self.known, Known::Nothing | Known::Result).then(|| is_nan(format, self.signal))
+    }
+
+    /// Whether zero has one pattern.
+    fn has_one_zero(self) -> bool {
+        !matches!(self.known, Known::Nothing | Known::NoNan)
     }
 }
 
-/// a < b for numbers that are not NaN.
+/// a < b for numbers that are not NaN, and false where a is an operator's NaN and b a number.
 ///
 /// With equal signs one carry chain decides: negative numbers are in order where their magnitudes are not, so the
 /// sign, as one bit more of `b`, turns "less" into "less or equal", and then inverts it.
@@ -99,18 +106,24 @@ fn less_ordered<'b>(
         }
     };
     // Zeros of one pattern are in order as they are.
-    if a.known.min(b.known) >= Known::Result {
+    if a.has_one_zero() && b.has_one_zero() {
         return unless_zero;
     }
     let both_zero = is_zero(format, a.signal) & is_zero(format, b.signal);
     part(unless_zero, "unless_zero") & !part(both_zero, "both_zero")
 }
 
-/// Whether neither is a NaN; `None` where none can be.
-fn ordered<'b>(format: Format, a: Operand<'b>, b: Operand<'b>) -> Option<Signal<'b>> {
-    match (a.may_be_nan(format), b.may_be_nan(format)) {
-        (Some(a), Some(b)) => Some(!(a | b)),
-        (a, b) => a.or(b).map(|nan| !nan),
+/// Whether neither is a NaN, so far as it is not known; `None` where it is.
+fn ordered<'b>(format: Format, operands: &[Operand<'b>]) -> Option<Signal<'b>> {
+    let nans = operands.iter().filter_map(|o| o.may_be_nan(format));
+    nans.reduce(|a, b| a | b).map(|nan| !nan)
+}
+
+/// The operands of a < b or a ≤ b whose NaN makes it false only by being looked for: an operator's on the left is greater than any number.
+fn to_order<'b>(a: Operand<'b>, b: Operand<'b>) -> Vec<Operand<'b>> {
+    match a.known {
+        Known::Result => vec![b],
+        _ => vec![a, b],
     }
 }
 
@@ -122,7 +135,7 @@ pub fn less<'b>(
 ) -> Signal<'b> {
     let (a, b) = (a.into(), b.into());
     let less = less_ordered(format, None, a, b);
-    ordered(format, a, b).map_or(less, |ordered| less & ordered)
+    ordered(format, &to_order(a, b)).map_or(less, |ordered| less & ordered)
 }
 
 /// [`less`], it and its parts called after `name` in the Verilog.
@@ -134,7 +147,7 @@ pub fn named_less<'b>(
 ) -> Signal<'b> {
     let (a, b) = (a.into(), b.into());
     let less = less_ordered(format, Some(name), a, b);
-    let ordered = ordered(format, a, b);
+    let ordered = ordered(format, &to_order(a, b));
     let less = ordered.map_or(less, |o| less & o.named(format!("{name}_ordered")));
     less.named(name)
 }
@@ -147,7 +160,7 @@ pub fn less_equal<'b>(
 ) -> Signal<'b> {
     let (a, b) = (a.into(), b.into());
     let less_equal = !less_ordered(format, None, b, a);
-    ordered(format, a, b).map_or(less_equal, |ordered| less_equal & ordered)
+    ordered(format, &to_order(a, b)).map_or(less_equal, |ordered| less_equal & ordered)
 }
 
 /// a = b: −0 = +0, false with a NaN. 1 bit.
@@ -158,14 +171,15 @@ pub fn equal<'b>(
 ) -> Signal<'b> {
     let (a, b) = (a.into(), b.into());
     let same = a.signal.eq(b.signal);
-    let equal = match a.known.min(b.known) >= Known::Result {
+    let one_zero = a.has_one_zero() && b.has_one_zero();
+    let equal = match one_zero {
         true => same,
         false => same | (is_zero(format, a.signal) & is_zero(format, b.signal)),
     };
     // Of a pattern that is no NaN's, the same is none either.
-    let nan = match a.known.max(b.known) >= Known::Number {
-        true if a.known.min(b.known) >= Known::Result => None,
-        _ => ordered(format, a, b),
+    let nan = match [a, b].map(|o| o.may_be_nan(format)) {
+        [Some(_), Some(_)] => ordered(format, &[a, b]),
+        _ => None,
     };
     nan.map_or(equal, |ordered| equal & ordered)
 }

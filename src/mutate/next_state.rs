@@ -1,0 +1,162 @@
+//! Whether a mutated module does the same in every single clock: from any one state and any inputs, the same outputs and the same next state.
+//!
+//! Registers and memories are cut out: what they show becomes an input, what they are given an output. What is left are two pieces of
+//! combinational logic, in which most is the very same text; Yosys merges that, and its solver decides the rest. Memories may be of any
+//! size. A difference that shows inside a register, be it seen later or not, is none that this proves.
+//!
+//! Registers are paired by their names. Whatever pairs there are, the proof holds: states that are equal in every pair stay so.
+
+use super::text::Site;
+use crate::prove::tools::{self, Ended};
+use anyhow::{Context, Result, anyhow};
+use serde_json::{Map, Value, json};
+use std::collections::{BTreeMap, BTreeSet};
+use std::path::Path;
+use std::time::Duration;
+
+const LIMIT: Duration = Duration::from_secs(60);
+
+/// What proves it, for reports.
+pub(super) const PROOF: &str = "Yosys: sat, the same outputs and next state from any state";
+
+/// Whether it was proved within the time. `below` are the module and all that it instantiates.
+///
+/// # Errors
+/// Yosys cannot be started.
+pub(super) fn proved(
+    texts: &[String],
+    names: &[&str],
+    below: &BTreeSet<usize>,
+    at: usize,
+    site: &Site,
+) -> Result<bool> {
+    let folder = tempfile::tempdir().context("cannot create a temporary folder")?;
+    let top = names[at];
+    let mut shapes = vec![];
+    for (design, changed) in [("gold", false), ("gate", true)] {
+        let mut script = String::new();
+        for &module in below {
+            let name = format!("{design}_{}.v", names[module]);
+            let text = match changed && module == at {
+                true => site.apply(&texts[module]),
+                false => texts[module].clone(),
+            };
+            std::fs::write(folder.path().join(&name), text)
+                .context("cannot write a temporary file")?;
+            script += &format!("read_verilog {name}; ");
+        }
+        script += &format!(
+            "hierarchy -top {top}; proc; flatten; memory_collect; opt_clean; setundef -zero; rename {top} {design}; write_json {design}.json"
+        );
+        if !content(folder.path(), &script)? {
+            return Ok(false);
+        }
+        let Some(cut) = cut(folder.path(), design)? else {
+            return Ok(false);
+        };
+        shapes.push(cut);
+    }
+    if shapes[0] != shapes[1] {
+        return Ok(false);
+    }
+    let script = "read_json gold.json; read_json gate.json; miter -equiv -flatten gold gate both; hierarchy -top both; \
+                  opt_clean; opt -nodffe -nosdff; opt_share; opt -nodffe -nosdff; sat -verify -prove trigger 0 both";
+    content(folder.path(), script)
+}
+
+/// Whether a script ends well, and in time.
+fn content(folder: &Path, script: &str) -> Result<bool> {
+    let ended = tools::run(folder, LIMIT, "yosys", &["-q", "-p", script])?;
+    Ok(matches!(ended, Ended::With { success: true, .. }))
+}
+
+/// What must be alike in two designs for their ports to be compared: the ports that were cut, with their widths, and the memories'
+/// parameters.
+type Shape = BTreeMap<String, String>;
+
+/// Cuts registers and memories out of the only module of `design`.json. `None` if it has anything else with a state, or an unknown value.
+fn cut(folder: &Path, design: &str) -> Result<Option<Shape>> {
+    let path = folder.join(format!("{design}.json"));
+    let text = std::fs::read_to_string(&path).context("cannot read a temporary file")?;
+    let mut netlist: Value = serde_json::from_str(&text).context("Yosys' JSON")?;
+    let module = netlist["modules"][design]
+        .as_object_mut()
+        .ok_or_else(|| anyhow!("Yosys' JSON has no module {design}"))?;
+    let by_bits = public_names(module);
+    let mut shape = Shape::new();
+    let mut ports: Map<String, Value> = Map::new();
+    let mut kept: Map<String, Value> = Map::new();
+    let cells = module.remove("cells").unwrap_or_default();
+    for (name, cell) in cells.as_object().into_iter().flatten() {
+        let kind = cell["type"].as_str().unwrap_or_default();
+        let connections = cell["connections"].as_object().cloned().unwrap_or_default();
+        if (connections.values()).any(|bits| bits.to_string().contains("\"x\"")) {
+            return Ok(None);
+        }
+        let pairing = match kind {
+            "$dff" => match by_bits.get(&connections["Q"].to_string()) {
+                Some(name) => name.clone(),
+                None => return Ok(None),
+            },
+            "$mem_v2" => name.clone(),
+            _ if stateless(kind) => {
+                kept.insert(name.clone(), cell.clone());
+                continue;
+            }
+            _ => return Ok(None),
+        };
+        shape.insert(format!("{pairing}/{kind}"), cell["parameters"].to_string());
+        for (port, bits) in connections {
+            let direction = match cell["port_directions"][&port].as_str() {
+                Some("output") => "input",
+                _ => "output",
+            };
+            let width = bits.as_array().map_or(0, Vec::len);
+            if width == 0 {
+                continue;
+            }
+            let port = format!("{pairing}/{port}");
+            shape.insert(port.clone(), format!("{direction} {width}"));
+            // Two registers of one name would make one port.
+            if ports
+                .insert(port, json!({"direction": direction, "bits": bits}))
+                .is_some()
+            {
+                return Ok(None);
+            }
+        }
+    }
+    for (name, port) in module["ports"].as_object().into_iter().flatten() {
+        shape.insert(name.clone(), port["direction"].to_string());
+        ports.insert(name.clone(), port.clone());
+    }
+    module.insert("cells".into(), kept.into());
+    module.insert("ports".into(), ports.into());
+    module.insert("netnames".into(), json!({}));
+    std::fs::write(&path, netlist.to_string()).context("cannot write a temporary file")?;
+    Ok(Some(shape))
+}
+
+/// Yosys' internal cells that have a state, or may have, begin like these.
+fn stateless(kind: &str) -> bool {
+    let stateful = [
+        "$mem", "$dff", "$adff", "$sdff", "$aldff", "$sr", "$dlatch", "$ff", "$_", "$any", "$all",
+    ];
+    kind.starts_with('$') && !stateful.iter().any(|start| kind.starts_with(start))
+}
+
+/// The first of a signal's names, by its bits.
+fn public_names(module: &Map<String, Value>) -> BTreeMap<String, String> {
+    let mut names = BTreeMap::new();
+    for (name, net) in module["netnames"].as_object().into_iter().flatten() {
+        if net["hide_name"] == json!(0) {
+            let first = names
+                .entry(net["bits"].to_string())
+                .or_insert_with(|| name.clone());
+            if name < first {
+                first.clone_from(name);
+            }
+        }
+    }
+    names
+}
