@@ -815,7 +815,7 @@ module tpu (
   wire request_choice = request_waits ? request_waiting_choice : step_queue_valid;
 
   always @(posedge clk) begin
-    request_waits <= node_wanted & ~node_request_ready;
+    if (rst) request_waits <= 1'b0; else request_waits <= node_wanted & ~node_request_ready;
     request_waiting_choice <= request_choice;
   end
 
@@ -867,7 +867,7 @@ module tpu (
   wire leaf_choice = leaf_waits ? leaf_waiting_choice : step_leaf_queue_valid;
 
   always @(posedge clk) begin
-    leaf_waits <= leaf_wanted & ~leaf_ready;
+    if (rst) leaf_waits <= 1'b0; else leaf_waits <= leaf_wanted & ~leaf_ready;
     leaf_waiting_choice <= leaf_choice;
   end
 

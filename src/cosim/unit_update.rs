@@ -21,6 +21,9 @@ use crate::program::{Program, UpdateMachine};
 use anyhow::{Context, Result, ensure};
 use std::collections::VecDeque;
 
+/// Clocks from a load's request for its vertex to its being the instruction that waits, at most.
+const ARRIVAL_OF_A_LOAD: u64 = 4;
+
 /// What the unit can meet.
 pub const CATEGORIES: &[Category] = &[
     // A vertex read has a NaN, an infinity.
@@ -435,7 +438,9 @@ impl UpdateUnit {
         }
         let (mut program_answer, mut vertex_answer) = (None, None);
         let (mut started, mut idle, mut turn) = (false, 0, 0);
-        loop {
+        // Clocks from the first vertex read to the first that is answered.
+        let (mut first_read, mut first_answer) = (None, None);
+        for clock in 0u64.. {
             let pauses = around.pauses > 0.0 && self.rng.f64() < around.pauses;
             let starts = !started && !pauses;
             let model = &mut self.bench.model;
@@ -510,6 +515,12 @@ impl UpdateUnit {
             let model = &self.bench.model;
             program_answer = program_port.step(row_request.filter(|_| granted[0]))?;
             vertex_answer = vertex_port.step(vertex_request.filter(|_| granted[1]))?;
+            if accepted[1] {
+                first_read.get_or_insert(clock);
+            }
+            if vertex_answer.is_some() {
+                first_answer.get_or_insert(clock);
+            }
             if accepted[2] {
                 model.get_words(self.node.data, &mut node_data);
             }
@@ -567,6 +578,24 @@ impl UpdateUnit {
                 Field::integer("instructions", golden.instructions, instructions),
                 Field::integer("busy cycles", instructions + stalled, busy),
                 Field::integer("reads and writes left", 0, expected.left() as u64),
+            ];
+            return Err(self.bench.mismatch("after an update", fields));
+        }
+        // An update's first instruction is a load, which is there soon after it asked for its vertex.
+        let waited = first_answer.unwrap_or(0) - first_read.unwrap_or(0);
+        let least = waited.saturating_sub(ARRIVAL_OF_A_LOAD);
+        if !(least..=stalled).contains(&(vertex_wait + node_wait)) || vertex_wait < least {
+            let fields = vec![
+                Field::integer(
+                    "clocks that wait for a vertex, at least",
+                    least,
+                    vertex_wait,
+                ),
+                Field::integer(
+                    "all clocks that wait, at most",
+                    stalled,
+                    vertex_wait + node_wait,
+                ),
             ];
             return Err(self.bench.mismatch("after an update", fields));
         }

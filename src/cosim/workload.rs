@@ -230,7 +230,10 @@ pub(super) fn tiny_scene(
     Ok(Batch {
         scene: Rc::new(TestScene::new(config, &image)?),
         packets: (0..packets)
-            .map(|_| mesh.packet(format, size, rng))
+            .map(|_| match rng.u8(..16) {
+                0 => mesh.packet_near_planes(format, size, rng),
+                _ => mesh.packet(format, size, rng),
+            })
             .collect(),
         is_random: true,
     })
@@ -622,14 +625,53 @@ impl TinyMesh {
             .collect()
     }
 
-    fn ray(&self, a: &Arithmetic, rng: &mut fastrand::Rng) -> Ray {
-        let corner = |rng: &mut fastrand::Rng| {
-            let triangle = self.triangles[rng.usize(..self.triangles.len())];
-            self.vertices[triangle[rng.usize(..3)] as usize]
+    /// Rays along an axis, so long and from so close to a plane of a triangle's box that its distance is the least normal number and
+    /// a few ulps, of either sign: what steps by ulps passes zero.
+    fn packet_near_planes(&self, format: Format, size: usize, rng: &mut fastrand::Rng) -> Vec<Ray> {
+        let a = Arithmetic::new(format);
+        let (longest, ulp) = (
+            format.bias() - 1,
+            f64::powi(2.0, -(format.fraction_bits() as i32)),
+        );
+        let mut ray = || {
+            let [p, q, r] = self.some_triangle(rng);
+            let axis = rng.usize(..3);
+            let shorter = rng.i32(..4);
+            let sign = |rng: &mut fastrand::Rng| one_of(rng, &[1.0, -1.0]);
+            let corners = [p, q, r].map(|corner| corner[axis]);
+            let plane = match rng.bool() {
+                true => corners.into_iter().fold(f64::INFINITY, f64::min),
+                false => corners.into_iter().fold(f64::NEG_INFINITY, f64::max),
+            };
+            let ulps = f64::from(rng.i32(-2..6));
+            let offset = sign(rng) * f64::powi(2.0, -shorter) * (1.0 + ulps * ulp);
+            let (u, v) = (0.1 + 0.4 * rng.f64(), 0.1 + 0.4 * rng.f64());
+            let mut origin =
+                [0, 1, 2].map(|i| a.round(p[i] + u * (q[i] - p[i]) + v * (r[i] - p[i])));
+            origin[axis] = a.round(plane + offset);
+            let mut direction = [0.0; 3];
+            direction[axis] = sign(rng) * f64::powi(2.0, longest - shorter);
+            Ray {
+                origin,
+                direction,
+                tmin: 0.0,
+                tmax: f64::INFINITY,
+                active: true,
+                any_hit: rng.u8(..4) == 0,
+            }
         };
+        (0..size).map(|_| ray()).collect()
+    }
+
+    fn some_triangle(&self, rng: &mut fastrand::Rng) -> [[f64; 3]; 3] {
+        let triangle = self.triangles[rng.usize(..self.triangles.len())];
+        triangle.map(|v| self.vertices[v as usize])
+    }
+
+    fn ray(&self, a: &Arithmetic, rng: &mut fastrand::Rng) -> Ray {
+        let corner = |rng: &mut fastrand::Rng| self.some_triangle(rng)[rng.usize(..3)];
         let target = {
-            let triangle = self.triangles[rng.usize(..self.triangles.len())];
-            let [p, q, r] = triangle.map(|v| self.vertices[v as usize]);
+            let [p, q, r] = self.some_triangle(rng);
             let (u, v) = match rng.u8(..4) {
                 0 => one_of(rng, &[(0.0, 0.0), (1.0, 0.0), (0.0, 1.0)]),
                 1 => one_of(rng, &[(0.5, 0.0), (0.0, 0.5), (0.5, 0.5)]),

@@ -1331,8 +1331,7 @@ fn held_choice<'b>(
     ready: Signal<'b>,
     preferred: Signal<'b>,
 ) -> Signal<'b> {
-    // Nothing is wanted in the clock after a reset.
-    let waits = m.reg(format!("{name}_waits"), 1);
+    let waits = m.reg_reset(format!("{name}_waits"), 1, 0);
     let waiting_choice = m.reg(format!("{name}_waiting_choice"), 1);
     let choice = waits
         .q

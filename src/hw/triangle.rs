@@ -3,7 +3,8 @@
 //! # Slots
 //! One slot enters a clock. `matrix` says what it is.
 //! - 0: a test. The ray, a valid one (0 ≤ tmin ≤ tmax, no NaN), against the triangle v0, v1, v2, from the interval `window_near`, `window_far`. Any box is measured
-//!   as the triangle lo, hi, hi: `box_near`, `box_far` are the window clipped by it, whatever else the slot says.
+//!   as the triangle lo, hi, hi: `box_near`, `box_far` are the window clipped by it, whatever else the slot says. A vertex with a
+//!   NaN makes the ray miss; the box then means nothing.
 //! - 1: a matrix. v0, v1, v2 carry the columns c_x, c_y, c_z, `origin` a point p, `translation` the column c_w: in each component
 //!   `moved` = ((c_x × p_x + c_y × p_y) + c_z × p_z) + c_w, and `weighted` = moved × `weight`. Everything else of
 //!   the slot has no meaning.

@@ -277,17 +277,18 @@ fn related(
         false => {
             let [a, b] = [(a, known[0]), (b, known[1])]
                 .map(|(operand, known)| (made_known(format, operand, known), known));
-            let knows = of(a.0.known(a.1), b.0.known(b.1)).named("knows");
-            any ^ knows ^ of(a.0.into(), b.0.into())
+            let knows = of(a.0.known(a.1), b.0.known(b.1));
+            // The two may have logic in common: a fault belongs behind it.
+            any ^ (knows ^ of(a.0.into(), b.0.into())).named("differs")
         }
     };
     m.output("y", y.extend(format.width()));
     let plant = match (blind, relation) {
         (false, _) => plant(
             "what knows more says the opposite",
-            " knows = ",
-            "knows = ",
-            "knows = ~",
+            " differs = ",
+            "differs = ",
+            "differs = ~",
         ),
         (true, Relation::Equal) => plant("unlike patterns are equal", " == ", "==", "!="),
         (true, _) => plant("the order is turned round", " < ", "<", ">"),
