@@ -898,7 +898,7 @@ module geometry_unit (
     if (rst) skin_issue_valid_delay <= 50'd0; else skin_issue_valid_delay <= {skin_issue_valid_delay[48:0], skin_issue_valid};
     skin_issue_position_delay <= {skin_issue_position_delay[97:0], skin_issue_position};
     skin_issue_last_delay <= {skin_issue_last_delay[48:0], skin_issue_last};
-    if (rst) in_box_slot_delay <= 19'd0; else in_box_slot_delay <= {in_box_slot_delay[17:0], in_box_slot};
+    in_box_slot_delay <= {in_box_slot_delay[17:0], in_box_slot};
     issue_ray_delay <= {issue_ray_delay[111:0], issue_ray};
     now_first_delay <= {now_first_delay[55:0], now_first};
     now_last_delay <= {now_last_delay[55:0], now_last};

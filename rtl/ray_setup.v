@@ -83,16 +83,11 @@ module ray_setup (
       term_2 |
       ((&direction_y[22:16]) & (|direction_y[15:0])) |
       ((&direction_z[22:16]) & (|direction_z[15:0]));
-  wire any_nan =
-      term_3 |
-      ((&tmin_clean[22:16]) & (|tmin_clean[15:0])) |
-      ((&tmax_clean[22:16]) & (|tmax_clean[15:0]));
+  wire any_nan = term_3 | ((&tmax_clean[22:16]) & (|tmax_clean[15:0]));
   reg  any_nan_s1;
-  wire [23:0] joined = {tmax_clean[22:0], 1'b0};
-  wire choice =
-      (tmax_clean[23] ^ tmin_clean[23]) ? tmax_clean[23] :
-      ((joined < {tmin_clean[22:0], tmin_clean[23]}) ^ tmax_clean[23]);
-  wire ordered = ~tmin_clean[23] & ~choice;
+  wire term_4 = ({tmax_clean[22:0], 1'b0} < {tmin_clean[22:0], tmin_clean[23]}) ^ tmax_clean[23];
+  wire term_5 = ~((tmax_clean[23] ^ tmin_clean[23]) ? tmax_clean[23] : term_4);
+  wire ordered = ~tmin_clean[23] & term_5;
   reg  ordered_s1;
   reg  active_s1;
   wire sound = active_s1 & ~any_nan_s1 & ordered_s1;
@@ -121,8 +116,8 @@ module ray_setup (
 
   // near and far, clipped by the scene's box; in an object's space by (-infinity, +infinity), which
   // never clips.
-  wire [23:0] choice_2 = object ? 24'hff0000 : scene_lo_x;
-  wire [23:0] choice_3 = object ? 24'h7f0000 : scene_hi_x;
+  wire [23:0] choice = object ? 24'hff0000 : scene_lo_x;
+  wire [23:0] choice_2 = object ? 24'h7f0000 : scene_hi_x;
   reg  [167:0] near_x_plane_delay;
   wire [23:0] near_x_plane_s7 = near_x_plane_delay[167:144];
   reg  [479:0] origin_x_delay;
@@ -160,17 +155,17 @@ module ray_setup (
   wire [23:0] out_tmin_s16 = out_tmin_delay[383:360];
   wire [23:0] near_after_x = near_after_x_is_greater ? near_x_distance : out_tmin_s16;
   reg  [23:0] near_after_x_s17;
-  reg  [383:0] joined_delay;
-  wire [23:0] joined_s16 = joined_delay[383:360];
+  reg  [367:0] tmax_clean_22_0_delay;
+  wire [22:0] tmax_clean_22_0_s16 = tmax_clean_22_0_delay[367:345];
   wire far_after_x_is_less =
       far_x_distance[23] ? far_x_distance[23] :
-      (({far_x_distance[22:0], 1'b0} < joined_s16) ^ far_x_distance[23]);
+      ((far_x_distance[22:0] < tmax_clean_22_0_s16) ^ far_x_distance[23]);
   reg  [479:0] out_tmax_delay;
   wire [23:0] out_tmax_s16 = out_tmax_delay[383:360];
   wire [23:0] far_after_x = far_after_x_is_less ? far_x_distance : out_tmax_s16;
   reg  [23:0] far_after_x_s17;
-  wire [23:0] choice_4 = object ? 24'hff0000 : scene_lo_y;
-  wire [23:0] choice_5 = object ? 24'h7f0000 : scene_hi_y;
+  wire [23:0] choice_3 = object ? 24'hff0000 : scene_lo_y;
+  wire [23:0] choice_4 = object ? 24'h7f0000 : scene_hi_y;
   reg  [167:0] near_y_plane_delay;
   wire [23:0] near_y_plane_s7 = near_y_plane_delay[167:144];
   reg  [479:0] origin_y_delay;
@@ -208,17 +203,16 @@ module ray_setup (
   reg  [23:0] near_y_distance_s17;
   wire [23:0] near_after_y = near_after_y_is_greater ? near_y_distance_s17 : near_after_x_s17;
   reg  [23:0] near_after_y_s18;
-  reg  [23:0] joined_2_s17;
+  reg  [22:0] far_y_distance_22_0_s17;
   reg  far_y_distance_23_s17;
-  wire term_4 = (joined_2_s17 < {far_after_x_s17[22:0], far_after_x_s17[23]}) ^ far_y_distance_23_s17;
   wire far_after_y_is_less =
       (far_y_distance_23_s17 ^ far_after_x_s17[23]) ? far_y_distance_23_s17 :
-      term_4;
+      ((far_y_distance_22_0_s17 < far_after_x_s17[22:0]) ^ far_y_distance_23_s17);
   reg  [23:0] far_y_distance_s17;
   wire [23:0] far_after_y = far_after_y_is_less ? far_y_distance_s17 : far_after_x_s17;
   reg  [23:0] far_after_y_s18;
-  wire [23:0] choice_6 = object ? 24'hff0000 : scene_lo_z;
-  wire [23:0] choice_7 = object ? 24'h7f0000 : scene_hi_z;
+  wire [23:0] choice_5 = object ? 24'hff0000 : scene_lo_z;
+  wire [23:0] choice_6 = object ? 24'h7f0000 : scene_hi_z;
   reg  [167:0] near_z_plane_delay;
   wire [23:0] near_z_plane_s7 = near_z_plane_delay[167:144];
   reg  [479:0] origin_z_delay;
@@ -256,26 +250,17 @@ module ray_setup (
   reg  [23:0] near_z_distance_s17, near_z_distance_s18;
   wire [23:0] near_after_z = near_after_z_is_greater ? near_z_distance_s18 : near_after_y_s18;
   reg  [23:0] near_after_z_s19;
-  reg  [23:0] joined_3_s17, joined_3_s18;
+  reg  [22:0] far_z_distance_22_0_s17, far_z_distance_22_0_s18;
   reg  far_z_distance_23_s17, far_z_distance_23_s18;
-  wire term_5 = (joined_3_s18 < {far_after_y_s18[22:0], far_after_y_s18[23]}) ^ far_z_distance_23_s18;
   wire far_after_z_is_less =
       (far_z_distance_23_s18 ^ far_after_y_s18[23]) ? far_z_distance_23_s18 :
-      term_5;
+      ((far_z_distance_22_0_s18 < far_after_y_s18[22:0]) ^ far_z_distance_23_s18);
   reg  [23:0] far_z_distance_s17, far_z_distance_s18;
   wire [23:0] far_after_z = far_after_z_is_less ? far_z_distance_s18 : far_after_y_s18;
   reg  [23:0] far_after_z_s19;
-  wire comparison = {far_after_z_s19[22:0], 1'b0} < {near_after_z_s19[22:0], near_after_z_s19[23]};
-  wire choice_8 =
-      (far_after_z_s19[23] ^ near_after_z_s19[23]) ? far_after_z_s19[23] :
-      (comparison ^ far_after_z_s19[23]);
-  wire term_6 = choice_8 & ~((~|far_after_z_s19[22:16]) & (~|near_after_z_s19[22:16]));
-  wire term_7 =
-      ((&near_after_z_s19[22:16]) & (|near_after_z_s19[15:0])) |
-      ((&far_after_z_s19[22:16]) & (|far_after_z_s19[15:0]));
   reg  [17:0] sound_delay;
   wire sound_s19 = sound_delay[17];
-  wire enters = sound_s19 & (~term_6 & ~term_7);
+  wire enters = sound_s19 & ~((far_after_z_s19[22:0] < near_after_z_s19[22:0]) | far_after_z_s19[23]);
 
   // The shear that the watertight test turns the ray into the z axis with.
   wire [22:0] size_x = (~|direction_x[22:16]) ? 23'd0 : direction_x[22:0];
@@ -398,14 +383,14 @@ module ray_setup (
     not_near_y_distance_23_s17 <= ~near_y_distance[23];
     near_after_y_is_greater_ordered_s17 <= near_after_y_is_greater_ordered;
     near_y_distance_s17 <= near_y_distance;
-    joined_2_s17 <= {far_y_distance[22:0], 1'b0};
+    far_y_distance_22_0_s17 <= far_y_distance[22:0];
     far_y_distance_23_s17 <= far_y_distance[23];
     far_y_distance_s17 <= far_y_distance;
     near_z_distance_22_0_s17 <= near_z_distance[22:0];
     not_near_z_distance_23_s17 <= ~near_z_distance[23];
     near_after_z_is_greater_ordered_s17 <= near_after_z_is_greater_ordered;
     near_z_distance_s17 <= near_z_distance;
-    joined_3_s17 <= {far_z_distance[22:0], 1'b0};
+    far_z_distance_22_0_s17 <= far_z_distance[22:0];
     far_z_distance_23_s17 <= far_z_distance[23];
     far_z_distance_s17 <= far_z_distance;
 
@@ -416,7 +401,7 @@ module ray_setup (
     not_near_z_distance_23_s18 <= not_near_z_distance_23_s17;
     near_after_z_is_greater_ordered_s18 <= near_after_z_is_greater_ordered_s17;
     near_z_distance_s18 <= near_z_distance_s17;
-    joined_3_s18 <= joined_3_s17;
+    far_z_distance_22_0_s18 <= far_z_distance_22_0_s17;
     far_z_distance_23_s18 <= far_z_distance_23_s17;
     far_z_distance_s18 <= far_z_distance_s17;
 
@@ -432,19 +417,19 @@ module ray_setup (
 
   // Delay lines: values that wait for others of their pipeline, the newest lowest.
   always @(posedge clk) begin
-    near_x_plane_delay <= {near_x_plane_delay[143:0], direction_x[23] ? choice_3 : choice_2};
+    near_x_plane_delay <= {near_x_plane_delay[143:0], direction_x[23] ? choice_2 : choice};
     origin_x_delay <= {origin_x_delay[455:0], origin_x};
-    far_x_plane_delay <= {far_x_plane_delay[143:0], direction_x[23] ? choice_2 : choice_3};
+    far_x_plane_delay <= {far_x_plane_delay[143:0], direction_x[23] ? choice : choice_2};
     tmin_clean_22_0_delay <= {tmin_clean_22_0_delay[344:0], tmin_clean[22:0]};
     out_tmin_delay <= {out_tmin_delay[455:0], {1'b0, tmin_clean[22:0]}};
-    joined_delay <= {joined_delay[359:0], joined};
+    tmax_clean_22_0_delay <= {tmax_clean_22_0_delay[344:0], tmax_clean[22:0]};
     out_tmax_delay <= {out_tmax_delay[455:0], {1'b0, tmax_clean[22:0]}};
-    near_y_plane_delay <= {near_y_plane_delay[143:0], direction_y[23] ? choice_5 : choice_4};
+    near_y_plane_delay <= {near_y_plane_delay[143:0], direction_y[23] ? choice_4 : choice_3};
     origin_y_delay <= {origin_y_delay[455:0], origin_y};
-    far_y_plane_delay <= {far_y_plane_delay[143:0], direction_y[23] ? choice_4 : choice_5};
-    near_z_plane_delay <= {near_z_plane_delay[143:0], direction_z[23] ? choice_7 : choice_6};
+    far_y_plane_delay <= {far_y_plane_delay[143:0], direction_y[23] ? choice_3 : choice_4};
+    near_z_plane_delay <= {near_z_plane_delay[143:0], direction_z[23] ? choice_6 : choice_5};
     origin_z_delay <= {origin_z_delay[455:0], origin_z};
-    far_z_plane_delay <= {far_z_plane_delay[143:0], direction_z[23] ? choice_6 : choice_7};
+    far_z_plane_delay <= {far_z_plane_delay[143:0], direction_z[23] ? choice_5 : choice_6};
     sound_delay <= {sound_delay[16:0], sound};
     z_wins_delay <= {z_wins_delay[9:0], z_wins};
     direction_kx_delay <= {direction_kx_delay[239:0], direction_kx};

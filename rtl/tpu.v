@@ -634,10 +634,9 @@ module tpu (
   wire ray0_within = ~((limit0_memory_read_s3[22:0] < stack_read_s3[50:28]) | limit0_memory_read_s3[23]);
   reg  not_pop_12_s2, not_pop_12_s3;
   wire ray0_stays = stack_read_s3[24] & (ray0_within | not_pop_12_s3);
-  wire comparison = {limit0_memory_read_s3[22:0], 1'b0} < {stack_read_s3[74:52], stack_read_s3[75]};
   wire ray0_far_or_limit_is_less =
       (limit0_memory_read_s3[23] ^ stack_read_s3[75]) ? limit0_memory_read_s3[23] :
-      (comparison ^ limit0_memory_read_s3[23]);
+      ((limit0_memory_read_s3[22:0] < stack_read_s3[74:52]) ^ limit0_memory_read_s3[23]);
   wire [23:0] ray0_far_or_limit =
       ray0_far_or_limit_is_less ? limit0_memory_read_s3 :
       stack_read_s3[75:52];
@@ -652,12 +651,9 @@ module tpu (
   wire ray1_within = ~((limit1_memory_read_s3[22:0] < stack_read_s3[98:76]) | limit1_memory_read_s3[23]);
   reg  not_pop_13_s2, not_pop_13_s3;
   wire ray1_stays = stack_read_s3[25] & (ray1_within | not_pop_13_s3);
-  wire comparison_2 =
-      {limit1_memory_read_s3[22:0], 1'b0} <
-      {stack_read_s3[122:100], stack_read_s3[123]};
   wire ray1_far_or_limit_is_less =
       (limit1_memory_read_s3[23] ^ stack_read_s3[123]) ? limit1_memory_read_s3[23] :
-      (comparison_2 ^ limit1_memory_read_s3[23]);
+      ((limit1_memory_read_s3[22:0] < stack_read_s3[122:100]) ^ limit1_memory_read_s3[23]);
   wire [23:0] ray1_far_or_limit =
       ray1_far_or_limit_is_less ? limit1_memory_read_s3 :
       stack_read_s3[123:100];
@@ -672,12 +668,9 @@ module tpu (
   wire ray2_within = ~((limit2_memory_read_s3[22:0] < stack_read_s3[146:124]) | limit2_memory_read_s3[23]);
   reg  not_pop_14_s2, not_pop_14_s3;
   wire ray2_stays = stack_read_s3[26] & (ray2_within | not_pop_14_s3);
-  wire comparison_3 =
-      {limit2_memory_read_s3[22:0], 1'b0} <
-      {stack_read_s3[170:148], stack_read_s3[171]};
   wire ray2_far_or_limit_is_less =
       (limit2_memory_read_s3[23] ^ stack_read_s3[171]) ? limit2_memory_read_s3[23] :
-      (comparison_3 ^ limit2_memory_read_s3[23]);
+      ((limit2_memory_read_s3[22:0] < stack_read_s3[170:148]) ^ limit2_memory_read_s3[23]);
   wire [23:0] ray2_far_or_limit =
       ray2_far_or_limit_is_less ? limit2_memory_read_s3 :
       stack_read_s3[171:148];
@@ -692,12 +685,9 @@ module tpu (
   wire ray3_within = ~((limit3_memory_read_s3[22:0] < stack_read_s3[194:172]) | limit3_memory_read_s3[23]);
   reg  not_pop_15_s2, not_pop_15_s3;
   wire ray3_stays = stack_read_s3[27] & (ray3_within | not_pop_15_s3);
-  wire comparison_4 =
-      {limit3_memory_read_s3[22:0], 1'b0} <
-      {stack_read_s3[218:196], stack_read_s3[219]};
   wire ray3_far_or_limit_is_less =
       (limit3_memory_read_s3[23] ^ stack_read_s3[219]) ? limit3_memory_read_s3[23] :
-      (comparison_4 ^ limit3_memory_read_s3[23]);
+      ((limit3_memory_read_s3[22:0] < stack_read_s3[218:196]) ^ limit3_memory_read_s3[23]);
   wire [23:0] ray3_far_or_limit =
       ray3_far_or_limit_is_less ? limit3_memory_read_s3 :
       stack_read_s3[219:196];

@@ -75,10 +75,10 @@ module tpu_slice (
   wire [23:0] left_near_clipped =
       left_near_clipped_is_greater ? left_near_distance_distance :
       ray_near_s10;
-  reg  [23:0] joined_s10;
+  reg  [22:0] ray_far_22_0_s10;
   reg  ray_far_23_s10;
   wire term_3 =
-      ({left_far_distance_distance[22:0], 1'b0} < joined_s10) ^
+      (left_far_distance_distance[22:0] < ray_far_22_0_s10) ^
       left_far_distance_distance[23];
   wire left_far_clipped_is_less =
       (left_far_distance_distance[23] ^ ray_far_23_s10) ? left_far_distance_distance[23] :
@@ -125,7 +125,7 @@ module tpu_slice (
       right_near_clipped_is_greater ? right_near_distance_distance :
       ray_near_s10;
   wire term_6 =
-      ({right_far_distance_distance[22:0], 1'b0} < joined_s10) ^
+      (right_far_distance_distance[22:0] < ray_far_22_0_s10) ^
       right_far_distance_distance[23];
   wire right_far_clipped_is_less =
       (right_far_distance_distance[23] ^ ray_far_23_s10) ? right_far_distance_distance[23] :
@@ -162,7 +162,7 @@ module tpu_slice (
     // Stage 10
     ray_near_22_0_s10 <= ray_near[22:0];
     ray_near_s10 <= ray_near;
-    joined_s10 <= {ray_far[22:0], ray_far[23]};
+    ray_far_22_0_s10 <= ray_far[22:0];
     ray_far_23_s10 <= ray_far[23];
     ray_far_s10 <= ray_far;
     ray_active_s10 <= ray_active;

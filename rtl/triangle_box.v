@@ -60,135 +60,96 @@ module triangle_box (
 );
 
   // The box on the x axis.
-  wire lo01_x_is_less_unless_zero =
-      (v1_x[23] ^ v0_x[23]) ? v1_x[23] :
-      (({v1_x[22:0], 1'b0} < {v0_x[22:0], v0_x[23]}) ^ v1_x[23]);
-  wire v1_x_22_16_is_zero = ~|v1_x[22:16];
-  wire v0_x_22_16_is_zero = ~|v0_x[22:16];
-  wire lo01_x_is_less_both_zero = v1_x_22_16_is_zero & v0_x_22_16_is_zero;
-  wire lo01_x_is_less = lo01_x_is_less_unless_zero & ~lo01_x_is_less_both_zero;
+  wire lo01_x_is_less = (v1_x[23] ^ v0_x[23]) ? v1_x[23] : ((v1_x[22:0] < v0_x[22:0]) ^ v1_x[23]);
   wire [23:0] lo01_x = lo01_x_is_less ? v1_x : v0_x;
   reg  [23:0] lo01_x_s1;
-  wire hi01_x_is_greater_unless_zero =
-      (v0_x[23] ^ v1_x[23]) ? v0_x[23] :
-      (({v0_x[22:0], 1'b0} < {v1_x[22:0], v1_x[23]}) ^ v0_x[23]);
-  wire hi01_x_is_greater_both_zero = v0_x_22_16_is_zero & v1_x_22_16_is_zero;
-  wire hi01_x_is_greater = hi01_x_is_greater_unless_zero & ~hi01_x_is_greater_both_zero;
+  wire hi01_x_is_greater = (v0_x[23] ^ v1_x[23]) ? v0_x[23] : ((v0_x[22:0] < v1_x[22:0]) ^ v0_x[23]);
   wire [23:0] hi01_x = hi01_x_is_greater ? v1_x : v0_x;
   reg  [23:0] hi01_x_s1;
-  reg  [23:0] joined_s1;
+  reg  [22:0] v2_x_22_0_s1;
   reg  v2_x_23_s1;
-  wire term = (joined_s1 < {lo01_x_s1[22:0], lo01_x_s1[23]}) ^ v2_x_23_s1;
-  wire lo_x_is_less_unless_zero = (v2_x_23_s1 ^ lo01_x_s1[23]) ? v2_x_23_s1 : term;
-  wire v2_x_22_16_is_zero = ~|v2_x[22:16];
-  reg  v2_x_22_16_is_zero_s1;
-  wire lo_x_is_less_both_zero = v2_x_22_16_is_zero_s1 & (~|lo01_x_s1[22:16]);
-  wire lo_x_is_less = lo_x_is_less_unless_zero & ~lo_x_is_less_both_zero;
+  wire lo_x_is_less =
+      (v2_x_23_s1 ^ lo01_x_s1[23]) ? v2_x_23_s1 :
+      ((v2_x_22_0_s1 < lo01_x_s1[22:0]) ^ v2_x_23_s1);
   reg  [23:0] v2_x_s1;
   wire [23:0] lo_x = lo_x_is_less ? v2_x_s1 : lo01_x_s1;
   reg  [23:0] lo_x_s2;
-  reg  [23:0] joined_2_s1;
-  wire hi_x_is_greater_unless_zero =
+  wire hi_x_is_greater =
       (hi01_x_s1[23] ^ v2_x_23_s1) ? hi01_x_s1[23] :
-      (({hi01_x_s1[22:0], 1'b0} < joined_2_s1) ^ hi01_x_s1[23]);
-  wire hi_x_is_greater_both_zero = (~|hi01_x_s1[22:16]) & v2_x_22_16_is_zero_s1;
-  wire hi_x_is_greater = hi_x_is_greater_unless_zero & ~hi_x_is_greater_both_zero;
+      ((hi01_x_s1[22:0] < v2_x_22_0_s1) ^ hi01_x_s1[23]);
   wire [23:0] hi_x = hi_x_is_greater ? v2_x_s1 : hi01_x_s1;
   reg  [23:0] hi_x_s2;
   wire flat_x = (lo_x_s2 == hi_x_s2) | ((~|lo_x_s2[22:16]) & (~|hi_x_s2[22:16]));
   reg  flat_x_s3;
-  wire same01_x = (v0_x == v1_x) | hi01_x_is_greater_both_zero;
+  wire v0_x_22_16_is_zero = ~|v0_x[22:16];
+  wire v1_x_22_16_is_zero = ~|v1_x[22:16];
+  wire same01_x = (v0_x == v1_x) | (v0_x_22_16_is_zero & v1_x_22_16_is_zero);
   reg  same01_x_s1;
+  wire v2_x_22_16_is_zero = ~|v2_x[22:16];
   wire same12_x = (v1_x == v2_x) | (v1_x_22_16_is_zero & v2_x_22_16_is_zero);
   reg  same12_x_s1;
   wire same20_x = (v2_x == v0_x) | (v2_x_22_16_is_zero & v0_x_22_16_is_zero);
   reg  same20_x_s1;
 
   // The box on the y axis.
-  wire lo01_y_is_less_unless_zero =
-      (v1_y[23] ^ v0_y[23]) ? v1_y[23] :
-      (({v1_y[22:0], 1'b0} < {v0_y[22:0], v0_y[23]}) ^ v1_y[23]);
-  wire v1_y_22_16_is_zero = ~|v1_y[22:16];
-  wire v0_y_22_16_is_zero = ~|v0_y[22:16];
-  wire lo01_y_is_less_both_zero = v1_y_22_16_is_zero & v0_y_22_16_is_zero;
-  wire lo01_y_is_less = lo01_y_is_less_unless_zero & ~lo01_y_is_less_both_zero;
+  wire lo01_y_is_less = (v1_y[23] ^ v0_y[23]) ? v1_y[23] : ((v1_y[22:0] < v0_y[22:0]) ^ v1_y[23]);
   wire [23:0] lo01_y = lo01_y_is_less ? v1_y : v0_y;
   reg  [23:0] lo01_y_s1;
-  wire hi01_y_is_greater_unless_zero =
-      (v0_y[23] ^ v1_y[23]) ? v0_y[23] :
-      (({v0_y[22:0], 1'b0} < {v1_y[22:0], v1_y[23]}) ^ v0_y[23]);
-  wire hi01_y_is_greater_both_zero = v0_y_22_16_is_zero & v1_y_22_16_is_zero;
-  wire hi01_y_is_greater = hi01_y_is_greater_unless_zero & ~hi01_y_is_greater_both_zero;
+  wire hi01_y_is_greater = (v0_y[23] ^ v1_y[23]) ? v0_y[23] : ((v0_y[22:0] < v1_y[22:0]) ^ v0_y[23]);
   wire [23:0] hi01_y = hi01_y_is_greater ? v1_y : v0_y;
   reg  [23:0] hi01_y_s1;
-  reg  [23:0] joined_3_s1;
+  reg  [22:0] v2_y_22_0_s1;
   reg  v2_y_23_s1;
-  wire term_2 = (joined_3_s1 < {lo01_y_s1[22:0], lo01_y_s1[23]}) ^ v2_y_23_s1;
-  wire lo_y_is_less_unless_zero = (v2_y_23_s1 ^ lo01_y_s1[23]) ? v2_y_23_s1 : term_2;
-  wire v2_y_22_16_is_zero = ~|v2_y[22:16];
-  reg  v2_y_22_16_is_zero_s1;
-  wire lo_y_is_less_both_zero = v2_y_22_16_is_zero_s1 & (~|lo01_y_s1[22:16]);
-  wire lo_y_is_less = lo_y_is_less_unless_zero & ~lo_y_is_less_both_zero;
+  wire lo_y_is_less =
+      (v2_y_23_s1 ^ lo01_y_s1[23]) ? v2_y_23_s1 :
+      ((v2_y_22_0_s1 < lo01_y_s1[22:0]) ^ v2_y_23_s1);
   reg  [23:0] v2_y_s1;
   wire [23:0] lo_y = lo_y_is_less ? v2_y_s1 : lo01_y_s1;
   reg  [23:0] lo_y_s2;
-  reg  [23:0] joined_4_s1;
-  wire hi_y_is_greater_unless_zero =
+  wire hi_y_is_greater =
       (hi01_y_s1[23] ^ v2_y_23_s1) ? hi01_y_s1[23] :
-      (({hi01_y_s1[22:0], 1'b0} < joined_4_s1) ^ hi01_y_s1[23]);
-  wire hi_y_is_greater_both_zero = (~|hi01_y_s1[22:16]) & v2_y_22_16_is_zero_s1;
-  wire hi_y_is_greater = hi_y_is_greater_unless_zero & ~hi_y_is_greater_both_zero;
+      ((hi01_y_s1[22:0] < v2_y_22_0_s1) ^ hi01_y_s1[23]);
   wire [23:0] hi_y = hi_y_is_greater ? v2_y_s1 : hi01_y_s1;
   reg  [23:0] hi_y_s2;
   wire flat_y = (lo_y_s2 == hi_y_s2) | ((~|lo_y_s2[22:16]) & (~|hi_y_s2[22:16]));
   reg  flat_y_s3;
-  wire same01_y = (v0_y == v1_y) | hi01_y_is_greater_both_zero;
+  wire v0_y_22_16_is_zero = ~|v0_y[22:16];
+  wire v1_y_22_16_is_zero = ~|v1_y[22:16];
+  wire same01_y = (v0_y == v1_y) | (v0_y_22_16_is_zero & v1_y_22_16_is_zero);
   reg  same01_y_s1;
+  wire v2_y_22_16_is_zero = ~|v2_y[22:16];
   wire same12_y = (v1_y == v2_y) | (v1_y_22_16_is_zero & v2_y_22_16_is_zero);
   reg  same12_y_s1;
   wire same20_y = (v2_y == v0_y) | (v2_y_22_16_is_zero & v0_y_22_16_is_zero);
   reg  same20_y_s1;
 
   // The box on the z axis.
-  wire lo01_z_is_less_unless_zero =
-      (v1_z[23] ^ v0_z[23]) ? v1_z[23] :
-      (({v1_z[22:0], 1'b0} < {v0_z[22:0], v0_z[23]}) ^ v1_z[23]);
-  wire v1_z_22_16_is_zero = ~|v1_z[22:16];
-  wire v0_z_22_16_is_zero = ~|v0_z[22:16];
-  wire lo01_z_is_less_both_zero = v1_z_22_16_is_zero & v0_z_22_16_is_zero;
-  wire lo01_z_is_less = lo01_z_is_less_unless_zero & ~lo01_z_is_less_both_zero;
+  wire lo01_z_is_less = (v1_z[23] ^ v0_z[23]) ? v1_z[23] : ((v1_z[22:0] < v0_z[22:0]) ^ v1_z[23]);
   wire [23:0] lo01_z = lo01_z_is_less ? v1_z : v0_z;
   reg  [23:0] lo01_z_s1;
-  wire hi01_z_is_greater_unless_zero =
-      (v0_z[23] ^ v1_z[23]) ? v0_z[23] :
-      (({v0_z[22:0], 1'b0} < {v1_z[22:0], v1_z[23]}) ^ v0_z[23]);
-  wire hi01_z_is_greater_both_zero = v0_z_22_16_is_zero & v1_z_22_16_is_zero;
-  wire hi01_z_is_greater = hi01_z_is_greater_unless_zero & ~hi01_z_is_greater_both_zero;
+  wire hi01_z_is_greater = (v0_z[23] ^ v1_z[23]) ? v0_z[23] : ((v0_z[22:0] < v1_z[22:0]) ^ v0_z[23]);
   wire [23:0] hi01_z = hi01_z_is_greater ? v1_z : v0_z;
   reg  [23:0] hi01_z_s1;
-  reg  [23:0] joined_5_s1;
+  reg  [22:0] v2_z_22_0_s1;
   reg  v2_z_23_s1;
-  wire term_3 = (joined_5_s1 < {lo01_z_s1[22:0], lo01_z_s1[23]}) ^ v2_z_23_s1;
-  wire lo_z_is_less_unless_zero = (v2_z_23_s1 ^ lo01_z_s1[23]) ? v2_z_23_s1 : term_3;
-  wire v2_z_22_16_is_zero = ~|v2_z[22:16];
-  reg  v2_z_22_16_is_zero_s1;
-  wire lo_z_is_less_both_zero = v2_z_22_16_is_zero_s1 & (~|lo01_z_s1[22:16]);
-  wire lo_z_is_less = lo_z_is_less_unless_zero & ~lo_z_is_less_both_zero;
+  wire lo_z_is_less =
+      (v2_z_23_s1 ^ lo01_z_s1[23]) ? v2_z_23_s1 :
+      ((v2_z_22_0_s1 < lo01_z_s1[22:0]) ^ v2_z_23_s1);
   reg  [23:0] v2_z_s1;
   wire [23:0] lo_z = lo_z_is_less ? v2_z_s1 : lo01_z_s1;
   reg  [23:0] lo_z_s2;
-  reg  [23:0] joined_6_s1;
-  wire hi_z_is_greater_unless_zero =
+  wire hi_z_is_greater =
       (hi01_z_s1[23] ^ v2_z_23_s1) ? hi01_z_s1[23] :
-      (({hi01_z_s1[22:0], 1'b0} < joined_6_s1) ^ hi01_z_s1[23]);
-  wire hi_z_is_greater_both_zero = (~|hi01_z_s1[22:16]) & v2_z_22_16_is_zero_s1;
-  wire hi_z_is_greater = hi_z_is_greater_unless_zero & ~hi_z_is_greater_both_zero;
+      ((hi01_z_s1[22:0] < v2_z_22_0_s1) ^ hi01_z_s1[23]);
   wire [23:0] hi_z = hi_z_is_greater ? v2_z_s1 : hi01_z_s1;
   reg  [23:0] hi_z_s2;
   wire flat_z = (lo_z_s2 == hi_z_s2) | ((~|lo_z_s2[22:16]) & (~|hi_z_s2[22:16]));
   reg  flat_z_s3;
-  wire same01_z = (v0_z == v1_z) | hi01_z_is_greater_both_zero;
+  wire v0_z_22_16_is_zero = ~|v0_z[22:16];
+  wire v1_z_22_16_is_zero = ~|v1_z[22:16];
+  wire same01_z = (v0_z == v1_z) | (v0_z_22_16_is_zero & v1_z_22_16_is_zero);
   reg  same01_z_s1;
+  wire v2_z_22_16_is_zero = ~|v2_z[22:16];
   wire same12_z = (v1_z == v2_z) | (v1_z_22_16_is_zero & v2_z_22_16_is_zero);
   reg  same12_z_s1;
   wire same20_z = (v2_z == v0_z) | (v2_z_22_16_is_zero & v0_z_22_16_is_zero);
@@ -226,16 +187,14 @@ module triangle_box (
 
   wire [22:0] sum = near_x_y[22:0] + (near_x_y[23] ? 23'd3 : 23'h7ffffd);
   wire any_near_x_y_22_16 = |near_x_y[22:16];
-  wire term_4 = any_near_x_y_22_16 & (~|(~sum[1:0]));
+  wire term = any_near_x_y_22_16 & (~|(~sum[1:0]));
   wire [1:0] choice =
-      term_4 ? 2'd0 :
+      term ? 2'd0 :
       ~any_near_x_y_22_16 ? 2'd2 :
       (~sum[1:0] - 2'd1);
-  wire [23:0] joined_7 = {~term_4, 6'd0, ~term_4, 14'd0, choice};
-  wire [23:0] joined_8 = {near_x_y[23], sum[22:16], sum[15:0] & {16{~(&sum[22:16])}}};
-  wire [23:0] choice_2 =
-      (~any_near_x_y_22_16 | (~near_x_y[23] & (~|sum[22:16]))) ? joined_7 :
-      joined_8;
+  wire [23:0] joined = {~term, 6'd0, ~term, 14'd0, choice};
+  wire [23:0] joined_2 = {near_x_y[23], sum[22:16], sum[15:0] & {16{~(&sum[22:16])}}};
+  wire [23:0] choice_2 = (~any_near_x_y_22_16 | (~near_x_y[23] & (~|sum[22:16]))) ? joined : joined_2;
   reg  [23:0] choice_3_s12;
   wire [23:0] far_x_plane =
       accumulate ? sum_a_3 :
@@ -263,26 +222,26 @@ module triangle_box (
 
   wire [22:0] sum_6 = far_x_y[22:0] + (~far_x_y[23] ? 23'd3 : 23'h7ffffd);
   wire any_far_x_y_22_16 = |far_x_y[22:16];
-  wire term_5 = any_far_x_y_22_16 & (~|(~sum_6[1:0]));
+  wire term_2 = any_far_x_y_22_16 & (~|(~sum_6[1:0]));
   wire [1:0] choice_4 =
-      term_5 ? 2'd0 :
+      term_2 ? 2'd0 :
       ~any_far_x_y_22_16 ? 2'd2 :
       (~sum_6[1:0] - 2'd1);
-  wire [23:0] joined_9 = {far_x_y[23], sum_6[22:16], sum_6[15:0] & {16{~(&sum_6[22:16])}}};
+  wire [23:0] joined_3 = {far_x_y[23], sum_6[22:16], sum_6[15:0] & {16{~(&sum_6[22:16])}}};
   wire [23:0] choice_5 =
-      (~any_far_x_y_22_16 | (far_x_y[23] & (~|sum_6[22:16]))) ? {1'b0, 6'd0, ~term_5, 14'd0, choice_4} :
-      joined_9;
+      (~any_far_x_y_22_16 | (far_x_y[23] & (~|sum_6[22:16]))) ? {1'b0, 6'd0, ~term_2, 14'd0, choice_4} :
+      joined_3;
   reg  [23:0] choice_6_s12;
-  wire term_6 =
-      ({window_near[22:0], 1'b0} < {choice_3_s12[22:0], choice_3_s12[23]}) ^
-      window_near[23];
-  wire choice_7 = (window_near[23] ^ choice_3_s12[23]) ? window_near[23] : term_6;
+  wire choice_7 =
+      (window_near[23] ^ choice_3_s12[23]) ? window_near[23] :
+      ((window_near[22:0] < choice_3_s12[22:0]) ^ window_near[23]);
   wire near_after_x_is_greater_ordered = ~((&choice_3_s12[22:16]) & (|choice_3_s12[15:0]));
   wire near_after_x_is_greater = choice_7 & near_after_x_is_greater_ordered;
   wire [23:0] near_after_x = near_after_x_is_greater ? choice_3_s12 : window_near;
   reg  [23:0] near_after_x_s13;
-  wire term_7 = ({choice_6_s12[22:0], 1'b0} < {window_far[22:0], window_far[23]}) ^ choice_6_s12[23];
-  wire far_after_x_is_less = (choice_6_s12[23] ^ window_far[23]) ? choice_6_s12[23] : term_7;
+  wire far_after_x_is_less =
+      (choice_6_s12[23] ^ window_far[23]) ? choice_6_s12[23] :
+      ((choice_6_s12[22:0] < window_far[22:0]) ^ choice_6_s12[23]);
   wire [23:0] far_after_x = far_after_x_is_less ? choice_6_s12 : window_far;
   reg  [23:0] far_after_x_s13;
 
@@ -318,16 +277,16 @@ module triangle_box (
 
   wire [22:0] sum_7 = near_y_y[22:0] + (near_y_y[23] ? 23'd3 : 23'h7ffffd);
   wire any_near_y_y_22_16 = |near_y_y[22:16];
-  wire term_8 = any_near_y_y_22_16 & (~|(~sum_7[1:0]));
+  wire term_3 = any_near_y_y_22_16 & (~|(~sum_7[1:0]));
   wire [1:0] choice_8 =
-      term_8 ? 2'd0 :
+      term_3 ? 2'd0 :
       ~any_near_y_y_22_16 ? 2'd2 :
       (~sum_7[1:0] - 2'd1);
-  wire [23:0] joined_10 = {~term_8, 6'd0, ~term_8, 14'd0, choice_8};
-  wire [23:0] joined_11 = {near_y_y[23], sum_7[22:16], sum_7[15:0] & {16{~(&sum_7[22:16])}}};
+  wire [23:0] joined_4 = {~term_3, 6'd0, ~term_3, 14'd0, choice_8};
+  wire [23:0] joined_5 = {near_y_y[23], sum_7[22:16], sum_7[15:0] & {16{~(&sum_7[22:16])}}};
   wire [23:0] choice_9 =
-      (~any_near_y_y_22_16 | (~near_y_y[23] & (~|sum_7[22:16]))) ? joined_10 :
-      joined_11;
+      (~any_near_y_y_22_16 | (~near_y_y[23] & (~|sum_7[22:16]))) ? joined_4 :
+      joined_5;
   reg  [23:0] choice_10_s12;
   wire [23:0] far_y_plane =
       accumulate ? sum_a_4 :
@@ -355,31 +314,32 @@ module triangle_box (
 
   wire [22:0] sum_8 = far_y_y[22:0] + (~far_y_y[23] ? 23'd3 : 23'h7ffffd);
   wire any_far_y_y_22_16 = |far_y_y[22:16];
-  wire term_9 = any_far_y_y_22_16 & (~|(~sum_8[1:0]));
+  wire term_4 = any_far_y_y_22_16 & (~|(~sum_8[1:0]));
   wire [1:0] choice_11 =
-      term_9 ? 2'd0 :
+      term_4 ? 2'd0 :
       ~any_far_y_y_22_16 ? 2'd2 :
       (~sum_8[1:0] - 2'd1);
-  wire [23:0] joined_12 = {far_y_y[23], sum_8[22:16], sum_8[15:0] & {16{~(&sum_8[22:16])}}};
+  wire [23:0] joined_6 = {far_y_y[23], sum_8[22:16], sum_8[15:0] & {16{~(&sum_8[22:16])}}};
   wire [23:0] choice_12 =
-      (~any_far_y_y_22_16 | (far_y_y[23] & (~|sum_8[22:16]))) ? {1'b0, 6'd0, ~term_9, 14'd0, choice_11} :
-      joined_12;
+      (~any_far_y_y_22_16 | (far_y_y[23] & (~|sum_8[22:16]))) ? {1'b0, 6'd0, ~term_4, 14'd0, choice_11} :
+      joined_6;
   reg  [23:0] choice_13_s12;
-  reg  [23:0] joined_13_s13;
+  reg  [22:0] choice_10_22_0_s13;
   reg  choice_10_23_s13;
   wire choice_14 =
       (near_after_x_s13[23] ^ choice_10_23_s13) ? near_after_x_s13[23] :
-      (({near_after_x_s13[22:0], 1'b0} < joined_13_s13) ^ near_after_x_s13[23]);
+      ((near_after_x_s13[22:0] < choice_10_22_0_s13) ^ near_after_x_s13[23]);
   wire near_after_y_is_greater_ordered = ~((&choice_10_s12[22:16]) & (|choice_10_s12[15:0]));
   reg  near_after_y_is_greater_ordered_s13;
   wire near_after_y_is_greater = choice_14 & near_after_y_is_greater_ordered_s13;
   reg  [23:0] choice_10_s13;
   wire [23:0] near_after_y = near_after_y_is_greater ? choice_10_s13 : near_after_x_s13;
   reg  [23:0] near_after_y_s14;
-  reg  [23:0] joined_14_s13;
+  reg  [22:0] choice_13_22_0_s13;
   reg  choice_13_23_s13;
-  wire term_10 = (joined_14_s13 < {far_after_x_s13[22:0], far_after_x_s13[23]}) ^ choice_13_23_s13;
-  wire far_after_y_is_less = (choice_13_23_s13 ^ far_after_x_s13[23]) ? choice_13_23_s13 : term_10;
+  wire far_after_y_is_less =
+      (choice_13_23_s13 ^ far_after_x_s13[23]) ? choice_13_23_s13 :
+      ((choice_13_22_0_s13 < far_after_x_s13[22:0]) ^ choice_13_23_s13);
   reg  [23:0] choice_13_s13;
   wire [23:0] far_after_y = far_after_y_is_less ? choice_13_s13 : far_after_x_s13;
   reg  [23:0] far_after_y_s14;
@@ -416,16 +376,16 @@ module triangle_box (
 
   wire [22:0] sum_9 = near_z_y[22:0] + (near_z_y[23] ? 23'd3 : 23'h7ffffd);
   wire any_near_z_y_22_16 = |near_z_y[22:16];
-  wire term_11 = any_near_z_y_22_16 & (~|(~sum_9[1:0]));
+  wire term_5 = any_near_z_y_22_16 & (~|(~sum_9[1:0]));
   wire [1:0] choice_15 =
-      term_11 ? 2'd0 :
+      term_5 ? 2'd0 :
       ~any_near_z_y_22_16 ? 2'd2 :
       (~sum_9[1:0] - 2'd1);
-  wire [23:0] joined_15 = {~term_11, 6'd0, ~term_11, 14'd0, choice_15};
-  wire [23:0] joined_16 = {near_z_y[23], sum_9[22:16], sum_9[15:0] & {16{~(&sum_9[22:16])}}};
+  wire [23:0] joined_7 = {~term_5, 6'd0, ~term_5, 14'd0, choice_15};
+  wire [23:0] joined_8 = {near_z_y[23], sum_9[22:16], sum_9[15:0] & {16{~(&sum_9[22:16])}}};
   wire [23:0] choice_16 =
-      (~any_near_z_y_22_16 | (~near_z_y[23] & (~|sum_9[22:16]))) ? joined_15 :
-      joined_16;
+      (~any_near_z_y_22_16 | (~near_z_y[23] & (~|sum_9[22:16]))) ? joined_7 :
+      joined_8;
   reg  [23:0] choice_17_s12;
   wire [23:0] far_z_plane =
       accumulate ? sum_a_5 :
@@ -453,42 +413,43 @@ module triangle_box (
 
   wire [22:0] sum_10 = far_z_y[22:0] + (~far_z_y[23] ? 23'd3 : 23'h7ffffd);
   wire any_far_z_y_22_16 = |far_z_y[22:16];
-  wire term_12 = any_far_z_y_22_16 & (~|(~sum_10[1:0]));
+  wire term_6 = any_far_z_y_22_16 & (~|(~sum_10[1:0]));
   wire [1:0] choice_18 =
-      term_12 ? 2'd0 :
+      term_6 ? 2'd0 :
       ~any_far_z_y_22_16 ? 2'd2 :
       (~sum_10[1:0] - 2'd1);
-  wire [23:0] joined_17 = {far_z_y[23], sum_10[22:16], sum_10[15:0] & {16{~(&sum_10[22:16])}}};
+  wire [23:0] joined_9 = {far_z_y[23], sum_10[22:16], sum_10[15:0] & {16{~(&sum_10[22:16])}}};
   wire [23:0] choice_19 =
-      (~any_far_z_y_22_16 | (far_z_y[23] & (~|sum_10[22:16]))) ? {1'b0, 6'd0, ~term_12, 14'd0, choice_18} :
-      joined_17;
+      (~any_far_z_y_22_16 | (far_z_y[23] & (~|sum_10[22:16]))) ? {1'b0, 6'd0, ~term_6, 14'd0, choice_18} :
+      joined_9;
   reg  [23:0] choice_20_s12;
-  reg  [23:0] joined_18_s13, joined_18_s14;
+  reg  [22:0] choice_17_22_0_s13, choice_17_22_0_s14;
   reg  choice_17_23_s13, choice_17_23_s14;
   wire choice_21 =
       (near_after_y_s14[23] ^ choice_17_23_s14) ? near_after_y_s14[23] :
-      (({near_after_y_s14[22:0], 1'b0} < joined_18_s14) ^ near_after_y_s14[23]);
+      ((near_after_y_s14[22:0] < choice_17_22_0_s14) ^ near_after_y_s14[23]);
   wire near_after_z_is_greater_ordered = ~((&choice_17_s12[22:16]) & (|choice_17_s12[15:0]));
   reg  near_after_z_is_greater_ordered_s13, near_after_z_is_greater_ordered_s14;
   wire near_after_z_is_greater = choice_21 & near_after_z_is_greater_ordered_s14;
   reg  [23:0] choice_17_s13, choice_17_s14;
   wire [23:0] near_after_z = near_after_z_is_greater ? choice_17_s14 : near_after_y_s14;
   reg  [23:0] near_after_z_s15;
-  reg  [23:0] joined_19_s13, joined_19_s14;
+  reg  [22:0] choice_20_22_0_s13, choice_20_22_0_s14;
   reg  choice_20_23_s13, choice_20_23_s14;
-  wire term_13 = (joined_19_s14 < {far_after_y_s14[22:0], far_after_y_s14[23]}) ^ choice_20_23_s14;
-  wire far_after_z_is_less = (choice_20_23_s14 ^ far_after_y_s14[23]) ? choice_20_23_s14 : term_13;
+  wire far_after_z_is_less =
+      (choice_20_23_s14 ^ far_after_y_s14[23]) ? choice_20_23_s14 :
+      ((choice_20_22_0_s14 < far_after_y_s14[22:0]) ^ choice_20_23_s14);
   reg  [23:0] choice_20_s13, choice_20_s14;
   wire [23:0] far_after_z = far_after_z_is_less ? choice_20_s14 : far_after_y_s14;
   reg  [23:0] far_after_z_s15;
 
   // Degenerate: two vertices are equal, or the box is flat on two axes.
-  wire term_14 = (flat_x_s3 & flat_y_s3) | (flat_y_s3 & flat_z_s3) | (flat_z_s3 & flat_x_s3);
+  wire term_7 = (flat_x_s3 & flat_y_s3) | (flat_y_s3 & flat_z_s3) | (flat_z_s3 & flat_x_s3);
   reg  same01_x_and_same01_y_and_same01_z_s2, same01_x_and_same01_y_and_same01_z_s3;
   reg  same12_x_and_same12_y_and_same12_z_s2, same12_x_and_same12_y_and_same12_z_s3;
   reg  same20_x_and_same20_y_and_same20_z_s2, same20_x_and_same20_y_and_same20_z_s3;
   wire any_degenerate =
-      term_14 |
+      term_7 |
       same01_x_and_same01_y_and_same01_z_s3 |
       same12_x_and_same12_y_and_same12_z_s3 |
       same20_x_and_same20_y_and_same20_z_s3;
@@ -505,31 +466,25 @@ module triangle_box (
     // Stage 1
     lo01_x_s1 <= lo01_x;
     hi01_x_s1 <= hi01_x;
-    joined_s1 <= {v2_x[22:0], 1'b0};
+    v2_x_22_0_s1 <= v2_x[22:0];
     v2_x_23_s1 <= v2_x[23];
-    v2_x_22_16_is_zero_s1 <= v2_x_22_16_is_zero;
     v2_x_s1 <= v2_x;
-    joined_2_s1 <= {v2_x[22:0], v2_x[23]};
     same01_x_s1 <= same01_x;
     same12_x_s1 <= same12_x;
     same20_x_s1 <= same20_x;
     lo01_y_s1 <= lo01_y;
     hi01_y_s1 <= hi01_y;
-    joined_3_s1 <= {v2_y[22:0], 1'b0};
+    v2_y_22_0_s1 <= v2_y[22:0];
     v2_y_23_s1 <= v2_y[23];
-    v2_y_22_16_is_zero_s1 <= v2_y_22_16_is_zero;
     v2_y_s1 <= v2_y;
-    joined_4_s1 <= {v2_y[22:0], v2_y[23]};
     same01_y_s1 <= same01_y;
     same12_y_s1 <= same12_y;
     same20_y_s1 <= same20_y;
     lo01_z_s1 <= lo01_z;
     hi01_z_s1 <= hi01_z;
-    joined_5_s1 <= {v2_z[22:0], 1'b0};
+    v2_z_22_0_s1 <= v2_z[22:0];
     v2_z_23_s1 <= v2_z[23];
-    v2_z_22_16_is_zero_s1 <= v2_z_22_16_is_zero;
     v2_z_s1 <= v2_z;
-    joined_6_s1 <= {v2_z[22:0], v2_z[23]};
     same01_z_s1 <= same01_z;
     same12_z_s1 <= same12_z;
     same20_z_s1 <= same20_z;
@@ -588,29 +543,29 @@ module triangle_box (
     // Stage 13
     near_after_x_s13 <= near_after_x;
     far_after_x_s13 <= far_after_x;
-    joined_13_s13 <= {choice_10_s12[22:0], choice_10_s12[23]};
+    choice_10_22_0_s13 <= choice_10_s12[22:0];
     choice_10_23_s13 <= choice_10_s12[23];
     near_after_y_is_greater_ordered_s13 <= near_after_y_is_greater_ordered;
     choice_10_s13 <= choice_10_s12;
-    joined_14_s13 <= {choice_13_s12[22:0], 1'b0};
+    choice_13_22_0_s13 <= choice_13_s12[22:0];
     choice_13_23_s13 <= choice_13_s12[23];
     choice_13_s13 <= choice_13_s12;
-    joined_18_s13 <= {choice_17_s12[22:0], choice_17_s12[23]};
+    choice_17_22_0_s13 <= choice_17_s12[22:0];
     choice_17_23_s13 <= choice_17_s12[23];
     near_after_z_is_greater_ordered_s13 <= near_after_z_is_greater_ordered;
     choice_17_s13 <= choice_17_s12;
-    joined_19_s13 <= {choice_20_s12[22:0], 1'b0};
+    choice_20_22_0_s13 <= choice_20_s12[22:0];
     choice_20_23_s13 <= choice_20_s12[23];
     choice_20_s13 <= choice_20_s12;
 
     // Stage 14
     near_after_y_s14 <= near_after_y;
     far_after_y_s14 <= far_after_y;
-    joined_18_s14 <= joined_18_s13;
+    choice_17_22_0_s14 <= choice_17_22_0_s13;
     choice_17_23_s14 <= choice_17_23_s13;
     near_after_z_is_greater_ordered_s14 <= near_after_z_is_greater_ordered_s13;
     choice_17_s14 <= choice_17_s13;
-    joined_19_s14 <= joined_19_s13;
+    choice_20_22_0_s14 <= choice_20_22_0_s13;
     choice_20_23_s14 <= choice_20_23_s13;
     choice_20_s14 <= choice_20_s13;
 

@@ -202,18 +202,17 @@ module triangle_test (
   wire [23:0] own_box_box_near_s50 = own_box_box_near_delay[815:792];
   reg  [839:0] own_box_box_far_delay;
   wire [23:0] own_box_box_far_s50 = own_box_box_far_delay[815:792];
-  wire comparison =
-      {intersection_test_t[22:0], 1'b0} <
-      {own_box_box_near_s50[22:0], own_box_box_near_s50[23]};
+  wire term = (intersection_test_t[22:0] < own_box_box_near_s50[22:0]) ^ intersection_test_t[23];
   wire raised_is_greater =
       (intersection_test_t[23] ^ own_box_box_near_s50[23]) ? intersection_test_t[23] :
-      (comparison ^ intersection_test_t[23]);
+      term;
   wire [23:0] raised = raised_is_greater ? own_box_box_near_s50 : intersection_test_t;
   reg  [23:0] raised_s51;
-  reg  [23:0] joined_s51;
+  reg  [22:0] own_box_box_far_22_0_s51;
   reg  own_box_box_far_23_s51;
-  wire term = (joined_s51 < {raised_s51[22:0], raised_s51[23]}) ^ own_box_box_far_23_s51;
-  wire choice = (own_box_box_far_23_s51 ^ raised_s51[23]) ? own_box_box_far_23_s51 : term;
+  wire choice =
+      (own_box_box_far_23_s51 ^ raised_s51[23]) ? own_box_box_far_23_s51 :
+      ((own_box_box_far_22_0_s51 < raised_s51[22:0]) ^ own_box_box_far_23_s51);
   wire clamped_is_less_ordered = ~((&raised_s51[22:16]) & (|raised_s51[15:0]));
   wire clamped_is_less = choice & clamped_is_less_ordered;
   wire [23:0] own_box_box_far_s51 = own_box_box_far_delay[839:816];
@@ -228,7 +227,7 @@ module triangle_test (
   wire term_2 =
       ~((clamped_s52[22:0] < tmin[22:0]) | clamped_s52[23]) &
       ~((tmax[22:0] < clamped_s52[22:0]) & ~clamped_s52[23]);
-  wire within_limits = term_2 & ~((&clamped_s52[22:16]) & (~|clamped_s52[15:0]));
+  wire within_limits = term_2 & ~(&clamped_s52[22:16]);
   reg  misses_s51, misses_s52;
   wire hits = within_limits & ~misses_s52;
   reg  [23:0] intersection_test_u_s51, intersection_test_u_s52;
@@ -238,7 +237,7 @@ module triangle_test (
   always @(posedge clk) begin
     // Stage 51
     raised_s51 <= raised;
-    joined_s51 <= {own_box_box_far_s50[22:0], 1'b0};
+    own_box_box_far_22_0_s51 <= own_box_box_far_s50[22:0];
     own_box_box_far_23_s51 <= own_box_box_far_s50[23];
     misses_s51 <= misses;
     intersection_test_u_s51 <= intersection_test_u;

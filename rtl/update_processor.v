@@ -108,7 +108,7 @@ module update_processor (
 
   always @(posedge clk) begin
     if (start_or_row_requested) fetch_row <= start ? start_program : (fetch_row + 22'd1);
-    if (rst) rows_left <= 22'd0; else if (start_or_row_requested) rows_left <= start ? start_rows : (rows_left - 22'd1);
+    if (start_or_row_requested) rows_left <= start ? start_rows : (rows_left - 22'd1);
   end
 
   wire last_row = rows_left == 22'd1;
@@ -117,37 +117,143 @@ module update_processor (
     if (rst) any_rows_left <= 1'b0; else if (start_or_row_requested) any_rows_left <= start ? (|start_rows) : ~last_row;
   end
 
-  // The window: the program's next bytes, refilled by words. Bytes past window_count are 0.
+  // The window: the program's next bytes, refilled by words, and which of them are there. The
+  // others are 0.
   reg  [95:0] window;
-  reg  [3:0] window_count;
+  reg  [11:0] window_there;
   reg  [1:0] word_index;
-  wire refill = (window_count <= 4'd8) & rows_valid & decoding;
-  assign pop_row = rows_valid & (~decoding | (refill & (word_index == 2'd3)));
+  reg  idle_before;
+  reg  [31:0] next_word;
+  reg  next_word_there;
 
   always @(posedge clk) begin
-    word_index <= (word_index + {1'b0, refill}) & {2{decoding}};
+    if (rst) idle_before <= 1'b1; else idle_before <= ~decoding;
   end
 
-  wire [31:0] next_word =
-      word_index[1] ? (word_index[0] ? rows_front[127:96] : rows_front[95:64]) :
-      word_index[0] ? rows_front[63:32] :
-      rows_front[31:0];
-  wire [95:0] filled = window | ({64'd0, next_word & {32{refill}}} << {window_count, 3'd0});
+  wire refill = ~window_there[8] & next_word_there & decoding;
+  wire take_word = rows_valid & decoding & (~next_word_there | refill);
+
+  always @(posedge clk) begin
+    if (take_word) next_word <=
+        word_index[1] ? (word_index[0] ? rows_front[127:96] : rows_front[95:64]) :
+        word_index[0] ? rows_front[63:32] :
+        rows_front[31:0];
+    next_word_there <= (take_word | (next_word_there & ~refill)) & ~idle_before;
+  end
+
+  assign pop_row = rows_valid & (~decoding | (take_word & (word_index == 2'd3)));
+
+  always @(posedge clk) begin
+    word_index <= (word_index + {1'b0, take_word}) & {2{~idle_before}};
+  end
+
+  wire [31:0] refill_word = next_word & {32{refill}};
+  wire refill_at_0 = ~window_there[0];
+  wire refill_at_1 = window_there[0] & ~window_there[1];
+  wire refill_at_2 = window_there[1] & ~window_there[2];
+  wire refill_at_3 = window_there[2] & ~window_there[3];
+  wire refill_at_4 = window_there[3] & ~window_there[4];
+  wire refill_at_5 = window_there[4] & ~window_there[5];
+  wire refill_at_6 = window_there[5] & ~window_there[6];
+  wire refill_at_7 = window_there[6] & ~window_there[7];
+  wire refill_at_8 = window_there[7] & ~window_there[8];
+  wire [7:0] term =
+      window[87:80] |
+      (refill_word[23:16] & {8{refill_at_8}}) |
+      (refill_word[31:24] & {8{refill_at_7}});
+  wire [7:0] term_2 =
+      window[79:72] |
+      (refill_word[15:8] & {8{refill_at_8}}) |
+      (refill_word[23:16] & {8{refill_at_7}});
+  wire [7:0] term_3 =
+      window[71:64] |
+      (refill_word[7:0] & {8{refill_at_8}}) |
+      (refill_word[15:8] & {8{refill_at_7}});
+  wire [7:0] term_4 =
+      term_3 |
+      (refill_word[23:16] & {8{refill_at_6}}) |
+      (refill_word[31:24] & {8{refill_at_5}});
+  wire [7:0] term_5 =
+      window[63:56] |
+      (refill_word[7:0] & {8{refill_at_7}}) |
+      (refill_word[15:8] & {8{refill_at_6}});
+  wire [7:0] term_6 =
+      term_5 |
+      (refill_word[23:16] & {8{refill_at_5}}) |
+      (refill_word[31:24] & {8{refill_at_4}});
+  wire [7:0] term_7 =
+      window[55:48] |
+      (refill_word[7:0] & {8{refill_at_6}}) |
+      (refill_word[15:8] & {8{refill_at_5}});
+  wire [7:0] term_8 =
+      term_7 |
+      (refill_word[23:16] & {8{refill_at_4}}) |
+      (refill_word[31:24] & {8{refill_at_3}});
+  wire [7:0] term_9 =
+      window[47:40] |
+      (refill_word[7:0] & {8{refill_at_5}}) |
+      (refill_word[15:8] & {8{refill_at_4}});
+  wire [7:0] term_10 =
+      term_9 |
+      (refill_word[23:16] & {8{refill_at_3}}) |
+      (refill_word[31:24] & {8{refill_at_2}});
+  wire [7:0] term_11 =
+      window[39:32] |
+      (refill_word[7:0] & {8{refill_at_4}}) |
+      (refill_word[15:8] & {8{refill_at_3}});
+  wire [7:0] term_12 =
+      term_11 |
+      (refill_word[23:16] & {8{refill_at_2}}) |
+      (refill_word[31:24] & {8{refill_at_1}});
+  wire [7:0] term_13 =
+      window[31:24] |
+      (refill_word[7:0] & {8{refill_at_3}}) |
+      (refill_word[15:8] & {8{refill_at_2}});
+  wire [7:0] term_14 =
+      term_13 |
+      (refill_word[23:16] & {8{refill_at_1}}) |
+      (refill_word[31:24] & {8{refill_at_0}});
+  wire [7:0] term_15 =
+      window[23:16] |
+      (refill_word[7:0] & {8{refill_at_2}}) |
+      (refill_word[15:8] & {8{refill_at_1}});
+  wire [7:0] term_16 =
+      window[15:8] |
+      (refill_word[7:0] & {8{refill_at_1}}) |
+      (refill_word[15:8] & {8{refill_at_0}});
+  wire [95:0] filled = {
+      window[95:88] | (refill_word[31:24] & {8{refill_at_8}}),
+      term,
+      term_2 | (refill_word[31:24] & {8{refill_at_6}}),
+      term_4,
+      term_6,
+      term_8,
+      term_10,
+      term_12,
+      term_14,
+      term_15 | (refill_word[23:16] & {8{refill_at_0}}),
+      term_16,
+      window[7:0] | (refill_word[7:0] & {8{refill_at_0}})
+    };
+  wire [11:0] filled_there = window_there | ({window_there[7:0], 4'd15} & {12{refill}});
 
   // Decode: the first byte tells the kind and the length.
   wire long_code = window[3] & window[2];
   wire is_next = window[1] & window[0];
   wire is_leaf = long_code & ~window[1];
   wire is_node = ~long_code & ~is_next;
-  wire term = long_code & window[1] & ~window[0];
-  wire is_reload = term & window[5];
-  wire is_end = term & window[4];
+  wire term_17 = long_code & window[1] & ~window[0];
+  wire is_reload = term_17 & window[5];
+  wire is_end = term_17 & window[4];
   wire is_short = is_leaf & window[0];
   wire is_three = is_leaf & ~window[0];
   wire is_two = is_short | is_node | is_end;
   wire is_load = is_next | is_reload;
-  wire term_2 = (~is_reload | (4'd5 <= window_count)) & (~is_three | (4'd3 <= window_count));
-  wire complete = (4'd1 <= window_count) & (term_2 & (~is_two | (4'd2 <= window_count)));
+  wire term_18 =
+      (~is_reload | window_there[4]) &
+      (~is_three | window_there[2]) &
+      (~is_two | window_there[1]);
+  wire complete = window_there[0] & term_18;
   wire queue_room;
   wire index_room;
   wire decode = decoding & complete & queue_room & index_room;
@@ -158,20 +264,17 @@ module update_processor (
       {8'd0, filled[95:8]};
 
   always @(posedge clk) begin
-    window <= (decode ? rest : filled) & {96{decoding}};
+    window <= (decode ? rest : filled) & {96{~idle_before}};
   end
 
-  wire [3:0] instruction_length =
-      is_reload ? 4'd5 :
-      is_three ? 4'd3 :
-      is_two ? 4'd2 :
-      4'd1;
-  wire [3:0] difference =
-      (window_count + (refill ? 4'd4 : 4'd0)) -
-      (decode ? instruction_length : 4'd0);
+  wire [11:0] rest_there =
+      is_reload ? {5'd0, filled_there[11:5]} :
+      is_three ? {3'd0, filled_there[11:3]} :
+      is_two ? {2'd0, filled_there[11:2]} :
+      {1'b0, filled_there[11:1]};
 
   always @(posedge clk) begin
-    window_count <= difference & {4{decoding}};
+    window_there <= (decode ? rest_there : filled_there) & {12{~idle_before}};
     if (rst) decoding <= 1'b0; else decoding <= start | (decoding & ~(decode & is_end));
   end
 
@@ -312,7 +415,7 @@ module update_processor (
 
   // Instructions wait for their vertices.
   wire take_instruction;
-  wire [27:0] instruction_queue_data = {
+  wire [27:0] completed_instruction_next = {
       implied_target,
       implied_z,
       decoded_y,
@@ -322,14 +425,21 @@ module update_processor (
       decoded_leaf,
       decoded_load
     };
+  reg  completed;
+  reg  [27:0] completed_instruction;
+
+  always @(posedge clk) begin
+    if (rst) completed <= 1'b0; else completed <= decoded;
+    completed_instruction <= completed_instruction_next;
+  end
 
   wire instruction_queue_valid;
   wire [27:0] instruction_queue_front;
   fifo_28x64 instruction_queue (
     .clk(clk),
     .rst(rst),
-    .push(decoded),
-    .data(instruction_queue_data),
+    .push(completed),
+    .data(completed_instruction),
     .pop(take_instruction),
     .valid(instruction_queue_valid),
     .front(instruction_queue_front)
@@ -415,21 +525,24 @@ module update_processor (
   wire choice_2 =
       (second_lo_x_s2[23] ^ first_lo_x_s2[23]) ? second_lo_x_s2[23] :
       (comparison ^ second_lo_x_s2[23]);
-  wire term_3 = choice_2 & ~((~|second_lo_x_s2[22:16]) & (~|first_lo_x_s2[22:16]));
-  wire take_second_lo_x = (term_3 & ~nan_second_lo_x) | (nan_first_lo_x & ~nan_second_lo_x);
+  wire term_19 = choice_2 & ~((~|second_lo_x_s2[22:16]) & (~|first_lo_x_s2[22:16]));
+  wire take_second_lo_x = (term_19 & ~nan_second_lo_x) | (nan_first_lo_x & ~nan_second_lo_x);
   wire [23:0] best_lo_x = take_second_lo_x ? second_lo_x_s2 : first_lo_x_s2;
   reg  [23:0] best_lo_x_s3;
   wire nan_both_lo_x = nan_first_lo_x & nan_second_lo_x;
   reg  nan_both_lo_x_s3;
   reg  [23:0] joined_s3;
   reg  third_x_23_s3;
-  wire term_4 = (joined_s3 < {best_lo_x_s3[22:0], best_lo_x_s3[23]}) ^ third_x_23_s3;
-  wire choice_3 = (third_x_23_s3 ^ best_lo_x_s3[23]) ? third_x_23_s3 : term_4;
+  wire term_20 = (joined_s3 < {best_lo_x_s3[22:0], best_lo_x_s3[23]}) ^ third_x_23_s3;
+  wire choice_3 = (third_x_23_s3 ^ best_lo_x_s3[23]) ? third_x_23_s3 : term_20;
   reg  third_x_22_16_is_zero_s3;
   reg  not_nan_third_x_s3;
-  wire term_5 = choice_3 & ~(third_x_22_16_is_zero_s3 & (~|best_lo_x_s3[22:16])) & not_nan_third_x_s3;
+  wire term_21 =
+      choice_3 &
+      ~(third_x_22_16_is_zero_s3 & (~|best_lo_x_s3[22:16])) &
+      not_nan_third_x_s3;
   reg  of_leaf_s2, of_leaf_s3;
-  wire take_third_lo_x = of_leaf_s3 & (term_5 | (nan_both_lo_x_s3 & not_nan_third_x_s3));
+  wire take_third_lo_x = of_leaf_s3 & (term_21 | (nan_both_lo_x_s3 & not_nan_third_x_s3));
   reg  nan_third_x_s3;
   reg  [23:0] third_x_s3;
   wire [23:0] merged_lo_x =
@@ -450,20 +563,23 @@ module update_processor (
   wire choice_4 =
       (second_lo_y_s2[23] ^ first_lo_y_s2[23]) ? second_lo_y_s2[23] :
       (comparison_2 ^ second_lo_y_s2[23]);
-  wire term_6 = choice_4 & ~((~|second_lo_y_s2[22:16]) & (~|first_lo_y_s2[22:16]));
-  wire take_second_lo_y = (term_6 & ~nan_second_lo_y) | (nan_first_lo_y & ~nan_second_lo_y);
+  wire term_22 = choice_4 & ~((~|second_lo_y_s2[22:16]) & (~|first_lo_y_s2[22:16]));
+  wire take_second_lo_y = (term_22 & ~nan_second_lo_y) | (nan_first_lo_y & ~nan_second_lo_y);
   wire [23:0] best_lo_y = take_second_lo_y ? second_lo_y_s2 : first_lo_y_s2;
   reg  [23:0] best_lo_y_s3;
   wire nan_both_lo_y = nan_first_lo_y & nan_second_lo_y;
   reg  nan_both_lo_y_s3;
   reg  [23:0] joined_2_s3;
   reg  third_y_23_s3;
-  wire term_7 = (joined_2_s3 < {best_lo_y_s3[22:0], best_lo_y_s3[23]}) ^ third_y_23_s3;
-  wire choice_5 = (third_y_23_s3 ^ best_lo_y_s3[23]) ? third_y_23_s3 : term_7;
+  wire term_23 = (joined_2_s3 < {best_lo_y_s3[22:0], best_lo_y_s3[23]}) ^ third_y_23_s3;
+  wire choice_5 = (third_y_23_s3 ^ best_lo_y_s3[23]) ? third_y_23_s3 : term_23;
   reg  third_y_22_16_is_zero_s3;
   reg  not_nan_third_y_s3;
-  wire term_8 = choice_5 & ~(third_y_22_16_is_zero_s3 & (~|best_lo_y_s3[22:16])) & not_nan_third_y_s3;
-  wire take_third_lo_y = of_leaf_s3 & (term_8 | (nan_both_lo_y_s3 & not_nan_third_y_s3));
+  wire term_24 =
+      choice_5 &
+      ~(third_y_22_16_is_zero_s3 & (~|best_lo_y_s3[22:16])) &
+      not_nan_third_y_s3;
+  wire take_third_lo_y = of_leaf_s3 & (term_24 | (nan_both_lo_y_s3 & not_nan_third_y_s3));
   reg  nan_third_y_s3;
   reg  [23:0] third_y_s3;
   wire [23:0] merged_lo_y =
@@ -484,23 +600,23 @@ module update_processor (
   wire choice_6 =
       (second_lo_z_s2[23] ^ first_lo_z_s2[23]) ? second_lo_z_s2[23] :
       (comparison_3 ^ second_lo_z_s2[23]);
-  wire term_9 = choice_6 & ~((~|second_lo_z_s2[22:16]) & (~|first_lo_z_s2[22:16]));
-  wire take_second_lo_z = (term_9 & ~nan_second_lo_z) | (nan_first_lo_z & ~nan_second_lo_z);
+  wire term_25 = choice_6 & ~((~|second_lo_z_s2[22:16]) & (~|first_lo_z_s2[22:16]));
+  wire take_second_lo_z = (term_25 & ~nan_second_lo_z) | (nan_first_lo_z & ~nan_second_lo_z);
   wire [23:0] best_lo_z = take_second_lo_z ? second_lo_z_s2 : first_lo_z_s2;
   reg  [23:0] best_lo_z_s3;
   wire nan_both_lo_z = nan_first_lo_z & nan_second_lo_z;
   reg  nan_both_lo_z_s3;
   reg  [23:0] joined_3_s3;
   reg  third_z_23_s3;
-  wire term_10 = (joined_3_s3 < {best_lo_z_s3[22:0], best_lo_z_s3[23]}) ^ third_z_23_s3;
-  wire choice_7 = (third_z_23_s3 ^ best_lo_z_s3[23]) ? third_z_23_s3 : term_10;
+  wire term_26 = (joined_3_s3 < {best_lo_z_s3[22:0], best_lo_z_s3[23]}) ^ third_z_23_s3;
+  wire choice_7 = (third_z_23_s3 ^ best_lo_z_s3[23]) ? third_z_23_s3 : term_26;
   reg  third_z_22_16_is_zero_s3;
   reg  not_nan_third_z_s3;
-  wire term_11 =
+  wire term_27 =
       choice_7 &
       ~(third_z_22_16_is_zero_s3 & (~|best_lo_z_s3[22:16])) &
       not_nan_third_z_s3;
-  wire take_third_lo_z = of_leaf_s3 & (term_11 | (nan_both_lo_z_s3 & not_nan_third_z_s3));
+  wire take_third_lo_z = of_leaf_s3 & (term_27 | (nan_both_lo_z_s3 & not_nan_third_z_s3));
   reg  nan_third_z_s3;
   reg  [23:0] third_z_s3;
   wire [23:0] merged_lo_z =
@@ -518,8 +634,8 @@ module update_processor (
   wire choice_8 =
       (first_hi_x_s2[23] ^ second_hi_x_s2[23]) ? first_hi_x_s2[23] :
       (comparison_4 ^ first_hi_x_s2[23]);
-  wire term_12 = choice_8 & ~((~|first_hi_x_s2[22:16]) & (~|second_hi_x_s2[22:16]));
-  wire take_second_hi_x = (term_12 & ~nan_second_hi_x) | (nan_first_hi_x & ~nan_second_hi_x);
+  wire term_28 = choice_8 & ~((~|first_hi_x_s2[22:16]) & (~|second_hi_x_s2[22:16]));
+  wire take_second_hi_x = (term_28 & ~nan_second_hi_x) | (nan_first_hi_x & ~nan_second_hi_x);
   wire [23:0] best_hi_x = take_second_hi_x ? second_hi_x_s2 : first_hi_x_s2;
   reg  [23:0] best_hi_x_s3;
   wire nan_both_hi_x = nan_first_hi_x & nan_second_hi_x;
@@ -528,11 +644,11 @@ module update_processor (
   wire choice_9 =
       (best_hi_x_s3[23] ^ third_x_23_s3) ? best_hi_x_s3[23] :
       (({best_hi_x_s3[22:0], 1'b0} < joined_4_s3) ^ best_hi_x_s3[23]);
-  wire term_13 =
+  wire term_29 =
       choice_9 &
       ~((~|best_hi_x_s3[22:16]) & third_x_22_16_is_zero_s3) &
       not_nan_third_x_s3;
-  wire take_third_hi_x = of_leaf_s3 & (term_13 | (nan_both_hi_x_s3 & not_nan_third_x_s3));
+  wire take_third_hi_x = of_leaf_s3 & (term_29 | (nan_both_hi_x_s3 & not_nan_third_x_s3));
   wire [23:0] merged_hi_x =
       (nan_both_hi_x_s3 & nan_third_x_s3) ? 24'hff0000 :
       take_third_hi_x ? third_x_s3 :
@@ -548,8 +664,8 @@ module update_processor (
   wire choice_10 =
       (first_hi_y_s2[23] ^ second_hi_y_s2[23]) ? first_hi_y_s2[23] :
       (comparison_5 ^ first_hi_y_s2[23]);
-  wire term_14 = choice_10 & ~((~|first_hi_y_s2[22:16]) & (~|second_hi_y_s2[22:16]));
-  wire take_second_hi_y = (term_14 & ~nan_second_hi_y) | (nan_first_hi_y & ~nan_second_hi_y);
+  wire term_30 = choice_10 & ~((~|first_hi_y_s2[22:16]) & (~|second_hi_y_s2[22:16]));
+  wire take_second_hi_y = (term_30 & ~nan_second_hi_y) | (nan_first_hi_y & ~nan_second_hi_y);
   wire [23:0] best_hi_y = take_second_hi_y ? second_hi_y_s2 : first_hi_y_s2;
   reg  [23:0] best_hi_y_s3;
   wire nan_both_hi_y = nan_first_hi_y & nan_second_hi_y;
@@ -558,11 +674,11 @@ module update_processor (
   wire choice_11 =
       (best_hi_y_s3[23] ^ third_y_23_s3) ? best_hi_y_s3[23] :
       (({best_hi_y_s3[22:0], 1'b0} < joined_5_s3) ^ best_hi_y_s3[23]);
-  wire term_15 =
+  wire term_31 =
       choice_11 &
       ~((~|best_hi_y_s3[22:16]) & third_y_22_16_is_zero_s3) &
       not_nan_third_y_s3;
-  wire take_third_hi_y = of_leaf_s3 & (term_15 | (nan_both_hi_y_s3 & not_nan_third_y_s3));
+  wire take_third_hi_y = of_leaf_s3 & (term_31 | (nan_both_hi_y_s3 & not_nan_third_y_s3));
   wire [23:0] merged_hi_y =
       (nan_both_hi_y_s3 & nan_third_y_s3) ? 24'hff0000 :
       take_third_hi_y ? third_y_s3 :
@@ -578,8 +694,8 @@ module update_processor (
   wire choice_12 =
       (first_hi_z_s2[23] ^ second_hi_z_s2[23]) ? first_hi_z_s2[23] :
       (comparison_6 ^ first_hi_z_s2[23]);
-  wire term_16 = choice_12 & ~((~|first_hi_z_s2[22:16]) & (~|second_hi_z_s2[22:16]));
-  wire take_second_hi_z = (term_16 & ~nan_second_hi_z) | (nan_first_hi_z & ~nan_second_hi_z);
+  wire term_32 = choice_12 & ~((~|first_hi_z_s2[22:16]) & (~|second_hi_z_s2[22:16]));
+  wire take_second_hi_z = (term_32 & ~nan_second_hi_z) | (nan_first_hi_z & ~nan_second_hi_z);
   wire [23:0] best_hi_z = take_second_hi_z ? second_hi_z_s2 : first_hi_z_s2;
   reg  [23:0] best_hi_z_s3;
   wire nan_both_hi_z = nan_first_hi_z & nan_second_hi_z;
@@ -588,11 +704,11 @@ module update_processor (
   wire choice_13 =
       (best_hi_z_s3[23] ^ third_z_23_s3) ? best_hi_z_s3[23] :
       (({best_hi_z_s3[22:0], 1'b0} < joined_6_s3) ^ best_hi_z_s3[23]);
-  wire term_17 =
+  wire term_33 =
       choice_13 &
       ~((~|best_hi_z_s3[22:16]) & third_z_22_16_is_zero_s3) &
       not_nan_third_z_s3;
-  wire take_third_hi_z = of_leaf_s3 & (term_17 | (nan_both_hi_z_s3 & not_nan_third_z_s3));
+  wire take_third_hi_z = of_leaf_s3 & (term_33 | (nan_both_hi_z_s3 & not_nan_third_z_s3));
   wire [23:0] merged_hi_z =
       (nan_both_hi_z_s3 & nan_third_z_s3) ? 24'hff0000 :
       take_third_hi_z ? third_z_s3 :
@@ -670,8 +786,8 @@ module update_processor (
   // The end: when all merges are in their registers and all nodes written, the box, read like a
   // node's.
   reg  merge_goes_s5;
-  wire term_18 = merge_goes_s1 | merge_goes_s2 | merge_goes_s3 | merge_goes_s4 | merge_goes_s5;
-  wire all_complete = ~(term_18 | (|nodes_under_way));
+  wire term_34 = merge_goes_s2 | merge_goes_s3 | merge_goes_s4 | merge_goes_s5 | (|nodes_under_way);
+  wire all_complete = ~term_34;
   reg  box_shown;
   assign box_taken = box_shown & box_write_ready;
   reg  end_waits_s1;

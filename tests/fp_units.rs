@@ -66,7 +66,7 @@ impl Operation {
                     plain::equal(format, a, b),
                     format.is_nan(a),
                     magnitude < format.least_normal(),
-                    magnitude == format.infinity(),
+                    magnitude < format.infinity(),
                 ]
                 .iter()
                 .fold(0, |bits, bit| bits << 1 | u64::from(*bit))
@@ -107,8 +107,8 @@ impl Bench {
                 Reciprocal => units.reciprocal("divider", a),
                 Min => fp::less(format, b, a).mux(b, a).register(),
                 Max => fp::less(format, a, b).mux(b, a).register(),
-                Down => fp::step(format, a, -ULPS).register(),
-                Up => fp::step(format, a, ULPS).register(),
+                Down => fp::step(format, a, -ULPS, |sum| sum).register(),
+                Up => fp::step(format, a, ULPS, |sum| sum).register(),
                 Relations => m
                     .concat(&[
                         fp::less(format, a, b),
@@ -116,7 +116,7 @@ impl Bench {
                         fp::equal(format, a, b),
                         fp::is_nan(format, a),
                         fp::is_zero(format, a),
-                        fp::is_infinite(format, a),
+                        fp::is_finite(format, a),
                     ])
                     .register(),
             };

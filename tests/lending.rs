@@ -221,6 +221,8 @@ impl Rig {
             // Any but a NaN, which no window is: what it follows from starts at infinity, and a NaN does not clip.
             _ => [self.number(), self.number()].map(|x| if x.is_nan() { 0.0 } else { x }),
         };
+        // Operators made it, and they give no -0.
+        let window = window.map(|x| if x == 0.0 { 0.0 } else { x });
         self.give_bits(&mut slot, "matrix", 0);
         self.give_bits(&mut slot, "accumulate", 0);
         for (i, vertex) in vertices.iter().enumerate() {

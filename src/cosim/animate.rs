@@ -298,6 +298,7 @@ impl Units {
                 memory: timing(config, options.seed),
                 pauses: 0.0,
                 leaf_clocks: 1,
+                slow_programs: 0.0,
             },
             began: [0; 3],
         })

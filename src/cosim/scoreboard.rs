@@ -23,6 +23,8 @@ pub struct Surroundings {
     pub pauses: f64,
     /// Greatest number of clocks, from 1, until what stands for the geometry unit has tested a leaf.
     pub leaf_clocks: u32,
+    /// Probability, 0 ≤ p ≤ 1, that the rows of an update's program come so slowly that all else waits for them.
+    pub slow_programs: f64,
 }
 
 impl Surroundings {
@@ -35,6 +37,7 @@ impl Surroundings {
             },
             pauses: 0.0,
             leaf_clocks: 60,
+            slow_programs: 0.0,
         }
     }
 
@@ -60,6 +63,7 @@ impl Surroundings {
             },
             pauses,
             leaf_clocks: [1, 20, 200][rng.usize(..3)],
+            slow_programs: 0.125,
         }
     }
 

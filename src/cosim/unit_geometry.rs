@@ -19,7 +19,7 @@ use super::scoreboard::{
     Bench, Category, RESET_CYCLES, RaySetUp, SetupPlace, SetupPorts, Surroundings, UnitOptions,
     UnitReport,
 };
-use super::workload::{Batch, Batches, TestScene, Workload, odd_number, tiny_scene};
+use super::workload::{Batch, Batches, TestScene, TinyTree, Workload, odd_number, tiny_scene};
 use crate::bkd::layout::{InstanceRecord, Record, Target};
 use crate::config::{Config, TriangleTest};
 use crate::float::{Arithmetic, Format};
@@ -456,11 +456,11 @@ pub fn throughput(
         ..UnitOptions::new(seed)
     };
     let mut run = Run::new(config, Counted::Tests, &options)?;
-    run.reset();
+    run.reset()?;
     let mut batch = tiny_scene(
         config,
         config.packets_in_flight as usize,
-        false,
+        TinyTree::Any,
         &mut run.rng,
     )?;
     // A leaf is met by valid rays alone.
@@ -554,20 +554,24 @@ impl<'a> Run<'a> {
         })
     }
 
-    /// Reset, and the sweep over all packets that must follow.
-    fn reset(&mut self) {
-        let model = &mut self.bench.model;
-        model.reset(RESET_CYCLES);
-        model.set(self.ports.sweep, 1);
+    /// Reset, and the sweep over all packets that must follow. Nothing of what was before may come out.
+    fn reset(&mut self) -> Result<()> {
+        self.bench.model.reset(RESET_CYCLES);
+        self.bench.model.set(self.ports.sweep, 1);
         for packet in 0..self.packets.len() {
+            let model = &mut self.bench.model;
             model.set(self.ports.sweep_packet, packet as u64);
-            model.clock();
+            model.eval();
+            self.watch_test()?;
+            self.watch_transform()?;
+            self.bench.model.clock();
         }
-        model.set(self.ports.sweep, 0);
+        self.bench.model.set(self.ports.sweep, 0);
+        Ok(())
     }
 
     fn all(&mut self, workload: Workload<'_>, options: &UnitOptions) -> Result<()> {
-        self.reset();
+        self.reset()?;
         let mut batches = Batches::new(self.config, workload, options.seed)?;
         while let Some(batch) = batches.next(self.bench.tally.transactions)? {
             let around = match options.surroundings {

@@ -4,7 +4,9 @@
 //!
 //! [`UpdateUnit`] runs one update after another on memories that the caller keeps; [`run`] gives it a [`Workload`].
 
-use super::memory::{Image, ReadPort, ReadRequest, ReadResponse, Timing, WritePort, WriteRequest};
+use super::memory::{
+    Bandwidth, Image, ReadPort, ReadRequest, ReadResponse, Timing, WritePort, WriteRequest,
+};
 use super::mismatch::Field;
 use super::model::{Model, PortHandle};
 use super::scoreboard::{
@@ -412,7 +414,14 @@ impl UpdateUnit {
         };
         let program_rows = (arrays.program.len() / Program::ROW_BYTES) as u64;
         let vertices = (arrays.vertices.len() / vertex_words) as u64;
-        let mut program_port = ReadPort::new("program", program_rows, timing(0))?;
+        let mut program_timing = timing(0);
+        if self.rng.f64() < around.slow_programs {
+            program_timing.bandwidth = Bandwidth {
+                requests: 1,
+                cycles: 64,
+            };
+        }
+        let mut program_port = ReadPort::new("program", program_rows, program_timing)?;
         let mut vertex_port = ReadPort::new("vertex", vertices, timing(1))?;
         let mut lanes = [w; NODE_LANES as usize];
         lanes[NODE_LANES as usize - 1] = 32;
@@ -461,7 +470,13 @@ impl UpdateUnit {
                 turn = chosen.map_or(turn, |k| k + 1);
             }
             let accepted: [bool; 4] = std::array::from_fn(|k| offered[k] && granted[k]);
-            let starting = starts && model.get(self.start_ready) != 0;
+            let is_ready = model.get(self.start_ready) != 0;
+            if self.updates == 1 && !started && !is_ready {
+                return Err(self
+                    .bench
+                    .mismatch("not ready for the first update", vec![]));
+            }
+            let starting = starts && is_ready;
 
             // For the edge.
             model.set(self.start, starts.into());

@@ -32,8 +32,18 @@ pub enum Workload<'a> {
 const PACKETS_OF_A_FRAME: usize = 2048;
 const PACKETS_OF_A_TINY_SCENE: usize = 160;
 
-/// Of so many tiny scenes the first fills the stack, so that no run is without one.
-const DEEP_SCENE_EACH: usize = 16;
+/// Of so many tiny scenes the first fills the stack and the second has one triangle, so that no run is without them.
+const SCENES_OF_A_ROUND: usize = 16;
+
+/// The tree of a tiny scene.
+#[derive(Clone, Copy)]
+pub(super) enum TinyTree {
+    Any,
+    /// As deep as the stack.
+    Deepest,
+    /// Its root is a leaf.
+    Leaf,
+}
 
 /// A scene as a unit's memories hold it, and as the golden model sees it.
 pub(super) struct TestScene {
@@ -187,10 +197,14 @@ impl<'a> Batches<'a> {
                 if transactions >= enough {
                     return Ok(None);
                 }
-                let deep = self.scenes.is_multiple_of(DEEP_SCENE_EACH);
+                let tree = match self.scenes % SCENES_OF_A_ROUND {
+                    0 => TinyTree::Deepest,
+                    1 => TinyTree::Leaf,
+                    _ => TinyTree::Any,
+                };
                 self.scenes += 1;
                 let mut batch =
-                    tiny_scene(self.config, PACKETS_OF_A_TINY_SCENE, deep, &mut self.rng)?;
+                    tiny_scene(self.config, PACKETS_OF_A_TINY_SCENE, tree, &mut self.rng)?;
                 self.hasten(&mut batch);
                 Ok(Some(batch))
             }
@@ -213,18 +227,15 @@ impl<'a> Batches<'a> {
     }
 }
 
-/// A random tiny scene, and so many packets of rays into it. A `deep` one's tree fills the stack.
+/// A random tiny scene, and so many packets of rays into it.
 pub(super) fn tiny_scene(
     config: &Config,
     packets: usize,
-    deep: bool,
+    tree: TinyTree,
     rng: &mut fastrand::Rng,
 ) -> Result<Batch> {
     let format = config.format();
-    let mesh = match deep {
-        true => TinyMesh::chain(rng, config.axes_per_node, config.stack_depth),
-        false => TinyMesh::random(config, rng)?,
-    };
+    let mesh = TinyMesh::random(config, tree, rng)?;
     let image = MemoryImage::new(format, &mesh.vertices, &mesh.triangles, &mesh.tree)?;
     let size = config.rays_per_packet as usize;
     Ok(Batch {
@@ -260,7 +271,10 @@ pub fn instanced_scene(
         let size = config.rays_per_packet as usize;
         let mut all = vec![];
         while all.len() < rays {
-            all.extend(tiny.packet(format, size, rng));
+            all.extend(match rng.u8(..16) {
+                0 => tiny.packet_near_planes(format, size, rng),
+                _ => tiny.packet(format, size, rng),
+            });
         }
         all.truncate(rays);
         return Ok((tiny.image, all));
@@ -334,7 +348,7 @@ impl TinyInstances {
         let mut objects: Vec<TinyMesh> = vec![];
         let count = rng.usize(1..=most_objects.max(1));
         while objects.len() < count {
-            let mesh = TinyMesh::random(&of_object, rng)?;
+            let mesh = TinyMesh::random(&of_object, TinyTree::Any, rng)?;
             if most_objects == 0 && mesh.vertices.len() > 1 << (config.address_bits - 2) {
                 continue;
             }
@@ -405,6 +419,22 @@ impl TinyInstances {
             objects,
             instances,
         })
+    }
+
+    /// Rays near the planes of instances' boxes.
+    fn packet_near_planes(&self, format: Format, size: usize, rng: &mut fastrand::Rng) -> Vec<Ray> {
+        let first = self.image.vertices.len() - self.instances.len() * InstanceRecord::VECTORS;
+        let ray = |_| {
+            let instance = rng.usize(..self.instances.len());
+            let vectors = &self.image.vertices[first + instance * InstanceRecord::VECTORS..];
+            let (lo, hi) = (vectors[4], vectors[5]);
+            let target = [0, 1, 2].map(|i| match (lo[i] + hi[i]) / 2.0 {
+                centre if centre.is_finite() => centre,
+                _ => 0.0,
+            });
+            ray_near_plane(format, [lo, hi], target, rng)
+        };
+        (0..size).map(ray).collect()
     }
 
     /// Rays at one of the instances, as if it were alone in its own space.
@@ -486,11 +516,15 @@ fn one_of<T: Copy>(rng: &mut fastrand::Rng, choices: &[T]) -> T {
 }
 
 impl TinyMesh {
-    fn random(config: &Config, rng: &mut fastrand::Rng) -> Result<TinyMesh> {
+    fn random(config: &Config, tree: TinyTree, rng: &mut fastrand::Rng) -> Result<TinyMesh> {
         let a = Arithmetic::new(config.format());
         let axes = config.axes_per_node;
         let most_depth = config.stack_depth;
-        let kind = rng.u8(..10);
+        let kind = match tree {
+            TinyTree::Deepest => 0,
+            TinyTree::Leaf => 1,
+            TinyTree::Any => rng.u8(..10),
+        };
         if kind == 0 {
             return Ok(TinyMesh::chain(rng, axes, most_depth));
         }
@@ -625,42 +659,17 @@ impl TinyMesh {
             .collect()
     }
 
-    /// Rays along an axis, so long and from so close to a plane of a triangle's box that its distance is the least normal number and
-    /// a few ulps, of either sign: what steps by ulps passes zero.
+    /// Rays near the planes of triangles' boxes.
     fn packet_near_planes(&self, format: Format, size: usize, rng: &mut fastrand::Rng) -> Vec<Ray> {
-        let a = Arithmetic::new(format);
-        let (longest, ulp) = (
-            format.bias() - 1,
-            f64::powi(2.0, -(format.fraction_bits() as i32)),
-        );
-        let mut ray = || {
+        let ray = |_| {
             let [p, q, r] = self.some_triangle(rng);
-            let axis = rng.usize(..3);
-            let shorter = rng.i32(..4);
-            let sign = |rng: &mut fastrand::Rng| one_of(rng, &[1.0, -1.0]);
-            let corners = [p, q, r].map(|corner| corner[axis]);
-            let plane = match rng.bool() {
-                true => corners.into_iter().fold(f64::INFINITY, f64::min),
-                false => corners.into_iter().fold(f64::NEG_INFINITY, f64::max),
-            };
-            let ulps = f64::from(rng.i32(-2..6));
-            let offset = sign(rng) * f64::powi(2.0, -shorter) * (1.0 + ulps * ulp);
             let (u, v) = (0.1 + 0.4 * rng.f64(), 0.1 + 0.4 * rng.f64());
-            let mut origin =
-                [0, 1, 2].map(|i| a.round(p[i] + u * (q[i] - p[i]) + v * (r[i] - p[i])));
-            origin[axis] = a.round(plane + offset);
-            let mut direction = [0.0; 3];
-            direction[axis] = sign(rng) * f64::powi(2.0, longest - shorter);
-            Ray {
-                origin,
-                direction,
-                tmin: 0.0,
-                tmax: f64::INFINITY,
-                active: true,
-                any_hit: rng.u8(..4) == 0,
-            }
+            let target = [0, 1, 2].map(|i| p[i] + u * (q[i] - p[i]) + v * (r[i] - p[i]));
+            let lo = [0, 1, 2].map(|i| p[i].min(q[i]).min(r[i]));
+            let hi = [0, 1, 2].map(|i| p[i].max(q[i]).max(r[i]));
+            ray_near_plane(format, [lo, hi], target, rng)
         };
-        (0..size).map(|_| ray()).collect()
+        (0..size).map(ray).collect()
     }
 
     fn some_triangle(&self, rng: &mut fastrand::Rng) -> [[f64; 3]; 3] {
@@ -753,6 +762,38 @@ impl TinyMesh {
     }
 }
 
+/// A ray along an axis through a target in a box, so long and from so close to a plane of the box that its distance is the least normal
+/// number and a few ulps, of either sign: what steps by ulps passes zero.
+fn ray_near_plane(
+    format: Format,
+    [lo, hi]: [[f64; 3]; 2],
+    target: [f64; 3],
+    rng: &mut fastrand::Rng,
+) -> Ray {
+    let a = Arithmetic::new(format);
+    let (longest, ulp) = (
+        format.bias() - 1,
+        f64::powi(2.0, -(format.fraction_bits() as i32)),
+    );
+    let axis = rng.usize(..3);
+    let shorter = rng.i32(..4);
+    let plane = if rng.bool() { lo[axis] } else { hi[axis] };
+    let ulps = f64::from(rng.i32(-2..6));
+    let offset = one_of(rng, &[1.0, -1.0]) * f64::powi(2.0, -shorter) * (1.0 + ulps * ulp);
+    let mut origin = target.map(|x| a.round(x));
+    origin[axis] = a.round(plane + offset);
+    let mut direction = [0.0; 3];
+    direction[axis] = one_of(rng, &[1.0, -1.0]) * f64::powi(2.0, longest - shorter);
+    Ray {
+        origin,
+        direction,
+        tmin: 0.0,
+        tmax: f64::INFINITY,
+        active: true,
+        any_hit: rng.u8(..4) == 0,
+    }
+}
+
 /// A number that is seldom met.
 pub(super) fn odd_number(format: Format, rng: &mut fastrand::Rng) -> f64 {
     let least = format.to_f64(format.least_normal());
@@ -817,7 +858,7 @@ mod tests {
             }
             let mut deepest = 0;
             for _ in 0..200 {
-                let mesh = TinyMesh::random(&config, &mut rng).unwrap();
+                let mesh = TinyMesh::random(&config, TinyTree::Any, &mut rng).unwrap();
                 let image =
                     MemoryImage::new(config.format(), &mesh.vertices, &mesh.triangles, &mesh.tree)
                         .unwrap();

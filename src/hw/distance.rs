@@ -8,6 +8,9 @@ use std::rc::Rc;
 pub(super) const NEAR_SLACK: i32 = -3;
 pub(super) const FAR_SLACK: i32 = 3;
 
+/// Target clock, in MHz, from which on a step's adder has a register behind it.
+const REGISTER_SUM_FROM: u32 = 120;
+
 pub(super) fn near(units: &Units) -> Result<Rc<Module>, HdlError> {
     distance(
         units,
@@ -53,7 +56,11 @@ pub(super) fn from_offset<'b>(
     slack: i32,
 ) -> Signal<'b> {
     let exact = units.mul(name, offset, reciprocal);
-    step(units.format, exact, slack).register()
+    let after_sum = |sum: Signal<'b>| match units.clock_mhz >= REGISTER_SUM_FROM {
+        true => sum.register(),
+        false => sum,
+    };
+    step(units.format, exact, slack, after_sum).register()
 }
 
 /// Places a [`near`] or [`far`] distance as the instance `name` in the plane's module.

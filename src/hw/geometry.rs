@@ -332,9 +332,8 @@ pub fn module(plan: &Plan) -> Result<Geometry, HdlError> {
     m.comment("The test, and what it lends its operators to.");
     let p = m.pipeline();
     let valid = p.enter(busy.q & !now_instance.q).cleared_by_reset();
-    let box_slot = p
-        .enter(in_slot(BOX_SLOT).named("in_box_slot"))
-        .cleared_by_reset();
+    // What a reset leaves of it is written long before a packet comes for it.
+    let box_slot = p.enter(in_slot(BOX_SLOT).named("in_box_slot"));
     let direction_slot = p.enter(in_slot(DIRECTION_SLOT).named("in_direction_slot"));
     let origin_slot = p
         .enter(in_slot(ORIGIN_SLOT).named("in_origin_slot"))

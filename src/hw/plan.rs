@@ -1,7 +1,7 @@
 //! What every unit of one machine agrees on: its configuration, the widths that follow from it, its arithmetic.
 
 use super::distance;
-use super::fp::{Operand, Units, named_less};
+use super::fp::{Operand, Units, goes_before};
 use crate::config::Config;
 use crate::float::Format;
 use crate::hdl::{HdlError, Memory, Module, Signal, bits_for};
@@ -22,8 +22,9 @@ pub struct Plan {
 }
 
 /// Target clocks, in MHz, from which on a path needs a register more. A block RAM's output takes half of a 10 ns
-/// period on an ECP5, so from 80 MHz on it is registered again.
-const REGISTER_RAM_OUTPUT_FROM: u32 = 80;
+/// period on an ECP5, so from 80 MHz on it is registered again; the wires from all of a wide memory's RAMs take the rest of an 8 ns
+/// period, so from 120 MHz on once more.
+const REGISTER_RAM_OUTPUT_FROM: [u32; 2] = [80, 120];
 const REGISTER_EACH_COMPARISON_FROM: u32 = 70;
 
 /// What a comparison decides goes to each bit of a choice.
@@ -82,19 +83,19 @@ impl Plan {
         self.config.address_bits
     }
 
-    /// A synchronous read, with a second register where the clock asks for it.
+    /// A synchronous read, with more registers where the clock asks for them.
     pub fn read<'b>(&self, memory: Memory<'b>, address: Signal<'b>) -> Signal<'b> {
-        let word = memory.read(address);
-        if self.config.clock_mhz >= REGISTER_RAM_OUTPUT_FROM {
-            word.register()
-        } else {
-            word
-        }
+        self.settle_read(memory.read(address))
+    }
+
+    fn settle_read<'b>(&self, word: Signal<'b>) -> Signal<'b> {
+        (1..self.read_latency()).fold(word, |word, _| word.register())
     }
 
     /// Registers that [`Plan::read`] takes.
     pub fn read_latency(&self) -> u32 {
-        1 + u32::from(self.config.clock_mhz >= REGISTER_RAM_OUTPUT_FROM)
+        let more = REGISTER_RAM_OUTPUT_FROM.iter();
+        1 + more.filter(|&&from| self.config.clock_mhz >= from).count() as u32
     }
 
     /// A read as [`Plan::read`] makes it, but `otherwise` where `wanted`, which stands beside the address, is low.
@@ -106,12 +107,7 @@ impl Plan {
         wanted: Signal<'b>,
         otherwise: Signal<'b>,
     ) -> Signal<'b> {
-        let word = wanted.register().mux(memory.read(address), otherwise);
-        if self.read_latency() > 1 {
-            word.register()
-        } else {
-            word
-        }
+        self.settle_read(wanted.register().mux(memory.read(address), otherwise))
     }
 
     /// Bits that number a packet in the world and in an object's space.
@@ -163,7 +159,7 @@ impl Plan {
     ) -> Signal<'b> {
         let (bound, x) = (bound.into(), x.into());
         let name = name.as_ref();
-        let less = named_less(self.format, &format!("{name}_is_less"), x, bound);
+        let less = goes_before(self.format, &format!("{name}_is_less"), x, bound);
         self.replaced(name, less, bound, x)
     }
 
@@ -176,7 +172,7 @@ impl Plan {
     ) -> Signal<'b> {
         let (bound, x) = (bound.into(), x.into());
         let name = name.as_ref();
-        let greater = named_less(self.format, &format!("{name}_is_greater"), bound, x);
+        let greater = goes_before(self.format, &format!("{name}_is_greater"), bound, x);
         self.replaced(name, greater, bound, x)
     }
 
@@ -187,11 +183,18 @@ impl Plan {
         bound: Operand<'b>,
         x: Operand<'b>,
     ) -> Signal<'b> {
-        let replaces = match self.config.clock_mhz >= REGISTER_DECISIONS_FROM {
-            true => replaces.register(),
-            false => replaces,
-        };
-        replaces.mux(x.signal(), bound.signal()).named(name)
+        self.decide(replaces)
+            .mux(x.signal(), bound.signal())
+            .named(name)
+    }
+
+    /// A register after what a comparison decides, where the clock asks for it.
+    pub fn decide<'b>(&self, signal: Signal<'b>) -> Signal<'b> {
+        if self.config.clock_mhz >= REGISTER_DECISIONS_FROM {
+            signal.register()
+        } else {
+            signal
+        }
     }
 
     /// A register after a comparison whose result chooses, where the clock asks for it.

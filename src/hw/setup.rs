@@ -47,9 +47,10 @@ pub fn module(plan: &Plan, lookahead: u32) -> Result<Rc<Module>, HdlError> {
     let mut nans: Vec<_> = origin
         .iter()
         .chain(&direction)
-        .map(|n| is_nan(f, *n))
+        .map(|n| plan.decide(is_nan(f, *n)))
         .collect();
-    nans.extend([is_nan(f, tmin), is_nan(f, tmax)]);
+    // A tmin that is a NaN is negative, or greater than any tmax but a NaN.
+    nans.push(plan.decide(is_nan(f, tmax)));
     let any_nan = m.or_all(&nans).named("any_nan").register();
     // What it says of a NaN does not matter.
     let [least, most] = [tmin, tmax].map(|limit| limit.known(Known::Number));
@@ -102,7 +103,8 @@ pub fn module(plan: &Plan, lookahead: u32) -> Result<Rc<Module>, HdlError> {
             )
             .register();
     }
-    let enters = (sound & less_equal(f, near, far))
+    let (least, most) = (near.known(Known::Positive), far.known(Known::Number));
+    let enters = (sound & less_equal(f, least, most))
         .named("enters")
         .register();
 

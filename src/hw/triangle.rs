@@ -2,9 +2,9 @@
 //!
 //! # Slots
 //! One slot enters a clock. `matrix` says what it is.
-//! - 0: a test. The ray, a valid one (0 ≤ tmin ≤ tmax, no NaN), against the triangle v0, v1, v2, from the interval `window_near`, `window_far`. Any box is measured
-//!   as the triangle lo, hi, hi: `box_near`, `box_far` are the window clipped by it, whatever else the slot says. A vertex with a
-//!   NaN makes the ray miss; the box then means nothing.
+//! - 0: a test. The ray, a valid one (0 ≤ tmin ≤ tmax, no NaN), against the triangle v0, v1, v2, from the interval `window_near`,
+//!   `window_far`, which operators gave: no NaN, no -0. Any box is measured as the triangle lo, hi, hi: `box_near`, `box_far` are
+//!   the window clipped by it, whatever else the slot says. A vertex with a NaN makes the ray miss; the box then means nothing.
 //! - 1: a matrix. v0, v1, v2 carry the columns c_x, c_y, c_z, `origin` a point p, `translation` the column c_w: in each component
 //!   `moved` = ((c_x × p_x + c_y × p_y) + c_z × p_z) + c_w, and `weighted` = moved × `weight`. Everything else of
 //!   the slot has no meaning.
@@ -19,7 +19,7 @@
 //! `sum` belong to no slot; only the difference of their stages matters: the clocks from operands to sum.
 
 use super::distance;
-use super::fp::{Knowing, Known, Operand, equal, is_infinite, is_nan, is_zero, less, less_equal};
+use super::fp::{Knowing, Known, Operand, equal, is_finite, is_nan, is_zero, less, less_equal};
 use super::plan::{AXES, Plan};
 use super::share::{Lender, negated};
 use crate::config::TriangleTest;
@@ -56,17 +56,20 @@ fn triangle_box(plan: &Plan) -> Result<Rc<Module>, HdlError> {
     let mut boxes = vec![];
     let mut flat = vec![];
     let mut same = [vec![], vec![], vec![]];
-    // A vertex with a NaN makes the ray miss by its determinant, whatever the box is.
+    // A vertex with a NaN makes the ray miss by its determinant, whatever the box is; and of zeros any may be the box's.
+    fn any_zero<'b>(coordinate: Signal<'b>) -> Operand<'b> {
+        coordinate.known(Known::Number)
+    }
     fn number<'b>(coordinate: Signal<'b>) -> Operand<'b> {
         coordinate.known(Known::NoNan)
     }
     for (i, x) in AXES.iter().enumerate() {
         m.comment(format!("The box on the {x} axis."));
-        let [v0, v1, v2] = [0, 1, 2].map(|k: usize| number(v[k][i]));
+        let [v0, v1, v2] = [0, 1, 2].map(|k: usize| any_zero(v[k][i]));
         let lo = plan.settle(plan.min(format!("lo01_{x}"), v0, v1));
         let hi = plan.settle(plan.max(format!("hi01_{x}"), v0, v1));
-        let lo = plan.min(format!("lo_{x}"), number(lo), v2).register();
-        let hi = plan.max(format!("hi_{x}"), number(hi), v2).register();
+        let lo = plan.min(format!("lo_{x}"), any_zero(lo), v2).register();
+        let hi = plan.max(format!("hi_{x}"), any_zero(hi), v2).register();
         boxes.push((lo, hi));
         let is_flat = equal(f, number(lo), number(hi)).named(format!("flat_{x}"));
         flat.push(is_flat.register());
@@ -606,7 +609,7 @@ pub(super) fn module(plan: &Plan) -> Result<Rc<Module>, HdlError> {
     // A NaN is a miss by itself.
     let distance = clamped.known(Known::Number);
     let within_limits =
-        (less_equal(f, least, distance) & less_equal(f, distance, most) & !is_infinite(f, clamped))
+        (less_equal(f, least, distance) & less_equal(f, distance, most) & is_finite(f, clamped))
             .named("within_limits");
     let hits = (within_limits & !misses.at(limits_at))
         .named("hits")

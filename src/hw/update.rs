@@ -116,7 +116,7 @@ pub fn module(plan: &Plan) -> Result<UpdateProcessor, HdlError> {
     m.comment("An update starts when the last one is over and none of its rows is left.");
     let running = m.reg_reset("running", 1, 0);
     let decoding = m.reg_reset("decoding", 1, 0);
-    let rows_left = m.reg_reset("rows_left", a, 0);
+    let rows_left = m.reg("rows_left", a);
     let any_rows_left = m.reg_reset("any_rows_left", 1, 0);
     let no_rows = m.wire("no_rows", 1);
     let start_ready = (no_rows.get() & !(running.q | any_rows_left.q)).named("idle");
@@ -166,36 +166,58 @@ pub fn module(plan: &Plan) -> Result<UpdateProcessor, HdlError> {
         );
     }
 
-    m.comment(
-        "The window: the program's next bytes, refilled by words. Bytes past window_count are 0.",
-    );
-    let count_bits = bits_for(u64::from(WINDOW_BYTES) + 1);
+    m.comment("The window: the program's next bytes, refilled by words, and which of them are there. The others are 0.");
     let window = m.reg("window", 8 * WINDOW_BYTES);
-    let window_count = m.reg("window_count", count_bits);
+    let there = m.reg("window_there", WINDOW_BYTES);
     let words = ROW_BITS / WORD_BITS;
     let word_bits = bits_for(u64::from(words));
-    // Cleared while nothing is decoded.
     let word_index = m.reg("word_index", word_bits);
+    // A clock later than it could be: there is no row for the window so soon after a start.
+    let idle = m.reg_reset("idle_before", 1, 1);
+    idle.next(!decoding.q);
+    let busy = !idle.q;
     let row = rows.get("front");
     let row_words: Vec<_> = (0..words)
         .map(|i| row.field(i * WORD_BITS, WORD_BITS))
         .collect();
     let word_bytes = WORD_BITS / 8;
-    let refill = window_count
-        .q
-        .le(m.lit(WINDOW_BYTES - word_bytes, count_bits))
-        & rows.get("valid")
-        & decoding.q;
-    let refill = refill.named("refill");
+    let word = m.reg("next_word", WORD_BITS);
+    let word_there = m.reg("next_word_there", 1);
+    let has_room = !there.q.bit(WINDOW_BYTES - word_bytes);
+    let refill = (has_room & word_there.q & decoding.q).named("refill");
+    let take_word = (rows.get("valid") & decoding.q & (!word_there.q | refill)).named("take_word");
+    word.next_when(take_word, pick(word_index.q, &row_words));
+    word_there.next((take_word | (word_there.q & !refill)) & busy);
     let last_word = word_index.q.equals(u128::from(words) - 1);
-    pop_row.drive(rows.get("valid") & (!decoding.q | (refill & last_word)));
-    word_index.next((word_index.q + refill.extend(word_bits)) & decoding.q.repeat(word_bits));
-    let word = pick(word_index.q, &row_words).named("next_word") & refill.repeat(WORD_BITS);
-    let filled = (window.q
-        | word
-            .extend(8 * WINDOW_BYTES)
-            .shl(window_count.q.concat(m.zero(3))))
-    .named("filled");
+    pop_row.drive(rows.get("valid") & (!decoding.q | (take_word & last_word)));
+    word_index.next((word_index.q + take_word.extend(word_bits)) & busy.repeat(word_bits));
+    let word = (word.q & refill.repeat(WORD_BITS)).named("refill_word");
+    // The word goes behind the last byte that is there.
+    let goes_to: Vec<_> = (0..=WINDOW_BYTES - word_bytes)
+        .map(|byte| {
+            let free = !there.q.bit(byte);
+            let first_free = match byte {
+                0 => free,
+                _ => there.q.bit(byte - 1) & free,
+            };
+            first_free.named(format!("refill_at_{byte}"))
+        })
+        .collect();
+    let filled = |byte: u32| {
+        let old = window.q.field(8 * byte, 8);
+        (0..word_bytes)
+            .filter_map(|k| Some((k, goes_to.get(byte.checked_sub(k)? as usize)?)))
+            .fold(old, |so_far, (k, at)| {
+                so_far | (word.field(8 * k, 8) & at.repeat(8))
+            })
+    };
+    let bytes: Vec<_> = (0..WINDOW_BYTES).rev().map(filled).collect();
+    let filled = m.concat(&bytes).named("filled");
+    let more = there
+        .q
+        .low(WINDOW_BYTES - word_bytes)
+        .concat(m.lit((1u8 << word_bytes) - 1, word_bytes));
+    let filled_there = (there.q | (more & refill.repeat(WINDOW_BYTES))).named("filled_there");
 
     m.comment("Decode: the first byte tells the kind and the length.");
     let code = |bit: u32| window.q.bit(bit);
@@ -212,7 +234,7 @@ pub fn module(plan: &Plan) -> Result<UpdateProcessor, HdlError> {
     let is_two = (is_short | is_node | is_end).named("is_two");
     let is_load = (is_next | is_reload).named("is_load");
     let lengths = [(5, is_reload), (3, is_three), (2, is_two)];
-    let has = |bytes: u32| window_count.q.ge(m.lit(bytes, count_bits));
+    let has = |bytes: u32| there.q.bit(bytes - 1);
     let complete = has(1)
         & lengths
             .map(|(bytes, is)| !is | has(bytes))
@@ -223,20 +245,18 @@ pub fn module(plan: &Plan) -> Result<UpdateProcessor, HdlError> {
     let queue_room = m.wire("queue_room", 1);
     let index_room = m.wire("index_room", 1);
     let decode = (decoding.q & complete & queue_room.get() & index_room.get()).named("decode");
-    let after = |bytes: u32| {
-        m.zero(8 * bytes)
-            .concat(filled.high(8 * (WINDOW_BYTES - bytes)))
-    };
-    let choices = lengths.map(|(bytes, is)| (is, after(bytes)));
-    let rest = m.priority(&choices, after(1)).named("rest");
-    let next_window = decode.mux(rest, filled);
-    window.next(next_window & decoding.q.repeat(8 * WINDOW_BYTES));
-    let length = |bytes: u32| m.lit(bytes, count_bits);
-    let choices = lengths.map(|(bytes, is)| (is, length(bytes)));
-    let instruction_length = m.priority(&choices, length(1)).named("instruction_length");
-    let used = decode.mux(instruction_length, length(0));
-    let added = refill.mux(length(word_bytes), length(0));
-    window_count.next((window_count.q + added - used) & decoding.q.repeat(count_bits));
+    for (register, name, filled, unit) in [
+        (window, "rest", filled, 8),
+        (there, "rest_there", filled_there, 1),
+    ] {
+        let after = |bytes: u32| {
+            m.zero(unit * bytes)
+                .concat(filled.high(unit * (WINDOW_BYTES - bytes)))
+        };
+        let choices = lengths.map(|(bytes, is)| (is, after(bytes)));
+        let rest = m.priority(&choices, after(1)).named(name);
+        register.next(decode.mux(rest, filled) & busy.repeat(unit * WINDOW_BYTES));
+    }
     decoding.next(start | (decoding.q & !(decode & is_end)));
 
     m.comment("The decoded instruction. Its implicit registers and its vertex's index follow from those before it.");
@@ -360,21 +380,26 @@ pub fn module(plan: &Plan) -> Result<UpdateProcessor, HdlError> {
 
     m.comment("Instructions wait for their vertices.");
     let take_instruction = m.wire("take_instruction", 1);
+    let whole = instruction.pack(&[
+        ("load", load),
+        ("leaf", leaf),
+        ("node", node),
+        ("end", end),
+        ("x", x),
+        ("y", y),
+        ("z", z),
+        ("target", target),
+    ]);
+    // The target may have come from the list of free ones: it queues a clock later.
+    let queued = m.reg_reset("completed", 1, 0);
+    queued.next(decoded.q);
+    let whole = hold("completed_instruction", whole);
     let (queue_valid, queue_front) = fifo::place(
         plan,
         "instruction_queue",
         config.update_instructions_ahead,
-        decoded.q,
-        instruction.pack(&[
-            ("load", load),
-            ("leaf", leaf),
-            ("node", node),
-            ("end", end),
-            ("x", x),
-            ("y", y),
-            ("z", z),
-            ("target", target),
-        ]),
+        queued.q,
+        whole,
         take_instruction.get(),
     )?;
     let (room, _) = occupancy(
@@ -537,7 +562,8 @@ pub fn module(plan: &Plan) -> Result<UpdateProcessor, HdlError> {
 
     m.comment("The end: when all merges are in their registers and all nodes written, the box, read like a node's.");
     // What is shown was read read_at clocks before.
-    let under_way: Vec<_> = (1..written + read_at)
+    // Since the end waits, nothing has merged.
+    let under_way: Vec<_> = (read_at..written + read_at)
         .map(|k| merges.at(k).untimed())
         .collect();
     let complete = !(m.or_all(&under_way) | any_nodes);

@@ -251,8 +251,8 @@ fn relation_of<'b>(
         Relation::Less => fp::less(format, a, b),
         Relation::LessEqual => fp::less_equal(format, a, b),
         Relation::Equal => fp::equal(format, a, b),
-        Relation::Min => fp::less(format, b, a).mux(b.signal(), a.signal()),
-        Relation::Max => fp::less(format, a, b).mux(b.signal(), a.signal()),
+        Relation::Min => fp::goes_before(format, "lesser", b, a).mux(b.signal(), a.signal()),
+        Relation::Max => fp::goes_before(format, "greater", a, b).mux(b.signal(), a.signal()),
     }
 }
 
@@ -310,7 +310,7 @@ fn stepped(name: &str, ulps: i32, format: Format) -> Result<Equivalence> {
     let what = format!("the number {ulps:+} ulps from a");
     let m = Builder::new(format!("fp_{name}"), format!("y = {what} in {format}."));
     let a = m.input("a", format.width());
-    m.output("y", fp::step(format, a, ulps));
+    m.output("y", fp::step(format, a, ulps, |sum| sum));
     Ok(Equivalence {
         module: m.finish()?,
         what,

@@ -249,8 +249,8 @@ impl Shape {
             )
             .field("near", w, Number, "near in the scene's box")
             .field("far", w, Number, "far in the scene's box")
-            .field("tmin", w, Number, "tmin, a zero as +0")
-            .field("tmax", w, Number, "tmax, a zero as +0")
+            .field("tmin", w, Number, "tmin, a zero as +0; of a valid ray")
+            .field("tmax", w, Number, "tmax, a zero as +0; of a valid ray")
             .field("any_hit", 1, Flag, "as it came");
         self.with_setup(layout)
     }
@@ -294,8 +294,8 @@ impl Shape {
             (u64::from(enters), true),
             (self.bits(near), enters),
             (self.bits(far), enters),
-            (self.bits(ray.tmin), true),
-            (self.bits(ray.tmax), true),
+            (self.bits(ray.tmin), ray.valid),
+            (self.bits(ray.tmax), ray.valid),
             (u64::from(ray.any_hit), true),
         ];
         // Only the shear is without meaning for a ray that is not valid: it lies above origin, reciprocal and signs.

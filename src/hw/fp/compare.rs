@@ -15,10 +15,9 @@ pub fn is_zero<'b>(format: Format, a: Signal<'b>) -> Signal<'b> {
     fields(format, a).exponent.is_zero()
 }
 
-/// Whether a number is an infinity of either sign.
-pub fn is_infinite<'b>(format: Format, a: Signal<'b>) -> Signal<'b> {
-    let a = fields(format, a);
-    a.exponent.all() & a.fraction.is_zero()
+/// Whether a number is neither an infinity nor a NaN.
+pub fn is_finite<'b>(format: Format, a: Signal<'b>) -> Signal<'b> {
+    !fields(format, a).exponent.all()
 }
 
 /// What is known of an operand's pattern.
@@ -83,11 +82,14 @@ impl<'b> Operand<'b> {
 /// sign, as one bit more of `b`, turns "less" into "less or equal", and then inverts it.
 ///
 /// `name` is what its parts are called after in the Verilog.
+///
+/// Where `of_equals` is false it says anything of equal patterns, and needs no bit more.
 fn less_ordered<'b>(
     format: Format,
     name: Option<&str>,
     a: Operand<'b>,
     b: Operand<'b>,
+    of_equals: bool,
 ) -> Signal<'b> {
     let part = |signal: Signal<'b>, what: &str| match name {
         Some(name) => signal.named(format!("{name}_{what}")),
@@ -101,7 +103,10 @@ fn less_ordered<'b>(
         (true, false) => x.magnitude.lt(y.magnitude) & !y.sign,
         (false, true) => x.magnitude.lt(y.magnitude) | x.sign,
         (false, false) => {
-            let magnitude_less = x.magnitude.concat(m.zero(1)).lt(y.magnitude.concat(y.sign));
+            let magnitude_less = match of_equals {
+                true => x.magnitude.concat(m.zero(1)).lt(y.magnitude.concat(y.sign)),
+                false => x.magnitude.lt(y.magnitude),
+            };
             (x.sign ^ y.sign).mux(x.sign, magnitude_less ^ x.sign)
         }
     };
@@ -134,19 +139,22 @@ pub fn less<'b>(
     b: impl Into<Operand<'b>>,
 ) -> Signal<'b> {
     let (a, b) = (a.into(), b.into());
-    let less = less_ordered(format, None, a, b);
+    let less = less_ordered(format, None, a, b, true);
     ordered(format, &to_order(a, b)).map_or(less, |ordered| less & ordered)
 }
 
-/// [`less`], it and its parts called after `name` in the Verilog.
-pub fn named_less<'b>(
+/// [`less`] for a choice between `a` and `b`: where their patterns are the same it may say either. It and its parts are called after
+/// `name` in the Verilog.
+pub fn goes_before<'b>(
     format: Format,
     name: &str,
     a: impl Into<Operand<'b>>,
     b: impl Into<Operand<'b>>,
 ) -> Signal<'b> {
     let (a, b) = (a.into(), b.into());
-    let less = less_ordered(format, Some(name), a, b);
+    // Zeros of several patterns are equal, but not the same.
+    let of_equals = !(a.has_one_zero() && b.has_one_zero());
+    let less = less_ordered(format, Some(name), a, b, of_equals);
     let ordered = ordered(format, &to_order(a, b));
     let less = ordered.map_or(less, |o| less & o.named(format!("{name}_ordered")));
     less.named(name)
@@ -159,7 +167,7 @@ pub fn less_equal<'b>(
     b: impl Into<Operand<'b>>,
 ) -> Signal<'b> {
     let (a, b) = (a.into(), b.into());
-    let less_equal = !less_ordered(format, None, b, a);
+    let less_equal = !less_ordered(format, None, b, a, true);
     ordered(format, &to_order(a, b)).map_or(less_equal, |ordered| less_equal & ordered)
 }
 

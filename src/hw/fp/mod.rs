@@ -49,7 +49,7 @@ mod schedule;
 mod step;
 
 pub use compare::{
-    Knowing, Known, Operand, equal, is_infinite, is_nan, is_zero, less, less_equal, named_less,
+    Knowing, Known, Operand, equal, goes_before, is_finite, is_nan, is_zero, less, less_equal,
 };
 pub use step::step;
 

@@ -8,11 +8,16 @@ use crate::hdl::{Signal, bits_for};
 /// value whose neighbours are ± the least normal number; past the greatest is infinity; infinities and NaNs do not
 /// step, their patterns stay.
 ///
-/// Costs an adder of the format's width and a LUT or two for each bit.
+/// Costs an adder of the format's width and a LUT or two for each bit. `after_sum` may put a register behind the adder.
 ///
 /// # Panics
 /// Where `ulps` is 0, or steps over more numbers than there are between two powers of two.
-pub fn step<'b>(format: Format, a: Signal<'b>, ulps: i32) -> Signal<'b> {
+pub fn step<'b>(
+    format: Format,
+    a: Signal<'b>,
+    ulps: i32,
+    after_sum: impl Fn(Signal<'b>) -> Signal<'b>,
+) -> Signal<'b> {
     let m = a.module();
     let (e, f) = (format.exponent_bits(), format.fraction_bits());
     let count = u64::from(ulps.unsigned_abs());
@@ -28,6 +33,7 @@ pub fn step<'b>(format: Format, a: Signal<'b>, ulps: i32) -> Signal<'b> {
     let outwards = if ulps < 0 { sign } else { !sign };
     let (up_by, down_by) = (count, (1 << (e + f)) - count);
     let moved = fields_of_a.magnitude + outwards.mux(m.lit(up_by, e + f), m.lit(down_by, e + f));
+    let moved = after_sum(moved);
     let (moved_exponent, moved_fraction) = (moved.high(e), moved.low(f));
 
     // Below the least normal number the integers that follow are zero, then the numbers of the other sign from

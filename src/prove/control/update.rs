@@ -21,12 +21,17 @@ pub(super) fn credit(module: &Rc<Module>) -> Result<Induction> {
         .trim()
         .parse()
         .context("the registers behind a box's read")?;
-    let kind = |name: &str| {
+    let kind = |of: &str, name: &str| {
         let bit = between(module, &format!("wire current_{name} = current["), "]")?;
-        anyhow::Ok(format!("instruction_queue_front[{bit}]"))
+        anyhow::Ok(format!("{of}[{bit}]"))
     };
-    let [load, leaf, node, end] = ["load", "leaf", "node", "end"].map(kind);
-    let (load, leaf, node, end) = (load?, leaf?, node?, end?);
+    let kinds = |of: &str| {
+        let [load, leaf, node, end] = ["load", "leaf", "node", "end"].map(|name| kind(of, name));
+        anyhow::Ok([load?, leaf?, node?, end?])
+    };
+    let [load, leaf, node, end] = kinds("instruction_queue_front")?;
+    let pushed = kinds("completed_instruction")?;
+    let (pushed_load, pushed_end) = (&pushed[0], &pushed[3]);
     let held = instructions.count();
     let mut observer = START.to_string();
     for queue in [instructions, indices, nodes] {
@@ -61,8 +66,8 @@ pub(super) fn credit(module: &Rc<Module>) -> Result<Induction> {
       f_loads <= 0;
       f_end_in_queue <= 1'b0;
     end else begin
-      f_loads <= f_loads + (decoded & decoded_load) - (take & {load});
-      if (decoded & decoded_end) begin
+      f_loads <= f_loads + (completed & {pushed_load}) - (take & {load});
+      if (completed & {pushed_end}) begin
         f_end_in_queue <= 1'b1;
         f_before_end <= {held} - take;
       end else if (take) begin
@@ -80,7 +85,7 @@ pub(super) fn credit(module: &Rc<Module>) -> Result<Induction> {
   always @* assume (!(is_reload & is_end));
   always @* assume (!(decoding & !complete & !refill & !any_rows_left & rows_empty));
 
-  wire f_moves = row_requested | pop_row | refill | decode | decoded | take_index | take | goes | f_merging != 0
+  wire f_moves = row_requested | pop_row | take_word | refill | decode | decoded | completed | take_index | take | goes | f_merging != 0
     | (end_waits & (!box_was_read | (all_complete & !box_shown) | (!all_complete & nodes_under_way == 0)));
   wire f_memory = (any_rows_left & f_rows_ahead < {row_room}) | (f_rows_ahead != 0 & !rows_valid)
     | (vertex_indices_valid & f_vertices_ahead < {vertex_room}) | (f_vertices_ahead != 0 & !vertices_valid)
@@ -119,6 +124,12 @@ pub(super) fn credit(module: &Rc<Module>) -> Result<Induction> {
     ] {
         laws.push(shown_stays(&mut observer, name, valid, ready, stays));
     }
+    for register in 1..=read {
+        laws.push(law(
+            "nothing merges while the end waits",
+            format!("!(f_ends[{}] & merge_goes_s{register})", register - 1),
+        ));
+    }
     for register in 1..read {
         laws.push(law(
             "an end waits as long as its registers say",
@@ -128,6 +139,18 @@ pub(super) fn credit(module: &Rc<Module>) -> Result<Induction> {
     let most = |queue: &Queue| queue.depth;
     laws.extend([
         law(
+            "the window's bytes are there from the first on",
+            "!decoding | (window_there & (window_there + 1'b1)) == 0",
+        ),
+        law(
+            "the window is empty when an update starts",
+            "running | idle_before",
+        ),
+        law(
+            "no row is there so soon after a start that it would be lost",
+            "!(decoding & idle_before) | (!rows_valid & f_rows_ahead == 0)",
+        ),
+        law(
             "a decoded instruction is of one kind",
             "!decoded | (decoded_load + decoded_leaf + decoded_node + decoded_end <= 3'd1)",
         ),
@@ -136,8 +159,12 @@ pub(super) fn credit(module: &Rc<Module>) -> Result<Induction> {
             "!current_valid | (current_load + current_leaf + current_node + current_end <= 3'd1)",
         ),
         law(
-            "an instruction's credit is in the queue or just decoded",
-            format!("instructions_waiting == {held} + decoded"),
+            "a completed instruction is of one kind",
+            format!("!completed | ({} <= 3'd1)", pushed.join(" + ")),
+        ),
+        law(
+            "an instruction's credit is in the queue, or just decoded or completed",
+            format!("instructions_waiting == 10'd0 + {held} + decoded + completed"),
         ),
         law(
             "no more instructions have credits than there is room",
@@ -145,7 +172,7 @@ pub(super) fn credit(module: &Rc<Module>) -> Result<Induction> {
         ),
         law(
             "nothing is pushed to a full instruction queue",
-            format!("!decoded | {held} < {}", most(instructions)),
+            format!("!completed | {held} < {}", most(instructions)),
         ),
         law(
             "a vertex index's credit is in the queue or just decoded",
@@ -182,7 +209,10 @@ pub(super) fn credit(module: &Rc<Module>) -> Result<Induction> {
         vertices.law(),
         law(
             "every load that waits has its vertex on the way",
-            format!("f_loads + load_waits == {} + f_vertices_ahead", indices.count()),
+            format!(
+                "f_loads + load_waits + (completed & {pushed_load}) == {} + f_vertices_ahead",
+                indices.count()
+            ),
         ),
         law(
             "no more loads are in the queue than instructions",
@@ -194,23 +224,33 @@ pub(super) fn credit(module: &Rc<Module>) -> Result<Induction> {
         ),
         law(
             "nothing is decoded after an end",
-            "!(f_end_in_queue | end_waits | (decoded & decoded_end)) | !(decoding | (decoded & !decoded_end))",
+            format!(
+                "!(f_end_in_queue | end_waits | (completed & {pushed_end}) | (decoded & decoded_end)) | !(decoding | (decoded & !decoded_end))"
+            ),
         ),
         law(
             "nothing is behind the end",
-            format!("!end_waits | ({held} == 0 & !decoded)"),
+            format!("!end_waits | ({held} == 0 & !decoded & !completed)"),
+        ),
+        law(
+            "nothing is completed behind the end",
+            format!("!(f_end_in_queue | (completed & {pushed_end})) | !decoded & !(f_end_in_queue & completed)"),
         ),
         law(
             "an update that runs is being decoded, or its end is on its way",
-            "running == (decoding | (decoded & decoded_end) | f_end_in_queue | end_waits)",
+            format!(
+                "running == (decoding | (decoded & decoded_end) | (completed & {pushed_end}) | f_end_in_queue | end_waits)"
+            ),
         ),
         law(
             "an update has one end",
-            "(decoded & decoded_end) + f_end_in_queue + end_waits <= 2'd1",
+            format!(
+                "(decoded & decoded_end) + (completed & {pushed_end}) + f_end_in_queue + end_waits <= 2'd1"
+            ),
         ),
         law(
             "an update runs while anything of it is left",
-            format!("running | !(decoded | {held} != 0 | current_valid | nodes_under_way != 0)"),
+            format!("running | !(decoded | completed | {held} != 0 | current_valid | nodes_under_way != 0)"),
         ),
         law(
             "no update starts while rows are left",
