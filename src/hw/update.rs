@@ -16,7 +16,7 @@
 //! | 70 to 119 | 5 |
 //! | from 120 on | 8 |
 //!
-//! The reference machine's takes, as Yosys counts them for Virtex-4, 2,673 LUT4, 1,707 flip-flops, 454 RAM16X1D, which are 908 LUT4
+//! The reference machine's takes, as Yosys counts them for Virtex-4, 2,708 LUT4, 1,780 flip-flops, 454 RAM16X1D, which are 908 LUT4
 //! more, and 14 block RAMs; no DSP48.
 
 use super::bundle::Bundle;
