@@ -89,7 +89,13 @@ fn disguised(format: Format, bits: u64, rng: &mut fastrand::Rng) -> u64 {
     let exponent = bits >> format.fraction_bits() & format.exponent_mask();
     let is_nan = exponent == format.exponent_mask() && bits & fraction != 0;
     match exponent == 0 || is_nan {
-        true if is_nan => bits & !fraction | rng.u64(1..=fraction),
+        true if is_nan => {
+            let any = match rng.bool() {
+                true => rng.u64(1..=fraction),
+                false => 1 << rng.u32(..format.fraction_bits()),
+            };
+            bits & !fraction | any
+        }
         true => bits & !fraction | rng.u64(..=fraction),
         false => bits,
     }

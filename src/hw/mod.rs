@@ -3,6 +3,7 @@
 //!
 //! [`core`] places all units. [`raycast`] is the largest: ray setup, traversal processing unit, geometry unit, and the packets' bookkeeping.
 
+mod banks;
 mod bundle;
 pub mod core;
 mod distance;

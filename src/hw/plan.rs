@@ -92,6 +92,17 @@ impl Plan {
         (1..self.read_latency()).fold(word, |word, _| word.register())
     }
 
+    /// Whether a choice of what was read has a register before it as well as behind: that before it can be a block RAM's own.
+    pub fn chooses_after_read(&self) -> bool {
+        self.read_latency() >= 3
+    }
+
+    /// A choice of what was read and registered, as late as [`Plan::read`] has a word. Only where
+    /// [`Plan::chooses_after_read`].
+    pub fn settle_choice<'b>(&self, choice: Signal<'b>) -> Signal<'b> {
+        (2..self.read_latency()).fold(choice, |word, _| word.register())
+    }
+
     /// Registers that [`Plan::read`] takes.
     pub fn read_latency(&self) -> u32 {
         let more = REGISTER_RAM_OUTPUT_FROM.iter();
@@ -107,7 +118,12 @@ impl Plan {
         wanted: Signal<'b>,
         otherwise: Signal<'b>,
     ) -> Signal<'b> {
-        self.settle_read(wanted.register().mux(memory.read(address), otherwise))
+        let (wanted, word) = (wanted.register(), memory.read(address));
+        if self.chooses_after_read() {
+            self.settle_choice(wanted.register().mux(word.register(), otherwise))
+        } else {
+            self.settle_read(wanted.mux(word, otherwise))
+        }
     }
 
     /// Bits that number a packet in the world and in an object's space.

@@ -14,6 +14,7 @@
 //!   └─ 4 plane distances a ray, decision, push ─┴────────────────┘
 //! ```
 
+use super::banks::Banks;
 use super::bundle::Bundle;
 use super::distance;
 use super::fifo;
@@ -372,7 +373,7 @@ struct Step<'b> {
 
 /// The stack of all packets.
 struct Stack<'b> {
-    memory: Memory<'b>,
+    memory: Banks<'b>,
     /// Bits of a packet's number in its address.
     packet_bits: u32,
     overflow: Reg<'b>,
@@ -871,13 +872,9 @@ impl<'b> Unit<'b> {
             .equals(u128::from(plan.config.stack_depth))
             .named("stack_full");
         let stack_write = (step.push & !full).named("stack_write");
-        let stack = m.memory(
-            "stack",
-            packets << plan.stack_bits(),
-            entry.width(),
-            Style::Block,
-        );
-        let stack_address_bits = crate::hdl::bits_for(u64::from(packets << plan.stack_bits()));
+        let entries = packets << plan.stack_bits();
+        let stack = Banks::new(plan, m, "stack", entries, entry.width());
+        let stack_address_bits = crate::hdl::bits_for(u64::from(entries));
         let fit = stack_address_bits - plan.stack_bits();
         stack.write(
             stack_write,
@@ -981,8 +978,8 @@ impl<'b> Unit<'b> {
         let pop_touched = context.get(pop_context, "touched");
         let stack_empty = pop_level.is_zero().named("stack_empty");
         let level_below = (pop_level - m.lit(1u8, plan.level_bits())).named("level_below");
-        let popped_entry = plan.read(
-            stack.memory,
+        let popped_entry = stack.memory.read(
+            plan,
             pop_packet
                 .low(stack.packet_bits)
                 .concat(level_below.low(plan.stack_bits())),

@@ -2,7 +2,8 @@
 //!
 //! All mutants of a unit are compiled into one model, in which an input selects one ([`text`]); with none selected it is the machine
 //! as it is, and passes. Each mutant then runs through what the unit's tests run, and is noticed at the first bit that differs, when
-//! the unit stops, or when its own checks fail. What survives is tried for equivalence ([`equivalence`]) and otherwise listed.
+//! the unit stops, when its own checks fail, or when the run takes another number of clocks than without a mutant, as fixed frames do
+//! in [`crate::baseline`]. What survives is tried for equivalence ([`equivalence`]) and otherwise listed.
 //!
 //! | unit | modules | runs |
 //! |---|---|---|
@@ -22,7 +23,7 @@ use crate::bkd::layout::MemoryImage;
 use crate::config::Config;
 use crate::cosim::model::Recording;
 use crate::cosim::raycast::RaycastUnit;
-use crate::cosim::scoreboard::{Interrupted, Mutated, Recorder, UnitOptions};
+use crate::cosim::scoreboard::{Interrupted, Mutated, Recorder, UnitOptions, UnitReport};
 use crate::cosim::workload::{Workload, instanced_scene};
 use crate::cosim::{raycast, unit_arithmetic, unit_geometry, unit_skinning, unit_tpu, unit_update};
 use crate::hdl::{Design, Module};
@@ -43,7 +44,7 @@ use text::{SELECT, Site, instrument, sites};
 pub const UNITS: [&str; 5] = ["arithmetic", "tpu", "geometry", "update", "raycast"];
 
 /// A part of results' keys: counts up when runs become others.
-const RUNS_VERSION: &str = "4";
+const RUNS_VERSION: &str = "5";
 
 /// Transactions of a mutant's runs: most are noticed in the first, what is left goes on to the last.
 const LENGTHS: [u64; 3] = [2_000, 30_000, 200_000];
@@ -231,11 +232,26 @@ fn draw(config: &Config, request: &Request) -> Result<Vec<Population>> {
     Ok(all)
 }
 
-/// What a run of a unit with a mutant came to: `None` if all agrees.
-type Run<'a> = (
-    String,
-    Box<dyn Fn(Play) -> Result<Option<String>> + Sync + 'a>,
-);
+/// What a run came to.
+#[derive(Default)]
+struct Ended {
+    /// What does not agree.
+    mismatch: Option<String>,
+    clocks: u64,
+}
+
+impl Ended {
+    /// As a unit's bench reports it, after traffic of so many clocks that a reset has ended.
+    fn after(interrupted: u64, report: UnitReport) -> Ended {
+        Ended {
+            mismatch: report.mismatch,
+            clocks: report.cycles - interrupted,
+        }
+    }
+}
+
+/// A run of a unit with a mutant.
+type Run<'a> = (String, Box<dyn Fn(Play) -> Result<Ended> + Sync + 'a>);
 
 /// How a run is done.
 #[derive(Clone, Default)]
@@ -247,6 +263,11 @@ struct Play {
 }
 
 impl Play {
+    /// Clocks of the traffic that a reset ends, with the one in which it begins.
+    fn interrupted_clocks(&self) -> u64 {
+        (self.interrupted.as_ref()).map_or(0, |interrupted| interrupted.at as u64 + 1)
+    }
+
     fn options(self, seed: u64) -> UnitOptions {
         UnitOptions {
             mutated: self.mutated,
@@ -258,7 +279,7 @@ impl Play {
 }
 
 /// Times that each of the shortest runs is done once more, after a reset amid its traffic: of what a reset leaves, most shows soon or never.
-const INTERRUPTIONS: u64 = 6;
+const INTERRUPTIONS: u64 = 24;
 
 /// Scenes of two levels and rays into them, for whole machines.
 struct Scenes(Vec<(MemoryImage, Vec<Ray>)>);
@@ -304,47 +325,53 @@ fn runs<'a>(
         };
         for &kind in kinds {
             let name = format!("{kind} {length}");
-            let run: Box<dyn Fn(Play) -> Result<Option<String>> + Sync> = match kind {
+            let run: Box<dyn Fn(Play) -> Result<Ended> + Sync> = match kind {
                 "operands" => Box::new(move |play: Play| {
                     unit_arithmetic::run(config, 20 * length, &play.options(seed))?;
-                    Ok(None)
+                    Ok(Ended::default())
                 }),
                 "packets" => Box::new(move |play: Play| {
                     let workload = Workload::Coincidences {
                         transactions: length,
                     };
+                    let before = play.interrupted_clocks();
                     let report = unit_tpu::run(config, workload, &play.options(seed))?;
-                    Ok(report.mismatch)
+                    Ok(Ended::after(before, report))
                 }),
                 "instances" => Box::new(move |play: Play| {
                     let workload = Workload::Instances {
                         transactions: length,
                     };
+                    let before = play.interrupted_clocks();
                     let report = unit_tpu::run(config, workload, &play.options(seed))?;
-                    Ok(report.mismatch)
+                    Ok(Ended::after(before, report))
                 }),
                 "tests" => Box::new(move |play: Play| {
                     let workload = Workload::Coincidences {
                         transactions: length,
                     };
+                    let before = play.interrupted_clocks();
                     let report = unit_geometry::run(config, workload, &play.options(seed))?;
-                    Ok(report.mismatch)
+                    Ok(Ended::after(before, report))
                 }),
                 "transforms" => Box::new(move |play: Play| {
                     let workload = Workload::Instances {
                         transactions: length / 2,
                     };
+                    let before = play.interrupted_clocks();
                     let options = play.options(seed);
-                    Ok(unit_geometry::run_transform(config, workload, &options)?.mismatch)
+                    let report = unit_geometry::run_transform(config, workload, &options)?;
+                    Ok(Ended::after(before, report))
                 }),
                 "programs" => Box::new(move |play: Play| {
                     let workload = unit_update::Workload::Random {
                         instructions: length,
                     };
+                    let before = play.interrupted_clocks();
                     let options = play.options(seed);
                     let traffic = unit_update::Traffic::Separate;
                     let report = unit_update::run(config, workload, traffic, &options)?;
-                    Ok(report.unit.mismatch)
+                    Ok(Ended::after(before, report.unit))
                 }),
                 "rays" => {
                     let count = 1 + length as usize / 4000;
@@ -357,6 +384,7 @@ fn runs<'a>(
                         if play.record.is_some() {
                             unit.record();
                         }
+                        let mut clocks = 0;
                         for (number, (image, rays)) in scenes.0.iter().enumerate() {
                             let stall = [0.0, 0.3][number % 2];
                             let options = raycast::Options {
@@ -365,12 +393,15 @@ fn runs<'a>(
                                 hit_stall: stall,
                                 ..raycast::Options::default()
                             };
-                            unit.cast(image, rays, &options, &|_| ())?;
+                            clocks += unit.cast(image, rays, &options, &|_| ())?.cycles;
                         }
                         if let Some(recorder) = &play.record {
                             unit.recorded(recorder);
                         }
-                        Ok(None)
+                        Ok(Ended {
+                            mismatch: None,
+                            clocks,
+                        })
                     })
                 }
                 _ => {
@@ -386,6 +417,7 @@ fn runs<'a>(
                             },
                             None => mutated,
                         };
+                        let before = play.interrupted_clocks();
                         let options = Play {
                             mutated: play.mutated.clone().map(in_whole),
                             ..play
@@ -393,7 +425,7 @@ fn runs<'a>(
                         .options(seed);
                         let traffic = unit_skinning::Traffic::Separate;
                         let report = unit_skinning::run(config, workload, traffic, &options)?;
-                        Ok(report.unit.mismatch)
+                        Ok(Ended::after(before, report.unit))
                     })
                 }
             };
@@ -403,16 +435,31 @@ fn runs<'a>(
     Ok(all)
 }
 
-/// What made a run end: a mismatch, an error of the run, or nothing. A mutant may break what a bench takes for granted, such as that a
-/// packet has a number that exists; then the bench's own check ends it, and that is noticing too.
-fn told(run: &Run<'_>, play: Play) -> Option<String> {
+/// What made a run end: a mismatch, an error of the run, or nothing, after so many clocks. A mutant may break what a bench takes for
+/// granted, such as that a packet has a number that exists; then the bench's own check ends it, and that is noticing too.
+fn told(run: &Run<'_>, play: Play) -> Result<u64, String> {
     let said = match catch_unwind(AssertUnwindSafe(|| (run.1)(play))) {
-        Ok(Ok(None)) => return None,
-        Ok(Ok(Some(mismatch))) => mismatch,
+        Ok(Ok(Ended {
+            mismatch: None,
+            clocks,
+        })) => return Ok(clocks),
+        Ok(Ok(Ended {
+            mismatch: Some(mismatch),
+            ..
+        })) => mismatch,
         Ok(Err(error)) => format!("{error:#}"),
         Err(_) => "the bench's own check fails".into(),
     };
-    Some(said.lines().next().unwrap_or("stopped").to_string())
+    Err(said.lines().next().unwrap_or("stopped").to_string())
+}
+
+/// How a run differs from one of so many clocks without a mutant.
+fn noticed(run: &Run<'_>, play: Play, clocks: u64) -> Option<String> {
+    match told(run, play) {
+        Ok(now) if now == clocks => None,
+        Ok(now) => Some(format!("{now} clocks, not {clocks}")),
+        Err(said) => Some(said),
+    }
 }
 
 /// Draws mutants and runs them. `progress` is told what is going on; `done` how many mutants of how many are through.
@@ -500,8 +547,9 @@ fn run_unit(
         }),
         ..Play::default()
     };
-    let shortest = &runs[..runs.len().checked_div(request.lengths).unwrap_or(0)];
+    let shortest = runs.len().checked_div(request.lengths).unwrap_or(0);
     let mut traffic: Vec<Option<Arc<Recording>>> = vec![];
+    let mut clocks = vec![];
     if !all_known {
         progress(&format!("building {unit} with {} mutants", drawn.len()));
         for run in &runs {
@@ -510,8 +558,9 @@ fn run_unit(
                 record: Some(recorder.clone()),
                 ..select(0)
             };
-            if let Some(said) = told(run, play) {
-                bail!("{unit}, {}: fails without any mutant: {said}", run.0);
+            match told(run, play) {
+                Ok(taken) => clocks.push(taken),
+                Err(said) => bail!("{unit}, {}: fails without any mutant: {said}", run.0),
             }
             traffic.push(recorder.take());
         }
@@ -520,7 +569,7 @@ fn run_unit(
     let interruptions = |number: u32| {
         let mut rng = fastrand::Rng::with_seed(u64::from(number));
         let mut all = vec![];
-        for (run, traffic) in shortest.iter().zip(&traffic) {
+        for (run, traffic) in traffic.iter().enumerate().take(shortest) {
             for _ in 0..INTERRUPTIONS {
                 if let Some(traffic) = traffic {
                     let at = rng.usize(traffic.len() / 8..traffic.len());
@@ -538,10 +587,10 @@ fn run_unit(
                 interrupted: Some(interrupted),
                 ..select(0)
             };
-            if let Some(said) = told(run, play) {
+            if let Some(said) = noticed(&runs[run], play, clocks[run]) {
                 bail!(
                     "{unit}, {}, after a reset {after} clocks into its traffic: fails without any mutant: {said}",
-                    run.0
+                    runs[run].0
                 );
             }
         }
@@ -550,26 +599,26 @@ fn run_unit(
         ));
     }
     let noticed_by = |number: u32| -> Option<Outcome> {
-        let by = |run: &Run<'_>| {
-            let how = told(run, select(number))?;
-            let run = run.0.clone();
+        let by = |run: usize| {
+            let how = noticed(&runs[run], select(number), clocks[run])?;
+            let run = runs[run].0.clone();
             Some(Outcome::Noticed { run, how })
         };
-        let amid = |(run, interrupted): (&Run<'_>, Interrupted)| {
+        let amid = |(run, interrupted): (usize, Interrupted)| {
             let name = format!(
                 "{}, after a reset {} clocks into its traffic",
-                run.0, interrupted.at
+                runs[run].0, interrupted.at
             );
             let play = Play {
                 interrupted: Some(interrupted),
                 ..select(number)
             };
-            let how = told(run, play)?;
+            let how = noticed(&runs[run], play, clocks[run])?;
             Some(Outcome::Noticed { run: name, how })
         };
-        (shortest.iter().find_map(by))
+        ((0..shortest).find_map(by))
             .or_else(|| interruptions(number).into_iter().find_map(amid))
-            .or_else(|| runs[shortest.len()..].iter().find_map(by))
+            .or_else(|| (shortest..runs.len()).find_map(by))
     };
     let finished = std::sync::atomic::AtomicUsize::new(0);
     // Modules are not to be shared between threads; their texts are.

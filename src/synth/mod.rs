@@ -6,6 +6,7 @@
 //! | `tools` | finding and running the tools |
 //! | `wrapper` | shift registers at a module's ports, so that pins stay off its critical paths |
 //! | `cells` | what Yosys reports |
+//! | `outreg` | the output registers of ECP5 block RAMs, which Yosys leaves unused |
 //! | `timing` | what nextpnr reports, in the names of our modules |
 //! | [`constraints`], [`selftest`] | what takes a machine to a bitstream, and the design that it is of |
 //! | `store` | results that were reached before |
@@ -19,6 +20,7 @@
 
 mod cells;
 pub mod constraints;
+mod outreg;
 pub mod selftest;
 pub(crate) mod store;
 pub mod target;
@@ -278,6 +280,7 @@ impl Bench<'_> {
         let mut cells = parse_cells(&job.read(target::CELLS)?)?;
         if self.target.is_routable() {
             wrapper::subtract(job.module, &mut cells)?;
+            job.absorb_output_registers(&mut cells)?;
         }
         self.target.area(&cells)?;
         self.store.put(name, &job.area_key, &cells)?;
@@ -331,6 +334,9 @@ impl<'a> Job<'a> {
         let names: Vec<&str> = files.iter().map(|(name, _)| name.as_str()).collect();
         let script = bench.target.yosys_script(&names, top, NETLIST);
         let mut parts = vec![bench.tools.yosys.version.as_str(), &script];
+        if bench.target.is_routable() {
+            parts.push(outreg::WHAT);
+        }
         parts.extend(files.iter().flat_map(|(n, text)| [n.as_str(), text]));
         let area_key = store::key(&parts);
         let folder = tempfile::tempdir().context("cannot create a temporary folder")?;
@@ -357,6 +363,20 @@ impl<'a> Job<'a> {
             let path = self.folder.path().join(name);
             std::fs::write(&path, text)
                 .with_context(|| format!("cannot write {}", path.display()))?;
+        }
+        Ok(())
+    }
+
+    /// Moves registers into block RAMs, in the netlist that nextpnr reads and in what it counts for.
+    fn absorb_output_registers(&self, cells: &mut Cells) -> Result<()> {
+        let mut netlist = serde_json::from_str(&self.read(NETLIST)?)
+            .context("Yosys has written no whole netlist")?;
+        let saved = outreg::absorb(&mut netlist, wrapper::NAME, wrapper::CAPTURED)?;
+        let path = self.folder.path().join(NETLIST);
+        std::fs::write(&path, netlist.to_string())
+            .with_context(|| format!("cannot write {}", path.display()))?;
+        if let Some(count) = cells.get_mut(outreg::FLIP_FLOP) {
+            *count = count.saturating_sub(saved);
         }
         Ok(())
     }

@@ -74,7 +74,7 @@ impl Target {
             }
             Target::Ecp5_85f => {
                 "lut4: LUT4, 2 for a CCU2C, 6 for a TRELLIS_DPR16X4 (4 of memory, 2 that its write port blocks); ff: TRELLIS_FF; \
-                 dsp: MULT18X18D; ram: DP16KD; without the shift registers around the module"
+                 dsp: MULT18X18D; ram: DP16KD, with the registers right behind it; without the shift registers around the module"
             }
         }
     }
