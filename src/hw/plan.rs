@@ -85,11 +85,12 @@ impl Plan {
 
     /// A synchronous read, with more registers where the clock asks for them.
     pub fn read<'b>(&self, memory: Memory<'b>, address: Signal<'b>) -> Signal<'b> {
-        self.settle_read(memory.read(address))
+        self.settle_read(memory.read(address), 1)
     }
 
-    fn settle_read<'b>(&self, word: Signal<'b>) -> Signal<'b> {
-        (1..self.read_latency()).fold(word, |word, _| word.register())
+    /// The registers that [`Plan::read`] has behind the first so many.
+    fn settle_read<'b>(&self, word: Signal<'b>, behind: u32) -> Signal<'b> {
+        (behind..self.read_latency()).fold(word, |word, _| word.register())
     }
 
     /// Whether a choice of what was read has a register before it as well as behind: that before it can be a block RAM's own.
@@ -100,7 +101,7 @@ impl Plan {
     /// A choice of what was read and registered, as late as [`Plan::read`] has a word. Only where
     /// [`Plan::chooses_after_read`].
     pub fn settle_choice<'b>(&self, choice: Signal<'b>) -> Signal<'b> {
-        (2..self.read_latency()).fold(choice, |word, _| word.register())
+        self.settle_read(choice, 2)
     }
 
     /// Registers that [`Plan::read`] takes.
@@ -122,7 +123,7 @@ impl Plan {
         if self.chooses_after_read() {
             self.settle_choice(wanted.register().mux(word.register(), otherwise))
         } else {
-            self.settle_read(wanted.mux(word, otherwise))
+            self.settle_read(wanted.mux(word, otherwise), 1)
         }
     }
 

@@ -237,15 +237,15 @@ fn draw(config: &Config, request: &Request) -> Result<Vec<Population>> {
 struct Ended {
     /// What does not agree.
     mismatch: Option<String>,
+    /// Those of the traffic that its first reset has ended, too.
     clocks: u64,
 }
 
-impl Ended {
-    /// As a unit's bench reports it, after traffic of so many clocks that a reset has ended.
-    fn after(interrupted: u64, report: UnitReport) -> Ended {
+impl From<UnitReport> for Ended {
+    fn from(report: UnitReport) -> Ended {
         Ended {
             mismatch: report.mismatch,
-            clocks: report.cycles - interrupted,
+            clocks: report.cycles,
         }
     }
 }
@@ -334,44 +334,35 @@ fn runs<'a>(
                     let workload = Workload::Coincidences {
                         transactions: length,
                     };
-                    let before = play.interrupted_clocks();
-                    let report = unit_tpu::run(config, workload, &play.options(seed))?;
-                    Ok(Ended::after(before, report))
+                    Ok(unit_tpu::run(config, workload, &play.options(seed))?.into())
                 }),
                 "instances" => Box::new(move |play: Play| {
                     let workload = Workload::Instances {
                         transactions: length,
                     };
-                    let before = play.interrupted_clocks();
-                    let report = unit_tpu::run(config, workload, &play.options(seed))?;
-                    Ok(Ended::after(before, report))
+                    Ok(unit_tpu::run(config, workload, &play.options(seed))?.into())
                 }),
                 "tests" => Box::new(move |play: Play| {
                     let workload = Workload::Coincidences {
                         transactions: length,
                     };
-                    let before = play.interrupted_clocks();
-                    let report = unit_geometry::run(config, workload, &play.options(seed))?;
-                    Ok(Ended::after(before, report))
+                    Ok(unit_geometry::run(config, workload, &play.options(seed))?.into())
                 }),
                 "transforms" => Box::new(move |play: Play| {
                     let workload = Workload::Instances {
                         transactions: length / 2,
                     };
-                    let before = play.interrupted_clocks();
                     let options = play.options(seed);
-                    let report = unit_geometry::run_transform(config, workload, &options)?;
-                    Ok(Ended::after(before, report))
+                    Ok(unit_geometry::run_transform(config, workload, &options)?.into())
                 }),
                 "programs" => Box::new(move |play: Play| {
                     let workload = unit_update::Workload::Random {
                         instructions: length,
                     };
-                    let before = play.interrupted_clocks();
                     let options = play.options(seed);
                     let traffic = unit_update::Traffic::Separate;
                     let report = unit_update::run(config, workload, traffic, &options)?;
-                    Ok(Ended::after(before, report.unit))
+                    Ok(report.unit.into())
                 }),
                 "rays" => {
                     let count = 1 + length as usize / 4000;
@@ -384,7 +375,7 @@ fn runs<'a>(
                         if play.record.is_some() {
                             unit.record();
                         }
-                        let mut clocks = 0;
+                        let mut clocks = play.interrupted_clocks();
                         for (number, (image, rays)) in scenes.0.iter().enumerate() {
                             let stall = [0.0, 0.3][number % 2];
                             let options = raycast::Options {
@@ -417,7 +408,6 @@ fn runs<'a>(
                             },
                             None => mutated,
                         };
-                        let before = play.interrupted_clocks();
                         let options = Play {
                             mutated: play.mutated.clone().map(in_whole),
                             ..play
@@ -425,7 +415,7 @@ fn runs<'a>(
                         .options(seed);
                         let traffic = unit_skinning::Traffic::Separate;
                         let report = unit_skinning::run(config, workload, traffic, &options)?;
-                        Ok(Ended::after(before, report.unit))
+                        Ok(report.unit.into())
                     })
                 }
             };
@@ -435,14 +425,15 @@ fn runs<'a>(
     Ok(all)
 }
 
-/// What made a run end: a mismatch, an error of the run, or nothing, after so many clocks. A mutant may break what a bench takes for
+/// What made a run end: a mismatch, an error of the run, or nothing, after so many clocks from its last reset on. A mutant may break what a bench takes for
 /// granted, such as that a packet has a number that exists; then the bench's own check ends it, and that is noticing too.
 fn told(run: &Run<'_>, play: Play) -> Result<u64, String> {
+    let interrupted = play.interrupted_clocks();
     let said = match catch_unwind(AssertUnwindSafe(|| (run.1)(play))) {
         Ok(Ok(Ended {
             mismatch: None,
             clocks,
-        })) => return Ok(clocks),
+        })) => return Ok(clocks - interrupted),
         Ok(Ok(Ended {
             mismatch: Some(mismatch),
             ..
