@@ -27,7 +27,12 @@ pub(super) fn fifo(plan: &Plan, width: u32, depth: u32) -> Result<Rc<Module>, Hd
 
     let bits = bits_for(u64::from(depth));
     let count_bits = bits_for(u64::from(depth) + 1);
-    let head = m.reg_reset("head", bits, 0);
+    let registered = plan.config.clock_mhz >= REGISTER_FRONT_FROM;
+    // Of a front in a register, only where the word behind it is stored.
+    let head = match registered {
+        false => m.reg_reset("head", bits, 0),
+        true => m.reg_reset("behind", bits, u128::from(1 % depth)),
+    };
     let tail = m.reg_reset("tail", bits, 0);
     let count = m.reg_reset("count", count_bits, 0);
     let one = m.lit(1u8, bits);
@@ -46,7 +51,7 @@ pub(super) fn fifo(plan: &Plan, width: u32, depth: u32) -> Result<Rc<Module>, Hd
 
     let words = m.memory("words", depth, width, Style::Distributed);
     words.write(push, tail.q, data);
-    if plan.config.clock_mhz < REGISTER_FRONT_FROM {
+    if !registered {
         m.output("valid", count.q.any());
         m.output("front", words.read_now(head.q));
         return m.finish();
@@ -59,8 +64,10 @@ pub(super) fn fifo(plan: &Plan, width: u32, depth: u32) -> Result<Rc<Module>, Hd
     front_valid.next(push | more.q | (front_valid.q & no_pop));
     let three = count.q.ge(m.lit(3u8, count_bits)).named("at_least_three");
     more.next(pop.mux(push.mux(more.q, three), more.q | (push & front_valid.q)));
-    let behind = words.read_now(next_head.named("next_head"));
-    front.next_when(pop | !front_valid.q, more.q.mux(behind, data));
+    front.next_when(
+        pop | !front_valid.q,
+        more.q.mux(words.read_now(head.q), data),
+    );
     m.output("valid", front_valid.q);
     m.output("front", front.q);
     m.finish()

@@ -1,5 +1,6 @@
 //! What reads a stream from memory ahead of its use, and what keeps a part of limited room from overflowing.
 
+use super::plan::Plan;
 use crate::hdl::{Builder, HdlError, Module, Signal, Style, bits_for};
 use std::rc::Rc;
 
@@ -15,9 +16,14 @@ pub(super) fn pick<'b>(index: Signal<'b>, choices: &[Signal<'b>]) -> Signal<'b> 
         .mux(pick(index, high), pick(index, low))
 }
 
+/// Target clock, in MHz, from which on whether the head's word has arrived is a register: the choice of its bit and all that waits for
+/// it do not fit in a clock.
+const REGISTER_ARRIVAL_FROM: u32 = 120;
+
 /// Reads ahead: takes addresses while it has room for their words, requests them through a tagged read port that may
 /// answer in any order, and gives the words out in the order of the addresses.
 pub(super) fn prefetch(
+    plan: &Plan,
     name: &str,
     width: u32,
     depth: u32,
@@ -53,10 +59,25 @@ pub(super) fn prefetch(
     let requested = (fetch_valid & request_ready & room).named("requested");
     let arrived_bits: Vec<_> = (0..depth).map(|i| arrived.q.bit(i)).collect();
     let head_arrived = pick(head.q, &arrived_bits).named("head_arrived");
-    let advance = (head_arrived & (!front_valid.q | pop)).named("advance");
     let last_slot = u128::from(depth) - 1;
     let (one, zero) = (m.lit(1u8, tag), m.zero(tag));
-    head.next_when(advance, head.q.equals(last_slot).mux(zero, head.q + one));
+    let registered = (plan.config.clock_mhz >= REGISTER_ARRIVAL_FROM).then(|| {
+        let is_there = m.reg_reset("head_is_there", 1, 0);
+        (is_there, m.reg_reset("second", tag, 1))
+    });
+    let is_there = (registered.as_ref()).map_or(head_arrived, |(is_there, _)| is_there.q);
+    let advance = (is_there & (!front_valid.q | pop)).named("advance");
+    if let Some((is_there, second)) = registered {
+        // As of the clock before: the slot that an advance frees is not the one whose turn comes.
+        let second_arrived = pick(second.q, &arrived_bits).named("second_arrived");
+        is_there.next(advance.mux(second_arrived, head_arrived));
+        head.next_when(advance, second.q);
+        let third = second.q.equals(last_slot).mux(zero, second.q + one);
+        second.next_when(advance, third);
+    } else {
+        let second = head.q.equals(last_slot).mux(zero, head.q + one);
+        head.next_when(advance, second);
+    }
     tail.next_when(requested, tail.q.equals(last_slot).mux(zero, tail.q + one));
     let unit = m.lit(1u8, count_bits);
     count.next_when(
@@ -85,9 +106,14 @@ pub(super) fn prefetch(
     m.finish()
 }
 
+/// Target clock, in MHz, from which on whether there is room is a register: a count's test and all that waits for room do not fit in
+/// a clock.
+const REGISTER_ROOM_FROM: u32 = 120;
+
 /// A count of what is under way in a part of limited room. Returns whether there is room for one more, and whether
 /// there is any.
 pub(super) fn occupancy<'b>(
+    plan: &Plan,
     m: &'b Builder,
     name: &str,
     most: u32,
@@ -98,5 +124,11 @@ pub(super) fn occupancy<'b>(
     let count = m.reg_reset(name, bits, 0);
     let one = m.lit(1u8, bits);
     count.next_when(comes ^ goes, comes.mux(count.q + one, count.q - one));
-    (count.q.ne(m.lit(most, bits)), count.q.any())
+    if plan.config.clock_mhz < REGISTER_ROOM_FROM {
+        return (count.q.ne(m.lit(most, bits)), count.q.any());
+    }
+    let room = m.reg_reset(format!("{name}_room"), 1, 1);
+    let one_is_left = count.q.equals(u128::from(most) - 1);
+    room.next(goes | (room.q & !(comes & one_is_left)));
+    (room.q, count.q.any())
 }

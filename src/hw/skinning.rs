@@ -143,6 +143,7 @@ pub(super) fn module(plan: &Plan, test: &Module) -> Result<Rc<Module>, HdlError>
     let vector_wanted = (requests_column | rest_to_request.q.any()).named("vector_wanted");
     let pop_vector = m.wire("pop_vector", 1);
     let vector_prefetch = prefetch(
+        plan,
         "vector_prefetch",
         vector.width,
         config.skinning_vertices_ahead,
@@ -195,7 +196,13 @@ pub(super) fn module(plan: &Plan, test: &Module) -> Result<Rc<Module>, HdlError>
     let row_address = m.reg("row_address", a);
     let rows_wanted = rows_left.q.any().named("rows_wanted");
     let pop_row = m.wire("pop_row", 1);
-    let row_prefetch = prefetch("row_prefetch", row.width, config.skinning_rows_ahead, a)?;
+    let row_prefetch = prefetch(
+        plan,
+        "row_prefetch",
+        row.width,
+        config.skinning_rows_ahead,
+        a,
+    )?;
     let fetched_rows = m.instance(
         "rows",
         &row_prefetch,
@@ -373,12 +380,19 @@ pub(super) fn module(plan: &Plan, test: &Module) -> Result<Rc<Module>, HdlError>
     let written = m.wire("written", 1);
     let readable = m.reg_reset("queue_grows", 1, 0);
     readable.next(vertex_done);
-    let (_, shown) = occupancy(&m, "queue_count", depth, readable.q, written.get());
+    let (_, shown) = occupancy(plan, &m, "queue_count", depth, readable.q, written.get());
     let next_head = written.get().mux(after_head, head.q).named("next_head");
     head.next(next_head);
     let front = queue.read(next_head);
     written.drive(shown & write_ready);
-    let (has_room, _) = occupancy(&m, "vertices_under_way", depth, completes, written.get());
+    let (has_room, _) = occupancy(
+        plan,
+        &m,
+        "vertices_under_way",
+        depth,
+        completes,
+        written.get(),
+    );
     room.drive(has_room);
     let next_written = m.reg("next_written", a);
     next_written.next_when(

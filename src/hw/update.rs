@@ -36,6 +36,9 @@ const SPLIT_COMPARISONS_FROM: u32 = 120;
 /// Target clock, in MHz, from which on a block RAM's output has a stage of its own. Below, a choice between two follows it.
 const REGISTER_RAM_OUTPUT_FROM: u32 = 120;
 
+/// Target clock, in MHz, from which on an event has a stage of its own before it is counted.
+const REGISTER_EVENTS_FROM: u32 = 120;
+
 /// Bits of a row of the program.
 const ROW_BITS: u32 = 8 * Program::ROW_BYTES as u32;
 
@@ -128,7 +131,7 @@ pub fn module(plan: &Plan) -> Result<UpdateProcessor, HdlError> {
     let fetch_row = m.reg("fetch_row", a);
     let pop_row = m.wire("pop_row", 1);
     let rows_wanted = any_rows_left.q;
-    let program_prefetch = prefetch("program_prefetch", ROW_BITS, rows_ahead, a)?;
+    let program_prefetch = prefetch(plan, "program_prefetch", ROW_BITS, rows_ahead, a)?;
     let rows = m.instance(
         "rows",
         &program_prefetch,
@@ -142,7 +145,16 @@ pub fn module(plan: &Plan) -> Result<UpdateProcessor, HdlError> {
             ("pop", pop_row.get()),
         ],
     );
-    no_rows.drive(rows.get("empty"));
+    let empty = rows.get("empty");
+    no_rows.drive(match counts_later(plan) {
+        false => empty,
+        // Not while a row is requested that it does not count yet.
+        true => {
+            let before = m.reg_reset("no_rows_before", 1, 1);
+            before.next(empty & !rows_wanted);
+            before.q
+        }
+    });
     let row_requested = (rows_wanted & rows.get("fetch_ready")).named("row_requested");
     let one = m.lit(1u8, a);
     fetch_row.next_when(
@@ -348,6 +360,7 @@ pub fn module(plan: &Plan) -> Result<UpdateProcessor, HdlError> {
         take_index.get(),
     )?;
     let (room, _) = occupancy(
+        plan,
         &m,
         "indices_under_way",
         VERTEX_INDICES,
@@ -355,7 +368,7 @@ pub fn module(plan: &Plan) -> Result<UpdateProcessor, HdlError> {
         take_index.get(),
     );
     index_room.drive(room);
-    let vertex_prefetch = prefetch("vertex_prefetch", vertex_width, vertices_ahead, a)?;
+    let vertex_prefetch = prefetch(plan, "vertex_prefetch", vertex_width, vertices_ahead, a)?;
     let fetched = m.instance(
         "vertices",
         &vertex_prefetch,
@@ -403,6 +416,7 @@ pub fn module(plan: &Plan) -> Result<UpdateProcessor, HdlError> {
         take_instruction.get(),
     )?;
     let (room, _) = occupancy(
+        plan,
         &m,
         "instructions_waiting",
         config.update_instructions_ahead,
@@ -542,6 +556,7 @@ pub fn module(plan: &Plan) -> Result<UpdateProcessor, HdlError> {
     )?;
     node_pop.drive(node_valid & node_write_ready);
     let (room, any_nodes) = occupancy(
+        plan,
         &m,
         "nodes_under_way",
         config.update_nodes_waiting,
@@ -560,6 +575,11 @@ pub fn module(plan: &Plan) -> Result<UpdateProcessor, HdlError> {
     m.output("node_write_mask", m.lit(NODE_MASK, NODE_LANES));
     m.output("node_write_data", node_front.extend(Record::node(f).width));
 
+    let later = |name: &str, bit| {
+        let register = m.reg_reset(name, 1, 0);
+        register.next(bit);
+        register.q
+    };
     m.comment("The end: when all merges are in their registers and all nodes written, the box, read like a node's.");
     // What is shown was read read_at clocks before.
     // Since the end waits, nothing has merged.
@@ -586,8 +606,13 @@ pub fn module(plan: &Plan) -> Result<UpdateProcessor, HdlError> {
     running.next(start | (running.q & !box_taken.get()));
     let done = m.reg_reset("over", 1, 0);
     done.next(box_taken.get());
+    // As late as what is counted.
+    let done = match counts_later(plan) {
+        false => done.q,
+        true => later("over_before", done.q),
+    };
     m.group("High for a clock when an update is complete");
-    m.output("done", done.q);
+    m.output("done", done);
 
     m.comment("Counters since reset.");
     m.group("Counters since reset");
@@ -599,6 +624,10 @@ pub fn module(plan: &Plan) -> Result<UpdateProcessor, HdlError> {
         ("node_wait_cycles", missing_room),
     ];
     for (name, event) in counters {
+        let event = match counts_later(plan) {
+            false => event,
+            true => later(&format!("{name}_event"), event),
+        };
         let counter = m.reg_reset(format!("{name}_counter"), COUNTER_BITS, 0);
         counter.next_when(event, counter.q + m.lit(1u8, COUNTER_BITS));
         m.output(format!("count_{name}"), counter.q);
@@ -612,6 +641,11 @@ pub fn module(plan: &Plan) -> Result<UpdateProcessor, HdlError> {
             merge_distance: written + 1,
         },
     })
+}
+
+/// Whether an event is counted a clock later: it leaves too little of the clock for the wires to a counter.
+fn counts_later(plan: &Plan) -> bool {
+    plan.config.clock_mhz >= REGISTER_EVENTS_FROM
 }
 
 /// A register's contents, a clock later or two.

@@ -6,7 +6,7 @@
 //! | `tools` | finding and running the tools |
 //! | `wrapper` | shift registers at a module's ports, so that pins stay off its critical paths |
 //! | `cells` | what Yosys reports |
-//! | `outreg` | the output registers of ECP5 block RAMs, which Yosys leaves unused |
+//! | `outreg` | the output registers of ECP5 block RAMs and multipliers, which Yosys leaves unused |
 //! | `timing` | what nextpnr reports, in the names of our modules |
 //! | [`constraints`], [`selftest`] | what takes a machine to a bitstream, and the design that it is of |
 //! | `store` | results that were reached before |
@@ -33,6 +33,7 @@ pub use target::{Area, Target};
 pub use timing::{CriticalPath, Point, Timing, parse_timing};
 pub use tools::TOOLS_VARIABLE;
 
+use self::outreg::Blocks;
 use crate::config::Config;
 use crate::emit;
 use crate::hdl::{Design, Module};
@@ -236,6 +237,10 @@ struct Bench<'a> {
 const NETLIST: &str = "netlist.json";
 
 impl Bench<'_> {
+    fn blocks(&self) -> Blocks {
+        Blocks::at(self.clock_mhz)
+    }
+
     fn measure(&self, module: &Rc<Module>, number: &str) -> Result<Unit> {
         let job = Job::new(self, module)?;
         let mut cells = self.store.get::<Cells>(module.name(), &job.area_key);
@@ -280,7 +285,7 @@ impl Bench<'_> {
         let mut cells = parse_cells(&job.read(target::CELLS)?)?;
         if self.target.is_routable() {
             wrapper::subtract(job.module, &mut cells)?;
-            job.absorb_output_registers(&mut cells)?;
+            job.absorb_output_registers(&mut cells, self.blocks())?;
         }
         self.target.area(&cells)?;
         self.store.put(name, &job.area_key, &cells)?;
@@ -335,7 +340,7 @@ impl<'a> Job<'a> {
         let script = bench.target.yosys_script(&names, top, NETLIST);
         let mut parts = vec![bench.tools.yosys.version.as_str(), &script];
         if bench.target.is_routable() {
-            parts.push(outreg::WHAT);
+            parts.push(bench.blocks().key());
         }
         parts.extend(files.iter().flat_map(|(n, text)| [n.as_str(), text]));
         let area_key = store::key(&parts);
@@ -367,11 +372,11 @@ impl<'a> Job<'a> {
         Ok(())
     }
 
-    /// Moves registers into block RAMs, in the netlist that nextpnr reads and in what it counts for.
-    fn absorb_output_registers(&self, cells: &mut Cells) -> Result<()> {
+    /// Moves registers into `blocks`, in the netlist that nextpnr reads and in what it counts for.
+    fn absorb_output_registers(&self, cells: &mut Cells, blocks: Blocks) -> Result<()> {
         let mut netlist = serde_json::from_str(&self.read(NETLIST)?)
             .context("Yosys has written no whole netlist")?;
-        let saved = outreg::absorb(&mut netlist, wrapper::NAME, wrapper::CAPTURED)?;
+        let saved = outreg::absorb(&mut netlist, wrapper::NAME, wrapper::CAPTURED, blocks)?;
         let path = self.folder.path().join(NETLIST);
         std::fs::write(&path, netlist.to_string())
             .with_context(|| format!("cannot write {}", path.display()))?;

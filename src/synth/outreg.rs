@@ -1,57 +1,100 @@
-//! The output registers of ECP5 block RAMs. Yosys leaves them unused and puts a register that follows a block RAM into slices; the
-//! RAM's own has no wire before it, and its bits come sooner after the clock (Lattice FPGA-TN-02204, *ECP5 and ECP5-5G Memory
-//! User Guide*: REGMODE).
+//! The output registers of ECP5 block RAMs and multipliers. Yosys leaves them unused and puts a register that follows a block into
+//! slices; the block's own has no wire before it, and its bits come sooner after the clock (Lattice FPGA-TN-02204, *ECP5 and ECP5-5G
+//! Memory User Guide*: REGMODE; FPGA-TN-02205, *ECP5 and ECP5-5G sysDSP Usage Guide*: REG_OUTPUT_CLK).
 
 use anyhow::{Context, Result, bail};
-use serde_json::{Map, Value};
+use serde_json::{Map, Value, json};
 use std::collections::HashMap;
 
-/// A read port of a block RAM: outputs, the parameters of its registers, and the ports that these listen to.
-struct ReadPort {
-    outputs: &'static [&'static str],
-    modes: &'static [&'static str],
+/// Outputs of a block that have registers of their own, as Yosys leaves them and as they are with the registers.
+struct Outputs {
+    /// What the ports' names begin with; numbers follow.
+    ports: &'static [&'static str],
+    /// The clock of the registers. Where the block has none yet, it gets theirs.
     clock: &'static str,
-    clock_enable: &'static str,
-    /// The first is what Yosys ties, 1 where words are read.
-    register_enables: &'static [&'static str],
-    reset: &'static str,
+    /// Ports and parameters of outputs without registers that always show the last word.
+    tied: &'static [(&'static str, &'static str)],
+    unset: &'static [(&'static str, &'static str)],
+    /// Ports and parameters with the registers.
+    ties: &'static [(&'static str, &'static str)],
+    sets: &'static [(&'static str, &'static str)],
 }
 
-const PORT_A: ReadPort = ReadPort {
-    outputs: &["DOA"],
-    modes: &["REGMODE_A"],
+const PORT_A: Outputs = Outputs {
+    ports: &["DOA"],
     clock: "CLKA",
-    clock_enable: "CEA",
-    register_enables: &["OCEA"],
-    reset: "RSTA",
+    tied: &[("CEA", "1"), ("OCEA", "1"), ("RSTA", "0")],
+    unset: &[("REGMODE_A", "NOREG")],
+    ties: &[],
+    sets: &[("REGMODE_A", "OUTREG")],
 };
 
-const PORT_B: ReadPort = ReadPort {
-    outputs: &["DOB"],
-    modes: &["REGMODE_B"],
+const PORT_B: Outputs = Outputs {
+    ports: &["DOB"],
     clock: "CLKB",
-    clock_enable: "CEB",
-    register_enables: &["OCEB"],
-    reset: "RSTB",
+    tied: &[("CEB", "1"), ("OCEB", "1"), ("RSTB", "0")],
+    unset: &[("REGMODE_B", "NOREG")],
+    ties: &[],
+    sets: &[("REGMODE_B", "OUTREG")],
 };
 
 /// Words of 36 bits come out of both halves and belong to port B, as they do for Lattice's PDPW16KD.
-const WIDE: ReadPort = ReadPort {
-    outputs: &["DOA", "DOB"],
-    modes: &["REGMODE_A", "REGMODE_B"],
+const WIDE: Outputs = Outputs {
+    ports: &["DOA", "DOB"],
     clock: "CLKB",
-    clock_enable: "CEB",
-    register_enables: &["OCEB", "OCEA"],
-    reset: "RSTB",
+    tied: &[("CEB", "1"), ("OCEB", "1"), ("RSTB", "0")],
+    unset: &[("REGMODE_A", "NOREG"), ("REGMODE_B", "NOREG")],
+    ties: &[("OCEA", "1")],
+    sets: &[("REGMODE_A", "OUTREG"), ("REGMODE_B", "OUTREG")],
 };
 
-/// What is done here, for keys of results.
-pub(super) const WHAT: &str = "output registers of block RAMs, 2";
+/// A product. Yosys names neither a clock nor any register of a multiplier.
+const PRODUCT: Outputs = Outputs {
+    ports: &["P"],
+    clock: "CLK0",
+    tied: &[],
+    unset: &[],
+    ties: &[("CE0", "1"), ("RST0", "0")],
+    sets: &[
+        ("REG_OUTPUT_CLK", "CLK0"),
+        ("REG_OUTPUT_CE", "CE0"),
+        ("REG_OUTPUT_RST", "RST0"),
+    ],
+};
+
+/// Target clock, in MHz, from which on a product's register moves too: its bits come later from the multiplier's register than from a
+/// slice's, which pays only where little follows in the same clock.
+const PRODUCTS_FROM: u32 = 120;
+
+/// The blocks whose registers are used.
+#[derive(Clone, Copy, PartialEq)]
+pub(super) enum Blocks {
+    Rams,
+    RamsAndMultipliers,
+}
+
+impl Blocks {
+    /// At a target clock in MHz.
+    pub fn at(clock_mhz: u32) -> Blocks {
+        match clock_mhz < PRODUCTS_FROM {
+            true => Blocks::Rams,
+            false => Blocks::RamsAndMultipliers,
+        }
+    }
+
+    /// What is done, for keys of results.
+    pub fn key(self) -> &'static str {
+        match self {
+            Blocks::Rams => "output registers of block RAMs, 2",
+            Blocks::RamsAndMultipliers => "output registers of block RAMs and multipliers, 1",
+        }
+    }
+}
 
 /// The kind of a flip-flop's cell.
 pub(super) const FLIP_FLOP: &str = "TRELLIS_FF";
 
-fn read_ports(cell: &Value) -> &'static [ReadPort] {
+fn outputs(cell: &Value, blocks: Blocks) -> &'static [Outputs] {
     let width = |port: &str| {
         let bits = cell["parameters"][port].as_str()?;
         u32::from_str_radix(bits, 2).ok()
@@ -60,8 +103,20 @@ fn read_ports(cell: &Value) -> &'static [ReadPort] {
         ("DP16KD", Some(_), Some(36)) => &[WIDE],
         ("DP16KD", Some(36), Some(_)) => &[PORT_B],
         ("DP16KD", Some(_), Some(_)) => &[PORT_A, PORT_B],
+        ("MULT18X18D", ..) if blocks == Blocks::RamsAndMultipliers && unregistered(cell) => {
+            &[PRODUCT]
+        }
         _ => &[],
     }
+}
+
+/// Whether a multiplier has no clock and no registers.
+fn unregistered(multiplier: &Value) -> bool {
+    let has = |what: &str, prefix: &str| {
+        let named = multiplier[what].as_object();
+        named.is_some_and(|all| all.keys().any(|name| name.starts_with(prefix)))
+    };
+    !has("connections", "CLK") && !has("parameters", "REG_")
 }
 
 /// Who reads a net.
@@ -72,12 +127,12 @@ enum Reader {
     Many,
 }
 
-/// Moves into block RAMs the registers that follow them, where all bits of a read port have one, each a plain one of the same clock
-/// that nothing else comes between; and says how many flip-flops that saves. Registers whose cells' names begin with `stay` stay.
+/// Moves into `blocks` the registers that follow them, where all bits of a word or a product have one, each a plain
+/// one of the same clock that nothing else comes between; and says how many flip-flops that saves. Registers whose cells' names begin with `stay` stay.
 ///
 /// # Errors
 /// `netlist` is not what Yosys writes for one flattened module `top`.
-pub(super) fn absorb(netlist: &mut Value, top: &str, stay: &str) -> Result<u64> {
+pub(super) fn absorb(netlist: &mut Value, top: &str, stay: &str, blocks: Blocks) -> Result<u64> {
     let module = netlist
         .pointer_mut(&format!("/modules/{top}"))
         .with_context(|| format!("the netlist has no module {top}"))?;
@@ -93,27 +148,31 @@ pub(super) fn absorb(netlist: &mut Value, top: &str, stay: &str) -> Result<u64> 
     let readers = readers(cells, &pins);
     let mut moves = vec![];
     for (name, cell) in cells.iter() {
-        for port in read_ports(cell) {
-            let Some(registers) = registers_behind(cells, cell, port, &readers) else {
+        for outputs in outputs(cell, blocks) {
+            let Some(registers) = registers_behind(cells, cell, outputs, &readers) else {
                 continue;
             };
             if !registers.iter().any(|(_, name)| name.starts_with(stay)) {
-                moves.push((name.clone(), port, registers));
+                moves.push((name.clone(), outputs, registers));
             }
         }
     }
     let mut saved = 0;
-    for (ram, port, registers) in moves {
+    for (block, outputs, registers) in moves {
+        let mut clock = Value::Null;
         for (output, register) in registers {
             let flip_flop = cells.remove(&register).context("a register is met twice")?;
-            cells[&ram]["connections"][&output] = flip_flop["connections"]["Q"].clone();
+            cells[&block]["connections"][&output] = flip_flop["connections"]["Q"].clone();
+            clock = flip_flop["connections"]["CLK"].clone();
             saved += 1;
         }
-        for mode in port.modes {
-            cells[&ram]["parameters"][*mode] = "OUTREG".into();
+        let ties = outputs.ties.iter().map(|(port, bit)| (*port, json!([bit])));
+        for (port, bits) in ties.chain([(outputs.clock, clock)]) {
+            cells[&block]["connections"][port] = bits;
+            cells[&block]["port_directions"][port] = "input".into();
         }
-        for enable in port.register_enables {
-            cells[&ram]["connections"][*enable] = Value::from(vec!["1"]);
+        for (parameter, value) in outputs.sets {
+            cells[&block]["parameters"][*parameter] = (*value).into();
         }
     }
     Ok(saved)
@@ -158,37 +217,35 @@ fn readers(cells: &Map<String, Value>, pins: &[Value]) -> HashMap<u64, Reader> {
     readers
 }
 
-/// The registers behind all outputs of a read port that anyone reads, each with its output, if they can move into the RAM.
+/// The registers behind all of a block's outputs that anyone reads, each with its output, if they can move into the block.
 fn registers_behind(
     cells: &Map<String, Value>,
-    ram: &Value,
-    port: &ReadPort,
+    block: &Value,
+    outputs: &Outputs,
     readers: &HashMap<u64, Reader>,
 ) -> Option<Vec<(String, String)>> {
-    let plain = port
-        .modes
-        .iter()
-        .all(|mode| ram["parameters"][*mode] == "NOREG")
-        && is_constant(ram, port.clock_enable, "1")
-        && is_constant(ram, port.register_enables[0], "1")
-        && is_constant(ram, port.reset, "0");
+    let has = |(parameter, value): &(&str, &str)| block["parameters"][*parameter] == *value;
+    let plain = outputs.unset.iter().all(has)
+        && (outputs.tied.iter()).all(|(port, bit)| is_constant(block, port, bit));
     if !plain {
         return None;
     }
-    let clock = net(ram, port.clock)?;
+    let mut clock = net(block, outputs.clock);
     let mut registers = vec![];
-    for output in ram["connections"].as_object()?.keys() {
-        let is_output = port.outputs.iter().any(|prefix| {
+    for output in block["connections"].as_object()?.keys() {
+        let is_output = outputs.ports.iter().any(|prefix| {
             let number = output.strip_prefix(prefix);
             number.is_some_and(|number| number.parse::<u32>().is_ok())
         });
         if !is_output {
             continue;
         }
-        match net(ram, output).and_then(|bit| readers.get(&bit.as_u64()?)) {
+        match net(block, output).and_then(|bit| readers.get(&bit.as_u64()?)) {
             None => {}
             Some(Reader::One { cell, port }) if port == "DI" => {
-                is_plain_register(&cells[cell], clock).then_some(())?;
+                let register = &cells[cell];
+                let clock = *clock.get_or_insert(net(register, "CLK")?);
+                is_plain_register(register, clock).then_some(())?;
                 registers.push((output.clone(), cell.clone()));
             }
             Some(_) => return None,
@@ -247,10 +304,14 @@ mod tests {
         netlist
     }
 
+    fn moved(netlist: &mut Value, stay: &str) -> Result<u64> {
+        absorb(netlist, "top", stay, Blocks::RamsAndMultipliers)
+    }
+
     #[test]
     fn registers_move_into_their_ram() {
         let mut netlist = netlist(|_| ());
-        assert_eq!(absorb(&mut netlist, "top", "captured").unwrap(), 2);
+        assert_eq!(moved(&mut netlist, "captured").unwrap(), 2);
         let cells = &netlist["modules"]["top"]["cells"];
         assert_eq!(cells.as_object().unwrap().len(), 1);
         let ram = &cells["ram"];
@@ -309,11 +370,7 @@ mod tests {
                 top.pointer_mut(cell).unwrap()[key] = value.clone();
             });
             let before = netlist.clone();
-            assert_eq!(
-                absorb(&mut netlist, "top", "captured").unwrap(),
-                0,
-                "{what}"
-            );
+            assert_eq!(moved(&mut netlist, "captured").unwrap(), 0, "{what}");
             assert_eq!(netlist, before, "{what}");
         }
     }
@@ -331,7 +388,7 @@ mod tests {
             wide(top, 11);
             top["cells"]["ram"]["connections"]["DOB1"] = json!([13]);
         });
-        assert_eq!(absorb(&mut both, "top", "captured").unwrap(), 2);
+        assert_eq!(moved(&mut both, "captured").unwrap(), 2);
         let ram = &both["modules"]["top"]["cells"]["ram"];
         assert_eq!(ram["connections"]["DOA0"], json!([21]));
         assert_eq!(ram["connections"]["OCEA"], json!(["1"]));
@@ -343,18 +400,69 @@ mod tests {
             wide(top, 14);
             top["ports"]["q"]["bits"] = json!([20, 21, 14]);
         });
-        assert_eq!(absorb(&mut one, "top", "captured").unwrap(), 0);
+        assert_eq!(moved(&mut one, "captured").unwrap(), 0);
+    }
+
+    /// The RAM's place taken by a multiplier, as Yosys writes it.
+    fn multiplier(top: &mut Value) {
+        top["cells"]["ram"] = json!({
+            "type": "MULT18X18D",
+            "parameters": {},
+            "port_directions": {"A0": "input", "P0": "output", "P1": "output", "P2": "output"},
+            "connections": {"A0": [5], "P0": [10], "P1": [11], "P2": [12]},
+        });
+    }
+
+    #[test]
+    fn a_products_registers_move_into_the_multiplier() {
+        let mut netlist = netlist(multiplier);
+        let before = netlist.clone();
+        assert_eq!(
+            absorb(&mut netlist, "top", "captured", Blocks::Rams).unwrap(),
+            0
+        );
+        assert_eq!(netlist, before);
+        assert_eq!(moved(&mut netlist, "captured").unwrap(), 2);
+        let cells = &netlist["modules"]["top"]["cells"];
+        assert_eq!(cells.as_object().unwrap().len(), 1);
+        let multiplier = &cells["ram"];
+        for (port, bits) in [
+            ("P0", json!([20])),
+            ("P1", json!([21])),
+            ("CLK0", json!([2])),
+            ("CE0", json!(["1"])),
+            ("RST0", json!(["0"])),
+        ] {
+            assert_eq!(multiplier["connections"][port], bits, "{port}");
+        }
+        assert_eq!(multiplier["port_directions"]["CLK0"], "input");
+        assert_eq!(multiplier["parameters"]["REG_OUTPUT_CLK"], "CLK0");
+    }
+
+    #[test]
+    fn a_product_of_two_clocks_or_with_registers_already_stays() {
+        let mut two_clocks = netlist(|top| {
+            multiplier(top);
+            top["cells"]["second"]["connections"]["CLK"] = json!([30]);
+        });
+        assert_eq!(moved(&mut two_clocks, "captured").unwrap(), 0);
+        let mut registered = netlist(|top| {
+            multiplier(top);
+            top["cells"]["ram"]["parameters"]["REG_INPUTA_CLK"] = "CLK0".into();
+        });
+        assert_eq!(moved(&mut registered, "captured").unwrap(), 0);
     }
 
     #[test]
     fn registers_of_the_wrapper_stay() {
         let mut netlist = netlist(|_| ());
-        assert_eq!(absorb(&mut netlist, "top", "sec").unwrap(), 0);
+        assert_eq!(moved(&mut netlist, "sec").unwrap(), 0);
     }
 
     #[test]
     fn a_netlist_of_another_shape_is_named() {
-        let error = absorb(&mut json!({"modules": {}}), "top", "captured").unwrap_err();
+        let error = absorb(&mut json!({"modules": {}}), "top", "captured", Blocks::Rams);
+        let error = error.unwrap_err();
         assert!(error.to_string().contains("no module top"), "{error}");
     }
 }

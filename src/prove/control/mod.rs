@@ -363,6 +363,18 @@ impl Queue {
     }
 }
 
+/// Where whether there is room is a register (see `hw::prefetch::occupancy`): that it says so.
+fn room(module: &Module, count: &str, most: u32) -> Option<Law> {
+    let register = format!("{count}_room");
+    let registered = module.verilog().contains(&format!("\n  reg  {register};"));
+    registered.then(|| {
+        law(
+            &format!("{register} says whether there is room"),
+            format!("{register} == ({count} != {most})"),
+        )
+    })
+}
+
 fn queue<'q>(queues: &'q [Queue], name: &str) -> Result<&'q Queue> {
     let found = queues.iter().find(|q| q.name == name);
     found.with_context(|| format!("no queue is called {name}; the laws must follow the unit"))

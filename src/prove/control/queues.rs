@@ -7,10 +7,19 @@ use super::*;
 pub(super) fn fifo(module: &Rc<Module>) -> Result<Induction> {
     let (width, depth) = (port_width(module, "data")?, words(module, "words")?);
     let bits = bits_for(u64::from(depth)) + 2;
+    // Where the front is a register, what is kept is the slot behind it.
+    let (slot, head) = match is_front_registered(module) {
+        false => ("head", "head".to_string()),
+        true => (
+            "behind",
+            format!("behind == 0 ? {} : behind - 1", depth - 1),
+        ),
+    };
     let observer = format!(
         "{START}
   always @* assume (!pop | valid);
   always @* assume (!push | count < {depth});
+  wire [{bits}-1:0] f_head = {head};
   (* anyseq *) wire f_choose;
   reg f_watching;
   reg [{width}-1:0] f_word;
@@ -27,9 +36,9 @@ pub(super) fn fifo(module: &Rc<Module>) -> Result<Induction> {
       f_ahead <= f_ahead - 1'b1;
       if (f_ahead == 0) f_watching <= 1'b0;
     end
-  wire [{bits}-1:0] f_end = head + count;
+  wire [{bits}-1:0] f_end = f_head + count;
   wire [{bits}-1:0] f_tail = f_end >= {depth} ? f_end - {depth} : f_end;
-  wire [{bits}-1:0] f_at = head + f_ahead;
+  wire [{bits}-1:0] f_at = f_head + f_ahead;
   wire [{bits}-1:0] f_slot = f_at >= {depth} ? f_at - {depth} : f_at;
   wire [{width}-1:0] f_stored = words[f_slot];
   reg f_stays;
@@ -65,7 +74,7 @@ pub(super) fn fifo(module: &Rc<Module>) -> Result<Induction> {
                 "the queue never holds more words than it has room for",
                 format!("count <= {depth}"),
             ),
-            law("the head is a slot", format!("head < {depth}")),
+            law("the head is a slot", format!("{slot} < {depth}")),
             law(
                 "the tail is as far from the head as there are words",
                 "tail == f_tail",
@@ -106,7 +115,7 @@ pub(super) fn fifo(module: &Rc<Module>) -> Result<Induction> {
                 "a word is written beside its slot",
                 "words[tail] <=",
                 "tail",
-                "head",
+                slot,
             ),
         ],
     };
@@ -230,6 +239,7 @@ pub(super) fn prefetch(module: &Rc<Module>) -> Result<Induction> {
     );
     let address = port_width(module, "request_address")?;
     let bits = tag + 2;
+    let registered = module.verilog().contains("\n  reg  head_is_there;");
     let observer = format!(
         "{START}
   reg [{depth}-1:0] f_owed;
@@ -295,7 +305,7 @@ pub(super) fn prefetch(module: &Rc<Module>) -> Result<Induction> {
   endgenerate
 "
     );
-    Ok(Induction {
+    let mut proof = Induction {
         module: module.name().into(),
         what: "words come out in the order of requests, whatever the answers' order; requests shown stay".into(),
         texts: texts(module, &[]),
@@ -327,5 +337,24 @@ pub(super) fn prefetch(module: &Rc<Module>) -> Result<Induction> {
             plant("a word is forgotten when another arrives", "wire advance =", "| pop", "| 1'b1"),
             plant("it requests without room", "wire room =", "!=", "!= 1 +"),
         ],
-    })
+    };
+    if registered {
+        proof.laws.extend([
+            law(
+                "a word that is said to be there has arrived",
+                "!head_is_there | arrived[head]",
+            ),
+            law(
+                "the second slot is behind the head",
+                format!("second == (head == {} ? 0 : head + 1'b1)", depth - 1),
+            ),
+        ]);
+        proof.plants.push(plant(
+            "the head's word is said to be there again when the next one's turn comes",
+            "head_is_there <=",
+            "second_arrived",
+            "head_arrived",
+        ));
+    }
+    Ok(proof)
 }

@@ -153,6 +153,8 @@ pub(super) fn conserves(module: &Rc<Module>) -> Result<Induction> {
             "!skinning_now | f_moves | f_waits",
         ),
     ]);
+    laws.extend(room(module, "vertices_under_way", depth));
+    laws.extend(room(module, "queue_count", depth));
     Ok(Induction {
         module: module.name().into(),
         what: "no vertex is lost or doubled, no queue overflows, a mesh ends when written, ports, nothing locks up"

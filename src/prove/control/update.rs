@@ -137,6 +137,19 @@ pub(super) fn credit(module: &Rc<Module>) -> Result<Induction> {
         ));
     }
     let most = |queue: &Queue| queue.depth;
+    for (count, queue) in [
+        ("instructions_waiting", instructions),
+        ("indices_under_way", indices),
+        ("nodes_under_way", nodes),
+    ] {
+        laws.extend(room(module, count, most(queue)));
+    }
+    if module.verilog().contains("\n  reg  no_rows_before;") {
+        laws.push(law(
+            "what is said to be empty is",
+            "!no_rows_before | f_rows_ahead == 0",
+        ));
+    }
     laws.extend([
         law(
             "the window's bytes are there from the first on",
