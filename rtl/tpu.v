@@ -1021,7 +1021,7 @@ module tpu (
     next_context_s16 <= next_context;
     first_mask_s16 <= first_mask;
     first_intervals_s16 <= first_intervals;
-    pushes_s16 <= pushes;
+    if (rst) pushes_s16 <= 1'b0; else pushes_s16 <= pushes;
     level_before_s16 <= level_before;
     stack_write_data_s16 <= stack_write_data;
     watch_step_left <= to_left;

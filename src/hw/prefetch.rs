@@ -55,19 +55,25 @@ pub(super) fn prefetch(
     let count = m.reg_reset("count", count_bits, 0);
     let arrived = m.reg_reset("arrived", depth, 0);
     let front_valid = m.reg_reset("front_valid", 1, 0);
+    let registered = (plan.config.clock_mhz >= REGISTER_ARRIVAL_FROM).then(|| {
+        let is_there = m.reg_reset("head_is_there", 1, 0);
+        let second = m.reg_reset("second", tag, 1);
+        let freed = m.reg_reset("slot_freed", 1, 0);
+        (is_there, second, freed)
+    });
     let room = count.q.ne(m.lit(depth, count_bits)).named("room");
     let requested = (fetch_valid & request_ready & room).named("requested");
     let arrived_bits: Vec<_> = (0..depth).map(|i| arrived.q.bit(i)).collect();
     let head_arrived = pick(head.q, &arrived_bits).named("head_arrived");
     let last_slot = u128::from(depth) - 1;
     let (one, zero) = (m.lit(1u8, tag), m.zero(tag));
-    let registered = (plan.config.clock_mhz >= REGISTER_ARRIVAL_FROM).then(|| {
-        let is_there = m.reg_reset("head_is_there", 1, 0);
-        (is_there, m.reg_reset("second", tag, 1))
-    });
-    let is_there = (registered.as_ref()).map_or(head_arrived, |(is_there, _)| is_there.q);
+    let is_there = (registered.as_ref()).map_or(head_arrived, |(is_there, ..)| is_there.q);
     let advance = (is_there & (!front_valid.q | pop)).named("advance");
-    if let Some((is_there, second)) = registered {
+    // What leaves the count: a clock later where nothing else fits in a clock with who pops. The front word is there by then.
+    let mut leaves = advance;
+    if let Some((is_there, second, freed)) = registered {
+        freed.next(advance);
+        leaves = freed.q;
         // As of the clock before: the slot that an advance frees is not the one whose turn comes.
         let second_arrived = pick(second.q, &arrived_bits).named("second_arrived");
         is_there.next(advance.mux(second_arrived, head_arrived));
@@ -81,7 +87,7 @@ pub(super) fn prefetch(
     tail.next_when(requested, tail.q.equals(last_slot).mux(zero, tail.q + one));
     let unit = m.lit(1u8, count_bits);
     count.next_when(
-        requested ^ advance,
+        requested ^ leaves,
         requested.mux(count.q + unit, count.q - unit),
     );
     let lowest = m.lit(1u8, depth);

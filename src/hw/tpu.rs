@@ -33,6 +33,10 @@ pub struct Tpu {
     pub slice: Rc<Module>,
 }
 
+/// Target clock, in MHz, from which on where a packet goes after a start or a pop has a register: whether any of its rays stays is
+/// decided in the clock before, and the wires to all queues and memories take the rest of it.
+const REGISTER_ENTERED_FROM: u32 = 120;
+
 /// What belongs to a packet beside its rays: how full its stack is, which rays have hit something, and whether it is inside an
 /// object, in whose space its rays then are.
 pub(super) fn context(plan: &Plan) -> Bundle {
@@ -110,13 +114,14 @@ fn slice(plan: &Plan) -> Result<Rc<Module>, HdlError> {
     m.comment("Where the ray goes.");
     let (left_near, left_far) = intervals[0];
     let (right_near, right_far) = intervals[1];
-    let goes_left = (active & less_equal(f, left_near, left_far)).named("goes_left");
-    let goes_right = (active & less_equal(f, right_near, right_far)).named("goes_right");
+    let compare = |a, b| plan.decide(less_equal(f, a, b));
+    let goes_left = (active & compare(left_near, left_far)).named("goes_left");
+    let goes_right = (active & compare(right_near, right_far)).named("goes_right");
     let left_first =
-        (goes_left & goes_right & less_equal(f, left_near, right_near)).named("both_left_first");
+        (goes_left & goes_right & compare(left_near, right_near)).named("both_left_first");
     let [left_near, left_far, right_near, right_far] =
         [left_near, left_far, right_near, right_far].map(Operand::signal);
-    let end = left_near.stage().unwrap_or(0) + 1;
+    let end = left_first.stage().unwrap_or(0) + 1;
     m.group("The ray's interval in the children, and where it goes");
     for (name, signal) in [
         ("left_near", left_near),
@@ -406,7 +411,9 @@ struct Entered<'b> {
     leaf: Signal<'b>,
     address: Signal<'b>,
     context: Signal<'b>,
-    /// Whether a packet of the world starts nowhere.
+    /// The packet that starts or whose pop ends; from [`REGISTER_ENTERED_FROM`] on, a clock before the rest.
+    packet: Signal<'b>,
+    /// Whether it starts nowhere, being of the world; in the same clock.
     none_enters: Signal<'b>,
 }
 
@@ -788,7 +795,9 @@ impl<'b> Unit<'b> {
         let touched = context.get(context_in, "touched");
         let inside = context.get(context_in, "inside");
         let both = (goes_left & goes_right).named("goes_both");
-        let pushes = (both & valid.at(decided)).named("pushes");
+        let pushes = (both & valid.at(decided))
+            .named("pushes")
+            .cleared_by_reset();
         let next_level = (level + both.extend(plan.level_bits())).named("next_level");
         let next_context = context.pack(&[
             ("level", next_level),
@@ -1123,28 +1132,51 @@ impl<'b> Unit<'b> {
             self.shapes.pop(pop.packet, pop.context),
         ));
 
+        // What is kept here is read after the node's answer, which takes a clock more than this register.
+        let registered = plan.config.clock_mhz >= REGISTER_ENTERED_FROM;
+        let later = |name: &str, signal: Signal<'b>, reset: Option<u128>| {
+            if !registered {
+                return signal;
+            }
+            let (name, width) = (format!("{name}_s1"), signal.width());
+            let register = match reset {
+                Some(value) => m.reg_reset(name, width, value),
+                None => m.reg(name, width),
+            };
+            register.next(signal);
+            register.q
+        };
+        let packet = setup_valid.mux(setup_packet, pop.packet);
         intervals
             .popped_packet
-            .drive(setup_valid.mux(setup_packet, pop.packet));
-        intervals.popped_mask_write.drive(start_goes | pop.goes);
+            .drive(later("popped_packet", packet, None));
+        let goes = start_goes | pop.goes;
+        let mask_write = later("popped_mask_write", goes, None);
+        intervals.popped_mask_write.drive(mask_write);
+        let mask = setup_valid.mux(start_mask, pop.mask);
         intervals
             .popped_mask
-            .drive(setup_valid.mux(start_mask, pop.mask));
+            .drive(later("popped_mask", mask, None));
         let setup_interval = interval.pack(&[("near", setup_near), ("far", setup_far)]);
         for i in 0..rays as usize {
-            intervals.popped_write[i].drive(rays_of.setup_of[i] | pop.goes);
-            intervals.popped_interval[i]
-                .drive(setup_valid.mux(setup_interval, pop.intervals[i].untimed()));
+            let write = rays_of.setup_of[i] | pop.goes;
+            let kept = setup_valid.mux(setup_interval, pop.intervals[i].untimed());
+            intervals.popped_write[i].drive(later(&format!("popped_write{i}"), write, None));
+            intervals.popped_interval[i].drive(later(&format!("popped_interval{i}"), kept, None));
         }
-        let entered = (start_goes | pop.goes).named("entered");
-        let entered_leaf = setup_valid.mux(started_leaf, pop.leaf);
-        let entered_address = setup_valid.mux(started_address, pop.address);
-        let entered_context = setup_valid.mux(started_context, pop.context);
+        let entered = goes.named("entered");
+        let leaf = setup_valid.mux(started_leaf, pop.leaf);
+        let address = setup_valid.mux(started_address, pop.address);
+        let context = setup_valid.mux(started_context, pop.context);
         Entered {
-            valid: entered,
-            leaf: entered_leaf,
-            address: entered_address,
-            context: entered_context,
+            valid: later("entered", entered, Some(0)),
+            leaf: later("entered_leaf", leaf, None),
+            address: later("entered_address", address, None),
+            context: later("entered_context", context, None),
+            packet: match registered {
+                true => packet,
+                false => intervals.popped_packet.get(),
+            },
             none_enters: start_nowhere & !setup_object,
         }
     }
@@ -1294,7 +1326,7 @@ pub fn module(plan: &Plan) -> Result<Tpu, HdlError> {
         "finished_valid",
         entered.none_enters | (pop.done & pop.empty),
     );
-    m.output("finished_packet", intervals.popped_packet.get());
+    m.output("finished_packet", entered.packet);
     m.output(
         "finished_touched",
         unit.inputs

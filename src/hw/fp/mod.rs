@@ -18,24 +18,24 @@
 //! # Depth
 //!
 //! A unit's steps are spread over as few stages as the clock allows, by a table of delays (`schedule.rs`) of an
-//! ECP5 of the slowest grade with a fifth of the period to spare. For [`Format::FP24`]:
+//! ECP5 of the slowest grade with a fifth of the period to spare, 2 ns at least. For [`Format::FP24`]:
 //!
 //! | clock, MHz | add, sub | mul | reciprocal |
 //! |---|---|---|---|
 //! | 50 | 3 | 2 | 5 |
 //! | 66 | 3 | 2 | 7 |
 //! | 100 | 5 | 3 | 12 |
-//! | 133 | 8 | 4 | 18 |
-//! | 200 | 11 | 4 | 34 |
+//! | 133 | 9 | 4 | 18 |
+//! | 200 | 13 | 4 | 34 |
 //!
 //! Measured for [`Format::FP24`], between registers: Virtex-4 LUT4, flip-flops and DSP48 as Yosys counts them, and MHz on an
 //! ECP5-85F of the slowest grade as nextpnr places it.
 //!
 //! | unit | for 66 MHz | for 100 MHz | for 133 MHz |
 //! |---|---|---|---|
-//! | add | 327 / 105 / 0, 90 MHz | 343 / 173 / 0, 128 MHz | 322 / 295 / 0, 178 MHz |
-//! | mul | 89 / 71 / 1, 99 MHz | 89 / 102 / 1, 139 MHz | 89 / 131 / 1, 147 MHz |
-//! | reciprocal | 377 / 345 / 0, 82 MHz | 431 / 609 / 0, 124 MHz | 324 / 906 / 0, 171 MHz |
+//! | add | 327 / 105 / 0, 87 MHz | 343 / 173 / 0, 132 MHz | 321 / 328 / 0, 176 MHz |
+//! | mul | 89 / 71 / 1, 101 MHz | 89 / 102 / 1, 139 MHz | 89 / 131 / 1, 187 MHz |
+//! | reciprocal | 377 / 345 / 0, 81 MHz | 431 / 609 / 0, 120 MHz | 324 / 906 / 0, 172 MHz |
 //!
 //! Combinational, in LUT4: less 56, equal 33, min or max 81, a step of three ulps 63 to 78; a comparison takes less where something is
 //! [`Known`] of its operands.

@@ -191,11 +191,11 @@ pub(super) fn block_fifo(module: &Rc<Module>) -> Result<Induction> {
             "!f_stays | (valid & front == f_front)",
         ),
     ];
-    for (k, word) in ["words_read", "words_read_d1"]
-        .iter()
-        .take(settling)
-        .enumerate()
-    {
+    for k in 0..settling {
+        let word = match k {
+            0 => "words_read".into(),
+            _ => format!("words_read_d{k}"),
+        };
         laws.push(law(
             "the word read is the head's once that has stood still",
             format!("!settled{k} | (count != 0 & {word} == f_first)"),
@@ -240,8 +240,14 @@ pub(super) fn prefetch(module: &Rc<Module>) -> Result<Induction> {
     let address = port_width(module, "request_address")?;
     let bits = tag + 2;
     let registered = module.verilog().contains("\n  reg  head_is_there;");
+    // The slots that are taken: the count, less one that it has yet to give back.
+    let taken = match registered {
+        true => "count - slot_freed",
+        false => "count",
+    };
     let observer = format!(
         "{START}
+  wire [{bits}-1:0] f_count = {taken};
   reg [{depth}-1:0] f_owed;
   wire f_request = request_valid & request_ready;
   always @(posedge clk)
@@ -272,7 +278,7 @@ pub(super) fn prefetch(module: &Rc<Module>) -> Result<Induction> {
         f_watching <= 1'b1;
         f_answered <= 1'b0;
         f_tag <= request_tag;
-        f_ahead <= count + front_valid - pop;
+        f_ahead <= f_count + front_valid - pop;
       end
     end else begin
       if (response_valid & response_tag == f_tag & !f_answered) begin
@@ -288,7 +294,7 @@ pub(super) fn prefetch(module: &Rc<Module>) -> Result<Induction> {
   always @(posedge clk)
     if (rst) f_inside <= 0;
     else f_inside <= f_inside + (fetch_valid & fetch_ready) - pop;
-  wire [{bits}-1:0] f_end = head + count;
+  wire [{bits}-1:0] f_end = head + f_count;
   wire [{bits}-1:0] f_tail = f_end >= {depth} ? f_end - {depth} : f_end;
   wire f_in_front = f_ahead == 0 & front_valid;
   wire f_behind = f_watching & !f_in_front;
@@ -300,7 +306,7 @@ pub(super) fn prefetch(module: &Rc<Module>) -> Result<Induction> {
   generate
     for (f_i = 0; f_i < {depth}; f_i = f_i + 1) begin : f_slots
       wire [{bits}-1:0] f_from_head = head > f_i ? f_i + {depth} - head : f_i - head;
-      assign f_used[f_i] = f_from_head < count;
+      assign f_used[f_i] = f_from_head < f_count;
     end
   endgenerate
 "
@@ -321,12 +327,12 @@ pub(super) fn prefetch(module: &Rc<Module>) -> Result<Induction> {
                 "!f_waits | (request_valid & request_address == f_address & request_tag == f_shown_tag)",
             ),
             law("a watched word comes out in its turn", "!(f_watching & f_in_front) | (f_answered & front == f_word)"),
-            law("a watched word is there until it is popped", "!f_watching | f_ahead < count + front_valid"),
+            law("a watched word is there until it is popped", "!f_watching | f_ahead < f_count + front_valid"),
             law("a watched word keeps its slot", "!f_behind | f_slot == f_tag"),
             law("a watched word has arrived when memory answered", "!f_behind | f_answered == arrived[f_tag]"),
             law("a watched word is stored as memory answered", "!(f_behind & f_answered) | f_stored == f_word"),
-            law("it waits for nothing but the memory", "valid | head_arrived | count == 0 | f_owed[head]"),
-            law("as many words are under way as were asked for and not popped", "f_inside == count + front_valid"),
+            law("it waits for nothing but the memory", "valid | head_arrived | f_count == 0 | f_owed[head]"),
+            law("as many words are under way as were asked for and not popped", "f_inside == f_count + front_valid"),
             law("it is empty where nothing is under way", "empty == (f_inside == 0)"),
         ],
         happens: "f_watching & f_in_front & pop".into(),
@@ -341,6 +347,10 @@ pub(super) fn prefetch(module: &Rc<Module>) -> Result<Induction> {
     if registered {
         proof.laws.extend([
             law(
+                "a slot that has just been freed is counted, and its word is the front",
+                "!slot_freed | (count != 0 & front_valid)",
+            ),
+            law(
                 "a word that is said to be there has arrived",
                 "!head_is_there | arrived[head]",
             ),
@@ -351,7 +361,7 @@ pub(super) fn prefetch(module: &Rc<Module>) -> Result<Induction> {
         ]);
         proof.plants.push(plant(
             "the head's word is said to be there again when the next one's turn comes",
-            "head_is_there <=",
+            "else head_is_there <=",
             "second_arrived",
             "head_arrived",
         ));

@@ -53,6 +53,10 @@ pub(super) fn packets(module: &Rc<Module>, packets: u32) -> Result<Induction> {
         .collect();
     let place = |a: &str, b: &str, c: &str| (a.to_string(), b.to_string(), c.to_string());
     places.insert(3, place("f_popping", "pop_valid", "pop_done"));
+    // Where a packet goes may have a register of its own.
+    if module.verilog().contains("\n  reg  entered_s1;") {
+        places.push(place("entered_s1", "entered", "entered_s1"));
+    }
     places.extend([
         place("f_memory", "f_request", "node_response_valid"),
         place("f_stepping", "node_response_valid", "step_valid"),
@@ -272,10 +276,11 @@ pub(super) fn choices(module: &Rc<Module>) -> Result<Induction> {
             "entered",
             "retry_push",
             "step_goes_nowhere",
-            "stack_read",
         ]
         .map(String::from)
-        .to_vec(),
+        .into_iter()
+        .chain(Stored::of(module)?.reads())
+        .collect(),
         depth: 1,
         arrays: false,
         plants: vec![
@@ -302,15 +307,10 @@ pub(super) fn stack(module: &Rc<Module>, config: &Config) -> Result<Induction> {
     let (packets, levels) = (config.packets_in_flight, config.stack_depth);
     let pb = bits_for(u64::from(packets));
     let lb = bits_for(u64::from(levels) + 1);
-    let width = between(module, "  reg  [", ":0] stack_read;")
-        .map(|t| t.rsplit("reg  [").next().unwrap_or(t))?;
     let level = between(module, "wire stack_full = ", " == ")?;
     let level_after = between(module, "(high_water < ", ")")?;
-    let address = between(module, "if (stack_write) stack[", "] <=")?;
-    let data = between(module, "if (stack_write) stack[", ";")?
-        .rsplit("<= ")
-        .next();
-    let data = data.context("the stack is written")?;
+    let stored = Stored::of(module)?;
+    let (address, data) = (&stored.address, &stored.data);
     let (packet_bits, level_bits) = address
         .trim_matches(['{', '}'])
         .split_once(", ")
@@ -341,10 +341,11 @@ pub(super) fn stack(module: &Rc<Module>, config: &Config) -> Result<Induction> {
   wire [{lb}-1:0] f_pop_level = pop[{pb} +: {lb}];
   wire f_push = {push} & step_packet == f_packet & {level} == f_level & f_level != {levels};
   wire f_pop = {pop_valid} & !stack_empty & pop[{pb}-1:0] == f_packet & f_pop_level == f_level + 1'b1;
-  reg f_pushed, f_popped;
-  reg [{width}:0] f_word, f_expected;
+  reg f_pushed, f_popped, f_was_reset;
+  reg [{width}-1:0] f_word, f_expected;
   reg [{pops}*{lb}-1:0] f_popped_levels;
   always @(posedge clk) begin
+    f_was_reset <= rst;
     if (rst) f_pushed <= 1'b0;
     else if (f_push) begin
       f_pushed <= 1'b1;
@@ -354,13 +355,16 @@ pub(super) fn stack(module: &Rc<Module>, config: &Config) -> Result<Induction> {
     f_expected <= f_word;
     f_popped_levels <= {{f_popped_levels, f_pop_level}};
   end
-  wire [{width}:0] f_stored = stack[{{{packet}, {level_low}}}];
-  wire [{lb}-1:0] f_level_popped = f_popped_levels[{pops}*{lb}-1 -: {lb}];
+  wire [{place_bits}-1:0] f_place = {{{packet}, {level_low}}};
+{memory}  wire [{lb}-1:0] f_level_popped = f_popped_levels[{pops}*{lb}-1 -: {lb}];
   wire [{lb}-1:0] f_level_before = {level};
   wire [{lb}-1:0] f_level_out = pop_out_context[{lb}-1:0];
 ",
         packet = part(packet_bits, "f_packet"),
         level_low = part(level_bits, "f_level"),
+        width = stored.width,
+        place_bits = pb + lb - 1,
+        memory = stored.observer(),
     );
     let cut = [
         "pop",
@@ -369,7 +373,7 @@ pub(super) fn stack(module: &Rc<Module>, config: &Config) -> Result<Induction> {
         "stack_write_data",
         "step_packet",
     ];
-    Ok(Induction {
+    let mut proof = Induction {
         module: module.name().into(),
         what: format!(
             "a pop reads what the packet's push at its level wrote; levels count; {packets} packets, {levels} levels"
@@ -378,12 +382,8 @@ pub(super) fn stack(module: &Rc<Module>, config: &Config) -> Result<Induction> {
         observer,
         laws: vec![
             law(
-                "what was pushed stays until it is overwritten at its level",
-                "!f_pushed | f_stored == f_word",
-            ),
-            law(
-                "a pop reads what was pushed",
-                "!f_popped | stack_read == f_expected",
+                "a clock of reset is enough: nothing is pushed after it, nor counted",
+                "!f_was_reset | (!stack_write & high_water == 0 & !overflow)",
             ),
             law(
                 "a push to a full stack is not written",
@@ -404,12 +404,6 @@ pub(super) fn stack(module: &Rc<Module>, config: &Config) -> Result<Induction> {
         arrays: true,
         plants: vec![
             plant(
-                "a pop reads another level",
-                "stack_read <= stack[",
-                "level_below",
-                "~level_below",
-            ),
-            plant(
                 "a full stack is written",
                 "wire stack_write =",
                 "& ~stack_full",
@@ -428,5 +422,214 @@ pub(super) fn stack(module: &Rc<Module>, config: &Config) -> Result<Induction> {
                 &format!("{level_out} - 1'b1"),
             ),
         ],
-    })
+    };
+    proof.laws.extend(stored.laws());
+    proof.plants.extend(stored.plants());
+    Ok(proof)
+}
+
+/// How a unit keeps its stack, read from its text: as one memory, or in banks (see `hw::banks`).
+struct Stored {
+    /// Bits of a word.
+    width: u32,
+    /// Where a push writes, and what, in the clock in which it decides to.
+    address: String,
+    data: String,
+    /// The address that a pop reads, as it is named.
+    read_address: String,
+    banks: Vec<Bank>,
+    /// The choice between the banks' words.
+    choice: Option<String>,
+}
+
+/// A bank: a memory, and the registers with which it is written.
+struct Bank {
+    name: String,
+    enable: String,
+    address: String,
+    data: String,
+}
+
+/// Bits of an address inside a bank.
+const BANK_BITS: u32 = 9;
+
+impl Stored {
+    fn of(module: &Module) -> Result<Stored> {
+        let name_of = |i: usize, banked: bool| match banked {
+            true => format!("stack_bank{i}"),
+            false => "stack".into(),
+        };
+        let banked = module.verilog().contains("] stack_bank0 [");
+        let count = match banked {
+            true => (0..)
+                .take_while(|i| module.verilog().contains(&format!("] stack_bank{i} [")))
+                .count(),
+            false => 1,
+        };
+        let mut banks = vec![];
+        for i in 0..count {
+            let name = name_of(i, banked);
+            let write = (module.verilog().lines())
+                .find(|line| line.contains("if (") && line.contains(&format!(") {name}[")))
+                .with_context(|| format!("{name} is written"))?;
+            let part = |before: &str, after: &str| {
+                let found = write
+                    .split_once(before)
+                    .and_then(|(_, rest)| rest.split_once(after));
+                let (inner, _) = found.with_context(|| format!("how {name} is written"))?;
+                Ok::<_, anyhow::Error>(inner.to_string())
+            };
+            banks.push(Bank {
+                enable: part("if (", ")")?,
+                address: part(&format!(" {name}["), "] <=")?,
+                data: part("<= ", ";")?,
+                name,
+            });
+        }
+        let first = &banks[0];
+        let width = (module.verilog().lines())
+            .find_map(|line| {
+                let rest = line.trim().strip_prefix("reg  [")?;
+                let (high, rest) = rest.split_once(":0] ")?;
+                (rest == format!("{}_read;", first.name)).then(|| high.parse::<u32>().ok())?
+            })
+            .context("the stack's words have a width")?
+            + 1;
+        let read = between(module, &format!("{0}_read <= {0}[", first.name), ";")?;
+        let joined = |name: &str| {
+            let name = name.split('[').next().unwrap_or(name);
+            between(module, &format!("] {name} = "), ";").map(str::to_string)
+        };
+        let before = |register: &str| {
+            between(module, &format!("    {register} <= "), ";").map(str::to_string)
+        };
+        let (address, data, read_address, choice) = match banked {
+            false => (
+                first.address.clone(),
+                first.data.clone(),
+                read.trim_end_matches(']').to_string(),
+                None,
+            ),
+            true => {
+                let choice = (module.verilog().split(';'))
+                    .find(|text| text.contains(" ? ") && text.contains("stack_bank0_read"))
+                    .and_then(|text| text.split_once("<=")?.0.split_whitespace().last())
+                    .context("a choice between the stack's banks")?;
+                (
+                    joined(&before(&first.address)?)?,
+                    before(&first.data)?,
+                    read.split('[').next().unwrap_or(read).to_string(),
+                    Some(choice.to_string()),
+                )
+            }
+        };
+        Ok(Stored {
+            width,
+            address,
+            data,
+            read_address,
+            banks,
+            choice,
+        })
+    }
+
+    /// `what` of the bank that the watched place is in.
+    fn of_bank(&self, what: impl Fn(&Bank) -> String) -> String {
+        let (first, others) = self.banks.split_first().expect("a stack has a bank");
+        (1..).zip(others).fold(what(first), |otherwise, (i, bank)| {
+            format!(
+                "f_place >> {BANK_BITS} == {i} ? {} : {otherwise}",
+                what(bank)
+            )
+        })
+    }
+
+    fn observer(&self) -> String {
+        let w = self.width;
+        if self.choice.is_none() {
+            return format!(
+                "  wire [{w}-1:0] f_stored = {0}[f_place];
+  wire [{w}-1:0] f_read = {0}_read;
+",
+                self.banks[0].name
+            );
+        }
+        let enable = self.of_bank(|bank| bank.enable.clone());
+        let low = format!("f_place[{BANK_BITS}-1:0]");
+        let written = self.of_bank(|bank| format!("{} == {low}", bank.address));
+        format!(
+            "  wire [{w}-1:0] f_stored = {stored};
+  wire [{w}-1:0] f_read = {read};
+  // A push is written a clock later. Its packet cannot pop in the clocks until then: it has yet to ask for its next node.
+  reg f_flies;
+  always @(posedge clk) f_flies <= f_push;
+  always @* assume (!(f_pop & (f_push | f_flies)));
+  wire f_writes = ({enable}) & ({written});
+  wire [{w}-1:0] f_written = {data};
+  reg [1:0] f_chosen;
+  reg [{w}-1:0] f_then_expected, f_last_expected;
+  always @(posedge clk) begin
+    f_chosen <= rst ? 2'b0 : {{f_chosen[0], f_popped}};
+    f_then_expected <= f_expected;
+    f_last_expected <= f_then_expected;
+  end
+",
+            stored = self.of_bank(|bank| format!("{}[{low}]", bank.name)),
+            read = self.of_bank(|bank| format!("{}_read", bank.name)),
+            data = self.of_bank(|bank| bank.data.clone()),
+        )
+    }
+
+    /// The registers that hold what was read.
+    fn reads(&self) -> impl Iterator<Item = String> {
+        (self.banks.iter()).map(|bank| format!("{}_read", bank.name))
+    }
+
+    fn laws(&self) -> Vec<Law> {
+        let read = law(
+            "a pop reads what was pushed",
+            "!f_popped | f_read == f_expected",
+        );
+        let stays = "what was pushed stays until it is overwritten at its level";
+        match &self.choice {
+            None => vec![law(stays, "!f_pushed | f_stored == f_word"), read],
+            Some(choice) => vec![
+                law(
+                    stays,
+                    "!f_pushed | (f_flies ? f_writes & f_written == f_word : f_stored == f_word)",
+                ),
+                law(
+                    "only a push at its level overwrites it",
+                    "f_writes == f_flies",
+                ),
+                read,
+                law(
+                    "the word of its bank is chosen",
+                    format!("!f_chosen[1] | {choice} == f_last_expected"),
+                ),
+            ],
+        }
+    }
+
+    fn plants(&self) -> Vec<Plant> {
+        let another = "a pop reads another level";
+        let Some(choice) = &self.choice else {
+            return vec![plant(
+                another,
+                "stack_read <= stack[",
+                "level_below",
+                "~level_below",
+            )];
+        };
+        let line = format!("] {} = ", self.read_address);
+        vec![
+            plant(another, &line, "level_below", "~level_below"),
+            plant(
+                &format!("{choice} takes another bank's word"),
+                "? stack_bank1_read",
+                "stack_bank1_read",
+                "stack_bank0_read",
+            ),
+        ]
+    }
 }
