@@ -573,14 +573,19 @@ impl<'a> Run<'a> {
     fn all(&mut self, workload: Workload<'_>, options: &UnitOptions) -> Result<()> {
         self.reset()?;
         let mut batches = Batches::new(self.config, workload, options.seed)?;
+        // However few the scenes are, some of them hold odd numbers.
+        let mut until_poison = self.rng.u8(..4);
         while let Some(batch) = batches.next(self.bench.tally.transactions)? {
             let around = match options.surroundings {
                 Some(around) => around,
                 None => Surroundings::random(&mut self.rng),
             };
             let mut contents = Contents::new(&batch.scene);
-            if batch.is_random && self.rng.u8(..4) == 0 {
-                contents.poison(self.format, &mut self.rng);
+            if batch.is_random {
+                if until_poison == 0 {
+                    contents.poison(self.format, &mut self.rng);
+                }
+                until_poison = (until_poison + 3) % 4;
             }
             let packets = self.scripts(&batch, &contents);
             self.batch(&contents, packets, &around)?;

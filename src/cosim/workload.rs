@@ -163,7 +163,7 @@ impl<'a> Batches<'a> {
             if self.rng.u8(..16) != 0 {
                 continue;
             }
-            let length = f64::powi(2.0, longest - self.rng.i32(..4));
+            let length = f64::powi(2.0, longest - self.rng.i32(0..4));
             for ray in packet {
                 ray.direction = ray.direction.map(|x| a.round(x * length));
                 (ray.tmin, ray.tmax) = (0.0, f64::INFINITY);
@@ -776,7 +776,7 @@ fn ray_near_plane(
         f64::powi(2.0, -(format.fraction_bits() as i32)),
     );
     let axis = rng.usize(..3);
-    let shorter = rng.i32(..4);
+    let shorter = rng.i32(0..4);
     let plane = if rng.bool() { lo[axis] } else { hi[axis] };
     let ulps = f64::from(rng.i32(-2..6));
     let offset = one_of(rng, &[1.0, -1.0]) * f64::powi(2.0, -shorter) * (1.0 + ulps * ulp);
