@@ -45,13 +45,24 @@ const INTERVALS: u64 = 100;
 const DEPTH_UNITS: [&str; 4] = ["fp_add", "fp_mul", "fp_reciprocal", "near_distance"];
 const DEPTH_CLOCKS: [u32; 6] = [50, 66, 75, 100, 125, 150];
 
+/// Which units are placed and routed.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Clocks {
+    #[default]
+    None,
+    /// Those whose Verilog has changed, by the tools that measured the others.
+    Changed,
+    /// All: hours, without a cache.
+    All,
+}
+
 /// What to measure; all else is taken over from the baseline given.
 #[derive(Clone, Debug, Default)]
 pub struct Request {
     /// Modules that took more LUT4 than this are not synthesised again; `None`: all that have changed are.
     pub most_lut4: Option<u64>,
-    /// The clocks of the [`UNITS`] too, of the reference machine and of [`FAST`]: hours, without a cache.
-    pub clock: bool,
+    /// Of which of the [`UNITS`] the clocks too, of the reference machine and of [`FAST`].
+    pub clocks: Clocks,
     /// The area of the other named configurations too: half an hour, without a cache.
     pub configurations: bool,
     /// The table of depths too: half an hour, without a cache.
@@ -94,9 +105,33 @@ pub fn measure(
     if request.depths {
         depths(&config, &mut is, &routing, progress)?;
     }
-    if request.clock {
-        (is.clock, is.clock_tools) = clocks(&config, &routing, progress)?;
-        is.fast_clock = clocks(&Config::load(FAST)?, &routing, progress)?.0;
+    if request.clocks != Clocks::None {
+        let known = |of: &[UnitClock]| match request.clocks {
+            Clocks::Changed => of.to_vec(),
+            _ => vec![],
+        };
+        let machines = [
+            (config, known(&was.clock), &mut is.clock),
+            (
+                Config::load(FAST)?,
+                known(&was.fast_clock),
+                &mut is.fast_clock,
+            ),
+        ];
+        for (config, known, clock) in machines {
+            let (measured, tools) = clocks(&config, &known, &routing, progress)?;
+            let Some(tools) = tools else {
+                *clock = measured;
+                continue;
+            };
+            ensure!(
+                request.clocks == Clocks::All || tools == was.clock_tools,
+                "the clocks were measured with {}, and these tools are {}; use --clock, which measures all of them",
+                was.clock_tools.join(", "),
+                tools.join(", ")
+            );
+            (*clock, is.clock_tools) = (measured, tools);
+        }
     }
     Ok((is, kept))
 }
@@ -341,26 +376,44 @@ fn depths(
     Ok(())
 }
 
-/// The clocks of a machine's units.
+/// The clocks of a machine's units, those that are `known` for the same Verilog taken over; and the tools, if any were needed.
 fn clocks(
     config: &Config,
+    known: &[UnitClock],
     routing: Routing<'_>,
     progress: &dyn Fn(&str),
-) -> Result<(Vec<UnitClock>, Vec<String>)> {
+) -> Result<(Vec<UnitClock>, Option<Vec<String>>)> {
     let (machine, _) = emit::generate(config)?;
     let modules = machine.design.modules();
-    let report = synth::synthesise(config, &routing(&UNITS, SEEDS), progress)?;
-    let clocks = (report.units.into_iter())
-        .map(|unit| {
-            let path = unit.critical_path.context("a critical path")?;
-            let module = modules.iter().find(|module| module.name() == unit.name);
-            Ok(UnitClock {
-                verilog: synth::fingerprint(module.context("a unit of the machine")?)?,
-                name: unit.name,
-                mhz: rounded(unit.mhz.context("a clock")?),
-                critical_path: path.to_string(),
-            })
-        })
-        .collect::<Result<_>>()?;
-    Ok((clocks, report.tools))
+    let (mut clocks, mut changed) = (vec![], vec![]);
+    for name in UNITS {
+        let module = modules.iter().find(|module| module.name() == name);
+        let verilog = synth::fingerprint(module.context("a unit of the machine")?)?;
+        let of = |known: &&UnitClock| known.name == name && known.verilog == verilog;
+        clocks.push(match known.iter().find(of) {
+            Some(known) => known.clone(),
+            None => {
+                changed.push(name);
+                // Its place; the clock follows.
+                UnitClock {
+                    name: name.into(),
+                    verilog,
+                    mhz: 0.0,
+                    critical_path: String::new(),
+                }
+            }
+        });
+    }
+    if changed.is_empty() {
+        return Ok((clocks, None));
+    }
+    let report = synth::synthesise(config, &routing(&changed, SEEDS), progress)?;
+    for unit in report.units {
+        let clock = clocks.iter_mut().find(|clock| clock.name == unit.name);
+        let clock = clock.context("a unit that was not asked for")?;
+        let path = unit.critical_path.context("a critical path")?;
+        (clock.mhz, clock.critical_path) =
+            (rounded(unit.mhz.context("a clock")?), path.to_string());
+    }
+    Ok((clocks, Some(report.tools)))
 }

@@ -13,7 +13,7 @@ mod measure;
 pub mod page;
 mod plots;
 
-pub use measure::{Request, UNITS, measure};
+pub use measure::{Clocks, Request, UNITS, measure};
 
 use crate::synth::Area;
 use anyhow::{Context, Result, anyhow};

@@ -2,7 +2,7 @@
 
 use super::{check_outputs, counted, print, tell};
 use anyhow::{Context, Result, bail, ensure};
-use dynrt::baseline::{self, Baseline, LOG_HEAD, Request, Verdict, page};
+use dynrt::baseline::{self, Baseline, Clocks, LOG_HEAD, Request, Verdict, page};
 use dynrt::report;
 use serde_json::json;
 use std::fmt::Write as _;
@@ -16,10 +16,17 @@ Examples:
   dynrt baseline                            clocks, and the area of the smaller modules that have changed
   dynrt baseline --all                      the area of the larger ones too: up to an hour where they have changed
   dynrt baseline --all --configurations --depths --clock     everything, placed and routed from three seeds: hours
-  dynrt baseline --accept 'a stack of 24'   take the figures as they are now, and log why";
+  dynrt baseline --all --clock=changed --accept 'a stack of 24'     take the figures as they are now, and log why";
 
 /// Larger modules are left out without `--all`: Yosys takes minutes for them.
 const MOST_LUT4: u64 = 6000;
+
+/// Units to place and route.
+#[derive(Clone, Copy, Debug, clap::ValueEnum)]
+enum Which {
+    All,
+    Changed,
+}
 
 /// Compare what the machine costs with what is checked in, or accept what it costs now
 #[derive(clap::Args)]
@@ -37,9 +44,15 @@ pub struct Args {
     /// The table of depths too
     #[arg(long)]
     depths: bool,
-    /// The clocks of the units too, placed and routed from three seeds
-    #[arg(long)]
-    clock: bool,
+    /// The clocks of the units too, placed and routed from three seeds: of all, or with =changed of those whose Verilog has changed
+    #[arg(
+        long,
+        value_name = "WHICH",
+        require_equals = true,
+        num_args = 0..=1,
+        default_missing_value = "all"
+    )]
+    clock: Option<Which>,
     /// Write the figures as they are now, and why, into the log beside them
     #[arg(long, value_name = "WHY")]
     accept: Option<String>,
@@ -64,7 +77,11 @@ pub fn run(args: &Args) -> Result<()> {
     };
     let request = Request {
         most_lut4: (!args.all && args.accept.is_none()).then_some(MOST_LUT4),
-        clock: args.clock,
+        clocks: match args.clock {
+            None => Clocks::None,
+            Some(Which::Changed) => Clocks::Changed,
+            Some(Which::All) => Clocks::All,
+        },
         configurations: args.configurations,
         depths: args.depths,
         cache: None,
