@@ -47,14 +47,14 @@ impl<'b> Banks<'b> {
         }
     }
 
-    /// The word at an address, as late as [`Plan::read`] has it.
+    /// The word at an address, as late as [`Plan::read`] has it; with banks a clock later, as it is written.
     pub fn read(&self, plan: &Plan, address: Signal<'b>) -> Signal<'b> {
         if let [(only, _)] = self.banks[..] {
             return plan.read(only, address);
         }
         let (bank, address) = Banks::split(address);
         let words: Vec<_> = (self.banks.iter())
-            .map(|(memory, bits)| memory.read(address.low(*bits)).register())
+            .map(|(memory, bits)| memory.read(address.low(*bits).register()).register())
             .collect();
         plan.settle_choice(pick(bank, &words))
     }

@@ -518,7 +518,9 @@ impl Stored {
                 (
                     joined(&before(&first.address)?)?,
                     before(&first.data)?,
-                    read.split('[').next().unwrap_or(read).to_string(),
+                    (before(read.trim_end_matches(']'))?.split('[').next())
+                        .context("where a pop reads")?
+                        .to_string(),
                     Some(choice.to_string()),
                 )
             }
@@ -560,18 +562,19 @@ impl Stored {
         format!(
             "  wire [{w}-1:0] f_stored = {stored};
   wire [{w}-1:0] f_read = {read};
-  // A push is written a clock later. Its packet cannot pop in the clocks until then: it has yet to ask for its next node.
+  // A push is written a clock later, as a pop reads. Its packet cannot pop in the clocks until then: it has yet to ask for its next node.
   reg f_flies;
   always @(posedge clk) f_flies <= f_push;
   always @* assume (!(f_pop & (f_push | f_flies)));
   wire f_writes = ({enable}) & ({written});
   wire [{w}-1:0] f_written = {data};
-  reg [1:0] f_chosen;
-  reg [{w}-1:0] f_then_expected, f_last_expected;
+  reg [2:0] f_then;
+  reg [{w}-1:0] f_then_expected0, f_then_expected1, f_then_expected2;
   always @(posedge clk) begin
-    f_chosen <= rst ? 2'b0 : {{f_chosen[0], f_popped}};
-    f_then_expected <= f_expected;
-    f_last_expected <= f_then_expected;
+    f_then <= rst ? 3'b0 : {{f_then[1:0], f_popped}};
+    f_then_expected0 <= f_expected;
+    f_then_expected1 <= f_then_expected0;
+    f_then_expected2 <= f_then_expected1;
   end
 ",
             stored = self.of_bank(|bank| format!("{}[{low}]", bank.name)),
@@ -586,13 +589,13 @@ impl Stored {
     }
 
     fn laws(&self) -> Vec<Law> {
-        let read = law(
-            "a pop reads what was pushed",
-            "!f_popped | f_read == f_expected",
-        );
+        let read = "a pop reads what was pushed";
         let stays = "what was pushed stays until it is overwritten at its level";
         match &self.choice {
-            None => vec![law(stays, "!f_pushed | f_stored == f_word"), read],
+            None => vec![
+                law(stays, "!f_pushed | f_stored == f_word"),
+                law(read, "!f_popped | f_read == f_expected"),
+            ],
             Some(choice) => vec![
                 law(
                     stays,
@@ -602,10 +605,10 @@ impl Stored {
                     "only a push at its level overwrites it",
                     "f_writes == f_flies",
                 ),
-                read,
+                law(read, "!f_then[0] | f_read == f_then_expected0"),
                 law(
                     "the word of its bank is chosen",
-                    format!("!f_chosen[1] | {choice} == f_last_expected"),
+                    format!("!f_then[2] | {choice} == f_then_expected2"),
                 ),
             ],
         }
