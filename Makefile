@@ -47,6 +47,7 @@ evidence: tools
 
 $(EVIDENCE)/%.done: $(SOURCES)
 	@mkdir -p $(EVIDENCE)
+	@rm -f $(EVIDENCE)/$*.* $(EVIDENCE)/$*-*
 	cargo build --release --quiet
 	@echo "evidence: $*"
 	$(EVIDENCE_$*)

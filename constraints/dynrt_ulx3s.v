@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: MIT OR Apache-2.0
-// dynrt_ulx3s: the self-test on a ULX3S with an LFE5U-85F, at 100 MHz.
+// dynrt_ulx3s: the self-test on a ULX3S with an LFE5U-85F, at 50 MHz.
 // LED 0: done; LED 1: pass; with switch 4 on, a byte of the checksum, which switches 1 to 3 choose. FIRE1 starts over.
 
 `default_nettype none
@@ -15,15 +15,15 @@ module dynrt_ulx3s (
   wire clk, locked, done, pass;
   wire [7:0] checksum_byte;
 
-  (* FREQUENCY_PIN_CLKI = "25", FREQUENCY_PIN_CLKOP = "100" *)
+  (* FREQUENCY_PIN_CLKI = "25", FREQUENCY_PIN_CLKOP = "50" *)
   (* ICP_CURRENT = "12", LPF_RESISTOR = "8", MFG_ENABLE_FILTEROPAMP = "1", MFG_GMCREF_SEL = "2" *)
   EHXPLLL #(
     .CLKI_DIV(1),
-    .CLKFB_DIV(4),
+    .CLKFB_DIV(2),
     .FEEDBK_PATH("CLKOP"),
     .CLKOP_ENABLE("ENABLED"),
-    .CLKOP_DIV(6),
-    .CLKOP_CPHASE(2),
+    .CLKOP_DIV(12),
+    .CLKOP_CPHASE(5),
     .CLKOP_FPHASE(0),
     .PLLRST_ENA("DISABLED"),
     .STDBY_ENABLE("DISABLED"),

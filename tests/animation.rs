@@ -1,5 +1,8 @@
 //! Scenes that move, as a user meets them: files, built-in scenes, and what is said of those that cannot be used.
 
+#[path = "common/say.rs"]
+mod say;
+
 use dynrt::float::Format;
 use dynrt::scene::animation::{
     IDENTITY, Influences, Kind, MOST_INFLUENCES, Overrides, SEQUENCE_FRAMES_PER_SECOND,
@@ -7,6 +10,7 @@ use dynrt::scene::animation::{
 };
 use dynrt::scene::{Animated, Bounds, load_animated, log2_scale};
 use glam::DVec3;
+use say::say;
 use serde_json::{Value, json};
 use std::collections::HashMap;
 use std::path::PathBuf;
@@ -25,7 +29,7 @@ fn shared_scene(file: &str) -> Option<String> {
     if path.exists() {
         return Some(path.to_string_lossy().into_owned());
     }
-    eprintln!("absent, so not checked: ../shared/scenes/{file}");
+    say(&format!("absent, so not checked: ../shared/scenes/{file}"));
     None
 }
 

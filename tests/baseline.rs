@@ -63,9 +63,13 @@ fn losses_are_noticed() {
         mhz: 104.0,
         critical_path: "a → b".into(),
     }];
+    was.fast_clock = vec![UnitClock {
+        mhz: 130.0,
+        ..was.clock[0].clone()
+    }];
     assert!(failures(&compare(&was, &was, &[])).is_empty());
     type Edit = fn(&mut Baseline);
-    let losses: [(&str, Edit); 12] = [
+    let losses: [(&str, Edit); 21] = [
         ("cycles", |b| b.frames[0].cycles += 1),
         ("cycles", |b| b.frames[0].cycles -= 1),
         ("tpu_utilisation", |b| b.frames[1].tpu_utilisation -= 1e-4),
@@ -81,6 +85,24 @@ fn losses_are_noticed() {
         ("nothing", |b| drop(b.area.pop())),
         ("new", |b| b.area[0].name += "_2"),
         ("mhz", |b| b.clock[0].mhz *= 0.96),
+        ("mhz", |b| b.fast_clock[0].mhz *= 0.96),
+        ("depth", |b| b.depths[0].depth += 1),
+        ("mhz", |b| b.depths[0].mhz *= 0.96),
+        ("lut4", |b| b.depths[0].area.lut4 *= 2),
+        // What must be reached, each by itself.
+        ("at least 100 MHz → 99.0 MHz", |b| b.clock[0].mhz = 99.0),
+        ("at least 125 MHz → 124.0 MHz", |b| {
+            b.fast_clock[0].mhz = 124.0;
+        }),
+        ("at least 150 MHz → 149.0 MHz", |b| {
+            b.depths.last_mut().unwrap().mhz = 149.0;
+        }),
+        ("at most 35 %", |b| {
+            b.area.last_mut().unwrap().area.lut4 = 135_168 * 36 / 100;
+        }),
+        ("at most 40 %", |b| {
+            b.area.last_mut().unwrap().area.ram = 116
+        }),
     ];
     for (what, edit) in losses {
         let mut is = was.clone();
@@ -91,6 +113,10 @@ fn losses_are_noticed() {
             "{what}: {failed:?}"
         );
     }
+    // However it was.
+    let mut slow = was.clone();
+    slow.clock[0].mhz = 90.0;
+    assert!(!failures(&compare(&slow, &slow, &[])).is_empty());
     let allowed: [Edit; 4] = [
         |b| {
             let lut4 = &mut b.area.last_mut().unwrap().area.lut4;

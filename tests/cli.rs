@@ -401,6 +401,44 @@ fn a_missing_verilator_gets_one_line() {
     );
 }
 
+#[cfg(unix)]
+#[test]
+fn a_tool_that_is_too_old_gets_one_line() {
+    use std::os::unix::fs::PermissionsExt;
+    let folder = folder();
+    let cache = tempfile::tempdir().unwrap();
+    let old = |arguments: &str, tool: &str, says: &str| {
+        let path = tempfile::tempdir().unwrap();
+        let file = path.path().join(tool);
+        std::fs::write(&file, format!("#!/bin/sh\necho '{says}'\n")).unwrap();
+        std::fs::set_permissions(&file, std::fs::Permissions::from_mode(0o755)).unwrap();
+        let mut command = dynrt(arguments, folder.path());
+        let rest = std::env::var("PATH").unwrap();
+        command
+            .env("PATH", format!("{}:{rest}", path.path().display()))
+            .env("DYNRT_CACHE", cache.path());
+        fault_of(&mut command)
+    };
+    assert_eq!(
+        old(
+            "cosim builtin:cornell --size 8x8",
+            "verilator",
+            "Verilator 4.038 2020-07-11"
+        ),
+        "verilator is too old: Verilator 4.038 2020-07-11; 5.006 or later is needed: apt-get install verilator, of Debian 12 or later"
+    );
+    assert_eq!(
+        old("prove fifo", "z3", "Z3 version 4.4.1"),
+        "z3 is too old: Z3 version 4.4.1; 4.8 or later is needed: apt-get install z3"
+    );
+    let mute = old("prove fifo", "yosys", "");
+    assert!(
+        mute.starts_with("yosys does not say its version: ")
+            && mute.ends_with("; apt-get install yosys"),
+        "{mute}"
+    );
+}
+
 #[test]
 fn outputs_that_cannot_be_written_get_one_line() {
     let folder = folder();

@@ -1,11 +1,15 @@
 //! `dynrt compare`: the hits agree with Embree's, and what is missing is named. Nothing here depends on how long anything takes.
 
+#[path = "common/say.rs"]
+mod say;
+
 use dynrt::compare::{self, Comparison, Embree, Task, mark_differences};
 use dynrt::config::{Config, TriangleTest};
 use dynrt::golden::oracle::{Account, Explanation};
 use dynrt::port::Ray;
 use dynrt::report;
 use dynrt::scene::{self, Camera, Frame, ImageSize, MachineMesh, RayPacket};
+use say::say;
 use serde_json::Value;
 use std::fs;
 use std::path::Path;
@@ -16,7 +20,7 @@ fn embree_is_here() -> bool {
     match Embree::load() {
         Ok(_) => true,
         Err(error) if error.to_string().contains("is not installed") => {
-            eprintln!("{error}: nothing is compared with Embree here");
+            say(&format!("{error}: nothing is compared with Embree here"));
             false
         }
         Err(error) => panic!("{error:#}"),

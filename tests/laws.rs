@@ -3,6 +3,9 @@
 //! Seeds are printed; `DYNRT_SEED=N cargo test --test laws` replays them. `DYNRT_FULL=1` casts 100,000 rays into each
 //! shared scene by brute force instead of 4,000, and ten times as many rays into everything else.
 
+#[path = "common/say.rs"]
+mod say;
+
 mod small;
 
 use dynrt::config::TriangleTest;
@@ -13,6 +16,7 @@ use dynrt::port::{Hit, Ray};
 use dynrt::scene::{self, Camera, ImageSize, MachineMesh};
 use fastrand::Rng;
 use rayon::prelude::*;
+use say::say;
 use small::*;
 
 /// Rays by brute force into each scene of tens of thousands of triangles, where `DYNRT_FULL` is not set.
@@ -225,7 +229,7 @@ fn shared(path: &str) -> Option<String> {
     let path = format!("{}/../shared/scenes/{path}", env!("CARGO_MANIFEST_DIR"));
     let there = std::path::Path::new(&path).exists();
     if !there {
-        eprintln!("{path} is absent: not tested with it");
+        say(&format!("{path} is absent: not tested with it"));
     }
     there.then_some(path)
 }

@@ -3,16 +3,20 @@
 //! Random ones are new in every run; tests print their seed, and `DYNRT_SEED=… cargo test --test machines` replays them. With
 //! `DYNRT_FULL=1` there are twenty of them, and the named configurations are given more to do.
 
+#[path = "common/say.rs"]
+mod say;
+
 use dynrt::config::{Config, NAMED, TriangleTest};
 use dynrt::cosim::scoreboard::Fault;
 use dynrt::fuzz::{Case, Event, Options, Report, Size, Stage, Workbench, run};
+use say::say;
 
 fn seed() -> u64 {
     let seed = match std::env::var("DYNRT_SEED") {
         Ok(text) => text.parse().expect("DYNRT_SEED must be a number"),
         Err(_) => fastrand::u64(..1 << 32),
     };
-    println!("replay with DYNRT_SEED={seed}");
+    say(&format!("replay with DYNRT_SEED={seed}"));
     seed
 }
 

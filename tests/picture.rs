@@ -1,6 +1,9 @@
 //! The picture is right: whole frames agree in triangle with an independent `f64` intersector on the rounded scene,
 //! but for a few counted pixels, each of which lies at an edge or where two triangles are equally far.
 
+#[path = "common/say.rs"]
+mod say;
+
 use dynrt::bkd::{BuildOptions, MemoryImage, build};
 use dynrt::config::TriangleTest;
 use dynrt::float::Format;
@@ -9,6 +12,7 @@ use dynrt::golden::oracle::{Explanation, Oracle};
 use dynrt::port::{Hit, Ray};
 use dynrt::scene::{self, Camera, Frame, ImageSize, MachineMesh};
 use rayon::prelude::*;
+use say::say;
 
 const TESTS: [TriangleTest; 2] = [TriangleTest::MollerTrumbore, TriangleTest::Watertight];
 
@@ -97,7 +101,7 @@ fn shared_scenes_look_as_in_f64() {
         if std::path::Path::new(&path).exists() {
             account(&path, inside, Format::FP24);
         } else {
-            eprintln!("{path} is absent: not tested with it");
+            say(&format!("{path} is absent: not tested with it"));
         }
     }
 }

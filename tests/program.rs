@@ -1,12 +1,16 @@
 //! The update program: what its compiler guarantees, shown by an interpreter of its own on random topologies; the
 //! golden update against a refit from scratch, bit for bit; and the figures that decide its speed.
 
+#[path = "common/say.rs"]
+mod say;
+
 use dynrt::bkd::{Bounds, BuildOptions, Child, MemoryImage, Record, Tree, TreeNode, build};
 use dynrt::float::{Arithmetic, Format};
 use dynrt::golden::update::{UpdateCommand, UpdateEvent, UpdateMemory, update};
 use dynrt::program::{self, Instruction, Program, UpdateMachine};
 use dynrt::scene::{self, MachineMesh};
 use fastrand::Rng;
+use say::say;
 
 /// A scene of `../shared/scenes`, or nothing and a plain word about it where the file is absent.
 fn shared_scene(file: &str) -> Option<String> {
@@ -15,7 +19,7 @@ fn shared_scene(file: &str) -> Option<String> {
     if path.exists() {
         return Some(path.to_string_lossy().into_owned());
     }
-    eprintln!("absent, so not checked: ../shared/scenes/{file}");
+    say(&format!("absent, so not checked: ../shared/scenes/{file}"));
     None
 }
 

@@ -1,9 +1,13 @@
 //! Scenes as a user meets them: files, built-in scenes, and what is said of those that cannot be used.
 
+#[path = "common/say.rs"]
+mod say;
+
 use dynrt::float::Format;
 use dynrt::port::Ray;
 use dynrt::scene::{BUILTIN_NAMES, Camera, Frame, ImageSize, MachineMesh, Mesh, View, load};
 use glam::DVec3;
+use say::say;
 use std::collections::{HashMap, HashSet};
 use std::path::{Path, PathBuf};
 
@@ -75,7 +79,7 @@ fn shared_scenes_have_the_triangles_of_their_sources() {
     for (file, triangles) in expected {
         let path = folder.join(file);
         if !path.exists() {
-            eprintln!("{} is absent: not tested", path.display());
+            say(&format!("{} is absent: not tested", path.display()));
             continue;
         }
         let scene = load(path.to_str().unwrap()).unwrap();
@@ -94,7 +98,7 @@ fn the_built_in_teapot_is_the_published_one() {
         "/../shared/scenes/teapot/teapot.obj"
     ));
     if !path.exists() {
-        eprintln!("{} is absent: not tested", path.display());
+        say(&format!("{} is absent: not tested", path.display()));
         return;
     }
     // That file has the same tessellation, with single-precision vertices printed in decimal.

@@ -1,9 +1,13 @@
 //! Area and clock by open tools, and what takes a machine to a bitstream: reports are read rightly, tools that are missing, old or
 //! failing are named, results are reused, and the self-test finds faults.
 
+#[path = "common/say.rs"]
+mod say;
+
 use dynrt::config::Config;
 use dynrt::emit;
 use dynrt::synth::{Area, Cells, Target, constraints, parse_cells, parse_timing};
+use say::say;
 use serde_json::{Value, json};
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -321,7 +325,7 @@ fn a_unit_is_placed_and_routed() {
     let output = dynrt(arguments, folder).output().unwrap();
     let stderr = text(&output.stderr);
     if stderr.contains("pip install yowasp-") {
-        eprintln!("absent, so not checked: {stderr}");
+        say(&format!("absent, so not checked: {stderr}"));
         return;
     }
     assert!(output.status.success(), "{stderr}");
@@ -484,7 +488,10 @@ fn constraints_follow_from_the_configuration() {
     let files = generated(&config);
     let ucf = file(&files, "dynrt_selftest.ucf");
     assert!(ucf.contains("PERIOD \"clk\" 12.500 ns"), "{ucf}");
-    let board = file(&files, "dynrt_ulx3s.v");
+    // Half of it, where no other is asked for.
+    assert!(file(&files, "dynrt_ulx3s.v").contains("at 40 MHz"));
+    let fast = constraints::files(&config, "../rtl", Some(80)).unwrap();
+    let board = file(&fast, "dynrt_ulx3s.v");
     // 25 MHz × 16 ÷ 5.
     assert!(board.contains(".CLKI_DIV(5)") && board.contains(".CLKFB_DIV(16)"));
     let project = file(&files, "dynrt_selftest.prj");
@@ -505,6 +512,61 @@ fn constraints_follow_from_the_configuration() {
     assert!(fault("a b", None).contains("`a b`"));
     config.set("tree.address_bits", "8").unwrap();
     constraints::files(&config, "../rtl", None).unwrap();
+}
+
+#[test]
+fn scripts_refuse_what_is_not_theirs() {
+    let folder = tempfile::tempdir().unwrap();
+    let folder = folder.path();
+    let machine = Config::reference();
+    emit::write_folder(&folder.join("constraints"), &generated(&machine)).unwrap();
+    let run = |script: &str, bin: Option<&Path>| {
+        let mut command = Command::new("sh");
+        command.arg(folder.join("constraints").join(script));
+        if let Some(bin) = bin {
+            command.env("PATH", format!("{}:/usr/bin:/bin", bin.display()));
+        }
+        let output = command.output().unwrap();
+        (
+            output.status.success(),
+            String::from_utf8(output.stderr).unwrap(),
+        )
+    };
+    const SCRIPTS: [&str; 4] = ["simulate.sh", "ecp5.sh", "edif.sh", "ise.sh"];
+    let refused = || {
+        for script in SCRIPTS {
+            let (content, said) = run(script, None);
+            assert!(
+                !content && said.starts_with("error: ../rtl does not hold the machine that this"),
+                "{script}: {said}"
+            );
+            assert_eq!(said.lines().count(), 1, "{script}: {said}");
+        }
+    };
+    refused();
+    let mut other = machine.clone();
+    other.set("packets.in_flight", "32").unwrap();
+    for config in [&other, &machine] {
+        let (_, rtl) = emit::generate(config).unwrap();
+        emit::write_folder(&folder.join("rtl"), &rtl).unwrap();
+        if config == &other {
+            refused();
+        }
+    }
+
+    // A netlist of an earlier run is not taken for what XST has not written.
+    let bin = tool(folder, "xst", "exit 0");
+    for name in ["ngdbuild", "map", "par", "trce", "bitgen"] {
+        tool(folder, name, "exit 0");
+    }
+    let netlist = folder.join("constraints/build/dynrt_selftest.ngc");
+    fs::write(&netlist, "an old one").unwrap();
+    let (content, said) = run("ise.sh", Some(&bin));
+    assert!(
+        !content && said.contains("dynrt_selftest.ngc is missing: XST has not written it"),
+        "{said}"
+    );
+    assert!(!netlist.exists());
 }
 
 /// Writes a machine with its self-test, lets `change` edit the self-test, runs it in Icarus.

@@ -92,7 +92,7 @@ pub fn measure(
     is.films = (FILMS.iter())
         .map(|&(scene, frames, size)| film(&config, scene, frames, size, progress))
         .collect::<Result<_>>()?;
-    let kept = area(&config, was, &mut is, request, progress)?;
+    let mut kept = area(&config, was, &mut is, request, progress)?;
     let routing = |units: &[&str], seeds| synth::Request {
         target: Target::Ecp5_85f,
         units: units.iter().map(ToString::to_string).collect(),
@@ -101,11 +101,16 @@ pub fn measure(
     };
     if request.configurations {
         configurations(&mut is, &routing, progress)?;
+    } else {
+        stale_configurations(was, &mut kept)?;
     }
     if request.depths {
         depths(&config, &mut is, &routing, progress)?;
     }
-    if request.clocks != Clocks::None {
+    if request.clocks == Clocks::None {
+        stale_clocks(&config, &was.clock, &mut kept)?;
+        stale_clocks(&Config::load(FAST)?, &was.fast_clock, &mut kept)?;
+    } else {
         let known = |of: &[UnitClock]| match request.clocks {
             Clocks::Changed => of.to_vec(),
             _ => vec![],
@@ -371,6 +376,41 @@ fn depths(
                 asked_mhz,
                 area: unit.area,
             });
+        }
+    }
+    Ok(())
+}
+
+/// Notes configurations whose Verilog is another than that which was measured.
+fn stale_configurations(was: &Baseline, kept: &mut Vec<(String, String)>) -> Result<()> {
+    for known in &was.configurations {
+        let (machine, _) = emit::generate(&Config::load(&known.name)?)?;
+        if synth::fingerprint(machine.design.top())? != known.verilog {
+            kept.push((
+                format!("configuration {}", known.name),
+                "dynrt baseline --configurations measures it".into(),
+            ));
+        }
+    }
+    Ok(())
+}
+
+/// Notes units whose Verilog is another than that which was routed.
+fn stale_clocks(
+    config: &Config,
+    known: &[UnitClock],
+    kept: &mut Vec<(String, String)>,
+) -> Result<()> {
+    let (machine, _) = emit::generate(config)?;
+    let modules = machine.design.modules();
+    for clock in known {
+        let module = modules.iter().find(|module| module.name() == clock.name);
+        let verilog = synth::fingerprint(module.context("a unit of the machine")?)?;
+        if verilog != clock.verilog {
+            kept.push((
+                format!("{}, {}: clock", config.name, clock.name),
+                "dynrt baseline --clock=changed measures it".into(),
+            ));
         }
     }
     Ok(())

@@ -15,7 +15,7 @@ mod plots;
 
 pub use measure::{Clocks, Request, UNITS, measure};
 
-use crate::synth::Area;
+use crate::synth::{Area, Target};
 use anyhow::{Context, Result, anyhow};
 use serde::{Deserialize, Serialize};
 use std::fmt::{self, Write as _};
@@ -147,6 +147,8 @@ pub enum Verdict {
     Fails,
     /// Not measured this time, and so kept as it was.
     Kept,
+    /// What must be reached is.
+    Reached,
 }
 
 /// A figure beside the one that is checked in.
@@ -181,6 +183,15 @@ const AREA_SLACK: f64 = 0.01;
 /// How much slower a module may be: place and route of the same function wanders by as much.
 const CLOCK_SLACK: f64 = 0.03;
 
+/// Of an LX160, how much the machine may take: there is to be room for a second traversal unit.
+const LUT4_GOAL: f64 = 0.35;
+const DSP_GOAL: f64 = 0.60;
+const RAM_GOAL: f64 = 0.40;
+
+/// The clock in MHz of each unit, of the reference machine (the original ran at 66) and of [`FAST`].
+const CLOCK_GOAL: f64 = 100.0;
+const FAST_CLOCK_GOAL: f64 = 125.0;
+
 impl Baseline {
     /// Reads a checked-in file.
     ///
@@ -204,22 +215,26 @@ impl Baseline {
 /// Something that has a name, by which it is found again, and figures.
 trait Figures {
     fn name(&self) -> String;
-    /// Names and values of what must be the same, or is compared with some slack.
-    fn values(&self) -> Vec<(&'static str, f64)>;
+    /// Names and values, and which changes of them are allowed.
+    fn values(&self) -> Vec<(&'static str, f64, Rule)>;
 }
 
 impl Figures for FrameFigures {
     fn name(&self) -> String {
         format!("{} {} {}", self.scene, self.view, self.size)
     }
-    fn values(&self) -> Vec<(&'static str, f64)> {
+    fn values(&self) -> Vec<(&'static str, f64, Rule)> {
         vec![
-            ("rays", self.rays as f64),
-            ("cycles", self.cycles as f64),
-            ("packet_steps", self.packet_steps as f64),
-            ("ray_triangle_tests", self.ray_triangle_tests as f64),
-            ("tpu_utilisation", self.tpu_utilisation),
-            ("gu_utilisation", self.gu_utilisation),
+            ("rays", self.rays as f64, Rule::Same),
+            ("cycles", self.cycles as f64, Rule::Same),
+            ("packet_steps", self.packet_steps as f64, Rule::Same),
+            (
+                "ray_triangle_tests",
+                self.ray_triangle_tests as f64,
+                Rule::Same,
+            ),
+            ("tpu_utilisation", self.tpu_utilisation, Rule::Same),
+            ("gu_utilisation", self.gu_utilisation, Rule::Same),
         ]
     }
 }
@@ -228,26 +243,27 @@ impl Figures for FilmFigures {
     fn name(&self) -> String {
         format!("{} {} frames {}", self.scene, self.frames, self.size)
     }
-    fn values(&self) -> Vec<(&'static str, f64)> {
+    fn values(&self) -> Vec<(&'static str, f64, Rule)> {
         vec![
-            ("rays", self.rays as f64),
-            ("skinning_cycles", self.skinning_cycles as f64),
-            ("influences", self.influences as f64),
-            ("update_cycles", self.update_cycles as f64),
-            ("instructions", self.instructions as f64),
-            ("triangles", self.triangles as f64),
-            ("nodes_written", self.nodes_written as f64),
-            ("raycast_cycles", self.raycast_cycles as f64),
+            ("rays", self.rays as f64, Rule::Same),
+            ("skinning_cycles", self.skinning_cycles as f64, Rule::Same),
+            ("influences", self.influences as f64, Rule::Same),
+            ("update_cycles", self.update_cycles as f64, Rule::Same),
+            ("instructions", self.instructions as f64, Rule::Same),
+            ("triangles", self.triangles as f64, Rule::Same),
+            ("nodes_written", self.nodes_written as f64, Rule::Same),
+            ("raycast_cycles", self.raycast_cycles as f64, Rule::Same),
         ]
     }
 }
 
-fn area_values(area: Area) -> Vec<(&'static str, f64)> {
+fn area_values(area: Area) -> Vec<(&'static str, f64, Rule)> {
+    let more = Rule::AtMost(AREA_SLACK);
     vec![
-        ("lut4", area.lut4 as f64),
-        ("ff", area.ff as f64),
-        ("dsp", area.dsp as f64),
-        ("ram", area.ram as f64),
+        ("lut4", area.lut4 as f64, more),
+        ("ff", area.ff as f64, more),
+        ("dsp", area.dsp as f64, more),
+        ("ram", area.ram as f64, more),
     ]
 }
 
@@ -255,7 +271,7 @@ impl Figures for UnitArea {
     fn name(&self) -> String {
         self.name.clone()
     }
-    fn values(&self) -> Vec<(&'static str, f64)> {
+    fn values(&self) -> Vec<(&'static str, f64, Rule)> {
         area_values(self.area)
     }
 }
@@ -264,7 +280,7 @@ impl Figures for ConfigurationArea {
     fn name(&self) -> String {
         format!("configuration {}", self.name)
     }
-    fn values(&self) -> Vec<(&'static str, f64)> {
+    fn values(&self) -> Vec<(&'static str, f64, Rule)> {
         area_values(self.area)
     }
 }
@@ -273,8 +289,8 @@ impl Figures for UnitClock {
     fn name(&self) -> String {
         self.name.clone()
     }
-    fn values(&self) -> Vec<(&'static str, f64)> {
-        vec![("mhz", self.mhz)]
+    fn values(&self) -> Vec<(&'static str, f64, Rule)> {
+        vec![("mhz", self.mhz, Rule::AtLeast(CLOCK_SLACK))]
     }
 }
 
@@ -282,8 +298,11 @@ impl Figures for Depth {
     fn name(&self) -> String {
         format!("{} made for {} MHz", self.unit, self.asked_mhz)
     }
-    fn values(&self) -> Vec<(&'static str, f64)> {
-        let mut values = vec![("depth", f64::from(self.depth)), ("mhz", self.mhz)];
+    fn values(&self) -> Vec<(&'static str, f64, Rule)> {
+        let mut values = vec![
+            ("depth", f64::from(self.depth), Rule::AtMost(0.0)),
+            ("mhz", self.mhz, Rule::AtLeast(CLOCK_SLACK)),
+        ];
         values.extend(area_values(self.area));
         values
     }
@@ -308,7 +327,7 @@ impl Rule {
 }
 
 /// Compares lists whose elements are found by name: one that is new or gone fails too.
-fn compare_all<T: Figures>(was: &[T], is: &[T], rule: Rule, findings: &mut Vec<Finding>) {
+fn compare_all<T: Figures>(was: &[T], is: &[T], findings: &mut Vec<Finding>) {
     for new in is {
         let name = new.name();
         let Some(old) = was.iter().find(|old| old.name() == name) else {
@@ -320,7 +339,7 @@ fn compare_all<T: Figures>(was: &[T], is: &[T], rule: Rule, findings: &mut Vec<F
             });
             continue;
         };
-        for ((what, old), (_, new)) in old.values().into_iter().zip(new.values()) {
+        for ((what, old, rule), (_, new, _)) in old.values().into_iter().zip(new.values()) {
             findings.push(Finding {
                 figure: format!("{name}: {what}"),
                 was: format!("{old}"),
@@ -345,17 +364,18 @@ fn compare_all<T: Figures>(was: &[T], is: &[T], rule: Rule, findings: &mut Vec<F
     }
 }
 
-/// Every figure of `is` beside that of `was`. Modules of which `kept` tells why they were not measured are said to be so.
+/// Every figure of `is` beside that of `was`, and beside what the machine must reach however it was. Modules of which `kept` tells why
+/// they were not measured are said to be so.
 pub fn compare(was: &Baseline, is: &Baseline, kept: &[(String, String)]) -> Vec<Finding> {
     let mut findings = vec![];
-    compare_all(&was.frames, &is.frames, Rule::Same, &mut findings);
-    compare_all(&was.films, &is.films, Rule::Same, &mut findings);
-    compare_all(&was.area, &is.area, Rule::AtMost(AREA_SLACK), &mut findings);
-    let slower = Rule::AtLeast(CLOCK_SLACK);
-    compare_all(&was.clock, &is.clock, slower, &mut findings);
-    compare_all(&was.fast_clock, &is.fast_clock, slower, &mut findings);
-    let more = Rule::AtMost(AREA_SLACK);
-    compare_all(&was.configurations, &is.configurations, more, &mut findings);
+    compare_all(&was.frames, &is.frames, &mut findings);
+    compare_all(&was.films, &is.films, &mut findings);
+    compare_all(&was.area, &is.area, &mut findings);
+    compare_all(&was.clock, &is.clock, &mut findings);
+    compare_all(&was.fast_clock, &is.fast_clock, &mut findings);
+    compare_all(&was.configurations, &is.configurations, &mut findings);
+    compare_all(&was.depths, &is.depths, &mut findings);
+    goals(is, &mut findings);
     for (name, why) in kept {
         findings.push(Finding {
             figure: name.clone(),
@@ -367,10 +387,63 @@ pub fn compare(was: &Baseline, is: &Baseline, kept: &[(String, String)]) -> Vec<
     findings
 }
 
+/// What the machine must reach, whatever was accepted before.
+fn goals(is: &Baseline, findings: &mut Vec<Finding>) {
+    let mut goal = |figure: String, goal: String, is: String, holds: bool| {
+        findings.push(Finding {
+            figure,
+            was: goal,
+            is,
+            verdict: match holds {
+                true => Verdict::Reached,
+                false => Verdict::Fails,
+            },
+        });
+    };
+    if let Some(whole) = is.area.last() {
+        let device = Target::Virtex4Lx160.holds();
+        for (what, takes, holds, most) in [
+            ("LUT4", whole.area.lut4, device.lut4, LUT4_GOAL),
+            ("DSP48", whole.area.dsp, device.dsp, DSP_GOAL),
+            ("RAMB16", whole.area.ram, device.ram, RAM_GOAL),
+        ] {
+            let share = takes as f64 / holds as f64;
+            goal(
+                format!("{}: {what} of an LX160", whole.name),
+                format!("at most {:.0} %", most * 100.0),
+                format!("{:.1} %", share * 100.0),
+                share <= most,
+            );
+        }
+    }
+    for (machine, clocks, least) in [
+        (is.machine.as_str(), &is.clock, CLOCK_GOAL),
+        (FAST, &is.fast_clock, FAST_CLOCK_GOAL),
+    ] {
+        for unit in clocks {
+            goal(
+                format!("{machine}, {}: clock", unit.name),
+                format!("at least {least} MHz"),
+                format!("{:.1} MHz", unit.mhz),
+                unit.mhz >= least,
+            );
+        }
+    }
+    for depth in &is.depths {
+        goal(
+            format!("{}: clock", depth.name()),
+            format!("at least {} MHz", depth.asked_mhz),
+            format!("{:.1} MHz", depth.mhz),
+            depth.mhz >= f64::from(depth.asked_mhz),
+        );
+    }
+}
+
 /// A section of the log: why, and every figure that is another now.
 pub fn log_entry(why: &str, findings: &[Finding]) -> String {
     let mut text = format!("\n## {why}\n\n");
-    let changed: Vec<&Finding> = findings.iter().filter(|f| f.was != f.is).collect();
+    let changed = |f: &&Finding| f.was != f.is && f.verdict != Verdict::Reached;
+    let changed: Vec<&Finding> = findings.iter().filter(changed).collect();
     if changed.is_empty() {
         text += "No figure changed.\n";
     }

@@ -75,7 +75,7 @@ const HEAD: &str = "\
 # Numbers
 
 Everything here is made from [`baseline.json`](baseline.json) by `dynrt numbers`; `dynrt baseline` measures it again and fails where
-it has become worse (`make test`; with `--clock`, `make evidence`). [`baseline.log.md`](baseline.log.md) says why it ever did.
+it has become worse (in `make test` clocks and the area of the smaller modules; in `make evidence` all of it). [`baseline.log.md`](baseline.log.md) says why it ever did.
 
 ";
 
@@ -104,11 +104,16 @@ fn original_and_ours(text: &mut String, baseline: &Baseline) -> Result<()> {
         .iter()
         .map(|f| f.tpu_utilisation)
         .fold(0.0, f64::max);
+    let busiest_gu = (baseline.frames.iter())
+        .map(|f| f.gu_utilisation)
+        .fold(0.0, f64::max);
     let clocks = figure.skinning_cycles + figure.update_cycles + figure.raycast_cycles;
     let clock = match slowest(&baseline.clock) {
         Some(unit) => format!(
-            "{:.0} MHz, the slowest module (`{}`), ECP5-85F grade 6",
-            unit.mhz, unit.name
+            "{:.0} MHz, the slowest of the {} units (`{}`), ECP5-85F grade 6",
+            unit.mhz,
+            baseline.clock.len(),
+            unit.name
         ),
         None => "not measured".into(),
     };
@@ -117,19 +122,19 @@ fn original_and_ours(text: &mut String, baseline: &Baseline) -> Result<()> {
         "## The original and ours\n\n\
          The original's figures are those of Woop, Marmitt and Slusallek, 2006, on a Virtex-4 LX160.\n\n\
          | what | original | ours | shown by |\n|---|---|---|---|\n\
-         | clock, placed and routed | 66 MHz, Virtex-4 | {clock} | `dynrt synth --route --seeds {}` |\n\
-         | packet steps a clock, peak 1 | – | {busiest:.3} on a whole frame | `dynrt baseline` |\n\
+         | clock, placed and routed | 66 MHz, Virtex-4 | {clock} | `dynrt baseline --clock` |\n\
+         | traversal, packet steps a clock | 1, peak | {busiest:.3} on a whole frame, peak 1 | `dynrt baseline` |\n\
+         | geometry, ray–triangle tests a clock | about 1, peak | {busiest_gu:.3} on a whole frame, peak 1 | `dynrt baseline` |\n\
          | primary rays a clock | 0.03–0.12 | {least:.3}–{most:.3} over the frames below | `dynrt baseline` |\n\
          | update, triangles a clock | 0.24 | {:.3} (`{}`) | `dynrt baseline` |\n\
-         | update, instructions a clock, peak 1 | – | {:.4} | `dynrt baseline` |\n\
-         | skinning, influences a clock, peak 1 | – | {:.3} (`{}`) | `dynrt baseline` |\n\
+         | update, instructions a clock | 1, peak | {:.4}, peak 1 | `dynrt baseline` |\n\
+         | skinning, influences a clock | not told | {:.3} (`{}`), peak 1 | `dynrt baseline` |\n\
          | update's share of a frame | 1–15 % | {} (`{}`, {}) | `dynrt baseline` |\n\
-         | bytes of program a triangle | – | 5.0 on closed meshes | `dynrt program` |\n\
+         | bytes of program a triangle | not told | 5.0 on closed meshes | `dynrt program` |\n\
          | packets in flight × rays | 32 × 4 | {} × {} | [`configs/`](../configs) |\n\
-         | LUT4 of an LX160 | – | {} ({}) | `dynrt synth` |\n\
-         | DSP48 | – | {} ({}) | `dynrt synth` |\n\
-         | RAMB16 | – | {} ({}) | `dynrt synth` |\n\n",
-        super::SEEDS,
+         | LUT4 of an LX160 | not told, of the whole or by unit | {} ({}) | `dynrt synth` |\n\
+         | DSP48 | not told | {} ({}) | `dynrt synth` |\n\
+         | RAMB16 | not told | {} ({}) | `dynrt synth` |\n\n",
         water.triangles as f64 / water.update_cycles as f64,
         water.scene,
         water.instructions as f64 / water.update_cycles as f64,
@@ -192,10 +197,12 @@ fn units(text: &mut String, baseline: &Baseline) {
     let _ = write!(
         text,
         "## Area and clock by module\n\n![Area by module](area.svg)\n\n\
-         Each module alone, with all below it. Area: Virtex-4 LX160, {} (`dynrt synth`). Clock: ECP5-85F, speed grade 6, the worst of {} seeds, {} \
-         (`dynrt synth --route --seeds {}`).\n\n\
+         Each module alone, with all below it. Area: Virtex-4 LX160, {} (`dynrt synth`). Clock of the {} units that the machine is \
+         made of, but for what joins them: ECP5-85F, speed grade 6, the worst of {} seeds, {} (`dynrt synth --target ecp5-85f --unit NAME --route \
+         --seeds {}`). The whole core has not been routed there.\n\n\
          | module | LUT4 | FF | DSP48 | RAMB16 | MHz | slowest path |\n|---|---|---|---|---|---|---|\n",
         baseline.area_tools.join(", "),
+        baseline.clock.len(),
         super::SEEDS,
         baseline.clock_tools.join(", "),
         super::SEEDS,
@@ -221,7 +228,7 @@ fn units(text: &mut String, baseline: &Baseline) {
 fn configurations(text: &mut String, baseline: &Baseline) -> Result<()> {
     let device = Target::Virtex4Lx160.holds();
     *text += "## Configurations\n\n\
-              | configuration | what | made for | LUT4 | FF | DSP48 | RAMB16 | of an LX160 | slowest module on an ECP5-85F | verified by |\n|---|---|---|---|---|---|---|---|---|---|\n";
+              | configuration | what | made for | LUT4 | FF | DSP48 | RAMB16 | of an LX160 | slowest unit on an ECP5-85F | verified by |\n|---|---|---|---|---|---|---|---|---|---|\n";
     for &(name, _) in NAMED {
         let config = Config::load(name)?;
         let known = baseline.configurations.iter().find(|c| c.name == name);
@@ -251,8 +258,7 @@ fn configurations(text: &mut String, baseline: &Baseline) -> Result<()> {
             config.clock_mhz,
         );
     }
-    *text +=
-        "\n`dynrt synth --config NAME`, and `dynrt synth --config NAME --route --seeds 3`.\n\n";
+    *text += "\n`dynrt synth --config NAME`; clocks by `dynrt baseline --clock`, of the units above.\n\n";
     Ok(())
 }
 

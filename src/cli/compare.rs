@@ -76,8 +76,8 @@ pub fn run(args: &Args) -> Result<()> {
         value["agrees"] = verdict.is_ok().into();
         report::json(path, &value)?;
     }
-    verdict?;
-    print(&text)
+    print(&text)?;
+    verdict
 }
 
 fn to_json(args: &Args, loaded: &Loaded, found: &Comparison) -> Value {

@@ -19,8 +19,8 @@ golden model knows) and what takes it to a bitstream:
 The machine's own Verilog is expected where --rtl says; write it with dynrt generate.
 
 Examples:
-  dynrt generate --out build/rtl && dynrt constraints --out build/constraints && sh build/constraints/simulate.sh
-  dynrt constraints --config ecp5-85f --board-mhz 50 --out build/constraints && sh build/constraints/ecp5.sh";
+  dynrt constraints --out build/constraints && dynrt generate --out build/rtl && sh build/constraints/simulate.sh
+  dynrt generate --config tiny --out tiny/rtl && dynrt constraints --config tiny --out tiny/constraints && sh tiny/constraints/ecp5.sh";
 
 /// Write constraints, scripts and a self-testing design: from Verilog to a bitstream
 #[derive(clap::Args)]
@@ -32,7 +32,7 @@ pub struct Args {
     /// The folder of the machine's Verilog, seen from DIR
     #[arg(long, value_name = "RTL", default_value = "../rtl")]
     rtl: String,
-    /// The clock of the ECP5 board in MHz, at most the configuration's, which is the default
+    /// The clock of the ECP5 board in MHz, at most the configuration's [default: half of it]
     #[arg(long, value_name = "MHZ")]
     board_mhz: Option<u32>,
     #[command(flatten)]

@@ -36,7 +36,7 @@ Examples:
 #[command(after_help = HELP)]
 pub struct Args {
     /// How many machines
-    #[arg(long, value_name = "N", default_value_t = 10, value_parser = clap::value_parser!(u32).range(1..))]
+    #[arg(long, value_name = "N", default_value_t = 10, value_parser = clap::value_parser!(u32).range(1..=100_000))]
     machines: u32,
     /// Of the first machine; each further one's is greater by one [default: a new one, printed]
     #[arg(long, value_name = "S")]

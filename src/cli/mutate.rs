@@ -71,8 +71,10 @@ pub fn run(args: &Args) -> Result<()> {
     if let Some(path) = &args.json {
         let value = json!({
             "configuration": config.name,
+            "overrides": args.config.overrides(&config),
             "seed": found.seed,
             "drawn": found.mutants.len(),
+            "remembered": found.remembered,
             "noticed": found.noticed(),
             "equivalent": found.equivalent(),
             "survived": found.survivors().count(),
@@ -133,6 +135,7 @@ fn to_text(args: &Args, found: &Report) -> String {
         let mutants: Vec<_> = found.mutants.iter().filter(|m| of(m)).cloned().collect();
         let part = Report {
             seed: found.seed,
+            remembered: 0,
             mutants,
         };
         match part.mutants.len() {
@@ -153,9 +156,10 @@ fn to_text(args: &Args, found: &Report) -> String {
     }
     let _ = writeln!(
         text,
-        "{} of seed {}: {} noticed, {} proved equivalent, {} survived: {:.1} % of those not equivalent are noticed",
+        "{} of seed {}, {} known from before: {} noticed, {} proved equivalent, {} survived: {:.1} % of those not equivalent are noticed",
         counted(found.mutants.len() as u64, "mutant"),
         found.seed,
+        found.remembered,
         found.noticed(),
         found.equivalent(),
         found.survivors().count(),

@@ -55,7 +55,7 @@ pub struct Args {
 
 pub fn run(args: &Args) -> Result<()> {
     check_outputs(&[args.json.as_deref()])?;
-    prove::check_units(&args.units)?;
+    prove::check(&args.units)?;
     let config = args.config.load()?;
     let options = Options {
         units: args.units.clone(),

