@@ -24,7 +24,7 @@ Arithmetic is compared with a reference of its own by ABC, on gates that Yosys m
 unit has been seen to have as many registers as its latency says. The rest is proved by induction with yosys-smtbmc and z3.
 A proof that a tool leaves undecided has failed. Lines appear as proofs end; the last one says whether all hold.
 
-Needs yosys and z3 (Debian: apt-get install yosys z3). One tool runs at a time, at low priority.
+Needs yosys and z3 (Debian: apt-get install yosys z3). A tool runs on each core, at low priority.
 
 Examples:
   dynrt prove                    everything

@@ -14,7 +14,10 @@ pub(crate) mod tools;
 
 use crate::config::Config;
 use anyhow::{Context, Result, bail, ensure};
+use std::collections::BTreeMap;
 use std::path::Path;
+use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
+use std::sync::mpsc;
 use std::time::Instant;
 
 /// What can be proved, with what it is.
@@ -176,8 +179,60 @@ pub fn run(
     done: &mut dyn FnMut(&Row),
 ) -> Result<Vec<Row>> {
     check(&options.units)?;
-    let folder = tempfile::tempdir().context("a temporary folder")?;
+    let (next, stopped) = (AtomicUsize::new(0), AtomicBool::new(false));
+    let (sender, told) = mpsc::channel();
     let mut rows = vec![];
+    std::thread::scope(|scope| {
+        for _ in 0..std::thread::available_parallelism().map_or(1, |cores| cores.get()) {
+            let (tell, next, stopped) = (sender.clone(), &next, &stopped);
+            scope.spawn(move || {
+                if let Err(error) = work(config, options, next, stopped, &tell) {
+                    stopped.store(true, Ordering::Relaxed);
+                    let _ = tell.send(Told::Failed(error));
+                }
+            });
+        }
+        drop(sender);
+        let mut failed = None;
+        // Rows in the order of the proofs, whichever ends first.
+        let mut early = BTreeMap::new();
+        for told in told {
+            match told {
+                Told::Started(name) => started(&name),
+                Told::Ended(place, row) => drop(early.insert(place, row)),
+                Told::Failed(error) => failed = failed.or(Some(error)),
+            }
+            while let Some(row) = early.remove(&rows.len()) {
+                done(&row);
+                rows.push(row);
+            }
+        }
+        failed.map_or(Ok(()), Err)
+    })?;
+    ensure!(!rows.is_empty(), "nothing was proved");
+    Ok(rows)
+}
+
+/// What a worker has to say.
+enum Told {
+    Started(String),
+    /// The proof's place among all.
+    Ended(usize, Row),
+    Failed(anyhow::Error),
+}
+
+/// Goes through the proofs, the same for every worker, and does those that it is the first to take. Modules are not to be shared
+/// between threads: each worker makes its own.
+fn work(
+    config: &Config,
+    options: &Options,
+    next: &AtomicUsize,
+    stopped: &AtomicBool,
+    tell: &mpsc::Sender<Told>,
+) -> Result<()> {
+    let folder = tempfile::tempdir().context("a temporary folder")?;
+    let take = || next.fetch_add(1, Ordering::Relaxed);
+    let (mut taken, mut place) = (take(), 0);
     for (unit, _) in UNITS {
         if !options.units.is_empty() && !options.units.iter().any(|name| name == unit) {
             continue;
@@ -193,18 +248,25 @@ pub fn run(
                 false => vec![None],
             };
             for plant in plants {
-                let name = format!("{unit}: {}", subject.what());
-                started(&name);
-                let row = subject
-                    .row(unit, folder.path(), options, plant, &|| started(&name))
-                    .with_context(|| format!("{unit}, {}", subject.module()))?;
-                done(&row);
-                rows.push(row);
+                if place == taken {
+                    if stopped.load(Ordering::Relaxed) {
+                        return Ok(());
+                    }
+                    let name = format!("{unit}: {}", subject.what());
+                    // Nobody listens where the run has failed.
+                    let started = || drop(tell.send(Told::Started(name.clone())));
+                    started();
+                    let row = subject
+                        .row(unit, folder.path(), options, plant, &started)
+                        .with_context(|| format!("{unit}, {}", subject.module()))?;
+                    let _ = tell.send(Told::Ended(place, row));
+                    taken = take();
+                }
+                place += 1;
             }
         }
     }
-    ensure!(!rows.is_empty(), "nothing was proved");
-    Ok(rows)
+    Ok(())
 }
 
 /// Something to prove, by one of two ways.

@@ -1,4 +1,4 @@
-//! Yosys, ABC and z3: run one at a time, at low priority, each for a limited time.
+//! Yosys, ABC and z3: run at low priority, each for a limited time.
 
 use crate::cosim::build::current;
 use anyhow::{Context, Result, anyhow, bail, ensure};
