@@ -56,6 +56,9 @@ pub const CATEGORIES: &[Category] = &[
     Category::LeafRoot,
 ];
 
+/// Clocks after a reset in which no packet's first node can have come yet.
+const NOTHING_PUSHED: u64 = 4;
+
 /// What must happen to a packet, in order.
 #[expect(clippy::large_enum_variant, reason = "most events are steps")]
 enum Event {
@@ -279,6 +282,8 @@ struct Run<'a> {
     /// Leaves to be done in coming clocks.
     done: VecDeque<usize>,
     high_water: u32,
+    /// The clock after the reset.
+    reset_at: u64,
     started: u64,
     rng: fastrand::Rng,
 }
@@ -314,6 +319,7 @@ impl<'a> Run<'a> {
             merging: None,
             done: VecDeque::new(),
             high_water: 0,
+            reset_at: 0,
             started: 0,
             rng: fastrand::Rng::with_seed(options.seed),
         })
@@ -321,6 +327,7 @@ impl<'a> Run<'a> {
 
     fn all(&mut self, workload: Workload<'_>, options: &UnitOptions) -> Result<()> {
         self.bench.model.reset(RESET_CYCLES);
+        self.reset_at = self.bench.model.cycles();
         let mut batches = Batches::new(self.config, workload, options.seed)?;
         while let Some(batch) = batches.next(self.bench.tally.transactions)? {
             let around = match options.surroundings {
@@ -329,17 +336,22 @@ impl<'a> Run<'a> {
             };
             self.batch(&batch, &around)?;
         }
+        self.stack_mark(self.high_water, "after all packets")
+    }
+
+    /// Compares the deepest stack since the reset.
+    fn stack_mark(&mut self, deepest: u32, when: &str) -> Result<()> {
         let model = &self.bench.model;
         let (high_water, overflow) = (
             model.get(model.port("stack_high_water")?),
             model.get(model.port("stack_overflow")?),
         );
-        if (high_water, overflow) != (self.high_water.into(), 0) {
+        if (high_water, overflow) != (deepest.into(), 0) {
             let fields = vec![
-                Field::integer("stack high-water mark", self.high_water.into(), high_water),
+                Field::integer("stack high-water mark", deepest.into(), high_water),
                 Field::integer("stack overflow", 0, overflow),
             ];
-            return Err(self.bench.mismatch("after all packets", fields));
+            return Err(self.bench.mismatch(when, fields));
         }
         self.bench.tally.checked += 1;
         Ok(())
@@ -398,6 +410,10 @@ impl<'a> Run<'a> {
             }
             memory.take(&self.bench.model)?;
             self.bench.model.clock();
+            // What a reset has left would show now, and not once packets have gone deeper.
+            if self.bench.model.cycles() < self.reset_at + NOTHING_PUSHED {
+                self.stack_mark(0, "after the reset")?;
+            }
 
             idle = if progress { 0 } else { idle + 1 };
             if idle > around.patience() {

@@ -117,6 +117,12 @@ pub(super) fn fifo(module: &Rc<Module>) -> Result<Induction> {
                 "tail",
                 slot,
             ),
+            plant(
+                "a reset leaves words in it",
+                " count <= ",
+                "if (rst)",
+                "if (1'b0)",
+            ),
         ],
     };
     proof.laws.extend(registered);
@@ -224,6 +230,12 @@ pub(super) fn block_fifo(module: &Rc<Module>) -> Result<Induction> {
                 "words[tail] <=",
                 "tail",
                 "head",
+            ),
+            plant(
+                "a reset leaves its front word settled",
+                &format!(" settled{} <= ", settling - 1),
+                "if (rst)",
+                "if (1'b0)",
             ),
         ],
     })
