@@ -119,7 +119,7 @@ pub(super) fn fifo(module: &Rc<Module>) -> Result<Induction> {
             ),
             plant(
                 "a reset leaves words in it",
-                " count <= ",
+                "if (rst) count <= ",
                 "if (rst)",
                 "if (1'b0)",
             ),
@@ -233,7 +233,7 @@ pub(super) fn block_fifo(module: &Rc<Module>) -> Result<Induction> {
             ),
             plant(
                 "a reset leaves its front word settled",
-                &format!(" settled{} <= ", settling - 1),
+                &format!("if (rst) settled{} <= ", settling - 1),
                 "if (rst)",
                 "if (1'b0)",
             ),
