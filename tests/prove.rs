@@ -1,6 +1,6 @@
 //! The quick part of `dynrt prove`, and that a fault planted in the emitted Verilog makes each proof fail.
 //!
-//! Together they take five to eight minutes of one core. `dynrt prove` and `dynrt prove --plant` are the whole.
+//! `dynrt prove` and `dynrt prove --plant` are the whole.
 
 use dynrt::config::Config;
 use dynrt::prove::{self, Options, Outcome, Row};
