@@ -21,4 +21,5 @@ pub mod prove;
 pub mod report;
 pub mod scene;
 pub mod synth;
+pub mod text;
 pub mod vectors;

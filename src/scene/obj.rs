@@ -8,6 +8,7 @@
 //! no triangles and are left out.
 
 use super::{BUILTIN_NAMES, Mesh, Scene};
+use crate::text;
 use anyhow::{Context, Result, bail, ensure};
 use std::fmt::Write;
 use std::path::Path;
@@ -176,7 +177,7 @@ fn reduce(text: &str) -> Result<String> {
                     let Ok(index) = position.parse::<i64>() else {
                         bail!(
                             ", line {line}: face {faces} has `{}` where a vertex's number belongs; correct or remove it",
-                            shorten(corner)
+                            text::word(corner)
                         );
                     };
                     let absolute = if index < 0 {
@@ -198,7 +199,7 @@ fn reduce(text: &str) -> Result<String> {
             Some(word) => ensure!(
                 OTHER_STATEMENTS.contains(&word),
                 ", line {line}: `{}` is no OBJ statement; give an OBJ mesh, or remove the line",
-                shorten(word)
+                text::word(word)
             ),
         }
     }
@@ -222,7 +223,7 @@ fn position<'a, 'b>(words: &'b [&'a str]) -> Result<&'b [&'a str], String> {
     for (number, word) in numbers.iter_mut().zip(&words[..kept]) {
         *number = word
             .parse()
-            .map_err(|_| format!("has `{}` where a number belongs", shorten(word)))?;
+            .map_err(|_| format!("has `{}` where a number belongs", text::word(word)))?;
     }
     let [.., weight] = numbers;
     if weight == 0.0 {
@@ -261,15 +262,6 @@ fn statements(text: &str) -> impl Iterator<Item = (usize, std::borrow::Cow<'_, s
         }
         Some((index + 1, joined.into()))
     })
-}
-
-/// A word fit to stand in a one-line message.
-fn shorten(word: &str) -> String {
-    let mut shown: String = word.chars().take(24).flat_map(char::escape_debug).collect();
-    if word.chars().nth(24).is_some() {
-        shown.push('…');
-    }
-    shown
 }
 
 #[cfg(test)]

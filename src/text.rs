@@ -1,0 +1,73 @@
+//! Text from outside, made fit to be printed.
+//!
+//! Names in scene files and names of files may hold line feeds, escape sequences or bytes that are not UTF-8. Whatever of
+//! them reaches a message, a report or a terminal goes through [`escaped`], [`path`] or [`word`].
+
+use std::borrow::Cow;
+use std::path::Path;
+
+/// `text` with every control character (and every character that changes the direction of text) in Rust's escaped form.
+pub fn escaped(text: &str) -> Cow<'_, str> {
+    if !text.chars().any(is_unprintable) {
+        return Cow::Borrowed(text);
+    }
+    let mut shown = String::with_capacity(text.len() + 8);
+    for c in text.chars() {
+        match is_unprintable(c) {
+            true => shown.extend(c.escape_default()),
+            false => shown.push(c),
+        }
+    }
+    Cow::Owned(shown)
+}
+
+/// A path as messages show it: bytes that are not UTF-8 become replacement characters, the rest is [`escaped`].
+pub fn path(path: &Path) -> String {
+    escaped(&path.to_string_lossy()).into_owned()
+}
+
+/// A word of a file, [`escaped`] and cut after 24 characters.
+pub fn word(word: &str) -> String {
+    const LONGEST: usize = 24;
+    let mut shown: String = word.chars().take(LONGEST).collect();
+    if word.chars().nth(LONGEST).is_some() {
+        shown.push('…');
+    }
+    escaped(&shown).into_owned()
+}
+
+fn is_unprintable(c: char) -> bool {
+    let changes_direction =
+        matches!(c, '\u{200e}' | '\u{200f}' | '\u{202a}'..='\u{202e}' | '\u{2066}'..='\u{2069}');
+    c.is_control() || changes_direction || matches!(c, '\u{2028}' | '\u{2029}')
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn control_characters_are_escaped_and_nothing_else_is() {
+        assert_eq!(escaped("Straße 12 — `ok`"), "Straße 12 — `ok`");
+        assert!(matches!(escaped("plain"), Cow::Borrowed(_)));
+        assert_eq!(
+            escaped("a\u{7}b\u{1b}[31m\0\n"),
+            r"a\u{7}b\u{1b}[31m\u{0}\n"
+        );
+        assert_eq!(escaped("x\u{202e}y\u{9b}"), r"x\u{202e}y\u{9b}");
+    }
+
+    #[test]
+    fn long_words_are_cut() {
+        assert_eq!(word("short"), "short");
+        assert_eq!(word(&"x".repeat(30)), format!("{}…", "x".repeat(24)));
+    }
+
+    #[cfg(unix)]
+    #[test]
+    fn paths_that_are_not_utf8_are_shown_with_replacement_characters() {
+        use std::os::unix::ffi::OsStrExt;
+        let name = std::ffi::OsStr::from_bytes(b"na\xffme\n.obj");
+        assert_eq!(path(Path::new(name)), "na\u{fffd}me\\n.obj");
+    }
+}
