@@ -525,16 +525,69 @@ fn outputs_that_would_overwrite_each_other_are_refused() {
     );
 }
 
+/// Names of all files but the manifest, and of all modules, begin with the prefix, exactly as it is given.
+#[test]
+fn generated_names_begin_with_the_prefix() {
+    let folder = folder();
+    for (options, prefix) in [
+        ("", "dynrt_"),
+        ("--prefix small_", "small_"),
+        ("--prefix x", "x"),
+    ] {
+        let command = format!("generate --config tiny --out {prefix} {options}");
+        let said = prints(&command, folder.path());
+        assert!(
+            said.contains(&format!(" top module {prefix}core,")),
+            "{said}"
+        );
+        let out = folder.path().join(prefix);
+        let manifest = json(&out.join("manifest.json"));
+        assert_eq!(manifest["prefix"], prefix);
+        assert_eq!(manifest["top"], format!("{prefix}core"));
+        for module in manifest["modules"].as_array().unwrap() {
+            let unit = module["unit"].as_str().unwrap();
+            assert_eq!(module["name"], format!("{prefix}{unit}"));
+            assert_eq!(module["file"], format!("{prefix}{unit}.v"));
+        }
+        for (name, bytes) in contents(&out) {
+            assert!(
+                name == "manifest.json" || name.starts_with(prefix),
+                "{name}"
+            );
+            let text = String::from_utf8(bytes).unwrap();
+            for line in text.lines().filter(|line| line.starts_with("module ")) {
+                assert!(line.starts_with(&format!("module {prefix}")), "{line}");
+            }
+            assert!(prefix == "dynrt_" || !text.contains("dynrt_"), "{name}");
+        }
+    }
+    for bad in ["Small_", "9", "a-b", "_"] {
+        let said = fault(&format!("generate --out bad --prefix {bad}"), folder.path());
+        assert!(
+            said.starts_with(&format!(
+                "prefix `{bad}`: is not of the pattern [a-z][a-z0-9_]* "
+            )),
+            "{said}"
+        );
+        let said = fault(
+            &format!("constraints --out bad --prefix {bad}"),
+            folder.path(),
+        );
+        assert!(said.contains("[a-z][a-z0-9_]*"), "{said}");
+    }
+    assert!(!folder.path().join("bad").exists());
+}
+
 #[test]
 fn generating_where_a_folder_is_in_the_way_changes_nothing() {
     let folder = folder();
     prints("generate --config tiny --out rtl", folder.path());
-    let taken = folder.path().join("rtl/raycast_unit.v");
+    let taken = folder.path().join("rtl/dynrt_raycast_unit.v");
     fs::remove_file(&taken).unwrap();
     fs::create_dir(&taken).unwrap();
     assert_eq!(
         fault("generate --out rtl", folder.path()),
-        "rtl/raycast_unit.v: cannot be written: it is a folder; move it elsewhere"
+        "rtl/dynrt_raycast_unit.v: cannot be written: it is a folder; move it elsewhere"
     );
 }
 
