@@ -4,7 +4,9 @@
 //! manifest and random configurations all derive from that table.
 
 use crate::float::Format;
+use crate::text;
 use anyhow::{Context, Result, anyhow, bail};
+use std::ffi::OsStr;
 use std::fmt::Write as _;
 use std::ops::RangeInclusive;
 use std::path::Path;
@@ -410,14 +412,15 @@ impl Config {
     ///
     /// # Errors
     /// One line that names the file, the line, the key and what to write instead.
-    pub fn load(name_or_file: &str) -> Result<Config> {
-        if let Some((name, text)) = NAMED.iter().find(|(name, _)| *name == name_or_file) {
+    pub fn load(name_or_file: impl AsRef<OsStr>) -> Result<Config> {
+        let path = Path::new(&name_or_file);
+        let shown = text::path(path);
+        if let Some((name, text)) = NAMED.iter().find(|(name, _)| path.as_os_str() == *name) {
             return Config::parse(name, &format!("configs/{name}.toml"), text);
         }
-        let path = Path::new(name_or_file);
         if !path.exists() {
             bail!(
-                "{name_or_file}: no such configuration: name one of {} or a TOML file",
+                "{shown}: no such configuration: name one of {} or a TOML file",
                 NAMED
                     .iter()
                     .map(|(name, _)| *name)
@@ -426,12 +429,12 @@ impl Config {
             );
         }
         if !path.is_file() {
-            bail!("{name_or_file}: is no regular file; give a configuration's name or a TOML file");
+            bail!("{shown}: is no regular file; give a configuration's name or a TOML file");
         }
         let text = std::fs::read_to_string(path)
-            .with_context(|| format!("{name_or_file}: cannot read the configuration"))?;
+            .with_context(|| format!("{shown}: cannot read the configuration"))?;
         let name = path.file_stem().unwrap_or_default().to_string_lossy();
-        Config::parse(&name, name_or_file, &text)
+        Config::parse(&text::escaped(&name), &shown, &text)
     }
 
     /// Parses a configuration; `file` names it in errors.

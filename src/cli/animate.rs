@@ -10,7 +10,7 @@ use dynrt::cosim::mismatch::Mismatch;
 use dynrt::cosim::raycast::Trace;
 use dynrt::report::{self, FrameFolder};
 use dynrt::scene::animation::{MachineFrame, MachineScene};
-use dynrt::scene::{Animated, Frame, ImageSize, load_animated};
+use dynrt::scene::{Animated, Frame, ImageSize, SceneSpec, load_animated};
 use serde_json::{Value, json};
 use std::fmt::Write as _;
 use std::path::PathBuf;
@@ -38,7 +38,7 @@ Examples:
 pub struct Args {
     /// What to show
     #[arg(value_name = "SCENE")]
-    scene: String,
+    scene: SceneSpec,
     /// The motion to play [default: the scene's first]
     #[arg(long, value_name = "NAME")]
     clip: Option<String>,

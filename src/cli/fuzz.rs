@@ -46,7 +46,7 @@ pub struct Args {
     stage: Vec<Stage>,
     /// In place of random machines this one: a configuration's name or a TOML file
     #[arg(long, value_name = "C")]
-    config: Option<String>,
+    config: Option<super::ConfigName>,
     /// Sets one key of --config, such as packets.rays=8; may be repeated
     #[arg(long, value_name = "SECTION.KEY=VALUE", requires = "config")]
     set: Vec<String>,

@@ -20,8 +20,10 @@ use anyhow::Result;
 use clap::{Parser, Subcommand};
 use dynrt::config::{Config, KEYS, NAMED};
 use dynrt::cosim::mismatch::Mismatch;
-use dynrt::{emit, report};
+use dynrt::{emit, report, text};
 use serde_json::{Map, Value};
+use std::ffi::{OsStr, OsString};
+use std::fmt::Write as _;
 use std::io::{ErrorKind, Write};
 use std::path::Path;
 use std::process::ExitCode;
@@ -79,12 +81,30 @@ enum Command {
 /// The heading of [`ConfigArgs`].
 const MACHINE: &str = "Machine";
 
+/// A configuration's name, or the path of its file.
+#[derive(Clone)]
+struct ConfigName(OsString);
+
+impl From<OsString> for ConfigName {
+    fn from(name: OsString) -> ConfigName {
+        ConfigName(name)
+    }
+}
+
+impl ConfigName {
+    /// The file, where it is not the name of a configuration that is built in.
+    fn file(&self) -> Option<&Path> {
+        let is_named = NAMED.iter().any(|(name, _)| self.0 == *name);
+        (!is_named).then(|| Path::new(&self.0))
+    }
+}
+
 /// Which machine.
 #[derive(clap::Args)]
 struct ConfigArgs {
     /// A configuration's name (virtex4-lx160, dynrt-2006, ecp5-85f, tiny) or a TOML file that sets every key
     #[arg(long, value_name = "C", default_value = NAMED[0].0, help_heading = MACHINE)]
-    config: String,
+    config: ConfigName,
     /// Sets one key of the configuration, such as packets.rays=8 or memory.latency=20; may be repeated
     #[arg(long, value_name = "SECTION.KEY=VALUE", help_heading = MACHINE)]
     set: Vec<String>,
@@ -93,7 +113,7 @@ struct ConfigArgs {
 impl ConfigArgs {
     /// The machine. One that `--set` has changed is no longer the one of that name, and gets a name of its own.
     fn load(&self) -> Result<Config> {
-        let mut config = Config::load(&self.config)?;
+        let mut config = Config::load(&self.config.0)?;
         let named = config.clone();
         for setting in &self.set {
             let Some((path, value)) = setting.split_once('=') else {
@@ -133,8 +153,8 @@ impl ConfigArgs {
     /// The options that choose this machine again.
     fn replay(&self) -> String {
         let mut text = String::new();
-        if self.config != NAMED[0].0 {
-            text += &format!(" --config {}", quoted(&self.config));
+        if self.config.0 != NAMED[0].0 {
+            text += &format!(" --config {}", quoted(&self.config.0));
         }
         for setting in &self.set {
             text += &format!(" --set {}", quoted(setting));
@@ -219,13 +239,36 @@ fn check_outputs(paths: &[Option<&Path>]) -> Result<()> {
         .try_for_each(|path| report::check_writable(path))
 }
 
-/// A word as a shell reads it.
-fn quoted(word: &str) -> String {
+/// A word so that a shell reads the same bytes. What cannot be printed, or is not UTF-8, is written in octal.
+fn quoted(word: impl AsRef<OsStr>) -> String {
+    let word = word.as_ref();
     let is_plain = |c: char| c.is_ascii_alphanumeric() || "-_./:,=+".contains(c);
-    match !word.is_empty() && word.chars().all(is_plain) {
-        true => word.to_string(),
-        false => format!("'{}'", word.replace('\'', r"'\''")),
+    let octal = |text: &mut String, bytes: &[u8]| {
+        for byte in bytes {
+            let _ = write!(text, "\\{byte:03o}");
+        }
+    };
+    match word.to_str() {
+        Some(text) if !text.is_empty() && text.chars().all(is_plain) => return text.to_string(),
+        Some(text) if text::escaped(text) == text => {
+            return format!("'{}'", text.replace('\'', r"'\''"));
+        }
+        _ => {}
     }
+    let mut shown = String::from("$'");
+    for chunk in word.as_encoded_bytes().utf8_chunks() {
+        for c in chunk.valid().chars() {
+            let mut buffer = [0; 4];
+            let text: &str = c.encode_utf8(&mut buffer);
+            match c {
+                '\'' | '\\' => shown.extend(['\\', c]),
+                _ if text::escaped(text) != text => octal(&mut shown, text.as_bytes()),
+                _ => shown.push(c),
+            }
+        }
+        octal(&mut shown, chunk.invalid());
+    }
+    shown + "'"
 }
 
 /// A count with its digits in groups of three.
@@ -283,5 +326,6 @@ mod tests {
         assert_eq!(quoted("builtin:teapot"), "builtin:teapot");
         assert_eq!(quoted("it's"), r"'it'\''s'");
         assert_eq!(quoted("builtin:sphere?level=2"), "'builtin:sphere?level=2'");
+        assert_eq!(quoted("a\x1b[1m\n'\\é.obj"), r"$'a\033[1m\012\'\\é.obj'");
     }
 }

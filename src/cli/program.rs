@@ -7,6 +7,7 @@ use dynrt::bkd::{BuildOptions, build};
 use dynrt::cosim::unit_update;
 use dynrt::program::Program;
 use dynrt::report;
+use dynrt::scene::SceneSpec;
 use serde_json::{Value, json};
 use std::path::PathBuf;
 use std::time::Instant;
@@ -27,7 +28,7 @@ Examples:
 pub struct Args {
     /// An OBJ file, or builtin:NAME for a scene that needs no file
     #[arg(value_name = "SCENE")]
-    scene: String,
+    scene: SceneSpec,
     /// Every instruction, a line each: byte address, bytes, operands
     #[arg(long)]
     list: bool,

@@ -6,9 +6,9 @@ use anyhow::{Context, Result, ensure};
 use dynrt::bkd::{BuildOptions, MemoryImage, build};
 use dynrt::config::Config;
 use dynrt::scene::animation::MachineScene;
-use dynrt::scene::{BUILTIN_NAMES, Frame, ImageSize, RayPacket, load_animated};
+use dynrt::scene::{BUILTIN_NAMES, Frame, ImageSize, RayPacket, SceneSpec, load_animated};
 use dynrt::vectors::{self, Posed, Request, Summary};
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 const HELP: &str = "\
 Writes memory images for $readmemh, stimulus and expected results of every unit, and manifest.json, which lists the files
@@ -33,7 +33,7 @@ Examples:
 pub struct Args {
     /// An OBJ or glTF file, a folder of OBJ files, or builtin:NAME
     #[arg(value_name = "SCENE")]
-    scene: String,
+    scene: SceneSpec,
     /// Of a scene that moves, the motion [default: its first]
     #[arg(long, value_name = "NAME")]
     clip: Option<String>,
@@ -70,13 +70,11 @@ struct Prepared {
 impl Args {
     /// Whether the scene is one that can move; others are loaded with what they warn of.
     fn moves(&self) -> bool {
-        if let Some(rest) = self.scene.strip_prefix("builtin:") {
-            let name = rest.split('?').next().unwrap_or(rest);
+        if let Some(rest) = self.scene.builtin() {
+            let name = rest.split('?').next().unwrap_or(&rest);
             return !BUILTIN_NAMES.contains(&name);
         }
-        let path = Path::new(&self.scene);
-        let extension = path.extension().unwrap_or_default().to_ascii_lowercase();
-        path.is_dir() || extension == "glb" || extension == "gltf"
+        self.scene.is_folder_or_gltf()
     }
 
     fn still(&self, config: &Config, frame: &Frame) -> Result<Prepared> {
