@@ -20,7 +20,7 @@ use anyhow::Result;
 use clap::{Parser, Subcommand};
 use dynrt::config::{Config, KEYS, NAMED};
 use dynrt::cosim::mismatch::Mismatch;
-use dynrt::{emit, report, text};
+use dynrt::{emit, interrupt, report, text};
 use serde_json::{Map, Value};
 use std::ffi::{OsStr, OsString};
 use std::fmt::Write as _;
@@ -165,6 +165,11 @@ impl ConfigArgs {
 
 /// Runs the command that the process was given.
 pub fn main() -> ExitCode {
+    if let Err(error) = interrupt::listen() {
+        tell(&format!(
+            "warning: an interrupt will leave temporary files behind: {error}"
+        ));
+    }
     let result = match Cli::parse().command {
         Command::Generate(args) => generate::run(&args),
         Command::Vectors(args) => vectors::run(&args),
@@ -182,6 +187,8 @@ pub fn main() -> ExitCode {
         Command::Baseline(args) => baseline::run(&args),
         Command::Numbers(args) => baseline::numbers(&args),
     };
+    // What an interrupt has broken is no news.
+    interrupt::stop_if_ending();
     let Err(error) = result else {
         return ExitCode::SUCCESS;
     };

@@ -1,5 +1,6 @@
 //! A folder of results: filled under a temporary name beside its place, then renamed.
 
+use crate::{interrupt, temporary};
 use anyhow::{Context, Result, bail};
 use std::collections::BTreeSet;
 use std::fs;
@@ -22,7 +23,7 @@ pub struct Folder {
     shown: PathBuf,
     /// Without links and dots, so that its parent and its name are what they seem.
     place: PathBuf,
-    temporary: tempfile::TempDir,
+    temporary: temporary::Folder,
 }
 
 impl Folder {
@@ -64,18 +65,10 @@ impl Folder {
                 shown.display()
             );
         };
-        let mut builder = tempfile::Builder::new();
-        builder.prefix(".dynrt-");
-        #[cfg(unix)]
-        {
-            use std::os::unix::fs::PermissionsExt;
-            // As readable as any new folder: the process' file mode mask takes away what it forbids.
-            builder.permissions(fs::Permissions::from_mode(0o777));
-        }
         Ok(Folder {
             content,
             shown: shown.to_path_buf(),
-            temporary: builder.tempdir_in(parent).map_err(written)?,
+            temporary: temporary::Folder::for_result(parent).map_err(written)?,
             place,
         })
     }
@@ -117,30 +110,28 @@ impl Folder {
             anyhow::anyhow!("{shown}: cannot be put in place: {}", error.kind())
         };
         // What was there moves into a folder that is removed, and back if its successor cannot take its place.
+        let _whole = interrupt::hold();
         let parent = temporary.path().parent().unwrap_or(Path::new("."));
-        let retired = tempfile::Builder::new()
-            .prefix(".dynrt-")
-            .tempdir_in(parent)
-            .map_err(failed)?;
-        let earlier = retired.path().join("earlier");
+        let retired = temporary::for_replaced(parent).map_err(failed)?;
+        let earlier = retired.path().join(place.file_name().unwrap_or_default());
         let replaces = place.exists();
         if replaces {
             fs::rename(&place, &earlier).map_err(failed)?;
         }
         if let Err(error) = fs::rename(temporary.path(), &place) {
             if replaces && fs::rename(&earlier, &place).is_err() {
-                let kept = retired.keep().join("earlier");
+                let _ = retired.keep();
                 bail!(
                     "{shown}: cannot be put in place: {}; the earlier {} are in {}: move them back",
                     error.kind(),
                     content.name,
-                    kept.display()
+                    earlier.display()
                 );
             }
             return Err(failed(error));
         }
         // Its content is in place: there is nothing left to remove.
-        let _ = temporary.keep();
+        temporary.keep();
         Ok(())
     }
 }

@@ -10,6 +10,7 @@ mod picture;
 pub use frames::FrameFolder;
 pub use picture::{heatmap, heatmap_colour, shade, shade_triangles, write_gif, write_png};
 
+use crate::temporary;
 use anyhow::{Result, bail};
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 use std::io::{IsTerminal, Write};
@@ -150,7 +151,7 @@ fn write_whole(path: &Path, write: impl FnOnce(&mut dyn Write) -> Result<()>) ->
         Place::File(place) => {
             let mut file = create_beside(path, &place)?;
             fill(&mut file)?;
-            file.persist(place).map_err(|error| failed(&error.error))?;
+            file.persist(&place).map_err(|error| failed(&error))?;
             Ok(())
         }
         Place::Stream if is_stdout(path) => fill(&mut std::io::stdout().lock()),
@@ -175,44 +176,24 @@ fn folder_of(path: &Path) -> &Path {
 }
 
 /// A temporary file in the folder of `place`, to which `path` leads.
-fn create_beside(path: &Path, place: &Path) -> Result<tempfile::NamedTempFile> {
+fn create_beside(path: &Path, place: &Path) -> Result<temporary::File> {
     let shown = path.display();
     if place.is_dir() {
         bail!("{shown}: cannot be written: it is a folder; give a file's name");
     }
     let folder = folder_of(place);
-    tempfile::Builder::new()
-        .permissions_of_new_files()
-        .tempfile_in(folder)
-        .map_err(|error| {
-            let reason = match folder.exists() {
-                true => reason(&error),
-                false => format!("there is no folder {}", folder.display()),
-            };
-            anyhow::anyhow!("{shown}: cannot be written: {reason}; {ADVICE}")
-        })
+    temporary::File::new(folder).map_err(|error| {
+        let reason = match folder.exists() {
+            true => reason(&error),
+            false => format!("there is no folder {}", folder.display()),
+        };
+        anyhow::anyhow!("{shown}: cannot be written: {reason}; {ADVICE}")
+    })
 }
 
 /// Why, without the temporary name that the error may hold.
 fn reason(error: &std::io::Error) -> String {
     error.kind().to_string()
-}
-
-trait PermissionsOfNewFiles {
-    /// Temporary files are private; results are as readable as any new file.
-    fn permissions_of_new_files(&mut self) -> &mut Self;
-}
-
-impl PermissionsOfNewFiles for tempfile::Builder<'_, '_> {
-    fn permissions_of_new_files(&mut self) -> &mut Self {
-        #[cfg(unix)]
-        {
-            use std::os::unix::fs::PermissionsExt;
-            // The process' file mode mask takes away what it forbids.
-            self.permissions(std::fs::Permissions::from_mode(0o666));
-        }
-        self
-    }
 }
 
 #[cfg(test)]

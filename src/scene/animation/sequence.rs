@@ -55,10 +55,7 @@ pub fn load(folder: &Path) -> Result<Animated> {
     let name = folder
         .canonicalize()
         .unwrap_or_else(|_| folder.to_path_buf());
-    let name = name
-        .file_name()
-        .unwrap_or_default()
-        .to_string_lossy();
+    let name = name.file_name().unwrap_or_default().to_string_lossy();
     let name = text::escaped(&name).into_owned();
     let seconds = frames.len() as f64 / SEQUENCE_FRAMES_PER_SECOND;
     let mut animated = Animated::single(name, mesh, Kind::Sequence, Writer::Frames(frames));
