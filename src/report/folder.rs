@@ -1,6 +1,6 @@
 //! A folder of results: filled under a temporary name beside its place, then renamed.
 
-use crate::{interrupt, temporary};
+use crate::{interrupt, temporary, text};
 use anyhow::{Context, Result, bail};
 use std::collections::BTreeSet;
 use std::fs;
@@ -38,7 +38,7 @@ impl Folder {
         let written = |error: std::io::Error| {
             anyhow::anyhow!(
                 "{}: cannot be written: {}; {advice}",
-                place.display(),
+                text::path(place),
                 error.kind()
             )
         };
@@ -53,7 +53,7 @@ impl Folder {
         let place = match (place.exists(), place.file_name()) {
             (true, _) => place.canonicalize().map_err(written)?,
             (false, Some(name)) => parent.canonicalize().map_err(written)?.join(name),
-            (false, None) => bail!("{}: is no folder's name; give --out one", shown.display()),
+            (false, None) => bail!("{}: is no folder's name; give --out one", text::path(shown)),
         };
         let current = std::env::current_dir().and_then(|folder| folder.canonicalize());
         let (false, Some(parent)) = (
@@ -62,7 +62,7 @@ impl Folder {
         ) else {
             bail!(
                 "{}: holds the folder in which this runs, and cannot be replaced; name a folder in it",
-                shown.display()
+                text::path(shown)
             );
         };
         Ok(Folder {
@@ -80,7 +80,7 @@ impl Folder {
 
     /// How to speak of a file.
     pub fn shown(&self, name: &str) -> String {
-        self.shown.join(name).display().to_string()
+        text::path(&self.shown.join(name))
     }
 
     /// Writes a whole file.
@@ -105,7 +105,7 @@ impl Folder {
             temporary,
         } = self;
         check_free(&place, &shown, content)?;
-        let shown = shown.display();
+        let shown = text::path(&shown);
         let failed = |error: std::io::Error| {
             anyhow::anyhow!("{shown}: cannot be put in place: {}", error.kind())
         };
@@ -125,7 +125,7 @@ impl Folder {
                     "{shown}: cannot be put in place: {}; the earlier {} are in {}: move them back",
                     error.kind(),
                     content.name,
-                    earlier.display()
+                    text::path(&earlier)
                 );
             }
             return Err(failed(error));
@@ -138,7 +138,7 @@ impl Folder {
 
 /// That `place` is free, or holds an earlier result and nothing that is not its own.
 fn check_free(place: &Path, shown: &Path, content: Content) -> Result<()> {
-    let shown = shown.display();
+    let shown = text::path(shown);
     if !place.exists() {
         return Ok(());
     }
@@ -162,7 +162,8 @@ fn check_free(place: &Path, shown: &Path, content: Content) -> Result<()> {
     };
     if let Some(foreign) = names.iter().find(|name| !owned.contains(*name)) {
         bail!(
-            "{shown}: holds {foreign} beside earlier {what}; move it elsewhere, or name a new folder"
+            "{shown}: holds {} beside earlier {what}; move it elsewhere, or name a new folder",
+            text::escaped(foreign)
         );
     }
     Ok(())
