@@ -4,7 +4,7 @@
 //! manifest and random configurations all derive from that table.
 
 use crate::float::Format;
-use crate::text;
+use crate::{report, text};
 use anyhow::{Context, Result, anyhow, bail};
 use std::ffi::OsStr;
 use std::fmt::Write as _;
@@ -328,6 +328,20 @@ impl Key {
         }
     }
 
+    /// The unit, where there is one, with a blank before it.
+    fn unit_after_blank(&self) -> String {
+        match self.unit {
+            "" => String::new(),
+            unit => format!(" {unit}"),
+        }
+    }
+
+    /// The line above the key in a file: meaning, range and unit.
+    fn comment(&self) -> String {
+        let unit = self.unit_after_blank();
+        format!("# {} ({}{unit})", self.meaning, self.range())
+    }
+
     /// The key's value as TOML writes it.
     pub fn value(&self, config: &Config) -> String {
         let value = (self.get)(config);
@@ -364,15 +378,17 @@ impl Key {
         };
         if !is_whole && !matches!(self.values, Values::Names(_)) {
             bail!(
-                "{} = {value} is no whole number: use {}",
+                "{} = {} is no whole number: use {}",
                 self.path(),
+                text::word(&value.to_string()),
                 self.range()
             );
         }
         let Some(parsed) = parsed else {
             bail!(
-                "{} = {value} is out of range: use {}",
+                "{} = {} is out of range: use {}",
                 self.path(),
+                text::word(&value.to_string()),
                 self.range()
             );
         };
@@ -414,31 +430,41 @@ impl Config {
     /// One line that names the file, the line, the key and what to write instead.
     pub fn load(name_or_file: impl AsRef<OsStr>) -> Result<Config> {
         let path = Path::new(&name_or_file);
-        let shown = text::path(path);
         if let Some((name, text)) = NAMED.iter().find(|(name, _)| path.as_os_str() == *name) {
             return Config::parse(name, &format!("configs/{name}.toml"), text);
         }
-        if !path.exists() {
-            bail!(
-                "{shown}: no such configuration: name one of {} or a TOML file",
-                NAMED
-                    .iter()
-                    .map(|(name, _)| *name)
-                    .collect::<Vec<_>>()
-                    .join(", ")
-            );
-        }
-        if !path.is_file() {
-            bail!("{shown}: is no regular file; give a configuration's name or a TOML file");
-        }
-        let text = std::fs::read_to_string(path)
-            .with_context(|| format!("{shown}: cannot read the configuration"))?;
+        let file = read_file(path)?;
         let name = path.file_stem().unwrap_or_default().to_string_lossy();
-        Config::parse(&text::escaped(&name), &shown, &text)
+        Config::parse(&text::escaped(&name), &text::path(path), &file)
     }
 
     /// Parses a configuration; `file` names it in errors.
+    ///
+    /// # Errors
+    /// See [`Config::load`].
     pub fn parse(name: &str, file: &str, text: &str) -> Result<Config> {
+        let (config, missing) = Config::parse_some(name, file, text)?;
+        let Some(key) = missing.first() else {
+            return Ok(config);
+        };
+        let all = match missing.len() {
+            1 => String::new(),
+            count => format!(", which adds all {count} that are missing"),
+        };
+        bail!(
+            "{file}: key {} is missing ({}; {}{}): add the line `{} = {}` below [{}], or run dynrt config upgrade {file}{all}",
+            key.path(),
+            key.meaning,
+            key.range(),
+            key.unit_after_blank(),
+            key.name,
+            key.value(&Config::reference()),
+            key.section
+        )
+    }
+
+    /// Parses a configuration that may lack keys, and says which it lacks; those have no value that means anything.
+    fn parse_some(name: &str, file: &str, text: &str) -> Result<(Config, Vec<&'static Key>)> {
         let table: toml::Table = text.parse().map_err(|e: toml::de::Error| {
             let line = e.span().map_or(1, |s| line_of(text, s.start));
             anyhow!("{file}:{line}: {}", e.message().replace('\n', " "))
@@ -447,15 +473,17 @@ impl Config {
         for (section, keys) in &table {
             let Some(keys) = keys.as_table() else {
                 bail!(
-                    "{file}:{}: key {section} stands outside a section: write it under one of {}",
+                    "{file}:{}: key {} stands outside a section: write it under one of {}",
                     find_line(text, None, section),
+                    text::word(section),
                     sections().join(", ")
                 );
             };
             if !sections().contains(&section.as_str()) {
                 bail!(
-                    "{file}:{}: unknown section [{section}]: there are {}",
+                    "{file}:{}: unknown section [{}]: there are {}",
                     find_line(text, Some(section), ""),
+                    text::word(section),
                     sections().join(", ")
                 );
             }
@@ -468,8 +496,9 @@ impl Config {
                         .map(|k| k.name)
                         .collect();
                     bail!(
-                        "{}: unknown key {section}.{name}: [{section}] has {}",
+                        "{}: unknown key {section}.{}: [{section}] has {}",
                         at(),
+                        text::word(name),
                         known.join(", ")
                     );
                 };
@@ -477,21 +506,11 @@ impl Config {
                     .map_err(|e| anyhow!("{}: {e}", at()))?;
             }
         }
-        for key in KEYS {
-            if table
-                .get(key.section)
-                .and_then(|s| s.get(key.name))
-                .is_none()
-            {
-                bail!(
-                    "{file}: key {} is missing ({}): set it to {}",
-                    key.path(),
-                    key.meaning,
-                    key.range()
-                );
-            }
-        }
-        Ok(config)
+        let is_missing = |key: &&Key| {
+            let section = table.get(key.section);
+            section.and_then(|keys| keys.get(key.name)).is_none()
+        };
+        Ok((config, KEYS.iter().filter(is_missing).collect()))
     }
 
     /// Sets one key, `path` being `section.name`, from the text of its value, checked as in a file; quotes
@@ -502,7 +521,8 @@ impl Config {
     pub fn set(&mut self, path: &str, value: &str) -> Result<()> {
         let Some(key) = KEYS.iter().find(|key| key.path() == path) else {
             bail!(
-                "unknown key {path}: there are {}",
+                "unknown key {}: there are {}",
+                text::word(path),
                 KEYS.iter().map(Key::path).collect::<Vec<_>>().join(", ")
             );
         };
@@ -563,16 +583,10 @@ impl Config {
                 let _ = writeln!(text, "{gap}[{}]", key.section);
                 section = key.section;
             }
-            let unit = if key.unit.is_empty() {
-                String::new()
-            } else {
-                format!(" {}", key.unit)
-            };
             let _ = writeln!(
                 text,
-                "# {} ({}{unit})\n{} = {}",
-                key.meaning,
-                key.range(),
+                "{}\n{} = {}",
+                key.comment(),
                 key.name,
                 key.value(self)
             );
@@ -584,6 +598,126 @@ impl Config {
         Format::new(self.exponent_bits, self.fraction_bits)
             .expect("a configuration's format is within range")
     }
+}
+
+/// The text of a configuration's file.
+fn read_file(path: &Path) -> Result<String> {
+    let shown = text::path(path);
+    if !path.exists() {
+        let names: Vec<_> = NAMED.iter().map(|(name, _)| *name).collect();
+        bail!(
+            "{shown}: no such configuration: name one of {} or a TOML file",
+            names.join(", ")
+        );
+    }
+    if !path.is_file() {
+        bail!("{shown}: is no regular file; give a configuration's name or a TOML file");
+    }
+    let bytes = std::fs::read(path);
+    let bytes = bytes.with_context(|| format!("{shown}: cannot read the configuration"))?;
+    String::from_utf8(bytes).map_err(|error| {
+        let before = &error.as_bytes()[..error.utf8_error().valid_up_to()];
+        let line = before.iter().filter(|&&byte| byte == b'\n').count() + 1;
+        anyhow!("{shown}:{line}: is not UTF-8; save the file as UTF-8")
+    })
+}
+
+/// A configuration's file with the keys that it lacks.
+#[derive(Debug)]
+pub struct Upgrade {
+    /// The whole file.
+    pub text: String,
+    /// The paths of the keys that were added; none of a file that has all.
+    pub added: Vec<String>,
+}
+
+impl Upgrade {
+    /// Adds what a file lacks; the file itself stays.
+    ///
+    /// # Errors
+    /// See [`Config::load`]; that keys are missing is no error here.
+    pub fn of_file(path: &Path) -> Result<Upgrade> {
+        Upgrade::new(&text::path(path), &read_file(path)?)
+    }
+
+    /// Adds what a file's text lacks, `file` naming it in errors: each key below those of its section, with the reference
+    /// machine's value and a comment. Values, comments and order of what is there stay.
+    ///
+    /// # Errors
+    /// As [`Upgrade::of_file`].
+    pub fn new(file: &str, text: &str) -> Result<Upgrade> {
+        let (_, missing) = Config::parse_some("upgraded", file, text)?;
+        let mut upgrade = Upgrade {
+            text: text.to_string(),
+            added: missing.iter().map(|key| key.path()).collect(),
+        };
+        if missing.is_empty() {
+            return Ok(upgrade);
+        }
+        // Line ends are the file's own: the parser's are line feeds.
+        let line_end = if text.contains("\r\n") { "\r\n" } else { "\n" };
+        let mark = if text.starts_with('\u{feff}') {
+            "\u{feff}"
+        } else {
+            ""
+        };
+        let plain = text.trim_start_matches('\u{feff}').replace("\r\n", "\n");
+        let mut document: toml_edit::DocumentMut = (plain.parse())
+            .map_err(|error: toml_edit::TomlError| anyhow!("{file}: {}", error.message()))?;
+        for key in missing {
+            add(&mut document, key)?;
+        }
+        upgrade.text = mark.to_string() + &document.to_string().replace('\n', line_end);
+        // What was parsed before and is not now would be this function's fault.
+        Config::parse("upgraded", file, &upgrade.text)?;
+        Ok(upgrade)
+    }
+
+    /// Writes the text in place of a file, whole or not at all; who may read and write the file stays.
+    ///
+    /// # Errors
+    /// One line that names the file if it cannot be written.
+    pub fn write(&self, path: &Path) -> Result<()> {
+        let permissions = std::fs::metadata(path).map(|data| data.permissions());
+        let staged = report::Staged::text(path, &self.text)?;
+        if let Ok(permissions) = permissions {
+            std::fs::set_permissions(staged.temporary(), permissions)
+                .with_context(|| format!("{}: cannot be written", text::path(path)))?;
+        }
+        staged.publish()
+    }
+}
+
+/// Adds a key with its comment to its section, which is made where it is missing.
+fn add(document: &mut toml_edit::DocumentMut, key: &Key) -> Result<()> {
+    use toml_edit::{Item, Table, Value};
+    let is_first = document.is_empty();
+    let value: Value = key
+        .value(&Config::reference())
+        .parse()
+        .map_err(|error| anyhow!("{}: {error}", key.path()))?;
+    let comment = format!("{}\n", key.comment());
+    let section = document.entry(key.section).or_insert_with(|| {
+        let mut table = Table::new();
+        table
+            .decor_mut()
+            .set_prefix(if is_first { "" } else { "\n" });
+        Item::Table(table)
+    });
+    match section {
+        Item::Table(table) => {
+            table.insert(key.name, Item::Value(value));
+            if let Some(mut name) = table.key_mut(key.name) {
+                name.leaf_decor_mut().set_prefix(comment);
+            }
+        }
+        // In a table on one line there is no room for a comment.
+        Item::Value(Value::InlineTable(table)) => {
+            table.insert(key.name, value);
+        }
+        _ => bail!("key {} stands outside a section", key.section),
+    }
+    Ok(())
 }
 
 fn sections() -> Vec<&'static str> {

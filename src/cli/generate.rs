@@ -1,9 +1,9 @@
 //! `dynrt generate`: the machine as Verilog.
 
+use super::files::{Kind, Output};
 use super::{ConfigArgs, print};
 use anyhow::Result;
 use dynrt::emit;
-use std::path::PathBuf;
 
 const HELP: &str = "\
 Writes into DIR
@@ -29,8 +29,8 @@ Every configuration key, with its range, is explained in the files of configs/."
 #[command(after_help = HELP)]
 pub struct Args {
     /// The folder to write
-    #[arg(long, value_name = "DIR")]
-    out: PathBuf,
+    #[arg(long, value_name = "DIR", value_parser = Kind::Files)]
+    out: Output,
     #[command(flatten)]
     config: ConfigArgs,
 }
@@ -38,12 +38,12 @@ pub struct Args {
 pub fn run(args: &Args) -> Result<()> {
     let config = args.config.load()?;
     let (machine, files) = emit::generate(&config)?;
-    emit::write_folder(&args.out, &files)?;
+    args.out.files(&files)?;
     let modules = machine.design.modules();
     let lines: usize = modules.iter().map(|m| m.verilog().lines().count()).sum();
     print(&format!(
         "{}: {} modules, {} lines of Verilog, top module {}, configuration {}\n",
-        args.out.display(),
+        args.out,
         modules.len(),
         super::grouped(lines as u64),
         machine.design.top().name(),

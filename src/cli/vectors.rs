@@ -1,5 +1,6 @@
 //! `dynrt vectors`: what goes into and comes out of each unit, as files.
 
+use super::files::{Kind, Output};
 use super::frame::{CameraArgs, check_size, load_mesh};
 use super::{ConfigArgs, counted, print, tell};
 use anyhow::{Context, Result, ensure};
@@ -8,7 +9,6 @@ use dynrt::config::Config;
 use dynrt::scene::animation::MachineScene;
 use dynrt::scene::{BUILTIN_NAMES, Frame, ImageSize, RayPacket, SceneSpec, load_animated};
 use dynrt::vectors::{self, Posed, Request, Summary};
-use std::path::PathBuf;
 
 const HELP: &str = "\
 Writes memory images for $readmemh, stimulus and expected results of every unit, and manifest.json, which lists the files
@@ -56,8 +56,8 @@ pub struct Args {
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..))]
     limit: Option<u32>,
     /// The folder to write
-    #[arg(long, value_name = "DIR")]
-    out: PathBuf,
+    #[arg(long, value_name = "DIR", value_parser = Kind::Folder)]
+    out: Output,
 }
 
 /// A scene in a machine's memory, and the rays to cast into it.
@@ -156,7 +156,7 @@ pub fn run(args: &Args) -> Result<()> {
         skins: &skins,
         packets: &packets,
         limit: args.limit.map(|limit| limit as usize),
-        out: &args.out,
+        out: args.out.path(),
     })?;
     let transforms = match image.is_instanced() {
         true => format!("{}, ", counted(transforms, "ray transformation")),
@@ -164,7 +164,7 @@ pub fn run(args: &Args) -> Result<()> {
     };
     print(&format!(
         "{}: {files} files: {}, {}, {}, {transforms}{}; {} with {}; {} with {}; scene {name}, configuration {}\n",
-        args.out.display(),
+        args.out,
         counted(packets, "packet"),
         counted(rays, "ray"),
         counted(steps, "packet step"),

@@ -3,7 +3,7 @@
 //! Files appear whole or not at all: they are written beside their place, then renamed. Symbolic links are followed;
 //! devices and pipes are written to as they are.
 
-pub(crate) mod folder;
+pub mod folder;
 mod frames;
 mod picture;
 
