@@ -49,6 +49,9 @@ pub struct Config {
     pub memory_ready_percent: u32,
 }
 
+/// How much of a name that is no key's errors show.
+const LONGEST_NAME: usize = 60;
+
 /// The values that a key may have.
 #[derive(Clone, Debug)]
 pub enum Values {
@@ -351,6 +354,12 @@ impl Key {
         }
     }
 
+    /// Sets the key to the value that it has in `other`.
+    #[cfg(test)]
+    fn set_value(&self, config: &mut Config, other: &Config) {
+        (self.set)(config, (self.get)(other));
+    }
+
     /// Sets the key from a TOML value.
     fn parse(&self, config: &mut Config, value: &toml::Value) -> Result<()> {
         let parsed = match (&self.values, value) {
@@ -475,7 +484,7 @@ impl Config {
                 bail!(
                     "{file}:{}: key {} stands outside a section: write it under one of {}",
                     find_line(text, None, section),
-                    text::word(section),
+                    text::cut(section, LONGEST_NAME),
                     sections().join(", ")
                 );
             };
@@ -483,7 +492,7 @@ impl Config {
                 bail!(
                     "{file}:{}: unknown section [{}]: there are {}",
                     find_line(text, Some(section), ""),
-                    text::word(section),
+                    text::cut(section, LONGEST_NAME),
                     sections().join(", ")
                 );
             }
@@ -498,7 +507,7 @@ impl Config {
                     bail!(
                         "{}: unknown key {section}.{}: [{section}] has {}",
                         at(),
-                        text::word(name),
+                        text::cut(name, LONGEST_NAME),
                         known.join(", ")
                     );
                 };
@@ -522,7 +531,7 @@ impl Config {
         let Some(key) = KEYS.iter().find(|key| key.path() == path) else {
             bail!(
                 "unknown key {}: there are {}",
-                text::word(path),
+                text::cut(path, LONGEST_NAME),
                 KEYS.iter().map(Key::path).collect::<Vec<_>>().join(", ")
             );
         };
@@ -790,6 +799,115 @@ mod tests {
         assert_eq!(
             Config::load("nonesuch").unwrap_err().to_string(),
             "nonesuch: no such configuration: name one of virtex4-lx160, dynrt-2006, ecp5-85f, tiny or a TOML file"
+        );
+    }
+
+    #[test]
+    fn an_error_for_a_missing_key_prints_the_line_to_add() {
+        assert_eq!(
+            error(|t| t.replace("rays = 4\n", "")),
+            "x.toml: key packets.rays is missing (rays traversed together; each has a slice of the traversal unit; \
+             1, 2, 4, 8 rays): add the line `rays = 4` below [packets], or run dynrt config upgrade x.toml"
+        );
+        let line = error(|t| t.replace("triangle_test", "# ").replace("latency = ", "# "));
+        assert!(
+            line.ends_with(
+                ": add the line `triangle_test = \"watertight\"` below [geometry], \
+                 or run dynrt config upgrade x.toml, which adds all 2 that are missing"
+            ),
+            "{line}"
+        );
+    }
+
+    /// That every line of a text is in another one, in the same order.
+    fn keeps_lines(before: &str, after: &str) {
+        let mut after_lines = after.lines();
+        for line in before.lines() {
+            assert!(
+                after_lines.any(|other| other == line),
+                "`{line}` is lost or moved:\n{before}\nbecame\n{after}"
+            );
+        }
+    }
+
+    fn upgraded(text: &str) -> Upgrade {
+        let upgrade = Upgrade::new("x.toml", text).unwrap();
+        keeps_lines(text, &upgrade.text);
+        Config::parse("x", "x.toml", &upgrade.text).unwrap();
+        let again = Upgrade::new("x.toml", &upgrade.text).unwrap();
+        assert_eq!((again.text, again.added.len()), (upgrade.text.clone(), 0));
+        upgrade
+    }
+
+    #[test]
+    fn each_missing_key_is_added_in_its_section_with_the_reference_s_value() {
+        let reference = Config::reference();
+        for (number, key) in KEYS.iter().enumerate() {
+            let config = Config::random(number as u64);
+            let line = format!("{} = {}\n", key.name, key.value(&config));
+            let section = format!("[{}]\n", key.section);
+            let (head, rest) = config.to_toml().split_once(&section).map(own).unwrap();
+            let text = head + &section + &rest.replacen(&line, "# mine\n", 1);
+            let upgrade = upgraded(&text);
+            assert_eq!(upgrade.added, [key.path()]);
+            let mut expected = config;
+            key.set_value(&mut expected, &reference);
+            expected.name = "x".into();
+            assert_eq!(Config::parse("x", "f", &upgrade.text).unwrap(), expected);
+            let added = format!(
+                "{}\n{} = {}\n",
+                key.comment(),
+                key.name,
+                key.value(&reference)
+            );
+            assert!(upgrade.text.contains(&added), "{}", upgrade.text);
+        }
+    }
+
+    fn own((a, b): (&str, &str)) -> (String, String) {
+        (a.to_string(), b.to_string())
+    }
+
+    #[test]
+    fn files_of_every_form_are_upgraded() {
+        let reference = Config::reference();
+        let all = |text: &str| {
+            let config = Config::parse("virtex4-lx160", "f", &upgraded(text).text).unwrap();
+            assert_eq!(config, reference, "{text}");
+        };
+        assert_eq!(upgraded("").text, reference.to_toml());
+        all("# a comment, and nothing else\n");
+        all("[packets]\nrays = 4 # the original's\n# below\n\n[clock]\n\ttarget_mhz = 100");
+        all("packets = { rays = 4 }\nclock = {}\n[float]\n");
+        all("packets.rays = 4\nmemory.order = \"in-order\"\n");
+        all("[\"packets\"]\n'rays' = 0x4\n");
+        let dos = "\u{feff}[packets]\r\nrays = 4\r\n# mine\r\n";
+        all(dos);
+        let upgrade = upgraded(dos);
+        assert!(
+            upgrade
+                .text
+                .starts_with("\u{feff}[packets]\r\nrays = 4\r\n")
+        );
+        assert!(!upgrade.text.replace("\r\n", "").contains('\n'));
+        let whole = "# mine\n".to_string() + &reference.to_toml().replace("rays = 4", "rays=4#x");
+        let upgrade = upgraded(&whole);
+        assert_eq!((upgrade.text, upgrade.added.len()), (whole, 0));
+    }
+
+    #[test]
+    fn a_faulty_file_is_not_upgraded() {
+        let fault = |text: &str| Upgrade::new("x.toml", text).unwrap_err().to_string();
+        assert_eq!(
+            fault("[packets]\nrays = 3\n"),
+            "x.toml:2: packets.rays = 3 is out of range: use 1, 2, 4, 8"
+        );
+        assert!(fault("[packets]\n\nrais = 3\n").starts_with("x.toml:3: unknown key packets.rais"));
+        assert!(fault("[packets]\nrays = \n").starts_with("x.toml:2: "));
+        let long = fault(&format!("[packets]\nrays = {:?}\n", 1e300));
+        assert!(
+            long.len() < 120 && long.contains("packets.rays = 1"),
+            "{long}"
         );
     }
 

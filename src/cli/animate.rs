@@ -12,6 +12,7 @@ use dynrt::cosim::raycast::Trace;
 use dynrt::report::{self, FrameFolder, Staged};
 use dynrt::scene::animation::{MachineFrame, MachineScene};
 use dynrt::scene::{Animated, Frame, ImageSize, SceneSpec, load_animated};
+use dynrt::text;
 use serde_json::{Value, json};
 use std::fmt::Write as _;
 use std::time::Duration;
@@ -108,13 +109,17 @@ impl Args {
             None => None,
             Some(text) => match text.parse::<usize>() {
                 Ok(count) if (1..=MOST_FRAMES).contains(&count) => Some(count),
-                _ => anyhow::bail!("--frames {text}: give a whole number from 1 to {MOST_FRAMES}"),
+                _ => anyhow::bail!(
+                    "--frames {}: give a whole number from 1 to {MOST_FRAMES}",
+                    text::word(text)
+                ),
             },
         };
         if let Some(fps) = self.fps {
             ensure!(
                 fps > 0.0 && (1e-3..=1e6).contains(&fps),
-                "--fps {fps}: give from 0.001 to 1000000 frames a second"
+                "--fps {}: give from 0.001 to 1000000 frames a second",
+                text::number(fps)
             );
         }
         let clip = scene.clip(self.clip.as_deref())?;
@@ -157,7 +162,7 @@ impl Args {
             text += &format!(" --frames {frames}");
         }
         if let Some(fps) = self.fps {
-            text += &format!(" --fps {fps}");
+            text += &format!(" --fps {}", text::number(fps));
         }
         text += &self.camera.replay();
         text += &self.config.replay();
@@ -165,7 +170,7 @@ impl Args {
             text += &format!(" --size {}", self.size);
         }
         if self.rebuild_above != REBUILD_ABOVE {
-            text += &format!(" --rebuild-above {}", self.rebuild_above);
+            text += &format!(" --rebuild-above {}", text::number(self.rebuild_above));
         }
         if self.seed != 1 {
             text += &format!(" --seed {}", self.seed);
@@ -179,7 +184,7 @@ pub fn run(args: &Args) -> Result<()> {
     ensure!(
         args.rebuild_above >= 1.0,
         "--rebuild-above {}: give 1 or more, how many times a new tree's cost is too much",
-        args.rebuild_above
+        text::number(args.rebuild_above)
     );
     let config = args.config.load()?;
     let frame = Frame::new(args.size, config.rays_per_packet as usize)?;
@@ -346,7 +351,7 @@ impl Job<'_> {
              cycles: skinning {} ({:.1} %), update {} ({:.1} %), ray casting {}\n",
             self.scene.name,
             match &self.schedule.clip {
-                Some(clip) => format!(", clip {clip}"),
+                Some(clip) => format!(", clip {}", text::escaped(clip)),
                 None => String::new(),
             },
             counted(setup.triangles as u64, "triangle"),

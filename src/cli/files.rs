@@ -158,10 +158,13 @@ impl Output {
 
     /// That it takes nothing from another output.
     fn check_beside(&self, other: &Output) -> Result<()> {
-        let is_both_standard = self.is_standard_output() && other.is_standard_output();
+        ensure!(
+            !(self.is_standard_output() && other.is_standard_output()),
+            "-: is the standard output, which takes one output; give the other a name"
+        );
         let is_same = self.path == other.path || report::is_same_file(self.path(), other.path());
         ensure!(
-            !(is_both_standard || is_same && !report::is_stream(self.path())),
+            !is_same || report::is_stream(self.path()),
             "{self}: is the same file as {other}; give each output its own"
         );
         for (inner, outer) in [(self, other), (other, self)] {
@@ -335,10 +338,10 @@ pub fn check(matches: &ArgMatches) -> Result<()> {
     if outputs.iter().any(Output::is_standard_output) {
         super::results_go_to_stdout();
     }
+    outputs.iter().try_for_each(Output::check_apart)?;
     outputs.iter().try_for_each(Output::check_name)?;
     for (number, output) in outputs.iter().enumerate() {
         (outputs[..number].iter()).try_for_each(|other| output.check_beside(other))?;
     }
-    outputs.iter().try_for_each(Output::check_apart)?;
     outputs.iter().try_for_each(Output::check_writable)
 }

@@ -8,6 +8,7 @@ use dynrt::port::Ray;
 use dynrt::scene::{
     self, Bounds, Camera, Frame, ImageSize, MachineMesh, RayPacket, Scene, SceneSpec, View,
 };
+use dynrt::text;
 use std::time::Instant;
 
 /// The size of a picture where none is given.
@@ -155,13 +156,13 @@ impl CameraArgs {
     /// The options beside `--view` that are given, as `name=value`.
     fn settings(&self) -> Vec<String> {
         let vector = |name: &str, vector: Option<[f64; 3]>| {
-            vector.map(|[x, y, z]| format!("{name}={x},{y},{z}"))
+            vector.map(|vector| format!("{name}={}", vector.map(text::number).join(",")))
         };
         [
             vector("eye", self.eye),
             vector("look-at", self.look_at),
             vector("up", self.up),
-            self.fov.map(|fov| format!("fov={fov}")),
+            self.fov.map(|fov| format!("fov={}", text::number(fov))),
         ]
         .into_iter()
         .flatten()

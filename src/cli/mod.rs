@@ -178,6 +178,7 @@ fn command() -> clap::Command {
         }
         template.push('\n');
     }
+    let _ = writeln!(template, "{heading}Options:{heading:#}");
     template += "{options}{after-help}";
     let styled = clap::builder::StyledStr::from(template);
     Cli::command().help_template(styled)
@@ -202,6 +203,9 @@ fn parse() -> (Cli, ArgMatches) {
     let cli = Cli::from_arg_matches(&matches).unwrap_or_else(|error| error.exit());
     (cli, matches)
 }
+
+/// How much of a setting messages show.
+const LONGEST_SETTING: usize = 80;
 
 /// The heading of [`ConfigArgs`].
 const MACHINE: &str = "Machine";
@@ -243,12 +247,13 @@ impl ConfigArgs {
         for setting in &self.set {
             let Some((path, value)) = setting.split_once('=') else {
                 anyhow::bail!(
-                    "--set {setting}: has no value; write SECTION.KEY=VALUE, such as packets.rays=8"
+                    "--set {}: has no value; write SECTION.KEY=VALUE, such as packets.rays=8",
+                    text::cut(setting, LONGEST_SETTING)
                 );
             };
-            config
-                .set(path.trim(), value.trim())
-                .map_err(|error| error.context(format!("--set {setting}")))?;
+            config.set(path.trim(), value.trim()).map_err(|error| {
+                error.context(format!("--set {}", text::cut(setting, LONGEST_SETTING)))
+            })?;
         }
         if config != named {
             config.name += "-custom";
@@ -271,7 +276,8 @@ impl ConfigArgs {
 
     /// What follows the configuration's name in a line: the settings.
     fn settings(&self) -> String {
-        let settings = self.set.iter().map(|setting| format!(", {setting}"));
+        let settings =
+            (self.set.iter()).map(|setting| format!(", {}", text::cut(setting, LONGEST_SETTING)));
         settings.collect()
     }
 
@@ -503,6 +509,28 @@ mod tests {
         let help = generate.render_long_help().to_string();
         for (name, _) in NAMED {
             assert!(help.contains(name), "{name}");
+        }
+    }
+
+    #[cfg(unix)]
+    #[test]
+    fn a_shell_reads_quoted_words_as_they_were() {
+        use std::os::unix::ffi::OsStrExt;
+        for word in [
+            &b"plain.obj"[..],
+            b"it's",
+            b"",
+            b"a b$HOME`x`\\\"!",
+            b"na\xffme\xc3\xa9.obj",
+            b"line\nfeed\x1b[1m\x07'7\\",
+            "turn\u{202e}ed".as_bytes(),
+        ] {
+            let script = format!("printf %s {}", quoted(OsStr::from_bytes(word)));
+            let shell = std::process::Command::new("bash")
+                .args(["-c", &script])
+                .output();
+            assert_eq!(shell.unwrap().stdout, word, "{script}");
+            assert!(text::escaped(&script) == script, "{script}");
         }
     }
 

@@ -5,6 +5,7 @@ use super::{ConfigArgs, counted, print, tell};
 use anyhow::{Result, ensure};
 use dynrt::mutate::{self, Kind, Outcome, Report, Request, UNITS};
 use dynrt::report;
+use dynrt::text;
 use serde_json::json;
 use std::fmt::Write as _;
 
@@ -48,7 +49,7 @@ pub fn run(args: &Args) -> Result<()> {
     ensure!(
         (0.0..=100.0).contains(&args.least),
         "--least {}: give a share from 0 to 100 percent",
-        args.least
+        text::number(args.least)
     );
     let config = args.config.load()?;
     let request = Request {

@@ -8,6 +8,7 @@ use dynrt::bkd::{BuildOptions, MemoryImage, build};
 use dynrt::config::Config;
 use dynrt::scene::animation::MachineScene;
 use dynrt::scene::{BUILTIN_NAMES, Frame, ImageSize, RayPacket, SceneSpec, load_animated};
+use dynrt::text;
 use dynrt::vectors::{self, Posed, Request, Summary};
 
 const HELP: &str = "\
@@ -103,7 +104,7 @@ impl Args {
         ensure!(
             self.seconds.is_finite() && self.seconds >= 0.0,
             "--seconds {}: give a time from 0 on",
-            self.seconds
+            text::number(self.seconds)
         );
         let scene = load_animated(&self.scene)?;
         for warning in &scene.warnings {
