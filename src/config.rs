@@ -700,28 +700,39 @@ impl Upgrade {
 /// Adds a key with its comment to its section, which is made where it is missing.
 fn add(document: &mut toml_edit::DocumentMut, key: &Key) -> Result<()> {
     use toml_edit::{Item, Table, Value};
-    let is_first = document.is_empty();
-    let value: Value = key
+    let mut value: Value = key
         .value(&Config::reference())
         .parse()
         .map_err(|error| anyhow!("{}: {error}", key.path()))?;
-    let comment = format!("{}\n", key.comment());
-    let section = document.entry(key.section).or_insert_with(|| {
+    if !document.contains_key(key.section) {
+        // Comments at the end of the file stay where they are: above the new section.
+        let mut above = document.trailing().as_str().unwrap_or_default().to_string();
+        document.set_trailing("");
+        if !(document.is_empty() && above.is_empty()) {
+            above.push('\n');
+        }
         let mut table = Table::new();
-        table
-            .decor_mut()
-            .set_prefix(if is_first { "" } else { "\n" });
-        Item::Table(table)
-    });
-    match section {
+        table.decor_mut().set_prefix(above);
+        document.insert(key.section, Item::Table(table));
+    }
+    match &mut document[key.section] {
         Item::Table(table) => {
             table.insert(key.name, Item::Value(value));
-            if let Some(mut name) = table.key_mut(key.name) {
+            // In a line `section.key = value` there is no room for a comment, nor in a table on one line.
+            if let (false, Some(mut name)) = (table.is_dotted(), table.key_mut(key.name)) {
+                let comment = format!("{}\n", key.comment());
                 name.leaf_decor_mut().set_prefix(comment);
             }
         }
-        // In a table on one line there is no room for a comment.
         Item::Value(Value::InlineTable(table)) => {
+            // The blank before the brace stays there.
+            if let Some((_, last)) = table.iter_mut().last() {
+                let decor = last.decor_mut();
+                let blank = decor.suffix().and_then(|suffix| suffix.as_str());
+                let blank = blank.unwrap_or_default().to_string();
+                decor.set_suffix("");
+                value = value.decorated(" ", blank);
+            }
             table.insert(key.name, value);
         }
         _ => bail!("key {} stands outside a section", key.section),
@@ -877,10 +888,22 @@ mod tests {
         };
         assert_eq!(upgraded("").text, reference.to_toml());
         all("# a comment, and nothing else\n");
+        assert!(
+            upgraded("# mine\n")
+                .text
+                .starts_with("# mine\n\n[float]\n# ")
+        );
         all("[packets]\nrays = 4 # the original's\n# below\n\n[clock]\n\ttarget_mhz = 100");
-        all("packets = { rays = 4 }\nclock = {}\n[float]\n");
         all("packets.rays = 4\nmemory.order = \"in-order\"\n");
         all("[\"packets\"]\n'rays' = 0x4\n");
+        // A line that is a table on its own gets longer.
+        let line = "packets = { rays = 4 }\nclock = {}\n[float]\n";
+        let text = Upgrade::new("f", line).unwrap().text;
+        let start =
+            "packets = { rays = 4, in_flight = 48, tag_bits = 16 }\nclock = { target_mhz = ";
+        assert!(text.starts_with(start), "{text}");
+        let config = Config::parse("virtex4-lx160", "f", &text).unwrap();
+        assert_eq!(config, reference);
         let dos = "\u{feff}[packets]\r\nrays = 4\r\n# mine\r\n";
         all(dos);
         let upgrade = upgraded(dos);
