@@ -48,10 +48,15 @@ Examples:
   dynrt mutate --mutants 100 --seed 1                whether co-simulation would notice a bug
   dynrt baseline                                     whether any of that has become worse than what is checked in
   dynrt vectors builtin:cornell --out vectors        stimulus and expected results for other simulators
+  dynrt config upgrade machine.toml                  an older configuration with the keys that it lacks
   dynrt COMMAND --help                               all options, with examples
 
 SCENE is an OBJ file or builtin:NAME, NAME one of teapot, cornell, interior, sphere, knot; some take
 parameters: 'builtin:teapot?tessellation=20', 'builtin:sphere?level=6', 'builtin:knot?segments=800&sides=24'.
+
+An output never replaces a file that is read, and never has the name of another type of file. All outputs of a
+command appear when all are written. With - for an output, as in --json -, it goes to the standard output and all
+text to the standard error. An interrupted run leaves nothing behind.
 
 Exit status: 0 if all went well, 1 with one line on stderr if not, 2 for a command that makes no sense.";
 
