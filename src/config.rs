@@ -646,7 +646,11 @@ impl Upgrade {
     /// # Errors
     /// See [`Config::load`]; that keys are missing is no error here.
     pub fn of_file(path: &Path) -> Result<Upgrade> {
-        Upgrade::new(&text::path(path), &read_file(path)?)
+        let shown = text::path(path);
+        if !path.exists() {
+            bail!("{shown}: no such file; give a configuration's TOML file");
+        }
+        Upgrade::new(&shown, &read_file(path)?)
     }
 
     /// Adds what a file's text lacks, `file` naming it in errors: each key below those of its section, with the reference

@@ -207,7 +207,8 @@ fn positive_or_one(x: f64) -> f64 {
     if x > 0.0 { x } else { 1.0 }
 }
 
-fn shown([x, y, z]: [f64; 3]) -> String {
+/// A place or a direction, for messages.
+pub(super) fn shown([x, y, z]: [f64; 3]) -> String {
     let [x, y, z] = [x, y, z].map(text::number);
     format!("({x}, {y}, {z})")
 }
