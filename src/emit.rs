@@ -5,7 +5,8 @@ use crate::bkd::layout::Record;
 use crate::config::{Config, KEYS};
 use crate::hdl::{Design, Direction, Module, Port};
 use crate::hw::{self, Machine};
-use crate::{interrupt, temporary};
+use crate::interrupt;
+use crate::temporary::{self, Parents};
 use anyhow::{Context, Result, anyhow, bail};
 use serde_json::{Map, Value, json};
 use std::fmt::Write as _;
@@ -223,7 +224,7 @@ pub fn write_folder(folder: &Path, files: &[(String, String)]) -> Result<()> {
         Some(parent) if !parent.as_os_str().is_empty() => parent,
         _ => Path::new("."),
     };
-    fs::create_dir_all(within).map_err(fault)?;
+    let parents = Parents::make(within).map_err(fault)?;
     let temporary = temporary::Folder::for_result(within).map_err(fault)?;
     for (name, text) in files {
         fs::write(temporary.path().join(name), text).map_err(fault)?;
@@ -233,6 +234,7 @@ pub fn write_folder(folder: &Path, files: &[(String, String)]) -> Result<()> {
         fs::rename(temporary.path(), folder).map_err(fault)?;
         // Its folder is the result now; there is nothing to remove.
         temporary.keep();
+        parents.keep();
         return Ok(());
     }
     let stale = listed_files(folder);

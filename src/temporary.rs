@@ -31,6 +31,9 @@ const RANDOM: usize = 6;
 /// What is there now, to be removed on an interrupt.
 static LIVE: Mutex<BTreeSet<PathBuf>> = Mutex::new(BTreeSet::new());
 
+/// Folders that were made for a result that is not there yet.
+static PARENTS: Mutex<BTreeSet<PathBuf>> = Mutex::new(BTreeSet::new());
+
 /// Where this process has looked for what others have left.
 static SWEPT: Mutex<BTreeSet<PathBuf>> = Mutex::new(BTreeSet::new());
 
@@ -106,6 +109,47 @@ impl Drop for Folder {
             let path = inner.path().to_path_buf();
             drop(inner);
             locked(&LIVE).remove(&path);
+        }
+    }
+}
+
+/// Folders made for a result in them; those that are empty still vanish when dropped.
+pub struct Parents(Vec<PathBuf>);
+
+impl Parents {
+    /// Makes a folder, and those above it, where they are not there.
+    ///
+    /// # Errors
+    /// One cannot be made; then none is left.
+    pub fn make(folder: &Path) -> io::Result<Parents> {
+        let is_missing = |path: &&Path| !path.as_os_str().is_empty() && !path.exists();
+        let missing = folder.ancestors().take_while(is_missing);
+        let parents = Parents(missing.map(Path::to_path_buf).collect());
+        let mut made = locked(&PARENTS);
+        interrupt::stop_if_ending();
+        made.extend(parents.0.iter().cloned());
+        drop(made);
+        // Where this fails, those that it has made vanish with `parents`.
+        fs::create_dir_all(folder)?;
+        Ok(parents)
+    }
+
+    /// Leaves the folders where they are.
+    pub fn keep(mut self) {
+        let mut made = locked(&PARENTS);
+        for path in self.0.drain(..) {
+            made.remove(&path);
+        }
+    }
+}
+
+impl Drop for Parents {
+    fn drop(&mut self) {
+        let mut made = locked(&PARENTS);
+        // The deepest first.
+        for path in self.0.drain(..) {
+            let _ = fs::remove_dir(&path);
+            made.remove(&path);
         }
     }
 }
@@ -216,6 +260,12 @@ pub(crate) fn remove_all() {
         }
     }
     std::mem::forget(live);
+    let parents = locked(&PARENTS);
+    // What is below a folder comes behind it.
+    for path in parents.iter().rev() {
+        let _ = fs::remove_dir(path);
+    }
+    std::mem::forget(parents);
 }
 
 /// Removes a file, or a folder with all that is in it.
@@ -385,6 +435,23 @@ mod tests {
         file.persist(&parent.path().join("file")).unwrap();
         assert_eq!(names(parent.path()), ["file", "kept"]);
         assert!(live.iter().all(|path| !locked(&LIVE).contains(path)));
+    }
+
+    #[test]
+    fn folders_made_for_a_result_vanish_without_it() {
+        let parent = tempfile::tempdir().unwrap();
+        let deep = parent.path().join("a/b/c");
+        drop(Parents::make(&deep).unwrap());
+        assert_eq!(names(parent.path()), [""; 0]);
+        let parents = Parents::make(&deep).unwrap();
+        fs::write(parent.path().join("a/b/mine"), "").unwrap();
+        drop(parents);
+        assert_eq!(names(&parent.path().join("a/b")), ["mine"]);
+        Parents::make(&deep).unwrap().keep();
+        drop(Parents::make(&deep).unwrap());
+        assert!(deep.is_dir());
+        assert!(Parents::make(&parent.path().join("a/b/mine/d/e")).is_err());
+        assert_eq!(names(&parent.path().join("a/b")), ["c", "mine"]);
     }
 
     #[test]

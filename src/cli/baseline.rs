@@ -198,7 +198,7 @@ pub struct NumbersArgs {
 
 pub fn numbers(args: &NumbersArgs) -> Result<()> {
     let files = page::files(&Baseline::read(args.file.path())?)?;
-    args.out.files(&files)?;
+    args.out.texts(&files)?;
     print(&format!(
         "{}: {} written\n",
         args.out,

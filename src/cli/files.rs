@@ -4,11 +4,12 @@
 //! them by their types, so that no command can forget one.
 
 use super::ConfigName;
-use anyhow::{Result, bail, ensure};
+use anyhow::{Context, Result, bail, ensure};
 use clap::builder::{PathBufValueParser, TypedValueParser};
 use clap::{Arg, ArgMatches};
 use dynrt::report::{self, Identity, Staged};
 use dynrt::scene::{SceneSpec, sources};
+use dynrt::temporary::Parents;
 use dynrt::{emit, text};
 use image::RgbImage;
 use serde_json::Value;
@@ -128,6 +129,20 @@ impl Output {
             check_apart(&self.path.join(name))?;
         }
         emit::write_folder(&self.path, files)
+    }
+
+    /// Writes texts, by their names, into the folder, and touches nothing else in it.
+    pub fn texts(&self, files: &[(String, String)]) -> Result<()> {
+        let parents = Parents::make(&self.path)
+            .with_context(|| format!("{self}: cannot be made; give --out another place"))?;
+        let staged = files.iter().map(|(name, content)| {
+            let path = self.path.join(name);
+            check_apart(&path)?;
+            Staged::text(&path, content)
+        });
+        report::publish_all(staged.collect::<Result<Vec<_>>>()?)?;
+        parents.keep();
+        Ok(())
     }
 
     /// That the name is not one of another type of file.

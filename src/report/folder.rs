@@ -1,6 +1,7 @@
 //! A folder of results: filled under a temporary name beside its place, then renamed.
 
-use crate::{interrupt, temporary, text};
+use crate::temporary::{self, Parents};
+use crate::{interrupt, text};
 use anyhow::{Context, Result, bail};
 use std::collections::BTreeSet;
 use std::fs;
@@ -24,6 +25,8 @@ pub struct Folder {
     /// Without links and dots, so that its parent and its name are what they seem.
     place: PathBuf,
     temporary: temporary::Folder,
+    /// The folders above it that were made for it; below `temporary`, so that they are dropped when they are empty.
+    parents: Option<Parents>,
 }
 
 impl Folder {
@@ -46,9 +49,10 @@ impl Folder {
             Some(parent) if !parent.as_os_str().is_empty() => parent,
             _ => Path::new("."),
         };
-        if !place.exists() {
-            fs::create_dir_all(parent).map_err(written)?;
-        }
+        let parents = match place.exists() {
+            true => None,
+            false => Some(Parents::make(parent).map_err(written)?),
+        };
         // Making the parent of `v/../v` makes `v`: whether the place exists is asked again.
         let place = match (place.exists(), place.file_name()) {
             (true, _) => place.canonicalize().map_err(written)?,
@@ -69,6 +73,7 @@ impl Folder {
             content,
             shown: shown.to_path_buf(),
             temporary: temporary::Folder::for_result(parent).map_err(written)?,
+            parents,
             place,
         })
     }
@@ -102,6 +107,8 @@ impl Folder {
             content,
             shown,
             place,
+            // What is dropped last comes first.
+            parents,
             temporary,
         } = self;
         check_free(&place, &shown, content)?;
@@ -132,6 +139,9 @@ impl Folder {
         }
         // Its content is in place: there is nothing left to remove.
         temporary.keep();
+        if let Some(parents) = parents {
+            parents.keep();
+        }
         Ok(())
     }
 }

@@ -343,7 +343,10 @@ mod tests {
             .primary_rays(&camera, &sphere())
             .unwrap_err();
         let text = fault.to_string();
-        assert!(text.starts_with("the camera's eye (1e30, 0, 0) lies too far from the scene for "), "{text}");
+        assert!(
+            text.starts_with("the camera's eye (1e30, 0, 0) lies too far from the scene for "),
+            "{text}"
+        );
     }
 
     #[test]
