@@ -62,10 +62,10 @@ impl fmt::Display for SceneSpec {
 /// A file or folder that is read for a scene, or that the scene's file names.
 #[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub struct Source {
+    /// What it is to the scene. In a sorted list what the user named comes first.
+    pub role: Role,
     /// Where it is.
     pub path: PathBuf,
-    /// What it is to the scene.
-    pub role: Role,
 }
 
 /// What a [`Source`] is to its scene.

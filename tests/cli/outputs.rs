@@ -145,14 +145,22 @@ fn what_is_read_is_not_overwritten_under_another_name() {
     let folder = inputs();
     let at = |name: &str| folder.path().join(name);
     symlink("mesh.obj", at("soft")).unwrap();
-    symlink(".", at("here")).unwrap();
+    symlink("film", at("reel")).unwrap();
     fs::hard_link(at("mesh.obj"), at("hard.png")).unwrap();
-    for out in ["soft", "here/mesh.obj", "hard.png"] {
+    for out in ["soft", "hard.png"] {
         assert_eq!(
             fault(&format!("render mesh.obj --out {out}"), folder.path()),
             format!("{out}: is mesh.obj, the scene that is read; give the output another name")
         );
     }
+    assert_eq!(
+        fault("animate film --json reel/f1.obj", folder.path()),
+        "reel/f1.obj: is film/f1.obj, a frame of the scene that is read; give the output another name"
+    );
+    assert_eq!(
+        fault("animate film --out reel", folder.path()),
+        "reel: is film, the scene that is read; give the output another name"
+    );
     assert_eq!(
         fault("render soft --out hard.png", folder.path()),
         "hard.png: is soft, the scene that is read; give the output another name"
