@@ -5,6 +5,8 @@ use crate::bkd::layout::Record;
 use crate::config::{Config, KEYS};
 use crate::hdl::{Design, Direction, Module, Port, Prefix};
 use crate::hw::{self, Machine};
+use crate::interrupt;
+use crate::temporary::{self, Parents};
 use anyhow::{Context, Result, anyhow, bail};
 use serde_json::{Map, Value, json};
 use std::fmt::Write as _;
@@ -237,15 +239,17 @@ pub fn write_folder(folder: &Path, files: &[(String, String)]) -> Result<()> {
         Some(parent) if !parent.as_os_str().is_empty() => parent,
         _ => Path::new("."),
     };
-    fs::create_dir_all(within).map_err(fault)?;
-    let temporary = temporary_folder(within).map_err(fault)?;
+    let parents = Parents::make(within).map_err(fault)?;
+    let temporary = temporary::Folder::for_result(within).map_err(fault)?;
     for (name, text) in files {
         fs::write(temporary.path().join(name), text).map_err(fault)?;
     }
+    let _whole = interrupt::hold();
     if is_new {
         fs::rename(temporary.path(), folder).map_err(fault)?;
         // Its folder is the result now; there is nothing to remove.
-        let _ = temporary.keep();
+        temporary.keep();
+        parents.keep();
         return Ok(());
     }
     let stale = listed_files(folder);
@@ -267,18 +271,6 @@ pub fn write_folder(folder: &Path, files: &[(String, String)]) -> Result<()> {
         }
     }
     manifest.into_iter().try_for_each(|name| publish(name))
-}
-
-fn temporary_folder(within: &Path) -> std::io::Result<tempfile::TempDir> {
-    let mut builder = tempfile::Builder::new();
-    builder.prefix(".dynrt-");
-    #[cfg(unix)]
-    {
-        use std::os::unix::fs::PermissionsExt;
-        // Temporary folders are private, results as readable as any; the process' mode mask takes away what it forbids.
-        builder.permissions(fs::Permissions::from_mode(0o777));
-    }
-    builder.tempdir_in(within)
 }
 
 /// The files that an earlier run says it wrote: those in the folder's manifest, where this program made it.

@@ -1,11 +1,11 @@
 //! `dynrt generate`: the machine as Verilog.
 
+use super::files::{Kind, Output};
 use super::{ConfigArgs, print};
 use anyhow::Result;
 use dynrt::emit;
 use dynrt::hdl::Prefix;
 use dynrt::hw::core::PREFIX;
-use std::path::PathBuf;
 
 const HELP: &str = "\
 Writes into DIR
@@ -35,8 +35,8 @@ Every configuration key, with its range, is explained in the files of configs/."
 #[command(after_help = HELP)]
 pub struct Args {
     /// The folder to write
-    #[arg(long, value_name = "DIR")]
-    out: PathBuf,
+    #[arg(long, value_name = "DIR", value_parser = Kind::Files)]
+    out: Output,
     #[command(flatten)]
     prefix: PrefixArg,
     #[command(flatten)]
@@ -62,12 +62,12 @@ pub fn run(args: &Args) -> Result<()> {
     let config = args.config.load()?;
     let prefix = args.prefix.parse()?;
     let (machine, files) = emit::generate_with(&config, prefix)?;
-    emit::write_folder(&args.out, &files)?;
+    args.out.files(&files)?;
     let modules = machine.design.modules();
     let lines: usize = modules.iter().map(|m| m.verilog().lines().count()).sum();
     print(&format!(
         "{}: {} modules, {} lines of Verilog, top module {}, configuration {}\n",
-        args.out.display(),
+        args.out,
         modules.len(),
         super::grouped(lines as u64),
         machine.design.emitted(machine.design.top().name()),

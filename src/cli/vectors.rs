@@ -1,14 +1,15 @@
 //! `dynrt vectors`: what goes into and comes out of each unit, as files.
 
+use super::files::{Kind, Output};
 use super::frame::{CameraArgs, check_size, load_mesh};
 use super::{ConfigArgs, counted, print, tell};
 use anyhow::{Context, Result, ensure};
 use dynrt::bkd::{BuildOptions, MemoryImage, build};
 use dynrt::config::Config;
 use dynrt::scene::animation::MachineScene;
-use dynrt::scene::{BUILTIN_NAMES, Frame, ImageSize, RayPacket, load_animated};
+use dynrt::scene::{BUILTIN_NAMES, Frame, ImageSize, RayPacket, SceneSpec, load_animated};
+use dynrt::text;
 use dynrt::vectors::{self, Posed, Request, Summary};
-use std::path::{Path, PathBuf};
 
 const HELP: &str = "\
 Writes memory images for $readmemh, stimulus and expected results of every unit, and manifest.json, which lists the files
@@ -33,7 +34,7 @@ Examples:
 pub struct Args {
     /// An OBJ or glTF file, a folder of OBJ files, or builtin:NAME
     #[arg(value_name = "SCENE")]
-    scene: String,
+    scene: SceneSpec,
     /// Of a scene that moves, the motion [default: its first]
     #[arg(long, value_name = "NAME")]
     clip: Option<String>,
@@ -56,8 +57,8 @@ pub struct Args {
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..))]
     limit: Option<u32>,
     /// The folder to write
-    #[arg(long, value_name = "DIR")]
-    out: PathBuf,
+    #[arg(long, value_name = "DIR", value_parser = Kind::Folder)]
+    out: Output,
 }
 
 /// A scene in a machine's memory, and the rays to cast into it.
@@ -70,13 +71,11 @@ struct Prepared {
 impl Args {
     /// Whether the scene is one that can move; others are loaded with what they warn of.
     fn moves(&self) -> bool {
-        if let Some(rest) = self.scene.strip_prefix("builtin:") {
-            let name = rest.split('?').next().unwrap_or(rest);
+        if let Some(rest) = self.scene.builtin() {
+            let name = rest.split('?').next().unwrap_or(&rest);
             return !BUILTIN_NAMES.contains(&name);
         }
-        let path = Path::new(&self.scene);
-        let extension = path.extension().unwrap_or_default().to_ascii_lowercase();
-        path.is_dir() || extension == "glb" || extension == "gltf"
+        self.scene.is_folder_or_gltf()
     }
 
     fn still(&self, config: &Config, frame: &Frame) -> Result<Prepared> {
@@ -105,7 +104,7 @@ impl Args {
         ensure!(
             self.seconds.is_finite() && self.seconds >= 0.0,
             "--seconds {}: give a time from 0 on",
-            self.seconds
+            text::number(self.seconds)
         );
         let scene = load_animated(&self.scene)?;
         for warning in &scene.warnings {
@@ -158,7 +157,7 @@ pub fn run(args: &Args) -> Result<()> {
         skins: &skins,
         packets: &packets,
         limit: args.limit.map(|limit| limit as usize),
-        out: &args.out,
+        out: args.out.path(),
     })?;
     let transforms = match image.is_instanced() {
         true => format!("{}, ", counted(transforms, "ray transformation")),
@@ -166,7 +165,7 @@ pub fn run(args: &Args) -> Result<()> {
     };
     print(&format!(
         "{}: {files} files: {}, {}, {}, {transforms}{}; {} with {}; {} with {}; scene {name}, configuration {}\n",
-        args.out.display(),
+        args.out,
         counted(packets, "packet"),
         counted(rays, "ray"),
         counted(steps, "packet step"),

@@ -10,8 +10,10 @@ use std::process::{Command, Output};
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::{Mutex, OnceLock, PoisonError};
 use std::thread;
-use std::time::{Duration, Instant, SystemTime};
+use std::time::Instant;
 
+use crate::child::Supervised;
+use crate::temporary;
 use anyhow::{Context, Result, anyhow, bail, ensure};
 use sha2::{Digest, Sha256};
 
@@ -285,10 +287,12 @@ fn ask(tool: &str, packages: &str, args: &[&str]) -> Result<String> {
 
 /// Runs a tool, which may fail; an error only if it cannot be started.
 fn run(tool: &str, packages: &str, command: &mut Command) -> Result<Output> {
-    command.output().map_err(|error| match error.kind() {
-        ErrorKind::NotFound => anyhow!("{tool} is not installed: apt-get install {packages}"),
-        _ => anyhow!("cannot run {tool}: {error}"),
-    })
+    command
+        .supervised_output()
+        .map_err(|error| match error.kind() {
+            ErrorKind::NotFound => anyhow!("{tool} is not installed: apt-get install {packages}"),
+            _ => anyhow!("cannot run {tool}: {error}"),
+        })
 }
 
 /// The line in which a tool says what it is, of all that it has printed.
@@ -403,19 +407,18 @@ fn model_key(sources: &Sources, options: &BuildOptions, tools: &Tools) -> String
 
 /// A folder in the cache in which something is being built, removed when dropped.
 pub(crate) struct Workshop {
-    folder: tempfile::TempDir,
+    folder: temporary::Folder,
     /// Where the log goes if the build fails.
     failure_log: PathBuf,
     log: Mutex<String>,
 }
 
 impl Workshop {
-    /// What the names of such folders begin with; those that a killed process has left are removed after a day.
+    /// What the names of such folders begin with.
     pub(crate) const PREFIX: &str = "building-";
 
     fn open(cache: &Path, name: &str) -> Result<Workshop> {
-        remove_abandoned(cache);
-        let folder = tempfile::Builder::new().prefix(Self::PREFIX).tempdir_in(cache).map_err(|error| {
+        let folder = temporary::Folder::named(cache, Self::PREFIX).map_err(|error| {
             anyhow!(
                 "cannot write to the model cache {}: {error}; set DYNRT_CACHE to a folder that can be written",
                 cache.display()
@@ -487,25 +490,6 @@ impl Workshop {
                 "cannot put a model into the cache as {}: {error}",
                 place.display()
             ),
-        }
-    }
-}
-
-/// Removes what builds that were killed more than a day ago have left; failing to is no harm.
-fn remove_abandoned(cache: &Path) {
-    let Ok(entries) = fs::read_dir(cache) else {
-        return;
-    };
-    for entry in entries.flatten() {
-        let abandoned = entry
-            .file_name()
-            .to_string_lossy()
-            .starts_with(Workshop::PREFIX)
-            && (entry.metadata().and_then(|data| data.modified()).ok())
-                .and_then(|modified| SystemTime::now().duration_since(modified).ok())
-                .is_some_and(|age| age > Duration::from_secs(24 * 3600));
-        if abandoned {
-            let _ = fs::remove_dir_all(entry.path());
         }
     }
 }
@@ -862,7 +846,7 @@ fn compile(
 /// One line: which tool is missing, or which said what first.
 pub fn lint(sources: &Sources) -> Result<()> {
     sources.check()?;
-    let folder = tempfile::tempdir().context("cannot create a temporary folder to lint in")?;
+    let folder = temporary::Folder::new().context("cannot create a temporary folder to lint in")?;
     sources.write_to(folder.path())?;
     let top = sources.top.as_str();
     let files: Vec<&str> = sources.verilog_files().collect();

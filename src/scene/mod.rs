@@ -11,14 +11,16 @@ mod camera;
 mod machine;
 mod obj;
 mod rays;
+mod sources;
 
 pub use animation::{Animated, load_animated};
 pub use builtin::{ANIMATED_NAMES, BUILTIN_NAMES, builtin};
 pub use camera::{Camera, View, default_light};
 pub use machine::{MachineMesh, log2_scale};
 pub use rays::{Frame, ImageSize, RAYS_PER_PACKET, RayPacket, shadow_rays};
+pub use sources::{Role, SceneSpec, Source, sources};
 
-use std::path::Path;
+use std::ffi::OsStr;
 
 /// The least and the greatest corner of an axis-aligned box.
 pub type Bounds = ([f64; 3], [f64; 3]);
@@ -62,17 +64,18 @@ impl Scene {
 
 /// Loads a scene.
 ///
-/// `spec` is the path of an OBJ file, or `builtin:NAME`, optionally with parameters:
+/// `spec` is a [`SceneSpec`]: the path of an OBJ file, or `builtin:NAME`, optionally with parameters:
 /// `builtin:NAME?key=value&key=value`, for example `builtin:teapot?tessellation=20`. See [`builtin()`] for
 /// names and parameters.
 ///
 /// # Errors
 /// One line that names the file, the place in it and the remedy: no such file, a file that is no mesh, a
 /// mesh without triangles, vertices that are not finite, an index out of range, an unknown built-in scene.
-pub fn load(spec: &str) -> anyhow::Result<Scene> {
-    match spec.strip_prefix("builtin:") {
-        Some(rest) => builtin(rest),
-        None => obj::load(Path::new(spec)),
+pub fn load(spec: impl AsRef<OsStr>) -> anyhow::Result<Scene> {
+    let spec = SceneSpec::new(spec);
+    match spec.builtin() {
+        Some(name) => builtin(&name),
+        None => obj::load(spec.as_ref().as_ref()),
     }
 }
 

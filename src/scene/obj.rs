@@ -62,7 +62,7 @@ const OTHER_STATEMENTS: [&str; 44] = [
 ];
 
 pub fn load(path: &Path) -> Result<Scene> {
-    let shown = path.display();
+    let shown = text::path(path);
     let metadata = match std::fs::metadata(path) {
         Ok(metadata) => metadata,
         Err(error) if error.kind() == std::io::ErrorKind::NotFound => {
@@ -94,7 +94,7 @@ pub fn load(path: &Path) -> Result<Scene> {
     let mesh = parse(&bytes).map_err(|error| anyhow::anyhow!("{shown}{error}"))?;
     let name = path.file_stem().unwrap_or_default().to_string_lossy();
     Ok(Scene {
-        name: name.into_owned(),
+        name: text::escaped(&name).into_owned(),
         mesh,
     })
 }

@@ -1,8 +1,10 @@
 //! Where scenes that move come from.
 
-use super::super::{BUILTIN_NAMES, builtin, obj};
+use super::super::{BUILTIN_NAMES, SceneSpec, builtin, obj};
 use super::{Animated, gltf_file, sequence};
+use crate::text;
 use anyhow::{Result, bail};
+use std::ffi::OsStr;
 use std::path::Path;
 
 /// Loads a scene with its motion.
@@ -21,17 +23,18 @@ use std::path::Path;
 /// One line that names the file, the place in it and the remedy: no such file; a file that is no mesh; no triangles; a
 /// missing buffer; an index or a joint out of range; numbers that are not finite; weights that are zero;
 /// cyclic nodes; a required extension that is not known here; frames of different topology.
-pub fn load_animated(spec: &str) -> Result<Animated> {
-    if let Some(rest) = spec.strip_prefix("builtin:") {
-        return builtin::animated(rest);
+pub fn load_animated(spec: impl AsRef<OsStr>) -> Result<Animated> {
+    let spec = SceneSpec::new(spec);
+    if let Some(name) = spec.builtin() {
+        return builtin::animated(&name);
     }
-    let path = Path::new(spec);
-    let shown = path.display();
+    let path = Path::new(&spec);
+    let shown = text::path(path);
     let metadata = match std::fs::metadata(path) {
         Ok(metadata) => metadata,
         Err(error) if error.kind() == std::io::ErrorKind::NotFound => {
             let mut names = builtin::ANIMATED_NAMES.iter().chain(&BUILTIN_NAMES);
-            if names.any(|name| *name == spec) {
+            if names.any(|name| path.as_os_str() == *name) {
                 bail!("{shown}: no such file; for the built-in scene, give builtin:{spec}");
             }
             bail!(

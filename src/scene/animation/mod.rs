@@ -30,6 +30,7 @@ pub(super) use curve::{Curve, Interpolation};
 pub(super) use rig::{Local, Node, Property, Rig, Track};
 
 use super::{Bounds, Camera, ImageSize, Mesh, Scene, builtin};
+use crate::text;
 use anyhow::{Context, Result, bail, ensure};
 use glam::{DAffine3, DQuat, DVec3};
 
@@ -256,6 +257,8 @@ impl Animated {
         let Some(name) = name else {
             return Ok((!self.clips.is_empty()).then_some(0));
         };
+        // Clips have their names as they are shown; who gives the one in the file means the same clip.
+        let name = text::escaped(name);
         match self.clips.iter().position(|clip| clip.name == name) {
             Some(place) => Ok(Some(place)),
             None if self.clips.is_empty() => bail!(

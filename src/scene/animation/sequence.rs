@@ -2,6 +2,7 @@
 
 use super::super::{Mesh, obj};
 use super::{Animated, Clip, Kind, Writer};
+use crate::text;
 use anyhow::{Context, Result, ensure};
 use std::path::{Path, PathBuf};
 
@@ -10,7 +11,7 @@ pub const SEQUENCE_FRAMES_PER_SECOND: f64 = 24.0;
 
 /// The meshes of a folder's OBJ files in the order of their names.
 pub fn load(folder: &Path) -> Result<Animated> {
-    let shown = folder.display();
+    let shown = text::path(folder);
     let entries = std::fs::read_dir(folder).with_context(|| format!("{shown}: cannot be read"))?;
     let mut files: Vec<PathBuf> = Vec::new();
     for entry in entries {
@@ -41,8 +42,8 @@ pub fn load(folder: &Path) -> Result<Animated> {
                 check_topology(first, &mesh).with_context(|| {
                     format!(
                         "{}: its topology is not that of {}",
-                        file.display(),
-                        files[0].display()
+                        text::path(file),
+                        text::path(&files[0])
                     )
                 })?;
                 frames.push(mesh.positions);
@@ -54,11 +55,8 @@ pub fn load(folder: &Path) -> Result<Animated> {
     let name = folder
         .canonicalize()
         .unwrap_or_else(|_| folder.to_path_buf());
-    let name = name
-        .file_name()
-        .unwrap_or_default()
-        .to_string_lossy()
-        .into_owned();
+    let name = name.file_name().unwrap_or_default().to_string_lossy();
+    let name = text::escaped(&name).into_owned();
     let seconds = frames.len() as f64 / SEQUENCE_FRAMES_PER_SECOND;
     let mut animated = Animated::single(name, mesh, Kind::Sequence, Writer::Frames(frames));
     animated.clips.push(Clip {

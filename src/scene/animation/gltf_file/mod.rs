@@ -8,6 +8,7 @@ mod mesh;
 
 use super::{Animated, Clip, Curve, Instance, Interpolation, Kind, Local, Node, Object};
 use super::{Property, Rig, Skin, Track, Writer};
+use crate::text;
 use accessor::{Buffers, Numbers, groups};
 use anyhow::{Context, Result, anyhow, bail, ensure};
 use glam::{DAffine3, DQuat, DVec3};
@@ -31,11 +32,11 @@ const HARMLESS_EXTENSIONS: [&str; 7] = [
 ];
 
 pub fn load(path: &Path) -> Result<Animated> {
-    let shown = path.display().to_string();
+    let shown = text::path(path);
     let bytes = std::fs::read(path).with_context(|| format!("{shown}: cannot be read"))?;
     let folder = path.parent().unwrap_or(Path::new(""));
     let name = path.file_stem().unwrap_or_default().to_string_lossy();
-    parse(&bytes, folder, name.into_owned()).context(shown)
+    parse(&bytes, folder, text::escaped(&name).into_owned()).context(shown)
 }
 
 fn parse(bytes: &[u8], folder: &Path, name: String) -> Result<Animated> {
@@ -448,7 +449,7 @@ impl Loader<'_> {
         let mut clips: Vec<Clip> = Vec::new();
         for animation in self.document.animations() {
             let given = match animation.name() {
-                Some(name) if !name.is_empty() => name.to_string(),
+                Some(name) if !name.is_empty() => text::escaped(name).into_owned(),
                 _ => animation.index().to_string(),
             };
             let mut name = given.clone();
@@ -547,7 +548,7 @@ impl Loader<'_> {
 
 fn node_name(node: &gltf::Node) -> String {
     match node.name() {
-        Some(name) if !name.is_empty() => name.to_string(),
+        Some(name) if !name.is_empty() => text::escaped(name).into_owned(),
         _ => format!("node {}", node.index()),
     }
 }
