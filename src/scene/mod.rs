@@ -48,6 +48,8 @@ pub struct Scene {
     /// The file's stem, or the built-in scene's name.
     pub name: String,
     pub mesh: Mesh,
+    /// What of the source is not in the mesh, a line each.
+    pub warnings: Vec<String>,
 }
 
 impl Scene {

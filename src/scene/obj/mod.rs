@@ -1,68 +1,47 @@
 //! Wavefront OBJ files.
 //!
-//! The file is first reduced to what geometry needs, its vertices and its faces' position indices, every
-//! line of it checked, so that an error can say where it is. What is left goes through `tobj`, as one
-//! object: groups, objects and materials merge in file order, vertices stay shared across them, and neither
+//! The file is first taken apart into statements (see [`lexer`]) and reduced to what geometry needs, its vertices and its
+//! faces' position indices, every statement of it checked, so that an error can say where it is. What is left goes through
+//! `tobj`, as one object: groups, objects and materials merge in file order, vertices stay shared across them, and neither
 //! a missing material file nor a bad texture coordinate stands in a ray's way. Faces of more than three
-//! corners become fans around their first corner, concave ones too. Lines, points and free-form surfaces are
-//! no triangles and are left out.
+//! corners become fans around their first corner, concave ones too.
+//!
+//! | after `v` | what it is |
+//! |---|---|
+//! | 3 numbers | x y z |
+//! | 4 numbers | x y z and a weight, by which they are divided |
+//! | 6 or 7 numbers | x y z and a colour, with or without alpha, which is not used |
+//! | 5, or 8 and more | x y z; the rest is of unknown meaning, left out and warned of |
+//!
+//! Lines, points, free-form curves and surfaces, references to other files and unknown statements are left out and warned
+//! of (see [`left_out`]).
+
+mod left_out;
+mod lexer;
+
+pub use left_out::LeftOut;
 
 use super::{BUILTIN_NAMES, Mesh, Scene};
 use crate::text;
 use anyhow::{Context, Result, bail, ensure};
+use lexer::{Kind, Statement};
 use std::fmt::Write;
 use std::path::Path;
 
-/// Statements of the format that say nothing about polygons.
-const OTHER_STATEMENTS: [&str; 44] = [
-    "vt",
-    "vn",
-    "vp",
-    "p",
-    "l",
-    "o",
-    "g",
-    "s",
-    "mg",
-    "usemtl",
-    "mtllib",
-    "usemap",
-    "maplib",
-    "bevel",
-    "c_interp",
-    "d_interp",
-    "lod",
-    "shadow_obj",
-    "trace_obj",
-    "ctech",
-    "stech",
-    "cstype",
-    "deg",
-    "bmat",
-    "step",
-    "curv",
-    "curv2",
-    "surf",
-    "parm",
-    "trim",
-    "hole",
-    "scrv",
-    "sp",
-    "end",
-    "con",
-    "call",
-    "csh",
-    "bsp",
-    "bzp",
-    "cdc",
-    "cdp",
-    "res",
-    "vc",
-    "newmtl",
-];
-
+/// Reads a file as a scene, with a warning for each kind of thing that is not in the picture.
 pub fn load(path: &Path) -> Result<Scene> {
-    let shown = path.display();
+    let (mesh, left_out) = read(path)?;
+    let name = path.file_stem().unwrap_or_default().to_string_lossy();
+    Ok(Scene {
+        name: text::escaped(&name).into_owned(),
+        mesh,
+        warnings: left_out.warnings(&text::path(path), None),
+    })
+}
+
+/// Reads a file's mesh, and what else is in the file.
+pub fn read(path: &Path) -> Result<(Mesh, LeftOut)> {
+    let shown = text::path(path);
     let metadata = match std::fs::metadata(path) {
         Ok(metadata) => metadata,
         Err(error) if error.kind() == std::io::ErrorKind::NotFound => {
@@ -76,40 +55,38 @@ pub fn load(path: &Path) -> Result<Scene> {
     };
     ensure!(
         !metadata.is_dir(),
-        "{shown}: is a folder, not a mesh; give an OBJ file or builtin:NAME"
+        "{shown}: is a folder, not a mesh; {THEY_READ} a folder of OBJ files as a sequence; give this command an OBJ file or builtin:NAME"
     );
     // To read a pipe could wait for ever.
     ensure!(
         metadata.is_file(),
         "{shown}: is no regular file; give an OBJ file or builtin:NAME"
     );
-    let is_obj = path
-        .extension()
-        .is_some_and(|extension| extension.eq_ignore_ascii_case("obj"));
+    let is_named = |ending| {
+        let extension = path.extension();
+        extension.is_some_and(|extension| extension.eq_ignore_ascii_case(ending))
+    };
     ensure!(
-        is_obj,
+        !is_named("gltf") && !is_named("glb"),
+        "{shown}: is a glTF file; {THEY_READ} it; give this command an OBJ file or builtin:NAME"
+    );
+    ensure!(
+        is_named("obj"),
         "{shown}: is no mesh that can be read here; give an OBJ file, whose name ends in .obj, or builtin:NAME"
     );
     let bytes = std::fs::read(path).with_context(|| format!("{shown}: cannot be read"))?;
-    let mesh = parse(&bytes).map_err(|error| anyhow::anyhow!("{shown}{error}"))?;
-    let name = path.file_stem().unwrap_or_default().to_string_lossy();
-    Ok(Scene {
-        name: name.into_owned(),
-        mesh,
-    })
+    parse(&bytes).map_err(|error| anyhow::anyhow!("{shown}{error}"))
 }
 
+/// The commands that read what moves.
+const THEY_READ: &str =
+    "`dynrt animate`, `dynrt vectors` and `dynrt cosim --unit skinning` read";
+
 /// Errors begin with what follows the file's name.
-fn parse(bytes: &[u8]) -> Result<Mesh> {
-    /// Some editors begin a UTF-8 file with it.
-    const BYTE_ORDER_MARK: &[u8] = b"\xef\xbb\xbf";
-    let bytes = bytes.strip_prefix(BYTE_ORDER_MARK).unwrap_or(bytes);
-    ensure!(
-        !bytes.contains(&0),
-        ": is a binary file, not an OBJ mesh; export the mesh as OBJ"
-    );
-    // Comments and names may be in any encoding; numbers are ASCII.
-    let reduced = reduce(&String::from_utf8_lossy(bytes))?;
+fn parse(bytes: &[u8]) -> Result<(Mesh, LeftOut)> {
+    let text =
+        lexer::decode(bytes).context(": is a binary file, not an OBJ mesh; export the mesh as OBJ")?;
+    let (reduced, left_out) = reduce(&text)?;
     let options = tobj::LoadOptions {
         triangulate: true,
         ignore_lines: true,
@@ -132,9 +109,10 @@ fn parse(bytes: &[u8]) -> Result<Mesh> {
     }
     ensure!(
         !mesh.triangles.is_empty(),
-        ": is an empty mesh, it has no triangles; export it with its faces"
+        ": is an empty mesh, it has no triangles{}; export it with its faces",
+        left_out.instead_of_triangles()
     );
-    Ok(mesh)
+    Ok((mesh, left_out))
 }
 
 /// `tobj` reads single or double precision, by a feature of the crate.
@@ -142,85 +120,142 @@ fn widen(x: impl Into<f64>) -> f64 {
     x.into()
 }
 
-/// The text's `v` and `f` statements alone, with `f` naming positions only. Checks every statement.
-fn reduce(text: &str) -> Result<String> {
-    let mut reduced = String::with_capacity(text.len());
-    let (mut vertices, mut faces) = (0i64, 0usize);
-    // Faces may name vertices that follow them; they are checked at the end.
-    let mut furthest = (0i64, 0usize, 0usize);
-    for (line, statement) in statements(text) {
-        let mut words = statement.split_whitespace();
-        match words.next() {
-            None => {}
-            Some(word) if word.starts_with('#') => {}
-            Some("v") => {
-                vertices += 1;
-                let words: Vec<&str> = words.collect();
-                let position = position(&words).map_err(|fault| {
-                    anyhow::anyhow!(
-                        ", line {line}: vertex {vertices} {fault}; correct or remove it"
-                    )
-                })?;
-                reduced.push('v');
-                for word in position {
-                    reduced.push(' ');
-                    reduced.push_str(word);
-                }
-                reduced.push('\n');
+/// The text's `v` and `f` statements alone, with `f` naming positions only, and what is left out of the rest. Checks every
+/// statement.
+fn reduce(text: &str) -> Result<(String, LeftOut)> {
+    let mut reduction = Reduction {
+        text: String::with_capacity(text.len()),
+        ..Reduction::default()
+    };
+    let mut left_out = LeftOut::default();
+    let mut first_unknown = None;
+    for statement in lexer::statements(text) {
+        let Statement { line, word, .. } = statement;
+        match statement.kind {
+            Kind::Vertex => reduction.vertex(&statement, &mut left_out)?,
+            Kind::Face => reduction.face(&statement, &mut left_out)?,
+            Kind::Curved => left_out.curved.add(word, line),
+            Kind::OtherFile => left_out.other_files.add(word, line),
+            Kind::Unknown => {
+                first_unknown = first_unknown.or(Some((line, word)));
+                left_out.unknown.add(word, line);
             }
-            // `fo` is the format's former name of `f`.
-            Some("f" | "fo") => {
-                faces += 1;
-                reduced.push('f');
-                for corner in words {
-                    let position = corner.split('/').next().unwrap_or_default();
-                    let Ok(index) = position.parse::<i64>() else {
-                        bail!(
-                            ", line {line}: face {faces} has `{}` where a vertex's number belongs; correct or remove it",
-                            text::word(corner)
-                        );
-                    };
-                    let absolute = if index < 0 {
-                        vertices.saturating_add(index).saturating_add(1)
-                    } else {
-                        index
-                    };
-                    ensure!(
-                        absolute >= 1,
-                        ", line {line}: face {faces} names vertex {index}, which is out of range (there are {vertices} before it, counted from 1); correct or remove it"
-                    );
-                    if absolute > furthest.0 {
-                        furthest = (absolute, faces, line);
-                    }
-                    let _ = write!(reduced, " {absolute}");
-                }
-                reduced.push('\n');
-            }
-            Some(word) => ensure!(
-                OTHER_STATEMENTS.contains(&word),
-                ", line {line}: `{}` is no OBJ statement; give an OBJ mesh, or remove the line",
+            Kind::Name | Kind::Attribute | Kind::Parameters => {}
+        }
+    }
+    if reduction.vertices == 0 && reduction.faces == 0 {
+        match first_unknown {
+            None => bail!(
+                ": is an empty file, not an OBJ mesh: it has neither vertices (`v`) nor faces (`f`); export the mesh again"
+            ),
+            Some((line, word)) => bail!(
+                ", line {line}: `{}` is not an OBJ statement, and the file, which has neither vertices (`v`) nor faces (`f`), is not an OBJ mesh; give an OBJ mesh",
                 text::word(word)
             ),
         }
     }
-    let (index, face, line) = furthest;
-    ensure!(
-        index <= vertices,
-        ", line {line}: face {face} names vertex {index}, which is out of range (there are {vertices}); correct or remove it"
-    );
-    Ok(reduced)
+    reduction.check_furthest()?;
+    Ok((reduction.text, left_out))
 }
 
-/// The words of a vertex that are its position: three, or four with a weight. What is wrong, if not.
-fn position<'a, 'b>(words: &'b [&'a str]) -> Result<&'b [&'a str], String> {
-    // Six or seven words: a colour follows.
+/// What has been read of a text.
+#[derive(Default)]
+struct Reduction {
+    text: String,
+    vertices: i64,
+    faces: usize,
+    /// The greatest number of a vertex that a face names, that face and its line: faces may name vertices that follow
+    /// them, so they are checked at the end.
+    furthest: (i64, usize, usize),
+}
+
+impl Reduction {
+    fn vertex(&mut self, statement: &Statement, left_out: &mut LeftOut) -> Result<()> {
+        self.vertices += 1;
+        let line = statement.line;
+        let words: Vec<&str> = statement.argument.split_whitespace().collect();
+        let (position, is_odd) = position(&words).map_err(|fault| {
+            anyhow::anyhow!(
+                ", line {line}: vertex {} {fault}; correct or remove it",
+                self.vertices
+            )
+        })?;
+        if is_odd {
+            left_out.odd_vertices.add(statement.word, line);
+        }
+        self.text.push('v');
+        for word in position {
+            self.text.push(' ');
+            self.text.push_str(word);
+        }
+        self.text.push('\n');
+        Ok(())
+    }
+
+    fn face(&mut self, statement: &Statement, left_out: &mut LeftOut) -> Result<()> {
+        self.faces += 1;
+        let (line, faces, vertices) = (statement.line, self.faces, self.vertices);
+        self.text.push('f');
+        let mut corners = 0;
+        for corner in statement.argument.split_whitespace() {
+            corners += 1;
+            let position = corner.split('/').next().unwrap_or_default();
+            let Ok(index) = position.parse::<i64>() else {
+                bail!(
+                    ", line {line}: face {faces} has `{}` where a vertex's number belongs; correct or remove it",
+                    text::word(corner)
+                );
+            };
+            let absolute = if index < 0 {
+                vertices.saturating_add(index).saturating_add(1)
+            } else {
+                index
+            };
+            ensure!(
+                absolute >= 1,
+                ", line {line}: face {faces} names vertex {index}, which is out of range (there are {vertices} before it, counted from 1); correct or remove it"
+            );
+            if absolute > self.furthest.0 {
+                self.furthest = (absolute, faces, line);
+            }
+            let _ = write!(self.text, " {absolute}");
+        }
+        self.text.push('\n');
+        ensure!(
+            corners > 0,
+            ", line {line}: face {faces} has no corners; give it at least three, or remove it"
+        );
+        if corners < 3 {
+            left_out.small_faces.add(statement.word, line);
+        }
+        Ok(())
+    }
+
+    /// That the vertices that faces name exist.
+    fn check_furthest(&self) -> Result<()> {
+        let (index, face, line) = self.furthest;
+        ensure!(
+            index <= self.vertices,
+            ", line {line}: face {face} names vertex {index}, which is out of range (there are {}); correct or remove it",
+            self.vertices
+        );
+        Ok(())
+    }
+}
+
+/// The words of a vertex that are its position: three, or four with a weight; and whether others follow that are not a
+/// colour either. What is wrong, if it is not a position.
+fn position<'a, 'b>(words: &'b [&'a str]) -> Result<(&'b [&'a str], bool), String> {
     let kept = match words.len() {
-        3 | 6 => 3,
-        4 | 7 => 4,
-        count => return Err(format!("has {count} numbers where 3 belong")),
+        count @ 0..=2 => return Err(format!("has {count} numbers where 3 belong")),
+        4 => 4,
+        _ => 3,
     };
+    let (position, more) = words.split_at(kept);
+    let is_number = |word: &&str| word.parse::<f64>().is_ok();
+    let is_odd = !matches!(more.len(), 0 | 3 | 4) || !more.iter().all(is_number);
     let mut numbers = [0.0, 0.0, 0.0, 1.0f64];
-    for (number, word) in numbers.iter_mut().zip(&words[..kept]) {
+    for (number, word) in numbers.iter_mut().zip(position) {
         *number = word
             .parse()
             .map_err(|_| format!("has `{}` where a number belongs", text::word(word)))?;
@@ -241,27 +276,7 @@ fn position<'a, 'b>(words: &'b [&'a str]) -> Result<&'b [&'a str], String> {
             ));
         }
     }
-    Ok(&words[..kept])
-}
-
-/// Lines with their numbers from 1; a line that ends in a backslash goes on in the next.
-fn statements(text: &str) -> impl Iterator<Item = (usize, std::borrow::Cow<'_, str>)> {
-    let mut lines = text.lines().enumerate();
-    std::iter::from_fn(move || {
-        let (index, line) = lines.next()?;
-        let Some(head) = line.strip_suffix('\\') else {
-            return Some((index + 1, line.into()));
-        };
-        let mut joined = head.to_string();
-        for (_, line) in lines.by_ref() {
-            joined.push(' ');
-            joined.push_str(line.strip_suffix('\\').unwrap_or(line));
-            if !line.ends_with('\\') {
-                break;
-            }
-        }
-        Some((index + 1, joined.into()))
-    })
+    Ok((position, is_odd))
 }
 
 #[cfg(test)]
