@@ -101,36 +101,61 @@ fn byte_order(bytes: &[u8]) -> Option<Unit> {
             *count += usize::from(*byte == 0);
         }
     }
-    let most = bytes.len() / 4;
+    let is_most = |count: usize| bytes.len().is_multiple_of(2) && count > bytes.len() / 4;
     match zeros {
-        [0, low] if low > most => Some(u16::from_le_bytes),
-        [high, 0] if high > most => Some(u16::from_be_bytes),
+        [0, low] if is_most(low) => Some(u16::from_le_bytes),
+        [high, 0] if is_most(high) => Some(u16::from_be_bytes),
         _ => None,
     }
 }
 
 /// A text's lines, whether LF, CR LF or, on old Macs, CR ends them.
-fn lines(text: &str) -> impl Iterator<Item = &str> {
-    text.split('\n')
-        .flat_map(|line| line.strip_suffix('\r').unwrap_or(line).split('\r'))
+struct Lines<'a> {
+    rest: Option<&'a str>,
+}
+
+impl<'a> Iterator for Lines<'a> {
+    type Item = &'a str;
+
+    fn next(&mut self) -> Option<&'a str> {
+        let rest = self.rest?;
+        let bytes = rest.as_bytes();
+        let Some(end) = bytes.iter().position(|byte| matches!(byte, b'\n' | b'\r')) else {
+            self.rest = None;
+            return Some(rest);
+        };
+        let next = match &bytes[end..] {
+            [b'\r', b'\n', ..] => end + 2,
+            _ => end + 1,
+        };
+        self.rest = Some(&rest[next..]);
+        Some(&rest[..end])
+    }
 }
 
 /// What of a line is in front of a `#`.
 pub fn without_comment(line: &str) -> &str {
-    line.split_once('#').map_or(line, |(before, _)| before)
+    let end = line.bytes().position(|byte| byte == b'#');
+    &line[..end.unwrap_or(line.len())]
+}
+
+/// The first word of a line that does not begin with white space; empty, if there is none.
+fn first_word(line: &str) -> &str {
+    &line[..line.find(char::is_whitespace).unwrap_or(line.len())]
 }
 
 /// The statements of a text. One whose line ends in a backslash, white space and comments aside, goes on in the next line;
 /// comments do not, nor do names and unknown statements.
 pub fn statements(text: &str) -> impl Iterator<Item = Statement<'_>> {
-    let mut lines = lines(text).zip(1..).peekable();
+    let mut lines = Lines { rest: Some(text) }.zip(1..).peekable();
     std::iter::from_fn(move || {
         loop {
             let (line, number) = lines.next()?;
             let (cut, mut goes_on) = part(line);
-            let Some(word) = cut.split_whitespace().next() else {
+            let word = first_word(cut);
+            if word.is_empty() {
                 continue;
-            };
+            }
             let kind = Kind::of(word);
             goes_on &= kind.goes_on();
             let whole = match kind {
@@ -173,8 +198,7 @@ fn part(line: &str) -> (&str, bool) {
 /// Whether a line begins with the word of a statement. It is then not what the line before goes on with, which is numbers: the
 /// backslash there is a stray one, and to join the lines would lose a vertex or a face.
 fn is_statement(line: &str) -> bool {
-    let word = without_comment(line).split_whitespace().next();
-    word.is_some_and(|word| Kind::of(word) != Kind::Unknown)
+    Kind::of(first_word(without_comment(line).trim())) != Kind::Unknown
 }
 
 #[cfg(test)]
@@ -275,9 +299,8 @@ mod tests {
     #[test]
     fn text_is_read_in_utf8_and_utf16_and_nothing_else_is_text() {
         let text = "v 0 0 0 # größer 𝄞\ng Ωmega\n";
-        let wide = |unit: fn(u16) -> [u8; 2]| -> Vec<u8> {
-            text.encode_utf16().flat_map(unit).collect()
-        };
+        let wide =
+            |unit: fn(u16) -> [u8; 2]| -> Vec<u8> { text.encode_utf16().flat_map(unit).collect() };
         let (little, big) = (wide(u16::to_le_bytes), wide(u16::to_be_bytes));
         for bytes in [
             text.as_bytes().to_vec(),

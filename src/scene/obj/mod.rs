@@ -79,13 +79,12 @@ pub fn read(path: &Path) -> Result<(Mesh, LeftOut)> {
 }
 
 /// The commands that read what moves.
-const THEY_READ: &str =
-    "`dynrt animate`, `dynrt vectors` and `dynrt cosim --unit skinning` read";
+const THEY_READ: &str = "`dynrt animate`, `dynrt vectors` and `dynrt cosim --unit skinning` read";
 
 /// Errors begin with what follows the file's name.
 fn parse(bytes: &[u8]) -> Result<(Mesh, LeftOut)> {
-    let text =
-        lexer::decode(bytes).context(": is a binary file, not an OBJ mesh; export the mesh as OBJ")?;
+    let text = lexer::decode(bytes)
+        .context(": is a binary file, not an OBJ mesh; export the mesh as OBJ")?;
     let (reduced, left_out) = reduce(&text)?;
     let options = tobj::LoadOptions {
         triangulate: true,
@@ -247,7 +246,8 @@ impl Reduction {
 /// colour either. What is wrong, if it is not a position.
 fn position<'a, 'b>(words: &'b [&'a str]) -> Result<(&'b [&'a str], bool), String> {
     let kept = match words.len() {
-        count @ 0..=2 => return Err(format!("has {count} numbers where 3 belong")),
+        1 => return Err("has 1 number where 3 belong".into()),
+        count @ (0 | 2) => return Err(format!("has {count} numbers where 3 belong")),
         4 => 4,
         _ => 3,
     };
@@ -284,7 +284,15 @@ mod tests {
     use super::*;
 
     fn mesh(text: &str) -> Mesh {
-        parse(text.as_bytes()).expect("a good mesh")
+        let (mesh, left_out) = parse(text.as_bytes()).expect("a good mesh");
+        assert_eq!(left_out, LeftOut::default(), "for {text:?}");
+        mesh
+    }
+
+    /// A mesh, and what is warned of in the file m.obj.
+    fn warned(text: &str) -> (Mesh, Vec<String>) {
+        let (mesh, left_out) = parse(text.as_bytes()).expect("a good mesh");
+        (mesh, left_out.warnings("m.obj", None))
     }
 
     fn fault(text: &str) -> String {
@@ -330,22 +338,138 @@ mod tests {
     }
 
     #[test]
-    fn lines_and_points_are_no_triangles() {
-        let text = format!("{SQUARE}l 1 2 3\np 1\nf 1 2\nf 3\nf 1 2 3\n");
-        assert_eq!(mesh(&text).triangles.len(), 1);
-        let only_lines = fault(&format!("{SQUARE}l 1 2\np 3\nf 1 2\n"));
-        assert_eq!(
-            only_lines,
-            ": is an empty mesh, it has no triangles; export it with its faces"
-        );
+    fn what_is_not_in_the_mesh_is_warned_of_once() {
+        let more = |lines: &str| warned(&format!("{SQUARE}{lines}f 1 2 3\n"));
+        let many: String = (1..=9).map(|i| format!("x{i} 0\nx{i}\n")).collect();
+        for (lines, expected) in [
+            (
+                "t crease 2/1/0 0 1 2.0\nvw 0 0 1.0\n",
+                &["2 lines of unknown statements `t`, `vw` left out, first in line 5"][..],
+            ),
+            (
+                "\u{1a}\n",
+                &["1 line of the unknown statement `\\u{1a}` left out, first in line 5"],
+            ),
+            (
+                &many,
+                &[
+                    "18 lines of unknown statements `x1`, `x2`, `x3`, `x4`, `x5`, `x6` and 6 others left out, first in line 5",
+                ],
+            ),
+            (
+                "p 1 2\nl 1 2 \\\n3\nl 1 2\nsurf 0 1 0 1 1 2 3 4\nparm u 0 1\nend\n",
+                &[
+                    "1 `p`, 2 `l`, 1 `surf` left out, first in line 5; only faces are drawn: export lines, points, curves and surfaces as polygons",
+                ],
+            ),
+            (
+                "call more.obj\ncsh ls\n",
+                &[
+                    "1 `call`, 1 `csh` left out, first in line 5; other files are not read: put what they hold into this one",
+                ],
+            ),
+            (
+                "f 1 2\nf 3\n",
+                &["2 faces of fewer than three corners left out, first in line 5"],
+            ),
+            (
+                "f 1\n",
+                &["1 face of fewer than three corners left out, first in line 5"],
+            ),
+            (
+                "v 0 0 0 1 1\nv 0 0 0 1 1 1 1 9\nv 0 0 0 1 1 red\n",
+                &[
+                    "3 vertices have more after x y z than a weight or a colour, which is left out, first in line 5",
+                ],
+            ),
+            (
+                "l 1 2\nf 1 2\nx\n",
+                &[
+                    "1 line of the unknown statement `x` left out, first in line 7",
+                    "1 `l` left out, first in line 5; only faces are drawn: export lines, points, curves and surfaces as polygons",
+                    "1 face of fewer than three corners left out, first in line 6",
+                ],
+            ),
+            // What only says how faces look is not missed.
+            (
+                "vt 0 0\nvn 0 0 1\nvp 0\no a\ng b c\ns off\nmg 1 2\nmtllib x.mtl\nusemtl y\nlod 3\nv 0 0 0 1 0 0\n",
+                &[],
+            ),
+        ] {
+            let (mesh, warnings) = more(lines);
+            assert_eq!(mesh.triangles, [[0, 1, 2]], "for {lines:?}");
+            let expected: Vec<String> = expected.iter().map(|w| format!("m.obj: {w}")).collect();
+            assert_eq!(warnings, expected, "for {lines:?}");
+        }
     }
 
     #[test]
-    fn weights_divide_colours_are_ignored_and_lines_go_on() {
-        let text = "v 2 4 6 2\nv 1 0 0 0.5 0.5 0.5\nv 0 1 0\nf 1 \\\n 2 \\\n 3\nv 0 0 0";
-        let all = mesh(text);
-        assert_eq!(all.positions[0], [1.0, 2.0, 3.0]);
-        assert_eq!(all.triangles, [[0, 1, 2]]);
+    fn a_file_without_triangles_says_what_it_has_instead() {
+        for (lines, expected) in [
+            ("", ""),
+            ("t 1\n", ""),
+            (
+                "l 1 2\np 3\nf 1 2\n",
+                ", only 1 `l`, 1 `p`, 1 face of fewer than three corners",
+            ),
+            ("f 1\nf 2\n", ", only 2 faces of fewer than three corners"),
+            ("curv 0 1 1 2\ncurv 0 1 1 2\n", ", only 2 `curv`"),
+        ] {
+            assert_eq!(
+                fault(&format!("{SQUARE}{lines}")),
+                format!(
+                    ": is an empty mesh, it has no triangles{expected}; export it with its faces"
+                )
+            );
+        }
+    }
+
+    #[test]
+    fn four_numbers_are_a_weighted_vertex_and_more_are_a_colour() {
+        for (vertex, expected, is_odd) in [
+            ("2 4 6", [2.0, 4.0, 6.0], false),
+            ("2 4 6 2", [1.0, 2.0, 3.0], false),
+            ("2 4 6 2 # weight", [1.0, 2.0, 3.0], false),
+            ("2 4 6 # x y z", [2.0, 4.0, 6.0], false),
+            ("2 4 6#1", [2.0, 4.0, 6.0], false),
+            ("2 4 6 0.5 0.25 0", [2.0, 4.0, 6.0], false),
+            ("2 4 6 0.25 0.5 0.5 1", [2.0, 4.0, 6.0], false),
+            ("2 4 6 0 0 0 0", [2.0, 4.0, 6.0], false),
+            ("2 4 6 255 128 0 # tan", [2.0, 4.0, 6.0], false),
+            ("2 4 6 2 2", [2.0, 4.0, 6.0], true),
+            ("2 4 6 1 1 1 1 1", [2.0, 4.0, 6.0], true),
+            ("2 4 6 1 1 1 0 0 1", [2.0, 4.0, 6.0], true),
+            ("2 4 6 1 1 x", [2.0, 4.0, 6.0], true),
+            ("+2. .4e1 \\ \n 6", [2.0, 4.0, 6.0], false),
+        ] {
+            let (mesh, warnings) = warned(&format!("v {vertex}\nv 1 0 0\nv 0 1 0\nf 1 2 3\n"));
+            assert_eq!(mesh.positions[0], expected, "for {vertex}");
+            assert_eq!(warnings.len(), usize::from(is_odd), "{warnings:?}");
+        }
+    }
+
+    #[test]
+    fn however_a_file_is_written_down_it_is_the_same_mesh() {
+        let plain = mesh("v 1 2 3\nv 4 5 6\nv 7 8 9\nv 0 1 0\nf 1 2 3\nf -1 -2 -3\n");
+        for text in [
+            "v 1 2 3\rv 4 5 6\rv 7 8 9\rv 0 1 0\rf 1 2 3\rf -1 -2 -3\r",
+            "v 1 2 3\r\nv 4 5 6\r\nv 7 8 9\r\nv 0 1 0\r\nf 1 \\\r\n2 3\r\nf -1 -2 -3",
+            "# C:\\model\\\nv 1 2 3 # a\nv 4 5 6\nmtllib C:\\tex\\\nv 7 8 9\ng \\\nv 0 1 0\nf 1 2 3 # b\n f -1 -2 -3\n",
+            "v 1 2 3 \\\nv 4 5 6\nvt 0 0 \\\nv 7 8 9\nv 0 1 0\nf 1 2 \\ \t\n3\nf -1 \\\n-2 \\\n-3",
+        ] {
+            assert_eq!(mesh(text), plain, "for {text:?}");
+            let little = text.encode_utf16().flat_map(u16::to_le_bytes);
+            let big = text.encode_utf16().flat_map(u16::to_be_bytes);
+            for bytes in [
+                [&b"\xef\xbb\xbf"[..], text.as_bytes()].concat(),
+                b"\xff\xfe".iter().copied().chain(little.clone()).collect(),
+                b"\xfe\xff".iter().copied().chain(big.clone()).collect(),
+                little.collect(),
+                big.collect(),
+            ] {
+                assert_eq!(parse(&bytes).unwrap().0, plain, "for {bytes:?}");
+            }
+        }
     }
 
     #[test]
@@ -402,8 +526,28 @@ mod tests {
                 ", line 1: face 1 names vertex -9223372036854775808, which is out of range (there are 0 before it, counted from 1); correct or remove it",
             ),
             (
-                "once upon a time\n",
-                ", line 1: `once` is no OBJ statement; give an OBJ mesh, or remove the line",
+                "v 1 2 3 x\n",
+                ", line 1: vertex 1 has `x` where a number belongs; correct or remove it",
+            ),
+            (
+                "v 1 # 2 3\n",
+                ", line 1: vertex 1 has 1 number where 3 belong; correct or remove it",
+            ),
+            (
+                "v 0 0 0\r# a\\\rf 1 \\\r1 1\rf # 1 1\r",
+                ", line 5: face 2 has no corners; give it at least three, or remove it",
+            ),
+            (
+                "v 0 \\\r\n0 \\\r\n0\r\nf\r\n",
+                ", line 4: face 1 has no corners; give it at least three, or remove it",
+            ),
+            (
+                "# a\nonce upon a time\n",
+                ", line 2: `once` is not an OBJ statement, and the file, which has neither vertices (`v`) nor faces (`f`), is not an OBJ mesh; give an OBJ mesh",
+            ),
+            (
+                "# a\nmtllib b\n",
+                ": is an empty file, not an OBJ mesh: it has neither vertices (`v`) nor faces (`f`); export the mesh again",
             ),
             (
                 "a\0b",
@@ -411,7 +555,7 @@ mod tests {
             ),
             (
                 "",
-                ": is an empty mesh, it has no triangles; export it with its faces",
+                ": is an empty file, not an OBJ mesh: it has neither vertices (`v`) nor faces (`f`); export the mesh again",
             ),
         ] {
             assert_eq!(fault(text), expected, "for {text:?}");
