@@ -161,3 +161,28 @@ pub fn at(frames: &[Vec<[f64; 3]>], seconds: f64) -> Vec<[f64; 3]> {
         .map(|(a, b)| std::array::from_fn(|axis| a[axis] + (b[axis] - a[axis]) * part))
         .collect()
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn names_are_in_one_order() {
+        let mut random = fastrand::Rng::with_seed(17);
+        let mut name = || -> PathBuf {
+            let length = random.usize(1..6);
+            let letter = |_| char::from(b"0019aBb.- "[random.usize(..10)]);
+            let name: String = (0..length).map(letter).collect();
+            format!("x{name}.obj").into()
+        };
+        for _ in 0..20_000 {
+            let (a, b, c) = (name(), name(), name());
+            let order = by_name(&a, &b);
+            assert_eq!(order, by_name(&b, &a).reverse(), "{a:?} {b:?}");
+            assert_eq!(order.is_eq(), a == b, "{a:?} {b:?}");
+            if order == by_name(&b, &c) {
+                assert_eq!(order, by_name(&a, &c), "{a:?} {b:?} {c:?}");
+            }
+        }
+    }
+}

@@ -2,14 +2,14 @@
 
 use crate::text;
 
-/// The most words of a kind that are named.
-const MOST_WORDS: usize = 6;
+/// The most words of a kind that are named: all that are statements of geometry, and enough of unknown ones.
+const MOST_WORDS: usize = 9;
 
 /// What of an OBJ file, or of the files of a sequence, is not in the picture.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct LeftOut {
     /// Lines, points, curves, surfaces.
-    pub curved: Tally,
+    pub not_polygons: Tally,
     /// References to other files, and commands.
     pub other_files: Tally,
     /// Statements that the format does not have.
@@ -75,10 +75,10 @@ impl Tally {
     fn list(&self, shown: impl Fn(&(String, usize)) -> String) -> String {
         let words: Vec<String> = self.words.iter().map(shown).collect();
         let more = match self.unnamed() {
-            0 => String::new(),
-            more => format!(" and {more} others"),
+            0 => "",
+            _ => " and others",
         };
-        words.join(", ") + &more
+        words.join(", ") + more
     }
 
     /// The words, each with its count.
@@ -90,7 +90,7 @@ impl Tally {
 impl LeftOut {
     /// Adds what a file of a sequence leaves out; `file` is how messages show it.
     pub fn merge(&mut self, other: &LeftOut, file: &str) {
-        self.curved.merge(&other.curved, file);
+        self.not_polygons.merge(&other.not_polygons, file);
         self.other_files.merge(&other.other_files, file);
         self.unknown.merge(&other.unknown, file);
         self.small_faces.merge(&other.small_faces, file);
@@ -104,8 +104,8 @@ impl LeftOut {
             1 => Some("1 face of fewer than three corners".into()),
             count => Some(format!("{count} faces of fewer than three corners")),
         };
-        let curved = (self.curved.count > 0).then(|| self.curved.counts());
-        let has: Vec<String> = curved.into_iter().chain(faces).collect();
+        let instead = (self.not_polygons.count > 0).then(|| self.not_polygons.counts());
+        let has: Vec<String> = instead.into_iter().chain(faces).collect();
         match has.is_empty() {
             true => String::new(),
             false => format!(", only {}", has.join(", ")),
@@ -146,8 +146,8 @@ impl LeftOut {
             "",
         );
         warn(
-            &self.curved,
-            format!("{} left out", self.curved.counts()),
+            &self.not_polygons,
+            format!("{} left out", self.not_polygons.counts()),
             "; only faces are drawn: export lines, points, curves and surfaces as polygons",
         );
         warn(
@@ -166,10 +166,10 @@ impl LeftOut {
         warn(
             &self.odd_vertices,
             format!(
-                "{} more after x y z than a weight or a colour, which is left out",
+                "{} something after x y z that is neither a weight nor a colour",
                 plural(&self.odd_vertices, "vertex has", "vertices have")
             ),
-            "",
+            "; it is left out",
         );
         warnings
     }

@@ -13,7 +13,7 @@ pub enum Kind {
     /// A polygon.
     Face,
     /// Geometry that is not polygons: lines, points, free-form curves and surfaces.
-    Curved,
+    NotPolygon,
     /// What another file or program adds; the argument is a name.
     OtherFile,
     /// A group, an object, a material or a library of materials; the argument is a name.
@@ -36,7 +36,9 @@ impl Kind {
             | "ctech" | "stech" | "cstype" | "deg" | "step" | "trim" | "hole" | "scrv" | "sp"
             | "end" | "con" | "res" | "vc" => Kind::Attribute,
             "o" | "g" | "usemtl" | "mtllib" | "newmtl" | "usemap" | "maplib" => Kind::Name,
-            "p" | "l" | "curv" | "curv2" | "surf" | "bsp" | "bzp" | "cdc" | "cdp" => Kind::Curved,
+            "p" | "l" | "curv" | "curv2" | "surf" | "bsp" | "bzp" | "cdc" | "cdp" => {
+                Kind::NotPolygon
+            }
             "call" | "csh" | "shadow_obj" | "trace_obj" => Kind::OtherFile,
             "parm" | "bmat" => Kind::Parameters,
             _ => Kind::Unknown,

@@ -133,7 +133,7 @@ fn reduce(text: &str) -> Result<(String, LeftOut)> {
         match statement.kind {
             Kind::Vertex => reduction.vertex(&statement, &mut left_out)?,
             Kind::Face => reduction.face(&statement, &mut left_out)?,
-            Kind::Curved => left_out.curved.add(word, line),
+            Kind::NotPolygon => left_out.not_polygons.add(word, line),
             Kind::OtherFile => left_out.other_files.add(word, line),
             Kind::Unknown => {
                 first_unknown = first_unknown.or(Some((line, word)));
@@ -340,7 +340,7 @@ mod tests {
     #[test]
     fn what_is_not_in_the_mesh_is_warned_of_once() {
         let more = |lines: &str| warned(&format!("{SQUARE}{lines}f 1 2 3\n"));
-        let many: String = (1..=9).map(|i| format!("x{i} 0\nx{i}\n")).collect();
+        let many: String = (1..=12).map(|i| format!("x{i} 0\nx{i}\n")).collect();
         for (lines, expected) in [
             (
                 "t crease 2/1/0 0 1 2.0\nvw 0 0 1.0\n",
@@ -353,7 +353,7 @@ mod tests {
             (
                 &many,
                 &[
-                    "18 lines of unknown statements `x1`, `x2`, `x3`, `x4`, `x5`, `x6` and 6 others left out, first in line 5",
+                    "24 lines of unknown statements `x1`, `x2`, `x3`, `x4`, `x5`, `x6`, `x7`, `x8`, `x9` and others left out, first in line 5",
                 ],
             ),
             (
@@ -379,7 +379,7 @@ mod tests {
             (
                 "v 0 0 0 1 1\nv 0 0 0 1 1 1 1 9\nv 0 0 0 1 1 red\n",
                 &[
-                    "3 vertices have more after x y z than a weight or a colour, which is left out, first in line 5",
+                    "3 vertices have something after x y z that is neither a weight nor a colour, first in line 5; it is left out",
                 ],
             ),
             (
