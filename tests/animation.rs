@@ -1343,6 +1343,125 @@ fn a_file_cut_off_or_changed_anywhere_is_refused_or_read_but_never_panics() {
     );
 }
 
+/// A folder of frames whose first vertices have the x of their places in `names`.
+fn frames(names: &[&str]) -> tempfile::TempDir {
+    let folder = tempfile::tempdir().unwrap();
+    for (x, name) in names.iter().enumerate() {
+        let text = format!("v {x} 0 0\nv 0 1 0\nv 0 0 1\nf 1 2 3\n");
+        write(&folder, name, text.as_bytes());
+    }
+    folder
+}
+
+/// The first vertices' x of a sequence's frames.
+fn order(scene: &Animated, frames: usize) -> Vec<f64> {
+    let x = |frame: usize| {
+        let pose = scene.pose(Some(0), frame as f64 / SEQUENCE_FRAMES_PER_SECOND);
+        scene.vertices(&pose.unwrap(), 0)[0][0]
+    };
+    (0..frames).map(x).collect()
+}
+
+#[test]
+fn frames_play_in_the_order_of_the_numbers_in_their_names() {
+    for names in [
+        &["f1.obj", "f2.obj", "f10.obj"][..],
+        &["f1.obj", "F2.OBJ", "f3.Obj", "F10.obj"],
+        &["0001.obj", "0002.obj", "0010.obj", "10000.obj"],
+        // Numbers may be longer than any integer.
+        &[
+            "a9.obj",
+            "a99999999999999999999999999999999999999.obj",
+            "a100000000000000000000000000000000000000.obj",
+        ],
+        // The first number decides, then what follows it.
+        &["s1f2.obj", "s1f10.obj", "s2f1.obj", "s2g0.obj", "s10f0.obj"],
+        &["f.obj", "f 1.obj", "f1.obj", "f1a.obj", "f1b.obj", "f2.obj"],
+        // The same numbers: what follows decides, and only then leading zeros and case.
+        &[
+            "f01.obj",
+            "f1.obj",
+            "f001a.obj",
+            "f01b.obj",
+            "F02.obj",
+            "f02.obj",
+            "f2.obj",
+        ],
+        &["f0.obj", "f00a.obj", "f1.obj"],
+        &["Ä1.obj", "ä2.obj", "Ä10.obj"],
+    ] {
+        let folder = frames(names);
+        let scene = load_animated(folder.path().to_str().unwrap()).unwrap();
+        let expected: Vec<f64> = (0..names.len()).map(|x| x as f64).collect();
+        assert_eq!(order(&scene, names.len()), expected, "for {names:?}");
+        assert_eq!(
+            scene.clips[0].seconds,
+            names.len() as f64 / SEQUENCE_FRAMES_PER_SECOND
+        );
+    }
+}
+
+#[test]
+fn hidden_files_are_not_frames() {
+    let folder = frames(&["f1.obj", "f2.obj"]);
+    write(&folder, "._f1.obj", b"\0\x05\x16\x07\0\x02\0\0Mac OS X");
+    write(&folder, ".f3.obj", b"v 0 0 0\nf 1 1 1\n");
+    let spec = folder.path().to_str().unwrap();
+    assert_eq!(order(&load_animated(spec).unwrap(), 2), [0.0, 1.0]);
+    for name in ["f1.obj", "f2.obj"] {
+        std::fs::remove_file(folder.path().join(name)).unwrap();
+    }
+    assert!(fault(spec).starts_with(&format!("{spec}: has no OBJ files; ")));
+}
+
+#[cfg(unix)]
+#[test]
+fn frames_need_not_have_names_in_utf8() {
+    use std::os::unix::ffi::OsStrExt;
+    let folder = frames(&["f1.obj"]);
+    for (x, name) in [(2, &b"f\xff10.obj"[..]), (1, b"F\xff9.OBJ")] {
+        let path = folder.path().join(std::ffi::OsStr::from_bytes(name));
+        std::fs::write(path, format!("v {x} 0 0\nv 0 1 0\nv 0 0 1\nf 1 2 3\n")).unwrap();
+    }
+    let scene = load_animated(folder.path().to_str().unwrap()).unwrap();
+    assert_eq!(order(&scene, 3), [0.0, 1.0, 2.0]);
+}
+
+#[test]
+fn what_frames_leave_out_is_warned_of_once() {
+    let folder = tempfile::tempdir().unwrap();
+    let mesh = "v 0 0 0\nv 0 1 0\nv 0 0 1\nf 1 2 3\n";
+    for (name, more) in [
+        ("f1.obj", ""),
+        ("f2.obj", "t 1\nl 1 2\n"),
+        ("f9.obj", "\nt 1\nvw 0\nl 1 2\n"),
+        ("f10.obj", "f 1\nt 2\n"),
+    ] {
+        write(&folder, name, format!("{mesh}{more}").as_bytes());
+    }
+    let spec = folder.path().to_str().unwrap();
+    assert_eq!(
+        load_animated(spec).unwrap().warnings,
+        [
+            format!(
+                "{spec}: 4 lines of unknown statements `t`, `vw` left out in 3 of 4 frames, first in {spec}/f2.obj, line 5"
+            ),
+            format!(
+                "{spec}: 2 `l` left out in 2 of 4 frames, first in {spec}/f2.obj, line 6; only faces are drawn: export lines, points, curves and surfaces as polygons"
+            ),
+            format!(
+                "{spec}: 1 face of fewer than three corners left out in 1 of 4 frames, first in {spec}/f10.obj, line 5"
+            ),
+        ]
+    );
+    // The same of a file that stands still.
+    let file = folder.path().join("f2.obj");
+    let file = file.to_str().unwrap();
+    let warnings = load_animated(file).unwrap().warnings;
+    assert_eq!(warnings, dynrt::scene::load(file).unwrap().warnings);
+    assert_eq!(warnings.len(), 2);
+}
+
 #[test]
 fn folders_that_are_no_sequence_are_refused_in_one_line() {
     let folder = tempfile::tempdir().unwrap();

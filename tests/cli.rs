@@ -212,6 +212,30 @@ fn a_byte_order_mark_is_no_fault_and_flat_triangles_are_counted() {
     );
 }
 
+#[test]
+fn what_is_in_a_mesh_and_not_in_the_picture_is_told_once() {
+    let folder = folder();
+    fs::write(
+        folder.path().join("tags.obj"),
+        "v 0 0 0\nv 1 0 0\nv 0 1 0\nt crease 2/1/0 0 1 2.0\nvw 0 0 1.0\nf 1 2 3\n",
+    )
+    .unwrap();
+    for command in [
+        "stats tags.obj --size 8x8",
+        "render tags.obj --size 8x8",
+        "program tags.obj",
+        "vectors tags.obj --size 8x8 --out v",
+    ] {
+        let output = run(command, folder.path());
+        assert!(output.status.success(), "{command}");
+        assert_eq!(
+            String::from_utf8(output.stderr).unwrap(),
+            "warning: tags.obj: 2 lines of unknown statements `t`, `vw` left out, first in line 4\n",
+            "{command}"
+        );
+    }
+}
+
 #[cfg(unix)]
 #[test]
 fn what_is_no_regular_file_is_not_read() {

@@ -33,7 +33,7 @@ impl MachineMesh {
     /// If the mesh has no triangles, a triangle names a vertex that does not exist, a vertex is not finite, or
     /// the scale is not a power of two that a double-precision number can be.
     pub fn new(scene: &Scene, format: Format) -> Result<Self> {
-        let Scene { name, mesh } = scene;
+        let Scene { name, mesh, .. } = scene;
         check(mesh).with_context(|| format!("scene {name}"))?;
         let log2_scale =
             log2_scale(scene.bounds(), format).with_context(|| format!("scene {name}"))?;
@@ -199,6 +199,7 @@ mod tests {
                 positions: positions.to_vec(),
                 triangles: (0..count).map(|i| [3 * i, 3 * i + 1, 3 * i + 2]).collect(),
             },
+            warnings: Vec::new(),
         }
     }
 

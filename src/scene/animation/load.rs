@@ -12,7 +12,7 @@ use std::path::Path;
 /// | `spec` | what |
 /// |---|---|
 /// | a file whose name ends in `.glb` or `.gltf` | nodes, skins, morph targets and clips of glTF 2.0; materials, pictures and cameras are not looked at |
-/// | a folder | its files whose names end in `.obj`, in the order of their names, are the frames of a sequence |
+/// | a folder | its files whose names end in `.obj` are the frames of a sequence, in the order of their names: numbers in them compare as numbers, case does not count, and hidden files are passed over |
 /// | a file whose name ends in `.obj` | a scene that stands still |
 /// | `builtin:NAME` | a built-in scene, see [`builtin()`](fn@crate::scene::builtin) and [`ANIMATED_NAMES`](crate::scene::ANIMATED_NAMES) |
 ///

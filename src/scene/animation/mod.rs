@@ -224,8 +224,14 @@ impl Object {
 impl Animated {
     /// A scene of one object that stands still.
     pub(super) fn still(scene: Scene) -> Self {
-        let Scene { name, mesh } = scene;
-        Self::single(name, mesh, Kind::Static, Writer::Nothing)
+        let Scene {
+            name,
+            mesh,
+            warnings,
+        } = scene;
+        let mut animated = Self::single(name, mesh, Kind::Static, Writer::Nothing);
+        animated.warnings = warnings;
+        animated
     }
 
     /// A scene of one object that stands at the identity, without clips.
