@@ -392,7 +392,7 @@ fn golden_image(config: &Config, shown: &Shown, frame: usize, built_for: usize) 
     }
     let instances = scene.instances.iter().zip(&shown.frames[frame].instances);
     let specs = instances.enumerate().map(|(number, (&object, matrix))| {
-        let columns = std::array::from_fn(|c| std::array::from_fn(|r| matrix[r][c]));
+        let columns = std::array::from_fn(|c| std::array::from_fn(|r| matrix.unwrap()[r][c]));
         let bounds: Bounds = image.objects()[object].bounds;
         InstanceSpec::new(format, number, object, &columns, bounds).unwrap()
     });

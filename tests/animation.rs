@@ -283,7 +283,7 @@ fn the_robot_has_every_kind_of_motion() {
         let stands = first.instances[number] == later.instances[number];
         assert_eq!(
             skinned,
-            first.instances[number] == IDENTITY,
+            first.instances[number] == Some(IDENTITY),
             "{}",
             instance.name
         );
@@ -850,7 +850,7 @@ fn skins_follow_their_joints_and_ignore_their_node() {
         transform_point(tip, [1.0, 1.0, 0.0]),
         [0.0, 2.0, 0.0]
     ));
-    assert_eq!(pose.instances, [IDENTITY]);
+    assert_eq!(pose.instances, [Some(IDENTITY)]);
     assert_eq!(scene.node_names(), ["node 0", "root", "tip"]);
     // A program turns the root about the vertical, on top of the clip.
     let turn = Overrides::default().turn("root", [0.0, 3.0, 0.0], std::f64::consts::PI);

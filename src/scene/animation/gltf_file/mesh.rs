@@ -20,12 +20,14 @@ pub struct Parts {
 }
 
 /// Joins the triangles of all of a mesh's primitives. With `joint_count` vertices must be bound to so many joints.
-/// Vertices that are the same in everything become one, and those that no triangle uses are left out.
+/// Vertices that are the same in everything become one, and those that no triangle uses are left out. Accessor `nothing` stands
+/// for positions that the file does not have.
 pub fn read(
     buffers: &Buffers,
     mesh: &gltf::Mesh,
     name: &str,
     joint_count: Option<usize>,
+    nothing: usize,
     warnings: &mut Vec<String>,
 ) -> Result<Parts> {
     let mut welder = Welder {
@@ -36,6 +38,7 @@ pub fn read(
         found: HashMap::new(),
     };
     let (mut reduced, mut bound) = (0, 0);
+    let mut bare = Vec::new();
     for primitive in mesh.primitives() {
         let place = format!("primitive {}", primitive.index());
         if !matches!(
@@ -46,6 +49,11 @@ pub fn read(
                 "mesh {name}, {place}: left out, it is made of {:?}, not of triangles",
                 primitive.mode()
             ));
+            continue;
+        }
+        let positions = primitive.get(&Semantic::Positions);
+        if positions.is_none_or(|accessor| accessor.index() == nothing) {
+            bare.push(primitive.index());
             continue;
         }
         let source = Source::read(buffers, &primitive, joint_count.is_some())
@@ -82,6 +90,16 @@ pub fn read(
             }
             welder.parts.mesh.triangles.push(welded);
         }
+    }
+    match bare.as_slice() {
+        [] => {}
+        [one] => warnings.push(format!(
+            "mesh {name}, primitive {one}: left out, it has no POSITION"
+        )),
+        [first, ..] => warnings.push(format!(
+            "mesh {name}: {} primitives are left out, they have no POSITION: {first} is the first",
+            bare.len()
+        )),
     }
     if reduced > 0 {
         warnings.push(format!(
@@ -131,12 +149,11 @@ impl Source {
             displacements.push(match target.positions() {
                 None => vec![[0.0; 3]; count],
                 Some(accessor) => {
+                    check_count(accessor.count(), count).with_context(place)?;
                     let moved = buffers
                         .read(&accessor, Dimensions::Vec3, Numbers::AsStored)
                         .with_context(place)?;
-                    let moved = groups::<3>(&moved);
-                    check_count(moved.len(), count).with_context(place)?;
-                    moved
+                    groups::<3>(&moved)
                 }
             });
         }
@@ -171,11 +188,9 @@ impl Source {
             let attribute = |semantic: Semantic, numbers| {
                 let place = semantic.to_string();
                 let accessor = primitive.get(&semantic).expect("there is this set");
+                check_count(accessor.count(), count).with_context(|| place.clone())?;
                 let values = buffers.read(&accessor, Dimensions::Vec4, numbers);
-                let values = values.with_context(|| place.clone())?;
-                let values = groups::<4>(&values);
-                check_count(values.len(), count).context(place)?;
-                anyhow::Ok(values)
+                anyhow::Ok(groups::<4>(&values.context(place)?))
             };
             let joints = attribute(Semantic::Joints(set), Numbers::Indices)?;
             let weights = attribute(Semantic::Weights(set), Numbers::Fractions)?;
