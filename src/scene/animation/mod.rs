@@ -34,6 +34,7 @@ use crate::text::escaped;
 use anyhow::{Context, Result, bail, ensure};
 use glam::{DAffine3, DQuat, DVec3};
 use std::borrow::Cow;
+use std::rc::Rc;
 
 /// A 3×4 matrix by rows: the point (x, y, z) goes to `m[row][0]·x + m[row][1]·y + m[row][2]·z + m[row][3]`.
 pub type Matrix3x4 = [[f64; 4]; 3];
@@ -315,7 +316,12 @@ impl Animated {
     ) -> Result<Pose> {
         self.try_pose(clip, seconds, overrides).with_context(|| {
             match clip.and_then(|clip| self.clips.get(clip)) {
-                Some(clip) => format!("scene {}, clip {} at {seconds} s", self.name, clip.name),
+                Some(clip) => format!(
+                    "scene {}, clip {} at {} s",
+                    self.name,
+                    clip.name,
+                    number(seconds)
+                ),
                 None => format!("scene {}", self.name),
             }
         })
@@ -453,7 +459,7 @@ impl Animated {
             };
             hidden.truncate(MOST);
             warnings.push(format!(
-                "scene {}: instances are left out where a scale of 0 presses them flat: {}{more}",
+                "scene {}: instances are left out where a scale of 0 makes their matrix singular: {}{more}",
                 self.name,
                 hidden.join(", ")
             ));
@@ -509,10 +515,22 @@ impl Animated {
     /// # Panics
     /// If there are no poses, one is another scene's, or a vertex is not finite.
     pub fn camera(&self, poses: &[Pose], size: ImageSize) -> Camera {
-        let meshes = poses.iter().map(|pose| self.world_mesh(pose));
-        let corners = meshes.flat_map(|mesh| {
-            let indices = mesh.triangles.into_iter().flatten();
-            indices.map(move |index| mesh.positions[index as usize])
+        let used: Vec<Vec<bool>> = self.objects.iter().map(Object::used).collect();
+        let corners = poses.iter().flat_map(|pose| {
+            let objects: Vec<Rc<[[f64; 3]]>> = (0..self.objects.len())
+                .map(|object| {
+                    let vertices = self.vertices(pose, object).into_iter();
+                    let used = vertices.zip(&used[object]).filter(|(_, used)| **used);
+                    used.map(|(vertex, _)| vertex).collect()
+                })
+                .collect();
+            let instances = std::iter::zip(&self.instances, &pose.instances);
+            let there = instances
+                .filter_map(|(instance, matrix)| Some((instance.object, matrix.as_ref()?)));
+            there.flat_map(move |(object, matrix)| {
+                let vertices = Rc::clone(&objects[object]);
+                (0..vertices.len()).map(move |vertex| transform_point(matrix, vertices[vertex]))
+            })
         });
         Camera::framing_points(corners, f64::from(size.width) / f64::from(size.height))
     }
@@ -549,9 +567,8 @@ impl Animated {
             poses
                 .iter()
                 .any(|pose| pose.instances.iter().any(Option::is_some)),
-            "scene {}: nothing is shown in any frame: a scale of 0 hides all {} of its instances; give their nodes, and those above them, other scales, or show another time",
-            self.name,
-            self.instances.len()
+            "scene {}: nothing is shown in any frame: the matrix of every instance is singular, by a scale of 0; give their nodes, and those above them, other scales, or show another time",
+            self.name
         );
         let mut world = GrowingBox::EMPTY;
         let mut boxes = vec![(GrowingBox::EMPTY, GrowingBox::EMPTY); self.objects.len()];
@@ -562,14 +579,16 @@ impl Animated {
                 let rest = pose.objects[number].positions.as_ref();
                 let rest = rest.unwrap_or(&object.mesh.positions);
                 let (at_rest, posed) = &mut boxes[number];
+                let instances = std::iter::zip(&self.instances, &pose.instances);
+                let matrices: Vec<&Matrix3x4> = instances
+                    .filter(|(instance, _)| instance.object == number)
+                    .filter_map(|(_, matrix)| matrix.as_ref())
+                    .collect();
                 for vertex in (0..vertices.len()).filter(|&vertex| used[number][vertex]) {
                     at_rest.grow(rest[vertex]);
                     posed.grow(vertices[vertex]);
-                    for (instance, matrix) in std::iter::zip(&self.instances, &pose.instances) {
-                        if let Some(matrix) = matrix.as_ref().filter(|_| instance.object == number)
-                        {
-                            world.grow(transform_point(matrix, vertices[vertex]));
-                        }
+                    for matrix in &matrices {
+                        world.grow(transform_point(matrix, vertices[vertex]));
                     }
                 }
             }
@@ -681,6 +700,14 @@ fn rows(matrix: &DAffine3) -> Matrix3x4 {
             translation[row],
         ]
     })
+}
+
+/// A number for a message: very large and very small ones in scientific notation.
+fn number(x: f64) -> String {
+    match x == 0.0 || !x.is_finite() || (1e-6..1e12).contains(&x.abs()) {
+        true => x.to_string(),
+        false => format!("{x:e}"),
+    }
 }
 
 /// Names for an error message, not too many of them.

@@ -14,8 +14,8 @@ use gltf::buffer::{Source, View};
 use std::cell::OnceCell;
 use std::path::Path;
 
-/// Numbers that an accessor may claim to have without a buffer that has them.
-const MOST_ZEROS: usize = 1 << 25;
+/// Numbers that an accessor may claim to have without a buffer that has them, unless it has as many elements as another one.
+const MOST_ZEROS: usize = 1 << 24;
 
 /// What an accessor's integers mean.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -153,6 +153,36 @@ impl<'a> Buffers<'a> {
         dimensions: Dimensions,
         numbers: Numbers,
     ) -> Result<Vec<f64>> {
+        let most = MOST_ZEROS / dimensions.multiplicity();
+        self.read_up_to(accessor, dimensions, numbers, most)
+    }
+
+    /// The same of an accessor that must have an element for each of `count` vertices.
+    ///
+    /// # Errors
+    /// As [`Buffers::read`], and if it has not as many.
+    pub fn read_for(
+        &self,
+        accessor: &Accessor,
+        dimensions: Dimensions,
+        numbers: Numbers,
+        count: usize,
+    ) -> Result<Vec<f64>> {
+        ensure!(
+            accessor.count() == count,
+            "has {} elements for {count} vertices; export the file anew",
+            accessor.count()
+        );
+        self.read_up_to(accessor, dimensions, numbers, count)
+    }
+
+    fn read_up_to(
+        &self,
+        accessor: &Accessor,
+        dimensions: Dimensions,
+        numbers: Numbers,
+        most: usize,
+    ) -> Result<Vec<f64>> {
         let inner = || {
             ensure!(
                 accessor.dimensions() == dimensions,
@@ -168,9 +198,25 @@ impl<'a> Buffers<'a> {
                 fitting,
                 "has numbers of type {kind:?}, which do not belong there; export the file anew"
             );
+            ensure!(
+                self.view_of(accessor).is_some() || accessor.count() <= most,
+                "has {} elements without a buffer; at most {most} may be so",
+                accessor.count()
+            );
             self.read_fitting(accessor, numbers)
         };
         inner().with_context(|| format!("accessor {}", accessor.index()))
+    }
+
+    /// Whether all of an accessor's numbers are zero, because it has no place in any buffer.
+    pub fn is_zero(&self, accessor: &Accessor) -> bool {
+        self.view_of(accessor).is_none() && accessor.sparse().is_none()
+    }
+
+    /// The view of an accessor, if it has one: the one beyond the file's own stands for none.
+    fn view_of<'b>(&self, accessor: &Accessor<'b>) -> Option<View<'b>> {
+        let view = accessor.view();
+        view.filter(|view| view.index() < self.facts.views)
     }
 
     fn read_fitting(&self, accessor: &Accessor, numbers: Numbers) -> Result<Vec<f64>> {
@@ -184,23 +230,12 @@ impl<'a> Buffers<'a> {
             },
         };
         let count = accessor.count();
-        // The view beyond the file's own stands for none.
-        let view = accessor
-            .view()
-            .filter(|view| view.index() < self.facts.views);
-        let mut values = match view {
+        let mut values = match self.view_of(accessor) {
             Some(view) => {
                 let stride = self.stride(&view)?;
                 layout.read(self.view(&view)?, accessor.offset(), stride, count)?
             }
-            None => {
-                ensure!(
-                    count <= MOST_ZEROS / layout.width,
-                    "has {count} elements without a buffer; at most {} may be so",
-                    MOST_ZEROS / layout.width
-                );
-                vec![0.0; count * layout.width]
-            }
+            None => vec![0.0; count * layout.width],
         };
         if let Some(sparse) = accessor.sparse() {
             let (indices, replacements) = (sparse.indices(), sparse.values());

@@ -10,7 +10,7 @@ mod clean;
 mod extensions;
 mod mesh;
 
-use super::{Animated, Clip, Curve, Instance, Interpolation, Kind, Local, Node, Object};
+use super::{Animated, Clip, Curve, Instance, Interpolation, Kind, Local, Node, Object, number};
 use super::{Property, Rig, Skin, Track, Writer};
 use crate::text;
 use accessor::{Buffers, Numbers, groups};
@@ -172,7 +172,8 @@ impl Loader<'_> {
                     let length = rotation.length();
                     ensure!(
                         length > 0.0 && length.is_finite(),
-                        "{name}: its rotation is none: {rotation}; correct it"
+                        "{name}: its rotation is none: {}; correct it",
+                        quaternion(rotation)
                     );
                     Local::new(wide(translation), rotation / length, wide(scale))
                 }
@@ -350,7 +351,8 @@ impl Loader<'_> {
                     let length = rotation.length();
                     ensure!(
                         length > 0.0 && length.is_finite(),
-                        "ROTATION: element {number} is not a rotation: {rotation}; correct it"
+                        "ROTATION: element {number} is not a rotation: {}; correct it",
+                        quaternion(rotation)
                     );
                     rotation / length
                 }
@@ -562,6 +564,10 @@ impl Loader<'_> {
             curve,
         }))
     }
+}
+
+fn quaternion(rotation: DQuat) -> String {
+    format!("[{}]", rotation.to_array().map(number).join(", "))
 }
 
 fn node_name(node: &gltf::Node) -> String {
