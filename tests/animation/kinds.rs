@@ -229,7 +229,7 @@ fn what_is_used_is_judged() {
         ),
         (
             |f| f.json["meshes"][0]["primitives"][0]["targets"] = json!([{"POSITION": 1}]),
-            ": is no valid glTF: meshes[0].primitives[0].targets[0].POSITION: index out of bounds; export it anew",
+            ": is no valid glTF: meshes[0].primitives[0].targets[0].positions: index out of bounds; export it anew",
         ),
         (
             |f| f.json["meshes"][0]["primitives"][0]["attributes"]["POSITION"] = json!(1),
@@ -500,7 +500,7 @@ fn extensions_that_are_not_read_are_named() {
     assert_eq!(
         scene.warnings,
         [
-            "2 animation channels are left out: KHR_animation_pointer is not read here, so that `/nodes/0/scale` and others stays as it is",
+            "2 animation channels are left out: KHR_animation_pointer is not read here, so that `/nodes/0/scale` and others stay as they are",
             "1 animation channel is left out, without a node to move",
             "1 animation channel is left out: the node has no morph targets that the weights could blend",
         ]

@@ -680,9 +680,12 @@ impl LeftOut {
         let mut warnings = Vec::new();
         if self.pointers > 0 {
             let pointer = self.pointer.unwrap_or_default();
-            let more = if self.pointers > 1 { " and others" } else { "" };
+            let more = match self.pointers {
+                1 => " stays as it is",
+                _ => " and others stay as they are",
+            };
             warnings.push(format!(
-                "{}: KHR_animation_pointer is not read here, so that `{pointer}`{more} stays as it is",
+                "{}: KHR_animation_pointer is not read here, so that `{pointer}`{more}",
                 channels(self.pointers)
             ));
         }
