@@ -705,7 +705,7 @@ fn bad_instances_get_one_clear_line() {
         (
             [1e-3, 0.0, 0.0],
             1e19,
-            "its box in the world; place it nearer to the origin",
+            "; it stands 1e19 times its own size away from the origin: place it nearer",
         ),
         // The scale is small for the world because the instance is far away.
         (

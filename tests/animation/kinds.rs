@@ -1061,7 +1061,7 @@ fn files_changed_at_random_become_a_scene_or_one_line() {
         };
         let mut places = Vec::new();
         pointers(&file.json, String::new(), &mut places);
-        for _ in 0..rng.usize(1..4) {
+        for _ in 0..rng.usize(1..3) {
             let place = &places[rng.usize(..places.len())];
             let value = random_value(&mut rng, &file.json, &places);
             match place.rsplit_once('/') {
