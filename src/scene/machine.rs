@@ -1,5 +1,6 @@
 //! Scenes in the machine's numbers.
 
+use super::animation::some;
 use super::{Bounds, Mesh, Scene, used_bounds};
 use crate::float::{Arithmetic, Format};
 use anyhow::{Context, Result, ensure};
@@ -152,7 +153,7 @@ pub(super) fn losses(scene: &str, format: Format, meshes: &[Loss]) -> Vec<String
         let sum: usize = meshes.iter().map(count).sum();
         let place = match meshes.len() {
             0 | 1 => String::new(),
-            _ => format!(" ({})", some(&names)),
+            _ => format!(" ({})", some(names.iter().map(String::as_str))),
         };
         (sum, place)
     };
@@ -193,20 +194,11 @@ pub(super) fn losses(scene: &str, format: Format, meshes: &[Loss]) -> Vec<String
             warnings.push(format!(
                 "scene {scene}: {} objects lie many times their own size away from their origin ({}), where {format} is coarse; move them to it",
                 several.len(),
-                some(&names)
+                some(names.iter().map(String::as_str))
             ));
         }
     }
     warnings
-}
-
-/// Names for a line, not too many of them.
-fn some(names: &[String]) -> String {
-    const MOST: usize = 4;
-    match names.len() {
-        0..=MOST => names.join(", "),
-        count => format!("{} and {} more", names[..MOST].join(", "), count - MOST),
-    }
 }
 
 /// The exponent of the greatest power of two by which a box can be scaled to fit ±2^[`MachineMesh::log2_limit`]; 0 for

@@ -286,20 +286,20 @@ fn primitives_without_positions_are_left_out() {
     assert_eq!(world(&scene).positions, triangle());
     assert_eq!(
         scene.warnings,
-        ["mesh M, primitive 1: left out, it has no POSITION"]
+        ["mesh M, primitive 1: left out, it is without POSITION"]
     );
     let primitives = file.json["meshes"][0]["primitives"].as_array_mut().unwrap();
     primitives.push(json!({"attributes": {}}));
     let warnings = file.load().warnings;
     assert_eq!(
         warnings,
-        ["mesh M: 2 primitives are left out, they have no POSITION: 1 is the first"]
+        ["mesh M: 2 primitives are left out, they are without POSITION; the first is primitive 1"]
     );
     let primitives = file.json["meshes"][0]["primitives"].as_array_mut().unwrap();
     primitives.remove(0);
     assert_eq!(
         file.fault(),
-        ": is an empty scene, nothing is left of it: mesh M: 2 primitives are left out, they have no POSITION: 0 is the first; export it with its meshes"
+        ": is an empty scene, nothing is left of it: mesh M: 2 primitives are left out, they are without POSITION; the first is primitive 0; export it with its meshes"
     );
 }
 
@@ -761,7 +761,7 @@ fn an_instance_of_scale_zero_is_not_there() {
     assert!(scene.extents(Some(0), &[0.0, 1.0]).is_ok());
     assert_eq!(
         one_line(&scene.extents(Some(0), &[0.0]).unwrap_err()),
-        "scene scene: nothing is shown in any frame: the matrix of every instance is singular, by a scale of 0; give their nodes, and those above them, other scales, or show another time"
+        "scene scene: nothing is shown in any frame: a scale of 0 makes the matrix of every instance singular (Ghost); give their nodes, and those above them, other scales, or show another time"
     );
 
     // A flat parent makes a turned child singular but for rounding.

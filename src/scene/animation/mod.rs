@@ -434,8 +434,6 @@ impl Animated {
     /// # Panics
     /// If a pose is another scene's.
     pub fn warnings_of(&self, poses: &[Pose]) -> Vec<String> {
-        /// Instances that are named.
-        const MOST: usize = 4;
         let frames = |count: usize| match (count, poses.len()) {
             (all, frames) if all == frames => "all frames".into(),
             (1, frames) => format!("1 of {frames} frames"),
@@ -453,15 +451,10 @@ impl Animated {
         }
         let mut warnings = Vec::new();
         if !hidden.is_empty() {
-            let more = match hidden.len() {
-                0..=MOST => String::new(),
-                count => format!(" and {} more", count - MOST),
-            };
-            hidden.truncate(MOST);
             warnings.push(format!(
-                "scene {}: instances are left out where a scale of 0 makes their matrix singular: {}{more}",
+                "scene {}: instances are left out where a scale of 0 makes their matrix singular: {}",
                 self.name,
-                hidden.join(", ")
+                some(hidden.iter().map(String::as_str))
             ));
         }
         let is_empty = |pose: &&Pose| pose.instances.iter().all(Option::is_none);
@@ -567,8 +560,9 @@ impl Animated {
             poses
                 .iter()
                 .any(|pose| pose.instances.iter().any(Option::is_some)),
-            "scene {}: nothing is shown in any frame: the matrix of every instance is singular, by a scale of 0; give their nodes, and those above them, other scales, or show another time",
-            self.name
+            "scene {}: nothing is shown in any frame: a scale of 0 makes the matrix of every instance singular ({}); give their nodes, and those above them, other scales, or show another time",
+            self.name,
+            some(self.instances.iter().map(|instance| instance.name.as_str()))
         );
         let mut world = GrowingBox::EMPTY;
         let mut boxes = vec![(GrowingBox::EMPTY, GrowingBox::EMPTY); self.objects.len()];
@@ -707,6 +701,16 @@ fn number(x: f64) -> String {
     match x == 0.0 || !x.is_finite() || (1e-6..1e12).contains(&x.abs()) {
         true => x.to_string(),
         false => format!("{x:e}"),
+    }
+}
+
+/// Names for a line that is about any number of things: the first few.
+pub(super) fn some<'a>(names: impl IntoIterator<Item = &'a str>) -> String {
+    const MOST: usize = 4;
+    let names: Vec<&str> = names.into_iter().collect();
+    match names.len() {
+        0..=MOST => names.join(", "),
+        count => format!("{} and {} more", names[..MOST].join(", "), count - MOST),
     }
 }
 

@@ -5,6 +5,7 @@
 //! by something neutral: its number stays, its faults do not. What is read is passed on as it stands, and judged.
 
 use super::extensions;
+use crate::scene::animation::some;
 use crate::text::escaped;
 use anyhow::{Context, Result, bail, ensure};
 use serde_json::{Map, Value, json};
@@ -175,7 +176,7 @@ impl<'a> Cleaner<'a> {
             };
             self.facts.warnings.push(format!(
                 "{what} by KHR_node_visibility, with all that is below: {}{but}",
-                extensions::some(&hidden)
+                some(hidden.iter().map(String::as_str))
             ));
             if is_all {
                 shown = all;
@@ -655,7 +656,7 @@ impl<'a> Cleaner<'a> {
                     format!("{count} accessors are faulty, but nothing here reads them: accessors")
                 }
             };
-            let line = format!("{what} {}", extensions::some(&faulty));
+            let line = format!("{what} {}", some(faulty.iter().map(String::as_str)));
             self.facts.warnings.push(line);
         }
     }

@@ -1,6 +1,7 @@
 //! What glTF's extensions say that is read here, and what is said of those that are not.
 
 use super::clean::items;
+use crate::scene::animation::some;
 use crate::text::escaped;
 use anyhow::{Result, ensure};
 use serde_json::{Map, Value};
@@ -60,7 +61,7 @@ pub fn check_required(root: &Map<String, Value>) -> Result<()> {
     ensure!(
         unknown.is_empty(),
         "requires {}, which cannot be read here; export it without (uncompressed)",
-        some(&unknown)
+        some(unknown.iter().map(String::as_str))
     );
     Ok(())
 }
@@ -193,14 +194,5 @@ fn count<'a>(root: &'a Map<String, Value>, places: &mut BTreeMap<&'a str, Places
     }
     for key in ["materials", "textures", "images", "samplers", "cameras"] {
         list(key).iter().for_each(|object| at(object, false));
-    }
-}
-
-/// Names for a line, not too many of them.
-pub fn some(names: &[String]) -> String {
-    const MOST: usize = 4;
-    match names.len() {
-        0..=MOST => names.join(", "),
-        count => format!("{} and {} more", names[..MOST].join(", "), count - MOST),
     }
 }

@@ -7,7 +7,7 @@ use crate::scene::Mesh;
 use anyhow::{Context, Result, ensure};
 use gltf::accessor::Dimensions;
 use gltf::mesh::{Mode, Semantic};
-use std::collections::HashMap;
+use std::collections::{BTreeMap, HashMap};
 
 /// A mesh and what moves its vertices.
 #[derive(Default)]
@@ -38,22 +38,21 @@ pub fn read(
         found: HashMap::new(),
     };
     let (mut reduced, mut bound) = (0, 0);
-    let mut bare = Vec::new();
+    let mut left_out: BTreeMap<String, Vec<usize>> = BTreeMap::new();
     for primitive in mesh.primitives() {
         let place = format!("primitive {}", primitive.index());
         if !matches!(
             primitive.mode(),
             Mode::Triangles | Mode::TriangleStrip | Mode::TriangleFan
         ) {
-            warnings.push(format!(
-                "mesh {name}, {place}: left out, it is made of {:?}, not of triangles",
-                primitive.mode()
-            ));
+            let reason = format!("made of {:?}, not of triangles", primitive.mode());
+            left_out.entry(reason).or_default().push(primitive.index());
             continue;
         }
         let positions = primitive.get(&Semantic::Positions);
         if positions.is_none_or(|accessor| accessor.index() == nothing) {
-            bare.push(primitive.index());
+            let reason = "without POSITION".to_string();
+            left_out.entry(reason).or_default().push(primitive.index());
             continue;
         }
         let source = Source::read(buffers, &primitive, joint_count.is_some())
@@ -91,15 +90,15 @@ pub fn read(
             welder.parts.mesh.triangles.push(welded);
         }
     }
-    match bare.as_slice() {
-        [] => {}
-        [one] => warnings.push(format!(
-            "mesh {name}, primitive {one}: left out, it has no POSITION"
-        )),
-        [first, ..] => warnings.push(format!(
-            "mesh {name}: {} primitives are left out, they have no POSITION: {first} is the first",
-            bare.len()
-        )),
+    for (reason, primitives) in left_out {
+        warnings.push(match primitives.as_slice() {
+            [one] => format!("mesh {name}, primitive {one}: left out, it is {reason}"),
+            several => format!(
+                "mesh {name}: {} primitives are left out, they are {reason}; the first is primitive {}",
+                several.len(),
+                several[0]
+            ),
+        });
     }
     if reduced > 0 {
         warnings.push(format!(

@@ -10,7 +10,9 @@ mod clean;
 mod extensions;
 mod mesh;
 
-use super::{Animated, Clip, Curve, Instance, Interpolation, Kind, Local, Node, Object, number};
+use super::{
+    Animated, Clip, Curve, Instance, Interpolation, Kind, Local, Node, Object, number, some,
+};
 use super::{Property, Rig, Skin, Track, Writer};
 use crate::text;
 use accessor::{Buffers, Numbers, groups};
@@ -52,6 +54,7 @@ fn parse(bytes: &[u8], folder: &Path, name: String) -> Result<Animated> {
     check_version(root)?;
     extensions::check_required(root)?;
     let (cleaned, facts) = clean::clean(root)?;
+    drop(value);
     let root = serde_json::from_value(cleaned)
         .map_err(|error| anyhow!("is no glTF: {error}; export it anew"))?;
     let document = gltf::Document::from_json(root).map_err(|error| match error {
@@ -254,7 +257,7 @@ impl Loader<'_> {
                 true => "it has no triangles".into(),
                 false => format!(
                     "nothing is left of it: {}",
-                    extensions::some(&self.warnings)
+                    some(self.warnings.iter().map(String::as_str))
                 ),
             };
             bail!("is an empty scene, {reasons}; export it with its meshes");
