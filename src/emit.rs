@@ -364,13 +364,17 @@ fn listed_files(folder: &Path) -> Vec<String> {
         return Vec::new();
     };
     let is_ours = (manifest["generator"].as_str()).is_some_and(|g| g.starts_with("dynrt "));
+    if !is_ours {
+        return Vec::new();
+    }
     let lists = [&manifest["files"], &manifest[SIMULATION]["files"]];
-    let names = lists
-        .into_iter()
-        .filter_map(Value::as_array)
-        .filter(|_| is_ours);
+    let names = lists.into_iter().filter_map(Value::as_array).flatten();
+    let names = names.filter_map(Value::as_str).map(str::to_string);
+    // They are called after the top module, and so after the prefix.
+    let top = manifest["top"].as_str();
+    let of_top = top.map(|top| [format!("{top}.f"), format!("{top}.core")]);
     // In the folder itself or in the bench's.
-    let is_plain = |name: &&str| {
+    let is_plain = |name: &String| {
         let name = Path::new(name);
         let mut parts = name
             .strip_prefix(bench::FOLDER)
@@ -379,10 +383,8 @@ fn listed_files(folder: &Path) -> Vec<String> {
         matches!(parts.next(), Some(Component::Normal(_))) && parts.next().is_none()
     };
     names
-        .flatten()
-        .filter_map(Value::as_str)
+        .chain(of_top.into_iter().flatten())
         .filter(is_plain)
-        .map(str::to_string)
         .collect()
 }
 

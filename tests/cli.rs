@@ -628,6 +628,12 @@ fn generated_names_begin_with_the_prefix() {
             assert!(prefix == "dynrt_" || !text.contains("dynrt_"), "{name}");
         }
     }
+    // Where a machine of another prefix was, nothing of it stays.
+    prints(
+        "generate --config tiny --out x --prefix small_",
+        folder.path(),
+    );
+    assert!(contents(&folder.path().join("x")) == contents(&folder.path().join("small_")));
     for bad in ["Small_", "9", "a-b", "_"] {
         let said = fault(&format!("generate --out bad --prefix {bad}"), folder.path());
         assert!(
