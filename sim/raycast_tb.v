@@ -300,7 +300,7 @@ module dynrt_raycast_tb;
     task fail;
         begin
             failed = 1'b1;
-            $finish;
+            $stop;
         end
     endtask
 
