@@ -7,8 +7,9 @@ use dynrt::float::{Format, plain};
 use dynrt::hw;
 use dynrt::scene::animation::MachineScene;
 use dynrt::scene::{self, Camera, Frame, ImageSize, MachineMesh, RayPacket};
-use dynrt::vectors::{Posed, Request, Summary, pose, write};
+use dynrt::vectors::{Made, Posed, Request, Summary, pose, write};
 use serde_json::Value;
+use sha2::{Digest, Sha256};
 use std::collections::{BTreeSet, HashMap};
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -33,6 +34,11 @@ struct Case {
     image: MemoryImage,
     skins: Vec<SkinMesh>,
     packets: Vec<RayPacket>,
+    frame: Frame,
+    camera: Camera,
+    log2_scale: i32,
+    /// Seconds into the motion.
+    seconds: Option<f64>,
 }
 
 impl Case {
@@ -56,6 +62,10 @@ impl Case {
             image,
             skins: vec![],
             packets,
+            frame,
+            camera,
+            log2_scale: mesh.log2_scale,
+            seconds: None,
         }
     }
 
@@ -82,6 +92,10 @@ impl Case {
             image,
             skins,
             packets,
+            frame,
+            camera,
+            log2_scale: machine.log2_scale,
+            seconds: Some(0.3),
         }
     }
 
@@ -93,6 +107,14 @@ impl Case {
             skins: &self.skins,
             packets: &self.packets,
             limit: None,
+            force: false,
+            made: Made {
+                command: "dynrt vectors",
+                frame: self.frame,
+                camera: self.camera,
+                log2_scale: self.log2_scale,
+                motion: self.seconds.map(|seconds| (None, seconds)),
+            },
             out,
         }
     }
@@ -494,6 +516,86 @@ struct Placed {
     root: u64,
 }
 
+/// By root: numbers and corners of its triangles.
+type Triangles = Vec<(u64, [[u64; 3]; 3])>;
+
+/// A scene in the files.
+struct Place {
+    root: u64,
+    lo: [u64; 3],
+    hi: [u64; 3],
+    /// None in a scene of one level: an object of which nothing stands anywhere else.
+    instances: Vec<Placed>,
+    objects: HashMap<u64, Triangles>,
+}
+
+impl Place {
+    /// Counts in `reached` how often each record is.
+    fn read(
+        registers: &Line<'_>,
+        (nodes, records): (&[Line<'_>], &[Line<'_>]),
+        vector: &dyn Fn(u64) -> [u64; 3],
+        reached: &mut [u32],
+    ) -> Place {
+        let root = registers.get("root");
+        let mut instances = vec![];
+        let mut roots = BTreeSet::from([root]);
+        if root >> 27 & 1 == 1 {
+            roots.clear();
+            for record in records_below(nodes, root) {
+                reached[record] += 1;
+                let record = &records[record];
+                let of = |k| vector(record.get("v0") + k);
+                assert_eq!(record.get("v2"), 0);
+                roots.insert(record.get("v1"));
+                instances.push(Placed {
+                    columns: [0, 1, 2, 3].map(of),
+                    lo: of(4),
+                    hi: of(5),
+                    number: record.get("number"),
+                    root: record.get("v1"),
+                });
+            }
+            let numbers: BTreeSet<_> = instances.iter().map(|placed| placed.number).collect();
+            assert!(numbers.into_iter().eq(0..instances.len() as u64));
+        }
+        let mut objects: HashMap<u64, Triangles> = HashMap::new();
+        for root in roots {
+            let mut triangles = vec![];
+            for record in records_below(nodes, root) {
+                reached[record] += 1;
+                let record = &records[record];
+                let corners = ["v0", "v1", "v2"].map(|name| vector(record.get(name)));
+                triangles.push((record.get("number"), corners));
+            }
+            objects.insert(root, triangles);
+        }
+        Place {
+            root,
+            lo: registers.vector("lo"),
+            hi: registers.vector("hi"),
+            instances,
+            objects,
+        }
+    }
+
+    /// The box is that of all triangles, or of all instances' boxes.
+    fn check_bounds(&self, f: Format) {
+        let corners: Vec<[u64; 3]> = match self.instances.is_empty() {
+            true => self.objects[&self.root].iter().flat_map(|(_, v)| *v).collect(),
+            false => self.instances.iter().flat_map(|p| [p.lo, p.hi]).collect(),
+        };
+        for i in 0..3 {
+            let mut corners = corners.iter().map(|corner| corner[i]);
+            let first = corners.next().unwrap();
+            let bounds = corners.fold([first; 2], |[least, greatest], x| {
+                [plain::min(f, least, x), plain::max(f, greatest, x)]
+            });
+            assert_eq!(bounds, [self.lo[i], self.hi[i]]);
+        }
+    }
+}
+
 /// The records below a root.
 fn records_below(nodes: &[Line<'_>], root: u64) -> Vec<usize> {
     let mut records = vec![];
@@ -524,7 +626,7 @@ fn named<const N: usize>(name: &str, values: [u64; N]) -> Vec<(String, u64)> {
 /// Recomputes everything in a folder of vectors.
 fn check(folder: &Path, summary: &Summary) {
     let vectors = Vectors::open(folder);
-    assert_eq!(vectors.number("/dynrt_vectors"), 2);
+    assert_eq!(vectors.number("/dynrt_vectors"), 3);
     let f = vectors.format();
     let machine = Machine {
         f,
@@ -552,70 +654,35 @@ fn check(folder: &Path, summary: &Summary) {
 
     // The memory images: every record is reached once, and the box is that of all triangles.
     let scene_fields = vectors.fields("scene.hex");
-    let scene = &vectors.lines("scene.hex", &scene_fields)[0];
-    let (lo, hi) = (scene.vector("lo"), scene.vector("hi"));
+    let registers = vectors.lines("scene.hex", &scene_fields);
+    let (lo, hi) = (registers[0].vector("lo"), registers[0].vector("hi"));
     let [node_fields, record_fields, vertex_fields] =
         ["nodes.hex", "records.hex", "vertices.hex"].map(|file| vectors.fields(file));
     let nodes = vectors.lines("nodes.hex", &node_fields);
     let records = vectors.lines("records.hex", &record_fields);
     let vertices = vectors.lines("vertices.hex", &vertex_fields);
     assert_eq!(nodes.len(), records.len());
-    let mut reached = vec![0; records.len()];
-    let root = scene.get("root");
     let vector = |index: u64| ["x", "y", "z"].map(|axis| vertices[index as usize].get(axis));
-    // A scene of one level is an object of which nothing stands anywhere else.
-    let mut instances = vec![];
-    let mut roots = BTreeSet::from([root]);
-    if root >> 27 & 1 == 1 {
-        roots.clear();
-        for record in records_below(&nodes, root) {
-            reached[record] += 1;
-            let record = &records[record];
-            let of = |k| vector(record.get("v0") + k);
-            assert_eq!(record.get("v2"), 0);
-            roots.insert(record.get("v1"));
-            instances.push(Placed {
-                columns: [0, 1, 2, 3].map(of),
-                lo: of(4),
-                hi: of(5),
-                number: record.get("number"),
-                root: record.get("v1"),
-            });
-        }
-        let numbers: BTreeSet<_> = instances.iter().map(|placed| placed.number).collect();
-        assert!(numbers.into_iter().eq(0..instances.len() as u64));
-    }
-    assert_eq!(vectors.number("/instances"), instances.len() as u64);
-    assert_eq!(
-        vectors.number("/levels"),
-        1 + u64::from(!instances.is_empty())
-    );
-    // By root: numbers and corners of its triangles.
-    type Triangles = Vec<(u64, [[u64; 3]; 3])>;
-    let mut objects: HashMap<u64, Triangles> = HashMap::new();
-    for root in roots {
-        let mut triangles = vec![];
-        for record in records_below(&nodes, root) {
-            reached[record] += 1;
-            let record = &records[record];
-            let corners = ["v0", "v1", "v2"].map(|name| vector(record.get(name)));
-            triangles.push((record.get("number"), corners));
-        }
-        objects.insert(root, triangles);
+    let mut reached = vec![0; records.len()];
+    let described = vectors.manifest["scenes"].as_array().unwrap();
+    assert_eq!(described.len(), registers.len());
+    let mut places: Vec<Place> = vec![];
+    for (scene, described) in registers.iter().zip(described) {
+        let place = Place::read(scene, (&nodes, &records), &vector, &mut reached);
+        let of = |name: &str| described[name].as_u64().unwrap();
+        assert_eq!(of("instances"), place.instances.len() as u64);
+        assert_eq!(of("levels"), 1 + u64::from(!place.instances.is_empty()));
+        let triangles: usize = place.objects.values().map(Vec::len).sum();
+        assert_eq!(of("triangles"), triangles as u64);
+        let slots = of("first_record")..of("first_record") + of("records");
+        assert_eq!(of("records"), of("triangles") + of("instances"));
+        assert!((slots.start..slots.end).all(|slot| reached[slot as usize] == 1));
+        place.check_bounds(f);
+        places.push(place);
     }
     assert!(reached.iter().all(|&count| count == 1), "{reached:?}");
-    let corners: Vec<[u64; 3]> = match instances.is_empty() {
-        true => objects[&root].iter().flat_map(|(_, v)| *v).collect(),
-        false => instances.iter().flat_map(|p| [p.lo, p.hi]).collect(),
-    };
-    for i in 0..3 {
-        let mut corners = corners.iter().map(|corner| corner[i]);
-        let first = corners.next().unwrap();
-        let bounds = corners.fold([first; 2], |[least, greatest], x| {
-            [plain::min(f, least, x), plain::max(f, greatest, x)]
-        });
-        assert_eq!(bounds, [lo[i], hi[i]]);
-    }
+    assert_eq!(vectors.number("/instances"), places[0].instances.len() as u64);
+    assert_eq!(vectors.number("/levels"), described[0]["levels"].as_u64().unwrap());
 
     // Ray setup.
     let setups = vectors.unit("ray_setup", |line| {
@@ -642,7 +709,7 @@ fn check(folder: &Path, summary: &Summary) {
         }
         fields
     });
-    assert!(setups as u64 > summary.rays);
+    assert!(setups > 500);
 
     // Packet steps.
     let steps = vectors.unit("packet_step", |line| step(machine, rays, line));
@@ -670,12 +737,21 @@ fn check(folder: &Path, summary: &Summary) {
         (lines.len() as u64, hits.len()),
         (summary.rays, lines.len())
     );
+    let packet_fields = vectors.fields("raycast_packets.hex");
+    let packets = vectors.lines("raycast_packets.hex", &packet_fields);
     let mut counts = [0; 3];
     let none = u64::from(u32::MAX);
     for (number, (line, hit)) in lines.iter().zip(&hits).enumerate() {
         let ray = machine.set_up(line);
+        let Place {
+            root,
+            lo,
+            hi,
+            instances,
+            objects,
+        } = &places[packets[number / rays].get("scene") as usize];
         let mut closest = [f.infinity(), 0, 0, none, none];
-        let [near, far] = machine.clip_box([ray.tmin, ray.tmax], lo, hi, &ray);
+        let [near, far] = machine.clip_box([ray.tmin, ray.tmax], *lo, *hi, &ray);
         if ray.valid && plain::less_equal(f, near, far) {
             let mut test = |ray: &Setup, instance: u64, root: u64| {
                 for (triangle, v) in &objects[&root] {
@@ -693,9 +769,9 @@ fn check(folder: &Path, summary: &Summary) {
                 }
             };
             if instances.is_empty() {
-                test(&ray, 0, root);
+                test(&ray, 0, *root);
             }
-            for placed in &instances {
+            for placed in instances {
                 if let Some(moved) = machine.enter(placed, &ray) {
                     test(&moved, placed.number, placed.root);
                 }
@@ -718,8 +794,6 @@ fn check(folder: &Path, summary: &Summary) {
     );
 
     // The packets' parts of the units' lines lie one after the other.
-    let packet_fields = vectors.fields("raycast_packets.hex");
-    let packets = vectors.lines("raycast_packets.hex", &packet_fields);
     let parts = ["step", "test", "transform"];
     let mut next = [0; 3];
     for packet in &packets {
@@ -731,7 +805,7 @@ fn check(folder: &Path, summary: &Summary) {
     assert_eq!(next, [summary.steps, summary.tests, summary.transforms]);
 
     // Ray transformations: of the packet's rays, by the instance's vectors in memory.
-    if !instances.is_empty() {
+    if places.iter().any(|place| !place.instances.is_empty()) {
         let transforms = vectors.unit("ray_transform", |line| {
             let record = &records[line.get("record") as usize];
             let of = |k| vector(record.get("v0") + k);
@@ -768,6 +842,8 @@ fn check(folder: &Path, summary: &Summary) {
             }
         }
     }
+    check_files(&vectors, f);
+    check_steps(&vectors, rays);
     let updates = check_updates(&vectors, f);
     assert_eq!(updates, [summary.updates, summary.nodes_written]);
     let skins = check_skins(&vectors, machine);
@@ -775,6 +851,76 @@ fn check(folder: &Path, summary: &Summary) {
     assert_eq!(packets.len() as u64, summary.packets);
     let files = fs::read_dir(folder).unwrap().count();
     assert_eq!(files, summary.files);
+}
+
+/// What the manifest says of files: sums, parts, canonical numbers.
+fn check_files(vectors: &Vectors, f: Format) {
+    for file in vectors.manifest["files"].as_array().unwrap() {
+        let name = file["file"].as_str().unwrap();
+        let text = fs::read_to_string(vectors.folder.join(name)).unwrap();
+        let sum: String = (Sha256::digest(&text).iter())
+            .map(|byte| format!("{byte:02x}"))
+            .collect();
+        assert_eq!(file["sha256"], sum.as_str(), "{name}");
+        let lines = text.lines().count() as u64;
+        assert_eq!(file["lines"], lines, "{name}");
+        let mut next = 0;
+        for part in file["parts"].as_array().unwrap() {
+            assert_eq!(part["first"], next, "{name}");
+            assert!(!part["label"].as_str().unwrap().is_empty());
+            next += part["lines"].as_u64().unwrap();
+        }
+        assert_eq!(next, lines, "{name}: its parts are the whole file");
+        for key in ["file", "unit", "role", "lines", "layout", "parts", "sha256"] {
+            assert!(file.get(key).is_some(), "{name}: {key}");
+        }
+        let Some(layout) = file["layout"].as_str() else {
+            assert_eq!(name, "vectors.vh");
+            continue;
+        };
+        if name.starts_with("fp_") || name.contains("_care") || name == "update_program.hex" {
+            continue;
+        }
+        // −0 is in rays, and in what ray setup passes on of them.
+        let layout = vectors.manifest["layouts"][layout]["fields"].as_array().unwrap();
+        let fields = vectors.fields(name);
+        for (number, line) in vectors.lines(name, &fields).iter().enumerate() {
+            for field in layout.iter().filter(|field| field["kind"] == "number") {
+                let what = field["name"].as_str().unwrap();
+                let value = line.get(what);
+                let place = format!("{name} line {}: {what} is {value:x}", number + 1);
+                assert_eq!(value, f.to_bits(f.to_f64(value)), "{place}");
+                let of_ray = ["origin_", "direction_", "tmin", "tmax"];
+                let may_be_negative = ["raycast_rays.hex", "ray_setup_stimulus.hex"].contains(&name)
+                    || !["nodes.hex", "raycast_hits.hex"].contains(&name)
+                        && of_ray[..2].iter().any(|prefix| what.contains(prefix));
+                assert!(
+                    value != f.sign_bit() || may_be_negative,
+                    "{place}, which is -0"
+                );
+            }
+        }
+    }
+}
+
+/// Indices lie within the machine's addresses; of rays outside the mask nothing is said.
+fn check_steps(vectors: &Vectors, rays: usize) {
+    let f = vectors.format();
+    let most = 1 << vectors.number("/machine/address_bits");
+    let file = "packet_step_stimulus.hex";
+    let fields = vectors.fields(file);
+    let mut outside = 0;
+    for line in vectors.lines(file, &fields) {
+        assert!(line.get("node") < most && line.get("link") < most - 1);
+        for k in (0..rays).filter(|k| line.get("mask") >> k & 1 == 0) {
+            outside += 1;
+            for (name, _) in fields.iter().filter(|(name, _)| name.starts_with(&format!("ray{k}_"))) {
+                let due = if name.ends_with("_far") { f.infinity() } else { 0 };
+                assert_eq!(line.get(name), due, "{name}");
+            }
+        }
+    }
+    assert!(outside > 0 || rays == 1);
 }
 
 /// Runs every update program on the files, as `docs/update.md` says. Returns updates and nodes written.
@@ -1075,6 +1221,14 @@ fn step(machine: Machine, rays: usize, line: &Line<'_>) -> Vec<(String, u64)> {
     fields
 }
 
+/// The labels of a folder's scenes.
+fn scenes_of(folder: &Path) -> Vec<String> {
+    let vectors = Vectors::open(folder);
+    let scenes = vectors.manifest["scenes"].as_array().unwrap();
+    let label = |scene: &Value| scene["label"].as_str().unwrap().to_string();
+    scenes.iter().map(label).collect()
+}
+
 #[test]
 fn files_alone_tell_every_result() {
     let cases = CASES.into_iter().map(Case::new);
@@ -1092,7 +1246,8 @@ fn files_alone_tell_every_result() {
             _ => (1, 0),
         };
         assert_eq!(of_scene, [objects, skinned]);
-        assert_eq!(summary.transforms > 0, case.image.is_instanced());
+        assert_eq!(scenes_of(&out), ["given", "ties", "instances", "transforms"]);
+        assert!(summary.transforms > 500);
     }
     for (rays_per_packet, exponent_bits, fraction_bits) in [(8, 8, 23), (2, 6, 11)] {
         let config = Config {
@@ -1105,6 +1260,7 @@ fn files_alone_tell_every_result() {
         let out = folder.path().join("vectors");
         let summary = Case::of(config, CASES[0].1, CASES[0].2).write(&out);
         check(&out, &summary);
+        assert_eq!(scenes_of(&out).len(), 4);
     }
     // As much as can be addressed is written, and no more.
     let config = Config {
@@ -1115,6 +1271,7 @@ fn files_alone_tell_every_result() {
     let out = folder.path().join("vectors");
     let summary = Case::of(config, CASES[0].1, CASES[0].2).write(&out);
     assert!((2..21).contains(&summary.updates) && (2..12).contains(&summary.skins));
+    assert_eq!(scenes_of(&out), ["given", "ties", "instances"]);
     check(&out, &summary);
 }
 
@@ -1373,16 +1530,16 @@ fn the_benches_find_what_is_wrong() {
 
     // Nothing to check.
     let header = fs::read_to_string(changed.join("vectors.vh")).unwrap();
-    let lines = format!("RAYCAST_HITS_LINES {last}\n");
+    let lines = format!("DYNRT_RAYCAST_HITS_LINES {last}\n");
     assert!(header.contains(&lines));
     fs::write(
         changed.join("vectors.vh"),
-        header.replace(&lines, "RAYCAST_HITS_LINES 0\n"),
+        header.replace(&lines, "DYNRT_RAYCAST_HITS_LINES 0\n"),
     )
     .unwrap();
     let (passes, said) = run(&changed, &rtl, &["raycast"]);
     assert!(
-        !passes && said.contains("nothing to check: RAYCAST_HITS_LINES 0"),
+        !passes && said.contains("nothing to check: DYNRT_RAYCAST_HITS_LINES 0"),
         "{said}"
     );
     fs::remove_file(changed.join("vectors.vh")).unwrap();

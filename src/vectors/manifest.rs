@@ -6,7 +6,7 @@ use super::ports::{Layouts, Map as PortMap};
 use super::scenes::DirectedScene;
 use super::shape::Shape;
 use super::sheet::{Part, Sheet};
-use super::{HEADER, Request, VERSION, VERSION_KEY};
+use super::{GIVEN, HEADER, Request, VERSION, VERSION_KEY};
 use crate::bkd::layout::{MemoryImage, Record};
 use crate::config::{Config, TriangleTest};
 use crate::hdl::Design;
@@ -335,7 +335,7 @@ impl Contents<'_> {
     }
 
     fn scenes(&self) -> Result<Vec<Value>> {
-        let given = [("given", self.request.image, 0, 0)];
+        let given = [(GIVEN, self.request.image, 0, 0)];
         let directed = self.directed.iter();
         let directed =
             directed.map(|scene| (scene.label, &scene.image, scene.first_record, scene.first_vertex));

@@ -78,6 +78,9 @@ const CONTENT: Content = Content {
     },
 };
 
+/// The label of the scene that was given.
+const GIVEN: &str = "given";
+
 /// The macros for the Verilog benches.
 const HEADER: &str = "vectors.vh";
 
@@ -247,7 +250,7 @@ fn memories(
     image: &MemoryImage,
     directed: &[DirectedScene],
 ) -> Result<()> {
-    let given = ("given scene", image, 0, 0);
+    let given = (GIVEN, image, 0, 0);
     let scenes: Vec<_> = [given]
         .into_iter()
         .chain(directed.iter().map(|scene| {
