@@ -1,10 +1,13 @@
 //! Golden vectors, checked by who knows only the files: an independent checker here, the Verilog benches in `sim/`.
 
 use dynrt::bkd::{self, BuildOptions, MemoryImage};
-use dynrt::config::Config;
+use dynrt::bkd::{LinkWord, Node, Record, TriangleRecord};
+use dynrt::config::{Config, TriangleTest};
 use dynrt::cosim::unit_skinning::SkinMesh;
 use dynrt::float::{Format, plain};
+use dynrt::golden::{Caster, EnterEvent, HandOver, Observer, RayTest};
 use dynrt::hw;
+use dynrt::port::Ray;
 use dynrt::scene::animation::MachineScene;
 use dynrt::scene::{self, Camera, Frame, ImageSize, MachineMesh, RayPacket};
 use dynrt::vectors::{Made, Posed, Request, Summary, pose, write};
@@ -263,6 +266,17 @@ impl Vectors {
 struct Machine {
     f: Format,
     watertight: bool,
+    /// A rule of the triangle test that it does not know.
+    without: Option<Rule>,
+}
+
+/// A rule of the triangle test.
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum Rule {
+    /// t < ∞.
+    Finite,
+    /// lo_i = hi_i on two axes.
+    FlatBox,
 }
 
 /// A ray as traversal and triangle tests read it.
@@ -447,7 +461,8 @@ impl Machine {
         let [near, far] = self.clip_box(ray.window, lo, hi, ray);
         let same = |a: [u64; 3], b: [u64; 3]| (0..3).all(|i| plain::equal(f, a[i], b[i]));
         let flat = (0..3).filter(|&i| plain::equal(f, lo[i], hi[i])).count();
-        let degenerate = same(v[0], v[1]) || same(v[1], v[2]) || same(v[2], v[0]) || flat >= 2;
+        let flat = flat >= 2 && self.without != Some(Rule::FlatBox);
+        let degenerate = same(v[0], v[1]) || same(v[1], v[2]) || same(v[2], v[0]) || flat;
         let [mut t, u, w] = if self.watertight {
             self.watertight_test(v, ray)?
         } else {
@@ -463,7 +478,8 @@ impl Machine {
             t = far;
         }
         let within = plain::less_equal(f, ray.tmin, t) && plain::less_equal(f, t, ray.tmax);
-        (within && plain::less(f, t, f.infinity())).then_some([t, u, w])
+        let finite = plain::less(f, t, f.infinity()) || self.without == Some(Rule::Finite);
+        (within && finite).then_some([t, u, w])
     }
 
     fn moller_trumbore(self, v: [[u64; 3]; 3], ray: &Setup) -> Option<[u64; 3]> {
@@ -631,6 +647,7 @@ fn check(folder: &Path, summary: &Summary) {
     let machine = Machine {
         f,
         watertight: vectors.manifest["triangle_test"] == "watertight",
+        without: None,
     };
     let rays = vectors.number("/rays_per_packet") as usize;
 
@@ -1273,6 +1290,170 @@ fn files_alone_tell_every_result() {
     assert!((2..21).contains(&summary.updates) && (2..12).contains(&summary.skins));
     assert_eq!(scenes_of(&out), ["given", "ties", "instances"]);
     check(&out, &summary);
+}
+
+/// A scene of the files as the golden model reads it; slots and vertices of other scenes are zeros.
+fn image_of(vectors: &Vectors, scene: usize) -> MemoryImage {
+    let f = vectors.format();
+    let read = |file: &str, record: Record| {
+        let text = fs::read_to_string(vectors.folder.join(file)).unwrap();
+        record.words_of_hex(&text).unwrap()
+    };
+    let nodes = MemoryImage::nodes_of_words(f, &read("nodes.hex", Record::node(f)));
+    let records = MemoryImage::records_of_words(&read("records.hex", Record::triangle()));
+    let vertices = MemoryImage::vertices_of_words(f, &read("vertices.hex", Record::vertex(f)));
+    let of = |name: &str| vectors.number(&format!("/scenes/{scene}/{name}")) as usize;
+    let slots = of("first_record")..of("first_record") + of("records");
+    let fields = vectors.fields("scene.hex");
+    let registers = vectors.lines("scene.hex", &fields);
+    let corner = |end: &str| registers[scene].vector(end).map(|bits| f.to_f64(bits));
+    let mut image = MemoryImage {
+        format: f,
+        nodes: vec![Node::default(); slots.end],
+        records: vec![TriangleRecord::default(); slots.end],
+        vertices,
+        root: LinkWord::unpack(registers[scene].get("root") as u32),
+        bounds: (corner("lo"), corner("hi")),
+    };
+    image.nodes[slots.clone()].copy_from_slice(&nodes[slots.clone()]);
+    image.records[slots.clone()].copy_from_slice(&records[slots]);
+    image
+}
+
+/// What a packet does that a machine with one rule changed would do otherwise.
+#[derive(Default)]
+struct Told {
+    /// By slot: distance, instance and triangle of each hit, in the order of the tests.
+    hits: [Vec<(f64, u32, u32)>; 8],
+    /// The instance record whose rays come, whether one of them enters, and whether one would if a NaN did.
+    entry: Option<(u32, bool, bool)>,
+    /// Instances that no ray enters, and one would.
+    kept_out: usize,
+}
+
+impl Told {
+    fn leave(&mut self) {
+        if let Some((_, false, true)) = self.entry.take() {
+            self.kept_out += 1;
+        }
+    }
+}
+
+impl Observer for Told {
+    fn hand_over(&mut self, _: &HandOver) {
+        self.leave();
+    }
+
+    fn enter(&mut self, event: &EnterEvent) {
+        let moved = &event.transformed;
+        let would = !moved.ray.valid && moved.near <= moved.far;
+        let (_, enters, nan) = self.entry.unwrap_or((event.record, false, false));
+        self.entry = Some((event.record, enters || moved.enters, nan || would));
+    }
+
+    fn test(&mut self, event: &RayTest) {
+        if event.outcome.hit {
+            let hit = (event.outcome.t, event.instance, event.triangle);
+            self.hits[event.slot as usize].push(hit);
+        }
+    }
+}
+
+/// How often each changed rule shows in the packets of a scene: first found, last found, triangle in front of the instance, NaN enters.
+fn packets_tell(vectors: &Vectors, scene: usize) -> [usize; 4] {
+    let f = vectors.format();
+    let test = match vectors.manifest["triangle_test"] == "watertight" {
+        true => TriangleTest::Watertight,
+        false => TriangleTest::MollerTrumbore,
+    };
+    let rays = vectors.number("/rays_per_packet") as usize;
+    let caster = Caster::new(&image_of(vectors, scene), test, rays);
+    let files = ["raycast_packets.hex", "raycast_rays.hex", "raycast_hits.hex"];
+    let fields = files.map(|file| vectors.fields(file));
+    let [packets, lines, hits] = [0, 1, 2].map(|k| vectors.lines(files[k], &fields[k]));
+    let mut told = [0; 4];
+    for (number, packet) in packets.iter().enumerate() {
+        if packet.get("scene") != scene as u64 {
+            continue;
+        }
+        let own = number * rays..(number + 1) * rays;
+        let cast: Vec<Ray> = (lines[own.clone()].iter())
+            .map(|line| Ray {
+                origin: line.vector("origin").map(|bits| f.to_f64(bits)),
+                direction: line.vector("direction").map(|bits| f.to_f64(bits)),
+                tmin: f.to_f64(line.get("tmin")),
+                tmax: f.to_f64(line.get("tmax")),
+                active: line.flag("active"),
+                any_hit: line.flag("any_hit"),
+            })
+            .collect();
+        let mut watch = Told::default();
+        let result = caster.cast(&cast, &mut watch);
+        watch.leave();
+        told[3] += watch.kept_out;
+        assert_eq!(u64::from(result.counts.steps), packet.get("steps"));
+        for (k, (hit, line)) in result.hits.iter().zip(&hits[own]).enumerate() {
+            assert_eq!(f.to_bits(hit.t), line.get("t"));
+            assert_eq!(u64::from(hit.triangle), line.get("triangle"));
+            if cast[k].any_hit || !hit.is_hit() {
+                continue;
+            }
+            let equal = watch.hits[k].iter().filter(|(t, _, _)| *t == hit.t);
+            let equal: Vec<(u32, u32)> = equal.map(|&(_, i, n)| (i, n)).collect();
+            let expected = (hit.instance, hit.triangle);
+            assert_eq!(equal.iter().min(), Some(&expected));
+            let in_front = equal.iter().min_by_key(|(i, n)| (*n, *i));
+            told[0] += usize::from(equal.first() != Some(&expected));
+            told[1] += usize::from(equal.last() != Some(&expected));
+            told[2] += usize::from(in_front != Some(&expected));
+        }
+    }
+    told
+}
+
+/// How many lines of triangle tests a test without one rule fails.
+fn tests_tell(vectors: &Vectors, without: Rule) -> usize {
+    let machine = Machine {
+        f: vectors.format(),
+        watertight: vectors.manifest["triangle_test"] == "watertight",
+        without: Some(without),
+    };
+    let files = ["triangle_test_stimulus.hex", "triangle_test_expected.hex"];
+    let fields = files.map(|file| vectors.fields(file));
+    let [stimuli, results] = [0, 1].map(|k| vectors.lines(files[k], &fields[k]));
+    let lines = stimuli.iter().zip(&results);
+    let fails = lines.filter(|(line, result)| {
+        let v = ["v0", "v1", "v2"].map(|vertex| line.vector(vertex));
+        machine.test(v, &machine.given(line)).is_some() != result.flag("hit")
+    });
+    fails.count()
+}
+
+#[test]
+fn directed_vectors_tell_each_rule() {
+    let moving = MOVING.into_iter().map(Case::moving);
+    for built in CASES.into_iter().map(Case::new).chain(moving) {
+        let watertight = built.config.triangle_test == TriangleTest::Watertight;
+        let folder = tempfile::tempdir().unwrap();
+        let out = folder.path().join("vectors");
+        write(&Request {
+            limit: Some(2),
+            ..built.request(&out)
+        })
+        .unwrap();
+        let vectors = Vectors::open(&out);
+        let [first, last, _, _] = packets_tell(&vectors, 1);
+        assert!(first > 0 && last > 0, "ties: {first}, {last}");
+        let told = packets_tell(&vectors, 2);
+        assert!(told.iter().all(|&count| count > 0), "instances: {told:?}");
+        let finite = tests_tell(&vectors, Rule::Finite);
+        let flat = tests_tell(&vectors, Rule::FlatBox);
+        println!("{}: ties {first} {last}, instances {told:?}, t < ∞ {finite}, flat {flat}", built.config.name);
+        assert!(finite >= 32, "t < ∞: {finite}");
+        // Möller and Trumbore's det is 0 on such a box.
+        assert_eq!(flat >= 32, watertight, "flat boxes: {flat}");
+        assert!(watertight || flat == 0);
+    }
 }
 
 /// Runs the Verilog benches; returns whether they pass, and what they say.
