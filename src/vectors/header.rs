@@ -36,18 +36,13 @@ pub fn pipelines(design: &Design) -> Vec<Value> {
                 .map(|(name, stage)| (name.to_string(), json!(stage)))
                 .collect();
             json!({
-                "module": emitted(design, module),
+                "module": design.emitted(module.name()),
                 "macros": format!("{PREFIX}{}", module.name().to_uppercase()),
                 "latency": latency(module),
                 "stages": stages,
             })
         })
         .collect()
-}
-
-/// The name that a module has in the Verilog.
-pub fn emitted(_design: &Design, module: &Module) -> String {
-    module.name().to_string()
 }
 
 /// The module of a design that has this name in its description.

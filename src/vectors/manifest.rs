@@ -1,6 +1,6 @@
 //! `manifest.json`: which files there are, every bit of their lines, the ports they belong on, and how all was made.
 
-use super::header::{self, emitted};
+use super::header;
 use super::layout::Layout;
 use super::ports::{Layouts, Map as PortMap};
 use super::scenes::DirectedScene;
@@ -223,7 +223,7 @@ fn units(files: &Files, shape: &Shape, design: &Design) -> Result<Vec<Value>> {
         };
         list.push(json!({
             "unit": unit.name,
-            "module": emitted(design, module),
+            "module": design.emitted(module.name()),
             "copies": copies,
             "transactions": transactions,
             "stimulus": unit.stimulus,
