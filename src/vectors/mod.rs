@@ -168,7 +168,7 @@ pub fn write(request: &Request<'_>) -> Result<Summary> {
         let casters: Vec<&Caster> = casters.iter().map(|caster| &**caster).collect();
         plan::plan(request, &shape, &directed, &casters)
     };
-    plan.check(request)?;
+    plan.check(request.scene_name, request.force)?;
 
     let folder = Folder::begin(request.out, CONTENT)?;
     let mut files = Files::default();

@@ -99,16 +99,15 @@ impl Plan {
     ///
     /// # Errors
     /// One line with their size, and what helps.
-    pub fn check(&self, request: &Request<'_>) -> Result<()> {
+    pub fn check(&self, scene: &str, force: bool) -> Result<()> {
         ensure!(
-            request.force || self.bytes <= MOST_BYTES,
-            "scene {}: the files would take about {:.1} GB, and more than {:.1} GB is not written unasked; cast fewer packets of the \
-             picture with --limit (it casts {} of {}), or write them all the same with --force",
-            crate::text::escaped(request.scene_name),
+            force || self.bytes <= MOST_BYTES,
+            "scene {}: the files would take about {:.1} GB, and more than {:.1} GB is written only with --force; give it, or cast fewer \
+             than {} packets of the picture with --limit",
+            crate::text::escaped(scene),
             self.bytes as f64 / 1e9,
             MOST_BYTES as f64 / 1e9,
-            self.of_picture,
-            request.packets.len()
+            self.of_picture
         );
         Ok(())
     }
@@ -159,5 +158,36 @@ impl Sizes<'_> {
             + skinning
             + OPERATIONS * 4 * (Sheet::bytes(&shape.operands(2), 1) + Sheet::bytes(&shape.result(), 1)) * 4 / 5
             + REST
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn more_than_a_gibibyte_is_refused_unless_it_is_forced() {
+        let plan = |bytes| Plan {
+            packets: vec![],
+            of_picture: 7,
+            bytes,
+        };
+        plan(MOST_BYTES).check("a", false).unwrap();
+        plan(MOST_BYTES + 1).check("a", true).unwrap();
+        let refusal = plan(2_400_000_000).check("a\nb", false).unwrap_err();
+        assert_eq!(
+            refusal.to_string(),
+            "scene a\\nb: the files would take about 2.4 GB, and more than 1.1 GB is written only with --force; give it, or cast \
+             fewer than 7 packets of the picture with --limit"
+        );
+    }
+
+    #[test]
+    fn one_packet_of_each_equal_part_is_cast() {
+        let numbers = spread(10, Some(3));
+        assert_eq!(numbers.len(), 3);
+        assert!((0..3).contains(&numbers[0]) && (3..6).contains(&numbers[1]) && (6..10).contains(&numbers[2]));
+        assert_eq!(spread(3, Some(9)), [0, 1, 2]);
+        assert_eq!(spread(3, None), [0, 1, 2]);
     }
 }
