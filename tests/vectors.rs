@@ -1613,7 +1613,7 @@ fn what_would_be_too_large_is_refused_before_anything_is_written() {
         files.map(|file| file.unwrap().metadata().unwrap().len() as f64).sum()
     };
     let [once, more] = [1, 11].map(size);
-    let times = 1 + (1.5e9 / ((more - once) / 10.0)) as usize;
+    let times = 1 + (1.5 * 2f64.powi(30) / ((more - once) / 10.0)) as usize;
     fs::remove_dir_all(&out).unwrap();
     let packets = repeated(times);
     let error = write(&Request {
@@ -1622,8 +1622,8 @@ fn what_would_be_too_large_is_refused_before_anything_is_written() {
     });
     let error = error.unwrap_err().to_string();
     let rest = error.strip_prefix("scene builtin:sphere?level=1: the files would take about ").unwrap();
-    let (gigabytes, _) = rest.split_once(" GB, and more than 1.1 GB is written only with --force").unwrap();
-    assert_eq!(gigabytes, "1.5");
+    let (size, _) = rest.split_once(" GiB, and more than 1 GiB is written only with --force").unwrap();
+    assert_eq!(size, "1.5");
     assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 0);
 }
 

@@ -102,11 +102,10 @@ impl Plan {
     pub fn check(&self, scene: &str, force: bool) -> Result<()> {
         ensure!(
             force || self.bytes <= MOST_BYTES,
-            "scene {}: the files would take about {:.1} GB, and more than {:.1} GB is written only with --force; give it, or cast fewer \
+            "scene {}: the files would take about {:.1} GiB, and more than 1 GiB is written only with --force; give it, or cast fewer \
              than {} packets of the picture with --limit",
             crate::text::escaped(scene),
-            self.bytes as f64 / 1e9,
-            MOST_BYTES as f64 / 1e9,
+            self.bytes as f64 / MOST_BYTES as f64,
             self.of_picture
         );
         Ok(())
@@ -174,10 +173,10 @@ mod tests {
         };
         plan(MOST_BYTES).check("a", false).unwrap();
         plan(MOST_BYTES + 1).check("a", true).unwrap();
-        let refusal = plan(2_400_000_000).check("a\nb", false).unwrap_err();
+        let refusal = plan(5 << 29).check("a\nb", false).unwrap_err();
         assert_eq!(
             refusal.to_string(),
-            "scene a\\nb: the files would take about 2.4 GB, and more than 1.1 GB is written only with --force; give it, or cast \
+            "scene a\\nb: the files would take about 2.5 GiB, and more than 1 GiB is written only with --force; give it, or cast \
              fewer than 7 packets of the picture with --limit"
         );
     }
