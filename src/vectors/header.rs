@@ -77,7 +77,12 @@ fn latency(module: &Module) -> u32 {
 }
 
 /// Widths of ports and settings of memories, by the names of their macros without prefix and in small letters.
-pub fn machine(config: &Config, shape: &Shape, design: &Design, two_levels: bool) -> Map<String, Value> {
+pub fn machine(
+    config: &Config,
+    shape: &Shape,
+    design: &Design,
+    two_levels: bool,
+) -> Map<String, Value> {
     let bits_of = |port: &str| design.top().port(port).map_or(1, |port| port.width);
     let settings = json!({
         "number_bits": shape.format.width(),

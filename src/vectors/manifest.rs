@@ -42,7 +42,12 @@ impl Files {
     ///
     /// # Errors
     /// One line that names a file that cannot be written.
-    pub fn list(&mut self, sheet: &mut Sheet, unit: &'static str, role: &'static str) -> Result<()> {
+    pub fn list(
+        &mut self,
+        sheet: &mut Sheet,
+        unit: &'static str,
+        role: &'static str,
+    ) -> Result<()> {
         let sha256 = sheet.finish()?;
         let stem = sheet.file.trim_end_matches(".hex");
         let layout = match role {
@@ -122,8 +127,18 @@ const UNITS: [Unit; 11] = [
             ("vertex", "vertices.hex"),
         ],
     },
-    pipeline("ray_setup", "ray_setup", "ray_setup_stimulus.hex", "ray_setup_expected.hex"),
-    pipeline("packet_step", "tpu_slice", "packet_step_stimulus.hex", "packet_step_expected.hex"),
+    pipeline(
+        "ray_setup",
+        "ray_setup",
+        "ray_setup_stimulus.hex",
+        "ray_setup_expected.hex",
+    ),
+    pipeline(
+        "packet_step",
+        "tpu_slice",
+        "packet_step_stimulus.hex",
+        "packet_step_expected.hex",
+    ),
     pipeline(
         "triangle_test",
         "triangle_test",
@@ -156,9 +171,24 @@ const UNITS: [Unit; 11] = [
             ("influence", "skinning_influences.hex"),
         ],
     },
-    pipeline("fp_add", "fp_add", "fp_add_stimulus.hex", "fp_add_expected.hex"),
-    pipeline("fp_sub", "fp_sub", "fp_sub_stimulus.hex", "fp_sub_expected.hex"),
-    pipeline("fp_mul", "fp_mul", "fp_mul_stimulus.hex", "fp_mul_expected.hex"),
+    pipeline(
+        "fp_add",
+        "fp_add",
+        "fp_add_stimulus.hex",
+        "fp_add_expected.hex",
+    ),
+    pipeline(
+        "fp_sub",
+        "fp_sub",
+        "fp_sub_stimulus.hex",
+        "fp_sub_expected.hex",
+    ),
+    pipeline(
+        "fp_mul",
+        "fp_mul",
+        "fp_mul_stimulus.hex",
+        "fp_mul_expected.hex",
+    ),
     pipeline(
         "fp_reciprocal",
         "fp_reciprocal",
@@ -212,7 +242,11 @@ fn units(files: &Files, shape: &Shape, design: &Design) -> Result<Vec<Value>> {
             .map(|entry| &entry.file)
             .collect();
         let memory = |&(ports, image): &(&str, &str)| {
-            let bits = |port: &str| module.port(&format!("{ports}_{port}")).map(|port| port.width);
+            let bits = |port: &str| {
+                module
+                    .port(&format!("{ports}_{port}"))
+                    .map(|port| port.width)
+            };
             json!({
                 "ports": ports,
                 "image": image,
@@ -258,9 +292,7 @@ impl Contents<'_> {
     /// # Errors
     /// One line that says what of the machine cannot be described.
     pub fn manifest(&self, files: &Files) -> Result<Value> {
-        let Contents {
-            request, shape, ..
-        } = self;
+        let Contents { request, shape, .. } = self;
         let Request { config, image, .. } = **request;
         let (triangles, instances) = counts(image, 0)?;
         let mut all = json!({
@@ -337,8 +369,14 @@ impl Contents<'_> {
     fn scenes(&self) -> Result<Vec<Value>> {
         let given = [(GIVEN, self.request.image, 0, 0)];
         let directed = self.directed.iter();
-        let directed =
-            directed.map(|scene| (scene.label, &scene.image, scene.first_record, scene.first_vertex));
+        let directed = directed.map(|scene| {
+            (
+                scene.label,
+                &scene.image,
+                scene.first_record,
+                scene.first_vertex,
+            )
+        });
         given
             .into_iter()
             .chain(directed)

@@ -186,7 +186,13 @@ pub fn write(request: &Request<'_>) -> Result<Summary> {
     let transforms = collector.transforms();
     directed::transactions(&mut collector)?;
     let mut arithmetic = operations(&folder, &collector)?;
-    list(&mut files, &mut collector, &mut update, &mut skin, &mut arithmetic)?;
+    list(
+        &mut files,
+        &mut collector,
+        &mut update,
+        &mut skin,
+        &mut arithmetic,
+    )?;
 
     let settings = header::machine(config, &shape, design, two_levels);
     let described = files.entries.iter();
@@ -260,14 +266,26 @@ fn memories(
         .collect();
     type Words = fn(&MemoryImage) -> Vec<u32>;
     for (stem, record, words) in [
-        ("nodes", Record::node(image.format), MemoryImage::node_words as Words),
+        (
+            "nodes",
+            Record::node(image.format),
+            MemoryImage::node_words as Words,
+        ),
         ("records", Record::triangle(), MemoryImage::record_words),
-        ("vertices", Record::vertex(image.format), MemoryImage::vertex_words),
+        (
+            "vertices",
+            Record::vertex(image.format),
+            MemoryImage::vertex_words,
+        ),
     ] {
         let layout = Layout::default().record(&record, image.format);
         let mut sheet = Sheet::new(folder, stem, layout, scenes[0].0)?;
         for (label, image, first_record, first_vertex) in &scenes {
-            let first = if stem == "vertices" { first_vertex } else { first_record };
+            let first = if stem == "vertices" {
+                first_vertex
+            } else {
+                first_record
+            };
             sheet.begin(label);
             let own = &words(image)[first * record.words()..];
             for line in record.hex_lines(own).lines() {
@@ -314,7 +332,10 @@ fn list(
     ];
     for unit in sheets.into_iter().flatten().chain(arithmetic) {
         let name = unit.name;
-        for (role, sheet) in ["stimulus", "expected", "care"].into_iter().zip(unit.sheets()) {
+        for (role, sheet) in ["stimulus", "expected", "care"]
+            .into_iter()
+            .zip(unit.sheets())
+        {
             files.list(sheet, name, role)?;
         }
     }

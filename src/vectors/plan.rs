@@ -52,10 +52,16 @@ pub fn plan(
     }
     let of_picture = chosen.len();
     // Not only of those that are cast: the variants of rays that hit nothing would say little.
-    let richest = (0..packets.len()).rev().max_by_key(|&number| results[number].0);
+    let richest = (0..packets.len())
+        .rev()
+        .max_by_key(|&number| results[number].0);
     let richest = &packets[richest.expect("there are packets")].rays;
     let hits = casters[0].cast(richest, &mut ()).hits;
-    chosen.extend(directed::variants(&Arithmetic::new(shape.format), richest, &hits));
+    chosen.extend(directed::variants(
+        &Arithmetic::new(shape.format),
+        richest,
+        &hits,
+    ));
     for (number, scene) in directed.iter().enumerate() {
         chosen.extend(scene.packets.iter().map(|(label, rays)| Packet {
             scene: number + 1,
@@ -74,7 +80,11 @@ pub fn plan(
         rays: (chosen.len() * shape.rays) as u64,
         slots: image.records.len() as u64,
         vertices: image.vertices.len() as u64,
-        skinned: request.skins.iter().map(|mesh| mesh.rest.len() as u64).sum(),
+        skinned: request
+            .skins
+            .iter()
+            .map(|mesh| mesh.rest.len() as u64)
+            .sum(),
     };
     Plan {
         bytes: sizes.bytes(&counts),
@@ -131,22 +141,33 @@ impl Sizes<'_> {
         /// Bytes of manifest, macros, and directed updates and meshes.
         const REST: u64 = 400_000;
         let shape = self.shape;
-        let total = |of: fn(&Counts) -> u32| -> u64 { counts.iter().map(|c| u64::from(of(c))).sum() };
+        let total =
+            |of: fn(&Counts) -> u32| -> u64 { counts.iter().map(|c| u64::from(of(c))).sum() };
         let record = |record: Record| record.hex_digits() as u64 + 1;
         let [steps, tests] = [total(|c| c.steps), total(|c| c.ray_tests)];
-        let ray = [shape.raycast_rays(), shape.raycast_hits(), shape.ray_setup_stimulus()];
+        let ray = [
+            shape.raycast_rays(),
+            shape.raycast_hits(),
+            shape.ray_setup_stimulus(),
+        ];
         let setup = Sheet::bytes(&shape.ray_setup_expected(), self.rays + DIRECTED);
         let step = Sheet::bytes(&shape.packet_step_expected(), steps + DIRECTED);
         let test = Sheet::bytes(&shape.triangle_test_expected(), tests + DIRECTED);
         let [node, vertex] = [Record::node(shape.format), Record::vertex(shape.format)].map(record);
-        let of_packets = ray.iter().map(|layout| Sheet::bytes(layout, self.rays)).sum::<u64>()
+        let of_packets = ray
+            .iter()
+            .map(|layout| Sheet::bytes(layout, self.rays))
+            .sum::<u64>()
             + 2 * (setup + step + test)
             + Sheet::bytes(&shape.packet_step_stimulus(), steps + DIRECTED)
             + Sheet::bytes(&shape.triangle_test_stimulus(), tests + DIRECTED)
-            + [shape.ray_transform_stimulus(), shape.ray_transform_expected()]
-                .iter()
-                .map(|layout| Sheet::bytes(layout, total(|c| c.ray_transforms)))
-                .sum::<u64>();
+            + [
+                shape.ray_transform_stimulus(),
+                shape.ray_transform_expected(),
+            ]
+            .iter()
+            .map(|layout| Sheet::bytes(layout, total(|c| c.ray_transforms)))
+            .sum::<u64>();
         // Nodes before, written and after; five and a half bytes of program for a triangle, in rows of 16.
         let update = self.slots * (3 * node + 12) + self.vertices * vertex;
         let skinning = self.skinned * 4 * vertex;
@@ -155,7 +176,11 @@ impl Sizes<'_> {
             + self.vertices * vertex
             + update
             + skinning
-            + OPERATIONS * 4 * (Sheet::bytes(&shape.operands(2), 1) + Sheet::bytes(&shape.result(), 1)) * 4 / 5
+            + OPERATIONS
+                * 4
+                * (Sheet::bytes(&shape.operands(2), 1) + Sheet::bytes(&shape.result(), 1))
+                * 4
+                / 5
             + REST
     }
 }
@@ -185,7 +210,11 @@ mod tests {
     fn one_packet_of_each_equal_part_is_cast() {
         let numbers = spread(10, Some(3));
         assert_eq!(numbers.len(), 3);
-        assert!((0..3).contains(&numbers[0]) && (3..6).contains(&numbers[1]) && (6..10).contains(&numbers[2]));
+        assert!(
+            (0..3).contains(&numbers[0])
+                && (3..6).contains(&numbers[1])
+                && (6..10).contains(&numbers[2])
+        );
         assert_eq!(spread(3, Some(9)), [0, 1, 2]);
         assert_eq!(spread(3, None), [0, 1, 2]);
     }

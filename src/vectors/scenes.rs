@@ -145,11 +145,7 @@ fn sheet(side: u32, rng: &mut fastrand::Rng) -> (Vec<[f64; 3]>, Vec<[u32; 3]>) {
 }
 
 /// The image of an object of one level.
-fn object(
-    config: &Config,
-    vertices: &[[f64; 3]],
-    triangles: &[[u32; 3]],
-) -> Result<MemoryImage> {
+fn object(config: &Config, vertices: &[[f64; 3]], triangles: &[[u32; 3]]) -> Result<MemoryImage> {
     let options = BuildOptions::default_for(config.axes_per_node, config.stack_depth);
     let tree = build(vertices, triangles, &options)?;
     MemoryImage::new(config.format(), vertices, triangles, &tree)
@@ -239,11 +235,14 @@ fn instances(config: &Config) -> Result<Plan> {
         .flat_map(|place| [1, 0, 2, 1].map(|object| (object, place)))
         .collect();
     rng.shuffle(&mut standing);
-    let specs = standing.iter().enumerate().map(|(number, (object, place))| {
-        let matrix = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0], *place];
-        let bounds = image.objects()[*object].bounds;
-        InstanceSpec::new(format, number, *object, &matrix, bounds)
-    });
+    let specs = standing
+        .iter()
+        .enumerate()
+        .map(|(number, (object, place))| {
+            let matrix = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0], *place];
+            let bounds = image.objects()[*object].bounds;
+            InstanceSpec::new(format, number, *object, &matrix, bounds)
+        });
     let specs = specs.collect::<Result<Vec<_>>>()?;
     let options = BuildOptions::default_for(config.axes_per_node, config.stack_depth);
     image.set_top(&specs, &options)?;
