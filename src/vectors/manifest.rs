@@ -294,7 +294,7 @@ impl Contents<'_> {
     pub fn manifest(&self, files: &Files) -> Result<Value> {
         let Contents { request, shape, .. } = self;
         let Request { config, image, .. } = **request;
-        let (triangles, instances) = counts(image, 0)?;
+        let (triangles, instances) = counts(image)?;
         let mut all = json!({
             VERSION_KEY: VERSION,
             "generator": concat!("dynrt ", env!("CARGO_PKG_VERSION")),
@@ -381,16 +381,16 @@ impl Contents<'_> {
             .into_iter()
             .chain(directed)
             .map(|(label, image, first_record, first_vertex)| {
-                let (triangles, instances) = counts(image, first_record)?;
+                let (triangles, instances) = counts(image)?;
                 Ok(json!({
                     "label": label,
                     "levels": levels(image),
                     "triangles": triangles,
                     "instances": instances,
                     "first_record": first_record,
-                    "records": image.records.len() - first_record,
+                    "records": image.records.len(),
                     "first_vertex": first_vertex,
-                    "vertices": image.vertices.len() - first_vertex,
+                    "vertices": image.vertices.len(),
                 }))
             })
             .collect()
@@ -401,10 +401,10 @@ fn levels(image: &MemoryImage) -> u32 {
     1 + u32::from(image.is_instanced())
 }
 
-/// Triangles and instances of a scene whose slots begin at `first`.
-fn counts(image: &MemoryImage, first: usize) -> Result<(usize, usize)> {
+/// Triangles and instances of a scene.
+fn counts(image: &MemoryImage) -> Result<(usize, usize)> {
     let instances = image.instance_records()?.len();
-    Ok((image.records.len() - first - instances, instances))
+    Ok((image.records.len() - instances, instances))
 }
 
 /// The entry of `vectors.vh`.

@@ -74,12 +74,16 @@ pub fn plan(
     for packet in &chosen[of_picture..] {
         counts.push(casters[packet.scene].cast(&packet.rays, &mut ()).counts);
     }
-    let image = directed.last().map_or(request.image, |scene| &scene.image);
+    let images = || {
+        [request.image]
+            .into_iter()
+            .chain(directed.iter().map(|scene| &scene.image))
+    };
     let sizes = Sizes {
         shape,
         rays: (chosen.len() * shape.rays) as u64,
-        slots: image.records.len() as u64,
-        vertices: image.vertices.len() as u64,
+        slots: images().map(|image| image.records.len() as u64).sum(),
+        vertices: images().map(|image| image.vertices.len() as u64).sum(),
         skinned: request
             .skins
             .iter()
