@@ -5,7 +5,8 @@ use crate::bkd::layout::MemoryImage;
 use crate::bkd::{BuildOptions, build};
 use crate::hw::Machine;
 use crate::scene::{self, Camera, Frame, ImageSize, MachineMesh};
-use crate::vectors::{self, HEADER, Summary};
+use crate::temporary;
+use crate::vectors::{self, HEADER, Made, Summary};
 use anyhow::{Context, Result};
 use serde_json::{Value, json};
 use std::fmt::Write as _;
@@ -101,7 +102,7 @@ impl Bench {
 }
 
 /// The vectors of all units of a machine in a temporary folder.
-fn vectors_of(machine: &Machine) -> Result<(tempfile::TempDir, Summary)> {
+fn vectors_of(machine: &Machine) -> Result<(temporary::Folder, Summary)> {
     let config = &machine.config;
     let scene = scene::load(SCENE)?;
     let mesh = MachineMesh::new(&scene, config.format())?;
@@ -112,8 +113,9 @@ fn vectors_of(machine: &Machine) -> Result<(tempfile::TempDir, Summary)> {
         ImageSize::new(PICTURE.0, PICTURE.1)?,
         config.rays_per_packet as usize,
     )?;
-    let packets = frame.primary_rays(&Camera::framing(scene.bounds()), &mesh)?;
-    let folder = tempfile::tempdir().context("cannot create a temporary folder")?;
+    let camera = Camera::framing(scene.bounds());
+    let packets = frame.primary_rays(&camera, &mesh)?;
+    let folder = temporary::Folder::new().context("cannot create a temporary folder")?;
     let summary = vectors::write(&vectors::Request {
         config,
         scene_name: &scene.name,
@@ -121,6 +123,14 @@ fn vectors_of(machine: &Machine) -> Result<(tempfile::TempDir, Summary)> {
         skins: &[],
         packets: &packets,
         limit: None,
+        force: false,
+        made: Made {
+            command: "dynrt generate",
+            frame,
+            camera,
+            log2_scale: mesh.log2_scale,
+            motion: None,
+        },
         out: folder.path(),
     })?;
     Ok((folder, summary))
