@@ -90,6 +90,7 @@ tools:
 	done; \
 	[ -e /usr/include/zlib.h ] || missing="$$missing zlib1g-dev"; \
 	[ -e /usr/include/embree3/rtcore.h ] || missing="$$missing libembree-dev"; \
+	[ -e /usr/share/assimp/models ] || missing="$$missing assimp-testmodels"; \
 	python3 -c 'import ensurepip' 2>/dev/null || missing="$$missing python3-venv"; \
 	if [ -n "$$missing" ]; then \
 	    echo "installing$$missing"; \

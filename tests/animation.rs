@@ -1,7 +1,5 @@
 //! Scenes that move, as a user meets them: files, built-in scenes, and what is said of those that cannot be used.
 
-#[path = "common/say.rs"]
-mod say;
 #[path = "common/shared.rs"]
 mod shared;
 
@@ -12,9 +10,8 @@ use dynrt::scene::animation::{
 };
 use dynrt::scene::{Animated, Bounds, load_animated, log2_scale};
 use glam::DVec3;
-use say::say;
-use shared::shared_scene;
 use serde_json::{Value, json};
+use shared::shared_scene;
 use std::collections::HashMap;
 use std::path::PathBuf;
 

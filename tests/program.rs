@@ -1,8 +1,6 @@
 //! The update program: what its compiler guarantees, shown by an interpreter of its own on random topologies; the
 //! golden update against a refit from scratch, bit for bit; and the figures that decide its speed.
 
-#[path = "common/say.rs"]
-mod say;
 #[path = "common/shared.rs"]
 mod shared;
 
@@ -12,7 +10,6 @@ use dynrt::golden::update::{UpdateCommand, UpdateEvent, UpdateMemory, update};
 use dynrt::program::{self, Instruction, Program, UpdateMachine};
 use dynrt::scene::{self, MachineMesh};
 use fastrand::Rng;
-use say::say;
 use shared::shared_scene;
 
 // ---------------------------------------------------------------------------------------------------

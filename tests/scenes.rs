@@ -359,7 +359,7 @@ fn a_file_loads_whatever_the_case_of_its_ending_and_the_encoding_of_its_comments
     let path = folder.path().join("Dreieck.OBJ");
     let text = b"# Gr\xfc\xdfe\r\nmtllib none.mtl\r\nv 0 0 0\r\nv 1 0 0\r\nv 0 1 0\r\nusemtl x\r\nf 1/1 2/2 3/3\r\n";
     std::fs::write(&path, text).unwrap();
-    let scene = load(&path).unwrap();
+    let scene = load(path.to_str().unwrap()).unwrap();
     assert_eq!(scene.name, "Dreieck");
     assert_eq!(scene.mesh.triangles, [[0, 1, 2]]);
     assert_eq!(scene.mesh.positions[1], [1.0, 0.0, 0.0]);
