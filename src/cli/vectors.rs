@@ -1,13 +1,13 @@
 //! `dynrt vectors`: what goes into and comes out of each unit, as files.
 
 use super::frame::{CameraArgs, check_size, load_mesh};
-use super::{ConfigArgs, counted, print, tell};
+use super::{ConfigArgs, counted, print, quoted, tell};
 use anyhow::{Context, Result, ensure};
 use dynrt::bkd::{BuildOptions, MemoryImage, build};
 use dynrt::config::Config;
 use dynrt::scene::animation::MachineScene;
-use dynrt::scene::{BUILTIN_NAMES, Frame, ImageSize, RayPacket, load_animated};
-use dynrt::vectors::{self, Posed, Request, Summary};
+use dynrt::scene::{BUILTIN_NAMES, Camera, Frame, ImageSize, RayPacket, load_animated};
+use dynrt::vectors::{self, Made, Posed, Request, Summary};
 use std::path::{Path, PathBuf};
 
 const HELP: &str = "\
@@ -52,9 +52,13 @@ pub struct Args {
     size: ImageSize,
     #[command(flatten)]
     config: ConfigArgs,
-    /// The most packets of the picture to cast, spread evenly over it [default: all]
+    /// The most packets of the picture to cast, spread evenly over it; variants and directed packets are added to them, and a packet
+    /// may take any number of steps and tests [default: all]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..))]
     limit: Option<u32>,
+    /// Write the files even if they take more than 1 GiB
+    #[arg(long)]
+    force: bool,
     /// The folder to write
     #[arg(long, value_name = "DIR")]
     out: PathBuf,
@@ -65,6 +69,10 @@ struct Prepared {
     name: String,
     posed: Posed,
     packets: Vec<RayPacket>,
+    camera: Camera,
+    log2_scale: i32,
+    /// Of a scene that moves, the clip's name.
+    clip: Option<String>,
 }
 
 impl Args {
@@ -77,6 +85,27 @@ impl Args {
         let path = Path::new(&self.scene);
         let extension = path.extension().unwrap_or_default().to_ascii_lowercase();
         path.is_dir() || extension == "glb" || extension == "gltf"
+    }
+
+    /// The command that writes the same files, but for the place of the folder.
+    fn replay(&self) -> String {
+        let mut text = format!("dynrt vectors {}", quoted(&self.scene));
+        if let Some(clip) = &self.clip {
+            text += &format!(" --clip {}", quoted(clip));
+        }
+        if self.seconds != 0.0 {
+            text += &format!(" --seconds {}", self.seconds);
+        }
+        text += &self.camera.replay();
+        text += &format!(" --size {}", self.size);
+        text += &self.config.replay();
+        if let Some(limit) = self.limit {
+            text += &format!(" --limit {limit}");
+        }
+        if self.force {
+            text += " --force";
+        }
+        text
     }
 
     fn still(&self, config: &Config, frame: &Frame) -> Result<Prepared> {
@@ -93,6 +122,9 @@ impl Args {
             .with_context(|| format!("scene {}", scene.name))?;
         Ok(Prepared {
             packets: frame.primary_rays(&camera, &mesh)?,
+            camera,
+            log2_scale: mesh.log2_scale,
+            clip: None,
             name: scene.name,
             posed: Posed {
                 image,
@@ -122,6 +154,9 @@ impl Args {
             .with_context(|| format!("scene {}", scene.name))?;
         Ok(Prepared {
             packets: frame.rays_in(&camera, config.format(), machine.log2_scale)?,
+            camera,
+            log2_scale: machine.log2_scale,
+            clip: clip.map(|number| scene.clips[number].name.clone()),
             name: scene.name,
             posed,
         })
@@ -136,6 +171,9 @@ pub fn run(args: &Args) -> Result<()> {
         name,
         posed: Posed { image, skins },
         packets,
+        camera,
+        log2_scale,
+        clip,
     } = match args.moves() {
         true => args.at_a_time(&config, &frame)?,
         false => args.still(&config, &frame)?,
@@ -158,6 +196,14 @@ pub fn run(args: &Args) -> Result<()> {
         skins: &skins,
         packets: &packets,
         limit: args.limit.map(|limit| limit as usize),
+        force: args.force,
+        made: Made {
+            command: &args.replay(),
+            frame,
+            camera,
+            log2_scale,
+            motion: args.moves().then_some((clip.as_deref(), args.seconds)),
+        },
         out: &args.out,
     })?;
     let transforms = match image.is_instanced() {

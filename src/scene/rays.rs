@@ -87,6 +87,11 @@ impl Frame {
         self.size
     }
 
+    /// Width and height of a packet's block of pixels.
+    pub fn block(&self) -> [u32; 2] {
+        self.block
+    }
+
     pub fn rays_per_packet(&self) -> usize {
         (self.block[0] * self.block[1]) as usize
     }

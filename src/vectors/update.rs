@@ -50,7 +50,13 @@ pub struct UpdateSheets {
     pub boxes: Sheet,
     /// Instructions of all updates.
     pub instructions: u64,
+    /// What the programs were compiled for.
+    pub machine: UpdateMachine,
 }
+
+/// Labels of updates.
+const OF_SCENE: &str = "objects of the scene";
+const OF_NONE: &str = "directed objects";
 
 impl Shape {
     fn update_program(&self) -> Layout {
@@ -94,7 +100,7 @@ impl Shape {
                 "mask",
                 NODE_LANES,
                 Mask,
-                "lanes written: the four numbers, left_lo least, and not the link word",
+                "lanes written, always 15: the four numbers, left_lo least, and not the link word",
             );
         for field in &Record::node(self.format).fields[..4] {
             layout = layout.field(field.name, field.width, Kind::Number, field.description);
@@ -145,7 +151,7 @@ impl UpdateSheets {
             command.box_index = index;
         }
         memory.guard(format, &mut rng);
-        memory.run(folder, shape, &commands)
+        memory.run(folder, shape, (&commands, objects.len()), machine)
     }
 }
 
@@ -167,17 +173,7 @@ impl Memory {
         }
         let mut records = |record: Record, words: &mut Vec<u32>| {
             for _ in 0..rng.usize(1..=2) {
-                let first = words.len();
-                words.resize(first + record.words(), 0);
-                for field in &record.fields {
-                    let value = rng.u64(..) >> (64 - field.width);
-                    // A number stands for itself: canonical.
-                    let value = match field.width == format.width() {
-                        true => format.to_bits(format.to_f64(value)),
-                        false => value,
-                    };
-                    field.set(&mut words[first..], value);
-                }
+                words.extend(random_record(&record, format, rng));
             }
         };
         records(Record::vertex(format), &mut self.vertices);
@@ -256,7 +252,8 @@ impl Memory {
         mut self,
         folder: &Folder,
         shape: &Shape,
-        commands: &[(UpdateCommand, u64)],
+        (commands, of_scene): (&[(UpdateCommand, u64)], usize),
+        machine: UpdateMachine,
     ) -> Result<UpdateSheets> {
         let format = shape.format;
         let [vertex, node, bounding_box] = [
@@ -266,13 +263,19 @@ impl Memory {
         ];
         let records = |stem: &str, record: &Record, words: &[u32]| {
             let layout = Layout::default().record(record, format);
-            let mut sheet = Sheet::new(folder, stem, layout)?;
+            let label = if stem == "update_boxes" { "boxes" } else { "objects and fillers" };
+            let mut sheet = Sheet::new(folder, stem, layout, label)?;
             for line in record.hex_lines(words).lines() {
                 sheet.push_text(line)?;
             }
             anyhow::Ok(sheet)
         };
-        let mut program = Sheet::new(folder, "update_program", shape.update_program())?;
+        let sheet = |stem: &str, layout, label: &str| Sheet::new(folder, stem, layout, label);
+        let mut program = sheet(
+            "update_program",
+            shape.update_program(),
+            "programs and fillers",
+        )?;
         for row in self.program.chunks_exact(Program::ROW_BYTES) {
             let half = |from: usize| {
                 let bytes = row[from..from + 8].try_into().expect("eight bytes");
@@ -285,11 +288,15 @@ impl Memory {
             records("update_vertices", &vertex, &self.vertices)?,
             records("update_nodes_before", &node, &self.nodes)?,
         ];
-        let mut lines = Sheet::new(folder, "update_commands", shape.update_commands())?;
-        let mut writes = Sheet::new(folder, "update_node_writes", shape.update_node_writes())?;
+        let mut lines = sheet("update_commands", shape.update_commands(), OF_SCENE)?;
+        let mut writes = sheet("update_node_writes", shape.update_node_writes(), OF_SCENE)?;
         let mut box_words = vec![0; commands.len() * bounding_box.words()];
         let mut instructions = 0;
         for (number, &(command, rows)) in commands.iter().enumerate() {
+            if number == of_scene {
+                lines.begin(OF_NONE);
+                writes.begin(OF_NONE);
+            }
             let first_write = writes.lines;
             let mut result = Ok(());
             let memory = UpdateMemory {
@@ -328,8 +335,25 @@ impl Memory {
             after: records("update_nodes_after", &node, &self.nodes)?,
             boxes: records("update_boxes", &bounding_box, &box_words)?,
             instructions,
+            machine,
         })
     }
+}
+
+/// A record of random fields. Its numbers are canonical and not −0, as all in memory are.
+pub fn random_record(record: &Record, format: Format, rng: &mut fastrand::Rng) -> Vec<u32> {
+    let mut words = vec![0; record.words()];
+    for field in &record.fields {
+        let value = rng.u64(..) >> (64 - field.width);
+        let number = field.width == format.width() || field.name.starts_with("weight");
+        let value = match number {
+            // A sum of +0 has no −0.
+            true => format.to_bits(format.to_f64(value) + 0.0),
+            false => value,
+        };
+        field.set(&mut words, value);
+    }
+    words
 }
 
 /// The objects of an image, each once, their vertices moved a little.
