@@ -19,6 +19,7 @@ Exit status: 0 if something was checked and all of it is right; 1 if something i
 import argparse
 import collections
 import hashlib
+import itertools
 import json
 import math
 import multiprocessing
@@ -26,7 +27,7 @@ import os
 import re
 import sys
 
-VERSION = 2
+VERSION = 3
 ALL_ONES = 0xFFFFFFFF
 INF = math.inf
 NAN = math.nan
@@ -344,7 +345,7 @@ class Layout:
         return sum(self.at[field][1] << self.at[field][0] for field in fields)
 
 
-def layouts_of(width, rays, tag_bits, watertight, levels):
+def layouts_of(width, rays, tag_bits, watertight, two_levels):
     """All layouts of vectors.md and layout.md for a machine, by name."""
 
     def numbers(*names):
@@ -384,7 +385,7 @@ def layouts_of(width, rays, tag_bits, watertight, levels):
         "raycast_rays": ray + unsigned(tag_bits, "tag"),
         "raycast_hits": numbers("t", "u", "v") + unsigned(32, "instance", "triangle") + unsigned(tag_bits, "tag"),
         "raycast_packets": unsigned(tag_bits, "tag")
-        + unsigned(32, "first_step", "steps", "first_test", "tests", "first_transform", "transforms"),
+        + unsigned(32, "first_step", "steps", "first_test", "tests", "first_transform", "transforms", "scene", "block"),
         "update_program": unsigned(64, "low", "high"),
         "update_vertices": vertex,
         "update_nodes_before": bounds + link,
@@ -423,7 +424,7 @@ def layouts_of(width, rays, tag_bits, watertight, levels):
         + test_kind,
         "triangle_test_expected": flags("hit") + numbers("t", "u", "v"),
     }
-    if levels == 2:
+    if two_levels:
         table["ray_transform_stimulus"] = (
             unsigned(3, "slot")
             + unsigned(26, "record")
@@ -681,8 +682,8 @@ class Units:
         line = own | node.line << at["left_lo"][0] | mask << at["mask"][0]
         for k in range(self.rays):
             ray, (origin, reciprocal, signs, near, far) = rays[k], self._ray_at[k]
-            line |= self.three(ray.o_bits) << origin | self.three(ray.r_bits) << reciprocal | ray.signs << signs
             if mask >> k & 1:
+                line |= self.three(ray.o_bits) << origin | self.three(ray.r_bits) << reciprocal | ray.signs << signs
                 line |= encode(nears[k]) << near | encode(fars[k]) << far
             else:
                 line |= self.numbers.inf << far
@@ -894,13 +895,43 @@ UNITS = [
     ("fp_reciprocal", False),
 ]
 MODULES = ["ray_setup", "tpu_slice", "triangle_test", "fp_add", "fp_sub", "fp_mul", "fp_reciprocal"]
+# The other units: module, stimulus, expected, other files, and read ports with the images behind them.
+WHOLE_UNITS = {
+    "raycast": (
+        "raycast_unit",
+        "raycast_rays.hex",
+        "raycast_hits.hex",
+        ["raycast_packets.hex"],
+        [("node", "nodes.hex"), ("record", "records.hex"), ("vertex", "vertices.hex")],
+    ),
+    "update": (
+        "update_processor",
+        "update_commands.hex",
+        "update_node_writes.hex",
+        [
+            "update_program.hex",
+            "update_vertices.hex",
+            "update_nodes_before.hex",
+            "update_nodes_after.hex",
+            "update_boxes.hex",
+        ],
+        [("program", "update_program.hex"), ("vertex", "update_vertices.hex")],
+    ),
+    "skinning": (
+        "raycast_unit",
+        "skinning_commands.hex",
+        "skinning_expected.hex",
+        ["skinning_influences.hex", "skinning_vectors.hex"],
+        [("vertex", "skinning_vectors.hex"), ("influence", "skinning_influences.hex")],
+    ),
+}
 
 
-def files_of(levels):
+def files_of(two_levels):
     """All files of the table *Files*, in its order."""
     table = list(FILES)
     for unit, care in UNITS:
-        if unit == "ray_transform" and levels != 2:
+        if unit == "ray_transform" and not two_levels:
             continue
         for role in ("stimulus", "expected") + (("care",) if care else ()):
             layout = "%s_%s" % (unit, "stimulus" if role == "stimulus" else "expected")
@@ -915,7 +946,7 @@ class Folder:
         self.path, self.report = path, report
         self.manifest = self._read_manifest()
         self._machine()
-        self.table = files_of(self.levels)
+        self.table = files_of(self.two_levels)
         self.lines = {}
 
     def _read_manifest(self):
@@ -957,22 +988,36 @@ class Folder:
         self.numbers = Numbers(*bits)
         self.rays = self.value("rays_per_packet")
         self.tag_bits = self.value("tag_bits")
-        self.levels = self.value("levels")
+        self.scenes = self._scenes()
+        self.two_levels = any(scene["levels"] == 2 for scene in self.scenes)
         test = self.value("triangle_test", str)
-        if self.rays not in (1, 2, 4, 8) or not 1 <= self.tag_bits <= 32 or self.levels not in (1, 2):
-            raise Refused("%s/manifest.json: rays_per_packet, tag_bits or levels is out of range" % self.path)
+        if self.rays not in (1, 2, 4, 8) or not 1 <= self.tag_bits <= 32:
+            raise Refused("%s/manifest.json: rays_per_packet or tag_bits is out of range" % self.path)
         if test not in ("watertight", "moller-trumbore"):
             raise Refused("%s/manifest.json: triangle_test is neither watertight nor moller-trumbore" % self.path)
         self.watertight = test == "watertight"
-        self.layouts = layouts_of(self.numbers.width, self.rays, self.tag_bits, self.watertight, self.levels)
+        self.layouts = layouts_of(self.numbers.width, self.rays, self.tag_bits, self.watertight, self.two_levels)
         self.units = Units(self.numbers, self.rays, self.watertight, self.layouts)
+
+    def _scenes(self):
+        """The scenes that lie in memory, with what the manifest says of each."""
+        keys = ("levels", "triangles", "instances", "first_record", "records", "first_vertex", "vertices")
+        scenes = self.value("scenes", list)
+        for scene in scenes:
+            good = isinstance(scene, dict) and isinstance(scene.get("label"), str)
+            good = good and all(isinstance(scene.get(key), int) and scene[key] >= 0 for key in keys)
+            if not good or scene["levels"] not in (1, 2):
+                raise Refused("%s/manifest.json: scenes has an entry that is not one; write the vectors again" % self.path)
+        if not scenes:
+            raise Refused("%s/manifest.json: scenes is empty; write the vectors again" % self.path)
+        return scenes
 
     def read(self):
         """Reads all files; a line that is no line of its layout is a mismatch and reads as 0."""
         for file, _, _, layout in self.table:
             self.lines[file] = self._read_lines(file, self.layouts[layout])
 
-    def _bytes(self, file):
+    def read_bytes(self, file):
         path = os.path.join(self.path, file)
         try:
             with open(path, "rb") as opened:
@@ -981,7 +1026,7 @@ class Folder:
             raise Refused("%s: cannot be read: %s; write the vectors again" % (path, error.strerror))
 
     def _read_lines(self, file, layout):
-        data = self._bytes(file)
+        data = self.read_bytes(file)
         report = self.report
         size = layout.digits + 1
         report.count("lines", data.count(b"\n"))
@@ -1007,7 +1052,7 @@ class Folder:
         return lines
 
     def hash(self, file):
-        return hashlib.sha256(self._bytes(file)).hexdigest()
+        return hashlib.sha256(self.read_bytes(file)).hexdigest()
 
 
 class Checker:
@@ -1053,8 +1098,8 @@ class Checker:
     def check_manifest(self):
         folder, report, manifest = self.folder, self.report, self.folder.manifest
         kind, file = "manifest", "manifest.json"
-        numbers = self.numbers
-        lines = self.lines
+        numbers, lines = self.numbers, self.lines
+        get = self.layouts["raycast_packets"].get
 
         def expect(field, expected):
             value = manifest
@@ -1069,10 +1114,11 @@ class Checker:
         expect("configuration.packets.rays", self.rays)
         expect("configuration.packets.tag_bits", folder.tag_bits)
         expect("configuration.geometry.triangle_test", "watertight" if folder.watertight else "moller-trumbore")
-        expect("packets", len(lines["raycast_packets.hex"]))
-        expect("rays", len(lines["raycast_packets.hex"]) * self.rays)
-        report.expect(kind, "raycast_rays.hex", None, "lines", manifest.get("rays"), len(lines["raycast_rays.hex"]))
-        report.expect(kind, "raycast_hits.hex", None, "lines", manifest.get("rays"), len(lines["raycast_hits.hex"]))
+        packets = lines["raycast_packets.hex"]
+        expect("packets", len(packets))
+        expect("rays", len(packets) * self.rays)
+        for name in ("raycast_rays.hex", "raycast_hits.hex"):
+            report.expect(kind, name, None, "lines", len(packets) * self.rays, len(lines[name]))
         for total, file_of, field in (
             ("packet_steps", "raycast_packets.hex", "steps"),
             ("ray_triangle_tests", "raycast_packets.hex", "tests"),
@@ -1086,57 +1132,209 @@ class Checker:
             expect(total, sum(layout.get(line, field) for line in lines[file_of]))
         expect("updates", len(lines["update_commands.hex"]))
         expect("skinned_meshes", len(lines["skinning_commands.hex"]))
-        report.expect(kind, file, None, "levels", 2 if self.scene_root()["right_leaf"] else 1, folder.levels)
+        clock = folder.value("configuration.clock.target_mhz")
+        expect("update_machine.vertex_registers", folder.value("configuration.update.vertex_registers"))
+        expect("update_machine.box_registers", folder.value("configuration.update.box_registers"))
+        expect("update_machine.merge_distance", 4 if clock < 70 else 5 if clock < 120 else 8)
+        for key in ("levels", "triangles", "instances"):
+            expect(key, folder.scenes[0][key])
+        made = folder.value("made", dict)
+        size = folder.value("picture.size", list)
+        expect("made.size", size)
+        expect("picture.packets", sum(get(line, "block") != ALL_ONES for line in packets))
+        block = {1: [1, 1], 2: [2, 1], 4: [2, 2], 8: [4, 2]}[self.rays]
+        expect("picture.block", block)
+        expect("picture.blocks", [-(-side // of) for side, of in zip(size, block)])
+        report.expect(kind, file, None, "made", True, {"command", "size", "limit", "clip", "seconds", "camera", "log2_scale"} <= set(made))
+        self._check_scene_list()
         self._check_units()
         self._check_pipelines()
+        self._check_machine()
         self._check_files()
         self._check_layouts()
 
-    def scene_root(self):
-        lines = self.lines["scene.hex"]
-        if len(lines) != 1:
-            raise Refused("%s/scene.hex: has %d lines, not 1; write the vectors again" % (self.folder.path, len(lines)))
-        word = self.layouts["scene"].get(lines[0], "root")
-        return link_fields(word)
+    def _check_scene_list(self):
+        """Scenes lie one after another, and the levels are those of their roots."""
+        report, kind = self.report, "manifest"
+        record = vertex = 0
+        for k, scene in enumerate(self.folder.scenes):
+            field = "scenes: %s: " % scene["label"]
+            report.expect(kind, "manifest.json", None, field + "first_record", record, scene["first_record"])
+            report.expect(kind, "manifest.json", None, field + "first_vertex", vertex, scene["first_vertex"])
+            report.expect(kind, "manifest.json", None, field + "records", scene["triangles"] + scene["instances"], scene["records"])
+            record, vertex = record + scene["records"], vertex + scene["vertices"]
+            if k < len(self.lines["scene.hex"]):
+                root = link_fields(self.layouts["scene"].get(self.lines["scene.hex"][k], "root"))
+                report.expect(kind, "scene.hex", k + 1, "root: right_leaf", scene["levels"] - 1, root["right_leaf"])
+            good = scene["instances"] > 0 if scene["levels"] == 2 else scene["instances"] == 0
+            report.claim(kind, "manifest.json", None, field + "instances", good, "0 of one level, more of two", scene["instances"])
+        for file, count in (
+            ("nodes.hex", record),
+            ("records.hex", record),
+            ("vertices.hex", vertex),
+            ("scene.hex", len(self.folder.scenes)),
+        ):
+            report.expect(kind, file, None, "lines", count, len(self.lines[file]))
 
     def _check_units(self):
-        expected = []
+        wanted = {}
         for unit, care in UNITS:
-            if unit == "ray_transform" and self.folder.levels != 2:
+            if unit == "ray_transform" and not self.folder.two_levels:
                 continue
-            names = {role: "%s_%s.hex" % (unit, role) for role in ("stimulus", "expected", "care")}
-            expected.append(
-                {
-                    "unit": unit,
-                    "transactions": len(self.lines[names["stimulus"]]),
-                    "stimulus": names["stimulus"],
-                    "expected": names["expected"],
-                    "care": names["care"] if care else None,
-                }
-            )
+            names = ["%s_%s.hex" % (unit, role) for role in ("stimulus", "expected", "care")]
+            module = {"packet_step": "tpu_slice", "ray_transform": "raycast_unit"}.get(unit, unit)
+            wanted[unit] = (module, names[0], names[1], names[2] if care else None, [], [])
+        for unit, (module, stimulus, expected, others, memories) in WHOLE_UNITS.items():
+            wanted[unit] = (module, stimulus, expected, None, others, memories)
         found = {}
         for entry in self.folder.value("units", list):
             if isinstance(entry, dict):
                 found[entry.get("unit")] = entry
-        for entry in expected:
-            for key, value in entry.items():
-                have = found.get(entry["unit"], {}).get(key)
-                self.report.expect("manifest", "manifest.json", None, "units: %s: %s" % (entry["unit"], key), value, have)
-        names = sorted(str(unit) for unit in found)
-        self.report.expect("manifest", "manifest.json", None, "units", sorted(e["unit"] for e in expected), names)
+        for unit, (module, stimulus, expected, care, others, memories) in wanted.items():
+            entry = found.get(unit, {})
+            for key, value in (
+                ("module", module),
+                ("copies", self.rays if unit == "packet_step" else 1),
+                ("transactions", len(self.lines[stimulus])),
+                ("stimulus", stimulus),
+                ("expected", expected),
+                ("care", care),
+                ("others", others),
+            ):
+                self.report.expect("manifest", "manifest.json", None, "units: %s: %s" % (unit, key), value, entry.get(key))
+            self._check_memories(unit, memories, entry)
+            self._check_ports(unit, entry)
+        self.report.expect("manifest", "manifest.json", None, "units", sorted(wanted), sorted(map(str, found)))
+
+    def check_canonical(self, file, layout):
+        """All numbers of a file that may hold no −0."""
+        numbers, report = self.numbers, self.report
+        fields = [field for field in self.layouts[layout].fields if field[2] and field[3] == "number"]
+        report.count("canonical numbers", len(fields) * len(self.lines[file]))
+        for place, line in enumerate(self.lines[file]):
+            for field, lsb, width, _ in fields:
+                bits = line >> lsb & (1 << width) - 1
+                if not numbers.canonical(bits):
+                    report.wrong("canonical numbers", file, place + 1, field, "a canonical number, not -0", bits, numbers.text)
+
+    def _check_memories(self, unit, memories, entry):
+        """Read ports: names, images, and widths that follow from the layouts and the ports."""
+        given = entry.get("memories")
+        given = [memory for memory in given if isinstance(memory, dict)] if isinstance(given, list) else []
+        field = "units: %s: memories" % unit
+        pairs = [(memory.get("ports"), memory.get("image")) for memory in given]
+        self.report.expect("manifest", "manifest.json", None, field, memories, pairs)
+        address_bits = self.folder.value("configuration.tree.address_bits")
+        ports = {port.get("port"): port for port in entry.get("ports", []) if isinstance(port, dict)}
+        machine = self.folder.value("machine", dict)
+        for memory in given:
+            image, name = str(memory.get("image")), str(memory.get("ports"))
+            name = "update_" + name if unit == "update" and "update_%s_request_tag" % name in ports else name
+            layout = self.layouts.get(image[:-4])
+            expect = self.report.expect
+            place = "%s: %s: " % (field, name)
+            expect("manifest", "manifest.json", None, place + "address_bits", address_bits, memory.get("address_bits"))
+            expect("manifest", "manifest.json", None, place + "data_bits", layout.width if layout else None, memory.get("data_bits"))
+            tag = {
+                ("raycast", "vertex"): "vertex_tag_bits",
+                ("skinning", "vertex"): "vertex_tag_bits",
+                ("skinning", "influence"): "influence_tag_bits",
+                ("update", "program"): "update_program_tag_bits",
+                ("update", "vertex"): "update_vertex_tag_bits",
+            }.get((unit, memory.get("ports")))
+            if tag:
+                expect("manifest", "manifest.json", None, place + "tag_bits", machine.get(tag), memory.get("tag_bits"))
+            for end, key in (("request_address", "address_bits"), ("request_tag", "tag_bits"), ("response_data", "data_bits")):
+                port = ports.get("%s_%s" % (name, end), {})
+                expect("manifest", "manifest.json", None, "units: %s: %s_%s" % (unit, name, end), memory.get(key), port.get("width"))
+
+    def _check_ports(self, unit, entry):
+        """The map from fields to ports: fields exist, lie within ports, and have the widths that are said."""
+        report, name = self.report, "units: %s: ports: " % unit
+        stages = {p.get("module"): p.get("stages") for p in self.folder.value("pipelines", list) if isinstance(p, dict)}
+        stages = stages.get(entry.get("module")) or {}
+        copies, ports = entry.get("copies"), entry.get("ports")
+        ports = ports if isinstance(ports, list) else []
+        for port in ports:
+            port = port if isinstance(port, dict) else {}
+            width, use, place = port.get("width"), port.get("use"), name + str(port.get("port"))
+            good = isinstance(width, int) and width > 0 and port.get("direction") in ("input", "output")
+            good = good and isinstance(port.get("copy"), int) and isinstance(copies, int) and 0 <= port["copy"] < copies
+            good = good and use in PORT_USES
+            report.claim("manifest", "manifest.json", None, place, good, "a port", json.dumps(port)[:60])
+            if not good:
+                continue
+            if port["direction"] == "input" and port.get("port") in stages:
+                report.expect("manifest", "manifest.json", None, place + ": stage", stages[port["port"]], port.get("stage"))
+            fields = list(port.get("fields") or [])
+            report.claim("manifest", "manifest.json", None, place, bool(fields) == (use in ("fields", "select")), "fields", use)
+            for field in fields:
+                self._check_port_field(place, width, field)
+            if use == "select":
+                self._check_selector(place, port.get("by"), len(fields))
+            elif use == "constant":
+                value = port.get("value")
+                good = isinstance(value, int) and 0 <= value < 1 << width
+                report.claim("manifest", "manifest.json", None, place, good, "a value of %d bits" % width, value)
+        names = [(port.get("copy"), port.get("port")) for port in ports if isinstance(port, dict)]
+        report.expect("manifest", "manifest.json", None, name + "names", len(names), len(set(names)))
+
+    def _check_port_field(self, place, width, field):
+        layout = self.layouts.get(field.get("layout"))
+        at = layout.at.get(field.get("field")) if layout else None
+        lsb, bits, port_lsb = field.get("lsb"), field.get("width"), field.get("port_lsb")
+        good = at is not None and all(isinstance(n, int) for n in (lsb, bits, port_lsb))
+        good = good and lsb >= 0 and bits > 0 and lsb + bits <= at[1].bit_length() and 0 <= port_lsb <= width - bits
+        shown_field = "%s.%s [%s +%s] at %s" % (field.get("layout"), field.get("field"), lsb, bits, port_lsb)
+        self.report.claim("manifest", "manifest.json", None, place, good, "a field within %d bits" % width, shown_field)
+
+    def _check_selector(self, place, by, choices):
+        by = by if isinstance(by, dict) else {}
+        layout = self.layouts.get(by.get("layout"))
+        good = layout is not None and by.get("field") in layout.at and choices > 1
+        self.report.claim("manifest", "manifest.json", None, place, good, "a field that selects", json.dumps(by))
 
     def _check_pipelines(self):
         entries = self.folder.value("pipelines", list)
         modules = [entry.get("module") if isinstance(entry, dict) else None for entry in entries]
         self.report.expect("manifest", "manifest.json", None, "pipelines", MODULES, modules)
         for entry in entries:
-            latency, late = entry.get("latency"), entry.get("late_inputs")
+            entry = entry if isinstance(entry, dict) else {}
+            name, latency, stages = entry.get("module"), entry.get("latency"), entry.get("stages")
             good = isinstance(latency, int) and latency > 0
-            field = "pipelines: %s: latency" % entry.get("module")
-            self.report.claim("manifest", "manifest.json", None, field, good, "clocks", latency)
-            good = good and isinstance(late, dict) and all(isinstance(n, int) and 0 < n <= latency for n in late.values())
-            field = "pipelines: %s: late_inputs" % entry.get("module")
-            self.report.claim("manifest", "manifest.json", None, field, good, "at most the latency", late)
+            field = "pipelines: %s: " % name
+            self.report.claim("manifest", "manifest.json", None, field + "latency", good, "cycles", latency)
+            good = good and isinstance(stages, dict) and all(isinstance(n, int) and 0 <= n <= latency for n in stages.values())
+            self.report.claim("manifest", "manifest.json", None, field + "stages", good, "at most the latency", stages)
+            self.report.expect("manifest", "manifest.json", None, field + "macros", "DYNRT_%s" % str(name).upper(), entry.get("macros"))
+
+    def _check_machine(self):
+        """Widths and settings that follow from the configuration."""
+        value, machine = self.folder.value, self.folder.value("machine", dict)
+        configuration = "configuration."
+        wanted = {
+            "number_bits": self.numbers.width,
+            "exponent_bits": self.numbers.exponent_bits,
+            "rays_per_packet": self.rays,
+            "ray_bits": max(1, bits_of(self.rays)),
+            "packet_bits": max(1, bits_of(value(configuration + "packets.in_flight"))),
+            "influence_row_bits": self.layouts["skinning_influences"].width,
+            "joint_count_bits": value(configuration + "skinning.joints").bit_length(),
+            "node_lanes": 5,
+            "tag_bits": self.folder.tag_bits,
+            "address_bits": value(configuration + "tree.address_bits"),
+            "memory_latency": value(configuration + "memory.latency"),
+            "memory_jitter": value(configuration + "memory.jitter"),
+            "memory_ready_percent": value(configuration + "memory.ready_percent"),
+            "packet_step_stimulus_ray_stride": 8 * self.numbers.width + 3,
+            "watertight": self.folder.watertight,
+            "two_levels": self.folder.two_levels,
+            "memory_in_order": value(configuration + "memory.order", str) == "in-order",
+        }
+        for key, expected in wanted.items():
+            self.report.expect("manifest", "manifest.json", None, "machine: " + key, expected, machine.get(key))
+        widths = ["influence_tag_bits", "update_program_tag_bits", "update_vertex_tag_bits", "vertex_tag_bits"]
+        self.report.expect("manifest", "manifest.json", None, "machine", sorted(set(wanted) | set(widths)), sorted(machine))
 
     def _check_files(self):
         report, folder = self.report, self.folder
@@ -1145,21 +1343,47 @@ class Checker:
             if isinstance(entry, dict):
                 found[entry.get("file")] = entry
         wanted = [(file, unit, role, layout, len(self.lines[file])) for file, unit, role, layout in folder.table]
-        wanted.append(("vectors.vh", "sim", "macros", None, None))
+        macros = folder.read_bytes("vectors.vh").count(b"\n")
+        wanted.append(("vectors.vh", "sim", "macros", None, macros))
         for file, unit, role, layout, lines in wanted:
             entry = found.get(file, {})
             for key, value in (("unit", unit), ("role", role), ("layout", layout), ("lines", lines)):
                 report.expect("manifest", "manifest.json", None, "files: %s: %s" % (file, key), value, entry.get(key))
-            if "sha256" in entry:
-                report.expect("checksums", file, None, "sha256", entry["sha256"], folder.hash(file))
+            report.expect("checksums", file, None, "sha256", entry.get("sha256"), folder.hash(file))
+            self._check_parts(file, entry, lines)
         names = sorted(entry[0] for entry in wanted)
         report.expect("manifest", "manifest.json", None, "files", names, sorted(map(str, found)))
         names.append("manifest.json")
         report.expect("manifest", "", None, "the folder", sorted(names), sorted(os.listdir(folder.path)))
 
+    def _check_parts(self, file, entry, lines):
+        """Runs of lines, one after another from line 0 on, that together are the whole file."""
+        parts = entry.get("parts")
+        parts = parts if isinstance(parts, list) else []
+        place, good = 0, bool(parts)
+        for part in parts:
+            good = good and isinstance(part, dict) and part.get("first") == place
+            good = good and isinstance(part.get("lines"), int) and part["lines"] > 0
+            good = good and isinstance(part.get("label"), str) and part["label"] != ""
+            if not good:
+                break
+            place += part["lines"]
+        field = "files: %s: parts" % file
+        self.report.claim("manifest", "manifest.json", None, field, good, "runs of lines", json.dumps(parts)[:60])
+        self.report.expect("manifest", "manifest.json", None, field, lines, place)
+
+    def part(self, file, label):
+        """The lines (first, count) of the part of a file that has a label; nothing of a file that has no such part."""
+        for entry in self.folder.value("files", list):
+            if entry.get("file") == file:
+                for part in entry["parts"]:
+                    if part["label"] == label:
+                        return part["first"], part["lines"]
+        return 0, 0
+
     def _check_layouts(self):
         found = self.folder.value("layouts", dict)
-        for name, layout in self.layouts.items():
+        for name, layout in list(self.layouts.items()) + [("link_word", LINK_WORD), ("instance", INSTANCE)]:
             entry = found.get(name)
             entry = entry if isinstance(entry, dict) else {}
             for key in ("width", "digits"):
@@ -1172,7 +1396,7 @@ class Checker:
                 have = given[place] if place < len(given) else None
                 self.report.expect("layouts", "manifest.json", None, "layouts: %s: %s" % (name, want[0]), want, have)
             self.report.expect("layouts", "manifest.json", None, "layouts: %s: fields" % name, len(layout.fields), len(given))
-        missing = sorted(set(found) - set(self.layouts))
+        missing = sorted(set(found) - set(self.layouts) - {"link_word", "instance"})
         self.report.expect("layouts", "manifest.json", None, "layouts", [], missing)
 
     # -- The macros
@@ -1180,8 +1404,8 @@ class Checker:
     def check_macros(self):
         """vectors.vh: every macro, by what the manifest says."""
         file, kind = "vectors.vh", "macros"
-        text = self.folder._bytes(file).decode("utf-8", "replace")
-        values, flags = self._macros()
+        text = self.folder.read_bytes(file).decode("utf-8", "replace")
+        values = self._macros()
         seen = set()
         for number, line in enumerate(text.splitlines(), 1):
             words = line.split()
@@ -1191,68 +1415,31 @@ class Checker:
             good = words[0] == "`define" and len(words) <= 3 and name not in seen
             self.report.claim(kind, file, number, "macro", good, "a macro, once", line)
             seen.add(name)
-            if name in flags:
-                self.report.expect(kind, file, number, name, "", value)
-            elif name in values:
-                self.report.expect(kind, file, number, name, values[name], value)
-            else:
-                self._check_stage(file, number, name, value)
-        for name in sorted((set(values) | flags) - seen):
-            self.report.wrong(kind, file, None, name, "a macro", "none")
-
-    def _check_stage(self, file, number, name, value):
-        """A macro of an input's stage: 0 unless the manifest says that the input is due later."""
-        if not name.endswith("_STAGE"):
-            self.report.wrong("macros", file, number, name, "no such macro", value)
-            return
-        for entry in self.folder.value("pipelines", list):
-            module = entry["module"].upper() + "_"
-            if name.startswith(module):
-                late = {key.upper(): stage for key, stage in entry["late_inputs"].items()}
-                stage = late.get(name[len(module) : -len("_STAGE")], 0)
-                self.report.expect("macros", file, number, name, str(stage), value)
-                return
-        self.report.wrong("macros", file, number, name, "a module's input", value)
+            self.report.expect(kind, file, number, name, values.get(name, "no such macro"), value)
+        self.report.expect(kind, file, None, "macros that are missing", [], sorted(set(values) - seen))
 
     def _macros(self):
-        folder, value = self.folder, self.folder.value
-        configuration = "configuration."
-        in_flight = value(configuration + "packets.in_flight")
-        values = {
-            "NUMBER_BITS": self.numbers.width,
-            "EXPONENT_BITS": self.numbers.exponent_bits,
-            "RAYS_PER_PACKET": self.rays,
-            "RAY_BITS": max(1, bits_of(self.rays)),
-            "PACKET_BITS": max(1, bits_of(in_flight)),
-            "INFLUENCE_ROW_BITS": self.layouts["skinning_influences"].width,
-            "JOINT_COUNT_BITS": value(configuration + "skinning.joints").bit_length(),
-            "NODE_LANES": 5,
-            "TAG_BITS": folder.tag_bits,
-            "ADDRESS_BITS": value(configuration + "tree.address_bits"),
-            "MEMORY_LATENCY": value(configuration + "memory.latency"),
-            "MEMORY_JITTER": value(configuration + "memory.jitter"),
-            "MEMORY_READY_PERCENT": value(configuration + "memory.ready_percent"),
-            "PACKET_STEP_STIMULUS_RAY_STRIDE": 6 * self.numbers.width + 3 + 2 * self.numbers.width,
-        }
-        for entry in value("pipelines", list):
-            values[entry["module"].upper() + "_LATENCY"] = entry["latency"]
-            for name, stage in entry["late_inputs"].items():
-                values["%s_%s_STAGE" % (entry["module"].upper(), name.upper())] = stage
-        for file, _, _, layout_name in folder.table:
-            layout, prefix = self.layouts[layout_name], file[:-4].upper()
-            values[prefix + "_LINES"] = len(self.lines[file])
-            values[prefix + "_BITS"] = layout.width
+        """All macros; one that is only defined has no value."""
+        values = {}
+        for key, value in self.folder.value("machine", dict).items():
+            if value is not False:
+                values["DYNRT_" + key.upper()] = "" if value is True else str(value)
+        for entry in self.folder.value("pipelines", list):
+            values[entry["macros"] + "_LATENCY"] = str(entry["latency"])
+            for name, stage in entry["stages"].items():
+                values["%s_%s_STAGE" % (entry["macros"], name.upper())] = str(stage)
+        for file, _, _, layout_name in self.folder.table:
+            layout, prefix = self.layouts[layout_name], "DYNRT_" + file[:-4].upper()
+            values[prefix + "_LINES"] = str(len(self.lines[file]))
+            values[prefix + "_BITS"] = str(layout.width)
             for field, lsb, width, _ in layout.fields:
                 values["%s_%s" % (prefix, field.upper())] = "%d:%d" % (lsb + width - 1, lsb)
-                values["%s_%s_LSB" % (prefix, field.upper())] = lsb
-        flags = set()
-        if folder.watertight:
-            flags.add("WATERTIGHT")
-        if folder.levels == 2:
-            flags.add("TWO_LEVELS")
-        if value(configuration + "memory.order", str) == "in-order":
-            flags.add("MEMORY_IN_ORDER")
-        return {name: str(number) for name, number in values.items()}, flags
+                values["%s_%s_LSB" % (prefix, field.upper())] = str(lsb)
+        return values
+
+
+# How a port is used: the last table of *Manifest*.
+PORT_USES = ("fields", "select", "constant", "identity", "handshake", "memory", "clock", "reset", "unused")
 
 
 def bits_of(count):
@@ -1272,6 +1459,12 @@ LINK_WORD = Layout(
 )
 
 
+INSTANCE = Layout(
+    "instance",
+    [("vectors", 32, "unsigned"), ("root", 32, "unsigned"), ("unused", 32, "unsigned"), ("number", 32, "unsigned")],
+)
+
+
 def link_fields(word):
     return {name: LINK_WORD.get(word, name) for name, _, _, _ in LINK_WORD.fields}
 
@@ -1287,25 +1480,37 @@ class Block:
 
 
 class Memory:
-    """nodes.hex, records.hex, vertices.hex and scene.hex."""
+    """nodes.hex, records.hex and vertices.hex, which all scenes share."""
 
     def __init__(self, checker):
-        self.checker = checker
-        layouts, lines = checker.layouts, checker.lines
-        self.report, self.numbers = checker.report, checker.numbers
+        layouts, lines, numbers = checker.layouts, checker.lines, checker.numbers
         self.nodes = [checker.units.node_of(line) for line in lines["nodes.hex"]]
-        self.records = [
-            tuple(line >> 32 * k & ALL_ONES for k in range(4)) for line in lines["records.hex"]
-        ]
+        self.records = [tuple(line >> 32 * k & ALL_ONES for k in range(4)) for line in lines["records.hex"]]
         vertex = layouts["vertices"]
         self.vertex_bits = [tuple(vertex.get(line, axis) for axis in AXES) for line in lines["vertices.hex"]]
-        self.vertices = [tuple(map(self.numbers.decode, bits)) for bits in self.vertex_bits]
-        scene = lines["scene.hex"][0]
-        self.root = link_fields(layouts["scene"].get(scene, "root"))
-        self.box = tuple(
-            tuple(map(self.numbers.decode, layouts["scene"].vector(scene, corner))) for corner in ("lo", "hi")
-        )
-        self.instances = checker.folder.manifest.get("instances")
+        self.vertices = [tuple(map(numbers.decode, bits)) for bits in self.vertex_bits]
+
+
+class Scene:
+    """One scene in memory: its registers, its slots, and the structure of its trees."""
+
+    def __init__(self, checker, memory, number):
+        self.checker, self.memory, self.number = checker, memory, number
+        self.report, self.numbers = checker.report, checker.numbers
+        self.nodes, self.records = memory.nodes, memory.records
+        self.vertices, self.vertex_bits = memory.vertices, memory.vertex_bits
+        said = checker.folder.scenes[number]
+        self.two_levels, self.instances = said["levels"] == 2, said["instances"]
+        self.first, self.end = said["first_record"], said["first_record"] + said["records"]
+        self.first_vertex, self.end_vertex = said["first_vertex"], said["first_vertex"] + said["vertices"]
+        layout, lines = checker.layouts["scene"], checker.lines["scene.hex"]
+        path = checker.folder.path
+        if number >= len(lines):
+            raise Refused("%s/scene.hex: has no line for scene %d; write the vectors again" % (path, number))
+        if self.end > min(len(self.nodes), len(self.records)) or self.end_vertex > len(self.vertices) or self.first == self.end:
+            raise Refused("%s/manifest.json: scene %d is not within the images; write the vectors again" % (path, number))
+        self.root = link_fields(layout.get(lines[number], "root"))
+        self.box = tuple(tuple(map(self.numbers.decode, layout.vector(lines[number], corner))) for corner in ("lo", "hi"))
         self.blocks = []
 
     def triangle(self, index):
@@ -1313,26 +1518,18 @@ class Memory:
         return tuple(self.vertices[v] for v in self.records[index][:3])
 
     def check(self):
-        report, count = self.report, len(self.nodes)
-        levels = self.checker.folder.levels
-        instances = self.instances if levels == 2 else 0
-        report.expect("memory", "records.hex", None, "lines", count, len(self.records))
-        triangles = count - instances if isinstance(instances, int) else None
-        report.expect("memory", "manifest.json", None, "triangles", self.checker.folder.manifest.get("triangles"), triangles)
-        if levels == 1:
-            report.expect("memory", "manifest.json", None, "instances", 0, self.instances)
-        self._check_root(self.root, "scene.hex", 1, levels == 2)
-        if len(self.records) != count or not isinstance(instances, int) or not 0 <= instances <= count:
-            raise Refused("%s: nodes.hex, records.hex and instances do not belong together" % self.checker.folder.path)
-        if levels == 2:
-            self._check_instances(count - instances, count)
-            self._find_objects(count - instances)
-            top = self._walk(self.root, count - instances, count, True)
-            self._check_depth(top, max((block.depth for block in self.blocks), default=0))
+        self._check_root(self.root, "scene.hex", self.number + 1, self.two_levels)
+        below = 0
+        if self.two_levels:
+            middle = self.end - self.instances
+            self._check_instances(middle, self.end)
+            self._find_objects(middle)
+            top = self._walk(self.root, middle, self.end, True)
+            below = max(block.depth for block in self.blocks)
         else:
-            top = self._walk(self.root, 0, count, False)
+            top = self._walk(self.root, self.first, self.end, False)
             self.blocks = [top]
-            self._check_depth(top, 0)
+        self._check_depth(top, below)
         self._check_scene_box(top)
 
     def _check_root(self, root, file, line, top):
@@ -1347,11 +1544,11 @@ class Memory:
         self.report.claim("memory", "nodes.hex", None, "depth", depth <= deepest, words, depth)
 
     def _check_scene_box(self, top):
-        layout, line = self.checker.layouts["scene"], self.checker.lines["scene.hex"][0]
+        layout, line = self.checker.layouts["scene"], self.checker.lines["scene.hex"][self.number]
         encode = self.numbers.encode
         expected = layout.put_vector("lo", map(encode, top.box[0])) | layout.put_vector("hi", map(encode, top.box[1]))
         expected |= layout.get(line, "root")
-        self.checker.same("memory", "scene.hex", 0, layout, expected, line)
+        self.checker.same("memory", "scene.hex", self.number, layout, expected, line)
 
     def _check_instances(self, first, end):
         report, seen = self.report, set()
@@ -1359,9 +1556,9 @@ class Memory:
         for index in range(first, end):
             vectors, root, unused, number = self.records[index]
             line = index + 1
-            good = vectors + 6 <= len(self.vertices)
-            report.claim("memory", "records.hex", line, "vectors", good, "six vectors in vertices.hex", vectors)
-            if not good:
+            good = self.first_vertex <= vectors and vectors + 6 <= self.end_vertex
+            report.claim("memory", "records.hex", line, "vectors", good, "six vectors of the scene", vectors)
+            if vectors + 6 > len(self.vertices):
                 raise Refused("%s/records.hex: line %d: vectors %d lie beyond vertices.hex" % (self.checker.folder.path, line, vectors))
             report.claim("memory", "records.hex", line, "vectors", taken.isdisjoint(range(vectors, vectors + 6)), "vectors of its own", vectors)
             taken.update(range(vectors, vectors + 6))
@@ -1376,10 +1573,11 @@ class Memory:
 
     def _find_objects(self, end):
         """The objects that instances name, in the order of their slots."""
-        roots = {self.records[index][1] for index in range(end, len(self.records))}
+        roots = {self.records[index][1] for index in range(end, self.end)}
         # The last slot of an object is that behind its root node, or the record of its only triangle.
-        ends = sorted((root["link"] + (1 if root["left_leaf"] else 2), root["left_leaf"], root) for root in map(link_fields, roots))
-        base = 0
+        ends = [(root["link"] + (1 if root["left_leaf"] else 2), root["link"], root) for root in map(link_fields, roots)]
+        ends.sort(key=lambda entry: entry[:2])
+        base = self.first
         for last, _, root in ends:
             block = self._walk(root, None, last, False)
             self.report.claim("memory", "nodes.hex", last, "object", block.base >= base, "slots of its own", block.base)
@@ -1460,6 +1658,8 @@ class Memory:
             vectors = self.records[index][0]
             return self.vertices[vectors + 4], self.vertices[vectors + 5]
         corners = self.records[index][:3]
+        good = self.first_vertex <= min(corners) and max(corners) < self.end_vertex
+        self.report.claim("memory", "records.hex", index + 1, "vertices", good, "vertices of the scene", corners)
         if max(corners) >= len(self.vertices):
             raise Refused("%s/records.hex: line %d: vertex %d lies beyond vertices.hex" % (self.checker.folder.path, index + 1, max(corners)))
         return box_of(self.vertices[v] for v in corners)
@@ -1477,15 +1677,6 @@ class Memory:
             numbers = sorted(self.records[index][3] for index in range(base, end))
             for place, number in enumerate(numbers):
                 report.expect("memory", "records.hex", None, "number of a triangle of the object at %d" % base, place, number)
-
-    def check_canonical(self):
-        """Patterns of all numbers in the images: layout.md, *Records*."""
-        numbers, report = self.numbers, self.report
-        for number, bits in enumerate(self.vertex_bits):
-            for axis, value in zip(AXES, bits):
-                report.count("canonical numbers")
-                if not numbers.canonical(value):
-                    report.wrong("canonical numbers", "vertices.hex", number + 1, axis, "a canonical number", value, numbers.text)
 
 
 def join(a, b):
@@ -1513,10 +1704,9 @@ class Space:
 class Caster:
     """The traversal of arithmetic.md over the memory images, with a record of all that happens in it."""
 
-    def __init__(self, units, memory):
-        self.units, self.memory = units, memory
-        self.two_levels = bool(memory.root["right_leaf"])
-        self.instances = {}
+    def __init__(self, units, scene):
+        self.units, self.memory = units, scene
+        self.two_levels = scene.two_levels
 
     def cast(self, rays):
         """(hits, steps, tests, transforms): each of the last three a list of stimulus lines."""
@@ -1524,7 +1714,6 @@ class Caster:
         self.limits = [INF] * len(rays)
         self.hits = [(INF, 0.0, 0.0, ALL_ONES, ALL_ONES)] * len(rays)
         self.world = Space(rays, 0, False)
-        self.last_seen = list(rays)
         mask = sum((ray.valid and ray.near <= ray.far) << k for k, ray in enumerate(rays))
         if mask:
             nears, fars = [ray.near for ray in rays], [ray.far for ray in rays]
@@ -1576,7 +1765,7 @@ class Caster:
         vectors, root, _, number = memory.records[index]
         bits = memory.vertex_bits[vectors : vectors + 6]
         points = memory.vertices[vectors : vectors + 6]
-        rays, entering = list(self.last_seen), {}
+        rays, entering = list(self.world.rays), {}
         for k in range(len(rays)):
             if not mask >> k & 1:
                 continue
@@ -1589,7 +1778,6 @@ class Caster:
             far = far_w if far_w < ray.tmax else ray.tmax
             if all(x == x for x in moved.o + moved.d) and near <= far:
                 entering[k] = near, far
-        self.last_seen = rays
         if not entering:
             return None
         fields = link_fields(root)
@@ -1609,7 +1797,6 @@ class Caster:
             hit = units.test(ray, corners, world.tmin, world.tmax)
             if hit is not None:
                 self.hits[k], self.limits[k] = merged(self.hits[k], world, hit, space.instance, record[3])
-
 
     def brute_force(self, ray):
         """The hit of a ray by tests of all triangles, with no tree."""
@@ -1634,7 +1821,7 @@ class Caster:
         memory, units = self.memory, self.units
         blocks = {(block.root["link"], block.root["left_leaf"]): block for block in memory.blocks}
         places = []
-        for index in range(len(memory.records) - memory.instances, len(memory.records)):
+        for index in range(memory.end - memory.instances, memory.end):
             vectors, root, _, number = memory.records[index]
             points = memory.vertices[vectors : vectors + 6]
             moved = units.transform(points[:4], (points[4], points[5]), ray)
@@ -1666,54 +1853,98 @@ def merged(best, ray, hit, instance, triangle):
 class RayCasting:
     """raycast_*.hex, and which lines of the units' files are a packet's own."""
 
-    # Ray-triangle tests of the hits that are sought by brute force.
-    BRUTE_FORCE = 150_000
+    # Ray-triangle tests of the hits that are sought by brute force, in all scenes together.
+    BRUTE_FORCE = 600_000
 
-    def __init__(self, checker, memory):
-        self.checker, self.memory = checker, memory
+    def __init__(self, checker, scenes):
+        self.checker, self.scenes = checker, scenes
         self.units, self.rays = checker.units, checker.rays
         self.layout, self.lines = checker.layouts, checker.lines
-        self.caster = Caster(self.units, memory)
+        self.casters = [Caster(self.units, scene) for scene in scenes]
 
     def check_serial(self):
-        """What concerns all packets at once: tags, and where each one's lines begin."""
-        checker, report = self.checker, self.checker.report
+        """What concerns all packets at once: tags, scenes, blocks, where each one's lines begin, and their rays."""
+        checker, report, file = self.checker, self.checker.report, "raycast_packets.hex"
         layout, tags = self.layout["raycast_packets"], 1 << checker.folder.tag_bits
         firsts = [0, 0, 0]
-        for p, line in enumerate(self.lines["raycast_packets.hex"]):
-            report.expect("raycast_packets", "raycast_packets.hex", p + 1, "tag", p % tags, layout.get(line, "tag"))
+        last_scene = 0
+        for p, line in enumerate(self.lines[file]):
+            report.expect("raycast_packets", file, p + 1, "tag", p % tags, layout.get(line, "tag"))
             for place, (first, count) in enumerate((("first_step", "steps"), ("first_test", "tests"), ("first_transform", "transforms"))):
-                report.expect("raycast_packets", "raycast_packets.hex", p + 1, first, firsts[place], layout.get(line, first))
+                report.expect("raycast_packets", file, p + 1, first, firsts[place], layout.get(line, first))
                 firsts[place] += layout.get(line, count)
-        setup = self.layout["ray_setup_stimulus"]
-        stimuli = self.lines["ray_setup_stimulus.hex"]
-        ray_layout = self.layout["raycast_rays"]
-        for k, line in enumerate(self.lines["raycast_rays.hex"]):
-            expected = line & (1 << setup.width) - 1
-            have = checker.line("raycast_rays", "ray_setup_stimulus.hex", k, "none")
-            if have is None:
-                break
-            checker.same("raycast_rays", "ray_setup_stimulus.hex", k, setup, expected, have)
-            tag = k // self.rays % tags
-            report.expect("raycast_rays", "raycast_rays.hex", k + 1, "tag", tag, ray_layout.get(line, "tag"))
-            numbers = checker.numbers
+            scene = layout.get(line, "scene")
+            good = last_scene <= scene <= last_scene + 1 and scene < len(self.scenes)
+            report.claim("raycast_packets", file, p + 1, "scene", good, "scene %d or the next" % last_scene, scene)
+            last_scene = scene
+        report.expect("raycast_packets", file, None, "last scene", len(self.scenes) - 1, last_scene)
+        for unit, count in zip(("packet_step", "triangle_test", "ray_transform"), firsts):
+            if unit + "_stimulus.hex" in self.lines:
+                first, lines = checker.part(unit + "_stimulus.hex", "packets")
+                report.expect("raycast_packets", "manifest.json", None, unit + "_stimulus.hex: parts: packets", (0, count), (first, lines))
+        self._check_blocks()
+        self._check_rays()
+
+    def _check_blocks(self):
+        """The packets of the picture come first, in its order: all of them, or one of each of `limit` equal runs."""
+        checker, file = self.checker, "raycast_packets.hex"
+        layout, report = self.layout["raycast_packets"], self.checker.report
+        value = checker.folder.value
+        blocks = value("picture.blocks", list)
+        total, count = blocks[0] * blocks[1], value("picture.packets")
+        limit = value("made", dict).get("limit")
+        wanted = total if limit is None else min(limit, total)
+        report.expect("raycast_packets", "manifest.json", None, "picture: packets", wanted, count)
+        for p, line in enumerate(self.lines[file]):
+            block = layout.get(line, "block")
+            if p >= count:
+                report.expect("raycast_packets", file, p + 1, "block", ALL_ONES, block)
+                continue
+            first, end = p * total // count, -(-(p + 1) * total // count)
+            good = first <= block < end
+            report.claim("raycast_packets", file, p + 1, "block", good, "%d to %d" % (first, end - 1), block)
+            report.expect("raycast_packets", file, p + 1, "scene", 0, layout.get(line, "scene"))
+
+    def _check_rays(self):
+        """Rays and their tags; those of scene 0 are the first that ray setup gets."""
+        checker, report = self.checker, self.checker.report
+        setup, ray_layout = self.layout["ray_setup_stimulus"], self.layout["raycast_rays"]
+        packets, get = self.lines["raycast_packets.hex"], self.layout["raycast_packets"].get
+        tags, numbers = 1 << checker.folder.tag_bits, checker.numbers
+        file, first_scene = "raycast_rays.hex", 0
+        for k, line in enumerate(self.lines[file]):
+            report.expect("raycast_rays", file, k + 1, "tag", k // self.rays % tags, ray_layout.get(line, "tag"))
             for field, lsb, width, kind in setup.fields:
                 if kind == "number":
                     report.count("canonical numbers")
                     bits = line >> lsb & (1 << width) - 1
                     if not numbers.canonical(bits, minus_zero=True):
-                        report.wrong("canonical numbers", "raycast_rays.hex", k + 1, field, "a canonical number", bits, numbers.text)
+                        report.wrong("canonical numbers", file, k + 1, field, "a canonical number", bits, numbers.text)
+            if k // self.rays < len(packets) and get(packets[k // self.rays], "scene") == 0:
+                expected = line & (1 << setup.width) - 1
+                have = checker.line("raycast_rays", "ray_setup_stimulus.hex", k, "none")
+                if have is not None:
+                    checker.same("raycast_rays", "ray_setup_stimulus.hex", k, setup, expected, have)
+                first_scene += 1
+        part = checker.part("ray_setup_stimulus.hex", "packets")
+        report.expect("raycast_rays", "manifest.json", None, "ray_setup_stimulus.hex: parts: packets", (0, first_scene), part)
 
-    def ray(self, k):
+    def scene_of(self, p):
+        """The scene of a packet; scene 0 for one that names none that there is."""
+        scene = self.layout["raycast_packets"].get(self.lines["raycast_packets.hex"][p], "scene")
+        return scene if scene < len(self.scenes) else 0
+
+    def ray(self, k, scene):
         line = self.lines["raycast_rays.hex"][k]
-        return self.units.of_setup(line & (1 << self.layout["ray_setup_stimulus"].width) - 1, self.memory.box)
+        return self.units.of_setup(line & (1 << self.layout["ray_setup_stimulus"].width) - 1, self.scenes[scene].box)
 
     def check_packet(self, p):
         checker, report = self.checker, self.checker.report
         first_ray = p * self.rays
         if first_ray + self.rays > len(self.lines["raycast_rays.hex"]):
             return
-        hits, *events = self.caster.cast([self.ray(first_ray + k) for k in range(self.rays)])
+        scene = self.scene_of(p)
+        hits, *events = self.casters[scene].cast([self.ray(first_ray + k, scene) for k in range(self.rays)])
         for k, hit in enumerate(hits):
             self._check_hit("raycast_hits", first_ray + k, hit)
         layout, line = self.layout["raycast_packets"], self.lines["raycast_packets.hex"][p]
@@ -1746,20 +1977,24 @@ class RayCasting:
             checker.same(kind, "raycast_hits.hex", k, layout, expected, found)
 
     def brute_force_rays(self):
-        """Which rays are cast by brute force: so many that it takes about BRUTE_FORCE tests, spread evenly."""
-        memory, count = self.memory, len(self.lines["raycast_rays.hex"])
-        triangles = sum(block.slots for block in memory.blocks)
-        if memory.root["right_leaf"]:
+        """Which rays are cast by brute force: all of a small scene, of a large one so many, spread evenly, that it does not take long."""
+        counts = collections.Counter(self.scene_of(p) for p in range(len(self.lines["raycast_packets.hex"])))
+        chosen, first = [], 0
+        for number in sorted(counts):
+            scene, count = self.scenes[number], counts[number] * self.rays
             # An instance costs about as much as two tests; few rays enter many.
-            triangles = triangles + 2 * memory.instances
-        wanted = max(4, self.BRUTE_FORCE // max(1, triangles))
-        if self.checker.limit is not None:
-            wanted = min(wanted, self.checker.limit)
-        wanted = min(wanted, count)
-        return sorted({k * count // wanted for k in range(wanted)}) if count else []
+            cost = sum(block.slots for block in scene.blocks) + 2 * scene.instances
+            wanted = min(count, max(4, self.BRUTE_FORCE // len(counts) // cost))
+            if self.checker.limit is not None:
+                wanted = min(wanted, self.checker.limit)
+            chosen += sorted({first + k * count // wanted for k in range(wanted)})
+            first += count
+        rays = len(self.lines["raycast_rays.hex"])
+        return [k for k in chosen if k < rays]
 
     def check_brute_force(self, k):
-        self._check_hit("brute force", k, self.caster.brute_force(self.ray(k)))
+        scene = self.scene_of(k // self.rays)
+        self._check_hit("brute force", k, self.casters[scene].brute_force(self.ray(k, scene)))
 
 
 # ---- Units ---------------------------------------------------------------------------------------------------------
@@ -1768,8 +2003,8 @@ class RayCasting:
 class UnitLines:
     """A unit's expected and care lines from its stimulus lines."""
 
-    def __init__(self, checker, memory):
-        self.checker, self.box = checker, memory.box
+    def __init__(self, checker, scene):
+        self.checker, self.box = checker, scene.box
         numbers, units = checker.numbers, checker.units
         stimulus = checker.layouts["fp_add_stimulus"]
         shift, one = stimulus.at["b"][0], stimulus.at["a"][1]
@@ -1831,9 +2066,15 @@ class UnitLines:
             if kind == "number":
                 checked += 1
                 bits = line >> lsb & (1 << width) - 1
-                if not canonical(bits, minus_zero=True):
+                # -0 occurs in rays alone: arithmetic.md lets ray setup pass origin and direction on unchanged.
+                of_ray = "origin" in field or "direction" in field or field in ("tmin", "tmax") and self.of_setup(file)
+                if not canonical(bits, minus_zero=of_ray):
                     report.wrong("canonical numbers", file, place + 1, field, "a canonical number", bits, numbers.text)
         report.count("canonical numbers", checked)
+
+    @staticmethod
+    def of_setup(file):
+        return file == "ray_setup_stimulus.hex"
 
     def check_counts(self):
         """As many lines of stimulus, expected values and care."""
@@ -1993,8 +2234,8 @@ class Program:
 class Update:
     """update_*.hex."""
 
-    def __init__(self, checker, memory):
-        self.checker, self.memory = checker, memory
+    def __init__(self, checker, scene):
+        self.checker, self.scene = checker, scene
         self.numbers, self.report = checker.numbers, checker.report
         self.layouts, self.lines = checker.layouts, checker.lines
         vertex = self.layouts["update_vertices"]
@@ -2003,10 +2244,9 @@ class Update:
         ]
         low = b"".join(line.to_bytes(16, "little") for line in self.lines["update_program.hex"])
         self.program = low
-        mhz = checker.folder.value("configuration.clock.target_mhz")
-        self.distance = 4 if mhz < 70 else 5 if mhz < 120 else 8
         value = checker.folder.value
-        self.registers = value("configuration.update.vertex_registers"), value("configuration.update.box_registers")
+        self.distance = value("update_machine.merge_distance")
+        self.registers = value("update_machine.vertex_registers"), value("update_machine.box_registers")
 
     def check(self):
         layout = self.layouts["update_commands"]
@@ -2025,6 +2265,7 @@ class Update:
             if run is not None and k in chosen:
                 self._check_run(k, commands[k], run)
         self._check_after(after)
+        self._check_objects(runs)
         self._check_canonical()
 
     def _run(self, k, command):
@@ -2058,8 +2299,13 @@ class Update:
                 words = "%d or %d" % (ends[field] + 1, ends[field] + 2)
                 report.claim("update_commands", file, k + 1, field, good, words, command[field])
                 ends[field] = command[field] + size
+            following = commands[k + 1]["vertex_base"] if k + 1 < len(commands) else len(self.vertices)
+            good = command["vertex_base"] < following - 1
+            report.claim("update_commands", file, k + 1, "vertex_base", good, "below %d" % (following - 1), command["vertex_base"])
         for field, lines in (("program", "update_program.hex"), ("node_base", "update_nodes_before.hex")):
-            report.expect("update_commands", lines, None, "lines", ends[field], len(self.lines[lines]))
+            good = ends[field] + 1 <= len(self.lines[lines]) <= ends[field] + 2
+            words = "%d or %d" % (ends[field] + 1, ends[field] + 2)
+            report.claim("update_commands", lines, None, "lines", good, words, len(self.lines[lines]))
         indices = sorted(command["box_index"] for command in commands)
         report.expect("update_commands", file, None, "box_index", list(range(len(commands))), indices)
         report.expect("update_commands", "update_boxes.hex", None, "lines", len(commands), len(self.lines["update_boxes.hex"]))
@@ -2133,8 +2379,94 @@ class Update:
         for place in checker.sample(min(len(after), len(lines))):
             checker.same("update_nodes_after", "update_nodes_after.hex", place, layout, after[place], lines[place])
 
+    def _check_objects(self, runs):
+        """The first updates are of the scene's objects, in the order in which they lie in memory."""
+        first, count = self.checker.part("update_commands.hex", "objects of the scene")
+        blocks = self.scene.blocks
+        if count < len(blocks) or first != 0:
+            field = "parts: objects of the scene"
+            self.report.wrong("update of the scene", "update_commands.hex", None, field, len(blocks), count)
+            return
+        # An object that no instance shows in this frame is in no block: it is told from the others by its triangles.
+        k = 0
+        for block in blocks:
+            while k < count and runs[k] is not None and runs[k].leaves != block.slots and count - k > 1:
+                k += 1
+            if k < count and runs[k] is not None and runs[k].leaves == block.slots:
+                self._check_object(runs[k], block)
+            elif k >= count or runs[k] is not None:
+                self.report.wrong("update of the scene", "update_commands.hex", k + 1, "triangles", block.slots, "another object")
+            k += 1
+
+    def _check_object(self, run, block):
+        """An object's tree in the update processor's memory is that in nodes.hex, and its triangles are those of the records."""
+        scene, report = self.scene, self.report
+        of_record, of_program = collections.defaultdict(list), collections.defaultdict(list)
+
+        def leaf(index, number):
+            for vertex in scene.records[index][:3]:
+                of_record[vertex].append(number)
+            for vertex in run.triangles[number]:
+                of_program[vertex].append(number)
+
+        if block.root["left_leaf"]:
+            leaf(block.root["link"], 0)
+        stack = [(block.root["link"], run.node_base + run.nodes - 1)] if run.nodes else []
+        while stack:
+            index, own = stack.pop()
+            node = scene.nodes[index]
+            self._check_bounds(node, own)
+            what = run.links[own - run.node_base]
+            flags = bool(node.left_leaf), bool(node.right_leaf)
+            same = (what[0][0] == "leaf", what[1][0] == "leaf", what[2], what[3]) == flags + (node.left_axis, node.right_axis)
+            words = "the tree of nodes.hex"
+            if not report.claim("update of the scene", "update_nodes_before.hex", own + 1, "link word", same, words, what):
+                return
+            for (child, is_leaf), (_, number) in zip(children_of(index, node), what):
+                if is_leaf:
+                    leaf(child, number)
+                else:
+                    stack.append((child, number))
+        self._check_vertices(run, block, of_record, of_program)
+
+    def _check_bounds(self, node, own):
+        lines, layout = self.lines["update_nodes_before.hex"], self.layouts["update_nodes_before"]
+        if own < len(lines):
+            upper = layout.at["link"][0]
+            expected = lines[own] >> upper << upper | node.line & (1 << upper) - 1
+            self.checker.same("update of the scene", "update_nodes_before.hex", own, layout, expected, lines[own])
+
+    def _check_vertices(self, run, block, of_record, of_program):
+        """Vertices that are of the same leaves belong to each other; those of the program have moved by at most 1/64 of the box."""
+        report, rounded = self.report, self.numbers.round
+        groups = collections.defaultdict(lambda: ([], []))
+        for side, leaves in enumerate((of_record, of_program)):
+            for vertex, numbers in leaves.items():
+                groups[tuple(sorted(numbers))][side].append(vertex)
+        lo, hi = block.box
+        most = max(b - a for a, b in zip(lo, hi)) / 64.0
+        for numbers, (ours, theirs) in groups.items():
+            field = "vertices of the leaves %s" % list(numbers[:4])
+            line = run.vertex_base + min(theirs, default=0) + 1
+            report.expect("update of the scene", "update_program.hex", None, field, len(ours), len(theirs))
+            points = [self.scene.vertices[vertex] for vertex in ours]
+            moved = [self.vertices[run.vertex_base + vertex] for vertex in theirs]
+            good = len(points) == len(moved) and any(
+                all(rounded(a - most) <= b <= rounded(a + most) for p, q in zip(points, order) for a, b in zip(p, q))
+                for order in itertools.permutations(moved)
+            )
+            words = "moved by at most %.9g" % most
+            report.claim("update of the scene", "update_vertices.hex", line, field, good, words, "more")
+
     def _check_canonical(self):
-        pass
+        """No -0 and only the one NaN, in records that nothing reads too."""
+        for file, layout in (
+            ("update_vertices.hex", "update_vertices"),
+            ("update_nodes_before.hex", "update_nodes_before"),
+            ("update_nodes_after.hex", "update_nodes_after"),
+            ("update_boxes.hex", "update_boxes"),
+        ):
+            self.checker.check_canonical(file, layout)
 
 
 # ---- Skinning ------------------------------------------------------------------------------------------------------
@@ -2143,8 +2475,8 @@ class Update:
 class Skinning:
     """skinning_*.hex."""
 
-    def __init__(self, checker):
-        self.checker = checker
+    def __init__(self, checker, scene):
+        self.checker, self.scene = checker, scene
         self.numbers, self.report = checker.numbers, checker.report
         self.layouts, self.lines = checker.layouts, checker.lines
         vertex, decode = self.layouts["skinning_vectors"], self.numbers.decode
@@ -2154,16 +2486,57 @@ class Skinning:
         layout = self.layouts["skinning_commands"]
         report, file = self.report, "skinning_commands.hex"
         commands = [{name: layout.get(line, name) for name, _, _, _ in layout.fields} for line in self.lines[file]]
-        first = 0
+        first, vectors, rows = 0, 0, 0
         for k, command in enumerate(commands):
-            report.expect("skinning_commands", file, k + 1, "first_vertex", first, command["first_vertex"])
+            # In front of each mesh lies one record that nothing reads; palette, rest and target follow each other.
+            palette = vectors + 1
+            rest = palette + 4 * command["joints"]
+            target = rest + command["vertices"]
+            vectors = target + command["vertices"]
+            influence_rows = (command["count"] + 3) // 4
+            for field, value in (
+                ("palette", palette),
+                ("rest", rest),
+                ("target", target),
+                ("influences", rows + 1),
+                ("rows", influence_rows),
+                ("first_vertex", first),
+            ):
+                report.expect("skinning_commands", file, k + 1, field, value, command[field])
             first += command["vertices"]
-            rows = (command["count"] + 3) // 4
-            report.expect("skinning_commands", file, k + 1, "rows", rows, command["rows"])
-        report.expect("skinning_commands", "skinning_expected.hex", None, "lines", first, len(self.lines["skinning_expected.hex"]))
-        chosen = self.checker.sample(len(commands))
-        for k in chosen:
+            rows += 1 + influence_rows
+        for name, count in (
+            ("skinning_expected.hex", first),
+            ("skinning_vectors.hex", vectors),
+            ("skinning_influences.hex", rows),
+        ):
+            report.expect("skinning_commands", name, None, "lines", count, len(self.lines[name]))
+        for k in self.checker.sample(len(commands)):
             self._check_mesh(k, commands[k])
+        self._check_objects(commands)
+        for name in ("skinning_vectors", "skinning_influences", "skinning_expected"):
+            self.checker.check_canonical(name + ".hex", name)
+
+    def _check_objects(self, commands):
+        """The vertices of the scene's skinned objects are those that its triangles have: a run of lines of vertices.hex."""
+        first, count = self.checker.part("skinning_commands.hex", "objects of the scene")
+        layout = self.layouts["skinning_expected"]
+        scene, start = self.scene, self.scene.first_vertex
+        width = layout.width - layout.at["x"][0]
+        images = self.lines["vertices.hex"]
+        for k in range(first, min(first + count, len(commands))):
+            command = commands[k]
+            lines = self.lines["skinning_expected.hex"][command["first_vertex"] :][: command["vertices"]]
+            wanted = [line >> layout.at["x"][0] & (1 << width) - 1 for line in lines]
+            places = range(start, scene.end_vertex - len(wanted) + 1)
+            # The place at which most vertices agree, so that a single one that differs is shown as such.
+            best = max(places, key=lambda at: sum(a == b for a, b in zip(wanted, images[at : at + 8])), default=None)
+            if best is None:
+                self.report.wrong("skinning of the scene", "vertices.hex", None, "mesh %d" % k, "its vertices", "none")
+                continue
+            for at, value in enumerate(wanted):
+                self.checker.same("skinning of the scene", "vertices.hex", best + at, self.layouts["vertices"], value, images[best + at])
+            start = best + len(wanted)
 
     def _influences(self, k, command):
         """The stream of a mesh's influences: (weight, joint, last) each."""
@@ -2178,8 +2551,6 @@ class Skinning:
                 values = [layout.get(line, "%s%d" % (name, slot)) for name in ("weight", "joint", "last")]
                 if len(stream) < command["count"]:
                     stream.append((decode(values[0]), values[1], values[2]))
-                    good = self.numbers.canonical(values[0])
-                    self.report.claim("canonical numbers", "skinning_influences.hex", row + 1, "weight%d" % slot, good, "a canonical number", values[0])
                     good = values[1] < command["joints"]
                     words = "a joint below %d" % command["joints"]
                     self.report.claim("skinning_influences", "skinning_influences.hex", row + 1, "joint%d" % slot, good, words, values[1])
@@ -2279,14 +2650,17 @@ def check(path, limit, jobs):
     checker.check_manifest()
     checker.check_macros()
     memory = Memory(checker)
-    memory.check()
-    memory.check_canonical()
-    casting = RayCasting(checker, memory)
+    scenes = [Scene(checker, memory, number) for number in range(len(folder.scenes))]
+    for scene in scenes:
+        scene.check()
+    for name in ("nodes", "vertices", "scene"):
+        checker.check_canonical(name + ".hex", name)
+    casting = RayCasting(checker, scenes)
     casting.check_serial()
-    unit_lines = UnitLines(checker, memory)
+    unit_lines = UnitLines(checker, scenes[0])
     unit_lines.check_counts()
-    Update(checker, memory).check()
-    Skinning(checker).check()
+    Update(checker, scenes[0]).check()
+    Skinning(checker, scenes[0]).check()
     WORK = Work(casting, unit_lines)
     if jobs > 1 and "fork" in multiprocessing.get_all_start_methods():
         with multiprocessing.get_context("fork").Pool(jobs) as pool:
