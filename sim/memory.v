@@ -4,7 +4,7 @@
 // the cycles in which a request is taken, +seed=N. By default they are the configuration's.
 `default_nettype none
 
-module memory #(
+module dynrt_memory #(
     parameter NAME         = "memory",
     parameter WIDTH        = 1,
     parameter LINES        = 1,

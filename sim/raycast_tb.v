@@ -8,7 +8,7 @@
 `include "vectors.vh"
 `include "bench.vh"
 
-module raycast_tb;
+module dynrt_raycast_tb;
     reg     clk, rst, failed;
     integer file, line;
     always #5 clk = !clk;
@@ -78,7 +78,7 @@ module raycast_tb;
     wire [W-1:0]                  watch_transform_origin_x, watch_transform_origin_y, watch_transform_origin_z;
     wire [W-1:0]                  watch_transform_direction_x, watch_transform_direction_y, watch_transform_direction_z;
 
-    raycast_unit unit (
+    dynrt_raycast_unit unit (
         .clk(clk),
         .rst(rst),
         .scene_root(registers[`DYNRT_SCENE_ROOT]),
@@ -199,7 +199,7 @@ module raycast_tb;
         .watch_transform_direction_z(watch_transform_direction_z)
     );
 
-    memory #(
+    dynrt_memory #(
         .NAME("nodes.hex"), .WIDTH(`DYNRT_NODES_BITS), .LINES(`DYNRT_NODES_LINES),
         .ADDRESS_BITS(`DYNRT_ADDRESS_BITS), .TAG_BITS(`DYNRT_PACKET_BITS + 1)
     ) nodes (
@@ -208,7 +208,7 @@ module raycast_tb;
         .request_address(node_request_address), .request_tag(node_request_tag),
         .response_valid(node_response_valid), .response_tag(node_response_tag), .response_data(node_response_data)
     );
-    memory #(
+    dynrt_memory #(
         .NAME("records.hex"), .WIDTH(`DYNRT_RECORDS_BITS), .LINES(`DYNRT_RECORDS_LINES),
         .ADDRESS_BITS(`DYNRT_ADDRESS_BITS), .TAG_BITS(`DYNRT_PACKET_BITS + 1)
     ) records (
@@ -217,7 +217,7 @@ module raycast_tb;
         .request_address(record_request_address), .request_tag(record_request_tag),
         .response_valid(record_response_valid), .response_tag(record_response_tag), .response_data(record_response_data)
     );
-    memory #(
+    dynrt_memory #(
         .NAME("vertices.hex"), .WIDTH(`DYNRT_VERTICES_BITS), .LINES(`DYNRT_VERTICES_LINES),
         .ADDRESS_BITS(`DYNRT_ADDRESS_BITS), .TAG_BITS(`DYNRT_VERTEX_TAG_BITS)
     ) vertices (

@@ -3,7 +3,7 @@
 
 use crate::bkd::layout::Record;
 use crate::config::{Config, KEYS};
-use crate::hdl::{Design, Direction, Module, Port};
+use crate::hdl::{Design, Direction, Module, Port, Prefix};
 use crate::hw::{self, Machine};
 use anyhow::{Context, Result, anyhow, bail};
 use serde_json::{Map, Value, json};
@@ -18,7 +18,7 @@ pub const MANIFEST: &str = "manifest.json";
 /// same for the same configuration, to the byte.
 pub fn files(machine: &Machine) -> Vec<(String, String)> {
     let design = &machine.design;
-    let top = design.top().name();
+    let top = design.emitted(design.top().name());
     let mut files = design.files();
     files.push((format!("{top}.f"), file_list(design)));
     files.push((format!("{top}.core"), core_file(machine)));
@@ -30,7 +30,7 @@ pub fn files(machine: &Machine) -> Vec<(String, String)> {
 fn file_list(design: &Design) -> String {
     let mut list = String::new();
     for module in design.modules() {
-        let _ = writeln!(list, "{}.v", module.name());
+        let _ = writeln!(list, "{}.v", design.emitted(module.name()));
     }
     list
 }
@@ -38,7 +38,7 @@ fn file_list(design: &Design) -> String {
 /// A FuseSoC core: the Verilog, and a target that lints it.
 fn core_file(machine: &Machine) -> String {
     let design = &machine.design;
-    let top = design.top().name();
+    let top = design.emitted(design.top().name());
     let config = plain_name(&machine.config.name);
     let mut core = format!(
         "CAPI=2:\n\
@@ -49,7 +49,7 @@ fn core_file(machine: &Machine) -> String {
         env!("CARGO_PKG_VERSION")
     );
     for module in design.modules() {
-        let _ = writeln!(core, "      - {}.v", module.name());
+        let _ = writeln!(core, "      - {}.v", design.emitted(module.name()));
     }
     let _ = write!(
         core,
@@ -88,7 +88,7 @@ pub fn manifest(machine: &Machine) -> Value {
     let latencies: Map<String, Value> = design
         .modules()
         .iter()
-        .filter_map(|module| Some((module.name().to_string(), json!(module.latency()?))))
+        .filter_map(|module| Some((design.emitted(module.name()), json!(module.latency()?))))
         .collect();
     let counters: Vec<Value> = (top.ports().iter())
         .filter(|port| port.direction == Direction::Output)
@@ -96,7 +96,7 @@ pub fn manifest(machine: &Machine) -> Value {
         .map(|port| json!({"port": port.name, "width": port.width}))
         .collect();
     let file_names: Vec<String> = (design.modules().iter())
-        .map(|module| format!("{}.v", module.name()))
+        .map(|module| design.emitted(module.name()) + ".v")
         .collect();
     json!({
         "generator": concat!("dynrt ", env!("CARGO_PKG_VERSION")),
@@ -107,11 +107,12 @@ pub fn manifest(machine: &Machine) -> Value {
             "fraction_bits": format.fraction_bits(),
             "bias": format.bias(),
         },
-        "top": top.name(),
+        "prefix": design.prefix().as_str(),
+        "top": design.emitted(top.name()),
         "files": file_names,
         "ports": ports(top),
         "counters": counters,
-        "modules": design.modules().iter().map(|m| describe(m)).collect::<Vec<_>>(),
+        "modules": design.modules().iter().map(|m| describe(design, m)).collect::<Vec<_>>(),
         "latencies": latencies,
         "layouts": {
             "node": layout(&Record::node(format)),
@@ -138,11 +139,13 @@ pub fn configuration(config: &Config) -> Value {
     Value::Object(sections)
 }
 
-fn describe(module: &Module) -> Value {
-    let instances: Vec<&str> = module.children().iter().map(|m| m.name()).collect();
+fn describe(design: &Design, module: &Module) -> Value {
+    let instances = module.children().iter();
+    let instances: Vec<String> = instances.map(|m| design.emitted(m.name())).collect();
     json!({
-        "name": module.name(),
-        "file": format!("{}.v", module.name()),
+        "name": design.emitted(module.name()),
+        "unit": module.name(),
+        "file": design.emitted(module.name()) + ".v",
         "latency": module.latency(),
         "instances": instances,
         "ports": ports(module),
@@ -172,13 +175,25 @@ fn layout(record: &Record) -> Value {
     value
 }
 
-/// Describes the machine of a configuration and generates all its files; see [`files`].
+/// Describes the machine of a configuration and generates all its files, whose names begin with [`hw::core::PREFIX`]; see [`files`].
 ///
 /// # Errors
 /// See [`hw::core::emit`].
 pub fn generate(config: &Config) -> Result<(Machine, Vec<(String, String)>)> {
+    generate_with(config, hw::core::default_prefix())
+}
+
+/// The same with another prefix.
+///
+/// # Errors
+/// See [`hw::core::emit`].
+pub fn generate_with(config: &Config, prefix: Prefix) -> Result<(Machine, Vec<(String, String)>)> {
     let machine =
         hw::core::emit(config).with_context(|| format!("configuration {}", config.name))?;
+    let machine = Machine {
+        design: machine.design.with_prefix(prefix),
+        ..machine
+    };
     let files = files(&machine);
     Ok((machine, files))
 }

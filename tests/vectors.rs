@@ -6,14 +6,15 @@ use dynrt::config::{Config, TriangleTest};
 use dynrt::cosim::unit_skinning::SkinMesh;
 use dynrt::float::{Format, plain};
 use dynrt::golden::{Caster, EnterEvent, HandOver, Observer, RayTest};
+use dynrt::hdl::{Design, Direction};
 use dynrt::hw;
 use dynrt::port::Ray;
 use dynrt::scene::animation::MachineScene;
 use dynrt::scene::{self, Camera, Frame, ImageSize, MachineMesh, RayPacket};
 use dynrt::vectors::{Made, Posed, Request, Summary, pose, write};
-use serde_json::Value;
+use serde_json::{Value, json};
 use sha2::{Digest, Sha256};
-use std::collections::{BTreeSet, HashMap};
+use std::collections::{BTreeMap, BTreeSet, HashMap};
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
@@ -598,7 +599,10 @@ impl Place {
     /// The box is that of all triangles, or of all instances' boxes.
     fn check_bounds(&self, f: Format) {
         let corners: Vec<[u64; 3]> = match self.instances.is_empty() {
-            true => self.objects[&self.root].iter().flat_map(|(_, v)| *v).collect(),
+            true => self.objects[&self.root]
+                .iter()
+                .flat_map(|(_, v)| *v)
+                .collect(),
             false => self.instances.iter().flat_map(|p| [p.lo, p.hi]).collect(),
         };
         for i in 0..3 {
@@ -698,8 +702,14 @@ fn check(folder: &Path, summary: &Summary) {
         places.push(place);
     }
     assert!(reached.iter().all(|&count| count == 1), "{reached:?}");
-    assert_eq!(vectors.number("/instances"), places[0].instances.len() as u64);
-    assert_eq!(vectors.number("/levels"), described[0]["levels"].as_u64().unwrap());
+    assert_eq!(
+        vectors.number("/instances"),
+        places[0].instances.len() as u64
+    );
+    assert_eq!(
+        vectors.number("/levels"),
+        described[0]["levels"].as_u64().unwrap()
+    );
 
     // Ray setup.
     let setups = vectors.unit("ray_setup", |line| {
@@ -899,7 +909,9 @@ fn check_files(vectors: &Vectors, f: Format) {
             continue;
         }
         // −0 is in rays, and in what ray setup passes on of them.
-        let layout = vectors.manifest["layouts"][layout]["fields"].as_array().unwrap();
+        let layout = vectors.manifest["layouts"][layout]["fields"]
+            .as_array()
+            .unwrap();
         let fields = vectors.fields(name);
         for (number, line) in vectors.lines(name, &fields).iter().enumerate() {
             for field in layout.iter().filter(|field| field["kind"] == "number") {
@@ -908,7 +920,8 @@ fn check_files(vectors: &Vectors, f: Format) {
                 let place = format!("{name} line {}: {what} is {value:x}", number + 1);
                 assert_eq!(value, f.to_bits(f.to_f64(value)), "{place}");
                 let of_ray = ["origin_", "direction_", "tmin", "tmax"];
-                let may_be_negative = ["raycast_rays.hex", "ray_setup_stimulus.hex"].contains(&name)
+                let may_be_negative = ["raycast_rays.hex", "ray_setup_stimulus.hex"]
+                    .contains(&name)
                     || !["nodes.hex", "raycast_hits.hex"].contains(&name)
                         && of_ray[..2].iter().any(|prefix| what.contains(prefix));
                 assert!(
@@ -931,8 +944,15 @@ fn check_steps(vectors: &Vectors, rays: usize) {
         assert!(line.get("node") < most && line.get("link") < most - 1);
         for k in (0..rays).filter(|k| line.get("mask") >> k & 1 == 0) {
             outside += 1;
-            for (name, _) in fields.iter().filter(|(name, _)| name.starts_with(&format!("ray{k}_"))) {
-                let due = if name.ends_with("_far") { f.infinity() } else { 0 };
+            for (name, _) in fields
+                .iter()
+                .filter(|(name, _)| name.starts_with(&format!("ray{k}_")))
+            {
+                let due = if name.ends_with("_far") {
+                    f.infinity()
+                } else {
+                    0
+                };
                 assert_eq!(line.get(name), due, "{name}");
             }
         }
@@ -1263,7 +1283,10 @@ fn files_alone_tell_every_result() {
             _ => (1, 0),
         };
         assert_eq!(of_scene, [objects, skinned]);
-        assert_eq!(scenes_of(&out), ["given", "ties", "instances", "transforms"]);
+        assert_eq!(
+            scenes_of(&out),
+            ["given", "ties", "instances", "transforms"]
+        );
         assert!(summary.transforms > 500);
     }
     for (rays_per_packet, exponent_bits, fraction_bits) in [(8, 8, 23), (2, 6, 11)] {
@@ -1368,7 +1391,11 @@ fn packets_tell(vectors: &Vectors, scene: usize) -> [usize; 4] {
     };
     let rays = vectors.number("/rays_per_packet") as usize;
     let caster = Caster::new(&image_of(vectors, scene), test, rays);
-    let files = ["raycast_packets.hex", "raycast_rays.hex", "raycast_hits.hex"];
+    let files = [
+        "raycast_packets.hex",
+        "raycast_rays.hex",
+        "raycast_hits.hex",
+    ];
     let fields = files.map(|file| vectors.fields(file));
     let [packets, lines, hits] = [0, 1, 2].map(|k| vectors.lines(files[k], &fields[k]));
     let mut told = [0; 4];
@@ -1448,12 +1475,257 @@ fn directed_vectors_tell_each_rule() {
         assert!(told.iter().all(|&count| count > 0), "instances: {told:?}");
         let finite = tests_tell(&vectors, Rule::Finite);
         let flat = tests_tell(&vectors, Rule::FlatBox);
-        println!("{}: ties {first} {last}, instances {told:?}, t < ∞ {finite}, flat {flat}", built.config.name);
+        println!(
+            "{}: ties {first} {last}, instances {told:?}, t < ∞ {finite}, flat {flat}",
+            built.config.name
+        );
         assert!(finite >= 32, "t < ∞: {finite}");
         // Möller and Trumbore's det is 0 on such a box.
         assert_eq!(flat >= 32, watertight, "flat boxes: {flat}");
         assert!(watertight || flat == 0);
     }
+}
+
+/// The macros that `docs/vectors.md` derives from the manifest.
+fn macros_of(manifest: &Value) -> BTreeMap<String, String> {
+    let mut macros = BTreeMap::new();
+    let mut define = |name: String, value: String| {
+        let name = format!("DYNRT_{}", name.to_uppercase());
+        assert!(macros.insert(name.clone(), value).is_none(), "{name} twice");
+    };
+    for (key, value) in manifest["machine"].as_object().unwrap() {
+        match value {
+            Value::Bool(false) => {}
+            Value::Bool(true) => define(key.clone(), String::new()),
+            number => define(key.clone(), number.to_string()),
+        }
+    }
+    for pipeline in manifest["pipelines"].as_array().unwrap() {
+        let name = pipeline["macros"].as_str().unwrap().strip_prefix("DYNRT_");
+        let name = name.unwrap();
+        define(format!("{name}_LATENCY"), pipeline["latency"].to_string());
+        for (input, stage) in pipeline["stages"].as_object().unwrap() {
+            define(format!("{name}_{input}_STAGE"), stage.to_string());
+        }
+    }
+    for file in manifest["files"].as_array().unwrap() {
+        let Some(layout) = file["layout"].as_str() else {
+            continue;
+        };
+        let stem = file["file"].as_str().unwrap().trim_end_matches(".hex");
+        let layout = &manifest["layouts"][layout];
+        define(format!("{stem}_LINES"), file["lines"].to_string());
+        define(format!("{stem}_BITS"), layout["width"].to_string());
+        for field in layout["fields"].as_array().unwrap() {
+            let lsb = field["lsb"].as_u64().unwrap();
+            let last = lsb + field["width"].as_u64().unwrap() - 1;
+            let name = field["name"].as_str().unwrap();
+            define(format!("{stem}_{name}"), format!("{last}:{lsb}"));
+            define(format!("{stem}_{name}_LSB"), lsb.to_string());
+        }
+    }
+    macros
+}
+
+/// Every port of a unit's module, and what lies on it. Returns the fields that lie on ports.
+fn check_ports(unit: &Value, layouts: &Value, design: &Design) -> BTreeSet<(String, String)> {
+    let module = design.modules().iter();
+    let module = module
+        .clone()
+        .find(|m| design.emitted(m.name()) == unit["module"].as_str().unwrap());
+    let module = module.expect("a module of the machine");
+    let width_of = |layout: &str, field: &str| {
+        let fields = layouts[layout]["fields"].as_array().unwrap();
+        let found = fields.iter().find(|f| f["name"] == field);
+        found.unwrap()["width"].as_u64().unwrap()
+    };
+    let ports = unit["ports"].as_array().unwrap();
+    let copies = unit["copies"].as_u64().unwrap();
+    let mut used = BTreeSet::new();
+    for copy in (0..copies).filter(|_| !ports.is_empty()) {
+        let own = ports.iter().filter(|port| port["copy"] == copy);
+        assert_eq!(
+            own.clone().count(),
+            module.ports().len(),
+            "{}",
+            unit["unit"]
+        );
+        for (port, real) in own.zip(module.ports()) {
+            let place = format!("{}, {}", unit["unit"], real.name);
+            assert_eq!(port["port"], real.name.as_str(), "{place}");
+            assert_eq!(port["width"], real.width, "{place}");
+            let input = real.direction == Direction::Input;
+            assert_eq!(port["direction"], if input { "input" } else { "output" });
+            let how = port["use"].as_str().unwrap();
+            assert!(how != "unused" || !input, "{place}");
+            assert!(how != "constant" || input && port["value"] == 0, "{place}");
+            let fields = port["fields"].as_array().unwrap();
+            assert_eq!(
+                !fields.is_empty(),
+                ["fields", "select"].contains(&how),
+                "{place}"
+            );
+            assert_eq!(port["by"].is_object(), how == "select", "{place}");
+            for field in fields {
+                let of = |name: &str| field[name].as_u64().unwrap();
+                let (layout, name) = (
+                    field["layout"].as_str().unwrap(),
+                    field["field"].as_str().unwrap(),
+                );
+                let width = width_of(layout, name);
+                assert!(of("lsb") + of("width") <= width, "{place}");
+                assert!(
+                    of("port_lsb") + of("width") <= u64::from(real.width),
+                    "{place}"
+                );
+                // Only an index is wider than its port.
+                let whole = of("width") == width
+                    || width == 26
+                    || of("width") == 1
+                    || how == "select"
+                    || name == "slot";
+                assert!(whole, "{place}: {name}");
+                used.insert((layout.to_string(), name.to_string()));
+            }
+        }
+    }
+    used
+}
+
+#[test]
+fn the_manifest_says_all_of_the_macros_and_ports() {
+    for number in [0, 2] {
+        let folder = tempfile::tempdir().unwrap();
+        let out = folder.path().join("vectors");
+        let case = Case::new(CASES[number]);
+        write(&Request {
+            limit: Some(1),
+            ..case.request(&out)
+        })
+        .unwrap();
+        let Vectors { manifest, .. } = Vectors::open(&out);
+        let text = fs::read_to_string(out.join("vectors.vh")).unwrap();
+        let defined: BTreeMap<String, String> = text
+            .lines()
+            .filter_map(|line| {
+                let rest = line.strip_prefix("`define ")?;
+                let (name, value) = rest.split_once(' ').unwrap_or((rest, ""));
+                Some((name.to_string(), value.to_string()))
+            })
+            .collect();
+        assert_eq!(defined, macros_of(&manifest));
+
+        let machine = hw::core::emit(&case.config).unwrap();
+        let mut on_ports = BTreeSet::new();
+        let units = manifest["units"].as_array().unwrap();
+        assert_eq!(units.len(), 11);
+        for unit in units {
+            on_ports.extend(check_ports(unit, &manifest["layouts"], &machine.design));
+        }
+        let tag_bits = |unit: usize, memory: usize| &units[unit]["memories"][memory]["tag_bits"];
+        assert_eq!(tag_bits(0, 2), &manifest["machine"]["vertex_tag_bits"]);
+        // All that goes into a pipeline and comes out of it.
+        for (name, layout) in manifest["layouts"].as_object().unwrap() {
+            let pipeline = [
+                "ray_setup_",
+                "triangle_test_",
+                "fp_",
+                "raycast_rays",
+                "raycast_hits",
+                "scene",
+            ];
+            if !pipeline.iter().any(|prefix| name.starts_with(prefix)) {
+                continue;
+            }
+            for field in layout["fields"].as_array().unwrap() {
+                let field = field["name"].as_str().unwrap().to_string();
+                assert!(
+                    on_ports.contains(&(name.clone(), field.clone())),
+                    "{name}: {field}"
+                );
+            }
+        }
+        assert_eq!(manifest["made"]["size"], json!([8, 6]));
+        assert_eq!(manifest["made"]["limit"], 1);
+        assert_eq!(manifest["made"]["clip"], Value::Null);
+        assert_eq!(manifest["made"]["log2_scale"], case.log2_scale);
+        assert_eq!(manifest["picture"]["packets"], 1);
+    }
+}
+
+#[test]
+fn what_would_be_too_large_is_refused_before_anything_is_written() {
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path().join("vectors");
+    let case = Case::new(CASES[0]);
+    let repeated = |times: usize| -> Vec<RayPacket> {
+        let packets = case.packets.iter().cycle().take(times * case.packets.len());
+        packets.cloned().collect()
+    };
+    let size = |times: usize| -> f64 {
+        let packets = repeated(times);
+        write(&Request {
+            packets: &packets,
+            ..case.request(&out)
+        })
+        .unwrap();
+        let files = fs::read_dir(&out).unwrap();
+        files
+            .map(|file| file.unwrap().metadata().unwrap().len() as f64)
+            .sum()
+    };
+    let [once, more] = [1, 11].map(size);
+    let times = 1 + (1.5 * 2f64.powi(30) / ((more - once) / 10.0)) as usize;
+    fs::remove_dir_all(&out).unwrap();
+    let packets = repeated(times);
+    let error = write(&Request {
+        packets: &packets,
+        ..case.request(&out)
+    });
+    let error = error.unwrap_err().to_string();
+    let rest = error
+        .strip_prefix("scene builtin:sphere?level=1: the files would take about ")
+        .unwrap();
+    let (size, _) = rest
+        .split_once(" GiB, and more than 1 GiB is written only with --force")
+        .unwrap();
+    assert_eq!(size, "1.5");
+    assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 0);
+}
+
+#[test]
+fn hits_can_be_drawn_as_a_picture() {
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path().join("vectors");
+    // Blocks of 2 by 2 do not divide it.
+    let case = Case::new(("virtex4-lx160", CASES[0].1, "9x7"));
+    case.write(&out);
+    let vectors = Vectors::open(&out);
+    let pair = |name: &str| [0, 1].map(|k| vectors.number(&format!("/picture/{name}/{k}")));
+    let ([w, h], [columns, rows]) = (pair("block"), pair("blocks"));
+    assert_eq!(
+        (pair("size"), [w, h], [columns, rows]),
+        ([9, 7], [2, 2], [5, 4])
+    );
+    let files = ["raycast_packets.hex", "raycast_rays.hex"];
+    let fields = files.map(|file| vectors.fields(file));
+    let [packets, rays] = [0, 1].map(|k| vectors.lines(files[k], &fields[k]));
+    let mut drawn = BTreeSet::new();
+    for (packet, rays) in packets.iter().zip(rays.chunks(4)) {
+        let block = packet.get("block");
+        if block == u64::from(u32::MAX) {
+            continue;
+        }
+        for (k, ray) in (0..).zip(rays) {
+            let pixel = [w * (block % columns) + k % w, h * (block / columns) + k / w];
+            let inside = pixel[0] < 9 && pixel[1] < 7;
+            assert_eq!(ray.flag("active"), inside, "{pixel:?}");
+            if inside {
+                assert!(drawn.insert(pixel), "{pixel:?} twice");
+            }
+        }
+    }
+    assert_eq!(drawn.len(), 63);
 }
 
 /// Runs the Verilog benches; returns whether they pass, and what they say.
@@ -1731,7 +2003,7 @@ fn the_benches_find_what_is_wrong() {
     );
     let (passes, said) = run(&good, &good, &["fp"]);
     assert!(
-        !passes && said.ends_with("rtl/raycast_unit.v is missing\n"),
+        !passes && said.ends_with("rtl/dynrt_raycast_unit.v is missing\n"),
         "{said}"
     );
 }

@@ -44,6 +44,14 @@ impl<T> Reservoir<T> {
     }
 }
 
+/// A scene to cast into, with indices from 0 on.
+pub struct Scene<'a> {
+    pub image: &'a MemoryImage,
+    pub caster: Rc<Caster>,
+    /// What is added to indices of nodes and records in lines.
+    pub first_record: u32,
+}
+
 /// A packet to cast.
 pub struct Packet {
     /// The scene it is in, 0 for the one that was given.
@@ -73,8 +81,8 @@ pub struct Operands {
 pub struct Collector<'a> {
     pub shape: Shape,
     pub arithmetic: Arithmetic,
-    /// The scenes, the one that was given first.
-    scenes: Vec<(&'a MemoryImage, Rc<Caster>)>,
+    /// The one that was given first.
+    scenes: Vec<Scene<'a>>,
     /// The one that packets are cast into.
     scene: usize,
     pub rays: Sheet,
@@ -96,11 +104,7 @@ impl<'a> Collector<'a> {
     ///
     /// # Errors
     /// One line that names a file that cannot be written.
-    pub fn new(
-        folder: &Folder,
-        shape: Shape,
-        scenes: Vec<(&'a MemoryImage, Rc<Caster>)>,
-    ) -> Result<Self> {
+    pub fn new(folder: &Folder, shape: Shape, scenes: Vec<Scene<'a>>) -> Result<Self> {
         let sheet = |stem: &str, layout| Sheet::new(folder, stem, layout, PICTURE);
         Ok(Collector {
             arithmetic: Arithmetic::new(shape.format),
@@ -128,7 +132,7 @@ impl<'a> Collector<'a> {
                 shape.triangle_test_expected(),
                 true,
             )?,
-            transform: (scenes.iter().any(|(image, _)| image.is_instanced()))
+            transform: (scenes.iter().any(|scene| scene.image.is_instanced()))
                 .then(|| {
                     UnitSheets::new(
                         folder,
@@ -181,7 +185,7 @@ impl<'a> Collector<'a> {
             self.rays.push(&values)?;
         }
         let (first_step, first_test) = (self.step.stimulus.lines, self.test.stimulus.lines);
-        let caster = Rc::clone(&self.scenes[*scene].1);
+        let caster = Rc::clone(&self.scenes[*scene].caster);
         let first_transform = self.transforms();
         let mut watcher = Watcher {
             inside: setups.clone(),
@@ -221,9 +225,10 @@ impl<'a> Collector<'a> {
         (self.transform.as_ref()).map_or(0, |sheets| sheets.stimulus.lines)
     }
 
-    /// The scene that packets are cast into.
-    fn image(&self) -> &'a MemoryImage {
-        self.scenes[self.scene].0
+    /// The scene that packets are cast into, and where its slots begin.
+    fn image(&self) -> (&'a MemoryImage, u32) {
+        let scene = &self.scenes[self.scene];
+        (scene.image, scene.first_record)
     }
 
     /// A ray's setup in the scene that was given.
@@ -232,7 +237,7 @@ impl<'a> Collector<'a> {
     /// One line that names a file that cannot be written.
     pub fn set_up(&mut self, ray: &Ray) -> Result<RaySetup> {
         let setup = RaySetup::new(&self.arithmetic, ray);
-        let interval = setup.enter_scene(&self.arithmetic, self.scenes[0].0.bounds);
+        let interval = setup.enter_scene(&self.arithmetic, self.scenes[0].image.bounds);
         for component in setup.direction {
             self.operands.reciprocal.offer(component);
         }
@@ -295,7 +300,9 @@ impl Observer for Watcher<'_, '_> {
         if self.result.is_err() {
             return;
         }
-        let node = self.collector.image().nodes[event.node as usize];
+        let (image, first) = self.collector.image();
+        let mut node = image.nodes[event.node as usize];
+        node.link.link += first;
         let sides = [
             (node.left, node.link.left_axis),
             (node.right, node.link.right_axis),
@@ -320,7 +327,7 @@ impl Observer for Watcher<'_, '_> {
             }
         }
         self.result = self.collector.step(
-            (event.node, &node),
+            (first + event.node, &node),
             setups,
             &event.rays,
             (&event.left, &event.right, event.left_first),
@@ -333,11 +340,11 @@ impl Observer for Watcher<'_, '_> {
         }
         let [_, u, v] = event.outcome.raw;
         self.collector.operands.add.offer([u, v]);
-        let image = self.collector.image();
+        let (image, first) = self.collector.image();
         let record = image.records[event.record as usize];
         let vertices = (record.vertices).map(|vertex| image.vertices[vertex as usize]);
         self.result = self.collector.test(
-            (event.slot, event.record),
+            (event.slot, first + event.record),
             &vertices,
             (
                 &self.inside[event.slot as usize],
@@ -352,14 +359,15 @@ impl Observer for Watcher<'_, '_> {
             return;
         }
         let slot = event.slot as usize;
-        let image = self.collector.image();
+        let (image, first) = self.collector.image();
         let Collector {
             shape, transform, ..
         } = &mut *self.collector;
         let sheets = transform.as_mut().expect("a scene of two levels");
+        let record = first + event.record;
         let instance = Instance::fetch(image, event.record);
         self.result = sheets.push(
-            &shape.ray_transform_values(event.slot, event.record, &instance, &self.setups[slot]),
+            &shape.ray_transform_values(event.slot, record, &instance, &self.setups[slot]),
             &shape.ray_transform_outcome(&event.transformed),
         );
         self.inside[slot] = event.transformed.ray;

@@ -115,10 +115,12 @@ const VARIANTS: &[(&str, Variant)] = &[
         ..*ray
     }),
     // Valid: no component is a NaN. On the axis nothing clips it; in an object it is a NaN, and must not enter.
-    ("origin and direction infinite on an axis", |_, ray, _| Ray {
-        origin: with(ray.origin, 0, f64::INFINITY),
-        direction: with(ray.direction, 0, f64::INFINITY),
-        ..*ray
+    ("origin and direction infinite on an axis", |_, ray, _| {
+        Ray {
+            origin: with(ray.origin, 0, f64::INFINITY),
+            direction: with(ray.direction, 0, f64::INFINITY),
+            ..*ray
+        }
     }),
 ];
 
@@ -136,9 +138,7 @@ pub fn variants(a: &Arithmetic, rays: &[Ray], hits: &[Hit]) -> Vec<Packet> {
             scene: 0,
             block: None,
             label: "variants",
-            rays: of
-                .map(|(k, (ray, hit))| kind(k).1(a, ray, hit))
-                .collect(),
+            rays: of.map(|(k, (ray, hit))| kind(k).1(a, ray, hit)).collect(),
             kinds: (0..rays.len()).map(|k| kind(k).0).collect(),
         }
     };
@@ -462,9 +462,8 @@ pub fn arithmetic(
         Operation::Binary(_) => 2,
     };
     sheets.begin("directed: special operands");
-    let mut push = |operands: [u64; 2]| {
-        sheets.push(&operands[..count], &[(result(operands), true)])
-    };
+    let mut push =
+        |operands: [u64; 2]| sheets.push(&operands[..count], &[(result(operands), true)]);
     let mut rng = fastrand::Rng::with_seed(2);
     for &x in &special {
         match operation {

@@ -36,18 +36,13 @@ pub fn pipelines(design: &Design) -> Vec<Value> {
                 .map(|(name, stage)| (name.to_string(), json!(stage)))
                 .collect();
             json!({
-                "module": emitted(design, module),
+                "module": design.emitted(module.name()),
                 "macros": format!("{PREFIX}{}", module.name().to_uppercase()),
                 "latency": latency(module),
                 "stages": stages,
             })
         })
         .collect()
-}
-
-/// The name that a module has in the Verilog.
-pub fn emitted(_design: &Design, module: &Module) -> String {
-    module.name().to_string()
 }
 
 /// The module of a design that has this name in its description.
@@ -82,7 +77,12 @@ fn latency(module: &Module) -> u32 {
 }
 
 /// Widths of ports and settings of memories, by the names of their macros without prefix and in small letters.
-pub fn machine(config: &Config, shape: &Shape, design: &Design, two_levels: bool) -> Map<String, Value> {
+pub fn machine(
+    config: &Config,
+    shape: &Shape,
+    design: &Design,
+    two_levels: bool,
+) -> Map<String, Value> {
     let bits_of = |port: &str| design.top().port(port).map_or(1, |port| port.width);
     let settings = json!({
         "number_bits": shape.format.width(),

@@ -1,6 +1,6 @@
 //! `manifest.json`: which files there are, every bit of their lines, the ports they belong on, and how all was made.
 
-use super::header::{self, emitted};
+use super::header;
 use super::layout::Layout;
 use super::ports::{Layouts, Map as PortMap};
 use super::scenes::DirectedScene;
@@ -42,7 +42,12 @@ impl Files {
     ///
     /// # Errors
     /// One line that names a file that cannot be written.
-    pub fn list(&mut self, sheet: &mut Sheet, unit: &'static str, role: &'static str) -> Result<()> {
+    pub fn list(
+        &mut self,
+        sheet: &mut Sheet,
+        unit: &'static str,
+        role: &'static str,
+    ) -> Result<()> {
         let sha256 = sheet.finish()?;
         let stem = sheet.file.trim_end_matches(".hex");
         let layout = match role {
@@ -122,8 +127,18 @@ const UNITS: [Unit; 11] = [
             ("vertex", "vertices.hex"),
         ],
     },
-    pipeline("ray_setup", "ray_setup", "ray_setup_stimulus.hex", "ray_setup_expected.hex"),
-    pipeline("packet_step", "tpu_slice", "packet_step_stimulus.hex", "packet_step_expected.hex"),
+    pipeline(
+        "ray_setup",
+        "ray_setup",
+        "ray_setup_stimulus.hex",
+        "ray_setup_expected.hex",
+    ),
+    pipeline(
+        "packet_step",
+        "tpu_slice",
+        "packet_step_stimulus.hex",
+        "packet_step_expected.hex",
+    ),
     pipeline(
         "triangle_test",
         "triangle_test",
@@ -156,9 +171,24 @@ const UNITS: [Unit; 11] = [
             ("influence", "skinning_influences.hex"),
         ],
     },
-    pipeline("fp_add", "fp_add", "fp_add_stimulus.hex", "fp_add_expected.hex"),
-    pipeline("fp_sub", "fp_sub", "fp_sub_stimulus.hex", "fp_sub_expected.hex"),
-    pipeline("fp_mul", "fp_mul", "fp_mul_stimulus.hex", "fp_mul_expected.hex"),
+    pipeline(
+        "fp_add",
+        "fp_add",
+        "fp_add_stimulus.hex",
+        "fp_add_expected.hex",
+    ),
+    pipeline(
+        "fp_sub",
+        "fp_sub",
+        "fp_sub_stimulus.hex",
+        "fp_sub_expected.hex",
+    ),
+    pipeline(
+        "fp_mul",
+        "fp_mul",
+        "fp_mul_stimulus.hex",
+        "fp_mul_expected.hex",
+    ),
     pipeline(
         "fp_reciprocal",
         "fp_reciprocal",
@@ -212,7 +242,11 @@ fn units(files: &Files, shape: &Shape, design: &Design) -> Result<Vec<Value>> {
             .map(|entry| &entry.file)
             .collect();
         let memory = |&(ports, image): &(&str, &str)| {
-            let bits = |port: &str| module.port(&format!("{ports}_{port}")).map(|port| port.width);
+            let bits = |port: &str| {
+                module
+                    .port(&format!("{ports}_{port}"))
+                    .map(|port| port.width)
+            };
             json!({
                 "ports": ports,
                 "image": image,
@@ -223,7 +257,7 @@ fn units(files: &Files, shape: &Shape, design: &Design) -> Result<Vec<Value>> {
         };
         list.push(json!({
             "unit": unit.name,
-            "module": emitted(design, module),
+            "module": design.emitted(module.name()),
             "copies": copies,
             "transactions": transactions,
             "stimulus": unit.stimulus,
@@ -258,11 +292,9 @@ impl Contents<'_> {
     /// # Errors
     /// One line that says what of the machine cannot be described.
     pub fn manifest(&self, files: &Files) -> Result<Value> {
-        let Contents {
-            request, shape, ..
-        } = self;
+        let Contents { request, shape, .. } = self;
         let Request { config, image, .. } = **request;
-        let (triangles, instances) = counts(image, 0)?;
+        let (triangles, instances) = counts(image)?;
         let mut all = json!({
             VERSION_KEY: VERSION,
             "generator": concat!("dynrt ", env!("CARGO_PKG_VERSION")),
@@ -337,22 +369,28 @@ impl Contents<'_> {
     fn scenes(&self) -> Result<Vec<Value>> {
         let given = [(GIVEN, self.request.image, 0, 0)];
         let directed = self.directed.iter();
-        let directed =
-            directed.map(|scene| (scene.label, &scene.image, scene.first_record, scene.first_vertex));
+        let directed = directed.map(|scene| {
+            (
+                scene.label,
+                &scene.image,
+                scene.first_record,
+                scene.first_vertex,
+            )
+        });
         given
             .into_iter()
             .chain(directed)
             .map(|(label, image, first_record, first_vertex)| {
-                let (triangles, instances) = counts(image, first_record)?;
+                let (triangles, instances) = counts(image)?;
                 Ok(json!({
                     "label": label,
                     "levels": levels(image),
                     "triangles": triangles,
                     "instances": instances,
                     "first_record": first_record,
-                    "records": image.records.len() - first_record,
+                    "records": image.records.len(),
                     "first_vertex": first_vertex,
-                    "vertices": image.vertices.len() - first_vertex,
+                    "vertices": image.vertices.len(),
                 }))
             })
             .collect()
@@ -363,10 +401,10 @@ fn levels(image: &MemoryImage) -> u32 {
     1 + u32::from(image.is_instanced())
 }
 
-/// Triangles and instances of a scene whose slots begin at `first`.
-fn counts(image: &MemoryImage, first: usize) -> Result<(usize, usize)> {
+/// Triangles and instances of a scene.
+fn counts(image: &MemoryImage) -> Result<(usize, usize)> {
     let instances = image.instance_records()?.len();
-    Ok((image.records.len() - first - instances, instances))
+    Ok((image.records.len() - instances, instances))
 }
 
 /// The entry of `vectors.vh`.

@@ -43,7 +43,7 @@ use crate::hw;
 use crate::report::folder::{Content, Folder};
 use crate::scene::{Camera, Frame, RayPacket};
 use anyhow::{Context, Result, anyhow, ensure};
-use collect::Collector;
+use collect::{Collector, Scene};
 use directed::Operation;
 use layout::Layout;
 use manifest::{Contents, Files};
@@ -156,25 +156,28 @@ pub fn write(request: &Request<'_>) -> Result<Summary> {
     let design = &machine.design;
     let shape = Shape::new(config);
     let directed = scenes::scenes(config, image);
-    let images: Vec<&MemoryImage> = [image]
-        .into_iter()
-        .chain(directed.iter().map(|scene| &scene.image))
-        .collect();
-    let casters: Vec<Rc<Caster>> = images
+    let given = [(image, 0)].into_iter();
+    let behind = directed
         .iter()
-        .map(|image| Rc::new(Caster::new(image, shape.test, shape.rays)))
+        .map(|scene| (&scene.image, scene.first_record as u32));
+    let scenes: Vec<Scene<'_>> = given
+        .chain(behind)
+        .map(|(image, first_record)| Scene {
+            image,
+            caster: Rc::new(Caster::new(image, shape.test, shape.rays)),
+            first_record,
+        })
         .collect();
     let plan = {
-        let casters: Vec<&Caster> = casters.iter().map(|caster| &**caster).collect();
+        let casters: Vec<&Caster> = scenes.iter().map(|scene| &*scene.caster).collect();
         plan::plan(request, &shape, &directed, &casters)
     };
-    plan.check(request)?;
+    plan.check(request.scene_name, request.force)?;
 
     let folder = Folder::begin(request.out, CONTENT)?;
     let mut files = Files::default();
     memories(&folder, &mut files, &shape, image, &directed)?;
-    let scenes: Vec<(&MemoryImage, Rc<Caster>)> = images.into_iter().zip(casters).collect();
-    let two_levels = scenes.iter().any(|(image, _)| image.is_instanced());
+    let two_levels = scenes.iter().any(|scene| scene.image.is_instanced());
     let mut collector = Collector::new(&folder, shape.clone(), scenes)?;
     for packet in &plan.packets {
         collector.cast(packet)?;
@@ -186,7 +189,13 @@ pub fn write(request: &Request<'_>) -> Result<Summary> {
     let transforms = collector.transforms();
     directed::transactions(&mut collector)?;
     let mut arithmetic = operations(&folder, &collector)?;
-    list(&mut files, &mut collector, &mut update, &mut skin, &mut arithmetic)?;
+    list(
+        &mut files,
+        &mut collector,
+        &mut update,
+        &mut skin,
+        &mut arithmetic,
+    )?;
 
     let settings = header::machine(config, &shape, design, two_levels);
     let described = files.entries.iter();
@@ -250,34 +259,35 @@ fn memories(
     image: &MemoryImage,
     directed: &[DirectedScene],
 ) -> Result<()> {
-    let given = (GIVEN, image, 0, 0);
-    let scenes: Vec<_> = [given]
-        .into_iter()
-        .chain(directed.iter().map(|scene| {
-            let (record, vertex) = (scene.first_record, scene.first_vertex);
-            (scene.label, &scene.image, record, vertex)
-        }))
-        .collect();
+    let given = [(GIVEN, image)].into_iter();
+    let behind = directed.iter().map(|scene| (scene.label, &scene.placed));
+    let scenes: Vec<(&str, &MemoryImage)> = given.chain(behind).collect();
     type Words = fn(&MemoryImage) -> Vec<u32>;
     for (stem, record, words) in [
-        ("nodes", Record::node(image.format), MemoryImage::node_words as Words),
+        (
+            "nodes",
+            Record::node(image.format),
+            MemoryImage::node_words as Words,
+        ),
         ("records", Record::triangle(), MemoryImage::record_words),
-        ("vertices", Record::vertex(image.format), MemoryImage::vertex_words),
+        (
+            "vertices",
+            Record::vertex(image.format),
+            MemoryImage::vertex_words,
+        ),
     ] {
         let layout = Layout::default().record(&record, image.format);
         let mut sheet = Sheet::new(folder, stem, layout, scenes[0].0)?;
-        for (label, image, first_record, first_vertex) in &scenes {
-            let first = if stem == "vertices" { first_vertex } else { first_record };
+        for (label, image) in &scenes {
             sheet.begin(label);
-            let own = &words(image)[first * record.words()..];
-            for line in record.hex_lines(own).lines() {
+            for line in record.hex_lines(&words(image)).lines() {
                 sheet.push_text(line)?;
             }
         }
         files.list(&mut sheet, "memory", "image")?;
     }
     let mut registers = Sheet::new(folder, "scene", shape.scene(), scenes[0].0)?;
-    for (label, image, _, _) in &scenes {
+    for (label, image) in &scenes {
         registers.begin(label);
         registers.push(&shape.scene_values(image.root, image.bounds))?;
     }
@@ -314,7 +324,10 @@ fn list(
     ];
     for unit in sheets.into_iter().flatten().chain(arithmetic) {
         let name = unit.name;
-        for (role, sheet) in ["stimulus", "expected", "care"].into_iter().zip(unit.sheets()) {
+        for (role, sheet) in ["stimulus", "expected", "care"]
+            .into_iter()
+            .zip(unit.sheets())
+        {
             files.list(sheet, name, role)?;
         }
     }

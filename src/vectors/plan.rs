@@ -52,10 +52,16 @@ pub fn plan(
     }
     let of_picture = chosen.len();
     // Not only of those that are cast: the variants of rays that hit nothing would say little.
-    let richest = (0..packets.len()).rev().max_by_key(|&number| results[number].0);
+    let richest = (0..packets.len())
+        .rev()
+        .max_by_key(|&number| results[number].0);
     let richest = &packets[richest.expect("there are packets")].rays;
     let hits = casters[0].cast(richest, &mut ()).hits;
-    chosen.extend(directed::variants(&Arithmetic::new(shape.format), richest, &hits));
+    chosen.extend(directed::variants(
+        &Arithmetic::new(shape.format),
+        richest,
+        &hits,
+    ));
     for (number, scene) in directed.iter().enumerate() {
         chosen.extend(scene.packets.iter().map(|(label, rays)| Packet {
             scene: number + 1,
@@ -68,13 +74,21 @@ pub fn plan(
     for packet in &chosen[of_picture..] {
         counts.push(casters[packet.scene].cast(&packet.rays, &mut ()).counts);
     }
-    let image = directed.last().map_or(request.image, |scene| &scene.image);
+    let images = || {
+        [request.image]
+            .into_iter()
+            .chain(directed.iter().map(|scene| &scene.image))
+    };
     let sizes = Sizes {
         shape,
         rays: (chosen.len() * shape.rays) as u64,
-        slots: image.records.len() as u64,
-        vertices: image.vertices.len() as u64,
-        skinned: request.skins.iter().map(|mesh| mesh.rest.len() as u64).sum(),
+        slots: images().map(|image| image.records.len() as u64).sum(),
+        vertices: images().map(|image| image.vertices.len() as u64).sum(),
+        skinned: request
+            .skins
+            .iter()
+            .map(|mesh| mesh.rest.len() as u64)
+            .sum(),
     };
     Plan {
         bytes: sizes.bytes(&counts),
@@ -99,16 +113,14 @@ impl Plan {
     ///
     /// # Errors
     /// One line with their size, and what helps.
-    pub fn check(&self, request: &Request<'_>) -> Result<()> {
+    pub fn check(&self, scene: &str, force: bool) -> Result<()> {
         ensure!(
-            request.force || self.bytes <= MOST_BYTES,
-            "scene {}: the files would take about {:.1} GB, and more than {:.1} GB is not written unasked; cast fewer packets of the \
-             picture with --limit (it casts {} of {}), or write them all the same with --force",
-            crate::text::escaped(request.scene_name),
-            self.bytes as f64 / 1e9,
-            MOST_BYTES as f64 / 1e9,
-            self.of_picture,
-            request.packets.len()
+            force || self.bytes <= MOST_BYTES,
+            "scene {}: the files would take about {:.1} GiB, and more than 1 GiB is written only with --force; give it, or cast fewer \
+             than {} packets of the picture with --limit",
+            crate::text::escaped(scene),
+            self.bytes as f64 / MOST_BYTES as f64,
+            self.of_picture
         );
         Ok(())
     }
@@ -133,22 +145,33 @@ impl Sizes<'_> {
         /// Bytes of manifest, macros, and directed updates and meshes.
         const REST: u64 = 400_000;
         let shape = self.shape;
-        let total = |of: fn(&Counts) -> u32| -> u64 { counts.iter().map(|c| u64::from(of(c))).sum() };
+        let total =
+            |of: fn(&Counts) -> u32| -> u64 { counts.iter().map(|c| u64::from(of(c))).sum() };
         let record = |record: Record| record.hex_digits() as u64 + 1;
         let [steps, tests] = [total(|c| c.steps), total(|c| c.ray_tests)];
-        let ray = [shape.raycast_rays(), shape.raycast_hits(), shape.ray_setup_stimulus()];
+        let ray = [
+            shape.raycast_rays(),
+            shape.raycast_hits(),
+            shape.ray_setup_stimulus(),
+        ];
         let setup = Sheet::bytes(&shape.ray_setup_expected(), self.rays + DIRECTED);
         let step = Sheet::bytes(&shape.packet_step_expected(), steps + DIRECTED);
         let test = Sheet::bytes(&shape.triangle_test_expected(), tests + DIRECTED);
         let [node, vertex] = [Record::node(shape.format), Record::vertex(shape.format)].map(record);
-        let of_packets = ray.iter().map(|layout| Sheet::bytes(layout, self.rays)).sum::<u64>()
+        let of_packets = ray
+            .iter()
+            .map(|layout| Sheet::bytes(layout, self.rays))
+            .sum::<u64>()
             + 2 * (setup + step + test)
             + Sheet::bytes(&shape.packet_step_stimulus(), steps + DIRECTED)
             + Sheet::bytes(&shape.triangle_test_stimulus(), tests + DIRECTED)
-            + [shape.ray_transform_stimulus(), shape.ray_transform_expected()]
-                .iter()
-                .map(|layout| Sheet::bytes(layout, total(|c| c.ray_transforms)))
-                .sum::<u64>();
+            + [
+                shape.ray_transform_stimulus(),
+                shape.ray_transform_expected(),
+            ]
+            .iter()
+            .map(|layout| Sheet::bytes(layout, total(|c| c.ray_transforms)))
+            .sum::<u64>();
         // Nodes before, written and after; five and a half bytes of program for a triangle, in rows of 16.
         let update = self.slots * (3 * node + 12) + self.vertices * vertex;
         let skinning = self.skinned * 4 * vertex;
@@ -157,7 +180,46 @@ impl Sizes<'_> {
             + self.vertices * vertex
             + update
             + skinning
-            + OPERATIONS * 4 * (Sheet::bytes(&shape.operands(2), 1) + Sheet::bytes(&shape.result(), 1)) * 4 / 5
+            + OPERATIONS
+                * 4
+                * (Sheet::bytes(&shape.operands(2), 1) + Sheet::bytes(&shape.result(), 1))
+                * 4
+                / 5
             + REST
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn more_than_a_gibibyte_is_refused_unless_it_is_forced() {
+        let plan = |bytes| Plan {
+            packets: vec![],
+            of_picture: 7,
+            bytes,
+        };
+        plan(MOST_BYTES).check("a", false).unwrap();
+        plan(MOST_BYTES + 1).check("a", true).unwrap();
+        let refusal = plan(5 << 29).check("a\nb", false).unwrap_err();
+        assert_eq!(
+            refusal.to_string(),
+            "scene a\\nb: the files would take about 2.5 GiB, and more than 1 GiB is written only with --force; give it, or cast \
+             fewer than 7 packets of the picture with --limit"
+        );
+    }
+
+    #[test]
+    fn one_packet_of_each_equal_part_is_cast() {
+        let numbers = spread(10, Some(3));
+        assert_eq!(numbers.len(), 3);
+        assert!(
+            (0..3).contains(&numbers[0])
+                && (3..6).contains(&numbers[1])
+                && (6..10).contains(&numbers[2])
+        );
+        assert_eq!(spread(3, Some(9)), [0, 1, 2]);
+        assert_eq!(spread(3, None), [0, 1, 2]);
     }
 }

@@ -104,7 +104,11 @@ impl Map<'_> {
             list.push(bits(layout, field, 0, width, place));
             place += width;
         }
-        ensure!(place <= port.width, "{place} bits do not fit {}", port.width);
+        ensure!(
+            place <= port.width,
+            "{place} bits do not fit {}",
+            port.width
+        );
         Ok(Some(Use::Fields(list)))
     }
 
@@ -128,7 +132,11 @@ impl Map<'_> {
         let by_axis = |side: &str, what: &str| {
             let axes = ["x", "y", "z"].map(|axis| of_ray(&format!("{what}_{axis}")));
             let fields = axes.map(|field| bits(STIMULUS, &field, 0, port.width, 0));
-            let by = if side == "left" { "left_axis" } else { "right_axis" };
+            let by = if side == "left" {
+                "left_axis"
+            } else {
+                "right_axis"
+            };
             Some(Use::Select(by, fields.into()))
         };
         let by_sign = |by| {
@@ -149,7 +157,10 @@ impl Map<'_> {
             "to_left" => bit(EXPECTED, "to_left"),
             "to_right" => bit(EXPECTED, "to_right"),
             "left_before_right" => bit(EXPECTED, "both_left_first"),
-            name => match name.strip_prefix("out_").and_then(|rest| rest.split_once('_')) {
+            name => match name
+                .strip_prefix("out_")
+                .and_then(|rest| rest.split_once('_'))
+            {
                 Some((side, end)) => self.field(EXPECTED, &format!("{side}_ray{ray}_{end}"), port),
                 None => self.field(STIMULUS, name, port),
             },

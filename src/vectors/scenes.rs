@@ -1,6 +1,6 @@
 //! Directed scenes: small ones that lie in memory behind the scene that was given, and rays that tell in them what a picture may not.
 
-use crate::bkd::layout::{InstanceRecord, LinkWord, MemoryImage, Node, Target, TriangleRecord};
+use crate::bkd::layout::{InstanceRecord, LinkWord, MemoryImage, Target, TriangleRecord};
 use crate::bkd::{Bounds, BuildOptions, InstanceSpec, InstancedImage, build};
 use crate::config::Config;
 use crate::float::{Arithmetic, Format, specials};
@@ -10,8 +10,11 @@ use anyhow::Result;
 /// A scene in the arrays that all share.
 pub struct DirectedScene {
     pub label: &'static str,
-    /// Indices are absolute. Slots below `first_record` and vertices below `first_vertex`, which are other scenes', are zeros.
+    /// By itself, with indices from 0 on.
     pub image: MemoryImage,
+    /// The same slots, vertices and registers with indices that count from the arrays' begin.
+    pub placed: MemoryImage,
+    /// Where it lies in the arrays.
     pub first_record: usize,
     pub first_vertex: usize,
     /// Packets, each with what its rays are for.
@@ -49,12 +52,13 @@ pub fn scenes(config: &Config, image: &MemoryImage) -> Vec<DirectedScene> {
         if !fits {
             continue;
         }
-        let image = moved(&plan.image, record, vertex);
         let (first_record, first_vertex) = (record, vertex);
-        (record, vertex) = (image.records.len(), image.vertices.len());
+        record += plan.image.records.len();
+        vertex += plan.image.vertices.len();
         placed.push(DirectedScene {
             label: plan.label,
-            image,
+            placed: moved(&plan.image, first_record, first_vertex),
+            image: plan.image,
             first_record,
             first_vertex,
             packets: plan.packets,
@@ -63,20 +67,19 @@ pub fn scenes(config: &Config, image: &MemoryImage) -> Vec<DirectedScene> {
     placed
 }
 
-/// The image with its first slot at `record` and its first vertex at `vertex`.
+/// An image's slots and vertices as they are where its first slot is `record` and its first vertex `vertex`.
 fn moved(image: &MemoryImage, record: usize, vertex: usize) -> MemoryImage {
     let moved_link = |link: LinkWord| LinkWord {
         link: link.link + record as u32,
         ..link
     };
     let instances = image.instance_records().expect("a sound image");
-    let mut nodes = vec![Node::default(); record];
-    nodes.extend(&image.nodes);
+    let mut nodes = image.nodes.clone();
     for index in nodes_of(image) {
-        let node = &mut nodes[record + index as usize];
+        let node = &mut nodes[index as usize];
         node.link = moved_link(node.link);
     }
-    let mut records = vec![TriangleRecord::default(); record];
+    let mut records = vec![];
     for (index, old) in (0u32..).zip(&image.records) {
         records.push(match instances.contains(&index) {
             true => {
@@ -94,13 +97,11 @@ fn moved(image: &MemoryImage, record: usize, vertex: usize) -> MemoryImage {
             },
         });
     }
-    let mut vertices = vec![[0.0; 3]; vertex];
-    vertices.extend(&image.vertices);
     MemoryImage {
         format: image.format,
         nodes,
         records,
-        vertices,
+        vertices: image.vertices.clone(),
         root: moved_link(image.root),
         bounds: image.bounds,
     }
@@ -145,11 +146,7 @@ fn sheet(side: u32, rng: &mut fastrand::Rng) -> (Vec<[f64; 3]>, Vec<[u32; 3]>) {
 }
 
 /// The image of an object of one level.
-fn object(
-    config: &Config,
-    vertices: &[[f64; 3]],
-    triangles: &[[u32; 3]],
-) -> Result<MemoryImage> {
+fn object(config: &Config, vertices: &[[f64; 3]], triangles: &[[u32; 3]]) -> Result<MemoryImage> {
     let options = BuildOptions::default_for(config.axes_per_node, config.stack_depth);
     let tree = build(vertices, triangles, &options)?;
     MemoryImage::new(config.format(), vertices, triangles, &tree)
@@ -239,11 +236,14 @@ fn instances(config: &Config) -> Result<Plan> {
         .flat_map(|place| [1, 0, 2, 1].map(|object| (object, place)))
         .collect();
     rng.shuffle(&mut standing);
-    let specs = standing.iter().enumerate().map(|(number, (object, place))| {
-        let matrix = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0], *place];
-        let bounds = image.objects()[*object].bounds;
-        InstanceSpec::new(format, number, *object, &matrix, bounds)
-    });
+    let specs = standing
+        .iter()
+        .enumerate()
+        .map(|(number, (object, place))| {
+            let matrix = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0], *place];
+            let bounds = image.objects()[*object].bounds;
+            InstanceSpec::new(format, number, *object, &matrix, bounds)
+        });
     let specs = specs.collect::<Result<Vec<_>>>()?;
     let options = BuildOptions::default_for(config.axes_per_node, config.stack_depth);
     image.set_top(&specs, &options)?;

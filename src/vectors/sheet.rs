@@ -147,9 +147,8 @@ impl UnitSheets {
         expected: Layout,
         with_care: bool,
     ) -> Result<UnitSheets> {
-        let sheet = |role: &str, layout| {
-            Sheet::new(folder, &format!("{name}_{role}"), layout, PACKETS)
-        };
+        let sheet =
+            |role: &str, layout| Sheet::new(folder, &format!("{name}_{role}"), layout, PACKETS);
         let care = with_care.then(|| sheet("care", expected.clone()));
         Ok(UnitSheets {
             name,

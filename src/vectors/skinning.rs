@@ -109,7 +109,11 @@ impl SkinSheets {
             let guard = random_record(&Record::vertex(format), format, &mut rng);
             let [x, y, z] = ["x", "y", "z"].map(|name| Record::vertex(format).get(&guard, name));
             vectors.push([x, y, z].map(|bits| format.to_f64(bits)));
-            rows.extend(random_record(&Record::influence_row(format), format, &mut rng));
+            rows.extend(random_record(
+                &Record::influence_row(format),
+                format,
+                &mut rng,
+            ));
             let influences = influence_words(format, &mesh.influences);
             let count = mesh.rest.len() as u32;
             let palette = vectors.len() as u32;

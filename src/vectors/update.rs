@@ -263,7 +263,11 @@ impl Memory {
         ];
         let records = |stem: &str, record: &Record, words: &[u32]| {
             let layout = Layout::default().record(record, format);
-            let label = if stem == "update_boxes" { "boxes" } else { "objects and fillers" };
+            let label = if stem == "update_boxes" {
+                "boxes"
+            } else {
+                "objects and fillers"
+            };
             let mut sheet = Sheet::new(folder, stem, layout, label)?;
             for line in record.hex_lines(words).lines() {
                 sheet.push_text(line)?;

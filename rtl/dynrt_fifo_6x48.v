@@ -1,27 +1,27 @@
 // SPDX-License-Identifier: MIT OR Apache-2.0
-// fifo_10x48: a queue of 48 words of 10 bits. What feeds it never has more than 48 words under way.
+// dynrt_fifo_6x48: a queue of 48 words of 6 bits. What feeds it never has more than 48 words under way.
 
 `default_nettype none
 
-module fifo_10x48 (
+module dynrt_fifo_6x48 (
   input  wire       clk,
   input  wire       rst,
 
   // In
   input  wire       push,
-  input  wire [9:0] data,
+  input  wire [5:0] data,
 
   // Out: the front word, taken by pop
   input  wire       pop,
   output wire       valid,
-  output wire [9:0] front
+  output wire [5:0] front
 );
 
   reg  [5:0] head;
   reg  [5:0] tail;
   reg  [5:0] count;
   (* no_rw_check, ram_style = "distributed" *)
-  reg  [9:0] words [0:47];
+  reg  [5:0] words [0:47];
 
   always @(posedge clk) begin
     if (rst) head <= 6'd0; else if (pop) head <= (head == 6'd47) ? 6'd0 : (head + 6'd1);

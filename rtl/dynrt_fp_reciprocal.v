@@ -1,10 +1,10 @@
 // SPDX-License-Identifier: MIT OR Apache-2.0
-// fp_reciprocal: y = 1 / a in fp24(1-7-16), rounded to nearest even, for 100 MHz.
+// dynrt_fp_reciprocal: y = 1 / a in fp24(1-7-16), rounded to nearest even, for 100 MHz.
 // Latency: 12 clocks, one set of inputs a clock.
 
 `default_nettype none
 
-module fp_reciprocal (
+module dynrt_fp_reciprocal (
   input  wire        clk,
   input  wire [23:0] a,
   output reg  [23:0] y

@@ -1,9 +1,9 @@
 // SPDX-License-Identifier: MIT OR Apache-2.0
-// fifo_96x8: a queue of 8 words of 96 bits. What feeds it never has more than 8 words under way.
+// dynrt_fifo_96x8: a queue of 8 words of 96 bits. What feeds it never has more than 8 words under way.
 
 `default_nettype none
 
-module fifo_96x8 (
+module dynrt_fifo_96x8 (
   input  wire        clk,
   input  wire        rst,
 

@@ -1,30 +1,30 @@
 // SPDX-License-Identifier: MIT OR Apache-2.0
-// block_fifo_73x48: a queue of 48 words of 73 bits in block RAM, for a word every few clocks. What
+// dynrt_block_fifo_43x48: a queue of 48 words of 43 bits in block RAM, for a word every few clocks. What
 // feeds it never has more than 48 words under way.
 
 `default_nettype none
 
-module block_fifo_73x48 (
+module dynrt_block_fifo_43x48 (
   input  wire        clk,
   input  wire        rst,
 
   // In
   input  wire        push,
-  input  wire [72:0] data,
+  input  wire [42:0] data,
 
   // Out: the front word, taken by pop
   input  wire        pop,
   output wire        valid,
-  output wire [72:0] front
+  output wire [42:0] front
 );
 
   reg  [5:0] head;
   reg  [5:0] tail;
   reg  [5:0] count;
   (* no_rw_check, ram_style = "block" *)
-  reg  [72:0] words [0:47];
-  reg  [72:0] words_read;
-  reg  [72:0] words_read_d1;
+  reg  [42:0] words [0:47];
+  reg  [42:0] words_read;
+  reg  [42:0] words_read_d1;
 
   // The word at the head is read again and again; it is there once the head has stood still for the
   // RAM's latency.
@@ -40,7 +40,7 @@ module block_fifo_73x48 (
   end
 
   assign load = settled1 & (~front_valid | pop);
-  reg  [72:0] front_word;
+  reg  [42:0] front_word;
 
   always @(posedge clk) begin
     if (rst) front_valid <= 1'b0; else front_valid <= load | (front_valid & ~pop);

@@ -1,10 +1,10 @@
 // SPDX-License-Identifier: MIT OR Apache-2.0
-// update_processor: the update processor: runs an update program, which rewrites the bounds of an
+// dynrt_update_processor: the update processor: runs an update program, which rewrites the bounds of an
 // object's nodes.
 
 `default_nettype none
 
-module update_processor (
+module dynrt_update_processor (
   input  wire         clk,
   input  wire         rst,
 
@@ -83,7 +83,7 @@ module update_processor (
   wire rows_valid;
   wire [127:0] rows_front;
   wire rows_empty;
-  program_prefetch rows (
+  dynrt_program_prefetch rows (
     .clk(clk),
     .rst(rst),
     .fetch_valid(any_rows_left),
@@ -363,7 +363,7 @@ module update_processor (
 
   wire vertex_indices_valid;
   wire [21:0] vertex_indices_front;
-  fifo_22x4 vertex_indices (
+  dynrt_fifo_22x4 vertex_indices (
     .clk(clk),
     .rst(rst),
     .push(decoded_and_decoded_load),
@@ -392,7 +392,7 @@ module update_processor (
   wire vertices_valid;
   wire [71:0] vertices_front;
   wire vertices_empty;
-  vertex_prefetch vertices (
+  dynrt_vertex_prefetch vertices (
     .clk(clk),
     .rst(rst),
     .fetch_valid(vertex_indices_valid),
@@ -435,7 +435,7 @@ module update_processor (
 
   wire instruction_queue_valid;
   wire [27:0] instruction_queue_front;
-  fifo_28x64 instruction_queue (
+  dynrt_fifo_28x64 instruction_queue (
     .clk(clk),
     .rst(rst),
     .push(completed),
@@ -759,7 +759,7 @@ module update_processor (
 
   wire node_queue_valid;
   wire [95:0] node_queue_front;
-  fifo_96x8 node_queue (
+  dynrt_fifo_96x8 node_queue (
     .clk(clk),
     .rst(rst),
     .push(node_goes_s3),

@@ -1,10 +1,10 @@
 // SPDX-License-Identifier: MIT OR Apache-2.0
-// fp_mul: y = a * b in fp24(1-7-16), rounded to nearest even, for 100 MHz.
+// dynrt_fp_mul: y = a * b in fp24(1-7-16), rounded to nearest even, for 100 MHz.
 // Latency: 3 clocks, one set of inputs a clock.
 
 `default_nettype none
 
-module fp_mul (
+module dynrt_fp_mul (
   input  wire        clk,
   input  wire [23:0] a,
   input  wire [23:0] b,

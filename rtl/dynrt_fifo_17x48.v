@@ -1,27 +1,27 @@
 // SPDX-License-Identifier: MIT OR Apache-2.0
-// fifo_39x48: a queue of 48 words of 39 bits. What feeds it never has more than 48 words under way.
+// dynrt_fifo_17x48: a queue of 48 words of 17 bits. What feeds it never has more than 48 words under way.
 
 `default_nettype none
 
-module fifo_39x48 (
+module dynrt_fifo_17x48 (
   input  wire        clk,
   input  wire        rst,
 
   // In
   input  wire        push,
-  input  wire [38:0] data,
+  input  wire [16:0] data,
 
   // Out: the front word, taken by pop
   input  wire        pop,
   output wire        valid,
-  output wire [38:0] front
+  output wire [16:0] front
 );
 
   reg  [5:0] head;
   reg  [5:0] tail;
   reg  [5:0] count;
   (* no_rw_check, ram_style = "distributed" *)
-  reg  [38:0] words [0:47];
+  reg  [16:0] words [0:47];
 
   always @(posedge clk) begin
     if (rst) head <= 6'd0; else if (pop) head <= (head == 6'd47) ? 6'd0 : (head + 6'd1);

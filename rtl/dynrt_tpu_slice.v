@@ -1,11 +1,11 @@
 // SPDX-License-Identifier: MIT OR Apache-2.0
-// tpu_slice: one ray's part of a packet step: four plane distances, its interval in each child,
+// dynrt_tpu_slice: one ray's part of a packet step: four plane distances, its interval in each child,
 // where it goes.
 // Latency: 12 clocks, one set of inputs a clock.
 
 `default_nettype none
 
-module tpu_slice (
+module dynrt_tpu_slice (
   input  wire        clk,
 
   // The node's intervals
@@ -47,7 +47,7 @@ module tpu_slice (
   wire [23:0] left_reciprocal_s6 = left_reciprocal_delay[143:120];
 
   wire [23:0] left_near_distance_distance;
-  near_distance left_near_distance (
+  dynrt_near_distance left_near_distance (
     .clk(clk),
     .plane(left_near_plane_s1),
     .origin(left_origin_s1),
@@ -56,7 +56,7 @@ module tpu_slice (
   );
 
   wire [23:0] left_far_distance_distance;
-  far_distance left_far_distance (
+  dynrt_far_distance left_far_distance (
     .clk(clk),
     .plane(left_far_plane_s1),
     .origin(left_origin_s1),
@@ -98,7 +98,7 @@ module tpu_slice (
   wire [23:0] right_reciprocal_s6 = right_reciprocal_delay[143:120];
 
   wire [23:0] right_near_distance_distance;
-  near_distance right_near_distance (
+  dynrt_near_distance right_near_distance (
     .clk(clk),
     .plane(right_near_plane_s1),
     .origin(right_origin_s1),
@@ -107,7 +107,7 @@ module tpu_slice (
   );
 
   wire [23:0] right_far_distance_distance;
-  far_distance right_far_distance (
+  dynrt_far_distance right_far_distance (
     .clk(clk),
     .plane(right_far_plane_s1),
     .origin(right_origin_s1),

@@ -1,11 +1,11 @@
 // SPDX-License-Identifier: MIT OR Apache-2.0
-// triangle_box: a ray's interval in a triangle's own box, by the very plane distances of traversal,
+// dynrt_triangle_box: a ray's interval in a triangle's own box, by the very plane distances of traversal,
 // and whether the triangle is degenerate.
 // Latency: 8 to 16 clocks, one set of inputs a clock.
 
 `default_nettype none
 
-module triangle_box (
+module dynrt_triangle_box (
   input  wire        clk,
 
   // The triangle's vertices
@@ -167,7 +167,7 @@ module triangle_box (
   reg  [23:0] near_x_origin_s3;
 
   wire [23:0] near_x_offset_y;
-  fp_sub near_x_offset (
+  dynrt_fp_sub near_x_offset (
     .clk(clk),
     .a(near_x_plane_s3),
     .b(near_x_origin_s3),
@@ -178,7 +178,7 @@ module triangle_box (
   wire [23:0] reciprocal_x_s8 = reciprocal_x_delay[191:168];
 
   wire [23:0] near_x_y;
-  fp_mul near_x (
+  dynrt_fp_mul near_x (
     .clk(clk),
     .a(near_x_offset_y),
     .b(reciprocal_x_s8),
@@ -205,7 +205,7 @@ module triangle_box (
   reg  [23:0] far_x_origin_s3;
 
   wire [23:0] far_x_offset_y;
-  fp_sub far_x_offset (
+  dynrt_fp_sub far_x_offset (
     .clk(clk),
     .a(far_x_plane_s3),
     .b(far_x_origin_s3),
@@ -213,7 +213,7 @@ module triangle_box (
   );
 
   wire [23:0] far_x_y;
-  fp_mul far_x (
+  dynrt_fp_mul far_x (
     .clk(clk),
     .a(far_x_offset_y),
     .b(reciprocal_x_s8),
@@ -257,7 +257,7 @@ module triangle_box (
   reg  [23:0] near_y_origin_s3;
 
   wire [23:0] near_y_offset_y;
-  fp_sub near_y_offset (
+  dynrt_fp_sub near_y_offset (
     .clk(clk),
     .a(near_y_plane_s3),
     .b(near_y_origin_s3),
@@ -268,7 +268,7 @@ module triangle_box (
   wire [23:0] reciprocal_y_s8 = reciprocal_y_delay[191:168];
 
   wire [23:0] near_y_y;
-  fp_mul near_y (
+  dynrt_fp_mul near_y (
     .clk(clk),
     .a(near_y_offset_y),
     .b(reciprocal_y_s8),
@@ -297,7 +297,7 @@ module triangle_box (
   reg  [23:0] far_y_origin_s3;
 
   wire [23:0] far_y_offset_y;
-  fp_sub far_y_offset (
+  dynrt_fp_sub far_y_offset (
     .clk(clk),
     .a(far_y_plane_s3),
     .b(far_y_origin_s3),
@@ -305,7 +305,7 @@ module triangle_box (
   );
 
   wire [23:0] far_y_y;
-  fp_mul far_y (
+  dynrt_fp_mul far_y (
     .clk(clk),
     .a(far_y_offset_y),
     .b(reciprocal_y_s8),
@@ -356,7 +356,7 @@ module triangle_box (
   reg  [23:0] near_z_origin_s3;
 
   wire [23:0] near_z_offset_y;
-  fp_sub near_z_offset (
+  dynrt_fp_sub near_z_offset (
     .clk(clk),
     .a(near_z_plane_s3),
     .b(near_z_origin_s3),
@@ -367,7 +367,7 @@ module triangle_box (
   wire [23:0] reciprocal_z_s8 = reciprocal_z_delay[191:168];
 
   wire [23:0] near_z_y;
-  fp_mul near_z (
+  dynrt_fp_mul near_z (
     .clk(clk),
     .a(near_z_offset_y),
     .b(reciprocal_z_s8),
@@ -396,7 +396,7 @@ module triangle_box (
   reg  [23:0] far_z_origin_s3;
 
   wire [23:0] far_z_offset_y;
-  fp_sub far_z_offset (
+  dynrt_fp_sub far_z_offset (
     .clk(clk),
     .a(far_z_plane_s3),
     .b(far_z_origin_s3),
@@ -404,7 +404,7 @@ module triangle_box (
   );
 
   wire [23:0] far_z_y;
-  fp_mul far_z (
+  dynrt_fp_mul far_z (
     .clk(clk),
     .a(far_z_offset_y),
     .b(reciprocal_z_s8),

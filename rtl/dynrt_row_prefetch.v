@@ -1,10 +1,10 @@
 // SPDX-License-Identifier: MIT OR Apache-2.0
-// program_prefetch: requests up to 8 words ahead through a tagged read port and gives them out in
+// dynrt_row_prefetch: requests up to 8 words ahead through a tagged read port and gives them out in
 // order.
 
 `default_nettype none
 
-module program_prefetch (
+module dynrt_row_prefetch (
   input  wire         clk,
   input  wire         rst,
 

@@ -1,11 +1,11 @@
 // SPDX-License-Identifier: MIT OR Apache-2.0
-// triangle_watertight: the watertight ray-triangle test of Woop, Benthin and Wald: edge functions
+// dynrt_triangle_watertight: the watertight ray-triangle test of Woop, Benthin and Wald: edge functions
 // of vertices sheared into the ray's frame. Its operators also apply a matrix to a point.
 // Latency: 35 to 50 clocks, one set of inputs a clock.
 
 `default_nettype none
 
-module triangle_watertight (
+module dynrt_triangle_watertight (
   input  wire        clk,
 
   // What the slot is: 0 a test, 1 a matrix
@@ -71,7 +71,7 @@ module triangle_watertight (
 
   // The vertices a, b, c, seen from the origin, their axes turned.
   wire [23:0] a_x_y;
-  fp_sub a_x (
+  dynrt_fp_sub a_x (
     .clk(clk),
     .a(v0_x),
     .b(seen_from_x),
@@ -79,7 +79,7 @@ module triangle_watertight (
   );
 
   wire [23:0] a_y_y;
-  fp_sub a_y (
+  dynrt_fp_sub a_y (
     .clk(clk),
     .a(v0_y),
     .b(seen_from_y),
@@ -87,7 +87,7 @@ module triangle_watertight (
   );
 
   wire [23:0] a_z_y;
-  fp_sub a_z (
+  dynrt_fp_sub a_z (
     .clk(clk),
     .a(v0_z),
     .b(seen_from_z),
@@ -95,7 +95,7 @@ module triangle_watertight (
   );
 
   wire [23:0] b_x_y;
-  fp_sub b_x (
+  dynrt_fp_sub b_x (
     .clk(clk),
     .a(v1_x),
     .b(seen_from_x),
@@ -103,7 +103,7 @@ module triangle_watertight (
   );
 
   wire [23:0] b_y_y;
-  fp_sub b_y (
+  dynrt_fp_sub b_y (
     .clk(clk),
     .a(v1_y),
     .b(seen_from_y),
@@ -111,7 +111,7 @@ module triangle_watertight (
   );
 
   wire [23:0] b_z_y;
-  fp_sub b_z (
+  dynrt_fp_sub b_z (
     .clk(clk),
     .a(v1_z),
     .b(seen_from_z),
@@ -119,7 +119,7 @@ module triangle_watertight (
   );
 
   wire [23:0] c_x_y;
-  fp_sub c_x (
+  dynrt_fp_sub c_x (
     .clk(clk),
     .a(v2_x),
     .b(seen_from_x),
@@ -127,7 +127,7 @@ module triangle_watertight (
   );
 
   wire [23:0] c_y_y;
-  fp_sub c_y (
+  dynrt_fp_sub c_y (
     .clk(clk),
     .a(v2_y),
     .b(seen_from_y),
@@ -135,7 +135,7 @@ module triangle_watertight (
   );
 
   wire [23:0] c_z_y;
-  fp_sub c_z (
+  dynrt_fp_sub c_z (
     .clk(clk),
     .a(v2_z),
     .b(seen_from_z),
@@ -200,7 +200,7 @@ module triangle_watertight (
   wire [23:0] shear_or_point_x_s6 = shear_or_point_x_delay[143:120];
 
   wire [23:0] ax_shift_y;
-  fp_mul ax_shift (
+  dynrt_fp_mul ax_shift (
     .clk(clk),
     .a(shear_or_point_x_s6),
     .b(a_kz_s6),
@@ -213,7 +213,7 @@ module triangle_watertight (
   reg  [23:0] bx_shift_factor_s6;
 
   wire [23:0] bx_shift_y;
-  fp_mul bx_shift (
+  dynrt_fp_mul bx_shift (
     .clk(clk),
     .a(shear_or_point_x_s6),
     .b(bx_shift_factor_s6),
@@ -224,7 +224,7 @@ module triangle_watertight (
   reg  [23:0] cx_shift_factor_s6;
 
   wire [23:0] cx_shift_y;
-  fp_mul cx_shift (
+  dynrt_fp_mul cx_shift (
     .clk(clk),
     .a(shear_or_point_x_s6),
     .b(cx_shift_factor_s6),
@@ -237,7 +237,7 @@ module triangle_watertight (
   wire [23:0] shear_or_point_y_s6 = shear_or_point_y_delay[143:120];
 
   wire [23:0] ay_shift_y;
-  fp_mul ay_shift (
+  dynrt_fp_mul ay_shift (
     .clk(clk),
     .a(shear_or_point_y_s6),
     .b(ay_shift_factor_s6),
@@ -245,7 +245,7 @@ module triangle_watertight (
   );
 
   wire [23:0] by_shift_y;
-  fp_mul by_shift (
+  dynrt_fp_mul by_shift (
     .clk(clk),
     .a(shear_or_point_y_s6),
     .b(b_kz_s6),
@@ -256,7 +256,7 @@ module triangle_watertight (
   reg  [23:0] cy_shift_factor_s6;
 
   wire [23:0] cy_shift_y;
-  fp_mul cy_shift (
+  dynrt_fp_mul cy_shift (
     .clk(clk),
     .a(shear_or_point_y_s6),
     .b(cy_shift_factor_s6),
@@ -270,7 +270,7 @@ module triangle_watertight (
   wire [23:0] ax_subtrahend = {ax_shift_y[23] ^ matrix_s9, ax_shift_y[22:0]};
 
   wire [23:0] ax_y;
-  fp_sub ax (
+  dynrt_fp_sub ax (
     .clk(clk),
     .a(ax_minuend),
     .b(ax_subtrahend),
@@ -282,7 +282,7 @@ module triangle_watertight (
   wire [23:0] ay_subtrahend = {ay_shift_y[23] ^ matrix_s9, ay_shift_y[22:0]};
 
   wire [23:0] ay_y;
-  fp_sub ay (
+  dynrt_fp_sub ay (
     .clk(clk),
     .a(ay_minuend),
     .b(ay_subtrahend),
@@ -294,7 +294,7 @@ module triangle_watertight (
   wire [23:0] bx_subtrahend = {bx_shift_y[23] ^ matrix_s9, bx_shift_y[22:0]};
 
   wire [23:0] bx_y;
-  fp_sub bx (
+  dynrt_fp_sub bx (
     .clk(clk),
     .a(bx_minuend),
     .b(bx_subtrahend),
@@ -304,7 +304,7 @@ module triangle_watertight (
   wire [23:0] b_ky_s9 = b_ky_delay[95:72];
 
   wire [23:0] by_y;
-  fp_sub by (
+  dynrt_fp_sub by (
     .clk(clk),
     .a(b_ky_s9),
     .b(by_shift_y),
@@ -315,7 +315,7 @@ module triangle_watertight (
   wire [23:0] c_kx_s9 = c_kx_delay[95:72];
 
   wire [23:0] cx_y;
-  fp_sub cx (
+  dynrt_fp_sub cx (
     .clk(clk),
     .a(c_kx_s9),
     .b(cx_subtrahend),
@@ -326,7 +326,7 @@ module triangle_watertight (
   wire [23:0] c_ky_s9 = c_ky_delay[95:72];
 
   wire [23:0] cy_y;
-  fp_sub cy (
+  dynrt_fp_sub cy (
     .clk(clk),
     .a(c_ky_s9),
     .b(cy_subtrahend),
@@ -340,7 +340,7 @@ module triangle_watertight (
   wire [23:0] eu_factor = matrix_s14 ? origin_z_s14 : by_y;
 
   wire [23:0] eu_plus_y;
-  fp_mul eu_plus (
+  dynrt_fp_mul eu_plus (
     .clk(clk),
     .a(cx_y),
     .b(eu_factor),
@@ -348,7 +348,7 @@ module triangle_watertight (
   );
 
   wire [23:0] eu_minus_y;
-  fp_mul eu_minus (
+  dynrt_fp_mul eu_minus (
     .clk(clk),
     .a(cy_y),
     .b(bx_y),
@@ -358,7 +358,7 @@ module triangle_watertight (
   wire [23:0] ev_factor = matrix_s14 ? origin_z_s14 : ax_y;
 
   wire [23:0] ev_plus_y;
-  fp_mul ev_plus (
+  dynrt_fp_mul ev_plus (
     .clk(clk),
     .a(ev_factor),
     .b(cy_y),
@@ -366,7 +366,7 @@ module triangle_watertight (
   );
 
   wire [23:0] ev_minus_y;
-  fp_mul ev_minus (
+  dynrt_fp_mul ev_minus (
     .clk(clk),
     .a(ay_y),
     .b(cx_y),
@@ -378,7 +378,7 @@ module triangle_watertight (
   wire [23:0] ew_factor_a = matrix_s14 ? origin_z_s14 : ay_y;
 
   wire [23:0] ew_plus_y;
-  fp_mul ew_plus (
+  dynrt_fp_mul ew_plus (
     .clk(clk),
     .a(ew_factor_b),
     .b(ew_factor_a),
@@ -386,7 +386,7 @@ module triangle_watertight (
   );
 
   wire [23:0] ew_minus_y;
-  fp_mul ew_minus (
+  dynrt_fp_mul ew_minus (
     .clk(clk),
     .a(by_y),
     .b(ax_y),
@@ -398,7 +398,7 @@ module triangle_watertight (
   wire [23:0] eu_subtrahend = matrix_s17 ? joined_s17 : eu_minus_y;
 
   wire [23:0] eu_y;
-  fp_sub eu (
+  dynrt_fp_sub eu (
     .clk(clk),
     .a(eu_plus_y),
     .b(eu_subtrahend),
@@ -409,7 +409,7 @@ module triangle_watertight (
   wire [23:0] ev_subtrahend = matrix_s17 ? joined_2_s17 : ev_minus_y;
 
   wire [23:0] ev_y;
-  fp_sub ev (
+  dynrt_fp_sub ev (
     .clk(clk),
     .a(ev_plus_y),
     .b(ev_subtrahend),
@@ -420,7 +420,7 @@ module triangle_watertight (
   wire [23:0] ew_subtrahend = matrix_s17 ? joined_3_s17 : ew_minus_y;
 
   wire [23:0] ew_y;
-  fp_sub ew (
+  dynrt_fp_sub ew (
     .clk(clk),
     .a(ew_plus_y),
     .b(ew_subtrahend),
@@ -440,7 +440,7 @@ module triangle_watertight (
   wire [23:0] ev_or_translation = matrix_s22 ? translation_y : ev_y;
 
   wire [23:0] uv_y;
-  fp_add uv (
+  dynrt_fp_add uv (
     .clk(clk),
     .a(eu_y),
     .b(ev_or_translation),
@@ -453,7 +453,7 @@ module triangle_watertight (
   wire [23:0] ew_y_s27 = ew_y_delay[119:96];
 
   wire [23:0] det_y;
-  fp_add det (
+  dynrt_fp_add det (
     .clk(clk),
     .a(uv_or_translation),
     .b(ew_y_s27),
@@ -461,7 +461,7 @@ module triangle_watertight (
   );
 
   wire [23:0] i_y;
-  fp_reciprocal i (
+  dynrt_fp_reciprocal i (
     .clk(clk),
     .a(det_y),
     .y(i_y)
@@ -474,7 +474,7 @@ module triangle_watertight (
   wire [23:0] a_kz_s22 = a_kz_delay[407:384];
 
   wire [23:0] ua_y;
-  fp_mul ua (
+  dynrt_fp_mul ua (
     .clk(clk),
     .a(eu_y),
     .b(a_kz_s22),
@@ -484,7 +484,7 @@ module triangle_watertight (
   wire [23:0] b_kz_s22 = b_kz_delay[407:384];
 
   wire [23:0] vb_y;
-  fp_mul vb (
+  dynrt_fp_mul vb (
     .clk(clk),
     .a(ev_y),
     .b(b_kz_s22),
@@ -494,7 +494,7 @@ module triangle_watertight (
   wire [23:0] c_kz_s22 = c_kz_delay[407:384];
 
   wire [23:0] wc_y;
-  fp_mul wc (
+  dynrt_fp_mul wc (
     .clk(clk),
     .a(ew_y),
     .b(c_kz_s22),
@@ -502,7 +502,7 @@ module triangle_watertight (
   );
 
   wire [23:0] ua_vb_y;
-  fp_add ua_vb (
+  dynrt_fp_add ua_vb (
     .clk(clk),
     .a(ua_y),
     .b(vb_y),
@@ -519,7 +519,7 @@ module triangle_watertight (
   wire [23:0] wc_or_translation = matrix_s30 ? translation_z : wc_y_s30;
 
   wire [23:0] scaled_y;
-  fp_add scaled (
+  dynrt_fp_add scaled (
     .clk(clk),
     .a(ua_vb_or_sum),
     .b(wc_or_translation),
@@ -538,7 +538,7 @@ module triangle_watertight (
   wire [23:0] scaled_y_s44 = scaled_y_delay[215:192];
 
   wire [23:0] distance_y;
-  fp_mul distance (
+  dynrt_fp_mul distance (
     .clk(clk),
     .a(scaled_y_s44),
     .b(i_or_weight),
@@ -550,7 +550,7 @@ module triangle_watertight (
   wire [23:0] v_or_moved_y_s44 = v_or_moved_y_delay[407:384];
 
   wire [23:0] u_y;
-  fp_mul u (
+  dynrt_fp_mul u (
     .clk(clk),
     .a(v_or_moved_y_s44),
     .b(i_or_weight),
@@ -562,7 +562,7 @@ module triangle_watertight (
   wire [23:0] w_or_moved_x_s44 = w_or_moved_x_delay[287:264];
 
   wire [23:0] v_y;
-  fp_mul v (
+  dynrt_fp_mul v (
     .clk(clk),
     .a(w_or_moved_x_s44),
     .b(i_or_weight),
@@ -570,7 +570,7 @@ module triangle_watertight (
   );
 
   wire [23:0] t_y;
-  fp_mul t (
+  dynrt_fp_mul t (
     .clk(clk),
     .a(distance_y),
     .b(shear_z),

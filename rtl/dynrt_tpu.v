@@ -1,9 +1,9 @@
 // SPDX-License-Identifier: MIT OR Apache-2.0
-// tpu: the traversal processing unit: takes packets through a B-KD tree, a packet step a clock.
+// dynrt_tpu: the traversal processing unit: takes packets through a B-KD tree, a packet step a clock.
 
 `default_nettype none
 
-module tpu (
+module dynrt_tpu (
   input  wire         clk,
   input  wire         rst,
 
@@ -230,7 +230,7 @@ module tpu (
   wire slice0_to_left;
   wire slice0_to_right;
   wire slice0_left_before_right;
-  tpu_slice slice0 (
+  dynrt_tpu_slice slice0 (
     .clk(clk),
     .left_lo(left_lo_s3),
     .left_hi(left_hi_s3),
@@ -297,7 +297,7 @@ module tpu (
   wire slice1_to_left;
   wire slice1_to_right;
   wire slice1_left_before_right;
-  tpu_slice slice1 (
+  dynrt_tpu_slice slice1 (
     .clk(clk),
     .left_lo(left_lo_s3),
     .left_hi(left_hi_s3),
@@ -364,7 +364,7 @@ module tpu (
   wire slice2_to_left;
   wire slice2_to_right;
   wire slice2_left_before_right;
-  tpu_slice slice2 (
+  dynrt_tpu_slice slice2 (
     .clk(clk),
     .left_lo(left_lo_s3),
     .left_hi(left_hi_s3),
@@ -431,7 +431,7 @@ module tpu (
   wire slice3_to_left;
   wire slice3_to_right;
   wire slice3_left_before_right;
-  tpu_slice slice3 (
+  dynrt_tpu_slice slice3 (
     .clk(clk),
     .left_lo(left_lo_s3),
     .left_hi(left_hi_s3),
@@ -569,7 +569,7 @@ module tpu (
 
   wire done_queue_valid;
   wire [16:0] done_queue_front;
-  fifo_17x48 done_queue (
+  dynrt_fifo_17x48 done_queue (
     .clk(clk),
     .rst(rst),
     .push(done_valid),
@@ -581,7 +581,7 @@ module tpu (
 
   wire retry_queue_valid;
   wire [16:0] retry_queue_front;
-  fifo_17x48 retry_queue (
+  dynrt_fifo_17x48 retry_queue (
     .clk(clk),
     .rst(rst),
     .push(retry_push),
@@ -595,7 +595,7 @@ module tpu (
 
   wire nowhere_queue_valid;
   wire [16:0] nowhere_queue_front;
-  fifo_17x48 nowhere_queue (
+  dynrt_fifo_17x48 nowhere_queue (
     .clk(clk),
     .rst(rst),
     .push(step_goes_nowhere),
@@ -775,7 +775,7 @@ module tpu (
 
   wire step_queue_valid;
   wire [38:0] step_queue_front;
-  fifo_39x48 step_queue (
+  dynrt_fifo_39x48 step_queue (
     .clk(clk),
     .rst(rst),
     .push(stepped_write & ~first_leaf_s16),
@@ -789,7 +789,7 @@ module tpu (
 
   wire entered_queue_valid;
   wire [38:0] entered_queue_front;
-  fifo_39x48 entered_queue (
+  dynrt_fifo_39x48 entered_queue (
     .clk(clk),
     .rst(rst),
     .push(entered & ~choice_3),
@@ -827,7 +827,7 @@ module tpu (
 
   wire step_leaf_queue_valid;
   wire [42:0] step_leaf_queue_front;
-  block_fifo_43x48 step_leaf_queue (
+  dynrt_block_fifo_43x48 step_leaf_queue (
     .clk(clk),
     .rst(rst),
     .push(stepped_write & first_leaf_s16),
@@ -841,7 +841,7 @@ module tpu (
 
   wire entered_leaf_queue_valid;
   wire [42:0] entered_leaf_queue_front;
-  block_fifo_43x48 entered_leaf_queue (
+  dynrt_block_fifo_43x48 entered_leaf_queue (
     .clk(clk),
     .rst(rst),
     .push(entered & choice_3),

@@ -1,11 +1,11 @@
 // SPDX-License-Identifier: MIT OR Apache-2.0
-// triangle_test: a ray against a triangle: the test itself, clamped to the ray's interval in the
+// dynrt_triangle_test: a ray against a triangle: the test itself, clamped to the ray's interval in the
 // triangle's own box, within tmin and tmax; or a matrix applied to a point.
 // Latency: 8 to 53 clocks, one set of inputs a clock.
 
 `default_nettype none
 
-module triangle_test (
+module dynrt_triangle_test (
   input  wire        clk,
 
   // What the slot is: 0 a test, 1 a matrix
@@ -109,7 +109,7 @@ module triangle_test (
   wire [23:0] intersection_weighted_x;
   wire [23:0] intersection_weighted_y;
   wire [23:0] intersection_weighted_z;
-  triangle_watertight intersection (
+  dynrt_triangle_watertight intersection (
     .clk(clk),
     .matrix(matrix),
     .v0_x(v0_x),
@@ -153,7 +153,7 @@ module triangle_test (
   wire [23:0] own_box_box_near;
   wire [23:0] own_box_box_far;
   wire own_box_box_misses;
-  triangle_box own_box (
+  dynrt_triangle_box own_box (
     .clk(clk),
     .v0_x(v0_x),
     .v0_y(v0_y),

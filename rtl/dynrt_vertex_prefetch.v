@@ -1,10 +1,10 @@
 // SPDX-License-Identifier: MIT OR Apache-2.0
-// vector_prefetch: requests up to 16 words ahead through a tagged read port and gives them out in
+// dynrt_vertex_prefetch: requests up to 16 words ahead through a tagged read port and gives them out in
 // order.
 
 `default_nettype none
 
-module vector_prefetch (
+module dynrt_vertex_prefetch (
   input  wire        clk,
   input  wire        rst,
 

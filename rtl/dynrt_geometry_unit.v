@@ -1,10 +1,10 @@
 // SPDX-License-Identifier: MIT OR Apache-2.0
-// geometry_unit: the geometry unit: a leaf's triangle and vertices are fetched, the packet's rays
+// dynrt_geometry_unit: the geometry unit: a leaf's triangle and vertices are fetched, the packet's rays
 // tested one a clock, the hits merged.
 
 `default_nettype none
 
-module geometry_unit (
+module dynrt_geometry_unit (
   input  wire         clk,
   input  wire         rst,
 
@@ -235,7 +235,7 @@ module geometry_unit (
 
   wire vertex_queue_valid;
   wire [72:0] vertex_queue_front;
-  block_fifo_73x48 vertex_queue (
+  dynrt_block_fifo_73x48 vertex_queue (
     .clk(clk),
     .rst(rst),
     .push(record_response_valid),
@@ -315,7 +315,7 @@ module geometry_unit (
 
   wire ready_queue_valid;
   wire [6:0] ready_queue_front;
-  fifo_7x48 ready_queue (
+  dynrt_fifo_7x48 ready_queue (
     .clk(clk),
     .rst(rst),
     .push(leaf_complete),
@@ -491,7 +491,7 @@ module geometry_unit (
   wire [23:0] test_weighted_z;
   wire [23:0] test_box_near;
   wire [23:0] test_box_far;
-  triangle_test test (
+  dynrt_triangle_test test (
     .clk(clk),
     .matrix(test_matrix_s3),
     .v0_x(vertex0_memory_read_s3[23:0]),

@@ -1,10 +1,10 @@
 // SPDX-License-Identifier: MIT OR Apache-2.0
-// fp_sub: y = a - b in fp24(1-7-16), rounded to nearest even, for 100 MHz.
+// dynrt_fp_add: y = a + b in fp24(1-7-16), rounded to nearest even, for 100 MHz.
 // Latency: 5 clocks, one set of inputs a clock.
 
 `default_nettype none
 
-module fp_sub (
+module dynrt_fp_add (
   input  wire        clk,
   input  wire [23:0] a,
   input  wire [23:0] b,
@@ -24,12 +24,12 @@ module fp_sub (
   wire swap = a_magnitude < b_magnitude;
   wire [7:0] exponent_difference = {1'b0, a_exponent} - {1'b0, b_exponent};
   wire [6:0] distance = exponent_difference[7] ? (b_exponent - a_exponent) : exponent_difference[6:0];
-  wire subtracting = a_sign ^ ~b_sign;
+  wire subtracting = a_sign ^ b_sign;
   wire both_are_special = (&a_exponent) & (&b_exponent);
   wire either_is_zero = (~|a_exponent) | (~|b_exponent);
   wire too_far = |distance[6:5];
   wire small_vanishes = either_is_zero | too_far;
-  wire big_sign = swap ? ~b_sign : a_sign;
+  wire big_sign = swap ? b_sign : a_sign;
   wire [6:0] big_exponent = swap ? b_exponent : a_exponent;
   wire [15:0] big_fraction = swap ? b_fraction : a_fraction;
   wire [15:0] small_fraction = (swap ? a_fraction : b_fraction) & {16{~small_vanishes}};

@@ -1,11 +1,11 @@
 // SPDX-License-Identifier: MIT OR Apache-2.0
-// raycast_unit: casts packets of 4 rays into a scene, 48 packets at a time.
+// dynrt_raycast_unit: casts packets of 4 rays into a scene, 48 packets at a time.
 // Rays arrive one a clock, a packet's in order; its hits leave the same way under its tag, packets
 // in any order. After reset, wait for ray_ready.
 
 `default_nettype none
 
-module raycast_unit (
+module dynrt_raycast_unit (
   input  wire         clk,
   input  wire         rst,
 
@@ -174,7 +174,7 @@ module raycast_unit (
 
   wire free_queue_valid;
   wire [5:0] free_queue_front;
-  fifo_6x48 free_queue (
+  dynrt_fifo_6x48 free_queue (
     .clk(clk),
     .rst(rst),
     .push(sweeping | freed),
@@ -257,7 +257,7 @@ module raycast_unit (
   wire [23:0] setup_out_shear_z;
   wire [5:0] setup_next_packet;
   wire setup_soon;
-  ray_setup setup (
+  dynrt_ray_setup setup (
     .clk(clk),
     .rst(rst),
     .valid(object_valid | take_ray),
@@ -343,7 +343,7 @@ module raycast_unit (
   wire traversal_watch_step_left_first;
   wire [191:0] traversal_watch_step_left_intervals;
   wire [191:0] traversal_watch_step_right_intervals;
-  tpu traversal (
+  dynrt_tpu traversal (
     .clk(clk),
     .rst(rst),
     .setup_soon(setup_soon),
@@ -502,7 +502,7 @@ module raycast_unit (
   wire [23:0] intersection_watch_transform_direction_x;
   wire [23:0] intersection_watch_transform_direction_y;
   wire [23:0] intersection_watch_transform_direction_z;
-  geometry_unit intersection (
+  dynrt_geometry_unit intersection (
     .clk(clk),
     .rst(rst),
     .setup_valid(setup_out_valid),
@@ -679,7 +679,7 @@ module raycast_unit (
 
   wire finished_queue_valid;
   wire [9:0] finished_queue_front;
-  fifo_10x48 finished_queue (
+  dynrt_fifo_10x48 finished_queue (
     .clk(clk),
     .rst(rst),
     .push(traversal_finished_valid),
@@ -771,7 +771,7 @@ module raycast_unit (
   wire [23:0] skinner_vertex_b_z;
   wire skinner_done;
   wire skinner_influence_issued;
-  skinning_processor skinner (
+  dynrt_skinning_processor skinner (
     .clk(clk),
     .rst(rst),
     .start_valid(skin_start_valid),

@@ -1,10 +1,10 @@
 // SPDX-License-Identifier: MIT OR Apache-2.0
-// row_prefetch: requests up to 8 words ahead through a tagged read port and gives them out in
+// dynrt_program_prefetch: requests up to 8 words ahead through a tagged read port and gives them out in
 // order.
 
 `default_nettype none
 
-module row_prefetch (
+module dynrt_program_prefetch (
   input  wire         clk,
   input  wire         rst,
 

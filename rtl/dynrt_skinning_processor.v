@@ -1,10 +1,10 @@
 // SPDX-License-Identifier: MIT OR Apache-2.0
-// skinning_processor: the skinning processor: moves vertices at rest by the weighted matrices of a
+// dynrt_skinning_processor: the skinning processor: moves vertices at rest by the weighted matrices of a
 // palette.
 
 `default_nettype none
 
-module skinning_processor (
+module dynrt_skinning_processor (
   input  wire         clk,
   input  wire         rst,
 
@@ -135,7 +135,7 @@ module skinning_processor (
   wire vectors_valid;
   wire [71:0] vectors_front;
   wire vectors_empty;
-  vector_prefetch vectors (
+  dynrt_vector_prefetch vectors (
     .clk(clk),
     .rst(rst),
     .fetch_valid(vector_wanted),
@@ -182,7 +182,7 @@ module skinning_processor (
   wire rows_valid;
   wire [127:0] rows_front;
   wire rows_empty;
-  row_prefetch rows (
+  dynrt_row_prefetch rows (
     .clk(clk),
     .rst(rst),
     .fetch_valid(rows_wanted),

@@ -1,9 +1,9 @@
 // SPDX-License-Identifier: MIT OR Apache-2.0
-// fifo_22x4: a queue of 4 words of 22 bits. What feeds it never has more than 4 words under way.
+// dynrt_fifo_22x4: a queue of 4 words of 22 bits. What feeds it never has more than 4 words under way.
 
 `default_nettype none
 
-module fifo_22x4 (
+module dynrt_fifo_22x4 (
   input  wire        clk,
   input  wire        rst,
 

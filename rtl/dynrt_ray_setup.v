@@ -1,11 +1,11 @@
 // SPDX-License-Identifier: MIT OR Apache-2.0
-// ray_setup: what traversal and intersection need to know of a ray, and its interval in the scene's
+// dynrt_ray_setup: what traversal and intersection need to know of a ray, and its interval in the scene's
 // box.
 // Latency: 15 to 20 clocks, one set of inputs a clock.
 
 `default_nettype none
 
-module ray_setup (
+module dynrt_ray_setup (
   input  wire        clk,
   input  wire        rst,
 
@@ -94,21 +94,21 @@ module ray_setup (
 
   // Reciprocals of the direction, and its sign bits.
   wire [23:0] reciprocal_x_y;
-  fp_reciprocal reciprocal_x (
+  dynrt_fp_reciprocal reciprocal_x (
     .clk(clk),
     .a(direction_x),
     .y(reciprocal_x_y)
   );
 
   wire [23:0] reciprocal_y_y;
-  fp_reciprocal reciprocal_y (
+  dynrt_fp_reciprocal reciprocal_y (
     .clk(clk),
     .a(direction_y),
     .y(reciprocal_y_y)
   );
 
   wire [23:0] reciprocal_z_y;
-  fp_reciprocal reciprocal_z (
+  dynrt_fp_reciprocal reciprocal_z (
     .clk(clk),
     .a(direction_z),
     .y(reciprocal_z_y)
@@ -124,7 +124,7 @@ module ray_setup (
   wire [23:0] origin_x_s7 = origin_x_delay[167:144];
 
   wire [23:0] near_x_distance;
-  near_distance near_x (
+  dynrt_near_distance near_x (
     .clk(clk),
     .plane(near_x_plane_s7),
     .origin(origin_x_s7),
@@ -136,7 +136,7 @@ module ray_setup (
   wire [23:0] far_x_plane_s7 = far_x_plane_delay[167:144];
 
   wire [23:0] far_x_distance;
-  far_distance far_x (
+  dynrt_far_distance far_x (
     .clk(clk),
     .plane(far_x_plane_s7),
     .origin(origin_x_s7),
@@ -172,7 +172,7 @@ module ray_setup (
   wire [23:0] origin_y_s7 = origin_y_delay[167:144];
 
   wire [23:0] near_y_distance;
-  near_distance near_y (
+  dynrt_near_distance near_y (
     .clk(clk),
     .plane(near_y_plane_s7),
     .origin(origin_y_s7),
@@ -184,7 +184,7 @@ module ray_setup (
   wire [23:0] far_y_plane_s7 = far_y_plane_delay[167:144];
 
   wire [23:0] far_y_distance;
-  far_distance far_y (
+  dynrt_far_distance far_y (
     .clk(clk),
     .plane(far_y_plane_s7),
     .origin(origin_y_s7),
@@ -219,7 +219,7 @@ module ray_setup (
   wire [23:0] origin_z_s7 = origin_z_delay[167:144];
 
   wire [23:0] near_z_distance;
-  near_distance near_z (
+  dynrt_near_distance near_z (
     .clk(clk),
     .plane(near_z_plane_s7),
     .origin(origin_z_s7),
@@ -231,7 +231,7 @@ module ray_setup (
   wire [23:0] far_z_plane_s7 = far_z_plane_delay[167:144];
 
   wire [23:0] far_z_distance;
-  far_distance far_z (
+  dynrt_far_distance far_z (
     .clk(clk),
     .plane(far_z_plane_s7),
     .origin(origin_z_s7),
@@ -302,7 +302,7 @@ module ray_setup (
   wire [23:0] direction_kx_s13 = direction_kx_delay[263:240];
 
   wire [23:0] shear_x_y;
-  fp_mul shear_x (
+  dynrt_fp_mul shear_x (
     .clk(clk),
     .a(direction_kx_s13),
     .b(reciprocal_kz_s13),
@@ -312,7 +312,7 @@ module ray_setup (
   wire [23:0] direction_ky_s13 = direction_ky_delay[263:240];
 
   wire [23:0] shear_y_y;
-  fp_mul shear_y (
+  dynrt_fp_mul shear_y (
     .clk(clk),
     .a(direction_ky_s13),
     .b(reciprocal_kz_s13),
