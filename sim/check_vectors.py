@@ -894,7 +894,9 @@ UNITS = [
     ("fp_mul", False),
     ("fp_reciprocal", False),
 ]
-MODULES = ["ray_setup", "tpu_slice", "triangle_test", "fp_add", "fp_sub", "fp_mul", "fp_reciprocal"]
+PIPELINES = ["ray_setup", "tpu_slice", "triangle_test", "fp_add", "fp_sub", "fp_mul", "fp_reciprocal"]
+# What the names of all modules begin with.
+PREFIX = "dynrt_"
 # The other units: module, stimulus, expected, other files, and read ports with the images behind them.
 WHOLE_UNITS = {
     "raycast": (
@@ -1193,7 +1195,7 @@ class Checker:
         for unit, (module, stimulus, expected, care, others, memories) in wanted.items():
             entry = found.get(unit, {})
             for key, value in (
-                ("module", module),
+                ("module", PREFIX + module),
                 ("copies", self.rays if unit == "packet_step" else 1),
                 ("transactions", len(self.lines[stimulus])),
                 ("stimulus", stimulus),
@@ -1270,6 +1272,10 @@ class Checker:
             report.claim("manifest", "manifest.json", None, place, bool(fields) == (use in ("fields", "select")), "fields", use)
             for field in fields:
                 self._check_port_field(place, width, field)
+            if use == "fields":
+                bits = sorted((f["port_lsb"], f["port_lsb"] + f["width"]) for f in fields)
+                tiled = [0] + [end for _, end in bits] == [first for first, _ in bits] + [width]
+                report.claim("manifest", "manifest.json", None, place, tiled, "fields that fill %d bits" % width, bits)
             if use == "select":
                 self._check_selector(place, port.get("by"), len(fields))
             elif use == "constant":
@@ -1297,7 +1303,7 @@ class Checker:
     def _check_pipelines(self):
         entries = self.folder.value("pipelines", list)
         modules = [entry.get("module") if isinstance(entry, dict) else None for entry in entries]
-        self.report.expect("manifest", "manifest.json", None, "pipelines", MODULES, modules)
+        self.report.expect("manifest", "manifest.json", None, "pipelines", [PREFIX + name for name in PIPELINES], modules)
         for entry in entries:
             entry = entry if isinstance(entry, dict) else {}
             name, latency, stages = entry.get("module"), entry.get("latency"), entry.get("stages")
@@ -1306,7 +1312,7 @@ class Checker:
             self.report.claim("manifest", "manifest.json", None, field + "latency", good, "cycles", latency)
             good = good and isinstance(stages, dict) and all(isinstance(n, int) and 0 <= n <= latency for n in stages.values())
             self.report.claim("manifest", "manifest.json", None, field + "stages", good, "at most the latency", stages)
-            self.report.expect("manifest", "manifest.json", None, field + "macros", "DYNRT_%s" % str(name).upper(), entry.get("macros"))
+            self.report.expect("manifest", "manifest.json", None, field + "macros", str(name).upper(), entry.get("macros"))
 
     def _check_machine(self):
         """Widths and settings that follow from the configuration."""
@@ -1883,6 +1889,7 @@ class RayCasting:
                 first, lines = checker.part(unit + "_stimulus.hex", "packets")
                 report.expect("raycast_packets", "manifest.json", None, unit + "_stimulus.hex: parts: packets", (0, count), (first, lines))
         self._check_blocks()
+        self._check_picture()
         self._check_rays()
 
     def _check_blocks(self):
@@ -1895,15 +1902,43 @@ class RayCasting:
         limit = value("made", dict).get("limit")
         wanted = total if limit is None else min(limit, total)
         report.expect("raycast_packets", "manifest.json", None, "picture: packets", wanted, count)
+        last_block = -1
         for p, line in enumerate(self.lines[file]):
             block = layout.get(line, "block")
             if p >= count:
                 report.expect("raycast_packets", file, p + 1, "block", ALL_ONES, block)
                 continue
-            first, end = p * total // count, -(-(p + 1) * total // count)
-            good = first <= block < end
-            report.claim("raycast_packets", file, p + 1, "block", good, "%d to %d" % (first, end - 1), block)
+            # Runs of about equal length: their ends may be rounded in any way.
+            loose = 0 if count == total else 1
+            first, end = p * total // count - loose, -(-(p + 1) * total // count) + loose
+            good = last_block < block and first <= block < end
+            report.claim("raycast_packets", file, p + 1, "block", good, "%d to %d" % (max(first, last_block + 1), end - 1), block)
+            last_block = block
             report.expect("raycast_packets", file, p + 1, "scene", 0, layout.get(line, "scene"))
+
+    def _check_picture(self):
+        """The rays of the picture, from the camera that the manifest names."""
+        checker, numbers, file = self.checker, self.checker.numbers, "raycast_rays.hex"
+        value, layout, encode = checker.folder.value, self.layout["raycast_rays"], self.checker.numbers.encode
+        camera = value("made.camera", dict)
+        eye, forward, right, up = (camera.get(name) for name in ("eye", "forward", "right", "up"))
+        (width, height), (across, down) = value("picture.size", list), value("picture.block", list)
+        scale = 2.0 ** value("made.log2_scale")
+        origin = tuple(encode(numbers.round(x * scale)) for x in eye)
+        for p in range(value("picture.packets")):
+            block = self.layout["raycast_packets"].get(self.lines["raycast_packets.hex"][p], "block")
+            y0, x0 = divmod(block, value("picture.blocks", list)[0])
+            for k in range(self.rays):
+                found = checker.line("rays of the picture", file, p * self.rays + k, "none")
+                if found is None:
+                    return
+                x, y = across * x0 + k % across, down * y0 + k // across
+                u, v = (2 * (x + 0.5) - width) / height, 1 - 2 * (y + 0.5) / height
+                direction = [encode(numbers.round(f + u * r + v * w)) for f, r, w in zip(forward, right, up)]
+                expected = layout.put_vector("origin", origin) | layout.put_vector("direction", direction)
+                expected |= layout.pack(tmax=numbers.inf, active=int(x < width and y < height))
+                expected |= layout.get(found, "tag") << layout.at["tag"][0]
+                checker.same("rays of the picture", file, p * self.rays + k, layout, expected, found)
 
     def _check_rays(self):
         """Rays and their tags; those of scene 0 are the first that ray setup gets."""
