@@ -1012,6 +1012,8 @@ fn check_updates(vectors: &Vectors, f: Format) -> [u64; 2] {
         let mut b: [Option<Region>; 64] = [None; 64];
         let (mut next_vertex, mut next_node) = (of("vertex_base"), of("node_base"));
         let (mut last, mut free, mut fresh) = (0, vec![], 0);
+        // By register, the index of the vertex in it; and the indices of each leaf.
+        let (mut held, mut leaves) = ([0; 64], vec![]);
         loop {
             let word = (0..5).rev().fold(0u64, |word, k| {
                 word << 8 | u64::from(code.get(at + k).copied().unwrap_or(0))
@@ -1023,16 +1025,24 @@ fn check_updates(vectors: &Vectors, f: Format) -> [u64; 2] {
                 (3, _, _) => {
                     last = six(2);
                     v[last] = vertex(next_vertex);
+                    held[last] = next_vertex as u64;
                     next_vertex += 1;
                     at += 1;
                 }
                 (2, 3, 2) => {
                     last = six(8);
-                    v[last] = vertex(of("vertex_base") + (word >> 14 & 0x3ff_ffff) as usize);
+                    let index = of("vertex_base") + (word >> 14 & 0x3ff_ffff) as usize;
+                    v[last] = vertex(index);
+                    held[last] = index as u64;
                     at += 5;
                 }
                 (kind @ (0 | 1), 3, _) => {
                     let third = if kind == 0 { six(16) } else { last };
+                    leaves.push(
+                        [six(4), six(10), third]
+                            .map(|register| held[register])
+                            .into(),
+                    );
                     let mut region = [[infinity[1], infinity[0]]; 3];
                     for register in [six(4), six(10), third] {
                         let corner = v[register].expect("loaded before it is used");
@@ -1099,6 +1109,7 @@ fn check_updates(vectors: &Vectors, f: Format) -> [u64; 2] {
                 }
             }
         }
+        check_update_records(vectors, before, command, &leaves);
         assert!(at.div_ceil(16) == of("rows") && code[at..].iter().all(|&byte| byte == 0));
         assert_eq!(of("instructions"), count);
         assert_eq!(of("writes"), next_write - of("first_write"));
@@ -1128,6 +1139,46 @@ fn check_updates(vectors: &Vectors, f: Format) -> [u64; 2] {
     assert_eq!(instructions, vectors.number("/update_instructions"));
     assert_eq!(boxes_written.len(), boxes.len());
     [commands.len() as u64, next_write as u64]
+}
+
+/// The records of updated objects: a leaf of the program has its record's vertices. And what lies between the objects.
+fn check_update_records(
+    vectors: &Vectors,
+    nodes: &[Line<'_>],
+    command: &Line<'_>,
+    leaves: &[BTreeSet<u64>],
+) {
+    let fields = vectors.fields("update_records.hex");
+    let records = vectors.lines("update_records.hex", &fields);
+    assert_eq!(nodes.len(), records.len());
+    let count = leaves.len() as u64;
+    let base = command.get("node_base");
+    // The root is the last node; one triangle has none.
+    let root = match count {
+        1 => 1 << 26 | base,
+        _ => base + count - 2,
+    };
+    let below = records_below(nodes, root);
+    let mut corners: Vec<BTreeSet<u64>> = (below.iter())
+        .map(|&record| {
+            ["v0", "v1", "v2"]
+                .map(|name| records[record].get(name))
+                .into()
+        })
+        .collect();
+    let numbers: BTreeSet<u64> = below.iter().map(|&r| records[r].get("number")).collect();
+    assert!(numbers.into_iter().eq(0..count));
+    let mut leaves = leaves.to_vec();
+    leaves.sort();
+    corners.sort();
+    assert_eq!(leaves, corners);
+    let filler = &records[base as usize - 1];
+    assert!(filler.digits.iter().all(|&digit| digit == 15));
+    assert_eq!(
+        nodes[base as usize - 1].get("left_lo"),
+        vectors.format().nan()
+    );
+    assert_eq!(nodes[base as usize - 1].get("link"), (1 << 26) - 1);
 }
 
 /// Skins every mesh of the files. Returns meshes and vertices.

@@ -1,7 +1,9 @@
 //! Directed scenes: small ones that lie in memory behind the scene that was given, and rays that tell in them what a picture may not.
 
 use crate::bkd::layout::{InstanceRecord, LinkWord, MemoryImage, Target, TriangleRecord};
-use crate::bkd::{Bounds, BuildOptions, InstanceSpec, InstancedImage, build};
+use crate::bkd::{
+    Bounds, BuildOptions, Child, InstanceSpec, InstancedImage, Tree, build, build_over_boxes,
+};
 use crate::config::Config;
 use crate::float::{Arithmetic, Format, specials};
 use crate::port::Ray;
@@ -145,11 +147,41 @@ fn sheet(side: u32, rng: &mut fastrand::Rng) -> (Vec<[f64; 3]>, Vec<[u32; 3]>) {
     (vertices.collect(), triangles)
 }
 
-/// The image of an object of one level.
-fn object(config: &Config, vertices: &[[f64; 3]], triangles: &[[u32; 3]]) -> Result<MemoryImage> {
+/// The image of an object of one level. Of equal triangles any may come first in the tree: the builder alone would sort them by
+/// their numbers.
+fn object(
+    config: &Config,
+    vertices: &[[f64; 3]],
+    triangles: &[[u32; 3]],
+    rng: &mut fastrand::Rng,
+) -> Result<MemoryImage> {
     let options = BuildOptions::default_for(config.axes_per_node, config.stack_depth);
-    let tree = build(vertices, triangles, &options)?;
+    let order = shuffled(triangles.len(), rng);
+    let in_order: Vec<[u32; 3]> = order.iter().map(|&k| triangles[k as usize]).collect();
+    let tree = renumbered(build(vertices, &in_order, &options)?, &order);
     MemoryImage::new(config.format(), vertices, triangles, &tree)
+}
+
+/// The numbers below `count` in a random order.
+fn shuffled(count: usize, rng: &mut fastrand::Rng) -> Vec<u32> {
+    let mut order: Vec<u32> = (0..count as u32).collect();
+    rng.shuffle(&mut order);
+    order
+}
+
+/// A tree whose leaf k is `order[k]`.
+fn renumbered(mut tree: Tree, order: &[u32]) -> Tree {
+    let renumber = |child: &mut Child| {
+        if let Child::Leaf(number) = child {
+            *number = order[*number as usize];
+        }
+    };
+    renumber(&mut tree.root);
+    tree.nodes
+        .iter_mut()
+        .flat_map(|node| &mut node.children)
+        .for_each(renumber);
+    tree
 }
 
 /// A ray through a point of a sheet about `centre`: a corner, an edge or the inside of a triangle.
@@ -196,7 +228,7 @@ fn ties(config: &Config) -> Result<Plan> {
     let (vertices, triangles) = sheet(2, &mut rng);
     Ok(Plan {
         label: "ties",
-        image: object(config, &vertices, &triangles)?,
+        image: object(config, &vertices, &triangles, &mut rng)?,
         packets: packets(config, "ties of triangles", TIE_RAYS, |_| {
             ray_at_sheet(&a, [0.0; 3], &mut rng)
         }),
@@ -230,7 +262,7 @@ fn instances(config: &Config) -> Result<Plan> {
         (&hidden, &behind),
         (&vertices, &reversed),
     ] {
-        image.add_object(&object(config, vertices, triangles)?)?;
+        image.add_object(&object(config, vertices, triangles, &mut rng)?)?;
     }
     let mut standing: Vec<(usize, [f64; 3])> = (PLACES.into_iter())
         .flat_map(|place| [1, 0, 2, 1].map(|object| (object, place)))
@@ -245,8 +277,13 @@ fn instances(config: &Config) -> Result<Plan> {
             InstanceSpec::new(format, number, *object, &matrix, bounds)
         });
     let specs = specs.collect::<Result<Vec<_>>>()?;
-    let options = BuildOptions::default_for(config.axes_per_node, config.stack_depth);
-    image.set_top(&specs, &options)?;
+    let deepest = image.objects().iter().map(|object| object.depth).max();
+    let depth = config.stack_depth.saturating_sub(deepest.unwrap_or(0));
+    let options = BuildOptions::default_for(config.axes_per_node, depth);
+    let order = shuffled(specs.len(), &mut rng);
+    let boxes: Vec<Bounds> = order.iter().map(|&k| specs[k as usize].world_box).collect();
+    let top = renumbered(build_over_boxes(&boxes, &options)?, &order);
+    image.set_top_tree(&specs, &top)?;
     let mut all = packets(config, "ties of instances", TIE_RAYS, |_| {
         let place = PLACES[rng.usize(..PLACES.len())];
         ray_at_sheet(&a, place, &mut rng)
@@ -275,7 +312,7 @@ fn transforms(config: &Config) -> Result<Plan> {
     let mut rng = fastrand::Rng::with_seed(8);
     let mut image = InstancedImage::new(format);
     let (vertices, triangles) = sheet(1, &mut rng);
-    image.add_object(&object(config, &vertices, &triangles[..2])?)?;
+    image.add_object(&object(config, &vertices, &triangles[..2], &mut rng)?)?;
     let mut coordinate = || f64::from(rng.i32(1..=8)) / 4.0;
     let boxes: Vec<Bounds> = (0..SPECIAL_INSTANCES)
         .map(|_| Bounds {

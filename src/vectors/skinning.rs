@@ -5,7 +5,7 @@
 use super::layout::{Kind, Layout};
 use super::shape::Shape;
 use super::sheet::Sheet;
-use super::update::random_record;
+use super::update::filler;
 use crate::bkd::layout::{
     Columns, INFLUENCES_PER_ROW, Influence, JOINT_BITS, LINK_BITS, Record, influence_words,
     vector_words,
@@ -105,15 +105,9 @@ impl SkinSheets {
                 mesh.palette.len(),
                 config.skinning_joints
             );
-            // Rows and vectors that nothing reads or writes: random, canonical and not −0 as all others.
-            let guard = random_record(&Record::vertex(format), format, &mut rng);
-            let [x, y, z] = ["x", "y", "z"].map(|name| Record::vertex(format).get(&guard, name));
-            vectors.push([x, y, z].map(|bits| format.to_f64(bits)));
-            rows.extend(random_record(
-                &Record::influence_row(format),
-                format,
-                &mut rng,
-            ));
+            // A row and a vector that nothing reads or writes.
+            vectors.push([f64::NAN; 3]);
+            rows.extend(filler(&Record::influence_row(format), format));
             let influences = influence_words(format, &mesh.influences);
             let count = mesh.rest.len() as u32;
             let palette = vectors.len() as u32;

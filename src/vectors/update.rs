@@ -43,7 +43,7 @@ struct Object {
 /// The files of the update processor.
 pub struct UpdateSheets {
     /// In the order in which they are listed.
-    pub images: [Sheet; 3],
+    pub images: [Sheet; 4],
     pub commands: Sheet,
     pub writes: Sheet,
     pub after: Sheet,
@@ -162,22 +162,24 @@ struct Memory {
     /// Words of [`Record::vertex`] and [`Record::node`] records.
     vertices: Vec<u32>,
     nodes: Vec<u32>,
+    /// Words of triangle records, which no update reads: they say which triangle a leaf is.
+    records: Vec<u32>,
 }
 
 impl Memory {
-    /// A record or two that no update may read or write, in each memory.
+    /// A record or two that no update may read or write, in each memory. Nodes and records go side by side.
     fn guard(&mut self, format: Format, rng: &mut fastrand::Rng) {
-        for _ in 0..rng.usize(1..=2) {
-            self.program
-                .extend(std::iter::repeat_with(|| rng.u8(..)).take(Program::ROW_BYTES));
+        let mut one_or_two = || rng.usize(1..=2);
+        let rows = one_or_two() * Program::ROW_BYTES;
+        self.program.extend(std::iter::repeat_n(u8::MAX, rows));
+        let (vertices, slots) = (one_or_two(), one_or_two());
+        for (record, words, count) in [
+            (Record::vertex(format), &mut self.vertices, vertices),
+            (Record::node(format), &mut self.nodes, slots),
+            (Record::triangle(), &mut self.records, slots),
+        ] {
+            words.extend(filler(&record, format).repeat(count));
         }
-        let mut records = |record: Record, words: &mut Vec<u32>| {
-            for _ in 0..rng.usize(1..=2) {
-                words.extend(random_record(&record, format, rng));
-            }
-        };
-        records(Record::vertex(format), &mut self.vertices);
-        records(Record::node(format), &mut self.nodes);
     }
 
     /// Lays an object out behind what is there, its vertices moved and its bounds not yet; returns what updates it, and the
@@ -212,7 +214,7 @@ impl Memory {
         let slots = MemoryImage {
             format,
             nodes: placement.nodes,
-            records: vec![],
+            records: placement.records,
             vertices: vec![],
             root: placement.root,
             bounds: ([0.0; 3], [0.0; 3]),
@@ -223,6 +225,7 @@ impl Memory {
         self.vertices
             .extend(vector_words(format, &program.reorder_vertices(after)));
         self.nodes.extend(slots.node_words());
+        self.records.extend(slots.record_words());
         Ok((command, rows))
     }
 
@@ -291,6 +294,7 @@ impl Memory {
             program,
             records("update_vertices", &vertex, &self.vertices)?,
             records("update_nodes_before", &node, &self.nodes)?,
+            records("update_records", &Record::triangle(), &self.records)?,
         ];
         let mut lines = sheet("update_commands", shape.update_commands(), OF_SCENE)?;
         let mut writes = sheet("update_node_writes", shape.update_node_writes(), OF_SCENE)?;
@@ -344,16 +348,14 @@ impl Memory {
     }
 }
 
-/// A record of random fields. Its numbers are canonical and not −0, as all in memory are.
-pub fn random_record(record: &Record, format: Format, rng: &mut fastrand::Rng) -> Vec<u32> {
+/// A record that nothing reads: its numbers are the NaN, its other fields all ones, so that it is noticed if it is read.
+pub fn filler(record: &Record, format: Format) -> Vec<u32> {
     let mut words = vec![0; record.words()];
-    for field in &record.fields {
-        let value = rng.u64(..) >> (64 - field.width);
-        let number = field.width == format.width() || field.name.starts_with("weight");
-        let value = match number {
-            // A sum of +0 has no −0.
-            true => format.to_bits(format.to_f64(value) + 0.0),
-            false => value,
+    let layout = Layout::default().record(record, format);
+    for (field, described) in record.fields.iter().zip(&layout.fields) {
+        let value = match described.kind {
+            Kind::Number => format.nan(),
+            _ => u64::MAX >> (64 - field.width),
         };
         field.set(&mut words, value);
     }
