@@ -19,7 +19,6 @@ Exit status: 0 if something was checked and all of it is right; 1 if something i
 import argparse
 import collections
 import hashlib
-import itertools
 import json
 import math
 import multiprocessing
@@ -389,6 +388,7 @@ def layouts_of(width, rays, tag_bits, watertight, two_levels):
         "update_program": unsigned(64, "low", "high"),
         "update_vertices": vertex,
         "update_nodes_before": bounds + link,
+        "update_records": unsigned(32, "v0", "v1", "v2", "number"),
         "update_commands": unsigned(26, "program", "rows", "vertex_base", "node_base", "box_index")
         + unsigned(32, "first_write", "writes", "instructions"),
         "update_node_writes": unsigned(26, "node") + mask(5, "mask") + bounds,
@@ -874,6 +874,7 @@ FILES = [
     ("update_program.hex", "update", "image", "update_program"),
     ("update_vertices.hex", "update", "image", "update_vertices"),
     ("update_nodes_before.hex", "update", "image", "update_nodes_before"),
+    ("update_records.hex", "update", "image", "update_records"),
     ("update_commands.hex", "update", "stimulus", "update_commands"),
     ("update_node_writes.hex", "update", "expected", "update_node_writes"),
     ("update_nodes_after.hex", "update", "expected", "update_nodes_after"),
@@ -914,6 +915,7 @@ WHOLE_UNITS = {
             "update_program.hex",
             "update_vertices.hex",
             "update_nodes_before.hex",
+            "update_records.hex",
             "update_nodes_after.hex",
             "update_boxes.hex",
         ],
@@ -1201,12 +1203,24 @@ class Checker:
                 ("stimulus", stimulus),
                 ("expected", expected),
                 ("care", care),
-                ("others", others),
+                ("others", sorted(others)),
             ):
-                self.report.expect("manifest", "manifest.json", None, "units: %s: %s" % (unit, key), value, entry.get(key))
+                given = entry.get(key)
+                given = sorted(map(str, given)) if isinstance(given, list) else given
+                self.report.expect("manifest", "manifest.json", None, "units: %s: %s" % (unit, key), value, given)
             self._check_memories(unit, memories, entry)
             self._check_ports(unit, entry)
         self.report.expect("manifest", "manifest.json", None, "units", sorted(wanted), sorted(map(str, found)))
+
+    def check_filler(self, kind, file, first, end):
+        """Records that nothing reads: all numbers are the NaN, all else is ones."""
+        layout = self.layouts[file[:-4]]
+        line = 0
+        for _, lsb, width, what in layout.fields:
+            # Of a weight the sign, which is 0, is left out.
+            line |= (self.numbers.nan if what == "number" else (1 << width) - 1) << lsb
+        for place in range(first, min(end, len(self.lines[file]))):
+            self.same(kind, file, place, layout, line, self.lines[file][place])
 
     def check_canonical(self, file, layout):
         """All numbers of a file that may hold no −0."""
@@ -2311,6 +2325,7 @@ class Update:
             runs.append(run)
             if run is not None:
                 self._check_links(k, run)
+                self._check_records(run)
                 self._apply(run, after)
         chosen = set(self.checker.sample(len(commands)))
         for k, run in enumerate(runs):
@@ -2342,7 +2357,9 @@ class Update:
         """Objects lie one after another, each behind one or two records that nothing reads."""
         report, file = self.report, "update_commands.hex"
         ends = {"program": 0, "node_base": 0}
+        files = {"program": ["update_program.hex"], "node_base": ["update_nodes_before.hex", "update_nodes_after.hex", "update_records.hex"]}
         first_write = 0
+        filler = self.checker.check_filler
         for k, command in enumerate(commands):
             report.expect("update_commands", file, k + 1, "first_write", first_write, command["first_write"])
             first_write += command["writes"]
@@ -2350,14 +2367,20 @@ class Update:
                 good = ends[field] + 1 <= command[field] <= ends[field] + 2
                 words = "%d or %d" % (ends[field] + 1, ends[field] + 2)
                 report.claim("update_commands", file, k + 1, field, good, words, command[field])
+                for name in files[field]:
+                    filler("update fillers", name, ends[field], command[field])
                 ends[field] = command[field] + size
             following = commands[k + 1]["vertex_base"] if k + 1 < len(commands) else len(self.vertices)
-            good = command["vertex_base"] < following - 1
+            good = 0 < command["vertex_base"] < following - 1
             report.claim("update_commands", file, k + 1, "vertex_base", good, "below %d" % (following - 1), command["vertex_base"])
-        for field, lines in (("program", "update_program.hex"), ("node_base", "update_nodes_before.hex")):
-            good = ends[field] + 1 <= len(self.lines[lines]) <= ends[field] + 2
-            words = "%d or %d" % (ends[field] + 1, ends[field] + 2)
-            report.claim("update_commands", lines, None, "lines", good, words, len(self.lines[lines]))
+            filler("update fillers", "update_vertices.hex", max(0, command["vertex_base"] - 1), command["vertex_base"])
+        filler("update fillers", "update_vertices.hex", len(self.vertices) - 1, len(self.vertices))
+        for field, names in files.items():
+            for name in names:
+                count = len(self.lines[name])
+                words = "%d or %d" % (ends[field] + 1, ends[field] + 2)
+                report.claim("update_commands", name, None, "lines", ends[field] + 1 <= count <= ends[field] + 2, words, count)
+                filler("update fillers", name, ends[field], count)
         indices = sorted(command["box_index"] for command in commands)
         report.expect("update_commands", file, None, "box_index", list(range(len(commands))), indices)
         report.expect("update_commands", "update_boxes.hex", None, "lines", len(commands), len(self.lines["update_boxes.hex"]))
@@ -2415,6 +2438,31 @@ class Update:
             report.expect(kind, file, base + count, "right leaves", sorted(both_inner + [base + count]), sorted(right_leaves.elements()))
         report.expect(kind, file, base + count + 1, "unused slot", 0, lines[base + count])
 
+    def record(self, index):
+        line = self.lines["update_records.hex"][index] if index < len(self.lines["update_records.hex"]) else 0
+        return tuple(line >> 32 * k & ALL_ONES for k in range(4))
+
+    def _check_records(self, run):
+        """Each leaf of the program has the vertices of its record; the records count the object's triangles."""
+        report, kind, file = self.report, "update_records", "update_records.hex"
+        layout, nodes = self.layouts["update_nodes_before"], self.lines["update_nodes_before.hex"]
+        base, count = run.node_base, run.nodes + 1
+        if base + count > len(nodes):
+            return
+        places = {0: base} if run.nodes == 0 else {}
+        for place, (left, right, _, _) in enumerate(run.links):
+            own, link = base + place, link_fields(nodes[base + place] >> layout.at["link"][0])["link"]
+            if left[0] == "leaf":
+                places[left[1]] = own
+            if right[0] == "leaf":
+                places[right[1]] = link if left[0] == "leaf" else own
+        run.places = places
+        for number, index in places.items():
+            expected = sorted(run.vertex_base + vertex for vertex in run.triangles[number])
+            report.expect(kind, file, index + 1, "vertices", expected, sorted(self.record(index)[:3]))
+        numbers = sorted(self.record(index)[3] for index in range(base, base + count))
+        report.expect(kind, file, base + 1, "numbers of an object", list(range(count)), numbers)
+
     def _apply(self, run, after):
         layout, encode = self.layouts["update_nodes_after"], self.numbers.encode
         upper = layout.at["link"][0]
@@ -2432,34 +2480,28 @@ class Update:
             checker.same("update_nodes_after", "update_nodes_after.hex", place, layout, after[place], lines[place])
 
     def _check_objects(self, runs):
-        """The first updates are of the scene's objects, in the order in which they lie in memory."""
+        """The first updates are of the objects of scene 0, those whose root is a node first."""
         first, count = self.checker.part("update_commands.hex", "objects of the scene")
-        blocks = self.scene.blocks
-        if count < len(blocks) or first != 0:
-            field = "parts: objects of the scene"
-            self.report.wrong("update of the scene", "update_commands.hex", None, field, len(blocks), count)
-            return
-        # An object that no instance shows in this frame is in no block: it is told from the others by its triangles.
-        k = 0
-        for block in blocks:
-            while k < count and runs[k] is not None and runs[k].leaves != block.slots and count - k > 1:
-                k += 1
-            if k < count and runs[k] is not None and runs[k].leaves == block.slots:
-                self._check_object(runs[k], block)
-            elif k >= count or runs[k] is not None:
-                self.report.wrong("update of the scene", "update_commands.hex", k + 1, "triangles", block.slots, "another object")
-            k += 1
+        blocks = sorted(self.scene.blocks, key=lambda block: (block.root["left_leaf"], block.root["link"]))
+        field = "parts: objects of the scene"
+        self.report.expect("update of the scene", "update_commands.hex", None, field, (0, len(blocks)), (first, count))
+        for k, (run, block) in enumerate(zip(runs, blocks)):
+            if run is None:
+                continue
+            if self.report.expect("update of the scene", "update_commands.hex", k + 1, "triangles", block.slots, run.leaves):
+                self._check_object(run, block)
 
     def _check_object(self, run, block):
         """An object's tree in the update processor's memory is that in nodes.hex, and its triangles are those of the records."""
         scene, report = self.scene, self.report
-        of_record, of_program = collections.defaultdict(list), collections.defaultdict(list)
+        pairs = {}
 
         def leaf(index, number):
-            for vertex in scene.records[index][:3]:
-                of_record[vertex].append(number)
-            for vertex in run.triangles[number]:
-                of_program[vertex].append(number)
+            ours, theirs = scene.records[index], self.record(run.places.get(number, 0))
+            for vertex, moved in zip(ours[:3], theirs[:3]):
+                if pairs.setdefault(vertex, moved) != moved:
+                    words = "vertex %d, as in another record" % pairs[vertex]
+                    report.wrong("update of the scene", "update_records.hex", run.places.get(number, 0) + 1, "vertex", words, moved)
 
         if block.root["left_leaf"]:
             leaf(block.root["link"], 0)
@@ -2479,7 +2521,7 @@ class Update:
                     leaf(child, number)
                 else:
                     stack.append((child, number))
-        self._check_vertices(run, block, of_record, of_program)
+        self._check_vertices(block, pairs)
 
     def _check_bounds(self, node, own):
         lines, layout = self.lines["update_nodes_before.hex"], self.layouts["update_nodes_before"]
@@ -2488,27 +2530,18 @@ class Update:
             expected = lines[own] >> upper << upper | node.line & (1 << upper) - 1
             self.checker.same("update of the scene", "update_nodes_before.hex", own, layout, expected, lines[own])
 
-    def _check_vertices(self, run, block, of_record, of_program):
-        """Vertices that are of the same leaves belong to each other; those of the program have moved by at most 1/64 of the box."""
+    def _check_vertices(self, block, pairs):
+        """Vertices have moved by at most 1/64 of the box, rounded once, and no two are one."""
         report, rounded = self.report, self.numbers.round
-        groups = collections.defaultdict(lambda: ([], []))
-        for side, leaves in enumerate((of_record, of_program)):
-            for vertex, numbers in leaves.items():
-                groups[tuple(sorted(numbers))][side].append(vertex)
         lo, hi = block.box
         most = max(b - a for a, b in zip(lo, hi)) / 64.0
-        for numbers, (ours, theirs) in groups.items():
-            field = "vertices of the leaves %s" % list(numbers[:4])
-            line = run.vertex_base + min(theirs, default=0) + 1
-            report.expect("update of the scene", "update_program.hex", None, field, len(ours), len(theirs))
-            points = [self.scene.vertices[vertex] for vertex in ours]
-            moved = [self.vertices[run.vertex_base + vertex] for vertex in theirs]
-            good = len(points) == len(moved) and any(
-                all(rounded(a - most) <= b <= rounded(a + most) for p, q in zip(points, order) for a, b in zip(p, q))
-                for order in itertools.permutations(moved)
-            )
-            words = "moved by at most %.9g" % most
-            report.claim("update of the scene", "update_vertices.hex", line, field, good, words, "more")
+        report.expect("update of the scene", "update_records.hex", None, "vertices", len(pairs), len(set(pairs.values())))
+        words = "moved by at most %.9g" % most
+        for ours, theirs in pairs.items():
+            if theirs < len(self.vertices):
+                old, new = self.scene.vertices[ours], self.vertices[theirs]
+                good = all(rounded(a - most) <= b <= rounded(a + most) for a, b in zip(old, new))
+                report.claim("update of the scene", "update_vertices.hex", theirs + 1, "vertex", good, words, "%s from %s" % (new, old))
 
     def _check_canonical(self):
         """No -0 and only the one NaN, in records that nothing reads too."""
@@ -2546,6 +2579,8 @@ class Skinning:
             target = rest + command["vertices"]
             vectors = target + command["vertices"]
             influence_rows = (command["count"] + 3) // 4
+            self.checker.check_filler("skinning fillers", "skinning_vectors.hex", palette - 1, palette)
+            self.checker.check_filler("skinning fillers", "skinning_influences.hex", rows, rows + 1)
             for field, value in (
                 ("palette", palette),
                 ("rest", rest),
@@ -2571,7 +2606,7 @@ class Skinning:
 
     def _check_objects(self, commands):
         """The vertices of the scene's skinned objects are those that its triangles have: a run of lines of vertices.hex."""
-        first, count = self.checker.part("skinning_commands.hex", "objects of the scene")
+        first, count = self.checker.part("skinning_commands.hex", "skinned objects of the scene")
         layout = self.layouts["skinning_expected"]
         scene, start = self.scene, self.scene.first_vertex
         width = layout.width - layout.at["x"][0]
