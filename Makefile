@@ -30,11 +30,12 @@ EVIDENCE := target/evidence
 comma := ,
 SOURCES := Cargo.toml Cargo.lock docs/baseline.json $(shell find src sim tests benches configs rtl constraints -type f)
 DYNRT := target/release/dynrt
-# Scene and view, joined by a comma; those that are no files of the project only where they are.
+# Scene and view, joined by a comma; those that are no files of the project only where they are (sim/fetch_scenes.sh).
+SCENES := $(shell sim/fetch_scenes.sh --where)
 OBJECTS := builtin:teapot,outside builtin:knot,outside \
-    $(patsubst %,%$(comma)outside,$(wildcard ../shared/scenes/stanford_bunny/stanford-bunny.obj))
+    $(patsubst %,%$(comma)outside,$(wildcard $(SCENES)/stanford_bunny/stanford-bunny.obj))
 ROOMS := builtin:interior,inside \
-    $(patsubst %,%$(comma)inside,$(wildcard ../shared/scenes/kitchen/kitchen.obj ../shared/scenes/sponza/sponza.obj))
+    $(patsubst %,%$(comma)inside,$(wildcard $(SCENES)/kitchen/kitchen.obj $(SCENES)/sponza/sponza.obj))
 STEPS := prove plants machines mutants numbers frames embree tests speed
 
 # Two at a time, for most of a step runs on one core; those that take the time of anything have the machine for themselves.
@@ -89,6 +90,7 @@ tools:
 	done; \
 	[ -e /usr/include/zlib.h ] || missing="$$missing zlib1g-dev"; \
 	[ -e /usr/include/embree3/rtcore.h ] || missing="$$missing libembree-dev"; \
+	[ -e /usr/share/assimp/models ] || missing="$$missing assimp-testmodels"; \
 	python3 -c 'import ensurepip' 2>/dev/null || missing="$$missing python3-venv"; \
 	if [ -n "$$missing" ]; then \
 	    echo "installing$$missing"; \

@@ -218,7 +218,7 @@ fn other_machines() {
     }
 }
 
-// ---- Scenes of ../shared/scenes -------------------------------------------------------------------------------
+// ---- Public scenes -------------------------------------------------------------------------------
 
 /// All clips of a file; in full, one of them larger.
 fn check_file(file: &str) {

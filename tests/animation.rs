@@ -2,8 +2,8 @@
 
 #[path = "animation/kinds.rs"]
 mod kinds;
-#[path = "common/say.rs"]
-mod say;
+#[path = "common/shared.rs"]
+mod shared;
 
 use dynrt::float::Format;
 use dynrt::scene::animation::{
@@ -12,8 +12,8 @@ use dynrt::scene::animation::{
 };
 use dynrt::scene::{Animated, Bounds, load_animated, log2_scale};
 use glam::DVec3;
-use say::say;
 use serde_json::{Value, json};
+use shared::shared_scene;
 use std::collections::HashMap;
 use std::path::PathBuf;
 
@@ -22,17 +22,6 @@ fn fault(spec: &str) -> String {
         Ok(scene) => panic!("{spec} loaded as {}", scene.name),
         Err(error) => one_line(&error),
     }
-}
-
-/// A scene of `../shared/scenes`, or nothing and a plain word about it where the folder is absent.
-fn shared_scene(file: &str) -> Option<String> {
-    let folder = concat!(env!("CARGO_MANIFEST_DIR"), "/../shared/scenes");
-    let path = PathBuf::from(folder).join(file);
-    if path.exists() {
-        return Some(path.to_string_lossy().into_owned());
-    }
-    say(&format!("absent, so not checked: ../shared/scenes/{file}"));
-    None
 }
 
 fn one_line(error: &anyhow::Error) -> String {
@@ -149,7 +138,7 @@ fn assert_bounds(what: &str, (low, high): Bounds, expected: [f64; 6]) {
     }
 }
 
-// ---- Files of ../shared/scenes --------------------------------------------------------------------------------
+// ---- Files of the public scenes --------------------------------------------------------------------------------
 
 #[test]
 fn shared_scenes_have_the_counts_of_their_sources() {

@@ -1,13 +1,13 @@
 //! Scenes as a user meets them: files, built-in scenes, and what is said of those that cannot be used.
 
-#[path = "common/say.rs"]
-mod say;
+#[path = "common/shared.rs"]
+mod shared;
 
 use dynrt::float::Format;
 use dynrt::port::Ray;
 use dynrt::scene::{BUILTIN_NAMES, Camera, Frame, ImageSize, MachineMesh, Mesh, View, load};
 use glam::DVec3;
-use say::say;
+use shared::shared_scene;
 use std::collections::{HashMap, HashSet};
 use std::path::{Path, PathBuf};
 
@@ -66,7 +66,6 @@ fn volume(mesh: &Mesh) -> f64 {
 
 #[test]
 fn shared_scenes_have_the_triangles_of_their_sources() {
-    let folder = Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/../shared/scenes"));
     let expected = [
         ("cornell_box/cornell_box.obj", 36),
         ("suzanne/suzanne.obj", 968),
@@ -77,12 +76,10 @@ fn shared_scenes_have_the_triangles_of_their_sources() {
         ("stanford_bunny/stanford-bunny.obj", 69451),
     ];
     for (file, triangles) in expected {
-        let path = folder.join(file);
-        if !path.exists() {
-            say(&format!("{} is absent: not tested", path.display()));
+        let Some(path) = shared_scene(file) else {
             continue;
-        }
-        let scene = load(path.to_str().unwrap()).unwrap();
+        };
+        let scene = load(&path).unwrap();
         assert_eq!(scene.mesh.triangles.len(), triangles, "{file}");
         let mesh = MachineMesh::new(&scene, Format::FP24).unwrap();
         let (low, high) = mesh.bounds();
@@ -93,14 +90,9 @@ fn shared_scenes_have_the_triangles_of_their_sources() {
 
 #[test]
 fn the_built_in_teapot_is_the_published_one() {
-    let path = Path::new(concat!(
-        env!("CARGO_MANIFEST_DIR"),
-        "/../shared/scenes/teapot/teapot.obj"
-    ));
-    if !path.exists() {
-        say(&format!("{} is absent: not tested", path.display()));
+    let Some(path) = shared_scene("teapot/teapot.obj") else {
         return;
-    }
+    };
     // That file has the same tessellation, with single-precision vertices printed in decimal.
     let cell = |p: &[f64; 3]| p.map(|x| (x * 64.0).round() as i64);
     let mut cells: HashMap<[i64; 3], Vec<DVec3>> = HashMap::new();
@@ -112,7 +104,7 @@ fn the_built_in_teapot_is_the_published_one() {
             near.push((*p).into());
         }
     }
-    let theirs = load(path.to_str().unwrap()).unwrap().mesh;
+    let theirs = load(&path).unwrap().mesh;
     assert_eq!(theirs.triangles.len(), ours.triangles.len());
     for p in &theirs.positions {
         let near = cells.get(&cell(p)).map(Vec::as_slice).unwrap_or_default();

@@ -1,5 +1,8 @@
 //! Golden vectors, checked by who knows only the files: an independent checker here, the Verilog benches in `sim/`.
 
+#[path = "vectors/checker.rs"]
+mod checker;
+
 use dynrt::bkd::{self, BuildOptions, MemoryImage};
 use dynrt::bkd::{LinkWord, Node, Record, TriangleRecord};
 use dynrt::config::{Config, TriangleTest};
