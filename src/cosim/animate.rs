@@ -762,11 +762,29 @@ impl<'a> Host<'a> {
             }
         };
         self.weigh(&mut figures);
+        let qualities = changed.into_iter().zip(qualities);
+        let trees = self.rebuild_bad(number, qualities, options, &mut figures)?;
+        Ok(picture.map(|picture| FrameReport {
+            number,
+            figures,
+            trees,
+            picture,
+        }))
+    }
+
+    /// Judges the trees of objects that have moved in a frame; those that have become bad are built anew.
+    fn rebuild_bad(
+        &mut self,
+        number: usize,
+        qualities: impl Iterator<Item = (usize, Quality)>,
+        options: &Options,
+        figures: &mut Figures,
+    ) -> Result<Vec<TreeReport>> {
         let mut trees = Vec::new();
-        for (object, quality) in changed.into_iter().zip(qualities) {
+        for (object, quality) in qualities {
             let sah_ratio = quality.ratio();
             // The last frame has no next one, which a new tree could serve.
-            let rebuilt = sah_ratio > options.rebuild_above && number + 1 < film.frames.len();
+            let rebuilt = sah_ratio > options.rebuild_above && number + 1 < self.film.frames.len();
             trees.push(TreeReport {
                 object: self.objects[object].machine.name.clone(),
                 sah_ratio,
@@ -777,12 +795,7 @@ impl<'a> Host<'a> {
                 self.rebuild(object, quality.tree)?;
             }
         }
-        Ok(picture.map(|picture| FrameReport {
-            number,
-            figures,
-            trees,
-            picture,
-        }))
+        Ok(trees)
     }
 
     /// Skinning and update of an object whose vertices have changed.
