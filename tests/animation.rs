@@ -679,7 +679,7 @@ impl File {
 
     fn load(&self) -> Animated {
         let folder = tempfile::tempdir().unwrap();
-        let scene = load_animated(&write(&folder, "scene.gltf", self.text().as_bytes()));
+        let scene = load_animated(write(&folder, "scene.gltf", self.text().as_bytes()));
         let scene = scene.map_err(|error| format!("{error:#}")).unwrap();
         assert_well_formed(&scene);
         scene
@@ -1132,7 +1132,7 @@ impl File {
     /// A scene that cannot be posed everywhere.
     fn load_unchecked(&self) -> Animated {
         let folder = tempfile::tempdir().unwrap();
-        load_animated(&write(&folder, "scene.gltf", self.text().as_bytes())).unwrap()
+        load_animated(write(&folder, "scene.gltf", self.text().as_bytes())).unwrap()
     }
 }
 
