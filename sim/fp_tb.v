@@ -4,7 +4,7 @@
 `include "vectors.vh"
 `include "bench.vh"
 
-module fp_tb;
+module dynrt_fp_tb;
     reg     clk, running, failed;
     integer file, line;
     always #5 clk = !clk;
@@ -13,43 +13,43 @@ module fp_tb;
 
     wire [`FP_ADD_STIMULUS_BITS-1:0] add_in;
     wire [`NUMBER_BITS-1:0]          add_y;
-    replay #(
+    dynrt_replay #(
         .NAME("fp_add_expected.hex"), .LINES(`FP_ADD_STIMULUS_LINES), .LATENCY(`FP_ADD_LATENCY),
         .STIMULUS_BITS(`FP_ADD_STIMULUS_BITS), .EXPECTED_BITS(`FP_ADD_EXPECTED_BITS)
     ) add_replay (
         .clk(clk), .running(running), .stimulus_now(add_in), .computed(add_y), .done(done[0]), .failed()
     );
-    fp_add add (.clk(clk), .a(add_in[`FP_ADD_STIMULUS_A]), .b(add_in[`FP_ADD_STIMULUS_B]), .y(add_y));
+    dynrt_fp_add add (.clk(clk), .a(add_in[`FP_ADD_STIMULUS_A]), .b(add_in[`FP_ADD_STIMULUS_B]), .y(add_y));
 
     wire [`FP_SUB_STIMULUS_BITS-1:0] sub_in;
     wire [`NUMBER_BITS-1:0]          sub_y;
-    replay #(
+    dynrt_replay #(
         .NAME("fp_sub_expected.hex"), .LINES(`FP_SUB_STIMULUS_LINES), .LATENCY(`FP_SUB_LATENCY),
         .STIMULUS_BITS(`FP_SUB_STIMULUS_BITS), .EXPECTED_BITS(`FP_SUB_EXPECTED_BITS)
     ) sub_replay (
         .clk(clk), .running(running), .stimulus_now(sub_in), .computed(sub_y), .done(done[1]), .failed()
     );
-    fp_sub sub (.clk(clk), .a(sub_in[`FP_SUB_STIMULUS_A]), .b(sub_in[`FP_SUB_STIMULUS_B]), .y(sub_y));
+    dynrt_fp_sub sub (.clk(clk), .a(sub_in[`FP_SUB_STIMULUS_A]), .b(sub_in[`FP_SUB_STIMULUS_B]), .y(sub_y));
 
     wire [`FP_MUL_STIMULUS_BITS-1:0] mul_in;
     wire [`NUMBER_BITS-1:0]          mul_y;
-    replay #(
+    dynrt_replay #(
         .NAME("fp_mul_expected.hex"), .LINES(`FP_MUL_STIMULUS_LINES), .LATENCY(`FP_MUL_LATENCY),
         .STIMULUS_BITS(`FP_MUL_STIMULUS_BITS), .EXPECTED_BITS(`FP_MUL_EXPECTED_BITS)
     ) mul_replay (
         .clk(clk), .running(running), .stimulus_now(mul_in), .computed(mul_y), .done(done[2]), .failed()
     );
-    fp_mul mul (.clk(clk), .a(mul_in[`FP_MUL_STIMULUS_A]), .b(mul_in[`FP_MUL_STIMULUS_B]), .y(mul_y));
+    dynrt_fp_mul mul (.clk(clk), .a(mul_in[`FP_MUL_STIMULUS_A]), .b(mul_in[`FP_MUL_STIMULUS_B]), .y(mul_y));
 
     wire [`FP_RECIPROCAL_STIMULUS_BITS-1:0] reciprocal_in;
     wire [`NUMBER_BITS-1:0]                 reciprocal_y;
-    replay #(
+    dynrt_replay #(
         .NAME("fp_reciprocal_expected.hex"), .LINES(`FP_RECIPROCAL_STIMULUS_LINES), .LATENCY(`FP_RECIPROCAL_LATENCY),
         .STIMULUS_BITS(`FP_RECIPROCAL_STIMULUS_BITS), .EXPECTED_BITS(`FP_RECIPROCAL_EXPECTED_BITS)
     ) reciprocal_replay (
         .clk(clk), .running(running), .stimulus_now(reciprocal_in), .computed(reciprocal_y), .done(done[3]), .failed()
     );
-    fp_reciprocal reciprocal (.clk(clk), .a(reciprocal_in[`FP_RECIPROCAL_STIMULUS_A]), .y(reciprocal_y));
+    dynrt_fp_reciprocal reciprocal (.clk(clk), .a(reciprocal_in[`FP_RECIPROCAL_STIMULUS_A]), .y(reciprocal_y));
 
     initial begin
         clk     = 1'b0;

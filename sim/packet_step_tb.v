@@ -5,7 +5,7 @@
 `include "vectors.vh"
 `include "bench.vh"
 
-module packet_step_tb;
+module dynrt_packet_step_tb;
     reg     clk, running, failed;
     integer file, line;
     always #5 clk = !clk;
@@ -16,7 +16,7 @@ module packet_step_tb;
     wire [`PACKET_STEP_STIMULUS_BITS-1:0] in;
     wire [`PACKET_STEP_EXPECTED_BITS-1:0] out;
     wire done;
-    replay #(
+    dynrt_replay #(
         .NAME("packet_step_expected.hex"), .LINES(`PACKET_STEP_STIMULUS_LINES), .LATENCY(`TPU_SLICE_LATENCY),
         .STIMULUS_BITS(`PACKET_STEP_STIMULUS_BITS), .EXPECTED_BITS(`PACKET_STEP_EXPECTED_BITS)
     ) step_replay (
@@ -36,7 +36,7 @@ module packet_step_tb;
             wire [3*W-1:0] origin     = in[`PACKET_STEP_STIMULUS_RAY0_ORIGIN_X_LSB + k * STRIDE +: 3 * W];
             wire [3*W-1:0] reciprocal = in[`PACKET_STEP_STIMULUS_RAY0_RECIPROCAL_X_LSB + k * STRIDE +: 3 * W];
             wire [2:0]     signs      = in[`PACKET_STEP_STIMULUS_RAY0_SIGNS_LSB + k * STRIDE +: 3];
-            tpu_slice slice (
+            dynrt_tpu_slice slice (
                 .clk(clk),
                 .left_lo(in[`PACKET_STEP_STIMULUS_LEFT_LO]),
                 .left_hi(in[`PACKET_STEP_STIMULUS_LEFT_HI]),

@@ -4,7 +4,7 @@
 `include "vectors.vh"
 `include "bench.vh"
 
-module ray_setup_tb;
+module dynrt_ray_setup_tb;
     reg     clk, rst, running, failed;
     integer file, line;
     always #5 clk = !clk;
@@ -12,7 +12,7 @@ module ray_setup_tb;
     wire [`RAY_SETUP_STIMULUS_BITS-1:0] in;
     wire [`RAY_SETUP_EXPECTED_BITS-1:0] out;
     wire done;
-    replay #(
+    dynrt_replay #(
         .NAME("ray_setup_expected.hex"), .LINES(`RAY_SETUP_STIMULUS_LINES), .LATENCY(`RAY_SETUP_LATENCY),
         .STIMULUS_BITS(`RAY_SETUP_STIMULUS_BITS), .EXPECTED_BITS(`RAY_SETUP_EXPECTED_BITS)
     ) setup_replay (
@@ -27,7 +27,7 @@ module ray_setup_tb;
     wire [`PACKET_BITS-1:0] out_packet;
     wire [`RAY_BITS-1:0]    out_ray;
 
-    ray_setup setup (
+    dynrt_ray_setup setup (
         .clk(clk),
         .rst(rst),
         .valid(running),

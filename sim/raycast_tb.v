@@ -8,7 +8,7 @@
 `include "vectors.vh"
 `include "bench.vh"
 
-module raycast_tb;
+module dynrt_raycast_tb;
     reg     clk, rst, failed;
     integer file, line;
     always #5 clk = !clk;
@@ -76,7 +76,7 @@ module raycast_tb;
     wire [W-1:0]                  watch_transform_origin_x, watch_transform_origin_y, watch_transform_origin_z;
     wire [W-1:0]                  watch_transform_direction_x, watch_transform_direction_y, watch_transform_direction_z;
 
-    raycast_unit unit (
+    dynrt_raycast_unit unit (
         .clk(clk),
         .rst(rst),
         .scene_root(registers[`SCENE_ROOT]),
@@ -197,7 +197,7 @@ module raycast_tb;
         .watch_transform_direction_z(watch_transform_direction_z)
     );
 
-    memory #(
+    dynrt_memory #(
         .NAME("nodes.hex"), .WIDTH(`NODES_BITS), .LINES(`NODES_LINES),
         .ADDRESS_BITS(`ADDRESS_BITS), .TAG_BITS(`PACKET_BITS + 1)
     ) nodes (
@@ -206,7 +206,7 @@ module raycast_tb;
         .request_address(node_request_address), .request_tag(node_request_tag),
         .response_valid(node_response_valid), .response_tag(node_response_tag), .response_data(node_response_data)
     );
-    memory #(
+    dynrt_memory #(
         .NAME("records.hex"), .WIDTH(`RECORDS_BITS), .LINES(`RECORDS_LINES),
         .ADDRESS_BITS(`ADDRESS_BITS), .TAG_BITS(`PACKET_BITS + 1)
     ) records (
@@ -215,7 +215,7 @@ module raycast_tb;
         .request_address(record_request_address), .request_tag(record_request_tag),
         .response_valid(record_response_valid), .response_tag(record_response_tag), .response_data(record_response_data)
     );
-    memory #(
+    dynrt_memory #(
         .NAME("vertices.hex"), .WIDTH(`VERTICES_BITS), .LINES(`VERTICES_LINES),
         .ADDRESS_BITS(`ADDRESS_BITS), .TAG_BITS(`VERTEX_TAG_BITS)
     ) vertices (
@@ -300,7 +300,7 @@ module raycast_tb;
     task fail;
         begin
             failed = 1'b1;
-            $finish;
+            $stop;
         end
     endtask
 

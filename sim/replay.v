@@ -1,7 +1,7 @@
 // Replays the vectors of a pipelined unit: a line a clock goes in, and what comes out LATENCY clocks later is compared.
 `default_nettype none
 
-module replay #(
+module dynrt_replay #(
     parameter NAME          = "unit",
     parameter STIMULUS_BITS = 1,
     parameter EXPECTED_BITS = 1,

@@ -3,7 +3,8 @@
 #
 #   sim/run.sh VECTORS RTL [BENCH...] [+PLUSARG...]
 #
-# VECTORS is a folder that `dynrt vectors` wrote, RTL one that `dynrt generate` wrote for the same configuration. BENCH is one or more
+# VECTORS is a folder that `dynrt vectors` wrote, RTL one that `dynrt generate` wrote for the same configuration, whatever the prefix of
+# its names. BENCH is one or more
 # of fp, ray_setup, packet_step, triangle_test, raycast, update, skinning; all of them by default. Plusargs go to the benches; see
 # sim/raycast_tb.v and sim/memory.v. Prints a line a bench; the exit status is 0 only if each of them says PASS.
 
@@ -37,8 +38,16 @@ command -v iverilog >/dev/null || fail "iverilog is not installed: install the p
 [ -f "$vectors/vectors.vh" ] || fail "$vectors/vectors.vh is missing"
 vectors=$(CDPATH='' cd -- "$vectors" && pwd) || exit 2
 # The generated modules may lie in the folder itself or in its folder rtl.
-[ -f "$rtl/raycast_unit.v" ] || rtl=$rtl/rtl
-[ -f "$rtl/raycast_unit.v" ] || fail "$rtl/raycast_unit.v is missing"
+prefix=
+find_unit() {
+    for unit in "$1"/*raycast_unit.v; do
+        [ -f "$unit" ] || return 1
+        [ -z "$prefix" ] || fail "$1 holds more than one machine: $unit and ${prefix}raycast_unit.v"
+        prefix=${unit##*/}
+        prefix=${prefix%raycast_unit.v}
+    done
+}
+find_unit "$rtl" || { rtl=$rtl/rtl && find_unit "$rtl"; } || fail "$rtl/dynrt_raycast_unit.v is missing"
 rtl=$(CDPATH='' cd -- "$rtl" && pwd) || exit 2
 if empty=$(grep -o '[A-Z0-9_]*_LINES 0$' "$vectors/vectors.vh"); then
     fail "$vectors/vectors.vh: nothing to check:" $empty
@@ -50,13 +59,16 @@ trap 'exit 2' HUP INT TERM
 
 status=0
 for bench in $benches; do
-    sources=$sim/${bench}_tb.v
     case $bench in
-        raycast | update | skinning) sources="$sim/memory.v" ;;
-        *) sources="$sim/replay.v" ;;
+        raycast | update | skinning) beside=memory ;;
+        *) beside=replay ;;
     esac
-    if ! iverilog -g2001 -Wall -Wno-timescale -I "$sim" -I "$vectors" -y "$rtl" -Y .v -s "${bench}_tb" -o "$work/$bench" \
-        "$sim/${bench}_tb.v" "$sources" >"$work/log" 2>&1; then
+    # The benches name the modules as they are named by default.
+    for file in "${bench}_tb" "$beside"; do
+        sed "s/dynrt_/$prefix/g" "$sim/$file.v" >"$work/$file.v"
+    done
+    if ! iverilog -g2001 -Wall -Wno-timescale -I "$sim" -I "$vectors" -y "$rtl" -Y .v -s "${prefix}${bench}_tb" -o "$work/$bench" \
+        "$work/${bench}_tb.v" "$work/$beside.v" >"$work/log" 2>&1; then
         cat "$work/log" >&2
         echo "$bench: FAIL does not compile"
         status=1

@@ -7,7 +7,7 @@
 `include "vectors.vh"
 `include "bench.vh"
 
-module skinning_tb;
+module dynrt_skinning_tb;
     reg     clk, rst, failed;
     integer file, line;
     always #5 clk = !clk;
@@ -36,7 +36,7 @@ module skinning_tb;
     wire [`SKINNING_VECTORS_BITS-1:0]   skin_write_data;
     wire [39:0]                         count_skin_influences;
 
-    raycast_unit unit (
+    dynrt_raycast_unit unit (
         .clk(clk),
         .rst(rst),
         .scene_root(32'b0),
@@ -156,7 +156,7 @@ module skinning_tb;
         .watch_transform_direction_z()
     );
 
-    memory #(
+    dynrt_memory #(
         .NAME("skinning_vectors.hex"), .WIDTH(`SKINNING_VECTORS_BITS), .LINES(`SKINNING_VECTORS_LINES),
         .ADDRESS_BITS(A), .TAG_BITS(`VERTEX_TAG_BITS)
     ) vectors (
@@ -165,7 +165,7 @@ module skinning_tb;
         .request_address(vertex_request_address), .request_tag(vertex_request_tag),
         .response_valid(vertex_response_valid), .response_tag(vertex_response_tag), .response_data(vertex_response_data)
     );
-    memory #(
+    dynrt_memory #(
         .NAME("skinning_influences.hex"), .WIDTH(`SKINNING_INFLUENCES_BITS), .LINES(`SKINNING_INFLUENCES_LINES),
         .ADDRESS_BITS(A), .TAG_BITS(`INFLUENCE_TAG_BITS)
     ) influences (

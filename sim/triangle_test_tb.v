@@ -4,7 +4,7 @@
 `include "vectors.vh"
 `include "bench.vh"
 
-module triangle_test_tb;
+module dynrt_triangle_test_tb;
     reg     clk, running, failed;
     integer file, line;
     always #5 clk = !clk;
@@ -12,7 +12,7 @@ module triangle_test_tb;
     wire [`TRIANGLE_TEST_STIMULUS_BITS-1:0] in;
     wire [`TRIANGLE_TEST_EXPECTED_BITS-1:0] out;
     wire done;
-    replay #(
+    dynrt_replay #(
         .NAME("triangle_test_expected.hex"), .LINES(`TRIANGLE_TEST_STIMULUS_LINES), .LATENCY(`TRIANGLE_TEST_LATENCY),
         .STIMULUS_BITS(`TRIANGLE_TEST_STIMULUS_BITS), .EXPECTED_BITS(`TRIANGLE_TEST_EXPECTED_BITS)
     ) test_replay (
@@ -29,7 +29,7 @@ module triangle_test_tb;
     wire [`TRIANGLE_TEST_STIMULUS_BITS-1:0] scale = test_replay.stimulus[scale_line];
 `endif
 
-    triangle_test test (
+    dynrt_triangle_test test (
         .clk(clk),
         .v0_x(in[`TRIANGLE_TEST_STIMULUS_V0_X]),
         .v0_y(in[`TRIANGLE_TEST_STIMULUS_V0_Y]),

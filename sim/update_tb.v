@@ -7,7 +7,7 @@
 `include "vectors.vh"
 `include "bench.vh"
 
-module update_tb;
+module dynrt_update_tb;
     reg     clk, rst, failed;
     integer file, line;
     always #5 clk = !clk;
@@ -43,7 +43,7 @@ module update_tb;
     wire [`UPDATE_BOXES_BITS-1:0]     box_write_data;
     wire [39:0]                       count_instructions;
 
-    update_processor unit (
+    dynrt_update_processor unit (
         .clk(clk),
         .rst(rst),
         .start_ready(start_ready),
@@ -84,7 +84,7 @@ module update_tb;
         .count_node_wait_cycles()
     );
 
-    memory #(
+    dynrt_memory #(
         .NAME("update_program.hex"), .WIDTH(`UPDATE_PROGRAM_BITS), .LINES(`UPDATE_PROGRAM_LINES),
         .ADDRESS_BITS(A), .TAG_BITS(`UPDATE_PROGRAM_TAG_BITS)
     ) program (
@@ -93,7 +93,7 @@ module update_tb;
         .request_address(program_request_address), .request_tag(program_request_tag),
         .response_valid(program_response_valid), .response_tag(program_response_tag), .response_data(program_response_data)
     );
-    memory #(
+    dynrt_memory #(
         .NAME("update_vertices.hex"), .WIDTH(`UPDATE_VERTICES_BITS), .LINES(`UPDATE_VERTICES_LINES),
         .ADDRESS_BITS(A), .TAG_BITS(`UPDATE_VERTEX_TAG_BITS)
     ) vertices (

@@ -1,5 +1,7 @@
 //! Scenes that move, as a user meets them: files, built-in scenes, and what is said of those that cannot be used.
 
+#[path = "animation/kinds.rs"]
+mod kinds;
 #[path = "common/say.rs"]
 mod say;
 
@@ -283,7 +285,7 @@ fn the_robot_has_every_kind_of_motion() {
         let stands = first.instances[number] == later.instances[number];
         assert_eq!(
             skinned,
-            first.instances[number] == IDENTITY,
+            first.instances[number] == Some(IDENTITY),
             "{}",
             instance.name
         );
@@ -850,7 +852,7 @@ fn skins_follow_their_joints_and_ignore_their_node() {
         transform_point(tip, [1.0, 1.0, 0.0]),
         [0.0, 2.0, 0.0]
     ));
-    assert_eq!(pose.instances, [IDENTITY]);
+    assert_eq!(pose.instances, [Some(IDENTITY)]);
     assert_eq!(scene.node_names(), ["node 0", "root", "tip"]);
     // A program turns the root about the vertical, on top of the clip.
     let turn = Overrides::default().turn("root", [0.0, 3.0, 0.0], std::f64::consts::PI);
@@ -1095,48 +1097,6 @@ fn clips_have_names_of_their_own_and_unknown_ones_list_them() {
 }
 
 #[test]
-fn singular_instances_are_refused_when_they_occur() {
-    let mut file = File::triangle();
-    file.json["nodes"][0]["name"] = json!("Ghost");
-    file.channel(
-        "scale",
-        0,
-        "LINEAR",
-        &[0.0, 1.0],
-        "VEC3",
-        &[1.0, 1.0, 1.0, 1.0, 0.0, 1.0],
-    );
-    let scene = File::load_unchecked(&file);
-    assert!(scene.pose(Some(0), 0.999).is_ok());
-    let error = one_line(&scene.pose(Some(0), 1.0).unwrap_err());
-    assert_eq!(
-        error,
-        "scene scene, clip scale LINEAR at 1 s: the matrix of instance Ghost is singular: it presses the object flat; give its node, and those above it, scales without zeros"
-    );
-    let error = one_line(&scene.extents(Some(0), &[0.5, 1.0]).unwrap_err());
-    assert!(error.contains("Ghost is singular"), "{error}");
-    // A flat parent makes a turned child singular but for rounding.
-    let mut file = File::triangle();
-    file.json["nodes"] = json!([
-        {"children": [1], "scale": [1, 0, 1], "rotation": [0.2, 0.4, 0.4, 0.8]},
-        {"mesh": 0, "rotation": [0.4, 0.2, 0.8, 0.4]},
-    ]);
-    let error = one_line(&File::load_unchecked(&file).pose(None, 0.0).unwrap_err());
-    assert!(
-        error.contains("the matrix of instance node 1 is singular"),
-        "{error}"
-    );
-}
-
-impl File {
-    /// A scene that cannot be posed everywhere.
-    fn load_unchecked(&self) -> Animated {
-        let folder = tempfile::tempdir().unwrap();
-        load_animated(write(&folder, "scene.gltf", self.text().as_bytes())).unwrap()
-    }
-}
-
-#[test]
 fn faulty_files_are_refused_in_one_line() {
     type Change = fn(&mut File);
     let cases: [(Change, &str); 28] = [
@@ -1146,7 +1106,7 @@ fn faulty_files_are_refused_in_one_line() {
         ),
         (
             |f| f.json["meshes"][0]["primitives"][0]["mode"] = json!(0),
-            ": is an empty scene, it has no triangles; export it with its meshes",
+            ": is an empty scene, nothing is left of it: mesh mesh 0, primitive 0: left out, it is made of Points, not of triangles; export it with its meshes",
         ),
         (
             |f| f.json["nodes"][2]["children"] = json!([1]),
@@ -1223,7 +1183,7 @@ fn faulty_files_are_refused_in_one_line() {
         ),
         (
             |f| f.json["meshes"][0]["primitives"][0]["attributes"]["POSITION"] = json!(50),
-            ": is no valid glTF: a mesh has its POSITION in accessor 50, which is out of range (there are 4, counted from 0); export it anew",
+            ": mesh 0 (mesh 0): primitive 0: has its POSITION in accessor 50, which is out of range (there are 4, counted from 0); export the file anew",
         ),
         (
             |f| f.json["nodes"][0]["mesh"] = json!(5),
@@ -1341,6 +1301,125 @@ fn a_file_cut_off_or_changed_anywhere_is_refused_or_read_but_never_panics() {
         read > 100 && refused > 100,
         "{read} read, {refused} refused"
     );
+}
+
+/// A folder of frames whose first vertices have the x of their places in `names`.
+fn frames(names: &[&str]) -> tempfile::TempDir {
+    let folder = tempfile::tempdir().unwrap();
+    for (x, name) in names.iter().enumerate() {
+        let text = format!("v {x} 0 0\nv 0 1 0\nv 0 0 1\nf 1 2 3\n");
+        write(&folder, name, text.as_bytes());
+    }
+    folder
+}
+
+/// The first vertices' x of a sequence's frames.
+fn order(scene: &Animated, frames: usize) -> Vec<f64> {
+    let x = |frame: usize| {
+        let pose = scene.pose(Some(0), frame as f64 / SEQUENCE_FRAMES_PER_SECOND);
+        scene.vertices(&pose.unwrap(), 0)[0][0]
+    };
+    (0..frames).map(x).collect()
+}
+
+#[test]
+fn frames_play_in_the_order_of_the_numbers_in_their_names() {
+    for names in [
+        &["f1.obj", "f2.obj", "f10.obj"][..],
+        &["f1.obj", "F2.OBJ", "f3.Obj", "F10.obj"],
+        &["0001.obj", "0002.obj", "0010.obj", "10000.obj"],
+        // Numbers may be longer than any integer.
+        &[
+            "a9.obj",
+            "a99999999999999999999999999999999999999.obj",
+            "a100000000000000000000000000000000000000.obj",
+        ],
+        // The first number decides, then what follows it.
+        &["s1f2.obj", "s1f10.obj", "s2f1.obj", "s2g0.obj", "s10f0.obj"],
+        &["f.obj", "f 1.obj", "f1.obj", "f1a.obj", "f1b.obj", "f2.obj"],
+        // The same numbers: what follows decides, and only then leading zeros and case.
+        &[
+            "f01.obj",
+            "f1.obj",
+            "f001a.obj",
+            "f01b.obj",
+            "F02.obj",
+            "f02.obj",
+            "f2.obj",
+        ],
+        &["f0.obj", "f00a.obj", "f1.obj"],
+        &["Ä1.obj", "ä2.obj", "Ä10.obj"],
+    ] {
+        let folder = frames(names);
+        let scene = load_animated(folder.path().to_str().unwrap()).unwrap();
+        let expected: Vec<f64> = (0..names.len()).map(|x| x as f64).collect();
+        assert_eq!(order(&scene, names.len()), expected, "for {names:?}");
+        assert_eq!(
+            scene.clips[0].seconds,
+            names.len() as f64 / SEQUENCE_FRAMES_PER_SECOND
+        );
+    }
+}
+
+#[test]
+fn hidden_files_are_not_frames() {
+    let folder = frames(&["f1.obj", "f2.obj"]);
+    write(&folder, "._f1.obj", b"\0\x05\x16\x07\0\x02\0\0Mac OS X");
+    write(&folder, ".f3.obj", b"v 0 0 0\nf 1 1 1\n");
+    let spec = folder.path().to_str().unwrap();
+    assert_eq!(order(&load_animated(spec).unwrap(), 2), [0.0, 1.0]);
+    for name in ["f1.obj", "f2.obj"] {
+        std::fs::remove_file(folder.path().join(name)).unwrap();
+    }
+    assert!(fault(spec).starts_with(&format!("{spec}: has no OBJ files; ")));
+}
+
+#[cfg(unix)]
+#[test]
+fn frames_need_not_have_names_in_utf8() {
+    use std::os::unix::ffi::OsStrExt;
+    let folder = frames(&["f1.obj"]);
+    for (x, name) in [(2, &b"f\xff10.obj"[..]), (1, b"F\xff9.OBJ")] {
+        let path = folder.path().join(std::ffi::OsStr::from_bytes(name));
+        std::fs::write(path, format!("v {x} 0 0\nv 0 1 0\nv 0 0 1\nf 1 2 3\n")).unwrap();
+    }
+    let scene = load_animated(folder.path().to_str().unwrap()).unwrap();
+    assert_eq!(order(&scene, 3), [0.0, 1.0, 2.0]);
+}
+
+#[test]
+fn what_frames_leave_out_is_warned_of_once() {
+    let folder = tempfile::tempdir().unwrap();
+    let mesh = "v 0 0 0\nv 0 1 0\nv 0 0 1\nf 1 2 3\n";
+    for (name, more) in [
+        ("f1.obj", ""),
+        ("f2.obj", "t 1\nl 1 2\n"),
+        ("f9.obj", "\nt 1\nvw 0\nl 1 2\n"),
+        ("f10.obj", "f 1\nt 2\n"),
+    ] {
+        write(&folder, name, format!("{mesh}{more}").as_bytes());
+    }
+    let spec = folder.path().to_str().unwrap();
+    assert_eq!(
+        load_animated(spec).unwrap().warnings,
+        [
+            format!(
+                "{spec}: 4 lines of unknown statements `t`, `vw` left out in 3 of 4 frames, first in {spec}/f2.obj, line 5"
+            ),
+            format!(
+                "{spec}: 2 `l` left out in 2 of 4 frames, first in {spec}/f2.obj, line 6; only faces are drawn: export lines, points, curves and surfaces as polygons"
+            ),
+            format!(
+                "{spec}: 1 face of fewer than three corners left out in 1 of 4 frames, first in {spec}/f10.obj, line 5"
+            ),
+        ]
+    );
+    // The same of a file that stands still.
+    let file = folder.path().join("f2.obj");
+    let file = file.to_str().unwrap();
+    let warnings = load_animated(file).unwrap().warnings;
+    assert_eq!(warnings, dynrt::scene::load(file).unwrap().warnings);
+    assert_eq!(warnings.len(), 2);
 }
 
 #[test]

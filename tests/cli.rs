@@ -212,6 +212,30 @@ fn a_byte_order_mark_is_no_fault_and_flat_triangles_are_counted() {
     );
 }
 
+#[test]
+fn what_is_in_a_mesh_and_not_in_the_picture_is_told_once() {
+    let folder = folder();
+    fs::write(
+        folder.path().join("tags.obj"),
+        "v 0 0 0\nv 1 0 0\nv 0 1 0\nt crease 2/1/0 0 1 2.0\nvw 0 0 1.0\nf 1 2 3\n",
+    )
+    .unwrap();
+    for command in [
+        "stats tags.obj --size 8x8",
+        "render tags.obj --size 8x8",
+        "program tags.obj",
+        "vectors tags.obj --size 8x8 --out v",
+    ] {
+        let output = run(command, folder.path());
+        assert!(output.status.success(), "{command}");
+        assert_eq!(
+            String::from_utf8(output.stderr).unwrap(),
+            "warning: tags.obj: 2 lines of unknown statements `t`, `vw` left out, first in line 4\n",
+            "{command}"
+        );
+    }
+}
+
 #[cfg(unix)]
 #[test]
 fn what_is_no_regular_file_is_not_read() {
@@ -410,42 +434,106 @@ fn a_missing_verilator_gets_one_line() {
     );
 }
 
+/// A command that finds a tool of this name first, which is a script.
+#[cfg(unix)]
+fn with_tool(arguments: &str, folder: &Path, tool: &str, script: &str) -> Command {
+    use std::os::unix::fs::PermissionsExt;
+    let path = folder.join("tools");
+    fs::create_dir_all(&path).unwrap();
+    let file = path.join(tool);
+    fs::write(&file, format!("#!/bin/sh\n{script}\n")).unwrap();
+    fs::set_permissions(&file, fs::Permissions::from_mode(0o755)).unwrap();
+    let mut command = dynrt(arguments, folder);
+    let rest = std::env::var("PATH").unwrap();
+    command
+        .env("PATH", format!("{}:{rest}", path.display()))
+        .env("DYNRT_CACHE", folder.join("cache"));
+    command
+}
+
 #[cfg(unix)]
 #[test]
 fn a_tool_that_is_too_old_gets_one_line() {
-    use std::os::unix::fs::PermissionsExt;
-    let folder = folder();
-    let cache = tempfile::tempdir().unwrap();
     let old = |arguments: &str, tool: &str, says: &str| {
-        let path = tempfile::tempdir().unwrap();
-        let file = path.path().join(tool);
-        std::fs::write(&file, format!("#!/bin/sh\necho '{says}'\n")).unwrap();
-        std::fs::set_permissions(&file, std::fs::Permissions::from_mode(0o755)).unwrap();
-        let mut command = dynrt(arguments, folder.path());
-        let rest = std::env::var("PATH").unwrap();
-        command
-            .env("PATH", format!("{}:{rest}", path.path().display()))
-            .env("DYNRT_CACHE", cache.path());
-        fault_of(&mut command)
+        let folder = folder();
+        let script = format!("echo '{says}'");
+        fault_of(&mut with_tool(arguments, folder.path(), tool, &script))
     };
-    assert_eq!(
-        old(
-            "cosim builtin:cornell --size 8x8",
-            "verilator",
-            "Verilator 4.038 2020-07-11"
-        ),
-        "verilator is too old: Verilator 4.038 2020-07-11; 5.006 or later is needed: apt-get install verilator, of Debian 12 or later"
-    );
+    for says in [
+        "Verilator 4.038 2020-07-11",
+        "Verilator 4.0xx devel",
+        "Verilator 5.004 2022-12-14 (mod)",
+    ] {
+        assert_eq!(
+            old("cosim builtin:cornell --size 8x8", "verilator", says),
+            format!(
+                "verilator is too old: {says}; 5.006 or later is needed: apt-get install verilator, of Debian 12 or later"
+            )
+        );
+    }
     assert_eq!(
         old("prove fifo", "z3", "Z3 version 4.4.1"),
         "z3 is too old: Z3 version 4.4.1; 4.8 or later is needed: apt-get install z3"
     );
-    let mute = old("prove fifo", "yosys", "");
-    assert!(
-        mute.starts_with("yosys does not say its version: ")
-            && mute.ends_with("; apt-get install yosys"),
-        "{mute}"
-    );
+    for says in ["", "yosys: error while loading shared libraries"] {
+        let mute = old("prove fifo", "yosys", says);
+        assert!(
+            mute.starts_with("yosys does not say its version: ")
+                && mute.ends_with("; apt-get install yosys"),
+            "{mute}"
+        );
+    }
+}
+
+/// A Verilator from its own repository is used, whatever it calls itself: here the real one, which only says another version.
+#[cfg(unix)]
+#[test]
+fn a_verilator_of_an_odd_version_is_used_with_a_warning() {
+    let find = Command::new("sh")
+        .args(["-c", "command -v verilator"])
+        .output()
+        .unwrap();
+    let real = String::from_utf8(find.stdout).unwrap();
+    for (says, warned) in [
+        ("Verilator 5.0xx devel rev v5.004-12-g0123abc (mod)", true),
+        ("Verilator 5.x", true),
+        ("Verilator devel rev UNKNOWN.REV (mod)", true),
+        ("Verilator", true),
+        (
+            "Verilator 5.031 2024-11-10 rev v5.030-78-g5470cf9fa (mod)",
+            false,
+        ),
+        ("Verilator 6.0xx", false),
+    ] {
+        let folder = folder();
+        let script = format!(
+            "case $1 in --version) echo '{says}' ;; *) exec {} \"$@\" ;; esac",
+            real.trim()
+        );
+        let warning = format!(
+            "warning: verilator: its version cannot be read in `{says}`; it is taken for 5.006 or later, as is needed\n"
+        );
+        let arguments = "cosim builtin:cornell --unit update --config tiny";
+        let mut command = with_tool(arguments, folder.path(), "verilator", &script);
+        if says == "Verilator 5.x" {
+            let output = command.output().unwrap();
+            let said = String::from_utf8(output.stderr).unwrap();
+            assert!(output.status.success() && said == warning, "{said}");
+            continue;
+        }
+        // Nothing is built: there is no room for a model.
+        fs::write(folder.path().join("cache"), "").unwrap();
+        let said = String::from_utf8(command.output().unwrap().stderr).unwrap();
+        let rest = match warned {
+            true => said.strip_prefix(&warning),
+            false => Some(&*said),
+        };
+        assert!(
+            rest.is_some_and(|rest| rest.starts_with("error: cannot create the model cache")),
+            "{said}"
+        );
+        assert_eq!(said.lines().count(), 1 + usize::from(warned), "{said}");
+    }
 }
 
 #[test]
@@ -534,16 +622,78 @@ fn outputs_that_would_overwrite_each_other_are_refused() {
     );
 }
 
+/// Names of all files but the manifest, and of all modules, begin with the prefix, exactly as it is given.
+#[test]
+fn generated_names_begin_with_the_prefix() {
+    let folder = folder();
+    for (options, prefix) in [
+        ("", "dynrt_"),
+        ("--prefix small_", "small_"),
+        ("--prefix x", "x"),
+    ] {
+        let command = format!("generate --config tiny --out {prefix} {options}");
+        let said = prints(&command, folder.path());
+        assert!(
+            said.contains(&format!(" top module {prefix}core,")),
+            "{said}"
+        );
+        let out = folder.path().join(prefix);
+        let manifest = json(&out.join("manifest.json"));
+        assert_eq!(manifest["prefix"], prefix);
+        assert_eq!(manifest["top"], format!("{prefix}core"));
+        for module in manifest["modules"].as_array().unwrap() {
+            let unit = module["unit"].as_str().unwrap();
+            assert_eq!(module["name"], format!("{prefix}{unit}"));
+            assert_eq!(module["file"], format!("{prefix}{unit}.v"));
+        }
+        for (name, bytes) in contents(&out) {
+            // Vectors, and what is included, have the names that the bench knows.
+            let verilog = name
+                .strip_prefix("sim/")
+                .filter(|name| name.ends_with(".v"));
+            let (own, file) = (!name.starts_with("sim/"), verilog.unwrap_or(&name));
+            let must = file != "manifest.json" && (own || verilog.is_some());
+            assert!(!must || file.starts_with(prefix), "{name}");
+            let text = String::from_utf8(bytes).unwrap();
+            for line in text.lines().filter(|line| line.starts_with("module ")) {
+                assert!(line.starts_with(&format!("module {prefix}")), "{line}");
+            }
+            assert!(prefix == "dynrt_" || !text.contains("dynrt_"), "{name}");
+        }
+    }
+    // Where a machine of another prefix was, nothing of it stays.
+    prints(
+        "generate --config tiny --out x --prefix small_",
+        folder.path(),
+    );
+    assert!(contents(&folder.path().join("x")) == contents(&folder.path().join("small_")));
+    for bad in ["Small_", "9", "a-b", "_"] {
+        let said = fault(&format!("generate --out bad --prefix {bad}"), folder.path());
+        assert!(
+            said.starts_with(&format!(
+                "prefix `{bad}`: is not of the pattern [a-z][a-z0-9_]* "
+            )),
+            "{said}"
+        );
+        let said = fault(
+            &format!("constraints --out bad --prefix {bad}"),
+            folder.path(),
+        );
+        assert!(said.contains("[a-z][a-z0-9_]*"), "{said}");
+    }
+    assert!(!folder.path().join("bad").exists());
+}
+
 #[test]
 fn generating_where_a_folder_is_in_the_way_changes_nothing() {
     let folder = folder();
     prints("generate --config tiny --out rtl", folder.path());
-    let taken = folder.path().join("rtl/raycast_unit.v");
+    let taken = folder.path().join("rtl/dynrt_raycast_unit.v");
     fs::remove_file(&taken).unwrap();
     fs::create_dir(&taken).unwrap();
     assert_eq!(
         fault("generate --out rtl", folder.path()),
-        "rtl/raycast_unit.v: cannot be written: it is a folder; move it elsewhere"
+        "rtl/dynrt_raycast_unit.v: cannot be written: it is a folder; move it elsewhere"
     );
 }
 
@@ -664,7 +814,15 @@ fn the_manifest_says_what_was_generated() {
     let list = fs::read_to_string(out.join(format!("{top}.f"))).unwrap();
     assert_eq!(list.lines().collect::<Vec<_>>(), files);
     let core = fs::read_to_string(out.join(format!("{top}.core"))).unwrap();
-    assert!(core.starts_with("CAPI=2:\nname: dynrt:machine:virtex4-lx160-custom:"));
+    let bench: Vec<_> = strings(&manifest["simulation"]["files"]);
+    assert!(bench.len() > 10);
+    for file in bench {
+        assert!(
+            out.join(file).is_file() && core.contains(&format!("      - {file}")),
+            "{file}"
+        );
+    }
+    assert!(core.starts_with("CAPI=2:\nname: dynrt:machine:dynrt_virtex4-lx160-custom:"));
     assert_eq!(modules.len(), files.len());
     let mut seen: Vec<&str> = vec![];
     for (module, file) in modules.iter().zip(&files) {

@@ -1,8 +1,10 @@
 //! The hardware-construction layer: what it says of mistakes, how pipelines balance, what it prints, and that what it
 //! prints computes what was described.
 
+use dynrt::config::Config;
 use dynrt::cosim::model::{BuildOptions, Model, Port, PortHandle, Sources, build, lint};
-use dynrt::hdl::{Builder, Design, Direction, HdlError, Module, Signal, Style};
+use dynrt::hdl::{Builder, Design, Direction, HdlError, Module, Prefix, Signal, Style};
+use dynrt::hw;
 use dynrt::named;
 use std::cell::Cell;
 use std::panic::Location;
@@ -1004,6 +1006,118 @@ fn the_text_is_the_same_every_time() {
     }
 }
 
+/// A design of modules one within another.
+fn placed_twice() -> Design {
+    let inner = Builder::new("inner", "adds.");
+    inner.output("y", inner.input("x", 4) + inner.ones(4));
+    let inner = inner.finish().unwrap();
+    let outer = Builder::new("outer", "places inner twice.");
+    // A signal that is called as a module is stays as it is.
+    let x = outer.input("inner", 4);
+    let once = outer.instance("once", &inner, &[("x", x)]).get("y");
+    let twice = outer.instance("twice", &inner, &[("x", once)]);
+    outer.output("y", twice.get("y"));
+    Design::new(outer.finish().unwrap()).unwrap()
+}
+
+#[test]
+fn a_prefix_stands_before_names_of_modules_and_nothing_else() {
+    let plain = placed_twice();
+    let prefixed = placed_twice().with_prefix("big_2".parse().unwrap());
+    let names: Vec<String> = prefixed.files().into_iter().map(|(name, _)| name).collect();
+    assert_eq!(names, ["big_2inner.v", "big_2outer.v"]);
+    for ((_, before), (_, after)) in plain.files().iter().zip(prefixed.files()) {
+        assert_eq!(before.lines().count(), after.lines().count());
+        let mut changed = 0;
+        for (before, after) in before.lines().zip(after.lines()) {
+            changed += usize::from(before != after);
+            let once = before.replacen("inner", "big_2inner", 1);
+            let own = before.replacen("outer", "big_2outer", 1);
+            assert!(after == before || after == once || after == own, "{after}");
+        }
+        // The headline, the module, and what it places.
+        let placed = if before.contains("module outer") {
+            2
+        } else {
+            0
+        };
+        assert_eq!(changed, 2 + placed, "{after}");
+        assert!(!after.contains("wire [3:0] big_2"), "{after}");
+    }
+    lint(&sources(&prefixed)).unwrap();
+}
+
+#[test]
+fn a_prefix_is_of_its_pattern() {
+    let longest = "x".repeat(Prefix::MOST);
+    for good in ["dynrt_", "a", "small", "z9__", longest.as_str()] {
+        assert_eq!(good.parse::<Prefix>().unwrap().as_str(), good);
+    }
+    let too_long = "x".repeat(Prefix::MOST + 1);
+    for bad in [
+        "", "_a", "9a", "Big_", "bIg", "a-b", "a b", "ä", "a.", "../a", &too_long,
+    ] {
+        let said = bad.parse::<Prefix>().unwrap_err();
+        assert!(said.starts_with(&format!("prefix `{bad}`: ")), "{said}");
+        assert!(said.contains("[a-z][a-z0-9_]*"), "{said}");
+    }
+    let said = "a\nb".parse::<Prefix>().unwrap_err();
+    assert!(said.starts_with("prefix `a\\nb`: "), "{said}");
+}
+
+/// Two machines of different configurations stand in one design: the three tools take all of it without a word.
+#[test]
+fn two_machines_elaborate_together() {
+    let machine = |name: &str, prefix: &str| {
+        let design = hw::core::emit(&Config::load(name).unwrap()).unwrap().design;
+        design.with_prefix(prefix.parse().unwrap())
+    };
+    let designs = [
+        machine("tiny", "small_"),
+        machine("virtex4-lx160", "dynrt_"),
+    ];
+    let (mut files, mut declared, mut placed, mut ports) = (vec![], vec![], vec![], vec![]);
+    for design in &designs {
+        files.extend(design.files());
+        let (name, prefix) = (design.emitted("core"), design.prefix().as_str());
+        let mut pins = vec![];
+        for port in design.top().ports() {
+            let outside = format!("{prefix}{}", port.name);
+            pins.push(format!(".{}({outside})", port.name));
+            let input = port.direction == Direction::Input;
+            let direction = if input { "input" } else { "output" };
+            declared.push(format!("{direction} wire [{}:0] {outside}", port.width - 1));
+            ports.push(Port {
+                name: outside,
+                width: port.width,
+                input,
+            });
+        }
+        placed.push(format!("  {name} {prefix}machine ({});\n", pins.join(", ")));
+    }
+    let both = format!(
+        "module both ({});\n{}endmodule\n",
+        declared.join(",\n"),
+        placed.concat()
+    );
+    files.push(("both.v".into(), both));
+    let together = Sources {
+        top: "both".into(),
+        files: files.clone(),
+        ports,
+    };
+    lint(&together).unwrap();
+
+    // One module under the other machine's name: what is declared twice is noticed.
+    let twice = Sources {
+        files: (files.into_iter())
+            .map(|(name, text)| (name, text.replace("small_fp_add", "dynrt_fp_add")))
+            .collect(),
+        ..together
+    };
+    assert!(lint(&twice).is_err());
+}
+
 #[test]
 fn every_file_is_framed() {
     for (name, text) in Design::new(horner()).unwrap().files() {
@@ -1025,7 +1139,7 @@ fn sources(design: &Design) -> Sources {
         input: port.direction == Direction::Input,
     });
     Sources {
-        top: design.top().name().to_string(),
+        top: design.emitted(design.top().name()),
         ports: ports.collect(),
         files: design.files(),
     }

@@ -6,6 +6,8 @@ mod say;
 
 use dynrt::config::Config;
 use dynrt::emit;
+use dynrt::hdl::Prefix;
+use dynrt::hw::core::default_prefix;
 use dynrt::synth::{Area, Cells, Target, constraints, parse_cells, parse_timing};
 use say::say;
 use serde_json::{Value, json};
@@ -444,6 +446,15 @@ fn what_cannot_be_measured_is_said_at_once() {
         fault("synth --unit fp_mul --target virtex4-lx160 --route"),
         "target virtex4-lx160: no open tool places and routes it; route for ecp5-85f, the nearest device that one does"
     );
+    // A unit may be named as its module is emitted, too.
+    for name in ["fp_mul", "dynrt_fp_mul"] {
+        assert!(
+            fault(&format!(
+                "synth --unit {name} --target virtex4-lx160 --route"
+            ))
+            .starts_with("target virtex4-lx160: no open tool")
+        );
+    }
     let clock = fault("synth --unit fp_mul --clocks 100,1000");
     assert!(clock.contains("clock.target_mhz"), "{clock}");
     let mut command = dynrt("synth --target spartan", folder);
@@ -453,7 +464,7 @@ fn what_cannot_be_measured_is_said_at_once() {
 // What takes a machine to a bitstream.
 
 fn generated(config: &Config) -> Vec<(String, String)> {
-    constraints::files(config, "../rtl", None).unwrap()
+    constraints::files(config, default_prefix(), "../rtl", None).unwrap()
 }
 
 fn file<'a>(files: &'a [(String, String)], name: &str) -> &'a str {
@@ -490,28 +501,28 @@ fn constraints_follow_from_the_configuration() {
     assert!(ucf.contains("PERIOD \"clk\" 12.500 ns"), "{ucf}");
     // Half of it, where no other is asked for.
     assert!(file(&files, "dynrt_ulx3s.v").contains("at 40 MHz"));
-    let fast = constraints::files(&config, "../rtl", Some(80)).unwrap();
+    let fast = constraints::files(&config, default_prefix(), "../rtl", Some(80)).unwrap();
     let board = file(&fast, "dynrt_ulx3s.v");
     // 25 MHz × 16 ÷ 5.
     assert!(board.contains(".CLKI_DIV(5)") && board.contains(".CLKFB_DIV(16)"));
     let project = file(&files, "dynrt_selftest.prj");
     let (machine, _) = emit::generate(&config).unwrap();
     for module in machine.design.modules() {
-        let line = format!("verilog work \"../rtl/{}.v\"\n", module.name());
+        let line = format!("verilog work \"../rtl/dynrt_{}.v\"\n", module.name());
         assert!(project.contains(&line), "{project}");
     }
     assert!(!project.contains("_tb"), "{project}");
 
-    let slow = constraints::files(&config, "../rtl", Some(50)).unwrap();
+    let slow = constraints::files(&config, default_prefix(), "../rtl", Some(50)).unwrap();
     assert!(file(&slow, "dynrt_ulx3s.v").contains("at 50 MHz"));
     let fault = |rtl, mhz| {
-        let error = constraints::files(&config, rtl, mhz).unwrap_err();
+        let error = constraints::files(&config, default_prefix(), rtl, mhz).unwrap_err();
         error.to_string()
     };
     assert!(fault("../rtl", Some(81)).starts_with("a board clock of 81 MHz"));
     assert!(fault("a b", None).contains("`a b`"));
     config.set("tree.address_bits", "8").unwrap();
-    constraints::files(&config, "../rtl", None).unwrap();
+    constraints::files(&config, default_prefix(), "../rtl", None).unwrap();
 }
 
 #[test]
@@ -571,10 +582,19 @@ fn scripts_refuse_what_is_not_theirs() {
 
 /// Writes a machine with its self-test, lets `change` edit the self-test, runs it in Icarus.
 fn simulated(config: &Config, change: impl Fn(&str, String) -> String) -> (bool, String) {
+    simulated_as(config, default_prefix(), change)
+}
+
+fn simulated_as(
+    config: &Config,
+    prefix: Prefix,
+    change: impl Fn(&str, String) -> String,
+) -> (bool, String) {
     let folder = tempfile::tempdir().unwrap();
-    let (_, rtl) = emit::generate(config).unwrap();
+    let (_, rtl) = emit::generate_with(config, prefix.clone()).unwrap();
     emit::write_folder(&folder.path().join("rtl"), &rtl).unwrap();
-    let files: Vec<_> = generated(config)
+    let files = constraints::files(config, prefix, "../rtl", None).unwrap();
+    let files: Vec<_> = files
         .into_iter()
         .map(|(name, text)| {
             let text = change(&name, text);
@@ -615,6 +635,20 @@ fn the_self_test_passes_with_the_golden_checksum() {
             "{}: {printed}",
             config.name
         );
+    }
+}
+
+#[test]
+fn the_self_test_follows_the_machine_s_prefix() {
+    let config = Config::load("tiny").unwrap();
+    let prefix: Prefix = "small_".parse().unwrap();
+    let (passed, printed) = simulated_as(&config, prefix.clone(), unchanged);
+    assert!(passed && printed.starts_with("PASS 512 rays"), "{printed}");
+    let files = constraints::files(&config, prefix, "../rtl", None).unwrap();
+    assert!(!file(&files, "small_selftest.f").contains("dynrt_"));
+    for (name, text) in files {
+        let is_named = !name.contains("dynrt_") && !text.contains("dynrt_");
+        assert!(is_named, "{name} holds a name of the default prefix");
     }
 }
 

@@ -1393,7 +1393,7 @@ fn the_benches_find_what_is_wrong() {
     );
     let (passes, said) = run(&good, &good, &["fp"]);
     assert!(
-        !passes && said.ends_with("rtl/raycast_unit.v is missing\n"),
+        !passes && said.ends_with("rtl/dynrt_raycast_unit.v is missing\n"),
         "{said}"
     );
 }

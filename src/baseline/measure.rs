@@ -277,7 +277,8 @@ fn area(
     let (machine, _) = emit::generate(config)?;
     let (mut units, mut kept, mut changed) = (vec![], vec![], vec![]);
     for module in machine.design.modules() {
-        let (name, verilog) = (module.name().to_string(), synth::fingerprint(module)?);
+        let name = synth::unit_name(module).to_string();
+        let verilog = synth::fingerprint(module)?;
         let old = was.unit_area(&name);
         if let Some(old) = old.filter(|old| old.verilog == verilog) {
             units.push(old.clone());
@@ -341,7 +342,7 @@ fn configurations(is: &mut Baseline, routing: Routing<'_>, progress: &dyn Fn(&st
             None => {
                 let asked = synth::Request {
                     target: Target::Virtex4Lx160,
-                    ..routing(&[top.name()], 0)
+                    ..routing(&[synth::unit_name(top)], 0)
                 };
                 let report = synth::synthesise(&config, &asked, progress)?;
                 report.units.first().context("the machine")?.area
@@ -404,7 +405,9 @@ fn stale_clocks(
     let (machine, _) = emit::generate(config)?;
     let modules = machine.design.modules();
     for clock in known {
-        let module = modules.iter().find(|module| module.name() == clock.name);
+        let module = modules
+            .iter()
+            .find(|module| synth::unit_name(module) == clock.name);
         let verilog = synth::fingerprint(module.context("a unit of the machine")?)?;
         if verilog != clock.verilog {
             kept.push((
@@ -427,7 +430,9 @@ fn clocks(
     let modules = machine.design.modules();
     let (mut clocks, mut changed) = (vec![], vec![]);
     for name in UNITS {
-        let module = modules.iter().find(|module| module.name() == name);
+        let module = modules
+            .iter()
+            .find(|module| synth::unit_name(module) == name);
         let verilog = synth::fingerprint(module.context("a unit of the machine")?)?;
         let of = |known: &&UnitClock| known.name == name && known.verilog == verilog;
         clocks.push(match known.iter().find(of) {

@@ -205,6 +205,10 @@ pub fn run(args: &Args) -> Result<()> {
     let extents = scene.extents_of(&poses)?;
     let format = config.format();
     let machine = MachineScene::new(&scene, &extents, format, config.skinning_joints)?;
+    let hidden = scene.warnings_of(&poses);
+    for warning in hidden.into_iter().chain(machine.warnings(&scene, &extents)) {
+        tell(&format!("warning: {warning}"));
+    }
     let frames = (poses.iter().enumerate())
         .map(|(number, pose)| {
             let frame = machine.frame(pose);

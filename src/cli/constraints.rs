@@ -1,6 +1,7 @@
 //! `dynrt constraints`: what takes a machine to a bitstream.
 
 use super::files::{Kind, Output};
+use super::generate::PrefixArg;
 use super::{ConfigArgs, print};
 use anyhow::Result;
 use dynrt::synth::constraints;
@@ -15,7 +16,7 @@ golden model knows) and what takes it to a bitstream:
   dynrt_ulx3s.v/lpf      the design and pins on a ULX3S board with an ECP5-85F; sh ecp5.sh goes to a packed bitstream with open tools
   manifest.json          the files, the configuration, the checksum
 
-The machine's own Verilog is expected where --rtl says; write it with dynrt generate.
+The machine's own Verilog is expected where --rtl says; write it with dynrt generate, with the same --prefix.
 
 Examples:
   dynrt constraints --out build/constraints && dynrt generate --out build/rtl && sh build/constraints/simulate.sh
@@ -35,12 +36,15 @@ pub struct Args {
     #[arg(long, value_name = "MHZ")]
     board_mhz: Option<u32>,
     #[command(flatten)]
+    prefix: PrefixArg,
+    #[command(flatten)]
     config: ConfigArgs,
 }
 
 pub fn run(args: &Args) -> Result<()> {
     let config = args.config.load()?;
-    let files = constraints::files(&config, &args.rtl, args.board_mhz)?;
+    let prefix = args.prefix.parse()?;
+    let files = constraints::files(&config, prefix, &args.rtl, args.board_mhz)?;
     args.out.files(&files)?;
     print(&format!(
         "{}: {} files for configuration {}\n",

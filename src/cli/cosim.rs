@@ -329,6 +329,10 @@ impl Args {
         let extents = scene.extents_of(std::slice::from_ref(&pose))?;
         let (format, joints) = (config.format(), config.skinning_joints);
         let machine = MachineScene::new(&scene, &extents, format, joints)?;
+        let hidden = scene.warnings_of(std::slice::from_ref(&pose));
+        for warning in hidden.into_iter().chain(machine.warnings(&scene, &extents)) {
+            tell(&format!("warning: {warning}"));
+        }
         let frame = machine.frame(&pose)?;
         let mut meshes: Vec<SkinMesh> = std::iter::zip(&machine.objects, &frame.objects)
             .filter_map(|(object, frame)| SkinMesh::of_frame(object, frame))

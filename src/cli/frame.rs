@@ -126,13 +126,13 @@ pub fn check_size(size: ImageSize) -> Result<()> {
     Ok(())
 }
 
-/// Loads a scene into a machine's numbers, and says what they cannot hold.
+/// Loads a scene into a machine's numbers, and says what is not in its mesh and what the numbers cannot hold.
 pub fn load_mesh(spec: &SceneSpec, config: &Config) -> Result<(Scene, MachineMesh)> {
     let scene = scene::load(spec)?;
     check_address_space(&scene, config)
         .with_context(|| format!("{spec}, configuration {}", config.name))?;
     let mesh = MachineMesh::new(&scene, config.format())?;
-    for warning in mesh.warnings(&scene) {
+    for warning in scene.warnings.iter().chain(&mesh.warnings(&scene)) {
         tell(&format!("warning: {warning}"));
     }
     Ok((scene, mesh))

@@ -4,15 +4,21 @@ use super::files::{Kind, Output};
 use super::{ConfigArgs, print};
 use anyhow::Result;
 use dynrt::emit;
+use dynrt::hdl::Prefix;
+use dynrt::hw::core::PREFIX;
 
 const HELP: &str = "\
 Writes into DIR
   *.v              Verilog-2001, one module a file
   dynrt_core.f     the Verilog files, children first, for -f of most tools
-  dynrt_core.core  the same for FuseSoC, with a lint target
+  dynrt_core.core  the same for FuseSoC (2.4 or later), with targets lint, sim, sim_verilator and synth
+  sim/             a bench of the ray casting unit, and a small set of golden vectors that it replays: for the sim targets
   manifest.json    configuration, top module, modules with ports and latencies, layouts of the records in memory
 
-DIR is made if it does not exist. In one that exists, files of the same names are replaced, Verilog files that its old
+The names of all modules, their files and the core begin with dynrt_, or what --prefix says: two machines of different prefixes
+can stand in one design.
+
+DIR is made if it does not exist. In one that exists, files of the same names are replaced, files that its old
 manifest.json lists and this machine lacks are removed, and nothing else is touched. All files are written whole before
 the first takes its place, the manifest last. The same configuration gives the same files, to the byte.
 
@@ -20,6 +26,7 @@ Examples:
   dynrt generate --out build/rtl
   dynrt generate --config dynrt-2006 --out build/original
   dynrt generate --set packets.rays=8 --set clock.target_mhz=133 --out build/wide
+  dynrt generate --config tiny --prefix small_ --out build/small
   cd build/rtl && verilator --lint-only -Wall -f dynrt_core.f --top-module dynrt_core
 
 Every configuration key, with its range, is explained in the files of configs/.";
@@ -32,12 +39,30 @@ pub struct Args {
     #[arg(long, value_name = "DIR", value_parser = Kind::Files)]
     out: Output,
     #[command(flatten)]
+    prefix: PrefixArg,
+    #[command(flatten)]
     config: ConfigArgs,
+}
+
+/// What the names of a machine's modules and files begin with.
+#[derive(clap::Args)]
+pub struct PrefixArg {
+    /// What the names of all modules and files begin with, exactly as given: [a-z][a-z0-9_]*
+    #[arg(long, value_name = "NAME", default_value = PREFIX)]
+    prefix: String,
+}
+
+impl PrefixArg {
+    /// The prefix, or one line that says what it must be.
+    pub fn parse(&self) -> Result<Prefix> {
+        self.prefix.parse().map_err(anyhow::Error::msg)
+    }
 }
 
 pub fn run(args: &Args) -> Result<()> {
     let config = args.config.load()?;
-    let (machine, files) = emit::generate(&config)?;
+    let prefix = args.prefix.parse()?;
+    let (machine, files) = emit::generate_with(&config, prefix)?;
     args.out.files(&files)?;
     let modules = machine.design.modules();
     let lines: usize = modules.iter().map(|m| m.verilog().lines().count()).sum();
@@ -46,7 +71,7 @@ pub fn run(args: &Args) -> Result<()> {
         args.out,
         modules.len(),
         super::grouped(lines as u64),
-        machine.design.top().name(),
+        machine.design.emitted(machine.design.top().name()),
         config.name
     ))
 }

@@ -3,6 +3,7 @@
 use super::files::{self, Output};
 use super::{ConfigArgs, counted, print, tell};
 use anyhow::{Result, ensure};
+use dynrt::hw::core::PREFIX;
 use dynrt::mutate::{self, Kind, Outcome, Report, Request, UNITS};
 use dynrt::report;
 use dynrt::text;
@@ -98,7 +99,7 @@ fn to_text(args: &Args, found: &Report) -> String {
     for mutant in found.survivors() {
         let _ = writeln!(
             text,
-            "survived  {} {} {}.v:{} {}\n  before {}\n  after  {}\n  again: dynrt mutate --mutants {} --seed {} --only {}{}",
+            "survived  {} {} {PREFIX}{}.v:{} {}\n  before {}\n  after  {}\n  again: dynrt mutate --mutants {} --seed {} --only {}{}",
             mutant.number,
             mutant.unit,
             mutant.module,
@@ -116,7 +117,7 @@ fn to_text(args: &Args, found: &Report) -> String {
         for mutant in &found.mutants {
             let _ = writeln!(
                 text,
-                "{} {}.v:{}: {} → {}",
+                "{} {PREFIX}{}.v:{}: {} → {}",
                 mutant.unit, mutant.module, mutant.line, mutant.before, mutant.after
             );
             let _ = match &mutant.outcome {

@@ -114,6 +114,10 @@ impl Args {
         let poses = [scene.pose(clip, self.seconds)?];
         let extents = scene.extents_of(&poses)?;
         let machine = MachineScene::new(&scene, &extents, config.format(), config.skinning_joints)?;
+        let hidden = scene.warnings_of(&poses);
+        for warning in hidden.into_iter().chain(machine.warnings(&scene, &extents)) {
+            tell(&format!("warning: {warning}"));
+        }
         let camera = self.camera.of(extents.world)?;
         let posed = machine
             .frame(&poses[0])

@@ -26,7 +26,7 @@ use crate::hdl::{Design, Direction};
 pub fn sources(design: &Design) -> model::Sources {
     let top = design.top();
     model::Sources {
-        top: top.name().to_string(),
+        top: design.emitted(top.name()),
         files: design.files(),
         ports: top
             .ports()

@@ -1144,6 +1144,7 @@ impl Builder {
             ports,
             children: inner.instances.into_iter().map(|i| i.module).collect(),
             verilog: verilog.text,
+            names: verilog.names,
             place: self.place,
             paths,
         }))

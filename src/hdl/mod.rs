@@ -33,7 +33,7 @@ mod signal;
 mod verilog;
 
 pub use builder::{Builder, Outputs, Reg, Wire};
-pub use design::{Design, Direction, Module, Port};
+pub use design::{Design, Direction, Module, Port, Prefix};
 pub use error::HdlError;
 pub use memory::{Memory, Style};
 pub use pipeline::Pipeline;

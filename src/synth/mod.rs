@@ -37,6 +37,7 @@ use self::outreg::Blocks;
 use crate::config::Config;
 use crate::emit;
 use crate::hdl::{Design, Module};
+use crate::hw;
 use crate::temporary;
 use anyhow::{Context, Result, bail, ensure};
 use serde::Serialize;
@@ -161,7 +162,7 @@ pub fn synthesise(config: &Config, request: &Request, progress: &dyn Fn(&str)) -
         let number = format!("{} of {count}", index + 1);
         let unit = bench
             .measure(module, &number)
-            .with_context(|| format!("module {}", module.name()))?;
+            .with_context(|| format!("module {}", unit_name(module)))?;
         measured.push(unit);
     }
     let total = match request.units.is_empty() {
@@ -180,27 +181,54 @@ pub fn synthesise(config: &Config, request: &Request, progress: &dyn Fn(&str)) -
     })
 }
 
+/// What a module is called where it is measured: as in the description, without the prefix of an emitted machine, so that figures stay
+/// comparable whatever the prefix. The whole core alone keeps the name under which its figures have always been kept.
+pub fn unit_name(module: &Module) -> &str {
+    measured_name(module.name())
+}
+
+fn measured_name(name: &str) -> &str {
+    const CORE: &str = "dynrt_core";
+    match name {
+        hw::core::NAME => CORE,
+        _ => name,
+    }
+}
+
+/// The Verilog of a module and of all below it, by file, as it is measured: under the names of [`unit_name`].
+fn measured_files(module: &Rc<Module>) -> Result<Vec<(String, String)>> {
+    let design = Design::new(module.clone())?;
+    let file = |module: &Rc<Module>| {
+        let text = module.verilog_with(&|name| measured_name(name).to_string());
+        (format!("{}.v", unit_name(module)), text)
+    };
+    Ok(design.modules().iter().map(file).collect())
+}
+
 /// Of a module's Verilog and that of all modules below it: the same only where the text is the same.
 ///
 /// # Errors
 /// None of a module that [`emit::generate`] made.
 pub fn fingerprint(module: &Rc<Module>) -> Result<String> {
-    let files = Design::new(module.clone())?.files();
+    let files = measured_files(module)?;
     let parts: Vec<&str> = (files.iter())
         .flat_map(|(name, text)| [name.as_str(), text])
         .collect();
     Ok(store::key(&parts))
 }
 
-/// The modules of the names given, or all.
+/// The modules of the names given, or all. A module may be named as it is emitted, too.
 fn choose<'d>(design: &'d Design, names: &[String]) -> Result<Vec<&'d Rc<Module>>> {
     let modules = design.modules();
     if names.is_empty() {
         return Ok(modules.iter().collect());
     }
     let find = |name: &String| {
-        let Some(module) = modules.iter().find(|module| module.name() == name) else {
-            let known: Vec<&str> = modules.iter().map(|module| module.name()).collect();
+        let is_named = |module: &&Rc<Module>| {
+            unit_name(module) == name || design.emitted(module.name()) == *name
+        };
+        let Some(module) = modules.iter().find(is_named) else {
+            let known: Vec<&str> = modules.iter().map(|module| unit_name(module)).collect();
             bail!(
                 "unit {name}: this machine has no such module; choose of {}",
                 known.join(", ")
@@ -244,9 +272,10 @@ impl Bench<'_> {
 
     fn measure(&self, module: &Rc<Module>, number: &str) -> Result<Unit> {
         let job = Job::new(self, module)?;
-        let mut cells = self.store.get::<Cells>(module.name(), &job.area_key);
+        let name = unit_name(module);
+        let mut cells = self.store.get::<Cells>(name, &job.area_key);
         let timings: Vec<Option<Timing>> = (1..=self.seeds)
-            .map(|seed| self.store.get(module.name(), &job.timing_key(self, seed)))
+            .map(|seed| self.store.get(name, &job.timing_key(self, seed)))
             .collect();
         // Netlists are large and are not kept: whoever places one makes it again.
         if cells.is_none() || timings.iter().any(Option::is_none) {
@@ -264,7 +293,7 @@ impl Bench<'_> {
         }
         let worst = routed.iter().min_by(|a, b| a.mhz.total_cmp(&b.mhz));
         Ok(Unit {
-            name: module.name().to_string(),
+            name: name.to_string(),
             latency: module.latency(),
             area,
             share_percent: Share::new(area, self.target.holds()),
@@ -276,7 +305,7 @@ impl Bench<'_> {
     }
 
     fn synthesise(&self, job: &Job<'_>, number: &str) -> Result<Cells> {
-        let name = job.module.name();
+        let name = unit_name(job.module);
         let started = Instant::now();
         (self.progress)(&format!("synthesising {name} ({number})"));
         let log = self.store.failure_log(&format!("{name}-yosys"));
@@ -297,7 +326,7 @@ impl Bench<'_> {
 
     fn route(&self, job: &Job<'_>, seed: u32, number: &str) -> Result<Timing> {
         const REPORT: &str = "timing.json";
-        let name = job.module.name();
+        let name = unit_name(job.module);
         let nextpnr = (self.tools.nextpnr.as_ref()).expect("found where modules are routed");
         let started = Instant::now();
         (self.progress)(&format!("routing {name} from seed {seed} ({number})"));
@@ -330,8 +359,8 @@ struct Job<'a> {
 
 impl<'a> Job<'a> {
     fn new(bench: &Bench<'_>, module: &'a Rc<Module>) -> Result<Job<'a>> {
-        let mut files = Design::new(module.clone())?.files();
-        let mut top = module.name();
+        let mut files = measured_files(module)?;
+        let mut top = unit_name(module);
         if bench.target.is_routable() {
             let text = wrapper::verilog(module)?;
             files.push((format!("{}.v", wrapper::NAME), text));

@@ -12,10 +12,10 @@ use crate::scene::{self, Camera, Frame, ImageSize, MachineMesh};
 use anyhow::{Context, Result, ensure};
 use std::fmt::Write as _;
 
-/// The self-testing design's module.
-pub const TOP: &str = "dynrt_selftest";
+/// The self-testing design's module, before which the core's prefix stands: see [`Design::emitted`].
+pub const TOP: &str = "selftest";
 /// Its test bench.
-pub const BENCH: &str = "dynrt_selftest_tb";
+pub const BENCH: &str = "selftest_tb";
 
 /// What it casts: primary rays of a picture of a built-in scene, and a shadow ray for each.
 const SCENE: &str = "builtin:cornell";
@@ -131,14 +131,14 @@ impl SelfTest {
                 .lines()
                 .map(str::to_string)
                 .collect();
-            let rom = Rom::new(name, record.width, lines);
+            let rom = Rom::new(design, name, record.width, lines);
             files.push(rom.file());
             roms.push(rom);
         }
-        let rays = Rom::new("ray", ray_width(format), self.ray_lines());
+        let rays = Rom::new(design, "ray", ray_width(format), self.ray_lines());
         files.push(rays.file());
-        files.push((format!("{TOP}.v"), self.top(design, &roms, &rays)));
-        files.push((format!("{BENCH}.v"), self.bench()));
+        files.push((design.emitted(TOP) + ".v", self.top(design, &roms, &rays)));
+        files.push((design.emitted(BENCH) + ".v", self.bench(design)));
         files
     }
 
@@ -163,6 +163,7 @@ impl SelfTest {
     }
 
     fn top(&self, design: &Design, roms: &[Rom], rays: &Rom) -> String {
+        let top = design.emitted(TOP);
         let format = self.image.format;
         let w = format.width();
         let count_bits = bits_for(self.rays.len() as u64 + 1);
@@ -170,11 +171,11 @@ impl SelfTest {
         let tag_bits = self.tag_bits;
         let mut text = format!(
             "// SPDX-License-Identifier: MIT OR Apache-2.0\n\
-             // {TOP}: the core casts {} rays from a ROM into a scene in ROMs ({SCENE}) and adds up its hits.\n\
+             // {top}: the core casts {} rays from a ROM into a scene in ROMs ({SCENE}) and adds up its hits.\n\
              // done says that all have returned, pass that their checksum is the golden model's; select chooses the byte of it that\n\
              // checksum_byte shows, 0 the least. rst_n starts it over.\n\n\
              `default_nettype none\n\n\
-             module {TOP} (\n\
+             module {top} (\n\
              \x20 input  wire       clk,\n\
              \x20 input  wire       rst_n,\n\
              \x20 input  wire [2:0] select,\n\
@@ -231,7 +232,7 @@ impl SelfTest {
              \x20 end\n\
              \x20 {} ray_rom (.clk(clk), .address(ray_index[{}:0]), .word(ray));\n\n",
             tag_bits - 1,
-            rays.module(),
+            rays.module,
             rays.address_bits() - 1,
         );
 
@@ -306,7 +307,7 @@ impl SelfTest {
                 address - 1,
                 rom.width - 1,
                 rom.width - 1,
-                rom.module(),
+                rom.module,
                 used - 1,
                 tag_high = tag - 1,
             );
@@ -430,25 +431,26 @@ impl SelfTest {
              \x20 wire unused = &{{1'b0, {}}};\n\n\
              endmodule\n\n\
              `default_nettype wire\n",
-            design.top().name(),
+            design.emitted(design.top().name()),
             connections.join(",\n"),
             unread.join(", "),
         );
         text
     }
 
-    fn bench(&self) -> String {
+    fn bench(&self, design: &Design) -> String {
+        let (top, bench) = (design.emitted(TOP), design.emitted(BENCH));
         format!(
             "// SPDX-License-Identifier: MIT OR Apache-2.0\n\
-             // {BENCH}: runs the self-test and prints PASS or FAIL with the checksum.\n\n\
+             // {bench}: runs the self-test and prints PASS or FAIL with the checksum.\n\n\
              `timescale 1ns / 1ps\n\
              `default_nettype none\n\n\
-             module {BENCH};\n\
+             module {bench};\n\
              \x20 reg  clk;\n\
              \x20 reg  [2:0] select;\n\
              \x20 wire done, pass;\n\
              \x20 wire [7:0] checksum_byte;\n\
-             \x20 {TOP} dut (.clk(clk), .rst_n(1'b1), .select(select), .done(done), .pass(pass), .checksum_byte(checksum_byte));\n\
+             \x20 {top} dut (.clk(clk), .rst_n(1'b1), .select(select), .done(done), .pass(pass), .checksum_byte(checksum_byte));\n\
              \x20 always #5 clk = !clk;\n\n\
              \x20 integer quiet, cycles, number;\n\
              \x20 reg  [{high}:0] hits_before;\n\
@@ -523,21 +525,20 @@ fn hex(bits: &str) -> String {
 /// contents, and which needs no file beside it.
 struct Rom {
     name: String,
+    /// As it is emitted.
+    module: String,
     width: u32,
     lines: Vec<String>,
 }
 
 impl Rom {
-    fn new(name: &str, width: u32, lines: Vec<String>) -> Rom {
+    fn new(design: &Design, name: &str, width: u32, lines: Vec<String>) -> Rom {
         Rom {
             name: name.to_string(),
+            module: design.emitted(&format!("{TOP}_{name}_rom")),
             width,
             lines,
         }
-    }
-
-    fn module(&self) -> String {
-        format!("{TOP}_{}_rom", self.name)
     }
 
     fn address_bits(&self) -> u32 {
@@ -546,7 +547,7 @@ impl Rom {
 
     fn file(&self) -> (String, String) {
         let (width, address) = (self.width, self.address_bits());
-        let module = self.module();
+        let module = &self.module;
         let mut text = format!(
             "// SPDX-License-Identifier: MIT OR Apache-2.0\n\
              // {module}: {} words of {width} bits; a word a clock after its address.\n\n\

@@ -136,7 +136,7 @@ fn point(module: &Module, flat: &str) -> Point {
     let mut parts = name.split('.').peekable();
     let mut point = Point {
         instance: String::new(),
-        module: module.name().to_string(),
+        module: super::unit_name(module).to_string(),
         signal: match parts.next() {
             Some(wrapper::INSTANCE) => String::new(),
             Some(wrapper::STIMULUS) => "inputs".into(),
@@ -161,7 +161,7 @@ fn point(module: &Module, flat: &str) -> Point {
         within = child;
         parts.next();
     }
-    point.module = within.name().to_string();
+    point.module = super::unit_name(within).to_string();
     // A memory's cells are numbered behind a dot.
     point.signal = parts.next().unwrap_or("(unnamed)").to_string();
     point

@@ -74,9 +74,9 @@ pub(super) fn verilog(module: &Module) -> Result<String> {
          \x20 {} {INSTANCE} (\n{}\n  );\n\
          endmodule\n\
          `default_nettype wire\n",
-        module.name(),
+        super::unit_name(module),
         inputs - 1,
-        module.name(),
+        super::unit_name(module),
         connections.join(",\n"),
         outputs_high = outputs - 1,
     );

@@ -33,7 +33,7 @@ pub fn pipelines(design: &Design) -> Vec<Value> {
             let late: serde_json::Map<String, Value> = late
                 .map(|(name, stage)| (name.to_string(), json!(stage)))
                 .collect();
-            json!({"module": module.name(), "latency": latency(module), "late_inputs": late})
+            json!({"module": design.emitted(module.name()), "latency": latency(module), "late_inputs": late})
         })
         .collect()
 }

@@ -67,8 +67,8 @@ const CONTENT: Content = Content {
     },
 };
 
-/// The macros for the Verilog benches.
-const HEADER: &str = "vectors.vh";
+/// The file of the macros for the Verilog benches.
+pub const HEADER: &str = "vectors.vh";
 
 /// What vectors to write.
 #[derive(Clone, Copy, Debug)]

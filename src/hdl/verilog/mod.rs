@@ -14,8 +14,13 @@ use std::fmt::Write as _;
 
 const LINE: usize = 100;
 
+/// Stands before a module's name while a module is being printed; no text has it.
+const MARK: char = '\u{1}';
+
 pub(super) struct Printed {
     pub text: String,
+    /// Where in the text a module's name begins: its own and those of the modules that it places.
+    pub names: Vec<usize>,
     /// Whether the module has the ports `clk` and `rst`.
     pub clocked: bool,
     pub reset: bool,
@@ -46,8 +51,10 @@ pub(super) fn print(builder: &Builder) -> Printed {
         reset: reset || below("rst"),
         plan,
     };
+    let (text, names) = unmarked(&printer.module(&builder.name, &builder.doc));
     Printed {
-        text: printer.module(&builder.name, &builder.doc),
+        text,
+        names,
         clocked: printer.clocked,
         reset: printer.reset,
     }
@@ -156,8 +163,14 @@ impl Printer<'_> {
     fn module(&self, name: &str, doc: &str) -> String {
         let mut text = String::from("// SPDX-License-Identifier: MIT OR Apache-2.0\n");
         let head = format!("{name}: {doc}");
-        for line in wrap(&head, LINE - 3) {
-            let _ = writeln!(text, "// {line}");
+        for (number, line) in wrap(&head, LINE - 3).iter().enumerate() {
+            // Lines are divided by the name without a prefix: a module has the same lines under every prefix.
+            let mark = if number == 0 {
+                MARK.to_string()
+            } else {
+                String::new()
+            };
+            let _ = writeln!(text, "// {mark}{line}");
         }
         let outputs = || {
             let ports = self.inner().ports.iter().map(|(port, _)| port);
@@ -174,7 +187,7 @@ impl Printer<'_> {
             let _ = writeln!(text, "// Latency: {clocks}, one set of inputs a clock.");
         }
         text.push_str("\n`default_nettype none\n\n");
-        let _ = writeln!(text, "module {name} (");
+        let _ = writeln!(text, "module {MARK}{name} (");
         text.push_str(&self.port_list());
         text.push_str(");\n");
         text.push_str(&self.body());
@@ -461,7 +474,7 @@ impl Printer<'_> {
         }
         let _ = writeln!(
             text,
-            "  {} {} (\n{}\n  );",
+            "  {MARK}{} {} (\n{}\n  );",
             instance.module.name,
             instance.name,
             connections.join(",\n")
@@ -506,6 +519,19 @@ impl Printer<'_> {
             ));
         }
     }
+}
+
+/// A text without its marks, and where they were.
+fn unmarked(text: &str) -> (String, Vec<usize>) {
+    let mut plain = String::with_capacity(text.len());
+    let mut places = vec![];
+    for (number, part) in text.split(MARK).enumerate() {
+        if number > 0 {
+            places.push(plain.len());
+        }
+        plain.push_str(part);
+    }
+    (plain, places)
 }
 
 fn wrap(text: &str, width: usize) -> Vec<String> {

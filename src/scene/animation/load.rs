@@ -11,13 +11,14 @@ use std::path::Path;
 ///
 /// | `spec` | what |
 /// |---|---|
-/// | a file whose name ends in `.glb` or `.gltf` | nodes, skins, morph targets and clips of glTF 2.0; materials, pictures and cameras are not looked at |
-/// | a folder | its files whose names end in `.obj`, in the order of their names, are the frames of a sequence |
+/// | a file whose name ends in `.glb` or `.gltf` | nodes, skins, morph targets, clips and instances (EXT_mesh_gpu_instancing) of glTF 2.0 that are shown; materials, pictures and cameras are not looked at |
+/// | a folder | its files whose names end in `.obj` are the frames of a sequence, in the order of their names: numbers in them compare as numbers, case does not count, and hidden files are passed over |
 /// | a file whose name ends in `.obj` | a scene that stands still |
 /// | `builtin:NAME` | a built-in scene, see [`builtin()`](fn@crate::scene::builtin) and [`ANIMATED_NAMES`](crate::scene::ANIMATED_NAMES) |
 ///
 /// Vertices of a glTF mesh that are the same in everything that moves them become one: files part them where
-/// normals or texture coordinates differ, which costs the machine time and changes no picture.
+/// normals or texture coordinates differ, which costs the machine time and changes no picture. What of geometry and motion
+/// is in a file and not in the picture is in [`Animated::warnings`]; what is not shown is not judged.
 ///
 /// # Errors
 /// One line that names the file, the place in it and the remedy: no such file; a file that is no mesh; no triangles; a
