@@ -7,8 +7,8 @@ use crate::bkd::layout::Record;
 use crate::config::{Config, KEYS};
 use crate::hdl::{Design, Direction, Module, Port, Prefix};
 use crate::hw::{self, Machine};
-use crate::interrupt;
 use crate::temporary::{self, Parents};
+use crate::{interrupt, text};
 use anyhow::{Context, Result, anyhow, bail};
 use bench::Bench;
 use serde_json::{Map, Value, json};
@@ -271,14 +271,14 @@ pub fn write_folder(folder: &Path, files: &[(String, String)]) -> Result<()> {
     let fault = |error: std::io::Error| {
         anyhow!(
             "{}: cannot be written: {}; give a folder that can be",
-            folder.display(),
+            text::path(folder),
             error.kind()
         )
     };
     if folder.exists() && !folder.is_dir() {
         bail!(
             "{}: cannot be written: it is a file; give a folder",
-            folder.display()
+            text::path(folder)
         );
     }
     for (name, _) in files {
@@ -286,14 +286,14 @@ pub fn write_folder(folder: &Path, files: &[(String, String)]) -> Result<()> {
         if path.is_dir() {
             bail!(
                 "{}: cannot be written: it is a folder; move it elsewhere",
-                path.display()
+                text::path(&path)
             );
         }
         let within = path.parent().unwrap_or(folder);
         if within.exists() && !within.is_dir() {
             bail!(
                 "{}: cannot be made a folder: it is a file; move it elsewhere",
-                within.display()
+                text::path(within)
             );
         }
     }

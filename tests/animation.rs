@@ -670,7 +670,7 @@ impl File {
 
     fn load(&self) -> Animated {
         let folder = tempfile::tempdir().unwrap();
-        let scene = load_animated(&write(&folder, "scene.gltf", self.text().as_bytes()));
+        let scene = load_animated(write(&folder, "scene.gltf", self.text().as_bytes()));
         let scene = scene.map_err(|error| format!("{error:#}")).unwrap();
         assert_well_formed(&scene);
         scene

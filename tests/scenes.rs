@@ -138,7 +138,7 @@ fn built_in_scenes_are_well_formed_and_repeatable() {
 #[test]
 fn the_teapot_has_the_triangles_of_its_tessellation_and_no_seams() {
     for n in [2, 3, 10, 17] {
-        let mesh = load(&format!("builtin:teapot?tessellation={n}"))
+        let mesh = load(format!("builtin:teapot?tessellation={n}"))
             .unwrap()
             .mesh;
         assert_well_formed("teapot", &mesh);

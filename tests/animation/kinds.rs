@@ -13,7 +13,7 @@ impl File {
     /// A scene that cannot be shown at all times.
     fn load_unchecked(&self) -> Animated {
         let folder = tempfile::tempdir().unwrap();
-        load_animated(&write(&folder, "scene.gltf", self.text().as_bytes())).unwrap()
+        load_animated(write(&folder, "scene.gltf", self.text().as_bytes())).unwrap()
     }
 }
 
@@ -581,10 +581,10 @@ fn what_is_around_the_json_is_passed_over() {
         (" \n", "\t"),
     ] {
         let text = format!("{before}{}{after}", file.text());
-        let scene = load_animated(&write(&folder, "a.gltf", text.as_bytes())).unwrap();
+        let scene = load_animated(write(&folder, "a.gltf", text.as_bytes())).unwrap();
         assert_eq!(world(&scene), expected, "{before:?} {after:?}");
         let binary = binary_with(&file, before, after);
-        let scene = load_animated(&write(&folder, "a.glb", &binary)).unwrap();
+        let scene = load_animated(write(&folder, "a.glb", &binary)).unwrap();
         assert_eq!(world(&scene), expected, "{before:?} {after:?}");
     }
     for after in ["}", "\0{}", "x"] {
