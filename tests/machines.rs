@@ -387,7 +387,7 @@ fn fusesoc_takes_two_machines_into_one_design() {
     fs::write(
         cores.join("both.v"),
         "/* verilator lint_off PINMISSING */\nmodule both (input wire clk, input wire rst);\n  \
-         big_core big (.clk(clk), .rst(rst));\n  small_core small (.clk(clk), .rst(rst));\nendmodule\n",
+         big_core first (.clk(clk), .rst(rst));\n  small_core second (.clk(clk), .rst(rst));\nendmodule\n",
     )
     .unwrap();
     let core = format!(
