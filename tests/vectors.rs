@@ -1637,7 +1637,7 @@ fn check_ports(unit: &Value, layouts: &Value, design: &Design) -> BTreeSet<(Stri
                     || width == 26
                     || of("width") == 1
                     || how == "select"
-                    || name == "slot";
+                    || ["slot", "joints"].contains(&name);
                 assert!(whole, "{place}: {name}");
                 used.insert((layout.to_string(), name.to_string()));
             }
