@@ -4,7 +4,7 @@
     sim/check_vectors.py DIR [--limit N] [--jobs N] [--json FILE] [--quiet]
 
 Written from docs/vectors.md, docs/arithmetic.md, docs/layout.md, docs/update.md and a folder's manifest.json alone, without a look at
-the program that writes the folder. It takes from the folder only what the pages leave open (a camera's rays, a mesh's vertices, random
+the program that writes the folder. It takes from the folder only what the pages leave open (a camera, a mesh's vertices, random
 operands) and predicts everything else, bit by bit: expected values, care masks, the packets' steps, tests and ray transformations and
 their order, the structure of the trees, what an update and the skinning of a mesh write, the manifest's own figures, the macros.
 
@@ -2790,6 +2790,11 @@ def main(arguments):
         report = check(options.folder, options.limit, options.jobs)
     except Refused as refused:
         print("error: %s" % refused, file=sys.stderr)
+        return 1
+    except (ArithmeticError, AttributeError, LookupError, TypeError, ValueError) as error:
+        # A manifest can be wrong in more ways than are worth a sentence each.
+        what = "%s: %s" % (type(error).__name__, error)
+        print("error: %s: is not as docs/vectors.md says, so that it cannot be checked: %s" % (options.folder, what), file=sys.stderr)
         return 1
     checked = sum(row[0] for row in report.kinds.values())
     wrong = sum(row[1] for row in report.kinds.values())
