@@ -35,11 +35,11 @@ module dynrt_memory #(
     integer clock, leaves, last_leaves, place, percent;
 
     initial begin
-        latency = `MEMORY_LATENCY;
-        jitter  = `MEMORY_JITTER;
-        ready   = `MEMORY_READY_PERCENT;
+        latency = `DYNRT_MEMORY_LATENCY;
+        jitter  = `DYNRT_MEMORY_JITTER;
+        ready   = `DYNRT_MEMORY_READY_PERCENT;
         seed    = 1;
-`ifdef MEMORY_IN_ORDER
+`ifdef DYNRT_MEMORY_IN_ORDER
         in_order = 1;
 `else
         in_order = 0;
