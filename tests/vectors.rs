@@ -114,6 +114,7 @@ impl Case {
             skins: &self.skins,
             packets: &self.packets,
             limit: None,
+            directed_scenes: true,
             force: false,
             made: Made {
                 command: "dynrt vectors",

@@ -7,9 +7,7 @@ use anyhow::{Context, Result, ensure};
 use dynrt::bkd::{BuildOptions, MemoryImage, build};
 use dynrt::config::Config;
 use dynrt::scene::animation::MachineScene;
-use dynrt::scene::{
-    BUILTIN_NAMES, Camera, Frame, ImageSize, RayPacket, SceneSpec, load_animated,
-};
+use dynrt::scene::{BUILTIN_NAMES, Camera, Frame, ImageSize, RayPacket, SceneSpec, load_animated};
 use dynrt::text;
 use dynrt::vectors::{self, Made, Posed, Request, Summary};
 
@@ -201,6 +199,7 @@ pub fn run(args: &Args) -> Result<()> {
         skins: &skins,
         packets: &packets,
         limit: args.limit.map(|limit| limit as usize),
+        directed_scenes: true,
         force: args.force,
         made: Made {
             command: &args.replay(),

@@ -123,6 +123,7 @@ fn vectors_of(machine: &Machine) -> Result<(temporary::Folder, Summary)> {
         skins: &[],
         packets: &packets,
         limit: None,
+        directed_scenes: false,
         force: false,
         made: Made {
             command: "dynrt generate",

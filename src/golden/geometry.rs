@@ -143,7 +143,11 @@ impl Triangle {
 
     /// Whether the ray's line passes inside, and t, u, v.
     #[inline(always)]
-    pub(crate) fn watertight<const WHOLE: bool>(&self, a: &Arithmetic, ray: &RaySetup) -> (bool, [f64; 3]) {
+    pub(crate) fn watertight<const WHOLE: bool>(
+        &self,
+        a: &Arithmetic,
+        ray: &RaySetup,
+    ) -> (bool, [f64; 3]) {
         let [kx, ky, kz] = ray.shear.axes.map(usize::from);
         let [sx, sy, sz] = ray.shear.scale;
         let sheared = self.vertices.map(|vertex| {

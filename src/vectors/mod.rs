@@ -98,6 +98,9 @@ pub struct Request<'a> {
     pub packets: &'a [RayPacket],
     /// The most of `packets` to cast, spread over them; `None` for all.
     pub limit: Option<usize>,
+    /// Whether directed scenes are written behind the image, as far as the machine can hold them. They pin down rules that few
+    /// scenes show, and make most of the bytes of a small folder.
+    pub directed_scenes: bool,
     /// Whether more than 1 GiB may be written.
     pub force: bool,
     /// For the manifest.
@@ -155,7 +158,10 @@ pub fn write(request: &Request<'_>) -> Result<Summary> {
     let machine = hw::core::emit(config).map_err(|error| anyhow!("the machine: {error}"))?;
     let design = &machine.design;
     let shape = Shape::new(config);
-    let directed = scenes::scenes(config, image);
+    let directed = match request.directed_scenes {
+        true => scenes::scenes(config, image),
+        false => vec![],
+    };
     let given = [(image, 0)].into_iter();
     let behind = directed
         .iter()
