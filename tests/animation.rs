@@ -885,7 +885,7 @@ fn weights_may_be_integers_and_more_than_four() {
     assert_eq!(influences.joints, [2, 4, 1, 0]);
     assert_eq!(
         scene.warnings,
-        ["mesh mesh 0: 3 of 3 vertices follow more than 4 joints; they keep the 4 strongest"]
+        ["mesh 0: 3 of 3 vertices follow more than 4 joints; they keep the 4 strongest"]
     );
 }
 
@@ -1009,7 +1009,7 @@ fn sparse_interleaved_and_quantised_accessors() {
     file.json["accessors"][1]["sparse"]["indices"]["bufferView"] = json!(places);
     assert_eq!(
         file.fault(),
-        ": mesh 0 (mesh 0): primitive 0: POSITION: accessor 1: replaces element 3, which is out of range (there are 3, counted from 0); correct its sparse indices"
+        ": mesh 0: primitive 0: POSITION: accessor 1: replaces element 3, which is out of range (there are 3, counted from 0); correct its sparse indices"
     );
 
     // Signed shorts as fractions, every 8 bytes.
@@ -1095,7 +1095,7 @@ fn faulty_files_are_refused_in_one_line() {
         ),
         (
             |f| f.json["meshes"][0]["primitives"][0]["mode"] = json!(0),
-            ": is an empty scene, nothing is left of it: mesh mesh 0, primitive 0: left out, it is made of Points, not of triangles; export it with its meshes",
+            ": is an empty scene, nothing is left of it: mesh 0, primitive 0: left out, it is made of Points, not of triangles; export it with its meshes",
         ),
         (
             |f| f.json["nodes"][2]["children"] = json!([1]),
@@ -1114,30 +1114,30 @@ fn faulty_files_are_refused_in_one_line() {
                 let joints = f.integers("VEC4", 5121, &[0, 0, 0, 0, 2, 0, 0, 0, 0, 0, 0, 0]);
                 f.json["meshes"][0]["primitives"][0]["attributes"]["JOINTS_0"] = json!(joints);
             },
-            ": mesh 0 (mesh 0): primitive 0, vertex 1: names joint 2, which is out of range (the skin has 2, counted from 0); correct JOINTS",
+            ": mesh 0: primitive 0, vertex 1: names joint 2, which is out of range (the skin has 2, counted from 0); correct JOINTS",
         ),
         (
             |f| f.replace_weights([0.0; 4]),
-            ": mesh 0 (mesh 0): primitive 0, vertex 1: has weights that are all zero; bind it to a joint",
+            ": mesh 0: primitive 0, vertex 1: has weights that are all zero; bind it to a joint",
         ),
         (
             |f| f.replace_weights([0.5, -0.5, 0.0, 0.0]),
-            ": mesh 0 (mesh 0): primitive 0, vertex 1: has the weight -0.5; give weights from 0 to 1",
+            ": mesh 0: primitive 0, vertex 1: has the weight -0.5; give weights from 0 to 1",
         ),
         (
             |f| f.replace_weights([0.5, f32::NAN, 0.0, 0.0]),
-            ": mesh 0 (mesh 0): primitive 0: WEIGHTS_0: accessor 4: element 1 is not finite: it has NaN; correct it",
+            ": mesh 0: primitive 0: WEIGHTS_0: accessor 4: element 1 is not finite: it has NaN; correct it",
         ),
         (
             |f| {
                 let attributes = f.json["meshes"][0]["primitives"][0]["attributes"].as_object_mut();
                 attributes.unwrap().remove("WEIGHTS_0");
             },
-            ": mesh 0 (mesh 0): primitive 0: has JOINTS_0 or WEIGHTS_0 without the other; export the file anew",
+            ": mesh 0: primitive 0: has JOINTS_0 or WEIGHTS_0 without the other; export the file anew",
         ),
         (
             |f| f.json["meshes"][0]["primitives"][0]["attributes"] = json!({"POSITION": 0}),
-            ": mesh 0 (mesh 0): primitive 0: has a skin but neither JOINTS_0 nor WEIGHTS_0; bind its vertices to joints",
+            ": mesh 0: primitive 0: has a skin but neither JOINTS_0 nor WEIGHTS_0; bind its vertices to joints",
         ),
         (
             |f| {
@@ -1145,34 +1145,34 @@ fn faulty_files_are_refused_in_one_line() {
                 let positions = f.floats("VEC3", &positions);
                 f.json["meshes"][0]["primitives"][0]["attributes"]["POSITION"] = json!(positions);
             },
-            ": mesh 0 (mesh 0): primitive 0: POSITION: accessor 4: element 1 is not finite: it has NaN; correct it",
+            ": mesh 0: primitive 0: POSITION: accessor 4: element 1 is not finite: it has NaN; correct it",
         ),
         (
             |f| {
                 let indices = f.integers("SCALAR", 5123, &[0, 1, 3]);
                 f.json["meshes"][0]["primitives"][0]["indices"] = json!(indices);
             },
-            ": mesh 0 (mesh 0): primitive 0: indices, accessor 4: element 2 names vertex 3, which is out of range (there are 3, counted from 0); correct it",
+            ": mesh 0: primitive 0: indices, accessor 4: element 2 names vertex 3, which is out of range (there are 3, counted from 0); correct it",
         ),
         (
             |f| f.json["accessors"][0]["count"] = json!(4),
-            ": mesh 0 (mesh 0): primitive 0: POSITION: accessor 0: has 4 elements of 12 bytes, which reach beyond its bufferView of 36 bytes; export the file anew",
+            ": mesh 0: primitive 0: POSITION: accessor 0: has 4 elements of 12 bytes, which reach beyond its bufferView of 36 bytes; export the file anew",
         ),
         (
             |f| f.json["accessors"][0]["count"] = json!(u64::MAX / 8),
-            ": mesh 0 (mesh 0): primitive 0: POSITION: accessor 0: has 2305843009213693951 elements of 12 bytes, which reach beyond its bufferView of 36 bytes; export the file anew",
+            ": mesh 0: primitive 0: POSITION: accessor 0: has 2305843009213693951 elements of 12 bytes, which reach beyond its bufferView of 36 bytes; export the file anew",
         ),
         (
             |f| f.json["bufferViews"][0]["byteOffset"] = json!(1_000_000),
-            ": mesh 0 (mesh 0): primitive 0: POSITION: accessor 0: bufferView 0 reaches beyond buffer 0 of 224 bytes; export the file anew",
+            ": mesh 0: primitive 0: POSITION: accessor 0: bufferView 0 reaches beyond buffer 0 of 224 bytes; export the file anew",
         ),
         (
             |f| f.json["meshes"][0]["primitives"][0]["attributes"]["POSITION"] = json!(2),
-            ": mesh 0 (mesh 0): primitive 0: POSITION: accessor 2: has elements of type Vec4, where Vec3 belongs; export the file anew",
+            ": mesh 0: primitive 0: POSITION: accessor 2: has elements of type Vec4, where Vec3 belongs; export the file anew",
         ),
         (
             |f| f.json["meshes"][0]["primitives"][0]["attributes"]["POSITION"] = json!(50),
-            ": mesh 0 (mesh 0): primitive 0: has its POSITION in accessor 50, which is out of range (there are 4, counted from 0); export the file anew",
+            ": mesh 0: primitive 0: has its POSITION in accessor 50, which is out of range (there are 4, counted from 0); export the file anew",
         ),
         (
             |f| f.json["nodes"][0]["mesh"] = json!(5),
@@ -1543,6 +1543,6 @@ fn other_things_are_refused_in_one_line() {
     file[8..12].copy_from_slice(&length.to_le_bytes());
     assert_eq!(
         fault_of("bare.glb", &file),
-        ": mesh 0 (mesh 0): primitive 0: POSITION: accessor 0: buffer 0 is missing: the file has no binary chunk for it; export it anew"
+        ": mesh 0: primitive 0: POSITION: accessor 0: buffer 0 is missing: the file has no binary chunk for it; export it anew"
     );
 }

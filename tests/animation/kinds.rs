@@ -49,12 +49,12 @@ fn an_accessor_without_a_buffer_view_is_zeros() {
     file.json["accessors"][still]["count"] = json!(4);
     assert_eq!(
         file.fault(),
-        ": mesh 0 (mesh 0): primitive 0: morph target 0: has 4 elements for 3 vertices; export the file anew"
+        ": mesh 0: primitive 0: morph target 0: has 4 elements for 3 vertices; export the file anew"
     );
     file.json["accessors"][still] = json!({"componentType": 5126, "count": 3, "type": "SCALAR"});
     assert_eq!(
         file.fault(),
-        ": mesh 0 (mesh 0): primitive 0: morph target 0: accessor 1: has elements of type Scalar, where Vec3 belongs; export the file anew"
+        ": mesh 0: primitive 0: morph target 0: accessor 1: has elements of type Scalar, where Vec3 belongs; export the file anew"
     );
 
     // Attributes that nobody reads here, and an accessor that nothing names.
@@ -92,7 +92,7 @@ fn an_accessor_without_a_buffer_view_is_zeros() {
         .remove("bufferView");
     assert_eq!(
         file.fault(),
-        ": mesh 0 (mesh 0): primitive 0: POSITION: accessor 0: has 2305843009213693951 elements without a buffer; at most 5592405 may be so"
+        ": mesh 0: primitive 0: POSITION: accessor 0: has 2305843009213693951 elements without a buffer; at most 5592405 may be so"
     );
 }
 
@@ -208,11 +208,11 @@ fn what_is_used_is_judged() {
         ),
         (
             |f| f.json["bufferViews"][0]["byteStride"] = json!(8),
-            ": mesh 0 (mesh 0): primitive 0: POSITION: accessor 0: has elements of 12 bytes every 8 bytes; export the file anew",
+            ": mesh 0: primitive 0: POSITION: accessor 0: has elements of 12 bytes every 8 bytes; export the file anew",
         ),
         (
             |f| f.json["bufferViews"][0]["byteStride"] = json!("wide"),
-            ": mesh 0 (mesh 0): primitive 0: POSITION: accessor 0: bufferView 0 has the byteStride \"wide\"; export the file anew",
+            ": mesh 0: primitive 0: POSITION: accessor 0: bufferView 0 has the byteStride \"wide\"; export the file anew",
         ),
         // One beyond the last of each list is not something to be found there.
         (
@@ -233,7 +233,7 @@ fn what_is_used_is_judged() {
         ),
         (
             |f| f.json["meshes"][0]["primitives"][0]["attributes"]["POSITION"] = json!(1),
-            ": mesh 0 (mesh 0): primitive 0: has its POSITION in accessor 1, which is out of range (there are 1, counted from 0); export the file anew",
+            ": mesh 0: primitive 0: has its POSITION in accessor 1, which is out of range (there are 1, counted from 0); export the file anew",
         ),
         (
             |f| f.json["meshes"][0]["primitives"][0]["mode"] = json!(9),
@@ -534,7 +534,7 @@ fn compressed_vertices_are_not_taken_for_zeros() {
         .remove("bufferView");
     assert_eq!(
         file.fault(),
-        ": mesh 0 (mesh 0): primitive 0: its vertices are compressed by KHR_draco_mesh_compression, which cannot be read here; export it without (uncompressed)"
+        ": mesh 0: primitive 0: its vertices are compressed by KHR_draco_mesh_compression, which cannot be read here; export it without (uncompressed)"
     );
 
     // A second buffer without data is the fallback of a compressed one; the binary chunk is the first's alone.
@@ -553,7 +553,7 @@ fn compressed_vertices_are_not_taken_for_zeros() {
     ] {
         assert_eq!(
             fault_of(name, &bytes),
-            ": mesh 0 (mesh 0): primitive 0: POSITION: accessor 0: buffer 1 has no data (EXT_meshopt_compression's fallback?); export it without compression"
+            ": mesh 0: primitive 0: POSITION: accessor 0: buffer 1 has no data (EXT_meshopt_compression's fallback?); export it without compression"
         );
     }
     file.json["buffers"][1]["uri"] = json!(format!("data:;base64,{}", base64(&file.bytes)));
@@ -658,7 +658,7 @@ fn data_uris_are_those_of_rfc_2397() {
         assert_eq!(
             file.fault(),
             format!(
-                ": mesh 0 (mesh 0): primitive 0: POSITION: accessor 0: buffer 0 has {length} bytes, not 36; export the file anew"
+                ": mesh 0: primitive 0: POSITION: accessor 0: buffer 0 has {length} bytes, not 36; export the file anew"
             ),
             "{uri}"
         );

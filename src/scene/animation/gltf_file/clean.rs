@@ -297,9 +297,8 @@ impl<'a> Cleaner<'a> {
                 for (place, primitive) in items(Some(primitives)).iter().enumerate() {
                     let primitive = self.primitive(primitive, skinned).with_context(|| {
                         let name = kept.get("name").and_then(Value::as_str);
-                        let own = || format!("mesh {number}");
-                        let name = name.map_or_else(own, str::to_string);
-                        format!("mesh {number} ({name}): primitive {place}")
+                        let name = name.map_or_else(String::new, |name| format!(" ({name})"));
+                        format!("mesh {number}{name}: primitive {place}")
                     })?;
                     clean[place] = primitive;
                 }

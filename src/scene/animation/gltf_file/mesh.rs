@@ -25,7 +25,7 @@ pub struct Parts {
 pub fn read(
     buffers: &Buffers,
     mesh: &gltf::Mesh,
-    name: &str,
+    title: &str,
     joint_count: Option<usize>,
     nothing: usize,
     warnings: &mut Vec<String>,
@@ -60,7 +60,7 @@ pub fn read(
         let (triangles, left_over) = source.triangles(&primitive);
         if left_over > 0 {
             warnings.push(format!(
-                "mesh {name}, {place}: {left_over} vertices at its end make no triangle and are left out"
+                "{title}, {place}: {left_over} vertices at its end make no triangle and are left out"
             ));
         }
         let mut numbers: Vec<Option<u32>> = vec![None; source.positions.len()];
@@ -92,9 +92,9 @@ pub fn read(
     }
     for (reason, primitives) in left_out {
         warnings.push(match primitives.as_slice() {
-            [one] => format!("mesh {name}, primitive {one}: left out, it is {reason}"),
+            [one] => format!("{title}, primitive {one}: left out, it is {reason}"),
             several => format!(
-                "mesh {name}: {} primitives are left out, they are {reason}; the first is primitive {}",
+                "{title}: {} primitives are left out, they are {reason}; the first is primitive {}",
                 several.len(),
                 several[0]
             ),
@@ -102,7 +102,7 @@ pub fn read(
     }
     if reduced > 0 {
         warnings.push(format!(
-            "mesh {name}: {reduced} of {bound} vertices follow more than {MOST_INFLUENCES} joints; they keep the {MOST_INFLUENCES} strongest"
+            "{title}: {reduced} of {bound} vertices follow more than {MOST_INFLUENCES} joints; they keep the {MOST_INFLUENCES} strongest"
         ));
     }
     Ok(welder.parts)

@@ -379,20 +379,26 @@ impl Loader<'_> {
     ) -> Result<Option<Object>> {
         let skin = skin.map(|skin| self.skin(skin, rig)).transpose()?;
         let joint_count = skin.as_ref().map(Skin::joint_count);
-        let name = match mesh.name() {
-            Some(name) => name.to_string(),
-            None => format!("mesh {}", mesh.index()),
+        let number = format!("mesh {}", mesh.index());
+        // How warnings and errors speak of it, and how the object is called.
+        let (title, place, name) = match mesh.name() {
+            Some(name) => (
+                format!("mesh {name}"),
+                format!("{number} ({name})"),
+                name.to_string(),
+            ),
+            None => (number.clone(), number.clone(), number),
         };
         let nothing = self.facts.accessors;
         let parts = mesh::read(
             &self.buffers,
             mesh,
-            &name,
+            &title,
             joint_count,
             nothing,
             &mut self.warnings,
         )
-        .with_context(|| format!("mesh {} ({name})", mesh.index()))?;
+        .context(place)?;
         if parts.mesh.triangles.is_empty() {
             return Ok(None);
         }
