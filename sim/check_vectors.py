@@ -2332,8 +2332,22 @@ class Update:
             if run is not None and k in chosen:
                 self._check_run(k, commands[k], run)
         self._check_after(after)
+        self._check_directed(runs)
         self._check_objects(runs)
         self._check_canonical()
+
+    def _check_directed(self, runs):
+        """Directed objects have no bounds before their update: all are the NaN."""
+        file, layout = "update_nodes_before.hex", self.layouts["update_nodes_before"]
+        first, count = self.checker.part("update_commands.hex", "directed objects")
+        bounds = layout.pack(**dict.fromkeys(("left_lo", "left_hi", "right_lo", "right_hi"), self.numbers.nan))
+        upper = layout.at["link"][0]
+        for run in runs[first : first + count]:
+            if run is None:
+                continue
+            for own in range(run.node_base, min(run.node_base + run.nodes, len(self.lines[file]))):
+                line = self.lines[file][own]
+                self.checker.same("update_nodes_before", file, own, layout, line >> upper << upper | bounds, line)
 
     def _run(self, k, command):
         rows = self.program[16 * command["program"] : 16 * (command["program"] + command["rows"])]
@@ -2600,9 +2614,23 @@ class Skinning:
             report.expect("skinning_commands", name, None, "lines", count, len(self.lines[name]))
         for k in self.checker.sample(len(commands)):
             self._check_mesh(k, commands[k])
+        self._check_unused_joints(commands)
         self._check_objects(commands)
         for name in ("skinning_vectors", "skinning_influences", "skinning_expected"):
             self.checker.check_canonical(name + ".hex", name)
+
+    def _check_unused_joints(self, commands):
+        """Of directed meshes the matrices that no influence names are the NaN."""
+        first, count = self.checker.part("skinning_commands.hex", "directed meshes")
+        for command in commands[first : first + count]:
+            stream = self._influences(None, command)
+            if stream is None:
+                continue
+            named = {joint for _, joint, _ in stream}
+            for joint in range(command["joints"]):
+                if joint not in named:
+                    at = command["palette"] + 4 * joint
+                    self.checker.check_filler("skinning fillers", "skinning_vectors.hex", at, at + 4)
 
     def _check_objects(self, commands):
         """The vertices of the scene's skinned objects are those that its triangles have: a run of lines of vertices.hex."""
@@ -2783,7 +2811,7 @@ def main(arguments):
     parser.add_argument("folder", metavar="DIR", help="the folder of vectors")
     parser.add_argument("--limit", metavar="N", type=positive, help="check at most N packets, N lines of each unit, N updates, N meshes, spread evenly; files, layouts and trees are always checked whole")
     parser.add_argument("--jobs", metavar="N", type=positive, default=os.cpu_count() or 1, help="processes [default: one for each core]")
-    parser.add_argument("--json", metavar="FILE", help="write the result as JSON too")
+    parser.add_argument("--json", metavar="FILE", help="write the result as JSON too; with - to the standard output, and the table to the standard error")
     parser.add_argument("--quiet", action="store_true", help="say nothing if all is right, else only the first mismatch of each kind")
     options = parser.parse_args(arguments)
     try:
@@ -2801,14 +2829,17 @@ def main(arguments):
     right = checked > 0 and wrong == 0
     if options.json:
         write_json(options, report, checked, wrong)
+    # Where JSON goes to the standard output, nothing else does.
+    out = sys.stderr if options.json == "-" else sys.stdout
     if not options.quiet:
-        print("\n".join(table(report)))
+        print("\n".join(table(report)), file=out)
     for kind, (_, _, first) in report.kinds.items():
         if first:
-            print(first_mismatch(kind, first))
+            print(first_mismatch(kind, first), file=out)
     if not options.quiet or not right:
         verdict = "right" if right else "WRONG"
-        print("%s: %s: %s values checked, %s mismatches" % (options.folder, verdict, "{:,}".format(checked), "{:,}".format(wrong)))
+        words = options.folder, verdict, "{:,}".format(checked), "{:,}".format(wrong)
+        print("%s: %s: %s values checked, %s mismatches" % words, file=out)
     return 0 if right else 1
 
 
@@ -2822,9 +2853,12 @@ def positive(text):
 def write_json(options, report, checked, wrong):
     kinds = {kind: {"checked": row[0], "mismatches": row[1], "first": row[2]} for kind, row in report.kinds.items()}
     document = {"folder": options.folder, "checked": checked, "mismatches": wrong, "kinds": kinds}
+    text = json.dumps(document, indent=2) + "\n"
+    if options.json == "-":
+        sys.stdout.write(text)
+        return
     with open(options.json, "w", encoding="utf-8") as file:
-        json.dump(document, file, indent=2)
-        file.write("\n")
+        file.write(text)
 
 
 if __name__ == "__main__":

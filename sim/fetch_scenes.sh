@@ -11,26 +11,27 @@
 #
 # A file that is there and right is left as it is; one that is there and not right is named and not replaced. A file appears whole and
 # with the right SHA-256, or not at all. Exit status: 0 if all files are there and right, 1 if one is missing or not right, 2 for
-# arguments that make no sense. Needs sha256sum; to download something, curl or wget, and Python for an archive.
+# arguments that make no sense. Needs sha256sum; to download something, curl or wget, Python for an archive, and npm for a package.
 set -u -o pipefail
 
 usage() { sed -n '4,10s/^# \{0,1\}//p' "$0"; }
 fail() { echo "error: $1" >&2; exit "${2:-1}"; }
 
 # file | SHA-256 | origin | licence
-# An origin that ends in #NAME is a zip archive that holds the file under that name; one that begins with "see " cannot be downloaded as it is.
+# An origin that ends in #NAME is an archive that holds the file under that name: a zip file, or, behind npm:, a package that npm fetches. One that
+# begins with "see " cannot be downloaded as it is.
 scenes() {
     local models=https://raw.githubusercontent.com/alecjacobson/common-3d-test-models/8a4f8642acaf43f9cd7b67858a1502e1055ef202/data
     local tiny=https://raw.githubusercontent.com/syoyo/tinyobjloader/7ba4b652ee0c5175ec8abf66199e84d88adf11f1
     local samples=https://raw.githubusercontent.com/sbtron/glTF-Sample-Models/54e8526ddf5f0bd1b075fadb7f42b63ce88c3da1/2.0
     local wolf=https://raw.githubusercontent.com/CraGL/Hyperspectral-Inverse-Skinning/c9ae7ad0b7cbab3c8c4cbdbe42fc179de545e0d5/models/wolf-all/poses-2
-    local hand=https://cdn.jsdelivr.net/npm/@webxr-input-profiles/assets@1.0.20
+    local hand=npm:@webxr-input-profiles/assets@1.0.20
     cat <<TABLE
 cesium_man/CesiumMan.glb | d3868164b6d5df6f097b2ee3e056c572ebcf064d064016429a4f1ce66e4a58c8 | $samples/CesiumMan/glTF-Binary/CesiumMan.glb | CC-BY 4.0, Cesium, with trademark limits
 cornell_box/cornell_box.mtl | fd63222ca010b32a66e592ea95637abd39e61c74dd48ea40adf23b51a96e422b | $tiny/models/cornell_box.mtl | MIT, tinyobjloader
 cornell_box/cornell_box.obj | e3bacf2d9c9b058a423d96ec1ae7c686da7e71699f66c2dd5e2cf121610ec044 | $tiny/models/cornell_box.obj | MIT, tinyobjloader
 fox/Fox.glb | d97044e701822bac5a62696459b27d7b375aada5de8574ed4362edbba94771f7 | https://raw.githubusercontent.com/bevyengine/bevy/4805ca792c3e94eef07afd6fa9a2712f388c9a67/assets/models/animated/Fox.glb | CC0 1.0 (mesh, PixelMannen), CC-BY 4.0 (rig, tomkranis; glTF, AsoboStudio and scurest)
-hand/left.glb | bc67783144944ea1cda54d9247885825ea5fb9d4651469fe7d00be517a5c2b87 | $hand/dist/profiles/generic-hand/left.glb | MIT, Amazon
+hand/left.glb | bc67783144944ea1cda54d9247885825ea5fb9d4651469fe7d00be517a5c2b87 | $hand#dist/profiles/generic-hand/left.glb | MIT, Amazon
 kitchen/kitchen.obj | f3b142d6dfea791dc8908c1947819d6461851273b2c877b357c4e16e584e20df | see https://benedikt-bitterli.me/resources/ (Country Kitchen): this file is 135 of its meshes joined, positions only; without it the kitchen is left out | CC-BY 3.0, Jay-Artist
 morph_simple/AnimatedMorphCube.glb | 956f50b0bb2d4654f8a53287791184b9aa7b2e7f930e72fc4d2a38c71839ac64 | $samples/AnimatedMorphCube/glTF-Binary/AnimatedMorphCube.glb | CC0 1.0, Howard Wolosky
 morph_simple/AnimatedMorphSphere.glb | eda89538fdada0ff1edd813428c8728d351d6b136ebfcbc664abb9cf3431c213 | $samples/AnimatedMorphSphere/glTF-Binary/AnimatedMorphSphere.glb | CC0 1.0, Howard Wolosky
@@ -82,6 +83,11 @@ get() {
     local source=$1
     case $source in
         file://*) cp -- "${source#file://}" "$2" ;;
+        npm:*)
+            command -v npm >/dev/null || { echo "npm is not installed" >&2; return 1; }
+            rm -rf "$scratch/npm" && mkdir "$scratch/npm" || return 1
+            npm pack --silent --pack-destination "$scratch/npm" -- "${source#npm:}" >/dev/null && mv -- "$scratch"/npm/*.tgz "$2"
+            ;;
         http://* | https://*)
             if command -v curl >/dev/null; then
                 curl --fail --location --silent --show-error --retry 2 --connect-timeout 20 --max-time 600 --output "$2" -- "$source"
@@ -99,7 +105,15 @@ get() {
 # Unpacks the file named $2 of the archive $1 to $3.
 unpack() {
     python3 - "$1" "$2" >"$3" <<'PYTHON'
-import sys, zipfile
+import sys, tarfile, zipfile
+if tarfile.is_tarfile(sys.argv[1]):
+    # A package of npm's has all its files in a folder.
+    with tarfile.open(sys.argv[1]) as archive:
+        try:
+            sys.stdout.buffer.write(archive.extractfile("package/" + sys.argv[2]).read())
+        except KeyError:
+            sys.exit("the package holds no %s" % sys.argv[2])
+    sys.exit()
 archive = zipfile.ZipFile(sys.argv[1])
 names = [name for name in archive.namelist() if name.split("/")[-1] == sys.argv[2]]
 if not names:
@@ -164,7 +178,10 @@ fetch() {
             *"#"*) inner=${origin##*#} source=${origin%#*} ;;
         esac
     fi
-    mkdir -p -- "$(dirname -- "$dir/$file")" || return 1
+    if ! mkdir -p -- "$(dirname -- "$dir/$file")" 2>"$scratch/why"; then
+        echo "there is no room for it ($(tail -n 1 "$scratch/why"))"
+        return 1
+    fi
     part=$dir/$file.part.$$
     if [ -n "$inner" ]; then
         get "$source" "$scratch/archive" 2>"$scratch/why" && unpack "$scratch/archive" "$inner" "$part" 2>"$scratch/why"
@@ -190,12 +207,15 @@ while IFS='|' read -r file sum origin licence; do
     [ -n "$file" ] || continue
     file=${file% } sum=${sum// /} origin=$(trim "$origin") licence=${licence# }
     total=$((total + 1))
-    if [ -e "$dir/$file" ]; then
+    if [ -e "$dir/$file" ] && [ ! -f "$dir/$file" ]; then
+        missing=$((missing + 1))
+        echo "WRONG    $file: is not a file; remove it and run this again"
+    elif [ -e "$dir/$file" ]; then
         if [ "$(sum_of "$dir/$file")" = "$sum" ]; then
             there=$((there + 1))
         else
             missing=$((missing + 1))
-            echo "WRONG    $file: has another SHA-256 than $sum; remove it and run this again"
+            echo "WRONG    $file: has another SHA-256 than $sum; remove it and run this again (origin: $origin)"
         fi
     elif fetch "$file" "$sum" "$origin" >"$scratch/said"; then
         new=$((new + 1))

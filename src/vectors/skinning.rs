@@ -223,11 +223,11 @@ fn directed(format: Format, most_joints: u32, number: usize, rng: &mut fastrand:
     };
     let mut vector = || std::array::from_fn(|_| coordinate());
     let joints = [1, 2, most_joints.min(9), most_joints][number % 4];
-    let palette = (0..joints)
+    let mut palette: Vec<Columns> = (0..joints)
         .map(|_| -> Columns { std::array::from_fn(|_| vector()) })
         .collect();
     let rest: Vec<[f64; 3]> = (0..[1, 2, 5, 30][number / 3]).map(|_| vector()).collect();
-    let influences = rest
+    let influences: Vec<Influence> = rest
         .iter()
         .flat_map(|_| {
             let follows = rng.usize(1..=MOST_INFLUENCES);
@@ -239,6 +239,12 @@ fn directed(format: Format, most_joints: u32, number: usize, rng: &mut fastrand:
             (1..=follows).map(influence).collect::<Vec<_>>()
         })
         .collect();
+    // A matrix that no influence names is noticed if it is used.
+    for (joint, matrix) in palette.iter_mut().enumerate() {
+        if !influences.iter().any(|i| usize::from(i.joint) == joint) {
+            *matrix = [[f64::NAN; 3]; 4];
+        }
+    }
     SkinMesh {
         name: format!("directed mesh {number}"),
         rest,

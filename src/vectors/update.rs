@@ -38,6 +38,8 @@ struct Object {
     triangles: Vec<[u32; 3]>,
     before: Vec<[f64; 3]>,
     after: Vec<[f64; 3]>,
+    /// Whether the bounds in memory are those of `before`; else they are the NaN, for an update reads none.
+    has_bounds: bool,
 }
 
 /// The files of the update processor.
@@ -195,6 +197,7 @@ impl Memory {
             triangles,
             before,
             after,
+            has_bounds,
         } = object;
         let program = Program::compile(tree, triangles, before.len(), machine)?;
         let command = UpdateCommand {
@@ -203,7 +206,7 @@ impl Memory {
             node_base: (self.nodes.len() / Record::node(format).words()) as u32,
             box_index: 0,
         };
-        let placement = place(
+        let mut placement = place(
             tree,
             &tree.refit(before, triangles),
             &program.renumber(triangles),
@@ -211,6 +214,12 @@ impl Memory {
             command.node_base,
             command.vertex_base,
         )?;
+        if !has_bounds {
+            // The last slot has no node.
+            for node in placement.nodes.iter_mut().take(triangles.len() - 1) {
+                (node.left, node.right) = ([f64::NAN; 2], [f64::NAN; 2]);
+            }
+        }
         let slots = MemoryImage {
             format,
             nodes: placement.nodes,
@@ -386,6 +395,7 @@ fn objects_of(image: &MemoryImage, rng: &mut fastrand::Rng) -> Vec<Object> {
                 triangles,
                 before,
                 after,
+                has_bounds: true,
             }
         })
         .collect()
@@ -482,5 +492,6 @@ fn directed(config: &Config, rng: &mut fastrand::Rng) -> Result<Object> {
         triangles,
         before,
         after,
+        has_bounds: false,
     })
 }
