@@ -476,11 +476,25 @@ impl Config {
     fn parse_some(name: &str, file: &str, text: &str) -> Result<(Config, Vec<&'static Key>)> {
         let table: toml::Table = text.parse().map_err(|e: toml::de::Error| {
             let line = e.span().map_or(1, |s| line_of(text, s.start));
-            anyhow!("{file}:{line}: {}", e.message().replace('\n', " "))
+            anyhow!(
+                "{file}:{line}: is not TOML: {}; correct the line, or give a configuration file",
+                e.message().replace('\n', " ")
+            )
         })?;
         let mut config = Config::blank(name);
         for (section, keys) in &table {
             let Some(keys) = keys.as_table() else {
+                let header = format!("[[{section}]]");
+                if let Some(line) = text
+                    .lines()
+                    .position(|line| line.trim().starts_with(&header))
+                {
+                    let section = text::cut(section, LONGEST_NAME);
+                    bail!(
+                        "{file}:{}: [[{section}]] makes a list: write [{section}]",
+                        line + 1
+                    );
+                }
                 bail!(
                     "{file}:{}: key {} stands outside a section: write it under one of {}",
                     find_line(text, None, section),
@@ -801,6 +815,14 @@ mod tests {
         assert_eq!(
             error(|t| t.replace("in_flight = 48", "in_fligth = 48")),
             "x.toml:15: unknown key packets.in_fligth: [packets] has rays, in_flight, tag_bits"
+        );
+        assert_eq!(
+            error(|t| t.replace("[packets]", "[[packets]]")),
+            "x.toml:11: [[packets]] makes a list: write [packets]"
+        );
+        assert_eq!(
+            error(|t| t.replace("[packets]", "[packets")),
+            "x.toml:11: is not TOML: unclosed table, expected `]`; correct the line, or give a configuration file"
         );
         assert!(
             error(|t| t.replace("[float]", "[flaot]"))

@@ -290,7 +290,8 @@ pub fn write_folder(folder: &Path, files: &[(String, String)]) -> Result<()> {
             );
         }
         let within = path.parent().unwrap_or(folder);
-        if within.exists() && !within.is_dir() {
+        // A link to nothing is in the way too.
+        if fs::symlink_metadata(within).is_ok() && !within.is_dir() {
             bail!(
                 "{}: cannot be made a folder: it is a file; move it elsewhere",
                 text::path(within)

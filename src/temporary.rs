@@ -327,8 +327,14 @@ fn is_running(process: u32) -> Option<bool> {
     {
         use rustix::io::Errno;
         use rustix::process::{Pid, test_kill_process};
+        // One that has ended and that nobody has asked about is there still, in state Z.
+        let status = fs::read_to_string(format!("/proc/{process}/stat")).unwrap_or_default();
+        let state = status
+            .rsplit(')')
+            .next()
+            .and_then(|rest| rest.trim_start().chars().next());
         let process = Pid::from_raw(i32::try_from(process).ok()?)?;
-        Some(test_kill_process(process) != Err(Errno::SRCH))
+        Some(test_kill_process(process) != Err(Errno::SRCH) && !matches!(state, Some('Z' | 'X')))
     }
     #[cfg(not(unix))]
     {
@@ -473,6 +479,21 @@ mod tests {
         let number = child.id();
         child.wait().unwrap();
         number
+    }
+
+    #[cfg(target_os = "linux")]
+    #[test]
+    fn a_process_that_nobody_has_asked_about_is_over() {
+        let mut child = std::process::Command::new("true").spawn().unwrap();
+        while is_running(child.id()) == Some(true) {
+            std::thread::yield_now();
+        }
+        // It was a zombie until now.
+        assert_eq!(
+            child.try_wait().unwrap().map(|status| status.success()),
+            Some(true)
+        );
+        assert_eq!(is_running(std::process::id()), Some(true));
     }
 
     #[cfg(target_os = "linux")]

@@ -1365,6 +1365,28 @@ fn hidden_files_are_not_frames() {
 
 #[cfg(unix)]
 #[test]
+fn frames_that_are_not_files_are_warned_of() {
+    let folder = frames(&["f1.obj", "f2.obj"]);
+    let spec = folder.path().to_str().unwrap();
+    std::os::unix::fs::symlink("nowhere", folder.path().join("f3.obj")).unwrap();
+    let lost = format!("{spec}/f3.obj: is not a file that can be read");
+    let scene = load_animated(spec).unwrap();
+    assert_eq!(order(&scene, 2), [0.0, 1.0]);
+    assert_eq!(
+        scene.warnings,
+        [format!("{lost}, and is left out of the frames")]
+    );
+    std::fs::create_dir(folder.path().join("f4.obj")).unwrap();
+    assert_eq!(
+        load_animated(spec).unwrap().warnings,
+        [format!(
+            "{lost}, nor are 1 more, and is left out of the frames"
+        )]
+    );
+}
+
+#[cfg(unix)]
+#[test]
 fn frames_need_not_have_names_in_utf8() {
     use std::os::unix::ffi::OsStrExt;
     let folder = frames(&["f1.obj"]);

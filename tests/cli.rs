@@ -588,11 +588,22 @@ fn links_and_devices_stay_what_they_are() {
     for name in ["real.json", "new.json"] {
         assert_eq!(json(&at(name))["config"], "virtex4-lx160", "{name}");
     }
-    let text = prints(&format!("{command} /dev/stdout"), folder.path());
-    let (value, text) = text.split_at(text.find("\n}\n").unwrap() + 3);
-    let value: Value = serde_json::from_str(value).unwrap();
+    // The same as `-`: nothing else goes to the standard output then.
+    let output = run(&format!("{command} /dev/stdout"), folder.path());
+    let value: Value = serde_json::from_slice(&output.stdout).unwrap();
     assert_eq!(value["view"], "framing");
+    let text = String::from_utf8(output.stderr).unwrap();
     assert!(text.starts_with("scene cornell, configuration virtex4-lx160, view framing, "));
+    // A pipe's name is judged before it is opened, which would wait for a reader.
+    let made = Command::new("mkfifo").arg(at("pipe.obj")).status();
+    assert!(made.unwrap().success());
+    let output = run(&format!("{command} pipe.obj"), folder.path());
+    assert_eq!(output.status.code(), Some(1));
+    assert_eq!(
+        String::from_utf8(output.stderr).unwrap(),
+        "error: pipe.obj: what is written there is JSON; give it a name that ends in .json, not in .obj\n"
+    );
+    fs::remove_file(at("pipe.obj")).unwrap();
     symlink("/dev/full", at("full")).unwrap();
     let mut full = dynrt(&format!("{command} full"), folder.path());
     // Not `fault_of`: it would read the device.

@@ -309,10 +309,7 @@ pub fn run(args: &Args) -> Result<()> {
     if let Some(json) = &args.json {
         files.push(json.json(&job.json(Some(&setup), None))?);
     }
-    if let Some(folder) = folder {
-        folder.publish()?;
-    }
-    report::publish_all(files)?;
+    report::publish_beside(files, || folder.map_or(Ok(()), FrameFolder::publish))?;
     print(&text)
 }
 

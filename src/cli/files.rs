@@ -92,7 +92,7 @@ impl fmt::Display for Output {
 
 impl Output {
     fn is_standard_output(&self) -> bool {
-        self.path.as_os_str() == STANDARD_OUTPUT
+        self.path.as_os_str() == STANDARD_OUTPUT || report::is_stdout(&self.path)
     }
 
     fn is_folder(&self) -> bool {
@@ -160,7 +160,7 @@ impl Output {
             return Ok(());
         }
         match self.kind.extension() {
-            Some((right, _)) if right == extension || report::is_stream(&self.path) => Ok(()),
+            Some((right, _)) if right == extension => Ok(()),
             Some((right, format)) => bail!(
                 "{self}: what is written there is {format}; give it a name that ends in .{right}, not in .{extension}"
             ),

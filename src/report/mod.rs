@@ -156,7 +156,7 @@ fn follow(path: &Path) -> PathBuf {
 
 /// Whether a path is the standard output. What goes there must share the position in it with the text that follows,
 /// wherever the output is redirected to.
-fn is_stdout(path: &Path) -> bool {
+pub fn is_stdout(path: &Path) -> bool {
     ["/dev/stdout", "/dev/fd/1", "/proc/self/fd/1"]
         .iter()
         .any(|name| path == Path::new(name))
@@ -279,9 +279,21 @@ impl Staged {
 /// # Errors
 /// One line that names the first that cannot be put in place.
 pub fn publish_all(files: impl IntoIterator<Item = Staged>) -> Result<()> {
+    publish_beside(files, || Ok(()))
+}
+
+/// The same of files beside a folder, which `publish_folder` puts in its place once what can fail on the way has not.
+///
+/// # Errors
+/// See [`publish_all`]; those of `publish_folder`.
+pub fn publish_beside(
+    files: impl IntoIterator<Item = Staged>,
+    publish_folder: impl FnOnce() -> Result<()>,
+) -> Result<()> {
     let files: Vec<Staged> = files.into_iter().collect();
     // To write can fail on the way, to rename hardly.
     files.iter().try_for_each(Staged::send)?;
+    publish_folder()?;
     let _whole = interrupt::hold();
     for Staged { shown, content } in files {
         if let Content::File(file, place) = content {

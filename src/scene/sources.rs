@@ -6,7 +6,7 @@ use std::collections::BTreeSet;
 use std::ffi::{OsStr, OsString};
 use std::fmt;
 use std::fs::File;
-use std::io::Read;
+use std::io::{self, Read};
 use std::path::{Path, PathBuf};
 
 /// What a user names as a scene: `builtin:NAME`, or the path of a file or a folder. Paths are bytes: they need not be UTF-8.
@@ -145,15 +145,35 @@ pub fn sources(spec: &SceneSpec) -> Vec<Source> {
     found.into_iter().collect()
 }
 
-/// A regular file's bytes, at most `limit` of them; to read a pipe could wait for ever.
+/// At most `limit` bytes of a regular file. To open a pipe could wait for ever, and to read a device never end.
 fn bytes_of(path: &Path, limit: u64) -> Option<Vec<u8>> {
-    let file = File::open(path).ok()?;
-    if !file.metadata().ok()?.is_file() {
-        return None;
-    }
     let mut bytes = vec![];
+    let file = open_regular(path).ok()?;
     file.take(limit).read_to_end(&mut bytes).ok()?;
     Some(bytes)
+}
+
+/// A regular file's bytes.
+///
+/// # Errors
+/// The file is something else, or cannot be read.
+pub(super) fn read_regular(path: &Path) -> io::Result<Vec<u8>> {
+    let mut bytes = vec![];
+    open_regular(path)?.read_to_end(&mut bytes)?;
+    Ok(bytes)
+}
+
+fn open_regular(path: &Path) -> io::Result<File> {
+    if !std::fs::metadata(path)?.is_file() {
+        return Err(io::Error::other("it is not a regular file"));
+    }
+    File::open(path)
+}
+
+/// The file that an address beside a glTF file names: percent-encoded bytes, which need not be UTF-8.
+pub(super) fn place_of_uri(folder: &Path, uri: &str) -> Option<PathBuf> {
+    let name: Vec<u8> = percent_encoding::percent_decode_str(uri).collect();
+    Some(folder.join(os_string(&name)?))
 }
 
 /// The material files that an OBJ file names. A name may hold blanks, and a statement may hold several names: all readings of

@@ -288,6 +288,15 @@ fn primitives_without_positions_are_left_out() {
         scene.warnings,
         ["mesh M, primitive 1: left out, it is without POSITION"]
     );
+    for without in [json!({}), json!({"attributes": null})] {
+        file.json["meshes"][0]["primitives"][1] = without;
+        let scene = file.load();
+        assert_eq!(world(&scene).positions, triangle());
+        assert_eq!(
+            scene.warnings,
+            ["mesh M, primitive 1: left out, it is without POSITION"]
+        );
+    }
     let primitives = file.json["meshes"][0]["primitives"].as_array_mut().unwrap();
     primitives.push(json!({"attributes": {}}));
     let warnings = file.load().warnings;
@@ -390,27 +399,38 @@ fn faulty_gpu_instancing_is_refused() {
     for (attributes, expected) in [
         (
             json!({"TRANSLATION": 0, "SCALE": two}),
-            ": node 0 (node 0): EXT_mesh_gpu_instancing: its attributes have 3 and 2 elements, which must be as many in all; export the file anew",
+            ": node 0: EXT_mesh_gpu_instancing: its attributes have 3 and 2 elements, which must be as many in all; export the file anew",
         ),
         (
             json!({"TRANSLATION": 4}),
-            ": node 0 (node 0): EXT_mesh_gpu_instancing: TRANSLATION is not an accessor of the file (there are 4, counted from 0); export it anew",
+            ": node 0: EXT_mesh_gpu_instancing: TRANSLATION is not an accessor of the file (there are 4, counted from 0); export it anew",
         ),
         (
             json!({"ROTATION": two}),
-            ": node 0 (node 0): EXT_mesh_gpu_instancing: ROTATION: accessor 1: has elements of type Vec3, where Vec4 belongs; export the file anew",
+            ": node 0: EXT_mesh_gpu_instancing: ROTATION: accessor 1: has elements of type Vec3, where Vec4 belongs; export the file anew",
         ),
         (
             json!({"ROTATION": zero}),
-            ": node 0 (node 0): EXT_mesh_gpu_instancing: ROTATION: element 1 is not a rotation: [0, 0, 0, 0]; correct it",
+            ": node 0: EXT_mesh_gpu_instancing: ROTATION: element 1 is not a rotation: [0, 0, 0, 0]; correct it",
         ),
         (
             json!({"TRANSLATION": many}),
-            ": node 0 (node 0): EXT_mesh_gpu_instancing: TRANSLATION: has 2097152 instances; at most 1048576 can be shown",
+            ": node 0: EXT_mesh_gpu_instancing: TRANSLATION: has 2097152 instances; at most 1048576 can be shown: export fewer",
         ),
     ] {
         file.json["nodes"][0]["extensions"] = instanced(attributes);
         assert_eq!(file.fault(), expected);
+    }
+    // Without attributes it says nothing of instances.
+    let mut file = File::triangle();
+    for without in [json!(5), json!({}), json!({"attributes": []})] {
+        file.json["nodes"][0]["extensions"] = json!({"EXT_mesh_gpu_instancing": without});
+        let scene = file.load();
+        assert_eq!(matrices(&scene, None, 0.0), [IDENTITY]);
+        assert_eq!(
+            scene.warnings,
+            ["node 0: its EXT_mesh_gpu_instancing is without attributes: the mesh is shown once"]
+        );
     }
     // A skinned mesh has no place that instances could be multiplied by.
     let mut file = File::skinned();
@@ -420,7 +440,7 @@ fn faulty_gpu_instancing_is_refused() {
     assert_eq!(
         scene.warnings,
         [
-            "node 0 (node 0): its EXT_mesh_gpu_instancing is not read, since a skinned mesh ignores its node's place: the mesh is shown once"
+            "node 0: its EXT_mesh_gpu_instancing is not read, since a skinned mesh ignores its node's place: the mesh is shown once"
         ]
     );
 }
@@ -1133,4 +1153,43 @@ fn files_changed_at_random_become_a_scene_or_one_line() {
         load_animated(&path).unwrap();
     }
     assert!(fault(folder.path().join("b.gltf").to_str().unwrap()).contains("no such file"));
+}
+
+#[cfg(unix)]
+#[test]
+fn buffers_are_regular_files_of_any_name() {
+    use std::os::unix::ffi::OsStrExt;
+    let folder = tempfile::tempdir().unwrap();
+    let mut file = File::triangle();
+    let scene = |file: &File| load_animated(write(&folder, "s.gltf", file.text().as_bytes()));
+    let name = std::ffi::OsStr::from_bytes(b"na\xffme.bin");
+    std::fs::write(folder.path().join(name), &file.bytes).unwrap();
+    file.json["buffers"][0] = json!({"uri": "na%FFme.bin", "byteLength": file.bytes.len()});
+    assert_eq!(world(&scene(&file).unwrap()).positions, triangle());
+    // To open a pipe would wait for ever, to read a device never end.
+    let pipe = folder.path().join("pipe.bin");
+    let made = std::process::Command::new("mkfifo").arg(&pipe).status();
+    assert!(made.unwrap().success());
+    for (uri, place) in [
+        ("pipe.bin", pipe.as_path()),
+        ("/dev/zero", "/dev/zero".as_ref()),
+    ] {
+        file.json["buffers"][0]["uri"] = json!(uri);
+        let error = format!("{:#}", scene(&file).unwrap_err());
+        let expected = format!(
+            "buffer 0: {}: cannot be read: it is not a regular file; give a file that can be",
+            place.display()
+        );
+        assert!(error.ends_with(&expected), "{error}");
+    }
+    let pipe = folder.path().join("pipe.gltf");
+    let made = std::process::Command::new("mkfifo").arg(&pipe).status();
+    assert!(made.unwrap().success());
+    assert_eq!(
+        format!("{:#}", load_animated(&pipe).unwrap_err()),
+        format!(
+            "{}: cannot be read: it is not a regular file; give a file that can be",
+            pipe.display()
+        )
+    );
 }

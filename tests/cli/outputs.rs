@@ -294,6 +294,7 @@ fn a_run_that_fails_leaves_all_its_outputs_as_they_were() {
     check("render builtin:nonesuch --out a.png --json a.json");
     if Path::new("/dev/full").exists() {
         check("render builtin:cornell --size 8x8 --out a.png --json a.json --heatmap /dev/full");
+        check("animate builtin:cornell --size 8x8 --out film/a --json a.json --gif /dev/full");
     }
 }
 

@@ -17,7 +17,7 @@ pub const SEQUENCE_FRAMES_PER_SECOND: f64 = 24.0;
 pub fn load(folder: &Path) -> Result<Animated> {
     let shown = text::path(folder);
     let entries = std::fs::read_dir(folder).with_context(|| format!("{shown}: cannot be read"))?;
-    let mut files: Vec<PathBuf> = Vec::new();
+    let (mut files, mut others): (Vec<PathBuf>, Vec<String>) = Default::default();
     for entry in entries {
         let path = entry
             .with_context(|| format!("{shown}: cannot be read"))?
@@ -27,8 +27,11 @@ pub fn load(folder: &Path) -> Result<Animated> {
             .is_some_and(|extension| extension.eq_ignore_ascii_case("obj"));
         let name = path.file_name().unwrap_or_default();
         let is_hidden = name.as_encoded_bytes().starts_with(b".");
-        if is_obj && !is_hidden && path.is_file() {
-            files.push(path);
+        if is_obj && !is_hidden {
+            match path.is_file() {
+                true => files.push(path),
+                false => others.push(text::path(&path)),
+            }
         }
     }
     files.sort_by(|a, b| by_name(a, b));
@@ -66,7 +69,17 @@ pub fn load(folder: &Path) -> Result<Animated> {
     let name = name.file_name().unwrap_or_default().to_string_lossy();
     let name = text::escaped(&name).into_owned();
     let seconds = frames.len() as f64 / SEQUENCE_FRAMES_PER_SECOND;
-    let warnings = left_out.warnings(&shown, Some(frames.len()));
+    let mut warnings = left_out.warnings(&shown, Some(frames.len()));
+    others.sort();
+    if let [first, more @ ..] = &others[..] {
+        let more = match more.len() {
+            0 => String::new(),
+            count => format!(", nor are {count} more"),
+        };
+        warnings.push(format!(
+            "{first}: is not a file that can be read{more}, and is left out of the frames"
+        ));
+    }
     let mut animated = Animated::single(name, mesh, Kind::Sequence, Writer::Frames(frames));
     animated.warnings = warnings;
     animated.clips.push(Clip {

@@ -4,6 +4,7 @@
 //! checked, and every number becomes an `f64`, which holds all that glTF knows exactly.
 
 use super::clean::Facts;
+use crate::scene::sources::{place_of_uri, read_regular};
 use crate::text;
 use anyhow::{Context, Result, bail, ensure};
 use base64::Engine;
@@ -95,14 +96,25 @@ impl<'a> Buffers<'a> {
             "`{}` is not a file beside this one; put it there",
             text::word(uri)
         );
-        let name = percent_encoding::percent_decode_str(uri).decode_utf8_lossy();
-        let path = self.folder.join(&*name);
-        std::fs::read(&path).map_err(|error| match error.kind() {
+        ensure!(
+            !uri.is_empty(),
+            "has an empty URI, which names no file; export the file anew"
+        );
+        let path = place_of_uri(self.folder, uri).with_context(|| {
+            format!(
+                "`{}` is not a file's name here; rename the file",
+                text::word(uri)
+            )
+        })?;
+        read_regular(&path).map_err(|error| match error.kind() {
             std::io::ErrorKind::NotFound => anyhow::anyhow!(
                 "is missing: there is no file {}; put it there",
                 text::path(&path)
             ),
-            _ => anyhow::anyhow!("{}: cannot be read: {error}", text::path(&path)),
+            _ => anyhow::anyhow!(
+                "{}: cannot be read: {error}; give a file that can be",
+                text::path(&path)
+            ),
         })
     }
 

@@ -310,10 +310,11 @@ impl<'a> Cleaner<'a> {
     }
 
     fn primitive(&mut self, primitive: &Value, skinned: bool) -> Result<Value> {
-        let (Value::Object(fields), Some(Value::Object(attributes))) =
-            (primitive, primitive.get("attributes"))
-        else {
-            return Ok(primitive.clone());
+        let none = Map::new();
+        let (fields, attributes) = match (primitive, primitive.get("attributes")) {
+            (Value::Object(fields), Some(Value::Object(attributes))) => (fields, attributes),
+            (Value::Object(fields), None | Some(Value::Null)) => (fields, &none),
+            _ => return Ok(primitive.clone()),
         };
         let mut kept = fields_of(fields, &["mode"]);
         let position = attributes.get("POSITION").filter(|value| !value.is_null());
@@ -391,14 +392,23 @@ impl<'a> Cleaner<'a> {
     fn instancing(&mut self) -> Result<()> {
         for node in self.facts.shown.clone() {
             let fields = &self.list("nodes")[node];
-            let instancing = extensions::instancing(fields);
-            if instancing.is_empty() || index(fields.get("mesh")).is_none() {
+            if index(fields.get("mesh")).is_none() {
                 continue;
             }
-            let name = node_name(fields, node);
+            let name = titled_node(fields, node);
+            let instancing = match extensions::instancing(fields) {
+                Ok(instancing) if instancing.is_empty() => continue,
+                Ok(instancing) => instancing,
+                Err(fault) => {
+                    self.facts.warnings.push(format!(
+                        "{name}: its EXT_mesh_gpu_instancing {fault}: the mesh is shown once"
+                    ));
+                    continue;
+                }
+            };
             if index(fields.get("skin")).is_some() {
                 self.facts.warnings.push(format!(
-                    "node {node} ({name}): its EXT_mesh_gpu_instancing is not read, since a skinned mesh ignores its node's place: the mesh is shown once"
+                    "{name}: its EXT_mesh_gpu_instancing is not read, since a skinned mesh ignores its node's place: the mesh is shown once"
                 ));
                 continue;
             }
@@ -408,7 +418,7 @@ impl<'a> Cleaner<'a> {
                     index(Some(accessor)).filter(|&place| place < self.accessors.len())
                 else {
                     bail!(
-                        "node {node} ({name}): EXT_mesh_gpu_instancing: {attribute} is not an accessor of the file (there are {}, counted from 0); export it anew",
+                        "{name}: EXT_mesh_gpu_instancing: {attribute} is not an accessor of the file (there are {}, counted from 0); export it anew",
                         self.accessors.len()
                     );
                 };
@@ -749,6 +759,14 @@ fn node_name(node: &Value, number: usize) -> String {
     match node.get("name") {
         Some(Value::String(name)) if !name.is_empty() => escaped(name).into_owned(),
         _ => format!("node {number}"),
+    }
+}
+
+/// How messages speak of a node: by its number, and its name if it has one.
+fn titled_node(node: &Value, number: usize) -> String {
+    match node_name(node, number) {
+        name if name == format!("node {number}") => name,
+        name => format!("node {number} ({name})"),
     }
 }
 

@@ -77,16 +77,18 @@ pub fn is_hidden(node: &Value) -> bool {
 }
 
 /// The attributes that place a node's instances, and their accessors. Instances that have only attributes of an
-/// application's own all stand where the node does: one of them is the picture.
-pub fn instancing(node: &Value) -> Vec<(&str, &Value)> {
-    let attributes = extension(node, INSTANCING).and_then(|extension| extension.get("attributes"));
-    let attributes = attributes.and_then(Value::as_object);
-    attributes
-        .into_iter()
-        .flatten()
+/// application's own all stand where the node does: one of them is the picture. Or what is wrong with the extension.
+pub fn instancing(node: &Value) -> Result<Vec<(&str, &Value)>, &'static str> {
+    let Some(extension) = extension(node, INSTANCING) else {
+        return Ok(vec![]);
+    };
+    let attributes = extension.get("attributes").and_then(Value::as_object);
+    let attributes = attributes.ok_or("is without attributes")?;
+    Ok(attributes
+        .iter()
         .map(|(name, accessor)| (name.as_str(), accessor))
         .filter(|(name, _)| ["TRANSLATION", "ROTATION", "SCALE"].contains(name))
-        .collect()
+        .collect())
 }
 
 /// What a channel's target points at, if it is not a node.

@@ -14,6 +14,7 @@ use super::{
     Animated, Clip, Curve, Instance, Interpolation, Kind, Local, Node, Object, number, some,
 };
 use super::{Property, Rig, Skin, Track, Writer};
+use crate::scene::sources::read_regular;
 use crate::text;
 use accessor::{Buffers, Numbers, groups};
 use anyhow::{Context, Result, anyhow, bail, ensure};
@@ -31,7 +32,8 @@ const MOST_INSTANCES: usize = 1 << 20;
 
 pub fn load(path: &Path) -> Result<Animated> {
     let shown = text::path(path);
-    let bytes = std::fs::read(path).with_context(|| format!("{shown}: cannot be read"))?;
+    let bytes = read_regular(path)
+        .map_err(|error| anyhow!("{shown}: cannot be read: {error}; give a file that can be"))?;
     let folder = path.parent().unwrap_or(Path::new(""));
     let name = path.file_stem().unwrap_or_default();
     let mut scene = parse(&bytes, folder, text::path(Path::new(name))).map_err(|error| {
@@ -287,11 +289,12 @@ impl Loader<'_> {
             }
             Some(attributes) => self
                 .instancing(attributes)
-                .with_context(|| format!("node {node} ({name}): EXT_mesh_gpu_instancing"))?,
+                .with_context(|| format!("{}: EXT_mesh_gpu_instancing", titled(node, name)))?,
         };
         ensure!(
             instances.len() + locals.len() <= MOST_INSTANCES,
-            "node {node} ({name}): with its {} instances the scene has more than {MOST_INSTANCES}; export fewer",
+            "{}: with its {} instances the scene has more than {MOST_INSTANCES}; export fewer",
+            titled(node, name),
             locals.len()
         );
         let numbered = locals.into_iter().enumerate();
@@ -313,7 +316,7 @@ impl Loader<'_> {
             let accessor = self.document.accessors().nth(*place).expect("checked");
             ensure!(
                 accessor.count() <= MOST_INSTANCES,
-                "{wanted}: has {} instances; at most {MOST_INSTANCES} can be shown",
+                "{wanted}: has {} instances; at most {MOST_INSTANCES} can be shown: export fewer",
                 accessor.count()
             );
             let values = self.buffers.read(&accessor, dimensions, numbers);
@@ -583,6 +586,14 @@ fn node_name(node: &gltf::Node) -> String {
     match node.name() {
         Some(name) if !name.is_empty() => name.to_string(),
         _ => format!("node {}", node.index()),
+    }
+}
+
+/// How messages speak of a node: by its number, and its name if it has one.
+fn titled(node: usize, name: &str) -> String {
+    match name == format!("node {node}") {
+        true => name.to_string(),
+        false => format!("node {node} ({name})"),
     }
 }
 
