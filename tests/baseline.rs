@@ -69,13 +69,22 @@ fn losses_are_noticed() {
     }];
     assert!(failures(&compare(&was, &was, &[])).is_empty());
     type Edit = fn(&mut Baseline);
-    let losses: [(&str, Edit); 21] = [
+    let losses: [(&str, Edit); 23] = [
         ("cycles", |b| b.frames[0].cycles += 1),
         ("cycles", |b| b.frames[0].cycles -= 1),
         ("tpu_utilisation", |b| b.frames[1].tpu_utilisation -= 1e-4),
         ("update_cycles", |b| b.films[0].update_cycles += 1),
         ("skinning_cycles", |b| b.films[0].skinning_cycles += 1),
         ("nothing", |b| drop(b.frames.remove(0))),
+        ("ecp5-85f, builtin:teapot framing 256x192: cycles", |b| {
+            b.fast_frames[0].cycles += 1;
+        }),
+        (
+            "ecp5-85f, builtin:figure 3 frames 256x192: update_cycles",
+            |b| {
+                b.fast_films[0].update_cycles -= 1;
+            },
+        ),
         ("lut4", |b| {
             let lut4 = &mut b.area.last_mut().unwrap().area.lut4;
             *lut4 += *lut4 / 90;

@@ -86,12 +86,8 @@ pub fn measure(
         machine: config.name.clone(),
         ..was.clone()
     };
-    is.frames = (FRAMES.iter())
-        .map(|&(scene, view, size)| frame(&config, scene, view, size, progress))
-        .collect::<Result<_>>()?;
-    is.films = (FILMS.iter())
-        .map(|&(scene, frames, size)| film(&config, scene, frames, size, progress))
-        .collect::<Result<_>>()?;
+    (is.frames, is.films) = pictures(&config, progress)?;
+    (is.fast_frames, is.fast_films) = pictures(&Config::load(FAST)?, progress)?;
     let mut kept = area(&config, was, &mut is, request, progress)?;
     let routing = |units: &[&str], seeds| synth::Request {
         target: Target::Ecp5_85f,
@@ -143,6 +139,22 @@ pub fn measure(
 
 fn rounded(value: f64) -> f64 {
     (value * 1e4).round() / 1e4
+}
+
+/// The fixed frames and films of a machine.
+fn pictures(
+    config: &Config,
+    progress: &dyn Fn(&str),
+) -> Result<(Vec<FrameFigures>, Vec<FilmFigures>)> {
+    let told = |what: &str| progress(&format!("{}: {what}", config.name));
+    let frames = FRAMES
+        .iter()
+        .map(|&(scene, view, size)| frame(config, scene, view, size, &told));
+    let frames = frames.collect::<Result<_>>()?;
+    let films = FILMS
+        .iter()
+        .map(|&(scene, frames, size)| film(config, scene, frames, size, &told));
+    Ok((frames, films.collect::<Result<_>>()?))
 }
 
 fn frame(

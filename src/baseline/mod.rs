@@ -3,7 +3,7 @@
 //!
 //! | figure | holds when |
 //! |---|---|
-//! | clocks and counts of fixed frames and films | they are the same to the clock |
+//! | clocks and counts of fixed frames and films, of the reference machine and of [`FAST`] | they are the same to the clock |
 //! | area of each module | it is at most 1 % more; a module whose Verilog is the same needs no tool to tell |
 //! | clock of each unit, placed and routed | the worst seed is at most 3 % slower |
 //!
@@ -24,12 +24,15 @@ use std::path::Path;
 /// Figures of the reference machine, and some of others.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Baseline {
-    /// The configuration that units, frames and films are of.
+    /// The configuration that units, frames and films are of, if not said otherwise.
     pub machine: String,
     /// Whole pictures through the ray casting unit.
     pub frames: Vec<FrameFigures>,
     /// Scenes that move, through all units.
     pub films: Vec<FilmFigures>,
+    /// The same frames and films of the configuration [`FAST`], whose pipelines are deeper.
+    pub fast_frames: Vec<FrameFigures>,
+    pub fast_films: Vec<FilmFigures>,
     /// Versions of the tools that counted area.
     pub area_tools: Vec<String>,
     /// On a Virtex-4 LX160: every module, the machine last.
@@ -370,6 +373,12 @@ pub fn compare(was: &Baseline, is: &Baseline, kept: &[(String, String)]) -> Vec<
     let mut findings = vec![];
     compare_all(&was.frames, &is.frames, &mut findings);
     compare_all(&was.films, &is.films, &mut findings);
+    let fast = findings.len();
+    compare_all(&was.fast_frames, &is.fast_frames, &mut findings);
+    compare_all(&was.fast_films, &is.fast_films, &mut findings);
+    for finding in &mut findings[fast..] {
+        finding.figure = format!("{FAST}, {}", finding.figure);
+    }
     compare_all(&was.area, &is.area, &mut findings);
     compare_all(&was.clock, &is.clock, &mut findings);
     compare_all(&was.fast_clock, &is.fast_clock, &mut findings);

@@ -157,38 +157,43 @@ fn original_and_ours(text: &mut String, baseline: &Baseline) -> Result<()> {
 
 fn frames(text: &mut String, baseline: &Baseline) {
     *text += "## Frames and films in clocks\n\nCompared to the clock by `cargo test --test baseline`; every result of them is equal to the golden model's in all bits.\n\n\
-              | frame | rays | clocks | packet steps | ray–triangle tests | rays a clock | TPU | GU |\n|---|---|---|---|---|---|---|---|\n";
-    for frame in &baseline.frames {
-        let _ = writeln!(
-            text,
-            "| `{}` {}, {} | {} | {} | {} | {} | {:.3} | {:.3} | {:.3} |",
-            frame.scene,
-            frame.view,
-            frame.size,
-            grouped(frame.rays),
-            grouped(frame.cycles),
-            grouped(frame.packet_steps),
-            grouped(frame.ray_triangle_tests),
-            frame.rays as f64 / frame.cycles as f64,
-            frame.tpu_utilisation,
-            frame.gu_utilisation,
-        );
+              | machine | frame | rays | clocks | packet steps | ray–triangle tests | rays a clock | TPU | GU |\n|---|---|---|---|---|---|---|---|---|\n";
+    let machines = [baseline.machine.as_str(), FAST];
+    for (machine, frames) in std::iter::zip(machines, [&baseline.frames, &baseline.fast_frames]) {
+        for frame in frames {
+            let _ = writeln!(
+                text,
+                "| {machine} | `{}` {}, {} | {} | {} | {} | {} | {:.3} | {:.3} | {:.3} |",
+                frame.scene,
+                frame.view,
+                frame.size,
+                grouped(frame.rays),
+                grouped(frame.cycles),
+                grouped(frame.packet_steps),
+                grouped(frame.ray_triangle_tests),
+                frame.rays as f64 / frame.cycles as f64,
+                frame.tpu_utilisation,
+                frame.gu_utilisation,
+            );
+        }
     }
-    *text += "\n| film | frames | skinning, clocks | influences | update, clocks | instructions | triangles | ray casting, clocks |\n|---|---|---|---|---|---|---|---|\n";
-    for film in &baseline.films {
-        let _ = writeln!(
-            text,
-            "| `{}` {} | {} | {} | {} | {} | {} | {} | {} |",
-            film.scene,
-            film.size,
-            film.frames,
-            grouped(film.skinning_cycles),
-            grouped(film.influences),
-            grouped(film.update_cycles),
-            grouped(film.instructions),
-            grouped(film.triangles),
-            grouped(film.raycast_cycles),
-        );
+    *text += "\n| machine | film | frames | skinning, clocks | influences | update, clocks | instructions | triangles | ray casting, clocks |\n|---|---|---|---|---|---|---|---|---|\n";
+    for (machine, films) in std::iter::zip(machines, [&baseline.films, &baseline.fast_films]) {
+        for film in films {
+            let _ = writeln!(
+                text,
+                "| {machine} | `{}` {} | {} | {} | {} | {} | {} | {} | {} |",
+                film.scene,
+                film.size,
+                film.frames,
+                grouped(film.skinning_cycles),
+                grouped(film.influences),
+                grouped(film.update_cycles),
+                grouped(film.instructions),
+                grouped(film.triangles),
+                grouped(film.raycast_cycles),
+            );
+        }
     }
     text.push('\n');
 }
