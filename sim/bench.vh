@@ -1,7 +1,8 @@
 // Reads a file into MEMORY, which has as many words as the file should have lines. For a bench that includes replay.v or has a
 // reg `failed` and integers `file` and `line` of its own.
 //
-// A bench runs in the folder of the vectors and prints one line that begins with PASS or FAIL; then it ends.
+// A bench runs in the folder of the vectors and prints one line that begins with PASS or FAIL; then it ends, by $stop after a FAIL: with
+// `vvp -N` the exit status says it, too.
 `define LOAD(NAME, MEMORY, LINES) \
     if (!failed) begin \
         file = $fopen(NAME, "r"); \
@@ -17,5 +18,5 @@
                     failed = 1'b1; \
                 end \
         end \
-        if (failed) $finish; \
+        if (failed) $stop; \
     end

@@ -3,6 +3,7 @@
 // Plusargs: +latency=CYCLES and +jitter=CYCLES (an answer takes latency to latency + jitter), +in_order=0|1, +ready=PERCENT of
 // the cycles in which a request is taken, +seed=N. By default they are the configuration's.
 `default_nettype none
+`include "vectors.vh"
 
 module dynrt_memory #(
     parameter NAME         = "memory",
@@ -31,14 +32,14 @@ module dynrt_memory #(
     reg [TAG_BITS-1:0]     due_tag     [0:PLACES-1];
 
     integer latency, jitter, ready, seed, in_order;
-    integer clock, leaves, last_leaves, place;
+    integer clock, leaves, last_leaves, place, percent;
 
     initial begin
-        latency = `MEMORY_LATENCY;
-        jitter  = `MEMORY_JITTER;
-        ready   = `MEMORY_READY_PERCENT;
+        latency = `DYNRT_MEMORY_LATENCY;
+        jitter  = `DYNRT_MEMORY_JITTER;
+        ready   = `DYNRT_MEMORY_READY_PERCENT;
         seed    = 1;
-`ifdef MEMORY_IN_ORDER
+`ifdef DYNRT_MEMORY_IN_ORDER
         in_order = 1;
 `else
         in_order = 0;
@@ -50,7 +51,7 @@ module dynrt_memory #(
         if (!$value$plusargs("seed=%d", seed)) seed = seed;
         if (latency < 1 || jitter < 0 || latency + jitter > 500 || ready < 1) begin
             $display("FAIL %0s: give +latency of at least 1, +jitter so that both are at most 500, +ready of at least 1", NAME);
-            $finish;
+            $stop;
         end
         for (place = 0; place < PLACES; place = place + 1) due[place] = 1'b0;
         clock          = 0;
@@ -63,7 +64,7 @@ module dynrt_memory #(
         if (request_valid === 1'b1 && request_ready && !rst) begin
             if (request_address >= LINES) begin
                 $display("FAIL %0s: address %0d is read, but there are %0d lines", NAME, request_address, LINES);
-                $finish;
+                $stop;
             end
             leaves = clock + latency - 1 + {$random(seed)} % (jitter + 1);
             if (in_order && leaves <= last_leaves) leaves = last_leaves + 1;
@@ -78,7 +79,9 @@ module dynrt_memory #(
         response_tag   <= due_tag[place];
         response_data  <= words[due_address[place]];
         due[place]     = 1'b0;
-        request_ready  <= {$random(seed)} % 100 < ready;
+        // By a variable: Verilator takes no seed in a non-blocking assignment.
+        percent        = {$random(seed)} % 100;
+        request_ready  <= percent < ready;
         clock          = clock + 1;
     end
 endmodule

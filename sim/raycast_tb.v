@@ -13,65 +13,67 @@ module dynrt_raycast_tb;
     integer file, line;
     always #5 clk = !clk;
 
-    localparam N = `RAYS_PER_PACKET;
-    localparam W = `NUMBER_BITS;
+    localparam N = `DYNRT_RAYS_PER_PACKET;
+    localparam W = `DYNRT_NUMBER_BITS;
 
-    reg [`RAYCAST_RAYS_BITS-1:0]           rays            [0:`RAYCAST_RAYS_LINES-1];
-    reg [`RAYCAST_HITS_BITS-1:0]           hits            [0:`RAYCAST_HITS_LINES-1];
-    reg [`RAYCAST_PACKETS_BITS-1:0]        packets         [0:`RAYCAST_PACKETS_LINES-1];
-    reg [`PACKET_STEP_STIMULUS_BITS-1:0]   step_stimulus   [0:`PACKET_STEP_STIMULUS_LINES-1];
-    reg [`PACKET_STEP_EXPECTED_BITS-1:0]   step_expected   [0:`PACKET_STEP_EXPECTED_LINES-1];
-    reg [`PACKET_STEP_CARE_BITS-1:0]       step_care       [0:`PACKET_STEP_CARE_LINES-1];
-    reg [`TRIANGLE_TEST_STIMULUS_BITS-1:0] test_stimulus   [0:`TRIANGLE_TEST_STIMULUS_LINES-1];
-    reg [`TRIANGLE_TEST_EXPECTED_BITS-1:0] test_expected   [0:`TRIANGLE_TEST_EXPECTED_LINES-1];
-    reg [`TRIANGLE_TEST_CARE_BITS-1:0]     test_care       [0:`TRIANGLE_TEST_CARE_LINES-1];
-`ifdef TWO_LEVELS
-    reg [`RAY_TRANSFORM_STIMULUS_BITS-1:0] transform_stimulus [0:`RAY_TRANSFORM_STIMULUS_LINES-1];
-    reg [`RAY_TRANSFORM_EXPECTED_BITS-1:0] transform_expected [0:`RAY_TRANSFORM_EXPECTED_LINES-1];
-    reg [`RAY_TRANSFORM_STIMULUS_BITS-1:0] transform_in;
-    reg [`RAY_TRANSFORM_EXPECTED_BITS-1:0] transform, transform_due;
+    reg [`DYNRT_RAYCAST_RAYS_BITS-1:0]           rays            [0:`DYNRT_RAYCAST_RAYS_LINES-1];
+    reg [`DYNRT_RAYCAST_HITS_BITS-1:0]           hits            [0:`DYNRT_RAYCAST_HITS_LINES-1];
+    reg [`DYNRT_RAYCAST_PACKETS_BITS-1:0]        packets         [0:`DYNRT_RAYCAST_PACKETS_LINES-1];
+    reg [`DYNRT_PACKET_STEP_STIMULUS_BITS-1:0]   step_stimulus   [0:`DYNRT_PACKET_STEP_STIMULUS_LINES-1];
+    reg [`DYNRT_PACKET_STEP_EXPECTED_BITS-1:0]   step_expected   [0:`DYNRT_PACKET_STEP_EXPECTED_LINES-1];
+    reg [`DYNRT_PACKET_STEP_CARE_BITS-1:0]       step_care       [0:`DYNRT_PACKET_STEP_CARE_LINES-1];
+    reg [`DYNRT_TRIANGLE_TEST_STIMULUS_BITS-1:0] test_stimulus   [0:`DYNRT_TRIANGLE_TEST_STIMULUS_LINES-1];
+    reg [`DYNRT_TRIANGLE_TEST_EXPECTED_BITS-1:0] test_expected   [0:`DYNRT_TRIANGLE_TEST_EXPECTED_LINES-1];
+    reg [`DYNRT_TRIANGLE_TEST_CARE_BITS-1:0]     test_care       [0:`DYNRT_TRIANGLE_TEST_CARE_LINES-1];
+`ifdef DYNRT_TWO_LEVELS
+    reg [`DYNRT_RAY_TRANSFORM_STIMULUS_BITS-1:0] transform_stimulus [0:`DYNRT_RAY_TRANSFORM_STIMULUS_LINES-1];
+    reg [`DYNRT_RAY_TRANSFORM_EXPECTED_BITS-1:0] transform_expected [0:`DYNRT_RAY_TRANSFORM_EXPECTED_LINES-1];
+    reg [`DYNRT_RAY_TRANSFORM_STIMULUS_BITS-1:0] transform_in;
+    reg [`DYNRT_RAY_TRANSFORM_EXPECTED_BITS-1:0] transform, transform_due;
 `endif
-    reg [`SCENE_BITS-1:0]                  scene           [0:0];
-    wire [`SCENE_BITS-1:0] registers = scene[0];
+    // The registers are those of the scene that the packets under way are in.
+    reg [`DYNRT_SCENE_BITS-1:0]                  scene           [0:`DYNRT_SCENE_LINES-1];
+    integer                                      scene_now;
+    wire [`DYNRT_SCENE_BITS-1:0] registers = scene[scene_now];
 
     // The unit and its memories.
     reg                           ray_valid;
     wire                          ray_ready;
     integer                       next_ray;
-    wire [`RAYCAST_RAYS_BITS-1:0] ray = rays[next_ray];
+    wire [`DYNRT_RAYCAST_RAYS_BITS-1:0] ray = rays[next_ray];
     reg                           hit_ready;
     wire                          hit_valid;
-    wire [`TAG_BITS-1:0]          hit_tag;
+    wire [`DYNRT_TAG_BITS-1:0]          hit_tag;
     wire [W-1:0]                  hit_t, hit_u, hit_v;
     wire [31:0]                   hit_instance, hit_triangle;
     wire                          node_request_ready, node_request_valid, node_response_valid;
-    wire [`ADDRESS_BITS-1:0]      node_request_address;
-    wire [`PACKET_BITS:0]         node_request_tag, node_response_tag;
-    wire [`NODES_BITS-1:0]        node_response_data;
+    wire [`DYNRT_ADDRESS_BITS-1:0]      node_request_address;
+    wire [`DYNRT_PACKET_BITS:0]         node_request_tag, node_response_tag;
+    wire [`DYNRT_NODES_BITS-1:0]        node_response_data;
     wire                          record_request_ready, record_request_valid, record_response_valid;
-    wire [`ADDRESS_BITS-1:0]      record_request_address;
-    wire [`PACKET_BITS:0]         record_request_tag, record_response_tag;
-    wire [`RECORDS_BITS-1:0]      record_response_data;
+    wire [`DYNRT_ADDRESS_BITS-1:0]      record_request_address;
+    wire [`DYNRT_PACKET_BITS:0]         record_request_tag, record_response_tag;
+    wire [`DYNRT_RECORDS_BITS-1:0]      record_response_data;
     wire                          vertex_request_ready, vertex_request_valid, vertex_response_valid;
-    wire [`ADDRESS_BITS-1:0]      vertex_request_address;
-    wire [`VERTEX_TAG_BITS-1:0]   vertex_request_tag, vertex_response_tag;
-    wire [`VERTICES_BITS-1:0]     vertex_response_data;
+    wire [`DYNRT_ADDRESS_BITS-1:0]      vertex_request_address;
+    wire [`DYNRT_VERTEX_TAG_BITS-1:0]   vertex_request_tag, vertex_response_tag;
+    wire [`DYNRT_VERTICES_BITS-1:0]     vertex_response_data;
     wire [39:0]                   count_packet_steps, count_ray_triangle_tests, count_ray_transforms;
     wire                          stack_overflow;
     wire                          watch_start_valid, watch_step_valid, watch_test_valid;
-    wire [`PACKET_BITS-1:0]       watch_start_packet, watch_step_packet, watch_test_packet;
-    wire [`TAG_BITS-1:0]          watch_start_tag;
-    wire [`ADDRESS_BITS-1:0]      watch_step_node, watch_test_record;
+    wire [`DYNRT_PACKET_BITS-1:0]       watch_start_packet, watch_step_packet, watch_test_packet;
+    wire [`DYNRT_TAG_BITS-1:0]          watch_start_tag;
+    wire [`DYNRT_ADDRESS_BITS-1:0]      watch_step_node, watch_test_record;
     wire [N-1:0]                  watch_step_left, watch_step_right;
     wire                          watch_step_left_first;
     wire [2*N*W-1:0]              watch_step_left_intervals, watch_step_right_intervals;
-    wire [`RAY_BITS-1:0]          watch_test_ray;
+    wire [`DYNRT_RAY_BITS-1:0]          watch_test_ray;
     wire                          watch_test_hit;
     wire [W-1:0]                  watch_test_t, watch_test_u, watch_test_v;
     wire                          watch_transform_valid;
-    wire [`PACKET_BITS-1:0]       watch_transform_packet;
-    wire [`RAY_BITS-1:0]          watch_transform_ray;
-    wire [`ADDRESS_BITS-1:0]      watch_transform_record;
+    wire [`DYNRT_PACKET_BITS-1:0]       watch_transform_packet;
+    wire [`DYNRT_RAY_BITS-1:0]          watch_transform_ray;
+    wire [`DYNRT_ADDRESS_BITS-1:0]      watch_transform_record;
     wire [W-1:0]                  watch_transform_near, watch_transform_far;
     wire [W-1:0]                  watch_transform_origin_x, watch_transform_origin_y, watch_transform_origin_z;
     wire [W-1:0]                  watch_transform_direction_x, watch_transform_direction_y, watch_transform_direction_z;
@@ -79,26 +81,26 @@ module dynrt_raycast_tb;
     dynrt_raycast_unit unit (
         .clk(clk),
         .rst(rst),
-        .scene_root(registers[`SCENE_ROOT]),
-        .scene_lo_x(registers[`SCENE_LO_X]),
-        .scene_lo_y(registers[`SCENE_LO_Y]),
-        .scene_lo_z(registers[`SCENE_LO_Z]),
-        .scene_hi_x(registers[`SCENE_HI_X]),
-        .scene_hi_y(registers[`SCENE_HI_Y]),
-        .scene_hi_z(registers[`SCENE_HI_Z]),
+        .scene_root(registers[`DYNRT_SCENE_ROOT]),
+        .scene_lo_x(registers[`DYNRT_SCENE_LO_X]),
+        .scene_lo_y(registers[`DYNRT_SCENE_LO_Y]),
+        .scene_lo_z(registers[`DYNRT_SCENE_LO_Z]),
+        .scene_hi_x(registers[`DYNRT_SCENE_HI_X]),
+        .scene_hi_y(registers[`DYNRT_SCENE_HI_Y]),
+        .scene_hi_z(registers[`DYNRT_SCENE_HI_Z]),
         .ray_ready(ray_ready),
         .ray_valid(ray_valid),
-        .ray_tag(ray[`RAYCAST_RAYS_TAG]),
-        .ray_origin_x(ray[`RAYCAST_RAYS_ORIGIN_X]),
-        .ray_origin_y(ray[`RAYCAST_RAYS_ORIGIN_Y]),
-        .ray_origin_z(ray[`RAYCAST_RAYS_ORIGIN_Z]),
-        .ray_direction_x(ray[`RAYCAST_RAYS_DIRECTION_X]),
-        .ray_direction_y(ray[`RAYCAST_RAYS_DIRECTION_Y]),
-        .ray_direction_z(ray[`RAYCAST_RAYS_DIRECTION_Z]),
-        .ray_tmin(ray[`RAYCAST_RAYS_TMIN]),
-        .ray_tmax(ray[`RAYCAST_RAYS_TMAX]),
-        .ray_active(ray[`RAYCAST_RAYS_ACTIVE]),
-        .ray_any_hit(ray[`RAYCAST_RAYS_ANY_HIT]),
+        .ray_tag(ray[`DYNRT_RAYCAST_RAYS_TAG]),
+        .ray_origin_x(ray[`DYNRT_RAYCAST_RAYS_ORIGIN_X]),
+        .ray_origin_y(ray[`DYNRT_RAYCAST_RAYS_ORIGIN_Y]),
+        .ray_origin_z(ray[`DYNRT_RAYCAST_RAYS_ORIGIN_Z]),
+        .ray_direction_x(ray[`DYNRT_RAYCAST_RAYS_DIRECTION_X]),
+        .ray_direction_y(ray[`DYNRT_RAYCAST_RAYS_DIRECTION_Y]),
+        .ray_direction_z(ray[`DYNRT_RAYCAST_RAYS_DIRECTION_Z]),
+        .ray_tmin(ray[`DYNRT_RAYCAST_RAYS_TMIN]),
+        .ray_tmax(ray[`DYNRT_RAYCAST_RAYS_TMAX]),
+        .ray_active(ray[`DYNRT_RAYCAST_RAYS_ACTIVE]),
+        .ray_any_hit(ray[`DYNRT_RAYCAST_RAYS_ANY_HIT]),
         .hit_ready(hit_ready),
         .hit_valid(hit_valid),
         .hit_tag(hit_tag),
@@ -130,13 +132,13 @@ module dynrt_raycast_tb;
         .vertex_response_data(vertex_response_data),
         // Nothing is skinned.
         .skin_start_valid(1'b0),
-        .skin_start_palette({`ADDRESS_BITS{1'b0}}),
-        .skin_start_joints({`JOINT_COUNT_BITS{1'b0}}),
-        .skin_start_influences({`ADDRESS_BITS{1'b0}}),
-        .skin_start_rows({`ADDRESS_BITS{1'b0}}),
-        .skin_start_rest({`ADDRESS_BITS{1'b0}}),
-        .skin_start_vertices({`ADDRESS_BITS{1'b0}}),
-        .skin_start_target({`ADDRESS_BITS{1'b0}}),
+        .skin_start_palette({`DYNRT_ADDRESS_BITS{1'b0}}),
+        .skin_start_joints({`DYNRT_JOINT_COUNT_BITS{1'b0}}),
+        .skin_start_influences({`DYNRT_ADDRESS_BITS{1'b0}}),
+        .skin_start_rows({`DYNRT_ADDRESS_BITS{1'b0}}),
+        .skin_start_rest({`DYNRT_ADDRESS_BITS{1'b0}}),
+        .skin_start_vertices({`DYNRT_ADDRESS_BITS{1'b0}}),
+        .skin_start_target({`DYNRT_ADDRESS_BITS{1'b0}}),
         .skin_start_ready(),
         .skin_done(),
         .skin_write_ready(1'b0),
@@ -148,8 +150,8 @@ module dynrt_raycast_tb;
         .influence_request_address(),
         .influence_request_tag(),
         .influence_response_valid(1'b0),
-        .influence_response_tag({`INFLUENCE_TAG_BITS{1'b0}}),
-        .influence_response_data({`INFLUENCE_ROW_BITS{1'b0}}),
+        .influence_response_tag({`DYNRT_INFLUENCE_TAG_BITS{1'b0}}),
+        .influence_response_data({`DYNRT_INFLUENCE_ROW_BITS{1'b0}}),
         .count_cycles(),
         .count_packet_steps(count_packet_steps),
         .count_ray_triangle_tests(count_ray_triangle_tests),
@@ -198,8 +200,8 @@ module dynrt_raycast_tb;
     );
 
     dynrt_memory #(
-        .NAME("nodes.hex"), .WIDTH(`NODES_BITS), .LINES(`NODES_LINES),
-        .ADDRESS_BITS(`ADDRESS_BITS), .TAG_BITS(`PACKET_BITS + 1)
+        .NAME("nodes.hex"), .WIDTH(`DYNRT_NODES_BITS), .LINES(`DYNRT_NODES_LINES),
+        .ADDRESS_BITS(`DYNRT_ADDRESS_BITS), .TAG_BITS(`DYNRT_PACKET_BITS + 1)
     ) nodes (
         .clk(clk), .rst(rst),
         .request_ready(node_request_ready), .request_valid(node_request_valid),
@@ -207,8 +209,8 @@ module dynrt_raycast_tb;
         .response_valid(node_response_valid), .response_tag(node_response_tag), .response_data(node_response_data)
     );
     dynrt_memory #(
-        .NAME("records.hex"), .WIDTH(`RECORDS_BITS), .LINES(`RECORDS_LINES),
-        .ADDRESS_BITS(`ADDRESS_BITS), .TAG_BITS(`PACKET_BITS + 1)
+        .NAME("records.hex"), .WIDTH(`DYNRT_RECORDS_BITS), .LINES(`DYNRT_RECORDS_LINES),
+        .ADDRESS_BITS(`DYNRT_ADDRESS_BITS), .TAG_BITS(`DYNRT_PACKET_BITS + 1)
     ) records (
         .clk(clk), .rst(rst),
         .request_ready(record_request_ready), .request_valid(record_request_valid),
@@ -216,8 +218,8 @@ module dynrt_raycast_tb;
         .response_valid(record_response_valid), .response_tag(record_response_tag), .response_data(record_response_data)
     );
     dynrt_memory #(
-        .NAME("vertices.hex"), .WIDTH(`VERTICES_BITS), .LINES(`VERTICES_LINES),
-        .ADDRESS_BITS(`ADDRESS_BITS), .TAG_BITS(`VERTEX_TAG_BITS)
+        .NAME("vertices.hex"), .WIDTH(`DYNRT_VERTICES_BITS), .LINES(`DYNRT_VERTICES_LINES),
+        .ADDRESS_BITS(`DYNRT_ADDRESS_BITS), .TAG_BITS(`DYNRT_VERTEX_TAG_BITS)
     ) vertices (
         .clk(clk), .rst(rst),
         .request_ready(vertex_request_ready), .request_valid(vertex_request_valid),
@@ -226,7 +228,7 @@ module dynrt_raycast_tb;
     );
 
     // Packets under way, by the low bits of their tags. A packet waits while another one has its place.
-    localparam PLACE_BITS = (`TAG_BITS < 12) ? `TAG_BITS : 12;
+    localparam PLACE_BITS = (`DYNRT_TAG_BITS < 12) ? `DYNRT_TAG_BITS : 12;
     localparam PLACES     = 1 << PLACE_BITS;
     reg     busy      [0:PLACES-1];
     integer packet_of [0:PLACES-1];
@@ -239,22 +241,23 @@ module dynrt_raycast_tb;
     integer transform_of  [0:PLACES-1];
     integer transform_end [0:PLACES-1];
     // The place of each packet in the unit.
-    integer place_in  [0:(1<<`PACKET_BITS)-1];
+    integer place_in  [0:(1<<`DYNRT_PACKET_BITS)-1];
 
     integer seed, ray_percent, hit_percent, idle;
     integer hits_checked, steps_checked, tests_checked, transforms_checked;
-    integer place, at;
+    integer place, at, under_way;
+    reg     goes_on;
 
-    reg [`RAYCAST_PACKETS_BITS-1:0]        packet;
-    reg [`RAYCAST_RAYS_BITS-1:0]           upcoming;
-    reg [`RAYCAST_HITS_BITS-1:0]           hit, hit_due;
-    reg [`PACKET_STEP_STIMULUS_BITS-1:0]   step_in;
-    reg [`PACKET_STEP_EXPECTED_BITS-1:0]   step_due, step_mask;
-    reg [`TRIANGLE_TEST_STIMULUS_BITS-1:0] test_in;
-    reg [`TRIANGLE_TEST_EXPECTED_BITS-1:0] test, test_due, test_mask;
+    reg [`DYNRT_RAYCAST_PACKETS_BITS-1:0]        packet;
+    reg [`DYNRT_RAYCAST_RAYS_BITS-1:0]           upcoming;
+    reg [`DYNRT_RAYCAST_HITS_BITS-1:0]           hit, hit_due;
+    reg [`DYNRT_PACKET_STEP_STIMULUS_BITS-1:0]   step_in;
+    reg [`DYNRT_PACKET_STEP_EXPECTED_BITS-1:0]   step_due, step_mask;
+    reg [`DYNRT_TRIANGLE_TEST_STIMULUS_BITS-1:0] test_in;
+    reg [`DYNRT_TRIANGLE_TEST_EXPECTED_BITS-1:0] test, test_due, test_mask;
 
-    localparam LEFT  = `PACKET_STEP_EXPECTED_LEFT_RAY0_NEAR_LSB;
-    localparam RIGHT = `PACKET_STEP_EXPECTED_RIGHT_RAY0_NEAR_LSB;
+    localparam LEFT  = `DYNRT_PACKET_STEP_EXPECTED_LEFT_RAY0_NEAR_LSB;
+    localparam RIGHT = `DYNRT_PACKET_STEP_EXPECTED_RIGHT_RAY0_NEAR_LSB;
 
     initial begin
         clk    = 1'b0;
@@ -270,28 +273,30 @@ module dynrt_raycast_tb;
         ray_valid     = 1'b0;
         hit_ready     = 1'b0;
         next_ray      = 0;
+        scene_now     = 0;
+        under_way     = 0;
         hits_checked  = 0;
         steps_checked = 0;
         tests_checked = 0;
         transforms_checked = 0;
         idle          = 0;
         #1;
-        `LOAD("nodes.hex", nodes.words, `NODES_LINES)
-        `LOAD("records.hex", records.words, `RECORDS_LINES)
-        `LOAD("vertices.hex", vertices.words, `VERTICES_LINES)
-        `LOAD("scene.hex", scene, `SCENE_LINES)
-        `LOAD("raycast_rays.hex", rays, `RAYCAST_RAYS_LINES)
-        `LOAD("raycast_hits.hex", hits, `RAYCAST_HITS_LINES)
-        `LOAD("raycast_packets.hex", packets, `RAYCAST_PACKETS_LINES)
-        `LOAD("packet_step_stimulus.hex", step_stimulus, `PACKET_STEP_STIMULUS_LINES)
-        `LOAD("packet_step_expected.hex", step_expected, `PACKET_STEP_EXPECTED_LINES)
-        `LOAD("packet_step_care.hex", step_care, `PACKET_STEP_CARE_LINES)
-        `LOAD("triangle_test_stimulus.hex", test_stimulus, `TRIANGLE_TEST_STIMULUS_LINES)
-        `LOAD("triangle_test_expected.hex", test_expected, `TRIANGLE_TEST_EXPECTED_LINES)
-        `LOAD("triangle_test_care.hex", test_care, `TRIANGLE_TEST_CARE_LINES)
-`ifdef TWO_LEVELS
-        `LOAD("ray_transform_stimulus.hex", transform_stimulus, `RAY_TRANSFORM_STIMULUS_LINES)
-        `LOAD("ray_transform_expected.hex", transform_expected, `RAY_TRANSFORM_EXPECTED_LINES)
+        `LOAD("nodes.hex", nodes.words, `DYNRT_NODES_LINES)
+        `LOAD("records.hex", records.words, `DYNRT_RECORDS_LINES)
+        `LOAD("vertices.hex", vertices.words, `DYNRT_VERTICES_LINES)
+        `LOAD("scene.hex", scene, `DYNRT_SCENE_LINES)
+        `LOAD("raycast_rays.hex", rays, `DYNRT_RAYCAST_RAYS_LINES)
+        `LOAD("raycast_hits.hex", hits, `DYNRT_RAYCAST_HITS_LINES)
+        `LOAD("raycast_packets.hex", packets, `DYNRT_RAYCAST_PACKETS_LINES)
+        `LOAD("packet_step_stimulus.hex", step_stimulus, `DYNRT_PACKET_STEP_STIMULUS_LINES)
+        `LOAD("packet_step_expected.hex", step_expected, `DYNRT_PACKET_STEP_EXPECTED_LINES)
+        `LOAD("packet_step_care.hex", step_care, `DYNRT_PACKET_STEP_CARE_LINES)
+        `LOAD("triangle_test_stimulus.hex", test_stimulus, `DYNRT_TRIANGLE_TEST_STIMULUS_LINES)
+        `LOAD("triangle_test_expected.hex", test_expected, `DYNRT_TRIANGLE_TEST_EXPECTED_LINES)
+        `LOAD("triangle_test_care.hex", test_care, `DYNRT_TRIANGLE_TEST_CARE_LINES)
+`ifdef DYNRT_TWO_LEVELS
+        `LOAD("ray_transform_stimulus.hex", transform_stimulus, `DYNRT_RAY_TRANSFORM_STIMULUS_LINES)
+        `LOAD("ray_transform_expected.hex", transform_expected, `DYNRT_RAY_TRANSFORM_EXPECTED_LINES)
 `endif
         repeat (4) @(posedge clk);
         rst <= 1'b0;
@@ -300,7 +305,7 @@ module dynrt_raycast_tb;
     task fail;
         begin
             failed = 1'b1;
-            $finish;
+            $stop;
         end
     endtask
 
@@ -309,17 +314,18 @@ module dynrt_raycast_tb;
         if (!rst && !failed) begin
             if (ray_valid && ray_ready) begin
                 if (next_ray % N == 0) begin
-                    place  = ray[`RAYCAST_RAYS_TAG_LSB +: PLACE_BITS];
+                    place  = ray[`DYNRT_RAYCAST_RAYS_TAG_LSB +: PLACE_BITS];
                     packet = packets[next_ray / N];
                     busy[place]      = 1'b1;
+                    under_way        = under_way + 1;
                     packet_of[place] = next_ray / N;
                     hits_of[place]   = 0;
-                    step_of[place]   = packet[`RAYCAST_PACKETS_FIRST_STEP];
-                    step_end[place]  = packet[`RAYCAST_PACKETS_FIRST_STEP] + packet[`RAYCAST_PACKETS_STEPS];
-                    test_of[place]   = packet[`RAYCAST_PACKETS_FIRST_TEST];
-                    test_end[place]  = packet[`RAYCAST_PACKETS_FIRST_TEST] + packet[`RAYCAST_PACKETS_TESTS];
-                    transform_of[place]  = packet[`RAYCAST_PACKETS_FIRST_TRANSFORM];
-                    transform_end[place] = packet[`RAYCAST_PACKETS_FIRST_TRANSFORM] + packet[`RAYCAST_PACKETS_TRANSFORMS];
+                    step_of[place]   = packet[`DYNRT_RAYCAST_PACKETS_FIRST_STEP];
+                    step_end[place]  = packet[`DYNRT_RAYCAST_PACKETS_FIRST_STEP] + packet[`DYNRT_RAYCAST_PACKETS_STEPS];
+                    test_of[place]   = packet[`DYNRT_RAYCAST_PACKETS_FIRST_TEST];
+                    test_end[place]  = packet[`DYNRT_RAYCAST_PACKETS_FIRST_TEST] + packet[`DYNRT_RAYCAST_PACKETS_TESTS];
+                    transform_of[place]  = packet[`DYNRT_RAYCAST_PACKETS_FIRST_TRANSFORM];
+                    transform_end[place] = packet[`DYNRT_RAYCAST_PACKETS_FIRST_TRANSFORM] + packet[`DYNRT_RAYCAST_PACKETS_TRANSFORMS];
                 end
                 at = next_ray + 1;
             end else begin
@@ -327,8 +333,12 @@ module dynrt_raycast_tb;
             end
             next_ray <= at;
             upcoming = rays[at];
-            ray_valid <= at < `RAYCAST_RAYS_LINES
-                && (at % N != 0 || !busy[upcoming[`RAYCAST_RAYS_TAG_LSB +: PLACE_BITS]])
+            packet   = packets[at / N];
+            goes_on  = packet[`DYNRT_RAYCAST_PACKETS_SCENE] == scene_now;
+            // Another scene begins when no packet of the last one is under way.
+            if (at < `DYNRT_RAYCAST_RAYS_LINES && !goes_on && under_way == 0) scene_now <= packet[`DYNRT_RAYCAST_PACKETS_SCENE];
+            ray_valid <= at < `DYNRT_RAYCAST_RAYS_LINES && goes_on
+                && (at % N != 0 || !busy[upcoming[`DYNRT_RAYCAST_RAYS_TAG_LSB +: PLACE_BITS]])
                 && ((ray_valid && !ray_ready) || {$random(seed)} % 100 < ray_percent);
             hit_ready <= {$random(seed)} % 100 < hit_percent;
         end
@@ -348,19 +358,19 @@ module dynrt_raycast_tb;
                     step_in   = step_stimulus[at];
                     step_due  = step_expected[at];
                     step_mask = step_care[at];
-                    if (watch_step_node !== step_in[`PACKET_STEP_STIMULUS_NODE_LSB +: `ADDRESS_BITS]
-                        || watch_step_left !== step_due[`PACKET_STEP_EXPECTED_TO_LEFT]
-                        || watch_step_right !== step_due[`PACKET_STEP_EXPECTED_TO_RIGHT]
-                        || watch_step_left_first !== step_due[`PACKET_STEP_EXPECTED_LEFT_FIRST]
+                    if (watch_step_node !== step_in[`DYNRT_PACKET_STEP_STIMULUS_NODE_LSB +: `DYNRT_ADDRESS_BITS]
+                        || watch_step_left !== step_due[`DYNRT_PACKET_STEP_EXPECTED_TO_LEFT]
+                        || watch_step_right !== step_due[`DYNRT_PACKET_STEP_EXPECTED_TO_RIGHT]
+                        || watch_step_left_first !== step_due[`DYNRT_PACKET_STEP_EXPECTED_LEFT_FIRST]
                         || ((watch_step_left_intervals ^ step_due[LEFT +: 2*N*W]) & step_mask[LEFT +: 2*N*W]) !== {2*N*W{1'b0}}
                         || ((watch_step_right_intervals ^ step_due[RIGHT +: 2*N*W]) & step_mask[RIGHT +: 2*N*W]) !== {2*N*W{1'b0}}
                     ) begin
                         $display("FAIL packet_step_expected.hex line %0d: node %0d, expected %0d; left %b, expected %b; right %b, expected %b; left first %b, expected %b; intervals %h and %h, expected %h and %h where compared",
                             at + 1,
-                            watch_step_node, step_in[`PACKET_STEP_STIMULUS_NODE],
-                            watch_step_left, step_due[`PACKET_STEP_EXPECTED_TO_LEFT],
-                            watch_step_right, step_due[`PACKET_STEP_EXPECTED_TO_RIGHT],
-                            watch_step_left_first, step_due[`PACKET_STEP_EXPECTED_LEFT_FIRST],
+                            watch_step_node, step_in[`DYNRT_PACKET_STEP_STIMULUS_NODE],
+                            watch_step_left, step_due[`DYNRT_PACKET_STEP_EXPECTED_TO_LEFT],
+                            watch_step_right, step_due[`DYNRT_PACKET_STEP_EXPECTED_TO_RIGHT],
+                            watch_step_left_first, step_due[`DYNRT_PACKET_STEP_EXPECTED_LEFT_FIRST],
                             watch_step_left_intervals, watch_step_right_intervals,
                             step_due[LEFT +: 2*N*W], step_due[RIGHT +: 2*N*W]);
                         fail;
@@ -380,17 +390,17 @@ module dynrt_raycast_tb;
                     test_in   = test_stimulus[at];
                     test_due  = test_expected[at];
                     test_mask = test_care[at];
-                    test[`TRIANGLE_TEST_EXPECTED_HIT] = watch_test_hit;
-                    test[`TRIANGLE_TEST_EXPECTED_T]   = watch_test_t;
-                    test[`TRIANGLE_TEST_EXPECTED_U]   = watch_test_u;
-                    test[`TRIANGLE_TEST_EXPECTED_V]   = watch_test_v;
-                    if (watch_test_record !== test_in[`TRIANGLE_TEST_STIMULUS_RECORD_LSB +: `ADDRESS_BITS]
-                        || (N > 1 && watch_test_ray !== test_in[`TRIANGLE_TEST_STIMULUS_SLOT_LSB +: `RAY_BITS])
-                        || ((test ^ test_due) & test_mask) !== {`TRIANGLE_TEST_EXPECTED_BITS{1'b0}}
+                    test[`DYNRT_TRIANGLE_TEST_EXPECTED_HIT] = watch_test_hit;
+                    test[`DYNRT_TRIANGLE_TEST_EXPECTED_T]   = watch_test_t;
+                    test[`DYNRT_TRIANGLE_TEST_EXPECTED_U]   = watch_test_u;
+                    test[`DYNRT_TRIANGLE_TEST_EXPECTED_V]   = watch_test_v;
+                    if (watch_test_record !== test_in[`DYNRT_TRIANGLE_TEST_STIMULUS_RECORD_LSB +: `DYNRT_ADDRESS_BITS]
+                        || (N > 1 && watch_test_ray !== test_in[`DYNRT_TRIANGLE_TEST_STIMULUS_SLOT_LSB +: `DYNRT_RAY_BITS])
+                        || ((test ^ test_due) & test_mask) !== {`DYNRT_TRIANGLE_TEST_EXPECTED_BITS{1'b0}}
                     ) begin
                         $display("FAIL triangle_test_expected.hex line %0d: record %0d, expected %0d; ray %0d, expected %0d; result %h, expected %h where compared",
-                            at + 1, watch_test_record, test_in[`TRIANGLE_TEST_STIMULUS_RECORD],
-                            watch_test_ray, test_in[`TRIANGLE_TEST_STIMULUS_SLOT], test, test_due);
+                            at + 1, watch_test_record, test_in[`DYNRT_TRIANGLE_TEST_STIMULUS_RECORD],
+                            watch_test_ray, test_in[`DYNRT_TRIANGLE_TEST_STIMULUS_SLOT], test, test_due);
                         fail;
                     end
                     test_of[place] = at + 1;
@@ -409,25 +419,25 @@ module dynrt_raycast_tb;
                     packet_of[place] + 1, watch_transform_record);
                 fail;
             end
-`ifdef TWO_LEVELS
+`ifdef DYNRT_TWO_LEVELS
             else begin
                 transform_in  = transform_stimulus[at];
                 transform_due = transform_expected[at];
-                transform[`RAY_TRANSFORM_EXPECTED_ORIGIN_X]    = watch_transform_origin_x;
-                transform[`RAY_TRANSFORM_EXPECTED_ORIGIN_Y]    = watch_transform_origin_y;
-                transform[`RAY_TRANSFORM_EXPECTED_ORIGIN_Z]    = watch_transform_origin_z;
-                transform[`RAY_TRANSFORM_EXPECTED_DIRECTION_X] = watch_transform_direction_x;
-                transform[`RAY_TRANSFORM_EXPECTED_DIRECTION_Y] = watch_transform_direction_y;
-                transform[`RAY_TRANSFORM_EXPECTED_DIRECTION_Z] = watch_transform_direction_z;
-                transform[`RAY_TRANSFORM_EXPECTED_NEAR]        = watch_transform_near;
-                transform[`RAY_TRANSFORM_EXPECTED_FAR]         = watch_transform_far;
-                if (watch_transform_record !== transform_in[`RAY_TRANSFORM_STIMULUS_RECORD_LSB +: `ADDRESS_BITS]
-                    || (N > 1 && watch_transform_ray !== transform_in[`RAY_TRANSFORM_STIMULUS_SLOT_LSB +: `RAY_BITS])
+                transform[`DYNRT_RAY_TRANSFORM_EXPECTED_ORIGIN_X]    = watch_transform_origin_x;
+                transform[`DYNRT_RAY_TRANSFORM_EXPECTED_ORIGIN_Y]    = watch_transform_origin_y;
+                transform[`DYNRT_RAY_TRANSFORM_EXPECTED_ORIGIN_Z]    = watch_transform_origin_z;
+                transform[`DYNRT_RAY_TRANSFORM_EXPECTED_DIRECTION_X] = watch_transform_direction_x;
+                transform[`DYNRT_RAY_TRANSFORM_EXPECTED_DIRECTION_Y] = watch_transform_direction_y;
+                transform[`DYNRT_RAY_TRANSFORM_EXPECTED_DIRECTION_Z] = watch_transform_direction_z;
+                transform[`DYNRT_RAY_TRANSFORM_EXPECTED_NEAR]        = watch_transform_near;
+                transform[`DYNRT_RAY_TRANSFORM_EXPECTED_FAR]         = watch_transform_far;
+                if (watch_transform_record !== transform_in[`DYNRT_RAY_TRANSFORM_STIMULUS_RECORD_LSB +: `DYNRT_ADDRESS_BITS]
+                    || (N > 1 && watch_transform_ray !== transform_in[`DYNRT_RAY_TRANSFORM_STIMULUS_SLOT_LSB +: `DYNRT_RAY_BITS])
                     || transform !== transform_due
                 ) begin
                     $display("FAIL ray_transform_expected.hex line %0d: record %0d, expected %0d; ray %0d, expected %0d; result %h, expected %h",
-                        at + 1, watch_transform_record, transform_in[`RAY_TRANSFORM_STIMULUS_RECORD],
-                        watch_transform_ray, transform_in[`RAY_TRANSFORM_STIMULUS_SLOT], transform, transform_due);
+                        at + 1, watch_transform_record, transform_in[`DYNRT_RAY_TRANSFORM_STIMULUS_RECORD],
+                        watch_transform_ray, transform_in[`DYNRT_RAY_TRANSFORM_STIMULUS_SLOT], transform, transform_due);
                     fail;
                 end
                 transform_of[place] = at + 1;
@@ -446,12 +456,12 @@ module dynrt_raycast_tb;
             end else begin
                 at      = packet_of[place] * N + hits_of[place];
                 hit_due = hits[at];
-                hit[`RAYCAST_HITS_T]        = hit_t;
-                hit[`RAYCAST_HITS_U]        = hit_u;
-                hit[`RAYCAST_HITS_V]        = hit_v;
-                hit[`RAYCAST_HITS_INSTANCE] = hit_instance;
-                hit[`RAYCAST_HITS_TRIANGLE] = hit_triangle;
-                hit[`RAYCAST_HITS_TAG]      = hit_tag;
+                hit[`DYNRT_RAYCAST_HITS_T]        = hit_t;
+                hit[`DYNRT_RAYCAST_HITS_U]        = hit_u;
+                hit[`DYNRT_RAYCAST_HITS_V]        = hit_v;
+                hit[`DYNRT_RAYCAST_HITS_INSTANCE] = hit_instance;
+                hit[`DYNRT_RAYCAST_HITS_TRIANGLE] = hit_triangle;
+                hit[`DYNRT_RAYCAST_HITS_TAG]      = hit_tag;
                 if (hit !== hit_due) begin
                     $display("FAIL raycast_hits.hex line %0d: expected %h, computed %h", at + 1, hit_due, hit);
                     fail;
@@ -460,6 +470,7 @@ module dynrt_raycast_tb;
                 hits_of[place] = hits_of[place] + 1;
                 if (hits_of[place] == N) begin
                     busy[place] = 1'b0;
+                    under_way   = under_way - 1;
                     if (step_of[place] != step_end[place] || test_of[place] != test_end[place]
                         || transform_of[place] != transform_end[place]
                     ) begin
@@ -475,7 +486,7 @@ module dynrt_raycast_tb;
     // The end.
     always @(negedge clk)
         if (!rst && !failed) begin
-            if (hits_checked == `RAYCAST_HITS_LINES) begin
+            if (hits_checked == `DYNRT_RAYCAST_HITS_LINES) begin
                 if (stack_overflow !== 1'b0 || count_packet_steps !== steps_checked || count_ray_triangle_tests !== tests_checked
                     || count_ray_transforms !== transforms_checked
                 ) begin
@@ -492,7 +503,7 @@ module dynrt_raycast_tb;
             idle = (watch_step_valid || watch_test_valid || watch_transform_valid || (hit_valid && hit_ready) || (ray_valid && ray_ready)) ? 0 : idle + 1;
             if (idle == 100000) begin
                 $display("FAIL nothing has happened for 100000 clocks; %0d of %0d hits are missing",
-                    `RAYCAST_HITS_LINES - hits_checked, `RAYCAST_HITS_LINES);
+                    `DYNRT_RAYCAST_HITS_LINES - hits_checked, `DYNRT_RAYCAST_HITS_LINES);
                 fail;
             end
         end

@@ -12,51 +12,51 @@ module dynrt_skinning_tb;
     integer file, line;
     always #5 clk = !clk;
 
-    localparam A = `ADDRESS_BITS;
+    localparam A = `DYNRT_ADDRESS_BITS;
 
-    reg [`SKINNING_COMMANDS_BITS-1:0] commands [0:`SKINNING_COMMANDS_LINES-1];
-    reg [`SKINNING_EXPECTED_BITS-1:0] expected [0:`SKINNING_EXPECTED_LINES-1];
+    reg [`DYNRT_SKINNING_COMMANDS_BITS-1:0] commands [0:`DYNRT_SKINNING_COMMANDS_LINES-1];
+    reg [`DYNRT_SKINNING_EXPECTED_BITS-1:0] expected [0:`DYNRT_SKINNING_EXPECTED_LINES-1];
 
     // The unit and its memories. No rays come.
     integer                             number;
-    wire [`SKINNING_COMMANDS_BITS-1:0]  command = commands[number];
+    wire [`DYNRT_SKINNING_COMMANDS_BITS-1:0]  command = commands[number];
     reg                                 skin_start_valid;
     wire                                skin_start_ready, skin_done;
     wire                                vertex_request_ready, vertex_request_valid, vertex_response_valid;
     wire [A-1:0]                        vertex_request_address;
-    wire [`VERTEX_TAG_BITS-1:0]         vertex_request_tag, vertex_response_tag;
-    wire [`SKINNING_VECTORS_BITS-1:0]   vertex_response_data;
+    wire [`DYNRT_VERTEX_TAG_BITS-1:0]         vertex_request_tag, vertex_response_tag;
+    wire [`DYNRT_SKINNING_VECTORS_BITS-1:0]   vertex_response_data;
     wire                                influence_request_ready, influence_request_valid, influence_response_valid;
     wire [A-1:0]                        influence_request_address;
-    wire [`INFLUENCE_TAG_BITS-1:0]      influence_request_tag, influence_response_tag;
-    wire [`SKINNING_INFLUENCES_BITS-1:0] influence_response_data;
+    wire [`DYNRT_INFLUENCE_TAG_BITS-1:0]      influence_request_tag, influence_response_tag;
+    wire [`DYNRT_SKINNING_INFLUENCES_BITS-1:0] influence_response_data;
     reg                                 skin_write_ready;
     wire                                skin_write_valid;
     wire [A-1:0]                        skin_write_address;
-    wire [`SKINNING_VECTORS_BITS-1:0]   skin_write_data;
+    wire [`DYNRT_SKINNING_VECTORS_BITS-1:0]   skin_write_data;
     wire [39:0]                         count_skin_influences;
 
     dynrt_raycast_unit unit (
         .clk(clk),
         .rst(rst),
         .scene_root(32'b0),
-        .scene_lo_x({`NUMBER_BITS{1'b0}}),
-        .scene_lo_y({`NUMBER_BITS{1'b0}}),
-        .scene_lo_z({`NUMBER_BITS{1'b0}}),
-        .scene_hi_x({`NUMBER_BITS{1'b0}}),
-        .scene_hi_y({`NUMBER_BITS{1'b0}}),
-        .scene_hi_z({`NUMBER_BITS{1'b0}}),
+        .scene_lo_x({`DYNRT_NUMBER_BITS{1'b0}}),
+        .scene_lo_y({`DYNRT_NUMBER_BITS{1'b0}}),
+        .scene_lo_z({`DYNRT_NUMBER_BITS{1'b0}}),
+        .scene_hi_x({`DYNRT_NUMBER_BITS{1'b0}}),
+        .scene_hi_y({`DYNRT_NUMBER_BITS{1'b0}}),
+        .scene_hi_z({`DYNRT_NUMBER_BITS{1'b0}}),
         .ray_ready(),
         .ray_valid(1'b0),
-        .ray_tag({`TAG_BITS{1'b0}}),
-        .ray_origin_x({`NUMBER_BITS{1'b0}}),
-        .ray_origin_y({`NUMBER_BITS{1'b0}}),
-        .ray_origin_z({`NUMBER_BITS{1'b0}}),
-        .ray_direction_x({`NUMBER_BITS{1'b0}}),
-        .ray_direction_y({`NUMBER_BITS{1'b0}}),
-        .ray_direction_z({`NUMBER_BITS{1'b0}}),
-        .ray_tmin({`NUMBER_BITS{1'b0}}),
-        .ray_tmax({`NUMBER_BITS{1'b0}}),
+        .ray_tag({`DYNRT_TAG_BITS{1'b0}}),
+        .ray_origin_x({`DYNRT_NUMBER_BITS{1'b0}}),
+        .ray_origin_y({`DYNRT_NUMBER_BITS{1'b0}}),
+        .ray_origin_z({`DYNRT_NUMBER_BITS{1'b0}}),
+        .ray_direction_x({`DYNRT_NUMBER_BITS{1'b0}}),
+        .ray_direction_y({`DYNRT_NUMBER_BITS{1'b0}}),
+        .ray_direction_z({`DYNRT_NUMBER_BITS{1'b0}}),
+        .ray_tmin({`DYNRT_NUMBER_BITS{1'b0}}),
+        .ray_tmax({`DYNRT_NUMBER_BITS{1'b0}}),
         .ray_active(1'b0),
         .ray_any_hit(1'b0),
         .hit_ready(1'b0),
@@ -72,15 +72,15 @@ module dynrt_skinning_tb;
         .node_request_address(),
         .node_request_tag(),
         .node_response_valid(1'b0),
-        .node_response_tag({(`PACKET_BITS + 1){1'b0}}),
-        .node_response_data({`NODES_BITS{1'b0}}),
+        .node_response_tag({(`DYNRT_PACKET_BITS + 1){1'b0}}),
+        .node_response_data({`DYNRT_NODES_BITS{1'b0}}),
         .record_request_ready(1'b0),
         .record_request_valid(),
         .record_request_address(),
         .record_request_tag(),
         .record_response_valid(1'b0),
-        .record_response_tag({(`PACKET_BITS + 1){1'b0}}),
-        .record_response_data({`RECORDS_BITS{1'b0}}),
+        .record_response_tag({(`DYNRT_PACKET_BITS + 1){1'b0}}),
+        .record_response_data({`DYNRT_RECORDS_BITS{1'b0}}),
         .vertex_request_ready(vertex_request_ready),
         .vertex_request_valid(vertex_request_valid),
         .vertex_request_address(vertex_request_address),
@@ -89,13 +89,13 @@ module dynrt_skinning_tb;
         .vertex_response_tag(vertex_response_tag),
         .vertex_response_data(vertex_response_data),
         .skin_start_valid(skin_start_valid),
-        .skin_start_palette(command[`SKINNING_COMMANDS_PALETTE_LSB +: A]),
-        .skin_start_joints(command[`SKINNING_COMMANDS_JOINTS_LSB +: `JOINT_COUNT_BITS]),
-        .skin_start_influences(command[`SKINNING_COMMANDS_INFLUENCES_LSB +: A]),
-        .skin_start_rows(command[`SKINNING_COMMANDS_ROWS_LSB +: A]),
-        .skin_start_rest(command[`SKINNING_COMMANDS_REST_LSB +: A]),
-        .skin_start_vertices(command[`SKINNING_COMMANDS_VERTICES_LSB +: A]),
-        .skin_start_target(command[`SKINNING_COMMANDS_TARGET_LSB +: A]),
+        .skin_start_palette(command[`DYNRT_SKINNING_COMMANDS_PALETTE_LSB +: A]),
+        .skin_start_joints(command[`DYNRT_SKINNING_COMMANDS_JOINTS_LSB +: `DYNRT_JOINT_COUNT_BITS]),
+        .skin_start_influences(command[`DYNRT_SKINNING_COMMANDS_INFLUENCES_LSB +: A]),
+        .skin_start_rows(command[`DYNRT_SKINNING_COMMANDS_ROWS_LSB +: A]),
+        .skin_start_rest(command[`DYNRT_SKINNING_COMMANDS_REST_LSB +: A]),
+        .skin_start_vertices(command[`DYNRT_SKINNING_COMMANDS_VERTICES_LSB +: A]),
+        .skin_start_target(command[`DYNRT_SKINNING_COMMANDS_TARGET_LSB +: A]),
         .skin_start_ready(skin_start_ready),
         .skin_done(skin_done),
         .skin_write_ready(skin_write_ready),
@@ -157,8 +157,8 @@ module dynrt_skinning_tb;
     );
 
     dynrt_memory #(
-        .NAME("skinning_vectors.hex"), .WIDTH(`SKINNING_VECTORS_BITS), .LINES(`SKINNING_VECTORS_LINES),
-        .ADDRESS_BITS(A), .TAG_BITS(`VERTEX_TAG_BITS)
+        .NAME("skinning_vectors.hex"), .WIDTH(`DYNRT_SKINNING_VECTORS_BITS), .LINES(`DYNRT_SKINNING_VECTORS_LINES),
+        .ADDRESS_BITS(A), .TAG_BITS(`DYNRT_VERTEX_TAG_BITS)
     ) vectors (
         .clk(clk), .rst(rst),
         .request_ready(vertex_request_ready), .request_valid(vertex_request_valid),
@@ -166,8 +166,8 @@ module dynrt_skinning_tb;
         .response_valid(vertex_response_valid), .response_tag(vertex_response_tag), .response_data(vertex_response_data)
     );
     dynrt_memory #(
-        .NAME("skinning_influences.hex"), .WIDTH(`SKINNING_INFLUENCES_BITS), .LINES(`SKINNING_INFLUENCES_LINES),
-        .ADDRESS_BITS(A), .TAG_BITS(`INFLUENCE_TAG_BITS)
+        .NAME("skinning_influences.hex"), .WIDTH(`DYNRT_SKINNING_INFLUENCES_BITS), .LINES(`DYNRT_SKINNING_INFLUENCES_LINES),
+        .ADDRESS_BITS(A), .TAG_BITS(`DYNRT_INFLUENCE_TAG_BITS)
     ) influences (
         .clk(clk), .rst(rst),
         .request_ready(influence_request_ready), .request_valid(influence_request_valid),
@@ -178,7 +178,7 @@ module dynrt_skinning_tb;
     integer seed, write_percent, idle, next_vertex, last_vertex;
     integer vertices_checked, influences_checked;
     reg     running, finished;
-    reg [`SKINNING_EXPECTED_BITS-1:0] vertex;
+    reg [`DYNRT_SKINNING_EXPECTED_BITS-1:0] vertex;
 
     initial begin
         clk    = 1'b0;
@@ -199,10 +199,10 @@ module dynrt_skinning_tb;
         influences_checked = 0;
         idle               = 0;
         #1;
-        `LOAD("skinning_vectors.hex", vectors.words, `SKINNING_VECTORS_LINES)
-        `LOAD("skinning_influences.hex", influences.words, `SKINNING_INFLUENCES_LINES)
-        `LOAD("skinning_commands.hex", commands, `SKINNING_COMMANDS_LINES)
-        `LOAD("skinning_expected.hex", expected, `SKINNING_EXPECTED_LINES)
+        `LOAD("skinning_vectors.hex", vectors.words, `DYNRT_SKINNING_VECTORS_LINES)
+        `LOAD("skinning_influences.hex", influences.words, `DYNRT_SKINNING_INFLUENCES_LINES)
+        `LOAD("skinning_commands.hex", commands, `DYNRT_SKINNING_COMMANDS_LINES)
+        `LOAD("skinning_expected.hex", expected, `DYNRT_SKINNING_EXPECTED_LINES)
         repeat (4) @(posedge clk);
         rst <= 1'b0;
     end
@@ -217,21 +217,21 @@ module dynrt_skinning_tb;
     // Meshes start one after the other.
     always @(posedge clk)
         if (!rst && !failed) begin
-            skin_start_valid <= !running && !(skin_start_valid && skin_start_ready) && number < `SKINNING_COMMANDS_LINES;
+            skin_start_valid <= !running && !(skin_start_valid && skin_start_ready) && number < `DYNRT_SKINNING_COMMANDS_LINES;
             skin_write_ready <= {$random(seed)} % 100 < write_percent;
             if (skin_start_valid && skin_start_ready) begin
                 running     = 1'b1;
-                next_vertex = command[`SKINNING_COMMANDS_FIRST_VERTEX];
-                last_vertex = command[`SKINNING_COMMANDS_FIRST_VERTEX] + command[`SKINNING_COMMANDS_VERTICES];
+                next_vertex = command[`DYNRT_SKINNING_COMMANDS_FIRST_VERTEX];
+                last_vertex = command[`DYNRT_SKINNING_COMMANDS_FIRST_VERTEX] + command[`DYNRT_SKINNING_COMMANDS_VERTICES];
             end
         end
 
     // Vertices written.
     always @(posedge clk)
         if (!rst && !failed && skin_write_valid && skin_write_ready) begin
-            vertex = {`SKINNING_EXPECTED_BITS{1'b0}};
-            vertex[`SKINNING_EXPECTED_VERTEX] = skin_write_address;
-            vertex[`SKINNING_EXPECTED_X_LSB +: `SKINNING_VECTORS_BITS] = skin_write_data;
+            vertex = {`DYNRT_SKINNING_EXPECTED_BITS{1'b0}};
+            vertex[`DYNRT_SKINNING_EXPECTED_VERTEX] = skin_write_address;
+            vertex[`DYNRT_SKINNING_EXPECTED_X_LSB +: `DYNRT_SKINNING_VECTORS_BITS] = skin_write_data;
             if (!running || next_vertex == last_vertex) begin
                 $display("FAIL skinning_commands.hex line %0d: vertex %0d is written after its last", number + 1, skin_write_address);
                 fail;
@@ -247,7 +247,7 @@ module dynrt_skinning_tb;
     always @(negedge clk)
         if (!rst && !failed && !finished) begin
             if (running && skin_done) begin
-                influences_checked = influences_checked + command[`SKINNING_COMMANDS_COUNT];
+                influences_checked = influences_checked + command[`DYNRT_SKINNING_COMMANDS_COUNT];
                 if (next_vertex != last_vertex || count_skin_influences !== influences_checked) begin
                     $display("FAIL skinning_commands.hex line %0d: %0d vertices are missing, influences so far %0d of %0d",
                         number + 1, last_vertex - next_vertex, count_skin_influences, influences_checked);
@@ -256,7 +256,7 @@ module dynrt_skinning_tb;
                 running = 1'b0;
                 number  = number + 1;
             end
-            if (number == `SKINNING_COMMANDS_LINES && !failed) begin
+            if (number == `DYNRT_SKINNING_COMMANDS_LINES && !failed) begin
                 finished = 1'b1;
                 $display("PASS %0d meshes checked, %0d vertices, %0d influences", number, vertices_checked, influences_checked);
                 $finish;

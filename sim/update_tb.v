@@ -12,35 +12,35 @@ module dynrt_update_tb;
     integer file, line;
     always #5 clk = !clk;
 
-    localparam W    = `NUMBER_BITS;
-    localparam A    = `ADDRESS_BITS;
-    localparam NODE = `UPDATE_NODES_BEFORE_BITS;
+    localparam W    = `DYNRT_NUMBER_BITS;
+    localparam A    = `DYNRT_ADDRESS_BITS;
+    localparam NODE = `DYNRT_UPDATE_NODES_BEFORE_BITS;
 
-    reg [`UPDATE_COMMANDS_BITS-1:0]    commands    [0:`UPDATE_COMMANDS_LINES-1];
-    reg [`UPDATE_NODE_WRITES_BITS-1:0] writes      [0:`UPDATE_NODE_WRITES_LINES-1];
-    reg [NODE-1:0]                     nodes       [0:`UPDATE_NODES_BEFORE_LINES-1];
-    reg [NODE-1:0]                     nodes_after [0:`UPDATE_NODES_AFTER_LINES-1];
-    reg [`UPDATE_BOXES_BITS-1:0]       boxes       [0:`UPDATE_BOXES_LINES-1];
+    reg [`DYNRT_UPDATE_COMMANDS_BITS-1:0]    commands    [0:`DYNRT_UPDATE_COMMANDS_LINES-1];
+    reg [`DYNRT_UPDATE_NODE_WRITES_BITS-1:0] writes      [0:`DYNRT_UPDATE_NODE_WRITES_LINES-1];
+    reg [NODE-1:0]                     nodes       [0:`DYNRT_UPDATE_NODES_BEFORE_LINES-1];
+    reg [NODE-1:0]                     nodes_after [0:`DYNRT_UPDATE_NODES_AFTER_LINES-1];
+    reg [`DYNRT_UPDATE_BOXES_BITS-1:0]       boxes       [0:`DYNRT_UPDATE_BOXES_LINES-1];
 
     // The unit and its memories.
     integer                           number;
-    wire [`UPDATE_COMMANDS_BITS-1:0]  command = commands[number];
+    wire [`DYNRT_UPDATE_COMMANDS_BITS-1:0]  command = commands[number];
     reg                               start_valid;
     wire                              start_ready, done;
     wire                              program_request_ready, program_request_valid, program_response_valid;
     wire [A-1:0]                      program_request_address;
-    wire [`UPDATE_PROGRAM_TAG_BITS-1:0] program_request_tag, program_response_tag;
-    wire [`UPDATE_PROGRAM_BITS-1:0]   program_response_data;
+    wire [`DYNRT_UPDATE_PROGRAM_TAG_BITS-1:0] program_request_tag, program_response_tag;
+    wire [`DYNRT_UPDATE_PROGRAM_BITS-1:0]   program_response_data;
     wire                              vertex_request_ready, vertex_request_valid, vertex_response_valid;
     wire [A-1:0]                      vertex_request_address;
-    wire [`UPDATE_VERTEX_TAG_BITS-1:0] vertex_request_tag, vertex_response_tag;
-    wire [`UPDATE_VERTICES_BITS-1:0]  vertex_response_data;
+    wire [`DYNRT_UPDATE_VERTEX_TAG_BITS-1:0] vertex_request_tag, vertex_response_tag;
+    wire [`DYNRT_UPDATE_VERTICES_BITS-1:0]  vertex_response_data;
     reg                               node_write_ready, box_write_ready;
     wire                              node_write_valid, box_write_valid;
     wire [A-1:0]                      node_write_address, box_write_address;
-    wire [`NODE_LANES-1:0]            node_write_mask;
+    wire [`DYNRT_NODE_LANES-1:0]            node_write_mask;
     wire [NODE-1:0]                   node_write_data;
-    wire [`UPDATE_BOXES_BITS-1:0]     box_write_data;
+    wire [`DYNRT_UPDATE_BOXES_BITS-1:0]     box_write_data;
     wire [39:0]                       count_instructions;
 
     dynrt_update_processor unit (
@@ -48,11 +48,11 @@ module dynrt_update_tb;
         .rst(rst),
         .start_ready(start_ready),
         .start_valid(start_valid),
-        .start_program(command[`UPDATE_COMMANDS_PROGRAM_LSB +: A]),
-        .start_rows(command[`UPDATE_COMMANDS_ROWS_LSB +: A]),
-        .start_vertex_base(command[`UPDATE_COMMANDS_VERTEX_BASE_LSB +: A]),
-        .start_node_base(command[`UPDATE_COMMANDS_NODE_BASE_LSB +: A]),
-        .start_box_index(command[`UPDATE_COMMANDS_BOX_INDEX_LSB +: A]),
+        .start_program(command[`DYNRT_UPDATE_COMMANDS_PROGRAM_LSB +: A]),
+        .start_rows(command[`DYNRT_UPDATE_COMMANDS_ROWS_LSB +: A]),
+        .start_vertex_base(command[`DYNRT_UPDATE_COMMANDS_VERTEX_BASE_LSB +: A]),
+        .start_node_base(command[`DYNRT_UPDATE_COMMANDS_NODE_BASE_LSB +: A]),
+        .start_box_index(command[`DYNRT_UPDATE_COMMANDS_BOX_INDEX_LSB +: A]),
         .program_request_ready(program_request_ready),
         .program_request_valid(program_request_valid),
         .program_request_address(program_request_address),
@@ -85,8 +85,8 @@ module dynrt_update_tb;
     );
 
     dynrt_memory #(
-        .NAME("update_program.hex"), .WIDTH(`UPDATE_PROGRAM_BITS), .LINES(`UPDATE_PROGRAM_LINES),
-        .ADDRESS_BITS(A), .TAG_BITS(`UPDATE_PROGRAM_TAG_BITS)
+        .NAME("update_program.hex"), .WIDTH(`DYNRT_UPDATE_PROGRAM_BITS), .LINES(`DYNRT_UPDATE_PROGRAM_LINES),
+        .ADDRESS_BITS(A), .TAG_BITS(`DYNRT_UPDATE_PROGRAM_TAG_BITS)
     ) program (
         .clk(clk), .rst(rst),
         .request_ready(program_request_ready), .request_valid(program_request_valid),
@@ -94,8 +94,8 @@ module dynrt_update_tb;
         .response_valid(program_response_valid), .response_tag(program_response_tag), .response_data(program_response_data)
     );
     dynrt_memory #(
-        .NAME("update_vertices.hex"), .WIDTH(`UPDATE_VERTICES_BITS), .LINES(`UPDATE_VERTICES_LINES),
-        .ADDRESS_BITS(A), .TAG_BITS(`UPDATE_VERTEX_TAG_BITS)
+        .NAME("update_vertices.hex"), .WIDTH(`DYNRT_UPDATE_VERTICES_BITS), .LINES(`DYNRT_UPDATE_VERTICES_LINES),
+        .ADDRESS_BITS(A), .TAG_BITS(`DYNRT_UPDATE_VERTEX_TAG_BITS)
     ) vertices (
         .clk(clk), .rst(rst),
         .request_ready(vertex_request_ready), .request_valid(vertex_request_valid),
@@ -106,7 +106,7 @@ module dynrt_update_tb;
     integer seed, write_percent, idle, at, next_write, last_write;
     integer writes_checked, instructions_checked;
     reg     running, box_written, compared;
-    reg [`UPDATE_NODE_WRITES_BITS-1:0] write, write_due;
+    reg [`DYNRT_UPDATE_NODE_WRITES_BITS-1:0] write, write_due;
     reg [NODE-1:0]                     node;
 
     // The four numbers lie at the bottom of a node, as they do in a line.
@@ -133,13 +133,13 @@ module dynrt_update_tb;
         instructions_checked = 0;
         idle                 = 0;
         #1;
-        `LOAD("update_program.hex", program.words, `UPDATE_PROGRAM_LINES)
-        `LOAD("update_vertices.hex", vertices.words, `UPDATE_VERTICES_LINES)
-        `LOAD("update_nodes_before.hex", nodes, `UPDATE_NODES_BEFORE_LINES)
-        `LOAD("update_commands.hex", commands, `UPDATE_COMMANDS_LINES)
-        `LOAD("update_node_writes.hex", writes, `UPDATE_NODE_WRITES_LINES)
-        `LOAD("update_nodes_after.hex", nodes_after, `UPDATE_NODES_AFTER_LINES)
-        `LOAD("update_boxes.hex", boxes, `UPDATE_BOXES_LINES)
+        `LOAD("update_program.hex", program.words, `DYNRT_UPDATE_PROGRAM_LINES)
+        `LOAD("update_vertices.hex", vertices.words, `DYNRT_UPDATE_VERTICES_LINES)
+        `LOAD("update_nodes_before.hex", nodes, `DYNRT_UPDATE_NODES_BEFORE_LINES)
+        `LOAD("update_commands.hex", commands, `DYNRT_UPDATE_COMMANDS_LINES)
+        `LOAD("update_node_writes.hex", writes, `DYNRT_UPDATE_NODE_WRITES_LINES)
+        `LOAD("update_nodes_after.hex", nodes_after, `DYNRT_UPDATE_NODES_AFTER_LINES)
+        `LOAD("update_boxes.hex", boxes, `DYNRT_UPDATE_BOXES_LINES)
         repeat (4) @(posedge clk);
         rst <= 1'b0;
     end
@@ -154,24 +154,24 @@ module dynrt_update_tb;
     // Updates start one after the other.
     always @(posedge clk)
         if (!rst && !failed) begin
-            start_valid      <= !running && !(start_valid && start_ready) && number < `UPDATE_COMMANDS_LINES;
+            start_valid      <= !running && !(start_valid && start_ready) && number < `DYNRT_UPDATE_COMMANDS_LINES;
             node_write_ready <= {$random(seed)} % 100 < write_percent;
             box_write_ready  <= {$random(seed)} % 100 < write_percent;
             if (start_valid && start_ready) begin
                 running     = 1'b1;
                 box_written = 1'b0;
-                next_write  = command[`UPDATE_COMMANDS_FIRST_WRITE];
-                last_write  = command[`UPDATE_COMMANDS_FIRST_WRITE] + command[`UPDATE_COMMANDS_WRITES];
+                next_write  = command[`DYNRT_UPDATE_COMMANDS_FIRST_WRITE];
+                last_write  = command[`DYNRT_UPDATE_COMMANDS_FIRST_WRITE] + command[`DYNRT_UPDATE_COMMANDS_WRITES];
             end
         end
 
     // Nodes and boxes written.
     always @(posedge clk)
         if (!rst && !failed && node_write_valid && node_write_ready) begin
-            write                                = {`UPDATE_NODE_WRITES_BITS{1'b0}};
-            write[`UPDATE_NODE_WRITES_NODE]      = node_write_address;
-            write[`UPDATE_NODE_WRITES_MASK]      = node_write_mask;
-            write[`UPDATE_NODE_WRITES_LEFT_LO_LSB +: NUMBERS] = node_write_data[NUMBERS-1:0];
+            write                                = {`DYNRT_UPDATE_NODE_WRITES_BITS{1'b0}};
+            write[`DYNRT_UPDATE_NODE_WRITES_NODE]      = node_write_address;
+            write[`DYNRT_UPDATE_NODE_WRITES_MASK]      = node_write_mask;
+            write[`DYNRT_UPDATE_NODE_WRITES_LEFT_LO_LSB +: NUMBERS] = node_write_data[NUMBERS-1:0];
             write_due = writes[next_write];
             if (!running || next_write == last_write) begin
                 $display("FAIL update_commands.hex line %0d: node %0d is written after its last", number + 1, node_write_address);
@@ -189,7 +189,7 @@ module dynrt_update_tb;
         end
     always @(posedge clk)
         if (!rst && !failed && box_write_valid && box_write_ready) begin
-            at = command[`UPDATE_COMMANDS_BOX_INDEX];
+            at = command[`DYNRT_UPDATE_COMMANDS_BOX_INDEX];
             if (!running || box_written || box_write_address !== at[A-1:0]) begin
                 $display("FAIL update_commands.hex line %0d: box %0d is written, expected box %0d, once", number + 1, box_write_address, at);
                 fail;
@@ -204,7 +204,7 @@ module dynrt_update_tb;
     always @(negedge clk)
         if (!rst && !failed) begin
             if (running && done) begin
-                instructions_checked = instructions_checked + command[`UPDATE_COMMANDS_INSTRUCTIONS];
+                instructions_checked = instructions_checked + command[`DYNRT_UPDATE_COMMANDS_INSTRUCTIONS];
                 if (next_write != last_write || !box_written || count_instructions !== instructions_checked) begin
                     $display("FAIL update_commands.hex line %0d: %0d node writes are missing, box written %b, instructions so far %0d of %0d",
                         number + 1, last_write - next_write, box_written, count_instructions, instructions_checked);
@@ -213,9 +213,9 @@ module dynrt_update_tb;
                 running = 1'b0;
                 number  = number + 1;
             end
-            if (number == `UPDATE_COMMANDS_LINES && !failed && !compared) begin
+            if (number == `DYNRT_UPDATE_COMMANDS_LINES && !failed && !compared) begin
                 compared = 1'b1;
-                for (at = 0; at < `UPDATE_NODES_AFTER_LINES && !failed; at = at + 1)
+                for (at = 0; at < `DYNRT_UPDATE_NODES_AFTER_LINES && !failed; at = at + 1)
                     if (nodes[at] !== nodes_after[at]) begin
                         $display("FAIL update_nodes_after.hex line %0d: expected %h, in memory %h", at + 1, nodes_after[at], nodes[at]);
                         fail;

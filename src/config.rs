@@ -4,7 +4,9 @@
 //! manifest and random configurations all derive from that table.
 
 use crate::float::Format;
+use crate::{report, text};
 use anyhow::{Context, Result, anyhow, bail};
+use std::ffi::OsStr;
 use std::fmt::Write as _;
 use std::ops::RangeInclusive;
 use std::path::Path;
@@ -46,6 +48,9 @@ pub struct Config {
     pub memory_in_order: bool,
     pub memory_ready_percent: u32,
 }
+
+/// How much of a name that is no key's errors show.
+const LONGEST_NAME: usize = 60;
 
 /// The values that a key may have.
 #[derive(Clone, Debug)]
@@ -326,6 +331,20 @@ impl Key {
         }
     }
 
+    /// The unit, where there is one, with a blank before it.
+    fn unit_after_blank(&self) -> String {
+        match self.unit {
+            "" => String::new(),
+            unit => format!(" {unit}"),
+        }
+    }
+
+    /// The line above the key in a file: meaning, range and unit.
+    fn comment(&self) -> String {
+        let unit = self.unit_after_blank();
+        format!("# {} ({}{unit})", self.meaning, self.range())
+    }
+
     /// The key's value as TOML writes it.
     pub fn value(&self, config: &Config) -> String {
         let value = (self.get)(config);
@@ -333,6 +352,12 @@ impl Key {
             Values::Names(names) => format!("\"{}\"", names[value as usize]),
             _ => value.to_string(),
         }
+    }
+
+    /// Sets the key to the value that it has in `other`.
+    #[cfg(test)]
+    fn set_value(&self, config: &mut Config, other: &Config) {
+        (self.set)(config, (self.get)(other));
     }
 
     /// Sets the key from a TOML value.
@@ -362,15 +387,17 @@ impl Key {
         };
         if !is_whole && !matches!(self.values, Values::Names(_)) {
             bail!(
-                "{} = {value} is no whole number: use {}",
+                "{} = {} is no whole number: use {}",
                 self.path(),
+                text::word(&value.to_string()),
                 self.range()
             );
         }
         let Some(parsed) = parsed else {
             bail!(
-                "{} = {value} is out of range: use {}",
+                "{} = {} is out of range: use {}",
                 self.path(),
+                text::word(&value.to_string()),
                 self.range()
             );
         };
@@ -410,32 +437,43 @@ impl Config {
     ///
     /// # Errors
     /// One line that names the file, the line, the key and what to write instead.
-    pub fn load(name_or_file: &str) -> Result<Config> {
-        if let Some((name, text)) = NAMED.iter().find(|(name, _)| *name == name_or_file) {
+    pub fn load(name_or_file: impl AsRef<OsStr>) -> Result<Config> {
+        let path = Path::new(&name_or_file);
+        if let Some((name, text)) = NAMED.iter().find(|(name, _)| path.as_os_str() == *name) {
             return Config::parse(name, &format!("configs/{name}.toml"), text);
         }
-        let path = Path::new(name_or_file);
-        if !path.exists() {
-            bail!(
-                "{name_or_file}: no such configuration: name one of {} or a TOML file",
-                NAMED
-                    .iter()
-                    .map(|(name, _)| *name)
-                    .collect::<Vec<_>>()
-                    .join(", ")
-            );
-        }
-        if !path.is_file() {
-            bail!("{name_or_file}: is no regular file; give a configuration's name or a TOML file");
-        }
-        let text = std::fs::read_to_string(path)
-            .with_context(|| format!("{name_or_file}: cannot read the configuration"))?;
+        let file = read_file(path)?;
         let name = path.file_stem().unwrap_or_default().to_string_lossy();
-        Config::parse(&name, name_or_file, &text)
+        Config::parse(&text::escaped(&name), &text::path(path), &file)
     }
 
     /// Parses a configuration; `file` names it in errors.
+    ///
+    /// # Errors
+    /// See [`Config::load`].
     pub fn parse(name: &str, file: &str, text: &str) -> Result<Config> {
+        let (config, missing) = Config::parse_some(name, file, text)?;
+        let Some(key) = missing.first() else {
+            return Ok(config);
+        };
+        let all = match missing.len() {
+            1 => String::new(),
+            count => format!(", which adds all {count} that are missing"),
+        };
+        bail!(
+            "{file}: key {} is missing ({}; {}{}): add the line `{} = {}` below [{}], or run dynrt config upgrade {file}{all}",
+            key.path(),
+            key.meaning,
+            key.range(),
+            key.unit_after_blank(),
+            key.name,
+            key.value(&Config::reference()),
+            key.section
+        )
+    }
+
+    /// Parses a configuration that may lack keys, and says which it lacks; those have no value that means anything.
+    fn parse_some(name: &str, file: &str, text: &str) -> Result<(Config, Vec<&'static Key>)> {
         let table: toml::Table = text.parse().map_err(|e: toml::de::Error| {
             let line = e.span().map_or(1, |s| line_of(text, s.start));
             anyhow!("{file}:{line}: {}", e.message().replace('\n', " "))
@@ -444,15 +482,17 @@ impl Config {
         for (section, keys) in &table {
             let Some(keys) = keys.as_table() else {
                 bail!(
-                    "{file}:{}: key {section} stands outside a section: write it under one of {}",
+                    "{file}:{}: key {} stands outside a section: write it under one of {}",
                     find_line(text, None, section),
+                    text::cut(section, LONGEST_NAME),
                     sections().join(", ")
                 );
             };
             if !sections().contains(&section.as_str()) {
                 bail!(
-                    "{file}:{}: unknown section [{section}]: there are {}",
+                    "{file}:{}: unknown section [{}]: there are {}",
                     find_line(text, Some(section), ""),
+                    text::cut(section, LONGEST_NAME),
                     sections().join(", ")
                 );
             }
@@ -465,8 +505,9 @@ impl Config {
                         .map(|k| k.name)
                         .collect();
                     bail!(
-                        "{}: unknown key {section}.{name}: [{section}] has {}",
+                        "{}: unknown key {section}.{}: [{section}] has {}",
                         at(),
+                        text::cut(name, LONGEST_NAME),
                         known.join(", ")
                     );
                 };
@@ -474,21 +515,11 @@ impl Config {
                     .map_err(|e| anyhow!("{}: {e}", at()))?;
             }
         }
-        for key in KEYS {
-            if table
-                .get(key.section)
-                .and_then(|s| s.get(key.name))
-                .is_none()
-            {
-                bail!(
-                    "{file}: key {} is missing ({}): set it to {}",
-                    key.path(),
-                    key.meaning,
-                    key.range()
-                );
-            }
-        }
-        Ok(config)
+        let is_missing = |key: &&Key| {
+            let section = table.get(key.section);
+            section.and_then(|keys| keys.get(key.name)).is_none()
+        };
+        Ok((config, KEYS.iter().filter(is_missing).collect()))
     }
 
     /// Sets one key, `path` being `section.name`, from the text of its value, checked as in a file; quotes
@@ -499,7 +530,8 @@ impl Config {
     pub fn set(&mut self, path: &str, value: &str) -> Result<()> {
         let Some(key) = KEYS.iter().find(|key| key.path() == path) else {
             bail!(
-                "unknown key {path}: there are {}",
+                "unknown key {}: there are {}",
+                text::cut(path, LONGEST_NAME),
                 KEYS.iter().map(Key::path).collect::<Vec<_>>().join(", ")
             );
         };
@@ -560,16 +592,10 @@ impl Config {
                 let _ = writeln!(text, "{gap}[{}]", key.section);
                 section = key.section;
             }
-            let unit = if key.unit.is_empty() {
-                String::new()
-            } else {
-                format!(" {}", key.unit)
-            };
             let _ = writeln!(
                 text,
-                "# {} ({}{unit})\n{} = {}",
-                key.meaning,
-                key.range(),
+                "{}\n{} = {}",
+                key.comment(),
                 key.name,
                 key.value(self)
             );
@@ -581,6 +607,141 @@ impl Config {
         Format::new(self.exponent_bits, self.fraction_bits)
             .expect("a configuration's format is within range")
     }
+}
+
+/// The text of a configuration's file.
+fn read_file(path: &Path) -> Result<String> {
+    let shown = text::path(path);
+    if !path.exists() {
+        let names: Vec<_> = NAMED.iter().map(|(name, _)| *name).collect();
+        bail!(
+            "{shown}: no such configuration: name one of {} or a TOML file",
+            names.join(", ")
+        );
+    }
+    if !path.is_file() {
+        bail!("{shown}: is no regular file; give a configuration's name or a TOML file");
+    }
+    let bytes = std::fs::read(path);
+    let bytes = bytes.with_context(|| format!("{shown}: cannot read the configuration"))?;
+    String::from_utf8(bytes).map_err(|error| {
+        let before = &error.as_bytes()[..error.utf8_error().valid_up_to()];
+        let line = before.iter().filter(|&&byte| byte == b'\n').count() + 1;
+        anyhow!("{shown}:{line}: is not UTF-8; save the file as UTF-8")
+    })
+}
+
+/// A configuration's file with the keys that it lacks.
+#[derive(Debug)]
+pub struct Upgrade {
+    /// The whole file.
+    pub text: String,
+    /// The paths of the keys that were added; none of a file that has all.
+    pub added: Vec<String>,
+}
+
+impl Upgrade {
+    /// Adds what a file lacks; the file itself stays.
+    ///
+    /// # Errors
+    /// See [`Config::load`]; that keys are missing is no error here.
+    pub fn of_file(path: &Path) -> Result<Upgrade> {
+        let shown = text::path(path);
+        if !path.exists() {
+            bail!("{shown}: no such file; give a configuration's TOML file");
+        }
+        Upgrade::new(&shown, &read_file(path)?)
+    }
+
+    /// Adds what a file's text lacks, `file` naming it in errors: each key below those of its section, with the reference
+    /// machine's value and a comment. Values, comments and order of what is there stay.
+    ///
+    /// # Errors
+    /// As [`Upgrade::of_file`].
+    pub fn new(file: &str, text: &str) -> Result<Upgrade> {
+        let (_, missing) = Config::parse_some("upgraded", file, text)?;
+        let mut upgrade = Upgrade {
+            text: text.to_string(),
+            added: missing.iter().map(|key| key.path()).collect(),
+        };
+        if missing.is_empty() {
+            return Ok(upgrade);
+        }
+        // Line ends are the file's own: the parser's are line feeds.
+        let line_end = if text.contains("\r\n") { "\r\n" } else { "\n" };
+        let mark = if text.starts_with('\u{feff}') {
+            "\u{feff}"
+        } else {
+            ""
+        };
+        let plain = text.trim_start_matches('\u{feff}').replace("\r\n", "\n");
+        let mut document: toml_edit::DocumentMut = (plain.parse())
+            .map_err(|error: toml_edit::TomlError| anyhow!("{file}: {}", error.message()))?;
+        for key in missing {
+            add(&mut document, key)?;
+        }
+        upgrade.text = mark.to_string() + &document.to_string().replace('\n', line_end);
+        // What was parsed before and is not now would be this function's fault.
+        Config::parse("upgraded", file, &upgrade.text)?;
+        Ok(upgrade)
+    }
+
+    /// Writes the text in place of a file, whole or not at all; who may read and write the file stays.
+    ///
+    /// # Errors
+    /// One line that names the file if it cannot be written.
+    pub fn write(&self, path: &Path) -> Result<()> {
+        let permissions = std::fs::metadata(path).map(|data| data.permissions());
+        let staged = report::Staged::text(path, &self.text)?;
+        if let Ok(permissions) = permissions {
+            std::fs::set_permissions(staged.temporary(), permissions)
+                .with_context(|| format!("{}: cannot be written", text::path(path)))?;
+        }
+        staged.publish()
+    }
+}
+
+/// Adds a key with its comment to its section, which is made where it is missing.
+fn add(document: &mut toml_edit::DocumentMut, key: &Key) -> Result<()> {
+    use toml_edit::{Item, Table, Value};
+    let mut value: Value = key
+        .value(&Config::reference())
+        .parse()
+        .map_err(|error| anyhow!("{}: {error}", key.path()))?;
+    if !document.contains_key(key.section) {
+        // Comments at the end of the file stay where they are: above the new section.
+        let mut above = document.trailing().as_str().unwrap_or_default().to_string();
+        document.set_trailing("");
+        if !(document.is_empty() && above.is_empty()) {
+            above.push('\n');
+        }
+        let mut table = Table::new();
+        table.decor_mut().set_prefix(above);
+        document.insert(key.section, Item::Table(table));
+    }
+    match &mut document[key.section] {
+        Item::Table(table) => {
+            table.insert(key.name, Item::Value(value));
+            // In a line `section.key = value` there is no room for a comment, nor in a table on one line.
+            if let (false, Some(mut name)) = (table.is_dotted(), table.key_mut(key.name)) {
+                let comment = format!("{}\n", key.comment());
+                name.leaf_decor_mut().set_prefix(comment);
+            }
+        }
+        Item::Value(Value::InlineTable(table)) => {
+            // The blank before the brace stays there.
+            if let Some((_, last)) = table.iter_mut().last() {
+                let decor = last.decor_mut();
+                let blank = decor.suffix().and_then(|suffix| suffix.as_str());
+                let blank = blank.unwrap_or_default().to_string();
+                decor.set_suffix("");
+                value = value.decorated(" ", blank);
+            }
+            table.insert(key.name, value);
+        }
+        _ => bail!("key {} stands outside a section", key.section),
+    }
+    Ok(())
 }
 
 fn sections() -> Vec<&'static str> {
@@ -653,6 +814,127 @@ mod tests {
         assert_eq!(
             Config::load("nonesuch").unwrap_err().to_string(),
             "nonesuch: no such configuration: name one of virtex4-lx160, dynrt-2006, ecp5-85f, tiny or a TOML file"
+        );
+    }
+
+    #[test]
+    fn an_error_for_a_missing_key_prints_the_line_to_add() {
+        assert_eq!(
+            error(|t| t.replace("rays = 4\n", "")),
+            "x.toml: key packets.rays is missing (rays traversed together; each has a slice of the traversal unit; \
+             1, 2, 4, 8 rays): add the line `rays = 4` below [packets], or run dynrt config upgrade x.toml"
+        );
+        let line = error(|t| t.replace("triangle_test", "# ").replace("latency = ", "# "));
+        assert!(
+            line.ends_with(
+                ": add the line `triangle_test = \"watertight\"` below [geometry], \
+                 or run dynrt config upgrade x.toml, which adds all 2 that are missing"
+            ),
+            "{line}"
+        );
+    }
+
+    /// That every line of a text is in another one, in the same order.
+    fn keeps_lines(before: &str, after: &str) {
+        let mut after_lines = after.lines();
+        for line in before.lines() {
+            assert!(
+                after_lines.any(|other| other == line),
+                "`{line}` is lost or moved:\n{before}\nbecame\n{after}"
+            );
+        }
+    }
+
+    fn upgraded(text: &str) -> Upgrade {
+        let upgrade = Upgrade::new("x.toml", text).unwrap();
+        keeps_lines(text, &upgrade.text);
+        Config::parse("x", "x.toml", &upgrade.text).unwrap();
+        let again = Upgrade::new("x.toml", &upgrade.text).unwrap();
+        assert_eq!((again.text, again.added.len()), (upgrade.text.clone(), 0));
+        upgrade
+    }
+
+    #[test]
+    fn each_missing_key_is_added_in_its_section_with_the_reference_s_value() {
+        let reference = Config::reference();
+        for (number, key) in KEYS.iter().enumerate() {
+            let config = Config::random(number as u64);
+            let line = format!("{} = {}\n", key.name, key.value(&config));
+            let section = format!("[{}]\n", key.section);
+            let (head, rest) = config.to_toml().split_once(&section).map(own).unwrap();
+            let text = head + &section + &rest.replacen(&line, "# mine\n", 1);
+            let upgrade = upgraded(&text);
+            assert_eq!(upgrade.added, [key.path()]);
+            let mut expected = config;
+            key.set_value(&mut expected, &reference);
+            expected.name = "x".into();
+            assert_eq!(Config::parse("x", "f", &upgrade.text).unwrap(), expected);
+            let added = format!(
+                "{}\n{} = {}\n",
+                key.comment(),
+                key.name,
+                key.value(&reference)
+            );
+            assert!(upgrade.text.contains(&added), "{}", upgrade.text);
+        }
+    }
+
+    fn own((a, b): (&str, &str)) -> (String, String) {
+        (a.to_string(), b.to_string())
+    }
+
+    #[test]
+    fn files_of_every_form_are_upgraded() {
+        let reference = Config::reference();
+        let all = |text: &str| {
+            let config = Config::parse("virtex4-lx160", "f", &upgraded(text).text).unwrap();
+            assert_eq!(config, reference, "{text}");
+        };
+        assert_eq!(upgraded("").text, reference.to_toml());
+        all("# a comment, and nothing else\n");
+        assert!(
+            upgraded("# mine\n")
+                .text
+                .starts_with("# mine\n\n[float]\n# ")
+        );
+        all("[packets]\nrays = 4 # the original's\n# below\n\n[clock]\n\ttarget_mhz = 100");
+        all("packets.rays = 4\nmemory.order = \"in-order\"\n");
+        all("[\"packets\"]\n'rays' = 0x4\n");
+        // A line that is a table on its own gets longer.
+        let line = "packets = { rays = 4 }\nclock = {}\n[float]\n";
+        let text = Upgrade::new("f", line).unwrap().text;
+        let start =
+            "packets = { rays = 4, in_flight = 48, tag_bits = 16 }\nclock = { target_mhz = ";
+        assert!(text.starts_with(start), "{text}");
+        let config = Config::parse("virtex4-lx160", "f", &text).unwrap();
+        assert_eq!(config, reference);
+        let dos = "\u{feff}[packets]\r\nrays = 4\r\n# mine\r\n";
+        all(dos);
+        let upgrade = upgraded(dos);
+        assert!(
+            upgrade
+                .text
+                .starts_with("\u{feff}[packets]\r\nrays = 4\r\n")
+        );
+        assert!(!upgrade.text.replace("\r\n", "").contains('\n'));
+        let whole = "# mine\n".to_string() + &reference.to_toml().replace("rays = 4", "rays=4#x");
+        let upgrade = upgraded(&whole);
+        assert_eq!((upgrade.text, upgrade.added.len()), (whole, 0));
+    }
+
+    #[test]
+    fn a_faulty_file_is_not_upgraded() {
+        let fault = |text: &str| Upgrade::new("x.toml", text).unwrap_err().to_string();
+        assert_eq!(
+            fault("[packets]\nrays = 3\n"),
+            "x.toml:2: packets.rays = 3 is out of range: use 1, 2, 4, 8"
+        );
+        assert!(fault("[packets]\n\nrais = 3\n").starts_with("x.toml:3: unknown key packets.rais"));
+        assert!(fault("[packets]\nrays = \n").starts_with("x.toml:2: "));
+        let long = fault(&format!("[packets]\nrays = {:?}\n", 1e300));
+        assert!(
+            long.len() < 120 && long.contains("packets.rays = 1"),
+            "{long}"
         );
     }
 

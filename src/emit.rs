@@ -1,11 +1,16 @@
-//! What is generated of a machine besides its Verilog: file list, FuseSoC core, manifest; and folders of
+//! What is generated of a machine besides its Verilog: file list, FuseSoC core, bench, manifest; and folders of
 //! generated files that appear whole.
+
+pub mod bench;
 
 use crate::bkd::layout::Record;
 use crate::config::{Config, KEYS};
 use crate::hdl::{Design, Direction, Module, Port, Prefix};
 use crate::hw::{self, Machine};
+use crate::temporary::{self, Parents};
+use crate::{interrupt, text};
 use anyhow::{Context, Result, anyhow, bail};
+use bench::Bench;
 use serde_json::{Map, Value, json};
 use std::fmt::Write as _;
 use std::fs;
@@ -13,17 +18,26 @@ use std::path::{Component, Path};
 
 /// The name of the manifest in a folder of generated files.
 pub const MANIFEST: &str = "manifest.json";
+/// The manifest's key under which the bench is described, with its files.
+const SIMULATION: &str = "simulation";
 
-/// Every file of a machine, by name: its modules, children first, then file list, core file and manifest. The
+/// Every file of a machine, by name: its modules, children first, then file list, core file, bench and manifest. The
 /// same for the same configuration, to the byte.
-pub fn files(machine: &Machine) -> Vec<(String, String)> {
+///
+/// # Errors
+/// See [`Bench::new`].
+pub fn files(machine: &Machine) -> Result<Vec<(String, String)>> {
     let design = &machine.design;
+    let bench = Bench::new(machine)?;
     let top = design.emitted(design.top().name());
     let mut files = design.files();
     files.push((format!("{top}.f"), file_list(design)));
-    files.push((format!("{top}.core"), core_file(machine)));
-    files.push((MANIFEST.into(), format!("{:#}\n", manifest(machine))));
-    files
+    files.push((format!("{top}.core"), core_file(machine, &bench)));
+    files.extend(bench.files().cloned());
+    let mut manifest = manifest(machine);
+    manifest[SIMULATION] = bench.describe();
+    files.push((MANIFEST.into(), format!("{manifest:#}\n")));
+    Ok(files)
 }
 
 /// The Verilog files, a line each, children first, as `-f` of most tools reads them.
@@ -35,25 +49,42 @@ fn file_list(design: &Design) -> String {
     list
 }
 
-/// A FuseSoC core: the Verilog, and a target that lints it.
-fn core_file(machine: &Machine) -> String {
+/// A FuseSoC core: the Verilog, and targets that lint, simulate and synthesise it.
+fn core_file(machine: &Machine, bench: &Bench) -> String {
     let design = &machine.design;
     let top = design.emitted(design.top().name());
     let config = plain_name(&machine.config.name);
     let mut core = format!(
         "CAPI=2:\n\
-         name: dynrt:machine:{config}:{}\n\
+         name: dynrt:machine:{}:{}\n\
          description: DynRT core, configuration {config}\n\
          \n\
          filesets:\n  rtl:\n    files:\n",
+        design.emitted(&config),
         env!("CARGO_PKG_VERSION")
     );
     for module in design.modules() {
         let _ = writeln!(core, "      - {}.v", design.emitted(module.name()));
     }
+    core += "    file_type: verilogSource-2001\n\
+             \x20 # A bench of the ray casting unit, and golden vectors: see docs/vectors.md of DynRT.\n\
+             \x20 sim:\n    files:\n";
+    for (name, _) in &bench.sources {
+        let _ = writeln!(core, "      - {name}");
+    }
+    for (name, _) in &bench.headers {
+        let _ = writeln!(core, "      - {name}: {{is_include_file: true}}");
+    }
+    core += "    file_type: verilogSource-2001\n\
+             \x20 # The bench reads them where it runs.\n\
+             \x20 vectors:\n    files:\n";
+    for (name, _) in &bench.data {
+        let file = name.rsplit('/').next().unwrap_or(name);
+        let _ = writeln!(core, "      - {name}: {{copyto: {file}}}");
+    }
     let _ = write!(
         core,
-        "    file_type: verilogSource-2001\n\
+        "    file_type: user\n\
          \n\
          targets:\n\
          \x20 default: &default\n\
@@ -61,11 +92,39 @@ fn core_file(machine: &Machine) -> String {
          \x20   toplevel: {top}\n\
          \x20 lint:\n\
          \x20   <<: *default\n\
-         \x20   default_tool: verilator\n\
-         \x20   tools:\n\
-         \x20     verilator:\n\
-         \x20       mode: lint-only\n\
-         \x20       verilator_options: [-Wall]\n"
+         \x20   description: every warning of Verilator\n\
+         \x20   flow: lint\n\
+         \x20   flow_options:\n\
+         \x20     tool: verilator\n\
+         \x20     verilator_options: [-Wall]\n\
+         \x20 sim:\n\
+         \x20   description: golden vectors of the ray casting unit in Icarus Verilog; fails unless all agree\n\
+         \x20   flow: sim\n\
+         \x20   flow_options:\n\
+         \x20     tool: icarus\n\
+         \x20     iverilog_options: [-g2001]\n\
+         \x20     # Whatever does not agree ends the simulation by $stop, which this makes a failure.\n\
+         \x20     vvp_options: [-N]\n\
+         \x20   filesets: [rtl, sim, vectors]\n\
+         \x20   toplevel: {bench}\n\
+         \x20 sim_verilator:\n\
+         \x20   description: the same in Verilator, 5 or later\n\
+         \x20   flow: sim\n\
+         \x20   flow_options:\n\
+         \x20     tool: verilator\n\
+         \x20     mode: binary\n\
+         \x20     verilator_options: [--timing, -Wno-lint, -Wno-fatal]\n\
+         \x20   filesets: [sim, rtl, vectors]\n\
+         \x20   toplevel: {bench}\n\
+         \x20 synth:\n\
+         \x20   <<: *default\n\
+         \x20   description: a netlist for an ECP5, by Yosys\n\
+         \x20   flow: generic\n\
+         \x20   flow_options:\n\
+         \x20     tool: yosys\n\
+         \x20     arch: ecp5\n\
+         \x20     output_format: json\n",
+        bench = bench.top,
     );
     core
 }
@@ -194,7 +253,7 @@ pub fn generate_with(config: &Config, prefix: Prefix) -> Result<(Machine, Vec<(S
         design: machine.design.with_prefix(prefix),
         ..machine
     };
-    let files = files(&machine);
+    let files = files(&machine).with_context(|| format!("configuration {}", config.name))?;
     Ok((machine, files))
 }
 
@@ -212,24 +271,31 @@ pub fn write_folder(folder: &Path, files: &[(String, String)]) -> Result<()> {
     let fault = |error: std::io::Error| {
         anyhow!(
             "{}: cannot be written: {}; give a folder that can be",
-            folder.display(),
+            text::path(folder),
             error.kind()
         )
     };
     if folder.exists() && !folder.is_dir() {
         bail!(
             "{}: cannot be written: it is a file; give a folder",
-            folder.display()
+            text::path(folder)
         );
     }
-    let taken = (files.iter())
-        .map(|(name, _)| folder.join(name))
-        .find(|path| path.is_dir());
-    if let Some(taken) = taken {
-        bail!(
-            "{}: cannot be written: it is a folder; move it elsewhere",
-            taken.display()
-        );
+    for (name, _) in files {
+        let path = folder.join(name);
+        if path.is_dir() {
+            bail!(
+                "{}: cannot be written: it is a folder; move it elsewhere",
+                text::path(&path)
+            );
+        }
+        let within = path.parent().unwrap_or(folder);
+        if within.exists() && !within.is_dir() {
+            bail!(
+                "{}: cannot be made a folder: it is a file; move it elsewhere",
+                text::path(within)
+            );
+        }
     }
     let is_new = !folder.exists();
     let within = match folder.parent() {
@@ -237,20 +303,28 @@ pub fn write_folder(folder: &Path, files: &[(String, String)]) -> Result<()> {
         Some(parent) if !parent.as_os_str().is_empty() => parent,
         _ => Path::new("."),
     };
-    fs::create_dir_all(within).map_err(fault)?;
-    let temporary = temporary_folder(within).map_err(fault)?;
+    let parents = Parents::make(within).map_err(fault)?;
+    let temporary = temporary::Folder::for_result(within).map_err(fault)?;
     for (name, text) in files {
-        fs::write(temporary.path().join(name), text).map_err(fault)?;
+        let path = temporary.path().join(name);
+        fs::create_dir_all(path.parent().unwrap_or(folder)).map_err(fault)?;
+        fs::write(path, text).map_err(fault)?;
     }
+    let _whole = interrupt::hold();
     if is_new {
         fs::rename(temporary.path(), folder).map_err(fault)?;
         // Its folder is the result now; there is nothing to remove.
-        let _ = temporary.keep();
+        temporary.keep();
+        parents.keep();
         return Ok(());
     }
     let stale = listed_files(folder);
-    let publish =
-        |name: &str| fs::rename(temporary.path().join(name), folder.join(name)).map_err(fault);
+    let publish = |name: &str| {
+        let place = folder.join(name);
+        fs::create_dir_all(place.parent().unwrap_or(folder))
+            .and_then(|()| fs::rename(temporary.path().join(name), &place))
+            .map_err(fault)
+    };
     let (manifest, others): (Vec<_>, Vec<_>) = files
         .iter()
         .map(|(name, _)| name)
@@ -265,20 +339,12 @@ pub fn write_folder(folder: &Path, files: &[(String, String)]) -> Result<()> {
             }
             _ => {}
         }
+        if let Some(within) = path.parent().filter(|within| *within != folder) {
+            // It stays where anything else is in it.
+            let _ = fs::remove_dir(within);
+        }
     }
     manifest.into_iter().try_for_each(|name| publish(name))
-}
-
-fn temporary_folder(within: &Path) -> std::io::Result<tempfile::TempDir> {
-    let mut builder = tempfile::Builder::new();
-    builder.prefix(".dynrt-");
-    #[cfg(unix)]
-    {
-        use std::os::unix::fs::PermissionsExt;
-        // Temporary folders are private, results as readable as any; the process' mode mask takes away what it forbids.
-        builder.permissions(fs::Permissions::from_mode(0o777));
-    }
-    builder.tempdir_in(within)
 }
 
 /// The files that an earlier run says it wrote: those in the folder's manifest, where this program made it.
@@ -290,17 +356,27 @@ fn listed_files(folder: &Path) -> Vec<String> {
         return Vec::new();
     };
     let is_ours = (manifest["generator"].as_str()).is_some_and(|g| g.starts_with("dynrt "));
-    let names = manifest["files"].as_array().filter(|_| is_ours);
-    let is_plain = |name: &&str| {
-        let mut parts = Path::new(name).components();
+    if !is_ours {
+        return Vec::new();
+    }
+    let lists = [&manifest["files"], &manifest[SIMULATION]["files"]];
+    let names = lists.into_iter().filter_map(Value::as_array).flatten();
+    let names = names.filter_map(Value::as_str).map(str::to_string);
+    // They are called after the top module, and so after the prefix.
+    let top = manifest["top"].as_str();
+    let of_top = top.map(|top| [format!("{top}.f"), format!("{top}.core")]);
+    // In the folder itself or in the bench's.
+    let is_plain = |name: &String| {
+        let name = Path::new(name);
+        let mut parts = name
+            .strip_prefix(bench::FOLDER)
+            .unwrap_or(name)
+            .components();
         matches!(parts.next(), Some(Component::Normal(_))) && parts.next().is_none()
     };
     names
-        .into_iter()
-        .flatten()
-        .filter_map(Value::as_str)
+        .chain(of_top.into_iter().flatten())
         .filter(is_plain)
-        .map(str::to_string)
         .collect()
 }
 
@@ -347,6 +423,49 @@ mod tests {
         assert_eq!(names(&folder), ["a.v", "manifest.json", "mine.v"]);
         assert_eq!(names(&parent.path().join("a")), ["b", "x"]);
         assert_eq!(fs::read_to_string(folder.join("a.v")).unwrap(), "2");
+    }
+
+    #[test]
+    fn the_bench_s_folder_is_made_and_goes_with_its_files() {
+        let parent = tempfile::tempdir().unwrap();
+        let folder = parent.path().join("a");
+        let manifest = |files: &[&str]| {
+            let manifest =
+                json!({"generator": "dynrt 0", "files": [], SIMULATION: {"files": files}});
+            file(MANIFEST, &manifest.to_string())
+        };
+        let listed = ["sim/a.hex", "sim/b.hex", "sim/../../x", "other/y"];
+        write_folder(
+            &folder,
+            &[
+                file("sim/a.hex", "1"),
+                file("sim/b.hex", "1"),
+                manifest(&listed),
+            ],
+        )
+        .unwrap();
+        fs::write(parent.path().join("x"), "not ours").unwrap();
+        fs::create_dir(folder.join("other")).unwrap();
+        fs::write(folder.join("other/y"), "not ours").unwrap();
+        write_folder(&folder, &[file("sim/a.hex", "2"), manifest(&["sim/a.hex"])]).unwrap();
+        assert_eq!(names(&folder.join("sim")), ["a.hex"]);
+        assert_eq!(fs::read_to_string(folder.join("sim/a.hex")).unwrap(), "2");
+        write_folder(&folder, &[manifest(&[])]).unwrap();
+        assert_eq!(names(&folder), ["manifest.json", "other"]);
+        assert_eq!(names(&folder.join("other")), ["y"]);
+        assert_eq!(names(parent.path()), ["a", "x"]);
+        // A file where the folder should be.
+        fs::write(folder.join("sim"), "not ours").unwrap();
+        let error = write_folder(&folder, &[file("sim/a.hex", "3"), manifest(&["sim/a.hex"])]);
+        let place = folder.join("sim");
+        assert_eq!(
+            format!("{:#}", error.unwrap_err()),
+            format!(
+                "{}: cannot be made a folder: it is a file; move it elsewhere",
+                place.display()
+            )
+        );
+        assert_eq!(names(&folder), ["manifest.json", "other", "sim"]);
     }
 
     #[test]

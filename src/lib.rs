@@ -5,6 +5,7 @@
 
 pub mod baseline;
 pub mod bkd;
+pub mod child;
 pub mod compare;
 pub mod config;
 pub mod cosim;
@@ -14,6 +15,7 @@ pub mod fuzz;
 pub mod golden;
 pub mod hdl;
 pub mod hw;
+pub mod interrupt;
 pub mod mutate;
 pub mod port;
 pub mod program;
@@ -21,5 +23,6 @@ pub mod prove;
 pub mod report;
 pub mod scene;
 pub mod synth;
+pub mod temporary;
 pub mod text;
 pub mod vectors;

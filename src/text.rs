@@ -28,12 +28,24 @@ pub fn path(path: &Path) -> String {
 
 /// A word of a file, [`escaped`] and cut after 24 characters.
 pub fn word(word: &str) -> String {
-    const LONGEST: usize = 24;
-    let mut shown: String = word.chars().take(LONGEST).collect();
-    if word.chars().nth(LONGEST).is_some() {
+    cut(word, 24)
+}
+
+/// Text [`escaped`] and cut after so many characters.
+pub fn cut(text: &str, longest: usize) -> String {
+    let mut shown: String = text.chars().take(longest).collect();
+    if text.chars().nth(longest).is_some() {
         shown.push('…');
     }
     escaped(&shown).into_owned()
+}
+
+/// A number in few digits: those that it needs, with an exponent where it is very large or very small.
+pub fn number(x: f64) -> String {
+    match x == 0.0 || !x.is_finite() || (1e-5..1e16).contains(&x.abs()) {
+        true => x.to_string(),
+        false => format!("{x:e}"),
+    }
 }
 
 fn is_unprintable(c: char) -> bool {
@@ -61,6 +73,28 @@ mod tests {
     fn long_words_are_cut() {
         assert_eq!(word("short"), "short");
         assert_eq!(word(&"x".repeat(30)), format!("{}…", "x".repeat(24)));
+    }
+
+    #[test]
+    fn numbers_are_never_long() {
+        let shown = [0.0, -0.5, 60.0, 123456789.25, 1e15, 0.00002, f64::INFINITY].map(number);
+        assert_eq!(
+            shown,
+            [
+                "0",
+                "-0.5",
+                "60",
+                "123456789.25",
+                "1000000000000000",
+                "0.00002",
+                "inf"
+            ]
+        );
+        let shown = [1e308, -1.5e16, 1e-300].map(number);
+        assert_eq!(shown, ["1e308", "-1.5e16", "1e-300"]);
+        for x in [1e308, 1e-300, -1e300] {
+            assert_eq!(number(x).parse(), Ok(x));
+        }
     }
 
     #[cfg(unix)]

@@ -218,7 +218,7 @@ fn other_machines() {
     }
 }
 
-// ---- Scenes of ../shared/scenes -------------------------------------------------------------------------------
+// ---- Public scenes -------------------------------------------------------------------------------
 
 /// All clips of a file; in full, one of them larger.
 fn check_file(file: &str) {
@@ -321,6 +321,92 @@ fn a_hand_that_a_program_closes() {
 
 // ---- Trees under motion ---------------------------------------------------------------------------------------
 
+/// Two instances of a triangle, of which the first is there in the frames in which its scale is not 0, the second in those in
+/// which its own is not.
+fn appearing(first: &[f32], second: &[f32]) -> Animated {
+    let mut bytes: Vec<u8> = Vec::new();
+    let mut add = |numbers: &[f32]| {
+        let at = bytes.len();
+        bytes.extend(numbers.iter().flat_map(|x| x.to_le_bytes()));
+        json!({"buffer": 0, "byteOffset": at, "byteLength": bytes.len() - at})
+    };
+    let times: Vec<f32> = (0..=first.len()).map(|frame| frame as f32).collect();
+    let scales = |of: &[f32]| -> Vec<f32> {
+        let of = of.iter().chain(of.last());
+        of.flat_map(|&scale| [scale; 3]).collect()
+    };
+    let views = [
+        add(&[0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0, 0.5]),
+        add(&times),
+        add(&scales(first)),
+        add(&scales(second)),
+    ];
+    let accessor = |view: usize, count: usize, kind: &str| json!({"bufferView": view, "componentType": 5126, "count": count, "type": kind});
+    let keys = times.len();
+    let sampler = |output: usize| json!({"input": 1, "output": output, "interpolation": "STEP"});
+    let channel = |node: usize| json!({"sampler": node, "target": {"node": node, "path": "scale"}});
+    let file = with_bytes(
+        json!({
+            "asset": {"version": "2.0"},
+            "scenes": [{"nodes": [0, 1]}],
+            "nodes": [{"mesh": 0}, {"mesh": 0, "translation": [2, 0, 0]}],
+            "meshes": [{"primitives": [{"attributes": {"POSITION": 0}}]}],
+            "accessors": [
+                accessor(0, 3, "VEC3"),
+                accessor(1, keys, "SCALAR"),
+                accessor(2, keys, "VEC3"),
+                accessor(3, keys, "VEC3"),
+            ],
+            "animations": [{"samplers": [sampler(2), sampler(3)], "channels": [channel(0), channel(1)]}],
+            "bufferViews": views,
+        }),
+        &bytes,
+    );
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("a.gltf");
+    std::fs::write(&path, file.to_string()).unwrap();
+    load_animated(path.to_str().unwrap()).unwrap()
+}
+
+#[test]
+fn instances_that_are_not_there_are_not_drawn() {
+    let config = Config::reference();
+    // Frame by frame: the second alone, nothing, both, the first alone.
+    let scene = appearing(&[0.0, 0.0, 1.0, 1.0], &[1.0, 0.0, 1.0, 0.0]);
+    let shown = Shown::clip(&config, &scene, Some(0), 4, "24x16");
+    let there = |frame: &MachineFrame| frame.instances.iter().flatten().count();
+    assert_eq!(
+        shown.frames.iter().map(there).collect::<Vec<_>>(),
+        [1, 0, 2, 1]
+    );
+    let reports = shown.run(&config, &Options::default()).unwrap();
+    let hits: Vec<u64> = reports.iter().map(|report| report.figures.hits).collect();
+    assert!(hits[0] > 0 && hits[3] > 0, "{hits:?}");
+    assert_eq!(hits[2], hits[0] + hits[3], "{hits:?}");
+    // Nothing is cast into nothing: no rays, no cycles, and nothing that agrees but memory.
+    let [empty, full] = [1, 2].map(|frame: usize| &reports[frame].figures);
+    assert_eq!((empty.hits, empty.rays, empty.raycast_cycles), (0, 0, 0));
+    assert!(empty.checked < full.checked && full.rays > 0);
+    // Where a picture shows a triangle, the one without it shows what is behind.
+    let differ = |a: usize, b: usize| {
+        let pixels = std::iter::zip(reports[a].picture.pixels(), reports[b].picture.pixels());
+        pixels.filter(|(a, b)| a != b).count() as u64
+    };
+    assert_eq!(differ(0, 1), hits[0]);
+    assert_eq!(differ(3, 1), hits[3]);
+    assert_eq!(differ(2, 1), hits[2]);
+    // The same from the middle of the film.
+    let options = Options {
+        from_frame: 1,
+        ..Options::default()
+    };
+    let again = shown.run(&config, &options).unwrap();
+    for (report, again) in std::iter::zip(&reports[1..], &again) {
+        assert_eq!(report.picture, again.picture);
+        assert_eq!(report.figures.hits, again.figures.hits);
+    }
+}
+
 #[test]
 fn trees_that_have_become_bad_are_built_anew() {
     let config = Config::reference();
@@ -392,7 +478,7 @@ fn golden_image(config: &Config, shown: &Shown, frame: usize, built_for: usize) 
     }
     let instances = scene.instances.iter().zip(&shown.frames[frame].instances);
     let specs = instances.enumerate().map(|(number, (&object, matrix))| {
-        let columns = std::array::from_fn(|c| std::array::from_fn(|r| matrix[r][c]));
+        let columns = std::array::from_fn(|c| std::array::from_fn(|r| matrix.unwrap()[r][c]));
         let bounds: Bounds = image.objects()[object].bounds;
         InstanceSpec::new(format, number, object, &columns, bounds).unwrap()
     });

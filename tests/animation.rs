@@ -1,7 +1,9 @@
 //! Scenes that move, as a user meets them: files, built-in scenes, and what is said of those that cannot be used.
 
-#[path = "common/say.rs"]
-mod say;
+#[path = "animation/kinds.rs"]
+mod kinds;
+#[path = "common/shared.rs"]
+mod shared;
 
 use dynrt::float::Format;
 use dynrt::scene::animation::{
@@ -10,8 +12,8 @@ use dynrt::scene::animation::{
 };
 use dynrt::scene::{Animated, Bounds, load_animated, log2_scale};
 use glam::DVec3;
-use say::say;
 use serde_json::{Value, json};
+use shared::shared_scene;
 use std::collections::HashMap;
 use std::path::PathBuf;
 
@@ -20,17 +22,6 @@ fn fault(spec: &str) -> String {
         Ok(scene) => panic!("{spec} loaded as {}", scene.name),
         Err(error) => one_line(&error),
     }
-}
-
-/// A scene of `../shared/scenes`, or nothing and a plain word about it where the folder is absent.
-fn shared_scene(file: &str) -> Option<String> {
-    let folder = concat!(env!("CARGO_MANIFEST_DIR"), "/../shared/scenes");
-    let path = PathBuf::from(folder).join(file);
-    if path.exists() {
-        return Some(path.to_string_lossy().into_owned());
-    }
-    say(&format!("absent, so not checked: ../shared/scenes/{file}"));
-    None
 }
 
 fn one_line(error: &anyhow::Error) -> String {
@@ -147,7 +138,7 @@ fn assert_bounds(what: &str, (low, high): Bounds, expected: [f64; 6]) {
     }
 }
 
-// ---- Files of ../shared/scenes --------------------------------------------------------------------------------
+// ---- Files of the public scenes --------------------------------------------------------------------------------
 
 #[test]
 fn shared_scenes_have_the_counts_of_their_sources() {
@@ -283,7 +274,7 @@ fn the_robot_has_every_kind_of_motion() {
         let stands = first.instances[number] == later.instances[number];
         assert_eq!(
             skinned,
-            first.instances[number] == IDENTITY,
+            first.instances[number] == Some(IDENTITY),
             "{}",
             instance.name
         );
@@ -679,7 +670,7 @@ impl File {
 
     fn load(&self) -> Animated {
         let folder = tempfile::tempdir().unwrap();
-        let scene = load_animated(&write(&folder, "scene.gltf", self.text().as_bytes()));
+        let scene = load_animated(write(&folder, "scene.gltf", self.text().as_bytes()));
         let scene = scene.map_err(|error| format!("{error:#}")).unwrap();
         assert_well_formed(&scene);
         scene
@@ -850,7 +841,7 @@ fn skins_follow_their_joints_and_ignore_their_node() {
         transform_point(tip, [1.0, 1.0, 0.0]),
         [0.0, 2.0, 0.0]
     ));
-    assert_eq!(pose.instances, [IDENTITY]);
+    assert_eq!(pose.instances, [Some(IDENTITY)]);
     assert_eq!(scene.node_names(), ["node 0", "root", "tip"]);
     // A program turns the root about the vertical, on top of the clip.
     let turn = Overrides::default().turn("root", [0.0, 3.0, 0.0], std::f64::consts::PI);
@@ -894,7 +885,7 @@ fn weights_may_be_integers_and_more_than_four() {
     assert_eq!(influences.joints, [2, 4, 1, 0]);
     assert_eq!(
         scene.warnings,
-        ["mesh mesh 0: 3 of 3 vertices follow more than 4 joints; they keep the 4 strongest"]
+        ["mesh 0: 3 of 3 vertices follow more than 4 joints; they keep the 4 strongest"]
     );
 }
 
@@ -1018,7 +1009,7 @@ fn sparse_interleaved_and_quantised_accessors() {
     file.json["accessors"][1]["sparse"]["indices"]["bufferView"] = json!(places);
     assert_eq!(
         file.fault(),
-        ": mesh 0 (mesh 0): primitive 0: POSITION: accessor 1: replaces element 3, which is out of range (there are 3, counted from 0); correct its sparse indices"
+        ": mesh 0: primitive 0: POSITION: accessor 1: replaces element 3, which is out of range (there are 3, counted from 0); correct its sparse indices"
     );
 
     // Signed shorts as fractions, every 8 bytes.
@@ -1095,48 +1086,6 @@ fn clips_have_names_of_their_own_and_unknown_ones_list_them() {
 }
 
 #[test]
-fn singular_instances_are_refused_when_they_occur() {
-    let mut file = File::triangle();
-    file.json["nodes"][0]["name"] = json!("Ghost");
-    file.channel(
-        "scale",
-        0,
-        "LINEAR",
-        &[0.0, 1.0],
-        "VEC3",
-        &[1.0, 1.0, 1.0, 1.0, 0.0, 1.0],
-    );
-    let scene = File::load_unchecked(&file);
-    assert!(scene.pose(Some(0), 0.999).is_ok());
-    let error = one_line(&scene.pose(Some(0), 1.0).unwrap_err());
-    assert_eq!(
-        error,
-        "scene scene, clip scale LINEAR at 1 s: the matrix of instance Ghost is singular: it presses the object flat; give its node, and those above it, scales without zeros"
-    );
-    let error = one_line(&scene.extents(Some(0), &[0.5, 1.0]).unwrap_err());
-    assert!(error.contains("Ghost is singular"), "{error}");
-    // A flat parent makes a turned child singular but for rounding.
-    let mut file = File::triangle();
-    file.json["nodes"] = json!([
-        {"children": [1], "scale": [1, 0, 1], "rotation": [0.2, 0.4, 0.4, 0.8]},
-        {"mesh": 0, "rotation": [0.4, 0.2, 0.8, 0.4]},
-    ]);
-    let error = one_line(&File::load_unchecked(&file).pose(None, 0.0).unwrap_err());
-    assert!(
-        error.contains("the matrix of instance node 1 is singular"),
-        "{error}"
-    );
-}
-
-impl File {
-    /// A scene that cannot be posed everywhere.
-    fn load_unchecked(&self) -> Animated {
-        let folder = tempfile::tempdir().unwrap();
-        load_animated(&write(&folder, "scene.gltf", self.text().as_bytes())).unwrap()
-    }
-}
-
-#[test]
 fn faulty_files_are_refused_in_one_line() {
     type Change = fn(&mut File);
     let cases: [(Change, &str); 28] = [
@@ -1146,7 +1095,7 @@ fn faulty_files_are_refused_in_one_line() {
         ),
         (
             |f| f.json["meshes"][0]["primitives"][0]["mode"] = json!(0),
-            ": is an empty scene, it has no triangles; export it with its meshes",
+            ": is an empty scene, nothing is left of it: mesh 0, primitive 0: left out, it is made of Points, not of triangles; export it with its meshes",
         ),
         (
             |f| f.json["nodes"][2]["children"] = json!([1]),
@@ -1165,30 +1114,30 @@ fn faulty_files_are_refused_in_one_line() {
                 let joints = f.integers("VEC4", 5121, &[0, 0, 0, 0, 2, 0, 0, 0, 0, 0, 0, 0]);
                 f.json["meshes"][0]["primitives"][0]["attributes"]["JOINTS_0"] = json!(joints);
             },
-            ": mesh 0 (mesh 0): primitive 0, vertex 1: names joint 2, which is out of range (the skin has 2, counted from 0); correct JOINTS",
+            ": mesh 0: primitive 0, vertex 1: names joint 2, which is out of range (the skin has 2, counted from 0); correct JOINTS",
         ),
         (
             |f| f.replace_weights([0.0; 4]),
-            ": mesh 0 (mesh 0): primitive 0, vertex 1: has weights that are all zero; bind it to a joint",
+            ": mesh 0: primitive 0, vertex 1: has weights that are all zero; bind it to a joint",
         ),
         (
             |f| f.replace_weights([0.5, -0.5, 0.0, 0.0]),
-            ": mesh 0 (mesh 0): primitive 0, vertex 1: has the weight -0.5; give weights from 0 to 1",
+            ": mesh 0: primitive 0, vertex 1: has the weight -0.5; give weights from 0 to 1",
         ),
         (
             |f| f.replace_weights([0.5, f32::NAN, 0.0, 0.0]),
-            ": mesh 0 (mesh 0): primitive 0: WEIGHTS_0: accessor 4: element 1 is not finite: it has NaN; correct it",
+            ": mesh 0: primitive 0: WEIGHTS_0: accessor 4: element 1 is not finite: it has NaN; correct it",
         ),
         (
             |f| {
                 let attributes = f.json["meshes"][0]["primitives"][0]["attributes"].as_object_mut();
                 attributes.unwrap().remove("WEIGHTS_0");
             },
-            ": mesh 0 (mesh 0): primitive 0: has JOINTS_0 or WEIGHTS_0 without the other; export the file anew",
+            ": mesh 0: primitive 0: has JOINTS_0 or WEIGHTS_0 without the other; export the file anew",
         ),
         (
             |f| f.json["meshes"][0]["primitives"][0]["attributes"] = json!({"POSITION": 0}),
-            ": mesh 0 (mesh 0): primitive 0: has a skin but neither JOINTS_0 nor WEIGHTS_0; bind its vertices to joints",
+            ": mesh 0: primitive 0: has a skin but neither JOINTS_0 nor WEIGHTS_0; bind its vertices to joints",
         ),
         (
             |f| {
@@ -1196,34 +1145,34 @@ fn faulty_files_are_refused_in_one_line() {
                 let positions = f.floats("VEC3", &positions);
                 f.json["meshes"][0]["primitives"][0]["attributes"]["POSITION"] = json!(positions);
             },
-            ": mesh 0 (mesh 0): primitive 0: POSITION: accessor 4: element 1 is not finite: it has NaN; correct it",
+            ": mesh 0: primitive 0: POSITION: accessor 4: element 1 is not finite: it has NaN; correct it",
         ),
         (
             |f| {
                 let indices = f.integers("SCALAR", 5123, &[0, 1, 3]);
                 f.json["meshes"][0]["primitives"][0]["indices"] = json!(indices);
             },
-            ": mesh 0 (mesh 0): primitive 0: indices, accessor 4: element 2 names vertex 3, which is out of range (there are 3, counted from 0); correct it",
+            ": mesh 0: primitive 0: indices, accessor 4: element 2 names vertex 3, which is out of range (there are 3, counted from 0); correct it",
         ),
         (
             |f| f.json["accessors"][0]["count"] = json!(4),
-            ": mesh 0 (mesh 0): primitive 0: POSITION: accessor 0: has 4 elements of 12 bytes, which reach beyond its bufferView of 36 bytes; export the file anew",
+            ": mesh 0: primitive 0: POSITION: accessor 0: has 4 elements of 12 bytes, which reach beyond its bufferView of 36 bytes; export the file anew",
         ),
         (
             |f| f.json["accessors"][0]["count"] = json!(u64::MAX / 8),
-            ": mesh 0 (mesh 0): primitive 0: POSITION: accessor 0: has 2305843009213693951 elements of 12 bytes, which reach beyond its bufferView of 36 bytes; export the file anew",
+            ": mesh 0: primitive 0: POSITION: accessor 0: has 2305843009213693951 elements of 12 bytes, which reach beyond its bufferView of 36 bytes; export the file anew",
         ),
         (
             |f| f.json["bufferViews"][0]["byteOffset"] = json!(1_000_000),
-            ": mesh 0 (mesh 0): primitive 0: POSITION: accessor 0: bufferView 0 reaches beyond buffer 0 of 224 bytes; export the file anew",
+            ": mesh 0: primitive 0: POSITION: accessor 0: bufferView 0 reaches beyond buffer 0 of 224 bytes; export the file anew",
         ),
         (
             |f| f.json["meshes"][0]["primitives"][0]["attributes"]["POSITION"] = json!(2),
-            ": mesh 0 (mesh 0): primitive 0: POSITION: accessor 2: has elements of type Vec4, where Vec3 belongs; export the file anew",
+            ": mesh 0: primitive 0: POSITION: accessor 2: has elements of type Vec4, where Vec3 belongs; export the file anew",
         ),
         (
             |f| f.json["meshes"][0]["primitives"][0]["attributes"]["POSITION"] = json!(50),
-            ": is no valid glTF: a mesh has its POSITION in accessor 50, which is out of range (there are 4, counted from 0); export it anew",
+            ": mesh 0: primitive 0: has its POSITION in accessor 50, which is out of range (there are 4, counted from 0); export the file anew",
         ),
         (
             |f| f.json["nodes"][0]["mesh"] = json!(5),
@@ -1341,6 +1290,125 @@ fn a_file_cut_off_or_changed_anywhere_is_refused_or_read_but_never_panics() {
         read > 100 && refused > 100,
         "{read} read, {refused} refused"
     );
+}
+
+/// A folder of frames whose first vertices have the x of their places in `names`.
+fn frames(names: &[&str]) -> tempfile::TempDir {
+    let folder = tempfile::tempdir().unwrap();
+    for (x, name) in names.iter().enumerate() {
+        let text = format!("v {x} 0 0\nv 0 1 0\nv 0 0 1\nf 1 2 3\n");
+        write(&folder, name, text.as_bytes());
+    }
+    folder
+}
+
+/// The first vertices' x of a sequence's frames.
+fn order(scene: &Animated, frames: usize) -> Vec<f64> {
+    let x = |frame: usize| {
+        let pose = scene.pose(Some(0), frame as f64 / SEQUENCE_FRAMES_PER_SECOND);
+        scene.vertices(&pose.unwrap(), 0)[0][0]
+    };
+    (0..frames).map(x).collect()
+}
+
+#[test]
+fn frames_play_in_the_order_of_the_numbers_in_their_names() {
+    for names in [
+        &["f1.obj", "f2.obj", "f10.obj"][..],
+        &["f1.obj", "F2.OBJ", "f3.Obj", "F10.obj"],
+        &["0001.obj", "0002.obj", "0010.obj", "10000.obj"],
+        // Numbers may be longer than any integer.
+        &[
+            "a9.obj",
+            "a99999999999999999999999999999999999999.obj",
+            "a100000000000000000000000000000000000000.obj",
+        ],
+        // The first number decides, then what follows it.
+        &["s1f2.obj", "s1f10.obj", "s2f1.obj", "s2g0.obj", "s10f0.obj"],
+        &["f.obj", "f 1.obj", "f1.obj", "f1a.obj", "f1b.obj", "f2.obj"],
+        // The same numbers: what follows decides, and only then leading zeros and case.
+        &[
+            "f01.obj",
+            "f1.obj",
+            "f001a.obj",
+            "f01b.obj",
+            "F02.obj",
+            "f02.obj",
+            "f2.obj",
+        ],
+        &["f0.obj", "f00a.obj", "f1.obj"],
+        &["Ä1.obj", "ä2.obj", "Ä10.obj"],
+    ] {
+        let folder = frames(names);
+        let scene = load_animated(folder.path().to_str().unwrap()).unwrap();
+        let expected: Vec<f64> = (0..names.len()).map(|x| x as f64).collect();
+        assert_eq!(order(&scene, names.len()), expected, "for {names:?}");
+        assert_eq!(
+            scene.clips[0].seconds,
+            names.len() as f64 / SEQUENCE_FRAMES_PER_SECOND
+        );
+    }
+}
+
+#[test]
+fn hidden_files_are_not_frames() {
+    let folder = frames(&["f1.obj", "f2.obj"]);
+    write(&folder, "._f1.obj", b"\0\x05\x16\x07\0\x02\0\0Mac OS X");
+    write(&folder, ".f3.obj", b"v 0 0 0\nf 1 1 1\n");
+    let spec = folder.path().to_str().unwrap();
+    assert_eq!(order(&load_animated(spec).unwrap(), 2), [0.0, 1.0]);
+    for name in ["f1.obj", "f2.obj"] {
+        std::fs::remove_file(folder.path().join(name)).unwrap();
+    }
+    assert!(fault(spec).starts_with(&format!("{spec}: has no OBJ files; ")));
+}
+
+#[cfg(unix)]
+#[test]
+fn frames_need_not_have_names_in_utf8() {
+    use std::os::unix::ffi::OsStrExt;
+    let folder = frames(&["f1.obj"]);
+    for (x, name) in [(2, &b"f\xff10.obj"[..]), (1, b"F\xff9.OBJ")] {
+        let path = folder.path().join(std::ffi::OsStr::from_bytes(name));
+        std::fs::write(path, format!("v {x} 0 0\nv 0 1 0\nv 0 0 1\nf 1 2 3\n")).unwrap();
+    }
+    let scene = load_animated(folder.path().to_str().unwrap()).unwrap();
+    assert_eq!(order(&scene, 3), [0.0, 1.0, 2.0]);
+}
+
+#[test]
+fn what_frames_leave_out_is_warned_of_once() {
+    let folder = tempfile::tempdir().unwrap();
+    let mesh = "v 0 0 0\nv 0 1 0\nv 0 0 1\nf 1 2 3\n";
+    for (name, more) in [
+        ("f1.obj", ""),
+        ("f2.obj", "t 1\nl 1 2\n"),
+        ("f9.obj", "\nt 1\nvw 0\nl 1 2\n"),
+        ("f10.obj", "f 1\nt 2\n"),
+    ] {
+        write(&folder, name, format!("{mesh}{more}").as_bytes());
+    }
+    let spec = folder.path().to_str().unwrap();
+    assert_eq!(
+        load_animated(spec).unwrap().warnings,
+        [
+            format!(
+                "{spec}: 4 lines of unknown statements `t`, `vw` left out in 3 of 4 frames, first in {spec}/f2.obj, line 5"
+            ),
+            format!(
+                "{spec}: 2 `l` left out in 2 of 4 frames, first in {spec}/f2.obj, line 6; only faces are drawn: export lines, points, curves and surfaces as polygons"
+            ),
+            format!(
+                "{spec}: 1 face of fewer than three corners left out in 1 of 4 frames, first in {spec}/f10.obj, line 5"
+            ),
+        ]
+    );
+    // The same of a file that stands still.
+    let file = folder.path().join("f2.obj");
+    let file = file.to_str().unwrap();
+    let warnings = load_animated(file).unwrap().warnings;
+    assert_eq!(warnings, dynrt::scene::load(file).unwrap().warnings);
+    assert_eq!(warnings.len(), 2);
 }
 
 #[test]
@@ -1475,6 +1543,6 @@ fn other_things_are_refused_in_one_line() {
     file[8..12].copy_from_slice(&length.to_le_bytes());
     assert_eq!(
         fault_of("bare.glb", &file),
-        ": mesh 0 (mesh 0): primitive 0: POSITION: accessor 0: buffer 0 is missing: the file has no binary chunk for it; export it anew"
+        ": mesh 0: primitive 0: POSITION: accessor 0: buffer 0 is missing: the file has no binary chunk for it; export it anew"
     );
 }

@@ -1,5 +1,16 @@
 //! The command as a user meets it: what it writes, and what it says of bad input.
 
+#[cfg(unix)]
+#[path = "cli/interrupt.rs"]
+mod interrupt;
+#[path = "cli/maintain.rs"]
+mod maintain;
+#[cfg(unix)]
+#[path = "cli/names.rs"]
+mod names;
+#[path = "cli/outputs.rs"]
+mod outputs;
+
 use dynrt::config::Config;
 use dynrt::scene::builtin;
 use serde_json::Value;
@@ -96,13 +107,11 @@ const SUBCOMMANDS_WITH_SCENES: [&str; 4] = [
 fn help_of_every_subcommand_has_examples() {
     let folder = folder();
     let top = prints("--help", folder.path());
-    let commands = top.split("Commands:\n").nth(1).expect("its commands");
-    let commands = commands.lines().take_while(|line| !line.is_empty());
+    let commands = top.lines().take_while(|line| *line != "Options:");
     let names: Vec<&str> = commands
         .filter_map(|line| line.strip_prefix("  ")?.split(' ').next())
-        .filter(|name| !name.is_empty() && *name != "help")
         .collect();
-    assert!(names.len() >= 15, "{names:?} in {top}");
+    assert!(names.len() >= 18, "{names:?} in {top}");
     for name in names {
         let help = prints(&format!("{name} --help"), folder.path());
         assert!(
@@ -201,6 +210,30 @@ fn a_byte_order_mark_is_no_fault_and_flat_triangles_are_counted() {
         stderr,
         "warning: scene marked: 1 of 2 triangles have no area; remove them from the mesh, where they only take time\n"
     );
+}
+
+#[test]
+fn what_is_in_a_mesh_and_not_in_the_picture_is_told_once() {
+    let folder = folder();
+    fs::write(
+        folder.path().join("tags.obj"),
+        "v 0 0 0\nv 1 0 0\nv 0 1 0\nt crease 2/1/0 0 1 2.0\nvw 0 0 1.0\nf 1 2 3\n",
+    )
+    .unwrap();
+    for command in [
+        "stats tags.obj --size 8x8",
+        "render tags.obj --size 8x8",
+        "program tags.obj",
+        "vectors tags.obj --size 8x8 --out v",
+    ] {
+        let output = run(command, folder.path());
+        assert!(output.status.success(), "{command}");
+        assert_eq!(
+            String::from_utf8(output.stderr).unwrap(),
+            "warning: tags.obj: 2 lines of unknown statements `t`, `vw` left out, first in line 4\n",
+            "{command}"
+        );
+    }
 }
 
 #[cfg(unix)]
@@ -401,42 +434,106 @@ fn a_missing_verilator_gets_one_line() {
     );
 }
 
+/// A command that finds a tool of this name first, which is a script.
+#[cfg(unix)]
+fn with_tool(arguments: &str, folder: &Path, tool: &str, script: &str) -> Command {
+    use std::os::unix::fs::PermissionsExt;
+    let path = folder.join("tools");
+    fs::create_dir_all(&path).unwrap();
+    let file = path.join(tool);
+    fs::write(&file, format!("#!/bin/sh\n{script}\n")).unwrap();
+    fs::set_permissions(&file, fs::Permissions::from_mode(0o755)).unwrap();
+    let mut command = dynrt(arguments, folder);
+    let rest = std::env::var("PATH").unwrap();
+    command
+        .env("PATH", format!("{}:{rest}", path.display()))
+        .env("DYNRT_CACHE", folder.join("cache"));
+    command
+}
+
 #[cfg(unix)]
 #[test]
 fn a_tool_that_is_too_old_gets_one_line() {
-    use std::os::unix::fs::PermissionsExt;
-    let folder = folder();
-    let cache = tempfile::tempdir().unwrap();
     let old = |arguments: &str, tool: &str, says: &str| {
-        let path = tempfile::tempdir().unwrap();
-        let file = path.path().join(tool);
-        std::fs::write(&file, format!("#!/bin/sh\necho '{says}'\n")).unwrap();
-        std::fs::set_permissions(&file, std::fs::Permissions::from_mode(0o755)).unwrap();
-        let mut command = dynrt(arguments, folder.path());
-        let rest = std::env::var("PATH").unwrap();
-        command
-            .env("PATH", format!("{}:{rest}", path.path().display()))
-            .env("DYNRT_CACHE", cache.path());
-        fault_of(&mut command)
+        let folder = folder();
+        let script = format!("echo '{says}'");
+        fault_of(&mut with_tool(arguments, folder.path(), tool, &script))
     };
-    assert_eq!(
-        old(
-            "cosim builtin:cornell --size 8x8",
-            "verilator",
-            "Verilator 4.038 2020-07-11"
-        ),
-        "verilator is too old: Verilator 4.038 2020-07-11; 5.006 or later is needed: apt-get install verilator, of Debian 12 or later"
-    );
+    for says in [
+        "Verilator 4.038 2020-07-11",
+        "Verilator 4.0xx devel",
+        "Verilator 5.004 2022-12-14 (mod)",
+    ] {
+        assert_eq!(
+            old("cosim builtin:cornell --size 8x8", "verilator", says),
+            format!(
+                "verilator is too old: {says}; 5.006 or later is needed: apt-get install verilator, of Debian 12 or later"
+            )
+        );
+    }
     assert_eq!(
         old("prove fifo", "z3", "Z3 version 4.4.1"),
         "z3 is too old: Z3 version 4.4.1; 4.8 or later is needed: apt-get install z3"
     );
-    let mute = old("prove fifo", "yosys", "");
-    assert!(
-        mute.starts_with("yosys does not say its version: ")
-            && mute.ends_with("; apt-get install yosys"),
-        "{mute}"
-    );
+    for says in ["", "yosys: error while loading shared libraries"] {
+        let mute = old("prove fifo", "yosys", says);
+        assert!(
+            mute.starts_with("yosys does not say its version: ")
+                && mute.ends_with("; apt-get install yosys"),
+            "{mute}"
+        );
+    }
+}
+
+/// A Verilator from its own repository is used, whatever it calls itself: here the real one, which only says another version.
+#[cfg(unix)]
+#[test]
+fn a_verilator_of_an_odd_version_is_used_with_a_warning() {
+    let find = Command::new("sh")
+        .args(["-c", "command -v verilator"])
+        .output()
+        .unwrap();
+    let real = String::from_utf8(find.stdout).unwrap();
+    for (says, warned) in [
+        ("Verilator 5.0xx devel rev v5.004-12-g0123abc (mod)", true),
+        ("Verilator 5.x", true),
+        ("Verilator devel rev UNKNOWN.REV (mod)", true),
+        ("Verilator", true),
+        (
+            "Verilator 5.031 2024-11-10 rev v5.030-78-g5470cf9fa (mod)",
+            false,
+        ),
+        ("Verilator 6.0xx", false),
+    ] {
+        let folder = folder();
+        let script = format!(
+            "case $1 in --version) echo '{says}' ;; *) exec {} \"$@\" ;; esac",
+            real.trim()
+        );
+        let warning = format!(
+            "warning: verilator: its version cannot be read in `{says}`; it is taken for 5.006 or later, as is needed\n"
+        );
+        let arguments = "cosim builtin:cornell --unit update --config tiny";
+        let mut command = with_tool(arguments, folder.path(), "verilator", &script);
+        if says == "Verilator 5.x" {
+            let output = command.output().unwrap();
+            let said = String::from_utf8(output.stderr).unwrap();
+            assert!(output.status.success() && said == warning, "{said}");
+            continue;
+        }
+        // Nothing is built: there is no room for a model.
+        fs::write(folder.path().join("cache"), "").unwrap();
+        let said = String::from_utf8(command.output().unwrap().stderr).unwrap();
+        let rest = match warned {
+            true => said.strip_prefix(&warning),
+            false => Some(&*said),
+        };
+        assert!(
+            rest.is_some_and(|rest| rest.starts_with("error: cannot create the model cache")),
+            "{said}"
+        );
+        assert_eq!(said.lines().count(), 1 + usize::from(warned), "{said}");
+    }
 }
 
 #[test]
@@ -550,10 +647,13 @@ fn generated_names_begin_with_the_prefix() {
             assert_eq!(module["file"], format!("{prefix}{unit}.v"));
         }
         for (name, bytes) in contents(&out) {
-            assert!(
-                name == "manifest.json" || name.starts_with(prefix),
-                "{name}"
-            );
+            // Vectors, and what is included, have the names that the bench knows.
+            let verilog = name
+                .strip_prefix("sim/")
+                .filter(|name| name.ends_with(".v"));
+            let (own, file) = (!name.starts_with("sim/"), verilog.unwrap_or(&name));
+            let must = file != "manifest.json" && (own || verilog.is_some());
+            assert!(!must || file.starts_with(prefix), "{name}");
             let text = String::from_utf8(bytes).unwrap();
             for line in text.lines().filter(|line| line.starts_with("module ")) {
                 assert!(line.starts_with(&format!("module {prefix}")), "{line}");
@@ -561,6 +661,12 @@ fn generated_names_begin_with_the_prefix() {
             assert!(prefix == "dynrt_" || !text.contains("dynrt_"), "{name}");
         }
     }
+    // Where a machine of another prefix was, nothing of it stays.
+    prints(
+        "generate --config tiny --out x --prefix small_",
+        folder.path(),
+    );
+    assert!(contents(&folder.path().join("x")) == contents(&folder.path().join("small_")));
     for bad in ["Small_", "9", "a-b", "_"] {
         let said = fault(&format!("generate --out bad --prefix {bad}"), folder.path());
         assert!(
@@ -708,7 +814,15 @@ fn the_manifest_says_what_was_generated() {
     let list = fs::read_to_string(out.join(format!("{top}.f"))).unwrap();
     assert_eq!(list.lines().collect::<Vec<_>>(), files);
     let core = fs::read_to_string(out.join(format!("{top}.core"))).unwrap();
-    assert!(core.starts_with("CAPI=2:\nname: dynrt:machine:virtex4-lx160-custom:"));
+    let bench: Vec<_> = strings(&manifest["simulation"]["files"]);
+    assert!(bench.len() > 10);
+    for file in bench {
+        assert!(
+            out.join(file).is_file() && core.contains(&format!("      - {file}")),
+            "{file}"
+        );
+    }
+    assert!(core.starts_with("CAPI=2:\nname: dynrt:machine:dynrt_virtex4-lx160-custom:"));
     assert_eq!(modules.len(), files.len());
     let mut seen: Vec<&str> = vec![];
     for (module, file) in modules.iter().zip(&files) {

@@ -3,8 +3,8 @@
 //! Seeds are printed; `DYNRT_SEED=N cargo test --test laws` replays them. `DYNRT_FULL=1` casts 100,000 rays into each
 //! shared scene by brute force instead of 4,000, and ten times as many rays into everything else.
 
-#[path = "common/say.rs"]
-mod say;
+#[path = "common/shared.rs"]
+mod shared;
 
 mod small;
 
@@ -16,7 +16,7 @@ use dynrt::port::{Hit, Ray};
 use dynrt::scene::{self, Camera, ImageSize, MachineMesh};
 use fastrand::Rng;
 use rayon::prelude::*;
-use say::say;
+use shared::shared_scene;
 use small::*;
 
 /// Rays by brute force into each scene of tens of thousands of triangles, where `DYNRT_FULL` is not set.
@@ -224,16 +224,6 @@ impl View {
     }
 }
 
-/// Where the shared scenes lie, beside the checkout.
-fn shared(path: &str) -> Option<String> {
-    let path = format!("{}/../shared/scenes/{path}", env!("CARGO_MANIFEST_DIR"));
-    let there = std::path::Path::new(&path).exists();
-    if !there {
-        say(&format!("{path} is absent: not tested with it"));
-    }
-    there.then_some(path)
-}
-
 #[test]
 fn real_scenes_obey_the_law_too() {
     let seed = seed();
@@ -247,7 +237,7 @@ fn real_scenes_obey_the_law_too() {
         ("kitchen/kitchen.obj", true),
         ("stanford_bunny/stanford-bunny.obj", false),
     ] {
-        views.extend(shared(path).map(|path| (View::new(&path, inside), shared_count)));
+        views.extend(shared_scene(path).map(|path| (View::new(&path, inside), shared_count)));
     }
     for (view, count) in views {
         let rng = &mut Rng::with_seed(seed);

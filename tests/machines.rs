@@ -8,8 +8,13 @@ mod say;
 
 use dynrt::config::{Config, NAMED, TriangleTest};
 use dynrt::cosim::scoreboard::Fault;
+use dynrt::emit;
 use dynrt::fuzz::{Case, Event, Options, Report, Size, Stage, Workbench, run};
+use dynrt::hdl::Prefix;
 use say::say;
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::process::Command;
 
 fn seed() -> u64 {
     let seed = match std::env::var("DYNRT_SEED") {
@@ -232,4 +237,166 @@ fn bad_requests_get_one_clear_line() {
         assert!(text.starts_with(&format!("error: {said}")), "{text}");
         assert_eq!(text.lines().count(), 1, "{text}");
     }
+}
+
+// The FuseSoC core that is generated beside a machine, by the real FuseSoC.
+
+/// FuseSoC, where `make tools` has put it or wherever else it is.
+fn fusesoc() -> Option<PathBuf> {
+    let named = std::env::var_os("DYNRT_TOOLS");
+    let searched = std::env::var_os("PATH");
+    let mut folders: Vec<PathBuf> = [named, searched]
+        .iter()
+        .flatten()
+        .flat_map(std::env::split_paths)
+        .collect();
+    folders.push(Path::new(env!("CARGO_MANIFEST_DIR")).join("target/tools/bin"));
+    let found = folders.iter().map(|folder| folder.join("fusesoc"));
+    let found = found.into_iter().find(|path| path.is_file());
+    if found.is_none() {
+        say("fusesoc is not installed: its core files were not run; make tools installs it");
+    }
+    found
+}
+
+/// Writes machines, each into a folder that is called after its prefix.
+fn workspace(machines: &[(&Config, &str)]) -> tempfile::TempDir {
+    let folder = tempfile::tempdir().unwrap();
+    for (config, prefix) in machines {
+        let parsed: Prefix = prefix.parse().unwrap();
+        let (_, files) = emit::generate_with(config, parsed).unwrap();
+        emit::write_folder(&folder.path().join("cores").join(prefix), &files).unwrap();
+    }
+    folder
+}
+
+/// Runs a target of a core of a workspace; returns whether it was content, and what it said.
+fn fuse(
+    fusesoc: &Path,
+    workspace: &Path,
+    target: &str,
+    core: &str,
+    more: &[&str],
+) -> (bool, String) {
+    let output = Command::new(fusesoc)
+        .args([
+            "--cores-root",
+            "cores",
+            "run",
+            "--clean",
+            "--target",
+            target,
+            core,
+        ])
+        .args(more)
+        .current_dir(workspace)
+        .output()
+        .unwrap();
+    let said = String::from_utf8_lossy(&output.stdout) + String::from_utf8_lossy(&output.stderr);
+    (output.status.success(), said.into_owned())
+}
+
+/// The smallest machine that there is.
+fn least() -> Config {
+    let mut config = Config::load("tiny").unwrap();
+    for (key, value) in [
+        ("float.exponent_bits", "5"),
+        ("float.fraction_bits", "2"),
+        ("clock.target_mhz", "25"),
+        ("tree.stack_depth", "8"),
+        ("tree.address_bits", "8"),
+        ("geometry.triangle_test", "moller-trumbore"),
+        ("update.vertex_registers", "8"),
+        ("update.box_registers", "8"),
+        ("skinning.vertices_waiting", "4"),
+    ] {
+        config.set(key, value).unwrap();
+    }
+    Config {
+        name: "least".into(),
+        ..config
+    }
+}
+
+#[test]
+fn fusesoc_lints_simulates_and_synthesises() {
+    let Some(fusesoc) = fusesoc() else { return };
+    let (reference, least) = (Config::reference(), least());
+    let folder = workspace(&[(&reference, "dynrt_"), (&least, "small_")]);
+    let version = env!("CARGO_PKG_VERSION");
+    let cores = [
+        format!("dynrt:machine:dynrt_{}:{version}", reference.name),
+        format!("dynrt:machine:small_least:{version}"),
+    ];
+    let run =
+        |target: &str, core: &str, more: &[&str]| fuse(&fusesoc, folder.path(), target, core, more);
+    for core in &cores {
+        let (passes, said) = run("lint", core, &[]);
+        assert!(passes && !said.contains("%Warning"), "{said}");
+        let (passes, said) = run("sim", core, &[]);
+        let checked = said
+            .lines()
+            .any(|line| line.starts_with("PASS ") && !line.starts_with("PASS 0 "));
+        assert!(passes && checked, "{said}");
+    }
+    let (passes, said) = run("sim_verilator", &cores[1], &[]);
+    assert!(passes && said.contains("\nPASS "), "{said}");
+    // Module by module it takes seconds, flattened minutes.
+    let (passes, said) = run("synth", &cores[1], &["--yosys_synth_options=-noflatten"]);
+    assert!(passes, "{said}");
+    let built = folder
+        .path()
+        .join(format!("build/{}/synth", cores[1].replace(':', "_")));
+    let netlist = fs::read_dir(&built)
+        .unwrap()
+        .map(|entry| entry.unwrap().path());
+    let netlist = netlist
+        .into_iter()
+        .find(|path| path.extension().is_some_and(|e| e == "json"));
+    let netlist = fs::read_to_string(netlist.expect("a netlist")).unwrap();
+    assert!(netlist.contains("\"small_core\"") && netlist.contains("TRELLIS_FF"));
+
+    // A wrong digit of any file makes the simulation fail.
+    for file in [
+        "raycast_hits.hex",
+        "packet_step_expected.hex",
+        "vertices.hex",
+    ] {
+        let path = folder.path().join("cores/dynrt_/sim").join(file);
+        let good = fs::read_to_string(&path).unwrap();
+        // The last digit but one of every line: what the first line holds may not matter.
+        let lines = good.lines().map(|line| {
+            let at = line.len() - 2;
+            let digit = u8::from_str_radix(&line[at..=at], 16).unwrap() ^ 1;
+            format!("{}{digit:x}{}\n", &line[..at], &line[at + 1..])
+        });
+        fs::write(&path, lines.collect::<String>()).unwrap();
+        let (passes, said) = run("sim", &cores[0], &[]);
+        assert!(!passes && said.contains("\nFAIL "), "{file}: {said}");
+        fs::write(&path, good).unwrap();
+    }
+}
+
+/// Two machines of different configurations in one design of a FuseSoC workspace.
+#[test]
+fn fusesoc_takes_two_machines_into_one_design() {
+    let Some(fusesoc) = fusesoc() else { return };
+    let (reference, least) = (Config::reference(), least());
+    let folder = workspace(&[(&reference, "big_"), (&least, "small_")]);
+    let cores = folder.path().join("cores");
+    fs::write(
+        cores.join("both.v"),
+        "/* verilator lint_off PINMISSING */\nmodule both (input wire clk, input wire rst);\n  \
+         big_core first (.clk(clk), .rst(rst));\n  small_core second (.clk(clk), .rst(rst));\nendmodule\n",
+    )
+    .unwrap();
+    let core = format!(
+        "CAPI=2:\nname: user:design:both:1\nfilesets:\n  rtl:\n    depend: [\"dynrt:machine:big_{}\", \"dynrt:machine:small_least\"]\n    \
+         files: [both.v]\n    file_type: verilogSource-2001\ntargets:\n  lint:\n    flow: lint\n    flow_options: {{tool: verilator}}\n    \
+         filesets: [rtl]\n    toplevel: both\n",
+        reference.name
+    );
+    fs::write(cores.join("both.core"), core).unwrap();
+    let (passes, said) = fuse(&fusesoc, folder.path(), "lint", "user:design:both", &[]);
+    assert!(passes, "{said}");
 }

@@ -1,8 +1,8 @@
 //! The picture is right: whole frames agree in triangle with an independent `f64` intersector on the rounded scene,
 //! but for a few counted pixels, each of which lies at an edge or where two triangles are equally far.
 
-#[path = "common/say.rs"]
-mod say;
+#[path = "common/shared.rs"]
+mod shared;
 
 use dynrt::bkd::{BuildOptions, MemoryImage, build};
 use dynrt::config::TriangleTest;
@@ -12,7 +12,7 @@ use dynrt::golden::oracle::{Explanation, Oracle};
 use dynrt::port::{Hit, Ray};
 use dynrt::scene::{self, Camera, Frame, ImageSize, MachineMesh};
 use rayon::prelude::*;
-use say::say;
+use shared::shared_scene;
 
 const TESTS: [TriangleTest; 2] = [TriangleTest::MollerTrumbore, TriangleTest::Watertight];
 
@@ -97,11 +97,8 @@ fn shared_scenes_look_as_in_f64() {
         ("kitchen/kitchen.obj", true),
         ("sponza/sponza.obj", true),
     ] {
-        let path = format!("{}/../shared/scenes/{path}", env!("CARGO_MANIFEST_DIR"));
-        if std::path::Path::new(&path).exists() {
+        if let Some(path) = shared_scene(path) {
             account(&path, inside, Format::FP24);
-        } else {
-            say(&format!("{path} is absent: not tested with it"));
         }
     }
 }

@@ -1,8 +1,8 @@
 //! The update program: what its compiler guarantees, shown by an interpreter of its own on random topologies; the
 //! golden update against a refit from scratch, bit for bit; and the figures that decide its speed.
 
-#[path = "common/say.rs"]
-mod say;
+#[path = "common/shared.rs"]
+mod shared;
 
 use dynrt::bkd::{Bounds, BuildOptions, Child, MemoryImage, Record, Tree, TreeNode, build};
 use dynrt::float::{Arithmetic, Format};
@@ -10,18 +10,7 @@ use dynrt::golden::update::{UpdateCommand, UpdateEvent, UpdateMemory, update};
 use dynrt::program::{self, Instruction, Program, UpdateMachine};
 use dynrt::scene::{self, MachineMesh};
 use fastrand::Rng;
-use say::say;
-
-/// A scene of `../shared/scenes`, or nothing and a plain word about it where the file is absent.
-fn shared_scene(file: &str) -> Option<String> {
-    let folder = concat!(env!("CARGO_MANIFEST_DIR"), "/../shared/scenes");
-    let path = std::path::Path::new(folder).join(file);
-    if path.exists() {
-        return Some(path.to_string_lossy().into_owned());
-    }
-    say(&format!("absent, so not checked: ../shared/scenes/{file}"));
-    None
-}
+use shared::shared_scene;
 
 // ---------------------------------------------------------------------------------------------------
 // Random meshes and trees.

@@ -13,10 +13,18 @@ fn the_checked_in_machine_is_what_is_generated() {
     let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("rtl");
     let (_, files) = emit::generate(&Config::reference()).unwrap();
     assert!(files.len() > 5);
-    let present: BTreeSet<String> = fs::read_dir(&folder)
-        .unwrap_or_else(|error| panic!("rtl/: {error}; {REFRESH}"))
-        .map(|entry| entry.unwrap().file_name().into_string().unwrap())
-        .collect();
+    let mut present = BTreeSet::new();
+    for within in ["", "sim/"] {
+        let entries = fs::read_dir(folder.join(within))
+            .unwrap_or_else(|error| panic!("rtl/{within}: {error}; {REFRESH}"));
+        for entry in entries {
+            let entry = entry.unwrap();
+            if entry.file_type().unwrap().is_file() {
+                let name = entry.file_name().into_string().unwrap();
+                present.insert(format!("{within}{name}"));
+            }
+        }
+    }
     let generated: BTreeSet<String> = files.iter().map(|(name, _)| name.clone()).collect();
     let missing: Vec<_> = generated.difference(&present).collect();
     let stale: Vec<_> = present.difference(&generated).collect();

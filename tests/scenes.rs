@@ -1,13 +1,13 @@
 //! Scenes as a user meets them: files, built-in scenes, and what is said of those that cannot be used.
 
-#[path = "common/say.rs"]
-mod say;
+#[path = "common/shared.rs"]
+mod shared;
 
 use dynrt::float::Format;
 use dynrt::port::Ray;
 use dynrt::scene::{BUILTIN_NAMES, Camera, Frame, ImageSize, MachineMesh, Mesh, View, load};
 use glam::DVec3;
-use say::say;
+use shared::shared_scene;
 use std::collections::{HashMap, HashSet};
 use std::path::{Path, PathBuf};
 
@@ -66,7 +66,6 @@ fn volume(mesh: &Mesh) -> f64 {
 
 #[test]
 fn shared_scenes_have_the_triangles_of_their_sources() {
-    let folder = Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/../shared/scenes"));
     let expected = [
         ("cornell_box/cornell_box.obj", 36),
         ("suzanne/suzanne.obj", 968),
@@ -77,12 +76,10 @@ fn shared_scenes_have_the_triangles_of_their_sources() {
         ("stanford_bunny/stanford-bunny.obj", 69451),
     ];
     for (file, triangles) in expected {
-        let path = folder.join(file);
-        if !path.exists() {
-            say(&format!("{} is absent: not tested", path.display()));
+        let Some(path) = shared_scene(file) else {
             continue;
-        }
-        let scene = load(path.to_str().unwrap()).unwrap();
+        };
+        let scene = load(&path).unwrap();
         assert_eq!(scene.mesh.triangles.len(), triangles, "{file}");
         let mesh = MachineMesh::new(&scene, Format::FP24).unwrap();
         let (low, high) = mesh.bounds();
@@ -93,14 +90,9 @@ fn shared_scenes_have_the_triangles_of_their_sources() {
 
 #[test]
 fn the_built_in_teapot_is_the_published_one() {
-    let path = Path::new(concat!(
-        env!("CARGO_MANIFEST_DIR"),
-        "/../shared/scenes/teapot/teapot.obj"
-    ));
-    if !path.exists() {
-        say(&format!("{} is absent: not tested", path.display()));
+    let Some(path) = shared_scene("teapot/teapot.obj") else {
         return;
-    }
+    };
     // That file has the same tessellation, with single-precision vertices printed in decimal.
     let cell = |p: &[f64; 3]| p.map(|x| (x * 64.0).round() as i64);
     let mut cells: HashMap<[i64; 3], Vec<DVec3>> = HashMap::new();
@@ -112,7 +104,7 @@ fn the_built_in_teapot_is_the_published_one() {
             near.push((*p).into());
         }
     }
-    let theirs = load(path.to_str().unwrap()).unwrap().mesh;
+    let theirs = load(&path).unwrap().mesh;
     assert_eq!(theirs.triangles.len(), ours.triangles.len());
     for p in &theirs.positions {
         let near = cells.get(&cell(p)).map(Vec::as_slice).unwrap_or_default();
@@ -146,7 +138,7 @@ fn built_in_scenes_are_well_formed_and_repeatable() {
 #[test]
 fn the_teapot_has_the_triangles_of_its_tessellation_and_no_seams() {
     for n in [2, 3, 10, 17] {
-        let mesh = load(&format!("builtin:teapot?tessellation={n}"))
+        let mesh = load(format!("builtin:teapot?tessellation={n}"))
             .unwrap()
             .mesh;
         assert_well_formed("teapot", &mesh);
@@ -290,6 +282,11 @@ fn unknown_built_in_scenes_and_parameters_say_what_there_is() {
     }
 }
 
+/// A path as messages show it.
+fn shown(path: &Path) -> String {
+    path.to_str().unwrap().replace('\u{1b}', "\\u{1b}")
+}
+
 #[test]
 fn files_that_are_no_meshes_are_refused_in_one_line() {
     let folder = tempfile::tempdir().unwrap();
@@ -308,7 +305,15 @@ fn files_that_are_no_meshes_are_refused_in_one_line() {
         ),
         (
             subfolder,
-            ": is a folder, not a mesh; give an OBJ file or builtin:NAME",
+            ": is a folder, not a mesh; `dynrt animate`, `dynrt vectors` and `dynrt cosim --unit skinning` read a folder of OBJ files as a sequence; give this command an OBJ file or builtin:NAME",
+        ),
+        (
+            write("model.gltf", b"{}"),
+            ": is a glTF file; `dynrt animate`, `dynrt vectors` and `dynrt cosim --unit skinning` read it; give this command an OBJ file or builtin:NAME",
+        ),
+        (
+            write("model.GLB", b"glTF"),
+            ": is a glTF file; `dynrt animate`, `dynrt vectors` and `dynrt cosim --unit skinning` read it; give this command an OBJ file or builtin:NAME",
         ),
         (
             write("picture.png", b"\x89PNG\r\n\x1a\n\0\0"),
@@ -319,16 +324,24 @@ fn files_that_are_no_meshes_are_refused_in_one_line() {
             ": is a binary file, not an OBJ mesh; export the mesh as OBJ",
         ),
         (
-            write("noise.obj", b"\xff\xfe\x80 1 2 3\n"),
-            ", line 1: `\u{fffd}\u{fffd}\u{fffd}` is no OBJ statement; give an OBJ mesh, or remove the line",
+            write("noise.obj", b"\xfc\xfe\x80 1 2 3\n"),
+            ", line 1: `\u{fffd}\u{fffd}\u{fffd}` is not an OBJ statement, and the file, which has neither vertices (`v`) nor faces (`f`), is not an OBJ mesh; give an OBJ mesh",
         ),
         (
             write("prose.obj", b"# not a mesh\nDear reader,\n"),
-            ", line 2: `Dear` is no OBJ statement; give an OBJ mesh, or remove the line",
+            ", line 2: `Dear` is not an OBJ statement, and the file, which has neither vertices (`v`) nor faces (`f`), is not an OBJ mesh; give an OBJ mesh",
         ),
         (
             write("empty.obj", b""),
-            ": is an empty mesh, it has no triangles; export it with its faces",
+            ": is an empty file, not an OBJ mesh: it has neither vertices (`v`) nor faces (`f`); export the mesh again",
+        ),
+        (
+            write("face.obj", format!("{triangle}f 1 2 3\nf\n").as_bytes()),
+            ", line 5: face 2 has no corners; give it at least three, or remove it",
+        ),
+        (
+            write("old\u{1b}mac.obj", b"v 0 0 0\r# a\\\rv 1 0 \\\r0\rv 0 1\r"),
+            ", line 5: vertex 3 has 2 numbers where 3 belong; correct or remove it",
         ),
         (
             write("points.obj", triangle.as_bytes()),
@@ -352,7 +365,7 @@ fn files_that_are_no_meshes_are_refused_in_one_line() {
     ] {
         assert_eq!(
             fault(path.to_str().unwrap()),
-            format!("{}{expected}", path.display())
+            format!("{}{expected}", shown(&path))
         );
     }
     assert_eq!(
@@ -371,4 +384,160 @@ fn a_file_loads_whatever_the_case_of_its_ending_and_the_encoding_of_its_comments
     assert_eq!(scene.name, "Dreieck");
     assert_eq!(scene.mesh.triangles, [[0, 1, 2]]);
     assert_eq!(scene.mesh.positions[1], [1.0, 0.0, 0.0]);
+}
+
+#[test]
+fn what_is_in_a_file_and_not_in_the_mesh_is_warned_of_by_name_and_count() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("ta\u{7}gs.obj");
+    let text = "v 0 0 0 # a\nv 1 0 0 0 1 1 1\nv 0 1 0\nt crease\nl 1 2\n\u{1b}[31m\nf 1 2 3\nvw 0 1\nf 1 2\nt\n";
+    std::fs::write(&path, text).unwrap();
+    let scene = load(path.to_str().unwrap()).unwrap();
+    assert_eq!(scene.name, r"ta\u{7}gs");
+    assert_eq!(scene.mesh.triangles, [[0, 1, 2]]);
+    assert_eq!(scene.mesh.positions[1], [1.0, 0.0, 0.0]);
+    let shown = folder.path().join(r"ta\u{7}gs.obj");
+    let expected = [
+        r"4 lines of unknown statements `t`, `\u{1b}[31m`, `vw` left out, first in line 4",
+        "1 `l` left out, first in line 5; only faces are drawn: export lines, points, curves and surfaces as polygons",
+        "1 face of fewer than three corners left out, first in line 9",
+    ];
+    let expected = expected.map(|warning| format!("{}: {warning}", shown.display()));
+    assert_eq!(scene.warnings, expected);
+    assert!(load("builtin:cornell").unwrap().warnings.is_empty());
+}
+
+/// Meshes that use all that the reader knows.
+const WHOLE: [&str; 5] = [
+    "# made in C:\\model\\\nmtllib a b.mtl\nv 0 0 0\nv 1 0 0 # x\nv 0 1 0\nv 1 1 0\ng a#b\nf 1 2 3\nf 2 4 3\n",
+    "v 0 0 0 2\r\nv 1 0 0 0.5 0.5 0.5\r\nv 0 1 0 0 0 0 1\r\nvt 0 0\r\nvn 0 0 1\r\nf 1/1/1 2/1/1 3/1/1\r\nf -1//1 -2//1 -3//1\r\n",
+    "v 0 0 0\rv 1 0 0\rv 0 1 0\rv 0 1 5\ro \\\rf 1 2 \\ \r3 \\\r4\rl 1 2\rp 3\r",
+    "f 1 2 3\nusemtl steel\nt crease 2/1/0 0 1 2.0\nv -1e3 +2. .5\nv 1 0 0 1 1\nv 0 1 0\nfo 3 2 1\nf 1 2\n",
+    "cstype bspline\ndeg 1 1\nv 1 2 3\nv 4 5 6\nv 7 8 10\nsurf 0 1 0 1 1 2 3\nparm \\\nv 0 1\nend\ns off\nf 3 2 1\n",
+];
+
+/// Changes bytes as damage, editors and bad exporters do.
+fn damage(bytes: &mut Vec<u8>, random: &mut fastrand::Rng) {
+    const PIECES: [&[u8]; 22] = [
+        b"\\\n",
+        b"\\",
+        b"#",
+        b"\r",
+        b"\n",
+        b" ",
+        b"/",
+        b"-",
+        b"nan",
+        b"inf",
+        b"1e999",
+        b"-1 ",
+        b" 0 ",
+        b"f ",
+        b"v ",
+        b"\nf\n",
+        b"\0",
+        b"\xff\xfe",
+        b"\xef\xbb\xbf",
+        b"\xc3",
+        b"99999999999999999999",
+        b"\x1a",
+    ];
+    match random.u8(..8) {
+        0 => bytes.truncate(random.usize(..=bytes.len())),
+        1 | 2 if !bytes.is_empty() => {
+            let place = random.usize(..bytes.len());
+            bytes[place] = match random.bool() {
+                true => random.u8(..),
+                false => random.u8(b'0'..=b'9'),
+            };
+        }
+        3 if !bytes.is_empty() => {
+            let start = random.usize(..bytes.len());
+            let end = (start + random.usize(1..8)).min(bytes.len());
+            bytes.drain(start..end);
+        }
+        4 if !bytes.is_empty() => {
+            let start = random.usize(..bytes.len());
+            let end = (start + random.usize(1..20)).min(bytes.len());
+            let copy = bytes[start..end].to_vec();
+            let place = random.usize(..=bytes.len());
+            bytes.splice(place..place, copy);
+        }
+        _ => {
+            let place = random.usize(..=bytes.len());
+            let piece = PIECES[random.usize(..PIECES.len())];
+            bytes.splice(place..place, piece.iter().copied());
+        }
+    }
+}
+
+#[test]
+fn an_obj_file_cut_off_or_changed_anywhere_is_refused_or_read_but_never_panics() {
+    let seed = std::env::var("DYNRT_SEED").map_or_else(
+        |_| fastrand::u64(..),
+        |seed| seed.parse().expect("a number in DYNRT_SEED"),
+    );
+    println!("replay with DYNRT_SEED={seed}");
+    let mut random = fastrand::Rng::with_seed(seed);
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("damaged.obj");
+    let spec = path.to_str().unwrap();
+    let wide = |text: &str| text.encode_utf16().flat_map(u16::to_le_bytes).collect();
+    for whole in WHOLE {
+        std::fs::write(&path, whole).unwrap();
+        let mesh = load(spec).unwrap().mesh;
+        assert_well_formed_or_flat(whole.as_bytes(), &mesh);
+        std::fs::write(&path, [&b"\xff\xfe"[..], &wide(whole) as &Vec<u8>].concat()).unwrap();
+        assert_eq!(load(spec).unwrap().mesh, mesh);
+    }
+    let (mut read, mut refused) = (0, 0);
+    for _ in 0..4000 {
+        let whole = WHOLE[random.usize(..WHOLE.len())];
+        let mut bytes: Vec<u8> = match random.u8(..4) {
+            0 => wide(whole),
+            1 => [&b"\xff\xfe"[..], &wide(whole) as &Vec<u8>].concat(),
+            _ => whole.into(),
+        };
+        for _ in 0..random.usize(1..5) {
+            damage(&mut bytes, &mut random);
+        }
+        // A file of its own each time: to cut one off and write it again, some file systems wait for the disk.
+        std::fs::remove_file(&path).unwrap();
+        std::fs::write(&path, &bytes).unwrap();
+        match load(spec) {
+            Err(error) => {
+                let line = format!("{error:#}");
+                assert!(
+                    line.starts_with(spec) && !line.contains(|c: char| c.is_control()),
+                    "{bytes:?}: {line:?}"
+                );
+                refused += 1;
+            }
+            Ok(scene) => {
+                assert_well_formed_or_flat(&bytes, &scene.mesh);
+                for warning in &scene.warnings {
+                    assert!(
+                        warning.starts_with(spec) && !warning.contains(|c: char| c.is_control()),
+                        "{bytes:?}: {warning:?}"
+                    );
+                }
+                read += 1;
+            }
+        }
+    }
+    assert!(
+        read > 500 && refused > 500,
+        "{read} read, {refused} refused"
+    );
+}
+
+/// That a mesh can be worked with, although triangles may have no area.
+fn assert_well_formed_or_flat(source: &[u8], mesh: &Mesh) {
+    assert!(!mesh.triangles.is_empty(), "{source:?}");
+    let count = mesh.positions.len() as u32;
+    assert!(mesh.triangles.iter().flatten().all(|&index| index < count));
+    assert!(
+        (mesh.positions.iter().flatten()).all(|x| (*x as f32).is_finite()),
+        "{source:?}"
+    );
 }

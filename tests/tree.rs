@@ -1,6 +1,9 @@
 //! The tree: structural laws on random small meshes full of coincidences, and the measured cost of
 //! traversing the trees of real scenes.
 
+#[path = "common/shared.rs"]
+mod shared;
+
 use dynrt::bkd::stats::TreeStatistics;
 use dynrt::bkd::{
     BuildOptions, Child, MemoryImage, Node, Record, SortKeys, SplitCost, Target, build, layout,
@@ -210,11 +213,7 @@ impl Camera {
 
 /// A scene of the shared folder, scaled and rounded as scenes are when loaded; none where the folder is absent.
 fn shared_scene(path: &str) -> Option<Mesh> {
-    let path = format!("{}/../shared/scenes/{path}", env!("CARGO_MANIFEST_DIR"));
-    if !std::path::Path::new(&path).exists() {
-        eprintln!("{path} is absent: its tree is not measured");
-        return None;
-    }
+    let path = shared::shared_scene(path)?;
     let options = tobj::LoadOptions {
         triangulate: true,
         ignore_lines: true,

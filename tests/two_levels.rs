@@ -702,7 +702,17 @@ fn bad_instances_get_one_clear_line() {
             0.0,
             "cannot hold the inverse of its matrix",
         ),
-        ([1e-3, 0.0, 0.0], 1e19, "cannot hold"),
+        (
+            [1e-3, 0.0, 0.0],
+            1e19,
+            "; it stands 1e19 times its own size away from the origin: place it nearer",
+        ),
+        // The scale is small for the world because the instance is far away.
+        (
+            [1e-30, 0.0, 0.0],
+            1e6,
+            "; it stands 1e6 times its own size away from the origin: place it nearer",
+        ),
     ] {
         let error = made(x, w).unwrap_err();
         assert!(

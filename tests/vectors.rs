@@ -1,15 +1,23 @@
 //! Golden vectors, checked by who knows only the files: an independent checker here, the Verilog benches in `sim/`.
 
+#[path = "vectors/checker.rs"]
+mod checker;
+
 use dynrt::bkd::{self, BuildOptions, MemoryImage};
-use dynrt::config::Config;
+use dynrt::bkd::{LinkWord, Node, Record, TriangleRecord};
+use dynrt::config::{Config, TriangleTest};
 use dynrt::cosim::unit_skinning::SkinMesh;
 use dynrt::float::{Format, plain};
+use dynrt::golden::{Caster, EnterEvent, HandOver, Observer, RayTest};
+use dynrt::hdl::{Design, Direction};
 use dynrt::hw;
+use dynrt::port::Ray;
 use dynrt::scene::animation::MachineScene;
 use dynrt::scene::{self, Camera, Frame, ImageSize, MachineMesh, RayPacket};
-use dynrt::vectors::{Posed, Request, Summary, pose, write};
-use serde_json::Value;
-use std::collections::{BTreeSet, HashMap};
+use dynrt::vectors::{Made, Posed, Request, Summary, pose, write};
+use serde_json::{Value, json};
+use sha2::{Digest, Sha256};
+use std::collections::{BTreeMap, BTreeSet, HashMap};
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
@@ -33,6 +41,11 @@ struct Case {
     image: MemoryImage,
     skins: Vec<SkinMesh>,
     packets: Vec<RayPacket>,
+    frame: Frame,
+    camera: Camera,
+    log2_scale: i32,
+    /// Seconds into the motion.
+    seconds: Option<f64>,
 }
 
 impl Case {
@@ -56,6 +69,10 @@ impl Case {
             image,
             skins: vec![],
             packets,
+            frame,
+            camera,
+            log2_scale: mesh.log2_scale,
+            seconds: None,
         }
     }
 
@@ -82,6 +99,10 @@ impl Case {
             image,
             skins,
             packets,
+            frame,
+            camera,
+            log2_scale: machine.log2_scale,
+            seconds: Some(0.3),
         }
     }
 
@@ -93,6 +114,15 @@ impl Case {
             skins: &self.skins,
             packets: &self.packets,
             limit: None,
+            directed_scenes: true,
+            force: false,
+            made: Made {
+                command: "dynrt vectors",
+                frame: self.frame,
+                camera: self.camera,
+                log2_scale: self.log2_scale,
+                motion: self.seconds.map(|seconds| (None, seconds)),
+            },
             out,
         }
     }
@@ -241,6 +271,17 @@ impl Vectors {
 struct Machine {
     f: Format,
     watertight: bool,
+    /// A rule of the triangle test that it does not know.
+    without: Option<Rule>,
+}
+
+/// A rule of the triangle test.
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum Rule {
+    /// t < ∞.
+    Finite,
+    /// lo_i = hi_i on two axes.
+    FlatBox,
 }
 
 /// A ray as traversal and triangle tests read it.
@@ -425,7 +466,8 @@ impl Machine {
         let [near, far] = self.clip_box(ray.window, lo, hi, ray);
         let same = |a: [u64; 3], b: [u64; 3]| (0..3).all(|i| plain::equal(f, a[i], b[i]));
         let flat = (0..3).filter(|&i| plain::equal(f, lo[i], hi[i])).count();
-        let degenerate = same(v[0], v[1]) || same(v[1], v[2]) || same(v[2], v[0]) || flat >= 2;
+        let flat = flat >= 2 && self.without != Some(Rule::FlatBox);
+        let degenerate = same(v[0], v[1]) || same(v[1], v[2]) || same(v[2], v[0]) || flat;
         let [mut t, u, w] = if self.watertight {
             self.watertight_test(v, ray)?
         } else {
@@ -441,7 +483,8 @@ impl Machine {
             t = far;
         }
         let within = plain::less_equal(f, ray.tmin, t) && plain::less_equal(f, t, ray.tmax);
-        (within && plain::less(f, t, f.infinity())).then_some([t, u, w])
+        let finite = plain::less(f, t, f.infinity()) || self.without == Some(Rule::Finite);
+        (within && finite).then_some([t, u, w])
     }
 
     fn moller_trumbore(self, v: [[u64; 3]; 3], ray: &Setup) -> Option<[u64; 3]> {
@@ -494,6 +537,89 @@ struct Placed {
     root: u64,
 }
 
+/// By root: numbers and corners of its triangles.
+type Triangles = Vec<(u64, [[u64; 3]; 3])>;
+
+/// A scene in the files.
+struct Place {
+    root: u64,
+    lo: [u64; 3],
+    hi: [u64; 3],
+    /// None in a scene of one level: an object of which nothing stands anywhere else.
+    instances: Vec<Placed>,
+    objects: HashMap<u64, Triangles>,
+}
+
+impl Place {
+    /// Counts in `reached` how often each record is.
+    fn read(
+        registers: &Line<'_>,
+        (nodes, records): (&[Line<'_>], &[Line<'_>]),
+        vector: &dyn Fn(u64) -> [u64; 3],
+        reached: &mut [u32],
+    ) -> Place {
+        let root = registers.get("root");
+        let mut instances = vec![];
+        let mut roots = BTreeSet::from([root]);
+        if root >> 27 & 1 == 1 {
+            roots.clear();
+            for record in records_below(nodes, root) {
+                reached[record] += 1;
+                let record = &records[record];
+                let of = |k| vector(record.get("v0") + k);
+                assert_eq!(record.get("v2"), 0);
+                roots.insert(record.get("v1"));
+                instances.push(Placed {
+                    columns: [0, 1, 2, 3].map(of),
+                    lo: of(4),
+                    hi: of(5),
+                    number: record.get("number"),
+                    root: record.get("v1"),
+                });
+            }
+            let numbers: BTreeSet<_> = instances.iter().map(|placed| placed.number).collect();
+            assert!(numbers.into_iter().eq(0..instances.len() as u64));
+        }
+        let mut objects: HashMap<u64, Triangles> = HashMap::new();
+        for root in roots {
+            let mut triangles = vec![];
+            for record in records_below(nodes, root) {
+                reached[record] += 1;
+                let record = &records[record];
+                let corners = ["v0", "v1", "v2"].map(|name| vector(record.get(name)));
+                triangles.push((record.get("number"), corners));
+            }
+            objects.insert(root, triangles);
+        }
+        Place {
+            root,
+            lo: registers.vector("lo"),
+            hi: registers.vector("hi"),
+            instances,
+            objects,
+        }
+    }
+
+    /// The box is that of all triangles, or of all instances' boxes.
+    fn check_bounds(&self, f: Format) {
+        let corners: Vec<[u64; 3]> = match self.instances.is_empty() {
+            true => self.objects[&self.root]
+                .iter()
+                .flat_map(|(_, v)| *v)
+                .collect(),
+            false => self.instances.iter().flat_map(|p| [p.lo, p.hi]).collect(),
+        };
+        for i in 0..3 {
+            let mut corners = corners.iter().map(|corner| corner[i]);
+            let first = corners.next().unwrap();
+            let bounds = corners.fold([first; 2], |[least, greatest], x| {
+                [plain::min(f, least, x), plain::max(f, greatest, x)]
+            });
+            assert_eq!(bounds, [self.lo[i], self.hi[i]]);
+        }
+    }
+}
+
 /// The records below a root.
 fn records_below(nodes: &[Line<'_>], root: u64) -> Vec<usize> {
     let mut records = vec![];
@@ -524,11 +650,12 @@ fn named<const N: usize>(name: &str, values: [u64; N]) -> Vec<(String, u64)> {
 /// Recomputes everything in a folder of vectors.
 fn check(folder: &Path, summary: &Summary) {
     let vectors = Vectors::open(folder);
-    assert_eq!(vectors.number("/dynrt_vectors"), 2);
+    assert_eq!(vectors.number("/dynrt_vectors"), 3);
     let f = vectors.format();
     let machine = Machine {
         f,
         watertight: vectors.manifest["triangle_test"] == "watertight",
+        without: None,
     };
     let rays = vectors.number("/rays_per_packet") as usize;
 
@@ -552,70 +679,41 @@ fn check(folder: &Path, summary: &Summary) {
 
     // The memory images: every record is reached once, and the box is that of all triangles.
     let scene_fields = vectors.fields("scene.hex");
-    let scene = &vectors.lines("scene.hex", &scene_fields)[0];
-    let (lo, hi) = (scene.vector("lo"), scene.vector("hi"));
+    let registers = vectors.lines("scene.hex", &scene_fields);
+    let (lo, hi) = (registers[0].vector("lo"), registers[0].vector("hi"));
     let [node_fields, record_fields, vertex_fields] =
         ["nodes.hex", "records.hex", "vertices.hex"].map(|file| vectors.fields(file));
     let nodes = vectors.lines("nodes.hex", &node_fields);
     let records = vectors.lines("records.hex", &record_fields);
     let vertices = vectors.lines("vertices.hex", &vertex_fields);
     assert_eq!(nodes.len(), records.len());
-    let mut reached = vec![0; records.len()];
-    let root = scene.get("root");
     let vector = |index: u64| ["x", "y", "z"].map(|axis| vertices[index as usize].get(axis));
-    // A scene of one level is an object of which nothing stands anywhere else.
-    let mut instances = vec![];
-    let mut roots = BTreeSet::from([root]);
-    if root >> 27 & 1 == 1 {
-        roots.clear();
-        for record in records_below(&nodes, root) {
-            reached[record] += 1;
-            let record = &records[record];
-            let of = |k| vector(record.get("v0") + k);
-            assert_eq!(record.get("v2"), 0);
-            roots.insert(record.get("v1"));
-            instances.push(Placed {
-                columns: [0, 1, 2, 3].map(of),
-                lo: of(4),
-                hi: of(5),
-                number: record.get("number"),
-                root: record.get("v1"),
-            });
-        }
-        let numbers: BTreeSet<_> = instances.iter().map(|placed| placed.number).collect();
-        assert!(numbers.into_iter().eq(0..instances.len() as u64));
-    }
-    assert_eq!(vectors.number("/instances"), instances.len() as u64);
-    assert_eq!(
-        vectors.number("/levels"),
-        1 + u64::from(!instances.is_empty())
-    );
-    // By root: numbers and corners of its triangles.
-    type Triangles = Vec<(u64, [[u64; 3]; 3])>;
-    let mut objects: HashMap<u64, Triangles> = HashMap::new();
-    for root in roots {
-        let mut triangles = vec![];
-        for record in records_below(&nodes, root) {
-            reached[record] += 1;
-            let record = &records[record];
-            let corners = ["v0", "v1", "v2"].map(|name| vector(record.get(name)));
-            triangles.push((record.get("number"), corners));
-        }
-        objects.insert(root, triangles);
+    let mut reached = vec![0; records.len()];
+    let described = vectors.manifest["scenes"].as_array().unwrap();
+    assert_eq!(described.len(), registers.len());
+    let mut places: Vec<Place> = vec![];
+    for (scene, described) in registers.iter().zip(described) {
+        let place = Place::read(scene, (&nodes, &records), &vector, &mut reached);
+        let of = |name: &str| described[name].as_u64().unwrap();
+        assert_eq!(of("instances"), place.instances.len() as u64);
+        assert_eq!(of("levels"), 1 + u64::from(!place.instances.is_empty()));
+        let triangles: usize = place.objects.values().map(Vec::len).sum();
+        assert_eq!(of("triangles"), triangles as u64);
+        let slots = of("first_record")..of("first_record") + of("records");
+        assert_eq!(of("records"), of("triangles") + of("instances"));
+        assert!((slots.start..slots.end).all(|slot| reached[slot as usize] == 1));
+        place.check_bounds(f);
+        places.push(place);
     }
     assert!(reached.iter().all(|&count| count == 1), "{reached:?}");
-    let corners: Vec<[u64; 3]> = match instances.is_empty() {
-        true => objects[&root].iter().flat_map(|(_, v)| *v).collect(),
-        false => instances.iter().flat_map(|p| [p.lo, p.hi]).collect(),
-    };
-    for i in 0..3 {
-        let mut corners = corners.iter().map(|corner| corner[i]);
-        let first = corners.next().unwrap();
-        let bounds = corners.fold([first; 2], |[least, greatest], x| {
-            [plain::min(f, least, x), plain::max(f, greatest, x)]
-        });
-        assert_eq!(bounds, [lo[i], hi[i]]);
-    }
+    assert_eq!(
+        vectors.number("/instances"),
+        places[0].instances.len() as u64
+    );
+    assert_eq!(
+        vectors.number("/levels"),
+        described[0]["levels"].as_u64().unwrap()
+    );
 
     // Ray setup.
     let setups = vectors.unit("ray_setup", |line| {
@@ -642,7 +740,7 @@ fn check(folder: &Path, summary: &Summary) {
         }
         fields
     });
-    assert!(setups as u64 > summary.rays);
+    assert!(setups > 500);
 
     // Packet steps.
     let steps = vectors.unit("packet_step", |line| step(machine, rays, line));
@@ -670,12 +768,21 @@ fn check(folder: &Path, summary: &Summary) {
         (lines.len() as u64, hits.len()),
         (summary.rays, lines.len())
     );
+    let packet_fields = vectors.fields("raycast_packets.hex");
+    let packets = vectors.lines("raycast_packets.hex", &packet_fields);
     let mut counts = [0; 3];
     let none = u64::from(u32::MAX);
     for (number, (line, hit)) in lines.iter().zip(&hits).enumerate() {
         let ray = machine.set_up(line);
+        let Place {
+            root,
+            lo,
+            hi,
+            instances,
+            objects,
+        } = &places[packets[number / rays].get("scene") as usize];
         let mut closest = [f.infinity(), 0, 0, none, none];
-        let [near, far] = machine.clip_box([ray.tmin, ray.tmax], lo, hi, &ray);
+        let [near, far] = machine.clip_box([ray.tmin, ray.tmax], *lo, *hi, &ray);
         if ray.valid && plain::less_equal(f, near, far) {
             let mut test = |ray: &Setup, instance: u64, root: u64| {
                 for (triangle, v) in &objects[&root] {
@@ -693,9 +800,9 @@ fn check(folder: &Path, summary: &Summary) {
                 }
             };
             if instances.is_empty() {
-                test(&ray, 0, root);
+                test(&ray, 0, *root);
             }
-            for placed in &instances {
+            for placed in instances {
                 if let Some(moved) = machine.enter(placed, &ray) {
                     test(&moved, placed.number, placed.root);
                 }
@@ -718,8 +825,6 @@ fn check(folder: &Path, summary: &Summary) {
     );
 
     // The packets' parts of the units' lines lie one after the other.
-    let packet_fields = vectors.fields("raycast_packets.hex");
-    let packets = vectors.lines("raycast_packets.hex", &packet_fields);
     let parts = ["step", "test", "transform"];
     let mut next = [0; 3];
     for packet in &packets {
@@ -731,7 +836,7 @@ fn check(folder: &Path, summary: &Summary) {
     assert_eq!(next, [summary.steps, summary.tests, summary.transforms]);
 
     // Ray transformations: of the packet's rays, by the instance's vectors in memory.
-    if !instances.is_empty() {
+    if places.iter().any(|place| !place.instances.is_empty()) {
         let transforms = vectors.unit("ray_transform", |line| {
             let record = &records[line.get("record") as usize];
             let of = |k| vector(record.get("v0") + k);
@@ -768,6 +873,8 @@ fn check(folder: &Path, summary: &Summary) {
             }
         }
     }
+    check_files(&vectors, f);
+    check_steps(&vectors, rays);
     let updates = check_updates(&vectors, f);
     assert_eq!(updates, [summary.updates, summary.nodes_written]);
     let skins = check_skins(&vectors, machine);
@@ -775,6 +882,86 @@ fn check(folder: &Path, summary: &Summary) {
     assert_eq!(packets.len() as u64, summary.packets);
     let files = fs::read_dir(folder).unwrap().count();
     assert_eq!(files, summary.files);
+}
+
+/// What the manifest says of files: sums, parts, canonical numbers.
+fn check_files(vectors: &Vectors, f: Format) {
+    for file in vectors.manifest["files"].as_array().unwrap() {
+        let name = file["file"].as_str().unwrap();
+        let text = fs::read_to_string(vectors.folder.join(name)).unwrap();
+        let sum: String = (Sha256::digest(&text).iter())
+            .map(|byte| format!("{byte:02x}"))
+            .collect();
+        assert_eq!(file["sha256"], sum.as_str(), "{name}");
+        let lines = text.lines().count() as u64;
+        assert_eq!(file["lines"], lines, "{name}");
+        let mut next = 0;
+        for part in file["parts"].as_array().unwrap() {
+            assert_eq!(part["first"], next, "{name}");
+            assert!(!part["label"].as_str().unwrap().is_empty());
+            next += part["lines"].as_u64().unwrap();
+        }
+        assert_eq!(next, lines, "{name}: its parts are the whole file");
+        for key in ["file", "unit", "role", "lines", "layout", "parts", "sha256"] {
+            assert!(file.get(key).is_some(), "{name}: {key}");
+        }
+        let Some(layout) = file["layout"].as_str() else {
+            assert_eq!(name, "vectors.vh");
+            continue;
+        };
+        if name.starts_with("fp_") || name.contains("_care") || name == "update_program.hex" {
+            continue;
+        }
+        // −0 is in rays, and in what ray setup passes on of them.
+        let layout = vectors.manifest["layouts"][layout]["fields"]
+            .as_array()
+            .unwrap();
+        let fields = vectors.fields(name);
+        for (number, line) in vectors.lines(name, &fields).iter().enumerate() {
+            for field in layout.iter().filter(|field| field["kind"] == "number") {
+                let what = field["name"].as_str().unwrap();
+                let value = line.get(what);
+                let place = format!("{name} line {}: {what} is {value:x}", number + 1);
+                assert_eq!(value, f.to_bits(f.to_f64(value)), "{place}");
+                let of_ray = ["origin_", "direction_", "tmin", "tmax"];
+                let may_be_negative = ["raycast_rays.hex", "ray_setup_stimulus.hex"]
+                    .contains(&name)
+                    || !["nodes.hex", "raycast_hits.hex"].contains(&name)
+                        && of_ray[..2].iter().any(|prefix| what.contains(prefix));
+                assert!(
+                    value != f.sign_bit() || may_be_negative,
+                    "{place}, which is -0"
+                );
+            }
+        }
+    }
+}
+
+/// Indices lie within the machine's addresses; of rays outside the mask nothing is said.
+fn check_steps(vectors: &Vectors, rays: usize) {
+    let f = vectors.format();
+    let most = 1 << vectors.number("/machine/address_bits");
+    let file = "packet_step_stimulus.hex";
+    let fields = vectors.fields(file);
+    let mut outside = 0;
+    for line in vectors.lines(file, &fields) {
+        assert!(line.get("node") < most && line.get("link") < most - 1);
+        for k in (0..rays).filter(|k| line.get("mask") >> k & 1 == 0) {
+            outside += 1;
+            for (name, _) in fields
+                .iter()
+                .filter(|(name, _)| name.starts_with(&format!("ray{k}_")))
+            {
+                let due = if name.ends_with("_far") {
+                    f.infinity()
+                } else {
+                    0
+                };
+                assert_eq!(line.get(name), due, "{name}");
+            }
+        }
+    }
+    assert!(outside > 0 || rays == 1);
 }
 
 /// Runs every update program on the files, as `docs/update.md` says. Returns updates and nodes written.
@@ -826,6 +1013,8 @@ fn check_updates(vectors: &Vectors, f: Format) -> [u64; 2] {
         let mut b: [Option<Region>; 64] = [None; 64];
         let (mut next_vertex, mut next_node) = (of("vertex_base"), of("node_base"));
         let (mut last, mut free, mut fresh) = (0, vec![], 0);
+        // By register, the index of the vertex in it; and the indices of each leaf.
+        let (mut held, mut leaves) = ([0; 64], vec![]);
         loop {
             let word = (0..5).rev().fold(0u64, |word, k| {
                 word << 8 | u64::from(code.get(at + k).copied().unwrap_or(0))
@@ -837,16 +1026,24 @@ fn check_updates(vectors: &Vectors, f: Format) -> [u64; 2] {
                 (3, _, _) => {
                     last = six(2);
                     v[last] = vertex(next_vertex);
+                    held[last] = next_vertex as u64;
                     next_vertex += 1;
                     at += 1;
                 }
                 (2, 3, 2) => {
                     last = six(8);
-                    v[last] = vertex(of("vertex_base") + (word >> 14 & 0x3ff_ffff) as usize);
+                    let index = of("vertex_base") + (word >> 14 & 0x3ff_ffff) as usize;
+                    v[last] = vertex(index);
+                    held[last] = index as u64;
                     at += 5;
                 }
                 (kind @ (0 | 1), 3, _) => {
                     let third = if kind == 0 { six(16) } else { last };
+                    leaves.push(
+                        [six(4), six(10), third]
+                            .map(|register| held[register])
+                            .into(),
+                    );
                     let mut region = [[infinity[1], infinity[0]]; 3];
                     for register in [six(4), six(10), third] {
                         let corner = v[register].expect("loaded before it is used");
@@ -913,6 +1110,7 @@ fn check_updates(vectors: &Vectors, f: Format) -> [u64; 2] {
                 }
             }
         }
+        check_update_records(vectors, before, command, &leaves);
         assert!(at.div_ceil(16) == of("rows") && code[at..].iter().all(|&byte| byte == 0));
         assert_eq!(of("instructions"), count);
         assert_eq!(of("writes"), next_write - of("first_write"));
@@ -942,6 +1140,46 @@ fn check_updates(vectors: &Vectors, f: Format) -> [u64; 2] {
     assert_eq!(instructions, vectors.number("/update_instructions"));
     assert_eq!(boxes_written.len(), boxes.len());
     [commands.len() as u64, next_write as u64]
+}
+
+/// The records of updated objects: a leaf of the program has its record's vertices. And what lies between the objects.
+fn check_update_records(
+    vectors: &Vectors,
+    nodes: &[Line<'_>],
+    command: &Line<'_>,
+    leaves: &[BTreeSet<u64>],
+) {
+    let fields = vectors.fields("update_records.hex");
+    let records = vectors.lines("update_records.hex", &fields);
+    assert_eq!(nodes.len(), records.len());
+    let count = leaves.len() as u64;
+    let base = command.get("node_base");
+    // The root is the last node; one triangle has none.
+    let root = match count {
+        1 => 1 << 26 | base,
+        _ => base + count - 2,
+    };
+    let below = records_below(nodes, root);
+    let mut corners: Vec<BTreeSet<u64>> = (below.iter())
+        .map(|&record| {
+            ["v0", "v1", "v2"]
+                .map(|name| records[record].get(name))
+                .into()
+        })
+        .collect();
+    let numbers: BTreeSet<u64> = below.iter().map(|&r| records[r].get("number")).collect();
+    assert!(numbers.into_iter().eq(0..count));
+    let mut leaves = leaves.to_vec();
+    leaves.sort();
+    corners.sort();
+    assert_eq!(leaves, corners);
+    let filler = &records[base as usize - 1];
+    assert!(filler.digits.iter().all(|&digit| digit == 15));
+    assert_eq!(
+        nodes[base as usize - 1].get("left_lo"),
+        vectors.format().nan()
+    );
+    assert_eq!(nodes[base as usize - 1].get("link"), (1 << 26) - 1);
 }
 
 /// Skins every mesh of the files. Returns meshes and vertices.
@@ -1075,6 +1313,14 @@ fn step(machine: Machine, rays: usize, line: &Line<'_>) -> Vec<(String, u64)> {
     fields
 }
 
+/// The labels of a folder's scenes.
+fn scenes_of(folder: &Path) -> Vec<String> {
+    let vectors = Vectors::open(folder);
+    let scenes = vectors.manifest["scenes"].as_array().unwrap();
+    let label = |scene: &Value| scene["label"].as_str().unwrap().to_string();
+    scenes.iter().map(label).collect()
+}
+
 #[test]
 fn files_alone_tell_every_result() {
     let cases = CASES.into_iter().map(Case::new);
@@ -1092,7 +1338,11 @@ fn files_alone_tell_every_result() {
             _ => (1, 0),
         };
         assert_eq!(of_scene, [objects, skinned]);
-        assert_eq!(summary.transforms > 0, case.image.is_instanced());
+        assert_eq!(
+            scenes_of(&out),
+            ["given", "ties", "instances", "transforms"]
+        );
+        assert!(summary.transforms > 500);
     }
     for (rays_per_packet, exponent_bits, fraction_bits) in [(8, 8, 23), (2, 6, 11)] {
         let config = Config {
@@ -1105,6 +1355,7 @@ fn files_alone_tell_every_result() {
         let out = folder.path().join("vectors");
         let summary = Case::of(config, CASES[0].1, CASES[0].2).write(&out);
         check(&out, &summary);
+        assert_eq!(scenes_of(&out).len(), 4);
     }
     // As much as can be addressed is written, and no more.
     let config = Config {
@@ -1115,7 +1366,421 @@ fn files_alone_tell_every_result() {
     let out = folder.path().join("vectors");
     let summary = Case::of(config, CASES[0].1, CASES[0].2).write(&out);
     assert!((2..21).contains(&summary.updates) && (2..12).contains(&summary.skins));
+    assert_eq!(scenes_of(&out), ["given", "ties", "instances"]);
     check(&out, &summary);
+}
+
+/// A scene of the files as the golden model reads it; slots and vertices of other scenes are zeros.
+fn image_of(vectors: &Vectors, scene: usize) -> MemoryImage {
+    let f = vectors.format();
+    let read = |file: &str, record: Record| {
+        let text = fs::read_to_string(vectors.folder.join(file)).unwrap();
+        record.words_of_hex(&text).unwrap()
+    };
+    let nodes = MemoryImage::nodes_of_words(f, &read("nodes.hex", Record::node(f)));
+    let records = MemoryImage::records_of_words(&read("records.hex", Record::triangle()));
+    let vertices = MemoryImage::vertices_of_words(f, &read("vertices.hex", Record::vertex(f)));
+    let of = |name: &str| vectors.number(&format!("/scenes/{scene}/{name}")) as usize;
+    let slots = of("first_record")..of("first_record") + of("records");
+    let fields = vectors.fields("scene.hex");
+    let registers = vectors.lines("scene.hex", &fields);
+    let corner = |end: &str| registers[scene].vector(end).map(|bits| f.to_f64(bits));
+    let mut image = MemoryImage {
+        format: f,
+        nodes: vec![Node::default(); slots.end],
+        records: vec![TriangleRecord::default(); slots.end],
+        vertices,
+        root: LinkWord::unpack(registers[scene].get("root") as u32),
+        bounds: (corner("lo"), corner("hi")),
+    };
+    image.nodes[slots.clone()].copy_from_slice(&nodes[slots.clone()]);
+    image.records[slots.clone()].copy_from_slice(&records[slots]);
+    image
+}
+
+/// What a packet does that a machine with one rule changed would do otherwise.
+#[derive(Default)]
+struct Told {
+    /// By slot: distance, instance and triangle of each hit, in the order of the tests.
+    hits: [Vec<(f64, u32, u32)>; 8],
+    /// The instance record whose rays come, whether one of them enters, and whether one would if a NaN did.
+    entry: Option<(u32, bool, bool)>,
+    /// Instances that no ray enters, and one would.
+    kept_out: usize,
+}
+
+impl Told {
+    fn leave(&mut self) {
+        if let Some((_, false, true)) = self.entry.take() {
+            self.kept_out += 1;
+        }
+    }
+}
+
+impl Observer for Told {
+    fn hand_over(&mut self, _: &HandOver) {
+        self.leave();
+    }
+
+    fn enter(&mut self, event: &EnterEvent) {
+        let moved = &event.transformed;
+        let would = !moved.ray.valid && moved.near <= moved.far;
+        let (_, enters, nan) = self.entry.unwrap_or((event.record, false, false));
+        self.entry = Some((event.record, enters || moved.enters, nan || would));
+    }
+
+    fn test(&mut self, event: &RayTest) {
+        if event.outcome.hit {
+            let hit = (event.outcome.t, event.instance, event.triangle);
+            self.hits[event.slot as usize].push(hit);
+        }
+    }
+}
+
+/// How often each changed rule shows in the packets of a scene: first found, last found, triangle in front of the instance, NaN enters.
+fn packets_tell(vectors: &Vectors, scene: usize) -> [usize; 4] {
+    let f = vectors.format();
+    let test = match vectors.manifest["triangle_test"] == "watertight" {
+        true => TriangleTest::Watertight,
+        false => TriangleTest::MollerTrumbore,
+    };
+    let rays = vectors.number("/rays_per_packet") as usize;
+    let caster = Caster::new(&image_of(vectors, scene), test, rays);
+    let files = [
+        "raycast_packets.hex",
+        "raycast_rays.hex",
+        "raycast_hits.hex",
+    ];
+    let fields = files.map(|file| vectors.fields(file));
+    let [packets, lines, hits] = [0, 1, 2].map(|k| vectors.lines(files[k], &fields[k]));
+    let mut told = [0; 4];
+    for (number, packet) in packets.iter().enumerate() {
+        if packet.get("scene") != scene as u64 {
+            continue;
+        }
+        let own = number * rays..(number + 1) * rays;
+        let cast: Vec<Ray> = (lines[own.clone()].iter())
+            .map(|line| Ray {
+                origin: line.vector("origin").map(|bits| f.to_f64(bits)),
+                direction: line.vector("direction").map(|bits| f.to_f64(bits)),
+                tmin: f.to_f64(line.get("tmin")),
+                tmax: f.to_f64(line.get("tmax")),
+                active: line.flag("active"),
+                any_hit: line.flag("any_hit"),
+            })
+            .collect();
+        let mut watch = Told::default();
+        let result = caster.cast(&cast, &mut watch);
+        watch.leave();
+        told[3] += watch.kept_out;
+        assert_eq!(u64::from(result.counts.steps), packet.get("steps"));
+        for (k, (hit, line)) in result.hits.iter().zip(&hits[own]).enumerate() {
+            assert_eq!(f.to_bits(hit.t), line.get("t"));
+            assert_eq!(u64::from(hit.triangle), line.get("triangle"));
+            if cast[k].any_hit || !hit.is_hit() {
+                continue;
+            }
+            let equal = watch.hits[k].iter().filter(|(t, _, _)| *t == hit.t);
+            let equal: Vec<(u32, u32)> = equal.map(|&(_, i, n)| (i, n)).collect();
+            let expected = (hit.instance, hit.triangle);
+            assert_eq!(equal.iter().min(), Some(&expected));
+            let in_front = equal.iter().min_by_key(|(i, n)| (*n, *i));
+            told[0] += usize::from(equal.first() != Some(&expected));
+            told[1] += usize::from(equal.last() != Some(&expected));
+            told[2] += usize::from(in_front != Some(&expected));
+        }
+    }
+    told
+}
+
+/// How many lines of triangle tests a test without one rule fails.
+fn tests_tell(vectors: &Vectors, without: Rule) -> usize {
+    let machine = Machine {
+        f: vectors.format(),
+        watertight: vectors.manifest["triangle_test"] == "watertight",
+        without: Some(without),
+    };
+    let files = ["triangle_test_stimulus.hex", "triangle_test_expected.hex"];
+    let fields = files.map(|file| vectors.fields(file));
+    let [stimuli, results] = [0, 1].map(|k| vectors.lines(files[k], &fields[k]));
+    let lines = stimuli.iter().zip(&results);
+    let fails = lines.filter(|(line, result)| {
+        let v = ["v0", "v1", "v2"].map(|vertex| line.vector(vertex));
+        machine.test(v, &machine.given(line)).is_some() != result.flag("hit")
+    });
+    fails.count()
+}
+
+#[test]
+fn directed_vectors_tell_each_rule() {
+    let moving = MOVING.into_iter().map(Case::moving);
+    for built in CASES.into_iter().map(Case::new).chain(moving) {
+        let watertight = built.config.triangle_test == TriangleTest::Watertight;
+        let folder = tempfile::tempdir().unwrap();
+        let out = folder.path().join("vectors");
+        write(&Request {
+            limit: Some(2),
+            ..built.request(&out)
+        })
+        .unwrap();
+        let vectors = Vectors::open(&out);
+        let [first, last, _, _] = packets_tell(&vectors, 1);
+        assert!(first > 0 && last > 0, "ties: {first}, {last}");
+        let told = packets_tell(&vectors, 2);
+        assert!(told.iter().all(|&count| count > 0), "instances: {told:?}");
+        let finite = tests_tell(&vectors, Rule::Finite);
+        let flat = tests_tell(&vectors, Rule::FlatBox);
+        println!(
+            "{}: ties {first} {last}, instances {told:?}, t < ∞ {finite}, flat {flat}",
+            built.config.name
+        );
+        assert!(finite >= 32, "t < ∞: {finite}");
+        // Möller and Trumbore's det is 0 on such a box.
+        assert_eq!(flat >= 32, watertight, "flat boxes: {flat}");
+        assert!(watertight || flat == 0);
+    }
+}
+
+/// The macros that `docs/vectors.md` derives from the manifest.
+fn macros_of(manifest: &Value) -> BTreeMap<String, String> {
+    let mut macros = BTreeMap::new();
+    let mut define = |name: String, value: String| {
+        let name = format!("DYNRT_{}", name.to_uppercase());
+        assert!(macros.insert(name.clone(), value).is_none(), "{name} twice");
+    };
+    for (key, value) in manifest["machine"].as_object().unwrap() {
+        match value {
+            Value::Bool(false) => {}
+            Value::Bool(true) => define(key.clone(), String::new()),
+            number => define(key.clone(), number.to_string()),
+        }
+    }
+    for pipeline in manifest["pipelines"].as_array().unwrap() {
+        let name = pipeline["macros"].as_str().unwrap().strip_prefix("DYNRT_");
+        let name = name.unwrap();
+        define(format!("{name}_LATENCY"), pipeline["latency"].to_string());
+        for (input, stage) in pipeline["stages"].as_object().unwrap() {
+            define(format!("{name}_{input}_STAGE"), stage.to_string());
+        }
+    }
+    for file in manifest["files"].as_array().unwrap() {
+        let Some(layout) = file["layout"].as_str() else {
+            continue;
+        };
+        let stem = file["file"].as_str().unwrap().trim_end_matches(".hex");
+        let layout = &manifest["layouts"][layout];
+        define(format!("{stem}_LINES"), file["lines"].to_string());
+        define(format!("{stem}_BITS"), layout["width"].to_string());
+        for field in layout["fields"].as_array().unwrap() {
+            let lsb = field["lsb"].as_u64().unwrap();
+            let last = lsb + field["width"].as_u64().unwrap() - 1;
+            let name = field["name"].as_str().unwrap();
+            define(format!("{stem}_{name}"), format!("{last}:{lsb}"));
+            define(format!("{stem}_{name}_LSB"), lsb.to_string());
+        }
+    }
+    macros
+}
+
+/// Every port of a unit's module, and what lies on it. Returns the fields that lie on ports.
+fn check_ports(unit: &Value, layouts: &Value, design: &Design) -> BTreeSet<(String, String)> {
+    let module = design.modules().iter();
+    let module = module
+        .clone()
+        .find(|m| design.emitted(m.name()) == unit["module"].as_str().unwrap());
+    let module = module.expect("a module of the machine");
+    let width_of = |layout: &str, field: &str| {
+        let fields = layouts[layout]["fields"].as_array().unwrap();
+        let found = fields.iter().find(|f| f["name"] == field);
+        found.unwrap()["width"].as_u64().unwrap()
+    };
+    let ports = unit["ports"].as_array().unwrap();
+    let copies = unit["copies"].as_u64().unwrap();
+    let mut used = BTreeSet::new();
+    for copy in (0..copies).filter(|_| !ports.is_empty()) {
+        let own = ports.iter().filter(|port| port["copy"] == copy);
+        assert_eq!(
+            own.clone().count(),
+            module.ports().len(),
+            "{}",
+            unit["unit"]
+        );
+        for (port, real) in own.zip(module.ports()) {
+            let place = format!("{}, {}", unit["unit"], real.name);
+            assert_eq!(port["port"], real.name.as_str(), "{place}");
+            assert_eq!(port["width"], real.width, "{place}");
+            let input = real.direction == Direction::Input;
+            assert_eq!(port["direction"], if input { "input" } else { "output" });
+            let how = port["use"].as_str().unwrap();
+            assert!(how != "unused" || !input, "{place}");
+            assert!(how != "constant" || input && port["value"] == 0, "{place}");
+            let fields = port["fields"].as_array().unwrap();
+            assert_eq!(
+                !fields.is_empty(),
+                ["fields", "select"].contains(&how),
+                "{place}"
+            );
+            assert_eq!(port["by"].is_object(), how == "select", "{place}");
+            for field in fields {
+                let of = |name: &str| field[name].as_u64().unwrap();
+                let (layout, name) = (
+                    field["layout"].as_str().unwrap(),
+                    field["field"].as_str().unwrap(),
+                );
+                let width = width_of(layout, name);
+                assert!(of("lsb") + of("width") <= width, "{place}");
+                assert!(
+                    of("port_lsb") + of("width") <= u64::from(real.width),
+                    "{place}"
+                );
+                // Only an index is wider than its port.
+                let whole = of("width") == width
+                    || width == 26
+                    || of("width") == 1
+                    || how == "select"
+                    || ["slot", "joints"].contains(&name);
+                assert!(whole, "{place}: {name}");
+                used.insert((layout.to_string(), name.to_string()));
+            }
+        }
+    }
+    used
+}
+
+#[test]
+fn the_manifest_says_all_of_the_macros_and_ports() {
+    for number in [0, 2] {
+        let folder = tempfile::tempdir().unwrap();
+        let out = folder.path().join("vectors");
+        let case = Case::new(CASES[number]);
+        write(&Request {
+            limit: Some(1),
+            ..case.request(&out)
+        })
+        .unwrap();
+        let Vectors { manifest, .. } = Vectors::open(&out);
+        let text = fs::read_to_string(out.join("vectors.vh")).unwrap();
+        let defined: BTreeMap<String, String> = text
+            .lines()
+            .filter_map(|line| {
+                let rest = line.strip_prefix("`define ")?;
+                let (name, value) = rest.split_once(' ').unwrap_or((rest, ""));
+                Some((name.to_string(), value.to_string()))
+            })
+            .collect();
+        assert_eq!(defined, macros_of(&manifest));
+
+        let machine = hw::core::emit(&case.config).unwrap();
+        let mut on_ports = BTreeSet::new();
+        let units = manifest["units"].as_array().unwrap();
+        assert_eq!(units.len(), 11);
+        for unit in units {
+            on_ports.extend(check_ports(unit, &manifest["layouts"], &machine.design));
+        }
+        let tag_bits = |unit: usize, memory: usize| &units[unit]["memories"][memory]["tag_bits"];
+        assert_eq!(tag_bits(0, 2), &manifest["machine"]["vertex_tag_bits"]);
+        // All that goes into a pipeline and comes out of it.
+        for (name, layout) in manifest["layouts"].as_object().unwrap() {
+            let pipeline = [
+                "ray_setup_",
+                "triangle_test_",
+                "fp_",
+                "raycast_rays",
+                "raycast_hits",
+                "scene",
+            ];
+            if !pipeline.iter().any(|prefix| name.starts_with(prefix)) {
+                continue;
+            }
+            for field in layout["fields"].as_array().unwrap() {
+                let field = field["name"].as_str().unwrap().to_string();
+                assert!(
+                    on_ports.contains(&(name.clone(), field.clone())),
+                    "{name}: {field}"
+                );
+            }
+        }
+        assert_eq!(manifest["made"]["size"], json!([8, 6]));
+        assert_eq!(manifest["made"]["limit"], 1);
+        assert_eq!(manifest["made"]["clip"], Value::Null);
+        assert_eq!(manifest["made"]["log2_scale"], case.log2_scale);
+        assert_eq!(manifest["picture"]["packets"], 1);
+    }
+}
+
+#[test]
+fn what_would_be_too_large_is_refused_before_anything_is_written() {
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path().join("vectors");
+    let case = Case::new(CASES[0]);
+    let repeated = |times: usize| -> Vec<RayPacket> {
+        let packets = case.packets.iter().cycle().take(times * case.packets.len());
+        packets.cloned().collect()
+    };
+    let size = |times: usize| -> f64 {
+        let packets = repeated(times);
+        write(&Request {
+            packets: &packets,
+            ..case.request(&out)
+        })
+        .unwrap();
+        let files = fs::read_dir(&out).unwrap();
+        files
+            .map(|file| file.unwrap().metadata().unwrap().len() as f64)
+            .sum()
+    };
+    let [once, more] = [1, 11].map(size);
+    let times = 1 + (1.5 * 2f64.powi(30) / ((more - once) / 10.0)) as usize;
+    fs::remove_dir_all(&out).unwrap();
+    let packets = repeated(times);
+    let error = write(&Request {
+        packets: &packets,
+        ..case.request(&out)
+    });
+    let error = error.unwrap_err().to_string();
+    let rest = error
+        .strip_prefix("scene builtin:sphere?level=1: the files would take about ")
+        .unwrap();
+    let (size, _) = rest
+        .split_once(" GiB, and more than 1 GiB is written only with --force")
+        .unwrap();
+    assert_eq!(size, "1.5");
+    assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 0);
+}
+
+#[test]
+fn hits_can_be_drawn_as_a_picture() {
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path().join("vectors");
+    // Blocks of 2 by 2 do not divide it.
+    let case = Case::new(("virtex4-lx160", CASES[0].1, "9x7"));
+    case.write(&out);
+    let vectors = Vectors::open(&out);
+    let pair = |name: &str| [0, 1].map(|k| vectors.number(&format!("/picture/{name}/{k}")));
+    let ([w, h], [columns, rows]) = (pair("block"), pair("blocks"));
+    assert_eq!(
+        (pair("size"), [w, h], [columns, rows]),
+        ([9, 7], [2, 2], [5, 4])
+    );
+    let files = ["raycast_packets.hex", "raycast_rays.hex"];
+    let fields = files.map(|file| vectors.fields(file));
+    let [packets, rays] = [0, 1].map(|k| vectors.lines(files[k], &fields[k]));
+    let mut drawn = BTreeSet::new();
+    for (packet, rays) in packets.iter().zip(rays.chunks(4)) {
+        let block = packet.get("block");
+        if block == u64::from(u32::MAX) {
+            continue;
+        }
+        for (k, ray) in (0..).zip(rays) {
+            let pixel = [w * (block % columns) + k % w, h * (block / columns) + k / w];
+            let inside = pixel[0] < 9 && pixel[1] < 7;
+            assert_eq!(ray.flag("active"), inside, "{pixel:?}");
+            if inside {
+                assert!(drawn.insert(pixel), "{pixel:?} twice");
+            }
+        }
+    }
+    assert_eq!(drawn.len(), 63);
 }
 
 /// Runs the Verilog benches; returns whether they pass, and what they say.
@@ -1373,16 +2038,16 @@ fn the_benches_find_what_is_wrong() {
 
     // Nothing to check.
     let header = fs::read_to_string(changed.join("vectors.vh")).unwrap();
-    let lines = format!("RAYCAST_HITS_LINES {last}\n");
+    let lines = format!("DYNRT_RAYCAST_HITS_LINES {last}\n");
     assert!(header.contains(&lines));
     fs::write(
         changed.join("vectors.vh"),
-        header.replace(&lines, "RAYCAST_HITS_LINES 0\n"),
+        header.replace(&lines, "DYNRT_RAYCAST_HITS_LINES 0\n"),
     )
     .unwrap();
     let (passes, said) = run(&changed, &rtl, &["raycast"]);
     assert!(
-        !passes && said.contains("nothing to check: RAYCAST_HITS_LINES 0"),
+        !passes && said.contains("nothing to check: DYNRT_RAYCAST_HITS_LINES 0"),
         "{said}"
     );
     fs::remove_file(changed.join("vectors.vh")).unwrap();

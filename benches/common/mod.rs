@@ -21,7 +21,7 @@ impl fmt::Display for Subject {
     }
 }
 
-/// The built-in scenes, and those of `../shared/scenes` that are there; of those that are not, a line on stderr says so.
+/// The built-in scenes, and those public scenes that are there (see `.cargo/config.toml`); of those that are not, a line on stderr says so.
 pub fn subjects() -> Vec<Subject> {
     let built_in = [
         ("builtin:teapot", View::Outside),
@@ -33,7 +33,7 @@ pub fn subjects() -> Vec<Subject> {
         ("kitchen/kitchen.obj", View::Inside),
         ("sponza/sponza.obj", View::Inside),
     ];
-    let folder = PathBuf::from(concat!(env!("CARGO_MANIFEST_DIR"), "/../shared/scenes"));
+    let folder = PathBuf::from(std::env::var_os("DYNRT_SCENES").unwrap_or_default());
     let mut subjects: Vec<Subject> = built_in
         .map(|(spec, view)| Subject {
             name: spec.into(),
@@ -50,7 +50,7 @@ pub fn subjects() -> Vec<Subject> {
                 view,
             });
         } else {
-            eprintln!("absent, so not measured: ../shared/scenes/{file}");
+            eprintln!("absent, so not measured: {file} (run sim/fetch_scenes.sh)");
         }
     }
     subjects

@@ -54,10 +54,6 @@ impl InstanceSpec {
         let world_to_object =
             (matrix.inverse().to_cols_array_2d()).map(|column| column.map(|x| a.round(x)));
         let rounded = DAffine3::from_cols_array_2d(&world_to_object);
-        ensure!(
-            rounded.is_finite() && !is_flat(&rounded),
-            "instance {number}: {format} cannot hold the inverse of its matrix; give it a scale nearer to 1"
-        );
         let mut world_box = Bounds::EMPTY;
         for corner in 0..8 {
             let coordinate = |axis: usize| match corner >> axis & 1 {
@@ -71,6 +67,11 @@ impl InstanceSpec {
                 hi: corner,
             });
         }
+        ensure!(
+            rounded.is_finite() && !is_flat(&rounded),
+            "instance {number}: {format} cannot hold the inverse of its matrix; {}",
+            remedy(&world_box)
+        );
         world_box.lo = world_box.lo.map(|x| round_down(&a, x - WIDENING));
         world_box.hi = world_box.hi.map(|x| -round_down(&a, -x - WIDENING) + 0.0);
         ensure!(
@@ -109,6 +110,22 @@ fn is_flat(matrix: &DAffine3) -> bool {
     let m = matrix.matrix3;
     let [x, y, z] = [m.x_axis, m.y_axis, m.z_axis].map(DVec3::normalize_or_zero);
     x.cross(y).dot(z).abs() <= NEXT_TO_NOTHING
+}
+
+/// What to do about an instance whose matrix has no inverse in the format, by its exact box in the world.
+fn remedy(world_box: &Bounds) -> String {
+    /// How many times its own size away something is far.
+    const FAR: f64 = 1e3;
+    let Bounds { lo, hi } = world_box;
+    let size = (0..3).map(|k| hi[k] - lo[k]).fold(0f64, f64::max);
+    let distance = lo.iter().chain(hi).fold(0f64, |d, x| d.max(x.abs()));
+    match distance > FAR * size {
+        true => format!(
+            "it stands {:.0e} times its own size away from the origin: place it nearer",
+            (distance / size).min(1e99)
+        ),
+        false => "give it a scale nearer to 1".into(),
+    }
 }
 
 /// Whether a box is finite and not empty.
@@ -282,6 +299,11 @@ impl InstancedImage {
             ..*options
         };
         self.put_top(instances, &build_over_boxes(&boxes, &options)?)
+    }
+
+    /// Takes the top-level tree away, as before it was first set: there is no tree over no instances.
+    pub fn clear_top(&mut self) {
+        self.remove_top();
     }
 
     /// Sets a top-level tree of one's own, its leaves the instances' numbers.

@@ -1,19 +1,20 @@
 //! `dynrt animate`: a scene that moves, every stage of every frame in the emitted Verilog.
 
+use super::files::{Kind, Output};
 use super::frame::{CameraArgs, SIZE, active, check_size};
-use super::{ConfigArgs, check_outputs, counted, one_line, print, quoted, tell};
+use super::{ConfigArgs, counted, one_line, print, quoted, tell};
 use anyhow::{Context, Result, ensure};
 use dynrt::cosim::animate::{
     self, Figures, Film, FrameReport, Options, REBUILD_ABOVE, Setup, TreeReport, Unit,
 };
 use dynrt::cosim::mismatch::Mismatch;
 use dynrt::cosim::raycast::Trace;
-use dynrt::report::{self, FrameFolder};
+use dynrt::report::{self, FrameFolder, Staged};
 use dynrt::scene::animation::{MachineFrame, MachineScene};
-use dynrt::scene::{Animated, Frame, ImageSize, load_animated};
+use dynrt::scene::{Animated, Frame, ImageSize, SceneSpec, load_animated};
+use dynrt::text;
 use serde_json::{Value, json};
 use std::fmt::Write as _;
-use std::path::PathBuf;
 use std::time::Duration;
 
 const HELP: &str = "\
@@ -38,7 +39,7 @@ Examples:
 pub struct Args {
     /// What to show
     #[arg(value_name = "SCENE")]
-    scene: String,
+    scene: SceneSpec,
     /// The motion to play [default: the scene's first]
     #[arg(long, value_name = "NAME")]
     clip: Option<String>,
@@ -62,20 +63,20 @@ pub struct Args {
     #[arg(long, value_name = "S", default_value_t = 1)]
     seed: u64,
     /// The frames as PNG, in a folder of their own
-    #[arg(long, value_name = "DIR")]
-    out: Option<PathBuf>,
+    #[arg(long, value_name = "DIR", value_parser = Kind::Folder)]
+    out: Option<Output>,
     /// The frames as one animated picture
-    #[arg(long, value_name = "F.gif")]
-    gif: Option<PathBuf>,
+    #[arg(long, value_name = "F.gif", value_parser = Kind::Gif)]
+    gif: Option<Output>,
     /// The figures, as JSON
-    #[arg(long, value_name = "F")]
-    json: Option<PathBuf>,
+    #[arg(long, value_name = "F", value_parser = Kind::Json)]
+    json: Option<Output>,
     /// The first frame to run in Verilog, counted from 0; those before only move the scene to where it then is
     #[arg(long, value_name = "K", default_value_t = 0)]
     from_frame: usize,
     /// A waveform of some cycles of one unit, as FST
-    #[arg(long, value_name = "F.fst", requires_all = ["cycles", "unit"])]
-    trace: Option<PathBuf>,
+    #[arg(long, value_name = "F.fst", requires_all = ["cycles", "unit"], value_parser = Kind::Fst)]
+    trace: Option<Output>,
     /// The unit of the waveform
     #[arg(long, value_name = "UNIT", requires = "trace")]
     unit: Option<Unit>,
@@ -108,13 +109,17 @@ impl Args {
             None => None,
             Some(text) => match text.parse::<usize>() {
                 Ok(count) if (1..=MOST_FRAMES).contains(&count) => Some(count),
-                _ => anyhow::bail!("--frames {text}: give a whole number from 1 to {MOST_FRAMES}"),
+                _ => anyhow::bail!(
+                    "--frames {}: give a whole number from 1 to {MOST_FRAMES}",
+                    text::word(text)
+                ),
             },
         };
         if let Some(fps) = self.fps {
             ensure!(
                 fps > 0.0 && (1e-3..=1e6).contains(&fps),
-                "--fps {fps}: give from 0.001 to 1000000 frames a second"
+                "--fps {}: give from 0.001 to 1000000 frames a second",
+                text::number(fps)
             );
         }
         let clip = scene.clip(self.clip.as_deref())?;
@@ -157,7 +162,7 @@ impl Args {
             text += &format!(" --frames {frames}");
         }
         if let Some(fps) = self.fps {
-            text += &format!(" --fps {fps}");
+            text += &format!(" --fps {}", text::number(fps));
         }
         text += &self.camera.replay();
         text += &self.config.replay();
@@ -165,7 +170,7 @@ impl Args {
             text += &format!(" --size {}", self.size);
         }
         if self.rebuild_above != REBUILD_ABOVE {
-            text += &format!(" --rebuild-above {}", self.rebuild_above);
+            text += &format!(" --rebuild-above {}", text::number(self.rebuild_above));
         }
         if self.seed != 1 {
             text += &format!(" --seed {}", self.seed);
@@ -179,12 +184,8 @@ pub fn run(args: &Args) -> Result<()> {
     ensure!(
         args.rebuild_above >= 1.0,
         "--rebuild-above {}: give 1 or more, how many times a new tree's cost is too much",
-        args.rebuild_above
+        text::number(args.rebuild_above)
     );
-    check_outputs(&[&args.gif, &args.json, &args.trace].map(|path| path.as_deref()))?;
-    if let Some(path) = &args.trace {
-        report::check_regular(path)?;
-    }
     let config = args.config.load()?;
     let frame = Frame::new(args.size, config.rays_per_packet as usize)?;
     let scene = load_animated(&args.scene)?;
@@ -204,6 +205,10 @@ pub fn run(args: &Args) -> Result<()> {
     let extents = scene.extents_of(&poses)?;
     let format = config.format();
     let machine = MachineScene::new(&scene, &extents, format, config.skinning_joints)?;
+    let hidden = scene.warnings_of(&poses);
+    for warning in hidden.into_iter().chain(machine.warnings(&scene, &extents)) {
+        tell(&format!("warning: {warning}"));
+    }
     let frames = (poses.iter().enumerate())
         .map(|(number, pose)| {
             let frame = machine.frame(pose);
@@ -217,15 +222,20 @@ pub fn run(args: &Args) -> Result<()> {
     let packets = frame.rays_in(&camera, format, machine.log2_scale)?;
     let rays: Vec<_> = packets.iter().flat_map(|p| p.rays.clone()).collect();
     active(&rays)?;
-    let folder = args.out.as_deref().map(FrameFolder::begin).transpose()?;
+    let folder = (args.out.as_ref())
+        .map(|out| FrameFolder::begin(out.path()))
+        .transpose()?;
 
+    let trace = (args.trace.as_ref())
+        .map(|trace| Staged::empty(trace.path()))
+        .transpose()?;
     let options = Options {
         seed: args.seed,
         rebuild_above: args.rebuild_above,
         from_frame: args.from_frame,
-        trace: args.trace.as_ref().zip(args.unit).map(|(path, unit)| {
+        trace: trace.as_ref().zip(args.unit).map(|(trace, unit)| {
             let trace = Trace {
-                path: path.clone(),
+                path: trace.temporary().to_path_buf(),
                 from: args.from,
                 cycles: args.cycles.unwrap_or(1),
             };
@@ -271,8 +281,10 @@ pub fn run(args: &Args) -> Result<()> {
     let setup = match result {
         Ok(setup) => setup,
         Err(error) => {
-            if let (Some(path), true) = (&args.json, error.is::<Mismatch>()) {
-                report::json(path, &job.json(None, Some(&error)))?;
+            if error.is::<Mismatch>() {
+                let json = args.json.as_ref();
+                let json = json.map(|json| json.json(&job.json(None, Some(&error))));
+                report::publish_all(trace.into_iter().chain(json.transpose()?))?;
             }
             let context = || format!("scene {}", scene.name);
             return match error.is::<Mismatch>() {
@@ -283,20 +295,24 @@ pub fn run(args: &Args) -> Result<()> {
     };
     ensure!(job.total.checked > 0, "nothing was checked");
     let mut text = job.text(&setup);
-    if let (Some(folder), Some(path)) = (folder, &args.out) {
+    let mut files: Vec<Staged> = trace.into_iter().collect();
+    if let Some(out) = &args.out {
+        let _ = writeln!(text, "frames: {out}");
+    }
+    if let Some(gif) = &args.gif {
+        files.push(gif.gif(&pictures, schedule.frames_per_second)?);
+        let _ = writeln!(text, "animated picture: {gif}");
+    }
+    if let Some(trace) = &args.trace {
+        let _ = writeln!(text, "waveform: {trace}");
+    }
+    if let Some(json) = &args.json {
+        files.push(json.json(&job.json(Some(&setup), None))?);
+    }
+    if let Some(folder) = folder {
         folder.publish()?;
-        let _ = writeln!(text, "frames: {}", path.display());
     }
-    if let Some(path) = &args.gif {
-        report::write_gif(path, &pictures, schedule.frames_per_second)?;
-        let _ = writeln!(text, "animated picture: {}", path.display());
-    }
-    if let Some(path) = &args.trace {
-        let _ = writeln!(text, "waveform: {}", path.display());
-    }
-    if let Some(path) = &args.json {
-        report::json(path, &job.json(Some(&setup), None))?;
-    }
+    report::publish_all(files)?;
     print(&text)
 }
 
@@ -339,7 +355,7 @@ impl Job<'_> {
              cycles: skinning {} ({:.1} %), update {} ({:.1} %), ray casting {}\n",
             self.scene.name,
             match &self.schedule.clip {
-                Some(clip) => format!(", clip {clip}"),
+                Some(clip) => format!(", clip {}", text::escaped(clip)),
                 None => String::new(),
             },
             counted(setup.triangles as u64, "triangle"),

@@ -1,9 +1,11 @@
 //! `dynrt baseline`: the ratchet; `dynrt numbers`: the page made of it.
 
-use super::{check_outputs, counted, print, tell};
+use super::files::{Figures, Kind, Output};
+use super::{counted, print, tell};
 use anyhow::{Context, Result, bail, ensure};
 use dynrt::baseline::{self, Baseline, Clocks, LOG_HEAD, Request, Verdict, page};
-use dynrt::report;
+use dynrt::report::{self, Staged};
+use dynrt::text;
 use serde_json::json;
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
@@ -35,7 +37,7 @@ enum Which {
 pub struct Args {
     /// The checked-in figures
     #[arg(long, value_name = "F", default_value = "docs/baseline.json")]
-    file: PathBuf,
+    file: Figures,
     /// The area of every module that has changed, however large
     #[arg(long)]
     all: bool,
@@ -58,23 +60,30 @@ pub struct Args {
     #[arg(long, value_name = "WHY")]
     accept: Option<String>,
     /// The comparison, as JSON
-    #[arg(long, value_name = "F")]
-    json: Option<PathBuf>,
+    #[arg(long, value_name = "F", value_parser = Kind::Json)]
+    json: Option<Output>,
 }
 
 pub fn run(args: &Args) -> Result<()> {
-    check_outputs(&[args.json.as_deref()])?;
+    let file = args.file.path();
     if let Some(why) = &args.accept {
         let why = why.trim();
         ensure!(
             !why.is_empty() && why.lines().count() == 1,
             "--accept: say in one line why the figures may change"
         );
-        report::check_writable(&args.file)?;
+        report::check_writable(file)?;
+        let log = log_of(file);
+        if let Some(json) = &args.json {
+            ensure!(
+                !report::is_same_file(json.path(), &log),
+                "{json}: is the log of the figures; give the output another name"
+            );
+        }
     }
-    let was = match (&args.accept, args.file.exists()) {
+    let was = match (&args.accept, file.exists()) {
         (Some(_), false) => Baseline::default(),
-        _ => Baseline::read(&args.file)?,
+        _ => Baseline::read(file)?,
     };
     let request = Request {
         most_lut4: (!args.all && args.accept.is_none()).then_some(MOST_LUT4),
@@ -92,7 +101,8 @@ pub fn run(args: &Args) -> Result<()> {
     ensure!(!findings.is_empty(), "nothing was compared");
     let count = |verdict| findings.iter().filter(|f| f.verdict == verdict).count();
     let failed = count(Verdict::Fails);
-    if let Some(path) = &args.json {
+    let mut files = vec![];
+    if let Some(json) = &args.json {
         let value = json!({
             "checked": findings.len(),
             "failed": failed,
@@ -100,17 +110,20 @@ pub fn run(args: &Args) -> Result<()> {
             "findings": findings,
             "figures": is,
         });
-        report::json(path, &value)?;
+        files.push(json.json(&value)?);
     }
     if let Some(why) = &args.accept {
-        accept(&args.file, why.trim(), &is, &findings)?;
+        files.extend(accept(file, why.trim(), &is, &findings)?);
+    }
+    report::publish_all(files)?;
+    if args.accept.is_some() {
         return print(&format!(
             "{}: {} written; make numbers refreshes the page\n",
-            args.file.display(),
+            text::path(file),
             counted(findings.len() as u64, "figure")
         ));
     }
-    let mut text = String::new();
+    let mut lines = String::new();
     for finding in &findings {
         let word = match finding.verdict {
             Verdict::Fails => "FAILS",
@@ -118,17 +131,17 @@ pub fn run(args: &Args) -> Result<()> {
             Verdict::Holds if finding.was != finding.is => "moved",
             Verdict::Holds | Verdict::Reached => continue,
         };
-        let _ = writeln!(text, "{word}  {finding}");
+        let _ = writeln!(lines, "{word}  {finding}");
     }
-    let _ = writeln!(text, "{} goals reached", count(Verdict::Reached));
+    let _ = writeln!(lines, "{} goals reached", count(Verdict::Reached));
     let _ = writeln!(
-        text,
+        lines,
         "{} compared with {}, {failed} fail, {} not measured now",
         counted(findings.len() as u64, "figure"),
-        args.file.display(),
+        text::path(file),
         kept.len()
     );
-    print(&text)?;
+    print(&lines)?;
     match findings.iter().find(|f| f.verdict == Verdict::Fails) {
         None => Ok(()),
         Some(first) => bail!(
@@ -143,17 +156,25 @@ fn log_of(file: &Path) -> PathBuf {
     file.with_extension("log.md")
 }
 
-fn accept(file: &Path, why: &str, is: &Baseline, findings: &[baseline::Finding]) -> Result<()> {
+/// The figures as they are now, and the log with the reason.
+fn accept(
+    file: &Path,
+    why: &str,
+    is: &Baseline,
+    findings: &[baseline::Finding],
+) -> Result<[Staged; 2]> {
     let log = log_of(file);
     let before = match log.exists() {
         true => std::fs::read_to_string(&log)
-            .with_context(|| format!("{}: cannot be read", log.display()))?,
+            .with_context(|| format!("{}: cannot be read", text::path(&log)))?,
         false => LOG_HEAD.to_string(),
     };
     let entry = baseline::log_entry(why, findings);
     // The log first: figures without their reason would look as if they had always been so.
-    report::text(&log, &format!("{before}{entry}"))?;
-    report::json(file, &serde_json::to_value(is)?)
+    Ok([
+        Staged::text(&log, &format!("{before}{entry}"))?,
+        Staged::json(file, &serde_json::to_value(is)?)?,
+    ])
 }
 
 const NUMBERS_HELP: &str = "\
@@ -169,22 +190,18 @@ Examples:
 pub struct NumbersArgs {
     /// The checked-in figures
     #[arg(long, value_name = "F", default_value = "docs/baseline.json")]
-    file: PathBuf,
+    file: Figures,
     /// The folder of page and plots
-    #[arg(long, value_name = "DIR", default_value = "docs")]
-    out: PathBuf,
+    #[arg(long, value_name = "DIR", default_value = "docs", value_parser = Kind::Files)]
+    out: Output,
 }
 
 pub fn numbers(args: &NumbersArgs) -> Result<()> {
-    let files = page::files(&Baseline::read(&args.file)?)?;
-    std::fs::create_dir_all(&args.out)
-        .with_context(|| format!("{}: cannot be made", args.out.display()))?;
-    for (name, content) in &files {
-        report::text(&args.out.join(name), content)?;
-    }
+    let files = page::files(&Baseline::read(args.file.path())?)?;
+    args.out.texts(&files)?;
     print(&format!(
         "{}: {} written\n",
-        args.out.display(),
+        args.out,
         counted(files.len() as u64, "file")
     ))
 }

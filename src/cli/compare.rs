@@ -1,14 +1,14 @@
 //! `dynrt compare`: the project's software beside Embree 3.
 
+use super::files::{Kind, Output};
 use super::frame::{Loaded, SIZE, SceneArgs, active};
-use super::{ConfigArgs, check_outputs, counted, grouped, print};
+use super::{ConfigArgs, counted, grouped, print};
 use anyhow::{Context, Result};
 use dynrt::compare::{self, Agreement, Comparison, Task, Timing};
 use dynrt::report;
 use dynrt::scene::ImageSize;
 use serde_json::{Value, json};
 use std::fmt::Write as _;
-use std::path::PathBuf;
 
 const HELP: &str = "\
 Both sides get the same mesh, rounded to the machine's numbers, and the same rays, and take turns in one process. Embree 3 runs
@@ -42,15 +42,14 @@ pub struct Args {
     #[arg(long, value_name = "N", default_value_t = compare::ROUNDS, value_parser = clap::value_parser!(u32).range(1..=1000))]
     rounds: u32,
     /// The picture with the rays marked that see another triangle, as PNG
-    #[arg(long, value_name = "F.png")]
-    out: Option<PathBuf>,
+    #[arg(long, value_name = "F.png", value_parser = Kind::Png)]
+    out: Option<Output>,
     /// The figures, as JSON
-    #[arg(long, value_name = "F")]
-    json: Option<PathBuf>,
+    #[arg(long, value_name = "F", value_parser = Kind::Json)]
+    json: Option<Output>,
 }
 
 pub fn run(args: &Args) -> Result<()> {
-    check_outputs(&[&args.out, &args.json].map(|path| path.as_deref()))?;
     let loaded = args.scene.load(args.size, &args.config)?;
     let rays = Loaded::rays(&loaded.packets);
     active(&rays)?;
@@ -64,18 +63,20 @@ pub fn run(args: &Args) -> Result<()> {
         .verdict()
         .with_context(|| format!("scene {}", loaded.scene.name));
     let mut text = to_text(args, &loaded, &found);
-    if let Some(path) = &args.out {
+    let mut files = vec![];
+    if let Some(out) = &args.out {
         let Agreement { account, hits, .. } = &found.built;
         let mut picture = report::shade(args.size, &loaded.packets, hits, &loaded.mesh, None);
         compare::mark_differences(&mut picture, &loaded.packets, account);
-        report::write_png(path, &picture)?;
-        let _ = writeln!(text, "picture: {}", path.display());
+        files.push(out.png(&picture)?);
+        let _ = writeln!(text, "picture: {out}");
     }
-    if let Some(path) = &args.json {
+    if let Some(json) = &args.json {
         let mut value = to_json(args, &loaded, &found);
         value["agrees"] = verdict.is_ok().into();
-        report::json(path, &value)?;
+        files.push(json.json(&value)?);
     }
+    report::publish_all(files)?;
     print(&text)?;
     verdict
 }

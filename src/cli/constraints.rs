@@ -1,11 +1,10 @@
 //! `dynrt constraints`: what takes a machine to a bitstream.
 
+use super::files::{Kind, Output};
 use super::generate::PrefixArg;
 use super::{ConfigArgs, print};
 use anyhow::Result;
-use dynrt::emit;
 use dynrt::synth::constraints;
-use std::path::PathBuf;
 
 const HELP: &str = "\
 Writes into DIR a design that tests itself on a board (the core, a small scene and rays in ROM, a checksum of the hits that the
@@ -28,8 +27,8 @@ Examples:
 #[command(after_help = HELP)]
 pub struct Args {
     /// The folder to write
-    #[arg(long, value_name = "DIR")]
-    out: PathBuf,
+    #[arg(long, value_name = "DIR", value_parser = Kind::Files)]
+    out: Output,
     /// The folder of the machine's Verilog, seen from DIR
     #[arg(long, value_name = "RTL", default_value = "../rtl")]
     rtl: String,
@@ -46,10 +45,10 @@ pub fn run(args: &Args) -> Result<()> {
     let config = args.config.load()?;
     let prefix = args.prefix.parse()?;
     let files = constraints::files(&config, prefix, &args.rtl, args.board_mhz)?;
-    emit::write_folder(&args.out, &files)?;
+    args.out.files(&files)?;
     print(&format!(
         "{}: {} files for configuration {}\n",
-        args.out.display(),
+        args.out,
         files.len(),
         config.name
     ))

@@ -1,7 +1,8 @@
 //! `dynrt cosim`: the emitted Verilog under Verilator, held against the golden model.
 
+use super::files::{Kind, Output};
 use super::frame::{Built, Loaded, SIZE, SceneArgs, active};
-use super::{ConfigArgs, check_outputs, counted, one_line, print, tell};
+use super::{ConfigArgs, counted, one_line, print, tell};
 use anyhow::{Result, ensure};
 use clap::ValueEnum;
 use dynrt::bkd::{MemoryImage, Tree};
@@ -14,12 +15,11 @@ use dynrt::cosim::workload::{Workload, in_instances};
 use dynrt::cosim::{unit_geometry, unit_tpu};
 use dynrt::golden::Caster;
 use dynrt::port::{Hit, Ray};
-use dynrt::report;
+use dynrt::report::{self, Staged};
 use dynrt::scene::animation::MachineScene;
 use dynrt::scene::{ImageSize, RayPacket, default_light, load_animated, shadow_rays};
 use serde_json::{Map, Value, json};
 use std::fmt::Write as _;
-use std::path::PathBuf;
 use std::time::Duration;
 
 const HELP: &str = "\
@@ -61,14 +61,14 @@ pub struct Args {
     #[arg(long, value_name = "S", default_value_t = 1)]
     seed: u64,
     /// The picture that the Verilog computed, as PNG
-    #[arg(long, value_name = "F.png")]
-    out: Option<PathBuf>,
+    #[arg(long, value_name = "F.png", value_parser = Kind::Png)]
+    out: Option<Output>,
     /// The figures, as JSON
-    #[arg(long, value_name = "F")]
-    json: Option<PathBuf>,
+    #[arg(long, value_name = "F", value_parser = Kind::Json)]
+    json: Option<Output>,
     /// A waveform of some cycles, as FST
-    #[arg(long, value_name = "F.fst", requires = "cycles")]
-    trace: Option<PathBuf>,
+    #[arg(long, value_name = "F.fst", requires = "cycles", value_parser = Kind::Fst)]
+    trace: Option<Output>,
     /// The first cycle of the waveform
     #[arg(long, value_name = "CYCLE", default_value_t = 0, requires = "trace")]
     from: u64,
@@ -163,15 +163,24 @@ pub fn run(args: &Args) -> Result<()> {
         "--unit {}: one unit alone computes no picture; leave out --out",
         args.unit.name()
     );
-    check_outputs(&[&args.out, &args.json, &args.trace].map(|path| path.as_deref()))?;
-    if let Some(path) = &args.trace {
-        report::check_regular(path)?;
-    }
-    let trace = args.trace.as_ref().map(|path| Trace {
-        path: path.clone(),
+    let waveform = (args.trace.as_ref())
+        .map(|trace| Staged::empty(trace.path()))
+        .transpose()?;
+    let trace = waveform.as_ref().map(|file| Trace {
+        path: file.temporary().to_path_buf(),
         from: args.from,
         cycles: args.cycles.unwrap_or(1),
     });
+    let result = run_traced(args, trace);
+    let is_mismatch = |error: &anyhow::Error| error.is::<Mismatch>() || error.is::<UnitMismatch>();
+    // A mismatch is what waveforms are for.
+    if result.as_ref().err().is_none_or(is_mismatch) {
+        report::publish_all(waveform)?;
+    }
+    result
+}
+
+fn run_traced(args: &Args, trace: Option<Trace>) -> Result<()> {
     if args.unit == Unit::Skinning {
         return args.run_skinning(trace);
     }
@@ -228,9 +237,9 @@ pub fn run(args: &Args) -> Result<()> {
     let found = match result {
         Ok(found) => found,
         Err(error) => {
-            if let (Some(path), Some(mismatch)) = (&args.json, error.downcast_ref::<Mismatch>()) {
+            if let (Some(json), Some(mismatch)) = (&args.json, error.downcast_ref::<Mismatch>()) {
                 let value = job.mismatch_json(&one_line(&error), mismatch.cycle, None);
-                report::json(path, &value)?;
+                json.json(&value)?.publish()?;
             }
             return Err(error);
         }
@@ -238,7 +247,8 @@ pub fn run(args: &Args) -> Result<()> {
     ensure!(found.checked() > 0, "nothing was checked");
     args.check_trace(found.cycles);
     let mut text = job.text(&found);
-    if let Some(path) = &args.out {
+    let mut files = vec![];
+    if let Some(out) = &args.out {
         let size = args.size;
         let picture = match &shadow {
             None => report::shade(size, &loaded.packets, &found.hits, &loaded.mesh, None),
@@ -247,15 +257,16 @@ pub fn run(args: &Args) -> Result<()> {
                 report::shade(size, &loaded.packets, hits, &loaded.mesh, Some(&shadowed))
             }
         };
-        report::write_png(path, &picture)?;
-        let _ = writeln!(text, "picture: {}", path.display());
+        files.push(out.png(&picture)?);
+        let _ = writeln!(text, "picture: {out}");
     }
-    if let Some(path) = &args.trace {
-        let _ = writeln!(text, "waveform: {}", path.display());
+    if let Some(trace) = &args.trace {
+        let _ = writeln!(text, "waveform: {trace}");
     }
-    if let Some(path) = &args.json {
-        report::json(path, &job.json(&found))?;
+    if let Some(json) = &args.json {
+        files.push(json.json(&job.json(&found))?);
     }
+    report::publish_all(files)?;
     print(&text)
 }
 
@@ -297,10 +308,9 @@ impl Args {
     /// Says so if the run was over before the waveform's first cycle.
     fn check_trace(&self, cycles: u64) {
         let Args { trace, from, .. } = self;
-        if let (Some(path), true) = (trace, *from >= cycles) {
+        if let (Some(trace), true) = (trace, *from >= cycles) {
             tell(&format!(
-                "warning: {}: the waveform is empty: it was to begin at cycle {from}, and the run has {cycles}; give a smaller --from",
-                path.display()
+                "warning: {trace}: the waveform is empty: it was to begin at cycle {from}, and the run has {cycles}; give a smaller --from"
             ));
         }
     }
@@ -319,6 +329,10 @@ impl Args {
         let extents = scene.extents_of(std::slice::from_ref(&pose))?;
         let (format, joints) = (config.format(), config.skinning_joints);
         let machine = MachineScene::new(&scene, &extents, format, joints)?;
+        let hidden = scene.warnings_of(std::slice::from_ref(&pose));
+        for warning in hidden.into_iter().chain(machine.warnings(&scene, &extents)) {
+            tell(&format!("warning: {warning}"));
+        }
         let frame = machine.frame(&pose)?;
         let mut meshes: Vec<SkinMesh> = std::iter::zip(&machine.objects, &frame.objects)
             .filter_map(|(object, frame)| SkinMesh::of_frame(object, frame))
@@ -356,7 +370,7 @@ impl Args {
                 }),
             );
             match &self.json {
-                Some(path) => report::json(path, &value),
+                Some(json) => json.json(&value)?.publish(),
                 None => Ok(()),
             }
         };
@@ -460,7 +474,7 @@ impl Job<'_> {
         };
         let found = run(config, workload, &options)?;
         let write = |value| match &args.json {
-            Some(path) => report::json(path, &value),
+            Some(json) => json.json(&value)?.publish(),
             None => Ok(()),
         };
         if let Some(mismatch) = found.mismatch {
@@ -497,7 +511,7 @@ impl Job<'_> {
         let workload = unit_update::Workload::Objects(std::slice::from_ref(&object));
         let found = unit_update::run(config, workload, Traffic::Separate, &options)?;
         let write = |value| match &self.args.json {
-            Some(path) => report::json(path, &value),
+            Some(json) => json.json(&value)?.publish(),
             None => Ok(()),
         };
         let unit = &found.unit;

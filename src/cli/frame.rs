@@ -5,7 +5,10 @@ use anyhow::{Context, Result, bail, ensure};
 use dynrt::bkd::{BuildOptions, MemoryImage, Tree, build, layout};
 use dynrt::config::Config;
 use dynrt::port::Ray;
-use dynrt::scene::{self, Bounds, Camera, Frame, ImageSize, MachineMesh, RayPacket, Scene, View};
+use dynrt::scene::{
+    self, Bounds, Camera, Frame, ImageSize, MachineMesh, RayPacket, Scene, SceneSpec, View,
+};
+use dynrt::text;
 use std::time::Instant;
 
 /// The size of a picture where none is given.
@@ -19,7 +22,7 @@ const MOST_PIXELS: u64 = 1 << 24;
 pub struct SceneArgs {
     /// An OBJ file, or builtin:NAME for a scene that needs no file
     #[arg(value_name = "SCENE")]
-    scene: String,
+    scene: SceneSpec,
     #[command(flatten)]
     camera: CameraArgs,
 }
@@ -84,7 +87,7 @@ pub struct Built {
 
 impl SceneArgs {
     /// The scene, as it was given.
-    pub fn spec(&self) -> &str {
+    pub fn spec(&self) -> &SceneSpec {
         &self.scene
     }
 
@@ -123,13 +126,13 @@ pub fn check_size(size: ImageSize) -> Result<()> {
     Ok(())
 }
 
-/// Loads a scene into a machine's numbers, and says what they cannot hold.
-pub fn load_mesh(spec: &str, config: &Config) -> Result<(Scene, MachineMesh)> {
+/// Loads a scene into a machine's numbers, and says what is not in its mesh and what the numbers cannot hold.
+pub fn load_mesh(spec: &SceneSpec, config: &Config) -> Result<(Scene, MachineMesh)> {
     let scene = scene::load(spec)?;
     check_address_space(&scene, config)
         .with_context(|| format!("{spec}, configuration {}", config.name))?;
     let mesh = MachineMesh::new(&scene, config.format())?;
-    for warning in mesh.warnings(&scene) {
+    for warning in scene.warnings.iter().chain(&mesh.warnings(&scene)) {
         tell(&format!("warning: {warning}"));
     }
     Ok((scene, mesh))
@@ -153,13 +156,13 @@ impl CameraArgs {
     /// The options beside `--view` that are given, as `name=value`.
     fn settings(&self) -> Vec<String> {
         let vector = |name: &str, vector: Option<[f64; 3]>| {
-            vector.map(|[x, y, z]| format!("{name}={x},{y},{z}"))
+            vector.map(|vector| format!("{name}={}", vector.map(text::number).join(",")))
         };
         [
             vector("eye", self.eye),
             vector("look-at", self.look_at),
             vector("up", self.up),
-            self.fov.map(|fov| format!("fov={fov}")),
+            self.fov.map(|fov| format!("fov={}", text::number(fov))),
         ]
         .into_iter()
         .flatten()

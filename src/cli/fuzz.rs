@@ -1,6 +1,7 @@
 //! `dynrt fuzz`: random machines, each generated, linted and co-simulated.
 
-use super::{check_outputs, counted, grouped, print};
+use super::files::{Kind, Output};
+use super::{counted, grouped, print};
 use anyhow::{Result, bail};
 use dynrt::emit;
 use dynrt::fuzz::{
@@ -8,7 +9,6 @@ use dynrt::fuzz::{
 };
 use dynrt::report;
 use serde_json::{Map, Value, json};
-use std::path::PathBuf;
 use std::time::Instant;
 
 const HELP: &str = "\
@@ -46,7 +46,7 @@ pub struct Args {
     stage: Vec<Stage>,
     /// In place of random machines this one: a configuration's name or a TOML file
     #[arg(long, value_name = "C")]
-    config: Option<String>,
+    config: Option<super::ConfigName>,
     /// Sets one key of --config, such as packets.rays=8; may be repeated
     #[arg(long, value_name = "SECTION.KEY=VALUE", requires = "config")]
     set: Vec<String>,
@@ -63,8 +63,8 @@ pub struct Args {
     #[arg(long, conflicts_with = "json")]
     list: bool,
     /// What was checked of each machine, as JSON; written when all are checked, or one has failed
-    #[arg(long, value_name = "F")]
-    json: Option<PathBuf>,
+    #[arg(long, value_name = "F", value_parser = Kind::Json)]
+    json: Option<Output>,
 }
 
 impl Args {
@@ -89,7 +89,6 @@ impl Args {
 }
 
 pub fn run_fuzz(args: &Args) -> Result<()> {
-    check_outputs(&[args.json.as_deref()])?;
     let options = args.options()?;
     // A mistake in a size shows before anything is printed.
     let cases = options.cases()?;
@@ -136,8 +135,8 @@ pub fn run_fuzz(args: &Args) -> Result<()> {
     bar.finish_and_clear();
     printed?;
     let seconds = started.elapsed().as_secs_f64();
-    if let Some(path) = &args.json {
-        report::json(path, &to_json(&options, &report, seconds))?;
+    if let Some(json) = &args.json {
+        json.json(&to_json(&options, &report, seconds))?.publish()?;
     }
     let summary = Stage::ALL
         .into_iter()

@@ -1,23 +1,24 @@
 //! `dynrt generate`: the machine as Verilog.
 
+use super::files::{Kind, Output};
 use super::{ConfigArgs, print};
 use anyhow::Result;
 use dynrt::emit;
 use dynrt::hdl::Prefix;
 use dynrt::hw::core::PREFIX;
-use std::path::PathBuf;
 
 const HELP: &str = "\
 Writes into DIR
   *.v              Verilog-2001, one module a file
   dynrt_core.f     the Verilog files, children first, for -f of most tools
-  dynrt_core.core  the same for FuseSoC, with a lint target
+  dynrt_core.core  the same for FuseSoC (2.4 or later), with targets lint, sim, sim_verilator and synth
+  sim/             a bench of the ray casting unit, and a small set of golden vectors that it replays: for the sim targets
   manifest.json    configuration, top module, modules with ports and latencies, layouts of the records in memory
 
-The names of all modules and files but manifest.json begin with dynrt_, or what --prefix says: two machines of different
-prefixes can stand in one design.
+The names of all modules, their files and the core begin with dynrt_, or what --prefix says: two machines of different prefixes
+can stand in one design.
 
-DIR is made if it does not exist. In one that exists, files of the same names are replaced, Verilog files that its old
+DIR is made if it does not exist. In one that exists, files of the same names are replaced, files that its old
 manifest.json lists and this machine lacks are removed, and nothing else is touched. All files are written whole before
 the first takes its place, the manifest last. The same configuration gives the same files, to the byte.
 
@@ -35,8 +36,8 @@ Every configuration key, with its range, is explained in the files of configs/."
 #[command(after_help = HELP)]
 pub struct Args {
     /// The folder to write
-    #[arg(long, value_name = "DIR")]
-    out: PathBuf,
+    #[arg(long, value_name = "DIR", value_parser = Kind::Files)]
+    out: Output,
     #[command(flatten)]
     prefix: PrefixArg,
     #[command(flatten)]
@@ -62,12 +63,12 @@ pub fn run(args: &Args) -> Result<()> {
     let config = args.config.load()?;
     let prefix = args.prefix.parse()?;
     let (machine, files) = emit::generate_with(&config, prefix)?;
-    emit::write_folder(&args.out, &files)?;
+    args.out.files(&files)?;
     let modules = machine.design.modules();
     let lines: usize = modules.iter().map(|m| m.verilog().lines().count()).sum();
     print(&format!(
         "{}: {} modules, {} lines of Verilog, top module {}, configuration {}\n",
-        args.out.display(),
+        args.out,
         modules.len(),
         super::grouped(lines as u64),
         machine.design.emitted(machine.design.top().name()),

@@ -1,12 +1,14 @@
 //! `dynrt mutate`: whether co-simulation would notice a bug.
 
-use super::{ConfigArgs, check_outputs, counted, print, tell};
+use super::files::{self, Output};
+use super::{ConfigArgs, counted, print, tell};
 use anyhow::{Result, ensure};
+use dynrt::hw::core::PREFIX;
 use dynrt::mutate::{self, Kind, Outcome, Report, Request, UNITS};
 use dynrt::report;
+use dynrt::text;
 use serde_json::json;
 use std::fmt::Write as _;
-use std::path::PathBuf;
 
 const HELP: &str = "\
 Each mutant is one change of the emitted Verilog: an operator, a literal, a condition, a slice, a reset, a pipeline register left out.
@@ -40,16 +42,15 @@ pub struct Args {
     #[command(flatten)]
     config: ConfigArgs,
     /// Every mutant and what became of it, as JSON
-    #[arg(long, value_name = "F")]
-    json: Option<PathBuf>,
+    #[arg(long, value_name = "F", value_parser = files::Kind::Json)]
+    json: Option<Output>,
 }
 
 pub fn run(args: &Args) -> Result<()> {
-    check_outputs(&[args.json.as_deref()])?;
     ensure!(
         (0.0..=100.0).contains(&args.least),
         "--least {}: give a share from 0 to 100 percent",
-        args.least
+        text::number(args.least)
     );
     let config = args.config.load()?;
     let request = Request {
@@ -68,7 +69,7 @@ pub fn run(args: &Args) -> Result<()> {
     std::panic::set_hook(hook);
     bar.finish_and_clear();
     let found = found?;
-    if let Some(path) = &args.json {
+    if let Some(json) = &args.json {
         let value = json!({
             "configuration": config.name,
             "overrides": args.config.overrides(&config),
@@ -81,7 +82,7 @@ pub fn run(args: &Args) -> Result<()> {
             "noticed_percent": found.share_percent(),
             "mutants": found.mutants,
         });
-        report::json(path, &value)?;
+        json.json(&value)?.publish()?;
     }
     print(&to_text(args, &found))?;
     ensure!(
@@ -98,7 +99,7 @@ fn to_text(args: &Args, found: &Report) -> String {
     for mutant in found.survivors() {
         let _ = writeln!(
             text,
-            "survived  {} {} {}.v:{} {}\n  before {}\n  after  {}\n  again: dynrt mutate --mutants {} --seed {} --only {}{}",
+            "survived  {} {} {PREFIX}{}.v:{} {}\n  before {}\n  after  {}\n  again: dynrt mutate --mutants {} --seed {} --only {}{}",
             mutant.number,
             mutant.unit,
             mutant.module,
@@ -116,7 +117,7 @@ fn to_text(args: &Args, found: &Report) -> String {
         for mutant in &found.mutants {
             let _ = writeln!(
                 text,
-                "{} {}.v:{}: {} → {}",
+                "{} {PREFIX}{}.v:{}: {} → {}",
                 mutant.unit, mutant.module, mutant.line, mutant.before, mutant.after
             );
             let _ = match &mutant.outcome {

@@ -1,14 +1,14 @@
 //! `dynrt program`: the update program of a scene's tree.
 
+use super::files::{Kind, Output};
 use super::frame::load_mesh;
-use super::{ConfigArgs, check_outputs, counted, grouped, print};
+use super::{ConfigArgs, counted, grouped, print};
 use anyhow::{Context, Result};
 use dynrt::bkd::{BuildOptions, build};
 use dynrt::cosim::unit_update;
 use dynrt::program::Program;
-use dynrt::report;
+use dynrt::scene::SceneSpec;
 use serde_json::{Value, json};
-use std::path::PathBuf;
 use std::time::Instant;
 
 const HELP: &str = "\
@@ -27,19 +27,18 @@ Examples:
 pub struct Args {
     /// An OBJ file, or builtin:NAME for a scene that needs no file
     #[arg(value_name = "SCENE")]
-    scene: String,
+    scene: SceneSpec,
     /// Every instruction, a line each: byte address, bytes, operands
     #[arg(long)]
     list: bool,
     #[command(flatten)]
     config: ConfigArgs,
     /// The figures, as JSON
-    #[arg(long, value_name = "F")]
-    json: Option<PathBuf>,
+    #[arg(long, value_name = "F", value_parser = Kind::Json)]
+    json: Option<Output>,
 }
 
 pub fn run(args: &Args) -> Result<()> {
-    check_outputs(&[args.json.as_deref()])?;
     let config = args.config.load()?;
     let (scene, mesh) = load_mesh(&args.scene, &config)?;
     let options = BuildOptions::default_for(config.axes_per_node, config.stack_depth);
@@ -51,7 +50,7 @@ pub fn run(args: &Args) -> Result<()> {
         .with_context(context)?;
     let compile_s = started.elapsed().as_secs_f64();
     let statistics = program.statistics();
-    if let Some(path) = &args.json {
+    if let Some(json) = &args.json {
         let mut figures = json!({"scene": scene.name, "config": config.name});
         let parts = [
             serde_json::to_value(&statistics)?,
@@ -62,7 +61,7 @@ pub fn run(args: &Args) -> Result<()> {
                 all.extend(part);
             }
         }
-        report::json(path, &figures)?;
+        json.json(&figures)?.publish()?;
     }
     if args.list {
         return print(&program.listing());

@@ -1,11 +1,11 @@
 //! `dynrt prove`: proofs about the emitted Verilog.
 
-use super::{ConfigArgs, check_outputs, counted, print};
+use super::files::{Kind, Output};
+use super::{ConfigArgs, counted, print};
 use anyhow::{Result, bail};
 use dynrt::prove::{self, Options, Outcome, Row};
 use dynrt::report;
 use serde_json::{Value, json};
-use std::path::PathBuf;
 use std::time::Instant;
 
 const HELP: &str = "\
@@ -49,12 +49,11 @@ pub struct Args {
     #[command(flatten)]
     config: ConfigArgs,
     /// The table, as JSON; written only when every proof has ended
-    #[arg(long, value_name = "F")]
-    json: Option<PathBuf>,
+    #[arg(long, value_name = "F", value_parser = Kind::Json)]
+    json: Option<Output>,
 }
 
 pub fn run(args: &Args) -> Result<()> {
-    check_outputs(&[args.json.as_deref()])?;
     prove::check(&args.units)?;
     let config = args.config.load()?;
     let options = Options {
@@ -89,7 +88,7 @@ pub fn run(args: &Args) -> Result<()> {
     bar.finish_and_clear();
     printed?;
     let failed = rows.iter().filter(|row| !row.holds()).count();
-    if let Some(path) = &args.json {
+    if let Some(json) = &args.json {
         let value = json!({
             "config": config.name,
             "overrides": args.config.overrides(&config),
@@ -99,7 +98,7 @@ pub fn run(args: &Args) -> Result<()> {
             "failed": failed,
             "proofs": rows.iter().map(to_json).collect::<Vec<_>>(),
         });
-        report::json(path, &value)?;
+        json.json(&value)?.publish()?;
     }
     let of = counted(
         rows.len() as u64,

@@ -1,14 +1,14 @@
 //! `dynrt render`: a picture from the golden model.
 
+use super::files::{Kind, Output};
 use super::frame::{Loaded, SIZE, SceneArgs, active};
-use super::{ConfigArgs, check_outputs, counted, print};
+use super::{ConfigArgs, counted, print};
 use anyhow::Result;
 use dynrt::golden::Caster;
 use dynrt::report;
 use dynrt::scene::ImageSize;
 use serde_json::json;
 use std::fmt::Write as _;
-use std::path::PathBuf;
 use std::time::Instant;
 
 const HELP: &str = "\
@@ -32,18 +32,17 @@ pub struct Args {
     #[command(flatten)]
     config: ConfigArgs,
     /// The picture, as PNG
-    #[arg(long, value_name = "F.png")]
-    out: Option<PathBuf>,
+    #[arg(long, value_name = "F.png", value_parser = Kind::Png)]
+    out: Option<Output>,
     /// Packet steps of each packet, as PNG: the lighter the more
-    #[arg(long, value_name = "F.png")]
-    heatmap: Option<PathBuf>,
+    #[arg(long, value_name = "F.png", value_parser = Kind::Png)]
+    heatmap: Option<Output>,
     /// The figures, as JSON
-    #[arg(long, value_name = "F")]
-    json: Option<PathBuf>,
+    #[arg(long, value_name = "F", value_parser = Kind::Json)]
+    json: Option<Output>,
 }
 
 pub fn run(args: &Args) -> Result<()> {
-    check_outputs(&[&args.out, &args.heatmap, &args.json].map(|path| path.as_deref()))?;
     let loaded = args.scene.load(args.size, &args.config)?;
     let rays = Loaded::rays(&loaded.packets);
     let ray_count = active(&rays)?;
@@ -78,22 +77,19 @@ pub fn run(args: &Args) -> Result<()> {
         mrays_per_s,
         built.build_s,
     );
-    if let Some(path) = &args.out {
+    let mut files = vec![];
+    if let Some(out) = &args.out {
         let picture = report::shade(size, &loaded.packets, &frame.hits, &loaded.mesh, None);
-        report::write_png(path, &picture)?;
-        let _ = writeln!(text, "picture: {}", path.display());
+        files.push(out.png(&picture)?);
+        let _ = writeln!(text, "picture: {out}");
     }
-    if let Some(path) = &args.heatmap {
+    if let Some(heatmap) = &args.heatmap {
         let steps: Vec<u32> = frame.packets.iter().map(|packet| packet.steps).collect();
         let (picture, greatest) = report::heatmap(size, &loaded.packets, &steps, None);
-        report::write_png(path, &picture)?;
-        let _ = writeln!(
-            text,
-            "heat map, 0 to {greatest} packet steps: {}",
-            path.display()
-        );
+        files.push(heatmap.png(&picture)?);
+        let _ = writeln!(text, "heat map, 0 to {greatest} packet steps: {heatmap}");
     }
-    if let Some(path) = &args.json {
+    if let Some(json) = &args.json {
         let value = json!({
             "scene": loaded.scene.name,
             "triangles": loaded.mesh.triangles.len(),
@@ -115,7 +111,8 @@ pub fn run(args: &Args) -> Result<()> {
             "cast_s": cast_s,
             "mrays_per_s": mrays_per_s,
         });
-        report::json(path, &value)?;
+        files.push(json.json(&value)?);
     }
+    report::publish_all(files)?;
     print(&text)
 }

@@ -1,17 +1,16 @@
 //! `dynrt stats`: what trees of a scene take and cost.
 
+use super::files::{Kind, Output};
 use super::frame::{Built, Loaded, SIZE, SceneArgs, active};
-use super::{ConfigArgs, check_outputs, counted, grouped, print};
+use super::{ConfigArgs, counted, grouped, print};
 use anyhow::Result;
 use dynrt::bkd::BuildOptions;
 use dynrt::bkd::stats::TreeStatistics;
 use dynrt::golden::Caster;
 use dynrt::port::Ray;
-use dynrt::report;
 use dynrt::scene::ImageSize;
 use serde_json::{Value, json};
 use std::fmt::Write as _;
-use std::path::PathBuf;
 
 const HELP: &str = "\
 Three trees are built and measured with the golden model:
@@ -37,8 +36,8 @@ pub struct Args {
     #[command(flatten)]
     config: ConfigArgs,
     /// The figures, as JSON
-    #[arg(long, value_name = "F")]
-    json: Option<PathBuf>,
+    #[arg(long, value_name = "F", value_parser = Kind::Json)]
+    json: Option<Output>,
 }
 
 /// What was measured of one tree.
@@ -51,7 +50,6 @@ struct Measured {
 }
 
 pub fn run(args: &Args) -> Result<()> {
-    check_outputs(&[args.json.as_deref()])?;
     let loaded = args.scene.load(args.size, &args.config)?;
     let rays = Loaded::rays(&loaded.packets);
     let ray_count = active(&rays)?;
@@ -66,8 +64,9 @@ pub fn run(args: &Args) -> Result<()> {
     ]
     .map(|(name, options)| measure(name, &loaded, &options, &rays));
     let measured = [plain?, region?, default?];
-    if let Some(path) = &args.json {
-        report::json(path, &to_json(args, &loaded, ray_count, &measured))?;
+    if let Some(json) = &args.json {
+        json.json(&to_json(args, &loaded, ray_count, &measured))?
+            .publish()?;
     }
     print(&to_text(args, &loaded, ray_count, &measured))
 }

@@ -1,12 +1,11 @@
 //! `dynrt synth`: what a machine takes of a device, and the clock that it reaches there.
 
-use super::{ConfigArgs, check_outputs, grouped, print, tell};
+use super::files::{Kind, Output};
+use super::{ConfigArgs, grouped, print, tell};
 use anyhow::Result;
-use dynrt::report;
 use dynrt::synth::{self, Report, Request, Target, Unit};
 use serde_json::json;
 use std::fmt::Write as _;
-use std::path::PathBuf;
 
 const HELP: &str = "\
 Every module is synthesised alone, with all below it, then the whole machine. Results are kept in the cache ($DYNRT_CACHE, by default the
@@ -46,12 +45,11 @@ pub struct Args {
     #[command(flatten)]
     config: ConfigArgs,
     /// The figures, as JSON
-    #[arg(long, value_name = "F")]
-    json: Option<PathBuf>,
+    #[arg(long, value_name = "F", value_parser = Kind::Json)]
+    json: Option<Output>,
 }
 
 pub fn run(args: &Args) -> Result<()> {
-    check_outputs(&[args.json.as_deref()])?;
     let config = args.config.load()?;
     let request = Request {
         target: args.target.unwrap_or(match args.route {
@@ -64,8 +62,8 @@ pub fn run(args: &Args) -> Result<()> {
     };
     if args.clocks.is_empty() {
         let report = synth::synthesise(&config, &request, &tell)?;
-        if let Some(path) = &args.json {
-            report::json(path, &serde_json::to_value(&report)?)?;
+        if let Some(json) = &args.json {
+            json.json(&serde_json::to_value(&report)?)?.publish()?;
         }
         return print(&to_text(&config.name, &report));
     }
@@ -81,11 +79,11 @@ pub fn run(args: &Args) -> Result<()> {
         let report = synth::synthesise(&config, &request, &tell)?;
         points.push((config.clock_mhz, report));
     }
-    if let Some(path) = &args.json {
+    if let Some(json) = &args.json {
         let all: Vec<_> = (points.iter())
             .map(|(clock, report)| json!({"clock_mhz": clock, "report": report}))
             .collect();
-        report::json(path, &json!({ "clocks": all }))?;
+        json.json(&json!({ "clocks": all }))?.publish()?;
     }
     print(&clocks_to_text(&config.name, &points))
 }

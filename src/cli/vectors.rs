@@ -1,14 +1,15 @@
 //! `dynrt vectors`: what goes into and comes out of each unit, as files.
 
+use super::files::{Kind, Output};
 use super::frame::{CameraArgs, check_size, load_mesh};
-use super::{ConfigArgs, counted, print, tell};
+use super::{ConfigArgs, counted, print, quoted, tell};
 use anyhow::{Context, Result, ensure};
 use dynrt::bkd::{BuildOptions, MemoryImage, build};
 use dynrt::config::Config;
 use dynrt::scene::animation::MachineScene;
-use dynrt::scene::{BUILTIN_NAMES, Frame, ImageSize, RayPacket, load_animated};
-use dynrt::vectors::{self, Posed, Request, Summary};
-use std::path::{Path, PathBuf};
+use dynrt::scene::{BUILTIN_NAMES, Camera, Frame, ImageSize, RayPacket, SceneSpec, load_animated};
+use dynrt::text;
+use dynrt::vectors::{self, Made, Posed, Request, Summary};
 
 const HELP: &str = "\
 Writes memory images for $readmemh, stimulus and expected results of every unit, and manifest.json, which lists the files
@@ -33,7 +34,7 @@ Examples:
 pub struct Args {
     /// An OBJ or glTF file, a folder of OBJ files, or builtin:NAME
     #[arg(value_name = "SCENE")]
-    scene: String,
+    scene: SceneSpec,
     /// Of a scene that moves, the motion [default: its first]
     #[arg(long, value_name = "NAME")]
     clip: Option<String>,
@@ -52,12 +53,16 @@ pub struct Args {
     size: ImageSize,
     #[command(flatten)]
     config: ConfigArgs,
-    /// The most packets of the picture to cast, spread evenly over it [default: all]
+    /// The most packets of the picture to cast, spread evenly over it; variants and directed packets are added to them, and a packet
+    /// may take any number of steps and tests [default: all]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..))]
     limit: Option<u32>,
+    /// Write the files even if they take more than 1 GiB
+    #[arg(long)]
+    force: bool,
     /// The folder to write
-    #[arg(long, value_name = "DIR")]
-    out: PathBuf,
+    #[arg(long, value_name = "DIR", value_parser = Kind::Folder)]
+    out: Output,
 }
 
 /// A scene in a machine's memory, and the rays to cast into it.
@@ -65,18 +70,41 @@ struct Prepared {
     name: String,
     posed: Posed,
     packets: Vec<RayPacket>,
+    camera: Camera,
+    log2_scale: i32,
+    /// Of a scene that moves, the clip's name.
+    clip: Option<String>,
 }
 
 impl Args {
     /// Whether the scene is one that can move; others are loaded with what they warn of.
     fn moves(&self) -> bool {
-        if let Some(rest) = self.scene.strip_prefix("builtin:") {
-            let name = rest.split('?').next().unwrap_or(rest);
+        if let Some(rest) = self.scene.builtin() {
+            let name = rest.split('?').next().unwrap_or(&rest);
             return !BUILTIN_NAMES.contains(&name);
         }
-        let path = Path::new(&self.scene);
-        let extension = path.extension().unwrap_or_default().to_ascii_lowercase();
-        path.is_dir() || extension == "glb" || extension == "gltf"
+        self.scene.is_folder_or_gltf()
+    }
+
+    /// The command that writes the same files, but for the place of the folder.
+    fn replay(&self) -> String {
+        let mut text = format!("dynrt vectors {}", quoted(&self.scene));
+        if let Some(clip) = &self.clip {
+            text += &format!(" --clip {}", quoted(clip));
+        }
+        if self.seconds != 0.0 {
+            text += &format!(" --seconds {}", self.seconds);
+        }
+        text += &self.camera.replay();
+        text += &format!(" --size {}", self.size);
+        text += &self.config.replay();
+        if let Some(limit) = self.limit {
+            text += &format!(" --limit {limit}");
+        }
+        if self.force {
+            text += " --force";
+        }
+        text
     }
 
     fn still(&self, config: &Config, frame: &Frame) -> Result<Prepared> {
@@ -93,6 +121,9 @@ impl Args {
             .with_context(|| format!("scene {}", scene.name))?;
         Ok(Prepared {
             packets: frame.primary_rays(&camera, &mesh)?,
+            camera,
+            log2_scale: mesh.log2_scale,
+            clip: None,
             name: scene.name,
             posed: Posed {
                 image,
@@ -105,7 +136,7 @@ impl Args {
         ensure!(
             self.seconds.is_finite() && self.seconds >= 0.0,
             "--seconds {}: give a time from 0 on",
-            self.seconds
+            text::number(self.seconds)
         );
         let scene = load_animated(&self.scene)?;
         for warning in &scene.warnings {
@@ -115,6 +146,10 @@ impl Args {
         let poses = [scene.pose(clip, self.seconds)?];
         let extents = scene.extents_of(&poses)?;
         let machine = MachineScene::new(&scene, &extents, config.format(), config.skinning_joints)?;
+        let hidden = scene.warnings_of(&poses);
+        for warning in hidden.into_iter().chain(machine.warnings(&scene, &extents)) {
+            tell(&format!("warning: {warning}"));
+        }
         let camera = self.camera.of(extents.world)?;
         let posed = machine
             .frame(&poses[0])
@@ -122,6 +157,9 @@ impl Args {
             .with_context(|| format!("scene {}", scene.name))?;
         Ok(Prepared {
             packets: frame.rays_in(&camera, config.format(), machine.log2_scale)?,
+            camera,
+            log2_scale: machine.log2_scale,
+            clip: clip.map(|number| scene.clips[number].name.clone()),
             name: scene.name,
             posed,
         })
@@ -136,6 +174,9 @@ pub fn run(args: &Args) -> Result<()> {
         name,
         posed: Posed { image, skins },
         packets,
+        camera,
+        log2_scale,
+        clip,
     } = match args.moves() {
         true => args.at_a_time(&config, &frame)?,
         false => args.still(&config, &frame)?,
@@ -158,7 +199,16 @@ pub fn run(args: &Args) -> Result<()> {
         skins: &skins,
         packets: &packets,
         limit: args.limit.map(|limit| limit as usize),
-        out: &args.out,
+        directed_scenes: true,
+        force: args.force,
+        made: Made {
+            command: &args.replay(),
+            frame,
+            camera,
+            log2_scale,
+            motion: args.moves().then_some((clip.as_deref(), args.seconds)),
+        },
+        out: args.out.path(),
     })?;
     let transforms = match image.is_instanced() {
         true => format!("{}, ", counted(transforms, "ray transformation")),
@@ -166,7 +216,7 @@ pub fn run(args: &Args) -> Result<()> {
     };
     print(&format!(
         "{}: {files} files: {}, {}, {}, {transforms}{}; {} with {}; {} with {}; scene {name}, configuration {}\n",
-        args.out.display(),
+        args.out,
         counted(packets, "packet"),
         counted(rays, "ray"),
         counted(steps, "packet step"),

@@ -12,8 +12,10 @@ use anyhow::{Context, Result, anyhow, bail, ensure};
 use libloading::Library;
 use rayon::prelude::*;
 
+use crate::child::Supervised;
 use crate::cosim::build::complaint;
 use crate::port;
+use crate::temporary;
 
 /// What is compiled and loaded.
 const SOURCE: &str = include_str!(concat!(env!("CARGO_MANIFEST_DIR"), "/benches/embree.c"));
@@ -133,7 +135,7 @@ impl Embree {
     /// # Errors
     /// One line: the compiler or Embree is missing, and what to install.
     pub fn load() -> Result<Arc<Embree>> {
-        let folder = tempfile::tempdir().context("no temporary folder can be made")?;
+        let folder = temporary::Folder::new().context("no temporary folder can be made")?;
         let path = folder.path().join("embree.so");
         compile(folder.path(), &path)?;
         // SAFETY: the library runs nothing when loaded but what Embree and its threads' library do.
@@ -212,7 +214,7 @@ fn compile(folder: &Path, library: &Path) -> Result<()> {
         .arg(library)
         .arg(&source)
         .arg("-lembree3")
-        .output()
+        .supervised_output()
         .map_err(|error| match error.kind() {
             ErrorKind::NotFound => anyhow!("cc is not installed: apt-get install gcc"),
             _ => anyhow!("cannot run cc: {error}"),

@@ -439,8 +439,10 @@ struct Host<'a> {
     arrays: UpdateArrays,
     influences: Vec<u32>,
     one_level: bool,
-    /// Of the top-level tree in memory.
+    /// Of the top-level tree in memory: of the instances that are there in the frame.
     specs: Vec<InstanceSpec>,
+    /// The numbers of these instances in the scene.
+    there: Vec<usize>,
     setup: Setup,
 }
 
@@ -508,6 +510,7 @@ impl<'a> Host<'a> {
             golden,
             one_level,
             specs: Vec::new(),
+            there: vec![0],
             setup: Setup {
                 levels: if one_level { 1 } else { 2 },
                 objects: scene.objects.len(),
@@ -529,15 +532,25 @@ impl<'a> Host<'a> {
         }
         host.set_top(0, &boxes)?;
         let image = host.golden.image();
-        let vertices = image.vertices.len() as u64;
+        // Memory has room for all instances, of which some may not be there in the first frame.
+        let (slots, vertices) = match one_level {
+            true => (image.nodes.len(), image.vertices.len() as u64),
+            false => (
+                host.golden.top_base() as usize + scene.instances.len(),
+                host.golden.instance_vectors(scene.instances.len()).into(),
+            ),
+        };
         ensure!(
             vertices <= 1 << config.address_bits,
             "the scene is too large for its address space: {vertices} vertices and vectors, but {} address bits hold {}; simplify the meshes or widen the address",
             config.address_bits,
             1u64 << config.address_bits
         );
-        host.arrays.vertices = image.vertex_words();
-        let nodes = image.node_words();
+        let mut words = image.vertex_words();
+        words.resize(vertices as usize * Record::vertex(format).words(), 0);
+        host.arrays.vertices = words;
+        let mut nodes = image.node_words();
+        nodes.resize(slots * Record::node(format).words(), 0);
         host.arrays.nodes = Image::from_words(nodes, Record::node(format).width)?;
         for number in 0..host.objects.len() {
             if host.objects[number].moves {
@@ -586,7 +599,8 @@ impl<'a> Host<'a> {
         }
     }
 
-    /// Builds the top-level tree over the instances of a frame, objects having these boxes. Of one level there is none.
+    /// Builds the top-level tree over the instances that are there in a frame, objects having these boxes. Of one level there
+    /// is none, nor of no instances.
     fn set_top(&mut self, frame: usize, boxes: &[Bounds]) -> Result<()> {
         if self.one_level {
             return Ok(());
@@ -596,14 +610,23 @@ impl<'a> Host<'a> {
             &self.film.scene.instances,
             &self.film.frames[frame].instances,
         );
-        let specs = instances
-            .enumerate()
-            .map(|(number, (&object, matrix))| {
-                let columns = columns(matrix);
-                InstanceSpec::new(format, number, object, &columns, boxes[object])
-            })
-            .collect::<Result<_>>()?;
+        let mut there = Vec::new();
+        let mut specs = Vec::new();
+        for (number, (&object, matrix)) in instances.enumerate() {
+            let Some(matrix) = matrix else {
+                continue;
+            };
+            let columns = columns(matrix);
+            let spec = InstanceSpec::new(format, number, object, &columns, boxes[object])?;
+            specs.push(spec);
+            there.push(number);
+        }
         self.specs = specs;
+        self.there = there;
+        if self.specs.is_empty() {
+            self.golden.clear_top();
+            return Ok(());
+        }
         let Config {
             axes_per_node,
             stack_depth,
@@ -693,7 +716,13 @@ impl<'a> Host<'a> {
             });
             (qualities, hits)
         };
+        // There is no tree over no instances: nothing is cast, and nothing is counted as compared.
+        let is_empty = self.there.is_empty();
         let (qualities, drawn) = match &mut units {
+            Some(_) if is_empty => {
+                progress(number, self.rays.len() as u64);
+                (side(false).0?, None)
+            }
             None => (side(false).0?, None),
             Some(units) => {
                 image.check(self.config.stack_depth)?;
@@ -715,6 +744,10 @@ impl<'a> Host<'a> {
             self.objects[object].costs = [quality.refitted, quality.rebuilt];
         }
         let picture = match &drawn {
+            None if is_empty && units.is_some() => {
+                let misses = vec![Hit::MISS; self.rays.len()];
+                Some(self.shade(frame, &misses))
+            }
             None => None,
             Some((rtl, golden)) => {
                 let picture = self.shade(frame, &rtl.hits);
@@ -729,11 +762,29 @@ impl<'a> Host<'a> {
             }
         };
         self.weigh(&mut figures);
+        let qualities = changed.into_iter().zip(qualities);
+        let trees = self.rebuild_bad(number, qualities, options, &mut figures)?;
+        Ok(picture.map(|picture| FrameReport {
+            number,
+            figures,
+            trees,
+            picture,
+        }))
+    }
+
+    /// Judges the trees of objects that have moved in a frame; those that have become bad are built anew.
+    fn rebuild_bad(
+        &mut self,
+        number: usize,
+        qualities: impl Iterator<Item = (usize, Quality)>,
+        options: &Options,
+        figures: &mut Figures,
+    ) -> Result<Vec<TreeReport>> {
         let mut trees = Vec::new();
-        for (object, quality) in changed.into_iter().zip(qualities) {
+        for (object, quality) in qualities {
             let sah_ratio = quality.ratio();
             // The last frame has no next one, which a new tree could serve.
-            let rebuilt = sah_ratio > options.rebuild_above && number + 1 < film.frames.len();
+            let rebuilt = sah_ratio > options.rebuild_above && number + 1 < self.film.frames.len();
             trees.push(TreeReport {
                 object: self.objects[object].machine.name.clone(),
                 sah_ratio,
@@ -744,12 +795,7 @@ impl<'a> Host<'a> {
                 self.rebuild(object, quality.tree)?;
             }
         }
-        Ok(picture.map(|picture| FrameReport {
-            number,
-            figures,
-            trees,
-            picture,
-        }))
+        Ok(trees)
     }
 
     /// Skinning and update of an object whose vertices have changed.
@@ -931,12 +977,14 @@ impl<'a> Host<'a> {
     /// Draws what rays hit in a frame.
     fn shade(&self, frame: &MachineFrame, hits: &[Hit]) -> RgbImage {
         let corners = |hit: &Hit| {
-            let instance = hit.instance as usize;
+            let instance = self.there[hit.instance as usize];
             let object = &self.objects[self.film.scene.instances[instance]];
             let triangle = object.machine.triangles[hit.triangle as usize];
+            let matrix = frame.instances[instance].as_ref();
+            let matrix = matrix.expect("what is hit is there");
             triangle.map(|vertex| {
                 let vertex = object.vertices[vertex as usize];
-                transform_point(&frame.instances[instance], vertex)
+                transform_point(matrix, vertex)
             })
         };
         report::shade_triangles(self.film.size, self.film.packets, hits, corners, None)
@@ -944,8 +992,9 @@ impl<'a> Host<'a> {
 
     /// Sums the trees' costs over the instances, each as likely to be met as its box in the world is large.
     fn weigh(&self, figures: &mut Figures) {
-        for (number, &object) in self.film.scene.instances.iter().enumerate() {
-            let area = match self.specs.get(number) {
+        for (place, &number) in self.there.iter().enumerate() {
+            let object = self.film.scene.instances[number];
+            let area = match self.specs.get(place) {
                 Some(spec) => spec.world_box.half_area(),
                 None => 1.0,
             };

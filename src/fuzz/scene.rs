@@ -141,7 +141,7 @@ impl RandomFilm {
             }
             frames.push(MachineFrame {
                 objects: states,
-                instances: matrices,
+                instances: matrices.into_iter().map(Some).collect(),
             });
         }
         // Objects in no instance would have no box that anything shows.
@@ -486,7 +486,8 @@ struct Targets {
 impl Targets {
     fn new(scene: &MachineScene, frame: &MachineFrame, posed: &[Vec<[f64; 3]>]) -> Targets {
         let places = scene.instances.iter().zip(&frame.instances);
-        let triangles = places.flat_map(|(&object, matrix)| {
+        let there = places.filter_map(|(&object, matrix)| Some((object, matrix.as_ref()?)));
+        let triangles = there.flat_map(|(object, matrix)| {
             let vertices = &posed[object];
             let at = move |v: u32| transform_point(matrix, vertices[v as usize]);
             (scene.objects[object].triangles.iter()).map(move |triangle| triangle.map(at))

@@ -9,6 +9,7 @@ use crate::cosim::workload::{Workload, instanced_scene};
 use crate::cosim::{animate, build, sources, unit_geometry, unit_skinning, unit_tpu, unit_update};
 use crate::emit;
 use crate::hw;
+use crate::temporary;
 use anyhow::{Context, Result, ensure};
 use std::panic::{AssertUnwindSafe, catch_unwind};
 
@@ -80,7 +81,7 @@ pub struct Failure {
 
 /// Where models are built: a cache that is emptied after every machine, since none of its models is wanted again.
 pub struct Workbench {
-    folder: tempfile::TempDir,
+    folder: temporary::Folder,
     build: BuildOptions,
     /// A fault that the Verilog of the units alone is given, to see that it is noticed.
     fault: Option<(Stage, Fault)>,
@@ -94,9 +95,8 @@ impl Workbench {
     /// One line that names a tool that is missing or fails, or a cache that cannot be written.
     pub fn new() -> Result<Workbench> {
         let cache = build::cache_folder(None)?;
-        let folder = (tempfile::Builder::new().prefix(build::Workshop::PREFIX))
-            .tempdir_in(&cache)
-            .with_context(|| {
+        let folder =
+            temporary::Folder::named(&cache, build::Workshop::PREFIX).with_context(|| {
                 format!(
                     "cannot write to the cache {}; set DYNRT_CACHE to a folder that can be written",
                     cache.display()

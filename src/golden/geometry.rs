@@ -116,7 +116,7 @@ impl Triangle {
 
     /// Whether the ray's line passes inside, and t, u, v.
     #[inline(always)]
-    fn moller_trumbore<const WHOLE: bool>(
+    pub(crate) fn moller_trumbore<const WHOLE: bool>(
         &self,
         a: &Arithmetic,
         ray: &RaySetup,
@@ -143,7 +143,11 @@ impl Triangle {
 
     /// Whether the ray's line passes inside, and t, u, v.
     #[inline(always)]
-    fn watertight<const WHOLE: bool>(&self, a: &Arithmetic, ray: &RaySetup) -> (bool, [f64; 3]) {
+    pub(crate) fn watertight<const WHOLE: bool>(
+        &self,
+        a: &Arithmetic,
+        ray: &RaySetup,
+    ) -> (bool, [f64; 3]) {
         let [kx, ky, kz] = ray.shear.axes.map(usize::from);
         let [sx, sy, sz] = ray.shear.scale;
         let sheared = self.vertices.map(|vertex| {

@@ -9,6 +9,7 @@
 use super::next_state;
 use super::text::Site;
 use crate::prove::tools::{self, Ended};
+use crate::temporary;
 use anyhow::{Context, Result};
 use std::collections::BTreeSet;
 use std::fmt::Write as _;
@@ -50,7 +51,7 @@ pub(super) fn proved(
     if memory > MOST_MEMORY_BITS {
         return Ok(None);
     }
-    let folder = tempfile::tempdir().context("cannot create a temporary folder")?;
+    let folder = temporary::Folder::new().context("cannot create a temporary folder")?;
     let mut script = String::new();
     for (design, changed) in [("gold", false), ("gate", true)] {
         script += "design -reset; ";

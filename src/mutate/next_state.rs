@@ -8,6 +8,7 @@
 
 use super::text::Site;
 use crate::prove::tools::{self, Ended};
+use crate::temporary;
 use anyhow::{Context, Result, anyhow};
 use serde_json::{Map, Value, json};
 use std::collections::{BTreeMap, BTreeSet};
@@ -30,7 +31,7 @@ pub(super) fn proved(
     at: usize,
     site: &Site,
 ) -> Result<bool> {
-    let folder = tempfile::tempdir().context("cannot create a temporary folder")?;
+    let folder = temporary::Folder::new().context("cannot create a temporary folder")?;
     let top = names[at];
     let mut shapes = vec![];
     for (design, changed) in [("gold", false), ("gate", true)] {

@@ -13,6 +13,7 @@ mod slots;
 pub(crate) mod tools;
 
 use crate::config::Config;
+use crate::temporary;
 use anyhow::{Context, Result, bail, ensure};
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -230,7 +231,7 @@ fn work(
     stopped: &AtomicBool,
     tell: &mpsc::Sender<Told>,
 ) -> Result<()> {
-    let folder = tempfile::tempdir().context("a temporary folder")?;
+    let folder = temporary::Folder::new().context("a temporary folder")?;
     let take = || next.fetch_add(1, Ordering::Relaxed);
     let (mut taken, mut place) = (take(), 0);
     for (unit, _) in UNITS {

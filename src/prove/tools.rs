@@ -1,5 +1,6 @@
 //! Yosys, ABC and z3: run at low priority, each for a limited time.
 
+use crate::child::Supervised;
 use crate::cosim::build::current;
 use anyhow::{Context, Result, anyhow, bail, ensure};
 use std::fs::File;
@@ -43,8 +44,7 @@ pub fn check() -> Result<()> {
     for (tool, package, version) in WANTED {
         let output = Command::new(tool)
             .arg(version.map_or("-h", |(ask, _)| ask))
-            .stdin(Stdio::null())
-            .output()
+            .supervised_output()
             .map_err(|error| match error.kind() {
                 ErrorKind::NotFound => {
                     anyhow!("{tool} is not installed: apt-get install {package}")
@@ -78,7 +78,7 @@ pub fn run(folder: &Path, limit: Duration, tool: &str, args: &[&str]) -> Result<
         .stdin(Stdio::null())
         .stdout(output.try_clone()?)
         .stderr(output)
-        .status()
+        .supervised_status()
         .map_err(|error| anyhow!("cannot run nice, of coreutils: {error}"))?;
     if matches!(status.code(), Some(124 | 137)) && started.elapsed() >= limit {
         return Ok(Ended::OutOfTime);

@@ -1,5 +1,7 @@
 //! A folder of results: filled under a temporary name beside its place, then renamed.
 
+use crate::temporary::{self, Parents};
+use crate::{interrupt, text};
 use anyhow::{Context, Result, bail};
 use std::collections::BTreeSet;
 use std::fs;
@@ -22,7 +24,9 @@ pub struct Folder {
     shown: PathBuf,
     /// Without links and dots, so that its parent and its name are what they seem.
     place: PathBuf,
-    temporary: tempfile::TempDir,
+    temporary: temporary::Folder,
+    /// The folders above it that were made for it; below `temporary`, so that they are dropped when they are empty.
+    parents: Option<Parents>,
 }
 
 impl Folder {
@@ -37,7 +41,7 @@ impl Folder {
         let written = |error: std::io::Error| {
             anyhow::anyhow!(
                 "{}: cannot be written: {}; {advice}",
-                place.display(),
+                text::path(place),
                 error.kind()
             )
         };
@@ -45,14 +49,15 @@ impl Folder {
             Some(parent) if !parent.as_os_str().is_empty() => parent,
             _ => Path::new("."),
         };
-        if !place.exists() {
-            fs::create_dir_all(parent).map_err(written)?;
-        }
+        let parents = match place.exists() {
+            true => None,
+            false => Some(Parents::make(parent).map_err(written)?),
+        };
         // Making the parent of `v/../v` makes `v`: whether the place exists is asked again.
         let place = match (place.exists(), place.file_name()) {
             (true, _) => place.canonicalize().map_err(written)?,
             (false, Some(name)) => parent.canonicalize().map_err(written)?.join(name),
-            (false, None) => bail!("{}: is no folder's name; give --out one", shown.display()),
+            (false, None) => bail!("{}: is no folder's name; give --out one", text::path(shown)),
         };
         let current = std::env::current_dir().and_then(|folder| folder.canonicalize());
         let (false, Some(parent)) = (
@@ -61,21 +66,14 @@ impl Folder {
         ) else {
             bail!(
                 "{}: holds the folder in which this runs, and cannot be replaced; name a folder in it",
-                shown.display()
+                text::path(shown)
             );
         };
-        let mut builder = tempfile::Builder::new();
-        builder.prefix(".dynrt-");
-        #[cfg(unix)]
-        {
-            use std::os::unix::fs::PermissionsExt;
-            // As readable as any new folder: the process' file mode mask takes away what it forbids.
-            builder.permissions(fs::Permissions::from_mode(0o777));
-        }
         Ok(Folder {
             content,
             shown: shown.to_path_buf(),
-            temporary: builder.tempdir_in(parent).map_err(written)?,
+            temporary: temporary::Folder::for_result(parent).map_err(written)?,
+            parents,
             place,
         })
     }
@@ -87,7 +85,7 @@ impl Folder {
 
     /// How to speak of a file.
     pub fn shown(&self, name: &str) -> String {
-        self.shown.join(name).display().to_string()
+        text::path(&self.shown.join(name))
     }
 
     /// Writes a whole file.
@@ -109,45 +107,48 @@ impl Folder {
             content,
             shown,
             place,
+            // What is dropped last comes first.
+            parents,
             temporary,
         } = self;
         check_free(&place, &shown, content)?;
-        let shown = shown.display();
+        let shown = text::path(&shown);
         let failed = |error: std::io::Error| {
             anyhow::anyhow!("{shown}: cannot be put in place: {}", error.kind())
         };
         // What was there moves into a folder that is removed, and back if its successor cannot take its place.
+        let _whole = interrupt::hold();
         let parent = temporary.path().parent().unwrap_or(Path::new("."));
-        let retired = tempfile::Builder::new()
-            .prefix(".dynrt-")
-            .tempdir_in(parent)
-            .map_err(failed)?;
-        let earlier = retired.path().join("earlier");
+        let retired = temporary::for_replaced(parent).map_err(failed)?;
+        let earlier = retired.path().join(place.file_name().unwrap_or_default());
         let replaces = place.exists();
         if replaces {
             fs::rename(&place, &earlier).map_err(failed)?;
         }
         if let Err(error) = fs::rename(temporary.path(), &place) {
             if replaces && fs::rename(&earlier, &place).is_err() {
-                let kept = retired.keep().join("earlier");
+                let _ = retired.keep();
                 bail!(
                     "{shown}: cannot be put in place: {}; the earlier {} are in {}: move them back",
                     error.kind(),
                     content.name,
-                    kept.display()
+                    text::path(&earlier)
                 );
             }
             return Err(failed(error));
         }
         // Its content is in place: there is nothing left to remove.
-        let _ = temporary.keep();
+        temporary.keep();
+        if let Some(parents) = parents {
+            parents.keep();
+        }
         Ok(())
     }
 }
 
 /// That `place` is free, or holds an earlier result and nothing that is not its own.
 fn check_free(place: &Path, shown: &Path, content: Content) -> Result<()> {
-    let shown = shown.display();
+    let shown = text::path(shown);
     if !place.exists() {
         return Ok(());
     }
@@ -171,7 +172,8 @@ fn check_free(place: &Path, shown: &Path, content: Content) -> Result<()> {
     };
     if let Some(foreign) = names.iter().find(|name| !owned.contains(*name)) {
         bail!(
-            "{shown}: holds {foreign} beside earlier {what}; move it elsewhere, or name a new folder"
+            "{shown}: holds {} beside earlier {what}; move it elsewhere, or name a new folder",
+            text::escaped(foreign)
         );
     }
     Ok(())

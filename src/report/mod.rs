@@ -3,13 +3,14 @@
 //! Files appear whole or not at all: they are written beside their place, then renamed. Symbolic links are followed;
 //! devices and pipes are written to as they are.
 
-pub(crate) mod folder;
+pub mod folder;
 mod frames;
 mod picture;
 
 pub use frames::FrameFolder;
 pub use picture::{heatmap, heatmap_colour, shade, shade_triangles, write_gif, write_png};
 
+use crate::{interrupt, temporary, text};
 use anyhow::{Result, bail};
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 use std::io::{IsTerminal, Write};
@@ -20,10 +21,7 @@ use std::path::{Path, PathBuf};
 /// # Errors
 /// One line that names the file if it cannot be written.
 pub fn json(path: &Path, value: &serde_json::Value) -> Result<()> {
-    write_whole(path, |file| {
-        serde_json::to_writer_pretty(&mut *file, value)?;
-        Ok(writeln!(file)?)
-    })
+    Staged::json(path, value)?.publish()
 }
 
 /// Writes a text.
@@ -31,7 +29,7 @@ pub fn json(path: &Path, value: &serde_json::Value) -> Result<()> {
 /// # Errors
 /// One line that names the file if it cannot be written.
 pub fn text(path: &Path, text: &str) -> Result<()> {
-    write_whole(path, |file| Ok(file.write_all(text.as_bytes())?))
+    Staged::text(path, text)?.publish()
 }
 
 /// A progress bar on stderr that counts to `length`; silent where stderr is not a terminal.
@@ -66,13 +64,47 @@ pub fn check_regular(path: &Path) -> Result<()> {
         Place::File(_) => Ok(()),
         Place::Stream => bail!(
             "{}: cannot be written: it is no regular file; give a file's name",
-            path.display()
+            text::path(path)
         ),
     }
 }
 
+/// Which file or folder there is at a path, links followed: the same for all its names, hard links among them.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Identity(
+    #[cfg(unix)] (u64, u64),
+    #[cfg(not(unix))] std::path::PathBuf,
+);
+
+impl Identity {
+    /// That of what is at `path`; nothing if there is nothing.
+    pub fn of(path: &Path) -> Option<Identity> {
+        #[cfg(unix)]
+        {
+            use std::os::unix::fs::MetadataExt;
+            let found = std::fs::metadata(path).ok()?;
+            Some(Identity((found.dev(), found.ino())))
+        }
+        #[cfg(not(unix))]
+        {
+            path.canonicalize().ok().map(Identity)
+        }
+    }
+}
+
+/// Whether what is written at `path` goes to a device, a pipe or the standard output, and replaces nothing.
+pub fn is_stream(path: &Path) -> bool {
+    matches!(Place::of(path), Place::Stream)
+}
+
 /// Whether two paths name the same regular file, which one of them would lose.
 pub fn is_same_file(a: &Path, b: &Path) -> bool {
+    if is_stream(a) || is_stream(b) {
+        return false;
+    }
+    if Identity::of(a).is_some_and(|a| Identity::of(b) == Some(a)) {
+        return true;
+    }
     let resolved = |path| match Place::of(path) {
         Place::File(file) => {
             let folder = folder_of(&file).canonicalize().ok()?;
@@ -130,38 +162,138 @@ fn is_stdout(path: &Path) -> bool {
         .any(|name| path == Path::new(name))
 }
 
-/// Lets `write` write a file under a temporary name beside the place that `path` leads to, then gives it its name; or,
-/// into a device or a pipe, directly.
-fn write_whole(path: &Path, write: impl FnOnce(&mut dyn Write) -> Result<()>) -> Result<()> {
-    let shown = path.display();
-    let failed = |error: &std::io::Error| {
-        anyhow::anyhow!("{shown}: cannot be written: {}; {ADVICE}", reason(error))
-    };
-    let fill = |stream: &mut dyn Write| {
-        let mut buffered = std::io::BufWriter::new(stream);
-        write(&mut buffered)
-            .and_then(|()| Ok(buffered.flush()?))
-            .map_err(|error| match error.downcast_ref::<std::io::Error>() {
-                Some(error) => failed(error),
-                None => error.context(format!("{shown}: cannot be written")),
-            })
-    };
-    match Place::of(path) {
-        Place::File(place) => {
-            let mut file = create_beside(path, &place)?;
-            fill(&mut file)?;
-            file.persist(place).map_err(|error| failed(&error.error))?;
-            Ok(())
-        }
-        Place::Stream if is_stdout(path) => fill(&mut std::io::stdout().lock()),
-        Place::Stream => {
-            let mut stream = std::fs::OpenOptions::new()
-                .write(true)
-                .open(path)
-                .map_err(|error| failed(&error))?;
-            fill(&mut stream)
+/// A file that is written and not in its place yet. What is not published vanishes.
+pub struct Staged {
+    /// As the user named it.
+    shown: String,
+    content: Content,
+}
+
+enum Content {
+    /// In a temporary file beside the place.
+    File(temporary::File, PathBuf),
+    /// For a device, a pipe or the standard output.
+    Stream(Vec<u8>, PathBuf),
+}
+
+impl Staged {
+    /// A value as indented JSON with a final newline.
+    ///
+    /// # Errors
+    /// One line that names the file if it cannot be written.
+    pub fn json(path: &Path, value: &serde_json::Value) -> Result<Staged> {
+        Staged::write(path, |file| {
+            serde_json::to_writer_pretty(&mut *file, value)?;
+            Ok(writeln!(file)?)
+        })
+    }
+
+    /// A text.
+    ///
+    /// # Errors
+    /// One line that names the file if it cannot be written.
+    pub fn text(path: &Path, text: &str) -> Result<Staged> {
+        Staged::write(path, |file| Ok(file.write_all(text.as_bytes())?))
+    }
+
+    /// An empty file, to be written by others where [`Staged::temporary`] says.
+    ///
+    /// # Errors
+    /// One line that names the file if it cannot be written, or is no regular file.
+    pub fn empty(path: &Path) -> Result<Staged> {
+        check_regular(path)?;
+        Staged::write(path, |_| Ok(()))
+    }
+
+    /// Where the file is for now; for a device or a pipe, where it will go.
+    pub fn temporary(&self) -> &Path {
+        match &self.content {
+            Content::File(file, _) => file.path(),
+            Content::Stream(_, path) => path,
         }
     }
+
+    /// Lets `write` write a file under a temporary name beside the place that `path` leads to; or, for a device or a pipe,
+    /// into memory.
+    pub(crate) fn write(
+        path: &Path,
+        write: impl FnOnce(&mut dyn Write) -> Result<()>,
+    ) -> Result<Staged> {
+        let shown = text::path(path);
+        let fill = |stream: &mut dyn Write| {
+            let mut buffered = std::io::BufWriter::new(stream);
+            write(&mut buffered)
+                .and_then(|()| Ok(buffered.flush()?))
+                .map_err(|error| match error.downcast_ref::<std::io::Error>() {
+                    Some(error) => failed(&shown, error),
+                    None => error.context(format!("{shown}: cannot be written")),
+                })
+        };
+        let content = match Place::of(path) {
+            Place::File(place) => {
+                let mut file = create_beside(path, &place)?;
+                fill(&mut file)?;
+                Content::File(file, place)
+            }
+            Place::Stream => {
+                let mut bytes = vec![];
+                fill(&mut bytes)?;
+                Content::Stream(bytes, path.to_path_buf())
+            }
+        };
+        Ok(Staged { shown, content })
+    }
+
+    /// Puts the file in its place.
+    ///
+    /// # Errors
+    /// One line that names the file.
+    pub fn publish(self) -> Result<()> {
+        publish_all([self])
+    }
+
+    /// Writes what goes to a device, a pipe or the standard output.
+    fn send(&self) -> Result<()> {
+        let Content::Stream(bytes, path) = &self.content else {
+            return Ok(());
+        };
+        let send = || {
+            if is_stdout(path) {
+                let mut stdout = std::io::stdout().lock();
+                return match stdout.write_all(bytes).and_then(|()| stdout.flush()) {
+                    // A reader that has seen enough is no error.
+                    Err(error) if error.kind() == std::io::ErrorKind::BrokenPipe => Ok(()),
+                    sent => sent,
+                };
+            }
+            let mut stream = std::fs::OpenOptions::new().write(true).open(path)?;
+            stream.write_all(bytes)?;
+            stream.flush()
+        };
+        send().map_err(|error| failed(&self.shown, &error))
+    }
+}
+
+/// Puts files in their places, all of them or, where that can be known before, none.
+///
+/// # Errors
+/// One line that names the first that cannot be put in place.
+pub fn publish_all(files: impl IntoIterator<Item = Staged>) -> Result<()> {
+    let files: Vec<Staged> = files.into_iter().collect();
+    // To write can fail on the way, to rename hardly.
+    files.iter().try_for_each(Staged::send)?;
+    let _whole = interrupt::hold();
+    for Staged { shown, content } in files {
+        if let Content::File(file, place) = content {
+            file.persist(&place)
+                .map_err(|error| failed(&shown, &error))?;
+        }
+    }
+    Ok(())
+}
+
+fn failed(shown: &str, error: &std::io::Error) -> anyhow::Error {
+    anyhow::anyhow!("{shown}: cannot be written: {}; {ADVICE}", reason(error))
 }
 
 const ADVICE: &str = "give a place that exists and can be written";
@@ -175,44 +307,24 @@ fn folder_of(path: &Path) -> &Path {
 }
 
 /// A temporary file in the folder of `place`, to which `path` leads.
-fn create_beside(path: &Path, place: &Path) -> Result<tempfile::NamedTempFile> {
-    let shown = path.display();
+fn create_beside(path: &Path, place: &Path) -> Result<temporary::File> {
+    let shown = text::path(path);
     if place.is_dir() {
         bail!("{shown}: cannot be written: it is a folder; give a file's name");
     }
     let folder = folder_of(place);
-    tempfile::Builder::new()
-        .permissions_of_new_files()
-        .tempfile_in(folder)
-        .map_err(|error| {
-            let reason = match folder.exists() {
-                true => reason(&error),
-                false => format!("there is no folder {}", folder.display()),
-            };
-            anyhow::anyhow!("{shown}: cannot be written: {reason}; {ADVICE}")
-        })
+    temporary::File::new(folder).map_err(|error| {
+        let reason = match folder.exists() {
+            true => reason(&error),
+            false => format!("there is no folder {}", text::path(folder)),
+        };
+        anyhow::anyhow!("{shown}: cannot be written: {reason}; {ADVICE}")
+    })
 }
 
 /// Why, without the temporary name that the error may hold.
 fn reason(error: &std::io::Error) -> String {
     error.kind().to_string()
-}
-
-trait PermissionsOfNewFiles {
-    /// Temporary files are private; results are as readable as any new file.
-    fn permissions_of_new_files(&mut self) -> &mut Self;
-}
-
-impl PermissionsOfNewFiles for tempfile::Builder<'_, '_> {
-    fn permissions_of_new_files(&mut self) -> &mut Self {
-        #[cfg(unix)]
-        {
-            use std::os::unix::fs::PermissionsExt;
-            // The process' file mode mask takes away what it forbids.
-            self.permissions(std::fs::Permissions::from_mode(0o666));
-        }
-        self
-    }
 }
 
 #[cfg(test)]
@@ -264,11 +376,48 @@ mod tests {
     }
 
     #[test]
+    fn files_appear_together_or_not_at_all() {
+        let folder = tempfile::tempdir().unwrap();
+        let at = |name: &str| folder.path().join(name);
+        let value = serde_json::json!(1);
+        let names = || {
+            let entries = std::fs::read_dir(folder.path()).unwrap();
+            let names = entries.map(|entry| entry.unwrap().file_name().into_string().unwrap());
+            names
+                .filter(|name| !name.starts_with('.'))
+                .collect::<Vec<_>>()
+        };
+        let both = [
+            Staged::json(&at("a.json"), &value).unwrap(),
+            Staged::text(&at("b.txt"), "text").unwrap(),
+        ];
+        assert_eq!(names(), [""; 0]);
+        publish_all(both).unwrap();
+        assert_eq!(names().len(), 2);
+        #[cfg(target_os = "linux")]
+        {
+            let both = [
+                Staged::json(&at("c.json"), &value).unwrap(),
+                Staged::text(Path::new("/dev/full"), "text").unwrap(),
+            ];
+            let error = publish_all(both).unwrap_err().to_string();
+            assert!(
+                error.starts_with("/dev/full: cannot be written: "),
+                "{error}"
+            );
+            assert_eq!(names().len(), 2);
+        }
+    }
+
+    #[test]
     fn a_failed_write_leaves_nothing() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("a.json");
         check_writable(&path).unwrap();
-        write_whole(&path, |_| bail!("no more")).unwrap_err();
+        let Err(error) = Staged::write(&path, |_| bail!("no more")) else {
+            panic!("it fails");
+        };
+        assert!(format!("{error:#}").ends_with("a.json: cannot be written: no more"));
         assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 0);
     }
 }

@@ -1,8 +1,9 @@
 //! Pictures of what rays met and of what that took.
 
-use super::write_whole;
+use super::Staged;
 use crate::port::{Hit, Ray};
 use crate::scene::{ImageSize, MachineMesh, RayPacket};
+use crate::text;
 use anyhow::{Context, Result};
 use glam::{DVec3, dvec3};
 use image::codecs::gif::{GifEncoder, Repeat};
@@ -153,19 +154,10 @@ pub fn heatmap_colour(value: f64) -> [u8; 3] {
 /// # Errors
 /// One line that names the file if it cannot be written.
 pub fn write_png(path: &Path, picture: &RgbImage) -> Result<()> {
-    let mut png = std::io::Cursor::new(Vec::new());
-    picture
-        .write_to(&mut png, ImageFormat::Png)
-        .with_context(|| format!("{}: cannot be drawn", path.display()))?;
-    write_whole(path, |file| {
-        Ok(std::io::Write::write_all(file, png.get_ref())?)
-    })
+    Staged::png(path, picture)?.publish()
 }
 
-/// Writes pictures as a GIF that repeats for ever, whatever the file is called.
-///
-/// GIF counts hundredths of a second and players stumble over less than two: each picture stays for the number nearest
-/// to 1 / `frames_per_second`, at least 2.
+/// Writes pictures as a GIF, see [`Staged::gif`].
 ///
 /// # Errors
 /// One line that names the file if it cannot be written or drawn.
@@ -173,22 +165,52 @@ pub fn write_png(path: &Path, picture: &RgbImage) -> Result<()> {
 /// # Panics
 /// Unless `frames_per_second` is above 0 and finite.
 pub fn write_gif(path: &Path, pictures: &[RgbImage], frames_per_second: f64) -> Result<()> {
-    assert!(frames_per_second > 0.0 && frames_per_second.is_finite());
-    // What a GIF can say, 655 s, is more than any animation's picture stays.
-    let hundredths = (100.0 / frames_per_second).round().clamp(2.0, 65535.0) as u32;
-    let delay = Delay::from_numer_denom_ms(10 * hundredths, 1);
-    let mut gif = Vec::new();
-    let drawn = (|| {
-        let mut encoder = GifEncoder::new_with_speed(&mut gif, 10);
-        encoder.set_repeat(Repeat::Infinite)?;
-        for picture in pictures {
-            let picture = DynamicImage::from(picture.clone()).to_rgba8();
-            encoder.encode_frame(Frame::from_parts(picture, 0, 0, delay))?;
-        }
-        Ok::<_, image::ImageError>(())
-    })();
-    drawn.with_context(|| format!("{}: cannot be drawn", path.display()))?;
-    write_whole(path, |file| Ok(std::io::Write::write_all(file, &gif)?))
+    Staged::gif(path, pictures, frames_per_second)?.publish()
+}
+
+impl Staged {
+    /// A picture as PNG, whatever the file is called.
+    ///
+    /// # Errors
+    /// One line that names the file if it cannot be written.
+    pub fn png(path: &Path, picture: &RgbImage) -> Result<Staged> {
+        let mut png = std::io::Cursor::new(Vec::new());
+        picture
+            .write_to(&mut png, ImageFormat::Png)
+            .with_context(|| format!("{}: cannot be drawn", text::path(path)))?;
+        Staged::write(path, |file| {
+            Ok(std::io::Write::write_all(file, png.get_ref())?)
+        })
+    }
+
+    /// Pictures as a GIF that repeats for ever, whatever the file is called.
+    ///
+    /// GIF counts hundredths of a second and players stumble over less than two: each picture stays for the number nearest
+    /// to 1 / `frames_per_second`, at least 2.
+    ///
+    /// # Errors
+    /// One line that names the file if it cannot be written or drawn.
+    ///
+    /// # Panics
+    /// Unless `frames_per_second` is above 0 and finite.
+    pub fn gif(path: &Path, pictures: &[RgbImage], frames_per_second: f64) -> Result<Staged> {
+        assert!(frames_per_second > 0.0 && frames_per_second.is_finite());
+        // What a GIF can say, 655 s, is more than any animation's picture stays.
+        let hundredths = (100.0 / frames_per_second).round().clamp(2.0, 65535.0) as u32;
+        let delay = Delay::from_numer_denom_ms(10 * hundredths, 1);
+        let mut gif = Vec::new();
+        let drawn = (|| {
+            let mut encoder = GifEncoder::new_with_speed(&mut gif, 10);
+            encoder.set_repeat(Repeat::Infinite)?;
+            for picture in pictures {
+                let picture = DynamicImage::from(picture.clone()).to_rgba8();
+                encoder.encode_frame(Frame::from_parts(picture, 0, 0, delay))?;
+            }
+            Ok::<_, image::ImageError>(())
+        })();
+        drawn.with_context(|| format!("{}: cannot be drawn", text::path(path)))?;
+        Staged::write(path, |file| Ok(std::io::Write::write_all(file, &gif)?))
+    }
 }
 
 #[cfg(test)]

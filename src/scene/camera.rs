@@ -1,6 +1,7 @@
 //! Pinhole cameras, in scene units.
 
 use super::Bounds;
+use crate::text;
 use anyhow::{Result, ensure};
 use glam::DVec3;
 
@@ -156,7 +157,8 @@ impl Camera {
         }
         ensure!(
             vertical_fov_degrees > 0.0 && vertical_fov_degrees < 180.0,
-            "the camera's vertical field of view is {vertical_fov_degrees} degrees; give more than 0 and less than 180"
+            "the camera's vertical field of view is {} degrees; give more than 0 and less than 180",
+            text::number(vertical_fov_degrees)
         );
         // Halves cannot overflow.
         let towards = (DVec3::from(target) / 2.0 - DVec3::from(eye) / 2.0).try_normalize_scaled();
@@ -205,7 +207,9 @@ fn positive_or_one(x: f64) -> f64 {
     if x > 0.0 { x } else { 1.0 }
 }
 
-fn shown([x, y, z]: [f64; 3]) -> String {
+/// A place or a direction, for messages.
+pub(super) fn shown([x, y, z]: [f64; 3]) -> String {
+    let [x, y, z] = [x, y, z].map(text::number);
     format!("({x}, {y}, {z})")
 }
 

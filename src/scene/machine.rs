@@ -1,5 +1,6 @@
 //! Scenes in the machine's numbers.
 
+use super::animation::some;
 use super::{Bounds, Mesh, Scene, used_bounds};
 use crate::float::{Arithmetic, Format};
 use anyhow::{Context, Result, ensure};
@@ -33,7 +34,7 @@ impl MachineMesh {
     /// If the mesh has no triangles, a triangle names a vertex that does not exist, a vertex is not finite, or
     /// the scale is not a power of two that a double-precision number can be.
     pub fn new(scene: &Scene, format: Format) -> Result<Self> {
-        let Scene { name, mesh } = scene;
+        let Scene { name, mesh, .. } = scene;
         check(mesh).with_context(|| format!("scene {name}"))?;
         let log2_scale =
             log2_scale(scene.bounds(), format).with_context(|| format!("scene {name}"))?;
@@ -64,51 +65,140 @@ impl MachineMesh {
 
     /// What of `scene`, which this was made from, the format cannot hold, a line each.
     pub fn warnings(&self, scene: &Scene) -> Vec<String> {
-        let mut warnings = Vec::new();
-        let (name, format) = (&scene.name, self.format);
-        let total = self.triangles.len();
-        let degenerate = self
-            .triangles
-            .iter()
-            .filter(|&&triangle| {
-                is_degenerate(&self.vertices, triangle)
-                    && !is_degenerate(&scene.mesh.positions, triangle)
-            })
-            .count();
-        let flat = (self.triangles.iter())
-            .filter(|&&triangle| is_degenerate(&scene.mesh.positions, triangle))
-            .count();
-        if flat > 0 {
-            warnings.push(format!(
-                "scene {name}: {flat} of {total} triangles have no area; remove them from the mesh, where they only take time"
-            ));
-        }
-        if degenerate > 0 {
-            warnings.push(format!(
-                "scene {name}: {degenerate} of {total} triangles have no area once rounded to {format}; a format with more fraction bits would keep them"
-            ));
-        }
-        let flushed = std::iter::zip(&scene.mesh.positions, &self.vertices)
-            .flat_map(|(before, after)| std::iter::zip(before, after))
-            .filter(|&(&before, &after)| before != 0.0 && after == 0.0)
-            .count();
-        if flushed > 0 {
-            warnings.push(format!(
-                "scene {name}: {flushed} coordinates are too small for {format} and became zero; a format with more exponent bits would keep them"
-            ));
-        }
-        // Far from the origin, neighbouring numbers lie further apart than the scene's details.
-        let (low, high) = self.bounds();
-        let extent = (0..3).map(|k| high[k] - low[k]).fold(0f64, f64::max);
-        let greatest = low.iter().chain(&high).fold(0f64, |g, x| g.max(x.abs()));
-        if extent < greatest / 16.0 {
-            warnings.push(format!(
-                "scene {name}: lies {:.0} times its own size away from the origin, where {format} is coarse; move it to the origin",
-                (greatest / extent).min(1e9)
-            ));
-        }
-        warnings
+        let mesh = &scene.mesh;
+        let loss = Loss::of(
+            &scene.name,
+            &mesh.positions,
+            &self.vertices,
+            &mesh.triangles,
+        );
+        losses(&scene.name, self.format, &[loss])
     }
+}
+
+/// What a mesh has lost, or never had, when it is in the machine's numbers.
+#[derive(Clone, Debug, PartialEq)]
+pub(super) struct Loss {
+    /// The mesh's name.
+    name: String,
+    triangles: usize,
+    /// Triangles that had no area before.
+    flat: usize,
+    /// Triangles that have no area any more.
+    flattened: usize,
+    /// Coordinates that became zero.
+    flushed: usize,
+    /// How many times its own size away from the origin it lies, where that is much.
+    distance: Option<f64>,
+}
+
+impl Loss {
+    /// Of a mesh whose vertices are `before` in the scene and `after` in the machine, up to a scale.
+    pub(super) fn of(
+        name: &str,
+        before: &[[f64; 3]],
+        after: &[[f64; 3]],
+        triangles: &[[u32; 3]],
+    ) -> Self {
+        let is_flat = |&&triangle: &&[u32; 3]| is_degenerate(before, triangle);
+        let flat = triangles.iter().filter(is_flat).count();
+        let is_flat = |&&triangle: &&[u32; 3]| is_degenerate(after, triangle);
+        let is_flattened =
+            |triangle: &&[u32; 3]| is_flat(triangle) && !is_degenerate(before, **triangle);
+        Loss {
+            name: name.to_string(),
+            triangles: triangles.len(),
+            flat,
+            flattened: triangles.iter().filter(is_flattened).count(),
+            flushed: std::iter::zip(before, after)
+                .flat_map(|(before, after)| std::iter::zip(before, after))
+                .filter(|&(&before, &after)| before != 0.0 && after == 0.0)
+                .count(),
+            distance: used_bounds(after, triangles).and_then(distance),
+        }
+    }
+}
+
+/// How many times its own size a box lies away from the origin, where that is so far that detail is lost: neighbouring
+/// numbers lie further apart there than near the origin.
+fn distance((low, high): Bounds) -> Option<f64> {
+    let extent = (0..3).map(|k| high[k] - low[k]).fold(0f64, f64::max);
+    let greatest = low.iter().chain(&high).fold(0f64, |g, x| g.max(x.abs()));
+    (extent < greatest / 16.0).then(|| (greatest / extent).min(1e9))
+}
+
+/// Of a whole scene, whose box in the world this is, how far away it lies: see [`losses`].
+pub(super) fn world_warning(scene: &str, format: Format, world: Bounds) -> Option<String> {
+    let distance = distance(world)?;
+    Some(far(&format!("scene {scene}"), format, distance))
+}
+
+fn far(what: &str, format: Format, distance: f64) -> String {
+    format!(
+        "{what}: lies {distance:.0} times its own size away from the origin, where {format} is coarse; move it to the origin"
+    )
+}
+
+/// What a format cannot hold of the meshes of a scene: a line for each kind of loss, which names the meshes if there are
+/// several.
+pub(super) fn losses(scene: &str, format: Format, meshes: &[Loss]) -> Vec<String> {
+    let mut warnings = Vec::new();
+    let total: usize = meshes.iter().map(|mesh| mesh.triangles).sum();
+    // How many there are of a kind, and in which meshes.
+    let of = |count: fn(&Loss) -> usize| {
+        let with = meshes.iter().filter(|mesh| count(mesh) > 0);
+        let names: Vec<String> = with
+            .map(|mesh| format!("{} of {}", count(mesh), mesh.name))
+            .collect();
+        let sum: usize = meshes.iter().map(count).sum();
+        let place = match meshes.len() {
+            0 | 1 => String::new(),
+            _ => format!(" ({})", some(names.iter().map(String::as_str))),
+        };
+        (sum, place)
+    };
+    let (flat, place) = of(|mesh| mesh.flat);
+    if flat > 0 {
+        warnings.push(format!(
+            "scene {scene}: {flat} of {total} triangles have no area{place}; remove them from the mesh, where they only take time"
+        ));
+    }
+    let (flattened, place) = of(|mesh| mesh.flattened);
+    if flattened > 0 {
+        warnings.push(format!(
+            "scene {scene}: {flattened} of {total} triangles have no area once rounded to {format}{place}; a format with more fraction bits would keep them"
+        ));
+    }
+    let (flushed, place) = of(|mesh| mesh.flushed);
+    if flushed > 0 {
+        warnings.push(format!(
+            "scene {scene}: {flushed} coordinates are too small for {format} and became zero{place}; a format with more exponent bits would keep them"
+        ));
+    }
+    let distant: Vec<&Loss> = meshes.iter().filter(|m| m.distance.is_some()).collect();
+    match distant.as_slice() {
+        [] => {}
+        [mesh] => {
+            let what = match meshes.len() {
+                1 => format!("scene {scene}"),
+                _ => format!("scene {scene}, {}", mesh.name),
+            };
+            warnings.push(far(&what, format, mesh.distance.unwrap_or_default()));
+        }
+        several => {
+            let times = |mesh: &&Loss| {
+                let distance = mesh.distance.unwrap_or_default();
+                format!("{} {distance:.0} times", mesh.name)
+            };
+            let names: Vec<String> = several.iter().map(times).collect();
+            warnings.push(format!(
+                "scene {scene}: {} objects lie many times their own size away from their origin ({}), where {format} is coarse; move them to it",
+                several.len(),
+                some(names.iter().map(String::as_str))
+            ));
+        }
+    }
+    warnings
 }
 
 /// The exponent of the greatest power of two by which a box can be scaled to fit ±2^[`MachineMesh::log2_limit`]; 0 for
@@ -199,6 +289,7 @@ mod tests {
                 positions: positions.to_vec(),
                 triangles: (0..count).map(|i| [3 * i, 3 * i + 1, 3 * i + 2]).collect(),
             },
+            warnings: Vec::new(),
         }
     }
 

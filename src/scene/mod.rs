@@ -11,14 +11,16 @@ mod camera;
 mod machine;
 mod obj;
 mod rays;
+mod sources;
 
 pub use animation::{Animated, load_animated};
 pub use builtin::{ANIMATED_NAMES, BUILTIN_NAMES, builtin};
 pub use camera::{Camera, View, default_light};
 pub use machine::{MachineMesh, log2_scale};
 pub use rays::{Frame, ImageSize, RAYS_PER_PACKET, RayPacket, shadow_rays};
+pub use sources::{Role, SceneSpec, Source, sources};
 
-use std::path::Path;
+use std::ffi::OsStr;
 
 /// The least and the greatest corner of an axis-aligned box.
 pub type Bounds = ([f64; 3], [f64; 3]);
@@ -48,6 +50,8 @@ pub struct Scene {
     /// The file's stem, or the built-in scene's name.
     pub name: String,
     pub mesh: Mesh,
+    /// What of the source is not in the mesh, a line each.
+    pub warnings: Vec<String>,
 }
 
 impl Scene {
@@ -62,17 +66,30 @@ impl Scene {
 
 /// Loads a scene.
 ///
-/// `spec` is the path of an OBJ file, or `builtin:NAME`, optionally with parameters:
+/// `spec` is a [`SceneSpec`]: the path of an OBJ file, or `builtin:NAME`, optionally with parameters:
 /// `builtin:NAME?key=value&key=value`, for example `builtin:teapot?tessellation=20`. See [`builtin()`] for
 /// names and parameters.
 ///
+/// Of an OBJ file the polygons of all groups and objects are read, as one mesh whose vertices stay shared:
+///
+/// | in the file | what becomes of it |
+/// |---|---|
+/// | encoding | UTF-8, or UTF-16 with a byte order mark or where it is plain; comments and names may be in any |
+/// | lines | end in LF, CR LF or CR; `#` begins a comment anywhere but in a name; a backslash at the end joins the next line, but not after a comment, a name or an unknown statement |
+/// | `v` | x y z; of four numbers the last is a weight, by which they are divided; three or four more are a colour, which is not used |
+/// | `f` | a fan around its first corner, which may be wrong if it is concave; texture coordinates and normals are not looked at |
+/// | groups, materials, `vt`, `vn`, smoothing | not used; files of materials may be missing |
+/// | lines, points, curves, surfaces, other files (`call`), unknown statements | left out, with a warning in [`Scene::warnings`] |
+///
 /// # Errors
-/// One line that names the file, the place in it and the remedy: no such file, a file that is no mesh, a
-/// mesh without triangles, vertices that are not finite, an index out of range, an unknown built-in scene.
-pub fn load(spec: &str) -> anyhow::Result<Scene> {
-    match spec.strip_prefix("builtin:") {
-        Some(rest) => builtin(rest),
-        None => obj::load(Path::new(spec)),
+/// One line that names the file, the place in it and the remedy: no such file, a file that is no mesh (an OBJ file has `v` or
+/// `f`), a mesh without triangles, a face without corners, vertices that are not finite, an index out of range, an unknown
+/// built-in scene.
+pub fn load(spec: impl AsRef<OsStr>) -> anyhow::Result<Scene> {
+    let spec = SceneSpec::new(spec);
+    match spec.builtin() {
+        Some(name) => builtin(&name),
+        None => obj::load(spec.as_ref().as_ref()),
     }
 }
 

@@ -1,7 +1,7 @@
 //! Packets of rays, in the machine's numbers.
 
 use super::machine::power_of_two;
-use super::{Camera, MachineMesh};
+use super::{Camera, MachineMesh, camera};
 use crate::float::{Arithmetic, Format};
 use crate::port::{Hit, Ray};
 use anyhow::{Result, bail, ensure};
@@ -87,6 +87,11 @@ impl Frame {
         self.size
     }
 
+    /// Width and height of a packet's block of pixels.
+    pub fn block(&self) -> [u32; 2] {
+        self.block
+    }
+
     pub fn rays_per_packet(&self) -> usize {
         (self.block[0] * self.block[1]) as usize
     }
@@ -134,11 +139,8 @@ impl Frame {
         let origin = camera.eye.map(|x| arithmetic.round(x * scale) + 0.0);
         ensure!(
             origin.iter().all(|x| x.is_finite()),
-            "the camera's eye ({}, {}, {}) lies too far from the scene for {}; move it nearer",
-            camera.eye[0],
-            camera.eye[1],
-            camera.eye[2],
-            format
+            "the camera's eye {} lies too far from the scene for {format}; move it nearer",
+            camera::shown(camera.eye)
         );
         let ImageSize { width, height } = self.size;
         let (columns, rows) = (f64::from(width), f64::from(height));
@@ -346,7 +348,10 @@ mod tests {
             .primary_rays(&camera, &sphere())
             .unwrap_err();
         let text = fault.to_string();
-        assert!(text.starts_with("the camera's eye (1000000000000000000000000000000, 0, 0) lies too far from the scene for "), "{text}");
+        assert!(
+            text.starts_with("the camera's eye (1e30, 0, 0) lies too far from the scene for "),
+            "{text}"
+        );
     }
 
     #[test]

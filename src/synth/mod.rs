@@ -38,6 +38,7 @@ use crate::config::Config;
 use crate::emit;
 use crate::hdl::{Design, Module};
 use crate::hw;
+use crate::temporary;
 use anyhow::{Context, Result, bail, ensure};
 use serde::Serialize;
 use serde_json::Value;
@@ -353,7 +354,7 @@ struct Job<'a> {
     /// Of Yosys.
     script: String,
     area_key: String,
-    folder: tempfile::TempDir,
+    folder: temporary::Folder,
 }
 
 impl<'a> Job<'a> {
@@ -373,7 +374,7 @@ impl<'a> Job<'a> {
         }
         parts.extend(files.iter().flat_map(|(n, text)| [n.as_str(), text]));
         let area_key = store::key(&parts);
-        let folder = tempfile::tempdir().context("cannot create a temporary folder")?;
+        let folder = temporary::Folder::new().context("cannot create a temporary folder")?;
         Ok(Job {
             module,
             area_key,

@@ -1,6 +1,7 @@
 //! Results that were reached before, under a key of all that went into them.
 
 use crate::cosim::build;
+use crate::temporary;
 use anyhow::{Result, anyhow};
 use serde::Serialize;
 use serde::de::DeserializeOwned;
@@ -53,12 +54,10 @@ impl Store {
     }
 
     pub fn put<T: Serialize>(&self, name: &str, key: &str, value: &T) -> Result<()> {
-        let file =
-            tempfile::NamedTempFile::new_in(&self.folder).map_err(|error| self.fault(&error))?;
-        serde_json::to_writer(&file, value)?;
-        file.persist(self.place(name, key))
-            .map_err(|error| self.fault(&error.error))?;
-        Ok(())
+        let mut file = temporary::File::new(&self.folder).map_err(|error| self.fault(&error))?;
+        serde_json::to_writer(&mut file, value)?;
+        file.persist(&self.place(name, key))
+            .map_err(|error| self.fault(&error))
     }
 
     /// Where all that a failing tool said is kept.

@@ -1,12 +1,13 @@
 //! Finding and running the tools.
 
 use super::Target;
+use crate::child::Supervised;
 use crate::cosim::build::{complaint, current};
 use anyhow::{Context, Result, anyhow, bail};
 use std::env;
 use std::fs;
 use std::path::{Path, PathBuf};
-use std::process::{Command, Output, Stdio};
+use std::process::{Command, Output};
 
 /// The environment variable that lists folders in which tools are looked for before `PATH`, such as the `bin` of a Python
 /// environment.
@@ -82,8 +83,7 @@ fn find(wanted: &Wanted) -> Result<Tool> {
     let path = std::path::absolute(&path).unwrap_or(path);
     let output = Command::new(&path)
         .arg(wanted.ask)
-        .stdin(Stdio::null())
-        .output()
+        .supervised_output()
         .map_err(|error| anyhow!("cannot run {}: {error}", path.display()))?;
     let printed = printed(&output);
     if !output.status.success() {
@@ -111,9 +111,9 @@ impl Tool {
     /// Runs it in a folder. If it fails, all that it said is kept in `log`, and the error is what it said first.
     pub fn run(&self, folder: &Path, args: &[&str], log: &Path) -> Result<()> {
         let mut command = Command::new(&self.path);
-        command.args(args).current_dir(folder).stdin(Stdio::null());
+        command.args(args).current_dir(folder);
         let output = command
-            .output()
+            .supervised_output()
             .with_context(|| format!("cannot run {}", self.path.display()))?;
         if output.status.success() {
             return Ok(());

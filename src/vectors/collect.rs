@@ -1,14 +1,14 @@
 //! Vectors from the golden model at work: what its observer sees becomes lines.
 
 use super::shape::Shape;
-use super::sheet::{Sheet, UnitSheets};
+use super::sheet::{PICTURE, Sheet, UnitSheets};
 use crate::bkd::layout::{MemoryImage, Node};
 use crate::float::Arithmetic;
 use crate::golden::raycast::{EnterEvent, RaySet};
 use crate::golden::{
     Caster, Instance, Observer, Outcome, RaySetup, RayTest, StepEvent, WHOLE_LINE,
 };
-use crate::port::{Hit, Ray};
+use crate::port::Ray;
 use crate::report::folder::Folder;
 use anyhow::Result;
 use std::rc::Rc;
@@ -44,6 +44,27 @@ impl<T> Reservoir<T> {
     }
 }
 
+/// A scene to cast into, with indices from 0 on.
+pub struct Scene<'a> {
+    pub image: &'a MemoryImage,
+    pub caster: Rc<Caster>,
+    /// What is added to indices of nodes and records in lines.
+    pub first_record: u32,
+}
+
+/// A packet to cast.
+pub struct Packet {
+    /// The scene it is in, 0 for the one that was given.
+    pub scene: usize,
+    /// Its block of the picture, if it is of the picture.
+    pub block: Option<u32>,
+    pub label: &'static str,
+    /// As many as the machine's packets have.
+    pub rays: Vec<Ray>,
+    /// What each ray is; empty where the label says it.
+    pub kinds: Vec<&'static str>,
+}
+
 /// Operands that the frame computes with.
 pub struct Operands {
     /// u and v of a triangle test.
@@ -60,8 +81,10 @@ pub struct Operands {
 pub struct Collector<'a> {
     pub shape: Shape,
     pub arithmetic: Arithmetic,
-    image: &'a MemoryImage,
-    caster: Rc<Caster>,
+    /// The one that was given first.
+    scenes: Vec<Scene<'a>>,
+    /// The one that packets are cast into.
+    scene: usize,
     pub rays: Sheet,
     pub hits: Sheet,
     pub packets: Sheet,
@@ -77,15 +100,17 @@ pub struct Collector<'a> {
 }
 
 impl<'a> Collector<'a> {
+    /// A collector of lines in scenes, the one that was given first.
+    ///
     /// # Errors
     /// One line that names a file that cannot be written.
-    pub fn new(folder: &Folder, shape: Shape, image: &'a MemoryImage) -> Result<Self> {
+    pub fn new(folder: &Folder, shape: Shape, scenes: Vec<Scene<'a>>) -> Result<Self> {
+        let sheet = |stem: &str, layout| Sheet::new(folder, stem, layout, PICTURE);
         Ok(Collector {
             arithmetic: Arithmetic::new(shape.format),
-            caster: Rc::new(Caster::new(image, shape.test, shape.rays)),
-            rays: Sheet::new(folder, "raycast_rays", shape.raycast_rays())?,
-            hits: Sheet::new(folder, "raycast_hits", shape.raycast_hits())?,
-            packets: Sheet::new(folder, "raycast_packets", shape.raycast_packets())?,
+            rays: sheet("raycast_rays", shape.raycast_rays())?,
+            hits: sheet("raycast_hits", shape.raycast_hits())?,
+            packets: sheet("raycast_packets", shape.raycast_packets())?,
             setup: UnitSheets::new(
                 folder,
                 "ray_setup",
@@ -107,7 +132,7 @@ impl<'a> Collector<'a> {
                 shape.triangle_test_expected(),
                 true,
             )?,
-            transform: (image.is_instanced())
+            transform: (scenes.iter().any(|scene| scene.image.is_instanced()))
                 .then(|| {
                     UnitSheets::new(
                         folder,
@@ -125,34 +150,42 @@ impl<'a> Collector<'a> {
                 reciprocal: Reservoir::new(),
             },
             shape,
-            image,
+            scenes,
+            scene: 0,
             steps: 0,
             tests: 0,
         })
     }
 
-    /// What a packet's rays hit, of which nothing is written.
-    pub fn hits_of(&self, rays: &[Ray]) -> Vec<Hit> {
-        self.caster.cast(rays, &mut ()).hits
-    }
-
-    /// Casts a packet; places without a ray are inactive.
+    /// Casts a packet.
     ///
     /// # Errors
     /// One line that names a file that cannot be written.
-    pub fn cast(&mut self, rays: &[Ray]) -> Result<()> {
-        let mut rays = rays.to_vec();
-        rays.resize(self.shape.rays, Ray::INACTIVE);
+    pub fn cast(&mut self, packet: &Packet) -> Result<()> {
+        let Packet {
+            scene,
+            block,
+            label,
+            rays,
+            kinds,
+        } = packet;
+        self.scene = *scene;
         let tag = self.packets.lines & (u64::MAX >> (64 - self.shape.tag_bits));
+        self.packets.begin(label);
         let mut setups = vec![];
-        for ray in &rays {
-            setups.push(self.set_up(ray)?);
+        for (k, ray) in rays.iter().enumerate() {
+            // Ray setup has the box of one scene.
+            setups.push(match scene {
+                0 => self.set_up(ray)?,
+                _ => RaySetup::new(&self.arithmetic, ray),
+            });
             let mut values = self.shape.ray_values(ray);
             values.push(tag);
+            self.rays.begin(kinds.get(k).unwrap_or(label));
             self.rays.push(&values)?;
         }
         let (first_step, first_test) = (self.step.stimulus.lines, self.test.stimulus.lines);
-        let caster = Rc::clone(&self.caster);
+        let caster = Rc::clone(&self.scenes[*scene].caster);
         let first_transform = self.transforms();
         let mut watcher = Watcher {
             inside: setups.clone(),
@@ -161,7 +194,7 @@ impl<'a> Collector<'a> {
             setups: &setups,
             result: Ok(()),
         };
-        let result = caster.cast(&rays, &mut watcher);
+        let result = caster.cast(rays, &mut watcher);
         watcher.result?;
         let steps = self.step.stimulus.lines - first_step;
         let tests = self.test.stimulus.lines - first_test;
@@ -174,10 +207,13 @@ impl<'a> Collector<'a> {
             tests,
             first_transform,
             transforms,
+            *scene as u64,
+            block.unwrap_or(u32::MAX).into(),
         ])?;
         self.steps += steps;
         self.tests += tests;
-        for hit in &result.hits {
+        for (k, hit) in result.hits.iter().enumerate() {
+            self.hits.begin(kinds.get(k).unwrap_or(label));
             let values = self.shape.hit_values(hit, tag);
             self.hits.push(&values)?;
         }
@@ -189,13 +225,19 @@ impl<'a> Collector<'a> {
         (self.transform.as_ref()).map_or(0, |sheets| sheets.stimulus.lines)
     }
 
-    /// A ray's setup.
+    /// The scene that packets are cast into, and where its slots begin.
+    fn image(&self) -> (&'a MemoryImage, u32) {
+        let scene = &self.scenes[self.scene];
+        (scene.image, scene.first_record)
+    }
+
+    /// A ray's setup in the scene that was given.
     ///
     /// # Errors
     /// One line that names a file that cannot be written.
     pub fn set_up(&mut self, ray: &Ray) -> Result<RaySetup> {
         let setup = RaySetup::new(&self.arithmetic, ray);
-        let interval = setup.enter_scene(&self.arithmetic, self.image.bounds);
+        let interval = setup.enter_scene(&self.arithmetic, self.scenes[0].image.bounds);
         for component in setup.direction {
             self.operands.reciprocal.offer(component);
         }
@@ -258,7 +300,9 @@ impl Observer for Watcher<'_, '_> {
         if self.result.is_err() {
             return;
         }
-        let node = self.collector.image.nodes[event.node as usize];
+        let (image, first) = self.collector.image();
+        let mut node = image.nodes[event.node as usize];
+        node.link.link += first;
         let sides = [
             (node.left, node.link.left_axis),
             (node.right, node.link.right_axis),
@@ -283,7 +327,7 @@ impl Observer for Watcher<'_, '_> {
             }
         }
         self.result = self.collector.step(
-            (event.node, &node),
+            (first + event.node, &node),
             setups,
             &event.rays,
             (&event.left, &event.right, event.left_first),
@@ -296,12 +340,11 @@ impl Observer for Watcher<'_, '_> {
         }
         let [_, u, v] = event.outcome.raw;
         self.collector.operands.add.offer([u, v]);
-        let record = self.collector.image.records[event.record as usize];
-        let vertices = record
-            .vertices
-            .map(|vertex| self.collector.image.vertices[vertex as usize]);
+        let (image, first) = self.collector.image();
+        let record = image.records[event.record as usize];
+        let vertices = (record.vertices).map(|vertex| image.vertices[vertex as usize]);
         self.result = self.collector.test(
-            (event.slot, event.record),
+            (event.slot, first + event.record),
             &vertices,
             (
                 &self.inside[event.slot as usize],
@@ -316,16 +359,15 @@ impl Observer for Watcher<'_, '_> {
             return;
         }
         let slot = event.slot as usize;
+        let (image, first) = self.collector.image();
         let Collector {
-            shape,
-            image,
-            transform,
-            ..
+            shape, transform, ..
         } = &mut *self.collector;
         let sheets = transform.as_mut().expect("a scene of two levels");
+        let record = first + event.record;
         let instance = Instance::fetch(image, event.record);
         self.result = sheets.push(
-            &shape.ray_transform_values(event.slot, event.record, &instance, &self.setups[slot]),
+            &shape.ray_transform_values(event.slot, record, &instance, &self.setups[slot]),
             &shape.ray_transform_outcome(&event.transformed),
         );
         self.inside[slot] = event.transformed.ray;

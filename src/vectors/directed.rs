@@ -1,9 +1,10 @@
 //! Vectors that a frame may not bring: rays of every kind, and transactions full of coincidences and special values.
 //! They are the same for the same machine and frame.
 
-use super::collect::Collector;
+use super::collect::{Collector, Packet};
 use super::sheet::UnitSheets;
-use crate::bkd::layout::{LINK_BITS, LinkWord, Node};
+use crate::bkd::layout::{LinkWord, Node};
+use crate::config::TriangleTest;
 use crate::float::{Arithmetic, specials};
 use crate::golden::clip::RayLanes;
 use crate::golden::raycast::RaySet;
@@ -21,98 +22,106 @@ const PARTNERS: usize = 4;
 type Variant = fn(&Arithmetic, &Ray, &Hit) -> Ray;
 
 /// What the rays of a frame are not by themselves.
-const VARIANTS: &[Variant] = &[
-    |_, ray, _| *ray,
-    |_, ray, _| Ray {
+const VARIANTS: &[(&str, Variant)] = &[
+    ("as in the picture", |_, ray, _| *ray),
+    ("any hit", |_, ray, _| Ray {
         any_hit: true,
         ..*ray
-    },
+    }),
     // The interval of distances is closed: a hit at tmin or tmax counts, a hit one ulp beyond does not.
-    |_, ray, hit| Ray {
+    ("tmax at the hit", |_, ray, hit| Ray {
         tmax: hit.t,
         ..*ray
-    },
-    |a, ray, hit| Ray {
+    }),
+    ("tmax before the hit", |a, ray, hit| Ray {
         tmax: a.step(hit.t, -1),
         ..*ray
-    },
-    |a, ray, hit| Ray {
+    }),
+    ("any hit, tmax before the hit", |a, ray, hit| Ray {
         any_hit: true,
         tmax: a.step(hit.t, -1),
         ..*ray
-    },
-    |_, ray, hit| Ray {
+    }),
+    ("tmin at the hit", |_, ray, hit| Ray {
         tmin: hit.t,
         ..*ray
-    },
-    |a, ray, hit| Ray {
+    }),
+    ("tmin beyond the hit", |a, ray, hit| Ray {
         tmin: a.step(hit.t, 1),
         ..*ray
-    },
-    |_, ray, hit| Ray {
+    }),
+    ("any hit, tmin and tmax at the hit", |_, ray, hit| Ray {
         any_hit: true,
         tmin: hit.t,
         tmax: hit.t,
         ..*ray
-    },
+    }),
     // Limits that make a ray miss, and zeros of both signs.
-    |_, ray, _| Ray {
+    ("tmin above tmax", |_, ray, _| Ray {
         tmin: 2.0,
         tmax: 1.0,
         ..*ray
-    },
-    |_, ray, _| Ray { tmin: -1.0, ..*ray },
-    |_, ray, _| Ray { tmin: -0.0, ..*ray },
-    |_, ray, _| Ray {
+    }),
+    ("tmin negative", |_, ray, _| Ray { tmin: -1.0, ..*ray }),
+    ("tmin -0", |_, ray, _| Ray { tmin: -0.0, ..*ray }),
+    ("tmin and tmax -0", |_, ray, _| Ray {
         tmin: -0.0,
         tmax: -0.0,
         ..*ray
-    },
-    |_, ray, _| Ray {
+    }),
+    ("tmin infinite", |_, ray, _| Ray {
         tmin: f64::INFINITY,
         ..*ray
-    },
-    |_, ray, _| Ray {
+    }),
+    ("inactive", |_, ray, _| Ray {
         active: false,
         ..*ray
-    },
+    }),
     // NaNs, zeros and infinities.
-    |_, ray, _| Ray {
+    ("tmin NaN", |_, ray, _| Ray {
         tmin: f64::NAN,
         ..*ray
-    },
-    |_, ray, _| Ray {
+    }),
+    ("tmax NaN", |_, ray, _| Ray {
         tmax: f64::NAN,
         ..*ray
-    },
-    |_, ray, _| Ray {
+    }),
+    ("origin NaN", |_, ray, _| Ray {
         origin: with(ray.origin, 1, f64::NAN),
         ..*ray
-    },
-    |_, ray, _| Ray {
+    }),
+    ("origin infinite", |_, ray, _| Ray {
         origin: with(ray.origin, 2, f64::INFINITY),
         ..*ray
-    },
-    |_, ray, _| Ray {
+    }),
+    ("direction NaN", |_, ray, _| Ray {
         direction: with(ray.direction, 0, f64::NAN),
         ..*ray
-    },
-    |_, ray, _| Ray {
+    }),
+    ("direction 0 on an axis", |_, ray, _| Ray {
         direction: with(ray.direction, 0, 0.0),
         ..*ray
-    },
-    |_, ray, _| Ray {
+    }),
+    ("direction -0 on an axis", |_, ray, _| Ray {
         direction: with(ray.direction, 1, -0.0),
         ..*ray
-    },
-    |_, ray, _| Ray {
+    }),
+    ("direction infinite on an axis", |_, ray, _| Ray {
         direction: with(ray.direction, 2, f64::NEG_INFINITY),
         ..*ray
-    },
-    |_, ray, _| Ray {
+    }),
+    ("direction 0", |_, ray, _| Ray {
         direction: [0.0; 3],
         ..*ray
-    },
+    }),
+    // Valid: no component is a NaN. On the axis nothing clips it; in an object it is a NaN, and must not enter.
+    ("origin and direction infinite on an axis", |_, ray, _| {
+        Ray {
+            origin: with(ray.origin, 0, f64::INFINITY),
+            direction: with(ray.direction, 0, f64::INFINITY),
+            ..*ray
+        }
+    }),
 ];
 
 fn with(mut vector: [f64; 3], axis: usize, component: f64) -> [f64; 3] {
@@ -120,22 +129,20 @@ fn with(mut vector: [f64; 3], axis: usize, component: f64) -> [f64; 3] {
     vector
 }
 
-/// Casts packets of variants of one packet's rays: each ray is of each kind in turn, in a packet of mixed kinds.
-///
-/// # Errors
-/// One line that names a file that cannot be written.
-pub fn cast_variants(collector: &mut Collector<'_>, rays: &[Ray], hits: &[Hit]) -> Result<()> {
-    let a = collector.arithmetic;
-    for first in 0..VARIANTS.len() {
-        let variants: Vec<Ray> = rays
-            .iter()
-            .zip(hits)
-            .enumerate()
-            .map(|(k, (ray, hit))| VARIANTS[(first + k) % VARIANTS.len()](&a, ray, hit))
-            .collect();
-        collector.cast(&variants)?;
-    }
-    Ok(())
+/// Packets of variants of one packet's rays: each ray is of each kind in turn, in a packet of mixed kinds.
+pub fn variants(a: &Arithmetic, rays: &[Ray], hits: &[Hit]) -> Vec<Packet> {
+    let packet = |first: usize| {
+        let kind = |k: usize| VARIANTS[(first + k) % VARIANTS.len()];
+        let of = rays.iter().zip(hits).enumerate();
+        Packet {
+            scene: 0,
+            block: None,
+            label: "variants",
+            rays: of.map(|(k, (ray, hit))| kind(k).1(a, ray, hit)).collect(),
+            kinds: (0..rays.len()).map(|k| kind(k).0).collect(),
+        }
+    };
+    (0..VARIANTS.len()).map(packet).collect()
 }
 
 /// Random values on a grid so coarse that coincidences abound.
@@ -191,6 +198,9 @@ pub fn transactions(collector: &mut Collector<'_>) -> Result<()> {
     };
     let format = collector.shape.format;
     let special: Vec<f64> = specials(format).iter().map(|&b| format.to_f64(b)).collect();
+    collector.setup.begin("directed: special values");
+    collector.test.begin("directed: coarse grid");
+    collector.step.begin("directed: coarse grid");
     for _ in 0..TRANSACTIONS {
         let mut ray = grid.ray(None);
         for place in 0..8 {
@@ -212,6 +222,10 @@ pub fn transactions(collector: &mut Collector<'_>) -> Result<()> {
     for _ in 0..TRANSACTIONS {
         triangle_test(collector, &mut grid)?;
     }
+    collector.test.begin("directed: t would be infinite");
+    search(collector, &mut grid, endless)?;
+    collector.test.begin("directed: box flat on two axes");
+    search(collector, &mut grid, flat)?;
     for _ in 0..TRANSACTIONS {
         match collector.shape.rays {
             1 => packet_step::<1>(collector, &mut grid)?,
@@ -249,6 +263,122 @@ fn triangle_test(collector: &mut Collector<'_>, grid: &mut Grid) -> Result<()> {
     collector.test((0, 0), &vertices, (&setup, window), &outcome)
 }
 
+/// The most tests of a kind that a search writes, and how many it tries for them.
+const FOUND: usize = 32;
+const TRIED: usize = 20_000;
+
+/// Three vertices and a ray.
+type Candidate = ([[f64; 3]; 3], Ray);
+
+/// Tests of a kind that would hit but for one rule. In some formats, and for a rule that the test itself implies, there are none.
+fn search(
+    collector: &mut Collector<'_>,
+    grid: &mut Grid,
+    kind: fn(&mut Grid) -> (Candidate, Rule),
+) -> Result<()> {
+    let a = collector.arithmetic;
+    let test = collector.shape.test;
+    let mut found = 0;
+    for _ in 0..TRIED {
+        let ((vertices, ray), rule) = kind(grid);
+        let setup = RaySetup::new(&a, &ray);
+        let triangle = Triangle::new(vertices, 0);
+        let outcome = triangle.intersect::<true>(&a, test, &setup, WHOLE_LINE);
+        if setup.valid && !outcome.hit && hits_without(&a, test, &triangle, &setup, rule) {
+            collector.test((0, 0), &vertices, (&setup, WHOLE_LINE), &outcome)?;
+            found += 1;
+            if found == FOUND {
+                break;
+            }
+        }
+    }
+    Ok(())
+}
+
+/// A rule of the triangle test.
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum Rule {
+    /// t < ∞.
+    Finite,
+    /// lo_i = hi_i on two axes is degenerate.
+    FlatBox,
+}
+
+/// Whether a ray hits a triangle where one rule does not hold.
+fn hits_without(
+    a: &Arithmetic,
+    test: TriangleTest,
+    triangle: &Triangle,
+    ray: &RaySetup,
+    rule: Rule,
+) -> bool {
+    let [v0, v1, v2] = triangle.vertices;
+    let equal = v0 == v1 || v1 == v2 || v2 == v0;
+    let triangle = Triangle {
+        degenerate: equal || triangle.degenerate && rule != Rule::FlatBox,
+        ..*triangle
+    };
+    let outcome = triangle.intersect::<true>(a, test, ray, WHOLE_LINE);
+    if rule != Rule::Finite {
+        return outcome.hit;
+    }
+    let (inside, _) = match test {
+        TriangleTest::MollerTrumbore => triangle.moller_trumbore::<true>(a, ray),
+        TriangleTest::Watertight => triangle.watertight::<true>(a, ray),
+    };
+    inside
+        && !triangle.degenerate
+        && outcome.near <= outcome.far
+        && !outcome.raw[0].is_nan()
+        && ray.tmin <= outcome.t
+        && outcome.t <= ray.tmax
+}
+
+/// A ray so short that the triangle in front of it is infinitely far.
+fn endless(grid: &mut Grid) -> (Candidate, Rule) {
+    let a = grid.arithmetic;
+    let vertices: [[f64; 3]; 3] = std::array::from_fn(|_| grid.vector());
+    let weights = [0.25, 0.25, 0.5];
+    let target: [f64; 3] =
+        std::array::from_fn(|i| (0..3).map(|k| weights[k] * vertices[k][i]).sum());
+    let towards: [f64; 3] = std::array::from_fn(|_| f64::from(grid.rng.i32(-2..=2)));
+    let far = f64::from(grid.rng.u32(1..=4));
+    let short = 2f64.powi(grid.rng.i32(1..=3) - a.format().bias());
+    let ray = Ray {
+        origin: std::array::from_fn(|i| a.round(target[i] - far * towards[i])),
+        direction: towards.map(|x| a.round(short * x)),
+        tmin: 0.0,
+        tmax: f64::INFINITY,
+        active: true,
+        any_hit: false,
+    };
+    ((vertices, ray), Rule::Finite)
+}
+
+/// A triangle on a line along an axis, and a ray that goes about as the line does and meets it.
+fn flat(grid: &mut Grid) -> (Candidate, Rule) {
+    let a = grid.arithmetic;
+    let axis = grid.rng.usize(..3);
+    let mut anywhere = || a.round(4.0 * grid.rng.f64() - 2.0);
+    let base: [f64; 3] = std::array::from_fn(|_| anywhere());
+    let vertices: [[f64; 3]; 3] = std::array::from_fn(|_| with(base, axis, anywhere()));
+    let target = with(base, axis, (vertices[0][axis] + vertices[1][axis]) / 2.0);
+    let direction: [f64; 3] = std::array::from_fn(|i| match i == axis {
+        true => 1.0,
+        false => anywhere() / 4.0,
+    });
+    let direction = direction.map(|x| a.round(x));
+    let ray = Ray {
+        origin: std::array::from_fn(|i| a.round(target[i] - 4.0 * direction[i])),
+        direction,
+        tmin: 0.0,
+        tmax: f64::INFINITY,
+        active: true,
+        any_hit: false,
+    };
+    ((vertices, ray), Rule::FlatBox)
+}
+
 fn packet_step<const N: usize>(collector: &mut Collector<'_>, grid: &mut Grid) -> Result<()> {
     let a = collector.arithmetic;
     let setups: [RaySetup; N] = std::array::from_fn(|_| RaySetup::new(&a, &grid.ray(None)));
@@ -266,14 +396,14 @@ fn packet_step<const N: usize>(collector: &mut Collector<'_>, grid: &mut Grid) -
         left,
         right,
         link: LinkWord {
-            link: grid.rng.u32(..(1 << LINK_BITS) - 1),
+            link: grid.rng.u32(..(1 << collector.shape.address_bits) - 1),
             left_leaf: grid.rng.bool(),
             right_leaf: grid.rng.bool(),
             left_axis,
             right_axis,
         },
     };
-    let index = grid.rng.u32(..1 << LINK_BITS);
+    let index = grid.rng.u32(..1 << collector.shape.address_bits);
     let mut come = Lanes {
         mask: grid.rng.u8(1..=collector.shape.all()),
         near: [0.0; N],
@@ -327,13 +457,13 @@ pub fn arithmetic(
             Operation::Binary(f) => f(a, x, y),
         })
     };
-    let mut push = |operands: [u64; 2]| {
-        let count = match operation {
-            Operation::Unary(_) => 1,
-            Operation::Binary(_) => 2,
-        };
-        sheets.push(&operands[..count], &[(result(operands), true)])
+    let count = match operation {
+        Operation::Unary(_) => 1,
+        Operation::Binary(_) => 2,
     };
+    sheets.begin("directed: special operands");
+    let mut push =
+        |operands: [u64; 2]| sheets.push(&operands[..count], &[(result(operands), true)]);
     let mut rng = fastrand::Rng::with_seed(2);
     for &x in &special {
         match operation {
@@ -345,8 +475,10 @@ pub fn arithmetic(
             }
         }
     }
+    sheets.begin("operands of packets");
     for operands in of_frame {
-        push(operands.map(|number| format.to_bits(number)))?;
+        let operands = operands.map(|number| format.to_bits(number));
+        sheets.push(&operands[..count], &[(result(operands), true)])?;
     }
     Ok(())
 }

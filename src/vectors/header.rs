@@ -4,8 +4,11 @@ use super::layout::Layout;
 use super::shape::Shape;
 use crate::config::{Config, TriangleTest};
 use crate::hdl::{Design, Direction, Module};
-use serde_json::{Value, json};
+use serde_json::{Map, Value, json};
 use std::fmt::Write as _;
+
+/// What every macro begins with.
+pub const PREFIX: &str = "DYNRT_";
 
 /// The modules that the benches drive as pipelines.
 const PIPELINES: [&str; 7] = [
@@ -25,27 +28,35 @@ pub struct Entry<'a> {
     pub layout: &'a Layout,
 }
 
-/// The pipelined modules of a design: how long each takes, and which inputs are due later than the others.
+/// The pipelined modules of a design: how long each takes, and by how many cycles each input is due later than the first.
 pub fn pipelines(design: &Design) -> Vec<Value> {
     modules(design)
         .map(|module| {
-            let late = inputs(module).filter(|(_, stage)| *stage > 0);
-            let late: serde_json::Map<String, Value> = late
+            let stages: Map<String, Value> = inputs(module)
                 .map(|(name, stage)| (name.to_string(), json!(stage)))
                 .collect();
-            json!({"module": design.emitted(module.name()), "latency": latency(module), "late_inputs": late})
+            json!({
+                "module": design.emitted(module.name()),
+                "macros": format!("{PREFIX}{}", module.name().to_uppercase()),
+                "latency": latency(module),
+                "stages": stages,
+            })
         })
         .collect()
 }
 
+/// The module of a design that has this name in its description.
+///
+/// # Panics
+/// Where there is none.
+pub fn module<'d>(design: &'d Design, name: &str) -> &'d Module {
+    let mut modules = design.modules().iter();
+    let found = modules.find(|module| module.name() == name);
+    found.unwrap_or_else(|| panic!("a machine has a module {name}"))
+}
+
 fn modules(design: &Design) -> impl Iterator<Item = &Module> {
-    PIPELINES.iter().map(|name| {
-        let module = design
-            .modules()
-            .iter()
-            .find(|module| module.name() == *name);
-        &**module.unwrap_or_else(|| panic!("a machine has a module {name}"))
-    })
+    PIPELINES.iter().map(|name| module(design, name))
 }
 
 fn inputs(module: &Module) -> impl Iterator<Item = (&str, u32)> {
@@ -65,59 +76,65 @@ fn latency(module: &Module) -> u32 {
         .unwrap_or(0)
 }
 
+/// Widths of ports and settings of memories, by the names of their macros without prefix and in small letters.
+pub fn machine(
+    config: &Config,
+    shape: &Shape,
+    design: &Design,
+    two_levels: bool,
+) -> Map<String, Value> {
+    let bits_of = |port: &str| design.top().port(port).map_or(1, |port| port.width);
+    let settings = json!({
+        "number_bits": shape.format.width(),
+        "exponent_bits": config.exponent_bits,
+        "rays_per_packet": shape.rays,
+        "ray_bits": bits_of("watch_test_ray"),
+        "packet_bits": bits_of("watch_start_packet"),
+        "vertex_tag_bits": bits_of("vertex_request_tag"),
+        "influence_tag_bits": bits_of("influence_request_tag"),
+        "influence_row_bits": bits_of("influence_response_data"),
+        "joint_count_bits": bits_of("skin_start_joints"),
+        "update_program_tag_bits": bits_of("update_program_request_tag"),
+        "update_vertex_tag_bits": bits_of("update_vertex_request_tag"),
+        "node_lanes": bits_of("update_node_write_mask"),
+        "tag_bits": shape.tag_bits,
+        "address_bits": config.address_bits,
+        "memory_latency": config.memory_latency,
+        "memory_jitter": config.memory_jitter,
+        "memory_ready_percent": config.memory_ready_percent,
+        "packet_step_stimulus_ray_stride": shape.packet_step_ray_bits(),
+        "watertight": shape.test == TriangleTest::Watertight,
+        "two_levels": two_levels,
+        "memory_in_order": config.memory_in_order,
+    });
+    match settings {
+        Value::Object(settings) => settings,
+        _ => unreachable!("an object was written"),
+    }
+}
+
 /// The text of `vectors.vh`.
-pub fn text(config: &Config, shape: &Shape, design: &Design, files: &[Entry<'_>]) -> String {
+pub fn text(machine: &Map<String, Value>, design: &Design, files: &[Entry<'_>]) -> String {
     let mut text = String::from(
-        "// What the benches in sim/ must know of the vectors beside this file. Generated with them by `dynrt vectors`.\n",
+        "// What the benches in sim/ must know of the vectors beside this file. Generated with them by `dynrt vectors`; all of it is in\n\
+         // manifest.json, too.\n",
     );
-    let bits_of = |port: &str| design.top().port(port).map_or(1, |port| port.width.into());
-    define(
-        &mut text,
-        "The machine",
-        &[
-            ("NUMBER_BITS", shape.format.width().into()),
-            ("EXPONENT_BITS", config.exponent_bits.into()),
-            ("RAYS_PER_PACKET", shape.rays as u64),
-            ("RAY_BITS", bits_of("watch_test_ray")),
-            ("PACKET_BITS", bits_of("watch_start_packet")),
-            ("VERTEX_TAG_BITS", bits_of("vertex_request_tag")),
-            ("INFLUENCE_TAG_BITS", bits_of("influence_request_tag")),
-            ("INFLUENCE_ROW_BITS", bits_of("influence_response_data")),
-            ("JOINT_COUNT_BITS", bits_of("skin_start_joints")),
-            (
-                "UPDATE_PROGRAM_TAG_BITS",
-                bits_of("update_program_request_tag"),
-            ),
-            (
-                "UPDATE_VERTEX_TAG_BITS",
-                bits_of("update_vertex_request_tag"),
-            ),
-            ("NODE_LANES", bits_of("update_node_write_mask")),
-            ("TAG_BITS", shape.tag_bits.into()),
-            ("ADDRESS_BITS", config.address_bits.into()),
-            ("MEMORY_LATENCY", config.memory_latency.into()),
-            ("MEMORY_JITTER", config.memory_jitter.into()),
-            ("MEMORY_READY_PERCENT", config.memory_ready_percent.into()),
-        ],
-    );
-    if shape.test == TriangleTest::Watertight {
-        text.push_str("`define WATERTIGHT\n");
+    text.push_str("\n// The machine\n");
+    for (key, value) in machine {
+        let name = key.to_uppercase();
+        let _ = match value {
+            Value::Bool(false) => Ok(()),
+            Value::Bool(true) => writeln!(text, "`define {PREFIX}{name}"),
+            number => writeln!(text, "`define {PREFIX}{name} {number}"),
+        };
     }
-    if files
-        .iter()
-        .any(|file| file.stem == "ray_transform_stimulus")
-    {
-        text.push_str("`define TWO_LEVELS\n");
-    }
-    if config.memory_in_order {
-        text.push_str("`define MEMORY_IN_ORDER\n");
-    }
-    text.push_str("\n// Clocks from operands to results, and by how many an input is due later than the first\n");
+    text.push_str("\n// Cycles from operands to results, and by how many an input is due later than the first\n");
     for module in modules(design) {
         let name = module.name().to_uppercase();
-        let _ = writeln!(text, "`define {name}_LATENCY {}", latency(module));
+        let _ = writeln!(text, "`define {PREFIX}{name}_LATENCY {}", latency(module));
         for (port, stage) in inputs(module) {
-            let _ = writeln!(text, "`define {name}_{}_STAGE {stage}", port.to_uppercase());
+            let port = port.to_uppercase();
+            let _ = writeln!(text, "`define {PREFIX}{name}_{port}_STAGE {stage}");
         }
     }
     for Entry {
@@ -126,14 +143,11 @@ pub fn text(config: &Config, shape: &Shape, design: &Design, files: &[Entry<'_>]
         layout,
     } in files
     {
-        let prefix = stem.to_uppercase();
-        define(
-            &mut text,
-            &format!("{stem}.hex"),
-            &[
-                (&format!("{prefix}_LINES"), *lines),
-                (&format!("{prefix}_BITS"), layout.width.into()),
-            ],
+        let prefix = format!("{PREFIX}{}", stem.to_uppercase());
+        let _ = writeln!(
+            text,
+            "\n// {stem}.hex\n`define {prefix}_LINES {lines}\n`define {prefix}_BITS {}",
+            layout.width
         );
         for field in &layout.fields {
             let name = format!("{prefix}_{}", field.name.to_uppercase());
@@ -146,20 +160,5 @@ pub fn text(config: &Config, shape: &Shape, design: &Design, files: &[Entry<'_>]
             );
         }
     }
-    define(
-        &mut text,
-        "Bits from one ray's fields to the next's",
-        &[(
-            "PACKET_STEP_STIMULUS_RAY_STRIDE",
-            shape.packet_step_ray_bits().into(),
-        )],
-    );
     text
-}
-
-fn define(text: &mut String, title: &str, values: &[(&str, u64)]) {
-    let _ = writeln!(text, "\n// {title}");
-    for (name, value) in values {
-        let _ = writeln!(text, "`define {name} {value}");
-    }
 }

@@ -82,7 +82,8 @@ impl Layout {
         {
             let kind = match name.trim_end_matches(|c: char| c.is_ascii_digit()) {
                 "left_leaf" | "right_leaf" | "last" => Kind::Flag,
-                "left_axis" | "right_axis" | "link" | "v" | "number" | "joint" => Kind::Unsigned,
+                "left_axis" | "right_axis" | "link" | "v" | "number" | "joint" | "vectors"
+                | "root" | "unused" => Kind::Unsigned,
                 stem => {
                     let signless = u32::from(stem == "weight");
                     assert_eq!(*width + signless, format.width(), "{name} is a number");

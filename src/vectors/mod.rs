@@ -13,13 +13,21 @@
 //! | `update` | the update of the scene's objects |
 //! | `skinning` | skinned meshes |
 //! | `pose` | a scene that moves, in memory as it is at one time |
+//! | `scenes` | directed scenes, behind the one that was given |
+//! | `plan` | what is to be cast, and how large the files will be |
 //! | `header` | what the Verilog benches must know, as macros |
+//! | `ports` | which field belongs on which port |
+//! | `manifest` | the manifest |
 
 mod collect;
 mod directed;
 mod header;
 mod layout;
+mod manifest;
+mod plan;
+mod ports;
 mod pose;
+mod scenes;
 mod shape;
 mod sheet;
 mod skinning;
@@ -28,25 +36,28 @@ mod update;
 pub use pose::{Posed, pose};
 
 use crate::bkd::layout::{MemoryImage, Record, check_capacity};
-use crate::config::{Config, TriangleTest};
+use crate::config::Config;
 use crate::cosim::unit_skinning::SkinMesh;
+use crate::golden::Caster;
 use crate::hw;
-use crate::port::Hit;
 use crate::report::folder::{Content, Folder};
-use crate::scene::RayPacket;
+use crate::scene::{Camera, Frame, RayPacket};
 use anyhow::{Context, Result, anyhow, ensure};
-use collect::Collector;
+use collect::{Collector, Scene};
 use directed::Operation;
 use layout::Layout;
-use serde_json::{Value, json};
+use manifest::{Contents, Files};
+use scenes::DirectedScene;
+use serde_json::Value;
 use shape::Shape;
 use sheet::{Sheet, UnitSheets};
 use skinning::SkinSheets;
 use std::path::Path;
+use std::rc::Rc;
 use update::UpdateSheets;
 
-/// The version of the vectors' form, in the manifest.
-pub const VERSION: u32 = 2;
+/// The version of the vectors' format, in the manifest.
+pub const VERSION: u32 = 3;
 
 /// The manifest's name in the folder.
 const MANIFEST: &str = "manifest.json";
@@ -67,8 +78,11 @@ const CONTENT: Content = Content {
     },
 };
 
-/// The macros for the Verilog benches.
-const HEADER: &str = "vectors.vh";
+/// The label of the scene that was given.
+const GIVEN: &str = "given";
+
+/// The file of the macros for the Verilog benches.
+pub const HEADER: &str = "vectors.vh";
 
 /// What vectors to write.
 #[derive(Clone, Copy, Debug)]
@@ -84,8 +98,29 @@ pub struct Request<'a> {
     pub packets: &'a [RayPacket],
     /// The most of `packets` to cast, spread over them; `None` for all.
     pub limit: Option<usize>,
+    /// Whether directed scenes are written behind the image, as far as the machine can hold them. They pin down rules that few
+    /// scenes show, and make most of the bytes of a small folder.
+    pub directed_scenes: bool,
+    /// Whether more than 1 GiB may be written.
+    pub force: bool,
+    /// For the manifest.
+    pub made: Made<'a>,
     /// The folder to write.
     pub out: &'a Path,
+}
+
+/// How packets and scene were made.
+#[derive(Clone, Copy, Debug)]
+pub struct Made<'a> {
+    /// The command that writes the same again, but for the folder's place.
+    pub command: &'a str,
+    /// The packets' picture.
+    pub frame: Frame,
+    pub camera: Camera,
+    /// A coordinate of the scene times 2^`log2_scale` is one of the machine.
+    pub log2_scale: i32,
+    /// Of a scene that moves: the clip, if it has one, and the time in it.
+    pub motion: Option<(Option<&'a str>, f64)>,
 }
 
 /// What was written.
@@ -115,126 +150,74 @@ pub struct Summary {
 /// place are replaced.
 ///
 /// # Errors
-/// One line: no packet to cast, an image that the machine cannot hold, a folder that holds something else or cannot be written.
+/// One line: no packet to cast, an image that the machine cannot hold, more bytes than are allowed, a folder that holds something
+/// else or cannot be written.
 pub fn write(request: &Request<'_>) -> Result<Summary> {
     let Request { config, image, .. } = *request;
     check(request)?;
     let machine = hw::core::emit(config).map_err(|error| anyhow!("the machine: {error}"))?;
-    let folder = Folder::begin(request.out, CONTENT)?;
+    let design = &machine.design;
     let shape = Shape::new(config);
+    let directed = match request.directed_scenes {
+        true => scenes::scenes(config, image),
+        false => vec![],
+    };
+    let given = [(image, 0)].into_iter();
+    let behind = directed
+        .iter()
+        .map(|scene| (&scene.image, scene.first_record as u32));
+    let scenes: Vec<Scene<'_>> = given
+        .chain(behind)
+        .map(|(image, first_record)| Scene {
+            image,
+            caster: Rc::new(Caster::new(image, shape.test, shape.rays)),
+            first_record,
+        })
+        .collect();
+    let plan = {
+        let casters: Vec<&Caster> = scenes.iter().map(|scene| &*scene.caster).collect();
+        plan::plan(request, &shape, &directed, &casters)
+    };
+    plan.check(request.scene_name, request.force)?;
 
-    let mut memories = vec![];
-    for (stem, record, words) in [
-        ("nodes", Record::node(image.format), image.node_words()),
-        ("records", Record::triangle(), image.record_words()),
-        (
-            "vertices",
-            Record::vertex(image.format),
-            image.vertex_words(),
-        ),
-    ] {
-        let layout = Layout::default().record(&record, image.format);
-        let mut sheet = Sheet::new(&folder, stem, layout)?;
-        for line in record.hex_lines(&words).lines() {
-            sheet.push_text(line)?;
-        }
-        memories.push(sheet);
+    let folder = Folder::begin(request.out, CONTENT)?;
+    let mut files = Files::default();
+    memories(&folder, &mut files, &shape, image, &directed)?;
+    let two_levels = scenes.iter().any(|scene| scene.image.is_instanced());
+    let mut collector = Collector::new(&folder, shape.clone(), scenes)?;
+    for packet in &plan.packets {
+        collector.cast(packet)?;
     }
-    let mut scene = Sheet::new(&folder, "scene", shape.scene())?;
-    scene.push(&shape.scene_values(image.root, image.bounds))?;
-
-    let mut collector = Collector::new(&folder, shape.clone(), image)?;
-    cast(&mut collector, request)?;
     let context = || format!("scene {}", request.scene_name);
     let mut update = UpdateSheets::write(&folder, config, &shape, image).with_context(context)?;
     let mut skin =
         SkinSheets::write(&folder, config, &shape, request.skins).with_context(context)?;
+    let transforms = collector.transforms();
     directed::transactions(&mut collector)?;
     let mut arithmetic = operations(&folder, &collector)?;
-
-    let mut units = vec![];
-    let mut files = vec![];
-    let mut list = |sheet: &mut Sheet, unit: &str, role: &str, layout: &str| {
-        sheet.finish()?;
-        files.push((
-            sheet.file.clone(),
-            json!({"file": sheet.file, "unit": unit, "role": role, "lines": sheet.lines, "layout": layout}),
-            sheet.layout.clone(),
-            sheet.lines,
-        ));
-        anyhow::Ok(())
-    };
-    for sheet in &mut memories {
-        let stem = stem(sheet);
-        list(sheet, "memory", "image", &stem)?;
-    }
-    list(&mut scene, "memory", "registers", "scene")?;
-    list(&mut collector.rays, "raycast", "stimulus", "raycast_rays")?;
-    list(&mut collector.hits, "raycast", "expected", "raycast_hits")?;
     list(
-        &mut collector.packets,
-        "raycast",
-        "packets",
-        "raycast_packets",
+        &mut files,
+        &mut collector,
+        &mut update,
+        &mut skin,
+        &mut arithmetic,
     )?;
-    let [program, vertices, before] = &mut update.images;
-    for (sheet, role) in [
-        (program, "image"),
-        (vertices, "image"),
-        (before, "image"),
-        (&mut update.commands, "stimulus"),
-        (&mut update.writes, "expected"),
-        (&mut update.after, "expected"),
-        (&mut update.boxes, "expected"),
-    ] {
-        let stem = stem(sheet);
-        list(sheet, "update", role, &stem)?;
-    }
-    for (sheet, role) in [
-        (&mut skin.influences, "image"),
-        (&mut skin.vectors, "image"),
-        (&mut skin.commands, "stimulus"),
-        (&mut skin.expected, "expected"),
-    ] {
-        let stem = stem(sheet);
-        list(sheet, "skinning", role, &stem)?;
-    }
-    let transforms = collector.transforms();
-    let sheets = [
-        Some(&mut collector.setup),
-        Some(&mut collector.step),
-        Some(&mut collector.test),
-        collector.transform.as_mut(),
-    ];
-    for unit in sheets.into_iter().flatten().chain(&mut arithmetic) {
-        let name = unit.name;
-        units.push(json!({
-            "unit": name,
-            "transactions": unit.stimulus.lines,
-            "stimulus": unit.stimulus.file,
-            "expected": unit.expected.file,
-            "care": unit.care.as_ref().map(|care| &care.file),
-        }));
-        for (role, sheet) in ["stimulus", "expected", "care"].iter().zip(unit.sheets()) {
-            let layout = match *role {
-                "care" => format!("{name}_expected"),
-                _ => stem(sheet),
-            };
-            list(sheet, name, role, &layout)?;
-        }
-    }
-    let entries: Vec<_> = files
-        .iter()
-        .map(|(file, _, layout, lines)| header::Entry {
-            stem: file.trim_end_matches(".hex"),
-            lines: *lines,
-            layout,
+
+    let settings = header::machine(config, &shape, design, two_levels);
+    let described = files.entries.iter();
+    let entries: Vec<_> = described
+        .filter_map(|entry| {
+            Some(header::Entry {
+                stem: entry.file.trim_end_matches(".hex"),
+                lines: entry.lines,
+                layout: files.layout_of(entry)?,
+            })
         })
         .collect();
-    folder.write(
-        HEADER,
-        &header::text(config, &shape, &machine.design, &entries),
-    )?;
+    let text = header::text(&settings, design, &entries);
+    folder.write(HEADER, &text)?;
+    files.entries.push(manifest::header_entry(&text));
+    files.add_records(&shape);
     let summary = Summary {
         packets: collector.packets.lines,
         rays: collector.rays.lines,
@@ -245,62 +228,116 @@ pub fn write(request: &Request<'_>) -> Result<Summary> {
         nodes_written: update.writes.lines,
         skins: skin.commands.lines,
         vertices_skinned: skin.expected.lines,
-        files: files.len() + 2,
+        files: files.entries.len() + 1,
     };
-    let mut layouts = serde_json::Map::new();
-    for (file, described, layout, _) in &files {
-        if described["role"] != "care" {
-            let mut value = serde_json::to_value(layout)?;
-            value["digits"] = json!(layout.digits());
-            layouts.insert(file.trim_end_matches(".hex").to_string(), value);
-        }
-    }
-    let mut described: Vec<Value> = files.into_iter().map(|(_, value, _, _)| value).collect();
-    described.push(json!({"file": HEADER, "unit": "sim", "role": "macros"}));
-    let instances = image.instance_records()?.len();
-    let manifest = json!({
-        VERSION_KEY: VERSION,
-        "scene": request.scene_name,
-        "triangles": image.records.len() - instances,
-        "levels": 1 + u32::from(image.is_instanced()),
-        "instances": instances,
-        "config": config.name,
-        "configuration": settings(config)?,
-        "number_format": {
-            "width": image.format.width(),
-            "exponent_bits": image.format.exponent_bits(),
-            "fraction_bits": image.format.fraction_bits(),
-            "bias": image.format.bias(),
-        },
-        "rays_per_packet": shape.rays,
-        "tag_bits": shape.tag_bits,
-        "triangle_test": match shape.test {
-            TriangleTest::MollerTrumbore => "moller-trumbore",
-            TriangleTest::Watertight => "watertight",
-        },
-        "packets": summary.packets,
-        "rays": summary.rays,
-        "packet_steps": summary.steps,
-        "ray_triangle_tests": summary.tests,
-        "ray_transforms": summary.transforms,
-        "updates": summary.updates,
-        "update_instructions": update.instructions,
-        "nodes_written": summary.nodes_written,
-        "skinned_meshes": summary.skins,
-        "skinned_vertices": summary.vertices_skinned,
-        "influences": skin.total,
-        "units": units,
-        "pipelines": header::pipelines(&machine.design),
-        "files": described,
-        "layouts": layouts,
-    });
-    folder.write(MANIFEST, &format!("{manifest:#}\n"))?;
+    let contents = Contents {
+        request,
+        directed: &directed,
+        shape: &shape,
+        design,
+        machine: &settings,
+        update: update.machine,
+        of_picture: plan.of_picture,
+        totals: vec![
+            ("packets", summary.packets),
+            ("rays", summary.rays),
+            ("packet_steps", summary.steps),
+            ("ray_triangle_tests", summary.tests),
+            ("ray_transforms", summary.transforms),
+            ("updates", summary.updates),
+            ("update_instructions", update.instructions),
+            ("nodes_written", summary.nodes_written),
+            ("skinned_meshes", summary.skins),
+            ("skinned_vertices", summary.vertices_skinned),
+            ("influences", skin.total),
+        ],
+    };
+    folder.write(MANIFEST, &format!("{:#}\n", contents.manifest(&files)?))?;
     folder.publish()?;
     Ok(summary)
 }
 
-fn stem(sheet: &Sheet) -> String {
-    sheet.file.trim_end_matches(".hex").to_string()
+/// Writes the arrays of all scenes, one after another, and their registers.
+fn memories(
+    folder: &Folder,
+    files: &mut Files,
+    shape: &Shape,
+    image: &MemoryImage,
+    directed: &[DirectedScene],
+) -> Result<()> {
+    let given = [(GIVEN, image)].into_iter();
+    let behind = directed.iter().map(|scene| (scene.label, &scene.placed));
+    let scenes: Vec<(&str, &MemoryImage)> = given.chain(behind).collect();
+    type Words = fn(&MemoryImage) -> Vec<u32>;
+    for (stem, record, words) in [
+        (
+            "nodes",
+            Record::node(image.format),
+            MemoryImage::node_words as Words,
+        ),
+        ("records", Record::triangle(), MemoryImage::record_words),
+        (
+            "vertices",
+            Record::vertex(image.format),
+            MemoryImage::vertex_words,
+        ),
+    ] {
+        let layout = Layout::default().record(&record, image.format);
+        let mut sheet = Sheet::new(folder, stem, layout, scenes[0].0)?;
+        for (label, image) in &scenes {
+            sheet.begin(label);
+            for line in record.hex_lines(&words(image)).lines() {
+                sheet.push_text(line)?;
+            }
+        }
+        files.list(&mut sheet, "memory", "image")?;
+    }
+    let mut registers = Sheet::new(folder, "scene", shape.scene(), scenes[0].0)?;
+    for (label, image) in &scenes {
+        registers.begin(label);
+        registers.push(&shape.scene_values(image.root, image.bounds))?;
+    }
+    files.list(&mut registers, "memory", "registers")
+}
+
+/// Completes and lists the files of all units.
+fn list(
+    files: &mut Files,
+    collector: &mut Collector<'_>,
+    update: &mut UpdateSheets,
+    skin: &mut SkinSheets,
+    arithmetic: &mut [UnitSheets],
+) -> Result<()> {
+    files.list(&mut collector.rays, "raycast", "stimulus")?;
+    files.list(&mut collector.hits, "raycast", "expected")?;
+    files.list(&mut collector.packets, "raycast", "packets")?;
+    for sheet in &mut update.images {
+        files.list(sheet, "update", "image")?;
+    }
+    files.list(&mut update.commands, "update", "stimulus")?;
+    for sheet in [&mut update.writes, &mut update.after, &mut update.boxes] {
+        files.list(sheet, "update", "expected")?;
+    }
+    files.list(&mut skin.influences, "skinning", "image")?;
+    files.list(&mut skin.vectors, "skinning", "image")?;
+    files.list(&mut skin.commands, "skinning", "stimulus")?;
+    files.list(&mut skin.expected, "skinning", "expected")?;
+    let sheets = [
+        Some(&mut collector.setup),
+        Some(&mut collector.step),
+        Some(&mut collector.test),
+        collector.transform.as_mut(),
+    ];
+    for unit in sheets.into_iter().flatten().chain(arithmetic) {
+        let name = unit.name;
+        for (role, sheet) in ["stimulus", "expected", "care"]
+            .into_iter()
+            .zip(unit.sheets())
+        {
+            files.list(sheet, name, role)?;
+        }
+    }
+    Ok(())
 }
 
 /// What must hold of a request before anything is written.
@@ -348,29 +385,6 @@ fn check(request: &Request<'_>) -> Result<()> {
     Ok(())
 }
 
-/// Casts the request's packets, or as many as its limit allows, then variants of the one with the most hits.
-fn cast(collector: &mut Collector<'_>, request: &Request<'_>) -> Result<()> {
-    let packets = request.packets;
-    let count = request.limit.unwrap_or(packets.len()).min(packets.len());
-    // One at random from each of `count` equal parts: a fixed distance would often meet the same column of the picture.
-    let mut rng = fastrand::Rng::with_seed(3);
-    for part in 0..count {
-        let (from, to) = (
-            part * packets.len() / count,
-            (part + 1) * packets.len() / count,
-        );
-        collector.cast(&packets[rng.usize(from..to)].rays)?;
-    }
-    // Not only of those that were cast: the variants of rays that hit nothing would say little.
-    let hits_of = |packet: &RayPacket| collector.hits_of(&packet.rays);
-    let hits: Vec<Vec<Hit>> = packets.iter().map(hits_of).collect();
-    let richest = (0..packets.len())
-        .rev()
-        .max_by_key(|&number| hits[number].iter().filter(|hit| hit.is_hit()).count())
-        .expect("there are packets");
-    directed::cast_variants(collector, &packets[richest].rays, &hits[richest])
-}
-
 /// The vectors of the arithmetic units.
 fn operations(folder: &Folder, collector: &Collector<'_>) -> Result<Vec<UnitSheets>> {
     let operands = &collector.operands;
@@ -409,10 +423,4 @@ fn operations(folder: &Folder, collector: &Collector<'_>) -> Result<Vec<UnitShee
         units.push(sheets);
     }
     Ok(units)
-}
-
-/// The configuration's keys and values, by section.
-fn settings(config: &Config) -> Result<Value> {
-    let table: toml::Table = config.to_toml().parse()?;
-    Ok(serde_json::to_value(table)?)
 }

@@ -60,9 +60,12 @@ pub fn pose(config: &Config, scene: &MachineScene, frame: &MachineFrame) -> Resu
     for object in &objects {
         image.add_object(object)?;
     }
-    let specs = scene.instances.iter().zip(&frame.instances).enumerate();
-    let specs = specs
-        .map(|(number, (&object, matrix))| {
+    // An instance that is not there in this frame has no number in the image.
+    let there = scene.instances.iter().zip(&frame.instances);
+    let there = there.filter_map(|(&object, matrix)| Some((object, matrix.as_ref()?)));
+    let specs = there
+        .enumerate()
+        .map(|(number, (object, matrix))| {
             let columns =
                 std::array::from_fn(|column| std::array::from_fn(|row| matrix[row][column]));
             let bounds = image.objects()[object].bounds;

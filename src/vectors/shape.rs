@@ -22,6 +22,7 @@ pub struct Shape {
     pub rays: usize,
     pub tag_bits: u32,
     pub axes_per_node: u32,
+    pub address_bits: u32,
 }
 
 /// Values of an expected line, and whether each is compared.
@@ -35,6 +36,7 @@ impl Shape {
             rays: config.rays_per_packet as usize,
             tag_bits: config.tag_bits,
             axes_per_node: config.axes_per_node,
+            address_bits: config.address_bits,
         }
     }
 
@@ -163,6 +165,18 @@ impl Shape {
                 "line of ray_transform_*.hex, from 0, of its first ray transformation",
             )
             .field("transforms", 32, Unsigned, "ray transformations it takes")
+            .field(
+                "scene",
+                32,
+                Unsigned,
+                "line of scene.hex, from 0, of its scene",
+            )
+            .field(
+                "block",
+                32,
+                Unsigned,
+                "its block of the picture, all ones for none",
+            )
     }
 
     pub fn ray_transform_stimulus(&self) -> Layout {
@@ -349,7 +363,8 @@ impl Shape {
         8 * self.number() + 3
     }
 
-    /// A ray outside the mask comes with near = 0 and far = +∞: a machine that overlooks the mask is found out.
+    /// Of a ray outside the mask all is 0 but far = +∞: it would enter every child that has 0 in its interval, so a machine
+    /// that overlooks the mask is found out.
     pub fn packet_step_values(
         &self,
         index: u32,
@@ -371,10 +386,12 @@ impl Shape {
             u64::from(set.mask),
         ]);
         for (k, ray) in rays.iter().enumerate() {
-            let (near, far) = match set.mask >> k & 1 {
-                1 => (set.near[k], set.far[k]),
-                _ => (0.0, f64::INFINITY),
-            };
+            if set.mask >> k & 1 == 0 {
+                values.extend([0; 8]);
+                values.push(self.bits(f64::INFINITY));
+                continue;
+            }
+            let (near, far) = (set.near[k], set.far[k]);
             values.extend(self.vector(ray.origin));
             values.extend(self.vector(ray.reciprocal));
             values.extend([signs(ray), self.bits(near), self.bits(far)]);

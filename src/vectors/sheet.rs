@@ -3,8 +3,24 @@
 use super::layout::Layout;
 use crate::report::folder::Folder;
 use anyhow::{Context, Result};
+use serde::Serialize;
+use sha2::{Digest, Sha256};
 use std::fs::File;
 use std::io::{BufWriter, Write};
+
+/// A run of lines of one kind.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
+pub struct Part {
+    /// Its first line, from 0.
+    pub first: u64,
+    pub lines: u64,
+    /// What its lines are.
+    pub label: String,
+}
+
+/// The label of what packets bring, and of packets of the picture.
+pub const PACKETS: &str = "packets";
+pub const PICTURE: &str = "picture";
 
 /// A file of equal lines.
 pub struct Sheet {
@@ -13,14 +29,19 @@ pub struct Sheet {
     pub layout: Layout,
     /// Lines so far.
     pub lines: u64,
+    /// One after another from line 0 on; empty ones are left out.
+    pub parts: Vec<Part>,
+    hash: Sha256,
     shown: String,
     writer: BufWriter<File>,
 }
 
 impl Sheet {
+    /// A file without lines; those to come are `label`.
+    ///
     /// # Errors
     /// One line that names the file.
-    pub fn new(folder: &Folder, stem: &str, layout: Layout) -> Result<Sheet> {
+    pub fn new(folder: &Folder, stem: &str, layout: Layout, label: &str) -> Result<Sheet> {
         let file = format!("{stem}.hex");
         let shown = folder.shown(&file);
         let writer = File::create(folder.file(&file))
@@ -29,9 +50,32 @@ impl Sheet {
             file,
             layout,
             lines: 0,
+            parts: vec![Part {
+                first: 0,
+                lines: 0,
+                label: label.to_string(),
+            }],
+            hash: Sha256::new(),
             shown,
             writer: BufWriter::new(writer),
         })
+    }
+
+    /// Says what the lines to come are.
+    pub fn begin(&mut self, label: &str) {
+        let last = self.parts.last_mut().expect("there is always a part");
+        if last.label == label {
+            return;
+        }
+        if last.lines == 0 {
+            last.label = label.to_string();
+            return;
+        }
+        self.parts.push(Part {
+            first: self.lines,
+            lines: 0,
+            label: label.to_string(),
+        });
     }
 
     /// Appends a line.
@@ -49,19 +93,38 @@ impl Sheet {
     /// One line that names the file.
     pub fn push_text(&mut self, line: &str) -> Result<()> {
         self.lines += 1;
+        self.parts.last_mut().expect("there is always a part").lines += 1;
+        self.hash.update(line);
+        self.hash.update("\n");
         writeln!(self.writer, "{line}")
             .with_context(|| format!("{}: cannot be written", self.shown))
     }
 
-    /// Writes what is still held back.
+    /// Writes what is still held back, and returns the SHA-256 of the file.
     ///
     /// # Errors
     /// One line that names the file.
-    pub fn finish(&mut self) -> Result<()> {
+    pub fn finish(&mut self) -> Result<String> {
         self.writer
             .flush()
-            .with_context(|| format!("{}: cannot be written", self.shown))
+            .with_context(|| format!("{}: cannot be written", self.shown))?;
+        self.parts.retain(|part| part.lines > 0);
+        Ok(hex(&self.hash.clone().finalize()))
     }
+
+    /// Bytes of a file of `lines` lines of this layout.
+    pub fn bytes(layout: &Layout, lines: u64) -> u64 {
+        lines * (layout.digits() as u64 + 1)
+    }
+}
+
+/// The SHA-256 of a text.
+pub fn sha256(text: &str) -> String {
+    hex(&Sha256::digest(text))
+}
+
+fn hex(digest: &[u8]) -> String {
+    digest.iter().map(|byte| format!("{byte:02x}")).collect()
 }
 
 /// A unit's stimulus and expected results, and which bits of these are compared.
@@ -84,15 +147,20 @@ impl UnitSheets {
         expected: Layout,
         with_care: bool,
     ) -> Result<UnitSheets> {
-        let care = with_care
-            .then(|| Sheet::new(folder, &format!("{name}_care"), expected.clone()))
-            .transpose()?;
+        let sheet =
+            |role: &str, layout| Sheet::new(folder, &format!("{name}_{role}"), layout, PACKETS);
+        let care = with_care.then(|| sheet("care", expected.clone()));
         Ok(UnitSheets {
             name,
-            stimulus: Sheet::new(folder, &format!("{name}_stimulus"), stimulus)?,
-            expected: Sheet::new(folder, &format!("{name}_expected"), expected)?,
-            care,
+            care: care.transpose()?,
+            stimulus: sheet("stimulus", stimulus)?,
+            expected: sheet("expected", expected)?,
         })
+    }
+
+    /// Says what the transactions to come are.
+    pub fn begin(&mut self, label: &str) {
+        self.sheets().for_each(|sheet| sheet.begin(label));
     }
 
     /// Appends a transaction. A value that is not compared is written as 0.

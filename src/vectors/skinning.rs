@@ -5,6 +5,7 @@
 use super::layout::{Kind, Layout};
 use super::shape::Shape;
 use super::sheet::Sheet;
+use super::update::filler;
 use crate::bkd::layout::{
     Columns, INFLUENCES_PER_ROW, Influence, JOINT_BITS, LINK_BITS, Record, influence_words,
     vector_words,
@@ -20,6 +21,10 @@ use Kind::Unsigned;
 
 /// Meshes beside the scene's: small, full of special values.
 const DIRECTED: usize = 12;
+
+/// Labels of meshes.
+const OF_SCENE: &str = "skinned objects of the scene";
+const OF_NONE: &str = "directed meshes";
 
 /// The files of the skinning processor.
 pub struct SkinSheets {
@@ -100,13 +105,9 @@ impl SkinSheets {
                 mesh.palette.len(),
                 config.skinning_joints
             );
-            // Rows and vectors that nothing reads or writes.
-            let mut guard = || {
-                let bits = rng.u64(..) >> (64 - format.width());
-                format.to_f64(bits)
-            };
-            vectors.push(std::array::from_fn(|_| guard()));
-            rows.extend(std::iter::repeat_with(|| rng.u32(..)).take(row_words));
+            // A row and a vector that nothing reads or writes.
+            vectors.push([f64::NAN; 3]);
+            rows.extend(filler(&Record::influence_row(format), format));
             let influences = influence_words(format, &mesh.influences);
             let count = mesh.rest.len() as u32;
             let palette = vectors.len() as u32;
@@ -138,7 +139,7 @@ impl SkinSheets {
             shape,
             &rows,
             &vector_words(format, &vectors),
-            &commands,
+            (&commands, meshes.len()),
         )
     }
 }
@@ -149,12 +150,12 @@ fn run(
     shape: &Shape,
     rows: &[u32],
     vectors: &[u32],
-    commands: &[SkinCommand],
+    (commands, of_scene): (&[SkinCommand], usize),
 ) -> Result<SkinSheets> {
     let format = shape.format;
     let records = |stem: &str, record: &Record, words: &[u32]| {
         let layout = Layout::default().record(record, format);
-        let mut sheet = Sheet::new(folder, stem, layout)?;
+        let mut sheet = Sheet::new(folder, stem, layout, "meshes and fillers")?;
         for line in record.hex_lines(words).lines() {
             sheet.push_text(line)?;
         }
@@ -162,11 +163,16 @@ fn run(
     };
     let influences = records("skinning_influences", &Record::influence_row(format), rows)?;
     let sheet = records("skinning_vectors", &Record::vertex(format), vectors)?;
-    let mut lines = Sheet::new(folder, "skinning_commands", shape.skinning_commands())?;
-    let mut expected = Sheet::new(folder, "skinning_expected", shape.skinning_expected())?;
+    let sheet_of = |stem: &str, layout| Sheet::new(folder, stem, layout, OF_SCENE);
+    let mut lines = sheet_of("skinning_commands", shape.skinning_commands())?;
+    let mut expected = sheet_of("skinning_expected", shape.skinning_expected())?;
     let mut memory = vectors.to_vec();
     let mut total = 0;
     for (number, &command) in commands.iter().enumerate() {
+        if number == of_scene {
+            lines.begin(OF_NONE);
+            expected.begin(OF_NONE);
+        }
         let first_vertex = expected.lines;
         let mut result = Ok(());
         let arrays = SkinMemory {

@@ -43,14 +43,20 @@ struct Object {
 /// The files of the update processor.
 pub struct UpdateSheets {
     /// In the order in which they are listed.
-    pub images: [Sheet; 3],
+    pub images: [Sheet; 4],
     pub commands: Sheet,
     pub writes: Sheet,
     pub after: Sheet,
     pub boxes: Sheet,
     /// Instructions of all updates.
     pub instructions: u64,
+    /// What the programs were compiled for.
+    pub machine: UpdateMachine,
 }
+
+/// Labels of updates.
+const OF_SCENE: &str = "objects of the scene";
+const OF_NONE: &str = "directed objects";
 
 impl Shape {
     fn update_program(&self) -> Layout {
@@ -94,7 +100,7 @@ impl Shape {
                 "mask",
                 NODE_LANES,
                 Mask,
-                "lanes written: the four numbers, left_lo least, and not the link word",
+                "lanes written, always 15: the four numbers, left_lo least, and not the link word",
             );
         for field in &Record::node(self.format).fields[..4] {
             layout = layout.field(field.name, field.width, Kind::Number, field.description);
@@ -145,7 +151,7 @@ impl UpdateSheets {
             command.box_index = index;
         }
         memory.guard(format, &mut rng);
-        memory.run(folder, shape, &commands)
+        memory.run(folder, shape, (&commands, objects.len()), machine)
     }
 }
 
@@ -156,32 +162,24 @@ struct Memory {
     /// Words of [`Record::vertex`] and [`Record::node`] records.
     vertices: Vec<u32>,
     nodes: Vec<u32>,
+    /// Words of triangle records, which no update reads: they say which triangle a leaf is.
+    records: Vec<u32>,
 }
 
 impl Memory {
-    /// A record or two that no update may read or write, in each memory.
+    /// A record or two that no update may read or write, in each memory. Nodes and records go side by side.
     fn guard(&mut self, format: Format, rng: &mut fastrand::Rng) {
-        for _ in 0..rng.usize(1..=2) {
-            self.program
-                .extend(std::iter::repeat_with(|| rng.u8(..)).take(Program::ROW_BYTES));
+        let mut one_or_two = || rng.usize(1..=2);
+        let rows = one_or_two() * Program::ROW_BYTES;
+        self.program.extend(std::iter::repeat_n(u8::MAX, rows));
+        let (vertices, slots) = (one_or_two(), one_or_two());
+        for (record, words, count) in [
+            (Record::vertex(format), &mut self.vertices, vertices),
+            (Record::node(format), &mut self.nodes, slots),
+            (Record::triangle(), &mut self.records, slots),
+        ] {
+            words.extend(filler(&record, format).repeat(count));
         }
-        let mut records = |record: Record, words: &mut Vec<u32>| {
-            for _ in 0..rng.usize(1..=2) {
-                let first = words.len();
-                words.resize(first + record.words(), 0);
-                for field in &record.fields {
-                    let value = rng.u64(..) >> (64 - field.width);
-                    // A number stands for itself: canonical.
-                    let value = match field.width == format.width() {
-                        true => format.to_bits(format.to_f64(value)),
-                        false => value,
-                    };
-                    field.set(&mut words[first..], value);
-                }
-            }
-        };
-        records(Record::vertex(format), &mut self.vertices);
-        records(Record::node(format), &mut self.nodes);
     }
 
     /// Lays an object out behind what is there, its vertices moved and its bounds not yet; returns what updates it, and the
@@ -216,7 +214,7 @@ impl Memory {
         let slots = MemoryImage {
             format,
             nodes: placement.nodes,
-            records: vec![],
+            records: placement.records,
             vertices: vec![],
             root: placement.root,
             bounds: ([0.0; 3], [0.0; 3]),
@@ -227,6 +225,7 @@ impl Memory {
         self.vertices
             .extend(vector_words(format, &program.reorder_vertices(after)));
         self.nodes.extend(slots.node_words());
+        self.records.extend(slots.record_words());
         Ok((command, rows))
     }
 
@@ -256,7 +255,8 @@ impl Memory {
         mut self,
         folder: &Folder,
         shape: &Shape,
-        commands: &[(UpdateCommand, u64)],
+        (commands, of_scene): (&[(UpdateCommand, u64)], usize),
+        machine: UpdateMachine,
     ) -> Result<UpdateSheets> {
         let format = shape.format;
         let [vertex, node, bounding_box] = [
@@ -266,13 +266,23 @@ impl Memory {
         ];
         let records = |stem: &str, record: &Record, words: &[u32]| {
             let layout = Layout::default().record(record, format);
-            let mut sheet = Sheet::new(folder, stem, layout)?;
+            let label = if stem == "update_boxes" {
+                "boxes"
+            } else {
+                "objects and fillers"
+            };
+            let mut sheet = Sheet::new(folder, stem, layout, label)?;
             for line in record.hex_lines(words).lines() {
                 sheet.push_text(line)?;
             }
             anyhow::Ok(sheet)
         };
-        let mut program = Sheet::new(folder, "update_program", shape.update_program())?;
+        let sheet = |stem: &str, layout, label: &str| Sheet::new(folder, stem, layout, label);
+        let mut program = sheet(
+            "update_program",
+            shape.update_program(),
+            "programs and fillers",
+        )?;
         for row in self.program.chunks_exact(Program::ROW_BYTES) {
             let half = |from: usize| {
                 let bytes = row[from..from + 8].try_into().expect("eight bytes");
@@ -284,12 +294,17 @@ impl Memory {
             program,
             records("update_vertices", &vertex, &self.vertices)?,
             records("update_nodes_before", &node, &self.nodes)?,
+            records("update_records", &Record::triangle(), &self.records)?,
         ];
-        let mut lines = Sheet::new(folder, "update_commands", shape.update_commands())?;
-        let mut writes = Sheet::new(folder, "update_node_writes", shape.update_node_writes())?;
+        let mut lines = sheet("update_commands", shape.update_commands(), OF_SCENE)?;
+        let mut writes = sheet("update_node_writes", shape.update_node_writes(), OF_SCENE)?;
         let mut box_words = vec![0; commands.len() * bounding_box.words()];
         let mut instructions = 0;
         for (number, &(command, rows)) in commands.iter().enumerate() {
+            if number == of_scene {
+                lines.begin(OF_NONE);
+                writes.begin(OF_NONE);
+            }
             let first_write = writes.lines;
             let mut result = Ok(());
             let memory = UpdateMemory {
@@ -328,8 +343,23 @@ impl Memory {
             after: records("update_nodes_after", &node, &self.nodes)?,
             boxes: records("update_boxes", &bounding_box, &box_words)?,
             instructions,
+            machine,
         })
     }
+}
+
+/// A record that nothing reads: its numbers are the NaN, its other fields all ones, so that it is noticed if it is read.
+pub fn filler(record: &Record, format: Format) -> Vec<u32> {
+    let mut words = vec![0; record.words()];
+    let layout = Layout::default().record(record, format);
+    for (field, described) in record.fields.iter().zip(&layout.fields) {
+        let value = match described.kind {
+            Kind::Number => format.nan(),
+            _ => u64::MAX >> (64 - field.width),
+        };
+        field.set(&mut words, value);
+    }
+    words
 }
 
 /// The objects of an image, each once, their vertices moved a little.

@@ -1,6 +1,6 @@
 //! What the tests of whole machines share: a scene, its tree, its rays.
 
-mod say;
+mod shared;
 
 use dynrt::bkd::layout::{MemoryImage, check_capacity};
 use dynrt::bkd::{BuildOptions, build};
@@ -8,18 +8,9 @@ use dynrt::config::Config;
 use dynrt::golden::Caster;
 use dynrt::port::Ray;
 use dynrt::scene::{self, Camera, Frame, ImageSize, MachineMesh, RayPacket, View};
-use std::path::PathBuf;
 
-/// A scene of `../shared/scenes`, or nothing and a plain word about it where the folder is absent.
-#[allow(dead_code)]
-pub fn shared_scene(file: &str) -> Option<String> {
-    let path = PathBuf::from(concat!(env!("CARGO_MANIFEST_DIR"), "/../shared/scenes")).join(file);
-    if path.exists() {
-        return Some(path.to_string_lossy().into_owned());
-    }
-    say::say(&format!("absent, so not checked: ../shared/scenes/{file}"));
-    None
-}
+#[allow(unused_imports)]
+pub use shared::shared_scene;
 
 /// A scene in a machine's memory, and the rays of a picture of it.
 pub struct Prepared {

@@ -1,5 +1,6 @@
 //! What a clip does to one property over time.
 
+use super::number as shown;
 use anyhow::{Result, ensure};
 use glam::DQuat;
 
@@ -43,8 +44,9 @@ impl Curve {
             ensure!(time.is_finite(), "key {number} is at the time {time}");
             ensure!(
                 number == 0 || times[number - 1] <= *time,
-                "times decrease: key {number} is at {time} s, the one before it at {} s",
-                times[number - 1]
+                "times decrease: key {number} is at {} s, the one before it at {} s",
+                shown(*time),
+                shown(times[number - 1])
             );
         }
         let parts = match interpolation {

@@ -8,7 +8,7 @@
 use super::{Animated, Extents, Matrix3x4, Pose};
 use crate::bkd::layout::{Columns, Influence};
 use crate::float::{Arithmetic, Format};
-use crate::scene::machine::{log2_scale, power_of_two};
+use crate::scene::machine::{Loss, log2_scale, losses, power_of_two, world_warning};
 use anyhow::{Context, Result, bail, ensure};
 
 /// What of a scene stays as it is from frame to frame.
@@ -46,9 +46,9 @@ pub struct MachineObject {
 pub struct MachineFrame {
     /// One for each object.
     pub objects: Vec<ObjectFrame>,
-    /// One for each instance: from its object's space to the world, both in machine coordinates, in double precision. (The
-    /// machine wants the inverse, rounded.)
-    pub instances: Vec<Matrix3x4>,
+    /// One for each instance: from its object's space to the world, both in machine coordinates, in double precision; none for
+    /// one that is not there in this frame. (The machine wants the inverse, rounded.)
+    pub instances: Vec<Option<Matrix3x4>>,
 }
 
 /// The part of a frame that is one object's.
@@ -126,6 +126,26 @@ impl MachineScene {
         })
     }
 
+    /// What of `scene`, which this was made from with these boxes over all frames, the format cannot hold, a line each: of every
+    /// object as it is at rest, and of the world.
+    pub fn warnings(&self, scene: &Animated, extents: &Extents) -> Vec<String> {
+        let meshes = std::iter::zip(&scene.objects, &self.objects).map(|(before, after)| {
+            let positions = &before.mesh.positions;
+            Loss::of(&before.name, positions, &after.rest, &after.triangles)
+        });
+        let meshes: Vec<Loss> = meshes.collect();
+        let mut warnings = losses(&scene.name, self.format, &meshes);
+        // Of an object whose box is the world's it has been said.
+        let is_said = extents
+            .objects
+            .iter()
+            .any(|object| object.posed == extents.world);
+        if !is_said {
+            warnings.extend(world_warning(&scene.name, self.format, extents.world));
+        }
+        warnings
+    }
+
     /// A pose of the scene that this was made from.
     ///
     /// # Errors
@@ -166,7 +186,8 @@ impl MachineScene {
                 .map(|(&object, matrix)| {
                     let object = &self.objects[object];
                     // A skinned object's matrix is the identity, and so are its scales' quotient.
-                    rescaled(matrix, object.log2_scale, self.log2_scale)
+                    let rescaled = |matrix| rescaled(matrix, object.log2_scale, self.log2_scale);
+                    matrix.as_ref().map(rescaled)
                 })
                 .collect(),
         })
@@ -175,7 +196,7 @@ impl MachineScene {
     /// Whether all frames can be cast in one level: there is one instance, and it always stands where its object's
     /// space is the world's.
     pub fn is_one_level(&self, frames: &[MachineFrame]) -> bool {
-        let identity = |frame: &MachineFrame| frame.instances == [super::IDENTITY];
+        let identity = |frame: &MachineFrame| frame.instances == [Some(super::IDENTITY)];
         self.instances.len() == 1 && frames.iter().all(identity)
     }
 

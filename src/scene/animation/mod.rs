@@ -30,8 +30,11 @@ pub(super) use curve::{Curve, Interpolation};
 pub(super) use rig::{Local, Node, Property, Rig, Track};
 
 use super::{Bounds, Camera, ImageSize, Mesh, Scene, builtin};
+use crate::text::escaped;
 use anyhow::{Context, Result, bail, ensure};
 use glam::{DAffine3, DQuat, DVec3};
+use std::borrow::Cow;
+use std::rc::Rc;
 
 /// A 3×4 matrix by rows: the point (x, y, z) goes to `m[row][0]·x + m[row][1]·y + m[row][2]·z + m[row][3]`.
 pub type Matrix3x4 = [[f64; 4]; 3];
@@ -107,6 +110,8 @@ pub struct Instance {
     pub object: usize,
     /// The node that carries it; none for what always stands at the identity.
     pub(super) node: Option<usize>,
+    /// Its place against that node.
+    pub(super) local: DAffine3,
 }
 
 /// A motion that a scene can play.
@@ -132,8 +137,9 @@ impl Clip {
 pub struct Pose {
     /// One for each object.
     pub objects: Vec<ObjectPose>,
-    /// One for each instance: from the object's space to the world. Never singular.
-    pub instances: Vec<Matrix3x4>,
+    /// One for each instance: from the object's space to the world, never singular; none for an instance that is not there
+    /// in this frame, because a scale of 0 presses it flat or to a point.
+    pub instances: Vec<Option<Matrix3x4>>,
 }
 
 /// The part of a frame that is one object's.
@@ -223,8 +229,14 @@ impl Object {
 impl Animated {
     /// A scene of one object that stands still.
     pub(super) fn still(scene: Scene) -> Self {
-        let Scene { name, mesh } = scene;
-        Self::single(name, mesh, Kind::Static, Writer::Nothing)
+        let Scene {
+            name,
+            mesh,
+            warnings,
+        } = scene;
+        let mut animated = Self::single(name, mesh, Kind::Static, Writer::Nothing);
+        animated.warnings = warnings;
+        animated
     }
 
     /// A scene of one object that stands at the identity, without clips.
@@ -240,6 +252,7 @@ impl Animated {
                 name: name.clone(),
                 object: 0,
                 node: None,
+                local: DAffine3::IDENTITY,
             }],
             clips: Vec::new(),
             warnings: Vec::new(),
@@ -248,7 +261,8 @@ impl Animated {
         }
     }
 
-    /// The place in `clips` of the clip of that name; of no name the first clip's, if there is any.
+    /// The place in `clips` of the clip of that name, as the file or as a message has it; of no name the first clip's, if
+    /// there is any.
     ///
     /// # Errors
     /// One line that lists the clips there are, if none has the name.
@@ -256,14 +270,16 @@ impl Animated {
         let Some(name) = name else {
             return Ok((!self.clips.is_empty()).then_some(0));
         };
-        match self.clips.iter().position(|clip| clip.name == name) {
+        let shown = escaped(name);
+        let named = |name: &str| self.clips.iter().position(|clip| clip.name == name);
+        match named(name).or_else(|| named(&shown)) {
             Some(place) => Ok(Some(place)),
             None if self.clips.is_empty() => bail!(
-                "scene {}: no clip `{name}`: this scene has no clips; leave the clip out",
+                "scene {}: no clip `{shown}`: this scene has no clips; leave the clip out",
                 self.name
             ),
             None => bail!(
-                "scene {}: no clip `{name}`; there are {}",
+                "scene {}: no clip `{shown}`; there are {}",
                 self.name,
                 quoted(self.clips.iter().map(|clip| clip.name.as_str()))
             ),
@@ -292,9 +308,12 @@ impl Animated {
 
     /// The scene at a time of a clip, or at rest, with joints turned by a program.
     ///
+    /// An instance whose matrix is singular is left out: by a scale of 0 animators hide things, and the machine cannot show
+    /// what is pressed flat, since it needs the inverse. [`Animated::warnings_of`] says so.
+    ///
     /// # Errors
     /// One line if there is no such clip, the time is NaN, an override names no node or several or is no
-    /// rotation, a matrix is not finite, or that of an instance is singular.
+    /// rotation, or a matrix is not finite.
     pub fn pose_with(
         &self,
         clip: Option<usize>,
@@ -303,7 +322,12 @@ impl Animated {
     ) -> Result<Pose> {
         self.try_pose(clip, seconds, overrides).with_context(|| {
             match clip.and_then(|clip| self.clips.get(clip)) {
-                Some(clip) => format!("scene {}, clip {} at {seconds} s", self.name, clip.name),
+                Some(clip) => format!(
+                    "scene {}, clip {} at {} s",
+                    self.name,
+                    clip.name,
+                    number(seconds)
+                ),
                 None => format!("scene {}", self.name),
             }
         })
@@ -339,20 +363,15 @@ impl Animated {
         })?;
         let instances = self.instances.iter().map(|instance| {
             let Some(node) = instance.node else {
-                return Ok(IDENTITY);
+                return Ok(Some(IDENTITY));
             };
-            let matrix = posed.globals[node];
+            let matrix = posed.globals[node] * instance.local;
             ensure!(
                 matrix.is_finite(),
                 "the matrix of instance {} is not finite; bring its node's numbers towards 1",
                 instance.name
             );
-            ensure!(
-                !is_singular(&matrix),
-                "the matrix of instance {} is singular: it presses the object flat; give its node, and those above it, scales without zeros",
-                instance.name
-            );
-            Ok(rows(&matrix))
+            Ok((!is_singular(&matrix)).then(|| rows(&matrix)))
         });
         let instances = instances.collect::<Result<_>>()?;
         let objects = self.objects.iter().map(|object| {
@@ -382,9 +401,14 @@ impl Animated {
         })
     }
 
-    /// The node of a name: a joint, if a joint and another node share it.
+    /// The node of a name, as the file or as a message has it: a joint, if a joint and another node share it.
     fn node(&self, name: &str) -> Result<usize> {
-        let named = |node: &usize| self.rig.nodes[*node].name == name;
+        let nodes = &self.rig.nodes;
+        let shown = match nodes.iter().any(|node| node.name == name) {
+            true => Cow::Borrowed(name),
+            false => escaped(name),
+        };
+        let named = |node: &usize| nodes[*node].name == *shown;
         let skins = self.objects.iter().filter_map(Object::skin);
         let mut joints: Vec<usize> = skins
             .flat_map(|skin| skin.nodes.iter().copied())
@@ -398,14 +422,57 @@ impl Animated {
         match joints.as_slice() {
             [node] => Ok(*node),
             [] if self.rig.nodes.is_empty() => {
-                bail!("no joint `{name}`: this scene has no joints")
+                bail!("no joint `{shown}`: this scene has no joints")
             }
-            [] => bail!("no joint `{name}`; there are {}", quoted(self.node_names())),
+            [] => bail!(
+                "no joint `{shown}`; there are {}",
+                quoted(self.node_names())
+            ),
             several => bail!(
-                "`{name}` is the name of {} nodes; give the one to turn a name of its own",
+                "`{shown}` is the name of {} nodes; give the one to turn a name of its own",
                 several.len()
             ),
         }
+    }
+
+    /// What of the scene is not there in these poses, in a line or two.
+    ///
+    /// # Panics
+    /// If a pose is another scene's.
+    pub fn warnings_of(&self, poses: &[Pose]) -> Vec<String> {
+        let frames = |count: usize| match (count, poses.len()) {
+            (all, frames) if all == frames => "all frames".into(),
+            (1, frames) => format!("1 of {frames} frames"),
+            (count, frames) => format!("{count} of {frames} frames"),
+        };
+        let mut hidden = Vec::new();
+        for (number, instance) in self.instances.iter().enumerate() {
+            let absent = poses
+                .iter()
+                .filter(|pose| pose.instances[number].is_none())
+                .count();
+            if absent > 0 {
+                hidden.push(format!("{} in {}", instance.name, frames(absent)));
+            }
+        }
+        let mut warnings = Vec::new();
+        if !hidden.is_empty() {
+            warnings.push(format!(
+                "scene {}: instances are left out where a scale of 0 makes their matrix singular: {}",
+                self.name,
+                some(hidden.iter().map(String::as_str))
+            ));
+        }
+        let is_empty = |pose: &&Pose| pose.instances.iter().all(Option::is_none);
+        let empty = poses.iter().filter(is_empty).count();
+        if empty > 0 {
+            warnings.push(format!(
+                "scene {}: nothing is left to show in {}: no rays are cast there",
+                self.name,
+                frames(empty)
+            ));
+        }
+        warnings
     }
 
     /// An object's vertices at a pose of this scene, after skinning, in double precision.
@@ -421,13 +488,16 @@ impl Animated {
         }
     }
 
-    /// The whole scene at a pose as one mesh in the world, instance after instance, in double precision.
+    /// The whole scene at a pose as one mesh in the world, instance after instance that is there, in double precision.
     ///
     /// # Panics
     /// If the pose is another scene's, or the scene has more than 2³² vertices.
     pub fn world_mesh(&self, pose: &Pose) -> Mesh {
         let mut mesh = Mesh::default();
         for (instance, matrix) in std::iter::zip(&self.instances, &pose.instances) {
+            let Some(matrix) = matrix else {
+                continue;
+            };
             let base = u32::try_from(mesh.positions.len()).expect("at most 2^32 vertices");
             let vertices = self.vertices(pose, instance.object);
             let moved = vertices.iter().map(|&p| transform_point(matrix, p));
@@ -444,10 +514,22 @@ impl Animated {
     /// # Panics
     /// If there are no poses, one is another scene's, or a vertex is not finite.
     pub fn camera(&self, poses: &[Pose], size: ImageSize) -> Camera {
-        let meshes = poses.iter().map(|pose| self.world_mesh(pose));
-        let corners = meshes.flat_map(|mesh| {
-            let indices = mesh.triangles.into_iter().flatten();
-            indices.map(move |index| mesh.positions[index as usize])
+        let used: Vec<Vec<bool>> = self.objects.iter().map(Object::used).collect();
+        let corners = poses.iter().flat_map(|pose| {
+            let objects: Vec<Rc<[[f64; 3]]>> = (0..self.objects.len())
+                .map(|object| {
+                    let vertices = self.vertices(pose, object).into_iter();
+                    let used = vertices.zip(&used[object]).filter(|(_, used)| **used);
+                    used.map(|(vertex, _)| vertex).collect()
+                })
+                .collect();
+            let instances = std::iter::zip(&self.instances, &pose.instances);
+            let there = instances
+                .filter_map(|(instance, matrix)| Some((instance.object, matrix.as_ref()?)));
+            there.flat_map(move |(object, matrix)| {
+                let vertices = Rc::clone(&objects[object]);
+                (0..vertices.len()).map(move |vertex| transform_point(matrix, vertices[vertex]))
+            })
         });
         Camera::framing_points(corners, f64::from(size.width) / f64::from(size.height))
     }
@@ -470,7 +552,7 @@ impl Animated {
     /// The boxes of the scene and its objects over poses: see [`Animated::extents`].
     ///
     /// # Errors
-    /// One line if there are no poses or a vertex is not finite.
+    /// One line if there are no poses, no instance is there in any of them, or a vertex is not finite.
     ///
     /// # Panics
     /// If a pose is another scene's.
@@ -479,6 +561,14 @@ impl Animated {
             !poses.is_empty(),
             "scene {}: no frames; give at least one",
             self.name
+        );
+        ensure!(
+            poses
+                .iter()
+                .any(|pose| pose.instances.iter().any(Option::is_some)),
+            "scene {}: nothing is shown in any frame: a scale of 0 makes the matrix of every instance singular ({}); give their nodes, and those above them, other scales, or show another time",
+            self.name,
+            some(self.instances.iter().map(|instance| instance.name.as_str()))
         );
         let mut world = GrowingBox::EMPTY;
         let mut boxes = vec![(GrowingBox::EMPTY, GrowingBox::EMPTY); self.objects.len()];
@@ -489,13 +579,16 @@ impl Animated {
                 let rest = pose.objects[number].positions.as_ref();
                 let rest = rest.unwrap_or(&object.mesh.positions);
                 let (at_rest, posed) = &mut boxes[number];
+                let instances = std::iter::zip(&self.instances, &pose.instances);
+                let matrices: Vec<&Matrix3x4> = instances
+                    .filter(|(instance, _)| instance.object == number)
+                    .filter_map(|(_, matrix)| matrix.as_ref())
+                    .collect();
                 for vertex in (0..vertices.len()).filter(|&vertex| used[number][vertex]) {
                     at_rest.grow(rest[vertex]);
                     posed.grow(vertices[vertex]);
-                    for (instance, matrix) in std::iter::zip(&self.instances, &pose.instances) {
-                        if instance.object == number {
-                            world.grow(transform_point(matrix, vertices[vertex]));
-                        }
+                    for matrix in &matrices {
+                        world.grow(transform_point(matrix, vertices[vertex]));
                     }
                 }
             }
@@ -607,6 +700,24 @@ fn rows(matrix: &DAffine3) -> Matrix3x4 {
             translation[row],
         ]
     })
+}
+
+/// A number for a message: very large and very small ones in scientific notation.
+fn number(x: f64) -> String {
+    match x == 0.0 || !x.is_finite() || (1e-6..1e12).contains(&x.abs()) {
+        true => x.to_string(),
+        false => format!("{x:e}"),
+    }
+}
+
+/// Names for a line that is about any number of things: the first few.
+pub(super) fn some<'a>(names: impl IntoIterator<Item = &'a str>) -> String {
+    const MOST: usize = 4;
+    let names: Vec<&str> = names.into_iter().collect();
+    match names.len() {
+        0..=MOST => names.join(", "),
+        count => format!("{} and {} more", names[..MOST].join(", "), count - MOST),
+    }
 }
 
 /// Names for an error message, not too many of them.

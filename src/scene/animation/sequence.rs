@@ -1,16 +1,21 @@
 //! Sequences of OBJ files, one a frame.
 
-use super::super::{Mesh, obj};
+use super::super::Mesh;
+use super::super::obj::{self, LeftOut};
 use super::{Animated, Clip, Kind, Writer};
+use crate::text;
 use anyhow::{Context, Result, ensure};
+use std::cmp::Ordering;
+use std::ffi::OsStr;
 use std::path::{Path, PathBuf};
 
 /// How fast a sequence of meshes plays. Between two meshes vertices run in straight lines.
 pub const SEQUENCE_FRAMES_PER_SECOND: f64 = 24.0;
 
-/// The meshes of a folder's OBJ files in the order of their names.
+/// The meshes of a folder's OBJ files in the order of their names (see [`by_name`]). Hidden files, whose names begin with a
+/// dot, are not frames: macOS leaves such files beside every file on a foreign disk.
 pub fn load(folder: &Path) -> Result<Animated> {
-    let shown = folder.display();
+    let shown = text::path(folder);
     let entries = std::fs::read_dir(folder).with_context(|| format!("{shown}: cannot be read"))?;
     let mut files: Vec<PathBuf> = Vec::new();
     for entry in entries {
@@ -20,18 +25,22 @@ pub fn load(folder: &Path) -> Result<Animated> {
         let is_obj = path
             .extension()
             .is_some_and(|extension| extension.eq_ignore_ascii_case("obj"));
-        if is_obj && path.is_file() {
+        let name = path.file_name().unwrap_or_default();
+        let is_hidden = name.as_encoded_bytes().starts_with(b".");
+        if is_obj && !is_hidden && path.is_file() {
             files.push(path);
         }
     }
-    files.sort();
+    files.sort_by(|a, b| by_name(a, b));
     ensure!(
         !files.is_empty(),
         "{shown}: has no OBJ files; give a folder whose files, each name ending in .obj, are the frames"
     );
     let (mut frames, mut first): (Vec<Vec<[f64; 3]>>, Option<Mesh>) = (Vec::new(), None);
+    let mut left_out = LeftOut::default();
     for file in &files {
-        let mesh = obj::load(file)?.mesh;
+        let (mesh, more) = obj::read(file)?;
+        left_out.merge(&more, &text::path(file));
         match &first {
             None => {
                 frames.push(mesh.positions.clone());
@@ -41,8 +50,8 @@ pub fn load(folder: &Path) -> Result<Animated> {
                 check_topology(first, &mesh).with_context(|| {
                     format!(
                         "{}: its topology is not that of {}",
-                        file.display(),
-                        files[0].display()
+                        text::path(file),
+                        text::path(&files[0])
                     )
                 })?;
                 frames.push(mesh.positions);
@@ -54,18 +63,64 @@ pub fn load(folder: &Path) -> Result<Animated> {
     let name = folder
         .canonicalize()
         .unwrap_or_else(|_| folder.to_path_buf());
-    let name = name
-        .file_name()
-        .unwrap_or_default()
-        .to_string_lossy()
-        .into_owned();
+    let name = name.file_name().unwrap_or_default().to_string_lossy();
+    let name = text::escaped(&name).into_owned();
     let seconds = frames.len() as f64 / SEQUENCE_FRAMES_PER_SECOND;
+    let warnings = left_out.warnings(&shown, Some(frames.len()));
     let mut animated = Animated::single(name, mesh, Kind::Sequence, Writer::Frames(frames));
+    animated.warnings = warnings;
     animated.clips.push(Clip {
         name: "sequence".into(),
         seconds,
     });
     Ok(animated)
+}
+
+/// The order of frames: runs of digits compare as numbers, so that f2 comes before f10, and case does not count. Names that
+/// are then the same, such as f1, F1 and f01, are in the order of their bytes.
+fn by_name(a: &Path, b: &Path) -> Ordering {
+    let key = |path: &Path| folded(path.file_stem().unwrap_or_default());
+    natural(&key(a), &key(b)).then_with(|| a.cmp(b))
+}
+
+/// A name in lower case; a name need not be Unicode.
+fn folded(name: &OsStr) -> Vec<u8> {
+    match name.to_str() {
+        Some(name) => name.to_lowercase().into_bytes(),
+        None => name.as_encoded_bytes().to_ascii_lowercase(),
+    }
+}
+
+/// Compares runs of digits as numbers of any length, all other bytes one by one.
+fn natural(mut a: &[u8], mut b: &[u8]) -> Ordering {
+    loop {
+        let ([x, ..], [y, ..]) = (a, b) else {
+            return a.len().cmp(&b.len());
+        };
+        let order = match x.is_ascii_digit() && y.is_ascii_digit() {
+            true => {
+                let (m, n) = (number(&mut a), number(&mut b));
+                m.len().cmp(&n.len()).then_with(|| m.cmp(n))
+            }
+            false => {
+                let order = x.cmp(y);
+                (a, b) = (&a[1..], &b[1..]);
+                order
+            }
+        };
+        if order.is_ne() {
+            return order;
+        }
+    }
+}
+
+/// Takes the digits in front, and gives those that count.
+fn number<'a>(bytes: &mut &'a [u8]) -> &'a [u8] {
+    let end = bytes.iter().position(|byte| !byte.is_ascii_digit());
+    let (digits, rest) = bytes.split_at(end.unwrap_or(bytes.len()));
+    *bytes = rest;
+    let zeros = digits.iter().take_while(|digit| **digit == b'0').count();
+    &digits[zeros..]
 }
 
 fn check_topology(first: &Mesh, other: &Mesh) -> Result<()> {
@@ -105,4 +160,29 @@ pub fn at(frames: &[Vec<[f64; 3]>], seconds: f64) -> Vec<[f64; 3]> {
     std::iter::zip(&frames[before], &frames[before + 1])
         .map(|(a, b)| std::array::from_fn(|axis| a[axis] + (b[axis] - a[axis]) * part))
         .collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn names_are_in_one_order() {
+        let mut random = fastrand::Rng::with_seed(17);
+        let mut name = || -> PathBuf {
+            let length = random.usize(1..6);
+            let letter = |_| char::from(b"0019aBb.- "[random.usize(..10)]);
+            let name: String = (0..length).map(letter).collect();
+            format!("x{name}.obj").into()
+        };
+        for _ in 0..20_000 {
+            let (a, b, c) = (name(), name(), name());
+            let order = by_name(&a, &b);
+            assert_eq!(order, by_name(&b, &a).reverse(), "{a:?} {b:?}");
+            assert_eq!(order.is_eq(), a == b, "{a:?} {b:?}");
+            if order == by_name(&b, &c) {
+                assert_eq!(order, by_name(&a, &c), "{a:?} {b:?} {c:?}");
+            }
+        }
+    }
 }

@@ -1,6 +1,6 @@
 //! What binds a mesh to its skeleton.
 
-use super::Matrix3x4;
+use super::{Matrix3x4, number};
 use anyhow::{Result, ensure};
 use glam::DAffine3;
 
@@ -27,7 +27,8 @@ impl Influences {
         for &(joint, weight) in given {
             ensure!(
                 weight.is_finite() && weight >= 0.0,
-                "has the weight {weight}; give weights from 0 to 1"
+                "has the weight {}; give weights from 0 to 1",
+                number(weight)
             );
             // What fills up the four often names joints that are not there.
             if weight == 0.0 {

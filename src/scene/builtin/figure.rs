@@ -218,6 +218,7 @@ pub fn animated(detail: u32) -> Animated {
             name: "figure".into(),
             object: 0,
             node: None,
+            local: DAffine3::IDENTITY,
         }],
         clips,
         warnings: Vec::new(),

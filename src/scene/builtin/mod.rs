@@ -66,6 +66,7 @@ pub fn builtin(spec: &str) -> Result<Scene> {
     Ok(Scene {
         name: name.to_string(),
         mesh,
+        warnings: Vec::new(),
     })
 }
 

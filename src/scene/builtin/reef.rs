@@ -7,7 +7,7 @@ use super::super::animation::{
     Track, Writer,
 };
 use super::{Welder, shapes, snap};
-use glam::{DQuat, DVec3, dvec3};
+use glam::{DAffine3, DQuat, DVec3, dvec3};
 use std::f64::consts::{FRAC_PI_2, PI, TAU};
 
 const WEEDS: u32 = 160;
@@ -61,6 +61,7 @@ pub fn animated(fish: u32) -> Animated {
             name,
             object,
             node: Some(nodes.len() - 1),
+            local: DAffine3::IDENTITY,
         });
     };
     for number in 0..fish {
@@ -273,6 +274,7 @@ mod tests {
         let moved = std::iter::zip(&start.instances, &middle.instances);
         assert_eq!(moved.filter(|(a, b)| a != b).count(), 800);
         for (a, b) in std::iter::zip(&start.instances, &end.instances) {
+            let [a, b] = [a, b].map(|matrix| matrix.unwrap());
             for (a, b) in a.as_flattened().iter().zip(b.as_flattened()) {
                 assert!((a - b).abs() < 1e-6, "{a} {b}");
             }
@@ -292,7 +294,7 @@ mod tests {
         let step = 0.01;
         let [now, then] = [0.0, step].map(|t| reef.pose(Some(0), t).unwrap());
         for number in 0..16 {
-            let [a, b] = [&now, &then].map(|pose| pose.instances[number]);
+            let [a, b] = [&now, &then].map(|pose| pose.instances[number].unwrap());
             let moved: Vec<f64> = (0..3).map(|row| b[row][3] - a[row][3]).collect();
             // The first column is where the nose points.
             let ahead: f64 = (0..3).map(|row| a[row][0] * moved[row]).sum();

@@ -3,6 +3,8 @@
 //! The crate's own iterators trust counts, offsets and strides; a file need not deserve that. Here everything is
 //! checked, and every number becomes an `f64`, which holds all that glTF knows exactly.
 
+use super::clean::Facts;
+use crate::text;
 use anyhow::{Context, Result, bail, ensure};
 use base64::Engine;
 use base64::alphabet::STANDARD;
@@ -12,8 +14,8 @@ use gltf::buffer::{Source, View};
 use std::cell::OnceCell;
 use std::path::Path;
 
-/// Elements that an accessor may claim to have without a buffer that has them.
-const MOST_ZEROS: usize = 1 << 26;
+/// Numbers that an accessor may claim to have without a buffer that has them, unless it has as many elements as another one.
+const MOST_ZEROS: usize = 1 << 24;
 
 /// What an accessor's integers mean.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -29,6 +31,7 @@ pub enum Numbers {
 /// The buffers of a file, read when they are first needed: those that only pictures need may be missing.
 pub struct Buffers<'a> {
     document: &'a gltf::Document,
+    facts: &'a Facts,
     folder: &'a Path,
     binary_chunk: Option<&'a [u8]>,
     read: Vec<OnceCell<Vec<u8>>>,
@@ -38,12 +41,14 @@ impl<'a> Buffers<'a> {
     /// Files are sought from `folder`.
     pub fn new(
         document: &'a gltf::Document,
+        facts: &'a Facts,
         folder: &'a Path,
         binary_chunk: Option<&'a [u8]>,
     ) -> Self {
         let read = document.buffers().map(|_| OnceCell::new()).collect();
         Self {
             document,
+            facts,
             folder,
             binary_chunk,
             read,
@@ -53,6 +58,10 @@ impl<'a> Buffers<'a> {
     fn buffer(&self, number: usize) -> Result<&[u8]> {
         let buffer = self.document.buffers().nth(number).expect("validated");
         let bytes = match buffer.source() {
+            // The GLB's chunk is the first buffer's alone.
+            Source::Bin if number > 0 => bail!(
+                "buffer {number} has no data (EXT_meshopt_compression's fallback?); export it without compression"
+            ),
             Source::Bin => self.binary_chunk.with_context(|| {
                 format!("buffer {number} is missing: the file has no binary chunk for it; export it anew")
             })?,
@@ -75,28 +84,25 @@ impl<'a> Buffers<'a> {
     }
 
     fn fetch(&self, uri: &str) -> Result<Vec<u8>> {
-        if let Some(data) = uri.strip_prefix("data:") {
-            let (_, text) = data
-                .split_once(";base64,")
-                .context("is a data URI that is not base64; export the file anew")?;
-            let lenient = GeneralPurposeConfig::new()
-                .with_decode_padding_mode(DecodePaddingMode::Indifferent);
-            return GeneralPurpose::new(&STANDARD, lenient)
-                .decode(text)
-                .map_err(|error| anyhow::anyhow!("is no base64: {error}; export the file anew"));
+        if let Some(data) = uri
+            .get(..5)
+            .filter(|scheme| scheme.eq_ignore_ascii_case("data:"))
+        {
+            return data_of(&uri[data.len()..]);
         }
         ensure!(
             !uri.contains("://"),
-            "`{uri}` is not a file beside this one; put it there"
+            "`{}` is not a file beside this one; put it there",
+            text::word(uri)
         );
         let name = percent_encoding::percent_decode_str(uri).decode_utf8_lossy();
         let path = self.folder.join(&*name);
         std::fs::read(&path).map_err(|error| match error.kind() {
             std::io::ErrorKind::NotFound => anyhow::anyhow!(
                 "is missing: there is no file {}; put it there",
-                path.display()
+                text::path(&path)
             ),
-            _ => anyhow::anyhow!("{}: cannot be read: {error}", path.display()),
+            _ => anyhow::anyhow!("{}: cannot be read: {error}", text::path(&path)),
         })
     }
 
@@ -116,7 +122,27 @@ impl<'a> Buffers<'a> {
         })
     }
 
-    /// An accessor's numbers, element after element.
+    /// How far apart the elements of a view are; nothing, if one follows the other.
+    fn stride(&self, view: &View) -> Result<Option<usize>> {
+        match &self.facts.strides[view.index()] {
+            None | Some(serde_json::Value::Null) => Ok(None),
+            Some(stride) => {
+                let number = stride
+                    .as_u64()
+                    .and_then(|stride| usize::try_from(stride).ok());
+                let number = number.with_context(|| {
+                    format!(
+                        "bufferView {} has the byteStride {}; export the file anew",
+                        view.index(),
+                        text::word(&stride.to_string())
+                    )
+                })?;
+                Ok((number > 0).then_some(number))
+            }
+        }
+    }
+
+    /// An accessor's numbers, element after element. Without a buffer view it is zeros.
     ///
     /// # Errors
     /// One line, which does not say whose accessor it is, if it has other dimensions or types of numbers, reaches beyond
@@ -126,6 +152,36 @@ impl<'a> Buffers<'a> {
         accessor: &Accessor,
         dimensions: Dimensions,
         numbers: Numbers,
+    ) -> Result<Vec<f64>> {
+        let most = MOST_ZEROS / dimensions.multiplicity();
+        self.read_up_to(accessor, dimensions, numbers, most)
+    }
+
+    /// The same of an accessor that must have an element for each of `count` vertices.
+    ///
+    /// # Errors
+    /// As [`Buffers::read`], and if it has not as many.
+    pub fn read_for(
+        &self,
+        accessor: &Accessor,
+        dimensions: Dimensions,
+        numbers: Numbers,
+        count: usize,
+    ) -> Result<Vec<f64>> {
+        ensure!(
+            accessor.count() == count,
+            "has {} elements for {count} vertices; export the file anew",
+            accessor.count()
+        );
+        self.read_up_to(accessor, dimensions, numbers, count)
+    }
+
+    fn read_up_to(
+        &self,
+        accessor: &Accessor,
+        dimensions: Dimensions,
+        numbers: Numbers,
+        most: usize,
     ) -> Result<Vec<f64>> {
         let inner = || {
             ensure!(
@@ -142,9 +198,25 @@ impl<'a> Buffers<'a> {
                 fitting,
                 "has numbers of type {kind:?}, which do not belong there; export the file anew"
             );
+            ensure!(
+                self.view_of(accessor).is_some() || accessor.count() <= most,
+                "has {} elements without a buffer; at most {most} may be so",
+                accessor.count()
+            );
             self.read_fitting(accessor, numbers)
         };
         inner().with_context(|| format!("accessor {}", accessor.index()))
+    }
+
+    /// Whether all of an accessor's numbers are zero, because it has no place in any buffer.
+    pub fn is_zero(&self, accessor: &Accessor) -> bool {
+        self.view_of(accessor).is_none() && accessor.sparse().is_none()
+    }
+
+    /// The view of an accessor, if it has one: the one beyond the file's own stands for none.
+    fn view_of<'b>(&self, accessor: &Accessor<'b>) -> Option<View<'b>> {
+        let view = accessor.view();
+        view.filter(|view| view.index() < self.facts.views)
     }
 
     fn read_fitting(&self, accessor: &Accessor, numbers: Numbers) -> Result<Vec<f64>> {
@@ -158,17 +230,12 @@ impl<'a> Buffers<'a> {
             },
         };
         let count = accessor.count();
-        let mut values = match accessor.view() {
+        let mut values = match self.view_of(accessor) {
             Some(view) => {
-                layout.read(self.view(&view)?, accessor.offset(), view.stride(), count)?
+                let stride = self.stride(&view)?;
+                layout.read(self.view(&view)?, accessor.offset(), stride, count)?
             }
-            None => {
-                ensure!(
-                    count <= MOST_ZEROS,
-                    "has {count} elements without a buffer; at most {MOST_ZEROS} may be so"
-                );
-                vec![0.0; count * layout.width]
-            }
+            None => vec![0.0; count * layout.width],
         };
         if let Some(sparse) = accessor.sparse() {
             let (indices, replacements) = (sparse.indices(), sparse.values());
@@ -185,14 +252,14 @@ impl<'a> Buffers<'a> {
             let places = index_layout.read(
                 self.view(&view)?,
                 indices.offset(),
-                view.stride(),
+                self.stride(&view)?,
                 sparse.count(),
             )?;
             let view = replacements.view();
             let replacements = layout.read(
                 self.view(&view)?,
                 replacements.offset(),
-                view.stride(),
+                self.stride(&view)?,
                 sparse.count(),
             )?;
             for (place, element) in std::iter::zip(places, replacements.chunks_exact(layout.width))
@@ -214,6 +281,29 @@ impl<'a> Buffers<'a> {
         }
         Ok(values)
     }
+}
+
+/// What a data URI holds, of which this is all after its scheme: a media type, a comma, and data that is percent-encoded
+/// and, if it says so, base64 within.
+fn data_of(rest: &str) -> Result<Vec<u8>> {
+    let (header, data) = rest
+        .split_once(',')
+        .context("is a data URI without data; export the file anew")?;
+    let data: Vec<u8> = percent_encoding::percent_decode_str(data).collect();
+    let last = header.rsplit_once(';').map(|(_, last)| last.trim());
+    if !last.is_some_and(|last| last.eq_ignore_ascii_case("base64")) {
+        return Ok(data);
+    }
+    let digits: Vec<u8> = data
+        .into_iter()
+        .filter(|byte| !byte.is_ascii_whitespace())
+        .collect();
+    let lenient = GeneralPurposeConfig::new()
+        .with_decode_allow_trailing_bits(true)
+        .with_decode_padding_mode(DecodePaddingMode::Indifferent);
+    GeneralPurpose::new(&STANDARD, lenient)
+        .decode(digits)
+        .map_err(|error| anyhow::anyhow!("is no base64: {error}; export the file anew"))
 }
 
 /// An accessor's numbers by elements of `N`.

@@ -7,7 +7,7 @@ use crate::scene::Mesh;
 use anyhow::{Context, Result, ensure};
 use gltf::accessor::Dimensions;
 use gltf::mesh::{Mode, Semantic};
-use std::collections::HashMap;
+use std::collections::{BTreeMap, HashMap};
 
 /// A mesh and what moves its vertices.
 #[derive(Default)]
@@ -20,12 +20,14 @@ pub struct Parts {
 }
 
 /// Joins the triangles of all of a mesh's primitives. With `joint_count` vertices must be bound to so many joints.
-/// Vertices that are the same in everything become one, and those that no triangle uses are left out.
+/// Vertices that are the same in everything become one, and those that no triangle uses are left out. Accessor `nothing` stands
+/// for positions that the file does not have.
 pub fn read(
     buffers: &Buffers,
     mesh: &gltf::Mesh,
-    name: &str,
+    title: &str,
     joint_count: Option<usize>,
+    nothing: usize,
     warnings: &mut Vec<String>,
 ) -> Result<Parts> {
     let mut welder = Welder {
@@ -36,16 +38,21 @@ pub fn read(
         found: HashMap::new(),
     };
     let (mut reduced, mut bound) = (0, 0);
+    let mut left_out: BTreeMap<String, Vec<usize>> = BTreeMap::new();
     for primitive in mesh.primitives() {
         let place = format!("primitive {}", primitive.index());
         if !matches!(
             primitive.mode(),
             Mode::Triangles | Mode::TriangleStrip | Mode::TriangleFan
         ) {
-            warnings.push(format!(
-                "mesh {name}, {place}: left out, it is made of {:?}, not of triangles",
-                primitive.mode()
-            ));
+            let reason = format!("made of {:?}, not of triangles", primitive.mode());
+            left_out.entry(reason).or_default().push(primitive.index());
+            continue;
+        }
+        let positions = primitive.get(&Semantic::Positions);
+        if positions.is_none_or(|accessor| accessor.index() == nothing) {
+            let reason = "without POSITION".to_string();
+            left_out.entry(reason).or_default().push(primitive.index());
             continue;
         }
         let source = Source::read(buffers, &primitive, joint_count.is_some())
@@ -53,7 +60,7 @@ pub fn read(
         let (triangles, left_over) = source.triangles(&primitive);
         if left_over > 0 {
             warnings.push(format!(
-                "mesh {name}, {place}: {left_over} vertices at its end make no triangle and are left out"
+                "{title}, {place}: {left_over} vertices at its end make no triangle and are left out"
             ));
         }
         let mut numbers: Vec<Option<u32>> = vec![None; source.positions.len()];
@@ -83,9 +90,19 @@ pub fn read(
             welder.parts.mesh.triangles.push(welded);
         }
     }
+    for (reason, primitives) in left_out {
+        warnings.push(match primitives.as_slice() {
+            [one] => format!("{title}, primitive {one}: left out, it is {reason}"),
+            several => format!(
+                "{title}: {} primitives are left out, they are {reason}; the first is primitive {}",
+                several.len(),
+                several[0]
+            ),
+        });
+    }
     if reduced > 0 {
         warnings.push(format!(
-            "mesh {name}: {reduced} of {bound} vertices follow more than {MOST_INFLUENCES} joints; they keep the {MOST_INFLUENCES} strongest"
+            "{title}: {reduced} of {bound} vertices follow more than {MOST_INFLUENCES} joints; they keep the {MOST_INFLUENCES} strongest"
         ));
     }
     Ok(welder.parts)
@@ -130,13 +147,19 @@ impl Source {
             let place = || format!("morph target {number}");
             displacements.push(match target.positions() {
                 None => vec![[0.0; 3]; count],
+                // Zeros that nobody writes to take no memory.
+                Some(accessor)
+                    if buffers.is_zero(&accessor)
+                        && accessor.count() == count
+                        && accessor.dimensions() == Dimensions::Vec3 =>
+                {
+                    vec![[0.0; 3]; count]
+                }
                 Some(accessor) => {
                     let moved = buffers
-                        .read(&accessor, Dimensions::Vec3, Numbers::AsStored)
+                        .read_for(&accessor, Dimensions::Vec3, Numbers::AsStored, count)
                         .with_context(place)?;
-                    let moved = groups::<3>(&moved);
-                    check_count(moved.len(), count).with_context(place)?;
-                    moved
+                    groups::<3>(&moved)
                 }
             });
         }
@@ -171,11 +194,8 @@ impl Source {
             let attribute = |semantic: Semantic, numbers| {
                 let place = semantic.to_string();
                 let accessor = primitive.get(&semantic).expect("there is this set");
-                let values = buffers.read(&accessor, Dimensions::Vec4, numbers);
-                let values = values.with_context(|| place.clone())?;
-                let values = groups::<4>(&values);
-                check_count(values.len(), count).context(place)?;
-                anyhow::Ok(values)
+                let values = buffers.read_for(&accessor, Dimensions::Vec4, numbers, count);
+                anyhow::Ok(groups::<4>(&values.context(place)?))
             };
             let joints = attribute(Semantic::Joints(set), Numbers::Indices)?;
             let weights = attribute(Semantic::Weights(set), Numbers::Fractions)?;
@@ -213,14 +233,6 @@ impl Source {
         let left_over = if indices.len() < 3 { indices.len() } else { 0 };
         (triangles, left_over)
     }
-}
-
-fn check_count(count: usize, vertices: usize) -> Result<()> {
-    ensure!(
-        count == vertices,
-        "has {count} elements for {vertices} vertices; export the file anew"
-    );
-    Ok(())
 }
 
 /// Vertices that are found again by everything that moves them.

@@ -1,15 +1,23 @@
 //! glTF 2.0 files.
 //!
-//! Only geometry and motion are looked at: what materials, pictures, cameras and lights there are is cut out of the
-//! JSON before the crate validates it, so that none of them can stand in a ray's way.
+//! Only geometry and motion are looked at, and of these only what is shown: all else is cut out of the JSON before the
+//! crate validates it, so that none of it can stand in a ray's way (see [`clean`]). What is in a file and not in the picture is
+//! warned of. Of extensions those are read that place instances (EXT_mesh_gpu_instancing) or hide nodes
+//! (KHR_node_visibility); see [`extensions`].
 
 mod accessor;
+mod clean;
+mod extensions;
 mod mesh;
 
-use super::{Animated, Clip, Curve, Instance, Interpolation, Kind, Local, Node, Object};
+use super::{
+    Animated, Clip, Curve, Instance, Interpolation, Kind, Local, Node, Object, number, some,
+};
 use super::{Property, Rig, Skin, Track, Writer};
+use crate::text;
 use accessor::{Buffers, Numbers, groups};
 use anyhow::{Context, Result, anyhow, bail, ensure};
+use clean::Facts;
 use glam::{DAffine3, DQuat, DVec3};
 use gltf::accessor::Dimensions;
 use gltf::json::validation::Checked;
@@ -18,36 +26,36 @@ use serde_json::{Map, Value};
 use std::collections::{BTreeMap, HashMap};
 use std::path::Path;
 
-/// Required extensions that change nothing here: they concern pictures, materials and lights, or allow what is
-/// read anyway. Those of materials are known by their beginning.
-const HARMLESS_EXTENSIONS: [&str; 7] = [
-    "KHR_lights_punctual",
-    "KHR_mesh_quantization",
-    "KHR_texture_basisu",
-    "KHR_texture_transform",
-    "EXT_texture_avif",
-    "EXT_texture_webp",
-    "MSFT_texture_dds",
-];
+/// The most instances that EXT_mesh_gpu_instancing may place: an accessor without a buffer can claim any number of them.
+const MOST_INSTANCES: usize = 1 << 20;
 
 pub fn load(path: &Path) -> Result<Animated> {
-    let shown = path.display().to_string();
+    let shown = text::path(path);
     let bytes = std::fs::read(path).with_context(|| format!("{shown}: cannot be read"))?;
     let folder = path.parent().unwrap_or(Path::new(""));
-    let name = path.file_stem().unwrap_or_default().to_string_lossy();
-    parse(&bytes, folder, name.into_owned()).context(shown)
+    let name = path.file_stem().unwrap_or_default();
+    let mut scene = parse(&bytes, folder, text::path(Path::new(name))).map_err(|error| {
+        // Words of the file may be in any part of it.
+        anyhow!("{shown}: {}", text::escaped(&format!("{error:#}")))
+    })?;
+    for warning in &mut scene.warnings {
+        *warning = text::escaped(warning).into_owned();
+    }
+    Ok(scene)
 }
 
 fn parse(bytes: &[u8], folder: &Path, name: String) -> Result<Animated> {
     let (json, binary_chunk) = chunks(bytes)?;
-    let mut value: Value = serde_json::from_slice(json)
+    let value: Value = serde_json::from_slice(trimmed(json))
         .map_err(|error| anyhow!("is no glTF: {error}; export it anew"))?;
     let root = value
-        .as_object_mut()
+        .as_object()
         .context("is no glTF: its JSON is no object; export it anew")?;
-    check_version_and_extensions(root)?;
-    keep_geometry(root)?;
-    let root = serde_json::from_value(value)
+    check_version(root)?;
+    extensions::check_required(root)?;
+    let (cleaned, facts) = clean::clean(root)?;
+    drop(value);
+    let root = serde_json::from_value(cleaned)
         .map_err(|error| anyhow!("is no glTF: {error}; export it anew"))?;
     let document = gltf::Document::from_json(root).map_err(|error| match error {
         gltf::Error::Validation(faults) => {
@@ -59,10 +67,20 @@ fn parse(bytes: &[u8], folder: &Path, name: String) -> Result<Animated> {
     })?;
     let loader = Loader {
         document: &document,
-        buffers: Buffers::new(&document, folder, binary_chunk),
-        warnings: Vec::new(),
+        buffers: Buffers::new(&document, &facts, folder, binary_chunk),
+        warnings: facts.warnings.clone(),
+        facts: &facts,
     };
     loader.load(name)
+}
+
+/// JSON without what some exporters put around it: a byte order mark, and zeros that fill up a chunk.
+fn trimmed(json: &[u8]) -> &[u8] {
+    let json = json.strip_prefix(b"\xef\xbb\xbf").unwrap_or(json);
+    let end = json
+        .iter()
+        .rposition(|&byte| byte != 0 && !byte.is_ascii_whitespace());
+    &json[..end.map_or(0, |last| last + 1)]
 }
 
 /// The JSON and the binary chunk of a binary file, or the whole of a text file.
@@ -98,104 +116,20 @@ fn chunks(bytes: &[u8]) -> Result<(&[u8], Option<&[u8]>)> {
     Ok((json, binary))
 }
 
-fn check_version_and_extensions(root: &Map<String, Value>) -> Result<()> {
+fn check_version(root: &Map<String, Value>) -> Result<()> {
     let version = root.get("asset").and_then(|asset| asset.get("version"));
     let version = version.and_then(Value::as_str).unwrap_or("unknown");
     ensure!(
         version.starts_with("2."),
-        "is glTF of version {version}; export it as glTF 2.0"
-    );
-    let required = root.get("extensionsRequired").and_then(Value::as_array);
-    let unknown: Vec<&str> = required
-        .into_iter()
-        .flatten()
-        .filter_map(Value::as_str)
-        .filter(|name| !HARMLESS_EXTENSIONS.contains(name) && !name.starts_with("KHR_materials_"))
-        .collect();
-    ensure!(
-        unknown.is_empty(),
-        "requires {}, which cannot be read here; export it without (uncompressed)",
-        unknown.join(", ")
+        "is glTF of version {}; export it as glTF 2.0",
+        text::word(version)
     );
     Ok(())
-}
-
-/// Cuts out what is neither geometry nor motion, and amends what the crate demands but nobody needs.
-fn keep_geometry(root: &mut Map<String, Value>) -> Result<()> {
-    for key in [
-        "cameras",
-        "extensions",
-        "extensionsRequired",
-        "extensionsUsed",
-        "images",
-        "materials",
-        "samplers",
-        "textures",
-    ] {
-        root.remove(key);
-    }
-    let accessors = root.get("accessors").and_then(Value::as_array);
-    let accessor_count = accessors.map_or(0, Vec::len) as u64;
-    for mesh in objects(root.get_mut("meshes")) {
-        let Some(primitives) = mesh.get_mut("primitives") else {
-            continue;
-        };
-        for primitive in objects(Some(primitives)) {
-            primitive.remove("material");
-            if let Some(Value::Object(attributes)) = primitive.get_mut("attributes") {
-                attributes.retain(|name, _| {
-                    name == "POSITION"
-                        || name.starts_with("JOINTS_")
-                        || name.starts_with("WEIGHTS_")
-                });
-                // The crate looks this one up before it has checked it.
-                let position = attributes.get("POSITION").and_then(Value::as_u64);
-                ensure!(
-                    position.is_none_or(|accessor| accessor < accessor_count),
-                    "is no valid glTF: a mesh has its POSITION in accessor {}, which is out of range (there are {accessor_count}, counted from 0); export it anew",
-                    position.unwrap_or_default()
-                );
-            }
-            for target in objects(primitive.get_mut("targets")) {
-                target.retain(|name, _| name == "POSITION");
-            }
-        }
-    }
-    // Boxes are computed, not believed.
-    for accessor in objects(root.get_mut("accessors")) {
-        let zeros = || Value::from(vec![0.0; 3]);
-        accessor.insert("min".into(), zeros());
-        accessor.insert("max".into(), zeros());
-    }
-    for node in objects(root.get_mut("nodes")) {
-        node.remove("camera");
-        node.remove("extensions");
-    }
-    for scene in objects(root.get_mut("scenes")) {
-        scene
-            .entry("nodes")
-            .or_insert_with(|| Value::Array(Vec::new()));
-    }
-    // Channels without a node belong to extensions that animate materials and the like.
-    for animation in objects(root.get_mut("animations")) {
-        if let Some(Value::Array(channels)) = animation.get_mut("channels") {
-            channels.retain(|channel| {
-                let target = channel.get("target");
-                target.is_none_or(|target| target.get("node").is_some())
-            });
-        }
-    }
-    Ok(())
-}
-
-/// The objects in a list of them, if it is one.
-fn objects(list: Option<&mut Value>) -> impl Iterator<Item = &mut Map<String, Value>> {
-    let list = list.and_then(Value::as_array_mut);
-    list.into_iter().flatten().filter_map(Value::as_object_mut)
 }
 
 struct Loader<'a> {
     document: &'a gltf::Document,
+    facts: &'a Facts,
     buffers: Buffers<'a>,
     warnings: Vec<String>,
 }
@@ -241,12 +175,14 @@ impl Loader<'_> {
                     let length = rotation.length();
                     ensure!(
                         length > 0.0 && length.is_finite(),
-                        "{name}: its rotation is none: {rotation}; correct it"
+                        "{name}: its rotation is none: {}; correct it",
+                        quaternion(rotation)
                     );
                     Local::new(wide(translation), rotation / length, wide(scale))
                 }
             };
-            let targets = node.mesh().map_or(0, |mesh| target_count(&mesh));
+            let mesh = self.facts.meshes[node.index()];
+            let targets = mesh.and_then(|mesh| self.facts.targets.get(mesh).copied());
             let given = node.weights();
             let given = given.or_else(|| node.mesh().and_then(|mesh| mesh.weights()));
             let mut weights: Vec<f64> = given
@@ -254,7 +190,7 @@ impl Loader<'_> {
                 .iter()
                 .map(|&weight| f64::from(weight))
                 .collect();
-            weights.resize(targets, 0.0);
+            weights.resize(targets.unwrap_or(0), 0.0);
             nodes.push(Node {
                 name,
                 parent: None,
@@ -278,32 +214,6 @@ impl Loader<'_> {
         Ok(nodes)
     }
 
-    /// The nodes of the scene that the file shows first, or all of a file without scenes, in the order of a walk
-    /// through the hierarchy, which has no cycles.
-    fn shown_nodes(&self, rig: &Rig) -> Vec<gltf::Node<'_>> {
-        let scene = self.document.default_scene();
-        let scene = scene.or_else(|| self.document.scenes().next());
-        let mut open: Vec<gltf::Node> = match scene {
-            Some(scene) => scene.nodes().collect(),
-            None => {
-                let all = self.document.nodes();
-                all.filter(|node| rig.nodes[node.index()].parent.is_none())
-                    .collect()
-            }
-        };
-        open.reverse();
-        let (mut shown, mut seen) = (Vec::new(), vec![false; rig.nodes.len()]);
-        while let Some(node) = open.pop() {
-            if std::mem::replace(&mut seen[node.index()], true) {
-                continue;
-            }
-            let children: Vec<gltf::Node> = node.children().collect();
-            open.extend(children.into_iter().rev());
-            shown.push(node);
-        }
-        shown
-    }
-
     fn objects(&mut self, rig: &Rig) -> Result<(Vec<Object>, Vec<Instance>)> {
         let mut objects: Vec<Object> = Vec::new();
         let mut instances = Vec::new();
@@ -311,19 +221,16 @@ impl Loader<'_> {
         // has an object of its own.
         let mut known: HashMap<(usize, Option<usize>, Option<usize>), Option<usize>> =
             HashMap::new();
-        let shown: Vec<(usize, usize)> = self
-            .shown_nodes(rig)
-            .iter()
-            .filter_map(|node| Some((node.index(), node.mesh()?.index())))
-            .collect();
-        for (node_number, mesh_number) in shown {
+        for &node_number in &self.facts.shown {
             let document = self.document;
             let node = document.nodes().nth(node_number).expect("shown");
-            let mesh = document.meshes().nth(mesh_number).expect("validated");
+            let Some(mesh) = node.mesh() else {
+                continue;
+            };
             let skin = node.skin();
             let morphs = target_count(&mesh) > 0;
             let key = (
-                mesh_number,
+                mesh.index(),
                 skin.as_ref().map(|skin| skin.index()),
                 morphs.then_some(node_number),
             );
@@ -339,18 +246,127 @@ impl Loader<'_> {
                     number
                 }
             };
-            // Of a skinned object the palette is the place.
-            instances.extend(object.map(|object| Instance {
-                name: rig.nodes[node_number].name.clone(),
-                object,
-                node: skin.is_none().then_some(node_number),
-            }));
+            if let Some(object) = object {
+                // Of a skinned object the palette is the place.
+                let place = skin.is_none().then_some(node_number);
+                self.stand(object, node_number, place, rig, &mut instances)?;
+            }
         }
-        ensure!(
-            !objects.is_empty(),
-            "is an empty scene, it has no triangles; export it with its meshes"
-        );
+        if objects.is_empty() {
+            let reasons = match self.warnings.is_empty() {
+                true => "it has no triangles".into(),
+                false => format!(
+                    "nothing is left of it: {}",
+                    some(self.warnings.iter().map(String::as_str))
+                ),
+            };
+            bail!("is an empty scene, {reasons}; export it with its meshes");
+        }
         Ok((objects, instances))
+    }
+
+    /// Puts an object where its node is: once, or as often as the node's EXT_mesh_gpu_instancing says.
+    fn stand(
+        &self,
+        object: usize,
+        node: usize,
+        place: Option<usize>,
+        rig: &Rig,
+        instances: &mut Vec<Instance>,
+    ) -> Result<()> {
+        let name = &rig.nodes[node].name;
+        let locals = match self.facts.instancing.get(&node) {
+            None => {
+                instances.push(Instance {
+                    name: name.clone(),
+                    object,
+                    node: place,
+                    local: DAffine3::IDENTITY,
+                });
+                return Ok(());
+            }
+            Some(attributes) => self
+                .instancing(attributes)
+                .with_context(|| format!("node {node} ({name}): EXT_mesh_gpu_instancing"))?,
+        };
+        ensure!(
+            instances.len() + locals.len() <= MOST_INSTANCES,
+            "node {node} ({name}): with its {} instances the scene has more than {MOST_INSTANCES}; export fewer",
+            locals.len()
+        );
+        let numbered = locals.into_iter().enumerate();
+        instances.extend(numbered.map(|(number, local)| Instance {
+            name: format!("{name} [{number}]"),
+            object,
+            node: place,
+            local,
+        }));
+        Ok(())
+    }
+
+    /// Where instances stand against their node: translation × rotation × scale, of which the file gives some.
+    fn instancing(&self, attributes: &[(String, usize)]) -> Result<Vec<DAffine3>> {
+        let read = |wanted: &str, dimensions, numbers| {
+            let Some((_, place)) = attributes.iter().find(|(name, _)| name == wanted) else {
+                return Ok(None);
+            };
+            let accessor = self.document.accessors().nth(*place).expect("checked");
+            ensure!(
+                accessor.count() <= MOST_INSTANCES,
+                "{wanted}: has {} instances; at most {MOST_INSTANCES} can be shown",
+                accessor.count()
+            );
+            let values = self.buffers.read(&accessor, dimensions, numbers);
+            values.with_context(|| wanted.to_string()).map(Some)
+        };
+        let translations = read("TRANSLATION", Dimensions::Vec3, Numbers::AsStored)?;
+        let rotations = read("ROTATION", Dimensions::Vec4, Numbers::Fractions)?;
+        let scales = read("SCALE", Dimensions::Vec3, Numbers::AsStored)?;
+        let translations = translations.map(|numbers| groups::<3>(&numbers));
+        let rotations = rotations.map(|numbers| groups::<4>(&numbers));
+        let scales = scales.map(|numbers| groups::<3>(&numbers));
+        let counts = [
+            translations.as_ref().map(Vec::len),
+            rotations.as_ref().map(Vec::len),
+            scales.as_ref().map(Vec::len),
+        ];
+        let mut given = counts.iter().flatten();
+        let count = *given.next().expect("it has one of the three");
+        ensure!(
+            given.all(|&other| other == count),
+            "its attributes have {} elements, which must be as many in all; export the file anew",
+            counts
+                .iter()
+                .flatten()
+                .map(usize::to_string)
+                .collect::<Vec<_>>()
+                .join(" and ")
+        );
+        let locals = (0..count).map(|number| {
+            let vector = |of: &Option<Vec<[f64; 3]>>, none| {
+                of.as_ref()
+                    .map_or(none, |all| DVec3::from_array(all[number]))
+            };
+            let rotation = match &rotations {
+                None => DQuat::IDENTITY,
+                Some(all) => {
+                    let rotation = DQuat::from_array(all[number]);
+                    let length = rotation.length();
+                    ensure!(
+                        length > 0.0 && length.is_finite(),
+                        "ROTATION: element {number} is not a rotation: {}; correct it",
+                        quaternion(rotation)
+                    );
+                    rotation / length
+                }
+            };
+            Ok(DAffine3::from_scale_rotation_translation(
+                vector(&scales, DVec3::ONE),
+                rotation,
+                vector(&translations, DVec3::ZERO),
+            ))
+        });
+        locals.collect()
     }
 
     /// The object that a mesh becomes; none if it has no triangles.
@@ -363,12 +379,26 @@ impl Loader<'_> {
     ) -> Result<Option<Object>> {
         let skin = skin.map(|skin| self.skin(skin, rig)).transpose()?;
         let joint_count = skin.as_ref().map(Skin::joint_count);
-        let name = match mesh.name() {
-            Some(name) => name.to_string(),
-            None => format!("mesh {}", mesh.index()),
+        let number = format!("mesh {}", mesh.index());
+        // How warnings and errors speak of it, and how the object is called.
+        let (title, place, name) = match mesh.name() {
+            Some(name) => (
+                format!("mesh {name}"),
+                format!("{number} ({name})"),
+                name.to_string(),
+            ),
+            None => (number.clone(), number.clone(), number),
         };
-        let parts = mesh::read(&self.buffers, mesh, &name, joint_count, &mut self.warnings)
-            .with_context(|| format!("mesh {} ({name})", mesh.index()))?;
+        let nothing = self.facts.accessors;
+        let parts = mesh::read(
+            &self.buffers,
+            mesh,
+            &title,
+            joint_count,
+            nothing,
+            &mut self.warnings,
+        )
+        .context(place)?;
         if parts.mesh.triangles.is_empty() {
             return Ok(None);
         }
@@ -463,7 +493,7 @@ impl Loader<'_> {
                     format!(
                         "animation {} ({name}), channel {}",
                         animation.index(),
-                        channel.index()
+                        self.facts.channels[animation.index()][channel.index()]
                     )
                 })?;
                 seconds = track
@@ -543,6 +573,10 @@ impl Loader<'_> {
             curve,
         }))
     }
+}
+
+fn quaternion(rotation: DQuat) -> String {
+    format!("[{}]", rotation.to_array().map(number).join(", "))
 }
 
 fn node_name(node: &gltf::Node) -> String {

@@ -1,0 +1,87 @@
+//! What happens when a person, or the system, ends the process: nothing is left behind.
+
+use crate::{child, temporary};
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Mutex, MutexGuard, PoisonError};
+
+/// Whether the process is about to end.
+static ENDING: AtomicBool = AtomicBool::new(false);
+
+/// Held while results are put in place, and from an interrupt on.
+static PLACING: Mutex<()> = Mutex::new(());
+
+/// Holds off interrupts while results are put in place, until the guard is dropped: what belongs together appears together.
+pub fn hold() -> MutexGuard<'static, ()> {
+    PLACING.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+/// Waits for the end if the process is about to end. What goes wrong from then on is no news.
+pub fn stop_if_ending() {
+    while ENDING.load(Ordering::SeqCst) {
+        std::thread::park();
+    }
+}
+
+/// From now on SIGINT, SIGTERM and SIGHUP end the tools that run, remove all that is temporary, and end the process as they do
+/// by default, so that a shell sees status 130, 143 or 129. A second signal ends the process at once.
+///
+/// # Errors
+/// The system refuses.
+#[cfg(unix)]
+pub fn listen() -> std::io::Result<()> {
+    use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
+    use signal_hook::iterator::Signals;
+    use std::sync::Arc;
+
+    let mut wanted = vec![SIGINT, SIGTERM];
+    // `nohup` says so that a command is to go on when its terminal has gone.
+    if !is_ignored(SIGHUP) {
+        wanted.push(SIGHUP);
+    }
+    let again = Arc::new(AtomicBool::new(false));
+    for &signal in &wanted {
+        signal_hook::flag::register_conditional_default(signal, Arc::clone(&again))?;
+    }
+    let mut signals = Signals::new(&wanted)?;
+    let wait = move || {
+        if let Some(signal) = signals.forever().next() {
+            again.store(true, Ordering::SeqCst);
+            end();
+            // Never returns, as the signals listened to all end a process.
+            let _ = signal_hook::low_level::emulate_default_handler(signal);
+        }
+    };
+    std::thread::Builder::new()
+        .name("interrupt".into())
+        .spawn(wait)
+        .map(drop)
+}
+
+/// Elsewhere nothing is listened to; the next run removes what was left.
+///
+/// # Errors
+/// None.
+#[cfg(not(unix))]
+pub fn listen() -> std::io::Result<()> {
+    Ok(())
+}
+
+/// Whether the process was started with a signal ignored; `false` where that cannot be told.
+#[cfg(unix)]
+fn is_ignored(signal: i32) -> bool {
+    let status = std::fs::read_to_string("/proc/self/status").unwrap_or_default();
+    let mask = status
+        .lines()
+        .find_map(|line| line.strip_prefix("SigIgn:"))
+        .and_then(|mask| u64::from_str_radix(mask.trim(), 16).ok());
+    mask.is_some_and(|mask| mask >> (signal - 1) & 1 == 1)
+}
+
+/// Ends what this process has started and removes what it has made; other threads stop at the next thing they would make.
+#[cfg(unix)]
+fn end() {
+    ENDING.store(true, Ordering::SeqCst);
+    std::mem::forget(hold());
+    child::end_all();
+    temporary::remove_all();
+}
