@@ -7,7 +7,7 @@ use dynrt::cosim::model::{self, BuildOptions, Model, PortHandle, Sources};
 use dynrt::float::{Format, plain, specials};
 use dynrt::hdl::{Builder, Design, Direction, Module};
 use dynrt::hw::fp::{self, Units};
-use std::rc::Rc;
+use std::sync::Arc;
 
 /// The slack of the machine's plane distances, in ulps.
 const ULPS: i32 = 3;
@@ -87,7 +87,7 @@ impl Operation {
 struct Bench {
     format: Format,
     clock_mhz: u32,
-    top: Rc<Module>,
+    top: Arc<Module>,
     operations: &'static [Operation],
 }
 

@@ -8,7 +8,7 @@ use dynrt::hw;
 use dynrt::named;
 use std::cell::Cell;
 use std::panic::Location;
-use std::rc::Rc;
+use std::sync::Arc;
 
 // ---------------------------------------------------------------------------------------------------------------
 // Mistakes
@@ -42,7 +42,7 @@ fn said(error: &HdlError, module: &str, expected: &str) {
 }
 
 /// A module whose only output follows its input without a register.
-fn follower() -> Rc<Module> {
+fn follower() -> Arc<Module> {
     let m = Builder::new("follower", "y = !x.");
     let x = m.input("x", 4);
     m.output("y", !x);
@@ -275,7 +275,7 @@ fn loops_are_found() {
 }
 
 /// Its output y follows x, through an instance, its output z follows other, and r is a register of x.
-fn nested() -> Rc<Module> {
+fn nested() -> Arc<Module> {
     let m = Builder::new("nested", "y = x, z = other.");
     let (x, other) = (m.input("x", 4), m.input("other", 4));
     let first = m.instance("first", &follower(), &[("x", x)]);
@@ -683,7 +683,7 @@ impl MuxStage for Signal<'_> {
 }
 
 /// y = a * b + c, where c comes at stage 2; `next` is 1 where y is of a set of inputs that was valid.
-fn multiply_add() -> Rc<Module> {
+fn multiply_add() -> Arc<Module> {
     let m = Builder::new("multiply_add", "y = a * b + c.");
     let p = m.pipeline();
     m.group("Factors");
@@ -702,7 +702,7 @@ fn multiply_add() -> Rc<Module> {
 }
 
 /// (a * b + c) * d + e of inputs that all come at stage 0, and the tag that came with them.
-fn horner() -> Rc<Module> {
+fn horner() -> Arc<Module> {
     let m = Builder::new("horner", "y = (a * b + c) * d + e.");
     let p = m.pipeline();
     let [a, b, d] = ["a", "b", "d"].map(|name| p.input(name, 8));
@@ -809,7 +809,7 @@ fn equal_delays_are_one() {
 // ---------------------------------------------------------------------------------------------------------------
 // The text
 
-fn counter() -> Rc<Module> {
+fn counter() -> Arc<Module> {
     let m = Builder::new(
         "counter",
         "counts up to a limit, then begins again. An example of state, enable and reset.",
@@ -831,7 +831,7 @@ fn counter() -> Rc<Module> {
     m.finish().unwrap()
 }
 
-fn queue() -> Rc<Module> {
+fn queue() -> Arc<Module> {
     let m = Builder::new(
         "queue",
         "first in, first out: 16 words of 24 bits, never overfilled by its user.",
@@ -855,7 +855,7 @@ fn queue() -> Rc<Module> {
     m.finish().unwrap()
 }
 
-fn memories() -> Rc<Module> {
+fn memories() -> Arc<Module> {
     let m = Builder::new(
         "memories",
         "one memory of each kind, and one with two read ports.",
@@ -875,7 +875,7 @@ fn memories() -> Rc<Module> {
     m.finish().unwrap()
 }
 
-fn choices() -> Rc<Module> {
+fn choices() -> Arc<Module> {
     let m = Builder::new("choices", "chains of choices, in several places.");
     let (index, urgent) = (m.input("index", 3), m.input("urgent", 4));
     let inputs: Vec<_> = (0..6).map(|i| m.input(format!("x{i}"), 9)).collect();
@@ -891,7 +891,7 @@ fn choices() -> Rc<Module> {
     m.finish().unwrap()
 }
 
-fn wide() -> Rc<Module> {
+fn wide() -> Arc<Module> {
     let m = Builder::new("wide", "concatenations, parts and reductions.");
     let words: Vec<_> = (0..8)
         .map(|i| m.input(format!("quite_a_long_word{i}"), 32))
@@ -914,7 +914,7 @@ fn wide() -> Rc<Module> {
     m.finish().unwrap()
 }
 
-fn pipelines() -> Rc<Module> {
+fn pipelines() -> Arc<Module> {
     let m = Builder::new("pipelines", "short and long delays, and an instance.");
     let p = m.pipeline();
     let (axis, x, y) = (p.input("axis", 2), p.input("x", 16), p.input("y", 16));
@@ -1151,7 +1151,7 @@ struct Verilated {
 }
 
 impl Verilated {
-    fn new(module: Rc<Module>) -> Verilated {
+    fn new(module: Arc<Module>) -> Verilated {
         let sources = sources(&Design::new(module).unwrap());
         lint(&sources).unwrap();
         let options = BuildOptions {
@@ -1280,11 +1280,11 @@ struct Stored {
 
 /// A random module: as it was described to the layer, and for the interpreter.
 struct Random {
-    module: Rc<Module>,
+    module: Arc<Module>,
     nets: Vec<(Net, u32)>,
     states: Vec<State>,
     memories: Vec<Stored>,
-    instances: Vec<(Rc<Random>, Vec<usize>)>,
+    instances: Vec<(Arc<Random>, Vec<usize>)>,
     /// Name, width, and stage in a pipeline.
     inputs: Vec<(String, u32, u32)>,
     outputs: Vec<(String, usize)>,
@@ -1304,7 +1304,7 @@ struct Maker<'b, 'r> {
     nets: Vec<(Net, u32)>,
     states: Vec<State>,
     memories: Vec<Stored>,
-    instances: Vec<(Rc<Random>, Vec<usize>)>,
+    instances: Vec<(Arc<Random>, Vec<usize>)>,
     names: usize,
 }
 
@@ -1598,7 +1598,7 @@ impl<'b> Maker<'b, '_> {
         }
     }
 
-    fn instance(&mut self, child: &Rc<Random>, staged: bool) {
+    fn instance(&mut self, child: &Arc<Random>, staged: bool) {
         let mut inputs = vec![];
         for (i, (_, width, _)) in child.inputs.iter().enumerate() {
             // One input says at which stage the instance is.
@@ -1639,8 +1639,8 @@ fn random_module(
     name: &str,
     rng: &mut fastrand::Rng,
     pipelined: bool,
-    below: &[Rc<Random>],
-) -> Rc<Random> {
+    below: &[Arc<Random>],
+) -> Arc<Random> {
     let m = Builder::new(name, "a random module.");
     let mut maker = Maker {
         m: &m,
@@ -1734,7 +1734,7 @@ fn random_module(
         instances,
         ..
     } = maker;
-    Rc::new(Random {
+    Arc::new(Random {
         module: m.finish().unwrap(),
         nets,
         states,
@@ -1747,7 +1747,7 @@ fn random_module(
 
 /// Runs a random module clock by clock; registers and memories begin as zero.
 struct Interpreter {
-    random: Rc<Random>,
+    random: Arc<Random>,
     values: Vec<u128>,
     states: Vec<u128>,
     memories: Vec<Vec<u128>>,
@@ -1755,7 +1755,7 @@ struct Interpreter {
 }
 
 impl Interpreter {
-    fn new(random: &Rc<Random>) -> Interpreter {
+    fn new(random: &Arc<Random>) -> Interpreter {
         let memories = random.memories.iter();
         Interpreter {
             values: vec![0; random.nets.len()],

@@ -11,7 +11,7 @@ use dynrt::hdl::{Design, Direction, Module};
 use dynrt::hw::{Plan, geometry};
 use dynrt::port::Ray;
 use std::collections::VecDeque;
-use std::rc::Rc;
+use std::sync::Arc;
 
 const AXES: [&str; 3] = ["x", "y", "z"];
 /// Pairs that are added at once.
@@ -26,7 +26,7 @@ fn config(test: TriangleTest, (exponent, fraction): (u32, u32), clock_mhz: u32) 
     config
 }
 
-fn triangle_test(config: &Config) -> Rc<Module> {
+fn triangle_test(config: &Config) -> Arc<Module> {
     let plan = Plan::new(config).unwrap_or_else(|error| panic!("{error}"));
     geometry::module(&plan)
         .unwrap_or_else(|error| panic!("{error}"))

@@ -16,7 +16,7 @@ use std::path::{Path, PathBuf};
 use std::process::{Command, Output, Stdio};
 
 /// A module of the reference machine.
-fn module(name: &str) -> std::rc::Rc<dynrt::hdl::Module> {
+fn module(name: &str) -> std::sync::Arc<dynrt::hdl::Module> {
     let (machine, _) = emit::generate(&Config::reference()).unwrap();
     let modules = machine.design.modules().iter();
     modules

@@ -10,7 +10,6 @@ use crate::float::Format;
 use crate::golden::RaySetup;
 use crate::hdl::{Design, Module};
 use anyhow::{Context, Result, bail, ensure};
-use std::rc::Rc;
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Instant;
 
@@ -376,7 +375,7 @@ pub(super) struct Bench {
 }
 
 impl Bench {
-    pub fn new(unit: &'static str, module: &Rc<Module>, options: &UnitOptions) -> Result<Bench> {
+    pub fn new(unit: &'static str, module: &Arc<Module>, options: &UnitOptions) -> Result<Bench> {
         let mut sources = sources(&Design::new(module.clone())?);
         if let Some(fault) = &options.fault {
             fault.apply(&mut sources)?;

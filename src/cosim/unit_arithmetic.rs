@@ -9,7 +9,7 @@ use crate::hdl::{Design, Module};
 use crate::hw::Plan;
 use anyhow::{Result, bail, ensure};
 use std::fmt::Write as _;
-use std::rc::Rc;
+use std::sync::Arc;
 
 /// Name of the module that holds them all.
 pub const TOP: &str = "arithmetic";
@@ -19,7 +19,7 @@ const SLACK: i32 = 3;
 
 /// A pipeline and what it computes of its operands, in the order of its inputs.
 struct Operation {
-    module: Rc<Module>,
+    module: Arc<Module>,
     operands: Vec<&'static str>,
     result: &'static str,
     golden: fn(Format, &[u64]) -> u64,
@@ -32,7 +32,7 @@ fn distance(format: Format, [plane, origin, reciprocal]: [u64; 3], ulps: i32) ->
 
 fn operations(plan: &Plan) -> Vec<Operation> {
     let units = &plan.units;
-    let operation = |module: &Rc<Module>, operands: &[&'static str], result, golden| Operation {
+    let operation = |module: &Arc<Module>, operands: &[&'static str], result, golden| Operation {
         module: module.clone(),
         operands: operands.to_vec(),
         result,
@@ -65,9 +65,9 @@ fn operations(plan: &Plan) -> Vec<Operation> {
 ///
 /// # Errors
 /// A mistake in the description; none is known for any configuration.
-pub fn modules(config: &Config) -> Result<(Vec<Rc<Module>>, String)> {
+pub fn modules(config: &Config) -> Result<(Vec<Arc<Module>>, String)> {
     let plan = Plan::new(config)?;
-    let mut all: Vec<Rc<Module>> = vec![];
+    let mut all: Vec<Arc<Module>> = vec![];
     for operation in operations(&plan) {
         for module in Design::new(operation.module)?.modules() {
             if !all.iter().any(|known| known.name() == module.name()) {

@@ -2,108 +2,18 @@
 
 use super::design::{Direction, Module, Port};
 use super::error::HdlError;
-use super::memory::MemoryData;
+use super::ir::{Binary, Id, InstanceData, Item, Netlist, Node, Op, Place, Register};
 use super::pipeline::{Pipeline, Stage};
 use super::signal::Signal;
-use super::{check, verilog};
 use std::cell::RefCell;
 use std::collections::HashMap;
 use std::collections::hash_map::Entry;
 use std::panic::Location;
-use std::rc::Rc;
+use std::sync::Arc;
 
-pub(super) type Id = usize;
-pub(super) type Place = &'static Location<'static>;
-
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
-pub(super) enum Binary {
-    And,
-    Or,
-    Xor,
-    Add,
-    Sub,
-    Mul,
-    Equal,
-    NotEqual,
-    Less,
-    LessEqual,
-    ShiftLeft,
-    ShiftRight,
-}
-
-#[derive(Clone, Debug, PartialEq, Eq, Hash)]
-pub(super) enum Op {
-    Input,
-    Literal(u128),
-    Not(Id),
-    Binary(Binary, Id, Id),
-    Mux(Id, Id, Id),
-    /// Most significant part first.
-    Concat(Vec<Id>),
-    Repeat(Id, u32),
-    /// Operand and least significant bit; the width is the node's.
-    Slice(Id, u32),
-    Any(Id),
-    All(Id),
-    Parity(Id),
-    Wire,
-    Register(Register),
-    /// Memory, copy of it, address, and whether the read is synchronous.
-    Read(usize, usize, Id, bool),
-    /// Instance and index of its port.
-    Instance(usize, usize),
-}
-
-#[derive(Clone, Debug, Default, PartialEq, Eq, Hash)]
-pub(super) struct Register {
-    pub next: Option<Id>,
-    pub enable: Option<Id>,
-    pub reset: Option<u128>,
-    /// A delay register belongs to the pipeline, not to the module's state.
-    pub delay: bool,
-}
-
-pub(super) struct Node {
-    pub op: Op,
-    pub width: u32,
-    pub name: Option<String>,
-    pub place: Place,
-    pub stage: Option<Stage>,
-    /// Delay registers of this signal are cleared by reset.
-    pub cleared: bool,
-}
-
-pub(super) struct InstanceData {
-    pub name: String,
-    pub module: Rc<Module>,
-    /// Input ports by name.
-    pub inputs: Vec<(String, Id)>,
-    /// Output ports by name.
-    pub outputs: Vec<(String, Id)>,
-}
-
-/// What is printed, in order.
-pub(super) enum Item {
-    Node(Id),
-    /// A wire's driver or a register's next value.
-    Drive(Id),
-    Comment(String),
-    Instance(usize),
-    Memory(usize),
-}
-
-#[derive(Default)]
+/// A module that is being made.
 pub(super) struct Inner {
-    pub nodes: Vec<Node>,
-    pub items: Vec<Item>,
-    pub drivers: HashMap<Id, Id>,
-    /// Where each wire or register is driven.
-    pub driven_at: HashMap<Id, Place>,
-    pub instances: Vec<InstanceData>,
-    pub memories: Vec<MemoryData>,
-    /// Ports in order, with the node of each.
-    pub ports: Vec<(Port, Id)>,
-    pub names: HashMap<String, Place>,
+    pub ir: Netlist,
     pub delays: HashMap<Id, Id>,
     /// Reads by memory, address, and whether they are synchronous.
     pub reads: HashMap<(usize, Id, bool), Id>,
@@ -112,11 +22,21 @@ pub(super) struct Inner {
     pub known: HashMap<(Op, u32, Option<Stage>), Id>,
 }
 
+impl Inner {
+    fn new(ir: Netlist) -> Self {
+        Inner {
+            ir,
+            delays: HashMap::new(),
+            reads: HashMap::new(),
+            pipelines: 0,
+            known: HashMap::new(),
+        }
+    }
+}
+
 /// Makes one module.
 pub struct Builder {
     pub(super) name: String,
-    pub(super) doc: String,
-    pub(super) place: Place,
     pub(super) inner: RefCell<Inner>,
     group: RefCell<String>,
     error: RefCell<Option<HdlError>>,
@@ -380,15 +300,14 @@ impl Builder {
     /// A module; `doc` says in its file's head what it is for.
     #[track_caller]
     pub fn new(name: impl Into<String>, doc: impl Into<String>) -> Builder {
+        let (name, place) = (name.into(), Location::caller());
         let builder = Builder {
-            name: name.into(),
-            doc: doc.into(),
-            place: Location::caller(),
-            inner: RefCell::default(),
+            inner: RefCell::new(Inner::new(Netlist::new(name.clone(), doc.into(), place))),
+            name,
             group: RefCell::default(),
             error: RefCell::default(),
         };
-        builder.check_name(&builder.name, builder.place);
+        builder.check_name(&builder.name, place);
         builder
     }
 
@@ -418,7 +337,7 @@ impl Builder {
             None => (op, stage),
         };
         let mut inner = self.inner.borrow_mut();
-        let id = inner.nodes.len();
+        let id = inner.ir.nodes.len();
         let pure = !matches!(
             op,
             Op::Input | Op::Wire | Op::Register(_) | Op::Read(..) | Op::Instance(..)
@@ -434,8 +353,8 @@ impl Builder {
                 Entry::Vacant(new) => new.insert(id),
             };
         }
-        inner.items.push(Item::Node(id));
-        inner.nodes.push(Node {
+        inner.ir.items.push(Item::Node(id));
+        inner.ir.nodes.push(Node {
             op,
             width,
             name: None,
@@ -468,6 +387,7 @@ impl Builder {
         let earlier = self
             .inner
             .borrow_mut()
+            .ir
             .names
             .insert(name.to_string(), place);
         if let Some(earlier) = earlier {
@@ -492,7 +412,7 @@ impl Builder {
     ) -> Signal<'_> {
         self.claim(name, place);
         let signal = self.node(op, width, stage, place);
-        self.inner.borrow_mut().nodes[signal.id].name = Some(name.to_string());
+        self.inner.borrow_mut().ir.nodes[signal.id].name = Some(name.to_string());
         signal
     }
 
@@ -505,6 +425,7 @@ impl Builder {
     pub fn comment(&self, text: impl Into<String>) {
         self.inner
             .borrow_mut()
+            .ir
             .items
             .push(Item::Comment(text.into()));
     }
@@ -553,7 +474,7 @@ impl Builder {
             return;
         }
         let stage = signal.stage_data().map(|s| s.at);
-        self.inner.borrow_mut().ports.push((
+        self.inner.borrow_mut().ir.ports.push((
             Port {
                 name: name.to_string(),
                 width,
@@ -681,7 +602,7 @@ impl Builder {
         }
         let (of, base) = {
             let inner = self.inner.borrow();
-            let (a, b) = (&inner.nodes[high.id], &inner.nodes[low.id]);
+            let (a, b) = (&inner.ir.nodes[high.id], &inner.ir.nodes[low.id]);
             match (&a.op, &b.op) {
                 (Op::Slice(a_of, a_low), Op::Slice(b_of, b_low))
                     if a_of == b_of
@@ -689,7 +610,7 @@ impl Builder {
                         && a.name.is_none()
                         && b.name.is_none()
                         && a.stage == b.stage
-                        && a.stage == inner.nodes[*a_of].stage =>
+                        && a.stage == inner.ir.nodes[*a_of].stage =>
                 {
                     (self.adopt(*a_of), *b_low)
                 }
@@ -868,12 +789,12 @@ impl Builder {
             return None;
         }
         let inner = self.inner.borrow();
-        let literal = |id: &Id| match inner.nodes[*id].op {
+        let literal = |id: &Id| match inner.ir.nodes[*id].op {
             Op::Literal(value) => Some(value),
             _ => None,
         };
         let mask = |w: u32| if w >= 128 { u128::MAX } else { (1 << w) - 1 };
-        let bits = |id: &Id| inner.nodes[*id].width;
+        let bits = |id: &Id| inner.ir.nodes[*id].width;
         Some(match op {
             Op::Not(a) => !literal(a)? & mask(width),
             Op::Any(a) => u128::from(literal(a)? != 0),
@@ -974,7 +895,7 @@ impl Builder {
     pub fn instance<'b>(
         &'b self,
         name: impl AsRef<str>,
-        module: &Rc<Module>,
+        module: &Arc<Module>,
         inputs: &[(&str, Signal<'b>)],
     ) -> Outputs<'b> {
         let (name, place) = (name.as_ref(), Location::caller());
@@ -1028,7 +949,8 @@ impl Builder {
                     place,
                     format!(
                         "instance {name} of {}: input {} is undriven",
-                        module.name, port.name
+                        module.name(),
+                        port.name
                     ),
                 );
                 continue;
@@ -1043,7 +965,7 @@ impl Builder {
                         place,
                         format!(
                             "instance {name} of {}: {} has no stage, other inputs have",
-                            module.name,
+                            module.name(),
                             signal.describe()
                         ),
                     );
@@ -1056,7 +978,7 @@ impl Builder {
                     place,
                     format!(
                         "width mismatch: instance {name} of {}: port {} has {} bits, {} has {}",
-                        module.name,
+                        module.name(),
                         port.name,
                         port.width,
                         signal.describe(),
@@ -1075,12 +997,12 @@ impl Builder {
                     place,
                     format!(
                         "instance {name}: module {} has no input {given}",
-                        module.name
+                        module.name()
                     ),
                 );
             }
         }
-        let instance = self.inner.borrow().instances.len();
+        let instance = self.inner.borrow().ir.instances.len();
         let mut outputs = vec![];
         for (index, port) in module.ports.iter().enumerate() {
             if port.direction != Direction::Output {
@@ -1099,17 +1021,17 @@ impl Builder {
             outputs.push((port.name.clone(), signal.id));
         }
         let mut inner = self.inner.borrow_mut();
-        inner.instances.push(InstanceData {
+        inner.ir.instances.push(InstanceData {
             name: name.to_string(),
             module: module.clone(),
             inputs: connected,
             outputs: outputs.clone(),
         });
-        inner.items.push(Item::Instance(instance));
+        inner.ir.items.push(Item::Instance(instance));
         Outputs {
             builder: self,
             place,
-            module: module.name.clone(),
+            module: module.name().to_string(),
             outputs,
         }
     }
@@ -1118,44 +1040,19 @@ impl Builder {
     ///
     /// # Errors
     /// The first mistake that was made, with its place in the Rust source.
-    pub fn finish(self) -> Result<Rc<Module>, HdlError> {
+    pub fn finish(self) -> Result<Arc<Module>, HdlError> {
         if let Some(error) = self.error.borrow_mut().take() {
             return Err(error);
         }
-        let paths = check::check(&self)?;
-        let verilog = verilog::print(&self);
-        let inner = self.inner.into_inner();
-        let mut ports = vec![];
-        for (present, name) in [(verilog.clocked, "clk"), (verilog.reset, "rst")] {
-            if present {
-                ports.push(Port {
-                    name: name.to_string(),
-                    width: 1,
-                    direction: Direction::Input,
-                    group: String::new(),
-                    stage: None,
-                });
-            }
-        }
-        let order = verilog::port_order(&inner.ports);
-        ports.extend(order.into_iter().map(|i| inner.ports[i].0.clone()));
-        Ok(Rc::new(Module {
-            name: self.name,
-            ports,
-            children: inner.instances.into_iter().map(|i| i.module).collect(),
-            verilog: verilog.text,
-            names: verilog.names,
-            place: self.place,
-            paths,
-        }))
+        Ok(Arc::new(Module::of(self.inner.into_inner().ir)?))
     }
 
     pub(super) fn drive(&self, target: Id, value: Signal<'_>, place: Place) {
         let (width, name) = {
             let inner = self.inner.borrow();
             (
-                inner.nodes[target].width,
-                inner.nodes[target].name.clone().unwrap_or_default(),
+                inner.ir.nodes[target].width,
+                inner.ir.nodes[target].name.clone().unwrap_or_default(),
             )
         };
         if !std::ptr::eq(value.builder, self) {
@@ -1188,7 +1085,7 @@ impl Builder {
             );
         }
         let mut inner = self.inner.borrow_mut();
-        if let Some(earlier) = inner.driven_at.insert(target, place) {
+        if let Some(earlier) = inner.ir.driven_at.insert(target, place) {
             drop(inner);
             self.fail(
                 place,
@@ -1200,8 +1097,8 @@ impl Builder {
             );
             return;
         }
-        inner.drivers.insert(target, value.id);
-        inner.items.push(Item::Drive(target));
+        inner.ir.drivers.insert(target, value.id);
+        inner.ir.items.push(Item::Drive(target));
     }
 }
 
@@ -1311,7 +1208,7 @@ impl<'b> Reg<'b> {
         }
         let enable = enable.filter(|enable| enable.literal() != Some(1));
         builder.drive(self.q.id, value, place);
-        if let Op::Register(register) = &mut builder.inner.borrow_mut().nodes[self.q.id].op {
+        if let Op::Register(register) = &mut builder.inner.borrow_mut().ir.nodes[self.q.id].op {
             register.next = Some(value.id);
             register.enable = enable.map(|e| e.id);
         }

@@ -1,11 +1,11 @@
 //! Checks of a whole module: every signal driven, no combinational loop.
 
-use super::builder::{Builder, Id, Inner, Op};
 use super::design::Direction;
 use super::error::HdlError;
+use super::ir::{Id, Netlist, Op};
 use std::collections::BTreeMap;
 
-impl Inner {
+impl Netlist {
     /// The nodes that a node's value depends on without a register between.
     pub(super) fn combinational_inputs(&self, id: Id) -> Vec<Id> {
         match &self.nodes[id].op {
@@ -37,16 +37,15 @@ impl Inner {
 }
 
 /// Returns, for each output, the inputs that reach it combinationally.
-pub(super) fn check(builder: &Builder) -> Result<BTreeMap<String, Vec<String>>, HdlError> {
-    let inner = builder.inner.borrow();
+pub(super) fn check(ir: &Netlist) -> Result<BTreeMap<String, Vec<String>>, HdlError> {
     let error = |place, message| HdlError {
-        module: builder.name.clone(),
+        module: ir.name.clone(),
         message,
         place,
     };
-    for (id, node) in inner.nodes.iter().enumerate() {
+    for (id, node) in ir.nodes.iter().enumerate() {
         let undriven = match &node.op {
-            Op::Wire => !inner.drivers.contains_key(&id),
+            Op::Wire => !ir.drivers.contains_key(&id),
             Op::Register(register) => register.next.is_none(),
             _ => false,
         };
@@ -60,7 +59,7 @@ pub(super) fn check(builder: &Builder) -> Result<BTreeMap<String, Vec<String>>, 
             ));
         }
     }
-    for memory in &inner.memories {
+    for memory in &ir.memories {
         if memory.write.is_none() {
             return Err(error(
                 memory.place,
@@ -77,63 +76,63 @@ pub(super) fn check(builder: &Builder) -> Result<BTreeMap<String, Vec<String>>, 
             ));
         }
     }
-    find_loop(&inner).map_or(Ok(()), |cycle| {
+    find_loop(ir).map_or(Ok(()), |cycle| {
         // Named signals tell enough. A wire closes the loop: nothing else is used before it is made.
-        let wire = |id: &Id| matches!(inner.nodes[*id].op, Op::Wire);
+        let wire = |id: &Id| matches!(ir.nodes[*id].op, Op::Wire);
         let start = cycle.iter().position(wire).unwrap_or(0);
         let mut names: Vec<_> = cycle[start..]
             .iter()
             .chain(&cycle[..start])
-            .filter_map(|id| inner.nodes[*id].name.clone())
+            .filter_map(|id| ir.nodes[*id].name.clone())
             .collect();
         names.extend(names.first().cloned());
-        let place = inner.driven_at.get(&cycle[start]);
+        let place = ir.driven_at.get(&cycle[start]);
         Err(error(
-            place.copied().unwrap_or(inner.nodes[cycle[start]].place),
+            place.copied().unwrap_or(ir.nodes[cycle[start]].place),
             format!("combinational loop: {}", names.join(" <- ")),
         ))
     })?;
     let mut paths = BTreeMap::new();
-    for (port, id) in &inner.ports {
+    for (port, id) in &ir.ports {
         if port.direction == Direction::Output {
-            paths.insert(port.name.clone(), reaching_inputs(&inner, *id));
+            paths.insert(port.name.clone(), reaching_inputs(ir, *id));
         }
     }
     Ok(paths)
 }
 
-fn reaching_inputs(inner: &Inner, output: Id) -> Vec<String> {
-    let mut seen = vec![false; inner.nodes.len()];
+fn reaching_inputs(ir: &Netlist, output: Id) -> Vec<String> {
+    let mut seen = vec![false; ir.nodes.len()];
     let mut open = vec![output];
     let mut inputs = vec![];
     while let Some(id) = open.pop() {
         if std::mem::replace(&mut seen[id], true) {
             continue;
         }
-        if let Op::Input = inner.nodes[id].op {
-            inputs.extend(inner.nodes[id].name.clone());
+        if let Op::Input = ir.nodes[id].op {
+            inputs.extend(ir.nodes[id].name.clone());
         }
-        open.extend(inner.combinational_inputs(id));
+        open.extend(ir.combinational_inputs(id));
     }
     inputs.sort();
     inputs
 }
 
 /// A cycle of nodes, if there is one.
-fn find_loop(inner: &Inner) -> Option<Vec<Id>> {
+fn find_loop(ir: &Netlist) -> Option<Vec<Id>> {
     #[derive(Clone, Copy, PartialEq)]
     enum Mark {
         New,
         Open,
         Done,
     }
-    let mut marks = vec![Mark::New; inner.nodes.len()];
-    for start in 0..inner.nodes.len() {
+    let mut marks = vec![Mark::New; ir.nodes.len()];
+    for start in 0..ir.nodes.len() {
         if marks[start] != Mark::New {
             continue;
         }
         marks[start] = Mark::Open;
-        let mut path = vec![(start, inner.combinational_inputs(start), 0)];
+        let mut path = vec![(start, ir.combinational_inputs(start), 0)];
         while let Some((id, inputs, next)) = path.last_mut() {
             let Some(&input) = inputs.get(*next) else {
                 marks[*id] = Mark::Done;
@@ -145,7 +144,7 @@ fn find_loop(inner: &Inner) -> Option<Vec<Id>> {
                 Mark::Done => {}
                 Mark::New => {
                     marks[input] = Mark::Open;
-                    path.push((input, inner.combinational_inputs(input), 0));
+                    path.push((input, ir.combinational_inputs(input), 0));
                 }
                 Mark::Open => {
                     let from = path.iter().position(|(id, ..)| *id == input)?;

@@ -1,9 +1,11 @@
 //! Finished modules and the hierarchy below a top module.
 
+use super::check;
 use super::error::HdlError;
+use super::ir::Netlist;
+use super::verilog::{self, Printed};
 use std::collections::BTreeMap;
-use std::panic::Location;
-use std::rc::Rc;
+use std::sync::Arc;
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Direction {
@@ -23,24 +25,56 @@ pub struct Port {
     pub stage: Option<u32>,
 }
 
-/// A finished module: its interface and its Verilog.
+/// A finished module: its interface, its netlist, and the Verilog that is printed from it.
 #[derive(Debug)]
 pub struct Module {
-    pub(super) name: String,
+    pub(super) ir: Netlist,
     pub(super) ports: Vec<Port>,
-    pub(super) children: Vec<Rc<Module>>,
-    pub(super) verilog: String,
-    /// Where in `verilog` a module's name begins, ascending.
-    pub(super) names: Vec<usize>,
-    pub(super) place: &'static Location<'static>,
+    pub(super) children: Vec<Arc<Module>>,
+    printed: Printed,
     /// For each output port (by name) the inputs that reach it through combinational logic.
     pub(super) paths: BTreeMap<String, Vec<String>>,
 }
 
+/// Modules of one netlist are one module.
+impl PartialEq for Module {
+    fn eq(&self, other: &Module) -> bool {
+        self.ir == other.ir
+    }
+}
+
 impl Module {
+    /// Checks a netlist and prints it.
+    pub(super) fn of(ir: Netlist) -> Result<Module, HdlError> {
+        let paths = check::check(&ir)?;
+        let printed = verilog::print(&ir);
+        let mut ports = vec![];
+        for (present, name) in [(printed.clocked, "clk"), (printed.reset, "rst")] {
+            if present {
+                ports.push(Port {
+                    name: name.to_string(),
+                    width: 1,
+                    direction: Direction::Input,
+                    group: String::new(),
+                    stage: None,
+                });
+            }
+        }
+        let order = verilog::port_order(&ir.ports);
+        ports.extend(order.into_iter().map(|i| ir.ports[i].0.clone()));
+        let instances = ir.instances.iter();
+        Ok(Module {
+            ports,
+            children: instances.map(|instance| instance.module.clone()).collect(),
+            printed,
+            paths,
+            ir,
+        })
+    }
+
     /// Its name in the description, without the prefix that a design may put before it: see [`Design::emitted`].
     pub fn name(&self) -> &str {
-        &self.name
+        &self.ir.name
     }
 
     pub fn ports(&self) -> &[Port] {
@@ -53,25 +87,25 @@ impl Module {
 
     /// Its Verilog, in which modules have their names without a prefix.
     pub fn verilog(&self) -> &str {
-        &self.verilog
+        &self.printed.text
     }
 
     /// Its Verilog with another name for every module, its own and those that it places. Line by line it is [`Self::verilog`].
     pub fn verilog_with(&self, emitted: &dyn Fn(&str) -> String) -> String {
-        let mut text = String::with_capacity(self.verilog.len());
+        let mut text = String::with_capacity(self.printed.text.len());
         let mut done = 0;
-        for &place in &self.names {
-            let rest = &self.verilog[place..];
+        for &place in &self.printed.names {
+            let rest = &self.printed.text[place..];
             let end = rest.find(|c: char| !(c.is_ascii_alphanumeric() || c == '_'));
             let name = &rest[..end.unwrap_or(rest.len())];
-            text.push_str(&self.verilog[done..place]);
+            text.push_str(&self.printed.text[done..place]);
             text.push_str(&emitted(name));
             done = place + name.len();
         }
-        text + &self.verilog[done..]
+        text + &self.printed.text[done..]
     }
 
-    pub fn children(&self) -> &[Rc<Module>] {
+    pub fn children(&self) -> &[Arc<Module>] {
         &self.children
     }
 
@@ -131,14 +165,14 @@ impl std::str::FromStr for Prefix {
 /// A top module with everything below it, children first, each module once.
 #[derive(Debug)]
 pub struct Design {
-    modules: Vec<Rc<Module>>,
+    modules: Vec<Arc<Module>>,
     prefix: Prefix,
 }
 
 impl Design {
     /// # Errors
     /// Where two different modules have one name.
-    pub fn new(top: Rc<Module>) -> Result<Design, HdlError> {
+    pub fn new(top: Arc<Module>) -> Result<Design, HdlError> {
         let mut design = Design {
             modules: vec![],
             prefix: Prefix::none(),
@@ -147,17 +181,17 @@ impl Design {
         Ok(design)
     }
 
-    fn add(&mut self, module: &Rc<Module>) -> Result<(), HdlError> {
-        if let Some(other) = self.modules.iter().find(|m| m.name == module.name) {
-            if other.verilog != module.verilog {
+    fn add(&mut self, module: &Arc<Module>) -> Result<(), HdlError> {
+        if let Some(other) = self.modules.iter().find(|m| m.name() == module.name()) {
+            if other != module {
                 return Err(HdlError {
-                    module: module.name.clone(),
+                    module: module.name().to_string(),
                     message: format!(
                         "name clash: a different module of this name was made at {}:{}",
-                        other.place.file(),
-                        other.place.line()
+                        other.ir.place.file(),
+                        other.ir.place.line()
                     ),
-                    place: module.place,
+                    place: module.ir.place,
                 });
             }
             return Ok(());
@@ -189,12 +223,12 @@ impl Design {
         module.verilog_with(&|name| self.emitted(name))
     }
 
-    pub fn top(&self) -> &Rc<Module> {
+    pub fn top(&self) -> &Arc<Module> {
         self.modules.last().expect("a design has a top module")
     }
 
     /// All modules, children before their parents, the top last.
-    pub fn modules(&self) -> &[Rc<Module>] {
+    pub fn modules(&self) -> &[Arc<Module>] {
         &self.modules
     }
 
@@ -202,7 +236,7 @@ impl Design {
     pub fn files(&self) -> Vec<(String, String)> {
         self.modules
             .iter()
-            .map(|m| (self.emitted(&m.name) + ".v", self.verilog(m)))
+            .map(|m| (self.emitted(m.name()) + ".v", self.verilog(m)))
             .collect()
     }
 }

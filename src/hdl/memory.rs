@@ -1,6 +1,7 @@
 //! Memories that infer as block or distributed RAM: one write port, any number of read ports.
 
-use super::builder::{Builder, Id, Item, Op, Place};
+use super::builder::Builder;
+use super::ir::{Id, Item, Op, Place};
 use super::pipeline::Stage;
 use super::signal::Signal;
 use std::panic::Location;
@@ -14,6 +15,7 @@ pub enum Style {
     Distributed,
 }
 
+#[derive(Clone, Debug, PartialEq)]
 pub(super) struct MemoryData {
     pub name: String,
     pub depth: u32,
@@ -66,8 +68,8 @@ impl Builder {
             );
         }
         let mut inner = self.inner.borrow_mut();
-        let index = inner.memories.len();
-        inner.memories.push(MemoryData {
+        let index = inner.ir.memories.len();
+        inner.ir.memories.push(MemoryData {
             name: name.as_ref().to_string(),
             depth,
             width,
@@ -77,7 +79,7 @@ impl Builder {
             reads: 0,
             place,
         });
-        inner.items.push(Item::Memory(index));
+        inner.ir.items.push(Item::Memory(index));
         Memory {
             builder: self,
             index,
@@ -91,8 +93,8 @@ impl<'b> Memory<'b> {
         let (depth, name) = {
             let inner = self.builder.inner.borrow();
             (
-                inner.memories[self.index].depth,
-                inner.memories[self.index].name.clone(),
+                inner.ir.memories[self.index].depth,
+                inner.ir.memories[self.index].name.clone(),
             )
         };
         if !std::ptr::eq(address.builder, self.builder) {
@@ -130,7 +132,7 @@ impl<'b> Memory<'b> {
         }
         let (width, name) = {
             let inner = self.builder.inner.borrow();
-            let memory = &inner.memories[self.index];
+            let memory = &inner.ir.memories[self.index];
             (memory.width, memory.name.clone())
         };
         let (aligned, _) = self.builder.align(&[enable, address, data], place);
@@ -156,7 +158,7 @@ impl<'b> Memory<'b> {
         }
         let earlier = {
             let mut inner = self.builder.inner.borrow_mut();
-            let memory = &mut inner.memories[self.index];
+            let memory = &mut inner.ir.memories[self.index];
             let ids = (aligned[0].id, aligned[1].id, aligned[2].id);
             let earlier = memory.write.replace(ids).and(memory.written_at);
             memory.written_at = Some(place);
@@ -186,7 +188,7 @@ impl<'b> Memory<'b> {
     #[track_caller]
     pub fn read_now(&self, address: Signal<'b>) -> Signal<'b> {
         let place = Location::caller();
-        if self.builder.inner.borrow().memories[self.index].style == Style::Block {
+        if self.builder.inner.borrow().ir.memories[self.index].style == Style::Block {
             self.builder
                 .fail(place, "block RAM cannot be read combinationally");
         }
@@ -199,7 +201,7 @@ impl<'b> Memory<'b> {
         }
         let width = {
             let inner = self.builder.inner.borrow();
-            inner.memories[self.index].width
+            inner.ir.memories[self.index].width
         };
         let key = (self.index, address.id, synchronous);
         let known = self.builder.inner.borrow().reads.get(&key).copied();
@@ -215,7 +217,7 @@ impl<'b> Memory<'b> {
         });
         let copy = {
             let mut inner = self.builder.inner.borrow_mut();
-            let memory = &mut inner.memories[self.index];
+            let memory = &mut inner.ir.memories[self.index];
             memory.reads += 1;
             memory.reads - 1
         };

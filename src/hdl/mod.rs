@@ -27,6 +27,7 @@ mod builder;
 mod check;
 mod design;
 mod error;
+mod ir;
 mod memory;
 mod pipeline;
 mod signal;

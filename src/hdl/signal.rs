@@ -1,6 +1,7 @@
 //! Signals and their combinational operators.
 
-use super::builder::{Binary, Builder, Id, Item, Op, Place, Register};
+use super::builder::Builder;
+use super::ir::{Binary, Id, Item, Op, Place, Register};
 use super::pipeline::Stage;
 use std::ops;
 use std::panic::Location;
@@ -14,7 +15,7 @@ pub struct Signal<'b> {
 
 impl<'b> Signal<'b> {
     pub fn width(&self) -> u32 {
-        self.builder.inner.borrow().nodes[self.id].width
+        self.builder.inner.borrow().ir.nodes[self.id].width
     }
 
     /// The module that the signal belongs to.
@@ -23,7 +24,7 @@ impl<'b> Signal<'b> {
     }
 
     pub(super) fn stage_data(&self) -> Option<Stage> {
-        self.builder.inner.borrow().nodes[self.id].stage
+        self.builder.inner.borrow().ir.nodes[self.id].stage
     }
 
     /// Registers since the pipeline's inputs; `None` outside a pipeline.
@@ -33,7 +34,7 @@ impl<'b> Signal<'b> {
 
     /// The signal's value where it is a constant: a literal, or what follows from literals alone.
     pub fn literal(&self) -> Option<u128> {
-        match self.builder.inner.borrow().nodes[self.id].op {
+        match self.builder.inner.borrow().ir.nodes[self.id].op {
             Op::Literal(value) => Some(value),
             _ => None,
         }
@@ -45,7 +46,7 @@ impl<'b> Signal<'b> {
 
     pub(super) fn describe(&self) -> String {
         let inner = self.builder.inner.borrow();
-        let node = &inner.nodes[self.id];
+        let node = &inner.ir.nodes[self.id];
         match (&node.name, &node.op) {
             (Some(name), _) => format!("\"{name}\""),
             (None, Op::Literal(value)) => format!("literal {value}"),
@@ -64,19 +65,19 @@ impl<'b> Signal<'b> {
         let place = Location::caller();
         let fresh = {
             let inner = self.builder.inner.borrow();
-            let node = &inner.nodes[self.id];
+            let node = &inner.ir.nodes[self.id];
             node.name.is_none() && !matches!(node.op, Op::Literal(_))
         };
         if fresh {
             self.builder.claim(name, place);
-            self.builder.inner.borrow_mut().nodes[self.id].name = Some(name.to_string());
+            self.builder.inner.borrow_mut().ir.nodes[self.id].name = Some(name.to_string());
         }
         self
     }
 
     /// Lets reset clear the delay registers of this signal (a valid bit's, say).
     pub fn cleared_by_reset(self) -> Signal<'b> {
-        self.builder.inner.borrow_mut().nodes[self.id].cleared = true;
+        self.builder.inner.borrow_mut().ir.nodes[self.id].cleared = true;
         self
     }
 
@@ -147,7 +148,7 @@ impl<'b> Signal<'b> {
                     id,
                 },
                 None => {
-                    let cleared = self.builder.inner.borrow().nodes[signal.id].cleared;
+                    let cleared = self.builder.inner.borrow().ir.nodes[signal.id].cleared;
                     let stage = signal.stage_data().map(|s| Stage { at: s.at + 1, ..s });
                     let delayed = self.builder.node(
                         Op::Register(Register {
@@ -161,10 +162,10 @@ impl<'b> Signal<'b> {
                         place,
                     );
                     let mut inner = self.builder.inner.borrow_mut();
-                    inner.nodes[delayed.id].cleared = cleared;
-                    inner.drivers.insert(delayed.id, signal.id);
+                    inner.ir.nodes[delayed.id].cleared = cleared;
+                    inner.ir.drivers.insert(delayed.id, signal.id);
                     inner.delays.insert(signal.id, delayed.id);
-                    inner.items.push(Item::Drive(delayed.id));
+                    inner.ir.items.push(Item::Drive(delayed.id));
                     delayed
                 }
             };
@@ -205,10 +206,10 @@ impl<'b> Signal<'b> {
         }
         let (stage, source, low) = {
             let inner = self.builder.inner.borrow();
-            let node = &inner.nodes[self.id];
+            let node = &inner.ir.nodes[self.id];
             match &node.op {
                 // A slice of a slice is one slice.
-                Op::Slice(of, base) if inner.nodes[*of].stage == node.stage => {
+                Op::Slice(of, base) if inner.ir.nodes[*of].stage == node.stage => {
                     (node.stage, *of, base + low)
                 }
                 // A slice within one part of a concatenation is that part's.
@@ -216,8 +217,8 @@ impl<'b> Signal<'b> {
                     let mut base = node.width;
                     let mut found = None;
                     for part in parts {
-                        base -= inner.nodes[*part].width;
-                        if low >= base && low + width <= base + inner.nodes[*part].width {
+                        base -= inner.ir.nodes[*part].width;
+                        if low >= base && low + width <= base + inner.ir.nodes[*part].width {
                             found = Some((*part, low - base));
                             break;
                         }
@@ -489,11 +490,11 @@ impl<'b> ops::Not for Signal<'b> {
         let place = Location::caller();
         let simpler = {
             let inner = self.builder.inner.borrow();
-            let node = &inner.nodes[self.id];
+            let node = &inner.ir.nodes[self.id];
             match &node.op {
                 // What has a name is not looked into, for its reader's sake.
                 _ if node.name.is_some() => None,
-                Op::Not(a) if inner.nodes[*a].stage == node.stage => {
+                Op::Not(a) if inner.ir.nodes[*a].stage == node.stage => {
                     return Signal {
                         builder: self.builder,
                         id: *a,

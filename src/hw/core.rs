@@ -5,7 +5,7 @@ use super::raycast::{self, Machine};
 use super::update;
 use crate::config::Config;
 use crate::hdl::{Builder, Design, Direction, HdlError, Module, Prefix};
-use std::rc::Rc;
+use std::sync::Arc;
 
 /// The core's module.
 pub const NAME: &str = "core";
@@ -31,7 +31,7 @@ pub fn emit(config: &Config) -> Result<Machine, HdlError> {
     })
 }
 
-fn module(plan: &Plan) -> Result<Rc<Module>, HdlError> {
+fn module(plan: &Plan) -> Result<Arc<Module>, HdlError> {
     let m = Builder::new(
         NAME,
         "the core: ray casting and update of the tree. Units work independently; what may not overlap is for whoever starts them to see to.",

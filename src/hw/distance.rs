@@ -2,7 +2,7 @@
 
 use super::fp::{Units, step};
 use crate::hdl::{Builder, HdlError, Module, Signal};
-use std::rc::Rc;
+use std::sync::Arc;
 
 /// Ulps by which a near and a far distance step: they cover the plane distance's own three roundings.
 pub(super) const NEAR_SLACK: i32 = -3;
@@ -11,7 +11,7 @@ pub(super) const FAR_SLACK: i32 = 3;
 /// Target clock, in MHz, from which on a step's adder has a register behind it.
 const REGISTER_SUM_FROM: u32 = 120;
 
-pub(super) fn near(units: &Units) -> Result<Rc<Module>, HdlError> {
+pub(super) fn near(units: &Units) -> Result<Arc<Module>, HdlError> {
     distance(
         units,
         "near_distance",
@@ -20,7 +20,7 @@ pub(super) fn near(units: &Units) -> Result<Rc<Module>, HdlError> {
     )
 }
 
-pub(super) fn far(units: &Units) -> Result<Rc<Module>, HdlError> {
+pub(super) fn far(units: &Units) -> Result<Arc<Module>, HdlError> {
     distance(
         units,
         "far_distance",
@@ -29,7 +29,7 @@ pub(super) fn far(units: &Units) -> Result<Rc<Module>, HdlError> {
     )
 }
 
-fn distance(units: &Units, name: &str, doc: &str, slack: i32) -> Result<Rc<Module>, HdlError> {
+fn distance(units: &Units, name: &str, doc: &str, slack: i32) -> Result<Arc<Module>, HdlError> {
     let w = units.format.width();
     let m = Builder::new(name, doc);
     let p = m.pipeline();
@@ -66,7 +66,7 @@ pub(super) fn from_offset<'b>(
 /// Places a [`near`] or [`far`] distance as the instance `name` in the plane's module.
 pub(super) fn place<'b>(
     name: impl AsRef<str>,
-    distance: &Rc<Module>,
+    distance: &Arc<Module>,
     plane: Signal<'b>,
     origin: Signal<'b>,
     reciprocal: Signal<'b>,

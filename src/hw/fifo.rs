@@ -3,7 +3,7 @@
 
 use super::plan::Plan;
 use crate::hdl::{Builder, HdlError, Module, Signal, Style, bits_for};
-use std::rc::Rc;
+use std::sync::Arc;
 
 /// Target clock, in MHz, from which on a queue's valid bit and front word are registers: what follows them, a choice between queues and
 /// the wires to a memory's address, leaves no time for a counter's test and a read of distributed RAM.
@@ -12,7 +12,7 @@ const REGISTER_FRONT_FROM: u32 = 105;
 /// A queue of `depth` words of `width` bits: `push`, `data` → `valid`, `front`; `pop` takes the front word, and only
 /// where `valid` is high. A word shows a clock after it was pushed, at any clock. There is no full flag: the queue is deep enough for
 /// all that can be in it, which is the caller's to see to.
-pub(super) fn fifo(plan: &Plan, width: u32, depth: u32) -> Result<Rc<Module>, HdlError> {
+pub(super) fn fifo(plan: &Plan, width: u32, depth: u32) -> Result<Arc<Module>, HdlError> {
     let m = Builder::new(
         format!("fifo_{width}x{depth}"),
         format!(
@@ -93,7 +93,7 @@ pub(super) fn place<'b>(
 
 /// A queue as [`fifo`] makes it, in block RAM. A word shows [`Plan::read_latency`] + 2 clocks after it was pushed, and
 /// the next one may be taken [`Plan::read_latency`] + 1 clocks after the one before.
-pub(super) fn block_fifo(plan: &Plan, width: u32, depth: u32) -> Result<Rc<Module>, HdlError> {
+pub(super) fn block_fifo(plan: &Plan, width: u32, depth: u32) -> Result<Arc<Module>, HdlError> {
     let m = Builder::new(
         format!("block_fifo_{width}x{depth}"),
         format!(

@@ -30,7 +30,7 @@ use super::triangle;
 use crate::bkd::layout::Record;
 use crate::config::TriangleTest;
 use crate::hdl::{Builder, HdlError, Module, Signal, Style};
-use std::rc::Rc;
+use std::sync::Arc;
 
 /// Bits that number a leaf's vertices or vectors in the tags of their requests.
 pub(super) const CORNER_BITS: u32 = 3;
@@ -45,8 +45,8 @@ const ORIGIN_SLOT: u128 = 2;
 
 /// The geometry unit, and the triangle test within.
 pub struct Geometry {
-    pub module: Rc<Module>,
-    pub test: Rc<Module>,
+    pub module: Arc<Module>,
+    pub test: Arc<Module>,
 }
 
 /// The geometry unit of a machine.

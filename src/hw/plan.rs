@@ -5,7 +5,7 @@ use super::fp::{Operand, Units, goes_before};
 use crate::config::Config;
 use crate::float::Format;
 use crate::hdl::{HdlError, Memory, Module, Signal, bits_for};
-use std::rc::Rc;
+use std::sync::Arc;
 
 /// The axes, as ports and fields are named after them.
 pub(super) const AXES: [&str; 3] = ["x", "y", "z"];
@@ -17,8 +17,8 @@ pub struct Plan {
     pub format: Format,
     pub units: Units,
     /// Plane distances, three ulps down and up.
-    pub near_distance: Rc<Module>,
-    pub far_distance: Rc<Module>,
+    pub near_distance: Arc<Module>,
+    pub far_distance: Arc<Module>,
 }
 
 /// Target clocks, in MHz, from which on a path needs a register more. A block RAM's output takes half of a 10 ns

@@ -2,7 +2,7 @@
 
 use super::plan::Plan;
 use crate::hdl::{Builder, HdlError, Module, Signal, Style, bits_for};
-use std::rc::Rc;
+use std::sync::Arc;
 
 /// The choice that an index names, by a tree of choices between two.
 pub(super) fn pick<'b>(index: Signal<'b>, choices: &[Signal<'b>]) -> Signal<'b> {
@@ -28,7 +28,7 @@ pub(super) fn prefetch(
     width: u32,
     depth: u32,
     address: u32,
-) -> Result<Rc<Module>, HdlError> {
+) -> Result<Arc<Module>, HdlError> {
     let m = Builder::new(
         name,
         format!(

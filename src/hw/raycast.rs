@@ -6,7 +6,7 @@ use super::{geometry, setup, skinning, tpu};
 use crate::bkd::layout::Record;
 use crate::config::{Config, TriangleTest};
 use crate::hdl::{Builder, Design, Direction, HdlError, Module, Style};
-use std::rc::Rc;
+use std::sync::Arc;
 
 /// Bits of each counter; they wrap.
 pub const COUNTER_BITS: u32 = 40;
@@ -30,7 +30,7 @@ pub fn emit(config: &Config) -> Result<Machine, HdlError> {
     })
 }
 
-pub(super) fn module(plan: &Plan) -> Result<Rc<Module>, HdlError> {
+pub(super) fn module(plan: &Plan) -> Result<Arc<Module>, HdlError> {
     let tpu = tpu::module(plan)?;
     let setup = setup::module(plan, tpu.pop_latency)?;
     let geometry = geometry::module(plan)?;

@@ -8,11 +8,11 @@ use super::fp::{Knowing, Known, is_nan, is_zero, less_equal};
 use super::plan::{AXES, Plan};
 use crate::config::TriangleTest;
 use crate::hdl::{Builder, HdlError, Module, Signal};
-use std::rc::Rc;
+use std::sync::Arc;
 
 /// Ray setup as a pipeline. `lookahead` is how many clocks before its outputs `soon` announces them; the packet alone
 /// is named [`Plan::read_latency`] clocks before, for reads of what belongs to it.
-pub fn module(plan: &Plan, lookahead: u32) -> Result<Rc<Module>, HdlError> {
+pub fn module(plan: &Plan, lookahead: u32) -> Result<Arc<Module>, HdlError> {
     let w = plan.number();
     let f = plan.format;
     let watertight = plan.config.triangle_test == TriangleTest::Watertight;
@@ -81,7 +81,7 @@ pub fn module(plan: &Plan, lookahead: u32) -> Result<Rc<Module>, HdlError> {
         let (lo, hi) = (object.mux(minus_infinity, lo), object.mux(infinity, hi));
         let near_plane = sign.mux(hi, lo);
         let far_plane = sign.mux(lo, hi);
-        let place = |name: String, module: &Rc<Module>, plane| {
+        let place = |name: String, module: &Arc<Module>, plane| {
             distance::place(name, module, plane, origin[i], reciprocal[i])
         };
         let near_distance = place(format!("near_{}", AXES[i]), &plan.near_distance, near_plane);

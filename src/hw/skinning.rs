@@ -19,7 +19,7 @@ use super::plan::{AXES, Plan};
 use super::prefetch::{occupancy, pick, prefetch};
 use crate::bkd::layout::{INFLUENCES_PER_ROW, Record};
 use crate::hdl::{Builder, HdlError, Module, Outputs, Pipeline, Signal, Style, bits_for};
-use std::rc::Rc;
+use std::sync::Arc;
 
 /// Bits that number an influence of its vertex.
 const POSITION_BITS: u32 = 2;
@@ -63,7 +63,7 @@ pub(super) fn start_ports(plan: &Plan) -> [(&'static str, u32); 7] {
 ///
 /// # Errors
 /// A mistake in the description; none is known for any configuration.
-pub(super) fn module(plan: &Plan, test: &Module) -> Result<Rc<Module>, HdlError> {
+pub(super) fn module(plan: &Plan, test: &Module) -> Result<Arc<Module>, HdlError> {
     let stage_of = |port: &str| test.port(port).and_then(|p| p.stage).unwrap_or(0);
     let sum_latency = stage_of("sum_0") - stage_of("sum_a_0");
     let (w, a) = (plan.number(), plan.address());

@@ -22,15 +22,15 @@ use super::fp::{Knowing, Known, Operand, less_equal};
 use super::plan::{AXES, Plan};
 use crate::bkd::layout::Record;
 use crate::hdl::{Builder, HdlError, Memory, Module, Outputs, Reg, Signal, Style, Wire};
-use std::rc::Rc;
+use std::sync::Arc;
 
 /// The traversal processing unit, and how long its pop pipeline is.
 pub struct Tpu {
-    pub module: Rc<Module>,
+    pub module: Arc<Module>,
     /// Clocks from a pop's start to its result. Whatever else writes what a pop writes must say so that long before.
     pub pop_latency: u32,
     /// The slice of one ray, for its own tests.
-    pub slice: Rc<Module>,
+    pub slice: Arc<Module>,
 }
 
 /// Target clock, in MHz, from which on where a packet goes after a start or a pop has a register: whether any of its rays stays is
@@ -48,7 +48,7 @@ pub(super) fn context(plan: &Plan) -> Bundle {
 }
 
 /// One ray's part of a packet step: its interval in both children, and where it goes.
-fn slice(plan: &Plan) -> Result<Rc<Module>, HdlError> {
+fn slice(plan: &Plan) -> Result<Arc<Module>, HdlError> {
     let w = plan.number();
     let f = plan.format;
     let m = Builder::new(
@@ -92,7 +92,7 @@ fn slice(plan: &Plan) -> Result<Rc<Module>, HdlError> {
             .mux(lo, hi)
             .named(format!("{name}_far_plane"))
             .register();
-        let place = |which: &str, module: &Rc<Module>, plane| {
+        let place = |which: &str, module: &Arc<Module>, plane| {
             let instance = format!("{name}_{which}_distance");
             distance::place(instance, module, plane, origin, reciprocal)
         };
@@ -589,7 +589,7 @@ impl<'b> Unit<'b> {
     /// The step pipeline: a node's answer enters with the packet's rays.
     fn slices(
         &self,
-        slice: &Rc<Module>,
+        slice: &Arc<Module>,
         rays_of: &Rays<'b>,
         kept: &Requests<'b>,
         intervals: &Intervals<'b>,

@@ -24,7 +24,7 @@ use super::plan::{AXES, Plan};
 use super::share::{Lender, negated};
 use crate::config::TriangleTest;
 use crate::hdl::{Builder, Direction, HdlError, Module, Pipeline, Signal};
-use std::rc::Rc;
+use std::sync::Arc;
 
 type Vector<'b> = [Signal<'b>; 3];
 
@@ -36,7 +36,7 @@ fn vector<'b>(f: impl FnMut(&'static str) -> Signal<'b>) -> Vector<'b> {
 const PAIRS: usize = 6;
 
 /// The ray's interval in the triangle's own box, and whether the triangle is degenerate.
-fn triangle_box(plan: &Plan) -> Result<Rc<Module>, HdlError> {
+fn triangle_box(plan: &Plan) -> Result<Arc<Module>, HdlError> {
     let w = plan.number();
     let f = plan.format;
     let m = Builder::new(
@@ -216,7 +216,7 @@ impl<'b> Inputs<'b> {
 }
 
 /// Möller–Trumbore: t, u, v and whether the ray misses, before the box and the limits; a moved point.
-fn moller_trumbore(plan: &Plan) -> Result<Rc<Module>, HdlError> {
+fn moller_trumbore(plan: &Plan) -> Result<Arc<Module>, HdlError> {
     let w = plan.number();
     let f = plan.format;
     let units = &plan.units;
@@ -326,7 +326,7 @@ fn moller_trumbore(plan: &Plan) -> Result<Rc<Module>, HdlError> {
 }
 
 /// The watertight test of Woop, Benthin and Wald: t, u, v and whether the ray misses, before the box and the limits; a moved point.
-fn watertight(plan: &Plan) -> Result<Rc<Module>, HdlError> {
+fn watertight(plan: &Plan) -> Result<Arc<Module>, HdlError> {
     let w = plan.number();
     let f = plan.format;
     let units = &plan.units;
@@ -548,7 +548,7 @@ fn dot<'b>(plan: &Plan, name: &str, a: Vector<'b>, b: Vector<'b>) -> Signal<'b> 
 }
 
 /// The whole triangle test as a pipeline: the configured test, the box, the clamp and the ray's limits.
-pub(super) fn module(plan: &Plan) -> Result<Rc<Module>, HdlError> {
+pub(super) fn module(plan: &Plan) -> Result<Arc<Module>, HdlError> {
     let w = plan.number();
     let f = plan.format;
     let test = match plan.config.triangle_test {
@@ -576,7 +576,7 @@ pub(super) fn module(plan: &Plan) -> Result<Rc<Module>, HdlError> {
             }
         }
     }
-    let place = |name: &str, module: &Rc<Module>| {
+    let place = |name: &str, module: &Arc<Module>| {
         let inputs: Vec<_> = ports
             .iter()
             .filter(|(name, _)| module.port(name).is_some())

@@ -28,7 +28,7 @@ use super::raycast::COUNTER_BITS;
 use crate::bkd::layout::Record;
 use crate::hdl::{Builder, HdlError, Memory, Module, Signal, Style, bits_for};
 use crate::program::{Program, UpdateMachine};
-use std::rc::Rc;
+use std::sync::Arc;
 
 /// Target clock, in MHz, from which on a comparison and the choice that it makes have a stage each.
 const SPLIT_COMPARISONS_FROM: u32 = 120;
@@ -57,7 +57,7 @@ const NODE_MASK: u32 = 0b01111;
 
 /// The update processor, and what its programs must be compiled for.
 pub struct UpdateProcessor {
-    pub module: Rc<Module>,
+    pub module: Arc<Module>,
     /// Its registers, and the merge distance that follows from its depth.
     pub machine: UpdateMachine,
 }

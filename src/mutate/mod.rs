@@ -36,7 +36,6 @@ use serde::{Deserialize, Serialize};
 use std::collections::BTreeSet;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::PathBuf;
-use std::rc::Rc;
 use std::sync::Arc;
 use text::{SELECT, Site, instrument, sites};
 
@@ -141,7 +140,7 @@ impl Report {
 struct Population {
     unit: &'static str,
     /// Its modules, the unit last.
-    modules: Vec<Rc<Module>>,
+    modules: Vec<Arc<Module>>,
     /// What stands around them for the run, name and text, where that is no module of the machine.
     around: Option<(&'static str, String)>,
     /// Number, index of the module, change.
@@ -149,7 +148,7 @@ struct Population {
 }
 
 /// A unit's modules, and what stands around them.
-type Modules = (Vec<Rc<Module>>, Option<(&'static str, String)>);
+type Modules = (Vec<Arc<Module>>, Option<(&'static str, String)>);
 
 fn modules_of(config: &Config, unit: &str) -> Result<Modules> {
     if unit == unit_arithmetic::TOP {
@@ -306,7 +305,7 @@ fn whole_machine(config: &Config, unit: &[(String, String)]) -> Result<Files> {
     let machine = hw::emit(config)?;
     let modules = machine.design.modules();
     let names: Vec<&str> = modules.iter().map(|module| module.name()).collect();
-    let file = |module: &Rc<Module>| {
+    let file = |module: &Arc<Module>| {
         let name = format!("{}.v", module.name());
         let of_unit = unit.iter().find(|(other, _)| *other == name).cloned();
         of_unit.unwrap_or_else(|| (name, instrument(module.verilog(), &[], &names)))

@@ -15,7 +15,7 @@ use crate::hw::fp::{self, Knowing, Known, Operand, Units};
 use anyhow::{Context, Result, ensure};
 use std::fmt::Write as _;
 use std::path::Path;
-use std::rc::Rc;
+use std::sync::Arc;
 use std::time::Duration;
 
 /// The slack of the machine's plane distances, in ulps: what it steps by.
@@ -29,7 +29,7 @@ const EXHAUSTIBLE: u32 = 24;
 
 /// A unit, what it should compute, and into which cases the operands fall.
 pub struct Equivalence {
-    pub module: Rc<Module>,
+    pub module: Arc<Module>,
     pub what: String,
     reference: String,
     pub cases: Vec<Case>,
@@ -150,7 +150,7 @@ pub fn proofs(unit: &str, format: Format, clock_mhz: u32) -> Result<Vec<Equivale
 }
 
 /// A sum's proofs: numbers by the distance of their exponents, everything else, and that these are all.
-fn sums(module: &Rc<Module>, format: Format, subtract: bool, odd: Plant) -> Vec<Equivalence> {
+fn sums(module: &Arc<Module>, format: Format, subtract: bool, odd: Plant) -> Vec<Equivalence> {
     let (e, f) = (format.exponent_bits(), format.fraction_bits());
     let operator = if subtract { '-' } else { '+' };
     // Where the smaller operand meets the rounding bits, and where it leaves them, is where mistakes live.

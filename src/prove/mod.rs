@@ -15,10 +15,10 @@ pub(crate) mod tools;
 use crate::config::Config;
 use crate::temporary;
 use anyhow::{Context, Result, bail, ensure};
+use rayon::prelude::*;
 use std::collections::BTreeMap;
 use std::path::Path;
-use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
-use std::sync::mpsc;
+use std::sync::{Arc, mpsc};
 use std::time::Instant;
 
 /// What can be proved, with what it is.
@@ -180,60 +180,56 @@ pub fn run(
     done: &mut dyn FnMut(&Row),
 ) -> Result<Vec<Row>> {
     check(&options.units)?;
-    let (next, stopped) = (AtomicUsize::new(0), AtomicBool::new(false));
+    let jobs = jobs(config, options)?;
+    ensure!(!jobs.is_empty(), "nothing was proved");
     let (sender, told) = mpsc::channel();
     let mut rows = vec![];
     std::thread::scope(|scope| {
-        for _ in 0..std::thread::available_parallelism().map_or(1, |cores| cores.get()) {
-            let (tell, next, stopped) = (sender.clone(), &next, &stopped);
-            scope.spawn(move || {
-                if let Err(error) = work(config, options, next, stopped, &tell) {
-                    stopped.store(true, Ordering::Relaxed);
-                    let _ = tell.send(Told::Failed(error));
-                }
-            });
-        }
-        drop(sender);
-        let mut failed = None;
+        let proofs = scope.spawn(move || {
+            let jobs = jobs.into_iter().enumerate().par_bridge();
+            jobs.try_for_each_with(sender, |tell, (place, job)| {
+                // Nobody listens where the run has failed.
+                let row = job.row(options, &|| drop(tell.send(Told::Started(job.name()))))?;
+                let _ = tell.send(Told::Ended(place, row));
+                anyhow::Ok(())
+            })
+        });
         // Rows in the order of the proofs, whichever ends first.
         let mut early = BTreeMap::new();
         for told in told {
             match told {
                 Told::Started(name) => started(&name),
                 Told::Ended(place, row) => drop(early.insert(place, row)),
-                Told::Failed(error) => failed = failed.or(Some(error)),
             }
             while let Some(row) = early.remove(&rows.len()) {
                 done(&row);
                 rows.push(row);
             }
         }
-        failed.map_or(Ok(()), Err)
+        let ended = proofs.join();
+        ended.unwrap_or_else(|panic| std::panic::resume_unwind(panic))
     })?;
-    ensure!(!rows.is_empty(), "nothing was proved");
     Ok(rows)
 }
 
-/// What a worker has to say.
+/// What is told of a proof while it runs.
 enum Told {
     Started(String),
     /// The proof's place among all.
     Ended(usize, Row),
-    Failed(anyhow::Error),
 }
 
-/// Goes through the proofs, the same for every worker, and does those that it is the first to take. Modules are not to be shared
-/// between threads: each worker makes its own.
-fn work(
-    config: &Config,
-    options: &Options,
-    next: &AtomicUsize,
-    stopped: &AtomicBool,
-    tell: &mpsc::Sender<Told>,
-) -> Result<()> {
-    let folder = temporary::Folder::new().context("a temporary folder")?;
-    let take = || next.fetch_add(1, Ordering::Relaxed);
-    let (mut taken, mut place) = (take(), 0);
+/// A proof of the design as it is, or with one of the proof's faults.
+struct Job {
+    unit: &'static str,
+    subject: Arc<Subject>,
+    /// Its place among the subject's faults.
+    fault: Option<usize>,
+}
+
+/// What the options ask for, in order.
+fn jobs(config: &Config, options: &Options) -> Result<Vec<Job>> {
+    let mut jobs = vec![];
     for (unit, _) in UNITS {
         if !options.units.is_empty() && !options.units.iter().any(|name| name == unit) {
             continue;
@@ -244,30 +240,34 @@ fn work(
                 "{unit}, {}: no fault would show that this proof can fail",
                 subject.what()
             );
-            let plants: Vec<Option<&Plant>> = match options.plant {
-                true => subject.plants().iter().map(Some).collect(),
+            let subject = Arc::new(subject);
+            let faults: Vec<Option<usize>> = match options.plant {
+                true => (0..subject.plants().len()).map(Some).collect(),
                 false => vec![None],
             };
-            for plant in plants {
-                if place == taken {
-                    if stopped.load(Ordering::Relaxed) {
-                        return Ok(());
-                    }
-                    let name = format!("{unit}: {}", subject.what());
-                    // Nobody listens where the run has failed.
-                    let started = || drop(tell.send(Told::Started(name.clone())));
-                    started();
-                    let row = subject
-                        .row(unit, folder.path(), options, plant, &started)
-                        .with_context(|| format!("{unit}, {}", subject.module()))?;
-                    let _ = tell.send(Told::Ended(place, row));
-                    taken = take();
-                }
-                place += 1;
-            }
+            jobs.extend(faults.into_iter().map(|fault| Job {
+                unit,
+                subject: subject.clone(),
+                fault,
+            }));
         }
     }
-    Ok(())
+    Ok(jobs)
+}
+
+impl Job {
+    fn name(&self) -> String {
+        format!("{}: {}", self.unit, self.subject.what())
+    }
+
+    /// Does the proof. `started` is told when it begins, and when a part of it does.
+    fn row(&self, options: &Options, started: &dyn Fn()) -> Result<Row> {
+        started();
+        let folder = temporary::Folder::new().context("a temporary folder")?;
+        let plant = self.fault.map(|fault| &self.subject.plants()[fault]);
+        let row = (self.subject).row(self.unit, folder.path(), options, plant, started);
+        row.with_context(|| format!("{}, {}", self.unit, self.subject.module()))
+    }
 }
 
 /// Something to prove, by one of two ways.

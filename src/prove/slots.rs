@@ -16,11 +16,11 @@ use crate::hdl::{Direction, Module};
 use anyhow::{Context, Result, ensure};
 use std::fmt::Write as _;
 use std::path::Path;
-use std::rc::Rc;
+use std::sync::Arc;
 
 /// A pipelined module whose slots are kept apart.
 pub struct Slots {
-    pub module: Rc<Module>,
+    pub module: Arc<Module>,
     pub what: String,
     pub plants: Vec<Plant>,
 }

@@ -43,7 +43,7 @@ use anyhow::{Context, Result, bail, ensure};
 use serde::Serialize;
 use serde_json::Value;
 use std::path::PathBuf;
-use std::rc::Rc;
+use std::sync::Arc;
 use std::time::Instant;
 use store::Store;
 use tools::Tool;
@@ -196,9 +196,9 @@ fn measured_name(name: &str) -> &str {
 }
 
 /// The Verilog of a module and of all below it, by file, as it is measured: under the names of [`unit_name`].
-fn measured_files(module: &Rc<Module>) -> Result<Vec<(String, String)>> {
+fn measured_files(module: &Arc<Module>) -> Result<Vec<(String, String)>> {
     let design = Design::new(module.clone())?;
-    let file = |module: &Rc<Module>| {
+    let file = |module: &Arc<Module>| {
         let text = module.verilog_with(&|name| measured_name(name).to_string());
         (format!("{}.v", unit_name(module)), text)
     };
@@ -209,7 +209,7 @@ fn measured_files(module: &Rc<Module>) -> Result<Vec<(String, String)>> {
 ///
 /// # Errors
 /// None of a module that [`emit::generate`] made.
-pub fn fingerprint(module: &Rc<Module>) -> Result<String> {
+pub fn fingerprint(module: &Arc<Module>) -> Result<String> {
     let files = measured_files(module)?;
     let parts: Vec<&str> = (files.iter())
         .flat_map(|(name, text)| [name.as_str(), text])
@@ -218,13 +218,13 @@ pub fn fingerprint(module: &Rc<Module>) -> Result<String> {
 }
 
 /// The modules of the names given, or all. A module may be named as it is emitted, too.
-fn choose<'d>(design: &'d Design, names: &[String]) -> Result<Vec<&'d Rc<Module>>> {
+fn choose<'d>(design: &'d Design, names: &[String]) -> Result<Vec<&'d Arc<Module>>> {
     let modules = design.modules();
     if names.is_empty() {
         return Ok(modules.iter().collect());
     }
     let find = |name: &String| {
-        let is_named = |module: &&Rc<Module>| {
+        let is_named = |module: &&Arc<Module>| {
             unit_name(module) == name || design.emitted(module.name()) == *name
         };
         let Some(module) = modules.iter().find(is_named) else {
@@ -270,7 +270,7 @@ impl Bench<'_> {
         Blocks::at(self.clock_mhz)
     }
 
-    fn measure(&self, module: &Rc<Module>, number: &str) -> Result<Unit> {
+    fn measure(&self, module: &Arc<Module>, number: &str) -> Result<Unit> {
         let job = Job::new(self, module)?;
         let name = unit_name(module);
         let mut cells = self.store.get::<Cells>(name, &job.area_key);
@@ -348,7 +348,7 @@ impl Bench<'_> {
 
 /// A module in a folder of its own, with what the tools are told.
 struct Job<'a> {
-    module: &'a Rc<Module>,
+    module: &'a Arc<Module>,
     /// The Verilog, by file.
     files: Vec<(String, String)>,
     /// Of Yosys.
@@ -358,7 +358,7 @@ struct Job<'a> {
 }
 
 impl<'a> Job<'a> {
-    fn new(bench: &Bench<'_>, module: &'a Rc<Module>) -> Result<Job<'a>> {
+    fn new(bench: &Bench<'_>, module: &'a Arc<Module>) -> Result<Job<'a>> {
         let mut files = measured_files(module)?;
         let mut top = unit_name(module);
         if bench.target.is_routable() {

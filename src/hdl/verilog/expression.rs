@@ -1,7 +1,7 @@
 //! Expressions and assignments. All operands of an operator are printed at one width, so Verilog's own
 //! widening never applies but to a product, which is always assigned at its full width.
 
-use super::super::builder::{Binary, Id, Op};
+use super::super::ir::{Binary, Id, Op};
 use super::{LINE, Printer};
 use std::fmt::Write as _;
 
@@ -126,7 +126,7 @@ impl Printer<'_> {
         let mut text = vec![];
         for id in parts {
             match &self.plan.ops[*id] {
-                Op::Concat(inner) if !self.plan.declared[*id] => text.extend(self.parts(inner)),
+                Op::Concat(ir) if !self.plan.declared[*id] => text.extend(self.parts(ir)),
                 _ => text.push(self.part(*id)),
             }
         }
@@ -137,7 +137,7 @@ impl Printer<'_> {
     fn continues(&self, op: Binary, left: Id) -> bool {
         matches!(op, Binary::And | Binary::Or | Binary::Xor | Binary::Add)
             && !self.plan.declared[left]
-            && matches!(&self.plan.ops[left], Op::Binary(inner, ..) if *inner == op)
+            && matches!(&self.plan.ops[left], Op::Binary(ir, ..) if *ir == op)
     }
 
     /// `target id;`, with the node's name if it has one of its own.

@@ -4,8 +4,8 @@ mod expression;
 mod names;
 mod plan;
 
-use super::builder::{Builder, Id, Inner, Item, Op};
 use super::design::{Direction, Port};
+use super::ir::{Id, Item, Netlist, Op};
 use super::memory::Style;
 use expression::{bits, literal};
 use names::Names;
@@ -17,6 +17,7 @@ const LINE: usize = 100;
 /// Stands before a module's name while a module is being printed; no text has it.
 const MARK: char = '\u{1}';
 
+#[derive(Debug)]
 pub(super) struct Printed {
     pub text: String,
     /// Where in the text a module's name begins: its own and those of the modules that it places.
@@ -33,11 +34,10 @@ struct Printer<'a> {
     reset: bool,
 }
 
-pub(super) fn print(builder: &Builder) -> Printed {
-    let inner = builder.inner.borrow();
-    let plan = Plan::new(&inner);
+pub(super) fn print(ir: &Netlist) -> Printed {
+    let plan = Plan::new(ir);
     let below = |port| {
-        let mut modules = inner.instances.iter().map(|i| &i.module);
+        let mut modules = ir.instances.iter().map(|i| &i.module);
         modules.any(|m| m.ports.iter().any(|p| p.name == port))
     };
     let mut ops = plan.ops.iter().zip(&plan.live).filter(|(_, live)| **live);
@@ -51,7 +51,7 @@ pub(super) fn print(builder: &Builder) -> Printed {
         reset: reset || below("rst"),
         plan,
     };
-    let (text, names) = unmarked(&printer.module(&builder.name, &builder.doc));
+    let (text, names) = unmarked(&printer.module(&ir.name, &ir.doc));
     Printed {
         text,
         names,
@@ -156,8 +156,8 @@ impl Body {
 }
 
 impl Printer<'_> {
-    fn inner(&self) -> &Inner {
-        self.plan.inner
+    fn ir(&self) -> &Netlist {
+        self.plan.ir
     }
 
     fn module(&self, name: &str, doc: &str) -> String {
@@ -173,7 +173,7 @@ impl Printer<'_> {
             let _ = writeln!(text, "// {mark}{line}");
         }
         let outputs = || {
-            let ports = self.inner().ports.iter().map(|(port, _)| port);
+            let ports = self.ir().ports.iter().map(|(port, _)| port);
             ports
                 .filter(|p| p.direction == Direction::Output)
                 .filter_map(|p| p.stage)
@@ -196,7 +196,7 @@ impl Printer<'_> {
     }
 
     fn port_list(&self) -> String {
-        let ports = &self.inner().ports;
+        let ports = &self.ir().ports;
         let widest = ports.iter().map(|(p, _)| range(p.width).len()).max();
         let widest = widest.unwrap_or(0);
         let mut lines: Vec<(Option<&str>, String)> = vec![];
@@ -245,10 +245,10 @@ impl Printer<'_> {
     }
 
     fn body(&self) -> String {
-        let inner = self.inner();
+        let ir = self.ir();
         let mut body = Body::default();
         let mut delays = vec![];
-        for item in &inner.items {
+        for item in &ir.items {
             match item {
                 Item::Comment(comment) => body.comment(comment),
                 Item::Node(id) => self.declaration(&mut body, *id, &mut delays),
@@ -273,8 +273,8 @@ impl Printer<'_> {
         self.memories(&mut body);
         self.delays(&mut body, delays);
         let mut outputs = vec![];
-        for index in port_order(&inner.ports) {
-            let (port, id) = &inner.ports[index];
+        for index in port_order(&ir.ports) {
+            let (port, id) = &ir.ports[index];
             let id = self.plan.stands[*id];
             if port.direction == Direction::Output && !self.is_port(id, port) {
                 outputs.push(self.assignment(&format!("assign {} =", port.name), id));
@@ -366,7 +366,7 @@ impl Printer<'_> {
     /// Delay registers stage by stage, then delay lines.
     fn delays(&self, body: &mut Body, delays: Vec<Id>) {
         let stage = |id: Id| {
-            let stage = self.inner().nodes[id].stage;
+            let stage = self.ir().nodes[id].stage;
             stage.map(|stage| (stage.pipeline, stage.at))
         };
         let mut stages: Vec<_> = delays.iter().map(|id| stage(*id)).collect();
@@ -418,7 +418,7 @@ impl Printer<'_> {
     }
 
     fn memory_declaration(&self, body: &mut Body, index: usize) {
-        let memory = &self.inner().memories[index];
+        let memory = &self.ir().memories[index];
         let style = match memory.style {
             Style::Block => "block",
             Style::Distributed => "distributed",
@@ -455,7 +455,7 @@ impl Printer<'_> {
     }
 
     fn instance(&self, index: usize) -> String {
-        let instance = &self.inner().instances[index];
+        let instance = &self.ir().instances[index];
         let mut text = String::new();
         let mut connections = vec![];
         for port in &instance.module.ports {
@@ -475,7 +475,7 @@ impl Printer<'_> {
         let _ = writeln!(
             text,
             "  {MARK}{} {} (\n{}\n  );",
-            instance.module.name,
+            instance.module.name(),
             instance.name,
             connections.join(",\n")
         );

@@ -1,8 +1,9 @@
 //! Names for what the Rust source does not name: after the port or wire that it drives, after what it computes,
 //! or after where it goes.
 
-use super::super::builder::{Binary, Id, KEYWORDS, Op};
+use super::super::builder::KEYWORDS;
 use super::super::design::Direction;
+use super::super::ir::{Binary, Id, Op};
 use super::plan::Plan;
 use std::collections::{HashMap, HashSet};
 
@@ -30,7 +31,7 @@ pub(super) struct Names {
 
 impl Names {
     pub fn new(plan: &Plan) -> Names {
-        let inner = plan.inner;
+        let ir = plan.ir;
         let nodes = plan.ops.len();
         let mut names = Names {
             of: vec![String::new(); nodes],
@@ -40,12 +41,12 @@ impl Names {
             copies: vec![],
             lines: vec![],
             unused: String::new(),
-            taken: inner.names.keys().cloned().collect(),
+            taken: ir.names.keys().cloned().collect(),
             numbers: HashMap::new(),
         };
         names.taken.extend(KEYWORDS.iter().map(|k| k.to_string()));
         names.unused = names.unique("unused".to_string());
-        for (memory, copies) in inner.memories.iter().zip(&plan.copies) {
+        for (memory, copies) in ir.memories.iter().zip(&plan.copies) {
             let copy_names = match copies.len() {
                 0 | 1 => vec![memory.name.clone(); copies.len()],
                 many => (0..many)
@@ -91,7 +92,7 @@ impl Names {
 
     /// A nameless node that drives an output port or an earlier wire is that port or wire.
     fn take_ports_and_wires(&mut self, plan: &Plan) {
-        for (port, id) in &plan.inner.ports {
+        for (port, id) in &plan.ir.ports {
             let id = plan.stands[*id];
             if port.direction == Direction::Output && plan.declared[id] && self.of[id].is_empty() {
                 self.of[id] = port.name.clone();
@@ -153,7 +154,7 @@ impl Names {
                 }
             };
             if plan.declared[id] && self.of[id].is_empty() {
-                let suffix = match plan.inner.nodes[id].stage {
+                let suffix = match plan.ir.nodes[id].stage {
                     Some(stage) => format!("s{}", stage.at),
                     None => {
                         let (mut clocks, mut at) = (1, next);
@@ -179,7 +180,7 @@ impl Names {
             let name = match &plan.ops[id] {
                 Op::Read(memory, ..) => {
                     let copies = &plan.copies[*memory];
-                    let name = &plan.inner.memories[*memory].name;
+                    let name = &plan.ir.memories[*memory].name;
                     match copies.iter().position(|copy| *copy == id) {
                         Some(copy) if copies.len() > 1 => format!("{name}_read{copy}"),
                         _ => format!("{name}_read"),
@@ -275,12 +276,12 @@ fn kind(op: &Op) -> &'static str {
 
 /// For each node the name of the first place that it goes to, through delay registers too.
 fn goals(plan: &Plan) -> Vec<Option<String>> {
-    let inner = plan.inner;
+    let ir = plan.ir;
     let mut goals: Vec<Option<String>> = vec![None; plan.ops.len()];
     let mut set = |id: Id, name: String| {
         goals[plan.stands[id]].get_or_insert(name);
     };
-    for (port, id) in &inner.ports {
+    for (port, id) in &ir.ports {
         if port.direction == Direction::Output {
             set(*id, port.name.clone());
         }
@@ -303,7 +304,7 @@ fn goals(plan: &Plan) -> Vec<Option<String>> {
             Op::Read(memory, _, address, _) => {
                 set(
                     *address,
-                    format!("{}_read_address", inner.memories[*memory].name),
+                    format!("{}_read_address", ir.memories[*memory].name),
                 );
             }
             _ => {}
@@ -313,11 +314,11 @@ fn goals(plan: &Plan) -> Vec<Option<String>> {
         if !copies.is_empty() {
             let roles = ["enable", "address", "data"];
             for (id, role) in plan.write_port(memory).into_iter().zip(roles) {
-                set(id, format!("{}_write_{role}", inner.memories[memory].name));
+                set(id, format!("{}_write_{role}", ir.memories[memory].name));
             }
         }
     }
-    for instance in &inner.instances {
+    for instance in &ir.instances {
         for (port, id) in &instance.inputs {
             set(*id, format!("{}_{port}", instance.name));
         }

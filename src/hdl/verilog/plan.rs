@@ -1,8 +1,8 @@
 //! What of a module is printed, and as what: equal values as one, expressions where they are used or under a
 //! name of their own, long chains of delay registers as one shift register.
 
-use super::super::builder::{Binary, Id, Inner, Op, Register};
 use super::super::design::Direction;
+use super::super::ir::{Binary, Id, Netlist, Op, Register};
 use std::collections::{HashMap, HashSet};
 
 /// Beyond this many characters, estimated, an expression gets a wire of its own.
@@ -19,7 +19,7 @@ pub(super) struct DelayLine {
 }
 
 pub(super) struct Plan<'a> {
-    pub inner: &'a Inner,
+    pub ir: &'a Netlist,
     /// The node that is printed for a node: itself, or an earlier one of the same value.
     pub stands: Vec<Id>,
     /// What each node computes, in terms of nodes that stand for themselves.
@@ -48,14 +48,14 @@ struct Values {
 
 impl Values {
     /// With `live` given, the delayed slice of a signal becomes a slice of the delayed signal where that is live.
-    fn of(inner: &Inner, live: Option<&[bool]>) -> Values {
+    fn of(ir: &Netlist, live: Option<&[bool]>) -> Values {
         let mut values = Values {
-            stands: (0..inner.nodes.len()).collect(),
-            ops: Vec::with_capacity(inner.nodes.len()),
-            given: inner.nodes.iter().map(|n| n.name.clone()).collect(),
+            stands: (0..ir.nodes.len()).collect(),
+            ops: Vec::with_capacity(ir.nodes.len()),
+            given: ir.nodes.iter().map(|n| n.name.clone()).collect(),
         };
         let mut known: HashMap<(Op, u32), Id> = HashMap::new();
-        for (id, node) in inner.nodes.iter().enumerate() {
+        for (id, node) in ir.nodes.iter().enumerate() {
             let state = matches!(&node.op, Op::Register(register) if !register.delay);
             let mut op = if state {
                 node.op.clone() // its next value may come later
@@ -70,14 +70,14 @@ impl Values {
                     next: Some(of),
                     ..register.clone()
                 });
-                if let Some(&whole) = known.get(&(whole, inner.nodes[of].width))
+                if let Some(&whole) = known.get(&(whole, ir.nodes[of].width))
                     && live[whole]
                 {
                     op = Op::Slice(whole, low);
                 }
             }
             let same = match &op {
-                Op::Slice(of, _) if inner.nodes[*of].width == node.width => Some(*of),
+                Op::Slice(of, _) if ir.nodes[*of].width == node.width => Some(*of),
                 Op::Input | Op::Wire | Op::Read(..) | Op::Instance(..) => None,
                 Op::Register(_) if state => None,
                 _ => known.get(&(op.clone(), node.width)).copied(),
@@ -134,10 +134,10 @@ impl Values {
 }
 
 impl<'a> Plan<'a> {
-    pub fn new(inner: &'a Inner) -> Plan<'a> {
-        let nodes = inner.nodes.len();
+    pub fn new(ir: &'a Netlist) -> Plan<'a> {
+        let nodes = ir.nodes.len();
         let mut plan = Plan {
-            inner,
+            ir,
             stands: vec![],
             ops: vec![],
             given: vec![],
@@ -149,13 +149,13 @@ impl<'a> Plan<'a> {
             copies: vec![],
         };
         for first in [true, false] {
-            let values = Values::of(inner, (!first).then_some(&plan.live));
+            let values = Values::of(ir, (!first).then_some(&plan.live));
             plan.stands = values.stands;
             plan.ops = values.ops;
             plan.given = values.given;
             plan.live = plan.liveness();
         }
-        plan.copies = vec![vec![]; inner.memories.len()];
+        plan.copies = vec![vec![]; ir.memories.len()];
         for (id, op) in plan.ops.iter().enumerate() {
             if let (true, Op::Read(memory, ..)) = (plan.live[id], op) {
                 plan.copies[*memory].push(id);
@@ -169,17 +169,17 @@ impl<'a> Plan<'a> {
     }
 
     pub fn width(&self, id: Id) -> u32 {
-        self.inner.nodes[id].width
+        self.ir.nodes[id].width
     }
 
     /// The node that drives a wire.
     pub fn driver(&self, wire: Id) -> Id {
-        self.stands[self.inner.drivers[&wire]]
+        self.stands[self.ir.drivers[&wire]]
     }
 
     /// Enable, address and data of a memory's write port.
     pub fn write_port(&self, memory: usize) -> [Id; 3] {
-        let (enable, address, data) = self.inner.memories[memory]
+        let (enable, address, data) = self.ir.memories[memory]
             .write
             .expect("checked: every memory is written");
         [enable, address, data].map(|id| self.stands[id])
@@ -206,7 +206,7 @@ impl<'a> Plan<'a> {
 
     /// What instances read.
     fn connected(&self) -> impl Iterator<Item = Id> + '_ {
-        self.inner
+        self.ir
             .instances
             .iter()
             .flat_map(|i| i.inputs.iter().map(|(_, id)| self.stands[*id]))
@@ -214,7 +214,7 @@ impl<'a> Plan<'a> {
 
     /// What output ports read.
     fn outputs(&self) -> impl Iterator<Item = Id> + '_ {
-        self.inner
+        self.ir
             .ports
             .iter()
             .filter(|(p, _)| p.direction == Direction::Output)
@@ -223,7 +223,7 @@ impl<'a> Plan<'a> {
 
     fn liveness(&self) -> Vec<bool> {
         let mut live = vec![false; self.ops.len()];
-        let mut stored = vec![false; self.inner.memories.len()];
+        let mut stored = vec![false; self.ir.memories.len()];
         let mut open: Vec<Id> = self.outputs().chain(self.connected()).collect();
         while let Some(id) = open.pop() {
             if std::mem::replace(&mut live[id], true) {

@@ -4,7 +4,7 @@ use super::fields::{Special, operand, pack};
 use super::schedule::{FAN_OUT, LOGIC, SHIFT, Schedule, Step, chain, reduction};
 use crate::float::{Format, plain};
 use crate::hdl::{Builder, HdlError, Module, bits_for};
-use std::rc::Rc;
+use std::sync::Arc;
 
 /// Bits by which the smaller significand is shifted at most: beyond its width and two more it is only sticky.
 fn align_bits(format: Format) -> u32 {
@@ -121,7 +121,7 @@ pub fn directed_cases(format: Format) -> Vec<(u64, u64)> {
 }
 
 /// The module `fp_add`, or `fp_sub`.
-pub fn module(format: Format, clock_mhz: u32, subtract: bool) -> Result<Rc<Module>, HdlError> {
+pub fn module(format: Format, clock_mhz: u32, subtract: bool) -> Result<Arc<Module>, HdlError> {
     let (e, f) = (format.exponent_bits(), format.fraction_bits());
     let plan = schedule(format, clock_mhz);
     let (name, operator) = if subtract {

@@ -55,7 +55,7 @@ pub use step::step;
 
 use crate::float::Format;
 use crate::hdl::{HdlError, Module, Signal};
-use std::rc::Rc;
+use std::sync::Arc;
 
 /// The arithmetic units of a machine, each made once.
 #[derive(Clone)]
@@ -63,10 +63,10 @@ pub struct Units {
     pub format: Format,
     /// The clock that the units' depths are chosen for, in MHz.
     pub clock_mhz: u32,
-    pub add: Rc<Module>,
-    pub sub: Rc<Module>,
-    pub mul: Rc<Module>,
-    pub reciprocal: Rc<Module>,
+    pub add: Arc<Module>,
+    pub sub: Arc<Module>,
+    pub mul: Arc<Module>,
+    pub reciprocal: Arc<Module>,
 }
 
 impl Units {
@@ -112,7 +112,7 @@ impl Units {
 
 #[track_caller]
 fn binary<'b>(
-    module: &Rc<Module>,
+    module: &Arc<Module>,
     name: impl AsRef<str>,
     a: Signal<'b>,
     b: Signal<'b>,

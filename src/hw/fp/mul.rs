@@ -4,7 +4,7 @@ use super::fields::{Special, operand, pack};
 use super::schedule::{LOGIC, MULTIPLY, Schedule, Step, chain, reduction};
 use crate::float::{Format, plain};
 use crate::hdl::{Builder, HdlError, Module, Signal};
-use std::rc::Rc;
+use std::sync::Arc;
 
 /// Bits of an unsigned operand of a DSP48 (which multiplies 18 by 18 bits, signed).
 const DSP_BITS: u32 = 17;
@@ -113,7 +113,7 @@ fn product<'b>(plan: &Schedule, a: Signal<'b>, b: Signal<'b>) -> Signal<'b> {
 }
 
 /// The module `fp_mul`.
-pub fn module(format: Format, clock_mhz: u32) -> Result<Rc<Module>, HdlError> {
+pub fn module(format: Format, clock_mhz: u32) -> Result<Arc<Module>, HdlError> {
     let (e, f) = (format.exponent_bits(), format.fraction_bits());
     let plan = schedule(format, clock_mhz);
     let m = Builder::new(

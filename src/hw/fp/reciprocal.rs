@@ -10,7 +10,7 @@ use super::fields::{Special, operand, pack};
 use super::schedule::{FAN_OUT, LOGIC, Schedule, Step, chain};
 use crate::float::{Format, plain};
 use crate::hdl::{Builder, HdlError, Module};
-use std::rc::Rc;
+use std::sync::Arc;
 
 fn schedule(format: Format, clock_mhz: u32) -> Schedule {
     let (e, f) = (format.exponent_bits(), format.fraction_bits());
@@ -52,7 +52,7 @@ pub fn directed_cases(format: Format) -> Vec<u64> {
 }
 
 /// The module `fp_reciprocal`.
-pub fn module(format: Format, clock_mhz: u32) -> Result<Rc<Module>, HdlError> {
+pub fn module(format: Format, clock_mhz: u32) -> Result<Arc<Module>, HdlError> {
     let (e, f) = (format.exponent_bits(), format.fraction_bits());
     let plan = schedule(format, clock_mhz);
     let m = Builder::new(

@@ -11,7 +11,7 @@ const PLACES: [&str; 6] = ["record", "job", "owed", "ready", "now", "out"];
 /// what is asked for stays asked for until it is taken, once; and a leaf that is here moves, or waits for memory. It is assumed that
 /// a packet has one leaf here at a time, with a ray in its mask, that skinning borrows the unit when none is here, and that memory
 /// answers what it was asked, once. Every packet is watched: there are few.
-pub(super) fn conserves(module: &Rc<Module>, packets: u32) -> Result<Induction> {
+pub(super) fn conserves(module: &Arc<Module>, packets: u32) -> Result<Induction> {
     let queues = queues(module)?;
     let (jobs, ready) = (
         queue(&queues, "vertex_queue")?,

@@ -21,7 +21,7 @@ use crate::hdl::{Direction, Module, bits_for};
 use anyhow::{Context, Result, bail, ensure};
 use std::fmt::Write as _;
 use std::path::Path;
-use std::rc::Rc;
+use std::sync::Arc;
 use std::time::Duration;
 
 /// What z3 may take for each of base and step.
@@ -95,7 +95,7 @@ pub fn proofs(unit: &str, config: &Config) -> Result<Vec<Induction>> {
     }
     let modules = |config: &Config| anyhow::Ok(emit::generate(config)?.0.design.modules().to_vec());
     let all = modules(config)?;
-    let find = |all: &[Rc<Module>], name: &str| {
+    let find = |all: &[Arc<Module>], name: &str| {
         let found = all.iter().find(|m| m.name() == name).cloned();
         found.with_context(|| format!("the machine has no module {name}"))
     };
@@ -233,7 +233,7 @@ fn is_queue(module: &str) -> bool {
     QUEUES.iter().any(|prefix| module.starts_with(prefix))
 }
 
-fn is_block_queue(module: &Rc<Module>) -> bool {
+fn is_block_queue(module: &Arc<Module>) -> bool {
     module.name().starts_with(QUEUES[1])
 }
 
@@ -455,7 +455,7 @@ fn shown_stays(observer: &mut String, name: &str, valid: &str, ready: &str, show
 
 /// The module's text, then those of its children: as they are where they are queues, unless their names end as said; all others replaced
 /// by outputs of any value.
-fn texts(module: &Rc<Module>, any: &[&str]) -> Vec<String> {
+fn texts(module: &Arc<Module>, any: &[&str]) -> Vec<String> {
     let mut texts = vec![module.verilog().to_string()];
     for child in module.children() {
         let name = child.name();
@@ -472,7 +472,7 @@ fn texts(module: &Rc<Module>, any: &[&str]) -> Vec<String> {
 }
 
 /// The module's text, its children replaced by outputs of any value.
-fn alone(module: &Rc<Module>) -> Vec<String> {
+fn alone(module: &Arc<Module>) -> Vec<String> {
     let mut texts = vec![module.verilog().to_string()];
     for child in module.children() {
         let text = of_any_value(child);

@@ -4,7 +4,7 @@ use super::*;
 
 /// Of a queue: what comes out is what went in, in order, once; nothing is lost and nothing overflows, given that it is
 /// popped only where it shows a word and pushed only where a word is missing. One word, any, is watched.
-pub(super) fn fifo(module: &Rc<Module>) -> Result<Induction> {
+pub(super) fn fifo(module: &Arc<Module>) -> Result<Induction> {
     let (width, depth) = (port_width(module, "data")?, words(module, "words")?);
     let bits = bits_for(u64::from(depth)) + 2;
     // Where the front is a register, what is kept is the slot behind it.
@@ -131,7 +131,7 @@ pub(super) fn fifo(module: &Rc<Module>) -> Result<Induction> {
 }
 
 /// The same of a queue in block RAM, whose front word has a register of its own.
-pub(super) fn block_fifo(module: &Rc<Module>) -> Result<Induction> {
+pub(super) fn block_fifo(module: &Arc<Module>) -> Result<Induction> {
     let (width, depth) = (port_width(module, "data")?, words(module, "words")?);
     let bits = bits_for(u64::from(depth)) + 2;
     let settling = settling(module);
@@ -243,7 +243,7 @@ pub(super) fn block_fifo(module: &Rc<Module>) -> Result<Induction> {
 
 /// Of words read ahead: each comes out in the order of the requests, as memory answered it. Memory answers each request once,
 /// in any order.
-pub(super) fn prefetch(module: &Rc<Module>) -> Result<Induction> {
+pub(super) fn prefetch(module: &Arc<Module>) -> Result<Induction> {
     let depth = words(module, "words")?;
     let (width, tag) = (
         port_width(module, "front")?,

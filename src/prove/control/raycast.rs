@@ -7,7 +7,7 @@ use super::*;
 /// geometry unit and its port to vertex memory, whose answers reach who asked. It is assumed of the units within what is proved of them:
 /// the traversal unit finishes each packet that it was given once, the geometry unit asks for nothing between packets, the skinning processor
 /// for nothing between meshes, and what they show at a port stays.
-pub(super) fn shares(module: &Rc<Module>, packets: u32) -> Result<Induction> {
+pub(super) fn shares(module: &Arc<Module>, packets: u32) -> Result<Induction> {
     let queues = queues(module)?;
     let (free, finished) = (
         queue(&queues, "free_queue")?,

@@ -10,7 +10,7 @@ pub(super) const FEW_VERTICES: u32 = 6;
 /// overflows; a mesh is over when, and only when, all of it is written; what it shows at its ports stays; and while it works,
 /// something in it moves unless memory or the geometry unit is waited for. It is assumed that the geometry unit returns what it was
 /// issued, and that a mesh's rows have an end for each vertex.
-pub(super) fn conserves(module: &Rc<Module>) -> Result<Induction> {
+pub(super) fn conserves(module: &Arc<Module>) -> Result<Induction> {
     let depth = words(module, "write_queue")?;
     let summing = pipeline_bits(module, "vertex_done")?;
     let vectors = Ahead {
@@ -197,7 +197,7 @@ pub(super) fn conserves(module: &Rc<Module>) -> Result<Induction> {
 
 /// Of its write queue: vertices are written in the order in which they were summed, each once, and the one that is shown stays until
 /// it is written. Nothing is pushed to it where it is full, which [`conserves`] shows. One vertex, any, is watched.
-pub(super) fn write_queue(module: &Rc<Module>) -> Result<Induction> {
+pub(super) fn write_queue(module: &Arc<Module>) -> Result<Induction> {
     let depth = words(module, "write_queue")?;
     let width = port_width(module, "write_data")?;
     let observer = format!(

@@ -4,7 +4,7 @@ use super::*;
 
 /// Of the traversal unit: every packet that it was given is in exactly one place, or is finished: so no queue ever holds more than
 /// there are packets. It is given no more packets than it has numbers for; memory and geometry unit answer what they were asked.
-pub(super) fn packets(module: &Rc<Module>, packets: u32) -> Result<Induction> {
+pub(super) fn packets(module: &Arc<Module>, packets: u32) -> Result<Induction> {
     let queues = queues(module)?;
     let stepping = pipeline_bits(module, "step_valid")?;
     let popping = pipeline_bits(module, "pop_done")?;
@@ -195,7 +195,7 @@ fn held(queues: &[Queue]) -> Result<[(&'static str, &'static str, String); 2]> {
 
 /// Of the choices between two queues: what is offered and not taken is offered again, from the same queue, which keeps it at its
 /// front (a law of the queue). What feeds a queue finds room in it, which [`packets`] shows.
-pub(super) fn choices(module: &Rc<Module>) -> Result<Induction> {
+pub(super) fn choices(module: &Arc<Module>) -> Result<Induction> {
     let queues = queues(module)?;
     let mut observer = START.to_string();
     for queue in &queues {
@@ -303,7 +303,7 @@ pub(super) fn choices(module: &Rc<Module>) -> Result<Induction> {
 /// Of the stack: what a pop reads is what was last pushed for that packet at that level, and a packet's level goes up by 1 with a
 /// push and down by 1 with a pop. One packet and level, any, are watched. What is pushed, who pops and which level a node's answer
 /// brings back may be anything; but a level is assumed to be at most the stack's depth: beyond it the unit has long flagged an overflow.
-pub(super) fn stack(module: &Rc<Module>, config: &Config) -> Result<Induction> {
+pub(super) fn stack(module: &Arc<Module>, config: &Config) -> Result<Induction> {
     let (packets, levels) = (config.packets_in_flight, config.stack_depth);
     let pb = bits_for(u64::from(packets));
     let lb = bits_for(u64::from(levels) + 1);

@@ -6,7 +6,7 @@ use super::*;
 /// its ports stays until it is taken; and while it runs, something in it moves unless memory is waited for: it cannot lock up. Of
 /// its queues and of its readers ahead it assumes what is proved of them; of a program, that its instructions are of one kind each
 /// and that its rows have its end.
-pub(super) fn credit(module: &Rc<Module>) -> Result<Induction> {
+pub(super) fn credit(module: &Arc<Module>) -> Result<Induction> {
     let queues = queues(module)?;
     let instructions = queue(&queues, "instruction_queue")?;
     let indices = queue(&queues, "vertex_indices")?;

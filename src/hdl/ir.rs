@@ -1,0 +1,133 @@
+//! A module as data: what the builder makes, and what is checked, printed and changed.
+//!
+//! Nothing here refers to the builder, and everything is owned: a netlist can be shared between threads and outlives
+//! the description that made it.
+
+use super::design::{Module, Port};
+use super::memory::MemoryData;
+use super::pipeline::Stage;
+use std::collections::HashMap;
+use std::panic::Location;
+use std::sync::Arc;
+
+pub(super) type Id = usize;
+pub(super) type Place = &'static Location<'static>;
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub(super) enum Binary {
+    And,
+    Or,
+    Xor,
+    Add,
+    Sub,
+    Mul,
+    Equal,
+    NotEqual,
+    Less,
+    LessEqual,
+    ShiftLeft,
+    ShiftRight,
+}
+
+#[derive(Clone, Debug, PartialEq, Eq, Hash)]
+pub(super) enum Op {
+    Input,
+    Literal(u128),
+    Not(Id),
+    Binary(Binary, Id, Id),
+    Mux(Id, Id, Id),
+    /// Most significant part first.
+    Concat(Vec<Id>),
+    Repeat(Id, u32),
+    /// Operand and least significant bit; the width is the node's.
+    Slice(Id, u32),
+    Any(Id),
+    All(Id),
+    Parity(Id),
+    Wire,
+    Register(Register),
+    /// Memory, copy of it, address, and whether the read is synchronous.
+    Read(usize, usize, Id, bool),
+    /// Instance and index of its port.
+    Instance(usize, usize),
+}
+
+#[derive(Clone, Debug, Default, PartialEq, Eq, Hash)]
+pub(super) struct Register {
+    pub next: Option<Id>,
+    pub enable: Option<Id>,
+    pub reset: Option<u128>,
+    /// A delay register belongs to the pipeline, not to the module's state.
+    pub delay: bool,
+}
+
+#[derive(Clone, Debug, PartialEq)]
+pub(super) struct Node {
+    pub op: Op,
+    pub width: u32,
+    pub name: Option<String>,
+    pub place: Place,
+    pub stage: Option<Stage>,
+    /// Delay registers of this signal are cleared by reset.
+    pub cleared: bool,
+}
+
+#[derive(Clone, Debug, PartialEq)]
+pub(super) struct InstanceData {
+    pub name: String,
+    pub module: Arc<Module>,
+    /// Input ports by name.
+    pub inputs: Vec<(String, Id)>,
+    /// Output ports by name.
+    pub outputs: Vec<(String, Id)>,
+}
+
+/// What is printed, in order.
+#[derive(Clone, Debug, PartialEq)]
+pub(super) enum Item {
+    Node(Id),
+    /// A wire's driver or a register's next value.
+    Drive(Id),
+    Comment(String),
+    Instance(usize),
+    Memory(usize),
+}
+
+/// A module's hierarchy level: its nodes and what connects them.
+#[derive(Clone, Debug, PartialEq)]
+pub(super) struct Netlist {
+    pub name: String,
+    pub doc: String,
+    pub place: Place,
+    pub nodes: Vec<Node>,
+    pub items: Vec<Item>,
+    /// What drives each wire and register.
+    pub drivers: HashMap<Id, Id>,
+    /// Where each wire or register is driven.
+    pub driven_at: HashMap<Id, Place>,
+    pub instances: Vec<InstanceData>,
+    pub memories: Vec<MemoryData>,
+    /// Ports in order, with the node of each.
+    pub ports: Vec<(Port, Id)>,
+    /// Names that are taken, and where.
+    pub names: HashMap<String, Place>,
+}
+
+impl Netlist {
+    /// A module of nothing.
+    pub fn new(name: String, doc: String, place: Place) -> Self {
+        Netlist {
+            name,
+            doc,
+            place,
+            nodes: vec![],
+            items: vec![],
+            drivers: HashMap::new(),
+            driven_at: HashMap::new(),
+            instances: vec![],
+            memories: vec![],
+            ports: vec![],
+            names: HashMap::new(),
+        }
+    }
+}
