@@ -234,6 +234,27 @@ fn layout(record: &Record) -> Value {
     value
 }
 
+/// Describes the machine of a configuration, the names of whose modules begin with `prefix`.
+///
+/// # Errors
+/// See [`hw::core::emit`].
+pub fn machine_with(config: &Config, prefix: Prefix) -> Result<Machine> {
+    let machine =
+        hw::core::emit(config).with_context(|| format!("configuration {}", config.name))?;
+    Ok(Machine {
+        design: machine.design.with_prefix(prefix),
+        ..machine
+    })
+}
+
+/// The same with the prefix [`hw::core::PREFIX`].
+///
+/// # Errors
+/// See [`hw::core::emit`].
+pub fn machine(config: &Config) -> Result<Machine> {
+    machine_with(config, hw::core::default_prefix())
+}
+
 /// Describes the machine of a configuration and generates all its files, whose names begin with [`hw::core::PREFIX`]; see [`files`].
 ///
 /// # Errors
@@ -247,12 +268,7 @@ pub fn generate(config: &Config) -> Result<(Machine, Vec<(String, String)>)> {
 /// # Errors
 /// See [`hw::core::emit`].
 pub fn generate_with(config: &Config, prefix: Prefix) -> Result<(Machine, Vec<(String, String)>)> {
-    let machine =
-        hw::core::emit(config).with_context(|| format!("configuration {}", config.name))?;
-    let machine = Machine {
-        design: machine.design.with_prefix(prefix),
-        ..machine
-    };
+    let machine = machine_with(config, prefix)?;
     let files = files(&machine).with_context(|| format!("configuration {}", config.name))?;
     Ok((machine, files))
 }

@@ -17,7 +17,7 @@ use std::process::{Command, Output, Stdio};
 
 /// A module of the reference machine.
 fn module(name: &str) -> std::sync::Arc<dynrt::hdl::Module> {
-    let (machine, _) = emit::generate(&Config::reference()).unwrap();
+    let machine = emit::machine(&Config::reference()).unwrap();
     let modules = machine.design.modules().iter();
     modules
         .into_iter()
@@ -506,7 +506,7 @@ fn constraints_follow_from_the_configuration() {
     // 25 MHz × 16 ÷ 5.
     assert!(board.contains(".CLKI_DIV(5)") && board.contains(".CLKFB_DIV(16)"));
     let project = file(&files, "dynrt_selftest.prj");
-    let (machine, _) = emit::generate(&config).unwrap();
+    let machine = emit::machine(&config).unwrap();
     for module in machine.design.modules() {
         let line = format!("verilog work \"../rtl/dynrt_{}.v\"\n", module.name());
         assert!(project.contains(&line), "{project}");

@@ -286,7 +286,7 @@ fn area(
     request: &Request,
     progress: &dyn Fn(&str),
 ) -> Result<Vec<(String, String)>> {
-    let (machine, _) = emit::generate(config)?;
+    let machine = emit::machine(config)?;
     let (mut units, mut kept, mut changed) = (vec![], vec![], vec![]);
     for module in machine.design.modules() {
         let name = synth::unit_name(module).to_string();
@@ -345,7 +345,7 @@ fn configurations(is: &mut Baseline, routing: Routing<'_>, progress: &dyn Fn(&st
     is.configurations.clear();
     for &(name, _) in NAMED {
         let config = Config::load(name)?;
-        let (machine, _) = emit::generate(&config)?;
+        let machine = emit::machine(&config)?;
         let top = machine.design.top();
         let verilog = synth::fingerprint(top)?;
         let known = is.area.iter().find(|unit| unit.verilog == verilog);
@@ -397,7 +397,7 @@ fn depths(
 /// Notes configurations whose Verilog is another than that which was measured.
 fn stale_configurations(was: &Baseline, kept: &mut Vec<(String, String)>) -> Result<()> {
     for known in &was.configurations {
-        let (machine, _) = emit::generate(&Config::load(&known.name)?)?;
+        let machine = emit::machine(&Config::load(&known.name)?)?;
         if synth::fingerprint(machine.design.top())? != known.verilog {
             kept.push((
                 format!("configuration {}", known.name),
@@ -414,7 +414,7 @@ fn stale_clocks(
     known: &[UnitClock],
     kept: &mut Vec<(String, String)>,
 ) -> Result<()> {
-    let (machine, _) = emit::generate(config)?;
+    let machine = emit::machine(config)?;
     let modules = machine.design.modules();
     for clock in known {
         let module = modules
@@ -438,7 +438,7 @@ fn clocks(
     routing: Routing<'_>,
     progress: &dyn Fn(&str),
 ) -> Result<(Vec<UnitClock>, Option<Vec<String>>)> {
-    let (machine, _) = emit::generate(config)?;
+    let machine = emit::machine(config)?;
     let modules = machine.design.modules();
     let (mut clocks, mut changed) = (vec![], vec![]);
     for name in UNITS {

@@ -36,7 +36,7 @@ pub fn proofs(unit: &str, config: &Config) -> Result<Vec<Slots>> {
     if unit != "slots" {
         return Ok(vec![]);
     }
-    let design = emit::generate(config)?.0.design;
+    let design = emit::machine(config)?.design;
     let test = design
         .modules()
         .iter()

@@ -96,10 +96,11 @@ impl Role {
     }
 }
 
-const OBJ: [&str; 1] = ["obj"];
-const GLTF: [&str; 2] = ["glb", "gltf"];
+pub(super) const OBJ: [&str; 1] = ["obj"];
+pub(super) const GLTF: [&str; 2] = ["glb", "gltf"];
 
-fn is_named(path: &Path, extensions: &[&str]) -> bool {
+/// Whether a file's name ends in one of `extensions`, in whatever case.
+pub(super) fn is_named(path: &Path, extensions: &[&str]) -> bool {
     let extension = path.extension().unwrap_or_default();
     extensions
         .iter()
@@ -252,11 +253,8 @@ fn uris(list: &Value) -> impl Iterator<Item = &str> {
 /// The files that an address in a glTF file may mean: percent-encoded as it ought to be, or as it stands.
 fn places_of(gltf: &Path, uri: &str) -> Vec<PathBuf> {
     let folder = gltf.parent().unwrap_or(Path::new(""));
-    let decoded: Vec<u8> = percent_encoding::percent_decode_str(uri).collect();
-    [decoded.as_slice(), uri.as_bytes()]
-        .into_iter()
-        .filter_map(|name| Some(folder.join(os_string(name)?)))
-        .collect()
+    let places = [place_of_uri(folder, uri), Some(folder.join(uri))];
+    places.into_iter().flatten().collect()
 }
 
 /// Bytes as a file's name.

@@ -92,7 +92,7 @@ pub fn files(
             && !rtl.is_empty(),
         "the folder of Verilog `{rtl}` has characters that the tools' scripts cannot hold; give one of letters, digits and - _ . /"
     );
-    let (machine, _) = emit::generate_with(config, prefix)?;
+    let machine = emit::machine_with(config, prefix)?;
     let design = &machine.design;
     let names = Names {
         top: design.emitted(selftest::TOP),

@@ -135,7 +135,7 @@ impl Share {
 pub fn synthesise(config: &Config, request: &Request, progress: &dyn Fn(&str)) -> Result<Report> {
     let target = request.target;
     let is_routed = request.seeds > 0;
-    let (machine, _) = emit::generate(config)?;
+    let machine = emit::machine(config)?;
     let design = &machine.design;
     let chosen = choose(design, &request.units)?;
     ensure!(
@@ -208,7 +208,7 @@ fn measured_files(module: &Arc<Module>) -> Result<Vec<(String, String)>> {
 /// Of a module's Verilog and that of all modules below it: the same only where the text is the same.
 ///
 /// # Errors
-/// None of a module that [`emit::generate`] made.
+/// None of a module that [`emit::machine`] made.
 pub fn fingerprint(module: &Arc<Module>) -> Result<String> {
     let files = measured_files(module)?;
     let parts: Vec<&str> = (files.iter())

@@ -93,7 +93,7 @@ pub fn proofs(unit: &str, config: &Config) -> Result<Vec<Induction>> {
     if !CONTROL.contains(&unit) {
         return Ok(vec![]);
     }
-    let modules = |config: &Config| anyhow::Ok(emit::generate(config)?.0.design.modules().to_vec());
+    let modules = |config: &Config| anyhow::Ok(emit::machine(config)?.design.modules().to_vec());
     let all = modules(config)?;
     let find = |all: &[Arc<Module>], name: &str| {
         let found = all.iter().find(|m| m.name() == name).cloned();

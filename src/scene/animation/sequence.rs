@@ -3,6 +3,7 @@
 use super::super::Mesh;
 use super::super::obj::{self, LeftOut};
 use super::{Animated, Clip, Kind, Writer};
+use crate::scene::sources::{OBJ, is_named};
 use crate::text;
 use anyhow::{Context, Result, ensure};
 use std::cmp::Ordering;
@@ -22,12 +23,9 @@ pub fn load(folder: &Path) -> Result<Animated> {
         let path = entry
             .with_context(|| format!("{shown}: cannot be read"))?
             .path();
-        let is_obj = path
-            .extension()
-            .is_some_and(|extension| extension.eq_ignore_ascii_case("obj"));
         let name = path.file_name().unwrap_or_default();
         let is_hidden = name.as_encoded_bytes().starts_with(b".");
-        if is_obj && !is_hidden {
+        if is_named(&path, &OBJ) && !is_hidden {
             match path.is_file() {
                 true => files.push(path),
                 false => others.push(text::path(&path)),

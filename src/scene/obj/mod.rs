@@ -21,6 +21,7 @@ mod lexer;
 
 pub use left_out::LeftOut;
 
+use super::sources::{GLTF, OBJ, is_named};
 use super::{BUILTIN_NAMES, Mesh, Scene};
 use crate::text;
 use anyhow::{Context, Result, bail, ensure};
@@ -62,16 +63,12 @@ pub fn read(path: &Path) -> Result<(Mesh, LeftOut)> {
         metadata.is_file(),
         "{shown}: is no regular file; give an OBJ file or builtin:NAME"
     );
-    let is_named = |ending| {
-        let extension = path.extension();
-        extension.is_some_and(|extension| extension.eq_ignore_ascii_case(ending))
-    };
     ensure!(
-        !is_named("gltf") && !is_named("glb"),
+        !is_named(path, &GLTF),
         "{shown}: is a glTF file; {THEY_READ} it; give this command an OBJ file or builtin:NAME"
     );
     ensure!(
-        is_named("obj"),
+        is_named(path, &OBJ),
         "{shown}: is no mesh that can be read here; give an OBJ file, whose name ends in .obj, or builtin:NAME"
     );
     let bytes = std::fs::read(path).with_context(|| format!("{shown}: cannot be read"))?;

@@ -4,7 +4,7 @@
 //! nothing that is never read can be a reason to refuse a file. What no shown node, skin or animation leads to is replaced
 //! by something neutral: its number stays, its faults do not. What is read is passed on as it stands, and judged.
 
-use super::extensions;
+use super::{extensions, titled};
 use crate::scene::animation::some;
 use crate::text::escaped;
 use anyhow::{Context, Result, bail, ensure};
@@ -395,7 +395,7 @@ impl<'a> Cleaner<'a> {
             if index(fields.get("mesh")).is_none() {
                 continue;
             }
-            let name = titled_node(fields, node);
+            let name = titled(node, &node_name(fields, node));
             let instancing = match extensions::instancing(fields) {
                 Ok(instancing) if instancing.is_empty() => continue,
                 Ok(instancing) => instancing,
@@ -759,14 +759,6 @@ fn node_name(node: &Value, number: usize) -> String {
     match node.get("name") {
         Some(Value::String(name)) if !name.is_empty() => escaped(name).into_owned(),
         _ => format!("node {number}"),
-    }
-}
-
-/// How messages speak of a node: by its number, and its name if it has one.
-fn titled_node(node: &Value, number: usize) -> String {
-    match node_name(node, number) {
-        name if name == format!("node {number}") => name,
-        name => format!("node {number} ({name})"),
     }
 }
 
