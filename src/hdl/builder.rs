@@ -20,6 +20,8 @@ pub(super) struct Inner {
     pub pipelines: u32,
     /// Nodes by what they compute: the same expression twice is one node.
     pub known: HashMap<(Op, u32, Option<Stage>), Id>,
+    /// The module is complete; what is made now is for its properties.
+    pub formal: bool,
 }
 
 impl Inner {
@@ -30,6 +32,7 @@ impl Inner {
             reads: HashMap::new(),
             pipelines: 0,
             known: HashMap::new(),
+            formal: false,
         }
     }
 }
@@ -337,10 +340,16 @@ impl Builder {
             None => (op, stage),
         };
         let mut inner = self.inner.borrow_mut();
-        let id = inner.ir.nodes.len();
+        let (id, formal) = (inner.ir.nodes.len(), inner.formal);
         let pure = !matches!(
             op,
-            Op::Input | Op::Wire | Op::Register(_) | Op::Read(..) | Op::Instance(..)
+            Op::Input
+                | Op::Wire
+                | Op::Register(_)
+                | Op::Read(..)
+                | Op::Instance(..)
+                | Op::AnyConst
+                | Op::AnySeq
         );
         if pure {
             match inner.known.entry((op.clone(), width, stage)) {
@@ -361,11 +370,12 @@ impl Builder {
             place,
             stage,
             cleared: false,
+            formal,
         });
         Signal { builder: self, id }
     }
 
-    fn check_name(&self, name: &str, place: Place) {
+    pub(super) fn check_name(&self, name: &str, place: Place) {
         let valid = name.starts_with(|c: char| c.is_ascii_lowercase())
             && name
                 .chars()
@@ -1030,6 +1040,7 @@ impl Builder {
         inner.ir.items.push(Item::Instance(instance));
         Outputs {
             builder: self,
+            index: instance,
             place,
             module: module.name().to_string(),
             outputs,
@@ -1103,10 +1114,13 @@ impl Builder {
 }
 
 /// The outputs of an instance.
+#[derive(Clone)]
 pub struct Outputs<'b> {
-    builder: &'b Builder,
+    pub(super) builder: &'b Builder,
+    /// Among the builder's instances.
+    pub(super) index: usize,
     place: Place,
-    module: String,
+    pub(super) module: String,
     outputs: Vec<(String, Id)>,
 }
 

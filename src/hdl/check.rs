@@ -9,7 +9,14 @@ impl Netlist {
     /// The nodes that a node's value depends on without a register between.
     pub(super) fn combinational_inputs(&self, id: Id) -> Vec<Id> {
         match &self.nodes[id].op {
-            Op::Input | Op::Literal(_) | Op::Register(_) | Op::Read(_, _, _, true) => vec![],
+            Op::Input
+            | Op::Literal(_)
+            | Op::Register(_)
+            | Op::Read(_, _, _, true)
+            | Op::Reset
+            | Op::AnyConst
+            | Op::AnySeq
+            | Op::Inside(..) => vec![],
             Op::Wire => self.drivers.get(&id).copied().into_iter().collect(),
             Op::Not(a)
             | Op::Repeat(a, _)
@@ -17,7 +24,7 @@ impl Netlist {
             | Op::Any(a)
             | Op::All(a)
             | Op::Parity(a) => vec![*a],
-            Op::Read(_, _, address, false) => vec![*address],
+            Op::Read(_, _, address, false) | Op::Peek(_, address) => vec![*address],
             Op::Binary(_, a, b) => vec![*a, *b],
             Op::Mux(c, a, b) => vec![*c, *a, *b],
             Op::Concat(parts) => parts.clone(),

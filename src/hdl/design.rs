@@ -2,7 +2,7 @@
 
 use super::check;
 use super::error::HdlError;
-use super::ir::Netlist;
+use super::ir::{Id, Netlist};
 use super::verilog::{self, Printed};
 use std::collections::BTreeMap;
 use std::sync::Arc;
@@ -83,6 +83,21 @@ impl Module {
 
     pub fn port(&self, name: &str) -> Option<&Port> {
         self.ports.iter().find(|p| p.name == name)
+    }
+
+    /// The node that is declared under a name in the Verilog.
+    pub(super) fn node_of(&self, name: &str) -> Option<Id> {
+        let names = self.printed.signals.iter();
+        names
+            .clone()
+            .position(|known| known.as_deref() == Some(name))
+    }
+
+    /// The name under which a node is declared in the Verilog.
+    pub(super) fn name_of(&self, node: Id) -> &str {
+        self.printed.signals[node]
+            .as_deref()
+            .expect("a node that was found by its name")
     }
 
     /// Its Verilog, in which modules have their names without a prefix.

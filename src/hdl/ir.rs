@@ -50,6 +50,16 @@ pub(super) enum Op {
     Read(usize, usize, Id, bool),
     /// Instance and index of its port.
     Instance(usize, usize),
+    /// The reset.
+    Reset,
+    /// Of properties: a value that is any, and stays.
+    AnyConst,
+    /// Of properties: any value, at each clock another.
+    AnySeq,
+    /// Of properties: a word of a memory, at an address, as it is stored.
+    Peek(usize, Id),
+    /// Of properties: a signal inside an instance, by its node there.
+    Inside(usize, Id),
 }
 
 #[derive(Clone, Debug, Default, PartialEq, Eq, Hash)]
@@ -70,6 +80,8 @@ pub(super) struct Node {
     pub stage: Option<Stage>,
     /// Delay registers of this signal are cleared by reset.
     pub cleared: bool,
+    /// Made for properties: the module's Verilog does without it.
+    pub formal: bool,
 }
 
 #[derive(Clone, Debug, PartialEq)]
@@ -93,6 +105,25 @@ pub(super) enum Item {
     Memory(usize),
 }
 
+/// Properties that are proved together, and what of the module may be anything meanwhile.
+#[derive(Clone, Debug, PartialEq)]
+pub(super) struct ProofData {
+    pub name: String,
+    pub what: String,
+    pub place: Place,
+    pub assumes: Vec<Id>,
+    pub asserts: Vec<(String, Id)>,
+    pub covers: Vec<(String, Id)>,
+    /// Signals that have any value at each clock, whatever drives them.
+    pub cut: Vec<Id>,
+    /// Instances that stay; all others have outputs of any value.
+    pub kept: Vec<usize>,
+    /// Clocks that a step of the induction looks back.
+    pub depth: u32,
+    /// Whether memories stay arrays for the solver; else each word is a register.
+    pub arrays: bool,
+}
+
 /// A module's hierarchy level: its nodes and what connects them.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct Netlist {
@@ -111,6 +142,7 @@ pub(super) struct Netlist {
     pub ports: Vec<(Port, Id)>,
     /// Names that are taken, and where.
     pub names: HashMap<String, Place>,
+    pub proofs: Vec<ProofData>,
 }
 
 impl Netlist {
@@ -128,6 +160,7 @@ impl Netlist {
             memories: vec![],
             ports: vec![],
             names: HashMap::new(),
+            proofs: vec![],
         }
     }
 }

@@ -195,13 +195,22 @@ impl<'b> Memory<'b> {
         self.port(address, false, place)
     }
 
+    pub(super) fn stored(&self, address: Signal<'b>, place: Place) -> Signal<'b> {
+        if !self.check_address(address, place) {
+            return self.builder.zero(1);
+        }
+        let width = self.builder.inner.borrow().ir.memories[self.index].width;
+        let word = Op::Peek(self.index, address.id);
+        self.builder.node(word, width, address.stage_data(), place)
+    }
+
     fn port(&self, address: Signal<'b>, synchronous: bool, place: Place) -> Signal<'b> {
         if !self.check_address(address, place) {
             return self.builder.zero(1);
         }
-        let width = {
+        let (width, formal) = {
             let inner = self.builder.inner.borrow();
-            inner.ir.memories[self.index].width
+            (inner.ir.memories[self.index].width, inner.formal)
         };
         let key = (self.index, address.id, synchronous);
         let known = self.builder.inner.borrow().reads.get(&key).copied();
@@ -210,6 +219,10 @@ impl<'b> Memory<'b> {
                 builder: self.builder,
                 id,
             };
+        }
+        if formal {
+            let message = "properties read a memory by peek: a read port would be of the module";
+            self.builder.fail(place, message);
         }
         let stage = address.stage_data().map(|s| Stage {
             at: s.at + u32::from(synchronous),

@@ -30,6 +30,7 @@ mod error;
 mod ir;
 mod memory;
 mod pipeline;
+mod proof;
 mod signal;
 mod verilog;
 
@@ -38,6 +39,7 @@ pub use design::{Design, Direction, Module, Port, Prefix};
 pub use error::HdlError;
 pub use memory::{Memory, Style};
 pub use pipeline::Pipeline;
+pub use proof::{Formal, Proof, ProofFacts};
 pub use signal::Signal;
 
 /// Names signals after the Rust variables that hold them.

@@ -1,8 +1,12 @@
 //! Queues whose first word shows before it is taken: in distributed RAM where every clock counts, in block RAM where a word
 //! every few clocks is enough.
 
+mod properties;
+
 use super::plan::Plan;
 use crate::hdl::{Builder, HdlError, Module, Signal, Style, bits_for};
+pub(super) use properties::Placed;
+use properties::{Block, Queue};
 use std::sync::Arc;
 
 /// Target clock, in MHz, from which on a queue's valid bit and front word are registers: what follows them, a choice between queues and
@@ -27,7 +31,7 @@ pub(super) fn fifo(plan: &Plan, width: u32, depth: u32) -> Result<Arc<Module>, H
 
     let bits = bits_for(u64::from(depth));
     let count_bits = bits_for(u64::from(depth) + 1);
-    let registered = plan.config.clock_mhz >= REGISTER_FRONT_FROM;
+    let registered = registers_front(plan);
     // Of a front in a register, only where the word behind it is stored.
     let head = match registered {
         false => m.reg_reset("head", bits, 0),
@@ -51,9 +55,23 @@ pub(super) fn fifo(plan: &Plan, width: u32, depth: u32) -> Result<Arc<Module>, H
 
     let words = m.memory("words", depth, width, Style::Distributed);
     words.write(push, tail.q, data);
+    let queue = |valid, front| Queue {
+        depth,
+        push,
+        data,
+        pop,
+        valid,
+        front,
+        head,
+        tail,
+        count,
+        words,
+    };
     if !registered {
-        m.output("valid", count.q.any());
-        m.output("front", words.read_now(head.q));
+        let (valid, front) = (count.q.any(), words.read_now(head.q));
+        m.output("valid", valid);
+        m.output("front", front);
+        properties::order(&queue(valid, front), None);
         return m.finish();
     }
     m.comment("The front word stands in a register too, which the word behind it follows: one stored, or the one that is pushed.");
@@ -70,10 +88,11 @@ pub(super) fn fifo(plan: &Plan, width: u32, depth: u32) -> Result<Arc<Module>, H
     );
     m.output("valid", front_valid.q);
     m.output("front", front.q);
+    properties::order(&queue(front_valid.q, front.q), Some(more.q));
     m.finish()
 }
 
-/// Places a queue. Returns its valid bit and its front word.
+/// Places a queue.
 pub(super) fn place<'b>(
     plan: &Plan,
     name: &str,
@@ -81,14 +100,44 @@ pub(super) fn place<'b>(
     push: Signal<'b>,
     data: Signal<'b>,
     pop: Signal<'b>,
-) -> Result<(Signal<'b>, Signal<'b>), HdlError> {
+) -> Result<Placed<'b>, HdlError> {
     let module = fifo(plan, data.width(), depth)?;
-    let queue = push.module().instance(
+    let registered = registers_front(plan);
+    Ok(placed(
         name,
+        depth,
         &module,
-        &[("push", push), ("data", data), ("pop", pop)],
-    );
-    Ok((queue.get("valid"), queue.get("front")))
+        [push, data, pop],
+        None,
+        registered,
+    ))
+}
+
+fn placed<'b>(
+    name: &str,
+    depth: u32,
+    module: &Arc<Module>,
+    [push, data, pop]: [Signal<'b>; 3],
+    settling: Option<u32>,
+    registered: bool,
+) -> Placed<'b> {
+    let inputs = [("push", push), ("data", data), ("pop", pop)];
+    let outputs = push.module().instance(name, module, &inputs);
+    Placed {
+        valid: outputs.get("valid"),
+        front: outputs.get("front"),
+        name: name.to_string(),
+        depth,
+        push,
+        pop,
+        outputs,
+        settling,
+        registered,
+    }
+}
+
+fn registers_front(plan: &Plan) -> bool {
+    plan.config.clock_mhz >= REGISTER_FRONT_FROM
 }
 
 /// A queue as [`fifo`] makes it, in block RAM. A word shows [`Plan::read_latency`] + 2 clocks after it was pushed, and
@@ -124,10 +173,12 @@ pub(super) fn block_fifo(plan: &Plan, width: u32, depth: u32) -> Result<Arc<Modu
     let stored = count.q.any().named("stored");
     let load = m.wire("load", 1);
     let mut settled = stored;
+    let mut stands = vec![];
     for clock in 0..latency {
         let next = m.reg_reset(format!("settled{clock}"), 1, 0);
         next.next(settled & stored & !load.get());
         settled = next.q;
+        stands.push((next, words.read(head.q).delay(clock)));
     }
     let front_valid = m.reg_reset("front_valid", 1, 0);
     load.drive(settled & (!front_valid.q | pop));
@@ -139,10 +190,27 @@ pub(super) fn block_fifo(plan: &Plan, width: u32, depth: u32) -> Result<Arc<Modu
     count.next_when(push ^ load.get(), push.mux(count.q + unit, count.q - unit));
     m.output("valid", front_valid.q);
     m.output("front", front.q);
+    properties::block_order(&Block {
+        queue: Queue {
+            depth,
+            push,
+            data,
+            pop,
+            valid: front_valid.q,
+            front: front.q,
+            head,
+            tail,
+            count,
+            words,
+        },
+        front_valid: front_valid.q,
+        settled: stands,
+        load: load.get(),
+    });
     m.finish()
 }
 
-/// Places a queue of [`block_fifo`]. Returns its valid bit and its front word.
+/// Places a queue of [`block_fifo`].
 pub(super) fn place_block<'b>(
     plan: &Plan,
     name: &str,
@@ -150,12 +218,15 @@ pub(super) fn place_block<'b>(
     push: Signal<'b>,
     data: Signal<'b>,
     pop: Signal<'b>,
-) -> Result<(Signal<'b>, Signal<'b>), HdlError> {
+) -> Result<Placed<'b>, HdlError> {
     let module = block_fifo(plan, data.width(), depth)?;
-    let queue = push.module().instance(
+    let settling = Some(plan.read_latency());
+    Ok(placed(
         name,
+        depth,
         &module,
-        &[("push", push), ("data", data), ("pop", pop)],
-    );
-    Ok((queue.get("valid"), queue.get("front")))
+        [push, data, pop],
+        settling,
+        false,
+    ))
 }

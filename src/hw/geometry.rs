@@ -198,7 +198,7 @@ pub fn module(plan: &Plan) -> Result<Geometry, HdlError> {
     let first_vector = instance.field("vectors");
     assert_eq!(first_vector.lsb, triangle.field("v0").lsb);
     let job_done = m.wire("job_done", 1);
-    let (job_valid, job_front) = fifo::place_block(
+    let vertex_queue = fifo::place_block(
         plan,
         "vertex_queue",
         packets,
@@ -212,6 +212,7 @@ pub fn module(plan: &Plan) -> Result<Geometry, HdlError> {
         ]),
         job_done.get(),
     )?;
+    let (job_valid, job_front) = (vertex_queue.valid, vertex_queue.front);
     let corner = m.reg_reset("corner", CORNER_BITS, 0);
     let vertex_fire = (job_valid & vertex_ready).named("vertex_fire");
     let job_is_instance = job.get(job_front, "instance");
@@ -299,7 +300,7 @@ pub fn module(plan: &Plan) -> Result<Geometry, HdlError> {
          for its box, the direction and the origin.",
     );
     let take_ready = m.wire("take_ready", 1);
-    let (ready_valid, ready_front) = fifo::place(
+    let ready_queue = fifo::place(
         plan,
         "ready_queue",
         packets,
@@ -307,6 +308,7 @@ pub fn module(plan: &Plan) -> Result<Geometry, HdlError> {
         arrived_is_instance.concat(arrived_packet),
         take_ready.get(),
     )?;
+    let (ready_valid, ready_front) = (ready_queue.valid, ready_queue.front);
     let ready_packet = ready_front.low(pb);
     let ready_mask = masks.read_now(ready_packet);
     let busy = m.reg_reset("busy", 1, 0);

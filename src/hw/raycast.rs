@@ -111,7 +111,7 @@ pub(super) fn module(plan: &Plan) -> Result<Arc<Module>, HdlError> {
     let freed = m.wire("freed", 1);
     let freed_packet = m.wire("freed_packet", pb);
     let take_free = m.wire("take_free", 1);
-    let (free_any, free_front) = fifo::place(
+    let free_queue = fifo::place(
         plan,
         "free_queue",
         packets,
@@ -119,6 +119,7 @@ pub(super) fn module(plan: &Plan) -> Result<Arc<Module>, HdlError> {
         sweeping.q.mux(sweep_packet.q, freed_packet.get()),
         take_free.get(),
     )?;
+    let (free_any, free_front) = (free_queue.valid, free_queue.front);
 
     m.comment("A packet's rays arrive one by one; the first takes a free packet number, the others share it.");
     let place = m.reg_reset("place", rb, 0);
@@ -306,7 +307,7 @@ pub(super) fn module(plan: &Plan) -> Result<Arc<Module>, HdlError> {
     m.comment("Finished packets hand out their hits ray by ray. The word read is always that of the ray shown next.");
     let out_word = pb + rays;
     let take_finished = m.wire("take_finished", 1);
-    let (finished_any, finished_front) = fifo::place(
+    let finished_queue = fifo::place(
         plan,
         "finished_queue",
         packets,
@@ -316,6 +317,7 @@ pub(super) fn module(plan: &Plan) -> Result<Arc<Module>, HdlError> {
             .concat(traversal.get("finished_packet")),
         take_finished.get(),
     )?;
+    let (finished_any, finished_front) = (finished_queue.valid, finished_queue.front);
     let out = m.reg("out", out_word);
     let out_valid = m.reg_reset("out_valid", 1, 0);
     let out_fresh = m.reg("out_fresh", 1);

@@ -939,7 +939,7 @@ impl<'b> Unit<'b> {
         let take_stepped = m.wire("take_stepped_pop", 1);
         let retry_push = m.wire("retry_push", 1);
         let retry_item = m.wire("retry_item", pop_item.width());
-        let (done_any, done_front) = fifo::place(
+        let done_queue = fifo::place(
             plan,
             "done_queue",
             packets,
@@ -947,7 +947,8 @@ impl<'b> Unit<'b> {
             self.shapes.pop(done_packet, done_context),
             take_done.get(),
         )?;
-        let (retry_any, retry_front) = fifo::place(
+        let (done_any, done_front) = (done_queue.valid, done_queue.front);
+        let retry_queue = fifo::place(
             plan,
             "retry_queue",
             packets,
@@ -955,7 +956,8 @@ impl<'b> Unit<'b> {
             retry_item.get(),
             take_retry.get(),
         )?;
-        let (nowhere_any, nowhere_front) = fifo::place(
+        let (retry_any, retry_front) = (retry_queue.valid, retry_queue.front);
+        let nowhere_queue = fifo::place(
             plan,
             "nowhere_queue",
             packets,
@@ -963,6 +965,7 @@ impl<'b> Unit<'b> {
             self.shapes.pop(step.packet, step.context),
             take_stepped.get(),
         )?;
+        let (nowhere_any, nowhere_front) = (nowhere_queue.valid, nowhere_queue.front);
         let may_pop = (!setup_soon).named("may_pop");
         take_retry.drive(may_pop & retry_any);
         take_done.drive(may_pop & !retry_any & done_any);
@@ -1196,7 +1199,7 @@ impl<'b> Unit<'b> {
         m.comment("Nodes to fetch: after steps, and after pops and starts.");
         let take_step_item = m.wire("take_step_item", 1);
         let take_pop_item = m.wire("take_pop_item", 1);
-        let (step_any, step_front) = fifo::place(
+        let step_queue = fifo::place(
             plan,
             "step_queue",
             packets,
@@ -1208,7 +1211,8 @@ impl<'b> Unit<'b> {
             ]),
             take_step_item.get(),
         )?;
-        let (entered_any, entered_front) = fifo::place(
+        let (step_any, step_front) = (step_queue.valid, step_queue.front);
+        let entered_queue = fifo::place(
             plan,
             "entered_queue",
             packets,
@@ -1220,6 +1224,7 @@ impl<'b> Unit<'b> {
             ]),
             take_pop_item.get(),
         )?;
+        let (entered_any, entered_front) = (entered_queue.valid, entered_queue.front);
         let node_wanted = (step_any | entered_any).named("node_wanted");
         let from_step = held_choice(m, "request", node_wanted, node_ready, step_any);
         kept.item.drive(from_step.mux(step_front, entered_front));
@@ -1254,7 +1259,7 @@ impl<'b> Unit<'b> {
         m.comment("Leaves to hand over: after steps, and after pops and starts.");
         let take_step_leaf = m.wire("take_step_leaf", 1);
         let take_pop_leaf = m.wire("take_pop_leaf", 1);
-        let (step_leaf_any, step_leaf_front) = fifo::place_block(
+        let step_leaf_queue = fifo::place_block(
             plan,
             "step_leaf_queue",
             packets,
@@ -1267,7 +1272,8 @@ impl<'b> Unit<'b> {
             ]),
             take_step_leaf.get(),
         )?;
-        let (entered_leaf_any, entered_leaf_front) = fifo::place_block(
+        let (step_leaf_any, step_leaf_front) = (step_leaf_queue.valid, step_leaf_queue.front);
+        let entered_leaf_queue = fifo::place_block(
             plan,
             "entered_leaf_queue",
             packets,
@@ -1280,6 +1286,8 @@ impl<'b> Unit<'b> {
             ]),
             take_pop_leaf.get(),
         )?;
+        let (entered_leaf_any, entered_leaf_front) =
+            (entered_leaf_queue.valid, entered_leaf_queue.front);
         let leaf_wanted = (step_leaf_any | entered_leaf_any).named("leaf_wanted");
         let leaf_from_step = held_choice(m, "leaf", leaf_wanted, leaf_ready, step_leaf_any);
         let leaf_front = leaf_from_step

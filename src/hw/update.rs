@@ -351,7 +351,7 @@ pub fn module(plan: &Plan) -> Result<UpdateProcessor, HdlError> {
     m.comment("Vertices are requested in the order of their loads, ahead of their use.");
     let take_index = m.wire("take_index", 1);
     let pop_vertex = m.wire("pop_vertex", 1);
-    let (index_valid, index_front) = fifo::place(
+    let vertex_indices = fifo::place(
         plan,
         "vertex_indices",
         VERTEX_INDICES,
@@ -359,6 +359,7 @@ pub fn module(plan: &Plan) -> Result<UpdateProcessor, HdlError> {
         index,
         take_index.get(),
     )?;
+    let (index_valid, index_front) = (vertex_indices.valid, vertex_indices.front);
     let (room, _) = occupancy(
         plan,
         &m,
@@ -407,7 +408,7 @@ pub fn module(plan: &Plan) -> Result<UpdateProcessor, HdlError> {
     let queued = m.reg_reset("completed", 1, 0);
     queued.next(decoded.q);
     let whole = hold("completed_instruction", whole);
-    let (queue_valid, queue_front) = fifo::place(
+    let instruction_queue = fifo::place(
         plan,
         "instruction_queue",
         config.update_instructions_ahead,
@@ -415,6 +416,7 @@ pub fn module(plan: &Plan) -> Result<UpdateProcessor, HdlError> {
         whole,
         take_instruction.get(),
     )?;
+    let (queue_valid, queue_front) = (instruction_queue.valid, instruction_queue.front);
     let (room, _) = occupancy(
         plan,
         &m,
@@ -546,7 +548,7 @@ pub fn module(plan: &Plan) -> Result<UpdateProcessor, HdlError> {
     let intervals = m.concat(&numbers);
     let node_done = p.enter(node_goes).cleared_by_reset();
     let node_pop = m.wire("node_pop", 1);
-    let (node_valid, node_front) = fifo::place(
+    let node_queue = fifo::place(
         plan,
         "node_queue",
         config.update_nodes_waiting,
@@ -554,6 +556,7 @@ pub fn module(plan: &Plan) -> Result<UpdateProcessor, HdlError> {
         intervals.untimed(),
         node_pop.get(),
     )?;
+    let (node_valid, node_front) = (node_queue.valid, node_queue.front);
     node_pop.drive(node_valid & node_write_ready);
     let (room, any_nodes) = occupancy(
         plan,

@@ -8,6 +8,7 @@
 mod aig;
 mod arithmetic;
 mod control;
+mod induction;
 mod reference;
 mod slots;
 pub(crate) mod tools;

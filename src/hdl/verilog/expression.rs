@@ -72,7 +72,18 @@ impl Printer<'_> {
                 }
                 None => self.names.of[id].clone(),
             },
-            Op::Input | Op::Wire | Op::Instance(..) => self.names.of[id].clone(),
+            Op::Input
+            | Op::Wire
+            | Op::Instance(..)
+            | Op::AnyConst
+            | Op::AnySeq
+            | Op::Inside(..) => self.names.of[id].clone(),
+            Op::Reset => "rst".to_string(),
+            Op::Peek(memory, address) => {
+                let copy = self.names.copies[*memory].first();
+                let copy = copy.expect("a memory that properties read is read by the module");
+                format!("{copy}[{}]", self.part(*address))
+            }
             Op::Read(memory, _, address, _) => {
                 let copy = plan.copies[*memory].iter().position(|copy| *copy == id);
                 let copy = copy.expect("a memory has a copy for each read");

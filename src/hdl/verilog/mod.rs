@@ -1,6 +1,7 @@
 //! Prints a checked module as Verilog-2001.
 
 mod expression;
+mod formal;
 mod names;
 mod plan;
 
@@ -8,6 +9,7 @@ use super::design::{Direction, Port};
 use super::ir::{Id, Item, Netlist, Op};
 use super::memory::Style;
 use expression::{bits, literal};
+pub(super) use formal::{with_checks, with_proof};
 use names::Names;
 use plan::Plan;
 use std::fmt::Write as _;
@@ -22,6 +24,8 @@ pub(super) struct Printed {
     pub text: String,
     /// Where in the text a module's name begins: its own and those of the modules that it places.
     pub names: Vec<usize>,
+    /// Under which name each node is declared.
+    pub signals: Vec<Option<String>>,
     /// Whether the module has the ports `clk` and `rst`.
     pub clocked: bool,
     pub reset: bool,
@@ -35,28 +39,46 @@ struct Printer<'a> {
 }
 
 pub(super) fn print(ir: &Netlist) -> Printed {
-    let plan = Plan::new(ir);
-    let below = |port| {
-        let mut modules = ir.instances.iter().map(|i| &i.module);
-        modules.any(|m| m.ports.iter().any(|p| p.name == port))
-    };
-    let mut ops = plan.ops.iter().zip(&plan.live).filter(|(_, live)| **live);
-    let clocked = ops
-        .clone()
-        .any(|(op, _)| matches!(op, Op::Register(_) | Op::Read(..)));
-    let reset = ops.any(|(op, _)| matches!(op, Op::Register(r) if r.reset.is_some()));
-    let printer = Printer {
-        names: Names::new(&plan),
-        clocked: clocked || below("clk"),
-        reset: reset || below("rst"),
-        plan,
-    };
+    let printer = Printer::new(ir);
     let (text, names) = unmarked(&printer.module(&ir.name, &ir.doc));
     Printed {
         text,
         names,
+        signals: printer.signals(),
         clocked: printer.clocked,
         reset: printer.reset,
+    }
+}
+
+impl<'a> Printer<'a> {
+    fn new(ir: &'a Netlist) -> Printer<'a> {
+        let plan = Plan::new(ir);
+        let below = |port| {
+            let mut modules = ir.instances.iter().map(|i| &i.module);
+            modules.any(|m| m.ports.iter().any(|p| p.name == port))
+        };
+        let mut ops = plan.ops.iter().zip(&plan.live).filter(|(_, live)| **live);
+        let clocked = ops
+            .clone()
+            .any(|(op, _)| matches!(op, Op::Register(_) | Op::Read(..)));
+        let reset = ops.any(|(op, _)| match op {
+            Op::Register(register) => register.reset.is_some(),
+            Op::Reset => true,
+            _ => false,
+        });
+        Printer {
+            names: Names::new(&plan),
+            clocked: clocked || below("clk"),
+            reset: reset || below("rst"),
+            plan,
+        }
+    }
+
+    /// Under which name each node is declared.
+    fn signals(&self) -> Vec<Option<String>> {
+        let names = self.names.of.iter().zip(&self.plan.declared);
+        let named = names.map(|(name, declared)| declared.then(|| name.clone()));
+        named.collect()
     }
 }
 

@@ -76,7 +76,23 @@ impl Names {
         names
     }
 
-    fn unique(&mut self, name: String) -> String {
+    /// Names what stands beside the module for its properties. `inside` names signals inside instances.
+    pub fn extend(&mut self, plan: &Plan, beside: &[Id], inside: &dyn Fn(usize, Id) -> String) {
+        let mut stems = HashSet::new();
+        for &id in beside.iter().filter(|id| plan.declared[**id]) {
+            self.of[id] = match (&plan.given[id], &plan.ops[id]) {
+                (_, Op::Inside(instance, node)) => inside(*instance, *node),
+                (Some(name), _) => name.clone(),
+                _ => String::new(),
+            };
+        }
+        let goals = vec![None; plan.ops.len()];
+        for &id in beside {
+            self.choose(plan, &goals, &mut stems, id);
+        }
+    }
+
+    pub fn unique(&mut self, name: String) -> String {
         if self.taken.insert(name.clone()) {
             return name;
         }
@@ -198,11 +214,18 @@ impl Names {
             self.of[id] = self.unique(name);
         }
         stems.insert(self.of[id].clone());
-        self.stem[id] = Some(self.of[id].clone());
+        self.stem[id] = match &plan.ops[id] {
+            Op::Inside(..) => None,
+            _ => Some(self.of[id].clone()),
+        };
     }
 
     /// What a node computes, in words; `depth` operators at most.
     fn phrase(&self, plan: &Plan, id: Id, depth: u32) -> Option<String> {
+        if let Op::Inside(instance, _) = &plan.ops[id] {
+            // Its own name is of two parts.
+            return Some(format!("{}_inside", plan.ir.instances[*instance].name));
+        }
         if let Some(stem) = &self.stem[id] {
             return Some(stem.clone());
         }

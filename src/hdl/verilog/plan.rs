@@ -78,11 +78,19 @@ impl Values {
             }
             let same = match &op {
                 Op::Slice(of, _) if ir.nodes[*of].width == node.width => Some(*of),
-                Op::Input | Op::Wire | Op::Read(..) | Op::Instance(..) => None,
+                Op::Input
+                | Op::Wire
+                | Op::Read(..)
+                | Op::Instance(..)
+                | Op::AnyConst
+                | Op::AnySeq => None,
                 Op::Register(_) if state => None,
                 _ => known.get(&(op.clone(), node.width)).copied(),
             };
             match same {
+                // A name for properties is none for what the module computes without them.
+                Some(same)
+                    if node.formal && !ir.nodes[same].formal && values.given[id].is_some() => {}
                 Some(same) if values.given[id].is_none() || values.given[same].is_none() => {
                     values.stands[id] = same;
                     if let Some(name) = values.given[id].take() {
@@ -128,7 +136,15 @@ impl Values {
             Op::Read(memory, copy, address, synchronous) => {
                 Op::Read(*memory, *copy, at(address), *synchronous)
             }
-            Op::Input | Op::Literal(_) | Op::Wire | Op::Instance(..) => op.clone(),
+            Op::Peek(memory, address) => Op::Peek(*memory, at(address)),
+            Op::Input
+            | Op::Literal(_)
+            | Op::Wire
+            | Op::Instance(..)
+            | Op::Reset
+            | Op::AnyConst
+            | Op::AnySeq
+            | Op::Inside(..) => op.clone(),
         }
     }
 }
@@ -163,9 +179,40 @@ impl<'a> Plan<'a> {
         }
         let count = plan.count_uses();
         plan.find_delay_lines(&count);
-        plan.choose_declared(&count);
+        let live = plan.live.clone();
+        plan.choose_declared(&count, &live);
         plan.mark_used();
         plan
+    }
+
+    /// Plans what properties read beside the module: which nodes are written for them alone, in order. What the module declares stays.
+    pub fn extend(&mut self, roots: &[Id]) -> Vec<Id> {
+        let nodes = self.ops.len();
+        let mut beside = vec![false; nodes];
+        let mut count = vec![0; nodes];
+        let mut open: Vec<Id> = roots.to_vec();
+        roots.iter().for_each(|id| count[*id] += 1);
+        while let Some(id) = open.pop() {
+            // A register of a delay line is a part of that line.
+            let known = self.declared[id] || self.live[id] && self.in_line[id].is_some();
+            if known || std::mem::replace(&mut beside[id], true) {
+                continue;
+            }
+            for source in self.sources(id) {
+                count[source] += 1;
+                open.push(source);
+            }
+        }
+        for id in 0..nodes {
+            let sliced = |of: Id| self.in_line[of].is_some() && !self.declared[of];
+            if let (true, Op::Slice(of, _)) = (beside[id], &self.ops[id])
+                && sliced(*of)
+            {
+                beside[*of] = true;
+            }
+        }
+        self.choose_declared(&count, &beside);
+        (0..nodes).filter(|id| beside[*id]).collect()
     }
 
     pub fn width(&self, id: Id) -> u32 {
@@ -188,7 +235,13 @@ impl<'a> Plan<'a> {
     /// All the nodes that a node's value comes from, through registers too.
     pub fn sources(&self, id: Id) -> Vec<Id> {
         match &self.ops[id] {
-            Op::Input | Op::Literal(_) | Op::Instance(..) => vec![],
+            Op::Input
+            | Op::Literal(_)
+            | Op::Instance(..)
+            | Op::Reset
+            | Op::AnyConst
+            | Op::AnySeq
+            | Op::Inside(..) => vec![],
             Op::Wire => vec![self.driver(id)],
             Op::Register(register) => register.next.into_iter().chain(register.enable).collect(),
             Op::Not(a)
@@ -197,6 +250,7 @@ impl<'a> Plan<'a> {
             | Op::Any(a)
             | Op::All(a)
             | Op::Parity(a)
+            | Op::Peek(_, a)
             | Op::Read(_, _, a, _) => vec![*a],
             Op::Binary(_, a, b) => vec![*a, *b],
             Op::Mux(c, a, b) => vec![*c, *a, *b],
@@ -311,10 +365,11 @@ impl<'a> Plan<'a> {
         }
     }
 
-    fn choose_declared(&mut self, count: &[usize]) {
+    /// Of nodes in `scope`, which are declared.
+    fn choose_declared(&mut self, count: &[usize], scope: &[bool]) {
         let mut sliced = HashSet::new();
         for (id, op) in self.ops.iter().enumerate() {
-            if let (true, Op::Slice(of, _)) = (self.live[id], op) {
+            if let (true, Op::Slice(of, _)) = (scope[id], op) {
                 sliced.insert(*of);
             }
         }
@@ -325,19 +380,20 @@ impl<'a> Plan<'a> {
                 self.declared[id] = true;
                 continue;
             }
-            if !self.live[id] {
+            if !scope[id] {
                 continue;
             }
             let state = match &self.ops[id] {
                 Op::Register(_) => match self.in_line[id] {
                     Some((line, at)) => {
                         let read = at + 1 == self.lines[line].registers.len() || count[id] > 1;
-                        self.declared[id] = read || self.given[id].is_some();
+                        self.declared[id] =
+                            read || self.given[id].is_some() || sliced.contains(&id);
                         continue;
                     }
                     None => true,
                 },
-                Op::Wire | Op::Read(..) => true,
+                Op::Wire | Op::Read(..) | Op::AnyConst | Op::AnySeq | Op::Inside(..) => true,
                 _ => false,
             };
             if state {
@@ -401,10 +457,10 @@ impl<'a> Plan<'a> {
         // Neither can it be a condition, an address, or a part of a delay line's next value.
         let heads = self.lines.iter().map(|line| line.registers[0]);
         let heads: Vec<Id> = heads.flat_map(|id| self.sources(id)).collect();
-        let within = (0..self.ops.len()).filter(|id| self.live[*id]);
+        let within = (0..self.ops.len()).filter(|id| scope[*id]);
         let within = within.filter_map(|id| match &self.ops[id] {
             Op::Register(register) => register.enable,
-            Op::Read(_, _, address, _) => Some(*address),
+            Op::Read(_, _, address, _) | Op::Peek(_, address) => Some(*address),
             _ => None,
         });
         for id in within.chain(heads).collect::<Vec<_>>() {

@@ -1,0 +1,389 @@
+//! Properties of a module, in the terms of its own signals: what is assumed of its surroundings, what holds then at every clock, what
+//! can happen at all.
+//!
+//! Properties are described last, when the module is complete. Its Verilog does without them; [`Module::formal`] prints them with it
+//! for a prover, [`Module::checked`] for a simulator.
+//!
+//! ```
+//! use dynrt::hdl::Builder;
+//! let m = Builder::new("counter", "counts to 9.");
+//! let step = m.input("step", 1);
+//! let count = m.reg_reset("count", 4, 0);
+//! let next = count.q.equals(9).mux(m.zero(4), count.q + m.lit(1u8, 4));
+//! count.next_when(step, next);
+//! m.output("digit", count.q);
+//!
+//! let proof = m.proof("digit", "a counter of one decimal digit");
+//! proof.assert("it stays a digit", count.q.le(m.lit(9u8, 4)));
+//! let before = proof.past(count.q);
+//! let stepped = proof.past(step & !m.reset());
+//! proof.assert("it changes where it steps", stepped.implies(count.q.ne(before)));
+//! proof.cover("it comes round", stepped & count.q.is_zero());
+//! let module = m.finish().unwrap();
+//! assert!(!module.verilog().contains("assert"));
+//! assert!(module.formal("digit").unwrap().text.contains("assert (count <= 4'd9)"));
+//! ```
+
+use super::builder::{Builder, Outputs, Reg, Wire};
+use super::design::{Design, Direction, Module};
+use super::error::HdlError;
+use super::ir::{Id, Op, ProofData};
+use super::memory::Memory;
+use super::signal::Signal;
+use super::verilog;
+use std::panic::Location;
+
+/// Properties that are proved together.
+#[derive(Clone, Copy)]
+pub struct Proof<'b> {
+    builder: &'b Builder,
+    index: usize,
+}
+
+impl Builder {
+    /// Begins properties that are proved together: all that are asserted, under all that is assumed. The module is complete: only
+    /// properties may follow. What instances show is any value, unless they are [kept](Proof::keep).
+    #[track_caller]
+    pub fn proof(&self, name: impl Into<String>, what: impl Into<String>) -> Proof<'_> {
+        let (name, place) = (name.into(), Location::caller());
+        self.check_name(&name, place);
+        let mut inner = self.inner.borrow_mut();
+        inner.formal = true;
+        let index = inner.ir.proofs.len();
+        let clash = inner.ir.proofs.iter().any(|proof| proof.name == name);
+        inner.ir.proofs.push(ProofData {
+            name: name.clone(),
+            what: what.into(),
+            place,
+            assumes: vec![],
+            asserts: vec![],
+            covers: vec![],
+            cut: vec![],
+            kept: vec![],
+            depth: 1,
+            arrays: false,
+        });
+        drop(inner);
+        if clash {
+            self.fail(place, format!("two proofs are called \"{name}\""));
+        }
+        Proof {
+            builder: self,
+            index,
+        }
+    }
+
+    /// The reset, as logic reads it.
+    #[track_caller]
+    pub fn reset(&self) -> Signal<'_> {
+        self.node(Op::Reset, 1, None, Location::caller())
+    }
+}
+
+impl<'b> Signal<'b> {
+    /// `other` wherever this bit is high.
+    #[track_caller]
+    pub fn implies(self, other: Signal<'b>) -> Signal<'b> {
+        !self | other
+    }
+
+    /// The number of 1 bits, in `width` bits.
+    #[track_caller]
+    pub fn count_ones(self, width: u32) -> Signal<'b> {
+        let bits = (0..self.width()).map(|i| self.bit(i).extend(width));
+        bits.reduce(|sum, bit| sum + bit)
+            .expect("a signal has a bit")
+    }
+
+    /// The bit that `index` names; 0 past the last.
+    #[track_caller]
+    pub fn bit_at(self, index: Signal<'b>) -> Signal<'b> {
+        self.shr(index).bit(0)
+    }
+}
+
+impl<'b> Memory<'b> {
+    /// Of properties: the word at `address` as it is stored, without a read port. The memory must be read by the module.
+    #[track_caller]
+    pub fn peek(&self, address: Signal<'b>) -> Signal<'b> {
+        self.stored(address, Location::caller())
+    }
+}
+
+impl<'b> Proof<'b> {
+    pub fn module(&self) -> &'b Builder {
+        self.builder
+    }
+
+    fn data<T>(&self, change: impl FnOnce(&mut ProofData) -> T) -> T {
+        change(&mut self.builder.inner.borrow_mut().ir.proofs[self.index])
+    }
+
+    /// A name for what only this proof has.
+    fn name(&self, name: &str) -> String {
+        self.data(|data| format!("f_{}_{name}", data.name))
+    }
+
+    /// A condition as it is at its stage.
+    #[track_caller]
+    fn bit(&self, what: &str, condition: Signal<'b>) -> Id {
+        let place = Location::caller();
+        if !std::ptr::eq(condition.builder, self.builder) {
+            let message = format!(
+                "{what}: is of a signal of module {}",
+                condition.builder.name
+            );
+            self.builder.fail(place, message);
+        } else if condition.width() != 1 {
+            let message = format!("{what}: is of {} bits, not one", condition.width());
+            self.builder.fail(place, message);
+        }
+        condition.id
+    }
+
+    /// Assumes a bit to be high at every clock.
+    #[track_caller]
+    pub fn assume(&self, condition: Signal<'b>) {
+        let id = self.bit("what is assumed", condition);
+        self.data(|data| data.assumes.push(id));
+    }
+
+    /// A bit that is high at every clock after the first of a reset; `what` says so in words.
+    #[track_caller]
+    pub fn assert(&self, what: impl Into<String>, condition: Signal<'b>) {
+        let what = what.into();
+        let id = self.bit(&what, condition);
+        self.data(|data| data.asserts.push((what, id)));
+    }
+
+    /// A bit that is high at some clock soon after reset: else the proof would be about nothing.
+    #[track_caller]
+    pub fn cover(&self, what: impl Into<String>, condition: Signal<'b>) {
+        let what = what.into();
+        let id = self.bit(&what, condition);
+        self.data(|data| data.covers.push((what, id)));
+    }
+
+    /// A value that is any, and the same at every clock.
+    #[track_caller]
+    pub fn any_const(&self, name: &str, width: u32) -> Signal<'b> {
+        let place = Location::caller();
+        self.builder
+            .named_node(Op::AnyConst, width, &self.name(name), None, place)
+    }
+
+    /// Any value, at each clock another.
+    #[track_caller]
+    pub fn any_seq(&self, name: &str, width: u32) -> Signal<'b> {
+        let place = Location::caller();
+        self.builder
+            .named_node(Op::AnySeq, width, &self.name(name), None, place)
+    }
+
+    /// What a signal was at the clock before.
+    #[track_caller]
+    pub fn past(&self, signal: Signal<'b>) -> Signal<'b> {
+        signal.untimed().register()
+    }
+
+    /// A register of the proof's own.
+    #[track_caller]
+    pub fn reg(&self, name: &str, width: u32) -> Reg<'b> {
+        self.builder.reg(self.name(name), width)
+    }
+
+    /// A register of the proof's own, which reset sets to `value`.
+    #[track_caller]
+    pub fn reg_reset(&self, name: &str, width: u32, value: u128) -> Reg<'b> {
+        self.builder.reg_reset(self.name(name), width, value)
+    }
+
+    /// A wire of the proof's own, driven later.
+    #[track_caller]
+    pub fn wire(&self, name: &str, width: u32) -> Wire<'b> {
+        self.builder.wire(self.name(name), width)
+    }
+
+    /// Gives a signal of the proof's own its name.
+    #[track_caller]
+    pub fn named(&self, name: &str, signal: Signal<'b>) -> Signal<'b> {
+        signal.named(self.name(name))
+    }
+
+    /// Lets a signal have any value at each clock, whatever drives it: what is proved of any holds of its own. It must have a name.
+    #[track_caller]
+    pub fn cut(&self, signal: Signal<'b>) {
+        self.data(|data| data.cut.push(signal.id));
+    }
+
+    /// Lets an instance stay as it is, with all of the same module.
+    #[track_caller]
+    pub fn keep(&self, instance: &Outputs<'b>) {
+        let index = instance.index;
+        self.data(|data| {
+            if !data.kept.contains(&index) {
+                data.kept.push(index);
+            }
+        });
+    }
+
+    /// Clocks that a step of the induction looks back, in place of 1.
+    pub fn depth(&self, clocks: u32) {
+        self.data(|data| data.depth = clocks);
+    }
+
+    /// Memories stay arrays for the solver: for those of many words.
+    pub fn arrays(&self) {
+        self.data(|data| data.arrays = true);
+    }
+}
+
+impl<'b> Outputs<'b> {
+    /// Of properties: a register, wire or port inside the instance.
+    #[track_caller]
+    pub fn inside(&self, name: &str) -> Signal<'b> {
+        let place = Location::caller();
+        let found = {
+            let inner = self.builder.inner.borrow();
+            let module = &inner.ir.instances[self.index].module;
+            module
+                .node_of(name)
+                .map(|id| (id, module.ir.nodes[id].width))
+        };
+        match found {
+            Some((id, width)) => self
+                .builder
+                .node(Op::Inside(self.index, id), width, None, place),
+            None => {
+                let message = format!("module {} has no signal {name}", self.module);
+                self.builder.fail(place, message);
+                self.builder.zero(1)
+            }
+        }
+    }
+}
+
+/// What a proof says, without how.
+#[derive(Clone, Debug)]
+pub struct ProofFacts {
+    pub name: String,
+    pub what: String,
+    /// What is asserted, and what is covered, in words.
+    pub asserts: Vec<String>,
+    pub covers: Vec<String>,
+    pub depth: u32,
+    pub arrays: bool,
+}
+
+/// A module with the properties of one proof, for Yosys.
+#[derive(Clone, Debug)]
+pub struct Formal {
+    /// The module, then what stands for those that it places: SystemVerilog that `read_verilog -formal -sv` reads.
+    pub text: String,
+    /// The line of each assertion, from 1 on.
+    pub asserts: Vec<usize>,
+    /// The wires that have any value at each clock: for Yosys' `cutpoint`.
+    pub cut: Vec<String>,
+}
+
+impl Module {
+    /// What can be proved of the module.
+    pub fn proofs(&self) -> Vec<ProofFacts> {
+        let words = |of: &[(String, Id)]| of.iter().map(|(what, _)| what.clone()).collect();
+        let facts = |proof: &ProofData| ProofFacts {
+            name: proof.name.clone(),
+            what: proof.what.clone(),
+            asserts: words(&proof.asserts),
+            covers: words(&proof.covers),
+            depth: proof.depth,
+            arrays: proof.arrays,
+        };
+        self.ir.proofs.iter().map(facts).collect()
+    }
+
+    /// The module's text with a proof's properties, its instances as the proof wants them.
+    ///
+    /// # Errors
+    /// There is no such proof; a signal that is cut has no name in the Verilog.
+    pub fn formal(&self, proof: &str) -> Result<Formal, HdlError> {
+        let error = |place, message| HdlError {
+            module: self.name().to_string(),
+            message,
+            place,
+        };
+        let found = self.ir.proofs.iter().position(|data| data.name == proof);
+        let index = found.ok_or_else(|| {
+            let known: Vec<_> = (self.ir.proofs.iter())
+                .map(|data| data.name.as_str())
+                .collect();
+            error(
+                self.ir.place,
+                format!("no proof is called {proof}, only {}", known.join(", ")),
+            )
+        })?;
+        let data = &self.ir.proofs[index];
+        let mut printed = verilog::with_proof(&self.ir, data);
+        let mut cut = vec![];
+        for id in &data.cut {
+            cut.push(printed.names[*id].clone().ok_or_else(|| {
+                error(
+                    data.place,
+                    format!("proof {proof}: a signal that is cut has no name"),
+                )
+            })?);
+        }
+        let mut texts: Vec<String> = vec![];
+        let kept = |name: &str| {
+            let mut kept = data.kept.iter().map(|index| &self.ir.instances[*index]);
+            kept.any(|instance| instance.module.name() == name)
+        };
+        for child in &self.children {
+            let below = match kept(child.name()) {
+                true => Design::new(child.clone())?.modules().to_vec(),
+                false => vec![],
+            };
+            let whole = below.iter().map(|module| module.verilog().to_string());
+            let any = below.is_empty().then(|| child.of_any_value());
+            for text in whole.chain(any) {
+                if !texts.contains(&text) {
+                    texts.push(text);
+                }
+            }
+        }
+        texts.iter().for_each(|text| printed.text += text);
+        Ok(Formal {
+            text: printed.text,
+            asserts: printed.asserts,
+            cut,
+        })
+    }
+
+    /// The module's text with its properties as a simulator checks them, but those that are about any value: one line in the log for
+    /// each clock at which one does not hold, with what it says.
+    pub fn checked(&self) -> String {
+        verilog::with_checks(&self.ir)
+    }
+
+    /// A module of the same ports whose outputs are any value at each clock.
+    fn of_any_value(&self) -> String {
+        let mut ports = vec![];
+        let mut body = String::new();
+        for port in self.ports() {
+            let range = format!("[{}:0]", port.width - 1);
+            let name = &port.name;
+            if port.direction == Direction::Input {
+                ports.push(format!("  input wire {range} {name}"));
+            } else {
+                ports.push(format!("  output wire {range} {name}"));
+                body += &format!(
+                    "  (* anyseq *) wire {range} any_{name};\n  assign {name} = any_{name};\n"
+                );
+            }
+        }
+        format!(
+            "module {} (\n{}\n);\n{body}endmodule\n",
+            self.name(),
+            ports.join(",\n")
+        )
+    }
+}

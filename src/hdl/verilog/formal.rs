@@ -1,0 +1,171 @@
+//! Properties, behind all else in a module's text: for a prover, or for a simulator.
+
+use super::super::ir::{Id, Netlist, Op, ProofData};
+use super::{Body, Printer, range, unmarked};
+use std::collections::HashSet;
+use std::fmt::Write as _;
+
+/// A module's text with the properties of one proof.
+pub(in super::super) struct WithProof {
+    pub text: String,
+    /// The line of each assertion, from 1 on.
+    pub asserts: Vec<usize>,
+    /// Under which name each node is declared.
+    pub names: Vec<Option<String>>,
+}
+
+/// What begins the properties of either kind: they hold from the clock after the first of a reset on.
+fn started(name: &str) -> String {
+    format!("  reg  {name} = 1'b0;\n  always @(posedge clk) if (rst) {name} <= 1'b1;\n")
+}
+
+const END: &str = "\nendmodule\n";
+
+/// The text with something in front of its end.
+fn insert(text: &str, section: &str) -> (String, usize) {
+    let end = text.rfind(END).expect("a module has an end");
+    let first = text[..end].lines().count();
+    (format!("{}{section}{}", &text[..end], &text[end..]), first)
+}
+
+pub(in super::super) fn with_proof(ir: &Netlist, proof: &ProofData) -> WithProof {
+    let mut printer = Printer::new(ir);
+    let (module, _) = unmarked(&printer.module(&ir.name, &ir.doc));
+    let stands = |id: &Id| printer.plan.stands[*id];
+    let assumes: Vec<Id> = proof.assumes.iter().map(stands).collect();
+    let asserts: Vec<Id> = proof.asserts.iter().map(|(_, id)| stands(id)).collect();
+    let covers: Vec<Id> = proof.covers.iter().map(|(_, id)| stands(id)).collect();
+    let roots = [assumes.clone(), asserts.clone(), covers.clone()].concat();
+    let inside = |instance: usize, node: Id| {
+        let instance = &ir.instances[instance];
+        format!("\\{}.{} ", instance.name, instance.module.name_of(node))
+    };
+    let mut section = printer.beside(&roots, &inside, true);
+    let started_name = printer.names.unique("f_started".to_string());
+    section += &started(&started_name);
+    let _ = writeln!(
+        section,
+        "  always @* if (!{started_name}) assume (rst);\n  always @* if ({started_name}) begin"
+    );
+    for id in &assumes {
+        let _ = writeln!(section, "    assume ({});", printer.part(*id));
+    }
+    let mut lines = vec![];
+    for ((what, _), id) in proof.asserts.iter().zip(&asserts) {
+        lines.push(section.lines().count() + 1);
+        let _ = writeln!(section, "    assert ({}); // {what}", printer.part(*id));
+    }
+    for ((what, _), id) in proof.covers.iter().zip(&covers) {
+        let _ = writeln!(section, "    cover ({}); // {what}", printer.part(*id));
+    }
+    section += "  end\n";
+    let (text, first) = insert(
+        &module,
+        &format!("\n  // Proof: {}.\n{section}", proof.what),
+    );
+    let names = printer.signals();
+    WithProof {
+        text,
+        // Behind a blank line and a heading.
+        asserts: lines.into_iter().map(|line| first + 2 + line).collect(),
+        names: (0..names.len())
+            .map(|id| names[printer.plan.stands[id]].clone())
+            .collect(),
+    }
+}
+
+/// Whether a node follows from what only a prover can choose.
+fn of_any(printer: &Printer, root: Id) -> bool {
+    let mut seen = HashSet::new();
+    let mut open = vec![root];
+    while let Some(id) = open.pop() {
+        if matches!(printer.plan.ops[id], Op::AnyConst | Op::AnySeq) {
+            return true;
+        }
+        if seen.insert(id) {
+            open.extend(printer.plan.sources(id));
+        }
+    }
+    false
+}
+
+pub(in super::super) fn with_checks(ir: &Netlist) -> String {
+    let mut printer = Printer::new(ir);
+    let (module, _) = unmarked(&printer.module(&ir.name, &ir.doc));
+    let mut checks: Vec<(String, Id)> = vec![];
+    for proof in &ir.proofs {
+        let assumes = proof.assumes.iter();
+        let assumed = assumes.map(|id| ("what is around it does as it may".to_string(), *id));
+        for (what, id) in assumed.chain(proof.asserts.iter().cloned()) {
+            let id = printer.plan.stands[id];
+            if !of_any(&printer, id) && !checks.iter().any(|(_, known)| *known == id) {
+                checks.push((what, id));
+            }
+        }
+    }
+    if checks.is_empty() {
+        return module;
+    }
+    let roots: Vec<Id> = checks.iter().map(|(_, id)| *id).collect();
+    let inside = |instance: usize, node: Id| {
+        let instance = &ir.instances[instance];
+        format!("{}.{}", instance.name, instance.module.name_of(node))
+    };
+    let mut section = printer.beside(&roots, &inside, false);
+    let started_name = printer.names.unique("f_started".to_string());
+    section += &started(&started_name);
+    let _ = writeln!(section, "  always @(posedge clk) if ({started_name}) begin");
+    for (what, id) in &checks {
+        let _ = writeln!(
+            section,
+            "    if (!({})) $error(\"%m: not so: {what}\");",
+            printer.part(*id)
+        );
+    }
+    section += "  end\n";
+    insert(&module, &format!("\n  // Checks.\n{section}")).0
+}
+
+impl Printer<'_> {
+    /// What is written beside the module for its properties.
+    fn beside(
+        &mut self,
+        roots: &[Id],
+        inside: &dyn Fn(usize, Id) -> String,
+        for_prover: bool,
+    ) -> String {
+        let beside = self.plan.extend(roots);
+        self.names.extend(&self.plan, &beside, inside);
+        let mut body = Body::default();
+        let mut later = vec![];
+        let mut statements = vec![];
+        for id in beside.into_iter().filter(|id| self.plan.declared[*id]) {
+            let name = &self.names.of[id];
+            let declaration = format!("{}{name}", range(self.plan.width(id)));
+            match &self.plan.ops[id] {
+                Op::Register(_) if self.plan.in_line[id].is_none() => {
+                    body.line(&format!("reg  {declaration};"));
+                    statements.push(self.register_statement(id));
+                }
+                Op::Wire => {
+                    body.line(&format!("wire {declaration};"));
+                    let target = format!("assign {name} =");
+                    later.push(self.assignment(&target, self.plan.driver(id)));
+                }
+                Op::AnyConst => body.line(&format!("(* anyconst *) wire {declaration};")),
+                Op::AnySeq => body.line(&format!("(* anyseq *) wire {declaration};")),
+                Op::Inside(..) if for_prover => {
+                    body.line(&format!("(* hierconn *) wire {declaration};"));
+                }
+                Op::Inside(..) => {}
+                _ => body.line(&self.definition(&format!("wire {declaration} ="), id)),
+            }
+        }
+        later.iter().for_each(|line| body.line(line));
+        if !statements.is_empty() {
+            body.always(&statements);
+        }
+        body.flush();
+        body.text
+    }
+}

@@ -1,0 +1,256 @@
+//! What is proved of queues: what comes out is what went in, in order, once; nothing is lost and nothing overflows, given that a queue is
+//! popped only where it shows a word and pushed only where a word is missing. One word, any, is watched.
+
+use crate::hdl::{Builder, Memory, Outputs, Proof, Reg, Signal, bits_for};
+
+const WHAT: &str = "words come out in order, each once; none is lost; no overflow; the front stays";
+
+/// A queue's ports and state.
+pub(super) struct Queue<'b> {
+    pub depth: u32,
+    pub push: Signal<'b>,
+    pub data: Signal<'b>,
+    pub pop: Signal<'b>,
+    pub valid: Signal<'b>,
+    pub front: Signal<'b>,
+    /// Where the front word is stored; of a front in a register, where the word behind it is.
+    pub head: Reg<'b>,
+    pub tail: Reg<'b>,
+    pub count: Reg<'b>,
+    pub words: Memory<'b>,
+}
+
+/// A word that is watched from the push that it came with until its pop.
+struct Watched<'b> {
+    watching: Signal<'b>,
+    word: Signal<'b>,
+    /// Words before it.
+    ahead: Signal<'b>,
+}
+
+impl<'b> Queue<'b> {
+    /// Bits in which places and counts are added up.
+    fn bits(&self) -> u32 {
+        bits_for(u64::from(self.depth)) + 2
+    }
+
+    fn wide(&self, signal: Signal<'b>) -> Signal<'b> {
+        signal.extend(self.bits())
+    }
+
+    fn module(&self) -> &'b Builder {
+        self.push.module()
+    }
+
+    fn depth(&self) -> Signal<'b> {
+        self.module().lit(self.depth, self.bits())
+    }
+
+    /// A place so far behind another, round the memory.
+    fn behind(&self, place: Signal<'b>, words: Signal<'b>) -> Signal<'b> {
+        let end = place + words;
+        end.ge(self.depth()).mux(end - self.depth(), end)
+    }
+
+    /// Watches any word. `held` are the words in the queue.
+    fn watch(&self, proof: &Proof<'b>, held: Signal<'b>) -> Watched<'b> {
+        let m = self.module();
+        let (push, pop) = (self.push, self.pop);
+        proof.assume(pop.implies(self.valid));
+        proof.assume(push.implies(held.lt(self.depth())));
+        let choose = proof.any_seq("choose", 1);
+        let watching = proof.reg_reset("watching", 1, 0);
+        let word = proof.reg("word", self.data.width());
+        let ahead = proof.reg("ahead", self.bits());
+        let begins = !watching.q & push & choose;
+        let ends = watching.q & pop & ahead.q.is_zero();
+        watching.next(begins | (watching.q & !ends));
+        word.next_when(begins, self.data);
+        let one = m.lit(1u8, self.bits());
+        ahead.next_when(
+            begins | (watching.q & pop),
+            begins.mux(held - self.wide(pop), ahead.q - one),
+        );
+        proof.cover("a watched word is popped", watching.q & pop);
+        proof.assert(
+            "the queue never holds more words than it has room for",
+            held.le(self.depth()),
+        );
+        proof.assert(
+            "a watched word is held until it is popped",
+            watching.q.implies(ahead.q.lt(held)),
+        );
+        let stays = proof.past(!m.reset() & self.valid & !pop);
+        let front = proof.past(self.front);
+        proof.assert(
+            "a front word that is not popped stays",
+            stays.implies(self.valid & self.front.eq(front)),
+        );
+        Watched {
+            watching: watching.q,
+            word: word.q,
+            ahead: ahead.q,
+        }
+    }
+
+    /// That head and tail are as far from each other as words are stored.
+    fn places(&self, proof: &Proof<'b>, head: Signal<'b>) {
+        let place = self.module().lit(self.depth, self.bits());
+        proof.assert("the head is a slot", self.wide(self.head.q).lt(place));
+        let tail = self.behind(head, self.wide(self.count.q));
+        proof.assert(
+            "the tail is as far from the head as there are words",
+            self.wide(self.tail.q).eq(tail),
+        );
+    }
+
+    fn stored(&self, place: Signal<'b>) -> Signal<'b> {
+        self.words.peek(place.low(bits_for(u64::from(self.depth))))
+    }
+}
+
+/// Of a queue in distributed RAM; `more` is its register that says that there is a word behind the front, where it has one.
+pub(super) fn order<'b>(queue: &Queue<'b>, more: Option<Signal<'b>>) {
+    let m = queue.module();
+    let proof = m.proof("order", WHAT);
+    let count = queue.wide(queue.count.q);
+    let head = match more {
+        None => queue.wide(queue.head.q),
+        Some(_) => {
+            let last = m.lit(queue.depth - 1, queue.bits());
+            let before = queue.wide(queue.head.q) - m.lit(1u8, queue.bits());
+            queue.head.q.is_zero().mux(last, before)
+        }
+    };
+    let watched = queue.watch(&proof, count);
+    queue.places(&proof, head);
+    proof.assert(
+        "it shows a word where it holds one",
+        queue.valid.eq(queue.count.q.any()),
+    );
+    let slot = queue.behind(head, watched.ahead);
+    proof.assert(
+        "a watched word keeps its slot",
+        (watched.watching).implies(queue.stored(slot).eq(watched.word)),
+    );
+    proof.assert(
+        "a watched word comes out in its turn",
+        (watched.watching & watched.ahead.is_zero())
+            .implies(queue.valid & queue.front.eq(watched.word)),
+    );
+    if let Some(more) = more {
+        let one = m.lit(1u8, queue.count.q.width());
+        proof.assert(
+            "it knows whether there is a word behind the front",
+            more.eq(queue.count.q.gt(one)),
+        );
+    }
+}
+
+/// Of a queue in block RAM: its front word is in a register, and what the RAM has read is right when the head has stood still.
+pub(super) struct Block<'b> {
+    pub queue: Queue<'b>,
+    pub front_valid: Signal<'b>,
+    /// For each clock of the RAM's latency whether the head has stood still for it, and what has then been read.
+    pub settled: Vec<(Reg<'b>, Signal<'b>)>,
+    pub load: Signal<'b>,
+}
+
+pub(super) fn block_order(block: &Block<'_>) {
+    let Block {
+        queue, front_valid, ..
+    } = block;
+    let m = queue.module();
+    let proof = m.proof("order", WHAT);
+    let held = queue.wide(queue.count.q) + queue.wide(*front_valid);
+    let watched = queue.watch(&proof, held);
+    let head = queue.wide(queue.head.q);
+    queue.places(&proof, head);
+    let in_front = *front_valid & watched.ahead.is_zero();
+    let slot = queue.behind(head, watched.ahead - queue.wide(*front_valid));
+    let kept = in_front.mux(queue.front, queue.stored(slot));
+    proof.assert(
+        "a watched word keeps its slot",
+        watched.watching.implies(kept.eq(watched.word)),
+    );
+    proof.assert(
+        "a watched word comes out in its turn",
+        (watched.watching & watched.ahead.is_zero() & queue.valid)
+            .implies(queue.front.eq(watched.word)),
+    );
+    let first = queue.words.peek(queue.head.q);
+    for (settled, word) in &block.settled {
+        proof.assert(
+            "the word read is the head's once that has stood still",
+            (settled.q).implies(queue.count.q.any() & word.eq(first)),
+        );
+    }
+}
+
+/// A queue that a unit places, for the unit's own properties.
+#[derive(Clone)]
+pub(in crate::hw) struct Placed<'b> {
+    pub valid: Signal<'b>,
+    pub front: Signal<'b>,
+    pub name: String,
+    pub depth: u32,
+    pub push: Signal<'b>,
+    pub pop: Signal<'b>,
+    pub(super) outputs: Outputs<'b>,
+    /// Of a queue in block RAM, how many registers say that its head has stood still.
+    pub(super) settling: Option<u32>,
+    /// Of a queue in distributed RAM, whether its front word stands in a register.
+    pub(super) registered: bool,
+}
+
+impl<'b> Placed<'b> {
+    /// Bits that count its words.
+    pub fn count_bits(&self) -> u32 {
+        bits_for(u64::from(self.depth) + 1)
+    }
+
+    /// How many words it holds, in `width` bits.
+    pub fn count(&self, width: u32) -> Signal<'b> {
+        let count = self.outputs.inside("count").extend(width);
+        match self.settling {
+            None => count,
+            Some(_) => count + self.outputs.inside("front_valid").extend(width),
+        }
+    }
+
+    /// Whether it shows a word.
+    pub fn shows(&self) -> Signal<'b> {
+        match self.settling {
+            None => self.outputs.inside("count").any(),
+            Some(_) => self.outputs.inside("front_valid"),
+        }
+    }
+
+    /// Lets it stay as it is in a proof, which may rely on what is proved of the queue itself.
+    pub fn keep(&self, proof: &Proof<'b>) {
+        proof.keep(&self.outputs);
+        if self.registered {
+            let count = self.outputs.inside("count");
+            let one = proof.module().lit(1u8, count.width());
+            proof.assume(self.outputs.inside("front_valid").eq(count.any()));
+            proof.assume(self.outputs.inside("more").eq(count.gt(one)));
+        }
+    }
+
+    /// Of a queue in block RAM: that its head stands still only while it names a word.
+    pub fn assert_settles(&self, proof: &Proof<'b>) {
+        let Some(settling) = self.settling else {
+            return;
+        };
+        let settled: Vec<_> = (0..settling)
+            .map(|clock| self.outputs.inside(&format!("settled{clock}")))
+            .collect();
+        proof.assert(
+            format!("the head of {} stands still at a word", self.name),
+            proof
+                .module()
+                .or_all(&settled)
+                .implies(self.outputs.inside("count").any()),
+        );
+    }
+}

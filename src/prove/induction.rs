@@ -1,0 +1,219 @@
+//! Properties of units, by induction: queues, credits, the stack, ports.
+//!
+//! The units describe their properties ([`crate::hdl::Proof`]) beside themselves, in `src/hw`. Here is which of them are proved, and on
+//! which machine. Yosys makes a transition system of a module's text with the properties, `yosys-smtbmc` with z3 shows that none fails in
+//! the first clocks after reset, and that if all hold for so many clocks they hold in the next: so they hold for ever. What the
+//! properties do not depend on is removed.
+
+use super::Outcome;
+use super::tools::{self, Ended};
+use crate::config::Config;
+use crate::emit;
+use crate::hdl::{Module, ProofFacts};
+use anyhow::{Context, Result, ensure};
+use std::path::Path;
+use std::sync::Arc;
+use std::time::Duration;
+
+/// What z3 may take for each of base and step.
+const LIMIT: Duration = Duration::from_secs(240);
+
+/// Clocks after reset in which what a proof is about must be seen to happen.
+const SOON: u32 = 40;
+
+/// The last stage of a proof: that it is not about nothing.
+const HAPPENS: &str = "what can happen";
+
+/// Properties of one name in all modules whose names begin (or, with a `_` in front, end) so.
+struct Wanted {
+    unit: &'static str,
+    modules: &'static str,
+    proof: &'static str,
+    /// Keys that the machine has another value of. The sum of what is in nine queues is hard for a solver where they are deep; the
+    /// description is the same for any number of packets.
+    few: &'static [(&'static str, u32)],
+}
+
+const FEW_PACKETS: &[(&str, u32)] = &[("packets.in_flight", 4)];
+
+const fn wanted(unit: &'static str, modules: &'static str, proof: &'static str) -> Wanted {
+    Wanted {
+        unit,
+        modules,
+        proof,
+        few: &[],
+    }
+}
+
+const WANTED: [Wanted; 2] = [
+    wanted("fifo", "fifo_", "order"),
+    wanted("fifo", "block_fifo_", "order"),
+];
+
+/// The properties of one proof, of one module.
+pub struct Induction {
+    pub module: Arc<Module>,
+    pub proof: ProofFacts,
+}
+
+/// All inductions of a unit of the given name; none if it is no unit that is proved so.
+///
+/// # Errors
+/// A mistake in the machine's description; a module that no longer has the properties.
+pub fn proofs(unit: &str, config: &Config) -> Result<Vec<Induction>> {
+    let mut found = vec![];
+    for wanted in WANTED.iter().filter(|wanted| wanted.unit == unit) {
+        let mut config = config.clone();
+        for (key, value) in wanted.few {
+            config.set(key, &value.to_string())?;
+        }
+        let machine = emit::machine(&config)?;
+        let before = found.len();
+        for module in machine.design.modules() {
+            let is_wanted = match wanted.modules.strip_prefix('_') {
+                Some(_) => module.name().ends_with(wanted.modules),
+                None => module.name().starts_with(wanted.modules),
+            };
+            let proofs = module.proofs().into_iter();
+            let proofs = proofs.filter(|proof| is_wanted && proof.name == wanted.proof);
+            found.extend(proofs.map(|proof| Induction {
+                module: module.clone(),
+                proof,
+            }));
+        }
+        ensure!(
+            found.len() > before,
+            "the machine has no module {} with properties called {}",
+            wanted.modules,
+            wanted.proof
+        );
+    }
+    Ok(found)
+}
+
+impl Induction {
+    /// How it is proved, as the report says it.
+    pub fn how(&self) -> String {
+        format!("z3, induction, depth {}", self.proof.depth)
+    }
+
+    /// Shows all properties by induction, or finds one that fails.
+    ///
+    /// # Errors
+    /// A tool that fails.
+    pub fn prove(&self, folder: &Path) -> Result<(usize, Outcome)> {
+        let formal = self.module.formal(&self.proof.name)?;
+        std::fs::write(folder.join("laws.sv"), &formal.text).context("laws.sv")?;
+        let (memory, write) = match self.proof.arrays {
+            true => ("memory_collect", "write_smt2"),
+            false => ("memory -nordff", "write_smt2 -nomem"),
+        };
+        let cut = match &formal.cut[..] {
+            [] => String::new(),
+            signals => {
+                let signals: Vec<_> = signals.iter().map(|name| format!("w:{name}")).collect();
+                format!("cutpoint {};", signals.join(" "))
+            }
+        };
+        tools::yosys(
+            folder,
+            &format!(
+                "read_verilog -formal -sv laws.sv; hierarchy -check -top {}; proc; flatten; {cut} delete -output o:*; \
+                 opt -purge -nodffe -nosdff; {memory}; opt -purge -nodffe -nosdff; dffunmap; opt_clean -purge; \
+                 {write} laws.smt2",
+                self.module.name()
+            ),
+        )?;
+        // The base must cover as many clocks as a step assumes, and what a seeded fault needs to show.
+        let base = (self.proof.depth + 1).to_string();
+        let depth = self.proof.depth.to_string();
+        let soon = SOON.to_string();
+        for (stage, stage_args) in [
+            ("after reset", &["-t", &base][..]),
+            ("a step of the induction", &["-t", &depth, "-i"]),
+            (HAPPENS, &["-t", &soon, "-c"]),
+        ] {
+            let mut args = vec!["--noprogress", "-s", "z3"];
+            args.extend(stage_args);
+            if stage == HAPPENS {
+                // Asked anew each clock: z3 then simplifies before it searches, twenty times as fast with a stack's arrays.
+                args.extend(["--noincr", "--unroll"]);
+            } else if !self.proof.arrays {
+                args.push("--unroll");
+            }
+            args.push("laws.smt2");
+            let text = match tools::run(folder, LIMIT, "yosys-smtbmc", &args)? {
+                Ended::With { text, .. } => text,
+                Ended::OutOfTime => {
+                    let limit = LIMIT.as_secs();
+                    let why = format!("{stage}: z3 takes more than {limit} s");
+                    return Ok((0, Outcome::Undecided(why)));
+                }
+            };
+            let mut lines = text.lines().rev();
+            let last = lines.find(|line| line.contains("Status:"));
+            let last = last.unwrap_or_default();
+            if last.ends_with("FAILED") && stage == HAPPENS {
+                let why = format!(
+                    "{} never happens within {SOON} clocks of reset: the properties are about nothing",
+                    self.proof.covers.join(", or ")
+                );
+                return Ok((0, Outcome::Undecided(why)));
+            }
+            if last.ends_with("FAILED") {
+                let broken = self.broken(&text, &formal.asserts);
+                return Ok((0, Outcome::Refuted(format!("{stage}: {broken}"))));
+            }
+            if !last.ends_with("PASSED") {
+                let line = text.lines().last().unwrap_or("smtbmc says nothing").trim();
+                return Ok((0, Outcome::Undecided(format!("{stage}: {line}"))));
+            }
+        }
+        Ok((self.proof.asserts.len(), Outcome::Proved))
+    }
+
+    /// The properties that smtbmc says fail, by their lines, and at which clock.
+    fn broken(&self, text: &str, lines: &[usize]) -> String {
+        let mut broken: Vec<&str> = vec![];
+        for line in text.lines().filter(|line| line.contains("Assert failed")) {
+            let number = line
+                .split_once("laws.sv:")
+                .and_then(|(_, rest)| rest.split(['.', '-']).nth(2));
+            let number = number.and_then(|n| n.parse::<usize>().ok());
+            let property = number.and_then(|n| lines.iter().position(|line| *line == n));
+            broken.extend(property.map(|n| self.proof.asserts[n].as_str()));
+        }
+        broken.dedup();
+        let step = text
+            .lines()
+            .rev()
+            .find_map(|line| line.split_once(" in step ").map(|(_, n)| n));
+        let clock = step.map_or(String::new(), |step| {
+            format!(" at clock {}", step.trim_end_matches('.'))
+        });
+        match broken.is_empty() {
+            true => format!("a property fails{clock}"),
+            false => format!("not so{clock}: {}", broken.join("; ")),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// For those who work on one proof: `PROVE=fifo cargo test --lib one_unit -- --ignored --nocapture`
+    #[test]
+    #[ignore]
+    fn one_unit() {
+        let unit = std::env::var("PROVE").unwrap();
+        let config = std::env::var("CONFIG").map_or(Config::reference(), |name| Config::load(name).unwrap());
+        for induction in proofs(&unit, &config).unwrap() {
+            let clock = std::time::Instant::now();
+            let folder = std::path::PathBuf::from(format!("/tmp/prove_{unit}"));
+            std::fs::create_dir_all(&folder).unwrap();
+            let outcome = induction.prove(&folder);
+            println!("{} {} {:?} {:.1} s", induction.module.name(), induction.proof.name, outcome, clock.elapsed().as_secs_f64());
+        }
+    }
+}
