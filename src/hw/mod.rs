@@ -12,6 +12,7 @@ pub mod fp;
 pub mod geometry;
 mod plan;
 mod prefetch;
+mod properties;
 pub mod raycast;
 pub mod setup;
 mod share;

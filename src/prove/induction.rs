@@ -207,13 +207,20 @@ mod tests {
     #[ignore]
     fn one_unit() {
         let unit = std::env::var("PROVE").unwrap();
-        let config = std::env::var("CONFIG").map_or(Config::reference(), |name| Config::load(name).unwrap());
+        let config =
+            std::env::var("CONFIG").map_or(Config::reference(), |name| Config::load(name).unwrap());
         for induction in proofs(&unit, &config).unwrap() {
             let clock = std::time::Instant::now();
             let folder = std::path::PathBuf::from(format!("/tmp/prove_{unit}"));
             std::fs::create_dir_all(&folder).unwrap();
             let outcome = induction.prove(&folder);
-            println!("{} {} {:?} {:.1} s", induction.module.name(), induction.proof.name, outcome, clock.elapsed().as_secs_f64());
+            println!(
+                "{} {} {:?} {:.1} s",
+                induction.module.name(),
+                induction.proof.name,
+                outcome,
+                clock.elapsed().as_secs_f64()
+            );
         }
     }
 }
