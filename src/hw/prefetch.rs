@@ -1,7 +1,10 @@
 //! What reads a stream from memory ahead of its use, and what keeps a part of limited room from overflowing.
 
+mod properties;
+
 use super::plan::Plan;
 use crate::hdl::{Builder, HdlError, Module, Signal, Style, bits_for};
+use properties::Reader;
 use std::sync::Arc;
 
 /// The choice that an index names, by a tree of choices between two.
@@ -101,14 +104,39 @@ pub(super) fn prefetch(
     front.next_when(advance, words.read_now(head.q));
     front_valid.next(advance | (front_valid.q & !pop));
 
-    m.output("fetch_ready", request_ready & room);
-    m.output("request_valid", fetch_valid & room);
+    let fetch_ready = request_ready & room;
+    let request_valid = fetch_valid & room;
+    let empty = !(count.q.any() | front_valid.q);
+    m.output("fetch_ready", fetch_ready);
+    m.output("request_valid", request_valid);
     m.output("request_address", fetch_address);
     m.output("request_tag", tail.q);
     m.output("valid", front_valid.q);
     m.output("front", front.q);
     m.group("Whether no word is under way or in here");
-    m.output("empty", !(count.q.any() | front_valid.q));
+    m.output("empty", empty);
+    properties::order(&Reader {
+        depth,
+        fetch_valid,
+        fetch_ready,
+        fetch_address,
+        request_valid,
+        request_ready,
+        response_valid,
+        response_tag,
+        response_data,
+        pop,
+        empty,
+        head,
+        tail,
+        count,
+        arrived,
+        head_arrived,
+        front_valid,
+        front,
+        words,
+        registered: registered.map(|(is_there, second, freed)| [is_there, second, freed]),
+    });
     m.finish()
 }
 

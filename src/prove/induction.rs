@@ -45,9 +45,10 @@ const fn wanted(unit: &'static str, modules: &'static str, proof: &'static str) 
     }
 }
 
-const WANTED: [Wanted; 2] = [
+const WANTED: &[Wanted] = &[
     wanted("fifo", "fifo_", "order"),
     wanted("fifo", "block_fifo_", "order"),
+    wanted("prefetch", "_prefetch", "order"),
 ];
 
 /// The properties of one proof, of one module.

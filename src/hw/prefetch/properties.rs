@@ -1,0 +1,181 @@
+//! What is proved of words read ahead: each comes out in the order of the requests, as memory answered it. Memory answers each request
+//! once, in any order. One word, any, is watched.
+
+use crate::hdl::{Memory, Reg, Signal};
+use crate::hw::properties::shown_stays;
+
+/// A reader's ports and state.
+pub(super) struct Reader<'b> {
+    pub depth: u32,
+    pub fetch_valid: Signal<'b>,
+    pub fetch_ready: Signal<'b>,
+    pub fetch_address: Signal<'b>,
+    pub request_valid: Signal<'b>,
+    pub request_ready: Signal<'b>,
+    pub response_valid: Signal<'b>,
+    pub response_tag: Signal<'b>,
+    pub response_data: Signal<'b>,
+    pub pop: Signal<'b>,
+    pub empty: Signal<'b>,
+    pub head: Reg<'b>,
+    pub tail: Reg<'b>,
+    pub count: Reg<'b>,
+    pub arrived: Reg<'b>,
+    pub head_arrived: Signal<'b>,
+    pub front_valid: Reg<'b>,
+    pub front: Reg<'b>,
+    pub words: Memory<'b>,
+    /// Where it has them, the registers of what the head's word comes to: that it is there, the slot behind, the slot that was freed.
+    pub registered: Option<[Reg<'b>; 3]>,
+}
+
+pub(super) fn order<'b>(reader: &Reader<'b>) {
+    let m = reader.pop.module();
+    let Reader {
+        depth,
+        pop,
+        response_valid,
+        response_tag,
+        ..
+    } = *reader;
+    let [head, tail, count, arrived] =
+        [reader.head, reader.tail, reader.count, reader.arrived].map(|register| register.q);
+    let [front_valid, front] = [reader.front_valid.q, reader.front.q];
+    let (request_valid, request_tag) = (reader.request_valid, tail);
+    let tag_bits = tail.width();
+    let bits = tag_bits + 2;
+    let wide = |signal: Signal<'b>| signal.extend(bits);
+    let proof = m.proof(
+        "order",
+        "words come out in the order of requests, whatever the answers' order; requests shown stay",
+    );
+    let slots = m.lit(depth, bits);
+    let one = m.lit(1u8, bits);
+    // The slots that are taken: the count, less one that it has yet to give back.
+    let taken = match &reader.registered {
+        Some([.., freed]) => wide(count) - wide(freed.q),
+        None => wide(count),
+    };
+    let lowest = m.lit(1u8, depth);
+    let requests = (request_valid & reader.request_ready).extend(depth);
+    let answers = response_valid.extend(depth);
+    let owed = proof.reg_reset("owed", depth, 0);
+    owed.next((owed.q | requests.shl(request_tag)) & !answers.shl(response_tag));
+    let is_slot = wide(response_tag).lt(slots);
+    proof.assume(response_valid.implies(is_slot & owed.q.bit_at(response_tag)));
+    proof.assume(pop.implies(front_valid));
+    proof.assume(shown_stays(
+        &proof,
+        reader.fetch_valid,
+        reader.fetch_ready,
+        &[reader.fetch_address],
+    ));
+
+    let choose = proof.any_seq("choose", 1);
+    let watching = proof.reg_reset("watching", 1, 0);
+    let answered = proof.reg("answered", 1);
+    let word = proof.reg("word", front.width());
+    let tag = proof.reg("tag", tag_bits);
+    let ahead = proof.reg("ahead", bits);
+    let begins = !watching.q & request_valid & reader.request_ready & choose;
+    let ends = watching.q & pop & ahead.q.is_zero();
+    watching.next(begins | (watching.q & !ends));
+    tag.next_when(begins, request_tag);
+    let held = taken + wide(front_valid);
+    ahead.next_when(
+        begins | (watching.q & pop),
+        begins.mux(held - wide(pop), ahead.q - one),
+    );
+    let answer = watching.q & response_valid & response_tag.eq(tag.q) & !answered.q;
+    answered.next(!begins & (answered.q | answer));
+    word.next_when(answer, reader.response_data);
+    let inside = proof.reg_reset("inside", bits, 0);
+    let fetched = reader.fetch_valid & reader.fetch_ready;
+    inside.next(inside.q + wide(fetched) - wide(pop));
+
+    let end = wide(head) + taken;
+    let end = end.ge(slots).mux(end - slots, end);
+    let in_front = ahead.q.is_zero() & front_valid;
+    let behind = watching.q & !in_front;
+    let at = wide(head) + ahead.q - wide(front_valid);
+    let slot = at.ge(slots).mux(at - slots, at);
+    let used: Vec<_> = (0..depth)
+        .rev()
+        .map(|i| {
+            let i = m.lit(i, bits);
+            let from_head = wide(head).gt(i).mux(i + slots - wide(head), i - wide(head));
+            from_head.lt(taken)
+        })
+        .collect();
+
+    proof.cover("a watched word is popped", watching.q & in_front & pop);
+    proof.assert(
+        "no more words are in flight than there are slots",
+        wide(count).le(slots),
+    );
+    proof.assert("the head is a slot", wide(head).lt(slots));
+    proof.assert(
+        "the tail is as far from the head as slots are taken",
+        wide(tail).eq(end),
+    );
+    proof.assert(
+        "every slot taken is owed by memory or has its word",
+        (owed.q | arrived).eq(m.concat(&used)),
+    );
+    proof.assert(
+        "no slot is both owed and has its word",
+        (owed.q & arrived).is_zero(),
+    );
+    let request = [reader.fetch_address, request_tag];
+    let stays = shown_stays(&proof, request_valid, reader.request_ready, &request);
+    proof.assert(
+        "a request that is not taken stays, its address and tag too",
+        stays,
+    );
+    proof.assert(
+        "a watched word comes out in its turn",
+        (watching.q & in_front).implies(answered.q & front.eq(word.q)),
+    );
+    proof.assert(
+        "a watched word is there until it is popped",
+        watching.q.implies(ahead.q.lt(held)),
+    );
+    proof.assert(
+        "a watched word keeps its slot",
+        behind.implies(slot.eq(wide(tag.q))),
+    );
+    proof.assert(
+        "a watched word has arrived when memory answered",
+        behind.implies(answered.q.eq(arrived.bit_at(tag.q))),
+    );
+    proof.assert(
+        "a watched word is stored as memory answered",
+        (behind & answered.q).implies(reader.words.peek(tag.q).eq(word.q)),
+    );
+    proof.assert(
+        "it waits for nothing but the memory",
+        front_valid | reader.head_arrived | taken.is_zero() | owed.q.bit_at(head),
+    );
+    proof.assert(
+        "as many words are in flight as were asked for and not popped",
+        inside.q.eq(held),
+    );
+    proof.assert(
+        "it is empty where nothing is in flight",
+        reader.empty.eq(inside.q.is_zero()),
+    );
+    if let Some([is_there, second, freed]) = &reader.registered {
+        proof.assert(
+            "a slot that has just been freed is counted, and its word is the front",
+            freed.q.implies(count.any() & front_valid),
+        );
+        proof.assert(
+            "a word that is said to be there has arrived",
+            is_there.q.implies(arrived.bit_at(head)),
+        );
+        let next = head
+            .equals(u128::from(depth) - 1)
+            .mux(m.zero(tag_bits), head + m.lit(1u8, tag_bits));
+        proof.assert("the second slot is behind the head", second.q.eq(next));
+    }
+}
