@@ -31,6 +31,7 @@ use super::ir::{Id, Op, ProofData};
 use super::memory::Memory;
 use super::signal::Signal;
 use super::verilog;
+use std::ops::RangeInclusive;
 use std::panic::Location;
 
 /// Properties that are proved together.
@@ -85,6 +86,12 @@ impl<'b> Signal<'b> {
     #[track_caller]
     pub fn implies(self, other: Signal<'b>) -> Signal<'b> {
         !self | other
+    }
+
+    /// The signal as it is at each of these stages of its pipeline, for logic outside of it.
+    #[track_caller]
+    pub fn stages(self, stages: RangeInclusive<u32>) -> Vec<Signal<'b>> {
+        stages.map(|stage| self.at(stage).untimed()).collect()
     }
 
     /// The number of 1 bits, in `width` bits.

@@ -3,7 +3,7 @@
 mod properties;
 
 use super::plan::Plan;
-use crate::hdl::{Builder, HdlError, Module, Signal, Style, bits_for};
+use crate::hdl::{Builder, HdlError, Module, Proof, Signal, Style, bits_for};
 use properties::Reader;
 use std::sync::Arc;
 
@@ -144,25 +144,58 @@ pub(super) fn prefetch(
 /// a clock.
 const REGISTER_ROOM_FROM: u32 = 120;
 
-/// A count of what is under way in a part of limited room. Returns whether there is room for one more, and whether
-/// there is any.
-pub(super) fn occupancy<'b>(
-    plan: &Plan,
-    m: &'b Builder,
-    name: &str,
+/// A count of what is in flight in a part of limited room.
+#[derive(Clone)]
+pub(super) struct Occupancy<'b> {
+    /// Whether there is room for one more, and whether there is any.
+    pub room: Signal<'b>,
+    pub any: Signal<'b>,
+    pub count: Signal<'b>,
     most: u32,
-    comes: Signal<'b>,
-    goes: Signal<'b>,
-) -> (Signal<'b>, Signal<'b>) {
-    let bits = bits_for(u64::from(most) + 1);
-    let count = m.reg_reset(name, bits, 0);
-    let one = m.lit(1u8, bits);
-    count.next_when(comes ^ goes, comes.mux(count.q + one, count.q - one));
-    if plan.config.clock_mhz < REGISTER_ROOM_FROM {
-        return (count.q.ne(m.lit(most, bits)), count.q.any());
+    /// Whether there is room is a register.
+    registered: bool,
+}
+
+impl<'b> Occupancy<'b> {
+    /// Of a part that has room for `most`.
+    pub fn new(
+        plan: &Plan,
+        m: &'b Builder,
+        name: &str,
+        most: u32,
+        comes: Signal<'b>,
+        goes: Signal<'b>,
+    ) -> Occupancy<'b> {
+        let bits = bits_for(u64::from(most) + 1);
+        let count = m.reg_reset(name, bits, 0);
+        let one = m.lit(1u8, bits);
+        count.next_when(comes ^ goes, comes.mux(count.q + one, count.q - one));
+        let registered = plan.config.clock_mhz >= REGISTER_ROOM_FROM;
+        let room = match registered {
+            false => count.q.ne(m.lit(most, bits)),
+            true => {
+                let room = m.reg_reset(format!("{name}_room"), 1, 1);
+                let one_is_left = count.q.equals(u128::from(most) - 1);
+                room.next(goes | (room.q & !(comes & one_is_left)));
+                room.q
+            }
+        };
+        Occupancy {
+            room,
+            any: count.q.any(),
+            count: count.q,
+            most,
+            registered,
+        }
     }
-    let room = m.reg_reset(format!("{name}_room"), 1, 1);
-    let one_is_left = count.q.equals(u128::from(most) - 1);
-    room.next(goes | (room.q & !(comes & one_is_left)));
-    (room.q, count.q.any())
+
+    /// Where it is a register whether there is room: that it says so.
+    pub fn assert_room(&self, proof: &Proof<'b>) {
+        if self.registered {
+            proof.assert(
+                "the register says whether there is room",
+                self.room.eq(!self.count.equals(u128::from(self.most))),
+            );
+        }
+    }
 }

@@ -1,6 +1,6 @@
 //! What properties of several units have in common.
 
-use crate::hdl::{Proof, Signal};
+use crate::hdl::{Outputs, Proof, Signal};
 
 /// That what is shown at a port and not taken is shown again. `id` names the registers that remember it.
 #[track_caller]
@@ -29,42 +29,64 @@ pub(super) fn shown_stays<'b>(
     refused.implies(same.fold(valid, |all, same| all & same))
 }
 
-/// A reader ahead ([`super::prefetch`]) that a unit places, of which is assumed what is proved of it: it has a word only if it was given
-/// an address for it, and it takes no more than it has room for.
+/// A reader ahead ([`super::prefetch`]) as a unit places it.
+pub(super) struct Reader<'b> {
+    /// Words that have a place; the front word has one more.
+    pub room: u32,
+    pub fetch_ready: Signal<'b>,
+    pub valid: Signal<'b>,
+    pub empty: Signal<'b>,
+    pub pop: Signal<'b>,
+}
+
+impl<'b> Reader<'b> {
+    pub fn of(outputs: &Outputs<'b>, room: u32, pop: Signal<'b>) -> Reader<'b> {
+        Reader {
+            room,
+            fetch_ready: outputs.get("fetch_ready"),
+            valid: outputs.get("valid"),
+            empty: outputs.get("empty"),
+            pop,
+        }
+    }
+}
+
+/// A reader ahead of which is assumed what is proved of it: it has a word only if it was given an address for it, and it takes no more
+/// than it has room for.
 pub(super) struct Ahead<'b> {
     /// How many words are in it.
     pub count: Signal<'b>,
+    /// Whether fewer are in it than have a place.
+    pub has_room: Signal<'b>,
 }
 
 impl<'b> Ahead<'b> {
     /// Bits that count its words.
-    pub const BITS: u32 = 10;
+    const BITS: u32 = 10;
 
-    /// `takes` and `pops` say that it takes an address, and that its word is popped; `room` words have a place, and the front word
-    /// has one more.
+    /// `takes` says that it takes an address.
     #[track_caller]
-    #[allow(clippy::too_many_arguments)] // they are its ports
     pub fn assumed(
         proof: &Proof<'b>,
         name: &str,
         takes: Signal<'b>,
-        pops: Signal<'b>,
-        room: u32,
-        valid: Signal<'b>,
-        empty: Signal<'b>,
-        fetch_ready: Signal<'b>,
+        reader: &Reader<'b>,
     ) -> Ahead<'b> {
         let m = proof.module();
         let count = proof.reg_reset(&format!("{name}_ahead"), Self::BITS, 0);
-        let (comes, goes) = (takes.extend(Self::BITS), pops.extend(Self::BITS));
+        let (comes, goes) = (takes.extend(Self::BITS), reader.pop.extend(Self::BITS));
         count.next(count.q + comes - goes);
-        proof.assume(valid.implies(count.q.any()));
-        proof.assume(empty.eq(count.q.is_zero()));
-        proof.assume(fetch_ready.implies(count.q.le(m.lit(room, Self::BITS))));
+        let room = m.lit(reader.room, Self::BITS);
+        proof.assume(reader.valid.implies(count.q.any()));
+        proof.assume(reader.empty.eq(count.q.is_zero()));
+        proof.assume(reader.fetch_ready.implies(count.q.le(room)));
         proof.assert(
             format!("no more words are in {name} than it has room for"),
-            count.q.le(m.lit(room + 1, Self::BITS)),
+            count.q.le(m.lit(reader.room + 1, Self::BITS)),
         );
-        Ahead { count: count.q }
+        Ahead {
+            count: count.q,
+            has_room: count.q.lt(room),
+        }
     }
 }

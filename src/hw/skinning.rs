@@ -16,7 +16,7 @@
 //! distributed RAM, 200 RAM16X1D, which are 400 LUT4 more; no DSP48. Beside that the geometry unit chooses between its own operands and these.
 
 use super::plan::{AXES, Plan};
-use super::prefetch::{occupancy, pick, prefetch};
+use super::prefetch::{Occupancy, pick, prefetch};
 use crate::bkd::layout::{INFLUENCES_PER_ROW, Record};
 use crate::hdl::{Builder, HdlError, Module, Outputs, Pipeline, Signal, Style, bits_for};
 use std::sync::Arc;
@@ -380,19 +380,20 @@ pub(super) fn module(plan: &Plan, test: &Module) -> Result<Arc<Module>, HdlError
     let written = m.wire("written", 1);
     let readable = m.reg_reset("queue_grows", 1, 0);
     readable.next(vertex_done);
-    let (_, shown) = occupancy(plan, &m, "queue_count", depth, readable.q, written.get());
+    let shown = Occupancy::new(plan, &m, "queue_count", depth, readable.q, written.get()).any;
     let next_head = written.get().mux(after_head, head.q).named("next_head");
     head.next(next_head);
     let front = queue.read(next_head);
     written.drive(shown & write_ready);
-    let (has_room, _) = occupancy(
+    let has_room = Occupancy::new(
         plan,
         &m,
         "vertices_under_way",
         depth,
         completes,
         written.get(),
-    );
+    )
+    .room;
     room.drive(has_room);
     let next_written = m.reg("next_written", a);
     next_written.next_when(

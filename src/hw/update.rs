@@ -19,15 +19,19 @@
 //! The reference machine's takes, as Yosys counts them for Virtex-4, 2,708 LUT4, 1,780 flip-flops, 454 RAM16X1D, which are 908 LUT4
 //! more, and 14 block RAMs; no DSP48.
 
+mod properties;
+
 use super::bundle::Bundle;
 use super::fifo;
 use super::fp::{Knowing, Known, is_nan, less};
 use super::plan::{AXES, Plan};
-use super::prefetch::{occupancy, pick, prefetch};
+use super::prefetch::{Occupancy, pick, prefetch};
+use super::properties::Reader;
 use super::raycast::COUNTER_BITS;
 use crate::bkd::layout::Record;
 use crate::hdl::{Builder, HdlError, Memory, Module, Signal, Style, bits_for};
 use crate::program::{Program, UpdateMachine};
+use properties::{Kinds, Unit};
 use std::sync::Arc;
 
 /// Target clock, in MHz, from which on a comparison and the choice that it makes have a stage each.
@@ -146,15 +150,13 @@ pub fn module(plan: &Plan) -> Result<UpdateProcessor, HdlError> {
         ],
     );
     let empty = rows.get("empty");
-    no_rows.drive(match counts_later(plan) {
-        false => empty,
-        // Not while a row is requested that it does not count yet.
-        true => {
-            let before = m.reg_reset("no_rows_before", 1, 1);
-            before.next(empty & !rows_wanted);
-            before.q
-        }
+    // Not while a row is requested that it does not count yet.
+    let no_rows_before = counts_later(plan).then(|| {
+        let before = m.reg_reset("no_rows_before", 1, 1);
+        before.next(empty & !rows_wanted);
+        before.q
     });
+    no_rows.drive(no_rows_before.unwrap_or(empty));
     let row_requested = (rows_wanted & rows.get("fetch_ready")).named("row_requested");
     let one = m.lit(1u8, a);
     fetch_row.next_when(
@@ -253,10 +255,11 @@ pub fn module(plan: &Plan) -> Result<UpdateProcessor, HdlError> {
             .into_iter()
             .reduce(|all, one| all & one)
             .expect("there are lengths");
-    let complete = complete.named("complete");
+    let complete_instruction = complete.named("complete");
     let queue_room = m.wire("queue_room", 1);
     let index_room = m.wire("index_room", 1);
-    let decode = (decoding.q & complete & queue_room.get() & index_room.get()).named("decode");
+    let decode =
+        (decoding.q & complete_instruction & queue_room.get() & index_room.get()).named("decode");
     for (register, name, filled, unit) in [
         (window, "rest", filled, 8),
         (there, "rest_there", filled_there, 1),
@@ -360,7 +363,7 @@ pub fn module(plan: &Plan) -> Result<UpdateProcessor, HdlError> {
         take_index.get(),
     )?;
     let (index_valid, index_front) = (vertex_indices.valid, vertex_indices.front);
-    let (room, _) = occupancy(
+    let indices_in_flight = Occupancy::new(
         plan,
         &m,
         "indices_under_way",
@@ -368,7 +371,7 @@ pub fn module(plan: &Plan) -> Result<UpdateProcessor, HdlError> {
         decode & is_load,
         take_index.get(),
     );
-    index_room.drive(room);
+    index_room.drive(indices_in_flight.room);
     let vertex_prefetch = prefetch(plan, "vertex_prefetch", vertex_width, vertices_ahead, a)?;
     let fetched = m.instance(
         "vertices",
@@ -417,7 +420,7 @@ pub fn module(plan: &Plan) -> Result<UpdateProcessor, HdlError> {
         take_instruction.get(),
     )?;
     let (queue_valid, queue_front) = (instruction_queue.valid, instruction_queue.front);
-    let (room, _) = occupancy(
+    let instructions_in_flight = Occupancy::new(
         plan,
         &m,
         "instructions_waiting",
@@ -425,7 +428,7 @@ pub fn module(plan: &Plan) -> Result<UpdateProcessor, HdlError> {
         decode,
         take_instruction.get(),
     );
-    queue_room.drive(room);
+    queue_room.drive(instructions_in_flight.room);
 
     m.comment("Execute: the current instruction goes unless what it needs is missing.");
     let current = m.reg("current", instruction.width());
@@ -546,19 +549,20 @@ pub fn module(plan: &Plan) -> Result<UpdateProcessor, HdlError> {
     }
     numbers.reverse();
     let intervals = m.concat(&numbers);
+    let intervals_at = intervals.stage().unwrap_or(0);
     let node_done = p.enter(node_goes).cleared_by_reset();
     let node_pop = m.wire("node_pop", 1);
     let node_queue = fifo::place(
         plan,
         "node_queue",
         config.update_nodes_waiting,
-        node_done.at(intervals.stage().unwrap_or(0)).untimed(),
+        node_done.at(intervals_at).untimed(),
         intervals.untimed(),
         node_pop.get(),
     )?;
     let (node_valid, node_front) = (node_queue.valid, node_queue.front);
     node_pop.drive(node_valid & node_write_ready);
-    let (room, any_nodes) = occupancy(
+    let nodes_in_flight = Occupancy::new(
         plan,
         &m,
         "nodes_under_way",
@@ -566,7 +570,7 @@ pub fn module(plan: &Plan) -> Result<UpdateProcessor, HdlError> {
         node_goes,
         node_pop.get(),
     );
-    node_room.drive(room);
+    node_room.drive(nodes_in_flight.room);
     let next_node = m.reg("next_node", a);
     next_node.next_when(
         start | node_pop.get(),
@@ -589,15 +593,15 @@ pub fn module(plan: &Plan) -> Result<UpdateProcessor, HdlError> {
     let under_way: Vec<_> = (read_at..written + read_at)
         .map(|k| merges.at(k).untimed())
         .collect();
-    let complete = !(m.or_all(&under_way) | any_nodes);
-    let complete = complete.named("all_complete");
+    let complete = !(m.or_all(&under_way) | nodes_in_flight.any);
+    let all_complete = complete.named("all_complete");
     let box_shown = m.reg_reset("box_shown", 1, 0);
     box_taken.drive(box_shown.q & box_write_ready);
     // The end must itself have waited until its register is read: nothing else may have been under way for long.
     let waits = p.enter(ends).cleared_by_reset();
     let was_read = (1..read_at).fold(ends, |so_far, k| so_far & waits.at(k).untimed());
     let was_read = was_read.named("box_was_read");
-    box_shown.next(was_read & complete & !box_taken.get());
+    box_shown.next(was_read & all_complete & !box_taken.get());
     let box_index = m.reg("box_index", a);
     box_index.next_when(start, start_box_index);
     let mut bounds: Vec<_> = operands.iter().map(|(first, _)| *first).collect();
@@ -636,6 +640,66 @@ pub fn module(plan: &Plan) -> Result<UpdateProcessor, HdlError> {
         m.output(format!("count_{name}"), counter.q);
     }
 
+    let kinds_in = |word| {
+        let kind = |name| instruction.get(word, name);
+        Kinds {
+            load: kind("load"),
+            leaf: kind("leaf"),
+            node: kind("node"),
+            end: kind("end"),
+        }
+    };
+    let unit = Unit {
+        start,
+        running: running.q,
+        done,
+        any_rows_left: any_rows_left.q,
+        fetch_row: fetch_row.q,
+        row_requested,
+        rows: Reader::of(&rows, rows_ahead, pop_row.get()),
+        no_rows_before,
+        window_there: there.q,
+        idle_before: idle.q,
+        take_word,
+        refill,
+        decoding: decoding.q,
+        instruction_there: complete_instruction,
+        is_reload,
+        is_end,
+        decode,
+        decoded: decoded.q,
+        decoded_kinds: Kinds {
+            load,
+            leaf,
+            node,
+            end,
+        },
+        vertex_indices,
+        indices: indices_in_flight,
+        vertices: Reader::of(&fetched, vertices_ahead, pop_vertex.get()),
+        completed: queued.q,
+        completed_kinds: kinds_in(whole),
+        instruction_queue,
+        instructions: instructions_in_flight,
+        front_kinds: kinds_in(queue_front),
+        take,
+        goes,
+        current_valid: current_valid.q,
+        current_kinds: kinds_in(current.q),
+        load_waits: loads,
+        end_waits: ends,
+        merging: merges.stages(1..=read_at),
+        waiting: waits.stages(1..=read_at - 1),
+        to_node_queue: node_done.stages(1..=intervals_at),
+        node_queue,
+        nodes: nodes_in_flight,
+        node_write: [node_valid, node_write_ready, next_node.q],
+        box_write: [box_shown.q, box_write_ready, box_index.q],
+        box_was_read: was_read,
+        all_complete,
+        box_shown: box_shown.q,
+    };
+    properties::credit(&m, &unit);
     Ok(UpdateProcessor {
         module: m.finish()?,
         machine: UpdateMachine {

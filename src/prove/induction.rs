@@ -49,6 +49,7 @@ const WANTED: &[Wanted] = &[
     wanted("fifo", "fifo_", "order"),
     wanted("fifo", "block_fifo_", "order"),
     wanted("prefetch", "_prefetch", "order"),
+    wanted("credit", "update_processor", "credit"),
 ];
 
 /// The properties of one proof, of one module.
