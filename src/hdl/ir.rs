@@ -111,7 +111,7 @@ pub(super) struct ProofData {
     pub name: String,
     pub what: String,
     pub place: Place,
-    pub assumes: Vec<Id>,
+    pub assumes: Vec<(Place, Id)>,
     pub asserts: Vec<(String, Id)>,
     pub covers: Vec<(String, Id)>,
     /// Signals that have any value at each clock, whatever drives them.

@@ -21,11 +21,11 @@
 //! proof.cover("it comes round", stepped & count.q.is_zero());
 //! let module = m.finish().unwrap();
 //! assert!(!module.verilog().contains("assert"));
-//! assert!(module.formal("digit").unwrap().text.contains("assert (count <= 4'd9)"));
+//! assert!(module.formal("digit", &str::to_string).unwrap().text.contains("assert (count <= 4'd9)"));
 //! ```
 
 use super::builder::{Builder, Outputs, Reg, Wire};
-use super::design::{Design, Direction, Module};
+use super::design::{Design, Direction, Module, renamed};
 use super::error::HdlError;
 use super::ir::{Id, Op, ProofData};
 use super::memory::Memory;
@@ -105,7 +105,8 @@ impl<'b> Signal<'b> {
     /// The bit that `index` names; 0 past the last.
     #[track_caller]
     pub fn bit_at(self, index: Signal<'b>) -> Signal<'b> {
-        self.shr(index).bit(0)
+        let one = self.builder.lit(1u8, self.width());
+        (self & one.shl(index)).any()
     }
 }
 
@@ -152,7 +153,8 @@ impl<'b> Proof<'b> {
     #[track_caller]
     pub fn assume(&self, condition: Signal<'b>) {
         let id = self.bit("what is assumed", condition);
-        self.data(|data| data.assumes.push(id));
+        let place = Location::caller();
+        self.data(|data| data.assumes.push((place, id)));
     }
 
     /// A bit that is high at every clock after the first of a reset; `what` says so in words.
@@ -308,11 +310,15 @@ impl Module {
         self.ir.proofs.iter().map(facts).collect()
     }
 
-    /// The module's text with a proof's properties, its instances as the proof wants them.
+    /// The module's text with a proof's properties, its instances as the proof wants them. `emitted` names modules.
     ///
     /// # Errors
     /// There is no such proof; a signal that is cut has no name in the Verilog.
-    pub fn formal(&self, proof: &str) -> Result<Formal, HdlError> {
+    pub fn formal(
+        &self,
+        proof: &str,
+        emitted: &dyn Fn(&str) -> String,
+    ) -> Result<Formal, HdlError> {
         let error = |place, message| HdlError {
             module: self.name().to_string(),
             message,
@@ -329,7 +335,7 @@ impl Module {
             )
         })?;
         let data = &self.ir.proofs[index];
-        let mut printed = verilog::with_proof(&self.ir, data);
+        let printed = verilog::with_proof(&self.ir, data);
         let mut cut = vec![];
         for id in &data.cut {
             cut.push(printed.names[*id].clone().ok_or_else(|| {
@@ -339,7 +345,7 @@ impl Module {
                 )
             })?);
         }
-        let mut texts: Vec<String> = vec![];
+        let mut texts = vec![renamed(&printed.text, &printed.modules, emitted)];
         let kept = |name: &str| {
             let mut kept = data.kept.iter().map(|index| &self.ir.instances[*index]);
             kept.any(|instance| instance.module.name() == name)
@@ -349,47 +355,46 @@ impl Module {
                 true => Design::new(child.clone())?.modules().to_vec(),
                 false => vec![],
             };
-            let whole = below.iter().map(|module| module.verilog().to_string());
-            let any = below.is_empty().then(|| child.of_any_value());
+            let whole = below.iter().map(|module| module.verilog_with(emitted));
+            let any = (below.is_empty()).then(|| child.of_any_value(emitted(child.name())));
             for text in whole.chain(any) {
                 if !texts.contains(&text) {
                     texts.push(text);
                 }
             }
         }
-        texts.iter().for_each(|text| printed.text += text);
         Ok(Formal {
-            text: printed.text,
+            text: texts.concat(),
             asserts: printed.asserts,
             cut,
         })
     }
 
-    /// The module's text with its properties as a simulator checks them, but those that are about any value: one line in the log for
-    /// each clock at which one does not hold, with what it says.
-    pub fn checked(&self) -> String {
-        verilog::with_checks(&self.ir)
+    /// The module's text with its properties as a simulator checks them where the macro `DYNRT_CHECKS` is defined, but those that are
+    /// about any value. What does not hold at a clock is said and stops the simulation. `emitted` names modules.
+    pub fn checked(&self, emitted: &dyn Fn(&str) -> String) -> String {
+        let (text, modules) = verilog::with_checks(&self.ir);
+        renamed(&text, &modules, emitted)
     }
 
     /// A module of the same ports whose outputs are any value at each clock.
-    fn of_any_value(&self) -> String {
+    fn of_any_value(&self, name: String) -> String {
         let mut ports = vec![];
         let mut body = String::new();
         for port in self.ports() {
             let range = format!("[{}:0]", port.width - 1);
-            let name = &port.name;
+            let port_name = &port.name;
             if port.direction == Direction::Input {
-                ports.push(format!("  input wire {range} {name}"));
+                ports.push(format!("  input wire {range} {port_name}"));
             } else {
-                ports.push(format!("  output wire {range} {name}"));
+                ports.push(format!("  output wire {range} {port_name}"));
                 body += &format!(
-                    "  (* anyseq *) wire {range} any_{name};\n  assign {name} = any_{name};\n"
+                    "  (* anyseq *) wire {range} any_{port_name};\n  assign {port_name} = any_{port_name};\n"
                 );
             }
         }
         format!(
-            "module {} (\n{}\n);\n{body}endmodule\n",
-            self.name(),
+            "\nmodule {name} (\n{}\n);\n{body}endmodule\n",
             ports.join(",\n")
         )
     }

@@ -19,7 +19,7 @@ use std::time::Duration;
 const LIMIT: Duration = Duration::from_secs(240);
 
 /// Clocks after reset in which what a proof is about must be seen to happen.
-const SOON: u32 = 40;
+pub(super) const SOON: u32 = 40;
 
 /// The last stage of a proof: that it is not about nothing.
 const HAPPENS: &str = "what can happen";
@@ -56,6 +56,8 @@ const WANTED: &[Wanted] = &[
 pub struct Induction {
     pub module: Arc<Module>,
     pub proof: ProofFacts,
+    /// Keys that the module's machine has another value of.
+    pub few: &'static [(&'static str, u32)],
 }
 
 /// All inductions of a unit of the given name; none if it is no unit that is proved so.
@@ -81,6 +83,7 @@ pub fn proofs(unit: &str, config: &Config) -> Result<Vec<Induction>> {
             found.extend(proofs.map(|proof| Induction {
                 module: module.clone(),
                 proof,
+                few: wanted.few,
             }));
         }
         ensure!(
@@ -99,33 +102,36 @@ impl Induction {
         format!("z3, induction, depth {}", self.proof.depth)
     }
 
+    /// Yosys' commands from a file with the properties to a transition system.
+    pub fn script(&self, file: &str, top: &str, cut: &[String]) -> String {
+        let memory = match self.proof.arrays {
+            true => "memory_collect",
+            false => "memory -nordff",
+        };
+        let cut: Vec<_> = cut.iter().map(|name| format!("w:{name}")).collect();
+        let cut = match cut.is_empty() {
+            true => String::new(),
+            false => format!("cutpoint {}; ", cut.join(" ")),
+        };
+        format!(
+            "read_verilog -formal -sv {file}; hierarchy -check -top {top}; proc; flatten; {cut}delete -output o:*; \
+             opt -purge -nodffe -nosdff; {memory}; opt -purge -nodffe -nosdff; dffunmap; opt_clean -purge"
+        )
+    }
+
     /// Shows all properties by induction, or finds one that fails.
     ///
     /// # Errors
     /// A tool that fails.
     pub fn prove(&self, folder: &Path) -> Result<(usize, Outcome)> {
-        let formal = self.module.formal(&self.proof.name)?;
+        let formal = self.module.formal(&self.proof.name, &str::to_string)?;
         std::fs::write(folder.join("laws.sv"), &formal.text).context("laws.sv")?;
-        let (memory, write) = match self.proof.arrays {
-            true => ("memory_collect", "write_smt2"),
-            false => ("memory -nordff", "write_smt2 -nomem"),
+        let write = match self.proof.arrays {
+            true => "write_smt2",
+            false => "write_smt2 -nomem",
         };
-        let cut = match &formal.cut[..] {
-            [] => String::new(),
-            signals => {
-                let signals: Vec<_> = signals.iter().map(|name| format!("w:{name}")).collect();
-                format!("cutpoint {};", signals.join(" "))
-            }
-        };
-        tools::yosys(
-            folder,
-            &format!(
-                "read_verilog -formal -sv laws.sv; hierarchy -check -top {}; proc; flatten; {cut} delete -output o:*; \
-                 opt -purge -nodffe -nosdff; {memory}; opt -purge -nodffe -nosdff; dffunmap; opt_clean -purge; \
-                 {write} laws.smt2",
-                self.module.name()
-            ),
-        )?;
+        let script = self.script("laws.sv", self.module.name(), &formal.cut);
+        tools::yosys(folder, &format!("{script}; {write} laws.smt2"))?;
         // The base must cover as many clocks as a step assumes, and what a seeded fault needs to show.
         let base = (self.proof.depth + 1).to_string();
         let depth = self.proof.depth.to_string();

@@ -56,7 +56,6 @@ pub(super) fn order<'b>(reader: &Reader<'b>) {
         Some([.., freed]) => wide(count) - wide(freed.q),
         None => wide(count),
     };
-    let lowest = m.lit(1u8, depth);
     let requests = (request_valid & reader.request_ready).extend(depth);
     let answers = response_valid.extend(depth);
     let owed = proof.reg_reset("owed", depth, 0);
