@@ -29,6 +29,7 @@ use super::design::{Design, Direction, Module, renamed};
 use super::error::HdlError;
 use super::ir::{Id, Op, ProofData};
 use super::memory::Memory;
+use super::mutation::Mutation;
 use super::signal::Signal;
 use super::verilog;
 use std::ops::RangeInclusive;
@@ -63,6 +64,7 @@ impl Builder {
             kept: vec![],
             depth: 1,
             arrays: false,
+            faults: vec![],
         });
         drop(inner);
         if clash {
@@ -72,12 +74,6 @@ impl Builder {
             builder: self,
             index,
         }
-    }
-
-    /// The reset, as logic reads it.
-    #[track_caller]
-    pub fn reset(&self) -> Signal<'_> {
-        self.node(Op::Reset, 1, None, Location::caller())
     }
 }
 
@@ -236,6 +232,12 @@ impl<'b> Proof<'b> {
         });
     }
 
+    /// A fault of the module that the proof must find: else it would prove nothing.
+    pub fn fault(&self, what: impl Into<String>, mutation: Mutation) {
+        let what = what.into();
+        self.data(|data| data.faults.push((what, mutation)));
+    }
+
     /// Clocks that a step of the induction looks back, in place of 1.
     pub fn depth(&self, clocks: u32) {
         self.data(|data| data.depth = clocks);
@@ -282,6 +284,8 @@ pub struct ProofFacts {
     pub covers: Vec<String>,
     pub depth: u32,
     pub arrays: bool,
+    /// What the proof must find, in words.
+    pub faults: Vec<(String, Mutation)>,
 }
 
 /// A module with the properties of one proof, for Yosys.
@@ -306,6 +310,7 @@ impl Module {
             covers: words(&proof.covers),
             depth: proof.depth,
             arrays: proof.arrays,
+            faults: proof.faults.clone(),
         };
         self.ir.proofs.iter().map(facts).collect()
     }
@@ -444,7 +449,10 @@ mod tests {
             proof.assume(data.untimed().any());
             proof.assert("it is kept", written.q.implies(words.peek(at).eq(word.q)));
             let sums = m.concat(&sum.stages(1..=6));
-            proof.assert("the newest sum is more than 2", sums.high(8).gt(m.lit(2u8, 8)));
+            proof.assert(
+                "the newest sum is more than 2",
+                sums.high(8).gt(m.lit(2u8, 8)),
+            );
             proof.assert(
                 "the counter counts",
                 counter.inside("count").any() | !written.q,

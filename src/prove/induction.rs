@@ -122,9 +122,13 @@ impl Induction {
     /// Shows all properties by induction, or finds one that fails.
     ///
     /// # Errors
-    /// A tool that fails.
-    pub fn prove(&self, folder: &Path) -> Result<(usize, Outcome)> {
-        let formal = self.module.formal(&self.proof.name, &str::to_string)?;
+    /// A tool that fails; a fault that cannot be made.
+    pub fn prove(&self, folder: &Path, fault: Option<usize>) -> Result<(usize, Outcome)> {
+        let module = match fault {
+            Some(fault) => self.module.with(&self.proof.faults[fault].1)?,
+            None => self.module.clone(),
+        };
+        let formal = module.formal(&self.proof.name, &str::to_string)?;
         std::fs::write(folder.join("laws.sv"), &formal.text).context("laws.sv")?;
         let write = match self.proof.arrays {
             true => "write_smt2",
@@ -218,17 +222,20 @@ mod tests {
         let config =
             std::env::var("CONFIG").map_or(Config::reference(), |name| Config::load(name).unwrap());
         for induction in proofs(&unit, &config).unwrap() {
-            let clock = std::time::Instant::now();
-            let folder = std::path::PathBuf::from(format!("/tmp/prove_{unit}"));
-            std::fs::create_dir_all(&folder).unwrap();
-            let outcome = induction.prove(&folder);
-            println!(
-                "{} {} {:?} {:.1} s",
-                induction.module.name(),
-                induction.proof.name,
-                outcome,
-                clock.elapsed().as_secs_f64()
-            );
+            for fault in std::iter::once(None).chain((0..induction.proof.faults.len()).map(Some)) {
+                let clock = std::time::Instant::now();
+                let folder = std::path::PathBuf::from(format!("/tmp/prove_{unit}"));
+                std::fs::create_dir_all(&folder).unwrap();
+                let outcome = induction.prove(&folder, fault);
+                let what = fault.map_or("", |fault| &induction.proof.faults[fault].0);
+                println!(
+                    "{} {} {what:?} {:?} {:.1} s",
+                    induction.module.name(),
+                    induction.proof.name,
+                    outcome,
+                    clock.elapsed().as_secs_f64()
+                );
+            }
         }
     }
 }
