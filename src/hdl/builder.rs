@@ -3,6 +3,7 @@
 use super::design::{Direction, Module, Port};
 use super::error::HdlError;
 use super::ir::{Binary, Id, InstanceData, Item, Netlist, Node, Op, Place, Register};
+use super::mutation::{Mutation, Reads};
 use super::pipeline::{Pipeline, Stage};
 use super::signal::Signal;
 use std::cell::RefCell;
@@ -20,6 +21,8 @@ pub(super) struct Inner {
     pub pipelines: u32,
     /// Nodes by what they compute: the same expression twice is one node.
     pub known: HashMap<(Op, u32, Option<Stage>), Id>,
+    /// Changes that the description names, and where.
+    pub mutations: Vec<(Mutation, Place)>,
 }
 
 impl Inner {
@@ -30,6 +33,7 @@ impl Inner {
             reads: HashMap::new(),
             pipelines: 0,
             known: HashMap::new(),
+            mutations: vec![],
         }
     }
 }
@@ -516,6 +520,12 @@ impl Builder {
         } else {
             self.lit(1u8, 1).repeat(width)
         }
+    }
+
+    /// The reset, for logic that reads it. Registers have theirs of [`Builder::reg_reset`].
+    #[track_caller]
+    pub fn reset(&self) -> Signal<'_> {
+        self.node(Op::Reset, 1, None, Location::caller())
     }
 
     /// A wire that is driven later, once: for what is used before it is made.
@@ -1031,6 +1041,7 @@ impl Builder {
         Outputs {
             builder: self,
             place,
+            instance,
             module: module.name().to_string(),
             outputs,
         }
@@ -1044,7 +1055,12 @@ impl Builder {
         if let Some(error) = self.error.borrow_mut().take() {
             return Err(error);
         }
-        Ok(Arc::new(Module::of(self.inner.into_inner().ir)?))
+        let inner = self.inner.into_inner();
+        let module = Module::of(inner.ir)?;
+        for (mutation, place) in &inner.mutations {
+            module.admits(mutation, place)?;
+        }
+        Ok(Arc::new(module))
     }
 
     pub(super) fn drive(&self, target: Id, value: Signal<'_>, place: Place) {
@@ -1106,11 +1122,21 @@ impl Builder {
 pub struct Outputs<'b> {
     builder: &'b Builder,
     place: Place,
+    instance: usize,
     module: String,
     outputs: Vec<(String, Id)>,
 }
 
 impl<'b> Outputs<'b> {
+    /// What one of the instance's inputs is given, for a [`Mutation`].
+    pub fn input(&self, port: &str) -> Reads<&'b Builder> {
+        let inner = self.builder.inner.borrow();
+        let mut inputs = inner.ir.instances[self.instance].inputs.iter();
+        let input = inputs.position(|(name, _)| name == port);
+        let input = input.ok_or_else(|| format!("module {} has no input {port}", self.module));
+        Reads::of_input(self.builder, self.instance, input)
+    }
+
     /// An output by its port's name.
     #[track_caller]
     pub fn get(&self, port: &str) -> Signal<'b> {

@@ -29,6 +29,7 @@ mod design;
 mod error;
 mod ir;
 mod memory;
+mod mutation;
 mod pipeline;
 mod signal;
 mod verilog;
@@ -37,6 +38,7 @@ pub use builder::{Builder, Outputs, Reg, Wire};
 pub use design::{Design, Direction, Module, Port, Prefix};
 pub use error::HdlError;
 pub use memory::{Memory, Style};
+pub use mutation::{InstanceRef, Kind, MemoryRef, Mutation, Reads, Select, SignalRef, Site};
 pub use pipeline::Pipeline;
 pub use signal::Signal;
 
