@@ -50,6 +50,10 @@ const WANTED: &[Wanted] = &[
     wanted("fifo", "block_fifo_", "order"),
     wanted("prefetch", "_prefetch", "order"),
     wanted("credit", "update_processor", "credit"),
+    Wanted {
+        few: FEW_PACKETS,
+        ..wanted("geometry", "geometry_unit", "conserves")
+    },
 ];
 
 /// The properties of one proof, of one module.
