@@ -50,6 +50,12 @@ const WANTED: &[Wanted] = &[
     wanted("fifo", "block_fifo_", "order"),
     wanted("prefetch", "_prefetch", "order"),
     wanted("credit", "update_processor", "credit"),
+    Wanted {
+        few: FEW_PACKETS,
+        ..wanted("tpu", "tpu", "packets")
+    },
+    wanted("tpu", "tpu", "choices"),
+    wanted("stack", "tpu", "stack"),
 ];
 
 /// The properties of one proof, of one module.
