@@ -412,6 +412,14 @@ impl Builder {
         }
     }
 
+    /// What is of the module itself comes before its properties.
+    pub(super) fn must_be_open(&self, what: &str, name: &str, place: Place) {
+        if self.inner.borrow().formal {
+            let message = format!("{what} \"{name}\" comes behind the module's properties");
+            self.fail(place, message);
+        }
+    }
+
     pub(super) fn named_node(
         &self,
         op: Op,
@@ -473,6 +481,7 @@ impl Builder {
     }
 
     fn port(&self, name: &str, width: u32, direction: Direction, signal: Signal<'_>, place: Place) {
+        self.must_be_open("port", name, place);
         if !std::ptr::eq(signal.builder, self) {
             self.fail(
                 place,
@@ -909,6 +918,7 @@ impl Builder {
         inputs: &[(&str, Signal<'b>)],
     ) -> Outputs<'b> {
         let (name, place) = (name.as_ref(), Location::caller());
+        self.must_be_open("instance", name, place);
         self.claim(name, place);
         // The stage, in this module, of the instance's stage 0.
         let mut base: Option<Stage> = None;

@@ -57,6 +57,7 @@ impl Builder {
         style: Style,
     ) -> Memory<'_> {
         let place = Location::caller();
+        self.must_be_open("memory", name.as_ref(), place);
         self.claim(name.as_ref(), place);
         if depth == 0 || width == 0 {
             self.fail(

@@ -399,3 +399,158 @@ impl Module {
         )
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::hdl::Style;
+    use std::sync::Arc;
+
+    fn same(name: &str) -> String {
+        name.to_string()
+    }
+
+    /// A value that waits for others, a word that is kept, a counter inside: what properties speak of.
+    fn child() -> Arc<Module> {
+        let m = Builder::new("child", "counts.");
+        let count = m.reg_reset("count", 3, 0);
+        count.next_when(m.input("step", 1), count.q + m.lit(1u8, 3));
+        m.output("last", count.q.all());
+        m.finish().unwrap()
+    }
+
+    fn module(properties: bool) -> Result<Arc<Module>, HdlError> {
+        let m = Builder::new("unit", "keeps a word, late.");
+        let p = m.pipeline();
+        let valid = p.valid_input("valid");
+        let data = p.input("data", 8);
+        let sum = (data + m.lit(3u8, 8)).named("sum");
+        let (late_valid, late) = (valid.at(6), sum.at(6));
+        let words = m.memory("words", 4, 8, Style::Distributed);
+        let place = m.input("place", 2);
+        words.write(late_valid.untimed(), place, late.untimed());
+        let counter = m.instance("counter", &child(), &[("step", late_valid.untimed())]);
+        m.output("word", words.read_now(place));
+        m.output("last", counter.get("last"));
+        m.output("late", late.untimed());
+        if properties {
+            let proof = m.proof("keeps", "what is written is kept");
+            let at = proof.any_const("at", 2);
+            let here = late_valid.untimed() & place.eq(at);
+            let written = proof.reg_reset("written", 1, 0);
+            let word = proof.reg("word", 8);
+            written.next(written.q | here);
+            word.next_when(here, late.untimed());
+            proof.assume(data.untimed().any());
+            proof.assert("it is kept", written.q.implies(words.peek(at).eq(word.q)));
+            let sums = m.concat(&sum.stages(1..=6));
+            proof.assert("the newest sum is more than 2", sums.high(8).gt(m.lit(2u8, 8)));
+            proof.assert(
+                "the counter counts",
+                counter.inside("count").any() | !written.q,
+            );
+            proof.cover("something is written", written.q);
+            proof.cut(sum.untimed());
+            proof.depth(2);
+            let other = m.proof("counts", "the counter stays in it");
+            other.keep(&counter);
+            other.assert("it is no 9", counter.inside("count").lt(m.lit(7u8, 3)));
+        }
+        m.finish()
+    }
+
+    #[test]
+    fn the_module_is_printed_as_without_properties() {
+        let (with, without) = (module(true).unwrap(), module(false).unwrap());
+        assert_eq!(with.verilog(), without.verilog());
+        assert_eq!(with.ports(), without.ports());
+        let formal = with.formal("keeps", &same).unwrap();
+        let end = with.verilog().find("\nendmodule").unwrap();
+        assert!(formal.text.starts_with(&with.verilog()[..end]));
+        assert_eq!(without.checked(&same), without.verilog());
+    }
+
+    #[test]
+    fn a_proof_s_text_has_its_properties_alone() {
+        let module = module(true).unwrap();
+        let formal = module.formal("keeps", &|name| format!("p_{name}")).unwrap();
+        let text = &formal.text;
+        assert_eq!(formal.cut, ["sum"]);
+        assert_eq!(text.matches("assert (").count(), 3, "{text}");
+        assert_eq!(text.matches("assume (").count(), 2, "{text}");
+        assert_eq!(text.matches("cover (").count(), 1, "{text}");
+        for (line, what) in formal.asserts.iter().zip(&module.proofs()[0].asserts) {
+            let line = text.lines().nth(line - 1).unwrap();
+            assert!(
+                line.contains("assert (") && line.ends_with(what),
+                "{line}: {what}"
+            );
+        }
+        // Registers of a delay line where they are, the word where it is stored, the counter where it counts.
+        for part in [
+            "sum_delay[7:0]",
+            "words[f_keeps_at]",
+            "(* hierconn *) wire [2:0] \\counter.count ;",
+            "(* anyconst *) wire [1:0] f_keeps_at;",
+            "module p_unit (",
+            "\n  p_child counter (",
+            "module p_child (",
+            "(* anyseq *) wire [0:0] any_last;",
+        ] {
+            assert!(text.contains(part), "no {part} in {text}");
+        }
+        let other = module.formal("counts", &same).unwrap().text;
+        assert!(
+            !other.contains("anyseq") && !other.contains("f_keeps_at"),
+            "{other}"
+        );
+        let facts = &module.proofs()[0];
+        assert_eq!(
+            (facts.name.as_str(), facts.depth, facts.arrays),
+            ("keeps", 2, false)
+        );
+    }
+
+    #[test]
+    fn a_simulator_checks_what_is_of_no_choice() {
+        let text = module(true).unwrap().checked(&same);
+        assert!(text.contains("`ifdef DYNRT_CHECKS\n"));
+        assert!(text.contains("counter.count < 3'd7"), "{text}");
+        assert!(
+            !text.contains("f_keeps_at") && !text.contains("hierconn"),
+            "{text}"
+        );
+        assert!(
+            text.contains("not so: it is no 9") && text.contains("proof.rs:"),
+            "{text}"
+        );
+    }
+
+    #[test]
+    fn mistakes_have_their_place() {
+        let error = |describe: &dyn Fn(&Builder)| {
+            let m = Builder::new("unit", "is wrong.");
+            let a = m.input("a", 4);
+            m.output("y", a.any());
+            describe(&m);
+            let error = m.finish().unwrap_err();
+            assert!(error.place.file().ends_with("proof.rs"));
+            error.message
+        };
+        let wide = error(&|m| m.proof("p", "").assert("it is so", m.zero(4)));
+        assert_eq!(wide, "it is so: is of 4 bits, not one");
+        let late = error(&|m| {
+            m.proof("p", "");
+            m.input("b", 1);
+        });
+        assert_eq!(late, "port \"b\" comes behind the module's properties");
+        let twice = error(&|m| {
+            m.proof("p", "");
+            m.proof("p", "");
+        });
+        assert_eq!(twice, "two proofs are called \"p\"");
+        let unit = module(true).unwrap();
+        let none = unit.formal("is", &same).unwrap_err().message;
+        assert_eq!(none, "no proof is called is, only keeps, counts");
+    }
+}
