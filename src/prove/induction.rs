@@ -36,24 +36,29 @@ struct Wanted {
 
 const FEW_PACKETS: &[(&str, u32)] = &[("packets.in_flight", 4)];
 
-const fn wanted(unit: &'static str, modules: &'static str, proof: &'static str) -> Wanted {
+const fn wanted(
+    unit: &'static str,
+    modules: &'static str,
+    proof: &'static str,
+    few: &'static [(&'static str, u32)],
+) -> Wanted {
     Wanted {
         unit,
         modules,
         proof,
-        few: &[],
+        few,
     }
 }
 
 const WANTED: &[Wanted] = &[
-    wanted("fifo", "fifo_", "order"),
-    wanted("fifo", "block_fifo_", "order"),
-    wanted("prefetch", "_prefetch", "order"),
-    wanted("credit", "update_processor", "credit"),
-    Wanted {
-        few: FEW_PACKETS,
-        ..wanted("geometry", "geometry_unit", "conserves")
-    },
+    wanted("fifo", "fifo_", "order", &[]),
+    wanted("fifo", "block_fifo_", "order", &[]),
+    wanted("prefetch", "_prefetch", "order", &[]),
+    wanted("credit", "update_processor", "credit", &[]),
+    wanted("geometry", "geometry_unit", "conserves", FEW_PACKETS),
+    wanted("tpu", "tpu", "packets", FEW_PACKETS),
+    wanted("tpu", "tpu", "choices", &[]),
+    wanted("stack", "tpu", "stack", &[]),
 ];
 
 /// The properties of one proof, of one module.
