@@ -31,7 +31,7 @@ pub struct Module {
     pub(super) ir: Netlist,
     pub(super) ports: Vec<Port>,
     pub(super) children: Vec<Arc<Module>>,
-    printed: Printed,
+    pub(super) printed: Printed,
     /// For each output port (by name) the inputs that reach it through combinational logic.
     pub(super) paths: BTreeMap<String, Vec<String>>,
 }
@@ -185,8 +185,8 @@ impl std::str::FromStr for Prefix {
 /// A top module with everything below it, children first, each module once.
 #[derive(Debug)]
 pub struct Design {
-    modules: Vec<Arc<Module>>,
-    prefix: Prefix,
+    pub(super) modules: Vec<Arc<Module>>,
+    pub(super) prefix: Prefix,
 }
 
 impl Design {

@@ -42,8 +42,8 @@ pub(super) struct MemoryData {
 /// A word that was never written, or that lies past the depth, is undefined as well.
 #[derive(Clone, Copy)]
 pub struct Memory<'b> {
-    builder: &'b Builder,
-    index: usize,
+    pub(super) builder: &'b Builder,
+    pub(super) index: usize,
 }
 
 impl Builder {

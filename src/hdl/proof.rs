@@ -29,6 +29,7 @@ use super::design::{Design, Direction, Module, renamed};
 use super::error::HdlError;
 use super::ir::{Id, Op, ProofData};
 use super::memory::Memory;
+use super::mutation::Mutation;
 use super::signal::Signal;
 use super::verilog;
 use std::ops::RangeInclusive;
@@ -63,6 +64,7 @@ impl Builder {
             kept: vec![],
             depth: 1,
             arrays: false,
+            faults: vec![],
         });
         drop(inner);
         if clash {
@@ -72,12 +74,6 @@ impl Builder {
             builder: self,
             index,
         }
-    }
-
-    /// The reset, as logic reads it.
-    #[track_caller]
-    pub fn reset(&self) -> Signal<'_> {
-        self.node(Op::Reset, 1, None, Location::caller())
     }
 }
 
@@ -236,6 +232,12 @@ impl<'b> Proof<'b> {
         });
     }
 
+    /// A fault of the module that the proof must find: else it would prove nothing.
+    pub fn fault(&self, what: impl Into<String>, mutation: Mutation) {
+        let what = what.into();
+        self.data(|data| data.faults.push((what, mutation)));
+    }
+
     /// Clocks that a step of the induction looks back, in place of 1.
     pub fn depth(&self, clocks: u32) {
         self.data(|data| data.depth = clocks);
@@ -282,6 +284,8 @@ pub struct ProofFacts {
     pub covers: Vec<String>,
     pub depth: u32,
     pub arrays: bool,
+    /// What the proof must find, in words.
+    pub faults: Vec<(String, Mutation)>,
 }
 
 /// A module with the properties of one proof, for Yosys.
@@ -306,6 +310,7 @@ impl Module {
             covers: words(&proof.covers),
             depth: proof.depth,
             arrays: proof.arrays,
+            faults: proof.faults.clone(),
         };
         self.ir.proofs.iter().map(facts).collect()
     }
@@ -444,7 +449,12 @@ mod tests {
             proof.assume(data.untimed().any());
             proof.assert("it is kept", written.q.implies(words.peek(at).eq(word.q)));
             let sums = m.concat(&sum.stages(1..=6));
-            proof.assert("the newest sum is more than 2", sums.high(8).gt(m.lit(2u8, 8)));
+            proof.assert(
+                "the newest sum is more than 2",
+                sums.high(8).gt(m.lit(2u8, 8)),
+            );
+            let tripled = sum.at(3).untimed().mul(m.lit(3u8, 2));
+            proof.assert("a product has its width", tripled.le(m.lit(765u32, 10)));
             proof.assert(
                 "the counter counts",
                 counter.inside("count").any() | !written.q,
@@ -476,7 +486,7 @@ mod tests {
         let formal = module.formal("keeps", &|name| format!("p_{name}")).unwrap();
         let text = &formal.text;
         assert_eq!(formal.cut, ["sum"]);
-        assert_eq!(text.matches("assert (").count(), 3, "{text}");
+        assert_eq!(text.matches("assert (").count(), 4, "{text}");
         assert_eq!(text.matches("assume (").count(), 2, "{text}");
         assert_eq!(text.matches("cover (").count(), 1, "{text}");
         for (line, what) in formal.asserts.iter().zip(&module.proofs()[0].asserts) {
@@ -489,6 +499,7 @@ mod tests {
         // Registers of a delay line where they are, the word where it is stored, the counter where it counts.
         for part in [
             "sum_delay[7:0]",
+            "= sum_delay[23:16] * 2'd3;",
             "words[f_keeps_at]",
             "(* hierconn *) wire [2:0] \\counter.count ;",
             "(* anyconst *) wire [1:0] f_keeps_at;",

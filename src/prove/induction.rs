@@ -36,26 +36,29 @@ struct Wanted {
 
 const FEW_PACKETS: &[(&str, u32)] = &[("packets.in_flight", 4)];
 
-const fn wanted(unit: &'static str, modules: &'static str, proof: &'static str) -> Wanted {
+const fn wanted(
+    unit: &'static str,
+    modules: &'static str,
+    proof: &'static str,
+    few: &'static [(&'static str, u32)],
+) -> Wanted {
     Wanted {
         unit,
         modules,
         proof,
-        few: &[],
+        few,
     }
 }
 
 const WANTED: &[Wanted] = &[
-    wanted("fifo", "fifo_", "order"),
-    wanted("fifo", "block_fifo_", "order"),
-    wanted("prefetch", "_prefetch", "order"),
-    wanted("credit", "update_processor", "credit"),
-    Wanted {
-        few: FEW_PACKETS,
-        ..wanted("tpu", "tpu", "packets")
-    },
-    wanted("tpu", "tpu", "choices"),
-    wanted("stack", "tpu", "stack"),
+    wanted("fifo", "fifo_", "order", &[]),
+    wanted("fifo", "block_fifo_", "order", &[]),
+    wanted("prefetch", "_prefetch", "order", &[]),
+    wanted("credit", "update_processor", "credit", &[]),
+    wanted("geometry", "geometry_unit", "conserves", FEW_PACKETS),
+    wanted("tpu", "tpu", "packets", FEW_PACKETS),
+    wanted("tpu", "tpu", "choices", &[]),
+    wanted("stack", "tpu", "stack", &[]),
 ];
 
 /// The properties of one proof, of one module.
@@ -128,9 +131,13 @@ impl Induction {
     /// Shows all properties by induction, or finds one that fails.
     ///
     /// # Errors
-    /// A tool that fails.
-    pub fn prove(&self, folder: &Path) -> Result<(usize, Outcome)> {
-        let formal = self.module.formal(&self.proof.name, &str::to_string)?;
+    /// A tool that fails; a fault that cannot be made.
+    pub fn prove(&self, folder: &Path, fault: Option<usize>) -> Result<(usize, Outcome)> {
+        let module = match fault {
+            Some(fault) => self.module.with(&self.proof.faults[fault].1)?,
+            None => self.module.clone(),
+        };
+        let formal = module.formal(&self.proof.name, &str::to_string)?;
         std::fs::write(folder.join("laws.sv"), &formal.text).context("laws.sv")?;
         let write = match self.proof.arrays {
             true => "write_smt2",
@@ -224,17 +231,20 @@ mod tests {
         let config =
             std::env::var("CONFIG").map_or(Config::reference(), |name| Config::load(name).unwrap());
         for induction in proofs(&unit, &config).unwrap() {
-            let clock = std::time::Instant::now();
-            let folder = std::path::PathBuf::from(format!("/tmp/prove_{unit}"));
-            std::fs::create_dir_all(&folder).unwrap();
-            let outcome = induction.prove(&folder);
-            println!(
-                "{} {} {:?} {:.1} s",
-                induction.module.name(),
-                induction.proof.name,
-                outcome,
-                clock.elapsed().as_secs_f64()
-            );
+            for fault in std::iter::once(None).chain((0..induction.proof.faults.len()).map(Some)) {
+                let clock = std::time::Instant::now();
+                let folder = std::path::PathBuf::from(format!("/tmp/prove_{unit}"));
+                std::fs::create_dir_all(&folder).unwrap();
+                let outcome = induction.prove(&folder, fault);
+                let what = fault.map_or("", |fault| &induction.proof.faults[fault].0);
+                println!(
+                    "{} {} {what:?} {:?} {:.1} s",
+                    induction.module.name(),
+                    induction.proof.name,
+                    outcome,
+                    clock.elapsed().as_secs_f64()
+                );
+            }
         }
     }
 }

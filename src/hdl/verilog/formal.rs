@@ -68,7 +68,7 @@ pub(in super::super) fn with_proof(ir: &Netlist, proof: &ProofData) -> WithProof
         &format!("\n  // Proof: {}.\n{section}", proof.what),
     );
     let names = printer.signals();
-    let (text, modules) = unmarked(&text);
+    let (text, modules, _) = unmarked(&text);
     WithProof {
         text,
         modules,
@@ -115,7 +115,8 @@ pub(in super::super) fn with_checks(ir: &Netlist) -> (String, Vec<usize>) {
         }
     }
     if checks.is_empty() {
-        return unmarked(&module);
+        let (text, modules, _) = unmarked(&module);
+        return (text, modules);
     }
     let roots: Vec<Id> = checks.iter().map(|(_, id)| *id).collect();
     let inside = |instance: usize, node: Id| {
@@ -137,7 +138,8 @@ pub(in super::super) fn with_checks(ir: &Netlist) -> (String, Vec<usize>) {
     let section = format!(
         "\n`ifdef {CHECKS}\n  // What is proved of the module, or taken for granted of what is around it, at every clock after a reset.\n{section}`endif\n"
     );
-    unmarked(&insert(&module, &section).0)
+    let (text, modules, _) = unmarked(&insert(&module, &section).0);
+    (text, modules)
 }
 
 impl Printer<'_> {
