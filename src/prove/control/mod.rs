@@ -10,7 +10,6 @@ mod geometry;
 mod queues;
 mod raycast;
 mod skinning;
-mod traversal;
 mod update;
 
 use super::tools::{self, Ended};
@@ -81,9 +80,7 @@ fn plant(what: &str, line: &str, from: &str, to: &str) -> Plant {
 }
 
 /// Of [`super::UNITS`], those that are proved by induction.
-const CONTROL: [&str; 8] = [
-    "fifo", "prefetch", "credit", "skin", "geometry", "tpu", "stack", "share",
-];
+const CONTROL: [&str; 6] = ["fifo", "prefetch", "credit", "skin", "geometry", "share"];
 
 /// All inductions of a unit of the given name; none if it is no unit of control.
 ///
@@ -131,13 +128,6 @@ pub fn proofs(unit: &str, config: &Config) -> Result<Vec<Induction>> {
                 skinning::write_queue(&find(&few, NAME)?)?,
             ])
         }
-        "tpu" => {
-            let few = few("packets.in_flight", FEW_PACKETS)?;
-            Ok(vec![
-                traversal::packets(&find(&few, "tpu")?, FEW_PACKETS)?,
-                traversal::choices(&find(&all, "tpu")?)?,
-            ])
-        }
         "geometry" => {
             let few = few("packets.in_flight", FEW_PACKETS)?;
             Ok(vec![geometry::conserves(
@@ -145,14 +135,13 @@ pub fn proofs(unit: &str, config: &Config) -> Result<Vec<Induction>> {
                 FEW_PACKETS,
             )?])
         }
-        "share" => {
+        _ => {
             let few = few("packets.in_flight", FEW_PACKETS)?;
             Ok(vec![raycast::shares(
                 &find(&few, "raycast_unit")?,
                 FEW_PACKETS,
             )?])
         }
-        _ => Ok(vec![traversal::stack(&find(&all, "tpu")?, config)?]),
     }
 }
 
