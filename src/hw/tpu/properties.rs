@@ -418,9 +418,9 @@ fn stack<'b>(unit: &Watched<'_, 'b>) {
         "the word of its bank is chosen",
         then.implies(chosen.eq(expected)),
     );
-    let [first, second] = [0, 1].map(|bank| reads_of_banks[bank].register());
+    let (bank_of_pop, _) = Banks::split(pop.entry.address);
     proof.fault(
         "the choice between banks takes another bank's word",
-        pop.entry.word.reads(second).as_signal(first),
+        pop.entry.word.reads(bank_of_pop.bit(0)).inverted(),
     );
 }
