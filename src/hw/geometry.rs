@@ -334,7 +334,8 @@ pub fn module(plan: &Plan) -> Result<Geometry, HdlError> {
 
     m.comment("The test, and what it lends its operators to.");
     let p = m.pipeline();
-    let valid = p.enter(busy.q & !now_instance.q).cleared_by_reset();
+    let test_issued = busy.q & !now_instance.q;
+    let valid = p.enter(test_issued).cleared_by_reset();
     // What a reset leaves of it is written long before a packet comes for it.
     let box_slot = p.enter(in_slot(BOX_SLOT).named("in_box_slot"));
     let direction_slot = p.enter(in_slot(DIRECTION_SLOT).named("in_direction_slot"));
@@ -695,7 +696,7 @@ pub fn module(plan: &Plan) -> Result<Geometry, HdlError> {
     }
     m.group("Counters' events");
     m.output("slot_taken", busy.q);
-    m.output("test_issued", busy.q & !now_instance.q);
+    m.output("test_issued", test_issued);
     m.output("transform_issued", in_slot(ORIGIN_SLOT));
 
     m.group("The ray-triangle test just merged, for whoever watches");
@@ -768,6 +769,7 @@ pub fn module(plan: &Plan) -> Result<Geometry, HdlError> {
         job_packet,
         job_is_instance,
         corner: corner.q,
+        last_corner,
         vertex_request: Request {
             valid: job_valid,
             ready: vertex_ready,
@@ -779,6 +781,7 @@ pub fn module(plan: &Plan) -> Result<Geometry, HdlError> {
         vertex_tag,
         arrived_packet,
         arrivals,
+        last_arrives,
         complete,
         ready_queue,
         ready_packet,
@@ -791,6 +794,8 @@ pub fn module(plan: &Plan) -> Result<Geometry, HdlError> {
         issue_ray,
         last_slot,
         now_last,
+        idle_next,
+        test_issued,
         tests: Passage::new(valid, last, packet, merged_at),
         moves: Passage::new(origin_slot, last, packet, left_at),
         done_valid,

@@ -87,12 +87,14 @@ pub(super) struct Unit<'b> {
     pub job_packet: Signal<'b>,
     pub job_is_instance: Signal<'b>,
     pub corner: Signal<'b>,
+    pub last_corner: Signal<'b>,
     pub vertex_request: Request<'b>,
     pub vertex_fire: Signal<'b>,
     pub vertex_valid: Signal<'b>,
     pub vertex_tag: Signal<'b>,
     pub arrived_packet: Signal<'b>,
     pub arrivals: Memory<'b>,
+    pub last_arrives: Signal<'b>,
     pub complete: Signal<'b>,
     // Rays.
     pub ready_queue: Placed<'b>,
@@ -106,7 +108,9 @@ pub(super) struct Unit<'b> {
     pub issue_ray: Signal<'b>,
     pub last_slot: Signal<'b>,
     pub now_last: Signal<'b>,
+    pub idle_next: Signal<'b>,
     // The test.
+    pub test_issued: Signal<'b>,
     pub tests: Passage<'b>,
     pub moves: Passage<'b>,
     pub done_valid: Signal<'b>,
@@ -272,6 +276,32 @@ impl<'b> Unit<'b> {
             age: age.q,
         }
     }
+
+    fn seed_faults(&self, proof: &Proof<'b>) {
+        let last = |vertices: u8| u128::from(vertices - 1);
+        let last_vertex = last(VERTICES_OF_TRIANGLE);
+        proof.fault(
+            "a leaf is complete before its last vertex comes",
+            (self.last_arrives.literal_of(last_vertex)).as_value(last_vertex - 1),
+        );
+        let last_vector = last(VECTORS_OF_INSTANCE);
+        proof.fault(
+            "the last vertex is not asked for",
+            (self.last_corner.literal_of(last_vector)).as_value(last_vector - 1),
+        );
+        proof.fault(
+            "a vertex counts as asked for before it is taken",
+            (self.vertex_fire.reads(self.vertex_request.ready)).as_value(1),
+        );
+        proof.fault(
+            "a leaf is taken while another's rays are issued",
+            self.idle_next.fault().as_value(1),
+        );
+        proof.fault(
+            "an instance leaves as a triangle",
+            self.test_issued.reads(self.now_instance).as_value(0),
+        );
+    }
 }
 
 pub(super) fn conserves<'b>(m: &'b Builder, unit: &Unit<'b>) {
@@ -351,6 +381,8 @@ pub(super) fn conserves<'b>(m: &'b Builder, unit: &Unit<'b>) {
     }
     proof.assume(vertex_valid.implies(owed_vertices.q.bit_at(unit.vertex_tag)));
     proof.cover("all rays of a leaf are in the test", places.out.q.any());
+
+    unit.seed_faults(proof);
 
     unit.record_request.assert_stays(proof, "record request");
     unit.vertex_request.assert_stays(proof, "vertex request");

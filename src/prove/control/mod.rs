@@ -6,7 +6,6 @@
 //! that if all hold for that many clocks they hold in the next: so they hold for ever. What the laws do not depend on is
 //! removed. Arithmetic inside a module is replaced by outputs of any value.
 
-mod geometry;
 mod queues;
 mod raycast;
 mod skinning;
@@ -80,7 +79,7 @@ fn plant(what: &str, line: &str, from: &str, to: &str) -> Plant {
 }
 
 /// Of [`super::UNITS`], those that are proved by induction.
-const CONTROL: [&str; 6] = ["fifo", "prefetch", "credit", "skin", "geometry", "share"];
+const CONTROL: [&str; 5] = ["fifo", "prefetch", "credit", "skin", "share"];
 
 /// All inductions of a unit of the given name; none if it is no unit of control.
 ///
@@ -127,13 +126,6 @@ pub fn proofs(unit: &str, config: &Config) -> Result<Vec<Induction>> {
                 skinning::conserves(&find(&all, NAME)?)?,
                 skinning::write_queue(&find(&few, NAME)?)?,
             ])
-        }
-        "geometry" => {
-            let few = few("packets.in_flight", FEW_PACKETS)?;
-            Ok(vec![geometry::conserves(
-                &find(&few, "geometry_unit")?,
-                FEW_PACKETS,
-            )?])
         }
         _ => {
             let few = few("packets.in_flight", FEW_PACKETS)?;
@@ -334,21 +326,6 @@ impl Queue {
             );
         }
         wires
-    }
-
-    /// Of a queue in block RAM: its head stands still only while it names a word.
-    fn settles(&self) -> Option<Law> {
-        let settled: Vec<_> = (0..self.settling?)
-            .map(|k| self.register(&format!("settled{k}")))
-            .collect();
-        Some(law(
-            &format!("the head of {} stands still at a word", self.name),
-            format!(
-                "!({}) | {} != 0",
-                settled.join(" | "),
-                self.register("count")
-            ),
-        ))
     }
 }
 
