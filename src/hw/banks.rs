@@ -16,6 +16,7 @@ pub(super) struct BankWrite<'b> {
 
 /// What is read of all banks.
 pub(super) struct BankRead<'b> {
+    pub address: Signal<'b>,
     pub word: Signal<'b>,
     /// Of each bank, as its RAM has read it.
     pub of_banks: Vec<Signal<'b>>,
@@ -87,17 +88,19 @@ impl<'b> Banks<'b> {
     pub fn read(&self, plan: &Plan, address: Signal<'b>) -> BankRead<'b> {
         if let [(only, _)] = self.banks[..] {
             return BankRead {
+                address,
                 word: plan.read(only, address),
                 of_banks: vec![only.read(address)],
             };
         }
-        let (bank, address) = Banks::split(address);
+        let (bank, place) = Banks::split(address);
         let read = (self.banks.iter()).map(|(memory, bits)| {
-            let word = memory.read(address.low(*bits).register());
+            let word = memory.read(place.low(*bits).register());
             (word, word.register())
         });
         let (of_banks, words): (Vec<_>, Vec<_>) = read.unzip();
         BankRead {
+            address,
             word: plan.settle_choice(pick(bank, &words)),
             of_banks,
         }

@@ -365,11 +365,12 @@ struct Sliced<'b> {
 struct Step<'b> {
     valid: Signal<'b>,
     packet: Signal<'b>,
-    /// Whether some ray goes left, and right; whether both; and the level then, in the pipeline.
+    /// Whether some ray goes left, and right; whether both; and the levels before and after. In the pipeline.
     goes_left: Signal<'b>,
     goes_right: Signal<'b>,
     goes_both: Signal<'b>,
     level_before: Signal<'b>,
+    next_level: Signal<'b>,
     /// Whether it goes anywhere.
     goes: Signal<'b>,
     leaf: Signal<'b>,
@@ -389,6 +390,7 @@ struct Stack<'b> {
     memory: Banks<'b>,
     /// Bits of a packet's number in its address.
     packet_bits: u32,
+    full: Signal<'b>,
     write: Signal<'b>,
     bank_writes: Vec<BankWrite<'b>>,
     /// Entries on the stack after.
@@ -409,6 +411,8 @@ struct Pop<'b> {
     popping_packet: Signal<'b>,
     popping_level: Signal<'b>,
     popping_empty: Signal<'b>,
+    /// Its level after the pop; in the pipeline.
+    level_below: Signal<'b>,
     entry: BankRead<'b>,
     /// The rays that stay, as it is decided.
     stays: Signal<'b>,
@@ -910,6 +914,7 @@ impl<'b> Unit<'b> {
             goes_right,
             goes_both: both,
             level_before,
+            next_level,
             goes: step_goes,
             leaf: step_leaf,
             address: step_address,
@@ -951,6 +956,7 @@ impl<'b> Unit<'b> {
         Stack {
             memory: stack,
             packet_bits: fit,
+            full,
             write: stack_write,
             bank_writes,
             level_after,
@@ -1123,6 +1129,7 @@ impl<'b> Unit<'b> {
             popping_packet: pop_packet,
             popping_level: pop_level,
             popping_empty: stack_empty,
+            level_below,
             entry: read_entry,
             stays,
             done: pop_done,

@@ -48,13 +48,12 @@ pub(in super::super) fn with_proof(ir: &Netlist, proof: &ProofData) -> WithProof
     let mut section = printer.beside(&roots, &inside, true);
     let started_name = printer.names.unique("f_started".to_string());
     section += &started(&started_name);
-    let _ = writeln!(
-        section,
-        "  always @* if (!{started_name}) assume (rst);\n  always @* if ({started_name}) begin"
-    );
+    let _ = writeln!(section, "  always @* if (!{started_name}) assume (rst);");
+    // In the first clock of reset too: what registers hold a clock later comes from it.
     for id in &assumes {
-        let _ = writeln!(section, "    assume ({});", printer.part(*id));
+        let _ = writeln!(section, "  always @* assume ({});", printer.part(*id));
     }
+    let _ = writeln!(section, "  always @* if ({started_name}) begin");
     let mut lines = vec![];
     for ((what, _), id) in proof.asserts.iter().zip(&asserts) {
         lines.push(section.lines().count() + 1);

@@ -96,8 +96,9 @@ fn packets<'b>(unit: &Watched<'_, 'b>) {
     proof.cover("a packet is finished", *finished & total.any());
 
     let registers = |valid: Signal<'b>, last: u32| {
-        let bits = (1..=last).rev().map(|stage| valid.at(stage).untimed());
-        m.concat(&bits.collect::<Vec<_>>())
+        let mut bits = valid.stages(1..=last);
+        bits.reverse();
+        m.concat(&bits)
     };
     proof.assert(
         "as many packets are in the step pipeline as its valid bits say",
@@ -170,6 +171,15 @@ fn packets<'b>(unit: &Watched<'_, 'b>) {
     }
     nodes.assert_held(&proof, "node request");
     leaves.assert_held(&proof, "leaf");
+    let [_, retry_queue, nowhere_queue] = &pop.queues;
+    proof.fault(
+        "a dropped entry's packet is lost",
+        retry_queue.push.reads(pop.dropped).as_value(0),
+    );
+    proof.fault(
+        "a packet goes on and ends",
+        nowhere_queue.push.reads(step.goes).as_value(0),
+    );
 }
 
 impl<'a, 'b> Watched<'a, 'b> {
@@ -241,6 +251,10 @@ fn choices<'b>(unit: &Watched<'_, 'b>) {
         proof.assert(
             format!("no two queues are popped for a {name}"),
             !(first & second),
+        );
+        proof.fault(
+            format!("a waiting {name} gives way"),
+            served.held.choice.reads(served.held.waits).as_value(0),
         );
     }
     let &Served { valid, ready, .. } = unit.leaves;
@@ -325,10 +339,32 @@ fn stack<'b>(unit: &Watched<'_, 'b>) {
         "a packet's level goes up by 1 where it pushes, else stays",
         (step.valid).implies(level_after.eq(pushed_level + step.push.extend(level_bits))),
     );
-    let was_level = popped_level.delay(pops);
+    // A wire, so that it is the level in the packet's context that is meant, whatever is packed there.
+    let context = proof.wire("context", pop.context.width());
+    context.drive(pop.context);
+    let (was_level, is_level) = (
+        popped_level.delay(pops),
+        super::context(plan).get(context.get(), "level"),
+    );
     proof.assert(
         "a packet's level goes down by 1 where it pops",
-        (pop.done & was_level.any()).implies(pop.level.eq(was_level - one)),
+        (pop.done & was_level.any()).implies(is_level.eq(was_level - one)),
+    );
+    proof.fault(
+        "a full stack is written",
+        stack.write.reads(stack.full).as_value(0),
+    );
+    proof.fault(
+        "a push leaves the packet's level as it was",
+        step.next_level.reads(step.goes_both).as_value(0),
+    );
+    proof.fault(
+        "a pop leaves the packet two levels down",
+        pop.context.reads(pop.level).as_signal(pop.level - one),
+    );
+    proof.fault(
+        "a pop reads another level",
+        pop.entry.address.reads(pop.level_below).inverted(),
     );
 
     let place = (packet.low(stack.packet_bits)).concat(level.low(plan.stack_bits()));
@@ -381,5 +417,10 @@ fn stack<'b>(unit: &Watched<'_, 'b>) {
     proof.assert(
         "the word of its bank is chosen",
         then.implies(chosen.eq(expected)),
+    );
+    let (bank_of_pop, _) = Banks::split(pop.entry.address);
+    proof.fault(
+        "the choice between banks takes another bank's word",
+        pop.entry.word.reads(bank_of_pop.bit(0)).inverted(),
     );
 }

@@ -9,7 +9,6 @@
 mod queues;
 mod raycast;
 mod skinning;
-mod traversal;
 mod update;
 
 use super::tools::{self, Ended};
@@ -80,9 +79,7 @@ fn plant(what: &str, line: &str, from: &str, to: &str) -> Plant {
 }
 
 /// Of [`super::UNITS`], those that are proved by induction.
-const CONTROL: [&str; 7] = [
-    "fifo", "prefetch", "credit", "skin", "tpu", "stack", "share",
-];
+const CONTROL: [&str; 5] = ["fifo", "prefetch", "credit", "skin", "share"];
 
 /// All inductions of a unit of the given name; none if it is no unit of control.
 ///
@@ -130,21 +127,13 @@ pub fn proofs(unit: &str, config: &Config) -> Result<Vec<Induction>> {
                 skinning::write_queue(&find(&few, NAME)?)?,
             ])
         }
-        "tpu" => {
-            let few = few("packets.in_flight", FEW_PACKETS)?;
-            Ok(vec![
-                traversal::packets(&find(&few, "tpu")?, FEW_PACKETS)?,
-                traversal::choices(&find(&all, "tpu")?)?,
-            ])
-        }
-        "share" => {
+        _ => {
             let few = few("packets.in_flight", FEW_PACKETS)?;
             Ok(vec![raycast::shares(
                 &find(&few, "raycast_unit")?,
                 FEW_PACKETS,
             )?])
         }
-        _ => Ok(vec![traversal::stack(&find(&all, "tpu")?, config)?]),
     }
 }
 
@@ -337,21 +326,6 @@ impl Queue {
             );
         }
         wires
-    }
-
-    /// Of a queue in block RAM: its head stands still only while it names a word.
-    fn settles(&self) -> Option<Law> {
-        let settled: Vec<_> = (0..self.settling?)
-            .map(|k| self.register(&format!("settled{k}")))
-            .collect();
-        Some(law(
-            &format!("the head of {} stands still at a word", self.name),
-            format!(
-                "!({}) | {} != 0",
-                settled.join(" | "),
-                self.register("count")
-            ),
-        ))
     }
 }
 
