@@ -36,6 +36,9 @@ struct Wanted {
 
 const FEW_PACKETS: &[(&str, u32)] = &[("packets.in_flight", 4)];
 
+/// No power of two, so that the wrap of the write queue's places is seen.
+const FEW_VERTICES: &[(&str, u32)] = &[("skinning.vertices_waiting", 6)];
+
 const fn wanted(unit: &'static str, modules: &'static str, proof: &'static str) -> Wanted {
     Wanted {
         unit,
@@ -50,6 +53,15 @@ const WANTED: &[Wanted] = &[
     wanted("fifo", "block_fifo_", "order"),
     wanted("prefetch", "_prefetch", "order"),
     wanted("credit", "update_processor", "credit"),
+    wanted("skin", "skinning_processor", "conserves"),
+    Wanted {
+        few: FEW_VERTICES,
+        ..wanted("skin", "skinning_processor", "write_queue")
+    },
+    Wanted {
+        few: FEW_PACKETS,
+        ..wanted("share", "raycast_unit", "shares")
+    },
 ];
 
 /// The properties of one proof, of one module.
