@@ -20,22 +20,40 @@ use std::path::{Component, Path};
 pub const MANIFEST: &str = "manifest.json";
 /// The manifest's key under which the bench is described, with its files.
 const SIMULATION: &str = "simulation";
+/// The manifest's key of the properties for provers, and the folder that their files are in.
+pub const FORMAL: &str = "formal";
+
+/// What is generated beside the machine itself.
+#[derive(Clone, Debug, Default)]
+pub struct Extras {
+    /// Modules check their properties where the macro `DYNRT_CHECKS` is defined.
+    pub checks: bool,
+    /// Files of properties for provers, in [`FORMAL`], and what the manifest says of them; `files` among it lists them.
+    pub formal: Option<(Vec<(String, String)>, Value)>,
+}
 
 /// Every file of a machine, by name: its modules, children first, then file list, core file, bench and manifest. The
 /// same for the same configuration, to the byte.
 ///
 /// # Errors
 /// See [`Bench::new`].
-pub fn files(machine: &Machine) -> Result<Vec<(String, String)>> {
+pub fn files(machine: &Machine, extras: Extras) -> Result<Vec<(String, String)>> {
     let design = &machine.design;
     let bench = Bench::new(machine)?;
     let top = design.emitted(design.top().name());
-    let mut files = design.files();
+    let mut files = match extras.checks {
+        false => design.files(),
+        true => design.checked_files(),
+    };
     files.push((format!("{top}.f"), file_list(design)));
     files.push((format!("{top}.core"), core_file(machine, &bench)));
     files.extend(bench.files().cloned());
     let mut manifest = manifest(machine);
     manifest[SIMULATION] = bench.describe();
+    if let Some((formal, described)) = extras.formal {
+        files.extend(formal);
+        manifest[FORMAL] = described;
+    }
     files.push((MANIFEST.into(), format!("{manifest:#}\n")));
     Ok(files)
 }
@@ -260,16 +278,21 @@ pub fn machine(config: &Config) -> Result<Machine> {
 /// # Errors
 /// See [`hw::core::emit`].
 pub fn generate(config: &Config) -> Result<(Machine, Vec<(String, String)>)> {
-    generate_with(config, hw::core::default_prefix())
+    generate_with(config, hw::core::default_prefix(), Extras::default())
 }
 
-/// The same with another prefix.
+/// The same with another prefix, and more.
 ///
 /// # Errors
 /// See [`hw::core::emit`].
-pub fn generate_with(config: &Config, prefix: Prefix) -> Result<(Machine, Vec<(String, String)>)> {
+pub fn generate_with(
+    config: &Config,
+    prefix: Prefix,
+    extras: Extras,
+) -> Result<(Machine, Vec<(String, String)>)> {
     let machine = machine_with(config, prefix)?;
-    let files = files(&machine).with_context(|| format!("configuration {}", config.name))?;
+    let files =
+        files(&machine, extras).with_context(|| format!("configuration {}", config.name))?;
     Ok((machine, files))
 }
 
@@ -376,19 +399,22 @@ fn listed_files(folder: &Path) -> Vec<String> {
     if !is_ours {
         return Vec::new();
     }
-    let lists = [&manifest["files"], &manifest[SIMULATION]["files"]];
+    let lists = [
+        &manifest["files"],
+        &manifest[SIMULATION]["files"],
+        &manifest[FORMAL]["files"],
+    ];
     let names = lists.into_iter().filter_map(Value::as_array).flatten();
     let names = names.filter_map(Value::as_str).map(str::to_string);
     // They are called after the top module, and so after the prefix.
     let top = manifest["top"].as_str();
     let of_top = top.map(|top| [format!("{top}.f"), format!("{top}.core")]);
-    // In the folder itself or in the bench's.
+    // In the folder itself, or in one of ours in it.
     let is_plain = |name: &String| {
         let name = Path::new(name);
-        let mut parts = name
-            .strip_prefix(bench::FOLDER)
-            .unwrap_or(name)
-            .components();
+        let within = [bench::FOLDER, FORMAL].map(|folder| name.strip_prefix(folder));
+        let within = within.into_iter().find_map(Result::ok);
+        let mut parts = within.unwrap_or(name).components();
         matches!(parts.next(), Some(Component::Normal(_))) && parts.next().is_none()
     };
     names

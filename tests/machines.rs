@@ -264,7 +264,7 @@ fn workspace(machines: &[(&Config, &str)]) -> tempfile::TempDir {
     let folder = tempfile::tempdir().unwrap();
     for (config, prefix) in machines {
         let parsed: Prefix = prefix.parse().unwrap();
-        let (_, files) = emit::generate_with(config, parsed).unwrap();
+        let (_, files) = emit::generate_with(config, parsed, emit::Extras::default()).unwrap();
         emit::write_folder(&folder.path().join("cores").join(prefix), &files).unwrap();
     }
     folder

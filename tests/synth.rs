@@ -591,7 +591,7 @@ fn simulated_as(
     change: impl Fn(&str, String) -> String,
 ) -> (bool, String) {
     let folder = tempfile::tempdir().unwrap();
-    let (_, rtl) = emit::generate_with(config, prefix.clone()).unwrap();
+    let (_, rtl) = emit::generate_with(config, prefix.clone(), emit::Extras::default()).unwrap();
     emit::write_folder(&folder.path().join("rtl"), &rtl).unwrap();
     let files = constraints::files(config, prefix, "../rtl", None).unwrap();
     let files: Vec<_> = files

@@ -3,9 +3,10 @@
 use super::files::{Kind, Output};
 use super::{ConfigArgs, print};
 use anyhow::Result;
-use dynrt::emit;
+use dynrt::emit::{self, Extras};
 use dynrt::hdl::Prefix;
 use dynrt::hw::core::PREFIX;
+use dynrt::prove::formal;
 
 const HELP: &str = "\
 Writes into DIR
@@ -13,6 +14,7 @@ Writes into DIR
   dynrt_core.f     the Verilog files, children first, for -f of most tools
   dynrt_core.core  the same for FuseSoC (2.4 or later), with targets lint, sim, sim_verilator and synth
   sim/             a bench of the ray casting unit, and a small set of golden vectors that it replays: for the sim targets
+  formal/          with --formal: for each proof by induction the module with its properties, and a task for SymbiYosys
   manifest.json    configuration, top module, modules with ports and latencies, layouts of the records in memory
 
 The names of all modules, their files and the core begin with dynrt_, or what --prefix says: two machines of different prefixes
@@ -27,6 +29,8 @@ Examples:
   dynrt generate --config dynrt-2006 --out build/original
   dynrt generate --set packets.rays=8 --set clock.target_mhz=133 --out build/wide
   dynrt generate --config tiny --prefix small_ --out build/small
+  dynrt generate --formal --out build/rtl && cd build/rtl/formal && sby -f dynrt_update_processor_credit.sby
+  dynrt generate --checks --out build/checked
   cd build/rtl && verilator --lint-only -Wall -f dynrt_core.f --top-module dynrt_core
 
 Every configuration key, with its range, is explained in the files of configs/.";
@@ -38,6 +42,12 @@ pub struct Args {
     /// The folder to write
     #[arg(long, value_name = "DIR", value_parser = Kind::Files)]
     out: Output,
+    /// Write the properties of all units for provers: formal/*.sv for Yosys, formal/*.sby for SymbiYosys
+    #[arg(long)]
+    formal: bool,
+    /// Let the modules check their properties in simulation, where the macro DYNRT_CHECKS is defined
+    #[arg(long)]
+    checks: bool,
     #[command(flatten)]
     prefix: PrefixArg,
     #[command(flatten)]
@@ -62,7 +72,15 @@ impl PrefixArg {
 pub fn run(args: &Args) -> Result<()> {
     let config = args.config.load()?;
     let prefix = args.prefix.parse()?;
-    let (machine, files) = emit::generate_with(&config, prefix)?;
+    let formal = match args.formal {
+        true => Some(formal::files(&config, &prefix)?),
+        false => None,
+    };
+    let extras = Extras {
+        checks: args.checks,
+        formal,
+    };
+    let (machine, files) = emit::generate_with(&config, prefix, extras)?;
     args.out.files(&files)?;
     let modules = machine.design.modules();
     let lines: usize = modules.iter().map(|m| m.verilog().lines().count()).sum();

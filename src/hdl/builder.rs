@@ -3,6 +3,7 @@
 use super::design::{Direction, Module, Port};
 use super::error::HdlError;
 use super::ir::{Binary, Id, InstanceData, Item, Netlist, Node, Op, Place, Register};
+use super::mutation::{Mutation, Reads};
 use super::pipeline::{Pipeline, Stage};
 use super::signal::Signal;
 use std::cell::RefCell;
@@ -22,6 +23,8 @@ pub(super) struct Inner {
     pub known: HashMap<(Op, u32, Option<Stage>), Id>,
     /// The module is complete; what is made now is for its properties.
     pub formal: bool,
+    /// Changes that the description names, and where.
+    pub mutations: Vec<(Mutation, Place)>,
 }
 
 impl Inner {
@@ -33,6 +36,7 @@ impl Inner {
             pipelines: 0,
             known: HashMap::new(),
             formal: false,
+            mutations: vec![],
         }
     }
 }
@@ -412,6 +416,14 @@ impl Builder {
         }
     }
 
+    /// What is of the module itself comes before its properties.
+    pub(super) fn must_be_open(&self, what: &str, name: &str, place: Place) {
+        if self.inner.borrow().formal {
+            let message = format!("{what} \"{name}\" comes behind the module's properties");
+            self.fail(place, message);
+        }
+    }
+
     pub(super) fn named_node(
         &self,
         op: Op,
@@ -473,6 +485,7 @@ impl Builder {
     }
 
     fn port(&self, name: &str, width: u32, direction: Direction, signal: Signal<'_>, place: Place) {
+        self.must_be_open("port", name, place);
         if !std::ptr::eq(signal.builder, self) {
             self.fail(
                 place,
@@ -526,6 +539,12 @@ impl Builder {
         } else {
             self.lit(1u8, 1).repeat(width)
         }
+    }
+
+    /// The reset, for logic that reads it. Registers have theirs of [`Builder::reg_reset`].
+    #[track_caller]
+    pub fn reset(&self) -> Signal<'_> {
+        self.node(Op::Reset, 1, None, Location::caller())
     }
 
     /// A wire that is driven later, once: for what is used before it is made.
@@ -909,6 +928,7 @@ impl Builder {
         inputs: &[(&str, Signal<'b>)],
     ) -> Outputs<'b> {
         let (name, place) = (name.as_ref(), Location::caller());
+        self.must_be_open("instance", name, place);
         self.claim(name, place);
         // The stage, in this module, of the instance's stage 0.
         let mut base: Option<Stage> = None;
@@ -1055,7 +1075,12 @@ impl Builder {
         if let Some(error) = self.error.borrow_mut().take() {
             return Err(error);
         }
-        Ok(Arc::new(Module::of(self.inner.into_inner().ir)?))
+        let inner = self.inner.into_inner();
+        let module = Module::of(inner.ir)?;
+        for (mutation, place) in &inner.mutations {
+            module.admits(mutation, place)?;
+        }
+        Ok(Arc::new(module))
     }
 
     pub(super) fn drive(&self, target: Id, value: Signal<'_>, place: Place) {
@@ -1125,6 +1150,15 @@ pub struct Outputs<'b> {
 }
 
 impl<'b> Outputs<'b> {
+    /// What one of the instance's inputs is given, for a [`Mutation`].
+    pub fn input(&self, port: &str) -> Reads<&'b Builder> {
+        let inner = self.builder.inner.borrow();
+        let mut inputs = inner.ir.instances[self.index].inputs.iter();
+        let input = inputs.position(|(name, _)| name == port);
+        let input = input.ok_or_else(|| format!("module {} has no input {port}", self.module));
+        Reads::of_input(self.builder, self.index, input)
+    }
+
     /// An output by its port's name.
     #[track_caller]
     pub fn get(&self, port: &str) -> Signal<'b> {

@@ -9,25 +9,8 @@ impl Netlist {
     /// The nodes that a node's value depends on without a register between.
     pub(super) fn combinational_inputs(&self, id: Id) -> Vec<Id> {
         match &self.nodes[id].op {
-            Op::Input
-            | Op::Literal(_)
-            | Op::Register(_)
-            | Op::Read(_, _, _, true)
-            | Op::Reset
-            | Op::AnyConst
-            | Op::AnySeq
-            | Op::Inside(..) => vec![],
+            Op::Register(_) | Op::Read(_, _, _, true) => vec![],
             Op::Wire => self.drivers.get(&id).copied().into_iter().collect(),
-            Op::Not(a)
-            | Op::Repeat(a, _)
-            | Op::Slice(a, _)
-            | Op::Any(a)
-            | Op::All(a)
-            | Op::Parity(a) => vec![*a],
-            Op::Read(_, _, address, false) | Op::Peek(_, address) => vec![*address],
-            Op::Binary(_, a, b) => vec![*a, *b],
-            Op::Mux(c, a, b) => vec![*c, *a, *b],
-            Op::Concat(parts) => parts.clone(),
             Op::Instance(instance, port) => {
                 let instance = &self.instances[*instance];
                 let port = &instance.module.ports[*port].name;
@@ -39,6 +22,7 @@ impl Netlist {
                     .map(|(_, id)| *id)
                     .collect()
             }
+            op => op.operands(),
         }
     }
 }

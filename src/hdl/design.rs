@@ -31,7 +31,7 @@ pub struct Module {
     pub(super) ir: Netlist,
     pub(super) ports: Vec<Port>,
     pub(super) children: Vec<Arc<Module>>,
-    printed: Printed,
+    pub(super) printed: Printed,
     /// For each output port (by name) the inputs that reach it through combinational logic.
     pub(super) paths: BTreeMap<String, Vec<String>>,
 }
@@ -107,17 +107,7 @@ impl Module {
 
     /// Its Verilog with another name for every module, its own and those that it places. Line by line it is [`Self::verilog`].
     pub fn verilog_with(&self, emitted: &dyn Fn(&str) -> String) -> String {
-        let mut text = String::with_capacity(self.printed.text.len());
-        let mut done = 0;
-        for &place in &self.printed.names {
-            let rest = &self.printed.text[place..];
-            let end = rest.find(|c: char| !(c.is_ascii_alphanumeric() || c == '_'));
-            let name = &rest[..end.unwrap_or(rest.len())];
-            text.push_str(&self.printed.text[done..place]);
-            text.push_str(&emitted(name));
-            done = place + name.len();
-        }
-        text + &self.printed.text[done..]
+        renamed(&self.printed.text, &self.printed.names, emitted)
     }
 
     pub fn children(&self) -> &[Arc<Module>] {
@@ -135,6 +125,21 @@ impl Module {
         let first = outputs.next()??;
         outputs.all(|s| s == Some(first)).then_some(first)
     }
+}
+
+/// A text with other names for modules, which begin at `places`.
+pub(super) fn renamed(text: &str, places: &[usize], emitted: &dyn Fn(&str) -> String) -> String {
+    let mut renamed = String::with_capacity(text.len());
+    let mut done = 0;
+    for &place in places {
+        let rest = &text[place..];
+        let end = rest.find(|c: char| !(c.is_ascii_alphanumeric() || c == '_'));
+        let name = &rest[..end.unwrap_or(rest.len())];
+        renamed.push_str(&text[done..place]);
+        renamed.push_str(&emitted(name));
+        done = place + name.len();
+    }
+    renamed + &text[done..]
 }
 
 /// What the names of all modules of a design begin with, so that two machines can stand in one design.
@@ -180,8 +185,8 @@ impl std::str::FromStr for Prefix {
 /// A top module with everything below it, children first, each module once.
 #[derive(Debug)]
 pub struct Design {
-    modules: Vec<Arc<Module>>,
-    prefix: Prefix,
+    pub(super) modules: Vec<Arc<Module>>,
+    pub(super) prefix: Prefix,
 }
 
 impl Design {
@@ -249,9 +254,18 @@ impl Design {
 
     /// File names and texts as they are emitted, one module a file, children first.
     pub fn files(&self) -> Vec<(String, String)> {
-        self.modules
-            .iter()
-            .map(|m| (self.emitted(m.name()) + ".v", self.verilog(m)))
+        self.files_of(&|module| self.verilog(module))
+    }
+
+    /// The same with checks: see [`Module::checked`].
+    pub fn checked_files(&self) -> Vec<(String, String)> {
+        self.files_of(&|module| module.checked(&|name| self.emitted(name)))
+    }
+
+    fn files_of(&self, text: &dyn Fn(&Module) -> String) -> Vec<(String, String)> {
+        let modules = self.modules.iter();
+        modules
+            .map(|module| (self.emitted(module.name()) + ".v", text(module)))
             .collect()
     }
 }

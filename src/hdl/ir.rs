@@ -5,6 +5,7 @@
 
 use super::design::{Module, Port};
 use super::memory::MemoryData;
+use super::mutation::Mutation;
 use super::pipeline::Stage;
 use std::collections::HashMap;
 use std::panic::Location;
@@ -32,6 +33,8 @@ pub(super) enum Binary {
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
 pub(super) enum Op {
     Input,
+    /// The reset, `rst`.
+    Reset,
     Literal(u128),
     Not(Id),
     Binary(Binary, Id, Id),
@@ -50,8 +53,6 @@ pub(super) enum Op {
     Read(usize, usize, Id, bool),
     /// Instance and index of its port.
     Instance(usize, usize),
-    /// The reset.
-    Reset,
     /// Of properties: a value that is any, and stays.
     AnyConst,
     /// Of properties: any value, at each clock another.
@@ -62,11 +63,56 @@ pub(super) enum Op {
     Inside(usize, Id),
 }
 
+impl Op {
+    /// The same operation on other operands. A register's are its next value, then its enable.
+    pub fn map(&self, at: &mut dyn FnMut(Id) -> Id) -> Op {
+        match self {
+            Op::Not(a) => Op::Not(at(*a)),
+            Op::Binary(op, a, b) => Op::Binary(*op, at(*a), at(*b)),
+            Op::Mux(c, a, b) => Op::Mux(at(*c), at(*a), at(*b)),
+            Op::Concat(parts) => Op::Concat(parts.iter().map(|id| at(*id)).collect()),
+            Op::Repeat(a, times) => Op::Repeat(at(*a), *times),
+            Op::Slice(a, low) => Op::Slice(at(*a), *low),
+            Op::Any(a) => Op::Any(at(*a)),
+            Op::All(a) => Op::All(at(*a)),
+            Op::Parity(a) => Op::Parity(at(*a)),
+            Op::Register(register) => Op::Register(Register {
+                next: register.next.map(&mut *at),
+                enable: register.enable.map(&mut *at),
+                ..register.clone()
+            }),
+            Op::Read(memory, copy, address, synchronous) => {
+                Op::Read(*memory, *copy, at(*address), *synchronous)
+            }
+            Op::Peek(memory, address) => Op::Peek(*memory, at(*address)),
+            Op::Input
+            | Op::Reset
+            | Op::Literal(_)
+            | Op::Wire
+            | Op::Instance(..)
+            | Op::AnyConst
+            | Op::AnySeq
+            | Op::Inside(..) => self.clone(),
+        }
+    }
+
+    pub fn operands(&self) -> Vec<Id> {
+        let mut all = vec![];
+        self.map(&mut |id| {
+            all.push(id);
+            id
+        });
+        all
+    }
+}
+
 #[derive(Clone, Debug, Default, PartialEq, Eq, Hash)]
 pub(super) struct Register {
     pub next: Option<Id>,
     pub enable: Option<Id>,
     pub reset: Option<u128>,
+    /// What it holds before the first clock, in simulation.
+    pub initial: Option<u128>,
     /// A delay register belongs to the pipeline, not to the module's state.
     pub delay: bool,
 }
@@ -94,6 +140,26 @@ pub(super) struct InstanceData {
     pub outputs: Vec<(String, Id)>,
 }
 
+/// A place that reads a node.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
+pub(super) enum Root {
+    /// Every reader of a node; what it computes itself is read there, so to speak.
+    Value(Id),
+    /// A wire.
+    Driver(Id),
+    /// A register.
+    Next(Id),
+    Enable(Id),
+    /// What reads a memory.
+    Address(Id),
+    /// A memory's write port: enable, address, data.
+    Write(usize, usize),
+    /// An instance and its input.
+    Input(usize, usize),
+    /// A port.
+    Output(usize),
+}
+
 /// What is printed, in order.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) enum Item {
@@ -111,7 +177,7 @@ pub(super) struct ProofData {
     pub name: String,
     pub what: String,
     pub place: Place,
-    pub assumes: Vec<Id>,
+    pub assumes: Vec<(Place, Id)>,
     pub asserts: Vec<(String, Id)>,
     pub covers: Vec<(String, Id)>,
     /// Signals that have any value at each clock, whatever drives them.
@@ -122,6 +188,18 @@ pub(super) struct ProofData {
     pub depth: u32,
     /// Whether memories stay arrays for the solver; else each word is a register.
     pub arrays: bool,
+    /// Faults that the proof must find, in words.
+    pub faults: Vec<(String, Mutation)>,
+}
+
+impl ProofData {
+    /// All the nodes that it speaks of.
+    pub fn nodes(&mut self) -> impl Iterator<Item = &mut Id> {
+        let assumes = self.assumes.iter_mut().map(|(_, id)| id);
+        let said = self.asserts.iter_mut().chain(&mut self.covers);
+        let said = said.map(|(_, id)| id);
+        assumes.chain(said).chain(&mut self.cut)
+    }
 }
 
 /// A module's hierarchy level: its nodes and what connects them.

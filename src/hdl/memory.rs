@@ -42,8 +42,8 @@ pub(super) struct MemoryData {
 /// A word that was never written, or that lies past the depth, is undefined as well.
 #[derive(Clone, Copy)]
 pub struct Memory<'b> {
-    builder: &'b Builder,
-    index: usize,
+    pub(super) builder: &'b Builder,
+    pub(super) index: usize,
 }
 
 impl Builder {
@@ -57,6 +57,7 @@ impl Builder {
         style: Style,
     ) -> Memory<'_> {
         let place = Location::caller();
+        self.must_be_open("memory", name.as_ref(), place);
         self.claim(name.as_ref(), place);
         if depth == 0 || width == 0 {
             self.fail(

@@ -21,14 +21,15 @@
 //! proof.cover("it comes round", stepped & count.q.is_zero());
 //! let module = m.finish().unwrap();
 //! assert!(!module.verilog().contains("assert"));
-//! assert!(module.formal("digit").unwrap().text.contains("assert (count <= 4'd9)"));
+//! assert!(module.formal("digit", &str::to_string).unwrap().text.contains("assert (count <= 4'd9)"));
 //! ```
 
 use super::builder::{Builder, Outputs, Reg, Wire};
-use super::design::{Design, Direction, Module};
+use super::design::{Design, Direction, Module, renamed};
 use super::error::HdlError;
 use super::ir::{Id, Op, ProofData};
 use super::memory::Memory;
+use super::mutation::Mutation;
 use super::signal::Signal;
 use super::verilog;
 use std::ops::RangeInclusive;
@@ -63,6 +64,7 @@ impl Builder {
             kept: vec![],
             depth: 1,
             arrays: false,
+            faults: vec![],
         });
         drop(inner);
         if clash {
@@ -72,12 +74,6 @@ impl Builder {
             builder: self,
             index,
         }
-    }
-
-    /// The reset, as logic reads it.
-    #[track_caller]
-    pub fn reset(&self) -> Signal<'_> {
-        self.node(Op::Reset, 1, None, Location::caller())
     }
 }
 
@@ -105,7 +101,8 @@ impl<'b> Signal<'b> {
     /// The bit that `index` names; 0 past the last.
     #[track_caller]
     pub fn bit_at(self, index: Signal<'b>) -> Signal<'b> {
-        self.shr(index).bit(0)
+        let one = self.builder.lit(1u8, self.width());
+        (self & one.shl(index)).any()
     }
 }
 
@@ -152,7 +149,8 @@ impl<'b> Proof<'b> {
     #[track_caller]
     pub fn assume(&self, condition: Signal<'b>) {
         let id = self.bit("what is assumed", condition);
-        self.data(|data| data.assumes.push(id));
+        let place = Location::caller();
+        self.data(|data| data.assumes.push((place, id)));
     }
 
     /// A bit that is high at every clock after the first of a reset; `what` says so in words.
@@ -234,6 +232,12 @@ impl<'b> Proof<'b> {
         });
     }
 
+    /// A fault of the module that the proof must find: else it would prove nothing.
+    pub fn fault(&self, what: impl Into<String>, mutation: Mutation) {
+        let what = what.into();
+        self.data(|data| data.faults.push((what, mutation)));
+    }
+
     /// Clocks that a step of the induction looks back, in place of 1.
     pub fn depth(&self, clocks: u32) {
         self.data(|data| data.depth = clocks);
@@ -280,6 +284,8 @@ pub struct ProofFacts {
     pub covers: Vec<String>,
     pub depth: u32,
     pub arrays: bool,
+    /// What the proof must find, in words.
+    pub faults: Vec<(String, Mutation)>,
 }
 
 /// A module with the properties of one proof, for Yosys.
@@ -304,15 +310,20 @@ impl Module {
             covers: words(&proof.covers),
             depth: proof.depth,
             arrays: proof.arrays,
+            faults: proof.faults.clone(),
         };
         self.ir.proofs.iter().map(facts).collect()
     }
 
-    /// The module's text with a proof's properties, its instances as the proof wants them.
+    /// The module's text with a proof's properties, its instances as the proof wants them. `emitted` names modules.
     ///
     /// # Errors
     /// There is no such proof; a signal that is cut has no name in the Verilog.
-    pub fn formal(&self, proof: &str) -> Result<Formal, HdlError> {
+    pub fn formal(
+        &self,
+        proof: &str,
+        emitted: &dyn Fn(&str) -> String,
+    ) -> Result<Formal, HdlError> {
         let error = |place, message| HdlError {
             module: self.name().to_string(),
             message,
@@ -329,7 +340,7 @@ impl Module {
             )
         })?;
         let data = &self.ir.proofs[index];
-        let mut printed = verilog::with_proof(&self.ir, data);
+        let printed = verilog::with_proof(&self.ir, data);
         let mut cut = vec![];
         for id in &data.cut {
             cut.push(printed.names[*id].clone().ok_or_else(|| {
@@ -339,7 +350,7 @@ impl Module {
                 )
             })?);
         }
-        let mut texts: Vec<String> = vec![];
+        let mut texts = vec![renamed(&printed.text, &printed.modules, emitted)];
         let kept = |name: &str| {
             let mut kept = data.kept.iter().map(|index| &self.ir.instances[*index]);
             kept.any(|instance| instance.module.name() == name)
@@ -349,48 +360,205 @@ impl Module {
                 true => Design::new(child.clone())?.modules().to_vec(),
                 false => vec![],
             };
-            let whole = below.iter().map(|module| module.verilog().to_string());
-            let any = below.is_empty().then(|| child.of_any_value());
+            let whole = below.iter().map(|module| module.verilog_with(emitted));
+            let any = (below.is_empty()).then(|| child.of_any_value(emitted(child.name())));
             for text in whole.chain(any) {
                 if !texts.contains(&text) {
                     texts.push(text);
                 }
             }
         }
-        texts.iter().for_each(|text| printed.text += text);
         Ok(Formal {
-            text: printed.text,
+            text: texts.concat(),
             asserts: printed.asserts,
             cut,
         })
     }
 
-    /// The module's text with its properties as a simulator checks them, but those that are about any value: one line in the log for
-    /// each clock at which one does not hold, with what it says.
-    pub fn checked(&self) -> String {
-        verilog::with_checks(&self.ir)
+    /// The module's text with its properties as a simulator checks them where the macro `DYNRT_CHECKS` is defined, but those that are
+    /// about any value. What does not hold at a clock is said and stops the simulation. `emitted` names modules.
+    pub fn checked(&self, emitted: &dyn Fn(&str) -> String) -> String {
+        let (text, modules) = verilog::with_checks(&self.ir);
+        renamed(&text, &modules, emitted)
     }
 
     /// A module of the same ports whose outputs are any value at each clock.
-    fn of_any_value(&self) -> String {
+    fn of_any_value(&self, name: String) -> String {
         let mut ports = vec![];
         let mut body = String::new();
         for port in self.ports() {
             let range = format!("[{}:0]", port.width - 1);
-            let name = &port.name;
+            let port_name = &port.name;
             if port.direction == Direction::Input {
-                ports.push(format!("  input wire {range} {name}"));
+                ports.push(format!("  input wire {range} {port_name}"));
             } else {
-                ports.push(format!("  output wire {range} {name}"));
+                ports.push(format!("  output wire {range} {port_name}"));
                 body += &format!(
-                    "  (* anyseq *) wire {range} any_{name};\n  assign {name} = any_{name};\n"
+                    "  (* anyseq *) wire {range} any_{port_name};\n  assign {port_name} = any_{port_name};\n"
                 );
             }
         }
         format!(
-            "module {} (\n{}\n);\n{body}endmodule\n",
-            self.name(),
+            "\nmodule {name} (\n{}\n);\n{body}endmodule\n",
             ports.join(",\n")
         )
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::hdl::Style;
+    use std::sync::Arc;
+
+    fn same(name: &str) -> String {
+        name.to_string()
+    }
+
+    /// A value that waits for others, a word that is kept, a counter inside: what properties speak of.
+    fn child() -> Arc<Module> {
+        let m = Builder::new("child", "counts.");
+        let count = m.reg_reset("count", 3, 0);
+        count.next_when(m.input("step", 1), count.q + m.lit(1u8, 3));
+        m.output("last", count.q.all());
+        m.finish().unwrap()
+    }
+
+    fn module(properties: bool) -> Result<Arc<Module>, HdlError> {
+        let m = Builder::new("unit", "keeps a word, late.");
+        let p = m.pipeline();
+        let valid = p.valid_input("valid");
+        let data = p.input("data", 8);
+        let sum = (data + m.lit(3u8, 8)).named("sum");
+        let (late_valid, late) = (valid.at(6), sum.at(6));
+        let words = m.memory("words", 4, 8, Style::Distributed);
+        let place = m.input("place", 2);
+        words.write(late_valid.untimed(), place, late.untimed());
+        let counter = m.instance("counter", &child(), &[("step", late_valid.untimed())]);
+        m.output("word", words.read_now(place));
+        m.output("last", counter.get("last"));
+        m.output("late", late.untimed());
+        if properties {
+            let proof = m.proof("keeps", "what is written is kept");
+            let at = proof.any_const("at", 2);
+            let here = late_valid.untimed() & place.eq(at);
+            let written = proof.reg_reset("written", 1, 0);
+            let word = proof.reg("word", 8);
+            written.next(written.q | here);
+            word.next_when(here, late.untimed());
+            proof.assume(data.untimed().any());
+            proof.assert("it is kept", written.q.implies(words.peek(at).eq(word.q)));
+            let sums = m.concat(&sum.stages(1..=6));
+            proof.assert(
+                "the newest sum is more than 2",
+                sums.high(8).gt(m.lit(2u8, 8)),
+            );
+            proof.assert(
+                "the counter counts",
+                counter.inside("count").any() | !written.q,
+            );
+            proof.cover("something is written", written.q);
+            proof.cut(sum.untimed());
+            proof.depth(2);
+            let other = m.proof("counts", "the counter stays in it");
+            other.keep(&counter);
+            other.assert("it is no 9", counter.inside("count").lt(m.lit(7u8, 3)));
+        }
+        m.finish()
+    }
+
+    #[test]
+    fn the_module_is_printed_as_without_properties() {
+        let (with, without) = (module(true).unwrap(), module(false).unwrap());
+        assert_eq!(with.verilog(), without.verilog());
+        assert_eq!(with.ports(), without.ports());
+        let formal = with.formal("keeps", &same).unwrap();
+        let end = with.verilog().find("\nendmodule").unwrap();
+        assert!(formal.text.starts_with(&with.verilog()[..end]));
+        assert_eq!(without.checked(&same), without.verilog());
+    }
+
+    #[test]
+    fn a_proof_s_text_has_its_properties_alone() {
+        let module = module(true).unwrap();
+        let formal = module.formal("keeps", &|name| format!("p_{name}")).unwrap();
+        let text = &formal.text;
+        assert_eq!(formal.cut, ["sum"]);
+        assert_eq!(text.matches("assert (").count(), 3, "{text}");
+        assert_eq!(text.matches("assume (").count(), 2, "{text}");
+        assert_eq!(text.matches("cover (").count(), 1, "{text}");
+        for (line, what) in formal.asserts.iter().zip(&module.proofs()[0].asserts) {
+            let line = text.lines().nth(line - 1).unwrap();
+            assert!(
+                line.contains("assert (") && line.ends_with(what),
+                "{line}: {what}"
+            );
+        }
+        // Registers of a delay line where they are, the word where it is stored, the counter where it counts.
+        for part in [
+            "sum_delay[7:0]",
+            "words[f_keeps_at]",
+            "(* hierconn *) wire [2:0] \\counter.count ;",
+            "(* anyconst *) wire [1:0] f_keeps_at;",
+            "module p_unit (",
+            "\n  p_child counter (",
+            "module p_child (",
+            "(* anyseq *) wire [0:0] any_last;",
+        ] {
+            assert!(text.contains(part), "no {part} in {text}");
+        }
+        let other = module.formal("counts", &same).unwrap().text;
+        assert!(
+            !other.contains("anyseq") && !other.contains("f_keeps_at"),
+            "{other}"
+        );
+        let facts = &module.proofs()[0];
+        assert_eq!(
+            (facts.name.as_str(), facts.depth, facts.arrays),
+            ("keeps", 2, false)
+        );
+    }
+
+    #[test]
+    fn a_simulator_checks_what_is_of_no_choice() {
+        let text = module(true).unwrap().checked(&same);
+        assert!(text.contains("`ifdef DYNRT_CHECKS\n"));
+        assert!(text.contains("counter.count < 3'd7"), "{text}");
+        assert!(
+            !text.contains("f_keeps_at") && !text.contains("hierconn"),
+            "{text}"
+        );
+        assert!(
+            text.contains("not so: it is no 9") && text.contains("proof.rs:"),
+            "{text}"
+        );
+    }
+
+    #[test]
+    fn mistakes_have_their_place() {
+        let error = |describe: &dyn Fn(&Builder)| {
+            let m = Builder::new("unit", "is wrong.");
+            let a = m.input("a", 4);
+            m.output("y", a.any());
+            describe(&m);
+            let error = m.finish().unwrap_err();
+            assert!(error.place.file().ends_with("proof.rs"));
+            error.message
+        };
+        let wide = error(&|m| m.proof("p", "").assert("it is so", m.zero(4)));
+        assert_eq!(wide, "it is so: is of 4 bits, not one");
+        let late = error(&|m| {
+            m.proof("p", "");
+            m.input("b", 1);
+        });
+        assert_eq!(late, "port \"b\" comes behind the module's properties");
+        let twice = error(&|m| {
+            m.proof("p", "");
+            m.proof("p", "");
+        });
+        assert_eq!(twice, "two proofs are called \"p\"");
+        let unit = module(true).unwrap();
+        let none = unit.formal("is", &same).unwrap_err().message;
+        assert_eq!(none, "no proof is called is, only keeps, counts");
     }
 }

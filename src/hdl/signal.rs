@@ -153,9 +153,9 @@ impl<'b> Signal<'b> {
                     let delayed = self.builder.node(
                         Op::Register(Register {
                             next: Some(signal.id),
-                            enable: None,
                             reset: cleared.then_some(0),
                             delay: true,
+                            ..Register::default()
                         }),
                         signal.width(),
                         stage,

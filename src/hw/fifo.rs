@@ -88,7 +88,7 @@ pub(super) fn fifo(plan: &Plan, width: u32, depth: u32) -> Result<Arc<Module>, H
     );
     m.output("valid", front_valid.q);
     m.output("front", front.q);
-    properties::order(&queue(front_valid.q, front.q), Some(more.q));
+    properties::order(&queue(front_valid.q, front.q), Some((more.q, front.q)));
     m.finish()
 }
 

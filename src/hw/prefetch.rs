@@ -74,11 +74,13 @@ pub(super) fn prefetch(
     let advance = (is_there & (!front_valid.q | pop)).named("advance");
     // What leaves the count: a clock later where nothing else fits in a clock with who pops. The front word is there by then.
     let mut leaves = advance;
+    let mut arrived_behind = None;
     if let Some((is_there, second, freed)) = registered {
         freed.next(advance);
         leaves = freed.q;
         // As of the clock before: the slot that an advance frees is not the one whose turn comes.
         let second_arrived = pick(second.q, &arrived_bits).named("second_arrived");
+        arrived_behind = Some(second_arrived);
         is_there.next(advance.mux(second_arrived, head_arrived));
         head.next_when(advance, second.q);
         let third = second.q.equals(last_slot).mux(zero, second.q + one);
@@ -132,6 +134,9 @@ pub(super) fn prefetch(
         count,
         arrived,
         head_arrived,
+        room,
+        advance,
+        second_arrived: arrived_behind,
         front_valid,
         front,
         words,

@@ -19,7 +19,7 @@ use std::time::Duration;
 const LIMIT: Duration = Duration::from_secs(240);
 
 /// Clocks after reset in which what a proof is about must be seen to happen.
-const SOON: u32 = 40;
+pub(super) const SOON: u32 = 40;
 
 /// The last stage of a proof: that it is not about nothing.
 const HAPPENS: &str = "what can happen";
@@ -68,6 +68,8 @@ const WANTED: &[Wanted] = &[
 pub struct Induction {
     pub module: Arc<Module>,
     pub proof: ProofFacts,
+    /// Keys that the module's machine has another value of.
+    pub few: &'static [(&'static str, u32)],
 }
 
 /// All inductions of a unit of the given name; none if it is no unit that is proved so.
@@ -93,6 +95,7 @@ pub fn proofs(unit: &str, config: &Config) -> Result<Vec<Induction>> {
             found.extend(proofs.map(|proof| Induction {
                 module: module.clone(),
                 proof,
+                few: wanted.few,
             }));
         }
         ensure!(
@@ -111,33 +114,40 @@ impl Induction {
         format!("z3, induction, depth {}", self.proof.depth)
     }
 
+    /// Yosys' commands from a file with the properties to a transition system.
+    pub fn script(&self, file: &str, top: &str, cut: &[String]) -> String {
+        let memory = match self.proof.arrays {
+            true => "memory_collect",
+            false => "memory -nordff",
+        };
+        let cut: Vec<_> = cut.iter().map(|name| format!("w:{name}")).collect();
+        let cut = match cut.is_empty() {
+            true => String::new(),
+            false => format!("cutpoint {}; ", cut.join(" ")),
+        };
+        format!(
+            "read_verilog -formal -sv {file}; hierarchy -check -top {top}; proc; flatten; {cut}delete -output o:*; \
+             opt -purge -nodffe -nosdff; {memory}; opt -purge -nodffe -nosdff; dffunmap; opt_clean -purge"
+        )
+    }
+
     /// Shows all properties by induction, or finds one that fails.
     ///
     /// # Errors
-    /// A tool that fails.
-    pub fn prove(&self, folder: &Path) -> Result<(usize, Outcome)> {
-        let formal = self.module.formal(&self.proof.name)?;
+    /// A tool that fails; a fault that cannot be made.
+    pub fn prove(&self, folder: &Path, fault: Option<usize>) -> Result<(usize, Outcome)> {
+        let module = match fault {
+            Some(fault) => self.module.with(&self.proof.faults[fault].1)?,
+            None => self.module.clone(),
+        };
+        let formal = module.formal(&self.proof.name, &str::to_string)?;
         std::fs::write(folder.join("laws.sv"), &formal.text).context("laws.sv")?;
-        let (memory, write) = match self.proof.arrays {
-            true => ("memory_collect", "write_smt2"),
-            false => ("memory -nordff", "write_smt2 -nomem"),
+        let write = match self.proof.arrays {
+            true => "write_smt2",
+            false => "write_smt2 -nomem",
         };
-        let cut = match &formal.cut[..] {
-            [] => String::new(),
-            signals => {
-                let signals: Vec<_> = signals.iter().map(|name| format!("w:{name}")).collect();
-                format!("cutpoint {};", signals.join(" "))
-            }
-        };
-        tools::yosys(
-            folder,
-            &format!(
-                "read_verilog -formal -sv laws.sv; hierarchy -check -top {}; proc; flatten; {cut} delete -output o:*; \
-                 opt -purge -nodffe -nosdff; {memory}; opt -purge -nodffe -nosdff; dffunmap; opt_clean -purge; \
-                 {write} laws.smt2",
-                self.module.name()
-            ),
-        )?;
+        let script = self.script("laws.sv", self.module.name(), &formal.cut);
+        tools::yosys(folder, &format!("{script}; {write} laws.smt2"))?;
         // The base must cover as many clocks as a step assumes, and what a seeded fault needs to show.
         let base = (self.proof.depth + 1).to_string();
         let depth = self.proof.depth.to_string();
@@ -224,17 +234,20 @@ mod tests {
         let config =
             std::env::var("CONFIG").map_or(Config::reference(), |name| Config::load(name).unwrap());
         for induction in proofs(&unit, &config).unwrap() {
-            let clock = std::time::Instant::now();
-            let folder = std::path::PathBuf::from(format!("/tmp/prove_{unit}"));
-            std::fs::create_dir_all(&folder).unwrap();
-            let outcome = induction.prove(&folder);
-            println!(
-                "{} {} {:?} {:.1} s",
-                induction.module.name(),
-                induction.proof.name,
-                outcome,
-                clock.elapsed().as_secs_f64()
-            );
+            for fault in std::iter::once(None).chain((0..induction.proof.faults.len()).map(Some)) {
+                let clock = std::time::Instant::now();
+                let folder = std::path::PathBuf::from(format!("/tmp/prove_{unit}"));
+                std::fs::create_dir_all(&folder).unwrap();
+                let outcome = induction.prove(&folder, fault);
+                let what = fault.map_or("", |fault| &induction.proof.faults[fault].0);
+                println!(
+                    "{} {} {what:?} {:?} {:.1} s",
+                    induction.module.name(),
+                    induction.proof.name,
+                    outcome,
+                    clock.elapsed().as_secs_f64()
+                );
+            }
         }
     }
 }

@@ -8,6 +8,7 @@
 mod aig;
 mod arithmetic;
 mod control;
+pub mod formal;
 mod induction;
 mod reference;
 mod slots;

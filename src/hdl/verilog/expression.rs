@@ -5,7 +5,7 @@ use super::super::ir::{Binary, Id, Op};
 use super::{LINE, Printer};
 use std::fmt::Write as _;
 
-pub(super) fn literal(value: u128, width: u32) -> String {
+pub(in super::super) fn literal(value: u128, width: u32) -> String {
     if width == 1 {
         format!("1'b{value}")
     } else if value < 1000 {
@@ -51,7 +51,7 @@ impl Printer<'_> {
     }
 
     /// A node where no parentheses are needed.
-    pub(super) fn part(&self, id: Id) -> String {
+    pub fn part(&self, id: Id) -> String {
         if self.plan.declared[id] {
             self.names.of[id].clone()
         } else {
@@ -60,7 +60,7 @@ impl Printer<'_> {
     }
 
     /// A node's expression, written out even if the node is declared.
-    pub(super) fn expression(&self, id: Id) -> String {
+    pub fn expression(&self, id: Id) -> String {
         let plan = &self.plan;
         match &plan.ops[id] {
             Op::Register(_) => match plan.in_line[id] {
@@ -78,7 +78,6 @@ impl Printer<'_> {
             | Op::AnyConst
             | Op::AnySeq
             | Op::Inside(..) => self.names.of[id].clone(),
-            Op::Reset => "rst".to_string(),
             Op::Peek(memory, address) => {
                 let copy = self.names.copies[*memory].first();
                 let copy = copy.expect("a memory that properties read is read by the module");
@@ -94,6 +93,7 @@ impl Printer<'_> {
                 )
             }
             Op::Literal(value) => literal(*value, plan.width(id)),
+            Op::Reset => "rst".to_string(),
             Op::Not(a) => match &plan.ops[*a] {
                 Op::Any(of) if !plan.declared[*a] => format!("~|{}", self.unary_operand(*of)),
                 _ => format!("~{}", self.unary_operand(*a)),
@@ -120,9 +120,9 @@ impl Printer<'_> {
             Op::Repeat(a, times) => format!("{{{times}{{{}}}}}", self.part(*a)),
             Op::Slice(of, low) => {
                 let width = plan.width(id);
-                let name = &self.names.of[*of];
+                let name = self.part(*of);
                 if width == plan.width(*of) {
-                    return name.clone();
+                    return name;
                 }
                 format!("{name}{}", bits(low + width - 1, *low))
             }

@@ -8,6 +8,8 @@ use std::fmt::Write as _;
 /// A module's text with the properties of one proof.
 pub(in super::super) struct WithProof {
     pub text: String,
+    /// Where in the text a module's name begins.
+    pub modules: Vec<usize>,
     /// The line of each assertion, from 1 on.
     pub asserts: Vec<usize>,
     /// Under which name each node is declared.
@@ -18,6 +20,9 @@ pub(in super::super) struct WithProof {
 fn started(name: &str) -> String {
     format!("  reg  {name} = 1'b0;\n  always @(posedge clk) if (rst) {name} <= 1'b1;\n")
 }
+
+/// The macro that lets a simulator check.
+const CHECKS: &str = "DYNRT_CHECKS";
 
 const END: &str = "\nendmodule\n";
 
@@ -30,9 +35,9 @@ fn insert(text: &str, section: &str) -> (String, usize) {
 
 pub(in super::super) fn with_proof(ir: &Netlist, proof: &ProofData) -> WithProof {
     let mut printer = Printer::new(ir);
-    let (module, _) = unmarked(&printer.module(&ir.name, &ir.doc));
+    let module = printer.module(&ir.name, &ir.doc);
     let stands = |id: &Id| printer.plan.stands[*id];
-    let assumes: Vec<Id> = proof.assumes.iter().map(stands).collect();
+    let assumes: Vec<Id> = proof.assumes.iter().map(|(_, id)| stands(id)).collect();
     let asserts: Vec<Id> = proof.asserts.iter().map(|(_, id)| stands(id)).collect();
     let covers: Vec<Id> = proof.covers.iter().map(|(_, id)| stands(id)).collect();
     let roots = [assumes.clone(), asserts.clone(), covers.clone()].concat();
@@ -64,8 +69,10 @@ pub(in super::super) fn with_proof(ir: &Netlist, proof: &ProofData) -> WithProof
         &format!("\n  // Proof: {}.\n{section}", proof.what),
     );
     let names = printer.signals();
+    let (text, modules, _) = unmarked(&text);
     WithProof {
         text,
+        modules,
         // Behind a blank line and a heading.
         asserts: lines.into_iter().map(|line| first + 2 + line).collect(),
         names: (0..names.len())
@@ -89,22 +96,28 @@ fn of_any(printer: &Printer, root: Id) -> bool {
     false
 }
 
-pub(in super::super) fn with_checks(ir: &Netlist) -> String {
+/// The text with checks, and where in it a module's name begins.
+pub(in super::super) fn with_checks(ir: &Netlist) -> (String, Vec<usize>) {
     let mut printer = Printer::new(ir);
-    let (module, _) = unmarked(&printer.module(&ir.name, &ir.doc));
+    let module = printer.module(&ir.name, &ir.doc);
     let mut checks: Vec<(String, Id)> = vec![];
     for proof in &ir.proofs {
         let assumes = proof.assumes.iter();
-        let assumed = assumes.map(|id| ("what is around it does as it may".to_string(), *id));
+        let assumed = assumes.map(|(place, id)| {
+            let what = format!("what {}:{} assumes", place.file(), place.line());
+            (what, *id)
+        });
         for (what, id) in assumed.chain(proof.asserts.iter().cloned()) {
             let id = printer.plan.stands[id];
-            if !of_any(&printer, id) && !checks.iter().any(|(_, known)| *known == id) {
+            let trivial = matches!(printer.plan.ops[id], Op::Literal(_));
+            if !trivial && !of_any(&printer, id) && !checks.iter().any(|(_, known)| *known == id) {
                 checks.push((what, id));
             }
         }
     }
     if checks.is_empty() {
-        return module;
+        let (text, modules, _) = unmarked(&module);
+        return (text, modules);
     }
     let roots: Vec<Id> = checks.iter().map(|(_, id)| *id).collect();
     let inside = |instance: usize, node: Id| {
@@ -118,12 +131,16 @@ pub(in super::super) fn with_checks(ir: &Netlist) -> String {
     for (what, id) in &checks {
         let _ = writeln!(
             section,
-            "    if (!({})) $error(\"%m: not so: {what}\");",
+            "    if (!({})) begin\n      $display(\"%m: not so: {what}\");\n      $stop;\n    end",
             printer.part(*id)
         );
     }
     section += "  end\n";
-    insert(&module, &format!("\n  // Checks.\n{section}")).0
+    let section = format!(
+        "\n`ifdef {CHECKS}\n  // What is proved of the module, or taken for granted of what is around it, at every clock after a reset.\n{section}`endif\n"
+    );
+    let (text, modules, _) = unmarked(&insert(&module, &section).0);
+    (text, modules)
 }
 
 impl Printer<'_> {

@@ -6,18 +6,23 @@ mod names;
 mod plan;
 
 use super::design::{Direction, Port};
-use super::ir::{Id, Item, Netlist, Op};
+use super::ir::{Id, Item, Netlist, Op, Root};
 use super::memory::Style;
-use expression::{bits, literal};
+use expression::bits;
+pub(super) use expression::literal;
 pub(super) use formal::{with_checks, with_proof};
 use names::Names;
 use plan::Plan;
+use std::cell::RefCell;
 use std::fmt::Write as _;
 
 const LINE: usize = 100;
 
 /// Stands before a module's name while a module is being printed; no text has it.
 const MARK: char = '\u{1}';
+
+/// Stands before a statement while a module is being printed, with the statement's number behind it.
+const STATEMENT: char = '\u{2}';
 
 #[derive(Debug)]
 pub(super) struct Printed {
@@ -26,59 +31,39 @@ pub(super) struct Printed {
     pub names: Vec<usize>,
     /// Under which name each node is declared.
     pub signals: Vec<Option<String>>,
+    /// Where statements begin: what each reads, and its line, from 1 on.
+    pub statements: Vec<(Root, usize)>,
+    /// For each memory how many copies are declared.
+    pub copies: Vec<usize>,
     /// Whether the module has the ports `clk` and `rst`.
     pub clocked: bool,
     pub reset: bool,
 }
 
-struct Printer<'a> {
-    plan: Plan<'a>,
+pub(super) struct Printer<'a> {
+    pub plan: Plan<'a>,
     names: Names,
     clocked: bool,
     reset: bool,
+    statements: RefCell<Vec<Root>>,
 }
 
 pub(super) fn print(ir: &Netlist) -> Printed {
     let printer = Printer::new(ir);
-    let (text, names) = unmarked(&printer.module(&ir.name, &ir.doc));
+    let (text, names, lines) = unmarked(&printer.module(&ir.name, &ir.doc));
+    let signals = printer.signals();
+    let statements = printer.statements.into_inner();
     Printed {
         text,
         names,
-        signals: printer.signals(),
+        signals,
+        statements: lines
+            .into_iter()
+            .map(|(n, line)| (statements[n], line))
+            .collect(),
+        copies: printer.plan.copies.iter().map(Vec::len).collect(),
         clocked: printer.clocked,
         reset: printer.reset,
-    }
-}
-
-impl<'a> Printer<'a> {
-    fn new(ir: &'a Netlist) -> Printer<'a> {
-        let plan = Plan::new(ir);
-        let below = |port| {
-            let mut modules = ir.instances.iter().map(|i| &i.module);
-            modules.any(|m| m.ports.iter().any(|p| p.name == port))
-        };
-        let mut ops = plan.ops.iter().zip(&plan.live).filter(|(_, live)| **live);
-        let clocked = ops
-            .clone()
-            .any(|(op, _)| matches!(op, Op::Register(_) | Op::Read(..)));
-        let reset = ops.any(|(op, _)| match op {
-            Op::Register(register) => register.reset.is_some(),
-            Op::Reset => true,
-            _ => false,
-        });
-        Printer {
-            names: Names::new(&plan),
-            clocked: clocked || below("clk"),
-            reset: reset || below("rst"),
-            plan,
-        }
-    }
-
-    /// Under which name each node is declared.
-    fn signals(&self) -> Vec<Option<String>> {
-        let names = self.names.of.iter().zip(&self.plan.declared);
-        let named = names.map(|(name, declared)| declared.then(|| name.clone()));
-        named.collect()
     }
 }
 
@@ -177,7 +162,55 @@ impl Body {
     }
 }
 
-impl Printer<'_> {
+impl<'a> Printer<'a> {
+    pub fn new(ir: &'a Netlist) -> Printer<'a> {
+        let plan = Plan::new(ir);
+        let below = |port| {
+            let mut modules = ir.instances.iter().map(|i| &i.module);
+            modules.any(|m| m.ports.iter().any(|p| p.name == port))
+        };
+        let mut ops = plan.ops.iter().zip(&plan.live).filter(|(_, live)| **live);
+        let clocked = ops
+            .clone()
+            .any(|(op, _)| matches!(op, Op::Register(_) | Op::Read(..)));
+        let reset = ops.any(|(op, _)| match op {
+            Op::Register(register) => register.reset.is_some(),
+            op => *op == Op::Reset,
+        });
+        Printer {
+            names: Names::new(&plan),
+            clocked: clocked || below("clk"),
+            reset: reset || below("rst"),
+            plan,
+            statements: RefCell::default(),
+        }
+    }
+
+    /// Under which name each node is declared.
+    fn signals(&self) -> Vec<Option<String>> {
+        let names = self.names.of.iter().zip(&self.plan.declared);
+        let named = names.map(|(name, declared)| declared.then(|| name.clone()));
+        named.collect()
+    }
+
+    /// Lets expressions of nodes be printed that were added to the netlist.
+    pub fn extend(&mut self, ir: &'a Netlist) {
+        for id in self.plan.ops.len()..ir.nodes.len() {
+            self.plan.ops.push(ir.nodes[id].op.clone());
+            self.plan.declared.push(false);
+            self.plan.in_line.push(None);
+            self.names.of.push(String::new());
+        }
+        self.plan.ir = ir;
+    }
+
+    /// Goes before the statement in which stands what `root` reads.
+    fn mark(&self, root: Root) -> String {
+        let mut statements = self.statements.borrow_mut();
+        statements.push(root);
+        format!("{STATEMENT}{}{STATEMENT}", statements.len() - 1)
+    }
+
     fn ir(&self) -> &Netlist {
         self.plan.ir
     }
@@ -279,7 +312,8 @@ impl Printer<'_> {
                         let driver = self.plan.driver(*id);
                         if self.names.wire[driver] != Some(*id) {
                             let target = format!("assign {} =", self.names.of[*id]);
-                            body.line(&self.assignment(&target, driver));
+                            let mark = self.mark(Root::Driver(*id));
+                            body.line(&(mark + &self.assignment(&target, driver)));
                         }
                     }
                     Op::Register(register) if !register.delay => {
@@ -299,7 +333,8 @@ impl Printer<'_> {
             let (port, id) = &ir.ports[index];
             let id = self.plan.stands[*id];
             if port.direction == Direction::Output && !self.is_port(id, port) {
-                outputs.push(self.assignment(&format!("assign {} =", port.name), id));
+                let target = format!("assign {} =", port.name);
+                outputs.push(self.mark(Root::Output(index)) + &self.assignment(&target, id));
             }
         }
         if !outputs.is_empty() {
@@ -310,6 +345,7 @@ impl Printer<'_> {
             body.line(&output);
         }
         self.unused(&mut body);
+        self.initial(&mut body);
         body.flush();
         body.text
     }
@@ -361,7 +397,15 @@ impl Printer<'_> {
             } else {
                 format!("wire {declaration} =")
             };
-            body.line(&self.definition(&target, id));
+            body.line(&(self.mark(self.root(id)) + &self.definition(&target, id)));
+        }
+    }
+
+    /// What a declared node's statement reads.
+    fn root(&self, id: Id) -> Root {
+        match self.plan.ops[id] {
+            Op::Read(..) => Root::Address(id),
+            _ => Root::Value(id),
         }
     }
 
@@ -378,7 +422,8 @@ impl Printer<'_> {
         };
         let name = &self.names.of[id];
         let next = register.next.expect("checked: every register is driven");
-        let mut text = self.clear(name, register.reset, self.plan.width(id));
+        let mut text = self.mark(Root::Next(id));
+        text += &self.clear(name, register.reset, self.plan.width(id));
         if let Some(enable) = register.enable {
             let _ = write!(text, "if ({}) ", self.part(enable));
         }
@@ -430,7 +475,8 @@ impl Printer<'_> {
                 let clocks = line.registers.len() as u32;
                 let kept = bits((clocks - 1) * width - 1, 0);
                 statements.push(format!(
-                    "{}{name} <= {{{name}{kept}, {}}};",
+                    "{}{}{name} <= {{{name}{kept}, {}}};",
+                    self.mark(Root::Next(head)),
                     self.clear(name, register.reset, width * clocks),
                     self.part(next)
                 ));
@@ -463,10 +509,13 @@ impl Printer<'_> {
         for (index, copies) in self.plan.copies.iter().enumerate() {
             for (name, read) in self.names.copies[index].iter().zip(copies) {
                 let [enable, address, data] = self.plan.write_port(index).map(|id| self.part(id));
-                let mut statements = vec![format!("if ({enable}) {name}[{address}] <= {data};")];
+                let mark = self.mark(Root::Write(index, 0));
+                let write = format!("{mark}if ({enable}) {name}[{address}] <= {data};");
+                let mut statements = vec![write];
                 if self.is_reg(*read) {
                     statements.push(format!(
-                        "{} <= {};",
+                        "{}{} <= {};",
+                        self.mark(Root::Address(*read)),
                         self.names.of[*read],
                         self.expression(*read)
                     ));
@@ -481,10 +530,12 @@ impl Printer<'_> {
         let mut text = String::new();
         let mut connections = vec![];
         for port in &instance.module.ports {
+            let mut mark = String::new();
             let value = if port.name == "clk" || port.name == "rst" {
                 port.name.clone()
-            } else if let Some((_, id)) = instance.inputs.iter().find(|(n, _)| *n == port.name) {
-                self.part(self.plan.stands[*id])
+            } else if let Some(input) = instance.inputs.iter().position(|(n, _)| *n == port.name) {
+                mark = self.mark(Root::Input(index, input));
+                self.part(self.plan.stands[instance.inputs[input].1])
             } else {
                 let output = instance.outputs.iter().find(|(n, _)| *n == port.name);
                 let (_, id) = output.expect("checked: every port is connected");
@@ -492,7 +543,7 @@ impl Printer<'_> {
                 let _ = writeln!(text, "  wire {}{name};", range(port.width));
                 name.clone()
             };
-            connections.push(format!("    .{}({value})", port.name));
+            connections.push(format!("{mark}    .{}({value})", port.name));
         }
         let _ = writeln!(
             text,
@@ -502,6 +553,35 @@ impl Printer<'_> {
             connections.join(",\n")
         );
         text
+    }
+
+    /// What registers hold before the first clock.
+    fn initial(&self, body: &mut Body) {
+        let plan = &self.plan;
+        let mut lines = vec![];
+        for id in (0..plan.ops.len()).filter(|id| plan.live[*id]) {
+            let Op::Register(register) = &plan.ops[id] else {
+                continue;
+            };
+            let Some(value) = register.initial else {
+                continue;
+            };
+            let value = literal(value, plan.width(id));
+            lines.push(match plan.in_line[id] {
+                None => format!("    {} = {value};\n", self.names.of[id]),
+                Some((line, 0)) => {
+                    let clocks = plan.lines[line].registers.len();
+                    format!(
+                        "    {} = {{{clocks}{{{value}}}}};\n",
+                        self.names.lines[line]
+                    )
+                }
+                Some(_) => continue,
+            });
+        }
+        if !lines.is_empty() {
+            body.block(&format!("  initial begin\n{}  end\n", lines.concat()));
+        }
     }
 
     /// Collects what nothing reads, so that lint knows that it is meant.
@@ -543,17 +623,26 @@ impl Printer<'_> {
     }
 }
 
-/// A text without its marks, and where they were.
-fn unmarked(text: &str) -> (String, Vec<usize>) {
+/// A text without its marks, where those of names were, and the lines of statements, by their numbers.
+fn unmarked(text: &str) -> (String, Vec<usize>, Vec<(usize, usize)>) {
     let mut plain = String::with_capacity(text.len());
-    let mut places = vec![];
-    for (number, part) in text.split(MARK).enumerate() {
-        if number > 0 {
+    let (mut places, mut lines) = (vec![], vec![]);
+    let mut line = 1;
+    let mut rest = text;
+    while let Some(at) = rest.find([MARK, STATEMENT]) {
+        plain.push_str(&rest[..at]);
+        line += rest[..at].matches('\n').count();
+        let name = rest[at..].starts_with(MARK);
+        rest = &rest[at + 1..];
+        if name {
             places.push(plain.len());
+        } else if let Some((number, behind)) = rest.split_once(STATEMENT) {
+            lines.extend(number.parse().ok().map(|number: usize| (number, line)));
+            rest = behind;
         }
-        plain.push_str(part);
     }
-    (plain, places)
+    plain.push_str(rest);
+    (plain, places, lines)
 }
 
 fn wrap(text: &str, width: usize) -> Vec<String> {

@@ -234,6 +234,7 @@ impl Names {
         }
         let width = plan.width(id);
         match &plan.ops[id] {
+            Op::Reset => return Some("rst".to_string()),
             Op::Literal(value) => return (*value < 1000).then(|| value.to_string()),
             Op::Slice(of, low) => {
                 let of = self.phrase(plan, *of, depth)?;

@@ -13,12 +13,12 @@ const LONG_CONNECTION: usize = 36;
 const DELAY_LINE: usize = 4;
 
 /// A chain of delay registers of one signal, printed as one shift register.
-pub(super) struct DelayLine {
+pub(in super::super) struct DelayLine {
     /// The registers, the first to hold the value first.
     pub registers: Vec<Id>,
 }
 
-pub(super) struct Plan<'a> {
+pub(in super::super) struct Plan<'a> {
     pub ir: &'a Netlist,
     /// The node that is printed for a node: itself, or an earlier one of the same value.
     pub stands: Vec<Id>,
@@ -113,38 +113,13 @@ impl Values {
     }
 
     fn resolved(&self, op: &Op) -> Op {
-        let at = |id: &Id| self.stands[*id];
-        match op {
-            Op::Not(a) => Op::Not(at(a)),
-            Op::Binary(op, a, b) => Op::Binary(*op, at(a), at(b)),
-            Op::Mux(c, a, b) => Op::Mux(at(c), at(a), at(b)),
-            Op::Concat(parts) => Op::Concat(parts.iter().map(at).collect()),
-            Op::Repeat(a, times) => Op::Repeat(at(a), *times),
-            Op::Slice(a, low) => match self.ops[at(a)] {
+        match op.map(&mut |id| self.stands[id]) {
+            Op::Slice(a, low) => match self.ops[a] {
                 // A slice of a slice, with a change of stage between, is one slice.
-                Op::Slice(of, base) if self.given[at(a)].is_none() => Op::Slice(of, base + low),
-                _ => Op::Slice(at(a), *low),
+                Op::Slice(of, base) if self.given[a].is_none() => Op::Slice(of, base + low),
+                _ => Op::Slice(a, low),
             },
-            Op::Any(a) => Op::Any(at(a)),
-            Op::All(a) => Op::All(at(a)),
-            Op::Parity(a) => Op::Parity(at(a)),
-            Op::Register(register) => Op::Register(Register {
-                next: register.next.as_ref().map(at),
-                enable: register.enable.as_ref().map(at),
-                ..register.clone()
-            }),
-            Op::Read(memory, copy, address, synchronous) => {
-                Op::Read(*memory, *copy, at(address), *synchronous)
-            }
-            Op::Peek(memory, address) => Op::Peek(*memory, at(address)),
-            Op::Input
-            | Op::Literal(_)
-            | Op::Wire
-            | Op::Instance(..)
-            | Op::Reset
-            | Op::AnyConst
-            | Op::AnySeq
-            | Op::Inside(..) => op.clone(),
+            op => op,
         }
     }
 }
@@ -235,26 +210,8 @@ impl<'a> Plan<'a> {
     /// All the nodes that a node's value comes from, through registers too.
     pub fn sources(&self, id: Id) -> Vec<Id> {
         match &self.ops[id] {
-            Op::Input
-            | Op::Literal(_)
-            | Op::Instance(..)
-            | Op::Reset
-            | Op::AnyConst
-            | Op::AnySeq
-            | Op::Inside(..) => vec![],
             Op::Wire => vec![self.driver(id)],
-            Op::Register(register) => register.next.into_iter().chain(register.enable).collect(),
-            Op::Not(a)
-            | Op::Repeat(a, _)
-            | Op::Slice(a, _)
-            | Op::Any(a)
-            | Op::All(a)
-            | Op::Parity(a)
-            | Op::Peek(_, a)
-            | Op::Read(_, _, a, _) => vec![*a],
-            Op::Binary(_, a, b) => vec![*a, *b],
-            Op::Mux(c, a, b) => vec![*c, *a, *b],
-            Op::Concat(parts) => parts.clone(),
+            op => op.operands(),
         }
     }
 
@@ -359,7 +316,7 @@ impl<'a> Plan<'a> {
     /// Whether an undeclared node is as short as a name.
     fn short(&self, id: Id) -> bool {
         match &self.ops[id] {
-            Op::Literal(_) | Op::Slice(..) => true,
+            Op::Literal(_) | Op::Reset | Op::Slice(..) => true,
             Op::Not(a) | Op::Repeat(a, _) => self.declared[*a] || self.short(*a),
             _ => false,
         }

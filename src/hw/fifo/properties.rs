@@ -1,7 +1,7 @@
 //! What is proved of queues: what comes out is what went in, in order, once; nothing is lost and nothing overflows, given that a queue is
 //! popped only where it shows a word and pushed only where a word is missing. One word, any, is watched.
 
-use crate::hdl::{Builder, Memory, Outputs, Proof, Reg, Signal, bits_for};
+use crate::hdl::{Builder, Memory, Outputs, Proof, Reads, Reg, Signal, bits_for};
 
 const WHAT: &str = "words come out in order, each once; none is lost; no overflow; the front stays";
 
@@ -104,17 +104,29 @@ impl<'b> Queue<'b> {
         );
     }
 
+    /// Faults of both kinds of queues. `together` is high where its count changes, or a push and a pop come together.
+    fn seed_faults(&self, proof: &Proof<'b>, together: Signal<'b>) {
+        proof.fault(
+            "a push and a pop at once count as a push",
+            self.count.q.enable().as_signal(together),
+        );
+        proof.fault(
+            "a word is written beside its slot",
+            self.words.write_address().as_signal(self.head.q),
+        );
+    }
+
     fn stored(&self, place: Signal<'b>) -> Signal<'b> {
         self.words.peek(place.low(bits_for(u64::from(self.depth))))
     }
 }
 
-/// Of a queue in distributed RAM; `more` is its register that says that there is a word behind the front, where it has one.
-pub(super) fn order<'b>(queue: &Queue<'b>, more: Option<Signal<'b>>) {
+/// Of a queue in distributed RAM; `front` are, where it has them, its registers of the front word: that there is a word behind, and the word.
+pub(super) fn order<'b>(queue: &Queue<'b>, front: Option<(Signal<'b>, Signal<'b>)>) {
     let m = queue.module();
     let proof = m.proof("order", WHAT);
     let count = queue.wide(queue.count.q);
-    let head = match more {
+    let head = match front {
         None => queue.wide(queue.head.q),
         Some(_) => {
             let last = m.lit(queue.depth - 1, queue.bits());
@@ -138,11 +150,19 @@ pub(super) fn order<'b>(queue: &Queue<'b>, more: Option<Signal<'b>>) {
         (watched.watching & watched.ahead.is_zero())
             .implies(queue.valid & queue.front.eq(watched.word)),
     );
-    if let Some(more) = more {
+    queue.seed_faults(&proof, queue.push | queue.pop);
+    proof.fault("a reset leaves words in it", queue.count.q.without_reset());
+    if let Some((more, front)) = front {
         let one = m.lit(1u8, queue.count.q.width());
         proof.assert(
             "it knows whether there is a word behind the front",
             more.eq(queue.count.q.gt(one)),
+        );
+        proof.fault(
+            "a word that is pushed as the last one is popped is not its successor",
+            front
+                .reads(queue.data)
+                .as_signal(queue.words.peek(queue.head.q)),
         );
     }
 }
@@ -185,6 +205,12 @@ pub(super) fn block_order(block: &Block<'_>) {
             (settled.q).implies(queue.count.q.any() & word.eq(first)),
         );
     }
+    queue.seed_faults(&proof, queue.push | block.load);
+    let (settled, _) = block.settled.last().expect("a read takes a clock");
+    proof.fault(
+        "a reset leaves its front word settled",
+        settled.q.without_reset(),
+    );
 }
 
 /// A queue that a unit places, for the unit's own properties.
@@ -224,6 +250,11 @@ impl<'b> Placed<'b> {
             None => self.outputs.inside("count").any(),
             Some(_) => self.outputs.inside("front_valid"),
         }
+    }
+
+    /// What it is given for a push, for a fault.
+    pub fn push_input(&self) -> Reads<&'b Builder> {
+        self.outputs.input("push")
     }
 
     /// Lets it stay as it is in a proof, which may rely on what is proved of the queue itself.

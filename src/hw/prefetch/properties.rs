@@ -22,11 +22,14 @@ pub(super) struct Reader<'b> {
     pub count: Reg<'b>,
     pub arrived: Reg<'b>,
     pub head_arrived: Signal<'b>,
+    pub room: Signal<'b>,
+    pub advance: Signal<'b>,
     pub front_valid: Reg<'b>,
     pub front: Reg<'b>,
     pub words: Memory<'b>,
     /// Where it has them, the registers of what the head's word comes to: that it is there, the slot behind, the slot that was freed.
     pub registered: Option<[Reg<'b>; 3]>,
+    pub second_arrived: Option<Signal<'b>>,
 }
 
 pub(super) fn order<'b>(reader: &Reader<'b>) {
@@ -56,7 +59,6 @@ pub(super) fn order<'b>(reader: &Reader<'b>) {
         Some([.., freed]) => wide(count) - wide(freed.q),
         None => wide(count),
     };
-    let lowest = m.lit(1u8, depth);
     let requests = (request_valid & reader.request_ready).extend(depth);
     let answers = response_valid.extend(depth);
     let owed = proof.reg_reset("owed", depth, 0);
@@ -177,5 +179,15 @@ pub(super) fn order<'b>(reader: &Reader<'b>) {
             .equals(u128::from(depth) - 1)
             .mux(m.zero(tag_bits), head + m.lit(1u8, tag_bits));
         proof.assert("the second slot is behind the head", second.q.eq(next));
+        let second_arrived = reader.second_arrived.expect("it has a register");
+        proof.fault(
+            "the head's word is said to be there again when the next one's turn comes",
+            (is_there.q.reads(second_arrived)).as_signal(reader.head_arrived),
+        );
     }
+    proof.fault(
+        "a word is forgotten when another arrives",
+        reader.advance.reads(pop).as_value(1),
+    );
+    proof.fault("it requests without room", reader.room.fault().as_value(1));
 }

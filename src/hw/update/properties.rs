@@ -70,6 +70,9 @@ pub(super) struct Unit<'b> {
     pub goes: Signal<'b>,
     pub current_valid: Signal<'b>,
     pub current_kinds: Kinds<'b>,
+    pub queue_room: Signal<'b>,
+    pub node_room: Signal<'b>,
+    pub node_goes: Signal<'b>,
     pub load_waits: Signal<'b>,
     pub end_waits: Signal<'b>,
     // Merge.
@@ -191,6 +194,22 @@ pub(super) fn credit<'b>(m: &'b Builder, unit: &Unit<'b>) {
             before.implies(rows.count.is_zero()),
         );
     }
+    proof.fault(
+        "a credit comes back twice",
+        (unit.instructions.count.enable()).as_signal(unit.instruction_queue.pop),
+    );
+    proof.fault(
+        "a node goes without room",
+        unit.node_goes.reads(unit.node_room).as_value(1),
+    );
+    proof.fault(
+        "room for an instruction is never seen",
+        unit.queue_room.fault().as_value(0),
+    );
+    proof.fault(
+        "a load's vertex is not asked for",
+        unit.vertex_indices.push_input().as_value(0),
+    );
     credits(proof, unit, &vertices, &passing);
     order(proof, unit, &rows, &passing);
     ends(proof, unit, &rows, &vertices);

@@ -1,0 +1,72 @@
+//! The properties as files for others' tools: SystemVerilog that Yosys reads, and a task of SymbiYosys for each.
+
+use super::UNITS;
+use super::induction::{self, Induction};
+use crate::config::Config;
+use crate::hdl::Prefix;
+use anyhow::Result;
+use serde_json::{Value, json};
+use std::fmt::Write as _;
+
+use crate::emit::FORMAL as FOLDER;
+
+/// Every proof by induction of a machine as two files, and what the manifest says of them.
+///
+/// # Errors
+/// See [`induction::proofs`].
+pub fn files(config: &Config, prefix: &Prefix) -> Result<(Vec<(String, String)>, Value)> {
+    let emitted = |name: &str| format!("{}{name}", prefix.as_str());
+    let mut files = vec![];
+    let mut proofs = vec![];
+    for (unit, _) in UNITS {
+        for proof in induction::proofs(unit, config)? {
+            let module = emitted(proof.module.name());
+            let name = format!("{module}_{}", proof.proof.name);
+            let formal = proof.module.formal(&proof.proof.name, &emitted)?;
+            let [source, task] = ["sv", "sby"].map(|kind| format!("{FOLDER}/{name}.{kind}"));
+            let mut head = format!(
+                "// The module {module} with its properties: {}.\n",
+                proof.proof.what
+            );
+            for (key, value) in proof.few {
+                let _ = writeln!(
+                    head,
+                    "// Of a machine in which {key} = {value}: more is hard for a solver."
+                );
+            }
+            files.push((source.clone(), format!("{head}{}", formal.text)));
+            files.push((task.clone(), task_of(&proof, &name, &module, &formal.cut)));
+            proofs.push(json!({
+                "unit": unit,
+                "module": module,
+                "proof": proof.proof.name,
+                "what": proof.proof.what,
+                "source": source,
+                "task": task,
+                "asserts": proof.proof.asserts,
+                "covers": proof.proof.covers,
+            }));
+        }
+    }
+    let names: Vec<&String> = files.iter().map(|(name, _)| name).collect();
+    let described = json!({"files": names, "proofs": proofs});
+    Ok((files, described))
+}
+
+/// A task that proves by induction, and one that shows what can happen.
+fn task_of(proof: &Induction, name: &str, module: &str, cut: &[String]) -> String {
+    let script = proof
+        .script(&format!("{name}.sv"), module, cut)
+        .replace("; ", "\n");
+    let memory = if proof.proof.arrays { "" } else { " --nomem" };
+    format!(
+        "# SymbiYosys: sby -f {name}.sby\n\
+         [tasks]\nprove\ncover\n\n\
+         [options]\nprove: mode prove\nprove: depth {}\ncover: mode cover\ncover: depth {}\n\n\
+         [engines]\nsmtbmc{memory} z3\n\n\
+         [script]\n{script}\n\n\
+         [files]\n{name}.sv\n",
+        proof.proof.depth + 1,
+        induction::SOON,
+    )
+}
