@@ -513,6 +513,7 @@ pub(super) fn module(plan: &Plan) -> Result<Arc<Module>, HdlError> {
         hit_valid: shown,
         hit_ready,
         hit_tag,
+        hit_taken: taken,
         leaves,
         skin_start,
         skin_start_ready: skin.get("start_ready"),

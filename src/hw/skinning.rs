@@ -441,6 +441,8 @@ pub(super) fn module(plan: &Plan, test: &Module) -> Result<Arc<Module>, HdlError
         columns_to_come: columns_to_come.q,
         loading,
         column_comes,
+        room: room.get(),
+        room_missing,
         issue,
         completes,
         issued: issued.q,

@@ -52,6 +52,7 @@ pub(super) struct Unit<'b> {
     pub hit_valid: Signal<'b>,
     pub hit_ready: Signal<'b>,
     pub hit_tag: Signal<'b>,
+    pub hit_taken: Signal<'b>,
     pub leaves: Signal<'b>,
     // A mesh to skin.
     pub skin_start: Signal<'b>,
@@ -126,6 +127,30 @@ pub(super) fn shares<'b>(m: &'b Builder, unit: &Unit<'b>) {
     );
     skinning(proof, unit);
     vertices(proof, unit, traversing);
+    seed_faults(proof, unit);
+}
+
+fn seed_faults<'b>(proof: &Proof<'b>, unit: &Unit<'b>) {
+    proof.fault(
+        "a ray is taken where an object's comes",
+        unit.ready.reads(unit.object_valid).as_value(0),
+    );
+    proof.fault(
+        "a packet starts while a mesh is skinned",
+        unit.paused.reads(unit.skinning).as_value(0),
+    );
+    proof.fault(
+        "skinning's vertices go to the geometry unit too",
+        unit.to_geometry.reads(unit.skinning).as_value(0),
+    );
+    proof.fault(
+        "a packet is free before its last hit is taken",
+        unit.leaves.reads(unit.hit_taken).as_signal(unit.hit_valid),
+    );
+    proof.fault(
+        "skinning's requests reach no memory",
+        unit.request.valid.reads(unit.skinning).as_value(0),
+    );
 }
 
 /// How many packets are where.

@@ -38,6 +38,8 @@ pub(super) struct Unit<'b> {
     pub loading: Signal<'b>,
     pub column_comes: Signal<'b>,
     // Issue.
+    pub room: Signal<'b>,
+    pub room_missing: Signal<'b>,
     pub issue: Signal<'b>,
     pub completes: Signal<'b>,
     pub issued: Signal<'b>,
@@ -226,6 +228,22 @@ pub(super) fn conserves<'b>(m: &'b Builder, unit: &Unit<'b>) {
         skinning.implies(moves | waits),
     );
     unit.under_way.assert_room(proof);
+    proof.fault(
+        "a vertex is begun without room",
+        unit.room_missing.fault().as_value(0),
+    );
+    proof.fault(
+        "a mesh is over when the last vertex is requested",
+        (unit.over.reads(unit.vertices_left)).as_signal(unit.rest_to_request),
+    );
+    proof.fault(
+        "a vertex's room comes back when it is summed",
+        under_way.reads(unit.written).as_signal(unit.vertex_done),
+    );
+    proof.fault(
+        "room for a vertex is never seen",
+        unit.room.fault().as_value(0),
+    );
 }
 
 /// Nothing is pushed to the write queue where it is full, which [`conserves`] shows. One vertex, any, is watched.
@@ -287,5 +305,17 @@ pub(super) fn write_queue<'b>(m: &'b Builder, unit: &Unit<'b>) {
     proof.assert(
         "a watched vertex is shown in its turn, until it is written",
         (in_turn & unit.write_valid).implies(unit.write_data.eq(word.q)),
+    );
+    proof.fault(
+        "a vertex shows before it is in the queue",
+        (unit.queue_grows.reads(unit.vertex_done)).as_signal(unit.weighted_valid),
+    );
+    proof.fault(
+        "the vertex behind is read where none is written",
+        unit.written.reads(unit.write_valid).as_value(1),
+    );
+    proof.fault(
+        "a vertex is stored beside its slot",
+        unit.queue.write_address().as_signal(unit.queue_head),
     );
 }
