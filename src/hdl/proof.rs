@@ -453,6 +453,8 @@ mod tests {
                 "the newest sum is more than 2",
                 sums.high(8).gt(m.lit(2u8, 8)),
             );
+            let tripled = sum.at(3).untimed().mul(m.lit(3u8, 2));
+            proof.assert("a product has its width", tripled.le(m.lit(765u32, 10)));
             proof.assert(
                 "the counter counts",
                 counter.inside("count").any() | !written.q,
@@ -484,7 +486,7 @@ mod tests {
         let formal = module.formal("keeps", &|name| format!("p_{name}")).unwrap();
         let text = &formal.text;
         assert_eq!(formal.cut, ["sum"]);
-        assert_eq!(text.matches("assert (").count(), 3, "{text}");
+        assert_eq!(text.matches("assert (").count(), 4, "{text}");
         assert_eq!(text.matches("assume (").count(), 2, "{text}");
         assert_eq!(text.matches("cover (").count(), 1, "{text}");
         for (line, what) in formal.asserts.iter().zip(&module.proofs()[0].asserts) {
@@ -497,6 +499,7 @@ mod tests {
         // Registers of a delay line where they are, the word where it is stored, the counter where it counts.
         for part in [
             "sum_delay[7:0]",
+            "= sum_delay[23:16] * 2'd3;",
             "words[f_keeps_at]",
             "(* hierconn *) wire [2:0] \\counter.count ;",
             "(* anyconst *) wire [1:0] f_keeps_at;",

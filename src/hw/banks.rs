@@ -7,6 +7,20 @@ use crate::hdl::{Builder, Memory, Signal, Style, bits_for};
 /// Words of a block RAM at its greatest width: 512 of 36 bits, in a Virtex-4 as in an ECP5.
 const WORDS: u32 = 512;
 
+/// What writes a bank, as it does: a clock late where there are several.
+pub(super) struct BankWrite<'b> {
+    pub enable: Signal<'b>,
+    pub address: Signal<'b>,
+    pub word: Signal<'b>,
+}
+
+/// What is read of all banks.
+pub(super) struct BankRead<'b> {
+    pub word: Signal<'b>,
+    /// Of each bank, as its RAM has read it.
+    pub of_banks: Vec<Signal<'b>>,
+}
+
 /// A memory in block RAM, as one or, where a choice between block RAMs needs a stage of its own, in banks.
 pub(super) struct Banks<'b> {
     /// As many as the memory needs, each with the bits of its addresses; the last perhaps smaller.
@@ -29,33 +43,63 @@ impl<'b> Banks<'b> {
         Banks { banks }
     }
 
-    fn split(address: Signal<'b>) -> (Signal<'b>, Signal<'b>) {
+    /// Each bank, with the bits of its addresses.
+    pub fn banks(&self) -> &[(Memory<'b>, u32)] {
+        &self.banks
+    }
+
+    /// The number of the bank that an address is in, and where it is there.
+    pub fn split(address: Signal<'b>) -> (Signal<'b>, Signal<'b>) {
         let low = WORDS.trailing_zeros();
         (address.high(address.width() - low), address.low(low))
     }
 
     /// Writes a word at the clock edge; with banks a clock later, since wires to all of them take a clock of their own. So nobody may
     /// read it in the two clocks after.
-    pub fn write(&self, enable: Signal<'b>, address: Signal<'b>, word: Signal<'b>) {
+    pub fn write(
+        &self,
+        enable: Signal<'b>,
+        address: Signal<'b>,
+        word: Signal<'b>,
+    ) -> Vec<BankWrite<'b>> {
+        let write = |memory: Memory<'b>, enable, address, word| {
+            memory.write(enable, address, word);
+            BankWrite {
+                enable,
+                address,
+                word,
+            }
+        };
         if let [(only, _)] = self.banks[..] {
-            return only.write(enable, address, word);
+            return vec![write(only, enable, address, word)];
         }
         let (bank, address) = Banks::split(address);
-        for (i, (memory, bits)) in (0u32..).zip(&self.banks) {
+        let banks = (0u32..).zip(&self.banks);
+        let written = banks.map(|(i, (memory, bits))| {
             let enable = (enable & bank.equals(u128::from(i))).register();
-            memory.write(enable, address.low(*bits).register(), word.register());
-        }
+            let address = address.low(*bits).register();
+            write(*memory, enable, address, word.register())
+        });
+        written.collect()
     }
 
     /// The word at an address, as late as [`Plan::read`] has it; with banks a clock later, as it is written.
-    pub fn read(&self, plan: &Plan, address: Signal<'b>) -> Signal<'b> {
+    pub fn read(&self, plan: &Plan, address: Signal<'b>) -> BankRead<'b> {
         if let [(only, _)] = self.banks[..] {
-            return plan.read(only, address);
+            return BankRead {
+                word: plan.read(only, address),
+                of_banks: vec![only.read(address)],
+            };
         }
         let (bank, address) = Banks::split(address);
-        let words: Vec<_> = (self.banks.iter())
-            .map(|(memory, bits)| memory.read(address.low(*bits).register()).register())
-            .collect();
-        plan.settle_choice(pick(bank, &words))
+        let read = (self.banks.iter()).map(|(memory, bits)| {
+            let word = memory.read(address.low(*bits).register());
+            (word, word.register())
+        });
+        let (of_banks, words): (Vec<_>, Vec<_>) = read.unzip();
+        BankRead {
+            word: plan.settle_choice(pick(bank, &words)),
+            of_banks,
+        }
     }
 }

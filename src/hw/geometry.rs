@@ -20,6 +20,8 @@
 //! | `vertex2_memory` | third vertex, or c_z | greatest corner | p_z |
 //! | `translation_memory` | c_w | | p_w |
 
+mod properties;
+
 use super::bundle::Bundle;
 use super::fifo;
 use super::fp::{Knowing, Known, equal, less};
@@ -30,6 +32,7 @@ use super::triangle;
 use crate::bkd::layout::Record;
 use crate::config::TriangleTest;
 use crate::hdl::{Builder, HdlError, Module, Signal, Style};
+use properties::{Passage, Request, Unit};
 use std::sync::Arc;
 
 /// Bits that number a leaf's vertices or vectors in the tags of their requests.
@@ -150,7 +153,8 @@ pub fn module(plan: &Plan) -> Result<Geometry, HdlError> {
     m.group("Record memory: requests");
     m.output("record_request_valid", leaf_valid);
     m.output("record_request_address", leaf_address);
-    m.output("record_request_tag", leaf_is_instance.concat(leaf_packet));
+    let record_request_tag = leaf_is_instance.concat(leaf_packet);
+    m.output("record_request_tag", record_request_tag);
 
     m.comment(
         "A record's answer: numbers and an instance's root are kept; three vertices, or the six vectors that lie one after another, \
@@ -233,14 +237,11 @@ pub fn module(plan: &Plan) -> Result<Geometry, HdlError> {
         .named("vertex_address");
     m.group("Vertex memory: requests");
     m.output("vertex_request_valid", job_valid);
-    m.output(
-        "vertex_request_address",
-        job_is_instance.mux(vector_address, vertex_address),
-    );
-    m.output(
-        "vertex_request_tag",
-        job.get(job_front, "packet").concat(corner.q),
-    );
+    let request_address = job_is_instance.mux(vector_address, vertex_address);
+    m.output("vertex_request_address", request_address);
+    let job_packet = job.get(job_front, "packet");
+    let request_tag = job_packet.concat(corner.q);
+    m.output("vertex_request_tag", request_tag);
 
     m.comment(
         "Vertices and vectors arrive in any order; the last one to come makes the leaf complete.",
@@ -333,7 +334,8 @@ pub fn module(plan: &Plan) -> Result<Geometry, HdlError> {
 
     m.comment("The test, and what it lends its operators to.");
     let p = m.pipeline();
-    let valid = p.enter(busy.q & !now_instance.q).cleared_by_reset();
+    let test_issued = busy.q & !now_instance.q;
+    let valid = p.enter(test_issued).cleared_by_reset();
     // What a reset leaves of it is written long before a packet comes for it.
     let box_slot = p.enter(in_slot(BOX_SLOT).named("in_box_slot"));
     let direction_slot = p.enter(in_slot(DIRECTION_SLOT).named("in_direction_slot"));
@@ -553,10 +555,12 @@ pub fn module(plan: &Plan) -> Result<Geometry, HdlError> {
     m.group("A ray in an object's space, to be set up; its interval comes as tmin and tmax");
     let object_valid = origin_slot.at(left_at).untimed();
     m.output("object_valid", object_valid);
-    m.output("object_packet", packet.at(left_at).untimed());
+    let object_packet = packet.at(left_at).untimed();
+    m.output("object_packet", object_packet);
     m.output("object_ray", ray.at(left_at).untimed());
     m.output("object_first", first.at(left_at).untimed());
-    m.output("object_last", last.at(left_at).untimed());
+    let object_last = last.at(left_at).untimed();
+    m.output("object_last", object_last);
     for i in 0..3 {
         let name = format!("object_origin_{}", AXES[i]);
         m.output(name, moved[i].at(left_at).untimed());
@@ -604,8 +608,8 @@ pub fn module(plan: &Plan) -> Result<Geometry, HdlError> {
         m.zero(32),
     );
     let any_hit = limits.get(limits_word, "any_hit");
-    let leaf_context = leaf_word.get(leaf, "context");
-    let touched = context.get(leaf_context, "touched");
+    let own_context = leaf_word.get(leaf, "context");
+    let touched = context.get(own_context, "touched");
     let was_touched = bit_of(&m, touched, ray.at(merge_at)).named("was_touched");
     let t = tested.get("t");
     let old_t = closest_word.get(old, "t");
@@ -666,22 +670,20 @@ pub fn module(plan: &Plan) -> Result<Geometry, HdlError> {
     let now_touched = (so_far | m.concat(&one_hot)).named("now_touched");
     gathered.next_when(valid.at(merged_at).untimed(), now_touched);
     m.group("A leaf all of whose tests are merged");
-    m.output(
-        "done_valid",
-        (valid.at(merged_at) & last.at(merged_at)).untimed(),
-    );
+    let done_valid = (valid.at(merged_at) & last.at(merged_at)).untimed();
+    m.output("done_valid", done_valid);
     m.output("done_packet", out_packet);
     m.output(
         "done_context",
         context.pack(&[
             (
                 "level",
-                context.get(leaf_context, "level").at(merged_at).untimed(),
+                context.get(own_context, "level").at(merged_at).untimed(),
             ),
             ("touched", now_touched),
             (
                 "inside",
-                context.get(leaf_context, "inside").at(merged_at).untimed(),
+                context.get(own_context, "inside").at(merged_at).untimed(),
             ),
         ]),
     );
@@ -694,7 +696,7 @@ pub fn module(plan: &Plan) -> Result<Geometry, HdlError> {
     }
     m.group("Counters' events");
     m.output("slot_taken", busy.q);
-    m.output("test_issued", busy.q & !now_instance.q);
+    m.output("test_issued", test_issued);
     m.output("transform_issued", in_slot(ORIGIN_SLOT));
 
     m.group("The ray-triangle test just merged, for whoever watches");
@@ -738,6 +740,71 @@ pub fn module(plan: &Plan) -> Result<Geometry, HdlError> {
             direction.at(left_at).untimed(),
         );
     }
+
+    let unit = Unit {
+        packets,
+        skinning: skin.active,
+        sweep,
+        sweep_packet,
+        instanced,
+        leaf_valid,
+        leaf_packet,
+        leaf_address,
+        leaf_context,
+        leaf_mask,
+        leaf_is_instance,
+        take_leaf,
+        masks,
+        instance_leaves,
+        record_request: Request {
+            valid: leaf_valid,
+            ready: record_ready,
+            address: leaf_address,
+            tag: record_request_tag,
+        },
+        record_valid,
+        record_packet,
+        record_is_instance,
+        vertex_queue,
+        job_packet,
+        job_is_instance,
+        corner: corner.q,
+        last_corner,
+        vertex_request: Request {
+            valid: job_valid,
+            ready: vertex_ready,
+            address: request_address,
+            tag: request_tag,
+        },
+        vertex_fire,
+        vertex_valid,
+        vertex_tag,
+        arrived_packet,
+        arrivals,
+        last_arrives,
+        complete,
+        ready_queue,
+        ready_packet,
+        ready_is_instance: ready_front.msb(),
+        busy: busy.q,
+        now_packet: now_packet.q,
+        now_instance: now_instance.q,
+        now_mask: now_mask.q,
+        slot: slot.q,
+        issue_ray,
+        last_slot,
+        now_last,
+        idle_next,
+        test_issued,
+        tests: Passage::new(valid, last, packet, merged_at),
+        moves: Passage::new(origin_slot, last, packet, left_at),
+        done_valid,
+        done_packet: out_packet,
+        object_valid,
+        object_last,
+        object_packet,
+    };
+    properties::conserves(&m, &unit);
     Ok(Geometry {
         module: m.finish()?,
         test,

@@ -14,14 +14,17 @@
 //!   └─ 4 plane distances a ray, decision, push ─┴────────────────┘
 //! ```
 
-use super::banks::Banks;
+mod properties;
+
+use super::banks::{BankRead, BankWrite, Banks};
 use super::bundle::Bundle;
 use super::distance;
-use super::fifo;
+use super::fifo::{self, Placed};
 use super::fp::{Knowing, Known, Operand, less_equal};
 use super::plan::{AXES, Plan};
 use crate::bkd::layout::Record;
 use crate::hdl::{Builder, HdlError, Memory, Module, Outputs, Reg, Signal, Style, Wire};
+use properties::Watched;
 use std::sync::Arc;
 
 /// The traversal processing unit, and how long its pop pipeline is.
@@ -362,6 +365,11 @@ struct Sliced<'b> {
 struct Step<'b> {
     valid: Signal<'b>,
     packet: Signal<'b>,
+    /// Whether some ray goes left, and right; whether both; and the level then, in the pipeline.
+    goes_left: Signal<'b>,
+    goes_right: Signal<'b>,
+    goes_both: Signal<'b>,
+    level_before: Signal<'b>,
     /// Whether it goes anywhere.
     goes: Signal<'b>,
     leaf: Signal<'b>,
@@ -381,6 +389,10 @@ struct Stack<'b> {
     memory: Banks<'b>,
     /// Bits of a packet's number in its address.
     packet_bits: u32,
+    write: Signal<'b>,
+    bank_writes: Vec<BankWrite<'b>>,
+    /// Entries on the stack after.
+    level_after: Signal<'b>,
     overflow: Reg<'b>,
     high_water: Reg<'b>,
 }
@@ -388,6 +400,18 @@ struct Stack<'b> {
 /// What comes out of the pop pipeline.
 struct Pop<'b> {
     latency: u32,
+    /// The queues of packets that are to pop: from the geometry unit, once more, from steps that went nowhere.
+    queues: [Placed<'b>; 3],
+    /// Whether a packet enters the pipeline.
+    valid: Signal<'b>,
+    /// The packet that does, its level, and whether its stack is empty; where the clock asks for it, a clock later.
+    popping: Signal<'b>,
+    popping_packet: Signal<'b>,
+    popping_level: Signal<'b>,
+    popping_empty: Signal<'b>,
+    entry: BankRead<'b>,
+    /// The rays that stay, as it is decided.
+    stays: Signal<'b>,
     done: Signal<'b>,
     packet: Signal<'b>,
     /// Whether the stack was empty.
@@ -397,6 +421,7 @@ struct Pop<'b> {
     address: Signal<'b>,
     leaf: Signal<'b>,
     context: Signal<'b>,
+    level: Signal<'b>,
     intervals: Vec<Signal<'b>>,
     /// Whether some ray stays, or none does.
     goes: Signal<'b>,
@@ -407,6 +432,9 @@ struct Pop<'b> {
 
 /// A packet that goes somewhere after a pop or a start.
 struct Entered<'b> {
+    /// Whether it goes somewhere; from [`REGISTER_ENTERED_FROM`] on, a clock before the rest.
+    decided: Signal<'b>,
+    registered: bool,
     valid: Signal<'b>,
     leaf: Signal<'b>,
     address: Signal<'b>,
@@ -415,6 +443,24 @@ struct Entered<'b> {
     packet: Signal<'b>,
     /// Whether it starts nowhere, being of the world; in the same clock.
     none_enters: Signal<'b>,
+}
+
+/// Two queues of which one is served.
+struct Served<'b> {
+    preferred: Placed<'b>,
+    other: Placed<'b>,
+    valid: Signal<'b>,
+    ready: Signal<'b>,
+    held: Held<'b>,
+}
+
+/// A choice that stays while what it offers is not taken.
+struct Held<'b> {
+    /// Whether it is the preferred one.
+    choice: Signal<'b>,
+    /// Whether something was offered and not taken, and from which it was.
+    waits: Signal<'b>,
+    waiting_choice: Signal<'b>,
 }
 
 impl<'b> Unit<'b> {
@@ -827,7 +873,8 @@ impl<'b> Unit<'b> {
         intervals.stepped_intervals.drive(step_intervals);
         m.comment("The stack.");
         let push = pushes.register().untimed();
-        let push_level = level.named("level_before").at(decided + 1).untimed();
+        let level_before = level.named("level_before");
+        let push_level = level_before.at(decided + 1).untimed();
         let push_word = entry
             .pack(&[
                 ("address", second_address.named("second_address")),
@@ -859,6 +906,10 @@ impl<'b> Unit<'b> {
         Step {
             valid: step_valid,
             packet: step_packet,
+            goes_left,
+            goes_right,
+            goes_both: both,
+            level_before,
             goes: step_goes,
             leaf: step_leaf,
             address: step_address,
@@ -885,7 +936,7 @@ impl<'b> Unit<'b> {
         let stack = Banks::new(plan, m, "stack", entries, entry.width());
         let stack_address_bits = crate::hdl::bits_for(u64::from(entries));
         let fit = stack_address_bits - plan.stack_bits();
-        stack.write(
+        let bank_writes = stack.write(
             stack_write,
             step.packet
                 .low(fit)
@@ -900,6 +951,9 @@ impl<'b> Unit<'b> {
         Stack {
             memory: stack,
             packet_bits: fit,
+            write: stack_write,
+            bank_writes,
+            level_after,
             overflow,
             high_water,
         }
@@ -990,12 +1044,13 @@ impl<'b> Unit<'b> {
         let pop_touched = context.get(pop_context, "touched");
         let stack_empty = pop_level.is_zero().named("stack_empty");
         let level_below = (pop_level - m.lit(1u8, plan.level_bits())).named("level_below");
-        let popped_entry = stack.memory.read(
+        let read_entry = stack.memory.read(
             plan,
             pop_packet
                 .low(stack.packet_bits)
                 .concat(level_below.low(plan.stack_bits())),
         );
+        let popped_entry = read_entry.word;
         let before_entry = popped_entry.stage().unwrap_or(1) - 1;
         let entry_mask = entry.get(popped_entry, "mask");
         let entry_intervals = entry.get(popped_entry, "intervals");
@@ -1028,7 +1083,8 @@ impl<'b> Unit<'b> {
             pop_intervals.push(plan.settle(interval.pack(&[("near", near), ("far", clipped)])));
         }
         stays.reverse();
-        let stay_mask = m.concat(&stays).named("stay_mask").register();
+        let stays = m.concat(&stays).named("stay_mask");
+        let stay_mask = stays.register();
         let pop_intervals: Vec<_> = pop_intervals.into_iter().map(|s| s.register()).collect();
         // What clips a far may take a clock more than what a ray stays by.
         let pop_latency = (pop_intervals.iter().chain([&stay_mask]))
@@ -1061,6 +1117,14 @@ impl<'b> Unit<'b> {
         let pop_dropped = (pop_done & !pop_out_empty & !pop_out_mask.any()).named("pop_dropped");
         Ok(Pop {
             latency: pop_latency,
+            queues: [done_queue, retry_queue, nowhere_queue],
+            valid: pop_valid,
+            popping: pop,
+            popping_packet: pop_packet,
+            popping_level: pop_level,
+            popping_empty: stack_empty,
+            entry: read_entry,
+            stays,
             done: pop_done,
             packet: pop_out_packet,
             empty: pop_out_empty,
@@ -1069,6 +1133,7 @@ impl<'b> Unit<'b> {
             address: pop_out_address,
             leaf: pop_out_leaf,
             context: pop_out_context,
+            level: pop_out_level,
             intervals: pop_intervals,
             goes: pop_goes,
             dropped: pop_dropped,
@@ -1172,6 +1237,8 @@ impl<'b> Unit<'b> {
         let address = setup_valid.mux(started_address, pop.address);
         let context = setup_valid.mux(started_context, pop.context);
         Entered {
+            decided: entered,
+            registered,
             valid: later("entered", entered, Some(0)),
             leaf: later("entered_leaf", leaf, None),
             address: later("entered_address", address, None),
@@ -1191,7 +1258,7 @@ impl<'b> Unit<'b> {
         entered: &Entered<'b>,
         intervals: &Intervals<'b>,
         kept: &Requests<'b>,
-    ) -> Result<(), HdlError> {
+    ) -> Result<Served<'b>, HdlError> {
         let (m, plan) = (self.m, self.plan);
         let Shapes { context, item, .. } = &self.shapes;
         let Inputs { node_ready, .. } = self.inputs;
@@ -1226,7 +1293,8 @@ impl<'b> Unit<'b> {
         )?;
         let (entered_any, entered_front) = (entered_queue.valid, entered_queue.front);
         let node_wanted = (step_any | entered_any).named("node_wanted");
-        let from_step = held_choice(m, "request", node_wanted, node_ready, step_any);
+        let held = held_choice(m, "request", node_wanted, node_ready, step_any);
+        let from_step = held.choice;
         kept.item.drive(from_step.mux(step_front, entered_front));
         kept.popped.drive(!from_step);
         kept.fire.drive(node_wanted & node_ready);
@@ -1242,7 +1310,13 @@ impl<'b> Unit<'b> {
                 .get(request_context, "inside")
                 .concat(item.get(kept.item.get(), "packet")),
         );
-        Ok(())
+        Ok(Served {
+            preferred: step_queue,
+            other: entered_queue,
+            valid: node_wanted,
+            ready: node_ready,
+            held,
+        })
     }
 
     /// Leaves to hand over.
@@ -1251,7 +1325,7 @@ impl<'b> Unit<'b> {
         step: &Step<'b>,
         entered: &Entered<'b>,
         intervals: &Intervals<'b>,
-    ) -> Result<(), HdlError> {
+    ) -> Result<Served<'b>, HdlError> {
         let (m, plan) = (self.m, self.plan);
         let Shapes { leaf_item, .. } = &self.shapes;
         let Inputs { leaf_ready, .. } = self.inputs;
@@ -1289,7 +1363,8 @@ impl<'b> Unit<'b> {
         let (entered_leaf_any, entered_leaf_front) =
             (entered_leaf_queue.valid, entered_leaf_queue.front);
         let leaf_wanted = (step_leaf_any | entered_leaf_any).named("leaf_wanted");
-        let leaf_from_step = held_choice(m, "leaf", leaf_wanted, leaf_ready, step_leaf_any);
+        let held = held_choice(m, "leaf", leaf_wanted, leaf_ready, step_leaf_any);
+        let leaf_from_step = held.choice;
         let leaf_front = leaf_from_step
             .mux(step_leaf_front, entered_leaf_front)
             .named("leaf_front");
@@ -1300,7 +1375,13 @@ impl<'b> Unit<'b> {
         for name in ["packet", "address", "context", "mask"] {
             m.output(format!("leaf_{name}"), leaf_item.get(leaf_front, name));
         }
-        Ok(())
+        Ok(Served {
+            preferred: step_leaf_queue,
+            other: entered_leaf_queue,
+            valid: leaf_wanted,
+            ready: leaf_ready,
+            held,
+        })
     }
 }
 
@@ -1326,14 +1407,12 @@ pub fn module(plan: &Plan) -> Result<Tpu, HdlError> {
     let stack = unit.push(&step);
     let pop = unit.pop(&step, &stack)?;
     let entered = unit.enter(&pop, &rays, &intervals);
-    unit.fetch(&step, &entered, &intervals, &kept)?;
-    unit.hand_over(&step, &entered, &intervals)?;
+    let nodes = unit.fetch(&step, &entered, &intervals, &kept)?;
+    let leaves = unit.hand_over(&step, &entered, &intervals)?;
 
     m.group("A finished packet, and which of its rays have hit something");
-    m.output(
-        "finished_valid",
-        entered.none_enters | (pop.done & pop.empty),
-    );
+    let finished = entered.none_enters | (pop.done & pop.empty);
+    m.output("finished_valid", finished);
     m.output("finished_packet", entered.packet);
     m.output(
         "finished_touched",
@@ -1348,10 +1427,23 @@ pub fn module(plan: &Plan) -> Result<Tpu, HdlError> {
     m.output("stack_overflow", stack.overflow.q);
 
     m.group("The packet step just decided, for whoever watches");
-    for (name, signal) in step.watch {
-        m.output(name, signal);
+    for (name, signal) in &step.watch {
+        m.output(name, *signal);
     }
     let pop_latency = pop.latency;
+    properties::describe(&Watched {
+        plan,
+        inputs: &unit.inputs,
+        sliced: &sliced,
+        step: &step,
+        stepped: intervals.stepped_write.get(),
+        stack: &stack,
+        pop: &pop,
+        entered: &entered,
+        nodes: &nodes,
+        leaves: &leaves,
+        finished,
+    });
     Ok(Tpu {
         module: m.finish()?,
         pop_latency,
@@ -1367,7 +1459,7 @@ fn held_choice<'b>(
     wanted: Signal<'b>,
     ready: Signal<'b>,
     preferred: Signal<'b>,
-) -> Signal<'b> {
+) -> Held<'b> {
     let waits = m.reg_reset(format!("{name}_waits"), 1, 0);
     let waiting_choice = m.reg(format!("{name}_waiting_choice"), 1);
     let choice = waits
@@ -1376,5 +1468,9 @@ fn held_choice<'b>(
         .named(format!("{name}_choice"));
     waits.next(wanted & !ready);
     waiting_choice.next(choice);
-    choice
+    Held {
+        choice,
+        waits: waits.q,
+        waiting_choice: waiting_choice.q,
+    }
 }

@@ -39,29 +39,32 @@ const FEW_PACKETS: &[(&str, u32)] = &[("packets.in_flight", 4)];
 /// No power of two, so that the wrap of the write queue's places is seen.
 const FEW_VERTICES: &[(&str, u32)] = &[("skinning.vertices_waiting", 6)];
 
-const fn wanted(unit: &'static str, modules: &'static str, proof: &'static str) -> Wanted {
+const fn wanted(
+    unit: &'static str,
+    modules: &'static str,
+    proof: &'static str,
+    few: &'static [(&'static str, u32)],
+) -> Wanted {
     Wanted {
         unit,
         modules,
         proof,
-        few: &[],
+        few,
     }
 }
 
 const WANTED: &[Wanted] = &[
-    wanted("fifo", "fifo_", "order"),
-    wanted("fifo", "block_fifo_", "order"),
-    wanted("prefetch", "_prefetch", "order"),
-    wanted("credit", "update_processor", "credit"),
-    wanted("skin", "skinning_processor", "conserves"),
-    Wanted {
-        few: FEW_VERTICES,
-        ..wanted("skin", "skinning_processor", "write_queue")
-    },
-    Wanted {
-        few: FEW_PACKETS,
-        ..wanted("share", "raycast_unit", "shares")
-    },
+    wanted("fifo", "fifo_", "order", &[]),
+    wanted("fifo", "block_fifo_", "order", &[]),
+    wanted("prefetch", "_prefetch", "order", &[]),
+    wanted("credit", "update_processor", "credit", &[]),
+    wanted("skin", "skinning_processor", "conserves", &[]),
+    wanted("skin", "skinning_processor", "write_queue", FEW_VERTICES),
+    wanted("geometry", "geometry_unit", "conserves", FEW_PACKETS),
+    wanted("tpu", "tpu", "packets", FEW_PACKETS),
+    wanted("tpu", "tpu", "choices", &[]),
+    wanted("stack", "tpu", "stack", &[]),
+    wanted("share", "raycast_unit", "shares", FEW_PACKETS),
 ];
 
 /// The properties of one proof, of one module.

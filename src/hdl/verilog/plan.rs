@@ -367,7 +367,7 @@ impl<'a> Plan<'a> {
             }
             if let Op::Binary(Binary::Mul, ..) = self.ops[id] {
                 // The product's width is that of its operands too: no operator may stand there.
-                for source in &sources {
+                for source in sources.iter().filter(|source| scope[**source]) {
                     self.declared[*source] |= !matches!(
                         self.ops[*source],
                         Op::Literal(_) | Op::Slice(..) | Op::Concat(_) | Op::Repeat(..)

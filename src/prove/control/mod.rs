@@ -6,7 +6,6 @@
 //! that if all hold for that many clocks they hold in the next: so they hold for ever. What the laws do not depend on is
 //! removed. Arithmetic inside a module is replaced by outputs of any value.
 
-mod geometry;
 mod queues;
 mod raycast;
 mod skinning;
@@ -81,8 +80,8 @@ fn plant(what: &str, line: &str, from: &str, to: &str) -> Plant {
 }
 
 /// Of [`super::UNITS`], those that are proved by induction.
-const CONTROL: [&str; 8] = [
-    "fifo", "prefetch", "credit", "skin", "geometry", "tpu", "stack", "share",
+const CONTROL: [&str; 7] = [
+    "fifo", "prefetch", "credit", "skin", "tpu", "stack", "share",
 ];
 
 /// All inductions of a unit of the given name; none if it is no unit of control.
@@ -137,13 +136,6 @@ pub fn proofs(unit: &str, config: &Config) -> Result<Vec<Induction>> {
                 traversal::packets(&find(&few, "tpu")?, FEW_PACKETS)?,
                 traversal::choices(&find(&all, "tpu")?)?,
             ])
-        }
-        "geometry" => {
-            let few = few("packets.in_flight", FEW_PACKETS)?;
-            Ok(vec![geometry::conserves(
-                &find(&few, "geometry_unit")?,
-                FEW_PACKETS,
-            )?])
         }
         "share" => {
             let few = few("packets.in_flight", FEW_PACKETS)?;
