@@ -8,13 +8,13 @@
 
 use crate::hdl::{Builder, Memory, Proof, Signal};
 use crate::hw::fifo::Placed;
-use crate::hw::properties::{assert_shown_stays, shown_stays};
+use crate::hw::properties::{assert_shown_stays, count, shown_stays};
 
 /// Bits in which packets, and vertices that are owed, are counted.
 const BITS: u32 = 16;
 
-/// Vertices that are owed to one unit, at most.
-const MOST_OWED: u32 = 1024;
+/// Fewer vertices than this are owed to each unit, so that no count wraps.
+const OWED_BELOW: u32 = 1024;
 
 /// A port's request for vertices.
 #[derive(Clone, Copy)]
@@ -73,13 +73,6 @@ fn wide(signal: Signal<'_>) -> Signal<'_> {
     signal.extend(BITS)
 }
 
-/// A count of what has come and not yet gone.
-fn count<'b>(proof: &Proof<'b>, name: &str, comes: Signal<'b>, goes: Signal<'b>) -> Signal<'b> {
-    let count = proof.reg_reset(name, BITS, 0);
-    count.next(count.q + wide(comes) - wide(goes));
-    count.q
-}
-
 pub(super) fn shares<'b>(m: &'b Builder, unit: &Unit<'b>) {
     let proof = m.proof(
         "shares",
@@ -108,7 +101,7 @@ pub(super) fn shares<'b>(m: &'b Builder, unit: &Unit<'b>) {
         unit.request_ready,
         &[address, tag],
     );
-    let traversing = count(proof, "traversing", unit.enters, unit.finished.push);
+    let traversing = count(proof, BITS, "traversing", unit.enters, unit.finished.push);
     packets(proof, unit, traversing);
     packet(proof, unit);
     proof.assert(
@@ -263,15 +256,21 @@ fn vertices<'b>(proof: &Proof<'b>, unit: &Unit<'b>, traversing: Signal<'b>) {
     let (geometry, skinner) = (unit.of_geometry, unit.of_skinner);
     let asks = unit.request.valid & unit.request_ready;
     let geometry_asks = asks & !unit.skinning;
-    let owed_geometry = count(proof, "owed_geometry", geometry_asks, unit.to_geometry);
+    let owed_geometry = count(
+        proof,
+        BITS,
+        "owed_geometry",
+        geometry_asks,
+        unit.to_geometry,
+    );
     let skinner_asks = asks & unit.skinning;
-    let owed_skinner = count(proof, "owed_skinner", skinner_asks, unit.to_skinner);
+    let owed_skinner = count(proof, BITS, "owed_skinner", skinner_asks, unit.to_skinner);
     proof.assume(
         unit.response
             .implies(owed_geometry.any() | owed_skinner.any()),
     );
     for owed in [owed_geometry, owed_skinner] {
-        proof.assume((owed + wide(asks)).lt(m.lit(MOST_OWED, BITS)));
+        proof.assume((owed + wide(asks)).lt(m.lit(OWED_BELOW, BITS)));
     }
     let quiet = !geometry.valid & !unit.object_valid & owed_geometry.is_zero();
     proof.assume(traversing.any() | quiet);

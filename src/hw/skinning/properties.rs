@@ -6,9 +6,9 @@
 //! Of its write queue: vertices are written in the order in which they were summed, each once, and the one that is shown stays until it is
 //! written.
 
-use crate::hdl::{Builder, Memory, Proof, Signal, bits_for};
+use crate::hdl::{Builder, Memory, Signal, bits_for};
 use crate::hw::prefetch::Occupancy;
-use crate::hw::properties::{Ahead, Reader, assert_shown_stays};
+use crate::hw::properties::{Ahead, Reader, assert_shown_stays, count};
 
 /// Bits in which what is under way is counted, and those of a mesh's vertices.
 const BITS: u32 = 16;
@@ -75,13 +75,6 @@ fn wider(signal: Signal<'_>) -> Signal<'_> {
     signal.extend(VERTEX_BITS)
 }
 
-/// A count of what has come and not yet gone.
-fn count<'b>(proof: &Proof<'b>, name: &str, comes: Signal<'b>, goes: Signal<'b>) -> Signal<'b> {
-    let count = proof.reg_reset(name, BITS, 0);
-    count.next(count.q + wide(comes) - wide(goes));
-    count.q
-}
-
 impl<'b> Unit<'b> {
     /// Vertices in the write queue.
     fn held(&self) -> Signal<'b> {
@@ -123,17 +116,18 @@ pub(super) fn conserves<'b>(m: &'b Builder, unit: &Unit<'b>) {
     let (skinning, completes) = (unit.skinning, unit.completes);
     let returns = unit.weighted_valid & unit.weighted_last;
     let last_issued = unit.issued & unit.issued_last;
-    let outside = count(proof, "outside", last_issued, returns);
-    let summing = count(proof, "summing", returns, unit.vertex_done);
-    let begun = count(proof, "begun", completes, returns);
-    let returned = count(proof, "returned", returns, unit.written);
+    let outside = count(proof, BITS, "outside", last_issued, returns);
+    let summing = count(proof, BITS, "summing", returns, unit.vertex_done);
+    let begun = count(proof, BITS, "begun", completes, returns);
+    let returned = count(proof, BITS, "returned", returns, unit.written);
     let columns_ahead = count(
         proof,
+        BITS,
         "columns_ahead",
         unit.column_requested,
         unit.column_comes,
     );
-    let rest_ahead = count(proof, "rest_ahead", unit.rest_requested, completes);
+    let rest_ahead = count(proof, BITS, "rest_ahead", unit.rest_requested, completes);
     let to_begin = proof.reg_reset("to_begin", VERTEX_BITS, 0);
     to_begin.next((unit.start).mux(wider(unit.start_vertices), to_begin.q - wider(completes)));
     let starved = skinning & !unit.loading & unit.vectors.valid;

@@ -7,8 +7,6 @@
 //! removed. Arithmetic inside a module is replaced by outputs of any value.
 
 mod queues;
-mod raycast;
-mod skinning;
 mod traversal;
 mod update;
 
@@ -80,9 +78,7 @@ fn plant(what: &str, line: &str, from: &str, to: &str) -> Plant {
 }
 
 /// Of [`super::UNITS`], those that are proved by induction.
-const CONTROL: [&str; 7] = [
-    "fifo", "prefetch", "credit", "skin", "tpu", "stack", "share",
-];
+const CONTROL: [&str; 5] = ["fifo", "prefetch", "credit", "tpu", "stack"];
 
 /// All inductions of a unit of the given name; none if it is no unit of control.
 ///
@@ -122,27 +118,12 @@ pub fn proofs(unit: &str, config: &Config) -> Result<Vec<Induction>> {
         }
         "prefetch" => named("_prefetch")?.iter().map(queues::prefetch).collect(),
         "credit" => Ok(vec![update::credit(&find(&all, "update_processor")?)?]),
-        "skin" => {
-            let few = few("skinning.vertices_waiting", skinning::FEW_VERTICES)?;
-            const NAME: &str = "skinning_processor";
-            Ok(vec![
-                skinning::conserves(&find(&all, NAME)?)?,
-                skinning::write_queue(&find(&few, NAME)?)?,
-            ])
-        }
         "tpu" => {
             let few = few("packets.in_flight", FEW_PACKETS)?;
             Ok(vec![
                 traversal::packets(&find(&few, "tpu")?, FEW_PACKETS)?,
                 traversal::choices(&find(&all, "tpu")?)?,
             ])
-        }
-        "share" => {
-            let few = few("packets.in_flight", FEW_PACKETS)?;
-            Ok(vec![raycast::shares(
-                &find(&few, "raycast_unit")?,
-                FEW_PACKETS,
-            )?])
         }
         _ => Ok(vec![traversal::stack(&find(&all, "tpu")?, config)?]),
     }
