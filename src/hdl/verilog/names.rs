@@ -44,7 +44,7 @@ impl Names {
             taken: ir.names.keys().cloned().collect(),
             numbers: HashMap::new(),
         };
-        names.taken.extend(KEYWORDS.iter().map(|k| k.to_string()));
+        names.taken.extend(KEYWORDS.split(' ').map(str::to_string));
         names.unused = names.unique("unused".to_string());
         for (memory, copies) in ir.memories.iter().zip(&plan.copies) {
             let copy_names = match copies.len() {
