@@ -2,7 +2,7 @@
 
 use crate::hdl::{Outputs, Proof, Signal};
 
-/// That what is shown at a port and not taken is shown again. `id` names the registers that remember it.
+/// That what is shown at a port and not taken is shown again.
 #[track_caller]
 pub(super) fn assert_shown_stays<'b>(
     proof: &Proof<'b>,
@@ -27,6 +27,20 @@ pub(super) fn shown_stays<'b>(
     let refused = proof.past(!m.reset() & valid & !ready);
     let same = shown.iter().map(|signal| signal.eq(proof.past(*signal)));
     refused.implies(same.fold(valid, |all, same| all & same))
+}
+
+/// A count, in `bits` bits, of what has come and not yet gone.
+#[track_caller]
+pub(super) fn count<'b>(
+    proof: &Proof<'b>,
+    bits: u32,
+    name: &str,
+    comes: Signal<'b>,
+    goes: Signal<'b>,
+) -> Signal<'b> {
+    let count = proof.reg_reset(name, bits, 0);
+    count.next(count.q + comes.extend(bits) - goes.extend(bits));
+    count.q
 }
 
 /// A reader ahead ([`super::prefetch`]) as a unit places it.
@@ -73,20 +87,24 @@ impl<'b> Ahead<'b> {
         reader: &Reader<'b>,
     ) -> Ahead<'b> {
         let m = proof.module();
-        let count = proof.reg_reset(&format!("{name}_ahead"), Self::BITS, 0);
-        let (comes, goes) = (takes.extend(Self::BITS), reader.pop.extend(Self::BITS));
-        count.next(count.q + comes - goes);
+        let count = count(
+            proof,
+            Self::BITS,
+            &format!("{name}_ahead"),
+            takes,
+            reader.pop,
+        );
         let room = m.lit(reader.room, Self::BITS);
-        proof.assume(reader.valid.implies(count.q.any()));
-        proof.assume(reader.empty.eq(count.q.is_zero()));
-        proof.assume(reader.fetch_ready.implies(count.q.le(room)));
+        proof.assume(reader.valid.implies(count.any()));
+        proof.assume(reader.empty.eq(count.is_zero()));
+        proof.assume(reader.fetch_ready.implies(count.le(room)));
         proof.assert(
             format!("no more words are in {name} than it has room for"),
-            count.q.le(m.lit(reader.room + 1, Self::BITS)),
+            count.le(m.lit(reader.room + 1, Self::BITS)),
         );
         Ahead {
-            count: count.q,
-            has_room: count.q.lt(room),
+            count,
+            has_room: count.lt(room),
         }
     }
 }

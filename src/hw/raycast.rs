@@ -1,11 +1,14 @@
 //! The ray casting unit: ray setup, traversal processing unit, geometry unit, and who is in which packet's place.
 
+mod properties;
+
 use super::fifo;
 use super::plan::{AXES, Plan};
 use super::{geometry, setup, skinning, tpu};
 use crate::bkd::layout::Record;
 use crate::config::{Config, TriangleTest};
 use crate::hdl::{Builder, Design, Direction, HdlError, Module, Style};
+use properties::{Request, Unit};
 use std::sync::Arc;
 
 /// Bits of each counter; they wrap.
@@ -228,6 +231,7 @@ pub(super) fn module(plan: &Plan) -> Result<Arc<Module>, HdlError> {
     let read_packet = m.wire("read_packet", pb);
     let read_ray = m.wire("read_ray", rb);
     let right_leaf = Record::link_word().field("right_leaf").lsb;
+    let vertex_to_geometry = vertex_port.1 & !skinning_now.get();
     let mut inputs = vec![
         ("instanced".to_string(), root.bit(right_leaf)),
         ("setup_next_packet".into(), set_up.get("next_packet")),
@@ -241,10 +245,7 @@ pub(super) fn module(plan: &Plan) -> Result<Arc<Module>, HdlError> {
         ("record_response_tag".into(), record_port.2),
         ("record_response_data".into(), record_port.3),
         ("vertex_request_ready".into(), vertex_port.0),
-        (
-            "vertex_response_valid".into(),
-            vertex_port.1 & !skinning_now.get(),
-        ),
+        ("vertex_response_valid".into(), vertex_to_geometry),
         ("vertex_response_tag".into(), vertex_port.2.low(corner_tag)),
         ("vertex_response_data".into(), vertex_port.3),
         ("skinning".into(), skinning_now.get()),
@@ -347,7 +348,8 @@ pub(super) fn module(plan: &Plan) -> Result<Arc<Module>, HdlError> {
     let none = m.lit(u128::from(u32::MAX), 32);
     m.group("Hits out");
     m.output("hit_valid", shown);
-    m.output("hit_tag", tags.read_now(out_packet));
+    let hit_tag = tags.read_now(out_packet);
+    m.output("hit_tag", hit_tag);
     m.output("hit_t", touched.mux(hit_of("t"), infinity));
     m.output("hit_u", touched.mux(hit_of("u"), m.zero(w)));
     m.output("hit_v", touched.mux(hit_of("v"), m.zero(w)));
@@ -363,14 +365,13 @@ pub(super) fn module(plan: &Plan) -> Result<Arc<Module>, HdlError> {
         enters ^ leaves,
         enters.mux(under_way.q + unit, under_way.q - unit),
     );
+    let may_start = !some & !sweeping.q;
+    let vertex_to_skinner = vertex_port.1 & skinning_now.get();
     let mut inputs = vec![
         ("start_valid".to_string(), skin_start),
-        ("may_start".into(), !some & !sweeping.q),
+        ("may_start".into(), may_start),
         ("vertex_request_ready".into(), vertex_port.0),
-        (
-            "vertex_response_valid".into(),
-            vertex_port.1 & skinning_now.get(),
-        ),
+        ("vertex_response_valid".into(), vertex_to_skinner),
         ("vertex_response_tag".into(), vertex_port.2.low(vector_tag)),
         ("vertex_response_data".into(), vertex_port.3),
         ("influence_request_ready".into(), influence_port.0),
@@ -415,16 +416,19 @@ pub(super) fn module(plan: &Plan) -> Result<Arc<Module>, HdlError> {
         }
     }
     m.group("Vertex memory: requests");
-    for (port, width) in [
+    let vertex_request = [
         ("valid", 1),
         ("address", plan.address()),
         ("tag", vertex_tag),
-    ] {
+    ]
+    .map(|(port, width)| {
         let name = format!("vertex_request_{port}");
         let of_skin = skin.get(&name).extend(width);
         let of_geometry = intersection.get(&name).extend(width);
-        m.output(&name, skinning_now.get().mux(of_skin, of_geometry));
-    }
+        let asked = skinning_now.get().mux(of_skin, of_geometry);
+        m.output(&name, asked);
+        [of_geometry, of_skin, asked]
+    });
 
     m.comment("Counters since reset.");
     let step = traversal.get("step_taken");
@@ -476,5 +480,53 @@ pub(super) fn module(plan: &Plan) -> Result<Arc<Module>, HdlError> {
     {
         m.output(port.name.clone(), intersection.get(&port.name));
     }
+
+    let [of_geometry, of_skinner, request] = [0, 1, 2].map(|who| {
+        let [valid, address, tag] = vertex_request.map(|port| port[who]);
+        Request {
+            valid,
+            address,
+            tag,
+        }
+    });
+    let unit = Unit {
+        packets,
+        sweeping: sweeping.q,
+        sweep_packet: sweep_packet.q,
+        free: free_queue,
+        tags,
+        under_way: under_way.q,
+        ray_tag,
+        first_ray: first,
+        object_valid: object_valid.get(),
+        paused,
+        ready,
+        take_ray: take,
+        enters,
+        finished_packet: traversal.get("finished_packet"),
+        finished: finished_queue,
+        load,
+        out: out.q,
+        out_valid: out_valid.q,
+        out_packet,
+        out_ray: out_ray.q,
+        hit_valid: shown,
+        hit_ready,
+        hit_tag,
+        hit_taken: taken,
+        leaves,
+        skin_start,
+        skin_start_ready: skin.get("start_ready"),
+        may_start,
+        skinning: skinning_now.get(),
+        of_geometry,
+        of_skinner,
+        request,
+        request_ready: vertex_port.0,
+        response: vertex_port.1,
+        to_geometry: vertex_to_geometry,
+        to_skinner: vertex_to_skinner,
+    };
+    properties::shares(&m, &unit);
     m.finish()
 }

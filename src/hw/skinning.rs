@@ -15,10 +15,14 @@
 //! The reference machine's takes, as Yosys counts them for Virtex-4, 642 LUT4, 1,039 flip-flops, 2 RAMB16 (the write queue) and, as
 //! distributed RAM, 200 RAM16X1D, which are 400 LUT4 more; no DSP48. Beside that the geometry unit chooses between its own operands and these.
 
+mod properties;
+
 use super::plan::{AXES, Plan};
 use super::prefetch::{Occupancy, pick, prefetch};
+use super::properties::Reader;
 use crate::bkd::layout::{INFLUENCES_PER_ROW, Record};
 use crate::hdl::{Builder, HdlError, Module, Outputs, Pipeline, Signal, Style, bits_for};
+use properties::Unit;
 use std::sync::Arc;
 
 /// Bits that number an influence of its vertex.
@@ -149,15 +153,13 @@ pub(super) fn module(plan: &Plan, test: &Module) -> Result<Arc<Module>, HdlError
         config.skinning_vertices_ahead,
         a,
     )?;
+    let vector_address = requests_column.mux(column_address.q, rest_address.q);
     let vectors = m.instance(
         "vectors",
         &vector_prefetch,
         &[
             ("fetch_valid", vector_wanted),
-            (
-                "fetch_address",
-                requests_column.mux(column_address.q, rest_address.q),
-            ),
+            ("fetch_address", vector_address),
             ("request_ready", vector_port[0]),
             ("response_valid", vector_port[1]),
             ("response_tag", vector_port[2]),
@@ -296,6 +298,7 @@ pub(super) fn module(plan: &Plan, test: &Module) -> Result<Arc<Module>, HdlError
         let register = m.reg(format!("issued_{name}"), value.width());
         register.next(value);
         m.output(format!("issue_{name}"), register.q);
+        register.q
     };
     m.group("To the geometry unit: an influence, and which of its vertex's it is");
     m.output("issue_valid", issued.q);
@@ -306,7 +309,7 @@ pub(super) fn module(plan: &Plan, test: &Module) -> Result<Arc<Module>, HdlError
     }
     hold("weight", m.zero(1).concat(weight));
     hold("position", position.q);
-    hold("last", last);
+    let issued_last = hold("last", last);
 
     m.comment("Accumulation: the first and the second, the third and the fourth, then both; an absent one is 0.");
     let p = m.pipeline();
@@ -351,12 +354,9 @@ pub(super) fn module(plan: &Plan, test: &Module) -> Result<Arc<Module>, HdlError
             p.enter_at(other, at_pair).register().untimed(),
         );
     }
-    let vertex_done = (ready & complete)
-        .named("vertex_ready")
-        .cleared_by_reset()
-        .at(start_of_vertex + sum_latency)
-        .untimed()
-        .named("vertex_done");
+    let vertex_ready = (ready & complete).named("vertex_ready").cleared_by_reset();
+    let done_at = start_of_vertex + sum_latency;
+    let vertex_done = vertex_ready.at(done_at).untimed().named("vertex_done");
 
     m.comment("The write queue, in block RAM: always read where the front is next, a word shows two clocks after it came.");
     let depth = config.skinning_vertices_waiting;
@@ -375,26 +375,27 @@ pub(super) fn module(plan: &Plan, test: &Module) -> Result<Arc<Module>, HdlError
         .equals(last_index)
         .mux(first_index, head.q + index_unit);
     let [x, y, z] = vertex_sums;
-    queue.write(vertex_done, tail.q, m.concat(&[z, y, x]));
+    let queue_data = m.concat(&[z, y, x]);
+    queue.write(vertex_done, tail.q, queue_data);
     tail.next_when(vertex_done, next_tail);
     let written = m.wire("written", 1);
     let readable = m.reg_reset("queue_grows", 1, 0);
     readable.next(vertex_done);
-    let shown = Occupancy::new(plan, &m, "queue_count", depth, readable.q, written.get()).any;
+    let queued = Occupancy::new(plan, &m, "queue_count", depth, readable.q, written.get());
+    let shown = queued.any;
     let next_head = written.get().mux(after_head, head.q).named("next_head");
     head.next(next_head);
     let front = queue.read(next_head);
     written.drive(shown & write_ready);
-    let has_room = Occupancy::new(
+    let under_way = Occupancy::new(
         plan,
         &m,
         "vertices_under_way",
         depth,
         completes,
         written.get(),
-    )
-    .room;
-    room.drive(has_room);
+    );
+    room.drive(under_way.room);
     let next_written = m.reg("next_written", a);
     next_written.next_when(
         start | written.get(),
@@ -419,6 +420,54 @@ pub(super) fn module(plan: &Plan, test: &Module) -> Result<Arc<Module>, HdlError
     m.output("done", done.q);
     m.group("Counters' events");
     m.output("influence_issued", issue);
+
+    let unit = Unit {
+        start,
+        start_vertices: vertices,
+        skinning: skinning.q,
+        over,
+        columns_to_request: columns_to_request.q,
+        rest_to_request: rest_to_request.q,
+        vector_wanted,
+        vector_address,
+        vector_requested: requested,
+        column_requested,
+        rest_requested,
+        vectors: Reader::of(&vectors, config.skinning_vertices_ahead, pop_vector.get()),
+        rows_wanted,
+        row_address: row_address.q,
+        row_requested,
+        rows: Reader::of(&fetched_rows, config.skinning_rows_ahead, pop_row.get()),
+        columns_to_come: columns_to_come.q,
+        loading,
+        column_comes,
+        room: room.get(),
+        room_missing,
+        issue,
+        completes,
+        issued: issued.q,
+        issued_last,
+        weighted_valid,
+        weighted_last,
+        summing: vertex_ready.stages(start_of_sum..=done_at),
+        vertex_done,
+        depth,
+        queue,
+        queue_data,
+        queue_head: head.q,
+        queue_tail: tail.q,
+        queue_grows: readable.q,
+        queued,
+        under_way,
+        write_valid: shown,
+        write_ready,
+        write_address: next_written.q,
+        write_data: front,
+        written: written.get(),
+        vertices_left: vertices_left.q,
+    };
+    properties::conserves(&m, &unit);
+    properties::write_queue(&m, &unit);
     m.finish()
 }
 

@@ -36,6 +36,9 @@ struct Wanted {
 
 const FEW_PACKETS: &[(&str, u32)] = &[("packets.in_flight", 4)];
 
+/// No power of two, so that the wrap of the write queue's places is seen.
+const FEW_VERTICES: &[(&str, u32)] = &[("skinning.vertices_waiting", 6)];
+
 const fn wanted(
     unit: &'static str,
     modules: &'static str,
@@ -55,10 +58,13 @@ const WANTED: &[Wanted] = &[
     wanted("fifo", "block_fifo_", "order", &[]),
     wanted("prefetch", "_prefetch", "order", &[]),
     wanted("credit", "update_processor", "credit", &[]),
+    wanted("skin", "skinning_processor", "conserves", &[]),
+    wanted("skin", "skinning_processor", "write_queue", FEW_VERTICES),
     wanted("geometry", "geometry_unit", "conserves", FEW_PACKETS),
     wanted("tpu", "tpu", "packets", FEW_PACKETS),
     wanted("tpu", "tpu", "choices", &[]),
     wanted("stack", "tpu", "stack", &[]),
+    wanted("share", "raycast_unit", "shares", FEW_PACKETS),
 ];
 
 /// The properties of one proof, of one module.

@@ -7,7 +7,6 @@
 
 mod aig;
 mod arithmetic;
-mod control;
 pub mod formal;
 mod induction;
 mod reference;

@@ -1,0 +1,307 @@
+//! What is proved of the ray casting unit: every packet number is in one place, so no queue overflows and hits leave under the tag that
+//! their rays came with; rays of the world give way to those of an object's space, and none is lost; and of rays and skinning only one has
+//! the geometry unit and its port to vertex memory, whose answers reach who asked.
+//!
+//! It is assumed of the units within what is proved of them: the traversal unit finishes each packet that it was given once, the geometry
+//! unit asks for nothing between packets, the skinning processor for nothing between meshes, and what they show at a port stays. Of memory
+//! it is assumed that it answers what it was asked.
+
+use crate::hdl::{Builder, Memory, Proof, Signal};
+use crate::hw::fifo::Placed;
+use crate::hw::properties::{assert_shown_stays, count, shown_stays};
+
+/// Bits in which packets, and vertices that are owed, are counted.
+const BITS: u32 = 16;
+
+/// Fewer vertices than this are owed to each unit, so that no count wraps.
+const OWED_BELOW: u32 = 1024;
+
+/// A port's request for vertices.
+#[derive(Clone, Copy)]
+pub(super) struct Request<'b> {
+    pub valid: Signal<'b>,
+    pub address: Signal<'b>,
+    pub tag: Signal<'b>,
+}
+
+/// The unit's signals, part by part.
+pub(super) struct Unit<'b> {
+    // Packet numbers.
+    pub packets: u32,
+    pub sweeping: Signal<'b>,
+    pub sweep_packet: Signal<'b>,
+    pub free: Placed<'b>,
+    pub tags: Memory<'b>,
+    pub under_way: Signal<'b>,
+    // Rays in.
+    pub ray_tag: Signal<'b>,
+    pub first_ray: Signal<'b>,
+    pub object_valid: Signal<'b>,
+    pub paused: Signal<'b>,
+    pub ready: Signal<'b>,
+    pub take_ray: Signal<'b>,
+    pub enters: Signal<'b>,
+    // Hits out.
+    pub finished_packet: Signal<'b>,
+    pub finished: Placed<'b>,
+    pub load: Signal<'b>,
+    pub out: Signal<'b>,
+    pub out_valid: Signal<'b>,
+    pub out_packet: Signal<'b>,
+    pub out_ray: Signal<'b>,
+    pub hit_valid: Signal<'b>,
+    pub hit_ready: Signal<'b>,
+    pub hit_tag: Signal<'b>,
+    pub hit_taken: Signal<'b>,
+    pub leaves: Signal<'b>,
+    // A mesh to skin.
+    pub skin_start: Signal<'b>,
+    pub skin_start_ready: Signal<'b>,
+    pub may_start: Signal<'b>,
+    pub skinning: Signal<'b>,
+    // Vertex memory.
+    pub of_geometry: Request<'b>,
+    pub of_skinner: Request<'b>,
+    pub request: Request<'b>,
+    pub request_ready: Signal<'b>,
+    pub response: Signal<'b>,
+    pub to_geometry: Signal<'b>,
+    pub to_skinner: Signal<'b>,
+}
+
+fn wide(signal: Signal<'_>) -> Signal<'_> {
+    signal.extend(BITS)
+}
+
+pub(super) fn shares<'b>(m: &'b Builder, unit: &Unit<'b>) {
+    let proof = m.proof(
+        "shares",
+        "packet numbers are in one place, hits keep their tag, the geometry unit and its port serve one, answers reach who asked",
+    );
+    let proof = &proof;
+    unit.free.keep(proof);
+    unit.finished.keep(proof);
+    proof.cover("a packet leaves", unit.leaves);
+    assert_shown_stays(
+        proof,
+        "hit",
+        unit.hit_valid,
+        unit.hit_ready,
+        &[unit.out, unit.out_ray],
+    );
+    let Request {
+        valid,
+        address,
+        tag,
+    } = unit.request;
+    assert_shown_stays(
+        proof,
+        "vertex request",
+        valid,
+        unit.request_ready,
+        &[address, tag],
+    );
+    let traversing = count(proof, BITS, "traversing", unit.enters, unit.finished.push);
+    packets(proof, unit, traversing);
+    packet(proof, unit);
+    proof.assert(
+        "a ray of the world is taken only where none of an object's space comes",
+        !(unit.take_ray & unit.object_valid),
+    );
+    proof.assert(
+        "a ray waits for nothing but a packet under way, an object's ray or a mesh",
+        m.or_all(&[
+            unit.sweeping,
+            unit.ready,
+            unit.object_valid,
+            unit.paused,
+            unit.under_way.any(),
+        ]),
+    );
+    skinning(proof, unit);
+    vertices(proof, unit, traversing);
+    seed_faults(proof, unit);
+}
+
+fn seed_faults<'b>(proof: &Proof<'b>, unit: &Unit<'b>) {
+    proof.fault(
+        "a ray is taken where an object's comes",
+        unit.ready.reads(unit.object_valid).as_value(0),
+    );
+    proof.fault(
+        "a packet starts while a mesh is skinned",
+        unit.paused.reads(unit.skinning).as_value(0),
+    );
+    proof.fault(
+        "skinning's vertices go to the geometry unit too",
+        unit.to_geometry.reads(unit.skinning).as_value(0),
+    );
+    proof.fault(
+        "a packet is free before its last hit is taken",
+        unit.leaves.reads(unit.hit_taken).as_signal(unit.hit_valid),
+    );
+    proof.fault(
+        "skinning's requests reach no memory",
+        unit.request.valid.reads(unit.skinning).as_value(0),
+    );
+}
+
+/// How many packets are where.
+fn packets<'b>(proof: &Proof<'b>, unit: &Unit<'b>, traversing: Signal<'b>) {
+    let m = proof.module();
+    let all = m.lit(unit.packets, BITS);
+    let (free, finished) = (unit.free.count(BITS), unit.finished.count(BITS));
+    let under_way = wide(unit.under_way);
+    proof.assume(unit.finished.push.implies(traversing.any()));
+    proof.assert(
+        "every packet under way is traversing, finished or leaving",
+        under_way.eq(traversing + finished + wide(unit.out_valid)),
+    );
+    let swept = free.eq(wide(unit.sweep_packet)) & under_way.is_zero();
+    proof.assert(
+        "every packet number is free or under way",
+        (unit.sweeping).mux(swept, (free + under_way).eq(all)),
+    );
+    proof.assert(
+        "no more packets are under way than there are",
+        under_way.le(all) & traversing.le(all) & finished.le(all),
+    );
+    proof.assert(
+        "packets are swept once each",
+        (unit.sweeping).implies(wide(unit.sweep_packet).lt(all)),
+    );
+    proof.assert(
+        "nothing is pushed to a full queue of free packets",
+        unit.free.push.implies(free.lt(all)),
+    );
+    proof.assert(
+        "nothing is pushed to a full queue of finished packets",
+        unit.finished.push.implies(finished.lt(all)),
+    );
+    proof.assert(
+        "queues are popped only where they show a word",
+        unit.free.pop.implies(unit.free.shows()) & unit.finished.pop.implies(unit.finished.shows()),
+    );
+}
+
+/// One packet number, any: where it is, and the tag that its first ray came with.
+fn packet<'b>(proof: &Proof<'b>, unit: &Unit<'b>) {
+    let m = proof.module();
+    let packet = proof.any_const("packet", unit.sweep_packet.width());
+    proof.assume(wide(packet).lt(m.lit(unit.packets, BITS)));
+    let (free, finished) = (&unit.free, &unit.finished);
+    let in_front = free.front.eq(packet);
+    let enters = unit.enters & in_front;
+    let finishes = finished.push & unit.finished_packet.eq(packet);
+    let finished_front = finished.front.low(packet.width()).eq(packet);
+    let is_free = proof.reg_reset("is_free", 1, 0);
+    let is_traversing = proof.reg_reset("is_traversing", 1, 0);
+    let is_finished = proof.reg_reset("is_finished", 1, 0);
+    let is_out = unit.out_valid & unit.out_packet.eq(packet);
+    let comes = unit.sweeping.mux(
+        unit.sweep_packet.eq(packet),
+        unit.leaves & unit.out_packet.eq(packet),
+    );
+    is_free.next((is_free.q & !enters) | comes);
+    is_traversing.next((is_traversing.q & !finishes) | enters);
+    is_finished.next((is_finished.q & !(unit.load & finished_front)) | finishes);
+    let tag = proof.reg("tag", unit.ray_tag.width());
+    let stored = unit.tags.peek(packet);
+    tag.next_when(enters, unit.first_ray.mux(unit.ray_tag, stored));
+
+    proof.assume(finishes.implies(is_traversing.q));
+    proof.assume((free.valid & in_front).implies(is_free.q));
+    proof.assume((finished.valid & finished_front).implies(is_finished.q));
+    proof.assume(shown_stays(proof, free.valid, free.pop, &[free.front]));
+
+    let to_sweep = unit.sweeping & packet.ge(unit.sweep_packet);
+    let places = m.concat(&[is_free.q, is_traversing.q, is_finished.q, is_out]);
+    proof.assert(
+        "a packet number is in one place",
+        places.count_ones(3).eq((!to_sweep).extend(3)),
+    );
+    proof.assert(
+        "a packet's hits leave under the tag that its first ray came with",
+        is_out.implies(unit.hit_tag.eq(tag.q)),
+    );
+    proof.assert(
+        "a packet's tag stays while it is under way",
+        (is_traversing.q | is_finished.q | is_out).implies(stored.eq(tag.q)),
+    );
+}
+
+/// That skinning and packets exclude each other.
+fn skinning<'b>(proof: &Proof<'b>, unit: &Unit<'b>) {
+    let m = proof.module();
+    let starts = unit.skin_start & unit.skin_start_ready;
+    let mesh = proof.past(!m.reset() & (unit.skinning | starts));
+    proof.assume(
+        unit.skin_start_ready
+            .implies(!unit.skinning & unit.may_start),
+    );
+    proof.assume(unit.skinning.implies(mesh));
+    proof.assert(
+        "no packet is under way while a mesh is skinned",
+        (unit.skinning | mesh).implies(unit.under_way.is_zero() & !unit.sweeping),
+    );
+    proof.assert(
+        "no ray is taken while a mesh is skinned",
+        !(unit.skinning & unit.take_ray),
+    );
+}
+
+/// Who is owed what vertex memory answers.
+fn vertices<'b>(proof: &Proof<'b>, unit: &Unit<'b>, traversing: Signal<'b>) {
+    let m = proof.module();
+    let (geometry, skinner) = (unit.of_geometry, unit.of_skinner);
+    let asks = unit.request.valid & unit.request_ready;
+    let geometry_asks = asks & !unit.skinning;
+    let owed_geometry = count(
+        proof,
+        BITS,
+        "owed_geometry",
+        geometry_asks,
+        unit.to_geometry,
+    );
+    let skinner_asks = asks & unit.skinning;
+    let owed_skinner = count(proof, BITS, "owed_skinner", skinner_asks, unit.to_skinner);
+    proof.assume(
+        unit.response
+            .implies(owed_geometry.any() | owed_skinner.any()),
+    );
+    for owed in [owed_geometry, owed_skinner] {
+        proof.assume((owed + wide(asks)).lt(m.lit(OWED_BELOW, BITS)));
+    }
+    let quiet = !geometry.valid & !unit.object_valid & owed_geometry.is_zero();
+    proof.assume(traversing.any() | quiet);
+    proof.assume(unit.skinning | (!skinner.valid & owed_skinner.is_zero()));
+    for request in [geometry, skinner] {
+        let Request {
+            valid,
+            address,
+            tag,
+        } = request;
+        proof.assume(shown_stays(
+            proof,
+            valid,
+            unit.request_ready,
+            &[address, tag],
+        ));
+    }
+    proof.assert(
+        "only one unit is owed vertices",
+        owed_geometry.is_zero() | owed_skinner.is_zero(),
+    );
+    proof.assert(
+        "a vertex reaches the unit that asked",
+        unit.to_geometry.implies(owed_geometry.any()) & unit.to_skinner.implies(owed_skinner.any()),
+    );
+    proof.assert(
+        "a vertex reaches one unit",
+        unit.response.eq(unit.to_geometry ^ unit.to_skinner),
+    );
+    proof.assert(
+        "what a unit asks for is asked",
+        unit.request.valid.eq(geometry.valid | skinner.valid),
+    );
+}
