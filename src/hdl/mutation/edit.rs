@@ -303,18 +303,17 @@ impl Editor {
                 vec![(root, self.along(id, path, *change, gap)?)]
             }
             Edit::Read(Where::Everywhere(point), change) => {
-                let root = match *point {
-                    Point::Output(port) => Root::Output(port),
-                    Point::Node(id) => {
-                        let id = self.stands[id];
-                        match self.ir.nodes[id].op {
-                            Op::Wire => Root::Driver(id),
-                            _ => Root::Value(id),
-                        }
-                    }
+                let root = match (*point, self.roots(*point)[0]) {
+                    (Point::Output(_), root) | (_, root @ Root::Driver(_)) => root,
+                    (Point::Node(id), _) => Root::Value(self.stands[id]),
                 };
                 let (gap, id) = (self.gap(root), self.get(root)?);
                 vec![(root, self.instead(id, *change, gap)?)]
+            }
+            Edit::Read(Where::Operand(point, path), change) => {
+                let root = self.roots(*point)[0];
+                let (gap, id) = (self.gap(root), self.get(root)?);
+                vec![(root, self.along(id, path, *change, gap)?)]
             }
             Edit::Read(Where::Of(point, of), change) => {
                 let of = self.stands[*of];
@@ -347,14 +346,9 @@ impl Editor {
         }
     }
 
-    /// The places of a signal's logic, with all that the first of `meant` means changed that means anything there.
-    fn within(
-        &mut self,
-        point: Point,
-        meant: &[&Meant<'_>],
-        change: Change,
-    ) -> Result<Vec<(Root, Id)>, String> {
-        let roots = match point {
+    /// The places in which a signal is computed.
+    fn roots(&self, point: Point) -> Vec<Root> {
+        match point {
             Point::Output(port) => vec![Root::Output(port)],
             Point::Node(id) => {
                 let id = self.stands[id];
@@ -365,7 +359,17 @@ impl Editor {
                     _ => vec![Root::Value(id)],
                 }
             }
-        };
+        }
+    }
+
+    /// The places of a signal's logic, with all that the first of `meant` means changed that means anything there.
+    fn within(
+        &mut self,
+        point: Point,
+        meant: &[&Meant<'_>],
+        change: Change,
+    ) -> Result<Vec<(Root, Id)>, String> {
+        let roots = self.roots(point);
         for deep in [false, true] {
             for &meant in meant {
                 let mut found = vec![];

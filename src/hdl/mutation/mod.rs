@@ -55,6 +55,8 @@ pub enum Where {
     Of(Point, Id),
     /// Literals of a value, where a signal is computed.
     Literal(Point, u128),
+    /// An operand of what computes a signal, or an operand of that.
+    Operand(Point, Vec<usize>),
     /// A signal, wherever it is read.
     Everywhere(Point),
     /// What a place reads, or what that reads: operands, each of the one before.
@@ -182,6 +184,12 @@ impl<O: Owner> Reads<O> {
         self.made_of(change, Location::caller())
     }
 
+    /// Another operator computes it: `-` for `+`, `|` for `&`; or none, for `~`.
+    #[track_caller]
+    pub fn other_operator(self) -> Mutation {
+        self.made_of(Ok(Change::Operator), Location::caller())
+    }
+
     /// Its value of the clock before is read.
     #[track_caller]
     pub fn one_clock_late(self) -> Mutation {
@@ -226,6 +234,11 @@ macro_rules! changes_of_signals {
             /// Literals of this value, where this signal is computed: see [`Self::reads`].
             pub fn literal_of(self, value: u128) -> Reads<$owner> {
                 self.reading(|point| Where::Literal(point, value))
+            }
+
+            /// An operand of what computes this signal, by its number, or an operand of that, and so on; by no number the whole.
+            pub fn operand(self, path: &[usize]) -> Reads<$owner> {
+                self.reading(|point| Where::Operand(point, path.to_vec()))
             }
 
             /// This signal, wherever it is read.

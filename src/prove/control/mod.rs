@@ -13,8 +13,8 @@ mod skinning;
 mod traversal;
 mod update;
 
+use super::Outcome;
 use super::tools::{self, Ended};
-use super::{Edit, Outcome, Plant, edited};
 use crate::config::Config;
 use crate::emit;
 use crate::hdl::{Direction, Module, bits_for};
@@ -36,6 +36,36 @@ const HAPPENS: &str = "what can happen";
 
 /// Clocks after reset in which what a proof is about must be seen to happen.
 const SOON: u32 = 40;
+
+/// An edit of an emitted module: in the one line that contains `line`, what follows it first as `from` becomes `to`.
+#[derive(Clone, Debug)]
+pub struct Edit {
+    pub line: String,
+    pub from: String,
+    pub to: String,
+}
+
+type Plant = super::Plant<Edit>;
+
+/// Makes an edit.
+///
+/// # Errors
+/// If the text has no such line, or several.
+fn edited(text: &str, edit: &Edit) -> Result<String> {
+    let found: Vec<usize> = text.match_indices(&edit.line).map(|(at, _)| at).collect();
+    let &[start] = &found[..] else {
+        bail!(
+            "{} lines contain {:?}, where a fault should be planted",
+            found.len(),
+            edit.line
+        );
+    };
+    let end = text[start..].find(';').map_or(text.len(), |n| start + n);
+    let at = text[start..end].find(&edit.from);
+    let at =
+        start + at.with_context(|| format!("{:?} is not behind {:?}", edit.from, edit.line))?;
+    Ok([&text[..at], &edit.to, &text[at + edit.from.len()..]].concat())
+}
 
 /// A law: what it says, and a Verilog expression that is true at every clock after the first.
 struct Law {
@@ -72,7 +102,7 @@ pub struct Induction {
 fn plant(what: &str, line: &str, from: &str, to: &str) -> Plant {
     Plant {
         what: what.into(),
-        edit: Edit {
+        change: Edit {
             line: line.into(),
             from: from.into(),
             to: to.into(),
@@ -607,7 +637,7 @@ impl Induction {
             bail!("{}: no text", self.module);
         };
         let edited = match plant {
-            Some(plant) => edited(top, &plant.edit).with_context(|| self.module.clone())?,
+            Some(plant) => edited(top, &plant.change).with_context(|| self.module.clone())?,
             None => top.clone(),
         };
         let end = edited.rfind("endmodule").context("a module has an end")?;
@@ -649,5 +679,26 @@ impl Induction {
             true => format!("a law fails{clock}"),
             false => format!("not so{clock}: {}", broken.join("; ")),
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn an_edit_changes_one_place() {
+        let edit = |line: &str| Edit {
+            line: line.into(),
+            from: "+".into(),
+            to: "-".into(),
+        };
+        let text = "wire a = b + c + d;\nwire e = f;\n";
+        assert_eq!(
+            edited(text, &edit("wire a")).unwrap(),
+            "wire a = b - c + d;\nwire e = f;\n"
+        );
+        assert!(edited(text, &edit("wire")).is_err());
+        assert!(edited(text, &edit("wire e")).is_err());
     }
 }
