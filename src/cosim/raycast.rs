@@ -5,9 +5,9 @@ use super::memory::{Image, ReadPort, ReadRequest, Timing};
 use super::mismatch::{Field, Mismatch};
 use super::model::{BuildOptions, Model, PortHandle, build};
 use super::scoreboard::{
-    DISTURBED_CYCLES, Interrupted, Mutated, RECORDED_CYCLES, RESET_CYCLES, Recorder,
+    DISTURBED_CYCLES, Interrupted, Mutated, RECORDED_CYCLES, RESET_CYCLES, Recorder, sources_with,
 };
-use super::{sources, timing};
+use super::timing;
 use crate::bkd::layout::{MemoryImage, Record};
 use crate::config::Config;
 use crate::float::Format;
@@ -437,10 +437,7 @@ impl RaycastUnit {
             traced: how.traced || trace.is_some(),
             ..how.clone()
         };
-        let mut sources = sources(&machine.design);
-        if let Some(mutated) = mutated {
-            mutated.apply(&mut sources);
-        }
+        let sources = sources_with(mutated, &machine.design);
         let started = Instant::now();
         let built = build(&sources, &build_options, &|_| ())?;
         let model_build_s = started.elapsed().as_secs_f64();

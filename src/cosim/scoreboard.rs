@@ -3,12 +3,12 @@
 
 use super::memory::{Bandwidth, Timing};
 use super::mismatch::{Field, Mismatch};
-use super::model::{BuildOptions, Model, Port, PortHandle, Recording, Sources, build};
+use super::model::{BuildOptions, Model, PortHandle, Recording, Sources, build};
 use super::raycast::Trace;
 use super::sources;
 use crate::float::Format;
 use crate::golden::RaySetup;
-use crate::hdl::{Design, Module};
+use crate::hdl::{Design, HdlError, Module, Mutation};
 use anyhow::{Context, Result, bail, ensure};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Instant;
@@ -90,9 +90,9 @@ pub struct UnitOptions {
     /// The `dynrt cosim` command that runs this again, for a mismatch's report; may be empty.
     pub replay: String,
     pub trace: Option<Trace>,
-    /// A fault that the unit's Verilog is given first, to see that it is noticed.
+    /// A fault that the unit is given first, to see that it is noticed.
     pub fault: Option<Fault>,
-    /// The unit's Verilog with mutants, one of them selected.
+    /// The unit with mutants, one of them selected.
     pub mutated: Option<Mutated>,
     /// Traffic of an earlier run that a reset interrupts before this one begins.
     pub interrupted: Option<Interrupted>,
@@ -146,54 +146,31 @@ pub struct Interrupted {
 /// Cycles of a run that are recorded, resets included.
 pub const RECORDED_CYCLES: usize = 4000;
 
-/// A change to Verilog: a text, wherever it occurs, and what stands there instead.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Fault {
-    pub text: &'static str,
-    pub instead: &'static str,
-}
+/// A change of a unit's design.
+pub type Fault = fn(&Design) -> Result<Mutation, HdlError>;
 
-impl Fault {
-    fn apply(&self, sources: &mut Sources) -> Result<()> {
-        let mut found = false;
-        for (_, text) in &mut sources.files {
-            found |= text.contains(self.text);
-            *text = text.replace(self.text, self.instead);
-        }
-        ensure!(
-            found,
-            "no file of {} has the text `{}`, which a fault is to replace",
-            sources.top,
-            self.text
-        );
-        Ok(())
-    }
-}
+/// The input of a design with mutants that selects one.
+pub const SELECT: &str = "mutant";
 
-/// Verilog in place of a unit's, with one input more, which selects what it does.
+/// A design with mutants in place of a unit's.
 #[derive(Clone, Debug)]
 pub struct Mutated {
-    pub files: Arc<Vec<(String, String)>>,
-    /// The input's name and bits.
-    pub port: (&'static str, u32),
+    /// One in which [`SELECT`] selects: see [`Design::selectable`].
+    pub design: Arc<Design>,
     pub selected: u32,
 }
 
 impl Mutated {
-    pub(super) fn apply(&self, sources: &mut Sources) {
-        sources.files.clone_from(&self.files);
-        sources.ports.push(Port {
-            name: self.port.0.into(),
-            width: self.port.1,
-            input: true,
-        });
-    }
-
     pub(super) fn select(&self, model: &mut Model) -> Result<()> {
-        let port = model.port(self.port.0)?;
+        let port = model.port(SELECT)?;
         model.set(port, u64::from(self.selected));
         Ok(())
     }
+}
+
+/// What Verilator is given of a unit: the design with mutants, if there is one.
+pub(super) fn sources_with(mutated: Option<&Mutated>, design: &Design) -> Sources {
+    sources(mutated.map_or(design, |mutated| &mutated.design))
 }
 
 /// What makes a transaction worth counting on its own. See [`Category::name`].
@@ -376,13 +353,11 @@ pub(super) struct Bench {
 
 impl Bench {
     pub fn new(unit: &'static str, module: &Arc<Module>, options: &UnitOptions) -> Result<Bench> {
-        let mut sources = sources(&Design::new(module.clone())?);
-        if let Some(fault) = &options.fault {
-            fault.apply(&mut sources)?;
+        let mut design = Design::new(module.clone())?;
+        if let Some(fault) = options.fault {
+            design = design.with(&fault(&design)?)?;
         }
-        if let Some(mutated) = &options.mutated {
-            mutated.apply(&mut sources);
-        }
+        let sources = sources_with(options.mutated.as_ref(), &design);
         let mut how = options.build.clone();
         how.traced |= options.trace.is_some();
         let built = build(&sources, &how, &|_| ())?;

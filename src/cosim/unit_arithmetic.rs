@@ -1,14 +1,13 @@
 //! The floating-point pipelines alone, held against the definition of the arithmetic, operand by operand: operands of any bits, all
 //! special ones with each other, and pairs that nearly cancel.
 
-use super::model::{Model, Port, PortHandle, Sources, build};
-use super::scoreboard::{DISTURBED_CYCLES, UnitOptions};
+use super::model::{Model, PortHandle, build};
+use super::scoreboard::{DISTURBED_CYCLES, UnitOptions, sources_with};
 use crate::config::Config;
 use crate::float::{Format, plain, specials};
-use crate::hdl::{Design, Module};
+use crate::hdl::{Builder, Design, Module};
 use crate::hw::Plan;
 use anyhow::{Result, bail, ensure};
-use std::fmt::Write as _;
 use std::sync::Arc;
 
 /// Name of the module that holds them all.
@@ -61,63 +60,28 @@ fn operations(plan: &Plan) -> Vec<Operation> {
     ]
 }
 
-/// The modules, children first, and the text of the one that holds them.
+/// The module that holds them all.
 ///
 /// # Errors
 /// A mistake in the description; none is known for any configuration.
-pub fn modules(config: &Config) -> Result<(Vec<Arc<Module>>, String)> {
-    let plan = Plan::new(config)?;
-    let mut all: Vec<Arc<Module>> = vec![];
-    for operation in operations(&plan) {
-        for module in Design::new(operation.module)?.modules() {
-            if !all.iter().any(|known| known.name() == module.name()) {
-                all.push(module.clone());
-            }
-        }
-    }
-    Ok((all, wrapper(&plan)))
-}
-
-fn wrapper(plan: &Plan) -> String {
-    let range = format!("[{}:0]", plan.format.width() - 1);
-    let (mut ports, mut body) = (String::from("  input  wire clk"), String::new());
-    for operation in operations(plan) {
-        let name = operation.module.name();
-        let mut pins = String::from("    .clk(clk)");
-        for operand in &operation.operands {
-            let _ = write!(ports, ",\n  input  wire {range} {name}_{operand}");
-            let _ = write!(pins, ",\n    .{operand}({name}_{operand})");
-        }
-        let result = operation.result;
-        let _ = write!(ports, ",\n  output wire {range} {name}_{result}");
-        let _ = write!(pins, ",\n    .{result}({name}_{result})");
-        let _ = write!(body, "  {name} {name}_unit (\n{pins}\n  );\n\n");
-    }
-    format!(
-        "`default_nettype none\n\nmodule {TOP} (\n{ports}\n);\n\n{body}endmodule\n\n`default_nettype wire\n"
-    )
-}
-
-fn sources(config: &Config, plan: &Plan) -> Result<Sources> {
-    let (modules, wrapper) = modules(config)?;
-    let mut files: Vec<(String, String)> = (modules.iter())
-        .map(|module| (format!("{}.v", module.name()), module.verilog().to_string()))
-        .collect();
-    files.push((format!("{TOP}.v"), wrapper));
-    let width = plan.format.width();
-    let port = |name: String, width, input| Port { name, width, input };
-    let mut ports = vec![port("clk".into(), 1, true)];
+pub fn module(plan: &Plan) -> Result<Arc<Module>> {
+    let m = Builder::new(TOP, "the floating-point pipelines, side by side.");
     for operation in operations(plan) {
         let name = operation.module.name();
         let operands = operation.operands.iter();
-        ports.extend(operands.map(|operand| port(format!("{name}_{operand}"), width, true)));
-        ports.push(port(format!("{name}_{}", operation.result), width, false));
+        let inputs: Vec<_> = operands
+            .map(|operand| {
+                (
+                    *operand,
+                    m.input(format!("{name}_{operand}"), plan.format.width()),
+                )
+            })
+            .collect();
+        let unit = m.instance(format!("{name}_unit"), &operation.module, &inputs);
+        let result = operation.result;
+        m.output(format!("{name}_{result}"), unit.get(result));
     }
-    Ok(Sources {
-        top: TOP.into(),
-        files,
-        ports,
-    })
+    Ok(m.finish()?)
 }
 
 /// Draws operands of a format.
@@ -157,10 +121,8 @@ impl Operands {
 pub fn run(config: &Config, sets: u64, options: &UnitOptions) -> Result<u64> {
     ensure!(sets > 0, "no operands: nothing would be checked");
     let plan = Plan::new(config)?;
-    let mut sources = sources(config, &plan)?;
-    if let Some(mutated) = &options.mutated {
-        mutated.apply(&mut sources);
-    }
+    let design = Design::new(module(&plan)?)?;
+    let sources = sources_with(options.mutated.as_ref(), &design);
     let built = build(&sources, &options.build, &|_| ())?;
     let mut model = Model::load(&built, &sources.ports)?;
     model.disturb(options.seed, DISTURBED_CYCLES);

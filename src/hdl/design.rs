@@ -86,7 +86,7 @@ impl Module {
     }
 
     /// The node that is declared under a name in the Verilog.
-    pub(super) fn node_of(&self, name: &str) -> Option<Id> {
+    pub(super) fn declared(&self, name: &str) -> Option<Id> {
         let names = self.printed.signals.iter();
         names
             .clone()

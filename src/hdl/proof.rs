@@ -258,7 +258,7 @@ impl<'b> Outputs<'b> {
             let inner = self.builder.inner.borrow();
             let module = &inner.ir.instances[self.index].module;
             module
-                .node_of(name)
+                .declared(name)
                 .map(|id| (id, module.ir.nodes[id].width))
         };
         match found {

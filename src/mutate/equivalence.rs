@@ -7,12 +7,13 @@
 //! runs before have shown, which every survivor has passed.
 
 use super::next_state;
-use super::text::Site;
+use crate::hdl::{Design, HdlError, MemoryRef, Mutation, Select};
 use crate::prove::tools::{self, Ended};
 use crate::temporary;
 use anyhow::{Context, Result};
 use std::collections::BTreeSet;
 use std::fmt::Write as _;
+use std::path::Path;
 use std::time::Duration;
 
 /// Bits of memory up to which a module is tried: they become registers.
@@ -34,51 +35,40 @@ const STATUS: &str = "status.txt";
 ///
 /// # Errors
 /// Yosys cannot be started.
-pub(super) fn proved(
-    texts: &[String],
-    names: &[&str],
-    at: usize,
-    site: &Site,
-) -> Result<Option<String>> {
-    let below = below(texts, names, at);
-    if next_state::proved(texts, names, &below, at, site)? {
+pub(super) fn proved(design: &Design, mutation: &Mutation) -> Result<Option<String>> {
+    let top = design.module(mutation.module())?;
+    // The same but for the constant that selects: so the same signals have the same names.
+    let of_module = Design::new(top.clone())?;
+    let selected = |number| -> Result<Design, HdlError> {
+        of_module.selectable(&[(1, mutation)], Select::Constant(number))
+    };
+    let designs = [("gold", selected(0)?), ("gate", selected(1)?)];
+    if next_state::proved(&designs)? {
         return Ok(Some(next_state::PROOF.into()));
     }
-    let memory: u64 = below
-        .iter()
-        .map(|&module| memory_bits(&texts[module]))
-        .sum();
-    if memory > MOST_MEMORY_BITS {
+    let memories = (of_module.modules().iter()).flat_map(|module| module.memories());
+    let bits = |m: MemoryRef<'_>| u64::from(m.width()) * u64::from(m.depth()) * m.copies() as u64;
+    if memories.map(bits).sum::<u64>() > MOST_MEMORY_BITS {
         return Ok(None);
     }
     let folder = temporary::Folder::new().context("cannot create a temporary folder")?;
     let mut script = String::new();
-    for (design, changed) in [("gold", false), ("gate", true)] {
+    let name = top.name();
+    for (kind, design) in &designs {
         script += "design -reset; ";
-        for &module in &below {
-            let name = format!("{design}_{}.v", names[module]);
-            let text = match changed && module == at {
-                true => site.apply(&texts[module]),
-                false => texts[module].clone(),
-            };
-            std::fs::write(folder.path().join(&name), text)
-                .context("cannot write a temporary file")?;
-            let _ = write!(script, "read_verilog {name}; ");
-        }
-        let top = names[at];
+        script += &read(folder.path(), kind, design)?;
         let _ = write!(
             script,
-            "prep -flatten -top {top}; memory_map; opt -full; design -stash {design}; "
+            "prep -flatten -top {name}; memory_map; opt -full; design -stash {kind}; "
         );
     }
-    let top = names[at];
     let _ = write!(
         script,
-        "design -copy-from gold -as gold {top}; design -copy-from gate -as gate {top}; \
+        "design -copy-from gold -as gold {name}; design -copy-from gate -as gate {name}; \
          equiv_make -blacklist {UNMATCHED} gold gate equiv; hierarchy -top equiv; clean; \
          equiv_simple -seq {DEPTH}; equiv_induct -seq {DEPTH}; tee -q -o {STATUS} equiv_status; equiv_status -assert"
     );
-    let ports = ports(&texts[at]);
+    let is_port = |name: &String| top.port(name).is_some();
     let mut unmatched: BTreeSet<String> = BTreeSet::new();
     for _ in 0..ATTEMPTS {
         let list: Vec<&str> = unmatched.iter().map(String::as_str).collect();
@@ -97,7 +87,7 @@ pub(super) fn proved(
             return Ok(None);
         };
         let before = unmatched.len();
-        unmatched.extend(unproved(&status).filter(|name| !ports.contains(name)));
+        unmatched.extend(unproved(&status).filter(|name| !is_port(name)));
         if unmatched.len() == before {
             return Ok(None);
         }
@@ -119,213 +109,131 @@ fn unproved(status: &str) -> impl Iterator<Item = String> {
     })
 }
 
-/// The names of a module's ports, of which there is one a line.
-fn ports(text: &str) -> BTreeSet<String> {
-    let lines = text.lines().map(str::trim);
-    lines
-        .filter(|line| line.starts_with("input ") || line.starts_with("output "))
-        .filter_map(|line| line.trim_end_matches(',').split_whitespace().last())
-        .map(str::to_string)
-        .collect()
-}
-
-/// A module and all below it.
-fn below(texts: &[String], names: &[&str], at: usize) -> BTreeSet<usize> {
-    let mut found = BTreeSet::from([at]);
-    let mut open = vec![at];
-    while let Some(module) = open.pop() {
-        for (other, name) in names.iter().enumerate() {
-            let placed = texts[module].contains(&format!("\n  {name} "));
-            if placed && found.insert(other) {
-                open.push(other);
-            }
-        }
+/// Writes a design's files; the script that reads them.
+///
+/// # Errors
+/// They cannot be written.
+pub(super) fn read(folder: &Path, kind: &str, design: &Design) -> Result<String> {
+    let mut script = String::new();
+    for (name, text) in design.files() {
+        let name = format!("{kind}_{name}");
+        std::fs::write(folder.join(&name), text).context("cannot write a temporary file")?;
+        let _ = write!(script, "read_verilog {name}; ");
     }
-    found
-}
-
-/// Bits of the memories that a text declares: `reg [high:0] name [0:last];`
-fn memory_bits(text: &str) -> u64 {
-    let size = |range: &str, first: &str, last: &str| -> Option<u64> {
-        let inner = range.strip_prefix(first)?.strip_suffix(last)?;
-        Some(inner.parse::<u64>().ok()? + 1)
-    };
-    let lines = text.lines().map(str::trim);
-    let memories = lines.filter(|line| line.starts_with("reg ") && line.ends_with("];"));
-    memories
-        .filter_map(|line| {
-            let words: Vec<&str> = line.split_whitespace().collect();
-            let width = match words.len() {
-                4 => size(words[1], "[", ":0]")?,
-                _ => 1,
-            };
-            Some(width * size(words.last()?, "[0:", "];")?)
-        })
-        .sum()
+    Ok(script)
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::mutate::text::{Kind, sites};
+    use crate::hdl::{Builder, Module, Style};
+    use std::sync::Arc;
 
-    const TEXT: &str = "\
-module counter (
-  input  wire       clk,
-  input  wire       rst,
-  input  wire       step,
-  output wire       high
-);
+    /// Whether it is proved, and how, that a change is none that shows.
+    fn verdict(module: &Arc<Module>, mutation: &Mutation) -> Option<String> {
+        proved(&Design::new(module.clone()).unwrap(), mutation).unwrap()
+    }
 
-  reg  [1:0] count;
-
-  always @(posedge clk) begin
-    if (rst) count <= 2'd0; else if (step) count <= (count == 2'd2) ? 2'd0 : (count + 2'd1);
-  end
-
-  wire never = step & (count == 2'd3) & (count == 2'd1);
-  assign high = (count == 2'd2) | never;
-
-endmodule
-";
+    /// The change that makes an expression this one.
+    fn becomes(module: &Module, after: &str) -> Mutation {
+        let sites = module.mutations();
+        let site = sites.iter().find(|site| site.after == after);
+        let site = site.unwrap_or_else(|| panic!("{after}: {sites:#?}"));
+        site.mutation.clone()
+    }
 
     #[test]
     fn what_no_one_can_see_is_proved_and_nothing_else() {
-        let texts = [TEXT.to_string()];
-        let all = sites(TEXT);
-        let verdict = |before: &str, instead: &str| {
-            let site = all
-                .iter()
-                .find(|site| &TEXT[site.place.clone()] == before && site.instead == instead);
-            let site = site.unwrap_or_else(|| panic!("{before} → {instead}: {all:?}"));
-            proved(&texts, &["counter"], 0, site).unwrap().is_some()
-        };
-        assert!(!verdict("+", "-"));
-        assert!(!verdict("2'd2", "2'd3"));
-        // The first `&` of what can never hold: then it is step or nothing.
-        assert!(!verdict("|", "&"));
-        let equal = all.iter().filter(|site| site.kind == Kind::Operator);
-        let last = equal
-            .filter(|site| TEXT[..site.place.start].contains("never =") && site.instead == "&");
-        assert!(last.count() > 0);
-        // `count == 3` and `count == 1` exclude each other; so do `count == 2` and `count == 1`.
-        let site = all
-            .iter()
-            .find(|site| &TEXT[site.place.clone()] == "2'd3" && site.instead == "2'd2");
-        assert!(
-            proved(&texts, &["counter"], 0, site.unwrap())
-                .unwrap()
-                .is_some()
-        );
+        let m = Builder::new("counter", "counts to two.");
+        let step = m.input("step", 1);
+        let count = m.reg_reset("count", 2, 0);
+        let at_end = count.q.equals(2).named("at_end");
+        let next = at_end.mux(m.zero(2), count.q + m.lit(1u8, 2));
+        count.next_when(step, next);
+        let never = (step & count.q.equals(3) & count.q.equals(1)).named("never");
+        let high = (at_end | never).named("high");
+        m.output("is_high", high);
+        let changes = [
+            (next.literal_of(1).as_value(2), false),
+            (at_end.literal_of(2).as_value(3), false),
+            (high.operand(&[]).other_operator(), false),
+            (count.q.enable().as_value(1), false),
+            // `count == 3` and `count == 1` exclude each other; so do `count == 2` and `count == 1`.
+            (never.literal_of(3).as_value(2), true),
+            (high.reads(never).as_value(0), true),
+            (never.reads(step).as_value(1), true),
+        ];
+        let module = m.finish().unwrap();
+        for (change, same) in changes {
+            assert_eq!(verdict(&module, &change).is_some(), same, "{change:?}");
+        }
+        assert!(verdict(&module, &becomes(&module, "at_end ? 2'd0 : (count - 2'd1)")).is_none());
     }
 
-    /// The lesser of two numbers, which a memory too large to become registers keeps.
-    const KEPT: &str = "\
-module kept (
-  input  wire        clk,
-  input  wire        write,
-  input  wire [9:0]  address,
-  input  wire [15:0] a,
-  input  wire [15:0] b,
-  output reg  [15:0] y
-);
-
-  reg  [15:0] words [0:1023];
-  reg  [15:0] word_s1;
-
-  wire less = a < b;
-  wire [15:0] lesser = less ? a : b;
-
-  always @(posedge clk) begin
-    if (write & less) words[address] <= lesser;
-    if (write & ~less) words[address] <= lesser + 16'd1;
-    word_s1 <= words[address];
-    y <= word_s1;
-  end
-
-endmodule
-";
+    /// The lesser of two numbers, or what is one more where `b` is, which a memory too large to become registers keeps.
+    fn kept(more: bool) -> (Arc<Module>, [Mutation; 3]) {
+        let m = Builder::new("kept", "the lesser of two.");
+        let (write, address) = (m.input("write", 1), m.input("address", 10));
+        let (a, b) = (m.input("a", 16), m.input("b", 16));
+        let less = a.lt(b).named("less");
+        let lesser = less.mux(a, if more { b + m.lit(1u8, 16) } else { b });
+        let words = m.memory("words", 1024, 16, Style::Block);
+        words.write(write, address, lesser);
+        m.output("y", words.read(address).register());
+        let changes = [
+            less.operand(&[]).other_operator(),
+            lesser.reads(less).inverted(),
+            words.write_enable().as_value(1),
+        ];
+        (m.finish().unwrap(), changes)
+    }
 
     #[test]
     fn memories_of_any_size_are_no_hindrance() {
-        let kept = KEPT.replace("    if (write & less) words[address] <= lesser;\n", "");
-        let kept = kept.replace(
-            "if (write & ~less) words[address] <= lesser + 16'd1",
-            "if (write) words[address] <= lesser",
-        );
-        let verdict = |text: &str, before: &str, instead: &str| {
-            let texts = [text.to_string()];
-            let all = sites(text);
-            let site = (all.iter())
-                .find(|site| &text[site.place.clone()] == before && site.instead == instead);
-            let site = site.unwrap_or_else(|| panic!("{before} → {instead}: {all:?}"));
-            proved(&texts, &["kept"], 0, site).unwrap()
-        };
+        let (module, [or_equal, other, always]) = kept(false);
         assert_eq!(
-            verdict(&kept, "<", "<=").as_deref(),
+            verdict(&module, &or_equal).as_deref(),
             Some(next_state::PROOF)
         );
+        assert_eq!(verdict(&module, &other), None);
+        assert_eq!(verdict(&module, &always), None);
         // Here it matters which of the two equals is less.
-        assert_eq!(verdict(KEPT, "<", "<="), None);
-        assert_eq!(verdict(&kept, "less", "!(less)"), None);
-        assert_eq!(verdict(&kept, "write", "1'b1"), None);
+        let (module, [or_equal, ..]) = kept(true);
+        assert_eq!(verdict(&module, &or_equal), None);
     }
 
     /// The lesser of two numbers, chosen a clock later than compared.
-    const LESSER: &str = "\
-module lesser (
-  input  wire       clk,
-  input  wire [3:0] a,
-  input  wire [3:0] b,
-  output reg  [3:0] y
-);
-
-  wire term = a < b;
-  wire less = (a[3] ^ b[3]) ? b[3] : term;
-  reg  less_s1;
-  reg  [3:0] a_s1, b_s1;
-
-  always @(posedge clk) begin
-    less_s1 <= less;
-    a_s1 <= a;
-    b_s1 <= b;
-    y <= less_s1 ? a_s1 : b_s1;
-  end
-
-endmodule
-";
-
     #[test]
     fn a_change_that_shows_inside_alone_is_proved() {
-        let texts = [LESSER.to_string()];
-        let verdict = |before: &str, instead: &str| {
-            let all = sites(LESSER);
-            let site = (all.iter())
-                .find(|site| &LESSER[site.place.clone()] == before && site.instead == instead);
-            let site = site.unwrap_or_else(|| panic!("{before} → {instead}: {all:?}"));
-            proved(&texts, &["lesser"], 0, site).unwrap().is_some()
-        };
-        // Of equal numbers either is the lesser.
-        assert!(verdict("<", "<="));
-        // Where both are negative the wrong one, or one of two clocks, is chosen.
-        assert!(!verdict("^", "|"));
-        assert!(!verdict("a_s1", "a"));
+        let m = Builder::new("lesser", "the lesser of two.");
+        let (a, b) = (m.input("a", 4), m.input("b", 4));
+        let term = a.lt(b).named("term");
+        let signs = a.msb() ^ b.msb();
+        let less = signs.mux(b.msb(), term).named("less");
+        let y = less
+            .register()
+            .mux(a.register(), b.register())
+            .named("chosen");
+        m.output("y", y.register());
+        let changes = [
+            // Of equal numbers either is the lesser.
+            (term.operand(&[]).other_operator(), true),
+            // Where both are negative the wrong one, or one of two clocks, is chosen.
+            (signs.operand(&[]).other_operator(), false),
+            (y.reads(a.register()).one_clock_early(), false),
+        ];
+        let module = m.finish().unwrap();
+        for (change, same) in changes {
+            assert_eq!(verdict(&module, &change).is_some(), same, "{change:?}");
+        }
     }
 
     #[test]
-    fn what_is_not_proved_is_read_and_ports_are_known() {
+    fn what_is_not_proved_is_read() {
         let status = "Found 3 $equiv cells in equiv:\n\
             \x20 Unproven $equiv $auto$equiv_make.cc:274:find_same_wires$29: \\inner.term_gold [2] \\inner.term_gate [2]\n\
             \x20 Unproven $equiv $auto$equiv_make.cc:242:find_same_wires$27: \\y_gold \\y_gate\n";
         let names: BTreeSet<String> = unproved(status).collect();
         assert_eq!(names.into_iter().collect::<Vec<_>>(), ["inner.term", "y"]);
-        let names: Vec<String> = ports(LESSER).into_iter().collect();
-        assert_eq!(names, ["a", "b", "clk", "y"]);
-    }
-
-    #[test]
-    fn memories_are_counted() {
-        let text = "  reg  [23:0] limit [0:47];\n  reg  [5:0] head;\n  reg  flags [0:7];\n";
-        assert_eq!(memory_bits(text), 24 * 48 + 8);
     }
 }

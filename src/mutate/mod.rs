@@ -1,7 +1,7 @@
 //! Mutants: single changes of the emitted Verilog, which co-simulation must notice.
 //!
-//! All mutants of a unit are compiled into one model, in which an input selects one ([`text`]); with none selected it is the machine
-//! as it is, and passes. Each mutant then runs through what the unit's tests run, and is noticed at the first bit that differs, when
+//! All mutants of a unit are compiled into one model, in which an input selects one ([`Design::selectable`]); with none selected it is the
+//! machine as it is, and passes. Each mutant then runs through what the unit's tests run, and is noticed at the first bit that differs, when
 //! the unit stops, when its own checks fail, or when the run takes another number of clocks than without a mutant, as fixed frames do
 //! in [`crate::baseline`]. What survives is tried for equivalence ([`equivalence`]) and otherwise listed.
 //!
@@ -15,18 +15,17 @@
 
 mod equivalence;
 mod next_state;
-pub mod text;
 
-pub use text::Kind;
+pub use crate::hdl::Kind;
 
 use crate::bkd::layout::MemoryImage;
 use crate::config::Config;
 use crate::cosim::model::Recording;
 use crate::cosim::raycast::RaycastUnit;
-use crate::cosim::scoreboard::{Interrupted, Mutated, Recorder, UnitOptions, UnitReport};
+use crate::cosim::scoreboard::{Interrupted, Mutated, Recorder, SELECT, UnitOptions, UnitReport};
 use crate::cosim::workload::{Workload, instanced_scene};
 use crate::cosim::{raycast, unit_arithmetic, unit_geometry, unit_skinning, unit_tpu, unit_update};
-use crate::hdl::{Design, Module};
+use crate::hdl::{Design, Mutation, Select, Site};
 use crate::hw;
 use crate::port::Ray;
 use crate::synth::store::{self, CHECKS, Store};
@@ -37,7 +36,6 @@ use std::collections::BTreeSet;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::PathBuf;
 use std::sync::Arc;
-use text::{SELECT, Site, instrument, sites};
 
 /// The units, whose modules are mutated.
 pub const UNITS: [&str; 5] = ["arithmetic", "tpu", "geometry", "update", "raycast"];
@@ -139,31 +137,36 @@ impl Report {
 /// A unit with the mutants drawn of it.
 struct Population {
     unit: &'static str,
-    /// Its modules, the unit last.
-    modules: Vec<Arc<Module>>,
-    /// What stands around them for the run, name and text, where that is no module of the machine.
-    around: Option<(&'static str, String)>,
-    /// Number, index of the module, change.
-    drawn: Vec<(u32, usize, Site)>,
+    design: Design,
+    drawn: Vec<(u32, Site)>,
 }
 
-/// A unit's modules, and what stands around them.
-type Modules = (Vec<Arc<Module>>, Option<(&'static str, String)>);
-
-fn modules_of(config: &Config, unit: &str) -> Result<Modules> {
-    if unit == unit_arithmetic::TOP {
-        let (modules, around) = unit_arithmetic::modules(config)?;
-        return Ok((modules, Some((unit_arithmetic::TOP, around))));
+impl Population {
+    fn changes(&self) -> Vec<(u32, &Mutation)> {
+        let drawn = self.drawn.iter();
+        drawn
+            .map(|(number, site)| (*number, &site.mutation))
+            .collect()
     }
+
+    /// The design with all mutants.
+    fn selectable(&self, design: &Design) -> Result<Arc<Design>> {
+        let design = design.selectable(&self.changes(), Select::Port(SELECT))?;
+        Ok(Arc::new(design))
+    }
+}
+
+fn design_of(config: &Config, unit: &str) -> Result<Design> {
     let plan = || hw::Plan::new(config);
     let top = match unit {
+        unit_arithmetic::TOP => unit_arithmetic::module(&plan()?)?,
         "tpu" => hw::tpu::module(&plan()?)?.module,
         "geometry" => hw::geometry::module(&plan()?)?.module,
         "update" => hw::update::module(&plan()?)?.module,
-        "raycast" => hw::emit(config)?.design.top().clone(),
+        "raycast" => return Ok(hw::emit(config)?.design),
         _ => bail!("unit {unit}: is not one of {}", UNITS.join(", ")),
     };
-    Ok((Design::new(top)?.modules().to_vec(), None))
+    Ok(Design::new(top)?)
 }
 
 /// Draws mutants: as many of each unit, in a unit by turns of each kind, in a kind of any place alike. A module that two units have is
@@ -174,15 +177,15 @@ fn draw(config: &Config, request: &Request) -> Result<Vec<Population>> {
     let mut number = 0;
     let mut all = vec![];
     for (index, unit) in UNITS.into_iter().enumerate() {
-        let (modules, around) = modules_of(config, unit)?;
-        let mut places: Vec<Vec<(usize, Site)>> = vec![vec![]; Kind::ALL.len()];
-        for (at, module) in modules.iter().enumerate() {
+        let design = design_of(config, unit)?;
+        let mut places: Vec<Vec<Site>> = vec![vec![]; Kind::ALL.len()];
+        for module in design.modules() {
             if !seen.insert(module.name().to_string()) {
                 continue;
             }
-            for site in sites(module.verilog()) {
+            for site in module.mutations() {
                 let kind = Kind::ALL.iter().position(|kind| *kind == site.kind);
-                places[kind.expect("every kind is listed")].push((at, site));
+                places[kind.expect("every kind is listed")].push(site);
             }
         }
         let units = UNITS.len() as u32;
@@ -195,14 +198,13 @@ fn draw(config: &Config, request: &Request) -> Result<Vec<Population>> {
             if of_kind.is_empty() {
                 continue;
             }
-            let (at, site) = of_kind.swap_remove(rng.usize(..of_kind.len()));
+            let site = of_kind.swap_remove(rng.usize(..of_kind.len()));
             number += 1;
-            drawn.push((number, at, site));
+            drawn.push((number, site));
         }
         all.push(Population {
             unit,
-            modules,
-            around,
+            design,
             drawn,
         });
     }
@@ -218,7 +220,7 @@ fn draw(config: &Config, request: &Request) -> Result<Vec<Population>> {
     }
     if let Some(only) = request.only {
         for population in &mut all {
-            population.drawn.retain(|(number, ..)| *number == only);
+            population.drawn.retain(|(number, _)| *number == only);
         }
     }
     all.retain(|population| !population.drawn.is_empty());
@@ -298,27 +300,12 @@ impl Scenes {
     }
 }
 
-type Files = Arc<Vec<(String, String)>>;
-
-/// The whole machine's Verilog around a unit's with mutants.
-fn whole_machine(config: &Config, unit: &[(String, String)]) -> Result<Files> {
-    let machine = hw::emit(config)?;
-    let modules = machine.design.modules();
-    let names: Vec<&str> = modules.iter().map(|module| module.name()).collect();
-    let file = |module: &Arc<Module>| {
-        let name = format!("{}.v", module.name());
-        let of_unit = unit.iter().find(|(other, _)| *other == name).cloned();
-        of_unit.unwrap_or_else(|| (name, instrument(module.verilog(), &[], &names)))
-    };
-    Ok(Arc::new(modules.iter().map(file).collect()))
-}
-
 /// The runs of a unit, the shortest first. Those that need more than the unit have `whole`, with the same mutants.
 fn runs<'a>(
     config: &'a Config,
     unit: &str,
     lengths: usize,
-    whole: Option<Files>,
+    whole: Option<Arc<Design>>,
 ) -> Result<Vec<Run<'a>>> {
     let mut all: Vec<Run<'a>> = vec![];
     for (seed, &length) in (1u64..).zip(&LENGTHS[..lengths]) {
@@ -408,8 +395,8 @@ fn runs<'a>(
                             vertices: length / 4,
                         };
                         let in_whole = |mutated: Mutated| match &whole {
-                            Some(files) => Mutated {
-                                files: files.clone(),
+                            Some(design) => Mutated {
+                                design: design.clone(),
                                 ..mutated
                             },
                             None => mutated,
@@ -528,55 +515,29 @@ fn run_unit(
 ) -> Result<(Vec<Mutant>, usize)> {
     let Population {
         unit,
-        modules,
-        around,
+        design,
         drawn,
     } = population;
-    let texts: Vec<String> = modules
-        .iter()
-        .map(|module| module.verilog().to_string())
-        .collect();
-    let names: Vec<&str> = modules.iter().map(|module| module.name()).collect();
-    let mut files: Vec<(String, String)> = (modules.iter().zip(&texts).enumerate())
-        .map(|(at, (module, text))| {
-            let of_module = drawn.iter().filter(|(_, module, _)| *module == at);
-            let changes: Vec<_> = of_module.map(|(number, _, site)| (*number, site)).collect();
-            (
-                format!("{}.v", module.name()),
-                instrument(text, &changes, &names),
-            )
-        })
-        .collect();
-    if let Some((name, text)) = around {
-        files.push((format!("{name}.v"), instrument(text, &[], &names)));
-    }
-    let files = Arc::new(files);
-    let whole = match *unit {
-        "geometry" => Some(whole_machine(config, &files)?),
+    let selectable = population.selectable(design)?;
+    let machine = match *unit {
+        "geometry" => Some(hw::emit(config)?.design),
         _ => None,
     };
-    let around = match &whole {
-        Some(_) => {
-            let machine = hw::emit(config)?;
-            let modules = machine.design.modules();
-            modules.iter().map(|module| module.verilog()).collect()
-        }
-        None => around
-            .as_ref()
-            .map(|(_, text)| text.clone())
-            .unwrap_or_default(),
+    let whole = machine.as_ref().map(|whole| population.selectable(whole));
+    let whole = whole.transpose()?;
+    let verilog = |design: &Design| -> String {
+        let modules = design.modules().iter();
+        modules.map(|module| module.verilog()).collect()
     };
+    let (texts, around) = (
+        verilog(design),
+        machine.as_ref().map_or(String::new(), verilog),
+    );
     let key = |number: u32| -> String {
-        let (_, at, site) = drawn.iter().find(|d| d.0 == number).expect("drawn");
+        let (_, site) = drawn.iter().find(|d| d.0 == number).expect("drawn");
         // A mutant's number seeds when its resets come.
-        let place = format!(
-            "{number} {:?} {} {}",
-            site.place, site.instead, request.lengths
-        );
-        let config = config.to_toml();
-        let mut parts = vec![CHECKS, *unit, names[*at], &place, &config, &around];
-        parts.extend(texts.iter().map(String::as_str));
-        store::key(&parts)
+        let place = format!("{number} {:?} {}", site.mutation, request.lengths);
+        store::key(&[CHECKS, *unit, &place, &config.to_toml(), &around, &texts])
     };
     let known = |number: u32| store.get::<Outcome>(unit, &key(number));
     let runs = runs(config, unit, request.lengths, whole)?;
@@ -587,8 +548,7 @@ fn run_unit(
     let all_known = remembered == drawn.len();
     let select = |selected| Play {
         mutated: Some(Mutated {
-            files: files.clone(),
-            port: SELECT,
+            design: selectable.clone(),
             selected,
         }),
         ..Play::default()
@@ -675,16 +635,15 @@ fn run_unit(
             .or_else(|| (shortest..runs.len()).find_map(by))
     };
     let finished = std::sync::atomic::AtomicUsize::new(0);
-    // Modules are not to be shared between threads; their texts are.
     let outcomes: Vec<(u32, Outcome)> = drawn
         .par_iter()
-        .map(|(number, at, site)| {
+        .map(|(number, site)| {
             let outcome = match known(*number).filter(|_| request.only.is_none()) {
                 Some(outcome) => outcome,
                 None => {
                     let outcome = match noticed_by(*number) {
                         Some(outcome) => outcome?,
-                        None => survivor(request, &texts, &names, *at, site, &runs)?,
+                        None => survivor(request, design, &site.mutation, &runs)?,
                     };
                     store.put(unit, &key(*number), &outcome)?;
                     outcome
@@ -695,17 +654,15 @@ fn run_unit(
         })
         .collect::<Result<_>>()?;
     let describe = |(number, outcome): (u32, Outcome)| {
-        let (_, at, site) = (drawn.iter().find(|d| d.0 == number)).context("a mutant")?;
-        let text = &texts[*at];
-        let plain = |text: &str| text.split_whitespace().collect::<Vec<_>>().join(" ");
+        let (_, site) = (drawn.iter().find(|d| d.0 == number)).context("a mutant")?;
         Ok(Mutant {
             number,
             unit,
-            module: names[*at].to_string(),
-            line: site.line(text),
+            module: site.mutation.module().to_string(),
+            line: site.line,
             kind: site.kind,
-            before: plain(&text[site.expression.clone()]),
-            after: plain(&site.changed(text)),
+            before: site.before.clone(),
+            after: site.after.clone(),
             outcome,
         })
     };
@@ -715,14 +672,12 @@ fn run_unit(
 
 fn survivor(
     request: &Request,
-    texts: &[String],
-    names: &[&str],
-    at: usize,
-    site: &Site,
+    design: &Design,
+    mutation: &Mutation,
     runs: &[Run<'_>],
 ) -> Result<Outcome> {
     if request.prove
-        && let Some(proof) = equivalence::proved(texts, names, at, site)?
+        && let Some(proof) = equivalence::proved(design, mutation)?
     {
         return Ok(Outcome::Equivalent { proof });
     }

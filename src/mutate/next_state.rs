@@ -6,12 +6,12 @@
 //!
 //! Registers are paired by their names. Whatever pairs there are, the proof holds: states that are equal in every pair stay so.
 
-use super::text::Site;
+use crate::hdl::Design;
 use crate::prove::tools::{self, Ended};
 use crate::temporary;
 use anyhow::{Context, Result, anyhow};
 use serde_json::{Map, Value, json};
-use std::collections::{BTreeMap, BTreeSet};
+use std::collections::BTreeMap;
 use std::path::Path;
 use std::time::Duration;
 
@@ -20,39 +20,23 @@ const LIMIT: Duration = Duration::from_secs(60);
 /// What proves it, for reports.
 pub(super) const PROOF: &str = "Yosys: sat, the same outputs and next state from any state";
 
-/// Whether it was proved within the time. `below` are the module and all that it instantiates.
+/// Whether it was proved within the time that two designs are the same: `gold` and `gate`.
 ///
 /// # Errors
 /// Yosys cannot be started.
-pub(super) fn proved(
-    texts: &[String],
-    names: &[&str],
-    below: &BTreeSet<usize>,
-    at: usize,
-    site: &Site,
-) -> Result<bool> {
+pub(super) fn proved(designs: &[(&str, Design); 2]) -> Result<bool> {
     let folder = temporary::Folder::new().context("cannot create a temporary folder")?;
-    let top = names[at];
     let mut shapes = vec![];
-    for (design, changed) in [("gold", false), ("gate", true)] {
-        let mut script = String::new();
-        for &module in below {
-            let name = format!("{design}_{}.v", names[module]);
-            let text = match changed && module == at {
-                true => site.apply(&texts[module]),
-                false => texts[module].clone(),
-            };
-            std::fs::write(folder.path().join(&name), text)
-                .context("cannot write a temporary file")?;
-            script += &format!("read_verilog {name}; ");
-        }
+    for (name, design) in designs {
+        let top = design.top().name();
+        let mut script = super::equivalence::read(folder.path(), name, design)?;
         script += &format!(
-            "hierarchy -top {top}; proc; flatten; memory_collect; opt_clean; setundef -zero; rename {top} {design}; write_json {design}.json"
+            "hierarchy -top {top}; proc; flatten; memory_collect; opt_clean; setundef -zero; rename {top} {name}; write_json {name}.json"
         );
         if !content(folder.path(), &script)? {
             return Ok(false);
         }
-        let Some(cut) = cut(folder.path(), design)? else {
+        let Some(cut) = cut(folder.path(), name)? else {
             return Ok(false);
         };
         shapes.push(cut);

@@ -8,11 +8,12 @@
 use super::aig::{Circuit, Fixed, Graph};
 use super::reference::{self, Relation};
 use super::tools::{self, Ended};
-use super::{Edit, Outcome, Plant, edited};
+use super::{Outcome, Plant};
 use crate::float::Format;
-use crate::hdl::{Builder, Module, Signal};
+use crate::hdl::{Builder, HdlError, Module, Mutation, Signal};
 use crate::hw::fp::{self, Knowing, Known, Operand, Units};
 use anyhow::{Context, Result, ensure};
+use std::cell::OnceCell;
 use std::fmt::Write as _;
 use std::path::Path;
 use std::sync::Arc;
@@ -34,7 +35,14 @@ pub struct Equivalence {
     reference: String,
     pub cases: Vec<Case>,
     method: Method,
-    pub plants: Vec<Plant>,
+    pub plants: Vec<Plant<Planted>>,
+}
+
+/// Where a fault is.
+pub enum Planted {
+    Unit(Mutation),
+    /// A law of the reference alone has it there: a reference with the fault.
+    Reference(String),
 }
 
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
@@ -71,15 +79,20 @@ fn fixed(input: &str, lsb: u32, width: u32, value: u64) -> Fixed {
     }
 }
 
-fn plant(what: &str, line: &str, from: &str, to: &str) -> Plant {
+fn plant(what: &str, mutation: Mutation) -> Plant<Planted> {
     Plant {
         what: what.into(),
-        edit: Edit {
-            line: line.into(),
-            from: from.into(),
-            to: to.into(),
-        },
+        change: Planted::Unit(mutation),
     }
+}
+
+/// A tie is rounded up whatever the last bit: of `half & (more | last)` remains the half.
+fn odd(unit: &Module) -> Result<Plant<Planted>, HdlError> {
+    let round_up = unit.signal("round_up")?;
+    Ok(plant(
+        "a tie is rounded away from zero",
+        round_up.operand(&[1]).as_value(1),
+    ))
 }
 
 /// All equivalences of a unit of the given name; none if it is no unit of arithmetic.
@@ -88,15 +101,9 @@ fn plant(what: &str, line: &str, from: &str, to: &str) -> Plant {
 /// A mistake in a unit's description.
 pub fn proofs(unit: &str, format: Format, clock_mhz: u32) -> Result<Vec<Equivalence>> {
     let units = Units::new(format, clock_mhz)?;
-    let odd = plant(
-        "a tie is rounded away from zero",
-        "wire round_up",
-        "& (",
-        "& (1'b1 | ",
-    );
     Ok(match unit {
-        "add" => sums(&units.add, format, false, odd),
-        "sub" => sums(&units.sub, format, true, odd),
+        "add" => sums(&units.add, format, false)?,
+        "sub" => sums(&units.sub, format, true)?,
         "mul" => vec![Equivalence {
             module: units.mul.clone(),
             what: "a * b, exact then rounded once".into(),
@@ -104,12 +111,10 @@ pub fn proofs(unit: &str, format: Format, clock_mhz: u32) -> Result<Vec<Equivale
             cases: vec![Case::all()],
             method: Method::Reasoned,
             plants: vec![
-                odd,
+                odd(&units.mul)?,
                 plant(
                     "an infinity is a number unless both are",
-                    "wire special =",
-                    "|",
-                    "&",
+                    units.mul.signal("special")?.operand(&[]).other_operator(),
                 ),
             ],
         }],
@@ -123,7 +128,14 @@ pub fn proofs(unit: &str, format: Format, clock_mhz: u32) -> Result<Vec<Equivale
             } else {
                 Method::Reasoned
             },
-            plants: vec![plant("rounding does not carry", " rounded = ", "+", "|")],
+            plants: vec![plant(
+                "nothing is rounded up",
+                units
+                    .reciprocal
+                    .signal("rounded")?
+                    .operand(&[1])
+                    .as_value(0),
+            )],
         }],
         "compare" => [
             ("less", "a < b", Relation::Less),
@@ -150,7 +162,11 @@ pub fn proofs(unit: &str, format: Format, clock_mhz: u32) -> Result<Vec<Equivale
 }
 
 /// A sum's proofs: numbers by the distance of their exponents, everything else, and that these are all.
-fn sums(module: &Arc<Module>, format: Format, subtract: bool, odd: Plant) -> Vec<Equivalence> {
+fn sums(
+    module: &Arc<Module>,
+    format: Format,
+    subtract: bool,
+) -> Result<Vec<Equivalence>, HdlError> {
     let (e, f) = (format.exponent_bits(), format.fraction_bits());
     let operator = if subtract { '-' } else { '+' };
     // Where the smaller operand meets the rounding bits, and where it leaves them, is where mistakes live.
@@ -166,14 +182,14 @@ fn sums(module: &Arc<Module>, format: Format, subtract: bool, odd: Plant) -> Vec
         quick: true,
     };
     let ones = format.exponent_mask();
-    vec![
+    Ok(vec![
         Equivalence {
             module: module.clone(),
             what: format!("a {operator} b of numbers, exact then rounded once"),
             reference: reference::sum_of_numbers(format, subtract),
             cases: distances.collect(),
             method: Method::Reasoned,
-            plants: vec![odd],
+            plants: vec![odd(module)?],
         },
         Equivalence {
             module: module.clone(),
@@ -188,25 +204,21 @@ fn sums(module: &Arc<Module>, format: Format, subtract: bool, odd: Plant) -> Vec
             method: Method::Reasoned,
             plants: vec![plant(
                 "nothing ever gives a NaN",
-                "wire nan =",
-                "&",
-                "& 1'b0 &",
+                module.signal("nan")?.fault().as_value(0),
             )],
         },
         Equivalence {
             module: module.clone(),
             what: "every pair of numbers is one of the cases".into(),
-            reference: reference::sum_coverage(format),
+            reference: reference::sum_coverage(format, "LAST"),
             cases: vec![Case::all()],
             method: Method::Reasoned,
-            plants: vec![plant(
-                "the greatest distance is no case",
-                " legal_there =",
-                "distance < LAST",
-                "distance < LAST - 1",
-            )],
+            plants: vec![Plant {
+                what: "the greatest distance is no case".into(),
+                change: Planted::Reference(reference::sum_coverage(format, "LAST - 1")),
+            }],
         },
-    ]
+    ])
 }
 
 /// What is known of both operands: nothing first, then every pair that the machine's comparisons have.
@@ -277,27 +289,29 @@ fn related(
     let of = |a, b| relation_of(format, relation, a, b);
     let any = of(a.into(), b.into());
     let blind = known == KNOWING[0];
-    let y = match blind {
-        true => any,
+    let (y, planted) = match blind {
+        true if relation == Relation::Equal => {
+            let fault = any.reads(a.eq(b)).inverted();
+            (any, plant("unlike patterns are equal", fault))
+        }
+        true => {
+            let fault = any.reads(a.msb()).as_signal(b.msb());
+            (any, plant("the sign of b is taken for that of a", fault))
+        }
         false => {
             let [a, b] = [(a, known[0]), (b, known[1])]
                 .map(|(operand, known)| (made_known(format, operand, known), known));
             let knows = of(a.0.known(a.1), b.0.known(b.1));
             // The two may have logic in common: a fault belongs behind it.
-            any ^ (knows ^ of(a.0.into(), b.0.into())).named("differs")
+            let differs = (knows ^ of(a.0.into(), b.0.into())).named("differs");
+            let fault = differs.fault().inverted();
+            (
+                any ^ differs,
+                plant("what knows more says the opposite", fault),
+            )
         }
     };
     m.output("y", y.extend(format.width()));
-    let plant = match (blind, relation) {
-        (false, _) => plant(
-            "what knows more says the opposite",
-            " differs = ",
-            "differs = ",
-            "differs = ~",
-        ),
-        (true, Relation::Equal) => plant("unlike patterns are equal", " == ", "==", "!="),
-        (true, _) => plant("the order is turned round", " < ", "<", ">"),
-    };
     Ok(Equivalence {
         module: m.finish()?,
         what: match blind {
@@ -307,7 +321,7 @@ fn related(
         reference: reference::relation(format, relation),
         cases: vec![Case::all()],
         method: Method::Reasoned,
-        plants: vec![plant],
+        plants: vec![planted],
     })
 }
 
@@ -315,19 +329,21 @@ fn stepped(name: &str, ulps: i32, format: Format) -> Result<Equivalence> {
     let what = format!("the number {ulps:+} ulps from a");
     let m = Builder::new(format!("fp_{name}"), format!("y = {what} in {format}."));
     let a = m.input("a", format.width());
-    m.output("y", fp::step(format, a, ulps, |sum| sum));
+    let too_far = OnceCell::new();
+    let y = fp::step(format, a, ulps, |sum| {
+        let count = u128::from(ulps.unsigned_abs());
+        let _ = too_far.set(sum.literal_of(count).as_value(count + 1));
+        sum
+    });
+    m.output("y", y);
+    let too_far = too_far.into_inner().context("a step is a sum")?;
     Ok(Equivalence {
         module: m.finish()?,
         what,
         reference: reference::step(format, ulps),
         cases: vec![Case::all()],
         method: Method::Reasoned,
-        plants: vec![plant(
-            "it steps one ulp too far up",
-            " sum = ",
-            " + (",
-            " + 1'b1 + (",
-        )],
+        plants: vec![plant("it steps one ulp too far away from zero", too_far)],
     })
 }
 
@@ -348,15 +364,15 @@ impl Equivalence {
     /// Proves the cases that are asked for, or finds operands that make a difference. `done` is called after each case.
     ///
     /// # Errors
-    /// A tool that fails; a plant that does not fit the emitted text.
+    /// A tool that fails; a fault that cannot be planted.
     pub fn prove(
         &self,
         folder: &Path,
         quick: bool,
-        plant: Option<&Plant>,
+        fault: Option<usize>,
         done: &dyn Fn(),
     ) -> Result<(usize, Outcome)> {
-        let graph = match self.gates(folder, plant)? {
+        let graph = match self.gates(folder, fault)? {
             Ok(graph) => graph,
             Err(imbalance) => return Ok((0, Outcome::Refuted(imbalance))),
         };
@@ -383,22 +399,21 @@ impl Equivalence {
     }
 
     /// Unit and reference as one combinational circuit, or why the unit is no pipeline of its latency.
-    fn gates(&self, folder: &Path, plant: Option<&Plant>) -> Result<Result<Graph, String>> {
+    fn gates(&self, folder: &Path, fault: Option<usize>) -> Result<Result<Graph, String>> {
         let name = self.module.name();
-        let mut text = self.module.verilog().to_string();
-        let mut reference = self.reference.clone();
-        let has_unit = reference.contains("dut dut");
         ensure!(
             self.module.children().is_empty(),
             "{name} has children, which no reference stands in for"
         );
-        if let Some(plant) = plant {
-            // A law of the reference alone has its fault there.
-            let planted = if has_unit { &mut text } else { &mut reference };
-            *planted = edited(planted, &plant.edit).with_context(|| name.to_string())?;
+        let (mut module, mut reference) = (self.module.clone(), &self.reference);
+        match fault.map(|fault| &self.plants[fault].change) {
+            Some(Planted::Unit(mutation)) => module = module.with(mutation)?,
+            Some(Planted::Reference(planted)) => reference = planted,
+            None => {}
         }
-        let text = text.replacen(&format!("module {name} ("), "module dut (", 1);
-        for (file, text) in [("dut.v", &text), ("case.v", &reference)] {
+        let has_unit = reference.contains("dut dut");
+        let text = module.verilog_with(&|_| "dut".to_string());
+        for (file, text) in [("dut.v", &text), ("case.v", reference)] {
             std::fs::write(folder.join(file), text).with_context(|| file.to_string())?;
         }
         tools::yosys(

@@ -112,6 +112,11 @@ pub fn proofs(unit: &str, config: &Config) -> Result<Vec<Induction>> {
 }
 
 impl Induction {
+    /// Its faults, in words.
+    pub fn faults(&self) -> impl Iterator<Item = &str> {
+        self.proof.faults.iter().map(|(what, _)| what.as_str())
+    }
+
     /// How it is proved, as the report says it.
     pub fn how(&self) -> String {
         format!("z3, induction, depth {}", self.proof.depth)
@@ -221,36 +226,6 @@ impl Induction {
         match broken.is_empty() {
             true => format!("a property fails{clock}"),
             false => format!("not so{clock}: {}", broken.join("; ")),
-        }
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    /// For those who work on one proof: `PROVE=fifo cargo test --lib one_unit -- --ignored --nocapture`
-    #[test]
-    #[ignore]
-    fn one_unit() {
-        let unit = std::env::var("PROVE").unwrap();
-        let config =
-            std::env::var("CONFIG").map_or(Config::reference(), |name| Config::load(name).unwrap());
-        for induction in proofs(&unit, &config).unwrap() {
-            for fault in std::iter::once(None).chain((0..induction.proof.faults.len()).map(Some)) {
-                let clock = std::time::Instant::now();
-                let folder = std::path::PathBuf::from(format!("/tmp/prove_{unit}"));
-                std::fs::create_dir_all(&folder).unwrap();
-                let outcome = induction.prove(&folder, fault);
-                let what = fault.map_or("", |fault| &induction.proof.faults[fault].0);
-                println!(
-                    "{} {} {what:?} {:?} {:.1} s",
-                    induction.module.name(),
-                    induction.proof.name,
-                    outcome,
-                    clock.elapsed().as_secs_f64()
-                );
-            }
         }
     }
 }

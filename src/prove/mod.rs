@@ -2,7 +2,7 @@
 //!
 //! Arithmetic ([`arithmetic`]) is compared with an exact reference for all operands; a pipeline that is lent is shown to keep its slots
 //! apart ([`slots`]); queues, credits, stack and ports
-//! ([`control`]) are proved by induction. Every proof has *plants*: edits of the emitted text, each of which must make it
+//! ([`induction`]) are proved by induction. Every proof has *plants*: changes of the module, each of which must make it
 //! fail, with a counterexample. A proof that a tool leaves undecided has failed.
 
 mod aig;
@@ -81,19 +81,11 @@ pub enum Outcome {
     Undecided(String),
 }
 
-/// An edit of an emitted module: in the one line that contains `line`, what follows it first as `from` becomes `to`.
-#[derive(Clone, Debug)]
-pub struct Edit {
-    pub line: String,
-    pub from: String,
-    pub to: String,
-}
-
 /// A fault that a proof must find.
 #[derive(Clone, Debug)]
-pub struct Plant {
+pub struct Plant<Change> {
     pub what: String,
-    pub edit: Edit,
+    pub change: Change,
 }
 
 /// What is to be proved.
@@ -130,26 +122,6 @@ impl Row {
             (None, Outcome::Proved) | (Some(_), Outcome::Refuted(_))
         )
     }
-}
-
-/// Makes an edit.
-///
-/// # Errors
-/// If the text has no such line, or several.
-fn edited(text: &str, edit: &Edit) -> Result<String> {
-    let found: Vec<usize> = text.match_indices(&edit.line).map(|(at, _)| at).collect();
-    let &[start] = &found[..] else {
-        bail!(
-            "{} lines contain {:?}, where a fault should be planted",
-            found.len(),
-            edit.line
-        );
-    };
-    let end = text[start..].find(';').map_or(text.len(), |n| start + n);
-    let at = text[start..end].find(&edit.from);
-    let at =
-        start + at.with_context(|| format!("{:?} is not behind {:?}", edit.from, edit.line))?;
-    Ok([&text[..at], &edit.to, &text[at + edit.from.len()..]].concat())
 }
 
 /// Checks that every name is one of [`UNITS`], and that the tools are there.
@@ -237,13 +209,13 @@ fn jobs(config: &Config, options: &Options) -> Result<Vec<Job>> {
         }
         for subject in subjects(unit, config)? {
             ensure!(
-                !subject.plants().is_empty(),
+                !subject.faults().is_empty(),
                 "{unit}, {}: no fault would show that this proof can fail",
                 subject.what()
             );
             let subject = Arc::new(subject);
             let faults: Vec<Option<usize>> = match options.plant {
-                true => (0..subject.plants().len()).map(Some).collect(),
+                true => (0..subject.faults().len()).map(Some).collect(),
                 false => vec![None],
             };
             jobs.extend(faults.into_iter().map(|fault| Job {
@@ -265,8 +237,7 @@ impl Job {
     fn row(&self, options: &Options, started: &dyn Fn()) -> Result<Row> {
         started();
         let folder = temporary::Folder::new().context("a temporary folder")?;
-        let plant = self.fault.map(|fault| &self.subject.plants()[fault]);
-        let row = (self.subject).row(self.unit, folder.path(), options, plant, started);
+        let row = (self.subject).row(self.unit, folder.path(), options, self.fault, started);
         row.with_context(|| format!("{}, {}", self.unit, self.subject.module()))
     }
 }
@@ -275,12 +246,12 @@ impl Job {
 enum Subject {
     Equivalence(arithmetic::Equivalence),
     Slots(slots::Slots),
-    Induction(control::Induction),
+    Induction(induction::Induction),
 }
 
 fn subjects(unit: &str, config: &Config) -> Result<Vec<Subject>> {
     let equivalences = arithmetic::proofs(unit, config.format(), config.clock_mhz)?;
-    let inductions = control::proofs(unit, config)?;
+    let inductions = induction::proofs(unit, config)?;
     let equivalences = equivalences.into_iter().map(Subject::Equivalence);
     let slots = slots::proofs(unit, config)?.into_iter().map(Subject::Slots);
     Ok(equivalences
@@ -290,11 +261,15 @@ fn subjects(unit: &str, config: &Config) -> Result<Vec<Subject>> {
 }
 
 impl Subject {
-    fn plants(&self) -> &[Plant] {
+    /// What its faults are.
+    fn faults(&self) -> Vec<&str> {
+        fn names<T>(plants: &[Plant<T>]) -> Vec<&str> {
+            plants.iter().map(|plant| plant.what.as_str()).collect()
+        }
         match self {
-            Subject::Equivalence(proof) => &proof.plants,
-            Subject::Slots(proof) => &proof.plants,
-            Subject::Induction(proof) => &proof.plants,
+            Subject::Equivalence(proof) => names(&proof.plants),
+            Subject::Slots(proof) => names(&proof.plants),
+            Subject::Induction(proof) => proof.faults().collect(),
         }
     }
 
@@ -302,7 +277,7 @@ impl Subject {
         match self {
             Subject::Equivalence(proof) => &proof.what,
             Subject::Slots(proof) => &proof.what,
-            Subject::Induction(proof) => &proof.what,
+            Subject::Induction(proof) => &proof.proof.what,
         }
     }
 
@@ -310,7 +285,7 @@ impl Subject {
         match self {
             Subject::Equivalence(proof) => proof.module.name(),
             Subject::Slots(proof) => proof.module.name(),
-            Subject::Induction(proof) => &proof.module,
+            Subject::Induction(proof) => proof.module.name(),
         }
     }
 
@@ -319,51 +294,30 @@ impl Subject {
         unit: &'static str,
         folder: &Path,
         options: &Options,
-        plant: Option<&Plant>,
+        fault: Option<usize>,
         done: &dyn Fn(),
     ) -> Result<Row> {
         let clock = Instant::now();
         let (how, (cases, outcome)) = match self {
             Subject::Equivalence(proof) => (
                 proof.how(),
-                proof.prove(folder, options.quick, plant, done)?,
+                proof.prove(folder, options.quick, fault, done)?,
             ),
             Subject::Slots(proof) => (
                 "every path's registers".to_string(),
-                proof.prove(folder, plant)?,
+                proof.prove(folder, fault)?,
             ),
-            Subject::Induction(proof) => (proof.how(), proof.prove(folder, plant)?),
+            Subject::Induction(proof) => (proof.how(), proof.prove(folder, fault)?),
         };
         Ok(Row {
             unit,
             module: self.module().to_string(),
             what: self.what().to_string(),
-            fault: plant.map(|plant| plant.what.clone()),
+            fault: fault.map(|fault| self.faults()[fault].to_string()),
             how,
             cases,
             seconds: clock.elapsed().as_secs_f64(),
             outcome,
         })
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn an_edit_changes_one_place() {
-        let edit = |line: &str| Edit {
-            line: line.into(),
-            from: "+".into(),
-            to: "-".into(),
-        };
-        let text = "wire a = b + c + d;\nwire e = f;\n";
-        assert_eq!(
-            edited(text, &edit("wire a")).unwrap(),
-            "wire a = b - c + d;\nwire e = f;\n"
-        );
-        assert!(edited(text, &edit("wire")).is_err());
-        assert!(edited(text, &edit("wire e")).is_err());
     }
 }

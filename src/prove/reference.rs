@@ -128,10 +128,12 @@ endmodule
         )
 }
 
-/// That every pair of numbers is a case of [`sum_of_numbers`]: operands made of the coordinates of a pair are the pair.
-pub fn sum_coverage(format: Format) -> String {
+/// That every pair of numbers is a case of [`sum_of_numbers`]: operands made of the coordinates of a pair are the pair. The exponents are fewer
+/// than `distances` apart.
+pub fn sum_coverage(format: Format, distances: &str) -> String {
     head(format, &operand_inputs(format))
-        + "
+        + &format!(
+            "
   assign a = operand_a;
   assign b = operand_b;
   wire [E-1:0] ea = a[E+F-1:F], eb = b[E+F-1:F];
@@ -142,11 +144,12 @@ pub fn sum_coverage(format: Format) -> String {
   wire [E-1:0] ea_again = a_is_greater ? greater_exponent[E-1:0] : lesser_exponent;
   wire [E-1:0] eb_again = a_is_greater ? lesser_exponent : greater_exponent[E-1:0];
   assign legal = ea != 0 & ea != ONES & eb != 0 & eb != ONES;
-  assign y = {a[E+F], ea_again, a[F-1:0]};
-  wire legal_there = lesser_exponent != 0 & greater_exponent <= LAST & distance < LAST;
+  assign y = {{a[E+F], ea_again, a[F-1:0]}};
+  wire legal_there = lesser_exponent != 0 & greater_exponent <= LAST & distance < {distances};
   assign expected = legal_there & eb_again == eb ? a : ~a;
 endmodule
 "
+        )
 }
 
 fn operand_inputs(format: Format) -> String {

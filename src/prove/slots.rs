@@ -9,10 +9,10 @@
 //! own paths are of one length is part of their proofs.
 
 use super::aig::Circuit;
-use super::{Edit, Outcome, Plant, edited, tools};
+use super::{Outcome, Plant, tools};
 use crate::config::Config;
 use crate::emit;
-use crate::hdl::{Direction, Module};
+use crate::hdl::{Direction, Module, Mutation};
 use anyhow::{Context, Result, ensure};
 use std::fmt::Write as _;
 use std::path::Path;
@@ -22,7 +22,7 @@ use std::sync::Arc;
 pub struct Slots {
     pub module: Arc<Module>,
     pub what: String,
-    pub plants: Vec<Plant>,
+    pub plants: Vec<Plant<Mutation>>,
 }
 
 /// What the names of arithmetic units begin with.
@@ -42,28 +42,24 @@ pub fn proofs(unit: &str, config: &Config) -> Result<Vec<Slots>> {
         .iter()
         .find(|m| m.name() == "triangle_test");
     let module = test.context("the machine has a triangle test")?.clone();
+    let plant = |what: &str, input: &str| -> Result<Plant<Mutation>> {
+        let mut instances = module.instances().into_iter();
+        let given = instances.find_map(|instance| instance.input(input).ok());
+        let given = given.with_context(|| format!("no part of the test has an input {input}"))?;
+        Ok(Plant {
+            what: what.into(),
+            change: given.one_clock_late(),
+        })
+    };
+    let plants = vec![
+        plant("the test's kind is a slot late", "matrix")?,
+        plant("sums are chosen by the kind of a slot before", "accumulate")?,
+    ];
     Ok(vec![Slots {
         what:
             "what comes out of a slot is made of what went into it, whoever has the slots beside it"
                 .into(),
-        plants: vec![
-            Plant {
-                what: "the test's kind is a slot late".into(),
-                edit: Edit {
-                    line: ".matrix(".into(),
-                    from: ".matrix(matrix)".into(),
-                    to: ".matrix(f_late)".into(),
-                },
-            },
-            Plant {
-                what: "sums are chosen by the kind of a slot before".into(),
-                edit: Edit {
-                    line: ".accumulate(".into(),
-                    from: ".accumulate(accumulate)".into(),
-                    to: ".accumulate(accumulate & f_late)".into(),
-                },
-            },
-        ],
+        plants,
         module,
     }])
 }
@@ -72,15 +68,11 @@ impl Slots {
     /// Checks every path. Returns how many output bits there are.
     ///
     /// # Errors
-    /// A tool that fails; a plant that does not fit the emitted text.
-    pub fn prove(&self, folder: &Path, plant: Option<&Plant>) -> Result<(usize, Outcome)> {
-        let mut texts = vec![self.module.verilog().to_string()];
-        if let Some(plant) = plant {
-            texts[0] = edited(&texts[0], &plant.edit).context(self.module.name().to_string())?;
-            // What a plant may read.
-            let late = "\n);\n  reg f_late;\n  always @(posedge clk) f_late <= matrix;\n";
-            texts[0] = texts[0].replacen("\n);\n", late, 1);
-        }
+    /// A tool that fails; a fault that cannot be planted.
+    pub fn prove(&self, folder: &Path, fault: Option<usize>) -> Result<(usize, Outcome)> {
+        let planted = fault.map(|fault| self.module.with(&self.plants[fault].change));
+        let module = planted.transpose()?.unwrap_or(self.module.clone());
+        let mut texts = vec![module.verilog().to_string()];
         let mut names = vec![];
         add_children(&self.module, &mut names, &mut texts);
         std::fs::write(folder.join("slots.v"), texts.concat()).context("slots.v")?;

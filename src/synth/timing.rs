@@ -149,28 +149,18 @@ fn point(module: &Module, flat: &str) -> Point {
     }
     let mut within = module;
     while let Some(part) = parts.peek() {
-        let Some(child) =
-            (within.children().iter()).find(|child| has_instance(within, child, part))
-        else {
+        let Some(instance) = (within.instances().into_iter()).find(|i| i.name() == *part) else {
             break;
         };
         if !point.instance.is_empty() {
             point.instance.push('.');
         }
         point.instance.push_str(part);
-        within = child;
+        within = instance.module();
         parts.next();
     }
     point.module = super::unit_name(within).to_string();
     // A memory's cells are numbered behind a dot.
     point.signal = parts.next().unwrap_or("(unnamed)").to_string();
     point
-}
-
-/// Whether a module has an instance of that name of one of its children; the printer puts `child instance (` on a line.
-fn has_instance(module: &Module, child: &Module, instance: &str) -> bool {
-    module.verilog().lines().any(|line| {
-        let words = line.trim().strip_suffix(" (");
-        words.and_then(|words| words.split_once(' ')) == Some((child.name(), instance))
-    })
 }

@@ -1,0 +1,301 @@
+//! Single changes of a module: mutants, and faults that proofs and benches must find.
+//!
+//! A [`Mutation`] says that something is read as something else in one place: `sum.reads(carry).as_value(0)`. It is made from
+//! [`Signal`]s, where a module is described, or from [`SignalRef`]s, by the names of a finished one, and holds no more than numbers of
+//! nodes. [`Module::with`] is the module with the change, [`Design::with`] the design; [`Design::selectable`] holds many changes, of which
+//! one is selected.
+//!
+//! Only the nodes between the place and what is read there are made anew: whatever else reads shared logic sees nothing of it.
+
+mod edit;
+mod refs;
+mod select;
+mod sites;
+
+pub use refs::{InstanceRef, MemoryRef, SignalRef};
+pub use select::Select;
+pub use sites::{Kind, Site};
+
+use super::builder::Builder;
+#[cfg(doc)]
+use super::design::Design;
+use super::design::Module;
+use super::ir::{Id, Netlist, Place, Root};
+use super::memory::Memory;
+use super::signal::Signal;
+use std::panic::Location;
+
+/// A change of one module.
+#[derive(Clone, Debug, PartialEq, Eq, Hash)]
+pub struct Mutation {
+    module: String,
+    edit: Edit,
+}
+
+impl Mutation {
+    /// The name of the module that it changes.
+    pub fn module(&self) -> &str {
+        &self.module
+    }
+}
+
+#[derive(Clone, Debug, PartialEq, Eq, Hash)]
+pub enum Edit {
+    Read(Where, Change),
+    /// What reset gives a register, if it gives it anything.
+    Reset(Id, Option<u128>),
+    /// Why there is no such change.
+    Wrong(String),
+}
+
+/// What is read otherwise.
+#[derive(Clone, Debug, PartialEq, Eq, Hash)]
+pub enum Where {
+    /// A node, where a signal is computed.
+    Of(Point, Id),
+    /// Literals of a value, where a signal is computed.
+    Literal(Point, u128),
+    /// An operand of what computes a signal, or an operand of that.
+    Operand(Point, Vec<usize>),
+    /// A signal, wherever it is read.
+    Everywhere(Point),
+    /// What a place reads, or what that reads: operands, each of the one before.
+    At(Slot, Vec<usize>),
+}
+
+/// A signal, by its node or, of an output, by its port.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub enum Point {
+    Node(Id),
+    Output(usize),
+}
+
+/// A place that reads a node, for what is public in name alone.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub struct Slot(pub(super) Root);
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub enum Change {
+    Value(u128),
+    Inverted,
+    Signal(Id),
+    Late,
+    Early,
+    /// Another operator, or none.
+    Operator,
+    /// A slice without its top bit, or a bit lower.
+    Shorter,
+    Lower,
+}
+
+/// Where signals are from: a description, or a finished module.
+pub trait Owner: Sized {
+    type Signal;
+
+    fn made(&self, edit: Edit, place: Place) -> Mutation;
+
+    /// The signal's place, if it is the owner's.
+    fn point(&self, signal: Self::Signal) -> Option<Point>;
+
+    fn id(&self, point: Point) -> Id;
+}
+
+impl<'b> Owner for &'b Builder {
+    type Signal = Signal<'b>;
+
+    fn made(&self, edit: Edit, place: Place) -> Mutation {
+        let module = self.name.clone();
+        let mutation = Mutation { module, edit };
+        let mut inner = self.inner.borrow_mut();
+        inner.mutations.push((mutation.clone(), place));
+        mutation
+    }
+
+    fn point(&self, signal: Signal<'b>) -> Option<Point> {
+        std::ptr::eq(signal.builder, *self).then_some(Point::Node(signal.id))
+    }
+
+    fn id(&self, point: Point) -> Id {
+        self.inner.borrow().ir.node_of(point)
+    }
+}
+
+impl<'m> Owner for &'m Module {
+    type Signal = SignalRef<'m>;
+
+    fn made(&self, edit: Edit, _: Place) -> Mutation {
+        let module = self.name().to_string();
+        Mutation { module, edit }
+    }
+
+    fn point(&self, signal: SignalRef<'m>) -> Option<Point> {
+        std::ptr::eq(signal.module, *self).then_some(signal.point)
+    }
+
+    fn id(&self, point: Point) -> Id {
+        self.ir.node_of(point)
+    }
+}
+
+impl Netlist {
+    fn node_of(&self, point: Point) -> Id {
+        match point {
+            Point::Node(id) => id,
+            Point::Output(port) => self.ports[port].1,
+        }
+    }
+}
+
+/// What is read, in one place or in all, before it is said as what it is read instead.
+#[must_use]
+#[derive(Clone)]
+pub struct Reads<O> {
+    owner: O,
+    at: Result<Where, String>,
+}
+
+impl<O: Owner> Reads<O> {
+    fn made_of(self, change: Result<Change, String>, place: Place) -> Mutation {
+        let edit = match self.at.and_then(|at| Ok(Edit::Read(at, change?))) {
+            Ok(edit) => edit,
+            Err(why) => Edit::Wrong(why),
+        };
+        self.owner.made(edit, place)
+    }
+
+    /// It is read as a constant.
+    #[track_caller]
+    pub fn as_value(self, value: u128) -> Mutation {
+        self.made_of(Ok(Change::Value(value)), Location::caller())
+    }
+
+    /// It is read with all bits inverted.
+    #[track_caller]
+    pub fn inverted(self) -> Mutation {
+        self.made_of(Ok(Change::Inverted), Location::caller())
+    }
+
+    /// Another signal of the module is read.
+    #[track_caller]
+    pub fn as_signal(self, other: O::Signal) -> Mutation {
+        let point = self.owner.point(other);
+        let change = point.map(|point| Change::Signal(self.owner.id(point)));
+        let change = change.ok_or("what is to be read is a signal of another module".to_string());
+        self.made_of(change, Location::caller())
+    }
+
+    /// Another operator computes it: `-` for `+`, `|` for `&`; or none, for `~`.
+    #[track_caller]
+    pub fn other_operator(self) -> Mutation {
+        self.made_of(Ok(Change::Operator), Location::caller())
+    }
+
+    /// Its value of the clock before is read.
+    #[track_caller]
+    pub fn one_clock_late(self) -> Mutation {
+        self.made_of(Ok(Change::Late), Location::caller())
+    }
+
+    /// What a delay register takes is read rather than what it shows.
+    #[track_caller]
+    pub fn one_clock_early(self) -> Mutation {
+        self.made_of(Ok(Change::Early), Location::caller())
+    }
+}
+
+macro_rules! changes_of_signals {
+    ($signal:ty, $owner:ty, $of:expr) => {
+        /// Changes: see [`Mutation`].
+        impl<'b> $signal {
+            fn reading(self, at: impl FnOnce(Point) -> Where) -> Reads<$owner> {
+                let owner: $owner = $of(&self);
+                let point = owner.point(self).expect("a signal is of its own module");
+                Reads {
+                    at: Ok(at(point)),
+                    owner,
+                }
+            }
+
+            /// `of`, where this signal is computed: in its combinational logic; of a wire in its driver's, of a register in that of its
+            /// next value and its enable. Where the logic as far back as the next named signals reads `of`, it changes there alone, else
+            /// further back. Of a pipeline, `of` stands for itself at later stages too, where it is not read itself.
+            pub fn reads(self, of: Self) -> Reads<$owner> {
+                let owner: $owner = $of(&self);
+                let of = owner.point(of).map(|of| owner.id(of));
+                match of {
+                    Some(of) => self.reading(|point| Where::Of(point, of)),
+                    None => Reads {
+                        at: Err("what is read is a signal of another module".into()),
+                        owner,
+                    },
+                }
+            }
+
+            /// Literals of this value, where this signal is computed: see [`Self::reads`].
+            pub fn literal_of(self, value: u128) -> Reads<$owner> {
+                self.reading(|point| Where::Literal(point, value))
+            }
+
+            /// An operand of what computes this signal, by its number, or an operand of that, and so on; by no number the whole.
+            pub fn operand(self, path: &[usize]) -> Reads<$owner> {
+                self.reading(|point| Where::Operand(point, path.to_vec()))
+            }
+
+            /// This signal, wherever it is read.
+            pub fn fault(self) -> Reads<$owner> {
+                self.reading(Where::Everywhere)
+            }
+
+            /// This register's enable; 1 where it has none.
+            pub fn enable(self) -> Reads<$owner> {
+                let owner: $owner = $of(&self);
+                self.reading(|point| Where::At(Slot(Root::Enable(owner.id(point))), vec![]))
+            }
+
+            /// Reset leaves this register as it is.
+            #[track_caller]
+            pub fn without_reset(self) -> Mutation {
+                let owner: $owner = $of(&self);
+                let point = owner.point(self).expect("a signal is of its own module");
+                owner.made(Edit::Reset(owner.id(point), None), Location::caller())
+            }
+        }
+    };
+}
+changes_of_signals!(Signal<'b>, &'b Builder, |signal: &Signal<'b>| signal
+    .builder);
+changes_of_signals!(SignalRef<'b>, &'b Module, |signal: &SignalRef<'b>| signal
+    .module);
+
+impl<'b> Reads<&'b Builder> {
+    pub(super) fn of_input(
+        owner: &'b Builder,
+        instance: usize,
+        input: Result<usize, String>,
+    ) -> Self {
+        let slot = |input| Where::At(Slot(Root::Input(instance, input)), vec![]);
+        Reads {
+            owner,
+            at: input.map(slot),
+        }
+    }
+}
+
+fn write_port<O>(owner: O, memory: usize, role: usize) -> Reads<O> {
+    Reads {
+        owner,
+        at: Ok(Where::At(Slot(Root::Write(memory, role)), vec![])),
+    }
+}
+
+impl<'b> Memory<'b> {
+    /// The write port's enable, for a [`Mutation`].
+    pub fn write_enable(&self) -> Reads<&'b Builder> {
+        write_port(self.builder, self.index, 0)
+    }
+
+    /// The write port's address, for a [`Mutation`].
+    pub fn write_address(&self) -> Reads<&'b Builder> {
+        write_port(self.builder, self.index, 1)
+    }
+}
