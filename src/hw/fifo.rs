@@ -2,12 +2,21 @@
 //! every few clocks is enough.
 
 use super::plan::Plan;
-use crate::hdl::{Builder, HdlError, Module, Signal, Style, bits_for};
+use crate::hdl::{Builder, HdlError, Module, Signal, Specs, Style, bits_for};
+use crate::interface;
 use std::sync::Arc;
 
 /// Target clock, in MHz, from which on a queue's valid bit and front word are registers: what follows them, a choice between queues and
 /// the wires to a memory's address, leaves no time for a counter's test and a read of distributed RAM.
 const REGISTER_FRONT_FROM: u32 = 105;
+
+interface! {
+    pub(super) (width: u32) {
+        in "In" { push: 1, data: width }
+        in "Out: the front word, taken by pop" { pop: 1 }
+        out "Out: the front word, taken by pop" { valid: 1, front: width }
+    }
+}
 
 /// A queue of `depth` words of `width` bits: `push`, `data` → `valid`, `front`; `pop` takes the front word, and only
 /// where `valid` is high. A word shows a clock after it was pushed, at any clock. There is no full flag: the queue is deep enough for
@@ -19,11 +28,8 @@ pub(super) fn fifo(plan: &Plan, width: u32, depth: u32) -> Result<Arc<Module>, H
             "a queue of {depth} words of {width} bits. What feeds it never has more than {depth} words under way."
         ),
     );
-    m.group("In");
-    let push = m.input("push", 1);
-    let data = m.input("data", width);
-    m.group("Out: the front word, taken by pop");
-    let pop = m.input("pop", 1);
+    let ports = ports(width);
+    let Inputs { push, data, pop } = ports.inputs.inputs(&m);
 
     let bits = bits_for(u64::from(depth));
     let count_bits = bits_for(u64::from(depth) + 1);
@@ -52,8 +58,11 @@ pub(super) fn fifo(plan: &Plan, width: u32, depth: u32) -> Result<Arc<Module>, H
     let words = m.memory("words", depth, width, Style::Distributed);
     words.write(push, tail.q, data);
     if !registered {
-        m.output("valid", count.q.any());
-        m.output("front", words.read_now(head.q));
+        let outputs = Outputs {
+            valid: count.q.any(),
+            front: words.read_now(head.q),
+        };
+        ports.outputs.outputs(&m, outputs);
         return m.finish();
     }
     m.comment("The front word stands in a register too, which the word behind it follows: one stored, or the one that is pushed.");
@@ -68,8 +77,11 @@ pub(super) fn fifo(plan: &Plan, width: u32, depth: u32) -> Result<Arc<Module>, H
         pop | !front_valid.q,
         more.q.mux(words.read_now(head.q), data),
     );
-    m.output("valid", front_valid.q);
-    m.output("front", front.q);
+    let outputs = Outputs {
+        valid: front_valid.q,
+        front: front.q,
+    };
+    ports.outputs.outputs(&m, outputs);
     m.finish()
 }
 
@@ -83,12 +95,17 @@ pub(super) fn place<'b>(
     pop: Signal<'b>,
 ) -> Result<(Signal<'b>, Signal<'b>), HdlError> {
     let module = fifo(plan, data.width(), depth)?;
-    let queue = push.module().instance(
-        name,
-        &module,
-        &[("push", push), ("data", data), ("pop", pop)],
-    );
-    Ok((queue.get("valid"), queue.get("front")))
+    Ok(instance(name, &module, Inputs { push, data, pop }))
+}
+
+fn instance<'b>(
+    name: &str,
+    module: &Arc<Module>,
+    inputs: Inputs<Signal<'b>>,
+) -> (Signal<'b>, Signal<'b>) {
+    let Outputs { valid, front } =
+        ports(inputs.data.width()).place(name, inputs.push.module(), module, inputs);
+    (valid, front)
 }
 
 /// A queue as [`fifo`] makes it, in block RAM. A word shows [`Plan::read_latency`] + 2 clocks after it was pushed, and
@@ -100,11 +117,8 @@ pub(super) fn block_fifo(plan: &Plan, width: u32, depth: u32) -> Result<Arc<Modu
             "a queue of {depth} words of {width} bits in block RAM, for a word every few clocks. What feeds it never has more than {depth} words under way."
         ),
     );
-    m.group("In");
-    let push = m.input("push", 1);
-    let data = m.input("data", width);
-    m.group("Out: the front word, taken by pop");
-    let pop = m.input("pop", 1);
+    let ports = ports(width);
+    let Inputs { push, data, pop } = ports.inputs.inputs(&m);
 
     let bits = bits_for(u64::from(depth));
     let count_bits = bits_for(u64::from(depth) + 1);
@@ -137,8 +151,11 @@ pub(super) fn block_fifo(plan: &Plan, width: u32, depth: u32) -> Result<Arc<Modu
     head.next_when(load.get(), next_head);
     tail.next_when(push, next_tail);
     count.next_when(push ^ load.get(), push.mux(count.q + unit, count.q - unit));
-    m.output("valid", front_valid.q);
-    m.output("front", front.q);
+    let outputs = Outputs {
+        valid: front_valid.q,
+        front: front.q,
+    };
+    ports.outputs.outputs(&m, outputs);
     m.finish()
 }
 
@@ -152,10 +169,5 @@ pub(super) fn place_block<'b>(
     pop: Signal<'b>,
 ) -> Result<(Signal<'b>, Signal<'b>), HdlError> {
     let module = block_fifo(plan, data.width(), depth)?;
-    let queue = push.module().instance(
-        name,
-        &module,
-        &[("push", push), ("data", data), ("pop", pop)],
-    );
-    Ok((queue.get("valid"), queue.get("front")))
+    Ok(instance(name, &module, Inputs { push, data, pop }))
 }

@@ -21,15 +21,48 @@
 use super::distance;
 use super::fp::{Knowing, Known, Operand, equal, is_finite, is_nan, is_zero, less, less_equal};
 use super::plan::{AXES, Plan};
+use super::ray::{Interval, Limits, Tested};
 use super::share::{Lender, negated};
 use crate::config::TriangleTest;
 use crate::hdl::{Builder, Direction, HdlError, Module, Pipeline, Signal};
+use crate::interface;
 use std::sync::Arc;
 
 type Vector<'b> = [Signal<'b>; 3];
 
 fn vector<'b>(f: impl FnMut(&'static str) -> Signal<'b>) -> Vector<'b> {
     AXES.map(f)
+}
+
+interface! {
+    pub(super) (plan: &Plan) {
+        in "A slot of the test" {
+            matrix: 1,
+            v0: [plan.number(); xyz],
+            v1: [plan.number(); xyz],
+            v2: [plan.number(); xyz],
+            ray: ..{Tested = Tested::of(plan)},
+            translation: [plan.number(); xyz],
+            weight: plan.number(),
+            window: {Interval = Interval::of(plan)},
+            limits: ..{Limits = Limits::of(plan)},
+            shear_z if (plan.watertight()): plan.number(),
+            accumulate: 1,
+            sum_a: [plan.number(); 6],
+            sum_b: [plan.number(); 6],
+        }
+        out "What comes of it" {
+            hit: 1,
+            t: plan.number(),
+            u: plan.number(),
+            v: plan.number(),
+            box_near: plan.number(),
+            box_far: plan.number(),
+            moved: [plan.number(); xyz],
+            weighted: [plan.number(); xyz],
+            sum: [plan.number(); 6],
+        }
+    }
 }
 
 /// Pairs of numbers that are added at once while the test accumulates.
@@ -161,7 +194,7 @@ fn triangle_box(plan: &Plan) -> Result<Arc<Module>, HdlError> {
 }
 
 /// The inputs that both tests have alike, and what lends their operators.
-struct Inputs<'b> {
+struct Shared<'b> {
     p: Pipeline<'b>,
     lender: Lender<'b>,
     vertices: [Vector<'b>; 3],
@@ -169,8 +202,8 @@ struct Inputs<'b> {
     matrix: Signal<'b>,
 }
 
-impl<'b> Inputs<'b> {
-    fn new(m: &'b Builder, plan: &Plan) -> Inputs<'b> {
+impl<'b> Shared<'b> {
+    fn new(m: &'b Builder, plan: &Plan) -> Shared<'b> {
         let w = plan.number();
         let p = m.pipeline();
         m.group("What the slot is: 0 a test, 1 a matrix");
@@ -179,7 +212,7 @@ impl<'b> Inputs<'b> {
         let vertices = [0, 1, 2].map(|i| vector(|x| p.input(format!("v{i}_{x}"), w)));
         m.group("The ray's origin, or the point");
         let origin = vector(|x| p.input(format!("origin_{x}"), w));
-        Inputs {
+        Shared {
             p,
             lender: Lender::new(&plan.units, matrix),
             vertices,
@@ -224,8 +257,8 @@ fn moller_trumbore(plan: &Plan) -> Result<Arc<Module>, HdlError> {
         "triangle_moller_trumbore",
         "the ray-triangle test of Moeller and Trumbore, whose operators also apply a matrix to a point.",
     );
-    let inputs = Inputs::new(&m, plan);
-    let Inputs {
+    let inputs = Shared::new(&m, plan);
+    let Shared {
         ref p,
         ref lender,
         vertices: v,
@@ -335,8 +368,8 @@ fn watertight(plan: &Plan) -> Result<Arc<Module>, HdlError> {
         "the watertight ray-triangle test of Woop, Benthin and Wald: edge functions of vertices sheared into the ray's frame. \
          Its operators also apply a matrix to a point.",
     );
-    let inputs = Inputs::new(&m, plan);
-    let Inputs {
+    let inputs = Shared::new(&m, plan);
+    let Shared {
         ref p,
         ref lender,
         vertices,
