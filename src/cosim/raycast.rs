@@ -457,21 +457,9 @@ impl<'a> Run<'a> {
         let node = Image::from_words(image.node_words(), Record::node(format).width)?;
         let record = Image::from_words(image.record_words(), Record::triangle().width)?;
         let vertex = Image::from_words(image.vertex_words(), Record::vertex(format).width)?;
-        let nodes = ReadHandles::between(
-            outputs.node_request,
-            inputs.node_request_ready,
-            inputs.node_response,
-        );
-        let records = ReadHandles::between(
-            outputs.record_request,
-            inputs.record_request_ready,
-            inputs.record_response,
-        );
-        let vertices = ReadHandles::between(
-            outputs.vertex_request,
-            inputs.vertex_request_ready,
-            inputs.vertex_response,
-        );
+        let nodes = ReadHandles::of_unit(outputs.node, inputs.node);
+        let records = ReadHandles::of_unit(outputs.record, inputs.record);
+        let vertices = ReadHandles::of_unit(outputs.vertex, inputs.vertex);
         let timing = |seed| timing(config, options.seed ^ seed);
         let memories = [
             MemoryPort::new(model, "node", nodes, node, timing(1))?,

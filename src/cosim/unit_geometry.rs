@@ -552,18 +552,10 @@ impl<'a> Run<'a> {
         self.instanced = contents.is_instanced();
         let model = &mut self.bench.model;
         let Ports { inputs, outputs } = self.ports;
-        let records = ReadPort::between(
-            outputs.record_request,
-            inputs.record_request_ready,
-            inputs.record_response,
-        );
+        let records = ReadPort::of_unit(outputs.record, inputs.record);
         let (image, timing) = (contents.records.clone(), around.port(1));
         let mut records = MemoryPort::new(model, "record", records, image, timing)?;
-        let vertices = ReadPort::between(
-            outputs.vertex_request,
-            inputs.vertex_request_ready,
-            inputs.vertex_response,
-        );
+        let vertices = ReadPort::of_unit(outputs.vertex, inputs.vertex);
         let (image, timing) = (contents.vertices.clone(), around.port(2));
         let mut vertices = MemoryPort::new(model, "vertex", vertices, image, timing)?;
         let instanced = self.instanced;

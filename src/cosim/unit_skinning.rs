@@ -292,16 +292,8 @@ impl SkinUnit {
         Ok(SkinUnit {
             format: config.format(),
             joints: config.skinning_joints,
-            vector: ReadHandles::between(
-                outputs.vertex_request,
-                inputs.vertex_request_ready,
-                inputs.vertex_response,
-            ),
-            row: ReadHandles::between(
-                outputs.influence_request,
-                inputs.influence_request_ready,
-                inputs.influence_response,
-            ),
+            vector: ReadHandles::of_unit(outputs.vertex, inputs.vertex),
+            row: ReadHandles::of_unit(outputs.influence, inputs.influence),
             write: WriteHandles {
                 valid: outputs.skin_write.valid,
                 ready: inputs.skin_write_ready,

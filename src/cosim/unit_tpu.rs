@@ -295,11 +295,7 @@ impl<'a> Run<'a> {
         let root = u64::from(scene.root.pack());
         self.bench.model.set(self.ports.inputs.root, root);
         let (inputs, outputs) = (self.ports.inputs, self.ports.outputs);
-        let port = ReadPort::between(
-            outputs.node_request,
-            inputs.node_request_ready,
-            inputs.node_response,
-        );
+        let port = ReadPort::of_unit(outputs.node, inputs.node);
         let (model, nodes) = (&mut self.bench.model, scene.nodes.clone());
         let mut memory = MemoryPort::new(model, "node", port, nodes, around.port(1))?;
         let mut waiting = batch.packets.iter();

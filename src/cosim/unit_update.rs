@@ -252,16 +252,8 @@ impl UpdateUnit {
         Ok(UpdateUnit {
             format: config.format(),
             machine: unit.machine,
-            program: ReadHandles::between(
-                outputs.program_request,
-                inputs.program_request_ready,
-                inputs.program_response,
-            ),
-            vertex: ReadHandles::between(
-                outputs.vertex_request,
-                inputs.vertex_request_ready,
-                inputs.vertex_response,
-            ),
+            program: ReadHandles::of_unit(outputs.program, inputs.program),
+            vertex: ReadHandles::of_unit(outputs.vertex, inputs.vertex),
             ports: handles,
             rng: fastrand::Rng::with_seed(options.seed),
             updates: 0,
@@ -365,8 +357,8 @@ impl UpdateUnit {
         let Ports { inputs, outputs } = self.ports;
         let (node_write, box_write) = (outputs.node_write, outputs.box_write);
         let ready_ports = [
-            inputs.program_request_ready,
-            inputs.vertex_request_ready,
+            inputs.program.request_ready,
+            inputs.vertex.request_ready,
             inputs.node_write_ready,
             inputs.box_write_ready,
         ];
@@ -505,7 +497,7 @@ impl UpdateUnit {
         // What comes of it.
         let model = &mut self.bench.model;
         model.set(inputs.start.valid, 0);
-        let valid = [inputs.program_response.valid, inputs.vertex_response.valid];
+        let valid = [inputs.program.response.valid, inputs.vertex.response.valid];
         for port in ready_ports.into_iter().chain(valid) {
             model.set(port, 0);
         }

@@ -690,20 +690,35 @@ crate::bundle! {
     }
 }
 
+crate::bundle! {
+    /// What a unit is given at a read port: whether a request is taken, and responses.
+    pub struct ReadInputs(title: &str, responses: &str, tag: u32, data: u32) {
+        (format!("{title}: requests")) { request_ready: 1 }
+        (format!("{title}: answers, {responses}")) {
+            response: {Flow<Response> = Flow::of(Response::of(tag, data))},
+        }
+    }
+}
+
+crate::bundle! {
+    /// What a unit gives at a read port.
+    pub struct ReadOutputs(title: &str, address: u32, tag: u32) {
+        (format!("{title}: requests")) {
+            request: {Flow<Request> = Flow::of(Request::of(address, tag))},
+        }
+    }
+}
+
 impl<T> ReadPort<T> {
-    /// A port whose directions are apart, as a unit's are.
-    pub fn between(
-        request: Flow<Request<T>, T>,
-        ready: T,
-        response: Flow<Response<T>, T>,
-    ) -> ReadPort<T> {
+    /// The port of a unit.
+    pub fn of_unit(outputs: ReadOutputs<T>, inputs: ReadInputs<T>) -> ReadPort<T> {
         ReadPort {
             request: Stream {
-                valid: request.valid,
-                ready,
-                payload: request.payload,
+                valid: outputs.request.valid,
+                ready: inputs.request_ready,
+                payload: outputs.request.payload,
             },
-            response,
+            response: inputs.response,
         }
     }
 }
@@ -720,9 +735,15 @@ crate::bundle! {
 ///
 /// `name: bits` is one value, `name: [bits; xyz]` one on each axis, `name: [bits; 4]` numbered ones, `name: {Bundle = definition}` a
 /// bundle, its name before its fields', and `name: ..{Bundle = definition}` one whose fields stand among the others. `name if
-/// (condition): …` is an [`Option`]. `of` makes the definition from what stands in the parentheses.
+/// (condition): …` is an [`Option`]. `of` makes the definition from what stands in the parentheses. Fields may stand in groups,
+/// `"heading" { … }`, whose headings they keep as ports.
 #[macro_export]
 macro_rules! bundle {
+    ($(#[$meta:meta])* $vis:vis struct $name:ident ($($arg:ident: $type:ty),*) {
+        $($heading:tt { $($fields:tt)* })+
+    }) => {
+        $crate::bundle!(@fields [[$(#[$meta])*] $vis $name ($($arg: $type),*)] [] $($heading { $($fields)* })+);
+    };
     ($(#[$meta:meta])* $vis:vis struct $name:ident ($($arg:ident: $type:ty),*) { $($body:tt)* }) => {
         $crate::bundle!(@fields [[$(#[$meta])*] $vis $name ($($arg: $type),*)] [] "" { $($body)* });
     };
@@ -871,7 +892,10 @@ pub fn define<S: Shape>(of: S::Of<Spec>, field: &str, heading: impl Into<String>
         Ok::<_, Infallible>(Spec {
             name: name.to_string(),
             width: spec.width,
-            heading: heading.clone(),
+            heading: match spec.heading.is_empty() {
+                true => heading.clone(),
+                false => spec.heading,
+            },
         })
     });
     defined

@@ -36,7 +36,8 @@ mod verilog;
 
 pub use builder::{Builder, Outputs, Reg, Wire};
 pub use bundle::{
-    Bundle, Flow, Ports, ReadPort, Request, Response, Signals, Spec, Specs, Stream, Wires, Write,
+    Bundle, Flow, Ports, ReadInputs, ReadOutputs, ReadPort, Request, Response, Signals, Spec,
+    Specs, Stream, Wires, Write,
 };
 pub use design::{Design, Direction, Module, Port, Prefix};
 pub use error::HdlError;

@@ -26,12 +26,12 @@ use super::plan::{AXES, Plan};
 use super::ray::{
     Context, Hit, InContext, Interval, Leaf, Limit, Limits, Line, Place, Start, Tested, Vector,
 };
-use super::skinning::{self, Column, Influence, Operands, Taken, Weighted};
+use super::skinning::{Column, Influence, Operands, Sums, Taken, Weighted};
 use super::triangle;
 use crate::bkd::layout::{Record, fields};
-use crate::hdl::bundle::Axes;
 use crate::hdl::{
-    Builder, Bundle, Flow, HdlError, Module, Request, Response, Signal, Signals, Spec, Specs, Style,
+    Builder, Bundle, Flow, HdlError, Module, ReadInputs, ReadOutputs, Request, Signal, Signals,
+    Spec, Specs, Style,
 };
 use crate::{bundle, interface};
 use std::sync::Arc;
@@ -161,19 +161,19 @@ interface! {
             instanced: 1,
         }
         in "Leaves from the traversal unit" { leaf: {Flow<Leaf> = Flow::of(Leaf::of(plan))} }
-        in "Record memory: requests" { record_request_ready: 1 }
-        in "Record memory: answers, in any order, always taken" {
-            record_response: {Flow<Response> = Flow::of(Response::of(
+        in "" {
+            record: {ReadInputs = ReadInputs::of(
+                "Record memory",
+                "in any order, always taken",
                 plan.packet_bits() + 1,
                 Record::triangle().width
-            ))},
-        }
-        in "Vertex memory: requests" { vertex_request_ready: 1 }
-        in "Vertex memory: answers, in any order, always taken" {
-            vertex_response: {Flow<Response> = Flow::of(Response::of(
+            )},
+            vertex: {ReadInputs = ReadInputs::of(
+                "Vertex memory",
+                "in any order, always taken",
                 plan.packet_bits() + CORNER_BITS,
                 Record::vertex(plan.format).width
-            ))},
+            )},
         }
         in "Skinning: whether it borrows this unit" { skinning: 1 }
         in "Skinning: a column of a joint's matrix" {
@@ -183,8 +183,7 @@ interface! {
             skin_issue: {Flow<Taken> = Flow::of(Taken::of(plan))},
         }
         in "Skinning: numbers to add" {
-            skin_pair: {Axes<Operands> = skinning::operands(plan)},
-            skin_vertex: {Axes<Operands> = skinning::operands(plan)},
+            skin: {Sums = Sums::of(plan, "", "")},
         }
         in "After reset, packet numbers in turn, to clear what counts by packet" {
             sweep: 1,
@@ -199,14 +198,13 @@ interface! {
             setup_shear_z if (plan.watertight()): plan.number(),
         }
         out "Leaves from the traversal unit" { leaf_ready: 1 }
-        out "Record memory: requests" {
-            record_request: {Flow<Request> = Flow::of(Request::of(plan.address(), plan.packet_bits() + 1))},
-        }
-        out "Vertex memory: requests" {
-            vertex_request: {Flow<Request> = Flow::of(Request::of(
+        out "" {
+            record: {ReadOutputs = ReadOutputs::of("Record memory", plan.address(), plan.packet_bits() + 1)},
+            vertex: {ReadOutputs = ReadOutputs::of(
+                "Vertex memory",
                 plan.address(),
                 plan.packet_bits() + CORNER_BITS
-            ))},
+            )},
         }
         out "Skinning: an influence's vertex moved and weighted, and which of its vertex's it is" {
             skin_weighted: {Flow<Weighted> = Flow::of(Weighted::of(plan))},
@@ -269,23 +267,16 @@ pub fn module(plan: &Plan) -> Result<Geometry, HdlError> {
         setup_next_packet: next_packet,
         instanced,
         leaf,
-        record_request_ready: record_ready,
-        record_response:
-            Flow {
-                valid: record_valid,
-                payload: record,
+        record:
+            ReadInputs {
+                request_ready: record_ready,
+                response: record,
             },
-        vertex_request_ready: vertex_ready,
-        vertex_response:
-            Flow {
-                valid: vertex_valid,
-                payload: arrived,
-            },
+        vertex: vertex_memory,
         skinning,
         skin_palette: palette,
         skin_issue: influence,
-        skin_pair,
-        skin_vertex,
+        skin,
         sweep,
         sweep_packet,
         read_packet: hit_packet,
@@ -293,6 +284,12 @@ pub fn module(plan: &Plan) -> Result<Geometry, HdlError> {
         world,
         setup_shear_z,
     } = ports.inputs.inputs(&m);
+    let (record_valid, record) = (record.valid, record.payload);
+    let vertex_ready = vertex_memory.request_ready;
+    let Flow {
+        valid: vertex_valid,
+        payload: arrived,
+    } = vertex_memory.response;
     let early = &ports.inputs.setup.payload.tested;
     let limits = &ports.inputs.setup.payload.kept;
 
@@ -632,8 +629,8 @@ pub fn module(plan: &Plan) -> Result<Geometry, HdlError> {
     let weight = p.enter(weight).at(stage_of(&of_test.inputs.weight));
     let summed_at = stage_of(&of_test.inputs.accumulate);
     let accumulate = skinning_at(summed_at);
-    let [x, y, z] = skin_pair;
-    let [u, v, t] = skin_vertex;
+    let [x, y, z] = skin.pair;
+    let [u, v, t] = skin.vertex;
     let operands = [x, y, z, u, v, t].map(|pair| {
         let [a, b] = [pair.a, pair.b].map(|operand| p.enter_at(operand, summed_at));
         Operands { a, b }
@@ -849,13 +846,17 @@ pub fn module(plan: &Plan) -> Result<Geometry, HdlError> {
     };
     let outputs = Outputs {
         leaf_ready: record_ready,
-        record_request: Flow {
-            valid: leaf_valid,
-            payload: record_request,
+        record: ReadOutputs {
+            request: Flow {
+                valid: leaf_valid,
+                payload: record_request,
+            },
         },
-        vertex_request: Flow {
-            valid: job_valid,
-            payload: vertex_request,
+        vertex: ReadOutputs {
+            request: Flow {
+                valid: job_valid,
+                payload: vertex_request,
+            },
         },
         skin_weighted: weighted,
         skin_pair_sum: [a, b, c],

@@ -2,7 +2,8 @@
 
 use super::plan::Plan;
 use crate::hdl::{
-    Builder, Flow, HdlError, Module, Ports, Request, Response, Signal, Spec, Specs, Style, bits_for,
+    Builder, Flow, HdlError, Module, Ports, ReadInputs, Request, Signal, Spec, Specs, Style,
+    bits_for,
 };
 use crate::interface;
 use std::sync::Arc;
@@ -26,9 +27,13 @@ const REGISTER_ARRIVAL_FROM: u32 = 120;
 interface! {
     pub(super) (width: u32, depth: u32, address: u32) {
         in "Addresses to read, taken where fetch_ready is high" { fetch_valid: 1, fetch_address: address }
-        in "Memory: requests" { request_ready: 1 }
-        in "Memory: answers, of any latency, in any order" {
-            response: {Flow<Response> = Flow::of(Response::of(bits_for(u64::from(depth)), width))},
+        in "" {
+            memory: ..{ReadInputs = ReadInputs::of(
+                "Memory",
+                "of any latency, in any order",
+                bits_for(u64::from(depth)),
+                width
+            )},
         }
         in "The words in order; pop takes the front word, and only where valid is high" { pop: 1 }
         out "The words in order; pop takes the front word, and only where valid is high" {
@@ -49,7 +54,7 @@ pub(super) fn prefetch<'b>(
     depth: u32,
     inputs: Inputs<Signal<'b>>,
 ) -> Result<Outputs<Signal<'b>>, HdlError> {
-    let (word, address) = (inputs.response.payload.data, inputs.fetch_address);
+    let (word, address) = (inputs.memory.response.payload.data, inputs.fetch_address);
     let ports = ports(word.width(), depth, address.width());
     let module = module(plan, name, depth, &ports)?;
     Ok(ports.place(instance, word.module(), &module, inputs))
@@ -73,8 +78,10 @@ fn module(
     let Inputs {
         fetch_valid,
         fetch_address,
-        request_ready,
-        response,
+        memory: ReadInputs {
+            request_ready,
+            response,
+        },
         pop,
     } = ports.inputs.inputs(&m);
 

@@ -10,8 +10,8 @@ use super::tpu::{self, StepWatch};
 use crate::bkd::layout::{Record, fields};
 use crate::config::Config;
 use crate::hdl::{
-    Builder, Bundle, Design, Flow, HdlError, Module, Request, Response, Signals, Spec, Specs,
-    Style, Wires, Write,
+    Builder, Bundle, Design, Flow, HdlError, Module, ReadInputs, ReadOutputs, Response, Signals,
+    Spec, Specs, Style, Wires, Write,
 };
 use crate::{bundle, interface};
 use std::sync::Arc;
@@ -96,33 +96,21 @@ interface! {
         }
         in "Rays in" { ray: {Flow<Ray> = Flow::of(Ray::of(plan))} }
         in "Hits out" { hit_ready: 1 }
-        in "Node memory: requests" { node_request_ready: 1 }
-        in "Node memory: answers, in any order, always taken" {
-            node_response: {Flow<Response> = Flow::of(Response::of(
-                plan.level_packet_bits(),
-                Record::node(plan.format).width
-            ))},
-        }
-        in "Record memory: requests" { record_request_ready: 1 }
-        in "Record memory: answers, in any order, always taken" {
-            record_response: {Flow<Response> = Flow::of(Response::of(
-                plan.packet_bits() + 1,
-                Record::triangle().width
-            ))},
-        }
-        in "Vertex memory: requests" { vertex_request_ready: 1 }
-        in "Vertex memory: answers, in any order, always taken" {
-            vertex_response: {Flow<Response> = Flow::of(Response::of(
+        in "" {
+            node: {ReadInputs = tpu::Inputs::of(plan).node},
+            record: {ReadInputs = geometry::Inputs::of(plan).record},
+            vertex: {ReadInputs = ReadInputs::of(
+                "Vertex memory",
+                "in any order, always taken",
                 vertex_tag_bits(plan),
                 Record::vertex(plan.format).width
-            ))},
-        }
-        in "Influence memory: requests" { influence_request_ready: 1 }
-        in "Influence memory: answers, in any order, always taken" {
-            influence_response: {Flow<Response> = Flow::of(Response::of(
+            )},
+            influence: {ReadInputs = ReadInputs::of(
+                "Influence memory",
+                "in any order, always taken",
                 skinning::row_tag_bits(plan),
                 Record::influence_row(plan.format).width
-            ))},
+            )},
         }
         in "A mesh to skin, taken when no packet is under way: indices of its palette, influence rows, vertices at rest \
             and vertices to write, and how many of each" {
@@ -139,20 +127,11 @@ interface! {
         out "Vertex memory: writes of skinned vertices" {
             skin_write: {Flow<Write> = Flow::of(Write::of(plan.address(), Record::vertex(plan.format).width))},
         }
-        out "Node memory: requests" {
-            node_request: {Flow<Request> = Flow::of(Request::of(plan.address(), plan.level_packet_bits()))},
-        }
-        out "Record memory: requests" {
-            record_request: {Flow<Request> = Flow::of(Request::of(plan.address(), plan.packet_bits() + 1))},
-        }
-        out "Influence memory: requests" {
-            influence_request: {Flow<Request> = Flow::of(Request::of(
-                plan.address(),
-                skinning::row_tag_bits(plan)
-            ))},
-        }
-        out "Vertex memory: requests" {
-            vertex_request: {Flow<Request> = Flow::of(Request::of(plan.address(), vertex_tag_bits(plan)))},
+        out "" {
+            node: {ReadOutputs = tpu::Outputs::of(plan).node},
+            record: {ReadOutputs = geometry::Outputs::of(plan).record},
+            influence: {ReadOutputs = skinning::Outputs::of(plan).influence},
+            vertex: {ReadOutputs = ReadOutputs::of("Vertex memory", plan.address(), vertex_tag_bits(plan))},
         }
         out "Counters since reset" {
             count: {Counters = Counters::of()},
@@ -197,14 +176,10 @@ pub(super) fn module(plan: &Plan) -> Result<Arc<Module>, HdlError> {
             payload: ray,
         },
         hit_ready,
-        node_request_ready,
-        node_response,
-        record_request_ready,
-        record_response,
-        vertex_request_ready,
-        vertex_response,
-        influence_request_ready,
-        influence_response,
+        node,
+        record,
+        vertex,
+        influence,
         skin_start,
         skin_write_ready,
     } = ports.inputs.inputs(&m);
@@ -308,8 +283,7 @@ pub(super) fn module(plan: &Plan) -> Result<Arc<Module>, HdlError> {
         setup_object: out.object,
         object: start.get(),
         root,
-        node_request_ready,
-        node_response,
+        node,
         leaf_ready: leaf_ready.get(),
         limit: limit.get(),
         done: done.get(),
@@ -319,18 +293,21 @@ pub(super) fn module(plan: &Plan) -> Result<Arc<Module>, HdlError> {
     let read_packet = m.wire("read_packet", pb);
     let read_ray = m.wire("read_ray", rb);
     let of_inputs = &of_geometry.inputs;
-    let vertex_answer = vertex_response.payload;
-    let vertex_of_geometry = Flow {
-        valid: vertex_response.valid & !skinning_now.get(),
-        payload: Response {
-            tag: (vertex_answer.tag).low(of_inputs.vertex_response.payload.tag.width),
-            data: vertex_answer.data,
+    // The same memory, of which each takes its own responses and as many bits of their tags as it has given.
+    let vertex_of = |ports: &ReadInputs<Spec>, its| ReadInputs {
+        request_ready: vertex.request_ready,
+        response: Flow {
+            valid: vertex.response.valid & its,
+            payload: Response {
+                tag: (vertex.response.payload.tag).low(ports.response.payload.tag.width),
+                data: vertex.response.payload.data,
+            },
         },
     };
+    let vertex_of_geometry = vertex_of(&of_inputs.vertex, !skinning_now.get());
     let palette = of_inputs.skin_palette.wires(&m, "skin_palette");
     let issue = of_inputs.skin_issue.wires(&m, "skin_issue");
-    let pair = (of_inputs.skin_pair.each_ref()).map(|pair| pair.map(|_, spec| spec.wire(&m)));
-    let vertex = (of_inputs.skin_vertex.each_ref()).map(|pair| pair.map(|_, spec| spec.wire(&m)));
+    let operands = of_inputs.skin.wires(&m, "skin");
     let inputs = geometry::Inputs {
         setup: Flow {
             valid: set_up.out.valid,
@@ -354,15 +331,12 @@ pub(super) fn module(plan: &Plan) -> Result<Arc<Module>, HdlError> {
         setup_next_packet: set_up.next_packet,
         instanced: fields::Link::of().unpack(root).right_leaf,
         leaf: traversal.leaf,
-        record_request_ready,
-        record_response,
-        vertex_request_ready,
-        vertex_response: vertex_of_geometry,
+        record,
+        vertex: vertex_of_geometry,
         skinning: skinning_now.get(),
         skin_palette: palette.get(),
         skin_issue: issue.get(),
-        skin_pair: pair.map(|pair| pair.get()),
-        skin_vertex: vertex.map(|pair| pair.get()),
+        skin: operands.get(),
         sweep: sweeping.q,
         sweep_packet: sweep_packet.q,
         read_packet: read_packet.get(),
@@ -454,16 +428,8 @@ pub(super) fn module(plan: &Plan) -> Result<Arc<Module>, HdlError> {
     let inputs = skinning::Inputs {
         start: skin_start,
         may_start: !some & !sweeping.q,
-        vertex_request_ready,
-        vertex_response: Flow {
-            valid: vertex_response.valid & skinning_now.get(),
-            payload: Response {
-                tag: (vertex_answer.tag).low(of_skinning.inputs.vertex_response.payload.tag.width),
-                data: vertex_answer.data,
-            },
-        },
-        influence_request_ready,
-        influence_response,
+        vertex: vertex_of(&of_skinning.inputs.vertex, skinning_now.get()),
+        influence,
         write_ready: skin_write_ready,
         weighted: intersection.skin_weighted,
         pair_sum: intersection.skin_pair_sum,
@@ -477,14 +443,10 @@ pub(super) fn module(plan: &Plan) -> Result<Arc<Module>, HdlError> {
         valid: skin.issue.valid,
         payload: Taken { mark, influence },
     });
-    for (wires, operands) in (pair.iter().zip(skin.pair)).chain(vertex.iter().zip(skin.vertex)) {
-        wires.drive(operands);
-    }
-    let vertex_request = ports.outputs.vertex_request.zip(Flow {
-        valid: (skin.vertex_request.valid, intersection.vertex_request.valid),
-        payload: (skin.vertex_request.payload).zip(intersection.vertex_request.payload),
-    });
-    let vertex_request = vertex_request.map(|_, (spec, (of_skin, of_geometry))| {
+    operands.drive(skin.operands);
+    let of_vertex =
+        (ports.outputs.vertex.request).zip(skin.vertex.request.zip(intersection.vertex.request));
+    let vertex_request = of_vertex.map(|_, (spec, (of_skin, of_geometry))| {
         let [of_skin, of_geometry] =
             [of_skin, of_geometry].map(|request| request.extend(spec.width));
         skinning_now.get().mux(of_skin, of_geometry)
@@ -514,10 +476,12 @@ pub(super) fn module(plan: &Plan) -> Result<Arc<Module>, HdlError> {
         skin_start_ready: skin.start_ready,
         skin_done: skin.done,
         skin_write: skin.write,
-        node_request: traversal.node_request,
-        record_request: intersection.record_request,
-        influence_request: skin.influence_request,
-        vertex_request,
+        node: traversal.node,
+        record: intersection.record,
+        influence: skin.influence,
+        vertex: ReadOutputs {
+            request: vertex_request,
+        },
         count: events.map(|name, event| {
             let counter = m.reg_reset(format!("{name}_counter"), COUNTER_BITS, 0);
             counter.next_when(event, counter.q + m.lit(1u8, COUNTER_BITS));

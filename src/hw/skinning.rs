@@ -22,7 +22,7 @@ use super::triangle;
 use crate::bkd::layout::{INFLUENCES_PER_ROW, Record, fields};
 use crate::hdl::bundle::Axes;
 use crate::hdl::{
-    Builder, Flow, HdlError, Module, Request, Response, Signals, Spec, Specs, Style, Write,
+    Builder, Flow, HdlError, Module, ReadInputs, ReadOutputs, Signals, Specs, Style, Write,
     bits_for,
 };
 use crate::{bundle, interface};
@@ -117,9 +117,12 @@ bundle! {
     }
 }
 
-/// Numbers to add on each axis.
-pub(super) fn operands(plan: &Plan) -> [Operands<Spec>; 3] {
-    [(); 3].map(|()| Operands::of(plan))
+bundle! {
+    /// Numbers to add on each axis: weighted ones, and sums of two.
+    pub struct Sums(plan: &Plan, pair_heading: &str, vertex_heading: &str) {
+        pair_heading { pair: {Axes<Operands> = [(); 3].map(|()| Operands::of(plan))} }
+        vertex_heading { vertex: {Axes<Operands> = [(); 3].map(|()| Operands::of(plan))} }
+    }
 }
 
 interface! {
@@ -128,19 +131,19 @@ interface! {
             start: {Flow<Mesh> = Flow::of(Mesh::of(plan))},
         }
         in "Whether the geometry unit is free for it" { may_start: 1 }
-        in "Vertex memory: requests" { vertex_request_ready: 1 }
-        in "Vertex memory: answers, of any latency, in any order" {
-            vertex_response: {Flow<Response> = Flow::of(Response::of(
+        in "" {
+            vertex: {ReadInputs = ReadInputs::of(
+                "Vertex memory",
+                "of any latency, in any order",
                 vector_tag_bits(plan),
                 Record::vertex(plan.format).width
-            ))},
-        }
-        in "Influence memory: requests" { influence_request_ready: 1 }
-        in "Influence memory: answers, of any latency, in any order" {
-            influence_response: {Flow<Response> = Flow::of(Response::of(
+            )},
+            influence: {ReadInputs = ReadInputs::of(
+                "Influence memory",
+                "of any latency, in any order",
                 row_tag_bits(plan),
                 Record::influence_row(plan.format).width
-            ))},
+            )},
         }
         in "Vertex memory: writes" { write_ready: 1 }
         in "From the geometry unit: a moved vertex times a weight, and which of its vertex's it is" {
@@ -154,11 +157,9 @@ interface! {
             start_ready: 1,
         }
         out "High while a mesh is being skinned, from the clock after its start" { skinning: 1 }
-        out "Vertex memory: requests" {
-            vertex_request: {Flow<Request> = Flow::of(Request::of(plan.address(), vector_tag_bits(plan)))},
-        }
-        out "Influence memory: requests" {
-            influence_request: {Flow<Request> = Flow::of(Request::of(plan.address(), row_tag_bits(plan)))},
+        out "" {
+            vertex: {ReadOutputs = ReadOutputs::of("Vertex memory", plan.address(), vector_tag_bits(plan))},
+            influence: {ReadOutputs = ReadOutputs::of("Influence memory", plan.address(), row_tag_bits(plan))},
         }
         out "To the geometry unit: a column of a joint's matrix" {
             palette: {Flow<Column> = Flow::of(Column::of(plan))},
@@ -166,11 +167,12 @@ interface! {
         out "To the geometry unit: an influence, and which of its vertex's it is" {
             issue: {Flow<Issued> = Flow::of(Issued::of(plan))},
         }
-        out "To the geometry unit: operands of the sums of two weighted ones" {
-            pair: {Axes<Operands> = operands(plan)},
-        }
-        out "To the geometry unit: operands of the sums of two sums" {
-            vertex: {Axes<Operands> = operands(plan)},
+        out "" {
+            operands: ..{Sums = Sums::of(
+                plan,
+                "To the geometry unit: operands of the sums of two weighted ones",
+                "To the geometry unit: operands of the sums of two sums"
+            )},
         }
         out "Vertex memory: writes" {
             write: {Flow<Write> = Flow::of(Write::of(plan.address(), Record::vertex(plan.format).width))},
@@ -203,10 +205,8 @@ pub(super) fn module(plan: &Plan, test: &Module) -> Result<Arc<Module>, HdlError
             payload: mesh,
         },
         may_start,
-        vertex_request_ready,
-        vertex_response,
-        influence_request_ready,
-        influence_response,
+        vertex: vertex_memory,
+        influence: influence_memory,
         write_ready,
         weighted,
         pair_sum,
@@ -240,8 +240,7 @@ pub(super) fn module(plan: &Plan, test: &Module) -> Result<Arc<Module>, HdlError
         prefetch::Inputs {
             fetch_valid: vector_wanted,
             fetch_address: requests_column.mux(column_address.q, rest_address.q),
-            request_ready: vertex_request_ready,
-            response: vertex_response,
+            memory: vertex_memory,
             pop: pop_vector.get(),
         },
     )?;
@@ -276,8 +275,7 @@ pub(super) fn module(plan: &Plan, test: &Module) -> Result<Arc<Module>, HdlError
         prefetch::Inputs {
             fetch_valid: rows_wanted,
             fetch_address: row_address.q,
-            request_ready: influence_request_ready,
-            response: influence_response,
+            memory: influence_memory,
             pop: pop_row.get(),
         },
     )?;
@@ -456,8 +454,12 @@ pub(super) fn module(plan: &Plan, test: &Module) -> Result<Arc<Module>, HdlError
     let outputs = Outputs {
         start_ready,
         skinning: skinning.q,
-        vertex_request: vectors.request,
-        influence_request: fetched_rows.request,
+        vertex: ReadOutputs {
+            request: vectors.request,
+        },
+        influence: ReadOutputs {
+            request: fetched_rows.request,
+        },
         palette: Flow {
             valid: column_comes,
             payload: palette,
@@ -466,8 +468,7 @@ pub(super) fn module(plan: &Plan, test: &Module) -> Result<Arc<Module>, HdlError
             valid: issued.q,
             payload: influence,
         },
-        pair,
-        vertex,
+        operands: Sums { pair, vertex },
         write: Flow {
             valid: shown,
             payload: Write {

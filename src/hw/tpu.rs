@@ -23,8 +23,8 @@ use super::ray::{Context, InContext, Interval, Leaf, Limit, Place, Start};
 use crate::bkd::layout::Record;
 use crate::bkd::layout::fields::{Link, Node, Planes};
 use crate::hdl::{
-    Builder, Flow, HdlError, Memory, Module, Reg, Request, Response, Signal, Signals, Spec, Specs,
-    Style, Wire,
+    Builder, Flow, HdlError, Memory, Module, ReadInputs, ReadOutputs, Reg, Request, Signal,
+    Signals, Spec, Specs, Style, Wire,
 };
 use crate::{bundle, interface};
 use std::sync::Arc;
@@ -126,12 +126,13 @@ interface! {
         in "The root link word, constant while packets are under way" {
             root: Record::link_word().width,
         }
-        in "Node memory: requests" { node_request_ready: 1 }
-        in "Node memory: answers, in any order, always taken" {
-            node_response: {Flow<Response> = Flow::of(Response::of(
+        in "" {
+            node: {ReadInputs = ReadInputs::of(
+                "Node memory",
+                "in any order, always taken",
                 plan.level_packet_bits(),
                 Record::node(plan.format).width
-            ))},
+            )},
         }
         in "Leaves to the geometry unit" { leaf_ready: 1 }
         in "A closer hit of a ray: what its near must not exceed from now on" {
@@ -140,8 +141,8 @@ interface! {
         in "A leaf all of whose tests are merged" {
             done: {Flow<InContext> = Flow::of(InContext::of(plan))},
         }
-        out "Node memory: requests" {
-            node_request: {Flow<Request> = Flow::of(Request::of(plan.address(), plan.level_packet_bits()))},
+        out "" {
+            node: {ReadOutputs = ReadOutputs::of("Node memory", plan.address(), plan.level_packet_bits())},
         }
         out "Leaves to the geometry unit" {
             leaf: {Flow<Leaf> = Flow::of(Leaf::of(plan))},
@@ -582,7 +583,7 @@ impl<'b> Unit<'b> {
         let Flow {
             valid,
             payload: response,
-        } = self.inputs.node_response;
+        } = self.inputs.node.response;
         let rays = plan.rays();
         m.comment("The packet step. A node's answer enters with the packet's rays.");
         let p = m.pipeline();
@@ -1125,10 +1126,10 @@ impl<'b> Unit<'b> {
         entered: &Entered<'b>,
         intervals: &Intervals<'b>,
         kept: &Requests<'b>,
-    ) -> Result<Flow<Request<Signal<'b>>, Signal<'b>>, HdlError> {
+    ) -> Result<ReadOutputs<Signal<'b>>, HdlError> {
         let (m, plan) = (self.m, self.plan);
         let Words { context, item, .. } = &self.words;
-        let node_ready = self.inputs.node_request_ready;
+        let node_ready = self.inputs.node.request_ready;
         let packets = plan.packets();
         m.comment("Nodes to fetch: after steps, and after pops and starts.");
         let take_step_item = m.wire("take_step_item", 1);
@@ -1166,11 +1167,14 @@ impl<'b> Unit<'b> {
         take_pop_item.drive(node_ready & !from_step & entered_any);
         let requested = item.unpack(kept.item.get());
         let inside = context.unpack(requested.context).inside;
-        Ok(Flow {
-            valid: node_wanted,
-            payload: Request {
-                address: requested.address,
-                tag: inside.concat(requested.packet),
+        let request = Request {
+            address: requested.address,
+            tag: inside.concat(requested.packet),
+        };
+        Ok(ReadOutputs {
+            request: Flow {
+                valid: node_wanted,
+                payload: request,
             },
         })
     }
@@ -1251,14 +1255,14 @@ pub fn module(plan: &Plan) -> Result<Tpu, HdlError> {
     let stack = unit.push(&step);
     let pop = unit.pop(&step, &stack)?;
     let entered = unit.enter(&pop, &rays, &intervals);
-    let node_request = unit.fetch(&step, &entered, &intervals, &kept)?;
+    let node = unit.fetch(&step, &entered, &intervals, &kept)?;
     let leaf = unit.hand_over(&step, &entered, &intervals)?;
     let finished = Finished {
         packet: entered.packet,
         touched: (unit.inputs.setup.valid).mux(m.zero(plan.rays()), pop.touched),
     };
     let outputs = Outputs {
-        node_request,
+        node,
         leaf,
         finished: Flow {
             valid: entered.none_enters | (pop.done & pop.empty),

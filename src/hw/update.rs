@@ -26,8 +26,8 @@ use super::prefetch::{self, occupancy, pick, prefetch};
 use super::raycast::COUNTER_BITS;
 use crate::bkd::layout::Record;
 use crate::hdl::{
-    Builder, Bundle, Flow, HdlError, Memory, Module, Request, Response, Signal, Spec, Specs, Style,
-    Write, bits_for,
+    Builder, Bundle, Flow, HdlError, Memory, Module, ReadInputs, ReadOutputs, Signal, Spec, Specs,
+    Style, Write, bits_for,
 };
 use crate::program::{Program, UpdateMachine};
 use crate::{bundle, interface};
@@ -118,36 +118,36 @@ interface! {
         in "An update: rows of its program, bases of the object's vertices and nodes, index of its box" {
             start: {Flow<Update> = Flow::of(Update::of(plan))},
         }
-        in "Program memory: requests" { program_request_ready: 1 }
-        in "Program memory: answers, of any latency, in any order" {
-            program_response: {Flow<Response> = Flow::of(Response::of(
+        in "" {
+            program: {ReadInputs = ReadInputs::of(
+                "Program memory",
+                "of any latency, in any order",
                 bits_for(u64::from(plan.config.update_program_rows)),
                 ROW_BITS
-            ))},
-        }
-        in "Vertex memory: requests" { vertex_request_ready: 1 }
-        in "Vertex memory: answers, of any latency, in any order" {
-            vertex_response: {Flow<Response> = Flow::of(Response::of(
+            )},
+            vertex: {ReadInputs = ReadInputs::of(
+                "Vertex memory",
+                "of any latency, in any order",
                 bits_for(u64::from(plan.config.update_vertices_ahead)),
                 Record::vertex(plan.format).width
-            ))},
+            )},
         }
         in "Node memory: writes" { node_write_ready: 1 }
         in "The object's box: its write, after all of the nodes'" { box_write_ready: 1 }
         out "An update: rows of its program, bases of the object's vertices and nodes, index of its box" {
             start_ready: 1,
         }
-        out "Program memory: requests" {
-            program_request: {Flow<Request> = Flow::of(Request::of(
+        out "" {
+            program: {ReadOutputs = ReadOutputs::of(
+                "Program memory",
                 plan.address(),
                 bits_for(u64::from(plan.config.update_program_rows))
-            ))},
-        }
-        out "Vertex memory: requests" {
-            vertex_request: {Flow<Request> = Flow::of(Request::of(
+            )},
+            vertex: {ReadOutputs = ReadOutputs::of(
+                "Vertex memory",
                 plan.address(),
                 bits_for(u64::from(plan.config.update_vertices_ahead))
-            ))},
+            )},
         }
         out "Node memory: writes" {
             node_write: {Flow<NodeWrite> = Flow::of(NodeWrite::of(plan))},
@@ -191,14 +191,12 @@ pub fn module(plan: &Plan) -> Result<UpdateProcessor, HdlError> {
             valid: start_valid,
             payload: update,
         },
-        program_request_ready,
-        program_response,
-        vertex_request_ready,
-        vertex_response,
+        program: program_memory,
+        vertex: vertex_memory,
         node_write_ready,
         box_write_ready,
     } = ports.inputs.inputs(&m);
-    let vertex_width = vertex_response.payload.data.width();
+    let vertex_width = vertex_memory.response.payload.data.width();
 
     m.comment("An update starts when the last one is over and none of its rows is left.");
     let running = m.reg_reset("running", 1, 0);
@@ -220,8 +218,7 @@ pub fn module(plan: &Plan) -> Result<UpdateProcessor, HdlError> {
         prefetch::Inputs {
             fetch_valid: rows_wanted,
             fetch_address: fetch_row.q,
-            request_ready: program_request_ready,
-            response: program_response,
+            memory: program_memory,
             pop: pop_row.get(),
         },
     )?;
@@ -448,8 +445,7 @@ pub fn module(plan: &Plan) -> Result<UpdateProcessor, HdlError> {
         prefetch::Inputs {
             fetch_valid: index_valid,
             fetch_address: index_front,
-            request_ready: vertex_request_ready,
-            response: vertex_response,
+            memory: vertex_memory,
             pop: pop_vertex.get(),
         },
     )?;
@@ -699,8 +695,12 @@ pub fn module(plan: &Plan) -> Result<UpdateProcessor, HdlError> {
     });
     let outputs = Outputs {
         start_ready,
-        program_request: rows.request,
-        vertex_request: fetched.request,
+        program: ReadOutputs {
+            request: rows.request,
+        },
+        vertex: ReadOutputs {
+            request: fetched.request,
+        },
         node_write: Flow {
             valid: node_valid,
             payload: NodeWrite {
