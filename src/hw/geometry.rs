@@ -27,7 +27,7 @@ use super::ray::{
     Context, Hit, InContext, Interval, Leaf, Limit, Limits, Line, Place, Start, Tested, Vector,
 };
 use super::skinning::{Column, Influence, Operands, Sums, Taken, Weighted};
-use super::triangle;
+use super::triangle::{self, Corners, Pairs};
 use crate::bkd::layout::{Record, fields};
 use crate::hdl::{
     Builder, Bundle, Flow, HdlError, Module, ReadInputs, ReadOutputs, Request, Signal, Signals,
@@ -637,9 +637,7 @@ pub fn module(plan: &Plan) -> Result<Geometry, HdlError> {
     });
     let inputs = triangle::Inputs {
         matrix,
-        v0,
-        v1,
-        v2,
+        corners: Corners { v0, v1, v2 },
         ray: Tested { origin, ..of_ray },
         translation,
         weight,
@@ -647,8 +645,10 @@ pub fn module(plan: &Plan) -> Result<Geometry, HdlError> {
         limits: kept.limits,
         shear_z,
         accumulate,
-        sum_a: operands.map(|pair| pair.a),
-        sum_b: operands.map(|pair| pair.b),
+        pairs: Pairs {
+            sum_a: operands.map(|pair| pair.a),
+            sum_b: operands.map(|pair| pair.b),
+        },
     };
     let tested = of_test.place("test", &m, &test, inputs);
 

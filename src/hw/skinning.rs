@@ -188,7 +188,8 @@ interface! {
 /// A mistake in the description; none is known for any configuration.
 pub(super) fn module(plan: &Plan, test: &Module) -> Result<Arc<Module>, HdlError> {
     let of_test = triangle::ports(plan);
-    let sum_latency = of_test.outputs.sum[0].stage(test) - of_test.inputs.sum_a[0].stage(test);
+    let sum_latency =
+        of_test.outputs.sum[0].stage(test) - of_test.inputs.pairs.sum_a[0].stage(test);
     let (w, a) = (plan.number(), plan.address());
     let config = &plan.config;
     let vector = Record::vertex(plan.format);
