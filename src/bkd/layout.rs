@@ -41,6 +41,87 @@ pub const INFLUENCES_PER_ROW: usize = 4;
 /// The most triangle records that a link word can address.
 pub const MOST_RECORDS: u64 = 1 << LINK_BITS;
 
+/// The records by field: what [`Record`] tabulates, as bundles.
+pub mod fields {
+    use super::{JOINT_BITS, LINK_BITS};
+    use crate::bundle;
+    use crate::float::Format;
+    use crate::hdl::bundle::{Xyz, leaf};
+
+    bundle! {
+        /// The intervals of a node's children, each on its axis.
+        pub struct Planes(format: Format) {
+            left_lo: format.width(),
+            left_hi: format.width(),
+            right_lo: format.width(),
+            right_hi: format.width(),
+        }
+    }
+
+    bundle! {
+        /// A link word.
+        pub struct Link() {
+            link: LINK_BITS,
+            left_leaf: 1,
+            right_leaf: 1,
+            left_axis: 2,
+            right_axis: 2,
+        }
+    }
+
+    bundle! {
+        /// A node.
+        pub struct Node(format: Format) {
+            planes: ..{Planes = Planes::of(format)},
+            link: ..{Link = Link::of()},
+        }
+    }
+
+    bundle! {
+        /// A vertex.
+        pub struct Vertex(format: Format) {
+            position: ..{Xyz = [(); 3].map(|()| leaf(format.width()))},
+        }
+    }
+
+    bundle! {
+        /// A whole box.
+        pub struct Box(format: Format) {
+            lo: [format.width(); xyz],
+            hi: [format.width(); xyz],
+        }
+    }
+
+    bundle! {
+        /// A triangle.
+        pub struct Triangle() {
+            v0: 32,
+            v1: 32,
+            v2: 32,
+            number: 32,
+        }
+    }
+
+    bundle! {
+        /// An instance.
+        pub struct Instance() {
+            vectors: 32,
+            root: 32,
+            unused: 32,
+            number: 32,
+        }
+    }
+
+    bundle! {
+        /// An influence of a row.
+        pub struct Influence(format: Format) {
+            weight: format.width() - 1,
+            joint: JOINT_BITS,
+            last: 1,
+        }
+    }
+}
+
 /// A named range of bits in a record.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 pub struct Field {
@@ -1029,6 +1110,7 @@ pub fn vector_words(format: Format, vectors: &[[f64; 3]]) -> Vec<u32> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::hdl::{Bundle, Specs};
 
     #[test]
     fn records_have_the_design_widths() {
@@ -1040,6 +1122,37 @@ mod tests {
         assert_eq!(Record::node(Format::FP24).width, 128);
         assert_eq!(Record::triangle().width, 128);
         assert_eq!(Record::link_word().width, 32);
+    }
+
+    #[test]
+    fn bundles_have_the_records_fields() {
+        fn alike(record: &Record, fields: &impl Specs) {
+            let table = record.fields.iter().map(|f| (f.name.to_string(), f.width));
+            let bundle = fields.fields().into_iter();
+            let bundle = bundle.map(|(name, spec)| (name, spec.width));
+            assert!(table.eq(bundle), "{}", record.name);
+        }
+        for (exponent, fraction) in [(7, 16), (3, 2), (10, 23)] {
+            let format = Format::new(exponent, fraction).unwrap();
+            alike(&Record::node(format), &fields::Node::of(format));
+            alike(&Record::vertex(format), &fields::Vertex::of(format));
+            alike(&Record::bounding_box(format), &fields::Box::of(format));
+            let row = Record::influence_row(format);
+            let influence = fields::Influence::of(format).fields();
+            for (k, slot) in row.fields.chunks(influence.len()).enumerate() {
+                let numbered = influence
+                    .iter()
+                    .map(|(name, spec)| (format!("{name}{k}"), spec.width));
+                assert!(
+                    slot.iter()
+                        .map(|f| (f.name.to_string(), f.width))
+                        .eq(numbered)
+                );
+            }
+        }
+        alike(&Record::link_word(), &fields::Link::of());
+        alike(&Record::triangle(), &fields::Triangle::of());
+        alike(&Record::instance(), &fields::Instance::of());
     }
 
     #[test]

@@ -23,6 +23,8 @@
 //! Everything random comes from the seed given, through [`fastrand`]: the same seed and the same requests
 //! give the same run.
 
+use super::model::{Model, PortHandle};
+use crate::hdl::{self, Stream, Write};
 use anyhow::{Result, bail, ensure};
 
 /// A limit of `requests` accepted requests in `cycles` clocks.
@@ -244,6 +246,33 @@ pub struct ReadResponse {
     /// The tag of the request.
     pub tag: u32,
 }
+
+/// A read port of a model.
+pub type ReadHandles = hdl::ReadPort<PortHandle>;
+
+impl ReadHandles {
+    /// The request that the model shows.
+    pub fn request(&self, model: &Model) -> Option<ReadRequest> {
+        let request = &self.request;
+        (model.get(request.valid) != 0).then(|| ReadRequest {
+            address: model.get(request.payload.address),
+            tag: model.get(request.payload.tag) as u32,
+        })
+    }
+
+    /// Shows a response, or that there is none.
+    pub fn respond(&self, model: &mut Model, response: Option<ReadResponse>, data: &[u32]) {
+        let port = &self.response;
+        model.set(port.valid, response.is_some().into());
+        if let Some(response) = response {
+            model.set(port.payload.tag, response.tag.into());
+            model.set_words(port.payload.data, data);
+        }
+    }
+}
+
+/// A write port of a model, its handshake and what is written.
+pub(super) type WriteHandles = Stream<Write<PortHandle>, PortHandle>;
 
 /// Memory behind one tagged read port: requests with ready/valid, responses with valid only.
 ///

@@ -1,7 +1,7 @@
 //! The whole ray casting unit: rays in, hits out, every packet step, ray transformation and ray–triangle test on the way held
 //! against the golden model, in all bits.
 
-use super::memory::{Image, ReadPort, ReadRequest, Timing};
+use super::memory::{Image, ReadHandles, ReadPort, ReadRequest, Timing};
 use super::mismatch::{Field, Mismatch};
 use super::model::{BuildOptions, Model, PortHandle, build};
 use super::scoreboard::{
@@ -12,7 +12,10 @@ use crate::bkd::layout::{MemoryImage, Record};
 use crate::config::Config;
 use crate::float::Format;
 use crate::golden::{Caster, EnterEvent, Observer, RayTest, StepEvent};
-use crate::hw;
+use crate::hdl::{self, Bundle};
+use crate::hw::geometry::TransformWatch;
+use crate::hw::ray::{Interval, Line};
+use crate::hw::{self, Plan};
 use crate::port::{Hit, NONE, Ray};
 use anyhow::{Result, bail, ensure};
 use std::path::PathBuf;
@@ -166,11 +169,7 @@ pub(super) struct MemoryPort {
     name: String,
     port: ReadPort,
     image: Image,
-    request: [PortHandle; 3],
-    ready: PortHandle,
-    valid: PortHandle,
-    tag: PortHandle,
-    data: PortHandle,
+    handles: ReadHandles,
     shown_ready: bool,
     shown_valid: bool,
     next: Option<super::memory::ReadResponse>,
@@ -179,54 +178,44 @@ pub(super) struct MemoryPort {
 }
 
 impl MemoryPort {
-    pub(super) fn new(model: &mut Model, name: &str, image: Image, timing: Timing) -> Result<Self> {
-        let port = MemoryPort {
+    pub(super) fn new(
+        model: &mut Model,
+        name: &str,
+        handles: ReadHandles,
+        image: Image,
+        timing: Timing,
+    ) -> Result<Self> {
+        model.set(handles.request.ready, 0);
+        model.set(handles.response.valid, 0);
+        Ok(MemoryPort {
             name: name.to_string(),
             port: ReadPort::new(name, image.rows(), timing)?,
             image,
-            request: [
-                model.port(&format!("{name}_request_valid"))?,
-                model.port(&format!("{name}_request_address"))?,
-                model.port(&format!("{name}_request_tag"))?,
-            ],
-            ready: model.port(&format!("{name}_request_ready"))?,
-            valid: model.port(&format!("{name}_response_valid"))?,
-            tag: model.port(&format!("{name}_response_tag"))?,
-            data: model.port(&format!("{name}_response_data"))?,
+            handles,
             shown_ready: false,
             shown_valid: false,
             next: None,
             waiting: None,
-        };
-        model.set(port.ready, 0);
-        model.set(port.valid, 0);
-        Ok(port)
+        })
     }
 
     /// Before a clock edge: presents what the memory answers, and whether it takes a request.
     pub(super) fn show(&mut self, model: &mut Model) {
         let ready = self.port.ready();
         if ready != self.shown_ready {
-            model.set(self.ready, u64::from(ready));
+            model.set(self.handles.request.ready, u64::from(ready));
             self.shown_ready = ready;
         }
-        let valid = self.next.is_some();
-        if valid != self.shown_valid {
-            model.set(self.valid, u64::from(valid));
-            self.shown_valid = valid;
+        let data = (self.next).map_or(&[][..], |response| self.image.row(response.address));
+        if self.next.is_some() || self.shown_valid {
+            self.handles.respond(model, self.next, data);
         }
-        if let Some(response) = self.next {
-            model.set(self.tag, u64::from(response.tag));
-            model.set_words(self.data, self.image.row(response.address));
-        }
+        self.shown_valid = self.next.is_some();
     }
 
     /// At the same edge: takes the request that the model offers.
     pub(super) fn take(&mut self, model: &Model) -> Result<()> {
-        let request = (model.get(self.request[0]) != 0).then(|| ReadRequest {
-            address: model.get(self.request[1]),
-            tag: model.get(self.request[2]) as u32,
-        });
+        let request = self.handles.request(model);
         ensure!(
             self.waiting.is_none() || self.waiting == request,
             "read port of the {} memory, cycle {}: the request {:?} was not taken, yet now {:?} is shown",
@@ -241,133 +230,37 @@ impl MemoryPort {
     }
 }
 
-/// The ports that a scoreboard watches.
-struct Watch {
-    step_valid: PortHandle,
-    step_packet: PortHandle,
-    step_node: PortHandle,
-    step_left: PortHandle,
-    step_right: PortHandle,
-    step_left_first: PortHandle,
-    intervals: [PortHandle; 2],
-    test_valid: PortHandle,
-    test_packet: PortHandle,
-    test_ray: PortHandle,
-    test_record: PortHandle,
-    test_instance: PortHandle,
-    test_hit: PortHandle,
-    test_numbers: [PortHandle; 3],
-    transform: TransformWatch,
-}
+type Ports = hdl::Ports<hw::raycast::Inputs<PortHandle>, hw::raycast::Outputs<PortHandle>>;
 
-/// The ports that show a ray taken to an object's space.
-pub(super) struct TransformWatch {
-    valid: PortHandle,
-    packet: PortHandle,
-    ray: PortHandle,
-    record: PortHandle,
-    /// Window, origin, direction.
-    numbers: [PortHandle; 8],
-}
-
-/// The names of [`TransformWatch`]'s numbers.
-const TRANSFORM_NUMBERS: [&str; 8] = [
-    "near",
-    "far",
-    "origin_x",
-    "origin_y",
-    "origin_z",
-    "direction_x",
-    "direction_y",
-    "direction_z",
-];
-
-impl TransformWatch {
-    pub(super) fn new(model: &Model) -> Result<Self> {
-        let port = |name: &str| model.port(&format!("watch_transform_{name}"));
-        let mut numbers = vec![];
-        for name in TRANSFORM_NUMBERS {
-            numbers.push(port(name)?);
-        }
-        Ok(TransformWatch {
-            valid: port("valid")?,
-            packet: port("packet")?,
-            ray: port("ray")?,
-            record: port("record")?,
-            numbers: numbers.try_into().expect("as many as there are names"),
-        })
+/// What differs between the transformed ray shown and the golden model's: nothing, or all fields.
+pub(super) fn compare_transform(
+    shown: &TransformWatch<u64>,
+    format: Format,
+    golden: &EnterEvent,
+) -> Vec<Field> {
+    let transformed = &golden.transformed;
+    let [near, far] = transformed.window.map(|x| format.to_bits(x));
+    let expected = TransformWatch {
+        packet: shown.packet,
+        ray: golden.slot.into(),
+        record: golden.record.into(),
+        window: Interval { near, far },
+        line: Line {
+            origin: transformed.ray.origin.map(|x| format.to_bits(x)),
+            direction: transformed.ray.direction.map(|x| format.to_bits(x)),
+        },
+    };
+    if *shown == expected {
+        return vec![];
     }
-
-    /// The packet in flight whose ray is shown, if one is.
-    pub(super) fn packet(&self, model: &Model) -> Option<usize> {
-        (model.get(self.valid) != 0).then(|| model.get(self.packet) as usize)
-    }
-
-    /// What differs between the ray shown and the golden model's: nothing, or all fields.
-    pub(super) fn compare(&self, model: &Model, format: Format, golden: &EnterEvent) -> Vec<Field> {
-        let transformed = &golden.transformed;
-        let [near, far] = transformed.window;
-        let [ox, oy, oz] = transformed.ray.origin;
-        let [dx, dy, dz] = transformed.ray.direction;
-        let numbers = [near, far, ox, oy, oz, dx, dy, dz].map(|x| format.to_bits(x));
-        let (ray, record) = (u64::from(golden.slot), u64::from(golden.record));
-        let get = |port| model.get(port);
-        if get(self.ray) == ray && get(self.record) == record && self.numbers.map(get) == numbers {
-            return vec![];
-        }
-        let mut fields = vec![
-            Field::integer("ray of the packet", ray, get(self.ray)),
-            Field::integer("instance record", record, get(self.record)),
-        ];
-        for ((name, golden), port) in TRANSFORM_NUMBERS.iter().zip(numbers).zip(self.numbers) {
-            fields.push(Field::number(*name, format, golden, get(port)));
-        }
-        fields
-    }
-}
-
-impl Watch {
-    fn new(model: &Model) -> Result<Self> {
-        let port = |name: &str| model.port(&format!("watch_{name}"));
-        Ok(Watch {
-            step_valid: port("step_valid")?,
-            step_packet: port("step_packet")?,
-            step_node: port("step_node")?,
-            step_left: port("step_left")?,
-            step_right: port("step_right")?,
-            step_left_first: port("step_left_first")?,
-            intervals: [port("step_left_intervals")?, port("step_right_intervals")?],
-            test_valid: port("test_valid")?,
-            test_packet: port("test_packet")?,
-            test_ray: port("test_ray")?,
-            test_record: port("test_record")?,
-            test_instance: port("test_instance")?,
-            test_hit: port("test_hit")?,
-            test_numbers: [port("test_t")?, port("test_u")?, port("test_v")?],
-            transform: TransformWatch::new(model)?,
-        })
-    }
-}
-
-struct RayPort {
-    valid: PortHandle,
-    ready: PortHandle,
-    tag: PortHandle,
-    origin: [PortHandle; 3],
-    direction: [PortHandle; 3],
-    tmin: PortHandle,
-    tmax: PortHandle,
-    active: PortHandle,
-    any_hit: PortHandle,
-}
-
-struct HitPort {
-    valid: PortHandle,
-    ready: PortHandle,
-    tag: PortHandle,
-    numbers: [PortHandle; 3],
-    instance: PortHandle,
-    triangle: PortHandle,
+    let mut fields = vec![
+        Field::integer("ray of the packet", expected.ray, shown.ray),
+        Field::integer("instance record", expected.record, shown.record),
+    ];
+    let numbers = (expected.window.zip(shown.window).fields().into_iter())
+        .chain(expected.line.zip(shown.line).fields());
+    fields.extend(numbers.map(|(name, (golden, rtl))| Field::number(name, format, golden, rtl)));
+    fields
 }
 
 /// Casts `rays`, in packets of the machine's size, through the RTL of `config` over `image`, and compares everything.
@@ -393,6 +286,7 @@ const NO_RAYS: &str = "there are no rays to cast: nothing would be checked";
 pub struct RaycastUnit {
     config: Config,
     model: Model,
+    ports: Ports,
     model_build_s: f64,
     model_reused: bool,
 }
@@ -451,6 +345,7 @@ impl RaycastUnit {
         }
         Ok(RaycastUnit {
             config: config.clone(),
+            ports: model.ports(&hw::raycast::ports(&Plan::new(config)?))?,
             model,
             model_build_s,
             model_reused: built.reused,
@@ -495,7 +390,7 @@ impl RaycastUnit {
         ensure!(!rays.is_empty(), NO_RAYS);
         image.check(self.config.stack_depth)?;
         let started = Instant::now();
-        let mut run = Run::new(&self.config, image, rays, options, &mut self.model)?;
+        let mut run = Run::new(self, image, rays, options)?;
         run.all(progress)?;
         Ok(Report {
             hits: run.hits,
@@ -521,11 +416,7 @@ struct Run<'a> {
     model: &'a mut Model,
     caster: Caster,
     memories: [MemoryPort; 3],
-    ray_port: RayPort,
-    hit_port: HitPort,
-    watch: Watch,
-    start_packet: PortHandle,
-    start_tag: PortHandle,
+    ports: Ports,
     /// By packet number in flight: which packet it is.
     expected: Vec<Option<Expected>>,
     /// By tag: the packet's number in flight, and rays that have come back.
@@ -546,64 +437,41 @@ struct Run<'a> {
 
 impl<'a> Run<'a> {
     fn new(
-        config: &'a Config,
+        unit: &'a mut RaycastUnit,
         image: &MemoryImage,
         rays: &'a [Ray],
         options: &'a Options,
-        model: &'a mut Model,
     ) -> Result<Self> {
+        let RaycastUnit {
+            config,
+            model,
+            ports,
+            ..
+        } = unit;
+        let (config, ports) = (&*config, *ports);
+        let Ports { inputs, outputs } = ports;
         let format = config.format();
         let node = Image::from_words(image.node_words(), Record::node(format).width)?;
         let record = Image::from_words(image.record_words(), Record::triangle().width)?;
         let vertex = Image::from_words(image.vertex_words(), Record::vertex(format).width)?;
+        let nodes = ReadHandles::of_unit(outputs.node, inputs.node);
+        let records = ReadHandles::of_unit(outputs.record, inputs.record);
+        let vertices = ReadHandles::of_unit(outputs.vertex, inputs.vertex);
+        let timing = |seed| timing(config, options.seed ^ seed);
         let memories = [
-            MemoryPort::new(model, "node", node, timing(config, options.seed ^ 1))?,
-            MemoryPort::new(model, "record", record, timing(config, options.seed ^ 2))?,
-            MemoryPort::new(model, "vertex", vertex, timing(config, options.seed ^ 3))?,
+            MemoryPort::new(model, "node", nodes, node, timing(1))?,
+            MemoryPort::new(model, "record", records, record, timing(2))?,
+            MemoryPort::new(model, "vertex", vertices, vertex, timing(3))?,
         ];
-        let axes = |prefix: &str| -> Result<[PortHandle; 3]> {
-            Ok([
-                model.port(&format!("{prefix}_x"))?,
-                model.port(&format!("{prefix}_y"))?,
-                model.port(&format!("{prefix}_z"))?,
-            ])
-        };
-        let ray_port = RayPort {
-            valid: model.port("ray_valid")?,
-            ready: model.port("ray_ready")?,
-            tag: model.port("ray_tag")?,
-            origin: axes("ray_origin")?,
-            direction: axes("ray_direction")?,
-            tmin: model.port("ray_tmin")?,
-            tmax: model.port("ray_tmax")?,
-            active: model.port("ray_active")?,
-            any_hit: model.port("ray_any_hit")?,
-        };
-        let hit_port = HitPort {
-            valid: model.port("hit_valid")?,
-            ready: model.port("hit_ready")?,
-            tag: model.port("hit_tag")?,
-            numbers: [
-                model.port("hit_t")?,
-                model.port("hit_u")?,
-                model.port("hit_v")?,
-            ],
-            instance: model.port("hit_instance")?,
-            triangle: model.port("hit_triangle")?,
-        };
         let (lo, hi) = image.bounds;
-        for (ports, values) in [(axes("scene_lo")?, lo), (axes("scene_hi")?, hi)] {
+        for (ports, values) in [(inputs.scene_lo, lo), (inputs.scene_hi, hi)] {
             for (port, value) in ports.into_iter().zip(values) {
                 model.set(port, format.to_bits(value));
             }
         }
-        let root = model.port("scene_root")?;
-        model.set(root, u64::from(image.root.pack()));
+        model.set(inputs.scene_root, u64::from(image.root.pack()));
         let tags = 1u32 << config.tag_bits.min(16);
         Ok(Run {
-            watch: Watch::new(model)?,
-            start_packet: model.port("watch_start_packet")?,
-            start_tag: model.port("watch_start_tag")?,
             caster: Caster::new(image, config.triangle_test, config.rays_per_packet as usize),
             config,
             format,
@@ -611,8 +479,7 @@ impl<'a> Run<'a> {
             options,
             model,
             memories,
-            ray_port,
-            hit_port,
+            ports,
             expected: (0..config.packets_in_flight).map(|_| None).collect(),
             by_tag: (0..tags).map(|_| None).collect(),
             free_tags: (0..tags).rev().collect(),
@@ -660,14 +527,15 @@ impl<'a> Run<'a> {
                 self.offer(&ray, shown_tag);
                 shown = Some(offered);
             } else if shown.is_none() {
-                self.model.set(self.ray_port.valid, 0);
+                self.model.set(self.ports.inputs.ray.valid, 0);
             }
             let takes_hit = !self.stalls(self.options.hit_stall);
-            self.model.set(self.hit_port.ready, u64::from(takes_hit));
+            self.model
+                .set(self.ports.inputs.hit_ready, u64::from(takes_hit));
 
             let mut events = self.watch_step()? | self.watch_test()? | self.watch_transform()?;
             if let Some(index) = shown
-                && self.model.get(self.ray_port.ready) != 0
+                && self.model.get(self.ports.outputs.ray_ready) != 0
             {
                 events = true;
                 started = true;
@@ -677,7 +545,7 @@ impl<'a> Run<'a> {
                     self.start(index + 1 - size, tag)?;
                 }
             }
-            if takes_hit && self.model.get(self.hit_port.valid) != 0 {
+            if takes_hit && self.model.get(self.ports.outputs.hit.valid) != 0 {
                 events = true;
                 self.take_hit()?;
                 taken += 1;
@@ -694,7 +562,7 @@ impl<'a> Run<'a> {
                 && started
                 && self.cycles.is_multiple_of(every)
             {
-                self.samples.push(self.counters()?);
+                self.samples.push(self.counters());
             }
             idle = if events { 0 } else { idle + 1 };
             if idle > PATIENCE {
@@ -716,17 +584,20 @@ impl<'a> Run<'a> {
 
     fn offer(&mut self, ray: &Ray, tag: u32) {
         let f = self.format;
-        let port = &self.ray_port;
+        let port = &self.ports.inputs.ray;
         self.model.set(port.valid, 1);
+        let port = &port.payload;
         self.model.set(port.tag, u64::from(tag));
         let rng = &mut self.rng;
         let numbers = (0..3).flat_map(|i| {
             [
-                (port.origin[i], ray.origin[i]),
-                (port.direction[i], ray.direction[i]),
+                (port.line.origin[i], ray.origin[i]),
+                (port.line.direction[i], ray.direction[i]),
             ]
         });
-        for (port, number) in numbers.chain([(port.tmin, ray.tmin), (port.tmax, ray.tmax)]) {
+        for (port, number) in
+            numbers.chain([(port.limits.tmin, ray.tmin), (port.limits.tmax, ray.tmax)])
+        {
             self.model.set(port, disguised(f, f.to_bits(number), rng));
         }
         self.model.set(port.active, u64::from(ray.active));
@@ -737,14 +608,15 @@ impl<'a> Run<'a> {
     fn start(&mut self, first_ray: usize, tag: u32) -> Result<()> {
         // A packet of one ray has the tag that stands at the port.
         self.model.eval();
-        let shown = self.model.get(self.start_tag);
+        let watch = self.ports.outputs.watch_start.payload;
+        let shown = self.model.get(watch.tag);
         if shown != u64::from(tag) {
             let fields = vec![Field::integer("tag", tag.into(), shown)];
             let place = format!("the packet that begins with ray {first_ray}");
             return Err(self.mismatch("raycast", place, fields));
         }
         let size = self.config.rays_per_packet as usize;
-        let packet = self.model.get(self.start_packet) as usize;
+        let packet = self.model.get(watch.packet) as usize;
         let rays = &self.rays[first_ray..(first_ray + size).min(self.rays.len())];
         let mut expected = Expected {
             first_ray,
@@ -779,11 +651,13 @@ impl<'a> Run<'a> {
     }
 
     fn watch_step(&mut self) -> Result<bool> {
-        let w = &self.watch;
-        if self.model.get(w.step_valid) == 0 {
+        let watch = &self.ports.outputs.watch_step;
+        if self.model.get(watch.valid) == 0 {
             return Ok(false);
         }
-        let packet = self.model.get(w.step_packet) as usize;
+        let watch = &watch.payload;
+        let step = self.model.sample(watch);
+        let packet = step.packet as usize;
         let expected = self.expected("tpu", packet)?;
         let rays = self.config.rays_per_packet;
         let width = self.format.width();
@@ -796,7 +670,7 @@ impl<'a> Run<'a> {
             )
         };
         let Some(golden) = expected.steps.get(at) else {
-            let node = self.model.get(w.step_node);
+            let node = step.node;
             return Err(self.mismatch(
                 "tpu",
                 format!(
@@ -807,12 +681,13 @@ impl<'a> Run<'a> {
                 vec![],
             ));
         };
-        let masks = [self.model.get(w.step_left), self.model.get(w.step_right)];
+        let masks = [step.left, step.right];
+        let intervals = [watch.left_intervals, watch.right_intervals];
         let both = golden.left.mask != 0 && golden.right.mask != 0;
-        let mut agrees = self.model.get(w.step_node) == u64::from(golden.node)
+        let mut agrees = step.node == u64::from(golden.node)
             && masks == [u64::from(golden.left.mask), u64::from(golden.right.mask)]
-            && (!both || (self.model.get(w.step_left_first) != 0) == (golden.left_first != 0));
-        for (set, port) in [&golden.left, &golden.right].into_iter().zip(w.intervals) {
+            && (!both || (step.left_first != 0) == (golden.left_first != 0));
+        for (set, port) in [&golden.left, &golden.right].into_iter().zip(intervals) {
             for k in 0..rays {
                 if set.mask >> k & 1 != 0 {
                     let near = self.model.get_field(port, 2 * k * width, width);
@@ -823,9 +698,8 @@ impl<'a> Run<'a> {
             }
         }
         if !agrees {
-            let get = |port| self.model.get(port);
             let mut fields = vec![
-                Field::integer("node", u64::from(golden.node), get(w.step_node)),
+                Field::integer("node", u64::from(golden.node), step.node),
                 Field::integer("rays that go left", u64::from(golden.left.mask), masks[0]),
                 Field::integer("rays that go right", u64::from(golden.right.mask), masks[1]),
             ];
@@ -833,12 +707,12 @@ impl<'a> Run<'a> {
                 fields.push(Field::integer(
                     "left first",
                     u64::from(golden.left_first != 0),
-                    get(w.step_left_first),
+                    step.left_first,
                 ));
             }
             for (name, set, port) in [
-                ("left", &golden.left, w.intervals[0]),
-                ("right", &golden.right, w.intervals[1]),
+                ("left", &golden.left, intervals[0]),
+                ("right", &golden.right, intervals[1]),
             ] {
                 for k in (0..rays).filter(|k| set.mask >> k & 1 != 0) {
                     for (which, value, lsb) in [
@@ -864,11 +738,12 @@ impl<'a> Run<'a> {
     }
 
     fn watch_test(&mut self) -> Result<bool> {
-        let w = &self.watch;
-        if self.model.get(w.test_valid) == 0 {
+        let watch = &self.ports.outputs.watch_test;
+        if self.model.get(watch.valid) == 0 {
             return Ok(false);
         }
-        let packet = self.model.get(w.test_packet) as usize;
+        let test = self.model.sample(&watch.payload);
+        let packet = test.packet as usize;
         let expected = self.expected("geometry", packet)?;
         let at = expected.next_test;
         let rays = self.config.rays_per_packet as usize;
@@ -878,39 +753,34 @@ impl<'a> Run<'a> {
                 expected.first_ray + slot
             )
         };
-        let get = |port| self.model.get(port);
         let Some(golden) = expected.tests.get(at) else {
             return Err(self.mismatch(
                 "geometry",
                 format!(
                     "{}: the packet of {rays} rays has only {} tests",
-                    place(get(w.test_ray) as usize),
+                    place(test.ray as usize),
                     expected.tests.len()
                 ),
                 vec![],
             ));
         };
         let outcome = &golden.outcome;
+        let rtl = [test.t, test.u, test.v];
         let numbers = [outcome.t, outcome.raw[1], outcome.raw[2]].map(|x| self.format.to_bits(x));
-        let agrees = get(w.test_ray) == u64::from(golden.slot)
-            && get(w.test_record) == u64::from(golden.record)
-            && get(w.test_instance) == u64::from(golden.instance)
-            && (get(w.test_hit) != 0) == outcome.hit
-            && (!outcome.hit || w.test_numbers.map(get) == numbers);
+        let agrees = test.ray == u64::from(golden.slot)
+            && test.record == u64::from(golden.record)
+            && test.instance == u64::from(golden.instance)
+            && (test.hit != 0) == outcome.hit
+            && (!outcome.hit || rtl == numbers);
         if !agrees {
             let mut fields = vec![
-                Field::integer("ray of the packet", u64::from(golden.slot), get(w.test_ray)),
-                Field::integer("record", u64::from(golden.record), get(w.test_record)),
-                Field::integer("instance", u64::from(golden.instance), get(w.test_instance)),
-                Field::integer("hit", u64::from(outcome.hit), get(w.test_hit)),
+                Field::integer("ray of the packet", u64::from(golden.slot), test.ray),
+                Field::integer("record", u64::from(golden.record), test.record),
+                Field::integer("instance", u64::from(golden.instance), test.instance),
+                Field::integer("hit", u64::from(outcome.hit), test.hit),
             ];
             for (i, name) in ["t", "u", "v"].into_iter().enumerate() {
-                fields.push(Field::number(
-                    name,
-                    self.format,
-                    numbers[i],
-                    get(w.test_numbers[i]),
-                ));
+                fields.push(Field::number(name, self.format, numbers[i], rtl[i]));
             }
             return Err(self.mismatch("geometry", place(golden.slot.into()), fields));
         }
@@ -922,10 +792,12 @@ impl<'a> Run<'a> {
     }
 
     fn watch_transform(&mut self) -> Result<bool> {
-        let watch = &self.watch.transform;
-        let Some(packet) = watch.packet(self.model) else {
+        let watch = &self.ports.outputs.watch_transform;
+        if self.model.get(watch.valid) == 0 {
             return Ok(false);
-        };
+        }
+        let shown = self.model.sample(&watch.payload);
+        let packet = shown.packet as usize;
         let expected = self.expected("geometry", packet)?;
         let at = expected.next_transform;
         let first_ray = expected.first_ray;
@@ -936,7 +808,7 @@ impl<'a> Run<'a> {
             );
             return Err(self.mismatch("geometry", place, vec![]));
         };
-        let fields = watch.compare(self.model, self.format, golden);
+        let fields = compare_transform(&shown, self.format, golden);
         if !fields.is_empty() {
             let place = format!(
                 "ray transformation {at} of its packet, ray {}, to instance {}",
@@ -953,9 +825,10 @@ impl<'a> Run<'a> {
     }
 
     fn take_hit(&mut self) -> Result<()> {
-        let port = &self.hit_port;
-        let get = |handle| self.model.get(handle);
-        let tag = get(port.tag) as usize;
+        let shown = self.model.sample(&self.ports.outputs.hit.payload);
+        let tag = shown.tag as usize;
+        let shown = shown.hit;
+        let rtl = [shown.t, shown.u, shown.v];
         let Some((packet, slot)) = self.by_tag.get(tag).copied().flatten() else {
             return Err(self.mismatch(
                 "raycast",
@@ -969,24 +842,14 @@ impl<'a> Run<'a> {
         let numbers = [golden.t, golden.u, golden.v].map(|x| self.format.to_bits(x));
         let identities = [golden.instance, golden.triangle].map(u64::from);
         let index = expected.first_ray + slot;
-        if port.numbers.map(get) != numbers
-            || [get(port.instance), get(port.triangle)] != identities
-        {
+        if rtl != numbers || [shown.instance, shown.triangle] != identities {
             let mut fields: Vec<_> = ["t", "u", "v"]
                 .into_iter()
                 .enumerate()
-                .map(|(i, name)| Field::number(name, self.format, numbers[i], get(port.numbers[i])))
+                .map(|(i, name)| Field::number(name, self.format, numbers[i], rtl[i]))
                 .collect();
-            fields.push(Field::integer(
-                "instance",
-                identities[0],
-                get(port.instance),
-            ));
-            fields.push(Field::integer(
-                "triangle",
-                identities[1],
-                get(port.triangle),
-            ));
+            fields.push(Field::integer("instance", identities[0], shown.instance));
+            fields.push(Field::integer("triangle", identities[1], shown.triangle));
             return Err(self.mismatch("raycast", format!("the hit of ray {index}"), fields));
         }
         let finished = slot + 1 == size;
@@ -1015,13 +878,13 @@ impl<'a> Run<'a> {
             ));
         }
         if let Some(hit) = self.hits.get_mut(index) {
-            let [t, u, v] = port.numbers.map(|p| self.format.to_f64(self.model.get(p)));
+            let [t, u, v] = rtl.map(|bits| self.format.to_f64(bits));
             *hit = Hit {
                 t,
                 u,
                 v,
-                instance: self.model.get(port.instance) as u32,
-                triangle: self.model.get(port.triangle) as u32,
+                instance: shown.instance as u32,
+                triangle: shown.triangle as u32,
             };
             debug_assert!(hit.triangle != NONE || hit.u == 0.0);
             self.hits_checked += 1;
@@ -1036,30 +899,27 @@ impl<'a> Run<'a> {
         Ok(())
     }
 
-    fn counter(&self, name: &str) -> Result<u64> {
-        Ok(self.model.get(self.model.port(name)?))
-    }
-
-    fn counters(&self) -> Result<Counters> {
-        let counter = |name: &str| self.counter(name);
-        Ok(Counters {
-            cycles: counter("count_cycles")?,
-            packet_steps: counter("count_packet_steps")?,
-            ray_triangle_tests: counter("count_ray_triangle_tests")?,
-            ray_transforms: counter("count_ray_transforms")?,
-            tpu_busy_cycles: counter("count_tpu_busy_cycles")?,
-            tpu_starved_cycles: counter("count_tpu_starved_cycles")?,
-            gu_busy_cycles: counter("count_gu_busy_cycles")?,
-            gu_starved_cycles: counter("count_gu_starved_cycles")?,
-            stack_high_water: counter("stack_high_water")?,
-        })
+    fn counters(&self) -> Counters {
+        let (outputs, model) = (&self.ports.outputs, &*self.model);
+        let count = model.sample(&outputs.count);
+        Counters {
+            cycles: count.cycles,
+            packet_steps: count.packet_steps,
+            ray_triangle_tests: count.ray_triangle_tests,
+            ray_transforms: count.ray_transforms,
+            tpu_busy_cycles: count.tpu_busy_cycles,
+            tpu_starved_cycles: count.tpu_starved_cycles,
+            gu_busy_cycles: count.gu_busy_cycles,
+            gu_starved_cycles: count.gu_starved_cycles,
+            stack_high_water: model.get(outputs.stack_high_water),
+        }
     }
 
     /// Reads what the unit counted, and holds it against what was seen of it.
     fn end(&mut self) -> Result<()> {
-        self.counters = self.counters()?;
+        self.counters = self.counters();
         ensure!(
-            self.counter("stack_overflow")? == 0,
+            self.model.get(self.ports.outputs.stack_overflow) == 0,
             "the machine flags a stack overflow"
         );
         let counted = [

@@ -3,12 +3,13 @@
 
 use super::memory::{Bandwidth, Timing};
 use super::mismatch::{Field, Mismatch};
-use super::model::{BuildOptions, Model, PortHandle, Recording, Sources, build};
+use super::model::{BuildOptions, Model, Port, PortHandle, Recording, Sources, build};
 use super::raycast::Trace;
 use super::sources;
 use crate::float::Format;
 use crate::golden::RaySetup;
 use crate::hdl::{Design, HdlError, Module, Mutation};
+use crate::hw::{Plan, geometry, ray, tpu};
 use anyhow::{Context, Result, bail, ensure};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Instant;
@@ -342,7 +343,6 @@ pub(super) const DISTURBED_CYCLES: u64 = 64;
 pub(super) struct Bench {
     pub unit: &'static str,
     pub model: Model,
-    pub sources: Sources,
     pub tally: Tally,
     pub seed: u64,
     replay: String,
@@ -379,7 +379,6 @@ impl Bench {
         Ok(Bench {
             unit,
             model,
-            sources,
             tally: Tally::default(),
             seed: options.seed,
             replay: options.replay.clone(),
@@ -467,114 +466,57 @@ impl SetupPlace {
     }
 }
 
-/// The ports through which a unit is given rays that have been set up.
-pub(super) struct SetupPorts {
-    valid: PortHandle,
-    packet: PortHandle,
-    ray: PortHandle,
-    object: PortHandle,
-    /// Of a unit that has them.
-    first_and_last: Option<[PortHandle; 2]>,
-    fields: Vec<(PortHandle, String)>,
-}
-
-impl SetupPorts {
-    pub fn new(bench: &Bench) -> Result<SetupPorts> {
-        let model = &bench.model;
-        let mut fields = vec![];
-        for port in bench.sources.ports.iter().filter(|port| port.input) {
-            if let Some(field) = port.name.strip_prefix("setup_") {
-                const OF_PLACE: [&str; 8] = [
-                    "valid",
-                    "packet",
-                    "ray",
-                    "first",
-                    "last",
-                    "object",
-                    "soon",
-                    "next_packet",
-                ];
-                if !OF_PLACE.contains(&field) {
-                    fields.push((model.port(&port.name)?, field.to_string()));
-                }
-            }
-        }
-        Ok(SetupPorts {
-            valid: model.port("setup_valid")?,
-            packet: model.port("setup_packet")?,
-            ray: model.port("setup_ray")?,
-            object: model.port("setup_object")?,
-            first_and_last: match (model.port("setup_first"), model.port("setup_last")) {
-                (Ok(first), Ok(last)) => Some([first, last]),
-                _ => None,
+impl RaySetUp {
+    /// What the traversal unit is given of it.
+    pub fn for_traversal(&self, format: Format, place: SetupPlace) -> tpu::SetUp<u64> {
+        let numbers = |x: [f64; 3]| x.map(|x| format.to_bits(x));
+        let [near, far] = self.interval.map(|x| format.to_bits(x));
+        tpu::SetUp {
+            place: ray::Place {
+                packet: place.packet as u64,
+                ray: place.ray as u64,
+                first: place.first.into(),
+                last: place.last.into(),
             },
-            fields,
-        })
-    }
-
-    /// The values of the ports for one ray.
-    pub fn word(&self, format: Format, ray: &RaySetUp) -> Result<Vec<u64>> {
-        self.fields
-            .iter()
-            .map(|(_, name)| {
-                setup_field(format, ray, name)
-                    .with_context(|| format!("the unit has a port setup_{name}, which is unknown"))
-            })
-            .collect()
-    }
-
-    /// Shows a ray for the coming edge.
-    pub fn show(&self, model: &mut Model, place: SetupPlace, word: &[u64]) {
-        model.set(self.valid, 1);
-        model.set(self.packet, place.packet as u64);
-        model.set(self.ray, place.ray as u64);
-        model.set(self.object, place.object.into());
-        if let Some([first, last]) = self.first_and_last {
-            model.set(first, place.first.into());
-            model.set(last, place.last.into());
-        }
-        for ((port, _), value) in self.fields.iter().zip(word) {
-            model.set(*port, *value);
+            enters: self.enters.into(),
+            interval: ray::Interval { near, far },
+            signs: self.signs(),
+            origin: numbers(self.ray.origin),
+            reciprocal: numbers(self.ray.reciprocal),
         }
     }
 
-    /// Shows none; what else stands on the ports has no meaning, and may be anything.
-    pub fn hide(&self, model: &mut Model, rng: &mut fastrand::Rng) {
-        model.set(self.valid, 0);
-        let fields = self.fields.iter().map(|(port, _)| *port);
-        let ends = self.first_and_last.into_iter().flatten();
-        let places = [self.packet, self.ray, self.object];
-        model.garble(places.into_iter().chain(ends).chain(fields), rng);
-    }
-}
-
-fn setup_field(format: Format, set_up: &RaySetUp, name: &str) -> Option<u64> {
-    let RaySetUp {
-        ray,
-        interval,
-        enters,
-    } = set_up;
-    let number = |x: f64| format.to_bits(x);
-    let axis = |name: &str| ["x", "y", "z"].iter().position(|axis| *axis == name);
-    Some(match name {
-        "enters" => u64::from(*enters),
-        "near" => number(interval[0]),
-        "far" => number(interval[1]),
-        "tmin" => number(ray.tmin),
-        "tmax" => number(ray.tmax),
-        "any_hit" => u64::from(ray.any_hit),
-        "signs" => (0..3).fold(0, |bits, i| bits | u64::from(ray.negative[i]) << i),
-        "kz" => u64::from(ray.shear.axes[2]),
-        _ => {
-            let (vector, component) = name.split_once('_')?;
-            let vector = match vector {
-                "origin" => ray.origin,
-                "direction" => ray.direction,
-                "reciprocal" => ray.reciprocal,
-                "shear" => ray.shear.scale,
-                _ => return None,
-            };
-            number(vector[axis(component)?])
+    /// What the geometry unit is given of it, but for the last component of a watertight test's shear.
+    pub fn for_tests(&self, plan: &Plan, place: SetupPlace) -> geometry::SetUp<u64> {
+        let number = |x: f64| plan.format.to_bits(x);
+        let ray = &self.ray;
+        let [shear_x, shear_y, _] = ray.shear.scale.map(number);
+        geometry::SetUp {
+            packet: place.packet as u64,
+            ray: place.ray as u64,
+            object: place.object.into(),
+            tested: ray::Tested {
+                origin: ray.origin.map(number),
+                reciprocal: ray.reciprocal.map(number),
+                signs: self.signs(),
+                shear: plan.watertight().then(|| ray::Shear {
+                    kz: ray.shear.axes[2] as u64,
+                    shear_x,
+                    shear_y,
+                }),
+                direction: (!plan.watertight()).then(|| ray.direction.map(number)),
+            },
+            kept: geometry::Kept {
+                limits: ray::Limits {
+                    tmin: number(ray.tmin),
+                    tmax: number(ray.tmax),
+                },
+                any_hit: ray.any_hit.into(),
+            },
         }
-    })
+    }
+
+    fn signs(&self) -> u64 {
+        (0..3).fold(0, |bits, i| bits | u64::from(self.ray.negative[i]) << i)
+    }
 }

@@ -14,10 +14,9 @@
 use super::memory::Image;
 use super::mismatch::Field;
 use super::model::{BuildOptions, PortHandle};
-use super::raycast::{MemoryPort, TransformWatch};
+use super::raycast::{MemoryPort, compare_transform};
 use super::scoreboard::{
-    Bench, Category, RESET_CYCLES, RaySetUp, SetupPlace, SetupPorts, Surroundings, UnitOptions,
-    UnitReport,
+    Bench, Category, RESET_CYCLES, RaySetUp, SetupPlace, Surroundings, UnitOptions, UnitReport,
 };
 use super::workload::{Batch, Batches, TestScene, TinyTree, Workload, odd_number, tiny_scene};
 use crate::bkd::layout::{InstanceRecord, Record, Target};
@@ -27,7 +26,10 @@ use crate::golden::{
     Closest, EnterEvent, HandOver, Instance, Observer, Outcome, RaySetup, Transformed, Triangle,
     WHOLE_LINE,
 };
-use crate::hw::{Plan, geometry};
+use crate::hdl::{self, Bundle, ReadPort, Spec, Specs};
+use crate::hw::Plan;
+use crate::hw::geometry::{self, World};
+use crate::hw::ray::{Context, Leaf};
 use crate::port::Ray;
 use anyhow::{Result, ensure};
 use std::collections::VecDeque;
@@ -271,118 +273,14 @@ impl Packet {
 /// A ray that is written into the unit.
 struct Writing {
     place: SetupPlace,
-    word: Vec<u64>,
+    values: geometry::SetUp<u64>,
+    /// The last component of its shear.
+    shear_z: u64,
     /// Of a ray of the world: bits of its direction.
     direction: [u64; 3],
 }
 
-struct Ports {
-    leaf_valid: PortHandle,
-    leaf_ready: PortHandle,
-    leaf_packet: PortHandle,
-    leaf_address: PortHandle,
-    leaf_context: PortHandle,
-    leaf_mask: PortHandle,
-    sweep: PortHandle,
-    sweep_packet: PortHandle,
-    limit_valid: PortHandle,
-    limit_packet: PortHandle,
-    limit_ray: PortHandle,
-    limit_value: PortHandle,
-    done_valid: PortHandle,
-    done_packet: PortHandle,
-    done_context: PortHandle,
-    test_valid: PortHandle,
-    test_packet: PortHandle,
-    test_ray: PortHandle,
-    test_record: PortHandle,
-    test_instance: PortHandle,
-    test_hit: PortHandle,
-    test_replaces: PortHandle,
-    test_numbers: [PortHandle; 3],
-    read_packet: PortHandle,
-    read_ray: PortHandle,
-    read_numbers: [PortHandle; 3],
-    read_triangle: PortHandle,
-    read_instance: PortHandle,
-    instanced: PortHandle,
-    next_packet: PortHandle,
-    start_address: PortHandle,
-    start_leaf: PortHandle,
-    start_context: PortHandle,
-    transform: TransformWatch,
-    object_valid: PortHandle,
-    /// Packet, ray, first, last, tmin, tmax.
-    object: [PortHandle; 6],
-    /// Of the watertight test: valid, packet, ray, direction.
-    world: Option<[PortHandle; 6]>,
-}
-
-impl Ports {
-    fn new(bench: &Bench) -> Result<Ports> {
-        let port = |name: &str| bench.model.port(name);
-        Ok(Ports {
-            leaf_valid: port("leaf_valid")?,
-            leaf_ready: port("leaf_ready")?,
-            leaf_packet: port("leaf_packet")?,
-            leaf_address: port("leaf_address")?,
-            leaf_context: port("leaf_context")?,
-            leaf_mask: port("leaf_mask")?,
-            sweep: port("sweep")?,
-            sweep_packet: port("sweep_packet")?,
-            limit_valid: port("limit_valid")?,
-            limit_packet: port("limit_packet")?,
-            limit_ray: port("limit_ray")?,
-            limit_value: port("limit_value")?,
-            done_valid: port("done_valid")?,
-            done_packet: port("done_packet")?,
-            done_context: port("done_context")?,
-            test_valid: port("watch_test_valid")?,
-            test_packet: port("watch_test_packet")?,
-            test_ray: port("watch_test_ray")?,
-            test_record: port("watch_test_record")?,
-            test_instance: port("watch_test_instance")?,
-            test_hit: port("watch_test_hit")?,
-            test_replaces: port("watch_test_replaces")?,
-            test_numbers: [
-                port("watch_test_t")?,
-                port("watch_test_u")?,
-                port("watch_test_v")?,
-            ],
-            read_packet: port("read_packet")?,
-            read_ray: port("read_ray")?,
-            read_numbers: [port("read_t")?, port("read_u")?, port("read_v")?],
-            read_triangle: port("read_triangle")?,
-            read_instance: port("read_instance")?,
-            instanced: port("instanced")?,
-            next_packet: port("setup_next_packet")?,
-            start_address: port("start_address")?,
-            start_leaf: port("start_leaf")?,
-            start_context: port("start_context")?,
-            transform: TransformWatch::new(&bench.model)?,
-            object_valid: port("object_valid")?,
-            object: [
-                port("object_packet")?,
-                port("object_ray")?,
-                port("object_first")?,
-                port("object_last")?,
-                port("object_tmin")?,
-                port("object_tmax")?,
-            ],
-            world: match port("world_valid") {
-                Ok(valid) => Some([
-                    valid,
-                    port("world_packet")?,
-                    port("world_ray")?,
-                    port("world_direction_x")?,
-                    port("world_direction_y")?,
-                    port("world_direction_z")?,
-                ]),
-                Err(_) => None,
-            },
-        })
-    }
-}
+type Ports = hdl::Ports<geometry::Inputs<PortHandle>, geometry::Outputs<PortHandle>>;
 
 /// Co-simulates the geometry unit of a machine. Of [`Workload::Rays`] it gets the leaves that the golden model's traversal hands
 /// over; of tiny scenes any leaves, with any rays.
@@ -508,12 +406,12 @@ struct Run<'a> {
     format: Format,
     arithmetic: Arithmetic,
     test: TriangleTest,
-    level_bits: u32,
     /// Clocks by which a packet is named before its ray is written.
     read_latency: usize,
     bench: Bench,
     ports: Ports,
-    setup: SetupPorts,
+    context: Context<Spec>,
+    plan: Plan,
     /// By packet number in flight.
     packets: Vec<Option<Packet>>,
     free: Vec<usize>,
@@ -531,8 +429,7 @@ impl<'a> Run<'a> {
             Counted::Transforms => "transform",
         };
         let bench = Bench::new(name, &geometry::module(&plan)?.module, options)?;
-        let setup = SetupPorts::new(&bench)?;
-        let ports = Ports::new(&bench)?;
+        let ports = bench.model.ports(&geometry::ports(&plan))?;
         let format = config.format();
         Ok(Run {
             config,
@@ -542,12 +439,12 @@ impl<'a> Run<'a> {
             format,
             arithmetic: Arithmetic::new(format),
             test: config.triangle_test,
-            level_bits: plan.level_bits(),
             bench,
             ports,
-            setup,
+            context: Context::of(&plan),
             packets: (0..plan.packets()).map(|_| None).collect(),
             free: (0..plan.packets() as usize).rev().collect(),
+            plan,
             started: 0,
             tested: 0..0,
             rng: fastrand::Rng::with_seed(options.seed),
@@ -557,16 +454,16 @@ impl<'a> Run<'a> {
     /// Reset, and the sweep over all packets that must follow. Nothing of what was before may come out.
     fn reset(&mut self) -> Result<()> {
         self.bench.model.reset(RESET_CYCLES);
-        self.bench.model.set(self.ports.sweep, 1);
+        self.bench.model.set(self.ports.inputs.sweep, 1);
         for packet in 0..self.packets.len() {
             let model = &mut self.bench.model;
-            model.set(self.ports.sweep_packet, packet as u64);
+            model.set(self.ports.inputs.sweep_packet, packet as u64);
             model.eval();
             self.watch_test()?;
             self.watch_transform()?;
             self.bench.model.clock();
         }
-        self.bench.model.set(self.ports.sweep, 0);
+        self.bench.model.set(self.ports.inputs.sweep, 0);
         Ok(())
     }
 
@@ -654,12 +551,15 @@ impl<'a> Run<'a> {
     ) -> Result<()> {
         self.instanced = contents.is_instanced();
         let model = &mut self.bench.model;
-        let mut records =
-            MemoryPort::new(model, "record", contents.records.clone(), around.port(1))?;
-        let mut vertices =
-            MemoryPort::new(model, "vertex", contents.vertices.clone(), around.port(2))?;
+        let Ports { inputs, outputs } = self.ports;
+        let records = ReadPort::of_unit(outputs.record, inputs.record);
+        let (image, timing) = (contents.records.clone(), around.port(1));
+        let mut records = MemoryPort::new(model, "record", records, image, timing)?;
+        let vertices = ReadPort::of_unit(outputs.vertex, inputs.vertex);
+        let (image, timing) = (contents.vertices.clone(), around.port(2));
+        let mut vertices = MemoryPort::new(model, "vertex", vertices, image, timing)?;
         let instanced = self.instanced;
-        model.set(self.ports.instanced, instanced.into());
+        model.set(inputs.instanced, instanced.into());
         let mut waiting = packets.into_iter();
         let all = self.packets.len();
         // Rays to be written; those whose packet was named so many clocks before.
@@ -674,7 +574,7 @@ impl<'a> Run<'a> {
         loop {
             if arriving.is_empty() && !self.free.is_empty() {
                 match waiting.next() {
-                    Some((rays, leaves)) => self.arrive(&rays, leaves, &mut arriving)?,
+                    Some((rays, leaves)) => self.arrive(&rays, leaves, &mut arriving),
                     None if self.free.len() == all => break,
                     None => {}
                 }
@@ -686,27 +586,39 @@ impl<'a> Run<'a> {
             };
             let model = &mut self.bench.model;
             if let Some(writing) = &next {
-                model.set(self.ports.next_packet, writing.place.packet as u64);
+                model.set(inputs.setup_next_packet, writing.place.packet as u64);
             }
             announced.push_back(next);
             let written = announced.pop_front().flatten();
-            if let Some(world) = &self.ports.world {
+            if let Some(world) = &inputs.world {
                 let of_world = written.as_ref().filter(|w| !w.place.object);
-                model.set(world[0], of_world.is_some().into());
-                if let Some(writing) = of_world {
-                    let [x, y, z] = writing.direction;
-                    let place = writing.place;
-                    let values = [place.packet as u64, place.ray as u64, x, y, z];
-                    for (port, value) in world[1..].iter().zip(values) {
-                        model.set(*port, value);
-                    }
+                model.set(world.valid, of_world.is_some().into());
+                if let Some(&Writing {
+                    place, direction, ..
+                }) = of_world
+                {
+                    let (packet, ray) = (place.packet as u64, place.ray as u64);
+                    let values = World {
+                        packet,
+                        ray,
+                        direction,
+                    };
+                    model.drive(&world.payload, values);
                 }
             }
+            model.set(inputs.setup.valid, written.is_some().into());
             match &written {
-                Some(Writing { place, word, .. }) => {
-                    self.setup.show(model, *place, word);
+                Some(writing) => {
+                    model.drive(&inputs.setup.payload, writing.values);
+                    if let Some(port) = inputs.setup_shear_z {
+                        model.set(port, writing.shear_z);
+                    }
                 }
-                None => self.setup.hide(model, &mut self.rng),
+                // What else stands on the ports has no meaning, and may be anything.
+                None => {
+                    let fields = inputs.setup.payload.leaves().into_iter();
+                    model.garble(fields.chain(inputs.setup_shear_z), &mut self.rng);
+                }
             }
             // A leaf once offered stays until it is taken.
             if offered.is_none() && !ready.is_empty() && !self.pauses(around) {
@@ -714,17 +626,10 @@ impl<'a> Run<'a> {
                 self.offer(id, instanced);
                 offered = Some(id);
             }
-            let ports = &self.ports;
             let model = &mut self.bench.model;
-            model.set(ports.leaf_valid, offered.is_some().into());
+            model.set(inputs.leaf.valid, offered.is_some().into());
             if offered.is_none() {
-                let leaf = [
-                    ports.leaf_packet,
-                    ports.leaf_address,
-                    ports.leaf_context,
-                    ports.leaf_mask,
-                ];
-                model.garble(leaf, &mut self.rng);
+                model.garble(inputs.leaf.payload.leaves(), &mut self.rng);
             }
             // One closest hit a clock is read.
             let reads = if !finished.is_empty() && !self.pauses(around) {
@@ -733,11 +638,10 @@ impl<'a> Run<'a> {
                 None
             };
             let model = &mut self.bench.model;
-            let ports = &self.ports;
             if let Some(id) = reads {
                 let packet = self.packets[id].as_ref().expect("it is to be read back");
-                model.set(ports.read_packet, id as u64);
-                model.set(ports.read_ray, packet.read as u64);
+                model.set(inputs.read_packet, id as u64);
+                model.set(inputs.read_ray, packet.read as u64);
             }
             records.show(model);
             vertices.show(model);
@@ -757,7 +661,7 @@ impl<'a> Run<'a> {
                 }
             }
             if let Some(id) = offered {
-                if self.bench.model.get(self.ports.leaf_ready) != 0 {
+                if self.bench.model.get(outputs.leaf_ready) != 0 {
                     self.expect(contents, id);
                     offered = None;
                     progress = true;
@@ -777,7 +681,7 @@ impl<'a> Run<'a> {
             if let Some((id, is_done)) = self.watch_transform()? {
                 progress = true;
                 if is_done {
-                    self.set_up_object(id, &mut arriving)?;
+                    self.set_up_object(id, &mut arriving);
                 }
             }
             records.take(&self.bench.model)?;
@@ -803,12 +707,7 @@ impl<'a> Run<'a> {
     }
 
     /// Chooses a packet's number in flight, and lets its rays be written.
-    fn arrive(
-        &mut self,
-        rays: &[Ray],
-        leaves: Vec<HandOver>,
-        arriving: &mut VecDeque<Writing>,
-    ) -> Result<()> {
+    fn arrive(&mut self, rays: &[Ray], leaves: Vec<HandOver>, arriving: &mut VecDeque<Writing>) {
         let id = self.free.swap_remove(self.rng.usize(..self.free.len()));
         let mut tested = vec![];
         for (slot, ray) in rays.iter().enumerate() {
@@ -818,10 +717,10 @@ impl<'a> Run<'a> {
                 interval: [setup.tmin, setup.tmax],
                 enters: setup.valid,
             };
+            let place = SetupPlace::of_world(id, slot, rays.len());
             arriving.push_back(Writing {
-                place: SetupPlace::of_world(id, slot, rays.len()),
-                word: self.setup.word(self.format, &set_up)?,
                 direction: ray.direction.map(|x| self.format.to_bits(x)),
+                ..self.writing(place, &set_up)
             });
             let numbers = ray.origin.iter().chain(&ray.direction);
             let some = |holds: fn(f64) -> bool| numbers.clone().any(|x| holds(*x));
@@ -847,11 +746,19 @@ impl<'a> Run<'a> {
             read: 0,
         });
         self.started += 1;
-        Ok(())
+    }
+
+    fn writing(&self, place: SetupPlace, ray: &RaySetUp) -> Writing {
+        Writing {
+            place,
+            values: ray.for_tests(&self.plan, place),
+            shear_z: self.format.to_bits(ray.ray.shear.scale[2]),
+            direction: [0; 3],
+        }
     }
 
     /// Ray setup's part for the rays that the unit has transformed: all of them are written, whether they enter or not.
-    fn set_up_object(&mut self, id: usize, arriving: &mut VecDeque<Writing>) -> Result<()> {
+    fn set_up_object(&self, id: usize, arriving: &mut VecDeque<Writing>) {
         let packet = self.packets[id].as_ref().expect("its rays are transformed");
         let mask = packet.leaves[packet.next_leaf - 1].mask;
         for (slot, ray) in packet.rays.iter().enumerate() {
@@ -869,19 +776,15 @@ impl<'a> Run<'a> {
                 interval: [object.near, object.far],
                 enters: object.enters,
             };
-            arriving.push_back(Writing {
-                place: SetupPlace {
-                    packet: id,
-                    ray: slot,
-                    first: mask & ((1 << slot) - 1) == 0,
-                    last: mask >> slot == 1,
-                    object: true,
-                },
-                word: self.setup.word(self.format, &set_up)?,
-                direction: [0; 3],
-            });
+            let place = SetupPlace {
+                packet: id,
+                ray: slot,
+                first: mask & ((1 << slot) - 1) == 0,
+                last: mask >> slot == 1,
+                object: true,
+            };
+            arriving.push_back(self.writing(place, &set_up));
         }
-        Ok(())
     }
 
     /// Beside the last ray of an object: compares where its packet starts.
@@ -900,14 +803,13 @@ impl<'a> Run<'a> {
             Target::Node(index) => (index, 0),
             Target::Record(index) => (index, 1),
         };
-        let (ports, model) = (&self.ports, &self.bench.model);
+        let start = self.bench.model.sample(&self.ports.outputs.start);
         let context = self.context(packet, 1);
         let fields = [
-            ("root's index", u64::from(address), ports.start_address),
-            ("root is a leaf", is_leaf, ports.start_leaf),
-            ("context", context, ports.start_context),
-        ]
-        .map(|(name, golden, port)| (name, golden, model.get(port)));
+            ("root's index", u64::from(address), start.address),
+            ("root is a leaf", is_leaf, start.leaf),
+            ("context", context, start.context),
+        ];
         if fields.iter().any(|(_, golden, rtl)| golden != rtl) {
             let fields = fields.map(|(name, golden, rtl)| Field::integer(name, golden, rtl));
             let place = format!(
@@ -922,9 +824,11 @@ impl<'a> Run<'a> {
 
     /// A packet's context, as the traversal unit packs it.
     fn context(&self, packet: &Packet, inside: u64) -> u64 {
-        packet.level
-            | packet.touched << self.level_bits
-            | inside << (self.level_bits + self.config.rays_per_packet)
+        self.context.encode(Context {
+            level: packet.level,
+            touched: packet.touched,
+            inside,
+        })
     }
 
     /// Shows a packet's next leaf.
@@ -940,11 +844,13 @@ impl<'a> Run<'a> {
         let leaf = packet.leaf();
         let packet = self.packets[id].as_ref().expect("it was there just now");
         let context = self.context(packet, u64::from(instanced && !leaf.instance));
-        let (ports, model) = (&self.ports, &mut self.bench.model);
-        model.set(ports.leaf_packet, id as u64);
-        model.set(ports.leaf_address, leaf.record.into());
-        model.set(ports.leaf_mask, leaf.mask.into());
-        model.set(ports.leaf_context, context);
+        let shown = Leaf {
+            packet: id as u64,
+            address: leaf.record.into(),
+            context,
+            mask: leaf.mask.into(),
+        };
+        (self.bench.model).drive(&self.ports.inputs.leaf.payload, shown);
     }
 
     /// Asks the golden model what must come of a leaf that the unit takes.
@@ -1051,25 +957,19 @@ impl<'a> Run<'a> {
 
     /// Compares the test that the unit shows, if any; returns its packet, and whether its leaf is done.
     fn watch_test(&mut self) -> Result<Option<(usize, bool)>> {
-        let (ports, model) = (&self.ports, &self.bench.model);
-        let get = |port| model.get(port);
-        let strays = || {
-            [
-                ("a limit", ports.limit_valid),
-                ("a leaf done", ports.done_valid),
-            ]
-            .into_iter()
-            .find(|(_, valid)| get(*valid) != 0)
-        };
-        if get(ports.test_valid) == 0 {
-            return match strays() {
+        let (ports, model) = (&self.ports.outputs, &self.bench.model);
+        let (limit, done) = (model.sample(&ports.limit), model.sample(&ports.done));
+        if model.get(ports.watch_test.valid) == 0 {
+            let strays = [("a limit", limit.valid), ("a leaf done", done.valid)];
+            return match strays.into_iter().find(|(_, valid)| *valid != 0) {
                 Some((what, _)) => Err(self
                     .bench
                     .mismatch(format!("{what} without a test"), vec![])),
                 None => Ok(None),
             };
         }
-        let id = get(ports.test_packet) as usize;
+        let test = model.sample(&ports.watch_test.payload);
+        let id = test.packet as usize;
         let golden = self
             .packets
             .get_mut(id)
@@ -1091,23 +991,24 @@ impl<'a> Run<'a> {
             expected.outcome.raw[2],
         ];
         let (inside, instance) = (u64::from(self.instanced), packet.instance);
-        let context = packet.level
-            | packet.touched << self.level_bits
-            | inside << (self.level_bits + self.config.rays_per_packet);
-        let agrees = get(ports.test_ray) == expected.ray as u64
-            && get(ports.test_record) == u64::from(leaf.record)
-            && get(ports.test_instance) == u64::from(instance)
-            && get(ports.test_hit) == u64::from(hits)
-            && get(ports.test_replaces) == u64::from(expected.replaces)
-            && (!hits || ports.test_numbers.map(get) == numbers.map(bits))
-            && get(ports.limit_valid) == u64::from(expected.replaces)
+        let context = self.context.encode(Context {
+            level: packet.level,
+            touched: packet.touched,
+            inside,
+        });
+        let agrees = test.ray == expected.ray as u64
+            && test.record == u64::from(leaf.record)
+            && test.instance == u64::from(instance)
+            && test.hit == u64::from(hits)
+            && test.replaces == u64::from(expected.replaces)
+            && (!hits || [test.t, test.u, test.v] == numbers.map(bits))
+            && limit.valid == u64::from(expected.replaces)
             && (!expected.replaces
-                || get(ports.limit_packet) == id as u64
-                    && get(ports.limit_ray) == expected.ray as u64
-                    && get(ports.limit_value) == bits(expected.limit))
-            && get(ports.done_valid) == u64::from(is_done)
-            && (!is_done
-                || get(ports.done_packet) == id as u64 && get(ports.done_context) == context);
+                || limit.payload.packet == id as u64
+                    && limit.payload.ray == expected.ray as u64
+                    && limit.payload.value == bits(expected.limit))
+            && done.valid == u64::from(is_done)
+            && (!is_done || done.payload.packet == id as u64 && done.payload.context == context);
         if !agrees {
             let packet = self.packets[id].as_ref().expect("it was there just now");
             return Err(self.test_mismatch(id, packet, &expected, context));
@@ -1128,15 +1029,18 @@ impl<'a> Run<'a> {
 
     /// Compares the transformed ray that the unit shows, if any; returns its packet, and whether its instance is done.
     fn watch_transform(&mut self) -> Result<Option<(usize, bool)>> {
-        let (ports, model) = (&self.ports, &self.bench.model);
-        let Some(id) = ports.transform.packet(model) else {
-            return match model.get(ports.object_valid) {
+        let (ports, model) = (&self.ports.outputs, &self.bench.model);
+        let valid = model.get(ports.object.valid);
+        if model.get(ports.watch_transform.valid) == 0 {
+            return match valid {
                 0 => Ok(None),
                 _ => Err(self
                     .bench
                     .mismatch("a ray for ray setup without a transformation", vec![])),
             };
-        };
+        }
+        let shown = model.sample(&ports.watch_transform.payload);
+        let id = shown.packet as usize;
         let golden = self
             .packets
             .get_mut(id)
@@ -1152,7 +1056,7 @@ impl<'a> Run<'a> {
         let mask = packet.leaf().mask;
         let is_first = mask.trailing_zeros() == u32::from(expected.slot);
         let transformed = &expected.transformed;
-        let mut fields = ports.transform.compare(model, self.format, &expected);
+        let mut fields = compare_transform(&shown, self.format, &expected);
         let bits = |x: f64| self.format.to_bits(x);
         let given = [
             id as u64,
@@ -1162,8 +1066,15 @@ impl<'a> Run<'a> {
             bits(transformed.near),
             bits(transformed.far),
         ];
-        let rtl = ports.object.map(|port| model.get(port));
-        let valid = model.get(ports.object_valid);
+        let object = model.sample(&ports.object.payload);
+        let rtl = [
+            object.place.packet,
+            object.place.ray,
+            object.place.first,
+            object.place.last,
+            object.limits.tmin,
+            object.limits.tmax,
+        ];
         if !fields.is_empty() || valid != 1 || rtl != given {
             fields.push(Field::integer("given to ray setup", 1, valid));
             let names = ["packet", "ray", "first", "last"];
@@ -1196,7 +1107,8 @@ impl<'a> Run<'a> {
         expected: &Expected,
         context: u64,
     ) -> anyhow::Error {
-        let (ports, model) = (&self.ports, &self.bench.model);
+        let (ports, model) = (&self.ports.outputs, &self.bench.model);
+        let test = &ports.watch_test.payload;
         let outcome = &expected.outcome;
         let number = |name: &str, golden: f64, port| {
             let golden = self.format.to_bits(golden);
@@ -1207,31 +1119,35 @@ impl<'a> Run<'a> {
         let replaces = u64::from(expected.replaces);
         let is_done = packet.tests.is_empty();
         let mut fields = vec![
-            integer("ray of the packet", expected.ray as u64, ports.test_ray),
-            integer("record", record.into(), ports.test_record),
-            integer("instance", packet.instance.into(), ports.test_instance),
-            integer("hit", outcome.hit.into(), ports.test_hit),
+            integer("ray of the packet", expected.ray as u64, test.ray),
+            integer("record", record.into(), test.record),
+            integer("instance", packet.instance.into(), test.instance),
+            integer("hit", outcome.hit.into(), test.hit),
         ];
         if outcome.hit {
-            fields.push(number("t", outcome.t, ports.test_numbers[0]));
-            fields.push(number("u", outcome.raw[1], ports.test_numbers[1]));
-            fields.push(number("v", outcome.raw[2], ports.test_numbers[2]));
+            fields.push(number("t", outcome.t, test.t));
+            fields.push(number("u", outcome.raw[1], test.u));
+            fields.push(number("v", outcome.raw[2], test.v));
         }
-        fields.push(integer(
-            "replaces the closest",
-            replaces,
-            ports.test_replaces,
-        ));
-        fields.push(integer("limit given", replaces, ports.limit_valid));
+        fields.push(integer("replaces the closest", replaces, test.replaces));
+        fields.push(integer("limit given", replaces, ports.limit.valid));
         if expected.replaces {
-            fields.push(integer("limit's packet", id as u64, ports.limit_packet));
-            fields.push(integer("limit's ray", expected.ray as u64, ports.limit_ray));
-            fields.push(number("limit", expected.limit, ports.limit_value));
+            fields.push(integer(
+                "limit's packet",
+                id as u64,
+                ports.limit.payload.packet,
+            ));
+            fields.push(integer(
+                "limit's ray",
+                expected.ray as u64,
+                ports.limit.payload.ray,
+            ));
+            fields.push(number("limit", expected.limit, ports.limit.payload.value));
         }
-        fields.push(integer("leaf done", is_done.into(), ports.done_valid));
+        fields.push(integer("leaf done", is_done.into(), ports.done.valid));
         if is_done {
-            fields.push(integer("packet done", id as u64, ports.done_packet));
-            fields.push(integer("its context", context, ports.done_context));
+            fields.push(integer("packet done", id as u64, ports.done.payload.packet));
+            fields.push(integer("its context", context, ports.done.payload.context));
         }
         let place = format!(
             "ray-triangle test of ray {} of packet {} ({id} in flight) with record {record}, its leaf {}",
@@ -1242,7 +1158,7 @@ impl<'a> Run<'a> {
 
     /// Compares the closest hit that was asked for; returns whether it was the packet's last.
     fn read_back(&mut self, id: usize) -> Result<bool> {
-        let (ports, model) = (&self.ports, &self.bench.model);
+        let shown = self.bench.model.sample(&self.ports.outputs.read);
         let packet = self.packets[id].as_mut().expect("it is being read back");
         let slot = packet.read;
         packet.read += 1;
@@ -1250,8 +1166,8 @@ impl<'a> Run<'a> {
         if packet.touched >> slot & 1 != 0 {
             let hit = packet.rays[slot].closest.hit;
             let golden = [hit.t, hit.u, hit.v].map(|x| self.format.to_bits(x));
-            let rtl = ports.read_numbers.map(|port| model.get(port));
-            let identity = [ports.read_instance, ports.read_triangle].map(|port| model.get(port));
+            let rtl = [shown.t, shown.u, shown.v];
+            let identity = [shown.instance, shown.triangle];
             let golden_identity = [hit.instance, hit.triangle].map(u64::from);
             if golden != rtl || golden_identity != identity {
                 let mut fields: Vec<_> = ["t", "u", "v"]

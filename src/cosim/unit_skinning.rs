@@ -4,11 +4,12 @@
 //!
 //! [`SkinUnit`] skins one mesh after another in memories that the caller keeps; [`run`] gives it a [`Workload`].
 
-use super::memory::{Image, ReadPort, ReadResponse, Timing, WritePort, WriteRequest};
+use super::memory::{
+    Image, ReadHandles, ReadPort, ReadResponse, Timing, WriteHandles, WritePort, WriteRequest,
+};
 use super::mismatch::Field;
 use super::model::PortHandle;
 use super::scoreboard::{Bench, Category, RESET_CYCLES, Surroundings, UnitOptions, UnitReport};
-use super::unit_update::{ReadHandles, WriteHandles};
 use crate::bkd::layout::{
     Columns, INFLUENCES_PER_ROW, Influence, Record, influence_words, influences_of_words,
     vector_words,
@@ -16,7 +17,10 @@ use crate::bkd::layout::{
 use crate::config::Config;
 use crate::float::{Arithmetic, Format};
 use crate::golden::skinning::{MOST_INFLUENCES, SkinCommand, SkinEvent, SkinMemory, Skinned, skin};
-use crate::hw::emit;
+use crate::hdl::{self, Bundle};
+use crate::hw::Plan;
+use crate::hw::raycast::{Inputs, Outputs, emit, ports};
+use crate::hw::skinning::Mesh;
 use crate::scene::animation::{MachineObject, ObjectFrame};
 use anyhow::{Result, ensure};
 use std::collections::VecDeque;
@@ -258,6 +262,8 @@ impl Expected {
     }
 }
 
+type Ports = hdl::Ports<Inputs<PortHandle>, Outputs<PortHandle>>;
+
 /// The ray casting unit in simulation, given nothing but meshes to skin.
 pub struct SkinUnit {
     bench: Bench,
@@ -266,11 +272,7 @@ pub struct SkinUnit {
     vector: ReadHandles,
     row: ReadHandles,
     write: WriteHandles,
-    start: PortHandle,
-    start_ready: PortHandle,
-    command: [PortHandle; 7],
-    done: PortHandle,
-    counters: [PortHandle; 2],
+    ports: Ports,
     rng: fastrand::Rng,
     /// Meshes so far, to give every memory of each a seed of its own.
     meshes: u64,
@@ -285,31 +287,29 @@ impl SkinUnit {
         let machine = emit(config)?;
         let mut bench = Bench::new("skinning", machine.design.top(), options)?;
         bench.model.reset(RESET_CYCLES);
-        let model = &bench.model;
-        let port = |name: &str| model.port(name);
+        let handles = bench.model.ports(&ports(&Plan::new(config)?))?;
+        let Ports { inputs, outputs } = handles;
         Ok(SkinUnit {
             format: config.format(),
             joints: config.skinning_joints,
-            vector: ReadHandles::new(model, "vertex")?,
-            row: ReadHandles::new(model, "influence")?,
-            write: WriteHandles::new(model, "skin")?,
-            start: port("skin_start_valid")?,
-            start_ready: port("skin_start_ready")?,
-            command: [
-                port("skin_start_palette")?,
-                port("skin_start_joints")?,
-                port("skin_start_influences")?,
-                port("skin_start_rows")?,
-                port("skin_start_rest")?,
-                port("skin_start_vertices")?,
-                port("skin_start_target")?,
-            ],
-            done: port("skin_done")?,
-            counters: [port("count_skin_influences")?, port("count_skin_cycles")?],
+            vector: ReadHandles::of_unit(outputs.vertex, inputs.vertex),
+            row: ReadHandles::of_unit(outputs.influence, inputs.influence),
+            write: WriteHandles {
+                valid: outputs.skin_write.valid,
+                ready: inputs.skin_write_ready,
+                payload: outputs.skin_write.payload,
+            },
+            ports: handles,
             rng: fastrand::Rng::with_seed(options.seed),
             meshes: 0,
             bench,
         })
+    }
+
+    /// Influences and clocks counted since reset.
+    fn counters(&self) -> [u64; 2] {
+        let count = &self.ports.outputs.count;
+        [count.skin_influences, count.skin_cycles].map(|port| self.bench.model.get(port))
     }
 
     /// Clocks simulated so far, the reset's included.
@@ -383,19 +383,19 @@ impl SkinUnit {
         let mut write_port = WritePort::new("skin_write", &[w; 3], write_timing)?;
         let mut data = vec![0; vector_record.words()];
 
-        let values = [
-            command.palette,
-            command.joints,
-            command.influences,
-            command.rows,
-            command.rest,
-            command.vertices,
-            command.target,
-        ];
-        for (port, value) in self.command.into_iter().zip(values) {
-            self.bench.model.set(port, value.into());
-        }
-        let before = self.counters.map(|port| self.bench.model.get(port));
+        let Ports { inputs, outputs } = self.ports;
+        let values = Mesh {
+            palette: command.palette,
+            joints: command.joints,
+            influences: command.influences,
+            rows: command.rows,
+            rest: command.rest,
+            vertices: command.vertices,
+            target: command.target,
+        };
+        let values = values.map(|_, value| value.into());
+        self.bench.model.drive(&inputs.skin_start.payload, values);
+        let before = self.counters();
         if self.meshes == 1 && before.iter().any(|&count| count != 0) {
             let fields = before.map(|count| Field::integer("counter", 0, count));
             return Err(self.bench.mismatch("after reset", fields.into()));
@@ -427,13 +427,13 @@ impl SkinUnit {
                 budget = budget.min(SHARED_BYTES) + SHARED_BYTES;
             }
             let accepted: [bool; 3] = std::array::from_fn(|k| offered[k] && granted[k]);
-            let starting = starts && model.get(self.start_ready) != 0;
+            let starting = starts && model.get(outputs.skin_start_ready) != 0;
 
             // For the edge.
-            model.set(self.start, starts.into());
+            model.set(inputs.skin_start.valid, starts.into());
             let ready = [
-                (self.vector.ready, vector_port.ready()),
-                (self.row.ready, row_port.ready()),
+                (self.vector.request.ready, vector_port.ready()),
+                (self.row.request.ready, row_port.ready()),
                 (self.write.ready, write_port.ready()),
             ];
             for ((port, ready), granted) in ready.into_iter().zip(granted) {
@@ -465,10 +465,10 @@ impl SkinUnit {
             vector_answer = vector_port.step(vector_request.filter(|_| granted[0]))?;
             row_answer = row_port.step(row_request.filter(|_| granted[1]))?;
             if accepted[2] {
-                model.get_words(self.write.data, &mut data);
+                model.get_words(self.write.payload.data, &mut data);
             }
             let write = WriteRequest {
-                address: model.get(self.write.address),
+                address: model.get(self.write.payload.address),
                 data: &data,
                 mask: 0b111,
             };
@@ -476,7 +476,7 @@ impl SkinUnit {
             self.bench.model.clock();
 
             started |= starting;
-            if self.bench.model.get(self.done) != 0 {
+            if self.bench.model.get(outputs.skin_done) != 0 {
                 break;
             }
             let progress = starting || accepted.contains(&true);
@@ -502,17 +502,17 @@ impl SkinUnit {
         arrays: &SkinArrays,
     ) -> Result<SkinFigures> {
         let model = &mut self.bench.model;
-        model.set(self.start, 0);
+        model.set(self.ports.inputs.skin_start.valid, 0);
         for port in [
-            self.vector.ready,
-            self.row.ready,
+            self.vector.request.ready,
+            self.row.request.ready,
             self.write.ready,
-            self.vector.response_valid,
-            self.row.response_valid,
+            self.vector.response.valid,
+            self.row.response.valid,
         ] {
             model.set(port, 0);
         }
-        let after = self.counters.map(|port| self.bench.model.get(port));
+        let after = self.counters();
         let [influences, busy] = std::array::from_fn(|k| after[k] - before[k]);
         if (influences, expected.left()) != (golden.influences, 0) {
             let fields = vec![
@@ -607,13 +607,13 @@ impl SkinUnit {
     fn vertex_written(&mut self, golden: Option<(u32, [u64; 3])>, number: u64) -> Result<()> {
         self.bench.tally.checked += 1;
         let (model, w) = (&self.bench.model, self.format.width());
-        let address = model.get(self.write.address);
+        let address = model.get(self.write.payload.address);
         let Some((vertex, position)) = golden else {
             let place = format!("one vertex too many is written, at {address}");
             return Err(self.bench.mismatch(place, vec![]));
         };
         let rtl: [u64; 3] =
-            std::array::from_fn(|k| model.get_field(self.write.data, k as u32 * w, w));
+            std::array::from_fn(|k| model.get_field(self.write.payload.data, k as u32 * w, w));
         if (address, rtl) == (vertex.into(), position) {
             return Ok(());
         }

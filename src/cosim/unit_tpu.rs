@@ -13,8 +13,8 @@ use super::mismatch::Field;
 use super::model::PortHandle;
 use super::raycast::MemoryPort;
 use super::scoreboard::{
-    Bench, Categories, Category, RESET_CYCLES, RaySetUp, SetupPlace, SetupPorts, Surroundings,
-    UnitOptions, UnitReport,
+    Bench, Categories, Category, RESET_CYCLES, RaySetUp, SetupPlace, Surroundings, UnitOptions,
+    UnitReport,
 };
 use super::workload::{Batch, Batches, TestScene, Workload};
 use crate::bkd::Target;
@@ -24,6 +24,9 @@ use crate::golden::raycast::{RaySet, StepEvent};
 use crate::golden::{
     Closest, EnterEvent, HandOver, Observer, PopEvent, PushEvent, RaySetup, RayTest,
 };
+use crate::hdl::{self, Bundle, ReadPort, Spec, Specs};
+use crate::hw::ray::{Context, InContext, Limit, Start};
+use crate::hw::tpu::Finished;
 use crate::hw::{Plan, tpu};
 use crate::port::Ray;
 use anyhow::Result;
@@ -174,76 +177,10 @@ struct Packet {
 /// A ray that ray setup is giving to the unit.
 struct Arriving {
     place: SetupPlace,
-    word: Vec<u64>,
+    values: tpu::SetUp<u64>,
 }
 
-struct Ports {
-    root: PortHandle,
-    object_address: PortHandle,
-    object_leaf: PortHandle,
-    object_context: PortHandle,
-    soon: PortHandle,
-    leaf_valid: PortHandle,
-    leaf_ready: PortHandle,
-    leaf_packet: PortHandle,
-    leaf_address: PortHandle,
-    leaf_context: PortHandle,
-    leaf_mask: PortHandle,
-    limit_valid: PortHandle,
-    limit_packet: PortHandle,
-    limit_ray: PortHandle,
-    limit_value: PortHandle,
-    done_valid: PortHandle,
-    done_packet: PortHandle,
-    done_context: PortHandle,
-    finished_valid: PortHandle,
-    finished_packet: PortHandle,
-    finished_touched: PortHandle,
-    step_taken: PortHandle,
-    step_packet: PortHandle,
-    step_node: PortHandle,
-    step_masks: [PortHandle; 2],
-    step_left_first: PortHandle,
-    step_intervals: [PortHandle; 2],
-}
-
-impl Ports {
-    fn new(bench: &Bench) -> Result<Ports> {
-        let port = |name: &str| bench.model.port(name);
-        Ok(Ports {
-            root: port("root")?,
-            object_address: port("object_address")?,
-            object_leaf: port("object_leaf")?,
-            object_context: port("object_context")?,
-            soon: port("setup_soon")?,
-            leaf_valid: port("leaf_valid")?,
-            leaf_ready: port("leaf_ready")?,
-            leaf_packet: port("leaf_packet")?,
-            leaf_address: port("leaf_address")?,
-            leaf_context: port("leaf_context")?,
-            leaf_mask: port("leaf_mask")?,
-            limit_valid: port("limit_valid")?,
-            limit_packet: port("limit_packet")?,
-            limit_ray: port("limit_ray")?,
-            limit_value: port("limit_value")?,
-            done_valid: port("done_valid")?,
-            done_packet: port("done_packet")?,
-            done_context: port("done_context")?,
-            finished_valid: port("finished_valid")?,
-            finished_packet: port("finished_packet")?,
-            finished_touched: port("finished_touched")?,
-            step_taken: port("step_taken")?,
-            step_packet: port("watch_step_packet")?,
-            step_node: port("watch_step_node")?,
-            step_masks: [port("watch_step_left")?, port("watch_step_right")?],
-            step_left_first: port("watch_step_left_first")?,
-            step_intervals: [
-                port("watch_step_left_intervals")?,
-                port("watch_step_right_intervals")?,
-            ],
-        })
-    }
-}
+type Ports = hdl::Ports<tpu::Inputs<PortHandle>, tpu::Outputs<PortHandle>>;
 
 /// Co-simulates the traversal processing unit of a machine.
 ///
@@ -262,10 +199,9 @@ struct Run<'a> {
     format: Format,
     arithmetic: Arithmetic,
     rays: u32,
-    level_bits: u32,
     bench: Bench,
     ports: Ports,
-    setup: SetupPorts,
+    context: Context<Spec>,
     /// Whether the batch's scene has two levels.
     instanced: bool,
     /// By packet number in flight.
@@ -296,18 +232,16 @@ impl<'a> Run<'a> {
         options: &UnitOptions,
     ) -> Result<Run<'a>> {
         let bench = Bench::new("tpu", &unit.module, options)?;
-        let setup = SetupPorts::new(&bench)?;
-        let ports = Ports::new(&bench)?;
+        let ports = bench.model.ports(&tpu::ports(plan))?;
         let format = config.format();
         Ok(Run {
             config,
             format,
             arithmetic: Arithmetic::new(format),
             rays: plan.rays(),
-            level_bits: plan.level_bits(),
             bench,
             ports,
-            setup,
+            context: Context::of(plan),
             instanced: false,
             packets: (0..plan.packets()).map(|_| None).collect(),
             free: (0..plan.packets() as usize).collect(),
@@ -341,12 +275,10 @@ impl<'a> Run<'a> {
 
     /// Compares the deepest stack since the reset.
     fn stack_mark(&mut self, deepest: u32, when: &str) -> Result<()> {
-        let model = &self.bench.model;
-        let (high_water, overflow) = (
-            model.get(model.port("stack_high_water")?),
-            model.get(model.port("stack_overflow")?),
-        );
-        if (high_water, overflow) != (deepest.into(), 0) {
+        let (outputs, model) = (&self.ports.outputs, &self.bench.model);
+        let [high_water, overflow] =
+            [outputs.stack_high_water, outputs.stack_overflow].map(|port| model.get(port));
+        if [high_water, overflow] != [deepest.into(), 0] {
             let fields = vec![
                 Field::integer("stack high-water mark", deepest.into(), high_water),
                 Field::integer("stack overflow", 0, overflow),
@@ -361,13 +293,11 @@ impl<'a> Run<'a> {
         let scene = Rc::clone(&batch.scene);
         self.instanced = scene.root.right_leaf;
         let root = u64::from(scene.root.pack());
-        self.bench.model.set(self.ports.root, root);
-        let mut memory = MemoryPort::new(
-            &mut self.bench.model,
-            "node",
-            scene.nodes.clone(),
-            around.port(1),
-        )?;
+        self.bench.model.set(self.ports.inputs.root, root);
+        let (inputs, outputs) = (self.ports.inputs, self.ports.outputs);
+        let port = ReadPort::of_unit(outputs.node, inputs.node);
+        let (model, nodes) = (&mut self.bench.model, scene.nodes.clone());
+        let mut memory = MemoryPort::new(model, "node", port, nodes, around.port(1))?;
         let mut waiting = batch.packets.iter();
         // A packet's rays that are still to be announced.
         let mut arriving: VecDeque<Arriving> = VecDeque::new();
@@ -377,7 +307,7 @@ impl<'a> Run<'a> {
             // Ray setup: a ray is announced, and shown so many clocks later. Rays of objects go first.
             if arriving.is_empty() && !self.free.is_empty() {
                 match waiting.next() {
-                    Some(rays) => self.arrive(&scene, rays, &mut arriving)?,
+                    Some(rays) => self.arrive(&scene, rays, &mut arriving),
                     None if self.free.len() == all => break,
                     None => {}
                 }
@@ -387,24 +317,29 @@ impl<'a> Run<'a> {
                 false => self.entering.pop_front().or_else(|| arriving.pop_front()),
             };
             let model = &mut self.bench.model;
-            model.set(self.ports.soon, next.is_some().into());
+            model.set(inputs.setup_soon, next.is_some().into());
             self.announced.push_back(next);
             match self.announced.pop_front().flatten() {
                 Some(ray) => self.show(&scene, &ray),
-                None => self.setup.hide(model, &mut self.rng),
+                None => {
+                    // What else stands on the ports has no meaning, and may be anything.
+                    model.set(inputs.setup.valid, 0);
+                    let fields = inputs.setup.payload.leaves().into_iter();
+                    model.garble(fields.chain([inputs.setup_object]), &mut self.rng);
+                }
             }
             let model = &mut self.bench.model;
             memory.show(model);
-            self.return_leaves(around)?;
+            self.return_leaves(around);
             let takes_leaf = !self.pauses(around);
             let model = &mut self.bench.model;
-            model.set(self.ports.leaf_ready, takes_leaf.into());
+            model.set(inputs.leaf_ready, takes_leaf.into());
 
             // What the unit shows for the edge.
             model.eval();
             let mut progress = self.watch_step()?;
             progress |= self.watch_finished()?;
-            if takes_leaf && self.bench.model.get(self.ports.leaf_valid) != 0 {
+            if takes_leaf && self.bench.model.get(outputs.leaf.valid) != 0 {
                 self.take_leaf(around)?;
                 progress = true;
             }
@@ -430,7 +365,10 @@ impl<'a> Run<'a> {
     /// Shows a ray that has been set up; the last of an object's, with where the packet starts there.
     fn show(&mut self, scene: &TestScene, ray: &Arriving) {
         let model = &mut self.bench.model;
-        self.setup.show(model, ray.place, &ray.word);
+        let inputs = &self.ports.inputs;
+        model.set(inputs.setup.valid, 1);
+        model.set(inputs.setup_object, ray.place.object.into());
+        model.drive(&inputs.setup.payload, ray.values);
         if !ray.place.object || !ray.place.last {
             return;
         }
@@ -444,19 +382,25 @@ impl<'a> Run<'a> {
         let instance = scene.instances[leaf.record as usize]
             .as_ref()
             .expect("it is an instance");
-        let (address, is_leaf) = match instance.root {
-            Target::Node(index) => (index, 0),
-            Target::Record(index) => (index, 1),
+        let (address, leaf) = match instance.root {
+            Target::Node(index) => (index.into(), 0),
+            Target::Record(index) => (index.into(), 1),
         };
-        let inside = 1 << (self.level_bits + self.rays);
-        let context = u64::from(*level) | packet.touched << self.level_bits | inside;
-        model.set(self.ports.object_address, address.into());
-        model.set(self.ports.object_leaf, is_leaf);
-        model.set(self.ports.object_context, context);
+        let context = self.context.encode(Context {
+            level: (*level).into(),
+            touched: packet.touched,
+            inside: 1,
+        });
+        let start = Start {
+            address,
+            leaf,
+            context,
+        };
+        model.drive(&inputs.object, start);
     }
 
     /// Ray setup's part for an instance's rays.
-    fn enter(&mut self, id: usize) -> Result<()> {
+    fn enter(&mut self, id: usize) {
         let packet = self.packets[id].as_ref().expect("the packet is in a leaf");
         let Event::Leaf { entries, .. } = &packet.events[packet.next - 1] else {
             unreachable!("the packet is at an instance");
@@ -468,27 +412,22 @@ impl<'a> Run<'a> {
                 interval: [ray.near, ray.far],
                 enters: ray.enters,
             };
+            let place = SetupPlace {
+                packet: id,
+                ray: entry.slot.into(),
+                first: k == 0,
+                last: k + 1 == entries.len(),
+                object: true,
+            };
             self.entering.push_back(Arriving {
-                place: SetupPlace {
-                    packet: id,
-                    ray: entry.slot.into(),
-                    first: k == 0,
-                    last: k + 1 == entries.len(),
-                    object: true,
-                },
-                word: self.setup.word(self.format, &set_up)?,
+                place,
+                values: set_up.for_traversal(self.format, place),
             });
         }
-        Ok(())
     }
 
     /// Chooses a packet's number in flight, and asks the golden model what must come of it.
-    fn arrive(
-        &mut self,
-        scene: &TestScene,
-        rays: &[Ray],
-        arriving: &mut VecDeque<Arriving>,
-    ) -> Result<()> {
+    fn arrive(&mut self, scene: &TestScene, rays: &[Ray], arriving: &mut VecDeque<Arriving>) {
         let a = self.arithmetic;
         let id = self.free.swap_remove(self.rng.usize(..self.free.len()));
         let set_up: Vec<RaySetUp> = rays
@@ -504,9 +443,10 @@ impl<'a> Run<'a> {
             })
             .collect();
         for (k, ray) in set_up.iter().enumerate() {
+            let place = SetupPlace::of_world(id, k, rays.len());
             arriving.push_back(Arriving {
-                place: SetupPlace::of_world(id, k, rays.len()),
-                word: self.setup.word(self.format, ray)?,
+                place,
+                values: ray.for_traversal(self.format, place),
             });
         }
         let has = |holds: &dyn Fn(f64) -> bool| {
@@ -554,11 +494,10 @@ impl<'a> Run<'a> {
             in_leaf: false,
         });
         self.started += 1;
-        Ok(())
     }
 
     /// The geometry unit's side: limits, and leaves that are done, for the coming edge.
-    fn return_leaves(&mut self, around: &Surroundings) -> Result<()> {
+    fn return_leaves(&mut self, around: &Surroundings) {
         let now = self.bench.model.cycles();
         let (mut limit, mut done) = (None, None);
         if self.merging.is_none() {
@@ -566,7 +505,7 @@ impl<'a> Run<'a> {
                 if due <= now {
                     self.tested.pop();
                     if self.is_at_instance(id) {
-                        self.enter(id)?;
+                        self.enter(id);
                     } else {
                         self.merging = Some((id, 0));
                     }
@@ -593,28 +532,33 @@ impl<'a> Run<'a> {
         if !self.done.is_empty() && !self.pauses(around) {
             done = self.done.pop_front();
         }
-        let (ports, model) = (&self.ports, &mut self.bench.model);
-        model.set(ports.limit_valid, limit.is_some().into());
-        if let Some((id, (ray, value))) = limit {
-            model.set(ports.limit_packet, id as u64);
-            model.set(ports.limit_ray, ray.into());
-            model.set(ports.limit_value, self.format.to_bits(value));
+        let (inputs, model) = (&self.ports.inputs, &mut self.bench.model);
+        model.set(inputs.limit.valid, limit.is_some().into());
+        if let Some((packet, (ray, value))) = limit {
+            let limit = Limit {
+                packet: packet as u64,
+                ray: ray.into(),
+                value: self.format.to_bits(value),
+            };
+            model.drive(&inputs.limit.payload, limit);
         }
-        model.set(ports.done_valid, done.is_some().into());
+        model.set(inputs.done.valid, done.is_some().into());
         if let Some(id) = done {
             let packet = self.packets[id].as_mut().expect("the packet is in a leaf");
             if let Event::Leaf { level, limits, .. } = &packet.events[packet.next - 1] {
                 for (ray, _) in limits {
                     packet.touched |= 1 << ray;
                 }
-                let inside = u64::from(self.instanced) << (self.level_bits + self.rays);
-                let context = u64::from(*level) | packet.touched << self.level_bits | inside;
-                model.set(ports.done_packet, id as u64);
-                model.set(ports.done_context, context);
+                let context = self.context.encode(Context {
+                    level: (*level).into(),
+                    touched: packet.touched,
+                    inside: self.instanced.into(),
+                });
+                let packet = id as u64;
+                model.drive(&inputs.done.payload, InContext { packet, context });
             }
             packet.in_leaf = false;
         }
-        Ok(())
     }
 
     /// Whether the leaf that a packet is at is an instance.
@@ -642,14 +586,16 @@ impl<'a> Run<'a> {
     }
 
     fn watch_step(&mut self) -> Result<bool> {
-        let (ports, model) = (&self.ports, &self.bench.model);
+        let (ports, model) = (&self.ports.outputs, &self.bench.model);
         if model.get(ports.step_taken) == 0 {
             return Ok(false);
         }
-        let id = model.get(ports.step_packet) as usize;
+        let ports = &ports.watch_step;
+        let step = model.sample(ports);
+        let id = step.packet as usize;
         let packet = self.packet(id, "a packet step")?;
         let Some(Event::Step(golden)) = packet.events.get(packet.next) else {
-            let node = model.get(ports.step_node);
+            let node = step.node;
             let place = format!(
                 "{}: a packet step at node {node}, but {} is next",
                 name(id, packet),
@@ -657,16 +603,15 @@ impl<'a> Run<'a> {
             );
             return Err(self.bench.mismatch(place, vec![]));
         };
-        let masks = ports.step_masks.map(|port| model.get(port));
         let goes = [golden.left.mask, golden.right.mask].map(u64::from);
         let left_first = golden_left_first(golden);
-        let mut agrees = model.get(ports.step_node) == u64::from(golden.node)
-            && masks == goes
-            && (model.get(ports.step_left_first) != 0) == left_first;
-        for (set, port) in [&golden.left, &golden.right]
-            .into_iter()
-            .zip(ports.step_intervals)
-        {
+        let mut agrees = step.node == u64::from(golden.node)
+            && [step.left, step.right] == goes
+            && (step.left_first != 0) == left_first;
+        for (set, port) in [
+            (&golden.left, ports.left_intervals),
+            (&golden.right, ports.right_intervals),
+        ] {
             self.intervals(set, port, |_, _, golden, rtl| agrees &= golden == rtl);
         }
         if !agrees {
@@ -708,28 +653,17 @@ impl<'a> Run<'a> {
         golden: &StepEvent,
         left_first: bool,
     ) -> anyhow::Error {
-        let (ports, model) = (&self.ports, &self.bench.model);
+        let ports = &self.ports.outputs.watch_step;
+        let step = self.bench.model.sample(ports);
         let mut fields = vec![
-            Field::integer("node", golden.node.into(), model.get(ports.step_node)),
-            Field::integer(
-                "rays that go left",
-                golden.left.mask.into(),
-                model.get(ports.step_masks[0]),
-            ),
-            Field::integer(
-                "rays that go right",
-                golden.right.mask.into(),
-                model.get(ports.step_masks[1]),
-            ),
-            Field::integer(
-                "left first",
-                left_first.into(),
-                model.get(ports.step_left_first),
-            ),
+            Field::integer("node", golden.node.into(), step.node),
+            Field::integer("rays that go left", golden.left.mask.into(), step.left),
+            Field::integer("rays that go right", golden.right.mask.into(), step.right),
+            Field::integer("left first", left_first.into(), step.left_first),
         ];
         for (side, set, port) in [
-            ("left", &golden.left, ports.step_intervals[0]),
-            ("right", &golden.right, ports.step_intervals[1]),
+            ("left", &golden.left, ports.left_intervals),
+            ("right", &golden.right, ports.right_intervals),
         ] {
             self.intervals(set, port, |ray, which, golden, rtl| {
                 let name = format!("ray {ray} {side} {which}");
@@ -746,9 +680,8 @@ impl<'a> Run<'a> {
     }
 
     fn take_leaf(&mut self, around: &Surroundings) -> Result<()> {
-        let (ports, model) = (&self.ports, &self.bench.model);
-        let id = model.get(ports.leaf_packet) as usize;
-        let address = model.get(ports.leaf_address);
+        let shown = self.bench.model.sample(&self.ports.outputs.leaf.payload);
+        let (id, address) = (shown.packet as usize, shown.address);
         let packet = self.packet(id, "a leaf")?;
         let Some(Event::Leaf { leaf, level, .. }) = packet.events.get(packet.next) else {
             let place = format!(
@@ -758,13 +691,13 @@ impl<'a> Run<'a> {
             );
             return Err(self.bench.mismatch(place, vec![]));
         };
-        let context = model.get(ports.leaf_context);
+        let context = self.context.decode(shown.context);
         let rtl = [
             address,
-            model.get(ports.leaf_mask),
-            context & ((1 << self.level_bits) - 1),
-            context >> self.level_bits & ((1 << self.rays) - 1),
-            context >> (self.level_bits + self.rays),
+            shown.mask,
+            context.level,
+            context.touched,
+            context.inside,
         ];
         let golden = [
             leaf.record.into(),
@@ -802,12 +735,12 @@ impl<'a> Run<'a> {
     }
 
     fn watch_finished(&mut self) -> Result<bool> {
-        let (ports, model) = (&self.ports, &self.bench.model);
-        if model.get(ports.finished_valid) == 0 {
+        let (ports, model) = (&self.ports.outputs.finished, &self.bench.model);
+        if model.get(ports.valid) == 0 {
             return Ok(false);
         }
-        let id = model.get(ports.finished_packet) as usize;
-        let touched = model.get(ports.finished_touched);
+        let Finished { packet, touched } = model.sample(&ports.payload);
+        let id = packet as usize;
         let packet = self.packet(id, "the end")?;
         if packet.next < packet.events.len() {
             let place = format!(

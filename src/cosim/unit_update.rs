@@ -5,10 +5,10 @@
 //! [`UpdateUnit`] runs one update after another on memories that the caller keeps; [`run`] gives it a [`Workload`].
 
 use super::memory::{
-    Bandwidth, Image, ReadPort, ReadRequest, ReadResponse, Timing, WritePort, WriteRequest,
+    Bandwidth, Image, ReadHandles, ReadPort, ReadResponse, Timing, WritePort, WriteRequest,
 };
 use super::mismatch::Field;
-use super::model::{Model, PortHandle};
+use super::model::PortHandle;
 use super::scoreboard::{
     Bench, Categories, Category, RESET_CYCLES, Surroundings, UnitOptions, UnitReport,
 };
@@ -17,8 +17,9 @@ use crate::bkd::{Child, Tree, TreeNode};
 use crate::config::Config;
 use crate::float::Format;
 use crate::golden::update::{UpdateCommand, UpdateEvent, UpdateMemory, update};
+use crate::hdl::{self, Bundle};
 use crate::hw::Plan;
-use crate::hw::update::{NODE_LANES, module};
+use crate::hw::update::{Counters, Inputs, NODE_LANES, Outputs, Update, module, ports};
 use crate::program::{Program, UpdateMachine};
 use anyhow::{Context, Result, ensure};
 use std::collections::VecDeque;
@@ -206,67 +207,6 @@ impl UpdateReport {
     }
 }
 
-/// The ports of a tagged read port of the unit.
-pub(super) struct ReadHandles {
-    pub valid: PortHandle,
-    pub address: PortHandle,
-    pub tag: PortHandle,
-    pub ready: PortHandle,
-    pub response_valid: PortHandle,
-    pub response_tag: PortHandle,
-    pub response_data: PortHandle,
-}
-
-impl ReadHandles {
-    pub fn new(model: &Model, name: &str) -> Result<ReadHandles> {
-        let port = |of: &str| model.port(&format!("{name}_{of}"));
-        Ok(ReadHandles {
-            valid: port("request_valid")?,
-            address: port("request_address")?,
-            tag: port("request_tag")?,
-            ready: port("request_ready")?,
-            response_valid: port("response_valid")?,
-            response_tag: port("response_tag")?,
-            response_data: port("response_data")?,
-        })
-    }
-
-    pub fn request(&self, model: &Model) -> Option<ReadRequest> {
-        (model.get(self.valid) != 0).then(|| ReadRequest {
-            address: model.get(self.address),
-            tag: model.get(self.tag) as u32,
-        })
-    }
-
-    pub fn respond(&self, model: &mut Model, response: Option<ReadResponse>, data: &[u32]) {
-        model.set(self.response_valid, u64::from(response.is_some()));
-        if let Some(response) = response {
-            model.set(self.response_tag, response.tag.into());
-            model.set_words(self.response_data, data);
-        }
-    }
-}
-
-/// The ports of a write port of the unit.
-pub(super) struct WriteHandles {
-    pub valid: PortHandle,
-    pub address: PortHandle,
-    pub data: PortHandle,
-    pub ready: PortHandle,
-}
-
-impl WriteHandles {
-    pub fn new(model: &Model, name: &str) -> Result<WriteHandles> {
-        let port = |of: &str| model.port(&format!("{name}_write_{of}"));
-        Ok(WriteHandles {
-            valid: port("valid")?,
-            address: port("address")?,
-            data: port("data")?,
-            ready: port("ready")?,
-        })
-    }
-}
-
 /// What the golden model says that an update does.
 #[derive(Default)]
 struct Expected {
@@ -282,6 +222,8 @@ impl Expected {
     }
 }
 
+type Ports = hdl::Ports<Inputs<PortHandle>, Outputs<PortHandle>>;
+
 /// The update processor in simulation.
 pub struct UpdateUnit {
     bench: Bench,
@@ -289,14 +231,7 @@ pub struct UpdateUnit {
     machine: UpdateMachine,
     program: ReadHandles,
     vertex: ReadHandles,
-    node: WriteHandles,
-    node_mask: PortHandle,
-    bounding_box: WriteHandles,
-    start: PortHandle,
-    start_ready: PortHandle,
-    command: [PortHandle; 5],
-    done: PortHandle,
-    counters: [PortHandle; 5],
+    ports: Ports,
     rng: fastrand::Rng,
     /// Updates so far, to give every memory of each a seed of its own.
     updates: u64,
@@ -308,36 +243,18 @@ impl UpdateUnit {
     /// # Errors
     /// A tool that is missing.
     pub fn new(config: &Config, options: &UnitOptions) -> Result<UpdateUnit> {
-        let unit = module(&Plan::new(config)?)?;
+        let plan = Plan::new(config)?;
+        let unit = module(&plan)?;
         let mut bench = Bench::new("update", &unit.module, options)?;
         bench.model.reset(RESET_CYCLES);
-        let model = &bench.model;
-        let port = |name: &str| model.port(name);
+        let handles = bench.model.ports(&ports(&plan))?;
+        let Ports { inputs, outputs } = handles;
         Ok(UpdateUnit {
             format: config.format(),
             machine: unit.machine,
-            program: ReadHandles::new(model, "program")?,
-            vertex: ReadHandles::new(model, "vertex")?,
-            node: WriteHandles::new(model, "node")?,
-            node_mask: port("node_write_mask")?,
-            bounding_box: WriteHandles::new(model, "box")?,
-            start: port("start_valid")?,
-            start_ready: port("start_ready")?,
-            command: [
-                port("start_program")?,
-                port("start_rows")?,
-                port("start_vertex_base")?,
-                port("start_node_base")?,
-                port("start_box_index")?,
-            ],
-            done: port("done")?,
-            counters: [
-                port("count_instructions")?,
-                port("count_busy_cycles")?,
-                port("count_stalled_cycles")?,
-                port("count_vertex_wait_cycles")?,
-                port("count_node_wait_cycles")?,
-            ],
+            program: ReadHandles::of_unit(outputs.program, inputs.program),
+            vertex: ReadHandles::of_unit(outputs.vertex, inputs.vertex),
+            ports: handles,
             rng: fastrand::Rng::with_seed(options.seed),
             updates: 0,
             bench,
@@ -430,20 +347,30 @@ impl UpdateUnit {
         let mut node_data = vec![0; node_words];
         let mut box_data = vec![0; box_words];
 
-        let values = [
-            first_row,
+        let values = Update {
+            program: first_row,
             rows,
-            command.vertex_base,
-            command.node_base,
-            command.box_index,
+            vertex_base: command.vertex_base,
+            node_base: command.node_base,
+            box_index: command.box_index,
+        };
+        let Ports { inputs, outputs } = self.ports;
+        let (node_write, box_write) = (outputs.node_write, outputs.box_write);
+        let ready_ports = [
+            inputs.program.request_ready,
+            inputs.vertex.request_ready,
+            inputs.node_write_ready,
+            inputs.box_write_ready,
         ];
-        for (port, value) in self.command.into_iter().zip(values) {
-            self.bench.model.set(port, value.into());
-        }
-        let before = self.counters.map(|port| self.bench.model.get(port));
-        if self.updates == 1 && before.iter().any(|&count| count != 0) {
-            let fields = before.map(|count| Field::integer("counter", 0, count));
-            return Err(self.bench.mismatch("after reset", fields.into()));
+        let values = values.map(|_, value| value.into());
+        self.bench.model.drive(&inputs.start.payload, values);
+        let before = self.bench.model.sample(&outputs.count);
+        let counts = before.leaves();
+        if self.updates == 1 && counts.iter().any(|&count| count != 0) {
+            let fields = counts
+                .iter()
+                .map(|&count| Field::integer("counter", 0, count));
+            return Err(self.bench.mismatch("after reset", fields.collect()));
         }
         let (mut program_answer, mut vertex_answer) = (None, None);
         let (mut started, mut idle, mut turn) = (false, 0, 0);
@@ -455,8 +382,8 @@ impl UpdateUnit {
             let model = &mut self.bench.model;
             let row_request = self.program.request(model);
             let vertex_request = self.vertex.request(model);
-            let node_request = model.get(self.node.valid) != 0;
-            let box_request = model.get(self.bounding_box.valid) != 0;
+            let node_request = model.get(node_write.valid) != 0;
+            let box_request = model.get(box_write.valid) != 0;
             let offered = [
                 row_request.is_some() && program_port.ready(),
                 vertex_request.is_some() && vertex_port.ready(),
@@ -470,7 +397,7 @@ impl UpdateUnit {
                 turn = chosen.map_or(turn, |k| k + 1);
             }
             let accepted: [bool; 4] = std::array::from_fn(|k| offered[k] && granted[k]);
-            let is_ready = model.get(self.start_ready) != 0;
+            let is_ready = model.get(outputs.start_ready) != 0;
             if self.updates == 1 && !started && !is_ready {
                 return Err(self
                     .bench
@@ -479,20 +406,16 @@ impl UpdateUnit {
             let starting = starts && is_ready;
 
             // For the edge.
-            model.set(self.start, starts.into());
-            model.set(
-                self.program.ready,
-                (granted[0] && program_port.ready()).into(),
-            );
-            model.set(
-                self.vertex.ready,
-                (granted[1] && vertex_port.ready()).into(),
-            );
-            model.set(self.node.ready, (granted[2] && node_port.ready()).into());
-            model.set(
-                self.bounding_box.ready,
-                (granted[3] && box_port.ready()).into(),
-            );
+            model.set(inputs.start.valid, starts.into());
+            let ready = [
+                program_port.ready(),
+                vertex_port.ready(),
+                node_port.ready(),
+                box_port.ready(),
+            ];
+            for ((port, ready), granted) in ready_ports.into_iter().zip(ready).zip(granted) {
+                model.set(port, (ready && granted).into());
+            }
             let row = program_answer.map_or([0; 4], |answer: ReadResponse| {
                 let start = answer.address as usize * Program::ROW_BYTES;
                 let bytes = &arrays.program[start..start + Program::ROW_BYTES];
@@ -537,19 +460,19 @@ impl UpdateUnit {
                 first_answer.get_or_insert(clock);
             }
             if accepted[2] {
-                model.get_words(self.node.data, &mut node_data);
+                model.get_words(node_write.payload.data, &mut node_data);
             }
             let write = WriteRequest {
-                address: model.get(self.node.address),
+                address: model.get(node_write.payload.address),
                 data: &node_data,
-                mask: model.get(self.node_mask),
+                mask: model.get(node_write.payload.mask),
             };
             node_port.step(accepted[2].then_some(write), &mut arrays.nodes)?;
             if accepted[3] {
-                model.get_words(self.bounding_box.data, &mut box_data);
+                model.get_words(box_write.payload.data, &mut box_data);
             }
             let write = WriteRequest {
-                address: model.get(self.bounding_box.address),
+                address: model.get(box_write.payload.address),
                 data: &box_data,
                 mask: 0b11_1111,
             };
@@ -557,7 +480,7 @@ impl UpdateUnit {
             self.bench.model.clock();
 
             started |= starting;
-            if self.bench.model.get(self.done) != 0 {
+            if self.bench.model.get(outputs.done) != 0 {
                 break;
             }
             let progress = starting || accepted.contains(&true);
@@ -573,20 +496,19 @@ impl UpdateUnit {
 
         // What comes of it.
         let model = &mut self.bench.model;
-        model.set(self.start, 0);
-        for ready in [
-            self.program.ready,
-            self.vertex.ready,
-            self.node.ready,
-            self.bounding_box.ready,
-            self.program.response_valid,
-            self.vertex.response_valid,
-        ] {
-            model.set(ready, 0);
+        model.set(inputs.start.valid, 0);
+        let valid = [inputs.program.response.valid, inputs.vertex.response.valid];
+        for port in ready_ports.into_iter().chain(valid) {
+            model.set(port, 0);
         }
-        let after = self.counters.map(|port| self.bench.model.get(port));
-        let [instructions, busy, stalled, vertex_wait, node_wait] =
-            std::array::from_fn(|k| after[k] - before[k]);
+        let after = self.bench.model.sample(&outputs.count);
+        let Counters {
+            instructions,
+            busy_cycles: busy,
+            stalled_cycles: stalled,
+            vertex_wait_cycles: vertex_wait,
+            node_wait_cycles: node_wait,
+        } = after.zip(before).map(|_, (after, before)| after - before);
         if (instructions, busy, expected.left()) != (golden.instructions, instructions + stalled, 0)
         {
             let fields = vec![
@@ -681,14 +603,15 @@ impl UpdateUnit {
     fn node_written(&mut self, golden: Option<(u32, [u64; 4])>, number: usize) -> Result<()> {
         self.bench.tally.checked += 1;
         let (model, w) = (&self.bench.model, self.format.width());
-        let address = model.get(self.node.address);
+        let address = model.get(self.ports.outputs.node_write.payload.address);
         let Some((node, bounds)) = golden else {
             let place = format!("one node too many is written, at {address}");
             return Err(self.bench.mismatch(place, vec![]));
         };
-        let rtl: [u64; 4] =
-            std::array::from_fn(|k| model.get_field(self.node.data, k as u32 * w, w));
-        let mask = model.get(self.node_mask);
+        let rtl: [u64; 4] = std::array::from_fn(|k| {
+            model.get_field(self.ports.outputs.node_write.payload.data, k as u32 * w, w)
+        });
+        let mask = model.get(self.ports.outputs.node_write.payload.mask);
         if (address, rtl, mask) == (node.into(), bounds, 0b1111) {
             return Ok(());
         }
@@ -708,14 +631,15 @@ impl UpdateUnit {
     fn box_written(&mut self, golden: Option<(u32, [u64; 6])>) -> Result<()> {
         self.bench.tally.checked += 1;
         let (model, w) = (&self.bench.model, self.format.width());
-        let address = model.get(self.bounding_box.address);
+        let address = model.get(self.ports.outputs.box_write.payload.address);
         let Some((index, bounds)) = golden else {
             return Err(self
                 .bench
                 .mismatch(format!("one box too many is written, at {address}"), vec![]));
         };
-        let rtl: [u64; 6] =
-            std::array::from_fn(|k| model.get_field(self.bounding_box.data, k as u32 * w, w));
+        let rtl: [u64; 6] = std::array::from_fn(|k| {
+            model.get_field(self.ports.outputs.box_write.payload.data, k as u32 * w, w)
+        });
         if (address, rtl) == (index.into(), bounds) {
             return Ok(());
         }

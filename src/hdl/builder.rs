@@ -247,15 +247,12 @@ impl Builder {
     /// An output port; a staged signal gives the port its stage.
     #[track_caller]
     pub fn output(&self, name: impl AsRef<str>, signal: Signal<'_>) {
-        let place = Location::caller();
-        self.claim(name.as_ref(), place);
-        self.port(
-            name.as_ref(),
-            signal.width(),
-            Direction::Output,
-            signal,
-            place,
-        );
+        self.output_from(name.as_ref(), signal, Location::caller());
+    }
+
+    pub(super) fn output_from(&self, name: &str, signal: Signal<'_>, place: Place) {
+        self.claim(name, place);
+        self.port(name, signal.width(), Direction::Output, signal, place);
     }
 
     fn port(&self, name: &str, width: u32, direction: Direction, signal: Signal<'_>, place: Place) {
@@ -324,8 +321,12 @@ impl Builder {
     /// A wire that is driven later, once: for what is used before it is made.
     #[track_caller]
     pub fn wire(&self, name: impl AsRef<str>, width: u32) -> Wire<'_> {
+        self.wire_from(name.as_ref(), width, Location::caller())
+    }
+
+    pub(super) fn wire_from(&self, name: &str, width: u32, place: Place) -> Wire<'_> {
         Wire {
-            signal: self.named_node(Op::Wire, width, name.as_ref(), None, Location::caller()),
+            signal: self.named_node(Op::Wire, width, name, None, place),
         }
     }
 
@@ -969,9 +970,11 @@ impl<'b> Wire<'b> {
 
     #[track_caller]
     pub fn drive(&self, value: Signal<'b>) {
-        self.signal
-            .builder
-            .drive(self.signal.id, value, Location::caller());
+        self.drive_from(value, Location::caller());
+    }
+
+    pub(super) fn drive_from(&self, value: Signal<'b>, place: Place) {
+        self.signal.builder.drive(self.signal.id, value, place);
     }
 }
 

@@ -24,6 +24,7 @@
 //! ```
 
 mod builder;
+pub mod bundle;
 mod check;
 mod design;
 mod error;
@@ -36,6 +37,10 @@ mod signal;
 mod verilog;
 
 pub use builder::{Builder, Outputs, Reg, Wire};
+pub use bundle::{
+    Bundle, Flow, Ports, ReadInputs, ReadOutputs, ReadPort, Request, Response, Signals, Spec,
+    Specs, Stream, Wires, Write,
+};
 pub use design::{Design, Direction, Module, Port, Prefix};
 pub use error::HdlError;
 pub use memory::{Memory, Style};

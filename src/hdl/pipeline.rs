@@ -26,10 +26,7 @@ impl<'b> Pipeline<'b> {
         self.builder.input_at(
             name.as_ref(),
             width,
-            Some(Stage {
-                pipeline: self.id,
-                at: 0,
-            }),
+            Some(self.stage(0)),
             Location::caller(),
         )
     }
@@ -37,12 +34,16 @@ impl<'b> Pipeline<'b> {
     /// An input port that meets the others at a later stage: an instance's input is delayed until then.
     #[track_caller]
     pub fn input_at(&self, name: impl AsRef<str>, width: u32, at: u32) -> Signal<'b> {
-        let stage = Stage {
+        let stage = Some(self.stage(at));
+        self.builder
+            .input_at(name.as_ref(), width, stage, Location::caller())
+    }
+
+    pub(super) fn stage(&self, at: u32) -> Stage {
+        Stage {
             pipeline: self.id,
             at,
-        };
-        self.builder
-            .input_at(name.as_ref(), width, Some(stage), Location::caller())
+        }
     }
 
     /// A 1-bit input port at stage 0 that says whether what comes with it means anything; reset clears its
@@ -61,12 +62,6 @@ impl<'b> Pipeline<'b> {
     /// Brings a signal into the pipeline at a stage: for what is known to be right there.
     #[track_caller]
     pub fn enter_at(&self, signal: Signal<'b>, at: u32) -> Signal<'b> {
-        signal.restaged(
-            Some(Stage {
-                pipeline: self.id,
-                at,
-            }),
-            Location::caller(),
-        )
+        signal.restaged(Some(self.stage(at)), Location::caller())
     }
 }

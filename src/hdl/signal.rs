@@ -61,8 +61,10 @@ impl<'b> Signal<'b> {
     /// Gives the signal its name in the Verilog.
     #[track_caller]
     pub fn named(self, name: impl AsRef<str>) -> Signal<'b> {
-        let name = name.as_ref();
-        let place = Location::caller();
+        self.named_from(name.as_ref(), Location::caller())
+    }
+
+    pub(super) fn named_from(self, name: &str, place: Place) -> Signal<'b> {
         let fresh = {
             let inner = self.builder.inner.borrow();
             let node = &inner.ir.nodes[self.id];
@@ -95,10 +97,14 @@ impl<'b> Signal<'b> {
     /// The signal as it is at its stage, for logic outside the pipeline.
     #[track_caller]
     pub fn untimed(self) -> Signal<'b> {
+        self.untimed_from(Location::caller())
+    }
+
+    pub(super) fn untimed_from(self, place: Place) -> Signal<'b> {
         if self.stage_data().is_none() {
             return self;
         }
-        self.restaged(None, Location::caller())
+        self.restaged(None, place)
     }
 
     /// The signal one register later.
@@ -116,7 +122,10 @@ impl<'b> Signal<'b> {
     /// The signal at a later stage of its pipeline.
     #[track_caller]
     pub fn at(self, stage: u32) -> Signal<'b> {
-        let place = Location::caller();
+        self.at_from(stage, Location::caller())
+    }
+
+    pub(super) fn at_from(self, stage: u32, place: Place) -> Signal<'b> {
         match self.stage_data() {
             None if self.is_literal() => self,
             None => {
@@ -392,7 +401,15 @@ impl<'b> Signal<'b> {
     /// `then` where this bit is 1, `otherwise` where it is 0.
     #[track_caller]
     pub fn mux(self, then: Signal<'b>, otherwise: Signal<'b>) -> Signal<'b> {
-        let place = Location::caller();
+        self.mux_from(then, otherwise, Location::caller())
+    }
+
+    pub(super) fn mux_from(
+        self,
+        then: Signal<'b>,
+        otherwise: Signal<'b>,
+        place: Place,
+    ) -> Signal<'b> {
         let (all, stage) = self.builder.align(&[self, then, otherwise], place);
         let (condition, then, otherwise) = (all[0], all[1], all[2]);
         if condition.width() != 1 {

@@ -1,12 +1,24 @@
 //! The plane distance: (plane − origin) × reciprocal, three ulps down or up.
 
 use super::fp::{Units, step};
-use crate::hdl::{Builder, HdlError, Module, Signal};
+use crate::hdl::{Builder, HdlError, Module, Signal, Specs};
+use crate::interface;
 use std::sync::Arc;
 
 /// Ulps by which a near and a far distance step: they cover the plane distance's own three roundings.
 pub(super) const NEAR_SLACK: i32 = -3;
 pub(super) const FAR_SLACK: i32 = 3;
+
+interface! {
+    pub(super) (number: u32) {
+        in "The plane, and the ray's origin and reciprocal direction on the plane's axis" {
+            plane: number,
+            origin: number,
+            reciprocal: number,
+        }
+        out "Distance in multiples of the ray's direction" { distance: number }
+    }
+}
 
 /// Target clock, in MHz, from which on a step's adder has a register behind it.
 const REGISTER_SUM_FROM: u32 = 120;
@@ -33,17 +45,15 @@ fn distance(units: &Units, name: &str, doc: &str, slack: i32) -> Result<Arc<Modu
     let w = units.format.width();
     let m = Builder::new(name, doc);
     let p = m.pipeline();
-    m.group("The plane, and the ray's origin and reciprocal direction on the plane's axis");
-    let plane = p.input("plane", w);
-    let origin = p.input("origin", w);
+    let ports = ports(w);
+    let inputs = &ports.inputs;
+    let plane = inputs.plane.input_at(&p, 0);
+    let origin = inputs.origin.input_at(&p, 0);
     let offset = units.sub("offset", plane, origin);
     // The reciprocal is needed only once the difference is there.
-    let reciprocal = p.input_at("reciprocal", w, offset.stage().unwrap_or(0));
-    m.group("Distance in multiples of the ray's direction");
-    m.output(
-        "distance",
-        from_offset("scaled", units, offset, reciprocal, slack),
-    );
+    let reciprocal = (inputs.reciprocal).input_at(&p, offset.stage().unwrap_or(0));
+    let distance = from_offset("scaled", units, offset, reciprocal, slack);
+    ports.outputs.outputs(&m, Outputs { distance });
     m.finish()
 }
 
@@ -71,13 +81,12 @@ pub(super) fn place<'b>(
     origin: Signal<'b>,
     reciprocal: Signal<'b>,
 ) -> Signal<'b> {
-    let inputs = [
-        ("plane", plane),
-        ("origin", origin),
-        ("reciprocal", reciprocal),
-    ];
-    plane
-        .module()
-        .instance(name, distance, &inputs)
-        .get("distance")
+    let inputs = Inputs {
+        plane,
+        origin,
+        reciprocal,
+    };
+    ports(plane.width())
+        .place(name, plane.module(), distance, inputs)
+        .distance
 }

@@ -4,7 +4,8 @@
 mod properties;
 
 use super::plan::Plan;
-use crate::hdl::{Builder, HdlError, Module, Signal, Style, bits_for};
+use crate::hdl::{Builder, HdlError, Module, Signal, Specs, Style, bits_for};
+use crate::interface;
 pub(super) use properties::Placed;
 use properties::{Block, Queue};
 use std::sync::Arc;
@@ -12,6 +13,14 @@ use std::sync::Arc;
 /// Target clock, in MHz, from which on a queue's valid bit and front word are registers: what follows them, a choice between queues and
 /// the wires to a memory's address, leaves no time for a counter's test and a read of distributed RAM.
 const REGISTER_FRONT_FROM: u32 = 105;
+
+interface! {
+    pub(super) (width: u32) {
+        in "In" { push: 1, data: width }
+        in "Out: the front word, taken by pop" { pop: 1 }
+        out "Out: the front word, taken by pop" { valid: 1, front: width }
+    }
+}
 
 /// A queue of `depth` words of `width` bits: `push`, `data` → `valid`, `front`; `pop` takes the front word, and only
 /// where `valid` is high. A word shows a clock after it was pushed, at any clock. There is no full flag: the queue is deep enough for
@@ -23,11 +32,8 @@ pub(super) fn fifo(plan: &Plan, width: u32, depth: u32) -> Result<Arc<Module>, H
             "a queue of {depth} words of {width} bits. What feeds it never has more than {depth} words under way."
         ),
     );
-    m.group("In");
-    let push = m.input("push", 1);
-    let data = m.input("data", width);
-    m.group("Out: the front word, taken by pop");
-    let pop = m.input("pop", 1);
+    let ports = ports(width);
+    let Inputs { push, data, pop } = ports.inputs.inputs(&m);
 
     let bits = bits_for(u64::from(depth));
     let count_bits = bits_for(u64::from(depth) + 1);
@@ -69,8 +75,7 @@ pub(super) fn fifo(plan: &Plan, width: u32, depth: u32) -> Result<Arc<Module>, H
     };
     if !registered {
         let (valid, front) = (count.q.any(), words.read_now(head.q));
-        m.output("valid", valid);
-        m.output("front", front);
+        ports.outputs.outputs(&m, Outputs { valid, front });
         properties::order(&queue(valid, front), None);
         return m.finish();
     }
@@ -86,9 +91,13 @@ pub(super) fn fifo(plan: &Plan, width: u32, depth: u32) -> Result<Arc<Module>, H
         pop | !front_valid.q,
         more.q.mux(words.read_now(head.q), data),
     );
-    m.output("valid", front_valid.q);
-    m.output("front", front.q);
-    properties::order(&queue(front_valid.q, front.q), Some((more.q, front.q)));
+    let (valid, front_word) = (front_valid.q, front.q);
+    let outputs = Outputs {
+        valid,
+        front: front_word,
+    };
+    ports.outputs.outputs(&m, outputs);
+    properties::order(&queue(valid, front_word), Some((more.q, front_word)));
     m.finish()
 }
 
@@ -103,34 +112,28 @@ pub(super) fn place<'b>(
 ) -> Result<Placed<'b>, HdlError> {
     let module = fifo(plan, data.width(), depth)?;
     let registered = registers_front(plan);
-    Ok(placed(
-        name,
-        depth,
-        &module,
-        [push, data, pop],
-        None,
-        registered,
-    ))
+    Ok(placed(name, depth, &module, Inputs { push, data, pop }, None, registered))
 }
 
 fn placed<'b>(
     name: &str,
     depth: u32,
     module: &Arc<Module>,
-    [push, data, pop]: [Signal<'b>; 3],
+    inputs: Inputs<Signal<'b>>,
     settling: Option<u32>,
     registered: bool,
 ) -> Placed<'b> {
-    let inputs = [("push", push), ("data", data), ("pop", pop)];
-    let outputs = push.module().instance(name, module, &inputs);
+    let Inputs { push, data, pop } = inputs;
+    let (Outputs { valid, front }, instance) =
+        ports(data.width()).instance(name, push.module(), module, inputs);
     Placed {
-        valid: outputs.get("valid"),
-        front: outputs.get("front"),
+        valid,
+        front,
         name: name.to_string(),
         depth,
         push,
         pop,
-        outputs,
+        instance,
         settling,
         registered,
     }
@@ -149,11 +152,8 @@ pub(super) fn block_fifo(plan: &Plan, width: u32, depth: u32) -> Result<Arc<Modu
             "a queue of {depth} words of {width} bits in block RAM, for a word every few clocks. What feeds it never has more than {depth} words under way."
         ),
     );
-    m.group("In");
-    let push = m.input("push", 1);
-    let data = m.input("data", width);
-    m.group("Out: the front word, taken by pop");
-    let pop = m.input("pop", 1);
+    let ports = ports(width);
+    let Inputs { push, data, pop } = ports.inputs.inputs(&m);
 
     let bits = bits_for(u64::from(depth));
     let count_bits = bits_for(u64::from(depth) + 1);
@@ -188,22 +188,22 @@ pub(super) fn block_fifo(plan: &Plan, width: u32, depth: u32) -> Result<Arc<Modu
     head.next_when(load.get(), next_head);
     tail.next_when(push, next_tail);
     count.next_when(push ^ load.get(), push.mux(count.q + unit, count.q - unit));
-    m.output("valid", front_valid.q);
-    m.output("front", front.q);
+    let (valid, front) = (front_valid.q, front.q);
+    ports.outputs.outputs(&m, Outputs { valid, front });
     properties::block_order(&Block {
         queue: Queue {
             depth,
             push,
             data,
             pop,
-            valid: front_valid.q,
-            front: front.q,
+            valid,
+            front,
             head,
             tail,
             count,
             words,
         },
-        front_valid: front_valid.q,
+        front_valid: valid,
         settled: stands,
         load: load.get(),
     });
@@ -221,12 +221,5 @@ pub(super) fn place_block<'b>(
 ) -> Result<Placed<'b>, HdlError> {
     let module = block_fifo(plan, data.width(), depth)?;
     let settling = Some(plan.read_latency());
-    Ok(placed(
-        name,
-        depth,
-        &module,
-        [push, data, pop],
-        settling,
-        false,
-    ))
+    Ok(placed(name, depth, &module, Inputs { push, data, pop }, settling, false))
 }

@@ -20,6 +20,7 @@
 //! | `vertex2_memory` | third vertex, or c_z | greatest corner | p_z |
 //! | `translation_memory` | c_w | | p_w |
 
+<<<<<<< HEAD
 mod properties;
 
 use super::bundle::Bundle;
@@ -33,6 +34,22 @@ use crate::bkd::layout::Record;
 use crate::config::TriangleTest;
 use crate::hdl::{Builder, HdlError, Module, Signal, Style};
 use properties::{Passage, Request, Unit};
+=======
+use super::fifo;
+use super::fp::{Knowing, Known, equal, less};
+use super::plan::{AXES, Plan};
+use super::ray::{
+    Context, Hit, InContext, Interval, Leaf, Limit, Limits, Line, Place, Start, Tested, Vector,
+};
+use super::skinning::{Column, Influence, Operands, Sums, Taken, Weighted};
+use super::triangle::{self, Corners, Pairs};
+use crate::bkd::layout::{Record, fields};
+use crate::hdl::{
+    Builder, Bundle, Flow, HdlError, Module, ReadInputs, ReadOutputs, Request, Signal, Signals,
+    Spec, Specs, Style,
+};
+use crate::{bundle, interface};
+>>>>>>> bundles
 use std::sync::Arc;
 
 /// Bits that number a leaf's vertices or vectors in the tags of their requests.
@@ -45,6 +62,195 @@ const VECTORS_OF_INSTANCE: u8 = 6;
 const BOX_SLOT: u128 = 0;
 const DIRECTION_SLOT: u128 = 1;
 const ORIGIN_SLOT: u128 = 2;
+
+bundle! {
+    /// What is kept of a ray for its tests.
+    pub struct Kept(plan: &Plan) {
+        limits: ..{Limits = Limits::of(plan)},
+        any_hit: 1,
+    }
+}
+
+bundle! {
+    /// A ray that has been set up, as tests need it.
+    pub struct SetUp(plan: &Plan) {
+        packet: plan.packet_bits(),
+        ray: plan.ray_bits(),
+        /// Whether it is in an object's space.
+        object: 1,
+        tested: ..{Tested = Tested::of(plan)},
+        kept: ..{Kept = Kept::of(plan)},
+    }
+}
+
+bundle! {
+    /// A direction in the world, and whose it is.
+    pub struct World(plan: &Plan) {
+        packet: plan.packet_bits(),
+        ray: plan.ray_bits(),
+        direction: [plan.number(); xyz],
+    }
+}
+
+bundle! {
+    /// A ray in an object's space.
+    pub struct Moved(plan: &Plan) {
+        place: ..{Place = Place::of(plan)},
+        line: ..{Line = Line::of(plan)},
+        limits: ..{Limits = Limits::of(plan)},
+    }
+}
+
+bundle! {
+    /// A ray-triangle test.
+    pub struct TestWatch(plan: &Plan) {
+        packet: plan.packet_bits(),
+        ray: plan.ray_bits(),
+        record: plan.address(),
+        instance: 32,
+        hit: 1,
+        replaces: 1,
+        t: plan.number(),
+        u: plan.number(),
+        v: plan.number(),
+    }
+}
+
+bundle! {
+    /// A ray taken to an object's space, and its interval in the instance's box.
+    pub struct TransformWatch(plan: &Plan) {
+        packet: plan.packet_bits(),
+        ray: plan.ray_bits(),
+        record: plan.address(),
+        window: ..{Interval = Interval::of(plan)},
+        line: ..{Line = Line::of(plan)},
+    }
+}
+
+bundle! {
+    /// A leaf as it is kept.
+    struct LeafWord(plan: &Plan) {
+        context: Context::of(plan).width(),
+        address: plan.address(),
+    }
+}
+
+bundle! {
+    /// Where an object begins.
+    struct Root(plan: &Plan) {
+        address: plan.address(),
+        leaf: 1,
+    }
+}
+
+bundle! {
+    /// The vertices to fetch for a packet, or an instance's first vector.
+    struct Job(plan: &Plan) {
+        packet: plan.packet_bits(),
+        instance: 1,
+        v0: plan.address(),
+        v1: plan.address(),
+        v2: plan.address(),
+    }
+}
+
+bundle! {
+    /// A ray's closest hit as it is kept.
+    struct Closest(plan: &Plan) {
+        t: plan.number(),
+        u: plan.number(),
+        v: plan.number(),
+        triangle: 32,
+        instance: 32,
+    }
+}
+
+interface! {
+    pub (plan: &Plan) {
+        in "A ray that has been set up, of the world or in an object's space" {
+            setup: {Flow<SetUp> = Flow::of(SetUp::of(plan))},
+        }
+        in "The packet of the ray that will have been set up so many clocks later as a memory's read takes" {
+            setup_next_packet: plan.packet_bits(),
+        }
+        in "Whether leaves in the world are instances of objects: bit right_leaf of the scene's root" {
+            instanced: 1,
+        }
+        in "Leaves from the traversal unit" { leaf: {Flow<Leaf> = Flow::of(Leaf::of(plan))} }
+        in "" {
+            record: {ReadInputs = ReadInputs::of(
+                "Record memory",
+                "in any order, always taken",
+                plan.packet_bits() + 1,
+                Record::triangle().width
+            )},
+            vertex: {ReadInputs = ReadInputs::of(
+                "Vertex memory",
+                "in any order, always taken",
+                plan.packet_bits() + CORNER_BITS,
+                Record::vertex(plan.format).width
+            )},
+        }
+        in "Skinning: whether it borrows this unit" { skinning: 1 }
+        in "Skinning: a column of a joint's matrix" {
+            skin_palette: {Flow<Column> = Flow::of(Column::of(plan))},
+        }
+        in "Skinning: an influence, and which of its vertex's it is" {
+            skin_issue: {Flow<Taken> = Flow::of(Taken::of(plan))},
+        }
+        in "Skinning: numbers to add" {
+            skin: {Sums = Sums::of(plan, "", "")},
+        }
+        in "After reset, packet numbers in turn, to clear what counts by packet" {
+            sweep: 1,
+            sweep_packet: plan.packet_bits(),
+        }
+        in "Closest hits are read by packet and ray; the word is there a clock later" {
+            read_packet: plan.packet_bits(),
+            read_ray: plan.ray_bits(),
+        }
+        in "A ray of the world as it comes: the watertight test needs its direction for transformations alone" {
+            world if (plan.watertight()): {Flow<World> = Flow::of(World::of(plan))},
+            setup_shear_z if (plan.watertight()): plan.number(),
+        }
+        out "Leaves from the traversal unit" { leaf_ready: 1 }
+        out "" {
+            record: {ReadOutputs = ReadOutputs::of("Record memory", plan.address(), plan.packet_bits() + 1)},
+            vertex: {ReadOutputs = ReadOutputs::of(
+                "Vertex memory",
+                plan.address(),
+                plan.packet_bits() + CORNER_BITS
+            )},
+        }
+        out "Skinning: an influence's vertex moved and weighted, and which of its vertex's it is" {
+            skin_weighted: {Flow<Weighted> = Flow::of(Weighted::of(plan))},
+        }
+        out "Skinning: sums" {
+            skin_pair_sum: [plan.number(); xyz],
+            skin_vertex_sum: [plan.number(); xyz],
+        }
+        out "A ray in an object's space, to be set up; its interval comes as tmin and tmax" {
+            object: {Flow<Moved> = Flow::of(Moved::of(plan))},
+        }
+        out "Where the packet announced by setup_next_packet starts in its object, when its ray has been set up" {
+            start: {Start = Start::of(plan)},
+        }
+        out "A closer hit of a ray: what its near must not exceed from now on" {
+            limit: {Flow<Limit> = Flow::of(Limit::of(plan))},
+        }
+        out "A leaf all of whose tests are merged" {
+            done: {Flow<InContext> = Flow::of(InContext::of(plan))},
+        }
+        out "The closest hit that was asked for, a clock or two later" { read: {Hit = Hit::of(plan)} }
+        out "Counters' events" { slot_taken: 1, test_issued: 1, transform_issued: 1 }
+        out "The ray-triangle test just merged, for whoever watches" {
+            watch_test: {Flow<TestWatch> = Flow::of(TestWatch::of(plan))},
+        }
+        out "The ray just transformed, its interval in the instance's box, and the instance's record, for whoever watches" {
+            watch_transform: {Flow<TransformWatch> = Flow::of(TransformWatch::of(plan))},
+        }
+    }
+}
 
 /// The geometry unit, and the triangle test within.
 pub struct Geometry {
@@ -61,93 +267,73 @@ pub fn module(plan: &Plan) -> Result<Geometry, HdlError> {
     let packets = plan.packets();
     let a = plan.address();
     let pb = plan.packet_bits();
-    let context = tpu::context(plan);
-    let watertight = plan.config.triangle_test == TriangleTest::Watertight;
-    let triangle = Record::triangle();
-    let vertex = Record::vertex(f);
+    let context = Context::of(plan);
+    let vertex = fields::Vertex::of(f);
 
     let m = Builder::new(
         "geometry_unit",
         "the geometry unit: a leaf's triangle and vertices are fetched, the packet's rays tested one a clock, the hits merged.",
     );
-    m.group("A ray that has been set up, of the world or in an object's space");
-    let setup_valid = m.input("setup_valid", 1);
-    let setup_packet = m.input("setup_packet", pb);
-    let setup_ray = m.input("setup_ray", plan.ray_bits());
-    let setup_object = m.input("setup_object", 1);
-    let mut early_fields: Vec<(&'static str, u32)> = vec![
-        ("origin_x", w),
-        ("origin_y", w),
-        ("origin_z", w),
-        ("reciprocal_x", w),
-        ("reciprocal_y", w),
-        ("reciprocal_z", w),
-        ("signs", 3),
-    ];
-    let directions = ["direction_x", "direction_y", "direction_z"].map(|name| (name, w));
-    if watertight {
-        early_fields.extend([("kz", 2), ("shear_x", w), ("shear_y", w)]);
-    } else {
-        early_fields.extend(directions);
-    }
-    let limit_fields = [("tmin", w), ("tmax", w), ("any_hit", 1)];
-    let early = Bundle::new(&early_fields);
-    let limits = Bundle::new(&limit_fields);
-    let inputs_of =
-        |prefix: &str, fields: &[(&'static str, u32)]| -> Vec<(&'static str, Signal<'_>)> {
-            fields
-                .iter()
-                .map(|(name, width)| (*name, m.input(format!("{prefix}_{name}"), *width)))
-                .collect()
-        };
-    let early_inputs = inputs_of("setup", &early_fields);
-    let limit_inputs = inputs_of("setup", &limit_fields);
-    m.group("The packet of the ray that will have been set up so many clocks later as a memory's read takes");
-    let next_packet = m.input("setup_next_packet", pb);
-    m.group(
-        "Whether leaves in the world are instances of objects: bit right_leaf of the scene's root",
-    );
-    let instanced = m.input("instanced", 1);
-    m.group("Leaves from the traversal unit");
-    let leaf_valid = m.input("leaf_valid", 1);
-    let leaf_packet = m.input("leaf_packet", pb);
-    let leaf_address = m.input("leaf_address", a);
-    let leaf_context = m.input("leaf_context", context.width());
-    let leaf_mask = m.input("leaf_mask", rays);
-    m.group("Record memory: requests");
-    let record_ready = m.input("record_request_ready", 1);
-    m.group("Record memory: answers, in any order, always taken");
-    let record_valid = m.input("record_response_valid", 1);
-    let record_tag = m.input("record_response_tag", pb + 1);
-    let record_data = m.input("record_response_data", triangle.width);
-    m.group("Vertex memory: requests");
-    let vertex_ready = m.input("vertex_request_ready", 1);
-    m.group("Vertex memory: answers, in any order, always taken");
-    let vertex_valid = m.input("vertex_response_valid", 1);
-    let vertex_tag = m.input("vertex_response_tag", pb + CORNER_BITS);
-    let vertex_data = m.input("vertex_response_data", vertex.width);
-    let skin = skinning::Borrower::new(&m, plan);
-    m.group("After reset, packet numbers in turn, to clear what counts by packet");
-    let sweep = m.input("sweep", 1);
-    let sweep_packet = m.input("sweep_packet", pb);
-    m.group("Closest hits are read by packet and ray; the word is there a clock later");
-    let hit_packet = m.input("read_packet", pb);
-    let hit_ray = m.input("read_ray", plan.ray_bits());
+    let ports = ports(plan);
+    let Inputs {
+        setup: Flow {
+            valid: setup_valid,
+            payload: setup,
+        },
+        setup_next_packet: next_packet,
+        instanced,
+        leaf,
+        record:
+            ReadInputs {
+                request_ready: record_ready,
+                response: record,
+            },
+        vertex: vertex_memory,
+        skinning,
+        skin_palette: palette,
+        skin_issue: influence,
+        skin,
+        sweep,
+        sweep_packet,
+        read_packet: hit_packet,
+        read_ray: hit_ray,
+        world,
+        setup_shear_z,
+    } = ports.inputs.inputs(&m);
+    let (record_valid, record) = (record.valid, record.payload);
+    let vertex_ready = vertex_memory.request_ready;
+    let Flow {
+        valid: vertex_valid,
+        payload: arrived,
+    } = vertex_memory.response;
+    let early = &ports.inputs.setup.payload.tested;
+    let limits = &ports.inputs.setup.payload.kept;
 
     m.comment("A leaf is taken when its record can be requested. Its tag says whether it is an instance's.");
-    let leaf_word = Bundle::new(&[("context", context.width()), ("address", a)]);
-    let take_leaf = (leaf_valid & record_ready).named("take_leaf");
+    let leaf_word = LeafWord::of(plan);
+    let take_leaf = (leaf.valid & record_ready).named("take_leaf");
+    let Leaf {
+        packet: leaf_packet,
+        address: leaf_address,
+        context: leaf_context,
+        mask: leaf_mask,
+    } = leaf.payload;
+    let leaf_valid = leaf.valid;
     let leaf_data = leaf_word
-        .pack(&[("context", leaf_context), ("address", leaf_address)])
+        .pack(LeafWord {
+            context: leaf_context,
+            address: leaf_address,
+        })
         .named("leaf_data");
     let leaves = m.memory("leaf_memory", packets, leaf_word.width(), Style::Block);
     leaves.write(take_leaf, leaf_packet, leaf_data);
     let masks = m.memory("mask_memory", packets, rays, Style::Distributed);
     masks.write(take_leaf, leaf_packet, leaf_mask);
     let leaf_is_instance =
-        (instanced & !context.get(leaf_context, "inside")).named("leaf_is_instance");
+        (instanced & !context.unpack(leaf_context).inside).named("leaf_is_instance");
     let instance_leaves = m.memory("instance_leaf_memory", packets, 1, Style::Distributed);
     instance_leaves.write(take_leaf, leaf_packet, leaf_is_instance);
+<<<<<<< HEAD
     m.group("Leaves from the traversal unit");
     m.output("leaf_ready", record_ready);
     m.group("Record memory: requests");
@@ -155,71 +341,66 @@ pub fn module(plan: &Plan) -> Result<Geometry, HdlError> {
     m.output("record_request_address", leaf_address);
     let record_request_tag = leaf_is_instance.concat(leaf_packet);
     m.output("record_request_tag", record_request_tag);
+=======
+    let record_request = Request {
+        address: leaf_address,
+        tag: leaf_is_instance.concat(leaf_packet),
+    };
+>>>>>>> bundles
 
     m.comment(
         "A record's answer: numbers and an instance's root are kept; three vertices, or the six vectors that lie one after another, \
          are requested one a clock.",
     );
-    let field_of = |record: &Record, name: &str| {
-        let field = record.field(name);
-        record_data.field(field.lsb, field.width)
-    };
-    let record_packet = record_tag.low(pb);
-    let record_is_instance = record_tag.msb();
-    let instance = Record::instance();
+    let record_packet = record.tag.low(pb);
+    let record_is_instance = record.tag.msb();
+    let triangle = fields::Triangle::of().unpack(record.data);
+    let instance = fields::Instance::of().unpack(record.data);
     let triangle_numbers = m.memory("triangle_number_memory", packets, 32, Style::Block);
     triangle_numbers.write(
         record_valid & !record_is_instance,
         record_packet,
-        field_of(&triangle, "number"),
+        triangle.number,
     );
     let instance_numbers = m.memory("instance_number_memory", packets, 32, Style::Block);
     let instance_answer = (record_valid & record_is_instance).named("instance_answer");
-    instance_numbers.write(
-        instance_answer,
-        record_packet,
-        field_of(&instance, "number"),
-    );
-    let link = Record::link_word();
-    let root_word = field_of(&instance, "root");
-    let root = Bundle::new(&[("address", a), ("leaf", 1)]);
+    instance_numbers.write(instance_answer, record_packet, instance.number);
+    let link = fields::Link::of().unpack(instance.root);
+    let root = Root::of(plan);
     let root_data = root
-        .pack(&[
-            ("address", root_word.field(link.field("link").lsb, a)),
-            ("leaf", root_word.bit(link.field("left_leaf").lsb)),
-        ])
+        .pack(Root {
+            address: link.link.low(a),
+            leaf: link.left_leaf,
+        })
         .named("root_data");
     let roots = m.memory("root_memory", packets, root.width(), Style::Block);
     roots.write(instance_answer, record_packet, root_data);
-    let job = Bundle::new(&[
-        ("packet", pb),
-        ("instance", 1),
-        ("v0", a),
-        ("v1", a),
-        ("v2", a),
-    ]);
+    let job = Job::of(plan);
     // An instance's first vector is named where a triangle's first vertex is.
-    let first_vector = instance.field("vectors");
-    assert_eq!(first_vector.lsb, triangle.field("v0").lsb);
+    assert_eq!(
+        Record::instance().field("vectors").lsb,
+        Record::triangle().field("v0").lsb
+    );
     let job_done = m.wire("job_done", 1);
     let vertex_queue = fifo::place_block(
         plan,
         "vertex_queue",
         packets,
         record_valid,
-        job.pack(&[
-            ("packet", record_packet),
-            ("instance", record_is_instance),
-            ("v0", field_of(&triangle, "v0").low(a)),
-            ("v1", field_of(&triangle, "v1").low(a)),
-            ("v2", field_of(&triangle, "v2").low(a)),
-        ]),
+        job.pack(Job {
+            packet: record_packet,
+            instance: record_is_instance,
+            v0: triangle.v0.low(a),
+            v1: triangle.v1.low(a),
+            v2: triangle.v2.low(a),
+        }),
         job_done.get(),
     )?;
     let (job_valid, job_front) = (vertex_queue.valid, vertex_queue.front);
     let corner = m.reg_reset("corner", CORNER_BITS, 0);
     let vertex_fire = (job_valid & vertex_ready).named("vertex_fire");
-    let job_is_instance = job.get(job_front, "instance");
+    let job = job.unpack(job_front);
+    let job_is_instance = job.instance;
     let one_corner = m.lit(1u8, CORNER_BITS);
     let last_corner = corner
         .q
@@ -230,11 +411,11 @@ pub fn module(plan: &Plan) -> Result<Geometry, HdlError> {
         last_corner.mux(m.zero(CORNER_BITS), corner.q + one_corner),
     );
     job_done.drive(vertex_fire & last_corner);
-    let vector_address = (job.get(job_front, "v0") + corner.q.extend(a)).named("vector_address");
-    let of_triangle = ["v0", "v1", "v2"].map(|v| job.get(job_front, v));
+    let vector_address = (job.v0 + corner.q.extend(a)).named("vector_address");
     let vertex_address = m
-        .select(corner.q.low(2), &of_triangle)
+        .select(corner.q.low(2), &[job.v0, job.v1, job.v2])
         .named("vertex_address");
+<<<<<<< HEAD
     m.group("Vertex memory: requests");
     m.output("vertex_request_valid", job_valid);
     let request_address = job_is_instance.mux(vector_address, vertex_address);
@@ -242,12 +423,18 @@ pub fn module(plan: &Plan) -> Result<Geometry, HdlError> {
     let job_packet = job.get(job_front, "packet");
     let request_tag = job_packet.concat(corner.q);
     m.output("vertex_request_tag", request_tag);
+=======
+    let vertex_request = Request {
+        address: job_is_instance.mux(vector_address, vertex_address),
+        tag: job.packet.concat(corner.q),
+    };
+>>>>>>> bundles
 
     m.comment(
         "Vertices and vectors arrive in any order; the last one to come makes the leaf complete.",
     );
-    let arrived_packet = vertex_tag.high(pb);
-    let arrived_corner = vertex_tag.low(CORNER_BITS);
+    let arrived_packet = arrived.tag.high(pb);
+    let arrived_corner = arrived.tag.low(CORNER_BITS);
     let arrives_as = |corners: &[u32]| {
         let any: Vec<_> = corners
             .iter()
@@ -257,21 +444,20 @@ pub fn module(plan: &Plan) -> Result<Geometry, HdlError> {
     };
     // Vectors 4 and 5 are an instance's box.
     let arrived_place = arrived_corner.bit(2).concat(arrived_packet);
-    let vector_data = skin
-        .active
-        .mux(skin.palette_data, vertex_data)
+    let vector_data = skinning
+        .mux(palette.payload.data, arrived.data)
         .named("vector_data");
-    let joint_width = skin.joint.width();
+    let joint_width = palette.payload.joint.width();
     let vector_memory = |name: &str, corners: &[u32], place: Signal<'_>, column: u128| {
         let bits = place.width().max(joint_width);
         let depth = (1 << bits) + plan.config.skinning_joints;
-        let memory = m.memory(name, depth, vertex.width, Style::Block);
-        let in_palette = skin.palette_joint.extend(bits);
-        let place = skin.active.mux(in_palette, place.extend(bits));
+        let memory = m.memory(name, depth, vertex.width(), Style::Block);
+        let in_palette = palette.payload.joint.extend(bits);
+        let place = skinning.mux(in_palette, place.extend(bits));
+        let writes_column = palette.valid & palette.payload.column.equals(column);
         memory.write(
-            skin.active
-                .mux(skin.writes_column(column), arrives_as(corners)),
-            skin.active.concat(place),
+            skinning.mux(writes_column, arrives_as(corners)),
+            skinning.concat(place),
             vector_data,
         );
         memory
@@ -343,69 +529,72 @@ pub fn module(plan: &Plan) -> Result<Geometry, HdlError> {
         .enter(in_slot(ORIGIN_SLOT).named("in_origin_slot"))
         .cleared_by_reset();
     // A joint goes the packet's way, and beside it with the bits that it has more.
-    let joint_low = skin.joint.extend(joint_width.max(pb)).low(pb);
+    let Influence {
+        joint,
+        point,
+        weight,
+    } = influence.payload.influence;
+    let joint_low = joint.extend(joint_width.max(pb)).low(pb);
     let packet = p.enter(
-        skin.active
+        skinning
             .mux(joint_low, now_packet.q)
             .named("packet_or_joint"),
     );
     let joint_high = (joint_width > pb).then(|| {
-        let high = skin.joint.high(joint_width - pb);
-        p.enter((high & skin.active.repeat(joint_width - pb)).named("joint_high"))
+        let high = joint.high(joint_width - pb);
+        p.enter((high & skinning.repeat(joint_width - pb)).named("joint_high"))
     });
     let ray = p.enter(issue_ray);
     let first = p.enter(now_first.q);
     let last = p.enter(now_last);
     let inside = p.enter((instanced & !now_instance.q).named("now_inside"));
     let by_ray = plan.rays_in_flight();
-    let setup_index = plan.ray_index(setup_packet, setup_ray);
-    let setup_level_index = setup_object.concat(setup_index);
-    let of_world = (setup_valid & !setup_object).named("setup_of_world");
+    let setup_index = plan.ray_index(setup.packet, setup.ray);
+    let setup_level_index = setup.object.concat(setup_index);
+    let of_world = (setup_valid & !setup.object).named("setup_of_world");
     let ray_memory = m.memory(
         "ray_memory",
         plan.level_rays_in_flight(),
         early.width(),
         Style::Block,
     );
-    ray_memory.write(setup_valid, setup_level_index, early.pack(&early_inputs));
+    ray_memory.write(setup_valid, setup_level_index, early.pack(setup.tested));
     let limit_memory = m.memory("ray_limit_memory", by_ray, limits.width(), Style::Block);
-    limit_memory.write(of_world, setup_index, limits.pack(&limit_inputs));
+    limit_memory.write(of_world, setup_index, limits.pack(setup.kept));
     let index = plan.ray_index(packet, ray).named("test_index");
     let level_index = inside.concat(index).named("test_level_index");
     let read = plan.read_latency();
     // The point that the test takes is chosen among three; where the clock asks for it, the test starts a clock after the choice.
     let start = read + plan.choose_latency();
     let ray_word = plan.read(ray_memory, level_index);
-    let direction_word = Bundle::new(&directions);
-    let direction = if watertight {
-        m.group("A ray of the world as it comes: the watertight test needs its direction for transformations alone");
-        let world_valid = m.input("world_valid", 1);
-        let world_packet = m.input("world_packet", pb);
-        let world_ray = m.input("world_ray", plan.ray_bits());
-        let world_direction = inputs_of("world", &directions);
-        let memory = m.memory(
-            "direction_memory",
-            by_ray,
-            direction_word.width(),
-            Style::Block,
-        );
-        memory.write(
-            world_valid,
-            plan.ray_index(world_packet, world_ray),
-            direction_word.pack(&world_direction),
-        );
-        let word = plan.read(memory, index);
-        directions.map(|(name, _)| direction_word.get(word, name))
-    } else {
-        directions.map(|(name, _)| early.get(ray_word, name))
+    let of_ray = early.unpack(ray_word);
+    let direction = match (world, of_ray.direction) {
+        (Some(world), _) => {
+            let of_world = Line::of(plan).direction;
+            let width = of_world.iter().map(|axis| axis.width).sum();
+            let memory = m.memory("direction_memory", by_ray, width, Style::Block);
+            let World {
+                packet,
+                ray,
+                direction: [x, y, z],
+            } = world.payload;
+            memory.write(
+                world.valid,
+                plan.ray_index(packet, ray),
+                m.concat(&[z, y, x]),
+            );
+            let word = plan.read(memory, index);
+            [0, 1, 2].map(|i| word.field(i * w, w))
+        }
+        (None, Some(direction)) => direction,
+        (None, None) => unreachable!("the test needs no direction only if it is watertight"),
     };
-    let mut inputs: Vec<(String, Signal<'_>)> = vec![];
     // Above the packet: whether its box is wanted, or the rest of a joint; and whether it is a joint.
     // The skinning processor lends the test for a whole mesh, so that a register more changes nothing, and keeps a fan-out to
     // hundreds of operands off the operators' first stage.
     let skinning_at = |at: u32| match at.checked_sub(1) {
-        Some(before) => p.enter_at(skin.active, before).register(),
-        None => p.enter_at(skin.active, at),
+        Some(before) => p.enter_at(skinning, before).register(),
+        None => p.enter_at(skinning, at),
     };
     let corner_bits = plan.level_packet_bits().max(joint_width);
     let above_packet = match joint_high {
@@ -417,36 +606,21 @@ pub fn module(plan: &Plan) -> Result<Geometry, HdlError> {
         above_packet.extend(corner_bits - pb),
         packet,
     ]);
-    for (i, memory) in corners.iter().enumerate() {
-        let word = plan.read(*memory, corner_index.at(start - read));
-        for x in AXES {
-            let field = vertex.field(x);
-            inputs.push((format!("v{i}_{x}"), word.field(field.lsb, field.width)));
-        }
-    }
+    let [v0, v1, v2] = corners.map(|memory| {
+        let word = plan.read(memory, corner_index.at(start - read));
+        vertex.unpack(word).position
+    });
     let is_direction = direction_slot.at(read).named("point_is_direction");
-    for (name, _) in &early_fields {
-        let own = early.get(ray_word, name);
-        let point = ["origin_x", "origin_y", "origin_z"]
-            .iter()
-            .position(|origin| origin == name);
-        let value = match point {
-            Some(i) => plan.choose(
-                skinning_at(read)
-                    .mux(
-                        p.enter(skin.point[i]).at(read),
-                        is_direction.mux(direction[i], own),
-                    )
-                    .named(format!("point_{}", AXES[i])),
-            ),
-            None => own,
-        };
-        inputs.push((name.to_string(), value));
-    }
+    let origin = [0, 1, 2].map(|i| {
+        let own = is_direction.mux(direction[i], of_ray.origin[i]);
+        let chosen = skinning_at(read).mux(p.enter(point.axes[i]).at(read), own);
+        plan.choose(chosen.named(format!("point_{}", AXES[i])))
+    });
     let matrix = (direction_slot | origin_slot).at(start - 1) | skinning_at(start - 1);
-    inputs.push(("matrix".into(), matrix.register()));
-    let stage_of = |port: &str| test.port(port).and_then(|p| p.stage).unwrap_or(0) + start;
-    let translated_at = AXES.map(|x| stage_of(&format!("translation_{x}")));
+    let matrix = matrix.register();
+    let of_test = triangle::ports(plan);
+    let stage_of = |port: &Spec| port.stage(&test) + start;
+    let translated_at = of_test.inputs.translation.each_ref().map(stage_of);
     let translated_at = *translated_at.iter().min().expect("three axes");
     let read_at = translated_at - read;
     let translation_index: Vec<_> = [
@@ -462,60 +636,81 @@ pub fn module(plan: &Plan) -> Result<Geometry, HdlError> {
         translations,
         m.concat(&translation_index),
         origin_slot.at(read_at) | skinning_at(read_at),
-        m.zero(vertex.width),
+        m.zero(vertex.width()),
     );
-    for x in AXES {
-        let field = vertex.field(x);
-        let value = translation.field(field.lsb, field.width);
-        inputs.push((format!("translation_{x}"), value));
-    }
+    let translation = vertex.unpack(translation).position;
     let infinity = m.lit(u128::from(f.infinity()), w);
     let minus_infinity = m.lit(u128::from(f.infinity() | f.sign_bit()), w);
-    let window = Bundle::new(&[("near", w), ("far", w)]);
+    let window = Interval::of(plan);
     let window_memory = m.memory("window_memory", by_ray, window.width(), Style::Block);
-    let no_window = window.pack(&[("near", minus_infinity), ("far", infinity)]);
-    let windowed_at = stage_of("window_near");
+    let no_window = window.pack(Interval {
+        near: minus_infinity,
+        far: infinity,
+    });
+    let windowed_at = stage_of(&of_test.inputs.window.near);
     let window_word = plan.read_where(
         window_memory,
         index.at(windowed_at - read),
         inside.at(windowed_at - read),
         no_window,
     );
-    for name in ["near", "far"] {
-        inputs.push((format!("window_{name}"), window.get(window_word, name)));
-    }
-    let at_limits = stage_of("tmin");
+    let of_window = window.unpack(window_word);
+    let at_limits = stage_of(&of_test.inputs.limits.tmin);
     let limits_word = plan.read(limit_memory, index.at(at_limits - read));
-    let tmin = limits.get(limits_word, "tmin");
-    inputs.push(("tmin".into(), tmin));
-    inputs.push(("tmax".into(), limits.get(limits_word, "tmax")));
-    if watertight {
-        let shear = m.input("setup_shear_z", w);
+    let kept = limits.unpack(limits_word);
+    let tmin = kept.limits.tmin;
+    let shear_z = setup_shear_z.zip(of_test.inputs.shear_z.as_ref());
+    let shear_z = shear_z.map(|(shear, port)| {
         let memory = m.memory("shear_memory", plan.level_rays_in_flight(), w, Style::Block);
         memory.write(setup_valid, setup_level_index, shear);
-        let sheared_at = stage_of("shear_z");
-        let word = plan.read(memory, level_index.at(sheared_at - read));
-        inputs.push(("shear_z".into(), word));
-    }
-    let weight = p.enter(skin.weight).at(stage_of("weight"));
-    inputs.push(("weight".into(), weight));
-    let summed_at = stage_of("accumulate");
-    inputs.push(("accumulate".into(), skinning_at(summed_at)));
-    for (name, operand) in &skin.operands {
-        inputs.push((name.clone(), p.enter_at(*operand, summed_at)));
-    }
-    let named: Vec<(&str, Signal<'_>)> = inputs.iter().map(|(n, s)| (n.as_str(), *s)).collect();
-    let tested = m.instance("test", &test, &named);
+        plan.read(memory, level_index.at(stage_of(port) - read))
+    });
+    let weight = p.enter(weight).at(stage_of(&of_test.inputs.weight));
+    let summed_at = stage_of(&of_test.inputs.accumulate);
+    let accumulate = skinning_at(summed_at);
+    let [x, y, z] = skin.pair;
+    let [u, v, t] = skin.vertex;
+    let operands = [x, y, z, u, v, t].map(|pair| {
+        let [a, b] = [pair.a, pair.b].map(|operand| p.enter_at(operand, summed_at));
+        Operands { a, b }
+    });
+    let inputs = triangle::Inputs {
+        matrix,
+        corners: Corners { v0, v1, v2 },
+        ray: Tested { origin, ..of_ray },
+        translation,
+        weight,
+        window: of_window,
+        limits: kept.limits,
+        shear_z,
+        accumulate,
+        pairs: Pairs {
+            sum_a: operands.map(|pair| pair.a),
+            sum_b: operands.map(|pair| pair.b),
+        },
+    };
+    let tested = of_test.place("test", &m, &test, inputs);
 
-    skin.give_back(&m, &p, &tested);
+    let weighted_at = tested.weighted[0].stage().unwrap_or(0);
+    let entered = p.enter(influence.valid).cleared_by_reset();
+    let weighted = Flow {
+        valid: entered.at(weighted_at).untimed(),
+        payload: Weighted {
+            mark: (influence.payload.mark).map(|_, mark| p.enter(mark).at(weighted_at).untimed()),
+            point: Vector {
+                axes: tested.weighted.map(Signal::untimed),
+            },
+        },
+    };
+    let [a, b, c, d, e, f_sum] = tested.sum.map(Signal::untimed);
 
     m.comment("A ray's window is kept as soon as its box slot has it.");
-    let boxed_at = tested.get("box_near").stage().unwrap_or(0);
+    let boxed_at = tested.box_near.stage().unwrap_or(0);
     let new_window = window
-        .pack(&[
-            ("near", tested.get("box_near")),
-            ("far", tested.get("box_far")),
-        ])
+        .pack(Interval {
+            near: tested.box_near,
+            far: tested.box_far,
+        })
         .untimed();
     window_memory.write(
         box_slot.at(boxed_at).untimed(),
@@ -523,35 +718,32 @@ pub fn module(plan: &Plan) -> Result<Geometry, HdlError> {
         new_window,
     );
     m.comment("The direction waits for the origin, a clock behind it; then the transformed ray leaves, with its interval.");
-    let moved = AXES.map(|x| tested.get(&format!("moved_{x}")));
+    let moved = tested.moved;
     let moved_at = moved[0].stage().unwrap_or(0);
     // The box's slot is two clocks ahead of the origin's: its window can be read from stage boxed_at - 1 of the origin's on.
     let leaves_at = moved_at.max(boxed_at + read - 1);
-    let moved_direction: Vec<_> = (0..3)
-        .map(|i| {
-            let held = m.reg(format!("moved_direction_{}", AXES[i]), w);
-            held.next_when(direction_slot.at(moved_at).untimed(), moved[i].untimed());
-            // It stays until the next ray's, three clocks later.
-            p.enter_at(held.q, leaves_at.min(moved_at + 2))
-        })
-        .collect();
+    let moved_direction = [0, 1, 2].map(|i| {
+        let held = m.reg(format!("moved_direction_{}", AXES[i]), w);
+        held.next_when(direction_slot.at(moved_at).untimed(), moved[i].untimed());
+        // It stays until the next ray's, three clocks later.
+        p.enter_at(held.q, leaves_at.min(moved_at + 2))
+    });
     let own_window = plan.read(window_memory, index.at(leaves_at - read));
     let own_limits = plan.read(limit_memory, index.at(leaves_at - read));
-    let (window_near, window_far) = (
-        window.get(own_window, "near"),
-        window.get(own_window, "far"),
-    );
+    let own_window = window.unpack(own_window);
+    let own_limits = limits.unpack(own_limits).limits;
     let object_near = plan.max(
         "object_near",
-        limits.get(own_limits, "tmin").known(Known::Positive),
-        window_near.known(Known::Number),
+        own_limits.tmin.known(Known::Positive),
+        own_window.near.known(Known::Number),
     );
     let object_far = plan.min(
         "object_far",
-        limits.get(own_limits, "tmax").known(Known::Positive),
-        window_far.known(Known::Number),
+        own_limits.tmax.known(Known::Positive),
+        own_window.far.known(Known::Number),
     );
     let left_at = object_near.stage().unwrap_or(leaves_at) + 1;
+<<<<<<< HEAD
     m.group("A ray in an object's space, to be set up; its interval comes as tmin and tmax");
     let object_valid = origin_slot.at(left_at).untimed();
     m.output("object_valid", object_valid);
@@ -584,21 +776,47 @@ pub fn module(plan: &Plan) -> Result<Geometry, HdlError> {
             ("inside", m.lit(1u8, 1)),
         ]),
     );
+=======
+    let left = |signal| Signal::at(signal, left_at).untimed();
+    let object = Flow {
+        valid: left(origin_slot),
+        payload: Moved {
+            place: Place {
+                packet: left(packet),
+                ray: left(ray),
+                first: left(first),
+                last: left(last),
+            },
+            line: Line {
+                origin: moved.map(left),
+                direction: moved_direction.map(left),
+            },
+            limits: Limits {
+                tmin: left(object_near),
+                tmax: left(object_far),
+            },
+        },
+    };
+    let start_root = root.unpack(plan.read(roots, next_packet));
+    let start_leaf = leaf_word.unpack(plan.read(leaves, next_packet));
+    let start = Start {
+        address: start_root.address,
+        leaf: start_root.leaf,
+        context: context.pack(Context {
+            inside: m.lit(1u8, 1),
+            ..context.unpack(start_leaf.context)
+        }),
+    };
+>>>>>>> bundles
 
     m.comment("The merge: a hit replaces the ray's closest one if it is closer, or as close and of a lower instance and triangle.");
-    let hit = tested.get("hit");
+    let hit = tested.hit;
     let merge_at = hit.stage().unwrap_or(0);
-    let closest_word = Bundle::new(&[
-        ("t", w),
-        ("u", w),
-        ("v", w),
-        ("triangle", 32),
-        ("instance", 32),
-    ]);
+    let closest_word = Closest::of(plan);
     let closest = m.memory("closest_memory", by_ray, closest_word.width(), Style::Block);
     let read_at = merge_at - plan.read_latency();
-    let old = plan.read(closest, index.at(read_at));
-    let leaf = plan.read(leaves, packet.at(read_at));
+    let old = closest_word.unpack(plan.read(closest, index.at(read_at)));
+    let leaf = leaf_word.unpack(plan.read(leaves, packet.at(read_at)));
     let triangle_number = plan.read(triangle_numbers, packet.at(read_at));
     // In a scene of one level every triangle is of instance 0.
     let instance_number = plan.read_where(
@@ -607,20 +825,23 @@ pub fn module(plan: &Plan) -> Result<Geometry, HdlError> {
         inside.at(read_at),
         m.zero(32),
     );
+<<<<<<< HEAD
     let any_hit = limits.get(limits_word, "any_hit");
     let own_context = leaf_word.get(leaf, "context");
     let touched = context.get(own_context, "touched");
+=======
+    let any_hit = kept.any_hit;
+    let leaf_context = context.unpack(leaf.context);
+    let touched = leaf_context.touched;
+>>>>>>> bundles
     let was_touched = bit_of(&m, touched, ray.at(merge_at)).named("was_touched");
-    let t = tested.get("t");
-    let old_t = closest_word.get(old, "t");
+    let t = tested.t;
     // Distances of hits, where the decision counts: not less than tmin.
-    let [new_t, old_t] = [t, old_t].map(|t| t.known(Known::Positive));
+    let [new_t, old_t] = [t, old.t].map(|t| t.known(Known::Positive));
     let closer = less(f, new_t, old_t).named("closer");
     let as_close = equal(f, new_t, old_t).named("as_close");
     let identity = instance_number.concat(triangle_number).named("identity");
-    let old_identity = closest_word
-        .get(old, "instance")
-        .concat(closest_word.get(old, "triangle"));
+    let old_identity = old.instance.concat(old.triangle);
     let lower = identity.lt(old_identity).named("lower");
     let replaces = (hit & (any_hit.at(merge_at) | !was_touched | closer | (as_close & lower)))
         .named("replaces")
@@ -629,13 +850,13 @@ pub fn module(plan: &Plan) -> Result<Geometry, HdlError> {
     let none = m.lit(u128::from(u32::MAX), 32);
     let any = any_hit.at(merged_at);
     let merged = closest_word
-        .pack(&[
-            ("t", any.mux(tmin.at(merged_at), t.at(merged_at))),
-            ("u", any.mux(m.zero(w), tested.get("u").at(merged_at))),
-            ("v", any.mux(m.zero(w), tested.get("v").at(merged_at))),
-            ("triangle", any.mux(none, triangle_number.at(merged_at))),
-            ("instance", any.mux(none, instance_number.at(merged_at))),
-        ])
+        .pack(Closest {
+            t: any.mux(tmin.at(merged_at), t.at(merged_at)),
+            u: any.mux(m.zero(w), tested.u.at(merged_at)),
+            v: any.mux(m.zero(w), tested.v.at(merged_at)),
+            triangle: any.mux(none, triangle_number.at(merged_at)),
+            instance: any.mux(none, instance_number.at(merged_at)),
+        })
         .named("merged");
     let writes = (valid.at(merged_at) & replaces)
         .untimed()
@@ -647,15 +868,14 @@ pub fn module(plan: &Plan) -> Result<Geometry, HdlError> {
         plan.ray_index(out_packet, out_ray),
         merged.untimed(),
     );
-    m.group("A closer hit of a ray: what its near must not exceed from now on");
-    m.output("limit_valid", writes);
-    m.output("limit_packet", out_packet);
-    m.output("limit_ray", out_ray);
-    let minus_infinity = m.lit(u128::from(f.infinity() | f.sign_bit()), w);
-    m.output(
-        "limit_value",
-        any.mux(minus_infinity, t.at(merged_at)).untimed(),
-    );
+    let limit = Flow {
+        valid: writes,
+        payload: Limit {
+            packet: out_packet,
+            ray: out_ray,
+            value: any.mux(minus_infinity, t.at(merged_at)).untimed(),
+        },
+    };
 
     m.comment("Which rays have hit something, gathered over the triangle's rays.");
     let gathered = m.reg("gathered", rays);
@@ -669,6 +889,7 @@ pub fn module(plan: &Plan) -> Result<Geometry, HdlError> {
         .mux(touched.at(merged_at).untimed(), gathered.q);
     let now_touched = (so_far | m.concat(&one_hot)).named("now_touched");
     gathered.next_when(valid.at(merged_at).untimed(), now_touched);
+<<<<<<< HEAD
     m.group("A leaf all of whose tests are merged");
     let done_valid = (valid.at(merged_at) & last.at(merged_at)).untimed();
     m.output("done_valid", done_valid);
@@ -698,27 +919,37 @@ pub fn module(plan: &Plan) -> Result<Geometry, HdlError> {
     m.output("slot_taken", busy.q);
     m.output("test_issued", test_issued);
     m.output("transform_issued", in_slot(ORIGIN_SLOT));
+=======
+    let done = Flow {
+        valid: (valid.at(merged_at) & last.at(merged_at)).untimed(),
+        payload: InContext {
+            packet: out_packet,
+            context: context.pack(Context {
+                level: leaf_context.level.at(merged_at).untimed(),
+                touched: now_touched,
+                inside: leaf_context.inside.at(merged_at).untimed(),
+            }),
+        },
+    };
+    let read = m.pipeline();
+    let read_index = read.enter(plan.ray_index(hit_packet, hit_ray));
+    let read_word = closest_word.unpack(closest.read(read_index).untimed());
+>>>>>>> bundles
 
-    m.group("The ray-triangle test just merged, for whoever watches");
-    m.output("watch_test_valid", valid.at(merged_at).untimed());
-    m.output("watch_test_packet", out_packet);
-    m.output("watch_test_ray", out_ray);
-    m.output(
-        "watch_test_record",
-        leaf_word.get(leaf, "address").at(merged_at).untimed(),
-    );
-    m.output(
-        "watch_test_instance",
-        instance_number.at(merged_at).untimed(),
-    );
-    m.output("watch_test_hit", hit.at(merged_at).untimed());
-    m.output("watch_test_replaces", replaces.untimed());
-    m.output("watch_test_t", t.at(merged_at).untimed());
-    m.output("watch_test_u", tested.get("u").at(merged_at).untimed());
-    m.output("watch_test_v", tested.get("v").at(merged_at).untimed());
-
-    m.group("The ray just transformed, its interval in the instance's box, and the instance's record, for whoever watches");
+    let merged = |signal| Signal::at(signal, merged_at).untimed();
+    let watch_test = TestWatch {
+        packet: out_packet,
+        ray: out_ray,
+        record: merged(leaf.address),
+        instance: merged(instance_number),
+        hit: merged(hit),
+        replaces: replaces.untimed(),
+        t: merged(t),
+        u: merged(tested.u),
+        v: merged(tested.v),
+    };
     let watched_leaf = plan.read(leaves, packet.at(left_at - plan.read_latency()));
+<<<<<<< HEAD
     m.output("watch_transform_valid", object_valid);
     m.output("watch_transform_packet", packet.at(left_at).untimed());
     m.output("watch_transform_ray", ray.at(left_at).untimed());
@@ -805,6 +1036,56 @@ pub fn module(plan: &Plan) -> Result<Geometry, HdlError> {
         object_packet,
     };
     properties::conserves(&m, &unit);
+=======
+    let watch_transform = TransformWatch {
+        packet: object.payload.place.packet,
+        ray: object.payload.place.ray,
+        record: leaf_word.unpack(watched_leaf).address.untimed(),
+        window: own_window.at(left_at).untimed(),
+        line: object.payload.line,
+    };
+    let outputs = Outputs {
+        leaf_ready: record_ready,
+        record: ReadOutputs {
+            request: Flow {
+                valid: leaf_valid,
+                payload: record_request,
+            },
+        },
+        vertex: ReadOutputs {
+            request: Flow {
+                valid: job_valid,
+                payload: vertex_request,
+            },
+        },
+        skin_weighted: weighted,
+        skin_pair_sum: [a, b, c],
+        skin_vertex_sum: [d, e, f_sum],
+        object,
+        start,
+        limit,
+        done,
+        read: Hit {
+            t: read_word.t,
+            u: read_word.u,
+            v: read_word.v,
+            instance: read_word.instance,
+            triangle: read_word.triangle,
+        },
+        slot_taken: busy.q,
+        test_issued: busy.q & !now_instance.q,
+        transform_issued: in_slot(ORIGIN_SLOT),
+        watch_test: Flow {
+            valid: merged(valid),
+            payload: watch_test,
+        },
+        watch_transform: Flow {
+            valid: object.valid,
+            payload: watch_transform,
+        },
+    };
+    ports.outputs.outputs(&m, outputs);
+>>>>>>> bundles
     Ok(Geometry {
         module: m.finish()?,
         test,

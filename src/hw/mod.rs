@@ -4,7 +4,6 @@
 //! [`core`] places all units. [`raycast`] is the largest: ray setup, traversal processing unit, geometry unit, and the packets' bookkeeping.
 
 mod banks;
-mod bundle;
 pub mod core;
 mod distance;
 mod fifo;
@@ -13,6 +12,7 @@ pub mod geometry;
 mod plan;
 mod prefetch;
 mod properties;
+pub mod ray;
 pub mod raycast;
 pub mod setup;
 mod share;
@@ -21,6 +21,5 @@ pub mod tpu;
 mod triangle;
 pub mod update;
 
-pub use bundle::Bundle;
 pub use plan::Plan;
 pub use raycast::{Machine, emit};

@@ -2,7 +2,7 @@
 
 use super::distance;
 use super::fp::{Operand, Units, goes_before};
-use crate::config::Config;
+use crate::config::{Config, TriangleTest};
 use crate::float::Format;
 use crate::hdl::{HdlError, Memory, Module, Signal, bits_for};
 use std::sync::Arc;
@@ -49,6 +49,10 @@ impl Plan {
     /// Bits of a number.
     pub fn number(&self) -> u32 {
         self.format.width()
+    }
+
+    pub fn watertight(&self) -> bool {
+        self.config.triangle_test == TriangleTest::Watertight
     }
 
     pub fn rays(&self) -> u32 {

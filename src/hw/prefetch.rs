@@ -3,7 +3,11 @@
 mod properties;
 
 use super::plan::Plan;
-use crate::hdl::{Builder, HdlError, Module, Proof, Signal, Style, bits_for};
+use crate::hdl::{
+    Builder, Flow, HdlError, Module, Ports, Proof, ReadInputs, Request, Signal, Spec, Specs, Style,
+    bits_for,
+};
+use crate::interface;
 use properties::Reader;
 use std::sync::Arc;
 
@@ -23,14 +27,47 @@ pub(super) fn pick<'b>(index: Signal<'b>, choices: &[Signal<'b>]) -> Signal<'b> 
 /// it do not fit in a clock.
 const REGISTER_ARRIVAL_FROM: u32 = 120;
 
+interface! {
+    pub(super) (width: u32, depth: u32, address: u32) {
+        in "Addresses to read, taken where fetch_ready is high" { fetch_valid: 1, fetch_address: address }
+        in "" {
+            memory: ..{ReadInputs = ReadInputs::of(
+                "Memory",
+                "of any latency, in any order",
+                bits_for(u64::from(depth)),
+                width
+            )},
+        }
+        in "The words in order; pop takes the front word, and only where valid is high" { pop: 1 }
+        out "The words in order; pop takes the front word, and only where valid is high" {
+            fetch_ready: 1,
+            request: {Flow<Request> = Flow::of(Request::of(address, bits_for(u64::from(depth))))},
+            valid: 1,
+            front: width,
+        }
+        out "Whether no word is under way or in here" { empty: 1 }
+    }
+}
+
 /// Reads ahead: takes addresses while it has room for their words, requests them through a tagged read port that may
-/// answer in any order, and gives the words out in the order of the addresses.
-pub(super) fn prefetch(
+/// answer in any order, and gives the words out in the order of the addresses. `name` is the module's, `instance` the instance's.
+pub(super) fn prefetch<'b>(
+    plan: &Plan,
+    (name, instance): (&str, &str),
+    depth: u32,
+    inputs: Inputs<Signal<'b>>,
+) -> Result<Outputs<Signal<'b>>, HdlError> {
+    let (word, address) = (inputs.memory.response.payload.data, inputs.fetch_address);
+    let ports = ports(word.width(), depth, address.width());
+    let module = module(plan, name, depth, &ports)?;
+    Ok(ports.place(instance, word.module(), &module, inputs))
+}
+
+fn module(
     plan: &Plan,
     name: &str,
-    width: u32,
     depth: u32,
-    address: u32,
+    ports: &Ports<Inputs<Spec>, Outputs<Spec>>,
 ) -> Result<Arc<Module>, HdlError> {
     let m = Builder::new(
         name,
@@ -40,17 +77,16 @@ pub(super) fn prefetch(
     );
     let tag = bits_for(u64::from(depth));
     let count_bits = bits_for(u64::from(depth) + 1);
-    m.group("Addresses to read, taken where fetch_ready is high");
-    let fetch_valid = m.input("fetch_valid", 1);
-    let fetch_address = m.input("fetch_address", address);
-    m.group("Memory: requests");
-    let request_ready = m.input("request_ready", 1);
-    m.group("Memory: answers, of any latency, in any order");
-    let response_valid = m.input("response_valid", 1);
-    let response_tag = m.input("response_tag", tag);
-    let response_data = m.input("response_data", width);
-    m.group("The words in order; pop takes the front word, and only where valid is high");
-    let pop = m.input("pop", 1);
+    let width = ports.outputs.front.width;
+    let Inputs {
+        fetch_valid,
+        fetch_address,
+        memory: ReadInputs {
+            request_ready,
+            response,
+        },
+        pop,
+    } = ports.inputs.inputs(&m);
 
     m.comment("A request takes a slot, whose number is its tag; the slot is free again when its word is the front.");
     let head = m.reg_reset("head", tag, 0);
@@ -96,39 +132,35 @@ pub(super) fn prefetch(
         requested.mux(count.q + unit, count.q - unit),
     );
     let lowest = m.lit(1u8, depth);
-    let comes = lowest.shl(response_tag) & response_valid.repeat(depth);
+    let comes = lowest.shl(response.payload.tag) & response.valid.repeat(depth);
     let goes = lowest.shl(head.q) & advance.repeat(depth);
     arrived.next((arrived.q | comes) & !goes);
 
     let words = m.memory("words", depth, width, Style::Distributed);
-    words.write(response_valid, response_tag, response_data);
+    words.write(response.valid, response.payload.tag, response.payload.data);
     let front = m.reg("front_word", width);
     front.next_when(advance, words.read_now(head.q));
     front_valid.next(advance | (front_valid.q & !pop));
 
-    let fetch_ready = request_ready & room;
-    let request_valid = fetch_valid & room;
-    let empty = !(count.q.any() | front_valid.q);
-    m.output("fetch_ready", fetch_ready);
-    m.output("request_valid", request_valid);
-    m.output("request_address", fetch_address);
-    m.output("request_tag", tail.q);
-    m.output("valid", front_valid.q);
-    m.output("front", front.q);
-    m.group("Whether no word is under way or in here");
-    m.output("empty", empty);
+    let request = Request {
+        address: fetch_address,
+        tag: tail.q,
+    };
+    let outputs = Outputs {
+        fetch_ready: request_ready & room,
+        request: Flow {
+            valid: fetch_valid & room,
+            payload: request,
+        },
+        valid: front_valid.q,
+        front: front.q,
+        empty: !(count.q.any() | front_valid.q),
+    };
+    ports.outputs.outputs(&m, outputs);
     properties::order(&Reader {
         depth,
-        fetch_valid,
-        fetch_ready,
-        fetch_address,
-        request_valid,
-        request_ready,
-        response_valid,
-        response_tag,
-        response_data,
-        pop,
-        empty,
+        inputs,
+        outputs,
         head,
         tail,
         count,

@@ -1,6 +1,7 @@
 //! What properties of several units have in common.
 
-use crate::hdl::{Outputs, Proof, Signal};
+use super::prefetch::Outputs;
+use crate::hdl::{Proof, Signal};
 
 /// That what is shown at a port and not taken is shown again.
 #[track_caller]
@@ -54,12 +55,12 @@ pub(super) struct Reader<'b> {
 }
 
 impl<'b> Reader<'b> {
-    pub fn of(outputs: &Outputs<'b>, room: u32, pop: Signal<'b>) -> Reader<'b> {
+    pub fn of(outputs: &Outputs<Signal<'b>>, room: u32, pop: Signal<'b>) -> Reader<'b> {
         Reader {
             room,
-            fetch_ready: outputs.get("fetch_ready"),
-            valid: outputs.get("valid"),
-            empty: outputs.get("empty"),
+            fetch_ready: outputs.fetch_ready,
+            valid: outputs.valid,
+            empty: outputs.empty,
             pop,
         }
     }

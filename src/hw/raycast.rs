@@ -3,12 +3,28 @@
 mod properties;
 
 use super::fifo;
+<<<<<<< HEAD
 use super::plan::{AXES, Plan};
 use super::{geometry, setup, skinning, tpu};
 use crate::bkd::layout::Record;
 use crate::config::{Config, TriangleTest};
 use crate::hdl::{Builder, Design, Direction, HdlError, Module, Style};
 use properties::{Request, Unit};
+=======
+use super::geometry::{self, TestWatch, TransformWatch};
+use super::plan::Plan;
+use super::ray::{Hit, Limits, Line, Place, Tested};
+use super::setup;
+use super::skinning::{self, Issued, Mesh, Taken};
+use super::tpu::{self, StepWatch};
+use crate::bkd::layout::{Record, fields};
+use crate::config::Config;
+use crate::hdl::{
+    Builder, Bundle, Design, Flow, HdlError, Module, ReadInputs, ReadOutputs, Response, Signals,
+    Spec, Specs, Style, Wires, Write,
+};
+use crate::{bundle, interface};
+>>>>>>> bundles
 use std::sync::Arc;
 
 /// Bits of each counter; they wrap.
@@ -33,6 +49,115 @@ pub fn emit(config: &Config) -> Result<Machine, HdlError> {
     })
 }
 
+bundle! {
+    /// A ray to cast.
+    pub struct Ray(plan: &Plan) {
+        /// Counts at a packet's first ray.
+        tag: plan.config.tag_bits,
+        line: ..{Line = Line::of(plan)},
+        limits: ..{Limits = Limits::of(plan)},
+        active: 1,
+        any_hit: 1,
+    }
+}
+
+bundle! {
+    /// A ray's closest hit, under its packet's tag.
+    pub struct TaggedHit(plan: &Plan) {
+        tag: plan.config.tag_bits,
+        hit: ..{Hit = Hit::of(plan)},
+    }
+}
+
+bundle! {
+    /// A packet all of whose rays have been taken, and its number in flight.
+    pub struct StartWatch(plan: &Plan) {
+        packet: plan.packet_bits(),
+        tag: plan.config.tag_bits,
+    }
+}
+
+bundle! {
+    /// What is counted since reset.
+    pub struct Counters() {
+        cycles: COUNTER_BITS,
+        packet_steps: COUNTER_BITS,
+        ray_triangle_tests: COUNTER_BITS,
+        tpu_busy_cycles: COUNTER_BITS,
+        tpu_starved_cycles: COUNTER_BITS,
+        ray_transforms: COUNTER_BITS,
+        gu_busy_cycles: COUNTER_BITS,
+        gu_starved_cycles: COUNTER_BITS,
+        skin_influences: COUNTER_BITS,
+        skin_cycles: COUNTER_BITS,
+    }
+}
+
+/// Bits of the tags of vertex reads: the geometry unit's or the skinning processor's.
+fn vertex_tag_bits(plan: &Plan) -> u32 {
+    (plan.packet_bits() + geometry::CORNER_BITS).max(skinning::vector_tag_bits(plan))
+}
+
+interface! {
+    pub (plan: &Plan) {
+        in "The scene: root link word and box, constant while packets are under way" {
+            scene_root: Record::link_word().width,
+            scene_lo: [plan.number(); xyz],
+            scene_hi: [plan.number(); xyz],
+        }
+        in "Rays in" { ray: {Flow<Ray> = Flow::of(Ray::of(plan))} }
+        in "Hits out" { hit_ready: 1 }
+        in "" {
+            node: {ReadInputs = tpu::Inputs::of(plan).node},
+            record: {ReadInputs = geometry::Inputs::of(plan).record},
+            vertex: {ReadInputs = ReadInputs::of(
+                "Vertex memory",
+                "in any order, always taken",
+                vertex_tag_bits(plan),
+                Record::vertex(plan.format).width
+            )},
+            influence: {ReadInputs = ReadInputs::of(
+                "Influence memory",
+                "in any order, always taken",
+                skinning::row_tag_bits(plan),
+                Record::influence_row(plan.format).width
+            )},
+        }
+        in "A mesh to skin, taken when no packet is under way: indices of its palette, influence rows, vertices at rest \
+            and vertices to write, and how many of each" {
+            skin_start: {Flow<Mesh> = Flow::of(Mesh::of(plan))},
+        }
+        in "Vertex memory: writes of skinned vertices" { skin_write_ready: 1 }
+        out "Rays in" { ray_ready: 1 }
+        out "Hits out" { hit: {Flow<TaggedHit> = Flow::of(TaggedHit::of(plan))} }
+        out "A mesh to skin, taken when no packet is under way: indices of its palette, influence rows, vertices at rest \
+            and vertices to write, and how many of each" {
+            skin_start_ready: 1,
+        }
+        out "High for a clock when a mesh is complete" { skin_done: 1 }
+        out "Vertex memory: writes of skinned vertices" {
+            skin_write: {Flow<Write> = Flow::of(Write::of(plan.address(), Record::vertex(plan.format).width))},
+        }
+        out "" {
+            node: {ReadOutputs = tpu::Outputs::of(plan).node},
+            record: {ReadOutputs = geometry::Outputs::of(plan).record},
+            influence: {ReadOutputs = skinning::Outputs::of(plan).influence},
+            vertex: {ReadOutputs = ReadOutputs::of("Vertex memory", plan.address(), vertex_tag_bits(plan))},
+        }
+        out "Counters since reset" {
+            count: {Counters = Counters::of()},
+            stack_high_water: plan.level_bits(),
+            stack_overflow: 1,
+        }
+        out "What happens inside, for whoever watches" {
+            watch_start: {Flow<StartWatch> = Flow::of(StartWatch::of(plan))},
+            watch_step: {Flow<StepWatch> = Flow::of(StepWatch::of(plan))},
+            watch_test: {Flow<TestWatch> = Flow::of(TestWatch::of(plan))},
+            watch_transform: {Flow<TransformWatch> = Flow::of(TransformWatch::of(plan))},
+        }
+    }
+}
+
 pub(super) fn module(plan: &Plan) -> Result<Arc<Module>, HdlError> {
     let tpu = tpu::module(plan)?;
     let setup = setup::module(plan, tpu.pop_latency)?;
@@ -43,7 +168,6 @@ pub(super) fn module(plan: &Plan) -> Result<Arc<Module>, HdlError> {
     let packets = plan.packets();
     let pb = plan.packet_bits();
     let rb = plan.ray_bits();
-    let watertight = plan.config.triangle_test == TriangleTest::Watertight;
 
     let m = Builder::new(
         "raycast_unit",
@@ -53,58 +177,23 @@ pub(super) fn module(plan: &Plan) -> Result<Arc<Module>, HdlError> {
              After reset, wait for ray_ready."
         ),
     );
-    m.group("The scene: root link word and box, constant while packets are under way");
-    let root = m.input("scene_root", Record::link_word().width);
-    let scene_lo: Vec<_> = AXES.map(|x| m.input(format!("scene_lo_{x}"), w)).into();
-    let scene_hi: Vec<_> = AXES.map(|x| m.input(format!("scene_hi_{x}"), w)).into();
-    m.group("Rays in");
-    let ray_valid = m.input("ray_valid", 1);
-    let ray_tag = m.input("ray_tag", plan.config.tag_bits);
-    let ray_origin: Vec<_> = AXES.map(|x| m.input(format!("ray_origin_{x}"), w)).into();
-    let ray_direction: Vec<_> = AXES
-        .map(|x| m.input(format!("ray_direction_{x}"), w))
-        .into();
-    let ray_tmin = m.input("ray_tmin", w);
-    let ray_tmax = m.input("ray_tmax", w);
-    let ray_active = m.input("ray_active", 1);
-    let ray_any_hit = m.input("ray_any_hit", 1);
-    m.group("Hits out");
-    let hit_ready = m.input("hit_ready", 1);
-    let node = Record::node(plan.format);
-    let triangle = Record::triangle();
-    let vertex = Record::vertex(plan.format);
-    let memory_inputs = |name: &str, title: &str, tag: u32, data: u32| {
-        m.group(format!("{title}: requests"));
-        let ready = m.input(format!("{name}_request_ready"), 1);
-        m.group(format!("{title}: answers, in any order, always taken"));
-        let valid = m.input(format!("{name}_response_valid"), 1);
-        let tag = m.input(format!("{name}_response_tag"), tag);
-        let data = m.input(format!("{name}_response_data"), data);
-        (ready, valid, tag, data)
-    };
-    let node_port = memory_inputs("node", "Node memory", plan.level_packet_bits(), node.width);
-    let record_port = memory_inputs("record", "Record memory", pb + 1, triangle.width);
-    let corner_tag = pb + geometry::CORNER_BITS;
-    let vector_tag = skinning::vector_tag_bits(plan);
-    let vertex_tag = corner_tag.max(vector_tag);
-    let vertex_port = memory_inputs("vertex", "Vertex memory", vertex_tag, vertex.width);
-    let influence_row = Record::influence_row(plan.format);
-    let influence_port = memory_inputs(
-        "influence",
-        "Influence memory",
-        skinning::row_tag_bits(plan),
-        influence_row.width,
-    );
-    const SKINNING: &str = "A mesh to skin, taken when no packet is under way: indices of its palette, influence rows, vertices at rest \
-         and vertices to write, and how many of each";
-    m.group(SKINNING);
-    let skin_start = m.input("skin_start_valid", 1);
-    let skin_start_inputs: Vec<_> = skinning::start_ports(plan)
-        .into_iter()
-        .map(|(name, width)| (name, m.input(format!("skin_start_{name}"), width)))
-        .collect();
-    m.group("Vertex memory: writes of skinned vertices");
-    let skin_write_ready = m.input("skin_write_ready", 1);
+    let ports = ports(plan);
+    let Inputs {
+        scene_root: root,
+        scene_lo,
+        scene_hi,
+        ray: Flow {
+            valid: ray_valid,
+            payload: ray,
+        },
+        hit_ready,
+        node,
+        record,
+        vertex,
+        influence,
+        skin_start,
+        skin_write_ready,
+    } = ports.inputs.inputs(&m);
 
     m.comment("After reset every packet number is put into the queue of free ones, and what counts by packet is cleared.");
     let sweeping = m.reg_reset("sweeping", 1, 1);
@@ -131,7 +220,7 @@ pub(super) fn module(plan: &Plan) -> Result<Arc<Module>, HdlError> {
     let object_valid = m.wire("object_valid", 1);
     // A mesh to skin does not wait for a pause between packets: it makes one.
     let skinning_now = m.wire("skinning_now", 1);
-    let paused = (skin_start | skinning_now.get()).named("paused");
+    let paused = (skin_start.valid | skinning_now.get()).named("paused");
     let ready = (!sweeping.q & free_any & !object_valid.get() & !paused).named("ready");
     let take = (ray_valid & ready).named("take_ray");
     take_free.drive(take & last);
@@ -142,94 +231,80 @@ pub(super) fn module(plan: &Plan) -> Result<Arc<Module>, HdlError> {
         plan.config.tag_bits,
         Style::Distributed,
     );
-    tags.write(take & first, free_front, ray_tag);
-    m.group("Rays in");
-    m.output("ray_ready", ready);
+    tags.write(take & first, free_front, ray.tag);
 
     m.comment(
         "Ray setup: of a ray of the world, or, before that, of one that the geometry unit has taken to an object's space.",
     );
-    let names = |prefix: &str| AXES.map(|x| format!("{prefix}_{x}"));
     let is_object = object_valid.get();
-    let object_fields = [
-        ("packet".to_string(), pb, free_front),
-        ("ray".into(), rb, place.q),
-        ("first".into(), 1, first),
-        ("last".into(), 1, last),
-        ("tmin".into(), w, ray_tmin),
-        ("tmax".into(), w, ray_tmax),
-    ]
-    .into_iter()
-    .chain((0..3).map(|i| (names("origin")[i].clone(), w, ray_origin[i])))
-    .chain((0..3).map(|i| (names("direction")[i].clone(), w, ray_direction[i])));
-    let mut inputs = vec![
-        ("valid".to_string(), is_object | take),
-        ("object".into(), is_object),
-        ("active".into(), is_object | ray_active),
-        ("any_hit".into(), ray_any_hit),
-    ];
-    let mut from_object = vec![];
-    for (name, width, of_world) in object_fields {
-        let of_object = m.wire(format!("object_{name}"), width);
-        inputs.push((name.clone(), is_object.mux(of_object.get(), of_world)));
-        from_object.push((name, of_object));
-    }
-    for i in 0..3 {
-        inputs.push((names("scene_lo")[i].clone(), scene_lo[i]));
-        inputs.push((names("scene_hi")[i].clone(), scene_hi[i]));
-    }
-    let borrowed: Vec<_> = inputs.iter().map(|(n, s)| (n.as_str(), *s)).collect();
-    let set_up = m.instance("setup", &setup, &borrowed);
+    let of_geometry = geometry::ports(plan);
+    // What a ray of the world says, or one of an object's space, whose wire is driven later.
+    let chosen = |spec: &Spec, of_world| {
+        let of_object = m.wire(&spec.name, spec.width);
+        (of_object, is_object.mux(of_object.get(), of_world))
+    };
+    let spec = &of_geometry.outputs.object.payload;
+    let place_chosen = Place {
+        packet: chosen(&spec.place.packet, free_front),
+        ray: chosen(&spec.place.ray, place.q),
+        first: chosen(&spec.place.first, first),
+        last: chosen(&spec.place.last, last),
+    };
+    let limits_chosen = Limits {
+        tmin: chosen(&spec.limits.tmin, ray.limits.tmin),
+        tmax: chosen(&spec.limits.tmax, ray.limits.tmax),
+    };
+    let on_axes =
+        |specs: &[Spec; 3], of_world: [_; 3]| [0, 1, 2].map(|i| chosen(&specs[i], of_world[i]));
+    let line_chosen = Line {
+        origin: on_axes(&spec.line.origin, ray.line.origin),
+        direction: on_axes(&spec.line.direction, ray.line.direction),
+    };
+    let inputs = setup::Inputs {
+        valid: is_object | take,
+        place: place_chosen.map(|_, (_, chosen)| chosen),
+        object: is_object,
+        active: is_object | ray.active,
+        any_hit: ray.any_hit,
+        line: line_chosen.map(|_, (_, chosen)| chosen),
+        limits: limits_chosen.map(|_, (_, chosen)| chosen),
+        scene_lo,
+        scene_hi,
+    };
+    let set_up = setup::ports(plan, tpu.pop_latency).place("setup", &m, &setup, inputs);
+    let out = set_up.out.payload;
 
     m.comment("Traversal and geometry.");
     let leaf_ready = m.wire("leaf_ready", 1);
-    let limit_valid = m.wire("limit_valid", 1);
-    let limit_packet = m.wire("limit_packet", pb);
-    let limit_ray = m.wire("limit_ray", rb);
-    let limit_value = m.wire("limit_value", w);
-    let done_valid = m.wire("done_valid", 1);
-    let done_packet = m.wire("done_packet", pb);
-    let context_width = tpu::context(plan).width();
-    let done_context = m.wire("done_context", context_width);
-    let start_address = m.wire("start_address", plan.address());
-    let start_leaf = m.wire("start_leaf", 1);
-    let start_context = m.wire("start_context", context_width);
-    let mut inputs = vec![
-        ("setup_soon".to_string(), set_up.get("soon")),
-        ("object_address".into(), start_address.get()),
-        ("object_leaf".into(), start_leaf.get()),
-        ("object_context".into(), start_context.get()),
-        ("root".into(), root),
-        ("node_request_ready".into(), node_port.0),
-        ("node_response_valid".into(), node_port.1),
-        ("node_response_tag".into(), node_port.2),
-        ("node_response_data".into(), node_port.3),
-        ("leaf_ready".into(), leaf_ready.get()),
-        ("limit_valid".into(), limit_valid.get()),
-        ("limit_packet".into(), limit_packet.get()),
-        ("limit_ray".into(), limit_ray.get()),
-        ("limit_value".into(), limit_value.get()),
-        ("done_valid".into(), done_valid.get()),
-        ("done_packet".into(), done_packet.get()),
-        ("done_context".into(), done_context.get()),
-    ];
-    let mut set_up_fields = vec![
-        "valid", "packet", "ray", "first", "last", "object", "enters", "near", "far", "signs",
-    ];
-    let geometry_names = names("origin").into_iter().chain(names("reciprocal"));
-    let shared: Vec<String> = geometry_names.collect();
-    set_up_fields.extend(shared.iter().map(String::as_str));
-    for field in set_up_fields {
-        inputs.push((
-            format!("setup_{field}"),
-            set_up.get(&format!("out_{field}")),
-        ));
-    }
-    let borrowed: Vec<_> = inputs.iter().map(|(n, s)| (n.as_str(), *s)).collect();
-    let traversal = m.instance("traversal", &tpu.module, &borrowed);
+    let limit = of_geometry.outputs.limit.wires(&m, "limit");
+    let done = of_geometry.outputs.done.wires(&m, "done");
+    let start = of_geometry.outputs.start.wires(&m, "start");
+    let inputs = tpu::Inputs {
+        setup_soon: set_up.soon,
+        setup: Flow {
+            valid: set_up.out.valid,
+            payload: tpu::SetUp {
+                place: out.place,
+                enters: out.enters,
+                interval: out.interval,
+                signs: out.signs,
+                origin: out.along.map(|axis| axis.origin),
+                reciprocal: out.along.map(|axis| axis.reciprocal),
+            },
+        },
+        setup_object: out.object,
+        object: start.get(),
+        root,
+        node,
+        leaf_ready: leaf_ready.get(),
+        limit: limit.get(),
+        done: done.get(),
+    };
+    let traversal = tpu::ports(plan).place("traversal", &m, &tpu.module, inputs);
 
     let read_packet = m.wire("read_packet", pb);
     let read_ray = m.wire("read_ray", rb);
+<<<<<<< HEAD
     let right_leaf = Record::link_word().field("right_leaf").lsb;
     let vertex_to_geometry = vertex_port.1 & !skinning_now.get();
     let mut inputs = vec![
@@ -280,30 +355,77 @@ pub(super) fn module(plan: &Plan) -> Result<Arc<Module>, HdlError> {
         let ports = geometry.module.ports().iter();
         let ports = ports.filter(move |port| port.direction == direction);
         ports.filter_map(|port| Some((port.name.strip_prefix("skin_")?, port.width)))
+=======
+    let of_inputs = &of_geometry.inputs;
+    // The same memory, of which each takes its own responses and as many bits of their tags as it has given.
+    let vertex_of = |ports: &ReadInputs<Spec>, its| ReadInputs {
+        request_ready: vertex.request_ready,
+        response: Flow {
+            valid: vertex.response.valid & its,
+            payload: Response {
+                tag: (vertex.response.payload.tag).low(ports.response.payload.tag.width),
+                data: vertex.response.payload.data,
+            },
+        },
+>>>>>>> bundles
     };
-    let mut to_geometry = vec![];
-    for (name, width) in of_skinning(Direction::Input) {
-        let wire = m.wire(format!("skin_{name}"), width);
-        inputs.push((format!("skin_{name}"), wire.get()));
-        to_geometry.push((name, wire));
-    }
-    let borrowed: Vec<_> = inputs.iter().map(|(n, s)| (n.as_str(), *s)).collect();
-    let intersection = m.instance("intersection", &geometry.module, &borrowed);
-    leaf_ready.drive(intersection.get("leaf_ready"));
-    limit_valid.drive(intersection.get("limit_valid"));
-    limit_packet.drive(intersection.get("limit_packet"));
-    limit_ray.drive(intersection.get("limit_ray"));
-    limit_value.drive(intersection.get("limit_value"));
-    done_valid.drive(intersection.get("done_valid"));
-    done_packet.drive(intersection.get("done_packet"));
-    done_context.drive(intersection.get("done_context"));
-    start_address.drive(intersection.get("start_address"));
-    start_leaf.drive(intersection.get("start_leaf"));
-    start_context.drive(intersection.get("start_context"));
-    object_valid.drive(intersection.get("object_valid"));
-    for (name, wire) in from_object {
-        wire.drive(intersection.get(&format!("object_{name}")));
-    }
+    let vertex_of_geometry = vertex_of(&of_inputs.vertex, !skinning_now.get());
+    let palette = of_inputs.skin_palette.wires(&m, "skin_palette");
+    let issue = of_inputs.skin_issue.wires(&m, "skin_issue");
+    let operands = of_inputs.skin.wires(&m, "skin");
+    let inputs = geometry::Inputs {
+        setup: Flow {
+            valid: set_up.out.valid,
+            payload: geometry::SetUp {
+                packet: out.place.packet,
+                ray: out.place.ray,
+                object: out.object,
+                tested: Tested {
+                    origin: out.along.map(|axis| axis.origin),
+                    reciprocal: out.along.map(|axis| axis.reciprocal),
+                    signs: out.signs,
+                    shear: out.shear,
+                    direction: out.direction,
+                },
+                kept: geometry::Kept {
+                    limits: out.limits,
+                    any_hit: out.any_hit,
+                },
+            },
+        },
+        setup_next_packet: set_up.next_packet,
+        instanced: fields::Link::of().unpack(root).right_leaf,
+        leaf: traversal.leaf,
+        record,
+        vertex: vertex_of_geometry,
+        skinning: skinning_now.get(),
+        skin_palette: palette.get(),
+        skin_issue: issue.get(),
+        skin: operands.get(),
+        sweep: sweeping.q,
+        sweep_packet: sweep_packet.q,
+        read_packet: read_packet.get(),
+        read_ray: read_ray.get(),
+        world: plan.watertight().then(|| Flow {
+            valid: take,
+            payload: geometry::World {
+                packet: free_front,
+                ray: place.q,
+                direction: ray.line.direction,
+            },
+        }),
+        setup_shear_z: out.shear_z,
+    };
+    let intersection = of_geometry.place("intersection", &m, &geometry.module, inputs);
+    leaf_ready.drive(intersection.leaf_ready);
+    limit.drive(intersection.limit);
+    done.drive(intersection.done);
+    start.drive(intersection.start);
+    let object = intersection.object.payload;
+    object_valid.drive(intersection.object.valid);
+    (place_chosen.map(|_, (wire, _)| wire)).drive(object.place);
+    (limits_chosen.map(|_, (wire, _)| wire)).drive(object.limits);
+    (line_chosen.map(|_, (wire, _)| wire)).drive(object.line);
 
     m.comment("Finished packets hand out their hits ray by ray. The word read is always that of the ray shown next.");
     let out_word = pb + rays;
@@ -312,10 +434,12 @@ pub(super) fn module(plan: &Plan) -> Result<Arc<Module>, HdlError> {
         plan,
         "finished_queue",
         packets,
-        traversal.get("finished_valid"),
+        traversal.finished.valid,
         traversal
-            .get("finished_touched")
-            .concat(traversal.get("finished_packet")),
+            .finished
+            .payload
+            .touched
+            .concat(traversal.finished.payload.packet),
         take_finished.get(),
     )?;
     let (finished_any, finished_front) = (finished_queue.valid, finished_queue.front);
@@ -344,8 +468,8 @@ pub(super) fn module(plan: &Plan) -> Result<Arc<Module>, HdlError> {
     let touched_bits: Vec<_> = (0..rays).map(|i| out.q.bit(pb + i)).collect();
     let touched = m.select(out_ray.q, &touched_bits).named("out_touched");
     let infinity = m.lit(u128::from(plan.format.infinity()), w);
-    let hit_of = |name: &str| intersection.get(&format!("read_{name}"));
     let none = m.lit(u128::from(u32::MAX), 32);
+<<<<<<< HEAD
     m.group("Hits out");
     m.output("hit_valid", shown);
     let hit_tag = tags.read_now(out_packet);
@@ -355,6 +479,19 @@ pub(super) fn module(plan: &Plan) -> Result<Arc<Module>, HdlError> {
     m.output("hit_v", touched.mux(hit_of("v"), m.zero(w)));
     m.output("hit_instance", touched.mux(hit_of("instance"), none));
     m.output("hit_triangle", touched.mux(hit_of("triangle"), none));
+=======
+    let miss = Hit {
+        t: infinity,
+        u: m.zero(w),
+        v: m.zero(w),
+        instance: none,
+        triangle: none,
+    };
+    let hit = TaggedHit {
+        tag: tags.read_now(out_packet),
+        hit: intersection.read.or_else(touched, miss),
+    };
+>>>>>>> bundles
 
     m.comment("Skinning borrows the geometry unit and its port to vertex memory.");
     let under_way = m.reg_reset("under_way", pb + 1, 0);
@@ -365,6 +502,7 @@ pub(super) fn module(plan: &Plan) -> Result<Arc<Module>, HdlError> {
         enters ^ leaves,
         enters.mux(under_way.q + unit, under_way.q - unit),
     );
+<<<<<<< HEAD
     let may_start = !some & !sweeping.q;
     let vertex_to_skinner = vertex_port.1 & skinning_now.get();
     let mut inputs = vec![
@@ -528,5 +666,87 @@ pub(super) fn module(plan: &Plan) -> Result<Arc<Module>, HdlError> {
         to_skinner: vertex_to_skinner,
     };
     properties::shares(&m, &unit);
+=======
+    let of_skinning = skinning::ports(plan);
+    let inputs = skinning::Inputs {
+        start: skin_start,
+        may_start: !some & !sweeping.q,
+        vertex: vertex_of(&of_skinning.inputs.vertex, skinning_now.get()),
+        influence,
+        write_ready: skin_write_ready,
+        weighted: intersection.skin_weighted,
+        pair_sum: intersection.skin_pair_sum,
+        vertex_sum: intersection.skin_vertex_sum,
+    };
+    let skin = of_skinning.place("skinner", &m, &skinning, inputs);
+    skinning_now.drive(skin.skinning);
+    palette.drive(skin.palette);
+    let Issued { influence, mark } = skin.issue.payload;
+    issue.drive(Flow {
+        valid: skin.issue.valid,
+        payload: Taken { mark, influence },
+    });
+    operands.drive(skin.operands);
+    let of_vertex =
+        (ports.outputs.vertex.request).zip(skin.vertex.request.zip(intersection.vertex.request));
+    let vertex_request = of_vertex.map(|_, (spec, (of_skin, of_geometry))| {
+        let [of_skin, of_geometry] =
+            [of_skin, of_geometry].map(|request| request.extend(spec.width));
+        skinning_now.get().mux(of_skin, of_geometry)
+    });
+
+    m.comment("Counters since reset.");
+    let step = traversal.step_taken;
+    let slot = intersection.slot_taken;
+    let events = Counters {
+        cycles: m.lit(1u8, 1),
+        packet_steps: step,
+        ray_triangle_tests: intersection.test_issued,
+        tpu_busy_cycles: step,
+        tpu_starved_cycles: some & !step,
+        ray_transforms: intersection.transform_issued,
+        gu_busy_cycles: slot,
+        gu_starved_cycles: some & !slot,
+        skin_influences: skin.influence_issued,
+        skin_cycles: skinning_now.get(),
+    };
+    let outputs = Outputs {
+        ray_ready: ready,
+        hit: Flow {
+            valid: shown,
+            payload: hit,
+        },
+        skin_start_ready: skin.start_ready,
+        skin_done: skin.done,
+        skin_write: skin.write,
+        node: traversal.node,
+        record: intersection.record,
+        influence: skin.influence,
+        vertex: ReadOutputs {
+            request: vertex_request,
+        },
+        count: events.map(|name, event| {
+            let counter = m.reg_reset(format!("{name}_counter"), COUNTER_BITS, 0);
+            counter.next_when(event, counter.q + m.lit(1u8, COUNTER_BITS));
+            counter.q
+        }),
+        stack_high_water: traversal.stack_high_water,
+        stack_overflow: traversal.stack_overflow,
+        watch_start: Flow {
+            valid: take & last,
+            payload: StartWatch {
+                packet: free_front,
+                tag: first.mux(ray.tag, tags.read_now(free_front)),
+            },
+        },
+        watch_step: Flow {
+            valid: step,
+            payload: traversal.watch_step,
+        },
+        watch_test: intersection.watch_test,
+        watch_transform: intersection.watch_transform,
+    };
+    ports.outputs.outputs(&m, outputs);
+>>>>>>> bundles
     m.finish()
 }

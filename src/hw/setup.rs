@@ -6,39 +6,59 @@
 use super::distance;
 use super::fp::{Knowing, Known, is_nan, is_zero, less_equal};
 use super::plan::{AXES, Plan};
-use crate::config::TriangleTest;
-use crate::hdl::{Builder, HdlError, Module, Signal};
+use super::ray::{Along, Interval, Limits, Line, Place, SetUp, Shear};
+use crate::hdl::{Builder, Bundle, Flow, HdlError, Module, Signals, Specs};
+use crate::interface;
 use std::sync::Arc;
+
+interface! {
+    pub (plan: &Plan, lookahead: u32) {
+        in "A ray's packet and place in it, and whether it is the first and the last of the packet's rays that come" {
+            valid: 1,
+            place: ..{Place = Place::of(plan)},
+        }
+        in "Whether it is in an object's space: the scene's box does not clip it" { object: 1 }
+        in "The ray" {
+            active: 1,
+            any_hit: 1,
+            line: ..{Line = Line::of(plan)},
+            limits: ..{Limits = Limits::of(plan)},
+        }
+        in "The scene's box, constant while rays are under way" {
+            scene_lo: [plan.number(); xyz],
+            scene_hi: [plan.number(); xyz],
+        }
+        out "The ray, set up" {
+            out: {Flow<SetUp> = Flow::of(SetUp::of(plan))},
+        }
+        out (format!("The packet of the ray that comes out {} clocks later", plan.read_latency())) {
+            next_packet: plan.packet_bits(),
+        }
+        out (format!("Says {lookahead} clocks ahead that a ray is coming out")) { soon: 1 }
+    }
+}
 
 /// Ray setup as a pipeline. `lookahead` is how many clocks before its outputs `soon` announces them; the packet alone
 /// is named [`Plan::read_latency`] clocks before, for reads of what belongs to it.
 pub fn module(plan: &Plan, lookahead: u32) -> Result<Arc<Module>, HdlError> {
     let w = plan.number();
     let f = plan.format;
-    let watertight = plan.config.triangle_test == TriangleTest::Watertight;
     let m = Builder::new(
         "ray_setup",
         "what traversal and intersection need to know of a ray, and its interval in the scene's box.",
     );
     let p = m.pipeline();
-    m.group("A ray's packet and place in it, and whether it is the first and the last of the packet's rays that come");
-    let valid = p.valid_input("valid");
-    let packet = p.input("packet", plan.packet_bits());
-    let ray = p.input("ray", plan.ray_bits());
-    let first = p.input("first", 1);
-    let last_of_packet = p.input("last", 1);
-    m.group("Whether it is in an object's space: the scene's box does not clip it");
-    let object = p.input("object", 1);
-    m.group("The ray");
-    let active = p.input("active", 1);
-    let any_hit = p.input("any_hit", 1);
-    let origin: Vec<_> = AXES.map(|a| p.input(format!("origin_{a}"), w)).into();
-    let direction: Vec<_> = AXES.map(|a| p.input(format!("direction_{a}"), w)).into();
-    let tmin = p.input("tmin", w);
-    let tmax = p.input("tmax", w);
-    m.group("The scene's box, constant while rays are under way");
-    let scene_lo: Vec<_> = AXES.map(|a| m.input(format!("scene_lo_{a}"), w)).into();
-    let scene_hi: Vec<_> = AXES.map(|a| m.input(format!("scene_hi_{a}"), w)).into();
+    let ports = ports(plan, lookahead);
+    let inputs = &ports.inputs;
+    let valid = inputs.valid.input_at(&p, 0).cleared_by_reset();
+    let place = inputs.place.inputs_at(&p, 0);
+    let object = inputs.object.input_at(&p, 0);
+    let active = inputs.active.input_at(&p, 0);
+    let any_hit = inputs.any_hit.input_at(&p, 0);
+    let Line { origin, direction } = inputs.line.inputs_at(&p, 0);
+    let Limits { tmin, tmax } = inputs.limits.inputs_at(&p, 0);
+    let scene_lo = inputs.scene_lo.each_ref().map(|lo| lo.input(&m));
+    let scene_hi = inputs.scene_hi.each_ref().map(|hi| hi.input(&m));
 
     m.comment("A ray is valid if it is active, nothing in it is a NaN, and 0 <= tmin <= tmax.");
     let zero = m.zero(w);
@@ -108,25 +128,8 @@ pub fn module(plan: &Plan, lookahead: u32) -> Result<Arc<Module>, HdlError> {
         .named("enters")
         .register();
 
-    let mut outputs: Vec<(String, Signal<'_>)> = vec![
-        ("out_packet".into(), packet),
-        ("out_ray".into(), ray),
-        ("out_first".into(), first),
-        ("out_last".into(), last_of_packet),
-        ("out_object".into(), object),
-        ("out_enters".into(), enters),
-        ("out_near".into(), near),
-        ("out_far".into(), far),
-        ("out_signs".into(), signs),
-        ("out_tmin".into(), tmin),
-        ("out_tmax".into(), tmax),
-        ("out_any_hit".into(), any_hit),
-    ];
-    for i in 0..3 {
-        outputs.push((format!("out_origin_{}", AXES[i]), origin[i]));
-        outputs.push((format!("out_reciprocal_{}", AXES[i]), reciprocal[i]));
-    }
-    if watertight {
+    let mut shear = None;
+    if plan.watertight() {
         m.comment("The shear that the watertight test turns the ray into the z axis with.");
         let size: Vec<_> = (0..3)
             .map(|i| {
@@ -150,36 +153,41 @@ pub fn module(plan: &Plan, lookahead: u32) -> Result<Arc<Module>, HdlError> {
         let rkz = pick(reciprocal[0], reciprocal[1], reciprocal[2])
             .named("reciprocal_kz")
             .register();
-        outputs.push(("out_kz".into(), kz));
-        outputs.push(("out_shear_x".into(), plan.units.mul("shear_x", dkx, rkz)));
-        outputs.push(("out_shear_y".into(), plan.units.mul("shear_y", dky, rkz)));
-        outputs.push(("out_shear_z".into(), rkz));
-    } else {
-        for i in 0..3 {
-            outputs.push((format!("out_direction_{}", AXES[i]), direction[i]));
-        }
+        let of = Shear {
+            kz,
+            shear_x: plan.units.mul("shear_x", dkx, rkz),
+            shear_y: plan.units.mul("shear_y", dky, rkz),
+        };
+        shear = Some((of, rkz));
     }
+    let out = SetUp {
+        place,
+        object,
+        enters,
+        interval: Interval { near, far },
+        signs,
+        limits: Limits { tmin, tmax },
+        any_hit,
+        along: [0, 1, 2].map(|i| Along {
+            origin: origin[i],
+            reciprocal: reciprocal[i],
+        }),
+        shear: shear.map(|(shear, _)| shear),
+        shear_z: shear.map(|(_, shear_z)| shear_z),
+        direction: (!plan.watertight()).then_some(direction),
+    };
 
-    let last = outputs
-        .iter()
-        .filter_map(|(_, s)| s.stage())
-        .max()
-        .unwrap_or(0)
-        .max(lookahead)
-        .max(plan.read_latency());
-    m.group("The ray, set up");
-    m.output("out_valid", valid.at(last));
-    for (name, signal) in outputs {
-        m.output(name, signal.at(last));
-    }
     let ahead = plan.read_latency();
-    m.group(format!(
-        "The packet of the ray that comes out {ahead} clocks later"
-    ));
-    m.output("next_packet", packet.at(last - ahead));
-    m.group(format!(
-        "Says {lookahead} clocks ahead that a ray is coming out"
-    ));
-    m.output("soon", valid.at(last - lookahead));
+    let stages = out.fields().into_iter().filter_map(|(_, s)| s.stage());
+    let last = stages.max().unwrap_or(0).max(lookahead).max(ahead);
+    let outputs = Outputs {
+        out: Flow {
+            valid: valid.at(last),
+            payload: out.at(last),
+        },
+        next_packet: place.packet.at(last - ahead),
+        soon: valid.at(last - lookahead),
+    };
+    ports.outputs.outputs(&m, outputs);
     m.finish()
 }

@@ -14,17 +14,31 @@
 //!   └─ 4 plane distances a ray, decision, push ─┴────────────────┘
 //! ```
 
+<<<<<<< HEAD
 mod properties;
 
 use super::banks::{BankRead, BankWrite, Banks};
 use super::bundle::Bundle;
+=======
+use super::banks::Banks;
+>>>>>>> bundles
 use super::distance;
 use super::fifo::{self, Placed};
 use super::fp::{Knowing, Known, Operand, less_equal};
-use super::plan::{AXES, Plan};
+use super::plan::Plan;
+use super::ray::{Context, InContext, Interval, Leaf, Limit, Place, Start};
 use crate::bkd::layout::Record;
+<<<<<<< HEAD
 use crate::hdl::{Builder, HdlError, Memory, Module, Outputs, Reg, Signal, Style, Wire};
 use properties::Watched;
+=======
+use crate::bkd::layout::fields::{Link, Node, Planes};
+use crate::hdl::{
+    Builder, Flow, HdlError, Memory, Module, ReadInputs, ReadOutputs, Reg, Request, Signal,
+    Signals, Spec, Specs, Style, Wire,
+};
+use crate::{bundle, interface};
+>>>>>>> bundles
 use std::sync::Arc;
 
 /// The traversal processing unit, and how long its pop pipeline is.
@@ -40,53 +54,190 @@ pub struct Tpu {
 /// decided in the clock before, and the wires to all queues and memories take the rest of it.
 const REGISTER_ENTERED_FROM: u32 = 120;
 
-/// What belongs to a packet beside its rays: how full its stack is, which rays have hit something, and whether it is inside an
-/// object, in whose space its rays then are.
-pub(super) fn context(plan: &Plan) -> Bundle {
-    Bundle::new(&[
-        ("level", plan.level_bits()),
-        ("touched", plan.rays()),
-        ("inside", 1),
-    ])
+bundle! {
+    /// A ray that has been set up, as traversal needs it.
+    pub struct SetUp(plan: &Plan) {
+        place: ..{Place = Place::of(plan)},
+        enters: 1,
+        interval: ..{Interval = Interval::of(plan)},
+        signs: 3,
+        origin: [plan.number(); xyz],
+        reciprocal: [plan.number(); xyz],
+    }
+}
+
+bundle! {
+    /// What a packet step needs of a ray.
+    pub struct RayWord(plan: &Plan) {
+        origin: [plan.number(); xyz],
+        reciprocal: [plan.number(); xyz],
+        signs: 3,
+    }
+}
+
+bundle! {
+    /// A packet step: its node, which rays go to each child, and their intervals in it.
+    pub struct StepWatch(plan: &Plan) {
+        packet: plan.packet_bits(),
+        node: plan.address(),
+        left: plan.rays(),
+        right: plan.rays(),
+        left_first: 1,
+        left_intervals: plan.rays() * Interval::of(plan).width(),
+        right_intervals: plan.rays() * Interval::of(plan).width(),
+    }
+}
+
+bundle! {
+    /// A child to go to.
+    struct Item(plan: &Plan) {
+        packet: plan.packet_bits(),
+        address: plan.address(),
+        context: Context::of(plan).width(),
+    }
+}
+
+bundle! {
+    /// An entry of the stack.
+    struct Entry(plan: &Plan) {
+        address: plan.address(),
+        leaf: 1,
+        inside: 1,
+        mask: plan.rays(),
+        intervals: plan.rays() * Interval::of(plan).width(),
+    }
+}
+
+bundle! {
+    /// What is kept of a packet while its node is fetched.
+    struct Requested(plan: &Plan) {
+        address: plan.address(),
+        context: Context::of(plan).width(),
+        popped: 1,
+    }
+}
+
+bundle! {
+    /// A finished packet, and which of its rays have hit something.
+    pub struct Finished(plan: &Plan) {
+        packet: plan.packet_bits(),
+        touched: plan.rays(),
+    }
+}
+
+interface! {
+    pub (plan: &Plan) {
+        in "A ray that has been set up; a packet's last one that comes starts the packet. soon says so pop_latency clocks before" {
+            setup_soon: 1,
+            setup: {Flow<SetUp> = Flow::of(SetUp::of(plan))},
+        }
+        in "The ray is in an object's space: where and with which context its packet starts there, beside its last ray" {
+            setup_object: 1,
+            object: {Start = Start::of(plan)},
+        }
+        in "The root link word, constant while packets are under way" {
+            root: Record::link_word().width,
+        }
+        in "" {
+            node: {ReadInputs = ReadInputs::of(
+                "Node memory",
+                "in any order, always taken",
+                plan.level_packet_bits(),
+                Record::node(plan.format).width
+            )},
+        }
+        in "Leaves to the geometry unit" { leaf_ready: 1 }
+        in "A closer hit of a ray: what its near must not exceed from now on" {
+            limit: {Flow<Limit> = Flow::of(Limit::of(plan))},
+        }
+        in "A leaf all of whose tests are merged" {
+            done: {Flow<InContext> = Flow::of(InContext::of(plan))},
+        }
+        out "" {
+            node: {ReadOutputs = ReadOutputs::of("Node memory", plan.address(), plan.level_packet_bits())},
+        }
+        out "Leaves to the geometry unit" {
+            leaf: {Flow<Leaf> = Flow::of(Leaf::of(plan))},
+        }
+        out "A finished packet, and which of its rays have hit something" {
+            finished: {Flow<Finished> = Flow::of(Finished::of(plan))},
+        }
+        out "Counters' events, and marks" {
+            step_taken: 1,
+            stack_high_water: plan.level_bits(),
+            stack_overflow: 1,
+        }
+        out "The packet step just decided, for whoever watches" {
+            watch_step: {StepWatch = StepWatch::of(plan)},
+        }
+    }
+}
+
+/// The slice's ports.
+mod slice_ports {
+    use super::*;
+
+    bundle! {
+        /// The ray on the axis of one child.
+        pub struct Side(plan: &Plan) {
+            sign: 1,
+            origin: plan.number(),
+            reciprocal: plan.number(),
+        }
+    }
+
+    interface! {
+        pub (plan: &Plan) {
+            in "The node's intervals" {
+                planes: ..{Planes = Planes::of(plan.format)},
+            }
+            in "The ray on the left and the right child's axis" {
+                left: {Side = Side::of(plan)},
+                right: {Side = Side::of(plan)},
+            }
+            in "The ray's interval in the node, needed when the distances are there" {
+                ray: {Interval = Interval::of(plan)},
+                ray_active: 1,
+            }
+            out "The ray's interval in the children, and where it goes" {
+                out_left: {Interval = Interval::of(plan)},
+                out_right: {Interval = Interval::of(plan)},
+                to_left: 1,
+                to_right: 1,
+                left_before_right: 1,
+            }
+        }
+    }
 }
 
 /// One ray's part of a packet step: its interval in both children, and where it goes.
 fn slice(plan: &Plan) -> Result<Arc<Module>, HdlError> {
-    let w = plan.number();
     let f = plan.format;
     let m = Builder::new(
         "tpu_slice",
         "one ray's part of a packet step: four plane distances, its interval in each child, where it goes.",
     );
     let p = m.pipeline();
-    m.group("The node's intervals");
-    let planes: Vec<_> = ["left_lo", "left_hi", "right_lo", "right_hi"]
-        .map(|name| p.input(name, w))
-        .into();
-    m.group("The ray on the left and the right child's axis");
-    let sides = ["left", "right"];
-    let side_inputs: Vec<_> = sides
-        .iter()
-        .map(|s| {
-            (
-                p.input(format!("{s}_sign"), 1),
-                p.input(format!("{s}_origin"), w),
-                p.input(format!("{s}_reciprocal"), w),
-            )
-        })
-        .collect();
-    m.group("The ray's interval in the node, needed when the distances are there");
+    let ports = slice_ports::ports(plan);
+    let inputs = &ports.inputs;
+    let planes = inputs.planes.inputs_at(&p, 0);
+    let sides = [&inputs.left, &inputs.right].map(|side| side.inputs_at(&p, 0));
     let distance_latency = plan.near_distance.latency().unwrap_or(0);
     // A valid ray's 0 <= tmin <= near, and neither near nor far is ever a NaN.
-    let near = p.input_at("ray_near", w, distance_latency);
-    let far = p.input_at("ray_far", w, distance_latency);
-    let active = p.input_at("ray_active", 1, distance_latency);
+    let Interval { near, far } = inputs.ray.inputs_at(&p, distance_latency);
+    let active = inputs.ray_active.input_at(&p, distance_latency);
 
     let mut intervals = vec![];
-    for (side, name) in sides.iter().enumerate() {
+    for (name, side, lo, hi) in [
+        ("left", sides[0], planes.left_lo, planes.left_hi),
+        ("right", sides[1], planes.right_lo, planes.right_hi),
+    ] {
         m.comment(format!("The {name} child: near and far planes by the direction's sign, then near and far clipped."));
-        let (lo, hi) = (planes[2 * side], planes[2 * side + 1]);
-        let (sign, origin, reciprocal) = side_inputs[side];
+        let slice_ports::Side {
+            sign,
+            origin,
+            reciprocal,
+        } = side;
         let near_plane = sign
             .mux(hi, lo)
             .named(format!("{name}_near_plane"))
@@ -122,187 +273,45 @@ fn slice(plan: &Plan) -> Result<Arc<Module>, HdlError> {
     let goes_right = (active & compare(right_near, right_far)).named("goes_right");
     let left_first =
         (goes_left & goes_right & compare(left_near, right_near)).named("both_left_first");
-    let [left_near, left_far, right_near, right_far] =
-        [left_near, left_far, right_near, right_far].map(Operand::signal);
+    let [left, right] = [(left_near, left_far), (right_near, right_far)].map(|(near, far)| {
+        let [near, far] = [near, far].map(Operand::signal);
+        Interval { near, far }
+    });
+    let outputs = slice_ports::Outputs {
+        out_left: left,
+        out_right: right,
+        to_left: goes_left,
+        to_right: goes_right,
+        left_before_right: left_first,
+    };
     let end = left_first.stage().unwrap_or(0) + 1;
-    m.group("The ray's interval in the children, and where it goes");
-    for (name, signal) in [
-        ("left_near", left_near),
-        ("left_far", left_far),
-        ("right_near", right_near),
-        ("right_far", right_far),
-        ("to_left", goes_left),
-        ("to_right", goes_right),
-        ("left_before_right", left_first),
-    ] {
-        let name = if name.ends_with("near") || name.ends_with("far") {
-            format!("out_{name}")
-        } else {
-            name.to_string()
-        };
-        m.output(name, signal.at(end));
-    }
+    ports.outputs.outputs(&m, outputs.at(end));
     m.finish()
 }
 
 /// The words that the unit's queues and memories hold.
-struct Shapes {
-    context: Bundle,
-    /// A child to go to.
-    item: Bundle,
-    leaf_item: Bundle,
-    pop_item: Bundle,
-    interval: Bundle,
-    /// An entry of the stack.
-    entry: Bundle,
+struct Words {
+    context: Context<Spec>,
+    item: Item<Spec>,
+    leaf: Leaf<Spec>,
+    pop: InContext<Spec>,
+    interval: Interval<Spec>,
+    entry: Entry<Spec>,
+    ray: RayWord<Spec>,
+    requested: Requested<Spec>,
 }
 
-impl Shapes {
-    fn new(plan: &Plan) -> Shapes {
-        let (w, a, rays) = (plan.number(), plan.address(), plan.rays());
-        let context = context(plan);
-        let item = Bundle::new(&[
-            ("packet", plan.packet_bits()),
-            ("address", a),
-            ("context", context.width()),
-        ]);
-        let leaf_item = Bundle::new(&[
-            ("packet", plan.packet_bits()),
-            ("address", a),
-            ("context", context.width()),
-            ("mask", rays),
-        ]);
-        let pop_item = Bundle::new(&[("packet", plan.packet_bits()), ("context", context.width())]);
-        let interval = Bundle::new(&[("near", w), ("far", w)]);
-        let entry = Bundle::new(&[
-            ("address", a),
-            ("leaf", 1),
-            ("inside", 1),
-            ("mask", rays),
-            ("intervals", rays * interval.width()),
-        ]);
-        Shapes {
-            context,
-            item,
-            leaf_item,
-            pop_item,
-            interval,
-            entry,
-        }
-    }
-
-    /// A packet that pops.
-    fn pop<'b>(&self, packet: Signal<'b>, context: Signal<'b>) -> Signal<'b> {
-        (self.pop_item).pack(&[("packet", packet), ("context", context)])
-    }
-}
-
-/// The unit's inputs, named as its ports.
-struct Inputs<'b> {
-    setup_soon: Signal<'b>,
-    setup_valid: Signal<'b>,
-    setup_packet: Signal<'b>,
-    setup_ray: Signal<'b>,
-    setup_first: Signal<'b>,
-    setup_last: Signal<'b>,
-    setup_enters: Signal<'b>,
-    setup_near: Signal<'b>,
-    setup_far: Signal<'b>,
-    setup_signs: Signal<'b>,
-    setup_origin: [Signal<'b>; 3],
-    setup_reciprocal: [Signal<'b>; 3],
-    setup_object: Signal<'b>,
-    object_address: Signal<'b>,
-    object_leaf: Signal<'b>,
-    object_context: Signal<'b>,
-    root: Signal<'b>,
-    node_ready: Signal<'b>,
-    node_valid: Signal<'b>,
-    node_tag: Signal<'b>,
-    node_data: Signal<'b>,
-    leaf_ready: Signal<'b>,
-    limit_valid: Signal<'b>,
-    limit_packet: Signal<'b>,
-    limit_ray: Signal<'b>,
-    limit_value: Signal<'b>,
-    done_valid: Signal<'b>,
-    done_packet: Signal<'b>,
-    done_context: Signal<'b>,
-}
-
-impl<'b> Inputs<'b> {
-    fn new(m: &'b Builder, plan: &Plan, shapes: &Shapes) -> Inputs<'b> {
-        let (w, a) = (plan.number(), plan.address());
-        let context = &shapes.context;
-        m.group(
-            "A ray that has been set up; a packet's last one that comes starts the packet. soon says so pop_latency clocks before",
-        );
-        let setup_soon = m.input("setup_soon", 1);
-        let setup_valid = m.input("setup_valid", 1);
-        let setup_packet = m.input("setup_packet", plan.packet_bits());
-        let setup_ray = m.input("setup_ray", plan.ray_bits());
-        let setup_first = m.input("setup_first", 1);
-        let setup_last = m.input("setup_last", 1);
-        let setup_enters = m.input("setup_enters", 1);
-        let setup_near = m.input("setup_near", w);
-        let setup_far = m.input("setup_far", w);
-        let setup_signs = m.input("setup_signs", 3);
-        let setup_origin = AXES.map(|x| m.input(format!("setup_origin_{x}"), w));
-        let setup_reciprocal = AXES.map(|x| m.input(format!("setup_reciprocal_{x}"), w));
-        m.group("The ray is in an object's space: where and with which context its packet starts there, beside its last ray");
-        let setup_object = m.input("setup_object", 1);
-        let object_address = m.input("object_address", a);
-        let object_leaf = m.input("object_leaf", 1);
-        let object_context = m.input("object_context", context.width());
-        m.group("The root link word, constant while packets are under way");
-        let root = m.input("root", Record::link_word().width);
-        m.group("Node memory: requests");
-        let node_ready = m.input("node_request_ready", 1);
-        m.group("Node memory: answers, in any order, always taken");
-        let node_valid = m.input("node_response_valid", 1);
-        let node_tag = m.input("node_response_tag", plan.level_packet_bits());
-        let node_data = m.input("node_response_data", Record::node(plan.format).width);
-        m.group("Leaves to the geometry unit");
-        let leaf_ready = m.input("leaf_ready", 1);
-        m.group("A closer hit of a ray: what its near must not exceed from now on");
-        let limit_valid = m.input("limit_valid", 1);
-        let limit_packet = m.input("limit_packet", plan.packet_bits());
-        let limit_ray = m.input("limit_ray", plan.ray_bits());
-        let limit_value = m.input("limit_value", w);
-        m.group("A leaf all of whose tests are merged");
-        let done_valid = m.input("done_valid", 1);
-        let done_packet = m.input("done_packet", plan.packet_bits());
-        let done_context = m.input("done_context", context.width());
-        Inputs {
-            setup_soon,
-            setup_valid,
-            setup_packet,
-            setup_ray,
-            setup_first,
-            setup_last,
-            setup_enters,
-            setup_near,
-            setup_far,
-            setup_signs,
-            setup_origin,
-            setup_reciprocal,
-            setup_object,
-            object_address,
-            object_leaf,
-            object_context,
-            root,
-            node_ready,
-            node_valid,
-            node_tag,
-            node_data,
-            leaf_ready,
-            limit_valid,
-            limit_packet,
-            limit_ray,
-            limit_value,
-            done_valid,
-            done_packet,
-            done_context,
+impl Words {
+    fn new(plan: &Plan) -> Words {
+        Words {
+            context: Context::of(plan),
+            item: Item::of(plan),
+            leaf: Leaf::of(plan),
+            pop: InContext::of(plan),
+            interval: Interval::of(plan),
+            entry: Entry::of(plan),
+            ray: RayWord::of(plan),
+            requested: Requested::of(plan),
         }
     }
 }
@@ -311,13 +320,12 @@ impl<'b> Inputs<'b> {
 struct Unit<'b> {
     m: &'b Builder,
     plan: &'b Plan,
-    shapes: Shapes,
-    inputs: Inputs<'b>,
+    words: Words,
+    inputs: Inputs<Signal<'b>>,
 }
 
 /// Rays by packet and level.
 struct Rays<'b> {
-    word: Bundle,
     /// By place in the packet.
     memories: Vec<Memory<'b>>,
     /// Whether the ray that has been set up has that place.
@@ -326,7 +334,6 @@ struct Rays<'b> {
 
 /// What is kept of a packet while its node is fetched.
 struct Requests<'b> {
-    word: Bundle,
     memory: Memory<'b>,
     fire: Wire<'b>,
     item: Wire<'b>,
@@ -355,8 +362,8 @@ struct Sliced<'b> {
     valid: Signal<'b>,
     packet: Signal<'b>,
     node: Signal<'b>,
-    request: Signal<'b>,
-    slices: Vec<Outputs<'b>>,
+    request: Requested<Signal<'b>>,
+    slices: Vec<slice_ports::Outputs<Signal<'b>>>,
     /// The stage of the slices' results.
     decided: u32,
 }
@@ -381,8 +388,7 @@ struct Step<'b> {
     /// Entries on the stack before.
     push_level: Signal<'b>,
     push_word: Signal<'b>,
-    /// Name and value of each watch port.
-    watch: Vec<(&'static str, Signal<'b>)>,
+    watch: StepWatch<Signal<'b>>,
 }
 
 /// The stack of all packets.
@@ -472,43 +478,30 @@ impl<'b> Unit<'b> {
         let (m, plan) = (self.m, self.plan);
         let rays = plan.rays();
         let Inputs {
-            setup_valid,
-            setup_packet,
-            setup_ray,
-            setup_signs,
-            setup_origin,
-            setup_reciprocal,
+            setup,
             setup_object,
             ..
         } = self.inputs;
-        let w = plan.number();
+        let SetUp {
+            place,
+            signs,
+            origin,
+            reciprocal,
+            ..
+        } = setup.payload;
         m.comment(
             "Rays: origin, reciprocal and signs, a memory for each place in the packet, written when set up: in the world, and behind that \
              in the object's space, so that the world's are still there when the packet leaves an object.",
         );
-        let ray_word = Bundle::new(&[
-            ("origin_x", w),
-            ("origin_y", w),
-            ("origin_z", w),
-            ("reciprocal_x", w),
-            ("reciprocal_y", w),
-            ("reciprocal_z", w),
-            ("signs", 3),
-        ]);
-        let setup_word = ray_word
-            .pack(&[
-                ("origin_x", setup_origin[0]),
-                ("origin_y", setup_origin[1]),
-                ("origin_z", setup_origin[2]),
-                ("reciprocal_x", setup_reciprocal[0]),
-                ("reciprocal_y", setup_reciprocal[1]),
-                ("reciprocal_z", setup_reciprocal[2]),
-                ("signs", setup_signs),
-            ])
-            .named("setup_word");
+        let setup_word = self.words.ray.pack(RayWord {
+            origin,
+            reciprocal,
+            signs,
+        });
+        let setup_word = setup_word.named("setup_word");
         let setup_of: Vec<_> = (0..rays)
             .map(|i| {
-                (setup_valid & setup_ray.equals(u128::from(i))).named(format!("setup_of_ray{i}"))
+                (setup.valid & place.ray.equals(u128::from(i))).named(format!("setup_of_ray{i}"))
             })
             .collect();
         let ray_memory: Vec<_> = (0..rays)
@@ -516,16 +509,15 @@ impl<'b> Unit<'b> {
                 let memory = m.memory(
                     format!("ray{i}_memory"),
                     plan.level_packets(),
-                    ray_word.width(),
+                    self.words.ray.width(),
                     Style::Block,
                 );
-                let place = setup_object.concat(setup_packet);
-                memory.write(setup_of[i as usize], place, setup_word);
+                let address = setup_object.concat(place.packet);
+                memory.write(setup_of[i as usize], address, setup_word);
                 memory
             })
             .collect();
         Rays {
-            word: ray_word,
             memories: ray_memory,
             setup_of,
         }
@@ -533,34 +525,35 @@ impl<'b> Unit<'b> {
 
     fn requests(&self) -> Requests<'b> {
         let (m, plan) = (self.m, self.plan);
-        let Shapes { context, item, .. } = &self.shapes;
+        let Words {
+            item, requested, ..
+        } = &self.words;
         let packets = plan.packets();
-        let a = plan.address();
         m.comment(
             "Where a requested node lies, and its packet's context, kept while the request is out.",
         );
-        let request_word =
-            Bundle::new(&[("address", a), ("context", context.width()), ("popped", 1)]);
         let request_fire = m.wire("request_fire", 1);
         let request_item = m.wire("request_item", item.width());
         let request_popped = m.wire("request_popped", 1);
         let requests = m.memory(
             "request_memory",
             packets,
-            request_word.width(),
+            requested.width(),
             Style::Distributed,
         );
-        requests.write(
-            request_fire.get(),
-            item.get(request_item.get(), "packet"),
-            request_word.pack(&[
-                ("address", item.get(request_item.get(), "address")),
-                ("context", item.get(request_item.get(), "context")),
-                ("popped", request_popped.get()),
-            ]),
-        );
+        let Item {
+            packet,
+            address,
+            context,
+        } = item.unpack(request_item.get());
+        let popped = request_popped.get();
+        let word = requested.pack(Requested {
+            address,
+            context,
+            popped,
+        });
+        requests.write(request_fire.get(), packet, word);
         Requests {
-            word: request_word,
             memory: requests,
             fire: request_fire,
             item: request_item,
@@ -570,7 +563,7 @@ impl<'b> Unit<'b> {
 
     fn intervals(&self) -> Intervals<'b> {
         let (m, plan) = (self.m, self.plan);
-        let Shapes { interval, .. } = &self.shapes;
+        let interval = &self.words.interval;
         let rays = plan.rays();
         let packets = plan.packets();
         m.comment("Intervals and mask of the packet in the node it goes to: as a step left them, and as a pop or the setup did.");
@@ -645,40 +638,32 @@ impl<'b> Unit<'b> {
         intervals: &Intervals<'b>,
     ) -> Sliced<'b> {
         let (m, plan) = (self.m, self.plan);
-        let Shapes { interval, .. } = &self.shapes;
-        let Inputs {
-            node_valid,
-            node_tag,
-            node_data,
-            ..
-        } = self.inputs;
+        let interval = &self.words.interval;
+        let Flow {
+            valid,
+            payload: response,
+        } = self.inputs.node.response;
         let rays = plan.rays();
         m.comment("The packet step. A node's answer enters with the packet's rays.");
         let p = m.pipeline();
-        let valid = p.enter(node_valid).cleared_by_reset();
-        let level_packet = p.enter(node_tag);
+        let valid = p.enter(valid).cleared_by_reset();
+        let level_packet = p.enter(response.tag);
         let packet = level_packet.low(plan.packet_bits()).named("packet");
-        let node = p.enter(node_data);
-        let node_record = Record::node(plan.format);
-        let field = |name: &str| {
-            let field = node_record.field(name);
-            node.field(field.lsb, field.width)
-        };
-        let named_field = |name: &'static str| (name, field(name).named(name));
-        let planes = ["left_lo", "left_hi", "right_lo", "right_hi"].map(named_field);
-        let left_axis = named_field("left_axis").1;
+        let node = p.enter(response.data);
+        let of_planes = Planes::of(plan.format);
+        let planes = of_planes.unpack(node.low(of_planes.width())).named("");
+        let of_node = Node::of(plan.format);
+        let [left_axis, right_axis] = [&of_node.link.left_axis, &of_node.link.right_axis];
+        let left = of_node.get(node, left_axis).named(&left_axis.name);
         let axes = match plan.config.axes_per_node {
             // One axis bounds both children: the right one's would say the same.
-            1 => [left_axis; 2],
-            _ => [left_axis, named_field("right_axis").1],
+            1 => [left; 2],
+            _ => [left, of_node.get(node, right_axis).named(&right_axis.name)],
         };
-        let slice_near = slice
-            .port("ray_near")
-            .and_then(|port| port.stage)
-            .unwrap_or(0);
+        let ports = slice_ports::ports(plan);
+        let slice_near = ports.inputs.ray.near.stage(slice);
         let mut slices = vec![];
         let mut decided = 0;
-        let sides = ["left", "right"];
         let ray_words: Vec<_> = rays_of
             .memories
             .iter()
@@ -691,7 +676,8 @@ impl<'b> Unit<'b> {
             .memory
             .read_now(packet.at(read_at + plan.read_latency() - 1))
             .register();
-        let from_pop = kept.word.get(request, "popped");
+        let request = self.words.requested.unpack(request);
+        let from_pop = request.popped;
         let stepped_word = plan.read(intervals.stepped, late_packet);
         let popped_mask_word = intervals
             .popped_masks
@@ -708,41 +694,27 @@ impl<'b> Unit<'b> {
                     stepped_word.field(i as u32 * interval.width(), interval.width()),
                 )
                 .named(format!("ray{i}_interval"));
-            let mut inputs = vec![];
-            for (side, name) in sides.iter().enumerate() {
-                let axis = axes[side];
-                let along = |what: &str| {
-                    let of = AXES.map(|x| rays_of.word.get(word, &format!("{what}_{x}")));
-                    m.select(axis, &of)
+            let of_ray = self.words.ray.unpack(word);
+            let [left, right] = [("left", axes[0]), ("right", axes[1])].map(|(name, axis)| {
+                let along = |what: &str, of: &[Signal<'b>; 3]| {
+                    let along = m.select(axis, of).named(format!("ray{i}_{name}_{what}"));
+                    along.register()
                 };
-                let signs = rays_of.word.get(word, "signs");
-                let sign = m
-                    .select(axis, &[signs.bit(0), signs.bit(1), signs.bit(2)])
-                    .named(format!("ray{i}_{name}_sign"));
-                inputs.push((format!("{name}_sign"), sign.register()));
-                inputs.push((
-                    format!("{name}_origin"),
-                    along("origin")
-                        .named(format!("ray{i}_{name}_origin"))
-                        .register(),
-                ));
-                inputs.push((
-                    format!("{name}_reciprocal"),
-                    along("reciprocal")
-                        .named(format!("ray{i}_{name}_reciprocal"))
-                        .register(),
-                ));
-            }
-            for (name, plane) in planes {
-                inputs.push((name.to_string(), plane));
-            }
-            inputs.push(("ray_near".into(), interval.get(current, "near")));
-            inputs.push(("ray_far".into(), interval.get(current, "far")));
-            inputs.push(("ray_active".into(), mask_in.bit(i as u32)));
-            let inputs: Vec<(&str, Signal<'_>)> =
-                inputs.iter().map(|(n, s)| (n.as_str(), *s)).collect();
-            let placed = m.instance(format!("slice{i}"), slice, &inputs);
-            decided = placed.get("out_left_near").stage().unwrap_or(0);
+                slice_ports::Side {
+                    sign: along("sign", &[0, 1, 2].map(|axis| of_ray.signs.bit(axis))),
+                    origin: along("origin", &of_ray.origin),
+                    reciprocal: along("reciprocal", &of_ray.reciprocal),
+                }
+            });
+            let inputs = slice_ports::Inputs {
+                planes,
+                left,
+                right,
+                ray: interval.unpack(current),
+                ray_active: mask_in.bit(i as u32),
+            };
+            let placed = ports.place(format!("slice{i}"), m, slice, inputs);
+            decided = placed.out_left.near.stage().unwrap_or(0);
             slices.push(placed);
         }
         Sliced {
@@ -756,19 +728,14 @@ impl<'b> Unit<'b> {
     }
 
     /// The packet's decision.
-    fn decide(
-        &self,
-        sliced: &Sliced<'b>,
-        kept: &Requests<'b>,
-        intervals: &Intervals<'b>,
-    ) -> Step<'b> {
+    fn decide(&self, sliced: &Sliced<'b>, intervals: &Intervals<'b>) -> Step<'b> {
         let (m, plan) = (self.m, self.plan);
-        let Shapes {
+        let Words {
             context,
             interval,
             entry,
             ..
-        } = &self.shapes;
+        } = &self.words;
         let a = plan.address();
         let Sliced {
             valid,
@@ -778,48 +745,34 @@ impl<'b> Unit<'b> {
             ref slices,
             decided,
         } = *sliced;
-        let node_record = Record::node(plan.format);
-        let field = |name: &str| {
-            let field = node_record.field(name);
-            node.field(field.lsb, field.width)
-        };
-        let named_field = |name: &'static str| (name, field(name).named(name));
         m.comment("The packet's decision.");
-        let gather = |name: &str| {
-            let bits: Vec<_> = slices.iter().rev().map(|s| s.get(name)).collect();
+        let gather = |of: fn(&slice_ports::Outputs<Signal<'b>>) -> Signal<'b>| {
+            let bits: Vec<_> = slices.iter().rev().map(of).collect();
             m.concat(&bits)
         };
-        let to_left = gather("to_left").named("to_left");
-        let to_right = gather("to_right").named("to_right");
+        let to_left = gather(|slice| slice.to_left).named("to_left");
+        let to_right = gather(|slice| slice.to_right).named("to_right");
         let goes_left = to_left.any().named("goes_left");
         let goes_right = to_right.any().named("goes_right");
-        let some_left_first = gather("left_before_right").any();
+        let some_left_first = gather(|slice| slice.left_before_right).any();
         let left_first = (goes_left & (some_left_first | !goes_right)).named("left_first");
-        let intervals_of = |side: &str| {
-            let parts: Vec<_> = slices
-                .iter()
-                .rev()
-                .map(|s| {
-                    interval.pack(&[
-                        ("near", s.get(&format!("out_{side}_near"))),
-                        ("far", s.get(&format!("out_{side}_far"))),
-                    ])
-                })
-                .collect();
-            m.concat(&parts)
+        let intervals_of = |of: fn(&slice_ports::Outputs<Signal<'b>>) -> Interval<Signal<'b>>| {
+            let parts = slices.iter().rev().map(|slice| interval.pack(of(slice)));
+            m.concat(&parts.collect::<Vec<_>>())
         };
-        let left_intervals = intervals_of("left").named("left_intervals");
-        let right_intervals = intervals_of("right").named("right_intervals");
+        let left_intervals = intervals_of(|slice| slice.out_left).named("left_intervals");
+        let right_intervals = intervals_of(|slice| slice.out_right).named("right_intervals");
 
-        let own = kept
-            .word
-            .get(request, "address")
-            .at(decided)
-            .named("own_address");
-        let context_in = kept.word.get(request, "context").at(decided);
-        let link = field("link").low(a).named("link");
-        let left_leaf = named_field("left_leaf").1;
-        let right_leaf = named_field("right_leaf").1;
+        let own = request.address.at(decided).named("own_address");
+        let context_in = request.context.at(decided);
+        let of_node = Node::of(plan.format);
+        let link = of_node.get(node, &of_node.link.link).low(a).named("link");
+        let left_leaf = of_node
+            .get(node, &of_node.link.left_leaf)
+            .named("left_leaf");
+        let right_leaf = of_node
+            .get(node, &of_node.link.right_leaf)
+            .named("right_leaf");
         let link_after = (link + m.lit(1u8, a)).named("link_after");
         let right_inner = left_leaf.mux(link, link_after);
         let left_address = left_leaf
@@ -841,19 +794,21 @@ impl<'b> Unit<'b> {
         let second_mask = left_first.mux(to_right, to_left);
         let first_intervals = left_first.mux(left_intervals, right_intervals);
         let second_intervals = left_first.mux(right_intervals, left_intervals);
-        let level = context.get(context_in, "level");
-        let touched = context.get(context_in, "touched");
-        let inside = context.get(context_in, "inside");
+        let Context {
+            level,
+            touched,
+            inside,
+        } = context.unpack(context_in);
         let both = (goes_left & goes_right).named("goes_both");
         let pushes = (both & valid.at(decided))
             .named("pushes")
             .cleared_by_reset();
         let next_level = (level + both.extend(plan.level_bits())).named("next_level");
-        let next_context = context.pack(&[
-            ("level", next_level),
-            ("touched", touched),
-            ("inside", inside),
-        ]);
+        let next_context = context.pack(Context {
+            level: next_level,
+            touched,
+            inside,
+        });
 
         let step_valid = valid.at(decided).register().untimed().named("step_valid");
         let step_packet = packet.at(decided + 1).untimed().named("step_packet");
@@ -880,33 +835,25 @@ impl<'b> Unit<'b> {
         let level_before = level.named("level_before");
         let push_level = level_before.at(decided + 1).untimed();
         let push_word = entry
-            .pack(&[
-                ("address", second_address.named("second_address")),
-                ("leaf", second_leaf.named("second_leaf")),
-                ("inside", inside),
-                ("mask", second_mask.named("second_mask")),
-                ("intervals", second_intervals.named("second_intervals")),
-            ])
+            .pack(Entry {
+                address: second_address.named("second_address"),
+                leaf: second_leaf.named("second_leaf"),
+                inside,
+                mask: second_mask.named("second_mask"),
+                intervals: second_intervals.named("second_intervals"),
+            })
             .register()
             .untimed();
-        let watch = vec![
-            ("watch_step_packet", step_packet),
-            ("watch_step_node", own.at(decided + 1).untimed()),
-            ("watch_step_left", to_left.at(decided + 1).untimed()),
-            ("watch_step_right", to_right.at(decided + 1).untimed()),
-            (
-                "watch_step_left_first",
-                left_first.at(decided + 1).untimed(),
-            ),
-            (
-                "watch_step_left_intervals",
-                left_intervals.at(decided + 1).untimed(),
-            ),
-            (
-                "watch_step_right_intervals",
-                right_intervals.at(decided + 1).untimed(),
-            ),
-        ];
+        let late = |signal: Signal<'b>| signal.at(decided + 1).untimed();
+        let watch = StepWatch {
+            packet: step_packet,
+            node: late(own),
+            left: late(to_left),
+            right: late(to_right),
+            left_first: late(left_first),
+            left_intervals: late(left_intervals),
+            right_intervals: late(right_intervals),
+        };
         Step {
             valid: step_valid,
             packet: step_packet,
@@ -930,7 +877,7 @@ impl<'b> Unit<'b> {
     /// The stack, and what a step pushes.
     fn push(&self, step: &Step<'b>) -> Stack<'b> {
         let (m, plan) = (self.m, self.plan);
-        let Shapes { context, entry, .. } = &self.shapes;
+        let Words { context, entry, .. } = &self.words;
         let packets = plan.packets();
         let full = step
             .push_level
@@ -951,7 +898,7 @@ impl<'b> Unit<'b> {
         let overflow = m.reg_reset("overflow", 1, 0);
         overflow.next(overflow.q | (step.push & full));
         let high_water = m.reg_reset("high_water", plan.level_bits(), 0);
-        let level_after = context.get(step.context, "level");
+        let level_after = context.unpack(step.context).level;
         high_water.next_when(step.push & high_water.q.lt(level_after), level_after);
         Stack {
             memory: stack,
@@ -969,22 +916,17 @@ impl<'b> Unit<'b> {
     fn pop(&self, step: &Step<'b>, stack: &Stack<'b>) -> Result<Pop<'b>, HdlError> {
         let (m, plan) = (self.m, self.plan);
         let rays = plan.rays();
-        let Shapes {
+        let Words {
             context,
-            pop_item,
+            pop: popping,
             interval,
             entry,
             ..
-        } = &self.shapes;
+        } = &self.words;
         let Inputs {
             setup_soon,
-            limit_valid,
-            limit_packet,
-            limit_ray,
-            limit_value,
-            done_valid,
-            done_packet,
-            done_context,
+            limit,
+            done,
             ..
         } = self.inputs;
         let w = plan.number();
@@ -998,13 +940,18 @@ impl<'b> Unit<'b> {
         let take_retry = m.wire("take_retry", 1);
         let take_stepped = m.wire("take_stepped_pop", 1);
         let retry_push = m.wire("retry_push", 1);
+<<<<<<< HEAD
         let retry_item = m.wire("retry_item", pop_item.width());
         let done_queue = fifo::place(
+=======
+        let retry_item = m.wire("retry_item", popping.width());
+        let (done_any, done_front) = fifo::place(
+>>>>>>> bundles
             plan,
             "done_queue",
             packets,
-            done_valid,
-            self.shapes.pop(done_packet, done_context),
+            done.valid,
+            popping.pack(done.payload),
             take_done.get(),
         )?;
         let (done_any, done_front) = (done_queue.valid, done_queue.front);
@@ -1022,7 +969,10 @@ impl<'b> Unit<'b> {
             "nowhere_queue",
             packets,
             (step.valid & !step.goes).named("step_goes_nowhere"),
-            self.shapes.pop(step.packet, step.context),
+            popping.pack(InContext {
+                packet: step.packet,
+                context: step.context,
+            }),
             take_stepped.get(),
         )?;
         let (nowhere_any, nowhere_front) = (nowhere_queue.valid, nowhere_queue.front);
@@ -1044,10 +994,13 @@ impl<'b> Unit<'b> {
             ))
             .named("pop_chosen");
         let pop = plan.choose(chosen).named("pop");
-        let pop_packet = pop_item.get(pop, "packet");
-        let pop_context = pop_item.get(pop, "context");
-        let pop_level = context.get(pop_context, "level");
-        let pop_touched = context.get(pop_context, "touched");
+        let pop = popping.unpack(pop);
+        let pop_packet = pop.packet;
+        let Context {
+            level: pop_level,
+            touched: pop_touched,
+            ..
+        } = context.unpack(pop.context);
         let stack_empty = pop_level.is_zero().named("stack_empty");
         let level_below = (pop_level - m.lit(1u8, plan.level_bits())).named("level_below");
         let read_entry = stack.memory.read(
@@ -1058,27 +1011,27 @@ impl<'b> Unit<'b> {
         );
         let popped_entry = read_entry.word;
         let before_entry = popped_entry.stage().unwrap_or(1) - 1;
-        let entry_mask = entry.get(popped_entry, "mask");
-        let entry_intervals = entry.get(popped_entry, "intervals");
+        let popped_entry = entry.unpack(popped_entry);
         let mut stays = vec![];
         let mut pop_intervals = vec![];
         for i in 0..rays {
             let limits = m.memory(format!("limit{i}_memory"), packets, w, Style::Distributed);
             limits.write(
-                limit_valid & limit_ray.equals(u128::from(i)),
-                limit_packet,
-                limit_value,
+                limit.valid & limit.payload.ray.equals(u128::from(i)),
+                limit.payload.packet,
+                limit.payload.value,
             );
             let limit = limits.read_now(pop_packet.at(before_entry)).register();
-            let word = entry_intervals.field(i * interval.width(), interval.width());
-            let near = interval.get(word, "near");
-            let far = interval.get(word, "far");
+            let intervals = popped_entry.intervals;
+            let word = intervals.field(i * interval.width(), interval.width());
+            let Interval { near, far } = interval.unpack(word);
             let touched = pop_touched.bit(i);
             // Any hit's limit is minus infinity; a closest hit's is a distance.
             let limit = limit.known(Known::Number);
             let within =
                 less_equal(f, near.known(Known::Positive), limit).named(format!("ray{i}_within"));
-            let stay = (entry_mask.bit(i) & (within | !touched)).named(format!("ray{i}_stays"));
+            let stay =
+                (popped_entry.mask.bit(i) & (within | !touched)).named(format!("ray{i}_stays"));
             let nearer = plan.min(
                 format!("ray{i}_far_or_limit"),
                 far.known(Known::Number),
@@ -1086,7 +1039,7 @@ impl<'b> Unit<'b> {
             );
             let clipped = touched.mux(nearer, far).named(format!("ray{i}_far"));
             stays.push(plan.settle(stay));
-            pop_intervals.push(plan.settle(interval.pack(&[("near", near), ("far", clipped)])));
+            pop_intervals.push(plan.settle(interval.pack(Interval { near, far: clipped })));
         }
         stays.reverse();
         let stays = m.concat(&stays).named("stay_mask");
@@ -1107,17 +1060,14 @@ impl<'b> Unit<'b> {
         let pop_out_mask = stay_mask.untimed().named("pop_out_mask");
         let pop_out_touched = pop_touched.at(pop_latency).untimed();
         let pop_out_level = level_below.at(pop_latency).untimed();
-        let pop_out_address = entry.get(popped_entry, "address").at(pop_latency).untimed();
-        let pop_out_leaf = entry.get(popped_entry, "leaf").at(pop_latency).untimed();
+        let pop_out_address = popped_entry.address.at(pop_latency).untimed();
+        let pop_out_leaf = popped_entry.leaf.at(pop_latency).untimed();
         let pop_out_context = context
-            .pack(&[
-                ("level", pop_out_level),
-                ("touched", pop_out_touched),
-                (
-                    "inside",
-                    entry.get(popped_entry, "inside").at(pop_latency).untimed(),
-                ),
-            ])
+            .pack(Context {
+                level: pop_out_level,
+                touched: pop_out_touched,
+                inside: popped_entry.inside.at(pop_latency).untimed(),
+            })
             .named("pop_out_context");
         let pop_goes = (pop_done & !pop_out_empty & pop_out_mask.any()).named("pop_goes_on");
         let pop_dropped = (pop_done & !pop_out_empty & !pop_out_mask.any()).named("pop_dropped");
@@ -1152,25 +1102,23 @@ impl<'b> Unit<'b> {
     /// Packets that start, in the scene or in an object, and where packets go after starts and pops.
     fn enter(&self, pop: &Pop<'b>, rays_of: &Rays<'b>, intervals: &Intervals<'b>) -> Entered<'b> {
         let (m, plan) = (self.m, self.plan);
-        let Shapes {
-            context, interval, ..
-        } = &self.shapes;
+        let Words {
+            context,
+            interval,
+            pop: popping,
+            ..
+        } = &self.words;
         let Inputs {
-            setup_valid,
-            setup_packet,
-            setup_ray,
-            setup_first,
-            setup_last,
-            setup_enters,
-            setup_near,
-            setup_far,
+            setup,
             setup_object,
-            object_address,
-            object_leaf,
-            object_context,
+            object,
             root,
             ..
         } = self.inputs;
+        let Flow {
+            valid: setup_valid,
+            payload: setup,
+        } = setup;
         let rays = plan.rays();
         let a = plan.address();
         m.comment(
@@ -1179,32 +1127,36 @@ impl<'b> Unit<'b> {
         );
         let bit_in: Vec<_> = (0..rays)
             .rev()
-            .map(|i| setup_enters & setup_ray.equals(u128::from(i)))
+            .map(|i| setup.enters & setup.place.ray.equals(u128::from(i)))
             .collect();
         let bit_in = m.concat(&bit_in).named("bit_in");
         let gathered = m.reg("gathered", rays);
         let gathered_object = m.reg("gathered_object", rays);
-        let so_far = setup_first.mux(
+        let so_far = setup.place.first.mux(
             m.zero(rays),
             setup_object.mux(gathered_object.q, gathered.q),
         );
         let start_mask = (so_far | bit_in).named("start_mask");
         gathered.next_when(setup_valid & !setup_object, start_mask);
         gathered_object.next_when(setup_valid & setup_object, start_mask);
-        let start = (setup_valid & setup_last).named("start");
+        let start = (setup_valid & setup.place.last).named("start");
         let start_goes = (start & start_mask.any()).named("start_goes");
         let start_nowhere = (start & !start_mask.any()).named("start_nowhere");
-        let link_word = Record::link_word();
-        let root_address = root.field(link_word.field("link").lsb, a);
-        let root_leaf = root.field(link_word.field("left_leaf").lsb, 1);
-        let started_context = setup_object.mux(object_context, m.zero(context.width()));
-        let started_address = setup_object.mux(object_address, root_address);
-        let started_leaf = setup_object.mux(object_leaf, root_leaf);
+        let root = Link::of().unpack(root);
+        let started_context = setup_object.mux(object.context, m.zero(context.width()));
+        let started_address = setup_object.mux(object.address, root.link.low(a));
+        let started_leaf = setup_object.mux(object.leaf, root.left_leaf);
         pop.retry_push
             .drive(pop.dropped | (start_nowhere & setup_object));
         pop.retry_item.drive(setup_valid.mux(
-            self.shapes.pop(setup_packet, object_context),
-            self.shapes.pop(pop.packet, pop.context),
+            popping.pack(InContext {
+                packet: setup.place.packet,
+                context: object.context,
+            }),
+            popping.pack(InContext {
+                packet: pop.packet,
+                context: pop.context,
+            }),
         ));
 
         // What is kept here is read after the node's answer, which takes a clock more than this register.
@@ -1221,7 +1173,7 @@ impl<'b> Unit<'b> {
             register.next(signal);
             register.q
         };
-        let packet = setup_valid.mux(setup_packet, pop.packet);
+        let packet = setup_valid.mux(setup.place.packet, pop.packet);
         intervals
             .popped_packet
             .drive(later("popped_packet", packet, None));
@@ -1232,7 +1184,7 @@ impl<'b> Unit<'b> {
         intervals
             .popped_mask
             .drive(later("popped_mask", mask, None));
-        let setup_interval = interval.pack(&[("near", setup_near), ("far", setup_far)]);
+        let setup_interval = interval.pack(setup.interval);
         for i in 0..rays as usize {
             let write = rays_of.setup_of[i] | pop.goes;
             let kept = setup_valid.mux(setup_interval, pop.intervals[i].untimed());
@@ -1265,10 +1217,14 @@ impl<'b> Unit<'b> {
         entered: &Entered<'b>,
         intervals: &Intervals<'b>,
         kept: &Requests<'b>,
+<<<<<<< HEAD
     ) -> Result<Served<'b>, HdlError> {
+=======
+    ) -> Result<ReadOutputs<Signal<'b>>, HdlError> {
+>>>>>>> bundles
         let (m, plan) = (self.m, self.plan);
-        let Shapes { context, item, .. } = &self.shapes;
-        let Inputs { node_ready, .. } = self.inputs;
+        let Words { context, item, .. } = &self.words;
+        let node_ready = self.inputs.node.request_ready;
         let packets = plan.packets();
         m.comment("Nodes to fetch: after steps, and after pops and starts.");
         let take_step_item = m.wire("take_step_item", 1);
@@ -1278,11 +1234,11 @@ impl<'b> Unit<'b> {
             "step_queue",
             packets,
             intervals.stepped_write.get() & !step.leaf,
-            item.pack(&[
-                ("packet", step.packet),
-                ("address", step.address),
-                ("context", step.context),
-            ]),
+            item.pack(Item {
+                packet: step.packet,
+                address: step.address,
+                context: step.context,
+            }),
             take_step_item.get(),
         )?;
         let (step_any, step_front) = (step_queue.valid, step_queue.front);
@@ -1291,11 +1247,11 @@ impl<'b> Unit<'b> {
             "entered_queue",
             packets,
             entered.valid & !entered.leaf,
-            item.pack(&[
-                ("packet", intervals.popped_packet.get()),
-                ("address", entered.address),
-                ("context", entered.context),
-            ]),
+            item.pack(Item {
+                packet: intervals.popped_packet.get(),
+                address: entered.address,
+                context: entered.context,
+            }),
             take_pop_item.get(),
         )?;
         let (entered_any, entered_front) = (entered_queue.valid, entered_queue.front);
@@ -1307,6 +1263,7 @@ impl<'b> Unit<'b> {
         kept.fire.drive(node_wanted & node_ready);
         take_step_item.drive(node_ready & from_step);
         take_pop_item.drive(node_ready & !from_step & entered_any);
+<<<<<<< HEAD
         m.group("Node memory: requests");
         m.output("node_request_valid", node_wanted);
         m.output("node_request_address", item.get(kept.item.get(), "address"));
@@ -1323,6 +1280,19 @@ impl<'b> Unit<'b> {
             valid: node_wanted,
             ready: node_ready,
             held,
+=======
+        let requested = item.unpack(kept.item.get());
+        let inside = context.unpack(requested.context).inside;
+        let request = Request {
+            address: requested.address,
+            tag: inside.concat(requested.packet),
+        };
+        Ok(ReadOutputs {
+            request: Flow {
+                valid: node_wanted,
+                payload: request,
+            },
+>>>>>>> bundles
         })
     }
 
@@ -1332,9 +1302,13 @@ impl<'b> Unit<'b> {
         step: &Step<'b>,
         entered: &Entered<'b>,
         intervals: &Intervals<'b>,
+<<<<<<< HEAD
     ) -> Result<Served<'b>, HdlError> {
+=======
+    ) -> Result<Flow<Leaf<Signal<'b>>, Signal<'b>>, HdlError> {
+>>>>>>> bundles
         let (m, plan) = (self.m, self.plan);
-        let Shapes { leaf_item, .. } = &self.shapes;
+        let leaf = &self.words.leaf;
         let Inputs { leaf_ready, .. } = self.inputs;
         let packets = plan.packets();
         m.comment("Leaves to hand over: after steps, and after pops and starts.");
@@ -1345,12 +1319,12 @@ impl<'b> Unit<'b> {
             "step_leaf_queue",
             packets,
             intervals.stepped_write.get() & step.leaf,
-            leaf_item.pack(&[
-                ("packet", step.packet),
-                ("address", step.address),
-                ("context", step.context),
-                ("mask", step.mask),
-            ]),
+            leaf.pack(Leaf {
+                packet: step.packet,
+                address: step.address,
+                context: step.context,
+                mask: step.mask,
+            }),
             take_step_leaf.get(),
         )?;
         let (step_leaf_any, step_leaf_front) = (step_leaf_queue.valid, step_leaf_queue.front);
@@ -1359,12 +1333,12 @@ impl<'b> Unit<'b> {
             "entered_leaf_queue",
             packets,
             entered.valid & entered.leaf,
-            leaf_item.pack(&[
-                ("packet", intervals.popped_packet.get()),
-                ("address", entered.address),
-                ("context", entered.context),
-                ("mask", intervals.popped_mask.get()),
-            ]),
+            leaf.pack(Leaf {
+                packet: intervals.popped_packet.get(),
+                address: entered.address,
+                context: entered.context,
+                mask: intervals.popped_mask.get(),
+            }),
             take_pop_leaf.get(),
         )?;
         let (entered_leaf_any, entered_leaf_front) =
@@ -1377,6 +1351,7 @@ impl<'b> Unit<'b> {
             .named("leaf_front");
         take_step_leaf.drive(leaf_ready & leaf_from_step);
         take_pop_leaf.drive(leaf_ready & !leaf_from_step & entered_leaf_any);
+<<<<<<< HEAD
         m.group("Leaves to the geometry unit");
         m.output("leaf_valid", leaf_wanted);
         for name in ["packet", "address", "context", "mask"] {
@@ -1388,6 +1363,11 @@ impl<'b> Unit<'b> {
             valid: leaf_wanted,
             ready: leaf_ready,
             held,
+=======
+        Ok(Flow {
+            valid: leaf_wanted,
+            payload: leaf.unpack(leaf_front),
+>>>>>>> bundles
         })
     }
 }
@@ -1395,25 +1375,26 @@ impl<'b> Unit<'b> {
 /// The traversal processing unit of a machine.
 pub fn module(plan: &Plan) -> Result<Tpu, HdlError> {
     let slice = slice(plan)?;
-    let shapes = Shapes::new(plan);
     let m = Builder::new(
         "tpu",
         "the traversal processing unit: takes packets through a B-KD tree, a packet step a clock.",
     );
+    let ports = ports(plan);
     let unit = Unit {
-        inputs: Inputs::new(&m, plan, &shapes),
+        inputs: ports.inputs.inputs(&m),
         m: &m,
         plan,
-        shapes,
+        words: Words::new(plan),
     };
     let rays = unit.rays();
     let kept = unit.requests();
     let intervals = unit.intervals();
     let sliced = unit.slices(&slice, &rays, &kept, &intervals);
-    let step = unit.decide(&sliced, &kept, &intervals);
+    let step = unit.decide(&sliced, &intervals);
     let stack = unit.push(&step);
     let pop = unit.pop(&step, &stack)?;
     let entered = unit.enter(&pop, &rays, &intervals);
+<<<<<<< HEAD
     let nodes = unit.fetch(&step, &entered, &intervals, &kept)?;
     let leaves = unit.hand_over(&step, &entered, &intervals)?;
 
@@ -1437,6 +1418,27 @@ pub fn module(plan: &Plan) -> Result<Tpu, HdlError> {
     for (name, signal) in &step.watch {
         m.output(name, *signal);
     }
+=======
+    let node = unit.fetch(&step, &entered, &intervals, &kept)?;
+    let leaf = unit.hand_over(&step, &entered, &intervals)?;
+    let finished = Finished {
+        packet: entered.packet,
+        touched: (unit.inputs.setup.valid).mux(m.zero(plan.rays()), pop.touched),
+    };
+    let outputs = Outputs {
+        node,
+        leaf,
+        finished: Flow {
+            valid: entered.none_enters | (pop.done & pop.empty),
+            payload: finished,
+        },
+        step_taken: step.valid,
+        stack_high_water: stack.high_water.q,
+        stack_overflow: stack.overflow.q,
+        watch_step: step.watch,
+    };
+    ports.outputs.outputs(&m, outputs);
+>>>>>>> bundles
     let pop_latency = pop.latency;
     properties::describe(&Watched {
         plan,

@@ -21,15 +21,131 @@
 use super::distance;
 use super::fp::{Knowing, Known, Operand, equal, is_finite, is_nan, is_zero, less, less_equal};
 use super::plan::{AXES, Plan};
+use super::ray::{Interval, Limits, Shear, Tested};
 use super::share::{Lender, negated};
 use crate::config::TriangleTest;
-use crate::hdl::{Builder, Direction, HdlError, Module, Pipeline, Signal};
+use crate::hdl::{
+    Builder, Bundle, Direction, HdlError, Module, Pipeline, Ports, Signal, Signals, Spec, Specs,
+};
+use crate::{bundle, interface};
+use std::collections::HashMap;
 use std::sync::Arc;
 
 type Vector<'b> = [Signal<'b>; 3];
 
-fn vector<'b>(f: impl FnMut(&'static str) -> Signal<'b>) -> Vector<'b> {
-    AXES.map(f)
+bundle! {
+    /// A triangle's vertices, or three columns of a matrix.
+    pub(super) struct Corners(plan: &Plan) {
+        v0: [plan.number(); xyz],
+        v1: [plan.number(); xyz],
+        v2: [plan.number(); xyz],
+    }
+}
+
+bundle! {
+    /// Pairs of numbers that are added while the test accumulates.
+    pub(super) struct Pairs(plan: &Plan) {
+        sum_a: [plan.number(); 6],
+        sum_b: [plan.number(); 6],
+    }
+}
+
+interface! {
+    pub(super) (plan: &Plan) {
+        in "A slot of the test" {
+            matrix: 1,
+            corners: ..{Corners = Corners::of(plan)},
+            ray: ..{Tested = Tested::of(plan)},
+            translation: [plan.number(); xyz],
+            weight: plan.number(),
+            window: {Interval = Interval::of(plan)},
+            shear_z if (plan.watertight()): plan.number(),
+            accumulate: 1,
+            pairs: ..{Pairs = Pairs::of(plan)},
+        }
+        in "The ray's limits, needed last" { limits: ..{Limits = Limits::of(plan)} }
+        out "Whether the ray hits, and where" {
+            hit: 1,
+            t: plan.number(),
+            u: plan.number(),
+            v: plan.number(),
+        }
+        out "The point moved by the matrix" { moved: [plan.number(); xyz] }
+        out "The point moved and weighted" { weighted: [plan.number(); xyz] }
+        out "The interval, and whether the box alone makes the ray miss" {
+            box_near: plan.number(),
+            box_far: plan.number(),
+        }
+        out "While it accumulates: sums, whose operands are given at any time" {
+            sum: [plan.number(); 6],
+        }
+    }
+}
+
+/// The ports of the two tests.
+mod intersection {
+    use super::*;
+
+    bundle! {
+        /// What a test says.
+        pub struct Test(plan: &Plan) {
+            t: plan.number(),
+            u: plan.number(),
+            v: plan.number(),
+            misses: 1,
+        }
+    }
+
+    interface! {
+        pub (plan: &Plan) {
+            in "What the slot is: 0 a test, 1 a matrix" { matrix: 1 }
+            in "The triangle's vertices, or the matrix's columns x, y, z" {
+                corners: ..{Corners = Corners::of(plan)},
+            }
+            in "The ray's origin, or the point" { origin: [plan.number(); xyz] }
+            in "The ray's direction" { direction if (!plan.watertight()): [plan.number(); xyz] }
+            in "The ray's shear" { shear if (plan.watertight()): ..{Shear = Shear::of(plan)} }
+            in "The matrix's fourth column" { translation: [plan.number(); xyz] }
+            in "The weight of the moved point" { weight: plan.number() }
+            in "The reciprocal of the direction's greatest component" {
+                shear_z if (plan.watertight()): plan.number(),
+            }
+            out "Distance, the second and third vertex's weights, and whether the ray passes the triangle" {
+                test: {Test = Test::of(plan)},
+            }
+            out "The point moved by the matrix" { moved: [plan.number(); xyz] }
+            out "The point moved and weighted" { weighted: [plan.number(); xyz] }
+        }
+    }
+}
+
+/// The ports of the triangle's own box.
+mod own_box {
+    use super::*;
+
+    interface! {
+        pub (plan: &Plan) {
+            in "The triangle's vertices" { corners: ..{Corners = Corners::of(plan)} }
+            in "The ray" {
+                origin: [plan.number(); xyz],
+                reciprocal: [plan.number(); xyz],
+                signs: 3,
+            }
+            in "While it accumulates: sums, whose operands are given at any time" {
+                accumulate: 1,
+                pairs: ..{Pairs = Pairs::of(plan)},
+            }
+            in "The interval that the box clips" { window: {Interval = Interval::of(plan)} }
+            out "The interval, and whether the box alone makes the ray miss" {
+                box_near: plan.number(),
+                box_far: plan.number(),
+                box_misses: 1,
+            }
+            out "While it accumulates: sums, whose operands are given at any time" {
+                sum: [plan.number(); 6],
+            }
+        }
+    }
 }
 
 /// Pairs of numbers that are added at once while the test accumulates.
@@ -37,21 +153,19 @@ const PAIRS: usize = 6;
 
 /// The ray's interval in the triangle's own box, and whether the triangle is degenerate.
 fn triangle_box(plan: &Plan) -> Result<Arc<Module>, HdlError> {
-    let w = plan.number();
     let f = plan.format;
     let m = Builder::new(
         "triangle_box",
         "a ray's interval in a triangle's own box, by the very plane distances of traversal, and whether the triangle is degenerate.",
     );
     let p = m.pipeline();
-    m.group("The triangle's vertices");
-    let v: Vec<Vector<'_>> = (0..3)
-        .map(|i| vector(|x| p.input(format!("v{i}_{x}"), w)))
-        .collect();
-    m.group("The ray");
-    let origin = vector(|x| p.input(format!("origin_{x}"), w));
-    let reciprocal = vector(|x| p.input(format!("reciprocal_{x}"), w));
-    let signs = p.input("signs", 3);
+    let ports = own_box::ports(plan);
+    let inputs = &ports.inputs;
+    let Corners { v0, v1, v2 } = inputs.corners.inputs_at(&p, 0);
+    let v = [v0, v1, v2];
+    let origin = inputs.origin.each_ref().map(|x| x.input_at(&p, 0));
+    let reciprocal = inputs.reciprocal.each_ref().map(|x| x.input_at(&p, 0));
+    let signs = inputs.signs.input_at(&p, 0);
 
     let mut boxes = vec![];
     let mut flat = vec![];
@@ -82,12 +196,11 @@ fn triangle_box(plan: &Plan) -> Result<Arc<Module>, HdlError> {
         }
     }
 
-    m.group("While it accumulates: sums, whose operands are given at any time");
     let planes_at = boxes[0].0.stage().unwrap_or(0);
-    let accumulate = p.input_at("accumulate", 1, planes_at);
-    let operand = |which: &str, k: usize| p.input_at(format!("sum_{which}_{k}"), w, planes_at);
-    let pairs: Vec<_> = (0..PAIRS)
-        .map(|k| (operand("a", k), operand("b", k)))
+    let accumulate = inputs.accumulate.input_at(&p, planes_at);
+    let Pairs { sum_a, sum_b } = &inputs.pairs;
+    let pairs: Vec<_> = std::iter::zip(sum_a, sum_b)
+        .map(|(a, b)| (a.input_at(&p, planes_at), b.input_at(&p, planes_at)))
         .collect();
     let lender = Lender::new(&plan.units, accumulate);
     let mut sums = [None; PAIRS];
@@ -120,10 +233,9 @@ fn triangle_box(plan: &Plan) -> Result<Arc<Module>, HdlError> {
             distance::FAR_SLACK,
         );
         let (near, far) = interval.unwrap_or_else(|| {
-            m.group("The interval that the box clips");
-            let window = |name: &str, at| p.input_at(name, w, at);
             let at = n.stage().unwrap_or(0);
-            (window("window_near", at), window("window_far", at))
+            let Interval { near, far } = inputs.window.inputs_at(&p, at);
+            (near, far)
         });
         interval = Some((
             plan.max(
@@ -149,42 +261,37 @@ fn triangle_box(plan: &Plan) -> Result<Arc<Module>, HdlError> {
         .named("empty_interval")
         .register();
     let end = empty.stage().unwrap_or(0);
-    m.group("The interval, and whether the box alone makes the ray miss");
-    m.output("box_near", near.at(end));
-    m.output("box_far", far.at(end));
-    m.output("box_misses", empty | degenerate.at(end));
-    m.group("While it accumulates: sums, whose operands are given at any time");
-    for (k, sum) in sums.iter().enumerate() {
-        m.output(format!("sum_{k}"), sum.expect("a sum for each pair"));
-    }
+    let outputs = own_box::Outputs {
+        box_near: near.at(end),
+        box_far: far.at(end),
+        box_misses: empty | degenerate.at(end),
+        sum: sums.map(|sum| sum.expect("a sum for each pair")),
+    };
+    ports.outputs.outputs(&m, outputs);
     m.finish()
 }
 
 /// The inputs that both tests have alike, and what lends their operators.
-struct Inputs<'b> {
+struct Shared<'b> {
     p: Pipeline<'b>,
+    ports: Ports<intersection::Inputs<Spec>, intersection::Outputs<Spec>>,
     lender: Lender<'b>,
     vertices: [Vector<'b>; 3],
     origin: Vector<'b>,
-    matrix: Signal<'b>,
 }
 
-impl<'b> Inputs<'b> {
-    fn new(m: &'b Builder, plan: &Plan) -> Inputs<'b> {
-        let w = plan.number();
+impl<'b> Shared<'b> {
+    fn new(m: &'b Builder, plan: &Plan) -> Shared<'b> {
         let p = m.pipeline();
-        m.group("What the slot is: 0 a test, 1 a matrix");
-        let matrix = p.input("matrix", 1);
-        m.group("The triangle's vertices, or the matrix's columns x, y, z");
-        let vertices = [0, 1, 2].map(|i| vector(|x| p.input(format!("v{i}_{x}"), w)));
-        m.group("The ray's origin, or the point");
-        let origin = vector(|x| p.input(format!("origin_{x}"), w));
-        Inputs {
-            p,
+        let ports = intersection::ports(plan);
+        let matrix = ports.inputs.matrix.input_at(&p, 0);
+        let Corners { v0, v1, v2 } = ports.inputs.corners.inputs_at(&p, 0);
+        Shared {
             lender: Lender::new(&plan.units, matrix),
-            vertices,
-            origin,
-            matrix,
+            vertices: [v0, v1, v2],
+            origin: ports.inputs.origin.each_ref().map(|x| x.input_at(&p, 0)),
+            ports,
+            p,
         }
     }
 
@@ -195,23 +302,36 @@ impl<'b> Inputs<'b> {
         self.lender.term(name, own, zero)
     }
 
-    fn translation(&self, x: &str, at: Option<u32>, width: u32) -> Signal<'b> {
-        self.late(
-            "The matrix's fourth column",
-            &format!("translation_{x}"),
-            width,
-            at,
-        )
+    /// The fourth column's component `axis`, which `other` meets.
+    fn translation(&self, axis: usize, other: Signal<'b>) -> Signal<'b> {
+        let translation = &self.ports.inputs.translation[axis];
+        translation.input_at(&self.p, other.stage().unwrap_or(0))
     }
 
-    fn weight(&self, at: Option<u32>, width: u32) -> Signal<'b> {
-        self.late("The weight of the moved point", "weight", width, at)
+    /// The weight, which `other` meets.
+    fn weight(&self, other: Signal<'b>) -> Signal<'b> {
+        let weight = &self.ports.inputs.weight;
+        weight.input_at(&self.p, other.stage().unwrap_or(0))
     }
 
-    /// An input that is needed late.
-    fn late(&self, group: &str, name: &str, width: u32, at: Option<u32>) -> Signal<'b> {
-        self.matrix.module().group(group);
-        self.p.input_at(name, width, at.unwrap_or(0))
+    /// Makes the outputs: t, u, v and whether the ray misses; a point moved, and weighted.
+    fn finish(
+        &self,
+        m: &Builder,
+        [t, u, v]: Vector<'b>,
+        misses: Signal<'b>,
+        moved: Vector<'b>,
+        weighted: Vector<'b>,
+    ) {
+        let test = intersection::Test { t, u, v, misses };
+        let [of_test, of_moved, of_weighted] =
+            [&[t, u, v, misses][..], &moved, &weighted].map(latest);
+        let outputs = intersection::Outputs {
+            test: test.at(of_test),
+            moved: moved.map(|x| x.at(of_moved)),
+            weighted: weighted.map(|x| x.at(of_weighted)),
+        };
+        self.ports.outputs.outputs(m, outputs);
     }
 }
 
@@ -224,16 +344,16 @@ fn moller_trumbore(plan: &Plan) -> Result<Arc<Module>, HdlError> {
         "triangle_moller_trumbore",
         "the ray-triangle test of Moeller and Trumbore, whose operators also apply a matrix to a point.",
     );
-    let inputs = Inputs::new(&m, plan);
-    let Inputs {
+    let inputs = Shared::new(&m, plan);
+    let Shared {
         ref p,
         ref lender,
         vertices: v,
         origin,
         ..
     } = inputs;
-    m.group("The ray's direction");
-    let direction = vector(|x| p.input(format!("direction_{x}"), w));
+    let direction = (inputs.ports.inputs.direction.as_ref()).expect("this test needs it");
+    let direction = direction.each_ref().map(|x| x.input_at(p, 0));
 
     m.comment("Edges, and the origin seen from the first vertex. Matrix: the columns y and z, and x negated.");
     let base = [0, 1, 2].map(|i| inputs.subtracted(&format!("base_{}", AXES[i]), v[0][i]));
@@ -297,13 +417,13 @@ fn moller_trumbore(plan: &Plan) -> Result<Arc<Module>, HdlError> {
             lender.term(&format!("{name}_xy_a"), of[0], columns_xy[component]),
             lender.term(&format!("{name}_xy_b"), of[1], column_z[component]),
         );
-        let translation = inputs.translation(AXES[component], xy.stage(), w);
+        let translation = inputs.translation(component, xy);
         let z = lender.term(&format!("{name}_z_or_translation"), of[2], translation);
         units.add(name, xy, z)
     });
     m.comment("u = (c . p) i, v = (d . q) i, t = (e2 . q) i. Matrix: all by the weight.");
     let i = units.reciprocal("i", det);
-    let factor = lender.factor("i_or_weight", i, inputs.weight(i.stage(), w));
+    let factor = lender.factor("i_or_weight", i, inputs.weight(i));
     let u = units.mul("u", cp, factor);
     let vv = units.mul("v", dq, factor);
     let t = units.mul("t", e2q, factor);
@@ -320,8 +440,7 @@ fn moller_trumbore(plan: &Plan) -> Result<Arc<Module>, HdlError> {
         .register();
     let flat = is_zero(f, det).named("det_is_zero").register();
     let misses = !inside | !below | flat;
-    finish_test(&m, [t, u, vv], misses);
-    finish_matrix(&m, [cp, dq, e2q], [u, vv, t]);
+    inputs.finish(&m, [t, u, vv], misses, [cp, dq, e2q], [u, vv, t]);
     m.finish()
 }
 
@@ -335,17 +454,21 @@ fn watertight(plan: &Plan) -> Result<Arc<Module>, HdlError> {
         "the watertight ray-triangle test of Woop, Benthin and Wald: edge functions of vertices sheared into the ray's frame. \
          Its operators also apply a matrix to a point.",
     );
-    let inputs = Inputs::new(&m, plan);
-    let Inputs {
+    let inputs = Shared::new(&m, plan);
+    let Shared {
         ref p,
         ref lender,
         vertices,
         origin,
         ..
     } = inputs;
-    m.group("The ray's shear");
-    let kz = p.input("kz", 2);
-    let shear = ["x", "y"].map(|x| p.input(format!("shear_{x}"), w));
+    let shear = (inputs.ports.inputs.shear.as_ref()).expect("this test needs it");
+    let Shear {
+        kz,
+        shear_x,
+        shear_y,
+    } = shear.inputs_at(p, 0);
+    let shear = [shear_x, shear_y];
     let zero = m.zero(w);
 
     m.comment("Matrix: the columns pass as if seen from the origin and along z; the point takes the shear's way.");
@@ -460,13 +583,13 @@ fn watertight(plan: &Plan) -> Result<Arc<Module>, HdlError> {
     m.comment(
         "det = (U + V) + W, i = 1 / det. Matrix: the translation is added, y in U + V, x in det.",
     );
-    let translation_y = inputs.translation("y", eu.stage(), w);
+    let translation_y = inputs.translation(1, eu);
     let uv = units.add(
         "uv",
         eu,
         lender.term("ev_or_translation", ev, translation_y),
     );
-    let translation_x = inputs.translation("x", uv.stage(), w);
+    let translation_x = inputs.translation(0, uv);
     let det = units.add(
         "det",
         lender.term("uv_or_translation", uv, translation_x),
@@ -479,7 +602,7 @@ fn watertight(plan: &Plan) -> Result<Arc<Module>, HdlError> {
     let vb = units.mul("vb", ev, bz);
     let wc = units.mul("wc", ew, cz);
     let ua_vb = units.add("ua_vb", ua, vb);
-    let translation_z = inputs.translation("z", ua_vb.stage(), w);
+    let translation_z = inputs.translation(2, ua_vb);
     let scaled = units.add(
         "scaled",
         lender.term("ua_vb_or_sum", ua_vb, ev),
@@ -488,47 +611,22 @@ fn watertight(plan: &Plan) -> Result<Arc<Module>, HdlError> {
     m.comment("t = (T i) Sz, u = V i, v = W i. Matrix: all by the weight; the point moved takes the way of V and W.");
     let second = lender.choice("v_or_moved_y", ev, uv);
     let third = lender.choice("w_or_moved_x", ew, det);
-    let factor = lender.factor("i_or_weight", i, inputs.weight(i.stage(), w));
+    let factor = lender.factor("i_or_weight", i, inputs.weight(i));
     let distance = units.mul("distance", scaled, factor);
     let u = units.mul("u", second, factor);
     let vv = units.mul("v", third, factor);
-    m.group("The reciprocal of the direction's greatest component");
-    let shear_z = p.input_at("shear_z", w, distance.stage().unwrap_or(0));
+    let shear_z = (inputs.ports.inputs.shear_z.as_ref()).expect("this test needs it");
+    let shear_z = shear_z.input_at(p, distance.stage().unwrap_or(0));
     let t = units.mul("t", distance, shear_z);
     let misses = (some_negative & some_positive) | flat;
-    finish_test(&m, [t, u, vv], misses);
-    finish_matrix(&m, [third, second, scaled], [vv, u, distance]);
+    let moved = [third, second, scaled];
+    inputs.finish(&m, [t, u, vv], misses, moved, [vv, u, distance]);
     m.finish()
 }
 
 /// The latest stage of some signals.
 fn latest(signals: &[Signal<'_>]) -> u32 {
     signals.iter().filter_map(|s| s.stage()).max().unwrap_or(0)
-}
-
-/// The outputs of a matrix slot.
-fn finish_matrix<'b>(m: &'b Builder, moved: Vector<'b>, weighted: Vector<'b>) {
-    for (group, name, point) in [
-        ("The point moved by the matrix", "moved", moved),
-        ("The point moved and weighted", "weighted", weighted),
-    ] {
-        m.group(group);
-        let end = latest(&point);
-        for (x, signal) in AXES.iter().zip(point) {
-            m.output(format!("{name}_{x}"), signal.at(end));
-        }
-    }
-}
-
-fn finish_test(m: &Builder, [t, u, v]: [Signal<'_>; 3], misses: Signal<'_>) {
-    let end = latest(&[t, u, v, misses]);
-    m.group(
-        "Distance, the second and third vertex's weights, and whether the ray passes the triangle",
-    );
-    m.output("test_t", t.at(end));
-    m.output("test_u", u.at(end));
-    m.output("test_v", v.at(end));
-    m.output("test_misses", misses.at(end));
 }
 
 fn difference<'b>(plan: &Plan, name: &str, a: Vector<'b>, b: Vector<'b>) -> Vector<'b> {
@@ -549,7 +647,6 @@ fn dot<'b>(plan: &Plan, name: &str, a: Vector<'b>, b: Vector<'b>) -> Signal<'b> 
 
 /// The whole triangle test as a pipeline: the configured test, the box, the clamp and the ray's limits.
 pub(super) fn module(plan: &Plan) -> Result<Arc<Module>, HdlError> {
-    let w = plan.number();
     let f = plan.format;
     let test = match plan.config.triangle_test {
         TriangleTest::MollerTrumbore => moller_trumbore(plan)?,
@@ -562,49 +659,39 @@ pub(super) fn module(plan: &Plan) -> Result<Arc<Module>, HdlError> {
          or a matrix applied to a point.",
     );
     let p = m.pipeline();
-    let mut ports = vec![];
+    // What the two of them need, at the stages that they need it at.
+    let mut made: HashMap<&str, Signal<'_>> = HashMap::new();
     for module in [&test, &in_box] {
-        for port in module
-            .ports()
-            .iter()
-            .filter(|port| port.direction == Direction::Input && port.name != "clk")
-        {
-            if !ports.iter().any(|(name, _)| *name == port.name) {
+        let ports = module.ports().iter();
+        let inputs = ports.filter(|port| port.direction == Direction::Input && port.name != "clk");
+        for port in inputs {
+            made.entry(&port.name).or_insert_with(|| {
                 m.group(port.group.clone());
-                let signal = p.input_at(&port.name, port.width, port.stage.unwrap_or(0));
-                ports.push((port.name.clone(), signal));
-            }
+                p.input_at(&port.name, port.width, port.stage.unwrap_or(0))
+            });
         }
     }
-    let place = |name: &str, module: &Arc<Module>| {
-        let inputs: Vec<_> = ports
-            .iter()
-            .filter(|(name, _)| module.port(name).is_some())
-            .map(|(name, signal)| (name.as_str(), *signal))
-            .collect();
-        m.instance(name, module, &inputs)
-    };
-    let tested = place("intersection", &test);
-    let boxed = place("own_box", &in_box);
-    let end = latest(&[tested.get("test_t"), boxed.get("box_near")]);
+    let (of_test, of_box) = (intersection::ports(plan), own_box::ports(plan));
+    let inputs = of_test.inputs.map(|_, spec| made[spec.name.as_str()]);
+    let tested = of_test.place("intersection", &m, &test, inputs);
+    let inputs = of_box.inputs.map(|_, spec| made[spec.name.as_str()]);
+    let boxed = of_box.place("own_box", &m, &in_box, inputs);
+    let end = latest(&[tested.test.t, boxed.box_near]);
     m.comment("Clamp t into the box's interval; the box decides a miss before.");
-    let t = tested.get("test_t").at(end);
-    let near = boxed.get("box_near").at(end);
-    let far = boxed.get("box_far").at(end);
+    let t = tested.test.t.at(end);
+    let near = boxed.box_near.at(end);
+    let far = boxed.box_far.at(end);
     // A NaN is never replaced: t's makes it a miss.
     let [near, far] = [near, far].map(|end| end.known(Known::Number));
     let raised = plan.max("raised", t.known(Known::Result), near).register();
     let clamped = plan
         .min("clamped", raised.known(Known::Result), far)
         .register();
-    m.group("The ray's limits, needed last");
     let limits_at = clamped.stage().unwrap_or(0);
-    let tmin = p.input_at("tmin", w, limits_at);
-    let tmax = p.input_at("tmax", w, limits_at);
-    let misses = (tested.get("test_misses")
-        | boxed.get("box_misses")
-        | is_nan(f, tested.get("test_t")).at(end))
-    .named("misses");
+    let ports = ports(plan);
+    let Limits { tmin, tmax } = ports.inputs.limits.inputs_at(&p, limits_at);
+    let misses =
+        (tested.test.misses | boxed.box_misses | is_nan(f, tested.test.t).at(end)).named("misses");
     let [least, most] = [tmin, tmax].map(|limit| limit.known(Known::Positive));
     // A NaN is a miss by itself.
     let distance = clamped.known(Known::Number);
@@ -614,23 +701,18 @@ pub(super) fn module(plan: &Plan) -> Result<Arc<Module>, HdlError> {
     let hits = (within_limits & !misses.at(limits_at))
         .named("hits")
         .register();
-    m.group("Whether the ray hits, and where");
     let last = limits_at + 1;
-    m.output("hit", hits);
-    m.output("t", clamped.at(last));
-    m.output("u", tested.get("test_u").at(last));
-    m.output("v", tested.get("test_v").at(last));
-    for (module, placed, prefixes) in [
-        (&test, &tested, &["moved_", "weighted_"][..]),
-        (&in_box, &boxed, &["box_near", "box_far", "sum_"][..]),
-    ] {
-        for port in module.ports() {
-            let passes = prefixes.iter().any(|prefix| port.name.starts_with(prefix));
-            if port.direction == Direction::Output && passes {
-                m.group(port.group.clone());
-                m.output(&port.name, placed.get(&port.name));
-            }
-        }
-    }
+    let outputs = Outputs {
+        hit: hits,
+        t: clamped.at(last),
+        u: tested.test.u.at(last),
+        v: tested.test.v.at(last),
+        moved: tested.moved,
+        weighted: tested.weighted,
+        box_near: boxed.box_near,
+        box_far: boxed.box_far,
+        sum: boxed.sum,
+    };
+    ports.outputs.outputs(&m, outputs);
     m.finish()
 }

@@ -19,6 +19,7 @@
 //! The reference machine's takes, as Yosys counts them for Virtex-4, 2,708 LUT4, 1,780 flip-flops, 454 RAM16X1D, which are 908 LUT4
 //! more, and 14 block RAMs; no DSP48.
 
+<<<<<<< HEAD
 mod properties;
 
 use super::bundle::Bundle;
@@ -27,11 +28,24 @@ use super::fp::{Knowing, Known, is_nan, less};
 use super::plan::{AXES, Plan};
 use super::prefetch::{Occupancy, pick, prefetch};
 use super::properties::Reader;
+=======
+use super::fifo;
+use super::fp::{Knowing, Known, is_nan, less};
+use super::plan::{AXES, Plan};
+use super::prefetch::{self, occupancy, pick, prefetch};
+>>>>>>> bundles
 use super::raycast::COUNTER_BITS;
 use crate::bkd::layout::Record;
-use crate::hdl::{Builder, HdlError, Memory, Module, Signal, Style, bits_for};
+use crate::hdl::{
+    Builder, Bundle, Flow, HdlError, Memory, Module, ReadInputs, ReadOutputs, Signal, Spec, Specs,
+    Style, Write, bits_for,
+};
 use crate::program::{Program, UpdateMachine};
+<<<<<<< HEAD
 use properties::{Kinds, Unit};
+=======
+use crate::{bundle, interface};
+>>>>>>> bundles
 use std::sync::Arc;
 
 /// Target clock, in MHz, from which on a comparison and the choice that it makes have a stage each.
@@ -59,6 +73,111 @@ const VERTEX_INDICES: u32 = 4;
 pub const NODE_LANES: u32 = 5;
 const NODE_MASK: u32 = 0b01111;
 
+bundle! {
+    /// An update: rows of its program, bases of the object's vertices and nodes, index of its box.
+    pub struct Update(plan: &Plan) {
+        program: plan.address(),
+        rows: plan.address(),
+        vertex_base: plan.address(),
+        node_base: plan.address(),
+        box_index: plan.address(),
+    }
+}
+
+bundle! {
+    /// A write of some lanes of a node.
+    pub struct NodeWrite(plan: &Plan) {
+        address: plan.address(),
+        mask: NODE_LANES,
+        data: Record::node(plan.format).width,
+    }
+}
+
+bundle! {
+    /// What is counted since reset.
+    pub struct Counters() {
+        instructions: COUNTER_BITS,
+        busy_cycles: COUNTER_BITS,
+        stalled_cycles: COUNTER_BITS,
+        vertex_wait_cycles: COUNTER_BITS,
+        node_wait_cycles: COUNTER_BITS,
+    }
+}
+
+bundle! {
+    /// An instruction that is decoded.
+    struct Instruction(plan: &Plan) {
+        load: 1,
+        leaf: 1,
+        node: 1,
+        end: 1,
+        /// A vertex or box register.
+        x: vertex_bits(plan).max(box_bits(plan)),
+        y: vertex_bits(plan).max(box_bits(plan)),
+        /// A vertex register, or a node's two axes.
+        z: vertex_bits(plan).max(4),
+        target: box_bits(plan),
+    }
+}
+
+fn vertex_bits(plan: &Plan) -> u32 {
+    bits_for(u64::from(plan.config.update_vertex_registers))
+}
+
+fn box_bits(plan: &Plan) -> u32 {
+    bits_for(u64::from(plan.config.update_box_registers))
+}
+
+interface! {
+    pub (plan: &Plan) {
+        in "An update: rows of its program, bases of the object's vertices and nodes, index of its box" {
+            start: {Flow<Update> = Flow::of(Update::of(plan))},
+        }
+        in "" {
+            program: {ReadInputs = ReadInputs::of(
+                "Program memory",
+                "of any latency, in any order",
+                bits_for(u64::from(plan.config.update_program_rows)),
+                ROW_BITS
+            )},
+            vertex: {ReadInputs = ReadInputs::of(
+                "Vertex memory",
+                "of any latency, in any order",
+                bits_for(u64::from(plan.config.update_vertices_ahead)),
+                Record::vertex(plan.format).width
+            )},
+        }
+        in "Node memory: writes" { node_write_ready: 1 }
+        in "The object's box: its write, after all of the nodes'" { box_write_ready: 1 }
+        out "An update: rows of its program, bases of the object's vertices and nodes, index of its box" {
+            start_ready: 1,
+        }
+        out "" {
+            program: {ReadOutputs = ReadOutputs::of(
+                "Program memory",
+                plan.address(),
+                bits_for(u64::from(plan.config.update_program_rows))
+            )},
+            vertex: {ReadOutputs = ReadOutputs::of(
+                "Vertex memory",
+                plan.address(),
+                bits_for(u64::from(plan.config.update_vertices_ahead))
+            )},
+        }
+        out "Node memory: writes" {
+            node_write: {Flow<NodeWrite> = Flow::of(NodeWrite::of(plan))},
+        }
+        out "The object's box: its write, after all of the nodes'" {
+            box_write: {Flow<Write> = Flow::of(Write::of(
+                plan.address(),
+                Record::bounding_box(plan.format).width
+            ))},
+        }
+        out "High for a clock when an update is complete" { done: 1 }
+        out "Counters since reset" { count: {Counters = Counters::of()} }
+    }
+}
+
 /// The update processor, and what its programs must be compiled for.
 pub struct UpdateProcessor {
     pub module: Arc<Module>,
@@ -73,52 +192,26 @@ pub struct UpdateProcessor {
 pub fn module(plan: &Plan) -> Result<UpdateProcessor, HdlError> {
     let (w, f, a) = (plan.number(), plan.format, plan.address());
     let config = &plan.config;
-    let vertex_bits = bits_for(u64::from(config.update_vertex_registers));
-    let box_bits = bits_for(u64::from(config.update_box_registers));
-    // x and y name vertex or box registers; z a vertex register, or a node's two axes.
-    let xy_bits = vertex_bits.max(box_bits);
-    let z_bits = vertex_bits.max(4);
-    let instruction = Bundle::new(&[
-        ("load", 1),
-        ("leaf", 1),
-        ("node", 1),
-        ("end", 1),
-        ("x", xy_bits),
-        ("y", xy_bits),
-        ("z", z_bits),
-        ("target", box_bits),
-    ]);
+    let (vertex_bits, box_bits) = (vertex_bits(plan), box_bits(plan));
+    let instruction = Instruction::of(plan);
+    let z_bits = instruction.z.width;
 
     let m = Builder::new(
         "update_processor",
         "the update processor: runs an update program, which rewrites the bounds of an object's nodes.",
     );
-    m.group("An update: rows of its program, bases of the object's vertices and nodes, index of its box");
-    let start_valid = m.input("start_valid", 1);
-    let start_program = m.input("start_program", a);
-    let start_rows = m.input("start_rows", a);
-    let start_vertex_base = m.input("start_vertex_base", a);
-    let start_node_base = m.input("start_node_base", a);
-    let start_box_index = m.input("start_box_index", a);
-    let read_port = |name: &str, title: &str, tags: u32, width: u32| {
-        m.group(format!("{title}: requests"));
-        let ready = m.input(format!("{name}_request_ready"), 1);
-        m.group(format!("{title}: answers, of any latency, in any order"));
-        [
-            ready,
-            m.input(format!("{name}_response_valid"), 1),
-            m.input(format!("{name}_response_tag"), bits_for(u64::from(tags))),
-            m.input(format!("{name}_response_data"), width),
-        ]
-    };
-    let vertex_width = Record::vertex(f).width;
-    let (rows_ahead, vertices_ahead) = (config.update_program_rows, config.update_vertices_ahead);
-    let program_port = read_port("program", "Program memory", rows_ahead, ROW_BITS);
-    let vertex_port = read_port("vertex", "Vertex memory", vertices_ahead, vertex_width);
-    m.group("Node memory: writes");
-    let node_write_ready = m.input("node_write_ready", 1);
-    m.group("The object's box: its write, after all of the nodes'");
-    let box_write_ready = m.input("box_write_ready", 1);
+    let ports = ports(plan);
+    let Inputs {
+        start: Flow {
+            valid: start_valid,
+            payload: update,
+        },
+        program: program_memory,
+        vertex: vertex_memory,
+        node_write_ready,
+        box_write_ready,
+    } = ports.inputs.inputs(&m);
+    let vertex_width = vertex_memory.response.payload.data.width();
 
     m.comment("An update starts when the last one is over and none of its rows is left.");
     let running = m.reg_reset("running", 1, 0);
@@ -128,13 +221,12 @@ pub fn module(plan: &Plan) -> Result<UpdateProcessor, HdlError> {
     let no_rows = m.wire("no_rows", 1);
     let start_ready = (no_rows.get() & !(running.q | any_rows_left.q)).named("idle");
     let start = (start_valid & start_ready).named("start");
-    m.group("An update: rows of its program, bases of the object's vertices and nodes, index of its box");
-    m.output("start_ready", start_ready);
 
     m.comment("Fetch: rows of the program, ahead of their use.");
     let fetch_row = m.reg("fetch_row", a);
     let pop_row = m.wire("pop_row", 1);
     let rows_wanted = any_rows_left.q;
+<<<<<<< HEAD
     let program_prefetch = prefetch(plan, "program_prefetch", ROW_BITS, rows_ahead, a)?;
     let rows = m.instance(
         "rows",
@@ -158,27 +250,44 @@ pub fn module(plan: &Plan) -> Result<UpdateProcessor, HdlError> {
     });
     no_rows.drive(no_rows_before.unwrap_or(empty));
     let row_requested = (rows_wanted & rows.get("fetch_ready")).named("row_requested");
+=======
+    let rows = prefetch(
+        plan,
+        ("program_prefetch", "rows"),
+        config.update_program_rows,
+        prefetch::Inputs {
+            fetch_valid: rows_wanted,
+            fetch_address: fetch_row.q,
+            memory: program_memory,
+            pop: pop_row.get(),
+        },
+    )?;
+    let empty = rows.empty;
+    no_rows.drive(match counts_later(plan) {
+        false => empty,
+        // Not while a row is requested that it does not count yet.
+        true => {
+            let before = m.reg_reset("no_rows_before", 1, 1);
+            before.next(empty & !rows_wanted);
+            before.q
+        }
+    });
+    let row_requested = (rows_wanted & rows.fetch_ready).named("row_requested");
+>>>>>>> bundles
     let one = m.lit(1u8, a);
     fetch_row.next_when(
         start | row_requested,
-        start.mux(start_program, fetch_row.q + one),
+        start.mux(update.program, fetch_row.q + one),
     );
     rows_left.next_when(
         start | row_requested,
-        start.mux(start_rows, rows_left.q - one),
+        start.mux(update.rows, rows_left.q - one),
     );
     let last_row = rows_left.q.equals(1).named("last_row");
     any_rows_left.next_when(
         start | row_requested,
-        start.mux(start_rows.any(), !last_row),
+        start.mux(update.rows.any(), !last_row),
     );
-    m.group("Program memory: requests");
-    for name in ["valid", "address", "tag"] {
-        m.output(
-            format!("program_request_{name}"),
-            rows.get(&format!("request_{name}")),
-        );
-    }
 
     m.comment("The window: the program's next bytes, refilled by words, and which of them are there. The others are 0.");
     let window = m.reg("window", 8 * WINDOW_BYTES);
@@ -190,7 +299,7 @@ pub fn module(plan: &Plan) -> Result<UpdateProcessor, HdlError> {
     let idle = m.reg_reset("idle_before", 1, 1);
     idle.next(!decoding.q);
     let busy = !idle.q;
-    let row = rows.get("front");
+    let row = rows.front;
     let row_words: Vec<_> = (0..words)
         .map(|i| row.field(i * WORD_BITS, WORD_BITS))
         .collect();
@@ -199,11 +308,11 @@ pub fn module(plan: &Plan) -> Result<UpdateProcessor, HdlError> {
     let word_there = m.reg("next_word_there", 1);
     let has_room = !there.q.bit(WINDOW_BYTES - word_bytes);
     let refill = (has_room & word_there.q & decoding.q).named("refill");
-    let take_word = (rows.get("valid") & decoding.q & (!word_there.q | refill)).named("take_word");
+    let take_word = (rows.valid & decoding.q & (!word_there.q | refill)).named("take_word");
     word.next_when(take_word, pick(word_index.q, &row_words));
     word_there.next((take_word | (word_there.q & !refill)) & busy);
     let last_word = word_index.q.equals(u128::from(words) - 1);
-    pop_row.drive(rows.get("valid") & (!decoding.q | (take_word & last_word)));
+    pop_row.drive(rows.valid & (!decoding.q | (take_word & last_word)));
     word_index.next((word_index.q + take_word.extend(word_bits)) & busy.repeat(word_bits));
     let word = (word.q & refill.repeat(WORD_BITS)).named("refill_word");
     // The word goes behind the last byte that is there.
@@ -287,8 +396,8 @@ pub fn module(plan: &Plan) -> Result<UpdateProcessor, HdlError> {
         window.q.field(2, 6),
         in_second_byte.mux(window.q.field(8, 6), window.q.field(4, 6)),
     );
-    let x = hold("decoded_x", x.low(xy_bits));
-    let y = hold("decoded_y", window.q.field(10, 6).low(xy_bits));
+    let x = hold("decoded_x", x.low(instruction.x.width));
+    let y = hold("decoded_y", window.q.field(10, 6).low(instruction.y.width));
     let explicit_z = hold("decoded_z", window.q.field(16, 6).low(vertex_bits));
     let axes = hold("decoded_axes", window.q.low(4));
     let again = hold("decoded_index", window.q.field(14, 26).low(a));
@@ -342,12 +451,12 @@ pub fn module(plan: &Plan) -> Result<UpdateProcessor, HdlError> {
         .named("implied_target");
 
     let vertex_base = m.reg("vertex_base", a);
-    vertex_base.next_when(start, start_vertex_base);
+    vertex_base.next_when(start, update.vertex_base);
     let next_vertex = m.reg("next_vertex", a);
     let counts = (decoded.q & load & !reload).named("loads_next");
     next_vertex.next_when(
         start | counts,
-        start.mux(start_vertex_base, next_vertex.q + one),
+        start.mux(update.vertex_base, next_vertex.q + one),
     );
     let index = reload.mux(vertex_base.q + again, next_vertex.q);
 
@@ -371,6 +480,7 @@ pub fn module(plan: &Plan) -> Result<UpdateProcessor, HdlError> {
         decode & is_load,
         take_index.get(),
     );
+<<<<<<< HEAD
     index_room.drive(indices_in_flight.room);
     let vertex_prefetch = prefetch(plan, "vertex_prefetch", vertex_width, vertices_ahead, a)?;
     let fetched = m.instance(
@@ -394,19 +504,34 @@ pub fn module(plan: &Plan) -> Result<UpdateProcessor, HdlError> {
             fetched.get(&format!("request_{name}")),
         );
     }
+=======
+    index_room.drive(room);
+    let fetched = prefetch(
+        plan,
+        ("vertex_prefetch", "vertices"),
+        config.update_vertices_ahead,
+        prefetch::Inputs {
+            fetch_valid: index_valid,
+            fetch_address: index_front,
+            memory: vertex_memory,
+            pop: pop_vertex.get(),
+        },
+    )?;
+    take_index.drive(index_valid & fetched.fetch_ready);
+>>>>>>> bundles
 
     m.comment("Instructions wait for their vertices.");
     let take_instruction = m.wire("take_instruction", 1);
-    let whole = instruction.pack(&[
-        ("load", load),
-        ("leaf", leaf),
-        ("node", node),
-        ("end", end),
-        ("x", x),
-        ("y", y),
-        ("z", z),
-        ("target", target),
-    ]);
+    let whole = instruction.pack(Instruction {
+        load,
+        leaf,
+        node,
+        end,
+        x,
+        y,
+        z,
+        target,
+    });
     // The target may have come from the list of free ones: it queues a clock later.
     let queued = m.reg_reset("completed", 1, 0);
     queued.next(decoded.q);
@@ -433,21 +558,21 @@ pub fn module(plan: &Plan) -> Result<UpdateProcessor, HdlError> {
     m.comment("Execute: the current instruction goes unless what it needs is missing.");
     let current = m.reg("current", instruction.width());
     let current_valid = m.reg_reset("current_valid", 1, 0);
-    let part = |name: &str| {
-        instruction
-            .get(current.q, name)
-            .named(format!("current_{name}"))
+    let part = |field: &Spec| {
+        let part = instruction.get(current.q, field);
+        part.named(format!("current_{}", field.name))
     };
-    let valid_part = |name: &str| (current_valid.q & part(name)).named(format!("{name}_waits"));
+    let valid_part =
+        |field: &Spec| (current_valid.q & part(field)).named(format!("{}_waits", field.name));
     let (loads, leafs, nodes, ends) = (
-        valid_part("load"),
-        valid_part("leaf"),
-        valid_part("node"),
-        valid_part("end"),
+        valid_part(&instruction.load),
+        valid_part(&instruction.leaf),
+        valid_part(&instruction.node),
+        valid_part(&instruction.end),
     );
     let node_room = m.wire("node_room", 1);
     let box_taken = m.wire("box_taken", 1);
-    let missing_vertex = (loads & !fetched.get("valid")).named("missing_vertex");
+    let missing_vertex = (loads & !fetched.valid).named("missing_vertex");
     let missing_room = (nodes & !node_room.get()).named("missing_room");
     let unfinished = (ends & !box_taken.get()).named("unfinished");
     let goes = (current_valid.q & !(missing_vertex | missing_room | unfinished)).named("goes");
@@ -455,7 +580,7 @@ pub fn module(plan: &Plan) -> Result<UpdateProcessor, HdlError> {
     take_instruction.drive(take);
     current.next_when(take, queue_front);
     current_valid.next(take | (current_valid.q & !goes));
-    let load_goes = (loads & fetched.get("valid")).named("load_goes");
+    let load_goes = (loads & fetched.valid).named("load_goes");
     let node_goes = (nodes & node_room.get()).named("node_goes");
     pop_vertex.drive(load_goes);
 
@@ -466,24 +591,33 @@ pub fn module(plan: &Plan) -> Result<UpdateProcessor, HdlError> {
         vertex_width,
         Style::Block,
     );
-    let vertex_number = |name| part(name).low(vertex_bits);
-    vertex_registers.write(load_goes, vertex_number("x"), fetched.get("front"));
+    vertex_registers.write(
+        load_goes,
+        part(&instruction.x).low(vertex_bits),
+        fetched.front,
+    );
     let p = m.pipeline();
-    let read_vertex = |name| read(plan, vertex_registers, p.enter(vertex_number(name)));
-    let corners = AXES.map(read_vertex);
+    let [x, y, z] = [&instruction.x, &instruction.y, &instruction.z];
+    let corners = [x, y, z].map(|field| {
+        read(
+            plan,
+            vertex_registers,
+            p.enter(part(field).low(vertex_bits)),
+        )
+    });
     let box_registers = m.memory(
         "box_registers",
         config.update_box_registers,
         Record::bounding_box(f).width,
         Style::Block,
     );
-    let boxes = ["x", "y"].map(|name| read(plan, box_registers, p.enter(part(name).low(box_bits))));
+    let boxes = [x, y].map(|field| read(plan, box_registers, p.enter(part(field).low(box_bits))));
 
     m.comment("Merge: of two boxes, or of three vertices, of which each is a box too. A number that is no NaN goes before one that is.");
     // What a reset leaves here is written before an update can merge anything.
     let merges = p.enter((leafs | node_goes).named("merge_goes"));
-    let of_leaf = p.enter(part("leaf")).named("of_leaf");
-    let target = p.enter(part("target")).named("merge_target");
+    let of_leaf = p.enter(part(&instruction.leaf)).named("of_leaf");
+    let target = p.enter(part(&instruction.target)).named("merge_target");
     let mut merged = vec![];
     let mut operands = vec![];
     let infinity = u128::from(f.infinity());
@@ -534,7 +668,7 @@ pub fn module(plan: &Plan) -> Result<UpdateProcessor, HdlError> {
     );
 
     m.comment("A node's intervals, each on its axis, wait until they are written.");
-    let axes = p.enter(part("z").low(4)).named("merge_axes").at(read_at);
+    let axes = p.enter(part(z).low(4)).named("merge_axes").at(read_at);
     let mut numbers = vec![];
     for (child, side) in ["left", "right"].into_iter().enumerate() {
         let axis = axes.field(2 * child as u32, 2);
@@ -574,13 +708,8 @@ pub fn module(plan: &Plan) -> Result<UpdateProcessor, HdlError> {
     let next_node = m.reg("next_node", a);
     next_node.next_when(
         start | node_pop.get(),
-        start.mux(start_node_base, next_node.q + one),
+        start.mux(update.node_base, next_node.q + one),
     );
-    m.group("Node memory: writes");
-    m.output("node_write_valid", node_valid);
-    m.output("node_write_address", next_node.q);
-    m.output("node_write_mask", m.lit(NODE_MASK, NODE_LANES));
-    m.output("node_write_data", node_front.extend(Record::node(f).width));
 
     let later = |name: &str, bit| {
         let register = m.reg_reset(name, 1, 0);
@@ -603,13 +732,13 @@ pub fn module(plan: &Plan) -> Result<UpdateProcessor, HdlError> {
     let was_read = was_read.named("box_was_read");
     box_shown.next(was_read & all_complete & !box_taken.get());
     let box_index = m.reg("box_index", a);
-    box_index.next_when(start, start_box_index);
+    box_index.next_when(start, update.box_index);
     let mut bounds: Vec<_> = operands.iter().map(|(first, _)| *first).collect();
     bounds.reverse();
-    m.group("The object's box: its write, after all of the nodes'");
-    m.output("box_write_valid", box_shown.q);
-    m.output("box_write_address", box_index.q);
-    m.output("box_write_data", m.concat(&bounds).untimed());
+    let box_write = Write {
+        address: box_index.q,
+        data: m.concat(&bounds).untimed(),
+    };
     running.next(start | (running.q & !box_taken.get()));
     let done = m.reg_reset("over", 1, 0);
     done.next(box_taken.get());
@@ -618,27 +747,48 @@ pub fn module(plan: &Plan) -> Result<UpdateProcessor, HdlError> {
         false => done.q,
         true => later("over_before", done.q),
     };
-    m.group("High for a clock when an update is complete");
-    m.output("done", done);
 
     m.comment("Counters since reset.");
-    m.group("Counters since reset");
-    let counters = [
-        ("instructions", goes),
-        ("busy_cycles", running.q),
-        ("stalled_cycles", running.q & !goes),
-        ("vertex_wait_cycles", missing_vertex),
-        ("node_wait_cycles", missing_room),
-    ];
-    for (name, event) in counters {
+    let events = Counters {
+        instructions: goes,
+        busy_cycles: running.q,
+        stalled_cycles: running.q & !goes,
+        vertex_wait_cycles: missing_vertex,
+        node_wait_cycles: missing_room,
+    };
+    let count = events.map(|name, event| {
         let event = match counts_later(plan) {
             false => event,
             true => later(&format!("{name}_event"), event),
         };
         let counter = m.reg_reset(format!("{name}_counter"), COUNTER_BITS, 0);
         counter.next_when(event, counter.q + m.lit(1u8, COUNTER_BITS));
-        m.output(format!("count_{name}"), counter.q);
-    }
+        counter.q
+    });
+    let outputs = Outputs {
+        start_ready,
+        program: ReadOutputs {
+            request: rows.request,
+        },
+        vertex: ReadOutputs {
+            request: fetched.request,
+        },
+        node_write: Flow {
+            valid: node_valid,
+            payload: NodeWrite {
+                address: next_node.q,
+                mask: m.lit(NODE_MASK, NODE_LANES),
+                data: node_front.extend(Record::node(f).width),
+            },
+        },
+        box_write: Flow {
+            valid: box_shown.q,
+            payload: box_write,
+        },
+        done,
+        count,
+    };
+    ports.outputs.outputs(&m, outputs);
 
     let kinds_in = |word| {
         let kind = |name| instruction.get(word, name);

@@ -222,7 +222,7 @@ pub(in crate::hw) struct Placed<'b> {
     pub depth: u32,
     pub push: Signal<'b>,
     pub pop: Signal<'b>,
-    pub(super) outputs: Outputs<'b>,
+    pub(super) instance: Outputs<'b>,
     /// Of a queue in block RAM, how many registers say that its head has stood still.
     pub(super) settling: Option<u32>,
     /// Of a queue in distributed RAM, whether its front word stands in a register.
@@ -237,34 +237,34 @@ impl<'b> Placed<'b> {
 
     /// How many words it holds, in `width` bits.
     pub fn count(&self, width: u32) -> Signal<'b> {
-        let count = self.outputs.inside("count").extend(width);
+        let count = self.instance.inside("count").extend(width);
         match self.settling {
             None => count,
-            Some(_) => count + self.outputs.inside("front_valid").extend(width),
+            Some(_) => count + self.instance.inside("front_valid").extend(width),
         }
     }
 
     /// Whether it shows a word.
     pub fn shows(&self) -> Signal<'b> {
         match self.settling {
-            None => self.outputs.inside("count").any(),
-            Some(_) => self.outputs.inside("front_valid"),
+            None => self.instance.inside("count").any(),
+            Some(_) => self.instance.inside("front_valid"),
         }
     }
 
     /// What it is given for a push, for a fault.
     pub fn push_input(&self) -> Reads<&'b Builder> {
-        self.outputs.input("push")
+        self.instance.input("push")
     }
 
     /// Lets it stay as it is in a proof, which may rely on what is proved of the queue itself.
     pub fn keep(&self, proof: &Proof<'b>) {
-        proof.keep(&self.outputs);
+        proof.keep(&self.instance);
         if self.registered {
-            let count = self.outputs.inside("count");
+            let count = self.instance.inside("count");
             let one = proof.module().lit(1u8, count.width());
-            proof.assume(self.outputs.inside("front_valid").eq(count.any()));
-            proof.assume(self.outputs.inside("more").eq(count.gt(one)));
+            proof.assume(self.instance.inside("front_valid").eq(count.any()));
+            proof.assume(self.instance.inside("more").eq(count.gt(one)));
         }
     }
 
@@ -274,14 +274,14 @@ impl<'b> Placed<'b> {
             return;
         };
         let settled: Vec<_> = (0..settling)
-            .map(|clock| self.outputs.inside(&format!("settled{clock}")))
+            .map(|clock| self.instance.inside(&format!("settled{clock}")))
             .collect();
         proof.assert(
             format!("the head of {} stands still at a word", self.name),
             proof
                 .module()
                 .or_all(&settled)
-                .implies(self.outputs.inside("count").any()),
+                .implies(self.instance.inside("count").any()),
         );
     }
 }

@@ -1,9 +1,10 @@
 //! Addition and subtraction: align, add, normalise, round.
 
+use super::binary;
 use super::fields::{Special, operand, pack};
 use super::schedule::{FAN_OUT, LOGIC, SHIFT, Schedule, Step, chain, reduction};
 use crate::float::{Format, plain};
-use crate::hdl::{Builder, HdlError, Module, bits_for};
+use crate::hdl::{Builder, HdlError, Module, Specs, bits_for};
 use std::sync::Arc;
 
 /// Bits by which the smaller significand is shifted at most: beyond its width and two more it is only sticky.
@@ -134,7 +135,8 @@ pub fn module(format: Format, clock_mhz: u32, subtract: bool) -> Result<Arc<Modu
         format!("y = a {operator} b in {format}, rounded to nearest even, for {clock_mhz} MHz."),
     );
     let p = m.pipeline();
-    let (a, b) = (p.input("a", format.width()), p.input("b", format.width()));
+    let ports = binary::ports(format);
+    let binary::Inputs { a, b } = ports.inputs.inputs_at(&p, 0);
     let (a, b) = (operand(format, "a", a), operand(format, "b", b));
 
     m.comment("The operand of the greater magnitude, and by how many bits the other must move.");
@@ -285,6 +287,7 @@ pub fn module(format: Format, clock_mhz: u32, subtract: bool) -> Result<Arc<Modu
         zero,
     };
     let y = pack(y_is_negative, exponent.low(e), fraction, special);
-    m.output("y", y.at(plan.depth()));
+    let y = y.at(plan.depth());
+    ports.outputs.outputs(&m, binary::Outputs { y });
     m.finish()
 }

@@ -86,38 +86,64 @@ impl Units {
     /// a + b, by an instance called `name` in the operands' module.
     #[track_caller]
     pub fn add<'b>(&self, name: impl AsRef<str>, a: Signal<'b>, b: Signal<'b>) -> Signal<'b> {
-        binary(&self.add, name, a, b)
+        self.binary(&self.add, name, a, b)
     }
 
     /// a − b, by an instance called `name` in the operands' module.
     #[track_caller]
     pub fn sub<'b>(&self, name: impl AsRef<str>, a: Signal<'b>, b: Signal<'b>) -> Signal<'b> {
-        binary(&self.sub, name, a, b)
+        self.binary(&self.sub, name, a, b)
     }
 
     /// a × b, by an instance called `name` in the operands' module.
     #[track_caller]
     pub fn mul<'b>(&self, name: impl AsRef<str>, a: Signal<'b>, b: Signal<'b>) -> Signal<'b> {
-        binary(&self.mul, name, a, b)
+        self.binary(&self.mul, name, a, b)
     }
 
     /// 1 ÷ a, by an instance called `name` in the operand's module.
     #[track_caller]
     pub fn reciprocal<'b>(&self, name: impl AsRef<str>, a: Signal<'b>) -> Signal<'b> {
-        a.module()
-            .instance(name, &self.reciprocal, &[("a", a)])
-            .get("y")
+        let ports = unary::ports(self.format);
+        let inputs = unary::Inputs { a };
+        ports.place(name, a.module(), &self.reciprocal, inputs).y
+    }
+
+    #[track_caller]
+    fn binary<'b>(
+        &self,
+        module: &Arc<Module>,
+        name: impl AsRef<str>,
+        a: Signal<'b>,
+        b: Signal<'b>,
+    ) -> Signal<'b> {
+        let ports = binary::ports(self.format);
+        ports
+            .place(name, a.module(), module, binary::Inputs { a, b })
+            .y
     }
 }
 
-#[track_caller]
-fn binary<'b>(
-    module: &Arc<Module>,
-    name: impl AsRef<str>,
-    a: Signal<'b>,
-    b: Signal<'b>,
-) -> Signal<'b> {
-    a.module()
-        .instance(name, module, &[("a", a), ("b", b)])
-        .get("y")
+/// Ports of a unit of one operand.
+mod unary {
+    use super::Format;
+
+    crate::interface! {
+        pub (format: Format) {
+            in "" { a: format.width() }
+            out "" { y: format.width() }
+        }
+    }
+}
+
+/// Ports of a unit of two operands.
+mod binary {
+    use super::Format;
+
+    crate::interface! {
+        pub (format: Format) {
+            in "" { a: format.width(), b: format.width() }
+            out "" { y: format.width() }
+        }
+    }
 }

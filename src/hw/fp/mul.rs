@@ -1,9 +1,10 @@
 //! Multiplication: one product of significands, rounded.
 
+use super::binary;
 use super::fields::{Special, operand, pack};
 use super::schedule::{LOGIC, MULTIPLY, Schedule, Step, chain, reduction};
 use crate::float::{Format, plain};
-use crate::hdl::{Builder, HdlError, Module, Signal};
+use crate::hdl::{Builder, HdlError, Module, Signal, Specs};
 use std::sync::Arc;
 
 /// Bits of an unsigned operand of a DSP48 (which multiplies 18 by 18 bits, signed).
@@ -121,7 +122,8 @@ pub fn module(format: Format, clock_mhz: u32) -> Result<Arc<Module>, HdlError> {
         format!("y = a * b in {format}, rounded to nearest even, for {clock_mhz} MHz."),
     );
     let p = m.pipeline();
-    let (a, b) = (p.input("a", format.width()), p.input("b", format.width()));
+    let ports = binary::ports(format);
+    let binary::Inputs { a, b } = ports.inputs.inputs_at(&p, 0);
     let (a, b) = (operand(format, "a", a), operand(format, "b", b));
 
     m.comment("The significands, in [1, 2), and their product, in [1, 4).");
@@ -204,6 +206,7 @@ pub fn module(format: Format, clock_mhz: u32) -> Result<Arc<Module>, HdlError> {
         zero,
     };
     let y = pack(y_is_negative, exponent.low(e), fraction, special);
-    m.output("y", y.at(plan.depth()));
+    let y = y.at(plan.depth());
+    ports.outputs.outputs(&m, binary::Outputs { y });
     m.finish()
 }

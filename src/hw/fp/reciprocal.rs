@@ -8,8 +8,9 @@
 
 use super::fields::{Special, operand, pack};
 use super::schedule::{FAN_OUT, LOGIC, Schedule, Step, chain};
+use super::unary;
 use crate::float::{Format, plain};
-use crate::hdl::{Builder, HdlError, Module};
+use crate::hdl::{Builder, HdlError, Module, Specs};
 use std::sync::Arc;
 
 fn schedule(format: Format, clock_mhz: u32) -> Schedule {
@@ -60,7 +61,8 @@ pub fn module(format: Format, clock_mhz: u32) -> Result<Arc<Module>, HdlError> {
         format!("y = 1 / a in {format}, rounded to nearest even, for {clock_mhz} MHz."),
     );
     let p = m.pipeline();
-    let a = operand(format, "a", p.input("a", format.width()));
+    let ports = unary::ports(format);
+    let a = operand(format, "a", ports.inputs.a.input_at(&p, 0));
 
     m.comment(
         "The exponent of 1 / a where a is no power of two; for a power of two rounding adds the 1 that lacks. \
@@ -131,6 +133,7 @@ pub fn module(format: Format, clock_mhz: u32) -> Result<Arc<Module>, HdlError> {
         zero: status.bit(0).named("y_is_zero"),
     };
     let y = pack(y_is_negative, rounded.high(e), rounded.low(f), special);
-    m.output("y", y.at(plan.depth()));
+    let y = y.at(plan.depth());
+    ports.outputs.outputs(&m, unary::Outputs { y });
     m.finish()
 }

@@ -1,22 +1,15 @@
 //! What is proved of words read ahead: each comes out in the order of the requests, as memory answered it. Memory answers each request
 //! once, in any order. One word, any, is watched.
 
-use crate::hdl::{Memory, Reg, Signal};
+use super::{Inputs, Outputs};
+use crate::hdl::{Memory, ReadInputs, Reg, Response, Signal};
 use crate::hw::properties::shown_stays;
 
 /// A reader's ports and state.
 pub(super) struct Reader<'b> {
     pub depth: u32,
-    pub fetch_valid: Signal<'b>,
-    pub fetch_ready: Signal<'b>,
-    pub fetch_address: Signal<'b>,
-    pub request_valid: Signal<'b>,
-    pub request_ready: Signal<'b>,
-    pub response_valid: Signal<'b>,
-    pub response_tag: Signal<'b>,
-    pub response_data: Signal<'b>,
-    pub pop: Signal<'b>,
-    pub empty: Signal<'b>,
+    pub inputs: Inputs<Signal<'b>>,
+    pub outputs: Outputs<Signal<'b>>,
     pub head: Reg<'b>,
     pub tail: Reg<'b>,
     pub count: Reg<'b>,
@@ -33,18 +26,32 @@ pub(super) struct Reader<'b> {
 }
 
 pub(super) fn order<'b>(reader: &Reader<'b>) {
-    let m = reader.pop.module();
-    let Reader {
-        depth,
+    let m = reader.inputs.pop.module();
+    let depth = reader.depth;
+    let Inputs {
+        fetch_valid,
+        fetch_address,
         pop,
-        response_valid,
-        response_tag,
+        memory: ReadInputs {
+            request_ready,
+            response,
+        },
+    } = reader.inputs;
+    let Response {
+        tag: response_tag,
+        data: response_data,
+    } = response.payload;
+    let response_valid = response.valid;
+    let Outputs {
+        fetch_ready,
+        request,
+        empty,
         ..
-    } = *reader;
+    } = reader.outputs;
     let [head, tail, count, arrived] =
         [reader.head, reader.tail, reader.count, reader.arrived].map(|register| register.q);
     let [front_valid, front] = [reader.front_valid.q, reader.front.q];
-    let (request_valid, request_tag) = (reader.request_valid, tail);
+    let (request_valid, request_tag) = (request.valid, tail);
     let tag_bits = tail.width();
     let bits = tag_bits + 2;
     let wide = |signal: Signal<'b>| signal.extend(bits);
@@ -59,7 +66,7 @@ pub(super) fn order<'b>(reader: &Reader<'b>) {
         Some([.., freed]) => wide(count) - wide(freed.q),
         None => wide(count),
     };
-    let requests = (request_valid & reader.request_ready).extend(depth);
+    let requests = (request_valid & request_ready).extend(depth);
     let answers = response_valid.extend(depth);
     let owed = proof.reg_reset("owed", depth, 0);
     owed.next((owed.q | requests.shl(request_tag)) & !answers.shl(response_tag));
@@ -68,9 +75,9 @@ pub(super) fn order<'b>(reader: &Reader<'b>) {
     proof.assume(pop.implies(front_valid));
     proof.assume(shown_stays(
         &proof,
-        reader.fetch_valid,
-        reader.fetch_ready,
-        &[reader.fetch_address],
+        fetch_valid,
+        fetch_ready,
+        &[fetch_address],
     ));
 
     let choose = proof.any_seq("choose", 1);
@@ -79,7 +86,7 @@ pub(super) fn order<'b>(reader: &Reader<'b>) {
     let word = proof.reg("word", front.width());
     let tag = proof.reg("tag", tag_bits);
     let ahead = proof.reg("ahead", bits);
-    let begins = !watching.q & request_valid & reader.request_ready & choose;
+    let begins = !watching.q & request_valid & request_ready & choose;
     let ends = watching.q & pop & ahead.q.is_zero();
     watching.next(begins | (watching.q & !ends));
     tag.next_when(begins, request_tag);
@@ -90,9 +97,9 @@ pub(super) fn order<'b>(reader: &Reader<'b>) {
     );
     let answer = watching.q & response_valid & response_tag.eq(tag.q) & !answered.q;
     answered.next(!begins & (answered.q | answer));
-    word.next_when(answer, reader.response_data);
+    word.next_when(answer, response_data);
     let inside = proof.reg_reset("inside", bits, 0);
-    let fetched = reader.fetch_valid & reader.fetch_ready;
+    let fetched = fetch_valid & fetch_ready;
     inside.next(inside.q + wide(fetched) - wide(pop));
 
     let end = wide(head) + taken;
@@ -128,8 +135,8 @@ pub(super) fn order<'b>(reader: &Reader<'b>) {
         "no slot is both owed and has its word",
         (owed.q & arrived).is_zero(),
     );
-    let request = [reader.fetch_address, request_tag];
-    let stays = shown_stays(&proof, request_valid, reader.request_ready, &request);
+    let shown = [fetch_address, request_tag];
+    let stays = shown_stays(&proof, request_valid, request_ready, &shown);
     proof.assert(
         "a request that is not taken stays, its address and tag too",
         stays,
@@ -164,7 +171,7 @@ pub(super) fn order<'b>(reader: &Reader<'b>) {
     );
     proof.assert(
         "it is empty where nothing is in flight",
-        reader.empty.eq(inside.q.is_zero()),
+        empty.eq(inside.q.is_zero()),
     );
     if let Some([is_there, second, freed]) = &reader.registered {
         proof.assert(
