@@ -19,21 +19,13 @@
 //! The reference machine's takes, as Yosys counts them for Virtex-4, 2,708 LUT4, 1,780 flip-flops, 454 RAM16X1D, which are 908 LUT4
 //! more, and 14 block RAMs; no DSP48.
 
-<<<<<<< HEAD
 mod properties;
 
-use super::bundle::Bundle;
 use super::fifo;
 use super::fp::{Knowing, Known, is_nan, less};
 use super::plan::{AXES, Plan};
-use super::prefetch::{Occupancy, pick, prefetch};
+use super::prefetch::{self, Occupancy, pick, prefetch};
 use super::properties::Reader;
-=======
-use super::fifo;
-use super::fp::{Knowing, Known, is_nan, less};
-use super::plan::{AXES, Plan};
-use super::prefetch::{self, occupancy, pick, prefetch};
->>>>>>> bundles
 use super::raycast::COUNTER_BITS;
 use crate::bkd::layout::Record;
 use crate::hdl::{
@@ -41,11 +33,8 @@ use crate::hdl::{
     Style, Write, bits_for,
 };
 use crate::program::{Program, UpdateMachine};
-<<<<<<< HEAD
-use properties::{Kinds, Unit};
-=======
 use crate::{bundle, interface};
->>>>>>> bundles
+use properties::Unit;
 use std::sync::Arc;
 
 /// Target clock, in MHz, from which on a comparison and the choice that it makes have a stage each.
@@ -226,31 +215,6 @@ pub fn module(plan: &Plan) -> Result<UpdateProcessor, HdlError> {
     let fetch_row = m.reg("fetch_row", a);
     let pop_row = m.wire("pop_row", 1);
     let rows_wanted = any_rows_left.q;
-<<<<<<< HEAD
-    let program_prefetch = prefetch(plan, "program_prefetch", ROW_BITS, rows_ahead, a)?;
-    let rows = m.instance(
-        "rows",
-        &program_prefetch,
-        &[
-            ("fetch_valid", rows_wanted),
-            ("fetch_address", fetch_row.q),
-            ("request_ready", program_port[0]),
-            ("response_valid", program_port[1]),
-            ("response_tag", program_port[2]),
-            ("response_data", program_port[3]),
-            ("pop", pop_row.get()),
-        ],
-    );
-    let empty = rows.get("empty");
-    // Not while a row is requested that it does not count yet.
-    let no_rows_before = counts_later(plan).then(|| {
-        let before = m.reg_reset("no_rows_before", 1, 1);
-        before.next(empty & !rows_wanted);
-        before.q
-    });
-    no_rows.drive(no_rows_before.unwrap_or(empty));
-    let row_requested = (rows_wanted & rows.get("fetch_ready")).named("row_requested");
-=======
     let rows = prefetch(
         plan,
         ("program_prefetch", "rows"),
@@ -263,17 +227,14 @@ pub fn module(plan: &Plan) -> Result<UpdateProcessor, HdlError> {
         },
     )?;
     let empty = rows.empty;
-    no_rows.drive(match counts_later(plan) {
-        false => empty,
-        // Not while a row is requested that it does not count yet.
-        true => {
-            let before = m.reg_reset("no_rows_before", 1, 1);
-            before.next(empty & !rows_wanted);
-            before.q
-        }
+    // Not while a row is requested that it does not count yet.
+    let no_rows_before = counts_later(plan).then(|| {
+        let before = m.reg_reset("no_rows_before", 1, 1);
+        before.next(empty & !rows_wanted);
+        before.q
     });
+    no_rows.drive(no_rows_before.unwrap_or(empty));
     let row_requested = (rows_wanted & rows.fetch_ready).named("row_requested");
->>>>>>> bundles
     let one = m.lit(1u8, a);
     fetch_row.next_when(
         start | row_requested,
@@ -480,32 +441,7 @@ pub fn module(plan: &Plan) -> Result<UpdateProcessor, HdlError> {
         decode & is_load,
         take_index.get(),
     );
-<<<<<<< HEAD
     index_room.drive(indices_in_flight.room);
-    let vertex_prefetch = prefetch(plan, "vertex_prefetch", vertex_width, vertices_ahead, a)?;
-    let fetched = m.instance(
-        "vertices",
-        &vertex_prefetch,
-        &[
-            ("fetch_valid", index_valid),
-            ("fetch_address", index_front),
-            ("request_ready", vertex_port[0]),
-            ("response_valid", vertex_port[1]),
-            ("response_tag", vertex_port[2]),
-            ("response_data", vertex_port[3]),
-            ("pop", pop_vertex.get()),
-        ],
-    );
-    take_index.drive(index_valid & fetched.get("fetch_ready"));
-    m.group("Vertex memory: requests");
-    for name in ["valid", "address", "tag"] {
-        m.output(
-            format!("vertex_request_{name}"),
-            fetched.get(&format!("request_{name}")),
-        );
-    }
-=======
-    index_room.drive(room);
     let fetched = prefetch(
         plan,
         ("vertex_prefetch", "vertices"),
@@ -518,11 +454,10 @@ pub fn module(plan: &Plan) -> Result<UpdateProcessor, HdlError> {
         },
     )?;
     take_index.drive(index_valid & fetched.fetch_ready);
->>>>>>> bundles
 
     m.comment("Instructions wait for their vertices.");
     let take_instruction = m.wire("take_instruction", 1);
-    let whole = instruction.pack(Instruction {
+    let decoded_as = Instruction {
         load,
         leaf,
         node,
@@ -531,7 +466,8 @@ pub fn module(plan: &Plan) -> Result<UpdateProcessor, HdlError> {
         y,
         z,
         target,
-    });
+    };
+    let whole = instruction.pack(decoded_as);
     // The target may have come from the list of free ones: it queues a clock later.
     let queued = m.reg_reset("completed", 1, 0);
     queued.next(decoded.q);
@@ -790,15 +726,6 @@ pub fn module(plan: &Plan) -> Result<UpdateProcessor, HdlError> {
     };
     ports.outputs.outputs(&m, outputs);
 
-    let kinds_in = |word| {
-        let kind = |name| instruction.get(word, name);
-        Kinds {
-            load: kind("load"),
-            leaf: kind("leaf"),
-            node: kind("node"),
-            end: kind("end"),
-        }
-    };
     let unit = Unit {
         start,
         running: running.q,
@@ -806,7 +733,7 @@ pub fn module(plan: &Plan) -> Result<UpdateProcessor, HdlError> {
         any_rows_left: any_rows_left.q,
         fetch_row: fetch_row.q,
         row_requested,
-        rows: Reader::of(&rows, rows_ahead, pop_row.get()),
+        rows: Reader::of(&rows, config.update_program_rows, pop_row.get()),
         no_rows_before,
         window_there: there.q,
         idle_before: idle.q,
@@ -818,24 +745,19 @@ pub fn module(plan: &Plan) -> Result<UpdateProcessor, HdlError> {
         is_end,
         decode,
         decoded: decoded.q,
-        decoded_kinds: Kinds {
-            load,
-            leaf,
-            node,
-            end,
-        },
+        decoded_as,
         vertex_indices,
         indices: indices_in_flight,
-        vertices: Reader::of(&fetched, vertices_ahead, pop_vertex.get()),
+        vertices: Reader::of(&fetched, config.update_vertices_ahead, pop_vertex.get()),
         completed: queued.q,
-        completed_kinds: kinds_in(whole),
+        completed_as: instruction.unpack(whole),
         instruction_queue,
         instructions: instructions_in_flight,
-        front_kinds: kinds_in(queue_front),
+        front_as: instruction.unpack(queue_front),
         take,
         goes,
         current_valid: current_valid.q,
-        current_kinds: kinds_in(current.q),
+        current_as: instruction.unpack(current.q),
         queue_room: queue_room.get(),
         node_room: node_room.get(),
         node_goes,
@@ -846,11 +768,12 @@ pub fn module(plan: &Plan) -> Result<UpdateProcessor, HdlError> {
         to_node_queue: node_done.stages(1..=intervals_at),
         node_queue,
         nodes: nodes_in_flight,
-        node_write: [node_valid, node_write_ready, next_node.q],
-        box_write: [box_shown.q, box_write_ready, box_index.q],
+        node_write: outputs.node_write,
+        node_write_ready,
+        box_write: outputs.box_write,
+        box_write_ready,
         box_was_read: was_read,
         all_complete,
-        box_shown: box_shown.q,
     };
     properties::credit(&m, &unit);
     Ok(UpdateProcessor {

@@ -3,7 +3,8 @@
 //! Of its queues and of its readers ahead it assumes what is proved of them; of a program, that its instructions are of one kind each and
 //! that its rows have its end.
 
-use crate::hdl::{Builder, Proof, Signal};
+use super::{Instruction, NodeWrite};
+use crate::hdl::{Builder, Flow, Proof, Signal, Write};
 use crate::hw::fifo::Placed;
 use crate::hw::prefetch::Occupancy;
 use crate::hw::properties::{Ahead, Reader, assert_shown_stays};
@@ -11,17 +12,8 @@ use crate::hw::properties::{Ahead, Reader, assert_shown_stays};
 /// Bits in which what is in several places is added up.
 const BITS: u32 = 10;
 
-/// What kind of instruction something is.
-#[derive(Clone, Copy)]
-pub(super) struct Kinds<'b> {
-    pub load: Signal<'b>,
-    pub leaf: Signal<'b>,
-    pub node: Signal<'b>,
-    pub end: Signal<'b>,
-}
-
-impl<'b> Kinds<'b> {
-    /// At most one.
+impl<'b> Instruction<Signal<'b>> {
+    /// Whether it is of at most one kind.
     fn one(&self) -> Signal<'b> {
         at_most_one(&[self.load, self.leaf, self.node, self.end])
     }
@@ -55,21 +47,21 @@ pub(super) struct Unit<'b> {
     pub is_end: Signal<'b>,
     pub decode: Signal<'b>,
     pub decoded: Signal<'b>,
-    pub decoded_kinds: Kinds<'b>,
+    pub decoded_as: Instruction<Signal<'b>>,
     // Vertices.
     pub vertex_indices: Placed<'b>,
     pub indices: Occupancy<'b>,
     pub vertices: Reader<'b>,
     // Instructions.
     pub completed: Signal<'b>,
-    pub completed_kinds: Kinds<'b>,
+    pub completed_as: Instruction<Signal<'b>>,
     pub instruction_queue: Placed<'b>,
     pub instructions: Occupancy<'b>,
-    pub front_kinds: Kinds<'b>,
+    pub front_as: Instruction<Signal<'b>>,
     pub take: Signal<'b>,
     pub goes: Signal<'b>,
     pub current_valid: Signal<'b>,
-    pub current_kinds: Kinds<'b>,
+    pub current_as: Instruction<Signal<'b>>,
     pub queue_room: Signal<'b>,
     pub node_room: Signal<'b>,
     pub node_goes: Signal<'b>,
@@ -84,12 +76,12 @@ pub(super) struct Unit<'b> {
     pub to_node_queue: Vec<Signal<'b>>,
     pub node_queue: Placed<'b>,
     pub nodes: Occupancy<'b>,
-    /// Valid, ready, address.
-    pub node_write: [Signal<'b>; 3],
-    pub box_write: [Signal<'b>; 3],
+    pub node_write: Flow<NodeWrite<Signal<'b>>, Signal<'b>>,
+    pub node_write_ready: Signal<'b>,
+    pub box_write: Flow<Write<Signal<'b>>, Signal<'b>>,
+    pub box_write_ready: Signal<'b>,
     pub box_was_read: Signal<'b>,
     pub all_complete: Signal<'b>,
-    pub box_shown: Signal<'b>,
 }
 
 fn wide(signal: Signal<'_>) -> Signal<'_> {
@@ -109,14 +101,14 @@ impl<'b> Passing<'b> {
     fn new(unit: &Unit<'b>, proof: &Proof<'b>) -> Passing<'b> {
         let m = proof.module();
         let held = unit.instruction_queue.count(BITS);
-        let front = unit.front_kinds;
+        let front = unit.front_as;
         let loads = proof.reg_reset("loads", BITS, 0);
-        let comes = unit.completed & unit.completed_kinds.load;
+        let comes = unit.completed & unit.completed_as.load;
         let goes = unit.take & front.load;
         loads.next(loads.q + wide(comes) - wide(goes));
         let end = proof.reg_reset("end_in_queue", 1, 0);
         let before_end = proof.reg("before_end", BITS);
-        let ends = unit.completed & unit.completed_kinds.end;
+        let ends = unit.completed & unit.completed_as.end;
         let leaves = unit.take & before_end.q.is_zero();
         end.next(ends | (end.q & !leaves));
         before_end.next_when(
@@ -158,8 +150,7 @@ pub(super) fn credit<'b>(m: &'b Builder, unit: &Unit<'b>) {
     proof.assume(!(starved & unit.rows.empty));
     proof.cover("an update is done", unit.done);
 
-    let [node_write, node_write_ready, node_write_address] = unit.node_write;
-    let [box_write, box_write_ready, box_write_address] = unit.box_write;
+    let (node_write, box_write) = (unit.node_write, unit.box_write);
     for (what, valid, ready, shown) in [
         (
             "program row",
@@ -175,15 +166,15 @@ pub(super) fn credit<'b>(m: &'b Builder, unit: &Unit<'b>) {
         ),
         (
             "node write",
-            node_write,
-            node_write_ready,
-            &[node_write_address],
+            node_write.valid,
+            unit.node_write_ready,
+            &[node_write.payload.address, node_write.payload.mask],
         ),
         (
             "box write",
-            box_write,
-            box_write_ready,
-            &[box_write_address],
+            box_write.valid,
+            unit.box_write_ready,
+            &[box_write.payload.address],
         ),
     ] {
         assert_shown_stays(proof, what, valid, ready, shown);
@@ -217,7 +208,7 @@ pub(super) fn credit<'b>(m: &'b Builder, unit: &Unit<'b>) {
 
 /// What each credit stands for.
 fn credits<'b>(proof: &Proof<'b>, unit: &Unit<'b>, vertices: &Ahead<'b>, passing: &Passing<'b>) {
-    let decoded_load = unit.decoded & unit.decoded_kinds.load;
+    let decoded_load = unit.decoded & unit.decoded_as.load;
     let merging = unit.to_node_queue.iter().map(|bit| wide(*bit));
     let merging = merging
         .reduce(|sum, bit| sum + bit)
@@ -260,7 +251,7 @@ fn credits<'b>(proof: &Proof<'b>, unit: &Unit<'b>, vertices: &Ahead<'b>, passing
         );
     }
     let loads =
-        passing.loads + wide(unit.load_waits) + wide(unit.completed & unit.completed_kinds.load);
+        passing.loads + wide(unit.load_waits) + wide(unit.completed & unit.completed_as.load);
     proof.assert(
         "every load that waits has its vertex on the way",
         loads.eq(waiting + vertices.count),
@@ -289,9 +280,9 @@ fn order<'b>(proof: &Proof<'b>, unit: &Unit<'b>, rows: &Ahead<'b>, passing: &Pas
         (unit.decoding & unit.idle_before).implies(!unit.rows.valid & rows.count.is_zero()),
     );
     for (what, valid, kinds) in [
-        ("a decoded", unit.decoded, unit.decoded_kinds),
-        ("the current", unit.current_valid, unit.current_kinds),
-        ("a completed", unit.completed, unit.completed_kinds),
+        ("a decoded", unit.decoded, unit.decoded_as),
+        ("the current", unit.current_valid, unit.current_as),
+        ("a completed", unit.completed, unit.completed_as),
     ] {
         proof.assert(
             format!("{what} instruction is of one kind"),
@@ -299,15 +290,15 @@ fn order<'b>(proof: &Proof<'b>, unit: &Unit<'b>, rows: &Ahead<'b>, passing: &Pas
         );
     }
     let held = unit.instruction_queue.count(BITS + 1);
-    let decoded_end = unit.decoded & unit.decoded_kinds.end;
-    let completed_end = unit.completed & unit.completed_kinds.end;
+    let decoded_end = unit.decoded & unit.decoded_as.end;
+    let completed_end = unit.completed & unit.completed_as.end;
     let end_waits = unit.end_waits;
     proof.assert(
         "the end is the last in its queue",
         (passing.end)
             .implies((passing.before_end.extend(BITS + 1) + m.lit(1u8, BITS + 1)).eq(held)),
     );
-    let decodes = unit.decoding | (unit.decoded & !unit.decoded_kinds.end);
+    let decodes = unit.decoding | (unit.decoded & !unit.decoded_as.end);
     proof.assert(
         "nothing is decoded after an end",
         (passing.end | end_waits | completed_end | decoded_end).implies(!decodes),
@@ -343,6 +334,7 @@ fn order<'b>(proof: &Proof<'b>, unit: &Unit<'b>, rows: &Ahead<'b>, passing: &Pas
 /// The end of an update, and that it comes.
 fn ends<'b>(proof: &Proof<'b>, unit: &Unit<'b>, rows: &Ahead<'b>, vertices: &Ahead<'b>) {
     let m = proof.module();
+    let box_shown = unit.box_write.valid;
     let mut waited = vec![];
     let mut so_far = unit.end_waits;
     for clock in 0..unit.merging.len() {
@@ -362,18 +354,18 @@ fn ends<'b>(proof: &Proof<'b>, unit: &Unit<'b>, rows: &Ahead<'b>, vertices: &Ahe
     }
     proof.assert(
         "a box is shown at an update's end only",
-        unit.box_shown.implies(unit.end_waits),
+        box_shown.implies(unit.end_waits),
     );
     proof.assert(
         "a box is shown when all else is complete",
-        unit.box_shown.implies(unit.all_complete),
+        box_shown.implies(unit.all_complete),
     );
     proof.assert(
         "the box that is shown was read since the end came",
-        unit.box_shown.implies(m.and_all(&waited)),
+        box_shown.implies(m.and_all(&waited)),
     );
     let end_moves = !unit.box_was_read
-        | (unit.all_complete & !unit.box_shown)
+        | (unit.all_complete & !box_shown)
         | (!unit.all_complete & unit.nodes.count.is_zero());
     let moves = m.or_all(&[
         unit.row_requested,
@@ -394,8 +386,8 @@ fn ends<'b>(proof: &Proof<'b>, unit: &Unit<'b>, rows: &Ahead<'b>, vertices: &Ahe
         rows.count.any() & !unit.rows.valid,
         unit.vertex_indices.valid & vertices.has_room,
         vertices.count.any() & !unit.vertices.valid,
-        unit.node_write[0],
-        unit.box_write[0],
+        unit.node_write.valid,
+        box_shown,
     ]);
     proof.assert(
         "while it runs something moves, or memory is waited for",
