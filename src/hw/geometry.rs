@@ -20,21 +20,8 @@
 //! | `vertex2_memory` | third vertex, or c_z | greatest corner | p_z |
 //! | `translation_memory` | c_w | | p_w |
 
-<<<<<<< HEAD
 mod properties;
 
-use super::bundle::Bundle;
-use super::fifo;
-use super::fp::{Knowing, Known, equal, less};
-use super::plan::{AXES, Plan};
-use super::skinning;
-use super::tpu;
-use super::triangle;
-use crate::bkd::layout::Record;
-use crate::config::TriangleTest;
-use crate::hdl::{Builder, HdlError, Module, Signal, Style};
-use properties::{Passage, Request, Unit};
-=======
 use super::fifo;
 use super::fp::{Knowing, Known, equal, less};
 use super::plan::{AXES, Plan};
@@ -49,7 +36,7 @@ use crate::hdl::{
     Spec, Specs, Style,
 };
 use crate::{bundle, interface};
->>>>>>> bundles
+use properties::{Passage, Unit};
 use std::sync::Arc;
 
 /// Bits that number a leaf's vertices or vectors in the tags of their requests.
@@ -275,6 +262,7 @@ pub fn module(plan: &Plan) -> Result<Geometry, HdlError> {
         "the geometry unit: a leaf's triangle and vertices are fetched, the packet's rays tested one a clock, the hits merged.",
     );
     let ports = ports(plan);
+    let inputs = ports.inputs.inputs(&m);
     let Inputs {
         setup: Flow {
             valid: setup_valid,
@@ -299,7 +287,7 @@ pub fn module(plan: &Plan) -> Result<Geometry, HdlError> {
         read_ray: hit_ray,
         world,
         setup_shear_z,
-    } = ports.inputs.inputs(&m);
+    } = inputs;
     let (record_valid, record) = (record.valid, record.payload);
     let vertex_ready = vertex_memory.request_ready;
     let Flow {
@@ -333,20 +321,10 @@ pub fn module(plan: &Plan) -> Result<Geometry, HdlError> {
         (instanced & !context.unpack(leaf_context).inside).named("leaf_is_instance");
     let instance_leaves = m.memory("instance_leaf_memory", packets, 1, Style::Distributed);
     instance_leaves.write(take_leaf, leaf_packet, leaf_is_instance);
-<<<<<<< HEAD
-    m.group("Leaves from the traversal unit");
-    m.output("leaf_ready", record_ready);
-    m.group("Record memory: requests");
-    m.output("record_request_valid", leaf_valid);
-    m.output("record_request_address", leaf_address);
-    let record_request_tag = leaf_is_instance.concat(leaf_packet);
-    m.output("record_request_tag", record_request_tag);
-=======
     let record_request = Request {
         address: leaf_address,
         tag: leaf_is_instance.concat(leaf_packet),
     };
->>>>>>> bundles
 
     m.comment(
         "A record's answer: numbers and an instance's root are kept; three vertices, or the six vectors that lie one after another, \
@@ -415,20 +393,10 @@ pub fn module(plan: &Plan) -> Result<Geometry, HdlError> {
     let vertex_address = m
         .select(corner.q.low(2), &[job.v0, job.v1, job.v2])
         .named("vertex_address");
-<<<<<<< HEAD
-    m.group("Vertex memory: requests");
-    m.output("vertex_request_valid", job_valid);
-    let request_address = job_is_instance.mux(vector_address, vertex_address);
-    m.output("vertex_request_address", request_address);
-    let job_packet = job.get(job_front, "packet");
-    let request_tag = job_packet.concat(corner.q);
-    m.output("vertex_request_tag", request_tag);
-=======
     let vertex_request = Request {
         address: job_is_instance.mux(vector_address, vertex_address),
         tag: job.packet.concat(corner.q),
     };
->>>>>>> bundles
 
     m.comment(
         "Vertices and vectors arrive in any order; the last one to come makes the leaf complete.",
@@ -674,7 +642,7 @@ pub fn module(plan: &Plan) -> Result<Geometry, HdlError> {
         let [a, b] = [pair.a, pair.b].map(|operand| p.enter_at(operand, summed_at));
         Operands { a, b }
     });
-    let inputs = triangle::Inputs {
+    let operands = triangle::Inputs {
         matrix,
         corners: Corners { v0, v1, v2 },
         ray: Tested { origin, ..of_ray },
@@ -689,7 +657,7 @@ pub fn module(plan: &Plan) -> Result<Geometry, HdlError> {
             sum_b: operands.map(|pair| pair.b),
         },
     };
-    let tested = of_test.place("test", &m, &test, inputs);
+    let tested = of_test.place("test", &m, &test, operands);
 
     let weighted_at = tested.weighted[0].stage().unwrap_or(0);
     let entered = p.enter(influence.valid).cleared_by_reset();
@@ -743,40 +711,6 @@ pub fn module(plan: &Plan) -> Result<Geometry, HdlError> {
         own_window.far.known(Known::Number),
     );
     let left_at = object_near.stage().unwrap_or(leaves_at) + 1;
-<<<<<<< HEAD
-    m.group("A ray in an object's space, to be set up; its interval comes as tmin and tmax");
-    let object_valid = origin_slot.at(left_at).untimed();
-    m.output("object_valid", object_valid);
-    let object_packet = packet.at(left_at).untimed();
-    m.output("object_packet", object_packet);
-    m.output("object_ray", ray.at(left_at).untimed());
-    m.output("object_first", first.at(left_at).untimed());
-    let object_last = last.at(left_at).untimed();
-    m.output("object_last", object_last);
-    for i in 0..3 {
-        let name = format!("object_origin_{}", AXES[i]);
-        m.output(name, moved[i].at(left_at).untimed());
-    }
-    for (i, direction) in moved_direction.iter().enumerate() {
-        let name = format!("object_direction_{}", AXES[i]);
-        m.output(name, direction.at(left_at).untimed());
-    }
-    m.output("object_tmin", object_near.at(left_at).untimed());
-    m.output("object_tmax", object_far.at(left_at).untimed());
-    m.group("Where the packet announced by setup_next_packet starts in its object, when its ray has been set up");
-    let start_root = plan.read(roots, next_packet);
-    let start_context = leaf_word.get(plan.read(leaves, next_packet), "context");
-    m.output("start_address", root.get(start_root, "address"));
-    m.output("start_leaf", root.get(start_root, "leaf"));
-    m.output(
-        "start_context",
-        context.pack(&[
-            ("level", context.get(start_context, "level")),
-            ("touched", context.get(start_context, "touched")),
-            ("inside", m.lit(1u8, 1)),
-        ]),
-    );
-=======
     let left = |signal| Signal::at(signal, left_at).untimed();
     let object = Flow {
         valid: left(origin_slot),
@@ -807,7 +741,6 @@ pub fn module(plan: &Plan) -> Result<Geometry, HdlError> {
             ..context.unpack(start_leaf.context)
         }),
     };
->>>>>>> bundles
 
     m.comment("The merge: a hit replaces the ray's closest one if it is closer, or as close and of a lower instance and triangle.");
     let hit = tested.hit;
@@ -825,15 +758,9 @@ pub fn module(plan: &Plan) -> Result<Geometry, HdlError> {
         inside.at(read_at),
         m.zero(32),
     );
-<<<<<<< HEAD
-    let any_hit = limits.get(limits_word, "any_hit");
-    let own_context = leaf_word.get(leaf, "context");
-    let touched = context.get(own_context, "touched");
-=======
     let any_hit = kept.any_hit;
-    let leaf_context = context.unpack(leaf.context);
-    let touched = leaf_context.touched;
->>>>>>> bundles
+    let own_context = context.unpack(leaf.context);
+    let touched = own_context.touched;
     let was_touched = bit_of(&m, touched, ray.at(merge_at)).named("was_touched");
     let t = tested.t;
     // Distances of hits, where the decision counts: not less than tmin.
@@ -889,52 +816,20 @@ pub fn module(plan: &Plan) -> Result<Geometry, HdlError> {
         .mux(touched.at(merged_at).untimed(), gathered.q);
     let now_touched = (so_far | m.concat(&one_hot)).named("now_touched");
     gathered.next_when(valid.at(merged_at).untimed(), now_touched);
-<<<<<<< HEAD
-    m.group("A leaf all of whose tests are merged");
-    let done_valid = (valid.at(merged_at) & last.at(merged_at)).untimed();
-    m.output("done_valid", done_valid);
-    m.output("done_packet", out_packet);
-    m.output(
-        "done_context",
-        context.pack(&[
-            (
-                "level",
-                context.get(own_context, "level").at(merged_at).untimed(),
-            ),
-            ("touched", now_touched),
-            (
-                "inside",
-                context.get(own_context, "inside").at(merged_at).untimed(),
-            ),
-        ]),
-    );
-    m.group("The closest hit that was asked for, a clock or two later");
-    let read = m.pipeline();
-    let read_index = read.enter(plan.ray_index(hit_packet, hit_ray));
-    let read_word = closest.read(read_index).untimed();
-    for name in ["t", "u", "v", "instance", "triangle"] {
-        m.output(format!("read_{name}"), closest_word.get(read_word, name));
-    }
-    m.group("Counters' events");
-    m.output("slot_taken", busy.q);
-    m.output("test_issued", test_issued);
-    m.output("transform_issued", in_slot(ORIGIN_SLOT));
-=======
     let done = Flow {
         valid: (valid.at(merged_at) & last.at(merged_at)).untimed(),
         payload: InContext {
             packet: out_packet,
             context: context.pack(Context {
-                level: leaf_context.level.at(merged_at).untimed(),
+                level: own_context.level.at(merged_at).untimed(),
                 touched: now_touched,
-                inside: leaf_context.inside.at(merged_at).untimed(),
+                inside: own_context.inside.at(merged_at).untimed(),
             }),
         },
     };
     let read = m.pipeline();
     let read_index = read.enter(plan.ray_index(hit_packet, hit_ray));
     let read_word = closest_word.unpack(closest.read(read_index).untimed());
->>>>>>> bundles
 
     let merged = |signal| Signal::at(signal, merged_at).untimed();
     let watch_test = TestWatch {
@@ -949,94 +844,6 @@ pub fn module(plan: &Plan) -> Result<Geometry, HdlError> {
         v: merged(tested.v),
     };
     let watched_leaf = plan.read(leaves, packet.at(left_at - plan.read_latency()));
-<<<<<<< HEAD
-    m.output("watch_transform_valid", object_valid);
-    m.output("watch_transform_packet", packet.at(left_at).untimed());
-    m.output("watch_transform_ray", ray.at(left_at).untimed());
-    m.output(
-        "watch_transform_record",
-        leaf_word.get(watched_leaf, "address").untimed(),
-    );
-    m.output("watch_transform_near", window_near.at(left_at).untimed());
-    m.output("watch_transform_far", window_far.at(left_at).untimed());
-    for i in 0..3 {
-        m.output(
-            format!("watch_transform_origin_{}", AXES[i]),
-            moved[i].at(left_at).untimed(),
-        );
-    }
-    for (i, direction) in moved_direction.iter().enumerate() {
-        m.output(
-            format!("watch_transform_direction_{}", AXES[i]),
-            direction.at(left_at).untimed(),
-        );
-    }
-
-    let unit = Unit {
-        packets,
-        skinning: skin.active,
-        sweep,
-        sweep_packet,
-        instanced,
-        leaf_valid,
-        leaf_packet,
-        leaf_address,
-        leaf_context,
-        leaf_mask,
-        leaf_is_instance,
-        take_leaf,
-        masks,
-        instance_leaves,
-        record_request: Request {
-            valid: leaf_valid,
-            ready: record_ready,
-            address: leaf_address,
-            tag: record_request_tag,
-        },
-        record_valid,
-        record_packet,
-        record_is_instance,
-        vertex_queue,
-        job_packet,
-        job_is_instance,
-        corner: corner.q,
-        last_corner,
-        vertex_request: Request {
-            valid: job_valid,
-            ready: vertex_ready,
-            address: request_address,
-            tag: request_tag,
-        },
-        vertex_fire,
-        vertex_valid,
-        vertex_tag,
-        arrived_packet,
-        arrivals,
-        last_arrives,
-        complete,
-        ready_queue,
-        ready_packet,
-        ready_is_instance: ready_front.msb(),
-        busy: busy.q,
-        now_packet: now_packet.q,
-        now_instance: now_instance.q,
-        now_mask: now_mask.q,
-        slot: slot.q,
-        issue_ray,
-        last_slot,
-        now_last,
-        idle_next,
-        test_issued,
-        tests: Passage::new(valid, last, packet, merged_at),
-        moves: Passage::new(origin_slot, last, packet, left_at),
-        done_valid,
-        done_packet: out_packet,
-        object_valid,
-        object_last,
-        object_packet,
-    };
-    properties::conserves(&m, &unit);
-=======
     let watch_transform = TransformWatch {
         packet: object.payload.place.packet,
         ray: object.payload.place.ray,
@@ -1073,7 +880,7 @@ pub fn module(plan: &Plan) -> Result<Geometry, HdlError> {
             triangle: read_word.triangle,
         },
         slot_taken: busy.q,
-        test_issued: busy.q & !now_instance.q,
+        test_issued,
         transform_issued: in_slot(ORIGIN_SLOT),
         watch_test: Flow {
             valid: merged(valid),
@@ -1085,7 +892,40 @@ pub fn module(plan: &Plan) -> Result<Geometry, HdlError> {
         },
     };
     ports.outputs.outputs(&m, outputs);
->>>>>>> bundles
+    properties::conserves(&Unit {
+        packets,
+        inputs,
+        outputs,
+        leaf_is_instance,
+        take_leaf,
+        masks,
+        instance_leaves,
+        record_packet,
+        record_is_instance,
+        vertex_queue,
+        job,
+        corner: corner.q,
+        last_corner,
+        vertex_fire,
+        arrived_packet,
+        arrivals,
+        last_arrives,
+        complete,
+        ready_queue,
+        ready_packet,
+        ready_is_instance: ready_front.msb(),
+        busy: busy.q,
+        now_packet: now_packet.q,
+        now_instance: now_instance.q,
+        now_mask: now_mask.q,
+        slot: slot.q,
+        issue_ray,
+        last_slot,
+        now_last,
+        idle_next,
+        tests: Passage::new(valid, last, packet, merged_at),
+        moves: Passage::new(origin_slot, last, packet, left_at),
+    });
     Ok(Geometry {
         module: m.finish()?,
         test,

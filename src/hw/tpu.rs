@@ -14,31 +14,22 @@
 //!   └─ 4 plane distances a ray, decision, push ─┴────────────────┘
 //! ```
 
-<<<<<<< HEAD
 mod properties;
 
 use super::banks::{BankRead, BankWrite, Banks};
-use super::bundle::Bundle;
-=======
-use super::banks::Banks;
->>>>>>> bundles
 use super::distance;
 use super::fifo::{self, Placed};
 use super::fp::{Knowing, Known, Operand, less_equal};
 use super::plan::Plan;
 use super::ray::{Context, InContext, Interval, Leaf, Limit, Place, Start};
 use crate::bkd::layout::Record;
-<<<<<<< HEAD
-use crate::hdl::{Builder, HdlError, Memory, Module, Outputs, Reg, Signal, Style, Wire};
-use properties::Watched;
-=======
 use crate::bkd::layout::fields::{Link, Node, Planes};
 use crate::hdl::{
     Builder, Flow, HdlError, Memory, Module, ReadInputs, ReadOutputs, Reg, Request, Signal,
     Signals, Spec, Specs, Style, Wire,
 };
 use crate::{bundle, interface};
->>>>>>> bundles
+use properties::Watched;
 use std::sync::Arc;
 
 /// The traversal processing unit, and how long its pop pipeline is.
@@ -940,13 +931,8 @@ impl<'b> Unit<'b> {
         let take_retry = m.wire("take_retry", 1);
         let take_stepped = m.wire("take_stepped_pop", 1);
         let retry_push = m.wire("retry_push", 1);
-<<<<<<< HEAD
-        let retry_item = m.wire("retry_item", pop_item.width());
-        let done_queue = fifo::place(
-=======
         let retry_item = m.wire("retry_item", popping.width());
-        let (done_any, done_front) = fifo::place(
->>>>>>> bundles
+        let done_queue = fifo::place(
             plan,
             "done_queue",
             packets,
@@ -1217,11 +1203,7 @@ impl<'b> Unit<'b> {
         entered: &Entered<'b>,
         intervals: &Intervals<'b>,
         kept: &Requests<'b>,
-<<<<<<< HEAD
-    ) -> Result<Served<'b>, HdlError> {
-=======
-    ) -> Result<ReadOutputs<Signal<'b>>, HdlError> {
->>>>>>> bundles
+    ) -> Result<(ReadOutputs<Signal<'b>>, Served<'b>), HdlError> {
         let (m, plan) = (self.m, self.plan);
         let Words { context, item, .. } = &self.words;
         let node_ready = self.inputs.node.request_ready;
@@ -1263,37 +1245,26 @@ impl<'b> Unit<'b> {
         kept.fire.drive(node_wanted & node_ready);
         take_step_item.drive(node_ready & from_step);
         take_pop_item.drive(node_ready & !from_step & entered_any);
-<<<<<<< HEAD
-        m.group("Node memory: requests");
-        m.output("node_request_valid", node_wanted);
-        m.output("node_request_address", item.get(kept.item.get(), "address"));
-        let request_context = item.get(kept.item.get(), "context");
-        m.output(
-            "node_request_tag",
-            context
-                .get(request_context, "inside")
-                .concat(item.get(kept.item.get(), "packet")),
-        );
-        Ok(Served {
-            preferred: step_queue,
-            other: entered_queue,
-            valid: node_wanted,
-            ready: node_ready,
-            held,
-=======
         let requested = item.unpack(kept.item.get());
         let inside = context.unpack(requested.context).inside;
         let request = Request {
             address: requested.address,
             tag: inside.concat(requested.packet),
         };
-        Ok(ReadOutputs {
+        let outputs = ReadOutputs {
             request: Flow {
                 valid: node_wanted,
                 payload: request,
             },
->>>>>>> bundles
-        })
+        };
+        let served = Served {
+            preferred: step_queue,
+            other: entered_queue,
+            valid: node_wanted,
+            ready: node_ready,
+            held,
+        };
+        Ok((outputs, served))
     }
 
     /// Leaves to hand over.
@@ -1302,11 +1273,7 @@ impl<'b> Unit<'b> {
         step: &Step<'b>,
         entered: &Entered<'b>,
         intervals: &Intervals<'b>,
-<<<<<<< HEAD
-    ) -> Result<Served<'b>, HdlError> {
-=======
-    ) -> Result<Flow<Leaf<Signal<'b>>, Signal<'b>>, HdlError> {
->>>>>>> bundles
+    ) -> Result<(Flow<Leaf<Signal<'b>>, Signal<'b>>, Served<'b>), HdlError> {
         let (m, plan) = (self.m, self.plan);
         let leaf = &self.words.leaf;
         let Inputs { leaf_ready, .. } = self.inputs;
@@ -1351,24 +1318,18 @@ impl<'b> Unit<'b> {
             .named("leaf_front");
         take_step_leaf.drive(leaf_ready & leaf_from_step);
         take_pop_leaf.drive(leaf_ready & !leaf_from_step & entered_leaf_any);
-<<<<<<< HEAD
-        m.group("Leaves to the geometry unit");
-        m.output("leaf_valid", leaf_wanted);
-        for name in ["packet", "address", "context", "mask"] {
-            m.output(format!("leaf_{name}"), leaf_item.get(leaf_front, name));
-        }
-        Ok(Served {
+        let outputs = Flow {
+            valid: leaf_wanted,
+            payload: leaf.unpack(leaf_front),
+        };
+        let served = Served {
             preferred: step_leaf_queue,
             other: entered_leaf_queue,
             valid: leaf_wanted,
             ready: leaf_ready,
             held,
-=======
-        Ok(Flow {
-            valid: leaf_wanted,
-            payload: leaf.unpack(leaf_front),
->>>>>>> bundles
-        })
+        };
+        Ok((outputs, served))
     }
 }
 
@@ -1394,51 +1355,25 @@ pub fn module(plan: &Plan) -> Result<Tpu, HdlError> {
     let stack = unit.push(&step);
     let pop = unit.pop(&step, &stack)?;
     let entered = unit.enter(&pop, &rays, &intervals);
-<<<<<<< HEAD
-    let nodes = unit.fetch(&step, &entered, &intervals, &kept)?;
-    let leaves = unit.hand_over(&step, &entered, &intervals)?;
-
-    m.group("A finished packet, and which of its rays have hit something");
-    let finished = entered.none_enters | (pop.done & pop.empty);
-    m.output("finished_valid", finished);
-    m.output("finished_packet", entered.packet);
-    m.output(
-        "finished_touched",
-        unit.inputs
-            .setup_valid
-            .mux(m.zero(plan.rays()), pop.touched),
-    );
-
-    m.group("Counters' events, and marks");
-    m.output("step_taken", step.valid);
-    m.output("stack_high_water", stack.high_water.q);
-    m.output("stack_overflow", stack.overflow.q);
-
-    m.group("The packet step just decided, for whoever watches");
-    for (name, signal) in &step.watch {
-        m.output(name, *signal);
-    }
-=======
-    let node = unit.fetch(&step, &entered, &intervals, &kept)?;
-    let leaf = unit.hand_over(&step, &entered, &intervals)?;
-    let finished = Finished {
-        packet: entered.packet,
-        touched: (unit.inputs.setup.valid).mux(m.zero(plan.rays()), pop.touched),
+    let (node, nodes) = unit.fetch(&step, &entered, &intervals, &kept)?;
+    let (leaf, leaves) = unit.hand_over(&step, &entered, &intervals)?;
+    let finished = Flow {
+        valid: entered.none_enters | (pop.done & pop.empty),
+        payload: Finished {
+            packet: entered.packet,
+            touched: (unit.inputs.setup.valid).mux(m.zero(plan.rays()), pop.touched),
+        },
     };
     let outputs = Outputs {
         node,
         leaf,
-        finished: Flow {
-            valid: entered.none_enters | (pop.done & pop.empty),
-            payload: finished,
-        },
+        finished,
         step_taken: step.valid,
         stack_high_water: stack.high_water.q,
         stack_overflow: stack.overflow.q,
         watch_step: step.watch,
     };
     ports.outputs.outputs(&m, outputs);
->>>>>>> bundles
     let pop_latency = pop.latency;
     properties::describe(&Watched {
         plan,
@@ -1451,7 +1386,7 @@ pub fn module(plan: &Plan) -> Result<Tpu, HdlError> {
         entered: &entered,
         nodes: &nodes,
         leaves: &leaves,
-        finished,
+        finished: finished.valid,
     });
     Ok(Tpu {
         module: m.finish()?,

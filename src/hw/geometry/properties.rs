@@ -5,8 +5,10 @@
 //! It is assumed that a packet has one leaf here at a time, with a ray in its mask, that skinning borrows the unit when none is here, and
 //! that memory answers what it was asked, once. Every packet is watched: the machine of the proof has few.
 
-use super::{CORNER_BITS, ORIGIN_SLOT, VECTORS_OF_INSTANCE, VERTICES_OF_TRIANGLE};
-use crate::hdl::{Builder, Memory, Proof, Reg, Signal, bits_for};
+use super::{
+    CORNER_BITS, Inputs, Job, ORIGIN_SLOT, Outputs, VECTORS_OF_INSTANCE, VERTICES_OF_TRIANGLE,
+};
+use crate::hdl::{Bundle, Builder, Memory, Proof, ReadPort, Reg, Signal, bits_for};
 use crate::hw::fifo::Placed;
 use crate::hw::properties::{assert_shown_stays, shown_stays};
 
@@ -16,26 +18,6 @@ const CORNERS: u32 = 1 << CORNER_BITS;
 const COUNT_BITS: u32 = CORNER_BITS + 1;
 /// Bits of the clocks since a leaf's last slot went into the test: enough for all stages of the test.
 const AGE_BITS: u32 = 8;
-
-/// A port that is shown until it is taken.
-pub(super) struct Request<'b> {
-    pub valid: Signal<'b>,
-    pub ready: Signal<'b>,
-    pub address: Signal<'b>,
-    pub tag: Signal<'b>,
-}
-
-impl<'b> Request<'b> {
-    fn assert_stays(&self, proof: &Proof<'b>, what: &str) {
-        assert_shown_stays(
-            proof,
-            what,
-            self.valid,
-            self.ready,
-            &[self.address, self.tag],
-        );
-    }
-}
 
 /// Slots of one kind on their way through the test, at each register behind its entrance up to where they leave.
 pub(super) struct Passage<'b> {
@@ -63,35 +45,22 @@ impl<'b> Passage<'b> {
 /// The unit's signals, part by part.
 pub(super) struct Unit<'b> {
     pub packets: u32,
-    pub skinning: Signal<'b>,
-    pub sweep: Signal<'b>,
-    pub sweep_packet: Signal<'b>,
+    pub inputs: Inputs<Signal<'b>>,
+    pub outputs: Outputs<Signal<'b>>,
     // Leaves.
-    pub instanced: Signal<'b>,
-    pub leaf_valid: Signal<'b>,
-    pub leaf_packet: Signal<'b>,
-    pub leaf_address: Signal<'b>,
-    pub leaf_context: Signal<'b>,
-    pub leaf_mask: Signal<'b>,
     pub leaf_is_instance: Signal<'b>,
     pub take_leaf: Signal<'b>,
     pub masks: Memory<'b>,
     pub instance_leaves: Memory<'b>,
     // Records.
-    pub record_request: Request<'b>,
-    pub record_valid: Signal<'b>,
     pub record_packet: Signal<'b>,
     pub record_is_instance: Signal<'b>,
     // Vertices.
     pub vertex_queue: Placed<'b>,
-    pub job_packet: Signal<'b>,
-    pub job_is_instance: Signal<'b>,
+    pub job: Job<Signal<'b>>,
     pub corner: Signal<'b>,
     pub last_corner: Signal<'b>,
-    pub vertex_request: Request<'b>,
     pub vertex_fire: Signal<'b>,
-    pub vertex_valid: Signal<'b>,
-    pub vertex_tag: Signal<'b>,
     pub arrived_packet: Signal<'b>,
     pub arrivals: Memory<'b>,
     pub last_arrives: Signal<'b>,
@@ -110,14 +79,8 @@ pub(super) struct Unit<'b> {
     pub now_last: Signal<'b>,
     pub idle_next: Signal<'b>,
     // The test.
-    pub test_issued: Signal<'b>,
     pub tests: Passage<'b>,
     pub moves: Passage<'b>,
-    pub done_valid: Signal<'b>,
-    pub done_packet: Signal<'b>,
-    pub object_valid: Signal<'b>,
-    pub object_last: Signal<'b>,
-    pub object_packet: Signal<'b>,
 }
 
 /// The packets whose leaf is in a place, a bit each.

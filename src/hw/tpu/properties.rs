@@ -10,7 +10,7 @@ use crate::hw::properties::shown_stays;
 /// The unit's parts, as its description made them.
 pub(super) struct Watched<'a, 'b> {
     pub plan: &'a Plan,
-    pub inputs: &'a Inputs<'b>,
+    pub inputs: &'a Inputs<Signal<'b>>,
     pub sliced: &'a Sliced<'b>,
     pub step: &'a Step<'b>,
     /// Whether a step's packet goes on.
@@ -73,13 +73,13 @@ fn packets<'b>(unit: &Watched<'_, 'b>) {
         counter.next(counter.q + comes - goes);
         counter.q
     };
-    let starts = inputs.setup_valid & inputs.setup_last & !inputs.setup_object;
+    let starts = inputs.setup.valid & inputs.setup.payload.place.last & !inputs.setup_object;
     // A packet that was handed over at an instance comes back as rays set up in the object's space.
-    let enters = inputs.setup_valid & inputs.setup_last & inputs.setup_object;
-    let returns = wide(inputs.done_valid) + wide(enters);
+    let enters = inputs.setup.valid & inputs.setup.payload.place.last & inputs.setup_object;
+    let returns = wide(inputs.done.valid) + wide(enters);
     let requested = wide(nodes.valid & nodes.ready);
     let handed_over = wide(leaves.valid & leaves.ready);
-    let answered = wide(inputs.node_valid);
+    let answered = wide(inputs.node.response.valid);
     let (pop_begins, pop_ends) = (wide(pop.valid.untimed()), wide(pop.done));
     let total = counter("total", wide(starts), wide(*finished));
     let memory = counter("memory", requested, answered);
@@ -89,9 +89,9 @@ fn packets<'b>(unit: &Watched<'_, 'b>) {
     let soon = proof.reg_reset("soon", pop.latency, 0);
     soon.next(soon.q.concat(inputs.setup_soon).low(pop.latency));
 
-    proof.assume(inputs.setup_valid.eq(soon.q.msb()));
+    proof.assume(inputs.setup.valid.eq(soon.q.msb()));
     proof.assume(starts.implies(total.lt(all)));
-    proof.assume(inputs.node_valid.implies(memory.any()));
+    proof.assume(inputs.node.response.valid.implies(memory.any()));
     proof.assume(geometry.ge(returns));
     proof.cover("a packet is finished", *finished & total.any());
 
