@@ -3,14 +3,6 @@
 mod properties;
 
 use super::fifo;
-<<<<<<< HEAD
-use super::plan::{AXES, Plan};
-use super::{geometry, setup, skinning, tpu};
-use crate::bkd::layout::Record;
-use crate::config::{Config, TriangleTest};
-use crate::hdl::{Builder, Design, Direction, HdlError, Module, Style};
-use properties::{Request, Unit};
-=======
 use super::geometry::{self, TestWatch, TransformWatch};
 use super::plan::Plan;
 use super::ray::{Hit, Limits, Line, Place, Tested};
@@ -24,7 +16,7 @@ use crate::hdl::{
     Spec, Specs, Style, Wires, Write,
 };
 use crate::{bundle, interface};
->>>>>>> bundles
+use properties::Unit;
 use std::sync::Arc;
 
 /// Bits of each counter; they wrap.
@@ -178,6 +170,7 @@ pub(super) fn module(plan: &Plan) -> Result<Arc<Module>, HdlError> {
         ),
     );
     let ports = ports(plan);
+    let unit_inputs = ports.inputs.inputs(&m);
     let Inputs {
         scene_root: root,
         scene_lo,
@@ -193,7 +186,7 @@ pub(super) fn module(plan: &Plan) -> Result<Arc<Module>, HdlError> {
         influence,
         skin_start,
         skin_write_ready,
-    } = ports.inputs.inputs(&m);
+    } = unit_inputs;
 
     m.comment("After reset every packet number is put into the queue of free ones, and what counts by packet is cleared.");
     let sweeping = m.reg_reset("sweeping", 1, 1);
@@ -304,58 +297,6 @@ pub(super) fn module(plan: &Plan) -> Result<Arc<Module>, HdlError> {
 
     let read_packet = m.wire("read_packet", pb);
     let read_ray = m.wire("read_ray", rb);
-<<<<<<< HEAD
-    let right_leaf = Record::link_word().field("right_leaf").lsb;
-    let vertex_to_geometry = vertex_port.1 & !skinning_now.get();
-    let mut inputs = vec![
-        ("instanced".to_string(), root.bit(right_leaf)),
-        ("setup_next_packet".into(), set_up.get("next_packet")),
-        ("leaf_valid".into(), traversal.get("leaf_valid")),
-        ("leaf_packet".into(), traversal.get("leaf_packet")),
-        ("leaf_address".into(), traversal.get("leaf_address")),
-        ("leaf_context".into(), traversal.get("leaf_context")),
-        ("leaf_mask".into(), traversal.get("leaf_mask")),
-        ("record_request_ready".into(), record_port.0),
-        ("record_response_valid".into(), record_port.1),
-        ("record_response_tag".into(), record_port.2),
-        ("record_response_data".into(), record_port.3),
-        ("vertex_request_ready".into(), vertex_port.0),
-        ("vertex_response_valid".into(), vertex_to_geometry),
-        ("vertex_response_tag".into(), vertex_port.2.low(corner_tag)),
-        ("vertex_response_data".into(), vertex_port.3),
-        ("skinning".into(), skinning_now.get()),
-        ("sweep".into(), sweeping.q),
-        ("sweep_packet".into(), sweep_packet.q),
-        ("read_packet".into(), read_packet.get()),
-        ("read_ray".into(), read_ray.get()),
-    ];
-    let mut fields = vec![
-        "valid", "packet", "ray", "object", "signs", "tmin", "tmax", "any_hit",
-    ];
-    fields.extend(shared.iter().map(String::as_str));
-    let directions = names("direction");
-    if watertight {
-        fields.extend(["kz", "shear_x", "shear_y", "shear_z"]);
-        inputs.push(("world_valid".into(), take));
-        inputs.push(("world_packet".into(), free_front));
-        inputs.push(("world_ray".into(), place.q));
-        for i in 0..3 {
-            inputs.push((format!("world_{}", directions[i]), ray_direction[i]));
-        }
-    } else {
-        fields.extend(directions.iter().map(String::as_str));
-    }
-    for field in fields {
-        inputs.push((
-            format!("setup_{field}"),
-            set_up.get(&format!("out_{field}")),
-        ));
-    }
-    let of_skinning = |direction| {
-        let ports = geometry.module.ports().iter();
-        let ports = ports.filter(move |port| port.direction == direction);
-        ports.filter_map(|port| Some((port.name.strip_prefix("skin_")?, port.width)))
-=======
     let of_inputs = &of_geometry.inputs;
     // The same memory, of which each takes its own responses and as many bits of their tags as it has given.
     let vertex_of = |ports: &ReadInputs<Spec>, its| ReadInputs {
@@ -367,7 +308,6 @@ pub(super) fn module(plan: &Plan) -> Result<Arc<Module>, HdlError> {
                 data: vertex.response.payload.data,
             },
         },
->>>>>>> bundles
     };
     let vertex_of_geometry = vertex_of(&of_inputs.vertex, !skinning_now.get());
     let palette = of_inputs.skin_palette.wires(&m, "skin_palette");
@@ -469,17 +409,6 @@ pub(super) fn module(plan: &Plan) -> Result<Arc<Module>, HdlError> {
     let touched = m.select(out_ray.q, &touched_bits).named("out_touched");
     let infinity = m.lit(u128::from(plan.format.infinity()), w);
     let none = m.lit(u128::from(u32::MAX), 32);
-<<<<<<< HEAD
-    m.group("Hits out");
-    m.output("hit_valid", shown);
-    let hit_tag = tags.read_now(out_packet);
-    m.output("hit_tag", hit_tag);
-    m.output("hit_t", touched.mux(hit_of("t"), infinity));
-    m.output("hit_u", touched.mux(hit_of("u"), m.zero(w)));
-    m.output("hit_v", touched.mux(hit_of("v"), m.zero(w)));
-    m.output("hit_instance", touched.mux(hit_of("instance"), none));
-    m.output("hit_triangle", touched.mux(hit_of("triangle"), none));
-=======
     let miss = Hit {
         t: infinity,
         u: m.zero(w),
@@ -491,7 +420,6 @@ pub(super) fn module(plan: &Plan) -> Result<Arc<Module>, HdlError> {
         tag: tags.read_now(out_packet),
         hit: intersection.read.or_else(touched, miss),
     };
->>>>>>> bundles
 
     m.comment("Skinning borrows the geometry unit and its port to vertex memory.");
     let under_way = m.reg_reset("under_way", pb + 1, 0);
@@ -502,176 +430,13 @@ pub(super) fn module(plan: &Plan) -> Result<Arc<Module>, HdlError> {
         enters ^ leaves,
         enters.mux(under_way.q + unit, under_way.q - unit),
     );
-<<<<<<< HEAD
     let may_start = !some & !sweeping.q;
-    let vertex_to_skinner = vertex_port.1 & skinning_now.get();
-    let mut inputs = vec![
-        ("start_valid".to_string(), skin_start),
-        ("may_start".into(), may_start),
-        ("vertex_request_ready".into(), vertex_port.0),
-        ("vertex_response_valid".into(), vertex_to_skinner),
-        ("vertex_response_tag".into(), vertex_port.2.low(vector_tag)),
-        ("vertex_response_data".into(), vertex_port.3),
-        ("influence_request_ready".into(), influence_port.0),
-        ("influence_response_valid".into(), influence_port.1),
-        ("influence_response_tag".into(), influence_port.2),
-        ("influence_response_data".into(), influence_port.3),
-        ("write_ready".into(), skin_write_ready),
-    ];
-    for (name, signal) in skin_start_inputs {
-        inputs.push((format!("start_{name}"), signal));
-    }
-    for (name, _) in of_skinning(Direction::Output) {
-        inputs.push((name.to_string(), intersection.get(&format!("skin_{name}"))));
-    }
-    let borrowed: Vec<_> = inputs.iter().map(|(n, s)| (n.as_str(), *s)).collect();
-    let skin = m.instance("skinner", &skinning, &borrowed);
-    skinning_now.drive(skin.get("skinning"));
-    for (name, wire) in to_geometry {
-        wire.drive(skin.get(name));
-    }
-    m.group(SKINNING);
-    m.output("skin_start_ready", skin.get("start_ready"));
-    m.group("High for a clock when a mesh is complete");
-    m.output("skin_done", skin.get("done"));
-    m.group("Vertex memory: writes of skinned vertices");
-    for port in ["valid", "address", "data"] {
-        let name = format!("write_{port}");
-        m.output(format!("skin_{name}"), skin.get(&name));
-    }
-
-    for (name, title, from) in [
-        ("node", "Node memory", &traversal),
-        ("record", "Record memory", &intersection),
-        ("influence", "Influence memory", &skin),
-    ] {
-        m.group(format!("{title}: requests"));
-        for port in ["valid", "address", "tag"] {
-            m.output(
-                format!("{name}_request_{port}"),
-                from.get(&format!("{name}_request_{port}")),
-            );
-        }
-    }
-    m.group("Vertex memory: requests");
-    let vertex_request = [
-        ("valid", 1),
-        ("address", plan.address()),
-        ("tag", vertex_tag),
-    ]
-    .map(|(port, width)| {
-        let name = format!("vertex_request_{port}");
-        let of_skin = skin.get(&name).extend(width);
-        let of_geometry = intersection.get(&name).extend(width);
-        let asked = skinning_now.get().mux(of_skin, of_geometry);
-        m.output(&name, asked);
-        [of_geometry, of_skin, asked]
-    });
-
-    m.comment("Counters since reset.");
-    let step = traversal.get("step_taken");
-    let test = intersection.get("test_issued");
-    let transform = intersection.get("transform_issued");
-    let slot = intersection.get("slot_taken");
-    m.group("Counters since reset");
-    let counters = [
-        ("cycles", m.lit(1u8, 1)),
-        ("packet_steps", step),
-        ("ray_triangle_tests", test),
-        ("tpu_busy_cycles", step),
-        ("tpu_starved_cycles", some & !step),
-        ("ray_transforms", transform),
-        ("gu_busy_cycles", slot),
-        ("gu_starved_cycles", some & !slot),
-        ("skin_influences", skin.get("influence_issued")),
-        ("skin_cycles", skinning_now.get()),
-    ];
-    for (name, event) in counters {
-        let counter = m.reg_reset(format!("{name}_counter"), COUNTER_BITS, 0);
-        counter.next_when(event, counter.q + m.lit(1u8, COUNTER_BITS));
-        m.output(format!("count_{name}"), counter.q);
-    }
-    m.output("stack_high_water", traversal.get("stack_high_water"));
-    m.output("stack_overflow", traversal.get("stack_overflow"));
-
-    m.group("What happens inside, for whoever watches");
-    m.output("watch_start_valid", take & last);
-    m.output("watch_start_packet", free_front);
-    m.output(
-        "watch_start_tag",
-        first.mux(ray_tag, tags.read_now(free_front)),
-    );
-    m.output("watch_step_valid", step);
-    for port in tpu
-        .module
-        .ports()
-        .iter()
-        .filter(|p| p.name.starts_with("watch_"))
-    {
-        m.output(port.name.clone(), traversal.get(&port.name));
-    }
-    for port in geometry
-        .module
-        .ports()
-        .iter()
-        .filter(|p| p.name.starts_with("watch_"))
-    {
-        m.output(port.name.clone(), intersection.get(&port.name));
-    }
-
-    let [of_geometry, of_skinner, request] = [0, 1, 2].map(|who| {
-        let [valid, address, tag] = vertex_request.map(|port| port[who]);
-        Request {
-            valid,
-            address,
-            tag,
-        }
-    });
-    let unit = Unit {
-        packets,
-        sweeping: sweeping.q,
-        sweep_packet: sweep_packet.q,
-        free: free_queue,
-        tags,
-        under_way: under_way.q,
-        ray_tag,
-        first_ray: first,
-        object_valid: object_valid.get(),
-        paused,
-        ready,
-        take_ray: take,
-        enters,
-        finished_packet: traversal.get("finished_packet"),
-        finished: finished_queue,
-        load,
-        out: out.q,
-        out_valid: out_valid.q,
-        out_packet,
-        out_ray: out_ray.q,
-        hit_valid: shown,
-        hit_ready,
-        hit_tag,
-        hit_taken: taken,
-        leaves,
-        skin_start,
-        skin_start_ready: skin.get("start_ready"),
-        may_start,
-        skinning: skinning_now.get(),
-        of_geometry,
-        of_skinner,
-        request,
-        request_ready: vertex_port.0,
-        response: vertex_port.1,
-        to_geometry: vertex_to_geometry,
-        to_skinner: vertex_to_skinner,
-    };
-    properties::shares(&m, &unit);
-=======
     let of_skinning = skinning::ports(plan);
+    let vertex_of_skinner = vertex_of(&of_skinning.inputs.vertex, skinning_now.get());
     let inputs = skinning::Inputs {
         start: skin_start,
-        may_start: !some & !sweeping.q,
-        vertex: vertex_of(&of_skinning.inputs.vertex, skinning_now.get()),
+        may_start,
+        vertex: vertex_of_skinner,
         influence,
         write_ready: skin_write_ready,
         weighted: intersection.skin_weighted,
@@ -747,6 +512,37 @@ pub(super) fn module(plan: &Plan) -> Result<Arc<Module>, HdlError> {
         watch_transform: intersection.watch_transform,
     };
     ports.outputs.outputs(&m, outputs);
->>>>>>> bundles
+
+    let unit = Unit {
+        inputs: unit_inputs,
+        outputs,
+        packets,
+        sweeping: sweeping.q,
+        sweep_packet: sweep_packet.q,
+        free: free_queue,
+        tags,
+        under_way: under_way.q,
+        first_ray: first,
+        object_valid: object_valid.get(),
+        paused,
+        take_ray: take,
+        enters,
+        finished_packet: traversal.finished.payload.packet,
+        finished: finished_queue,
+        load,
+        out: out.q,
+        out_valid: out_valid.q,
+        out_packet,
+        out_ray: out_ray.q,
+        hit_taken: taken,
+        leaves,
+        may_start,
+        skinning: skinning_now.get(),
+        of_geometry: intersection.vertex.request,
+        of_skinner: skin.vertex.request,
+        to_geometry: vertex_of_geometry.response.valid,
+        to_skinner: vertex_of_skinner.response.valid,
+    };
+    properties::shares(&m, &unit);
     m.finish()
 }

@@ -18,14 +18,8 @@
 mod properties;
 
 use super::plan::{AXES, Plan};
-<<<<<<< HEAD
-use super::prefetch::{Occupancy, pick, prefetch};
+use super::prefetch::{self, Occupancy, pick, prefetch};
 use super::properties::Reader;
-use crate::bkd::layout::{INFLUENCES_PER_ROW, Record};
-use crate::hdl::{Builder, HdlError, Module, Outputs, Pipeline, Signal, Style, bits_for};
-use properties::Unit;
-=======
-use super::prefetch::{self, occupancy, pick, prefetch};
 use super::ray::Vector;
 use super::triangle;
 use crate::bkd::layout::{INFLUENCES_PER_ROW, Record, fields};
@@ -35,7 +29,7 @@ use crate::hdl::{
     bits_for,
 };
 use crate::{bundle, interface};
->>>>>>> bundles
+use properties::Unit;
 use std::sync::Arc;
 
 /// Bits that number an influence of its vertex.
@@ -210,6 +204,7 @@ pub(super) fn module(plan: &Plan, test: &Module) -> Result<Arc<Module>, HdlError
         "the skinning processor: moves vertices at rest by the weighted matrices of a palette.",
     );
     let ports = ports(plan);
+    let inputs = ports.inputs.inputs(&m);
     let Inputs {
         start: Flow {
             valid: start_valid,
@@ -222,7 +217,7 @@ pub(super) fn module(plan: &Plan, test: &Module) -> Result<Arc<Module>, HdlError
         weighted,
         pair_sum,
         vertex_sum,
-    } = ports.inputs.inputs(&m);
+    } = inputs;
 
     m.comment("A mesh starts when the last one is written and none of its rows is left.");
     let skinning = m.reg_reset("skinning_now", 1, 0);
@@ -244,36 +239,19 @@ pub(super) fn module(plan: &Plan, test: &Module) -> Result<Arc<Module>, HdlError
     let requests_column = columns_to_request.q.any().named("requests_column");
     let vector_wanted = (requests_column | rest_to_request.q.any()).named("vector_wanted");
     let pop_vector = m.wire("pop_vector", 1);
+    let vector_address = requests_column.mux(column_address.q, rest_address.q);
     let vectors = prefetch(
         plan,
         ("vector_prefetch", "vectors"),
         config.skinning_vertices_ahead,
         prefetch::Inputs {
             fetch_valid: vector_wanted,
-            fetch_address: requests_column.mux(column_address.q, rest_address.q),
+            fetch_address: vector_address,
             memory: vertex_memory,
             pop: pop_vector.get(),
         },
     )?;
-<<<<<<< HEAD
-    let vector_address = requests_column.mux(column_address.q, rest_address.q);
-    let vectors = m.instance(
-        "vectors",
-        &vector_prefetch,
-        &[
-            ("fetch_valid", vector_wanted),
-            ("fetch_address", vector_address),
-            ("request_ready", vector_port[0]),
-            ("response_valid", vector_port[1]),
-            ("response_tag", vector_port[2]),
-            ("response_data", vector_port[3]),
-            ("pop", pop_vector.get()),
-        ],
-    );
-    let requested = (vector_wanted & vectors.get("fetch_ready")).named("vector_requested");
-=======
     let requested = (vector_wanted & vectors.fetch_ready).named("vector_requested");
->>>>>>> bundles
     let column_requested = (requested & requests_column).named("column_requested");
     let rest_requested = (requested & !requests_column).named("rest_requested");
     columns_to_request.next_when(
@@ -376,24 +354,6 @@ pub(super) fn module(plan: &Plan, test: &Module) -> Result<Arc<Module>, HdlError
     );
     let issued = m.reg_reset("issued", 1, 0);
     issued.next(issue);
-<<<<<<< HEAD
-    let hold = |name: &str, value: Signal<'_>| {
-        let register = m.reg(format!("issued_{name}"), value.width());
-        register.next(value);
-        m.output(format!("issue_{name}"), register.q);
-        register.q
-    };
-    m.group("To the geometry unit: an influence, and which of its vertex's it is");
-    m.output("issue_valid", issued.q);
-    hold("joint", joint.low(joint_width));
-    let front_vector = vectors.get("front");
-    for (k, x) in AXES.into_iter().enumerate() {
-        hold(x, front_vector.field(k as u32 * w, w));
-    }
-    hold("weight", m.zero(1).concat(weight));
-    hold("position", position.q);
-    let issued_last = hold("last", last);
-=======
     let point = fields::Vertex::of(plan.format).unpack(vectors.front);
     let influence = Influence {
         joint: joint.low(joint_width),
@@ -406,7 +366,6 @@ pub(super) fn module(plan: &Plan, test: &Module) -> Result<Arc<Module>, HdlError
     let mark = Mark { position, last };
     let of_issued = &ports.outputs.issue.payload;
     let influence = of_issued.hold("issued", Issued { influence, mark });
->>>>>>> bundles
 
     m.comment("Accumulation: the first and the second, the third and the fourth, then both; an absent one is 0.");
     let p = m.pipeline();
@@ -437,26 +396,12 @@ pub(super) fn module(plan: &Plan, test: &Module) -> Result<Arc<Module>, HdlError
         lower.next_when(pair_done & !upper_done, sum);
         let a = p.enter_at(sum, at_pair).register().untimed();
         let other = (lower.q & upper_done.repeat(w)).named(format!("lower_sum_{x}"));
-<<<<<<< HEAD
-        m.output(
-            format!("vertex_b_{x}"),
-            p.enter_at(other, at_pair).register().untimed(),
-        );
-    }
-    let vertex_ready = (ready & complete).named("vertex_ready").cleared_by_reset();
-    let done_at = start_of_vertex + sum_latency;
-    let vertex_done = vertex_ready.at(done_at).untimed().named("vertex_done");
-=======
         let b = p.enter_at(other, at_pair).register().untimed();
         Operands { a, b }
     });
-    let vertex_done = (ready & complete)
-        .named("vertex_ready")
-        .cleared_by_reset()
-        .at(start_of_vertex + sum_latency)
-        .untimed()
-        .named("vertex_done");
->>>>>>> bundles
+    let vertex_ready = (ready & complete).named("vertex_ready").cleared_by_reset();
+    let done_at = start_of_vertex + sum_latency;
+    let vertex_done = vertex_ready.at(done_at).untimed().named("vertex_done");
 
     m.comment("The write queue, in block RAM: always read where the front is next, a word shows two clocks after it came.");
     let depth = config.skinning_vertices_waiting;
@@ -474,14 +419,9 @@ pub(super) fn module(plan: &Plan, test: &Module) -> Result<Arc<Module>, HdlError
         .q
         .equals(last_index)
         .mux(first_index, head.q + index_unit);
-<<<<<<< HEAD
-    let [x, y, z] = vertex_sums;
+    let [x, y, z] = vertex_sum;
     let queue_data = m.concat(&[z, y, x]);
     queue.write(vertex_done, tail.q, queue_data);
-=======
-    let [x, y, z] = vertex_sum;
-    queue.write(vertex_done, tail.q, m.concat(&[z, y, x]));
->>>>>>> bundles
     tail.next_when(vertex_done, next_tail);
     let written = m.wire("written", 1);
     let readable = m.reg_reset("queue_grows", 1, 0);
@@ -517,60 +457,6 @@ pub(super) fn module(plan: &Plan, test: &Module) -> Result<Arc<Module>, HdlError
     skinning.next(start | (skinning.q & !over));
     let done = m.reg_reset("mesh_done", 1, 0);
     done.next(over);
-<<<<<<< HEAD
-    m.group("High for a clock when a mesh is complete");
-    m.output("done", done.q);
-    m.group("Counters' events");
-    m.output("influence_issued", issue);
-
-    let unit = Unit {
-        start,
-        start_vertices: vertices,
-        skinning: skinning.q,
-        over,
-        columns_to_request: columns_to_request.q,
-        rest_to_request: rest_to_request.q,
-        vector_wanted,
-        vector_address,
-        vector_requested: requested,
-        column_requested,
-        rest_requested,
-        vectors: Reader::of(&vectors, config.skinning_vertices_ahead, pop_vector.get()),
-        rows_wanted,
-        row_address: row_address.q,
-        row_requested,
-        rows: Reader::of(&fetched_rows, config.skinning_rows_ahead, pop_row.get()),
-        columns_to_come: columns_to_come.q,
-        loading,
-        column_comes,
-        room: room.get(),
-        room_missing,
-        issue,
-        completes,
-        issued: issued.q,
-        issued_last,
-        weighted_valid,
-        weighted_last,
-        summing: vertex_ready.stages(start_of_sum..=done_at),
-        vertex_done,
-        depth,
-        queue,
-        queue_data,
-        queue_head: head.q,
-        queue_tail: tail.q,
-        queue_grows: readable.q,
-        queued,
-        under_way,
-        write_valid: shown,
-        write_ready,
-        write_address: next_written.q,
-        write_data: front,
-        written: written.get(),
-        vertices_left: vertices_left.q,
-    };
-    properties::conserves(&m, &unit);
-    properties::write_queue(&m, &unit);
-=======
     let outputs = Outputs {
         start_ready,
         skinning: skinning.q,
@@ -600,6 +486,45 @@ pub(super) fn module(plan: &Plan, test: &Module) -> Result<Arc<Module>, HdlError
         influence_issued: issue,
     };
     ports.outputs.outputs(&m, outputs);
->>>>>>> bundles
+
+    let unit = Unit {
+        inputs,
+        outputs,
+        start,
+        over,
+        columns_to_request: columns_to_request.q,
+        rest_to_request: rest_to_request.q,
+        vector_wanted,
+        vector_address,
+        vector_requested: requested,
+        column_requested,
+        rest_requested,
+        vectors: Reader::of(&vectors, config.skinning_vertices_ahead, pop_vector.get()),
+        rows_wanted,
+        row_address: row_address.q,
+        row_requested,
+        rows: Reader::of(&fetched_rows, config.skinning_rows_ahead, pop_row.get()),
+        columns_to_come: columns_to_come.q,
+        loading,
+        column_comes,
+        room: room.get(),
+        room_missing,
+        issue,
+        completes,
+        summing: vertex_ready.stages(start_of_sum..=done_at),
+        vertex_done,
+        depth,
+        queue,
+        queue_data,
+        queue_head: head.q,
+        queue_tail: tail.q,
+        queue_grows: readable.q,
+        queued,
+        under_way,
+        written: written.get(),
+        vertices_left: vertices_left.q,
+    };
+    properties::conserves(&m, &unit);
+    properties::write_queue(&m, &unit);
     m.finish()
 }

@@ -63,7 +63,7 @@ fn task_of(proof: &Induction, name: &str, module: &str, cut: &[String]) -> Strin
         "# SymbiYosys: sby -f {name}.sby\n\
          [tasks]\nprove\ncover\n\n\
          [options]\nprove: mode prove\nprove: depth {}\ncover: mode cover\ncover: depth {}\n\n\
-         [engines]\nsmtbmc{memory} z3\n\n\
+         [engines]\nsmtbmc {options} z3\n\n\
          [script]\n{script}\n\n\
          [files]\n{name}.sv\n",
         proof.proof.depth + 1,

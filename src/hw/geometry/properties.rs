@@ -8,7 +8,7 @@
 use super::{
     CORNER_BITS, Inputs, Job, ORIGIN_SLOT, Outputs, VECTORS_OF_INSTANCE, VERTICES_OF_TRIANGLE,
 };
-use crate::hdl::{Bundle, Builder, Memory, Proof, ReadPort, Reg, Signal, bits_for};
+use crate::hdl::{Builder, Bundle, Memory, Proof, ReadPort, Reg, Signal, bits_for};
 use crate::hw::fifo::Placed;
 use crate::hw::properties::{assert_shown_stays, shown_stays};
 
@@ -167,7 +167,7 @@ impl<'b> Unit<'b> {
 
     /// Whether a packet goes on in an object's space.
     fn moved(&self) -> Signal<'b> {
-        self.object_valid & self.object_last
+        self.outputs.object.valid & self.outputs.object.payload.place.last
     }
 
     fn takes(&self) -> Signal<'b> {
@@ -190,14 +190,15 @@ impl<'b> Unit<'b> {
             now: set("now"),
             out: set("out"),
         };
-        let taken = self.of_packet(self.take_leaf, self.leaf_packet);
-        let answered = self.of_packet(self.record_valid, self.record_packet);
-        let asked = self.of_packet(self.vertex_queue.pop, self.job_packet);
+        let (inputs, outputs) = (&self.inputs, &self.outputs);
+        let taken = self.of_packet(self.take_leaf, inputs.leaf.payload.packet);
+        let answered = self.of_packet(inputs.record.response.valid, self.record_packet);
+        let asked = self.of_packet(self.vertex_queue.pop, self.job.packet);
         let complete = self.of_packet(self.complete, self.arrived_packet);
         let enters = self.of_packet(self.takes(), self.ready_packet);
         let issued = self.of_packet(self.issued_last(), self.now_packet);
-        let done = self.of_packet(self.done_valid, self.done_packet);
-        let moved = self.of_packet(self.moved(), self.object_packet);
+        let done = self.of_packet(outputs.done.valid, outputs.done.payload.packet);
+        let moved = self.of_packet(self.moved(), outputs.object.payload.place.packet);
         let step = |place: &Reg<'b>, comes, goes: Signal<'b>| place.next((place.q | comes) & !goes);
         step(&places.record, taken, answered);
         step(&places.job, answered, asked);
@@ -214,16 +215,20 @@ impl<'b> Unit<'b> {
         let m = self.module();
         let reg = |name: &str, width| proof.reg(&format!("{name}_{packet}"), width);
         let is_of = |of: Signal<'b>| of.equals(u128::from(packet));
+        let leaf = self.inputs.leaf.payload;
         let is_instance = reg("instance", 1);
-        let mask = reg("mask", self.leaf_mask.width());
-        let taken = self.take_leaf & is_of(self.leaf_packet);
+        let mask = reg("mask", leaf.mask.width());
+        let taken = self.take_leaf & is_of(leaf.packet);
         is_instance.next_when(taken, self.leaf_is_instance);
-        mask.next_when(taken, self.leaf_mask);
+        mask.next_when(taken, leaf.mask);
         let (asked, arrived) = (reg("asked", COUNT_BITS), reg("arrived", COUNT_BITS));
-        let begins = self.record_valid & is_of(self.record_packet);
+        let begins = self.inputs.record.response.valid & is_of(self.record_packet);
         for (count, comes) in [
-            (asked, self.vertex_fire & is_of(self.job_packet)),
-            (arrived, self.vertex_valid & is_of(self.arrived_packet)),
+            (asked, self.vertex_fire & is_of(self.job.packet)),
+            (
+                arrived,
+                self.inputs.vertex.response.valid & is_of(self.arrived_packet),
+            ),
         ] {
             let more = count.q + comes.extend(COUNT_BITS);
             count.next(begins.mux(m.zero(COUNT_BITS), more));
@@ -254,7 +259,7 @@ impl<'b> Unit<'b> {
         );
         proof.fault(
             "a vertex counts as asked for before it is taken",
-            (self.vertex_fire.reads(self.vertex_request.ready)).as_value(1),
+            (self.vertex_fire.reads(self.inputs.vertex.request_ready)).as_value(1),
         );
         proof.fault(
             "a leaf is taken while another's rays are issued",
@@ -262,17 +267,22 @@ impl<'b> Unit<'b> {
         );
         proof.fault(
             "an instance leaves as a triangle",
-            self.test_issued.reads(self.now_instance).as_value(0),
+            (self.outputs.test_issued.reads(self.now_instance)).as_value(0),
         );
     }
 }
 
-pub(super) fn conserves<'b>(m: &'b Builder, unit: &Unit<'b>) {
+pub(super) fn conserves<'b>(unit: &Unit<'b>) {
+    let m = unit.module();
     let proof = &m.proof(
         "conserves",
         "a leaf is in one place and leaves once, its rays tested once each when all is there, ports, nothing locks up",
     );
-    let packets = unit.packets;
+    let (packets, inputs, outputs) = (unit.packets, unit.inputs, unit.outputs);
+    let leaf = inputs.leaf.payload;
+    let vertex = inputs.vertex.response;
+    let record_requests = ReadPort::of_unit(outputs.record, inputs.record).request;
+    let vertex_requests = ReadPort::of_unit(outputs.vertex, inputs.vertex).request;
     unit.vertex_queue.keep(proof);
     unit.ready_queue.keep(proof);
     let places = unit.places(proof);
@@ -280,10 +290,10 @@ pub(super) fn conserves<'b>(m: &'b Builder, unit: &Unit<'b>) {
     let all_vertices = packets * CORNERS;
     let owed_vertices = proof.reg_reset("owed_vertices", all_vertices, 0);
     owed_vertices.next(
-        (owed_vertices.q | bit_in(all_vertices, unit.vertex_fire, unit.vertex_request.tag))
-            & !bit_in(all_vertices, unit.vertex_valid, unit.vertex_tag),
+        (owed_vertices.q | bit_in(all_vertices, unit.vertex_fire, vertex_requests.payload.tag))
+            & !bit_in(all_vertices, vertex.valid, vertex.payload.tag),
     );
-    let rays = unit.leaf_mask.width();
+    let rays = leaf.mask.width();
     let issued = proof.reg("issued", rays);
     let issues = unit.busy & unit.last_slot;
     issued.next(unit.takes().mux(
@@ -292,7 +302,7 @@ pub(super) fn conserves<'b>(m: &'b Builder, unit: &Unit<'b>) {
     ));
     // What counts by packet is cleared after reset, before anything comes.
     let sweeping = proof.reg_reset("sweeping", 1, 1);
-    let packet_bits = unit.sweep_packet.width();
+    let packet_bits = inputs.sweep_packet.width();
     let swept = proof.reg_reset("swept", packet_bits, 0);
     let last_packet = u128::from(packets - 1);
     sweeping.next_when(sweeping.q, !swept.q.equals(last_packet));
@@ -305,23 +315,23 @@ pub(super) fn conserves<'b>(m: &'b Builder, unit: &Unit<'b>) {
     let masks = list("masks", &|leaf| leaf.mask);
     let ages = list("ages", &|leaf| leaf.age);
 
-    let never_changes = unit.instanced.eq(proof.past(unit.instanced));
+    let never_changes = inputs.instanced.eq(proof.past(inputs.instanced));
     proof.assume(never_changes);
-    let (vertex_valid, leaf_valid) = (unit.vertex_valid, unit.leaf_valid);
-    proof.assume(unit.sweep.eq(sweeping.q) & unit.sweep_packet.eq(swept.q));
-    proof.assume(!(unit.sweep & (leaf_valid | vertex_valid)));
-    proof.assume(!(unit.skinning & (leaf_valid | here.any())));
-    proof.assume(leaf_valid.implies(!here.bit_at(unit.leaf_packet) & unit.leaf_mask.any()));
+    let leaf_valid = inputs.leaf.valid;
+    proof.assume(inputs.sweep.eq(sweeping.q) & inputs.sweep_packet.eq(swept.q));
+    proof.assume(!(inputs.sweep & (leaf_valid | vertex.valid)));
+    proof.assume(!(inputs.skinning & (leaf_valid | here.any())));
+    proof.assume(leaf_valid.implies(!here.bit_at(leaf.packet) & leaf.mask.any()));
     proof.assume(shown_stays(
         proof,
         leaf_valid,
-        unit.record_request.ready,
-        &[unit.leaf_packet, unit.leaf_address, unit.leaf_context],
+        inputs.record.request_ready,
+        &[leaf.packet, leaf.address, leaf.context],
     ));
     // An answer is of something asked for; and what comes out of a queue went in.
     for (shown, place, packet, is_instance) in [
         (
-            unit.record_valid,
+            inputs.record.response.valid,
             places.record,
             unit.record_packet,
             unit.record_is_instance,
@@ -329,8 +339,8 @@ pub(super) fn conserves<'b>(m: &'b Builder, unit: &Unit<'b>) {
         (
             unit.vertex_queue.valid,
             places.job,
-            unit.job_packet,
-            unit.job_is_instance,
+            unit.job.packet,
+            unit.job.instance,
         ),
         (
             unit.ready_queue.valid,
@@ -342,13 +352,18 @@ pub(super) fn conserves<'b>(m: &'b Builder, unit: &Unit<'b>) {
         let as_it_came = is_instance.eq(instances.bit_at(packet));
         proof.assume(shown.implies(place.q.bit_at(packet) & as_it_came));
     }
-    proof.assume(vertex_valid.implies(owed_vertices.q.bit_at(unit.vertex_tag)));
+    proof.assume((vertex.valid).implies(owed_vertices.q.bit_at(vertex.payload.tag)));
     proof.cover("all rays of a leaf are in the test", places.out.q.any());
 
     unit.seed_faults(proof);
 
-    unit.record_request.assert_stays(proof, "record request");
-    unit.vertex_request.assert_stays(proof, "vertex request");
+    for (what, requests) in [
+        ("record request", record_requests),
+        ("vertex request", vertex_requests),
+    ] {
+        let shown = requests.payload.leaves();
+        assert_shown_stays(proof, what, requests.valid, requests.ready, &shown);
+    }
     // One bit more than a queue's own count: what it holds is in two places.
     let count_bits = unit.vertex_queue.count_bits() + 1;
     let jobs_held = unit.vertex_queue.count(count_bits);
@@ -385,12 +400,12 @@ pub(super) fn conserves<'b>(m: &'b Builder, unit: &Unit<'b>) {
         unit.busy.implies(each),
     );
     let was_out = |packet| (places.out.q.bit_at(packet), instances.bit_at(packet));
-    let (was_here, instance) = was_out(unit.done_packet);
+    let (was_here, instance) = was_out(outputs.done.payload.packet);
     proof.assert(
         "a leaf that leaves was here, as a triangle",
-        unit.done_valid.implies(was_here & !instance),
+        outputs.done.valid.implies(was_here & !instance),
     );
-    let (was_here, instance) = was_out(unit.object_packet);
+    let (was_here, instance) = was_out(outputs.object.payload.place.packet);
     proof.assert(
         "a packet that goes on in an object was here, at an instance",
         unit.moved().implies(was_here & instance),
@@ -403,7 +418,7 @@ pub(super) fn conserves<'b>(m: &'b Builder, unit: &Unit<'b>) {
         | unit.busy
         | places.out.q.any()
         | (jobs_held.any() & !unit.vertex_queue.valid);
-    let memory = places.record.q.any() | owed_vertices.q.any() | unit.vertex_request.valid;
+    let memory = places.record.q.any() | owed_vertices.q.any() | vertex_requests.valid;
     proof.assert(
         "a leaf that is here moves, or waits for memory",
         here.any().implies(moves | memory),
@@ -454,7 +469,7 @@ pub(super) fn conserves<'b>(m: &'b Builder, unit: &Unit<'b>) {
                 .count_ones(3)
                 .le(m.lit(1u8, 3)),
         );
-        let at_front = unit.vertex_queue.valid & is_p(unit.job_packet);
+        let at_front = unit.vertex_queue.valid & is_p(unit.job.packet);
         let next = at_front.mux(unit.corner.extend(COUNT_BITS), m.zero(COUNT_BITS));
         assert(
             "vertices are asked for in turn, by the leaf at the front",

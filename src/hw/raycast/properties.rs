@@ -6,7 +6,8 @@
 //! unit asks for nothing between packets, the skinning processor for nothing between meshes, and what they show at a port stays. Of memory
 //! it is assumed that it answers what it was asked.
 
-use crate::hdl::{Builder, Memory, Proof, Signal};
+use super::{Inputs, Outputs};
+use crate::hdl::{Builder, Bundle, Flow, Memory, Proof, Request, Signal};
 use crate::hw::fifo::Placed;
 use crate::hw::properties::{assert_shown_stays, count, shown_stays};
 
@@ -16,16 +17,13 @@ const BITS: u32 = 16;
 /// Fewer vertices than this are owed to each unit, so that no count wraps.
 const OWED_BELOW: u32 = 1024;
 
-/// A port's request for vertices.
-#[derive(Clone, Copy)]
-pub(super) struct Request<'b> {
-    pub valid: Signal<'b>,
-    pub address: Signal<'b>,
-    pub tag: Signal<'b>,
-}
+/// A unit's request for vertices.
+type VertexRequest<'b> = Flow<Request<Signal<'b>>, Signal<'b>>;
 
 /// The unit's signals, part by part.
 pub(super) struct Unit<'b> {
+    pub inputs: Inputs<Signal<'b>>,
+    pub outputs: Outputs<Signal<'b>>,
     // Packet numbers.
     pub packets: u32,
     pub sweeping: Signal<'b>,
@@ -34,11 +32,9 @@ pub(super) struct Unit<'b> {
     pub tags: Memory<'b>,
     pub under_way: Signal<'b>,
     // Rays in.
-    pub ray_tag: Signal<'b>,
     pub first_ray: Signal<'b>,
     pub object_valid: Signal<'b>,
     pub paused: Signal<'b>,
-    pub ready: Signal<'b>,
     pub take_ray: Signal<'b>,
     pub enters: Signal<'b>,
     // Hits out.
@@ -49,22 +45,14 @@ pub(super) struct Unit<'b> {
     pub out_valid: Signal<'b>,
     pub out_packet: Signal<'b>,
     pub out_ray: Signal<'b>,
-    pub hit_valid: Signal<'b>,
-    pub hit_ready: Signal<'b>,
-    pub hit_tag: Signal<'b>,
     pub hit_taken: Signal<'b>,
     pub leaves: Signal<'b>,
     // A mesh to skin.
-    pub skin_start: Signal<'b>,
-    pub skin_start_ready: Signal<'b>,
     pub may_start: Signal<'b>,
     pub skinning: Signal<'b>,
     // Vertex memory.
-    pub of_geometry: Request<'b>,
-    pub of_skinner: Request<'b>,
-    pub request: Request<'b>,
-    pub request_ready: Signal<'b>,
-    pub response: Signal<'b>,
+    pub of_geometry: VertexRequest<'b>,
+    pub of_skinner: VertexRequest<'b>,
     pub to_geometry: Signal<'b>,
     pub to_skinner: Signal<'b>,
 }
@@ -85,21 +73,17 @@ pub(super) fn shares<'b>(m: &'b Builder, unit: &Unit<'b>) {
     assert_shown_stays(
         proof,
         "hit",
-        unit.hit_valid,
-        unit.hit_ready,
+        unit.outputs.hit.valid,
+        unit.inputs.hit_ready,
         &[unit.out, unit.out_ray],
     );
-    let Request {
-        valid,
-        address,
-        tag,
-    } = unit.request;
+    let request = unit.outputs.vertex.request;
     assert_shown_stays(
         proof,
         "vertex request",
-        valid,
-        unit.request_ready,
-        &[address, tag],
+        request.valid,
+        unit.inputs.vertex.request_ready,
+        &request.payload.leaves(),
     );
     let traversing = count(proof, BITS, "traversing", unit.enters, unit.finished.push);
     packets(proof, unit, traversing);
@@ -112,7 +96,7 @@ pub(super) fn shares<'b>(m: &'b Builder, unit: &Unit<'b>) {
         "a ray waits for nothing but a packet under way, an object's ray or a mesh",
         m.or_all(&[
             unit.sweeping,
-            unit.ready,
+            unit.outputs.ray_ready,
             unit.object_valid,
             unit.paused,
             unit.under_way.any(),
@@ -126,7 +110,7 @@ pub(super) fn shares<'b>(m: &'b Builder, unit: &Unit<'b>) {
 fn seed_faults<'b>(proof: &Proof<'b>, unit: &Unit<'b>) {
     proof.fault(
         "a ray is taken where an object's comes",
-        unit.ready.reads(unit.object_valid).as_value(0),
+        (unit.outputs.ray_ready.reads(unit.object_valid)).as_value(0),
     );
     proof.fault(
         "a packet starts while a mesh is skinned",
@@ -138,11 +122,11 @@ fn seed_faults<'b>(proof: &Proof<'b>, unit: &Unit<'b>) {
     );
     proof.fault(
         "a packet is free before its last hit is taken",
-        unit.leaves.reads(unit.hit_taken).as_signal(unit.hit_valid),
+        (unit.leaves.reads(unit.hit_taken)).as_signal(unit.outputs.hit.valid),
     );
     proof.fault(
         "skinning's requests reach no memory",
-        unit.request.valid.reads(unit.skinning).as_value(0),
+        (unit.outputs.vertex.request.valid.reads(unit.skinning)).as_value(0),
     );
 }
 
@@ -205,9 +189,10 @@ fn packet<'b>(proof: &Proof<'b>, unit: &Unit<'b>) {
     is_free.next((is_free.q & !enters) | comes);
     is_traversing.next((is_traversing.q & !finishes) | enters);
     is_finished.next((is_finished.q & !(unit.load & finished_front)) | finishes);
-    let tag = proof.reg("tag", unit.ray_tag.width());
+    let ray_tag = unit.inputs.ray.payload.tag;
+    let tag = proof.reg("tag", ray_tag.width());
     let stored = unit.tags.peek(packet);
-    tag.next_when(enters, unit.first_ray.mux(unit.ray_tag, stored));
+    tag.next_when(enters, unit.first_ray.mux(ray_tag, stored));
 
     proof.assume(finishes.implies(is_traversing.q));
     proof.assume((free.valid & in_front).implies(is_free.q));
@@ -222,7 +207,7 @@ fn packet<'b>(proof: &Proof<'b>, unit: &Unit<'b>) {
     );
     proof.assert(
         "a packet's hits leave under the tag that its first ray came with",
-        is_out.implies(unit.hit_tag.eq(tag.q)),
+        is_out.implies(unit.outputs.hit.payload.tag.eq(tag.q)),
     );
     proof.assert(
         "a packet's tag stays while it is under way",
@@ -233,12 +218,10 @@ fn packet<'b>(proof: &Proof<'b>, unit: &Unit<'b>) {
 /// That skinning and packets exclude each other.
 fn skinning<'b>(proof: &Proof<'b>, unit: &Unit<'b>) {
     let m = proof.module();
-    let starts = unit.skin_start & unit.skin_start_ready;
+    let start_ready = unit.outputs.skin_start_ready;
+    let starts = unit.inputs.skin_start.valid & start_ready;
     let mesh = proof.past(!m.reset() & (unit.skinning | starts));
-    proof.assume(
-        unit.skin_start_ready
-            .implies(!unit.skinning & unit.may_start),
-    );
+    proof.assume(start_ready.implies(!unit.skinning & unit.may_start));
     proof.assume(unit.skinning.implies(mesh));
     proof.assert(
         "no packet is under way while a mesh is skinned",
@@ -254,7 +237,9 @@ fn skinning<'b>(proof: &Proof<'b>, unit: &Unit<'b>) {
 fn vertices<'b>(proof: &Proof<'b>, unit: &Unit<'b>, traversing: Signal<'b>) {
     let m = proof.module();
     let (geometry, skinner) = (unit.of_geometry, unit.of_skinner);
-    let asks = unit.request.valid & unit.request_ready;
+    let vertex = unit.inputs.vertex;
+    let (request, response) = (unit.outputs.vertex.request, vertex.response.valid);
+    let asks = request.valid & vertex.request_ready;
     let geometry_asks = asks & !unit.skinning;
     let owed_geometry = count(
         proof,
@@ -265,10 +250,7 @@ fn vertices<'b>(proof: &Proof<'b>, unit: &Unit<'b>, traversing: Signal<'b>) {
     );
     let skinner_asks = asks & unit.skinning;
     let owed_skinner = count(proof, BITS, "owed_skinner", skinner_asks, unit.to_skinner);
-    proof.assume(
-        unit.response
-            .implies(owed_geometry.any() | owed_skinner.any()),
-    );
+    proof.assume(response.implies(owed_geometry.any() | owed_skinner.any()));
     for owed in [owed_geometry, owed_skinner] {
         proof.assume((owed + wide(asks)).lt(m.lit(OWED_BELOW, BITS)));
     }
@@ -276,16 +258,11 @@ fn vertices<'b>(proof: &Proof<'b>, unit: &Unit<'b>, traversing: Signal<'b>) {
     proof.assume(traversing.any() | quiet);
     proof.assume(unit.skinning | (!skinner.valid & owed_skinner.is_zero()));
     for request in [geometry, skinner] {
-        let Request {
-            valid,
-            address,
-            tag,
-        } = request;
         proof.assume(shown_stays(
             proof,
-            valid,
-            unit.request_ready,
-            &[address, tag],
+            request.valid,
+            vertex.request_ready,
+            &request.payload.leaves(),
         ));
     }
     proof.assert(
@@ -298,10 +275,10 @@ fn vertices<'b>(proof: &Proof<'b>, unit: &Unit<'b>, traversing: Signal<'b>) {
     );
     proof.assert(
         "a vertex reaches one unit",
-        unit.response.eq(unit.to_geometry ^ unit.to_skinner),
+        response.eq(unit.to_geometry ^ unit.to_skinner),
     );
     proof.assert(
         "what a unit asks for is asked",
-        unit.request.valid.eq(geometry.valid | skinner.valid),
+        request.valid.eq(geometry.valid | skinner.valid),
     );
 }

@@ -6,6 +6,7 @@
 //! Of its write queue: vertices are written in the order in which they were summed, each once, and the one that is shown stays until it is
 //! written.
 
+use super::{Inputs, Outputs};
 use crate::hdl::{Builder, Memory, Signal, bits_for};
 use crate::hw::prefetch::Occupancy;
 use crate::hw::properties::{Ahead, Reader, assert_shown_stays, count};
@@ -16,9 +17,9 @@ const VERTEX_BITS: u32 = 32;
 
 /// The unit's signals, part by part.
 pub(super) struct Unit<'b> {
+    pub inputs: Inputs<Signal<'b>>,
+    pub outputs: Outputs<Signal<'b>>,
     pub start: Signal<'b>,
-    pub start_vertices: Signal<'b>,
-    pub skinning: Signal<'b>,
     pub over: Signal<'b>,
     // Vectors and rows ahead.
     pub columns_to_request: Signal<'b>,
@@ -42,11 +43,7 @@ pub(super) struct Unit<'b> {
     pub room_missing: Signal<'b>,
     pub issue: Signal<'b>,
     pub completes: Signal<'b>,
-    pub issued: Signal<'b>,
-    pub issued_last: Signal<'b>,
     // Accumulation.
-    pub weighted_valid: Signal<'b>,
-    pub weighted_last: Signal<'b>,
     /// Whether a vertex is being summed, at each stage until it is done.
     pub summing: Vec<Signal<'b>>,
     pub vertex_done: Signal<'b>,
@@ -59,10 +56,6 @@ pub(super) struct Unit<'b> {
     pub queue_grows: Signal<'b>,
     pub queued: Occupancy<'b>,
     pub under_way: Occupancy<'b>,
-    pub write_valid: Signal<'b>,
-    pub write_ready: Signal<'b>,
-    pub write_address: Signal<'b>,
-    pub write_data: Signal<'b>,
     pub written: Signal<'b>,
     pub vertices_left: Signal<'b>,
 }
@@ -88,6 +81,7 @@ pub(super) fn conserves<'b>(m: &'b Builder, unit: &Unit<'b>) {
         "no vertex is lost or doubled, no queue overflows, a mesh ends when written, ports, nothing locks up",
     );
     let proof = &proof;
+    let (issued, write) = (unit.outputs.issue, unit.outputs.write);
     proof.cover("a vertex is written", unit.written);
     for (what, valid, ready, shown) in [
         (
@@ -104,18 +98,19 @@ pub(super) fn conserves<'b>(m: &'b Builder, unit: &Unit<'b>) {
         ),
         (
             "write",
-            unit.write_valid,
-            unit.write_ready,
-            unit.write_address,
+            write.valid,
+            unit.inputs.write_ready,
+            write.payload.address,
         ),
     ] {
         assert_shown_stays(proof, what, valid, ready, &[shown]);
     }
     let vectors = Ahead::assumed(proof, "vectors", unit.vector_requested, &unit.vectors);
     let rows = Ahead::assumed(proof, "rows", unit.row_requested, &unit.rows);
-    let (skinning, completes) = (unit.skinning, unit.completes);
-    let returns = unit.weighted_valid & unit.weighted_last;
-    let last_issued = unit.issued & unit.issued_last;
+    let (skinning, completes) = (unit.outputs.skinning, unit.completes);
+    let weighted = unit.inputs.weighted;
+    let returns = weighted.valid & weighted.payload.mark.last;
+    let last_issued = issued.valid & issued.payload.mark.last;
     let outside = count(proof, BITS, "outside", last_issued, returns);
     let summing = count(proof, BITS, "summing", returns, unit.vertex_done);
     let begun = count(proof, BITS, "begun", completes, returns);
@@ -129,7 +124,8 @@ pub(super) fn conserves<'b>(m: &'b Builder, unit: &Unit<'b>) {
     );
     let rest_ahead = count(proof, BITS, "rest_ahead", unit.rest_requested, completes);
     let to_begin = proof.reg_reset("to_begin", VERTEX_BITS, 0);
-    to_begin.next((unit.start).mux(wider(unit.start_vertices), to_begin.q - wider(completes)));
+    let vertices = wider(unit.inputs.start.payload.vertices);
+    to_begin.next((unit.start).mux(vertices, to_begin.q - wider(completes)));
     let starved = skinning & !unit.loading & unit.vectors.valid;
     proof.assume(returns.implies(outside.any()));
     proof.assume(!(starved & unit.rows.empty & !unit.rows_wanted));
@@ -189,7 +185,7 @@ pub(super) fn conserves<'b>(m: &'b Builder, unit: &Unit<'b>) {
     let nothing_left = unit.vertices_left.is_zero() & unit.columns_to_come.is_zero();
     proof.assert(
         "a mesh is over only when all of it is written",
-        skinning | (nothing_left & !unit.issued),
+        skinning | (nothing_left & !issued.valid),
     );
     proof.assert(
         "a vertex is in the geometry unit only while that is borrowed",
@@ -204,7 +200,7 @@ pub(super) fn conserves<'b>(m: &'b Builder, unit: &Unit<'b>) {
         unit.row_requested,
         unit.column_comes,
         unit.issue,
-        unit.issued,
+        issued.valid,
         summing.any(),
         unit.queue_grows,
         unit.over,
@@ -215,7 +211,7 @@ pub(super) fn conserves<'b>(m: &'b Builder, unit: &Unit<'b>) {
         unit.rows_wanted & rows.has_room,
         rows.count.any() & !unit.rows.valid,
         outside.any(),
-        unit.write_valid,
+        write.valid,
     ]);
     proof.assert(
         "while a mesh is skinned something moves, or memory or the geometry unit is waited for",
@@ -251,6 +247,7 @@ pub(super) fn write_queue<'b>(m: &'b Builder, unit: &Unit<'b>) {
     );
     let depth = m.lit(unit.depth, BITS);
     let (held, head) = (unit.held(), wide(unit.queue_head));
+    let write = unit.outputs.write;
     // Of any bits that come and go, so of those of the pipeline too. The data are inputs.
     proof.cut(unit.vertex_done);
     proof.assume(unit.vertex_done.implies(held.lt(depth)));
@@ -298,15 +295,15 @@ pub(super) fn write_queue<'b>(m: &'b Builder, unit: &Unit<'b>) {
     );
     proof.assert(
         "a watched vertex is shown in its turn, until it is written",
-        (in_turn & unit.write_valid).implies(unit.write_data.eq(word.q)),
+        (in_turn & write.valid).implies(write.payload.data.eq(word.q)),
     );
     proof.fault(
         "a vertex shows before it is in the queue",
-        (unit.queue_grows.reads(unit.vertex_done)).as_signal(unit.weighted_valid),
+        (unit.queue_grows.reads(unit.vertex_done)).as_signal(unit.inputs.weighted.valid),
     );
     proof.fault(
         "the vertex behind is read where none is written",
-        unit.written.reads(unit.write_valid).as_value(1),
+        unit.written.reads(write.valid).as_value(1),
     );
     proof.fault(
         "a vertex is stored beside its slot",
