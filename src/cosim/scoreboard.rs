@@ -3,14 +3,14 @@
 
 use super::memory::{Bandwidth, Timing};
 use super::mismatch::{Field, Mismatch};
-use super::model::{BuildOptions, Model, Port, PortHandle, Recording, Sources, build};
+use super::model::{BuildOptions, Model, Recording, Sources, build};
 use super::raycast::Trace;
 use super::sources;
 use crate::float::Format;
 use crate::golden::RaySetup;
 use crate::hdl::{Design, HdlError, Module, Mutation};
 use crate::hw::{Plan, geometry, ray, tpu};
-use anyhow::{Context, Result, bail, ensure};
+use anyhow::{Result, bail, ensure};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Instant;
 

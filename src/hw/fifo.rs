@@ -112,7 +112,14 @@ pub(super) fn place<'b>(
 ) -> Result<Placed<'b>, HdlError> {
     let module = fifo(plan, data.width(), depth)?;
     let registered = registers_front(plan);
-    Ok(placed(name, depth, &module, Inputs { push, data, pop }, None, registered))
+    Ok(placed(
+        name,
+        depth,
+        &module,
+        Inputs { push, data, pop },
+        None,
+        registered,
+    ))
 }
 
 fn placed<'b>(
@@ -221,5 +228,12 @@ pub(super) fn place_block<'b>(
 ) -> Result<Placed<'b>, HdlError> {
     let module = block_fifo(plan, data.width(), depth)?;
     let settling = Some(plan.read_latency());
-    Ok(placed(name, depth, &module, Inputs { push, data, pop }, settling, false))
+    Ok(placed(
+        name,
+        depth,
+        &module,
+        Inputs { push, data, pop },
+        settling,
+        false,
+    ))
 }

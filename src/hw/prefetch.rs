@@ -78,6 +78,7 @@ fn module(
     let tag = bits_for(u64::from(depth));
     let count_bits = bits_for(u64::from(depth) + 1);
     let width = ports.outputs.front.width;
+    let inputs = ports.inputs.inputs(&m);
     let Inputs {
         fetch_valid,
         fetch_address,
@@ -86,7 +87,7 @@ fn module(
             response,
         },
         pop,
-    } = ports.inputs.inputs(&m);
+    } = inputs;
 
     m.comment("A request takes a slot, whose number is its tag; the slot is free again when its word is the front.");
     let head = m.reg_reset("head", tag, 0);

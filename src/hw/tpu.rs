@@ -979,8 +979,8 @@ impl<'b> Unit<'b> {
                 nowhere_front,
             ))
             .named("pop_chosen");
-        let pop = plan.choose(chosen).named("pop");
-        let pop = popping.unpack(pop);
+        let pop_word = plan.choose(chosen).named("pop");
+        let pop = popping.unpack(pop_word);
         let pop_packet = pop.packet;
         let Context {
             level: pop_level,
@@ -1061,7 +1061,7 @@ impl<'b> Unit<'b> {
             latency: pop_latency,
             queues: [done_queue, retry_queue, nowhere_queue],
             valid: pop_valid,
-            popping: pop,
+            popping: pop_word,
             popping_packet: pop_packet,
             popping_level: pop_level,
             popping_empty: stack_empty,

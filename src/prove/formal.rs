@@ -58,7 +58,11 @@ fn task_of(proof: &Induction, name: &str, module: &str, cut: &[String]) -> Strin
     let script = proof
         .script(&format!("{name}.sv"), module, cut)
         .replace("; ", "\n");
-    let memory = if proof.proof.arrays { "" } else { " --nomem" };
+    // As the proofs here run: z3 is minutes slower on words that are registers without --unroll.
+    let options = match proof.proof.arrays {
+        true => "--nopresat",
+        false => "--nomem --nopresat --unroll",
+    };
     format!(
         "# SymbiYosys: sby -f {name}.sby\n\
          [tasks]\nprove\ncover\n\n\

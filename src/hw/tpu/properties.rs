@@ -1,7 +1,8 @@
 //! What is proved of the traversal unit: packets are neither lost nor doubled, its ports keep what they show, a pop reads what was pushed.
 
+use super::Context;
 use super::{Entered, Inputs, Pop, Served, Sliced, Stack, Step};
-use crate::hdl::{Memory, Proof, Signal, bits_for};
+use crate::hdl::{Memory, Proof, Signal, Specs as _, bits_for};
 use crate::hw::banks::Banks;
 use crate::hw::fifo::Placed;
 use crate::hw::plan::Plan;
@@ -344,7 +345,7 @@ fn stack<'b>(unit: &Watched<'_, 'b>) {
     context.drive(pop.context);
     let (was_level, is_level) = (
         popped_level.delay(pops),
-        super::context(plan).get(context.get(), "level"),
+        Context::of(plan).unpack(context.get()).level,
     );
     proof.assert(
         "a packet's level goes down by 1 where it pops",
