@@ -13,7 +13,6 @@ use dynrt::bkd::{Bounds, BuildOptions, InstanceSpec, InstancedImage, MemoryImage
 use dynrt::config::Config;
 use dynrt::cosim::animate::{self, Figures, Film, FrameReport, Options, Unit};
 use dynrt::cosim::mismatch::Mismatch;
-use dynrt::cosim::scoreboard::Fault;
 use dynrt::float::Arithmetic;
 use dynrt::golden::Caster;
 use dynrt::golden::skinning::skin_vertices;
@@ -585,13 +584,9 @@ fn a_fault_of_a_unit_is_a_mismatch_with_its_frame_and_replay() {
     let options = Options {
         replay: "dynrt animate builtin:water".into(),
         from_frame: 1,
-        fault: Some((
-            Unit::Update,
-            Fault {
-                text: "node_write_mask = 5'd15",
-                instead: "node_write_mask = 5'd7",
-            },
-        )),
+        fault: Some((Unit::Update, |unit| {
+            Ok(unit.top().signal("node_write_mask")?.fault().as_value(7))
+        })),
         ..Options::default()
     };
     let error = shown.run(&config, &options).unwrap_err();

@@ -129,10 +129,7 @@ fn named_configurations_and_those_that_differ_most() {
 #[test]
 fn a_planted_fault_is_found_and_shrunk() {
     // Every box that is written is wrong in all bits. (Update processors are small, and quickly built.)
-    let fault = Fault {
-        text: "assign box_write_data = {",
-        instead: "assign box_write_data = ~{",
-    };
+    let fault: Fault = |unit| Ok(unit.top().signal("box_write_data")?.fault().inverted());
     let bench = Workbench::new().unwrap().with_fault(Stage::Update, fault);
     let options = Options {
         stages: vec![Stage::Update],

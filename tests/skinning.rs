@@ -218,20 +218,32 @@ fn faults_are_mismatches() {
     let seed = seed();
     // Its write queue is short, so that it fills.
     let config = Config::load("tiny").unwrap();
-    for (text, instead) in [
-        // The first pair's sum is lost, a vertex issued without room for it, the write queue's next word shown too late.
-        ("{upper_done}", "{1'b0}"),
-        ("assign room = ", "assign room = 1'b1 | "),
-        ("write_queue[next_head]", "write_queue[queue_head]"),
-    ] {
+    let faults: [(&str, Fault); 3] = [
+        ("the first pair's sum is lost", |unit| {
+            let processor = unit.module("skinning_processor")?;
+            let done = processor.signal("upper_done")?;
+            Ok(processor.signal("lower_sum_x")?.reads(done).as_value(0))
+        }),
+        ("a vertex is issued without room for it", |unit| {
+            let processor = unit.module("skinning_processor")?;
+            Ok(processor.signal("room")?.fault().as_value(1))
+        }),
+        ("the write queue's next word is shown too late", |unit| {
+            let processor = unit.module("skinning_processor")?;
+            let [shown, next, head] = ["write_data", "next_head", "queue_head"];
+            let (next, head) = (processor.signal(next)?, processor.signal(head)?);
+            Ok(processor.signal(shown)?.reads(next).as_signal(head))
+        }),
+    ];
+    for (what, fault) in faults {
         let options = UnitOptions {
-            fault: Some(Fault { text, instead }),
+            fault: Some(fault),
             ..UnitOptions::new(seed)
         };
         let workload = Workload::Random { vertices: 10_000 };
         let report =
             run(&config, workload, Traffic::Separate, &options).unwrap_or_else(|e| panic!("{e:#}"));
-        assert_eq!(report.unit.mismatches, 1, "`{instead}` is not noticed");
+        assert_eq!(report.unit.mismatches, 1, "{what}: is not noticed");
         assert!(report.unit.mismatch.is_some());
         assert!(report.unit.verdict().is_err());
     }

@@ -249,80 +249,81 @@ fn faults_are_noticed() {
     let (config, seed) = (Config::load("tiny").unwrap(), seed());
     let one_level = Workload::Coincidences { transactions: FEW };
     let two_levels = Workload::Instances { transactions: FEW };
-    let faults: [(Run, Workload<'_>, &str, &str, &str); 8] = [
+    let faults: [(Run, Workload<'_>, Fault, &str); 8] = [
         // A limit that is an ulp off.
         (
             unit_tpu::run,
             one_level,
-            "[limit_packet] <= limit_value;",
-            "[limit_packet] <= limit_value ^ 24'd1;",
+            |unit| Ok((unit.top().memory("limit0_memory")?.write_data()).with_flipped(1)),
             "unit tpu",
         ),
         // An entry popped is never dropped.
         (
             unit_tpu::run,
             one_level,
-            "(ray0_within |",
-            "(1'b1 | ray0_within |",
+            |unit| {
+                let within = unit.top().signal("ray0_within")?;
+                Ok(unit.top().signal("ray0_stays")?.reads(within).as_value(1))
+            },
             "unit tpu",
         ),
         // A finished packet has hit nothing.
         (
             unit_tpu::run,
             one_level,
-            "assign finished_touched = ",
-            "assign finished_touched = !",
+            |unit| Ok(unit.top().signal("finished_touched")?.fault().as_value(0)),
             "* rays that have hit something",
         ),
         // Of equal distances the last wins.
         (
             unit_geometry::run,
             one_level,
-            "(as_close & lower)",
-            "as_close",
+            |unit| {
+                let lower = unit.top().signal("lower")?;
+                Ok(unit.top().signal("replaces")?.reads(lower).as_value(1))
+            },
             "* replaces the closest",
         ),
         // What is read back is an ulp off.
         (
             unit_geometry::run,
             one_level,
-            "assign read_v = ",
-            "assign read_v = 24'd1 ^ ",
+            |unit| Ok(unit.top().signal("read_v")?.fault().with_flipped(1)),
             "* v ",
         ),
         // An instance that no ray enters ends its packet.
         (
             unit_tpu::run,
             two_levels,
-            "start_nowhere & ~setup_object",
-            "start_nowhere",
+            |unit| {
+                let object = unit.top().signal("setup_object")?;
+                Ok((unit.top().signal("finished_valid")?.reads(object)).as_value(0))
+            },
             "unit tpu",
         ),
         // The interval in an object is an ulp off.
         (
             unit_geometry::run_transform,
             two_levels,
-            "object_tmax <= ",
-            "object_tmax <= 24'd1 ^ ",
+            |unit| Ok(unit.top().signal("object_tmax")?.fault().with_flipped(1)),
             "* tmax",
         ),
         // Triangles in an object are of instance 0.
         (
             unit_geometry::run,
             two_levels,
-            "assign read_instance = ",
-            "assign read_instance = 32'd1 ^ ",
+            |unit| Ok(unit.top().signal("read_instance")?.fault().with_flipped(1)),
             "* instance",
         ),
     ];
-    for (run, workload, text, instead, said) in faults {
+    for (run, workload, fault, said) in faults {
         let options = UnitOptions {
-            fault: Some(Fault { text, instead }),
+            fault: Some(fault),
             ..UnitOptions::new(seed)
         };
         let report = run(&config, workload, &options).unwrap_or_else(|e| panic!("{e:#}"));
         let mismatch = report.mismatch.as_deref().unwrap_or("no mismatch");
-        println!("{text} -> {instead}\n{mismatch}");
+        println!("{said}\n{mismatch}");
         assert_eq!(report.mismatches, 1);
         assert!(mismatch.contains(said), "{mismatch}");
         assert!(report.verdict().is_err());

@@ -426,11 +426,15 @@ impl Editor {
     fn instead(&mut self, id: Id, change: Change, gap: Gap) -> Result<Id, String> {
         let Node { op, width, .. } = self.ir.nodes[id].clone();
         Ok(match change {
-            Change::Value(value) if width < 128 && value >> width != 0 => {
+            Change::Value(value) | Change::Flipped(value) if width < 128 && value >> width != 0 => {
                 return Err(format!("{value} does not fit {width} bits"));
             }
             Change::Value(value) => self.literal(value, width),
             Change::Inverted => self.not(gap, id),
+            Change::Flipped(mask) => {
+                let mask = self.literal(mask, width);
+                self.push(gap, Op::Binary(Binary::Xor, id, mask), width)
+            }
             Change::Signal(other) => {
                 let other = self.stands[other];
                 let bits = self.ir.nodes[other].width;

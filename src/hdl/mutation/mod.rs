@@ -78,6 +78,8 @@ pub struct Slot(pub(super) Root);
 pub enum Change {
     Value(u128),
     Inverted,
+    /// The bits of a mask are inverted.
+    Flipped(u128),
     Signal(Id),
     Late,
     Early,
@@ -173,6 +175,12 @@ impl<O: Owner> Reads<O> {
     #[track_caller]
     pub fn inverted(self) -> Mutation {
         self.made_of(Ok(Change::Inverted), Location::caller())
+    }
+
+    /// It is read with some bits inverted, those of a mask.
+    #[track_caller]
+    pub fn with_flipped(self, mask: u128) -> Mutation {
+        self.made_of(Ok(Change::Flipped(mask)), Location::caller())
     }
 
     /// Another signal of the module is read.
@@ -297,5 +305,10 @@ impl<'b> Memory<'b> {
     /// The write port's address, for a [`Mutation`].
     pub fn write_address(&self) -> Reads<&'b Builder> {
         write_port(self.builder, self.index, 1)
+    }
+
+    /// The write port's data, for a [`Mutation`].
+    pub fn write_data(&self) -> Reads<&'b Builder> {
+        write_port(self.builder, self.index, 2)
     }
 }

@@ -3,7 +3,7 @@
 use super::{Owner, Point, Reads, Slot, Where, write_port};
 use crate::hdl::design::{Direction, Module, Port};
 use crate::hdl::error::HdlError;
-use crate::hdl::ir::{Id, Node, Place, Root};
+use crate::hdl::ir::{Id, Node, Op, Place, Root};
 use std::collections::HashSet;
 use std::panic::Location;
 use std::sync::Arc;
@@ -59,6 +59,11 @@ impl<'m> MemoryRef<'m> {
     /// The write port's address, for a [`Mutation`].
     pub fn write_address(&self) -> Reads<&'m Module> {
         write_port(self.module, self.index, 1)
+    }
+
+    /// The write port's data, for a [`Mutation`].
+    pub fn write_data(&self) -> Reads<&'m Module> {
+        write_port(self.module, self.index, 2)
     }
 }
 
@@ -166,11 +171,22 @@ impl Module {
         let named = |node: &Node| node.name.as_deref() == Some(name);
         let output =
             |(port, _): &(Port, Id)| port.direction == Direction::Output && port.name == name;
-        let point = match self.ir.ports.iter().position(output) {
-            Some(port) => Some(Point::Output(port)),
+        let ports = &self.ir.ports;
+        let point = match ports.iter().position(output) {
+            Some(port) => {
+                // What has no other name is what the port is.
+                let id = ports[port].1;
+                let node = &self.ir.nodes[id];
+                let first = ports.iter().position(|(_, other)| *other == id);
+                let own = node.name.is_none() && !matches!(node.op, Op::Literal(_));
+                Some(match own && first == Some(port) {
+                    true => Point::Node(id),
+                    false => Point::Output(port),
+                })
+            }
             None => self.ir.nodes.iter().position(named).map(Point::Node),
         };
-        let module = self;
+        let (module, place) = (self, Location::caller());
         point
             .map(|point| SignalRef { module, point })
             .ok_or_else(|| {
@@ -178,7 +194,7 @@ impl Module {
                 let nodes = self.ir.nodes.iter();
                 let named = nodes.filter_map(|node| node.name.as_deref());
                 let names: Vec<_> = named.chain(outputs).collect();
-                self.missing("it has no signal", name, &names, Location::caller())
+                self.missing("it has no signal", name, &names, place)
             })
     }
 
