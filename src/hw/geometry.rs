@@ -654,15 +654,15 @@ pub fn module(plan: &Plan) -> Result<Geometry, HdlError> {
 
     let weighted_at = tested.weighted[0].stage().unwrap_or(0);
     let entered = p.enter(influence.valid).cleared_by_reset();
-    let weighted = Flow {
-        valid: entered.at(weighted_at).untimed(),
-        payload: Weighted {
+    let weighted = Flow::new(
+        entered.at(weighted_at).untimed(),
+        Weighted {
             mark: (influence.payload.mark).map(|_, mark| p.enter(mark).at(weighted_at).untimed()),
             point: Vector {
                 axes: tested.weighted.map(Signal::untimed),
             },
         },
-    };
+    );
     let [a, b, c, d, e, f_sum] = tested.sum.map(Signal::untimed);
 
     m.comment("A ray's window is kept as soon as its box slot has it.");
@@ -705,9 +705,9 @@ pub fn module(plan: &Plan) -> Result<Geometry, HdlError> {
     );
     let left_at = object_near.stage().unwrap_or(leaves_at) + 1;
     let left = |signal| Signal::at(signal, left_at).untimed();
-    let object = Flow {
-        valid: left(origin_slot),
-        payload: Moved {
+    let object = Flow::new(
+        left(origin_slot),
+        Moved {
             place: Place {
                 packet: left(packet),
                 ray: left(ray),
@@ -723,7 +723,7 @@ pub fn module(plan: &Plan) -> Result<Geometry, HdlError> {
                 tmax: left(object_far),
             },
         },
-    };
+    );
     let start_root = root.unpack(plan.read(roots, next_packet));
     let start_leaf = leaf_word.unpack(plan.read(leaves, next_packet));
     let start = Start {
@@ -788,14 +788,14 @@ pub fn module(plan: &Plan) -> Result<Geometry, HdlError> {
         plan.ray_index(out_packet, out_ray),
         merged.untimed(),
     );
-    let limit = Flow {
-        valid: writes,
-        payload: Limit {
+    let limit = Flow::new(
+        writes,
+        Limit {
             packet: out_packet,
             ray: out_ray,
             value: any.mux(minus_infinity, t.at(merged_at)).untimed(),
         },
-    };
+    );
 
     m.comment("Which rays have hit something, gathered over the triangle's rays.");
     let gathered = m.reg("gathered", rays);
@@ -809,9 +809,9 @@ pub fn module(plan: &Plan) -> Result<Geometry, HdlError> {
         .mux(touched.at(merged_at).untimed(), gathered.q);
     let now_touched = (so_far | m.concat(&one_hot)).named("now_touched");
     gathered.next_when(valid.at(merged_at).untimed(), now_touched);
-    let done = Flow {
-        valid: (valid.at(merged_at) & last.at(merged_at)).untimed(),
-        payload: InContext {
+    let done = Flow::new(
+        (valid.at(merged_at) & last.at(merged_at)).untimed(),
+        InContext {
             packet: out_packet,
             context: context.pack(Context {
                 level: leaf_context.level.at(merged_at).untimed(),
@@ -819,7 +819,7 @@ pub fn module(plan: &Plan) -> Result<Geometry, HdlError> {
                 inside: leaf_context.inside.at(merged_at).untimed(),
             }),
         },
-    };
+    );
     let read = m.pipeline();
     let read_index = read.enter(plan.ray_index(hit_packet, hit_ray));
     let read_word = closest_word.unpack(closest.read(read_index).untimed());
@@ -847,16 +847,10 @@ pub fn module(plan: &Plan) -> Result<Geometry, HdlError> {
     let outputs = Outputs {
         leaf_ready: record_ready,
         record: ReadOutputs {
-            request: Flow {
-                valid: leaf_valid,
-                payload: record_request,
-            },
+            request: Flow::new(leaf_valid, record_request),
         },
         vertex: ReadOutputs {
-            request: Flow {
-                valid: job_valid,
-                payload: vertex_request,
-            },
+            request: Flow::new(job_valid, vertex_request),
         },
         skin_weighted: weighted,
         skin_pair_sum: [a, b, c],
@@ -875,14 +869,8 @@ pub fn module(plan: &Plan) -> Result<Geometry, HdlError> {
         slot_taken: busy.q,
         test_issued: busy.q & !now_instance.q,
         transform_issued: in_slot(ORIGIN_SLOT),
-        watch_test: Flow {
-            valid: merged(valid),
-            payload: watch_test,
-        },
-        watch_transform: Flow {
-            valid: object.valid,
-            payload: watch_transform,
-        },
+        watch_test: Flow::new(merged(valid), watch_test),
+        watch_transform: Flow::new(object.valid, watch_transform),
     };
     ports.outputs.outputs(&m, outputs);
     Ok(Geometry {

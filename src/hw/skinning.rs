@@ -461,22 +461,16 @@ pub(super) fn module(plan: &Plan, test: &Module) -> Result<Arc<Module>, HdlError
         influence: ReadOutputs {
             request: fetched_rows.request,
         },
-        palette: Flow {
-            valid: column_comes,
-            payload: palette,
-        },
-        issue: Flow {
-            valid: issued.q,
-            payload: influence,
-        },
+        palette: Flow::new(column_comes, palette),
+        issue: Flow::new(issued.q, influence),
         operands: Sums { pair, vertex },
-        write: Flow {
-            valid: shown,
-            payload: Write {
+        write: Flow::new(
+            shown,
+            Write {
                 address: next_written.q,
                 data: front,
             },
-        },
+        ),
         done: done.q,
         influence_issued: issue,
     };

@@ -701,18 +701,15 @@ pub fn module(plan: &Plan) -> Result<UpdateProcessor, HdlError> {
         vertex: ReadOutputs {
             request: fetched.request,
         },
-        node_write: Flow {
-            valid: node_valid,
-            payload: NodeWrite {
+        node_write: Flow::new(
+            node_valid,
+            NodeWrite {
                 address: next_node.q,
                 mask: m.lit(NODE_MASK, NODE_LANES),
                 data: node_front.extend(Record::node(f).width),
             },
-        },
-        box_write: Flow {
-            valid: box_shown.q,
-            payload: box_write,
-        },
+        ),
+        box_write: Flow::new(box_shown.q, box_write),
         done,
         count,
     };
