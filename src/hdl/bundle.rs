@@ -398,23 +398,22 @@ pub trait Signals<'b>: Bundle<Leaf = Signal<'b>> {
             signal.named_from(&name.to_string(), place)
         })
     }
-
-    /// This bundle where `condition` is 1, `otherwise` where it is 0, field by field.
-    #[track_caller]
-    fn or_else(&self, condition: Signal<'b>, otherwise: Self) -> Self {
-        let place = Location::caller();
-        let Ok(chosen) = Self::Shape::each(self.zip(otherwise), &Name::root(""), &mut |_,
-                                                                                       (
-            then,
-            otherwise,
-        )| {
-            Ok::<_, Infallible>(condition.mux_from(then, otherwise, place))
-        });
-        chosen
-    }
 }
 
 impl<'b, B: Bundle<Leaf = Signal<'b>>> Signals<'b> for B {}
+
+impl<'b> Signal<'b> {
+    /// `then` where this bit is 1, `otherwise` where it is 0, field by field.
+    #[track_caller]
+    pub fn choose<B: Signals<'b>>(self, then: B, otherwise: B) -> B {
+        let place = Location::caller();
+        let mut chosen = pairs(&then, otherwise).into_iter();
+        then.map(|_, _| {
+            let (then, otherwise) = chosen.next().expect("a pair for each field");
+            self.mux_from(then, otherwise, place)
+        })
+    }
+}
 
 /// A bundle's definition.
 pub trait Specs: Bundle<Leaf = Spec> {
@@ -1035,7 +1034,7 @@ mod tests {
         );
         assert_eq!(of.get(word, &of.value).literal(), Some(5));
         let zero = of.zero(&m);
-        let least = item.or_else(m.lit(0u8, 1), zero);
+        let least = m.lit(0u8, 1).choose(item, zero);
         assert_eq!(of.pack(least).literal(), Some(0));
         let both = item.zip(values).fields();
         assert!(

@@ -350,11 +350,6 @@ pub fn module(plan: &Plan) -> Result<Geometry, HdlError> {
     let roots = m.memory("root_memory", packets, root.width(), Style::Block);
     roots.write(instance_answer, record_packet, root_data);
     let job = Job::of(plan);
-    // An instance's first vector is named where a triangle's first vertex is.
-    assert_eq!(
-        Record::instance().field("vectors").lsb,
-        Record::triangle().field("v0").lsb
-    );
     let job_done = m.wire("job_done", 1);
     let (job_valid, job_front) = fifo::place_block(
         plan,
@@ -364,6 +359,7 @@ pub fn module(plan: &Plan) -> Result<Geometry, HdlError> {
         job.pack(Job {
             packet: record_packet,
             instance: record_is_instance,
+            // An instance's first vector is named where a triangle's first vertex is.
             v0: triangle.v0.low(a),
             v1: triangle.v1.low(a),
             v2: triangle.v2.low(a),
@@ -531,21 +527,19 @@ pub fn module(plan: &Plan) -> Result<Geometry, HdlError> {
     let of_ray = early.unpack(ray_word);
     let direction = match (world, of_ray.direction) {
         (Some(world), _) => {
-            let of_world = Line::of(plan).direction;
-            let width = of_world.iter().map(|axis| axis.width).sum();
-            let memory = m.memory("direction_memory", by_ray, width, Style::Block);
+            let of_world = Vector::of(plan);
+            let memory = m.memory("direction_memory", by_ray, of_world.width(), Style::Block);
             let World {
                 packet,
                 ray,
-                direction: [x, y, z],
+                direction: axes,
             } = world.payload;
             memory.write(
                 world.valid,
                 plan.ray_index(packet, ray),
-                m.concat(&[z, y, x]),
+                of_world.pack(Vector { axes }),
             );
-            let word = plan.read(memory, index);
-            [0, 1, 2].map(|i| word.field(i * w, w))
+            of_world.unpack(plan.read(memory, index)).axes
         }
         (None, Some(direction)) => direction,
         (None, None) => unreachable!("the test needs no direction only if it is watertight"),

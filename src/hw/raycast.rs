@@ -10,8 +10,8 @@ use super::tpu::{self, StepWatch};
 use crate::bkd::layout::{Record, fields};
 use crate::config::Config;
 use crate::hdl::{
-    Builder, Bundle, Design, Flow, HdlError, Module, ReadInputs, ReadOutputs, Response, Signals,
-    Spec, Specs, Style, Wires, Write,
+    Builder, Bundle, Design, Flow, HdlError, Module, ReadInputs, ReadOutputs, Response, Spec,
+    Specs, Style, Wires, Write,
 };
 use crate::{bundle, interface};
 use std::sync::Arc;
@@ -414,7 +414,7 @@ pub(super) fn module(plan: &Plan) -> Result<Arc<Module>, HdlError> {
     };
     let hit = TaggedHit {
         tag: tags.read_now(out_packet),
-        hit: intersection.read.or_else(touched, miss),
+        hit: touched.choose(intersection.read, miss),
     };
 
     m.comment("Skinning borrows the geometry unit and its port to vertex memory.");

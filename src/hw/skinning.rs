@@ -416,8 +416,14 @@ pub(super) fn module(plan: &Plan, test: &Module) -> Result<Arc<Module>, HdlError
         .q
         .equals(last_index)
         .mux(first_index, head.q + index_unit);
-    let [x, y, z] = vertex_sum;
-    queue.write(vertex_done, tail.q, m.concat(&[z, y, x]));
+    let sum = fields::Vertex {
+        position: vertex_sum,
+    };
+    queue.write(
+        vertex_done,
+        tail.q,
+        fields::Vertex::of(plan.format).pack(sum),
+    );
     tail.next_when(vertex_done, next_tail);
     let written = m.wire("written", 1);
     let readable = m.reg_reset("queue_grows", 1, 0);
