@@ -11,15 +11,19 @@ use common::{prepare, shared_scene};
 use dynrt::bkd::layout::{influence_words, vector_words};
 use dynrt::bkd::{Columns, Influence, Record};
 use dynrt::config::{Config, TriangleTest};
-use dynrt::cosim::memory::{ReadPort, ReadRequest, ReadResponse, Timing};
-use dynrt::cosim::model::{BuildOptions, Model, PortHandle, build};
+use dynrt::cosim::memory::{ReadHandles, ReadPort, ReadResponse, Timing};
+use dynrt::cosim::model::{BuildOptions, Model, build};
 use dynrt::cosim::scoreboard::{Fault, Surroundings, UnitOptions};
 use dynrt::cosim::sources;
 use dynrt::cosim::unit_skinning::{SkinFigures, SkinMesh, SkinReport, Traffic, Workload, run};
 use dynrt::float::Arithmetic;
 use dynrt::golden::Caster;
 use dynrt::golden::skinning::skin_vertices;
-use dynrt::hw::emit;
+use dynrt::hdl::Ports;
+use dynrt::hw::ray::{Limits, Line};
+use dynrt::hw::raycast::{emit, ports};
+use dynrt::hw::skinning::Mesh;
+use dynrt::hw::{self, Plan};
 use dynrt::scene::load_animated;
 
 fn seed() -> u64 {
@@ -251,14 +255,14 @@ fn faults_are_mismatches() {
 
 /// A read port of the ray casting unit with the array behind it.
 struct Memory {
-    handles: [PortHandle; 7],
+    handles: ReadHandles,
     port: ReadPort,
     words_per_record: usize,
     answer: Option<ReadResponse>,
 }
 
 impl Memory {
-    fn new(model: &Model, name: &str, words: &[u32], record: &Record, seed: u64) -> Memory {
+    fn new(handles: ReadHandles, name: &str, words: &[u32], record: &Record, seed: u64) -> Memory {
         let timing = Timing {
             latency: 3,
             jitter: 9,
@@ -268,14 +272,8 @@ impl Memory {
             ..Timing::default()
         };
         let rows = words.len() / record.words();
-        let names = ["request_valid", "request_address", "request_tag"];
-        let inputs = ["request_ready", "response_valid", "response_tag"];
-        let names = names.iter().chain(&inputs).chain(&["response_data"]);
-        let handles: Vec<_> = names
-            .map(|port| model.port(&format!("{name}_{port}")).unwrap())
-            .collect();
         Memory {
-            handles: handles.try_into().unwrap(),
+            handles,
             port: ReadPort::new(name, rows as u64, timing).unwrap(),
             words_per_record: record.words(),
             answer: None,
@@ -284,24 +282,17 @@ impl Memory {
 
     /// Shows the inputs for the coming edge.
     fn show(&self, model: &mut Model, words: &[u32]) {
-        let [_, _, _, ready, valid, tag, data] = self.handles;
-        model.set(ready, self.port.ready().into());
-        model.set(valid, self.answer.is_some().into());
-        if let Some(answer) = self.answer {
+        model.set(self.handles.request.ready, self.port.ready().into());
+        let data = self.answer.map_or(&[][..], |answer| {
             let start = answer.address as usize * self.words_per_record;
-            model.set(tag, answer.tag.into());
-            model.set_words(data, &words[start..start + self.words_per_record]);
-        }
+            &words[start..start + self.words_per_record]
+        });
+        self.handles.respond(model, self.answer, data);
     }
 
     /// What the edge brings.
     fn step(&mut self, model: &Model) {
-        let [valid, address, tag, ..] = self.handles;
-        let request = (model.get(valid) != 0).then(|| ReadRequest {
-            address: model.get(address),
-            tag: model.get(tag) as u32,
-        });
-        self.answer = self.port.step(request).unwrap();
+        self.answer = self.port.step(self.handles.request(model)).unwrap();
     }
 }
 
@@ -337,15 +328,15 @@ fn rays_and_meshes_take_turns() {
     vertices.extend(vector_words(format, palette.as_flattened()));
     vertices.extend(vector_words(format, &rest));
     vertices.extend(vec![0; skinned.len()]);
-    let start_values = [
-        ("palette", base),
-        ("joints", 9),
-        ("influences", 0),
-        ("rows", 75),
-        ("rest", base + 36),
-        ("vertices", 100),
-        ("target", base + 136),
-    ];
+    let mesh = Mesh {
+        palette: base,
+        joints: 9,
+        influences: 0,
+        rows: 75,
+        rest: base + 36,
+        vertices: 100,
+        target: base + 136,
+    };
     let target = (base as usize + 136) * 3;
 
     let machine = emit(&config).unwrap();
@@ -355,42 +346,50 @@ fn rays_and_meshes_take_turns() {
     model.reset(4);
     let nodes = prepared.image.node_words();
     let records = prepared.image.record_words();
+    let ports = model.ports(&ports(&Plan::new(&config).unwrap())).unwrap();
+    let Ports { inputs, outputs } = ports;
     let mut memories = [
-        ("node", &nodes, Record::node(format)),
-        ("record", &records, Record::triangle()),
-        ("vertex", &vertices, Record::vertex(format)),
-        ("influence", &rows, Record::influence_row(format)),
+        (
+            "node",
+            outputs.node,
+            inputs.node,
+            &nodes,
+            Record::node(format),
+        ),
+        (
+            "record",
+            outputs.record,
+            inputs.record,
+            &records,
+            Record::triangle(),
+        ),
+        (
+            "vertex",
+            outputs.vertex,
+            inputs.vertex,
+            &vertices,
+            Record::vertex(format),
+        ),
+        (
+            "influence",
+            outputs.influence,
+            inputs.influence,
+            &rows,
+            Record::influence_row(format),
+        ),
     ]
-    .map(|(name, words, record)| Memory::new(&model, name, words, &record, rng.u64(..)));
+    .map(|(name, outputs, inputs, words, record)| {
+        let handles = ReadHandles::of_unit(outputs, inputs);
+        Memory::new(handles, name, words, &record, rng.u64(..))
+    });
 
-    let port = |model: &Model, name: &str| model.port(name).unwrap();
-    let set = |model: &mut Model, name: &str, value: u64| {
-        let port = model.port(name).unwrap();
-        model.set(port, value);
-    };
-    set(&mut model, "scene_root", prepared.image.root.pack().into());
+    model.set(inputs.scene_root, prepared.image.root.pack().into());
     let (lo, hi) = prepared.image.bounds;
-    for (i, x) in ["x", "y", "z"].into_iter().enumerate() {
-        set(&mut model, &format!("scene_lo_{x}"), format.to_bits(lo[i]));
-        set(&mut model, &format!("scene_hi_{x}"), format.to_bits(hi[i]));
+    for i in 0..3 {
+        model.set(inputs.scene_lo[i], format.to_bits(lo[i]));
+        model.set(inputs.scene_hi[i], format.to_bits(hi[i]));
     }
-    for (name, value) in start_values {
-        set(&mut model, &format!("skin_start_{name}"), value);
-    }
-    let [ray_valid, ray_ready, hit_valid, hit_ready] =
-        ["ray_valid", "ray_ready", "hit_valid", "hit_ready"].map(|name| port(&model, name));
-    let [start, start_ready, done, write_valid, write_ready] = [
-        "skin_start_valid",
-        "skin_start_ready",
-        "skin_done",
-        "skin_write_valid",
-        "skin_write_ready",
-    ]
-    .map(|name| port(&model, name));
-    let (write_address, write_data) = (
-        port(&model, "skin_write_address"),
-        port(&model, "skin_write_data"),
-    );
+    model.drive(&inputs.skin_start.payload, mesh);
 
     let (mut next_ray, mut hits_seen) = (0, 0);
     let mut places = vec![0; rays.len() / per_packet];
@@ -401,65 +400,68 @@ fn rays_and_meshes_take_turns() {
             break;
         }
         asks |= !skinning && rng.u32(..300) == 0;
-        model.set(start, asks.into());
+        model.set(inputs.skin_start.valid, asks.into());
         let offers = next_ray < rays.len() && rng.u8(..8) > 0;
-        model.set(ray_valid, offers.into());
+        model.set(inputs.ray.valid, offers.into());
         if let Some(ray) = rays.get(next_ray) {
-            let numbers = [("origin", ray.origin), ("direction", ray.direction)];
-            for (name, vector) in numbers {
-                for (x, number) in ["x", "y", "z"].into_iter().zip(vector) {
-                    let bits = format.to_bits(number);
-                    set(&mut model, &format!("ray_{name}_{x}"), bits);
-                }
-            }
-            set(&mut model, "ray_tmin", format.to_bits(ray.tmin));
-            set(&mut model, "ray_tmax", format.to_bits(ray.tmax));
-            set(&mut model, "ray_active", ray.active.into());
-            set(&mut model, "ray_any_hit", ray.any_hit.into());
-            set(&mut model, "ray_tag", (next_ray / per_packet) as u64);
+            let shown = hw::raycast::Ray {
+                tag: (next_ray / per_packet) as u64,
+                line: Line {
+                    origin: ray.origin.map(|x| format.to_bits(x)),
+                    direction: ray.direction.map(|x| format.to_bits(x)),
+                },
+                limits: Limits {
+                    tmin: format.to_bits(ray.tmin),
+                    tmax: format.to_bits(ray.tmax),
+                },
+                active: ray.active.into(),
+                any_hit: ray.any_hit.into(),
+            };
+            model.drive(&inputs.ray.payload, shown);
         }
         let takes_hit = rng.u8(..4) > 0;
-        model.set(hit_ready, takes_hit.into());
+        model.set(inputs.hit_ready, takes_hit.into());
         let takes_write = rng.u8(..4) > 0;
-        model.set(write_ready, takes_write.into());
+        model.set(inputs.skin_write_ready, takes_write.into());
         for (memory, words) in memories.iter().zip([&nodes, &records, &vertices, &rows]) {
             memory.show(&mut model, words);
         }
         model.eval();
 
-        if offers && model.get(ray_ready) != 0 {
+        if offers && model.get(outputs.ray_ready) != 0 {
             assert!(!asks && !skinning, "seed {seed}: a ray while a mesh waits");
             next_ray += 1;
         }
-        if takes_hit && model.get(hit_valid) != 0 {
+        if takes_hit && model.get(outputs.hit.valid) != 0 {
             assert!(!skinning, "seed {seed}: a hit while a mesh is skinned");
-            let get = |name: &str| model.get(model.port(name).unwrap());
-            let packet = get("hit_tag") as usize;
+            let shown = model.sample(&outputs.hit.payload);
+            let packet = shown.tag as usize;
             let hit = &hits[packet * per_packet + places[packet]];
             places[packet] += 1;
             hits_seen += 1;
             let number = |x| format.to_bits(x);
             let expected = [number(hit.t), number(hit.u), number(hit.v)];
-            assert_eq!([get("hit_t"), get("hit_u"), get("hit_v")], expected);
-            assert_eq!(get("hit_triangle"), u64::from(hit.triangle));
+            let shown = shown.hit;
+            assert_eq!([shown.t, shown.u, shown.v], expected);
+            assert_eq!(shown.triangle, u64::from(hit.triangle));
         }
-        if asks && model.get(start_ready) != 0 {
+        if asks && model.get(outputs.skin_start_ready) != 0 {
             let whole = next_ray / per_packet * per_packet;
             assert_eq!(hits_seen, whole, "seed {seed}: packets are under way");
             in_between += usize::from(next_ray > 0 && next_ray < rays.len());
             (asks, skinning) = (false, true);
             vertices[target..].fill(0);
         }
-        if takes_write && model.get(write_valid) != 0 {
-            let at = model.get(write_address) as usize * 3;
+        if takes_write && model.get(outputs.skin_write.valid) != 0 {
+            let at = model.get(outputs.skin_write.payload.address) as usize * 3;
             assert!(at >= target, "seed {seed}: a write outside");
-            model.get_words(write_data, &mut vertices[at..at + 3]);
+            model.get_words(outputs.skin_write.payload.data, &mut vertices[at..at + 3]);
         }
         for memory in &mut memories {
             memory.step(&model);
         }
         model.clock();
-        if model.get(done) != 0 {
+        if model.get(outputs.skin_done) != 0 {
             assert_eq!(vertices[target..], skinned, "seed {seed}");
             skinning = false;
             meshes += 1;

@@ -1153,6 +1153,9 @@ mod tests {
         alike(&Record::link_word(), &fields::Link::of());
         alike(&Record::triangle(), &fields::Triangle::of());
         alike(&Record::instance(), &fields::Instance::of());
+        // One piece of hardware reads either, before it knows which it is.
+        let (triangle, instance) = (Record::triangle(), Record::instance());
+        assert_eq!(instance.field("vectors").lsb, triangle.field("v0").lsb);
     }
 
     #[test]

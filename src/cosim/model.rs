@@ -30,15 +30,12 @@ use libloading::Library;
 
 use super::build::interface;
 pub use super::build::{BuildOptions, Built, Port, Sources, build, lint};
-use crate::hdl::bundle::Shape;
+use crate::hdl::bundle::{Like, LikePorts};
 use crate::hdl::{Bundle, Ports, Spec};
 
 /// A port of a [`Model`], found once by name with [`Model::port`]; good for that model only.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct PortHandle(u32);
-
-/// The ports of a bundle's definition.
-type Handles<B> = <<B as Bundle>::Shape as Shape>::Of<PortHandle>;
 
 /// How Verilator stores a port: in the least of these integers that holds it, else in 32-bit words.
 #[derive(Clone, Copy, Debug)]
@@ -231,23 +228,19 @@ impl Model {
     pub fn ports<I: Bundle<Leaf = Spec>, O: Bundle<Leaf = Spec>>(
         &self,
         ports: &Ports<I, O>,
-    ) -> Result<Ports<Handles<I>, Handles<O>>> {
+    ) -> Result<LikePorts<I, O, PortHandle>> {
         ports.try_map(|spec| self.port(&spec.name))
     }
 
     /// The values of some ports, of each the low 64 bits.
     #[inline]
-    pub fn sample<B: Bundle<Leaf = PortHandle>>(&self, ports: &B) -> <B::Shape as Shape>::Of<u64> {
+    pub fn sample<B: Bundle<Leaf = PortHandle>>(&self, ports: &B) -> Like<B, u64> {
         ports.map(|_, port| self.get(port))
     }
 
     /// Gives some ports values, as [`Model::set`] does.
     #[inline]
-    pub fn drive<B: Bundle<Leaf = PortHandle>>(
-        &mut self,
-        ports: &B,
-        values: <B::Shape as Shape>::Of<u64>,
-    ) {
+    pub fn drive<B: Bundle<Leaf = PortHandle>>(&mut self, ports: &B, values: Like<B, u64>) {
         ports.with(values, |port, value| self.set(port, value));
     }
 

@@ -11,10 +11,11 @@ use super::timing;
 use crate::bkd::layout::{MemoryImage, Record};
 use crate::config::Config;
 use crate::float::Format;
-use crate::golden::{Caster, EnterEvent, Observer, RayTest, StepEvent};
+use crate::golden::{Caster, EnterEvent, Observer, Outcome, RayTest, StepEvent};
 use crate::hdl::{self, Bundle};
-use crate::hw::geometry::TransformWatch;
+use crate::hw::geometry::{TestWatch, TransformWatch};
 use crate::hw::ray::{Interval, Line};
+use crate::hw::tpu::StepWatch;
 use crate::hw::{self, Plan};
 use crate::port::{Hit, NONE, Ray};
 use anyhow::{Result, bail, ensure};
@@ -231,6 +232,84 @@ impl MemoryPort {
 }
 
 type Ports = hdl::Ports<hw::raycast::Inputs<PortHandle>, hw::raycast::Outputs<PortHandle>>;
+
+/// What differs between the packet step shown and the golden model's: nothing, or all fields.
+pub(super) fn compare_step(
+    model: &Model,
+    ports: &StepWatch<PortHandle>,
+    format: Format,
+    golden: &StepEvent,
+) -> Vec<Field> {
+    let (shown, width) = (model.sample(ports), format.width());
+    let [left, right] = [&golden.left, &golden.right];
+    // Left, if a ray that enters both children goes there first, or if no ray goes right.
+    let left_first = left.mask != 0 && (golden.left_first != 0 || right.mask == 0);
+    let integers = [
+        ("node", golden.node.into(), shown.node),
+        ("rays that go left", left.mask.into(), shown.left),
+        ("rays that go right", right.mask.into(), shown.right),
+        ("left first", left_first.into(), shown.left_first),
+    ];
+    let sides = [
+        ("left", left, ports.left_intervals),
+        ("right", right, ports.right_intervals),
+    ];
+    // Near and far of all rays that enter.
+    let numbers = sides.into_iter().flat_map(|(side, set, port)| {
+        let rays = (0..u8::BITS).filter(|k| set.mask >> k & 1 != 0);
+        rays.flat_map(move |k| {
+            let ends = [("near", set.near, 2 * k), ("far", set.far, 2 * k + 1)];
+            ends.map(|(end, of, place)| {
+                let rtl = model.get_field(port, place * width, width);
+                ((k, side, end), format.to_bits(of[k as usize]), rtl)
+            })
+        })
+    });
+    if integers.iter().all(|(_, golden, rtl)| golden == rtl)
+        && numbers.clone().all(|(_, golden, rtl)| golden == rtl)
+    {
+        return vec![];
+    }
+    let integers = integers.map(|(name, golden, rtl)| Field::integer(name, golden, rtl));
+    let numbers = numbers.map(|((ray, side, end), golden, rtl)| {
+        Field::number(format!("ray {ray} {side} {end}"), format, golden, rtl)
+    });
+    integers.into_iter().chain(numbers).collect()
+}
+
+/// t, u and v that a test must show: those of a hit, and any of a miss.
+pub(super) fn test_numbers(shown: &TestWatch<u64>, format: Format, golden: &Outcome) -> [u64; 3] {
+    match golden.hit {
+        true => [golden.t, golden.raw[1], golden.raw[2]].map(|x| format.to_bits(x)),
+        false => [shown.t, shown.u, shown.v],
+    }
+}
+
+/// What differs between the ray-triangle test shown and the one expected: nothing, or all fields.
+pub(super) fn compare_test(
+    shown: &TestWatch<u64>,
+    format: Format,
+    expected: &TestWatch<u64>,
+) -> Vec<Field> {
+    if shown == expected {
+        return vec![];
+    }
+    let integers = [
+        ("ray of the packet", expected.ray, shown.ray),
+        ("record", expected.record, shown.record),
+        ("instance", expected.instance, shown.instance),
+        ("hit", expected.hit, shown.hit),
+        ("replaces the closest", expected.replaces, shown.replaces),
+    ];
+    let numbers = [
+        ("t", expected.t, shown.t),
+        ("u", expected.u, shown.u),
+        ("v", expected.v, shown.v),
+    ];
+    let integers = integers.map(|(name, golden, rtl)| Field::integer(name, golden, rtl));
+    let numbers = numbers.map(|(name, golden, rtl)| Field::number(name, format, golden, rtl));
+    integers.into_iter().chain(numbers).collect()
+}
 
 /// What differs between the transformed ray shown and the golden model's: nothing, or all fields.
 pub(super) fn compare_transform(
@@ -655,79 +734,18 @@ impl<'a> Run<'a> {
         if self.model.get(watch.valid) == 0 {
             return Ok(false);
         }
-        let watch = &watch.payload;
-        let step = self.model.sample(watch);
-        let packet = step.packet as usize;
+        let packet = self.model.get(watch.payload.packet) as usize;
         let expected = self.expected("tpu", packet)?;
-        let rays = self.config.rays_per_packet;
-        let width = self.format.width();
-        let at = expected.next_step;
-        let place = || {
-            format!(
-                "packet step {at} of the packet of rays {} to {}",
-                expected.first_ray,
-                expected.first_ray + rays as usize - 1
-            )
-        };
+        let (at, first) = (expected.next_step, expected.first_ray);
+        let last = first + self.config.rays_per_packet as usize - 1;
+        let place = || format!("packet step {at} of the packet of rays {first} to {last}");
         let Some(golden) = expected.steps.get(at) else {
-            let node = step.node;
-            return Err(self.mismatch(
-                "tpu",
-                format!(
-                    "{}, which has only {}: node {node}",
-                    place(),
-                    expected.steps.len()
-                ),
-                vec![],
-            ));
+            let (node, steps) = (self.model.get(watch.payload.node), expected.steps.len());
+            let place = format!("{}, which has only {steps}: node {node}", place());
+            return Err(self.mismatch("tpu", place, vec![]));
         };
-        let masks = [step.left, step.right];
-        let intervals = [watch.left_intervals, watch.right_intervals];
-        let both = golden.left.mask != 0 && golden.right.mask != 0;
-        let mut agrees = step.node == u64::from(golden.node)
-            && masks == [u64::from(golden.left.mask), u64::from(golden.right.mask)]
-            && (!both || (step.left_first != 0) == (golden.left_first != 0));
-        for (set, port) in [&golden.left, &golden.right].into_iter().zip(intervals) {
-            for k in 0..rays {
-                if set.mask >> k & 1 != 0 {
-                    let near = self.model.get_field(port, 2 * k * width, width);
-                    let far = self.model.get_field(port, (2 * k + 1) * width, width);
-                    agrees &= near == self.format.to_bits(set.near[k as usize])
-                        && far == self.format.to_bits(set.far[k as usize]);
-                }
-            }
-        }
-        if !agrees {
-            let mut fields = vec![
-                Field::integer("node", u64::from(golden.node), step.node),
-                Field::integer("rays that go left", u64::from(golden.left.mask), masks[0]),
-                Field::integer("rays that go right", u64::from(golden.right.mask), masks[1]),
-            ];
-            if both {
-                fields.push(Field::integer(
-                    "left first",
-                    u64::from(golden.left_first != 0),
-                    step.left_first,
-                ));
-            }
-            for (name, set, port) in [
-                ("left", &golden.left, intervals[0]),
-                ("right", &golden.right, intervals[1]),
-            ] {
-                for k in (0..rays).filter(|k| set.mask >> k & 1 != 0) {
-                    for (which, value, lsb) in [
-                        ("near", set.near[k as usize], 2 * k * width),
-                        ("far", set.far[k as usize], (2 * k + 1) * width),
-                    ] {
-                        fields.push(Field::number(
-                            format!("ray {k} {name} {which}"),
-                            self.format,
-                            self.format.to_bits(value),
-                            self.model.get_field(port, lsb, width),
-                        ));
-                    }
-                }
-            }
+        let fields = compare_step(self.model, &watch.payload, self.format, golden);
+        if !fields.is_empty() {
             return Err(self.mismatch("tpu", place(), fields));
         }
         if let Some(expected) = &mut self.expected[packet] {
@@ -764,24 +782,19 @@ impl<'a> Run<'a> {
                 vec![],
             ));
         };
-        let outcome = &golden.outcome;
-        let rtl = [test.t, test.u, test.v];
-        let numbers = [outcome.t, outcome.raw[1], outcome.raw[2]].map(|x| self.format.to_bits(x));
-        let agrees = test.ray == u64::from(golden.slot)
-            && test.record == u64::from(golden.record)
-            && test.instance == u64::from(golden.instance)
-            && (test.hit != 0) == outcome.hit
-            && (!outcome.hit || rtl == numbers);
-        if !agrees {
-            let mut fields = vec![
-                Field::integer("ray of the packet", u64::from(golden.slot), test.ray),
-                Field::integer("record", u64::from(golden.record), test.record),
-                Field::integer("instance", u64::from(golden.instance), test.instance),
-                Field::integer("hit", u64::from(outcome.hit), test.hit),
-            ];
-            for (i, name) in ["t", "u", "v"].into_iter().enumerate() {
-                fields.push(Field::number(name, self.format, numbers[i], rtl[i]));
-            }
+        let [t, u, v] = test_numbers(&test, self.format, &golden.outcome);
+        let expected = TestWatch {
+            ray: golden.slot.into(),
+            record: golden.record.into(),
+            instance: golden.instance.into(),
+            hit: golden.outcome.hit.into(),
+            t,
+            u,
+            v,
+            ..test
+        };
+        let fields = compare_test(&test, self.format, &expected);
+        if !fields.is_empty() {
             return Err(self.mismatch("geometry", place(golden.slot.into()), fields));
         }
         if let Some(expected) = &mut self.expected[packet] {

@@ -14,7 +14,7 @@
 use super::memory::Image;
 use super::mismatch::Field;
 use super::model::{BuildOptions, PortHandle};
-use super::raycast::{MemoryPort, compare_transform};
+use super::raycast::{MemoryPort, compare_test, compare_transform, test_numbers};
 use super::scoreboard::{
     Bench, Category, RESET_CYCLES, RaySetUp, SetupPlace, Surroundings, UnitOptions, UnitReport,
 };
@@ -26,10 +26,10 @@ use crate::golden::{
     Closest, EnterEvent, HandOver, Instance, Observer, Outcome, RaySetup, Transformed, Triangle,
     WHOLE_LINE,
 };
-use crate::hdl::{self, Bundle, ReadPort, Spec, Specs};
+use crate::hdl::{self, Bundle, Flow, ReadPort, Spec, Specs};
 use crate::hw::Plan;
-use crate::hw::geometry::{self, World};
-use crate::hw::ray::{Context, Leaf};
+use crate::hw::geometry::{self, TestWatch, World};
+use crate::hw::ray::{Context, InContext, Leaf, Limit};
 use crate::port::Ray;
 use anyhow::{Result, ensure};
 use std::collections::VecDeque;
@@ -983,35 +983,59 @@ impl<'a> Run<'a> {
         };
         let is_done = packet.tests.is_empty();
         let leaf = packet.leaf();
-        let hits = expected.outcome.hit;
-        let bits = |x: f64| self.format.to_bits(x);
-        let numbers = [
-            expected.outcome.t,
-            expected.outcome.raw[1],
-            expected.outcome.raw[2],
-        ];
-        let (inside, instance) = (u64::from(self.instanced), packet.instance);
-        let context = self.context.encode(Context {
-            level: packet.level,
-            touched: packet.touched,
-            inside,
-        });
-        let agrees = test.ray == expected.ray as u64
-            && test.record == u64::from(leaf.record)
-            && test.instance == u64::from(instance)
-            && test.hit == u64::from(hits)
-            && test.replaces == u64::from(expected.replaces)
-            && (!hits || [test.t, test.u, test.v] == numbers.map(bits))
-            && limit.valid == u64::from(expected.replaces)
-            && (!expected.replaces
-                || limit.payload.packet == id as u64
-                    && limit.payload.ray == expected.ray as u64
-                    && limit.payload.value == bits(expected.limit))
-            && done.valid == u64::from(is_done)
-            && (!is_done || done.payload.packet == id as u64 && done.payload.context == context);
-        if !agrees {
-            let packet = self.packets[id].as_ref().expect("it was there just now");
-            return Err(self.test_mismatch(id, packet, &expected, context));
+        let (id_bits, ray, bits) = (id as u64, expected.ray as u64, |x| self.format.to_bits(x));
+        let replaces = u64::from(expected.replaces);
+        let [t, u, v] = test_numbers(&test, self.format, &expected.outcome);
+        let golden_test = TestWatch {
+            packet: id_bits,
+            ray,
+            record: leaf.record.into(),
+            instance: packet.instance.into(),
+            hit: expected.outcome.hit.into(),
+            replaces,
+            t,
+            u,
+            v,
+        };
+        // What stands beside a low valid has no meaning.
+        let golden_limit = match expected.replaces {
+            true => Limit {
+                packet: id_bits,
+                ray,
+                value: bits(expected.limit),
+            },
+            false => limit.payload,
+        };
+        let golden_done = match is_done {
+            true => InContext {
+                packet: id_bits,
+                context: self.context.encode(Context {
+                    level: packet.level,
+                    touched: packet.touched,
+                    inside: self.instanced.into(),
+                }),
+            },
+            false => done.payload,
+        };
+        let limits = limit == Flow::new(replaces, golden_limit);
+        if test != golden_test || !limits || done != Flow::new(is_done.into(), golden_done) {
+            let mut fields = compare_test(&test, self.format, &golden_test);
+            let (format, value) = (self.format, golden_limit.value);
+            let (limited, ended) = (limit.payload, done.payload);
+            fields.extend([
+                Field::integer("limit given", replaces, limit.valid),
+                Field::integer("limit's packet", golden_limit.packet, limited.packet),
+                Field::integer("limit's ray", golden_limit.ray, limited.ray),
+                Field::number("limit", format, value, limited.value),
+                Field::integer("leaf done", is_done.into(), done.valid),
+                Field::integer("packet done", golden_done.packet, ended.packet),
+                Field::integer("its context", golden_done.context, ended.context),
+            ]);
+            let place = format!(
+                "ray-triangle test of ray {ray} of packet {} ({id} in flight) with record {}, its leaf {}",
+                packet.number, leaf.record, packet.next_leaf
+            );
+            return Err(self.bench.mismatch(place, fields));
         }
         if is_done {
             packet.next_leaf += 1;
@@ -1097,63 +1121,6 @@ impl<'a> Run<'a> {
         tally.transactions += u64::from(self.counted == Counted::Transforms);
         tally.checked += 1;
         Ok(Some((id, is_done)))
-    }
-
-    #[cold]
-    fn test_mismatch(
-        &self,
-        id: usize,
-        packet: &Packet,
-        expected: &Expected,
-        context: u64,
-    ) -> anyhow::Error {
-        let (ports, model) = (&self.ports.outputs, &self.bench.model);
-        let test = &ports.watch_test.payload;
-        let outcome = &expected.outcome;
-        let number = |name: &str, golden: f64, port| {
-            let golden = self.format.to_bits(golden);
-            Field::number(name, self.format, golden, model.get(port))
-        };
-        let integer = |name: &str, golden: u64, port| Field::integer(name, golden, model.get(port));
-        let record = packet.leaf().record;
-        let replaces = u64::from(expected.replaces);
-        let is_done = packet.tests.is_empty();
-        let mut fields = vec![
-            integer("ray of the packet", expected.ray as u64, test.ray),
-            integer("record", record.into(), test.record),
-            integer("instance", packet.instance.into(), test.instance),
-            integer("hit", outcome.hit.into(), test.hit),
-        ];
-        if outcome.hit {
-            fields.push(number("t", outcome.t, test.t));
-            fields.push(number("u", outcome.raw[1], test.u));
-            fields.push(number("v", outcome.raw[2], test.v));
-        }
-        fields.push(integer("replaces the closest", replaces, test.replaces));
-        fields.push(integer("limit given", replaces, ports.limit.valid));
-        if expected.replaces {
-            fields.push(integer(
-                "limit's packet",
-                id as u64,
-                ports.limit.payload.packet,
-            ));
-            fields.push(integer(
-                "limit's ray",
-                expected.ray as u64,
-                ports.limit.payload.ray,
-            ));
-            fields.push(number("limit", expected.limit, ports.limit.payload.value));
-        }
-        fields.push(integer("leaf done", is_done.into(), ports.done.valid));
-        if is_done {
-            fields.push(integer("packet done", id as u64, ports.done.payload.packet));
-            fields.push(integer("its context", context, ports.done.payload.context));
-        }
-        let place = format!(
-            "ray-triangle test of ray {} of packet {} ({id} in flight) with record {record}, its leaf {}",
-            expected.ray, packet.number, packet.next_leaf
-        );
-        self.bench.mismatch(place, fields)
     }
 
     /// Compares the closest hit that was asked for; returns whether it was the packet's last.

@@ -11,7 +11,7 @@
 
 use super::mismatch::Field;
 use super::model::PortHandle;
-use super::raycast::MemoryPort;
+use super::raycast::{MemoryPort, compare_step};
 use super::scoreboard::{
     Bench, Categories, Category, RESET_CYCLES, RaySetUp, SetupPlace, Surroundings, UnitOptions,
     UnitReport,
@@ -20,7 +20,7 @@ use super::workload::{Batch, Batches, TestScene, Workload};
 use crate::bkd::Target;
 use crate::config::Config;
 use crate::float::{Arithmetic, Format};
-use crate::golden::raycast::{RaySet, StepEvent};
+use crate::golden::raycast::StepEvent;
 use crate::golden::{
     Closest, EnterEvent, HandOver, Observer, PopEvent, PushEvent, RaySetup, RayTest,
 };
@@ -198,7 +198,6 @@ struct Run<'a> {
     config: &'a Config,
     format: Format,
     arithmetic: Arithmetic,
-    rays: u32,
     bench: Bench,
     ports: Ports,
     context: Context<Spec>,
@@ -238,7 +237,6 @@ impl<'a> Run<'a> {
             config,
             format,
             arithmetic: Arithmetic::new(format),
-            rays: plan.rays(),
             bench,
             ports,
             context: Context::of(plan),
@@ -590,32 +588,27 @@ impl<'a> Run<'a> {
         if model.get(ports.step_taken) == 0 {
             return Ok(false);
         }
-        let ports = &ports.watch_step;
-        let step = model.sample(ports);
-        let id = step.packet as usize;
+        let step = &ports.watch_step;
+        let id = model.get(step.packet) as usize;
         let packet = self.packet(id, "a packet step")?;
         let Some(Event::Step(golden)) = packet.events.get(packet.next) else {
-            let node = step.node;
             let place = format!(
-                "{}: a packet step at node {node}, but {} is next",
+                "{}: a packet step at node {}, but {} is next",
                 name(id, packet),
+                model.get(step.node),
                 expected(packet)
             );
             return Err(self.bench.mismatch(place, vec![]));
         };
-        let goes = [golden.left.mask, golden.right.mask].map(u64::from);
-        let left_first = golden_left_first(golden);
-        let mut agrees = step.node == u64::from(golden.node)
-            && [step.left, step.right] == goes
-            && (step.left_first != 0) == left_first;
-        for (set, port) in [
-            (&golden.left, ports.left_intervals),
-            (&golden.right, ports.right_intervals),
-        ] {
-            self.intervals(set, port, |_, _, golden, rtl| agrees &= golden == rtl);
-        }
-        if !agrees {
-            return Err(self.step_mismatch(id, packet, golden, left_first));
+        let fields = compare_step(model, step, self.format, golden);
+        if !fields.is_empty() {
+            let place = format!(
+                "packet step {} at node {} of {}",
+                packet.steps,
+                golden.node,
+                name(id, packet)
+            );
+            return Err(self.bench.mismatch(place, fields));
         }
         let packet = self.packets[id].as_mut().expect("it was there just now");
         packet.next += 1;
@@ -623,60 +616,6 @@ impl<'a> Run<'a> {
         self.bench.tally.transactions += 1;
         self.bench.tally.checked += 1;
         Ok(true)
-    }
-
-    /// Tells `each` ray's number, near or far, and its bits in the golden model and in the RTL, of all rays that enter.
-    #[inline]
-    fn intervals(
-        &self,
-        set: &RaySet,
-        port: PortHandle,
-        mut each: impl FnMut(u32, &'static str, u64, u64),
-    ) {
-        let width = self.format.width();
-        for k in (0..self.rays).filter(|k| set.mask >> k & 1 != 0) {
-            for (which, value, lsb) in [
-                ("near", set.near[k as usize], 2 * k * width),
-                ("far", set.far[k as usize], (2 * k + 1) * width),
-            ] {
-                let rtl = self.bench.model.get_field(port, lsb, width);
-                each(k, which, self.format.to_bits(value), rtl);
-            }
-        }
-    }
-
-    #[cold]
-    fn step_mismatch(
-        &self,
-        id: usize,
-        packet: &Packet,
-        golden: &StepEvent,
-        left_first: bool,
-    ) -> anyhow::Error {
-        let ports = &self.ports.outputs.watch_step;
-        let step = self.bench.model.sample(ports);
-        let mut fields = vec![
-            Field::integer("node", golden.node.into(), step.node),
-            Field::integer("rays that go left", golden.left.mask.into(), step.left),
-            Field::integer("rays that go right", golden.right.mask.into(), step.right),
-            Field::integer("left first", left_first.into(), step.left_first),
-        ];
-        for (side, set, port) in [
-            ("left", &golden.left, ports.left_intervals),
-            ("right", &golden.right, ports.right_intervals),
-        ] {
-            self.intervals(set, port, |ray, which, golden, rtl| {
-                let name = format!("ray {ray} {side} {which}");
-                fields.push(Field::number(name, self.format, golden, rtl));
-            });
-        }
-        let place = format!(
-            "packet step {} at node {} of {}",
-            packet.steps,
-            golden.node,
-            name(id, packet)
-        );
-        self.bench.mismatch(place, fields)
     }
 
     fn take_leaf(&mut self, around: &Surroundings) -> Result<()> {
@@ -772,11 +711,6 @@ impl<'a> Run<'a> {
         }
         self.bench.mismatch(place, vec![])
     }
-}
-
-/// Which child the packet goes to first: left, if a ray that enters both does, or if no ray goes right.
-fn golden_left_first(step: &StepEvent) -> bool {
-    step.left.mask != 0 && (step.left_first != 0 || step.right.mask == 0)
 }
 
 fn name(id: usize, packet: &Packet) -> String {

@@ -302,12 +302,12 @@ pub trait Bundle: Sized + Clone {
     fn try_map<U, E>(
         &self,
         mut f: impl FnMut(&Name<'_>, Self::Leaf) -> Result<U, E>,
-    ) -> Result<<Self::Shape as Shape>::Of<U>, E> {
+    ) -> Result<Like<Self, U>, E> {
         Self::Shape::each(self.clone(), &Name::root(""), &mut f)
     }
 
     /// The same bundle of what `f` makes of each leaf and its full name.
-    fn map<U>(&self, f: impl FnMut(&Name<'_>, Self::Leaf) -> U) -> <Self::Shape as Shape>::Of<U> {
+    fn map<U>(&self, f: impl FnMut(&Name<'_>, Self::Leaf) -> U) -> Like<Self, U> {
         self.map_in("", f)
     }
 
@@ -316,7 +316,7 @@ pub trait Bundle: Sized + Clone {
         &self,
         prefix: &str,
         mut f: impl FnMut(&Name<'_>, Self::Leaf) -> U,
-    ) -> <Self::Shape as Shape>::Of<U> {
+    ) -> Like<Self, U> {
         let Ok(all) = Self::Shape::each(self.clone(), &Name::root(prefix), &mut |name, leaf| {
             Ok::<U, Infallible>(f(name, leaf))
         });
@@ -327,10 +327,7 @@ pub trait Bundle: Sized + Clone {
     ///
     /// # Panics
     /// Where one has a field that the other lacks.
-    fn zip<U>(
-        &self,
-        other: <Self::Shape as Shape>::Of<U>,
-    ) -> <Self::Shape as Shape>::Of<(Self::Leaf, U)> {
+    fn zip<U>(&self, other: Like<Self, U>) -> Like<Self, (Self::Leaf, U)> {
         Self::Shape::zip(self.clone(), other)
     }
 
@@ -338,7 +335,7 @@ pub trait Bundle: Sized + Clone {
     ///
     /// # Panics
     /// Where one has a field that the other lacks.
-    fn with<U>(&self, other: <Self::Shape as Shape>::Of<U>, mut f: impl FnMut(Self::Leaf, U)) {
+    fn with<U>(&self, other: Like<Self, U>, mut f: impl FnMut(Self::Leaf, U)) {
         let Ok(_) = Self::Shape::each(self.zip(other), &Name::root(""), &mut |_, (leaf, other)| {
             f(leaf, other);
             Ok::<(), Infallible>(())
@@ -360,8 +357,11 @@ pub trait Bundle: Sized + Clone {
     }
 }
 
+/// A bundle of the same shape with other leaves.
+pub type Like<B, T> = <<B as Bundle>::Shape as Shape>::Of<T>;
+
 /// Leaves of two bundles of one shape, in order.
-fn pairs<A: Bundle, U>(a: &A, b: <A::Shape as Shape>::Of<U>) -> Vec<(A::Leaf, U)> {
+fn pairs<A: Bundle, U>(a: &A, b: Like<A, U>) -> Vec<(A::Leaf, U)> {
     let mut pairs = vec![];
     a.with(b, |a, b| pairs.push((a, b)));
     pairs
@@ -398,23 +398,22 @@ pub trait Signals<'b>: Bundle<Leaf = Signal<'b>> {
             signal.named_from(&name.to_string(), place)
         })
     }
-
-    /// This bundle where `condition` is 1, `otherwise` where it is 0, field by field.
-    #[track_caller]
-    fn or_else(&self, condition: Signal<'b>, otherwise: Self) -> Self {
-        let place = Location::caller();
-        let Ok(chosen) = Self::Shape::each(self.zip(otherwise), &Name::root(""), &mut |_,
-                                                                                       (
-            then,
-            otherwise,
-        )| {
-            Ok::<_, Infallible>(condition.mux_from(then, otherwise, place))
-        });
-        chosen
-    }
 }
 
 impl<'b, B: Bundle<Leaf = Signal<'b>>> Signals<'b> for B {}
+
+impl<'b> Signal<'b> {
+    /// `then` where this bit is 1, `otherwise` where it is 0, field by field.
+    #[track_caller]
+    pub fn choose<B: Signals<'b>>(self, then: B, otherwise: B) -> B {
+        let place = Location::caller();
+        let mut chosen = pairs(&then, otherwise).into_iter();
+        then.map(|_, _| {
+            let (then, otherwise) = chosen.next().expect("a pair for each field");
+            self.mux_from(then, otherwise, place)
+        })
+    }
+}
 
 /// A bundle's definition.
 pub trait Specs: Bundle<Leaf = Spec> {
@@ -425,7 +424,7 @@ pub trait Specs: Bundle<Leaf = Spec> {
 
     /// A word of the fields' values, the first least significant.
     #[track_caller]
-    fn pack<'b>(&self, values: <Self::Shape as Shape>::Of<Signal<'b>>) -> Signal<'b> {
+    fn pack<'b>(&self, values: Like<Self, Signal<'b>>) -> Signal<'b> {
         let place = Location::caller();
         let mut parts = vec![];
         for (spec, value) in pairs(self, values) {
@@ -438,7 +437,7 @@ pub trait Specs: Bundle<Leaf = Spec> {
 
     /// The fields of a word.
     #[track_caller]
-    fn unpack<'b>(&self, word: Signal<'b>) -> <Self::Shape as Shape>::Of<Signal<'b>> {
+    fn unpack<'b>(&self, word: Signal<'b>) -> Like<Self, Signal<'b>> {
         let place = Location::caller();
         if word.width() != self.width() {
             word.builder.fail(
@@ -473,21 +472,21 @@ pub trait Specs: Bundle<Leaf = Spec> {
 
     /// An input port for each field.
     #[track_caller]
-    fn inputs<'b>(&self, m: &'b Builder) -> <Self::Shape as Shape>::Of<Signal<'b>> {
+    fn inputs<'b>(&self, m: &'b Builder) -> Like<Self, Signal<'b>> {
         let place = Location::caller();
         self.map(|_, spec| spec.input_from(m, None, place))
     }
 
     /// An input port of a pipeline for each field, at one of its stages.
     #[track_caller]
-    fn inputs_at<'b>(&self, p: &Pipeline<'b>, at: u32) -> <Self::Shape as Shape>::Of<Signal<'b>> {
+    fn inputs_at<'b>(&self, p: &Pipeline<'b>, at: u32) -> Like<Self, Signal<'b>> {
         let place = Location::caller();
         self.map(|_, spec| spec.input_from(p.builder, Some((p, at)), place))
     }
 
     /// An output port for each field.
     #[track_caller]
-    fn outputs<'b>(&self, m: &'b Builder, values: <Self::Shape as Shape>::Of<Signal<'b>>) {
+    fn outputs<'b>(&self, m: &'b Builder, values: Like<Self, Signal<'b>>) {
         let place = Location::caller();
         for (spec, value) in pairs(self, values) {
             spec.output_from(m, value, place);
@@ -496,7 +495,7 @@ pub trait Specs: Bundle<Leaf = Spec> {
 
     /// A wire for each field, to be driven once, later; `prefix` before the field's name.
     #[track_caller]
-    fn wires<'b>(&self, m: &'b Builder, prefix: &str) -> <Self::Shape as Shape>::Of<Wire<'b>> {
+    fn wires<'b>(&self, m: &'b Builder, prefix: &str) -> Like<Self, Wire<'b>> {
         let place = Location::caller();
         self.map_in(prefix, |name, spec| {
             m.wire_from(&name.to_string(), spec.width, place)
@@ -505,11 +504,7 @@ pub trait Specs: Bundle<Leaf = Spec> {
 
     /// A register for each field, `prefix` before the field's name, which takes these values every clock.
     #[track_caller]
-    fn hold<'b>(
-        &self,
-        prefix: &str,
-        values: <Self::Shape as Shape>::Of<Signal<'b>>,
-    ) -> <Self::Shape as Shape>::Of<Signal<'b>> {
+    fn hold<'b>(&self, prefix: &str, values: Like<Self, Signal<'b>>) -> Like<Self, Signal<'b>> {
         let mut held = vec![];
         for ((name, spec), (_, value)) in self
             .fields()
@@ -526,7 +521,7 @@ pub trait Specs: Bundle<Leaf = Spec> {
     }
 
     /// A word, of at most 64 bits, of these values.
-    fn encode(&self, values: <Self::Shape as Shape>::Of<u64>) -> u64 {
+    fn encode(&self, values: Like<Self, u64>) -> u64 {
         let mut lsb = 0;
         pairs::<_, u64>(self, values)
             .iter()
@@ -537,7 +532,7 @@ pub trait Specs: Bundle<Leaf = Spec> {
     }
 
     /// The values that a word of at most 64 bits holds.
-    fn decode(&self, word: u64) -> <Self::Shape as Shape>::Of<u64> {
+    fn decode(&self, word: u64) -> Like<Self, u64> {
         let mut lsb = 0;
         self.map(|_, spec| {
             lsb += spec.width;
@@ -546,7 +541,7 @@ pub trait Specs: Bundle<Leaf = Spec> {
     }
 
     /// Zeros.
-    fn zero<'b>(&self, m: &'b Builder) -> <Self::Shape as Shape>::Of<Signal<'b>> {
+    fn zero<'b>(&self, m: &'b Builder) -> Like<Self, Signal<'b>> {
         self.map(|_, spec| m.zero(spec.width))
     }
 }
@@ -555,12 +550,12 @@ impl<B: Bundle<Leaf = Spec>> Specs for B {}
 
 /// A bundle of wires that are driven once, later.
 pub trait Wires<'b>: Bundle<Leaf = Wire<'b>> {
-    fn get(&self) -> <Self::Shape as Shape>::Of<Signal<'b>> {
+    fn get(&self) -> Like<Self, Signal<'b>> {
         self.map(|_, wire| wire.get())
     }
 
     #[track_caller]
-    fn drive(&self, values: <Self::Shape as Shape>::Of<Signal<'b>>) {
+    fn drive(&self, values: Like<Self, Signal<'b>>) {
         let place = Location::caller();
         for (wire, value) in pairs(self, values) {
             wire.drive_from(value, place);
@@ -569,6 +564,9 @@ pub trait Wires<'b>: Bundle<Leaf = Wire<'b>> {
 }
 
 impl<'b, B: Bundle<Leaf = Wire<'b>>> Wires<'b> for B {}
+
+/// The ports of a unit with other leaves.
+pub type LikePorts<I, O, T> = Ports<Like<I, T>, Like<O, T>>;
 
 /// The ports of a unit.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -585,8 +583,8 @@ impl<I: Bundle<Leaf = Spec>, O: Bundle<Leaf = Spec>> Ports<I, O> {
         name: impl AsRef<str>,
         m: &'b Builder,
         module: &Arc<Module>,
-        inputs: <I::Shape as Shape>::Of<Signal<'b>>,
-    ) -> <O::Shape as Shape>::Of<Signal<'b>> {
+        inputs: Like<I, Signal<'b>>,
+    ) -> Like<O, Signal<'b>> {
         self.instance(name, m, module, inputs).0
     }
 
@@ -597,8 +595,8 @@ impl<I: Bundle<Leaf = Spec>, O: Bundle<Leaf = Spec>> Ports<I, O> {
         name: impl AsRef<str>,
         m: &'b Builder,
         module: &Arc<Module>,
-        inputs: <I::Shape as Shape>::Of<Signal<'b>>,
-    ) -> (<O::Shape as Shape>::Of<Signal<'b>>, Outputs<'b>) {
+        inputs: Like<I, Signal<'b>>,
+    ) -> (Like<O, Signal<'b>>, Outputs<'b>) {
         let inputs = pairs(&self.inputs, inputs);
         let inputs: Vec<_> = (inputs.iter())
             .map(|(spec, value)| (spec.name.as_str(), *value))
@@ -614,7 +612,7 @@ impl<I: Bundle<Leaf = Spec>, O: Bundle<Leaf = Spec>> Ports<I, O> {
     pub fn try_map<T, E>(
         &self,
         mut of: impl FnMut(Spec) -> Result<T, E>,
-    ) -> Result<Ports<<I::Shape as Shape>::Of<T>, <O::Shape as Shape>::Of<T>>, E> {
+    ) -> Result<LikePorts<I, O, T>, E> {
         Ok(Ports {
             inputs: self.inputs.try_map(|_, spec| of(spec))?,
             outputs: self.outputs.try_map(|_, spec| of(spec))?,
@@ -676,6 +674,12 @@ connection! {
 connection! {
     /// A payload that is taken in the clocks where both `valid` and `ready` are high.
     Stream { valid, #[doc = "Goes against the payload."] ready }
+}
+
+impl<P, T> Flow<P, T> {
+    pub fn new(valid: T, payload: P) -> Self {
+        Flow { valid, payload }
+    }
 }
 
 crate::bundle! {
@@ -1033,7 +1037,7 @@ mod tests {
             more: Some([6u8, 7].map(|x| m.lit(x, 3))),
         };
         let word = of.pack(item);
-        let bits = 0b111_110_101_11_10_01;
+        let bits = 0x7d79;
         assert_eq!((word.width(), word.literal()), (15, Some(bits)));
         let values = of.unpack(word).map(|_, signal| signal.literal().unwrap());
         assert_eq!(
@@ -1042,7 +1046,7 @@ mod tests {
         );
         assert_eq!(of.get(word, &of.value).literal(), Some(5));
         let zero = of.zero(&m);
-        let least = item.or_else(m.lit(0u8, 1), zero);
+        let least = m.lit(0u8, 1).choose(item, zero);
         assert_eq!(of.pack(least).literal(), Some(0));
         let both = item.zip(values).fields();
         assert!(

@@ -354,11 +354,6 @@ pub fn module(plan: &Plan) -> Result<Geometry, HdlError> {
     let roots = m.memory("root_memory", packets, root.width(), Style::Block);
     roots.write(instance_answer, record_packet, root_data);
     let job = Job::of(plan);
-    // An instance's first vector is named where a triangle's first vertex is.
-    assert_eq!(
-        Record::instance().field("vectors").lsb,
-        Record::triangle().field("v0").lsb
-    );
     let job_done = m.wire("job_done", 1);
     let vertex_queue = fifo::place_block(
         plan,
@@ -368,6 +363,7 @@ pub fn module(plan: &Plan) -> Result<Geometry, HdlError> {
         job.pack(Job {
             packet: record_packet,
             instance: record_is_instance,
+            // An instance's first vector is named where a triangle's first vertex is.
             v0: triangle.v0.low(a),
             v1: triangle.v1.low(a),
             v2: triangle.v2.low(a),
@@ -538,21 +534,19 @@ pub fn module(plan: &Plan) -> Result<Geometry, HdlError> {
     let of_ray = early.unpack(ray_word);
     let direction = match (world, of_ray.direction) {
         (Some(world), _) => {
-            let of_world = Line::of(plan).direction;
-            let width = of_world.iter().map(|axis| axis.width).sum();
-            let memory = m.memory("direction_memory", by_ray, width, Style::Block);
+            let of_world = Vector::of(plan);
+            let memory = m.memory("direction_memory", by_ray, of_world.width(), Style::Block);
             let World {
                 packet,
                 ray,
-                direction: [x, y, z],
+                direction: axes,
             } = world.payload;
             memory.write(
                 world.valid,
                 plan.ray_index(packet, ray),
-                m.concat(&[z, y, x]),
+                of_world.pack(Vector { axes }),
             );
-            let word = plan.read(memory, index);
-            [0, 1, 2].map(|i| word.field(i * w, w))
+            of_world.unpack(plan.read(memory, index)).axes
         }
         (None, Some(direction)) => direction,
         (None, None) => unreachable!("the test needs no direction only if it is watertight"),
@@ -661,15 +655,15 @@ pub fn module(plan: &Plan) -> Result<Geometry, HdlError> {
 
     let weighted_at = tested.weighted[0].stage().unwrap_or(0);
     let entered = p.enter(influence.valid).cleared_by_reset();
-    let weighted = Flow {
-        valid: entered.at(weighted_at).untimed(),
-        payload: Weighted {
+    let weighted = Flow::new(
+        entered.at(weighted_at).untimed(),
+        Weighted {
             mark: (influence.payload.mark).map(|_, mark| p.enter(mark).at(weighted_at).untimed()),
             point: Vector {
                 axes: tested.weighted.map(Signal::untimed),
             },
         },
-    };
+    );
     let [a, b, c, d, e, f_sum] = tested.sum.map(Signal::untimed);
 
     m.comment("A ray's window is kept as soon as its box slot has it.");
@@ -712,9 +706,9 @@ pub fn module(plan: &Plan) -> Result<Geometry, HdlError> {
     );
     let left_at = object_near.stage().unwrap_or(leaves_at) + 1;
     let left = |signal| Signal::at(signal, left_at).untimed();
-    let object = Flow {
-        valid: left(origin_slot),
-        payload: Moved {
+    let object = Flow::new(
+        left(origin_slot),
+        Moved {
             place: Place {
                 packet: left(packet),
                 ray: left(ray),
@@ -730,7 +724,7 @@ pub fn module(plan: &Plan) -> Result<Geometry, HdlError> {
                 tmax: left(object_far),
             },
         },
-    };
+    );
     let start_root = root.unpack(plan.read(roots, next_packet));
     let start_leaf = leaf_word.unpack(plan.read(leaves, next_packet));
     let start = Start {
@@ -795,14 +789,14 @@ pub fn module(plan: &Plan) -> Result<Geometry, HdlError> {
         plan.ray_index(out_packet, out_ray),
         merged.untimed(),
     );
-    let limit = Flow {
-        valid: writes,
-        payload: Limit {
+    let limit = Flow::new(
+        writes,
+        Limit {
             packet: out_packet,
             ray: out_ray,
             value: any.mux(minus_infinity, t.at(merged_at)).untimed(),
         },
-    };
+    );
 
     m.comment("Which rays have hit something, gathered over the triangle's rays.");
     let gathered = m.reg("gathered", rays);
@@ -816,9 +810,9 @@ pub fn module(plan: &Plan) -> Result<Geometry, HdlError> {
         .mux(touched.at(merged_at).untimed(), gathered.q);
     let now_touched = (so_far | m.concat(&one_hot)).named("now_touched");
     gathered.next_when(valid.at(merged_at).untimed(), now_touched);
-    let done = Flow {
-        valid: (valid.at(merged_at) & last.at(merged_at)).untimed(),
-        payload: InContext {
+    let done = Flow::new(
+        (valid.at(merged_at) & last.at(merged_at)).untimed(),
+        InContext {
             packet: out_packet,
             context: context.pack(Context {
                 level: own_context.level.at(merged_at).untimed(),
@@ -826,7 +820,7 @@ pub fn module(plan: &Plan) -> Result<Geometry, HdlError> {
                 inside: own_context.inside.at(merged_at).untimed(),
             }),
         },
-    };
+    );
     let read = m.pipeline();
     let read_index = read.enter(plan.ray_index(hit_packet, hit_ray));
     let read_word = closest_word.unpack(closest.read(read_index).untimed());
@@ -854,16 +848,10 @@ pub fn module(plan: &Plan) -> Result<Geometry, HdlError> {
     let outputs = Outputs {
         leaf_ready: record_ready,
         record: ReadOutputs {
-            request: Flow {
-                valid: leaf_valid,
-                payload: record_request,
-            },
+            request: Flow::new(leaf_valid, record_request),
         },
         vertex: ReadOutputs {
-            request: Flow {
-                valid: job_valid,
-                payload: vertex_request,
-            },
+            request: Flow::new(job_valid, vertex_request),
         },
         skin_weighted: weighted,
         skin_pair_sum: [a, b, c],
@@ -882,14 +870,8 @@ pub fn module(plan: &Plan) -> Result<Geometry, HdlError> {
         slot_taken: busy.q,
         test_issued,
         transform_issued: in_slot(ORIGIN_SLOT),
-        watch_test: Flow {
-            valid: merged(valid),
-            payload: watch_test,
-        },
-        watch_transform: Flow {
-            valid: object.valid,
-            payload: watch_transform,
-        },
+        watch_test: Flow::new(merged(valid), watch_test),
+        watch_transform: Flow::new(object.valid, watch_transform),
     };
     ports.outputs.outputs(&m, outputs);
     properties::conserves(&Unit {

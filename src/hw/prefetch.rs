@@ -149,10 +149,7 @@ fn module(
     };
     let outputs = Outputs {
         fetch_ready: request_ready & room,
-        request: Flow {
-            valid: fetch_valid & room,
-            payload: request,
-        },
+        request: Flow::new(fetch_valid & room, request),
         valid: front_valid.q,
         front: front.q,
         empty: !(count.q.any() | front_valid.q),

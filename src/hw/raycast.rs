@@ -12,8 +12,8 @@ use super::tpu::{self, StepWatch};
 use crate::bkd::layout::{Record, fields};
 use crate::config::Config;
 use crate::hdl::{
-    Builder, Bundle, Design, Flow, HdlError, Module, ReadInputs, ReadOutputs, Response, Signals,
-    Spec, Specs, Style, Wires, Write,
+    Builder, Bundle, Design, Flow, HdlError, Module, ReadInputs, ReadOutputs, Response, Spec,
+    Specs, Style, Wires, Write,
 };
 use crate::{bundle, interface};
 use properties::Unit;
@@ -274,9 +274,9 @@ pub(super) fn module(plan: &Plan) -> Result<Arc<Module>, HdlError> {
     let start = of_geometry.outputs.start.wires(&m, "start");
     let inputs = tpu::Inputs {
         setup_soon: set_up.soon,
-        setup: Flow {
-            valid: set_up.out.valid,
-            payload: tpu::SetUp {
+        setup: Flow::new(
+            set_up.out.valid,
+            tpu::SetUp {
                 place: out.place,
                 enters: out.enters,
                 interval: out.interval,
@@ -284,7 +284,7 @@ pub(super) fn module(plan: &Plan) -> Result<Arc<Module>, HdlError> {
                 origin: out.along.map(|axis| axis.origin),
                 reciprocal: out.along.map(|axis| axis.reciprocal),
             },
-        },
+        ),
         setup_object: out.object,
         object: start.get(),
         root,
@@ -301,22 +301,22 @@ pub(super) fn module(plan: &Plan) -> Result<Arc<Module>, HdlError> {
     // The same memory, of which each takes its own responses and as many bits of their tags as it has given.
     let vertex_of = |ports: &ReadInputs<Spec>, its| ReadInputs {
         request_ready: vertex.request_ready,
-        response: Flow {
-            valid: vertex.response.valid & its,
-            payload: Response {
+        response: Flow::new(
+            vertex.response.valid & its,
+            Response {
                 tag: (vertex.response.payload.tag).low(ports.response.payload.tag.width),
                 data: vertex.response.payload.data,
             },
-        },
+        ),
     };
     let vertex_of_geometry = vertex_of(&of_inputs.vertex, !skinning_now.get());
     let palette = of_inputs.skin_palette.wires(&m, "skin_palette");
     let issue = of_inputs.skin_issue.wires(&m, "skin_issue");
     let operands = of_inputs.skin.wires(&m, "skin");
     let inputs = geometry::Inputs {
-        setup: Flow {
-            valid: set_up.out.valid,
-            payload: geometry::SetUp {
+        setup: Flow::new(
+            set_up.out.valid,
+            geometry::SetUp {
                 packet: out.place.packet,
                 ray: out.place.ray,
                 object: out.object,
@@ -332,7 +332,7 @@ pub(super) fn module(plan: &Plan) -> Result<Arc<Module>, HdlError> {
                     any_hit: out.any_hit,
                 },
             },
-        },
+        ),
         setup_next_packet: set_up.next_packet,
         instanced: fields::Link::of().unpack(root).right_leaf,
         leaf: traversal.leaf,
@@ -346,13 +346,15 @@ pub(super) fn module(plan: &Plan) -> Result<Arc<Module>, HdlError> {
         sweep_packet: sweep_packet.q,
         read_packet: read_packet.get(),
         read_ray: read_ray.get(),
-        world: plan.watertight().then(|| Flow {
-            valid: take,
-            payload: geometry::World {
-                packet: free_front,
-                ray: place.q,
-                direction: ray.line.direction,
-            },
+        world: plan.watertight().then(|| {
+            Flow::new(
+                take,
+                geometry::World {
+                    packet: free_front,
+                    ray: place.q,
+                    direction: ray.line.direction,
+                },
+            )
         }),
         setup_shear_z: out.shear_z,
     };
@@ -418,7 +420,7 @@ pub(super) fn module(plan: &Plan) -> Result<Arc<Module>, HdlError> {
     };
     let hit = TaggedHit {
         tag: tags.read_now(out_packet),
-        hit: intersection.read.or_else(touched, miss),
+        hit: touched.choose(intersection.read, miss),
     };
 
     m.comment("Skinning borrows the geometry unit and its port to vertex memory.");
@@ -447,10 +449,7 @@ pub(super) fn module(plan: &Plan) -> Result<Arc<Module>, HdlError> {
     skinning_now.drive(skin.skinning);
     palette.drive(skin.palette);
     let Issued { influence, mark } = skin.issue.payload;
-    issue.drive(Flow {
-        valid: skin.issue.valid,
-        payload: Taken { mark, influence },
-    });
+    issue.drive(Flow::new(skin.issue.valid, Taken { mark, influence }));
     operands.drive(skin.operands);
     let of_vertex =
         (ports.outputs.vertex.request).zip(skin.vertex.request.zip(intersection.vertex.request));
@@ -477,10 +476,7 @@ pub(super) fn module(plan: &Plan) -> Result<Arc<Module>, HdlError> {
     };
     let outputs = Outputs {
         ray_ready: ready,
-        hit: Flow {
-            valid: shown,
-            payload: hit,
-        },
+        hit: Flow::new(shown, hit),
         skin_start_ready: skin.start_ready,
         skin_done: skin.done,
         skin_write: skin.write,
@@ -497,17 +493,14 @@ pub(super) fn module(plan: &Plan) -> Result<Arc<Module>, HdlError> {
         }),
         stack_high_water: traversal.stack_high_water,
         stack_overflow: traversal.stack_overflow,
-        watch_start: Flow {
-            valid: take & last,
-            payload: StartWatch {
+        watch_start: Flow::new(
+            take & last,
+            StartWatch {
                 packet: free_front,
                 tag: first.mux(ray.tag, tags.read_now(free_front)),
             },
-        },
-        watch_step: Flow {
-            valid: step,
-            payload: traversal.watch_step,
-        },
+        ),
+        watch_step: Flow::new(step, traversal.watch_step),
         watch_test: intersection.watch_test,
         watch_transform: intersection.watch_transform,
     };

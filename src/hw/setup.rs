@@ -181,10 +181,7 @@ pub fn module(plan: &Plan, lookahead: u32) -> Result<Arc<Module>, HdlError> {
     let stages = out.fields().into_iter().filter_map(|(_, s)| s.stage());
     let last = stages.max().unwrap_or(0).max(lookahead).max(ahead);
     let outputs = Outputs {
-        out: Flow {
-            valid: valid.at(last),
-            payload: out.at(last),
-        },
+        out: Flow::new(valid.at(last), out.at(last)),
         next_packet: place.packet.at(last - ahead),
         soon: valid.at(last - lookahead),
     };

@@ -419,8 +419,9 @@ pub(super) fn module(plan: &Plan, test: &Module) -> Result<Arc<Module>, HdlError
         .q
         .equals(last_index)
         .mux(first_index, head.q + index_unit);
-    let [x, y, z] = vertex_sum;
-    let queue_data = m.concat(&[z, y, x]);
+    let queue_data = fields::Vertex::of(plan.format).pack(fields::Vertex {
+        position: vertex_sum,
+    });
     queue.write(vertex_done, tail.q, queue_data);
     tail.next_when(vertex_done, next_tail);
     let written = m.wire("written", 1);
@@ -466,22 +467,16 @@ pub(super) fn module(plan: &Plan, test: &Module) -> Result<Arc<Module>, HdlError
         influence: ReadOutputs {
             request: fetched_rows.request,
         },
-        palette: Flow {
-            valid: column_comes,
-            payload: palette,
-        },
-        issue: Flow {
-            valid: issued.q,
-            payload: influence,
-        },
+        palette: Flow::new(column_comes, palette),
+        issue: Flow::new(issued.q, influence),
         operands: Sums { pair, vertex },
-        write: Flow {
-            valid: shown,
-            payload: Write {
+        write: Flow::new(
+            shown,
+            Write {
                 address: next_written.q,
                 data: front,
             },
-        },
+        ),
         done: done.q,
         influence_issued: issue,
     };

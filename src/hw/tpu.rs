@@ -26,7 +26,7 @@ use crate::bkd::layout::Record;
 use crate::bkd::layout::fields::{Link, Node, Planes};
 use crate::hdl::{
     Builder, Flow, HdlError, Memory, Module, ReadInputs, ReadOutputs, Reg, Request, Signal,
-    Signals, Spec, Specs, Style, Wire,
+    Signals, Specs, Style, Wire,
 };
 use crate::{bundle, interface};
 use properties::Watched;
@@ -280,38 +280,10 @@ fn slice(plan: &Plan) -> Result<Arc<Module>, HdlError> {
     m.finish()
 }
 
-/// The words that the unit's queues and memories hold.
-struct Words {
-    context: Context<Spec>,
-    item: Item<Spec>,
-    leaf: Leaf<Spec>,
-    pop: InContext<Spec>,
-    interval: Interval<Spec>,
-    entry: Entry<Spec>,
-    ray: RayWord<Spec>,
-    requested: Requested<Spec>,
-}
-
-impl Words {
-    fn new(plan: &Plan) -> Words {
-        Words {
-            context: Context::of(plan),
-            item: Item::of(plan),
-            leaf: Leaf::of(plan),
-            pop: InContext::of(plan),
-            interval: Interval::of(plan),
-            entry: Entry::of(plan),
-            ray: RayWord::of(plan),
-            requested: Requested::of(plan),
-        }
-    }
-}
-
 /// The unit under construction: its parts are made in the order of its methods, each from what the earlier ones return.
 struct Unit<'b> {
     m: &'b Builder,
     plan: &'b Plan,
-    words: Words,
     inputs: Inputs<Signal<'b>>,
 }
 
@@ -484,7 +456,7 @@ impl<'b> Unit<'b> {
             "Rays: origin, reciprocal and signs, a memory for each place in the packet, written when set up: in the world, and behind that \
              in the object's space, so that the world's are still there when the packet leaves an object.",
         );
-        let setup_word = self.words.ray.pack(RayWord {
+        let setup_word = RayWord::of(plan).pack(RayWord {
             origin,
             reciprocal,
             signs,
@@ -500,7 +472,7 @@ impl<'b> Unit<'b> {
                 let memory = m.memory(
                     format!("ray{i}_memory"),
                     plan.level_packets(),
-                    self.words.ray.width(),
+                    RayWord::of(plan).width(),
                     Style::Block,
                 );
                 let address = setup_object.concat(place.packet);
@@ -516,9 +488,7 @@ impl<'b> Unit<'b> {
 
     fn requests(&self) -> Requests<'b> {
         let (m, plan) = (self.m, self.plan);
-        let Words {
-            item, requested, ..
-        } = &self.words;
+        let (item, requested) = (Item::of(plan), Requested::of(plan));
         let packets = plan.packets();
         m.comment(
             "Where a requested node lies, and its packet's context, kept while the request is out.",
@@ -554,7 +524,7 @@ impl<'b> Unit<'b> {
 
     fn intervals(&self) -> Intervals<'b> {
         let (m, plan) = (self.m, self.plan);
-        let interval = &self.words.interval;
+        let interval = Interval::of(plan);
         let rays = plan.rays();
         let packets = plan.packets();
         m.comment("Intervals and mask of the packet in the node it goes to: as a step left them, and as a pop or the setup did.");
@@ -629,7 +599,7 @@ impl<'b> Unit<'b> {
         intervals: &Intervals<'b>,
     ) -> Sliced<'b> {
         let (m, plan) = (self.m, self.plan);
-        let interval = &self.words.interval;
+        let interval = Interval::of(plan);
         let Flow {
             valid,
             payload: response,
@@ -667,7 +637,7 @@ impl<'b> Unit<'b> {
             .memory
             .read_now(packet.at(read_at + plan.read_latency() - 1))
             .register();
-        let request = self.words.requested.unpack(request);
+        let request = Requested::of(plan).unpack(request);
         let from_pop = request.popped;
         let stepped_word = plan.read(intervals.stepped, late_packet);
         let popped_mask_word = intervals
@@ -685,7 +655,7 @@ impl<'b> Unit<'b> {
                     stepped_word.field(i as u32 * interval.width(), interval.width()),
                 )
                 .named(format!("ray{i}_interval"));
-            let of_ray = self.words.ray.unpack(word);
+            let of_ray = RayWord::of(plan).unpack(word);
             let [left, right] = [("left", axes[0]), ("right", axes[1])].map(|(name, axis)| {
                 let along = |what: &str, of: &[Signal<'b>; 3]| {
                     let along = m.select(axis, of).named(format!("ray{i}_{name}_{what}"));
@@ -721,12 +691,7 @@ impl<'b> Unit<'b> {
     /// The packet's decision.
     fn decide(&self, sliced: &Sliced<'b>, intervals: &Intervals<'b>) -> Step<'b> {
         let (m, plan) = (self.m, self.plan);
-        let Words {
-            context,
-            interval,
-            entry,
-            ..
-        } = &self.words;
+        let (context, interval, entry) = (Context::of(plan), Interval::of(plan), Entry::of(plan));
         let a = plan.address();
         let Sliced {
             valid,
@@ -868,7 +833,7 @@ impl<'b> Unit<'b> {
     /// The stack, and what a step pushes.
     fn push(&self, step: &Step<'b>) -> Stack<'b> {
         let (m, plan) = (self.m, self.plan);
-        let Words { context, entry, .. } = &self.words;
+        let (context, entry) = (Context::of(plan), Entry::of(plan));
         let packets = plan.packets();
         let full = step
             .push_level
@@ -907,13 +872,12 @@ impl<'b> Unit<'b> {
     fn pop(&self, step: &Step<'b>, stack: &Stack<'b>) -> Result<Pop<'b>, HdlError> {
         let (m, plan) = (self.m, self.plan);
         let rays = plan.rays();
-        let Words {
-            context,
-            pop: popping,
-            interval,
-            entry,
-            ..
-        } = &self.words;
+        let (context, popping, interval, entry) = (
+            Context::of(plan),
+            InContext::of(plan),
+            Interval::of(plan),
+            Entry::of(plan),
+        );
         let Inputs {
             setup_soon,
             limit,
@@ -1088,12 +1052,8 @@ impl<'b> Unit<'b> {
     /// Packets that start, in the scene or in an object, and where packets go after starts and pops.
     fn enter(&self, pop: &Pop<'b>, rays_of: &Rays<'b>, intervals: &Intervals<'b>) -> Entered<'b> {
         let (m, plan) = (self.m, self.plan);
-        let Words {
-            context,
-            interval,
-            pop: popping,
-            ..
-        } = &self.words;
+        let (context, interval, popping) =
+            (Context::of(plan), Interval::of(plan), InContext::of(plan));
         let Inputs {
             setup,
             setup_object,
@@ -1205,7 +1165,7 @@ impl<'b> Unit<'b> {
         kept: &Requests<'b>,
     ) -> Result<(ReadOutputs<Signal<'b>>, Served<'b>), HdlError> {
         let (m, plan) = (self.m, self.plan);
-        let Words { context, item, .. } = &self.words;
+        let (context, item) = (Context::of(plan), Item::of(plan));
         let node_ready = self.inputs.node.request_ready;
         let packets = plan.packets();
         m.comment("Nodes to fetch: after steps, and after pops and starts.");
@@ -1252,10 +1212,7 @@ impl<'b> Unit<'b> {
             tag: inside.concat(requested.packet),
         };
         let outputs = ReadOutputs {
-            request: Flow {
-                valid: node_wanted,
-                payload: request,
-            },
+            request: Flow::new(node_wanted, request),
         };
         let served = Served {
             preferred: step_queue,
@@ -1275,7 +1232,7 @@ impl<'b> Unit<'b> {
         intervals: &Intervals<'b>,
     ) -> Result<(Flow<Leaf<Signal<'b>>, Signal<'b>>, Served<'b>), HdlError> {
         let (m, plan) = (self.m, self.plan);
-        let leaf = &self.words.leaf;
+        let leaf = Leaf::of(plan);
         let Inputs { leaf_ready, .. } = self.inputs;
         let packets = plan.packets();
         m.comment("Leaves to hand over: after steps, and after pops and starts.");
@@ -1318,10 +1275,6 @@ impl<'b> Unit<'b> {
             .named("leaf_front");
         take_step_leaf.drive(leaf_ready & leaf_from_step);
         take_pop_leaf.drive(leaf_ready & !leaf_from_step & entered_leaf_any);
-        let outputs = Flow {
-            valid: leaf_wanted,
-            payload: leaf.unpack(leaf_front),
-        };
         let served = Served {
             preferred: step_leaf_queue,
             other: entered_leaf_queue,
@@ -1329,7 +1282,7 @@ impl<'b> Unit<'b> {
             ready: leaf_ready,
             held,
         };
-        Ok((outputs, served))
+        Ok((Flow::new(leaf_wanted, leaf.unpack(leaf_front)), served))
     }
 }
 
@@ -1345,7 +1298,6 @@ pub fn module(plan: &Plan) -> Result<Tpu, HdlError> {
         inputs: ports.inputs.inputs(&m),
         m: &m,
         plan,
-        words: Words::new(plan),
     };
     let rays = unit.rays();
     let kept = unit.requests();

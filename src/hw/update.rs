@@ -27,7 +27,7 @@ use super::plan::{AXES, Plan};
 use super::prefetch::{self, Occupancy, pick, prefetch};
 use super::properties::Reader;
 use super::raycast::COUNTER_BITS;
-use crate::bkd::layout::Record;
+use crate::bkd::layout::{Record, fields};
 use crate::hdl::{
     Builder, Bundle, Flow, HdlError, Memory, Module, ReadInputs, ReadOutputs, Signal, Spec, Specs,
     Style, Write, bits_for,
@@ -534,20 +534,21 @@ pub fn module(plan: &Plan) -> Result<UpdateProcessor, HdlError> {
     );
     let p = m.pipeline();
     let [x, y, z] = [&instruction.x, &instruction.y, &instruction.z];
+    let (of_vertex, of_box) = (fields::Vertex::of(f), fields::Box::of(f));
     let corners = [x, y, z].map(|field| {
-        read(
-            plan,
-            vertex_registers,
-            p.enter(part(field).low(vertex_bits)),
-        )
+        let number = p.enter(part(field).low(vertex_bits));
+        read(plan, vertex_registers, number)
     });
     let box_registers = m.memory(
         "box_registers",
         config.update_box_registers,
-        Record::bounding_box(f).width,
+        of_box.width(),
         Style::Block,
     );
-    let boxes = [x, y].map(|field| read(plan, box_registers, p.enter(part(field).low(box_bits))));
+    let boxes = [x, y].map(|field| {
+        let number = p.enter(part(field).low(box_bits));
+        of_box.unpack(read(plan, box_registers, number))
+    });
 
     m.comment("Merge: of two boxes, or of three vertices, of which each is a box too. A number that is no NaN goes before one that is.");
     // What a reset leaves here is written before an update can merge anything.
@@ -561,8 +562,9 @@ pub fn module(plan: &Plan) -> Result<UpdateProcessor, HdlError> {
     for end in 0..2 {
         for (axis, axis_name) in AXES.iter().enumerate() {
             let name = |of: &str| format!("{of}_{}_{axis_name}", ["lo", "hi"][end]);
-            let corner = corners.map(|corner| corner.field(axis as u32 * w, w));
-            let bound = boxes.map(|b| b.field((3 * end + axis) as u32 * w, w));
+            let of_axis = &of_vertex.position[axis];
+            let corner = corners.map(|corner| of_vertex.get(corner, of_axis));
+            let bound = boxes.map(|of| [of.lo, of.hi][end][axis]);
             let operand = |k: usize| of_leaf.mux(corner[k], bound[k]);
             let first = operand(0).named(name("first")).register();
             let second = operand(1).named(name("second")).register();
@@ -593,8 +595,11 @@ pub fn module(plan: &Plan) -> Result<UpdateProcessor, HdlError> {
             merged.push(plan.settle(bound.named(name("merged"))));
         }
     }
-    merged.reverse();
-    let merged = m.concat(&merged);
+    let by_end = |of: &[_]| fields::Box {
+        lo: [of[0], of[1], of[2]],
+        hi: [of[3], of[4], of[5]],
+    };
+    let merged = of_box.pack(by_end(&merged));
     let written = merged.stage().unwrap_or(0);
     let read_at = operands[0].0.stage().unwrap_or(0);
     box_registers.write(
@@ -617,8 +622,15 @@ pub fn module(plan: &Plan) -> Result<UpdateProcessor, HdlError> {
             numbers.push(number.register());
         }
     }
-    numbers.reverse();
-    let intervals = m.concat(&numbers);
+    let [left_lo, left_hi, right_lo, right_hi] = numbers[..] else {
+        unreachable!("two children of two ends");
+    };
+    let intervals = fields::Planes::of(f).pack(fields::Planes {
+        left_lo,
+        left_hi,
+        right_lo,
+        right_hi,
+    });
     let intervals_at = intervals.stage().unwrap_or(0);
     let node_done = p.enter(node_goes).cleared_by_reset();
     let node_pop = m.wire("node_pop", 1);
@@ -669,11 +681,10 @@ pub fn module(plan: &Plan) -> Result<UpdateProcessor, HdlError> {
     box_shown.next(was_read & all_complete & !box_taken.get());
     let box_index = m.reg("box_index", a);
     box_index.next_when(start, update.box_index);
-    let mut bounds: Vec<_> = operands.iter().map(|(first, _)| *first).collect();
-    bounds.reverse();
+    let bounds: Vec<_> = operands.iter().map(|(first, _)| *first).collect();
     let box_write = Write {
         address: box_index.q,
-        data: m.concat(&bounds).untimed(),
+        data: of_box.pack(by_end(&bounds)).untimed(),
     };
     running.next(start | (running.q & !box_taken.get()));
     let done = m.reg_reset("over", 1, 0);
@@ -709,18 +720,15 @@ pub fn module(plan: &Plan) -> Result<UpdateProcessor, HdlError> {
         vertex: ReadOutputs {
             request: fetched.request,
         },
-        node_write: Flow {
-            valid: node_valid,
-            payload: NodeWrite {
+        node_write: Flow::new(
+            node_valid,
+            NodeWrite {
                 address: next_node.q,
                 mask: m.lit(NODE_MASK, NODE_LANES),
                 data: node_front.extend(Record::node(f).width),
             },
-        },
-        box_write: Flow {
-            valid: box_shown.q,
-            payload: box_write,
-        },
+        ),
+        box_write: Flow::new(box_shown.q, box_write),
         done,
         count,
     };
