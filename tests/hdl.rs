@@ -502,6 +502,23 @@ fn staged_and_unstaged_do_not_mix() {
         next_line();
         w.drive(a);
     });
+    mistake("\"b\" has no stage: it is in no pipeline", |m| {
+        let (a, b) = (m.pipeline().input("a", 4), m.input("b", 4));
+        m.output("y", a.at(b.stage()));
+    });
+    let child = Builder::new("child", "has no pipeline.");
+    child.output("y", !child.input("x", 4));
+    let child = child.finish().unwrap();
+    let stage = child.stage("x").unwrap_err();
+    assert!(stage.place.file().ends_with("hdl.rs"));
+    assert_eq!(stage.message, "port x has no stage");
+    mistake(
+        "instance i: input x has no stage, \"a\" has one: use untimed",
+        |m| {
+            let a = m.pipeline().input("a", 4);
+            m.output("y", m.instance("i", &child, &[("x", a)]).get("y"));
+        },
+    );
     mistake("\"r\" has no stage, \"a\" has one: use untimed", |m| {
         let (a, r) = (m.pipeline().input("a", 4), m.reg("r", 4));
         next_line();
@@ -648,24 +665,24 @@ fn operands_are_aligned_and_latencies_add_up() {
     let m = Builder::new("aligned", "sums.");
     let p = m.pipeline();
     let (a, b) = (p.input("a", 8), p.input("b", 8));
-    assert_eq!(a.stage(), Some(0));
+    assert_eq!(a.staged(), Some(0));
     let late = a.delay(3);
-    assert_eq!((late + b).stage(), Some(3));
+    assert_eq!((late + b).staged(), Some(3));
     assert_eq!(b.mux_stage(late), Some(3));
-    assert_eq!(m.concat(&[a, b.delay(2), late]).stage(), Some(3));
-    assert_eq!(late.at(5).stage(), Some(5));
-    assert_eq!(late.at(3).stage(), Some(3));
+    assert_eq!(m.concat(&[a, b.delay(2), late]).staged(), Some(3));
+    assert_eq!(late.at(5).staged(), Some(5));
+    assert_eq!(late.at(3).staged(), Some(3));
     // Literals go with any stage and are never delayed.
     let five = m.lit(5u8, 8);
-    assert_eq!((late + five).stage(), Some(3));
-    assert_eq!((five + a).stage(), Some(0));
-    assert_eq!((five.delay(9) + five).stage(), None);
-    assert_eq!(five.at(7).stage(), None);
+    assert_eq!((late + five).staged(), Some(3));
+    assert_eq!((five + a).staged(), Some(0));
+    assert_eq!((five.delay(9) + five).staged(), None);
+    assert_eq!(five.at(7).staged(), None);
     // A signal outside pipelines can be brought in anywhere, and one inside be taken out.
     let outside = m.input("outside", 8);
-    assert_eq!((late + p.enter_at(outside, 3)).stage(), Some(3));
-    assert_eq!((late + p.enter(outside)).stage(), Some(3));
-    assert_eq!((late.untimed() + outside).stage(), None);
+    assert_eq!((late + p.enter_at(outside, 3)).staged(), Some(3));
+    assert_eq!((late + p.enter(outside)).staged(), Some(3));
+    assert_eq!((late.untimed() + outside).staged(), None);
     m.output("y", late + b);
     m.output("z", b);
     let module = m.finish().unwrap();
@@ -680,7 +697,7 @@ trait MuxStage {
 
 impl MuxStage for Signal<'_> {
     fn mux_stage(self, late: Self) -> Option<u32> {
-        self.bit(0).mux(self, late).stage()
+        self.bit(0).mux(self, late).staged()
     }
 }
 
@@ -713,7 +730,7 @@ fn horner() -> Arc<Module> {
     let inputs = [("a", a), ("b", b), ("c", c), ("valid", valid)];
     let first = m.instance("first", &multiply_add(), &inputs);
     let inner = first.get("y");
-    assert_eq!(inner.stage(), Some(3));
+    assert_eq!(inner.staged(), Some(3));
     let inputs = [
         ("a", inner.low(8)),
         ("b", d),
@@ -722,10 +739,10 @@ fn horner() -> Arc<Module> {
     ];
     let second = m.instance("second", &multiply_add(), &inputs);
     let y = second.get("y");
-    assert_eq!(y.stage(), Some(6));
+    assert_eq!(y.staged(), Some(6));
     m.output("y", y);
     m.output("valid_out", second.get("y_valid"));
-    m.output("tag_out", tag.at(y.stage().unwrap()));
+    m.output("tag_out", tag.at(y.stage()));
     m.finish().unwrap()
 }
 
@@ -1727,7 +1744,7 @@ fn random_module(
     let mut outputs = vec![];
     while outputs.len() < 4 {
         let net = maker.any();
-        if !pipelined || maker.signals[net].stage().is_some() {
+        if !pipelined || maker.signals[net].staged().is_some() {
             let name = format!("y{}", outputs.len());
             m.output(&name, maker.signals[net]);
             outputs.push((name, net));

@@ -727,7 +727,17 @@ impl Builder {
             let Some(stage) = signal.stage_data() else {
                 continue;
             };
-            let enters = module.port(port).and_then(|p| p.stage).unwrap_or(0);
+            let Some(enters) = module.port(port).and_then(|p| p.stage) else {
+                // Reported below, where there is no such input.
+                if module.port(port).is_some() {
+                    let message = format!(
+                        "instance {name}: input {port} has no stage, {} has one: use untimed",
+                        signal.describe()
+                    );
+                    self.fail(place, message);
+                }
+                continue;
+            };
             let start = Stage {
                 at: stage.at.saturating_sub(enters),
                 ..stage
@@ -764,7 +774,7 @@ impl Builder {
                 continue; // reported above
             }
             let signal = match (base, signal.stage_data()) {
-                (Some(base), Some(_)) => signal.at(base.at + port.stage.unwrap_or(0)),
+                (Some(base), Some(_)) => signal.at(base.at + port.stage.unwrap_or_default()),
                 (Some(_), None) if !signal.is_literal() && port.stage.is_some() => {
                     self.fail(
                         place,

@@ -91,10 +91,16 @@ impl Spec {
         m.wire(&self.name, self.width)
     }
 
-    /// The stage of the port in a finished module; 0 where it has none.
-    pub fn stage(&self, module: &Module) -> u32 {
-        let port = module.port(&self.name);
-        port.and_then(|port| port.stage).unwrap_or(0)
+    /// The stage of the port in a finished module, for the description of another: it must have one.
+    #[track_caller]
+    pub fn stage(&self, m: &Builder, module: &Module) -> u32 {
+        module.stage(&self.name).unwrap_or_else(|error| {
+            m.fail(
+                Location::caller(),
+                format!("module {}: {}", error.module, error.message),
+            );
+            0
+        })
     }
 
     fn check(&self, signal: Signal<'_>, place: Place) {
@@ -1120,9 +1126,8 @@ mod tests {
             headings[11..13],
             [("read_valid", "Memory"), ("read_address", "Memory")]
         );
-        assert_eq!(ports.inputs.sent.stage(&module), 0);
-
         let m = Builder::new("around", "What is around it.");
+        assert_eq!(ports.inputs.sent.stage(&m, &module), 0);
         let placed = ports.place("unit0", &m, &module, ports.inputs.inputs(&m));
         ports.outputs.outputs(&m, placed);
         let design = Design::new(m.finish().unwrap()).unwrap();

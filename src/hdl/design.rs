@@ -2,9 +2,10 @@
 
 use super::check;
 use super::error::HdlError;
-use super::ir::{Id, Netlist};
+use super::ir::{Id, Netlist, Op};
 use super::verilog::{self, Printed};
 use std::collections::BTreeMap;
+use std::panic::Location;
 use std::sync::Arc;
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -48,6 +49,18 @@ impl Module {
     pub(super) fn of(ir: Netlist) -> Result<Module, HdlError> {
         let paths = check::check(&ir)?;
         let printed = verilog::print(&ir);
+        for node in &ir.nodes {
+            if let Op::Peek(memory, _) = node.op
+                && printed.copies[memory] == 0
+            {
+                let name = &ir.memories[memory].name;
+                return Err(HdlError {
+                    module: ir.name.clone(),
+                    message: format!("memory \"{name}\" is read by properties alone"),
+                    place: node.place,
+                });
+            }
+        }
         let mut ports = vec![];
         for (present, name) in [(printed.clocked, "clk"), (printed.reset, "rst")] {
             if present {
@@ -112,6 +125,26 @@ impl Module {
 
     pub fn children(&self) -> &[Arc<Module>] {
         &self.children
+    }
+
+    /// The stage of a pipelined module's port.
+    ///
+    /// # Errors
+    /// There is no such port, or it has no stage.
+    #[track_caller]
+    pub fn stage(&self, port: &str) -> Result<u32, HdlError> {
+        let place = Location::caller();
+        let stage = self.port(port).map(|port| port.stage);
+        let message = match stage {
+            Some(Some(stage)) => return Ok(stage),
+            Some(None) => format!("port {port} has no stage"),
+            None => format!("has no port {port}"),
+        };
+        Err(HdlError {
+            module: self.name().to_string(),
+            message,
+            place,
+        })
     }
 
     /// Registers between inputs and outputs of a pipelined module; `None` where outputs have no stage

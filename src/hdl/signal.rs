@@ -28,8 +28,18 @@ impl<'b> Signal<'b> {
     }
 
     /// Registers since the pipeline's inputs; `None` outside a pipeline.
-    pub fn stage(&self) -> Option<u32> {
+    pub fn staged(&self) -> Option<u32> {
         self.stage_data().map(|s| s.at)
+    }
+
+    /// Registers since the pipeline's inputs, of a signal that must be in a pipeline.
+    #[track_caller]
+    pub fn stage(&self) -> u32 {
+        self.staged().unwrap_or_else(|| {
+            let message = format!("{} has no stage: it is in no pipeline", self.describe());
+            self.builder.fail(Location::caller(), message);
+            0
+        })
     }
 
     /// The signal's value where it is a constant: a literal, or what follows from literals alone.

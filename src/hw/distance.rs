@@ -51,7 +51,7 @@ fn distance(units: &Units, name: &str, doc: &str, slack: i32) -> Result<Arc<Modu
     let origin = inputs.origin.input_at(&p, 0);
     let offset = units.sub("offset", plane, origin);
     // The reciprocal is needed only once the difference is there.
-    let reciprocal = (inputs.reciprocal).input_at(&p, offset.stage().unwrap_or(0));
+    let reciprocal = (inputs.reciprocal).input_at(&p, offset.stage());
     let distance = from_offset("scaled", units, offset, reciprocal, slack);
     ports.outputs.outputs(&m, Outputs { distance });
     m.finish()

@@ -581,7 +581,7 @@ pub fn module(plan: &Plan) -> Result<Geometry, HdlError> {
     let matrix = (direction_slot | origin_slot).at(start - 1) | skinning_at(start - 1);
     let matrix = matrix.register();
     let of_test = triangle::ports(plan);
-    let stage_of = |port: &Spec| port.stage(&test) + start;
+    let stage_of = |port: &Spec| port.stage(&m, &test) + start;
     let translated_at = of_test.inputs.translation.each_ref().map(stage_of);
     let translated_at = *translated_at.iter().min().expect("three axes");
     let read_at = translated_at - read;
@@ -653,7 +653,7 @@ pub fn module(plan: &Plan) -> Result<Geometry, HdlError> {
     };
     let tested = of_test.place("test", &m, &test, operands);
 
-    let weighted_at = tested.weighted[0].stage().unwrap_or(0);
+    let weighted_at = tested.weighted[0].stage();
     let entered = p.enter(influence.valid).cleared_by_reset();
     let weighted = Flow::new(
         entered.at(weighted_at).untimed(),
@@ -667,7 +667,7 @@ pub fn module(plan: &Plan) -> Result<Geometry, HdlError> {
     let [a, b, c, d, e, f_sum] = tested.sum.map(Signal::untimed);
 
     m.comment("A ray's window is kept as soon as its box slot has it.");
-    let boxed_at = tested.box_near.stage().unwrap_or(0);
+    let boxed_at = tested.box_near.stage();
     let new_window = window
         .pack(Interval {
             near: tested.box_near,
@@ -681,7 +681,7 @@ pub fn module(plan: &Plan) -> Result<Geometry, HdlError> {
     );
     m.comment("The direction waits for the origin, a clock behind it; then the transformed ray leaves, with its interval.");
     let moved = tested.moved;
-    let moved_at = moved[0].stage().unwrap_or(0);
+    let moved_at = moved[0].stage();
     // The box's slot is two clocks ahead of the origin's: its window can be read from stage boxed_at - 1 of the origin's on.
     let leaves_at = moved_at.max(boxed_at + read - 1);
     let moved_direction = [0, 1, 2].map(|i| {
@@ -704,7 +704,7 @@ pub fn module(plan: &Plan) -> Result<Geometry, HdlError> {
         own_limits.tmax.known(Known::Positive),
         own_window.far.known(Known::Number),
     );
-    let left_at = object_near.stage().unwrap_or(leaves_at) + 1;
+    let left_at = object_near.stage() + 1;
     let left = |signal| Signal::at(signal, left_at).untimed();
     let object = Flow::new(
         left(origin_slot),
@@ -738,7 +738,7 @@ pub fn module(plan: &Plan) -> Result<Geometry, HdlError> {
 
     m.comment("The merge: a hit replaces the ray's closest one if it is closer, or as close and of a lower instance and triangle.");
     let hit = tested.hit;
-    let merge_at = hit.stage().unwrap_or(0);
+    let merge_at = hit.stage();
     let closest_word = Closest::of(plan);
     let closest = m.memory("closest_memory", by_ray, closest_word.width(), Style::Block);
     let read_at = merge_at - plan.read_latency();

@@ -178,8 +178,9 @@ pub fn module(plan: &Plan, lookahead: u32) -> Result<Arc<Module>, HdlError> {
     };
 
     let ahead = plan.read_latency();
-    let stages = out.fields().into_iter().filter_map(|(_, s)| s.stage());
-    let last = stages.max().unwrap_or(0).max(lookahead).max(ahead);
+    // All of a ray but constants is in the pipeline.
+    let stages = out.fields().into_iter().filter_map(|(_, s)| s.staged());
+    let last = stages.fold(lookahead.max(ahead), u32::max);
     let outputs = Outputs {
         out: Flow::new(valid.at(last), out.at(last)),
         next_packet: place.packet.at(last - ahead),

@@ -191,9 +191,6 @@ interface! {
 /// # Errors
 /// A mistake in the description; none is known for any configuration.
 pub(super) fn module(plan: &Plan, test: &Module) -> Result<Arc<Module>, HdlError> {
-    let of_test = triangle::ports(plan);
-    let sum_latency =
-        of_test.outputs.sum[0].stage(test) - of_test.inputs.pairs.sum_a[0].stage(test);
     let (w, a) = (plan.number(), plan.address());
     let config = &plan.config;
     let vector = Record::vertex(plan.format);
@@ -203,6 +200,9 @@ pub(super) fn module(plan: &Plan, test: &Module) -> Result<Arc<Module>, HdlError
         "skinning_processor",
         "the skinning processor: moves vertices at rest by the weighted matrices of a palette.",
     );
+    let of_test = triangle::ports(plan);
+    let sum_latency =
+        of_test.outputs.sum[0].stage(&m, test) - of_test.inputs.pairs.sum_a[0].stage(&m, test);
     let ports = ports(plan);
     let inputs = ports.inputs.inputs(&m);
     let Inputs {
@@ -376,7 +376,7 @@ pub(super) fn module(plan: &Plan, test: &Module) -> Result<Arc<Module>, HdlError
     let ready = p.enter(pair_ends).cleared_by_reset().register();
     let upper = p.enter(mark.position.bit(1)).named("upper_pair").register();
     let complete = p.enter(mark.last).named("completes_vertex").register();
-    let start_of_sum = ready.stage().unwrap_or(0);
+    let start_of_sum = ready.stage();
     let pair = [0, 1, 2].map(|i| {
         let (x, number) = (AXES[i], point.axes[i]);
         let first = m.reg(format!("first_{x}"), w);

@@ -213,7 +213,7 @@ fn slice(plan: &Plan) -> Result<Arc<Module>, HdlError> {
     let inputs = &ports.inputs;
     let planes = inputs.planes.inputs_at(&p, 0);
     let sides = [&inputs.left, &inputs.right].map(|side| side.inputs_at(&p, 0));
-    let distance_latency = plan.near_distance.latency().unwrap_or(0);
+    let distance_latency = plan.near_distance.stage("distance")?;
     // A valid ray's 0 <= tmin <= near, and neither near nor far is ever a NaN.
     let Interval { near, far } = inputs.ray.inputs_at(&p, distance_latency);
     let active = inputs.ray_active.input_at(&p, distance_latency);
@@ -275,7 +275,7 @@ fn slice(plan: &Plan) -> Result<Arc<Module>, HdlError> {
         to_right: goes_right,
         left_before_right: left_first,
     };
-    let end = left_first.stage().unwrap_or(0) + 1;
+    let end = left_first.stage() + 1;
     ports.outputs.outputs(&m, outputs.at(end));
     m.finish()
 }
@@ -622,7 +622,7 @@ impl<'b> Unit<'b> {
             _ => [left, of_node.get(node, right_axis).named(&right_axis.name)],
         };
         let ports = slice_ports::ports(plan);
-        let slice_near = ports.inputs.ray.near.stage(slice);
+        let slice_near = ports.inputs.ray.near.stage(m, slice);
         let mut slices = vec![];
         let mut decided = 0;
         let ray_words: Vec<_> = rays_of
@@ -630,7 +630,7 @@ impl<'b> Unit<'b> {
             .iter()
             .map(|memory| plan.read(*memory, level_packet))
             .collect();
-        let entry_stage = packet.stage().unwrap_or(0) + plan.read_latency() + 1;
+        let entry_stage = packet.stage() + plan.read_latency() + 1;
         let read_at = entry_stage + slice_near - plan.read_latency();
         let late_packet = packet.at(read_at);
         let request = kept
@@ -675,7 +675,7 @@ impl<'b> Unit<'b> {
                 ray_active: mask_in.bit(i as u32),
             };
             let placed = ports.place(format!("slice{i}"), m, slice, inputs);
-            decided = placed.out_left.near.stage().unwrap_or(0);
+            decided = placed.out_left.near.stage();
             slices.push(placed);
         }
         Sliced {
@@ -960,7 +960,7 @@ impl<'b> Unit<'b> {
                 .concat(level_below.low(plan.stack_bits())),
         );
         let popped_entry = read_entry.word;
-        let before_entry = popped_entry.stage().unwrap_or(1) - 1;
+        let before_entry = popped_entry.stage() - 1;
         let popped_entry = entry.unpack(popped_entry);
         let mut stays = vec![];
         let mut pop_intervals = vec![];
@@ -997,9 +997,9 @@ impl<'b> Unit<'b> {
         let pop_intervals: Vec<_> = pop_intervals.into_iter().map(|s| s.register()).collect();
         // What clips a far may take a clock more than what a ray stays by.
         let pop_latency = (pop_intervals.iter().chain([&stay_mask]))
-            .filter_map(Signal::stage)
+            .map(Signal::stage)
             .max()
-            .unwrap_or(0);
+            .expect("some intervals");
         let stay_mask = stay_mask.at(pop_latency);
         let pop_intervals: Vec<_> = (pop_intervals.into_iter())
             .map(|interval| interval.at(pop_latency))

@@ -196,7 +196,7 @@ fn triangle_box(plan: &Plan) -> Result<Arc<Module>, HdlError> {
         }
     }
 
-    let planes_at = boxes[0].0.stage().unwrap_or(0);
+    let planes_at = boxes[0].0.stage();
     let accumulate = inputs.accumulate.input_at(&p, planes_at);
     let Pairs { sum_a, sum_b } = &inputs.pairs;
     let pairs: Vec<_> = std::iter::zip(sum_a, sum_b)
@@ -233,7 +233,7 @@ fn triangle_box(plan: &Plan) -> Result<Arc<Module>, HdlError> {
             distance::FAR_SLACK,
         );
         let (near, far) = interval.unwrap_or_else(|| {
-            let at = n.stage().unwrap_or(0);
+            let at = n.stage();
             let Interval { near, far } = inputs.window.inputs_at(&p, at);
             (near, far)
         });
@@ -260,7 +260,7 @@ fn triangle_box(plan: &Plan) -> Result<Arc<Module>, HdlError> {
     let empty = less(f, far.known(Known::Number), near.known(Known::Number))
         .named("empty_interval")
         .register();
-    let end = empty.stage().unwrap_or(0);
+    let end = empty.stage();
     let outputs = own_box::Outputs {
         box_near: near.at(end),
         box_far: far.at(end),
@@ -305,13 +305,13 @@ impl<'b> Shared<'b> {
     /// The fourth column's component `axis`, which `other` meets.
     fn translation(&self, axis: usize, other: Signal<'b>) -> Signal<'b> {
         let translation = &self.ports.inputs.translation[axis];
-        translation.input_at(&self.p, other.stage().unwrap_or(0))
+        translation.input_at(&self.p, other.stage())
     }
 
     /// The weight, which `other` meets.
     fn weight(&self, other: Signal<'b>) -> Signal<'b> {
         let weight = &self.ports.inputs.weight;
-        weight.input_at(&self.p, other.stage().unwrap_or(0))
+        weight.input_at(&self.p, other.stage())
     }
 
     /// Makes the outputs: t, u, v and whether the ray misses; a point moved, and weighted.
@@ -616,7 +616,7 @@ fn watertight(plan: &Plan) -> Result<Arc<Module>, HdlError> {
     let u = units.mul("u", second, factor);
     let vv = units.mul("v", third, factor);
     let shear_z = (inputs.ports.inputs.shear_z.as_ref()).expect("this test needs it");
-    let shear_z = shear_z.input_at(p, distance.stage().unwrap_or(0));
+    let shear_z = shear_z.input_at(p, distance.stage());
     let t = units.mul("t", distance, shear_z);
     let misses = (some_negative & some_positive) | flat;
     let moved = [third, second, scaled];
@@ -626,7 +626,7 @@ fn watertight(plan: &Plan) -> Result<Arc<Module>, HdlError> {
 
 /// The latest stage of some signals.
 fn latest(signals: &[Signal<'_>]) -> u32 {
-    signals.iter().filter_map(|s| s.stage()).max().unwrap_or(0)
+    (signals.iter().map(Signal::stage).max()).expect("some signals")
 }
 
 fn difference<'b>(plan: &Plan, name: &str, a: Vector<'b>, b: Vector<'b>) -> Vector<'b> {
@@ -665,9 +665,10 @@ pub(super) fn module(plan: &Plan) -> Result<Arc<Module>, HdlError> {
         let ports = module.ports().iter();
         let inputs = ports.filter(|port| port.direction == Direction::Input && port.name != "clk");
         for port in inputs {
+            let stage = module.stage(&port.name)?;
             made.entry(&port.name).or_insert_with(|| {
                 m.group(port.group.clone());
-                p.input_at(&port.name, port.width, port.stage.unwrap_or(0))
+                p.input_at(&port.name, port.width, stage)
             });
         }
     }
@@ -687,7 +688,7 @@ pub(super) fn module(plan: &Plan) -> Result<Arc<Module>, HdlError> {
     let clamped = plan
         .min("clamped", raised.known(Known::Result), far)
         .register();
-    let limits_at = clamped.stage().unwrap_or(0);
+    let limits_at = clamped.stage();
     let ports = ports(plan);
     let Limits { tmin, tmax } = ports.inputs.limits.inputs_at(&p, limits_at);
     let misses =

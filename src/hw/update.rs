@@ -600,8 +600,8 @@ pub fn module(plan: &Plan) -> Result<UpdateProcessor, HdlError> {
         hi: [of[3], of[4], of[5]],
     };
     let merged = of_box.pack(by_end(&merged));
-    let written = merged.stage().unwrap_or(0);
-    let read_at = operands[0].0.stage().unwrap_or(0);
+    let written = merged.stage();
+    let read_at = operands[0].0.stage();
     box_registers.write(
         merges.at(written).untimed(),
         target.at(written).untimed(),
@@ -631,7 +631,7 @@ pub fn module(plan: &Plan) -> Result<UpdateProcessor, HdlError> {
         right_lo,
         right_hi,
     });
-    let intervals_at = intervals.stage().unwrap_or(0);
+    let intervals_at = intervals.stage();
     let node_done = p.enter(node_goes).cleared_by_reset();
     let node_pop = m.wire("node_pop", 1);
     let node_queue = fifo::place(

@@ -103,7 +103,7 @@ pub fn module(format: Format, clock_mhz: u32) -> Result<Arc<Module>, HdlError> {
             (fraction ^ (complemented ^ subtract).repeat(f)).named(format!("chosen_{digit}"));
 
         let at = plan.at(format!("digit {digit}"));
-        if before.stage() != Some(at) {
+        if before.stage() != at {
             (fraction, complemented) = (chosen, subtract);
         }
         let subtract = subtract.at(at);

@@ -283,7 +283,7 @@ fn stack<'b>(unit: &Watched<'_, 'b>) {
         ),
     );
     // Clocks from where what pops addresses the stack to where the pop ends.
-    let addressed = pop.popping.stage().unwrap_or(0);
+    let addressed = pop.popping.stage();
     let pops = pop.latency - addressed;
     proof.depth(pops + 1);
     proof.arrays();
