@@ -16,8 +16,8 @@
 //! }
 //! dynrt::bundle! {
 //!     struct Entry(number: u32, doubled: bool) {
-//!         origin: [number; xyz],               // origin_x, origin_y, origin_z
-//!         interval: {Interval = Interval::of(number)}, // interval_near, interval_far
+//!         origin: [number; xyz],         // origin_x, origin_y, origin_z
+//!         interval: {Interval}(number), // interval_near, interval_far
 //!         second if (doubled): number,
 //!     }
 //! }
@@ -689,8 +689,8 @@ crate::bundle! {
 crate::bundle! {
     /// A tagged read port: requests, and their responses in any order, always taken.
     pub struct ReadPort(address: u32, tag: u32, data: u32) {
-        request: {Stream<Request> = Stream::of(Request::of(address, tag))},
-        response: {Flow<Response> = Flow::of(Response::of(tag, data))},
+        request: Stream<Request>(address, tag),
+        response: Flow<Response>(tag, data),
     }
 }
 
@@ -699,7 +699,7 @@ crate::bundle! {
     pub struct ReadInputs(title: &str, responses: &str, tag: u32, data: u32) {
         (format!("{title}: requests")) { request_ready: 1 }
         (format!("{title}: answers, {responses}")) {
-            response: {Flow<Response> = Flow::of(Response::of(tag, data))},
+            response: Flow<Response>(tag, data),
         }
     }
 }
@@ -708,7 +708,7 @@ crate::bundle! {
     /// What a unit gives at a read port.
     pub struct ReadOutputs(title: &str, address: u32, tag: u32) {
         (format!("{title}: requests")) {
-            request: {Flow<Request> = Flow::of(Request::of(address, tag))},
+            request: Flow<Request>(address, tag),
         }
     }
 }
@@ -737,10 +737,19 @@ crate::bundle! {
 
 /// Defines a bundle: a struct generic in its leaf, with its shape.
 ///
-/// `name: bits` is one value, `name: [bits; xyz]` one on each axis, `name: [bits; 4]` numbered ones, `name: {Bundle = definition}` a
-/// bundle, its name before its fields', and `name: ..{Bundle = definition}` one whose fields stand among the others. `name if
-/// (condition): …` is an [`Option`]. `of` makes the definition from what stands in the parentheses. Fields may stand in groups,
-/// `"heading" { … }`, whose headings they keep as ports.
+/// | field | is |
+/// |---|---|
+/// | `name: bits` | one value |
+/// | `name: [bits; xyz]` | one on each axis |
+/// | `name: [bits; 4]` | numbered ones |
+/// | `name: {Bundle}(arguments)` | a bundle, its name before its fields' |
+/// | `name: ..{Bundle}(arguments)` | a bundle whose fields stand among the others |
+/// | `name: Flow<Bundle>(arguments)` | a connection |
+/// | `name: {Shape = definition}` | anything else, and `..` before it as above |
+/// | `name if (condition): …` | an [`Option`] of any of these |
+///
+/// `of` makes the definition from what stands in the parentheses after the struct's name. Fields may stand in groups, `"heading" { … }`,
+/// whose headings they keep as ports; a heading that is no literal stands in parentheses.
 #[macro_export]
 macro_rules! bundle {
     ($(#[$meta:meta])* $vis:vis struct $name:ident ($($arg:ident: $type:ty),*) {
@@ -767,6 +776,24 @@ macro_rules! bundle {
         $(#[$meta:meta])* $field:ident $(if ($cond:expr))? : [$width:expr; $count:literal] $(, $($rest:tt)*)?
     } $($groups:tt)*) => {
         $crate::bundle!(@add [$($cond)?] [$crate::hdl::bundle::Numbered<$count>] ([$width; $count].map($crate::hdl::bundle::leaf)) [$(#[$meta])*] $field $heading
+            $head $done $heading { $($($rest)*)? } $($groups)*);
+    };
+    (@fields $head:tt $done:tt $heading:tt {
+        $(#[$meta:meta])* $field:ident $(if ($cond:expr))? : $around:ident<$shape:ident>($($of:expr),* $(,)?) $(, $($rest:tt)*)?
+    } $($groups:tt)*) => {
+        $crate::bundle!(@add [$($cond)?] [$around<$shape>] ($around::of($shape::of($($of),*))) [$(#[$meta])*] $field $heading
+            $head $done $heading { $($($rest)*)? } $($groups)*);
+    };
+    (@fields $head:tt $done:tt $heading:tt {
+        $(#[$meta:meta])* $field:ident $(if ($cond:expr))? : {$shape:ident}($($of:expr),* $(,)?) $(, $($rest:tt)*)?
+    } $($groups:tt)*) => {
+        $crate::bundle!(@add [$($cond)?] [$shape] ($shape::of($($of),*)) [$(#[$meta])*] $field $heading
+            $head $done $heading { $($($rest)*)? } $($groups)*);
+    };
+    (@fields $head:tt $done:tt $heading:tt {
+        $(#[$meta:meta])* $field:ident $(if ($cond:expr))? : ..{$shape:ident}($($of:expr),* $(,)?) $(, $($rest:tt)*)?
+    } $($groups:tt)*) => {
+        $crate::bundle!(@add [$($cond)?] [$crate::hdl::bundle::Flat<$shape>] ($shape::of($($of),*)) [$(#[$meta])*] $field $heading
             $head $done $heading { $($($rest)*)? } $($groups)*);
     };
     (@fields $head:tt $done:tt $heading:tt {
@@ -853,8 +880,7 @@ macro_rules! bundle {
 
 /// Defines a unit's ports: the bundles `Inputs` and `Outputs`, and `ports`, which makes their definition.
 ///
-/// Every group has its direction and its heading; fields are written as in [`bundle!`](crate::bundle). A heading that is no literal stands in
-/// parentheses.
+/// Every group has its direction and its heading; fields are written as in [`bundle!`](crate::bundle).
 #[macro_export]
 macro_rules! interface {
     ($vis:vis ($($arg:ident: $type:ty),*) { $($groups:tt)* }) => {
@@ -922,8 +948,8 @@ mod tests {
 
     bundle! {
         struct Pair(bits: u32) {
-            first: {Item = Item::of(bits, true)},
-            second: ..{Item = Item::of(bits, false)},
+            first: {Item}(bits, true),
+            second: ..{Item}(bits, false),
             flag if (bits > 3): 1,
         }
     }
@@ -940,11 +966,11 @@ mod tests {
 
         interface! {
             pub(super) (bits: u32) {
-                in "Items" { item: {Flow<Item> = Flow::of(Item::of(bits, false))}, sent: 1 }
-                out "Memory" { read: {Flow<Request> = Flow::of(Request::of(bits, 2))} }
+                in "Items" { item: Flow<Item>(bits, false), sent: 1 }
+                out "Memory" { read: Flow<Request>(bits, 2) }
                 in (format!("{bits} bits")) {
                     read_ready: 1,
-                    response: {Flow<Response> = Flow::of(Response::of(2, bits))},
+                    response: Flow<Response>(2, bits),
                 }
                 out "Items" { ready: 1 }
             }
