@@ -73,24 +73,6 @@ impl Spec {
         m.input_at(&self.name, self.width, stage, place)
     }
 
-    /// The output port.
-    #[track_caller]
-    pub fn output(&self, m: &Builder, signal: Signal<'_>) {
-        self.output_from(m, signal, Location::caller());
-    }
-
-    fn output_from(&self, m: &Builder, signal: Signal<'_>, place: Place) {
-        m.group(&self.heading);
-        self.check(signal, place);
-        m.output_from(&self.name, signal, place);
-    }
-
-    /// A wire of the field's name, to be driven once, later.
-    #[track_caller]
-    pub fn wire<'b>(&self, m: &'b Builder) -> Wire<'b> {
-        m.wire(&self.name, self.width)
-    }
-
     /// The stage of the port in a finished module; 0 where it has none.
     pub fn stage(&self, module: &Module) -> u32 {
         let port = module.port(&self.name);
@@ -489,7 +471,9 @@ pub trait Specs: Bundle<Leaf = Spec> {
     fn outputs<'b>(&self, m: &'b Builder, values: Like<Self, Signal<'b>>) {
         let place = Location::caller();
         for (spec, value) in pairs(self, values) {
-            spec.output_from(m, value, place);
+            m.group(&spec.heading);
+            spec.check(value, place);
+            m.output_from(&spec.name, value, place);
         }
     }
 
@@ -538,11 +522,6 @@ pub trait Specs: Bundle<Leaf = Spec> {
             lsb += spec.width;
             word >> (lsb - spec.width) & (u64::MAX >> (64 - spec.width))
         })
-    }
-
-    /// Zeros.
-    fn zero<'b>(&self, m: &'b Builder) -> Like<Self, Signal<'b>> {
-        self.map(|_, spec| m.zero(spec.width))
     }
 }
 
@@ -977,6 +956,10 @@ mod tests {
         }
     }
 
+    fn zeros<'b>(of: &Item<Spec>, m: &'b Builder) -> Item<Signal<'b>> {
+        of.map(|_, spec| m.zero(spec.width))
+    }
+
     fn named(fields: &[(String, Spec)]) -> Vec<(&str, u32)> {
         let both = fields.iter().map(|(name, spec)| {
             assert_eq!(*name, spec.name);
@@ -1059,7 +1042,7 @@ mod tests {
             ([1, 2, 3], 5, Some([6, 7]))
         );
         assert_eq!(of.get(word, &of.value).literal(), Some(5));
-        let zero = of.zero(&m);
+        let zero = zeros(&of, &m);
         let least = m.lit(0u8, 1).choose(item, zero);
         assert_eq!(of.pack(least).literal(), Some(0));
         let both = item.zip(values).fields();
@@ -1163,7 +1146,7 @@ mod tests {
             let value = m.zero(4);
             let wrong = Item {
                 value,
-                ..item.zero(&m)
+                ..zeros(&item, &m)
             };
             let line = make(&m, item, wrong);
             let error = m.finish().unwrap_err();
@@ -1198,6 +1181,6 @@ mod tests {
     #[should_panic(expected = "a field that only one of two bundles has")]
     fn a_missing_field_is_told() {
         let m = Builder::new("lacking", "A mistake.");
-        Item::of(3, true).pack(Item::of(3, false).zero(&m));
+        Item::of(3, true).pack(zeros(&Item::of(3, false), &m));
     }
 }
