@@ -504,6 +504,7 @@ fn staged_and_unstaged_do_not_mix() {
     });
     mistake("\"b\" has no stage: it is in no pipeline", |m| {
         let (a, b) = (m.pipeline().input("a", 4), m.input("b", 4));
+        next_line();
         m.output("y", a.at(b.stage()));
     });
     let child = Builder::new("child", "has no pipeline.");
@@ -516,6 +517,7 @@ fn staged_and_unstaged_do_not_mix() {
         "instance i: input x has no stage, \"a\" has one: use untimed",
         |m| {
             let a = m.pipeline().input("a", 4);
+            next_line();
             m.output("y", m.instance("i", &child, &[("x", a)]).get("y"));
         },
     );

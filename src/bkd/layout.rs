@@ -72,8 +72,8 @@ pub mod fields {
     bundle! {
         /// A node.
         pub struct Node(format: Format) {
-            planes: ..{Planes = Planes::of(format)},
-            link: ..{Link = Link::of()},
+            planes: ..{Planes}(format),
+            link: ..{Link}(),
         }
     }
 

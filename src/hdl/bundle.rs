@@ -16,8 +16,8 @@
 //! }
 //! dynrt::bundle! {
 //!     struct Entry(number: u32, doubled: bool) {
-//!         origin: [number; xyz],               // origin_x, origin_y, origin_z
-//!         interval: {Interval = Interval::of(number)}, // interval_near, interval_far
+//!         origin: [number; xyz],         // origin_x, origin_y, origin_z
+//!         interval: {Interval}(number), // interval_near, interval_far
 //!         second if (doubled): number,
 //!     }
 //! }
@@ -73,32 +73,12 @@ impl Spec {
         m.input_at(&self.name, self.width, stage, place)
     }
 
-    /// The output port.
-    #[track_caller]
-    pub fn output(&self, m: &Builder, signal: Signal<'_>) {
-        self.output_from(m, signal, Location::caller());
-    }
-
-    fn output_from(&self, m: &Builder, signal: Signal<'_>, place: Place) {
-        m.group(&self.heading);
-        self.check(signal, place);
-        m.output_from(&self.name, signal, place);
-    }
-
-    /// A wire of the field's name, to be driven once, later.
-    #[track_caller]
-    pub fn wire<'b>(&self, m: &'b Builder) -> Wire<'b> {
-        m.wire(&self.name, self.width)
-    }
-
     /// The stage of the port in a finished module, for the description of another: it must have one.
     #[track_caller]
     pub fn stage(&self, m: &Builder, module: &Module) -> u32 {
+        let place = Location::caller();
         module.stage(&self.name).unwrap_or_else(|error| {
-            m.fail(
-                Location::caller(),
-                format!("module {}: {}", error.module, error.message),
-            );
+            m.fail(place, format!("module {}: {}", error.module, error.message));
             0
         })
     }
@@ -495,7 +475,9 @@ pub trait Specs: Bundle<Leaf = Spec> {
     fn outputs<'b>(&self, m: &'b Builder, values: Like<Self, Signal<'b>>) {
         let place = Location::caller();
         for (spec, value) in pairs(self, values) {
-            spec.output_from(m, value, place);
+            m.group(&spec.heading);
+            spec.check(value, place);
+            m.output_from(&spec.name, value, place);
         }
     }
 
@@ -544,11 +526,6 @@ pub trait Specs: Bundle<Leaf = Spec> {
             lsb += spec.width;
             word >> (lsb - spec.width) & (u64::MAX >> (64 - spec.width))
         })
-    }
-
-    /// Zeros.
-    fn zero<'b>(&self, m: &'b Builder) -> Like<Self, Signal<'b>> {
-        self.map(|_, spec| m.zero(spec.width))
     }
 }
 
@@ -707,8 +684,8 @@ crate::bundle! {
 crate::bundle! {
     /// A tagged read port: requests, and their responses in any order, always taken.
     pub struct ReadPort(address: u32, tag: u32, data: u32) {
-        request: {Stream<Request> = Stream::of(Request::of(address, tag))},
-        response: {Flow<Response> = Flow::of(Response::of(tag, data))},
+        request: Stream<Request>(address, tag),
+        response: Flow<Response>(tag, data),
     }
 }
 
@@ -717,7 +694,7 @@ crate::bundle! {
     pub struct ReadInputs(title: &str, responses: &str, tag: u32, data: u32) {
         (format!("{title}: requests")) { request_ready: 1 }
         (format!("{title}: answers, {responses}")) {
-            response: {Flow<Response> = Flow::of(Response::of(tag, data))},
+            response: Flow<Response>(tag, data),
         }
     }
 }
@@ -726,7 +703,7 @@ crate::bundle! {
     /// What a unit gives at a read port.
     pub struct ReadOutputs(title: &str, address: u32, tag: u32) {
         (format!("{title}: requests")) {
-            request: {Flow<Request> = Flow::of(Request::of(address, tag))},
+            request: Flow<Request>(address, tag),
         }
     }
 }
@@ -755,10 +732,19 @@ crate::bundle! {
 
 /// Defines a bundle: a struct generic in its leaf, with its shape.
 ///
-/// `name: bits` is one value, `name: [bits; xyz]` one on each axis, `name: [bits; 4]` numbered ones, `name: {Bundle = definition}` a
-/// bundle, its name before its fields', and `name: ..{Bundle = definition}` one whose fields stand among the others. `name if
-/// (condition): …` is an [`Option`]. `of` makes the definition from what stands in the parentheses. Fields may stand in groups,
-/// `"heading" { … }`, whose headings they keep as ports.
+/// | field | is |
+/// |---|---|
+/// | `name: bits` | one value |
+/// | `name: [bits; xyz]` | one on each axis |
+/// | `name: [bits; 4]` | numbered ones |
+/// | `name: {Bundle}(arguments)` | a bundle, its name before its fields' |
+/// | `name: ..{Bundle}(arguments)` | a bundle whose fields stand among the others |
+/// | `name: Flow<Bundle>(arguments)` | a connection |
+/// | `name: {Shape = definition}` | anything else, and `..` before it as above |
+/// | `name if (condition): …` | an [`Option`] of any of these |
+///
+/// `of` makes the definition from what stands in the parentheses after the struct's name. Fields may stand in groups, `"heading" { … }`,
+/// whose headings they keep as ports; a heading that is no literal stands in parentheses.
 #[macro_export]
 macro_rules! bundle {
     ($(#[$meta:meta])* $vis:vis struct $name:ident ($($arg:ident: $type:ty),*) {
@@ -785,6 +771,24 @@ macro_rules! bundle {
         $(#[$meta:meta])* $field:ident $(if ($cond:expr))? : [$width:expr; $count:literal] $(, $($rest:tt)*)?
     } $($groups:tt)*) => {
         $crate::bundle!(@add [$($cond)?] [$crate::hdl::bundle::Numbered<$count>] ([$width; $count].map($crate::hdl::bundle::leaf)) [$(#[$meta])*] $field $heading
+            $head $done $heading { $($($rest)*)? } $($groups)*);
+    };
+    (@fields $head:tt $done:tt $heading:tt {
+        $(#[$meta:meta])* $field:ident $(if ($cond:expr))? : $around:ident<$shape:ident>($($of:expr),* $(,)?) $(, $($rest:tt)*)?
+    } $($groups:tt)*) => {
+        $crate::bundle!(@add [$($cond)?] [$around<$shape>] ($around::of($shape::of($($of),*))) [$(#[$meta])*] $field $heading
+            $head $done $heading { $($($rest)*)? } $($groups)*);
+    };
+    (@fields $head:tt $done:tt $heading:tt {
+        $(#[$meta:meta])* $field:ident $(if ($cond:expr))? : {$shape:ident}($($of:expr),* $(,)?) $(, $($rest:tt)*)?
+    } $($groups:tt)*) => {
+        $crate::bundle!(@add [$($cond)?] [$shape] ($shape::of($($of),*)) [$(#[$meta])*] $field $heading
+            $head $done $heading { $($($rest)*)? } $($groups)*);
+    };
+    (@fields $head:tt $done:tt $heading:tt {
+        $(#[$meta:meta])* $field:ident $(if ($cond:expr))? : ..{$shape:ident}($($of:expr),* $(,)?) $(, $($rest:tt)*)?
+    } $($groups:tt)*) => {
+        $crate::bundle!(@add [$($cond)?] [$crate::hdl::bundle::Flat<$shape>] ($shape::of($($of),*)) [$(#[$meta])*] $field $heading
             $head $done $heading { $($($rest)*)? } $($groups)*);
     };
     (@fields $head:tt $done:tt $heading:tt {
@@ -871,8 +875,7 @@ macro_rules! bundle {
 
 /// Defines a unit's ports: the bundles `Inputs` and `Outputs`, and `ports`, which makes their definition.
 ///
-/// Every group has its direction and its heading; fields are written as in [`bundle!`](crate::bundle). A heading that is no literal stands in
-/// parentheses.
+/// Every group has its direction and its heading; fields are written as in [`bundle!`](crate::bundle).
 #[macro_export]
 macro_rules! interface {
     ($vis:vis ($($arg:ident: $type:ty),*) { $($groups:tt)* }) => {
@@ -940,8 +943,8 @@ mod tests {
 
     bundle! {
         struct Pair(bits: u32) {
-            first: {Item = Item::of(bits, true)},
-            second: ..{Item = Item::of(bits, false)},
+            first: {Item}(bits, true),
+            second: ..{Item}(bits, false),
             flag if (bits > 3): 1,
         }
     }
@@ -958,15 +961,19 @@ mod tests {
 
         interface! {
             pub(super) (bits: u32) {
-                in "Items" { item: {Flow<Item> = Flow::of(Item::of(bits, false))}, sent: 1 }
-                out "Memory" { read: {Flow<Request> = Flow::of(Request::of(bits, 2))} }
+                in "Items" { item: Flow<Item>(bits, false), sent: 1 }
+                out "Memory" { read: Flow<Request>(bits, 2) }
                 in (format!("{bits} bits")) {
                     read_ready: 1,
-                    response: {Flow<Response> = Flow::of(Response::of(2, bits))},
+                    response: Flow<Response>(2, bits),
                 }
                 out "Items" { ready: 1 }
             }
         }
+    }
+
+    fn zeros<'b>(of: &Item<Spec>, m: &'b Builder) -> Item<Signal<'b>> {
+        of.map(|_, spec| m.zero(spec.width))
     }
 
     fn named(fields: &[(String, Spec)]) -> Vec<(&str, u32)> {
@@ -1051,7 +1058,7 @@ mod tests {
             ([1, 2, 3], 5, Some([6, 7]))
         );
         assert_eq!(of.get(word, &of.value).literal(), Some(5));
-        let zero = of.zero(&m);
+        let zero = zeros(&of, &m);
         let least = m.lit(0u8, 1).choose(item, zero);
         assert_eq!(of.pack(least).literal(), Some(0));
         let both = item.zip(values).fields();
@@ -1154,7 +1161,7 @@ mod tests {
             let value = m.zero(4);
             let wrong = Item {
                 value,
-                ..item.zero(&m)
+                ..zeros(&item, &m)
             };
             let line = make(&m, item, wrong);
             let error = m.finish().unwrap_err();
@@ -1189,6 +1196,6 @@ mod tests {
     #[should_panic(expected = "a field that only one of two bundles has")]
     fn a_missing_field_is_told() {
         let m = Builder::new("lacking", "A mistake.");
-        Item::of(3, true).pack(Item::of(3, false).zero(&m));
+        Item::of(3, true).pack(zeros(&Item::of(3, false), &m));
     }
 }

@@ -35,9 +35,10 @@ impl<'b> Signal<'b> {
     /// Registers since the pipeline's inputs, of a signal that must be in a pipeline.
     #[track_caller]
     pub fn stage(&self) -> u32 {
+        let place = Location::caller();
         self.staged().unwrap_or_else(|| {
             let message = format!("{} has no stage: it is in no pipeline", self.describe());
-            self.builder.fail(Location::caller(), message);
+            self.builder.fail(place, message);
             0
         })
     }

@@ -53,7 +53,7 @@ const ORIGIN_SLOT: u128 = 2;
 bundle! {
     /// What is kept of a ray for its tests.
     pub struct Kept(plan: &Plan) {
-        limits: ..{Limits = Limits::of(plan)},
+        limits: ..{Limits}(plan),
         any_hit: 1,
     }
 }
@@ -65,8 +65,8 @@ bundle! {
         ray: plan.ray_bits(),
         /// Whether it is in an object's space.
         object: 1,
-        tested: ..{Tested = Tested::of(plan)},
-        kept: ..{Kept = Kept::of(plan)},
+        tested: ..{Tested}(plan),
+        kept: ..{Kept}(plan),
     }
 }
 
@@ -82,9 +82,9 @@ bundle! {
 bundle! {
     /// A ray in an object's space.
     pub struct Moved(plan: &Plan) {
-        place: ..{Place = Place::of(plan)},
-        line: ..{Line = Line::of(plan)},
-        limits: ..{Limits = Limits::of(plan)},
+        place: ..{Place}(plan),
+        line: ..{Line}(plan),
+        limits: ..{Limits}(plan),
     }
 }
 
@@ -109,8 +109,8 @@ bundle! {
         packet: plan.packet_bits(),
         ray: plan.ray_bits(),
         record: plan.address(),
-        window: ..{Interval = Interval::of(plan)},
-        line: ..{Line = Line::of(plan)},
+        window: ..{Interval}(plan),
+        line: ..{Line}(plan),
     }
 }
 
@@ -155,7 +155,7 @@ bundle! {
 interface! {
     pub (plan: &Plan) {
         in "A ray that has been set up, of the world or in an object's space" {
-            setup: {Flow<SetUp> = Flow::of(SetUp::of(plan))},
+            setup: Flow<SetUp>(plan),
         }
         in "The packet of the ray that will have been set up so many clocks later as a memory's read takes" {
             setup_next_packet: plan.packet_bits(),
@@ -163,30 +163,25 @@ interface! {
         in "Whether leaves in the world are instances of objects: bit right_leaf of the scene's root" {
             instanced: 1,
         }
-        in "Leaves from the traversal unit" { leaf: {Flow<Leaf> = Flow::of(Leaf::of(plan))} }
+        in "Leaves from the traversal unit" { leaf: Flow<Leaf>(plan) }
         in "" {
-            record: {ReadInputs = ReadInputs::of(
-                "Record memory",
-                "in any order, always taken",
-                plan.packet_bits() + 1,
-                Record::triangle().width
-            )},
-            vertex: {ReadInputs = ReadInputs::of(
-                "Vertex memory",
-                "in any order, always taken",
-                plan.packet_bits() + CORNER_BITS,
-                Record::vertex(plan.format).width
-            )},
+            record: {ReadInputs}(
+                "Record memory", "in any order, always taken", plan.packet_bits() + 1, Record::triangle().width
+            ),
+            vertex: {ReadInputs}(
+                "Vertex memory", "in any order, always taken",
+                plan.packet_bits() + CORNER_BITS, Record::vertex(plan.format).width
+            ),
         }
         in "Skinning: whether it borrows this unit" { skinning: 1 }
         in "Skinning: a column of a joint's matrix" {
-            skin_palette: {Flow<Column> = Flow::of(Column::of(plan))},
+            skin_palette: Flow<Column>(plan),
         }
         in "Skinning: an influence, and which of its vertex's it is" {
-            skin_issue: {Flow<Taken> = Flow::of(Taken::of(plan))},
+            skin_issue: Flow<Taken>(plan),
         }
         in "Skinning: numbers to add" {
-            skin: {Sums = Sums::of(plan, "", "")},
+            skin: {Sums}(plan, "", ""),
         }
         in "After reset, packet numbers in turn, to clear what counts by packet" {
             sweep: 1,
@@ -197,44 +192,40 @@ interface! {
             read_ray: plan.ray_bits(),
         }
         in "A ray of the world as it comes: the watertight test needs its direction for transformations alone" {
-            world if (plan.watertight()): {Flow<World> = Flow::of(World::of(plan))},
+            world if (plan.watertight()): Flow<World>(plan),
             setup_shear_z if (plan.watertight()): plan.number(),
         }
         out "Leaves from the traversal unit" { leaf_ready: 1 }
         out "" {
-            record: {ReadOutputs = ReadOutputs::of("Record memory", plan.address(), plan.packet_bits() + 1)},
-            vertex: {ReadOutputs = ReadOutputs::of(
-                "Vertex memory",
-                plan.address(),
-                plan.packet_bits() + CORNER_BITS
-            )},
+            record: {ReadOutputs}("Record memory", plan.address(), plan.packet_bits() + 1),
+            vertex: {ReadOutputs}("Vertex memory", plan.address(), plan.packet_bits() + CORNER_BITS),
         }
         out "Skinning: an influence's vertex moved and weighted, and which of its vertex's it is" {
-            skin_weighted: {Flow<Weighted> = Flow::of(Weighted::of(plan))},
+            skin_weighted: Flow<Weighted>(plan),
         }
         out "Skinning: sums" {
             skin_pair_sum: [plan.number(); xyz],
             skin_vertex_sum: [plan.number(); xyz],
         }
         out "A ray in an object's space, to be set up; its interval comes as tmin and tmax" {
-            object: {Flow<Moved> = Flow::of(Moved::of(plan))},
+            object: Flow<Moved>(plan),
         }
         out "Where the packet announced by setup_next_packet starts in its object, when its ray has been set up" {
-            start: {Start = Start::of(plan)},
+            start: {Start}(plan),
         }
         out "A closer hit of a ray: what its near must not exceed from now on" {
-            limit: {Flow<Limit> = Flow::of(Limit::of(plan))},
+            limit: Flow<Limit>(plan),
         }
         out "A leaf all of whose tests are merged" {
-            done: {Flow<InContext> = Flow::of(InContext::of(plan))},
+            done: Flow<InContext>(plan),
         }
-        out "The closest hit that was asked for, a clock or two later" { read: {Hit = Hit::of(plan)} }
+        out "The closest hit that was asked for, a clock or two later" { read: {Hit}(plan) }
         out "Counters' events" { slot_taken: 1, test_issued: 1, transform_issued: 1 }
         out "The ray-triangle test just merged, for whoever watches" {
-            watch_test: {Flow<TestWatch> = Flow::of(TestWatch::of(plan))},
+            watch_test: Flow<TestWatch>(plan),
         }
         out "The ray just transformed, its interval in the instance's box, and the instance's record, for whoever watches" {
-            watch_transform: {Flow<TransformWatch> = Flow::of(TransformWatch::of(plan))},
+            watch_transform: Flow<TransformWatch>(plan),
         }
     }
 }

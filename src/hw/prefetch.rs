@@ -31,17 +31,14 @@ interface! {
     pub(super) (width: u32, depth: u32, address: u32) {
         in "Addresses to read, taken where fetch_ready is high" { fetch_valid: 1, fetch_address: address }
         in "" {
-            memory: ..{ReadInputs = ReadInputs::of(
-                "Memory",
-                "of any latency, in any order",
-                bits_for(u64::from(depth)),
-                width
-            )},
+            memory: ..{ReadInputs}(
+                "Memory", "of any latency, in any order", bits_for(u64::from(depth)), width
+            ),
         }
         in "The words in order; pop takes the front word, and only where valid is high" { pop: 1 }
         out "The words in order; pop takes the front word, and only where valid is high" {
             fetch_ready: 1,
-            request: {Flow<Request> = Flow::of(Request::of(address, bits_for(u64::from(depth))))},
+            request: Flow<Request>(address, bits_for(u64::from(depth))),
             valid: 1,
             front: width,
         }

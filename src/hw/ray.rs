@@ -62,7 +62,7 @@ bundle! {
         origin: [plan.number(); xyz],
         reciprocal: [plan.number(); xyz],
         signs: 3,
-        shear if (plan.watertight()): ..{Shear = Shear::of(plan)},
+        shear if (plan.watertight()): ..{Shear}(plan),
         direction if (!plan.watertight()): [plan.number(); xyz],
     }
 }
@@ -70,17 +70,17 @@ bundle! {
 bundle! {
     /// A ray that has been set up.
     pub struct SetUp(plan: &Plan) {
-        place: ..{Place = Place::of(plan)},
+        place: ..{Place}(plan),
         /// Whether it is in an object's space.
         object: 1,
         /// Whether it is valid and enters the scene or the object.
         enters: 1,
-        interval: ..{Interval = Interval::of(plan)},
+        interval: ..{Interval}(plan),
         signs: 3,
-        limits: ..{Limits = Limits::of(plan)},
+        limits: ..{Limits}(plan),
         any_hit: 1,
         along: ..{Axes<Along> = [(); 3].map(|()| Along::of(plan))},
-        shear if (plan.watertight()): ..{Shear = Shear::of(plan)},
+        shear if (plan.watertight()): ..{Shear}(plan),
         shear_z if (plan.watertight()): plan.number(),
         direction if (!plan.watertight()): [plan.number(); xyz],
     }

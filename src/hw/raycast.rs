@@ -46,8 +46,8 @@ bundle! {
     pub struct Ray(plan: &Plan) {
         /// Counts at a packet's first ray.
         tag: plan.config.tag_bits,
-        line: ..{Line = Line::of(plan)},
-        limits: ..{Limits = Limits::of(plan)},
+        line: ..{Line}(plan),
+        limits: ..{Limits}(plan),
         active: 1,
         any_hit: 1,
     }
@@ -57,7 +57,7 @@ bundle! {
     /// A ray's closest hit, under its packet's tag.
     pub struct TaggedHit(plan: &Plan) {
         tag: plan.config.tag_bits,
-        hit: ..{Hit = Hit::of(plan)},
+        hit: ..{Hit}(plan),
     }
 }
 
@@ -97,55 +97,51 @@ interface! {
             scene_lo: [plan.number(); xyz],
             scene_hi: [plan.number(); xyz],
         }
-        in "Rays in" { ray: {Flow<Ray> = Flow::of(Ray::of(plan))} }
+        in "Rays in" { ray: Flow<Ray>(plan) }
         in "Hits out" { hit_ready: 1 }
         in "" {
             node: {ReadInputs = tpu::Inputs::of(plan).node},
             record: {ReadInputs = geometry::Inputs::of(plan).record},
-            vertex: {ReadInputs = ReadInputs::of(
-                "Vertex memory",
-                "in any order, always taken",
-                vertex_tag_bits(plan),
-                Record::vertex(plan.format).width
-            )},
-            influence: {ReadInputs = ReadInputs::of(
-                "Influence memory",
-                "in any order, always taken",
-                skinning::row_tag_bits(plan),
-                Record::influence_row(plan.format).width
-            )},
+            vertex: {ReadInputs}(
+                "Vertex memory", "in any order, always taken",
+                vertex_tag_bits(plan), Record::vertex(plan.format).width
+            ),
+            influence: {ReadInputs}(
+                "Influence memory", "in any order, always taken",
+                skinning::row_tag_bits(plan), Record::influence_row(plan.format).width
+            ),
         }
         in "A mesh to skin, taken when no packet is under way: indices of its palette, influence rows, vertices at rest \
             and vertices to write, and how many of each" {
-            skin_start: {Flow<Mesh> = Flow::of(Mesh::of(plan))},
+            skin_start: Flow<Mesh>(plan),
         }
         in "Vertex memory: writes of skinned vertices" { skin_write_ready: 1 }
         out "Rays in" { ray_ready: 1 }
-        out "Hits out" { hit: {Flow<TaggedHit> = Flow::of(TaggedHit::of(plan))} }
+        out "Hits out" { hit: Flow<TaggedHit>(plan) }
         out "A mesh to skin, taken when no packet is under way: indices of its palette, influence rows, vertices at rest \
             and vertices to write, and how many of each" {
             skin_start_ready: 1,
         }
         out "High for a clock when a mesh is complete" { skin_done: 1 }
         out "Vertex memory: writes of skinned vertices" {
-            skin_write: {Flow<Write> = Flow::of(Write::of(plan.address(), Record::vertex(plan.format).width))},
+            skin_write: Flow<Write>(plan.address(), Record::vertex(plan.format).width),
         }
         out "" {
             node: {ReadOutputs = tpu::Outputs::of(plan).node},
             record: {ReadOutputs = geometry::Outputs::of(plan).record},
             influence: {ReadOutputs = skinning::Outputs::of(plan).influence},
-            vertex: {ReadOutputs = ReadOutputs::of("Vertex memory", plan.address(), vertex_tag_bits(plan))},
+            vertex: {ReadOutputs}("Vertex memory", plan.address(), vertex_tag_bits(plan)),
         }
         out "Counters since reset" {
-            count: {Counters = Counters::of()},
+            count: {Counters}(),
             stack_high_water: plan.level_bits(),
             stack_overflow: 1,
         }
         out "What happens inside, for whoever watches" {
-            watch_start: {Flow<StartWatch> = Flow::of(StartWatch::of(plan))},
-            watch_step: {Flow<StepWatch> = Flow::of(StepWatch::of(plan))},
-            watch_test: {Flow<TestWatch> = Flow::of(TestWatch::of(plan))},
-            watch_transform: {Flow<TransformWatch> = Flow::of(TransformWatch::of(plan))},
+            watch_start: Flow<StartWatch>(plan),
+            watch_step: Flow<StepWatch>(plan),
+            watch_test: Flow<TestWatch>(plan),
+            watch_transform: Flow<TransformWatch>(plan),
         }
     }
 }

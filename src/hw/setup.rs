@@ -15,21 +15,21 @@ interface! {
     pub (plan: &Plan, lookahead: u32) {
         in "A ray's packet and place in it, and whether it is the first and the last of the packet's rays that come" {
             valid: 1,
-            place: ..{Place = Place::of(plan)},
+            place: ..{Place}(plan),
         }
         in "Whether it is in an object's space: the scene's box does not clip it" { object: 1 }
         in "The ray" {
             active: 1,
             any_hit: 1,
-            line: ..{Line = Line::of(plan)},
-            limits: ..{Limits = Limits::of(plan)},
+            line: ..{Line}(plan),
+            limits: ..{Limits}(plan),
         }
         in "The scene's box, constant while rays are under way" {
             scene_lo: [plan.number(); xyz],
             scene_hi: [plan.number(); xyz],
         }
         out "The ray, set up" {
-            out: {Flow<SetUp> = Flow::of(SetUp::of(plan))},
+            out: Flow<SetUp>(plan),
         }
         out (format!("The packet of the ray that comes out {} clocks later", plan.read_latency())) {
             next_packet: plan.packet_bits(),

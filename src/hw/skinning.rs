@@ -75,7 +75,7 @@ bundle! {
     /// An influence, and the vertex at rest that it moves.
     pub struct Influence(plan: &Plan) {
         joint: joint_bits(plan),
-        point: ..{Vector = Vector::of(plan)},
+        point: ..{Vector}(plan),
         weight: plan.number(),
     }
 }
@@ -83,24 +83,24 @@ bundle! {
 bundle! {
     /// An influence as the processor issues it.
     pub struct Issued(plan: &Plan) {
-        influence: ..{Influence = Influence::of(plan)},
-        mark: ..{Mark = Mark::of()},
+        influence: ..{Influence}(plan),
+        mark: ..{Mark}(),
     }
 }
 
 bundle! {
     /// An influence as the geometry unit takes it.
     pub struct Taken(plan: &Plan) {
-        mark: ..{Mark = Mark::of()},
-        influence: ..{Influence = Influence::of(plan)},
+        mark: ..{Mark}(),
+        influence: ..{Influence}(plan),
     }
 }
 
 bundle! {
     /// A vertex moved and weighted.
     pub struct Weighted(plan: &Plan) {
-        mark: ..{Mark = Mark::of()},
-        point: ..{Vector = Vector::of(plan)},
+        mark: ..{Mark}(),
+        point: ..{Vector}(plan),
     }
 }
 
@@ -132,26 +132,22 @@ bundle! {
 interface! {
     pub (plan: &Plan) {
         in "A mesh to skin: indices of its palette, influence rows, vertices at rest and vertices to write, and how many" {
-            start: {Flow<Mesh> = Flow::of(Mesh::of(plan))},
+            start: Flow<Mesh>(plan),
         }
         in "Whether the geometry unit is free for it" { may_start: 1 }
         in "" {
-            vertex: {ReadInputs = ReadInputs::of(
-                "Vertex memory",
-                "of any latency, in any order",
-                vector_tag_bits(plan),
-                Record::vertex(plan.format).width
-            )},
-            influence: {ReadInputs = ReadInputs::of(
-                "Influence memory",
-                "of any latency, in any order",
-                row_tag_bits(plan),
-                Record::influence_row(plan.format).width
-            )},
+            vertex: {ReadInputs}(
+                "Vertex memory", "of any latency, in any order",
+                vector_tag_bits(plan), Record::vertex(plan.format).width
+            ),
+            influence: {ReadInputs}(
+                "Influence memory", "of any latency, in any order",
+                row_tag_bits(plan), Record::influence_row(plan.format).width
+            ),
         }
         in "Vertex memory: writes" { write_ready: 1 }
         in "From the geometry unit: a moved vertex times a weight, and which of its vertex's it is" {
-            weighted: {Flow<Weighted> = Flow::of(Weighted::of(plan))},
+            weighted: Flow<Weighted>(plan),
         }
         in "From the geometry unit: sums of two weighted ones, and of two sums" {
             pair_sum: [plan.number(); xyz],
@@ -162,24 +158,24 @@ interface! {
         }
         out "High while a mesh is being skinned, from the clock after its start" { skinning: 1 }
         out "" {
-            vertex: {ReadOutputs = ReadOutputs::of("Vertex memory", plan.address(), vector_tag_bits(plan))},
-            influence: {ReadOutputs = ReadOutputs::of("Influence memory", plan.address(), row_tag_bits(plan))},
+            vertex: {ReadOutputs}("Vertex memory", plan.address(), vector_tag_bits(plan)),
+            influence: {ReadOutputs}("Influence memory", plan.address(), row_tag_bits(plan)),
         }
         out "To the geometry unit: a column of a joint's matrix" {
-            palette: {Flow<Column> = Flow::of(Column::of(plan))},
+            palette: Flow<Column>(plan),
         }
         out "To the geometry unit: an influence, and which of its vertex's it is" {
-            issue: {Flow<Issued> = Flow::of(Issued::of(plan))},
+            issue: Flow<Issued>(plan),
         }
         out "" {
-            operands: ..{Sums = Sums::of(
+            operands: ..{Sums}(
                 plan,
                 "To the geometry unit: operands of the sums of two weighted ones",
                 "To the geometry unit: operands of the sums of two sums"
-            )},
+            ),
         }
         out "Vertex memory: writes" {
-            write: {Flow<Write> = Flow::of(Write::of(plan.address(), Record::vertex(plan.format).width))},
+            write: Flow<Write>(plan.address(), Record::vertex(plan.format).width),
         }
         out "High for a clock when a mesh is complete" { done: 1 }
         out "Counters' events" { influence_issued: 1 }

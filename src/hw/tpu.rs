@@ -48,9 +48,9 @@ const REGISTER_ENTERED_FROM: u32 = 120;
 bundle! {
     /// A ray that has been set up, as traversal needs it.
     pub struct SetUp(plan: &Plan) {
-        place: ..{Place = Place::of(plan)},
+        place: ..{Place}(plan),
         enters: 1,
-        interval: ..{Interval = Interval::of(plan)},
+        interval: ..{Interval}(plan),
         signs: 3,
         origin: [plan.number(); xyz],
         reciprocal: [plan.number(); xyz],
@@ -120,38 +120,36 @@ interface! {
     pub (plan: &Plan) {
         in "A ray that has been set up; a packet's last one that comes starts the packet. soon says so pop_latency clocks before" {
             setup_soon: 1,
-            setup: {Flow<SetUp> = Flow::of(SetUp::of(plan))},
+            setup: Flow<SetUp>(plan),
         }
         in "The ray is in an object's space: where and with which context its packet starts there, beside its last ray" {
             setup_object: 1,
-            object: {Start = Start::of(plan)},
+            object: {Start}(plan),
         }
         in "The root link word, constant while packets are under way" {
             root: Record::link_word().width,
         }
         in "" {
-            node: {ReadInputs = ReadInputs::of(
-                "Node memory",
-                "in any order, always taken",
-                plan.level_packet_bits(),
-                Record::node(plan.format).width
-            )},
+            node: {ReadInputs}(
+                "Node memory", "in any order, always taken",
+                plan.level_packet_bits(), Record::node(plan.format).width
+            ),
         }
         in "Leaves to the geometry unit" { leaf_ready: 1 }
         in "A closer hit of a ray: what its near must not exceed from now on" {
-            limit: {Flow<Limit> = Flow::of(Limit::of(plan))},
+            limit: Flow<Limit>(plan),
         }
         in "A leaf all of whose tests are merged" {
-            done: {Flow<InContext> = Flow::of(InContext::of(plan))},
+            done: Flow<InContext>(plan),
         }
         out "" {
-            node: {ReadOutputs = ReadOutputs::of("Node memory", plan.address(), plan.level_packet_bits())},
+            node: {ReadOutputs}("Node memory", plan.address(), plan.level_packet_bits()),
         }
         out "Leaves to the geometry unit" {
-            leaf: {Flow<Leaf> = Flow::of(Leaf::of(plan))},
+            leaf: Flow<Leaf>(plan),
         }
         out "A finished packet, and which of its rays have hit something" {
-            finished: {Flow<Finished> = Flow::of(Finished::of(plan))},
+            finished: Flow<Finished>(plan),
         }
         out "Counters' events, and marks" {
             step_taken: 1,
@@ -159,7 +157,7 @@ interface! {
             stack_overflow: 1,
         }
         out "The packet step just decided, for whoever watches" {
-            watch_step: {StepWatch = StepWatch::of(plan)},
+            watch_step: {StepWatch}(plan),
         }
     }
 }
@@ -180,19 +178,19 @@ mod slice_ports {
     interface! {
         pub (plan: &Plan) {
             in "The node's intervals" {
-                planes: ..{Planes = Planes::of(plan.format)},
+                planes: ..{Planes}(plan.format),
             }
             in "The ray on the left and the right child's axis" {
-                left: {Side = Side::of(plan)},
-                right: {Side = Side::of(plan)},
+                left: {Side}(plan),
+                right: {Side}(plan),
             }
             in "The ray's interval in the node, needed when the distances are there" {
-                ray: {Interval = Interval::of(plan)},
+                ray: {Interval}(plan),
                 ray_active: 1,
             }
             out "The ray's interval in the children, and where it goes" {
-                out_left: {Interval = Interval::of(plan)},
-                out_right: {Interval = Interval::of(plan)},
+                out_left: {Interval}(plan),
+                out_right: {Interval}(plan),
                 to_left: 1,
                 to_right: 1,
                 left_before_right: 1,

@@ -54,16 +54,16 @@ interface! {
     pub(super) (plan: &Plan) {
         in "A slot of the test" {
             matrix: 1,
-            corners: ..{Corners = Corners::of(plan)},
-            ray: ..{Tested = Tested::of(plan)},
+            corners: ..{Corners}(plan),
+            ray: ..{Tested}(plan),
             translation: [plan.number(); xyz],
             weight: plan.number(),
-            window: {Interval = Interval::of(plan)},
+            window: {Interval}(plan),
             shear_z if (plan.watertight()): plan.number(),
             accumulate: 1,
-            pairs: ..{Pairs = Pairs::of(plan)},
+            pairs: ..{Pairs}(plan),
         }
-        in "The ray's limits, needed last" { limits: ..{Limits = Limits::of(plan)} }
+        in "The ray's limits, needed last" { limits: ..{Limits}(plan) }
         out "Whether the ray hits, and where" {
             hit: 1,
             t: plan.number(),
@@ -100,18 +100,18 @@ mod intersection {
         pub (plan: &Plan) {
             in "What the slot is: 0 a test, 1 a matrix" { matrix: 1 }
             in "The triangle's vertices, or the matrix's columns x, y, z" {
-                corners: ..{Corners = Corners::of(plan)},
+                corners: ..{Corners}(plan),
             }
             in "The ray's origin, or the point" { origin: [plan.number(); xyz] }
             in "The ray's direction" { direction if (!plan.watertight()): [plan.number(); xyz] }
-            in "The ray's shear" { shear if (plan.watertight()): ..{Shear = Shear::of(plan)} }
+            in "The ray's shear" { shear if (plan.watertight()): ..{Shear}(plan) }
             in "The matrix's fourth column" { translation: [plan.number(); xyz] }
             in "The weight of the moved point" { weight: plan.number() }
             in "The reciprocal of the direction's greatest component" {
                 shear_z if (plan.watertight()): plan.number(),
             }
             out "Distance, the second and third vertex's weights, and whether the ray passes the triangle" {
-                test: {Test = Test::of(plan)},
+                test: {Test}(plan),
             }
             out "The point moved by the matrix" { moved: [plan.number(); xyz] }
             out "The point moved and weighted" { weighted: [plan.number(); xyz] }
@@ -125,7 +125,7 @@ mod own_box {
 
     interface! {
         pub (plan: &Plan) {
-            in "The triangle's vertices" { corners: ..{Corners = Corners::of(plan)} }
+            in "The triangle's vertices" { corners: ..{Corners}(plan) }
             in "The ray" {
                 origin: [plan.number(); xyz],
                 reciprocal: [plan.number(); xyz],
@@ -133,9 +133,9 @@ mod own_box {
             }
             in "While it accumulates: sums, whose operands are given at any time" {
                 accumulate: 1,
-                pairs: ..{Pairs = Pairs::of(plan)},
+                pairs: ..{Pairs}(plan),
             }
-            in "The interval that the box clips" { window: {Interval = Interval::of(plan)} }
+            in "The interval that the box clips" { window: {Interval}(plan) }
             out "The interval, and whether the box alone makes the ray miss" {
                 box_near: plan.number(),
                 box_far: plan.number(),

@@ -120,21 +120,17 @@ fn box_bits(plan: &Plan) -> u32 {
 interface! {
     pub (plan: &Plan) {
         in "An update: rows of its program, bases of the object's vertices and nodes, index of its box" {
-            start: {Flow<Update> = Flow::of(Update::of(plan))},
+            start: Flow<Update>(plan),
         }
         in "" {
-            program: {ReadInputs = ReadInputs::of(
-                "Program memory",
-                "of any latency, in any order",
-                bits_for(u64::from(plan.config.update_program_rows)),
-                ROW_BITS
-            )},
-            vertex: {ReadInputs = ReadInputs::of(
-                "Vertex memory",
-                "of any latency, in any order",
-                bits_for(u64::from(plan.config.update_vertices_ahead)),
-                Record::vertex(plan.format).width
-            )},
+            program: {ReadInputs}(
+                "Program memory", "of any latency, in any order",
+                bits_for(u64::from(plan.config.update_program_rows)), ROW_BITS
+            ),
+            vertex: {ReadInputs}(
+                "Vertex memory", "of any latency, in any order",
+                bits_for(u64::from(plan.config.update_vertices_ahead)), Record::vertex(plan.format).width
+            ),
         }
         in "Node memory: writes" { node_write_ready: 1 }
         in "The object's box: its write, after all of the nodes'" { box_write_ready: 1 }
@@ -142,28 +138,21 @@ interface! {
             start_ready: 1,
         }
         out "" {
-            program: {ReadOutputs = ReadOutputs::of(
-                "Program memory",
-                plan.address(),
-                bits_for(u64::from(plan.config.update_program_rows))
-            )},
-            vertex: {ReadOutputs = ReadOutputs::of(
-                "Vertex memory",
-                plan.address(),
-                bits_for(u64::from(plan.config.update_vertices_ahead))
-            )},
+            program: {ReadOutputs}(
+                "Program memory", plan.address(), bits_for(u64::from(plan.config.update_program_rows))
+            ),
+            vertex: {ReadOutputs}(
+                "Vertex memory", plan.address(), bits_for(u64::from(plan.config.update_vertices_ahead))
+            ),
         }
         out "Node memory: writes" {
-            node_write: {Flow<NodeWrite> = Flow::of(NodeWrite::of(plan))},
+            node_write: Flow<NodeWrite>(plan),
         }
         out "The object's box: its write, after all of the nodes'" {
-            box_write: {Flow<Write> = Flow::of(Write::of(
-                plan.address(),
-                Record::bounding_box(plan.format).width
-            ))},
+            box_write: Flow<Write>(plan.address(), Record::bounding_box(plan.format).width),
         }
         out "High for a clock when an update is complete" { done: 1 }
-        out "Counters since reset" { count: {Counters = Counters::of()} }
+        out "Counters since reset" { count: {Counters}() }
     }
 }
 
