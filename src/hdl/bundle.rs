@@ -1133,8 +1133,12 @@ mod tests {
             headings[11..13],
             [("read_valid", "Memory"), ("read_address", "Memory")]
         );
+        let mistaken = Builder::new("mistaken", "Asks for the stage of a port that has none.");
+        ports.inputs.sent.stage(&mistaken, &module);
+        let error = mistaken.finish().unwrap_err();
+        assert_eq!(error.message, "module unit: port sent has no stage");
+        assert!(error.place.file().ends_with("bundle.rs"));
         let m = Builder::new("around", "What is around it.");
-        assert_eq!(ports.inputs.sent.stage(&m, &module), 0);
         let placed = ports.place("unit0", &m, &module, ports.inputs.inputs(&m));
         ports.outputs.outputs(&m, placed);
         let design = Design::new(m.finish().unwrap()).unwrap();
