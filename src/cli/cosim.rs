@@ -14,6 +14,7 @@ use dynrt::cosim::unit_update::{self, Traffic, UpdateObject};
 use dynrt::cosim::workload::{Workload, in_instances};
 use dynrt::cosim::{unit_geometry, unit_tpu};
 use dynrt::golden::Caster;
+use dynrt::hdl::Bundle as _;
 use dynrt::port::{Hit, Ray};
 use dynrt::report::{self, Staged};
 use dynrt::scene::animation::MachineScene;
@@ -581,8 +582,12 @@ impl Job<'_> {
     }
 
     fn json(&self, found: &Report) -> Value {
-        let counters = &found.counters;
         let mut value = self.common_json();
+        // Beside the counter of all clocks since reset stand those of the run.
+        let counters = found.counters.fields().into_iter();
+        let counters: Map<String, Value> =
+            counters.map(|(name, count)| (name, json!(count))).collect();
+        extend(&mut value, Value::Object(counters));
         let results = json!({
             "hits": self.hits(found),
             "checked": found.checked(),
@@ -593,17 +598,10 @@ impl Job<'_> {
             // A report is of a run without one: the first mismatch ends it with an error.
             "mismatches": 0,
             "cycles": found.cycles,
-            "packet_steps": counters.packet_steps,
-            "ray_triangle_tests": counters.ray_triangle_tests,
-            "ray_transforms": counters.ray_transforms,
             "rays_per_clock": self.rays_per_clock(found),
             "tpu_utilisation": found.tpu_utilisation(),
             "gu_utilisation": found.gu_utilisation(),
-            "tpu_busy_cycles": counters.tpu_busy_cycles,
-            "tpu_starved_cycles": counters.tpu_starved_cycles,
-            "gu_busy_cycles": counters.gu_busy_cycles,
-            "gu_starved_cycles": counters.gu_starved_cycles,
-            "stack_high_water": counters.stack_high_water,
+            "stack_high_water": found.stack_high_water,
             "model_build_s": found.model_build_s,
             "model_reused": found.model_reused,
             "simulate_s": found.simulate_s,
@@ -638,7 +636,7 @@ impl Job<'_> {
             self.rays_per_clock(found),
             found.tpu_utilisation(),
             found.gu_utilisation(),
-            found.counters.stack_high_water,
+            found.stack_high_water,
             found.simulate_s,
             found.cycles as f64 / found.simulate_s / 1e3,
         )

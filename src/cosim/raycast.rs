@@ -77,6 +77,8 @@ pub struct Report {
     pub cycles: u64,
     /// The RTL's own counters.
     pub counters: Counters,
+    /// The most entries that a packet's stack has held.
+    pub stack_high_water: u64,
     /// The same as they stood every [`Options::sample_cycles`] clocks on the way.
     pub samples: Vec<Counters>,
     pub model_build_s: f64,
@@ -105,19 +107,8 @@ fn disguised(format: Format, bits: u64, rng: &mut fastrand::Rng) -> u64 {
     }
 }
 
-/// The counters of the ray casting unit.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct Counters {
-    pub cycles: u64,
-    pub packet_steps: u64,
-    pub ray_triangle_tests: u64,
-    pub ray_transforms: u64,
-    pub tpu_busy_cycles: u64,
-    pub tpu_starved_cycles: u64,
-    pub gu_busy_cycles: u64,
-    pub gu_starved_cycles: u64,
-    pub stack_high_water: u64,
-}
+/// What the ray casting unit counts, since the last reset.
+pub type Counters = hw::raycast::Counters<u64>;
 
 impl Report {
     pub fn checked(&self) -> u64 {
@@ -479,6 +470,7 @@ impl RaycastUnit {
             transforms_checked: run.transforms_checked,
             cycles: run.cycles,
             counters: run.counters,
+            stack_high_water: run.stack_high_water,
             samples: run.samples,
             model_build_s: self.model_build_s,
             model_reused: self.model_reused,
@@ -510,6 +502,7 @@ struct Run<'a> {
     /// The model's clock at which the last reset had ended.
     reset_at: u64,
     counters: Counters,
+    stack_high_water: u64,
     samples: Vec<Counters>,
     rng: fastrand::Rng,
 }
@@ -569,7 +562,8 @@ impl<'a> Run<'a> {
             transforms_checked: 0,
             cycles: 0,
             reset_at: 0,
-            counters: Counters::default(),
+            counters: hw::raycast::Counters::of().map(|_, _| 0),
+            stack_high_water: 0,
             samples: Vec::new(),
             rng: fastrand::Rng::with_seed(options.seed ^ 4),
         })
@@ -913,24 +907,13 @@ impl<'a> Run<'a> {
     }
 
     fn counters(&self) -> Counters {
-        let (outputs, model) = (&self.ports.outputs, &*self.model);
-        let count = model.sample(&outputs.count);
-        Counters {
-            cycles: count.cycles,
-            packet_steps: count.packet_steps,
-            ray_triangle_tests: count.ray_triangle_tests,
-            ray_transforms: count.ray_transforms,
-            tpu_busy_cycles: count.tpu_busy_cycles,
-            tpu_starved_cycles: count.tpu_starved_cycles,
-            gu_busy_cycles: count.gu_busy_cycles,
-            gu_starved_cycles: count.gu_starved_cycles,
-            stack_high_water: model.get(outputs.stack_high_water),
-        }
+        self.model.sample(&self.ports.outputs.count)
     }
 
     /// Reads what the unit counted, and holds it against what was seen of it.
     fn end(&mut self) -> Result<()> {
         self.counters = self.counters();
+        self.stack_high_water = self.model.get(self.ports.outputs.stack_high_water);
         ensure!(
             self.model.get(self.ports.outputs.stack_overflow) == 0,
             "the machine flags a stack overflow"
