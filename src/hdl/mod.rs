@@ -8,8 +8,12 @@
 //! pipelined module adds its latency, and a module reports the stages of its outputs: no latency is ever counted
 //! by hand.
 //!
-//! Mistakes (a width mismatch, a combinational loop, an undriven or doubly driven signal, a name clash) are
-//! reported by [`Builder::finish`] with the place in the Rust source.
+//! Signals that go together are fields of Rust structs ([`bundle!`](crate::bundle)), a unit's ports too
+//! ([`interface!`](crate::interface)). What holds of a module is part of its description ([`Proof`]); a finished one is data,
+//! which can be looked into and changed in one place ([`Mutation`]).
+//!
+//! Mistakes (a width mismatch, a combinational loop, an undriven or doubly driven signal, a name clash, a stage of a signal that
+//! has none) are reported by [`Builder::finish`] with the place in the Rust source.
 //!
 //! ```
 //! use dynrt::hdl::{Builder, Design};

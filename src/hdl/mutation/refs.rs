@@ -51,17 +51,17 @@ impl<'m> MemoryRef<'m> {
         self.module.printed.copies[self.index]
     }
 
-    /// The write port's enable, for a [`Mutation`].
+    /// The write port's enable, for a [`Mutation`](super::Mutation).
     pub fn write_enable(&self) -> Reads<&'m Module> {
         write_port(self.module, self.index, 0)
     }
 
-    /// The write port's address, for a [`Mutation`].
+    /// The write port's address, for a [`Mutation`](super::Mutation).
     pub fn write_address(&self) -> Reads<&'m Module> {
         write_port(self.module, self.index, 1)
     }
 
-    /// The write port's data, for a [`Mutation`].
+    /// The write port's data, for a [`Mutation`](super::Mutation).
     pub fn write_data(&self) -> Reads<&'m Module> {
         write_port(self.module, self.index, 2)
     }
