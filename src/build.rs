@@ -1,4 +1,4 @@
-//! Before compilation: the hash of all that decides what a check finds, but for the Verilog that it is made of. Remembered outcomes
+//! Before compilation: the hash of all that decides what a check finds, with what makes mutants. Remembered outcomes
 //! ([`mutate`](crate::mutate), [`fuzz`](crate::fuzz)) go by it, so that none outlives the test bench or the golden model that it was reached with.
 
 use std::collections::hash_map::DefaultHasher;
@@ -7,10 +7,8 @@ use std::hash::{Hash, Hasher};
 use std::io;
 use std::path::{Path, PathBuf};
 
-/// What only describes machines (their Verilog is hashed where it counts), or only reports.
-const BESIDE: [&str; 8] = [
-    "baseline", "cli", "compare", "hdl", "hw", "main.rs", "prove", "report",
-];
+/// What only reports.
+const BESIDE: [&str; 6] = ["baseline", "cli", "compare", "main.rs", "prove", "report"];
 
 fn files(folder: &Path, found: &mut Vec<PathBuf>) -> io::Result<()> {
     for entry in fs::read_dir(folder)? {
@@ -41,6 +39,6 @@ fn main() -> io::Result<()> {
         path.hash(&mut hash);
         fs::read(path)?.hash(&mut hash);
     }
-    println!("cargo::rustc-env=DYNRT_CHECKS={:016x}", hash.finish());
+    println!("cargo::rustc-env=DYNRT_SOURCES={:016x}", hash.finish());
     Ok(())
 }

@@ -11,7 +11,7 @@ use serde_json::json;
 use std::fmt::Write as _;
 
 const HELP: &str = "\
-Each mutant is one change of the emitted Verilog: an operator, a literal, a condition, a slice, a reset, a pipeline register left out.
+Each mutant is one change of the netlist, as its Verilog shows it: an operator, a literal, a condition, a slice, a reset, a pipeline register left out.
 All of a unit's are compiled into one model, which runs what the unit's tests run. What survives is tried for equivalence by Yosys, and
 listed otherwise. Results are kept in the cache: a run that was cut off goes on where it was.
 

@@ -30,7 +30,7 @@ Examples:
   dynrt prove                    everything
   dynrt prove --quick            what takes about two minutes: some of the sums' cases, all else whole
   dynrt prove add mul            two units
-  dynrt prove --plant            instead, faults planted in the emitted text: each proof must refute each of its own
+  dynrt prove --plant            instead, seeded faults: each proof must refute each of its own
   dynrt prove --json proofs.json";
 
 /// Prove the arithmetic, the queues and the ports of the emitted Verilog
@@ -43,7 +43,7 @@ pub struct Args {
     /// Of the sums' cases only those where the operands meet at the rounding bits
     #[arg(long)]
     quick: bool,
-    /// Plant faults in the emitted text, one at a time; each must be refuted
+    /// Instead, seeded faults: changes of the netlist, one at a time; each must be refuted
     #[arg(long)]
     plant: bool,
     #[command(flatten)]

@@ -862,9 +862,7 @@ impl Builder {
         }
         let inner = self.inner.into_inner();
         let module = Module::of(inner.ir)?;
-        for (mutation, place) in &inner.mutations {
-            module.admits(mutation, place)?;
-        }
+        module.admits(&inner.mutations)?;
         Ok(Arc::new(module))
     }
 

@@ -521,6 +521,7 @@ pub trait Specs: Bundle<Leaf = Spec> {
 
     /// The values that a word of at most 64 bits holds.
     fn decode(&self, word: u64) -> Like<Self, u64> {
+        debug_assert!(self.width() <= 64);
         let mut lsb = 0;
         self.map(|_, spec| {
             lsb += spec.width;

@@ -49,6 +49,13 @@ impl Module {
     pub(super) fn of(ir: Netlist) -> Result<Module, HdlError> {
         let paths = check::check(&ir)?;
         let printed = verilog::print(&ir);
+        if let (Some(proof), false) = (ir.proofs.first(), printed.clocked && printed.reset) {
+            return Err(HdlError {
+                module: ir.name.clone(),
+                message: format!("proof {}: the module has no clock or no reset", proof.name),
+                place: proof.place,
+            });
+        }
         for node in &ir.nodes {
             if let Op::Peek(memory, _) = node.op
                 && printed.copies[memory] == 0

@@ -138,8 +138,15 @@ impl<'b> Proof<'b> {
                 condition.builder.name
             );
             self.builder.fail(place, message);
+        } else if what.contains(['%', '"', '\\', '\n']) {
+            let message =
+                format!("{what:?}: is printed in Verilog: leave out %, \", \\ and line breaks");
+            self.builder.fail(place, message);
         } else if condition.width() != 1 {
             let message = format!("{what}: is of {} bits, not one", condition.width());
+            self.builder.fail(place, message);
+        } else if condition.literal() == Some(0) {
+            let message = format!("{what}: never holds");
             self.builder.fail(place, message);
         }
         condition.id
@@ -149,8 +156,7 @@ impl<'b> Proof<'b> {
     #[track_caller]
     pub fn assume(&self, condition: Signal<'b>) {
         let id = self.bit("what is assumed", condition);
-        let place = Location::caller();
-        self.data(|data| data.assumes.push((place, id)));
+        self.data(|data| data.assumes.push(id));
     }
 
     /// A bit that is high at every clock after the first of a reset; `what` says so in words.
@@ -532,7 +538,8 @@ mod tests {
             "{text}"
         );
         assert!(
-            text.contains("not so: it is no 9") && text.contains("proof.rs:"),
+            text.contains("not so: it is no 9")
+                && text.contains("not so: assumption 1 of proof keeps"),
             "{text}"
         );
     }

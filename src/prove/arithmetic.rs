@@ -289,12 +289,17 @@ fn related(
     let of = |a, b| relation_of(format, relation, a, b);
     let any = of(a.into(), b.into());
     let blind = known == KNOWING[0];
+    let mut turned = None;
     let (y, planted) = match blind {
         true if relation == Relation::Equal => {
             let fault = any.reads(a.eq(b)).inverted();
             (any, plant("unlike patterns are equal", fault))
         }
         true => {
+            if matches!(relation, Relation::Less | Relation::LessEqual) {
+                let fault = any.fault().as_signal(of(b.into(), a.into()));
+                turned = Some(plant("the order is turned round", fault));
+            }
             let fault = any.reads(a.msb()).as_signal(b.msb());
             (any, plant("the sign of b is taken for that of a", fault))
         }
@@ -321,7 +326,7 @@ fn related(
         reference: reference::relation(format, relation),
         cases: vec![Case::all()],
         method: Method::Reasoned,
-        plants: vec![planted],
+        plants: turned.into_iter().chain([planted]).collect(),
     })
 }
 

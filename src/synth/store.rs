@@ -11,7 +11,7 @@ use std::path::PathBuf;
 pub(crate) use crate::cosim::build::key;
 
 /// Test bench, golden model and all else but the Verilog that decides what a check finds, as a part of keys; see `src/build.rs`.
-pub(crate) const CHECKS: &str = env!("DYNRT_CHECKS");
+pub(crate) const CHECKS: &str = env!("DYNRT_SOURCES");
 
 /// The folder of results.
 pub(crate) struct Store {

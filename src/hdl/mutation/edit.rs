@@ -19,11 +19,17 @@ impl Module {
         }
     }
 
-    /// Whether a mutation can be made.
-    pub(in crate::hdl) fn admits(&self, mutation: &Mutation, place: Place) -> Result<(), HdlError> {
+    /// Whether each mutation can be made.
+    pub(in crate::hdl) fn admits(&self, mutations: &[(Mutation, Place)]) -> Result<(), HdlError> {
+        if mutations.is_empty() {
+            return Ok(());
+        }
         let printer = Printer::new(&self.ir);
-        let found = Editor::new(&printer).resolve(mutation);
-        found.map(drop).map_err(|why| self.error(why, place))
+        let mut editor = Editor::new(&printer);
+        mutations.iter().try_for_each(|(mutation, place)| {
+            let found = editor.resolve(mutation);
+            found.map(drop).map_err(|why| self.error(why, place))
+        })
     }
 
     /// The module with a change.
@@ -57,7 +63,9 @@ impl Module {
         }
         let module = Module::of(editor.finish())?;
         if module.verilog() == self.verilog() {
-            return Err(error(format!("nothing comes of a change: {mutation:?}")));
+            return Err(error(
+                "the change leaves the module's Verilog as it is".to_string(),
+            ));
         }
         Ok(Arc::new(module))
     }
@@ -345,7 +353,7 @@ impl Editor {
             }
         }
         match all.is_empty() {
-            true => Err(format!("it is not read there: {:?}", mutation.edit)),
+            true => Err("what is to be changed is not read there".to_string()),
             false => Ok(all),
         }
     }

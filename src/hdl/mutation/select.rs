@@ -25,8 +25,10 @@ const SELECT_BITS: u32 = 32;
 
 impl Netlist {
     /// Puts other modules of the same names below, with an input more where `select` says which.
+    /// Proofs that look for a signal that is gone from one of them are gone too.
     fn place(&mut self, children: &HashMap<&str, Arc<Module>>, select: Option<(&str, Id)>) -> bool {
         let mut placed = false;
+        let mut complete = true;
         for (number, instance) in self.instances.iter_mut().enumerate() {
             let Some(child) = children.get(instance.module.name()) else {
                 continue;
@@ -36,9 +38,10 @@ impl Netlist {
                 if let Op::Inside(within, id) = &mut node.op
                     && *within == number
                 {
-                    let name = instance.module.name_of(*id);
-                    let id_now = child.declared(name);
-                    *id = id_now.expect("a changed module has the registers that it had");
+                    match child.declared(instance.module.name_of(*id)) {
+                        Some(now) => *id = now,
+                        None => complete = false,
+                    }
                 }
             }
             instance.module = child.clone();
@@ -49,6 +52,9 @@ impl Netlist {
                 let port = port.expect("a changed module has the outputs that it had");
                 self.nodes[*id].op = Op::Instance(number, port);
             }
+        }
+        if !complete {
+            self.proofs.clear();
         }
         placed
     }

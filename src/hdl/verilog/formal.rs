@@ -37,7 +37,7 @@ pub(in super::super) fn with_proof(ir: &Netlist, proof: &ProofData) -> WithProof
     let mut printer = Printer::new(ir);
     let module = printer.module(&ir.name, &ir.doc);
     let stands = |id: &Id| printer.plan.stands[*id];
-    let assumes: Vec<Id> = proof.assumes.iter().map(|(_, id)| stands(id)).collect();
+    let assumes: Vec<Id> = proof.assumes.iter().map(stands).collect();
     let asserts: Vec<Id> = proof.asserts.iter().map(|(_, id)| stands(id)).collect();
     let covers: Vec<Id> = proof.covers.iter().map(|(_, id)| stands(id)).collect();
     let roots = [assumes.clone(), asserts.clone(), covers.clone()].concat();
@@ -101,14 +101,13 @@ pub(in super::super) fn with_checks(ir: &Netlist) -> (String, Vec<usize>) {
     let module = printer.module(&ir.name, &ir.doc);
     let mut checks: Vec<(String, Id)> = vec![];
     for proof in &ir.proofs {
-        let assumes = proof.assumes.iter();
-        let assumed = assumes.map(|(place, id)| {
-            let what = format!("what {}:{} assumes", place.file(), place.line());
+        let assumed = (1..).zip(&proof.assumes).map(|(number, id)| {
+            let what = format!("assumption {number} of proof {}", proof.name);
             (what, *id)
         });
         for (what, id) in assumed.chain(proof.asserts.iter().cloned()) {
             let id = printer.plan.stands[id];
-            let trivial = matches!(printer.plan.ops[id], Op::Literal(_));
+            let trivial = printer.plan.ops[id] == Op::Literal(1);
             if !trivial && !of_any(&printer, id) && !checks.iter().any(|(_, known)| *known == id) {
                 checks.push((what, id));
             }
