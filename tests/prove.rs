@@ -84,7 +84,7 @@ fn all_cases_of_a_small_format() {
 }
 
 #[test]
-fn planted_faults_of_the_arithmetic_are_refuted() {
+fn seeded_faults_of_the_arithmetic_are_refuted() {
     let units = ["add", "sub", "mul", "reciprocal", "compare", "step"];
     let rows = rows(&machine(SMALL), &units, true, true);
     hold(&rows, 15);
@@ -102,7 +102,7 @@ fn planted_faults_of_the_arithmetic_are_refuted() {
 }
 
 #[test]
-fn planted_faults_of_control_are_refuted() {
+fn seeded_faults_of_control_are_refuted() {
     let units = [
         "slots", "fifo", "prefetch", "credit", "skin", "geometry", "tpu", "stack", "share",
     ];

@@ -102,7 +102,7 @@ pub fn run(args: &Args) -> Result<()> {
     }
     let of = counted(
         rows.len() as u64,
-        if args.plant { "planted fault" } else { "proof" },
+        if args.plant { "seeded fault" } else { "proof" },
     );
     if failed > 0 {
         let wrong = if args.plant {

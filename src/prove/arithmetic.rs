@@ -8,7 +8,7 @@
 use super::aig::{Circuit, Fixed, Graph};
 use super::reference::{self, Relation};
 use super::tools::{self, Ended};
-use super::{Outcome, Plant};
+use super::{Outcome, Seeded};
 use crate::float::Format;
 use crate::hdl::{Builder, HdlError, Module, Mutation, Signal};
 use crate::hw::fp::{self, Knowing, Known, Operand, Units};
@@ -35,11 +35,11 @@ pub struct Equivalence {
     reference: String,
     pub cases: Vec<Case>,
     method: Method,
-    pub plants: Vec<Plant<Planted>>,
+    pub faults: Vec<Seeded<Change>>,
 }
 
 /// Where a fault is.
-pub enum Planted {
+pub enum Change {
     Unit(Mutation),
     /// A law of the reference alone has it there: a reference with the fault.
     Reference(String),
@@ -79,17 +79,17 @@ fn fixed(input: &str, lsb: u32, width: u32, value: u64) -> Fixed {
     }
 }
 
-fn plant(what: &str, mutation: Mutation) -> Plant<Planted> {
-    Plant {
+fn seeded(what: &str, mutation: Mutation) -> Seeded<Change> {
+    Seeded {
         what: what.into(),
-        change: Planted::Unit(mutation),
+        change: Change::Unit(mutation),
     }
 }
 
 /// A tie is rounded up whatever the last bit: of `half & (more | last)` remains the half.
-fn odd(unit: &Module) -> Result<Plant<Planted>, HdlError> {
+fn odd(unit: &Module) -> Result<Seeded<Change>, HdlError> {
     let round_up = unit.signal("round_up")?;
-    Ok(plant(
+    Ok(seeded(
         "a tie is rounded away from zero",
         round_up.operand(&[1]).as_value(1),
     ))
@@ -110,9 +110,9 @@ pub fn proofs(unit: &str, format: Format, clock_mhz: u32) -> Result<Vec<Equivale
             reference: reference::product(format),
             cases: vec![Case::all()],
             method: Method::Reasoned,
-            plants: vec![
+            faults: vec![
                 odd(&units.mul)?,
-                plant(
+                seeded(
                     "an infinity is a number unless both are",
                     units.mul.signal("special")?.operand(&[]).other_operator(),
                 ),
@@ -128,7 +128,7 @@ pub fn proofs(unit: &str, format: Format, clock_mhz: u32) -> Result<Vec<Equivale
             } else {
                 Method::Reasoned
             },
-            plants: vec![plant(
+            faults: vec![seeded(
                 "nothing is rounded up",
                 units
                     .reciprocal
@@ -189,7 +189,7 @@ fn sums(
             reference: reference::sum_of_numbers(format, subtract),
             cases: distances.collect(),
             method: Method::Reasoned,
-            plants: vec![odd(module)?],
+            faults: vec![odd(module)?],
         },
         Equivalence {
             module: module.clone(),
@@ -202,7 +202,7 @@ fn sums(
                 special("b", "an infinity or a NaN", ones),
             ],
             method: Method::Reasoned,
-            plants: vec![plant(
+            faults: vec![seeded(
                 "nothing ever gives a NaN",
                 module.signal("nan")?.fault().as_value(0),
             )],
@@ -213,9 +213,9 @@ fn sums(
             reference: reference::sum_coverage(format, "LAST"),
             cases: vec![Case::all()],
             method: Method::Reasoned,
-            plants: vec![Plant {
+            faults: vec![Seeded {
                 what: "the greatest distance is no case".into(),
-                change: Planted::Reference(reference::sum_coverage(format, "LAST - 1")),
+                change: Change::Reference(reference::sum_coverage(format, "LAST - 1")),
             }],
         },
     ])
@@ -290,18 +290,18 @@ fn related(
     let any = of(a.into(), b.into());
     let blind = known == KNOWING[0];
     let mut turned = None;
-    let (y, planted) = match blind {
+    let (y, fault) = match blind {
         true if relation == Relation::Equal => {
             let fault = any.reads(a.eq(b)).inverted();
-            (any, plant("unlike patterns are equal", fault))
+            (any, seeded("unlike patterns are equal", fault))
         }
         true => {
             if matches!(relation, Relation::Less | Relation::LessEqual) {
                 let fault = any.fault().as_signal(of(b.into(), a.into()));
-                turned = Some(plant("the order is turned round", fault));
+                turned = Some(seeded("the order is turned round", fault));
             }
             let fault = any.reads(a.msb()).as_signal(b.msb());
-            (any, plant("the sign of b is taken for that of a", fault))
+            (any, seeded("the sign of b is taken for that of a", fault))
         }
         false => {
             let [a, b] = [(a, known[0]), (b, known[1])]
@@ -312,7 +312,7 @@ fn related(
             let fault = differs.fault().inverted();
             (
                 any ^ differs,
-                plant("what knows more says the opposite", fault),
+                seeded("what knows more says the opposite", fault),
             )
         }
     };
@@ -326,7 +326,7 @@ fn related(
         reference: reference::relation(format, relation),
         cases: vec![Case::all()],
         method: Method::Reasoned,
-        plants: turned.into_iter().chain([planted]).collect(),
+        faults: turned.into_iter().chain([fault]).collect(),
     })
 }
 
@@ -348,7 +348,7 @@ fn stepped(name: &str, ulps: i32, format: Format) -> Result<Equivalence> {
         reference: reference::step(format, ulps),
         cases: vec![Case::all()],
         method: Method::Reasoned,
-        plants: vec![plant("it steps one ulp too far away from zero", too_far)],
+        faults: vec![seeded("it steps one ulp too far away from zero", too_far)],
     })
 }
 
@@ -369,7 +369,7 @@ impl Equivalence {
     /// Proves the cases that are asked for, or finds operands that make a difference. `done` is called after each case.
     ///
     /// # Errors
-    /// A tool that fails; a fault that cannot be planted.
+    /// A tool that fails; a fault that cannot be made.
     pub fn prove(
         &self,
         folder: &Path,
@@ -411,9 +411,9 @@ impl Equivalence {
             "{name} has children, which no reference stands in for"
         );
         let (mut module, mut reference) = (self.module.clone(), &self.reference);
-        match fault.map(|fault| &self.plants[fault].change) {
-            Some(Planted::Unit(mutation)) => module = module.with(mutation)?,
-            Some(Planted::Reference(planted)) => reference = planted,
+        match fault.map(|fault| &self.faults[fault].change) {
+            Some(Change::Unit(mutation)) => module = module.with(mutation)?,
+            Some(Change::Reference(changed)) => reference = changed,
             None => {}
         }
         let has_unit = reference.contains("dut dut");

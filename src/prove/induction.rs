@@ -149,13 +149,13 @@ impl Induction {
             None => self.module.clone(),
         };
         let formal = module.formal(&self.proof.name, &str::to_string)?;
-        std::fs::write(folder.join("laws.sv"), &formal.text).context("laws.sv")?;
+        std::fs::write(folder.join("proof.sv"), &formal.text).context("proof.sv")?;
         let write = match self.proof.arrays {
             true => "write_smt2",
             false => "write_smt2 -nomem",
         };
-        let script = self.script("laws.sv", self.module.name(), &formal.cut);
-        tools::yosys(folder, &format!("{script}; {write} laws.smt2"))?;
+        let script = self.script("proof.sv", self.module.name(), &formal.cut);
+        tools::yosys(folder, &format!("{script}; {write} proof.smt2"))?;
         // The base must cover as many clocks as a step assumes, and what a seeded fault needs to show.
         let base = (self.proof.depth + 1).to_string();
         let depth = self.proof.depth.to_string();
@@ -173,7 +173,7 @@ impl Induction {
             } else if !self.proof.arrays {
                 args.push("--unroll");
             }
-            args.push("laws.smt2");
+            args.push("proof.smt2");
             let text = match tools::run(folder, LIMIT, "yosys-smtbmc", &args)? {
                 Ended::With { text, .. } => text,
                 Ended::OutOfTime => {
@@ -209,7 +209,7 @@ impl Induction {
         let mut broken: Vec<&str> = vec![];
         for line in text.lines().filter(|line| line.contains("Assert failed")) {
             let number = line
-                .split_once("laws.sv:")
+                .split_once("proof.sv:")
                 .and_then(|(_, rest)| rest.split(['.', '-']).nth(2));
             let number = number.and_then(|n| n.parse::<usize>().ok());
             let property = number.and_then(|n| lines.iter().position(|line| *line == n));

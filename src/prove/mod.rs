@@ -2,7 +2,7 @@
 //!
 //! Arithmetic ([`arithmetic`]) is compared with an exact reference for all operands; a pipeline that is lent is shown to keep its slots
 //! apart ([`slots`]); queues, credits, stack and ports
-//! ([`induction`]) are proved by induction. Every proof has *plants*: changes of the module, each of which must make it
+//! ([`induction`]) are proved by induction. Every proof has *seeded faults*: changes of the module, each of which must make it
 //! fail, with a counterexample. A proof that a tool leaves undecided has failed.
 
 mod aig;
@@ -83,7 +83,7 @@ pub enum Outcome {
 
 /// A fault that a proof must find.
 #[derive(Clone, Debug)]
-pub struct Plant<Change> {
+pub struct Seeded<Change> {
     pub what: String,
     pub change: Change,
 }
@@ -95,27 +95,27 @@ pub struct Options {
     pub units: Vec<String>,
     /// Only what takes a few minutes in all: a selection of the sums' cases, everything else whole.
     pub quick: bool,
-    /// Instead of the design as it is, every planted fault, one at a time.
+    /// Instead of the design as it is, every seeded fault, one at a time.
     pub plant: bool,
 }
 
-/// One proof, or one planted fault, and how it ended.
+/// One proof, or one seeded fault, and how it ended.
 #[derive(Clone, Debug)]
 pub struct Row {
     pub unit: &'static str,
     pub module: String,
     pub what: String,
-    /// The planted fault.
+    /// The seeded fault.
     pub fault: Option<String>,
     pub how: String,
-    /// Cases proved; in an induction, laws.
+    /// Cases proved; in an induction, properties.
     pub cases: usize,
     pub seconds: f64,
     pub outcome: Outcome,
 }
 
 impl Row {
-    /// Whether it ended as it should: proved, or, with a planted fault, refuted.
+    /// Whether it ended as it should: proved, or, with a seeded fault, refuted.
     pub fn holds(&self) -> bool {
         matches!(
             (&self.fault, &self.outcome),
@@ -145,7 +145,7 @@ pub fn check(names: &[String]) -> Result<()> {
 /// each row.
 ///
 /// # Errors
-/// A unit that does not exist; a tool that is missing or fails; a fault that cannot be planted. Failed proofs are rows.
+/// A unit that does not exist; a tool that is missing or fails; a fault that cannot be made. Failed proofs are rows.
 pub fn run(
     config: &Config,
     options: &Options,
@@ -263,12 +263,12 @@ fn subjects(unit: &str, config: &Config) -> Result<Vec<Subject>> {
 impl Subject {
     /// What its faults are.
     fn faults(&self) -> Vec<&str> {
-        fn names<T>(plants: &[Plant<T>]) -> Vec<&str> {
-            plants.iter().map(|plant| plant.what.as_str()).collect()
+        fn names<T>(faults: &[Seeded<T>]) -> Vec<&str> {
+            faults.iter().map(|fault| fault.what.as_str()).collect()
         }
         match self {
-            Subject::Equivalence(proof) => names(&proof.plants),
-            Subject::Slots(proof) => names(&proof.plants),
+            Subject::Equivalence(proof) => names(&proof.faults),
+            Subject::Slots(proof) => names(&proof.faults),
             Subject::Induction(proof) => proof.faults().collect(),
         }
     }

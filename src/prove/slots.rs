@@ -9,7 +9,7 @@
 //! own paths are of one length is part of their proofs.
 
 use super::aig::Circuit;
-use super::{Outcome, Plant, tools};
+use super::{Outcome, Seeded, tools};
 use crate::config::Config;
 use crate::emit;
 use crate::hdl::{Direction, Module, Mutation};
@@ -22,7 +22,7 @@ use std::sync::Arc;
 pub struct Slots {
     pub module: Arc<Module>,
     pub what: String,
-    pub plants: Vec<Plant<Mutation>>,
+    pub faults: Vec<Seeded<Mutation>>,
 }
 
 /// What the names of arithmetic units begin with.
@@ -42,24 +42,24 @@ pub fn proofs(unit: &str, config: &Config) -> Result<Vec<Slots>> {
         .iter()
         .find(|m| m.name() == "triangle_test");
     let module = test.context("the machine has a triangle test")?.clone();
-    let plant = |what: &str, input: &str| -> Result<Plant<Mutation>> {
+    let seeded = |what: &str, input: &str| -> Result<Seeded<Mutation>> {
         let mut instances = module.instances().into_iter();
         let given = instances.find_map(|instance| instance.input(input).ok());
         let given = given.with_context(|| format!("no part of the test has an input {input}"))?;
-        Ok(Plant {
+        Ok(Seeded {
             what: what.into(),
             change: given.one_clock_late(),
         })
     };
-    let plants = vec![
-        plant("the test's kind is a slot late", "matrix")?,
-        plant("sums are chosen by the kind of a slot before", "accumulate")?,
+    let faults = vec![
+        seeded("the test's kind is a slot late", "matrix")?,
+        seeded("sums are chosen by the kind of a slot before", "accumulate")?,
     ];
     Ok(vec![Slots {
         what:
             "what comes out of a slot is made of what went into it, whoever has the slots beside it"
                 .into(),
-        plants,
+        faults,
         module,
     }])
 }
@@ -68,10 +68,10 @@ impl Slots {
     /// Checks every path. Returns how many output bits there are.
     ///
     /// # Errors
-    /// A tool that fails; a fault that cannot be planted.
+    /// A tool that fails; a fault that cannot be made.
     pub fn prove(&self, folder: &Path, fault: Option<usize>) -> Result<(usize, Outcome)> {
-        let planted = fault.map(|fault| self.module.with(&self.plants[fault].change));
-        let module = planted.transpose()?.unwrap_or(self.module.clone());
+        let changed = fault.map(|fault| self.module.with(&self.faults[fault].change));
+        let module = changed.transpose()?.unwrap_or(self.module.clone());
         let mut texts = vec![module.verilog().to_string()];
         let mut names = vec![];
         add_children(&self.module, &mut names, &mut texts);
