@@ -2203,7 +2203,7 @@ fn changes_are_part_of_a_description() {
     ];
     assert_eq!(of_signals, by_name);
 
-    let not_read = "it is not read there: Read(Of(Node(2), 3), Value(0))";
+    let not_read = "what is to be changed is not read there";
     mistake(not_read, |m| {
         let (a, b) = (m.input("a", 4), m.input("b", 4));
         let (sum, c) = ((a + b).named("sum"), m.input("c", 4));

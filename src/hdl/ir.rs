@@ -177,7 +177,7 @@ pub(super) struct ProofData {
     pub name: String,
     pub what: String,
     pub place: Place,
-    pub assumes: Vec<Id>,
+    pub assumes: Vec<(String, Id)>,
     pub asserts: Vec<(String, Id)>,
     pub covers: Vec<(String, Id)>,
     /// Signals that have any value at each clock, whatever drives them.
@@ -195,9 +195,9 @@ pub(super) struct ProofData {
 impl ProofData {
     /// All the nodes that it speaks of.
     pub fn nodes(&mut self) -> impl Iterator<Item = &mut Id> {
-        let said = self.asserts.iter_mut().chain(&mut self.covers);
-        let said = said.map(|(_, id)| id);
-        self.assumes.iter_mut().chain(said).chain(&mut self.cut)
+        let said = self.assumes.iter_mut().chain(&mut self.asserts);
+        let said = said.chain(&mut self.covers).map(|(_, id)| id);
+        said.chain(&mut self.cut)
     }
 }
 

@@ -152,11 +152,12 @@ impl<'b> Proof<'b> {
         condition.id
     }
 
-    /// Assumes a bit to be high at every clock.
+    /// Assumes a bit to be high at every clock; `what` says so in words.
     #[track_caller]
-    pub fn assume(&self, condition: Signal<'b>) {
-        let id = self.bit("what is assumed", condition);
-        self.data(|data| data.assumes.push(id));
+    pub fn assume(&self, what: impl Into<String>, condition: Signal<'b>) {
+        let what = what.into();
+        let id = self.bit(&what, condition);
+        self.data(|data| data.assumes.push((what, id)));
     }
 
     /// A bit that is high at every clock after the first of a reset; `what` says so in words.
@@ -285,7 +286,8 @@ impl<'b> Outputs<'b> {
 pub struct ProofFacts {
     pub name: String,
     pub what: String,
-    /// What is asserted, and what is covered, in words.
+    /// What is assumed, asserted and covered, in words.
+    pub assumes: Vec<String>,
     pub asserts: Vec<String>,
     pub covers: Vec<String>,
     pub depth: u32,
@@ -312,6 +314,7 @@ impl Module {
         let facts = |proof: &ProofData| ProofFacts {
             name: proof.name.clone(),
             what: proof.what.clone(),
+            assumes: words(&proof.assumes),
             asserts: words(&proof.asserts),
             covers: words(&proof.covers),
             depth: proof.depth,
@@ -452,7 +455,7 @@ mod tests {
             let word = proof.reg("word", 8);
             written.next(written.q | here);
             word.next_when(here, late.untimed());
-            proof.assume(data.untimed().any());
+            proof.assume("the data is not 0", data.untimed().any());
             proof.assert("it is kept", written.q.implies(words.peek(at).eq(word.q)));
             let sums = m.concat(&sum.stages(1..=6));
             proof.assert(
@@ -539,7 +542,7 @@ mod tests {
         );
         assert!(
             text.contains("not so: it is no 9")
-                && text.contains("not so: assumption 1 of proof keeps"),
+                && text.contains("not so: assumed: the data is not 0"),
             "{text}"
         );
     }

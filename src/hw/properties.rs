@@ -96,9 +96,18 @@ impl<'b> Ahead<'b> {
             reader.pop,
         );
         let room = m.lit(reader.room, Self::BITS);
-        proof.assume(reader.valid.implies(count.any()));
-        proof.assume(reader.empty.eq(count.is_zero()));
-        proof.assume(reader.fetch_ready.implies(count.le(room)));
+        proof.assume(
+            "a reader ahead has a word only if it was given an address",
+            reader.valid.implies(count.any()),
+        );
+        proof.assume(
+            "a reader ahead is empty where nothing is in it",
+            reader.empty.eq(count.is_zero()),
+        );
+        proof.assume(
+            "a reader ahead takes an address only where it has room",
+            reader.fetch_ready.implies(count.le(room)),
+        );
         proof.assert(
             format!("no more words are in {name} than it has room for"),
             count.le(m.lit(reader.room + 1, Self::BITS)),

@@ -43,6 +43,7 @@ pub fn files(config: &Config, prefix: &Prefix) -> Result<(Vec<(String, String)>,
                 "what": proof.proof.what,
                 "source": source,
                 "task": task,
+                "assumes": proof.proof.assumes,
                 "asserts": proof.proof.asserts,
                 "covers": proof.proof.covers,
             }));

@@ -37,7 +37,7 @@ pub(in super::super) fn with_proof(ir: &Netlist, proof: &ProofData) -> WithProof
     let mut printer = Printer::new(ir);
     let module = printer.module(&ir.name, &ir.doc);
     let stands = |id: &Id| printer.plan.stands[*id];
-    let assumes: Vec<Id> = proof.assumes.iter().map(stands).collect();
+    let assumes: Vec<Id> = proof.assumes.iter().map(|(_, id)| stands(id)).collect();
     let asserts: Vec<Id> = proof.asserts.iter().map(|(_, id)| stands(id)).collect();
     let covers: Vec<Id> = proof.covers.iter().map(|(_, id)| stands(id)).collect();
     let roots = [assumes.clone(), asserts.clone(), covers.clone()].concat();
@@ -50,8 +50,12 @@ pub(in super::super) fn with_proof(ir: &Netlist, proof: &ProofData) -> WithProof
     section += &started(&started_name);
     let _ = writeln!(section, "  always @* if (!{started_name}) assume (rst);");
     // In the first clock of reset too: what registers hold a clock later comes from it.
-    for id in &assumes {
-        let _ = writeln!(section, "  always @* assume ({});", printer.part(*id));
+    for ((what, _), id) in proof.assumes.iter().zip(&assumes) {
+        let _ = writeln!(
+            section,
+            "  always @* assume ({}); // {what}",
+            printer.part(*id)
+        );
     }
     let _ = writeln!(section, "  always @* if ({started_name}) begin");
     let mut lines = vec![];
@@ -101,10 +105,8 @@ pub(in super::super) fn with_checks(ir: &Netlist) -> (String, Vec<usize>) {
     let module = printer.module(&ir.name, &ir.doc);
     let mut checks: Vec<(String, Id)> = vec![];
     for proof in &ir.proofs {
-        let assumed = (1..).zip(&proof.assumes).map(|(number, id)| {
-            let what = format!("assumption {number} of proof {}", proof.name);
-            (what, *id)
-        });
+        let assumes = proof.assumes.iter();
+        let assumed = assumes.map(|(what, id)| (format!("assumed: {what}"), *id));
         for (what, id) in assumed.chain(proof.asserts.iter().cloned()) {
             let id = printer.plan.stands[id];
             let trivial = printer.plan.ops[id] == Op::Literal(1);

@@ -56,8 +56,14 @@ impl<'b> Queue<'b> {
     fn watch(&self, proof: &Proof<'b>, held: Signal<'b>) -> Watched<'b> {
         let m = self.module();
         let (push, pop) = (self.push, self.pop);
-        proof.assume(pop.implies(self.valid));
-        proof.assume(push.implies(held.lt(self.depth())));
+        proof.assume(
+            "it is popped only where it shows a word",
+            pop.implies(self.valid),
+        );
+        proof.assume(
+            "it is pushed only where it has room",
+            push.implies(held.lt(self.depth())),
+        );
         let choose = proof.any_seq("choose", 1);
         let watching = proof.reg_reset("watching", 1, 0);
         let word = proof.reg("word", self.data.width());
@@ -263,8 +269,14 @@ impl<'b> Placed<'b> {
         if self.registered {
             let count = self.instance.inside("count");
             let one = proof.module().lit(1u8, count.width());
-            proof.assume(self.instance.inside("front_valid").eq(count.any()));
-            proof.assume(self.instance.inside("more").eq(count.gt(one)));
+            proof.assume(
+                "a queue's front word is valid where it holds one",
+                self.instance.inside("front_valid").eq(count.any()),
+            );
+            proof.assume(
+                "a queue knows whether there is a word behind the front",
+                self.instance.inside("more").eq(count.gt(one)),
+            );
         }
     }
 

@@ -316,18 +316,36 @@ pub(super) fn conserves<'b>(unit: &Unit<'b>) {
     let ages = list("ages", &|leaf| leaf.age);
 
     let never_changes = inputs.instanced.eq(proof.past(inputs.instanced));
-    proof.assume(never_changes);
+    proof.assume(
+        "whether the scene has instances never changes",
+        never_changes,
+    );
     let leaf_valid = inputs.leaf.valid;
-    proof.assume(inputs.sweep.eq(sweeping.q) & inputs.sweep_packet.eq(swept.q));
-    proof.assume(!(inputs.sweep & (leaf_valid | vertex.valid)));
-    proof.assume(!(inputs.skinning & (leaf_valid | here.any())));
-    proof.assume(leaf_valid.implies(!here.bit_at(leaf.packet) & leaf.mask.any()));
-    proof.assume(shown_stays(
-        proof,
-        leaf_valid,
-        inputs.record.request_ready,
-        &[leaf.packet, leaf.address, leaf.context],
-    ));
+    proof.assume(
+        "what counts by packet is cleared after a reset",
+        inputs.sweep.eq(sweeping.q) & inputs.sweep_packet.eq(swept.q),
+    );
+    proof.assume(
+        "no leaf and no vertex comes while that is cleared",
+        !(inputs.sweep & (leaf_valid | vertex.valid)),
+    );
+    proof.assume(
+        "no leaf is here or comes while a mesh is skinned",
+        !(inputs.skinning & (leaf_valid | here.any())),
+    );
+    proof.assume(
+        "a packet has one leaf here at a time, with a ray in its mask",
+        leaf_valid.implies(!here.bit_at(leaf.packet) & leaf.mask.any()),
+    );
+    proof.assume(
+        "a leaf that is not taken stays",
+        shown_stays(
+            proof,
+            leaf_valid,
+            inputs.record.request_ready,
+            &[leaf.packet, leaf.address, leaf.context],
+        ),
+    );
     // An answer is of something asked for; and what comes out of a queue went in.
     for (shown, place, packet, is_instance) in [
         (
@@ -350,9 +368,15 @@ pub(super) fn conserves<'b>(unit: &Unit<'b>) {
         ),
     ] {
         let as_it_came = is_instance.eq(instances.bit_at(packet));
-        proof.assume(shown.implies(place.q.bit_at(packet) & as_it_came));
+        proof.assume(
+            "records and queues give back what they were given",
+            shown.implies(place.q.bit_at(packet) & as_it_came),
+        );
     }
-    proof.assume((vertex.valid).implies(owed_vertices.q.bit_at(vertex.payload.tag)));
+    proof.assume(
+        "memory gives vertices that it was asked for, once",
+        (vertex.valid).implies(owed_vertices.q.bit_at(vertex.payload.tag)),
+    );
     proof.cover("all rays of a leaf are in the test", places.out.q.any());
 
     unit.seed_faults(proof);

@@ -71,14 +71,18 @@ pub(super) fn order<'b>(reader: &Reader<'b>) {
     let owed = proof.reg_reset("owed", depth, 0);
     owed.next((owed.q | requests.shl(request_tag)) & !answers.shl(response_tag));
     let is_slot = wide(response_tag).lt(slots);
-    proof.assume(response_valid.implies(is_slot & owed.q.bit_at(response_tag)));
-    proof.assume(pop.implies(front_valid));
-    proof.assume(shown_stays(
-        &proof,
-        fetch_valid,
-        fetch_ready,
-        &[fetch_address],
-    ));
+    proof.assume(
+        "memory answers requests that were made, once",
+        response_valid.implies(is_slot & owed.q.bit_at(response_tag)),
+    );
+    proof.assume(
+        "a word is popped only where one is shown",
+        pop.implies(front_valid),
+    );
+    proof.assume(
+        "an address that is not taken stays",
+        shown_stays(&proof, fetch_valid, fetch_ready, &[fetch_address]),
+    );
 
     let choose = proof.any_seq("choose", 1);
     let watching = proof.reg_reset("watching", 1, 0);

@@ -136,7 +136,10 @@ fn packets<'b>(proof: &Proof<'b>, unit: &Unit<'b>, traversing: Signal<'b>) {
     let all = m.lit(unit.packets, BITS);
     let (free, finished) = (unit.free.count(BITS), unit.finished.count(BITS));
     let under_way = wide(unit.under_way);
-    proof.assume(unit.finished.push.implies(traversing.any()));
+    proof.assume(
+        "the traversal unit finishes packets that it has",
+        unit.finished.push.implies(traversing.any()),
+    );
     proof.assert(
         "every packet under way is traversing, finished or leaving",
         under_way.eq(traversing + finished + wide(unit.out_valid)),
@@ -172,7 +175,10 @@ fn packets<'b>(proof: &Proof<'b>, unit: &Unit<'b>, traversing: Signal<'b>) {
 fn packet<'b>(proof: &Proof<'b>, unit: &Unit<'b>) {
     let m = proof.module();
     let packet = proof.any_const("packet", unit.sweep_packet.width());
-    proof.assume(wide(packet).lt(m.lit(unit.packets, BITS)));
+    proof.assume(
+        "the watched packet has a number",
+        wide(packet).lt(m.lit(unit.packets, BITS)),
+    );
     let (free, finished) = (&unit.free, &unit.finished);
     let in_front = free.front.eq(packet);
     let enters = unit.enters & in_front;
@@ -194,10 +200,22 @@ fn packet<'b>(proof: &Proof<'b>, unit: &Unit<'b>) {
     let stored = unit.tags.peek(packet);
     tag.next_when(enters, unit.first_ray.mux(ray_tag, stored));
 
-    proof.assume(finishes.implies(is_traversing.q));
-    proof.assume((free.valid & in_front).implies(is_free.q));
-    proof.assume((finished.valid & finished_front).implies(is_finished.q));
-    proof.assume(shown_stays(proof, free.valid, free.pop, &[free.front]));
+    proof.assume(
+        "a packet that is finished was traversing",
+        finishes.implies(is_traversing.q),
+    );
+    proof.assume(
+        "what comes out of the queue of free numbers was in it",
+        (free.valid & in_front).implies(is_free.q),
+    );
+    proof.assume(
+        "what comes out of the queue of finished packets was in it",
+        (finished.valid & finished_front).implies(is_finished.q),
+    );
+    proof.assume(
+        "the front of the queue of free numbers stays until it is taken",
+        shown_stays(proof, free.valid, free.pop, &[free.front]),
+    );
 
     let to_sweep = unit.sweeping & packet.ge(unit.sweep_packet);
     let places = m.concat(&[is_free.q, is_traversing.q, is_finished.q, is_out]);
@@ -221,8 +239,14 @@ fn skinning<'b>(proof: &Proof<'b>, unit: &Unit<'b>) {
     let start_ready = unit.outputs.skin_start_ready;
     let starts = unit.inputs.skin_start.valid & start_ready;
     let mesh = proof.past(!m.reset() & (unit.skinning | starts));
-    proof.assume(start_ready.implies(!unit.skinning & unit.may_start));
-    proof.assume(unit.skinning.implies(mesh));
+    proof.assume(
+        "a mesh starts where the skinning processor is idle and may start",
+        start_ready.implies(!unit.skinning & unit.may_start),
+    );
+    proof.assume(
+        "the skinning processor is busy with a mesh alone",
+        unit.skinning.implies(mesh),
+    );
     proof.assert(
         "no packet is under way while a mesh is skinned",
         (unit.skinning | mesh).implies(unit.under_way.is_zero() & !unit.sweeping),
@@ -250,20 +274,35 @@ fn vertices<'b>(proof: &Proof<'b>, unit: &Unit<'b>, traversing: Signal<'b>) {
     );
     let skinner_asks = asks & unit.skinning;
     let owed_skinner = count(proof, BITS, "owed_skinner", skinner_asks, unit.to_skinner);
-    proof.assume(response.implies(owed_geometry.any() | owed_skinner.any()));
+    proof.assume(
+        "memory gives vertices that it was asked for",
+        response.implies(owed_geometry.any() | owed_skinner.any()),
+    );
     for owed in [owed_geometry, owed_skinner] {
-        proof.assume((owed + wide(asks)).lt(m.lit(OWED_BELOW, BITS)));
+        proof.assume(
+            "fewer vertex requests are open than can be counted",
+            (owed + wide(asks)).lt(m.lit(OWED_BELOW, BITS)),
+        );
     }
     let quiet = !geometry.valid & !unit.object_valid & owed_geometry.is_zero();
-    proof.assume(traversing.any() | quiet);
-    proof.assume(unit.skinning | (!skinner.valid & owed_skinner.is_zero()));
+    proof.assume(
+        "the geometry unit is quiet between packets",
+        traversing.any() | quiet,
+    );
+    proof.assume(
+        "the skinning processor asks for nothing between meshes",
+        unit.skinning | (!skinner.valid & owed_skinner.is_zero()),
+    );
     for request in [geometry, skinner] {
-        proof.assume(shown_stays(
-            proof,
-            request.valid,
-            vertex.request_ready,
-            &request.payload.leaves(),
-        ));
+        proof.assume(
+            "a vertex request that is not taken stays",
+            shown_stays(
+                proof,
+                request.valid,
+                vertex.request_ready,
+                &request.payload.leaves(),
+            ),
+        );
     }
     proof.assert(
         "only one unit is owed vertices",

@@ -127,8 +127,14 @@ pub(super) fn conserves<'b>(m: &'b Builder, unit: &Unit<'b>) {
     let vertices = wider(unit.inputs.start.payload.vertices);
     to_begin.next((unit.start).mux(vertices, to_begin.q - wider(completes)));
     let starved = skinning & !unit.loading & unit.vectors.valid;
-    proof.assume(returns.implies(outside.any()));
-    proof.assume(!(starved & unit.rows.empty & !unit.rows_wanted));
+    proof.assume(
+        "the geometry unit gives back influences that it was issued",
+        returns.implies(outside.any()),
+    );
+    proof.assume(
+        "the rows have an end for each vertex",
+        !(starved & unit.rows.empty & !unit.rows_wanted),
+    );
 
     let depth = m.lit(unit.depth, BITS);
     let held = unit.held();
@@ -250,7 +256,10 @@ pub(super) fn write_queue<'b>(m: &'b Builder, unit: &Unit<'b>) {
     let write = unit.outputs.write;
     // Of any bits that come and go, so of those of the pipeline too. The data are inputs.
     proof.cut(unit.vertex_done);
-    proof.assume(unit.vertex_done.implies(held.lt(depth)));
+    proof.assume(
+        "a vertex comes only where the write queue has room",
+        unit.vertex_done.implies(held.lt(depth)),
+    );
     let watching = proof.reg_reset("watching", 1, 0);
     let word = proof.reg("word", unit.queue_data.width());
     let before = proof.reg("before", BITS);

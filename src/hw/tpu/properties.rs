@@ -90,10 +90,22 @@ fn packets<'b>(unit: &Watched<'_, 'b>) {
     let soon = proof.reg_reset("soon", pop.latency, 0);
     soon.next(soon.q.concat(inputs.setup_soon).low(pop.latency));
 
-    proof.assume(inputs.setup.valid.eq(soon.q.msb()));
-    proof.assume(starts.implies(total.lt(all)));
-    proof.assume(inputs.node.response.valid.implies(memory.any()));
-    proof.assume(geometry.ge(returns));
+    proof.assume(
+        "setup_soon announces each ray that has been set up",
+        inputs.setup.valid.eq(soon.q.msb()),
+    );
+    proof.assume(
+        "no more packets start than there are numbers",
+        starts.implies(total.lt(all)),
+    );
+    proof.assume(
+        "node memory answers requests that were made",
+        inputs.node.response.valid.implies(memory.any()),
+    );
+    proof.assume(
+        "the geometry unit gives back leaves that it was given",
+        geometry.ge(returns),
+    );
     proof.cover("a packet is finished", *finished & total.any());
 
     let registers = |valid: Signal<'b>, last: u32| {
@@ -230,7 +242,10 @@ fn choices<'b>(unit: &Watched<'_, 'b>) {
         queue.keep(&proof);
         let bits = queue.count_bits() + 1;
         let (count, depth) = (queue.count(bits), m.lit(queue.depth, bits));
-        proof.assume(queue.push.implies(count.lt(depth)));
+        proof.assume(
+            "what feeds a queue finds room in it",
+            queue.push.implies(count.lt(depth)),
+        );
         proof.assert(
             format!("{} holds no more than it has room for", queue.name),
             count.le(depth),
@@ -306,10 +321,16 @@ fn stack<'b>(unit: &Watched<'_, 'b>) {
     };
     let packet = proof.any_const("packet", plan.packet_bits());
     let level = proof.any_const("level", level_bits);
-    proof.assume(below(packet, packets) & level.lt(depth));
+    proof.assume(
+        "the watched packet and level exist",
+        below(packet, packets) & level.lt(depth),
+    );
     let pushed_level = step.push_level;
     let may_be = below(packet_of_step, packets) & pushed_level.le(depth);
-    proof.assume(step.push.implies(may_be));
+    proof.assume(
+        "a step is of a packet and a level that exist",
+        step.push.implies(may_be),
+    );
 
     let (popped_packet, popped_level) = (pop.popping_packet.untimed(), pop.popping_level.untimed());
     let here = packet_of_step.eq(packet) & pushed_level.eq(level);
@@ -380,7 +401,10 @@ fn stack<'b>(unit: &Watched<'_, 'b>) {
     }
     // A push is written a clock later, as a pop reads. Its packet cannot pop in the clocks until then: it has yet to ask for its next node.
     let flies = proof.past(push);
-    proof.assume(!(pop_here & (push | flies)));
+    proof.assume(
+        "a packet that pushes does not pop before its push is written",
+        !(pop_here & (push | flies)),
+    );
     let (bank, place) = Banks::split(place);
     // Of the bank that the watched place is in.
     let of_bank = |of_banks: Vec<Signal<'b>>| {

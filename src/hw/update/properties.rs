@@ -116,11 +116,21 @@ impl<'b> Passing<'b> {
             ends.mux(held - wide(unit.take), before_end.q - m.lit(1u8, BITS)),
         );
         let shown = unit.instruction_queue.valid;
-        let assume = |condition: Signal<'b>| proof.assume(shown.implies(condition));
-        assume(front.one());
-        assume(front.load.implies(loads.q.any()));
-        assume(front.load | loads.q.ne(held));
-        assume(front.end.eq(end.q & before_end.q.is_zero()));
+        let assume =
+            |what: &str, condition: Signal<'b>| proof.assume(what, shown.implies(condition));
+        assume("an instruction is of one kind", front.one());
+        assume(
+            "a load that comes out went in",
+            front.load.implies(loads.q.any()),
+        );
+        assume(
+            "not all are loads where the front is none",
+            front.load | loads.q.ne(held),
+        );
+        assume(
+            "the end comes out in its turn",
+            front.end.eq(end.q & before_end.q.is_zero()),
+        );
         Passing {
             loads: loads.q,
             end: end.q,
@@ -145,9 +155,15 @@ pub(super) fn credit<'b>(m: &'b Builder, unit: &Unit<'b>) {
     let take_index = unit.vertex_indices.pop;
     let vertices = Ahead::assumed(proof, "vertices", take_index, &unit.vertices);
     let passing = Passing::new(unit, proof);
-    proof.assume(!(unit.is_reload & unit.is_end));
+    proof.assume(
+        "no instruction is both a reload and an end",
+        !(unit.is_reload & unit.is_end),
+    );
     let starved = unit.decoding & !unit.instruction_there & !unit.refill & !unit.any_rows_left;
-    proof.assume(!(starved & unit.rows.empty));
+    proof.assume(
+        "a program's rows have its end",
+        !(starved & unit.rows.empty),
+    );
     proof.cover("an update is done", unit.done);
 
     let (node_write, box_write) = (unit.node_write, unit.box_write);
