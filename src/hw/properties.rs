@@ -3,6 +3,12 @@
 use super::prefetch::Outputs;
 use crate::hdl::{Proof, Signal};
 
+/// A place of a memory of `depth` words, less than twice as far, brought back into it.
+#[track_caller]
+pub(super) fn wrapped<'b>(place: Signal<'b>, depth: Signal<'b>) -> Signal<'b> {
+    place.ge(depth).mux(place - depth, place)
+}
+
 /// That what is shown at a port and not taken is shown again.
 #[track_caller]
 pub(super) fn assert_shown_stays<'b>(

@@ -2,6 +2,7 @@
 //! popped only where it shows a word and pushed only where a word is missing. One word, any, is watched.
 
 use crate::hdl::{Builder, Memory, Outputs, Proof, Reads, Reg, Signal, bits_for};
+use crate::hw::properties::{shown_stays, wrapped};
 
 const WHAT: &str = "words come out in order, each once; none is lost; no overflow; the front stays";
 
@@ -48,8 +49,7 @@ impl<'b> Queue<'b> {
 
     /// A place so far behind another, round the memory.
     fn behind(&self, place: Signal<'b>, words: Signal<'b>) -> Signal<'b> {
-        let end = place + words;
-        end.ge(self.depth()).mux(end - self.depth(), end)
+        wrapped(place + words, self.depth())
     }
 
     /// Watches any word. `held` are the words in the queue.
@@ -86,11 +86,9 @@ impl<'b> Queue<'b> {
             "a watched word is held until it is popped",
             watching.q.implies(ahead.q.lt(held)),
         );
-        let stays = proof.past(!m.reset() & self.valid & !pop);
-        let front = proof.past(self.front);
         proof.assert(
             "a front word that is not popped stays",
-            stays.implies(self.valid & self.front.eq(front)),
+            shown_stays(proof, self.valid, pop, &[self.front]),
         );
         Watched {
             watching: watching.q,
@@ -101,8 +99,8 @@ impl<'b> Queue<'b> {
 
     /// That head and tail are as far from each other as words are stored.
     fn places(&self, proof: &Proof<'b>, head: Signal<'b>) {
-        let place = self.module().lit(self.depth, self.bits());
-        proof.assert("the head is a slot", self.wide(self.head.q).lt(place));
+        let head_slot = self.wide(self.head.q);
+        proof.assert("the head is a slot", head_slot.lt(self.depth()));
         let tail = self.behind(head, self.wide(self.count.q));
         proof.assert(
             "the tail is as far from the head as there are words",

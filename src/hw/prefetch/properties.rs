@@ -3,7 +3,7 @@
 
 use super::{Inputs, Outputs};
 use crate::hdl::{Memory, ReadInputs, Reg, Response, Signal};
-use crate::hw::properties::shown_stays;
+use crate::hw::properties::{shown_stays, wrapped};
 
 /// A reader's ports and state.
 pub(super) struct Reader<'b> {
@@ -106,12 +106,11 @@ pub(super) fn order<'b>(reader: &Reader<'b>) {
     let fetched = fetch_valid & fetch_ready;
     inside.next(inside.q + wide(fetched) - wide(pop));
 
-    let end = wide(head) + taken;
-    let end = end.ge(slots).mux(end - slots, end);
+    let end = wrapped(wide(head) + taken, slots);
     let in_front = ahead.q.is_zero() & front_valid;
     let behind = watching.q & !in_front;
     let at = wide(head) + ahead.q - wide(front_valid);
-    let slot = at.ge(slots).mux(at - slots, at);
+    let slot = wrapped(at, slots);
     let used: Vec<_> = (0..depth)
         .rev()
         .map(|i| {
