@@ -36,23 +36,25 @@ module dynrt_fp_add (
 
   // Align the smaller significand; a sticky bit collects what is shifted out.
   wire [18:0] unaligned = {~small_vanishes, small_fraction, 2'd0};
-  reg  distance_4_s1;
+  reg  distance_by_16_s1;
   reg  [18:0] unaligned_s1;
-  wire [18:0] aligned_within_16 = distance_4_s1 ? {16'd0, unaligned_s1[18:16]} : unaligned_s1;
-  reg  too_far_and_not_either_is_zero_s1;
-  wire sticky_within_16 = too_far_and_not_either_is_zero_s1 | (distance_4_s1 & (|unaligned_s1[15:0]));
-  reg  distance_3_s1;
-  wire [18:0] aligned_within_8 = distance_3_s1 ? {8'd0, aligned_within_16[18:8]} : aligned_within_16;
-  wire sticky_within_8 = sticky_within_16 | (distance_3_s1 & (|aligned_within_16[7:0]));
-  reg  distance_2_s1;
-  wire [18:0] aligned_within_4 = distance_2_s1 ? {4'd0, aligned_within_8[18:4]} : aligned_within_8;
-  wire sticky_within_4 = sticky_within_8 | (distance_2_s1 & (|aligned_within_8[3:0]));
-  reg  distance_1_s1;
-  wire [18:0] aligned_within_2 = distance_1_s1 ? {2'd0, aligned_within_4[18:2]} : aligned_within_4;
-  wire sticky_within_2 = sticky_within_4 | (distance_1_s1 & (|aligned_within_4[1:0]));
-  reg  distance_0_s1;
-  wire [18:0] aligned_within_1 = distance_0_s1 ? {1'b0, aligned_within_2[18:1]} : aligned_within_2;
-  wire sticky_within_1 = sticky_within_2 | (distance_0_s1 & aligned_within_2[0]);
+  wire [18:0] aligned_within_16 = distance_by_16_s1 ? {16'd0, unaligned_s1[18:16]} : unaligned_s1;
+  reg  small_is_far_s1;
+  wire sticky_within_16 = small_is_far_s1 | (distance_by_16_s1 & (|unaligned_s1[15:0]));
+  reg  distance_by_8_s1;
+  wire [18:0] aligned_within_8 =
+      distance_by_8_s1 ? {8'd0, aligned_within_16[18:8]} :
+      aligned_within_16;
+  wire sticky_within_8 = sticky_within_16 | (distance_by_8_s1 & (|aligned_within_16[7:0]));
+  reg  distance_by_4_s1;
+  wire [18:0] aligned_within_4 = distance_by_4_s1 ? {4'd0, aligned_within_8[18:4]} : aligned_within_8;
+  wire sticky_within_4 = sticky_within_8 | (distance_by_4_s1 & (|aligned_within_8[3:0]));
+  reg  distance_by_2_s1;
+  wire [18:0] aligned_within_2 = distance_by_2_s1 ? {2'd0, aligned_within_4[18:2]} : aligned_within_4;
+  wire sticky_within_2 = sticky_within_4 | (distance_by_2_s1 & (|aligned_within_4[1:0]));
+  reg  distance_by_1_s1;
+  wire [18:0] aligned_within_1 = distance_by_1_s1 ? {1'b0, aligned_within_2[18:1]} : aligned_within_2;
+  wire sticky_within_1 = sticky_within_2 | (distance_by_1_s1 & aligned_within_2[0]);
 
   // The sum: carry, significand, three bits to round by. It is never negative.
   reg  subtracting_s1;
@@ -113,13 +115,13 @@ module dynrt_fp_add (
   wire y_is_nan = status_s4[0];
   wire [8:0] exponent = rounded[25:17];
   wire [15:0] fraction = rounded[16:1];
-  wire underflow = rounded[25] | (~|exponent);
-  wire overflow = ~rounded[25] & (rounded[24] | (&rounded[23:17]));
+  wire underflow = exponent[8] | (~|exponent);
+  wire overflow = ~exponent[8] & (exponent[7] | (&exponent[6:0]));
   reg  cancelled_s4;
   wire zero = (underflow | cancelled_s4) & ~y_is_special;
   wire infinity_or_nan = y_is_special | (overflow & ~cancelled_s4);
   wire y_sign = y_is_negative & ~y_is_nan & ~zero;
-  wire [6:0] y_exponent = {7{infinity_or_nan}} | (rounded[23:17] & {7{~zero}});
+  wire [6:0] y_exponent = {7{infinity_or_nan}} | (exponent[6:0] & {7{~zero}});
   wire [15:0] number_fraction = fraction & {16{~(infinity_or_nan | zero)}};
   wire [15:0] y_fraction = {number_fraction[15] | y_is_nan, number_fraction[14:0]};
   wire [23:0] result = {y_sign, y_exponent, y_fraction};
@@ -127,13 +129,13 @@ module dynrt_fp_add (
   // Pipeline registers.
   always @(posedge clk) begin
     // Stage 1
-    distance_4_s1 <= distance[4];
+    distance_by_16_s1 <= distance[4];
     unaligned_s1 <= unaligned;
-    too_far_and_not_either_is_zero_s1 <= too_far & ~either_is_zero;
-    distance_3_s1 <= distance[3];
-    distance_2_s1 <= distance[2];
-    distance_1_s1 <= distance[1];
-    distance_0_s1 <= distance[0];
+    small_is_far_s1 <= too_far & ~either_is_zero;
+    distance_by_8_s1 <= distance[3];
+    distance_by_4_s1 <= distance[2];
+    distance_by_2_s1 <= distance[1];
+    distance_by_1_s1 <= distance[0];
     subtracting_s1 <= subtracting;
     big_fraction_s1 <= big_fraction;
     big_exponent_s1 <= big_exponent;

@@ -64,12 +64,12 @@ module dynrt_fp_mul (
   wire y_is_zero = status_s2[0];
   wire [8:0] exponent = rounded[25:17];
   wire [15:0] fraction = rounded[16:1];
-  wire underflow = rounded[25] | (~|exponent);
-  wire overflow = ~rounded[25] & (rounded[24] | (&rounded[23:17]));
+  wire underflow = exponent[8] | (~|exponent);
+  wire overflow = ~exponent[8] & (exponent[7] | (&exponent[6:0]));
   wire zero = (underflow | y_is_zero) & ~y_is_special;
   wire infinity_or_nan = y_is_special | (overflow & ~y_is_zero);
   wire y_sign = y_is_negative & ~y_is_nan & ~zero;
-  wire [6:0] y_exponent = {7{infinity_or_nan}} | (rounded[23:17] & {7{~zero}});
+  wire [6:0] y_exponent = {7{infinity_or_nan}} | (exponent[6:0] & {7{~zero}});
   wire [15:0] number_fraction = fraction & {16{~(infinity_or_nan | zero)}};
   wire [15:0] y_fraction = {number_fraction[15] | y_is_nan, number_fraction[14:0]};
   wire [23:0] result = {y_sign, y_exponent, y_fraction};

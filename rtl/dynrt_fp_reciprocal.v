@@ -34,10 +34,10 @@ module dynrt_fp_reciprocal (
   wire quotient_1 = ~remainder_1[17];
   wire [15:0] chosen_2 = a_fraction ^ {16{quotient_1}};
   reg  quotient_1_s1;
-  reg  [16:0] remainder_1_16_0_s1;
+  reg  [16:0] remainder_1_low_s1;
   reg  [15:0] chosen_2_s1;
   wire [17:0] remainder_2 =
-      {remainder_1_16_0_s1, quotient_1_s1} +
+      {remainder_1_low_s1, quotient_1_s1} +
       {quotient_1_s1, ~quotient_1_s1, chosen_2_s1};
   wire subtract_3 = ~remainder_2[17];
   wire [15:0] chosen_3 = chosen_2_s1 ^ {16{quotient_1_s1 ^ subtract_3}};
@@ -54,10 +54,10 @@ module dynrt_fp_reciprocal (
   wire [3:0] quotient_4 = {quotient_3_s2, subtract_5};
   wire [15:0] chosen_5 = chosen_2_s2 ^ {16{quotient_1_s2 ^ subtract_5}};
   reg  subtract_5_s3;
-  reg  [16:0] remainder_4_16_0_s3;
+  reg  [16:0] remainder_4_low_s3;
   reg  [15:0] chosen_5_s3;
   wire [17:0] remainder_5 =
-      {remainder_4_16_0_s3, subtract_5_s3} +
+      {remainder_4_low_s3, subtract_5_s3} +
       {subtract_5_s3, ~subtract_5_s3, chosen_5_s3};
   reg  [3:0] quotient_4_s3;
   wire subtract_6 = ~remainder_5[17];
@@ -75,10 +75,10 @@ module dynrt_fp_reciprocal (
   wire [6:0] quotient_7 = {quotient_6_s4, subtract_8};
   wire [15:0] chosen_8 = chosen_5_s4 ^ {16{subtract_5_s4 ^ subtract_8}};
   reg  subtract_8_s5;
-  reg  [16:0] remainder_7_16_0_s5;
+  reg  [16:0] remainder_7_low_s5;
   reg  [15:0] chosen_8_s5;
   wire [17:0] remainder_8 =
-      {remainder_7_16_0_s5, subtract_8_s5} +
+      {remainder_7_low_s5, subtract_8_s5} +
       {subtract_8_s5, ~subtract_8_s5, chosen_8_s5};
   reg  [6:0] quotient_7_s5;
   wire subtract_9 = ~remainder_8[17];
@@ -98,10 +98,10 @@ module dynrt_fp_reciprocal (
   wire [9:0] quotient_10 = {quotient_9_s6, subtract_11};
   wire [15:0] chosen_11 = chosen_8_s6 ^ {16{subtract_8_s6 ^ subtract_11}};
   reg  subtract_11_s7;
-  reg  [16:0] remainder_10_16_0_s7;
+  reg  [16:0] remainder_10_low_s7;
   reg  [15:0] chosen_11_s7;
   wire [17:0] remainder_11 =
-      {remainder_10_16_0_s7, subtract_11_s7} +
+      {remainder_10_low_s7, subtract_11_s7} +
       {subtract_11_s7, ~subtract_11_s7, chosen_11_s7};
   reg  [9:0] quotient_10_s7;
   wire subtract_12 = ~remainder_11[17];
@@ -123,10 +123,10 @@ module dynrt_fp_reciprocal (
   wire [12:0] quotient_13 = {quotient_12_s8, subtract_14};
   wire [15:0] chosen_14 = chosen_11_s8 ^ {16{subtract_11_s8 ^ subtract_14}};
   reg  subtract_14_s9;
-  reg  [16:0] remainder_13_16_0_s9;
+  reg  [16:0] remainder_13_low_s9;
   reg  [15:0] chosen_14_s9;
   wire [17:0] remainder_14 =
-      {remainder_13_16_0_s9, subtract_14_s9} +
+      {remainder_13_low_s9, subtract_14_s9} +
       {subtract_14_s9, ~subtract_14_s9, chosen_14_s9};
   reg  [12:0] quotient_13_s9;
   wire subtract_15 = ~remainder_14[17];
@@ -148,10 +148,10 @@ module dynrt_fp_reciprocal (
   wire [15:0] quotient_16 = {quotient_15_s10, subtract_17};
   wire [15:0] chosen_17 = chosen_14_s10 ^ {16{subtract_14_s10 ^ subtract_17}};
   reg  subtract_17_s11;
-  reg  [16:0] remainder_16_16_0_s11;
+  reg  [16:0] remainder_16_low_s11;
   reg  [15:0] chosen_17_s11;
   wire [17:0] remainder_17 =
-      {remainder_16_16_0_s11, subtract_17_s11} +
+      {remainder_16_low_s11, subtract_17_s11} +
       {subtract_17_s11, ~subtract_17_s11, chosen_17_s11};
   reg  [15:0] quotient_16_s11;
 
@@ -176,7 +176,7 @@ module dynrt_fp_reciprocal (
   always @(posedge clk) begin
     // Stage 1
     quotient_1_s1 <= quotient_1;
-    remainder_1_16_0_s1 <= remainder_1[16:0];
+    remainder_1_low_s1 <= remainder_1[16:0];
     chosen_2_s1 <= chosen_2;
 
     // Stage 2
@@ -187,7 +187,7 @@ module dynrt_fp_reciprocal (
 
     // Stage 3
     subtract_5_s3 <= subtract_5;
-    remainder_4_16_0_s3 <= remainder_4[16:0];
+    remainder_4_low_s3 <= remainder_4[16:0];
     chosen_5_s3 <= chosen_5;
     quotient_4_s3 <= quotient_4;
 
@@ -199,7 +199,7 @@ module dynrt_fp_reciprocal (
 
     // Stage 5
     subtract_8_s5 <= subtract_8;
-    remainder_7_16_0_s5 <= remainder_7[16:0];
+    remainder_7_low_s5 <= remainder_7[16:0];
     chosen_8_s5 <= chosen_8;
     quotient_7_s5 <= quotient_7;
 
@@ -211,7 +211,7 @@ module dynrt_fp_reciprocal (
 
     // Stage 7
     subtract_11_s7 <= subtract_11;
-    remainder_10_16_0_s7 <= remainder_10[16:0];
+    remainder_10_low_s7 <= remainder_10[16:0];
     chosen_11_s7 <= chosen_11;
     quotient_10_s7 <= quotient_10;
 
@@ -223,7 +223,7 @@ module dynrt_fp_reciprocal (
 
     // Stage 9
     subtract_14_s9 <= subtract_14;
-    remainder_13_16_0_s9 <= remainder_13[16:0];
+    remainder_13_low_s9 <= remainder_13[16:0];
     chosen_14_s9 <= chosen_14;
     quotient_13_s9 <= quotient_13;
 
@@ -235,7 +235,7 @@ module dynrt_fp_reciprocal (
 
     // Stage 11
     subtract_17_s11 <= subtract_17;
-    remainder_16_16_0_s11 <= remainder_16[16:0];
+    remainder_16_low_s11 <= remainder_16[16:0];
     chosen_17_s11 <= chosen_17;
     quotient_16_s11 <= quotient_16;
 

@@ -210,26 +210,33 @@ module dynrt_geometry_unit (
   reg  [32:0] leaf_memory_copy2 [0:47];
   (* no_rw_check, ram_style = "distributed" *)
   reg  [3:0] mask_memory [0:47];
-  wire leaf_is_instance = instanced & ~leaf_context[10];
+  wire leaf_context_inside = leaf_context[10];
+  wire leaf_is_instance = instanced & ~leaf_context_inside;
   (* no_rw_check, ram_style = "distributed" *)
   reg  instance_leaf_memory [0:47];
 
   // A record's answer: numbers and an instance's root are kept; three vertices, or the six vectors
   // that lie one after another, are requested one a clock.
+  wire [31:0] record_response_data_v0 = record_response_data[31:0];
+  wire [31:0] record_response_data_v1 = record_response_data[63:32];
+  wire [31:0] record_response_data_v2 = record_response_data[95:64];
+  wire [31:0] record_response_data_number = record_response_data[127:96];
   (* no_rw_check, ram_style = "block" *)
   reg  [31:0] triangle_number_memory [0:47];
   wire triangle_number_memory_write_enable = record_response_valid & ~record_response_tag[6];
   (* no_rw_check, ram_style = "block" *)
   reg  [31:0] instance_number_memory [0:47];
   wire instance_answer = record_response_valid & record_response_tag[6];
-  wire [22:0] root_data = {record_response_data[58], record_response_data[53:32]};
+  wire [25:0] record_response_data_v1_link = record_response_data_v1[25:0];
+  wire record_response_data_v1_left_leaf = record_response_data_v1[26];
+  wire [22:0] root_data = {record_response_data_v1_left_leaf, record_response_data_v1_link[21:0]};
   (* no_rw_check, ram_style = "block" *)
   reg  [22:0] root_memory [0:47];
   wire job_done;
   wire [72:0] vertex_queue_data = {
-      record_response_data[85:64],
-      record_response_data[53:32],
-      record_response_data[21:0],
+      record_response_data_v2[21:0],
+      record_response_data_v1[21:0],
+      record_response_data_v0[21:0],
       record_response_tag
     };
 
@@ -247,51 +254,55 @@ module dynrt_geometry_unit (
 
   reg  [2:0] corner;
   wire vertex_fire = vertex_queue_valid & vertex_request_ready;
-  wire last_corner = corner == (vertex_queue_front[6] ? 3'd5 : 3'd2);
+  wire [5:0] vertex_queue_front_packet = vertex_queue_front[5:0];
+  wire vertex_queue_front_instance = vertex_queue_front[6];
+  wire [21:0] vertex_queue_front_v0 = vertex_queue_front[28:7];
+  wire [21:0] vertex_queue_front_v1 = vertex_queue_front[50:29];
+  wire [21:0] vertex_queue_front_v2 = vertex_queue_front[72:51];
+  wire last_corner = corner == (vertex_queue_front_instance ? 3'd5 : 3'd2);
 
   always @(posedge clk) begin
     if (rst) corner <= 3'd0; else if (vertex_fire) corner <= last_corner ? 3'd0 : (corner + 3'd1);
   end
 
   assign job_done = vertex_fire & last_corner;
-  wire [21:0] vector_address = vertex_queue_front[28:7] + {19'd0, corner};
-  wire [21:0] choice = (corner[1:0] == 2'd1) ? vertex_queue_front[50:29] : vertex_queue_front[72:51];
-  wire [21:0] vertex_address = (corner[1:0] == 2'd0) ? vertex_queue_front[28:7] : choice;
+  wire [21:0] vector_address = vertex_queue_front_v0 + {19'd0, corner};
+  wire [21:0] vertex_address =
+      (corner[1:0] == 2'd0) ? vertex_queue_front_v0 :
+      (corner[1:0] == 2'd1) ? vertex_queue_front_v1 :
+      vertex_queue_front_v2;
 
   // Vertices and vectors arrive in any order; the last one to come makes the leaf complete.
+  wire [2:0] vertex_response_tag_corner = vertex_response_tag[2:0];
   wire [71:0] vector_data = skinning ? skin_palette_data : vertex_response_data;
   (* no_rw_check, ram_style = "block" *)
   reg  [71:0] vertex0_memory [0:511];
-  wire [7:0] choice_2 =
+  wire [7:0] vertex0_memory_place =
       skinning ? skin_palette_joint :
-      {1'b0, vertex_response_tag[2], vertex_response_tag[8:3]};
-  wire term = (vertex_response_tag[2:0] == 3'd0) | (vertex_response_tag[2:0] == 3'd4);
+      {1'b0, vertex_response_tag_corner[2], vertex_response_tag[8:3]};
+  wire vertex0_memory_takes_it =
+      vertex_response_valid &
+      ((vertex_response_tag_corner == 3'd0) | (vertex_response_tag_corner == 3'd4));
   wire vertex0_memory_write_enable =
       skinning ? (skin_palette_valid & (skin_palette_column == 2'd0)) :
-      (vertex_response_valid & term);
-  wire [8:0] vertex0_memory_write_address = {skinning, choice_2};
+      vertex0_memory_takes_it;
+  wire [8:0] vertex0_memory_write_address = {skinning, vertex0_memory_place};
   (* no_rw_check, ram_style = "block" *)
   reg  [71:0] vertex1_memory [0:511];
-  wire vertex_response_tag_2_0_is_5 = vertex_response_tag[2:0] == 3'd5;
-  wire term_2 =
-      vertex_response_valid &
-      ((vertex_response_tag[2:0] == 3'd1) | vertex_response_tag_2_0_is_5);
+  wire corner5_arrives = vertex_response_tag_corner == 3'd5;
   wire vertex1_memory_write_enable =
       skinning ? (skin_palette_valid & (skin_palette_column == 2'd1)) :
-      term_2;
+      (vertex_response_valid & ((vertex_response_tag_corner == 3'd1) | corner5_arrives));
   (* no_rw_check, ram_style = "block" *)
   reg  [71:0] vertex2_memory [0:511];
-  wire term_3 =
-      vertex_response_valid &
-      ((vertex_response_tag[2:0] == 3'd2) | vertex_response_tag_2_0_is_5);
   wire vertex2_memory_write_enable =
       skinning ? (skin_palette_valid & (skin_palette_column == 2'd2)) :
-      term_3;
+      (vertex_response_valid & ((vertex_response_tag_corner == 3'd2) | corner5_arrives));
   (* no_rw_check, ram_style = "block" *)
   reg  [71:0] translation_memory [0:511];
   wire translation_memory_write_enable =
       skinning ? (skin_palette_valid & (skin_palette_column == 2'd3)) :
-      (vertex_response_valid & (vertex_response_tag[2:0] == 3'd3));
+      (vertex_response_valid & (vertex_response_tag_corner == 3'd3));
   wire [8:0] translation_memory_write_address = {
       skinning,
       skinning ? skin_palette_joint : {2'd0, vertex_response_tag[8:3]}
@@ -338,8 +349,8 @@ module dynrt_geometry_unit (
       now_mask[2] ? 2'd2 :
       2'd3;
   wire [3:0] rest_mask = now_mask & (now_mask - 4'd1);
-  wire slot_is_2 = slot == 2'd2;
-  wire last_slot = ~now_instance | slot_is_2;
+  wire slot_is_origin = slot == 2'd2;
+  wire last_slot = ~now_instance | slot_is_origin;
   wire now_last = last_slot & (~|rest_mask);
   wire takes_next = ~busy | now_last;
   wire takes = takes_next & ready_queue_valid;
@@ -351,20 +362,21 @@ module dynrt_geometry_unit (
     if (takes) now_instance <= ready_queue_front[6];
   end
 
-  wire takes_or_last_slot = takes | last_slot;
+  wire now_mask_enable = takes | last_slot;
 
   always @(posedge clk) begin
-    if (takes_or_last_slot) now_mask <= takes ? mask_memory_read : rest_mask;
-    if (takes_or_last_slot) now_first <= takes;
-    slot <= takes_or_last_slot ? 2'd0 : (slot + 2'd1);
+    if (now_mask_enable) now_mask <= takes ? mask_memory_read : rest_mask;
+    if (now_mask_enable) now_first <= takes;
+    slot <= now_mask_enable ? 2'd0 : (slot + 2'd1);
   end
+
+  wire transforming = busy & now_instance;
 
   // The test, and what it lends its operators to.
   assign test_issued = busy & ~now_instance;
-  wire busy_and_now_instance = busy & now_instance;
-  wire in_box_slot = busy_and_now_instance & (slot == 2'd0);
-  wire in_direction_slot = busy_and_now_instance & (slot == 2'd1);
-  wire in_origin_slot = busy_and_now_instance & slot_is_2;
+  wire in_box_slot = transforming & (slot == 2'd0);
+  wire in_direction_slot = transforming & (slot == 2'd1);
+  wire in_origin_slot = transforming & slot_is_origin;
   wire [5:0] packet_or_joint = skinning ? skin_issue_joint[5:0] : now_packet;
   wire [1:0] joint_high = skin_issue_joint[7:6] & {2{skinning}};
   wire now_inside = instanced & ~now_instance;
@@ -394,50 +406,75 @@ module dynrt_geometry_unit (
   wire [8:0] test_level_index = {now_inside, test_index};
   reg  [196:0] ray_memory_read;
   reg  [196:0] ray_memory_read_s2;
+  wire [23:0] ray_memory_read_origin_x_s2 = ray_memory_read_s2[23:0];
+  wire [23:0] ray_memory_read_origin_y_s2 = ray_memory_read_s2[47:24];
+  wire [23:0] ray_memory_read_origin_z_s2 = ray_memory_read_s2[71:48];
+  wire [23:0] ray_memory_read_reciprocal_x_s2 = ray_memory_read_s2[95:72];
+  wire [23:0] ray_memory_read_reciprocal_y_s2 = ray_memory_read_s2[119:96];
+  wire [23:0] ray_memory_read_reciprocal_z_s2 = ray_memory_read_s2[143:120];
+  wire [2:0] ray_memory_read_signs_s2 = ray_memory_read_s2[146:144];
+  wire [1:0] ray_memory_read_kz_s2 = ray_memory_read_s2[148:147];
+  wire [23:0] ray_memory_read_shear_x_s2 = ray_memory_read_s2[172:149];
+  wire [23:0] ray_memory_read_shear_y_s2 = ray_memory_read_s2[196:173];
   (* no_rw_check, ram_style = "block" *)
   reg  [71:0] direction_memory [0:191];
   wire [71:0] direction_memory_write_data = {world_direction_z, world_direction_y, world_direction_x};
   reg  [71:0] direction_memory_read;
   reg  [71:0] direction_memory_read_s2;
+  wire [23:0] direction_memory_read_x_s2 = direction_memory_read_s2[23:0];
+  wire [23:0] direction_memory_read_y_s2 = direction_memory_read_s2[47:24];
+  wire [23:0] direction_memory_read_z_s2 = direction_memory_read_s2[71:48];
   reg  [8:0] vertex0_memory_read_address_s1;
   reg  [71:0] vertex0_memory_read;
   reg  [71:0] vertex0_memory_read_s3;
+  wire [23:0] vertex0_memory_read_x_s3 = vertex0_memory_read_s3[23:0];
+  wire [23:0] vertex0_memory_read_y_s3 = vertex0_memory_read_s3[47:24];
+  wire [23:0] vertex0_memory_read_z_s3 = vertex0_memory_read_s3[71:48];
   reg  [71:0] vertex1_memory_read;
   reg  [71:0] vertex1_memory_read_s3;
+  wire [23:0] vertex1_memory_read_x_s3 = vertex1_memory_read_s3[23:0];
+  wire [23:0] vertex1_memory_read_y_s3 = vertex1_memory_read_s3[47:24];
+  wire [23:0] vertex1_memory_read_z_s3 = vertex1_memory_read_s3[71:48];
   reg  [71:0] vertex2_memory_read;
   reg  [71:0] vertex2_memory_read_s3;
+  wire [23:0] vertex2_memory_read_x_s3 = vertex2_memory_read_s3[23:0];
+  wire [23:0] vertex2_memory_read_y_s3 = vertex2_memory_read_s3[47:24];
+  wire [23:0] vertex2_memory_read_z_s3 = vertex2_memory_read_s3[71:48];
   reg  [37:0] in_direction_slot_delay;
   wire point_is_direction = in_direction_slot_delay[1];
   reg  skinning_s2;
   reg  [23:0] skin_issue_x_s1, skin_issue_x_s2;
   wire [23:0] point_x =
       skinning_s2 ? skin_issue_x_s2 :
-      point_is_direction ? direction_memory_read_s2[23:0] :
-      ray_memory_read_s2[23:0];
+      point_is_direction ? direction_memory_read_x_s2 :
+      ray_memory_read_origin_x_s2;
   reg  [23:0] point_x_s3;
   reg  [23:0] skin_issue_y_s1, skin_issue_y_s2;
   wire [23:0] point_y =
       skinning_s2 ? skin_issue_y_s2 :
-      point_is_direction ? direction_memory_read_s2[47:24] :
-      ray_memory_read_s2[47:24];
+      point_is_direction ? direction_memory_read_y_s2 :
+      ray_memory_read_origin_y_s2;
   reg  [23:0] point_y_s3;
   reg  [23:0] skin_issue_z_s1, skin_issue_z_s2;
   wire [23:0] point_z =
       skinning_s2 ? skin_issue_z_s2 :
-      point_is_direction ? direction_memory_read_s2[71:48] :
-      ray_memory_read_s2[71:48];
+      point_is_direction ? direction_memory_read_z_s2 :
+      ray_memory_read_origin_z_s2;
   reg  [23:0] point_z_s3;
-  reg  in_direction_slot_or_in_origin_slot_s1, in_direction_slot_or_in_origin_slot_s2;
-  reg  test_matrix_s3;
+  reg  in_transform_slot_s1, in_transform_slot_s2;
+  reg  matrix_slot_s3;
   reg  [45:0] joint_high_delay;
   wire [1:0] joint_high_s23 = joint_high_delay[45:44];
   reg  [341:0] packet_or_joint_delay;
   wire [5:0] packet_or_joint_s23 = packet_or_joint_delay[137:132];
   reg  [38:0] in_origin_slot_delay;
   wire in_origin_slot_s23 = in_origin_slot_delay[22];
-  reg  in_origin_slot_or_skinning_s24;
+  reg  translation_memory_wanted_s24;
   reg  [71:0] translation_memory_read;
-  reg  [71:0] choice_3_s25;
+  reg  [71:0] translation_memory_read_or_default_s25;
+  wire [23:0] translation_memory_read_or_default_x_s25 = translation_memory_read_or_default_s25[23:0];
+  wire [23:0] translation_memory_read_or_default_y_s25 = translation_memory_read_or_default_s25[47:24];
+  wire [23:0] translation_memory_read_or_default_z_s25 = translation_memory_read_or_default_s25[71:48];
   (* no_rw_check, ram_style = "block" *)
   reg  [47:0] window_memory_copy0 [0:191];
   (* no_rw_check, ram_style = "block" *)
@@ -447,12 +484,17 @@ module dynrt_geometry_unit (
   reg  [54:0] now_inside_delay;
   wire now_inside_s14 = now_inside_delay[13];
   reg  [47:0] window_memory_read0;
-  reg  [47:0] choice_4_s15;
+  reg  [47:0] window_memory_read0_or_default_s15;
+  wire [23:0] window_memory_read0_or_default_near_s15 = window_memory_read0_or_default_s15[23:0];
+  wire [23:0] window_memory_read0_or_default_far_s15 = window_memory_read0_or_default_s15[47:24];
   wire [7:0] test_index_s19 = test_index_delay[151:144];
   wire [7:0] test_index_s36 = test_index_delay[287:280];
   wire [7:0] test_index_s53 = test_index_delay[423:416];
   reg  [48:0] ray_limit_memory_read0;
   reg  [48:0] ray_limit_memory_read0_s55;
+  wire [23:0] ray_limit_memory_read0_tmin_s55 = ray_limit_memory_read0_s55[23:0];
+  wire [23:0] ray_limit_memory_read0_tmax_s55 = ray_limit_memory_read0_s55[47:24];
+  wire ray_limit_memory_read0_any_hit_s55 = ray_limit_memory_read0_s55[48];
   (* no_rw_check, ram_style = "block" *)
   reg  [23:0] shear_memory [0:447];
   reg  [431:0] test_level_index_delay;
@@ -461,17 +503,17 @@ module dynrt_geometry_unit (
   reg  [23:0] shear_memory_read_s50;
   reg  [1127:0] skin_issue_weight_delay;
   wire [23:0] skin_issue_weight_s47 = skin_issue_weight_delay[1127:1104];
-  reg  [1:0] ray_memory_read_148_147_s3;
-  reg  [23:0] ray_memory_read_172_149_s3;
-  reg  [23:0] ray_memory_read_196_173_s3;
-  reg  [119:0] choice_3_23_0_delay;
-  wire [23:0] choice_3_23_0_s30 = choice_3_23_0_delay[119:96];
-  reg  [191:0] choice_3_71_48_delay;
-  wire [23:0] choice_3_71_48_s33 = choice_3_71_48_delay[191:168];
-  reg  [23:0] ray_memory_read_95_72_s3;
-  reg  [23:0] ray_memory_read_119_96_s3;
-  reg  [23:0] ray_memory_read_143_120_s3;
-  reg  [2:0] ray_memory_read_146_144_s3;
+  reg  [1:0] ray_memory_read_kz_s2_s3;
+  reg  [23:0] ray_memory_read_shear_x_s2_s3;
+  reg  [23:0] ray_memory_read_shear_y_s2_s3;
+  reg  [119:0] translation_memory_read_or_default_x_s25_delay;
+  wire [23:0] translation_memory_read_or_default_x_s25_s30 = translation_memory_read_or_default_x_s25_delay[119:96];
+  reg  [191:0] translation_memory_read_or_default_z_s25_delay;
+  wire [23:0] translation_memory_read_or_default_z_s25_s33 = translation_memory_read_or_default_z_s25_delay[191:168];
+  reg  [23:0] ray_memory_read_reciprocal_x_s2_s3;
+  reg  [23:0] ray_memory_read_reciprocal_y_s2_s3;
+  reg  [23:0] ray_memory_read_reciprocal_z_s2_s3;
+  reg  [2:0] ray_memory_read_signs_s2_s3;
 
   wire [23:0] test_sum_0;
   wire [23:0] test_sum_1;
@@ -493,31 +535,31 @@ module dynrt_geometry_unit (
   wire [23:0] test_box_far;
   dynrt_triangle_test test (
     .clk(clk),
-    .matrix(test_matrix_s3),
-    .v0_x(vertex0_memory_read_s3[23:0]),
-    .v0_y(vertex0_memory_read_s3[47:24]),
-    .v0_z(vertex0_memory_read_s3[71:48]),
-    .v1_x(vertex1_memory_read_s3[23:0]),
-    .v1_y(vertex1_memory_read_s3[47:24]),
-    .v1_z(vertex1_memory_read_s3[71:48]),
-    .v2_x(vertex2_memory_read_s3[23:0]),
-    .v2_y(vertex2_memory_read_s3[47:24]),
-    .v2_z(vertex2_memory_read_s3[71:48]),
+    .matrix(matrix_slot_s3),
+    .v0_x(vertex0_memory_read_x_s3),
+    .v0_y(vertex0_memory_read_y_s3),
+    .v0_z(vertex0_memory_read_z_s3),
+    .v1_x(vertex1_memory_read_x_s3),
+    .v1_y(vertex1_memory_read_y_s3),
+    .v1_z(vertex1_memory_read_z_s3),
+    .v2_x(vertex2_memory_read_x_s3),
+    .v2_y(vertex2_memory_read_y_s3),
+    .v2_z(vertex2_memory_read_z_s3),
     .origin_x(point_x_s3),
     .origin_y(point_y_s3),
     .origin_z(point_z_s3),
-    .kz(ray_memory_read_148_147_s3),
-    .shear_x(ray_memory_read_172_149_s3),
-    .shear_y(ray_memory_read_196_173_s3),
-    .translation_y(choice_3_s25[47:24]),
-    .translation_x(choice_3_23_0_s30),
-    .translation_z(choice_3_71_48_s33),
+    .kz(ray_memory_read_kz_s2_s3),
+    .shear_x(ray_memory_read_shear_x_s2_s3),
+    .shear_y(ray_memory_read_shear_y_s2_s3),
+    .translation_y(translation_memory_read_or_default_y_s25),
+    .translation_x(translation_memory_read_or_default_x_s25_s30),
+    .translation_z(translation_memory_read_or_default_z_s25_s33),
     .weight(skin_issue_weight_s47),
     .shear_z(shear_memory_read_s50),
-    .reciprocal_x(ray_memory_read_95_72_s3),
-    .reciprocal_y(ray_memory_read_119_96_s3),
-    .reciprocal_z(ray_memory_read_143_120_s3),
-    .signs(ray_memory_read_146_144_s3),
+    .reciprocal_x(ray_memory_read_reciprocal_x_s2_s3),
+    .reciprocal_y(ray_memory_read_reciprocal_y_s2_s3),
+    .reciprocal_z(ray_memory_read_reciprocal_z_s2_s3),
+    .signs(ray_memory_read_signs_s2_s3),
     .accumulate(skinning_s2),
     .sum_a_0(skin_pair_a_x),
     .sum_b_0(skin_pair_b_x),
@@ -537,10 +579,10 @@ module dynrt_geometry_unit (
     .sum_3(test_sum_3),
     .sum_4(test_sum_4),
     .sum_5(test_sum_5),
-    .window_near(choice_4_s15[23:0]),
-    .window_far(choice_4_s15[47:24]),
-    .tmin(ray_limit_memory_read0_s55[23:0]),
-    .tmax(ray_limit_memory_read0_s55[47:24]),
+    .window_near(window_memory_read0_or_default_near_s15),
+    .window_far(window_memory_read0_or_default_far_s15),
+    .tmin(ray_limit_memory_read0_tmin_s55),
+    .tmax(ray_limit_memory_read0_tmax_s55),
     .hit(test_hit),
     .t(test_t),
     .u(test_u),
@@ -584,18 +626,22 @@ module dynrt_geometry_unit (
     if (point_is_direction_s38) moved_direction_z <= test_moved_z;
   end
 
+  wire [23:0] window_memory_read1_near_s38 = window_memory_read1_s38[23:0];
+  wire [23:0] window_memory_read1_far_s38 = window_memory_read1_s38[47:24];
+  wire [23:0] ray_limit_memory_read1_tmin_s38 = ray_limit_memory_read1_s38[23:0];
+  wire [23:0] ray_limit_memory_read1_tmax_s38 = ray_limit_memory_read1_s38[47:24];
   wire object_near_is_greater =
-      (ray_limit_memory_read1_s38[22:0] < window_memory_read1_s38[22:0]) &
-      ~window_memory_read1_s38[23];
+      (ray_limit_memory_read1_tmin_s38[22:0] < window_memory_read1_near_s38[22:0]) &
+      ~window_memory_read1_near_s38[23];
   wire [23:0] object_near =
-      object_near_is_greater ? window_memory_read1_s38[23:0] :
-      ray_limit_memory_read1_s38[23:0];
+      object_near_is_greater ? window_memory_read1_near_s38 :
+      ray_limit_memory_read1_tmin_s38;
   wire object_far_is_less =
-      (window_memory_read1_s38[46:24] < ray_limit_memory_read1_s38[46:24]) |
-      window_memory_read1_s38[47];
+      (window_memory_read1_far_s38[22:0] < ray_limit_memory_read1_tmax_s38[22:0]) |
+      window_memory_read1_far_s38[23];
   wire [23:0] object_far =
-      object_far_is_less ? window_memory_read1_s38[47:24] :
-      ray_limit_memory_read1_s38[47:24];
+      object_far_is_less ? window_memory_read1_far_s38 :
+      ray_limit_memory_read1_tmax_s38;
   assign object_valid = in_origin_slot_delay[38];
   wire [5:0] packet_or_joint_s37 = packet_or_joint_delay[221:216];
   assign object_packet = packet_or_joint_delay[233:228];
@@ -607,8 +653,11 @@ module dynrt_geometry_unit (
   assign object_last = now_last_delay[38];
   reg  [22:0] root_memory_read;
   reg  [22:0] root_memory_read_d1;
+  assign start_address = root_memory_read_d1[21:0];
+  assign start_leaf = root_memory_read_d1[22];
   reg  [32:0] leaf_memory_read0;
   reg  [32:0] leaf_memory_read0_d1;
+  wire [10:0] leaf_memory_read0_context_d1 = leaf_memory_read0_d1[10:0];
 
   // The merge: a hit replaces the ray's closest one if it is closer, or as close and of a lower
   // instance and triangle.
@@ -619,37 +668,46 @@ module dynrt_geometry_unit (
   wire [7:0] test_index_s54 = test_index_delay[431:424];
   reg  [135:0] closest_memory_read0;
   reg  [135:0] closest_memory_read0_s56;
+  wire [23:0] closest_memory_read0_t_s56 = closest_memory_read0_s56[23:0];
   wire [5:0] packet_or_joint_s54 = packet_or_joint_delay[323:318];
   reg  [32:0] leaf_memory_read1;
   reg  [32:0] leaf_memory_read1_s56;
+  wire [10:0] leaf_memory_read1_context_s56 = leaf_memory_read1_s56[10:0];
+  wire [21:0] leaf_memory_read1_address_s56 = leaf_memory_read1_s56[32:11];
   reg  [31:0] triangle_number_memory_read;
   reg  [31:0] triangle_number_memory_read_s56;
   wire now_inside_s55 = now_inside_delay[54];
   reg  [31:0] instance_number_memory_read;
-  reg  [31:0] watch_test_instance_s56;
+  reg  [31:0] instance_number_memory_read_or_default_s56;
+  wire [5:0] leaf_memory_read1_context_s56_level = leaf_memory_read1_context_s56[5:0];
+  wire [3:0] leaf_memory_read1_context_s56_touched = leaf_memory_read1_context_s56[9:6];
+  wire leaf_memory_read1_context_s56_inside = leaf_memory_read1_context_s56[10];
   wire [1:0] issue_ray_s56 = issue_ray_delay[111:110];
   wire was_touched =
-      (issue_ray_s56 == 2'd0) ? leaf_memory_read1_s56[6] :
-      (issue_ray_s56 == 2'd1) ? leaf_memory_read1_s56[7] :
-      (issue_ray_s56 == 2'd2) ? leaf_memory_read1_s56[8] :
-      leaf_memory_read1_s56[9];
-  wire closer = test_t[22:0] < closest_memory_read0_s56[22:0];
-  wire as_close = test_t == closest_memory_read0_s56[23:0];
-  wire [63:0] identity = {watch_test_instance_s56, triangle_number_memory_read_s56};
+      (issue_ray_s56 == 2'd0) ? leaf_memory_read1_context_s56_touched[0] :
+      (issue_ray_s56 == 2'd1) ? leaf_memory_read1_context_s56_touched[1] :
+      (issue_ray_s56 == 2'd2) ? leaf_memory_read1_context_s56_touched[2] :
+      leaf_memory_read1_context_s56_touched[3];
+  wire closer = test_t[22:0] < closest_memory_read0_t_s56[22:0];
+  wire as_close = test_t == closest_memory_read0_t_s56;
+  wire [63:0] identity = {
+      instance_number_memory_read_or_default_s56,
+      triangle_number_memory_read_s56
+    };
   wire lower = identity < closest_memory_read0_s56[135:72];
-  reg  ray_limit_memory_read0_48_s56;
+  reg  ray_limit_memory_read0_any_hit_s55_s56;
   wire replaces =
       test_hit &
-      (ray_limit_memory_read0_48_s56 | ~was_touched | closer | (as_close & lower));
-  reg  ray_limit_memory_read0_48_s57;
-  reg  [23:0] ray_limit_memory_read0_23_0_s56, ray_limit_memory_read0_23_0_s57;
+      (ray_limit_memory_read0_any_hit_s55_s56 | ~was_touched | closer | (as_close & lower));
+  reg  ray_limit_memory_read0_any_hit_s55_s57;
+  reg  [23:0] ray_limit_memory_read0_tmin_s55_s56, ray_limit_memory_read0_tmin_s55_s57;
   reg  [31:0] triangle_number_memory_read_s57;
   wire [135:0] merged = {
-      ray_limit_memory_read0_48_s57 ? 32'hffffffff : watch_test_instance,
-      ray_limit_memory_read0_48_s57 ? 32'hffffffff : triangle_number_memory_read_s57,
-      ray_limit_memory_read0_48_s57 ? 24'd0 : watch_test_v,
-      ray_limit_memory_read0_48_s57 ? 24'd0 : watch_test_u,
-      ray_limit_memory_read0_48_s57 ? ray_limit_memory_read0_23_0_s57 : watch_test_t
+      ray_limit_memory_read0_any_hit_s55_s57 ? 32'hffffffff : watch_test_instance,
+      ray_limit_memory_read0_any_hit_s55_s57 ? 32'hffffffff : triangle_number_memory_read_s57,
+      ray_limit_memory_read0_any_hit_s55_s57 ? 24'd0 : watch_test_v,
+      ray_limit_memory_read0_any_hit_s55_s57 ? 24'd0 : watch_test_u,
+      ray_limit_memory_read0_any_hit_s55_s57 ? ray_limit_memory_read0_tmin_s55_s57 : watch_test_t
     };
   reg  [56:0] test_issued_delay;
   assign watch_test_valid = test_issued_delay[56];
@@ -661,25 +719,33 @@ module dynrt_geometry_unit (
   // Which rays have hit something, gathered over the triangle's rays.
   reg  [3:0] gathered;
   wire now_first_s57 = now_first_delay[56];
-  reg  [3:0] leaf_memory_read1_9_6_s57;
-  wire [3:0] joined = {
+  reg  [3:0] leaf_memory_read1_context_s56_touched_s57;
+  wire [3:0] newly_touched = {
       merge_writes & (merge_ray == 2'd3),
       merge_writes & (merge_ray == 2'd2),
       merge_writes & (merge_ray == 2'd1),
       merge_writes & (merge_ray == 2'd0)
     };
-  wire [3:0] now_touched = (now_first_s57 ? leaf_memory_read1_9_6_s57 : gathered) | joined;
+  wire [3:0] now_touched =
+      (now_first_s57 ? leaf_memory_read1_context_s56_touched_s57 : gathered) |
+      newly_touched;
 
   always @(posedge clk) begin
     if (watch_test_valid) gathered <= now_touched;
   end
 
   wire now_last_s57 = now_last_delay[56];
-  reg  [5:0] leaf_memory_read1_5_0_s57;
-  reg  leaf_memory_read1_10_s57;
+  reg  [5:0] leaf_memory_read1_context_s56_level_s57;
+  reg  leaf_memory_read1_context_s56_inside_s57;
   reg  [135:0] closest_memory_read1;
+  assign read_t = closest_memory_read1[23:0];
+  assign read_u = closest_memory_read1[47:24];
+  assign read_v = closest_memory_read1[71:48];
+  assign read_triangle = closest_memory_read1[103:72];
+  assign read_instance = closest_memory_read1[135:104];
   reg  [32:0] leaf_memory_read2;
   reg  [32:0] leaf_memory_read2_s39;
+  assign watch_transform_record = leaf_memory_read2_s39[32:11];
 
   // Memories.
   always @(posedge clk) begin
@@ -706,12 +772,12 @@ module dynrt_geometry_unit (
   end
 
   always @(posedge clk) begin
-    if (triangle_number_memory_write_enable) triangle_number_memory[record_response_tag[5:0]] <= record_response_data[127:96];
+    if (triangle_number_memory_write_enable) triangle_number_memory[record_response_tag[5:0]] <= record_response_data_number;
     triangle_number_memory_read <= triangle_number_memory[packet_or_joint_s54];
   end
 
   always @(posedge clk) begin
-    if (instance_answer) instance_number_memory[record_response_tag[5:0]] <= record_response_data[127:96];
+    if (instance_answer) instance_number_memory[record_response_tag[5:0]] <= record_response_data_number;
     instance_number_memory_read <= instance_number_memory[packet_or_joint_s54];
   end
 
@@ -800,7 +866,7 @@ module dynrt_geometry_unit (
     skin_issue_x_s1 <= skin_issue_x;
     skin_issue_y_s1 <= skin_issue_y;
     skin_issue_z_s1 <= skin_issue_z;
-    in_direction_slot_or_in_origin_slot_s1 <= in_direction_slot | in_origin_slot;
+    in_transform_slot_s1 <= in_direction_slot | in_origin_slot;
 
     // Stage 2
     ray_memory_read_s2 <= ray_memory_read;
@@ -809,7 +875,7 @@ module dynrt_geometry_unit (
     skin_issue_x_s2 <= skin_issue_x_s1;
     skin_issue_y_s2 <= skin_issue_y_s1;
     skin_issue_z_s2 <= skin_issue_z_s1;
-    in_direction_slot_or_in_origin_slot_s2 <= in_direction_slot_or_in_origin_slot_s1;
+    in_transform_slot_s2 <= in_transform_slot_s1;
 
     // Stage 3
     vertex0_memory_read_s3 <= vertex0_memory_read;
@@ -818,23 +884,25 @@ module dynrt_geometry_unit (
     point_x_s3 <= point_x;
     point_y_s3 <= point_y;
     point_z_s3 <= point_z;
-    test_matrix_s3 <= in_direction_slot_or_in_origin_slot_s2 | skinning_s2;
-    ray_memory_read_148_147_s3 <= ray_memory_read_s2[148:147];
-    ray_memory_read_172_149_s3 <= ray_memory_read_s2[172:149];
-    ray_memory_read_196_173_s3 <= ray_memory_read_s2[196:173];
-    ray_memory_read_95_72_s3 <= ray_memory_read_s2[95:72];
-    ray_memory_read_119_96_s3 <= ray_memory_read_s2[119:96];
-    ray_memory_read_143_120_s3 <= ray_memory_read_s2[143:120];
-    ray_memory_read_146_144_s3 <= ray_memory_read_s2[146:144];
+    matrix_slot_s3 <= in_transform_slot_s2 | skinning_s2;
+    ray_memory_read_kz_s2_s3 <= ray_memory_read_kz_s2;
+    ray_memory_read_shear_x_s2_s3 <= ray_memory_read_shear_x_s2;
+    ray_memory_read_shear_y_s2_s3 <= ray_memory_read_shear_y_s2;
+    ray_memory_read_reciprocal_x_s2_s3 <= ray_memory_read_reciprocal_x_s2;
+    ray_memory_read_reciprocal_y_s2_s3 <= ray_memory_read_reciprocal_y_s2;
+    ray_memory_read_reciprocal_z_s2_s3 <= ray_memory_read_reciprocal_z_s2;
+    ray_memory_read_signs_s2_s3 <= ray_memory_read_signs_s2;
 
     // Stage 15
-    choice_4_s15 <= now_inside_s14 ? window_memory_read0 : 48'h7f0000ff0000;
+    window_memory_read0_or_default_s15 <= now_inside_s14 ? window_memory_read0 : 48'h7f0000ff0000;
 
     // Stage 24
-    in_origin_slot_or_skinning_s24 <= in_origin_slot_s23 | skinning_s2;
+    translation_memory_wanted_s24 <= in_origin_slot_s23 | skinning_s2;
 
     // Stage 25
-    choice_3_s25 <= in_origin_slot_or_skinning_s24 ? translation_memory_read : 72'd0;
+    translation_memory_read_or_default_s25 <=
+        translation_memory_wanted_s24 ? translation_memory_read :
+        72'd0;
 
     // Stage 38
     window_memory_read1_s38 <= window_memory_read1;
@@ -850,8 +918,8 @@ module dynrt_geometry_unit (
     object_tmin <= object_near;
     object_tmax <= object_far;
     leaf_memory_read2_s39 <= leaf_memory_read2;
-    watch_transform_near <= window_memory_read1_s38[23:0];
-    watch_transform_far <= window_memory_read1_s38[47:24];
+    watch_transform_near <= window_memory_read1_near_s38;
+    watch_transform_far <= window_memory_read1_far_s38;
 
     // Stage 50
     shear_memory_read_s50 <= shear_memory_read;
@@ -863,23 +931,23 @@ module dynrt_geometry_unit (
     closest_memory_read0_s56 <= closest_memory_read0;
     leaf_memory_read1_s56 <= leaf_memory_read1;
     triangle_number_memory_read_s56 <= triangle_number_memory_read;
-    watch_test_instance_s56 <= now_inside_s55 ? instance_number_memory_read : 32'd0;
-    ray_limit_memory_read0_48_s56 <= ray_limit_memory_read0_s55[48];
-    ray_limit_memory_read0_23_0_s56 <= ray_limit_memory_read0_s55[23:0];
+    instance_number_memory_read_or_default_s56 <= now_inside_s55 ? instance_number_memory_read : 32'd0;
+    ray_limit_memory_read0_any_hit_s55_s56 <= ray_limit_memory_read0_any_hit_s55;
+    ray_limit_memory_read0_tmin_s55_s56 <= ray_limit_memory_read0_tmin_s55;
 
     // Stage 57
     watch_test_replaces <= replaces;
-    ray_limit_memory_read0_48_s57 <= ray_limit_memory_read0_48_s56;
-    ray_limit_memory_read0_23_0_s57 <= ray_limit_memory_read0_23_0_s56;
+    ray_limit_memory_read0_any_hit_s55_s57 <= ray_limit_memory_read0_any_hit_s55_s56;
+    ray_limit_memory_read0_tmin_s55_s57 <= ray_limit_memory_read0_tmin_s55_s56;
     watch_test_t <= test_t;
     watch_test_u <= test_u;
     watch_test_v <= test_v;
     triangle_number_memory_read_s57 <= triangle_number_memory_read_s56;
-    watch_test_instance <= watch_test_instance_s56;
-    leaf_memory_read1_9_6_s57 <= leaf_memory_read1_s56[9:6];
-    leaf_memory_read1_5_0_s57 <= leaf_memory_read1_s56[5:0];
-    leaf_memory_read1_10_s57 <= leaf_memory_read1_s56[10];
-    watch_test_record <= leaf_memory_read1_s56[32:11];
+    watch_test_instance <= instance_number_memory_read_or_default_s56;
+    leaf_memory_read1_context_s56_touched_s57 <= leaf_memory_read1_context_s56_touched;
+    leaf_memory_read1_context_s56_level_s57 <= leaf_memory_read1_context_s56_level;
+    leaf_memory_read1_context_s56_inside_s57 <= leaf_memory_read1_context_s56_inside;
+    watch_test_record <= leaf_memory_read1_address_s56;
     watch_test_hit <= test_hit;
   end
 
@@ -893,8 +961,8 @@ module dynrt_geometry_unit (
     now_inside_delay <= {now_inside_delay[53:0], now_inside};
     test_level_index_delay <= {test_level_index_delay[422:0], test_level_index};
     skin_issue_weight_delay <= {skin_issue_weight_delay[1103:0], skin_issue_weight};
-    choice_3_23_0_delay <= {choice_3_23_0_delay[95:0], choice_3_s25[23:0]};
-    choice_3_71_48_delay <= {choice_3_71_48_delay[167:0], choice_3_s25[71:48]};
+    translation_memory_read_or_default_x_s25_delay <= {translation_memory_read_or_default_x_s25_delay[95:0], translation_memory_read_or_default_x_s25};
+    translation_memory_read_or_default_z_s25_delay <= {translation_memory_read_or_default_z_s25_delay[167:0], translation_memory_read_or_default_z_s25};
     if (rst) skin_issue_valid_delay <= 50'd0; else skin_issue_valid_delay <= {skin_issue_valid_delay[48:0], skin_issue_valid};
     skin_issue_position_delay <= {skin_issue_position_delay[97:0], skin_issue_position};
     skin_issue_last_delay <= {skin_issue_last_delay[48:0], skin_issue_last};
@@ -910,8 +978,8 @@ module dynrt_geometry_unit (
   assign record_request_address = leaf_address;
   assign record_request_tag = {leaf_is_instance, leaf_packet};
   assign vertex_request_valid = vertex_queue_valid;
-  assign vertex_request_address = vertex_queue_front[6] ? vector_address : vertex_address;
-  assign vertex_request_tag = {vertex_queue_front[5:0], corner};
+  assign vertex_request_address = vertex_queue_front_instance ? vector_address : vertex_address;
+  assign vertex_request_tag = {vertex_queue_front_packet, corner};
   assign skin_weighted_x = test_weighted_x;
   assign skin_weighted_y = test_weighted_y;
   assign skin_weighted_z = test_weighted_z;
@@ -921,21 +989,18 @@ module dynrt_geometry_unit (
   assign skin_vertex_sum_x = test_sum_3;
   assign skin_vertex_sum_y = test_sum_4;
   assign skin_vertex_sum_z = test_sum_5;
-  assign start_address = root_memory_read_d1[21:0];
-  assign start_leaf = root_memory_read_d1[22];
-  assign start_context = {1'b1, leaf_memory_read0_d1[9:0]};
+  assign start_context = {1'b1, leaf_memory_read0_context_d1[9:0]};
   assign limit_valid = merge_writes;
   assign limit_packet = merge_packet;
   assign limit_ray = merge_ray;
-  assign limit_value = ray_limit_memory_read0_48_s57 ? 24'hff0000 : watch_test_t;
+  assign limit_value = ray_limit_memory_read0_any_hit_s55_s57 ? 24'hff0000 : watch_test_t;
   assign done_valid = watch_test_valid & now_last_s57;
   assign done_packet = merge_packet;
-  assign done_context = {leaf_memory_read1_10_s57, now_touched, leaf_memory_read1_5_0_s57};
-  assign read_t = closest_memory_read1[23:0];
-  assign read_u = closest_memory_read1[47:24];
-  assign read_v = closest_memory_read1[71:48];
-  assign read_instance = closest_memory_read1[135:104];
-  assign read_triangle = closest_memory_read1[103:72];
+  assign done_context = {
+      leaf_memory_read1_context_s56_inside_s57,
+      now_touched,
+      leaf_memory_read1_context_s56_level_s57
+    };
   assign slot_taken = busy;
   assign transform_issued = in_origin_slot;
   assign watch_test_packet = merge_packet;
@@ -943,7 +1008,6 @@ module dynrt_geometry_unit (
   assign watch_transform_valid = object_valid;
   assign watch_transform_packet = object_packet;
   assign watch_transform_ray = object_ray;
-  assign watch_transform_record = leaf_memory_read2_s39[32:11];
   assign watch_transform_origin_x = object_origin_x;
   assign watch_transform_origin_y = object_origin_y;
   assign watch_transform_origin_z = object_origin_z;
@@ -954,12 +1018,13 @@ module dynrt_geometry_unit (
   // What nothing reads.
   wire unused = &{
     1'b0,
-    record_response_data[31:22],
-    record_response_data[57:54],
-    record_response_data[63:59],
-    record_response_data[95:86],
+    record_response_data_v0[31:22],
+    record_response_data_v1[31:27],
+    record_response_data_v2[31:22],
+    record_response_data_v1_link[25:22],
     ray_limit_memory_read1_s38[48],
-    leaf_memory_read0_d1[32:10],
+    leaf_memory_read0_d1[32:11],
+    leaf_memory_read0_context_d1[10],
     closest_memory_read0_s56[71:24],
     leaf_memory_read2_s39[10:0]
   };

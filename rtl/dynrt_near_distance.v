@@ -33,20 +33,33 @@ module dynrt_near_distance (
     .y(scaled_y)
   );
 
-  wire [22:0] sum = scaled_y[22:0] + (scaled_y[23] ? 23'd3 : 23'h7ffffd);
-  wire any_scaled_y_22_16 = |scaled_y[22:16];
-  wire term = any_scaled_y_22_16 & (~|(~sum[1:0]));
-  wire [1:0] choice =
-      term ? 2'd0 :
-      ~any_scaled_y_22_16 ? 2'd2 :
-      (~sum[1:0] - 2'd1);
-  wire [23:0] joined = {~term, 6'd0, ~term, 14'd0, choice};
-  wire [23:0] joined_2 = {scaled_y[23], sum[22:16], sum[15:0] & {16{~(&sum[22:16])}}};
-  wire [23:0] choice_2 = (~any_scaled_y_22_16 | (~scaled_y[23] & (~|sum[22:16]))) ? joined : joined_2;
+  wire [22:0] scaled_y_moved = scaled_y[22:0] + (scaled_y[23] ? 23'd3 : 23'h7ffffd);
+  wire [15:0] scaled_y_moved_fraction = scaled_y_moved[15:0];
+  wire scaled_y_is_not_zero = |scaled_y[22:16];
+  wire scaled_y_steps_to_zero = scaled_y_is_not_zero & (~|(~scaled_y_moved_fraction[1:0]));
+  wire [1:0] scaled_y_fraction_about_zero =
+      scaled_y_steps_to_zero ? 2'd0 :
+      ~scaled_y_is_not_zero ? 2'd2 :
+      (~scaled_y_moved_fraction[1:0] - 2'd1);
+  wire [23:0] scaled_y_stepped_about_zero = {
+      ~scaled_y_steps_to_zero,
+      6'd0,
+      ~scaled_y_steps_to_zero,
+      14'd0,
+      scaled_y_fraction_about_zero
+    };
+  wire [23:0] scaled_y_stepped_further = {
+      scaled_y[23],
+      scaled_y_moved[22:16],
+      scaled_y_moved_fraction & {16{~(&scaled_y_moved[22:16])}}
+    };
+  wire [23:0] scaled_y_stepped_number =
+      (~scaled_y_is_not_zero | (~scaled_y[23] & (~|scaled_y_moved[22:16]))) ? scaled_y_stepped_about_zero :
+      scaled_y_stepped_further;
 
   // Pipeline registers.
   always @(posedge clk) begin
-    distance <= (&scaled_y[22:16]) ? scaled_y : choice_2;
+    distance <= (&scaled_y[22:16]) ? scaled_y : scaled_y_stepped_number;
   end
 
 endmodule

@@ -42,12 +42,12 @@ module dynrt_program_prefetch (
   reg  front_valid;
   wire room = count != 4'd8;
   wire requested = fetch_valid & request_ready & room;
-  wire choice =
+  wire head_arrived_high =
       head[1] ? (head[0] ? arrived[7] : arrived[6]) :
       head[0] ? arrived[5] :
       arrived[4];
   wire head_arrived =
-      head[2] ? choice :
+      head[2] ? head_arrived_high :
       head[1] ? (head[0] ? arrived[3] : arrived[2]) :
       head[0] ? arrived[1] :
       arrived[0];

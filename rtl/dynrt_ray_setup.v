@@ -74,20 +74,20 @@ module dynrt_ray_setup (
   // A ray is valid if it is active, nothing in it is a NaN, and 0 <= tmin <= tmax.
   wire [23:0] tmin_clean = (~|tmin[22:16]) ? 24'd0 : tmin;
   wire [23:0] tmax_clean = (~|tmax[22:16]) ? 24'd0 : tmax;
-  wire term = ((&origin_x[22:16]) & (|origin_x[15:0])) | ((&origin_y[22:16]) & (|origin_y[15:0]));
-  wire term_2 =
-      term |
+  wire any_nan =
+      ((&origin_x[22:16]) & (|origin_x[15:0])) |
+      ((&origin_y[22:16]) & (|origin_y[15:0])) |
       ((&origin_z[22:16]) & (|origin_z[15:0])) |
-      ((&direction_x[22:16]) & (|direction_x[15:0]));
-  wire term_3 =
-      term_2 |
+      ((&direction_x[22:16]) & (|direction_x[15:0])) |
       ((&direction_y[22:16]) & (|direction_y[15:0])) |
-      ((&direction_z[22:16]) & (|direction_z[15:0]));
-  wire any_nan = term_3 | ((&tmax_clean[22:16]) & (|tmax_clean[15:0]));
+      ((&direction_z[22:16]) & (|direction_z[15:0])) |
+      ((&tmax_clean[22:16]) & (|tmax_clean[15:0]));
   reg  any_nan_s1;
-  wire term_4 = ({tmax_clean[22:0], 1'b0} < {tmin_clean[22:0], tmin_clean[23]}) ^ tmax_clean[23];
-  wire term_5 = ~((tmax_clean[23] ^ tmin_clean[23]) ? tmax_clean[23] : term_4);
-  wire ordered = ~tmin_clean[23] & term_5;
+  wire tmin_not_behind_tmax_not_by_sign =
+      ({tmax_clean[22:0], 1'b0} < {tmin_clean[22:0], tmin_clean[23]}) ^
+      tmax_clean[23];
+  wire tmin_not_behind_tmax = ~((tmax_clean[23] ^ tmin_clean[23]) ? tmax_clean[23] : tmin_not_behind_tmax_not_by_sign);
+  wire ordered = ~tmin_clean[23] & tmin_not_behind_tmax;
   reg  ordered_s1;
   reg  active_s1;
   wire sound = active_s1 & ~any_nan_s1 & ordered_s1;
@@ -116,8 +116,8 @@ module dynrt_ray_setup (
 
   // near and far, clipped by the scene's box; in an object's space by (-infinity, +infinity), which
   // never clips.
-  wire [23:0] choice = object ? 24'hff0000 : scene_lo_x;
-  wire [23:0] choice_2 = object ? 24'h7f0000 : scene_hi_x;
+  wire [23:0] clip_lo_x = object ? 24'hff0000 : scene_lo_x;
+  wire [23:0] clip_hi_x = object ? 24'h7f0000 : scene_hi_x;
   reg  [167:0] near_x_plane_delay;
   wire [23:0] near_x_plane_s7 = near_x_plane_delay[167:144];
   reg  [479:0] origin_x_delay;
@@ -144,28 +144,27 @@ module dynrt_ray_setup (
     .distance(far_x_distance)
   );
 
-  reg  [367:0] tmin_clean_22_0_delay;
-  wire [22:0] tmin_clean_22_0_s16 = tmin_clean_22_0_delay[367:345];
-  wire near_after_x_is_greater_ordered = ~((&near_x_distance[22:16]) & (|near_x_distance[15:0]));
+  reg  [367:0] tmin_clean_magnitude_delay;
+  wire [22:0] tmin_clean_magnitude_s16 = tmin_clean_magnitude_delay[367:345];
   wire near_after_x_is_greater =
-      (tmin_clean_22_0_s16 < near_x_distance[22:0]) &
+      (tmin_clean_magnitude_s16 < near_x_distance[22:0]) &
       ~near_x_distance[23] &
-      near_after_x_is_greater_ordered;
+      ~((&near_x_distance[22:16]) & (|near_x_distance[15:0]));
   reg  [479:0] out_tmin_delay;
   wire [23:0] out_tmin_s16 = out_tmin_delay[383:360];
   wire [23:0] near_after_x = near_after_x_is_greater ? near_x_distance : out_tmin_s16;
   reg  [23:0] near_after_x_s17;
-  reg  [367:0] tmax_clean_22_0_delay;
-  wire [22:0] tmax_clean_22_0_s16 = tmax_clean_22_0_delay[367:345];
+  reg  [367:0] tmax_clean_magnitude_delay;
+  wire [22:0] tmax_clean_magnitude_s16 = tmax_clean_magnitude_delay[367:345];
   wire far_after_x_is_less =
       far_x_distance[23] ? far_x_distance[23] :
-      ((far_x_distance[22:0] < tmax_clean_22_0_s16) ^ far_x_distance[23]);
+      ((far_x_distance[22:0] < tmax_clean_magnitude_s16) ^ far_x_distance[23]);
   reg  [479:0] out_tmax_delay;
   wire [23:0] out_tmax_s16 = out_tmax_delay[383:360];
   wire [23:0] far_after_x = far_after_x_is_less ? far_x_distance : out_tmax_s16;
   reg  [23:0] far_after_x_s17;
-  wire [23:0] choice_3 = object ? 24'hff0000 : scene_lo_y;
-  wire [23:0] choice_4 = object ? 24'h7f0000 : scene_hi_y;
+  wire [23:0] clip_lo_y = object ? 24'hff0000 : scene_lo_y;
+  wire [23:0] clip_hi_y = object ? 24'h7f0000 : scene_hi_y;
   reg  [167:0] near_y_plane_delay;
   wire [23:0] near_y_plane_s7 = near_y_plane_delay[167:144];
   reg  [479:0] origin_y_delay;
@@ -192,27 +191,26 @@ module dynrt_ray_setup (
     .distance(far_y_distance)
   );
 
-  reg  [22:0] near_y_distance_22_0_s17;
-  reg  not_near_y_distance_23_s17;
-  wire near_after_y_is_greater_ordered = ~((&near_y_distance[22:16]) & (|near_y_distance[15:0]));
+  reg  [22:0] near_y_distance_magnitude_s17;
+  reg  near_y_distance_is_positive_s17;
   reg  near_after_y_is_greater_ordered_s17;
   wire near_after_y_is_greater =
-      (near_after_x_s17[22:0] < near_y_distance_22_0_s17) &
-      not_near_y_distance_23_s17 &
+      (near_after_x_s17[22:0] < near_y_distance_magnitude_s17) &
+      near_y_distance_is_positive_s17 &
       near_after_y_is_greater_ordered_s17;
   reg  [23:0] near_y_distance_s17;
   wire [23:0] near_after_y = near_after_y_is_greater ? near_y_distance_s17 : near_after_x_s17;
   reg  [23:0] near_after_y_s18;
-  reg  [22:0] far_y_distance_22_0_s17;
-  reg  far_y_distance_23_s17;
+  reg  [22:0] far_y_distance_magnitude_s17;
+  reg  far_y_distance_sign_s17;
   wire far_after_y_is_less =
-      (far_y_distance_23_s17 ^ far_after_x_s17[23]) ? far_y_distance_23_s17 :
-      ((far_y_distance_22_0_s17 < far_after_x_s17[22:0]) ^ far_y_distance_23_s17);
+      (far_y_distance_sign_s17 ^ far_after_x_s17[23]) ? far_y_distance_sign_s17 :
+      ((far_y_distance_magnitude_s17 < far_after_x_s17[22:0]) ^ far_y_distance_sign_s17);
   reg  [23:0] far_y_distance_s17;
   wire [23:0] far_after_y = far_after_y_is_less ? far_y_distance_s17 : far_after_x_s17;
   reg  [23:0] far_after_y_s18;
-  wire [23:0] choice_5 = object ? 24'hff0000 : scene_lo_z;
-  wire [23:0] choice_6 = object ? 24'h7f0000 : scene_hi_z;
+  wire [23:0] clip_lo_z = object ? 24'hff0000 : scene_lo_z;
+  wire [23:0] clip_hi_z = object ? 24'h7f0000 : scene_hi_z;
   reg  [167:0] near_z_plane_delay;
   wire [23:0] near_z_plane_s7 = near_z_plane_delay[167:144];
   reg  [479:0] origin_z_delay;
@@ -239,22 +237,21 @@ module dynrt_ray_setup (
     .distance(far_z_distance)
   );
 
-  reg  [22:0] near_z_distance_22_0_s17, near_z_distance_22_0_s18;
-  reg  not_near_z_distance_23_s17, not_near_z_distance_23_s18;
-  wire near_after_z_is_greater_ordered = ~((&near_z_distance[22:16]) & (|near_z_distance[15:0]));
+  reg  [22:0] near_z_distance_magnitude_s17, near_z_distance_magnitude_s18;
+  reg  near_z_distance_is_positive_s17, near_z_distance_is_positive_s18;
   reg  near_after_z_is_greater_ordered_s17, near_after_z_is_greater_ordered_s18;
   wire near_after_z_is_greater =
-      (near_after_y_s18[22:0] < near_z_distance_22_0_s18) &
-      not_near_z_distance_23_s18 &
+      (near_after_y_s18[22:0] < near_z_distance_magnitude_s18) &
+      near_z_distance_is_positive_s18 &
       near_after_z_is_greater_ordered_s18;
   reg  [23:0] near_z_distance_s17, near_z_distance_s18;
   wire [23:0] near_after_z = near_after_z_is_greater ? near_z_distance_s18 : near_after_y_s18;
   reg  [23:0] near_after_z_s19;
-  reg  [22:0] far_z_distance_22_0_s17, far_z_distance_22_0_s18;
-  reg  far_z_distance_23_s17, far_z_distance_23_s18;
+  reg  [22:0] far_z_distance_magnitude_s17, far_z_distance_magnitude_s18;
+  reg  far_z_distance_sign_s17, far_z_distance_sign_s18;
   wire far_after_z_is_less =
-      (far_z_distance_23_s18 ^ far_after_y_s18[23]) ? far_z_distance_23_s18 :
-      ((far_z_distance_22_0_s18 < far_after_y_s18[22:0]) ^ far_z_distance_23_s18);
+      (far_z_distance_sign_s18 ^ far_after_y_s18[23]) ? far_z_distance_sign_s18 :
+      ((far_z_distance_magnitude_s18 < far_after_y_s18[22:0]) ^ far_z_distance_sign_s18);
   reg  [23:0] far_z_distance_s17, far_z_distance_s18;
   wire [23:0] far_after_z = far_after_z_is_less ? far_z_distance_s18 : far_after_y_s18;
   reg  [23:0] far_after_z_s19;
@@ -379,30 +376,30 @@ module dynrt_ray_setup (
     // Stage 17
     near_after_x_s17 <= near_after_x;
     far_after_x_s17 <= far_after_x;
-    near_y_distance_22_0_s17 <= near_y_distance[22:0];
-    not_near_y_distance_23_s17 <= ~near_y_distance[23];
-    near_after_y_is_greater_ordered_s17 <= near_after_y_is_greater_ordered;
+    near_y_distance_magnitude_s17 <= near_y_distance[22:0];
+    near_y_distance_is_positive_s17 <= ~near_y_distance[23];
+    near_after_y_is_greater_ordered_s17 <= ~((&near_y_distance[22:16]) & (|near_y_distance[15:0]));
     near_y_distance_s17 <= near_y_distance;
-    far_y_distance_22_0_s17 <= far_y_distance[22:0];
-    far_y_distance_23_s17 <= far_y_distance[23];
+    far_y_distance_magnitude_s17 <= far_y_distance[22:0];
+    far_y_distance_sign_s17 <= far_y_distance[23];
     far_y_distance_s17 <= far_y_distance;
-    near_z_distance_22_0_s17 <= near_z_distance[22:0];
-    not_near_z_distance_23_s17 <= ~near_z_distance[23];
-    near_after_z_is_greater_ordered_s17 <= near_after_z_is_greater_ordered;
+    near_z_distance_magnitude_s17 <= near_z_distance[22:0];
+    near_z_distance_is_positive_s17 <= ~near_z_distance[23];
+    near_after_z_is_greater_ordered_s17 <= ~((&near_z_distance[22:16]) & (|near_z_distance[15:0]));
     near_z_distance_s17 <= near_z_distance;
-    far_z_distance_22_0_s17 <= far_z_distance[22:0];
-    far_z_distance_23_s17 <= far_z_distance[23];
+    far_z_distance_magnitude_s17 <= far_z_distance[22:0];
+    far_z_distance_sign_s17 <= far_z_distance[23];
     far_z_distance_s17 <= far_z_distance;
 
     // Stage 18
     near_after_y_s18 <= near_after_y;
     far_after_y_s18 <= far_after_y;
-    near_z_distance_22_0_s18 <= near_z_distance_22_0_s17;
-    not_near_z_distance_23_s18 <= not_near_z_distance_23_s17;
+    near_z_distance_magnitude_s18 <= near_z_distance_magnitude_s17;
+    near_z_distance_is_positive_s18 <= near_z_distance_is_positive_s17;
     near_after_z_is_greater_ordered_s18 <= near_after_z_is_greater_ordered_s17;
     near_z_distance_s18 <= near_z_distance_s17;
-    far_z_distance_22_0_s18 <= far_z_distance_22_0_s17;
-    far_z_distance_23_s18 <= far_z_distance_23_s17;
+    far_z_distance_magnitude_s18 <= far_z_distance_magnitude_s17;
+    far_z_distance_sign_s18 <= far_z_distance_sign_s17;
     far_z_distance_s18 <= far_z_distance_s17;
 
     // Stage 19
@@ -417,19 +414,19 @@ module dynrt_ray_setup (
 
   // Delay lines: values that wait for others of their pipeline, the newest lowest.
   always @(posedge clk) begin
-    near_x_plane_delay <= {near_x_plane_delay[143:0], direction_x[23] ? choice_2 : choice};
+    near_x_plane_delay <= {near_x_plane_delay[143:0], direction_x[23] ? clip_hi_x : clip_lo_x};
     origin_x_delay <= {origin_x_delay[455:0], origin_x};
-    far_x_plane_delay <= {far_x_plane_delay[143:0], direction_x[23] ? choice : choice_2};
-    tmin_clean_22_0_delay <= {tmin_clean_22_0_delay[344:0], tmin_clean[22:0]};
+    far_x_plane_delay <= {far_x_plane_delay[143:0], direction_x[23] ? clip_lo_x : clip_hi_x};
+    tmin_clean_magnitude_delay <= {tmin_clean_magnitude_delay[344:0], tmin_clean[22:0]};
     out_tmin_delay <= {out_tmin_delay[455:0], {1'b0, tmin_clean[22:0]}};
-    tmax_clean_22_0_delay <= {tmax_clean_22_0_delay[344:0], tmax_clean[22:0]};
+    tmax_clean_magnitude_delay <= {tmax_clean_magnitude_delay[344:0], tmax_clean[22:0]};
     out_tmax_delay <= {out_tmax_delay[455:0], {1'b0, tmax_clean[22:0]}};
-    near_y_plane_delay <= {near_y_plane_delay[143:0], direction_y[23] ? choice_4 : choice_3};
+    near_y_plane_delay <= {near_y_plane_delay[143:0], direction_y[23] ? clip_hi_y : clip_lo_y};
     origin_y_delay <= {origin_y_delay[455:0], origin_y};
-    far_y_plane_delay <= {far_y_plane_delay[143:0], direction_y[23] ? choice_3 : choice_4};
-    near_z_plane_delay <= {near_z_plane_delay[143:0], direction_z[23] ? choice_6 : choice_5};
+    far_y_plane_delay <= {far_y_plane_delay[143:0], direction_y[23] ? clip_lo_y : clip_hi_y};
+    near_z_plane_delay <= {near_z_plane_delay[143:0], direction_z[23] ? clip_hi_z : clip_lo_z};
     origin_z_delay <= {origin_z_delay[455:0], origin_z};
-    far_z_plane_delay <= {far_z_plane_delay[143:0], direction_z[23] ? choice_5 : choice_6};
+    far_z_plane_delay <= {far_z_plane_delay[143:0], direction_z[23] ? clip_lo_z : clip_hi_z};
     sound_delay <= {sound_delay[16:0], sound};
     z_wins_delay <= {z_wins_delay[9:0], z_wins};
     direction_kx_delay <= {direction_kx_delay[239:0], direction_kx};

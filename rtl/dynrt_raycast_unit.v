@@ -204,7 +204,7 @@ module dynrt_raycast_unit (
     if (rst) place <= 2'd0; else if (take_ray) place <= last_ray ? 2'd0 : (place + 2'd1);
   end
 
-  wire take_ray_and_first_ray = take_ray & first_ray;
+  wire tag_memory_write_enable = take_ray & first_ray;
 
   // Ray setup: of a ray of the world, or, before that, of one that the geometry unit has taken to
   // an object's space.
@@ -429,6 +429,7 @@ module dynrt_raycast_unit (
   wire [23:0] skin_vertex_b_y;
   wire [23:0] skin_vertex_a_z;
   wire [23:0] skin_vertex_b_z;
+  wire scene_root_right_leaf = scene_root[27];
 
   wire intersection_leaf_ready;
   wire intersection_record_request_valid;
@@ -523,7 +524,7 @@ module dynrt_raycast_unit (
     .setup_tmax(setup_out_tmax),
     .setup_any_hit(setup_out_any_hit),
     .setup_next_packet(setup_next_packet),
-    .instanced(scene_root[27]),
+    .instanced(scene_root_right_leaf),
     .leaf_valid(traversal_leaf_valid),
     .leaf_packet(traversal_leaf_packet),
     .leaf_address(traversal_leaf_address),
@@ -907,11 +908,11 @@ module dynrt_raycast_unit (
 
   // Memories.
   always @(posedge clk) begin
-    if (take_ray_and_first_ray) tag_memory_copy0[free_queue_front] <= ray_tag;
+    if (tag_memory_write_enable) tag_memory_copy0[free_queue_front] <= ray_tag;
   end
 
   always @(posedge clk) begin
-    if (take_ray_and_first_ray) tag_memory_copy1[free_queue_front] <= ray_tag;
+    if (tag_memory_write_enable) tag_memory_copy1[free_queue_front] <= ray_tag;
   end
 
   assign ray_ready = ready;

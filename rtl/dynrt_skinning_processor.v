@@ -157,18 +157,18 @@ module dynrt_skinning_processor (
   wire vector_requested = vector_wanted & vectors_fetch_ready;
   wire column_requested = vector_requested & requests_column;
   wire rest_requested = vector_requested & ~requests_column;
-  wire start_or_column_requested = start | column_requested;
+  wire columns_to_request_enable = start | column_requested;
 
   always @(posedge clk) begin
-    if (rst) columns_to_request <= 11'd0; else if (start_or_column_requested) columns_to_request <= start ? columns : (columns_to_request - 11'd1);
-    if (start_or_column_requested) column_address <= start ? start_palette : (column_address + 22'd1);
+    if (rst) columns_to_request <= 11'd0; else if (columns_to_request_enable) columns_to_request <= start ? columns : (columns_to_request - 11'd1);
+    if (columns_to_request_enable) column_address <= start ? start_palette : (column_address + 22'd1);
   end
 
-  wire start_or_rest_requested = start | rest_requested;
+  wire rest_to_request_enable = start | rest_requested;
 
   always @(posedge clk) begin
-    if (rst) rest_to_request <= 22'd0; else if (start_or_rest_requested) rest_to_request <= start ? start_vertices : (rest_to_request - 22'd1);
-    if (start_or_rest_requested) rest_address <= start ? start_rest : (rest_address + 22'd1);
+    if (rst) rest_to_request <= 22'd0; else if (rest_to_request_enable) rest_to_request <= start ? start_vertices : (rest_to_request - 22'd1);
+    if (rest_to_request_enable) rest_address <= start ? start_rest : (rest_address + 22'd1);
   end
 
   // Rows of influences ahead of their use.
@@ -203,11 +203,11 @@ module dynrt_skinning_processor (
 
   assign no_rows = rows_empty;
   wire row_requested = rows_wanted & rows_fetch_ready;
-  wire start_or_row_requested = start | row_requested;
+  wire rows_left_enable = start | row_requested;
 
   always @(posedge clk) begin
-    if (rst) rows_left <= 22'd0; else if (start_or_row_requested) rows_left <= start ? start_rows : (rows_left - 22'd1);
-    if (start_or_row_requested) row_address <= start ? start_influences : (row_address + 22'd1);
+    if (rst) rows_left <= 22'd0; else if (rows_left_enable) rows_left <= start ? start_rows : (rows_left - 22'd1);
+    if (rows_left_enable) row_address <= start ? start_influences : (row_address + 22'd1);
   end
 
   // The palette's vectors go into its memories as they come.
@@ -215,11 +215,11 @@ module dynrt_skinning_processor (
   reg  [9:0] column_place;
   wire loading = |columns_to_come;
   wire column_comes = vectors_valid & loading;
-  wire start_or_column_comes = start | column_comes;
+  wire columns_to_come_enable = start | column_comes;
 
   always @(posedge clk) begin
-    if (rst) columns_to_come <= 11'd0; else if (start_or_column_comes) columns_to_come <= start ? columns : (columns_to_come - 11'd1);
-    if (start_or_column_comes) column_place <= start ? 10'd0 : (column_place + 10'd1);
+    if (rst) columns_to_come <= 11'd0; else if (columns_to_come_enable) columns_to_come <= start ? columns : (columns_to_come - 11'd1);
+    if (columns_to_come_enable) column_place <= start ? 10'd0 : (column_place + 10'd1);
   end
 
   // Issue: an influence goes with its vertex unless either is missing, or room for a vertex that it
@@ -239,10 +239,10 @@ module dynrt_skinning_processor (
   wire issue = skinning_now & ~(vertex_missing | row_missing | room_missing);
   wire completes = issue & influence_last;
   wire last_slot = &slot;
-  wire start_or_issue = start | issue;
+  wire slot_enable = start | issue;
 
   always @(posedge clk) begin
-    if (start_or_issue) slot <= start ? 2'd0 : (slot + 2'd1);
+    if (slot_enable) slot <= start ? 2'd0 : (slot + 2'd1);
   end
 
   // What is left of the last row when the mesh is complete is of no use.
@@ -250,6 +250,15 @@ module dynrt_skinning_processor (
   assign pop_vector = column_comes | completes;
   reg  [1:0] position;
   reg  issued;
+
+  always @(posedge clk) begin
+    if (slot_enable) position <= (start | influence_last) ? 2'd0 : (position + 2'd1);
+    if (rst) issued <= 1'b0; else issued <= issue;
+  end
+
+  wire [23:0] vectors_front_x = vectors_front[23:0];
+  wire [23:0] vectors_front_y = vectors_front[47:24];
+  wire [23:0] vectors_front_z = vectors_front[71:48];
   reg  [7:0] issued_joint;
   reg  [23:0] issued_x;
   reg  [23:0] issued_y;
@@ -259,12 +268,10 @@ module dynrt_skinning_processor (
   reg  issued_last;
 
   always @(posedge clk) begin
-    if (start_or_issue) position <= (start | influence_last) ? 2'd0 : (position + 2'd1);
-    if (rst) issued <= 1'b0; else issued <= issue;
     issued_joint <= influence_joint;
-    issued_x <= vectors_front[23:0];
-    issued_y <= vectors_front[47:24];
-    issued_z <= vectors_front[71:48];
+    issued_x <= vectors_front_x;
+    issued_y <= vectors_front_y;
+    issued_z <= vectors_front_z;
     issued_weight <= {1'b0, influence_weight};
     issued_position <= position;
     issued_last <= influence_last;
@@ -304,24 +311,24 @@ module dynrt_skinning_processor (
   wire pair_done = pair_ends_delay[6];
   wire upper_done = upper_pair_delay[6];
   reg  [23:0] lower_x;
-  wire pair_done_and_not_upper_done = pair_done & ~upper_done;
+  wire lower_x_enable = pair_done & ~upper_done;
 
   always @(posedge clk) begin
-    if (pair_done_and_not_upper_done) lower_x <= pair_sum_x;
+    if (lower_x_enable) lower_x <= pair_sum_x;
   end
 
   wire [23:0] lower_sum_x = lower_x & {24{upper_done}};
   reg  [23:0] lower_y;
 
   always @(posedge clk) begin
-    if (pair_done_and_not_upper_done) lower_y <= pair_sum_y;
+    if (lower_x_enable) lower_y <= pair_sum_y;
   end
 
   wire [23:0] lower_sum_y = lower_y & {24{upper_done}};
   reg  [23:0] lower_z;
 
   always @(posedge clk) begin
-    if (pair_done_and_not_upper_done) lower_z <= pair_sum_z;
+    if (lower_x_enable) lower_z <= pair_sum_z;
   end
 
   wire [23:0] lower_sum_z = lower_z & {24{upper_done}};
@@ -365,17 +372,17 @@ module dynrt_skinning_processor (
 
   assign room = vertices_under_way != 8'd128;
   reg  [21:0] next_written;
-  wire start_or_written = start | written;
+  wire next_written_enable = start | written;
 
   always @(posedge clk) begin
-    if (start_or_written) next_written <= start ? start_target : (next_written + 22'd1);
+    if (next_written_enable) next_written <= start ? start_target : (next_written + 22'd1);
   end
 
   // The end: the last vertex is written.
   reg  [21:0] vertices_left;
 
   always @(posedge clk) begin
-    if (rst) vertices_left <= 22'd0; else if (start_or_written) vertices_left <= start ? start_vertices : (vertices_left - 22'd1);
+    if (rst) vertices_left <= 22'd0; else if (next_written_enable) vertices_left <= start ? start_vertices : (vertices_left - 22'd1);
   end
 
   wire over = skinning_now & ~(loading | (|vertices_left));

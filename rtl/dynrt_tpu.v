@@ -120,6 +120,9 @@ module dynrt_tpu (
   wire request_popped;
   (* no_rw_check, ram_style = "distributed" *)
   reg  [33:0] request_memory [0:47];
+  wire [5:0] request_item_packet = request_item[5:0];
+  assign node_request_address = request_item[27:6];
+  wire [10:0] request_item_context = request_item[38:28];
 
   // Intervals and mask of the packet in the node it goes to: as a step left them, and as a pop or
   // the setup did.
@@ -172,52 +175,64 @@ module dynrt_tpu (
   wire [5:0] packet_s11 = packet_delay[65:60];
   wire [33:0] request_memory_read = request_memory[packet_s11];
   reg  [33:0] request_memory_read_s12;
+  wire [21:0] request_memory_read_address_s12 = request_memory_read_s12[21:0];
+  wire [10:0] request_memory_read_context_s12 = request_memory_read_s12[32:22];
+  wire request_memory_read_popped_s12 = request_memory_read_s12[33];
   reg  [195:0] stepped_memory_read;
   reg  [195:0] stepped_memory_read_s12;
   wire [3:0] popped_mask_memory_read = popped_mask_memory[packet_s11];
   reg  [3:0] popped_mask_memory_read_s12;
   wire [3:0] mask_in =
-      request_memory_read_s12[33] ? popped_mask_memory_read_s12 :
+      request_memory_read_popped_s12 ? popped_mask_memory_read_s12 :
       stepped_memory_read_s12[195:192];
   reg  [47:0] popped0_memory_read;
   reg  [47:0] popped0_memory_read_s12;
   wire [47:0] ray0_interval =
-      request_memory_read_s12[33] ? popped0_memory_read_s12 :
+      request_memory_read_popped_s12 ? popped0_memory_read_s12 :
       stepped_memory_read_s12[47:0];
+  wire [23:0] ray0_memory_read_origin_x_s2 = ray0_memory_read_s2[23:0];
+  wire [23:0] ray0_memory_read_origin_y_s2 = ray0_memory_read_s2[47:24];
+  wire [23:0] ray0_memory_read_origin_z_s2 = ray0_memory_read_s2[71:48];
+  wire [23:0] ray0_memory_read_reciprocal_x_s2 = ray0_memory_read_s2[95:72];
+  wire [23:0] ray0_memory_read_reciprocal_y_s2 = ray0_memory_read_s2[119:96];
+  wire [23:0] ray0_memory_read_reciprocal_z_s2 = ray0_memory_read_s2[143:120];
+  wire [2:0] ray0_memory_read_signs_s2 = ray0_memory_read_s2[146:144];
   reg  left_axis_is_1_s1, left_axis_is_1_s2;
   reg  left_axis_is_0_s1, left_axis_is_0_s2;
   wire ray0_left_sign =
-      left_axis_is_0_s2 ? ray0_memory_read_s2[144] :
-      left_axis_is_1_s2 ? ray0_memory_read_s2[145] :
-      ray0_memory_read_s2[146];
+      left_axis_is_0_s2 ? ray0_memory_read_signs_s2[0] :
+      left_axis_is_1_s2 ? ray0_memory_read_signs_s2[1] :
+      ray0_memory_read_signs_s2[2];
   reg  ray0_left_sign_s3;
   wire [23:0] ray0_left_origin =
-      left_axis_is_0_s2 ? ray0_memory_read_s2[23:0] :
-      left_axis_is_1_s2 ? ray0_memory_read_s2[47:24] :
-      ray0_memory_read_s2[71:48];
+      left_axis_is_0_s2 ? ray0_memory_read_origin_x_s2 :
+      left_axis_is_1_s2 ? ray0_memory_read_origin_y_s2 :
+      ray0_memory_read_origin_z_s2;
   reg  [23:0] ray0_left_origin_s3;
   wire [23:0] ray0_left_reciprocal =
-      left_axis_is_0_s2 ? ray0_memory_read_s2[95:72] :
-      left_axis_is_1_s2 ? ray0_memory_read_s2[119:96] :
-      ray0_memory_read_s2[143:120];
+      left_axis_is_0_s2 ? ray0_memory_read_reciprocal_x_s2 :
+      left_axis_is_1_s2 ? ray0_memory_read_reciprocal_y_s2 :
+      ray0_memory_read_reciprocal_z_s2;
   reg  [23:0] ray0_left_reciprocal_s3;
   reg  right_axis_is_1_s1, right_axis_is_1_s2;
   reg  right_axis_is_0_s1, right_axis_is_0_s2;
   wire ray0_right_sign =
-      right_axis_is_0_s2 ? ray0_memory_read_s2[144] :
-      right_axis_is_1_s2 ? ray0_memory_read_s2[145] :
-      ray0_memory_read_s2[146];
+      right_axis_is_0_s2 ? ray0_memory_read_signs_s2[0] :
+      right_axis_is_1_s2 ? ray0_memory_read_signs_s2[1] :
+      ray0_memory_read_signs_s2[2];
   reg  ray0_right_sign_s3;
   wire [23:0] ray0_right_origin =
-      right_axis_is_0_s2 ? ray0_memory_read_s2[23:0] :
-      right_axis_is_1_s2 ? ray0_memory_read_s2[47:24] :
-      ray0_memory_read_s2[71:48];
+      right_axis_is_0_s2 ? ray0_memory_read_origin_x_s2 :
+      right_axis_is_1_s2 ? ray0_memory_read_origin_y_s2 :
+      ray0_memory_read_origin_z_s2;
   reg  [23:0] ray0_right_origin_s3;
   wire [23:0] ray0_right_reciprocal =
-      right_axis_is_0_s2 ? ray0_memory_read_s2[95:72] :
-      right_axis_is_1_s2 ? ray0_memory_read_s2[119:96] :
-      ray0_memory_read_s2[143:120];
+      right_axis_is_0_s2 ? ray0_memory_read_reciprocal_x_s2 :
+      right_axis_is_1_s2 ? ray0_memory_read_reciprocal_y_s2 :
+      ray0_memory_read_reciprocal_z_s2;
   reg  [23:0] ray0_right_reciprocal_s3;
+  wire [23:0] ray0_interval_near = ray0_interval[23:0];
+  wire [23:0] ray0_interval_far = ray0_interval[47:24];
   reg  [23:0] left_lo_s1, left_lo_s2, left_lo_s3;
   reg  [23:0] left_hi_s1, left_hi_s2, left_hi_s3;
   reg  [23:0] right_lo_s1, right_lo_s2, right_lo_s3;
@@ -242,8 +257,8 @@ module dynrt_tpu (
     .right_sign(ray0_right_sign_s3),
     .right_origin(ray0_right_origin_s3),
     .right_reciprocal(ray0_right_reciprocal_s3),
-    .ray_near(ray0_interval[23:0]),
-    .ray_far(ray0_interval[47:24]),
+    .ray_near(ray0_interval_near),
+    .ray_far(ray0_interval_far),
     .ray_active(mask_in[0]),
     .out_left_near(slice0_out_left_near),
     .out_left_far(slice0_out_left_far),
@@ -257,38 +272,47 @@ module dynrt_tpu (
   reg  [47:0] popped1_memory_read;
   reg  [47:0] popped1_memory_read_s12;
   wire [47:0] ray1_interval =
-      request_memory_read_s12[33] ? popped1_memory_read_s12 :
+      request_memory_read_popped_s12 ? popped1_memory_read_s12 :
       stepped_memory_read_s12[95:48];
+  wire [23:0] ray1_memory_read_origin_x_s2 = ray1_memory_read_s2[23:0];
+  wire [23:0] ray1_memory_read_origin_y_s2 = ray1_memory_read_s2[47:24];
+  wire [23:0] ray1_memory_read_origin_z_s2 = ray1_memory_read_s2[71:48];
+  wire [23:0] ray1_memory_read_reciprocal_x_s2 = ray1_memory_read_s2[95:72];
+  wire [23:0] ray1_memory_read_reciprocal_y_s2 = ray1_memory_read_s2[119:96];
+  wire [23:0] ray1_memory_read_reciprocal_z_s2 = ray1_memory_read_s2[143:120];
+  wire [2:0] ray1_memory_read_signs_s2 = ray1_memory_read_s2[146:144];
   wire ray1_left_sign =
-      left_axis_is_0_s2 ? ray1_memory_read_s2[144] :
-      left_axis_is_1_s2 ? ray1_memory_read_s2[145] :
-      ray1_memory_read_s2[146];
+      left_axis_is_0_s2 ? ray1_memory_read_signs_s2[0] :
+      left_axis_is_1_s2 ? ray1_memory_read_signs_s2[1] :
+      ray1_memory_read_signs_s2[2];
   reg  ray1_left_sign_s3;
   wire [23:0] ray1_left_origin =
-      left_axis_is_0_s2 ? ray1_memory_read_s2[23:0] :
-      left_axis_is_1_s2 ? ray1_memory_read_s2[47:24] :
-      ray1_memory_read_s2[71:48];
+      left_axis_is_0_s2 ? ray1_memory_read_origin_x_s2 :
+      left_axis_is_1_s2 ? ray1_memory_read_origin_y_s2 :
+      ray1_memory_read_origin_z_s2;
   reg  [23:0] ray1_left_origin_s3;
   wire [23:0] ray1_left_reciprocal =
-      left_axis_is_0_s2 ? ray1_memory_read_s2[95:72] :
-      left_axis_is_1_s2 ? ray1_memory_read_s2[119:96] :
-      ray1_memory_read_s2[143:120];
+      left_axis_is_0_s2 ? ray1_memory_read_reciprocal_x_s2 :
+      left_axis_is_1_s2 ? ray1_memory_read_reciprocal_y_s2 :
+      ray1_memory_read_reciprocal_z_s2;
   reg  [23:0] ray1_left_reciprocal_s3;
   wire ray1_right_sign =
-      right_axis_is_0_s2 ? ray1_memory_read_s2[144] :
-      right_axis_is_1_s2 ? ray1_memory_read_s2[145] :
-      ray1_memory_read_s2[146];
+      right_axis_is_0_s2 ? ray1_memory_read_signs_s2[0] :
+      right_axis_is_1_s2 ? ray1_memory_read_signs_s2[1] :
+      ray1_memory_read_signs_s2[2];
   reg  ray1_right_sign_s3;
   wire [23:0] ray1_right_origin =
-      right_axis_is_0_s2 ? ray1_memory_read_s2[23:0] :
-      right_axis_is_1_s2 ? ray1_memory_read_s2[47:24] :
-      ray1_memory_read_s2[71:48];
+      right_axis_is_0_s2 ? ray1_memory_read_origin_x_s2 :
+      right_axis_is_1_s2 ? ray1_memory_read_origin_y_s2 :
+      ray1_memory_read_origin_z_s2;
   reg  [23:0] ray1_right_origin_s3;
   wire [23:0] ray1_right_reciprocal =
-      right_axis_is_0_s2 ? ray1_memory_read_s2[95:72] :
-      right_axis_is_1_s2 ? ray1_memory_read_s2[119:96] :
-      ray1_memory_read_s2[143:120];
+      right_axis_is_0_s2 ? ray1_memory_read_reciprocal_x_s2 :
+      right_axis_is_1_s2 ? ray1_memory_read_reciprocal_y_s2 :
+      ray1_memory_read_reciprocal_z_s2;
   reg  [23:0] ray1_right_reciprocal_s3;
+  wire [23:0] ray1_interval_near = ray1_interval[23:0];
+  wire [23:0] ray1_interval_far = ray1_interval[47:24];
 
   wire [23:0] slice1_out_left_near;
   wire [23:0] slice1_out_left_far;
@@ -309,8 +333,8 @@ module dynrt_tpu (
     .right_sign(ray1_right_sign_s3),
     .right_origin(ray1_right_origin_s3),
     .right_reciprocal(ray1_right_reciprocal_s3),
-    .ray_near(ray1_interval[23:0]),
-    .ray_far(ray1_interval[47:24]),
+    .ray_near(ray1_interval_near),
+    .ray_far(ray1_interval_far),
     .ray_active(mask_in[1]),
     .out_left_near(slice1_out_left_near),
     .out_left_far(slice1_out_left_far),
@@ -324,38 +348,47 @@ module dynrt_tpu (
   reg  [47:0] popped2_memory_read;
   reg  [47:0] popped2_memory_read_s12;
   wire [47:0] ray2_interval =
-      request_memory_read_s12[33] ? popped2_memory_read_s12 :
+      request_memory_read_popped_s12 ? popped2_memory_read_s12 :
       stepped_memory_read_s12[143:96];
+  wire [23:0] ray2_memory_read_origin_x_s2 = ray2_memory_read_s2[23:0];
+  wire [23:0] ray2_memory_read_origin_y_s2 = ray2_memory_read_s2[47:24];
+  wire [23:0] ray2_memory_read_origin_z_s2 = ray2_memory_read_s2[71:48];
+  wire [23:0] ray2_memory_read_reciprocal_x_s2 = ray2_memory_read_s2[95:72];
+  wire [23:0] ray2_memory_read_reciprocal_y_s2 = ray2_memory_read_s2[119:96];
+  wire [23:0] ray2_memory_read_reciprocal_z_s2 = ray2_memory_read_s2[143:120];
+  wire [2:0] ray2_memory_read_signs_s2 = ray2_memory_read_s2[146:144];
   wire ray2_left_sign =
-      left_axis_is_0_s2 ? ray2_memory_read_s2[144] :
-      left_axis_is_1_s2 ? ray2_memory_read_s2[145] :
-      ray2_memory_read_s2[146];
+      left_axis_is_0_s2 ? ray2_memory_read_signs_s2[0] :
+      left_axis_is_1_s2 ? ray2_memory_read_signs_s2[1] :
+      ray2_memory_read_signs_s2[2];
   reg  ray2_left_sign_s3;
   wire [23:0] ray2_left_origin =
-      left_axis_is_0_s2 ? ray2_memory_read_s2[23:0] :
-      left_axis_is_1_s2 ? ray2_memory_read_s2[47:24] :
-      ray2_memory_read_s2[71:48];
+      left_axis_is_0_s2 ? ray2_memory_read_origin_x_s2 :
+      left_axis_is_1_s2 ? ray2_memory_read_origin_y_s2 :
+      ray2_memory_read_origin_z_s2;
   reg  [23:0] ray2_left_origin_s3;
   wire [23:0] ray2_left_reciprocal =
-      left_axis_is_0_s2 ? ray2_memory_read_s2[95:72] :
-      left_axis_is_1_s2 ? ray2_memory_read_s2[119:96] :
-      ray2_memory_read_s2[143:120];
+      left_axis_is_0_s2 ? ray2_memory_read_reciprocal_x_s2 :
+      left_axis_is_1_s2 ? ray2_memory_read_reciprocal_y_s2 :
+      ray2_memory_read_reciprocal_z_s2;
   reg  [23:0] ray2_left_reciprocal_s3;
   wire ray2_right_sign =
-      right_axis_is_0_s2 ? ray2_memory_read_s2[144] :
-      right_axis_is_1_s2 ? ray2_memory_read_s2[145] :
-      ray2_memory_read_s2[146];
+      right_axis_is_0_s2 ? ray2_memory_read_signs_s2[0] :
+      right_axis_is_1_s2 ? ray2_memory_read_signs_s2[1] :
+      ray2_memory_read_signs_s2[2];
   reg  ray2_right_sign_s3;
   wire [23:0] ray2_right_origin =
-      right_axis_is_0_s2 ? ray2_memory_read_s2[23:0] :
-      right_axis_is_1_s2 ? ray2_memory_read_s2[47:24] :
-      ray2_memory_read_s2[71:48];
+      right_axis_is_0_s2 ? ray2_memory_read_origin_x_s2 :
+      right_axis_is_1_s2 ? ray2_memory_read_origin_y_s2 :
+      ray2_memory_read_origin_z_s2;
   reg  [23:0] ray2_right_origin_s3;
   wire [23:0] ray2_right_reciprocal =
-      right_axis_is_0_s2 ? ray2_memory_read_s2[95:72] :
-      right_axis_is_1_s2 ? ray2_memory_read_s2[119:96] :
-      ray2_memory_read_s2[143:120];
+      right_axis_is_0_s2 ? ray2_memory_read_reciprocal_x_s2 :
+      right_axis_is_1_s2 ? ray2_memory_read_reciprocal_y_s2 :
+      ray2_memory_read_reciprocal_z_s2;
   reg  [23:0] ray2_right_reciprocal_s3;
+  wire [23:0] ray2_interval_near = ray2_interval[23:0];
+  wire [23:0] ray2_interval_far = ray2_interval[47:24];
 
   wire [23:0] slice2_out_left_near;
   wire [23:0] slice2_out_left_far;
@@ -376,8 +409,8 @@ module dynrt_tpu (
     .right_sign(ray2_right_sign_s3),
     .right_origin(ray2_right_origin_s3),
     .right_reciprocal(ray2_right_reciprocal_s3),
-    .ray_near(ray2_interval[23:0]),
-    .ray_far(ray2_interval[47:24]),
+    .ray_near(ray2_interval_near),
+    .ray_far(ray2_interval_far),
     .ray_active(mask_in[2]),
     .out_left_near(slice2_out_left_near),
     .out_left_far(slice2_out_left_far),
@@ -391,38 +424,47 @@ module dynrt_tpu (
   reg  [47:0] popped3_memory_read;
   reg  [47:0] popped3_memory_read_s12;
   wire [47:0] ray3_interval =
-      request_memory_read_s12[33] ? popped3_memory_read_s12 :
+      request_memory_read_popped_s12 ? popped3_memory_read_s12 :
       stepped_memory_read_s12[191:144];
+  wire [23:0] ray3_memory_read_origin_x_s2 = ray3_memory_read_s2[23:0];
+  wire [23:0] ray3_memory_read_origin_y_s2 = ray3_memory_read_s2[47:24];
+  wire [23:0] ray3_memory_read_origin_z_s2 = ray3_memory_read_s2[71:48];
+  wire [23:0] ray3_memory_read_reciprocal_x_s2 = ray3_memory_read_s2[95:72];
+  wire [23:0] ray3_memory_read_reciprocal_y_s2 = ray3_memory_read_s2[119:96];
+  wire [23:0] ray3_memory_read_reciprocal_z_s2 = ray3_memory_read_s2[143:120];
+  wire [2:0] ray3_memory_read_signs_s2 = ray3_memory_read_s2[146:144];
   wire ray3_left_sign =
-      left_axis_is_0_s2 ? ray3_memory_read_s2[144] :
-      left_axis_is_1_s2 ? ray3_memory_read_s2[145] :
-      ray3_memory_read_s2[146];
+      left_axis_is_0_s2 ? ray3_memory_read_signs_s2[0] :
+      left_axis_is_1_s2 ? ray3_memory_read_signs_s2[1] :
+      ray3_memory_read_signs_s2[2];
   reg  ray3_left_sign_s3;
   wire [23:0] ray3_left_origin =
-      left_axis_is_0_s2 ? ray3_memory_read_s2[23:0] :
-      left_axis_is_1_s2 ? ray3_memory_read_s2[47:24] :
-      ray3_memory_read_s2[71:48];
+      left_axis_is_0_s2 ? ray3_memory_read_origin_x_s2 :
+      left_axis_is_1_s2 ? ray3_memory_read_origin_y_s2 :
+      ray3_memory_read_origin_z_s2;
   reg  [23:0] ray3_left_origin_s3;
   wire [23:0] ray3_left_reciprocal =
-      left_axis_is_0_s2 ? ray3_memory_read_s2[95:72] :
-      left_axis_is_1_s2 ? ray3_memory_read_s2[119:96] :
-      ray3_memory_read_s2[143:120];
+      left_axis_is_0_s2 ? ray3_memory_read_reciprocal_x_s2 :
+      left_axis_is_1_s2 ? ray3_memory_read_reciprocal_y_s2 :
+      ray3_memory_read_reciprocal_z_s2;
   reg  [23:0] ray3_left_reciprocal_s3;
   wire ray3_right_sign =
-      right_axis_is_0_s2 ? ray3_memory_read_s2[144] :
-      right_axis_is_1_s2 ? ray3_memory_read_s2[145] :
-      ray3_memory_read_s2[146];
+      right_axis_is_0_s2 ? ray3_memory_read_signs_s2[0] :
+      right_axis_is_1_s2 ? ray3_memory_read_signs_s2[1] :
+      ray3_memory_read_signs_s2[2];
   reg  ray3_right_sign_s3;
   wire [23:0] ray3_right_origin =
-      right_axis_is_0_s2 ? ray3_memory_read_s2[23:0] :
-      right_axis_is_1_s2 ? ray3_memory_read_s2[47:24] :
-      ray3_memory_read_s2[71:48];
+      right_axis_is_0_s2 ? ray3_memory_read_origin_x_s2 :
+      right_axis_is_1_s2 ? ray3_memory_read_origin_y_s2 :
+      ray3_memory_read_origin_z_s2;
   reg  [23:0] ray3_right_origin_s3;
   wire [23:0] ray3_right_reciprocal =
-      right_axis_is_0_s2 ? ray3_memory_read_s2[95:72] :
-      right_axis_is_1_s2 ? ray3_memory_read_s2[119:96] :
-      ray3_memory_read_s2[143:120];
+      right_axis_is_0_s2 ? ray3_memory_read_reciprocal_x_s2 :
+      right_axis_is_1_s2 ? ray3_memory_read_reciprocal_y_s2 :
+      ray3_memory_read_reciprocal_z_s2;
   reg  [23:0] ray3_right_reciprocal_s3;
+  wire [23:0] ray3_interval_near = ray3_interval[23:0];
+  wire [23:0] ray3_interval_far = ray3_interval[47:24];
 
   wire [23:0] slice3_out_left_near;
   wire [23:0] slice3_out_left_far;
@@ -443,8 +485,8 @@ module dynrt_tpu (
     .right_sign(ray3_right_sign_s3),
     .right_origin(ray3_right_origin_s3),
     .right_reciprocal(ray3_right_reciprocal_s3),
-    .ray_near(ray3_interval[23:0]),
-    .ray_far(ray3_interval[47:24]),
+    .ray_near(ray3_interval_near),
+    .ray_far(ray3_interval_far),
     .ray_active(mask_in[3]),
     .out_left_near(slice3_out_left_near),
     .out_left_far(slice3_out_left_far),
@@ -460,13 +502,13 @@ module dynrt_tpu (
   wire [3:0] to_right = {slice3_to_right, slice2_to_right, slice1_to_right, slice0_to_right};
   wire goes_left = |to_left;
   wire goes_right = |to_right;
-  wire [3:0] joined = {
+  wire [3:0] left_before_right = {
       slice3_left_before_right,
       slice2_left_before_right,
       slice1_left_before_right,
       slice0_left_before_right
     };
-  wire left_first = goes_left & ((|joined) | ~goes_right);
+  wire left_first = goes_left & ((|left_before_right) | ~goes_right);
   wire [191:0] left_intervals = {
       slice3_out_left_far,
       slice3_out_left_near,
@@ -487,11 +529,12 @@ module dynrt_tpu (
       slice0_out_right_far,
       slice0_out_right_near
     };
-  reg  [87:0] request_memory_read_21_0_delay;
-  wire [21:0] own_address = request_memory_read_21_0_delay[65:44];
-  reg  [10:0] request_memory_read_32_22_s13, request_memory_read_32_22_s14;
-  reg  [10:0] request_memory_read_32_22_s15;
-  wire [21:0] link = node_response_data[117:96];
+  reg  [87:0] request_memory_read_address_s12_delay;
+  wire [21:0] own_address = request_memory_read_address_s12_delay[65:44];
+  reg  [10:0] request_memory_read_context_s12_s13, request_memory_read_context_s12_s14;
+  reg  [10:0] request_memory_read_context_s12_s15;
+  wire [25:0] node_response_data_link = node_response_data[121:96];
+  wire [21:0] link = node_response_data_link[21:0];
   wire left_leaf = node_response_data[122];
   wire right_leaf = node_response_data[123];
   wire [21:0] link_after = link + 22'd1;
@@ -502,9 +545,11 @@ module dynrt_tpu (
   wire [21:0] left_address = left_leaf_s15 ? own_address : link_s15;
   reg  [14:0] right_leaf_delay;
   wire right_leaf_s15 = right_leaf_delay[14];
-  reg  [329:0] choice_delay;
-  wire [21:0] choice_s15 = choice_delay[329:308];
-  wire [21:0] right_address = right_leaf_s15 ? (left_leaf_s15 ? link_s15 : own_address) : choice_s15;
+  reg  [329:0] right_inner_address_delay;
+  wire [21:0] right_inner_address_s15 = right_inner_address_delay[329:308];
+  wire [21:0] right_address =
+      right_leaf_s15 ? (left_leaf_s15 ? link_s15 : own_address) :
+      right_inner_address_s15;
   wire first_leaf = left_first ? left_leaf_s15 : right_leaf_s15;
   wire second_leaf = left_first ? right_leaf_s15 : left_leaf_s15;
   wire [21:0] first_address = left_first ? left_address : right_address;
@@ -513,13 +558,14 @@ module dynrt_tpu (
   wire [3:0] second_mask = left_first ? to_right : to_left;
   wire [191:0] first_intervals = left_first ? left_intervals : right_intervals;
   wire [191:0] second_intervals = left_first ? right_intervals : left_intervals;
-  wire [5:0] level_before = request_memory_read_32_22_s15[5:0];
+  wire [5:0] level_before = request_memory_read_context_s12_s15[5:0];
+  wire request_memory_read_context_s12_inside_s15 = request_memory_read_context_s12_s15[10];
   wire goes_both = goes_left & goes_right;
   reg  [15:0] node_response_valid_delay;
   wire node_response_valid_s15 = node_response_valid_delay[14];
   wire pushes = goes_both & node_response_valid_s15;
   wire [5:0] next_level = level_before + {5'd0, goes_both};
-  wire [10:0] next_context = {request_memory_read_32_22_s15[10:6], next_level};
+  wire [10:0] next_context = {request_memory_read_context_s12_s15[10:6], next_level};
   wire step_valid = node_response_valid_delay[15];
   wire [5:0] step_packet = packet_delay[95:90];
   wire goes_on = goes_left | goes_right;
@@ -541,12 +587,12 @@ module dynrt_tpu (
   wire [219:0] stack_write_data = {
       second_intervals,
       second_mask,
-      request_memory_read_32_22_s15[10],
+      request_memory_read_context_s12_inside_s15,
       second_leaf,
       second_address
     };
   reg  [219:0] stack_write_data_s16;
-  assign watch_step_node = request_memory_read_21_0_delay[87:66];
+  assign watch_step_node = request_memory_read_address_s12_delay[87:66];
   wire stack_full = level_before_s16 == 6'd32;
   wire stack_write = pushes_s16 & ~stack_full;
   (* no_rw_check, ram_style = "block" *)
@@ -556,7 +602,12 @@ module dynrt_tpu (
 
   always @(posedge clk) begin
     if (rst) overflow <= 1'b0; else overflow <= overflow | (pushes_s16 & stack_full);
-    if (rst) high_water <= 6'd0; else if (pushes_s16 & (high_water < next_context_s16[5:0])) high_water <= next_context_s16[5:0];
+  end
+
+  wire [5:0] next_context_level_s16 = next_context_s16[5:0];
+
+  always @(posedge clk) begin
+    if (rst) high_water <= 6'd0; else if (pushes_s16 & (high_water < next_context_level_s16)) high_water <= next_context_level_s16;
   end
 
   // Packets that pop: from the geometry unit, from steps that went nowhere, and again after a
@@ -607,12 +658,9 @@ module dynrt_tpu (
 
   wire may_pop = ~setup_soon;
   assign take_retry = may_pop & retry_queue_valid;
-  wire may_pop_and_not_retry_queue_valid = may_pop & ~retry_queue_valid;
-  assign take_done = may_pop_and_not_retry_queue_valid & done_queue_valid;
-  assign take_stepped_pop =
-      may_pop_and_not_retry_queue_valid &
-      ~done_queue_valid &
-      nowhere_queue_valid;
+  wire may_pop_and_no_retry = may_pop & ~retry_queue_valid;
+  assign take_done = may_pop_and_no_retry & done_queue_valid;
+  assign take_stepped_pop = may_pop_and_no_retry & ~done_queue_valid & nowhere_queue_valid;
 
   // The pop.
   wire pop_valid = may_pop & (retry_queue_valid | done_queue_valid | nowhere_queue_valid);
@@ -621,103 +669,132 @@ module dynrt_tpu (
       done_queue_valid ? done_queue_front :
       nowhere_queue_front;
   reg  [16:0] pop;
-  wire stack_empty = ~|pop[11:6];
-  wire [5:0] level_below = pop[11:6] - 6'd1;
+  wire [5:0] pop_packet = pop[5:0];
+  wire [10:0] pop_context = pop[16:6];
+  wire [5:0] pop_context_level = pop_context[5:0];
+  wire [3:0] pop_context_touched = pop_context[9:6];
+  wire stack_empty = ~|pop_context_level;
+  wire [5:0] level_below = pop_context_level - 6'd1;
   reg  [219:0] stack_read;
   reg  [219:0] stack_read_s3;
+  wire [21:0] stack_read_address_s3 = stack_read_s3[21:0];
+  wire stack_read_leaf_s3 = stack_read_s3[22];
+  wire stack_read_inside_s3 = stack_read_s3[23];
+  wire [3:0] stack_read_mask_s3 = stack_read_s3[27:24];
+  wire [191:0] stack_read_intervals_s3 = stack_read_s3[219:28];
   (* no_rw_check, ram_style = "distributed" *)
   reg  [23:0] limit0_memory [0:47];
-  reg  [23:0] pop_5_0_delay;
-  wire [5:0] pop_5_0_s2 = pop_5_0_delay[5:0];
-  wire [23:0] limit0_memory_read = limit0_memory[pop_5_0_s2];
+  reg  [23:0] pop_packet_delay;
+  wire [5:0] pop_packet_s2 = pop_packet_delay[5:0];
+  wire [23:0] limit0_memory_read = limit0_memory[pop_packet_s2];
   reg  [23:0] limit0_memory_read_s3;
-  wire ray0_within = ~((limit0_memory_read_s3[22:0] < stack_read_s3[50:28]) | limit0_memory_read_s3[23]);
-  reg  not_pop_12_s2, not_pop_12_s3;
-  wire ray0_stays = stack_read_s3[24] & (ray0_within | not_pop_12_s3);
+  wire [47:0] stack_read_intervals_s3_ray0 = stack_read_intervals_s3[47:0];
+  wire [23:0] stack_read_intervals_s3_ray0_near = stack_read_intervals_s3_ray0[23:0];
+  wire [23:0] stack_read_intervals_s3_ray0_far = stack_read_intervals_s3_ray0[47:24];
+  wire ray0_within = ~((limit0_memory_read_s3[22:0] < stack_read_intervals_s3_ray0_near[22:0]) | limit0_memory_read_s3[23]);
+  reg  ray0_untouched_s2, ray0_untouched_s3;
+  wire ray0_stays = stack_read_mask_s3[0] & (ray0_within | ray0_untouched_s3);
   wire ray0_far_or_limit_is_less =
-      (limit0_memory_read_s3[23] ^ stack_read_s3[75]) ? limit0_memory_read_s3[23] :
-      ((limit0_memory_read_s3[22:0] < stack_read_s3[74:52]) ^ limit0_memory_read_s3[23]);
+      (limit0_memory_read_s3[23] ^ stack_read_intervals_s3_ray0_far[23]) ? limit0_memory_read_s3[23] :
+      ((limit0_memory_read_s3[22:0] < stack_read_intervals_s3_ray0_far[22:0]) ^ limit0_memory_read_s3[23]);
   wire [23:0] ray0_far_or_limit =
       ray0_far_or_limit_is_less ? limit0_memory_read_s3 :
-      stack_read_s3[75:52];
-  reg  pop_12_s2, pop_12_s3;
-  wire [23:0] ray0_far = pop_12_s3 ? ray0_far_or_limit : stack_read_s3[75:52];
+      stack_read_intervals_s3_ray0_far;
+  reg  pop_context_touched_ray0_s2, pop_context_touched_ray0_s3;
+  wire [23:0] ray0_far =
+      pop_context_touched_ray0_s3 ? ray0_far_or_limit :
+      stack_read_intervals_s3_ray0_far;
   reg  ray0_stays_s4;
-  reg  [47:0] joined_2_s4;
+  reg  [47:0] ray0_popped_interval_s4;
   (* no_rw_check, ram_style = "distributed" *)
   reg  [23:0] limit1_memory [0:47];
-  wire [23:0] limit1_memory_read = limit1_memory[pop_5_0_s2];
+  wire [23:0] limit1_memory_read = limit1_memory[pop_packet_s2];
   reg  [23:0] limit1_memory_read_s3;
-  wire ray1_within = ~((limit1_memory_read_s3[22:0] < stack_read_s3[98:76]) | limit1_memory_read_s3[23]);
-  reg  not_pop_13_s2, not_pop_13_s3;
-  wire ray1_stays = stack_read_s3[25] & (ray1_within | not_pop_13_s3);
+  wire [47:0] stack_read_intervals_s3_ray1 = stack_read_intervals_s3[95:48];
+  wire [23:0] stack_read_intervals_s3_ray1_near = stack_read_intervals_s3_ray1[23:0];
+  wire [23:0] stack_read_intervals_s3_ray1_far = stack_read_intervals_s3_ray1[47:24];
+  wire ray1_within = ~((limit1_memory_read_s3[22:0] < stack_read_intervals_s3_ray1_near[22:0]) | limit1_memory_read_s3[23]);
+  reg  ray1_untouched_s2, ray1_untouched_s3;
+  wire ray1_stays = stack_read_mask_s3[1] & (ray1_within | ray1_untouched_s3);
   wire ray1_far_or_limit_is_less =
-      (limit1_memory_read_s3[23] ^ stack_read_s3[123]) ? limit1_memory_read_s3[23] :
-      ((limit1_memory_read_s3[22:0] < stack_read_s3[122:100]) ^ limit1_memory_read_s3[23]);
+      (limit1_memory_read_s3[23] ^ stack_read_intervals_s3_ray1_far[23]) ? limit1_memory_read_s3[23] :
+      ((limit1_memory_read_s3[22:0] < stack_read_intervals_s3_ray1_far[22:0]) ^ limit1_memory_read_s3[23]);
   wire [23:0] ray1_far_or_limit =
       ray1_far_or_limit_is_less ? limit1_memory_read_s3 :
-      stack_read_s3[123:100];
-  reg  pop_13_s2, pop_13_s3;
-  wire [23:0] ray1_far = pop_13_s3 ? ray1_far_or_limit : stack_read_s3[123:100];
+      stack_read_intervals_s3_ray1_far;
+  reg  pop_context_touched_ray1_s2, pop_context_touched_ray1_s3;
+  wire [23:0] ray1_far =
+      pop_context_touched_ray1_s3 ? ray1_far_or_limit :
+      stack_read_intervals_s3_ray1_far;
   reg  ray1_stays_s4;
-  reg  [47:0] joined_3_s4;
+  reg  [47:0] ray1_popped_interval_s4;
   (* no_rw_check, ram_style = "distributed" *)
   reg  [23:0] limit2_memory [0:47];
-  wire [23:0] limit2_memory_read = limit2_memory[pop_5_0_s2];
+  wire [23:0] limit2_memory_read = limit2_memory[pop_packet_s2];
   reg  [23:0] limit2_memory_read_s3;
-  wire ray2_within = ~((limit2_memory_read_s3[22:0] < stack_read_s3[146:124]) | limit2_memory_read_s3[23]);
-  reg  not_pop_14_s2, not_pop_14_s3;
-  wire ray2_stays = stack_read_s3[26] & (ray2_within | not_pop_14_s3);
+  wire [47:0] stack_read_intervals_s3_ray2 = stack_read_intervals_s3[143:96];
+  wire [23:0] stack_read_intervals_s3_ray2_near = stack_read_intervals_s3_ray2[23:0];
+  wire [23:0] stack_read_intervals_s3_ray2_far = stack_read_intervals_s3_ray2[47:24];
+  wire ray2_within = ~((limit2_memory_read_s3[22:0] < stack_read_intervals_s3_ray2_near[22:0]) | limit2_memory_read_s3[23]);
+  reg  ray2_untouched_s2, ray2_untouched_s3;
+  wire ray2_stays = stack_read_mask_s3[2] & (ray2_within | ray2_untouched_s3);
   wire ray2_far_or_limit_is_less =
-      (limit2_memory_read_s3[23] ^ stack_read_s3[171]) ? limit2_memory_read_s3[23] :
-      ((limit2_memory_read_s3[22:0] < stack_read_s3[170:148]) ^ limit2_memory_read_s3[23]);
+      (limit2_memory_read_s3[23] ^ stack_read_intervals_s3_ray2_far[23]) ? limit2_memory_read_s3[23] :
+      ((limit2_memory_read_s3[22:0] < stack_read_intervals_s3_ray2_far[22:0]) ^ limit2_memory_read_s3[23]);
   wire [23:0] ray2_far_or_limit =
       ray2_far_or_limit_is_less ? limit2_memory_read_s3 :
-      stack_read_s3[171:148];
-  reg  pop_14_s2, pop_14_s3;
-  wire [23:0] ray2_far = pop_14_s3 ? ray2_far_or_limit : stack_read_s3[171:148];
+      stack_read_intervals_s3_ray2_far;
+  reg  pop_context_touched_ray2_s2, pop_context_touched_ray2_s3;
+  wire [23:0] ray2_far =
+      pop_context_touched_ray2_s3 ? ray2_far_or_limit :
+      stack_read_intervals_s3_ray2_far;
   reg  ray2_stays_s4;
-  reg  [47:0] joined_4_s4;
+  reg  [47:0] ray2_popped_interval_s4;
   (* no_rw_check, ram_style = "distributed" *)
   reg  [23:0] limit3_memory [0:47];
-  wire [23:0] limit3_memory_read = limit3_memory[pop_5_0_s2];
+  wire [23:0] limit3_memory_read = limit3_memory[pop_packet_s2];
   reg  [23:0] limit3_memory_read_s3;
-  wire ray3_within = ~((limit3_memory_read_s3[22:0] < stack_read_s3[194:172]) | limit3_memory_read_s3[23]);
-  reg  not_pop_15_s2, not_pop_15_s3;
-  wire ray3_stays = stack_read_s3[27] & (ray3_within | not_pop_15_s3);
+  wire [47:0] stack_read_intervals_s3_ray3 = stack_read_intervals_s3[191:144];
+  wire [23:0] stack_read_intervals_s3_ray3_near = stack_read_intervals_s3_ray3[23:0];
+  wire [23:0] stack_read_intervals_s3_ray3_far = stack_read_intervals_s3_ray3[47:24];
+  wire ray3_within = ~((limit3_memory_read_s3[22:0] < stack_read_intervals_s3_ray3_near[22:0]) | limit3_memory_read_s3[23]);
+  reg  ray3_untouched_s2, ray3_untouched_s3;
+  wire ray3_stays = stack_read_mask_s3[3] & (ray3_within | ray3_untouched_s3);
   wire ray3_far_or_limit_is_less =
-      (limit3_memory_read_s3[23] ^ stack_read_s3[219]) ? limit3_memory_read_s3[23] :
-      ((limit3_memory_read_s3[22:0] < stack_read_s3[218:196]) ^ limit3_memory_read_s3[23]);
+      (limit3_memory_read_s3[23] ^ stack_read_intervals_s3_ray3_far[23]) ? limit3_memory_read_s3[23] :
+      ((limit3_memory_read_s3[22:0] < stack_read_intervals_s3_ray3_far[22:0]) ^ limit3_memory_read_s3[23]);
   wire [23:0] ray3_far_or_limit =
       ray3_far_or_limit_is_less ? limit3_memory_read_s3 :
-      stack_read_s3[219:196];
-  reg  pop_15_s2, pop_15_s3;
-  wire [23:0] ray3_far = pop_15_s3 ? ray3_far_or_limit : stack_read_s3[219:196];
+      stack_read_intervals_s3_ray3_far;
+  reg  pop_context_touched_ray3_s2, pop_context_touched_ray3_s3;
+  wire [23:0] ray3_far =
+      pop_context_touched_ray3_s3 ? ray3_far_or_limit :
+      stack_read_intervals_s3_ray3_far;
   reg  ray3_stays_s4;
-  reg  [47:0] joined_5_s4;
+  reg  [47:0] ray3_popped_interval_s4;
   wire [3:0] stay_mask = {ray3_stays_s4, ray2_stays_s4, ray1_stays_s4, ray0_stays_s4};
   reg  [3:0] pop_out_mask;
-  reg  [47:0] joined_2_s5;
-  reg  [47:0] joined_3_s5;
-  reg  [47:0] joined_4_s5;
-  reg  [47:0] joined_5_s5;
+  reg  [47:0] ray0_popped_interval_s5;
+  reg  [47:0] ray1_popped_interval_s5;
+  reg  [47:0] ray2_popped_interval_s5;
+  reg  [47:0] ray3_popped_interval_s5;
   reg  [4:0] pop_valid_delay;
   wire pop_done = pop_valid_delay[4];
-  wire [5:0] pop_out_packet = pop_5_0_delay[23:18];
+  wire [5:0] pop_out_packet = pop_packet_delay[23:18];
   reg  [3:0] stack_empty_delay;
   wire stack_empty_s5 = stack_empty_delay[3];
-  reg  [15:0] pop_15_12_delay;
-  wire [3:0] pop_15_12_s5 = pop_15_12_delay[15:12];
+  reg  [15:0] pop_context_touched_delay;
+  wire [3:0] pop_context_touched_s5 = pop_context_touched_delay[15:12];
   reg  [23:0] level_below_delay;
   wire [5:0] level_below_s5 = level_below_delay[23:18];
-  reg  [21:0] stack_read_21_0_s4, stack_read_21_0_s5;
-  reg  stack_read_22_s4, stack_read_22_s5;
-  reg  stack_read_23_s4, stack_read_23_s5;
-  wire [10:0] pop_out_context = {stack_read_23_s5, pop_15_12_s5, level_below_s5};
-  wire pop_done_and_not_stack_empty = pop_done & ~stack_empty_s5;
-  wire any_pop_out_mask = |pop_out_mask;
-  wire pop_goes_on = pop_done_and_not_stack_empty & any_pop_out_mask;
-  wire pop_dropped = pop_done_and_not_stack_empty & ~any_pop_out_mask;
+  reg  [21:0] stack_read_address_s3_s4, stack_read_address_s3_s5;
+  reg  stack_read_leaf_s3_s4, stack_read_leaf_s3_s5;
+  reg  stack_read_inside_s3_s4, stack_read_inside_s3_s5;
+  wire [10:0] pop_out_context = {stack_read_inside_s3_s5, pop_context_touched_s5, level_below_s5};
+  wire pop_has_entry = pop_done & ~stack_empty_s5;
+  wire pop_any_stays = |pop_out_mask;
+  wire pop_goes_on = pop_has_entry & pop_any_stays;
+  wire pop_dropped = pop_has_entry & ~pop_any_stays;
 
   // The start, in the scene or in an object: rays arrive one by one, the last one starts the packet
   // at the root. No pop ends while one arrives. Rays of the world and of an object's space may
@@ -730,11 +807,11 @@ module dynrt_tpu (
     };
   reg  [3:0] gathered;
   reg  [3:0] gathered_object;
-  wire [3:0] choice_2 =
+  wire [3:0] gathered_so_far =
       setup_first ? 4'd0 :
       setup_object ? gathered_object :
       gathered;
-  wire [3:0] start_mask = choice_2 | bit_in;
+  wire [3:0] start_mask = gathered_so_far | bit_in;
 
   always @(posedge clk) begin
     if (setup_valid & ~setup_object) gathered <= start_mask;
@@ -742,9 +819,11 @@ module dynrt_tpu (
   end
 
   wire start = setup_valid & setup_last;
-  wire any_start_mask = |start_mask;
-  wire start_goes = start & any_start_mask;
-  wire start_nowhere = start & ~any_start_mask;
+  wire any_enters = |start_mask;
+  wire start_goes = start & any_enters;
+  wire start_nowhere = start & ~any_enters;
+  wire [25:0] root_link = root[25:0];
+  wire root_left_leaf = root[26];
   assign retry_push = pop_dropped | (start_nowhere & setup_object);
   assign retry_item =
       setup_valid ? {object_context, setup_packet} :
@@ -753,20 +832,24 @@ module dynrt_tpu (
   wire entered = start_goes | pop_goes_on;
   assign popped_mask_write = entered;
   assign popped_mask = setup_valid ? start_mask : pop_out_mask;
-  wire [47:0] joined_6 = {setup_far, setup_near};
+  wire [47:0] setup_interval = {setup_far, setup_near};
   assign popped_write0 = setup_of_ray0 | pop_goes_on;
-  assign popped_interval0 = setup_valid ? joined_6 : joined_2_s5;
+  assign popped_interval0 = setup_valid ? setup_interval : ray0_popped_interval_s5;
   assign popped_write1 = setup_of_ray1 | pop_goes_on;
-  assign popped_interval1 = setup_valid ? joined_6 : joined_3_s5;
+  assign popped_interval1 = setup_valid ? setup_interval : ray1_popped_interval_s5;
   assign popped_write2 = setup_of_ray2 | pop_goes_on;
-  assign popped_interval2 = setup_valid ? joined_6 : joined_4_s5;
+  assign popped_interval2 = setup_valid ? setup_interval : ray2_popped_interval_s5;
   assign popped_write3 = setup_of_ray3 | pop_goes_on;
-  assign popped_interval3 = setup_valid ? joined_6 : joined_5_s5;
-  wire choice_3 = setup_valid ? (setup_object ? object_leaf : root[26]) : stack_read_22_s5;
-  wire [21:0] choice_4 =
-      setup_valid ? (setup_object ? object_address : root[21:0]) :
-      stack_read_21_0_s5;
-  wire [10:0] choice_5 = setup_valid ? (setup_object ? object_context : 11'd0) : pop_out_context;
+  assign popped_interval3 = setup_valid ? setup_interval : ray3_popped_interval_s5;
+  wire entering_leaf =
+      setup_valid ? (setup_object ? object_leaf : root_left_leaf) :
+      stack_read_leaf_s3_s5;
+  wire [21:0] entering_address =
+      setup_valid ? (setup_object ? object_address : root_link[21:0]) :
+      stack_read_address_s3_s5;
+  wire [10:0] entering_context =
+      setup_valid ? (setup_object ? object_context : 11'd0) :
+      pop_out_context;
 
   // Nodes to fetch: after steps, and after pops and starts.
   wire take_step_item;
@@ -785,14 +868,14 @@ module dynrt_tpu (
     .front(step_queue_front)
   );
 
-  wire [38:0] entered_queue_data = {choice_5, choice_4, popped_packet};
+  wire [38:0] entered_queue_data = {entering_context, entering_address, popped_packet};
 
   wire entered_queue_valid;
   wire [38:0] entered_queue_front;
   dynrt_fifo_39x48 entered_queue (
     .clk(clk),
     .rst(rst),
-    .push(entered & ~choice_3),
+    .push(entered & ~entering_leaf),
     .data(entered_queue_data),
     .pop(take_pop_item),
     .valid(entered_queue_valid),
@@ -814,6 +897,7 @@ module dynrt_tpu (
   assign request_fire = node_wanted & node_request_ready;
   assign take_step_item = node_request_ready & request_choice;
   assign take_pop_item = node_request_ready & ~request_choice & entered_queue_valid;
+  wire request_item_context_inside = request_item_context[10];
 
   // Leaves to hand over: after steps, and after pops and starts.
   wire take_step_leaf;
@@ -837,14 +921,19 @@ module dynrt_tpu (
     .front(step_leaf_queue_front)
   );
 
-  wire [42:0] entered_leaf_queue_data = {popped_mask, choice_5, choice_4, popped_packet};
+  wire [42:0] entered_leaf_queue_data = {
+      popped_mask,
+      entering_context,
+      entering_address,
+      popped_packet
+    };
 
   wire entered_leaf_queue_valid;
   wire [42:0] entered_leaf_queue_front;
   dynrt_block_fifo_43x48 entered_leaf_queue (
     .clk(clk),
     .rst(rst),
-    .push(entered & choice_3),
+    .push(entered & entering_leaf),
     .data(entered_leaf_queue_data),
     .pop(take_pop_leaf),
     .valid(entered_leaf_queue_valid),
@@ -864,6 +953,10 @@ module dynrt_tpu (
   wire [42:0] leaf_front = leaf_choice ? step_leaf_queue_front : entered_leaf_queue_front;
   assign take_step_leaf = leaf_ready & leaf_choice;
   assign take_pop_leaf = leaf_ready & ~leaf_choice & entered_leaf_queue_valid;
+  assign leaf_packet = leaf_front[5:0];
+  assign leaf_address = leaf_front[27:6];
+  assign leaf_context = leaf_front[38:28];
+  assign leaf_mask = leaf_front[42:39];
 
   // Memories.
   always @(posedge clk) begin
@@ -887,7 +980,7 @@ module dynrt_tpu (
   end
 
   always @(posedge clk) begin
-    if (request_fire) request_memory[request_item[5:0]] <= {request_popped, request_item[38:6]};
+    if (request_fire) request_memory[request_item_packet] <= {request_popped, request_item[38:6]};
   end
 
   always @(posedge clk) begin
@@ -921,7 +1014,7 @@ module dynrt_tpu (
 
   always @(posedge clk) begin
     if (stack_write) stack[{step_packet, level_before_s16[4:0]}] <= stack_write_data_s16;
-    stack_read <= stack[{pop[5:0], level_below[4:0]}];
+    stack_read <= stack[{pop_packet, level_below[4:0]}];
   end
 
   always @(posedge clk) begin
@@ -1006,13 +1099,13 @@ module dynrt_tpu (
     popped3_memory_read_s12 <= popped3_memory_read;
 
     // Pipeline 1, stage 13
-    request_memory_read_32_22_s13 <= request_memory_read_s12[32:22];
+    request_memory_read_context_s12_s13 <= request_memory_read_context_s12;
 
     // Pipeline 1, stage 14
-    request_memory_read_32_22_s14 <= request_memory_read_32_22_s13;
+    request_memory_read_context_s12_s14 <= request_memory_read_context_s12_s13;
 
     // Pipeline 1, stage 15
-    request_memory_read_32_22_s15 <= request_memory_read_32_22_s14;
+    request_memory_read_context_s12_s15 <= request_memory_read_context_s12_s14;
 
     // Pipeline 1, stage 16
     goes_on_s16 <= goes_on;
@@ -1034,88 +1127,90 @@ module dynrt_tpu (
     pop <= pop_chosen;
 
     // Pipeline 2, stage 2
-    not_pop_12_s2 <= ~pop[12];
-    pop_12_s2 <= pop[12];
-    not_pop_13_s2 <= ~pop[13];
-    pop_13_s2 <= pop[13];
-    not_pop_14_s2 <= ~pop[14];
-    pop_14_s2 <= pop[14];
-    not_pop_15_s2 <= ~pop[15];
-    pop_15_s2 <= pop[15];
+    ray0_untouched_s2 <= ~pop_context_touched[0];
+    pop_context_touched_ray0_s2 <= pop_context_touched[0];
+    ray1_untouched_s2 <= ~pop_context_touched[1];
+    pop_context_touched_ray1_s2 <= pop_context_touched[1];
+    ray2_untouched_s2 <= ~pop_context_touched[2];
+    pop_context_touched_ray2_s2 <= pop_context_touched[2];
+    ray3_untouched_s2 <= ~pop_context_touched[3];
+    pop_context_touched_ray3_s2 <= pop_context_touched[3];
 
     // Pipeline 2, stage 3
     stack_read_s3 <= stack_read;
     limit0_memory_read_s3 <= limit0_memory_read;
-    not_pop_12_s3 <= not_pop_12_s2;
-    pop_12_s3 <= pop_12_s2;
+    ray0_untouched_s3 <= ray0_untouched_s2;
+    pop_context_touched_ray0_s3 <= pop_context_touched_ray0_s2;
     limit1_memory_read_s3 <= limit1_memory_read;
-    not_pop_13_s3 <= not_pop_13_s2;
-    pop_13_s3 <= pop_13_s2;
+    ray1_untouched_s3 <= ray1_untouched_s2;
+    pop_context_touched_ray1_s3 <= pop_context_touched_ray1_s2;
     limit2_memory_read_s3 <= limit2_memory_read;
-    not_pop_14_s3 <= not_pop_14_s2;
-    pop_14_s3 <= pop_14_s2;
+    ray2_untouched_s3 <= ray2_untouched_s2;
+    pop_context_touched_ray2_s3 <= pop_context_touched_ray2_s2;
     limit3_memory_read_s3 <= limit3_memory_read;
-    not_pop_15_s3 <= not_pop_15_s2;
-    pop_15_s3 <= pop_15_s2;
+    ray3_untouched_s3 <= ray3_untouched_s2;
+    pop_context_touched_ray3_s3 <= pop_context_touched_ray3_s2;
 
     // Pipeline 2, stage 4
     ray0_stays_s4 <= ray0_stays;
-    joined_2_s4 <= {ray0_far, stack_read_s3[51:28]};
+    ray0_popped_interval_s4 <= {ray0_far, stack_read_intervals_s3_ray0_near};
     ray1_stays_s4 <= ray1_stays;
-    joined_3_s4 <= {ray1_far, stack_read_s3[99:76]};
+    ray1_popped_interval_s4 <= {ray1_far, stack_read_intervals_s3_ray1_near};
     ray2_stays_s4 <= ray2_stays;
-    joined_4_s4 <= {ray2_far, stack_read_s3[147:124]};
+    ray2_popped_interval_s4 <= {ray2_far, stack_read_intervals_s3_ray2_near};
     ray3_stays_s4 <= ray3_stays;
-    joined_5_s4 <= {ray3_far, stack_read_s3[195:172]};
-    stack_read_21_0_s4 <= stack_read_s3[21:0];
-    stack_read_22_s4 <= stack_read_s3[22];
-    stack_read_23_s4 <= stack_read_s3[23];
+    ray3_popped_interval_s4 <= {ray3_far, stack_read_intervals_s3_ray3_near};
+    stack_read_address_s3_s4 <= stack_read_address_s3;
+    stack_read_leaf_s3_s4 <= stack_read_leaf_s3;
+    stack_read_inside_s3_s4 <= stack_read_inside_s3;
 
     // Pipeline 2, stage 5
     pop_out_mask <= stay_mask;
-    joined_2_s5 <= joined_2_s4;
-    joined_3_s5 <= joined_3_s4;
-    joined_4_s5 <= joined_4_s4;
-    joined_5_s5 <= joined_5_s4;
-    stack_read_21_0_s5 <= stack_read_21_0_s4;
-    stack_read_22_s5 <= stack_read_22_s4;
-    stack_read_23_s5 <= stack_read_23_s4;
+    ray0_popped_interval_s5 <= ray0_popped_interval_s4;
+    ray1_popped_interval_s5 <= ray1_popped_interval_s4;
+    ray2_popped_interval_s5 <= ray2_popped_interval_s4;
+    ray3_popped_interval_s5 <= ray3_popped_interval_s4;
+    stack_read_address_s3_s5 <= stack_read_address_s3_s4;
+    stack_read_leaf_s3_s5 <= stack_read_leaf_s3_s4;
+    stack_read_inside_s3_s5 <= stack_read_inside_s3_s4;
   end
 
   // Delay lines: values that wait for others of their pipeline, the newest lowest.
   always @(posedge clk) begin
     packet_delay <= {packet_delay[89:0], packet};
-    request_memory_read_21_0_delay <= {request_memory_read_21_0_delay[65:0], request_memory_read_s12[21:0]};
+    request_memory_read_address_s12_delay <= {request_memory_read_address_s12_delay[65:0], request_memory_read_address_s12};
     left_leaf_delay <= {left_leaf_delay[13:0], left_leaf};
     link_delay <= {link_delay[307:0], link};
     right_leaf_delay <= {right_leaf_delay[13:0], right_leaf};
-    choice_delay <= {choice_delay[307:0], left_leaf ? link : link_after};
+    right_inner_address_delay <= {right_inner_address_delay[307:0], left_leaf ? link : link_after};
     if (rst) node_response_valid_delay <= 16'd0; else node_response_valid_delay <= {node_response_valid_delay[14:0], node_response_valid};
-    pop_5_0_delay <= {pop_5_0_delay[17:0], pop[5:0]};
+    pop_packet_delay <= {pop_packet_delay[17:0], pop_packet};
     if (rst) pop_valid_delay <= 5'd0; else pop_valid_delay <= {pop_valid_delay[3:0], pop_valid};
     stack_empty_delay <= {stack_empty_delay[2:0], stack_empty};
-    pop_15_12_delay <= {pop_15_12_delay[11:0], pop[15:12]};
+    pop_context_touched_delay <= {pop_context_touched_delay[11:0], pop_context_touched};
     level_below_delay <= {level_below_delay[17:0], level_below};
   end
 
   assign node_request_valid = node_wanted;
-  assign node_request_address = request_item[27:6];
-  assign node_request_tag = {request_item[38], request_item[5:0]};
+  assign node_request_tag = {request_item_context_inside, request_item_packet};
   assign leaf_valid = leaf_wanted;
-  assign leaf_packet = leaf_front[5:0];
-  assign leaf_address = leaf_front[27:6];
-  assign leaf_context = leaf_front[38:28];
-  assign leaf_mask = leaf_front[42:39];
   assign finished_valid = (start_nowhere & ~setup_object) | (pop_done & stack_empty_s5);
   assign finished_packet = popped_packet;
-  assign finished_touched = setup_valid ? 4'd0 : pop_15_12_s5;
+  assign finished_touched = setup_valid ? 4'd0 : pop_context_touched_s5;
   assign step_taken = step_valid;
   assign stack_high_water = high_water;
   assign stack_overflow = overflow;
   assign watch_step_packet = step_packet;
 
   // What nothing reads.
-  wire unused = &{1'b0, root[25:22], root[31:27], node_response_data[121:118], pop[16]};
+  wire unused = &{
+    1'b0,
+    root[31:27],
+    request_item_context[9:0],
+    node_response_data_link[25:22],
+    pop_context[10],
+    root_link[25:22]
+  };
 
 endmodule
 

@@ -64,25 +64,26 @@ module dynrt_tpu_slice (
     .distance(left_far_distance_distance)
   );
 
-  reg  [22:0] ray_near_22_0_s10;
-  wire term =
-      (ray_near_22_0_s10 < left_near_distance_distance[22:0]) &
-      ~left_near_distance_distance[23];
-  wire term_2 = (&left_near_distance_distance[22:16]) & (|left_near_distance_distance[15:0]);
-  wire left_near_clipped_is_greater_ordered = ~term_2;
-  wire left_near_clipped_is_greater = term & left_near_clipped_is_greater_ordered;
+  reg  [22:0] ray_near_magnitude_s10;
+  wire left_near_distance_distance_is_nan =
+      (&left_near_distance_distance[22:16]) &
+      (|left_near_distance_distance[15:0]);
+  wire left_near_clipped_is_greater =
+      (ray_near_magnitude_s10 < left_near_distance_distance[22:0]) &
+      ~left_near_distance_distance[23] &
+      ~left_near_distance_distance_is_nan;
   reg  [23:0] ray_near_s10;
   wire [23:0] left_near_clipped =
       left_near_clipped_is_greater ? left_near_distance_distance :
       ray_near_s10;
-  reg  [22:0] ray_far_22_0_s10;
-  reg  ray_far_23_s10;
-  wire term_3 =
-      (left_far_distance_distance[22:0] < ray_far_22_0_s10) ^
+  reg  [22:0] ray_far_magnitude_s10;
+  reg  ray_far_sign_s10;
+  wire left_far_clipped_is_less_by_sign =
+      (left_far_distance_distance[22:0] < ray_far_magnitude_s10) ^
       left_far_distance_distance[23];
   wire left_far_clipped_is_less =
-      (left_far_distance_distance[23] ^ ray_far_23_s10) ? left_far_distance_distance[23] :
-      term_3;
+      (left_far_distance_distance[23] ^ ray_far_sign_s10) ? left_far_distance_distance[23] :
+      left_far_clipped_is_less_by_sign;
   reg  [23:0] ray_far_s10;
   wire [23:0] left_far_clipped = left_far_clipped_is_less ? left_far_distance_distance : ray_far_s10;
   reg  [23:0] left_near_clipped_s11;
@@ -115,21 +116,22 @@ module dynrt_tpu_slice (
     .distance(right_far_distance_distance)
   );
 
-  wire term_4 =
-      (ray_near_22_0_s10 < right_near_distance_distance[22:0]) &
-      ~right_near_distance_distance[23];
-  wire term_5 = (&right_near_distance_distance[22:16]) & (|right_near_distance_distance[15:0]);
-  wire right_near_clipped_is_greater_ordered = ~term_5;
-  wire right_near_clipped_is_greater = term_4 & right_near_clipped_is_greater_ordered;
+  wire right_near_distance_distance_is_nan =
+      (&right_near_distance_distance[22:16]) &
+      (|right_near_distance_distance[15:0]);
+  wire right_near_clipped_is_greater =
+      (ray_near_magnitude_s10 < right_near_distance_distance[22:0]) &
+      ~right_near_distance_distance[23] &
+      ~right_near_distance_distance_is_nan;
   wire [23:0] right_near_clipped =
       right_near_clipped_is_greater ? right_near_distance_distance :
       ray_near_s10;
-  wire term_6 =
-      (right_far_distance_distance[22:0] < ray_far_22_0_s10) ^
+  wire right_far_clipped_is_less_by_sign =
+      (right_far_distance_distance[22:0] < ray_far_magnitude_s10) ^
       right_far_distance_distance[23];
   wire right_far_clipped_is_less =
-      (right_far_distance_distance[23] ^ ray_far_23_s10) ? right_far_distance_distance[23] :
-      term_6;
+      (right_far_distance_distance[23] ^ ray_far_sign_s10) ? right_far_distance_distance[23] :
+      right_far_clipped_is_less_by_sign;
   wire [23:0] right_far_clipped =
       right_far_clipped_is_less ? right_far_distance_distance :
       ray_far_s10;
@@ -160,10 +162,10 @@ module dynrt_tpu_slice (
     right_origin_s1 <= right_origin;
 
     // Stage 10
-    ray_near_22_0_s10 <= ray_near[22:0];
+    ray_near_magnitude_s10 <= ray_near[22:0];
     ray_near_s10 <= ray_near;
-    ray_far_22_0_s10 <= ray_far[22:0];
-    ray_far_23_s10 <= ray_far[23];
+    ray_far_magnitude_s10 <= ray_far[22:0];
+    ray_far_sign_s10 <= ray_far[23];
     ray_far_s10 <= ray_far;
     ray_active_s10 <= ray_active;
 

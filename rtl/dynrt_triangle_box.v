@@ -66,29 +66,29 @@ module dynrt_triangle_box (
   wire hi01_x_is_greater = (v0_x[23] ^ v1_x[23]) ? v0_x[23] : ((v0_x[22:0] < v1_x[22:0]) ^ v0_x[23]);
   wire [23:0] hi01_x = hi01_x_is_greater ? v1_x : v0_x;
   reg  [23:0] hi01_x_s1;
-  reg  [22:0] v2_x_22_0_s1;
-  reg  v2_x_23_s1;
+  reg  [22:0] v2_x_magnitude_s1;
+  reg  v2_x_sign_s1;
   wire lo_x_is_less =
-      (v2_x_23_s1 ^ lo01_x_s1[23]) ? v2_x_23_s1 :
-      ((v2_x_22_0_s1 < lo01_x_s1[22:0]) ^ v2_x_23_s1);
+      (v2_x_sign_s1 ^ lo01_x_s1[23]) ? v2_x_sign_s1 :
+      ((v2_x_magnitude_s1 < lo01_x_s1[22:0]) ^ v2_x_sign_s1);
   reg  [23:0] v2_x_s1;
   wire [23:0] lo_x = lo_x_is_less ? v2_x_s1 : lo01_x_s1;
   reg  [23:0] lo_x_s2;
   wire hi_x_is_greater =
-      (hi01_x_s1[23] ^ v2_x_23_s1) ? hi01_x_s1[23] :
-      ((hi01_x_s1[22:0] < v2_x_22_0_s1) ^ hi01_x_s1[23]);
+      (hi01_x_s1[23] ^ v2_x_sign_s1) ? hi01_x_s1[23] :
+      ((hi01_x_s1[22:0] < v2_x_magnitude_s1) ^ hi01_x_s1[23]);
   wire [23:0] hi_x = hi_x_is_greater ? v2_x_s1 : hi01_x_s1;
   reg  [23:0] hi_x_s2;
   wire flat_x = (lo_x_s2 == hi_x_s2) | ((~|lo_x_s2[22:16]) & (~|hi_x_s2[22:16]));
   reg  flat_x_s3;
-  wire v0_x_22_16_is_zero = ~|v0_x[22:16];
-  wire v1_x_22_16_is_zero = ~|v1_x[22:16];
-  wire same01_x = (v0_x == v1_x) | (v0_x_22_16_is_zero & v1_x_22_16_is_zero);
+  wire v0_x_is_zero = ~|v0_x[22:16];
+  wire v1_x_is_zero = ~|v1_x[22:16];
+  wire same01_x = (v0_x == v1_x) | (v0_x_is_zero & v1_x_is_zero);
   reg  same01_x_s1;
-  wire v2_x_22_16_is_zero = ~|v2_x[22:16];
-  wire same12_x = (v1_x == v2_x) | (v1_x_22_16_is_zero & v2_x_22_16_is_zero);
+  wire v2_x_is_zero = ~|v2_x[22:16];
+  wire same12_x = (v1_x == v2_x) | (v1_x_is_zero & v2_x_is_zero);
   reg  same12_x_s1;
-  wire same20_x = (v2_x == v0_x) | (v2_x_22_16_is_zero & v0_x_22_16_is_zero);
+  wire same20_x = (v2_x == v0_x) | (v2_x_is_zero & v0_x_is_zero);
   reg  same20_x_s1;
 
   // The box on the y axis.
@@ -98,29 +98,29 @@ module dynrt_triangle_box (
   wire hi01_y_is_greater = (v0_y[23] ^ v1_y[23]) ? v0_y[23] : ((v0_y[22:0] < v1_y[22:0]) ^ v0_y[23]);
   wire [23:0] hi01_y = hi01_y_is_greater ? v1_y : v0_y;
   reg  [23:0] hi01_y_s1;
-  reg  [22:0] v2_y_22_0_s1;
-  reg  v2_y_23_s1;
+  reg  [22:0] v2_y_magnitude_s1;
+  reg  v2_y_sign_s1;
   wire lo_y_is_less =
-      (v2_y_23_s1 ^ lo01_y_s1[23]) ? v2_y_23_s1 :
-      ((v2_y_22_0_s1 < lo01_y_s1[22:0]) ^ v2_y_23_s1);
+      (v2_y_sign_s1 ^ lo01_y_s1[23]) ? v2_y_sign_s1 :
+      ((v2_y_magnitude_s1 < lo01_y_s1[22:0]) ^ v2_y_sign_s1);
   reg  [23:0] v2_y_s1;
   wire [23:0] lo_y = lo_y_is_less ? v2_y_s1 : lo01_y_s1;
   reg  [23:0] lo_y_s2;
   wire hi_y_is_greater =
-      (hi01_y_s1[23] ^ v2_y_23_s1) ? hi01_y_s1[23] :
-      ((hi01_y_s1[22:0] < v2_y_22_0_s1) ^ hi01_y_s1[23]);
+      (hi01_y_s1[23] ^ v2_y_sign_s1) ? hi01_y_s1[23] :
+      ((hi01_y_s1[22:0] < v2_y_magnitude_s1) ^ hi01_y_s1[23]);
   wire [23:0] hi_y = hi_y_is_greater ? v2_y_s1 : hi01_y_s1;
   reg  [23:0] hi_y_s2;
   wire flat_y = (lo_y_s2 == hi_y_s2) | ((~|lo_y_s2[22:16]) & (~|hi_y_s2[22:16]));
   reg  flat_y_s3;
-  wire v0_y_22_16_is_zero = ~|v0_y[22:16];
-  wire v1_y_22_16_is_zero = ~|v1_y[22:16];
-  wire same01_y = (v0_y == v1_y) | (v0_y_22_16_is_zero & v1_y_22_16_is_zero);
+  wire v0_y_is_zero = ~|v0_y[22:16];
+  wire v1_y_is_zero = ~|v1_y[22:16];
+  wire same01_y = (v0_y == v1_y) | (v0_y_is_zero & v1_y_is_zero);
   reg  same01_y_s1;
-  wire v2_y_22_16_is_zero = ~|v2_y[22:16];
-  wire same12_y = (v1_y == v2_y) | (v1_y_22_16_is_zero & v2_y_22_16_is_zero);
+  wire v2_y_is_zero = ~|v2_y[22:16];
+  wire same12_y = (v1_y == v2_y) | (v1_y_is_zero & v2_y_is_zero);
   reg  same12_y_s1;
-  wire same20_y = (v2_y == v0_y) | (v2_y_22_16_is_zero & v0_y_22_16_is_zero);
+  wire same20_y = (v2_y == v0_y) | (v2_y_is_zero & v0_y_is_zero);
   reg  same20_y_s1;
 
   // The box on the z axis.
@@ -130,36 +130,36 @@ module dynrt_triangle_box (
   wire hi01_z_is_greater = (v0_z[23] ^ v1_z[23]) ? v0_z[23] : ((v0_z[22:0] < v1_z[22:0]) ^ v0_z[23]);
   wire [23:0] hi01_z = hi01_z_is_greater ? v1_z : v0_z;
   reg  [23:0] hi01_z_s1;
-  reg  [22:0] v2_z_22_0_s1;
-  reg  v2_z_23_s1;
+  reg  [22:0] v2_z_magnitude_s1;
+  reg  v2_z_sign_s1;
   wire lo_z_is_less =
-      (v2_z_23_s1 ^ lo01_z_s1[23]) ? v2_z_23_s1 :
-      ((v2_z_22_0_s1 < lo01_z_s1[22:0]) ^ v2_z_23_s1);
+      (v2_z_sign_s1 ^ lo01_z_s1[23]) ? v2_z_sign_s1 :
+      ((v2_z_magnitude_s1 < lo01_z_s1[22:0]) ^ v2_z_sign_s1);
   reg  [23:0] v2_z_s1;
   wire [23:0] lo_z = lo_z_is_less ? v2_z_s1 : lo01_z_s1;
   reg  [23:0] lo_z_s2;
   wire hi_z_is_greater =
-      (hi01_z_s1[23] ^ v2_z_23_s1) ? hi01_z_s1[23] :
-      ((hi01_z_s1[22:0] < v2_z_22_0_s1) ^ hi01_z_s1[23]);
+      (hi01_z_s1[23] ^ v2_z_sign_s1) ? hi01_z_s1[23] :
+      ((hi01_z_s1[22:0] < v2_z_magnitude_s1) ^ hi01_z_s1[23]);
   wire [23:0] hi_z = hi_z_is_greater ? v2_z_s1 : hi01_z_s1;
   reg  [23:0] hi_z_s2;
   wire flat_z = (lo_z_s2 == hi_z_s2) | ((~|lo_z_s2[22:16]) & (~|hi_z_s2[22:16]));
   reg  flat_z_s3;
-  wire v0_z_22_16_is_zero = ~|v0_z[22:16];
-  wire v1_z_22_16_is_zero = ~|v1_z[22:16];
-  wire same01_z = (v0_z == v1_z) | (v0_z_22_16_is_zero & v1_z_22_16_is_zero);
+  wire v0_z_is_zero = ~|v0_z[22:16];
+  wire v1_z_is_zero = ~|v1_z[22:16];
+  wire same01_z = (v0_z == v1_z) | (v0_z_is_zero & v1_z_is_zero);
   reg  same01_z_s1;
-  wire v2_z_22_16_is_zero = ~|v2_z[22:16];
-  wire same12_z = (v1_z == v2_z) | (v1_z_22_16_is_zero & v2_z_22_16_is_zero);
+  wire v2_z_is_zero = ~|v2_z[22:16];
+  wire same12_z = (v1_z == v2_z) | (v1_z_is_zero & v2_z_is_zero);
   reg  same12_z_s1;
-  wire same20_z = (v2_z == v0_z) | (v2_z_22_16_is_zero & v0_z_22_16_is_zero);
+  wire same20_z = (v2_z == v0_z) | (v2_z_is_zero & v0_z_is_zero);
   reg  same20_z_s1;
 
   // Clipped on the x axis.
-  reg  signs_0_s1, signs_0_s2;
+  reg  signs_x_s1, signs_x_s2;
   wire [23:0] near_x_plane =
       accumulate ? sum_a_0 :
-      signs_0_s2 ? hi_x_s2 :
+      signs_x_s2 ? hi_x_s2 :
       lo_x_s2;
   reg  [23:0] origin_x_s1, origin_x_s2;
   wire [23:0] near_x_origin = accumulate ? {~sum_b_0[23], sum_b_0[22:0]} : origin_x_s2;
@@ -185,20 +185,33 @@ module dynrt_triangle_box (
     .y(near_x_y)
   );
 
-  wire [22:0] sum = near_x_y[22:0] + (near_x_y[23] ? 23'd3 : 23'h7ffffd);
-  wire any_near_x_y_22_16 = |near_x_y[22:16];
-  wire term = any_near_x_y_22_16 & (~|(~sum[1:0]));
-  wire [1:0] choice =
-      term ? 2'd0 :
-      ~any_near_x_y_22_16 ? 2'd2 :
-      (~sum[1:0] - 2'd1);
-  wire [23:0] joined = {~term, 6'd0, ~term, 14'd0, choice};
-  wire [23:0] joined_2 = {near_x_y[23], sum[22:16], sum[15:0] & {16{~(&sum[22:16])}}};
-  wire [23:0] choice_2 = (~any_near_x_y_22_16 | (~near_x_y[23] & (~|sum[22:16]))) ? joined : joined_2;
-  reg  [23:0] choice_3_s12;
+  wire [22:0] near_x_y_moved = near_x_y[22:0] + (near_x_y[23] ? 23'd3 : 23'h7ffffd);
+  wire [15:0] near_x_y_moved_fraction = near_x_y_moved[15:0];
+  wire near_x_y_is_not_zero = |near_x_y[22:16];
+  wire near_x_y_steps_to_zero = near_x_y_is_not_zero & (~|(~near_x_y_moved_fraction[1:0]));
+  wire [1:0] near_x_y_fraction_about_zero =
+      near_x_y_steps_to_zero ? 2'd0 :
+      ~near_x_y_is_not_zero ? 2'd2 :
+      (~near_x_y_moved_fraction[1:0] - 2'd1);
+  wire [23:0] near_x_y_stepped_about_zero = {
+      ~near_x_y_steps_to_zero,
+      6'd0,
+      ~near_x_y_steps_to_zero,
+      14'd0,
+      near_x_y_fraction_about_zero
+    };
+  wire [23:0] near_x_y_stepped_further = {
+      near_x_y[23],
+      near_x_y_moved[22:16],
+      near_x_y_moved_fraction & {16{~(&near_x_y_moved[22:16])}}
+    };
+  wire [23:0] near_x_y_stepped_number =
+      (~near_x_y_is_not_zero | (~near_x_y[23] & (~|near_x_y_moved[22:16]))) ? near_x_y_stepped_about_zero :
+      near_x_y_stepped_further;
+  reg  [23:0] near_x_y_stepped_s12;
   wire [23:0] far_x_plane =
       accumulate ? sum_a_3 :
-      signs_0_s2 ? lo_x_s2 :
+      signs_x_s2 ? lo_x_s2 :
       hi_x_s2;
   wire [23:0] far_x_origin = accumulate ? {~sum_b_3[23], sum_b_3[22:0]} : origin_x_s2;
   reg  [23:0] far_x_plane_s3;
@@ -220,36 +233,42 @@ module dynrt_triangle_box (
     .y(far_x_y)
   );
 
-  wire [22:0] sum_6 = far_x_y[22:0] + (~far_x_y[23] ? 23'd3 : 23'h7ffffd);
-  wire any_far_x_y_22_16 = |far_x_y[22:16];
-  wire term_2 = any_far_x_y_22_16 & (~|(~sum_6[1:0]));
-  wire [1:0] choice_4 =
-      term_2 ? 2'd0 :
-      ~any_far_x_y_22_16 ? 2'd2 :
-      (~sum_6[1:0] - 2'd1);
-  wire [23:0] joined_3 = {far_x_y[23], sum_6[22:16], sum_6[15:0] & {16{~(&sum_6[22:16])}}};
-  wire [23:0] choice_5 =
-      (~any_far_x_y_22_16 | (far_x_y[23] & (~|sum_6[22:16]))) ? {1'b0, 6'd0, ~term_2, 14'd0, choice_4} :
-      joined_3;
-  reg  [23:0] choice_6_s12;
-  wire choice_7 =
-      (window_near[23] ^ choice_3_s12[23]) ? window_near[23] :
-      ((window_near[22:0] < choice_3_s12[22:0]) ^ window_near[23]);
-  wire near_after_x_is_greater_ordered = ~((&choice_3_s12[22:16]) & (|choice_3_s12[15:0]));
-  wire near_after_x_is_greater = choice_7 & near_after_x_is_greater_ordered;
-  wire [23:0] near_after_x = near_after_x_is_greater ? choice_3_s12 : window_near;
+  wire [22:0] far_x_y_moved = far_x_y[22:0] + (~far_x_y[23] ? 23'd3 : 23'h7ffffd);
+  wire [15:0] far_x_y_moved_fraction = far_x_y_moved[15:0];
+  wire far_x_y_is_not_zero = |far_x_y[22:16];
+  wire far_x_y_steps_to_zero = far_x_y_is_not_zero & (~|(~far_x_y_moved_fraction[1:0]));
+  wire [1:0] far_x_y_fraction_about_zero =
+      far_x_y_steps_to_zero ? 2'd0 :
+      ~far_x_y_is_not_zero ? 2'd2 :
+      (~far_x_y_moved_fraction[1:0] - 2'd1);
+  wire [23:0] far_x_y_stepped_further = {
+      far_x_y[23],
+      far_x_y_moved[22:16],
+      far_x_y_moved_fraction & {16{~(&far_x_y_moved[22:16])}}
+    };
+  wire [23:0] far_x_y_stepped_number =
+      (~far_x_y_is_not_zero | (far_x_y[23] & (~|far_x_y_moved[22:16]))) ? {1'b0, 6'd0, ~far_x_y_steps_to_zero, 14'd0, far_x_y_fraction_about_zero} :
+      far_x_y_stepped_further;
+  reg  [23:0] far_x_y_stepped_s12;
+  wire near_after_x_is_greater_unless_nan =
+      (window_near[23] ^ near_x_y_stepped_s12[23]) ? window_near[23] :
+      ((window_near[22:0] < near_x_y_stepped_s12[22:0]) ^ window_near[23]);
+  wire near_after_x_is_greater =
+      near_after_x_is_greater_unless_nan &
+      ~((&near_x_y_stepped_s12[22:16]) & (|near_x_y_stepped_s12[15:0]));
+  wire [23:0] near_after_x = near_after_x_is_greater ? near_x_y_stepped_s12 : window_near;
   reg  [23:0] near_after_x_s13;
   wire far_after_x_is_less =
-      (choice_6_s12[23] ^ window_far[23]) ? choice_6_s12[23] :
-      ((choice_6_s12[22:0] < window_far[22:0]) ^ choice_6_s12[23]);
-  wire [23:0] far_after_x = far_after_x_is_less ? choice_6_s12 : window_far;
+      (far_x_y_stepped_s12[23] ^ window_far[23]) ? far_x_y_stepped_s12[23] :
+      ((far_x_y_stepped_s12[22:0] < window_far[22:0]) ^ far_x_y_stepped_s12[23]);
+  wire [23:0] far_after_x = far_after_x_is_less ? far_x_y_stepped_s12 : window_far;
   reg  [23:0] far_after_x_s13;
 
   // Clipped on the y axis.
-  reg  signs_1_s1, signs_1_s2;
+  reg  signs_y_s1, signs_y_s2;
   wire [23:0] near_y_plane =
       accumulate ? sum_a_1 :
-      signs_1_s2 ? hi_y_s2 :
+      signs_y_s2 ? hi_y_s2 :
       lo_y_s2;
   reg  [23:0] origin_y_s1, origin_y_s2;
   wire [23:0] near_y_origin = accumulate ? {~sum_b_1[23], sum_b_1[22:0]} : origin_y_s2;
@@ -275,22 +294,33 @@ module dynrt_triangle_box (
     .y(near_y_y)
   );
 
-  wire [22:0] sum_7 = near_y_y[22:0] + (near_y_y[23] ? 23'd3 : 23'h7ffffd);
-  wire any_near_y_y_22_16 = |near_y_y[22:16];
-  wire term_3 = any_near_y_y_22_16 & (~|(~sum_7[1:0]));
-  wire [1:0] choice_8 =
-      term_3 ? 2'd0 :
-      ~any_near_y_y_22_16 ? 2'd2 :
-      (~sum_7[1:0] - 2'd1);
-  wire [23:0] joined_4 = {~term_3, 6'd0, ~term_3, 14'd0, choice_8};
-  wire [23:0] joined_5 = {near_y_y[23], sum_7[22:16], sum_7[15:0] & {16{~(&sum_7[22:16])}}};
-  wire [23:0] choice_9 =
-      (~any_near_y_y_22_16 | (~near_y_y[23] & (~|sum_7[22:16]))) ? joined_4 :
-      joined_5;
-  reg  [23:0] choice_10_s12;
+  wire [22:0] near_y_y_moved = near_y_y[22:0] + (near_y_y[23] ? 23'd3 : 23'h7ffffd);
+  wire [15:0] near_y_y_moved_fraction = near_y_y_moved[15:0];
+  wire near_y_y_is_not_zero = |near_y_y[22:16];
+  wire near_y_y_steps_to_zero = near_y_y_is_not_zero & (~|(~near_y_y_moved_fraction[1:0]));
+  wire [1:0] near_y_y_fraction_about_zero =
+      near_y_y_steps_to_zero ? 2'd0 :
+      ~near_y_y_is_not_zero ? 2'd2 :
+      (~near_y_y_moved_fraction[1:0] - 2'd1);
+  wire [23:0] near_y_y_stepped_about_zero = {
+      ~near_y_y_steps_to_zero,
+      6'd0,
+      ~near_y_y_steps_to_zero,
+      14'd0,
+      near_y_y_fraction_about_zero
+    };
+  wire [23:0] near_y_y_stepped_further = {
+      near_y_y[23],
+      near_y_y_moved[22:16],
+      near_y_y_moved_fraction & {16{~(&near_y_y_moved[22:16])}}
+    };
+  wire [23:0] near_y_y_stepped_number =
+      (~near_y_y_is_not_zero | (~near_y_y[23] & (~|near_y_y_moved[22:16]))) ? near_y_y_stepped_about_zero :
+      near_y_y_stepped_further;
+  reg  [23:0] near_y_y_stepped_s12;
   wire [23:0] far_y_plane =
       accumulate ? sum_a_4 :
-      signs_1_s2 ? lo_y_s2 :
+      signs_y_s2 ? lo_y_s2 :
       hi_y_s2;
   wire [23:0] far_y_origin = accumulate ? {~sum_b_4[23], sum_b_4[22:0]} : origin_y_s2;
   reg  [23:0] far_y_plane_s3;
@@ -312,43 +342,49 @@ module dynrt_triangle_box (
     .y(far_y_y)
   );
 
-  wire [22:0] sum_8 = far_y_y[22:0] + (~far_y_y[23] ? 23'd3 : 23'h7ffffd);
-  wire any_far_y_y_22_16 = |far_y_y[22:16];
-  wire term_4 = any_far_y_y_22_16 & (~|(~sum_8[1:0]));
-  wire [1:0] choice_11 =
-      term_4 ? 2'd0 :
-      ~any_far_y_y_22_16 ? 2'd2 :
-      (~sum_8[1:0] - 2'd1);
-  wire [23:0] joined_6 = {far_y_y[23], sum_8[22:16], sum_8[15:0] & {16{~(&sum_8[22:16])}}};
-  wire [23:0] choice_12 =
-      (~any_far_y_y_22_16 | (far_y_y[23] & (~|sum_8[22:16]))) ? {1'b0, 6'd0, ~term_4, 14'd0, choice_11} :
-      joined_6;
-  reg  [23:0] choice_13_s12;
-  reg  [22:0] choice_10_22_0_s13;
-  reg  choice_10_23_s13;
-  wire choice_14 =
-      (near_after_x_s13[23] ^ choice_10_23_s13) ? near_after_x_s13[23] :
-      ((near_after_x_s13[22:0] < choice_10_22_0_s13) ^ near_after_x_s13[23]);
-  wire near_after_y_is_greater_ordered = ~((&choice_10_s12[22:16]) & (|choice_10_s12[15:0]));
+  wire [22:0] far_y_y_moved = far_y_y[22:0] + (~far_y_y[23] ? 23'd3 : 23'h7ffffd);
+  wire [15:0] far_y_y_moved_fraction = far_y_y_moved[15:0];
+  wire far_y_y_is_not_zero = |far_y_y[22:16];
+  wire far_y_y_steps_to_zero = far_y_y_is_not_zero & (~|(~far_y_y_moved_fraction[1:0]));
+  wire [1:0] far_y_y_fraction_about_zero =
+      far_y_y_steps_to_zero ? 2'd0 :
+      ~far_y_y_is_not_zero ? 2'd2 :
+      (~far_y_y_moved_fraction[1:0] - 2'd1);
+  wire [23:0] far_y_y_stepped_further = {
+      far_y_y[23],
+      far_y_y_moved[22:16],
+      far_y_y_moved_fraction & {16{~(&far_y_y_moved[22:16])}}
+    };
+  wire [23:0] far_y_y_stepped_number =
+      (~far_y_y_is_not_zero | (far_y_y[23] & (~|far_y_y_moved[22:16]))) ? {1'b0, 6'd0, ~far_y_y_steps_to_zero, 14'd0, far_y_y_fraction_about_zero} :
+      far_y_y_stepped_further;
+  reg  [23:0] far_y_y_stepped_s12;
+  reg  [22:0] near_y_y_stepped_magnitude_s12_s13;
+  reg  near_y_y_stepped_sign_s12_s13;
+  wire near_after_y_is_greater_unless_nan =
+      (near_after_x_s13[23] ^ near_y_y_stepped_sign_s12_s13) ? near_after_x_s13[23] :
+      ((near_after_x_s13[22:0] < near_y_y_stepped_magnitude_s12_s13) ^ near_after_x_s13[23]);
   reg  near_after_y_is_greater_ordered_s13;
-  wire near_after_y_is_greater = choice_14 & near_after_y_is_greater_ordered_s13;
-  reg  [23:0] choice_10_s13;
-  wire [23:0] near_after_y = near_after_y_is_greater ? choice_10_s13 : near_after_x_s13;
+  wire near_after_y_is_greater =
+      near_after_y_is_greater_unless_nan &
+      near_after_y_is_greater_ordered_s13;
+  reg  [23:0] near_y_y_stepped_s13;
+  wire [23:0] near_after_y = near_after_y_is_greater ? near_y_y_stepped_s13 : near_after_x_s13;
   reg  [23:0] near_after_y_s14;
-  reg  [22:0] choice_13_22_0_s13;
-  reg  choice_13_23_s13;
+  reg  [22:0] far_y_y_stepped_magnitude_s12_s13;
+  reg  far_y_y_stepped_sign_s12_s13;
   wire far_after_y_is_less =
-      (choice_13_23_s13 ^ far_after_x_s13[23]) ? choice_13_23_s13 :
-      ((choice_13_22_0_s13 < far_after_x_s13[22:0]) ^ choice_13_23_s13);
-  reg  [23:0] choice_13_s13;
-  wire [23:0] far_after_y = far_after_y_is_less ? choice_13_s13 : far_after_x_s13;
+      (far_y_y_stepped_sign_s12_s13 ^ far_after_x_s13[23]) ? far_y_y_stepped_sign_s12_s13 :
+      ((far_y_y_stepped_magnitude_s12_s13 < far_after_x_s13[22:0]) ^ far_y_y_stepped_sign_s12_s13);
+  reg  [23:0] far_y_y_stepped_s13;
+  wire [23:0] far_after_y = far_after_y_is_less ? far_y_y_stepped_s13 : far_after_x_s13;
   reg  [23:0] far_after_y_s14;
 
   // Clipped on the z axis.
-  reg  signs_2_s1, signs_2_s2;
+  reg  signs_z_s1, signs_z_s2;
   wire [23:0] near_z_plane =
       accumulate ? sum_a_2 :
-      signs_2_s2 ? hi_z_s2 :
+      signs_z_s2 ? hi_z_s2 :
       lo_z_s2;
   reg  [23:0] origin_z_s1, origin_z_s2;
   wire [23:0] near_z_origin = accumulate ? {~sum_b_2[23], sum_b_2[22:0]} : origin_z_s2;
@@ -374,22 +410,33 @@ module dynrt_triangle_box (
     .y(near_z_y)
   );
 
-  wire [22:0] sum_9 = near_z_y[22:0] + (near_z_y[23] ? 23'd3 : 23'h7ffffd);
-  wire any_near_z_y_22_16 = |near_z_y[22:16];
-  wire term_5 = any_near_z_y_22_16 & (~|(~sum_9[1:0]));
-  wire [1:0] choice_15 =
-      term_5 ? 2'd0 :
-      ~any_near_z_y_22_16 ? 2'd2 :
-      (~sum_9[1:0] - 2'd1);
-  wire [23:0] joined_7 = {~term_5, 6'd0, ~term_5, 14'd0, choice_15};
-  wire [23:0] joined_8 = {near_z_y[23], sum_9[22:16], sum_9[15:0] & {16{~(&sum_9[22:16])}}};
-  wire [23:0] choice_16 =
-      (~any_near_z_y_22_16 | (~near_z_y[23] & (~|sum_9[22:16]))) ? joined_7 :
-      joined_8;
-  reg  [23:0] choice_17_s12;
+  wire [22:0] near_z_y_moved = near_z_y[22:0] + (near_z_y[23] ? 23'd3 : 23'h7ffffd);
+  wire [15:0] near_z_y_moved_fraction = near_z_y_moved[15:0];
+  wire near_z_y_is_not_zero = |near_z_y[22:16];
+  wire near_z_y_steps_to_zero = near_z_y_is_not_zero & (~|(~near_z_y_moved_fraction[1:0]));
+  wire [1:0] near_z_y_fraction_about_zero =
+      near_z_y_steps_to_zero ? 2'd0 :
+      ~near_z_y_is_not_zero ? 2'd2 :
+      (~near_z_y_moved_fraction[1:0] - 2'd1);
+  wire [23:0] near_z_y_stepped_about_zero = {
+      ~near_z_y_steps_to_zero,
+      6'd0,
+      ~near_z_y_steps_to_zero,
+      14'd0,
+      near_z_y_fraction_about_zero
+    };
+  wire [23:0] near_z_y_stepped_further = {
+      near_z_y[23],
+      near_z_y_moved[22:16],
+      near_z_y_moved_fraction & {16{~(&near_z_y_moved[22:16])}}
+    };
+  wire [23:0] near_z_y_stepped_number =
+      (~near_z_y_is_not_zero | (~near_z_y[23] & (~|near_z_y_moved[22:16]))) ? near_z_y_stepped_about_zero :
+      near_z_y_stepped_further;
+  reg  [23:0] near_z_y_stepped_s12;
   wire [23:0] far_z_plane =
       accumulate ? sum_a_5 :
-      signs_2_s2 ? lo_z_s2 :
+      signs_z_s2 ? lo_z_s2 :
       hi_z_s2;
   wire [23:0] far_z_origin = accumulate ? {~sum_b_5[23], sum_b_5[22:0]} : origin_z_s2;
   reg  [23:0] far_z_plane_s3;
@@ -411,53 +458,62 @@ module dynrt_triangle_box (
     .y(far_z_y)
   );
 
-  wire [22:0] sum_10 = far_z_y[22:0] + (~far_z_y[23] ? 23'd3 : 23'h7ffffd);
-  wire any_far_z_y_22_16 = |far_z_y[22:16];
-  wire term_6 = any_far_z_y_22_16 & (~|(~sum_10[1:0]));
-  wire [1:0] choice_18 =
-      term_6 ? 2'd0 :
-      ~any_far_z_y_22_16 ? 2'd2 :
-      (~sum_10[1:0] - 2'd1);
-  wire [23:0] joined_9 = {far_z_y[23], sum_10[22:16], sum_10[15:0] & {16{~(&sum_10[22:16])}}};
-  wire [23:0] choice_19 =
-      (~any_far_z_y_22_16 | (far_z_y[23] & (~|sum_10[22:16]))) ? {1'b0, 6'd0, ~term_6, 14'd0, choice_18} :
-      joined_9;
-  reg  [23:0] choice_20_s12;
-  reg  [22:0] choice_17_22_0_s13, choice_17_22_0_s14;
-  reg  choice_17_23_s13, choice_17_23_s14;
-  wire choice_21 =
-      (near_after_y_s14[23] ^ choice_17_23_s14) ? near_after_y_s14[23] :
-      ((near_after_y_s14[22:0] < choice_17_22_0_s14) ^ near_after_y_s14[23]);
-  wire near_after_z_is_greater_ordered = ~((&choice_17_s12[22:16]) & (|choice_17_s12[15:0]));
+  wire [22:0] far_z_y_moved = far_z_y[22:0] + (~far_z_y[23] ? 23'd3 : 23'h7ffffd);
+  wire [15:0] far_z_y_moved_fraction = far_z_y_moved[15:0];
+  wire far_z_y_is_not_zero = |far_z_y[22:16];
+  wire far_z_y_steps_to_zero = far_z_y_is_not_zero & (~|(~far_z_y_moved_fraction[1:0]));
+  wire [1:0] far_z_y_fraction_about_zero =
+      far_z_y_steps_to_zero ? 2'd0 :
+      ~far_z_y_is_not_zero ? 2'd2 :
+      (~far_z_y_moved_fraction[1:0] - 2'd1);
+  wire [23:0] far_z_y_stepped_further = {
+      far_z_y[23],
+      far_z_y_moved[22:16],
+      far_z_y_moved_fraction & {16{~(&far_z_y_moved[22:16])}}
+    };
+  wire [23:0] far_z_y_stepped_number =
+      (~far_z_y_is_not_zero | (far_z_y[23] & (~|far_z_y_moved[22:16]))) ? {1'b0, 6'd0, ~far_z_y_steps_to_zero, 14'd0, far_z_y_fraction_about_zero} :
+      far_z_y_stepped_further;
+  reg  [23:0] far_z_y_stepped_s12;
+  reg  [22:0] near_z_y_stepped_magnitude_s12_s13, near_z_y_stepped_magnitude_s12_s14;
+  reg  near_z_y_stepped_sign_s12_s13, near_z_y_stepped_sign_s12_s14;
+  wire near_after_z_is_greater_unless_nan =
+      (near_after_y_s14[23] ^ near_z_y_stepped_sign_s12_s14) ? near_after_y_s14[23] :
+      ((near_after_y_s14[22:0] < near_z_y_stepped_magnitude_s12_s14) ^ near_after_y_s14[23]);
   reg  near_after_z_is_greater_ordered_s13, near_after_z_is_greater_ordered_s14;
-  wire near_after_z_is_greater = choice_21 & near_after_z_is_greater_ordered_s14;
-  reg  [23:0] choice_17_s13, choice_17_s14;
-  wire [23:0] near_after_z = near_after_z_is_greater ? choice_17_s14 : near_after_y_s14;
+  wire near_after_z_is_greater =
+      near_after_z_is_greater_unless_nan &
+      near_after_z_is_greater_ordered_s14;
+  reg  [23:0] near_z_y_stepped_s13, near_z_y_stepped_s14;
+  wire [23:0] near_after_z = near_after_z_is_greater ? near_z_y_stepped_s14 : near_after_y_s14;
   reg  [23:0] near_after_z_s15;
-  reg  [22:0] choice_20_22_0_s13, choice_20_22_0_s14;
-  reg  choice_20_23_s13, choice_20_23_s14;
+  reg  [22:0] far_z_y_stepped_magnitude_s12_s13, far_z_y_stepped_magnitude_s12_s14;
+  reg  far_z_y_stepped_sign_s12_s13, far_z_y_stepped_sign_s12_s14;
   wire far_after_z_is_less =
-      (choice_20_23_s14 ^ far_after_y_s14[23]) ? choice_20_23_s14 :
-      ((choice_20_22_0_s14 < far_after_y_s14[22:0]) ^ choice_20_23_s14);
-  reg  [23:0] choice_20_s13, choice_20_s14;
-  wire [23:0] far_after_z = far_after_z_is_less ? choice_20_s14 : far_after_y_s14;
+      (far_z_y_stepped_sign_s12_s14 ^ far_after_y_s14[23]) ? far_z_y_stepped_sign_s12_s14 :
+      ((far_z_y_stepped_magnitude_s12_s14 < far_after_y_s14[22:0]) ^ far_z_y_stepped_sign_s12_s14);
+  reg  [23:0] far_z_y_stepped_s13, far_z_y_stepped_s14;
+  wire [23:0] far_after_z = far_after_z_is_less ? far_z_y_stepped_s14 : far_after_y_s14;
   reg  [23:0] far_after_z_s15;
 
   // Degenerate: two vertices are equal, or the box is flat on two axes.
-  wire term_7 = (flat_x_s3 & flat_y_s3) | (flat_y_s3 & flat_z_s3) | (flat_z_s3 & flat_x_s3);
-  reg  same01_x_and_same01_y_and_same01_z_s2, same01_x_and_same01_y_and_same01_z_s3;
-  reg  same12_x_and_same12_y_and_same12_z_s2, same12_x_and_same12_y_and_same12_z_s3;
-  reg  same20_x_and_same20_y_and_same20_z_s2, same20_x_and_same20_y_and_same20_z_s3;
+  wire any_same =
+      (same01_x_s1 & same01_y_s1 & same01_z_s1) |
+      (same12_x_s1 & same12_y_s1 & same12_z_s1) |
+      (same20_x_s1 & same20_y_s1 & same20_z_s1);
+  reg  any_same_s2, any_same_s3;
   wire any_degenerate =
-      term_7 |
-      same01_x_and_same01_y_and_same01_z_s3 |
-      same12_x_and_same12_y_and_same12_z_s3 |
-      same20_x_and_same20_y_and_same20_z_s3;
+      (flat_x_s3 & flat_y_s3) |
+      (flat_y_s3 & flat_z_s3) |
+      (flat_z_s3 & flat_x_s3) |
+      any_same_s3;
   reg  [12:0] any_degenerate_delay;
-  wire comparison = {far_after_z_s15[22:0], 1'b0} < {near_after_z_s15[22:0], near_after_z_s15[23]};
+  wire empty_interval_by_magnitude =
+      {far_after_z_s15[22:0], 1'b0} <
+      {near_after_z_s15[22:0], near_after_z_s15[23]};
   wire empty_interval =
       (far_after_z_s15[23] ^ near_after_z_s15[23]) ? far_after_z_s15[23] :
-      (comparison ^ far_after_z_s15[23]);
+      (empty_interval_by_magnitude ^ far_after_z_s15[23]);
   reg  empty_interval_s16;
   wire any_degenerate_s16 = any_degenerate_delay[12];
 
@@ -466,33 +522,33 @@ module dynrt_triangle_box (
     // Stage 1
     lo01_x_s1 <= lo01_x;
     hi01_x_s1 <= hi01_x;
-    v2_x_22_0_s1 <= v2_x[22:0];
-    v2_x_23_s1 <= v2_x[23];
+    v2_x_magnitude_s1 <= v2_x[22:0];
+    v2_x_sign_s1 <= v2_x[23];
     v2_x_s1 <= v2_x;
     same01_x_s1 <= same01_x;
     same12_x_s1 <= same12_x;
     same20_x_s1 <= same20_x;
     lo01_y_s1 <= lo01_y;
     hi01_y_s1 <= hi01_y;
-    v2_y_22_0_s1 <= v2_y[22:0];
-    v2_y_23_s1 <= v2_y[23];
+    v2_y_magnitude_s1 <= v2_y[22:0];
+    v2_y_sign_s1 <= v2_y[23];
     v2_y_s1 <= v2_y;
     same01_y_s1 <= same01_y;
     same12_y_s1 <= same12_y;
     same20_y_s1 <= same20_y;
     lo01_z_s1 <= lo01_z;
     hi01_z_s1 <= hi01_z;
-    v2_z_22_0_s1 <= v2_z[22:0];
-    v2_z_23_s1 <= v2_z[23];
+    v2_z_magnitude_s1 <= v2_z[22:0];
+    v2_z_sign_s1 <= v2_z[23];
     v2_z_s1 <= v2_z;
     same01_z_s1 <= same01_z;
     same12_z_s1 <= same12_z;
     same20_z_s1 <= same20_z;
-    signs_0_s1 <= signs[0];
+    signs_x_s1 <= signs[0];
     origin_x_s1 <= origin_x;
-    signs_1_s1 <= signs[1];
+    signs_y_s1 <= signs[1];
     origin_y_s1 <= origin_y;
-    signs_2_s1 <= signs[2];
+    signs_z_s1 <= signs[2];
     origin_z_s1 <= origin_z;
 
     // Stage 2
@@ -502,15 +558,13 @@ module dynrt_triangle_box (
     hi_y_s2 <= hi_y;
     lo_z_s2 <= lo_z;
     hi_z_s2 <= hi_z;
-    signs_0_s2 <= signs_0_s1;
+    signs_x_s2 <= signs_x_s1;
     origin_x_s2 <= origin_x_s1;
-    signs_1_s2 <= signs_1_s1;
+    signs_y_s2 <= signs_y_s1;
     origin_y_s2 <= origin_y_s1;
-    signs_2_s2 <= signs_2_s1;
+    signs_z_s2 <= signs_z_s1;
     origin_z_s2 <= origin_z_s1;
-    same01_x_and_same01_y_and_same01_z_s2 <= same01_x_s1 & same01_y_s1 & same01_z_s1;
-    same12_x_and_same12_y_and_same12_z_s2 <= same12_x_s1 & same12_y_s1 & same12_z_s1;
-    same20_x_and_same20_y_and_same20_z_s2 <= same20_x_s1 & same20_y_s1 & same20_z_s1;
+    any_same_s2 <= any_same;
 
     // Stage 3
     flat_x_s3 <= flat_x;
@@ -528,46 +582,44 @@ module dynrt_triangle_box (
     near_z_origin_s3 <= near_z_origin;
     far_z_plane_s3 <= far_z_plane;
     far_z_origin_s3 <= far_z_origin;
-    same01_x_and_same01_y_and_same01_z_s3 <= same01_x_and_same01_y_and_same01_z_s2;
-    same12_x_and_same12_y_and_same12_z_s3 <= same12_x_and_same12_y_and_same12_z_s2;
-    same20_x_and_same20_y_and_same20_z_s3 <= same20_x_and_same20_y_and_same20_z_s2;
+    any_same_s3 <= any_same_s2;
 
     // Stage 12
-    choice_3_s12 <= (&near_x_y[22:16]) ? near_x_y : choice_2;
-    choice_6_s12 <= (&far_x_y[22:16]) ? far_x_y : choice_5;
-    choice_10_s12 <= (&near_y_y[22:16]) ? near_y_y : choice_9;
-    choice_13_s12 <= (&far_y_y[22:16]) ? far_y_y : choice_12;
-    choice_17_s12 <= (&near_z_y[22:16]) ? near_z_y : choice_16;
-    choice_20_s12 <= (&far_z_y[22:16]) ? far_z_y : choice_19;
+    near_x_y_stepped_s12 <= (&near_x_y[22:16]) ? near_x_y : near_x_y_stepped_number;
+    far_x_y_stepped_s12 <= (&far_x_y[22:16]) ? far_x_y : far_x_y_stepped_number;
+    near_y_y_stepped_s12 <= (&near_y_y[22:16]) ? near_y_y : near_y_y_stepped_number;
+    far_y_y_stepped_s12 <= (&far_y_y[22:16]) ? far_y_y : far_y_y_stepped_number;
+    near_z_y_stepped_s12 <= (&near_z_y[22:16]) ? near_z_y : near_z_y_stepped_number;
+    far_z_y_stepped_s12 <= (&far_z_y[22:16]) ? far_z_y : far_z_y_stepped_number;
 
     // Stage 13
     near_after_x_s13 <= near_after_x;
     far_after_x_s13 <= far_after_x;
-    choice_10_22_0_s13 <= choice_10_s12[22:0];
-    choice_10_23_s13 <= choice_10_s12[23];
-    near_after_y_is_greater_ordered_s13 <= near_after_y_is_greater_ordered;
-    choice_10_s13 <= choice_10_s12;
-    choice_13_22_0_s13 <= choice_13_s12[22:0];
-    choice_13_23_s13 <= choice_13_s12[23];
-    choice_13_s13 <= choice_13_s12;
-    choice_17_22_0_s13 <= choice_17_s12[22:0];
-    choice_17_23_s13 <= choice_17_s12[23];
-    near_after_z_is_greater_ordered_s13 <= near_after_z_is_greater_ordered;
-    choice_17_s13 <= choice_17_s12;
-    choice_20_22_0_s13 <= choice_20_s12[22:0];
-    choice_20_23_s13 <= choice_20_s12[23];
-    choice_20_s13 <= choice_20_s12;
+    near_y_y_stepped_magnitude_s12_s13 <= near_y_y_stepped_s12[22:0];
+    near_y_y_stepped_sign_s12_s13 <= near_y_y_stepped_s12[23];
+    near_after_y_is_greater_ordered_s13 <= ~((&near_y_y_stepped_s12[22:16]) & (|near_y_y_stepped_s12[15:0]));
+    near_y_y_stepped_s13 <= near_y_y_stepped_s12;
+    far_y_y_stepped_magnitude_s12_s13 <= far_y_y_stepped_s12[22:0];
+    far_y_y_stepped_sign_s12_s13 <= far_y_y_stepped_s12[23];
+    far_y_y_stepped_s13 <= far_y_y_stepped_s12;
+    near_z_y_stepped_magnitude_s12_s13 <= near_z_y_stepped_s12[22:0];
+    near_z_y_stepped_sign_s12_s13 <= near_z_y_stepped_s12[23];
+    near_after_z_is_greater_ordered_s13 <= ~((&near_z_y_stepped_s12[22:16]) & (|near_z_y_stepped_s12[15:0]));
+    near_z_y_stepped_s13 <= near_z_y_stepped_s12;
+    far_z_y_stepped_magnitude_s12_s13 <= far_z_y_stepped_s12[22:0];
+    far_z_y_stepped_sign_s12_s13 <= far_z_y_stepped_s12[23];
+    far_z_y_stepped_s13 <= far_z_y_stepped_s12;
 
     // Stage 14
     near_after_y_s14 <= near_after_y;
     far_after_y_s14 <= far_after_y;
-    choice_17_22_0_s14 <= choice_17_22_0_s13;
-    choice_17_23_s14 <= choice_17_23_s13;
+    near_z_y_stepped_magnitude_s12_s14 <= near_z_y_stepped_magnitude_s12_s13;
+    near_z_y_stepped_sign_s12_s14 <= near_z_y_stepped_sign_s12_s13;
     near_after_z_is_greater_ordered_s14 <= near_after_z_is_greater_ordered_s13;
-    choice_17_s14 <= choice_17_s13;
-    choice_20_22_0_s14 <= choice_20_22_0_s13;
-    choice_20_23_s14 <= choice_20_23_s13;
-    choice_20_s14 <= choice_20_s13;
+    near_z_y_stepped_s14 <= near_z_y_stepped_s13;
+    far_z_y_stepped_magnitude_s12_s14 <= far_z_y_stepped_magnitude_s12_s13;
+    far_z_y_stepped_sign_s12_s14 <= far_z_y_stepped_sign_s12_s13;
+    far_z_y_stepped_s14 <= far_z_y_stepped_s13;
 
     // Stage 15
     near_after_z_s15 <= near_after_z;

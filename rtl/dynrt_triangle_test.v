@@ -202,19 +202,20 @@ module dynrt_triangle_test (
   wire [23:0] own_box_box_near_s50 = own_box_box_near_delay[815:792];
   reg  [839:0] own_box_box_far_delay;
   wire [23:0] own_box_box_far_s50 = own_box_box_far_delay[815:792];
-  wire term = (intersection_test_t[22:0] < own_box_box_near_s50[22:0]) ^ intersection_test_t[23];
+  wire raised_is_greater_by_sign =
+      (intersection_test_t[22:0] < own_box_box_near_s50[22:0]) ^
+      intersection_test_t[23];
   wire raised_is_greater =
       (intersection_test_t[23] ^ own_box_box_near_s50[23]) ? intersection_test_t[23] :
-      term;
+      raised_is_greater_by_sign;
   wire [23:0] raised = raised_is_greater ? own_box_box_near_s50 : intersection_test_t;
   reg  [23:0] raised_s51;
-  reg  [22:0] own_box_box_far_22_0_s51;
-  reg  own_box_box_far_23_s51;
-  wire choice =
-      (own_box_box_far_23_s51 ^ raised_s51[23]) ? own_box_box_far_23_s51 :
-      ((own_box_box_far_22_0_s51 < raised_s51[22:0]) ^ own_box_box_far_23_s51);
-  wire clamped_is_less_ordered = ~((&raised_s51[22:16]) & (|raised_s51[15:0]));
-  wire clamped_is_less = choice & clamped_is_less_ordered;
+  reg  [22:0] own_box_box_far_magnitude_s50_s51;
+  reg  own_box_box_far_sign_s50_s51;
+  wire clamped_is_less_unless_nan =
+      (own_box_box_far_sign_s50_s51 ^ raised_s51[23]) ? own_box_box_far_sign_s50_s51 :
+      ((own_box_box_far_magnitude_s50_s51 < raised_s51[22:0]) ^ own_box_box_far_sign_s50_s51);
+  wire clamped_is_less = clamped_is_less_unless_nan & ~((&raised_s51[22:16]) & (|raised_s51[15:0]));
   wire [23:0] own_box_box_far_s51 = own_box_box_far_delay[839:816];
   wire [23:0] clamped = clamped_is_less ? own_box_box_far_s51 : raised_s51;
   reg  [23:0] clamped_s52;
@@ -224,10 +225,10 @@ module dynrt_triangle_test (
       intersection_test_misses |
       own_box_box_misses_s50 |
       ((&intersection_test_t[22:16]) & (|intersection_test_t[15:0]));
-  wire term_2 =
+  wire within_limits =
       ~((clamped_s52[22:0] < tmin[22:0]) | clamped_s52[23]) &
-      ~((tmax[22:0] < clamped_s52[22:0]) & ~clamped_s52[23]);
-  wire within_limits = term_2 & ~(&clamped_s52[22:16]);
+      ~((tmax[22:0] < clamped_s52[22:0]) & ~clamped_s52[23]) &
+      ~(&clamped_s52[22:16]);
   reg  misses_s51, misses_s52;
   wire hits = within_limits & ~misses_s52;
   reg  [23:0] intersection_test_u_s51, intersection_test_u_s52;
@@ -237,8 +238,8 @@ module dynrt_triangle_test (
   always @(posedge clk) begin
     // Stage 51
     raised_s51 <= raised;
-    own_box_box_far_22_0_s51 <= own_box_box_far_s50[22:0];
-    own_box_box_far_23_s51 <= own_box_box_far_s50[23];
+    own_box_box_far_magnitude_s50_s51 <= own_box_box_far_s50[22:0];
+    own_box_box_far_sign_s50_s51 <= own_box_box_far_s50[23];
     misses_s51 <= misses;
     intersection_test_u_s51 <= intersection_test_u;
     intersection_test_v_s51 <= intersection_test_v;

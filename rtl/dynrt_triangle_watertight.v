@@ -394,8 +394,8 @@ module dynrt_triangle_watertight (
   );
 
   wire matrix_s17 = matrix_delay[16];
-  reg  [23:0] joined_s15, joined_s16, joined_s17;
-  wire [23:0] eu_subtrahend = matrix_s17 ? joined_s17 : eu_minus_y;
+  reg  [23:0] ay_y_negated_s15, ay_y_negated_s16, ay_y_negated_s17;
+  wire [23:0] eu_subtrahend = matrix_s17 ? ay_y_negated_s17 : eu_minus_y;
 
   wire [23:0] eu_y;
   dynrt_fp_sub eu (
@@ -405,8 +405,8 @@ module dynrt_triangle_watertight (
     .y(eu_y)
   );
 
-  reg  [23:0] joined_2_s15, joined_2_s16, joined_2_s17;
-  wire [23:0] ev_subtrahend = matrix_s17 ? joined_2_s17 : ev_minus_y;
+  reg  [23:0] bx_y_negated_s15, bx_y_negated_s16, bx_y_negated_s17;
+  wire [23:0] ev_subtrahend = matrix_s17 ? bx_y_negated_s17 : ev_minus_y;
 
   wire [23:0] ev_y;
   dynrt_fp_sub ev (
@@ -416,8 +416,8 @@ module dynrt_triangle_watertight (
     .y(ev_y)
   );
 
-  reg  [23:0] joined_3_s15, joined_3_s16, joined_3_s17;
-  wire [23:0] ew_subtrahend = matrix_s17 ? joined_3_s17 : ew_minus_y;
+  reg  [23:0] ax_y_negated_s15, ax_y_negated_s16, ax_y_negated_s17;
+  wire [23:0] ew_subtrahend = matrix_s17 ? ax_y_negated_s17 : ew_minus_y;
 
   wire [23:0] ew_y;
   dynrt_fp_sub ew (
@@ -429,10 +429,10 @@ module dynrt_triangle_watertight (
 
   wire some_negative = eu_y[23] | ev_y[23] | ew_y[23];
   reg  some_negative_s23;
-  wire term = (23'd0 < eu_y[22:0]) & ~eu_y[23] & ~((&eu_y[22:16]) & (|eu_y[15:0]));
-  wire term_2 = (23'd0 < ev_y[22:0]) & ~ev_y[23] & ~((&ev_y[22:16]) & (|ev_y[15:0]));
-  wire term_3 = (23'd0 < ew_y[22:0]) & ~ew_y[23] & ~((&ew_y[22:16]) & (|ew_y[15:0]));
-  wire some_positive = term | term_2 | term_3;
+  wire eu_positive = (23'd0 < eu_y[22:0]) & ~eu_y[23] & ~((&eu_y[22:16]) & (|eu_y[15:0]));
+  wire ev_positive = (23'd0 < ev_y[22:0]) & ~ev_y[23] & ~((&ev_y[22:16]) & (|ev_y[15:0]));
+  wire ew_positive = (23'd0 < ew_y[22:0]) & ~ew_y[23] & ~((&ew_y[22:16]) & (|ew_y[15:0]));
+  wire some_positive = eu_positive | ev_positive | ew_positive;
   reg  some_positive_s23;
 
   // det = (U + V) + W, i = 1 / det. Matrix: the translation is added, y in U + V, x in det.
@@ -577,8 +577,8 @@ module dynrt_triangle_watertight (
     .y(t_y)
   );
 
-  reg  [9:0] some_negative_and_some_positive_delay;
-  wire some_negative_and_some_positive_s33 = some_negative_and_some_positive_delay[9];
+  reg  [9:0] edge_signs_differ_delay;
+  wire edge_signs_differ_s33 = edge_signs_differ_delay[9];
   reg  [23:0] u_y_s48, u_y_s49;
   reg  [23:0] v_y_s48, v_y_s49;
   reg  [16:0] test_misses_delay;
@@ -593,19 +593,19 @@ module dynrt_triangle_watertight (
     cy_shift_factor_s6 <= cy_shift_factor;
 
     // Stage 15
-    joined_s15 <= {~ay_y[23], ay_y[22:0]};
-    joined_2_s15 <= {~bx_y[23], bx_y[22:0]};
-    joined_3_s15 <= {~ax_y[23], ax_y[22:0]};
+    ay_y_negated_s15 <= {~ay_y[23], ay_y[22:0]};
+    bx_y_negated_s15 <= {~bx_y[23], bx_y[22:0]};
+    ax_y_negated_s15 <= {~ax_y[23], ax_y[22:0]};
 
     // Stage 16
-    joined_s16 <= joined_s15;
-    joined_2_s16 <= joined_2_s15;
-    joined_3_s16 <= joined_3_s15;
+    ay_y_negated_s16 <= ay_y_negated_s15;
+    bx_y_negated_s16 <= bx_y_negated_s15;
+    ax_y_negated_s16 <= ax_y_negated_s15;
 
     // Stage 17
-    joined_s17 <= joined_s16;
-    joined_2_s17 <= joined_2_s16;
-    joined_3_s17 <= joined_3_s16;
+    ay_y_negated_s17 <= ay_y_negated_s16;
+    bx_y_negated_s17 <= bx_y_negated_s16;
+    ax_y_negated_s17 <= ax_y_negated_s16;
 
     // Stage 23
     some_negative_s23 <= some_negative;
@@ -650,8 +650,8 @@ module dynrt_triangle_watertight (
     scaled_y_delay <= {scaled_y_delay[191:0], scaled_y};
     v_or_moved_y_delay <= {v_or_moved_y_delay[383:0], v_or_moved_y};
     w_or_moved_x_delay <= {w_or_moved_x_delay[263:0], w_or_moved_x};
-    some_negative_and_some_positive_delay <= {some_negative_and_some_positive_delay[8:0], some_negative_s23 & some_positive_s23};
-    test_misses_delay <= {test_misses_delay[15:0], some_negative_and_some_positive_s33 | det_is_zero_s33};
+    edge_signs_differ_delay <= {edge_signs_differ_delay[8:0], some_negative_s23 & some_positive_s23};
+    test_misses_delay <= {test_misses_delay[15:0], edge_signs_differ_s33 | det_is_zero_s33};
   end
 
   assign test_t = t_y;

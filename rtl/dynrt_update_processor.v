@@ -104,17 +104,17 @@ module dynrt_update_processor (
 
   assign no_rows = rows_empty;
   wire row_requested = any_rows_left & rows_fetch_ready;
-  wire start_or_row_requested = start | row_requested;
+  wire rows_left_enable = start | row_requested;
 
   always @(posedge clk) begin
-    if (start_or_row_requested) fetch_row <= start ? start_program : (fetch_row + 22'd1);
-    if (start_or_row_requested) rows_left <= start ? start_rows : (rows_left - 22'd1);
+    if (rows_left_enable) fetch_row <= start ? start_program : (fetch_row + 22'd1);
+    if (rows_left_enable) rows_left <= start ? start_rows : (rows_left - 22'd1);
   end
 
   wire last_row = rows_left == 22'd1;
 
   always @(posedge clk) begin
-    if (rst) any_rows_left <= 1'b0; else if (start_or_row_requested) any_rows_left <= start ? (|start_rows) : ~last_row;
+    if (rst) any_rows_left <= 1'b0; else if (rows_left_enable) any_rows_left <= start ? (|start_rows) : ~last_row;
   end
 
   // The window: the program's next bytes, refilled by words, and which of them are there. The
@@ -157,103 +157,93 @@ module dynrt_update_processor (
   wire refill_at_6 = window_there[5] & ~window_there[6];
   wire refill_at_7 = window_there[6] & ~window_there[7];
   wire refill_at_8 = window_there[7] & ~window_there[8];
-  wire [7:0] term =
+  wire [7:0] filled_byte10_by_3 =
       window[87:80] |
       (refill_word[23:16] & {8{refill_at_8}}) |
       (refill_word[31:24] & {8{refill_at_7}});
-  wire [7:0] term_2 =
+  wire [7:0] filled_byte9_by_3 =
       window[79:72] |
       (refill_word[15:8] & {8{refill_at_8}}) |
-      (refill_word[23:16] & {8{refill_at_7}});
-  wire [7:0] term_3 =
+      (refill_word[23:16] & {8{refill_at_7}}) |
+      (refill_word[31:24] & {8{refill_at_6}});
+  wire [7:0] filled_byte8_by_3 =
       window[71:64] |
       (refill_word[7:0] & {8{refill_at_8}}) |
-      (refill_word[15:8] & {8{refill_at_7}});
-  wire [7:0] term_4 =
-      term_3 |
+      (refill_word[15:8] & {8{refill_at_7}}) |
       (refill_word[23:16] & {8{refill_at_6}}) |
       (refill_word[31:24] & {8{refill_at_5}});
-  wire [7:0] term_5 =
+  wire [7:0] filled_byte7_by_3 =
       window[63:56] |
       (refill_word[7:0] & {8{refill_at_7}}) |
-      (refill_word[15:8] & {8{refill_at_6}});
-  wire [7:0] term_6 =
-      term_5 |
+      (refill_word[15:8] & {8{refill_at_6}}) |
       (refill_word[23:16] & {8{refill_at_5}}) |
       (refill_word[31:24] & {8{refill_at_4}});
-  wire [7:0] term_7 =
+  wire [7:0] filled_byte6_by_3 =
       window[55:48] |
       (refill_word[7:0] & {8{refill_at_6}}) |
-      (refill_word[15:8] & {8{refill_at_5}});
-  wire [7:0] term_8 =
-      term_7 |
+      (refill_word[15:8] & {8{refill_at_5}}) |
       (refill_word[23:16] & {8{refill_at_4}}) |
       (refill_word[31:24] & {8{refill_at_3}});
-  wire [7:0] term_9 =
+  wire [7:0] filled_byte5_by_3 =
       window[47:40] |
       (refill_word[7:0] & {8{refill_at_5}}) |
-      (refill_word[15:8] & {8{refill_at_4}});
-  wire [7:0] term_10 =
-      term_9 |
+      (refill_word[15:8] & {8{refill_at_4}}) |
       (refill_word[23:16] & {8{refill_at_3}}) |
       (refill_word[31:24] & {8{refill_at_2}});
-  wire [7:0] term_11 =
+  wire [7:0] filled_byte4_by_3 =
       window[39:32] |
       (refill_word[7:0] & {8{refill_at_4}}) |
-      (refill_word[15:8] & {8{refill_at_3}});
-  wire [7:0] term_12 =
-      term_11 |
+      (refill_word[15:8] & {8{refill_at_3}}) |
       (refill_word[23:16] & {8{refill_at_2}}) |
       (refill_word[31:24] & {8{refill_at_1}});
-  wire [7:0] term_13 =
+  wire [7:0] filled_byte3_by_3 =
       window[31:24] |
       (refill_word[7:0] & {8{refill_at_3}}) |
-      (refill_word[15:8] & {8{refill_at_2}});
-  wire [7:0] term_14 =
-      term_13 |
+      (refill_word[15:8] & {8{refill_at_2}}) |
       (refill_word[23:16] & {8{refill_at_1}}) |
       (refill_word[31:24] & {8{refill_at_0}});
-  wire [7:0] term_15 =
+  wire [7:0] filled_byte2_by_2 =
       window[23:16] |
       (refill_word[7:0] & {8{refill_at_2}}) |
-      (refill_word[15:8] & {8{refill_at_1}});
-  wire [7:0] term_16 =
+      (refill_word[15:8] & {8{refill_at_1}}) |
+      (refill_word[23:16] & {8{refill_at_0}});
+  wire [7:0] filled_byte1_by_1 =
       window[15:8] |
       (refill_word[7:0] & {8{refill_at_1}}) |
       (refill_word[15:8] & {8{refill_at_0}});
   wire [95:0] filled = {
       window[95:88] | (refill_word[31:24] & {8{refill_at_8}}),
-      term,
-      term_2 | (refill_word[31:24] & {8{refill_at_6}}),
-      term_4,
-      term_6,
-      term_8,
-      term_10,
-      term_12,
-      term_14,
-      term_15 | (refill_word[23:16] & {8{refill_at_0}}),
-      term_16,
+      filled_byte10_by_3,
+      filled_byte9_by_3,
+      filled_byte8_by_3,
+      filled_byte7_by_3,
+      filled_byte6_by_3,
+      filled_byte5_by_3,
+      filled_byte4_by_3,
+      filled_byte3_by_3,
+      filled_byte2_by_2,
+      filled_byte1_by_1,
       window[7:0] | (refill_word[7:0] & {8{refill_at_0}})
     };
   wire [11:0] filled_there = window_there | ({window_there[7:0], 4'd15} & {12{refill}});
 
   // Decode: the first byte tells the kind and the length.
   wire long_code = window[3] & window[2];
+  wire is_reload_or_end = long_code & window[1] & ~window[0];
   wire is_next = window[1] & window[0];
   wire is_leaf = long_code & ~window[1];
   wire is_node = ~long_code & ~is_next;
-  wire term_17 = long_code & window[1] & ~window[0];
-  wire is_reload = term_17 & window[5];
-  wire is_end = term_17 & window[4];
+  wire is_reload = is_reload_or_end & window[5];
+  wire is_end = is_reload_or_end & window[4];
   wire is_short = is_leaf & window[0];
   wire is_three = is_leaf & ~window[0];
   wire is_two = is_short | is_node | is_end;
   wire is_load = is_next | is_reload;
-  wire term_18 =
+  wire complete =
+      window_there[0] &
       (~is_reload | window_there[4]) &
       (~is_three | window_there[2]) &
       (~is_two | window_there[1]);
-  wire complete = window_there[0] & term_18;
   wire queue_room;
   wire index_room;
   wire decode = decoding & complete & queue_room & index_room;
@@ -312,14 +302,14 @@ module dynrt_update_processor (
     decoded_end <= is_end;
   end
 
-  wire decoded_and_decoded_load = decoded & decoded_load;
+  wire last_enable = decoded & decoded_load;
 
   always @(posedge clk) begin
-    if (decoded_and_decoded_load) last <= decoded_x;
+    if (last_enable) last <= decoded_x;
   end
 
-  wire [5:0] choice = decoded_short ? last : decoded_z;
-  wire [5:0] implied_z = {choice[5:4], decoded_node ? decoded_axes : choice[3:0]};
+  wire [5:0] vertex_z = decoded_short ? last : decoded_z;
+  wire [5:0] implied_z = {vertex_z[5:4], decoded_node ? decoded_axes : vertex_z[3:0]};
   reg  [6:0] free_count;
   reg  [5:0] fresh;
   wire any_free = |free_count;
@@ -349,7 +339,7 @@ module dynrt_update_processor (
     if (start) vertex_base <= start_vertex_base;
   end
 
-  wire loads_next = decoded_and_decoded_load & ~decoded_reload;
+  wire loads_next = last_enable & ~decoded_reload;
 
   always @(posedge clk) begin
     if (start | loads_next) next_vertex <= start ? start_vertex_base : (next_vertex + 22'd1);
@@ -366,21 +356,21 @@ module dynrt_update_processor (
   dynrt_fifo_22x4 vertex_indices (
     .clk(clk),
     .rst(rst),
-    .push(decoded_and_decoded_load),
+    .push(last_enable),
     .data(vertex_indices_data),
     .pop(take_index),
     .valid(vertex_indices_valid),
     .front(vertex_indices_front)
   );
 
-  wire decode_and_is_load = decode & is_load;
+  wire decode_load = decode & is_load;
   reg  [2:0] indices_under_way;
   wire [2:0] indices_under_way_next =
-      decode_and_is_load ? (indices_under_way + 3'd1) :
+      decode_load ? (indices_under_way + 3'd1) :
       (indices_under_way - 3'd1);
 
   always @(posedge clk) begin
-    if (rst) indices_under_way <= 3'd0; else if (decode_and_is_load ^ take_index) indices_under_way <= indices_under_way_next;
+    if (rst) indices_under_way <= 3'd0; else if (decode_load ^ take_index) indices_under_way <= indices_under_way_next;
   end
 
   assign index_room = indices_under_way != 3'd4;
@@ -503,7 +493,19 @@ module dynrt_update_processor (
   (* no_rw_check, ram_style = "block" *)
   reg  [143:0] box_registers_copy1 [0:63];
   reg  [143:0] box_registers_read0;
+  wire [23:0] box_registers_read0_lo_x = box_registers_read0[23:0];
+  wire [23:0] box_registers_read0_lo_y = box_registers_read0[47:24];
+  wire [23:0] box_registers_read0_lo_z = box_registers_read0[71:48];
+  wire [23:0] box_registers_read0_hi_x = box_registers_read0[95:72];
+  wire [23:0] box_registers_read0_hi_y = box_registers_read0[119:96];
+  wire [23:0] box_registers_read0_hi_z = box_registers_read0[143:120];
   reg  [143:0] box_registers_read1;
+  wire [23:0] box_registers_read1_lo_x = box_registers_read1[23:0];
+  wire [23:0] box_registers_read1_lo_y = box_registers_read1[47:24];
+  wire [23:0] box_registers_read1_lo_z = box_registers_read1[71:48];
+  wire [23:0] box_registers_read1_hi_x = box_registers_read1[95:72];
+  wire [23:0] box_registers_read1_hi_y = box_registers_read1[119:96];
+  wire [23:0] box_registers_read1_hi_z = box_registers_read1[143:120];
 
   // Merge: of two boxes, or of three vertices, of which each is a box too. A number that is no NaN
   // goes before one that is.
@@ -511,38 +513,51 @@ module dynrt_update_processor (
   wire of_leaf = current_leaf;
   wire [5:0] current_target = current[27:22];
   wire [5:0] merge_target = current_target;
+  wire [23:0] vertex_registers_read0_x = vertex_registers_read0[23:0];
+  wire [23:0] vertex_registers_read1_x = vertex_registers_read1[23:0];
   wire [23:0] third_x = vertex_registers_read2[23:0];
   reg  of_leaf_s1;
-  wire [23:0] first_lo_x = of_leaf_s1 ? vertex_registers_read0[23:0] : box_registers_read0[23:0];
+  wire [23:0] first_lo_x = of_leaf_s1 ? vertex_registers_read0_x : box_registers_read0_lo_x;
   reg  [23:0] first_lo_x_s2;
-  wire [23:0] second_lo_x = of_leaf_s1 ? vertex_registers_read1[23:0] : box_registers_read1[23:0];
+  wire [23:0] second_lo_x = of_leaf_s1 ? vertex_registers_read1_x : box_registers_read1_lo_x;
   reg  [23:0] second_lo_x_s2;
   reg  [23:0] third_x_s2;
   wire nan_first_lo_x = (&first_lo_x_s2[22:16]) & (|first_lo_x_s2[15:0]);
   wire nan_second_lo_x = (&second_lo_x_s2[22:16]) & (|second_lo_x_s2[15:0]);
   wire nan_third_x = (&third_x_s2[22:16]) & (|third_x_s2[15:0]);
-  wire comparison = {second_lo_x_s2[22:0], 1'b0} < {first_lo_x_s2[22:0], first_lo_x_s2[23]};
-  wire choice_2 =
+  wire second_beats_lo_x_by_magnitude =
+      {second_lo_x_s2[22:0], 1'b0} <
+      {first_lo_x_s2[22:0], first_lo_x_s2[23]};
+  wire second_beats_lo_x_unless_zero =
       (second_lo_x_s2[23] ^ first_lo_x_s2[23]) ? second_lo_x_s2[23] :
-      (comparison ^ second_lo_x_s2[23]);
-  wire term_19 = choice_2 & ~((~|second_lo_x_s2[22:16]) & (~|first_lo_x_s2[22:16]));
-  wire take_second_lo_x = (term_19 & ~nan_second_lo_x) | (nan_first_lo_x & ~nan_second_lo_x);
+      (second_beats_lo_x_by_magnitude ^ second_lo_x_s2[23]);
+  wire second_beats_lo_x =
+      second_beats_lo_x_unless_zero &
+      ~((~|second_lo_x_s2[22:16]) & (~|first_lo_x_s2[22:16])) &
+      ~nan_second_lo_x;
+  wire take_second_lo_x = second_beats_lo_x | (nan_first_lo_x & ~nan_second_lo_x);
   wire [23:0] best_lo_x = take_second_lo_x ? second_lo_x_s2 : first_lo_x_s2;
   reg  [23:0] best_lo_x_s3;
   wire nan_both_lo_x = nan_first_lo_x & nan_second_lo_x;
   reg  nan_both_lo_x_s3;
-  reg  [23:0] joined_s3;
-  reg  third_x_23_s3;
-  wire term_20 = (joined_s3 < {best_lo_x_s3[22:0], best_lo_x_s3[23]}) ^ third_x_23_s3;
-  wire choice_3 = (third_x_23_s3 ^ best_lo_x_s3[23]) ? third_x_23_s3 : term_20;
-  reg  third_x_22_16_is_zero_s3;
-  reg  not_nan_third_x_s3;
-  wire term_21 =
-      choice_3 &
-      ~(third_x_22_16_is_zero_s3 & (~|best_lo_x_s3[22:16])) &
-      not_nan_third_x_s3;
+  reg  third_beats_lo_x_ordered_s3;
+  reg  [23:0] third_x_magnitude_twice_s2_s3;
+  reg  third_x_sign_s2_s3;
+  wire third_beats_lo_x_by_sign =
+      (third_x_magnitude_twice_s2_s3 < {best_lo_x_s3[22:0], best_lo_x_s3[23]}) ^
+      third_x_sign_s2_s3;
+  wire third_beats_lo_x_unless_zero =
+      (third_x_sign_s2_s3 ^ best_lo_x_s3[23]) ? third_x_sign_s2_s3 :
+      third_beats_lo_x_by_sign;
+  reg  third_x_is_zero_s2_s3;
+  wire third_beats_lo_x =
+      third_beats_lo_x_unless_zero &
+      ~(third_x_is_zero_s2_s3 & (~|best_lo_x_s3[22:16])) &
+      third_beats_lo_x_ordered_s3;
   reg  of_leaf_s2, of_leaf_s3;
-  wire take_third_lo_x = of_leaf_s3 & (term_21 | (nan_both_lo_x_s3 & not_nan_third_x_s3));
+  wire take_third_lo_x =
+      of_leaf_s3 &
+      (third_beats_lo_x | (nan_both_lo_x_s3 & third_beats_lo_x_ordered_s3));
   reg  nan_third_x_s3;
   reg  [23:0] third_x_s3;
   wire [23:0] merged_lo_x =
@@ -550,36 +565,49 @@ module dynrt_update_processor (
       take_third_lo_x ? third_x_s3 :
       best_lo_x_s3;
   reg  [23:0] merged_lo_x_s4;
+  wire [23:0] vertex_registers_read0_y = vertex_registers_read0[47:24];
+  wire [23:0] vertex_registers_read1_y = vertex_registers_read1[47:24];
   wire [23:0] third_y = vertex_registers_read2[47:24];
-  wire [23:0] first_lo_y = of_leaf_s1 ? vertex_registers_read0[47:24] : box_registers_read0[47:24];
+  wire [23:0] first_lo_y = of_leaf_s1 ? vertex_registers_read0_y : box_registers_read0_lo_y;
   reg  [23:0] first_lo_y_s2;
-  wire [23:0] second_lo_y = of_leaf_s1 ? vertex_registers_read1[47:24] : box_registers_read1[47:24];
+  wire [23:0] second_lo_y = of_leaf_s1 ? vertex_registers_read1_y : box_registers_read1_lo_y;
   reg  [23:0] second_lo_y_s2;
   reg  [23:0] third_y_s2;
   wire nan_first_lo_y = (&first_lo_y_s2[22:16]) & (|first_lo_y_s2[15:0]);
   wire nan_second_lo_y = (&second_lo_y_s2[22:16]) & (|second_lo_y_s2[15:0]);
   wire nan_third_y = (&third_y_s2[22:16]) & (|third_y_s2[15:0]);
-  wire comparison_2 = {second_lo_y_s2[22:0], 1'b0} < {first_lo_y_s2[22:0], first_lo_y_s2[23]};
-  wire choice_4 =
+  wire second_beats_lo_y_by_magnitude =
+      {second_lo_y_s2[22:0], 1'b0} <
+      {first_lo_y_s2[22:0], first_lo_y_s2[23]};
+  wire second_beats_lo_y_unless_zero =
       (second_lo_y_s2[23] ^ first_lo_y_s2[23]) ? second_lo_y_s2[23] :
-      (comparison_2 ^ second_lo_y_s2[23]);
-  wire term_22 = choice_4 & ~((~|second_lo_y_s2[22:16]) & (~|first_lo_y_s2[22:16]));
-  wire take_second_lo_y = (term_22 & ~nan_second_lo_y) | (nan_first_lo_y & ~nan_second_lo_y);
+      (second_beats_lo_y_by_magnitude ^ second_lo_y_s2[23]);
+  wire second_beats_lo_y =
+      second_beats_lo_y_unless_zero &
+      ~((~|second_lo_y_s2[22:16]) & (~|first_lo_y_s2[22:16])) &
+      ~nan_second_lo_y;
+  wire take_second_lo_y = second_beats_lo_y | (nan_first_lo_y & ~nan_second_lo_y);
   wire [23:0] best_lo_y = take_second_lo_y ? second_lo_y_s2 : first_lo_y_s2;
   reg  [23:0] best_lo_y_s3;
   wire nan_both_lo_y = nan_first_lo_y & nan_second_lo_y;
   reg  nan_both_lo_y_s3;
-  reg  [23:0] joined_2_s3;
-  reg  third_y_23_s3;
-  wire term_23 = (joined_2_s3 < {best_lo_y_s3[22:0], best_lo_y_s3[23]}) ^ third_y_23_s3;
-  wire choice_5 = (third_y_23_s3 ^ best_lo_y_s3[23]) ? third_y_23_s3 : term_23;
-  reg  third_y_22_16_is_zero_s3;
-  reg  not_nan_third_y_s3;
-  wire term_24 =
-      choice_5 &
-      ~(third_y_22_16_is_zero_s3 & (~|best_lo_y_s3[22:16])) &
-      not_nan_third_y_s3;
-  wire take_third_lo_y = of_leaf_s3 & (term_24 | (nan_both_lo_y_s3 & not_nan_third_y_s3));
+  reg  third_beats_lo_y_ordered_s3;
+  reg  [23:0] third_y_magnitude_twice_s2_s3;
+  reg  third_y_sign_s2_s3;
+  wire third_beats_lo_y_by_sign =
+      (third_y_magnitude_twice_s2_s3 < {best_lo_y_s3[22:0], best_lo_y_s3[23]}) ^
+      third_y_sign_s2_s3;
+  wire third_beats_lo_y_unless_zero =
+      (third_y_sign_s2_s3 ^ best_lo_y_s3[23]) ? third_y_sign_s2_s3 :
+      third_beats_lo_y_by_sign;
+  reg  third_y_is_zero_s2_s3;
+  wire third_beats_lo_y =
+      third_beats_lo_y_unless_zero &
+      ~(third_y_is_zero_s2_s3 & (~|best_lo_y_s3[22:16])) &
+      third_beats_lo_y_ordered_s3;
+  wire take_third_lo_y =
+      of_leaf_s3 &
+      (third_beats_lo_y | (nan_both_lo_y_s3 & third_beats_lo_y_ordered_s3));
   reg  nan_third_y_s3;
   reg  [23:0] third_y_s3;
   wire [23:0] merged_lo_y =
@@ -587,36 +615,49 @@ module dynrt_update_processor (
       take_third_lo_y ? third_y_s3 :
       best_lo_y_s3;
   reg  [23:0] merged_lo_y_s4;
+  wire [23:0] vertex_registers_read0_z = vertex_registers_read0[71:48];
+  wire [23:0] vertex_registers_read1_z = vertex_registers_read1[71:48];
   wire [23:0] third_z = vertex_registers_read2[71:48];
-  wire [23:0] first_lo_z = of_leaf_s1 ? vertex_registers_read0[71:48] : box_registers_read0[71:48];
+  wire [23:0] first_lo_z = of_leaf_s1 ? vertex_registers_read0_z : box_registers_read0_lo_z;
   reg  [23:0] first_lo_z_s2;
-  wire [23:0] second_lo_z = of_leaf_s1 ? vertex_registers_read1[71:48] : box_registers_read1[71:48];
+  wire [23:0] second_lo_z = of_leaf_s1 ? vertex_registers_read1_z : box_registers_read1_lo_z;
   reg  [23:0] second_lo_z_s2;
   reg  [23:0] third_z_s2;
   wire nan_first_lo_z = (&first_lo_z_s2[22:16]) & (|first_lo_z_s2[15:0]);
   wire nan_second_lo_z = (&second_lo_z_s2[22:16]) & (|second_lo_z_s2[15:0]);
   wire nan_third_z = (&third_z_s2[22:16]) & (|third_z_s2[15:0]);
-  wire comparison_3 = {second_lo_z_s2[22:0], 1'b0} < {first_lo_z_s2[22:0], first_lo_z_s2[23]};
-  wire choice_6 =
+  wire second_beats_lo_z_by_magnitude =
+      {second_lo_z_s2[22:0], 1'b0} <
+      {first_lo_z_s2[22:0], first_lo_z_s2[23]};
+  wire second_beats_lo_z_unless_zero =
       (second_lo_z_s2[23] ^ first_lo_z_s2[23]) ? second_lo_z_s2[23] :
-      (comparison_3 ^ second_lo_z_s2[23]);
-  wire term_25 = choice_6 & ~((~|second_lo_z_s2[22:16]) & (~|first_lo_z_s2[22:16]));
-  wire take_second_lo_z = (term_25 & ~nan_second_lo_z) | (nan_first_lo_z & ~nan_second_lo_z);
+      (second_beats_lo_z_by_magnitude ^ second_lo_z_s2[23]);
+  wire second_beats_lo_z =
+      second_beats_lo_z_unless_zero &
+      ~((~|second_lo_z_s2[22:16]) & (~|first_lo_z_s2[22:16])) &
+      ~nan_second_lo_z;
+  wire take_second_lo_z = second_beats_lo_z | (nan_first_lo_z & ~nan_second_lo_z);
   wire [23:0] best_lo_z = take_second_lo_z ? second_lo_z_s2 : first_lo_z_s2;
   reg  [23:0] best_lo_z_s3;
   wire nan_both_lo_z = nan_first_lo_z & nan_second_lo_z;
   reg  nan_both_lo_z_s3;
-  reg  [23:0] joined_3_s3;
-  reg  third_z_23_s3;
-  wire term_26 = (joined_3_s3 < {best_lo_z_s3[22:0], best_lo_z_s3[23]}) ^ third_z_23_s3;
-  wire choice_7 = (third_z_23_s3 ^ best_lo_z_s3[23]) ? third_z_23_s3 : term_26;
-  reg  third_z_22_16_is_zero_s3;
-  reg  not_nan_third_z_s3;
-  wire term_27 =
-      choice_7 &
-      ~(third_z_22_16_is_zero_s3 & (~|best_lo_z_s3[22:16])) &
-      not_nan_third_z_s3;
-  wire take_third_lo_z = of_leaf_s3 & (term_27 | (nan_both_lo_z_s3 & not_nan_third_z_s3));
+  reg  third_beats_lo_z_ordered_s3;
+  reg  [23:0] third_z_magnitude_twice_s2_s3;
+  reg  third_z_sign_s2_s3;
+  wire third_beats_lo_z_by_sign =
+      (third_z_magnitude_twice_s2_s3 < {best_lo_z_s3[22:0], best_lo_z_s3[23]}) ^
+      third_z_sign_s2_s3;
+  wire third_beats_lo_z_unless_zero =
+      (third_z_sign_s2_s3 ^ best_lo_z_s3[23]) ? third_z_sign_s2_s3 :
+      third_beats_lo_z_by_sign;
+  reg  third_z_is_zero_s2_s3;
+  wire third_beats_lo_z =
+      third_beats_lo_z_unless_zero &
+      ~(third_z_is_zero_s2_s3 & (~|best_lo_z_s3[22:16])) &
+      third_beats_lo_z_ordered_s3;
+  wire take_third_lo_z =
+      of_leaf_s3 &
+      (third_beats_lo_z | (nan_both_lo_z_s3 & third_beats_lo_z_ordered_s3));
   reg  nan_third_z_s3;
   reg  [23:0] third_z_s3;
   wire [23:0] merged_lo_z =
@@ -624,91 +665,112 @@ module dynrt_update_processor (
       take_third_lo_z ? third_z_s3 :
       best_lo_z_s3;
   reg  [23:0] merged_lo_z_s4;
-  wire [23:0] first_hi_x = of_leaf_s1 ? vertex_registers_read0[23:0] : box_registers_read0[95:72];
+  wire [23:0] first_hi_x = of_leaf_s1 ? vertex_registers_read0_x : box_registers_read0_hi_x;
   reg  [23:0] first_hi_x_s2;
-  wire [23:0] second_hi_x = of_leaf_s1 ? vertex_registers_read1[23:0] : box_registers_read1[95:72];
+  wire [23:0] second_hi_x = of_leaf_s1 ? vertex_registers_read1_x : box_registers_read1_hi_x;
   reg  [23:0] second_hi_x_s2;
   wire nan_first_hi_x = (&first_hi_x_s2[22:16]) & (|first_hi_x_s2[15:0]);
   wire nan_second_hi_x = (&second_hi_x_s2[22:16]) & (|second_hi_x_s2[15:0]);
-  wire comparison_4 = {first_hi_x_s2[22:0], 1'b0} < {second_hi_x_s2[22:0], second_hi_x_s2[23]};
-  wire choice_8 =
+  wire second_beats_hi_x_by_magnitude =
+      {first_hi_x_s2[22:0], 1'b0} <
+      {second_hi_x_s2[22:0], second_hi_x_s2[23]};
+  wire second_beats_hi_x_unless_zero =
       (first_hi_x_s2[23] ^ second_hi_x_s2[23]) ? first_hi_x_s2[23] :
-      (comparison_4 ^ first_hi_x_s2[23]);
-  wire term_28 = choice_8 & ~((~|first_hi_x_s2[22:16]) & (~|second_hi_x_s2[22:16]));
-  wire take_second_hi_x = (term_28 & ~nan_second_hi_x) | (nan_first_hi_x & ~nan_second_hi_x);
+      (second_beats_hi_x_by_magnitude ^ first_hi_x_s2[23]);
+  wire second_beats_hi_x =
+      second_beats_hi_x_unless_zero &
+      ~((~|first_hi_x_s2[22:16]) & (~|second_hi_x_s2[22:16])) &
+      ~nan_second_hi_x;
+  wire take_second_hi_x = second_beats_hi_x | (nan_first_hi_x & ~nan_second_hi_x);
   wire [23:0] best_hi_x = take_second_hi_x ? second_hi_x_s2 : first_hi_x_s2;
   reg  [23:0] best_hi_x_s3;
   wire nan_both_hi_x = nan_first_hi_x & nan_second_hi_x;
   reg  nan_both_hi_x_s3;
-  reg  [23:0] joined_4_s3;
-  wire choice_9 =
-      (best_hi_x_s3[23] ^ third_x_23_s3) ? best_hi_x_s3[23] :
-      (({best_hi_x_s3[22:0], 1'b0} < joined_4_s3) ^ best_hi_x_s3[23]);
-  wire term_29 =
-      choice_9 &
-      ~((~|best_hi_x_s3[22:16]) & third_x_22_16_is_zero_s3) &
-      not_nan_third_x_s3;
-  wire take_third_hi_x = of_leaf_s3 & (term_29 | (nan_both_hi_x_s3 & not_nan_third_x_s3));
+  reg  [23:0] third_x_magnitude_and_sign_s2_s3;
+  wire third_beats_hi_x_unless_zero =
+      (best_hi_x_s3[23] ^ third_x_sign_s2_s3) ? best_hi_x_s3[23] :
+      (({best_hi_x_s3[22:0], 1'b0} < third_x_magnitude_and_sign_s2_s3) ^ best_hi_x_s3[23]);
+  wire third_beats_hi_x =
+      third_beats_hi_x_unless_zero &
+      ~((~|best_hi_x_s3[22:16]) & third_x_is_zero_s2_s3) &
+      third_beats_lo_x_ordered_s3;
+  wire take_third_hi_x =
+      of_leaf_s3 &
+      (third_beats_hi_x | (nan_both_hi_x_s3 & third_beats_lo_x_ordered_s3));
   wire [23:0] merged_hi_x =
       (nan_both_hi_x_s3 & nan_third_x_s3) ? 24'hff0000 :
       take_third_hi_x ? third_x_s3 :
       best_hi_x_s3;
   reg  [23:0] merged_hi_x_s4;
-  wire [23:0] first_hi_y = of_leaf_s1 ? vertex_registers_read0[47:24] : box_registers_read0[119:96];
+  wire [23:0] first_hi_y = of_leaf_s1 ? vertex_registers_read0_y : box_registers_read0_hi_y;
   reg  [23:0] first_hi_y_s2;
-  wire [23:0] second_hi_y = of_leaf_s1 ? vertex_registers_read1[47:24] : box_registers_read1[119:96];
+  wire [23:0] second_hi_y = of_leaf_s1 ? vertex_registers_read1_y : box_registers_read1_hi_y;
   reg  [23:0] second_hi_y_s2;
   wire nan_first_hi_y = (&first_hi_y_s2[22:16]) & (|first_hi_y_s2[15:0]);
   wire nan_second_hi_y = (&second_hi_y_s2[22:16]) & (|second_hi_y_s2[15:0]);
-  wire comparison_5 = {first_hi_y_s2[22:0], 1'b0} < {second_hi_y_s2[22:0], second_hi_y_s2[23]};
-  wire choice_10 =
+  wire second_beats_hi_y_by_magnitude =
+      {first_hi_y_s2[22:0], 1'b0} <
+      {second_hi_y_s2[22:0], second_hi_y_s2[23]};
+  wire second_beats_hi_y_unless_zero =
       (first_hi_y_s2[23] ^ second_hi_y_s2[23]) ? first_hi_y_s2[23] :
-      (comparison_5 ^ first_hi_y_s2[23]);
-  wire term_30 = choice_10 & ~((~|first_hi_y_s2[22:16]) & (~|second_hi_y_s2[22:16]));
-  wire take_second_hi_y = (term_30 & ~nan_second_hi_y) | (nan_first_hi_y & ~nan_second_hi_y);
+      (second_beats_hi_y_by_magnitude ^ first_hi_y_s2[23]);
+  wire second_beats_hi_y =
+      second_beats_hi_y_unless_zero &
+      ~((~|first_hi_y_s2[22:16]) & (~|second_hi_y_s2[22:16])) &
+      ~nan_second_hi_y;
+  wire take_second_hi_y = second_beats_hi_y | (nan_first_hi_y & ~nan_second_hi_y);
   wire [23:0] best_hi_y = take_second_hi_y ? second_hi_y_s2 : first_hi_y_s2;
   reg  [23:0] best_hi_y_s3;
   wire nan_both_hi_y = nan_first_hi_y & nan_second_hi_y;
   reg  nan_both_hi_y_s3;
-  reg  [23:0] joined_5_s3;
-  wire choice_11 =
-      (best_hi_y_s3[23] ^ third_y_23_s3) ? best_hi_y_s3[23] :
-      (({best_hi_y_s3[22:0], 1'b0} < joined_5_s3) ^ best_hi_y_s3[23]);
-  wire term_31 =
-      choice_11 &
-      ~((~|best_hi_y_s3[22:16]) & third_y_22_16_is_zero_s3) &
-      not_nan_third_y_s3;
-  wire take_third_hi_y = of_leaf_s3 & (term_31 | (nan_both_hi_y_s3 & not_nan_third_y_s3));
+  reg  [23:0] third_y_magnitude_and_sign_s2_s3;
+  wire third_beats_hi_y_unless_zero =
+      (best_hi_y_s3[23] ^ third_y_sign_s2_s3) ? best_hi_y_s3[23] :
+      (({best_hi_y_s3[22:0], 1'b0} < third_y_magnitude_and_sign_s2_s3) ^ best_hi_y_s3[23]);
+  wire third_beats_hi_y =
+      third_beats_hi_y_unless_zero &
+      ~((~|best_hi_y_s3[22:16]) & third_y_is_zero_s2_s3) &
+      third_beats_lo_y_ordered_s3;
+  wire take_third_hi_y =
+      of_leaf_s3 &
+      (third_beats_hi_y | (nan_both_hi_y_s3 & third_beats_lo_y_ordered_s3));
   wire [23:0] merged_hi_y =
       (nan_both_hi_y_s3 & nan_third_y_s3) ? 24'hff0000 :
       take_third_hi_y ? third_y_s3 :
       best_hi_y_s3;
   reg  [23:0] merged_hi_y_s4;
-  wire [23:0] first_hi_z = of_leaf_s1 ? vertex_registers_read0[71:48] : box_registers_read0[143:120];
+  wire [23:0] first_hi_z = of_leaf_s1 ? vertex_registers_read0_z : box_registers_read0_hi_z;
   reg  [23:0] first_hi_z_s2;
-  wire [23:0] second_hi_z = of_leaf_s1 ? vertex_registers_read1[71:48] : box_registers_read1[143:120];
+  wire [23:0] second_hi_z = of_leaf_s1 ? vertex_registers_read1_z : box_registers_read1_hi_z;
   reg  [23:0] second_hi_z_s2;
   wire nan_first_hi_z = (&first_hi_z_s2[22:16]) & (|first_hi_z_s2[15:0]);
   wire nan_second_hi_z = (&second_hi_z_s2[22:16]) & (|second_hi_z_s2[15:0]);
-  wire comparison_6 = {first_hi_z_s2[22:0], 1'b0} < {second_hi_z_s2[22:0], second_hi_z_s2[23]};
-  wire choice_12 =
+  wire second_beats_hi_z_by_magnitude =
+      {first_hi_z_s2[22:0], 1'b0} <
+      {second_hi_z_s2[22:0], second_hi_z_s2[23]};
+  wire second_beats_hi_z_unless_zero =
       (first_hi_z_s2[23] ^ second_hi_z_s2[23]) ? first_hi_z_s2[23] :
-      (comparison_6 ^ first_hi_z_s2[23]);
-  wire term_32 = choice_12 & ~((~|first_hi_z_s2[22:16]) & (~|second_hi_z_s2[22:16]));
-  wire take_second_hi_z = (term_32 & ~nan_second_hi_z) | (nan_first_hi_z & ~nan_second_hi_z);
+      (second_beats_hi_z_by_magnitude ^ first_hi_z_s2[23]);
+  wire second_beats_hi_z =
+      second_beats_hi_z_unless_zero &
+      ~((~|first_hi_z_s2[22:16]) & (~|second_hi_z_s2[22:16])) &
+      ~nan_second_hi_z;
+  wire take_second_hi_z = second_beats_hi_z | (nan_first_hi_z & ~nan_second_hi_z);
   wire [23:0] best_hi_z = take_second_hi_z ? second_hi_z_s2 : first_hi_z_s2;
   reg  [23:0] best_hi_z_s3;
   wire nan_both_hi_z = nan_first_hi_z & nan_second_hi_z;
   reg  nan_both_hi_z_s3;
-  reg  [23:0] joined_6_s3;
-  wire choice_13 =
-      (best_hi_z_s3[23] ^ third_z_23_s3) ? best_hi_z_s3[23] :
-      (({best_hi_z_s3[22:0], 1'b0} < joined_6_s3) ^ best_hi_z_s3[23]);
-  wire term_33 =
-      choice_13 &
-      ~((~|best_hi_z_s3[22:16]) & third_z_22_16_is_zero_s3) &
-      not_nan_third_z_s3;
-  wire take_third_hi_z = of_leaf_s3 & (term_33 | (nan_both_hi_z_s3 & not_nan_third_z_s3));
+  reg  [23:0] third_z_magnitude_and_sign_s2_s3;
+  wire third_beats_hi_z_unless_zero =
+      (best_hi_z_s3[23] ^ third_z_sign_s2_s3) ? best_hi_z_s3[23] :
+      (({best_hi_z_s3[22:0], 1'b0} < third_z_magnitude_and_sign_s2_s3) ^ best_hi_z_s3[23]);
+  wire third_beats_hi_z =
+      third_beats_hi_z_unless_zero &
+      ~((~|best_hi_z_s3[22:16]) & third_z_is_zero_s2_s3) &
+      third_beats_lo_z_ordered_s3;
+  wire take_third_hi_z =
+      of_leaf_s3 &
+      (third_beats_hi_z | (nan_both_hi_z_s3 & third_beats_lo_z_ordered_s3));
   wire [23:0] merged_hi_z =
       (nan_both_hi_z_s3 & nan_third_z_s3) ? 24'hff0000 :
       take_third_hi_z ? third_z_s3 :
@@ -727,30 +789,30 @@ module dynrt_update_processor (
   wire [5:0] merge_target_s4 = merge_target_delay[23:18];
 
   // A node's intervals, each on its axis, wait until they are written.
-  wire [3:0] merge_axes = current[19:16];
+  wire [3:0] merge_axes = current_z[3:0];
   reg  [3:0] merge_axes_s1, merge_axes_s2;
-  wire merge_axes_1_0_is_1 = merge_axes_s2[1:0] == 2'd1;
-  wire merge_axes_1_0_is_0 = merge_axes_s2[1:0] == 2'd0;
+  wire merge_axes_left_s2_is_1 = merge_axes_s2[1:0] == 2'd1;
+  wire merge_axes_left_s2_is_0 = merge_axes_s2[1:0] == 2'd0;
   wire [23:0] left_lo =
-      merge_axes_1_0_is_0 ? first_lo_x_s2 :
-      merge_axes_1_0_is_1 ? first_lo_y_s2 :
+      merge_axes_left_s2_is_0 ? first_lo_x_s2 :
+      merge_axes_left_s2_is_1 ? first_lo_y_s2 :
       first_lo_z_s2;
   reg  [23:0] left_lo_s3;
   wire [23:0] left_hi =
-      merge_axes_1_0_is_0 ? first_hi_x_s2 :
-      merge_axes_1_0_is_1 ? first_hi_y_s2 :
+      merge_axes_left_s2_is_0 ? first_hi_x_s2 :
+      merge_axes_left_s2_is_1 ? first_hi_y_s2 :
       first_hi_z_s2;
   reg  [23:0] left_hi_s3;
-  wire merge_axes_3_2_is_1 = merge_axes_s2[3:2] == 2'd1;
-  wire merge_axes_3_2_is_0 = merge_axes_s2[3:2] == 2'd0;
+  wire merge_axes_right_s2_is_1 = merge_axes_s2[3:2] == 2'd1;
+  wire merge_axes_right_s2_is_0 = merge_axes_s2[3:2] == 2'd0;
   wire [23:0] right_lo =
-      merge_axes_3_2_is_0 ? second_lo_x_s2 :
-      merge_axes_3_2_is_1 ? second_lo_y_s2 :
+      merge_axes_right_s2_is_0 ? second_lo_x_s2 :
+      merge_axes_right_s2_is_1 ? second_lo_y_s2 :
       second_lo_z_s2;
   reg  [23:0] right_lo_s3;
   wire [23:0] right_hi =
-      merge_axes_3_2_is_0 ? second_hi_x_s2 :
-      merge_axes_3_2_is_1 ? second_hi_y_s2 :
+      merge_axes_right_s2_is_0 ? second_hi_x_s2 :
+      merge_axes_right_s2_is_1 ? second_hi_y_s2 :
       second_hi_z_s2;
   reg  [23:0] right_hi_s3;
   wire [95:0] node_queue_data = {right_hi_s3, right_lo_s3, left_hi_s3, left_lo_s3};
@@ -786,8 +848,13 @@ module dynrt_update_processor (
   // The end: when all merges are in their registers and all nodes written, the box, read like a
   // node's.
   reg  merge_goes_s5;
-  wire term_34 = merge_goes_s2 | merge_goes_s3 | merge_goes_s4 | merge_goes_s5 | (|nodes_under_way);
-  wire all_complete = ~term_34;
+  wire work_under_way =
+      merge_goes_s2 |
+      merge_goes_s3 |
+      merge_goes_s4 |
+      merge_goes_s5 |
+      (|nodes_under_way);
+  wire all_complete = ~work_under_way;
   reg  box_shown;
   assign box_taken = box_shown & box_write_ready;
   reg  end_waits_s1;
@@ -892,38 +959,38 @@ module dynrt_update_processor (
     // Stage 3
     best_lo_x_s3 <= best_lo_x;
     nan_both_lo_x_s3 <= nan_both_lo_x;
-    joined_s3 <= {third_x_s2[22:0], 1'b0};
-    third_x_23_s3 <= third_x_s2[23];
-    third_x_22_16_is_zero_s3 <= ~|third_x_s2[22:16];
-    not_nan_third_x_s3 <= ~nan_third_x;
+    third_beats_lo_x_ordered_s3 <= ~nan_third_x;
+    third_x_magnitude_twice_s2_s3 <= {third_x_s2[22:0], 1'b0};
+    third_x_sign_s2_s3 <= third_x_s2[23];
+    third_x_is_zero_s2_s3 <= ~|third_x_s2[22:16];
     of_leaf_s3 <= of_leaf_s2;
     nan_third_x_s3 <= nan_third_x;
     third_x_s3 <= third_x_s2;
     best_lo_y_s3 <= best_lo_y;
     nan_both_lo_y_s3 <= nan_both_lo_y;
-    joined_2_s3 <= {third_y_s2[22:0], 1'b0};
-    third_y_23_s3 <= third_y_s2[23];
-    third_y_22_16_is_zero_s3 <= ~|third_y_s2[22:16];
-    not_nan_third_y_s3 <= ~nan_third_y;
+    third_beats_lo_y_ordered_s3 <= ~nan_third_y;
+    third_y_magnitude_twice_s2_s3 <= {third_y_s2[22:0], 1'b0};
+    third_y_sign_s2_s3 <= third_y_s2[23];
+    third_y_is_zero_s2_s3 <= ~|third_y_s2[22:16];
     nan_third_y_s3 <= nan_third_y;
     third_y_s3 <= third_y_s2;
     best_lo_z_s3 <= best_lo_z;
     nan_both_lo_z_s3 <= nan_both_lo_z;
-    joined_3_s3 <= {third_z_s2[22:0], 1'b0};
-    third_z_23_s3 <= third_z_s2[23];
-    third_z_22_16_is_zero_s3 <= ~|third_z_s2[22:16];
-    not_nan_third_z_s3 <= ~nan_third_z;
+    third_beats_lo_z_ordered_s3 <= ~nan_third_z;
+    third_z_magnitude_twice_s2_s3 <= {third_z_s2[22:0], 1'b0};
+    third_z_sign_s2_s3 <= third_z_s2[23];
+    third_z_is_zero_s2_s3 <= ~|third_z_s2[22:16];
     nan_third_z_s3 <= nan_third_z;
     third_z_s3 <= third_z_s2;
     best_hi_x_s3 <= best_hi_x;
     nan_both_hi_x_s3 <= nan_both_hi_x;
-    joined_4_s3 <= {third_x_s2[22:0], third_x_s2[23]};
+    third_x_magnitude_and_sign_s2_s3 <= {third_x_s2[22:0], third_x_s2[23]};
     best_hi_y_s3 <= best_hi_y;
     nan_both_hi_y_s3 <= nan_both_hi_y;
-    joined_5_s3 <= {third_y_s2[22:0], third_y_s2[23]};
+    third_y_magnitude_and_sign_s2_s3 <= {third_y_s2[22:0], third_y_s2[23]};
     best_hi_z_s3 <= best_hi_z;
     nan_both_hi_z_s3 <= nan_both_hi_z;
-    joined_6_s3 <= {third_z_s2[22:0], third_z_s2[23]};
+    third_z_magnitude_and_sign_s2_s3 <= {third_z_s2[22:0], third_z_s2[23]};
     merge_goes_s3 <= merge_goes_s2;
     left_lo_s3 <= left_lo;
     left_hi_s3 <= left_hi;

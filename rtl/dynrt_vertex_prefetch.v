@@ -42,22 +42,22 @@ module dynrt_vertex_prefetch (
   reg  front_valid;
   wire room = count != 5'd16;
   wire requested = fetch_valid & request_ready & room;
-  wire choice =
+  wire head_arrived_high_high =
       head[1] ? (head[0] ? arrived[15] : arrived[14]) :
       head[0] ? arrived[13] :
       arrived[12];
-  wire choice_2 =
-      head[2] ? choice :
+  wire head_arrived_high =
+      head[2] ? head_arrived_high_high :
       head[1] ? (head[0] ? arrived[11] : arrived[10]) :
       head[0] ? arrived[9] :
       arrived[8];
-  wire choice_3 =
+  wire head_arrived_low_high =
       head[1] ? (head[0] ? arrived[7] : arrived[6]) :
       head[0] ? arrived[5] :
       arrived[4];
   wire head_arrived =
-      head[3] ? choice_2 :
-      head[2] ? choice_3 :
+      head[3] ? head_arrived_high :
+      head[2] ? head_arrived_low_high :
       head[1] ? (head[0] ? arrived[3] : arrived[2]) :
       head[0] ? arrived[1] :
       arrived[0];

@@ -41,3 +41,29 @@ fn the_checked_in_machine_is_what_is_generated() {
         }
     }
 }
+
+/// Every name in the Verilog is one that the description gives, or follows from one: of a port, a field, a register, a memory.
+#[test]
+fn no_name_is_made_up() {
+    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("configs");
+    let mut made_up = vec![];
+    let mut checked = vec![];
+    for entry in fs::read_dir(folder).unwrap() {
+        let path = entry.unwrap().path();
+        let config = Config::load(&path).unwrap();
+        let (machine, _) = emit::generate(&config).unwrap();
+        let mut signals = 0;
+        for module in machine.design.modules() {
+            signals += module.signal_count();
+            made_up.extend(module.made_up_names().map(|(name, place)| {
+                let config = path.file_stem().unwrap().to_string_lossy();
+                format!("{config}: {} {name}, made at {place}", module.name())
+            }));
+        }
+        assert!(signals > 1000, "{}: {signals} signals", path.display());
+        checked.push(signals);
+    }
+    assert!(checked.len() >= 4, "{checked:?}");
+    println!("signals checked: {checked:?}");
+    assert!(made_up.is_empty(), "{}", made_up.join("\n"));
+}

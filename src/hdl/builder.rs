@@ -145,6 +145,7 @@ impl Builder {
             op,
             width,
             name: None,
+            hint: None,
             place,
             stage,
             cleared: false,
@@ -483,7 +484,9 @@ impl Builder {
         };
         let mut chosen = *last;
         for (i, choice) in rest.iter().enumerate().rev() {
-            chosen = index.equals(i as u128).mux(*choice, chosen);
+            let names_it = index.equals(i as u128);
+            let names_it = names_it.hinted_after(index, format!("is_{i}"));
+            chosen = names_it.mux(*choice, chosen);
         }
         chosen
     }

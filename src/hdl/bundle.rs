@@ -438,22 +438,22 @@ pub trait Specs: Bundle<Leaf = Spec> {
             return self.map(|_, spec| word.builder.zero(spec.width));
         }
         let mut lsb = 0;
-        self.map(|_, spec| {
+        self.map(|name, spec| {
             lsb += spec.width;
-            word.slice(lsb - spec.width, spec.width, place)
+            let field = word.slice(lsb - spec.width, spec.width, place);
+            field.as_part(&name.to_string(), true)
         })
     }
 
     /// One field of a word, a leaf of this definition.
     #[track_caller]
     fn get<'b>(&self, word: Signal<'b>, field: &Spec) -> Signal<'b> {
+        let place = Location::caller();
         let fields = self.fields();
         let before = fields.iter().take_while(|(name, _)| *name != field.name);
-        word.slice(
-            before.map(|(_, spec)| spec.width).sum(),
-            field.width,
-            Location::caller(),
-        )
+        let lsb = before.map(|(_, spec)| spec.width).sum();
+        let part = word.slice(lsb, field.width, place);
+        part.as_part(&field.name, true)
     }
 
     /// An input port for each field.

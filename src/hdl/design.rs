@@ -120,6 +120,18 @@ impl Module {
             .expect("a node that was found by its name")
     }
 
+    /// Names of signals in its Verilog that the description does not say, and where each signal is made: they tell a reader nothing.
+    /// [`Signal::named`](super::Signal::named) and [`Signal::hinted`](super::Signal::hinted) give better ones.
+    pub fn made_up_names(&self) -> impl Iterator<Item = (&str, &'static Location<'static>)> {
+        let names = self.printed.made_up.iter();
+        names.map(|(name, node)| (name.as_str(), self.ir.nodes[*node].place))
+    }
+
+    /// How many signals its Verilog declares.
+    pub fn signal_count(&self) -> usize {
+        self.printed.signals.iter().flatten().count()
+    }
+
     /// Its Verilog, in which modules have their names without a prefix.
     pub fn verilog(&self) -> &str {
         &self.printed.text

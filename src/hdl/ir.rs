@@ -30,6 +30,13 @@ pub(super) enum Binary {
     ShiftRight,
 }
 
+impl Binary {
+    /// Whether a chain of it needs no parentheses.
+    pub fn is_associative(self) -> bool {
+        matches!(self, Binary::And | Binary::Or | Binary::Xor | Binary::Add)
+    }
+}
+
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
 pub(super) enum Op {
     Input,
@@ -117,17 +124,35 @@ pub(super) struct Register {
     pub delay: bool,
 }
 
+/// What a node is called if it gets a name in the Verilog.
+#[derive(Clone, Debug, PartialEq)]
+pub(super) struct Hint {
+    pub name: String,
+    /// The node behind whose name it goes.
+    pub after: Option<Id>,
+    /// A field of a word: it gets a name wherever it is read.
+    pub field: bool,
+}
+
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct Node {
     pub op: Op,
     pub width: u32,
     pub name: Option<String>,
+    pub hint: Option<Hint>,
     pub place: Place,
     pub stage: Option<Stage>,
     /// Delay registers of this signal are cleared by reset.
     pub cleared: bool,
     /// Made for properties: the module's Verilog does without it.
     pub formal: bool,
+}
+
+impl Node {
+    /// Whether a slice is a word's part that has a name.
+    pub fn is_part(&self) -> bool {
+        self.name.is_some() || self.hint.as_ref().is_some_and(|hint| hint.after.is_some())
+    }
 }
 
 #[derive(Clone, Debug, PartialEq)]

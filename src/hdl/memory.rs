@@ -179,6 +179,12 @@ impl<'b> Memory<'b> {
 
     /// The word at `address`, a clock later: it is in a register of the RAM's own, which is part of block RAM. The
     /// address is taken every clock. Of a staged address, the word is a stage later.
+    pub fn name(&self) -> String {
+        self.builder.inner.borrow().ir.memories[self.index]
+            .name
+            .clone()
+    }
+
     #[track_caller]
     pub fn read(&self, address: Signal<'b>) -> Signal<'b> {
         self.port(address, true, Location::caller())

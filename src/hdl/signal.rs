@@ -1,7 +1,7 @@
 //! Signals and their combinational operators.
 
 use super::builder::Builder;
-use super::ir::{Binary, Id, Item, Op, Place, Register};
+use super::ir::{Binary, Hint, Id, Item, Op, Place, Register};
 use super::pipeline::Stage;
 use std::ops;
 use std::panic::Location;
@@ -86,6 +86,54 @@ impl<'b> Signal<'b> {
             self.builder.inner.borrow_mut().ir.nodes[self.id].name = Some(name.to_string());
         }
         self
+    }
+
+    /// Says what the signal is called in the Verilog if it gets a name there, as it does where several places read it.
+    #[track_caller]
+    pub fn hinted(self, name: impl AsRef<str>) -> Signal<'b> {
+        self.builder.check_name(name.as_ref(), Location::caller());
+        self.hint(None, name.as_ref(), false)
+    }
+
+    /// The same, behind the name of another signal: `x_is_zero`.
+    #[track_caller]
+    pub fn hinted_after(self, other: Signal<'b>, name: impl AsRef<str>) -> Signal<'b> {
+        self.hint(Some(other.id), name.as_ref(), false)
+    }
+
+    fn hint(self, after: Option<Id>, name: &str, field: bool) -> Signal<'b> {
+        let mut inner = self.builder.inner.borrow_mut();
+        let formal = inner.formal;
+        let node = &mut inner.ir.nodes[self.id];
+        // A name for properties is none for what the module computes without them.
+        let free = (node.hint.as_ref()).is_none_or(|hint| field && !hint.field);
+        if free && (node.formal || !formal) && !matches!(node.op, Op::Literal(_)) {
+            let name = name.to_string();
+            node.hint = Some(Hint { name, after, field });
+        }
+        drop(inner);
+        self
+    }
+
+    /// `width` bits from bit `lsb` upwards, called `name` behind the word's name if they get one in the Verilog.
+    #[track_caller]
+    pub fn part(self, name: impl AsRef<str>, lsb: u32, width: u32) -> Signal<'b> {
+        self.field(lsb, width).as_part(name.as_ref(), false)
+    }
+
+    /// A slice of a word as its part `name`; what is a signal of its own stays that.
+    pub(super) fn as_part(self, name: &str, field: bool) -> Signal<'b> {
+        let inner = self.builder.inner.borrow();
+        let node = &inner.ir.nodes[self.id];
+        let word = match node.op {
+            Op::Slice(of, _) if inner.ir.nodes[of].width != node.width => Some(of),
+            _ => None,
+        };
+        drop(inner);
+        match word {
+            Some(_) => self.hint(word, name, field),
+            None => self,
+        }
     }
 
     /// Lets reset clear the delay registers of this signal (a valid bit's, say).
@@ -228,8 +276,10 @@ impl<'b> Signal<'b> {
             let inner = self.builder.inner.borrow();
             let node = &inner.ir.nodes[self.id];
             match &node.op {
-                // A slice of a slice is one slice.
-                Op::Slice(of, base) if inner.ir.nodes[*of].stage == node.stage => {
+                // A slice of a slice is one slice, unless that is known under a name.
+                Op::Slice(of, base)
+                    if inner.ir.nodes[*of].stage == node.stage && !node.is_part() =>
+                {
                     (node.stage, *of, base + low)
                 }
                 // A slice within one part of a concatenation is that part's.

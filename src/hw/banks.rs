@@ -24,6 +24,7 @@ pub(super) struct BankRead<'b> {
 
 /// A memory in block RAM, as one or, where a choice between block RAMs needs a stage of its own, in banks.
 pub(super) struct Banks<'b> {
+    name: String,
     /// As many as the memory needs, each with the bits of its addresses; the last perhaps smaller.
     banks: Vec<(Memory<'b>, u32)>,
 }
@@ -41,7 +42,8 @@ impl<'b> Banks<'b> {
                 .map(|i| whole(format!("{name}_bank{i}"), WORDS.min(words - i * WORDS)))
                 .collect(),
         };
-        Banks { banks }
+        let name = name.to_string();
+        Banks { name, banks }
     }
 
     /// Each bank, with the bits of its addresses.
@@ -101,7 +103,7 @@ impl<'b> Banks<'b> {
         let (of_banks, words): (Vec<_>, Vec<_>) = read.unzip();
         BankRead {
             address,
-            word: plan.settle_choice(pick(bank, &words)),
+            word: plan.settle_choice(pick(&format!("{}_bank", self.name), bank, &words)),
             of_banks,
         }
     }

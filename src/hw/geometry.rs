@@ -388,14 +388,17 @@ pub fn module(plan: &Plan) -> Result<Geometry, HdlError> {
     m.comment(
         "Vertices and vectors arrive in any order; the last one to come makes the leaf complete.",
     );
-    let arrived_packet = arrived.tag.high(pb);
-    let arrived_corner = arrived.tag.low(CORNER_BITS);
-    let arrives_as = |corners: &[u32]| {
+    let arrived_packet = arrived.tag.part("packet", CORNER_BITS, pb);
+    let arrived_corner = arrived.tag.part("corner", 0, CORNER_BITS);
+    let arrives_as = |name: &str, corners: &[u32]| {
         let any: Vec<_> = corners
             .iter()
-            .map(|corner| arrived_corner.equals(u128::from(*corner)))
+            .map(|corner| {
+                let arrives = arrived_corner.equals(u128::from(*corner));
+                arrives.hinted(format!("corner{corner}_arrives"))
+            })
             .collect();
-        vertex_valid & m.or_all(&any)
+        (vertex_valid & m.or_all(&any)).hinted(format!("{name}_takes_it"))
     };
     // Vectors 4 and 5 are an instance's box.
     let arrived_place = arrived_corner.bit(2).concat(arrived_packet);
@@ -410,8 +413,9 @@ pub fn module(plan: &Plan) -> Result<Geometry, HdlError> {
         let in_palette = palette.payload.joint.extend(bits);
         let place = skinning.mux(in_palette, place.extend(bits));
         let writes_column = palette.valid & palette.payload.column.equals(column);
+        let place = place.hinted(format!("{name}_place"));
         memory.write(
-            skinning.mux(writes_column, arrives_as(corners)),
+            skinning.mux(writes_column, arrives_as(name, corners)),
             skinning.concat(place),
             vector_data,
         );
@@ -460,7 +464,8 @@ pub fn module(plan: &Plan) -> Result<Geometry, HdlError> {
     let now_first = m.reg("now_first", 1);
     let slot = m.reg("slot", 2);
     let (issue_ray, rest_mask) = lowest(&m, now_mask.q, plan.ray_bits());
-    let last_slot = (!now_instance.q | slot.q.equals(ORIGIN_SLOT)).named("last_slot");
+    let origin_next = slot.q.equals(ORIGIN_SLOT).hinted("slot_is_origin");
+    let last_slot = (!now_instance.q | origin_next).named("last_slot");
     let now_last = (last_slot & rest_mask.is_zero()).named("now_last");
     let idle_next = (!busy.q | now_last).named("takes_next");
     let takes = (idle_next & ready_valid).named("takes");
@@ -471,7 +476,8 @@ pub fn module(plan: &Plan) -> Result<Geometry, HdlError> {
     now_mask.next_when(takes | last_slot, takes.mux(ready_mask, rest_mask));
     now_first.next_when(takes | last_slot, takes);
     slot.next((takes | last_slot).mux(m.zero(2), slot.q + m.lit(1u8, 2)));
-    let in_slot = |number: u128| busy.q & now_instance.q & slot.q.equals(number);
+    let transforming = (busy.q & now_instance.q).hinted("transforming");
+    let in_slot = |number: u128| transforming & slot.q.equals(number);
 
     m.comment("The test, and what it lends its operators to.");
     let p = m.pipeline();
@@ -569,8 +575,9 @@ pub fn module(plan: &Plan) -> Result<Geometry, HdlError> {
         let chosen = skinning_at(read).mux(p.enter(point.axes[i]).at(read), own);
         plan.choose(chosen.named(format!("point_{}", AXES[i])))
     });
-    let matrix = (direction_slot | origin_slot).at(start - 1) | skinning_at(start - 1);
-    let matrix = matrix.register();
+    let in_transform = (direction_slot | origin_slot).hinted("in_transform_slot");
+    let matrix = in_transform.at(start - 1) | skinning_at(start - 1);
+    let matrix = matrix.hinted("matrix_slot").register();
     let of_test = triangle::ports(plan);
     let stage_of = |port: &Spec| port.stage(&m, &test) + start;
     let translated_at = of_test.inputs.translation.each_ref().map(stage_of);
@@ -750,8 +757,8 @@ pub fn module(plan: &Plan) -> Result<Geometry, HdlError> {
     let t = tested.t;
     // Distances of hits, where the decision counts: not less than tmin.
     let [new_t, old_t] = [t, old.t].map(|t| t.known(Known::Positive));
-    let closer = less(f, new_t, old_t).named("closer");
-    let as_close = equal(f, new_t, old_t).named("as_close");
+    let closer = less(f, "closer", new_t, old_t).named("closer");
+    let as_close = equal(f, "as_close", new_t, old_t).named("as_close");
     let identity = instance_number.concat(triangle_number).named("identity");
     let old_identity = old.instance.concat(old.triangle);
     let lower = identity.lt(old_identity).named("lower");
@@ -799,7 +806,8 @@ pub fn module(plan: &Plan) -> Result<Geometry, HdlError> {
         .at(merged_at)
         .untimed()
         .mux(touched.at(merged_at).untimed(), gathered.q);
-    let now_touched = (so_far | m.concat(&one_hot)).named("now_touched");
+    let newly_touched = m.concat(&one_hot).hinted("newly_touched");
+    let now_touched = (so_far | newly_touched).named("now_touched");
     gathered.next_when(valid.at(merged_at).untimed(), now_touched);
     let done = Flow::new(
         (valid.at(merged_at) & last.at(merged_at)).untimed(),

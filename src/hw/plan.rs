@@ -123,11 +123,16 @@ impl Plan {
         wanted: Signal<'b>,
         otherwise: Signal<'b>,
     ) -> Signal<'b> {
+        let wanted = wanted.hinted(format!("{}_wanted", memory.name()));
         let (wanted, word) = (wanted.register(), memory.read(address));
+        let choice = |wanted: Signal<'b>, read: Signal<'b>| {
+            let choice = wanted.mux(read, otherwise);
+            choice.hinted_after(word, "or_default")
+        };
         if self.chooses_after_read() {
-            self.settle_choice(wanted.register().mux(word.register(), otherwise))
+            self.settle_choice(choice(wanted.register(), word.register()))
         } else {
-            self.settle_read(wanted.mux(word, otherwise), 1)
+            self.settle_read(choice(wanted, word), 1)
         }
     }
 

@@ -11,16 +11,19 @@ use crate::interface;
 use properties::Reader;
 use std::sync::Arc;
 
-/// The choice that an index names, by a tree of choices between two.
-pub(super) fn pick<'b>(index: Signal<'b>, choices: &[Signal<'b>]) -> Signal<'b> {
+/// The choice that an index names, by a tree of choices between two. It is called `name` where it gets a name in the Verilog.
+pub(super) fn pick<'b>(name: &str, index: Signal<'b>, choices: &[Signal<'b>]) -> Signal<'b> {
     if let [only] = choices {
         return *only;
     }
     let half = choices.len().next_power_of_two() / 2;
     let (low, high) = choices.split_at(half);
-    index
-        .bit(half.trailing_zeros())
-        .mux(pick(index, high), pick(index, low))
+    let level = half.trailing_zeros();
+    let is_high = index.bit(level).hinted(format!("{name}_index{level}"));
+    let high = pick(&format!("{name}_high"), index, high);
+    is_high
+        .mux(high, pick(&format!("{name}_low"), index, low))
+        .hinted(name)
 }
 
 /// Target clock, in MHz, from which on whether the head's word has arrived is a register: the choice of its bit and all that waits for
@@ -101,7 +104,7 @@ fn module(
     let room = count.q.ne(m.lit(depth, count_bits)).named("room");
     let requested = (fetch_valid & request_ready & room).named("requested");
     let arrived_bits: Vec<_> = (0..depth).map(|i| arrived.q.bit(i)).collect();
-    let head_arrived = pick(head.q, &arrived_bits).named("head_arrived");
+    let head_arrived = pick("head_arrived", head.q, &arrived_bits).named("head_arrived");
     let last_slot = u128::from(depth) - 1;
     let (one, zero) = (m.lit(1u8, tag), m.zero(tag));
     let is_there = (registered.as_ref()).map_or(head_arrived, |(is_there, ..)| is_there.q);
@@ -113,7 +116,8 @@ fn module(
         freed.next(advance);
         leaves = freed.q;
         // As of the clock before: the slot that an advance frees is not the one whose turn comes.
-        let second_arrived = pick(second.q, &arrived_bits).named("second_arrived");
+        let second_arrived =
+            pick("second_arrived", second.q, &arrived_bits).named("second_arrived");
         arrived_behind = Some(second_arrived);
         is_there.next(advance.mux(second_arrived, head_arrived));
         head.next_when(advance, second.q);
@@ -208,7 +212,9 @@ impl<'b> Occupancy<'b> {
             true => {
                 let room = m.reg_reset(format!("{name}_room"), 1, 1);
                 let one_is_left = count.q.equals(u128::from(most) - 1);
-                room.next(goes | (room.q & !(comes & one_is_left)));
+                let fills = (comes & one_is_left).hinted(format!("{name}_fills"));
+                let stays = (room.q & !fills).hinted(format!("{name}_room_stays"));
+                room.next(goes | stays);
                 room.q
             }
         };

@@ -74,7 +74,8 @@ pub fn module(plan: &Plan, lookahead: u32) -> Result<Arc<Module>, HdlError> {
     let any_nan = m.or_all(&nans).named("any_nan").register();
     // What it says of a NaN does not matter.
     let [least, most] = [tmin, tmax].map(|limit| limit.known(Known::Number));
-    let ordered = (less_equal(f, zero.known(Known::Positive), least) & less_equal(f, least, most))
+    let not_negative = less_equal(f, "tmin_not_negative", zero.known(Known::Positive), least);
+    let ordered = (not_negative & less_equal(f, "tmin_not_behind_tmax", least, most))
         .named("ordered")
         .register();
     let sound = (active & !any_nan & ordered).named("sound");
@@ -98,7 +99,11 @@ pub fn module(plan: &Plan, lookahead: u32) -> Result<Arc<Module>, HdlError> {
         let sign = direction[i].msb();
         // The box does not change under way: it needs no delay registers to be right at any stage.
         let (lo, hi) = (p.enter_at(scene_lo[i], 0), p.enter_at(scene_hi[i], 0));
-        let (lo, hi) = (object.mux(minus_infinity, lo), object.mux(infinity, hi));
+        let axis = AXES[i];
+        let lo = object
+            .mux(minus_infinity, lo)
+            .hinted(format!("clip_lo_{axis}"));
+        let hi = object.mux(infinity, hi).hinted(format!("clip_hi_{axis}"));
         let near_plane = sign.mux(hi, lo);
         let far_plane = sign.mux(lo, hi);
         let place = |name: String, module: &Arc<Module>, plane| {
@@ -124,7 +129,7 @@ pub fn module(plan: &Plan, lookahead: u32) -> Result<Arc<Module>, HdlError> {
             .register();
     }
     let (least, most) = (near.known(Known::Positive), far.known(Known::Number));
-    let enters = (sound & less_equal(f, least, most))
+    let enters = (sound & less_equal(f, "meets_box", least, most))
         .named("enters")
         .register();
 

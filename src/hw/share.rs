@@ -68,5 +68,6 @@ fn settled(choice: Signal<'_>, fits: bool) -> Signal<'_> {
 
 /// The number of opposite sign. Costs nothing.
 pub(super) fn negated(number: Signal<'_>) -> Signal<'_> {
-    (!number.msb()).concat(number.low(number.width() - 1))
+    let negated = (!number.msb()).concat(number.low(number.width() - 1));
+    negated.hinted_after(number, "negated")
 }

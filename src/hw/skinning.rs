@@ -321,7 +321,7 @@ pub(super) fn module(plan: &Plan, test: &Module) -> Result<Arc<Module>, HdlError
     let slots: Vec<_> = (0..INFLUENCES_PER_ROW as u32)
         .map(|k| fetched_rows.front.field(k * of_row.width(), of_row.width()))
         .collect();
-    let influence = pick(slot.q, &slots).named("influence");
+    let influence = pick("influence", slot.q, &slots).named("influence");
     let fields::Influence {
         weight,
         joint,

@@ -257,11 +257,11 @@ fn slice(plan: &Plan) -> Result<Arc<Module>, HdlError> {
     m.comment("Where the ray goes.");
     let (left_near, left_far) = intervals[0];
     let (right_near, right_far) = intervals[1];
-    let compare = |a, b| plan.decide(less_equal(f, a, b));
-    let goes_left = (active & compare(left_near, left_far)).named("goes_left");
-    let goes_right = (active & compare(right_near, right_far)).named("goes_right");
-    let left_first =
-        (goes_left & goes_right & compare(left_near, right_near)).named("both_left_first");
+    let compare = |name: &str, a, b| plan.decide(less_equal(f, name, a, b));
+    let goes_left = (active & compare("left_is_met", left_near, left_far)).named("goes_left");
+    let goes_right = (active & compare("right_is_met", right_near, right_far)).named("goes_right");
+    let left_first = (goes_left & goes_right & compare("left_is_nearer", left_near, right_near))
+        .named("both_left_first");
     let [left, right] = [(left_near, left_far), (right_near, right_far)].map(|(near, far)| {
         let [near, far] = [near, far].map(Operand::signal);
         Interval { near, far }
@@ -462,7 +462,11 @@ impl<'b> Unit<'b> {
         let setup_word = setup_word.named("setup_word");
         let setup_of: Vec<_> = (0..rays)
             .map(|i| {
-                (setup.valid & place.ray.equals(u128::from(i))).named(format!("setup_of_ray{i}"))
+                let is_ray = place
+                    .ray
+                    .equals(u128::from(i))
+                    .hinted(format!("setup_ray_is_{i}"));
+                (setup.valid & is_ray).named(format!("setup_of_ray{i}"))
             })
             .collect();
         let ray_memory: Vec<_> = (0..rays)
@@ -708,7 +712,9 @@ impl<'b> Unit<'b> {
         let to_right = gather(|slice| slice.to_right).named("to_right");
         let goes_left = to_left.any().named("goes_left");
         let goes_right = to_right.any().named("goes_right");
-        let some_left_first = gather(|slice| slice.left_before_right).any();
+        let some_left_first = gather(|slice| slice.left_before_right)
+            .hinted("left_before_right")
+            .any();
         let left_first = (goes_left & (some_left_first | !goes_right)).named("left_first");
         let intervals_of = |of: fn(&slice_ports::Outputs<Signal<'b>>) -> Interval<Signal<'b>>| {
             let parts = slices.iter().rev().map(|slice| interval.pack(of(slice)));
@@ -728,7 +734,9 @@ impl<'b> Unit<'b> {
             .get(node, &of_node.link.right_leaf)
             .named("right_leaf");
         let link_after = (link + m.lit(1u8, a)).named("link_after");
-        let right_inner = left_leaf.mux(link, link_after);
+        let right_inner = left_leaf
+            .mux(link, link_after)
+            .hinted("right_inner_address");
         let left_address = left_leaf
             .at(decided)
             .mux(own, link.at(decided))
@@ -842,13 +850,9 @@ impl<'b> Unit<'b> {
         let stack = Banks::new(plan, m, "stack", entries, entry.width());
         let stack_address_bits = crate::hdl::bits_for(u64::from(entries));
         let fit = stack_address_bits - plan.stack_bits();
-        let bank_writes = stack.write(
-            stack_write,
-            step.packet
-                .low(fit)
-                .concat(step.push_level.low(plan.stack_bits())),
-            step.push_word,
-        );
+        let push_place = (step.packet.low(fit)).concat(step.push_level.low(plan.stack_bits()));
+        let push_place = push_place.hinted("push_place");
+        let bank_writes = stack.write(stack_write, push_place, step.push_word);
         let overflow = m.reg_reset("overflow", 1, 0);
         overflow.next(overflow.q | (step.push & full));
         let high_water = m.reg_reset("high_water", plan.level_bits(), 0);
@@ -926,8 +930,9 @@ impl<'b> Unit<'b> {
         let (nowhere_any, nowhere_front) = (nowhere_queue.valid, nowhere_queue.front);
         let may_pop = (!setup_soon).named("may_pop");
         take_retry.drive(may_pop & retry_any);
-        take_done.drive(may_pop & !retry_any & done_any);
-        take_stepped.drive(may_pop & !retry_any & !done_any & nowhere_any);
+        let no_retry = (may_pop & !retry_any).hinted("may_pop_and_no_retry");
+        take_done.drive(no_retry & done_any);
+        take_stepped.drive(no_retry & !done_any & nowhere_any);
 
         m.comment("The pop.");
         let q = m.pipeline();
@@ -951,12 +956,9 @@ impl<'b> Unit<'b> {
         } = context.unpack(pop.context);
         let stack_empty = pop_level.is_zero().named("stack_empty");
         let level_below = (pop_level - m.lit(1u8, plan.level_bits())).named("level_below");
-        let read_entry = stack.memory.read(
-            plan,
-            pop_packet
-                .low(stack.packet_bits)
-                .concat(level_below.low(plan.stack_bits())),
-        );
+        let pop_place =
+            (pop_packet.low(stack.packet_bits)).concat(level_below.low(plan.stack_bits()));
+        let read_entry = stack.memory.read(plan, pop_place.hinted("pop_place"));
         let popped_entry = read_entry.word;
         let before_entry = popped_entry.stage() - 1;
         let popped_entry = entry.unpack(popped_entry);
@@ -971,15 +973,16 @@ impl<'b> Unit<'b> {
             );
             let limit = limits.read_now(pop_packet.at(before_entry)).register();
             let intervals = popped_entry.intervals;
-            let word = intervals.field(i * interval.width(), interval.width());
+            let word = intervals.part(format!("ray{i}"), i * interval.width(), interval.width());
             let Interval { near, far } = interval.unpack(word);
-            let touched = pop_touched.bit(i);
+            let touched = pop_touched.part(format!("ray{i}"), i, 1);
             // Any hit's limit is minus infinity; a closest hit's is a distance.
             let limit = limit.known(Known::Number);
-            let within =
-                less_equal(f, near.known(Known::Positive), limit).named(format!("ray{i}_within"));
-            let stay =
-                (popped_entry.mask.bit(i) & (within | !touched)).named(format!("ray{i}_stays"));
+            let name = format!("ray{i}_within");
+            let within = less_equal(f, &name, near.known(Known::Positive), limit).named(name);
+            let was_in = popped_entry.mask.part(format!("ray{i}"), i, 1);
+            let untouched = (!touched).hinted(format!("ray{i}_untouched"));
+            let stay = (was_in & (within | untouched)).named(format!("ray{i}_stays"));
             let nearer = plan.min(
                 format!("ray{i}_far_or_limit"),
                 far.known(Known::Number),
@@ -987,7 +990,8 @@ impl<'b> Unit<'b> {
             );
             let clipped = touched.mux(nearer, far).named(format!("ray{i}_far"));
             stays.push(plan.settle(stay));
-            pop_intervals.push(plan.settle(interval.pack(Interval { near, far: clipped })));
+            let clipped = interval.pack(Interval { near, far: clipped });
+            pop_intervals.push(plan.settle(clipped.hinted(format!("ray{i}_popped_interval"))));
         }
         stays.reverse();
         let stays = m.concat(&stays).named("stay_mask");
@@ -1017,8 +1021,10 @@ impl<'b> Unit<'b> {
                 inside: popped_entry.inside.at(pop_latency).untimed(),
             })
             .named("pop_out_context");
-        let pop_goes = (pop_done & !pop_out_empty & pop_out_mask.any()).named("pop_goes_on");
-        let pop_dropped = (pop_done & !pop_out_empty & !pop_out_mask.any()).named("pop_dropped");
+        let pop_entry = (pop_done & !pop_out_empty).hinted("pop_has_entry");
+        let any_stays = pop_out_mask.any().hinted("pop_any_stays");
+        let pop_goes = (pop_entry & any_stays).named("pop_goes_on");
+        let pop_dropped = (pop_entry & !any_stays).named("pop_dropped");
         Ok(Pop {
             latency: pop_latency,
             queues: [done_queue, retry_queue, nowhere_queue],
@@ -1080,12 +1086,14 @@ impl<'b> Unit<'b> {
             m.zero(rays),
             setup_object.mux(gathered_object.q, gathered.q),
         );
+        let so_far = so_far.hinted("gathered_so_far");
         let start_mask = (so_far | bit_in).named("start_mask");
         gathered.next_when(setup_valid & !setup_object, start_mask);
         gathered_object.next_when(setup_valid & setup_object, start_mask);
         let start = (setup_valid & setup.place.last).named("start");
-        let start_goes = (start & start_mask.any()).named("start_goes");
-        let start_nowhere = (start & !start_mask.any()).named("start_nowhere");
+        let any_enters = start_mask.any().hinted("any_enters");
+        let start_goes = (start & any_enters).named("start_goes");
+        let start_nowhere = (start & !any_enters).named("start_nowhere");
         let root = Link::of().unpack(root);
         let started_context = setup_object.mux(object.context, m.zero(context.width()));
         let started_address = setup_object.mux(object.address, root.link.low(a));
@@ -1128,7 +1136,7 @@ impl<'b> Unit<'b> {
         intervals
             .popped_mask
             .drive(later("popped_mask", mask, None));
-        let setup_interval = interval.pack(setup.interval);
+        let setup_interval = interval.pack(setup.interval).hinted("setup_interval");
         for i in 0..rays as usize {
             let write = rays_of.setup_of[i] | pop.goes;
             let kept = setup_valid.mux(setup_interval, pop.intervals[i].untimed());
@@ -1136,9 +1144,10 @@ impl<'b> Unit<'b> {
             intervals.popped_interval[i].drive(later(&format!("popped_interval{i}"), kept, None));
         }
         let entered = goes.named("entered");
-        let leaf = setup_valid.mux(started_leaf, pop.leaf);
-        let address = setup_valid.mux(started_address, pop.address);
-        let context = setup_valid.mux(started_context, pop.context);
+        let entering = |name, started, popped| setup_valid.mux(started, popped).hinted(name);
+        let leaf = entering("entering_leaf", started_leaf, pop.leaf);
+        let address = entering("entering_address", started_address, pop.address);
+        let context = entering("entering_context", started_context, pop.context);
         Entered {
             decided: entered,
             registered,

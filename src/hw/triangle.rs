@@ -185,14 +185,13 @@ fn triangle_box(plan: &Plan) -> Result<Arc<Module>, HdlError> {
         let lo = plan.min(format!("lo_{x}"), any_zero(lo), v2).register();
         let hi = plan.max(format!("hi_{x}"), any_zero(hi), v2).register();
         boxes.push((lo, hi));
-        let is_flat = equal(f, number(lo), number(hi)).named(format!("flat_{x}"));
+        let name = format!("flat_{x}");
+        let is_flat = equal(f, &name, number(lo), number(hi)).named(&name);
         flat.push(is_flat.register());
         for (pair, (j, k)) in [(0, 1), (1, 2), (2, 0)].into_iter().enumerate() {
-            same[pair].push(
-                equal(f, number(v[j][i]), number(v[k][i]))
-                    .named(format!("same{j}{k}_{x}"))
-                    .register(),
-            );
+            let name = format!("same{j}{k}_{x}");
+            let is_same = equal(f, &name, number(v[j][i]), number(v[k][i]));
+            same[pair].push(is_same.named(name).register());
         }
     }
 
@@ -221,7 +220,7 @@ fn triangle_box(plan: &Plan) -> Result<Arc<Module>, HdlError> {
     for (i, x) in AXES.iter().enumerate() {
         m.comment(format!("Clipped on the {x} axis."));
         let (lo, hi) = boxes[i];
-        let sign = signs.bit(i as u32);
+        let sign = signs.part(x, i as u32, 1);
         let near_plane = sign.mux(hi, lo);
         let n = plane_distance(&format!("near_{x}"), i, i, near_plane, distance::NEAR_SLACK);
         let far_plane = sign.mux(lo, hi);
@@ -254,10 +253,15 @@ fn triangle_box(plan: &Plan) -> Result<Arc<Module>, HdlError> {
     }
     let (near, far) = interval.expect("three axes");
     m.comment("Degenerate: two vertices are equal, or the box is flat on two axes.");
-    let mut degenerate = vec![flat[0] & flat[1], flat[1] & flat[2], flat[2] & flat[0]];
-    degenerate.extend(same.iter().map(|s| m.and_all(s)));
-    let degenerate = m.or_all(&degenerate).named("any_degenerate").register();
-    let empty = less(f, far.known(Known::Number), near.known(Known::Number))
+    let flat_on =
+        |i: usize, j: usize| (flat[i] & flat[j]).hinted(format!("flat_{}{}", AXES[i], AXES[j]));
+    let flats = [flat_on(0, 1), flat_on(1, 2), flat_on(2, 0)];
+    let sames = (same.iter().zip(["same01", "same12", "same20"]))
+        .map(|(axes, name)| m.and_all(axes).hinted(name));
+    let same = m.or_all(&sames.collect::<Vec<_>>()).hinted("any_same");
+    let degenerate = (m.or_all(&flats) | same).named("any_degenerate").register();
+    let [near_end, far_end] = [near, far].map(|end| end.known(Known::Number));
+    let empty = less(f, "empty_interval", far_end, near_end)
         .named("empty_interval")
         .register();
     let end = empty.stage();
@@ -431,15 +435,15 @@ fn moller_trumbore(plan: &Plan) -> Result<Arc<Module>, HdlError> {
     let zero = m.zero(w);
     let one = m.lit(u128::from(f.one()), w);
     let none = zero.known(Known::Positive);
-    let inside = (less_equal(f, none, u.known(Known::Result))
-        & less_equal(f, none, vv.known(Known::Result)))
-    .named("weights_positive")
-    .register();
-    let below = less_equal(f, sum.known(Known::Result), one.known(Known::Positive))
+    let [u_or_nan, v_or_nan, sum] = [u, vv, sum].map(|weight| weight.known(Known::Result));
+    let inside =
+        less_equal(f, "u_positive", none, u_or_nan) & less_equal(f, "v_positive", none, v_or_nan);
+    let inside = inside.named("weights_positive").register();
+    let below = less_equal(f, "below_diagonal", sum, one.known(Known::Positive))
         .named("below_diagonal")
         .register();
     let flat = is_zero(f, det).named("det_is_zero").register();
-    let misses = !inside | !below | flat;
+    let misses = (!inside).hinted("weight_negative") | (!below).hinted("beyond_diagonal") | flat;
     inputs.finish(&m, [t, u, vv], misses, [cp, dq, e2q], [u, vv, t]);
     m.finish()
 }
@@ -571,13 +575,14 @@ fn watertight(plan: &Plan) -> Result<Arc<Module>, HdlError> {
     let ev = edge("ev", ev_plus, ev_minus, 2);
     let ew = edge("ew", ew_plus, ew_minus, 0);
     let none = zero.known(Known::Positive);
-    let edges = [eu, ev, ew].map(|e| e.known(Known::Result));
+    let edges =
+        [("eu", eu), ("ev", ev), ("ew", ew)].map(|(name, e)| (name, e.known(Known::Result)));
     let some_negative = m
-        .or_all(&edges.map(|e| less(f, e, none)))
+        .or_all(&edges.map(|(name, e)| less(f, format!("{name}_negative"), e, none)))
         .named("some_negative")
         .register();
     let some_positive = m
-        .or_all(&edges.map(|e| less(f, none, e)))
+        .or_all(&edges.map(|(name, e)| less(f, format!("{name}_positive"), none, e)))
         .named("some_positive")
         .register();
     m.comment(
@@ -618,7 +623,8 @@ fn watertight(plan: &Plan) -> Result<Arc<Module>, HdlError> {
     let shear_z = (inputs.ports.inputs.shear_z.as_ref()).expect("this test needs it");
     let shear_z = shear_z.input_at(p, distance.stage());
     let t = units.mul("t", distance, shear_z);
-    let misses = (some_negative & some_positive) | flat;
+    let signs_differ = (some_negative & some_positive).hinted("edge_signs_differ");
+    let misses = signs_differ | flat;
     let moved = [third, second, scaled];
     inputs.finish(&m, [t, u, vv], misses, moved, [vv, u, distance]);
     m.finish()
@@ -696,9 +702,10 @@ pub(super) fn module(plan: &Plan) -> Result<Arc<Module>, HdlError> {
     let [least, most] = [tmin, tmax].map(|limit| limit.known(Known::Positive));
     // A NaN is a miss by itself.
     let distance = clamped.known(Known::Number);
-    let within_limits =
-        (less_equal(f, least, distance) & less_equal(f, distance, most) & is_finite(f, clamped))
-            .named("within_limits");
+    let within_limits = (less_equal(f, "not_before_tmin", least, distance)
+        & less_equal(f, "not_behind_tmax", distance, most)
+        & is_finite(f, clamped))
+    .named("within_limits");
     let hits = (within_limits & !misses.at(limits_at))
         .named("hits")
         .register();

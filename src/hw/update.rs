@@ -259,7 +259,7 @@ pub fn module(plan: &Plan) -> Result<UpdateProcessor, HdlError> {
     let has_room = !there.q.bit(WINDOW_BYTES - word_bytes);
     let refill = (has_room & word_there.q & decoding.q).named("refill");
     let take_word = (rows.valid & decoding.q & (!word_there.q | refill)).named("take_word");
-    word.next_when(take_word, pick(word_index.q, &row_words));
+    word.next_when(take_word, pick("row_word", word_index.q, &row_words));
     word_there.next((take_word | (word_there.q & !refill)) & busy);
     let last_word = word_index.q.equals(u128::from(words) - 1);
     pop_row.drive(rows.valid & (!decoding.q | (take_word & last_word)));
@@ -281,7 +281,8 @@ pub fn module(plan: &Plan) -> Result<UpdateProcessor, HdlError> {
         (0..word_bytes)
             .filter_map(|k| Some((k, goes_to.get(byte.checked_sub(k)? as usize)?)))
             .fold(old, |so_far, (k, at)| {
-                so_far | (word.field(8 * k, 8) & at.repeat(8))
+                let with = so_far | (word.field(8 * k, 8) & at.repeat(8));
+                with.hinted(format!("filled_byte{byte}_by_{k}"))
             })
     };
     let bytes: Vec<_> = (0..WINDOW_BYTES).rev().map(filled).collect();
@@ -295,12 +296,13 @@ pub fn module(plan: &Plan) -> Result<UpdateProcessor, HdlError> {
     m.comment("Decode: the first byte tells the kind and the length.");
     let code = |bit: u32| window.q.bit(bit);
     let long = (code(3) & code(2)).named("long_code");
+    let reload_or_end = (long & code(1) & !code(0)).hinted("is_reload_or_end");
     crate::named! {
         let is_next = code(1) & code(0);
         let is_leaf = long & !code(1);
         let is_node = !long & !is_next;
-        let is_reload = long & code(1) & !code(0) & code(5);
-        let is_end = long & code(1) & !code(0) & code(4);
+        let is_reload = reload_or_end & code(5);
+        let is_end = reload_or_end & code(4);
     }
     let is_short = (is_leaf & code(0)).named("is_short");
     let is_three = (is_leaf & !code(0)).named("is_three");
@@ -308,12 +310,8 @@ pub fn module(plan: &Plan) -> Result<UpdateProcessor, HdlError> {
     let is_load = (is_next | is_reload).named("is_load");
     let lengths = [(5, is_reload), (3, is_three), (2, is_two)];
     let has = |bytes: u32| there.q.bit(bytes - 1);
-    let complete = has(1)
-        & lengths
-            .map(|(bytes, is)| !is | has(bytes))
-            .into_iter()
-            .reduce(|all, one| all & one)
-            .expect("there are lengths");
+    let complete =
+        (lengths.iter()).fold(has(1), |so_far, (bytes, is)| so_far & (!*is | has(*bytes)));
     let complete_instruction = complete.named("complete");
     let queue_room = m.wire("queue_room", 1);
     let index_room = m.wire("index_room", 1);
@@ -346,7 +344,7 @@ pub fn module(plan: &Plan) -> Result<UpdateProcessor, HdlError> {
         window.q.field(2, 6),
         in_second_byte.mux(window.q.field(8, 6), window.q.field(4, 6)),
     );
-    let x = hold("decoded_x", x.low(instruction.x.width));
+    let x = hold("decoded_x", x.hinted("x_field").low(instruction.x.width));
     let y = hold("decoded_y", window.q.field(10, 6).low(instruction.y.width));
     let explicit_z = hold("decoded_z", window.q.field(16, 6).low(vertex_bits));
     let axes = hold("decoded_axes", window.q.low(4));
@@ -360,7 +358,10 @@ pub fn module(plan: &Plan) -> Result<UpdateProcessor, HdlError> {
 
     let last = m.reg("last", vertex_bits);
     last.next_when(decoded.q & load, x.low(vertex_bits));
-    let z = short.mux(last.q, explicit_z).extend(z_bits);
+    let z = short
+        .mux(last.q, explicit_z)
+        .hinted("vertex_z")
+        .extend(z_bits);
     let z_or_axes = node.mux(axes, z.low(4));
     let z = match z_bits {
         4 => z_or_axes,
@@ -427,7 +428,7 @@ pub fn module(plan: &Plan) -> Result<UpdateProcessor, HdlError> {
         &m,
         "indices_under_way",
         VERTEX_INDICES,
-        decode & is_load,
+        (decode & is_load).hinted("decode_load"),
         take_index.get(),
     );
     index_room.drive(indices_in_flight.room);
@@ -559,28 +560,28 @@ pub fn module(plan: &Plan) -> Result<UpdateProcessor, HdlError> {
             let second = operand(1).named(name("second")).register();
             let third = corner[2].named(format!("third_{axis_name}")).register();
             operands.push((first, second));
-            let beats = |x, bound| {
-                if end == 0 {
-                    less(f, x, bound)
-                } else {
-                    less(f, bound, x)
-                }
+            let beats = |who: &str, x, bound| {
+                let (a, b) = if end == 0 { (x, bound) } else { (bound, x) };
+                less(f, name(&format!("{who}_beats")), a, b)
             };
             let [nan_1, nan_2, nan_3] = [first, second, third].map(|x| is_nan(f, x));
             let nan_1 = nan_1.named(name("nan_first"));
             let nan_2 = nan_2.named(name("nan_second"));
             let nan_3 = nan_3.named(format!("nan_third_{axis_name}"));
             // A bound that is a NaN is looked for beside the comparison.
-            let two =
-                beats(second.known(Known::Nothing), first.known(Known::NoNan)) | (nan_1 & !nan_2);
+            let (challenger, holder) = (second.known(Known::Nothing), first.known(Known::NoNan));
+            let two = beats("second", challenger, holder) | (nan_1 & !nan_2);
             let two = split_comparison(plan, two.named(name("take_second")));
             let best = two.mux(second, first).named(name("best")).register();
             let none = (nan_1 & nan_2).named(name("nan_both")).register();
-            let three = of_leaf
-                & (beats(third.known(Known::Nothing), best.known(Known::NoNan)) | (none & !nan_3));
+            let (challenger, holder) = (third.known(Known::Nothing), best.known(Known::NoNan));
+            let only_third = (none & !nan_3).hinted(name("only_third"));
+            let beats_two = beats("third", challenger, holder) | only_third;
+            let three = of_leaf & beats_two.hinted(name("third_is_better"));
             let three = split_comparison(plan, three.named(name("take_third")));
             let nothing = m.lit(infinities[end], w);
-            let bound = (none & nan_3).mux(nothing, three.mux(third, best));
+            let all_nan = (none & nan_3).hinted(name("nan_all"));
+            let bound = all_nan.mux(nothing, three.mux(third, best));
             merged.push(plan.settle(bound.named(name("merged"))));
         }
     }
@@ -601,7 +602,7 @@ pub fn module(plan: &Plan) -> Result<UpdateProcessor, HdlError> {
     let axes = p.enter(part(z).low(4)).named("merge_axes").at(read_at);
     let mut numbers = vec![];
     for (child, side) in ["left", "right"].into_iter().enumerate() {
-        let axis = axes.field(2 * child as u32, 2);
+        let axis = axes.part(side, 2 * child as u32, 2);
         for (end, bound) in ["lo", "hi"].into_iter().enumerate() {
             let of_axis: Vec<_> = operands[3 * end..3 * end + 3]
                 .iter()
@@ -659,8 +660,9 @@ pub fn module(plan: &Plan) -> Result<UpdateProcessor, HdlError> {
     let under_way: Vec<_> = (read_at..written + read_at)
         .map(|k| merges.at(k).untimed())
         .collect();
-    let complete = !(m.or_all(&under_way) | nodes_in_flight.any);
-    let all_complete = complete.named("all_complete");
+    let under_way = m.or_all(&under_way).hinted("merges_under_way");
+    let under_way = (under_way | nodes_in_flight.any).hinted("work_under_way");
+    let all_complete = (!under_way).named("all_complete");
     let box_shown = m.reg_reset("box_shown", 1, 0);
     box_taken.drive(box_shown.q & box_write_ready);
     // The end must itself have waited until its register is read: nothing else may have been under way for long.

@@ -265,9 +265,9 @@ fn relation_of<'b>(
     b: Operand<'b>,
 ) -> Signal<'b> {
     match relation {
-        Relation::Less => fp::less(format, a, b),
-        Relation::LessEqual => fp::less_equal(format, a, b),
-        Relation::Equal => fp::equal(format, a, b),
+        Relation::Less => fp::less(format, "less", a, b),
+        Relation::LessEqual => fp::less_equal(format, "less_equal", a, b),
+        Relation::Equal => fp::equal(format, "equal", a, b),
         Relation::Min => fp::goes_before(format, "lesser", b, a).mux(b.signal(), a.signal()),
         Relation::Max => fp::goes_before(format, "greater", a, b).mux(b.signal(), a.signal()),
     }

@@ -177,6 +177,7 @@ impl Editor {
             op,
             width,
             name: None,
+            hint: None,
             place,
             stage: None,
             cleared: false,

@@ -146,7 +146,7 @@ impl Printer<'_> {
 
     /// Whether a left operand goes on an associative chain and so needs no parentheses.
     fn continues(&self, op: Binary, left: Id) -> bool {
-        matches!(op, Binary::And | Binary::Or | Binary::Xor | Binary::Add)
+        op.is_associative()
             && !self.plan.declared[left]
             && matches!(&self.plan.ops[left], Op::Binary(ir, ..) if *ir == op)
     }

@@ -46,7 +46,7 @@ pub(in super::super) fn with_proof(ir: &Netlist, proof: &ProofData) -> WithProof
         format!("\\{}.{} ", instance.name, instance.module.name_of(node))
     };
     let mut section = printer.beside(&roots, &inside, true);
-    let started_name = printer.names.unique("f_started".to_string());
+    let started_name = printer.names.free("f_started".to_string());
     section += &started(&started_name);
     let _ = writeln!(section, "  always @* if (!{started_name}) assume (rst);");
     // In the first clock of reset too: what registers hold a clock later comes from it.
@@ -125,7 +125,7 @@ pub(in super::super) fn with_checks(ir: &Netlist) -> (String, Vec<usize>) {
         format!("{}.{}", instance.name, instance.module.name_of(node))
     };
     let mut section = printer.beside(&roots, &inside, false);
-    let started_name = printer.names.unique("f_started".to_string());
+    let started_name = printer.names.free("f_started".to_string());
     section += &started(&started_name);
     let _ = writeln!(section, "  always @(posedge clk) if ({started_name}) begin");
     for (what, id) in &checks {

@@ -31,6 +31,8 @@ pub(super) struct Printed {
     pub names: Vec<usize>,
     /// Under which name each node is declared.
     pub signals: Vec<Option<String>>,
+    /// Names that the description does not say, and the node that each is of.
+    pub made_up: Vec<(String, Id)>,
     /// Where statements begin: what each reads, and its line, from 1 on.
     pub statements: Vec<(Root, usize)>,
     /// For each memory how many copies are declared.
@@ -57,6 +59,7 @@ pub(super) fn print(ir: &Netlist) -> Printed {
         text,
         names,
         signals,
+        made_up: printer.names.made_up,
         statements: lines
             .into_iter()
             .map(|(n, line)| (statements[n], line))

@@ -1,14 +1,11 @@
-//! Names for what the Rust source does not name: after the port or wire that it drives, after what it computes,
-//! or after where it goes.
+//! Names for what the Rust source does not name: after the port or wire that it drives, after the word that it is a field of, or
+//! after where it goes.
 
 use super::super::builder::KEYWORDS;
 use super::super::design::Direction;
-use super::super::ir::{Binary, Id, Op};
+use super::super::ir::{Id, Op};
 use super::plan::Plan;
 use std::collections::{HashMap, HashSet};
-
-/// The longest name that is made of what a signal computes.
-const LONG_NAME: usize = 36;
 
 pub(super) struct Names {
     /// Of declared nodes.
@@ -24,6 +21,8 @@ pub(super) struct Names {
     pub lines: Vec<String>,
     /// The wire that takes what nothing reads.
     pub unused: String,
+    /// Names that nothing in the description says.
+    pub made_up: Vec<(String, Id)>,
     taken: HashSet<String>,
     /// Names that were wanted more than once, with the last number that they got.
     numbers: HashMap<String, u32>,
@@ -41,16 +40,17 @@ impl Names {
             copies: vec![],
             lines: vec![],
             unused: String::new(),
+            made_up: vec![],
             taken: ir.names.keys().cloned().collect(),
             numbers: HashMap::new(),
         };
         names.taken.extend(KEYWORDS.split(' ').map(str::to_string));
-        names.unused = names.unique("unused".to_string());
+        names.unused = names.free("unused".to_string());
         for (memory, copies) in ir.memories.iter().zip(&plan.copies) {
             let copy_names = match copies.len() {
                 0 | 1 => vec![memory.name.clone(); copies.len()],
                 many => (0..many)
-                    .map(|i| names.unique(format!("{}_copy{i}", memory.name)))
+                    .map(|i| names.free(format!("{}_copy{i}", memory.name)))
                     .collect(),
             };
             names.copies.push(copy_names);
@@ -70,7 +70,7 @@ impl Names {
         }
         for line in &plan.lines {
             let stem = names.stem[line.registers[0]].clone().unwrap_or_default();
-            let name = names.unique(format!("{stem}_delay"));
+            let name = names.unique(format!("{stem}_delay"), line.registers[0]);
             names.lines.push(name);
         }
         names
@@ -92,7 +92,17 @@ impl Names {
         }
     }
 
-    pub fn unique(&mut self, name: String) -> String {
+    /// The name for a node, with a number behind it where it is taken.
+    fn unique(&mut self, name: String, id: Id) -> String {
+        let unique = self.free(name.clone());
+        if unique != name && self.made_up.last().is_none_or(|(_, last)| *last != id) {
+            self.made_up.push((unique.clone(), id));
+        }
+        unique
+    }
+
+    /// A name that nothing has yet.
+    pub fn free(&mut self, name: String) -> String {
         if self.taken.insert(name.clone()) {
             return name;
         }
@@ -132,6 +142,7 @@ impl Names {
         }
     }
 
+    /// Gives a declared node its name, and a delay register the name that those behind it continue.
     fn choose(
         &mut self,
         plan: &Plan,
@@ -150,41 +161,29 @@ impl Names {
             let stem = match &self.stem[next] {
                 Some(stem) => stem.clone(),
                 None => {
-                    let phrase = self.phrase(plan, next, 2);
-                    let unique = match (phrase, &goals[next]) {
-                        (Some(name), _) if name.len() <= LONG_NAME => self.unique(name),
+                    let stem = match (self.hinted(plan, next), &goals[next]) {
+                        (Some(name), _) => self.unique(name, next),
                         // The goal has this name, its delays are called after it.
-                        (_, Some(goal)) => {
+                        (None, Some(goal)) => {
                             let mut unique = goal.clone();
                             let mut n = 1;
                             while !stems.insert(unique.clone()) {
                                 n += 1;
                                 unique = format!("{goal}_{n}");
                             }
+                            if n > 1 {
+                                self.made_up.push((unique.clone(), next));
+                            }
                             unique
                         }
-                        _ => self.unique(kind(&plan.ops[next]).to_string()),
+                        _ => self.make_up(plan, next),
                     };
-                    self.stem[next] = Some(unique.clone());
-                    unique
+                    self.stem[next] = Some(stem.clone());
+                    stem
                 }
             };
             if plan.declared[id] && self.of[id].is_empty() {
-                let suffix = match plan.ir.nodes[id].stage {
-                    Some(stage) => format!("s{}", stage.at),
-                    None => {
-                        let (mut clocks, mut at) = (1, next);
-                        while let Op::Register(before) = &plan.ops[at]
-                            && before.delay
-                            && plan.given[at].is_none()
-                        {
-                            clocks += 1;
-                            at = before.next.expect("a delay register has a next value");
-                        }
-                        format!("d{clocks}")
-                    }
-                };
-                self.of[id] = self.unique(format!("{stem}_{suffix}"));
+                self.of[id] = self.unique(format!("{stem}_{}", suffix(plan, id)), id);
             }
             self.stem[id] = Some(stem);
             return;
@@ -197,21 +196,20 @@ impl Names {
                 Op::Read(memory, ..) => {
                     let copies = &plan.copies[*memory];
                     let name = &plan.ir.memories[*memory].name;
-                    match copies.iter().position(|copy| *copy == id) {
+                    Some(match copies.iter().position(|copy| *copy == id) {
                         Some(copy) if copies.len() > 1 => format!("{name}_read{copy}"),
                         _ => format!("{name}_read"),
-                    }
-                }
-                op => self
-                    .phrase(plan, id, 2)
-                    .filter(|name| name.len() <= LONG_NAME)
-                    .or_else(|| match &goals[id] {
-                        Some(name) if self.taken.contains(name) => Some(format!("{name}_next")),
-                        goal => goal.clone(),
                     })
-                    .unwrap_or_else(|| kind(op).to_string()),
+                }
+                _ => self.hinted(plan, id).or_else(|| match &goals[id] {
+                    Some(name) if self.taken.contains(name) => Some(format!("{name}_next")),
+                    goal => goal.clone(),
+                }),
             };
-            self.of[id] = self.unique(name);
+            self.of[id] = match name {
+                Some(name) => self.unique(name, id),
+                None => self.make_up(plan, id),
+            };
         }
         stems.insert(self.of[id].clone());
         self.stem[id] = match &plan.ops[id] {
@@ -220,82 +218,63 @@ impl Names {
         };
     }
 
-    /// What a node computes, in words; `depth` operators at most.
-    fn phrase(&self, plan: &Plan, id: Id, depth: u32) -> Option<String> {
-        if let Op::Inside(instance, _) = &plan.ops[id] {
-            // Its own name is of two parts.
-            return Some(format!("{}_inside", plan.ir.instances[*instance].name));
-        }
-        if let Some(stem) = &self.stem[id] {
-            return Some(stem.clone());
-        }
-        if !self.of[id].is_empty() {
-            return Some(self.of[id].clone());
-        }
-        let width = plan.width(id);
+    /// The name that the description has for a node if it needs one.
+    fn hinted(&self, plan: &Plan, id: Id) -> Option<String> {
         match &plan.ops[id] {
             Op::Reset => return Some("rst".to_string()),
-            Op::Literal(value) => return (*value < 1000).then(|| value.to_string()),
-            Op::Slice(of, low) => {
-                let of = self.phrase(plan, *of, depth)?;
-                return Some(if width == 1 {
-                    format!("{of}_{low}")
-                } else {
-                    format!("{of}_{}_{low}", low + width - 1)
-                });
+            // Its own name is of two parts.
+            Op::Inside(instance, _) => {
+                return Some(format!("{}_inside", plan.ir.instances[*instance].name));
             }
             _ => {}
         }
-        let depth = depth.checked_sub(1)?;
-        let of = |id: Id| self.phrase(plan, id, depth);
-        Some(match &plan.ops[id] {
-            Op::Not(a) => match &plan.ops[*a] {
-                Op::Any(a) => format!("{}_is_zero", of(*a)?),
-                _ => format!("not_{}", of(*a)?),
+        let hint = plan.hints[id].as_ref()?;
+        let after = match plan.ops[id] {
+            Op::Slice(of, _) if hint.after.is_some() => of,
+            _ => match hint.after {
+                Some(after) => plan.stands[after],
+                None => return Some(hint.name.clone()),
             },
-            Op::Any(a) => format!("any_{}", of(*a)?),
-            Op::All(a) => format!("all_{}", of(*a)?),
-            Op::Parity(a) => format!("parity_{}", of(*a)?),
-            Op::Binary(op, a, b) => {
-                let verb = match op {
-                    Binary::And => "and",
-                    Binary::Or => "or",
-                    Binary::Xor => "xor",
-                    Binary::Add => "plus",
-                    Binary::Sub => "minus",
-                    Binary::Mul => "times",
-                    Binary::Equal => "is",
-                    Binary::NotEqual => "is_not",
-                    Binary::Less => "below",
-                    Binary::LessEqual => "at_most",
-                    Binary::ShiftLeft => "left_by",
-                    Binary::ShiftRight => "right_by",
-                };
-                match (&plan.ops[*a], of(*b)?) {
-                    // A name cannot begin with a digit.
-                    (Op::Literal(_), _) => return None,
-                    (_, b) => format!("{}_{verb}_{b}", of(*a)?),
-                }
+        };
+        let name = &hint.name;
+        match &plan.ops[after] {
+            // What is behind the name of a signal's delays is behind that of its part's.
+            Op::Register(register) if register.delay && plan.given[after].is_none() => {
+                let stem = self.stem[after].as_ref()?;
+                Some(format!("{stem}_{name}_{}", suffix(plan, after)))
             }
-            _ => return None,
-        })
+            _ if !self.of[after].is_empty() => Some(format!("{}_{name}", self.of[after])),
+            _ => Some(format!("{}_{name}", self.hinted(plan, after)?)),
+        }
+    }
+
+    /// A name for what has none in the description.
+    fn make_up(&mut self, plan: &Plan, id: Id) -> String {
+        let name = match &plan.ops[id] {
+            Op::Slice(of, low) if !self.of[*of].is_empty() => {
+                format!("{}_from_{low}", self.of[*of])
+            }
+            _ => "term".to_string(),
+        };
+        self.made_up.push((name.clone(), id));
+        self.unique(name, id)
     }
 }
 
-fn kind(op: &Op) -> &'static str {
-    match op {
-        Op::Binary(Binary::Add, ..) => "sum",
-        Op::Binary(Binary::Sub, ..) => "difference",
-        Op::Binary(Binary::Mul, ..) => "product",
-        Op::Binary(Binary::Equal | Binary::NotEqual | Binary::Less | Binary::LessEqual, ..) => {
-            "comparison"
-        }
-        Op::Binary(Binary::ShiftLeft | Binary::ShiftRight, ..) => "shifted",
-        Op::Mux(..) => "choice",
-        Op::Concat(_) | Op::Repeat(..) => "joined",
-        Op::Slice(..) => "part",
-        _ => "term",
+/// What is behind the name of a delay register's signal: its stage, or the clocks that it is late.
+fn suffix(plan: &Plan, id: Id) -> String {
+    if let Some(stage) = plan.ir.nodes[id].stage {
+        return format!("s{}", stage.at);
     }
+    let (mut clocks, mut at) = (0, id);
+    while let Op::Register(register) = &plan.ops[at]
+        && register.delay
+        && plan.given[at].is_none()
+    {
+        clocks += 1;
+        at = register.next.expect("a delay register has a next value");
+    }
+    format!("d{clocks}")
 }
 
 /// For each node the name of the first place that it goes to, through delay registers too.

@@ -2,7 +2,7 @@
 //! name of their own, long chains of delay registers as one shift register.
 
 use super::super::design::Direction;
-use super::super::ir::{Binary, Id, Netlist, Op, Register};
+use super::super::ir::{Binary, Hint, Id, Netlist, Op, Register};
 use std::collections::{HashMap, HashSet};
 
 /// Beyond this many characters, estimated, an expression gets a wire of its own.
@@ -26,6 +26,8 @@ pub(in super::super) struct Plan<'a> {
     pub ops: Vec<Op>,
     /// Names that the Rust source gives.
     pub given: Vec<Option<String>>,
+    /// Names for what gets one, behind those of their words for slices.
+    pub hints: Vec<Option<Hint>>,
     /// Reached from an output, an instance or a memory.
     pub live: Vec<bool>,
     /// Declared under a name of its own.
@@ -44,6 +46,7 @@ struct Values {
     stands: Vec<Id>,
     ops: Vec<Op>,
     given: Vec<Option<String>>,
+    hints: Vec<Option<Hint>>,
 }
 
 impl Values {
@@ -53,6 +56,7 @@ impl Values {
             stands: (0..ir.nodes.len()).collect(),
             ops: Vec::with_capacity(ir.nodes.len()),
             given: ir.nodes.iter().map(|n| n.name.clone()).collect(),
+            hints: ir.nodes.iter().map(|n| n.hint.clone()).collect(),
         };
         let mut known: HashMap<(Op, u32), Id> = HashMap::new();
         for (id, node) in ir.nodes.iter().enumerate() {
@@ -64,17 +68,11 @@ impl Values {
             };
             if let (Some(live), Op::Register(register)) = (live, &op)
                 && let (true, Some(next)) = (register.delay, register.next)
-                && let Op::Slice(of, low) = values.ops[next]
+                && let Some(slice) = values.of_delayed(ir, &known, live, register, next)
             {
-                let whole = Op::Register(Register {
-                    next: Some(of),
-                    ..register.clone()
-                });
-                if let Some(&whole) = known.get(&(whole, ir.nodes[of].width))
-                    && live[whole]
-                {
-                    op = Op::Slice(whole, low);
-                }
+                op = slice;
+                let hint = values.hints[next].clone();
+                values.hints[id] = values.hints[id].take().or(hint);
             }
             let same = match &op {
                 Op::Slice(of, _) if ir.nodes[*of].width == node.width => Some(*of),
@@ -96,6 +94,13 @@ impl Values {
                     if let Some(name) = values.given[id].take() {
                         values.given[same] = Some(name);
                     }
+                    let hint = values.hints[id].clone();
+                    if node.formal && !ir.nodes[same].formal {
+                    } else if hint.as_ref().is_some_and(|hint| hint.field) {
+                        values.hints[same] = hint;
+                    } else if values.hints[same].is_none() {
+                        values.hints[same] = hint;
+                    }
                 }
                 Some(_) => {}
                 None => {
@@ -112,11 +117,45 @@ impl Values {
         values
     }
 
+    /// The slice of a live delay register that a delayed slice is.
+    fn of_delayed(
+        &self,
+        ir: &Netlist,
+        known: &HashMap<(Op, u32), Id>,
+        live: &[bool],
+        register: &Register,
+        mut slice: Id,
+    ) -> Option<Op> {
+        let mut lsb = 0;
+        while let Op::Slice(of, low) = self.ops[slice] {
+            lsb += low;
+            let whole = Op::Register(Register {
+                next: Some(of),
+                ..register.clone()
+            });
+            if let Some(&whole) = known.get(&(whole, ir.nodes[of].width))
+                && live[whole]
+            {
+                return Some(Op::Slice(whole, lsb));
+            }
+            slice = of;
+        }
+        None
+    }
+
+    /// Whether a slice is a word's part that has a name.
+    fn is_part(&self, id: Id) -> bool {
+        self.given[id].is_some()
+            || self.hints[id]
+                .as_ref()
+                .is_some_and(|hint| hint.after.is_some())
+    }
+
     fn resolved(&self, op: &Op) -> Op {
         match op.map(&mut |id| self.stands[id]) {
             Op::Slice(a, low) => match self.ops[a] {
                 // A slice of a slice, with a change of stage between, is one slice.
-                Op::Slice(of, base) if self.given[a].is_none() => Op::Slice(of, base + low),
+                Op::Slice(of, base) if !self.is_part(a) => Op::Slice(of, base + low),
                 _ => Op::Slice(a, low),
             },
             op => op,
@@ -132,6 +171,7 @@ impl<'a> Plan<'a> {
             stands: vec![],
             ops: vec![],
             given: vec![],
+            hints: vec![],
             live: vec![],
             declared: vec![false; nodes],
             used: vec![vec![]; nodes],
@@ -144,6 +184,7 @@ impl<'a> Plan<'a> {
             plan.stands = values.stands;
             plan.ops = values.ops;
             plan.given = values.given;
+            plan.hints = values.hints;
             plan.live = plan.liveness();
         }
         plan.copies = vec![vec![]; ir.memories.len()];
@@ -330,6 +371,17 @@ impl<'a> Plan<'a> {
                 sliced.insert(*of);
             }
         }
+        // The first operands of a chain of equal operators are printed with it, a line each where it is long.
+        let mut goes_on = HashSet::new();
+        for op in &self.ops {
+            if let Op::Binary(of, first, _) = op
+                && of.is_associative()
+                && matches!(self.ops[*first], Op::Binary(before, ..) if before == *of)
+                && count[*first] == 1
+            {
+                goes_on.insert(*first);
+            }
+        }
         let mut length = vec![0usize; self.ops.len()];
         for id in 0..self.ops.len() {
             // Inputs and instances' outputs exist whether used or not.
@@ -395,10 +447,12 @@ impl<'a> Plan<'a> {
                 .sum();
             length[id] = own + operands;
             self.declared[id] = self.given[id].is_some()
+                || self.hints[id].as_ref().is_some_and(|hint| hint.field)
                 || sliced.contains(&id)
                 // The width of a product is its context's: it gets a context of its own.
                 || matches!(self.ops[id], Op::Binary(Binary::Mul, ..))
-                || !self.short(id) && (count[id] > 1 || length[id] > LONG_EXPRESSION);
+                || !self.short(id)
+                    && (count[id] > 1 || length[id] > LONG_EXPRESSION && !goes_on.contains(&id));
         }
         let mut connected: Vec<Id> = self.connected().collect();
         for (memory, copies) in self.copies.iter().enumerate() {

@@ -149,6 +149,7 @@ pub fn module(format: Format, clock_mhz: u32, subtract: bool) -> Result<Arc<Modu
         );
     }
     let b_sign = if subtract { !b.sign } else { b.sign };
+    let b_sign = b_sign.hinted("sign_of_addend");
     crate::named! {
         let subtracting = a.sign ^ b_sign;
         let both_are_special = a.exponent.all() & b.exponent.all();
@@ -159,11 +160,12 @@ pub fn module(format: Format, clock_mhz: u32, subtract: bool) -> Result<Arc<Modu
     let (small_is_nothing, small_is_far) = if shift_bits < e {
         let far = distance.bits(e - 1, shift_bits).any().named("too_far");
         let nothing = (either_is_zero | far).named("small_vanishes");
-        (nothing, far & !either_is_zero)
+        (nothing, (far & !either_is_zero).hinted("small_is_far"))
     } else {
         (either_is_zero, m.zero(1))
     };
 
+    let small_is_kept = (!small_is_nothing).hinted("small_is_kept");
     let at = plan.at("swap");
     let swap = swap.at(at);
     crate::named! {
@@ -171,18 +173,21 @@ pub fn module(format: Format, clock_mhz: u32, subtract: bool) -> Result<Arc<Modu
         let big_exponent = swap.mux(b.exponent, a.exponent);
         let big_fraction = swap.mux(b.fraction, a.fraction);
         let small_fraction =
-            swap.mux(a.fraction, b.fraction) & (!small_is_nothing).at(at).repeat(f);
+            swap.mux(a.fraction, b.fraction) & small_is_kept.at(at).repeat(f);
     }
     m.comment("Align the smaller significand; a sticky bit collects what is shifted out.");
     let mut aligned = m
-        .concat(&[(!small_is_nothing).at(at), small_fraction, m.zero(2)])
+        .concat(&[small_is_kept.at(at), small_fraction, m.zero(2)])
         .named("unaligned");
     let mut sticky = small_is_far.at(at);
     let width = aligned.width();
     for level in (0..shift_bits).rev() {
         let by = 1 << level;
         let at = plan.at(format!("align by {by}"));
-        let (select, word) = (distance.bit(level).at(at), aligned.at(at));
+        let (select, word) = (
+            distance.part(format!("by_{by}"), level, 1).at(at),
+            aligned.at(at),
+        );
         let lost = word.low(by.min(width)).any();
         let shifted = if by < width {
             word.high(width - by).extend(width)

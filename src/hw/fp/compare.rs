@@ -5,19 +5,21 @@ use crate::float::Format;
 use crate::hdl::Signal;
 
 /// Whether a number is a NaN, of whatever pattern.
-pub fn is_nan<'b>(format: Format, a: Signal<'b>) -> Signal<'b> {
-    let a = fields(format, a);
-    a.exponent.all() & a.fraction.any()
+pub fn is_nan<'b>(format: Format, number: Signal<'b>) -> Signal<'b> {
+    let a = fields(format, number);
+    (a.exponent.all() & a.fraction.any()).hinted_after(number, "is_nan")
 }
 
 /// Whether a number is a zero of either sign: whether its stored exponent is 0.
-pub fn is_zero<'b>(format: Format, a: Signal<'b>) -> Signal<'b> {
-    fields(format, a).exponent.is_zero()
+pub fn is_zero<'b>(format: Format, number: Signal<'b>) -> Signal<'b> {
+    let a = fields(format, number);
+    a.exponent.is_zero().hinted_after(number, "is_zero")
 }
 
 /// Whether a number is neither an infinity nor a NaN.
-pub fn is_finite<'b>(format: Format, a: Signal<'b>) -> Signal<'b> {
-    !fields(format, a).exponent.all()
+pub fn is_finite<'b>(format: Format, number: Signal<'b>) -> Signal<'b> {
+    let a = fields(format, number);
+    (!a.exponent.all()).hinted_after(number, "is_finite")
 }
 
 /// What is known of an operand's pattern.
@@ -86,28 +88,38 @@ impl<'b> Operand<'b> {
 /// Where `of_equals` is false it says anything of equal patterns, and needs no bit more.
 fn less_ordered<'b>(
     format: Format,
-    name: Option<&str>,
+    name: &str,
     a: Operand<'b>,
     b: Operand<'b>,
     of_equals: bool,
 ) -> Signal<'b> {
-    let part = |signal: Signal<'b>, what: &str| match name {
-        Some(name) => signal.named(format!("{name}_{what}")),
-        None => signal,
-    };
+    let part = |signal: Signal<'b>, what: &str| signal.hinted(format!("{name}_{what}"));
     let m = a.signal.module();
     let (x, y) = (fields(format, a.signal), fields(format, b.signal));
+    let magnitude_less = |x, y| part(Signal::lt(x, y), "by_magnitude");
     let positive = |operand: Operand<'b>| operand.known == Known::Positive;
     let unless_zero = match (positive(a), positive(b)) {
-        (true, true) => x.magnitude.lt(y.magnitude),
-        (true, false) => x.magnitude.lt(y.magnitude) & !y.sign,
-        (false, true) => x.magnitude.lt(y.magnitude) | x.sign,
+        (true, true) => magnitude_less(x.magnitude, y.magnitude),
+        (true, false) => {
+            let y_positive = (!y.sign).hinted_after(b.signal, "is_positive");
+            magnitude_less(x.magnitude, y.magnitude) & y_positive
+        }
+        (false, true) => magnitude_less(x.magnitude, y.magnitude) | x.sign,
         (false, false) => {
             let magnitude_less = match of_equals {
-                true => x.magnitude.concat(m.zero(1)).lt(y.magnitude.concat(y.sign)),
-                false => x.magnitude.lt(y.magnitude),
+                true => {
+                    let twice = x.magnitude.concat(m.zero(1));
+                    let and_sign = y.magnitude.concat(y.sign);
+                    magnitude_less(
+                        twice.hinted_after(a.signal, "magnitude_twice"),
+                        and_sign.hinted_after(b.signal, "magnitude_and_sign"),
+                    )
+                }
+                false => magnitude_less(x.magnitude, y.magnitude),
             };
-            (x.sign ^ y.sign).mux(x.sign, magnitude_less ^ x.sign)
+            let signs_differ = part(x.sign ^ y.sign, "signs_differ");
+            let by_sign = part(magnitude_less ^ x.sign, "by_sign");
+            signs_differ.mux(x.sign, by_sign)
         }
     };
     // Zeros of one pattern are in order as they are.
@@ -118,10 +130,19 @@ fn less_ordered<'b>(
     part(unless_zero, "unless_zero") & !part(both_zero, "both_zero")
 }
 
-/// Whether neither is a NaN, so far as it is not known; `None` where it is.
-fn ordered<'b>(format: Format, operands: &[Operand<'b>]) -> Option<Signal<'b>> {
+/// What a comparison says where no operand is a NaN, so far as that is not known; else false.
+fn unless_nan<'b>(
+    format: Format,
+    name: &str,
+    says: Signal<'b>,
+    operands: &[Operand<'b>],
+) -> Signal<'b> {
     let nans = operands.iter().filter_map(|o| o.may_be_nan(format));
-    nans.reduce(|a, b| a | b).map(|nan| !nan)
+    let any_nan = nans.reduce(|a, b| (a | b).hinted(format!("{name}_any_nan")));
+    any_nan.map_or(says, |any_nan| {
+        let ordered = (!any_nan).hinted(format!("{name}_ordered"));
+        says.hinted(format!("{name}_unless_nan")) & ordered
+    })
 }
 
 /// The operands of a < b or a ≤ b whose NaN makes it false only by being looked for: an operator's on the left is greater than any number.
@@ -132,19 +153,19 @@ fn to_order<'b>(a: Operand<'b>, b: Operand<'b>) -> Vec<Operand<'b>> {
     }
 }
 
-/// a < b: −0 = +0, false with a NaN. 1 bit.
+/// a < b: −0 = +0, false with a NaN. 1 bit. This and what it is made of are called after `name` where they get names in the Verilog.
 pub fn less<'b>(
     format: Format,
+    name: impl AsRef<str>,
     a: impl Into<Operand<'b>>,
     b: impl Into<Operand<'b>>,
 ) -> Signal<'b> {
-    let (a, b) = (a.into(), b.into());
-    let less = less_ordered(format, None, a, b, true);
-    ordered(format, &to_order(a, b)).map_or(less, |ordered| less & ordered)
+    let (name, a, b) = (name.as_ref(), a.into(), b.into());
+    let less = less_ordered(format, name, a, b, true);
+    unless_nan(format, name, less, &to_order(a, b)).hinted(name)
 }
 
-/// [`less`] for a choice between `a` and `b`: where their patterns are the same it may say either. It and its parts are called after
-/// `name` in the Verilog.
+/// [`less`] for a choice between `a` and `b`: where their patterns are the same it may say either. It is called `name` in the Verilog.
 pub fn goes_before<'b>(
     format: Format,
     name: &str,
@@ -154,40 +175,44 @@ pub fn goes_before<'b>(
     let (a, b) = (a.into(), b.into());
     // Zeros of several patterns are equal, but not the same.
     let of_equals = !(a.has_one_zero() && b.has_one_zero());
-    let less = less_ordered(format, Some(name), a, b, of_equals);
-    let ordered = ordered(format, &to_order(a, b));
-    let less = ordered.map_or(less, |o| less & o.named(format!("{name}_ordered")));
-    less.named(name)
+    let less = less_ordered(format, name, a, b, of_equals);
+    unless_nan(format, name, less, &to_order(a, b)).named(name)
 }
 
-/// a ≤ b: −0 = +0, false with a NaN. 1 bit.
+/// a ≤ b: −0 = +0, false with a NaN. 1 bit. Called as [`less`].
 pub fn less_equal<'b>(
     format: Format,
+    name: impl AsRef<str>,
     a: impl Into<Operand<'b>>,
     b: impl Into<Operand<'b>>,
 ) -> Signal<'b> {
-    let (a, b) = (a.into(), b.into());
-    let less_equal = !less_ordered(format, None, b, a, true);
-    ordered(format, &to_order(a, b)).map_or(less_equal, |ordered| less_equal & ordered)
+    let (name, a, b) = (name.as_ref(), a.into(), b.into());
+    let not = format!("{name}_not");
+    let less_equal = !less_ordered(format, &not, b, a, true).hinted(not);
+    unless_nan(format, name, less_equal, &to_order(a, b)).hinted(name)
 }
 
-/// a = b: −0 = +0, false with a NaN. 1 bit.
+/// a = b: −0 = +0, false with a NaN. 1 bit. Called as [`less`].
 pub fn equal<'b>(
     format: Format,
+    name: impl AsRef<str>,
     a: impl Into<Operand<'b>>,
     b: impl Into<Operand<'b>>,
 ) -> Signal<'b> {
-    let (a, b) = (a.into(), b.into());
-    let same = a.signal.eq(b.signal);
+    let (name, a, b) = (name.as_ref(), a.into(), b.into());
+    let part = |signal: Signal<'b>, what: &str| signal.hinted(format!("{name}_{what}"));
+    let same = part(a.signal.eq(b.signal), "pattern");
     let one_zero = a.has_one_zero() && b.has_one_zero();
     let equal = match one_zero {
         true => same,
-        false => same | (is_zero(format, a.signal) & is_zero(format, b.signal)),
+        false => {
+            let both = is_zero(format, a.signal) & is_zero(format, b.signal);
+            part(same | part(both, "both_zero"), "unless_nan")
+        }
     };
     // Of a pattern that is no NaN's, the same is none either.
-    let nan = match [a, b].map(|o| o.may_be_nan(format)) {
-        [Some(_), Some(_)] => ordered(format, &[a, b]),
-        _ => None,
-    };
-    nan.map_or(equal, |ordered| equal & ordered)
+    match [a, b].map(|o| o.may_be_nan(format)) {
+        [Some(_), Some(_)] => unless_nan(format, name, equal, &[a, b]).hinted(name),
+        _ => equal.hinted(name),
+    }
 }

@@ -15,10 +15,10 @@ pub(super) struct Fields<'b> {
 
 pub(super) fn fields<'b>(format: Format, number: Signal<'b>) -> Fields<'b> {
     Fields {
-        sign: number.msb(),
-        exponent: number.field(format.fraction_bits(), format.exponent_bits()),
-        fraction: number.low(format.fraction_bits()),
-        magnitude: number.low(format.width() - 1),
+        sign: number.part("sign", format.width() - 1, 1),
+        exponent: number.part("exponent", format.fraction_bits(), format.exponent_bits()),
+        fraction: number.part("fraction", 0, format.fraction_bits()),
+        magnitude: number.part("magnitude", 0, format.width() - 1),
     }
 }
 

@@ -107,7 +107,7 @@ pub fn module(format: Format, clock_mhz: u32) -> Result<Arc<Module>, HdlError> {
             (fraction, complemented) = (chosen, subtract);
         }
         let subtract = subtract.at(at);
-        let doubled = before.low(width - 1).at(at).concat(subtract);
+        let doubled = before.part("low", 0, width - 1).at(at).concat(subtract);
         // The integer part of the significand is 01.
         let addend = m.concat(&[subtract, !subtract, chosen.at(at)]);
         remainder = (doubled + addend).named(format!("remainder_{digit}"));

@@ -25,6 +25,8 @@ pub fn step<'b>(
         (1..=1 << f).contains(&count),
         "cannot step by {ulps} ulps in {format}"
     );
+    // What the parts are called in the Verilog.
+    let called = |signal: Signal<'b>, what: &str| signal.hinted_after(a, what);
     let fields_of_a = fields(format, a);
     let sign = fields_of_a.sign;
     let down = m.lit(u8::from(ulps < 0), 1);
@@ -32,29 +34,38 @@ pub fn step<'b>(
     // Away from zero the magnitude, an integer, grows by `count`; towards zero it shrinks.
     let outwards = if ulps < 0 { sign } else { !sign };
     let (up_by, down_by) = (count, (1 << (e + f)) - count);
-    let moved = fields_of_a.magnitude + outwards.mux(m.lit(up_by, e + f), m.lit(down_by, e + f));
+    let change = outwards.mux(m.lit(up_by, e + f), m.lit(down_by, e + f));
+    let moved = called(fields_of_a.magnitude + change, "moved");
     let moved = after_sum(moved);
-    let (moved_exponent, moved_fraction) = (moved.high(e), moved.low(f));
+    let (moved_exponent, moved_fraction) =
+        (moved.part("exponent", f, e), moved.part("fraction", 0, f));
 
     // Below the least normal number the integers that follow are zero, then the numbers of the other sign from
     // their least on: the complement of the fraction counts how many steps beyond zero it went.
-    let from_zero = fields_of_a.exponent.is_zero();
-    let about_zero = from_zero | (!outwards & moved_exponent.is_zero());
+    let is_number = called(fields_of_a.exponent.any(), "is_not_zero");
+    let from_zero = called(!is_number, "is_zero");
+    let inwards = called(!outwards, "inwards");
+    let into_zero = called(inwards & moved_exponent.is_zero(), "steps_into_zero");
+    let about_zero = called(from_zero | into_zero, "about_zero");
     let low = bits_for(count);
-    let beyond = !moved_fraction.low(low);
-    let to_zero = !from_zero & beyond.is_zero();
+    let beyond = called(!moved_fraction.low(low), "steps_beyond_zero");
+    let to_zero = called(!from_zero & beyond.is_zero(), "steps_to_zero");
     let near_fraction = to_zero.mux(
         m.zero(low),
         from_zero.mux(m.lit(count - 1, low), beyond - m.lit(1u8, low)),
     );
+    let near_fraction = called(near_fraction, "fraction_about_zero");
     let near_zero = m.concat(&[
         down & !to_zero,
         (!to_zero).extend(e),
         near_fraction.extend(f),
     ]);
+    let near_zero = called(near_zero, "stepped_about_zero");
 
-    let overflow = moved_exponent.all();
+    let overflow = called(moved_exponent.all(), "overflows");
     let further = m.concat(&[sign, moved_exponent, moved_fraction & (!overflow).repeat(f)]);
-    let special = fields_of_a.exponent.all();
-    special.mux(a, about_zero.mux(near_zero, further))
+    let further = called(further, "stepped_further");
+    let special = called(fields_of_a.exponent.all(), "is_special");
+    let number = called(about_zero.mux(near_zero, further), "stepped_number");
+    called(special.mux(a, number), "stepped")
 }
