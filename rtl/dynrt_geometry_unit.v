@@ -217,16 +217,18 @@ module dynrt_geometry_unit (
 
   // A record's answer: numbers and an instance's root are kept; three vertices, or the six vectors
   // that lie one after another, are requested one a clock.
+  wire [5:0] record_response_tag_packet = record_response_tag[5:0];
+  wire record_response_tag_instance = record_response_tag[6];
   wire [31:0] record_response_data_v0 = record_response_data[31:0];
   wire [31:0] record_response_data_v1 = record_response_data[63:32];
   wire [31:0] record_response_data_v2 = record_response_data[95:64];
   wire [31:0] record_response_data_number = record_response_data[127:96];
   (* no_rw_check, ram_style = "block" *)
   reg  [31:0] triangle_number_memory [0:47];
-  wire triangle_number_memory_write_enable = record_response_valid & ~record_response_tag[6];
+  wire triangle_number_memory_write_enable = record_response_valid & ~record_response_tag_instance;
   (* no_rw_check, ram_style = "block" *)
   reg  [31:0] instance_number_memory [0:47];
-  wire instance_answer = record_response_valid & record_response_tag[6];
+  wire instance_answer = record_response_valid & record_response_tag_instance;
   wire [25:0] record_response_data_v1_link = record_response_data_v1[25:0];
   wire record_response_data_v1_left_leaf = record_response_data_v1[26];
   wire [22:0] root_data = {record_response_data_v1_left_leaf, record_response_data_v1_link[21:0]};
@@ -273,47 +275,48 @@ module dynrt_geometry_unit (
       vertex_queue_front_v2;
 
   // Vertices and vectors arrive in any order; the last one to come makes the leaf complete.
-  wire [2:0] vertex_response_tag_corner = vertex_response_tag[2:0];
+  wire [2:0] vertex_response_tag_number = vertex_response_tag[2:0];
+  wire [5:0] vertex_response_tag_packet = vertex_response_tag[8:3];
   wire [71:0] vector_data = skinning ? skin_palette_data : vertex_response_data;
   (* no_rw_check, ram_style = "block" *)
   reg  [71:0] vertex0_memory [0:511];
   wire [7:0] vertex0_memory_place =
       skinning ? skin_palette_joint :
-      {1'b0, vertex_response_tag_corner[2], vertex_response_tag[8:3]};
+      {1'b0, vertex_response_tag_number[2], vertex_response_tag_packet};
   wire vertex0_memory_takes_it =
       vertex_response_valid &
-      ((vertex_response_tag_corner == 3'd0) | (vertex_response_tag_corner == 3'd4));
+      ((vertex_response_tag_number == 3'd0) | (vertex_response_tag_number == 3'd4));
   wire vertex0_memory_write_enable =
       skinning ? (skin_palette_valid & (skin_palette_column == 2'd0)) :
       vertex0_memory_takes_it;
   wire [8:0] vertex0_memory_write_address = {skinning, vertex0_memory_place};
   (* no_rw_check, ram_style = "block" *)
   reg  [71:0] vertex1_memory [0:511];
-  wire corner5_arrives = vertex_response_tag_corner == 3'd5;
+  wire corner5_arrives = vertex_response_tag_number == 3'd5;
   wire vertex1_memory_write_enable =
       skinning ? (skin_palette_valid & (skin_palette_column == 2'd1)) :
-      (vertex_response_valid & ((vertex_response_tag_corner == 3'd1) | corner5_arrives));
+      (vertex_response_valid & ((vertex_response_tag_number == 3'd1) | corner5_arrives));
   (* no_rw_check, ram_style = "block" *)
   reg  [71:0] vertex2_memory [0:511];
   wire vertex2_memory_write_enable =
       skinning ? (skin_palette_valid & (skin_palette_column == 2'd2)) :
-      (vertex_response_valid & ((vertex_response_tag_corner == 3'd2) | corner5_arrives));
+      (vertex_response_valid & ((vertex_response_tag_number == 3'd2) | corner5_arrives));
   (* no_rw_check, ram_style = "block" *)
   reg  [71:0] translation_memory [0:511];
   wire translation_memory_write_enable =
       skinning ? (skin_palette_valid & (skin_palette_column == 2'd3)) :
-      (vertex_response_valid & (vertex_response_tag_corner == 3'd3));
+      (vertex_response_valid & (vertex_response_tag_number == 3'd3));
   wire [8:0] translation_memory_write_address = {
       skinning,
-      skinning ? skin_palette_joint : {2'd0, vertex_response_tag[8:3]}
+      skinning ? skin_palette_joint : {2'd0, vertex_response_tag_packet}
     };
   (* no_rw_check, ram_style = "distributed" *)
   reg  [2:0] arrival_memory [0:47];
-  wire [2:0] arrival_memory_read = arrival_memory[vertex_response_tag[8:3]];
-  wire instance_leaf_memory_read = instance_leaf_memory[vertex_response_tag[8:3]];
+  wire [2:0] arrival_memory_read = arrival_memory[vertex_response_tag_packet];
+  wire instance_leaf_memory_read = instance_leaf_memory[vertex_response_tag_packet];
   wire last_arrives = arrival_memory_read == (instance_leaf_memory_read ? 3'd5 : 3'd2);
   wire leaf_complete = vertex_response_valid & last_arrives;
-  wire [5:0] arrival_memory_write_address = sweep ? sweep_packet : vertex_response_tag[8:3];
+  wire [5:0] arrival_memory_write_address = sweep ? sweep_packet : vertex_response_tag_packet;
   wire [2:0] arrival_memory_write_data =
       sweep ? 3'd0 :
       last_arrives ? 3'd0 :
@@ -322,7 +325,6 @@ module dynrt_geometry_unit (
   // The rays of a complete leaf's mask go into the test, one a clock: a ray once for a triangle,
   // three times for an instance, for its box, the direction and the origin.
   wire take_ready;
-  wire [6:0] ready_queue_data = {instance_leaf_memory_read, vertex_response_tag[8:3]};
 
   wire ready_queue_valid;
   wire [6:0] ready_queue_front;
@@ -330,13 +332,15 @@ module dynrt_geometry_unit (
     .clk(clk),
     .rst(rst),
     .push(leaf_complete),
-    .data(ready_queue_data),
+    .data({instance_leaf_memory_read, vertex_response_tag_packet}),
     .pop(take_ready),
     .valid(ready_queue_valid),
     .front(ready_queue_front)
   );
 
-  wire [3:0] mask_memory_read = mask_memory[ready_queue_front[5:0]];
+  wire [5:0] ready_queue_front_packet = ready_queue_front[5:0];
+  wire ready_queue_front_instance = ready_queue_front[6];
+  wire [3:0] mask_memory_read = mask_memory[ready_queue_front_packet];
   reg  busy;
   reg  [5:0] now_packet;
   reg  now_instance;
@@ -358,8 +362,8 @@ module dynrt_geometry_unit (
 
   always @(posedge clk) begin
     if (rst) busy <= 1'b0; else busy <= takes_next ? ready_queue_valid : 1'b1;
-    if (takes) now_packet <= ready_queue_front[5:0];
-    if (takes) now_instance <= ready_queue_front[6];
+    if (takes) now_packet <= ready_queue_front_packet;
+    if (takes) now_instance <= ready_queue_front_instance;
   end
 
   wire now_mask_enable = takes | last_slot;
@@ -503,17 +507,17 @@ module dynrt_geometry_unit (
   reg  [23:0] shear_memory_read_s50;
   reg  [1127:0] skin_issue_weight_delay;
   wire [23:0] skin_issue_weight_s47 = skin_issue_weight_delay[1127:1104];
-  reg  [1:0] ray_memory_read_kz_s2_s3;
-  reg  [23:0] ray_memory_read_shear_x_s2_s3;
-  reg  [23:0] ray_memory_read_shear_y_s2_s3;
-  reg  [119:0] translation_memory_read_or_default_x_s25_delay;
-  wire [23:0] translation_memory_read_or_default_x_s25_s30 = translation_memory_read_or_default_x_s25_delay[119:96];
-  reg  [191:0] translation_memory_read_or_default_z_s25_delay;
-  wire [23:0] translation_memory_read_or_default_z_s25_s33 = translation_memory_read_or_default_z_s25_delay[191:168];
-  reg  [23:0] ray_memory_read_reciprocal_x_s2_s3;
-  reg  [23:0] ray_memory_read_reciprocal_y_s2_s3;
-  reg  [23:0] ray_memory_read_reciprocal_z_s2_s3;
-  reg  [2:0] ray_memory_read_signs_s2_s3;
+  reg  [1:0] ray_memory_read_kz_s3;
+  reg  [23:0] ray_memory_read_shear_x_s3;
+  reg  [23:0] ray_memory_read_shear_y_s3;
+  reg  [119:0] translation_memory_read_or_default_x_delay;
+  wire [23:0] translation_memory_read_or_default_x_s30 = translation_memory_read_or_default_x_delay[119:96];
+  reg  [191:0] translation_memory_read_or_default_z_delay;
+  wire [23:0] translation_memory_read_or_default_z_s33 = translation_memory_read_or_default_z_delay[191:168];
+  reg  [23:0] ray_memory_read_reciprocal_x_s3;
+  reg  [23:0] ray_memory_read_reciprocal_y_s3;
+  reg  [23:0] ray_memory_read_reciprocal_z_s3;
+  reg  [2:0] ray_memory_read_signs_s3;
 
   wire [23:0] test_sum_0;
   wire [23:0] test_sum_1;
@@ -548,18 +552,18 @@ module dynrt_geometry_unit (
     .origin_x(point_x_s3),
     .origin_y(point_y_s3),
     .origin_z(point_z_s3),
-    .kz(ray_memory_read_kz_s2_s3),
-    .shear_x(ray_memory_read_shear_x_s2_s3),
-    .shear_y(ray_memory_read_shear_y_s2_s3),
+    .kz(ray_memory_read_kz_s3),
+    .shear_x(ray_memory_read_shear_x_s3),
+    .shear_y(ray_memory_read_shear_y_s3),
     .translation_y(translation_memory_read_or_default_y_s25),
-    .translation_x(translation_memory_read_or_default_x_s25_s30),
-    .translation_z(translation_memory_read_or_default_z_s25_s33),
+    .translation_x(translation_memory_read_or_default_x_s30),
+    .translation_z(translation_memory_read_or_default_z_s33),
     .weight(skin_issue_weight_s47),
     .shear_z(shear_memory_read_s50),
-    .reciprocal_x(ray_memory_read_reciprocal_x_s2_s3),
-    .reciprocal_y(ray_memory_read_reciprocal_y_s2_s3),
-    .reciprocal_z(ray_memory_read_reciprocal_z_s2_s3),
-    .signs(ray_memory_read_signs_s2_s3),
+    .reciprocal_x(ray_memory_read_reciprocal_x_s3),
+    .reciprocal_y(ray_memory_read_reciprocal_y_s3),
+    .reciprocal_z(ray_memory_read_reciprocal_z_s3),
+    .signs(ray_memory_read_signs_s3),
     .accumulate(skinning_s2),
     .sum_a_0(skin_pair_a_x),
     .sum_b_0(skin_pair_b_x),
@@ -679,15 +683,15 @@ module dynrt_geometry_unit (
   wire now_inside_s55 = now_inside_delay[54];
   reg  [31:0] instance_number_memory_read;
   reg  [31:0] instance_number_memory_read_or_default_s56;
-  wire [5:0] leaf_memory_read1_context_s56_level = leaf_memory_read1_context_s56[5:0];
-  wire [3:0] leaf_memory_read1_context_s56_touched = leaf_memory_read1_context_s56[9:6];
-  wire leaf_memory_read1_context_s56_inside = leaf_memory_read1_context_s56[10];
+  wire [5:0] leaf_memory_read1_context_level_s56 = leaf_memory_read1_context_s56[5:0];
+  wire [3:0] leaf_memory_read1_context_touched_s56 = leaf_memory_read1_context_s56[9:6];
+  wire leaf_memory_read1_context_inside_s56 = leaf_memory_read1_context_s56[10];
   wire [1:0] issue_ray_s56 = issue_ray_delay[111:110];
   wire was_touched =
-      (issue_ray_s56 == 2'd0) ? leaf_memory_read1_context_s56_touched[0] :
-      (issue_ray_s56 == 2'd1) ? leaf_memory_read1_context_s56_touched[1] :
-      (issue_ray_s56 == 2'd2) ? leaf_memory_read1_context_s56_touched[2] :
-      leaf_memory_read1_context_s56_touched[3];
+      (issue_ray_s56 == 2'd0) ? leaf_memory_read1_context_touched_s56[0] :
+      (issue_ray_s56 == 2'd1) ? leaf_memory_read1_context_touched_s56[1] :
+      (issue_ray_s56 == 2'd2) ? leaf_memory_read1_context_touched_s56[2] :
+      leaf_memory_read1_context_touched_s56[3];
   wire closer = test_t[22:0] < closest_memory_read0_t_s56[22:0];
   wire as_close = test_t == closest_memory_read0_t_s56;
   wire [63:0] identity = {
@@ -695,19 +699,19 @@ module dynrt_geometry_unit (
       triangle_number_memory_read_s56
     };
   wire lower = identity < closest_memory_read0_s56[135:72];
-  reg  ray_limit_memory_read0_any_hit_s55_s56;
+  reg  ray_limit_memory_read0_any_hit_s56;
   wire replaces =
       test_hit &
-      (ray_limit_memory_read0_any_hit_s55_s56 | ~was_touched | closer | (as_close & lower));
-  reg  ray_limit_memory_read0_any_hit_s55_s57;
-  reg  [23:0] ray_limit_memory_read0_tmin_s55_s56, ray_limit_memory_read0_tmin_s55_s57;
+      (ray_limit_memory_read0_any_hit_s56 | ~was_touched | closer | (as_close & lower));
+  reg  ray_limit_memory_read0_any_hit_s57;
+  reg  [23:0] ray_limit_memory_read0_tmin_s56, ray_limit_memory_read0_tmin_s57;
   reg  [31:0] triangle_number_memory_read_s57;
   wire [135:0] merged = {
-      ray_limit_memory_read0_any_hit_s55_s57 ? 32'hffffffff : watch_test_instance,
-      ray_limit_memory_read0_any_hit_s55_s57 ? 32'hffffffff : triangle_number_memory_read_s57,
-      ray_limit_memory_read0_any_hit_s55_s57 ? 24'd0 : watch_test_v,
-      ray_limit_memory_read0_any_hit_s55_s57 ? 24'd0 : watch_test_u,
-      ray_limit_memory_read0_any_hit_s55_s57 ? ray_limit_memory_read0_tmin_s55_s57 : watch_test_t
+      ray_limit_memory_read0_any_hit_s57 ? 32'hffffffff : watch_test_instance,
+      ray_limit_memory_read0_any_hit_s57 ? 32'hffffffff : triangle_number_memory_read_s57,
+      ray_limit_memory_read0_any_hit_s57 ? 24'd0 : watch_test_v,
+      ray_limit_memory_read0_any_hit_s57 ? 24'd0 : watch_test_u,
+      ray_limit_memory_read0_any_hit_s57 ? ray_limit_memory_read0_tmin_s57 : watch_test_t
     };
   reg  [56:0] test_issued_delay;
   assign watch_test_valid = test_issued_delay[56];
@@ -719,7 +723,7 @@ module dynrt_geometry_unit (
   // Which rays have hit something, gathered over the triangle's rays.
   reg  [3:0] gathered;
   wire now_first_s57 = now_first_delay[56];
-  reg  [3:0] leaf_memory_read1_context_s56_touched_s57;
+  reg  [3:0] leaf_memory_read1_context_touched_s57;
   wire [3:0] newly_touched = {
       merge_writes & (merge_ray == 2'd3),
       merge_writes & (merge_ray == 2'd2),
@@ -727,7 +731,7 @@ module dynrt_geometry_unit (
       merge_writes & (merge_ray == 2'd0)
     };
   wire [3:0] now_touched =
-      (now_first_s57 ? leaf_memory_read1_context_s56_touched_s57 : gathered) |
+      (now_first_s57 ? leaf_memory_read1_context_touched_s57 : gathered) |
       newly_touched;
 
   always @(posedge clk) begin
@@ -735,8 +739,8 @@ module dynrt_geometry_unit (
   end
 
   wire now_last_s57 = now_last_delay[56];
-  reg  [5:0] leaf_memory_read1_context_s56_level_s57;
-  reg  leaf_memory_read1_context_s56_inside_s57;
+  reg  [5:0] leaf_memory_read1_context_level_s57;
+  reg  leaf_memory_read1_context_inside_s57;
   reg  [135:0] closest_memory_read1;
   assign read_t = closest_memory_read1[23:0];
   assign read_u = closest_memory_read1[47:24];
@@ -772,17 +776,17 @@ module dynrt_geometry_unit (
   end
 
   always @(posedge clk) begin
-    if (triangle_number_memory_write_enable) triangle_number_memory[record_response_tag[5:0]] <= record_response_data_number;
+    if (triangle_number_memory_write_enable) triangle_number_memory[record_response_tag_packet] <= record_response_data_number;
     triangle_number_memory_read <= triangle_number_memory[packet_or_joint_s54];
   end
 
   always @(posedge clk) begin
-    if (instance_answer) instance_number_memory[record_response_tag[5:0]] <= record_response_data_number;
+    if (instance_answer) instance_number_memory[record_response_tag_packet] <= record_response_data_number;
     instance_number_memory_read <= instance_number_memory[packet_or_joint_s54];
   end
 
   always @(posedge clk) begin
-    if (instance_answer) root_memory[record_response_tag[5:0]] <= root_data;
+    if (instance_answer) root_memory[record_response_tag_packet] <= root_data;
     root_memory_read <= root_memory[setup_next_packet];
   end
 
@@ -885,13 +889,13 @@ module dynrt_geometry_unit (
     point_y_s3 <= point_y;
     point_z_s3 <= point_z;
     matrix_slot_s3 <= in_transform_slot_s2 | skinning_s2;
-    ray_memory_read_kz_s2_s3 <= ray_memory_read_kz_s2;
-    ray_memory_read_shear_x_s2_s3 <= ray_memory_read_shear_x_s2;
-    ray_memory_read_shear_y_s2_s3 <= ray_memory_read_shear_y_s2;
-    ray_memory_read_reciprocal_x_s2_s3 <= ray_memory_read_reciprocal_x_s2;
-    ray_memory_read_reciprocal_y_s2_s3 <= ray_memory_read_reciprocal_y_s2;
-    ray_memory_read_reciprocal_z_s2_s3 <= ray_memory_read_reciprocal_z_s2;
-    ray_memory_read_signs_s2_s3 <= ray_memory_read_signs_s2;
+    ray_memory_read_kz_s3 <= ray_memory_read_kz_s2;
+    ray_memory_read_shear_x_s3 <= ray_memory_read_shear_x_s2;
+    ray_memory_read_shear_y_s3 <= ray_memory_read_shear_y_s2;
+    ray_memory_read_reciprocal_x_s3 <= ray_memory_read_reciprocal_x_s2;
+    ray_memory_read_reciprocal_y_s3 <= ray_memory_read_reciprocal_y_s2;
+    ray_memory_read_reciprocal_z_s3 <= ray_memory_read_reciprocal_z_s2;
+    ray_memory_read_signs_s3 <= ray_memory_read_signs_s2;
 
     // Stage 15
     window_memory_read0_or_default_s15 <= now_inside_s14 ? window_memory_read0 : 48'h7f0000ff0000;
@@ -932,21 +936,21 @@ module dynrt_geometry_unit (
     leaf_memory_read1_s56 <= leaf_memory_read1;
     triangle_number_memory_read_s56 <= triangle_number_memory_read;
     instance_number_memory_read_or_default_s56 <= now_inside_s55 ? instance_number_memory_read : 32'd0;
-    ray_limit_memory_read0_any_hit_s55_s56 <= ray_limit_memory_read0_any_hit_s55;
-    ray_limit_memory_read0_tmin_s55_s56 <= ray_limit_memory_read0_tmin_s55;
+    ray_limit_memory_read0_any_hit_s56 <= ray_limit_memory_read0_any_hit_s55;
+    ray_limit_memory_read0_tmin_s56 <= ray_limit_memory_read0_tmin_s55;
 
     // Stage 57
     watch_test_replaces <= replaces;
-    ray_limit_memory_read0_any_hit_s55_s57 <= ray_limit_memory_read0_any_hit_s55_s56;
-    ray_limit_memory_read0_tmin_s55_s57 <= ray_limit_memory_read0_tmin_s55_s56;
+    ray_limit_memory_read0_any_hit_s57 <= ray_limit_memory_read0_any_hit_s56;
+    ray_limit_memory_read0_tmin_s57 <= ray_limit_memory_read0_tmin_s56;
     watch_test_t <= test_t;
     watch_test_u <= test_u;
     watch_test_v <= test_v;
     triangle_number_memory_read_s57 <= triangle_number_memory_read_s56;
     watch_test_instance <= instance_number_memory_read_or_default_s56;
-    leaf_memory_read1_context_s56_touched_s57 <= leaf_memory_read1_context_s56_touched;
-    leaf_memory_read1_context_s56_level_s57 <= leaf_memory_read1_context_s56_level;
-    leaf_memory_read1_context_s56_inside_s57 <= leaf_memory_read1_context_s56_inside;
+    leaf_memory_read1_context_touched_s57 <= leaf_memory_read1_context_touched_s56;
+    leaf_memory_read1_context_level_s57 <= leaf_memory_read1_context_level_s56;
+    leaf_memory_read1_context_inside_s57 <= leaf_memory_read1_context_inside_s56;
     watch_test_record <= leaf_memory_read1_address_s56;
     watch_test_hit <= test_hit;
   end
@@ -961,8 +965,8 @@ module dynrt_geometry_unit (
     now_inside_delay <= {now_inside_delay[53:0], now_inside};
     test_level_index_delay <= {test_level_index_delay[422:0], test_level_index};
     skin_issue_weight_delay <= {skin_issue_weight_delay[1103:0], skin_issue_weight};
-    translation_memory_read_or_default_x_s25_delay <= {translation_memory_read_or_default_x_s25_delay[95:0], translation_memory_read_or_default_x_s25};
-    translation_memory_read_or_default_z_s25_delay <= {translation_memory_read_or_default_z_s25_delay[167:0], translation_memory_read_or_default_z_s25};
+    translation_memory_read_or_default_x_delay <= {translation_memory_read_or_default_x_delay[95:0], translation_memory_read_or_default_x_s25};
+    translation_memory_read_or_default_z_delay <= {translation_memory_read_or_default_z_delay[167:0], translation_memory_read_or_default_z_s25};
     if (rst) skin_issue_valid_delay <= 50'd0; else skin_issue_valid_delay <= {skin_issue_valid_delay[48:0], skin_issue_valid};
     skin_issue_position_delay <= {skin_issue_position_delay[97:0], skin_issue_position};
     skin_issue_last_delay <= {skin_issue_last_delay[48:0], skin_issue_last};
@@ -993,13 +997,13 @@ module dynrt_geometry_unit (
   assign limit_valid = merge_writes;
   assign limit_packet = merge_packet;
   assign limit_ray = merge_ray;
-  assign limit_value = ray_limit_memory_read0_any_hit_s55_s57 ? 24'hff0000 : watch_test_t;
+  assign limit_value = ray_limit_memory_read0_any_hit_s57 ? 24'hff0000 : watch_test_t;
   assign done_valid = watch_test_valid & now_last_s57;
   assign done_packet = merge_packet;
   assign done_context = {
-      leaf_memory_read1_context_s56_inside_s57,
+      leaf_memory_read1_context_inside_s57,
       now_touched,
-      leaf_memory_read1_context_s56_level_s57
+      leaf_memory_read1_context_level_s57
     };
   assign slot_taken = busy;
   assign transform_issued = in_origin_slot;

@@ -128,8 +128,8 @@ module dynrt_tpu (
   // the setup did.
   wire stepped_write;
   wire [5:0] stepped_packet;
-  wire [3:0] stepped_mask;
   wire [191:0] stepped_intervals;
+  wire [3:0] stepped_mask;
   (* no_rw_check, ram_style = "block" *)
   reg  [195:0] stepped_memory [0:47];
   wire [5:0] popped_packet;
@@ -180,16 +180,18 @@ module dynrt_tpu (
   wire request_memory_read_popped_s12 = request_memory_read_s12[33];
   reg  [195:0] stepped_memory_read;
   reg  [195:0] stepped_memory_read_s12;
+  wire [191:0] stepped_memory_read_intervals_s12 = stepped_memory_read_s12[191:0];
+  wire [3:0] stepped_memory_read_mask_s12 = stepped_memory_read_s12[195:192];
   wire [3:0] popped_mask_memory_read = popped_mask_memory[packet_s11];
   reg  [3:0] popped_mask_memory_read_s12;
   wire [3:0] mask_in =
       request_memory_read_popped_s12 ? popped_mask_memory_read_s12 :
-      stepped_memory_read_s12[195:192];
+      stepped_memory_read_mask_s12;
   reg  [47:0] popped0_memory_read;
   reg  [47:0] popped0_memory_read_s12;
   wire [47:0] ray0_interval =
       request_memory_read_popped_s12 ? popped0_memory_read_s12 :
-      stepped_memory_read_s12[47:0];
+      stepped_memory_read_intervals_s12[47:0];
   wire [23:0] ray0_memory_read_origin_x_s2 = ray0_memory_read_s2[23:0];
   wire [23:0] ray0_memory_read_origin_y_s2 = ray0_memory_read_s2[47:24];
   wire [23:0] ray0_memory_read_origin_z_s2 = ray0_memory_read_s2[71:48];
@@ -273,7 +275,7 @@ module dynrt_tpu (
   reg  [47:0] popped1_memory_read_s12;
   wire [47:0] ray1_interval =
       request_memory_read_popped_s12 ? popped1_memory_read_s12 :
-      stepped_memory_read_s12[95:48];
+      stepped_memory_read_intervals_s12[95:48];
   wire [23:0] ray1_memory_read_origin_x_s2 = ray1_memory_read_s2[23:0];
   wire [23:0] ray1_memory_read_origin_y_s2 = ray1_memory_read_s2[47:24];
   wire [23:0] ray1_memory_read_origin_z_s2 = ray1_memory_read_s2[71:48];
@@ -349,7 +351,7 @@ module dynrt_tpu (
   reg  [47:0] popped2_memory_read_s12;
   wire [47:0] ray2_interval =
       request_memory_read_popped_s12 ? popped2_memory_read_s12 :
-      stepped_memory_read_s12[143:96];
+      stepped_memory_read_intervals_s12[143:96];
   wire [23:0] ray2_memory_read_origin_x_s2 = ray2_memory_read_s2[23:0];
   wire [23:0] ray2_memory_read_origin_y_s2 = ray2_memory_read_s2[47:24];
   wire [23:0] ray2_memory_read_origin_z_s2 = ray2_memory_read_s2[71:48];
@@ -425,7 +427,7 @@ module dynrt_tpu (
   reg  [47:0] popped3_memory_read_s12;
   wire [47:0] ray3_interval =
       request_memory_read_popped_s12 ? popped3_memory_read_s12 :
-      stepped_memory_read_s12[191:144];
+      stepped_memory_read_intervals_s12[191:144];
   wire [23:0] ray3_memory_read_origin_x_s2 = ray3_memory_read_s2[23:0];
   wire [23:0] ray3_memory_read_origin_y_s2 = ray3_memory_read_s2[47:24];
   wire [23:0] ray3_memory_read_origin_z_s2 = ray3_memory_read_s2[71:48];
@@ -529,10 +531,10 @@ module dynrt_tpu (
       slice0_out_right_far,
       slice0_out_right_near
     };
-  reg  [87:0] request_memory_read_address_s12_delay;
-  wire [21:0] own_address = request_memory_read_address_s12_delay[65:44];
-  reg  [10:0] request_memory_read_context_s12_s13, request_memory_read_context_s12_s14;
-  reg  [10:0] request_memory_read_context_s12_s15;
+  reg  [87:0] request_memory_read_address_delay;
+  wire [21:0] own_address = request_memory_read_address_delay[65:44];
+  reg  [10:0] request_memory_read_context_s13, request_memory_read_context_s14;
+  reg  [10:0] request_memory_read_context_s15;
   wire [25:0] node_response_data_link = node_response_data[121:96];
   wire [21:0] link = node_response_data_link[21:0];
   wire left_leaf = node_response_data[122];
@@ -558,14 +560,14 @@ module dynrt_tpu (
   wire [3:0] second_mask = left_first ? to_right : to_left;
   wire [191:0] first_intervals = left_first ? left_intervals : right_intervals;
   wire [191:0] second_intervals = left_first ? right_intervals : left_intervals;
-  wire [5:0] level_before = request_memory_read_context_s12_s15[5:0];
-  wire request_memory_read_context_s12_inside_s15 = request_memory_read_context_s12_s15[10];
+  wire [5:0] level_before = request_memory_read_context_s15[5:0];
+  wire request_memory_read_context_inside_s15 = request_memory_read_context_s15[10];
   wire goes_both = goes_left & goes_right;
   reg  [15:0] node_response_valid_delay;
   wire node_response_valid_s15 = node_response_valid_delay[14];
   wire pushes = goes_both & node_response_valid_s15;
   wire [5:0] next_level = level_before + {5'd0, goes_both};
-  wire [10:0] next_context = {request_memory_read_context_s12_s15[10:6], next_level};
+  wire [10:0] next_context = {request_memory_read_context_s15[10:6], next_level};
   wire step_valid = node_response_valid_delay[15];
   wire [5:0] step_packet = packet_delay[95:90];
   wire goes_on = goes_left | goes_right;
@@ -578,8 +580,8 @@ module dynrt_tpu (
   wire step_goes_on = step_valid & goes_on_s16;
   assign stepped_write = step_goes_on;
   assign stepped_packet = step_packet;
-  assign stepped_mask = first_mask_s16;
   assign stepped_intervals = first_intervals_s16;
+  assign stepped_mask = first_mask_s16;
 
   // The stack.
   reg  pushes_s16;
@@ -587,12 +589,12 @@ module dynrt_tpu (
   wire [219:0] stack_write_data = {
       second_intervals,
       second_mask,
-      request_memory_read_context_s12_inside_s15,
+      request_memory_read_context_inside_s15,
       second_leaf,
       second_address
     };
   reg  [219:0] stack_write_data_s16;
-  assign watch_step_node = request_memory_read_address_s12_delay[87:66];
+  assign watch_step_node = request_memory_read_address_delay[87:66];
   wire stack_full = level_before_s16 == 6'd32;
   wire stack_write = pushes_s16 & ~stack_full;
   (* no_rw_check, ram_style = "block" *)
@@ -688,88 +690,88 @@ module dynrt_tpu (
   wire [5:0] pop_packet_s2 = pop_packet_delay[5:0];
   wire [23:0] limit0_memory_read = limit0_memory[pop_packet_s2];
   reg  [23:0] limit0_memory_read_s3;
-  wire [47:0] stack_read_intervals_s3_ray0 = stack_read_intervals_s3[47:0];
-  wire [23:0] stack_read_intervals_s3_ray0_near = stack_read_intervals_s3_ray0[23:0];
-  wire [23:0] stack_read_intervals_s3_ray0_far = stack_read_intervals_s3_ray0[47:24];
-  wire ray0_within = ~((limit0_memory_read_s3[22:0] < stack_read_intervals_s3_ray0_near[22:0]) | limit0_memory_read_s3[23]);
+  wire [47:0] stack_read_intervals_ray0_s3 = stack_read_intervals_s3[47:0];
+  wire [23:0] stack_read_intervals_ray0_near_s3 = stack_read_intervals_ray0_s3[23:0];
+  wire [23:0] stack_read_intervals_ray0_far_s3 = stack_read_intervals_ray0_s3[47:24];
+  wire ray0_within = ~((limit0_memory_read_s3[22:0] < stack_read_intervals_ray0_near_s3[22:0]) | limit0_memory_read_s3[23]);
   reg  ray0_untouched_s2, ray0_untouched_s3;
   wire ray0_stays = stack_read_mask_s3[0] & (ray0_within | ray0_untouched_s3);
   wire ray0_far_or_limit_is_less =
-      (limit0_memory_read_s3[23] ^ stack_read_intervals_s3_ray0_far[23]) ? limit0_memory_read_s3[23] :
-      ((limit0_memory_read_s3[22:0] < stack_read_intervals_s3_ray0_far[22:0]) ^ limit0_memory_read_s3[23]);
+      (limit0_memory_read_s3[23] ^ stack_read_intervals_ray0_far_s3[23]) ? limit0_memory_read_s3[23] :
+      ((limit0_memory_read_s3[22:0] < stack_read_intervals_ray0_far_s3[22:0]) ^ limit0_memory_read_s3[23]);
   wire [23:0] ray0_far_or_limit =
       ray0_far_or_limit_is_less ? limit0_memory_read_s3 :
-      stack_read_intervals_s3_ray0_far;
+      stack_read_intervals_ray0_far_s3;
   reg  pop_context_touched_ray0_s2, pop_context_touched_ray0_s3;
   wire [23:0] ray0_far =
       pop_context_touched_ray0_s3 ? ray0_far_or_limit :
-      stack_read_intervals_s3_ray0_far;
+      stack_read_intervals_ray0_far_s3;
   reg  ray0_stays_s4;
   reg  [47:0] ray0_popped_interval_s4;
   (* no_rw_check, ram_style = "distributed" *)
   reg  [23:0] limit1_memory [0:47];
   wire [23:0] limit1_memory_read = limit1_memory[pop_packet_s2];
   reg  [23:0] limit1_memory_read_s3;
-  wire [47:0] stack_read_intervals_s3_ray1 = stack_read_intervals_s3[95:48];
-  wire [23:0] stack_read_intervals_s3_ray1_near = stack_read_intervals_s3_ray1[23:0];
-  wire [23:0] stack_read_intervals_s3_ray1_far = stack_read_intervals_s3_ray1[47:24];
-  wire ray1_within = ~((limit1_memory_read_s3[22:0] < stack_read_intervals_s3_ray1_near[22:0]) | limit1_memory_read_s3[23]);
+  wire [47:0] stack_read_intervals_ray1_s3 = stack_read_intervals_s3[95:48];
+  wire [23:0] stack_read_intervals_ray1_near_s3 = stack_read_intervals_ray1_s3[23:0];
+  wire [23:0] stack_read_intervals_ray1_far_s3 = stack_read_intervals_ray1_s3[47:24];
+  wire ray1_within = ~((limit1_memory_read_s3[22:0] < stack_read_intervals_ray1_near_s3[22:0]) | limit1_memory_read_s3[23]);
   reg  ray1_untouched_s2, ray1_untouched_s3;
   wire ray1_stays = stack_read_mask_s3[1] & (ray1_within | ray1_untouched_s3);
   wire ray1_far_or_limit_is_less =
-      (limit1_memory_read_s3[23] ^ stack_read_intervals_s3_ray1_far[23]) ? limit1_memory_read_s3[23] :
-      ((limit1_memory_read_s3[22:0] < stack_read_intervals_s3_ray1_far[22:0]) ^ limit1_memory_read_s3[23]);
+      (limit1_memory_read_s3[23] ^ stack_read_intervals_ray1_far_s3[23]) ? limit1_memory_read_s3[23] :
+      ((limit1_memory_read_s3[22:0] < stack_read_intervals_ray1_far_s3[22:0]) ^ limit1_memory_read_s3[23]);
   wire [23:0] ray1_far_or_limit =
       ray1_far_or_limit_is_less ? limit1_memory_read_s3 :
-      stack_read_intervals_s3_ray1_far;
+      stack_read_intervals_ray1_far_s3;
   reg  pop_context_touched_ray1_s2, pop_context_touched_ray1_s3;
   wire [23:0] ray1_far =
       pop_context_touched_ray1_s3 ? ray1_far_or_limit :
-      stack_read_intervals_s3_ray1_far;
+      stack_read_intervals_ray1_far_s3;
   reg  ray1_stays_s4;
   reg  [47:0] ray1_popped_interval_s4;
   (* no_rw_check, ram_style = "distributed" *)
   reg  [23:0] limit2_memory [0:47];
   wire [23:0] limit2_memory_read = limit2_memory[pop_packet_s2];
   reg  [23:0] limit2_memory_read_s3;
-  wire [47:0] stack_read_intervals_s3_ray2 = stack_read_intervals_s3[143:96];
-  wire [23:0] stack_read_intervals_s3_ray2_near = stack_read_intervals_s3_ray2[23:0];
-  wire [23:0] stack_read_intervals_s3_ray2_far = stack_read_intervals_s3_ray2[47:24];
-  wire ray2_within = ~((limit2_memory_read_s3[22:0] < stack_read_intervals_s3_ray2_near[22:0]) | limit2_memory_read_s3[23]);
+  wire [47:0] stack_read_intervals_ray2_s3 = stack_read_intervals_s3[143:96];
+  wire [23:0] stack_read_intervals_ray2_near_s3 = stack_read_intervals_ray2_s3[23:0];
+  wire [23:0] stack_read_intervals_ray2_far_s3 = stack_read_intervals_ray2_s3[47:24];
+  wire ray2_within = ~((limit2_memory_read_s3[22:0] < stack_read_intervals_ray2_near_s3[22:0]) | limit2_memory_read_s3[23]);
   reg  ray2_untouched_s2, ray2_untouched_s3;
   wire ray2_stays = stack_read_mask_s3[2] & (ray2_within | ray2_untouched_s3);
   wire ray2_far_or_limit_is_less =
-      (limit2_memory_read_s3[23] ^ stack_read_intervals_s3_ray2_far[23]) ? limit2_memory_read_s3[23] :
-      ((limit2_memory_read_s3[22:0] < stack_read_intervals_s3_ray2_far[22:0]) ^ limit2_memory_read_s3[23]);
+      (limit2_memory_read_s3[23] ^ stack_read_intervals_ray2_far_s3[23]) ? limit2_memory_read_s3[23] :
+      ((limit2_memory_read_s3[22:0] < stack_read_intervals_ray2_far_s3[22:0]) ^ limit2_memory_read_s3[23]);
   wire [23:0] ray2_far_or_limit =
       ray2_far_or_limit_is_less ? limit2_memory_read_s3 :
-      stack_read_intervals_s3_ray2_far;
+      stack_read_intervals_ray2_far_s3;
   reg  pop_context_touched_ray2_s2, pop_context_touched_ray2_s3;
   wire [23:0] ray2_far =
       pop_context_touched_ray2_s3 ? ray2_far_or_limit :
-      stack_read_intervals_s3_ray2_far;
+      stack_read_intervals_ray2_far_s3;
   reg  ray2_stays_s4;
   reg  [47:0] ray2_popped_interval_s4;
   (* no_rw_check, ram_style = "distributed" *)
   reg  [23:0] limit3_memory [0:47];
   wire [23:0] limit3_memory_read = limit3_memory[pop_packet_s2];
   reg  [23:0] limit3_memory_read_s3;
-  wire [47:0] stack_read_intervals_s3_ray3 = stack_read_intervals_s3[191:144];
-  wire [23:0] stack_read_intervals_s3_ray3_near = stack_read_intervals_s3_ray3[23:0];
-  wire [23:0] stack_read_intervals_s3_ray3_far = stack_read_intervals_s3_ray3[47:24];
-  wire ray3_within = ~((limit3_memory_read_s3[22:0] < stack_read_intervals_s3_ray3_near[22:0]) | limit3_memory_read_s3[23]);
+  wire [47:0] stack_read_intervals_ray3_s3 = stack_read_intervals_s3[191:144];
+  wire [23:0] stack_read_intervals_ray3_near_s3 = stack_read_intervals_ray3_s3[23:0];
+  wire [23:0] stack_read_intervals_ray3_far_s3 = stack_read_intervals_ray3_s3[47:24];
+  wire ray3_within = ~((limit3_memory_read_s3[22:0] < stack_read_intervals_ray3_near_s3[22:0]) | limit3_memory_read_s3[23]);
   reg  ray3_untouched_s2, ray3_untouched_s3;
   wire ray3_stays = stack_read_mask_s3[3] & (ray3_within | ray3_untouched_s3);
   wire ray3_far_or_limit_is_less =
-      (limit3_memory_read_s3[23] ^ stack_read_intervals_s3_ray3_far[23]) ? limit3_memory_read_s3[23] :
-      ((limit3_memory_read_s3[22:0] < stack_read_intervals_s3_ray3_far[22:0]) ^ limit3_memory_read_s3[23]);
+      (limit3_memory_read_s3[23] ^ stack_read_intervals_ray3_far_s3[23]) ? limit3_memory_read_s3[23] :
+      ((limit3_memory_read_s3[22:0] < stack_read_intervals_ray3_far_s3[22:0]) ^ limit3_memory_read_s3[23]);
   wire [23:0] ray3_far_or_limit =
       ray3_far_or_limit_is_less ? limit3_memory_read_s3 :
-      stack_read_intervals_s3_ray3_far;
+      stack_read_intervals_ray3_far_s3;
   reg  pop_context_touched_ray3_s2, pop_context_touched_ray3_s3;
   wire [23:0] ray3_far =
       pop_context_touched_ray3_s3 ? ray3_far_or_limit :
-      stack_read_intervals_s3_ray3_far;
+      stack_read_intervals_ray3_far_s3;
   reg  ray3_stays_s4;
   reg  [47:0] ray3_popped_interval_s4;
   wire [3:0] stay_mask = {ray3_stays_s4, ray2_stays_s4, ray1_stays_s4, ray0_stays_s4};
@@ -787,10 +789,10 @@ module dynrt_tpu (
   wire [3:0] pop_context_touched_s5 = pop_context_touched_delay[15:12];
   reg  [23:0] level_below_delay;
   wire [5:0] level_below_s5 = level_below_delay[23:18];
-  reg  [21:0] stack_read_address_s3_s4, stack_read_address_s3_s5;
-  reg  stack_read_leaf_s3_s4, stack_read_leaf_s3_s5;
-  reg  stack_read_inside_s3_s4, stack_read_inside_s3_s5;
-  wire [10:0] pop_out_context = {stack_read_inside_s3_s5, pop_context_touched_s5, level_below_s5};
+  reg  [21:0] stack_read_address_s4, stack_read_address_s5;
+  reg  stack_read_leaf_s4, stack_read_leaf_s5;
+  reg  stack_read_inside_s4, stack_read_inside_s5;
+  wire [10:0] pop_out_context = {stack_read_inside_s5, pop_context_touched_s5, level_below_s5};
   wire pop_has_entry = pop_done & ~stack_empty_s5;
   wire pop_any_stays = |pop_out_mask;
   wire pop_goes_on = pop_has_entry & pop_any_stays;
@@ -843,10 +845,10 @@ module dynrt_tpu (
   assign popped_interval3 = setup_valid ? setup_interval : ray3_popped_interval_s5;
   wire entering_leaf =
       setup_valid ? (setup_object ? object_leaf : root_left_leaf) :
-      stack_read_leaf_s3_s5;
+      stack_read_leaf_s5;
   wire [21:0] entering_address =
       setup_valid ? (setup_object ? object_address : root_link[21:0]) :
-      stack_read_address_s3_s5;
+      stack_read_address_s5;
   wire [10:0] entering_context =
       setup_valid ? (setup_object ? object_context : 11'd0) :
       pop_out_context;
@@ -1099,13 +1101,13 @@ module dynrt_tpu (
     popped3_memory_read_s12 <= popped3_memory_read;
 
     // Pipeline 1, stage 13
-    request_memory_read_context_s12_s13 <= request_memory_read_context_s12;
+    request_memory_read_context_s13 <= request_memory_read_context_s12;
 
     // Pipeline 1, stage 14
-    request_memory_read_context_s12_s14 <= request_memory_read_context_s12_s13;
+    request_memory_read_context_s14 <= request_memory_read_context_s13;
 
     // Pipeline 1, stage 15
-    request_memory_read_context_s12_s15 <= request_memory_read_context_s12_s14;
+    request_memory_read_context_s15 <= request_memory_read_context_s14;
 
     // Pipeline 1, stage 16
     goes_on_s16 <= goes_on;
@@ -1153,16 +1155,16 @@ module dynrt_tpu (
 
     // Pipeline 2, stage 4
     ray0_stays_s4 <= ray0_stays;
-    ray0_popped_interval_s4 <= {ray0_far, stack_read_intervals_s3_ray0_near};
+    ray0_popped_interval_s4 <= {ray0_far, stack_read_intervals_ray0_near_s3};
     ray1_stays_s4 <= ray1_stays;
-    ray1_popped_interval_s4 <= {ray1_far, stack_read_intervals_s3_ray1_near};
+    ray1_popped_interval_s4 <= {ray1_far, stack_read_intervals_ray1_near_s3};
     ray2_stays_s4 <= ray2_stays;
-    ray2_popped_interval_s4 <= {ray2_far, stack_read_intervals_s3_ray2_near};
+    ray2_popped_interval_s4 <= {ray2_far, stack_read_intervals_ray2_near_s3};
     ray3_stays_s4 <= ray3_stays;
-    ray3_popped_interval_s4 <= {ray3_far, stack_read_intervals_s3_ray3_near};
-    stack_read_address_s3_s4 <= stack_read_address_s3;
-    stack_read_leaf_s3_s4 <= stack_read_leaf_s3;
-    stack_read_inside_s3_s4 <= stack_read_inside_s3;
+    ray3_popped_interval_s4 <= {ray3_far, stack_read_intervals_ray3_near_s3};
+    stack_read_address_s4 <= stack_read_address_s3;
+    stack_read_leaf_s4 <= stack_read_leaf_s3;
+    stack_read_inside_s4 <= stack_read_inside_s3;
 
     // Pipeline 2, stage 5
     pop_out_mask <= stay_mask;
@@ -1170,15 +1172,15 @@ module dynrt_tpu (
     ray1_popped_interval_s5 <= ray1_popped_interval_s4;
     ray2_popped_interval_s5 <= ray2_popped_interval_s4;
     ray3_popped_interval_s5 <= ray3_popped_interval_s4;
-    stack_read_address_s3_s5 <= stack_read_address_s3_s4;
-    stack_read_leaf_s3_s5 <= stack_read_leaf_s3_s4;
-    stack_read_inside_s3_s5 <= stack_read_inside_s3_s4;
+    stack_read_address_s5 <= stack_read_address_s4;
+    stack_read_leaf_s5 <= stack_read_leaf_s4;
+    stack_read_inside_s5 <= stack_read_inside_s4;
   end
 
   // Delay lines: values that wait for others of their pipeline, the newest lowest.
   always @(posedge clk) begin
     packet_delay <= {packet_delay[89:0], packet};
-    request_memory_read_address_s12_delay <= {request_memory_read_address_s12_delay[65:0], request_memory_read_address_s12};
+    request_memory_read_address_delay <= {request_memory_read_address_delay[65:0], request_memory_read_address_s12};
     left_leaf_delay <= {left_leaf_delay[13:0], left_leaf};
     link_delay <= {link_delay[307:0], link};
     right_leaf_delay <= {right_leaf_delay[13:0], right_leaf};

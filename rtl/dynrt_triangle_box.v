@@ -359,11 +359,11 @@ module dynrt_triangle_box (
       (~far_y_y_is_not_zero | (far_y_y[23] & (~|far_y_y_moved[22:16]))) ? {1'b0, 6'd0, ~far_y_y_steps_to_zero, 14'd0, far_y_y_fraction_about_zero} :
       far_y_y_stepped_further;
   reg  [23:0] far_y_y_stepped_s12;
-  reg  [22:0] near_y_y_stepped_magnitude_s12_s13;
-  reg  near_y_y_stepped_sign_s12_s13;
+  reg  [22:0] near_y_y_stepped_magnitude_s13;
+  reg  near_y_y_stepped_sign_s13;
   wire near_after_y_is_greater_unless_nan =
-      (near_after_x_s13[23] ^ near_y_y_stepped_sign_s12_s13) ? near_after_x_s13[23] :
-      ((near_after_x_s13[22:0] < near_y_y_stepped_magnitude_s12_s13) ^ near_after_x_s13[23]);
+      (near_after_x_s13[23] ^ near_y_y_stepped_sign_s13) ? near_after_x_s13[23] :
+      ((near_after_x_s13[22:0] < near_y_y_stepped_magnitude_s13) ^ near_after_x_s13[23]);
   reg  near_after_y_is_greater_ordered_s13;
   wire near_after_y_is_greater =
       near_after_y_is_greater_unless_nan &
@@ -371,11 +371,11 @@ module dynrt_triangle_box (
   reg  [23:0] near_y_y_stepped_s13;
   wire [23:0] near_after_y = near_after_y_is_greater ? near_y_y_stepped_s13 : near_after_x_s13;
   reg  [23:0] near_after_y_s14;
-  reg  [22:0] far_y_y_stepped_magnitude_s12_s13;
-  reg  far_y_y_stepped_sign_s12_s13;
+  reg  [22:0] far_y_y_stepped_magnitude_s13;
+  reg  far_y_y_stepped_sign_s13;
   wire far_after_y_is_less =
-      (far_y_y_stepped_sign_s12_s13 ^ far_after_x_s13[23]) ? far_y_y_stepped_sign_s12_s13 :
-      ((far_y_y_stepped_magnitude_s12_s13 < far_after_x_s13[22:0]) ^ far_y_y_stepped_sign_s12_s13);
+      (far_y_y_stepped_sign_s13 ^ far_after_x_s13[23]) ? far_y_y_stepped_sign_s13 :
+      ((far_y_y_stepped_magnitude_s13 < far_after_x_s13[22:0]) ^ far_y_y_stepped_sign_s13);
   reg  [23:0] far_y_y_stepped_s13;
   wire [23:0] far_after_y = far_after_y_is_less ? far_y_y_stepped_s13 : far_after_x_s13;
   reg  [23:0] far_after_y_s14;
@@ -475,11 +475,11 @@ module dynrt_triangle_box (
       (~far_z_y_is_not_zero | (far_z_y[23] & (~|far_z_y_moved[22:16]))) ? {1'b0, 6'd0, ~far_z_y_steps_to_zero, 14'd0, far_z_y_fraction_about_zero} :
       far_z_y_stepped_further;
   reg  [23:0] far_z_y_stepped_s12;
-  reg  [22:0] near_z_y_stepped_magnitude_s12_s13, near_z_y_stepped_magnitude_s12_s14;
-  reg  near_z_y_stepped_sign_s12_s13, near_z_y_stepped_sign_s12_s14;
+  reg  [22:0] near_z_y_stepped_magnitude_s13, near_z_y_stepped_magnitude_s14;
+  reg  near_z_y_stepped_sign_s13, near_z_y_stepped_sign_s14;
   wire near_after_z_is_greater_unless_nan =
-      (near_after_y_s14[23] ^ near_z_y_stepped_sign_s12_s14) ? near_after_y_s14[23] :
-      ((near_after_y_s14[22:0] < near_z_y_stepped_magnitude_s12_s14) ^ near_after_y_s14[23]);
+      (near_after_y_s14[23] ^ near_z_y_stepped_sign_s14) ? near_after_y_s14[23] :
+      ((near_after_y_s14[22:0] < near_z_y_stepped_magnitude_s14) ^ near_after_y_s14[23]);
   reg  near_after_z_is_greater_ordered_s13, near_after_z_is_greater_ordered_s14;
   wire near_after_z_is_greater =
       near_after_z_is_greater_unless_nan &
@@ -487,11 +487,11 @@ module dynrt_triangle_box (
   reg  [23:0] near_z_y_stepped_s13, near_z_y_stepped_s14;
   wire [23:0] near_after_z = near_after_z_is_greater ? near_z_y_stepped_s14 : near_after_y_s14;
   reg  [23:0] near_after_z_s15;
-  reg  [22:0] far_z_y_stepped_magnitude_s12_s13, far_z_y_stepped_magnitude_s12_s14;
-  reg  far_z_y_stepped_sign_s12_s13, far_z_y_stepped_sign_s12_s14;
+  reg  [22:0] far_z_y_stepped_magnitude_s13, far_z_y_stepped_magnitude_s14;
+  reg  far_z_y_stepped_sign_s13, far_z_y_stepped_sign_s14;
   wire far_after_z_is_less =
-      (far_z_y_stepped_sign_s12_s14 ^ far_after_y_s14[23]) ? far_z_y_stepped_sign_s12_s14 :
-      ((far_z_y_stepped_magnitude_s12_s14 < far_after_y_s14[22:0]) ^ far_z_y_stepped_sign_s12_s14);
+      (far_z_y_stepped_sign_s14 ^ far_after_y_s14[23]) ? far_z_y_stepped_sign_s14 :
+      ((far_z_y_stepped_magnitude_s14 < far_after_y_s14[22:0]) ^ far_z_y_stepped_sign_s14);
   reg  [23:0] far_z_y_stepped_s13, far_z_y_stepped_s14;
   wire [23:0] far_after_z = far_after_z_is_less ? far_z_y_stepped_s14 : far_after_y_s14;
   reg  [23:0] far_after_z_s15;
@@ -595,30 +595,30 @@ module dynrt_triangle_box (
     // Stage 13
     near_after_x_s13 <= near_after_x;
     far_after_x_s13 <= far_after_x;
-    near_y_y_stepped_magnitude_s12_s13 <= near_y_y_stepped_s12[22:0];
-    near_y_y_stepped_sign_s12_s13 <= near_y_y_stepped_s12[23];
+    near_y_y_stepped_magnitude_s13 <= near_y_y_stepped_s12[22:0];
+    near_y_y_stepped_sign_s13 <= near_y_y_stepped_s12[23];
     near_after_y_is_greater_ordered_s13 <= ~((&near_y_y_stepped_s12[22:16]) & (|near_y_y_stepped_s12[15:0]));
     near_y_y_stepped_s13 <= near_y_y_stepped_s12;
-    far_y_y_stepped_magnitude_s12_s13 <= far_y_y_stepped_s12[22:0];
-    far_y_y_stepped_sign_s12_s13 <= far_y_y_stepped_s12[23];
+    far_y_y_stepped_magnitude_s13 <= far_y_y_stepped_s12[22:0];
+    far_y_y_stepped_sign_s13 <= far_y_y_stepped_s12[23];
     far_y_y_stepped_s13 <= far_y_y_stepped_s12;
-    near_z_y_stepped_magnitude_s12_s13 <= near_z_y_stepped_s12[22:0];
-    near_z_y_stepped_sign_s12_s13 <= near_z_y_stepped_s12[23];
+    near_z_y_stepped_magnitude_s13 <= near_z_y_stepped_s12[22:0];
+    near_z_y_stepped_sign_s13 <= near_z_y_stepped_s12[23];
     near_after_z_is_greater_ordered_s13 <= ~((&near_z_y_stepped_s12[22:16]) & (|near_z_y_stepped_s12[15:0]));
     near_z_y_stepped_s13 <= near_z_y_stepped_s12;
-    far_z_y_stepped_magnitude_s12_s13 <= far_z_y_stepped_s12[22:0];
-    far_z_y_stepped_sign_s12_s13 <= far_z_y_stepped_s12[23];
+    far_z_y_stepped_magnitude_s13 <= far_z_y_stepped_s12[22:0];
+    far_z_y_stepped_sign_s13 <= far_z_y_stepped_s12[23];
     far_z_y_stepped_s13 <= far_z_y_stepped_s12;
 
     // Stage 14
     near_after_y_s14 <= near_after_y;
     far_after_y_s14 <= far_after_y;
-    near_z_y_stepped_magnitude_s12_s14 <= near_z_y_stepped_magnitude_s12_s13;
-    near_z_y_stepped_sign_s12_s14 <= near_z_y_stepped_sign_s12_s13;
+    near_z_y_stepped_magnitude_s14 <= near_z_y_stepped_magnitude_s13;
+    near_z_y_stepped_sign_s14 <= near_z_y_stepped_sign_s13;
     near_after_z_is_greater_ordered_s14 <= near_after_z_is_greater_ordered_s13;
     near_z_y_stepped_s14 <= near_z_y_stepped_s13;
-    far_z_y_stepped_magnitude_s12_s14 <= far_z_y_stepped_magnitude_s12_s13;
-    far_z_y_stepped_sign_s12_s14 <= far_z_y_stepped_sign_s12_s13;
+    far_z_y_stepped_magnitude_s14 <= far_z_y_stepped_magnitude_s13;
+    far_z_y_stepped_sign_s14 <= far_z_y_stepped_sign_s13;
     far_z_y_stepped_s14 <= far_z_y_stepped_s13;
 
     // Stage 15

@@ -210,11 +210,11 @@ module dynrt_triangle_test (
       raised_is_greater_by_sign;
   wire [23:0] raised = raised_is_greater ? own_box_box_near_s50 : intersection_test_t;
   reg  [23:0] raised_s51;
-  reg  [22:0] own_box_box_far_magnitude_s50_s51;
-  reg  own_box_box_far_sign_s50_s51;
+  reg  [22:0] own_box_box_far_magnitude_s51;
+  reg  own_box_box_far_sign_s51;
   wire clamped_is_less_unless_nan =
-      (own_box_box_far_sign_s50_s51 ^ raised_s51[23]) ? own_box_box_far_sign_s50_s51 :
-      ((own_box_box_far_magnitude_s50_s51 < raised_s51[22:0]) ^ own_box_box_far_sign_s50_s51);
+      (own_box_box_far_sign_s51 ^ raised_s51[23]) ? own_box_box_far_sign_s51 :
+      ((own_box_box_far_magnitude_s51 < raised_s51[22:0]) ^ own_box_box_far_sign_s51);
   wire clamped_is_less = clamped_is_less_unless_nan & ~((&raised_s51[22:16]) & (|raised_s51[15:0]));
   wire [23:0] own_box_box_far_s51 = own_box_box_far_delay[839:816];
   wire [23:0] clamped = clamped_is_less ? own_box_box_far_s51 : raised_s51;
@@ -238,8 +238,8 @@ module dynrt_triangle_test (
   always @(posedge clk) begin
     // Stage 51
     raised_s51 <= raised;
-    own_box_box_far_magnitude_s50_s51 <= own_box_box_far_s50[22:0];
-    own_box_box_far_sign_s50_s51 <= own_box_box_far_s50[23];
+    own_box_box_far_magnitude_s51 <= own_box_box_far_s50[22:0];
+    own_box_box_far_sign_s51 <= own_box_box_far_s50[23];
     misses_s51 <= misses;
     intersection_test_u_s51 <= intersection_test_u;
     intersection_test_v_s51 <= intersection_test_v;

@@ -541,18 +541,18 @@ module dynrt_update_processor (
   wire nan_both_lo_x = nan_first_lo_x & nan_second_lo_x;
   reg  nan_both_lo_x_s3;
   reg  third_beats_lo_x_ordered_s3;
-  reg  [23:0] third_x_magnitude_twice_s2_s3;
-  reg  third_x_sign_s2_s3;
+  reg  [23:0] third_x_magnitude_twice_s3;
+  reg  third_x_sign_s3;
   wire third_beats_lo_x_by_sign =
-      (third_x_magnitude_twice_s2_s3 < {best_lo_x_s3[22:0], best_lo_x_s3[23]}) ^
-      third_x_sign_s2_s3;
+      (third_x_magnitude_twice_s3 < {best_lo_x_s3[22:0], best_lo_x_s3[23]}) ^
+      third_x_sign_s3;
   wire third_beats_lo_x_unless_zero =
-      (third_x_sign_s2_s3 ^ best_lo_x_s3[23]) ? third_x_sign_s2_s3 :
+      (third_x_sign_s3 ^ best_lo_x_s3[23]) ? third_x_sign_s3 :
       third_beats_lo_x_by_sign;
-  reg  third_x_is_zero_s2_s3;
+  reg  third_x_is_zero_s3;
   wire third_beats_lo_x =
       third_beats_lo_x_unless_zero &
-      ~(third_x_is_zero_s2_s3 & (~|best_lo_x_s3[22:16])) &
+      ~(third_x_is_zero_s3 & (~|best_lo_x_s3[22:16])) &
       third_beats_lo_x_ordered_s3;
   reg  of_leaf_s2, of_leaf_s3;
   wire take_third_lo_x =
@@ -592,18 +592,18 @@ module dynrt_update_processor (
   wire nan_both_lo_y = nan_first_lo_y & nan_second_lo_y;
   reg  nan_both_lo_y_s3;
   reg  third_beats_lo_y_ordered_s3;
-  reg  [23:0] third_y_magnitude_twice_s2_s3;
-  reg  third_y_sign_s2_s3;
+  reg  [23:0] third_y_magnitude_twice_s3;
+  reg  third_y_sign_s3;
   wire third_beats_lo_y_by_sign =
-      (third_y_magnitude_twice_s2_s3 < {best_lo_y_s3[22:0], best_lo_y_s3[23]}) ^
-      third_y_sign_s2_s3;
+      (third_y_magnitude_twice_s3 < {best_lo_y_s3[22:0], best_lo_y_s3[23]}) ^
+      third_y_sign_s3;
   wire third_beats_lo_y_unless_zero =
-      (third_y_sign_s2_s3 ^ best_lo_y_s3[23]) ? third_y_sign_s2_s3 :
+      (third_y_sign_s3 ^ best_lo_y_s3[23]) ? third_y_sign_s3 :
       third_beats_lo_y_by_sign;
-  reg  third_y_is_zero_s2_s3;
+  reg  third_y_is_zero_s3;
   wire third_beats_lo_y =
       third_beats_lo_y_unless_zero &
-      ~(third_y_is_zero_s2_s3 & (~|best_lo_y_s3[22:16])) &
+      ~(third_y_is_zero_s3 & (~|best_lo_y_s3[22:16])) &
       third_beats_lo_y_ordered_s3;
   wire take_third_lo_y =
       of_leaf_s3 &
@@ -642,18 +642,18 @@ module dynrt_update_processor (
   wire nan_both_lo_z = nan_first_lo_z & nan_second_lo_z;
   reg  nan_both_lo_z_s3;
   reg  third_beats_lo_z_ordered_s3;
-  reg  [23:0] third_z_magnitude_twice_s2_s3;
-  reg  third_z_sign_s2_s3;
+  reg  [23:0] third_z_magnitude_twice_s3;
+  reg  third_z_sign_s3;
   wire third_beats_lo_z_by_sign =
-      (third_z_magnitude_twice_s2_s3 < {best_lo_z_s3[22:0], best_lo_z_s3[23]}) ^
-      third_z_sign_s2_s3;
+      (third_z_magnitude_twice_s3 < {best_lo_z_s3[22:0], best_lo_z_s3[23]}) ^
+      third_z_sign_s3;
   wire third_beats_lo_z_unless_zero =
-      (third_z_sign_s2_s3 ^ best_lo_z_s3[23]) ? third_z_sign_s2_s3 :
+      (third_z_sign_s3 ^ best_lo_z_s3[23]) ? third_z_sign_s3 :
       third_beats_lo_z_by_sign;
-  reg  third_z_is_zero_s2_s3;
+  reg  third_z_is_zero_s3;
   wire third_beats_lo_z =
       third_beats_lo_z_unless_zero &
-      ~(third_z_is_zero_s2_s3 & (~|best_lo_z_s3[22:16])) &
+      ~(third_z_is_zero_s3 & (~|best_lo_z_s3[22:16])) &
       third_beats_lo_z_ordered_s3;
   wire take_third_lo_z =
       of_leaf_s3 &
@@ -686,13 +686,13 @@ module dynrt_update_processor (
   reg  [23:0] best_hi_x_s3;
   wire nan_both_hi_x = nan_first_hi_x & nan_second_hi_x;
   reg  nan_both_hi_x_s3;
-  reg  [23:0] third_x_magnitude_and_sign_s2_s3;
+  reg  [23:0] third_x_magnitude_and_sign_s3;
   wire third_beats_hi_x_unless_zero =
-      (best_hi_x_s3[23] ^ third_x_sign_s2_s3) ? best_hi_x_s3[23] :
-      (({best_hi_x_s3[22:0], 1'b0} < third_x_magnitude_and_sign_s2_s3) ^ best_hi_x_s3[23]);
+      (best_hi_x_s3[23] ^ third_x_sign_s3) ? best_hi_x_s3[23] :
+      (({best_hi_x_s3[22:0], 1'b0} < third_x_magnitude_and_sign_s3) ^ best_hi_x_s3[23]);
   wire third_beats_hi_x =
       third_beats_hi_x_unless_zero &
-      ~((~|best_hi_x_s3[22:16]) & third_x_is_zero_s2_s3) &
+      ~((~|best_hi_x_s3[22:16]) & third_x_is_zero_s3) &
       third_beats_lo_x_ordered_s3;
   wire take_third_hi_x =
       of_leaf_s3 &
@@ -723,13 +723,13 @@ module dynrt_update_processor (
   reg  [23:0] best_hi_y_s3;
   wire nan_both_hi_y = nan_first_hi_y & nan_second_hi_y;
   reg  nan_both_hi_y_s3;
-  reg  [23:0] third_y_magnitude_and_sign_s2_s3;
+  reg  [23:0] third_y_magnitude_and_sign_s3;
   wire third_beats_hi_y_unless_zero =
-      (best_hi_y_s3[23] ^ third_y_sign_s2_s3) ? best_hi_y_s3[23] :
-      (({best_hi_y_s3[22:0], 1'b0} < third_y_magnitude_and_sign_s2_s3) ^ best_hi_y_s3[23]);
+      (best_hi_y_s3[23] ^ third_y_sign_s3) ? best_hi_y_s3[23] :
+      (({best_hi_y_s3[22:0], 1'b0} < third_y_magnitude_and_sign_s3) ^ best_hi_y_s3[23]);
   wire third_beats_hi_y =
       third_beats_hi_y_unless_zero &
-      ~((~|best_hi_y_s3[22:16]) & third_y_is_zero_s2_s3) &
+      ~((~|best_hi_y_s3[22:16]) & third_y_is_zero_s3) &
       third_beats_lo_y_ordered_s3;
   wire take_third_hi_y =
       of_leaf_s3 &
@@ -760,13 +760,13 @@ module dynrt_update_processor (
   reg  [23:0] best_hi_z_s3;
   wire nan_both_hi_z = nan_first_hi_z & nan_second_hi_z;
   reg  nan_both_hi_z_s3;
-  reg  [23:0] third_z_magnitude_and_sign_s2_s3;
+  reg  [23:0] third_z_magnitude_and_sign_s3;
   wire third_beats_hi_z_unless_zero =
-      (best_hi_z_s3[23] ^ third_z_sign_s2_s3) ? best_hi_z_s3[23] :
-      (({best_hi_z_s3[22:0], 1'b0} < third_z_magnitude_and_sign_s2_s3) ^ best_hi_z_s3[23]);
+      (best_hi_z_s3[23] ^ third_z_sign_s3) ? best_hi_z_s3[23] :
+      (({best_hi_z_s3[22:0], 1'b0} < third_z_magnitude_and_sign_s3) ^ best_hi_z_s3[23]);
   wire third_beats_hi_z =
       third_beats_hi_z_unless_zero &
-      ~((~|best_hi_z_s3[22:16]) & third_z_is_zero_s2_s3) &
+      ~((~|best_hi_z_s3[22:16]) & third_z_is_zero_s3) &
       third_beats_lo_z_ordered_s3;
   wire take_third_hi_z =
       of_leaf_s3 &
@@ -791,28 +791,28 @@ module dynrt_update_processor (
   // A node's intervals, each on its axis, wait until they are written.
   wire [3:0] merge_axes = current_z[3:0];
   reg  [3:0] merge_axes_s1, merge_axes_s2;
-  wire merge_axes_left_s2_is_1 = merge_axes_s2[1:0] == 2'd1;
-  wire merge_axes_left_s2_is_0 = merge_axes_s2[1:0] == 2'd0;
+  wire merge_axes_left_is_1_s2 = merge_axes_s2[1:0] == 2'd1;
+  wire merge_axes_left_is_0_s2 = merge_axes_s2[1:0] == 2'd0;
   wire [23:0] left_lo =
-      merge_axes_left_s2_is_0 ? first_lo_x_s2 :
-      merge_axes_left_s2_is_1 ? first_lo_y_s2 :
+      merge_axes_left_is_0_s2 ? first_lo_x_s2 :
+      merge_axes_left_is_1_s2 ? first_lo_y_s2 :
       first_lo_z_s2;
   reg  [23:0] left_lo_s3;
   wire [23:0] left_hi =
-      merge_axes_left_s2_is_0 ? first_hi_x_s2 :
-      merge_axes_left_s2_is_1 ? first_hi_y_s2 :
+      merge_axes_left_is_0_s2 ? first_hi_x_s2 :
+      merge_axes_left_is_1_s2 ? first_hi_y_s2 :
       first_hi_z_s2;
   reg  [23:0] left_hi_s3;
-  wire merge_axes_right_s2_is_1 = merge_axes_s2[3:2] == 2'd1;
-  wire merge_axes_right_s2_is_0 = merge_axes_s2[3:2] == 2'd0;
+  wire merge_axes_right_is_1_s2 = merge_axes_s2[3:2] == 2'd1;
+  wire merge_axes_right_is_0_s2 = merge_axes_s2[3:2] == 2'd0;
   wire [23:0] right_lo =
-      merge_axes_right_s2_is_0 ? second_lo_x_s2 :
-      merge_axes_right_s2_is_1 ? second_lo_y_s2 :
+      merge_axes_right_is_0_s2 ? second_lo_x_s2 :
+      merge_axes_right_is_1_s2 ? second_lo_y_s2 :
       second_lo_z_s2;
   reg  [23:0] right_lo_s3;
   wire [23:0] right_hi =
-      merge_axes_right_s2_is_0 ? second_hi_x_s2 :
-      merge_axes_right_s2_is_1 ? second_hi_y_s2 :
+      merge_axes_right_is_0_s2 ? second_hi_x_s2 :
+      merge_axes_right_is_1_s2 ? second_hi_y_s2 :
       second_hi_z_s2;
   reg  [23:0] right_hi_s3;
   wire [95:0] node_queue_data = {right_hi_s3, right_lo_s3, left_hi_s3, left_lo_s3};
@@ -960,37 +960,37 @@ module dynrt_update_processor (
     best_lo_x_s3 <= best_lo_x;
     nan_both_lo_x_s3 <= nan_both_lo_x;
     third_beats_lo_x_ordered_s3 <= ~nan_third_x;
-    third_x_magnitude_twice_s2_s3 <= {third_x_s2[22:0], 1'b0};
-    third_x_sign_s2_s3 <= third_x_s2[23];
-    third_x_is_zero_s2_s3 <= ~|third_x_s2[22:16];
+    third_x_magnitude_twice_s3 <= {third_x_s2[22:0], 1'b0};
+    third_x_sign_s3 <= third_x_s2[23];
+    third_x_is_zero_s3 <= ~|third_x_s2[22:16];
     of_leaf_s3 <= of_leaf_s2;
     nan_third_x_s3 <= nan_third_x;
     third_x_s3 <= third_x_s2;
     best_lo_y_s3 <= best_lo_y;
     nan_both_lo_y_s3 <= nan_both_lo_y;
     third_beats_lo_y_ordered_s3 <= ~nan_third_y;
-    third_y_magnitude_twice_s2_s3 <= {third_y_s2[22:0], 1'b0};
-    third_y_sign_s2_s3 <= third_y_s2[23];
-    third_y_is_zero_s2_s3 <= ~|third_y_s2[22:16];
+    third_y_magnitude_twice_s3 <= {third_y_s2[22:0], 1'b0};
+    third_y_sign_s3 <= third_y_s2[23];
+    third_y_is_zero_s3 <= ~|third_y_s2[22:16];
     nan_third_y_s3 <= nan_third_y;
     third_y_s3 <= third_y_s2;
     best_lo_z_s3 <= best_lo_z;
     nan_both_lo_z_s3 <= nan_both_lo_z;
     third_beats_lo_z_ordered_s3 <= ~nan_third_z;
-    third_z_magnitude_twice_s2_s3 <= {third_z_s2[22:0], 1'b0};
-    third_z_sign_s2_s3 <= third_z_s2[23];
-    third_z_is_zero_s2_s3 <= ~|third_z_s2[22:16];
+    third_z_magnitude_twice_s3 <= {third_z_s2[22:0], 1'b0};
+    third_z_sign_s3 <= third_z_s2[23];
+    third_z_is_zero_s3 <= ~|third_z_s2[22:16];
     nan_third_z_s3 <= nan_third_z;
     third_z_s3 <= third_z_s2;
     best_hi_x_s3 <= best_hi_x;
     nan_both_hi_x_s3 <= nan_both_hi_x;
-    third_x_magnitude_and_sign_s2_s3 <= {third_x_s2[22:0], third_x_s2[23]};
+    third_x_magnitude_and_sign_s3 <= {third_x_s2[22:0], third_x_s2[23]};
     best_hi_y_s3 <= best_hi_y;
     nan_both_hi_y_s3 <= nan_both_hi_y;
-    third_y_magnitude_and_sign_s2_s3 <= {third_y_s2[22:0], third_y_s2[23]};
+    third_y_magnitude_and_sign_s3 <= {third_y_s2[22:0], third_y_s2[23]};
     best_hi_z_s3 <= best_hi_z;
     nan_both_hi_z_s3 <= nan_both_hi_z;
-    third_z_magnitude_and_sign_s2_s3 <= {third_z_s2[22:0], third_z_s2[23]};
+    third_z_magnitude_and_sign_s3 <= {third_z_s2[22:0], third_z_s2[23]};
     merge_goes_s3 <= merge_goes_s2;
     left_lo_s3 <= left_lo;
     left_hi_s3 <= left_hi;

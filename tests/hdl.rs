@@ -4,7 +4,8 @@
 use dynrt::config::Config;
 use dynrt::cosim::model::{BuildOptions, Model, Port, PortHandle, Sources, build, lint};
 use dynrt::hdl::{
-    Builder, Design, Direction, HdlError, Kind, Module, Mutation, Prefix, Select, Signal, Style,
+    Builder, Design, Direction, HdlError, Kind, Module, Mutation, Prefix, Select, Signal, Specs,
+    Style,
 };
 use dynrt::hw;
 use dynrt::named;
@@ -940,7 +941,7 @@ fn pipelines() -> Arc<Module> {
     let p = m.pipeline();
     let (axis, x, y) = (p.input("axis", 2), p.input("x", 16), p.input("y", 16));
     let valid = p.valid_input("valid");
-    let is_one = axis.equals(1).delay(2);
+    let is_one = axis.equals(1).hinted("axis_is_one").delay(2);
     let swapped = is_one.mux(x, y);
     let inputs = [
         ("a", swapped.low(8)),
@@ -996,6 +997,53 @@ fn generated_names_leave_given_ones_alone() {
     m.output("spare", p.input("spare_in", 4).low(2));
     let design = Design::new(m.finish().unwrap()).unwrap();
     lint(&sources(&design)).unwrap();
+}
+
+/// Names follow from fields, parts and hints, also behind registers; what is left is told with its place.
+#[test]
+fn names_follow_from_the_description() {
+    dynrt::bundle! {
+        struct Interval() { near: 8, far: 8 }
+    }
+    dynrt::bundle! {
+        struct Entry() { leaf: 1, context: 3, interval: {Interval}() }
+    }
+    let m = Builder::new("named", "has a word of fields.");
+    let p = m.pipeline();
+    let x = p.input("x", 8);
+    let entry = Entry::of();
+    let store = m.memory("store", 16, entry.width(), Style::Block);
+    store.write(m.ones(1), m.input("at", 4), m.input("word", entry.width()));
+    let kept = entry.unpack(store.read(p.input("from", 4)).register());
+    let Interval { near, far } = kept.interval;
+    let meets = near.le(x).hinted("meets");
+    m.output("meets_now", meets.at(4) & kept.leaf.at(4));
+    m.output("meets_late", meets.at(5) & far.part("sign", 7, 1).at(5));
+    let narrow = (near.low(4) ^ kept.context.extend(4)).hinted_after(near, "mixed");
+    m.output("mixed", narrow.concat(narrow));
+    let nameless = (x & far) + near;
+    m.output(
+        "nothing",
+        nameless.concat(nameless.register().at(nameless.stage() + 1)),
+    );
+    let module = m.finish().unwrap();
+    lint(&sources(&Design::new(module.clone()).unwrap())).unwrap();
+    for part in [
+        "wire store_read_leaf_s2 = store_read_s2[0];",
+        "wire [2:0] store_read_context_s2 = store_read_s2[3:1];",
+        "wire [7:0] store_read_interval_near_s2 = store_read_s2[11:4];",
+        "meets_s3 <= (store_read_interval_near_s2 <= x_s2);",
+        "store_read_interval_far_sign_s3 <= store_read_interval_far_s2[7];",
+        "wire [3:0] store_read_interval_near_mixed_s2 =",
+    ] {
+        let text = module.verilog();
+        assert!(text.contains(part), "{part}\n{text}");
+    }
+    let made_up: Vec<_> = module.made_up_names().collect();
+    let [(name, place)] = made_up[..] else {
+        panic!("{made_up:?}\n{}", module.verilog())
+    };
+    assert_eq!((name, place.file()), ("term", file!()));
 }
 
 #[test]

@@ -71,6 +71,22 @@ bundle! {
 }
 
 bundle! {
+    /// A leaf: the tag of its record's request.
+    struct Fetched(plan: &Plan) {
+        packet: plan.packet_bits(),
+        instance: 1,
+    }
+}
+
+bundle! {
+    /// The tag of a vertex's or a vector's request.
+    struct Corner(plan: &Plan) {
+        number: CORNER_BITS,
+        packet: plan.packet_bits(),
+    }
+}
+
+bundle! {
     /// A direction in the world, and whose it is.
     pub struct World(plan: &Plan) {
         packet: plan.packet_bits(),
@@ -290,6 +306,7 @@ pub fn module(plan: &Plan) -> Result<Geometry, HdlError> {
 
     m.comment("A leaf is taken when its record can be requested. Its tag says whether it is an instance's.");
     let leaf_word = LeafWord::of(plan);
+    let (fetched, of_corner) = (Fetched::of(plan), Corner::of(plan));
     let take_leaf = (leaf.valid & record_ready).named("take_leaf");
     let Leaf {
         packet: leaf_packet,
@@ -314,15 +331,20 @@ pub fn module(plan: &Plan) -> Result<Geometry, HdlError> {
     instance_leaves.write(take_leaf, leaf_packet, leaf_is_instance);
     let record_request = Request {
         address: leaf_address,
-        tag: leaf_is_instance.concat(leaf_packet),
+        tag: fetched.pack(Fetched {
+            packet: leaf_packet,
+            instance: leaf_is_instance,
+        }),
     };
 
     m.comment(
         "A record's answer: numbers and an instance's root are kept; three vertices, or the six vectors that lie one after another, \
          are requested one a clock.",
     );
-    let record_packet = record.tag.low(pb);
-    let record_is_instance = record.tag.msb();
+    let Fetched {
+        packet: record_packet,
+        instance: record_is_instance,
+    } = fetched.unpack(record.tag);
     let triangle = fields::Triangle::of().unpack(record.data);
     let instance = fields::Instance::of().unpack(record.data);
     let triangle_numbers = m.memory("triangle_number_memory", packets, 32, Style::Block);
@@ -382,14 +404,19 @@ pub fn module(plan: &Plan) -> Result<Geometry, HdlError> {
         .named("vertex_address");
     let vertex_request = Request {
         address: job_is_instance.mux(vector_address, vertex_address),
-        tag: job.packet.concat(corner.q),
+        tag: of_corner.pack(Corner {
+            number: corner.q,
+            packet: job.packet,
+        }),
     };
 
     m.comment(
         "Vertices and vectors arrive in any order; the last one to come makes the leaf complete.",
     );
-    let arrived_packet = arrived.tag.part("packet", CORNER_BITS, pb);
-    let arrived_corner = arrived.tag.part("corner", 0, CORNER_BITS);
+    let Corner {
+        number: arrived_corner,
+        packet: arrived_packet,
+    } = of_corner.unpack(arrived.tag);
     let arrives_as = |name: &str, corners: &[u32]| {
         let any: Vec<_> = corners
             .iter()
@@ -451,11 +478,17 @@ pub fn module(plan: &Plan) -> Result<Geometry, HdlError> {
         "ready_queue",
         packets,
         complete,
-        arrived_is_instance.concat(arrived_packet),
+        fetched.pack(Fetched {
+            packet: arrived_packet,
+            instance: arrived_is_instance,
+        }),
         take_ready.get(),
     )?;
-    let (ready_valid, ready_front) = (ready_queue.valid, ready_queue.front);
-    let ready_packet = ready_front.low(pb);
+    let ready_valid = ready_queue.valid;
+    let Fetched {
+        packet: ready_packet,
+        instance: ready_is_instance,
+    } = fetched.unpack(ready_queue.front);
     let ready_mask = masks.read_now(ready_packet);
     let busy = m.reg_reset("busy", 1, 0);
     let now_packet = m.reg("now_packet", pb);
@@ -472,7 +505,7 @@ pub fn module(plan: &Plan) -> Result<Geometry, HdlError> {
     take_ready.drive(takes);
     busy.next(m.priority(&[(idle_next, ready_valid)], m.lit(1u8, 1)));
     now_packet.next_when(takes, ready_packet);
-    now_instance.next_when(takes, ready_front.msb());
+    now_instance.next_when(takes, ready_is_instance);
     now_mask.next_when(takes | last_slot, takes.mux(ready_mask, rest_mask));
     now_first.next_when(takes | last_slot, takes);
     slot.next((takes | last_slot).mux(m.zero(2), slot.q + m.lit(1u8, 2)));
@@ -894,7 +927,7 @@ pub fn module(plan: &Plan) -> Result<Geometry, HdlError> {
         complete,
         ready_queue,
         ready_packet,
-        ready_is_instance: ready_front.msb(),
+        ready_is_instance,
         busy: busy.q,
         now_packet: now_packet.q,
         now_instance: now_instance.q,

@@ -26,7 +26,7 @@ use crate::bkd::layout::Record;
 use crate::bkd::layout::fields::{Link, Node, Planes};
 use crate::hdl::{
     Builder, Flow, HdlError, Memory, Module, ReadInputs, ReadOutputs, Reg, Request, Signal,
-    Signals, Specs, Style, Wire,
+    Signals, Specs, Style, Wire, Wires,
 };
 use crate::{bundle, interface};
 use properties::Watched;
@@ -76,6 +76,14 @@ bundle! {
         left_first: 1,
         left_intervals: plan.rays() * Interval::of(plan).width(),
         right_intervals: plan.rays() * Interval::of(plan).width(),
+    }
+}
+
+bundle! {
+    /// What a step leaves of a packet for its next node.
+    struct Stepped(plan: &Plan) {
+        intervals: plan.rays() * Interval::of(plan).width(),
+        mask: plan.rays(),
     }
 }
 
@@ -306,8 +314,7 @@ struct Intervals<'b> {
     stepped: Memory<'b>,
     stepped_write: Wire<'b>,
     stepped_packet: Wire<'b>,
-    stepped_mask: Wire<'b>,
-    stepped_intervals: Wire<'b>,
+    left: Stepped<Wire<'b>>,
     popped_masks: Memory<'b>,
     popped_packet: Wire<'b>,
     popped_mask_write: Wire<'b>,
@@ -532,18 +539,18 @@ impl<'b> Unit<'b> {
         m.comment("Intervals and mask of the packet in the node it goes to: as a step left them, and as a pop or the setup did.");
         let stepped_write = m.wire("stepped_write", 1);
         let stepped_packet = m.wire("stepped_packet", plan.packet_bits());
-        let stepped_mask = m.wire("stepped_mask", rays);
-        let stepped_intervals = m.wire("stepped_intervals", rays * interval.width());
+        let stepped_word = Stepped::of(plan);
+        let left = stepped_word.wires(m, "stepped");
         let stepped = m.memory(
             "stepped_memory",
             packets,
-            rays * (1 + interval.width()),
+            stepped_word.width(),
             Style::Block,
         );
         stepped.write(
             stepped_write.get(),
             stepped_packet.get(),
-            stepped_mask.get().concat(stepped_intervals.get()),
+            stepped_word.pack(left.get()),
         );
         let popped_packet = m.wire("popped_packet", plan.packet_bits());
         let popped_mask_write = m.wire("popped_mask_write", 1);
@@ -580,8 +587,7 @@ impl<'b> Unit<'b> {
             stepped,
             stepped_write,
             stepped_packet,
-            stepped_mask,
-            stepped_intervals,
+            left,
             popped_masks,
             popped_packet,
             popped_mask_write,
@@ -606,7 +612,6 @@ impl<'b> Unit<'b> {
             valid,
             payload: response,
         } = self.inputs.node.response;
-        let rays = plan.rays();
         m.comment("The packet step. A node's answer enters with the packet's rays.");
         let p = m.pipeline();
         let valid = p.enter(valid).cleared_by_reset();
@@ -641,20 +646,24 @@ impl<'b> Unit<'b> {
             .register();
         let request = Requested::of(plan).unpack(request);
         let from_pop = request.popped;
-        let stepped_word = plan.read(intervals.stepped, late_packet);
+        let stepped = Stepped::of(plan).unpack(plan.read(intervals.stepped, late_packet));
         let popped_mask_word = intervals
             .popped_masks
             .read_now(packet.at(read_at + plan.read_latency() - 1))
             .register();
         let mask_in = from_pop
-            .mux(popped_mask_word, stepped_word.high(rays))
+            .mux(popped_mask_word, stepped.mask)
             .named("mask_in");
         for (i, word) in ray_words.into_iter().enumerate() {
             let popped_word = plan.read(intervals.popped[i], late_packet);
             let current = from_pop
                 .mux(
                     popped_word,
-                    stepped_word.field(i as u32 * interval.width(), interval.width()),
+                    (stepped.intervals).part(
+                        format!("ray{i}"),
+                        i as u32 * interval.width(),
+                        interval.width(),
+                    ),
                 )
                 .named(format!("ray{i}_interval"));
             let of_ray = RayWord::of(plan).unpack(word);
@@ -790,8 +799,10 @@ impl<'b> Unit<'b> {
             .stepped_write
             .drive((step_valid & step_goes).named("step_goes_on"));
         intervals.stepped_packet.drive(step_packet);
-        intervals.stepped_mask.drive(step_mask);
-        intervals.stepped_intervals.drive(step_intervals);
+        intervals.left.drive(Stepped {
+            intervals: step_intervals,
+            mask: step_mask,
+        });
         m.comment("The stack.");
         let push = pushes.register().untimed();
         let level_before = level.named("level_before");

@@ -4,7 +4,7 @@ use super::select::ones;
 use super::{Change, Edit, Mutation, Point, Slot, Where};
 use crate::hdl::design::{Direction, Module};
 use crate::hdl::error::HdlError;
-use crate::hdl::ir::{Binary, Id, Item, Netlist, Node, Op, Place, Register, Root};
+use crate::hdl::ir::{Binary, Hint, Id, Item, Netlist, Node, Op, Place, Register, Root};
 use crate::hdl::verilog::Printer;
 use std::collections::{BTreeMap, HashMap, HashSet};
 use std::panic::Location;
@@ -186,6 +186,20 @@ impl Editor {
         self.available.push(gap.0);
         self.new.entry(gap).or_default().push(Item::Node(id));
         id
+    }
+
+    /// A node in the place of another, after which it is called.
+    fn copy(&mut self, gap: Gap, op: Op, id: Id) -> Id {
+        let node = &self.ir.nodes[id];
+        let (width, hint) = (node.width, node.hint.clone());
+        let own = node.name.clone().map(|name| Hint {
+            name,
+            after: None,
+            field: false,
+        });
+        let copy = self.push(gap, op, width);
+        self.ir.nodes[copy].hint = own.or(hint);
+        copy
     }
 
     pub fn literal(&mut self, value: u128, width: u32) -> Id {
@@ -428,7 +442,7 @@ impl Editor {
             number += 1;
             if number - 1 == first { new } else { operand }
         });
-        Ok(self.push(gap, op, node.width))
+        Ok(self.copy(gap, op, id))
     }
 
     /// What is read instead of a node.
@@ -660,7 +674,7 @@ impl Copier<'_> {
         if let Some(known) = self.known.get(&(id, gap)) {
             return Ok(*known);
         }
-        let Node { op, width, .. } = editor.ir.nodes[id].clone();
+        let op = editor.ir.nodes[id].op.clone();
         let mut wrong = None;
         let new = op.map(&mut |operand| {
             let copied = self.copy(editor, operand, gap);
@@ -675,7 +689,7 @@ impl Copier<'_> {
         let copy = if new == op {
             id
         } else {
-            editor.push(gap, new, width)
+            editor.copy(gap, new, id)
         };
         self.known.insert((id, gap), copy);
         Ok(copy)

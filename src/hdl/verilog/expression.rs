@@ -181,7 +181,13 @@ impl Printer<'_> {
             let _ = write!(text, "\n      {};", self.operand(at));
             return text;
         }
-        let line = format!("{target} {};", self.expression(id));
+        let line = match &self.plan.ops[id] {
+            // Else it reads like a second assignment.
+            Op::Binary(Binary::LessEqual, ..) if target.ends_with("<=") => {
+                format!("{target} ({});", self.expression(id))
+            }
+            _ => format!("{target} {};", self.expression(id)),
+        };
         if line.len() <= LINE {
             return line;
         }

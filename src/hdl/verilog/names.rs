@@ -12,6 +12,8 @@ pub(super) struct Names {
     pub of: Vec<String>,
     /// The name without the stage, from which the names of delays are made.
     stem: Vec<Option<String>>,
+    /// What a name has behind its stem.
+    late: Vec<Option<String>>,
     /// The node is this output port: no other wire is declared for it.
     pub port: Vec<bool>,
     /// The node is this wire, declared earlier.
@@ -35,6 +37,7 @@ impl Names {
         let mut names = Names {
             of: vec![String::new(); nodes],
             stem: vec![None; nodes],
+            late: vec![None; nodes],
             port: vec![false; nodes],
             wire: vec![None; nodes],
             copies: vec![],
@@ -162,7 +165,8 @@ impl Names {
                 Some(stem) => stem.clone(),
                 None => {
                     let stem = match (self.hinted(plan, next), &goals[next]) {
-                        (Some(name), _) => self.unique(name, next),
+                        (Some((stem, Some(_))), _) => stem,
+                        (Some((name, None)), _) => self.unique(name, next),
                         // The goal has this name, its delays are called after it.
                         (None, Some(goal)) => {
                             let mut unique = goal.clone();
@@ -182,10 +186,12 @@ impl Names {
                     stem
                 }
             };
+            let late = suffix(plan, id);
             if plan.declared[id] && self.of[id].is_empty() {
-                self.of[id] = self.unique(format!("{stem}_{}", suffix(plan, id)), id);
+                self.of[id] = self.unique(format!("{stem}_{late}"), id);
             }
             self.stem[id] = Some(stem);
+            self.late[id] = Some(late);
             return;
         }
         if !plan.declared[id] {
@@ -201,10 +207,19 @@ impl Names {
                         _ => format!("{name}_read"),
                     })
                 }
-                _ => self.hinted(plan, id).or_else(|| match &goals[id] {
-                    Some(name) if self.taken.contains(name) => Some(format!("{name}_next")),
-                    goal => goal.clone(),
-                }),
+                _ => match self.hinted(plan, id) {
+                    Some((stem, Some(late))) => {
+                        self.of[id] = self.unique(format!("{stem}_{late}"), id);
+                        self.stem[id] = Some(stem);
+                        self.late[id] = Some(late);
+                        return;
+                    }
+                    Some((name, None)) => Some(name),
+                    None => match &goals[id] {
+                        Some(name) if self.taken.contains(name) => Some(format!("{name}_next")),
+                        goal => goal.clone(),
+                    },
+                },
             };
             self.of[id] = match name {
                 Some(name) => self.unique(name, id),
@@ -218,13 +233,14 @@ impl Names {
         };
     }
 
-    /// The name that the description has for a node if it needs one.
-    fn hinted(&self, plan: &Plan, id: Id) -> Option<String> {
+    /// The name that the description has for a node if it needs one, and what is behind it: the lateness of the word that it is of.
+    fn hinted(&self, plan: &Plan, id: Id) -> Option<(String, Option<String>)> {
         match &plan.ops[id] {
-            Op::Reset => return Some("rst".to_string()),
+            Op::Reset => return Some(("rst".to_string(), None)),
             // Its own name is of two parts.
             Op::Inside(instance, _) => {
-                return Some(format!("{}_inside", plan.ir.instances[*instance].name));
+                let instance = &plan.ir.instances[*instance].name;
+                return Some((format!("{instance}_inside"), None));
             }
             _ => {}
         }
@@ -233,19 +249,15 @@ impl Names {
             Op::Slice(of, _) if hint.after.is_some() => of,
             _ => match hint.after {
                 Some(after) => plan.stands[after],
-                None => return Some(hint.name.clone()),
+                None => return Some((hint.name.clone(), None)),
             },
         };
-        let name = &hint.name;
-        match &plan.ops[after] {
-            // What is behind the name of a signal's delays is behind that of its part's.
-            Op::Register(register) if register.delay && plan.given[after].is_none() => {
-                let stem = self.stem[after].as_ref()?;
-                Some(format!("{stem}_{name}_{}", suffix(plan, after)))
-            }
-            _ if !self.of[after].is_empty() => Some(format!("{}_{name}", self.of[after])),
-            _ => Some(format!("{}_{name}", self.hinted(plan, after)?)),
-        }
+        let (stem, late) = match &self.stem[after] {
+            Some(stem) => (stem.clone(), self.late[after].clone()),
+            None if !self.of[after].is_empty() => (self.of[after].clone(), None),
+            None => self.hinted(plan, after)?,
+        };
+        Some((format!("{stem}_{}", hint.name), late))
     }
 
     /// A name for what has none in the description.
