@@ -366,12 +366,12 @@ module dynrt_geometry_unit (
     if (takes) now_instance <= ready_queue_front_instance;
   end
 
-  wire now_mask_enable = takes | last_slot;
+  wire next_ray = takes | last_slot;
 
   always @(posedge clk) begin
-    if (now_mask_enable) now_mask <= takes ? mask_memory_read : rest_mask;
-    if (now_mask_enable) now_first <= takes;
-    slot <= now_mask_enable ? 2'd0 : (slot + 2'd1);
+    if (next_ray) now_mask <= takes ? mask_memory_read : rest_mask;
+    if (next_ray) now_first <= takes;
+    slot <= next_ray ? 2'd0 : (slot + 2'd1);
   end
 
   wire transforming = busy & now_instance;
@@ -384,8 +384,8 @@ module dynrt_geometry_unit (
   wire [5:0] packet_or_joint = skinning ? skin_issue_joint[5:0] : now_packet;
   wire [1:0] joint_high = skin_issue_joint[7:6] & {2{skinning}};
   wire now_inside = instanced & ~now_instance;
-  wire [7:0] ray_limit_memory_write_address = {setup_packet, setup_ray};
-  wire [8:0] ray_memory_write_address = {setup_object, ray_limit_memory_write_address};
+  wire [7:0] setup_index = {setup_packet, setup_ray};
+  wire [8:0] ray_memory_write_address = {setup_object, setup_index};
   wire setup_of_world = setup_valid & ~setup_object;
   (* no_rw_check, ram_style = "block" *)
   reg  [196:0] ray_memory [0:447];
@@ -428,7 +428,7 @@ module dynrt_geometry_unit (
   wire [23:0] direction_memory_read_x_s2 = direction_memory_read_s2[23:0];
   wire [23:0] direction_memory_read_y_s2 = direction_memory_read_s2[47:24];
   wire [23:0] direction_memory_read_z_s2 = direction_memory_read_s2[71:48];
-  reg  [8:0] vertex0_memory_read_address_s1;
+  reg  [8:0] corner_index_s1;
   reg  [71:0] vertex0_memory_read;
   reg  [71:0] vertex0_memory_read_s3;
   wire [23:0] vertex0_memory_read_x_s3 = vertex0_memory_read_s3[23:0];
@@ -792,17 +792,17 @@ module dynrt_geometry_unit (
 
   always @(posedge clk) begin
     if (vertex0_memory_write_enable) vertex0_memory[vertex0_memory_write_address] <= vector_data;
-    vertex0_memory_read <= vertex0_memory[vertex0_memory_read_address_s1];
+    vertex0_memory_read <= vertex0_memory[corner_index_s1];
   end
 
   always @(posedge clk) begin
     if (vertex1_memory_write_enable) vertex1_memory[vertex0_memory_write_address] <= vector_data;
-    vertex1_memory_read <= vertex1_memory[vertex0_memory_read_address_s1];
+    vertex1_memory_read <= vertex1_memory[corner_index_s1];
   end
 
   always @(posedge clk) begin
     if (vertex2_memory_write_enable) vertex2_memory[vertex0_memory_write_address] <= vector_data;
-    vertex2_memory_read <= vertex2_memory[vertex0_memory_read_address_s1];
+    vertex2_memory_read <= vertex2_memory[corner_index_s1];
   end
 
   always @(posedge clk) begin
@@ -820,12 +820,12 @@ module dynrt_geometry_unit (
   end
 
   always @(posedge clk) begin
-    if (setup_of_world) ray_limit_memory_copy0[ray_limit_memory_write_address] <= ray_limit_memory_write_data;
+    if (setup_of_world) ray_limit_memory_copy0[setup_index] <= ray_limit_memory_write_data;
     ray_limit_memory_read0 <= ray_limit_memory_copy0[test_index_s53];
   end
 
   always @(posedge clk) begin
-    if (setup_of_world) ray_limit_memory_copy1[ray_limit_memory_write_address] <= ray_limit_memory_write_data;
+    if (setup_of_world) ray_limit_memory_copy1[setup_index] <= ray_limit_memory_write_data;
     ray_limit_memory_read1 <= ray_limit_memory_copy1[test_index_s36];
   end
 
@@ -866,7 +866,7 @@ module dynrt_geometry_unit (
     leaf_memory_read0_d1 <= leaf_memory_read0;
 
     // Stage 1
-    vertex0_memory_read_address_s1 <= {skinning, joint_high | {1'b0, in_box_slot}, packet_or_joint};
+    corner_index_s1 <= {skinning, joint_high | {1'b0, in_box_slot}, packet_or_joint};
     skin_issue_x_s1 <= skin_issue_x;
     skin_issue_y_s1 <= skin_issue_y;
     skin_issue_z_s1 <= skin_issue_z;

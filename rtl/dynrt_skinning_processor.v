@@ -311,24 +311,24 @@ module dynrt_skinning_processor (
   wire pair_done = pair_ends_delay[6];
   wire upper_done = upper_pair_delay[6];
   reg  [23:0] lower_x;
-  wire lower_x_enable = pair_done & ~upper_done;
+  wire lower_done = pair_done & ~upper_done;
 
   always @(posedge clk) begin
-    if (lower_x_enable) lower_x <= pair_sum_x;
+    if (lower_done) lower_x <= pair_sum_x;
   end
 
   wire [23:0] lower_sum_x = lower_x & {24{upper_done}};
   reg  [23:0] lower_y;
 
   always @(posedge clk) begin
-    if (lower_x_enable) lower_y <= pair_sum_y;
+    if (lower_done) lower_y <= pair_sum_y;
   end
 
   wire [23:0] lower_sum_y = lower_y & {24{upper_done}};
   reg  [23:0] lower_z;
 
   always @(posedge clk) begin
-    if (lower_x_enable) lower_z <= pair_sum_z;
+    if (lower_done) lower_z <= pair_sum_z;
   end
 
   wire [23:0] lower_sum_z = lower_z & {24{upper_done}};

@@ -106,7 +106,7 @@ module dynrt_tpu (
   wire setup_of_ray3 = setup_valid & setup_ray_is_3;
   (* no_rw_check, ram_style = "block" *)
   reg  [146:0] ray0_memory [0:111];
-  wire [6:0] ray0_memory_write_address = {setup_object, setup_packet};
+  wire [6:0] setup_level_packet = {setup_object, setup_packet};
   (* no_rw_check, ram_style = "block" *)
   reg  [146:0] ray1_memory [0:111];
   (* no_rw_check, ram_style = "block" *)
@@ -962,22 +962,22 @@ module dynrt_tpu (
 
   // Memories.
   always @(posedge clk) begin
-    if (setup_of_ray0) ray0_memory[ray0_memory_write_address] <= setup_word;
+    if (setup_of_ray0) ray0_memory[setup_level_packet] <= setup_word;
     ray0_memory_read <= ray0_memory[node_response_tag];
   end
 
   always @(posedge clk) begin
-    if (setup_of_ray1) ray1_memory[ray0_memory_write_address] <= setup_word;
+    if (setup_of_ray1) ray1_memory[setup_level_packet] <= setup_word;
     ray1_memory_read <= ray1_memory[node_response_tag];
   end
 
   always @(posedge clk) begin
-    if (setup_of_ray2) ray2_memory[ray0_memory_write_address] <= setup_word;
+    if (setup_of_ray2) ray2_memory[setup_level_packet] <= setup_word;
     ray2_memory_read <= ray2_memory[node_response_tag];
   end
 
   always @(posedge clk) begin
-    if (setup_of_ray3) ray3_memory[ray0_memory_write_address] <= setup_word;
+    if (setup_of_ray3) ray3_memory[setup_level_packet] <= setup_word;
     ray3_memory_read <= ray3_memory[node_response_tag];
   end
 

@@ -104,17 +104,17 @@ module dynrt_update_processor (
 
   assign no_rows = rows_empty;
   wire row_requested = any_rows_left & rows_fetch_ready;
-  wire rows_left_enable = start | row_requested;
+  wire fetch_moves = start | row_requested;
 
   always @(posedge clk) begin
-    if (rows_left_enable) fetch_row <= start ? start_program : (fetch_row + 22'd1);
-    if (rows_left_enable) rows_left <= start ? start_rows : (rows_left - 22'd1);
+    if (fetch_moves) fetch_row <= start ? start_program : (fetch_row + 22'd1);
+    if (fetch_moves) rows_left <= start ? start_rows : (rows_left - 22'd1);
   end
 
   wire last_row = rows_left == 22'd1;
 
   always @(posedge clk) begin
-    if (rst) any_rows_left <= 1'b0; else if (rows_left_enable) any_rows_left <= start ? (|start_rows) : ~last_row;
+    if (rst) any_rows_left <= 1'b0; else if (fetch_moves) any_rows_left <= start ? (|start_rows) : ~last_row;
   end
 
   // The window: the program's next bytes, refilled by words, and which of them are there. The
@@ -302,10 +302,10 @@ module dynrt_update_processor (
     decoded_end <= is_end;
   end
 
-  wire last_enable = decoded & decoded_load;
+  wire load_is_decoded = decoded & decoded_load;
 
   always @(posedge clk) begin
-    if (last_enable) last <= decoded_x;
+    if (load_is_decoded) last <= decoded_x;
   end
 
   wire [5:0] vertex_z = decoded_short ? last : decoded_z;
@@ -339,7 +339,7 @@ module dynrt_update_processor (
     if (start) vertex_base <= start_vertex_base;
   end
 
-  wire loads_next = last_enable & ~decoded_reload;
+  wire loads_next = load_is_decoded & ~decoded_reload;
 
   always @(posedge clk) begin
     if (start | loads_next) next_vertex <= start ? start_vertex_base : (next_vertex + 22'd1);
@@ -356,7 +356,7 @@ module dynrt_update_processor (
   dynrt_fifo_22x4 vertex_indices (
     .clk(clk),
     .rst(rst),
-    .push(last_enable),
+    .push(load_is_decoded),
     .data(vertex_indices_data),
     .pop(take_index),
     .valid(vertex_indices_valid),

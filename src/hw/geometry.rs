@@ -506,9 +506,10 @@ pub fn module(plan: &Plan) -> Result<Geometry, HdlError> {
     busy.next(m.priority(&[(idle_next, ready_valid)], m.lit(1u8, 1)));
     now_packet.next_when(takes, ready_packet);
     now_instance.next_when(takes, ready_is_instance);
-    now_mask.next_when(takes | last_slot, takes.mux(ready_mask, rest_mask));
-    now_first.next_when(takes | last_slot, takes);
-    slot.next((takes | last_slot).mux(m.zero(2), slot.q + m.lit(1u8, 2)));
+    let next_ray = (takes | last_slot).hinted("next_ray");
+    now_mask.next_when(next_ray, takes.mux(ready_mask, rest_mask));
+    now_first.next_when(next_ray, takes);
+    slot.next(next_ray.mux(m.zero(2), slot.q + m.lit(1u8, 2)));
     let transforming = (busy.q & now_instance.q).hinted("transforming");
     let in_slot = |number: u128| transforming & slot.q.equals(number);
 
@@ -543,7 +544,9 @@ pub fn module(plan: &Plan) -> Result<Geometry, HdlError> {
     let last = p.enter(now_last);
     let inside = p.enter((instanced & !now_instance.q).named("now_inside"));
     let by_ray = plan.rays_in_flight();
-    let setup_index = plan.ray_index(setup.packet, setup.ray);
+    let setup_index = plan
+        .ray_index(setup.packet, setup.ray)
+        .hinted("setup_index");
     let setup_level_index = setup.object.concat(setup_index);
     let of_world = (setup_valid & !setup.object).named("setup_of_world");
     let ray_memory = m.memory(
@@ -598,6 +601,7 @@ pub fn module(plan: &Plan) -> Result<Geometry, HdlError> {
         above_packet.extend(corner_bits - pb),
         packet,
     ]);
+    let corner_index = corner_index.hinted("corner_index");
     let [v0, v1, v2] = corners.map(|memory| {
         let word = plan.read(memory, corner_index.at(start - read));
         vertex.unpack(word).position

@@ -389,7 +389,8 @@ pub(super) fn module(plan: &Plan, test: &Module) -> Result<Arc<Module>, HdlError
     let vertex = [0, 1, 2].map(|i| {
         let (x, sum) = (AXES[i], pair_sum[i]);
         let lower = m.reg(format!("lower_{x}"), w);
-        lower.next_when(pair_done & !upper_done, sum);
+        let lower_done = (pair_done & !upper_done).hinted("lower_done");
+        lower.next_when(lower_done, sum);
         let a = p.enter_at(sum, at_pair).register().untimed();
         let other = (lower.q & upper_done.repeat(w)).named(format!("lower_sum_{x}"));
         let b = p.enter_at(other, at_pair).register().untimed();

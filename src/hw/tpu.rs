@@ -484,7 +484,9 @@ impl<'b> Unit<'b> {
                     RayWord::of(plan).width(),
                     Style::Block,
                 );
-                let address = setup_object.concat(place.packet);
+                let address = setup_object
+                    .concat(place.packet)
+                    .hinted("setup_level_packet");
                 memory.write(setup_of[i as usize], address, setup_word);
                 memory
             })

@@ -225,19 +225,11 @@ pub fn module(plan: &Plan) -> Result<UpdateProcessor, HdlError> {
     no_rows.drive(no_rows_before.unwrap_or(empty));
     let row_requested = (rows_wanted & rows.fetch_ready).named("row_requested");
     let one = m.lit(1u8, a);
-    fetch_row.next_when(
-        start | row_requested,
-        start.mux(update.program, fetch_row.q + one),
-    );
-    rows_left.next_when(
-        start | row_requested,
-        start.mux(update.rows, rows_left.q - one),
-    );
+    let fetch_moves = (start | row_requested).hinted("fetch_moves");
+    fetch_row.next_when(fetch_moves, start.mux(update.program, fetch_row.q + one));
+    rows_left.next_when(fetch_moves, start.mux(update.rows, rows_left.q - one));
     let last_row = rows_left.q.equals(1).named("last_row");
-    any_rows_left.next_when(
-        start | row_requested,
-        start.mux(update.rows.any(), !last_row),
-    );
+    any_rows_left.next_when(fetch_moves, start.mux(update.rows.any(), !last_row));
 
     m.comment("The window: the program's next bytes, refilled by words, and which of them are there. The others are 0.");
     let window = m.reg("window", 8 * WINDOW_BYTES);
@@ -357,7 +349,8 @@ pub fn module(plan: &Plan) -> Result<UpdateProcessor, HdlError> {
     let end = hold("decoded_end", is_end);
 
     let last = m.reg("last", vertex_bits);
-    last.next_when(decoded.q & load, x.low(vertex_bits));
+    let decoded_load = (decoded.q & load).hinted("load_is_decoded");
+    last.next_when(decoded_load, x.low(vertex_bits));
     let z = short
         .mux(last.q, explicit_z)
         .hinted("vertex_z")
@@ -404,7 +397,7 @@ pub fn module(plan: &Plan) -> Result<UpdateProcessor, HdlError> {
     let vertex_base = m.reg("vertex_base", a);
     vertex_base.next_when(start, update.vertex_base);
     let next_vertex = m.reg("next_vertex", a);
-    let counts = (decoded.q & load & !reload).named("loads_next");
+    let counts = (decoded_load & !reload).named("loads_next");
     next_vertex.next_when(
         start | counts,
         start.mux(update.vertex_base, next_vertex.q + one),
@@ -418,7 +411,7 @@ pub fn module(plan: &Plan) -> Result<UpdateProcessor, HdlError> {
         plan,
         "vertex_indices",
         VERTEX_INDICES,
-        decoded.q & load,
+        decoded_load,
         index,
         take_index.get(),
     )?;
