@@ -4,8 +4,8 @@
 use dynrt::config::Config;
 use dynrt::cosim::model::{BuildOptions, Model, Port, PortHandle, Sources, build, lint};
 use dynrt::hdl::{
-    Builder, Design, Direction, HdlError, Kind, Module, Mutation, Prefix, Select, Signal, Specs,
-    Style,
+    Builder, Compared, Design, Direction, HdlError, Kind, Module, Mutation, Prefix, Select, Signal,
+    Specs, Style,
 };
 use dynrt::hw;
 use dynrt::named;
@@ -1044,6 +1044,52 @@ fn names_follow_from_the_description() {
         panic!("{made_up:?}\n{}", module.verilog())
     };
     assert_eq!((name, place.file()), ("term", file!()));
+}
+
+/// A module that counts, with an output more, and perhaps with a fault.
+fn watched(trace: bool, fault: bool) -> Arc<Module> {
+    let below = Builder::new("below", "a queue of one word.");
+    let word = below.reg("word", 4);
+    word.next(below.input("data", 4));
+    below.output("front", word.q);
+    if trace {
+        below.output("watch", word.q.any());
+    }
+    let m = Builder::new("watched", "counts, stores, and shows.");
+    let count = m.reg_reset("count", 4, 0);
+    let store = m.memory("store", 16, 4, Style::Block);
+    store.write(m.ones(1), count.q, count.q + m.lit(u8::from(fault), 4));
+    count.next_when(m.input("go", 1), count.q + m.lit(1u8, 4));
+    let stored = store.read(m.input("at", 4));
+    let placed = m.instance("queue", &below.finish().unwrap(), &[("data", stored)]);
+    m.output("y", placed.get("front") ^ count.q);
+    if trace {
+        m.output("watch_store", store.read(count.q));
+        m.output("watch_queue", placed.get("watch"));
+    }
+    m.finish().unwrap()
+}
+
+#[test]
+fn what_an_output_depends_on_is_compared_to_its_end() {
+    let (whole, reduced) = (watched(true, false), watched(false, false));
+    let compared = reduced.compare_outputs(&whole).unwrap();
+    assert_eq!(
+        compared,
+        Compared {
+            outputs: 2,
+            registers: 2,
+            memories: 1,
+            instances: 1
+        }
+    );
+    let error = whole.compare_outputs(&reduced).unwrap_err();
+    assert_eq!(error, "watched: only one has output watch_store");
+    let error = reduced.compare_outputs(&watched(true, true)).unwrap_err();
+    assert_eq!(error, "watched: memory store differs");
+    let faulty = whole.signal("count").unwrap().fault().inverted();
+    let faulty = whole.with(&faulty).unwrap();
+    reduced.compare_outputs(&faulty).unwrap_err();
 }
 
 #[test]

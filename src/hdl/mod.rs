@@ -35,6 +35,7 @@ mod builder;
 pub mod bundle;
 mod check;
 mod design;
+mod equal;
 mod error;
 mod ir;
 mod memory;
@@ -50,6 +51,7 @@ pub use bundle::{
     Specs, Stream, Wires, Write,
 };
 pub use design::{Design, Direction, Module, Port, Prefix};
+pub use equal::Compared;
 pub use error::HdlError;
 pub use memory::{Memory, Style};
 pub use mutation::{InstanceRef, Kind, MemoryRef, Mutation, Reads, Select, SignalRef, Site};

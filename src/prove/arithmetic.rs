@@ -128,14 +128,15 @@ pub fn proofs(unit: &str, format: Format, clock_mhz: u32) -> Result<Vec<Equivale
             } else {
                 Method::Reasoned
             },
-            faults: vec![seeded(
-                "nothing is rounded up",
-                units
-                    .reciprocal
-                    .signal("rounded")?
-                    .operand(&[1])
-                    .as_value(0),
-            )],
+            faults: {
+                let signal = |name| units.reciprocal.signal(name);
+                let (rounded, exponent) = (signal("rounded")?, signal("y_exponent")?);
+                let without_carry = exponent.reads(rounded).as_signal(signal("unrounded")?);
+                vec![
+                    seeded("nothing is rounded up", rounded.operand(&[1]).as_value(0)),
+                    seeded("rounding does not carry into the exponent", without_carry),
+                ]
+            },
         }],
         "compare" => [
             ("less", "a < b", Relation::Less),
