@@ -2,7 +2,7 @@
 
 use super::design::{Direction, Module, Port};
 use super::error::HdlError;
-use super::ir::{Binary, Id, InstanceData, Item, Netlist, Node, Op, Place, Register};
+use super::ir::{Binary, Id, InstanceData, Item, Netlist, Node, Op, PartData, Place, Register};
 use super::mutation::{Mutation, Reads};
 use super::pipeline::{Pipeline, Stage};
 use super::signal::Signal;
@@ -21,6 +21,8 @@ pub(super) struct Inner {
     pub pipelines: u32,
     /// Nodes by what they compute: the same expression twice is one node.
     pub known: HashMap<(Op, u32, Option<Stage>), Id>,
+    /// The part in which is described what comes now; 0 outside of all.
+    pub part: usize,
     /// The module is complete; what is made now is for its properties.
     pub formal: bool,
     /// Changes that the description names, and where.
@@ -35,6 +37,7 @@ impl Inner {
             reads: HashMap::new(),
             pipelines: 0,
             known: HashMap::new(),
+            part: 0,
             formal: false,
             mutations: vec![],
         }
@@ -225,6 +228,46 @@ impl Builder {
             .ir
             .items
             .push(Item::Comment(text.into()));
+    }
+
+    /// Describes a part of the module, which becomes a module of its own in the Verilog: `doc` says in its file's head what it is for. It is
+    /// called after the module and `name`, and placed as `name`.
+    ///
+    /// Its ports follow from the description: what it reads of signals made outside, and what is read outside of those made inside, under
+    /// the signals' names. A register, a memory and an instance are in the part in which they are made, a wire in that in which it is
+    /// driven. Properties and [mutations](Mutation) know nothing of parts: to them the module is one netlist.
+    ///
+    /// A part may be left and described further later, under the same name; it ends where another begins.
+    #[track_caller]
+    pub fn part<R>(&self, name: &str, doc: &str, describe: impl FnOnce() -> R) -> R {
+        let place = Location::caller();
+        self.must_be_open("part", name, place);
+        let known = {
+            let inner = self.inner.borrow();
+            let mut parts = inner.ir.parts.iter();
+            parts.position(|part| part.name == name)
+        };
+        let index = known.unwrap_or_else(|| {
+            self.claim(name, place);
+            let mut inner = self.inner.borrow_mut();
+            inner.ir.parts.push(PartData {
+                name: name.to_string(),
+                doc: doc.to_string(),
+                place,
+            });
+            inner.ir.parts.len() - 1
+        });
+        let outer = self.enter(index + 1);
+        let result = describe();
+        self.enter(outer);
+        result
+    }
+
+    /// Goes on in another part; returns the one that is left.
+    fn enter(&self, part: usize) -> usize {
+        let mut inner = self.inner.borrow_mut();
+        inner.ir.items.push(Item::Part(part));
+        std::mem::replace(&mut inner.part, part)
     }
 
     /// An input port without a stage.

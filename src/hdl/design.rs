@@ -3,6 +3,7 @@
 use super::check;
 use super::error::HdlError;
 use super::ir::{Id, Netlist, Op};
+use super::outline::{Outline, outline};
 use super::verilog::{self, Printed};
 use std::collections::BTreeMap;
 use std::panic::Location;
@@ -33,6 +34,8 @@ pub struct Module {
     pub(super) ports: Vec<Port>,
     pub(super) children: Vec<Arc<Module>>,
     pub(super) printed: Printed,
+    /// Of a module in parts: as it is printed for all but properties.
+    pub(super) outline: Option<Outline>,
     /// For each output port (by name) the inputs that reach it through combinational logic.
     pub(super) paths: BTreeMap<String, Vec<String>>,
 }
@@ -83,13 +86,26 @@ impl Module {
         let order = verilog::port_order(&ir.ports);
         ports.extend(order.into_iter().map(|i| ir.ports[i].0.clone()));
         let instances = ir.instances.iter();
-        Ok(Module {
+        let module = Module {
             ports,
             children: instances.map(|instance| instance.module.clone()).collect(),
             printed,
+            outline: outline(&ir)?,
             paths,
             ir,
-        })
+        };
+        match module
+            .outline
+            .as_ref()
+            .map(|outline| module.compare_parts(outline))
+        {
+            Some(Err(what)) => Err(HdlError {
+                module: module.name().to_string(),
+                message: format!("its parts are not what they are parts of: {what}"),
+                place: module.ir.place,
+            }),
+            _ => Ok(module),
+        }
     }
 
     /// Its name in the description, without the prefix that a design may put before it: see [`Design::emitted`].
@@ -132,14 +148,24 @@ impl Module {
         self.printed.signals.iter().flatten().count()
     }
 
-    /// Its Verilog, in which modules have their names without a prefix.
+    /// Its Verilog, in which modules have their names without a prefix. Of a module in parts, that which places them.
     pub fn verilog(&self) -> &str {
-        &self.printed.text
+        &self.shown().text
+    }
+
+    /// Its parts as modules.
+    pub fn parts(&self) -> &[Arc<Module>] {
+        (self.outline.as_ref()).map_or(&[], |outline| outline.parts.as_slice())
+    }
+
+    /// What is printed for all but properties.
+    fn shown(&self) -> &Printed {
+        (self.outline.as_ref()).map_or(&self.printed, |outline| &outline.top.printed)
     }
 
     /// Its Verilog with another name for every module, its own and those that it places. Line by line it is [`Self::verilog`].
     pub fn verilog_with(&self, emitted: &dyn Fn(&str) -> String) -> String {
-        renamed(&self.printed.text, &self.printed.names, emitted)
+        renamed(&self.shown().text, &self.shown().names, emitted)
     }
 
     pub fn children(&self) -> &[Arc<Module>] {
@@ -268,8 +294,8 @@ impl Design {
             }
             return Ok(());
         }
-        for child in &module.children {
-            self.add(child)?;
+        for below in module.parts().iter().chain(&module.children) {
+            self.add(below)?;
         }
         self.modules.push(module.clone());
         Ok(())

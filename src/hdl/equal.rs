@@ -1,8 +1,11 @@
 //! Whether two modules do the same at the outputs that they share.
 
 use super::design::{Direction, Module};
-use super::ir::{Id, Netlist, Op};
+use super::ir::{Id, InstanceData, Netlist, Op};
+use super::memory::MemoryData;
+use super::outline::Outline;
 use std::collections::{HashMap, HashSet};
+use std::sync::Arc;
 
 /// How much of two modules was compared, all levels of the hierarchy together.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -32,10 +35,25 @@ impl Module {
     /// # Errors
     /// What differs, in one line. Modules that do the same by other expressions differ too.
     pub fn compare_outputs(&self, whole: &Module) -> Result<Compared, String> {
-        let mut matching = Matching::new(self, whole);
+        let sides = [Side::new(self, &[]), Side::new(whole, &[])];
+        let mut matching = Matching::new(sides);
         matching
             .run()
             .map_err(|what| format!("{}: {what}", self.name()))
+    }
+}
+
+impl Module {
+    /// Compares a module in parts with what places them.
+    ///
+    /// # Errors
+    /// As [`Self::compare_outputs`].
+    pub(super) fn compare_parts(&self, outline: &Outline) -> Result<Compared, String> {
+        let sides = [
+            Side::new(self, &[]),
+            Side::new(&outline.top, &outline.parts),
+        ];
+        Matching::new(sides).run()
     }
 }
 
@@ -59,9 +77,105 @@ enum State {
     Instance(String),
 }
 
-struct Side<'a> {
+/// A netlist, and where it is placed: what parts of a module do is compared as if it were done by the module itself.
+struct Scope<'a> {
     ir: &'a Netlist,
-    numbers: Vec<Option<Id>>,
+    /// The scope that places it, and its instance there.
+    within: Option<(usize, usize)>,
+}
+
+/// A node of a scope.
+type At = (usize, Id);
+
+struct Side<'a> {
+    scopes: Vec<Scope<'a>>,
+    /// The scope of each part, by the instance that places it.
+    parts: HashMap<(usize, usize), usize>,
+    registers: HashMap<&'a str, At>,
+    numbers: HashMap<At, Id>,
+}
+
+impl<'a> Side<'a> {
+    /// A module, taken together with its parts where it places them.
+    fn new(module: &'a Module, parts: &'a [Arc<Module>]) -> Self {
+        let mut side = Side {
+            scopes: vec![],
+            parts: HashMap::new(),
+            registers: HashMap::new(),
+            numbers: HashMap::new(),
+        };
+        side.open(&module.ir, None);
+        for (instance, placed) in module.ir.instances.iter().enumerate() {
+            if parts.iter().any(|part| Arc::ptr_eq(part, &placed.module)) {
+                side.parts.insert((0, instance), side.scopes.len());
+                side.open(&placed.module.ir, Some((0, instance)));
+            }
+        }
+        side
+    }
+
+    fn open(&mut self, ir: &'a Netlist, within: Option<(usize, usize)>) {
+        let scope = self.scopes.len();
+        self.scopes.push(Scope { ir, within });
+        let is_register = |id: Id| matches!(&ir.nodes[id].op, Op::Register(r) if !r.delay);
+        for (id, node) in ir.nodes.iter().enumerate() {
+            // One that has the name of a port bears none itself.
+            let mut ports = ir.ports.iter();
+            let port = || ports.find_map(|(port, of)| (*of == id).then_some(&port.name));
+            if is_register(id)
+                && let Some(name) = node.name.as_ref().or_else(port)
+            {
+                self.registers.insert(name, (scope, id));
+            }
+        }
+    }
+
+    fn ir(&self, scope: usize) -> &'a Netlist {
+        self.scopes[scope].ir
+    }
+
+    fn memory(&self, name: &str) -> Option<(usize, &'a MemoryData)> {
+        let scopes = self.scopes.iter().enumerate();
+        let mut memories =
+            scopes.flat_map(|(scope, of)| of.ir.memories.iter().map(move |m| (scope, m)));
+        memories.find(|(_, memory)| memory.name == name)
+    }
+
+    fn instance(&self, name: &str) -> Option<(usize, &'a InstanceData)> {
+        let scopes = self.scopes.iter().enumerate();
+        let mut instances =
+            scopes.flat_map(|(scope, of)| of.ir.instances.iter().map(move |i| (scope, i)));
+        instances.find(|(_, instance)| instance.name == name)
+    }
+
+    /// What a node is where it is computed: behind wires, and behind ports of parts.
+    fn origin(&self, (scope, id): At) -> At {
+        let ir = self.ir(scope);
+        let node = &ir.nodes[id];
+        let origin = match &node.op {
+            Op::Wire => (scope, ir.drivers[&id]),
+            Op::Slice(of, _) if ir.nodes[*of].width == node.width => (scope, *of),
+            Op::Instance(instance, port) => match self.parts.get(&(scope, *instance)) {
+                Some(part) => {
+                    let name = &ir.instances[*instance].module.ports[*port].name;
+                    let mut ports = self.ir(*part).ports.iter();
+                    let port = ports.find(|(port, _)| port.name == *name);
+                    (*part, port.expect("an instance has its module's ports").1)
+                }
+                None => return (scope, id),
+            },
+            Op::Input => match self.scopes[scope].within {
+                Some((outer, instance)) => {
+                    let mut inputs = self.ir(outer).instances[instance].inputs.iter();
+                    let input = inputs.find(|(name, _)| node.name.as_ref() == Some(name));
+                    (outer, input.expect("checked: every port is connected").1)
+                }
+                None => return (scope, id),
+            },
+            _ => return (scope, id),
+        };
+        self.origin(origin)
+    }
 }
 
 struct Matching<'a> {
@@ -71,13 +185,9 @@ struct Matching<'a> {
 }
 
 impl<'a> Matching<'a> {
-    fn new(reduced: &'a Module, whole: &'a Module) -> Self {
-        let side = |module: &'a Module| Side {
-            ir: &module.ir,
-            numbers: vec![None; module.ir.nodes.len()],
-        };
+    fn new(sides: [Side<'a>; 2]) -> Self {
         Matching {
-            sides: [side(reduced), side(whole)],
+            sides,
             known: HashMap::new(),
             open: vec![],
         }
@@ -85,14 +195,14 @@ impl<'a> Matching<'a> {
 
     fn run(&mut self) -> Result<Compared, String> {
         let mut compared = Compared::default();
-        let ports = self.sides.each_ref().map(|side| &side.ir.ports);
+        let ports = self.sides.each_ref().map(|side| &side.ir(0).ports);
         for (port, id) in ports[0] {
             if port.direction == Direction::Input {
                 continue;
             }
             let other = ports[1].iter().find(|(other, _)| other.name == port.name);
             let (_, other) = other.ok_or_else(|| format!("only one has output {}", port.name))?;
-            self.equal([*id, *other], || format!("output {}", port.name))?;
+            self.equal([(0, *id), (0, *other)], || format!("output {}", port.name))?;
             compared.outputs += 1;
         }
         let mut seen = HashSet::new();
@@ -116,19 +226,15 @@ impl<'a> Matching<'a> {
         Ok(compared)
     }
 
-    fn equal(&mut self, [a, b]: [Id; 2], what: impl Fn() -> String) -> Result<(), String> {
+    fn equal(&mut self, [a, b]: [At; 2], what: impl Fn() -> String) -> Result<(), String> {
         match self.number(0, a) == self.number(1, b) {
             true => Ok(()),
             false => Err(format!("{} differs", what())),
         }
     }
 
-    fn both<T>(
-        &self,
-        what: &str,
-        find: impl Fn(&'a Netlist) -> Option<T>,
-    ) -> Result<[T; 2], String> {
-        let [a, b] = self.sides.each_ref().map(|side| find(side.ir));
+    fn both<T>(&self, what: &str, find: impl Fn(&Side<'a>) -> Option<T>) -> Result<[T; 2], String> {
+        let [a, b] = self.sides.each_ref().map(find);
         a.zip(b)
             .map(|(a, b)| [a, b])
             .ok_or_else(|| format!("only one has {what}"))
@@ -136,16 +242,16 @@ impl<'a> Matching<'a> {
 
     fn registers(&mut self, name: &str) -> Result<(), String> {
         let what = format!("register {name}");
-        let named = |ir: &'a Netlist| {
-            let mut nodes = ir.nodes.iter();
-            nodes.find_map(|node| match &node.op {
-                Op::Register(register) if node.name.as_deref() == Some(name) && !register.delay => {
-                    Some((node.width, register))
-                }
-                _ => None,
-            })
+        let [(scope, a), (other_scope, b)] =
+            self.both(&what, |side| side.registers.get(name).copied())?;
+        let nodes = [
+            &self.sides[0].ir(scope).nodes[a],
+            &self.sides[1].ir(other_scope).nodes[b],
+        ];
+        let [Op::Register(a), Op::Register(b)] = nodes.map(|node| &node.op) else {
+            return Err(format!("{what} is none"));
         };
-        let [(width, a), (other_width, b)] = self.both(&what, named)?;
+        let [width, other_width] = nodes.map(|node| node.width);
         if (width, a.reset, a.initial, a.enable.is_some())
             != (other_width, b.reset, b.initial, b.enable.is_some())
         {
@@ -153,7 +259,7 @@ impl<'a> Matching<'a> {
         }
         for part in [[a.next, b.next], [a.enable, b.enable]] {
             if let [Some(a), Some(b)] = part {
-                self.equal([a, b], || what.clone())?;
+                self.equal([(scope, a), (other_scope, b)], || what.clone())?;
             }
         }
         Ok(())
@@ -161,70 +267,70 @@ impl<'a> Matching<'a> {
 
     fn memories(&mut self, name: &str) -> Result<(), String> {
         let what = format!("memory {name}");
-        let named = |ir: &'a Netlist| ir.memories.iter().find(|memory| memory.name == name);
-        let [a, b] = self.both(&what, named)?;
-        let [written, other_written] = [a, b].map(|memory| memory.write);
+        let [(scope, a), (other_scope, b)] = self.both(&what, |side| side.memory(name))?;
         let alike = (a.depth, a.width, a.style) == (b.depth, b.width, b.style);
-        match written.zip(other_written).filter(|_| alike) {
-            Some(((enable, address, data), (other_enable, other_address, other_data))) => {
-                self.equal([enable, other_enable], || what.clone())?;
-                self.equal([address, other_address], || what.clone())?;
-                self.equal([data, other_data], || what.clone())
-            }
-            None => Err(format!("{what} differs")),
+        let written = a.write.zip(b.write).filter(|_| alike);
+        let (written, other) = written.ok_or_else(|| format!("{what} differs"))?;
+        let ports = |(enable, address, data): (Id, Id, Id)| [enable, address, data];
+        for (id, other) in ports(written).into_iter().zip(ports(other)) {
+            self.equal([(scope, id), (other_scope, other)], || what.clone())?;
         }
+        Ok(())
     }
 
     fn instances(&mut self, name: &str) -> Result<Compared, String> {
         let what = format!("instance {name}");
-        let named = |ir: &'a Netlist| ir.instances.iter().find(|instance| instance.name == name);
-        let [a, b] = self.both(&what, named)?;
+        let [(scope, a), (other_scope, b)] = self.both(&what, |side| side.instance(name))?;
         for (port, id) in &a.inputs {
             let other = b.inputs.iter().find(|(other, _)| other == port);
             let (_, other) = other.ok_or_else(|| format!("only one {what} has input {port}"))?;
-            self.equal([*id, *other], || format!("input {port} of {what}"))?;
+            let inputs = [(scope, *id), (other_scope, *other)];
+            self.equal(inputs, || format!("input {port} of {what}"))?;
         }
         a.module.compare_outputs(&b.module)
     }
 
     /// The number of the expression that a node is.
-    fn number(&mut self, side: usize, id: Id) -> Id {
-        if let Some(known) = self.sides[side].numbers[id] {
-            return known;
+    fn number(&mut self, side: usize, at: At) -> Id {
+        if let Some(known) = self.sides[side].numbers.get(&at) {
+            return *known;
         }
-        let ir = self.sides[side].ir;
-        let node = &ir.nodes[id];
-        let number = match &node.op {
-            Op::Wire => self.number(side, ir.drivers[&id]),
-            Op::Slice(of, _) if ir.nodes[*of].width == node.width => self.number(side, *of),
-            op => {
-                let key = self.key(side, id, op, node.width);
+        let origin = self.sides[side].origin(at);
+        let number = match origin == at {
+            false => self.number(side, origin),
+            true => {
+                let key = self.key(side, at);
                 let next = self.known.len();
                 *self.known.entry(key).or_insert(next)
             }
         };
-        self.sides[side].numbers[id] = Some(number);
+        self.sides[side].numbers.insert(at, number);
         number
     }
 
-    fn key(&mut self, side: usize, id: Id, op: &Op, width: u32) -> Key {
-        let ir = self.sides[side].ir;
-        match op {
+    fn key(&mut self, side: usize, (scope, id): At) -> Key {
+        let ir = self.sides[side].ir(scope);
+        let node = &ir.nodes[id];
+        match &node.op {
             Op::Input => {
                 let port = ir.ports.iter().find(|(_, node)| *node == id);
                 Key::Input(port.map(|(port, _)| port.name.clone()).unwrap_or_default())
             }
             Op::Register(register) if !register.delay => {
-                let name = ir.nodes[id].name.clone();
+                let registers = &self.sides[side].registers;
+                let name = registers.iter().find(|(_, at)| **at == (scope, id));
                 // One without a name corresponds to none.
-                let name = name.unwrap_or_else(|| format!("{id} of {side}"));
+                let name = name.map_or_else(
+                    || format!("{scope}.{id} of {side}"),
+                    |(name, _)| name.to_string(),
+                );
                 self.open.push(State::Register(name.clone()));
                 Key::Register(name)
             }
             Op::Read(memory, _, address, synchronous) => {
                 let name = ir.memories[*memory].name.clone();
                 self.open.push(State::Memory(name.clone()));
-                Key::Read(name, self.number(side, *address), *synchronous)
+                Key::Read(name, self.number(side, (scope, *address)), *synchronous)
             }
             Op::Instance(instance, port) => {
                 let instance = &ir.instances[*instance];
@@ -232,7 +338,19 @@ impl<'a> Matching<'a> {
                 let port = &instance.module.ports[*port].name;
                 Key::Output(instance.name.clone(), port.clone())
             }
-            op => Key::Op(op.map(&mut |operand| self.number(side, operand)), width),
+            Op::Slice(of, low) => {
+                // A slice of a slice is one slice.
+                let (mut of, mut lowest) = (self.sides[side].origin((scope, *of)), *low);
+                while let Op::Slice(whole, low) = &self.sides[side].ir(of.0).nodes[of.1].op {
+                    lowest += low;
+                    of = self.sides[side].origin((of.0, *whole));
+                }
+                Key::Op(Op::Slice(self.number(side, of), lowest), node.width)
+            }
+            op => Key::Op(
+                op.map(&mut |operand| self.number(side, (scope, operand))),
+                node.width,
+            ),
         }
     }
 }

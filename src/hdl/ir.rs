@@ -194,6 +194,16 @@ pub(super) enum Item {
     Comment(String),
     Instance(usize),
     Memory(usize),
+    /// What follows is described in a part, by its number from 1 on; 0 is the module itself.
+    Part(usize),
+}
+
+/// A part of a module that is printed as a module of its own.
+#[derive(Clone, Debug, PartialEq)]
+pub(super) struct PartData {
+    pub name: String,
+    pub doc: String,
+    pub place: Place,
 }
 
 /// Properties that are proved together, and what of the module may be anything meanwhile.
@@ -244,6 +254,8 @@ pub(super) struct Netlist {
     pub ports: Vec<(Port, Id)>,
     /// Names that are taken, and where.
     pub names: HashMap<String, Place>,
+    /// What is printed as modules of its own.
+    pub parts: Vec<PartData>,
     pub proofs: Vec<ProofData>,
 }
 
@@ -262,6 +274,7 @@ impl Netlist {
             memories: vec![],
             ports: vec![],
             names: HashMap::new(),
+            parts: vec![],
             proofs: vec![],
         }
     }

@@ -40,6 +40,7 @@ mod error;
 mod ir;
 mod memory;
 mod mutation;
+mod outline;
 mod pipeline;
 mod proof;
 mod signal;

@@ -387,7 +387,7 @@ impl Module {
     /// The module's text with its properties as a simulator checks them where the macro `DYNRT_CHECKS` is defined, but those that are
     /// about any value. What does not hold at a clock is said and stops the simulation. `emitted` names modules.
     pub fn checked(&self, emitted: &dyn Fn(&str) -> String) -> String {
-        let (text, modules) = verilog::with_checks(&self.ir);
+        let (text, modules) = verilog::with_checks(&self.ir, self.outline.as_ref());
         renamed(&text, &modules, emitted)
     }
 

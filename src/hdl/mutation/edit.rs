@@ -62,7 +62,7 @@ impl Module {
             }
         }
         let module = Module::of(editor.finish())?;
-        if module.verilog() == self.verilog() {
+        if module.printed.text == self.printed.text {
             return Err(error(
                 "the change leaves the module's Verilog as it is".to_string(),
             ));
@@ -137,7 +137,7 @@ impl Editor {
                         available[*id] = place + 1;
                     }
                 }
-                Item::Comment(_) | Item::Memory(_) => {}
+                Item::Comment(_) | Item::Memory(_) | Item::Part(_) => {}
             }
         }
         Editor {

@@ -6,7 +6,7 @@ use crate::hdl::design::{Design, Direction, Module, Port};
 use crate::hdl::error::HdlError;
 use crate::hdl::ir::{Binary, Id, Netlist, Node, Op, Root};
 use crate::hdl::verilog::Printer;
-use std::collections::{BTreeMap, HashMap};
+use std::collections::{BTreeMap, HashMap, HashSet};
 use std::panic::Location;
 use std::sync::Arc;
 
@@ -68,7 +68,7 @@ impl Design {
     #[track_caller]
     pub fn with(&self, mutation: &Mutation) -> Result<Design, HdlError> {
         let place = Location::caller();
-        self.module(&mutation.module)?;
+        self.changeable(&mutation.module)?;
         self.rebuilt(&|module, children| {
             if module.name() == mutation.module {
                 return module.changed(mutation, place).map(Some);
@@ -94,6 +94,46 @@ impl Design {
         })
     }
 
+    /// Checks that a module stands by itself: a part follows from what it is a part of.
+    #[track_caller]
+    fn changeable(&self, name: &str) -> Result<(), HdlError> {
+        let place = Location::caller();
+        let module = self.module(name)?;
+        let of = |whole: &&Arc<Module>| whole.parts().iter().any(|part| part.name() == name);
+        match self.modules.iter().find(of) {
+            Some(whole) => {
+                let message = format!(
+                    "it is a part of {}, whose changes are its own",
+                    whole.name()
+                );
+                Err(module.error(message, place))
+            }
+            None => Ok(()),
+        }
+    }
+
+    /// The design whose parts of modules are modules like others, without properties: as it is printed.
+    ///
+    /// # Errors
+    /// None, if the design is sound.
+    pub fn apart(&self) -> Result<Design, HdlError> {
+        let mut printed: HashMap<&str, Arc<Module>> = HashMap::new();
+        let mut top = self.top().clone();
+        for module in &self.modules {
+            let shown = module
+                .outline
+                .as_ref()
+                .map_or(module, |outline| &outline.top);
+            let mut ir = shown.ir.clone();
+            top = match ir.place(&printed, None) {
+                true => Arc::new(Module::of(ir)?),
+                false => shown.clone(),
+            };
+            printed.insert(module.name(), top.clone());
+        }
+        Ok(Design::new(top)?.with_prefix(self.prefix.clone()))
+    }
+
     /// The design with many changes, of which the one that is selected by its number holds; with 0, or another number, none does.
     ///
     /// # Errors
@@ -106,7 +146,7 @@ impl Design {
     ) -> Result<Design, HdlError> {
         let place = Location::caller();
         for (_, change) in changes {
-            self.module(&change.module)?;
+            self.changeable(&change.module)?;
         }
         self.rebuilt(&|module, children| {
             let of_module = changes.iter().filter(|(_, m)| m.module == module.name());
@@ -121,18 +161,22 @@ impl Design {
 
     fn rebuilt(&self, change: &Rebuild<'_>) -> Result<Design, HdlError> {
         let mut changed: HashMap<&str, Arc<Module>> = HashMap::new();
-        let mut modules = vec![];
-        for module in &self.modules {
+        // Parts follow from what they are parts of.
+        let parts = self.modules.iter().flat_map(|module| module.parts());
+        let parts: HashSet<&str> = parts.map(|part| part.name()).collect();
+        let mut top = self.top().clone();
+        for module in self
+            .modules
+            .iter()
+            .filter(|module| !parts.contains(module.name()))
+        {
             let new = change(module, &changed)?;
             if let Some(new) = &new {
                 changed.insert(module.name(), new.clone());
             }
-            modules.push(new.unwrap_or_else(|| module.clone()));
+            top = new.unwrap_or_else(|| module.clone());
         }
-        Ok(Design {
-            modules,
-            prefix: self.prefix.clone(),
-        })
+        Ok(Design::new(top)?.with_prefix(self.prefix.clone()))
     }
 }
 

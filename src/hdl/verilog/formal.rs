@@ -1,6 +1,7 @@
 //! Properties, behind all else in a module's text: for a prover, or for a simulator.
 
 use super::super::ir::{Id, Netlist, Op, ProofData};
+use super::super::outline::Outline;
 use super::{Body, Printer, range, unmarked};
 use std::collections::HashSet;
 use std::fmt::Write as _;
@@ -100,9 +101,18 @@ fn of_any(printer: &Printer, root: Id) -> bool {
 }
 
 /// The text with checks, and where in it a module's name begins.
-pub(in super::super) fn with_checks(ir: &Netlist) -> (String, Vec<usize>) {
+pub(in super::super) fn with_checks(
+    ir: &Netlist,
+    outline: Option<&Outline>,
+) -> (String, Vec<usize>) {
     let mut printer = Printer::new(ir);
-    let module = printer.module(&ir.name, &ir.doc);
+    let module = match outline {
+        None => printer.module(&ir.name, &ir.doc),
+        Some(outline) => {
+            printer.look_into(outline);
+            Printer::new(&outline.top.ir).module(&ir.name, &ir.doc)
+        }
+    };
     let mut checks: Vec<(String, Id)> = vec![];
     for proof in &ir.proofs {
         let assumes = proof.assumes.iter();
@@ -144,6 +154,44 @@ pub(in super::super) fn with_checks(ir: &Netlist) -> (String, Vec<usize>) {
 }
 
 impl Printer<'_> {
+    /// Names what is in parts from the module that places them.
+    fn look_into(&mut self, outline: &Outline) {
+        let modules = [&outline.top].into_iter().chain(&outline.parts);
+        let printers: Vec<_> = modules.map(|module| Printer::new(&module.ir)).collect();
+        let within = |part: usize, name: &str| match part {
+            0 => name.to_string(),
+            part => format!("{}.{name}", self.plan.ir.parts[part - 1].name),
+        };
+        // What crosses a border has its name outside too, and is found there first.
+        let place = |id: &Id| {
+            let numbers = outline.numbers.iter().enumerate();
+            let mut places = numbers.filter_map(|(part, of)| Some((part, *of.get(id)?)));
+            places.find(|(part, number)| {
+                let plan = &printers[*part].plan;
+                plan.declared[*number] || plan.in_line[*number].is_some()
+            })
+        };
+        for id in 0..self.plan.ops.len() {
+            if let (true, Some((part, number))) = (self.plan.declared[id], place(&id)) {
+                self.names.of[id] = within(part, &printers[part].names.of[number]);
+            }
+        }
+        for (line, name) in self.plan.lines.iter().zip(&mut self.names.lines) {
+            let found = place(&line.registers[0]).and_then(|(part, number)| {
+                let (line, _) = printers[part].plan.in_line[number]?;
+                Some(within(part, &printers[part].names.lines[line]))
+            });
+            if let Some(found) = found {
+                *name = found;
+            }
+        }
+        let owners = self.plan.borders.as_ref().map(|borders| &borders.owners);
+        for (memory, names) in self.names.copies.iter_mut().enumerate() {
+            let part = owners.map_or(0, |owners| owners.memories[memory]);
+            names.iter_mut().for_each(|name| *name = within(part, name));
+        }
+    }
+
     /// What is written beside the module for its properties.
     fn beside(
         &mut self,

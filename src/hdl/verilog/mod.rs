@@ -1,5 +1,6 @@
 //! Prints a checked module as Verilog-2001.
 
+mod borders;
 mod expression;
 mod formal;
 mod names;
@@ -8,6 +9,7 @@ mod plan;
 use super::design::{Direction, Port};
 use super::ir::{Id, Item, Netlist, Op, Root};
 use super::memory::Style;
+pub(super) use borders::{Borders, slice_of};
 use expression::bits;
 pub(super) use expression::literal;
 pub(super) use formal::{with_checks, with_proof};
@@ -44,7 +46,7 @@ pub(super) struct Printed {
 
 pub(super) struct Printer<'a> {
     pub plan: Plan<'a>,
-    names: Names,
+    pub names: Names,
     clocked: bool,
     reset: bool,
     statements: RefCell<Vec<Root>>,
@@ -327,6 +329,7 @@ impl<'a> Printer<'a> {
                 Item::Drive(_) => {}
                 Item::Instance(index) => body.block(&self.instance(*index)),
                 Item::Memory(index) => self.memory_declaration(&mut body, *index),
+                Item::Part(_) => {}
             }
         }
         self.memories(&mut body);
@@ -391,6 +394,9 @@ impl<'a> Printer<'a> {
             body.clocked = clocked;
             body.declared = delay.then_some(id);
         } else if plan.ops[id] == Op::Wire {
+            if self.names.port[id] {
+                return;
+            }
             let clocked = std::mem::take(&mut body.clocked);
             body.line(&format!("wire {declaration};"));
             body.clocked = clocked;
@@ -543,7 +549,10 @@ impl<'a> Printer<'a> {
                 let output = instance.outputs.iter().find(|(n, _)| *n == port.name);
                 let (_, id) = output.expect("checked: every port is connected");
                 let name = &self.names.of[*id];
-                let _ = writeln!(text, "  wire {}{name};", range(port.width));
+                // An output may be a port or a wire that was declared before.
+                if !self.names.port[*id] && self.names.wire[*id].is_none() {
+                    let _ = writeln!(text, "  wire {}{name};", range(port.width));
+                }
                 name.clone()
             };
             connections.push(format!("{mark}    .{}({value})", port.name));

@@ -7,7 +7,7 @@ use super::super::ir::{Id, Op};
 use super::plan::Plan;
 use std::collections::{HashMap, HashSet};
 
-pub(super) struct Names {
+pub(in super::super) struct Names {
     /// Of declared nodes.
     pub of: Vec<String>,
     /// The name without the stage, from which the names of delays are made.

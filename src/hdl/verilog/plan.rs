@@ -3,6 +3,7 @@
 
 use super::super::design::Direction;
 use super::super::ir::{Binary, Hint, Id, Netlist, Op, Register};
+use super::borders::{Borders, Owners};
 use std::collections::{HashMap, HashSet};
 
 /// Beyond this many characters, estimated, an expression gets a wire of its own.
@@ -39,6 +40,8 @@ pub(in super::super) struct Plan<'a> {
     pub in_line: Vec<Option<(usize, usize)>>,
     /// For each memory the copies that are read, by the node that reads each.
     pub copies: Vec<Vec<Id>>,
+    /// Of a module in parts.
+    pub borders: Option<Borders>,
 }
 
 /// Nodes by value: equal expressions and equal delay registers are one, whatever stage they are filed under.
@@ -178,6 +181,7 @@ impl<'a> Plan<'a> {
             lines: vec![],
             in_line: vec![None; nodes],
             copies: vec![],
+            borders: None,
         };
         for first in [true, false] {
             let values = Values::of(ir, (!first).then_some(&plan.live));
@@ -194,9 +198,17 @@ impl<'a> Plan<'a> {
             }
         }
         let count = plan.count_uses();
-        plan.find_delay_lines(&count);
+        let owners = Owners::of(ir);
+        plan.find_delay_lines(&count, &owners);
         let live = plan.live.clone();
         plan.choose_declared(&count, &live);
+        if !ir.parts.is_empty() {
+            let borders = Borders::of(&plan, owners);
+            for id in borders.enters.iter().flatten() {
+                plan.declared[*id] = true;
+            }
+            plan.borders = Some(borders);
+        }
         plan.mark_used();
         plan
     }
@@ -265,7 +277,7 @@ impl<'a> Plan<'a> {
     }
 
     /// What output ports read.
-    fn outputs(&self) -> impl Iterator<Item = Id> + '_ {
+    pub fn outputs(&self) -> impl Iterator<Item = Id> + '_ {
         self.ir
             .ports
             .iter()
@@ -321,7 +333,7 @@ impl<'a> Plan<'a> {
         }
     }
 
-    fn find_delay_lines(&mut self, count: &[usize]) {
+    fn find_delay_lines(&mut self, count: &[usize], owners: &Owners) {
         let mut follows: HashMap<Id, Id> = HashMap::new();
         let mut heads = vec![];
         for id in 0..self.ops.len() {
@@ -329,7 +341,11 @@ impl<'a> Plan<'a> {
                 continue;
             };
             match self.delay(next) {
-                Some((_, before)) if before == reset && !follows.contains_key(&next) => {
+                Some((_, before))
+                    if before == reset
+                        && !follows.contains_key(&next)
+                        && owners.nodes[id] == owners.nodes[next] =>
+                {
                     follows.insert(next, id);
                 }
                 _ => heads.push(id),

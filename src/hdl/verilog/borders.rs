@@ -1,0 +1,176 @@
+//! Which part of a module a node is in, and what crosses the borders between parts.
+
+use super::super::ir::{Id, Item, Netlist, Op};
+use super::plan::Plan;
+use std::collections::{BTreeMap, BTreeSet};
+
+/// Parts by their numbers; 0 is the module itself.
+pub(in super::super) struct Owners {
+    pub nodes: Vec<usize>,
+    pub memories: Vec<usize>,
+    pub instances: Vec<usize>,
+}
+
+impl Owners {
+    pub fn of(ir: &Netlist) -> Owners {
+        let mut owners = Owners {
+            nodes: vec![0; ir.nodes.len()],
+            memories: vec![0; ir.memories.len()],
+            instances: vec![0; ir.instances.len()],
+        };
+        let mut part = 0;
+        for item in &ir.items {
+            match item {
+                Item::Part(begun) => part = *begun,
+                // A wire belongs where it is driven, which comes later.
+                Item::Node(id) => owners.nodes[*id] = part,
+                Item::Drive(id) if ir.nodes[*id].op == Op::Wire => owners.nodes[*id] = part,
+                Item::Memory(index) => owners.memories[*index] = part,
+                Item::Instance(index) => owners.instances[*index] = part,
+                Item::Drive(_) | Item::Comment(_) => {}
+            }
+        }
+        for (id, node) in ir.nodes.iter().enumerate() {
+            match node.op {
+                Op::Input => owners.nodes[id] = 0,
+                Op::Read(memory, ..) => owners.nodes[id] = owners.memories[memory],
+                Op::Instance(instance, _) => owners.nodes[id] = owners.instances[instance],
+                _ => {}
+            }
+        }
+        owners
+    }
+}
+
+/// What is in which part.
+pub(in super::super) struct Borders {
+    pub owners: Owners,
+    /// For each part, the nodes that it has: its own, and copies of what needs no logic.
+    pub has: Vec<BTreeSet<Id>>,
+    /// For each part, the nodes of others that it reads.
+    pub enters: Vec<BTreeSet<Id>>,
+}
+
+/// How a part reads a node of another.
+#[derive(Default)]
+struct Use {
+    whole: bool,
+    slices: BTreeSet<Id>,
+}
+
+impl Borders {
+    pub fn of(plan: &Plan, owners: Owners) -> Borders {
+        let parts = plan.ir.parts.len() + 1;
+        let mut borders = Borders {
+            owners,
+            has: vec![BTreeSet::new(); parts],
+            enters: vec![BTreeSet::new(); parts],
+        };
+        let mut uses: BTreeMap<(usize, Id), Use> = BTreeMap::new();
+        for (part, id) in borders.reads(plan) {
+            borders.read(plan, part, id, &mut uses);
+        }
+        for ((part, id), of) in uses {
+            let mut covered = vec![false; plan.width(id) as usize];
+            for slice in &of.slices {
+                let low = slice_of(plan, *slice).1 as usize;
+                covered[low..low + plan.width(*slice) as usize].fill(true);
+            }
+            let whole = of.whole || covered.into_iter().all(|bit| bit);
+            // Of a word that is read in part, the fields cross rather than the word.
+            let (entering, sliced_in) = match whole {
+                true => (BTreeSet::from([id]), part),
+                false => (of.slices.clone(), borders.owners.nodes[id]),
+            };
+            borders.enters[part].extend(entering);
+            for mut slice in of.slices {
+                while let Op::Slice(of, _) = plan.ops[slice] {
+                    borders.has[sliced_in].insert(slice);
+                    slice = of;
+                }
+            }
+        }
+        borders
+    }
+
+    /// What each part's own logic reads; it has that logic itself.
+    fn reads(&mut self, plan: &Plan) -> Vec<(usize, Id)> {
+        let mut reads = vec![];
+        let owners = &self.owners;
+        for id in 0..plan.ops.len() {
+            let placed = matches!(plan.ops[id], Op::Input | Op::Instance(..));
+            if placed || plan.live[id] && plan.stands[id] == id && !light(plan, id) {
+                let owner = owners.nodes[id];
+                self.has[owner].insert(id);
+                reads.extend(plan.sources(id).into_iter().map(|source| (owner, source)));
+            }
+        }
+        for (memory, copies) in plan.copies.iter().enumerate() {
+            if !copies.is_empty() {
+                let written = plan.write_port(memory).into_iter();
+                reads.extend(written.map(|id| (owners.memories[memory], id)));
+            }
+        }
+        for (number, instance) in plan.ir.instances.iter().enumerate() {
+            let inputs = instance.inputs.iter();
+            reads.extend(inputs.map(|(_, id)| (owners.instances[number], plan.stands[*id])));
+        }
+        reads.extend(plan.outputs().map(|id| (0, id)));
+        reads
+    }
+
+    fn read(&mut self, plan: &Plan, part: usize, id: Id, uses: &mut BTreeMap<(usize, Id), Use>) {
+        if !light(plan, id) {
+            if self.owners.nodes[id] != part {
+                uses.entry((part, id)).or_default().whole = true;
+            }
+            return;
+        }
+        let (of, _) = slice_of(plan, id);
+        if of != id && !light(plan, of) && self.owners.nodes[of] != part {
+            uses.entry((part, of)).or_default().slices.insert(id);
+        } else if self.has[part].insert(id) {
+            for source in plan.sources(id) {
+                self.read(plan, part, source, uses);
+            }
+        }
+    }
+
+    /// The parts that read a node of another.
+    pub fn readers(&self, id: Id) -> impl Iterator<Item = usize> + '_ {
+        let parts = self.enters.iter().enumerate();
+        parts
+            .filter(move |(_, enters)| enters.contains(&id))
+            .map(|(part, _)| part)
+    }
+
+    /// The part from which a node comes to those that read it.
+    pub fn source(&self, plan: &Plan, id: Id) -> usize {
+        self.owners.nodes[slice_of(plan, id).0]
+    }
+
+    /// The nodes of a part that others read.
+    pub fn leaves(&self, plan: &Plan, part: usize) -> BTreeSet<Id> {
+        let all = self.enters.iter().flatten().copied();
+        all.filter(|id| self.source(plan, *id) == part).collect()
+    }
+}
+
+/// What is made anew wherever it is read rather than carried there.
+fn light(plan: &Plan, id: Id) -> bool {
+    match plan.ops[id] {
+        Op::Literal(_) | Op::Reset | Op::Slice(..) => true,
+        Op::Not(_) | Op::Repeat(..) => !plan.declared[id],
+        _ => false,
+    }
+}
+
+/// The signal that a slice is of, a slice of a slice too, and its lowest bit there.
+pub(in super::super) fn slice_of(plan: &Plan, mut id: Id) -> (Id, u32) {
+    let mut lowest = 0;
+    while let Op::Slice(of, low) = plan.ops[id] {
+        lowest += low;
+        id = of;
+    }
+    (id, lowest)
+}
