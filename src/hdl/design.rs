@@ -168,8 +168,9 @@ impl Module {
         renamed(&self.shown().text, &self.shown().names, emitted)
     }
 
+    /// The modules that it places, in the order of the instances.
     pub fn children(&self) -> &[Arc<Module>] {
-        &self.children
+        (self.outline.as_ref()).map_or(&self.children, |outline| &outline.top.children)
     }
 
     /// The stage of a pipelined module's port.

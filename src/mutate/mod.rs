@@ -163,10 +163,10 @@ fn design_of(config: &Config, unit: &str) -> Result<Design> {
         "tpu" => hw::tpu::module(&plan()?)?.module,
         "geometry" => hw::geometry::module(&plan()?)?.module,
         "update" => hw::update::module(&plan()?)?.module,
-        "raycast" => return Ok(hw::emit(config)?.design),
+        "raycast" => return Ok(hw::emit(config)?.design.apart()?),
         _ => bail!("unit {unit}: is not one of {}", UNITS.join(", ")),
     };
-    Ok(Design::new(top)?)
+    Ok(Design::new(top)?.apart()?)
 }
 
 /// Draws mutants: as many of each unit, in a unit by turns of each kind, in a kind of any place alike. A module that two units have is
@@ -520,7 +520,7 @@ fn run_unit(
     } = population;
     let selectable = population.selectable(design)?;
     let machine = match *unit {
-        "geometry" => Some(hw::emit(config)?.design),
+        "geometry" => Some(hw::emit(config)?.design.apart()?),
         _ => None,
     };
     let whole = machine.as_ref().map(|whole| population.selectable(whole));
