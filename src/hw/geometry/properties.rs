@@ -5,11 +5,10 @@
 //! It is assumed that a packet has one leaf here at a time, with a ray in its mask, that skinning borrows the unit when none is here, and
 //! that memory answers what it was asked, once. Every packet is watched: the machine of the proof has few.
 
-use super::{
-    CORNER_BITS, Inputs, Job, ORIGIN_SLOT, Outputs, VECTORS_OF_INSTANCE, VERTICES_OF_TRIANGLE,
-};
-use crate::hdl::{Builder, Bundle, Memory, Proof, ReadPort, Reg, Signal, bits_for};
-use crate::hw::fifo::Placed;
+use super::fetch::{CORNER_BITS, Fetch};
+use super::issue::{Issue, ORIGIN_SLOT, Slot};
+use super::{Inputs, Outputs, VECTORS_OF_INSTANCE, VERTICES_OF_TRIANGLE};
+use crate::hdl::{Builder, Bundle, Proof, ReadPort, Reg, Signal, bits_for};
 use crate::hw::properties::{assert_shown_stays, shown_stays};
 
 /// Vertices or vectors that a leaf's requests can number.
@@ -28,16 +27,12 @@ pub(super) struct Passage<'b> {
 }
 
 impl<'b> Passage<'b> {
-    pub fn new(
-        valid: Signal<'b>,
-        last: Signal<'b>,
-        packet: Signal<'b>,
-        leaves_at: u32,
-    ) -> Passage<'b> {
+    pub fn new(slot: &Slot<'b>, valid: Signal<'b>, leaves_at: u32) -> Passage<'b> {
+        let stages = |signal: Signal<'b>| signal.stages(1..=leaves_at);
         Passage {
-            valid: valid.stages(1..=leaves_at),
-            last: last.stages(1..=leaves_at),
-            packet: packet.stages(1..=leaves_at),
+            valid: stages(valid),
+            last: stages(slot.last),
+            packet: stages(slot.packet),
         }
     }
 }
@@ -47,38 +42,8 @@ pub(super) struct Unit<'b> {
     pub packets: u32,
     pub inputs: Inputs<Signal<'b>>,
     pub outputs: Outputs<Signal<'b>>,
-    // Leaves.
-    pub leaf_is_instance: Signal<'b>,
-    pub take_leaf: Signal<'b>,
-    pub masks: Memory<'b>,
-    pub instance_leaves: Memory<'b>,
-    // Records.
-    pub record_packet: Signal<'b>,
-    pub record_is_instance: Signal<'b>,
-    // Vertices.
-    pub vertex_queue: Placed<'b>,
-    pub job: Job<Signal<'b>>,
-    pub corner: Signal<'b>,
-    pub last_corner: Signal<'b>,
-    pub vertex_fire: Signal<'b>,
-    pub arrived_packet: Signal<'b>,
-    pub arrivals: Memory<'b>,
-    pub last_arrives: Signal<'b>,
-    pub complete: Signal<'b>,
-    // Rays.
-    pub ready_queue: Placed<'b>,
-    pub ready_packet: Signal<'b>,
-    pub ready_is_instance: Signal<'b>,
-    pub busy: Signal<'b>,
-    pub now_packet: Signal<'b>,
-    pub now_instance: Signal<'b>,
-    pub now_mask: Signal<'b>,
-    pub slot: Signal<'b>,
-    pub issue_ray: Signal<'b>,
-    pub last_slot: Signal<'b>,
-    pub now_last: Signal<'b>,
-    pub idle_next: Signal<'b>,
-    // The test.
+    pub fetch: Fetch<'b>,
+    pub issue: Issue<'b>,
     pub tests: Passage<'b>,
     pub moves: Passage<'b>,
 }
@@ -157,12 +122,12 @@ impl<'b> List<'b> {
 
 impl<'b> Unit<'b> {
     fn module(&self) -> &'b Builder {
-        self.busy.module()
+        self.issue.busy.module()
     }
 
     /// Whether the leaf in the test's entrance leaves it.
     fn issued_last(&self) -> Signal<'b> {
-        self.busy & self.now_last
+        self.issue.busy & self.issue.now_last
     }
 
     /// Whether a packet goes on in an object's space.
@@ -171,7 +136,7 @@ impl<'b> Unit<'b> {
     }
 
     fn takes(&self) -> Signal<'b> {
-        self.ready_queue.pop
+        self.issue.queue.pop
     }
 
     /// A bit at a packet's place among all packets'.
@@ -191,12 +156,15 @@ impl<'b> Unit<'b> {
             out: set("out"),
         };
         let (inputs, outputs) = (&self.inputs, &self.outputs);
-        let taken = self.of_packet(self.take_leaf, inputs.leaf.payload.packet);
-        let answered = self.of_packet(inputs.record.response.valid, self.record_packet);
-        let asked = self.of_packet(self.vertex_queue.pop, self.job.packet);
-        let complete = self.of_packet(self.complete, self.arrived_packet);
-        let enters = self.of_packet(self.takes(), self.ready_packet);
-        let issued = self.of_packet(self.issued_last(), self.now_packet);
+        let taken = self.of_packet(self.fetch.leaf.taken, inputs.leaf.payload.packet);
+        let answered = self.of_packet(inputs.record.response.valid, self.fetch.record.packet);
+        let asked = self.of_packet(
+            self.fetch.requests.queue.pop,
+            self.fetch.requests.job.packet,
+        );
+        let complete = self.of_packet(self.fetch.arrival.complete, self.fetch.arrival.of.packet);
+        let enters = self.of_packet(self.takes(), self.issue.ready.packet);
+        let issued = self.of_packet(self.issued_last(), self.issue.now_packet);
         let done = self.of_packet(outputs.done.valid, outputs.done.payload.packet);
         let moved = self.of_packet(self.moved(), outputs.object.payload.place.packet);
         let step = |place: &Reg<'b>, comes, goes: Signal<'b>| place.next((place.q | comes) & !goes);
@@ -218,23 +186,26 @@ impl<'b> Unit<'b> {
         let leaf = self.inputs.leaf.payload;
         let is_instance = reg("instance", 1);
         let mask = reg("mask", leaf.mask.width());
-        let taken = self.take_leaf & is_of(leaf.packet);
-        is_instance.next_when(taken, self.leaf_is_instance);
+        let taken = self.fetch.leaf.taken & is_of(leaf.packet);
+        is_instance.next_when(taken, self.fetch.leaf.is_instance);
         mask.next_when(taken, leaf.mask);
         let (asked, arrived) = (reg("asked", COUNT_BITS), reg("arrived", COUNT_BITS));
-        let begins = self.inputs.record.response.valid & is_of(self.record_packet);
+        let begins = self.inputs.record.response.valid & is_of(self.fetch.record.packet);
         for (count, comes) in [
-            (asked, self.vertex_fire & is_of(self.job.packet)),
+            (
+                asked,
+                self.fetch.requests.fire & is_of(self.fetch.requests.job.packet),
+            ),
             (
                 arrived,
-                self.inputs.vertex.response.valid & is_of(self.arrived_packet),
+                self.inputs.vertex.response.valid & is_of(self.fetch.arrival.of.packet),
             ),
         ] {
             let more = count.q + comes.extend(COUNT_BITS);
             count.next(begins.mux(m.zero(COUNT_BITS), more));
         }
         let age = reg("age", AGE_BITS);
-        let issued = self.issued_last() & is_of(self.now_packet);
+        let issued = self.issued_last() & is_of(self.issue.now_packet);
         age.next(issued.mux(m.zero(AGE_BITS), age.q + m.lit(1u8, AGE_BITS)));
         Leaf {
             is_instance: is_instance.q,
@@ -250,24 +221,29 @@ impl<'b> Unit<'b> {
         let last_vertex = last(VERTICES_OF_TRIANGLE);
         proof.fault(
             "a leaf is complete before its last vertex comes",
-            (self.last_arrives.literal_of(last_vertex)).as_value(last_vertex - 1),
+            (self.fetch.arrival.last_arrives.literal_of(last_vertex)).as_value(last_vertex - 1),
         );
         let last_vector = last(VECTORS_OF_INSTANCE);
         proof.fault(
             "the last vertex is not asked for",
-            (self.last_corner.literal_of(last_vector)).as_value(last_vector - 1),
+            (self.fetch.requests.last_corner.literal_of(last_vector)).as_value(last_vector - 1),
         );
         proof.fault(
             "a vertex counts as asked for before it is taken",
-            (self.vertex_fire.reads(self.inputs.vertex.request_ready)).as_value(1),
+            (self
+                .fetch
+                .requests
+                .fire
+                .reads(self.inputs.vertex.request_ready))
+            .as_value(1),
         );
         proof.fault(
             "a leaf is taken while another's rays are issued",
-            self.idle_next.fault().as_value(1),
+            self.issue.idle_next.fault().as_value(1),
         );
         proof.fault(
             "an instance leaves as a triangle",
-            (self.outputs.test_issued.reads(self.now_instance)).as_value(0),
+            (self.outputs.test_issued.reads(self.issue.now_instance)).as_value(0),
         );
     }
 }
@@ -283,22 +259,27 @@ pub(super) fn conserves<'b>(unit: &Unit<'b>) {
     let vertex = inputs.vertex.response;
     let record_requests = ReadPort::of_unit(outputs.record, inputs.record).request;
     let vertex_requests = ReadPort::of_unit(outputs.vertex, inputs.vertex).request;
-    unit.vertex_queue.keep(proof);
-    unit.ready_queue.keep(proof);
+    unit.fetch.requests.queue.keep(proof);
+    unit.issue.queue.keep(proof);
     let places = unit.places(proof);
     let here = proof.named("here", m.or_all(&places.all()));
     let all_vertices = packets * CORNERS;
     let owed_vertices = proof.reg_reset("owed_vertices", all_vertices, 0);
     owed_vertices.next(
-        (owed_vertices.q | bit_in(all_vertices, unit.vertex_fire, vertex_requests.payload.tag))
+        (owed_vertices.q
+            | bit_in(
+                all_vertices,
+                unit.fetch.requests.fire,
+                vertex_requests.payload.tag,
+            ))
             & !bit_in(all_vertices, vertex.valid, vertex.payload.tag),
     );
     let rays = leaf.mask.width();
     let issued = proof.reg("issued", rays);
-    let issues = unit.busy & unit.last_slot;
+    let issues = unit.issue.busy & unit.issue.last_slot;
     issued.next(unit.takes().mux(
         m.zero(rays),
-        issued.q | bit_in(rays, issues, unit.issue_ray),
+        issued.q | bit_in(rays, issues, unit.issue.ray),
     ));
     // What counts by packet is cleared after reset, before anything comes.
     let sweeping = proof.reg_reset("sweeping", 1, 1);
@@ -351,20 +332,20 @@ pub(super) fn conserves<'b>(unit: &Unit<'b>) {
         (
             inputs.record.response.valid,
             places.record,
-            unit.record_packet,
-            unit.record_is_instance,
+            unit.fetch.record.packet,
+            unit.fetch.record.instance,
         ),
         (
-            unit.vertex_queue.valid,
+            unit.fetch.requests.queue.valid,
             places.job,
-            unit.job.packet,
-            unit.job.instance,
+            unit.fetch.requests.job.packet,
+            unit.fetch.requests.job.instance,
         ),
         (
-            unit.ready_queue.valid,
+            unit.issue.queue.valid,
             places.ready,
-            unit.ready_packet,
-            unit.ready_is_instance,
+            unit.issue.ready.packet,
+            unit.issue.ready.instance,
         ),
     ] {
         let as_it_came = is_instance.eq(instances.bit_at(packet));
@@ -389,39 +370,42 @@ pub(super) fn conserves<'b>(unit: &Unit<'b>) {
         assert_shown_stays(proof, what, requests.valid, requests.ready, &shown);
     }
     // One bit more than a queue's own count: what it holds is in two places.
-    let count_bits = unit.vertex_queue.count_bits() + 1;
-    let jobs_held = unit.vertex_queue.count(count_bits);
+    let count_bits = unit.fetch.requests.queue.count_bits() + 1;
+    let jobs_held = unit.fetch.requests.queue.count(count_bits);
     proof.assert(
         "as many leaves are in the vertex queue as it holds",
         jobs_held.eq(places.job.q.count_ones(count_bits)),
     );
-    let ready_held = unit.ready_queue.count(count_bits);
+    let ready_held = unit.issue.queue.count(count_bits);
     proof.assert(
         "as many leaves are in the ready queue as it holds",
         ready_held.eq(places.ready.q.count_ones(count_bits)),
     );
     proof.assert(
         "vertices are asked for from the first on",
-        unit.vertex_queue.valid | unit.corner.is_zero(),
+        unit.fetch.requests.queue.valid | unit.fetch.requests.corner.is_zero(),
     );
-    let in_entrance = unit.of_packet(unit.busy, unit.now_packet);
-    let as_it_came = unit.now_instance.eq(instances.bit_at(unit.now_packet));
+    let in_entrance = unit.of_packet(unit.issue.busy, unit.issue.now_packet);
+    let as_it_came = unit
+        .issue
+        .now_instance
+        .eq(instances.bit_at(unit.issue.now_packet));
     proof.assert(
         "one leaf is in the test's entrance, as it came",
-        places.now.q.eq(in_entrance) & unit.busy.implies(as_it_came),
+        places.now.q.eq(in_entrance) & unit.issue.busy.implies(as_it_came),
     );
-    let last_slot = (unit.now_instance).mux(m.lit(ORIGIN_SLOT, 2), m.zero(2));
+    let last_slot = (unit.issue.now_instance).mux(m.lit(ORIGIN_SLOT, 2), m.zero(2));
     proof.assert(
         "a ray takes three slots, or one",
-        unit.busy.implies(unit.slot.le(last_slot)),
+        unit.issue.busy.implies(unit.issue.slot.le(last_slot)),
     );
-    let to_be_issued = unit.now_mask;
+    let to_be_issued = unit.issue.now_mask;
     let each = to_be_issued.any()
         & (issued.q & to_be_issued).is_zero()
-        & (issued.q | to_be_issued).eq(masks.at(unit.now_packet));
+        & (issued.q | to_be_issued).eq(masks.at(unit.issue.now_packet));
     proof.assert(
         "each ray of the mask is issued or to be issued",
-        unit.busy.implies(each),
+        unit.issue.busy.implies(each),
     );
     let was_out = |packet| (places.out.q.bit_at(packet), instances.bit_at(packet));
     let (was_here, instance) = was_out(outputs.done.payload.packet);
@@ -439,15 +423,15 @@ pub(super) fn conserves<'b>(unit: &Unit<'b>) {
         sweeping.q.implies(here.is_zero()),
     );
     let moves = unit.takes()
-        | unit.busy
+        | unit.issue.busy
         | places.out.q.any()
-        | (jobs_held.any() & !unit.vertex_queue.valid);
+        | (jobs_held.any() & !unit.fetch.requests.queue.valid);
     let memory = places.record.q.any() | owed_vertices.q.any() | vertex_requests.valid;
     proof.assert(
         "a leaf that is here moves, or waits for memory",
         here.any().implies(moves | memory),
     );
-    unit.vertex_queue.assert_settles(proof);
+    unit.fetch.requests.queue.assert_settles(proof);
 
     // The last of a leaf's slots, in the stages of the test.
     let mut passing = vec![];
@@ -493,8 +477,11 @@ pub(super) fn conserves<'b>(unit: &Unit<'b>) {
                 .count_ones(3)
                 .le(m.lit(1u8, 3)),
         );
-        let at_front = unit.vertex_queue.valid & is_p(unit.job.packet);
-        let next = at_front.mux(unit.corner.extend(COUNT_BITS), m.zero(COUNT_BITS));
+        let at_front = unit.fetch.requests.queue.valid & is_p(unit.fetch.requests.job.packet);
+        let next = at_front.mux(
+            unit.fetch.requests.corner.extend(COUNT_BITS),
+            m.zero(COUNT_BITS),
+        );
         assert(
             "vertices are asked for in turn, by the leaf at the front",
             is_job.implies(leaf.asked.eq(next) & leaf.asked.lt(vertices)),
@@ -518,16 +505,29 @@ pub(super) fn conserves<'b>(unit: &Unit<'b>) {
         let counted = fetching.mux(leaf.arrived, m.zero(COUNT_BITS));
         assert(
             "arrivals are counted",
-            to_be_swept | unit.arrivals.peek(number).extend(COUNT_BITS).eq(counted),
+            to_be_swept
+                | unit
+                    .fetch
+                    .arrival
+                    .counts
+                    .peek(number)
+                    .extend(COUNT_BITS)
+                    .eq(counted),
         );
         let kept = leaf.mask.any()
-            & unit.instance_leaves.peek(number).eq(leaf.is_instance)
-            & unit.masks.peek(number).eq(leaf.mask);
+            & unit
+                .fetch
+                .leaf
+                .instance_leaves
+                .peek(number)
+                .eq(leaf.is_instance)
+            & unit.issue.masks.peek(number).eq(leaf.mask);
         assert("its kind and its mask are kept", at(here).implies(kept));
         let with_this = leaf.arrived + m.lit(1u8, COUNT_BITS);
         assert(
             "a leaf is complete when all its vertices are there",
-            (unit.complete & is_p(unit.arrived_packet)).implies(is_owed & with_this.eq(vertices)),
+            (unit.fetch.arrival.complete & is_p(unit.fetch.arrival.of.packet))
+                .implies(is_owed & with_this.eq(vertices)),
         );
         let [as_triangle, as_instance] = [0, 1].map(|kind| {
             let (end, packet) = &passing[kind];
