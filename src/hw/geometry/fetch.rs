@@ -199,7 +199,9 @@ fn count_arrivals<'b>(
         Style::Distributed,
     );
     let before = counts.read_now(packet);
-    let instance = instance_leaves.read_now(packet);
+    let instance = instance_leaves
+        .read_now(packet)
+        .named("arrived_is_instance");
     let last_arrives = before.eq(last_corner_of(instance)).named("last_arrives");
     let complete = (valid & last_arrives).named("leaf_complete");
     let zero = m.zero(CORNER_BITS);

@@ -68,18 +68,20 @@ pub(super) struct Slot<'b> {
     /// Where a memory by ray has the ray, and one by space and ray.
     pub index: Signal<'b>,
     pub level_index: Signal<'b>,
-    /// Whether the skinning processor borrows the test, which does not change under way.
+    /// Whether the skinning processor borrows the test, and a clock later. It does so for a whole mesh, so that a register more
+    /// changes nothing, and keeps a fan-out to hundreds of operands off the operators' first stage.
     skinning: Signal<'b>,
+    skinning_held: Signal<'b>,
 }
 
 impl<'b> Slot<'b> {
-    /// Whether the skinning processor borrows the test. It does so for a whole mesh, so that a register more changes nothing,
-    /// and keeps a fan-out to hundreds of operands off the operators' first stage.
+    /// Whether the skinning processor borrows the test, for what is at a stage.
     pub fn skinning_at(&self, stage: u32) -> Signal<'b> {
-        match stage.checked_sub(1) {
-            Some(before) => self.pipeline.enter_at(self.skinning, before).register(),
-            None => self.pipeline.enter_at(self.skinning, stage),
-        }
+        let skinning = match stage {
+            0 => self.skinning,
+            _ => self.skinning_held,
+        };
+        self.pipeline.enter_at(skinning, stage)
     }
 }
 
@@ -202,6 +204,7 @@ pub(super) fn enter<'b>(
         index,
         level_index: inside.concat(index).named("test_level_index"),
         skinning,
+        skinning_held: skinning.register().named("skinning_held"),
     }
 }
 

@@ -6,7 +6,7 @@ use super::issue::Slot;
 use super::stages::Stages;
 use crate::bkd::layout::fields;
 use crate::bundle;
-use crate::hdl::{Builder, Signal, Specs, Style};
+use crate::hdl::{Builder, Signal, Signals, Specs, Style};
 use crate::hw::plan::Plan;
 use crate::hw::ray::{Context, Start};
 
@@ -99,16 +99,18 @@ pub(super) fn keep<'b>(
                 ..context.unpack(start_leaf.context)
             }),
         },
-        context: context.unpack(merged.context),
-        address: merged.address,
-        triangle_number: plan.read(triangle_numbers, packet),
+        context: context.unpack(merged.context).named("tested"),
+        address: merged.address.named("tested_record"),
+        triangle_number: plan.read(triangle_numbers, packet).named("tested_triangle"),
         // In a scene of one level every triangle is of instance 0.
-        instance_number: plan.read_where(
-            instance_numbers,
-            packet,
-            slot.inside.at(read_at),
-            m.zero(32),
-        ),
+        instance_number: plan
+            .read_where(
+                instance_numbers,
+                packet,
+                slot.inside.at(read_at),
+                m.zero(32),
+            )
+            .named("tested_instance"),
         instance_address: leaf_word.unpack(plan.read(leaves, at_object)).address,
     }
 }

@@ -3,7 +3,7 @@
 use super::issue::Slot;
 use super::stages::Stages;
 use super::{Inputs, Kept, SetUp, World};
-use crate::hdl::{Builder, Flow, Memory, Signal, Specs, Style};
+use crate::hdl::{Builder, Flow, Memory, Signal, Signals, Specs, Style};
 use crate::hw::plan::Plan;
 use crate::hw::ray::{Interval, Limits, Tested, Vector};
 
@@ -61,7 +61,9 @@ pub(super) fn keep<'b>(
     });
 
     let read = plan.read_latency();
-    let tested = tested.unpack(plan.read(tests, slot.level_index));
+    let tested = tested
+        .unpack(plan.read(tests, slot.level_index))
+        .named("ray");
     let direction = match (inputs.world, tested.direction) {
         (Some(world), _) => world_direction(plan, m, world, slot),
         (None, Some(direction)) => direction,
@@ -81,12 +83,17 @@ pub(super) fn keep<'b>(
     Rays {
         tested,
         direction,
-        window: window.unpack(clips),
-        kept: limits.unpack(by_ray(kept, stages.limits)),
-        shear_z: shear_z
-            .map(|(memory, stage)| plan.read(memory, slot.level_index.at(stage - read))),
-        own_window: window.unpack(by_ray(windows, stages.object)),
-        own_limits: limits.unpack(by_ray(kept, stages.object)).limits,
+        window: window.unpack(clips).named("window"),
+        kept: limits.unpack(by_ray(kept, stages.limits)).named("ray"),
+        shear_z: shear_z.map(|(memory, stage)| {
+            let index = slot.level_index.at(stage - read);
+            plan.read(memory, index).named("ray_shear_z")
+        }),
+        own_window: window.unpack(by_ray(windows, stages.object)).named("own"),
+        own_limits: limits
+            .unpack(by_ray(kept, stages.object))
+            .limits
+            .named("own"),
         windows,
     }
 }
@@ -115,5 +122,8 @@ fn world_direction<'b>(
         plan.ray_index(packet, ray),
         vector.pack(Vector { axes }),
     );
-    vector.unpack(plan.read(memory, slot.index)).axes
+    vector
+        .unpack(plan.read(memory, slot.index))
+        .named("ray_world_direction")
+        .axes
 }

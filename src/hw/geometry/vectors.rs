@@ -12,8 +12,8 @@ use super::fetch::Arrival;
 use super::issue::Slot;
 use super::stages::Stages;
 use crate::bkd::layout::fields;
-use crate::hdl::{Builder, Flow, Memory, Signal, Specs, Style};
-use crate::hw::plan::Plan;
+use crate::hdl::{Builder, Flow, Memory, Signal, Signals, Specs, Style};
+use crate::hw::plan::{AXES, Plan};
 use crate::hw::triangle::Corners;
 
 /// What a slot reads.
@@ -69,9 +69,10 @@ pub(super) fn keep<'b>(
         slot.origin.at(read_at) | slot.skinning_at(read_at),
         m.zero(vertex.width()),
     );
+    let translation = vertex.unpack(translation).position;
     Vectors {
-        corners: Corners { v0, v1, v2 },
-        translation: vertex.unpack(translation).position,
+        corners: Corners { v0, v1, v2 }.named("corner"),
+        translation: [0, 1, 2].map(|i| translation[i].named(format!("translation_{}", AXES[i]))),
     }
 }
 
