@@ -5,6 +5,7 @@
 
 mod banks;
 pub mod core;
+mod counters;
 mod distance;
 mod fifo;
 pub mod fp;

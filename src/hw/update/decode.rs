@@ -4,6 +4,7 @@
 use super::{Instruction, ROW_BITS, Start, WINDOW_BYTES, WORD_BITS, box_bits, vertex_bits};
 use crate::bundle;
 use crate::hdl::{Builder, Flow, Reg, Signal, Specs, Style, bits_for};
+use crate::hw::counters::counts_up;
 use crate::hw::plan::Plan;
 use crate::hw::prefetch::{self, pick};
 
@@ -346,14 +347,11 @@ fn implied_target<'b>(
         start | frees | takes_free,
         start.mux(m.zero(count_bits), counted),
     );
-    let box_unit = m.lit(1u8, box_bits);
-    fresh.next_when(
-        start | (takes & !any_free),
-        start.mux(m.zero(box_bits), fresh.q + box_unit),
-    );
+    counts_up(fresh, (start, m.zero(box_bits)), takes & !any_free);
     let free_list = m.memory("free_list", registers, box_bits, Style::Distributed);
     free_list.write(frees, free_count.q.low(box_bits), decoded.y.low(box_bits));
-    let free = free_list.read_now(free_count.q.low(box_bits) - box_unit);
+    let newest = free_count.q.low(box_bits) - m.lit(1u8, box_bits);
+    let free = free_list.read_now(newest);
     let of_leaf = any_free.mux(free, fresh.q);
     (decoded.node.mux(decoded.x.low(box_bits), of_leaf)).named("implied_target")
 }
@@ -371,8 +369,7 @@ fn vertex_index<'b>(
     vertex_base.next_when(start, base);
     let next_vertex = m.reg("next_vertex", a);
     let counts = (load & !decoded.reload).named("loads_next");
-    let one = m.lit(1u8, a);
-    next_vertex.next_when(start | counts, start.mux(base, next_vertex.q + one));
+    counts_up(next_vertex, (start, base), counts);
     let again = vertex_base.q + decoded.index;
     decoded.reload.mux(again, next_vertex.q)
 }

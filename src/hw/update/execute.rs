@@ -69,12 +69,11 @@ impl<'b> Execute<'b> {
             let unfinished = ends & !box_taken;
             let goes = valid.q & !(missing_vertex | missing_room | unfinished);
         }
-        let taken = (queue.valid & (goes | !valid.q)).named("take");
-        take.drive(taken);
-        word.next_when(taken, queue.front);
-        valid.next(taken | (valid.q & !goes));
+        take.drive(queue.valid & (goes | !valid.q));
+        let take = take.get();
+        word.next_when(take, queue.front);
+        valid.next(take | (valid.q & !goes));
         crate::named! {
-            let load_goes = loads & vertex_valid;
             let node_goes = nodes & node_room;
             let merge_goes = leafs | node_goes;
         }
@@ -82,7 +81,7 @@ impl<'b> Execute<'b> {
             queue_room: in_flight.room,
             current,
             goes,
-            load_goes,
+            load_goes: loads & vertex_valid,
             node_goes,
             merge_goes,
             end_waits: ends,
@@ -91,7 +90,7 @@ impl<'b> Execute<'b> {
             front: instruction.unpack(queue.front),
             queue,
             in_flight,
-            take: taken,
+            take,
             valid: valid.q,
             load_waits: loads,
         })

@@ -2,6 +2,7 @@
 
 use super::{Start, VERTEX_INDICES, counts_later};
 use crate::hdl::{Builder, Flow, HdlError, ReadInputs, Signal};
+use crate::hw::counters::{counts_down, counts_up};
 use crate::hw::fifo::{self, Placed};
 use crate::hw::plan::Plan;
 use crate::hw::prefetch::{self, Occupancy, prefetch};
@@ -64,10 +65,9 @@ impl<'b> Rows<'b> {
         });
         no_rows.drive(none_before.unwrap_or(fetched.empty));
         let requested = (wanted & fetched.fetch_ready).named("row_requested");
-        let one = m.lit(1u8, a);
         let moves = (start | requested).hinted("fetch_moves");
-        fetch_row.next_when(moves, start.mux(update.program, fetch_row.q + one));
-        rows_left.next_when(moves, start.mux(update.rows, rows_left.q - one));
+        counts_up(fetch_row, (start, update.program), requested);
+        counts_down(rows_left, (start, update.rows), requested);
         let last_row = rows_left.q.equals(1).named("last_row");
         any_rows_left.next_when(moves, start.mux(update.rows.any(), !last_row));
         Ok(Rows {

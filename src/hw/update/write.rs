@@ -5,6 +5,7 @@ use super::merge::{Merge, Operands};
 use super::{NODE_LANES, NODE_MASK, NodeWrite, Start, counts_later, later};
 use crate::bkd::layout::{Record, fields};
 use crate::hdl::{Flow, HdlError, Pipeline, Signal, Specs, Write};
+use crate::hw::counters::counts_up;
 use crate::hw::fifo::{self, Placed};
 use crate::hw::plan::Plan;
 use crate::hw::prefetch::Occupancy;
@@ -58,9 +59,7 @@ impl<'b> Nodes<'b> {
         node_pop.drive(queue.valid & ready);
         let in_flight = Occupancy::new(plan, m, "nodes_under_way", depth, execute.node_goes, pop);
         let next_node = m.reg("next_node", plan.address());
-        let after = next_node.q + m.lit(1u8, plan.address());
-        let next = start.valid.mux(start.payload.node_base, after);
-        next_node.next_when(start.valid | pop, next);
+        counts_up(next_node, (start.valid, start.payload.node_base), pop);
         let node = NodeWrite {
             address: next_node.q,
             mask: m.lit(NODE_MASK, NODE_LANES),
