@@ -188,7 +188,7 @@ interface! {
 }
 
 bundle! {
-    /// What parts tell those before them.
+    /// What later parts tell earlier ones.
     struct Back() {
         /// The front row has been used.
         pop_row: 1,
@@ -217,6 +217,7 @@ pub(super) fn module(plan: &Plan, test: &Module) -> Result<Arc<Module>, HdlError
         of_test.outputs.sum[0].stage(&m, test) - of_test.inputs.pairs.sum_a[0].stage(&m, test);
     let ports = ports(plan);
     let inputs = ports.inputs.inputs(&m);
+    m.comment("What later parts tell earlier ones.");
     let back = Back::of().wires(&m, "");
     let told = back.get();
 

@@ -110,7 +110,7 @@ bundle! {
 }
 
 bundle! {
-    /// What parts tell those before them.
+    /// What later parts tell earlier ones.
     struct Back() {
         /// The front row has been used; the vertex in front goes to its register.
         pop_row: 1,
@@ -193,6 +193,7 @@ pub fn module(plan: &Plan) -> Result<UpdateProcessor, HdlError> {
     );
     let ports = ports(plan);
     let inputs = ports.inputs.inputs(&m);
+    m.comment("What later parts tell earlier ones.");
     let back = Back::of().wires(&m, "");
     let told = back.get();
 
