@@ -3,11 +3,14 @@
 //! `cargo test` shows a few frames of everything; with `DYNRT_FULL=1` it is every clip at 12 frames of 256×192, one clip of each
 //! scene at 512×384, and 10⁶ rays of the law that a refitted and a rebuilt tree give the same picture.
 
+#[path = "common/command.rs"]
+mod command;
 #[allow(dead_code)]
 mod common;
 
 use base64::Engine as _;
 use base64::engine::general_purpose::STANDARD;
+use command::dynrt;
 use common::shared_scene;
 use dynrt::bkd::{Bounds, BuildOptions, InstanceSpec, InstancedImage, MemoryImage, build};
 use dynrt::config::Config;
@@ -21,7 +24,6 @@ use dynrt::scene::{Animated, Frame, ImageSize, RayPacket, load_animated};
 use serde_json::{Value, json};
 use std::collections::BTreeMap;
 use std::path::Path;
-use std::process::Command;
 
 fn is_full() -> bool {
     std::env::var("DYNRT_FULL").is_ok_and(|full| full == "1")
@@ -605,12 +607,6 @@ fn a_fault_of_a_unit_is_a_mismatch_with_its_frame_and_replay() {
 
 // ---- The command ----------------------------------------------------------------------------------------------
 
-fn dynrt(arguments: &[&str], folder: &Path) -> std::process::Output {
-    let mut command = Command::new(env!("CARGO_BIN_EXE_dynrt"));
-    command.args(arguments).current_dir(folder);
-    command.output().unwrap()
-}
-
 fn contents(folder: &Path) -> BTreeMap<String, Vec<u8>> {
     let mut files = BTreeMap::new();
     let mut open = vec![folder.to_path_buf()];
@@ -633,7 +629,7 @@ fn contents(folder: &Path) -> BTreeMap<String, Vec<u8>> {
 fn the_command_writes_frames_a_gif_and_figures() {
     let folder = tempfile::tempdir().unwrap();
     let arguments = "animate builtin:water?resolution=12 --frames 3 --size 40x30 --out film --gif film.gif --json film.json";
-    let output = dynrt(&arguments.split(' ').collect::<Vec<_>>(), folder.path());
+    let output = dynrt(arguments, folder.path()).output().unwrap();
     let stderr = String::from_utf8(output.stderr).unwrap();
     assert!(output.status.success(), "{stderr}");
     assert_eq!(stderr, "");
@@ -695,7 +691,7 @@ fn the_command_writes_frames_a_gif_and_figures() {
 fn fault(arguments: &str, folder: &Path) -> String {
     let before = contents(folder);
     let arguments = format!("animate {arguments} --size 16x12");
-    let output = dynrt(&arguments.split(' ').collect::<Vec<_>>(), folder);
+    let output = dynrt(&arguments, folder).output().unwrap();
     let stderr = String::from_utf8(output.stderr).unwrap();
     assert_eq!(output.status.code(), Some(1), "{arguments}: {stderr}");
     assert_eq!(output.stdout, b"", "{arguments}");

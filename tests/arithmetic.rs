@@ -3,6 +3,9 @@
 //!
 //! Random tests print their seed; `DYNRT_SEED=… cargo test --test arithmetic` replays them.
 
+#[path = "common/seed.rs"]
+mod seed;
+
 use dynrt::float::{Arithmetic, Format, plain, specials};
 use fastrand::Rng;
 use rayon::prelude::*;
@@ -573,15 +576,10 @@ fn check_chunks(
     println!("{what}: {count} checked, all agree");
 }
 
-/// `DYNRT_SEED` where it is set, else another at every run.
+/// The same in all tests of a run.
 fn seed() -> u64 {
     static SEED: OnceLock<u64> = OnceLock::new();
-    *SEED.get_or_init(|| match std::env::var("DYNRT_SEED") {
-        Ok(text) => text
-            .parse()
-            .unwrap_or_else(|_| panic!("DYNRT_SEED={text} is no unsigned integer")),
-        Err(_) => fastrand::u64(..),
-    })
+    *SEED.get_or_init(seed::seed)
 }
 
 /// How random pairs are drawn.

@@ -1,5 +1,8 @@
 //! The command as a user meets it: what it writes, and what it says of bad input.
 
+#[path = "common/command.rs"]
+mod command;
+
 #[cfg(unix)]
 #[path = "cli/interrupt.rs"]
 mod interrupt;
@@ -11,6 +14,7 @@ mod names;
 #[path = "cli/outputs.rs"]
 mod outputs;
 
+use command::dynrt;
 use dynrt::config::Config;
 use dynrt::scene::builtin;
 use serde_json::Value;
@@ -18,15 +22,6 @@ use std::collections::BTreeMap;
 use std::fs;
 use std::path::Path;
 use std::process::{Command, Output, Stdio};
-
-fn dynrt(arguments: &str, folder: &Path) -> Command {
-    let mut command = Command::new(env!("CARGO_BIN_EXE_dynrt"));
-    command
-        .args(arguments.split_whitespace())
-        .current_dir(folder)
-        .stdin(Stdio::null());
-    command
-}
 
 fn run(arguments: &str, folder: &Path) -> Output {
     dynrt(arguments, folder).output().unwrap()

@@ -1,8 +1,12 @@
 //! `dynrt compare`: the hits agree with Embree's, and what is missing is named. Nothing here depends on how long anything takes.
 
+#[path = "common/command.rs"]
+mod command;
+
 #[path = "common/say.rs"]
 mod say;
 
+use command::dynrt;
 use dynrt::compare::{self, Comparison, Embree, Task, mark_differences};
 use dynrt::config::{Config, TriangleTest};
 use dynrt::golden::oracle::{Account, Explanation};
@@ -13,7 +17,7 @@ use say::say;
 use serde_json::Value;
 use std::fs;
 use std::path::Path;
-use std::process::{Command, Output, Stdio};
+use std::process::{Command, Output};
 
 /// Whether Embree is here; else a plain word about what is not tested. Any other trouble with it is a failure.
 fn embree_is_here() -> bool {
@@ -175,15 +179,6 @@ fn numbers_beyond_single_precision_are_refused() {
         format!("{error:#}").contains("single precision"),
         "{error:#}"
     );
-}
-
-fn dynrt(arguments: &str, folder: &Path) -> Command {
-    let mut command = Command::new(env!("CARGO_BIN_EXE_dynrt"));
-    command
-        .args(arguments.split_whitespace())
-        .current_dir(folder)
-        .stdin(Stdio::null());
-    command
 }
 
 #[test]

@@ -3,10 +3,14 @@
 //! Operands: every pair of the special ones, random ones, all there are of a small format, and all operands of the
 //! units that have one operand. Random tests print their seed; `DYNRT_SEED=… cargo test --test fp_units` replays them.
 
+#[path = "common/seed.rs"]
+mod seed;
+
 use dynrt::cosim::model::{self, BuildOptions, Model, PortHandle, Sources};
 use dynrt::float::{Format, plain, specials};
 use dynrt::hdl::{Builder, Design, Direction, Module};
 use dynrt::hw::fp::{self, Units};
+use seed::seed;
 use std::sync::Arc;
 
 /// The slack of the machine's plane distances, in ulps.
@@ -319,15 +323,6 @@ fn mismatch(
         show(a),
         show(b),
     );
-}
-
-fn seed() -> u64 {
-    match std::env::var("DYNRT_SEED") {
-        Ok(text) => text
-            .parse()
-            .unwrap_or_else(|_| panic!("DYNRT_SEED={text} is no unsigned integer")),
-        Err(_) => fastrand::u64(..),
-    }
 }
 
 fn replay(seed: u64, test: &str) -> String {

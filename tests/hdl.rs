@@ -1,6 +1,9 @@
 //! The hardware-construction layer: what it says of mistakes, how pipelines balance, what it prints, and that what it
 //! prints computes what was described.
 
+#[path = "common/seed.rs"]
+mod seed;
+
 use dynrt::config::Config;
 use dynrt::cosim::model::{BuildOptions, Model, Port, PortHandle, Sources, build, lint};
 use dynrt::hdl::{
@@ -9,6 +12,7 @@ use dynrt::hdl::{
 };
 use dynrt::hw;
 use dynrt::named;
+use seed::seed;
 use std::cell::Cell;
 use std::panic::Location;
 use std::sync::Arc;
@@ -1312,16 +1316,6 @@ impl Verilated {
             .rev()
             .fold(0, |all, word| all << 32 | u128::from(*word))
     }
-}
-
-/// A number that says it all: printed, and taken from `DYNRT_SEED` to see the same again.
-fn seed() -> u64 {
-    let seed = match std::env::var("DYNRT_SEED") {
-        Ok(text) => text.parse().expect("DYNRT_SEED is a number"),
-        Err(_) => fastrand::u64(..),
-    };
-    eprintln!("DYNRT_SEED={seed}");
-    seed
 }
 
 /// What a net of a random module is, for the interpreter: operands are earlier nets.

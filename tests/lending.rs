@@ -3,6 +3,9 @@
 //!
 //! Random tests print their seed; `DYNRT_SEED=… cargo test --test lending` replays them.
 
+#[path = "common/seed.rs"]
+mod seed;
+
 use dynrt::config::{Config, TriangleTest};
 use dynrt::cosim::model::{self, BuildOptions, Model, PortHandle, Sources};
 use dynrt::float::{Arithmetic, Format, plain, specials};
@@ -10,6 +13,7 @@ use dynrt::golden::{RaySetup, Triangle, WHOLE_LINE};
 use dynrt::hdl::{Design, Direction, Module};
 use dynrt::hw::{Plan, geometry};
 use dynrt::port::Ray;
+use seed::seed;
 use std::collections::VecDeque;
 use std::sync::Arc;
 
@@ -360,20 +364,9 @@ impl Rig {
     }
 }
 
-fn seed(test: &str) -> u64 {
-    let seed = match std::env::var("DYNRT_SEED") {
-        Ok(text) => text
-            .parse()
-            .unwrap_or_else(|_| panic!("DYNRT_SEED={text} is no unsigned integer")),
-        Err(_) => fastrand::u64(..),
-    };
-    println!("replay: DYNRT_SEED={seed} cargo test --test lending {test}");
-    seed
-}
-
 fn compare(name: &str, test: TriangleTest) {
     const SLOTS: usize = 50_000;
-    let seed = seed(name);
+    let seed = seed();
     // The reference; a narrow and a wide format; clocks that ask for no, some and all of the registers after choices.
     for (format, clock_mhz) in [((7, 16), 100), ((5, 9), 50), ((8, 23), 133)] {
         let config = config(test, format, clock_mhz);

@@ -1,5 +1,9 @@
 //! Verilator models built, cached and driven; the memory models' laws.
 
+#[path = "common/seed.rs"]
+mod seed;
+
+use seed::seed;
 use std::cell::RefCell;
 use std::collections::{HashMap, VecDeque};
 use std::fs;
@@ -118,16 +122,6 @@ fn error<T>(result: anyhow::Result<T>) -> String {
     let message = format!("{:#}", result.err().expect("an error"));
     assert!(!message.contains('\n'), "more than one line: {message}");
     message
-}
-
-/// The seed of a random test: `DYNRT_SEED` if set, to replay a run. It is printed if the test fails.
-fn seed() -> u64 {
-    let seed = match std::env::var("DYNRT_SEED") {
-        Ok(text) => text.parse().expect("DYNRT_SEED must be a number"),
-        Err(_) => fastrand::u64(..),
-    };
-    println!("replay with DYNRT_SEED={seed}");
-    seed
 }
 
 #[test]

@@ -1,5 +1,7 @@
 //! Scenes as a user meets them: files, built-in scenes, and what is said of those that cannot be used.
 
+#[path = "common/seed.rs"]
+mod seed;
 #[path = "common/shared.rs"]
 mod shared;
 
@@ -7,6 +9,7 @@ use dynrt::float::Format;
 use dynrt::port::Ray;
 use dynrt::scene::{BUILTIN_NAMES, Camera, Frame, ImageSize, MachineMesh, Mesh, View, load};
 use glam::DVec3;
+use seed::seed;
 use shared::shared_scene;
 use std::collections::{HashMap, HashSet};
 use std::path::{Path, PathBuf};
@@ -473,12 +476,7 @@ fn damage(bytes: &mut Vec<u8>, random: &mut fastrand::Rng) {
 
 #[test]
 fn an_obj_file_cut_off_or_changed_anywhere_is_refused_or_read_but_never_panics() {
-    let seed = std::env::var("DYNRT_SEED").map_or_else(
-        |_| fastrand::u64(..),
-        |seed| seed.parse().expect("a number in DYNRT_SEED"),
-    );
-    println!("replay with DYNRT_SEED={seed}");
-    let mut random = fastrand::Rng::with_seed(seed);
+    let mut random = fastrand::Rng::with_seed(seed());
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("damaged.obj");
     let spec = path.to_str().unwrap();

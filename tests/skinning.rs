@@ -6,6 +6,8 @@
 
 #[allow(dead_code)]
 mod common;
+#[path = "common/seed.rs"]
+mod seed;
 
 use common::{prepare, shared_scene};
 use dynrt::bkd::layout::{influence_words, vector_words};
@@ -25,15 +27,7 @@ use dynrt::hw::raycast::{emit, ports};
 use dynrt::hw::skinning::Mesh;
 use dynrt::hw::{self, Plan};
 use dynrt::scene::load_animated;
-
-fn seed() -> u64 {
-    let seed = match std::env::var("DYNRT_SEED") {
-        Ok(text) => text.parse().expect("DYNRT_SEED must be a number"),
-        Err(_) => fastrand::u64(..),
-    };
-    println!("replay with DYNRT_SEED={seed}");
-    seed
-}
+use seed::seed;
 
 /// So many in the full mode, a tenth of them else.
 fn share(vertices: u64) -> u64 {

@@ -1,6 +1,9 @@
 //! Area and clock by open tools, and what takes a machine to a bitstream: reports are read rightly, tools that are missing, old or
 //! failing are named, results are reused, and the self-test finds faults.
 
+#[path = "common/command.rs"]
+mod command;
+
 #[path = "common/say.rs"]
 mod say;
 
@@ -13,7 +16,7 @@ use say::say;
 use serde_json::{Value, json};
 use std::fs;
 use std::path::{Path, PathBuf};
-use std::process::{Command, Output, Stdio};
+use std::process::{Command, Output};
 
 /// A module of the reference machine.
 fn module(name: &str) -> std::sync::Arc<dynrt::hdl::Module> {
@@ -228,12 +231,8 @@ fn the_critical_path_is_named_in_the_modules_terms() {
 // The command.
 
 fn dynrt(arguments: &str, folder: &Path) -> Command {
-    let mut command = Command::new(env!("CARGO_BIN_EXE_dynrt"));
-    command
-        .args(arguments.split_whitespace())
-        .current_dir(folder)
-        .env("DYNRT_CACHE", folder.join("cache"))
-        .stdin(Stdio::null());
+    let mut command = command::dynrt(arguments, folder);
+    command.env("DYNRT_CACHE", folder.join("cache"));
     command
 }
 

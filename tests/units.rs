@@ -4,6 +4,8 @@
 //! Tests print their seed; `DYNRT_SEED=… cargo test --test units` replays them.
 
 mod common;
+#[path = "common/seed.rs"]
+mod seed;
 
 use common::prepare;
 use dynrt::config::{Config, TriangleTest};
@@ -12,6 +14,7 @@ use dynrt::cosim::workload::{Workload, instanced_scene};
 use dynrt::cosim::{model, raycast, unit_geometry, unit_tpu};
 use dynrt::golden::Caster;
 use dynrt::port::Ray;
+use seed::seed;
 
 /// Transactions of each unit of the reference machine, over all its workloads.
 const MANY: u64 = 1_000_000;
@@ -21,15 +24,6 @@ const FEW: u64 = 60_000;
 
 /// Scenes that each machine of two levels casts rays into.
 const SCENES_OF_TWO_LEVELS: u32 = 12;
-
-fn seed() -> u64 {
-    let seed = match std::env::var("DYNRT_SEED") {
-        Ok(text) => text.parse().expect("DYNRT_SEED must be a number"),
-        Err(_) => fastrand::u64(..),
-    };
-    println!("replay with DYNRT_SEED={seed}");
-    seed
-}
 
 type Run = fn(&Config, Workload<'_>, &UnitOptions) -> anyhow::Result<UnitReport>;
 

@@ -5,6 +5,8 @@
 
 #[allow(dead_code)]
 mod common;
+#[path = "common/seed.rs"]
+mod seed;
 
 use common::shared_scene;
 use dynrt::bkd::{BuildOptions, build};
@@ -18,21 +20,13 @@ use dynrt::hdl::Design;
 use dynrt::hw::{Plan, update};
 use dynrt::program::UpdateMachine;
 use dynrt::scene::{self, MachineMesh};
+use seed::seed;
 
 /// Instructions of random topologies on the reference machine.
 const MANY: u64 = 1_000_000;
 
 /// Those on each other machine.
 const FEW: u64 = 50_000;
-
-fn seed() -> u64 {
-    let seed = match std::env::var("DYNRT_SEED") {
-        Ok(text) => text.parse().expect("DYNRT_SEED must be a number"),
-        Err(_) => fastrand::u64(..),
-    };
-    println!("replay with DYNRT_SEED={seed}");
-    seed
-}
 
 fn check(
     config: &Config,

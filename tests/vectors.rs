@@ -2,6 +2,8 @@
 
 #[path = "vectors/checker.rs"]
 mod checker;
+#[path = "common/seed.rs"]
+mod seed;
 
 use dynrt::bkd::{self, BuildOptions, MemoryImage};
 use dynrt::bkd::{LinkWord, Node, Record, TriangleRecord};
@@ -15,6 +17,7 @@ use dynrt::port::Ray;
 use dynrt::scene::animation::MachineScene;
 use dynrt::scene::{self, Camera, Frame, ImageSize, MachineMesh, RayPacket};
 use dynrt::vectors::{Made, Posed, Request, Summary, pose, write};
+use seed::seed;
 use serde_json::{Value, json};
 use sha2::{Digest, Sha256};
 use std::collections::{BTreeMap, BTreeSet, HashMap};
@@ -1879,10 +1882,8 @@ fn the_benches_find_what_is_wrong() {
     let case = Case::new(CASES[1]);
     case.write_rtl(&rtl);
     case.write(&good);
-    let seed =
-        std::env::var("DYNRT_SEED").map_or_else(|_| fastrand::u32(..), |s| s.parse().unwrap());
-    println!("replay with DYNRT_SEED={seed}");
-    let mut rng = fastrand::Rng::with_seed(seed.into());
+    let seed = seed();
+    let mut rng = fastrand::Rng::with_seed(seed);
 
     // Nothing is: with memories and neighbours that come and go.
     let seed_argument = format!("+seed={}", seed & 0x7fff_ffff);

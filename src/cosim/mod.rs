@@ -10,6 +10,7 @@ pub(crate) mod build;
 pub mod memory;
 pub mod mismatch;
 pub mod model;
+mod processor;
 pub mod raycast;
 pub mod scoreboard;
 pub mod unit_arithmetic;

@@ -280,6 +280,18 @@ struct Writing {
     direction: [u64; 3],
 }
 
+/// What is to be done with packets in flight.
+#[derive(Default)]
+struct Queues {
+    /// Rays to be written; those whose packet was named as many clocks before as a memory's read takes.
+    arriving: VecDeque<Writing>,
+    announced: VecDeque<Option<Writing>>,
+    /// Packets that have a leaf to hand over; the one whose leaf is offered; those to be read back.
+    ready: Vec<usize>,
+    offered: Option<usize>,
+    finished: VecDeque<usize>,
+}
+
 type Ports = hdl::Ports<geometry::Inputs<PortHandle>, geometry::Outputs<PortHandle>>;
 
 /// Co-simulates the geometry unit of a machine. Of [`Workload::Rays`] it gets the leaves that the golden model's traversal hands
@@ -543,6 +555,7 @@ impl<'a> Run<'a> {
         scripts.filter(|(_, leaves)| !leaves.is_empty()).collect()
     }
 
+    /// Plays packets over a scene's contents until all are read back.
     fn batch(
         &mut self,
         contents: &Contents,
@@ -558,132 +571,32 @@ impl<'a> Run<'a> {
         let vertices = ReadPort::of_unit(outputs.vertex, inputs.vertex);
         let (image, timing) = (contents.vertices.clone(), around.port(2));
         let mut vertices = MemoryPort::new(model, "vertex", vertices, image, timing)?;
-        let instanced = self.instanced;
-        model.set(inputs.instanced, instanced.into());
+        model.set(inputs.instanced, self.instanced.into());
         let mut waiting = packets.into_iter();
         let all = self.packets.len();
-        // Rays to be written; those whose packet was named so many clocks before.
-        let mut arriving: VecDeque<Writing> = VecDeque::new();
-        let mut announced: VecDeque<Option<Writing>> =
-            (0..self.read_latency).map(|_| None).collect();
-        // Packets that have a leaf to hand over; the one whose leaf is offered; those to be read back.
-        let mut ready: Vec<usize> = vec![];
-        let mut offered: Option<usize> = None;
-        let mut finished: VecDeque<usize> = VecDeque::new();
+        let mut queues = Queues {
+            announced: (0..self.read_latency).map(|_| None).collect(),
+            ..Queues::default()
+        };
         let mut idle = 0;
         loop {
-            if arriving.is_empty() && !self.free.is_empty() {
+            if queues.arriving.is_empty() && !self.free.is_empty() {
                 match waiting.next() {
-                    Some((rays, leaves)) => self.arrive(&rays, leaves, &mut arriving),
+                    Some((rays, leaves)) => self.arrive(&rays, leaves, &mut queues.arriving),
                     None if self.free.len() == all => break,
                     None => {}
                 }
             }
-            // One ray a clock is written.
-            let next = match self.pauses(around) {
-                true => None,
-                false => arriving.pop_front(),
-            };
+            let written = self.write_ray(&mut queues, around);
+            self.offer_leaf(&mut queues, around);
+            let reads = self.ask_for_hit(&queues, around);
             let model = &mut self.bench.model;
-            if let Some(writing) = &next {
-                model.set(inputs.setup_next_packet, writing.place.packet as u64);
-            }
-            announced.push_back(next);
-            let written = announced.pop_front().flatten();
-            if let Some(world) = &inputs.world {
-                let of_world = written.as_ref().filter(|w| !w.place.object);
-                model.set(world.valid, of_world.is_some().into());
-                if let Some(&Writing {
-                    place, direction, ..
-                }) = of_world
-                {
-                    let (packet, ray) = (place.packet as u64, place.ray as u64);
-                    let values = World {
-                        packet,
-                        ray,
-                        direction,
-                    };
-                    model.drive(&world.payload, values);
-                }
-            }
-            model.set(inputs.setup.valid, written.is_some().into());
-            match &written {
-                Some(writing) => {
-                    model.drive(&inputs.setup.payload, writing.values);
-                    if let Some(port) = inputs.setup_shear_z {
-                        model.set(port, writing.shear_z);
-                    }
-                }
-                // What else stands on the ports has no meaning, and may be anything.
-                None => {
-                    let fields = inputs.setup.payload.leaves().into_iter();
-                    model.garble(fields.chain(inputs.setup_shear_z), &mut self.rng);
-                }
-            }
-            // A leaf once offered stays until it is taken.
-            if offered.is_none() && !ready.is_empty() && !self.pauses(around) {
-                let id = ready.swap_remove(self.rng.usize(..ready.len()));
-                self.offer(id, instanced);
-                offered = Some(id);
-            }
-            let model = &mut self.bench.model;
-            model.set(inputs.leaf.valid, offered.is_some().into());
-            if offered.is_none() {
-                model.garble(inputs.leaf.payload.leaves(), &mut self.rng);
-            }
-            // One closest hit a clock is read.
-            let reads = if !finished.is_empty() && !self.pauses(around) {
-                finished.front().copied()
-            } else {
-                None
-            };
-            let model = &mut self.bench.model;
-            if let Some(id) = reads {
-                let packet = self.packets[id].as_ref().expect("it is to be read back");
-                model.set(inputs.read_packet, id as u64);
-                model.set(inputs.read_ray, packet.read as u64);
-            }
             records.show(model);
             vertices.show(model);
 
             // What the unit shows for the edge.
             model.eval();
-            let mut progress = written.is_some();
-            if let Some(place) = written.map(|writing| writing.place) {
-                self.check_start(contents, place)?;
-                if place.last {
-                    let packet = self.packets[place.packet].as_ref();
-                    let packet = packet.expect("its rays are being written");
-                    match packet.next_leaf < packet.leaves.len() {
-                        true => ready.push(place.packet),
-                        false => finished.push_back(place.packet),
-                    }
-                }
-            }
-            if let Some(id) = offered {
-                if self.bench.model.get(outputs.leaf_ready) != 0 {
-                    self.expect(contents, id);
-                    offered = None;
-                    progress = true;
-                }
-            }
-            if let Some((id, is_done)) = self.watch_test()? {
-                progress = true;
-                if is_done {
-                    let packet = self.packets[id].as_ref().expect("it was there just now");
-                    if packet.next_leaf < packet.leaves.len() {
-                        ready.push(id);
-                    } else {
-                        finished.push_back(id);
-                    }
-                }
-            }
-            if let Some((id, is_done)) = self.watch_transform()? {
-                progress = true;
-                if is_done {
-                    self.set_up_object(id, &mut arriving);
-                }
-            }
+            let mut progress = self.watch(contents, written, &mut queues)?;
             records.take(&self.bench.model)?;
             vertices.take(&self.bench.model)?;
             self.bench.model.clock();
@@ -691,7 +604,7 @@ impl<'a> Run<'a> {
             if let Some(id) = reads {
                 progress = true;
                 if self.read_back(id)? {
-                    finished.pop_front();
+                    queues.finished.pop_front();
                 }
             }
             idle = if progress { 0 } else { idle + 1 };
@@ -700,6 +613,125 @@ impl<'a> Run<'a> {
             }
         }
         Ok(())
+    }
+
+    /// Writes the ray, if any, whose packet was named long enough ago, and names the next one's. One ray a clock is written.
+    fn write_ray(&mut self, queues: &mut Queues, around: &Surroundings) -> Option<Writing> {
+        let next = match self.pauses(around) {
+            true => None,
+            false => queues.arriving.pop_front(),
+        };
+        let (inputs, model) = (&self.ports.inputs, &mut self.bench.model);
+        if let Some(writing) = &next {
+            model.set(inputs.setup_next_packet, writing.place.packet as u64);
+        }
+        queues.announced.push_back(next);
+        let written = queues.announced.pop_front().flatten();
+        if let Some(world) = &inputs.world {
+            let of_world = written.as_ref().filter(|w| !w.place.object);
+            model.set(world.valid, of_world.is_some().into());
+            if let Some(&Writing {
+                place, direction, ..
+            }) = of_world
+            {
+                let (packet, ray) = (place.packet as u64, place.ray as u64);
+                let values = World {
+                    packet,
+                    ray,
+                    direction,
+                };
+                model.drive(&world.payload, values);
+            }
+        }
+        model.set(inputs.setup.valid, written.is_some().into());
+        match &written {
+            Some(writing) => {
+                model.drive(&inputs.setup.payload, writing.values);
+                if let Some(port) = inputs.setup_shear_z {
+                    model.set(port, writing.shear_z);
+                }
+            }
+            // What else stands on the ports has no meaning, and may be anything.
+            None => {
+                let fields = inputs.setup.payload.leaves().into_iter();
+                model.garble(fields.chain(inputs.setup_shear_z), &mut self.rng);
+            }
+        }
+        written
+    }
+
+    /// Offers a leaf, which then stays until it is taken.
+    fn offer_leaf(&mut self, queues: &mut Queues, around: &Surroundings) {
+        if queues.offered.is_none() && !queues.ready.is_empty() && !self.pauses(around) {
+            let id = queues
+                .ready
+                .swap_remove(self.rng.usize(..queues.ready.len()));
+            self.offer(id, self.instanced);
+            queues.offered = Some(id);
+        }
+        let (leaf, model) = (&self.ports.inputs.leaf, &mut self.bench.model);
+        model.set(leaf.valid, queues.offered.is_some().into());
+        if queues.offered.is_none() {
+            model.garble(leaf.payload.leaves(), &mut self.rng);
+        }
+    }
+
+    /// Asks for the next closest hit to be read back; returns its packet. One a clock is read.
+    fn ask_for_hit(&mut self, queues: &Queues, around: &Surroundings) -> Option<usize> {
+        let id = *queues.finished.front()?;
+        if self.pauses(around) {
+            return None;
+        }
+        let packet = self.packets[id].as_ref().expect("it is to be read back");
+        let (inputs, model) = (&self.ports.inputs, &mut self.bench.model);
+        model.set(inputs.read_packet, id as u64);
+        model.set(inputs.read_ray, packet.read as u64);
+        Some(id)
+    }
+
+    /// Checks what the unit shows before a clock edge; returns whether anything happens.
+    fn watch(
+        &mut self,
+        contents: &Contents,
+        written: Option<Writing>,
+        queues: &mut Queues,
+    ) -> Result<bool> {
+        let mut progress = written.is_some();
+        if let Some(place) = written.map(|writing| writing.place) {
+            self.check_start(contents, place)?;
+            if place.last {
+                self.goes_on(place.packet, queues);
+            }
+        }
+        if let Some(id) = queues.offered {
+            if self.bench.model.get(self.ports.outputs.leaf_ready) != 0 {
+                self.expect(contents, id);
+                queues.offered = None;
+                progress = true;
+            }
+        }
+        if let Some((id, is_done)) = self.watch_test()? {
+            progress = true;
+            if is_done {
+                self.goes_on(id, queues);
+            }
+        }
+        if let Some((id, is_done)) = self.watch_transform()? {
+            progress = true;
+            if is_done {
+                self.set_up_object(id, &mut queues.arriving);
+            }
+        }
+        Ok(progress)
+    }
+
+    /// A packet goes on to its next leaf or, after the last, to be read back.
+    fn goes_on(&self, id: usize, queues: &mut Queues) {
+        let packet = self.packets[id].as_ref().expect("it is in flight");
+        match packet.next_leaf < packet.leaves.len() {
+            true => queues.ready.push(id),
+            false => queues.finished.push_back(id),
+        }
     }
 
     fn pauses(&mut self, around: &Surroundings) -> bool {

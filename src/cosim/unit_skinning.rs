@@ -4,11 +4,11 @@
 //!
 //! [`SkinUnit`] skins one mesh after another in memories that the caller keeps; [`run`] gives it a [`Workload`].
 
-use super::memory::{
-    Image, ReadHandles, ReadPort, ReadResponse, Timing, WriteHandles, WritePort, WriteRequest,
-};
+use super::memory::{Image, ReadHandles, ReadPort, WriteHandles};
 use super::mismatch::Field;
-use super::model::PortHandle;
+use super::model::{Model, PortHandle};
+pub use super::processor::Traffic;
+use super::processor::{self, Pace, Reads, Share, Writes, summary, surroundings, write_timing};
 use super::scoreboard::{Bench, Category, RESET_CYCLES, Surroundings, UnitOptions, UnitReport};
 use crate::bkd::layout::{
     Columns, INFLUENCES_PER_ROW, Influence, Record, influence_words, influences_of_words,
@@ -16,7 +16,7 @@ use crate::bkd::layout::{
 };
 use crate::config::Config;
 use crate::float::{Arithmetic, Format};
-use crate::golden::skinning::{MOST_INFLUENCES, SkinCommand, SkinEvent, SkinMemory, Skinned, skin};
+use crate::golden::skinning::{MOST_INFLUENCES, SkinCommand, SkinEvent, SkinMemory, skin};
 use crate::hdl::{self, Bundle};
 use crate::hw::Plan;
 use crate::hw::raycast::{Inputs, Outputs, emit, ports};
@@ -151,16 +151,6 @@ impl SkinArrays {
     }
 }
 
-/// How the memories' traffic is limited beside what [`Surroundings`] say.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Traffic {
-    /// Not at all: each port has a memory of its own.
-    Separate,
-    /// One memory behind all ports that moves [`SHARED_BYTES`] a clock, reads and writes together. A record takes its
-    /// whole bytes: in Fp24 a vector 9, a row of influences 16. Ports are served in turn; at most one clock's bytes are saved up.
-    Shared,
-}
-
 /// Bytes a clock of [`Traffic::Shared`].
 pub const SHARED_BYTES: u32 = 32;
 
@@ -226,25 +216,8 @@ impl SkinReport {
 
     /// The report in a few lines.
     pub fn summary(&self) -> String {
-        let unit = &self.unit;
-        let mut text = format!(
-            "skinning: {} vertices of {} meshes, {} results checked, {} mismatches in {} cycles (seed {}; model {:.1} s, run {:.1} s)",
-            unit.transactions,
-            unit.packets,
-            unit.checked,
-            unit.mismatches,
-            unit.cycles,
-            unit.seed,
-            unit.model_build_s,
-            unit.simulate_s
-        );
-        for (category, count) in &unit.categories {
-            text += &format!("\n  {:28} {count:>10}", category.name());
-        }
-        for mesh in &self.meshes {
-            text += &format!("\n  {}", mesh.summary());
-        }
-        text
+        let figures = self.meshes.iter().map(SkinFigures::summary);
+        summary(&self.unit, ["vertices", "meshes"], figures)
     }
 }
 
@@ -269,9 +242,6 @@ pub struct SkinUnit {
     bench: Bench,
     format: Format,
     joints: u32,
-    vector: ReadHandles,
-    row: ReadHandles,
-    write: WriteHandles,
     ports: Ports,
     rng: fastrand::Rng,
     /// Meshes so far, to give every memory of each a seed of its own.
@@ -287,19 +257,11 @@ impl SkinUnit {
         let machine = emit(config)?;
         let mut bench = Bench::new("skinning", machine.design.top(), options)?;
         bench.model.reset(RESET_CYCLES);
-        let handles = bench.model.ports(&ports(&Plan::new(config)?))?;
-        let Ports { inputs, outputs } = handles;
+        let ports = bench.model.ports(&ports(&Plan::new(config)?))?;
         Ok(SkinUnit {
             format: config.format(),
             joints: config.skinning_joints,
-            vector: ReadHandles::of_unit(outputs.vertex, inputs.vertex),
-            row: ReadHandles::of_unit(outputs.influence, inputs.influence),
-            write: WriteHandles {
-                valid: outputs.skin_write.valid,
-                ready: inputs.skin_write_ready,
-                payload: outputs.skin_write.payload,
-            },
-            ports: handles,
+            ports,
             rng: fastrand::Rng::with_seed(options.seed),
             meshes: 0,
             bench,
@@ -347,13 +309,12 @@ impl SkinUnit {
             self.joints,
             command.joints.next_power_of_two()
         );
-        let format = self.format;
-        let mut golden_vertices = arrays.vertices.words().to_vec();
+        let mut vertices = arrays.vertices.words().to_vec();
         let mut expected = Expected::default();
         let memory = SkinMemory {
-            format,
+            format: self.format,
             influences: &arrays.influences,
-            vertices: &mut golden_vertices,
+            vertices: &mut vertices,
         };
         let golden = skin(memory, command, |event| match event {
             SkinEvent::VectorRead { index } => expected.vectors.push_back(index),
@@ -364,26 +325,8 @@ impl SkinUnit {
         })?;
         self.count(arrays, command);
 
-        let w = format.width();
-        let row_record = Record::influence_row(format);
-        let row_words = row_record.words();
-        let vector_record = Record::vertex(format);
-        let bytes = [vector_record.width, row_record.width, vector_record.width]
-            .map(|bits| bits.div_ceil(8));
         self.meshes += 1;
-        let timing = |port: u64| around.port(3 * self.meshes + port);
-        // What takes writes pauses by itself, so that slow writes meet fast reads too.
-        let write_timing = Timing {
-            backpressure: around.pauses,
-            ..timing(2)
-        };
-        let rows = (arrays.influences.len() / row_words) as u64;
-        let mut vector_port = ReadPort::new("vertex", arrays.vertices.rows(), timing(0))?;
-        let mut row_port = ReadPort::new("influence", rows, timing(1))?;
-        let mut write_port = WritePort::new("skin_write", &[w; 3], write_timing)?;
-        let mut data = vec![0; vector_record.words()];
-
-        let Ports { inputs, outputs } = self.ports;
+        let mut memories = Memories::new(self, arrays, around, traffic)?;
         let values = Mesh {
             palette: command.palette,
             joints: command.joints,
@@ -393,127 +336,18 @@ impl SkinUnit {
             vertices: command.vertices,
             target: command.target,
         };
+        let start = self.ports.inputs.skin_start;
         let values = values.map(|_, value| value.into());
-        self.bench.model.drive(&inputs.skin_start.payload, values);
+        self.bench.model.drive(&start.payload, values);
         let before = self.counters();
-        if self.meshes == 1 && before.iter().any(|&count| count != 0) {
-            let fields = before.map(|count| Field::integer("counter", 0, count));
-            return Err(self.bench.mismatch("after reset", fields.into()));
+        if self.meshes == 1 {
+            self.bench.counts_from_zero(&before)?;
         }
-        let (mut vector_answer, mut row_answer) = (None::<ReadResponse>, None::<ReadResponse>);
-        let (mut started, mut idle, mut turn, mut budget) = (false, 0, 0, SHARED_BYTES);
-        loop {
-            let pauses = around.pauses > 0.0 && self.rng.f64() < around.pauses;
-            let starts = !started && !pauses;
-            let model = &mut self.bench.model;
-            let vector_request = self.vector.request(model);
-            let row_request = self.row.request(model);
-            let offered = [
-                vector_request.is_some() && vector_port.ready(),
-                row_request.is_some() && row_port.ready(),
-                model.get(self.write.valid) != 0 && write_port.ready(),
-            ];
-            let mut granted = [true; 3];
-            if traffic == Traffic::Shared {
-                granted = [false; 3];
-                let first = turn;
-                for port in (0..3).map(|k| (first + k) % 3) {
-                    if offered[port] && bytes[port] <= budget {
-                        granted[port] = true;
-                        budget -= bytes[port];
-                        turn = port + 1;
-                    }
-                }
-                budget = budget.min(SHARED_BYTES) + SHARED_BYTES;
-            }
-            let accepted: [bool; 3] = std::array::from_fn(|k| offered[k] && granted[k]);
-            let starting = starts && model.get(outputs.skin_start_ready) != 0;
-
-            // For the edge.
-            model.set(inputs.skin_start.valid, starts.into());
-            let ready = [
-                (self.vector.request.ready, vector_port.ready()),
-                (self.row.request.ready, row_port.ready()),
-                (self.write.ready, write_port.ready()),
-            ];
-            for ((port, ready), granted) in ready.into_iter().zip(granted) {
-                model.set(port, (ready && granted).into());
-            }
-            let vector =
-                vector_answer.map_or(&[][..], |answer| arrays.vertices.row(answer.address));
-            self.vector.respond(model, vector_answer, vector);
-            let row = row_answer.map_or(&[][..], |answer| {
-                &arrays.influences[answer.address as usize * row_words..][..row_words]
-            });
-            self.row.respond(model, row_answer, row);
-
-            // What the unit does at it.
-            if accepted[0] {
-                let rtl = vector_request.map_or(0, |request| request.address);
-                self.ordered("vector read", expected.vectors.pop_front(), rtl)?;
-            }
-            if accepted[1] {
-                let rtl = row_request.map_or(0, |request| request.address);
-                self.ordered("row of influences read", expected.rows.pop_front(), rtl)?;
-            }
-            if accepted[2] {
-                let next = expected.writes.pop_front();
-                let left = expected.writes.len() as u64;
-                self.vertex_written(next, golden.vertices - left)?;
-            }
-            let model = &self.bench.model;
-            vector_answer = vector_port.step(vector_request.filter(|_| granted[0]))?;
-            row_answer = row_port.step(row_request.filter(|_| granted[1]))?;
-            if accepted[2] {
-                model.get_words(self.write.payload.data, &mut data);
-            }
-            let write = WriteRequest {
-                address: model.get(self.write.payload.address),
-                data: &data,
-                mask: 0b111,
-            };
-            write_port.step(accepted[2].then_some(write), &mut arrays.vertices)?;
-            self.bench.model.clock();
-
-            started |= starting;
-            if self.bench.model.get(outputs.skin_done) != 0 {
-                break;
-            }
-            let progress = starting || accepted.contains(&true);
-            idle = if progress { 0 } else { idle + 1 };
-            if idle > around.patience() {
-                let place = format!(
-                    "nothing happens for {idle} clocks, with {} vertices to be written",
-                    expected.writes.len()
-                );
-                return Err(self.bench.mismatch(place, vec![]));
-            }
-        }
-        self.finish(before, golden, &expected, &golden_vertices, arrays)
-    }
-
-    /// What comes of it, after the last clock.
-    fn finish(
-        &mut self,
-        before: [u64; 2],
-        golden: Skinned,
-        expected: &Expected,
-        golden_vertices: &[u32],
-        arrays: &SkinArrays,
-    ) -> Result<SkinFigures> {
-        let model = &mut self.bench.model;
-        model.set(self.ports.inputs.skin_start.valid, 0);
-        for port in [
-            self.vector.request.ready,
-            self.row.request.ready,
-            self.write.ready,
-            self.vector.response.valid,
-            self.row.response.valid,
-        ] {
-            model.set(port, 0);
-        }
+        self.simulate(&mut memories, &mut expected, arrays, Pace::new(around))?;
+        self.bench.model.set(start.valid, 0);
+        memories.stop(&mut self.bench.model);
         let after = self.counters();
-        let [influences, busy] = std::array::from_fn(|k| after[k] - before[k]);
+        let [influences, busy_cycles] = std::array::from_fn(|k| after[k] - before[k]);
         if (influences, expected.left()) != (golden.influences, 0) {
             let fields = vec![
                 Field::integer("influences", golden.influences, influences),
@@ -521,17 +355,8 @@ impl SkinUnit {
             ];
             return Err(self.bench.mismatch("after a mesh", fields));
         }
-        let rtl = arrays.vertices.words();
-        let differs = golden_vertices.iter().zip(rtl).position(|(g, r)| g != r);
-        if let Some(word) = differs {
-            let fields = vec![Field::integer(
-                "word",
-                golden_vertices[word].into(),
-                rtl[word].into(),
-            )];
-            let place = format!("word {word} of vertex memory after a mesh");
-            return Err(self.bench.mismatch(place, fields));
-        }
+        let place = "vertex memory after a mesh";
+        self.bench.same_memory(place, &vertices, &arrays.vertices)?;
         let tally = &mut self.bench.tally;
         tally.packets += 1;
         tally.transactions += golden.vertices;
@@ -540,8 +365,76 @@ impl SkinUnit {
             name: String::new(),
             vertices: golden.vertices,
             influences,
-            busy_cycles: busy,
+            busy_cycles,
         })
+    }
+
+    /// Offers the mesh until it is taken, and clocks the unit until it is done.
+    fn simulate(
+        &mut self,
+        memories: &mut Memories,
+        expected: &mut Expected,
+        arrays: &mut SkinArrays,
+        mut pace: Pace,
+    ) -> Result<()> {
+        let Ports { inputs, outputs } = self.ports;
+        let row_words = Record::influence_row(self.format).words();
+        let vertices = expected.writes.len();
+        loop {
+            let starts = pace.starts(&mut self.rng);
+            let bench = &mut self.bench;
+            let model = &mut bench.model;
+            let Memories {
+                vector,
+                row,
+                write,
+                share,
+            } = memories;
+            let offered = [vector.offers(model), row.offers(model), write.offers(model)];
+            let granted = share.grant(offered);
+            let accepted: [bool; 3] = std::array::from_fn(|k| offered[k] && granted[k]);
+            let starting = starts && model.get(outputs.skin_start_ready) != 0;
+
+            // For the edge.
+            model.set(inputs.skin_start.valid, starts.into());
+            vector.show(model, granted[0], |index| arrays.vertices.row(index));
+            row.show(model, granted[1], |index| {
+                &arrays.influences[index as usize * row_words..][..row_words]
+            });
+            write.show(model, granted[2]);
+
+            // What the unit does at it.
+            if accepted[0] {
+                bench.ordered(
+                    "vector read",
+                    expected.vectors.pop_front(),
+                    vector.address(),
+                )?;
+            }
+            if accepted[1] {
+                let next = expected.rows.pop_front();
+                bench.ordered("row of influences read", next, row.address())?;
+            }
+            if accepted[2] {
+                let next = expected.writes.pop_front();
+                let number = vertices - expected.writes.len();
+                bench.written(format!("vertex write {number} of a mesh"), next, write)?;
+            }
+            vector.step(granted[0])?;
+            row.step(granted[1])?;
+            write.step(&bench.model, accepted[2], &mut arrays.vertices)?;
+            bench.model.clock();
+            if bench.model.get(outputs.skin_done) != 0 {
+                return Ok(());
+            }
+            if let Some(idle) = pace.step(starting, &accepted) {
+                let left = expected.writes.len();
+                let place = format!(
+                    "nothing happens for {idle} clocks, with {left} vertices to be written"
+                );
+                return Err(bench.mismatch(place, vec![]));
+            }
+        }
     }
 
     /// Counts what a mesh will meet. The golden model has found the command to be good.
@@ -589,44 +482,52 @@ impl SkinUnit {
         categories.count(Category::FullPalette, command.joints == self.joints);
         categories.count(Category::OneVertex, command.vertices == 1);
     }
+}
 
-    fn ordered(&mut self, what: &str, golden: Option<u32>, rtl: u64) -> Result<()> {
-        self.bench.tally.checked += 1;
-        match golden.map(u64::from) {
-            Some(golden) if golden == rtl => Ok(()),
-            Some(golden) => {
-                let fields = vec![Field::integer("index", golden, rtl)];
-                Err(self.bench.mismatch(what, fields))
-            }
-            None => Err(self
-                .bench
-                .mismatch(format!("one {what} too many, at {rtl}"), vec![])),
-        }
+/// The memories around the unit during the skinning of a mesh.
+struct Memories {
+    vector: Reads,
+    row: Reads,
+    write: Writes,
+    share: Share<3>,
+}
+
+impl Memories {
+    fn new(
+        unit: &SkinUnit,
+        arrays: &SkinArrays,
+        around: &Surroundings,
+        traffic: Traffic,
+    ) -> Result<Memories> {
+        let (format, Ports { inputs, outputs }) = (unit.format, unit.ports);
+        let (vector_record, row_record) = (Record::vertex(format), Record::influence_row(format));
+        let bytes = [vector_record.width, row_record.width, vector_record.width]
+            .map(|bits| bits.div_ceil(8));
+        let port = |number: u64| 3 * unit.meshes + number;
+        let rows = (arrays.influences.len() / row_record.words()) as u64;
+        let vector = ReadPort::new("vertex", arrays.vertices.rows(), around.port(port(0)))?;
+        let row = ReadPort::new("influence", rows, around.port(port(1)))?;
+        let write = WriteHandles {
+            valid: outputs.skin_write.valid,
+            ready: inputs.skin_write_ready,
+            payload: outputs.skin_write.payload,
+        };
+        let timing = write_timing(around, port(2));
+        Ok(Memories {
+            vector: Reads::new(ReadHandles::of_unit(outputs.vertex, inputs.vertex), vector),
+            row: Reads::new(
+                ReadHandles::of_unit(outputs.influence, inputs.influence),
+                row,
+            ),
+            write: Writes::new(vector_record, format, 3, write, None, timing)?,
+            share: Share::new(traffic, bytes, SHARED_BYTES, SHARED_BYTES),
+        })
     }
 
-    fn vertex_written(&mut self, golden: Option<(u32, [u64; 3])>, number: u64) -> Result<()> {
-        self.bench.tally.checked += 1;
-        let (model, w) = (&self.bench.model, self.format.width());
-        let address = model.get(self.write.payload.address);
-        let Some((vertex, position)) = golden else {
-            let place = format!("one vertex too many is written, at {address}");
-            return Err(self.bench.mismatch(place, vec![]));
-        };
-        let rtl: [u64; 3] =
-            std::array::from_fn(|k| model.get_field(self.write.payload.data, k as u32 * w, w));
-        if (address, rtl) == (vertex.into(), position) {
-            return Ok(());
-        }
-        let mut fields = vec![Field::integer("vertex", vertex.into(), address)];
-        for (name, (golden, rtl)) in ["x", "y", "z"]
-            .into_iter()
-            .zip(position.into_iter().zip(rtl))
-        {
-            fields.push(Field::number(name, self.format, golden, rtl));
-        }
-        Err(self
-            .bench
-            .mismatch(format!("vertex write {number} of a mesh"), fields))
+    fn stop(&self, model: &mut Model) {
+        self.vector.stop(model);
+        self.row.stop(model);
+        self.write.stop(model);
     }
 }
 
@@ -678,18 +579,6 @@ pub fn run(
     })
 }
 
-fn surroundings(options: &UnitOptions, rng: &mut fastrand::Rng) -> Surroundings {
-    match options.surroundings {
-        Some(around) => around,
-        // Reads that come fast, vertices that are taken slowly: else the reads are what all wait for.
-        None if rng.u8(..4) == 0 => Surroundings {
-            pauses: 0.8,
-            ..Surroundings::steady(rng.u32(1..=10))
-        },
-        None => Surroundings::random(rng),
-    }
-}
-
 /// Checks that the machine's addresses reach all of the arrays.
 fn check_capacity(config: &Config, arrays: &SkinArrays) -> Result<()> {
     let row_words = Record::influence_row(config.format()).words();
@@ -697,14 +586,7 @@ fn check_capacity(config: &Config, arrays: &SkinArrays) -> Result<()> {
         .vertices
         .rows()
         .max((arrays.influences.len() / row_words) as u64);
-    ensure!(
-        most < 1 << config.address_bits,
-        "the meshes take {most} indices, but tree.address_bits = {} address {}; set it to {} or more",
-        config.address_bits,
-        1u64 << config.address_bits,
-        64 - most.leading_zeros()
-    );
-    Ok(())
+    processor::check_capacity(config, "meshes", most)
 }
 
 /// A few random meshes together in memory, noise between them and where they are written.

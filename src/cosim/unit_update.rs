@@ -4,11 +4,13 @@
 //!
 //! [`UpdateUnit`] runs one update after another on memories that the caller keeps; [`run`] gives it a [`Workload`].
 
-use super::memory::{
-    Bandwidth, Image, ReadHandles, ReadPort, ReadResponse, Timing, WritePort, WriteRequest,
-};
+use super::memory::{Bandwidth, Image, ReadHandles, ReadPort, WriteHandles};
 use super::mismatch::Field;
-use super::model::PortHandle;
+use super::model::{Model, PortHandle};
+pub use super::processor::Traffic;
+use super::processor::{
+    Pace, Reads, Share, Writes, check_capacity, summary, surroundings, write_timing,
+};
 use super::scoreboard::{
     Bench, Categories, Category, RESET_CYCLES, Surroundings, UnitOptions, UnitReport,
 };
@@ -16,12 +18,12 @@ use crate::bkd::layout::{Record, vector_words};
 use crate::bkd::{Child, Tree, TreeNode};
 use crate::config::Config;
 use crate::float::Format;
-use crate::golden::update::{UpdateCommand, UpdateEvent, UpdateMemory, update};
-use crate::hdl::{self, Bundle};
+use crate::golden::update::{UpdateCommand, UpdateEvent, UpdateMemory, Updated, update};
+use crate::hdl::{self, Bundle, Write};
 use crate::hw::Plan;
-use crate::hw::update::{Counters, Inputs, NODE_LANES, Outputs, Update, module, ports};
+use crate::hw::update::{Counters, Inputs, Outputs, Update, module, ports};
 use crate::program::{Program, UpdateMachine};
-use anyhow::{Context, Result, ensure};
+use anyhow::{Context, Result};
 use std::collections::VecDeque;
 
 /// Clocks from a load's request for its vertex to its being the instruction that waits, at most.
@@ -103,15 +105,13 @@ pub struct UpdateArrays {
     pub boxes: Image,
 }
 
-/// How the memories' traffic is limited beside what [`Surroundings`] say.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Traffic {
-    /// Not at all: each port has a memory of its own.
-    Separate,
-    /// One memory behind all ports, which takes one of their requests a clock, in turn: a row of the program, a vertex, a
-    /// node's numbers. Up to 32 bits a number that is at most 16 bytes a clock in all, each padded to a row. (Only the
-    /// object's box, once an update, is longer.)
-    Shared,
+impl UpdateArrays {
+    /// A row of the programs, in words.
+    fn program_row(&self, row: u64) -> [u32; Program::ROW_BYTES / 4] {
+        let bytes = &self.program[row as usize * Program::ROW_BYTES..];
+        let word = |k: usize| std::array::from_fn(|byte| bytes[4 * k + byte]);
+        std::array::from_fn(|k| u32::from_le_bytes(word(k)))
+    }
 }
 
 /// Figures of updates.
@@ -185,32 +185,15 @@ pub struct UpdateReport {
 impl UpdateReport {
     /// The report in a few lines.
     pub fn summary(&self) -> String {
-        let unit = &self.unit;
-        let mut text = format!(
-            "update: {} instructions of {} updates, {} results checked, {} mismatches in {} cycles (seed {}; model {:.1} s, run {:.1} s)",
-            unit.transactions,
-            unit.packets,
-            unit.checked,
-            unit.mismatches,
-            unit.cycles,
-            unit.seed,
-            unit.model_build_s,
-            unit.simulate_s
-        );
-        for (category, count) in &unit.categories {
-            text += &format!("\n  {:28} {count:>10}", category.name());
-        }
-        for object in &self.objects {
-            text += &format!("\n  {}", object.summary());
-        }
-        text
+        let figures = self.objects.iter().map(UpdateFigures::summary);
+        summary(&self.unit, ["instructions", "updates"], figures)
     }
 }
 
 /// What the golden model says that an update does.
 #[derive(Default)]
 struct Expected {
-    rows: VecDeque<u64>,
+    rows: VecDeque<u32>,
     vertices: VecDeque<u32>,
     nodes: VecDeque<(u32, [u64; 4])>,
     boxes: VecDeque<(u32, [u64; 6])>,
@@ -229,8 +212,6 @@ pub struct UpdateUnit {
     bench: Bench,
     format: Format,
     machine: UpdateMachine,
-    program: ReadHandles,
-    vertex: ReadHandles,
     ports: Ports,
     rng: fastrand::Rng,
     /// Updates so far, to give every memory of each a seed of its own.
@@ -247,14 +228,11 @@ impl UpdateUnit {
         let unit = module(&plan)?;
         let mut bench = Bench::new("update", &unit.module, options)?;
         bench.model.reset(RESET_CYCLES);
-        let handles = bench.model.ports(&ports(&plan))?;
-        let Ports { inputs, outputs } = handles;
+        let ports = bench.model.ports(&ports(&plan))?;
         Ok(UpdateUnit {
             format: config.format(),
             machine: unit.machine,
-            program: ReadHandles::of_unit(outputs.program, inputs.program),
-            vertex: ReadHandles::of_unit(outputs.vertex, inputs.vertex),
-            ports: handles,
+            ports,
             rng: fastrand::Rng::with_seed(options.seed),
             updates: 0,
             bench,
@@ -296,20 +274,17 @@ impl UpdateUnit {
         around: &Surroundings,
         traffic: Traffic,
     ) -> Result<UpdateFigures> {
-        let format = self.format;
-        let mut golden_nodes = arrays.nodes.words().to_vec();
-        let mut golden_boxes = arrays.boxes.words().to_vec();
+        let mut nodes = arrays.nodes.words().to_vec();
+        let mut boxes = arrays.boxes.words().to_vec();
         let mut expected = Expected::default();
         let first_row = command.program / Program::ROW_BYTES as u32;
-        expected
-            .rows
-            .extend((0..rows).map(|row| u64::from(first_row + row)));
+        expected.rows.extend(first_row..first_row + rows);
         let memory = UpdateMemory {
-            format,
+            format: self.format,
             program: &arrays.program,
             vertices: &arrays.vertices,
-            nodes: &mut golden_nodes,
-            boxes: &mut golden_boxes,
+            nodes: &mut nodes,
+            boxes: &mut boxes,
         };
         let golden = update(memory, command, |event| match event {
             UpdateEvent::VertexRead { vertex } => expected.vertices.push_back(vertex),
@@ -318,35 +293,8 @@ impl UpdateUnit {
         })?;
         self.count(&arrays.vertices, &expected);
 
-        let vertex_words = Record::vertex(format).words();
-        let node_words = Record::node(format).words();
-        let box_words = Record::bounding_box(format).words();
-        let w = format.width();
         self.updates += 1;
-        let timing = |port: u64| around.port(4 * self.updates + port);
-        // What takes writes pauses by itself, so that slow writes meet fast reads too.
-        let write_timing = |port: u64| Timing {
-            backpressure: around.pauses,
-            ..timing(port)
-        };
-        let program_rows = (arrays.program.len() / Program::ROW_BYTES) as u64;
-        let vertices = (arrays.vertices.len() / vertex_words) as u64;
-        let mut program_timing = timing(0);
-        if self.rng.f64() < around.slow_programs {
-            program_timing.bandwidth = Bandwidth {
-                requests: 1,
-                cycles: 64,
-            };
-        }
-        let mut program_port = ReadPort::new("program", program_rows, program_timing)?;
-        let mut vertex_port = ReadPort::new("vertex", vertices, timing(1))?;
-        let mut lanes = [w; NODE_LANES as usize];
-        lanes[NODE_LANES as usize - 1] = 32;
-        let mut node_port = WritePort::new("node", &lanes, write_timing(2))?;
-        let mut box_port = WritePort::new("box", &[w; 6], write_timing(3))?;
-        let mut node_data = vec![0; node_words];
-        let mut box_data = vec![0; box_words];
-
+        let mut memories = Memories::new(self, arrays, around, traffic)?;
         let values = Update {
             program: first_row,
             rows,
@@ -355,153 +303,125 @@ impl UpdateUnit {
             box_index: command.box_index,
         };
         let Ports { inputs, outputs } = self.ports;
-        let (node_write, box_write) = (outputs.node_write, outputs.box_write);
-        let ready_ports = [
-            inputs.program.request_ready,
-            inputs.vertex.request_ready,
-            inputs.node_write_ready,
-            inputs.box_write_ready,
-        ];
         let values = values.map(|_, value| value.into());
         self.bench.model.drive(&inputs.start.payload, values);
         let before = self.bench.model.sample(&outputs.count);
-        let counts = before.leaves();
-        if self.updates == 1 && counts.iter().any(|&count| count != 0) {
-            let fields = counts
-                .iter()
-                .map(|&count| Field::integer("counter", 0, count));
-            return Err(self.bench.mismatch("after reset", fields.collect()));
+        if self.updates == 1 {
+            self.bench.counts_from_zero(&before.leaves())?;
         }
-        let (mut program_answer, mut vertex_answer) = (None, None);
-        let (mut started, mut idle, mut turn) = (false, 0, 0);
-        // Clocks from the first vertex read to the first that is answered.
+        let waited = self.simulate(&mut memories, &mut expected, arrays, Pace::new(around))?;
+        self.bench.model.set(inputs.start.valid, 0);
+        memories.stop(&mut self.bench.model);
+        let figures = self.figures(before, &golden, expected.left(), waited)?;
+        for (place, golden, rtl) in [
+            ("node memory after an update", &nodes, &arrays.nodes),
+            ("box memory after an update", &boxes, &arrays.boxes),
+        ] {
+            self.bench.same_memory(place, golden, rtl)?;
+        }
+        let tally = &mut self.bench.tally;
+        tally.packets += 1;
+        tally.transactions += figures.instructions;
+        tally.checked += 1;
+        Ok(figures)
+    }
+
+    /// Offers the update until it is taken, and clocks the unit until it is done. Returns the clocks from the first vertex read to the first
+    /// that is answered.
+    fn simulate(
+        &mut self,
+        memories: &mut Memories,
+        expected: &mut Expected,
+        arrays: &mut UpdateArrays,
+        mut pace: Pace,
+    ) -> Result<u64> {
+        let Ports { inputs, outputs } = self.ports;
+        let vertex_words = Record::vertex(self.format).words();
+        let nodes = expected.nodes.len();
         let (mut first_read, mut first_answer) = (None, None);
         for clock in 0u64.. {
-            let pauses = around.pauses > 0.0 && self.rng.f64() < around.pauses;
-            let starts = !started && !pauses;
+            let starts = pace.starts(&mut self.rng);
             let model = &mut self.bench.model;
-            let row_request = self.program.request(model);
-            let vertex_request = self.vertex.request(model);
-            let node_request = model.get(node_write.valid) != 0;
-            let box_request = model.get(box_write.valid) != 0;
+            let Memories {
+                program,
+                vertex,
+                node,
+                bounds,
+                share,
+            } = memories;
             let offered = [
-                row_request.is_some() && program_port.ready(),
-                vertex_request.is_some() && vertex_port.ready(),
-                node_request && node_port.ready(),
-                box_request && box_port.ready(),
+                program.offers(model),
+                vertex.offers(model),
+                node.offers(model),
+                bounds.offers(model),
             ];
-            let mut granted = [true; 4];
-            if traffic == Traffic::Shared {
-                let chosen = (0..4).map(|k| (turn + k) % 4).find(|k| offered[*k]);
-                granted = std::array::from_fn(|k| chosen == Some(k));
-                turn = chosen.map_or(turn, |k| k + 1);
-            }
+            let granted = share.grant(offered);
             let accepted: [bool; 4] = std::array::from_fn(|k| offered[k] && granted[k]);
             let is_ready = model.get(outputs.start_ready) != 0;
-            if self.updates == 1 && !started && !is_ready {
-                return Err(self
-                    .bench
-                    .mismatch("not ready for the first update", vec![]));
+            if self.updates == 1 && !pace.started && !is_ready {
+                let place = "not ready for the first update";
+                return Err(self.bench.mismatch(place, vec![]));
             }
-            let starting = starts && is_ready;
 
             // For the edge.
             model.set(inputs.start.valid, starts.into());
-            let ready = [
-                program_port.ready(),
-                vertex_port.ready(),
-                node_port.ready(),
-                box_port.ready(),
-            ];
-            for ((port, ready), granted) in ready_ports.into_iter().zip(ready).zip(granted) {
-                model.set(port, (ready && granted).into());
-            }
-            let row = program_answer.map_or([0; 4], |answer: ReadResponse| {
-                let start = answer.address as usize * Program::ROW_BYTES;
-                let bytes = &arrays.program[start..start + Program::ROW_BYTES];
-                std::array::from_fn(|k| {
-                    bytes[4 * k..4 * k + 4]
-                        .iter()
-                        .rev()
-                        .fold(0, |word, byte| word << 8 | u32::from(*byte))
-                })
+            program.show(model, granted[0], |row| arrays.program_row(row));
+            vertex.show(model, granted[1], |index| {
+                &arrays.vertices[index as usize * vertex_words..][..vertex_words]
             });
-            self.program.respond(model, program_answer, &row);
-            let vertex = vertex_answer.map_or(&[][..], |answer: ReadResponse| {
-                let start = answer.address as usize * vertex_words;
-                &arrays.vertices[start..start + vertex_words]
-            });
-            self.vertex.respond(model, vertex_answer, vertex);
+            node.show(model, granted[2]);
+            bounds.show(model, granted[3]);
 
             // What the unit does at it.
+            let bench = &mut self.bench;
             if accepted[0] {
-                let rtl = row_request.map_or(0, |request| request.address);
-                self.ordered("program row", expected.rows.pop_front(), rtl)?;
+                bench.ordered("program row", expected.rows.pop_front(), program.address())?;
             }
             if accepted[1] {
-                let rtl = vertex_request.map_or(0, |request| request.address);
-                let golden = expected.vertices.pop_front().map(u64::from);
-                self.ordered("vertex read", golden, rtl)?;
+                first_read.get_or_insert(clock);
+                bench.ordered(
+                    "vertex read",
+                    expected.vertices.pop_front(),
+                    vertex.address(),
+                )?;
             }
             if accepted[2] {
                 let next = expected.nodes.pop_front();
-                self.node_written(next, golden.nodes_written as usize - expected.nodes.len())?;
+                let number = nodes - expected.nodes.len();
+                bench.written(format!("node write {number} of an update"), next, node)?;
             }
             if accepted[3] {
-                self.box_written(expected.boxes.pop_front())?;
+                bench.written("the object's box", expected.boxes.pop_front(), bounds)?;
             }
-            let model = &self.bench.model;
-            program_answer = program_port.step(row_request.filter(|_| granted[0]))?;
-            vertex_answer = vertex_port.step(vertex_request.filter(|_| granted[1]))?;
-            if accepted[1] {
-                first_read.get_or_insert(clock);
-            }
-            if vertex_answer.is_some() {
+            program.step(granted[0])?;
+            if vertex.step(granted[1])? {
                 first_answer.get_or_insert(clock);
             }
-            if accepted[2] {
-                model.get_words(node_write.payload.data, &mut node_data);
-            }
-            let write = WriteRequest {
-                address: model.get(node_write.payload.address),
-                data: &node_data,
-                mask: model.get(node_write.payload.mask),
-            };
-            node_port.step(accepted[2].then_some(write), &mut arrays.nodes)?;
-            if accepted[3] {
-                model.get_words(box_write.payload.data, &mut box_data);
-            }
-            let write = WriteRequest {
-                address: model.get(box_write.payload.address),
-                data: &box_data,
-                mask: 0b11_1111,
-            };
-            box_port.step(accepted[3].then_some(write), &mut arrays.boxes)?;
-            self.bench.model.clock();
-
-            started |= starting;
-            if self.bench.model.get(outputs.done) != 0 {
+            node.step(&bench.model, accepted[2], &mut arrays.nodes)?;
+            bounds.step(&bench.model, accepted[3], &mut arrays.boxes)?;
+            bench.model.clock();
+            if bench.model.get(outputs.done) != 0 {
                 break;
             }
-            let progress = starting || accepted.contains(&true);
-            idle = if progress { 0 } else { idle + 1 };
-            if idle > around.patience() {
-                let place = format!(
-                    "nothing happens for {idle} clocks, with {} nodes to be written",
-                    expected.nodes.len()
-                );
-                return Err(self.bench.mismatch(place, vec![]));
+            if let Some(idle) = pace.step(starts && is_ready, &accepted) {
+                let left = expected.nodes.len();
+                let place =
+                    format!("nothing happens for {idle} clocks, with {left} nodes to be written");
+                return Err(bench.mismatch(place, vec![]));
             }
         }
+        Ok(first_answer.unwrap_or(0) - first_read.unwrap_or(0))
+    }
 
-        // What comes of it.
-        let model = &mut self.bench.model;
-        model.set(inputs.start.valid, 0);
-        let valid = [inputs.program.response.valid, inputs.vertex.response.valid];
-        for port in ready_ports.into_iter().chain(valid) {
-            model.set(port, 0);
-        }
-        let after = self.bench.model.sample(&outputs.count);
+    /// What has been counted since `before`, checked. `left` are the reads and writes that did not come; the first vertex took `waited` clocks.
+    fn figures(
+        &self,
+        before: Counters<u64>,
+        golden: &Updated,
+        left: usize,
+        waited: u64,
+    ) -> Result<UpdateFigures> {
+        let after = self.bench.model.sample(&self.ports.outputs.count);
         let Counters {
             instructions,
             busy_cycles: busy,
@@ -509,49 +429,27 @@ impl UpdateUnit {
             vertex_wait_cycles: vertex_wait,
             node_wait_cycles: node_wait,
         } = after.zip(before).map(|_, (after, before)| after - before);
-        if (instructions, busy, expected.left()) != (golden.instructions, instructions + stalled, 0)
-        {
+        if (instructions, busy, left) != (golden.instructions, instructions + stalled, 0) {
             let fields = vec![
                 Field::integer("instructions", golden.instructions, instructions),
                 Field::integer("busy cycles", instructions + stalled, busy),
-                Field::integer("reads and writes left", 0, expected.left() as u64),
+                Field::integer("reads and writes left", 0, left as u64),
             ];
             return Err(self.bench.mismatch("after an update", fields));
         }
         // An update's first instruction is a load, which is there soon after it asked for its vertex.
-        let waited = first_answer.unwrap_or(0) - first_read.unwrap_or(0);
-        let least = waited.saturating_sub(ARRIVAL_OF_A_LOAD);
-        if !(least..=stalled).contains(&(vertex_wait + node_wait)) || vertex_wait < least {
+        let (least, waits) = (
+            waited.saturating_sub(ARRIVAL_OF_A_LOAD),
+            vertex_wait + node_wait,
+        );
+        if !(least..=stalled).contains(&waits) || vertex_wait < least {
+            let of_vertex = "clocks that wait for a vertex, at least";
             let fields = vec![
-                Field::integer(
-                    "clocks that wait for a vertex, at least",
-                    least,
-                    vertex_wait,
-                ),
-                Field::integer(
-                    "all clocks that wait, at most",
-                    stalled,
-                    vertex_wait + node_wait,
-                ),
+                Field::integer(of_vertex, least, vertex_wait),
+                Field::integer("all clocks that wait, at most", stalled, waits),
             ];
             return Err(self.bench.mismatch("after an update", fields));
         }
-        for (name, golden, rtl) in [
-            ("node", &golden_nodes, &arrays.nodes),
-            ("box", &golden_boxes, &arrays.boxes),
-        ] {
-            let differs = golden.iter().zip(rtl.words()).position(|(g, r)| g != r);
-            if let Some(word) = differs {
-                let (golden, rtl) = (golden[word], rtl.words()[word]);
-                let fields = vec![Field::integer("word", golden.into(), rtl.into())];
-                let place = format!("word {word} of {name} memory after an update");
-                return Err(self.bench.mismatch(place, fields));
-            }
-        }
-        let tally = &mut self.bench.tally;
-        tally.packets += 1;
-        tally.transactions += instructions;
-        tally.checked += 1;
         Ok(UpdateFigures {
             name: String::new(),
             triangles: golden.nodes_written + 1,
@@ -585,70 +483,72 @@ impl UpdateUnit {
         }
         categories.count(Category::LeafRoot, expected.nodes.is_empty());
     }
+}
 
-    fn ordered(&mut self, what: &str, golden: Option<u64>, rtl: u64) -> Result<()> {
-        self.bench.tally.checked += 1;
-        match golden {
-            Some(golden) if golden == rtl => Ok(()),
-            Some(golden) => {
-                let fields = vec![Field::integer("index", golden, rtl)];
-                Err(self.bench.mismatch(what, fields))
-            }
-            None => Err(self
-                .bench
-                .mismatch(format!("one {what} too many, at {rtl}"), vec![])),
+/// The memories around the unit during an update.
+struct Memories {
+    program: Reads,
+    vertex: Reads,
+    node: Writes,
+    bounds: Writes,
+    share: Share<4>,
+}
+
+impl Memories {
+    fn new(
+        unit: &mut UpdateUnit,
+        arrays: &UpdateArrays,
+        around: &Surroundings,
+        traffic: Traffic,
+    ) -> Result<Memories> {
+        let (format, Ports { inputs, outputs }) = (unit.format, unit.ports);
+        let port = |number: u64| 4 * unit.updates + number;
+        let rows = (arrays.program.len() / Program::ROW_BYTES) as u64;
+        let vertices = (arrays.vertices.len() / Record::vertex(format).words()) as u64;
+        let mut timing = around.port(port(0));
+        if unit.rng.f64() < around.slow_programs {
+            timing.bandwidth = Bandwidth {
+                requests: 1,
+                cycles: 64,
+            };
         }
+        let program = ReadPort::new("program", rows, timing)?;
+        let vertex = ReadPort::new("vertex", vertices, around.port(port(1)))?;
+        let node = outputs.node_write.payload;
+        let node_write = WriteHandles {
+            valid: outputs.node_write.valid,
+            ready: inputs.node_write_ready,
+            payload: Write {
+                address: node.address,
+                data: node.data,
+            },
+        };
+        let box_write = WriteHandles {
+            valid: outputs.box_write.valid,
+            ready: inputs.box_write_ready,
+            payload: outputs.box_write.payload,
+        };
+        let writes = |record, numbers, handles, mask, number| {
+            let timing = write_timing(around, port(number));
+            Writes::new(record, format, numbers, handles, mask, timing)
+        };
+        Ok(Memories {
+            program: Reads::new(
+                ReadHandles::of_unit(outputs.program, inputs.program),
+                program,
+            ),
+            vertex: Reads::new(ReadHandles::of_unit(outputs.vertex, inputs.vertex), vertex),
+            node: writes(Record::node(format), 4, node_write, Some(node.mask), 2)?,
+            bounds: writes(Record::bounding_box(format), 6, box_write, None, 3)?,
+            share: Share::new(traffic, [1; 4], 1, 0),
+        })
     }
 
-    fn node_written(&mut self, golden: Option<(u32, [u64; 4])>, number: usize) -> Result<()> {
-        self.bench.tally.checked += 1;
-        let (model, w) = (&self.bench.model, self.format.width());
-        let address = model.get(self.ports.outputs.node_write.payload.address);
-        let Some((node, bounds)) = golden else {
-            let place = format!("one node too many is written, at {address}");
-            return Err(self.bench.mismatch(place, vec![]));
-        };
-        let rtl: [u64; 4] = std::array::from_fn(|k| {
-            model.get_field(self.ports.outputs.node_write.payload.data, k as u32 * w, w)
-        });
-        let mask = model.get(self.ports.outputs.node_write.payload.mask);
-        if (address, rtl, mask) == (node.into(), bounds, 0b1111) {
-            return Ok(());
-        }
-        let mut fields = vec![
-            Field::integer("node", node.into(), address),
-            Field::integer("write mask", 0b1111, mask),
-        ];
-        let names = ["left_lo", "left_hi", "right_lo", "right_hi"];
-        for (name, (golden, rtl)) in names.into_iter().zip(bounds.into_iter().zip(rtl)) {
-            fields.push(Field::number(name, self.format, golden, rtl));
-        }
-        Err(self
-            .bench
-            .mismatch(format!("node write {number} of an update"), fields))
-    }
-
-    fn box_written(&mut self, golden: Option<(u32, [u64; 6])>) -> Result<()> {
-        self.bench.tally.checked += 1;
-        let (model, w) = (&self.bench.model, self.format.width());
-        let address = model.get(self.ports.outputs.box_write.payload.address);
-        let Some((index, bounds)) = golden else {
-            return Err(self
-                .bench
-                .mismatch(format!("one box too many is written, at {address}"), vec![]));
-        };
-        let rtl: [u64; 6] = std::array::from_fn(|k| {
-            model.get_field(self.ports.outputs.box_write.payload.data, k as u32 * w, w)
-        });
-        if (address, rtl) == (index.into(), bounds) {
-            return Ok(());
-        }
-        let mut fields = vec![Field::integer("box", index.into(), address)];
-        let record = Record::bounding_box(self.format);
-        for (field, (golden, rtl)) in record.fields.iter().zip(bounds.into_iter().zip(rtl)) {
-            fields.push(Field::number(field.name, self.format, golden, rtl));
-        }
-        Err(self.bench.mismatch("the object's box", fields))
+    fn stop(&self, model: &mut Model) {
+        self.program.stop(model);
+        self.vertex.stop(model);
+        self.node.stop(model);
+        self.bounds.stop(model);
     }
 }
 
@@ -713,15 +613,7 @@ fn batch(
     options: &UnitOptions,
     rng: &mut fastrand::Rng,
 ) -> Result<UpdateFigures> {
-    let around = match options.surroundings {
-        Some(around) => around,
-        // Vertices that come fast, nodes that are taken slowly: else the vertices are what all wait for.
-        None if rng.u8(..4) == 0 => Surroundings {
-            pauses: 0.8,
-            ..Surroundings::steady(rng.u32(1..=10))
-        },
-        None => Surroundings::random(rng),
-    };
+    let around = surroundings(options, rng);
     let format = config.format();
     let vertex_words = Record::vertex(format).words();
     let mut program = vec![];
@@ -749,13 +641,7 @@ fn batch(
     let most = nodes
         .max((vertices.len() / vertex_words) as u64)
         .max((program.len() / Program::ROW_BYTES) as u64);
-    ensure!(
-        most < 1 << config.address_bits,
-        "the objects take {most} indices, but tree.address_bits = {} address {}; set it to {} or more",
-        config.address_bits,
-        1u64 << config.address_bits,
-        64 - most.leading_zeros()
-    );
+    check_capacity(config, "objects", most)?;
     // Whatever is there before: what must stay shows then.
     let mut noise = |rows: u64, bits: u32| {
         let count = rows as usize * bits.div_ceil(32) as usize;

@@ -323,9 +323,6 @@ impl Caster {
         let a = &self.arithmetic;
         let rays: [RaySetup; N] =
             std::array::from_fn(|k| RaySetup::new(a, rays.get(k).unwrap_or(&Ray::INACTIVE)));
-        let mut closest = [Closest::default(); N];
-        let mut counts = Counts::default();
-
         let mut current = Lanes {
             mask: 0,
             near: [0.0; N],
@@ -337,161 +334,225 @@ impl Caster {
             current.mask |= u8::from(enters) << k;
         }
         if current.mask == 0 {
-            return counts;
+            return Counts::default();
         }
-
         let lanes = RayLanes::new(&rays);
-        // Where the packet is: in the world, or inside the object of an instance, where these stand for its rays.
-        let mut inside = false;
-        let mut object = INSTANCED.then(|| Inside::new(&rays, &lanes));
-        let mut stack: Vec<Entry<N>> = Vec::with_capacity(64);
-        let mut next = Some(self.root);
-        loop {
-            next = match next {
-                Some(Target::Node(index)) => {
-                    counts.steps += 1;
-                    let node = &self.nodes[index as usize];
-                    let lanes = match &object {
-                        Some(object) if inside => &object.lanes,
-                        _ => &lanes,
-                    };
-                    let outcome =
-                        current.step(a, lanes, node.intervals, node.axes.map(usize::from));
-                    let (left, right) = (outcome.left, outcome.right);
-                    let left_first = outcome.left_first != 0;
-                    let next = match (left.mask != 0, right.mask != 0) {
-                        (false, false) => None,
-                        (goes_left, goes_right) => {
-                            let first = usize::from(!goes_left || goes_right && !left_first);
-                            Some(node.children[first])
-                        }
-                    };
-                    if O::WATCHES {
-                        observer.step(&StepEvent {
-                            node: index,
-                            inside,
-                            rays: RaySet::from(&current),
-                            left: RaySet::from(&left),
-                            right: RaySet::from(&right),
-                            left_first: outcome.left_first,
-                            next,
-                        });
-                    }
-                    match (left.mask != 0, right.mask != 0) {
-                        (true, true) => {
-                            let (first, second, child) = if left_first {
-                                (left, right, node.children[1])
-                            } else {
-                                (right, left, node.children[0])
-                            };
-                            current = first;
-                            stack.push(Entry {
-                                child,
-                                inside,
-                                rays: second,
-                            });
-                            let height = stack.len() as u32;
-                            counts.stack_high_water = counts.stack_high_water.max(height);
-                            if O::WATCHES {
-                                observer.push(&PushEvent {
-                                    child,
-                                    inside,
-                                    rays: RaySet::from(&second),
-                                    height,
-                                });
-                            }
-                        }
-                        (true, false) => current = left,
-                        (false, _) => current = right,
-                    }
-                    next
-                }
-                Some(Target::Record(record)) => {
-                    if O::WATCHES {
-                        observer.hand_over(&HandOver {
-                            record,
-                            instance: INSTANCED && !inside,
-                            mask: current.mask,
-                        });
-                    }
-                    match &mut object {
-                        Some(object) if !inside => {
-                            counts.entries += 1;
-                            counts.ray_transforms += current.mask.count_ones();
-                            let instance = &self.instances[(record - self.first_instance) as usize];
-                            let mask = current.mask;
-                            current =
-                                object.enter(a, instance, &rays, mask, |slot, transformed| {
-                                    if O::WATCHES {
-                                        observer.enter(&EnterEvent {
-                                            slot,
-                                            record,
-                                            instance: instance.number,
-                                            transformed: *transformed,
-                                        });
-                                    }
-                                });
-                            inside = current.mask != 0;
-                            inside.then_some(instance.root)
-                        }
-                        object => {
-                            counts.tests += 1;
-                            counts.ray_tests += current.mask.count_ones();
-                            let triangle = &self.triangles[record as usize];
-                            let mut mask = current.mask;
-                            while mask != 0 {
-                                let slot = mask.trailing_zeros() as usize;
-                                mask &= mask - 1;
-                                let (ray, window, instance) = match object {
-                                    Some(object) => {
-                                        (&object.rays[slot], object.windows[slot], object.number)
-                                    }
-                                    None => (&rays[slot], WHOLE_LINE, 0),
-                                };
-                                let outcome = if O::WATCHES {
-                                    triangle.intersect::<true>(a, self.test, ray, window)
-                                } else {
-                                    triangle.intersect::<false>(a, self.test, ray, window)
-                                };
-                                closest[slot].merge(ray, &outcome, instance, triangle.number);
-                                if O::WATCHES {
-                                    observer.test(&RayTest {
-                                        slot: slot as u8,
-                                        record,
-                                        instance,
-                                        triangle: triangle.number,
-                                        outcome,
-                                        merged: closest[slot],
-                                    });
-                                }
-                            }
-                            None
-                        }
-                    }
-                }
-                None => {
-                    let Some(entry) = stack.pop() else {
-                        break;
-                    };
-                    inside = entry.inside;
-                    let limit = closest.map(|ray| ray.limit);
-                    current = entry.rays.within(a, &limit);
-                    if O::WATCHES {
-                        observer.pop(&PopEvent {
-                            child: entry.child,
-                            inside,
-                            rays: RaySet::from(&current),
-                            height: stack.len() as u32,
-                        });
-                    }
-                    (current.mask != 0).then_some(entry.child)
-                }
-            };
-        }
-        for (hit, closest) in hits.iter_mut().zip(&closest) {
+        let mut packet = Packet::<N, INSTANCED, O> {
+            caster: self,
+            observer,
+            rays: &rays,
+            lanes: &lanes,
+            inside: false,
+            object: INSTANCED.then(|| Inside::new(&rays, &lanes)),
+            current,
+            stack: Vec::with_capacity(64),
+            closest: [Closest::default(); N],
+            counts: Counts::default(),
+        };
+        packet.traverse();
+        for (hit, closest) in hits.iter_mut().zip(&packet.closest) {
             *hit = closest.hit;
         }
-        counts
+        packet.counts
+    }
+}
+
+/// A packet of N rays under way.
+struct Packet<'a, const N: usize, const INSTANCED: bool, O> {
+    caster: &'a Caster,
+    observer: &'a mut O,
+    /// The rays in the world.
+    rays: &'a [RaySetup; N],
+    lanes: &'a RayLanes<N>,
+    /// Whether the packet is inside the object of an instance, where `object` stands for its rays.
+    inside: bool,
+    /// Of a scene of two levels.
+    object: Option<Inside<N>>,
+    /// The rays that are where the packet is.
+    current: Lanes<N>,
+    stack: Vec<Entry<N>>,
+    closest: [Closest; N],
+    counts: Counts,
+}
+
+// Each step is made once, in the loop of `traverse`, and belongs to it.
+impl<const N: usize, const INSTANCED: bool, O: Observer> Packet<'_, N, INSTANCED, O> {
+    /// From the root to the last entry of the stack.
+    #[inline(always)]
+    fn traverse(&mut self) {
+        let mut next = Some(self.caster.root);
+        loop {
+            next = match next {
+                Some(Target::Node(index)) => self.step(index),
+                Some(Target::Record(record)) => self.hand_over(record),
+                None => match self.stack.pop() {
+                    Some(entry) => self.resume(entry),
+                    None => return,
+                },
+            };
+        }
+    }
+
+    /// One packet step. Returns where the packet goes on, the only child that a ray enters or the first of two; the second is pushed.
+    #[inline(always)]
+    fn step(&mut self, index: u32) -> Option<Target> {
+        self.counts.steps += 1;
+        let node = &self.caster.nodes[index as usize];
+        let lanes = match &self.object {
+            Some(object) if INSTANCED && self.inside => &object.lanes,
+            _ => self.lanes,
+        };
+        let axes = node.axes.map(usize::from);
+        let outcome = (self.current).step(&self.caster.arithmetic, lanes, node.intervals, axes);
+        let (left, right) = (outcome.left, outcome.right);
+        let left_first = outcome.left_first != 0;
+        let next = match (left.mask != 0, right.mask != 0) {
+            (false, false) => None,
+            (goes_left, goes_right) => {
+                let first = usize::from(!goes_left || goes_right && !left_first);
+                Some(node.children[first])
+            }
+        };
+        if O::WATCHES {
+            self.observer.step(&StepEvent {
+                node: index,
+                inside: self.inside,
+                rays: RaySet::from(&self.current),
+                left: RaySet::from(&left),
+                right: RaySet::from(&right),
+                left_first: outcome.left_first,
+                next,
+            });
+        }
+        match (left.mask != 0, right.mask != 0) {
+            (true, true) if left_first => {
+                self.current = left;
+                self.push(node.children[1], right);
+            }
+            (true, true) => {
+                self.current = right;
+                self.push(node.children[0], left);
+            }
+            (true, false) => self.current = left,
+            (false, _) => self.current = right,
+        }
+        next
+    }
+
+    /// Puts a child off, and the rays that go there.
+    #[inline(always)]
+    fn push(&mut self, child: Target, rays: Lanes<N>) {
+        let inside = self.inside;
+        self.stack.push(Entry {
+            child,
+            inside,
+            rays,
+        });
+        let height = self.stack.len() as u32;
+        self.counts.stack_high_water = self.counts.stack_high_water.max(height);
+        if O::WATCHES {
+            self.observer.push(&PushEvent {
+                child,
+                inside,
+                rays: RaySet::from(&rays),
+                height,
+            });
+        }
+    }
+
+    /// Goes on at an entry that was popped, if any of its rays stays. Returns where.
+    #[inline(always)]
+    fn resume(&mut self, entry: Entry<N>) -> Option<Target> {
+        self.inside = entry.inside;
+        let limit = self.closest.map(|ray| ray.limit);
+        self.current = entry.rays.within(&self.caster.arithmetic, &limit);
+        if O::WATCHES {
+            self.observer.pop(&PopEvent {
+                child: entry.child,
+                inside: self.inside,
+                rays: RaySet::from(&self.current),
+                height: self.stack.len() as u32,
+            });
+        }
+        (self.current.mask != 0).then_some(entry.child)
+    }
+
+    /// A leaf: an instance, which the rays enter, or a triangle, against which they are tested. Returns where the packet goes on, if it
+    /// does so without a pop.
+    #[inline(always)]
+    fn hand_over(&mut self, record: u32) -> Option<Target> {
+        let instance = INSTANCED && !self.inside;
+        if O::WATCHES {
+            self.observer.hand_over(&HandOver {
+                record,
+                instance,
+                mask: self.current.mask,
+            });
+        }
+        if instance {
+            return self.enter(record);
+        }
+        self.test(record);
+        None
+    }
+
+    /// Takes the rays to an instance's object, and goes on at its root with those that enter it, if any does.
+    #[inline(always)]
+    fn enter(&mut self, record: u32) -> Option<Target> {
+        let object = self.object.as_mut()?;
+        let mask = self.current.mask;
+        self.counts.entries += 1;
+        self.counts.ray_transforms += mask.count_ones();
+        let instance = &self.caster.instances[(record - self.caster.first_instance) as usize];
+        let (a, observer) = (&self.caster.arithmetic, &mut *self.observer);
+        self.current = object.enter(a, instance, self.rays, mask, |slot, transformed| {
+            if O::WATCHES {
+                observer.enter(&EnterEvent {
+                    slot,
+                    record,
+                    instance: instance.number,
+                    transformed: *transformed,
+                });
+            }
+        });
+        self.inside = self.current.mask != 0;
+        self.inside.then_some(instance.root)
+    }
+
+    /// Tests the rays against a triangle.
+    #[inline(always)]
+    fn test(&mut self, record: u32) {
+        self.counts.tests += 1;
+        self.counts.ray_tests += self.current.mask.count_ones();
+        let (a, test) = (&self.caster.arithmetic, self.caster.test);
+        let triangle = &self.caster.triangles[record as usize];
+        let mut mask = self.current.mask;
+        while mask != 0 {
+            let slot = mask.trailing_zeros() as usize;
+            mask &= mask - 1;
+            let (ray, window, instance) = match &self.object {
+                Some(object) if INSTANCED => {
+                    (&object.rays[slot], object.windows[slot], object.number)
+                }
+                _ => (&self.rays[slot], WHOLE_LINE, 0),
+            };
+            let outcome = if O::WATCHES {
+                triangle.intersect::<true>(a, test, ray, window)
+            } else {
+                triangle.intersect::<false>(a, test, ray, window)
+            };
+            self.closest[slot].merge(ray, &outcome, instance, triangle.number);
+            if O::WATCHES {
+                self.observer.test(&RayTest {
+                    slot: slot as u8,
+                    record,
+                    instance,
+                    triangle: triangle.number,
+                    outcome,
+                    merged: self.closest[slot],
+                });
+            }
+        }
     }
 }
 

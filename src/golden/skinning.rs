@@ -1,7 +1,7 @@
 //! The skinning processor: moves vertices at rest by the weighted matrices of the joints that they follow
 //! (`docs/arithmetic.md`, *Skinning*; `docs/layout.md`, *Influence row*).
 
-use anyhow::{Context, Result, ensure};
+use anyhow::{Context, Result, bail, ensure};
 
 use crate::bkd::layout::{Columns, INFLUENCES_PER_ROW, Influence, JOINT_BITS, Record};
 use crate::float::{Arithmetic, Format};
@@ -110,41 +110,80 @@ pub fn skin(
     command: SkinCommand,
     mut observe: impl FnMut(SkinEvent),
 ) -> Result<Skinned> {
+    check_ranges(&memory, command)?;
     let SkinMemory {
         format,
         influences,
         vertices,
     } = memory;
-    let SkinCommand {
-        palette: first_column,
-        joints,
-        influences: first_row,
-        rows,
-        rest: first_rest,
-        vertices: count,
-        target: first_target,
-    } = command;
+    let vector = Record::vertex(format);
+    let arithmetic = Arithmetic::new(format);
+    let read_vector = |vertices: &[u32], index: u32| -> [f64; 3] {
+        let words = &vertices[index as usize * vector.words()..][..vector.words()];
+        ["x", "y", "z"].map(|name| format.to_f64(vector.get(words, name)))
+    };
+    let mut palette: Vec<Columns> = Vec::with_capacity(command.joints as usize);
+    for joint in 0..command.joints {
+        palette.push(std::array::from_fn(|column| {
+            let index = command.palette + 4 * joint + column as u32;
+            observe(SkinEvent::VectorRead { index });
+            read_vector(vertices, index)
+        }));
+    }
+
+    let mut stream = Stream {
+        format,
+        row: Record::influence_row(format),
+        influences,
+        command,
+        place: 0,
+    };
+    for number in 0..command.vertices {
+        let index = command.rest + number;
+        observe(SkinEvent::VectorRead { index });
+        let rest = read_vector(vertices, index);
+        let of_vertex = stream.of_vertex(number, &palette, &mut observe)?;
+        let position = skin_vertex(&arithmetic, rest, of_vertex).map(|x| format.to_bits(x));
+        let vertex = command.target + number;
+        let words = &mut vertices[vertex as usize * vector.words()..][..vector.words()];
+        for (name, bits) in ["x", "y", "z"].into_iter().zip(position) {
+            vector.set(words, name, bits);
+        }
+        observe(SkinEvent::VertexWrite { vertex, position });
+    }
+    let (needed, rows) = (stream.place.div_ceil(INFLUENCES_PER_ROW), command.rows);
+    ensure!(
+        needed == rows as usize,
+        "the vertices' influences fill {needed} rows, but {rows} are to be read"
+    );
+    Ok(Skinned {
+        influences: stream.place as u64,
+        vertices: command.vertices.into(),
+    })
+}
+
+/// Checks that all that a command reads and writes is in the arrays, and that what is written overlaps nothing that is read.
+fn check_ranges(memory: &SkinMemory, command: SkinCommand) -> Result<()> {
+    let SkinCommand { joints, rows, .. } = command;
     ensure!(
         (1..=1 << JOINT_BITS).contains(&joints),
         "a palette has 1 to {} joints, not {joints}",
         1 << JOINT_BITS
     );
-    ensure!(count > 0, "there are no vertices to skin");
-    let vector = Record::vertex(format);
-    let row = Record::influence_row(format);
+    ensure!(command.vertices > 0, "there are no vertices to skin");
     // Where things lie, in u64 so that no sum wraps.
     let range = |from: u32, length: u32, factor: u64| {
         let from = u64::from(from);
         from..from + factor * u64::from(length)
     };
-    let palette_range = range(first_column, joints, 4);
-    let rest_range = range(first_rest, count, 1);
-    let target_range = range(first_target, count, 1);
-    let vectors = (vertices.len() / vector.words()) as u64;
+    let palette = range(command.palette, joints, 4);
+    let rest = range(command.rest, command.vertices, 1);
+    let target = range(command.target, command.vertices, 1);
+    let vectors = (memory.vertices.len() / Record::vertex(memory.format).words()) as u64;
     for (what, range) in [
-        ("the palette", &palette_range),
-        ("the vertices at rest", &rest_range),
-        ("the vertices to write", &target_range),
+        ("the palette", &palette),
+        ("the vertices at rest", &rest),
+        ("the vertices to write", &target),
     ] {
         ensure!(
             range.end <= vectors,
@@ -153,50 +192,50 @@ pub fn skin(
             range.end - 1
         );
     }
-    let all_rows = (influences.len() / row.words()) as u64;
-    let row_range = range(first_row, rows, 1);
+    let all_rows = memory.influences.len() / Record::influence_row(memory.format).words();
     ensure!(
-        row_range.end <= all_rows,
-        "the influences take {rows} rows from {first_row}, but there are {all_rows}"
+        range(command.influences, rows, 1).end <= all_rows as u64,
+        "the influences take {rows} rows from {}, but there are {all_rows}",
+        command.influences
     );
-    for (what, read) in [
-        ("the palette", &palette_range),
-        ("the vertices at rest", &rest_range),
-    ] {
+    for (what, read) in [("the palette", palette), ("the vertices at rest", rest)] {
         ensure!(
-            target_range.end <= read.start || read.end <= target_range.start,
+            target.end <= read.start || read.end <= target.start,
             "the vertices to write overlap {what}"
         );
     }
+    Ok(())
+}
 
-    let arithmetic = Arithmetic::new(format);
-    let read_vector = |vertices: &[u32], index: usize| -> [f64; 3] {
-        let words = &vertices[index * vector.words()..][..vector.words()];
-        ["x", "y", "z"].map(|name| format.to_f64(vector.get(words, name)))
-    };
-    let mut palette: Vec<Columns> = Vec::with_capacity(joints as usize);
-    for joint in 0..joints {
-        palette.push(std::array::from_fn(|column| {
-            let index = first_column + 4 * joint + column as u32;
-            observe(SkinEvent::VectorRead { index });
-            read_vector(vertices, index as usize)
-        }));
-    }
+/// The influences of a command, one after the other, in its rows.
+struct Stream<'a> {
+    format: Format,
+    row: Record,
+    influences: &'a [u32],
+    command: SkinCommand,
+    /// Influences read.
+    place: usize,
+}
 
-    // The influence at a place of the stream. Places are visited in order, so a row is read with its first.
-    let mut place = 0;
-    let mut next = |observe: &mut dyn FnMut(SkinEvent)| -> Result<Influence> {
-        let (at_row, slot) = (place / INFLUENCES_PER_ROW, place % INFLUENCES_PER_ROW);
-        ensure!(
-            at_row < rows as usize,
-            "the {rows} rows of influences end before the vertices do; give the rows of all"
+impl Stream<'_> {
+    /// The next influence. A row is read with its first.
+    fn next(&mut self, observe: &mut impl FnMut(SkinEvent)) -> Result<Influence> {
+        let row = &self.row;
+        let (at_row, slot) = (
+            self.place / INFLUENCES_PER_ROW,
+            self.place % INFLUENCES_PER_ROW,
         );
-        let index = first_row as usize + at_row;
+        ensure!(
+            at_row < self.command.rows as usize,
+            "the {} rows of influences end before the vertices do; give the rows of all",
+            self.command.rows
+        );
+        let index = self.command.influences as usize + at_row;
         if slot == 0 {
             observe(SkinEvent::RowRead { row: index as u32 });
         }
-        place += 1;
-        let words = &influences[index * row.words()..][..row.words()];
+        self.place += 1;
+        let words = &self.influences[index * row.words()..][..row.words()];
         let names = [
             ["weight0", "joint0", "last0"],
             ["weight1", "joint1", "last1"],
@@ -205,50 +244,39 @@ pub fn skin(
         ];
         let [weight, joint, last] = names[slot].map(|name| row.get(words, name));
         Ok(Influence {
-            weight: format.to_f64(weight),
+            weight: self.format.to_f64(weight),
             joint: joint as u8,
             last: last == 1,
         })
-    };
-    let mut skinned = Skinned::default();
-    for number in 0..count {
-        let index = first_rest + number;
-        observe(SkinEvent::VectorRead { index });
-        let rest = read_vector(vertices, index as usize);
+    }
+
+    /// The matrices and weights of the next vertex.
+    fn of_vertex(
+        &mut self,
+        number: u32,
+        palette: &[Columns],
+        observe: &mut impl FnMut(SkinEvent),
+    ) -> Result<Vec<(Columns, f64)>> {
         let mut of_vertex = Vec::with_capacity(MOST_INFLUENCES);
         loop {
-            let influence = next(&mut observe).with_context(|| format!("vertex {number}"))?;
+            let influence = (self.next(observe)).with_context(|| format!("vertex {number}"))?;
             ensure!(
                 of_vertex.len() < MOST_INFLUENCES,
                 "vertex {number} follows more than {MOST_INFLUENCES} joints; mark its last influence"
             );
             let Some(matrix) = palette.get(usize::from(influence.joint)) else {
-                anyhow::bail!(
-                    "vertex {number} follows joint {}, but the palette has {joints}",
-                    influence.joint
+                bail!(
+                    "vertex {number} follows joint {}, but the palette has {}",
+                    influence.joint,
+                    palette.len()
                 );
             };
             of_vertex.push((*matrix, influence.weight));
             if influence.last {
-                break;
+                return Ok(of_vertex);
             }
         }
-        skinned.influences += of_vertex.len() as u64;
-        skinned.vertices += 1;
-        let position = skin_vertex(&arithmetic, rest, of_vertex).map(|x| format.to_bits(x));
-        let vertex = first_target + number;
-        let words = &mut vertices[vertex as usize * vector.words()..][..vector.words()];
-        for (name, bits) in ["x", "y", "z"].into_iter().zip(position) {
-            vector.set(words, name, bits);
-        }
-        observe(SkinEvent::VertexWrite { vertex, position });
     }
-    let needed = (skinned.influences as usize).div_ceil(INFLUENCES_PER_ROW);
-    ensure!(
-        needed == rows as usize,
-        "the vertices' influences fill {needed} rows, but {rows} are to be read"
-    );
-    Ok(skinned)
 }
 
 #[cfg(test)]

@@ -1,10 +1,11 @@
-//! The machine, one file a unit, named as in `golden`. It follows `docs/arithmetic.md` and knows nothing of how
+//! The machine, one file or folder a unit, named as in `golden`. It follows `docs/arithmetic.md` and knows nothing of how
 //! its Verilog is simulated.
 //!
 //! [`core`] places all units. [`raycast`] is the largest: ray setup, traversal processing unit, geometry unit, and the packets' bookkeeping.
 
 mod banks;
 pub mod core;
+mod counters;
 mod distance;
 mod fifo;
 pub mod fp;

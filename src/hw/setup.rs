@@ -7,7 +7,7 @@ use super::distance;
 use super::fp::{Knowing, Known, is_nan, is_zero, less_equal};
 use super::plan::{AXES, Plan};
 use super::ray::{Along, Interval, Limits, Line, Place, SetUp, Shear};
-use crate::hdl::{Builder, Bundle, Flow, HdlError, Module, Signals, Specs};
+use crate::hdl::{Builder, Bundle, Flow, HdlError, Module, Pipeline, Signal, Signals, Specs};
 use crate::interface;
 use std::sync::Arc;
 
@@ -41,7 +41,6 @@ interface! {
 /// Ray setup as a pipeline. `lookahead` is how many clocks before its outputs `soon` announces them; the packet alone
 /// is named [`Plan::read_latency`] clocks before, for reads of what belongs to it.
 pub fn module(plan: &Plan, lookahead: u32) -> Result<Arc<Module>, HdlError> {
-    let w = plan.number();
     let f = plan.format;
     let m = Builder::new(
         "ray_setup",
@@ -55,33 +54,13 @@ pub fn module(plan: &Plan, lookahead: u32) -> Result<Arc<Module>, HdlError> {
     let object = inputs.object.input_at(&p, 0);
     let active = inputs.active.input_at(&p, 0);
     let any_hit = inputs.any_hit.input_at(&p, 0);
-    let Line { origin, direction } = inputs.line.inputs_at(&p, 0);
-    let Limits { tmin, tmax } = inputs.limits.inputs_at(&p, 0);
-    let scene_lo = inputs.scene_lo.each_ref().map(|lo| lo.input(&m));
-    let scene_hi = inputs.scene_hi.each_ref().map(|hi| hi.input(&m));
+    let line = inputs.line.inputs_at(&p, 0);
+    let limits = inputs.limits.inputs_at(&p, 0);
+    let scene =
+        [&inputs.scene_lo, &inputs.scene_hi].map(|corner| corner.each_ref().map(|x| x.input(&m)));
 
-    m.comment("A ray is valid if it is active, nothing in it is a NaN, and 0 <= tmin <= tmax.");
-    let zero = m.zero(w);
-    let tmin = is_zero(f, tmin).mux(zero, tmin).named("tmin_clean");
-    let tmax = is_zero(f, tmax).mux(zero, tmax).named("tmax_clean");
-    let mut nans: Vec<_> = origin
-        .iter()
-        .chain(&direction)
-        .map(|n| plan.decide(is_nan(f, *n)))
-        .collect();
-    // A tmin that is a NaN is negative, or greater than any tmax but a NaN.
-    nans.push(plan.decide(is_nan(f, tmax)));
-    let any_nan = m.or_all(&nans).named("any_nan").register();
-    // What it says of a NaN does not matter.
-    let [least, most] = [tmin, tmax].map(|limit| limit.known(Known::Number));
-    let not_negative = less_equal(f, "tmin_not_negative", zero.known(Known::Positive), least);
-    let ordered = (not_negative & less_equal(f, "tmin_not_behind_tmax", least, most))
-        .named("ordered")
-        .register();
-    let sound = (active & !any_nan & ordered).named("sound");
-    // A sound ray's limits are not negative, and another's do not matter.
-    let [tmin, tmax] = [tmin, tmax].map(|limit| m.zero(1).concat(limit.low(w - 1)));
-
+    let (sound, limits) = checked(plan, &m, active, line, limits);
+    let Line { origin, direction } = line;
     m.comment("Reciprocals of the direction, and its sign bits.");
     let reciprocal: Vec<_> = (0..3)
         .map(|i| {
@@ -91,87 +70,20 @@ pub fn module(plan: &Plan, lookahead: u32) -> Result<Arc<Module>, HdlError> {
         .collect();
     let signs = m.concat(&[direction[2].msb(), direction[1].msb(), direction[0].msb()]);
 
-    m.comment("near and far, clipped by the scene's box; in an object's space by (-infinity, +infinity), which never clips.");
-    let infinity = m.lit(u128::from(f.infinity()), w);
-    let minus_infinity = m.lit(u128::from(f.infinity() | f.sign_bit()), w);
-    let (mut near, mut far) = (tmin, tmax);
-    for i in 0..3 {
-        let sign = direction[i].msb();
-        // The box does not change under way: it needs no delay registers to be right at any stage.
-        let (lo, hi) = (p.enter_at(scene_lo[i], 0), p.enter_at(scene_hi[i], 0));
-        let axis = AXES[i];
-        let lo = object
-            .mux(minus_infinity, lo)
-            .hinted(format!("clip_lo_{axis}"));
-        let hi = object.mux(infinity, hi).hinted(format!("clip_hi_{axis}"));
-        let near_plane = sign.mux(hi, lo);
-        let far_plane = sign.mux(lo, hi);
-        let place = |name: String, module: &Arc<Module>, plane| {
-            distance::place(name, module, plane, origin[i], reciprocal[i])
-        };
-        let near_distance = place(format!("near_{}", AXES[i]), &plan.near_distance, near_plane);
-        let far_distance = place(format!("far_{}", AXES[i]), &plan.far_distance, far_plane);
-        let [near_distance, far_distance] =
-            [near_distance, far_distance].map(|distance| distance.known(Known::Result));
-        near = plan
-            .max(
-                format!("near_after_{}", AXES[i]),
-                near.known(Known::Positive),
-                near_distance,
-            )
-            .register();
-        far = plan
-            .min(
-                format!("far_after_{}", AXES[i]),
-                far.known(Known::Number),
-                far_distance,
-            )
-            .register();
-    }
+    let Interval { near, far } = clipped(plan, &p, object, scene, line, &reciprocal, limits);
     let (least, most) = (near.known(Known::Positive), far.known(Known::Number));
     let enters = (sound & less_equal(f, "meets_box", least, most))
         .named("enters")
         .register();
 
-    let mut shear = None;
-    if plan.watertight() {
-        m.comment("The shear that the watertight test turns the ray into the z axis with.");
-        let size: Vec<_> = (0..3)
-            .map(|i| {
-                is_zero(f, direction[i])
-                    .mux(m.zero(w - 1), direction[i].low(w - 1))
-                    .named(format!("size_{}", AXES[i]))
-            })
-            .collect();
-        let y_beats_x = size[1].gt(size[0]).named("y_beats_x").register();
-        let xy_size = y_beats_x.mux(size[1], size[0]);
-        let z_wins = size[2].at(1).gt(xy_size).named("z_wins").register();
-        let y_wins = (y_beats_x & !z_wins).named("y_wins");
-        let kz = z_wins.concat(y_wins).named("kz");
-        let pick = |x, y, z| z_wins.mux(z, y_wins.mux(y, x));
-        let dkx = pick(direction[1], direction[2], direction[0])
-            .named("direction_kx")
-            .register();
-        let dky = pick(direction[2], direction[0], direction[1])
-            .named("direction_ky")
-            .register();
-        let rkz = pick(reciprocal[0], reciprocal[1], reciprocal[2])
-            .named("reciprocal_kz")
-            .register();
-        let of = Shear {
-            kz,
-            shear_x: plan.units.mul("shear_x", dkx, rkz),
-            shear_y: plan.units.mul("shear_y", dky, rkz),
-        };
-        shear = Some((of, rkz));
-    }
+    let shear = (plan.watertight()).then(|| shear(plan, &m, direction, &reciprocal));
     let out = SetUp {
         place,
         object,
         enters,
         interval: Interval { near, far },
         signs,
-        limits: Limits { tmin, tmax },
+        limits,
         any_hit,
         along: [0, 1, 2].map(|i| Along {
             origin: origin[i],
@@ -193,4 +105,130 @@ pub fn module(plan: &Plan, lookahead: u32) -> Result<Arc<Module>, HdlError> {
     };
     ports.outputs.outputs(&m, outputs);
     m.finish()
+}
+
+/// Whether a ray is valid, and its limits, zeros being +0.
+fn checked<'b>(
+    plan: &Plan,
+    m: &'b Builder,
+    active: Signal<'b>,
+    Line { origin, direction }: Line<Signal<'b>>,
+    Limits { tmin, tmax }: Limits<Signal<'b>>,
+) -> (Signal<'b>, Limits<Signal<'b>>) {
+    let (w, f) = (plan.number(), plan.format);
+    m.comment("A ray is valid if it is active, nothing in it is a NaN, and 0 <= tmin <= tmax.");
+    let zero = m.zero(w);
+    let tmin = is_zero(f, tmin).mux(zero, tmin).named("tmin_clean");
+    let tmax = is_zero(f, tmax).mux(zero, tmax).named("tmax_clean");
+    let mut nans: Vec<_> = origin
+        .iter()
+        .chain(&direction)
+        .map(|n| plan.decide(is_nan(f, *n)))
+        .collect();
+    // A tmin that is a NaN is negative, or greater than any tmax but a NaN.
+    nans.push(plan.decide(is_nan(f, tmax)));
+    let any_nan = m.or_all(&nans).named("any_nan").register();
+    // What it says of a NaN does not matter.
+    let [least, most] = [tmin, tmax].map(|limit| limit.known(Known::Number));
+    let not_negative = less_equal(f, "tmin_not_negative", zero.known(Known::Positive), least);
+    let ordered = (not_negative & less_equal(f, "tmin_not_behind_tmax", least, most))
+        .named("ordered")
+        .register();
+    let sound = (active & !any_nan & ordered).named("sound");
+    // A sound ray's limits are not negative, and another's do not matter.
+    let [tmin, tmax] = [tmin, tmax].map(|limit| m.zero(1).concat(limit.low(w - 1)));
+    (sound, Limits { tmin, tmax })
+}
+
+/// A ray's interval within its limits and the scene's box, whose least and greatest corner are `scene`.
+fn clipped<'b>(
+    plan: &Plan,
+    p: &Pipeline<'b>,
+    object: Signal<'b>,
+    scene: [[Signal<'b>; 3]; 2],
+    line: Line<Signal<'b>>,
+    reciprocal: &[Signal<'b>],
+    limits: Limits<Signal<'b>>,
+) -> Interval<Signal<'b>> {
+    let (w, f, m) = (plan.number(), plan.format, object.module());
+    let [scene_lo, scene_hi] = scene;
+    m.comment("near and far, clipped by the scene's box; in an object's space by (-infinity, +infinity), which never clips.");
+    let infinity = m.lit(u128::from(f.infinity()), w);
+    let minus_infinity = m.lit(u128::from(f.infinity() | f.sign_bit()), w);
+    let Limits {
+        tmin: mut near,
+        tmax: mut far,
+    } = limits;
+    for (i, axis) in AXES.iter().enumerate() {
+        let sign = line.direction[i].msb();
+        // The box does not change under way: it needs no delay registers to be right at any stage.
+        let (lo, hi) = (p.enter_at(scene_lo[i], 0), p.enter_at(scene_hi[i], 0));
+        let lo = object
+            .mux(minus_infinity, lo)
+            .hinted(format!("clip_lo_{axis}"));
+        let hi = object.mux(infinity, hi).hinted(format!("clip_hi_{axis}"));
+        let near_plane = sign.mux(hi, lo);
+        let far_plane = sign.mux(lo, hi);
+        let place = |name: String, module: &Arc<Module>, plane| {
+            distance::place(name, module, plane, line.origin[i], reciprocal[i])
+        };
+        let near_distance = place(format!("near_{axis}"), &plan.near_distance, near_plane);
+        let far_distance = place(format!("far_{axis}"), &plan.far_distance, far_plane);
+        let [near_distance, far_distance] =
+            [near_distance, far_distance].map(|distance| distance.known(Known::Result));
+        near = plan
+            .max(
+                format!("near_after_{axis}"),
+                near.known(Known::Positive),
+                near_distance,
+            )
+            .register();
+        far = plan
+            .min(
+                format!("far_after_{axis}"),
+                far.known(Known::Number),
+                far_distance,
+            )
+            .register();
+    }
+    Interval { near, far }
+}
+
+/// What the watertight test shears a ray by, and the reciprocal of the direction's greatest component.
+fn shear<'b>(
+    plan: &Plan,
+    m: &'b Builder,
+    direction: [Signal<'b>; 3],
+    reciprocal: &[Signal<'b>],
+) -> (Shear<Signal<'b>>, Signal<'b>) {
+    let (w, f) = (plan.number(), plan.format);
+    m.comment("The shear that the watertight test turns the ray into the z axis with.");
+    let size: Vec<_> = (0..3)
+        .map(|i| {
+            is_zero(f, direction[i])
+                .mux(m.zero(w - 1), direction[i].low(w - 1))
+                .named(format!("size_{}", AXES[i]))
+        })
+        .collect();
+    let y_beats_x = size[1].gt(size[0]).named("y_beats_x").register();
+    let xy_size = y_beats_x.mux(size[1], size[0]);
+    let z_wins = size[2].at(1).gt(xy_size).named("z_wins").register();
+    let y_wins = (y_beats_x & !z_wins).named("y_wins");
+    let kz = z_wins.concat(y_wins).named("kz");
+    let pick = |x, y, z| z_wins.mux(z, y_wins.mux(y, x));
+    let dkx = pick(direction[1], direction[2], direction[0])
+        .named("direction_kx")
+        .register();
+    let dky = pick(direction[2], direction[0], direction[1])
+        .named("direction_ky")
+        .register();
+    let rkz = pick(reciprocal[0], reciprocal[1], reciprocal[2])
+        .named("reciprocal_kz")
+        .register();
+    let of = Shear {
+        kz,
+        shear_x: plan.units.mul("shear_x", dkx, rkz),
+        shear_y: plan.units.mul("shear_y", dky, rkz),
+    };
+    (of, rkz)
 }

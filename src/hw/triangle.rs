@@ -151,6 +151,62 @@ mod own_box {
 /// Pairs of numbers that are added at once while the test accumulates.
 const PAIRS: usize = 6;
 
+/// A triangle's own box, and what makes the triangle degenerate.
+struct OwnBox<'b> {
+    /// Least and greatest coordinate on each axis.
+    sides: Vec<(Signal<'b>, Signal<'b>)>,
+    /// Whether they are equal.
+    flat: Vec<Signal<'b>>,
+    /// Whether the first and second vertex are equal on each axis, the second and third, the third and first.
+    same: [Vec<Signal<'b>>; 3],
+}
+
+impl<'b> OwnBox<'b> {
+    fn of(plan: &Plan, m: &'b Builder, v: [Vector<'b>; 3]) -> OwnBox<'b> {
+        let f = plan.format;
+        let mut sides = vec![];
+        let mut flat = vec![];
+        let mut same = [vec![], vec![], vec![]];
+        // A vertex with a NaN makes the ray miss by its determinant, whatever the box is; and of zeros any may be the box's.
+        fn any_zero<'b>(coordinate: Signal<'b>) -> Operand<'b> {
+            coordinate.known(Known::Number)
+        }
+        fn number<'b>(coordinate: Signal<'b>) -> Operand<'b> {
+            coordinate.known(Known::NoNan)
+        }
+        for (i, x) in AXES.iter().enumerate() {
+            m.comment(format!("The box on the {x} axis."));
+            let [v0, v1, v2] = [0, 1, 2].map(|k: usize| any_zero(v[k][i]));
+            let lo = plan.settle(plan.min(format!("lo01_{x}"), v0, v1));
+            let hi = plan.settle(plan.max(format!("hi01_{x}"), v0, v1));
+            let lo = plan.min(format!("lo_{x}"), any_zero(lo), v2).register();
+            let hi = plan.max(format!("hi_{x}"), any_zero(hi), v2).register();
+            sides.push((lo, hi));
+            let name = format!("flat_{x}");
+            let is_flat = equal(f, &name, number(lo), number(hi)).named(&name);
+            flat.push(is_flat.register());
+            for (pair, (j, k)) in [(0, 1), (1, 2), (2, 0)].into_iter().enumerate() {
+                let name = format!("same{j}{k}_{x}");
+                let is_same = equal(f, &name, number(v[j][i]), number(v[k][i]));
+                same[pair].push(is_same.named(name).register());
+            }
+        }
+        OwnBox { sides, flat, same }
+    }
+
+    fn is_degenerate(&self, m: &'b Builder) -> Signal<'b> {
+        m.comment("Degenerate: two vertices are equal, or the box is flat on two axes.");
+        let flat_on = |i: usize, j: usize| {
+            (self.flat[i] & self.flat[j]).hinted(format!("flat_{}{}", AXES[i], AXES[j]))
+        };
+        let flats = [flat_on(0, 1), flat_on(1, 2), flat_on(2, 0)];
+        let sames = (self.same.iter().zip(["same01", "same12", "same20"]))
+            .map(|(axes, name)| m.and_all(axes).hinted(name));
+        let same = m.or_all(&sames.collect::<Vec<_>>()).hinted("any_same");
+        (m.or_all(&flats) | same).named("any_degenerate").register()
+    }
+}
+
 /// The ray's interval in the triangle's own box, and whether the triangle is degenerate.
 fn triangle_box(plan: &Plan) -> Result<Arc<Module>, HdlError> {
     let f = plan.format;
@@ -167,35 +223,8 @@ fn triangle_box(plan: &Plan) -> Result<Arc<Module>, HdlError> {
     let reciprocal = inputs.reciprocal.each_ref().map(|x| x.input_at(&p, 0));
     let signs = inputs.signs.input_at(&p, 0);
 
-    let mut boxes = vec![];
-    let mut flat = vec![];
-    let mut same = [vec![], vec![], vec![]];
-    // A vertex with a NaN makes the ray miss by its determinant, whatever the box is; and of zeros any may be the box's.
-    fn any_zero<'b>(coordinate: Signal<'b>) -> Operand<'b> {
-        coordinate.known(Known::Number)
-    }
-    fn number<'b>(coordinate: Signal<'b>) -> Operand<'b> {
-        coordinate.known(Known::NoNan)
-    }
-    for (i, x) in AXES.iter().enumerate() {
-        m.comment(format!("The box on the {x} axis."));
-        let [v0, v1, v2] = [0, 1, 2].map(|k: usize| any_zero(v[k][i]));
-        let lo = plan.settle(plan.min(format!("lo01_{x}"), v0, v1));
-        let hi = plan.settle(plan.max(format!("hi01_{x}"), v0, v1));
-        let lo = plan.min(format!("lo_{x}"), any_zero(lo), v2).register();
-        let hi = plan.max(format!("hi_{x}"), any_zero(hi), v2).register();
-        boxes.push((lo, hi));
-        let name = format!("flat_{x}");
-        let is_flat = equal(f, &name, number(lo), number(hi)).named(&name);
-        flat.push(is_flat.register());
-        for (pair, (j, k)) in [(0, 1), (1, 2), (2, 0)].into_iter().enumerate() {
-            let name = format!("same{j}{k}_{x}");
-            let is_same = equal(f, &name, number(v[j][i]), number(v[k][i]));
-            same[pair].push(is_same.named(name).register());
-        }
-    }
-
-    let planes_at = boxes[0].0.stage();
+    let own = OwnBox::of(plan, &m, v);
+    let planes_at = own.sides[0].0.stage();
     let accumulate = inputs.accumulate.input_at(&p, planes_at);
     let Pairs { sum_a, sum_b } = &inputs.pairs;
     let pairs: Vec<_> = std::iter::zip(sum_a, sum_b)
@@ -219,7 +248,7 @@ fn triangle_box(plan: &Plan) -> Result<Arc<Module>, HdlError> {
     let mut interval: Option<(Signal<'_>, Signal<'_>)> = None;
     for (i, x) in AXES.iter().enumerate() {
         m.comment(format!("Clipped on the {x} axis."));
-        let (lo, hi) = boxes[i];
+        let (lo, hi) = own.sides[i];
         let sign = signs.part(x, i as u32, 1);
         let near_plane = sign.mux(hi, lo);
         let n = plane_distance(&format!("near_{x}"), i, i, near_plane, distance::NEAR_SLACK);
@@ -252,14 +281,7 @@ fn triangle_box(plan: &Plan) -> Result<Arc<Module>, HdlError> {
         ));
     }
     let (near, far) = interval.expect("three axes");
-    m.comment("Degenerate: two vertices are equal, or the box is flat on two axes.");
-    let flat_on =
-        |i: usize, j: usize| (flat[i] & flat[j]).hinted(format!("flat_{}{}", AXES[i], AXES[j]));
-    let flats = [flat_on(0, 1), flat_on(1, 2), flat_on(2, 0)];
-    let sames = (same.iter().zip(["same01", "same12", "same20"]))
-        .map(|(axes, name)| m.and_all(axes).hinted(name));
-    let same = m.or_all(&sames.collect::<Vec<_>>()).hinted("any_same");
-    let degenerate = (m.or_all(&flats) | same).named("any_degenerate").register();
+    let degenerate = own.is_degenerate(&m);
     let [near_end, far_end] = [near, far].map(|end| end.known(Known::Number));
     let empty = less(f, "empty_interval", far_end, near_end)
         .named("empty_interval")
@@ -448,9 +470,164 @@ fn moller_trumbore(plan: &Plan) -> Result<Arc<Module>, HdlError> {
     m.finish()
 }
 
+/// The vertices in the ray's frame, in which the ray runs along z. In a matrix slot, the columns.
+struct Sheared<'b> {
+    a: Vector<'b>,
+    b: Vector<'b>,
+    c: Vector<'b>,
+}
+
+impl<'b> Sheared<'b> {
+    fn of(plan: &Plan, m: &'b Builder, inputs: &Shared<'b>) -> Sheared<'b> {
+        let units = &plan.units;
+        let Shared {
+            p,
+            ports,
+            lender,
+            vertices,
+            origin,
+        } = inputs;
+        let shear = (ports.inputs.shear.as_ref()).expect("this test needs it");
+        let Shear {
+            kz,
+            shear_x,
+            shear_y,
+        } = shear.inputs_at(p, 0);
+        let shear = [shear_x, shear_y];
+
+        m.comment("Matrix: the columns pass as if seen from the origin and along z; the point takes the shear's way.");
+        let o = [0, 1, 2].map(|i| inputs.subtracted(&format!("seen_from_{}", AXES[i]), origin[i]));
+        let kz = lender.choice("axis", kz, m.zero(2));
+        let [along_x, along_y] = [0, 1].map(|i| {
+            let name = format!("shear_or_point_{}", AXES[i]);
+            lender.choice(&name, shear[i], origin[i])
+        });
+
+        m.comment("The vertices a, b, c, seen from the origin, their axes turned.");
+        let names = ["a", "b", "c"];
+        let seen = [0, 1, 2].map(|i| difference(plan, names[i], vertices[i], o));
+        // kz names an axis; kx and ky follow it cyclically. In a matrix slot component x is where kz is, and so on.
+        let pick = |i: usize, choices: [usize; 3]| m.select(kz, &choices.map(|axis| seen[i][axis]));
+        let turned = [0, 1, 2].map(|i| {
+            let turn = |what: &str, choices| {
+                let name = format!("{}_{what}", names[i]);
+                pick(i, choices).named(name).register()
+            };
+            let z = turn("kz", [0, 1, 2]);
+            [turn("kx", [1, 2, 0]), turn("ky", [2, 0, 1]), z]
+        });
+        let [a_turned, b_turned, c_turned] = turned;
+        m.comment("What shears them. Matrix: the products of column x (by shear x) and y (by shear y), each component once.");
+        let shift = |i: usize, along: usize, column: usize, component: usize| {
+            let name = format!("{}{}_shift", names[i], AXES[along]);
+            // Chosen before the register that turns the axes has anyway.
+            let z = match (i, component) {
+                (i, 0) if i == column => turned[i][2],
+                _ => {
+                    let own = pick(i, [0, 1, 2]);
+                    lender
+                        .choice(&format!("{name}_factor"), own, seen[column][component])
+                        .register()
+                }
+            };
+            units.mul(name, [along_x, along_y][along], z)
+        };
+        let [ax_shift, bx_shift, cx_shift] =
+            [(0, 0), (1, 2), (2, 1)].map(|(i, x)| shift(i, 0, 0, x));
+        let [ay_shift, by_shift, cy_shift] =
+            [(0, 1), (1, 0), (2, 2)].map(|(i, x)| shift(i, 1, 1, x));
+        m.comment(
+            "Sheared. Matrix: the sum of columns x and y in ax, ay, bx; column z passes in cx, cy.",
+        );
+        let ax = units.sub(
+            "ax",
+            lender.term("ax_minuend", a_turned[0], by_shift),
+            lender.added("ax_subtrahend", ax_shift),
+        );
+        let ay = units.sub(
+            "ay",
+            lender.term("ay_minuend", a_turned[1], cx_shift),
+            lender.added("ay_subtrahend", ay_shift),
+        );
+        let bx = units.sub(
+            "bx",
+            lender.term("bx_minuend", b_turned[0], cy_shift),
+            lender.added("bx_subtrahend", bx_shift),
+        );
+        let by = units.sub("by", b_turned[1], by_shift);
+        let cx = units.sub(
+            "cx",
+            c_turned[0],
+            inputs.subtracted("cx_subtrahend", cx_shift),
+        );
+        let cy = units.sub(
+            "cy",
+            c_turned[1],
+            inputs.subtracted("cy_subtrahend", cy_shift),
+        );
+        Sheared {
+            a: [ax, ay, a_turned[2]],
+            b: [bx, by, b_turned[2]],
+            c: [cx, cy, c_turned[2]],
+        }
+    }
+
+    /// The edge functions u, v, w.
+    fn edges(&self, plan: &Plan, m: &'b Builder, inputs: &Shared<'b>) -> Vector<'b> {
+        let (units, lender) = (&plan.units, &inputs.lender);
+        let point_z = inputs.origin[2];
+        let ([ax, ay, _], [bx, by, _], [cx, cy, cz]) = (self.a, self.b, self.c);
+        let columns_xy = [ax, ay, bx];
+        let column_z = [cz, cx, cy];
+        m.comment(
+            "Edge functions. Matrix: plus the products of column z, which is added to the sum.",
+        );
+        let eu_plus = units.mul(
+            "eu_plus",
+            column_z[1],
+            lender.factor("eu_factor", by, point_z),
+        );
+        let eu_minus = units.mul("eu_minus", cy, bx);
+        let ev_plus = units.mul(
+            "ev_plus",
+            lender.factor("ev_factor", ax, point_z),
+            column_z[2],
+        );
+        let ev_minus = units.mul("ev_minus", ay, cx);
+        let ew_plus = units.mul(
+            "ew_plus",
+            lender.factor("ew_factor_b", bx, column_z[0]),
+            lender.factor("ew_factor_a", ay, point_z),
+        );
+        let ew_minus = units.mul("ew_minus", by, ax);
+        let edge = |name: &str, plus, minus, component: usize| {
+            let minus =
+                lender.subtrahend(&format!("{name}_subtrahend"), minus, columns_xy[component]);
+            units.sub(name, plus, minus)
+        };
+        [
+            edge("eu", eu_plus, eu_minus, 1),
+            edge("ev", ev_plus, ev_minus, 2),
+            edge("ew", ew_plus, ew_minus, 0),
+        ]
+    }
+}
+
+/// Whether some edge function is negative, and whether some is positive, a register behind them.
+fn edge_signs<'b>(plan: &Plan, m: &'b Builder, [eu, ev, ew]: Vector<'b>) -> [Signal<'b>; 2] {
+    let f = plan.format;
+    let none = m.zero(plan.number()).known(Known::Positive);
+    let edges =
+        [("eu", eu), ("ev", ev), ("ew", ew)].map(|(name, e)| (name, e.known(Known::Result)));
+    let negative = edges.map(|(name, e)| less(f, format!("{name}_negative"), e, none));
+    let some_negative = m.or_all(&negative).named("some_negative").register();
+    let positive = edges.map(|(name, e)| less(f, format!("{name}_positive"), none, e));
+    let some_positive = m.or_all(&positive).named("some_positive").register();
+    [some_negative, some_positive]
+}
+
 /// The watertight test of Woop, Benthin and Wald: t, u, v and whether the ray misses, before the box and the limits; a moved point.
 fn watertight(plan: &Plan) -> Result<Arc<Module>, HdlError> {
-    let w = plan.number();
     let f = plan.format;
     let units = &plan.units;
     let m = Builder::new(
@@ -459,132 +636,11 @@ fn watertight(plan: &Plan) -> Result<Arc<Module>, HdlError> {
          Its operators also apply a matrix to a point.",
     );
     let inputs = Shared::new(&m, plan);
-    let Shared {
-        ref p,
-        ref lender,
-        vertices,
-        origin,
-        ..
-    } = inputs;
-    let shear = (inputs.ports.inputs.shear.as_ref()).expect("this test needs it");
-    let Shear {
-        kz,
-        shear_x,
-        shear_y,
-    } = shear.inputs_at(p, 0);
-    let shear = [shear_x, shear_y];
-    let zero = m.zero(w);
-
-    m.comment("Matrix: the columns pass as if seen from the origin and along z; the point takes the shear's way.");
-    let o = [0, 1, 2].map(|i| inputs.subtracted(&format!("seen_from_{}", AXES[i]), origin[i]));
-    let kz = lender.choice("axis", kz, m.zero(2));
-    let [along_x, along_y] = [0, 1].map(|i| {
-        let name = format!("shear_or_point_{}", AXES[i]);
-        lender.choice(&name, shear[i], origin[i])
-    });
-    let point_z = origin[2];
-
-    m.comment("The vertices a, b, c, seen from the origin, their axes turned.");
-    let names = ["a", "b", "c"];
-    let seen = [0, 1, 2].map(|i| difference(plan, names[i], vertices[i], o));
-    // kz names an axis; kx and ky follow it cyclically. In a matrix slot component x is where kz is, and so on.
-    let pick = |i: usize, choices: [usize; 3]| m.select(kz, &choices.map(|axis| seen[i][axis]));
-    let turned = [0, 1, 2].map(|i| {
-        let turn = |what: &str, choices| {
-            let name = format!("{}_{what}", names[i]);
-            pick(i, choices).named(name).register()
-        };
-        let z = turn("kz", [0, 1, 2]);
-        [turn("kx", [1, 2, 0]), turn("ky", [2, 0, 1]), z]
-    });
-    let [a_turned, b_turned, c_turned] = turned;
-    m.comment("What shears them. Matrix: the products of column x (by shear x) and y (by shear y), each component once.");
-    let shift = |i: usize, along: usize, column: usize, component: usize| {
-        let name = format!("{}{}_shift", names[i], AXES[along]);
-        // Chosen before the register that turns the axes has anyway.
-        let z = match (i, component) {
-            (i, 0) if i == column => turned[i][2],
-            _ => {
-                let own = pick(i, [0, 1, 2]);
-                lender
-                    .choice(&format!("{name}_factor"), own, seen[column][component])
-                    .register()
-            }
-        };
-        units.mul(name, [along_x, along_y][along], z)
-    };
-    let [ax_shift, bx_shift, cx_shift] = [(0, 0), (1, 2), (2, 1)].map(|(i, x)| shift(i, 0, 0, x));
-    let [ay_shift, by_shift, cy_shift] = [(0, 1), (1, 0), (2, 2)].map(|(i, x)| shift(i, 1, 1, x));
-    m.comment(
-        "Sheared. Matrix: the sum of columns x and y in ax, ay, bx; column z passes in cx, cy.",
-    );
-    let ax = units.sub(
-        "ax",
-        lender.term("ax_minuend", a_turned[0], by_shift),
-        lender.added("ax_subtrahend", ax_shift),
-    );
-    let ay = units.sub(
-        "ay",
-        lender.term("ay_minuend", a_turned[1], cx_shift),
-        lender.added("ay_subtrahend", ay_shift),
-    );
-    let bx = units.sub(
-        "bx",
-        lender.term("bx_minuend", b_turned[0], cy_shift),
-        lender.added("bx_subtrahend", bx_shift),
-    );
-    let by = units.sub("by", b_turned[1], by_shift);
-    let cx = units.sub(
-        "cx",
-        c_turned[0],
-        lender.term("cx_subtrahend", cx_shift, zero),
-    );
-    let cy = units.sub(
-        "cy",
-        c_turned[1],
-        lender.term("cy_subtrahend", cy_shift, zero),
-    );
-    let [az, bz, cz] = [a_turned[2], b_turned[2], c_turned[2]];
-    let columns_xy = [ax, ay, bx];
-    let column_z = [cz, cx, cy];
-
-    m.comment("Edge functions. Matrix: plus the products of column z, which is added to the sum.");
-    let eu_plus = units.mul(
-        "eu_plus",
-        column_z[1],
-        lender.factor("eu_factor", by, point_z),
-    );
-    let eu_minus = units.mul("eu_minus", cy, bx);
-    let ev_plus = units.mul(
-        "ev_plus",
-        lender.factor("ev_factor", ax, point_z),
-        column_z[2],
-    );
-    let ev_minus = units.mul("ev_minus", ay, cx);
-    let ew_plus = units.mul(
-        "ew_plus",
-        lender.factor("ew_factor_b", bx, column_z[0]),
-        lender.factor("ew_factor_a", ay, point_z),
-    );
-    let ew_minus = units.mul("ew_minus", by, ax);
-    let edge = |name: &str, plus, minus, component: usize| {
-        let minus = lender.subtrahend(&format!("{name}_subtrahend"), minus, columns_xy[component]);
-        units.sub(name, plus, minus)
-    };
-    let eu = edge("eu", eu_plus, eu_minus, 1);
-    let ev = edge("ev", ev_plus, ev_minus, 2);
-    let ew = edge("ew", ew_plus, ew_minus, 0);
-    let none = zero.known(Known::Positive);
-    let edges =
-        [("eu", eu), ("ev", ev), ("ew", ew)].map(|(name, e)| (name, e.known(Known::Result)));
-    let some_negative = m
-        .or_all(&edges.map(|(name, e)| less(f, format!("{name}_negative"), e, none)))
-        .named("some_negative")
-        .register();
-    let some_positive = m
-        .or_all(&edges.map(|(name, e)| less(f, format!("{name}_positive"), none, e)))
-        .named("some_positive")
-        .register();
+    let Shared { p, lender, .. } = &inputs;
+    let sheared = Sheared::of(plan, &m, &inputs);
+    let [eu, ev, ew] = sheared.edges(plan, &m, &inputs);
+    let ([_, _, az], [_, _, bz], [_, _, cz]) = (sheared.a, sheared.b, sheared.c);
+    let [some_negative, some_positive] = edge_signs(plan, &m, [eu, ev, ew]);
     m.comment(
         "det = (U + V) + W, i = 1 / det. Matrix: the translation is added, y in U + V, x in det.",
     );

@@ -1,6 +1,7 @@
 //! `sim/check_vectors.py`, the checker that knows only the pages: it finds nothing wrong with vectors as they are written, and notices a changed
 //! digit in every kind of file.
 
+use crate::seed::seed;
 use fastrand::Rng;
 use serde_json::{Value, json};
 use sha2::{Digest, Sha256};
@@ -228,14 +229,6 @@ fn notices(scratch: &Path, good: &Path, file: &str, rng: &mut Rng) -> Result<(),
         "{done}: {said}"
     );
     Ok(())
-}
-
-/// The seed: random, or `DYNRT_SEED`.
-fn seed() -> u64 {
-    match std::env::var("DYNRT_SEED") {
-        Ok(seed) => seed.parse().unwrap(),
-        Err(_) => fastrand::u64(..),
-    }
 }
 
 #[test]

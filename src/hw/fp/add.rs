@@ -1,10 +1,10 @@
 //! Addition and subtraction: align, add, normalise, round.
 
 use super::binary;
-use super::fields::{Special, operand, pack};
+use super::fields::{Fields, Special, operand, pack};
 use super::schedule::{FAN_OUT, LOGIC, SHIFT, Schedule, Step, chain, reduction};
 use crate::float::{Format, plain};
-use crate::hdl::{Builder, HdlError, Module, Specs, bits_for};
+use crate::hdl::{Builder, HdlError, Module, Signal, Specs, bits_for};
 use std::sync::Arc;
 
 /// Bits by which the smaller significand is shifted at most: beyond its width and two more it is only sticky.
@@ -121,6 +121,168 @@ pub fn directed_cases(format: Format) -> Vec<(u64, u64)> {
     cases
 }
 
+/// The operands in the order of their magnitudes, the smaller one moved to where it is added.
+struct Aligned<'b> {
+    big_sign: Signal<'b>,
+    big_exponent: Signal<'b>,
+    big_fraction: Signal<'b>,
+    /// The smaller significand, and two bits behind it.
+    small: Signal<'b>,
+    /// Whether a one was shifted out behind these.
+    sticky: Signal<'b>,
+    subtracting: Signal<'b>,
+    both_are_special: Signal<'b>,
+}
+
+/// Finds the operand of the greater magnitude, and aligns the other.
+fn align<'b>(format: Format, plan: &Schedule, a: Fields<'b>, b: Fields<'b>) -> Aligned<'b> {
+    let m = a.sign.module();
+    let (e, f) = (format.exponent_bits(), format.fraction_bits());
+    m.comment("The operand of the greater magnitude, and by how many bits the other must move.");
+    crate::named! {
+        let swap = a.magnitude.lt(b.magnitude);
+        let exponent_difference = a.exponent.extend(e + 1) - b.exponent.extend(e + 1);
+        let distance = exponent_difference.msb().mux(
+            b.exponent - a.exponent,
+            exponent_difference.low(e),
+        );
+        let subtracting = a.sign ^ b.sign;
+        let both_are_special = a.exponent.all() & b.exponent.all();
+        let either_is_zero = a.exponent.is_zero() | b.exponent.is_zero();
+    }
+    let shift_bits = align_bits(format);
+    // A zero's fraction means nothing, and so does that of an operand that is too far away.
+    let (small_is_nothing, small_is_far) = if shift_bits < e {
+        let far = distance.bits(e - 1, shift_bits).any().named("too_far");
+        let nothing = (either_is_zero | far).named("small_vanishes");
+        (nothing, (far & !either_is_zero).hinted("small_is_far"))
+    } else {
+        (either_is_zero, m.zero(1))
+    };
+
+    let small_is_kept = (!small_is_nothing).hinted("small_is_kept");
+    let at = plan.at("swap");
+    let swap = swap.at(at);
+    crate::named! {
+        let big_sign = swap.mux(b.sign, a.sign);
+        let big_exponent = swap.mux(b.exponent, a.exponent);
+        let big_fraction = swap.mux(b.fraction, a.fraction);
+        let small_fraction =
+            swap.mux(a.fraction, b.fraction) & small_is_kept.at(at).repeat(f);
+    }
+    m.comment("Align the smaller significand; a sticky bit collects what is shifted out.");
+    let mut small = m
+        .concat(&[small_is_kept.at(at), small_fraction, m.zero(2)])
+        .named("unaligned");
+    let mut sticky = small_is_far.at(at);
+    let width = small.width();
+    for level in (0..shift_bits).rev() {
+        let by = 1 << level;
+        let at = plan.at(format!("align by {by}"));
+        let (select, word) = (
+            distance.part(format!("by_{by}"), level, 1).at(at),
+            small.at(at),
+        );
+        let lost = word.low(by.min(width)).any();
+        let shifted = if by < width {
+            word.high(width - by).extend(width)
+        } else {
+            m.zero(width)
+        };
+        small = select
+            .mux(shifted, word)
+            .named(format!("aligned_within_{by}"));
+        sticky = (sticky.at(at) | (select & lost)).named(format!("sticky_within_{by}"));
+    }
+    Aligned {
+        big_sign,
+        big_exponent,
+        big_fraction,
+        small,
+        sticky,
+        subtracting,
+        both_are_special,
+    }
+}
+
+/// Both significands added.
+struct Sum<'b> {
+    /// A bit for the carry, the significand, three bits to round by.
+    significand: Signal<'b>,
+    /// The greater operand's exponent, plus 2.
+    exponent_plus_2: Signal<'b>,
+    /// Sign, whether it is an infinity or a NaN, and whether it is a NaN.
+    status: Signal<'b>,
+}
+
+/// Adds the significands, and says what becomes of special operands.
+fn sum<'b>(format: Format, plan: &Schedule, operands: &Aligned<'b>) -> Sum<'b> {
+    let m = operands.sticky.module();
+    let f = format.fraction_bits();
+    m.comment("The sum: carry, significand, three bits to round by. It is never negative.");
+    let at = plan.at("add");
+    let x = exponent_width(format);
+    let (aligned, subtracting) = (operands.small.at(at), operands.subtracting.at(at));
+    crate::named! {
+        let augend = m.concat(&[
+            m.lit(1u8, 2),
+            operands.big_fraction.at(at),
+            m.zero(2),
+            subtracting,
+        ]);
+        // In parts, not as one word: so Yosys takes it for the second operand of the sum, whose complement costs nothing.
+        let addend = m.concat(&[
+            subtracting,
+            aligned.msb() ^ subtracting,
+            aligned.field(2, f) ^ subtracting.repeat(f),
+            aligned.low(2) ^ subtracting.repeat(2),
+            operands.sticky.at(at) ^ subtracting,
+        ]);
+        let sum = augend + addend;
+    }
+    m.comment(
+        "A NaN or an infinity is always the greater operand. Infinities of the same sign add to one.",
+    );
+    let [big_fraction, big_exponent] =
+        [operands.big_fraction, operands.big_exponent].map(|field| field.at(at));
+    crate::named! {
+        let big_is_special = big_exponent.all();
+        let nan = big_is_special
+            & (big_fraction.any() | (operands.both_are_special.at(at) & subtracting));
+        let status = m.concat(&[operands.big_sign.at(at), big_is_special, nan]);
+        let exponent_plus_2 = big_exponent.extend(x) + m.lit(2u8, x);
+    }
+    Sum {
+        significand: sum,
+        exponent_plus_2,
+        status,
+    }
+}
+
+/// Moves the leading one of a sum to the front. Returns the sum, and the bits of how far it was moved.
+fn normalise<'b>(
+    format: Format,
+    plan: &Schedule,
+    sum: Signal<'b>,
+) -> (Signal<'b>, Vec<Signal<'b>>) {
+    let m = sum.module();
+    let width = sum_width(format);
+    m.comment("Normalise: the leading one moves to the front, to where a carry would be.");
+    let mut normal = sum;
+    let mut shift = vec![];
+    for level in (0..normalise_bits(format)).rev() {
+        let by = 1 << level;
+        let word = normal.at(plan.at(format!("normalise by {by}")));
+        let empty = word.high(by).is_zero().named(format!("zeros_{by}"));
+        let shifted = word.low(width - by).concat(m.zero(by));
+        normal = empty
+            .mux(shifted, word)
+            .named(format!("normal_within_{by}"));
+        shift.push(empty);
+    }
+    (normal, shift)
+}
+
 /// The module `fp_add`, or `fp_sub`.
 pub fn module(format: Format, clock_mhz: u32, subtract: bool) -> Result<Arc<Module>, HdlError> {
     let (e, f) = (format.exponent_bits(), format.fraction_bits());
@@ -139,114 +301,14 @@ pub fn module(format: Format, clock_mhz: u32, subtract: bool) -> Result<Arc<Modu
     let binary::Inputs { a, b } = ports.inputs.inputs_at(&p, 0);
     let (a, b) = (operand(format, "a", a), operand(format, "b", b));
 
-    m.comment("The operand of the greater magnitude, and by how many bits the other must move.");
-    crate::named! {
-        let swap = a.magnitude.lt(b.magnitude);
-        let exponent_difference = a.exponent.extend(e + 1) - b.exponent.extend(e + 1);
-        let distance = exponent_difference.msb().mux(
-            b.exponent - a.exponent,
-            exponent_difference.low(e),
-        );
-    }
     let b_sign = if subtract { !b.sign } else { b.sign };
-    let b_sign = b_sign.hinted("sign_of_addend");
-    crate::named! {
-        let subtracting = a.sign ^ b_sign;
-        let both_are_special = a.exponent.all() & b.exponent.all();
-        let either_is_zero = a.exponent.is_zero() | b.exponent.is_zero();
-    }
-    let shift_bits = align_bits(format);
-    // A zero's fraction means nothing, and so does that of an operand that is too far away.
-    let (small_is_nothing, small_is_far) = if shift_bits < e {
-        let far = distance.bits(e - 1, shift_bits).any().named("too_far");
-        let nothing = (either_is_zero | far).named("small_vanishes");
-        (nothing, (far & !either_is_zero).hinted("small_is_far"))
-    } else {
-        (either_is_zero, m.zero(1))
+    let b = Fields {
+        sign: b_sign.hinted("sign_of_addend"),
+        ..b
     };
-
-    let small_is_kept = (!small_is_nothing).hinted("small_is_kept");
-    let at = plan.at("swap");
-    let swap = swap.at(at);
-    crate::named! {
-        let big_sign = swap.mux(b_sign, a.sign);
-        let big_exponent = swap.mux(b.exponent, a.exponent);
-        let big_fraction = swap.mux(b.fraction, a.fraction);
-        let small_fraction =
-            swap.mux(a.fraction, b.fraction) & small_is_kept.at(at).repeat(f);
-    }
-    m.comment("Align the smaller significand; a sticky bit collects what is shifted out.");
-    let mut aligned = m
-        .concat(&[small_is_kept.at(at), small_fraction, m.zero(2)])
-        .named("unaligned");
-    let mut sticky = small_is_far.at(at);
-    let width = aligned.width();
-    for level in (0..shift_bits).rev() {
-        let by = 1 << level;
-        let at = plan.at(format!("align by {by}"));
-        let (select, word) = (
-            distance.part(format!("by_{by}"), level, 1).at(at),
-            aligned.at(at),
-        );
-        let lost = word.low(by.min(width)).any();
-        let shifted = if by < width {
-            word.high(width - by).extend(width)
-        } else {
-            m.zero(width)
-        };
-        aligned = select
-            .mux(shifted, word)
-            .named(format!("aligned_within_{by}"));
-        sticky = (sticky.at(at) | (select & lost)).named(format!("sticky_within_{by}"));
-    }
-
-    m.comment("The sum: carry, significand, three bits to round by. It is never negative.");
-    let at = plan.at("add");
-    let x = exponent_width(format);
-    let (aligned, subtracting_here) = (aligned.at(at), subtracting.at(at));
-    crate::named! {
-        let augend = m.concat(&[
-            m.lit(1u8, 2),
-            big_fraction.at(at),
-            m.zero(2),
-            subtracting_here,
-        ]);
-        // In parts, not as one word: so Yosys takes it for the second operand of the sum, whose complement costs nothing.
-        let addend = m.concat(&[
-            subtracting_here,
-            aligned.msb() ^ subtracting_here,
-            aligned.field(2, f) ^ subtracting_here.repeat(f),
-            aligned.low(2) ^ subtracting_here.repeat(2),
-            sticky.at(at) ^ subtracting_here,
-        ]);
-        let sum = augend + addend;
-    }
-    m.comment(
-        "A NaN or an infinity is always the greater operand. Infinities of the same sign add to one.",
-    );
-    let (big_fraction, big_exponent) = (big_fraction.at(at), big_exponent.at(at));
-    crate::named! {
-        let big_is_special = big_exponent.all();
-        let nan = big_is_special
-            & (big_fraction.any() | (both_are_special.at(at) & subtracting_here));
-        let status = m.concat(&[big_sign.at(at), big_is_special, nan]);
-        let exponent_plus_2 = big_exponent.extend(x) + m.lit(2u8, x);
-    }
-
-    let width = sum_width(format);
-    m.comment("Normalise: the leading one moves to the front, to where a carry would be.");
-    let mut normal = sum;
-    let mut shift = vec![];
-    for level in (0..normalise_bits(format)).rev() {
-        let by = 1 << level;
-        let word = normal.at(plan.at(format!("normalise by {by}")));
-        let empty = word.high(by).is_zero().named(format!("zeros_{by}"));
-        let shifted = word.low(width - by).concat(m.zero(by));
-        normal = empty
-            .mux(shifted, word)
-            .named(format!("normal_within_{by}"));
-        shift.push(empty);
-    }
+    let operands = align(format, &plan, a, b);
+    let sum = sum(format, &plan, &operands);
+    let (normal, shift) = normalise(format, &plan, sum.significand);
 
     m.comment(
         "Round to nearest even. The exponent is that of the greater operand, plus 1, minus the shift; \
@@ -260,10 +322,11 @@ pub fn module(format: Format, clock_mhz: u32, subtract: bool) -> Result<Arc<Modu
         let normal_fraction = normal.field(4, f);
     }
     let at = plan.at("round");
+    let x = exponent_width(format);
     let shift = m.concat(&shift).named("shift").at(at).extend(x);
     crate::named! {
         let unrounded = m.concat(&[
-            exponent_plus_2.at(at),
+            sum.exponent_plus_2.at(at),
             normal_fraction.at(at),
             m.lit(1u8, 1),
         ]);
@@ -273,7 +336,7 @@ pub fn module(format: Format, clock_mhz: u32, subtract: bool) -> Result<Arc<Modu
 
     m.comment("Below the least normal number: zero. Above the greatest: infinity.");
     let at = plan.at("pack");
-    let (rounded, status) = (rounded.at(at), status.at(at));
+    let (rounded, status) = (rounded.at(at), sum.status.at(at));
     crate::named! {
         let y_is_negative = status.bit(2);
         let y_is_special = status.bit(1);

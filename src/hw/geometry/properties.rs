@@ -5,10 +5,10 @@
 //! It is assumed that a packet has one leaf here at a time, with a ray in its mask, that skinning borrows the unit when none is here, and
 //! that memory answers what it was asked, once. Every packet is watched: the machine of the proof has few.
 
-use super::{
-    CORNER_BITS, Inputs, Job, ORIGIN_SLOT, Outputs, VECTORS_OF_INSTANCE, VERTICES_OF_TRIANGLE,
-};
-use crate::hdl::{Builder, Bundle, Memory, Proof, ReadPort, Reg, Signal, bits_for};
+use super::fetch::{CORNER_BITS, Fetch};
+use super::issue::{Issue, ORIGIN_SLOT, Slot};
+use super::{Inputs, Outputs, VECTORS_OF_INSTANCE, VERTICES_OF_TRIANGLE};
+use crate::hdl::{Builder, Bundle, Flow, Proof, ReadPort, Reg, Request, Signal, Stream, bits_for};
 use crate::hw::fifo::Placed;
 use crate::hw::properties::{assert_shown_stays, shown_stays};
 
@@ -28,16 +28,12 @@ pub(super) struct Passage<'b> {
 }
 
 impl<'b> Passage<'b> {
-    pub fn new(
-        valid: Signal<'b>,
-        last: Signal<'b>,
-        packet: Signal<'b>,
-        leaves_at: u32,
-    ) -> Passage<'b> {
+    pub fn new(slot: &Slot<'b>, valid: Signal<'b>, leaves_at: u32) -> Passage<'b> {
+        let stages = |signal: Signal<'b>| signal.stages(1..=leaves_at);
         Passage {
-            valid: valid.stages(1..=leaves_at),
-            last: last.stages(1..=leaves_at),
-            packet: packet.stages(1..=leaves_at),
+            valid: stages(valid),
+            last: stages(slot.last),
+            packet: stages(slot.packet),
         }
     }
 }
@@ -47,38 +43,8 @@ pub(super) struct Unit<'b> {
     pub packets: u32,
     pub inputs: Inputs<Signal<'b>>,
     pub outputs: Outputs<Signal<'b>>,
-    // Leaves.
-    pub leaf_is_instance: Signal<'b>,
-    pub take_leaf: Signal<'b>,
-    pub masks: Memory<'b>,
-    pub instance_leaves: Memory<'b>,
-    // Records.
-    pub record_packet: Signal<'b>,
-    pub record_is_instance: Signal<'b>,
-    // Vertices.
-    pub vertex_queue: Placed<'b>,
-    pub job: Job<Signal<'b>>,
-    pub corner: Signal<'b>,
-    pub last_corner: Signal<'b>,
-    pub vertex_fire: Signal<'b>,
-    pub arrived_packet: Signal<'b>,
-    pub arrivals: Memory<'b>,
-    pub last_arrives: Signal<'b>,
-    pub complete: Signal<'b>,
-    // Rays.
-    pub ready_queue: Placed<'b>,
-    pub ready_packet: Signal<'b>,
-    pub ready_is_instance: Signal<'b>,
-    pub busy: Signal<'b>,
-    pub now_packet: Signal<'b>,
-    pub now_instance: Signal<'b>,
-    pub now_mask: Signal<'b>,
-    pub slot: Signal<'b>,
-    pub issue_ray: Signal<'b>,
-    pub last_slot: Signal<'b>,
-    pub now_last: Signal<'b>,
-    pub idle_next: Signal<'b>,
-    // The test.
+    pub fetch: Fetch<'b>,
+    pub issue: Issue<'b>,
     pub tests: Passage<'b>,
     pub moves: Passage<'b>,
 }
@@ -117,7 +83,8 @@ impl<'b> Places<'b> {
 struct Leaf<'b> {
     is_instance: Signal<'b>,
     mask: Signal<'b>,
-    /// Vertices or vectors that it has asked for, and that have come.
+    /// Vertices or vectors that it has, that it has asked for, and that have come.
+    vertices: Signal<'b>,
     asked: Signal<'b>,
     arrived: Signal<'b>,
     /// Clocks since its last slot went into the test.
@@ -157,12 +124,12 @@ impl<'b> List<'b> {
 
 impl<'b> Unit<'b> {
     fn module(&self) -> &'b Builder {
-        self.busy.module()
+        self.issue.busy.module()
     }
 
     /// Whether the leaf in the test's entrance leaves it.
     fn issued_last(&self) -> Signal<'b> {
-        self.busy & self.now_last
+        self.issue.busy & self.issue.now_last
     }
 
     /// Whether a packet goes on in an object's space.
@@ -170,8 +137,16 @@ impl<'b> Unit<'b> {
         self.outputs.object.valid & self.outputs.object.payload.place.last
     }
 
+    fn record_requests(&self) -> Stream<Request<Signal<'b>>, Signal<'b>> {
+        ReadPort::of_unit(self.outputs.record, self.inputs.record).request
+    }
+
+    fn vertex_requests(&self) -> Stream<Request<Signal<'b>>, Signal<'b>> {
+        ReadPort::of_unit(self.outputs.vertex, self.inputs.vertex).request
+    }
+
     fn takes(&self) -> Signal<'b> {
-        self.ready_queue.pop
+        self.issue.queue.pop
     }
 
     /// A bit at a packet's place among all packets'.
@@ -191,12 +166,15 @@ impl<'b> Unit<'b> {
             out: set("out"),
         };
         let (inputs, outputs) = (&self.inputs, &self.outputs);
-        let taken = self.of_packet(self.take_leaf, inputs.leaf.payload.packet);
-        let answered = self.of_packet(inputs.record.response.valid, self.record_packet);
-        let asked = self.of_packet(self.vertex_queue.pop, self.job.packet);
-        let complete = self.of_packet(self.complete, self.arrived_packet);
-        let enters = self.of_packet(self.takes(), self.ready_packet);
-        let issued = self.of_packet(self.issued_last(), self.now_packet);
+        let taken = self.of_packet(self.fetch.leaf.taken, inputs.leaf.payload.packet);
+        let answered = self.of_packet(inputs.record.response.valid, self.fetch.record.packet);
+        let asked = self.of_packet(
+            self.fetch.requests.queue.pop,
+            self.fetch.requests.job.packet,
+        );
+        let complete = self.of_packet(self.fetch.arrival.complete, self.fetch.arrival.of.packet);
+        let enters = self.of_packet(self.takes(), self.issue.ready.packet);
+        let issued = self.of_packet(self.issued_last(), self.issue.now_packet);
         let done = self.of_packet(outputs.done.valid, outputs.done.payload.packet);
         let moved = self.of_packet(self.moved(), outputs.object.payload.place.packet);
         let step = |place: &Reg<'b>, comes, goes: Signal<'b>| place.next((place.q | comes) & !goes);
@@ -218,31 +196,74 @@ impl<'b> Unit<'b> {
         let leaf = self.inputs.leaf.payload;
         let is_instance = reg("instance", 1);
         let mask = reg("mask", leaf.mask.width());
-        let taken = self.take_leaf & is_of(leaf.packet);
-        is_instance.next_when(taken, self.leaf_is_instance);
+        let taken = self.fetch.leaf.taken & is_of(leaf.packet);
+        is_instance.next_when(taken, self.fetch.leaf.is_instance);
         mask.next_when(taken, leaf.mask);
         let (asked, arrived) = (reg("asked", COUNT_BITS), reg("arrived", COUNT_BITS));
-        let begins = self.inputs.record.response.valid & is_of(self.record_packet);
+        let begins = self.inputs.record.response.valid & is_of(self.fetch.record.packet);
         for (count, comes) in [
-            (asked, self.vertex_fire & is_of(self.job.packet)),
+            (
+                asked,
+                self.fetch.requests.fire & is_of(self.fetch.requests.job.packet),
+            ),
             (
                 arrived,
-                self.inputs.vertex.response.valid & is_of(self.arrived_packet),
+                self.inputs.vertex.response.valid & is_of(self.fetch.arrival.of.packet),
             ),
         ] {
             let more = count.q + comes.extend(COUNT_BITS);
             count.next(begins.mux(m.zero(COUNT_BITS), more));
         }
+        let vertices = is_instance.q.mux(
+            m.lit(VECTORS_OF_INSTANCE, COUNT_BITS),
+            m.lit(VERTICES_OF_TRIANGLE, COUNT_BITS),
+        );
         let age = reg("age", AGE_BITS);
-        let issued = self.issued_last() & is_of(self.now_packet);
+        let issued = self.issued_last() & is_of(self.issue.now_packet);
         age.next(issued.mux(m.zero(AGE_BITS), age.q + m.lit(1u8, AGE_BITS)));
         Leaf {
             is_instance: is_instance.q,
             mask: mask.q,
+            vertices: proof.named(&format!("vertices_{packet}"), vertices),
             asked: asked.q,
             arrived: arrived.q,
             age: age.q,
         }
+    }
+
+    /// The vertices that memory owes, a bit for each tag.
+    fn owed_vertices(&self, proof: &Proof<'b>) -> Signal<'b> {
+        let all = self.packets * CORNERS;
+        let owed = proof.reg_reset("owed_vertices", all, 0);
+        let asked = bit_in(
+            all,
+            self.fetch.requests.fire,
+            self.vertex_requests().payload.tag,
+        );
+        let Flow { valid, payload } = self.inputs.vertex.response;
+        owed.next((owed.q | asked) & !bit_in(all, valid, payload.tag));
+        owed.q
+    }
+
+    /// Of the leaf in the test's entrance, the rays that are issued.
+    fn issued_rays(&self, proof: &Proof<'b>) -> Signal<'b> {
+        let rays = self.issue.now_mask.width();
+        let issued = proof.reg("issued", rays);
+        let issues = self.issue.busy & self.issue.last_slot;
+        let with_this = issued.q | bit_in(rays, issues, self.issue.ray);
+        issued.next(self.takes().mux(self.module().zero(rays), with_this));
+        issued.q
+    }
+
+    /// Whether what counts by packet is being cleared, as it is after a reset before anything comes; and of which packet.
+    fn sweeping(&self, proof: &Proof<'b>) -> (Signal<'b>, Signal<'b>) {
+        let sweeping = proof.reg_reset("sweeping", 1, 1);
+        let bits = self.inputs.sweep_packet.width();
+        let swept = proof.reg_reset("swept", bits, 0);
+        let last_packet = u128::from(self.packets - 1);
+        sweeping.next_when(sweeping.q, !swept.q.equals(last_packet));
+        swept.next_when(sweeping.q, swept.q + self.module().lit(1u8, bits));
+        (sweeping.q, swept.q)
     }
 
     fn seed_faults(&self, proof: &Proof<'b>) {
@@ -250,292 +271,431 @@ impl<'b> Unit<'b> {
         let last_vertex = last(VERTICES_OF_TRIANGLE);
         proof.fault(
             "a leaf is complete before its last vertex comes",
-            (self.last_arrives.literal_of(last_vertex)).as_value(last_vertex - 1),
+            (self.fetch.arrival.last_arrives.literal_of(last_vertex)).as_value(last_vertex - 1),
         );
         let last_vector = last(VECTORS_OF_INSTANCE);
         proof.fault(
             "the last vertex is not asked for",
-            (self.last_corner.literal_of(last_vector)).as_value(last_vector - 1),
+            (self.fetch.requests.last_corner.literal_of(last_vector)).as_value(last_vector - 1),
         );
         proof.fault(
             "a vertex counts as asked for before it is taken",
-            (self.vertex_fire.reads(self.inputs.vertex.request_ready)).as_value(1),
+            (self
+                .fetch
+                .requests
+                .fire
+                .reads(self.inputs.vertex.request_ready))
+            .as_value(1),
         );
         proof.fault(
             "a leaf is taken while another's rays are issued",
-            self.idle_next.fault().as_value(1),
+            self.issue.idle_next.fault().as_value(1),
         );
         proof.fault(
             "an instance leaves as a triangle",
-            (self.outputs.test_issued.reads(self.now_instance)).as_value(0),
+            (self.outputs.test_issued.reads(self.issue.now_instance)).as_value(0),
         );
     }
 }
 
 pub(super) fn conserves<'b>(unit: &Unit<'b>) {
-    let m = unit.module();
-    let proof = &m.proof(
+    let proof = &unit.module().proof(
         "conserves",
         "a leaf is in one place and leaves once, its rays tested once each when all is there, ports, nothing locks up",
     );
-    let (packets, inputs, outputs) = (unit.packets, unit.inputs, unit.outputs);
-    let leaf = inputs.leaf.payload;
-    let vertex = inputs.vertex.response;
-    let record_requests = ReadPort::of_unit(outputs.record, inputs.record).request;
-    let vertex_requests = ReadPort::of_unit(outputs.vertex, inputs.vertex).request;
-    unit.vertex_queue.keep(proof);
-    unit.ready_queue.keep(proof);
-    let places = unit.places(proof);
-    let here = proof.named("here", m.or_all(&places.all()));
-    let all_vertices = packets * CORNERS;
-    let owed_vertices = proof.reg_reset("owed_vertices", all_vertices, 0);
-    owed_vertices.next(
-        (owed_vertices.q | bit_in(all_vertices, unit.vertex_fire, vertex_requests.payload.tag))
-            & !bit_in(all_vertices, vertex.valid, vertex.payload.tag),
-    );
-    let rays = leaf.mask.width();
-    let issued = proof.reg("issued", rays);
-    let issues = unit.busy & unit.last_slot;
-    issued.next(unit.takes().mux(
-        m.zero(rays),
-        issued.q | bit_in(rays, issues, unit.issue_ray),
-    ));
-    // What counts by packet is cleared after reset, before anything comes.
-    let sweeping = proof.reg_reset("sweeping", 1, 1);
-    let packet_bits = inputs.sweep_packet.width();
-    let swept = proof.reg_reset("swept", packet_bits, 0);
-    let last_packet = u128::from(packets - 1);
-    sweeping.next_when(sweeping.q, !swept.q.equals(last_packet));
-    swept.next_when(sweeping.q, swept.q + m.lit(1u8, packet_bits));
-    let leaves: Vec<Leaf<'b>> = (0..packets).map(|p| unit.leaf(proof, p)).collect();
-    let list = |name: &str, part: &dyn Fn(&Leaf<'b>) -> Signal<'b>| {
-        List::new(proof, name, &leaves.iter().map(part).collect::<Vec<_>>())
-    };
-    let instances = list("instances", &|leaf| leaf.is_instance).word;
-    let masks = list("masks", &|leaf| leaf.mask);
-    let ages = list("ages", &|leaf| leaf.age);
+    unit.fetch.requests.queue.keep(proof);
+    unit.issue.queue.keep(proof);
+    let watched = Watched::new(unit, proof);
+    watched.assume_inputs();
+    watched.assume_returns();
+    let out = watched.places.out.q;
+    proof.cover("all rays of a leaf are in the test", out.any());
+    unit.seed_faults(proof);
+    watched.assert_ports();
+    watched.assert_queues();
+    watched.assert_issue();
+    watched.assert_departures();
+    watched.assert_progress();
+    let triangles = watched.assert_passage("tests", &unit.tests, false);
+    let instances = watched.assert_passage("moves", &unit.moves, true);
+    for (packet, leaf) in (0..).zip(&watched.leaves) {
+        let of = OfPacket {
+            watched: &watched,
+            packet,
+            leaf,
+        };
+        of.assert_place([&triangles, &instances]);
+        of.assert_requests();
+        of.assert_arrivals();
+    }
+}
 
-    let never_changes = inputs.instanced.eq(proof.past(inputs.instanced));
-    proof.assume(
-        "whether the scene has instances never changes",
-        never_changes,
-    );
-    let leaf_valid = inputs.leaf.valid;
-    proof.assume(
-        "what counts by packet is cleared after a reset",
-        inputs.sweep.eq(sweeping.q) & inputs.sweep_packet.eq(swept.q),
-    );
-    proof.assume(
-        "no leaf and no vertex comes while that is cleared",
-        !(inputs.sweep & (leaf_valid | vertex.valid)),
-    );
-    proof.assume(
-        "no leaf is here or comes while a mesh is skinned",
-        !(inputs.skinning & (leaf_valid | here.any())),
-    );
-    proof.assume(
-        "a packet has one leaf here at a time, with a ray in its mask",
-        leaf_valid.implies(!here.bit_at(leaf.packet) & leaf.mask.any()),
-    );
-    proof.assume(
-        "a leaf that is not taken stays",
-        shown_stays(
+/// The unit, with what is remembered of it.
+struct Watched<'a, 'b> {
+    unit: &'a Unit<'b>,
+    proof: &'a Proof<'b>,
+    places: Places<'b>,
+    /// The packets whose leaf is in any place.
+    here: Signal<'b>,
+    /// The vertices that memory owes, by their tags.
+    owed_vertices: Signal<'b>,
+    /// Of the leaf in the test's entrance, the rays that are issued.
+    issued: Signal<'b>,
+    /// Whether what counts by packet is being cleared after a reset, and of which packet.
+    sweeping: Signal<'b>,
+    swept: Signal<'b>,
+    leaves: Vec<Leaf<'b>>,
+    /// Of each packet's leaf.
+    instances: Signal<'b>,
+    masks: List<'b>,
+    ages: List<'b>,
+}
+
+impl<'a, 'b> Watched<'a, 'b> {
+    fn new(unit: &'a Unit<'b>, proof: &'a Proof<'b>) -> Watched<'a, 'b> {
+        let m = unit.module();
+        let places = unit.places(proof);
+        let (sweeping, swept) = unit.sweeping(proof);
+        let leaves: Vec<_> = (0..unit.packets).map(|p| unit.leaf(proof, p)).collect();
+        let list = |name: &str, part: &dyn Fn(&Leaf<'b>) -> Signal<'b>| {
+            List::new(proof, name, &leaves.iter().map(part).collect::<Vec<_>>())
+        };
+        Watched {
+            unit,
             proof,
-            leaf_valid,
-            inputs.record.request_ready,
-            &[leaf.packet, leaf.address, leaf.context],
-        ),
-    );
-    // An answer is of something asked for; and what comes out of a queue went in.
-    for (shown, place, packet, is_instance) in [
-        (
-            inputs.record.response.valid,
-            places.record,
-            unit.record_packet,
-            unit.record_is_instance,
-        ),
-        (
-            unit.vertex_queue.valid,
-            places.job,
-            unit.job.packet,
-            unit.job.instance,
-        ),
-        (
-            unit.ready_queue.valid,
-            places.ready,
-            unit.ready_packet,
-            unit.ready_is_instance,
-        ),
-    ] {
-        let as_it_came = is_instance.eq(instances.bit_at(packet));
+            here: proof.named("here", m.or_all(&places.all())),
+            places,
+            owed_vertices: unit.owed_vertices(proof),
+            issued: unit.issued_rays(proof),
+            sweeping,
+            swept,
+            instances: list("instances", &|leaf| leaf.is_instance).word,
+            masks: list("masks", &|leaf| leaf.mask),
+            ages: list("ages", &|leaf| leaf.age),
+            leaves,
+        }
+    }
+
+    /// What those who use the unit promise.
+    fn assume_inputs(&self) {
+        let (proof, inputs, here) = (self.proof, &self.unit.inputs, self.here);
+        let Flow {
+            valid: leaf_valid,
+            payload: leaf,
+        } = inputs.leaf;
         proof.assume(
-            "records and queues give back what they were given",
-            shown.implies(place.q.bit_at(packet) & as_it_came),
+            "whether the scene has instances never changes",
+            inputs.instanced.eq(proof.past(inputs.instanced)),
+        );
+        proof.assume(
+            "what counts by packet is cleared after a reset",
+            inputs.sweep.eq(self.sweeping) & inputs.sweep_packet.eq(self.swept),
+        );
+        proof.assume(
+            "no leaf and no vertex comes while that is cleared",
+            !(inputs.sweep & (leaf_valid | inputs.vertex.response.valid)),
+        );
+        proof.assume(
+            "no leaf is here or comes while a mesh is skinned",
+            !(inputs.skinning & (leaf_valid | here.any())),
+        );
+        proof.assume(
+            "a packet has one leaf here at a time, with a ray in its mask",
+            leaf_valid.implies(!here.bit_at(leaf.packet) & leaf.mask.any()),
+        );
+        proof.assume(
+            "a leaf that is not taken stays",
+            shown_stays(
+                proof,
+                leaf_valid,
+                inputs.record.request_ready,
+                &[leaf.packet, leaf.address, leaf.context],
+            ),
         );
     }
-    proof.assume(
-        "memory gives vertices that it was asked for, once",
-        (vertex.valid).implies(owed_vertices.q.bit_at(vertex.payload.tag)),
-    );
-    proof.cover("all rays of a leaf are in the test", places.out.q.any());
 
-    unit.seed_faults(proof);
-
-    for (what, requests) in [
-        ("record request", record_requests),
-        ("vertex request", vertex_requests),
-    ] {
-        let shown = requests.payload.leaves();
-        assert_shown_stays(proof, what, requests.valid, requests.ready, &shown);
+    /// An answer is of something asked for; and what comes out of a queue went in.
+    fn assume_returns(&self) {
+        let (fetch, issue) = (&self.unit.fetch, &self.unit.issue);
+        let (record, vertex) = (self.unit.inputs.record, self.unit.inputs.vertex);
+        let (job, ready) = (fetch.requests.job, issue.ready);
+        for (shown, place, packet, is_instance) in [
+            (
+                record.response.valid,
+                self.places.record,
+                fetch.record.packet,
+                fetch.record.instance,
+            ),
+            (
+                fetch.requests.queue.valid,
+                self.places.job,
+                job.packet,
+                job.instance,
+            ),
+            (
+                issue.queue.valid,
+                self.places.ready,
+                ready.packet,
+                ready.instance,
+            ),
+        ] {
+            let as_it_came = is_instance.eq(self.instances.bit_at(packet));
+            self.proof.assume(
+                "records and queues give back what they were given",
+                shown.implies(place.q.bit_at(packet) & as_it_came),
+            );
+        }
+        let Flow { valid, payload } = vertex.response;
+        self.proof.assume(
+            "memory gives vertices that it was asked for, once",
+            valid.implies(self.owed_vertices.bit_at(payload.tag)),
+        );
     }
-    // One bit more than a queue's own count: what it holds is in two places.
-    let count_bits = unit.vertex_queue.count_bits() + 1;
-    let jobs_held = unit.vertex_queue.count(count_bits);
-    proof.assert(
-        "as many leaves are in the vertex queue as it holds",
-        jobs_held.eq(places.job.q.count_ones(count_bits)),
-    );
-    let ready_held = unit.ready_queue.count(count_bits);
-    proof.assert(
-        "as many leaves are in the ready queue as it holds",
-        ready_held.eq(places.ready.q.count_ones(count_bits)),
-    );
-    proof.assert(
-        "vertices are asked for from the first on",
-        unit.vertex_queue.valid | unit.corner.is_zero(),
-    );
-    let in_entrance = unit.of_packet(unit.busy, unit.now_packet);
-    let as_it_came = unit.now_instance.eq(instances.bit_at(unit.now_packet));
-    proof.assert(
-        "one leaf is in the test's entrance, as it came",
-        places.now.q.eq(in_entrance) & unit.busy.implies(as_it_came),
-    );
-    let last_slot = (unit.now_instance).mux(m.lit(ORIGIN_SLOT, 2), m.zero(2));
-    proof.assert(
-        "a ray takes three slots, or one",
-        unit.busy.implies(unit.slot.le(last_slot)),
-    );
-    let to_be_issued = unit.now_mask;
-    let each = to_be_issued.any()
-        & (issued.q & to_be_issued).is_zero()
-        & (issued.q | to_be_issued).eq(masks.at(unit.now_packet));
-    proof.assert(
-        "each ray of the mask is issued or to be issued",
-        unit.busy.implies(each),
-    );
-    let was_out = |packet| (places.out.q.bit_at(packet), instances.bit_at(packet));
-    let (was_here, instance) = was_out(outputs.done.payload.packet);
-    proof.assert(
-        "a leaf that leaves was here, as a triangle",
-        outputs.done.valid.implies(was_here & !instance),
-    );
-    let (was_here, instance) = was_out(outputs.object.payload.place.packet);
-    proof.assert(
-        "a packet that goes on in an object was here, at an instance",
-        unit.moved().implies(was_here & instance),
-    );
-    proof.assert(
-        "nothing is here until what counts by packet is clear",
-        sweeping.q.implies(here.is_zero()),
-    );
-    let moves = unit.takes()
-        | unit.busy
-        | places.out.q.any()
-        | (jobs_held.any() & !unit.vertex_queue.valid);
-    let memory = places.record.q.any() | owed_vertices.q.any() | vertex_requests.valid;
-    proof.assert(
-        "a leaf that is here moves, or waits for memory",
-        here.any().implies(moves | memory),
-    );
-    unit.vertex_queue.assert_settles(proof);
 
-    // The last of a leaf's slots, in the stages of the test.
-    let mut passing = vec![];
-    for (name, passage, is_instance) in
-        [("tests", &unit.tests, false), ("moves", &unit.moves, true)]
-    {
+    fn assert_ports(&self) {
+        for (what, requests) in [
+            ("record request", self.unit.record_requests()),
+            ("vertex request", self.unit.vertex_requests()),
+        ] {
+            let shown = requests.payload.leaves();
+            assert_shown_stays(self.proof, what, requests.valid, requests.ready, &shown);
+        }
+    }
+
+    fn assert_queues(&self) {
+        let (proof, places) = (self.proof, &self.places);
+        let (requests, ready) = (&self.unit.fetch.requests, &self.unit.issue.queue);
+        let jobs_held = self.held(&requests.queue);
+        proof.assert(
+            "as many leaves are in the vertex queue as it holds",
+            jobs_held.eq(places.job.q.count_ones(jobs_held.width())),
+        );
+        let ready_held = self.held(ready);
+        proof.assert(
+            "as many leaves are in the ready queue as it holds",
+            ready_held.eq(places.ready.q.count_ones(ready_held.width())),
+        );
+        proof.assert(
+            "vertices are asked for from the first on",
+            requests.queue.valid | requests.corner.is_zero(),
+        );
+        requests.queue.assert_settles(proof);
+    }
+
+    /// How many leaves a queue holds, in one bit more than its own count has: what it holds is in two places.
+    fn held(&self, queue: &Placed<'b>) -> Signal<'b> {
+        queue.count(queue.count_bits() + 1)
+    }
+
+    fn assert_issue(&self) {
+        let (proof, issue, m) = (self.proof, &self.unit.issue, self.unit.module());
+        let in_entrance = self.unit.of_packet(issue.busy, issue.now_packet);
+        let as_it_came = (issue.now_instance).eq(self.instances.bit_at(issue.now_packet));
+        proof.assert(
+            "one leaf is in the test's entrance, as it came",
+            self.places.now.q.eq(in_entrance) & issue.busy.implies(as_it_came),
+        );
+        let last_slot = (issue.now_instance).mux(m.lit(ORIGIN_SLOT, 2), m.zero(2));
+        proof.assert(
+            "a ray takes three slots, or one",
+            issue.busy.implies(issue.slot.le(last_slot)),
+        );
+        let to_be_issued = issue.now_mask;
+        let each = to_be_issued.any()
+            & (self.issued & to_be_issued).is_zero()
+            & (self.issued | to_be_issued).eq(self.masks.at(issue.now_packet));
+        proof.assert(
+            "each ray of the mask is issued or to be issued",
+            issue.busy.implies(each),
+        );
+    }
+
+    /// Whether all rays of a packet's leaf are in the test, and whether it is an instance.
+    fn was_out(&self, packet: Signal<'b>) -> (Signal<'b>, Signal<'b>) {
+        let out = self.places.out.q.bit_at(packet);
+        (out, self.instances.bit_at(packet))
+    }
+
+    fn assert_departures(&self) {
+        let (proof, outputs) = (self.proof, &self.unit.outputs);
+        let (was_here, instance) = self.was_out(outputs.done.payload.packet);
+        proof.assert(
+            "a leaf that leaves was here, as a triangle",
+            outputs.done.valid.implies(was_here & !instance),
+        );
+        let (was_here, instance) = self.was_out(outputs.object.payload.place.packet);
+        proof.assert(
+            "a packet that goes on in an object was here, at an instance",
+            self.unit.moved().implies(was_here & instance),
+        );
+        proof.assert(
+            "nothing is here until what counts by packet is clear",
+            self.sweeping.implies(self.here.is_zero()),
+        );
+    }
+
+    fn assert_progress(&self) {
+        let (unit, places) = (self.unit, &self.places);
+        let queue = &unit.fetch.requests.queue;
+        let moves = unit.takes()
+            | unit.issue.busy
+            | places.out.q.any()
+            | (self.held(queue).any() & !queue.valid);
+        let asks = unit.vertex_requests().valid;
+        let memory = places.record.q.any() | self.owed_vertices.any() | asks;
+        self.proof.assert(
+            "a leaf that is here moves, or waits for memory",
+            self.here.any().implies(moves | memory),
+        );
+    }
+
+    /// The last slots of leaves of one kind, in the stages of the test.
+    fn assert_passage(&self, name: &str, passage: &Passage<'b>, is_instance: bool) -> Ends<'b> {
+        let proof = self.proof;
         let ends: Vec<_> = (passage.valid.iter().zip(&passage.last))
             .map(|(valid, last)| *valid & *last)
             .collect();
         let strays: Vec<_> = (0..)
             .zip(ends.iter().zip(&passage.packet))
             .map(|(stage, (end, packet)): (u128, _)| {
-                let (is_out, instance) = was_out(*packet);
+                let (is_out, instance) = self.was_out(*packet);
                 let as_it_came = if is_instance { instance } else { !instance };
-                let in_time = ages.at(*packet).equals(stage);
+                let in_time = self.ages.at(*packet).equals(stage);
                 *end & !(is_out & as_it_came & in_time)
             })
             .collect();
         proof.assert(
             "the last slot of a leaf in the test is of one that is there",
-            m.concat(&strays).is_zero(),
+            self.unit.module().concat(&strays).is_zero(),
         );
-        passing.push((
-            List::new(proof, &format!("{name}_end"), &ends),
-            List::new(proof, &format!("{name}_packet"), &passage.packet),
-        ));
+        Ends {
+            end: List::new(proof, &format!("{name}_end"), &ends),
+            packet: List::new(proof, &format!("{name}_packet"), &passage.packet),
+        }
     }
-    for (p, leaf) in (0..).zip(&leaves) {
-        let at = |place: Signal<'b>| place.bit(p);
-        let is_p = |packet: Signal<'b>| packet.equals(u128::from(p));
-        let assert = |what: &str, holds| proof.assert(format!("{what}, packet {p}"), holds);
-        let vertices = leaf.is_instance.mux(
-            m.lit(VECTORS_OF_INSTANCE, COUNT_BITS),
-            m.lit(VERTICES_OF_TRIANGLE, COUNT_BITS),
-        );
-        let vertices = proof.named(&format!("vertices_{p}"), vertices);
-        let owed = owed_vertices.q.field(p * CORNERS, CORNERS);
-        let (is_job, is_owed) = (at(places.job.q), at(places.owed.q));
-        let fetching = is_job | is_owed;
-        assert(
+}
+
+/// At each stage of the test, whether a leaf's last slot of a kind is there, and which packet's.
+struct Ends<'b> {
+    end: List<'b>,
+    packet: List<'b>,
+}
+
+/// A packet's leaf among all that is watched.
+struct OfPacket<'a, 'b> {
+    watched: &'a Watched<'a, 'b>,
+    packet: u32,
+    leaf: &'a Leaf<'b>,
+}
+
+impl<'b> OfPacket<'_, 'b> {
+    fn assert(&self, what: &str, holds: Signal<'b>) {
+        let what = format!("{what}, packet {}", self.packet);
+        self.watched.proof.assert(what, holds);
+    }
+
+    /// The packet's bit of what has one for each.
+    fn at(&self, all: Signal<'b>) -> Signal<'b> {
+        all.bit(self.packet)
+    }
+
+    fn is_of(&self, packet: Signal<'b>) -> Signal<'b> {
+        packet.equals(u128::from(self.packet))
+    }
+
+    fn number(&self) -> Signal<'b> {
+        let bits = self.watched.swept.width();
+        self.leaf.mask.module().lit(self.packet, bits)
+    }
+
+    /// Whether its vertices are being asked for, or all are and not all are there.
+    fn is_fetching(&self) -> Signal<'b> {
+        let places = &self.watched.places;
+        self.at(places.job.q) | self.at(places.owed.q)
+    }
+
+    /// `ends`: of triangles, and of instances.
+    fn assert_place(&self, ends: [&Ends<'b>; 2]) {
+        let Watched {
+            unit, places, here, ..
+        } = self.watched;
+        let (m, leaf) = (unit.module(), self.leaf);
+        self.assert(
             "a leaf is in one place",
-            m.concat(&places.all().map(at))
+            m.concat(&places.all().map(|place| self.at(place)))
                 .count_ones(3)
                 .le(m.lit(1u8, 3)),
         );
-        let at_front = unit.vertex_queue.valid & is_p(unit.job.packet);
-        let next = at_front.mux(unit.corner.extend(COUNT_BITS), m.zero(COUNT_BITS));
-        assert(
+        let kept = leaf.mask.any()
+            & (unit.fetch.leaf.instance_leaves.peek(self.number())).eq(leaf.is_instance)
+            & unit.issue.masks.peek(self.number()).eq(leaf.mask);
+        self.assert(
+            "its kind and its mask are kept",
+            self.at(*here).implies(kept),
+        );
+        let [as_triangle, as_instance] =
+            ends.map(|Ends { end, packet }| end.at(leaf.age) & self.is_of(packet.at(leaf.age)));
+        self.assert(
+            "all of whose rays are issued is in the test until it leaves",
+            self.at(places.out.q)
+                .implies(leaf.is_instance.mux(as_instance, as_triangle)),
+        );
+    }
+
+    fn assert_requests(&self) {
+        let Watched {
+            unit,
+            places,
+            owed_vertices,
+            ..
+        } = self.watched;
+        let (m, leaf, requests) = (unit.module(), self.leaf, &unit.fetch.requests);
+        let vertices = leaf.vertices;
+        let at_front = requests.queue.valid & self.is_of(requests.job.packet);
+        let next = at_front.mux(requests.corner.extend(COUNT_BITS), m.zero(COUNT_BITS));
+        self.assert(
             "vertices are asked for in turn, by the leaf at the front",
-            is_job.implies(leaf.asked.eq(next) & leaf.asked.lt(vertices)),
+            self.at(places.job.q)
+                .implies(leaf.asked.eq(next) & leaf.asked.lt(vertices)),
         );
-        assert(
+        self.assert(
             "a leaf leaves the queue when all its vertices are asked for",
-            is_owed.implies(leaf.asked.eq(vertices) & leaf.arrived.lt(vertices)),
+            self.at(places.owed.q)
+                .implies(leaf.asked.eq(vertices) & leaf.arrived.lt(vertices)),
         );
+        let owed = owed_vertices.field(self.packet * CORNERS, CORNERS);
         let sum_bits = COUNT_BITS + 1;
         let known = owed.count_ones(sum_bits) + leaf.arrived.extend(sum_bits);
-        assert(
+        self.assert(
             "every vertex asked for is owed or has arrived",
-            fetching.implies(known.eq(leaf.asked.extend(sum_bits))),
+            self.is_fetching()
+                .implies(known.eq(leaf.asked.extend(sum_bits))),
         );
-        assert(
+        self.assert(
             "no vertex is owed that was not asked for",
-            fetching.mux(owed.shr(leaf.asked).is_zero(), owed.is_zero()),
+            self.is_fetching()
+                .mux(owed.shr(leaf.asked).is_zero(), owed.is_zero()),
         );
-        let number = m.lit(p, packet_bits);
-        let to_be_swept = sweeping.q & swept.q.le(number);
-        let counted = fetching.mux(leaf.arrived, m.zero(COUNT_BITS));
-        assert(
-            "arrivals are counted",
-            to_be_swept | unit.arrivals.peek(number).extend(COUNT_BITS).eq(counted),
-        );
-        let kept = leaf.mask.any()
-            & unit.instance_leaves.peek(number).eq(leaf.is_instance)
-            & unit.masks.peek(number).eq(leaf.mask);
-        assert("its kind and its mask are kept", at(here).implies(kept));
+    }
+
+    fn assert_arrivals(&self) {
+        let Watched {
+            unit,
+            places,
+            sweeping,
+            swept,
+            ..
+        } = self.watched;
+        let (m, leaf, arrival) = (unit.module(), self.leaf, &unit.fetch.arrival);
+        let to_be_swept = *sweeping & swept.le(self.number());
+        let counted = (self.is_fetching()).mux(leaf.arrived, m.zero(COUNT_BITS));
+        let count = arrival.counts.peek(self.number()).extend(COUNT_BITS);
+        self.assert("arrivals are counted", to_be_swept | count.eq(counted));
         let with_this = leaf.arrived + m.lit(1u8, COUNT_BITS);
-        assert(
+        self.assert(
             "a leaf is complete when all its vertices are there",
-            (unit.complete & is_p(unit.arrived_packet)).implies(is_owed & with_this.eq(vertices)),
-        );
-        let [as_triangle, as_instance] = [0, 1].map(|kind| {
-            let (end, packet) = &passing[kind];
-            end.at(leaf.age) & is_p(packet.at(leaf.age))
-        });
-        assert(
-            "all of whose rays are issued is in the test until it leaves",
-            at(places.out.q).implies(leaf.is_instance.mux(as_instance, as_triangle)),
+            (arrival.complete & self.is_of(arrival.of.packet))
+                .implies(self.at(places.owed.q) & with_this.eq(leaf.vertices)),
         );
     }
 }

@@ -1,12 +1,17 @@
 //! What is proved of the traversal unit: packets are neither lost nor doubled, its ports keep what they show, a pop reads what was pushed.
 
-use super::Context;
-use super::{Entered, Inputs, Pop, Served, Sliced, Stack, Step};
+use super::Inputs;
+use super::enter::Entered;
+use super::pop::{Popped, Popping};
+use super::serve::Served;
+use super::stack::Stack;
+use super::step::{Sliced, Step};
 use crate::hdl::{Memory, Proof, Signal, Specs as _, bits_for};
 use crate::hw::banks::Banks;
 use crate::hw::fifo::Placed;
 use crate::hw::plan::Plan;
 use crate::hw::properties::shown_stays;
+use crate::hw::ray::Context;
 
 /// The unit's parts, as its description made them.
 pub(super) struct Watched<'a, 'b> {
@@ -17,7 +22,8 @@ pub(super) struct Watched<'a, 'b> {
     /// Whether a step's packet goes on.
     pub stepped: Signal<'b>,
     pub stack: &'a Stack<'b>,
-    pub pop: &'a Pop<'b>,
+    pub popping: &'a Popping<'b>,
+    pub pop: &'a Popped<'b>,
     pub entered: &'a Entered<'b>,
     pub nodes: &'a Served<'b>,
     pub leaves: &'a Served<'b>,
@@ -38,22 +44,19 @@ struct Place<'b> {
     goes: Signal<'b>,
 }
 
+/// Bits in which packets are counted.
+fn count_bits(unit: &Watched<'_, '_>) -> u32 {
+    bits_for(u64::from(unit.plan.packets()) + 1) + 4
+}
+
 /// Every packet that the unit was given is in exactly one place, or is finished: so no queue ever holds more than there are packets. It
 /// is given no more packets than it has numbers for; memory and geometry unit answer what they were asked.
 fn packets<'b>(unit: &Watched<'_, 'b>) {
     let Watched {
-        inputs,
-        sliced,
-        step,
-        pop,
-        entered,
-        nodes,
-        leaves,
-        finished,
-        ..
+        step, popping, pop, ..
     } = unit;
     let packets = unit.plan.packets();
-    let m = finished.module();
+    let m = unit.finished.module();
     let proof = m.proof(
         "packets",
         format!("every packet is in one place, no queue overflows; a machine of {packets} packets"),
@@ -62,17 +65,65 @@ fn packets<'b>(unit: &Watched<'_, 'b>) {
     proof.cut(step.goes_left);
     proof.cut(step.goes_right);
     proof.cut(pop.stays);
-    pop.entry.of_banks.iter().for_each(|word| proof.cut(*word));
+    let words = &unit.stack.entry.of_banks;
+    words.iter().for_each(|word| proof.cut(*word));
     let queues = unit.queues();
     queues.iter().for_each(|queue| queue.keep(&proof));
 
-    let bits = bits_for(u64::from(packets) + 1) + 4;
+    let all = m.lit(packets, count_bits(unit));
+    let (total, counted) = counted(&proof, unit);
+    proof.cover("a packet is finished", unit.finished & total.any());
+    conserved(&proof, unit, total, counted);
+    for queue in queues {
+        proof.assert(
+            format!("{} is popped only where it shows a word", queue.name),
+            queue.pop.implies(queue.shows()),
+        );
+        proof.assert(
+            format!("nothing is pushed to a full {}", queue.name),
+            queue.push.implies(queue.count(count_bits(unit)).lt(all)),
+        );
+        queue.assert_settles(&proof);
+    }
+    unit.nodes.assert_held(&proof, "node request");
+    unit.leaves.assert_held(&proof, "leaf");
+    let [_, retry_queue, nowhere_queue] = &popping.queues;
+    proof.fault(
+        "a dropped entry's packet is lost",
+        retry_queue.push.reads(pop.dropped).as_value(0),
+    );
+    proof.fault(
+        "a packet goes on and ends",
+        nowhere_queue.push.reads(step.goes).as_value(0),
+    );
+}
+
+/// All packets that the unit has, and those in places that are no queue: the pop pipeline, then memory, the step pipeline and the
+/// geometry unit. What is assumed of the surroundings, and that the pipelines' valid bits say the same.
+fn counted<'b>(proof: &Proof<'b>, unit: &Watched<'_, 'b>) -> (Signal<'b>, [Place<'b>; 4]) {
+    let Watched {
+        inputs,
+        sliced,
+        step,
+        popping,
+        pop,
+        nodes,
+        leaves,
+        finished,
+        ..
+    } = unit;
+    let m = proof.module();
+    let bits = count_bits(unit);
     let wide = |signal: Signal<'b>| signal.extend(bits);
-    let all = m.lit(packets, bits);
-    let counter = |name: &str, comes, goes| {
-        let counter = proof.reg_reset(name, bits, 0);
+    let counter = |register: &str, name: &str, comes, goes| {
+        let counter = proof.reg_reset(register, bits, 0);
         counter.next(counter.q + comes - goes);
-        counter.q
+        Place {
+            name: name.to_string(),
+            count: counter.q,
+            comes,
+            goes,
+        }
     };
     let starts = inputs.setup.valid & inputs.setup.payload.place.last & !inputs.setup_object;
     // A packet that was handed over at an instance comes back as rays set up in the object's space.
@@ -81,12 +132,13 @@ fn packets<'b>(unit: &Watched<'_, 'b>) {
     let requested = wide(nodes.valid & nodes.ready);
     let handed_over = wide(leaves.valid & leaves.ready);
     let answered = wide(inputs.node.response.valid);
-    let (pop_begins, pop_ends) = (wide(pop.valid.untimed()), wide(pop.done));
-    let total = counter("total", wide(starts), wide(*finished));
-    let memory = counter("memory", requested, answered);
-    let geometry = counter("geometry", handed_over, returns);
-    let stepping = counter("stepping", answered, wide(step.valid));
-    let popping = counter("popping", pop_begins, pop_ends);
+    let (pop_begins, pop_ends) = (wide(popping.valid.untimed()), wide(pop.done));
+    let total = counter("total", "the unit", wide(starts), wide(*finished)).count;
+    let memory = counter("memory", "memory", requested, answered);
+    let geometry = counter("geometry", "the geometry unit", handed_over, returns);
+    let steps = wide(step.valid);
+    let stepping = counter("stepping", "the step pipeline", answered, steps);
+    let pops = counter("popping", "the pop pipeline", pop_begins, pop_ends);
     let soon = proof.reg_reset("soon", pop.latency, 0);
     soon.next(soon.q.concat(inputs.setup_soon).low(pop.latency));
 
@@ -96,59 +148,68 @@ fn packets<'b>(unit: &Watched<'_, 'b>) {
     );
     proof.assume(
         "no more packets start than there are numbers",
-        starts.implies(total.lt(all)),
+        starts.implies(total.lt(m.lit(unit.plan.packets(), bits))),
     );
     proof.assume(
         "node memory answers requests that were made",
-        inputs.node.response.valid.implies(memory.any()),
+        inputs.node.response.valid.implies(memory.count.any()),
     );
     proof.assume(
         "the geometry unit gives back leaves that it was given",
-        geometry.ge(returns),
+        geometry.count.ge(returns),
     );
-    proof.cover("a packet is finished", *finished & total.any());
-
     let registers = |valid: Signal<'b>, last: u32| {
         let mut bits = valid.stages(1..=last);
         bits.reverse();
         m.concat(&bits)
     };
+    let stepping_bits = registers(sliced.valid, sliced.decided + 1);
     proof.assert(
         "as many packets are in the step pipeline as its valid bits say",
-        stepping.eq(registers(sliced.valid, sliced.decided + 1).count_ones(bits)),
+        stepping.count.eq(stepping_bits.count_ones(bits)),
     );
-    let pops = registers(pop.valid, pop.latency);
+    let popping_bits = registers(popping.valid, pop.latency);
     proof.assert(
         "as many packets are in the pop pipeline as its valid bits say",
-        popping.eq(pops.count_ones(bits)),
+        pops.count.eq(popping_bits.count_ones(bits)),
     );
-    proof.assert("no pop ends where a ray arrives", (soon.q & pops).is_zero());
+    proof.assert(
+        "no pop ends where a ray arrives",
+        (soon.q & popping_bits).is_zero(),
+    );
+    (total, [pops, memory, stepping, geometry])
+}
 
-    let place = |name: &str, count, comes, goes| Place {
-        name: name.to_string(),
-        count,
-        comes,
-        goes,
-    };
+/// Place by place, that a packet which leaves one comes to another.
+fn conserved<'b>(
+    proof: &Proof<'b>,
+    unit: &Watched<'_, 'b>,
+    total: Signal<'b>,
+    [pops, memory, stepping, geometry]: [Place<'b>; 4],
+) {
+    let m = proof.module();
+    let bits = count_bits(unit);
+    let all = m.lit(unit.plan.packets(), bits);
     let of_queue = |queue: &&Placed<'b>| Place {
         name: queue.name.clone(),
         count: queue.count(bits),
-        comes: wide(queue.push),
-        goes: wide(queue.pop),
+        comes: queue.push.extend(bits),
+        goes: queue.pop.extend(bits),
     };
-    let mut places: Vec<_> = queues.iter().map(of_queue).collect();
-    let pop_pipeline = place("the pop pipeline", popping, pop_begins, pop_ends);
-    places.insert(pop.queues.len(), pop_pipeline);
+    let mut places: Vec<_> = unit.queues().iter().map(of_queue).collect();
+    places.insert(unit.popping.queues.len(), pops);
     // Where a packet goes may have a register of its own.
+    let entered = unit.entered;
     if entered.registered {
-        let (comes, goes) = (wide(entered.decided), wide(entered.valid));
-        places.push(place("what enters", goes, comes, goes));
+        let goes = entered.valid.extend(bits);
+        places.push(Place {
+            name: "what enters".to_string(),
+            count: goes,
+            comes: entered.decided.extend(bits),
+            goes,
+        });
     }
-    places.extend([
-        place("memory", memory, requested, answered),
-        place("the step pipeline", stepping, answered, wide(step.valid)),
-        place("the geometry unit", geometry, handed_over, returns),
-    ]);
+    places.extend([memory, stepping, geometry]);
     // Partial sums, each kept by itself: that the last is the total is then easy to see, clock by clock.
     let (mut change, mut before) = (m.zero(bits), m.zero(bits));
     for (i, place) in places.iter().enumerate() {
@@ -171,28 +232,6 @@ fn packets<'b>(unit: &Watched<'_, 'b>) {
         "no more packets are under way than there are",
         total.le(all),
     );
-    for queue in queues {
-        proof.assert(
-            format!("{} is popped only where it shows a word", queue.name),
-            queue.pop.implies(queue.shows()),
-        );
-        proof.assert(
-            format!("nothing is pushed to a full {}", queue.name),
-            queue.push.implies(queue.count(bits).lt(all)),
-        );
-        queue.assert_settles(&proof);
-    }
-    nodes.assert_held(&proof, "node request");
-    leaves.assert_held(&proof, "leaf");
-    let [_, retry_queue, nowhere_queue] = &pop.queues;
-    proof.fault(
-        "a dropped entry's packet is lost",
-        retry_queue.push.reads(pop.dropped).as_value(0),
-    );
-    proof.fault(
-        "a packet goes on and ends",
-        nowhere_queue.push.reads(step.goes).as_value(0),
-    );
 }
 
 impl<'a, 'b> Watched<'a, 'b> {
@@ -204,7 +243,7 @@ impl<'a, 'b> Watched<'a, 'b> {
             &leaves.preferred,
             &leaves.other,
         ];
-        self.pop.queues.iter().chain(served).collect()
+        self.popping.queues.iter().chain(served).collect()
     }
 }
 
@@ -229,14 +268,14 @@ fn choices<'b>(unit: &Watched<'_, 'b>) {
         "node requests and leaves shown stay until taken, each taken from one queue",
     );
     // What is pushed, and when.
-    let [_, retry_queue, nowhere_queue] = &unit.pop.queues;
+    let [_, retry_queue, nowhere_queue] = &unit.popping.queues;
     let pushed = [
         unit.stepped,
         unit.entered.decided,
         retry_queue.push,
         nowhere_queue.push,
     ];
-    let words = &unit.pop.entry.of_banks;
+    let words = &unit.stack.entry.of_banks;
     pushed.iter().chain(words).for_each(|cut| proof.cut(*cut));
     for queue in unit.queues() {
         queue.keep(&proof);
@@ -278,6 +317,17 @@ fn choices<'b>(unit: &Watched<'_, 'b>) {
     proof.cover("a leaf that was not taken is", refused & ready);
 }
 
+/// One packet and level, any: what is pushed and popped there.
+struct WatchedEntry<'b> {
+    packet: Signal<'b>,
+    level: Signal<'b>,
+    push: Signal<'b>,
+    pop: Signal<'b>,
+    /// Whether something has been pushed, and what was last.
+    pushed: Signal<'b>,
+    word: Signal<'b>,
+}
+
 /// What a pop reads is what was last pushed for that packet at that level, and a packet's level goes up by 1 with a push and down by 1 with
 /// a pop. One packet and level, any, are watched. What is pushed, who pops and which level a node's answer brings back may be anything; but
 /// a level is assumed to be at most the stack's depth: beyond it the unit has long flagged an overflow.
@@ -285,7 +335,7 @@ fn stack<'b>(unit: &Watched<'_, 'b>) {
     let Watched {
         plan,
         step,
-        stack,
+        popping,
         pop,
         ..
     } = unit;
@@ -298,23 +348,31 @@ fn stack<'b>(unit: &Watched<'_, 'b>) {
         ),
     );
     // Clocks from where what pops addresses the stack to where the pop ends.
-    let addressed = pop.popping.stage();
-    let pops = pop.latency - addressed;
-    proof.depth(pops + 1);
+    proof.depth(pop.latency - popping.word.stage() + 1);
     proof.arrays();
-    let (packet_of_step, word) = (step.packet, step.push_word);
     let cut = [
-        pop.popping,
+        popping.word,
         step.goes_both,
         step.level_before,
-        word,
-        packet_of_step,
+        step.push_word,
+        step.packet,
     ];
     cut.iter().for_each(|cut| proof.cut(*cut));
+    let entry = watched_entry(&proof, unit);
+    levels_count(&proof, unit);
+    words_are_kept(&proof, unit, &entry);
+}
 
-    let level_bits = plan.level_bits();
-    let one = m.lit(1u8, level_bits);
-    let depth = m.lit(levels, level_bits);
+fn watched_entry<'b>(proof: &Proof<'b>, unit: &Watched<'_, 'b>) -> WatchedEntry<'b> {
+    let Watched {
+        plan,
+        step,
+        popping,
+        ..
+    } = unit;
+    let m = proof.module();
+    let (packets, level_bits) = (plan.packets(), plan.level_bits());
+    let depth = m.lit(plan.config.stack_depth, level_bits);
     let below = |signal: Signal<'b>, most: u32| {
         let bits = signal.width() + 1;
         signal.extend(bits).lt(m.lit(most, bits))
@@ -325,27 +383,46 @@ fn stack<'b>(unit: &Watched<'_, 'b>) {
         "the watched packet and level exist",
         below(packet, packets) & level.lt(depth),
     );
-    let pushed_level = step.push_level;
-    let may_be = below(packet_of_step, packets) & pushed_level.le(depth);
+    let may_be = below(step.packet, packets) & step.push_level.le(depth);
     proof.assume(
         "a step is of a packet and a level that exist",
         step.push.implies(may_be),
     );
-
-    let (popped_packet, popped_level) = (pop.popping_packet.untimed(), pop.popping_level.untimed());
-    let here = packet_of_step.eq(packet) & pushed_level.eq(level);
-    let push = proof.named("push", step.push & here & pushed_level.ne(depth));
-    let entry_popped = pop.valid.at(addressed).untimed() & !pop.popping_empty.untimed();
-    let there = popped_packet.eq(packet) & popped_level.eq(level + one);
-    let pop_here = proof.named("pop", entry_popped & there);
+    let here = step.packet.eq(packet) & step.push_level.eq(level);
+    let push = proof.named("push", step.push & here & step.push_level.ne(depth));
+    let addressed = popping.valid.at(popping.word.stage()).untimed();
+    let [popped_packet, popped_level, empty] =
+        [popping.packet, popping.level, popping.empty].map(Signal::untimed);
+    let there = popped_packet.eq(packet) & popped_level.eq(level + m.lit(1u8, level_bits));
+    let pop = proof.named("pop", addressed & !empty & there);
     let pushed = proof.reg_reset("pushed", 1, 0);
-    let last_word = proof.reg("word", word.width());
+    let word = proof.reg("word", step.push_word.width());
     pushed.next(pushed.q | push);
-    last_word.next_when(push, word);
-    let popped = proof.past(!m.reset() & pop_here & pushed.q);
-    let expected = proof.past(last_word.q);
-    proof.cover("a word that was pushed is popped", popped);
+    word.next_when(push, step.push_word);
+    WatchedEntry {
+        packet,
+        level,
+        push,
+        pop,
+        pushed: pushed.q,
+        word: word.q,
+    }
+}
 
+/// A packet's level goes up with a push, down with a pop; beyond the stack's depth nothing is written.
+fn levels_count<'b>(proof: &Proof<'b>, unit: &Watched<'_, 'b>) {
+    let Watched {
+        plan,
+        step,
+        stack,
+        popping,
+        pop,
+        ..
+    } = unit;
+    let m = proof.module();
+    let level_bits = plan.level_bits();
+    let one = m.lit(1u8, level_bits);
+    let depth = m.lit(plan.config.stack_depth, level_bits);
     let was_reset = proof.past(m.reset());
     let nothing = !stack.write & stack.high_water.q.is_zero() & !stack.overflow.q;
     proof.assert(
@@ -354,18 +431,19 @@ fn stack<'b>(unit: &Watched<'_, 'b>) {
     );
     proof.assert(
         "a push to a full stack is not written",
-        stack.write.implies(pushed_level.lt(depth)),
+        stack.write.implies(step.push_level.lt(depth)),
     );
-    let level_after = stack.level_after;
+    let level_after = step.push_level + step.push.extend(level_bits);
     proof.assert(
         "a packet's level goes up by 1 where it pushes, else stays",
-        (step.valid).implies(level_after.eq(pushed_level + step.push.extend(level_bits))),
+        (step.valid).implies(stack.level_after.eq(level_after)),
     );
     // A wire, so that it is the level in the packet's context that is meant, whatever is packed there.
     let context = proof.wire("context", pop.context.width());
     context.drive(pop.context);
+    let pops = pop.latency - popping.word.stage();
     let (was_level, is_level) = (
-        popped_level.delay(pops),
+        popping.level.untimed().delay(pops),
         Context::of(plan).unpack(context.get()).level,
     );
     proof.assert(
@@ -386,24 +464,44 @@ fn stack<'b>(unit: &Watched<'_, 'b>) {
     );
     proof.fault(
         "a pop reads another level",
-        pop.entry.address.reads(pop.level_below).inverted(),
+        stack.entry.address.reads(stack.level_below).inverted(),
     );
+}
 
-    let place = (packet.low(stack.packet_bits)).concat(level.low(plan.stack_bits()));
-    let stays = "what was pushed stays until it is overwritten at its level";
-    let reads = "a pop reads what was pushed";
-    let (banks, reads_of_banks) = (stack.memory.banks(), &pop.entry.of_banks);
-    if let ([(memory, _)], [read]) = (banks, &reads_of_banks[..]) {
-        let kept = memory.peek(place).eq(last_word.q);
-        proof.assert(stays, pushed.q.implies(kept));
-        proof.assert(reads, popped.implies(read.untimed().eq(expected)));
+const STAYS: &str = "what was pushed stays until it is overwritten at its level";
+const READS: &str = "a pop reads what was pushed";
+
+/// The watched word is in the stack's memory until the next push there, and a pop reads it.
+fn words_are_kept<'b>(proof: &Proof<'b>, unit: &Watched<'_, 'b>, entry: &WatchedEntry<'b>) {
+    let stack = unit.stack;
+    let m = proof.module();
+    let popped = proof.past(!m.reset() & entry.pop & entry.pushed);
+    let expected = proof.past(entry.word);
+    proof.cover("a word that was pushed is popped", popped);
+    let level = entry.level.low(unit.plan.stack_bits());
+    let place = (entry.packet.low(stack.packet_bits)).concat(level);
+    if let ([(memory, _)], [read]) = (stack.memory.banks(), &stack.entry.of_banks[..]) {
+        let kept = memory.peek(place).eq(entry.word);
+        proof.assert(STAYS, entry.pushed.implies(kept));
+        proof.assert(READS, popped.implies(read.untimed().eq(expected)));
         return;
     }
-    // A push is written a clock later, as a pop reads. Its packet cannot pop in the clocks until then: it has yet to ask for its next node.
-    let flies = proof.past(push);
+    words_are_kept_in_banks(proof, stack, entry, place, (popped, expected));
+}
+
+/// The same of a memory in banks. A push is written a clock later, as a pop reads. Its packet cannot pop in the clocks until then: it has
+/// yet to ask for its next node.
+fn words_are_kept_in_banks<'b>(
+    proof: &Proof<'b>,
+    stack: &Stack<'b>,
+    entry: &WatchedEntry<'b>,
+    place: Signal<'b>,
+    (popped, expected): (Signal<'b>, Signal<'b>),
+) {
+    let flies = proof.past(entry.push);
     proof.assume(
         "a packet that pushes does not pop before its push is written",
-        !(pop_here & (push | flies)),
+        !(entry.pop & (entry.push | flies)),
     );
     let (bank, place) = Banks::split(place);
     // Of the bank that the watched place is in.
@@ -414,17 +512,21 @@ fn stack<'b>(unit: &Watched<'_, 'b>) {
             bank.equals(u128::from(i)).mux(*signal, otherwise)
         })
     };
-    let writes = &stack.bank_writes;
+    let (banks, reads, writes) = (
+        stack.memory.banks(),
+        &stack.entry.of_banks,
+        &stack.bank_writes,
+    );
     let enable = of_bank(writes.iter().map(|write| write.enable).collect());
     let at_place = |address: Signal<'b>| address.extend(place.width()).eq(place);
     let address = of_bank(writes.iter().map(|write| at_place(write.address)).collect());
     let written = of_bank(writes.iter().map(|write| write.word).collect());
     let peek = |(memory, bits): &(Memory<'b>, u32)| memory.peek(place.low(*bits));
     let stored = of_bank(banks.iter().map(peek).collect());
-    let read = of_bank(reads_of_banks.iter().map(|word| word.untimed()).collect());
+    let read = of_bank(reads.iter().map(|word| word.untimed()).collect());
     let is_written = proof.named("is_written", enable & address);
-    let kept = flies.mux(is_written & written.eq(last_word.q), stored.eq(last_word.q));
-    proof.assert(stays, pushed.q.implies(kept));
+    let kept = flies.mux(is_written & written.eq(entry.word), stored.eq(entry.word));
+    proof.assert(STAYS, entry.pushed.implies(kept));
     proof.assert(
         "only a push at its level overwrites it",
         is_written.eq(flies),
@@ -435,17 +537,17 @@ fn stack<'b>(unit: &Watched<'_, 'b>) {
         next.next(then);
         (then, expected) = (next.q, proof.past(expected));
         if clock == 0 {
-            proof.assert(reads, then.implies(read.eq(expected)));
+            proof.assert(READS, then.implies(read.eq(expected)));
         }
     }
-    let chosen = pop.entry.word.untimed();
+    let chosen = stack.entry.word.untimed();
     proof.assert(
         "the word of its bank is chosen",
         then.implies(chosen.eq(expected)),
     );
-    let (bank_of_pop, _) = Banks::split(pop.entry.address);
+    let (bank_of_pop, _) = Banks::split(stack.entry.address);
     proof.fault(
         "the choice between banks takes another bank's word",
-        pop.entry.word.reads(bank_of_pop.bit(0)).inverted(),
+        stack.entry.word.reads(bank_of_pop.bit(0)).inverted(),
     );
 }

@@ -3,11 +3,13 @@
 //! Of its queues and of its readers ahead it assumes what is proved of them; of a program, that its instructions are of one kind each and
 //! that its rows have its end.
 
-use super::{Instruction, NodeWrite};
-use crate::hdl::{Builder, Flow, Proof, Signal, Write};
-use crate::hw::fifo::Placed;
-use crate::hw::prefetch::Occupancy;
-use crate::hw::properties::{Ahead, Reader, assert_shown_stays};
+use super::decode::Decode;
+use super::execute::Execute;
+use super::fetch::{Rows, Vertices};
+use super::write::{End, Nodes};
+use super::{Back, Instruction};
+use crate::hdl::{Builder, Proof, Signal};
+use crate::hw::properties::{Ahead, assert_shown_stays};
 
 /// Bits in which what is in several places is added up.
 const BITS: u32 = 10;
@@ -24,64 +26,15 @@ fn at_most_one<'b>(bits: &[Signal<'b>]) -> Signal<'b> {
     m.concat(bits).count_ones(3).le(m.lit(1u8, 3))
 }
 
-/// The unit's signals, part by part.
+/// The unit's parts.
 pub(super) struct Unit<'b> {
-    pub start: Signal<'b>,
-    pub running: Signal<'b>,
-    pub done: Signal<'b>,
-    // Fetch.
-    pub any_rows_left: Signal<'b>,
-    pub fetch_row: Signal<'b>,
-    pub row_requested: Signal<'b>,
-    pub rows: Reader<'b>,
-    /// Where it has one, the register that says that nothing was in the reader.
-    pub no_rows_before: Option<Signal<'b>>,
-    // The window and decode.
-    pub window_there: Signal<'b>,
-    pub idle_before: Signal<'b>,
-    pub take_word: Signal<'b>,
-    pub refill: Signal<'b>,
-    pub decoding: Signal<'b>,
-    pub instruction_there: Signal<'b>,
-    pub is_reload: Signal<'b>,
-    pub is_end: Signal<'b>,
-    pub decode: Signal<'b>,
-    pub decoded: Signal<'b>,
-    pub decoded_as: Instruction<Signal<'b>>,
-    // Vertices.
-    pub vertex_indices: Placed<'b>,
-    pub indices: Occupancy<'b>,
-    pub vertices: Reader<'b>,
-    // Instructions.
-    pub completed: Signal<'b>,
-    pub completed_as: Instruction<Signal<'b>>,
-    pub instruction_queue: Placed<'b>,
-    pub instructions: Occupancy<'b>,
-    pub front_as: Instruction<Signal<'b>>,
-    pub take: Signal<'b>,
-    pub goes: Signal<'b>,
-    pub current_valid: Signal<'b>,
-    pub current_as: Instruction<Signal<'b>>,
-    pub queue_room: Signal<'b>,
-    pub node_room: Signal<'b>,
-    pub node_goes: Signal<'b>,
-    pub load_waits: Signal<'b>,
-    pub end_waits: Signal<'b>,
-    // Merge.
-    /// Of a merge, one register after the other; as many as a box's read takes.
-    pub merging: Vec<Signal<'b>>,
-    /// Of an end that waits, the same but the last.
-    pub waiting: Vec<Signal<'b>>,
-    /// Of a node's bounds on their way to the queue, all registers.
-    pub to_node_queue: Vec<Signal<'b>>,
-    pub node_queue: Placed<'b>,
-    pub nodes: Occupancy<'b>,
-    pub node_write: Flow<NodeWrite<Signal<'b>>, Signal<'b>>,
-    pub node_write_ready: Signal<'b>,
-    pub box_write: Flow<Write<Signal<'b>>, Signal<'b>>,
-    pub box_write_ready: Signal<'b>,
-    pub box_was_read: Signal<'b>,
-    pub all_complete: Signal<'b>,
+    pub told: Back<Signal<'b>>,
+    pub rows: Rows<'b>,
+    pub decode: Decode<'b>,
+    pub vertices: Vertices<'b>,
+    pub execute: Execute<'b>,
+    pub nodes: Nodes<'b>,
+    pub end: End<'b>,
 }
 
 fn wide(signal: Signal<'_>) -> Signal<'_> {
@@ -100,22 +53,25 @@ struct Passing<'b> {
 impl<'b> Passing<'b> {
     fn new(unit: &Unit<'b>, proof: &Proof<'b>) -> Passing<'b> {
         let m = proof.module();
-        let held = unit.instruction_queue.count(BITS);
-        let front = unit.front_as;
+        let held = unit.execute.queue.count(BITS);
+        let front = unit.execute.front;
         let loads = proof.reg_reset("loads", BITS, 0);
-        let comes = unit.completed & unit.completed_as.load;
-        let goes = unit.take & front.load;
+        let comes = unit.decode.completed.valid & unit.decode.completed_as.load;
+        let goes = unit.execute.take & front.load;
         loads.next(loads.q + wide(comes) - wide(goes));
         let end = proof.reg_reset("end_in_queue", 1, 0);
         let before_end = proof.reg("before_end", BITS);
-        let ends = unit.completed & unit.completed_as.end;
-        let leaves = unit.take & before_end.q.is_zero();
+        let ends = unit.decode.completed.valid & unit.decode.completed_as.end;
+        let leaves = unit.execute.take & before_end.q.is_zero();
         end.next(ends | (end.q & !leaves));
         before_end.next_when(
-            ends | unit.take,
-            ends.mux(held - wide(unit.take), before_end.q - m.lit(1u8, BITS)),
+            ends | unit.execute.take,
+            ends.mux(
+                held - wide(unit.execute.take),
+                before_end.q - m.lit(1u8, BITS),
+            ),
         );
-        let shown = unit.instruction_queue.valid;
+        let shown = unit.execute.queue.valid;
         let assume =
             |what: &str, condition: Signal<'b>| proof.assume(what, shown.implies(condition));
         assume("an instruction is of one kind", front.one());
@@ -146,56 +102,59 @@ pub(super) fn credit<'b>(m: &'b Builder, unit: &Unit<'b>) {
     );
     let proof = &proof;
     let queues = [
-        &unit.instruction_queue,
-        &unit.vertex_indices,
-        &unit.node_queue,
+        &unit.execute.queue,
+        &unit.vertices.indices,
+        &unit.nodes.queue,
     ];
     queues.iter().for_each(|queue| queue.keep(proof));
-    let rows = Ahead::assumed(proof, "rows", unit.row_requested, &unit.rows);
-    let take_index = unit.vertex_indices.pop;
-    let vertices = Ahead::assumed(proof, "vertices", take_index, &unit.vertices);
+    let rows = Ahead::assumed(proof, "rows", unit.rows.requested, &unit.rows.reader);
+    let take_index = unit.vertices.indices.pop;
+    let vertices = Ahead::assumed(proof, "vertices", take_index, &unit.vertices.reader);
     let passing = Passing::new(unit, proof);
     proof.assume(
         "no instruction is both a reload and an end",
-        !(unit.is_reload & unit.is_end),
+        !(unit.decode.is_reload & unit.decode.is_end),
     );
-    let starved = unit.decoding & !unit.instruction_there & !unit.refill & !unit.any_rows_left;
+    let starved = unit.decode.decoding
+        & !unit.decode.instruction_there
+        & !unit.decode.refill
+        & !unit.rows.any_left;
     proof.assume(
         "a program's rows have its end",
-        !(starved & unit.rows.empty),
+        !(starved & unit.rows.reader.empty),
     );
-    proof.cover("an update is done", unit.done);
+    proof.cover("an update is done", unit.end.done);
 
-    let (node_write, box_write) = (unit.node_write, unit.box_write);
+    let (node_write, box_write) = (unit.nodes.write, unit.end.write);
     for (what, valid, ready, shown) in [
         (
             "program row",
-            unit.any_rows_left,
-            unit.rows.fetch_ready,
-            &[unit.fetch_row][..],
+            unit.rows.any_left,
+            unit.rows.reader.fetch_ready,
+            &[unit.rows.next][..],
         ),
         (
             "vertex",
-            unit.vertex_indices.valid,
-            unit.vertices.fetch_ready,
+            unit.vertices.indices.valid,
+            unit.vertices.reader.fetch_ready,
             &[],
         ),
         (
             "node write",
             node_write.valid,
-            unit.node_write_ready,
+            unit.nodes.ready,
             &[node_write.payload.address, node_write.payload.mask],
         ),
         (
             "box write",
             box_write.valid,
-            unit.box_write_ready,
+            unit.end.ready,
             &[box_write.payload.address],
         ),
     ] {
         assert_shown_stays(proof, what, valid, ready, shown);
     }
-    if let Some(before) = unit.no_rows_before {
+    if let Some(before) = unit.rows.none_before {
         proof.assert(
             "what is said to be empty is",
             before.implies(rows.count.is_zero()),
@@ -203,19 +162,22 @@ pub(super) fn credit<'b>(m: &'b Builder, unit: &Unit<'b>) {
     }
     proof.fault(
         "a credit comes back twice",
-        (unit.instructions.count.enable()).as_signal(unit.instruction_queue.pop),
+        (unit.execute.in_flight.count.enable()).as_signal(unit.execute.queue.pop),
     );
     proof.fault(
         "a node goes without room",
-        unit.node_goes.reads(unit.node_room).as_value(1),
+        unit.execute
+            .node_goes
+            .reads(unit.told.node_room)
+            .as_value(1),
     );
     proof.fault(
         "room for an instruction is never seen",
-        unit.queue_room.fault().as_value(0),
+        unit.told.queue_room.fault().as_value(0),
     );
     proof.fault(
         "a load's vertex is not asked for",
-        unit.vertex_indices.push_input().as_value(0),
+        unit.vertices.indices.push_input().as_value(0),
     );
     credits(proof, unit, &vertices, &passing);
     order(proof, unit, &rows, &passing);
@@ -224,30 +186,30 @@ pub(super) fn credit<'b>(m: &'b Builder, unit: &Unit<'b>) {
 
 /// What each credit stands for.
 fn credits<'b>(proof: &Proof<'b>, unit: &Unit<'b>, vertices: &Ahead<'b>, passing: &Passing<'b>) {
-    let decoded_load = unit.decoded & unit.decoded_as.load;
-    let merging = unit.to_node_queue.iter().map(|bit| wide(*bit));
+    let decoded_load = unit.decode.decoded & unit.decode.decoded_as.load;
+    let merging = unit.nodes.to_queue.iter().map(|bit| wide(*bit));
     let merging = merging
         .reduce(|sum, bit| sum + bit)
         .expect("a merge takes clocks");
-    let held = unit.instruction_queue.count(BITS);
-    let waiting = unit.vertex_indices.count(BITS);
+    let held = unit.execute.queue.count(BITS);
+    let waiting = unit.vertices.indices.count(BITS);
     for (occupancy, place, stands_for, what) in [
         (
-            &unit.instructions,
-            &unit.instruction_queue,
-            held + wide(unit.decoded) + wide(unit.completed),
+            &unit.execute.in_flight,
+            &unit.execute.queue,
+            held + wide(unit.decode.decoded) + wide(unit.decode.completed.valid),
             "an instruction's credit is in the queue, or just decoded or completed",
         ),
         (
-            &unit.indices,
-            &unit.vertex_indices,
+            &unit.vertices.indices_in_flight,
+            &unit.vertices.indices,
             waiting + wide(decoded_load),
             "a vertex index's credit is in the queue or just decoded",
         ),
         (
-            &unit.nodes,
-            &unit.node_queue,
-            unit.node_queue.count(BITS) + merging,
+            &unit.nodes.in_flight,
+            &unit.nodes.queue,
+            unit.nodes.queue.count(BITS) + merging,
             "a node's credit is in the queue or in the merge",
         ),
     ] {
@@ -266,8 +228,9 @@ fn credits<'b>(proof: &Proof<'b>, unit: &Unit<'b>, vertices: &Ahead<'b>, passing
             place.push.implies(place.count(BITS).lt(most)),
         );
     }
-    let loads =
-        passing.loads + wide(unit.load_waits) + wide(unit.completed & unit.completed_as.load);
+    let loads = passing.loads
+        + wide(unit.execute.load_waits)
+        + wide(unit.decode.completed.valid & unit.decode.completed_as.load);
     proof.assert(
         "every load that waits has its vertex on the way",
         loads.eq(waiting + vertices.count),
@@ -281,88 +244,103 @@ fn credits<'b>(proof: &Proof<'b>, unit: &Unit<'b>, vertices: &Ahead<'b>, passing
 /// From the window through the instruction queue: kinds, and that the end is last.
 fn order<'b>(proof: &Proof<'b>, unit: &Unit<'b>, rows: &Ahead<'b>, passing: &Passing<'b>) {
     let m = proof.module();
-    let there = unit.window_there;
+    let there = unit.decode.window_there;
     let one = m.lit(1u8, there.width());
     proof.assert(
         "the window's bytes are there from the first on",
-        unit.decoding.implies((there & (there + one)).is_zero()),
+        unit.decode
+            .decoding
+            .implies((there & (there + one)).is_zero()),
     );
     proof.assert(
         "the window is empty when an update starts",
-        unit.running | unit.idle_before,
+        unit.rows.running | unit.decode.idle_before,
     );
     proof.assert(
         "no row is there so soon after a start that it would be lost",
-        (unit.decoding & unit.idle_before).implies(!unit.rows.valid & rows.count.is_zero()),
+        (unit.decode.decoding & unit.decode.idle_before)
+            .implies(!unit.rows.reader.valid & rows.count.is_zero()),
     );
     for (what, valid, kinds) in [
-        ("a decoded", unit.decoded, unit.decoded_as),
-        ("the current", unit.current_valid, unit.current_as),
-        ("a completed", unit.completed, unit.completed_as),
+        ("a decoded", unit.decode.decoded, unit.decode.decoded_as),
+        ("the current", unit.execute.valid, unit.execute.current),
+        (
+            "a completed",
+            unit.decode.completed.valid,
+            unit.decode.completed_as,
+        ),
     ] {
         proof.assert(
             format!("{what} instruction is of one kind"),
             valid.implies(kinds.one()),
         );
     }
-    let held = unit.instruction_queue.count(BITS + 1);
-    let decoded_end = unit.decoded & unit.decoded_as.end;
-    let completed_end = unit.completed & unit.completed_as.end;
-    let end_waits = unit.end_waits;
+    let held = unit.execute.queue.count(BITS + 1);
+    let decoded_end = unit.decode.decoded & unit.decode.decoded_as.end;
+    let completed_end = unit.decode.completed.valid & unit.decode.completed_as.end;
+    let end_waits = unit.execute.end_waits;
     proof.assert(
         "the end is the last in its queue",
         (passing.end)
             .implies((passing.before_end.extend(BITS + 1) + m.lit(1u8, BITS + 1)).eq(held)),
     );
-    let decodes = unit.decoding | (unit.decoded & !unit.decoded_as.end);
+    let decodes = unit.decode.decoding | (unit.decode.decoded & !unit.decode.decoded_as.end);
     proof.assert(
         "nothing is decoded after an end",
         (passing.end | end_waits | completed_end | decoded_end).implies(!decodes),
     );
     proof.assert(
         "nothing is behind the end",
-        end_waits.implies(held.is_zero() & !unit.decoded & !unit.completed),
+        end_waits.implies(held.is_zero() & !unit.decode.decoded & !unit.decode.completed.valid),
     );
     proof.assert(
         "nothing is completed behind the end",
-        (passing.end | completed_end).implies(!unit.decoded & !(passing.end & unit.completed)),
+        (passing.end | completed_end)
+            .implies(!unit.decode.decoded & !(passing.end & unit.decode.completed.valid)),
     );
     proof.assert(
         "an update that runs is being decoded, or its end is on its way",
-        (unit.running).eq(unit.decoding | decoded_end | completed_end | passing.end | end_waits),
+        (unit.rows.running).eq(unit.decode.decoding
+            | decoded_end
+            | completed_end
+            | passing.end
+            | end_waits),
     );
     proof.assert(
         "an update has one end",
         at_most_one(&[decoded_end, completed_end, passing.end, end_waits]),
     );
-    let left =
-        unit.decoded | unit.completed | held.any() | unit.current_valid | unit.nodes.count.any();
+    let left = unit.decode.decoded
+        | unit.decode.completed.valid
+        | held.any()
+        | unit.execute.valid
+        | unit.nodes.in_flight.count.any();
     proof.assert(
         "an update runs while anything of it is left",
-        left.implies(unit.running),
+        left.implies(unit.rows.running),
     );
     proof.assert(
         "no update starts while rows are left",
-        (unit.any_rows_left | rows.count.any()).implies(!unit.start),
+        (unit.rows.any_left | rows.count.any()).implies(!unit.rows.start.valid),
     );
 }
 
 /// The end of an update, and that it comes.
 fn ends<'b>(proof: &Proof<'b>, unit: &Unit<'b>, rows: &Ahead<'b>, vertices: &Ahead<'b>) {
     let m = proof.module();
-    let box_shown = unit.box_write.valid;
+    let box_shown = unit.end.write.valid;
     let mut waited = vec![];
-    let mut so_far = unit.end_waits;
-    for clock in 0..unit.merging.len() {
+    let mut so_far = unit.execute.end_waits;
+    for clock in 0..unit.end.merging.len() {
         let register = proof.reg_reset(&format!("waited{clock}"), 1, 0);
         register.next(so_far);
         so_far = register.q;
         waited.push(so_far);
     }
-    for (waited, merges) in waited.iter().zip(&unit.merging) {
+    for (waited, merges) in waited.iter().zip(&unit.end.merging) {
         proof.assert("nothing merges while the end waits", !(*waited & *merges));
     }
-    for (waited, waits) in waited.iter().zip(&unit.waiting) {
+    for (waited, waits) in waited.iter().zip(&unit.end.waiting) {
         proof.assert(
             "an end waits as long as its registers say",
             waits.eq(*waited),
@@ -370,43 +348,43 @@ fn ends<'b>(proof: &Proof<'b>, unit: &Unit<'b>, rows: &Ahead<'b>, vertices: &Ahe
     }
     proof.assert(
         "a box is shown at an update's end only",
-        box_shown.implies(unit.end_waits),
+        box_shown.implies(unit.execute.end_waits),
     );
     proof.assert(
         "a box is shown when all else is complete",
-        box_shown.implies(unit.all_complete),
+        box_shown.implies(unit.end.all_complete),
     );
     proof.assert(
         "the box that is shown was read since the end came",
         box_shown.implies(m.and_all(&waited)),
     );
-    let end_moves = !unit.box_was_read
-        | (unit.all_complete & !box_shown)
-        | (!unit.all_complete & unit.nodes.count.is_zero());
+    let end_moves = !unit.end.box_was_read
+        | (unit.end.all_complete & !box_shown)
+        | (!unit.end.all_complete & unit.nodes.in_flight.count.is_zero());
     let moves = m.or_all(&[
-        unit.row_requested,
-        unit.rows.pop,
-        unit.take_word,
-        unit.refill,
-        unit.decode,
-        unit.decoded,
-        unit.completed,
-        unit.vertex_indices.pop,
-        unit.take,
-        unit.goes,
-        m.or_all(&unit.to_node_queue),
-        unit.end_waits & end_moves,
+        unit.rows.requested,
+        unit.rows.reader.pop,
+        unit.decode.take_word,
+        unit.decode.refill,
+        unit.decode.decode,
+        unit.decode.decoded,
+        unit.decode.completed.valid,
+        unit.vertices.indices.pop,
+        unit.execute.take,
+        unit.execute.goes,
+        m.or_all(&unit.nodes.to_queue),
+        unit.execute.end_waits & end_moves,
     ]);
     let memory = m.or_all(&[
-        unit.any_rows_left & rows.has_room,
-        rows.count.any() & !unit.rows.valid,
-        unit.vertex_indices.valid & vertices.has_room,
-        vertices.count.any() & !unit.vertices.valid,
-        unit.node_write.valid,
+        unit.rows.any_left & rows.has_room,
+        rows.count.any() & !unit.rows.reader.valid,
+        unit.vertices.indices.valid & vertices.has_room,
+        vertices.count.any() & !unit.vertices.reader.valid,
+        unit.nodes.write.valid,
         box_shown,
     ]);
     proof.assert(
         "while it runs something moves, or memory is waited for",
-        unit.running.implies(moves | memory),
+        unit.rows.running.implies(moves | memory),
     );
 }

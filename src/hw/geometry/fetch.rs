@@ -1,0 +1,230 @@
+//! Leaf fetch: a leaf's record is requested, then its vertices, and their responses are counted until the leaf is complete.
+
+use super::{Fetched, Inputs, VECTORS_OF_INSTANCE, VERTICES_OF_TRIANGLE};
+use crate::bkd::layout::fields;
+use crate::bundle;
+use crate::hdl::{Builder, Flow, HdlError, Memory, Request, Signal, Specs, Style};
+use crate::hw::fifo;
+use crate::hw::plan::Plan;
+use crate::hw::ray::Context;
+
+/// Bits that number a leaf's vertices or vectors in the tags of their requests.
+pub(in crate::hw) const CORNER_BITS: u32 = 3;
+
+bundle! {
+    /// The tag of a vertex's or a vector's request.
+    struct Corner(plan: &Plan) {
+        number: CORNER_BITS,
+        packet: plan.packet_bits(),
+    }
+}
+
+bundle! {
+    /// The vertices to fetch for a packet, or an instance's first vector.
+    pub(super) struct Job(plan: &Plan) {
+        packet: plan.packet_bits(),
+        instance: 1,
+        v0: plan.address(),
+        v1: plan.address(),
+        v2: plan.address(),
+    }
+}
+
+/// Leaf fetch, as other parts and the properties see it.
+pub(super) struct Fetch<'b> {
+    pub leaf: TakenLeaf<'b>,
+    pub record: Fetched<Signal<'b>>,
+    pub requests: VertexRequests<'b>,
+    pub arrival: Arrival<'b>,
+}
+
+/// A leaf that comes, and the request for its record in the same clock.
+pub(super) struct TakenLeaf<'b> {
+    /// Whether it is taken.
+    pub taken: Signal<'b>,
+    pub is_instance: Signal<'b>,
+    /// The latter, by packet.
+    pub instance_leaves: Memory<'b>,
+    pub request: Flow<Request<Signal<'b>>, Signal<'b>>,
+}
+
+/// What asks for the vertices of the leaf at the front of a queue.
+pub(super) struct VertexRequests<'b> {
+    pub queue: fifo::Placed<'b>,
+    pub job: Job<Signal<'b>>,
+    /// Which vertex or vector is asked for, whether it is the leaf's last, and whether the request is taken.
+    pub corner: Signal<'b>,
+    pub last_corner: Signal<'b>,
+    pub fire: Signal<'b>,
+    pub request: Flow<Request<Signal<'b>>, Signal<'b>>,
+}
+
+/// A vertex or vector that arrives.
+pub(super) struct Arrival<'b> {
+    pub number: Signal<'b>,
+    pub of: Fetched<Signal<'b>>,
+    /// How many have arrived before, by packet.
+    pub counts: Memory<'b>,
+    /// Whether it would be its leaf's last, and whether it is.
+    pub last_arrives: Signal<'b>,
+    pub complete: Signal<'b>,
+}
+
+/// Takes leaves from the ports, drives both memories' requests, and says in the clock of a leaf's last response that it is complete.
+/// A vertex is requested in each clock in which the vertex memory is ready; a leaf's first one, as a queue in block RAM has it,
+/// [`Plan::read_latency`] + 2 clocks after its record came.
+pub(super) fn fetch<'b>(
+    plan: &Plan,
+    m: &'b Builder,
+    inputs: &Inputs<Signal<'b>>,
+) -> Result<Fetch<'b>, HdlError> {
+    let leaf = take(plan, m, inputs);
+    m.comment(
+        "A record's answer: three vertices, or the six vectors that lie one after another, are requested one a clock.",
+    );
+    let record = Fetched::of(plan).unpack(inputs.record.response.payload.tag);
+    let requests = request_vertices(plan, m, inputs, record)?;
+    m.comment(
+        "Vertices and vectors arrive in any order; the last one to come makes the leaf complete.",
+    );
+    let arrival = count_arrivals(plan, m, inputs, leaf.instance_leaves);
+    Ok(Fetch {
+        leaf,
+        record,
+        requests,
+        arrival,
+    })
+}
+
+/// Takes a leaf in the clock in which its record can be requested.
+fn take<'b>(plan: &Plan, m: &'b Builder, inputs: &Inputs<Signal<'b>>) -> TakenLeaf<'b> {
+    m.comment("A leaf is taken when its record can be requested. Its tag says whether it is an instance's.");
+    let (valid, leaf) = (inputs.leaf.valid, inputs.leaf.payload);
+    let taken = (valid & inputs.record.request_ready).named("take_leaf");
+    let inside = Context::of(plan).unpack(leaf.context).inside;
+    let is_instance = (inputs.instanced & !inside).named("leaf_is_instance");
+    let instance_leaves = m.memory(
+        "instance_leaf_memory",
+        plan.packets(),
+        1,
+        Style::Distributed,
+    );
+    instance_leaves.write(taken, leaf.packet, is_instance);
+    let tag = Fetched::of(plan).pack(Fetched {
+        packet: leaf.packet,
+        instance: is_instance,
+    });
+    let address = leaf.address;
+    TakenLeaf {
+        taken,
+        is_instance,
+        instance_leaves,
+        request: Flow::new(valid, Request { address, tag }),
+    }
+}
+
+/// Queues the packets whose record has come, and requests the vertices of the one at the front.
+fn request_vertices<'b>(
+    plan: &Plan,
+    m: &'b Builder,
+    inputs: &Inputs<Signal<'b>>,
+    record: Fetched<Signal<'b>>,
+) -> Result<VertexRequests<'b>, HdlError> {
+    let a = plan.address();
+    let Flow { valid, payload } = inputs.record.response;
+    let triangle = fields::Triangle::of().unpack(payload.data);
+    let job = Job::of(plan);
+    let job_done = m.wire("job_done", 1);
+    let queue = fifo::place_block(
+        plan,
+        "vertex_queue",
+        plan.packets(),
+        valid,
+        job.pack(Job {
+            packet: record.packet,
+            instance: record.instance,
+            // An instance's first vector is named where a triangle's first vertex is.
+            v0: triangle.v0.low(a),
+            v1: triangle.v1.low(a),
+            v2: triangle.v2.low(a),
+        }),
+        job_done.get(),
+    )?;
+    let corner = m.reg_reset("corner", CORNER_BITS, 0);
+    let fire = (queue.valid & inputs.vertex.request_ready).named("vertex_fire");
+    let job = job.unpack(queue.front);
+    let last_corner = corner
+        .q
+        .eq(last_corner_of(job.instance))
+        .named("last_corner");
+    corner.next_when(
+        fire,
+        last_corner.mux(m.zero(CORNER_BITS), corner.q + m.lit(1u8, CORNER_BITS)),
+    );
+    job_done.drive(fire & last_corner);
+    let vector_address = (job.v0 + corner.q.extend(a)).named("vector_address");
+    let vertex_address = m
+        .select(corner.q.low(2), &[job.v0, job.v1, job.v2])
+        .named("vertex_address");
+    let request = Request {
+        address: job.instance.mux(vector_address, vertex_address),
+        tag: Corner::of(plan).pack(Corner {
+            number: corner.q,
+            packet: job.packet,
+        }),
+    };
+    Ok(VertexRequests {
+        request: Flow::new(queue.valid, request),
+        queue,
+        job,
+        corner: corner.q,
+        last_corner,
+        fire,
+    })
+}
+
+/// Counts what arrives, by packet.
+fn count_arrivals<'b>(
+    plan: &Plan,
+    m: &'b Builder,
+    inputs: &Inputs<Signal<'b>>,
+    instance_leaves: Memory<'b>,
+) -> Arrival<'b> {
+    let Flow { valid, payload } = inputs.vertex.response;
+    let Corner { number, packet } = Corner::of(plan).unpack(payload.tag);
+    let counts = m.memory(
+        "arrival_memory",
+        plan.packets(),
+        CORNER_BITS,
+        Style::Distributed,
+    );
+    let before = counts.read_now(packet);
+    let instance = instance_leaves
+        .read_now(packet)
+        .named("arrived_is_instance");
+    let last_arrives = before.eq(last_corner_of(instance)).named("last_arrives");
+    let complete = (valid & last_arrives).named("leaf_complete");
+    let zero = m.zero(CORNER_BITS);
+    let counted = last_arrives.mux(zero, before + m.lit(1u8, CORNER_BITS));
+    counts.write(
+        inputs.sweep | valid,
+        inputs.sweep.mux(inputs.sweep_packet, packet),
+        inputs.sweep.mux(zero, counted),
+    );
+    Arrival {
+        number,
+        of: Fetched { packet, instance },
+        counts,
+        last_arrives,
+        complete,
+    }
+}
+
+/// The last of a leaf's vertices or vectors.
+fn last_corner_of(is_instance: Signal<'_>) -> Signal<'_> {
+    let m = is_instance.module();
+    is_instance.mux(
+        m.lit(VECTORS_OF_INSTANCE - 1, CORNER_BITS),
+        m.lit(VERTICES_OF_TRIANGLE - 1, CORNER_BITS),
+    )
+}

@@ -1,0 +1,116 @@
+//! Leaf store: what is needed of a packet's leaf when its rays leave the test.
+
+use super::Inputs;
+use super::fetch::Fetch;
+use super::issue::Slot;
+use super::stages::Stages;
+use crate::bkd::layout::fields;
+use crate::bundle;
+use crate::hdl::{Builder, Signal, Signals, Specs, Style};
+use crate::hw::plan::Plan;
+use crate::hw::ray::{Context, Start};
+
+bundle! {
+    /// A leaf as it is kept.
+    struct LeafWord(plan: &Plan) {
+        context: Context::of(plan).width(),
+        address: plan.address(),
+    }
+}
+
+bundle! {
+    /// Where an object begins.
+    struct Root(plan: &Plan) {
+        address: plan.address(),
+        leaf: 1,
+    }
+}
+
+/// What is read of leaves.
+pub(super) struct Leaves<'b> {
+    /// Where the packet starts that is announced by `setup_next_packet`, [`Plan::read_latency`] clocks later.
+    pub start: Start<Signal<'b>>,
+    /// Of the leaf whose ray is merged.
+    pub context: Context<Signal<'b>>,
+    pub address: Signal<'b>,
+    pub triangle_number: Signal<'b>,
+    pub instance_number: Signal<'b>,
+    /// Of the instance whose ray leaves.
+    pub instance_address: Signal<'b>,
+}
+
+/// Writes leaves as they are taken and their records as they come, and reads both for slots that leave.
+pub(super) fn keep<'b>(
+    plan: &Plan,
+    m: &'b Builder,
+    inputs: &Inputs<Signal<'b>>,
+    fetch: &Fetch<'b>,
+    slot: &Slot<'b>,
+    stages: &Stages,
+    object_leaves_at: u32,
+) -> Leaves<'b> {
+    m.comment("Leaves as they are taken, the numbers and roots of their records, and what is read of them.");
+    let packets = plan.packets();
+    let (leaf_word, root, context) = (LeafWord::of(plan), Root::of(plan), Context::of(plan));
+    let leaf = inputs.leaf.payload;
+    let leaf_data = leaf_word
+        .pack(LeafWord {
+            context: leaf.context,
+            address: leaf.address,
+        })
+        .named("leaf_data");
+    let leaves = m.memory("leaf_memory", packets, leaf_word.width(), Style::Block);
+    leaves.write(fetch.leaf.taken, leaf.packet, leaf_data);
+    let (valid, record) = (inputs.record.response.valid, fetch.record);
+    let data = inputs.record.response.payload.data;
+    let instance = fields::Instance::of().unpack(data);
+    let triangle_numbers = m.memory("triangle_number_memory", packets, 32, Style::Block);
+    triangle_numbers.write(
+        valid & !record.instance,
+        record.packet,
+        fields::Triangle::of().unpack(data).number,
+    );
+    let instance_numbers = m.memory("instance_number_memory", packets, 32, Style::Block);
+    let instance_answer = (valid & record.instance).named("instance_answer");
+    instance_numbers.write(instance_answer, record.packet, instance.number);
+    let link = fields::Link::of().unpack(instance.root);
+    let root_data = root
+        .pack(Root {
+            address: link.link.low(plan.address()),
+            leaf: link.left_leaf,
+        })
+        .named("root_data");
+    let roots = m.memory("root_memory", packets, root.width(), Style::Block);
+    roots.write(instance_answer, record.packet, root_data);
+
+    let next_packet = inputs.setup_next_packet;
+    let start_root = root.unpack(plan.read(roots, next_packet));
+    let start_leaf = leaf_word.unpack(plan.read(leaves, next_packet));
+    let read_at = stages.hit - plan.read_latency();
+    let packet = slot.packet.at(read_at);
+    let merged = leaf_word.unpack(plan.read(leaves, packet));
+    let at_object = slot.packet.at(object_leaves_at - plan.read_latency());
+    Leaves {
+        start: Start {
+            address: start_root.address,
+            leaf: start_root.leaf,
+            context: context.pack(Context {
+                inside: m.lit(1u8, 1),
+                ..context.unpack(start_leaf.context)
+            }),
+        },
+        context: context.unpack(merged.context).named("tested"),
+        address: merged.address.named("tested_record"),
+        triangle_number: plan.read(triangle_numbers, packet).named("tested_triangle"),
+        // In a scene of one level every triangle is of instance 0.
+        instance_number: plan
+            .read_where(
+                instance_numbers,
+                packet,
+                slot.inside.at(read_at),
+                m.zero(32),
+            )
+            .named("tested_instance"),
+        instance_address: leaf_word.unpack(plan.read(leaves, at_object)).address,
+    }
+}

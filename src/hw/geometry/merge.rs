@@ -1,0 +1,173 @@
+//! Hit merge: a ray's closest hit, and which of a packet's rays have hit something.
+
+use super::issue::Slot;
+use super::leaves::Leaves;
+use super::{Inputs, Kept, TestWatch};
+use crate::bundle;
+use crate::hdl::{Builder, Flow, Memory, Signal, Signals, Specs, Style};
+use crate::hw::fp::{Knowing, Known, equal, less};
+use crate::hw::plan::Plan;
+use crate::hw::ray::{Context, Hit, InContext, Limit};
+use crate::hw::triangle;
+
+bundle! {
+    /// A ray's closest hit as it is kept.
+    struct Closest(plan: &Plan) {
+        t: plan.number(),
+        u: plan.number(),
+        v: plan.number(),
+        triangle: 32,
+        instance: 32,
+    }
+}
+
+/// What the merge says of a slot, a clock behind the test.
+pub(super) struct Merge<'b> {
+    pub limit: Flow<Limit<Signal<'b>>, Signal<'b>>,
+    pub done: Flow<InContext<Signal<'b>>, Signal<'b>>,
+    pub read: Hit<Signal<'b>>,
+    pub watch: Flow<TestWatch<Signal<'b>>, Signal<'b>>,
+}
+
+/// Merges a test with its ray's closest hit, in the clock behind [`Stages::hit`](super::stages::Stages::hit). A closest hit that is asked
+/// for at the ports is there a clock later.
+pub(super) fn merge<'b>(
+    plan: &Plan,
+    m: &'b Builder,
+    inputs: &Inputs<Signal<'b>>,
+    slot: &Slot<'b>,
+    leaf: &Leaves<'b>,
+    ray: Kept<Signal<'b>>,
+    test: &triangle::Outputs<Signal<'b>>,
+) -> Merge<'b> {
+    m.comment("The merge: a hit replaces the ray's closest one if it is closer, or as close and of a lower instance and triangle.");
+    let w = plan.number();
+    let word = Closest::of(plan);
+    let closest = m.memory(
+        "closest_memory",
+        plan.rays_in_flight(),
+        word.width(),
+        Style::Block,
+    );
+    let replaces = replaces(plan, m, slot, leaf, ray, test, closest);
+    let merged_at = replaces.stage();
+    let none = m.lit(u128::from(u32::MAX), 32);
+    let any = ray.any_hit.at(merged_at);
+    let merged = word
+        .pack(Closest {
+            t: any.mux(ray.limits.tmin.at(merged_at), test.t.at(merged_at)),
+            u: any.mux(m.zero(w), test.u.at(merged_at)),
+            v: any.mux(m.zero(w), test.v.at(merged_at)),
+            triangle: any.mux(none, leaf.triangle_number.at(merged_at)),
+            instance: any.mux(none, leaf.instance_number.at(merged_at)),
+        })
+        .named("merged");
+    let now = |signal: Signal<'b>| signal.at(merged_at).untimed();
+    let writes = (slot.test.at(merged_at) & replaces)
+        .untimed()
+        .named("merge_writes");
+    let packet = now(slot.packet).named("merge_packet");
+    let number = now(slot.ray).named("merge_ray");
+    closest.write(writes, plan.ray_index(packet, number), merged.untimed());
+    let minus_infinity = u128::from(plan.format.infinity() | plan.format.sign_bit());
+    let value = any.mux(m.lit(minus_infinity, w), test.t.at(merged_at));
+    let limit = Limit {
+        packet,
+        ray: number,
+        value: value.untimed(),
+    };
+    let limit = Flow::new(writes, limit);
+    let done = gather(plan, m, slot, leaf, limit, merged_at);
+    let asked = plan.ray_index(inputs.read_packet, inputs.read_ray);
+    let asked = m.pipeline().enter(asked);
+    let read = word.unpack(closest.read(asked).untimed());
+    let watch = TestWatch {
+        packet,
+        ray: number,
+        record: now(leaf.address),
+        instance: now(leaf.instance_number),
+        hit: now(test.hit),
+        replaces: replaces.untimed(),
+        t: now(test.t),
+        u: now(test.u),
+        v: now(test.v),
+    };
+    Merge {
+        limit,
+        done,
+        read: Hit {
+            t: read.t,
+            u: read.u,
+            v: read.v,
+            instance: read.instance,
+            triangle: read.triangle,
+        },
+        watch: Flow::new(now(slot.test), watch),
+    }
+}
+
+/// Whether a hit replaces the ray's closest one, a register behind the test.
+fn replaces<'b>(
+    plan: &Plan,
+    m: &'b Builder,
+    slot: &Slot<'b>,
+    leaf: &Leaves<'b>,
+    ray: Kept<Signal<'b>>,
+    test: &triangle::Outputs<Signal<'b>>,
+    closest: Memory<'b>,
+) -> Signal<'b> {
+    let f = plan.format;
+    let merge_at = test.hit.stage();
+    let read_at = merge_at - plan.read_latency();
+    let old = Closest::of(plan).unpack(plan.read(closest, slot.index.at(read_at)));
+    let touched = leaf.context.touched;
+    let was_touched = bit_of(m, touched, slot.ray.at(merge_at)).named("was_touched");
+    // Distances of hits, where the decision counts: not less than tmin.
+    let [new_t, old_t] = [test.t, old.t].map(|t| t.known(Known::Positive));
+    let closer = less(f, "closer", new_t, old_t).named("closer");
+    let as_close = equal(f, "as_close", new_t, old_t).named("as_close");
+    let identity = leaf.instance_number.concat(leaf.triangle_number);
+    let identity = identity.named("identity");
+    let old_identity = old.instance.concat(old.triangle);
+    let lower = identity.lt(old_identity).named("lower");
+    let any_hit = ray.any_hit.at(merge_at);
+    (test.hit & (any_hit | !was_touched | closer | (as_close & lower)))
+        .named("replaces")
+        .register()
+}
+
+/// Gathers over a leaf's rays which have hit something, and says with the last one that the leaf is done.
+fn gather<'b>(
+    plan: &Plan,
+    m: &'b Builder,
+    slot: &Slot<'b>,
+    leaf: &Leaves<'b>,
+    merged: Flow<Limit<Signal<'b>>, Signal<'b>>,
+    merged_at: u32,
+) -> Flow<InContext<Signal<'b>>, Signal<'b>> {
+    m.comment("Which rays have hit something, gathered over the triangle's rays.");
+    let gathered = m.reg("gathered", plan.rays());
+    let ray = merged.payload.ray;
+    let one_hot: Vec<_> = (0..plan.rays())
+        .rev()
+        .map(|i| merged.valid & ray.equals(u128::from(i)))
+        .collect();
+    let first = slot.first.at(merged_at).untimed();
+    let context = leaf.context.at(merged_at).untimed();
+    let so_far = first.mux(context.touched, gathered.q);
+    let newly_touched = m.concat(&one_hot).hinted("newly_touched");
+    let touched = (so_far | newly_touched).named("now_touched");
+    gathered.next_when(slot.test.at(merged_at).untimed(), touched);
+    let done = InContext {
+        packet: merged.payload.packet,
+        context: Context::of(plan).pack(Context { touched, ..context }),
+    };
+    let is_last = slot.test.at(merged_at) & slot.last.at(merged_at);
+    Flow::new(is_last.untimed(), done)
+}
+
+/// The bit of a word that an index names.
+fn bit_of<'b>(m: &'b Builder, word: Signal<'b>, index: Signal<'b>) -> Signal<'b> {
+    let bits: Vec<_> = (0..word.width()).map(|i| word.bit(i)).collect();
+    m.select(index, &bits)
+}

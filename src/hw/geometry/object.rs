@@ -1,0 +1,101 @@
+//! Object rays: rays that the test has transformed leave for ray setup, each with its interval in the instance's box.
+
+use super::issue::Slot;
+use super::leaves::Leaves;
+use super::rays::Rays;
+use super::stages::Stages;
+use super::{Moved, TransformWatch};
+use crate::hdl::{Builder, Flow, Signal, Signals, Specs};
+use crate::hw::fp::{Knowing, Known};
+use crate::hw::plan::{AXES, Plan};
+use crate::hw::ray::{Interval, Limits, Line, Place};
+use crate::hw::triangle;
+
+/// A ray in an object's space, and when it leaves.
+pub(super) struct ObjectRay<'b> {
+    pub leaves_at: u32,
+    pub ray: Flow<Moved<Signal<'b>>, Signal<'b>>,
+}
+
+impl<'b> ObjectRay<'b> {
+    /// What is shown of it to whoever watches.
+    pub fn watch(
+        &self,
+        rays: &Rays<'b>,
+        leaves: &Leaves<'b>,
+    ) -> Flow<TransformWatch<Signal<'b>>, Signal<'b>> {
+        let Moved { place, line, .. } = self.ray.payload;
+        let watch = TransformWatch {
+            packet: place.packet,
+            ray: place.ray,
+            record: leaves.instance_address.untimed(),
+            window: rays.own_window.at(self.leaves_at).untimed(),
+            line,
+        };
+        Flow::new(self.ray.valid, watch)
+    }
+}
+
+/// Keeps windows as they are measured, and joins direction and origin. A ray leaves a register behind [`Stages::object`], or two.
+pub(super) fn leave<'b>(
+    plan: &Plan,
+    m: &'b Builder,
+    slot: &Slot<'b>,
+    stages: &Stages,
+    rays: &Rays<'b>,
+    tested: &triangle::Outputs<Signal<'b>>,
+) -> ObjectRay<'b> {
+    m.comment("A ray's window is kept as soon as its box slot has it.");
+    let new_window = Interval::of(plan)
+        .pack(Interval {
+            near: tested.box_near,
+            far: tested.box_far,
+        })
+        .untimed();
+    rays.windows.write(
+        slot.in_box.at(stages.boxed).untimed(),
+        slot.index.at(stages.boxed).untimed(),
+        new_window,
+    );
+    m.comment("The direction waits for the origin, a clock behind it; then the transformed ray leaves, with its interval.");
+    let moved = tested.moved;
+    let moved_direction = [0, 1, 2].map(|i| {
+        let held = m.reg(format!("moved_direction_{}", AXES[i]), plan.number());
+        let comes = slot.direction.at(stages.moved).untimed();
+        held.next_when(comes, moved[i].untimed());
+        // It stays until the next ray's, three clocks later.
+        let stage = stages.object.min(stages.moved + 2);
+        slot.pipeline.enter_at(held.q, stage)
+    });
+    let object_near = plan.max(
+        "object_near",
+        rays.own_limits.tmin.known(Known::Positive),
+        rays.own_window.near.known(Known::Number),
+    );
+    let object_far = plan.min(
+        "object_far",
+        rays.own_limits.tmax.known(Known::Positive),
+        rays.own_window.far.known(Known::Number),
+    );
+    let leaves_at = object_near.stage() + 1;
+    let ray = Moved {
+        place: Place {
+            packet: slot.packet,
+            ray: slot.ray,
+            first: slot.first,
+            last: slot.last,
+        },
+        line: Line {
+            origin: moved,
+            direction: moved_direction,
+        },
+        limits: Limits {
+            tmin: object_near,
+            tmax: object_far,
+        },
+    };
+    ObjectRay {
+        leaves_at,
+        ray: Flow::new(slot.origin, ray).at(leaves_at).untimed(),
+    }
+}

@@ -1,0 +1,85 @@
+//! Operands: what the triangle test takes with a slot, and what the skinning processor is given of its results.
+
+use super::Inputs;
+use super::issue::Slot;
+use super::rays::Rays;
+use super::stages::Stages;
+use super::vectors::Vectors;
+use crate::hdl::{Builder, Bundle, Flow, Signal};
+use crate::hw::plan::{AXES, Plan};
+use crate::hw::ray::{Tested, Vector};
+use crate::hw::skinning::{Operands, Weighted};
+use crate::hw::triangle::{self, Pairs};
+
+/// The test's inputs. A slot takes the ray's origin or its direction as the point that a matrix is applied to; the skinning
+/// processor gives points, weights and pairs of its own, at [`Stages::weight`] and [`Stages::sums`].
+pub(super) fn operands<'b>(
+    plan: &Plan,
+    m: &'b Builder,
+    inputs: &Inputs<Signal<'b>>,
+    slot: &Slot<'b>,
+    stages: &Stages,
+    vectors: Vectors<'b>,
+    rays: &Rays<'b>,
+) -> triangle::Inputs<Signal<'b>> {
+    m.comment("The test, and what it lends its operators to.");
+    let p = slot.pipeline;
+    let read = plan.read_latency();
+    let is_direction = slot.direction.at(read).named("point_is_direction");
+    let influence = inputs.skin_issue.payload.influence;
+    let origin = [0, 1, 2].map(|i| {
+        let own = is_direction.mux(rays.direction[i], rays.tested.origin[i]);
+        let point = p.enter(influence.point.axes[i]).at(read);
+        let chosen = slot.skinning_at(read).mux(point, own);
+        plan.choose(chosen.named(format!("point_{}", AXES[i])))
+    });
+    let in_transform = (slot.direction | slot.origin).hinted("in_transform_slot");
+    let before = stages.test - 1;
+    let matrix = in_transform.at(before) | slot.skinning_at(before);
+    let matrix = matrix.hinted("matrix_slot").register();
+    let [x, y, z] = inputs.skin.pair;
+    let [u, v, t] = inputs.skin.vertex;
+    let pairs = [x, y, z, u, v, t].map(|pair| {
+        let [a, b] = [pair.a, pair.b].map(|operand| p.enter_at(operand, stages.sums));
+        Operands { a, b }
+    });
+    triangle::Inputs {
+        matrix,
+        corners: vectors.corners,
+        ray: Tested {
+            origin,
+            ..rays.tested
+        },
+        translation: vectors.translation,
+        weight: p.enter(influence.weight).at(stages.weight),
+        window: rays.window,
+        limits: rays.kept.limits,
+        shear_z: rays.shear_z,
+        accumulate: slot.skinning_at(stages.sums),
+        pairs: Pairs {
+            sum_a: pairs.map(|pair| pair.a),
+            sum_b: pairs.map(|pair| pair.b),
+        },
+    }
+}
+
+/// An influence's point moved and weighted, when the test has it, with the mark that came with it.
+pub(super) fn weighted<'b>(
+    inputs: &Inputs<Signal<'b>>,
+    slot: &Slot<'b>,
+    tested: &triangle::Outputs<Signal<'b>>,
+) -> Flow<Weighted<Signal<'b>>, Signal<'b>> {
+    let p = slot.pipeline;
+    let at = tested.weighted[0].stage();
+    let influence = inputs.skin_issue;
+    let entered = p.enter(influence.valid).cleared_by_reset();
+    Flow::new(
+        entered.at(at).untimed(),
+        Weighted {
+            mark: (influence.payload.mark).map(|_, mark| p.enter(mark).at(at).untimed()),
+            point: Vector {
+                axes: tested.weighted.map(Signal::untimed),
+            },
+        },
+    )
+}

@@ -1,0 +1,129 @@
+//! Ray store: what tests and transformations need of a ray, by its packet and its place there.
+
+use super::issue::Slot;
+use super::stages::Stages;
+use super::{Inputs, Kept, SetUp, World};
+use crate::hdl::{Builder, Flow, Memory, Signal, Signals, Specs, Style};
+use crate::hw::plan::Plan;
+use crate::hw::ray::{Interval, Limits, Tested, Vector};
+
+/// What a slot reads of its ray.
+pub(super) struct Rays<'b> {
+    /// At stage [`Plan::read_latency`].
+    pub tested: Tested<Signal<'b>>,
+    pub direction: [Signal<'b>; 3],
+    /// At [`Stages::window`]: the interval that clips a test, that of the instance in an object's space.
+    pub window: Interval<Signal<'b>>,
+    /// At [`Stages::limits`].
+    pub kept: Kept<Signal<'b>>,
+    /// At [`Stages::shear_z`].
+    pub shear_z: Option<Signal<'b>>,
+    /// At [`Stages::object`]: what limits the ray in the instance's object.
+    pub own_window: Interval<Signal<'b>>,
+    pub own_limits: Limits<Signal<'b>>,
+    /// The intervals in instances' boxes, which are written where they are measured.
+    pub windows: Memory<'b>,
+}
+
+/// Writes rays as they are set up, and reads those of slots. A ray's limits and direction in the world are kept while it is
+/// in an object's space; all else is kept for each space.
+pub(super) fn keep<'b>(
+    plan: &Plan,
+    m: &'b Builder,
+    inputs: &Inputs<Signal<'b>>,
+    slot: &Slot<'b>,
+    stages: &Stages,
+) -> Rays<'b> {
+    m.comment("Rays as they are set up.");
+    let (w, f) = (plan.number(), plan.format);
+    let by_ray = plan.rays_in_flight();
+    let by_level_ray = plan.level_rays_in_flight();
+    let (tested, limits) = (Tested::of(plan), Kept::of(plan));
+    let Flow { valid, payload } = inputs.setup;
+    let SetUp {
+        packet,
+        ray,
+        object,
+        ..
+    } = payload;
+    let index = plan.ray_index(packet, ray).hinted("setup_index");
+    let level_index = object.concat(index);
+    let of_world = (valid & !object).named("setup_of_world");
+    let tests = m.memory("ray_memory", by_level_ray, tested.width(), Style::Block);
+    tests.write(valid, level_index, tested.pack(payload.tested));
+    let kept = m.memory("ray_limit_memory", by_ray, limits.width(), Style::Block);
+    kept.write(of_world, index, limits.pack(payload.kept));
+    let shear_z = stages.shear_z.zip(inputs.setup_shear_z);
+    let shear_z = shear_z.map(|(stage, shear)| {
+        let memory = m.memory("shear_memory", by_level_ray, w, Style::Block);
+        memory.write(valid, level_index, shear);
+        (memory, stage)
+    });
+
+    let read = plan.read_latency();
+    let tested = tested
+        .unpack(plan.read(tests, slot.level_index))
+        .named("ray");
+    let direction = match (inputs.world, tested.direction) {
+        (Some(world), _) => world_direction(plan, m, world, slot),
+        (None, Some(direction)) => direction,
+        (None, None) => unreachable!("the test needs no direction only if it is watertight"),
+    };
+    let window = Interval::of(plan);
+    let windows = m.memory("window_memory", by_ray, window.width(), Style::Block);
+    let infinity = m.lit(u128::from(f.infinity()), w);
+    let minus_infinity = m.lit(u128::from(f.infinity() | f.sign_bit()), w);
+    let no_window = window.pack(Interval {
+        near: minus_infinity,
+        far: infinity,
+    });
+    let at = stages.window - read;
+    let clips = plan.read_where(windows, slot.index.at(at), slot.inside.at(at), no_window);
+    let by_ray = |memory, stage: u32| plan.read(memory, slot.index.at(stage - read));
+    Rays {
+        tested,
+        direction,
+        window: window.unpack(clips).named("window"),
+        kept: limits.unpack(by_ray(kept, stages.limits)).named("ray"),
+        shear_z: shear_z.map(|(memory, stage)| {
+            let index = slot.level_index.at(stage - read);
+            plan.read(memory, index).named("ray_shear_z")
+        }),
+        own_window: window.unpack(by_ray(windows, stages.object)).named("own"),
+        own_limits: limits
+            .unpack(by_ray(kept, stages.object))
+            .limits
+            .named("own"),
+        windows,
+    }
+}
+
+/// A ray's direction in the world, where the test itself needs none.
+fn world_direction<'b>(
+    plan: &Plan,
+    m: &'b Builder,
+    world: Flow<World<Signal<'b>>, Signal<'b>>,
+    slot: &Slot<'b>,
+) -> [Signal<'b>; 3] {
+    let vector = Vector::of(plan);
+    let memory = m.memory(
+        "direction_memory",
+        plan.rays_in_flight(),
+        vector.width(),
+        Style::Block,
+    );
+    let World {
+        packet,
+        ray,
+        direction: axes,
+    } = world.payload;
+    memory.write(
+        world.valid,
+        plan.ray_index(packet, ray),
+        vector.pack(Vector { axes }),
+    );
+    vector
+        .unpack(plan.read(memory, slot.index))
+        .named("ray_world_direction")
+        .axes
+}

@@ -1,0 +1,162 @@
+//! Fetch: starts meshes, and reads their influences, their palettes and their vertices at rest ahead of their use.
+
+use super::{Column, Mesh, Start, joint_bits};
+use crate::hdl::{Builder, Flow, HdlError, ReadInputs, Signal};
+use crate::hw::counters::{counts_down, counts_up};
+use crate::hw::plan::Plan;
+use crate::hw::prefetch::{self, prefetch};
+use crate::hw::properties::Reader;
+
+/// The rows of a mesh's influences, as they come.
+pub(super) struct Rows<'b> {
+    /// Whether a mesh may start, and one that starts.
+    pub start_ready: Signal<'b>,
+    pub start: Start<'b>,
+    /// High from the clock after a start until all of the mesh is written.
+    pub skinning: Signal<'b>,
+    pub fetched: prefetch::Outputs<Signal<'b>>,
+    // For the properties.
+    pub wanted: Signal<'b>,
+    pub address: Signal<'b>,
+    pub requested: Signal<'b>,
+    pub reader: Reader<'b>,
+}
+
+impl<'b> Rows<'b> {
+    /// Starts a mesh when the last one is written, none of its rows is left and the geometry unit is free, and requests its rows in order. The
+    /// front row stays until `pop_row`, which comes only where it is valid.
+    pub fn new(
+        plan: &Plan,
+        m: &'b Builder,
+        start: Flow<Mesh<Signal<'b>>, Signal<'b>>,
+        may_start: Signal<'b>,
+        memory: ReadInputs<Signal<'b>>,
+        pop_row: Signal<'b>,
+        over: Signal<'b>,
+    ) -> Result<Rows<'b>, HdlError> {
+        let (mesh, a) = (start.payload, plan.address());
+        m.comment("A mesh starts when the last one is written and none of its rows is left.");
+        let skinning = m.reg_reset("skinning_now", 1, 0);
+        let rows_left = m.reg_reset("rows_left", a, 0);
+        let no_rows = m.wire("no_rows", 1);
+        let wanted = rows_left.q.any().named("rows_wanted");
+        let idle = (no_rows.get() & !(skinning.q | wanted)).named("idle");
+        let start_ready = (idle & may_start).named("starts_if_asked");
+        let starts = (start.valid & start_ready).named("start");
+        skinning.next(starts | (skinning.q & !over));
+
+        m.comment("Rows of influences ahead of their use.");
+        let address = m.reg("row_address", a);
+        let room = plan.config.skinning_rows_ahead;
+        let inputs = prefetch::Inputs {
+            fetch_valid: wanted,
+            fetch_address: address.q,
+            memory,
+            pop: pop_row,
+        };
+        let fetched = prefetch(plan, ("row_prefetch", "rows"), room, inputs)?;
+        no_rows.drive(fetched.empty);
+        let requested = (wanted & fetched.fetch_ready).named("row_requested");
+        counts_down(rows_left, (starts, mesh.rows), requested);
+        counts_up(address, (starts, mesh.influences), requested);
+        Ok(Rows {
+            start_ready,
+            start: Flow::new(starts, mesh),
+            skinning: skinning.q,
+            fetched,
+            wanted,
+            address: address.q,
+            requested,
+            reader: Reader::of(&fetched, room, pop_row),
+        })
+    }
+}
+
+/// The vectors of a mesh, as they come: the palette's, then the vertices at rest.
+pub(super) struct Vectors<'b> {
+    /// The palette's go out as they come; while any is to come, `loading` is high.
+    pub palette: Flow<Column<Signal<'b>>, Signal<'b>>,
+    pub loading: Signal<'b>,
+    pub fetched: prefetch::Outputs<Signal<'b>>,
+    // For the properties.
+    pub columns_to_request: Signal<'b>,
+    pub rest_to_request: Signal<'b>,
+    pub wanted: Signal<'b>,
+    pub address: Signal<'b>,
+    pub requested: Signal<'b>,
+    pub column_requested: Signal<'b>,
+    pub rest_requested: Signal<'b>,
+    pub columns_to_come: Signal<'b>,
+    pub reader: Reader<'b>,
+}
+
+impl<'b> Vectors<'b> {
+    /// Requests a mesh's vectors in order. A vertex at rest stays in front until it `completes`.
+    pub fn new(
+        plan: &Plan,
+        m: &'b Builder,
+        Flow {
+            valid: start,
+            payload: mesh,
+        }: Start<'b>,
+        memory: ReadInputs<Signal<'b>>,
+        completes: Signal<'b>,
+    ) -> Result<Vectors<'b>, HdlError> {
+        m.comment("Vectors ahead of their use: the palette's, then the vertices at rest.");
+        let a = plan.address();
+        let columns = mesh.joints.concat(m.zero(2)).named("columns");
+        let columns_to_request = m.reg_reset("columns_to_request", columns.width(), 0);
+        let column_address = m.reg("column_address", a);
+        let rest_to_request = m.reg_reset("rest_to_request", a, 0);
+        let rest_address = m.reg("rest_address", a);
+        let requests_column = columns_to_request.q.any().named("requests_column");
+        let wanted = (requests_column | rest_to_request.q.any()).named("vector_wanted");
+        let pop = m.wire("pop_vector", 1);
+        let address = requests_column.mux(column_address.q, rest_address.q);
+        let room = plan.config.skinning_vertices_ahead;
+        let inputs = prefetch::Inputs {
+            fetch_valid: wanted,
+            fetch_address: address,
+            memory,
+            pop: pop.get(),
+        };
+        let fetched = prefetch(plan, ("vector_prefetch", "vectors"), room, inputs)?;
+        let requested = (wanted & fetched.fetch_ready).named("vector_requested");
+        let column_requested = (requested & requests_column).named("column_requested");
+        let rest_requested = (requested & !requests_column).named("rest_requested");
+        counts_down(columns_to_request, (start, columns), column_requested);
+        counts_up(column_address, (start, mesh.palette), column_requested);
+        counts_down(rest_to_request, (start, mesh.vertices), rest_requested);
+        counts_up(rest_address, (start, mesh.rest), rest_requested);
+
+        m.comment("The palette's vectors go into its memories as they come.");
+        let joint_width = joint_bits(plan);
+        let columns_to_come = m.reg_reset("columns_to_come", columns.width(), 0);
+        let column_place = m.reg("column_place", joint_width + 2);
+        let loading = columns_to_come.q.any().named("loading");
+        let column_comes = (fetched.valid & loading).named("column_comes");
+        counts_down(columns_to_come, (start, columns), column_comes);
+        let first_place = m.zero(joint_width + 2);
+        counts_up(column_place, (start, first_place), column_comes);
+        pop.drive(column_comes | completes);
+        let palette = Column {
+            joint: column_place.q.high(joint_width),
+            column: column_place.q.low(2),
+            data: fetched.front,
+        };
+        Ok(Vectors {
+            palette: Flow::new(column_comes, palette),
+            loading,
+            fetched,
+            columns_to_request: columns_to_request.q,
+            rest_to_request: rest_to_request.q,
+            wanted,
+            address,
+            requested,
+            column_requested,
+            rest_requested,
+            columns_to_come: columns_to_come.q,
+            reader: Reader::of(&fetched, room, pop.get()),
+        })
+    }
+}

@@ -1,0 +1,83 @@
+//! Issue: an influence goes to the geometry unit with its vertex.
+
+use super::fetch::{Rows, Vectors};
+use super::{Influence, Issued, Mark, POSITION_BITS, joint_bits};
+use crate::bkd::layout::{INFLUENCES_PER_ROW, fields};
+use crate::hdl::{Builder, Flow, Signal, Signals, Specs, bits_for};
+use crate::hw::counters::counts_up;
+use crate::hw::plan::Plan;
+use crate::hw::prefetch::pick;
+use crate::hw::ray::Vector;
+
+/// What is issued.
+pub(super) struct Issue<'b> {
+    /// An influence, a clock after `issue`.
+    pub issued: Flow<Issued<Signal<'b>>, Signal<'b>>,
+    pub issue: Signal<'b>,
+    /// High with `issue` for a vertex's last influence.
+    pub completes: Signal<'b>,
+    /// High where the front row has been used.
+    pub pop_row: Signal<'b>,
+    // For the properties.
+    pub room_missing: Signal<'b>,
+}
+
+impl<'b> Issue<'b> {
+    /// Issues an influence a clock unless it or its vertex is missing or, of a vertex's last one, `room`.
+    pub fn new(
+        plan: &Plan,
+        m: &'b Builder,
+        rows: &Rows<'b>,
+        vectors: &Vectors<'b>,
+        room: Signal<'b>,
+    ) -> Issue<'b> {
+        m.comment("Issue: an influence goes with its vertex unless either is missing, or room for a vertex that it completes.");
+        let (start, skinning) = (rows.start.valid, rows.skinning);
+        let slot_bits = bits_for(INFLUENCES_PER_ROW as u64);
+        let slot = m.reg("slot", slot_bits);
+        let of_row = fields::Influence::of(plan.format);
+        let width = of_row.width();
+        let slots: Vec<_> = (0..INFLUENCES_PER_ROW as u32)
+            .map(|k| rows.fetched.front.field(k * width, width))
+            .collect();
+        let influence = pick("influence", slot.q, &slots).named("influence");
+        let fields::Influence {
+            weight,
+            joint,
+            last,
+        } = of_row.unpack(influence).named("influence");
+        crate::named! {
+            let vertex_missing = !vectors.fetched.valid | vectors.loading;
+            let row_missing = !rows.fetched.valid;
+            let room_missing = last & !room;
+            let issue = skinning & !(vertex_missing | row_missing | room_missing);
+            let last_slot = slot.q.all();
+        }
+        counts_up(slot, (start, m.zero(slot_bits)), issue);
+        let position = m.reg("position", POSITION_BITS);
+        let after = position.q + m.lit(1u8, POSITION_BITS);
+        let next = (start | last).mux(m.zero(POSITION_BITS), after);
+        position.next_when(start | issue, next);
+        let issued = m.reg_reset("issued", 1, 0);
+        issued.next(issue);
+        let point = fields::Vertex::of(plan.format).unpack(vectors.fetched.front);
+        let influence = Influence {
+            joint: joint.low(joint_bits(plan)),
+            point: Vector {
+                axes: point.position,
+            },
+            weight: m.zero(1).concat(weight),
+        };
+        let position = position.q;
+        let mark = Mark { position, last };
+        let held = Issued::of(plan).hold("issued", Issued { influence, mark });
+        Issue {
+            issued: Flow::new(issued.q, held),
+            issue,
+            completes: issue & last,
+            // What is left of the last row when the mesh is complete is of no use.
+            pop_row: rows.fetched.valid & (!skinning | (issue & last_slot)),
+            room_missing,
+        }
+    }
+}

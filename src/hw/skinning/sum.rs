@@ -1,0 +1,77 @@
+//! Sum: adds up the weighted points of a vertex, in the geometry unit's adders.
+
+use super::{Mark, Operands, Sums, Weighted};
+use crate::hdl::{Builder, Flow, Pipeline, Signal};
+use crate::hw::plan::{AXES, Plan};
+
+/// The sums of a vertex.
+pub(super) struct VertexSums<'b> {
+    /// What the geometry unit is to add.
+    pub operands: Sums<Signal<'b>>,
+    /// High in the clock in which `vertex_sum` is that of a whole vertex.
+    pub vertex_done: Signal<'b>,
+    pub vertex_sum: [Signal<'b>; 3],
+    // For the properties.
+    /// Whether a vertex is being summed, at each stage until it is done.
+    pub summing: Vec<Signal<'b>>,
+}
+
+impl<'b> VertexSums<'b> {
+    /// Adds the first and the second of a vertex's weighted points, the third and the fourth, then both; an absent one is 0. The sums, of
+    /// pairs and of vertices, come `latency` clocks after their operands.
+    pub fn new(
+        plan: &Plan,
+        m: &'b Builder,
+        weighted: Flow<Weighted<Signal<'b>>, Signal<'b>>,
+        [pair_sum, vertex_sum]: [[Signal<'b>; 3]; 2],
+        latency: u32,
+    ) -> VertexSums<'b> {
+        m.comment("Accumulation: the first and the second, the third and the fourth, then both; an absent one is 0.");
+        let (p, w) = (m.pipeline(), plan.number());
+        let (valid, Weighted { mark, point }) = (weighted.valid, weighted.payload);
+        let Mark { position, last } = mark;
+        let odd = position.bit(0);
+        let first_of_pair = (valid & !odd).named("first_of_pair");
+        let pair_ends = (valid & (odd | last)).named("pair_ends");
+        let ready = p.enter(pair_ends).cleared_by_reset().register();
+        let upper = p.enter(position.bit(1)).named("upper_pair").register();
+        let complete = p.enter(last).named("completes_vertex").register();
+        let start_of_sum = ready.stage();
+        let pair = each_axis(|x, i| {
+            let first = m.reg(format!("first_{x}"), w);
+            first.next_when(first_of_pair, point.axes[i]);
+            let other = (first.q & odd.repeat(w)).named(format!("other_{x}"));
+            operands(p, point.axes[i], other, 0)
+        });
+        let at_pair = start_of_sum + latency;
+        let pair_done = ready.at(at_pair).untimed().named("pair_done");
+        let upper_done = upper.at(at_pair).untimed().named("upper_done");
+        let start_of_vertex = at_pair + 1;
+        let vertex = each_axis(|x, i| {
+            let lower = m.reg(format!("lower_{x}"), w);
+            let lower_done = (pair_done & !upper_done).hinted("lower_done");
+            lower.next_when(lower_done, pair_sum[i]);
+            let other = (lower.q & upper_done.repeat(w)).named(format!("lower_sum_{x}"));
+            operands(p, pair_sum[i], other, at_pair)
+        });
+        let vertex_ready = (ready & complete).named("vertex_ready").cleared_by_reset();
+        let done_at = start_of_vertex + latency;
+        VertexSums {
+            operands: Sums { pair, vertex },
+            vertex_done: vertex_ready.at(done_at).untimed().named("vertex_done"),
+            vertex_sum,
+            summing: vertex_ready.stages(start_of_sum..=done_at),
+        }
+    }
+}
+
+/// What `of` makes of each axis, its name and its number.
+fn each_axis<'b>(of: impl Fn(&str, usize) -> Operands<Signal<'b>>) -> [Operands<Signal<'b>>; 3] {
+    [0, 1, 2].map(|i| of(AXES[i], i))
+}
+
+/// Two numbers to add, a clock after they were there at a stage.
+fn operands<'b>(p: Pipeline<'b>, a: Signal<'b>, b: Signal<'b>, at: u32) -> Operands<Signal<'b>> {
+    let [a, b] = [a, b].map(|number| p.enter_at(number, at).register().untimed());
+    Operands { a, b }
+}

@@ -1,0 +1,101 @@
+//! Write: queues vertices until they are written, and tells when all of a mesh are.
+
+use super::fetch::Rows;
+use super::sum::VertexSums;
+use crate::bkd::layout::fields;
+use crate::hdl::{Builder, Flow, Memory, Signal, Specs, Style, Write, bits_for};
+use crate::hw::counters::{counts_down, counts_up};
+use crate::hw::plan::Plan;
+use crate::hw::prefetch::Occupancy;
+
+/// The write queue, and the end of a mesh.
+pub(super) struct Queue<'b> {
+    pub write: Flow<Write<Signal<'b>>, Signal<'b>>,
+    /// The vertices that have room in it: it tells whether one more may be issued.
+    pub under_way: Occupancy<'b>,
+    /// All of the mesh is written; the same a clock later.
+    pub over: Signal<'b>,
+    pub done: Signal<'b>,
+    // For the properties.
+    pub depth: u32,
+    pub words: Memory<'b>,
+    pub data: Signal<'b>,
+    pub head: Signal<'b>,
+    pub tail: Signal<'b>,
+    pub grows: Signal<'b>,
+    pub queued: Occupancy<'b>,
+    pub written: Signal<'b>,
+    pub vertices_left: Signal<'b>,
+}
+
+impl<'b> Queue<'b> {
+    /// Takes each vertex that is summed, for which room was taken when it `completes`, and shows it until it is written, two clocks later at
+    /// the earliest. A mesh is over when its palette is no longer `loading` and all its vertices are written.
+    pub fn new(
+        plan: &Plan,
+        m: &'b Builder,
+        rows: &Rows<'b>,
+        loading: Signal<'b>,
+        completes: Signal<'b>,
+        sums: &VertexSums<'b>,
+        write_ready: Signal<'b>,
+    ) -> Queue<'b> {
+        m.comment("The write queue, in block RAM: always read where the front is next, a word shows two clocks after it came.");
+        let depth = plan.config.skinning_vertices_waiting;
+        let bits = bits_for(u64::from(depth));
+        let of_vertex = fields::Vertex::of(plan.format);
+        let words = m.memory("write_queue", depth, of_vertex.width(), Style::Block);
+        let head = m.reg_reset("queue_head", bits, 0);
+        let tail = m.reg_reset("queue_tail", bits, 0);
+        let last = u128::from(depth) - 1;
+        let after = |place: Signal<'b>| {
+            let next = place + m.lit(1u8, bits);
+            place.equals(last).mux(m.zero(bits), next)
+        };
+        let data = of_vertex.pack(fields::Vertex {
+            position: sums.vertex_sum,
+        });
+        let vertex_done = sums.vertex_done;
+        words.write(vertex_done, tail.q, data);
+        tail.next_when(vertex_done, after(tail.q));
+        let written = m.wire("written", 1);
+        let grows = m.reg_reset("queue_grows", 1, 0);
+        grows.next(vertex_done);
+        let queued = Occupancy::new(plan, m, "queue_count", depth, grows.q, written.get());
+        let next_head = written.get().mux(after(head.q), head.q).named("next_head");
+        head.next(next_head);
+        let front = words.read(next_head);
+        written.drive(queued.any & write_ready);
+        let written = written.get();
+        let under_way = Occupancy::new(plan, m, "vertices_under_way", depth, completes, written);
+        let (start, mesh) = (rows.start.valid, rows.start.payload);
+        let next_written = m.reg("next_written", plan.address());
+        counts_up(next_written, (start, mesh.target), written);
+
+        m.comment("The end: the last vertex is written.");
+        let vertices_left = m.reg_reset("vertices_left", plan.address(), 0);
+        counts_down(vertices_left, (start, mesh.vertices), written);
+        let over = rows.skinning & !(loading | vertices_left.q.any());
+        let done = m.reg_reset("mesh_done", 1, 0);
+        done.next(over);
+        let write = Write {
+            address: next_written.q,
+            data: front,
+        };
+        Queue {
+            write: Flow::new(queued.any, write),
+            under_way,
+            over,
+            done: done.q,
+            depth,
+            words,
+            data,
+            head: head.q,
+            tail: tail.q,
+            grows: grows.q,
+            queued,
+            written,
+            vertices_left: vertices_left.q,
+        }
+    }
+}

@@ -1,0 +1,113 @@
+//! Where packets go after starts and pops.
+
+use super::Inputs;
+use super::kept::{PoppedRay, PoppedWrite, PoppedWrites};
+use super::pop::{Popped, Retry};
+use super::start::Start;
+use crate::bkd::layout::fields::Link;
+use crate::hdl::{Builder, Signal, Specs, Wire, Wires};
+use crate::hw::plan::Plan;
+use crate::hw::ray::{Context, InContext, Interval};
+
+/// Target clock, in MHz, from which on where a packet goes after a start or a pop has a register: whether any of its rays stays is
+/// decided in the clock before, and the wires to all queues and memories take the rest of it.
+const REGISTER_ENTERED_FROM: u32 = 120;
+
+/// A packet that goes somewhere after a pop or a start.
+pub(super) struct Entered<'b> {
+    /// Whether it goes somewhere; from [`REGISTER_ENTERED_FROM`] on, a clock before the rest.
+    pub decided: Signal<'b>,
+    pub registered: bool,
+    pub valid: Signal<'b>,
+    pub leaf: Signal<'b>,
+    pub address: Signal<'b>,
+    pub context: Signal<'b>,
+    /// The packet that starts or whose pop ends; from [`REGISTER_ENTERED_FROM`] on, a clock before the rest.
+    pub packet: Signal<'b>,
+    /// Whether it starts nowhere, being of the world; in the same clock.
+    pub none_enters: Signal<'b>,
+}
+
+/// No pop ends in a clock in which a ray arrives, so a choice by that is all that it takes. A packet that goes nowhere in an object pops
+/// again, as one does whose entry is dropped.
+pub(super) fn enter<'b>(
+    m: &'b Builder,
+    plan: &Plan,
+    inputs: &Inputs<Signal<'b>>,
+    start: &Start<'b>,
+    pop: &Popped<'b>,
+    popped: &PoppedWrites<'b>,
+    retry: Retry<Wire<'b>>,
+) -> Entered<'b> {
+    let &Inputs {
+        setup,
+        setup_object,
+        object,
+        root,
+        ..
+    } = inputs;
+    let (arrives, setup) = (setup.valid, setup.payload);
+    m.comment("Where a packet goes that starts or has popped.");
+    let in_object = start.nowhere & setup_object;
+    retry.push.drive(pop.dropped | in_object);
+    let again = |packet, context| InContext::of(plan).pack(InContext { packet, context });
+    let started = again(setup.place.packet, object.context);
+    retry
+        .item
+        .drive(arrives.mux(started, again(pop.packet, pop.context)));
+
+    // What is kept here is read after the node's answer, which takes a clock more than this register.
+    let registered = plan.config.clock_mhz >= REGISTER_ENTERED_FROM;
+    let later = |name: &str, signal: Signal<'b>, reset: Option<u128>| {
+        if !registered {
+            return signal;
+        }
+        let (name, width) = (format!("{name}_s1"), signal.width());
+        let register = match reset {
+            Some(value) => m.reg_reset(name, width, value),
+            None => m.reg(name, width),
+        };
+        register.next(signal);
+        register.q
+    };
+    let goes = (start.goes | pop.goes).named("entered");
+    let packet = arrives.mux(setup.place.packet, pop.packet);
+    popped.packet.drive(PoppedWrite {
+        packet: later("popped_packet", packet, None),
+        mask_write: later("popped_mask_write", goes, None),
+        mask: later("popped_mask", arrives.mux(start.mask, pop.mask), None),
+    });
+    let setup_interval = Interval::of(plan).pack(setup.interval);
+    let setup_interval = setup_interval.hinted("setup_interval");
+    for (i, ray) in popped.rays.iter().enumerate() {
+        let interval = arrives.mux(setup_interval, pop.intervals[i]);
+        let write = start.of_ray[i] | pop.goes;
+        ray.drive(PoppedRay {
+            write: later(&format!("popped{i}_write"), write, None),
+            interval: later(&format!("popped{i}_interval"), interval, None),
+        });
+    }
+    let root = Link::of().unpack(root);
+    let entering = |name, object, root, popped| {
+        let started = setup_object.mux(object, root);
+        arrives.mux(started, popped).hinted(name)
+    };
+    let leaf = entering("entering_leaf", object.leaf, root.left_leaf, pop.leaf);
+    let address = root.link.low(plan.address());
+    let address = entering("entering_address", object.address, address, pop.address);
+    let nothing = m.zero(Context::of(plan).width());
+    let context = entering("entering_context", object.context, nothing, pop.context);
+    Entered {
+        decided: goes,
+        registered,
+        valid: later("entered", goes, Some(0)),
+        leaf: later("entered_leaf", leaf, None),
+        address: later("entered_address", address, None),
+        context: later("entered_context", context, None),
+        packet: match registered {
+            true => packet,
+            false => popped.packet.packet.get(),
+        },
+        none_enters: start.nowhere & !setup_object,
+    }
+}

@@ -1,0 +1,197 @@
+//! Packets that pop: which one does, and which of its rays stay.
+
+use super::stack::{Entry, Stack};
+use super::step::Step;
+use crate::bundle;
+use crate::hdl::{Builder, Flow, HdlError, Signal, Specs, Style};
+use crate::hw::fifo::{self, Placed};
+use crate::hw::fp::{Knowing, Known, less_equal};
+use crate::hw::plan::Plan;
+use crate::hw::ray::{Context, InContext, Interval, Limit};
+
+bundle! {
+    /// A packet that is to pop again.
+    pub(super) struct Retry(plan: &Plan) {
+        push: 1,
+        item: InContext::of(plan).width(),
+    }
+}
+
+/// The packet that pops, in a pipeline of its own: chosen in stage 0; where the clock asks for it, all but `valid` are a clock later.
+pub(super) struct Popping<'b> {
+    /// The queues of packets that are to pop: from the geometry unit, once more, from steps that went nowhere.
+    pub queues: [Placed<'b>; 3],
+    pub valid: Signal<'b>,
+    /// A word of [`InContext`], and what is in it.
+    pub word: Signal<'b>,
+    pub packet: Signal<'b>,
+    pub level: Signal<'b>,
+    touched: Signal<'b>,
+    /// Whether its stack is empty.
+    pub empty: Signal<'b>,
+}
+
+/// Queues packets that are to pop, and takes one a clock unless a ray will arrive when its pop would end.
+pub(super) fn choose<'b>(
+    m: &'b Builder,
+    plan: &Plan,
+    setup_soon: Signal<'b>,
+    done: Flow<InContext<Signal<'b>>, Signal<'b>>,
+    retry: Retry<Signal<'b>>,
+    step: &Step<'b>,
+) -> Result<Popping<'b>, HdlError> {
+    let of_word = InContext::of(plan);
+    m.comment(
+        "Packets that pop: from the geometry unit, from steps that went nowhere, and again after a dropped entry or an instance \
+         that no ray enters.",
+    );
+    let [take_done, take_retry, take_stepped] =
+        ["take_done", "take_retry", "take_stepped_pop"].map(|name| m.wire(name, 1));
+    let queue = |name, push, word, take: Signal<'b>| {
+        fifo::place(plan, name, plan.packets(), push, word, take)
+    };
+    let word = of_word.pack(done.payload);
+    let done_queue = queue("done_queue", done.valid, word, take_done.get())?;
+    let retry_queue = queue("retry_queue", retry.push, retry.item, take_retry.get())?;
+    let nowhere = (step.valid & !step.goes).named("step_goes_nowhere");
+    let word = of_word.pack(InContext {
+        packet: step.packet,
+        context: step.context,
+    });
+    let nowhere_queue = queue("nowhere_queue", nowhere, word, take_stepped.get())?;
+    let (done_any, retry_any) = (done_queue.valid, retry_queue.valid);
+    let nowhere_any = nowhere_queue.valid;
+    let may_pop = (!setup_soon).named("may_pop");
+    take_retry.drive(may_pop & retry_any);
+    let no_retry = (may_pop & !retry_any).hinted("may_pop_and_no_retry");
+    take_done.drive(no_retry & done_any);
+    take_stepped.drive(no_retry & !done_any & nowhere_any);
+
+    let q = m.pipeline();
+    let valid = q
+        .enter(may_pop & (retry_any | done_any | nowhere_any))
+        .named("pop_valid")
+        .cleared_by_reset();
+    let choices = [(retry_any, retry_queue.front), (done_any, done_queue.front)];
+    let chosen = q.enter(m.priority(&choices, nowhere_queue.front));
+    let word = plan.choose(chosen.named("pop_chosen")).named("pop");
+    let InContext { packet, context } = of_word.unpack(word);
+    let Context { level, touched, .. } = Context::of(plan).unpack(context);
+    Ok(Popping {
+        queues: [done_queue, retry_queue, nowhere_queue],
+        valid,
+        word,
+        packet,
+        level,
+        touched,
+        empty: level.is_zero().named("stack_empty"),
+    })
+}
+
+/// What comes out of the pop pipeline, all in the clock in which a pop ends but what is said to be in the pipeline.
+pub(super) struct Popped<'b> {
+    /// Clocks from the choice of a packet to here.
+    pub latency: u32,
+    /// The rays that stay, as it is decided; in the pipeline.
+    pub stays: Signal<'b>,
+    pub done: Signal<'b>,
+    pub packet: Signal<'b>,
+    /// Whether the stack was empty.
+    pub empty: Signal<'b>,
+    pub mask: Signal<'b>,
+    pub touched: Signal<'b>,
+    pub address: Signal<'b>,
+    pub leaf: Signal<'b>,
+    pub context: Signal<'b>,
+    pub level: Signal<'b>,
+    pub intervals: Vec<Signal<'b>>,
+    /// Whether there was an entry and some ray stays, or none does.
+    pub goes: Signal<'b>,
+    pub dropped: Signal<'b>,
+}
+
+/// A popped entry is clipped by what its rays have hit since it was pushed.
+pub(super) fn clip<'b>(
+    m: &'b Builder,
+    plan: &Plan,
+    limit: Flow<Limit<Signal<'b>>, Signal<'b>>,
+    popping: &Popping<'b>,
+    stack: &Stack<'b>,
+) -> Popped<'b> {
+    m.comment("The pop.");
+    let entry = Entry::of(plan).unpack(stack.entry.word);
+    let rays = (0..plan.rays()).map(|i| clip_ray(m, plan, i, limit, popping, entry));
+    let (mut stays, intervals): (Vec<_>, Vec<_>) = rays.unzip();
+    stays.reverse();
+    let stays = m.concat(&stays).named("stay_mask");
+    let mask = stays.register();
+    // What clips a far may take a clock more than what a ray stays by.
+    let latency = (intervals.iter().chain([&mask]))
+        .map(Signal::stage)
+        .max()
+        .expect("some intervals");
+    let late = |signal: Signal<'b>| signal.at(latency).untimed();
+    let mask = late(mask).named("pop_out_mask");
+    let intervals = intervals.into_iter().map(late).collect();
+    let done = late(popping.valid).named("pop_done");
+    let packet = late(popping.packet).named("pop_out_packet");
+    let empty = late(popping.empty);
+    let (level, touched) = (late(stack.level_below), late(popping.touched));
+    let context = Context::of(plan).pack(Context {
+        level,
+        touched,
+        inside: late(entry.inside),
+    });
+    let has_entry = (done & !empty).hinted("pop_has_entry");
+    let any_stays = mask.any().hinted("pop_any_stays");
+    Popped {
+        latency,
+        stays,
+        done,
+        packet,
+        empty,
+        mask,
+        touched,
+        address: late(entry.address),
+        leaf: late(entry.leaf),
+        context: context.named("pop_out_context"),
+        level,
+        intervals,
+        goes: (has_entry & any_stays).named("pop_goes_on"),
+        dropped: (has_entry & !any_stays).named("pop_dropped"),
+    }
+}
+
+/// Keeps a ray's limit. Returns whether the ray stays in an entry of the stack, and its interval there.
+fn clip_ray<'b>(
+    m: &'b Builder,
+    plan: &Plan,
+    i: u32,
+    limit: Flow<Limit<Signal<'b>>, Signal<'b>>,
+    popping: &Popping<'b>,
+    entry: Entry<Signal<'b>>,
+) -> (Signal<'b>, Signal<'b>) {
+    let interval = Interval::of(plan);
+    let (name, width) = (format!("limit{i}_memory"), plan.number());
+    let limits = m.memory(name, plan.packets(), width, Style::Distributed);
+    let Limit { packet, ray, value } = limit.payload;
+    limits.write(limit.valid & ray.equals(u128::from(i)), packet, value);
+    let limit = limits.read_now(popping.packet.at(entry.mask.stage() - 1));
+    // Any hit's limit is minus infinity; a closest hit's is a distance.
+    let limit = limit.register().known(Known::Number);
+    let width = interval.width();
+    let word = entry.intervals.part(format!("ray{i}"), i * width, width);
+    let Interval { near, far } = interval.unpack(word);
+    let touched = popping.touched.part(format!("ray{i}"), i, 1);
+    let name = format!("ray{i}_within");
+    let within = less_equal(plan.format, &name, near.known(Known::Positive), limit).named(name);
+    let was_in = entry.mask.part(format!("ray{i}"), i, 1);
+    let untouched = (!touched).hinted(format!("ray{i}_untouched"));
+    let stays = (was_in & (within | untouched)).named(format!("ray{i}_stays"));
+    let far_known = far.known(Known::Number);
+    let nearer = plan.min(format!("ray{i}_far_or_limit"), far_known, limit);
+    let far = touched.mux(nearer, far).named(format!("ray{i}_far"));
+    let clipped = interval.pack(Interval { near, far });
+    let clipped = clipped.hinted(format!("ray{i}_popped_interval"));
+    (plan.settle(stays), plan.settle(clipped).register())
+}

@@ -1,0 +1,64 @@
+//! Packets that start, in the scene or in an object.
+
+use super::SetUp;
+use crate::hdl::{Builder, Flow, Signal};
+use crate::hw::plan::Plan;
+
+/// What a ray that has been set up means for its packet, in the clock in which it comes.
+pub(super) struct Start<'b> {
+    /// By place in the packet: whether the ray that comes has that place.
+    pub of_ray: Vec<Signal<'b>>,
+    /// The packet's rays that have come and enter, this one included.
+    pub mask: Signal<'b>,
+    /// Whether the ray is the packet's last, and some ray enters, or none does.
+    pub goes: Signal<'b>,
+    pub nowhere: Signal<'b>,
+}
+
+/// Gathers a packet's rays. They arrive one by one, those of the world and of an object's space alternating as they like; the last one
+/// starts the packet. All outputs belong to the clock in which a ray arrives.
+pub(super) fn start<'b>(
+    m: &'b Builder,
+    plan: &Plan,
+    setup: Flow<SetUp<Signal<'b>>, Signal<'b>>,
+    setup_object: Signal<'b>,
+) -> Start<'b> {
+    let Flow {
+        valid,
+        payload: SetUp { place, enters, .. },
+    } = setup;
+    let rays = plan.rays();
+    m.comment(
+        "The start, in the scene or in an object: rays arrive one by one, the last one starts the packet at the root. No pop ends while \
+         one arrives. Rays of the world and of an object's space may alternate.",
+    );
+    let is_ray: Vec<_> = (0..rays)
+        .map(|i| {
+            let is_ray = place.ray.equals(u128::from(i));
+            is_ray.hinted(format!("setup_ray_is_{i}"))
+        })
+        .collect();
+    let of_ray = is_ray.iter().enumerate();
+    let of_ray = of_ray.map(|(i, is_ray)| (valid & *is_ray).named(format!("setup_of_ray{i}")));
+    let of_ray = of_ray.collect();
+    let bit_in: Vec<_> = is_ray.iter().rev().map(|is_ray| enters & *is_ray).collect();
+    let bit_in = m.concat(&bit_in).named("bit_in");
+    let gathered = m.reg("gathered", rays);
+    let gathered_object = m.reg("gathered_object", rays);
+    let so_far = place.first.mux(
+        m.zero(rays),
+        setup_object.mux(gathered_object.q, gathered.q),
+    );
+    let so_far = so_far.hinted("gathered_so_far");
+    let mask = (so_far | bit_in).named("start_mask");
+    gathered.next_when(valid & !setup_object, mask);
+    gathered_object.next_when(valid & setup_object, mask);
+    let start = (valid & place.last).named("start");
+    let any_enters = mask.any().hinted("any_enters");
+    Start {
+        of_ray,
+        mask,
+        goes: (start & any_enters).named("start_goes"),
+        nowhere: (start & !any_enters).named("start_nowhere"),
+    }
+}

@@ -1,0 +1,269 @@
+//! The packet step: where the packet's rays go, then where the packet goes.
+
+use super::kept::{Kept, RayWord, Requested, Stepped, SteppedWrite};
+use super::stack::Entry;
+use super::{StepWatch, slice};
+use crate::bkd::layout::fields::{Node, Planes};
+use crate::bundle;
+use crate::hdl::{Builder, Flow, Module, Response, Signal, Signals, Specs, Wire, Wires};
+use crate::hw::plan::Plan;
+use crate::hw::ray::{Context, Interval};
+use std::sync::Arc;
+
+/// The step pipeline up to the slices' results; its stage 0 is the clock of the node's answer.
+pub(super) struct Sliced<'b> {
+    pub valid: Signal<'b>,
+    packet: Signal<'b>,
+    node: Signal<'b>,
+    request: Requested<Signal<'b>>,
+    slices: Vec<slice::Outputs<Signal<'b>>>,
+    /// The stage of the slices' results.
+    pub decided: u32,
+}
+
+/// A node's answer meets the packet's rays, and in time what was kept of the packet, in a slice for each ray.
+pub(super) fn slices<'b>(
+    m: &'b Builder,
+    plan: &Plan,
+    module: &Arc<Module>,
+    answer: Flow<Response<Signal<'b>>, Signal<'b>>,
+    kept: &Kept<'b>,
+) -> Sliced<'b> {
+    let interval = Interval::of(plan);
+    m.comment("The packet step. A node's answer enters with the packet's rays.");
+    let p = m.pipeline();
+    let valid = p.enter(answer.valid).cleared_by_reset();
+    let level_packet = p.enter(answer.payload.tag);
+    let packet = level_packet.low(plan.packet_bits()).named("packet");
+    let node = p.enter(answer.payload.data);
+    let of_planes = Planes::of(plan.format);
+    let planes = of_planes.unpack(node.low(of_planes.width())).named("");
+    let axes = axes(plan, node);
+    let ray_words: Vec<_> = (kept.rays.iter())
+        .map(|memory| plan.read(*memory, level_packet))
+        .collect();
+
+    // The slices want intervals later than rays.
+    let ports = slice::ports(plan);
+    let entry_stage = packet.stage() + plan.read_latency() + 1;
+    let read_at = entry_stage + ports.inputs.ray.near.stage(m, module) - plan.read_latency();
+    let late_packet = packet.at(read_at);
+    let latest_packet = packet.at(read_at + plan.read_latency() - 1);
+    let request = kept.requests.read_now(latest_packet).register();
+    let request = Requested::of(plan).unpack(request);
+    let from_pop = request.popped;
+    let stepped = Stepped::of(plan).unpack(plan.read(kept.stepped, late_packet));
+    let popped_mask = kept.popped_masks.read_now(latest_packet).register();
+    let mask_in = from_pop.mux(popped_mask, stepped.mask).named("mask_in");
+
+    let mut slices = vec![];
+    for (i, word) in (0u32..).zip(ray_words) {
+        let popped = plan.read(kept.popped[i as usize], late_packet);
+        let width = interval.width();
+        let stepped = stepped.intervals.part(format!("ray{i}"), i * width, width);
+        let current = from_pop.mux(popped, stepped);
+        let current = current.named(format!("ray{i}_interval"));
+        let of_ray = RayWord::of(plan).unpack(word);
+        let side = |name: &str, axis: Signal<'b>| {
+            let along = |what: &str, of: &[Signal<'b>; 3]| {
+                let along = m.select(axis, of).named(format!("ray{i}_{name}_{what}"));
+                along.register()
+            };
+            slice::Side {
+                sign: along("sign", &[0, 1, 2].map(|axis| of_ray.signs.bit(axis))),
+                origin: along("origin", &of_ray.origin),
+                reciprocal: along("reciprocal", &of_ray.reciprocal),
+            }
+        };
+        let inputs = slice::Inputs {
+            planes,
+            left: side("left", axes[0]),
+            right: side("right", axes[1]),
+            ray: interval.unpack(current),
+            ray_active: mask_in.bit(i),
+        };
+        slices.push(ports.place(format!("slice{i}"), m, module, inputs));
+    }
+    Sliced {
+        valid,
+        packet,
+        node,
+        request,
+        decided: slices[0].out_left.near.stage(),
+        slices,
+    }
+}
+
+/// The axes of a node's children, left and right.
+fn axes<'b>(plan: &Plan, node: Signal<'b>) -> [Signal<'b>; 2] {
+    let of_node = Node::of(plan.format);
+    let axis = |spec| of_node.get(node, spec).named(&spec.name);
+    let left = axis(&of_node.link.left_axis);
+    match plan.config.axes_per_node {
+        // One axis bounds both children: the right one's would say the same.
+        1 => [left; 2],
+        _ => [left, axis(&of_node.link.right_axis)],
+    }
+}
+
+bundle! {
+    /// A child of a node, and which rays go there.
+    pub(super) struct Child(plan: &Plan) {
+        leaf: 1,
+        address: plan.address(),
+        mask: plan.rays(),
+        intervals: plan.rays() * Interval::of(plan).width(),
+    }
+}
+
+/// A packet step that has been decided: where the packet goes first, and what it pushes. All but what is said to be in the pipeline
+/// belong to the clock in which the step ends.
+pub(super) struct Step<'b> {
+    pub valid: Signal<'b>,
+    pub packet: Signal<'b>,
+    /// Whether some ray goes left, and right; whether both; and the levels before and after. In the pipeline.
+    pub goes_left: Signal<'b>,
+    pub goes_right: Signal<'b>,
+    pub goes_both: Signal<'b>,
+    pub level_before: Signal<'b>,
+    pub next_level: Signal<'b>,
+    /// Whether it goes anywhere; there, and with which context.
+    pub goes: Signal<'b>,
+    pub first: Child<Signal<'b>>,
+    pub context: Signal<'b>,
+    pub push: Signal<'b>,
+    /// Entries on the stack before.
+    pub push_level: Signal<'b>,
+    pub push_word: Signal<'b>,
+    pub watch: StepWatch<Signal<'b>>,
+}
+
+/// The packet goes first where the only or the nearer ones of its rays go; what goes elsewhere is pushed. The step ends a clock after
+/// the slices' results.
+pub(super) fn decide<'b>(
+    m: &'b Builder,
+    plan: &Plan,
+    sliced: &Sliced<'b>,
+    stepped: SteppedWrite<Wire<'b>>,
+) -> Step<'b> {
+    let (slices, decided) = (&sliced.slices, sliced.decided);
+    m.comment("The packet's decision.");
+    let gather = |of: fn(&slice::Outputs<Signal<'b>>) -> Signal<'b>| {
+        let bits: Vec<_> = slices.iter().rev().map(of).collect();
+        m.concat(&bits)
+    };
+    let to_left = gather(|slice| slice.to_left).named("to_left");
+    let to_right = gather(|slice| slice.to_right).named("to_right");
+    let goes_left = to_left.any().named("goes_left");
+    let goes_right = to_right.any().named("goes_right");
+    let some_left_first = gather(|slice| slice.left_before_right)
+        .hinted("left_before_right")
+        .any();
+    let left_first = (goes_left & (some_left_first | !goes_right)).named("left_first");
+    let intervals_of = |of: fn(&slice::Outputs<Signal<'b>>) -> Interval<Signal<'b>>| {
+        let interval = Interval::of(plan);
+        let parts = slices.iter().rev().map(|slice| interval.pack(of(slice)));
+        m.concat(&parts.collect::<Vec<_>>())
+    };
+    let left_intervals = intervals_of(|slice| slice.out_left).named("left_intervals");
+    let right_intervals = intervals_of(|slice| slice.out_right).named("right_intervals");
+    let own = sliced.request.address.at(decided).named("own_address");
+    let [(left_leaf, left_address), (right_leaf, right_address)] = children(plan, sliced, own);
+    let left = Child {
+        leaf: left_leaf,
+        address: left_address,
+        mask: to_left,
+        intervals: left_intervals,
+    };
+    let right = Child {
+        leaf: right_leaf,
+        address: right_address,
+        mask: to_right,
+        intervals: right_intervals,
+    };
+    let first = left_first.choose(left, right).named("first");
+    let second = left_first.choose(right, left).named("second");
+
+    let of_context = Context::of(plan);
+    let context = of_context.unpack(sliced.request.context.at(decided));
+    let both = (goes_left & goes_right).named("goes_both");
+    let valid = sliced.valid.at(decided);
+    let pushes = (both & valid).named("pushes").cleared_by_reset();
+    let next_level = (context.level + both.extend(plan.level_bits())).named("next_level");
+    let next_context = of_context.pack(Context {
+        level: next_level,
+        ..context
+    });
+    let late = |signal: Signal<'b>| signal.at(decided + 1).untimed();
+    let valid = late(valid).named("step_valid");
+    let packet = late(sliced.packet).named("step_packet");
+    let goes = late((goes_left | goes_right).named("goes_on"));
+    let first = first.register().untimed();
+    let context_after = late(next_context.named("next_context"));
+    (stepped.write).drive((valid & goes).named("step_goes_on"));
+    stepped.packet.drive(packet);
+    stepped.kept.drive(Stepped {
+        intervals: first.intervals,
+        mask: first.mask,
+    });
+    let level_before = context.level.named("level_before");
+    let push_word = Entry::of(plan).pack(Entry {
+        address: second.address,
+        leaf: second.leaf,
+        inside: context.inside,
+        mask: second.mask,
+        intervals: second.intervals,
+    });
+    Step {
+        valid,
+        packet,
+        goes_left,
+        goes_right,
+        goes_both: both,
+        level_before,
+        next_level,
+        goes,
+        first,
+        context: context_after,
+        push: late(pushes),
+        push_level: late(level_before),
+        push_word: late(push_word.named("push_word")),
+        watch: StepWatch {
+            packet,
+            node: late(own),
+            left: late(to_left),
+            right: late(to_right),
+            left_first: late(left_first),
+            left_intervals: late(left_intervals),
+            right_intervals: late(right_intervals),
+        },
+    }
+}
+
+/// Whether each child, left and right, is a leaf, and where it lies. A leaf has its own node's address, or that of the link.
+fn children<'b>(
+    plan: &Plan,
+    sliced: &Sliced<'b>,
+    own: Signal<'b>,
+) -> [(Signal<'b>, Signal<'b>); 2] {
+    let m = own.module();
+    let (node, a) = (sliced.node, plan.address());
+    let of_node = Node::of(plan.format);
+    let of_link = &of_node.link;
+    let link = of_node.get(node, &of_link.link).low(a).named("link");
+    let [left_leaf, right_leaf] = [
+        (&of_link.left_leaf, "left_leaf"),
+        (&of_link.right_leaf, "right_leaf"),
+    ]
+    .map(|(spec, name)| of_node.get(node, spec).named(name));
+    let link_after = (link + m.lit(1u8, a)).named("link_after");
+    let right_inner = left_leaf.mux(link, link_after);
+    let right_inner = right_inner.hinted("right_inner_address").register();
+    let late = |signal: Signal<'b>| signal.at(sliced.decided);
+    let (left_is_leaf, right_is_leaf) = (late(left_leaf), late(right_leaf));
+    let left_address = left_is_leaf.mux(own, late(link)).named("left_address");
+    let right_address = right_is_leaf
+        .mux(left_is_leaf.mux(late(link), own), late(right_inner))
+        .named("right_address");
+    [(left_is_leaf, left_address), (right_is_leaf, right_address)]
+}

@@ -1,0 +1,188 @@
+//! Merge: of two boxes, or of three vertices, of which each is a box too.
+
+use super::{Instruction, box_bits, vertex_bits};
+use crate::bkd::layout::fields;
+use crate::hdl::{Builder, Memory, Pipeline, Signal, Signals, Specs, Style};
+use crate::hw::fp::{Knowing, Known, is_nan, less};
+use crate::hw::plan::{AXES, Plan};
+
+/// Target clock, in MHz, from which on a comparison and the choice that it makes have a stage each.
+const SPLIT_COMPARISONS_FROM: u32 = 120;
+
+/// Target clock, in MHz, from which on a block RAM's output has a stage of its own. Below, a choice between two follows it.
+const REGISTER_RAM_OUTPUT_FROM: u32 = 120;
+
+/// What a merge starts from, all at one stage.
+pub(super) struct Operands<'b> {
+    pub first: fields::Box<Signal<'b>>,
+    pub second: fields::Box<Signal<'b>>,
+    /// A leaf's third vertex.
+    third: [Signal<'b>; 3],
+    of_leaf: Signal<'b>,
+    box_registers: Memory<'b>,
+}
+
+impl<'b> Operands<'b> {
+    /// Writes a load's `vertex` into its register, and reads the registers that the current instruction names: of a leaf three vertices, of
+    /// others two boxes.
+    pub fn read(
+        plan: &Plan,
+        p: Pipeline<'b>,
+        current: &Instruction<Signal<'b>>,
+        load_goes: Signal<'b>,
+        vertex: Signal<'b>,
+    ) -> Operands<'b> {
+        let m = vertex.module();
+        m.comment("The registers. A load is written as it goes; the next instruction can read it.");
+        let (config, f) = (&plan.config, plan.format);
+        let (of_vertex, of_box) = (fields::Vertex::of(f), fields::Box::of(f));
+        let block = |name, registers, width| m.memory(name, registers, width, Style::Block);
+        let registers = config.update_vertex_registers;
+        let vertex_registers = block("vertex_registers", registers, of_vertex.width());
+        let Instruction { x, y, z, .. } = *current;
+        let vertex_number = |of: Signal<'b>| of.low(vertex_bits(plan));
+        vertex_registers.write(load_goes, vertex_number(x), vertex);
+        let vertices = [x, y, z].map(|of| read(plan, vertex_registers, p.enter(vertex_number(of))));
+        let registers = config.update_box_registers;
+        let box_registers = block("box_registers", registers, of_box.width());
+        let boxes = [x, y].map(|of| p.enter(of.low(box_bits(plan))));
+        let boxes = boxes.map(|number| of_box.unpack(read(plan, box_registers, number)));
+
+        let of_leaf = p.enter(current.leaf).named("of_leaf");
+        let [first, second, third] = vertices.map(|word| of_vertex.unpack(word).position);
+        let operand = |position, bounds, name: &str| {
+            let point = fields::Box {
+                lo: position,
+                hi: position,
+            };
+            of_leaf.choose(point, bounds).named(name).register()
+        };
+        let mut axes = AXES.iter();
+        Operands {
+            first: operand(first, boxes[0], "first"),
+            second: operand(second, boxes[1], "second"),
+            third: third.map(|number| {
+                let axis = axes.next().expect("three axes");
+                number.named(format!("third_{axis}")).register()
+            }),
+            of_leaf,
+            box_registers,
+        }
+    }
+
+    /// The stage of the operands.
+    pub fn stage(&self) -> u32 {
+        self.first.lo[0].stage()
+    }
+}
+
+/// The merge in progress.
+pub(super) struct Merge<'b> {
+    /// Whether something merges, from stage 0 on.
+    pub goes: Signal<'b>,
+    /// The stage at which the box is written to its register.
+    pub written: u32,
+}
+
+impl<'b> Merge<'b> {
+    /// Merges the operands of what goes, and writes the box to the register `target`. A number that is no NaN goes before one that is.
+    pub fn new(
+        plan: &Plan,
+        p: Pipeline<'b>,
+        merge_goes: Signal<'b>,
+        target: Signal<'b>,
+        operands: &Operands<'b>,
+    ) -> Merge<'b> {
+        let m = merge_goes.module();
+        m.comment("Merge: of two boxes, or of three vertices, of which each is a box too. A number that is no NaN goes before one that is.");
+        // What a reset leaves here is written before an update can merge anything.
+        let goes = p.enter(merge_goes);
+        let target = p.enter(target).named("merge_target");
+        let bounds = |end| [0, 1, 2].map(|axis| bound(plan, m, operands, end, axis));
+        let merged = fields::Box {
+            lo: bounds(End::Lo),
+            hi: bounds(End::Hi),
+        };
+        let merged = fields::Box::of(plan.format).pack(merged);
+        let written = merged.stage();
+        operands.box_registers.write(
+            goes.at(written).untimed(),
+            target.at(written).untimed(),
+            merged.untimed(),
+        );
+        Merge { goes, written }
+    }
+}
+
+/// An end of an interval.
+#[derive(Clone, Copy, PartialEq)]
+enum End {
+    Lo,
+    Hi,
+}
+
+/// One of the six numbers of the merged box: the least, or the greatest, of two numbers or of three; of NaNs alone an infinity, so that the
+/// interval is empty.
+fn bound<'b>(
+    plan: &Plan,
+    m: &'b Builder,
+    operands: &Operands<'b>,
+    end: End,
+    axis: usize,
+) -> Signal<'b> {
+    let (f, of_leaf, axis_name) = (plan.format, operands.of_leaf, AXES[axis]);
+    let of_end = |of: &fields::Box<Signal<'b>>| match end {
+        End::Lo => of.lo[axis],
+        End::Hi => of.hi[axis],
+    };
+    let (first, second) = (of_end(&operands.first), of_end(&operands.second));
+    let third = operands.third[axis];
+    let end_name = if end == End::Lo { "lo" } else { "hi" };
+    let name = |of: &str| format!("{of}_{end_name}_{axis_name}");
+    let beats = |who: &str, challenger: Signal<'b>, holder: Signal<'b>| {
+        // A bound that is a NaN is looked for beside the comparison.
+        let (x, bound) = (challenger.known(Known::Nothing), holder.known(Known::NoNan));
+        let (a, b) = if end == End::Lo {
+            (x, bound)
+        } else {
+            (bound, x)
+        };
+        less(f, name(&format!("{who}_beats")), a, b)
+    };
+    let [nan_1, nan_2, nan_3] = [first, second, third].map(|x| is_nan(f, x));
+    let nan_1 = nan_1.named(name("nan_first"));
+    let nan_2 = nan_2.named(name("nan_second"));
+    let nan_3 = nan_3.named(format!("nan_third_{axis_name}"));
+    let two = beats("second", second, first) | (nan_1 & !nan_2);
+    let two = split_comparison(plan, two.named(name("take_second")));
+    let best = two.mux(second, first).named(name("best")).register();
+    let none = (nan_1 & nan_2).named(name("nan_both")).register();
+    let only_third = (none & !nan_3).hinted(name("only_third"));
+    let beats_two = beats("third", third, best) | only_third;
+    let three = of_leaf & beats_two.hinted(name("third_is_better"));
+    let three = split_comparison(plan, three.named(name("take_third")));
+    let sign = if end == End::Lo { 0 } else { f.sign_bit() };
+    let nothing = m.lit(f.infinity() | sign, f.width());
+    let all_nan = (none & nan_3).hinted(name("nan_all"));
+    let bound = all_nan.mux(nothing, three.mux(third, best));
+    plan.settle(bound.named(name("merged")))
+}
+
+/// A register's contents, a clock later or two.
+fn read<'b>(plan: &Plan, registers: Memory<'b>, number: Signal<'b>) -> Signal<'b> {
+    let word = registers.read(number);
+    if plan.config.clock_mhz >= REGISTER_RAM_OUTPUT_FROM {
+        word.register()
+    } else {
+        word
+    }
+}
+
+/// A register between a comparison and the choice that it makes, where the clock asks for it.
+fn split_comparison<'b>(plan: &Plan, choice: Signal<'b>) -> Signal<'b> {
+    if plan.config.clock_mhz >= SPLIT_COMPARISONS_FROM {
+        choice.register()
+    } else {
+        choice
+    }
+}

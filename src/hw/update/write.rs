@@ -1,0 +1,148 @@
+//! Write: the nodes' intervals, and at the end the object's box.
+
+use super::execute::Execute;
+use super::merge::{Merge, Operands};
+use super::{NODE_LANES, NODE_MASK, NodeWrite, Start, counts_later, later};
+use crate::bkd::layout::{Record, fields};
+use crate::hdl::{Flow, HdlError, Pipeline, Signal, Specs, Write};
+use crate::hw::counters::counts_up;
+use crate::hw::fifo::{self, Placed};
+use crate::hw::plan::Plan;
+use crate::hw::prefetch::Occupancy;
+
+/// The writes of nodes.
+pub(super) struct Nodes<'b> {
+    /// Whether one more node may go.
+    pub room: Signal<'b>,
+    pub write: Flow<NodeWrite<Signal<'b>>, Signal<'b>>,
+    pub in_flight: Occupancy<'b>,
+    // For the properties.
+    pub ready: Signal<'b>,
+    pub queue: Placed<'b>,
+    /// Of a node's bounds on their way to the queue, all registers.
+    pub to_queue: Vec<Signal<'b>>,
+}
+
+impl<'b> Nodes<'b> {
+    /// Chooses the intervals of a node that goes among its operands, a clock after these, and queues them until they are written, from the
+    /// object's first node on.
+    pub fn new(
+        plan: &Plan,
+        p: Pipeline<'b>,
+        start: Start<'b>,
+        execute: &Execute<'b>,
+        operands: &Operands<'b>,
+        ready: Signal<'b>,
+    ) -> Result<Nodes<'b>, HdlError> {
+        let m = start.valid.module();
+        m.comment("A node's intervals, each on its axis, wait until they are written.");
+        let axes = p.enter(execute.current.z.low(4)).named("merge_axes");
+        let axes = axes.at(operands.stage());
+        let number = |child: u32, side: &str, end: &str, bounds: [Signal<'b>; 3]| {
+            let axis = axes.part(side, 2 * child, 2);
+            let number = m.select(axis, &bounds).named(format!("{side}_{end}"));
+            number.register()
+        };
+        let (left, right) = (&operands.first, &operands.second);
+        let intervals = fields::Planes::of(plan.format).pack(fields::Planes {
+            left_lo: number(0, "left", "lo", left.lo),
+            left_hi: number(0, "left", "hi", left.hi),
+            right_lo: number(1, "right", "lo", right.lo),
+            right_hi: number(1, "right", "hi", right.hi),
+        });
+        let at = intervals.stage();
+        let goes = p.enter(execute.node_goes).cleared_by_reset();
+        let node_pop = m.wire("node_pop", 1);
+        let (depth, pop) = (plan.config.update_nodes_waiting, node_pop.get());
+        let (push, data) = (goes.at(at).untimed(), intervals.untimed());
+        let queue = fifo::place(plan, "node_queue", depth, push, data, pop)?;
+        node_pop.drive(queue.valid & ready);
+        let in_flight = Occupancy::new(plan, m, "nodes_under_way", depth, execute.node_goes, pop);
+        let next_node = m.reg("next_node", plan.address());
+        counts_up(next_node, (start.valid, start.payload.node_base), pop);
+        let node = NodeWrite {
+            address: next_node.q,
+            mask: m.lit(NODE_MASK, NODE_LANES),
+            data: queue.front.extend(Record::node(plan.format).width),
+        };
+        Ok(Nodes {
+            room: in_flight.room,
+            write: Flow::new(queue.valid, node),
+            in_flight,
+            ready,
+            queue,
+            to_queue: goes.stages(1..=at),
+        })
+    }
+}
+
+/// The end of an update.
+pub(super) struct End<'b> {
+    pub write: Flow<Write<Signal<'b>>, Signal<'b>>,
+    pub box_taken: Signal<'b>,
+    /// High for a clock when the update is over.
+    pub done: Signal<'b>,
+    // For the properties.
+    pub ready: Signal<'b>,
+    /// Of a merge, one register after the other; as many as a box's read takes.
+    pub merging: Vec<Signal<'b>>,
+    /// Of an end that waits, the same but the last.
+    pub waiting: Vec<Signal<'b>>,
+    pub box_was_read: Signal<'b>,
+    pub all_complete: Signal<'b>,
+}
+
+impl<'b> End<'b> {
+    /// Shows the object's box until it is taken: the first operand, when an end has waited until its register is read, all merges are in
+    /// their registers, and all nodes are written.
+    pub fn new(
+        plan: &Plan,
+        p: Pipeline<'b>,
+        start: Start<'b>,
+        ends: Signal<'b>,
+        (operands, merge, nodes): (&Operands<'b>, &Merge<'b>, &Nodes<'b>),
+        ready: Signal<'b>,
+    ) -> End<'b> {
+        let m = start.valid.module();
+        let (read_at, merges) = (operands.stage(), merge.goes);
+        m.comment("The end: when all merges are in their registers and all nodes written, the box, read like a node's.");
+        // What is shown was read read_at clocks before.
+        // Since the end waits, nothing has merged.
+        let under_way: Vec<_> = (read_at..merge.written + read_at)
+            .map(|k| merges.at(k).untimed())
+            .collect();
+        let under_way = m.or_all(&under_way).hinted("merges_under_way");
+        let under_way = (under_way | nodes.in_flight.any).hinted("work_under_way");
+        let all_complete = (!under_way).named("all_complete");
+        let box_shown = m.reg_reset("box_shown", 1, 0);
+        let box_taken = box_shown.q & ready;
+        // The end must itself have waited until its register is read: nothing else may have been under way for long.
+        let waits = p.enter(ends).cleared_by_reset();
+        let was_read = (1..read_at).fold(ends, |so_far, k| so_far & waits.at(k).untimed());
+        let box_was_read = was_read.named("box_was_read");
+        box_shown.next(box_was_read & all_complete & !box_taken);
+        let box_index = m.reg("box_index", plan.address());
+        box_index.next_when(start.valid, start.payload.box_index);
+        let write = Write {
+            address: box_index.q,
+            data: fields::Box::of(plan.format).pack(operands.first).untimed(),
+        };
+        let over = m.reg_reset("over", 1, 0);
+        over.next(box_taken);
+        // As late as what is counted.
+        let done = match counts_later(plan) {
+            false => over.q,
+            true => later(m, "over_before", over.q),
+        };
+        End {
+            write: Flow::new(box_shown.q, write),
+            box_taken,
+            done,
+            ready,
+            merging: merges.stages(1..=read_at),
+            waiting: waits.stages(1..=read_at - 1),
+            box_was_read,
+            all_complete,
+        }
+    }
+}
