@@ -248,7 +248,7 @@ impl Builder {
             parts.position(|part| part.name == name)
         };
         let index = known.unwrap_or_else(|| {
-            self.claim(name, place);
+            self.check_name(name, place);
             let mut inner = self.inner.borrow_mut();
             inner.ir.parts.push(PartData {
                 name: name.to_string(),

@@ -45,6 +45,20 @@ pub(super) fn outline(ir: &Netlist) -> Result<Option<Outline>, HdlError> {
     maker.place_parts(&parts);
     maker.make();
     maker.ports_of_whole();
+    for part in &ir.parts {
+        if let Some(earlier) = maker.made.names.insert(part.name.clone(), part.place) {
+            return Err(HdlError {
+                module: ir.name.clone(),
+                message: format!(
+                    "name clash: part \"{}\" stands where a signal has its name, made at {}:{}",
+                    part.name,
+                    earlier.file(),
+                    earlier.line()
+                ),
+                place: part.place,
+            });
+        }
+    }
     numbers[0] = maker.numbers;
     let top = Arc::new(Module::of(maker.made)?);
     Ok(Some(Outline {
@@ -371,8 +385,6 @@ impl<'a> Maker<'a> {
             .map(|id| (self.name(*id), self.numbers[id]))
             .collect();
         self.made.instances[instance].inputs = inputs;
-        let name = self.made.instances[instance].name.clone();
-        self.made.names.insert(name, whole.ir.place);
         let mut drives = vec![];
         for id in borders.leaves(plan, part) {
             let name = self.name(id);

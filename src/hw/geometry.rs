@@ -218,17 +218,54 @@ pub fn module(plan: &Plan) -> Result<Geometry, HdlError> {
     let inputs = &ports.inputs.inputs(&m);
     let stages = &Stages::of(plan, &m, &test);
 
-    let fetch = fetch::fetch(plan, &m, inputs)?;
-    let issue = issue::issue(plan, &m, inputs, &fetch)?;
-    let slot = &issue::enter(plan, &m, inputs, &issue);
-    let vectors = vectors::keep(plan, &m, inputs, &fetch.arrival, slot, stages);
-    let rays = rays::keep(plan, &m, inputs, slot, stages);
-    let operands = operands::operands(plan, &m, inputs, slot, stages, vectors, &rays);
+    let fetch = m.part(
+        "leaf_fetch",
+        "requests a leaf's record, then its vertices, and counts what arrives until the leaf is complete.",
+        || fetch::fetch(plan, &m, inputs),
+    )?;
+    let (issue, slot) = m.part(
+        "slot_issue",
+        "lets the rays of complete leaves into the triangle test, one a clock; joints of the skinning processor instead.",
+        || {
+            let issue = issue::issue(plan, &m, inputs, &fetch)?;
+            let slot = issue::enter(plan, &m, inputs, &issue);
+            Ok((issue, slot))
+        },
+    )?;
+    let slot = &slot;
+    let vectors = m.part(
+        "vector_store",
+        "keeps vertices, instances' vectors and joints' matrices.",
+        || vectors::keep(plan, &m, inputs, &fetch.arrival, slot, stages),
+    );
+    let rays = m.part(
+        "ray_store",
+        "keeps what tests and transformations need of a ray.",
+        || rays::keep(plan, &m, inputs, slot, stages),
+    );
+    let operands = m.part(
+        "operands",
+        "chooses what the triangle test takes with a slot.",
+        || operands::operands(plan, &m, inputs, slot, stages, vectors, &rays),
+    );
     let tested = &triangle::ports(plan).place("test", &m, &test, operands);
     let weighted = operands::weighted(inputs, slot, tested);
-    let object = object::leave(plan, &m, slot, stages, &rays, tested);
-    let leaves = &leaves::keep(plan, &m, inputs, &fetch, slot, stages, object.leaves_at);
-    let merge = merge::merge(plan, &m, inputs, slot, leaves, rays.kept, tested);
+    let object = m.part(
+        "object_rays",
+        "lets transformed rays leave for ray setup, each with its interval in the instance's box.",
+        || object::leave(plan, &m, slot, stages, &rays, tested),
+    );
+    let leaves = m.part(
+        "leaf_store",
+        "keeps what is needed of a packet's leaf when its rays leave the test.",
+        || leaves::keep(plan, &m, inputs, &fetch, slot, stages, object.leaves_at),
+    );
+    let leaves = &leaves;
+    let merge = m.part(
+        "hit_merge",
+        "keeps each ray's closest hit, and tells when a leaf is done.",
+        || merge::merge(plan, &m, inputs, slot, leaves, rays.kept, tested),
+    );
 
     let [a, b, c, d, e, f] = tested.sum.map(Signal::untimed);
     let outputs = Outputs {

@@ -138,27 +138,55 @@ pub fn module(plan: &Plan) -> Result<Tpu, HdlError> {
     let popped = PoppedWrites::new(m, plan);
     let retry = Retry::of(plan).wires(m, "retry");
 
-    let start = start::start(m, plan, inputs.setup, inputs.setup_object);
-    let kept = kept::keep(
-        m,
-        plan,
-        setup,
-        &start,
-        request.get(),
-        stepped.get(),
-        &popped,
+    let start = m.part(
+        "packet_start",
+        "collects the rays of a packet that starts, in the scene or in an object.",
+        || start::start(m, plan, inputs.setup, inputs.setup_object),
     );
-    let sliced = step::slices(m, plan, &slice, inputs.node.response, &kept);
-    let step = step::decide(m, plan, &sliced, stepped);
-    let popping = pop::choose(m, plan, inputs.setup_soon, inputs.done, retry.get(), &step)?;
-    let stack = stack::stack(m, plan, &step, &popping);
-    let pop = pop::clip(m, plan, inputs.limit, &popping, &stack);
-    let entered = enter::enter(m, plan, &inputs, &start, &pop, &popped, retry);
+    let kept = m.part(
+        "packet_store",
+        "keeps the rays of packets, and what belongs to a packet whose node is fetched.",
+        || {
+            let (request, stepped) = (request.get(), stepped.get());
+            kept::keep(m, plan, setup, &start, request, stepped, &popped)
+        },
+    );
+    let (sliced, step) = m.part(
+        "packet_step",
+        "the traversal step: where each ray of a packet goes below a node, then where the packet goes.",
+        || {
+            let sliced = step::slices(m, plan, &slice, inputs.node.response, &kept);
+            let step = step::decide(m, plan, &sliced, stepped);
+            (sliced, step)
+        },
+    );
+    let popping = m.part("pop_choice", "chooses which packet pops its stack.", || {
+        pop::choose(m, plan, inputs.setup_soon, inputs.done, retry.get(), &step)
+    })?;
+    let stack = m.part("packet_stack", "the stacks of all packets.", || {
+        stack::stack(m, plan, &step, &popping)
+    });
+    let pop = m.part(
+        "pop_clip",
+        "clips what was popped to each ray's closest hit: the rays of which nothing is left stay out.",
+        || pop::clip(m, plan, inputs.limit, &popping, &stack),
+    );
+    let entered = m.part(
+        "packet_enter",
+        "sends packets that start or have popped to a node, to a leaf, to another pop or out.",
+        || enter::enter(m, plan, &inputs, &start, &pop, &popped, retry),
+    );
     let after_step = (&step, stepped.write.get());
     let after_pop = (&entered, &popped);
-    let ready = inputs.node.request_ready;
-    let (node, nodes) = serve::nodes(m, plan, after_step, after_pop, ready, request)?;
-    let (leaf, leaves) = serve::leaves(m, plan, after_step, after_pop, inputs.leaf_ready)?;
+    let (node, nodes) = m.part("node_fetch", "requests nodes of memory.", || {
+        let ready = inputs.node.request_ready;
+        serve::nodes(m, plan, after_step, after_pop, ready, request)
+    })?;
+    let (leaf, leaves) = m.part(
+        "leaf_dispatch",
+        "hands leaves over to the geometry unit.",
+        || serve::leaves(m, plan, after_step, after_pop, inputs.leaf_ready),
+    )?;
     let finished = Flow {
         valid: entered.none_enters | (pop.done & pop.empty),
         payload: Finished {

@@ -197,42 +197,60 @@ pub fn module(plan: &Plan) -> Result<UpdateProcessor, HdlError> {
     let back = Back::of().wires(&m, "");
     let told = back.get();
 
-    let rows = Rows::new(
-        plan,
-        &m,
-        inputs.start,
-        inputs.program,
-        told.pop_row,
-        told.box_taken,
+    let rows = m.part(
+        "row_fetch",
+        "starts updates and reads the rows of their programs ahead.",
+        || {
+            let (pop, ends) = (told.pop_row, told.box_taken);
+            Rows::new(plan, &m, inputs.start, inputs.program, pop, ends)
+        },
     )?;
-    let room = [told.queue_room, told.index_room];
-    let decode = Decode::new(plan, &m, rows.start, rows.fetched, room);
-    let vertices = Vertices::new(
-        plan,
-        &m,
-        decode.decode_load,
-        decode.index,
-        inputs.vertex,
-        told.pop_vertex,
+    let decode = m.part(
+        "instructions",
+        "cuts the program's rows into instructions, one a clock.",
+        || {
+            let room = [told.queue_room, told.index_room];
+            Decode::new(plan, &m, rows.start, rows.fetched, room)
+        },
+    );
+    let vertices = m.part(
+        "vertex_fetch",
+        "reads the vertices of load instructions ahead.",
+        || {
+            let (load, index) = (decode.decode_load, decode.index);
+            Vertices::new(plan, &m, load, index, inputs.vertex, told.pop_vertex)
+        },
     )?;
-    let execute = Execute::new(
-        plan,
-        &m,
-        decode.decode,
-        decode.completed,
-        vertices.fetched.valid,
-        [told.node_room, told.box_taken],
+    let execute = m.part(
+        "execute",
+        "lets the current instruction go when what it needs is there.",
+        || {
+            let (decoded, completed) = (decode.decode, decode.completed);
+            let room = [told.node_room, told.box_taken];
+            Execute::new(plan, &m, decoded, completed, vertices.fetched.valid, room)
+        },
     )?;
     let p = m.pipeline();
-    let (load_goes, vertex) = (execute.load_goes, vertices.fetched.front);
-    let operands = Operands::read(plan, p, &execute.current, load_goes, vertex);
-    let target = execute.current.target;
-    let merge = Merge::new(plan, p, execute.merge_goes, target, &operands);
-    let ready = inputs.node_write_ready;
-    let nodes = Nodes::new(plan, p, rows.start, &execute, &operands, ready)?;
-    let of_box = (&operands, &merge, &nodes);
-    let ready = inputs.box_write_ready;
-    let end = End::new(plan, p, rows.start, execute.end_waits, of_box, ready);
+    let (operands, merge) = m.part(
+        "merge",
+        "merges two boxes, or three vertices, into one box.",
+        || {
+            let (load_goes, vertex) = (execute.load_goes, vertices.fetched.front);
+            let operands = Operands::read(plan, p, &execute.current, load_goes, vertex);
+            let target = execute.current.target;
+            let merge = Merge::new(plan, p, execute.merge_goes, target, &operands);
+            (operands, merge)
+        },
+    );
+    let nodes = m.part("node_write", "writes the intervals of nodes.", || {
+        let ready = inputs.node_write_ready;
+        Nodes::new(plan, p, rows.start, &execute, &operands, ready)
+    })?;
+    let end = m.part("box_write", "writes the object's box at the end.", || {
+        let of_box = (&operands, &merge, &nodes);
+        let ready = inputs.box_write_ready;
+        End::new(plan, p, rows.start, execute.end_waits, of_box, ready)
+    });
     back.drive(Back {
         pop_row: decode.pop_row,
         queue_room: execute.queue_room,
