@@ -15,13 +15,13 @@
 //!
 //! | part | does |
 //! |---|---|
-//! | [`fetch`] | requests a leaf's record and vertices, and says when all are there |
-//! | [`issue`] | issues slots of the test, one a clock |
-//! | [`vectors`], [`rays`] | keep vertices, vectors and matrices, and rays; a slot reads its own |
-//! | [`operands`] | chooses what the test takes with a slot |
-//! | [`object`] | takes transformed rays to ray setup |
-//! | [`leaves`] | keeps what is needed of a leaf behind the test |
-//! | [`merge`] | merges hits |
+//! | `fetch` | requests a leaf's record and vertices, and says when all are there |
+//! | `issue` | issues slots of the test, one a clock |
+//! | `vectors`, `rays` | keep vertices, vectors and matrices, and rays; a slot reads its own |
+//! | `operands` | chooses what the test takes with a slot |
+//! | `object` | takes transformed rays to ray setup |
+//! | `leaves` | keeps what is needed of a leaf behind the test |
+//! | `merge` | merges hits |
 
 mod fetch;
 mod issue;

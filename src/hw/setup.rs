@@ -41,6 +41,7 @@ interface! {
 /// Ray setup as a pipeline. `lookahead` is how many clocks before its outputs `soon` announces them; the packet alone
 /// is named [`Plan::read_latency`] clocks before, for reads of what belongs to it.
 pub fn module(plan: &Plan, lookahead: u32) -> Result<Arc<Module>, HdlError> {
+    let w = plan.number();
     let f = plan.format;
     let m = Builder::new(
         "ray_setup",
@@ -55,12 +56,34 @@ pub fn module(plan: &Plan, lookahead: u32) -> Result<Arc<Module>, HdlError> {
     let active = inputs.active.input_at(&p, 0);
     let any_hit = inputs.any_hit.input_at(&p, 0);
     let line = inputs.line.inputs_at(&p, 0);
-    let limits = inputs.limits.inputs_at(&p, 0);
+    let Line { origin, direction } = line;
+    let Limits { tmin, tmax } = inputs.limits.inputs_at(&p, 0);
     let scene =
         [&inputs.scene_lo, &inputs.scene_hi].map(|corner| corner.each_ref().map(|x| x.input(&m)));
 
-    let (sound, limits) = checked(plan, &m, active, line, limits);
-    let Line { origin, direction } = line;
+    m.comment("A ray is valid if it is active, nothing in it is a NaN, and 0 <= tmin <= tmax.");
+    let zero = m.zero(w);
+    let tmin = is_zero(f, tmin).mux(zero, tmin).named("tmin_clean");
+    let tmax = is_zero(f, tmax).mux(zero, tmax).named("tmax_clean");
+    let mut nans: Vec<_> = origin
+        .iter()
+        .chain(&direction)
+        .map(|n| plan.decide(is_nan(f, *n)))
+        .collect();
+    // A tmin that is a NaN is negative, or greater than any tmax but a NaN.
+    nans.push(plan.decide(is_nan(f, tmax)));
+    let any_nan = m.or_all(&nans).named("any_nan").register();
+    // What it says of a NaN does not matter.
+    let [least, most] = [tmin, tmax].map(|limit| limit.known(Known::Number));
+    let not_negative = less_equal(f, "tmin_not_negative", zero.known(Known::Positive), least);
+    let ordered = (not_negative & less_equal(f, "tmin_not_behind_tmax", least, most))
+        .named("ordered")
+        .register();
+    let sound = (active & !any_nan & ordered).named("sound");
+    // A sound ray's limits are not negative, and another's do not matter.
+    let [tmin, tmax] = [tmin, tmax].map(|limit| m.zero(1).concat(limit.low(w - 1)));
+    let limits = Limits { tmin, tmax };
+
     m.comment("Reciprocals of the direction, and its sign bits.");
     let reciprocal: Vec<_> = (0..3)
         .map(|i| {
@@ -105,39 +128,6 @@ pub fn module(plan: &Plan, lookahead: u32) -> Result<Arc<Module>, HdlError> {
     };
     ports.outputs.outputs(&m, outputs);
     m.finish()
-}
-
-/// Whether a ray is valid, and its limits, zeros being +0.
-fn checked<'b>(
-    plan: &Plan,
-    m: &'b Builder,
-    active: Signal<'b>,
-    Line { origin, direction }: Line<Signal<'b>>,
-    Limits { tmin, tmax }: Limits<Signal<'b>>,
-) -> (Signal<'b>, Limits<Signal<'b>>) {
-    let (w, f) = (plan.number(), plan.format);
-    m.comment("A ray is valid if it is active, nothing in it is a NaN, and 0 <= tmin <= tmax.");
-    let zero = m.zero(w);
-    let tmin = is_zero(f, tmin).mux(zero, tmin).named("tmin_clean");
-    let tmax = is_zero(f, tmax).mux(zero, tmax).named("tmax_clean");
-    let mut nans: Vec<_> = origin
-        .iter()
-        .chain(&direction)
-        .map(|n| plan.decide(is_nan(f, *n)))
-        .collect();
-    // A tmin that is a NaN is negative, or greater than any tmax but a NaN.
-    nans.push(plan.decide(is_nan(f, tmax)));
-    let any_nan = m.or_all(&nans).named("any_nan").register();
-    // What it says of a NaN does not matter.
-    let [least, most] = [tmin, tmax].map(|limit| limit.known(Known::Number));
-    let not_negative = less_equal(f, "tmin_not_negative", zero.known(Known::Positive), least);
-    let ordered = (not_negative & less_equal(f, "tmin_not_behind_tmax", least, most))
-        .named("ordered")
-        .register();
-    let sound = (active & !any_nan & ordered).named("sound");
-    // A sound ray's limits are not negative, and another's do not matter.
-    let [tmin, tmax] = [tmin, tmax].map(|limit| m.zero(1).concat(limit.low(w - 1)));
-    (sound, Limits { tmin, tmax })
 }
 
 /// A ray's interval within its limits and the scene's box, whose least and greatest corner are `scene`.

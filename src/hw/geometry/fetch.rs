@@ -103,12 +103,8 @@ fn take<'b>(plan: &Plan, m: &'b Builder, inputs: &Inputs<Signal<'b>>) -> TakenLe
     let taken = (valid & inputs.record.request_ready).named("take_leaf");
     let inside = Context::of(plan).unpack(leaf.context).inside;
     let is_instance = (inputs.instanced & !inside).named("leaf_is_instance");
-    let instance_leaves = m.memory(
-        "instance_leaf_memory",
-        plan.packets(),
-        1,
-        Style::Distributed,
-    );
+    let packets = plan.packets();
+    let instance_leaves = m.memory("instance_leaf_memory", packets, 1, Style::Distributed);
     instance_leaves.write(taken, leaf.packet, is_instance);
     let tag = Fetched::of(plan).pack(Fetched {
         packet: leaf.packet,
@@ -192,12 +188,8 @@ fn count_arrivals<'b>(
 ) -> Arrival<'b> {
     let Flow { valid, payload } = inputs.vertex.response;
     let Corner { number, packet } = Corner::of(plan).unpack(payload.tag);
-    let counts = m.memory(
-        "arrival_memory",
-        plan.packets(),
-        CORNER_BITS,
-        Style::Distributed,
-    );
+    let packets = plan.packets();
+    let counts = m.memory("arrival_memory", packets, CORNER_BITS, Style::Distributed);
     let before = counts.read_now(packet);
     let instance = instance_leaves
         .read_now(packet)

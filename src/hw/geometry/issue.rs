@@ -93,12 +93,8 @@ pub(super) fn issue<'b>(
     inputs: &Inputs<Signal<'b>>,
     fetch: &Fetch<'b>,
 ) -> Result<Issue<'b>, HdlError> {
-    let masks = m.memory(
-        "mask_memory",
-        plan.packets(),
-        plan.rays(),
-        Style::Distributed,
-    );
+    let packets = plan.packets();
+    let masks = m.memory("mask_memory", packets, plan.rays(), Style::Distributed);
     let leaf = inputs.leaf.payload;
     masks.write(fetch.leaf.taken, leaf.packet, leaf.mask);
     m.comment(
@@ -110,7 +106,7 @@ pub(super) fn issue<'b>(
     let queue = fifo::place(
         plan,
         "ready_queue",
-        plan.packets(),
+        packets,
         fetch.arrival.complete,
         fetched.pack(fetch.arrival.of),
         take_ready.get(),

@@ -43,12 +43,8 @@ pub(super) fn merge<'b>(
     m.comment("The merge: a hit replaces the ray's closest one if it is closer, or as close and of a lower instance and triangle.");
     let w = plan.number();
     let word = Closest::of(plan);
-    let closest = m.memory(
-        "closest_memory",
-        plan.rays_in_flight(),
-        word.width(),
-        Style::Block,
-    );
+    let rays = plan.rays_in_flight();
+    let closest = m.memory("closest_memory", rays, word.width(), Style::Block);
     let replaces = replaces(plan, m, slot, leaf, ray, test, closest);
     let merged_at = replaces.stage();
     let none = m.lit(u128::from(u32::MAX), 32);

@@ -5,9 +5,9 @@
 //! It is assumed that a packet has one leaf here at a time, with a ray in its mask, that skinning borrows the unit when none is here, and
 //! that memory answers what it was asked, once. Every packet is watched: the machine of the proof has few.
 
-use super::fetch::{CORNER_BITS, Fetch};
+use super::fetch::{CORNER_BITS, Fetch, Job};
 use super::issue::{Issue, ORIGIN_SLOT, Slot};
-use super::{Inputs, Outputs, VECTORS_OF_INSTANCE, VERTICES_OF_TRIANGLE};
+use super::{Fetched, Inputs, Outputs, VECTORS_OF_INSTANCE, VERTICES_OF_TRIANGLE};
 use crate::hdl::{Builder, Bundle, Flow, Proof, ReadPort, Reg, Request, Signal, Stream, bits_for};
 use crate::hw::fifo::Placed;
 use crate::hw::properties::{assert_shown_stays, shown_stays};
@@ -231,41 +231,6 @@ impl<'b> Unit<'b> {
         }
     }
 
-    /// The vertices that memory owes, a bit for each tag.
-    fn owed_vertices(&self, proof: &Proof<'b>) -> Signal<'b> {
-        let all = self.packets * CORNERS;
-        let owed = proof.reg_reset("owed_vertices", all, 0);
-        let asked = bit_in(
-            all,
-            self.fetch.requests.fire,
-            self.vertex_requests().payload.tag,
-        );
-        let Flow { valid, payload } = self.inputs.vertex.response;
-        owed.next((owed.q | asked) & !bit_in(all, valid, payload.tag));
-        owed.q
-    }
-
-    /// Of the leaf in the test's entrance, the rays that are issued.
-    fn issued_rays(&self, proof: &Proof<'b>) -> Signal<'b> {
-        let rays = self.issue.now_mask.width();
-        let issued = proof.reg("issued", rays);
-        let issues = self.issue.busy & self.issue.last_slot;
-        let with_this = issued.q | bit_in(rays, issues, self.issue.ray);
-        issued.next(self.takes().mux(self.module().zero(rays), with_this));
-        issued.q
-    }
-
-    /// Whether what counts by packet is being cleared, as it is after a reset before anything comes; and of which packet.
-    fn sweeping(&self, proof: &Proof<'b>) -> (Signal<'b>, Signal<'b>) {
-        let sweeping = proof.reg_reset("sweeping", 1, 1);
-        let bits = self.inputs.sweep_packet.width();
-        let swept = proof.reg_reset("swept", bits, 0);
-        let last_packet = u128::from(self.packets - 1);
-        sweeping.next_when(sweeping.q, !swept.q.equals(last_packet));
-        swept.next_when(sweeping.q, swept.q + self.module().lit(1u8, bits));
-        (sweeping.q, swept.q)
-    }
-
     fn seed_faults(&self, proof: &Proof<'b>) {
         let last = |vertices: u8| u128::from(vertices - 1);
         let last_vertex = last(VERTICES_OF_TRIANGLE);
@@ -319,14 +284,7 @@ pub(super) fn conserves<'b>(unit: &Unit<'b>) {
     let triangles = watched.assert_passage("tests", &unit.tests, false);
     let instances = watched.assert_passage("moves", &unit.moves, true);
     for (packet, leaf) in (0..).zip(&watched.leaves) {
-        let of = OfPacket {
-            watched: &watched,
-            packet,
-            leaf,
-        };
-        of.assert_place([&triangles, &instances]);
-        of.assert_requests();
-        of.assert_arrivals();
+        watched.assert_packet(packet, leaf, [&triangles, &instances]);
     }
 }
 
@@ -353,9 +311,26 @@ struct Watched<'a, 'b> {
 
 impl<'a, 'b> Watched<'a, 'b> {
     fn new(unit: &'a Unit<'b>, proof: &'a Proof<'b>) -> Watched<'a, 'b> {
-        let m = unit.module();
+        let (m, inputs, issue) = (unit.module(), &unit.inputs, &unit.issue);
         let places = unit.places(proof);
-        let (sweeping, swept) = unit.sweeping(proof);
+        let tags = unit.packets * CORNERS;
+        let owed_vertices = proof.reg_reset("owed_vertices", tags, 0);
+        let tag = unit.vertex_requests().payload.tag;
+        let asked = bit_in(tags, unit.fetch.requests.fire, tag);
+        let Flow { valid, payload } = inputs.vertex.response;
+        let answered = bit_in(tags, valid, payload.tag);
+        owed_vertices.next((owed_vertices.q | asked) & !answered);
+        let rays = issue.now_mask.width();
+        let issued = proof.reg("issued", rays);
+        let this = bit_in(rays, issue.busy & issue.last_slot, issue.ray);
+        issued.next(unit.takes().mux(m.zero(rays), issued.q | this));
+        // What counts by packet is cleared after reset, before anything comes.
+        let sweeping = proof.reg_reset("sweeping", 1, 1);
+        let packet_bits = inputs.sweep_packet.width();
+        let swept = proof.reg_reset("swept", packet_bits, 0);
+        let last_packet = u128::from(unit.packets - 1);
+        sweeping.next_when(sweeping.q, !swept.q.equals(last_packet));
+        swept.next_when(sweeping.q, swept.q + m.lit(1u8, packet_bits));
         let leaves: Vec<_> = (0..unit.packets).map(|p| unit.leaf(proof, p)).collect();
         let list = |name: &str, part: &dyn Fn(&Leaf<'b>) -> Signal<'b>| {
             List::new(proof, name, &leaves.iter().map(part).collect::<Vec<_>>())
@@ -365,10 +340,10 @@ impl<'a, 'b> Watched<'a, 'b> {
             proof,
             here: proof.named("here", m.or_all(&places.all())),
             places,
-            owed_vertices: unit.owed_vertices(proof),
-            issued: unit.issued_rays(proof),
-            sweeping,
-            swept,
+            owed_vertices: owed_vertices.q,
+            issued: issued.q,
+            sweeping: sweeping.q,
+            swept: swept.q,
             instances: list("instances", &|leaf| leaf.is_instance).word,
             masks: list("masks", &|leaf| leaf.mask),
             ages: list("ages", &|leaf| leaf.age),
@@ -418,31 +393,19 @@ impl<'a, 'b> Watched<'a, 'b> {
     fn assume_returns(&self) {
         let (fetch, issue) = (&self.unit.fetch, &self.unit.issue);
         let (record, vertex) = (self.unit.inputs.record, self.unit.inputs.vertex);
-        let (job, ready) = (fetch.requests.job, issue.ready);
-        for (shown, place, packet, is_instance) in [
-            (
-                record.response.valid,
-                self.places.record,
-                fetch.record.packet,
-                fetch.record.instance,
-            ),
-            (
-                fetch.requests.queue.valid,
-                self.places.job,
-                job.packet,
-                job.instance,
-            ),
-            (
-                issue.queue.valid,
-                self.places.ready,
-                ready.packet,
-                ready.instance,
-            ),
+        let Job {
+            packet, instance, ..
+        } = fetch.requests.job;
+        let job = Fetched { packet, instance };
+        for (shown, place, of) in [
+            (record.response.valid, self.places.record, fetch.record),
+            (fetch.requests.queue.valid, self.places.job, job),
+            (issue.queue.valid, self.places.ready, issue.ready),
         ] {
-            let as_it_came = is_instance.eq(self.instances.bit_at(packet));
+            let as_it_came = of.instance.eq(self.instances.bit_at(of.packet));
             self.proof.assume(
                 "records and queues give back what they were given",
-                shown.implies(place.q.bit_at(packet) & as_it_came),
+                shown.implies(place.q.bit_at(of.packet) & as_it_came),
             );
         }
         let Flow { valid, payload } = vertex.response;
@@ -573,129 +536,73 @@ impl<'a, 'b> Watched<'a, 'b> {
             packet: List::new(proof, &format!("{name}_packet"), &passage.packet),
         }
     }
+
+    /// `ends`: of triangles, and of instances.
+    fn assert_packet(&self, p: u32, leaf: &Leaf<'b>, ends: [&Ends<'b>; 2]) {
+        let (unit, places, m) = (self.unit, &self.places, self.unit.module());
+        let (requests, arrival) = (&unit.fetch.requests, &unit.fetch.arrival);
+        let at = |place: Signal<'b>| place.bit(p);
+        let is_p = |packet: Signal<'b>| packet.equals(u128::from(p));
+        let number = m.lit(p, self.swept.width());
+        let assert = |what: &str, holds| self.proof.assert(format!("{what}, packet {p}"), holds);
+        let all = places.all().map(at);
+        assert(
+            "a leaf is in one place",
+            m.concat(&all).count_ones(3).le(m.lit(1u8, 3)),
+        );
+        let kept = leaf.mask.any()
+            & (unit.fetch.leaf.instance_leaves.peek(number)).eq(leaf.is_instance)
+            & unit.issue.masks.peek(number).eq(leaf.mask);
+        assert(
+            "its kind and its mask are kept",
+            at(self.here).implies(kept),
+        );
+        let [as_triangle, as_instance] =
+            ends.map(|Ends { end, packet }| end.at(leaf.age) & is_p(packet.at(leaf.age)));
+        assert(
+            "all of whose rays are issued is in the test until it leaves",
+            at(places.out.q).implies(leaf.is_instance.mux(as_instance, as_triangle)),
+        );
+
+        let (is_job, is_owed) = (at(places.job.q), at(places.owed.q));
+        let fetching = is_job | is_owed;
+        let at_front = requests.queue.valid & is_p(requests.job.packet);
+        let next = at_front.mux(requests.corner.extend(COUNT_BITS), m.zero(COUNT_BITS));
+        assert(
+            "vertices are asked for in turn, by the leaf at the front",
+            is_job.implies(leaf.asked.eq(next) & leaf.asked.lt(leaf.vertices)),
+        );
+        assert(
+            "a leaf leaves the queue when all its vertices are asked for",
+            is_owed.implies(leaf.asked.eq(leaf.vertices) & leaf.arrived.lt(leaf.vertices)),
+        );
+        let owed = self.owed_vertices.field(p * CORNERS, CORNERS);
+        let sum_bits = COUNT_BITS + 1;
+        let known = owed.count_ones(sum_bits) + leaf.arrived.extend(sum_bits);
+        assert(
+            "every vertex asked for is owed or has arrived",
+            fetching.implies(known.eq(leaf.asked.extend(sum_bits))),
+        );
+        assert(
+            "no vertex is owed that was not asked for",
+            fetching.mux(owed.shr(leaf.asked).is_zero(), owed.is_zero()),
+        );
+
+        let to_be_swept = self.sweeping & self.swept.le(number);
+        let counted = fetching.mux(leaf.arrived, m.zero(COUNT_BITS));
+        let count = arrival.counts.peek(number).extend(COUNT_BITS);
+        assert("arrivals are counted", to_be_swept | count.eq(counted));
+        let with_this = leaf.arrived + m.lit(1u8, COUNT_BITS);
+        assert(
+            "a leaf is complete when all its vertices are there",
+            (arrival.complete & is_p(arrival.of.packet))
+                .implies(is_owed & with_this.eq(leaf.vertices)),
+        );
+    }
 }
 
 /// At each stage of the test, whether a leaf's last slot of a kind is there, and which packet's.
 struct Ends<'b> {
     end: List<'b>,
     packet: List<'b>,
-}
-
-/// A packet's leaf among all that is watched.
-struct OfPacket<'a, 'b> {
-    watched: &'a Watched<'a, 'b>,
-    packet: u32,
-    leaf: &'a Leaf<'b>,
-}
-
-impl<'b> OfPacket<'_, 'b> {
-    fn assert(&self, what: &str, holds: Signal<'b>) {
-        let what = format!("{what}, packet {}", self.packet);
-        self.watched.proof.assert(what, holds);
-    }
-
-    /// The packet's bit of what has one for each.
-    fn at(&self, all: Signal<'b>) -> Signal<'b> {
-        all.bit(self.packet)
-    }
-
-    fn is_of(&self, packet: Signal<'b>) -> Signal<'b> {
-        packet.equals(u128::from(self.packet))
-    }
-
-    fn number(&self) -> Signal<'b> {
-        let bits = self.watched.swept.width();
-        self.leaf.mask.module().lit(self.packet, bits)
-    }
-
-    /// Whether its vertices are being asked for, or all are and not all are there.
-    fn is_fetching(&self) -> Signal<'b> {
-        let places = &self.watched.places;
-        self.at(places.job.q) | self.at(places.owed.q)
-    }
-
-    /// `ends`: of triangles, and of instances.
-    fn assert_place(&self, ends: [&Ends<'b>; 2]) {
-        let Watched {
-            unit, places, here, ..
-        } = self.watched;
-        let (m, leaf) = (unit.module(), self.leaf);
-        self.assert(
-            "a leaf is in one place",
-            m.concat(&places.all().map(|place| self.at(place)))
-                .count_ones(3)
-                .le(m.lit(1u8, 3)),
-        );
-        let kept = leaf.mask.any()
-            & (unit.fetch.leaf.instance_leaves.peek(self.number())).eq(leaf.is_instance)
-            & unit.issue.masks.peek(self.number()).eq(leaf.mask);
-        self.assert(
-            "its kind and its mask are kept",
-            self.at(*here).implies(kept),
-        );
-        let [as_triangle, as_instance] =
-            ends.map(|Ends { end, packet }| end.at(leaf.age) & self.is_of(packet.at(leaf.age)));
-        self.assert(
-            "all of whose rays are issued is in the test until it leaves",
-            self.at(places.out.q)
-                .implies(leaf.is_instance.mux(as_instance, as_triangle)),
-        );
-    }
-
-    fn assert_requests(&self) {
-        let Watched {
-            unit,
-            places,
-            owed_vertices,
-            ..
-        } = self.watched;
-        let (m, leaf, requests) = (unit.module(), self.leaf, &unit.fetch.requests);
-        let vertices = leaf.vertices;
-        let at_front = requests.queue.valid & self.is_of(requests.job.packet);
-        let next = at_front.mux(requests.corner.extend(COUNT_BITS), m.zero(COUNT_BITS));
-        self.assert(
-            "vertices are asked for in turn, by the leaf at the front",
-            self.at(places.job.q)
-                .implies(leaf.asked.eq(next) & leaf.asked.lt(vertices)),
-        );
-        self.assert(
-            "a leaf leaves the queue when all its vertices are asked for",
-            self.at(places.owed.q)
-                .implies(leaf.asked.eq(vertices) & leaf.arrived.lt(vertices)),
-        );
-        let owed = owed_vertices.field(self.packet * CORNERS, CORNERS);
-        let sum_bits = COUNT_BITS + 1;
-        let known = owed.count_ones(sum_bits) + leaf.arrived.extend(sum_bits);
-        self.assert(
-            "every vertex asked for is owed or has arrived",
-            self.is_fetching()
-                .implies(known.eq(leaf.asked.extend(sum_bits))),
-        );
-        self.assert(
-            "no vertex is owed that was not asked for",
-            self.is_fetching()
-                .mux(owed.shr(leaf.asked).is_zero(), owed.is_zero()),
-        );
-    }
-
-    fn assert_arrivals(&self) {
-        let Watched {
-            unit,
-            places,
-            sweeping,
-            swept,
-            ..
-        } = self.watched;
-        let (m, leaf, arrival) = (unit.module(), self.leaf, &unit.fetch.arrival);
-        let to_be_swept = *sweeping & swept.le(self.number());
-        let counted = (self.is_fetching()).mux(leaf.arrived, m.zero(COUNT_BITS));
-        let count = arrival.counts.peek(self.number()).extend(COUNT_BITS);
-        self.assert("arrivals are counted", to_be_swept | count.eq(counted));
-        let with_this = leaf.arrived + m.lit(1u8, COUNT_BITS);
-        self.assert(
-            "a leaf is complete when all its vertices are there",
-            (arrival.complete & self.is_of(arrival.of.packet))
-                .implies(self.at(places.owed.q) & with_this.eq(leaf.vertices)),
-        );
-    }
 }

@@ -2,7 +2,7 @@
 
 use super::issue::Slot;
 use super::stages::Stages;
-use super::{Inputs, Kept, SetUp, World};
+use super::{Inputs, Kept, World};
 use crate::hdl::{Builder, Flow, Memory, Signal, Signals, Specs, Style};
 use crate::hw::plan::Plan;
 use crate::hw::ray::{Interval, Limits, Tested, Vector};
@@ -40,15 +40,10 @@ pub(super) fn keep<'b>(
     let by_level_ray = plan.level_rays_in_flight();
     let (tested, limits) = (Tested::of(plan), Kept::of(plan));
     let Flow { valid, payload } = inputs.setup;
-    let SetUp {
-        packet,
-        ray,
-        object,
-        ..
-    } = payload;
-    let index = plan.ray_index(packet, ray).hinted("setup_index");
-    let level_index = object.concat(index);
-    let of_world = (valid & !object).named("setup_of_world");
+    let index = plan.ray_index(payload.packet, payload.ray);
+    let index = index.hinted("setup_index");
+    let level_index = payload.object.concat(index);
+    let of_world = (valid & !payload.object).named("setup_of_world");
     let tests = m.memory("ray_memory", by_level_ray, tested.width(), Style::Block);
     tests.write(valid, level_index, tested.pack(payload.tested));
     let kept = m.memory("ray_limit_memory", by_ray, limits.width(), Style::Block);
@@ -106,22 +101,15 @@ fn world_direction<'b>(
     slot: &Slot<'b>,
 ) -> [Signal<'b>; 3] {
     let vector = Vector::of(plan);
-    let memory = m.memory(
-        "direction_memory",
-        plan.rays_in_flight(),
-        vector.width(),
-        Style::Block,
-    );
+    let rays = plan.rays_in_flight();
+    let memory = m.memory("direction_memory", rays, vector.width(), Style::Block);
     let World {
         packet,
         ray,
         direction: axes,
     } = world.payload;
-    memory.write(
-        world.valid,
-        plan.ray_index(packet, ray),
-        vector.pack(Vector { axes }),
-    );
+    let index = plan.ray_index(packet, ray);
+    memory.write(world.valid, index, vector.pack(Vector { axes }));
     vector
         .unpack(plan.read(memory, slot.index))
         .named("ray_world_direction")
