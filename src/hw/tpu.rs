@@ -13,10 +13,12 @@
 //!   ▲                                           │           node answer
 //!   └─ 4 plane distances a ray, decision, push ─┴────────────────┘
 //! ```
+mod clip;
 mod enter;
 mod kept;
 mod pop;
 mod properties;
+mod ray;
 mod serve;
 mod slice;
 mod stack;
@@ -28,7 +30,8 @@ use super::ray::{InContext, Interval, Leaf, Limit, Place, Start};
 use crate::bkd::layout::Record;
 use crate::hdl::{Builder, Flow, HdlError, Module, ReadInputs, ReadOutputs, Specs, Wires};
 use crate::{bundle, interface};
-use kept::{PoppedWrites, Request, SteppedWrite};
+use enter::PoppedWires;
+use kept::{Request, SteppedWrite};
 use pop::Retry;
 use properties::Watched;
 use std::sync::Arc;
@@ -125,6 +128,7 @@ interface! {
 /// earlier one goes by wires, made first.
 pub fn module(plan: &Plan) -> Result<Tpu, HdlError> {
     let slice = slice::module(plan)?;
+    let (ray, clip) = (ray::module(plan, &slice)?, clip::module(plan)?);
     let builder = Builder::new(
         "tpu",
         "the traversal processing unit: takes packets through a B-KD tree, a packet step a clock.",
@@ -132,33 +136,23 @@ pub fn module(plan: &Plan) -> Result<Tpu, HdlError> {
     let m = &builder;
     let ports = ports(plan);
     let inputs = ports.inputs.inputs(m);
-    let setup = (inputs.setup, inputs.setup_object);
     let request = Request::of(plan).wires(m, "request");
     let stepped = SteppedWrite::of(plan).wires(m, "stepped");
-    let popped = PoppedWrites::new(m, plan);
+    let popped = PoppedWires::new(m, plan);
     let retry = Retry::of(plan).wires(m, "retry");
 
     let start = start::start(m, plan, inputs.setup, inputs.setup_object);
-    let kept = kept::keep(
-        m,
-        plan,
-        setup,
-        &start,
-        request.get(),
-        stepped.get(),
-        &popped,
-    );
-    let sliced = step::slices(m, plan, &slice, inputs.node.response, &kept);
+    let kept = kept::keep(m, plan, request.get(), stepped.get(), popped.packet.get());
+    let sliced = step::slices(m, plan, &ray, &inputs, &start, &popped, &kept);
     let step = step::decide(m, plan, &sliced, stepped);
     let popping = pop::choose(m, plan, inputs.setup_soon, inputs.done, retry.get(), &step)?;
     let stack = stack::stack(m, plan, &step, &popping);
-    let pop = pop::clip(m, plan, inputs.limit, &popping, &stack);
+    let pop = pop::clip(m, plan, &clip, inputs.limit, &popping, &stack);
     let entered = enter::enter(m, plan, &inputs, &start, &pop, &popped, retry);
     let after_step = (&step, stepped.write.get());
-    let after_pop = (&entered, &popped);
     let ready = inputs.node.request_ready;
-    let (node, nodes) = serve::nodes(m, plan, after_step, after_pop, ready, request)?;
-    let (leaf, leaves) = serve::leaves(m, plan, after_step, after_pop, inputs.leaf_ready)?;
+    let (node, nodes) = serve::nodes(m, plan, after_step, &entered, ready, request)?;
+    let (leaf, leaves) = serve::leaves(m, plan, after_step, &entered, inputs.leaf_ready)?;
     let finished = Flow {
         valid: entered.none_enters | (pop.done & pop.empty),
         payload: Finished {
