@@ -248,7 +248,10 @@ fn faults_are_noticed() {
         (
             unit_tpu::run,
             one_level,
-            |unit| Ok((unit.top().memory("limit0_memory")?.write_data()).with_flipped(1)),
+            |unit| {
+                let clip = &unit.top().instances_of("tpu_clip")[0];
+                Ok(clip.input("limit_value")?.with_flipped(1))
+            },
             "unit tpu",
         ),
         // An entry popped is never dropped.
@@ -256,8 +259,8 @@ fn faults_are_noticed() {
             unit_tpu::run,
             one_level,
             |unit| {
-                let within = unit.top().signal("ray0_within")?;
-                Ok(unit.top().signal("ray0_stays")?.reads(within).as_value(1))
+                let clip = unit.module("tpu_clip")?;
+                Ok((clip.signal("stay")?.reads(clip.signal("is_within")?)).as_value(1))
             },
             "unit tpu",
         ),

@@ -1,23 +1,27 @@
 //! The ray casting unit: ray setup, traversal processing unit, geometry unit, and who is in which packet's place.
 
+mod hits;
+mod packets;
 mod properties;
+mod units;
 
-use super::fifo;
-use super::geometry::{self, TestWatch, TransformWatch};
+use super::geometry::{self, Moved, TestWatch, TransformWatch};
 use super::plan::Plan;
-use super::ray::{Hit, Limits, Line, Place, Tested};
-use super::setup;
-use super::skinning::{self, Issued, Mesh, Taken};
+use super::ray::{Hit, InContext, Limit, Limits, Line, Start};
+use super::skinning::{self, Column, Issued, Mesh, Sums, Taken};
 use super::tpu::{self, StepWatch};
-use crate::bkd::layout::{Record, fields};
+use crate::bkd::layout::Record;
 use crate::config::Config;
 use crate::hdl::{
-    Builder, Bundle, Design, Flow, HdlError, Module, ReadInputs, ReadOutputs, Response, Spec,
-    Specs, Style, Wires, Write,
+    Builder, Bundle, Design, Flow, HdlError, Module, ReadInputs, ReadOutputs, Signal, Specs, Wires,
+    Write,
 };
 use crate::{bundle, interface};
-use properties::Unit;
+use hits::Hits;
+use packets::Packets;
+use properties::Watched;
 use std::sync::Arc;
+use units::{Site, Units, VertexRequest};
 
 /// Bits of each counter; they wrap.
 pub const COUNTER_BITS: u32 = 40;
@@ -146,392 +150,211 @@ interface! {
     }
 }
 
-pub(super) fn module(plan: &Plan) -> Result<Arc<Module>, HdlError> {
-    let tpu = tpu::module(plan)?;
-    let setup = setup::module(plan, tpu.pop_latency)?;
-    let geometry = geometry::module(plan)?;
-    let skinning = skinning::module(plan, &geometry.test)?;
-    let w = plan.number();
-    let rays = plan.rays();
-    let packets = plan.packets();
-    let pb = plan.packet_bits();
-    let rb = plan.ray_bits();
+bundle! {
+    /// What the geometry unit says to units before it.
+    struct FromGeometry(plan: &Plan) {
+        /// A ray in an object's space, to be set up.
+        object: Flow<Moved>(plan),
+        leaf_ready: 1,
+        limit: Flow<Limit>(plan),
+        done: Flow<InContext>(plan),
+        start: {Start}(plan),
+    }
+}
 
-    let m = Builder::new(
+bundle! {
+    /// What the skinning processor says to the geometry unit, and that it has it.
+    struct FromSkinner(plan: &Plan) {
+        skinning_now: 1,
+        skin_palette: Flow<Column>(plan),
+        skin_issue: Flow<Taken>(plan),
+        skin: {Sums}(plan, "", ""),
+    }
+}
+
+bundle! {
+    /// The packet whose hits go out, the ray whose hit is read, and whether the packet's last hit is taken.
+    struct FromHits(plan: &Plan) {
+        freed: 1,
+        read_packet: plan.packet_bits(),
+        read_ray: plan.ray_bits(),
+    }
+}
+
+pub(super) fn module(plan: &Plan) -> Result<Arc<Module>, HdlError> {
+    let units = Units::new(plan)?;
+    let builder = Builder::new(
         "raycast_unit",
         format!(
-            "casts packets of {rays} rays into a scene, {packets} packets at a time.\n\
+            "casts packets of {} rays into a scene, {} packets at a time.\n\
              Rays arrive one a clock, a packet's in order; its hits leave the same way under its tag, packets in any order. \
-             After reset, wait for ray_ready."
+             After reset, wait for ray_ready.",
+            plan.rays(),
+            plan.packets()
         ),
     );
+    let m = &builder;
     let ports = ports(plan);
-    let unit_inputs = ports.inputs.inputs(&m);
-    let Inputs {
-        scene_root: root,
-        scene_lo,
-        scene_hi,
-        ray: Flow {
-            valid: ray_valid,
-            payload: ray,
-        },
-        hit_ready,
-        node,
-        record,
-        vertex,
-        influence,
-        skin_start,
-        skin_write_ready,
-    } = unit_inputs;
-
-    m.comment("After reset every packet number is put into the queue of free ones, and what counts by packet is cleared.");
-    let sweeping = m.reg_reset("sweeping", 1, 1);
-    let sweep_packet = m.reg_reset("sweep_packet", pb, 0);
-    sweeping.next(sweeping.q & !sweep_packet.q.equals(u128::from(packets) - 1));
-    sweep_packet.next_when(sweeping.q, sweep_packet.q + m.lit(1u8, pb));
-    let freed = m.wire("freed", 1);
-    let freed_packet = m.wire("freed_packet", pb);
-    let take_free = m.wire("take_free", 1);
-    let free_queue = fifo::place(
+    let inputs = ports.inputs.inputs(m);
+    let site = Site {
+        m,
         plan,
-        "free_queue",
-        packets,
-        sweeping.q | freed.get(),
-        sweeping.q.mux(sweep_packet.q, freed_packet.get()),
-        take_free.get(),
-    )?;
-    let (free_any, free_front) = (free_queue.valid, free_queue.front);
-
-    m.comment("A packet's rays arrive one by one; the first takes a free packet number, the others share it.");
-    let place = m.reg_reset("place", rb, 0);
-    let first = place.q.is_zero().named("first_ray");
-    let last = place.q.equals(u128::from(rays) - 1).named("last_ray");
-    let object_valid = m.wire("object_valid", 1);
+        units: &units,
+        inputs: &inputs,
+    };
+    let from_hits = FromHits::of(plan).wires(m, "");
+    let from_geometry = FromGeometry::of(plan).wires(m, "");
+    let from_skinner = FromSkinner::of(plan).wires(m, "");
+    let (object, skinning) = (from_geometry.object.get(), from_skinner.skinning_now.get());
     // A mesh to skin does not wait for a pause between packets: it makes one.
-    let skinning_now = m.wire("skinning_now", 1);
-    let paused = (skin_start.valid | skinning_now.get()).named("paused");
-    let ready = (!sweeping.q & free_any & !object_valid.get() & !paused).named("ready");
-    let take = (ray_valid & ready).named("take_ray");
-    take_free.drive(take & last);
-    place.next_when(take, last.mux(m.zero(rb), place.q + m.lit(1u8, rb)));
-    let tags = m.memory(
-        "tag_memory",
-        packets,
-        plan.config.tag_bits,
-        Style::Distributed,
+    let paused = (inputs.skin_start.valid | skinning).named("paused");
+
+    let ray = (inputs.ray.valid, inputs.ray.payload.tag);
+    let packets = packets::packets(m, plan, ray, object.valid, paused, from_hits.get())?;
+    let set_up = site.set_up(&packets, object);
+    let traversal = site.traverse(&set_up, from_geometry.get());
+    let (intersection, to_geometry) = site.intersect(
+        &packets,
+        &set_up,
+        traversal.leaf,
+        from_skinner.get(),
+        from_hits.get(),
     );
-    tags.write(take & first, free_front, ray.tag);
-
-    m.comment(
-        "Ray setup: of a ray of the world, or, before that, of one that the geometry unit has taken to an object's space.",
-    );
-    let is_object = object_valid.get();
-    let of_geometry = geometry::ports(plan);
-    // What a ray of the world says, or one of an object's space, whose wire is driven later.
-    let chosen = |spec: &Spec, of_world| {
-        let of_object = m.wire(&spec.name, spec.width);
-        (of_object, is_object.mux(of_object.get(), of_world))
-    };
-    let spec = &of_geometry.outputs.object.payload;
-    let place_chosen = Place {
-        packet: chosen(&spec.place.packet, free_front),
-        ray: chosen(&spec.place.ray, place.q),
-        first: chosen(&spec.place.first, first),
-        last: chosen(&spec.place.last, last),
-    };
-    let limits_chosen = Limits {
-        tmin: chosen(&spec.limits.tmin, ray.limits.tmin),
-        tmax: chosen(&spec.limits.tmax, ray.limits.tmax),
-    };
-    let on_axes =
-        |specs: &[Spec; 3], of_world: [_; 3]| [0, 1, 2].map(|i| chosen(&specs[i], of_world[i]));
-    let line_chosen = Line {
-        origin: on_axes(&spec.line.origin, ray.line.origin),
-        direction: on_axes(&spec.line.direction, ray.line.direction),
-    };
-    let inputs = setup::Inputs {
-        valid: is_object | take,
-        place: place_chosen.map(|_, (_, chosen)| chosen),
-        object: is_object,
-        active: is_object | ray.active,
-        any_hit: ray.any_hit,
-        line: line_chosen.map(|_, (_, chosen)| chosen),
-        limits: limits_chosen.map(|_, (_, chosen)| chosen),
-        scene_lo,
-        scene_hi,
-    };
-    let set_up = setup::ports(plan, tpu.pop_latency).place("setup", &m, &setup, inputs);
-    let out = set_up.out.payload;
-
-    m.comment("Traversal and geometry.");
-    let leaf_ready = m.wire("leaf_ready", 1);
-    let limit = of_geometry.outputs.limit.wires(&m, "limit");
-    let done = of_geometry.outputs.done.wires(&m, "done");
-    let start = of_geometry.outputs.start.wires(&m, "start");
-    let inputs = tpu::Inputs {
-        setup_soon: set_up.soon,
-        setup: Flow::new(
-            set_up.out.valid,
-            tpu::SetUp {
-                place: out.place,
-                enters: out.enters,
-                interval: out.interval,
-                signs: out.signs,
-                origin: out.along.map(|axis| axis.origin),
-                reciprocal: out.along.map(|axis| axis.reciprocal),
-            },
-        ),
-        setup_object: out.object,
-        object: start.get(),
-        root,
-        node,
-        leaf_ready: leaf_ready.get(),
-        limit: limit.get(),
-        done: done.get(),
-    };
-    let traversal = tpu::ports(plan).place("traversal", &m, &tpu.module, inputs);
-
-    let read_packet = m.wire("read_packet", pb);
-    let read_ray = m.wire("read_ray", rb);
-    let of_inputs = &of_geometry.inputs;
-    // The same memory, of which each takes its own responses and as many bits of their tags as it has given.
-    let vertex_of = |ports: &ReadInputs<Spec>, its| ReadInputs {
-        request_ready: vertex.request_ready,
-        response: Flow::new(
-            vertex.response.valid & its,
-            Response {
-                tag: (vertex.response.payload.tag).low(ports.response.payload.tag.width),
-                data: vertex.response.payload.data,
-            },
-        ),
-    };
-    let vertex_of_geometry = vertex_of(&of_inputs.vertex, !skinning_now.get());
-    let palette = of_inputs.skin_palette.wires(&m, "skin_palette");
-    let issue = of_inputs.skin_issue.wires(&m, "skin_issue");
-    let operands = of_inputs.skin.wires(&m, "skin");
-    let inputs = geometry::Inputs {
-        setup: Flow::new(
-            set_up.out.valid,
-            geometry::SetUp {
-                packet: out.place.packet,
-                ray: out.place.ray,
-                object: out.object,
-                tested: Tested {
-                    origin: out.along.map(|axis| axis.origin),
-                    reciprocal: out.along.map(|axis| axis.reciprocal),
-                    signs: out.signs,
-                    shear: out.shear,
-                    direction: out.direction,
-                },
-                kept: geometry::Kept {
-                    limits: out.limits,
-                    any_hit: out.any_hit,
-                },
-            },
-        ),
-        setup_next_packet: set_up.next_packet,
-        instanced: fields::Link::of().unpack(root).right_leaf,
-        leaf: traversal.leaf,
-        record,
-        vertex: vertex_of_geometry,
-        skinning: skinning_now.get(),
-        skin_palette: palette.get(),
-        skin_issue: issue.get(),
-        skin: operands.get(),
-        sweep: sweeping.q,
-        sweep_packet: sweep_packet.q,
-        read_packet: read_packet.get(),
-        read_ray: read_ray.get(),
-        world: plan.watertight().then(|| {
-            Flow::new(
-                take,
-                geometry::World {
-                    packet: free_front,
-                    ray: place.q,
-                    direction: ray.line.direction,
-                },
-            )
-        }),
-        setup_shear_z: out.shear_z,
-    };
-    let intersection = of_geometry.place("intersection", &m, &geometry.module, inputs);
-    leaf_ready.drive(intersection.leaf_ready);
-    limit.drive(intersection.limit);
-    done.drive(intersection.done);
-    start.drive(intersection.start);
-    let object = intersection.object.payload;
-    object_valid.drive(intersection.object.valid);
-    (place_chosen.map(|_, (wire, _)| wire)).drive(object.place);
-    (limits_chosen.map(|_, (wire, _)| wire)).drive(object.limits);
-    (line_chosen.map(|_, (wire, _)| wire)).drive(object.line);
-
-    m.comment("Finished packets hand out their hits ray by ray. The word read is always that of the ray shown next.");
-    let out_word = pb + rays;
-    let take_finished = m.wire("take_finished", 1);
-    let finished_queue = fifo::place(
-        plan,
-        "finished_queue",
-        packets,
-        traversal.finished.valid,
-        traversal
-            .finished
-            .payload
-            .touched
-            .concat(traversal.finished.payload.packet),
-        take_finished.get(),
-    )?;
-    let (finished_any, finished_front) = (finished_queue.valid, finished_queue.front);
-    let out = m.reg("out", out_word);
-    let out_valid = m.reg_reset("out_valid", 1, 0);
-    let out_fresh = m.reg("out_fresh", 1);
-    let out_ray = m.reg("out_ray", rb);
-    let shown = (out_valid.q & out_fresh.q).named("shown");
-    let taken = (shown & hit_ready).named("hit_taken");
-    let out_last = out_ray.q.equals(u128::from(rays) - 1).named("out_last");
-    let leaves = (taken & out_last).named("packet_leaves");
-    let load = (finished_any & (!out_valid.q | leaves)).named("load");
-    take_finished.drive(load);
-    out.next_when(load, finished_front);
-    out_valid.next(load | (out_valid.q & !leaves));
-    let next_ray = taken
-        .mux(out_ray.q + m.lit(1u8, rb), out_ray.q)
-        .named("next_ray");
-    out_ray.next(load.mux(m.zero(rb), next_ray));
-    out_fresh.next(!load & out_valid.q & !leaves);
-    let out_packet = out.q.low(pb).named("out_packet");
-    read_packet.drive(out_packet);
-    read_ray.drive(next_ray);
-    freed.drive(leaves);
-    freed_packet.drive(out_packet);
-    let touched_bits: Vec<_> = (0..rays).map(|i| out.q.bit(pb + i)).collect();
-    let touched = m.select(out_ray.q, &touched_bits).named("out_touched");
-    let infinity = m.lit(u128::from(plan.format.infinity()), w);
-    let none = m.lit(u128::from(u32::MAX), 32);
-    let miss = Hit {
-        t: infinity,
-        u: m.zero(w),
-        v: m.zero(w),
-        instance: none,
-        triangle: none,
-    };
-    let hit = TaggedHit {
-        tag: tags.read_now(out_packet),
-        hit: touched.choose(intersection.read, miss),
-    };
-
-    m.comment("Skinning borrows the geometry unit and its port to vertex memory.");
-    let under_way = m.reg_reset("under_way", pb + 1, 0);
-    let some = under_way.q.any().named("some_under_way");
-    let enters = (take & last).named("packet_enters");
-    let unit = m.lit(1u8, pb + 1);
-    under_way.next_when(
-        enters ^ leaves,
-        enters.mux(under_way.q + unit, under_way.q - unit),
-    );
-    let may_start = !some & !sweeping.q;
-    let of_skinning = skinning::ports(plan);
-    let vertex_of_skinner = vertex_of(&of_skinning.inputs.vertex, skinning_now.get());
-    let inputs = skinning::Inputs {
-        start: skin_start,
-        may_start,
-        vertex: vertex_of_skinner,
-        influence,
-        write_ready: skin_write_ready,
-        weighted: intersection.skin_weighted,
-        pair_sum: intersection.skin_pair_sum,
-        vertex_sum: intersection.skin_vertex_sum,
-    };
-    let skin = of_skinning.place("skinner", &m, &skinning, inputs);
-    skinning_now.drive(skin.skinning);
-    palette.drive(skin.palette);
-    let Issued { influence, mark } = skin.issue.payload;
-    issue.drive(Flow::new(skin.issue.valid, Taken { mark, influence }));
-    operands.drive(skin.operands);
-    let of_vertex =
-        (ports.outputs.vertex.request).zip(skin.vertex.request.zip(intersection.vertex.request));
-    let vertex_request = of_vertex.map(|_, (spec, (of_skin, of_geometry))| {
-        let [of_skin, of_geometry] =
-            [of_skin, of_geometry].map(|request| request.extend(spec.width));
-        skinning_now.get().mux(of_skin, of_geometry)
+    from_geometry.drive(FromGeometry {
+        object: intersection.object,
+        leaf_ready: intersection.leaf_ready,
+        limit: intersection.limit,
+        done: intersection.done,
+        start: intersection.start,
     });
-
-    m.comment("Counters since reset.");
-    let step = traversal.step_taken;
-    let slot = intersection.slot_taken;
-    let events = Counters {
-        cycles: m.lit(1u8, 1),
-        packet_steps: step,
-        ray_triangle_tests: intersection.test_issued,
-        tpu_busy_cycles: step,
-        tpu_starved_cycles: some & !step,
-        ray_transforms: intersection.transform_issued,
-        gu_busy_cycles: slot,
-        gu_starved_cycles: some & !slot,
-        skin_influences: skin.influence_issued,
-        skin_cycles: skinning_now.get(),
+    let hits = hits::hits(
+        m,
+        plan,
+        traversal.finished,
+        inputs.hit_ready,
+        intersection.read,
+    )?;
+    from_hits.drive(FromHits {
+        freed: hits.leaves,
+        read_packet: hits.packet,
+        read_ray: hits.next_ray,
+    });
+    let may_start = !packets.some_under_way & !packets.sweeping;
+    let (skinner, to_skinner) = site.skin(may_start, skinning, &intersection);
+    let Issued { influence, mark } = skinner.issue.payload;
+    from_skinner.drive(FromSkinner {
+        skinning_now: skinner.skinning,
+        skin_palette: skinner.palette,
+        skin_issue: Flow::new(skinner.issue.valid, Taken { mark, influence }),
+        skin: skinner.operands,
+    });
+    let [of_skinner, of_geometry] = [skinner.vertex, intersection.vertex].map(|port| port.request);
+    let request = &ports.outputs.vertex.request;
+    let request = units::vertex_request(request, skinning, of_skinner, of_geometry);
+    let placed = Placed {
+        packets: &packets,
+        traversal,
+        intersection,
+        skinner,
     };
-    let outputs = Outputs {
-        ray_ready: ready,
-        hit: Flow::new(shown, hit),
-        skin_start_ready: skin.start_ready,
-        skin_done: skin.done,
-        skin_write: skin.write,
-        node: traversal.node,
-        record: intersection.record,
-        influence: skin.influence,
-        vertex: ReadOutputs {
-            request: vertex_request,
-        },
-        count: events.map(|name, event| {
-            let counter = m.reg_reset(format!("{name}_counter"), COUNTER_BITS, 0);
-            counter.next_when(event, counter.q + m.lit(1u8, COUNTER_BITS));
-            counter.q
-        }),
-        stack_high_water: traversal.stack_high_water,
-        stack_overflow: traversal.stack_overflow,
-        watch_start: Flow::new(
-            take & last,
-            StartWatch {
-                packet: free_front,
-                tag: first.mux(ray.tag, tags.read_now(free_front)),
-            },
-        ),
-        watch_step: Flow::new(step, traversal.watch_step),
-        watch_test: intersection.watch_test,
-        watch_transform: intersection.watch_transform,
-    };
-    ports.outputs.outputs(&m, outputs);
-
-    let unit = Unit {
-        inputs: unit_inputs,
+    let count = count(m, placed.events(skinning));
+    let outputs = placed.outputs(&hits, request, count);
+    ports.outputs.outputs(m, outputs);
+    properties::shares(&Watched {
+        inputs,
         outputs,
-        packets,
-        sweeping: sweeping.q,
-        sweep_packet: sweep_packet.q,
-        free: free_queue,
-        tags,
-        under_way: under_way.q,
-        first_ray: first,
-        object_valid: object_valid.get(),
+        plan,
+        packets: &packets,
+        hits: &hits,
+        object_valid: object.valid,
         paused,
-        take_ray: take,
-        enters,
         finished_packet: traversal.finished.payload.packet,
-        finished: finished_queue,
-        load,
-        out: out.q,
-        out_valid: out_valid.q,
-        out_packet,
-        out_ray: out_ray.q,
-        hit_taken: taken,
-        leaves,
         may_start,
-        skinning: skinning_now.get(),
-        of_geometry: intersection.vertex.request,
-        of_skinner: skin.vertex.request,
-        to_geometry: vertex_of_geometry.response.valid,
-        to_skinner: vertex_of_skinner.response.valid,
-    };
-    properties::shares(&m, &unit);
-    m.finish()
+        skinning,
+        of_geometry,
+        of_skinner,
+        to_geometry,
+        to_skinner,
+    });
+    builder.finish()
+}
+
+/// What the units within say to the outside.
+struct Placed<'a, 'b> {
+    packets: &'a Packets<'b>,
+    traversal: tpu::Outputs<Signal<'b>>,
+    intersection: geometry::Outputs<Signal<'b>>,
+    skinner: skinning::Outputs<Signal<'b>>,
+}
+
+impl<'b> Placed<'_, 'b> {
+    /// What is counted, where it happens.
+    fn events(&self, skinning: Signal<'b>) -> Counters<Signal<'b>> {
+        let (some, step) = (self.packets.some_under_way, self.traversal.step_taken);
+        let slot = self.intersection.slot_taken;
+        Counters {
+            cycles: some.module().lit(1u8, 1),
+            packet_steps: step,
+            ray_triangle_tests: self.intersection.test_issued,
+            tpu_busy_cycles: step,
+            tpu_starved_cycles: some & !step,
+            ray_transforms: self.intersection.transform_issued,
+            gu_busy_cycles: slot,
+            gu_starved_cycles: some & !slot,
+            skin_influences: self.skinner.influence_issued,
+            skin_cycles: skinning,
+        }
+    }
+
+    fn outputs(
+        &self,
+        hits: &Hits<'b>,
+        vertex_request: VertexRequest<'b>,
+        count: Counters<Signal<'b>>,
+    ) -> Outputs<Signal<'b>> {
+        let Placed {
+            packets,
+            traversal,
+            intersection,
+            skinner,
+        } = self;
+        let hit = TaggedHit {
+            tag: packets.tag_out,
+            hit: hits.hit.payload,
+        };
+        let start = StartWatch {
+            packet: packets.place.packet,
+            tag: packets.tag_in,
+        };
+        Outputs {
+            ray_ready: packets.ready,
+            hit: Flow::new(hits.hit.valid, hit),
+            skin_start_ready: skinner.start_ready,
+            skin_done: skinner.done,
+            skin_write: skinner.write,
+            node: traversal.node,
+            record: intersection.record,
+            influence: skinner.influence,
+            vertex: ReadOutputs {
+                request: vertex_request,
+            },
+            count,
+            stack_high_water: traversal.stack_high_water,
+            stack_overflow: traversal.stack_overflow,
+            watch_start: Flow::new(packets.enters, start),
+            watch_step: Flow::new(traversal.step_taken, traversal.watch_step),
+            watch_test: intersection.watch_test,
+            watch_transform: intersection.watch_transform,
+        }
+    }
+}
+
+/// Counts events; the counters wrap.
+fn count<'b>(m: &'b Builder, events: Counters<Signal<'b>>) -> Counters<Signal<'b>> {
+    m.comment("Counters since reset.");
+    events.map(|name, event| {
+        let counter = m.reg_reset(format!("{name}_counter"), COUNTER_BITS, 0);
+        counter.next_when(event, counter.q + m.lit(1u8, COUNTER_BITS));
+        counter.q
+    })
 }

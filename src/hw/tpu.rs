@@ -13,10 +13,12 @@
 //!   ▲                                           │           node answer
 //!   └─ 4 plane distances a ray, decision, push ─┴────────────────┘
 //! ```
+mod clip;
 mod enter;
 mod kept;
 mod pop;
 mod properties;
+mod ray;
 mod serve;
 mod slice;
 mod stack;
@@ -28,7 +30,8 @@ use super::ray::{InContext, Interval, Leaf, Limit, Place, Start};
 use crate::bkd::layout::Record;
 use crate::hdl::{Builder, Flow, HdlError, Module, ReadInputs, ReadOutputs, Specs, Wires};
 use crate::{bundle, interface};
-use kept::{PoppedWrites, Request, SteppedWrite};
+use enter::PoppedWires;
+use kept::{Request, SteppedWrite};
 use pop::Retry;
 use properties::Watched;
 use std::sync::Arc;
@@ -125,6 +128,7 @@ interface! {
 /// earlier one goes by wires, made first.
 pub fn module(plan: &Plan) -> Result<Tpu, HdlError> {
     let slice = slice::module(plan)?;
+    let (ray, clip) = (ray::module(plan, &slice)?, clip::module(plan)?);
     let builder = Builder::new(
         "tpu",
         "the traversal processing unit: takes packets through a B-KD tree, a packet step a clock.",
@@ -132,10 +136,9 @@ pub fn module(plan: &Plan) -> Result<Tpu, HdlError> {
     let m = &builder;
     let ports = ports(plan);
     let inputs = ports.inputs.inputs(m);
-    let setup = (inputs.setup, inputs.setup_object);
     let request = Request::of(plan).wires(m, "request");
     let stepped = SteppedWrite::of(plan).wires(m, "stepped");
-    let popped = PoppedWrites::new(m, plan);
+    let popped = PoppedWires::new(m, plan);
     let retry = Retry::of(plan).wires(m, "retry");
 
     let start = m.part(
@@ -145,17 +148,14 @@ pub fn module(plan: &Plan) -> Result<Tpu, HdlError> {
     );
     let kept = m.part(
         "packet_store",
-        "keeps the rays of packets, and what belongs to a packet whose node is fetched.",
-        || {
-            let (request, stepped) = (request.get(), stepped.get());
-            kept::keep(m, plan, setup, &start, request, stepped, &popped)
-        },
+        "keeps what belongs to a packet whose node is fetched.",
+        || kept::keep(m, plan, request.get(), stepped.get(), popped.packet.get()),
     );
     let (sliced, step) = m.part(
         "packet_step",
         "the traversal step: where each ray of a packet goes below a node, then where the packet goes.",
         || {
-            let sliced = step::slices(m, plan, &slice, inputs.node.response, &kept);
+            let sliced = step::slices(m, plan, &ray, &inputs, &start, &popped, &kept);
             let step = step::decide(m, plan, &sliced, stepped);
             (sliced, step)
         },
@@ -167,9 +167,9 @@ pub fn module(plan: &Plan) -> Result<Tpu, HdlError> {
         stack::stack(m, plan, &step, &popping)
     });
     let pop = m.part(
-        "pop_clip",
+        "packet_pop",
         "clips what was popped to each ray's closest hit: the rays of which nothing is left stay out.",
-        || pop::clip(m, plan, inputs.limit, &popping, &stack),
+        || pop::clip(m, plan, &clip, inputs.limit, &popping, &stack),
     );
     let entered = m.part(
         "packet_enter",
@@ -177,15 +177,14 @@ pub fn module(plan: &Plan) -> Result<Tpu, HdlError> {
         || enter::enter(m, plan, &inputs, &start, &pop, &popped, retry),
     );
     let after_step = (&step, stepped.write.get());
-    let after_pop = (&entered, &popped);
     let (node, nodes) = m.part("node_fetch", "requests nodes of memory.", || {
         let ready = inputs.node.request_ready;
-        serve::nodes(m, plan, after_step, after_pop, ready, request)
+        serve::nodes(m, plan, after_step, &entered, ready, request)
     })?;
     let (leaf, leaves) = m.part(
         "leaf_dispatch",
         "hands leaves over to the geometry unit.",
-        || serve::leaves(m, plan, after_step, after_pop, inputs.leaf_ready),
+        || serve::leaves(m, plan, after_step, &entered, inputs.leaf_ready),
     )?;
     let finished = Flow {
         valid: entered.none_enters | (pop.done & pop.empty),

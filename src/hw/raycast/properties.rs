@@ -6,9 +6,12 @@
 //! unit asks for nothing between packets, the skinning processor for nothing between meshes, and what they show at a port stays. Of memory
 //! it is assumed that it answers what it was asked.
 
+use super::hits::Hits;
+use super::packets::Packets;
+use super::units::VertexRequest;
 use super::{Inputs, Outputs};
-use crate::hdl::{Builder, Bundle, Flow, Memory, Proof, Request, Signal};
-use crate::hw::fifo::Placed;
+use crate::hdl::{Bundle, Proof, Signal};
+use crate::hw::plan::Plan;
 use crate::hw::properties::{assert_shown_stays, count, shown_stays};
 
 /// Bits in which packets, and vertices that are owed, are counted.
@@ -17,37 +20,17 @@ const BITS: u32 = 16;
 /// Fewer vertices than this are owed to each unit, so that no count wraps.
 const OWED_BELOW: u32 = 1024;
 
-/// A unit's request for vertices.
-type VertexRequest<'b> = Flow<Request<Signal<'b>>, Signal<'b>>;
-
-/// The unit's signals, part by part.
-pub(super) struct Unit<'b> {
+/// The unit's signals.
+pub(super) struct Watched<'a, 'b> {
     pub inputs: Inputs<Signal<'b>>,
     pub outputs: Outputs<Signal<'b>>,
-    // Packet numbers.
-    pub packets: u32,
-    pub sweeping: Signal<'b>,
-    pub sweep_packet: Signal<'b>,
-    pub free: Placed<'b>,
-    pub tags: Memory<'b>,
-    pub under_way: Signal<'b>,
-    // Rays in.
-    pub first_ray: Signal<'b>,
+    pub plan: &'a Plan,
+    pub packets: &'a Packets<'b>,
+    pub hits: &'a Hits<'b>,
     pub object_valid: Signal<'b>,
     pub paused: Signal<'b>,
-    pub take_ray: Signal<'b>,
-    pub enters: Signal<'b>,
-    // Hits out.
     pub finished_packet: Signal<'b>,
-    pub finished: Placed<'b>,
-    pub load: Signal<'b>,
-    pub out: Signal<'b>,
-    pub out_valid: Signal<'b>,
-    pub out_packet: Signal<'b>,
-    pub out_ray: Signal<'b>,
-    pub hit_taken: Signal<'b>,
-    pub leaves: Signal<'b>,
-    // A mesh to skin.
+    /// Whether a mesh may start, and whether one is skinned.
     pub may_start: Signal<'b>,
     pub skinning: Signal<'b>,
     // Vertex memory.
@@ -61,21 +44,22 @@ fn wide(signal: Signal<'_>) -> Signal<'_> {
     signal.extend(BITS)
 }
 
-pub(super) fn shares<'b>(m: &'b Builder, unit: &Unit<'b>) {
+pub(super) fn shares(unit: &Watched<'_, '_>) {
+    let m = unit.paused.module();
     let proof = m.proof(
         "shares",
         "packet numbers are in one place, hits keep their tag, the geometry unit and its port serve one, answers reach who asked",
     );
     let proof = &proof;
-    unit.free.keep(proof);
-    unit.finished.keep(proof);
-    proof.cover("a packet leaves", unit.leaves);
+    unit.packets.free.keep(proof);
+    unit.hits.finished.keep(proof);
+    proof.cover("a packet leaves", unit.hits.leaves);
     assert_shown_stays(
         proof,
         "hit",
         unit.outputs.hit.valid,
         unit.inputs.hit_ready,
-        &[unit.out, unit.out_ray],
+        &[unit.hits.out, unit.hits.ray],
     );
     let request = unit.outputs.vertex.request;
     assert_shown_stays(
@@ -85,21 +69,27 @@ pub(super) fn shares<'b>(m: &'b Builder, unit: &Unit<'b>) {
         unit.inputs.vertex.request_ready,
         &request.payload.leaves(),
     );
-    let traversing = count(proof, BITS, "traversing", unit.enters, unit.finished.push);
+    let traversing = count(
+        proof,
+        BITS,
+        "traversing",
+        unit.packets.enters,
+        unit.hits.finished.push,
+    );
     packets(proof, unit, traversing);
     packet(proof, unit);
     proof.assert(
         "a ray of the world is taken only where none of an object's space comes",
-        !(unit.take_ray & unit.object_valid),
+        !(unit.packets.take_ray & unit.object_valid),
     );
     proof.assert(
         "a ray waits for nothing but a packet under way, an object's ray or a mesh",
         m.or_all(&[
-            unit.sweeping,
+            unit.packets.sweeping,
             unit.outputs.ray_ready,
             unit.object_valid,
             unit.paused,
-            unit.under_way.any(),
+            unit.packets.under_way.any(),
         ]),
     );
     skinning(proof, unit);
@@ -107,7 +97,7 @@ pub(super) fn shares<'b>(m: &'b Builder, unit: &Unit<'b>) {
     seed_faults(proof, unit);
 }
 
-fn seed_faults<'b>(proof: &Proof<'b>, unit: &Unit<'b>) {
+fn seed_faults<'b>(proof: &Proof<'b>, unit: &Watched<'_, 'b>) {
     proof.fault(
         "a ray is taken where an object's comes",
         (unit.outputs.ray_ready.reads(unit.object_valid)).as_value(0),
@@ -122,7 +112,7 @@ fn seed_faults<'b>(proof: &Proof<'b>, unit: &Unit<'b>) {
     );
     proof.fault(
         "a packet is free before its last hit is taken",
-        (unit.leaves.reads(unit.hit_taken)).as_signal(unit.outputs.hit.valid),
+        (unit.hits.leaves.reads(unit.hits.taken)).as_signal(unit.outputs.hit.valid),
     );
     proof.fault(
         "skinning's requests reach no memory",
@@ -131,23 +121,26 @@ fn seed_faults<'b>(proof: &Proof<'b>, unit: &Unit<'b>) {
 }
 
 /// How many packets are where.
-fn packets<'b>(proof: &Proof<'b>, unit: &Unit<'b>, traversing: Signal<'b>) {
+fn packets<'b>(proof: &Proof<'b>, unit: &Watched<'_, 'b>, traversing: Signal<'b>) {
     let m = proof.module();
-    let all = m.lit(unit.packets, BITS);
-    let (free, finished) = (unit.free.count(BITS), unit.finished.count(BITS));
-    let under_way = wide(unit.under_way);
+    let all = m.lit(unit.plan.packets(), BITS);
+    let (free, finished) = (
+        unit.packets.free.count(BITS),
+        unit.hits.finished.count(BITS),
+    );
+    let under_way = wide(unit.packets.under_way);
     proof.assume(
         "the traversal unit finishes packets that it has",
-        unit.finished.push.implies(traversing.any()),
+        unit.hits.finished.push.implies(traversing.any()),
     );
     proof.assert(
         "every packet under way is traversing, finished or leaving",
-        under_way.eq(traversing + finished + wide(unit.out_valid)),
+        under_way.eq(traversing + finished + wide(unit.hits.out_valid)),
     );
-    let swept = free.eq(wide(unit.sweep_packet)) & under_way.is_zero();
+    let swept = free.eq(wide(unit.packets.sweep_packet)) & under_way.is_zero();
     proof.assert(
         "every packet number is free or under way",
-        (unit.sweeping).mux(swept, (free + under_way).eq(all)),
+        (unit.packets.sweeping).mux(swept, (free + under_way).eq(all)),
     );
     proof.assert(
         "no more packets are under way than there are",
@@ -155,50 +148,51 @@ fn packets<'b>(proof: &Proof<'b>, unit: &Unit<'b>, traversing: Signal<'b>) {
     );
     proof.assert(
         "packets are swept once each",
-        (unit.sweeping).implies(wide(unit.sweep_packet).lt(all)),
+        (unit.packets.sweeping).implies(wide(unit.packets.sweep_packet).lt(all)),
     );
     proof.assert(
         "nothing is pushed to a full queue of free packets",
-        unit.free.push.implies(free.lt(all)),
+        unit.packets.free.push.implies(free.lt(all)),
     );
     proof.assert(
         "nothing is pushed to a full queue of finished packets",
-        unit.finished.push.implies(finished.lt(all)),
+        unit.hits.finished.push.implies(finished.lt(all)),
     );
     proof.assert(
         "queues are popped only where they show a word",
-        unit.free.pop.implies(unit.free.shows()) & unit.finished.pop.implies(unit.finished.shows()),
+        unit.packets.free.pop.implies(unit.packets.free.shows())
+            & unit.hits.finished.pop.implies(unit.hits.finished.shows()),
     );
 }
 
 /// One packet number, any: where it is, and the tag that its first ray came with.
-fn packet<'b>(proof: &Proof<'b>, unit: &Unit<'b>) {
+fn packet<'b>(proof: &Proof<'b>, unit: &Watched<'_, 'b>) {
     let m = proof.module();
-    let packet = proof.any_const("packet", unit.sweep_packet.width());
+    let packet = proof.any_const("packet", unit.packets.sweep_packet.width());
     proof.assume(
         "the watched packet has a number",
-        wide(packet).lt(m.lit(unit.packets, BITS)),
+        wide(packet).lt(m.lit(unit.plan.packets(), BITS)),
     );
-    let (free, finished) = (&unit.free, &unit.finished);
+    let (free, finished) = (&unit.packets.free, &unit.hits.finished);
     let in_front = free.front.eq(packet);
-    let enters = unit.enters & in_front;
+    let enters = unit.packets.enters & in_front;
     let finishes = finished.push & unit.finished_packet.eq(packet);
     let finished_front = finished.front.low(packet.width()).eq(packet);
     let is_free = proof.reg_reset("is_free", 1, 0);
     let is_traversing = proof.reg_reset("is_traversing", 1, 0);
     let is_finished = proof.reg_reset("is_finished", 1, 0);
-    let is_out = unit.out_valid & unit.out_packet.eq(packet);
-    let comes = unit.sweeping.mux(
-        unit.sweep_packet.eq(packet),
-        unit.leaves & unit.out_packet.eq(packet),
+    let is_out = unit.hits.out_valid & unit.hits.packet.eq(packet);
+    let comes = unit.packets.sweeping.mux(
+        unit.packets.sweep_packet.eq(packet),
+        unit.hits.leaves & unit.hits.packet.eq(packet),
     );
     is_free.next((is_free.q & !enters) | comes);
     is_traversing.next((is_traversing.q & !finishes) | enters);
-    is_finished.next((is_finished.q & !(unit.load & finished_front)) | finishes);
+    is_finished.next((is_finished.q & !(unit.hits.load & finished_front)) | finishes);
     let ray_tag = unit.inputs.ray.payload.tag;
     let tag = proof.reg("tag", ray_tag.width());
-    let stored = unit.tags.peek(packet);
-    tag.next_when(enters, unit.first_ray.mux(ray_tag, stored));
+    let stored = unit.packets.tags.peek(packet);
+    tag.next_when(enters, unit.packets.place.first.mux(ray_tag, stored));
 
     proof.assume(
         "a packet that is finished was traversing",
@@ -217,7 +211,7 @@ fn packet<'b>(proof: &Proof<'b>, unit: &Unit<'b>) {
         shown_stays(proof, free.valid, free.pop, &[free.front]),
     );
 
-    let to_sweep = unit.sweeping & packet.ge(unit.sweep_packet);
+    let to_sweep = unit.packets.sweeping & packet.ge(unit.packets.sweep_packet);
     let places = m.concat(&[is_free.q, is_traversing.q, is_finished.q, is_out]);
     proof.assert(
         "a packet number is in one place",
@@ -234,7 +228,7 @@ fn packet<'b>(proof: &Proof<'b>, unit: &Unit<'b>) {
 }
 
 /// That skinning and packets exclude each other.
-fn skinning<'b>(proof: &Proof<'b>, unit: &Unit<'b>) {
+fn skinning<'b>(proof: &Proof<'b>, unit: &Watched<'_, 'b>) {
     let m = proof.module();
     let start_ready = unit.outputs.skin_start_ready;
     let starts = unit.inputs.skin_start.valid & start_ready;
@@ -249,16 +243,16 @@ fn skinning<'b>(proof: &Proof<'b>, unit: &Unit<'b>) {
     );
     proof.assert(
         "no packet is under way while a mesh is skinned",
-        (unit.skinning | mesh).implies(unit.under_way.is_zero() & !unit.sweeping),
+        (unit.skinning | mesh).implies(unit.packets.under_way.is_zero() & !unit.packets.sweeping),
     );
     proof.assert(
         "no ray is taken while a mesh is skinned",
-        !(unit.skinning & unit.take_ray),
+        !(unit.skinning & unit.packets.take_ray),
     );
 }
 
 /// Who is owed what vertex memory answers.
-fn vertices<'b>(proof: &Proof<'b>, unit: &Unit<'b>, traversing: Signal<'b>) {
+fn vertices<'b>(proof: &Proof<'b>, unit: &Watched<'_, 'b>, traversing: Signal<'b>) {
     let m = proof.module();
     let (geometry, skinner) = (unit.of_geometry, unit.of_skinner);
     let vertex = unit.inputs.vertex;

@@ -1,17 +1,35 @@
 //! Where packets go after starts and pops.
 
 use super::Inputs;
-use super::kept::{PoppedRay, PoppedWrite, PoppedWrites};
+use super::kept::PoppedWrite;
 use super::pop::{Popped, Retry};
+use super::ray;
 use super::start::Start;
 use crate::bkd::layout::fields::Link;
-use crate::hdl::{Builder, Signal, Specs, Wire, Wires};
+use crate::hdl::{Builder, Bundle, Signal, Specs, Wire, Wires};
 use crate::hw::plan::Plan;
-use crate::hw::ray::{Context, InContext, Interval};
+use crate::hw::ray::{Context, InContext};
 
 /// Target clock, in MHz, from which on where a packet goes after a start or a pop has a register: whether any of its rays stays is
 /// decided in the clock before, and the wires to all queues and memories take the rest of it.
 const REGISTER_ENTERED_FROM: u32 = 120;
+
+/// What pops and starts write for the step; [`enter`] drives the wires.
+pub(super) struct PoppedWires<'b> {
+    pub packet: PoppedWrite<Wire<'b>>,
+    /// By place in the packet.
+    pub rays: Vec<ray::Write<Wire<'b>>>,
+}
+
+impl<'b> PoppedWires<'b> {
+    pub fn new(m: &'b Builder, plan: &Plan) -> Self {
+        let of_ray = |i| ray::Write::of(plan).wires(m, &format!("popped{i}"));
+        PoppedWires {
+            packet: PoppedWrite::of(plan).wires(m, "popped"),
+            rays: (0..plan.rays()).map(of_ray).collect(),
+        }
+    }
+}
 
 /// A packet that goes somewhere after a pop or a start.
 pub(super) struct Entered<'b> {
@@ -22,6 +40,9 @@ pub(super) struct Entered<'b> {
     pub leaf: Signal<'b>,
     pub address: Signal<'b>,
     pub context: Signal<'b>,
+    /// Which packet that is, and its rays.
+    pub queued: Signal<'b>,
+    pub mask: Signal<'b>,
     /// The packet that starts or whose pop ends; from [`REGISTER_ENTERED_FROM`] on, a clock before the rest.
     pub packet: Signal<'b>,
     /// Whether it starts nowhere, being of the world; in the same clock.
@@ -36,7 +57,7 @@ pub(super) fn enter<'b>(
     inputs: &Inputs<Signal<'b>>,
     start: &Start<'b>,
     pop: &Popped<'b>,
-    popped: &PoppedWrites<'b>,
+    popped: &PoppedWires<'b>,
     retry: Retry<Wire<'b>>,
 ) -> Entered<'b> {
     let &Inputs {
@@ -77,14 +98,13 @@ pub(super) fn enter<'b>(
         mask_write: later("popped_mask_write", goes, None),
         mask: later("popped_mask", arrives.mux(start.mask, pop.mask), None),
     });
-    let setup_interval = Interval::of(plan).pack(setup.interval);
-    let setup_interval = setup_interval.hinted("setup_interval");
     for (i, ray) in popped.rays.iter().enumerate() {
-        let interval = arrives.mux(setup_interval, pop.intervals[i]);
+        let interval = arrives.choose(setup.interval, pop.intervals[i]);
         let write = start.of_ray[i] | pop.goes;
-        ray.drive(PoppedRay {
+        ray.drive(ray::Write {
             write: later(&format!("popped{i}_write"), write, None),
-            interval: later(&format!("popped{i}_interval"), interval, None),
+            interval: interval
+                .map(|name, number| later(&format!("popped{i}_{name}"), number, None)),
         });
     }
     let root = Link::of().unpack(root);
@@ -104,6 +124,8 @@ pub(super) fn enter<'b>(
         leaf: later("entered_leaf", leaf, None),
         address: later("entered_address", address, None),
         context: later("entered_context", context, None),
+        queued: popped.packet.packet.get(),
+        mask: popped.packet.mask.get(),
         packet: match registered {
             true => packet,
             false => popped.packet.packet.get(),

@@ -1,13 +1,14 @@
 //! Packets that pop: which one does, and which of its rays stay.
 
+use super::clip;
 use super::stack::{Entry, Stack};
 use super::step::Step;
 use crate::bundle;
-use crate::hdl::{Builder, Flow, HdlError, Signal, Specs, Style};
+use crate::hdl::{Builder, Bundle, Flow, HdlError, Module, Signal, Specs};
 use crate::hw::fifo::{self, Placed};
-use crate::hw::fp::{Knowing, Known, less_equal};
 use crate::hw::plan::Plan;
 use crate::hw::ray::{Context, InContext, Interval, Limit};
+use std::sync::Arc;
 
 bundle! {
     /// A packet that is to pop again.
@@ -104,35 +105,51 @@ pub(super) struct Popped<'b> {
     pub leaf: Signal<'b>,
     pub context: Signal<'b>,
     pub level: Signal<'b>,
-    pub intervals: Vec<Signal<'b>>,
+    pub intervals: Vec<Interval<Signal<'b>>>,
     /// Whether there was an entry and some ray stays, or none does.
     pub goes: Signal<'b>,
     pub dropped: Signal<'b>,
 }
 
-/// A popped entry is clipped by what its rays have hit since it was pushed.
+/// A popped entry is clipped by what its rays have hit since it was pushed, in a module for each ray.
 pub(super) fn clip<'b>(
     m: &'b Builder,
     plan: &Plan,
+    module: &Arc<Module>,
     limit: Flow<Limit<Signal<'b>>, Signal<'b>>,
     popping: &Popping<'b>,
     stack: &Stack<'b>,
 ) -> Popped<'b> {
     m.comment("The pop.");
     let entry = Entry::of(plan).unpack(stack.entry.word);
-    let rays = (0..plan.rays()).map(|i| clip_ray(m, plan, i, limit, popping, entry));
-    let (mut stays, intervals): (Vec<_>, Vec<_>) = rays.unzip();
-    stays.reverse();
+    let (ports, interval) = (clip::ports(plan), Interval::of(plan));
+    let touched = popping.touched.at(entry.mask.stage());
+    let Limit { packet, ray, value } = limit.payload;
+    let clipped = (0..plan.rays()).map(|i| {
+        let width = interval.width();
+        let within = entry.intervals.part(format!("ray{i}"), i * width, width);
+        let is_ray = ray.equals(u128::from(i));
+        let given = clip::Inputs {
+            limit: Flow::new(limit.valid & is_ray, clip::Limit { packet, value }),
+            packet: popping.packet,
+            was_in: entry.mask.bit(i),
+            entry: interval.unpack(within),
+            touched: touched.bit(i),
+        };
+        ports.place(format!("clip{i}"), m, module, given)
+    });
+    let clipped: Vec<_> = clipped.collect();
+    let stays: Vec<_> = clipped.iter().rev().map(|ray| ray.stays).collect();
     let stays = m.concat(&stays).named("stay_mask");
     let mask = stays.register();
     // What clips a far may take a clock more than what a ray stays by.
-    let latency = (intervals.iter().chain([&mask]))
-        .map(Signal::stage)
-        .max()
-        .expect("some intervals");
+    let latency = mask.stage().max(clipped[0].clipped.far.stage());
     let late = |signal: Signal<'b>| signal.at(latency).untimed();
     let mask = late(mask).named("pop_out_mask");
-    let intervals = intervals.into_iter().map(late).collect();
+    let intervals = clipped
+        .iter()
+        .map(|ray| ray.clipped.map(|_, number| late(number)));
+    let intervals = intervals.collect();
     let done = late(popping.valid).named("pop_done");
     let packet = late(popping.packet).named("pop_out_packet");
     let empty = late(popping.empty);
@@ -160,38 +177,4 @@ pub(super) fn clip<'b>(
         goes: (has_entry & any_stays).named("pop_goes_on"),
         dropped: (has_entry & !any_stays).named("pop_dropped"),
     }
-}
-
-/// Keeps a ray's limit. Returns whether the ray stays in an entry of the stack, and its interval there.
-fn clip_ray<'b>(
-    m: &'b Builder,
-    plan: &Plan,
-    i: u32,
-    limit: Flow<Limit<Signal<'b>>, Signal<'b>>,
-    popping: &Popping<'b>,
-    entry: Entry<Signal<'b>>,
-) -> (Signal<'b>, Signal<'b>) {
-    let interval = Interval::of(plan);
-    let (name, width) = (format!("limit{i}_memory"), plan.number());
-    let limits = m.memory(name, plan.packets(), width, Style::Distributed);
-    let Limit { packet, ray, value } = limit.payload;
-    limits.write(limit.valid & ray.equals(u128::from(i)), packet, value);
-    let limit = limits.read_now(popping.packet.at(entry.mask.stage() - 1));
-    // Any hit's limit is minus infinity; a closest hit's is a distance.
-    let limit = limit.register().known(Known::Number);
-    let width = interval.width();
-    let word = entry.intervals.part(format!("ray{i}"), i * width, width);
-    let Interval { near, far } = interval.unpack(word);
-    let touched = popping.touched.part(format!("ray{i}"), i, 1);
-    let name = format!("ray{i}_within");
-    let within = less_equal(plan.format, &name, near.known(Known::Positive), limit).named(name);
-    let was_in = entry.mask.part(format!("ray{i}"), i, 1);
-    let untouched = (!touched).hinted(format!("ray{i}_untouched"));
-    let stays = (was_in & (within | untouched)).named(format!("ray{i}_stays"));
-    let far_known = far.known(Known::Number);
-    let nearer = plan.min(format!("ray{i}_far_or_limit"), far_known, limit);
-    let far = touched.mux(nearer, far).named(format!("ray{i}_far"));
-    let clipped = interval.pack(Interval { near, far });
-    let clipped = clipped.hinted(format!("ray{i}_popped_interval"));
-    (plan.settle(stays), plan.settle(clipped).register())
 }

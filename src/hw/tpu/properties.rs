@@ -101,17 +101,8 @@ fn packets<'b>(unit: &Watched<'_, 'b>) {
 /// All packets that the unit has, and those in places that are no queue: the pop pipeline, then memory, the step pipeline and the
 /// geometry unit. What is assumed of the surroundings, and that the pipelines' valid bits say the same.
 fn counted<'b>(proof: &Proof<'b>, unit: &Watched<'_, 'b>) -> (Signal<'b>, [Place<'b>; 4]) {
-    let Watched {
-        inputs,
-        sliced,
-        step,
-        popping,
-        pop,
-        nodes,
-        leaves,
-        finished,
-        ..
-    } = unit;
+    let (inputs, sliced, step) = (unit.inputs, unit.sliced, unit.step);
+    let (popping, pop, nodes, leaves) = (unit.popping, unit.pop, unit.nodes, unit.leaves);
     let m = proof.module();
     let bits = count_bits(unit);
     let wide = |signal: Signal<'b>| signal.extend(bits);
@@ -133,7 +124,7 @@ fn counted<'b>(proof: &Proof<'b>, unit: &Watched<'_, 'b>) -> (Signal<'b>, [Place
     let handed_over = wide(leaves.valid & leaves.ready);
     let answered = wide(inputs.node.response.valid);
     let (pop_begins, pop_ends) = (wide(popping.valid.untimed()), wide(pop.done));
-    let total = counter("total", "the unit", wide(starts), wide(*finished)).count;
+    let total = counter("total", "the unit", wide(starts), wide(unit.finished)).count;
     let memory = counter("memory", "memory", requested, answered);
     let geometry = counter("geometry", "the geometry unit", handed_over, returns);
     let steps = wide(step.valid);
@@ -332,13 +323,7 @@ struct WatchedEntry<'b> {
 /// a pop. One packet and level, any, are watched. What is pushed, who pops and which level a node's answer brings back may be anything; but
 /// a level is assumed to be at most the stack's depth: beyond it the unit has long flagged an overflow.
 fn stack<'b>(unit: &Watched<'_, 'b>) {
-    let Watched {
-        plan,
-        step,
-        popping,
-        pop,
-        ..
-    } = unit;
+    let (plan, step, popping) = (unit.plan, unit.step, unit.popping);
     let (packets, levels) = (plan.packets(), plan.config.stack_depth);
     let m = unit.finished.module();
     let proof = m.proof(
@@ -348,7 +333,7 @@ fn stack<'b>(unit: &Watched<'_, 'b>) {
         ),
     );
     // Clocks from where what pops addresses the stack to where the pop ends.
-    proof.depth(pop.latency - popping.word.stage() + 1);
+    proof.depth(unit.pop.latency - popping.word.stage() + 1);
     proof.arrays();
     let cut = [
         popping.word,
@@ -364,12 +349,7 @@ fn stack<'b>(unit: &Watched<'_, 'b>) {
 }
 
 fn watched_entry<'b>(proof: &Proof<'b>, unit: &Watched<'_, 'b>) -> WatchedEntry<'b> {
-    let Watched {
-        plan,
-        step,
-        popping,
-        ..
-    } = unit;
+    let (plan, step, popping) = (unit.plan, unit.step, unit.popping);
     let m = proof.module();
     let (packets, level_bits) = (plan.packets(), plan.level_bits());
     let depth = m.lit(plan.config.stack_depth, level_bits);
@@ -411,18 +391,11 @@ fn watched_entry<'b>(proof: &Proof<'b>, unit: &Watched<'_, 'b>) -> WatchedEntry<
 
 /// A packet's level goes up with a push, down with a pop; beyond the stack's depth nothing is written.
 fn levels_count<'b>(proof: &Proof<'b>, unit: &Watched<'_, 'b>) {
-    let Watched {
-        plan,
-        step,
-        stack,
-        popping,
-        pop,
-        ..
-    } = unit;
+    let (step, stack, popping, pop) = (unit.step, unit.stack, unit.popping, unit.pop);
     let m = proof.module();
-    let level_bits = plan.level_bits();
+    let level_bits = unit.plan.level_bits();
     let one = m.lit(1u8, level_bits);
-    let depth = m.lit(plan.config.stack_depth, level_bits);
+    let depth = m.lit(unit.plan.config.stack_depth, level_bits);
     let was_reset = proof.past(m.reset());
     let nothing = !stack.write & stack.high_water.q.is_zero() & !stack.overflow.q;
     proof.assert(
@@ -444,7 +417,7 @@ fn levels_count<'b>(proof: &Proof<'b>, unit: &Watched<'_, 'b>) {
     let pops = pop.latency - popping.word.stage();
     let (was_level, is_level) = (
         popping.level.untimed().delay(pops),
-        Context::of(plan).unpack(context.get()).level,
+        Context::of(unit.plan).unpack(context.get()).level,
     );
     proof.assert(
         "a packet's level goes down by 1 where it pops",

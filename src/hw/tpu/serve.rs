@@ -2,7 +2,7 @@
 //! and after pops and starts.
 
 use super::enter::Entered;
-use super::kept::{Item, PoppedWrites, Request};
+use super::kept::{Item, Request};
 use super::step::Step;
 use crate::hdl::{self, Builder, Flow, HdlError, ReadOutputs, Signal, Specs, Wire, Wires};
 use crate::hw::fifo::{self, Placed};
@@ -27,28 +27,56 @@ pub(super) struct Held<'b> {
     pub waiting_choice: Signal<'b>,
 }
 
-/// Which of two queues is served: the preferred one where it has something, but what was offered and not
-/// taken is offered again, so that a waiting request never changes.
-fn held_choice<'b>(
-    m: &'b Builder,
+/// Packets that go somewhere: whether one does, and the word that says where, after a step, and after a pop or a start.
+struct Coming<'b> {
+    after_step: (Signal<'b>, Signal<'b>),
+    after_pop: (Signal<'b>, Signal<'b>),
+}
+
+/// Places a queue as [`fifo::place`] does.
+type PlaceQueue<'b> =
+    fn(&Plan, &str, u32, Signal<'b>, Signal<'b>, Signal<'b>) -> Result<Placed<'b>, HdlError>;
+
+/// Serves one of two queues, where it has something that after steps, but what was offered and not taken is offered again, so that a waiting
+/// request never changes. Returns what is offered too.
+fn serve<'b>(
+    plan: &Plan,
     name: &str,
-    wanted: Signal<'b>,
+    place: PlaceQueue<'b>,
+    coming: Coming<'b>,
     ready: Signal<'b>,
-    preferred: Signal<'b>,
-) -> Held<'b> {
+) -> Result<(Signal<'b>, Served<'b>), HdlError> {
+    let m = ready.module();
+    let [take_step, take_pop] =
+        ["step", "pop"].map(|after| m.wire(format!("take_{after}_{name}"), 1));
+    let queue = |after, (push, word), take: Wire<'b>| {
+        let name = format!("{after}_{name}_queue");
+        place(plan, &name, plan.packets(), push, word, take.get())
+    };
+    let preferred = queue("step", coming.after_step, take_step)?;
+    let other = queue("entered", coming.after_pop, take_pop)?;
+    let wanted = (preferred.valid | other.valid).named(format!("{name}_wanted"));
     let waits = m.reg_reset(format!("{name}_waits"), 1, 0);
     let waiting_choice = m.reg(format!("{name}_waiting_choice"), 1);
-    let choice = waits
-        .q
-        .mux(waiting_choice.q, preferred)
-        .named(format!("{name}_choice"));
+    let choice = waits.q.mux(waiting_choice.q, preferred.valid);
+    let choice = choice.named(format!("{name}_choice"));
     waits.next(wanted & !ready);
     waiting_choice.next(choice);
-    Held {
-        choice,
-        waits: waits.q,
-        waiting_choice: waiting_choice.q,
-    }
+    take_step.drive(ready & choice);
+    take_pop.drive(ready & !choice & other.valid);
+    let front = choice.mux(preferred.front, other.front);
+    let served = Served {
+        preferred,
+        other,
+        valid: wanted,
+        ready,
+        held: Held {
+            choice,
+            waits: waits.q,
+            waiting_choice: waiting_choice.q,
+        },
+    };
+    Ok((front.named(format!("{name}_front")), served))
 }
 
 /// Requests nodes, and says what is to be kept of a packet while its request is out.
@@ -56,65 +84,40 @@ pub(super) fn nodes<'b>(
     m: &'b Builder,
     plan: &Plan,
     (step, stepped): (&Step<'b>, Signal<'b>),
-    (entered, popped): (&Entered<'b>, &PoppedWrites<'b>),
+    entered: &Entered<'b>,
     ready: Signal<'b>,
     kept: Request<Wire<'b>>,
 ) -> Result<(ReadOutputs<Signal<'b>>, Served<'b>), HdlError> {
     let item = Item::of(plan);
     m.comment("Nodes to fetch: after steps, and after pops and starts.");
-    let take_stepped = m.wire("take_step_item", 1);
-    let take_entered = m.wire("take_pop_item", 1);
-    let preferred = fifo::place(
-        plan,
-        "step_queue",
-        plan.packets(),
-        stepped & !step.first.leaf,
-        item.pack(Item {
-            packet: step.packet,
-            address: step.first.address,
-            context: step.context,
-        }),
-        take_stepped.get(),
-    )?;
-    let other = fifo::place(
-        plan,
-        "entered_queue",
-        plan.packets(),
-        entered.valid & !entered.leaf,
-        item.pack(Item {
-            packet: popped.packet.packet.get(),
-            address: entered.address,
-            context: entered.context,
-        }),
-        take_entered.get(),
-    )?;
-    let wanted = (preferred.valid | other.valid).named("node_wanted");
-    let held = held_choice(m, "request", wanted, ready, preferred.valid);
-    let choice = held.choice;
-    take_stepped.drive(ready & choice);
-    take_entered.drive(ready & !choice & other.valid);
-    kept.drive(Request {
-        fire: wanted & ready,
-        item: choice.mux(preferred.front, other.front),
-        popped: !choice,
+    let after_step = item.pack(Item {
+        packet: step.packet,
+        address: step.first.address,
+        context: step.context,
     });
-    let requested = item.unpack(kept.item.get());
+    let after_pop = item.pack(Item {
+        packet: entered.queued,
+        address: entered.address,
+        context: entered.context,
+    });
+    let coming = Coming {
+        after_step: (stepped & !step.first.leaf, after_step),
+        after_pop: (entered.valid & !entered.leaf, after_pop),
+    };
+    let (front, served) = serve(plan, "node", fifo::place, coming, ready)?;
+    kept.drive(Request {
+        fire: served.valid & ready,
+        item: front,
+        popped: !served.held.choice,
+    });
+    let requested = item.unpack(front);
     let inside = Context::of(plan).unpack(requested.context).inside;
     let request = hdl::Request {
         address: requested.address,
         tag: inside.concat(requested.packet),
     };
-    let outputs = ReadOutputs {
-        request: Flow::new(wanted, request),
-    };
-    let served = Served {
-        preferred,
-        other,
-        valid: wanted,
-        ready,
-        held,
-    };
-    Ok((outputs, served))
+    let request = Flow::new(served.valid, request);
+    Ok((ReadOutputs { request }, served))
 }
 
 /// Hands leaves over.
@@ -122,52 +125,27 @@ pub(super) fn leaves<'b>(
     m: &'b Builder,
     plan: &Plan,
     (step, stepped): (&Step<'b>, Signal<'b>),
-    (entered, popped): (&Entered<'b>, &PoppedWrites<'b>),
+    entered: &Entered<'b>,
     ready: Signal<'b>,
 ) -> Result<(Flow<Leaf<Signal<'b>>, Signal<'b>>, Served<'b>), HdlError> {
     let leaf = Leaf::of(plan);
     m.comment("Leaves to hand over: after steps, and after pops and starts.");
-    let take_stepped = m.wire("take_step_leaf", 1);
-    let take_entered = m.wire("take_pop_leaf", 1);
-    let preferred = fifo::place_block(
-        plan,
-        "step_leaf_queue",
-        plan.packets(),
-        stepped & step.first.leaf,
-        leaf.pack(Leaf {
-            packet: step.packet,
-            address: step.first.address,
-            context: step.context,
-            mask: step.first.mask,
-        }),
-        take_stepped.get(),
-    )?;
-    let other = fifo::place_block(
-        plan,
-        "entered_leaf_queue",
-        plan.packets(),
-        entered.valid & entered.leaf,
-        leaf.pack(Leaf {
-            packet: popped.packet.packet.get(),
-            address: entered.address,
-            context: entered.context,
-            mask: popped.packet.mask.get(),
-        }),
-        take_entered.get(),
-    )?;
-    let wanted = (preferred.valid | other.valid).named("leaf_wanted");
-    let held = held_choice(m, "leaf", wanted, ready, preferred.valid);
-    let choice = held.choice;
-    let front = choice.mux(preferred.front, other.front);
-    let front = leaf.unpack(front.named("leaf_front"));
-    take_stepped.drive(ready & choice);
-    take_entered.drive(ready & !choice & other.valid);
-    let served = Served {
-        preferred,
-        other,
-        valid: wanted,
-        ready,
-        held,
+    let after_step = leaf.pack(Leaf {
+        packet: step.packet,
+        address: step.first.address,
+        context: step.context,
+        mask: step.first.mask,
+    });
+    let after_pop = leaf.pack(Leaf {
+        packet: entered.queued,
+        address: entered.address,
+        context: entered.context,
+        mask: entered.mask,
+    });
+    let coming = Coming {
+        after_step: (stepped & step.first.leaf, after_step),
+        after_pop: (entered.valid & entered.leaf, after_pop),
     };
-    Ok((Flow::new(wanted, front), served))
+    let (front, served) = serve(plan, "leaf", fifo::place_block, coming, ready)?;
+    Ok((Flow::new(served.valid, leaf.unpack(front)), served))
 }

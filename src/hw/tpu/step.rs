@@ -1,34 +1,42 @@
 //! The packet step: where the packet's rays go, then where the packet goes.
 
-use super::kept::{Kept, RayWord, Requested, Stepped, SteppedWrite};
+use super::enter::PoppedWires;
+use super::kept::{Kept, Requested, Stepped, SteppedWrite};
+use super::ray::{self, RayWord};
+use super::slice::Outputs as Goes;
 use super::stack::Entry;
-use super::{StepWatch, slice};
+use super::start::Start;
+use super::{Inputs, StepWatch};
 use crate::bkd::layout::fields::{Node, Planes};
 use crate::bundle;
-use crate::hdl::{Builder, Flow, Module, Response, Signal, Signals, Specs, Wire, Wires};
+use crate::hdl::{Builder, Module, Signal, Signals, Specs, Wire, Wires};
 use crate::hw::plan::Plan;
 use crate::hw::ray::{Context, Interval};
 use std::sync::Arc;
 
-/// The step pipeline up to the slices' results; its stage 0 is the clock of the node's answer.
+/// The step pipeline up to the rays' results; its stage 0 is the clock of the node's answer.
 pub(super) struct Sliced<'b> {
     pub valid: Signal<'b>,
     packet: Signal<'b>,
     node: Signal<'b>,
     request: Requested<Signal<'b>>,
-    slices: Vec<slice::Outputs<Signal<'b>>>,
-    /// The stage of the slices' results.
+    rays: Vec<Goes<Signal<'b>>>,
+    /// The stage of the rays' results.
     pub decided: u32,
 }
 
-/// A node's answer meets the packet's rays, and in time what was kept of the packet, in a slice for each ray.
+/// A node's answer meets the packet's rays, and in time what was kept of the packet, in a module for each ray. A ray is written there as it
+/// is set up, and its interval after a pop or a start.
 pub(super) fn slices<'b>(
     m: &'b Builder,
     plan: &Plan,
     module: &Arc<Module>,
-    answer: Flow<Response<Signal<'b>>, Signal<'b>>,
+    inputs: &Inputs<Signal<'b>>,
+    start: &Start<'b>,
+    popped: &PoppedWires<'b>,
     kept: &Kept<'b>,
 ) -> Sliced<'b> {
+    let answer = inputs.node.response;
     let interval = Interval::of(plan);
     m.comment("The packet step. A node's answer enters with the packet's rays.");
     let p = m.pipeline();
@@ -38,59 +46,55 @@ pub(super) fn slices<'b>(
     let node = p.enter(answer.payload.data);
     let of_planes = Planes::of(plan.format);
     let planes = of_planes.unpack(node.low(of_planes.width())).named("");
-    let axes = axes(plan, node);
-    let ray_words: Vec<_> = (kept.rays.iter())
-        .map(|memory| plan.read(*memory, level_packet))
-        .collect();
+    let [left_axis, right_axis] = axes(plan, node);
 
-    // The slices want intervals later than rays.
-    let ports = slice::ports(plan);
-    let entry_stage = packet.stage() + plan.read_latency() + 1;
-    let read_at = entry_stage + ports.inputs.ray.near.stage(m, module) - plan.read_latency();
-    let late_packet = packet.at(read_at);
-    let latest_packet = packet.at(read_at + plan.read_latency() - 1);
+    // Intervals are wanted later than rays.
+    let ports = ray::ports(plan);
+    let at = ports.inputs.active.stage(m, module);
+    let late_packet = packet.at(at - plan.read_latency());
+    let latest_packet = packet.at(at - 1);
     let request = kept.requests.read_now(latest_packet).register();
     let request = Requested::of(plan).unpack(request);
-    let from_pop = request.popped;
     let stepped = Stepped::of(plan).unpack(plan.read(kept.stepped, late_packet));
     let popped_mask = kept.popped_masks.read_now(latest_packet).register();
-    let mask_in = from_pop.mux(popped_mask, stepped.mask).named("mask_in");
+    let mask_in = request.popped.mux(popped_mask, stepped.mask);
+    let mask_in = mask_in.named("mask_in");
 
-    let mut slices = vec![];
-    for (i, word) in (0u32..).zip(ray_words) {
-        let popped = plan.read(kept.popped[i as usize], late_packet);
+    let setup = inputs.setup.payload;
+    let setup_packet = inputs.setup_object.concat(setup.place.packet);
+    let setup_packet = setup_packet.hinted("setup_level_packet");
+    let rays = (0u32..).zip(&popped.rays).map(|(i, write)| {
         let width = interval.width();
-        let stepped = stepped.intervals.part(format!("ray{i}"), i * width, width);
-        let current = from_pop.mux(popped, stepped);
-        let current = current.named(format!("ray{i}_interval"));
-        let of_ray = RayWord::of(plan).unpack(word);
-        let side = |name: &str, axis: Signal<'b>| {
-            let along = |what: &str, of: &[Signal<'b>; 3]| {
-                let along = m.select(axis, of).named(format!("ray{i}_{name}_{what}"));
-                along.register()
-            };
-            slice::Side {
-                sign: along("sign", &[0, 1, 2].map(|axis| of_ray.signs.bit(axis))),
-                origin: along("origin", &of_ray.origin),
-                reciprocal: along("reciprocal", &of_ray.reciprocal),
-            }
-        };
-        let inputs = slice::Inputs {
+        let stepped = (stepped.intervals).part(format!("ray{i}"), i * width, width);
+        let given = ray::Inputs {
+            setup_write: start.of_ray[i as usize],
+            setup_packet,
+            setup: RayWord {
+                origin: setup.origin,
+                reciprocal: setup.reciprocal,
+                signs: setup.signs,
+            },
+            popped_packet: popped.packet.packet.get(),
+            popped: write.get(),
+            packet: level_packet,
+            left_axis,
+            right_axis,
             planes,
-            left: side("left", axes[0]),
-            right: side("right", axes[1]),
-            ray: interval.unpack(current),
-            ray_active: mask_in.bit(i),
+            late_packet,
+            from_pop: request.popped,
+            stepped: interval.unpack(stepped),
+            active: mask_in.bit(i),
         };
-        slices.push(ports.place(format!("slice{i}"), m, module, inputs));
-    }
+        ports.place(format!("ray{i}"), m, module, given).goes
+    });
+    let rays: Vec<_> = rays.collect();
     Sliced {
         valid,
         packet,
         node,
         request,
-        decided: slices[0].out_left.near.stage(),
-        slices,
+        decided: rays[0].out_left.near.stage(),
+        rays,
     }
 }
 
@@ -139,34 +143,34 @@ pub(super) struct Step<'b> {
 }
 
 /// The packet goes first where the only or the nearer ones of its rays go; what goes elsewhere is pushed. The step ends a clock after
-/// the slices' results.
+/// the rays' results.
 pub(super) fn decide<'b>(
     m: &'b Builder,
     plan: &Plan,
     sliced: &Sliced<'b>,
     stepped: SteppedWrite<Wire<'b>>,
 ) -> Step<'b> {
-    let (slices, decided) = (&sliced.slices, sliced.decided);
+    let (rays, decided) = (&sliced.rays, sliced.decided);
     m.comment("The packet's decision.");
-    let gather = |of: fn(&slice::Outputs<Signal<'b>>) -> Signal<'b>| {
-        let bits: Vec<_> = slices.iter().rev().map(of).collect();
+    let gather = |of: fn(&Goes<Signal<'b>>) -> Signal<'b>| {
+        let bits: Vec<_> = rays.iter().rev().map(of).collect();
         m.concat(&bits)
     };
-    let to_left = gather(|slice| slice.to_left).named("to_left");
-    let to_right = gather(|slice| slice.to_right).named("to_right");
+    let to_left = gather(|ray| ray.to_left).named("to_left");
+    let to_right = gather(|ray| ray.to_right).named("to_right");
     let goes_left = to_left.any().named("goes_left");
     let goes_right = to_right.any().named("goes_right");
-    let some_left_first = gather(|slice| slice.left_before_right)
+    let some_left_first = gather(|ray| ray.left_before_right)
         .hinted("left_before_right")
         .any();
     let left_first = (goes_left & (some_left_first | !goes_right)).named("left_first");
-    let intervals_of = |of: fn(&slice::Outputs<Signal<'b>>) -> Interval<Signal<'b>>| {
+    let intervals_of = |of: fn(&Goes<Signal<'b>>) -> Interval<Signal<'b>>| {
         let interval = Interval::of(plan);
-        let parts = slices.iter().rev().map(|slice| interval.pack(of(slice)));
+        let parts = rays.iter().rev().map(|ray| interval.pack(of(ray)));
         m.concat(&parts.collect::<Vec<_>>())
     };
-    let left_intervals = intervals_of(|slice| slice.out_left).named("left_intervals");
-    let right_intervals = intervals_of(|slice| slice.out_right).named("right_intervals");
+    let left_intervals = intervals_of(|ray| ray.out_left).named("left_intervals");
+    let right_intervals = intervals_of(|ray| ray.out_right).named("right_intervals");
     let own = sliced.request.address.at(decided).named("own_address");
     let [(left_leaf, left_address), (right_leaf, right_address)] = children(plan, sliced, own);
     let left = Child {

@@ -1,0 +1,87 @@
+//! Hits that leave.
+
+use crate::hdl::{Builder, Flow, HdlError, Signal, Specs};
+use crate::hw::fifo::{self, Placed};
+use crate::hw::plan::Plan;
+use crate::hw::ray::Hit;
+use crate::hw::tpu::Finished;
+
+pub(super) struct Hits<'b> {
+    pub finished: Placed<'b>,
+    /// Whether a finished packet's turn comes.
+    pub load: Signal<'b>,
+    /// The packet whose turn it is, with which of its rays have hit something, and whether there is one.
+    pub out: Signal<'b>,
+    pub out_valid: Signal<'b>,
+    pub packet: Signal<'b>,
+    /// The ray whose hit is shown, and the one whose hit is read.
+    pub ray: Signal<'b>,
+    pub next_ray: Signal<'b>,
+    pub taken: Signal<'b>,
+    /// Whether the packet's last hit is taken.
+    pub leaves: Signal<'b>,
+    pub hit: Flow<Hit<Signal<'b>>, Signal<'b>>,
+}
+
+/// Hands out the hits of finished packets, ray by ray. `read` is what is kept of the packet's next ray, a clock after it was asked for.
+pub(super) fn hits<'b>(
+    m: &'b Builder,
+    plan: &Plan,
+    finished: Flow<Finished<Signal<'b>>, Signal<'b>>,
+    ready: Signal<'b>,
+    read: Hit<Signal<'b>>,
+) -> Result<Hits<'b>, HdlError> {
+    let (pb, rb, rays) = (plan.packet_bits(), plan.ray_bits(), plan.rays());
+    let of_finished = Finished::of(plan);
+    m.comment("Finished packets hand out their hits ray by ray. The word read is always that of the ray shown next.");
+    let take_finished = m.wire("take_finished", 1);
+    let queue = fifo::place(
+        plan,
+        "finished_queue",
+        plan.packets(),
+        finished.valid,
+        of_finished.pack(finished.payload),
+        take_finished.get(),
+    )?;
+    let out = m.reg("out", of_finished.width());
+    let out_valid = m.reg_reset("out_valid", 1, 0);
+    let out_fresh = m.reg("out_fresh", 1);
+    let out_ray = m.reg("out_ray", rb);
+    let shown = (out_valid.q & out_fresh.q).named("shown");
+    let taken = (shown & ready).named("hit_taken");
+    let out_last = out_ray.q.equals(u128::from(rays) - 1).named("out_last");
+    let leaves = (taken & out_last).named("packet_leaves");
+    let load = (queue.valid & (!out_valid.q | leaves)).named("load");
+    take_finished.drive(load);
+    out.next_when(load, queue.front);
+    out_valid.next(load | (out_valid.q & !leaves));
+    let next_ray = taken
+        .mux(out_ray.q + m.lit(1u8, rb), out_ray.q)
+        .named("next_ray");
+    out_ray.next(load.mux(m.zero(rb), next_ray));
+    out_fresh.next(!load & out_valid.q & !leaves);
+    let packet = out.q.low(pb).named("out_packet");
+    let touched_bits: Vec<_> = (0..rays).map(|i| out.q.bit(pb + i)).collect();
+    let touched = m.select(out_ray.q, &touched_bits).named("out_touched");
+    let zero = m.zero(plan.number());
+    let none = m.lit(u128::from(u32::MAX), 32);
+    let miss = Hit {
+        t: m.lit(u128::from(plan.format.infinity()), plan.number()),
+        u: zero,
+        v: zero,
+        instance: none,
+        triangle: none,
+    };
+    Ok(Hits {
+        finished: queue,
+        load,
+        out: out.q,
+        out_valid: out_valid.q,
+        packet,
+        ray: out_ray.q,
+        next_ray,
+        taken,
+        leaves,
+        hit: Flow::new(shown, touched.choose(read, miss)),
+    })
+}

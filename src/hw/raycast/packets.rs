@@ -1,0 +1,97 @@
+//! Packet numbers, and the packets that rays of the world come in.
+
+use super::FromHits;
+use crate::hdl::{Builder, HdlError, Memory, Signal, Style};
+use crate::hw::fifo::{self, Placed};
+use crate::hw::plan::Plan;
+use crate::hw::ray::Place;
+
+pub(super) struct Packets<'b> {
+    /// After reset, whether packet numbers are counted out, and which.
+    pub sweeping: Signal<'b>,
+    pub sweep_packet: Signal<'b>,
+    pub free: Placed<'b>,
+    pub tags: Memory<'b>,
+    pub under_way: Signal<'b>,
+    pub some_under_way: Signal<'b>,
+    /// The place of the ray that comes.
+    pub place: Place<Signal<'b>>,
+    /// Whether a ray may come, whether one does, and whether it is its packet's last.
+    pub ready: Signal<'b>,
+    pub take_ray: Signal<'b>,
+    pub enters: Signal<'b>,
+    /// The tag of the packet that the ray is of, and of that whose hits go out.
+    pub tag_in: Signal<'b>,
+    pub tag_out: Signal<'b>,
+}
+
+/// Gives each packet of rays that comes a free number, under which its tag is kept, until its last hit has left. A ray waits while one of
+/// an object's space comes, and while `paused`. All in the clock of the ray, or of the hit.
+pub(super) fn packets<'b>(
+    m: &'b Builder,
+    plan: &Plan,
+    (ray_valid, ray_tag): (Signal<'b>, Signal<'b>),
+    object_valid: Signal<'b>,
+    paused: Signal<'b>,
+    hits: FromHits<Signal<'b>>,
+) -> Result<Packets<'b>, HdlError> {
+    let (rays, packets) = (plan.rays(), plan.packets());
+    let (pb, rb) = (plan.packet_bits(), plan.ray_bits());
+    m.comment("After reset every packet number is put into the queue of free ones, and what counts by packet is cleared.");
+    let sweeping = m.reg_reset("sweeping", 1, 1);
+    let sweep_packet = m.reg_reset("sweep_packet", pb, 0);
+    sweeping.next(sweeping.q & !sweep_packet.q.equals(u128::from(packets) - 1));
+    sweep_packet.next_when(sweeping.q, sweep_packet.q + m.lit(1u8, pb));
+    let take_free = m.wire("take_free", 1);
+    let free = fifo::place(
+        plan,
+        "free_queue",
+        packets,
+        sweeping.q | hits.freed,
+        sweeping.q.mux(sweep_packet.q, hits.read_packet),
+        take_free.get(),
+    )?;
+    let packet = free.front;
+
+    m.comment("A packet's rays arrive one by one; the first takes a free packet number, the others share it.");
+    let ray = m.reg_reset("place", rb, 0);
+    let first = ray.q.is_zero().named("first_ray");
+    let last = ray.q.equals(u128::from(rays) - 1).named("last_ray");
+    let ready = (!sweeping.q & free.valid & !object_valid & !paused).named("ready");
+    let take = (ray_valid & ready).named("take_ray");
+    let enters = (take & last).named("packet_enters");
+    take_free.drive(enters);
+    ray.next_when(take, last.mux(m.zero(rb), ray.q + m.lit(1u8, rb)));
+    let tags = m.memory(
+        "tag_memory",
+        packets,
+        plan.config.tag_bits,
+        Style::Distributed,
+    );
+    tags.write(take & first, packet, ray_tag);
+    let under_way = m.reg_reset("under_way", pb + 1, 0);
+    let unit = m.lit(1u8, pb + 1);
+    under_way.next_when(
+        enters ^ hits.freed,
+        enters.mux(under_way.q + unit, under_way.q - unit),
+    );
+    Ok(Packets {
+        sweeping: sweeping.q,
+        sweep_packet: sweep_packet.q,
+        tags,
+        under_way: under_way.q,
+        some_under_way: under_way.q.any().named("some_under_way"),
+        place: Place {
+            packet,
+            ray: ray.q,
+            first,
+            last,
+        },
+        ready,
+        take_ray: take,
+        enters,
+        tag_out: tags.read_now(hits.read_packet),
+        tag_in: first.mux(ray_tag, tags.read_now(packet)),
+        free,
+    })
+}

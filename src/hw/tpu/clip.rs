@@ -1,0 +1,72 @@
+//! One ray's part of a pop.
+
+use crate::hdl::{Builder, Bundle, Flow, HdlError, Module, Specs, Style};
+use crate::hw::fp::{Knowing, Known, less_equal};
+use crate::hw::plan::Plan;
+use crate::hw::ray::Interval;
+use crate::{bundle, interface};
+use std::sync::Arc;
+
+bundle! {
+    /// What the ray's near must not exceed from now on.
+    pub(super) struct Limit(plan: &Plan) {
+        packet: plan.packet_bits(),
+        value: plan.number(),
+    }
+}
+
+interface! {
+    pub(super) (plan: &Plan) {
+        in "A closer hit of the ray: what its near must not exceed from now on" {
+            limit: Flow<Limit>(plan),
+        }
+        in "The packet that pops, and a clock later the entry that it pops: whether the ray is in it, its interval there, \
+            and whether it has hit something" {
+            packet: plan.packet_bits(),
+            was_in: 1,
+            entry: {Interval}(plan),
+            touched: 1,
+        }
+        out "Whether the ray stays in the entry" { stays: 1 }
+        out "Its interval there" { clipped: {Interval}(plan) }
+    }
+}
+
+/// A ray's limit, which bounds its interval in an entry of the stack.
+pub(super) fn module(plan: &Plan) -> Result<Arc<Module>, HdlError> {
+    let m = Builder::new(
+        "tpu_clip",
+        "one ray's part of a pop: its closest hit so far bounds its interval in the entry; a ray whose interval is empty leaves.",
+    );
+    let p = m.pipeline();
+    let ports = ports(plan);
+    let inputs = &ports.inputs;
+    let limit = inputs.limit.inputs(&m);
+    let packet = inputs.packet.input_at(&p, 0);
+    let was_in = inputs.was_in.input_at(&p, 1);
+    let Interval { near, far } = inputs.entry.inputs_at(&p, 1);
+    let touched = inputs.touched.input_at(&p, 1);
+    let limits = m.memory(
+        "limit_memory",
+        plan.packets(),
+        plan.number(),
+        Style::Distributed,
+    );
+    limits.write(limit.valid, limit.payload.packet, limit.payload.value);
+    // Any hit's limit is minus infinity; a closest hit's is a distance.
+    let limit = limits.read_now(packet).register().known(Known::Number);
+    let near_known = near.known(Known::Positive);
+    let within = less_equal(plan.format, "is_within", near_known, limit).named("is_within");
+    let stay = (was_in & (within | !touched)).named("stay");
+    let nearer = plan.min("far_or_limit", far.known(Known::Number), limit);
+    let clipped = Interval {
+        near,
+        far: touched.mux(nearer, far).named("far"),
+    };
+    let outputs = Outputs {
+        stays: plan.settle(stay),
+        clipped: clipped.map(|_, number| plan.settle(number).register()),
+    };
+    ports.outputs.outputs(&m, outputs);
+    m.finish()
+}

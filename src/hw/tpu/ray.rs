@@ -1,0 +1,131 @@
+//! What the traversal unit keeps of one of a packet's rays, and the ray's part of a packet step.
+
+use super::slice::{self, Outputs as Goes, Side};
+use crate::bkd::layout::fields::Planes;
+use crate::hdl::{Builder, HdlError, Module, Signals, Specs, Style};
+use crate::hw::plan::Plan;
+use crate::hw::ray::Interval;
+use crate::{bundle, interface};
+use std::sync::Arc;
+
+bundle! {
+    /// What a packet step needs of a ray.
+    pub(super) struct RayWord(plan: &Plan) {
+        origin: [plan.number(); xyz],
+        reciprocal: [plan.number(); xyz],
+        signs: 3,
+    }
+}
+
+bundle! {
+    /// A ray's interval, to be kept.
+    pub(super) struct Write(plan: &Plan) {
+        write: 1,
+        interval: ..{Interval}(plan),
+    }
+}
+
+interface! {
+    pub(super) (plan: &Plan) {
+        in "The ray as it is set up, and its packet's number, behind whether it is in an object's space" {
+            setup_write: 1,
+            setup_packet: plan.level_packet_bits(),
+            setup: {RayWord}(plan),
+        }
+        in "Its interval in the node that the packet goes to, as a pop or a start leaves it" {
+            popped_packet: plan.packet_bits(),
+            popped: {Write}(plan),
+        }
+        in "A node's answer: whose it is, and when the ray is there, the children's axes and intervals" {
+            packet: plan.level_packet_bits(),
+            left_axis: 2,
+            right_axis: 2,
+            planes: ..{Planes}(plan.format),
+        }
+        in "The packet again, and when the distances are there, whether it comes from a pop or a start, the ray's interval \
+            as a step left it, and whether the ray is in the node" {
+            late_packet: plan.packet_bits(),
+            from_pop: 1,
+            stepped: {Interval}(plan),
+            active: 1,
+        }
+        out "" { goes: ..{Goes}(plan) }
+    }
+}
+
+/// A ray's memories, and its slice behind them. Stage 0 is the node's answer.
+pub(super) fn module(plan: &Plan, slice: &Arc<Module>) -> Result<Arc<Module>, HdlError> {
+    let builder = Builder::new(
+        "tpu_ray",
+        "one of a packet's rays in the traversal unit: the ray of each packet, its interval where a pop or a start led it, its part of a \
+         packet step.",
+    );
+    let m = &builder;
+    let p = m.pipeline();
+    let (ports, of_slice) = (ports(plan), slice::ports(plan));
+    let inputs = &ports.inputs;
+    let latency = plan.read_latency();
+    let setup_write = inputs.setup_write.input(m);
+    let setup_packet = inputs.setup_packet.input(m);
+    let setup = inputs.setup.inputs(m);
+    let popped_packet = inputs.popped_packet.input(m);
+    let popped = inputs.popped.inputs(m);
+    let packet = inputs.packet.input_at(&p, 0);
+    let axes = [&inputs.left_axis, &inputs.right_axis].map(|axis| axis.input_at(&p, latency));
+    let planes = inputs.planes.inputs_at(&p, latency + 1);
+    let interval_at = latency + 1 + of_slice.inputs.ray.near.stage(m, slice);
+    let late_packet = inputs.late_packet.input_at(&p, interval_at - latency);
+    let from_pop = inputs.from_pop.input_at(&p, interval_at);
+    let stepped = inputs.stepped.inputs_at(&p, interval_at);
+    let active = inputs.active.input_at(&p, interval_at);
+
+    m.comment("The ray, in the world, and behind that in the object's space, so that the world's is still there when the packet leaves an object.");
+    let of_word = RayWord::of(plan);
+    let rays = m.memory(
+        "ray_memory",
+        plan.level_packets(),
+        of_word.width(),
+        Style::Block,
+    );
+    rays.write(setup_write, setup_packet, of_word.pack(setup));
+    let ray = of_word.unpack(plan.read(rays, packet));
+    let side = |name: &str, axis| {
+        let along = |what: &str, of: &[_; 3]| {
+            m.select(axis, of)
+                .named(format!("{name}_{what}"))
+                .register()
+        };
+        Side {
+            sign: along("sign", &[0, 1, 2].map(|axis| ray.signs.bit(axis))),
+            origin: along("origin", &ray.origin),
+            reciprocal: along("reciprocal", &ray.reciprocal),
+        }
+    };
+    let [left, right] = axes;
+    let (left, right) = (side("left", left), side("right", right));
+
+    m.comment("Its interval in the packet's node.");
+    let of_interval = Interval::of(plan);
+    let intervals = m.memory(
+        "popped_memory",
+        plan.packets(),
+        of_interval.width(),
+        Style::Block,
+    );
+    intervals.write(
+        popped.write,
+        popped_packet,
+        of_interval.pack(popped.interval),
+    );
+    let popped = of_interval.unpack(plan.read(intervals, late_packet));
+    let given = slice::Inputs {
+        planes,
+        left,
+        right,
+        ray: from_pop.choose(popped, stepped).named("ray"),
+        ray_active: active,
+    };
+    let goes = of_slice.place("slice", m, slice, given);
+    ports.outputs.outputs(m, Outputs { goes });
+    builder.finish()
+}
