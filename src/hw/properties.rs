@@ -1,7 +1,9 @@
 //! What properties of several units have in common.
 
-use super::prefetch::Outputs;
-use crate::hdl::{Proof, Signal};
+use super::plan::Plan;
+use super::prefetch::{Inputs, Outputs, prefetch};
+use crate::hdl::{Flow, HdlError, Proof, ReadInputs, Signal};
+use std::ops::Deref;
 
 /// A place of a memory of `depth` words, less than twice as far, brought back into it.
 #[track_caller]
@@ -54,21 +56,36 @@ pub(super) fn count<'b>(
 pub(super) struct Reader<'b> {
     /// Words that have a place; the front word has one more.
     pub room: u32,
-    pub fetch_ready: Signal<'b>,
-    pub valid: Signal<'b>,
-    pub empty: Signal<'b>,
     pub pop: Signal<'b>,
+    outputs: Outputs<Signal<'b>>,
 }
 
 impl<'b> Reader<'b> {
-    pub fn of(outputs: &Outputs<Signal<'b>>, room: u32, pop: Signal<'b>) -> Reader<'b> {
-        Reader {
-            room,
-            fetch_ready: outputs.fetch_ready,
-            valid: outputs.valid,
-            empty: outputs.empty,
+    /// Places one with the module's and the instance's `names`, which reads at the addresses of `fetch`.
+    pub fn new(
+        plan: &Plan,
+        names: (&str, &str),
+        room: u32,
+        fetch: Flow<Signal<'b>, Signal<'b>>,
+        memory: ReadInputs<Signal<'b>>,
+        pop: Signal<'b>,
+    ) -> Result<Reader<'b>, HdlError> {
+        let inputs = Inputs {
+            fetch_valid: fetch.valid,
+            fetch_address: fetch.payload,
+            memory,
             pop,
-        }
+        };
+        let outputs = prefetch(plan, names, room, inputs)?;
+        Ok(Reader { room, pop, outputs })
+    }
+}
+
+impl<'b> Deref for Reader<'b> {
+    type Target = Outputs<Signal<'b>>;
+
+    fn deref(&self) -> &Outputs<Signal<'b>> {
+        &self.outputs
     }
 }
 

@@ -10,6 +10,8 @@
 //! influence rows ─► prefetch ─► slot of four ─────┴─► issue ─► (geometry unit's triangle test) ─► (its subtractors) ─► write queue
 //! ```
 //!
+//! Each part has a file: `fetch` (vectors and influence rows), `issue`, `sum` and `write`.
+//!
 //! What is issued never waits; a vertex's last influence is issued when the write queue has room for the vertex.
 //!
 //! The reference machine's takes, as Yosys counts them for Virtex-4, 642 LUT4, 1,039 flip-flops, 2 RAMB16 (the write queue) and, as
@@ -200,6 +202,14 @@ bundle! {
     }
 }
 
+/// What every part is given: the unit's inputs and what later parts tell, and what it is described with.
+struct Around<'b> {
+    plan: &'b Plan,
+    m: &'b Builder,
+    inputs: Inputs<Signal<'b>>,
+    told: Back<Signal<'b>>,
+}
+
 /// A mesh, in the clock in which it starts.
 type Start<'b> = Flow<Mesh<Signal<'b>>, Signal<'b>>;
 
@@ -221,22 +231,18 @@ pub(super) fn module(plan: &Plan, test: &Module) -> Result<Arc<Module>, HdlError
     let back = Back::of().wires(&m, "");
     let told = back.get();
 
-    let (start, may_start) = (inputs.start, inputs.may_start);
-    let pop = told.pop_row;
-    let rows = Rows::new(plan, &m, start, may_start, inputs.influence, pop, told.over)?;
-    let vectors = Vectors::new(plan, &m, rows.start, inputs.vertex, told.completes)?;
-    let issue = Issue::new(plan, &m, &rows, &vectors, told.room);
-    let sums = [inputs.pair_sum, inputs.vertex_sum];
-    let sums = VertexSums::new(plan, &m, inputs.weighted, sums, sum_latency);
-    let queue = Queue::new(
+    let around = Around {
         plan,
-        &m,
-        &rows,
-        vectors.loading,
-        issue.completes,
-        &sums,
-        inputs.write_ready,
-    );
+        m: &m,
+        inputs,
+        told,
+    };
+
+    let rows = Rows::new(&around)?;
+    let vectors = Vectors::new(&around, rows.start)?;
+    let issue = Issue::new(&around, &rows, &vectors);
+    let sums = VertexSums::new(&around, sum_latency);
+    let queue = Queue::new(&around, &rows, vectors.loading, &issue, &sums);
     back.drive(Back {
         pop_row: issue.pop_row,
         completes: issue.completes,
@@ -247,10 +253,10 @@ pub(super) fn module(plan: &Plan, test: &Module) -> Result<Arc<Module>, HdlError
         start_ready: rows.start_ready,
         skinning: rows.skinning,
         vertex: ReadOutputs {
-            request: vectors.fetched.request,
+            request: vectors.reader.request,
         },
         influence: ReadOutputs {
-            request: rows.fetched.request,
+            request: rows.reader.request,
         },
         palette: vectors.palette,
         issue: issue.issued,
@@ -262,8 +268,7 @@ pub(super) fn module(plan: &Plan, test: &Module) -> Result<Arc<Module>, HdlError
     ports.outputs.outputs(&m, outputs);
 
     let unit = Unit {
-        inputs,
-        told,
+        around,
         rows,
         vectors,
         issue,

@@ -10,6 +10,9 @@
 //!                                               └─► vertex prefetch ──────┘  └─► vertex registers
 //! ```
 //!
+//! Each part has a file: `fetch` (program rows and vertices), `decode`, `execute`, `merge` (the registers too) and `write`. A part is given
+//! what those before it give, and by `Back` what those behind it tell.
+//!
 //! | clock, MHz | merge distance |
 //! |---|---|
 //! | below 70 | 4 |
@@ -30,8 +33,8 @@ use super::plan::Plan;
 use super::raycast::COUNTER_BITS;
 use crate::bkd::layout::Record;
 use crate::hdl::{
-    Builder, Bundle, Flow, HdlError, Module, ReadInputs, ReadOutputs, Signal, Specs, Wires, Write,
-    bits_for,
+    Builder, Bundle, Flow, HdlError, Module, Pipeline, ReadInputs, ReadOutputs, Signal, Specs,
+    Wires, Write, bits_for,
 };
 use crate::program::{Program, UpdateMachine};
 use crate::{bundle, interface};
@@ -124,6 +127,16 @@ bundle! {
     }
 }
 
+/// What every part is given: the unit's inputs and what later parts tell, and what it is described with.
+struct Around<'b> {
+    plan: &'b Plan,
+    m: &'b Builder,
+    /// The pipeline of merges.
+    p: Pipeline<'b>,
+    inputs: Inputs<Signal<'b>>,
+    told: Back<Signal<'b>>,
+}
+
 /// An update, in the clock in which it starts.
 type Start<'b> = Flow<Update<Signal<'b>>, Signal<'b>>;
 
@@ -186,7 +199,6 @@ pub struct UpdateProcessor {
 /// # Errors
 /// A mistake in the description; none is known for any configuration.
 pub fn module(plan: &Plan) -> Result<UpdateProcessor, HdlError> {
-    let config = &plan.config;
     let m = Builder::new(
         "update_processor",
         "the update processor: runs an update program, which rewrites the bounds of an object's nodes.",
@@ -196,91 +208,79 @@ pub fn module(plan: &Plan) -> Result<UpdateProcessor, HdlError> {
     m.comment("What later parts tell earlier ones.");
     let back = Back::of().wires(&m, "");
     let told = back.get();
+    let around = Around {
+        plan,
+        m: &m,
+        p: m.pipeline(),
+        inputs,
+        told,
+    };
 
     let rows = m.part(
         "row_fetch",
         "starts updates and reads the rows of their programs ahead.",
-        || {
-            let (pop, ends) = (told.pop_row, told.box_taken);
-            Rows::new(plan, &m, inputs.start, inputs.program, pop, ends)
-        },
+        || Rows::new(&around),
     )?;
     let decode = m.part(
         "instructions",
         "cuts the program's rows into instructions, one a clock.",
-        || {
-            let room = [told.queue_room, told.index_room];
-            Decode::new(plan, &m, rows.start, rows.fetched, room)
-        },
+        || Decode::new(&around, &rows),
     );
     let vertices = m.part(
         "vertex_fetch",
         "reads the vertices of load instructions ahead.",
-        || {
-            let (load, index) = (decode.decode_load, decode.index);
-            Vertices::new(plan, &m, load, index, inputs.vertex, told.pop_vertex)
-        },
+        || Vertices::new(&around, &decode),
     )?;
     let execute = m.part(
         "execute",
         "lets the current instruction go when what it needs is there.",
-        || {
-            let (decoded, completed) = (decode.decode, decode.completed);
-            let room = [told.node_room, told.box_taken];
-            Execute::new(plan, &m, decoded, completed, vertices.fetched.valid, room)
-        },
+        || Execute::new(&around, &decode, &vertices),
     )?;
-    let p = m.pipeline();
     let (operands, merge) = m.part(
         "merge",
         "merges two boxes, or three vertices, into one box.",
         || {
-            let (load_goes, vertex) = (execute.load_goes, vertices.fetched.front);
-            let operands = Operands::read(plan, p, &execute.current, load_goes, vertex);
-            let target = execute.current.target;
-            let merge = Merge::new(plan, p, execute.merge_goes, target, &operands);
+            let operands = Operands::read(&around, &execute, &vertices);
+            let merge = Merge::new(&around, &execute, &operands);
             (operands, merge)
         },
     );
     let nodes = m.part("node_write", "writes the intervals of nodes.", || {
-        let ready = inputs.node_write_ready;
-        Nodes::new(plan, p, rows.start, &execute, &operands, ready)
+        Nodes::new(&around, rows.start, &execute, &operands)
     })?;
     let end = m.part("box_write", "writes the object's box at the end.", || {
-        let of_box = (&operands, &merge, &nodes);
-        let ready = inputs.box_write_ready;
-        End::new(plan, p, rows.start, execute.end_waits, of_box, ready)
+        End::new(&around, rows.start, &execute, &operands, &merge, &nodes)
     });
     back.drive(Back {
-        pop_row: decode.pop_row,
-        queue_room: execute.queue_room,
-        index_room: vertices.index_room,
+        pop_row: decode.window.pop_row,
+        queue_room: execute.in_flight.room,
+        index_room: vertices.indices_in_flight.room,
         pop_vertex: execute.load_goes,
-        node_room: nodes.room,
+        node_room: nodes.in_flight.room,
         box_taken: end.box_taken,
     });
 
     let outputs = Outputs {
         start_ready: rows.start_ready,
         program: ReadOutputs {
-            request: rows.fetched.request,
+            request: rows.reader.request,
         },
         vertex: ReadOutputs {
-            request: vertices.fetched.request,
+            request: vertices.reader.request,
         },
         node_write: nodes.write,
         box_write: end.write,
         done: end.done,
-        count: counters(plan, &m, rows.running, &execute),
+        count: counters(&around, rows.running, &execute),
     };
     ports.outputs.outputs(&m, outputs);
     let machine = UpdateMachine {
-        vertex_registers: config.update_vertex_registers,
-        box_registers: config.update_box_registers,
+        vertex_registers: plan.config.update_vertex_registers,
+        box_registers: plan.config.update_box_registers,
         merge_distance: merge.written + 1,
     };
     let unit = Unit {
-        told,
+        around,
         rows,
         decode,
         vertices,
@@ -297,8 +297,7 @@ pub fn module(plan: &Plan) -> Result<UpdateProcessor, HdlError> {
 
 /// Counts, since reset, what happens in each clock.
 fn counters<'b>(
-    plan: &Plan,
-    m: &'b Builder,
+    &Around { plan, m, .. }: &Around<'b>,
     running: Signal<'b>,
     execute: &Execute<'b>,
 ) -> Counters<Signal<'b>> {

@@ -1,10 +1,8 @@
 //! Fetch: starts meshes, and reads their influences, their palettes and their vertices at rest ahead of their use.
 
-use super::{Column, Mesh, Start, joint_bits};
-use crate::hdl::{Builder, Flow, HdlError, ReadInputs, Signal};
+use super::{Around, Column, Start, joint_bits};
+use crate::hdl::{Flow, HdlError, Signal};
 use crate::hw::counters::{counts_down, counts_up};
-use crate::hw::plan::Plan;
-use crate::hw::prefetch::{self, prefetch};
 use crate::hw::properties::Reader;
 
 /// The rows of a mesh's influences, as they come.
@@ -14,60 +12,48 @@ pub(super) struct Rows<'b> {
     pub start: Start<'b>,
     /// High from the clock after a start until all of the mesh is written.
     pub skinning: Signal<'b>,
-    pub fetched: prefetch::Outputs<Signal<'b>>,
+    pub reader: Reader<'b>,
     // For the properties.
     pub wanted: Signal<'b>,
     pub address: Signal<'b>,
     pub requested: Signal<'b>,
-    pub reader: Reader<'b>,
 }
 
 impl<'b> Rows<'b> {
     /// Starts a mesh when the last one is written, none of its rows is left and the geometry unit is free, and requests its rows in order. The
     /// front row stays until `pop_row`, which comes only where it is valid.
-    pub fn new(
-        plan: &Plan,
-        m: &'b Builder,
-        start: Flow<Mesh<Signal<'b>>, Signal<'b>>,
-        may_start: Signal<'b>,
-        memory: ReadInputs<Signal<'b>>,
-        pop_row: Signal<'b>,
-        over: Signal<'b>,
-    ) -> Result<Rows<'b>, HdlError> {
-        let (mesh, a) = (start.payload, plan.address());
+    pub fn new(around: &Around<'b>) -> Result<Rows<'b>, HdlError> {
+        let Around { plan, m, .. } = *around;
+        let (inputs, told) = (&around.inputs, &around.told);
+        let (start, mesh, a) = (inputs.start.valid, inputs.start.payload, plan.address());
         m.comment("A mesh starts when the last one is written and none of its rows is left.");
         let skinning = m.reg_reset("skinning_now", 1, 0);
         let rows_left = m.reg_reset("rows_left", a, 0);
         let no_rows = m.wire("no_rows", 1);
         let wanted = rows_left.q.any().named("rows_wanted");
         let idle = (no_rows.get() & !(skinning.q | wanted)).named("idle");
-        let start_ready = (idle & may_start).named("starts_if_asked");
-        let starts = (start.valid & start_ready).named("start");
-        skinning.next(starts | (skinning.q & !over));
+        let start_ready = (idle & inputs.may_start).named("starts_if_asked");
+        let starts = (start & start_ready).named("start");
+        skinning.next(starts | (skinning.q & !told.over));
 
         m.comment("Rows of influences ahead of their use.");
         let address = m.reg("row_address", a);
+        let names = ("row_prefetch", "rows");
         let room = plan.config.skinning_rows_ahead;
-        let inputs = prefetch::Inputs {
-            fetch_valid: wanted,
-            fetch_address: address.q,
-            memory,
-            pop: pop_row,
-        };
-        let fetched = prefetch(plan, ("row_prefetch", "rows"), room, inputs)?;
-        no_rows.drive(fetched.empty);
-        let requested = (wanted & fetched.fetch_ready).named("row_requested");
+        let (fetch, memory) = (Flow::new(wanted, address.q), inputs.influence);
+        let reader = Reader::new(plan, names, room, fetch, memory, told.pop_row)?;
+        no_rows.drive(reader.empty);
+        let requested = (wanted & reader.fetch_ready).named("row_requested");
         counts_down(rows_left, (starts, mesh.rows), requested);
         counts_up(address, (starts, mesh.influences), requested);
         Ok(Rows {
             start_ready,
             start: Flow::new(starts, mesh),
             skinning: skinning.q,
-            fetched,
+            reader,
             wanted,
             address: address.q,
             requested,
-            reader: Reader::of(&fetched, room, pop_row),
         })
     }
 }
@@ -77,7 +63,7 @@ pub(super) struct Vectors<'b> {
     /// The palette's go out as they come; while any is to come, `loading` is high.
     pub palette: Flow<Column<Signal<'b>>, Signal<'b>>,
     pub loading: Signal<'b>,
-    pub fetched: prefetch::Outputs<Signal<'b>>,
+    pub reader: Reader<'b>,
     // For the properties.
     pub columns_to_request: Signal<'b>,
     pub rest_to_request: Signal<'b>,
@@ -87,21 +73,14 @@ pub(super) struct Vectors<'b> {
     pub column_requested: Signal<'b>,
     pub rest_requested: Signal<'b>,
     pub columns_to_come: Signal<'b>,
-    pub reader: Reader<'b>,
 }
 
 impl<'b> Vectors<'b> {
     /// Requests a mesh's vectors in order. A vertex at rest stays in front until it `completes`.
-    pub fn new(
-        plan: &Plan,
-        m: &'b Builder,
-        Flow {
-            valid: start,
-            payload: mesh,
-        }: Start<'b>,
-        memory: ReadInputs<Signal<'b>>,
-        completes: Signal<'b>,
-    ) -> Result<Vectors<'b>, HdlError> {
+    pub fn new(around: &Around<'b>, start: Start<'b>) -> Result<Vectors<'b>, HdlError> {
+        let Around { plan, m, .. } = *around;
+        let (inputs, told) = (&around.inputs, &around.told);
+        let (start, mesh) = (start.valid, start.payload);
         m.comment("Vectors ahead of their use: the palette's, then the vertices at rest.");
         let a = plan.address();
         let columns = mesh.joints.concat(m.zero(2)).named("columns");
@@ -113,15 +92,11 @@ impl<'b> Vectors<'b> {
         let wanted = (requests_column | rest_to_request.q.any()).named("vector_wanted");
         let pop = m.wire("pop_vector", 1);
         let address = requests_column.mux(column_address.q, rest_address.q);
+        let names = ("vector_prefetch", "vectors");
         let room = plan.config.skinning_vertices_ahead;
-        let inputs = prefetch::Inputs {
-            fetch_valid: wanted,
-            fetch_address: address,
-            memory,
-            pop: pop.get(),
-        };
-        let fetched = prefetch(plan, ("vector_prefetch", "vectors"), room, inputs)?;
-        let requested = (wanted & fetched.fetch_ready).named("vector_requested");
+        let fetch = Flow::new(wanted, address);
+        let reader = Reader::new(plan, names, room, fetch, inputs.vertex, pop.get())?;
+        let requested = (wanted & reader.fetch_ready).named("vector_requested");
         let column_requested = (requested & requests_column).named("column_requested");
         let rest_requested = (requested & !requests_column).named("rest_requested");
         counts_down(columns_to_request, (start, columns), column_requested);
@@ -134,20 +109,20 @@ impl<'b> Vectors<'b> {
         let columns_to_come = m.reg_reset("columns_to_come", columns.width(), 0);
         let column_place = m.reg("column_place", joint_width + 2);
         let loading = columns_to_come.q.any().named("loading");
-        let column_comes = (fetched.valid & loading).named("column_comes");
+        let column_comes = (reader.valid & loading).named("column_comes");
         counts_down(columns_to_come, (start, columns), column_comes);
         let first_place = m.zero(joint_width + 2);
         counts_up(column_place, (start, first_place), column_comes);
-        pop.drive(column_comes | completes);
+        pop.drive(column_comes | told.completes);
         let palette = Column {
             joint: column_place.q.high(joint_width),
             column: column_place.q.low(2),
-            data: fetched.front,
+            data: reader.front,
         };
         Ok(Vectors {
             palette: Flow::new(column_comes, palette),
             loading,
-            fetched,
+            reader,
             columns_to_request: columns_to_request.q,
             rest_to_request: rest_to_request.q,
             wanted,
@@ -156,7 +131,6 @@ impl<'b> Vectors<'b> {
             column_requested,
             rest_requested,
             columns_to_come: columns_to_come.q,
-            reader: Reader::of(&fetched, room, pop.get()),
         })
     }
 }

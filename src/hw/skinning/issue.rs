@@ -1,11 +1,10 @@
 //! Issue: an influence goes to the geometry unit with its vertex.
 
 use super::fetch::{Rows, Vectors};
-use super::{Influence, Issued, Mark, POSITION_BITS, joint_bits};
+use super::{Around, Influence, Issued, Mark, POSITION_BITS, joint_bits};
 use crate::bkd::layout::{INFLUENCES_PER_ROW, fields};
-use crate::hdl::{Builder, Flow, Signal, Signals, Specs, bits_for};
+use crate::hdl::{Flow, Signal, Signals, Specs, bits_for};
 use crate::hw::counters::counts_up;
-use crate::hw::plan::Plan;
 use crate::hw::prefetch::pick;
 use crate::hw::ray::Vector;
 
@@ -23,13 +22,11 @@ pub(super) struct Issue<'b> {
 }
 
 impl<'b> Issue<'b> {
-    /// Issues an influence a clock unless it or its vertex is missing or, of a vertex's last one, `room`.
+    /// Issues an influence a clock unless it or its vertex is missing or, of a vertex's last one, room for it.
     pub fn new(
-        plan: &Plan,
-        m: &'b Builder,
+        &Around { plan, m, told, .. }: &Around<'b>,
         rows: &Rows<'b>,
         vectors: &Vectors<'b>,
-        room: Signal<'b>,
     ) -> Issue<'b> {
         m.comment("Issue: an influence goes with its vertex unless either is missing, or room for a vertex that it completes.");
         let (start, skinning) = (rows.start.valid, rows.skinning);
@@ -38,7 +35,7 @@ impl<'b> Issue<'b> {
         let of_row = fields::Influence::of(plan.format);
         let width = of_row.width();
         let slots: Vec<_> = (0..INFLUENCES_PER_ROW as u32)
-            .map(|k| rows.fetched.front.field(k * width, width))
+            .map(|k| rows.reader.front.field(k * width, width))
             .collect();
         let influence = pick("influence", slot.q, &slots).named("influence");
         let fields::Influence {
@@ -47,9 +44,9 @@ impl<'b> Issue<'b> {
             last,
         } = of_row.unpack(influence).named("influence");
         crate::named! {
-            let vertex_missing = !vectors.fetched.valid | vectors.loading;
-            let row_missing = !rows.fetched.valid;
-            let room_missing = last & !room;
+            let vertex_missing = !vectors.reader.valid | vectors.loading;
+            let row_missing = !rows.reader.valid;
+            let room_missing = last & !told.room;
             let issue = skinning & !(vertex_missing | row_missing | room_missing);
             let last_slot = slot.q.all();
         }
@@ -60,7 +57,7 @@ impl<'b> Issue<'b> {
         position.next_when(start | issue, next);
         let issued = m.reg_reset("issued", 1, 0);
         issued.next(issue);
-        let point = fields::Vertex::of(plan.format).unpack(vectors.fetched.front);
+        let point = fields::Vertex::of(plan.format).unpack(vectors.reader.front);
         let influence = Influence {
             joint: joint.low(joint_bits(plan)),
             point: Vector {
@@ -76,7 +73,7 @@ impl<'b> Issue<'b> {
             issue,
             completes: issue & last,
             // What is left of the last row when the mesh is complete is of no use.
-            pop_row: rows.fetched.valid & (!skinning | (issue & last_slot)),
+            pop_row: rows.reader.valid & (!skinning | (issue & last_slot)),
             room_missing,
         }
     }

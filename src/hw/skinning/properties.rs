@@ -6,11 +6,11 @@
 //! Of its write queue: vertices are written in the order in which they were summed, each once, and the one that is shown stays until it is
 //! written.
 
+use super::Around;
 use super::fetch::{Rows, Vectors};
 use super::issue::Issue;
 use super::sum::VertexSums;
 use super::write::Queue;
-use super::{Back, Inputs};
 use crate::hdl::{Builder, Proof, Signal, bits_for};
 use crate::hw::properties::{Ahead, assert_shown_stays, count};
 
@@ -18,10 +18,9 @@ use crate::hw::properties::{Ahead, assert_shown_stays, count};
 const BITS: u32 = 16;
 const VERTEX_BITS: u32 = 32;
 
-/// The unit's ports and parts.
+/// The unit's parts.
 pub(super) struct Unit<'b> {
-    pub inputs: Inputs<Signal<'b>>,
-    pub told: Back<Signal<'b>>,
+    pub around: Around<'b>,
     pub rows: Rows<'b>,
     pub vectors: Vectors<'b>,
     pub issue: Issue<'b>,
@@ -62,7 +61,7 @@ pub(super) fn conserves<'b>(m: &'b Builder, unit: &Unit<'b>) {
 /// What is shown at a port stays until it is taken.
 fn ports<'b>(proof: &Proof<'b>, unit: &Unit<'b>) {
     let (vectors, rows, write) = (&unit.vectors, &unit.rows, unit.queue.write);
-    let write_ready = unit.inputs.write_ready;
+    let write_ready = unit.around.inputs.write_ready;
     for (what, valid, ready, shown) in [
         (
             "vector request",
@@ -109,7 +108,7 @@ impl<'b> Places<'b> {
         let vectors_ahead = Ahead::assumed(proof, "vectors", vectors.requested, &vectors.reader);
         let rows_ahead = Ahead::assumed(proof, "rows", rows.requested, &rows.reader);
         let completes = unit.issue.completes;
-        let weighted = unit.inputs.weighted;
+        let weighted = unit.around.inputs.weighted;
         let returns = weighted.valid & weighted.payload.mark.last;
         let last_issued = issued.valid & issued.payload.mark.last;
         let count = |name: &str, comes, goes| count(proof, BITS, name, comes, goes);
@@ -276,7 +275,7 @@ fn faults<'b>(proof: &Proof<'b>, unit: &Unit<'b>) {
     );
     proof.fault(
         "room for a vertex is never seen",
-        unit.told.room.fault().as_value(0),
+        unit.around.told.room.fault().as_value(0),
     );
 }
 
@@ -346,7 +345,8 @@ pub(super) fn write_queue<'b>(m: &'b Builder, unit: &Unit<'b>) {
     );
     proof.fault(
         "a vertex shows before it is in the queue",
-        (unit.queue.grows.reads(unit.sums.vertex_done)).as_signal(unit.inputs.weighted.valid),
+        (unit.queue.grows.reads(unit.sums.vertex_done))
+            .as_signal(unit.around.inputs.weighted.valid),
     );
     proof.fault(
         "the vertex behind is read where none is written",

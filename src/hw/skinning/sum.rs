@@ -1,16 +1,15 @@
 //! Sum: adds up the weighted points of a vertex, in the geometry unit's adders.
 
-use super::{Mark, Operands, Sums, Weighted};
-use crate::hdl::{Builder, Flow, Pipeline, Signal};
-use crate::hw::plan::{AXES, Plan};
+use super::{Around, Mark, Operands, Sums, Weighted};
+use crate::hdl::{Pipeline, Signal};
+use crate::hw::plan::AXES;
 
 /// The sums of a vertex.
 pub(super) struct VertexSums<'b> {
     /// What the geometry unit is to add.
     pub operands: Sums<Signal<'b>>,
-    /// High in the clock in which `vertex_sum` is that of a whole vertex.
+    /// High in the clock in which the vertex sum is that of a whole vertex.
     pub vertex_done: Signal<'b>,
-    pub vertex_sum: [Signal<'b>; 3],
     // For the properties.
     /// Whether a vertex is being summed, at each stage until it is done.
     pub summing: Vec<Signal<'b>>,
@@ -19,16 +18,12 @@ pub(super) struct VertexSums<'b> {
 impl<'b> VertexSums<'b> {
     /// Adds the first and the second of a vertex's weighted points, the third and the fourth, then both; an absent one is 0. The sums, of
     /// pairs and of vertices, come `latency` clocks after their operands.
-    pub fn new(
-        plan: &Plan,
-        m: &'b Builder,
-        weighted: Flow<Weighted<Signal<'b>>, Signal<'b>>,
-        [pair_sum, vertex_sum]: [[Signal<'b>; 3]; 2],
-        latency: u32,
-    ) -> VertexSums<'b> {
+    pub fn new(around: &Around<'b>, latency: u32) -> VertexSums<'b> {
+        let Around { plan, m, .. } = *around;
+        let inputs = &around.inputs;
         m.comment("Accumulation: the first and the second, the third and the fourth, then both; an absent one is 0.");
         let (p, w) = (m.pipeline(), plan.number());
-        let (valid, Weighted { mark, point }) = (weighted.valid, weighted.payload);
+        let (valid, Weighted { mark, point }) = (inputs.weighted.valid, inputs.weighted.payload);
         let Mark { position, last } = mark;
         let odd = position.bit(0);
         let first_of_pair = (valid & !odd).named("first_of_pair");
@@ -50,16 +45,15 @@ impl<'b> VertexSums<'b> {
         let vertex = each_axis(|x, i| {
             let lower = m.reg(format!("lower_{x}"), w);
             let lower_done = (pair_done & !upper_done).hinted("lower_done");
-            lower.next_when(lower_done, pair_sum[i]);
+            lower.next_when(lower_done, inputs.pair_sum[i]);
             let other = (lower.q & upper_done.repeat(w)).named(format!("lower_sum_{x}"));
-            operands(p, pair_sum[i], other, at_pair)
+            operands(p, inputs.pair_sum[i], other, at_pair)
         });
         let vertex_ready = (ready & complete).named("vertex_ready").cleared_by_reset();
         let done_at = start_of_vertex + latency;
         VertexSums {
             operands: Sums { pair, vertex },
             vertex_done: vertex_ready.at(done_at).untimed().named("vertex_done"),
-            vertex_sum,
             summing: vertex_ready.stages(start_of_sum..=done_at),
         }
     }

@@ -1,11 +1,12 @@
 //! Write: queues vertices until they are written, and tells when all of a mesh are.
 
+use super::Around;
 use super::fetch::Rows;
+use super::issue::Issue;
 use super::sum::VertexSums;
 use crate::bkd::layout::fields;
-use crate::hdl::{Builder, Flow, Memory, Signal, Specs, Style, Write, bits_for};
+use crate::hdl::{Flow, Memory, Signal, Specs, Style, Write, bits_for};
 use crate::hw::counters::{counts_down, counts_up};
-use crate::hw::plan::Plan;
 use crate::hw::prefetch::Occupancy;
 
 /// The write queue, and the end of a mesh.
@@ -29,17 +30,17 @@ pub(super) struct Queue<'b> {
 }
 
 impl<'b> Queue<'b> {
-    /// Takes each vertex that is summed, for which room was taken when it `completes`, and shows it until it is written, two clocks later at
-    /// the earliest. A mesh is over when its palette is no longer `loading` and all its vertices are written.
+    /// Takes each vertex that is summed, for which room was taken when its last influence was issued, and shows it until it is written, two clocks later at
+    /// the earliest. A mesh is over when its palette is no longer loading and all its vertices are written.
     pub fn new(
-        plan: &Plan,
-        m: &'b Builder,
+        around: &Around<'b>,
         rows: &Rows<'b>,
         loading: Signal<'b>,
-        completes: Signal<'b>,
+        issue: &Issue<'b>,
         sums: &VertexSums<'b>,
-        write_ready: Signal<'b>,
     ) -> Queue<'b> {
+        let Around { plan, m, .. } = *around;
+        let inputs = &around.inputs;
         m.comment("The write queue, in block RAM: always read where the front is next, a word shows two clocks after it came.");
         let depth = plan.config.skinning_vertices_waiting;
         let bits = bits_for(u64::from(depth));
@@ -53,7 +54,7 @@ impl<'b> Queue<'b> {
             place.equals(last).mux(m.zero(bits), next)
         };
         let data = of_vertex.pack(fields::Vertex {
-            position: sums.vertex_sum,
+            position: inputs.vertex_sum,
         });
         let vertex_done = sums.vertex_done;
         words.write(vertex_done, tail.q, data);
@@ -65,9 +66,16 @@ impl<'b> Queue<'b> {
         let next_head = written.get().mux(after(head.q), head.q).named("next_head");
         head.next(next_head);
         let front = words.read(next_head);
-        written.drive(queued.any & write_ready);
+        written.drive(queued.any & inputs.write_ready);
         let written = written.get();
-        let under_way = Occupancy::new(plan, m, "vertices_under_way", depth, completes, written);
+        let under_way = Occupancy::new(
+            plan,
+            m,
+            "vertices_under_way",
+            depth,
+            issue.completes,
+            written,
+        );
         let (start, mesh) = (rows.start.valid, rows.start.payload);
         let next_written = m.reg("next_written", plan.address());
         counts_up(next_written, (start, mesh.target), written);

@@ -1,19 +1,21 @@
 //! Decode: cuts the program's rows into instructions, an instruction a clock, and adds what an instruction does not say: its implicit
 //! registers and the index of its vertex.
 
-use super::{Instruction, ROW_BITS, Start, WINDOW_BYTES, WORD_BITS, box_bits, vertex_bits};
+use super::fetch::Rows;
+use super::{Around, Instruction, ROW_BITS, Start, WINDOW_BYTES, WORD_BITS, box_bits, vertex_bits};
 use crate::bundle;
 use crate::hdl::{Builder, Flow, Reg, Signal, Specs, Style, bits_for};
 use crate::hw::counters::counts_up;
 use crate::hw::plan::Plan;
-use crate::hw::prefetch::{self, pick};
+use crate::hw::prefetch::pick;
+use crate::hw::properties::Reader;
 
 /// Bytes that a refill brings.
 const WORD_BYTES: u32 = WORD_BITS / 8;
 
 bundle! {
     /// What an instruction says, a clock after it was in the window.
-    struct Decoded(plan: &Plan) {
+    pub(super) struct Decoded(plan: &Plan) {
         x: Instruction::of(plan).x.width,
         y: Instruction::of(plan).y.width,
         z: vertex_bits(plan),
@@ -30,8 +32,6 @@ bundle! {
 
 /// What decode gives.
 pub(super) struct Decode<'b> {
-    /// High where the front row has been used.
-    pub pop_row: Signal<'b>,
     /// An instruction leaves the window; it is a load.
     pub decode: Signal<'b>,
     pub decode_load: Signal<'b>,
@@ -40,48 +40,31 @@ pub(super) struct Decode<'b> {
     /// Two clocks after it has left the window, the instruction as a word.
     pub completed: Flow<Signal<'b>, Signal<'b>>,
     // For the properties.
-    pub window_there: Signal<'b>,
-    pub idle_before: Signal<'b>,
-    pub take_word: Signal<'b>,
-    pub refill: Signal<'b>,
+    pub window: Window<'b>,
+    pub first: First<'b>,
     pub decoding: Signal<'b>,
-    pub instruction_there: Signal<'b>,
-    pub is_reload: Signal<'b>,
-    pub is_end: Signal<'b>,
     pub decoded: Signal<'b>,
     pub decoded_as: Instruction<Signal<'b>>,
     pub completed_as: Instruction<Signal<'b>>,
 }
 
 impl<'b> Decode<'b> {
-    /// Decodes from `start` to the end of the program, wherever a whole instruction is in the window and `room` says that there is room for it
-    /// and for a vertex's index.
-    pub fn new(
-        plan: &Plan,
-        m: &'b Builder,
-        start: Start<'b>,
-        rows: prefetch::Outputs<Signal<'b>>,
-        room: [Signal<'b>; 2],
-    ) -> Decode<'b> {
+    /// Decodes from the start to the end of the program, wherever a whole instruction is in the window and there is room for it and for a
+    /// vertex's index.
+    pub fn new(&Around { plan, m, told, .. }: &Around<'b>, rows: &Rows<'b>) -> Decode<'b> {
+        let start = rows.start;
         let decoding = m.reg_reset("decoding", 1, 0);
-        let window = Window::new(m, decoding.q, rows);
-        let kinds = Kinds::of(m, &window);
-        let Kinds {
-            is_load,
-            is_reload,
-            is_end,
-            complete,
-            ..
-        } = kinds;
-        let [queue_room, index_room] = room;
-        let decode = (decoding.q & complete & queue_room & index_room).named("decode");
-        window.advance(m, decode, &kinds);
-        decoding.next(start.valid | (decoding.q & !(decode & is_end)));
+        let window = Window::new(m, decoding.q, &rows.reader);
+        let first = First::of(plan, m, &window);
+        let decode =
+            (decoding.q & first.complete & told.queue_room & told.index_room).named("decode");
+        window.advance(m, decode, &first);
+        decoding.next(start.valid | (decoding.q & !(decode & first.says.end)));
 
         m.comment("The decoded instruction. Its implicit registers and its vertex's index follow from those before it.");
         let decoded = m.reg_reset("decoded", 1, 0);
         decoded.next(decode);
-        let of = Decoded::of(plan).hold("decoded", kinds.fields(plan, window.bytes.q));
+        let of = Decoded::of(plan).hold("decoded", first.says);
         let load = (decoded.q & of.load).hinted("load_is_decoded");
         let decoded_as = Instruction {
             load: of.load,
@@ -102,19 +85,13 @@ impl<'b> Decode<'b> {
         let completed_word = m.reg("completed_instruction", instruction.width());
         completed_word.next(word);
         Decode {
-            pop_row: window.pop_row,
             decode,
-            decode_load: (decode & is_load).hinted("decode_load"),
+            decode_load: (decode & first.says.load).hinted("decode_load"),
             index: Flow::new(load, index),
             completed: Flow::new(completed.q, completed_word.q),
-            window_there: window.there.q,
-            idle_before: window.idle_before,
-            take_word: window.take_word,
-            refill: window.refill,
+            window,
+            first,
             decoding: decoding.q,
-            instruction_there: complete,
-            is_reload,
-            is_end,
             decoded: decoded.q,
             decoded_as,
             completed_as: instruction.unpack(completed_word.q),
@@ -123,25 +100,22 @@ impl<'b> Decode<'b> {
 }
 
 /// The program's next bytes, and which of them are there. The others are 0.
-struct Window<'b> {
+pub(super) struct Window<'b> {
     bytes: Reg<'b>,
-    there: Reg<'b>,
+    pub there: Reg<'b>,
     /// Both with the next word behind them, where there is room for it.
     filled: Signal<'b>,
     filled_there: Signal<'b>,
-    idle_before: Signal<'b>,
-    take_word: Signal<'b>,
-    refill: Signal<'b>,
-    pop_row: Signal<'b>,
+    pub idle_before: Signal<'b>,
+    pub take_word: Signal<'b>,
+    pub refill: Signal<'b>,
+    /// High where the front row has been used.
+    pub pop_row: Signal<'b>,
 }
 
 impl<'b> Window<'b> {
     /// Takes the rows' words one by one, while `decoding`. [`Window::advance`] is to follow.
-    fn new(
-        m: &'b Builder,
-        decoding: Signal<'b>,
-        rows: prefetch::Outputs<Signal<'b>>,
-    ) -> Window<'b> {
+    fn new(m: &'b Builder, decoding: Signal<'b>, rows: &Reader<'b>) -> Window<'b> {
         m.comment("The window: the program's next bytes, refilled by words, and which of them are there. The others are 0.");
         let bytes = m.reg("window", 8 * WINDOW_BYTES);
         let there = m.reg("window_there", WINDOW_BYTES);
@@ -185,7 +159,7 @@ impl<'b> Window<'b> {
     }
 
     /// Drops the bytes of an instruction that is decoded.
-    fn advance(&self, m: &'b Builder, decode: Signal<'b>, kinds: &Kinds<'b>) {
+    fn advance(&self, m: &'b Builder, decode: Signal<'b>, first: &First<'b>) {
         for (register, name, filled, unit) in [
             (self.bytes, "rest", self.filled, 8),
             (self.there, "rest_there", self.filled_there, 1),
@@ -194,7 +168,7 @@ impl<'b> Window<'b> {
                 m.zero(unit * bytes)
                     .concat(filled.high(unit * (WINDOW_BYTES - bytes)))
             };
-            let choices = kinds.lengths.map(|(bytes, is)| (is, after(bytes)));
+            let choices = first.lengths.map(|(bytes, is)| (is, after(bytes)));
             let rest = m.priority(&choices, after(1)).named(name);
             let busy = (!self.idle_before).repeat(unit * WINDOW_BYTES);
             register.next(decode.mux(rest, filled) & busy);
@@ -227,23 +201,17 @@ fn filled<'b>(window: Signal<'b>, there: Signal<'b>, word: Signal<'b>) -> Signal
     window.module().concat(&bytes).named("filled")
 }
 
-/// What kind of instruction is first in the window.
-struct Kinds<'b> {
-    is_next: Signal<'b>,
-    is_leaf: Signal<'b>,
-    is_node: Signal<'b>,
-    is_reload: Signal<'b>,
-    is_end: Signal<'b>,
-    is_short: Signal<'b>,
-    is_load: Signal<'b>,
-    /// Bytes of those of more than one, the longest first.
+/// The instruction that is first in the window.
+pub(super) struct First<'b> {
+    pub says: Decoded<Signal<'b>>,
+    /// Bytes of instructions of more than one, the longest first.
     lengths: [(u32, Signal<'b>); 3],
     /// Whether all of its bytes are there.
-    complete: Signal<'b>,
+    pub complete: Signal<'b>,
 }
 
-impl<'b> Kinds<'b> {
-    fn of(m: &'b Builder, window: &Window<'b>) -> Kinds<'b> {
+impl<'b> First<'b> {
+    fn of(plan: &Plan, m: &'b Builder, window: &Window<'b>) -> First<'b> {
         m.comment("Decode: the first byte tells the kind and the length.");
         let code = |bit: u32| window.bytes.q.bit(bit);
         let long = (code(3) & code(2)).named("long_code");
@@ -263,39 +231,26 @@ impl<'b> Kinds<'b> {
         let has = |bytes: u32| window.there.q.bit(bytes - 1);
         let complete =
             (lengths.iter()).fold(has(1), |so_far, (bytes, is)| so_far & (!*is | has(*bytes)));
-        Kinds {
-            is_next,
-            is_leaf,
-            is_node,
-            is_reload,
-            is_end,
-            is_short,
-            is_load,
+        let of = Decoded::of(plan);
+        let field = |lsb: u32, bits: u32| window.bytes.q.field(lsb, bits);
+        let x = (is_reload | is_end).mux(field(8, 6), field(4, 6));
+        let x = is_next.mux(field(2, 6), x);
+        First {
+            says: Decoded {
+                x: x.hinted("x_field").low(of.x.width),
+                y: field(10, 6).low(of.y.width),
+                z: field(16, 6).low(of.z.width),
+                axes: field(0, 4),
+                index: field(14, 26).low(of.index.width),
+                load: is_load,
+                reload: is_reload,
+                leaf: is_leaf,
+                short: is_short,
+                node: is_node,
+                end: is_end,
+            },
             lengths,
             complete: complete.named("complete"),
-        }
-    }
-
-    /// The fields of the instruction that is first in the window.
-    fn fields(&self, plan: &Plan, window: Signal<'b>) -> Decoded<Signal<'b>> {
-        let of = Decoded::of(plan);
-        let in_second_byte = self.is_reload | self.is_end;
-        let x = self.is_next.mux(
-            window.field(2, 6),
-            in_second_byte.mux(window.field(8, 6), window.field(4, 6)),
-        );
-        Decoded {
-            x: x.hinted("x_field").low(of.x.width),
-            y: window.field(10, 6).low(of.y.width),
-            z: window.field(16, 6).low(of.z.width),
-            axes: window.low(4),
-            index: window.field(14, 26).low(of.index.width),
-            load: self.is_load,
-            reload: self.is_reload,
-            leaf: self.is_leaf,
-            short: self.is_short,
-            node: self.is_node,
-            end: self.is_end,
         }
     }
 }

@@ -1,16 +1,17 @@
 //! Execute: the current instruction goes unless what it needs is missing. Only here is memory waited for, and then all later instructions
 //! wait too.
 
-use super::Instruction;
-use crate::hdl::{Builder, Flow, HdlError, Signal, Signals, Spec, Specs};
+use super::decode::Decode;
+use super::fetch::Vertices;
+use super::{Around, Instruction};
+use crate::hdl::{HdlError, Signal, Signals, Spec, Specs};
 use crate::hw::fifo::{self, Placed};
-use crate::hw::plan::Plan;
 use crate::hw::prefetch::Occupancy;
 
 /// What execution gives.
 pub(super) struct Execute<'b> {
-    /// Whether one more instruction may be decoded.
-    pub queue_room: Signal<'b>,
+    /// Instructions that have room: it tells whether one more may be decoded.
+    pub in_flight: Occupancy<'b>,
     /// The instruction that goes, or waits.
     pub current: Instruction<Signal<'b>>,
     pub goes: Signal<'b>,
@@ -25,7 +26,6 @@ pub(super) struct Execute<'b> {
     pub missing_room: Signal<'b>,
     // For the properties.
     pub queue: Placed<'b>,
-    pub in_flight: Occupancy<'b>,
     pub front: Instruction<Signal<'b>>,
     pub take: Signal<'b>,
     pub valid: Signal<'b>,
@@ -33,24 +33,20 @@ pub(super) struct Execute<'b> {
 }
 
 impl<'b> Execute<'b> {
-    /// Queues instructions, which take room by `decode` and come `completed` two clocks later, and lets them go in order: a load when its
-    /// vertex is there, a node when `node_room` says so, the end when `box_taken` does.
+    /// Queues instructions, which take room as they leave the window and come two clocks later, and lets them go in order: a load when its
+    /// vertex is there, a node when there is room for it, the end when the box is taken.
     pub fn new(
-        plan: &Plan,
-        m: &'b Builder,
-        decode: Signal<'b>,
-        completed: Flow<Signal<'b>, Signal<'b>>,
-        vertex_valid: Signal<'b>,
-        [node_room, box_taken]: [Signal<'b>; 2],
+        &Around { plan, m, told, .. }: &Around<'b>,
+        decode: &Decode<'b>,
+        vertices: &Vertices<'b>,
     ) -> Result<Execute<'b>, HdlError> {
         m.comment("Instructions wait for their vertices.");
-        let (depth, take) = (
-            plan.config.update_instructions_ahead,
-            m.wire("take_instruction", 1),
-        );
-        let (push, word, pop) = (completed.valid, completed.payload, take.get());
+        let depth = plan.config.update_instructions_ahead;
+        let take = m.wire("take_instruction", 1);
+        let (push, word) = (decode.completed.valid, decode.completed.payload);
+        let (comes, pop) = (decode.decode, take.get());
         let queue = fifo::place(plan, "instruction_queue", depth, push, word, pop)?;
-        let in_flight = Occupancy::new(plan, m, "instructions_waiting", depth, decode, pop);
+        let in_flight = Occupancy::new(plan, m, "instructions_waiting", depth, comes, pop);
 
         m.comment("Execute: the current instruction goes unless what it needs is missing.");
         let instruction = Instruction::of(plan);
@@ -64,9 +60,9 @@ impl<'b> Execute<'b> {
         let nodes = waits(current.node, &instruction.node);
         let ends = waits(current.end, &instruction.end);
         crate::named! {
-            let missing_vertex = loads & !vertex_valid;
-            let missing_room = nodes & !node_room;
-            let unfinished = ends & !box_taken;
+            let missing_vertex = loads & !vertices.reader.valid;
+            let missing_room = nodes & !told.node_room;
+            let unfinished = ends & !told.box_taken;
             let goes = valid.q & !(missing_vertex | missing_room | unfinished);
         }
         take.drive(queue.valid & (goes | !valid.q));
@@ -74,14 +70,13 @@ impl<'b> Execute<'b> {
         word.next_when(take, queue.front);
         valid.next(take | (valid.q & !goes));
         crate::named! {
-            let node_goes = nodes & node_room;
+            let node_goes = nodes & told.node_room;
             let merge_goes = leafs | node_goes;
         }
         Ok(Execute {
-            queue_room: in_flight.room,
             current,
             goes,
-            load_goes: loads & vertex_valid,
+            load_goes: loads & vertices.reader.valid,
             node_goes,
             merge_goes,
             end_waits: ends,

@@ -1,11 +1,11 @@
 //! Fetch: starts updates, and reads the rows of their programs and the vertices of their loads ahead of their use.
 
-use super::{Start, VERTEX_INDICES, counts_later};
-use crate::hdl::{Builder, Flow, HdlError, ReadInputs, Signal};
+use super::decode::Decode;
+use super::{Around, Start, VERTEX_INDICES, counts_later};
+use crate::hdl::{Flow, HdlError, Signal};
 use crate::hw::counters::{counts_down, counts_up};
 use crate::hw::fifo::{self, Placed};
-use crate::hw::plan::Plan;
-use crate::hw::prefetch::{self, Occupancy, prefetch};
+use crate::hw::prefetch::Occupancy;
 use crate::hw::properties::Reader;
 
 /// The rows of a program, as they come.
@@ -15,12 +15,11 @@ pub(super) struct Rows<'b> {
     pub start: Start<'b>,
     /// High from the clock after a start until the object's box is taken.
     pub running: Signal<'b>,
-    pub fetched: prefetch::Outputs<Signal<'b>>,
+    pub reader: Reader<'b>,
     // For the properties.
     pub any_left: Signal<'b>,
     pub next: Signal<'b>,
     pub requested: Signal<'b>,
-    pub reader: Reader<'b>,
     /// Where it has one, the register that says that nothing was in the reader.
     pub none_before: Option<Signal<'b>>,
 }
@@ -28,43 +27,34 @@ pub(super) struct Rows<'b> {
 impl<'b> Rows<'b> {
     /// Starts an update when the last one is over and none of its rows is left, and requests its rows in order. The front row stays until
     /// `pop_row`, which comes only where it is valid; `box_taken` ends the update.
-    pub fn new(
-        plan: &Plan,
-        m: &'b Builder,
-        start: Start<'b>,
-        memory: ReadInputs<Signal<'b>>,
-        pop_row: Signal<'b>,
-        box_taken: Signal<'b>,
-    ) -> Result<Rows<'b>, HdlError> {
-        let (update, a) = (start.payload, plan.address());
+    pub fn new(around: &Around<'b>) -> Result<Rows<'b>, HdlError> {
+        let Around { plan, m, .. } = *around;
+        let (inputs, told) = (&around.inputs, &around.told);
+        let (start, update, a) = (inputs.start.valid, inputs.start.payload, plan.address());
         m.comment("An update starts when the last one is over and none of its rows is left.");
         let running = m.reg_reset("running", 1, 0);
         let rows_left = m.reg("rows_left", a);
         let any_rows_left = m.reg_reset("any_rows_left", 1, 0);
         let no_rows = m.wire("no_rows", 1);
         let start_ready = (no_rows.get() & !(running.q | any_rows_left.q)).named("idle");
-        let start = (start.valid & start_ready).named("start");
-        running.next(start | (running.q & !box_taken));
+        let start = (start & start_ready).named("start");
+        running.next(start | (running.q & !told.box_taken));
 
         m.comment("Fetch: rows of the program, ahead of their use.");
         let fetch_row = m.reg("fetch_row", a);
         let wanted = any_rows_left.q;
+        let names = ("program_prefetch", "rows");
         let room = plan.config.update_program_rows;
-        let inputs = prefetch::Inputs {
-            fetch_valid: wanted,
-            fetch_address: fetch_row.q,
-            memory,
-            pop: pop_row,
-        };
-        let fetched = prefetch(plan, ("program_prefetch", "rows"), room, inputs)?;
+        let fetch = Flow::new(wanted, fetch_row.q);
+        let reader = Reader::new(plan, names, room, fetch, inputs.program, told.pop_row)?;
         // Not while a row is requested that it does not count yet.
         let none_before = counts_later(plan).then(|| {
             let before = m.reg_reset("no_rows_before", 1, 1);
-            before.next(fetched.empty & !wanted);
+            before.next(reader.empty & !wanted);
             before.q
         });
-        no_rows.drive(none_before.unwrap_or(fetched.empty));
-        let requested = (wanted & fetched.fetch_ready).named("row_requested");
+        no_rows.drive(none_before.unwrap_or(reader.empty));
+        let requested = (wanted & reader.fetch_ready).named("row_requested");
         let moves = (start | requested).hinted("fetch_moves");
         counts_up(fetch_row, (start, update.program), requested);
         counts_down(rows_left, (start, update.rows), requested);
@@ -74,11 +64,10 @@ impl<'b> Rows<'b> {
             start_ready,
             start: Flow::new(start, update),
             running: running.q,
-            fetched,
+            reader,
             any_left: wanted,
             next: fetch_row.q,
             requested,
-            reader: Reader::of(&fetched, room, pop_row),
             none_before,
         })
     }
@@ -86,48 +75,34 @@ impl<'b> Rows<'b> {
 
 /// The vertices of loads, as they come.
 pub(super) struct Vertices<'b> {
-    /// Whether one more load may be decoded.
-    pub index_room: Signal<'b>,
-    pub fetched: prefetch::Outputs<Signal<'b>>,
-    // For the properties.
-    pub indices: Placed<'b>,
+    /// Loads that have room: it tells whether one more may be decoded.
     pub indices_in_flight: Occupancy<'b>,
     pub reader: Reader<'b>,
+    // For the properties.
+    pub indices: Placed<'b>,
 }
 
 impl<'b> Vertices<'b> {
-    /// Requests the vertex of each decoded load, in their order. A load takes room for its index by `decode_load`, and comes with its `index` a
-    /// clock later. The front vertex stays until `pop_vertex`, which comes only where it is valid.
-    pub fn new(
-        plan: &Plan,
-        m: &'b Builder,
-        decode_load: Signal<'b>,
-        index: Flow<Signal<'b>, Signal<'b>>,
-        memory: ReadInputs<Signal<'b>>,
-        pop_vertex: Signal<'b>,
-    ) -> Result<Vertices<'b>, HdlError> {
+    /// Requests the vertices of decoded loads in order. The front one stays until `pop_vertex`, which comes only where it is valid.
+    pub fn new(around: &Around<'b>, decode: &Decode<'b>) -> Result<Vertices<'b>, HdlError> {
+        let Around { plan, m, .. } = *around;
+        let (inputs, told) = (&around.inputs, &around.told);
         m.comment("Vertices are requested in the order of their loads, ahead of their use.");
         let take_index = m.wire("take_index", 1);
         let take = take_index.get();
-        let (push, data) = (index.valid, index.payload);
+        let (push, data, comes) = (decode.index.valid, decode.index.payload, decode.decode_load);
         let indices = fifo::place(plan, "vertex_indices", VERTEX_INDICES, push, data, take)?;
         let most = VERTEX_INDICES;
-        let in_flight = Occupancy::new(plan, m, "indices_under_way", most, decode_load, take);
+        let in_flight = Occupancy::new(plan, m, "indices_under_way", most, comes, take);
+        let names = ("vertex_prefetch", "vertices");
         let room = plan.config.update_vertices_ahead;
-        let inputs = prefetch::Inputs {
-            fetch_valid: indices.valid,
-            fetch_address: indices.front,
-            memory,
-            pop: pop_vertex,
-        };
-        let fetched = prefetch(plan, ("vertex_prefetch", "vertices"), room, inputs)?;
-        take_index.drive(indices.valid & fetched.fetch_ready);
+        let fetch = Flow::new(indices.valid, indices.front);
+        let reader = Reader::new(plan, names, room, fetch, inputs.vertex, told.pop_vertex)?;
+        take_index.drive(indices.valid & reader.fetch_ready);
         Ok(Vertices {
-            index_room: in_flight.room,
-            fetched,
+            reader,
             indices,
             indices_in_flight: in_flight,
-            reader: Reader::of(&fetched, room, pop_vertex),
         })
     }
 }

@@ -1,8 +1,10 @@
 //! Merge: of two boxes, or of three vertices, of which each is a box too.
 
-use super::{Instruction, box_bits, vertex_bits};
+use super::execute::Execute;
+use super::fetch::Vertices;
+use super::{Around, Instruction, box_bits, vertex_bits};
 use crate::bkd::layout::fields;
-use crate::hdl::{Builder, Memory, Pipeline, Signal, Signals, Specs, Style};
+use crate::hdl::{Builder, Memory, Signal, Signals, Specs, Style};
 use crate::hw::fp::{Knowing, Known, is_nan, less};
 use crate::hw::plan::{AXES, Plan};
 
@@ -23,38 +25,34 @@ pub(super) struct Operands<'b> {
 }
 
 impl<'b> Operands<'b> {
-    /// Writes a load's `vertex` into its register, and reads the registers that the current instruction names: of a leaf three vertices, of
+    /// Writes a load's vertex into its register, and reads the registers that the current instruction names: of a leaf three vertices, of
     /// others two boxes.
     pub fn read(
-        plan: &Plan,
-        p: Pipeline<'b>,
-        current: &Instruction<Signal<'b>>,
-        load_goes: Signal<'b>,
-        vertex: Signal<'b>,
+        &Around { plan, m, p, .. }: &Around<'b>,
+        execute: &Execute<'b>,
+        vertices: &Vertices<'b>,
     ) -> Operands<'b> {
-        let m = vertex.module();
         m.comment("The registers. A load is written as it goes; the next instruction can read it.");
         let (config, f) = (&plan.config, plan.format);
         let (of_vertex, of_box) = (fields::Vertex::of(f), fields::Box::of(f));
         let block = |name, registers, width| m.memory(name, registers, width, Style::Block);
         let registers = config.update_vertex_registers;
         let vertex_registers = block("vertex_registers", registers, of_vertex.width());
-        let Instruction { x, y, z, .. } = *current;
+        let Instruction { x, y, z, leaf, .. } = execute.current;
         let vertex_number = |of: Signal<'b>| of.low(vertex_bits(plan));
-        vertex_registers.write(load_goes, vertex_number(x), vertex);
+        let vertex = vertices.reader.front;
+        vertex_registers.write(execute.load_goes, vertex_number(x), vertex);
         let vertices = [x, y, z].map(|of| read(plan, vertex_registers, p.enter(vertex_number(of))));
         let registers = config.update_box_registers;
         let box_registers = block("box_registers", registers, of_box.width());
         let boxes = [x, y].map(|of| p.enter(of.low(box_bits(plan))));
         let boxes = boxes.map(|number| of_box.unpack(read(plan, box_registers, number)));
 
-        let of_leaf = p.enter(current.leaf).named("of_leaf");
+        let of_leaf = p.enter(leaf).named("of_leaf");
         let [first, second, third] = vertices.map(|word| of_vertex.unpack(word).position);
         let operand = |position, bounds, name: &str| {
-            let point = fields::Box {
-                lo: position,
-                hi: position,
-            };
+            let [lo, hi] = [position; 2];
+            let point = fields::Box { lo, hi };
             of_leaf.choose(point, bounds).named(name).register()
         };
         let mut axes = AXES.iter();
@@ -85,24 +83,19 @@ pub(super) struct Merge<'b> {
 }
 
 impl<'b> Merge<'b> {
-    /// Merges the operands of what goes, and writes the box to the register `target`. A number that is no NaN goes before one that is.
+    /// Merges the operands of what goes, and writes the box to the instruction's target. A number that is no NaN goes before one that is.
     pub fn new(
-        plan: &Plan,
-        p: Pipeline<'b>,
-        merge_goes: Signal<'b>,
-        target: Signal<'b>,
+        &Around { plan, m, p, .. }: &Around<'b>,
+        execute: &Execute<'b>,
         operands: &Operands<'b>,
     ) -> Merge<'b> {
-        let m = merge_goes.module();
         m.comment("Merge: of two boxes, or of three vertices, of which each is a box too. A number that is no NaN goes before one that is.");
         // What a reset leaves here is written before an update can merge anything.
-        let goes = p.enter(merge_goes);
-        let target = p.enter(target).named("merge_target");
-        let bounds = |end| [0, 1, 2].map(|axis| bound(plan, m, operands, end, axis));
-        let merged = fields::Box {
-            lo: bounds(End::Lo),
-            hi: bounds(End::Hi),
-        };
+        let goes = p.enter(execute.merge_goes);
+        let target = p.enter(execute.current.target).named("merge_target");
+        let bounds = |least| [0, 1, 2].map(|axis| bound(plan, m, operands, least, axis));
+        let [lo, hi] = [true, false].map(bounds);
+        let merged = fields::Box { lo, hi };
         let merged = fields::Box::of(plan.format).pack(merged);
         let written = merged.stage();
         operands.box_registers.write(
@@ -114,39 +107,26 @@ impl<'b> Merge<'b> {
     }
 }
 
-/// An end of an interval.
-#[derive(Clone, Copy, PartialEq)]
-enum End {
-    Lo,
-    Hi,
-}
-
 /// One of the six numbers of the merged box: the least, or the greatest, of two numbers or of three; of NaNs alone an infinity, so that the
 /// interval is empty.
 fn bound<'b>(
     plan: &Plan,
     m: &'b Builder,
     operands: &Operands<'b>,
-    end: End,
+    least: bool,
     axis: usize,
 ) -> Signal<'b> {
     let (f, of_leaf, axis_name) = (plan.format, operands.of_leaf, AXES[axis]);
-    let of_end = |of: &fields::Box<Signal<'b>>| match end {
-        End::Lo => of.lo[axis],
-        End::Hi => of.hi[axis],
+    let (end_name, [first, second]) = match least {
+        true => ("lo", [operands.first.lo, operands.second.lo]),
+        false => ("hi", [operands.first.hi, operands.second.hi]),
     };
-    let (first, second) = (of_end(&operands.first), of_end(&operands.second));
-    let third = operands.third[axis];
-    let end_name = if end == End::Lo { "lo" } else { "hi" };
+    let [first, second, third] = [first, second, operands.third].map(|of| of[axis]);
     let name = |of: &str| format!("{of}_{end_name}_{axis_name}");
     let beats = |who: &str, challenger: Signal<'b>, holder: Signal<'b>| {
         // A bound that is a NaN is looked for beside the comparison.
         let (x, bound) = (challenger.known(Known::Nothing), holder.known(Known::NoNan));
-        let (a, b) = if end == End::Lo {
-            (x, bound)
-        } else {
-            (bound, x)
-        };
+        let (a, b) = if least { (x, bound) } else { (bound, x) };
         less(f, name(&format!("{who}_beats")), a, b)
     };
     let [nan_1, nan_2, nan_3] = [first, second, third].map(|x| is_nan(f, x));
@@ -161,7 +141,7 @@ fn bound<'b>(
     let beats_two = beats("third", third, best) | only_third;
     let three = of_leaf & beats_two.hinted(name("third_is_better"));
     let three = split_comparison(plan, three.named(name("take_third")));
-    let sign = if end == End::Lo { 0 } else { f.sign_bit() };
+    let sign = if least { 0 } else { f.sign_bit() };
     let nothing = m.lit(f.infinity() | sign, f.width());
     let all_nan = (none & nan_3).hinted(name("nan_all"));
     let bound = all_nan.mux(nothing, three.mux(third, best));

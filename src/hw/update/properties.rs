@@ -7,7 +7,7 @@ use super::decode::Decode;
 use super::execute::Execute;
 use super::fetch::{Rows, Vertices};
 use super::write::{End, Nodes};
-use super::{Back, Instruction};
+use super::{Around, Instruction};
 use crate::hdl::{Builder, Proof, Signal};
 use crate::hw::properties::{Ahead, assert_shown_stays};
 
@@ -28,7 +28,7 @@ fn at_most_one<'b>(bits: &[Signal<'b>]) -> Signal<'b> {
 
 /// The unit's parts.
 pub(super) struct Unit<'b> {
-    pub told: Back<Signal<'b>>,
+    pub around: Around<'b>,
     pub rows: Rows<'b>,
     pub decode: Decode<'b>,
     pub vertices: Vertices<'b>,
@@ -113,11 +113,11 @@ pub(super) fn credit<'b>(m: &'b Builder, unit: &Unit<'b>) {
     let passing = Passing::new(unit, proof);
     proof.assume(
         "no instruction is both a reload and an end",
-        !(unit.decode.is_reload & unit.decode.is_end),
+        !(unit.decode.first.says.reload & unit.decode.first.says.end),
     );
     let starved = unit.decode.decoding
-        & !unit.decode.instruction_there
-        & !unit.decode.refill
+        & !unit.decode.first.complete
+        & !unit.decode.window.refill
         & !unit.rows.any_left;
     proof.assume(
         "a program's rows have its end",
@@ -142,13 +142,13 @@ pub(super) fn credit<'b>(m: &'b Builder, unit: &Unit<'b>) {
         (
             "node write",
             node_write.valid,
-            unit.nodes.ready,
+            unit.around.inputs.node_write_ready,
             &[node_write.payload.address, node_write.payload.mask],
         ),
         (
             "box write",
             box_write.valid,
-            unit.end.ready,
+            unit.around.inputs.box_write_ready,
             &[box_write.payload.address],
         ),
     ] {
@@ -168,12 +168,12 @@ pub(super) fn credit<'b>(m: &'b Builder, unit: &Unit<'b>) {
         "a node goes without room",
         unit.execute
             .node_goes
-            .reads(unit.told.node_room)
+            .reads(unit.around.told.node_room)
             .as_value(1),
     );
     proof.fault(
         "room for an instruction is never seen",
-        unit.told.queue_room.fault().as_value(0),
+        unit.around.told.queue_room.fault().as_value(0),
     );
     proof.fault(
         "a load's vertex is not asked for",
@@ -244,7 +244,7 @@ fn credits<'b>(proof: &Proof<'b>, unit: &Unit<'b>, vertices: &Ahead<'b>, passing
 /// From the window through the instruction queue: kinds, and that the end is last.
 fn order<'b>(proof: &Proof<'b>, unit: &Unit<'b>, rows: &Ahead<'b>, passing: &Passing<'b>) {
     let m = proof.module();
-    let there = unit.decode.window_there;
+    let there = unit.decode.window.there.q;
     let one = m.lit(1u8, there.width());
     proof.assert(
         "the window's bytes are there from the first on",
@@ -254,11 +254,11 @@ fn order<'b>(proof: &Proof<'b>, unit: &Unit<'b>, rows: &Ahead<'b>, passing: &Pas
     );
     proof.assert(
         "the window is empty when an update starts",
-        unit.rows.running | unit.decode.idle_before,
+        unit.rows.running | unit.decode.window.idle_before,
     );
     proof.assert(
         "no row is there so soon after a start that it would be lost",
-        (unit.decode.decoding & unit.decode.idle_before)
+        (unit.decode.decoding & unit.decode.window.idle_before)
             .implies(!unit.rows.reader.valid & rows.count.is_zero()),
     );
     for (what, valid, kinds) in [
@@ -364,8 +364,8 @@ fn ends<'b>(proof: &Proof<'b>, unit: &Unit<'b>, rows: &Ahead<'b>, vertices: &Ahe
     let moves = m.or_all(&[
         unit.rows.requested,
         unit.rows.reader.pop,
-        unit.decode.take_word,
-        unit.decode.refill,
+        unit.decode.window.take_word,
+        unit.decode.window.refill,
         unit.decode.decode,
         unit.decode.decoded,
         unit.decode.completed.valid,

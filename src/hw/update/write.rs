@@ -2,22 +2,19 @@
 
 use super::execute::Execute;
 use super::merge::{Merge, Operands};
-use super::{NODE_LANES, NODE_MASK, NodeWrite, Start, counts_later, later};
+use super::{Around, NODE_LANES, NODE_MASK, NodeWrite, Start, counts_later, later};
 use crate::bkd::layout::{Record, fields};
-use crate::hdl::{Flow, HdlError, Pipeline, Signal, Specs, Write};
+use crate::hdl::{Flow, HdlError, Signal, Specs, Write};
 use crate::hw::counters::counts_up;
 use crate::hw::fifo::{self, Placed};
-use crate::hw::plan::Plan;
 use crate::hw::prefetch::Occupancy;
 
 /// The writes of nodes.
 pub(super) struct Nodes<'b> {
-    /// Whether one more node may go.
-    pub room: Signal<'b>,
     pub write: Flow<NodeWrite<Signal<'b>>, Signal<'b>>,
+    /// Nodes that have room: it tells whether one more may go.
     pub in_flight: Occupancy<'b>,
     // For the properties.
-    pub ready: Signal<'b>,
     pub queue: Placed<'b>,
     /// Of a node's bounds on their way to the queue, all registers.
     pub to_queue: Vec<Signal<'b>>,
@@ -27,14 +24,13 @@ impl<'b> Nodes<'b> {
     /// Chooses the intervals of a node that goes among its operands, a clock after these, and queues them until they are written, from the
     /// object's first node on.
     pub fn new(
-        plan: &Plan,
-        p: Pipeline<'b>,
+        around: &Around<'b>,
         start: Start<'b>,
         execute: &Execute<'b>,
         operands: &Operands<'b>,
-        ready: Signal<'b>,
     ) -> Result<Nodes<'b>, HdlError> {
-        let m = start.valid.module();
+        let Around { plan, m, p, .. } = *around;
+        let inputs = &around.inputs;
         m.comment("A node's intervals, each on its axis, wait until they are written.");
         let axes = p.enter(execute.current.z.low(4)).named("merge_axes");
         let axes = axes.at(operands.stage());
@@ -56,7 +52,7 @@ impl<'b> Nodes<'b> {
         let (depth, pop) = (plan.config.update_nodes_waiting, node_pop.get());
         let (push, data) = (goes.at(at).untimed(), intervals.untimed());
         let queue = fifo::place(plan, "node_queue", depth, push, data, pop)?;
-        node_pop.drive(queue.valid & ready);
+        node_pop.drive(queue.valid & inputs.node_write_ready);
         let in_flight = Occupancy::new(plan, m, "nodes_under_way", depth, execute.node_goes, pop);
         let next_node = m.reg("next_node", plan.address());
         counts_up(next_node, (start.valid, start.payload.node_base), pop);
@@ -66,10 +62,8 @@ impl<'b> Nodes<'b> {
             data: queue.front.extend(Record::node(plan.format).width),
         };
         Ok(Nodes {
-            room: in_flight.room,
             write: Flow::new(queue.valid, node),
             in_flight,
-            ready,
             queue,
             to_queue: goes.stages(1..=at),
         })
@@ -83,7 +77,6 @@ pub(super) struct End<'b> {
     /// High for a clock when the update is over.
     pub done: Signal<'b>,
     // For the properties.
-    pub ready: Signal<'b>,
     /// Of a merge, one register after the other; as many as a box's read takes.
     pub merging: Vec<Signal<'b>>,
     /// Of an end that waits, the same but the last.
@@ -96,14 +89,16 @@ impl<'b> End<'b> {
     /// Shows the object's box until it is taken: the first operand, when an end has waited until its register is read, all merges are in
     /// their registers, and all nodes are written.
     pub fn new(
-        plan: &Plan,
-        p: Pipeline<'b>,
+        around: &Around<'b>,
         start: Start<'b>,
-        ends: Signal<'b>,
-        (operands, merge, nodes): (&Operands<'b>, &Merge<'b>, &Nodes<'b>),
-        ready: Signal<'b>,
+        execute: &Execute<'b>,
+        operands: &Operands<'b>,
+        merge: &Merge<'b>,
+        nodes: &Nodes<'b>,
     ) -> End<'b> {
-        let m = start.valid.module();
+        let Around { plan, m, p, .. } = *around;
+        let inputs = &around.inputs;
+        let ends = execute.end_waits;
         let (read_at, merges) = (operands.stage(), merge.goes);
         m.comment("The end: when all merges are in their registers and all nodes written, the box, read like a node's.");
         // What is shown was read read_at clocks before.
@@ -115,7 +110,7 @@ impl<'b> End<'b> {
         let under_way = (under_way | nodes.in_flight.any).hinted("work_under_way");
         let all_complete = (!under_way).named("all_complete");
         let box_shown = m.reg_reset("box_shown", 1, 0);
-        let box_taken = box_shown.q & ready;
+        let box_taken = box_shown.q & inputs.box_write_ready;
         // The end must itself have waited until its register is read: nothing else may have been under way for long.
         let waits = p.enter(ends).cleared_by_reset();
         let was_read = (1..read_at).fold(ends, |so_far, k| so_far & waits.at(k).untimed());
@@ -138,7 +133,6 @@ impl<'b> End<'b> {
             write: Flow::new(box_shown.q, write),
             box_taken,
             done,
-            ready,
             merging: merges.stages(1..=read_at),
             waiting: waits.stages(1..=read_at - 1),
             box_was_read,
