@@ -1,5 +1,5 @@
 //! What of a module is printed, and as what: equal values as one, expressions where they are used or under a
-//! name of their own, long chains of delay registers as one shift register.
+//! name of their own, long chains of delay registers as one delay line.
 
 use super::super::design::Direction;
 use super::super::ir::{Binary, Hint, Id, Netlist, Op, Register};
@@ -12,7 +12,7 @@ const LONG_CONNECTION: usize = 36;
 /// From this many registers on, a chain of which few are read is a delay line.
 const DELAY_LINE: usize = 4;
 
-/// A chain of delay registers of one signal, printed as one shift register.
+/// A chain of delay registers of one signal, printed as a shift register or an array.
 pub(in super::super) struct DelayLine {
     /// The registers, the first to hold the value first.
     pub registers: Vec<Id>,
@@ -39,6 +39,8 @@ pub(in super::super) struct Plan<'a> {
     pub in_line: Vec<Option<(usize, usize)>>,
     /// For each memory the copies that are read, by the node that reads each.
     pub copies: Vec<Vec<Id>>,
+    /// The declared node that a wire is another name of: both are one signal in the Verilog.
+    merged: Vec<Option<Id>>,
 }
 
 /// Nodes by value: equal expressions and equal delay registers are one, whatever stage they are filed under.
@@ -178,6 +180,7 @@ impl<'a> Plan<'a> {
             lines: vec![],
             in_line: vec![None; nodes],
             copies: vec![],
+            merged: vec![None; nodes],
         };
         for first in [true, false] {
             let values = Values::of(ir, (!first).then_some(&plan.live));
@@ -197,8 +200,28 @@ impl<'a> Plan<'a> {
         plan.find_delay_lines(&count);
         let live = plan.live.clone();
         plan.choose_declared(&count, &live);
+        for id in (0..nodes).filter(|id| live[*id]) {
+            plan.merged[id] = plan.driven_by_name(id);
+        }
         plan.mark_used();
         plan
+    }
+
+    /// The declared node that drives a wire, through further wires too.
+    fn driven_by_name(&self, wire: Id) -> Option<Id> {
+        if self.ops[wire] != Op::Wire {
+            return None;
+        }
+        let driver = self.driver(wire);
+        match self.driven_by_name(driver) {
+            None => self.declared[driver].then_some(driver),
+            further => further,
+        }
+    }
+
+    /// The node under whose declaration a node is printed: for a wire that a declared node drives, that node.
+    pub fn signal(&self, id: Id) -> Id {
+        self.merged.get(id).copied().flatten().unwrap_or(id)
     }
 
     /// Plans what properties read beside the module: which nodes are written for them alone, in order. What the module declares stays.
@@ -507,6 +530,7 @@ impl<'a> Plan<'a> {
                 Op::Slice(of, low) => self.mark(of, low, self.width(reader)),
                 // A register of a delay line reads the one before it in the line itself.
                 Op::Register(_) if self.in_line[reader].is_some_and(|(_, at)| at > 0) => {}
+                Op::Wire if self.merged[reader].is_some() => {}
                 _ => {
                     for source in self.sources(reader) {
                         self.mark(source, 0, self.width(source));
@@ -522,6 +546,14 @@ impl<'a> Plan<'a> {
         }
         for id in outside {
             self.mark(id, 0, self.width(id));
+        }
+        for wire in 0..self.ops.len() {
+            if let Some(signal) = self.merged[wire] {
+                let used = std::mem::take(&mut self.used[wire]);
+                for (of_signal, of_wire) in self.used[signal].iter_mut().zip(used) {
+                    *of_signal |= of_wire;
+                }
+            }
         }
     }
 
