@@ -5,7 +5,7 @@ pub mod bench;
 
 use crate::bkd::layout::Record;
 use crate::config::{Config, KEYS};
-use crate::hdl::{Design, Direction, Module, Port, Prefix};
+use crate::hdl::{Design, Direction, GENERATED, Module, Port, Prefix};
 use crate::hw::{self, Machine};
 use crate::temporary::{self, Parents};
 use crate::{interrupt, text};
@@ -45,6 +45,14 @@ pub fn files(machine: &Machine, extras: Extras) -> Result<Vec<(String, String)>>
         false => design.files(),
         true => design.checked_files(),
     };
+    let origin = format!(
+        "{GENERATED} {}, configuration {}",
+        env!("CARGO_PKG_VERSION"),
+        plain_name(&machine.config.name)
+    );
+    for (_, text) in &mut files {
+        *text = text.replacen(GENERATED, &origin, 1);
+    }
     files.push((format!("{top}.f"), file_list(design)));
     files.push((format!("{top}.core"), core_file(machine, &bench)));
     files.extend(bench.files().cloned());

@@ -2164,10 +2164,10 @@ fn every_kind_of_change_is_found_and_nothing_else() {
     ];
     let conditions = [
         (chosen, "~(~sum[0]) ? (a < 4'd3) : (|a)"),
-        ("chosen", "1'b0"),
-        ("chosen", "1'b1"),
         ("write", "1'b0"),
         ("write", "1'b1"),
+        ("chosen", "1'b0"),
+        ("chosen", "1'b1"),
     ];
     let widths = [
         (sum, "{1'b0, a[2:1], 1'b0} + 4'd5"),
@@ -2207,7 +2207,7 @@ fn a_change_is_seen_in_its_place_alone() {
         // Of an instance, and of two clocks before.
         (
             signal("y").reads(below.output("y").unwrap()).as_value(3),
-            "assign y = 4'd3;",
+            "wire [3:0] below_y; .y(below_y) assign y = 4'd3;",
         ),
         (
             kept.reads(sum).as_value(7),
@@ -2236,17 +2236,17 @@ fn a_change_is_seen_in_its_place_alone() {
         (
             a.fault().as_value(0),
             "wire [3:0] sum = {3'd0, 1'b0} + 4'd5; wire chosen = ~sum[0] ? (4'd0 < 4'd3) : (|4'd0); \
-             .x(4'd0 & sum), if (write) words[4'd0] <= sum;",
+             if (write) words[4'd0] <= sum; .x(4'd0 & sum),",
         ),
         (
             kept.fault().as_signal(a),
             "assign word = words[a]; assign b = a;",
         ),
         (signal("word").fault().as_signal(a), "assign word = a;"),
-        // What is made later is read through a wire.
+        // What is made later is declared where it is read.
         (
             sum.reads(a).as_signal(kept),
-            "wire [3:0] changed_0; wire [3:0] sum = {changed_0[3:1], 1'b0} + 4'd5; assign changed_0 = kept;",
+            "wire [3:0] sum = {kept[3:1], 1'b0} + 4'd5;",
         ),
         (
             kept.enable().as_value(1),

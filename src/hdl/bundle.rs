@@ -1084,7 +1084,7 @@ mod tests {
         let text = m.finish().unwrap().verilog().to_string();
         for line in [
             "late_place_x <= place_x_s3;",
-            "wire [2:0] later_value",
+            "reg  [2:0] late_value;",
             "[1:0] place_x",
         ] {
             assert!(text.contains(line), "no {line} in {text}");

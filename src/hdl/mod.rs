@@ -59,6 +59,7 @@ pub use mutation::{InstanceRef, Kind, MemoryRef, Mutation, Reads, Select, Signal
 pub use pipeline::Pipeline;
 pub use proof::{Formal, Proof, ProofFacts};
 pub use signal::Signal;
+pub use verilog::GENERATED;
 
 /// Names signals after the Rust variables that hold them.
 ///

@@ -100,8 +100,9 @@ impl Whole<'_> {
     fn to(&self, id: Id) -> String {
         let plan = &self.printer.plan;
         let mut ports = self.ir.ports.iter();
-        let port = ports
-            .find(|(port, node)| plan.stands[*node] == id && port.direction == Direction::Output);
+        let port = ports.find(|(port, node)| {
+            plan.signal(plan.stands[*node]) == id && port.direction == Direction::Output
+        });
         match port {
             Some((port, _)) if !port.group.is_empty() => port.group.clone(),
             _ => {
@@ -164,6 +165,14 @@ impl<'a> Maker<'a> {
             ..node.clone()
         });
         self.made.nodes.len() - 1
+    }
+
+    /// The node here of what the whole reads.
+    fn at(&self, id: Id) -> Id {
+        let plan = &self.whole.printer.plan;
+        let id = plan.stands[id];
+        let here = self.numbers.get(&id);
+        *here.unwrap_or_else(|| &self.numbers[&plan.signal(id)])
     }
 
     /// The name that a node has in the whole.
@@ -239,7 +248,7 @@ impl<'a> Maker<'a> {
         let instances = self.instances();
         for &id in has {
             let number = self.numbers[&id];
-            let op = plan.ops[id].map(&mut |id| self.numbers[&plan.stands[id]]);
+            let op = plan.ops[id].map(&mut |id| self.at(id));
             let op = match op {
                 Op::Read(memory, copy, address, synchronous) => {
                     Op::Read(memories[&memory], copy, address, synchronous)
@@ -248,7 +257,7 @@ impl<'a> Maker<'a> {
                 op => op,
             };
             if let Some(driver) = whole.ir.drivers.get(&id) {
-                let driver = self.numbers[&plan.stands[*driver]];
+                let driver = self.at(*driver);
                 self.made.drivers.insert(number, driver);
             }
             if let Some(place) = whole.ir.driven_at.get(&id) {
@@ -282,6 +291,7 @@ impl<'a> Maker<'a> {
         match (&plan.given[id], &plan.ops[id]) {
             // The port has its name.
             _ if self.part > 0 && self.leaves.contains(&id) => (None, None),
+            _ if plan.signal(id) != id => (Some(self.name(id)), None),
             (Some(name), _) => (Some(name.clone()), None),
             _ if !plan.declared[id] => {
                 let hint = plan.hints[id].clone().filter(|hint| hint.after.is_none());
@@ -301,7 +311,7 @@ impl<'a> Maker<'a> {
         for (index, memory) in whole.ir.memories.iter().enumerate() {
             if whole.borders.owners.memories[index] == self.part && !plan.copies[index].is_empty() {
                 let mut memory = memory.clone();
-                let at = |id: Id| self.numbers[&plan.stands[id]];
+                let at = |id: Id| self.at(id);
                 memory.write = memory.write.map(|(e, a, d)| (at(e), at(a), at(d)));
                 self.made.names.insert(memory.name.clone(), memory.place);
                 numbers.insert(index, self.made.memories.len());
@@ -313,7 +323,6 @@ impl<'a> Maker<'a> {
 
     fn instances(&mut self) -> HashMap<usize, usize> {
         let whole = self.whole;
-        let plan = &whole.printer.plan;
         let mut numbers = HashMap::new();
         for (index, instance) in whole.ir.instances.iter().enumerate() {
             if whole.borders.owners.instances[index] != self.part {
@@ -321,7 +330,7 @@ impl<'a> Maker<'a> {
             }
             let mut instance = instance.clone();
             for (_, id) in &mut instance.inputs {
-                *id = self.numbers[&plan.stands[*id]];
+                *id = self.at(*id);
             }
             for (_, id) in &mut instance.outputs {
                 *id = self.numbers[id];
@@ -404,13 +413,11 @@ impl<'a> Maker<'a> {
 
     /// The ports of the whole.
     fn ports_of_whole(&mut self) {
-        let plan = &self.whole.printer.plan;
         for (port, id) in &self.whole.ir.ports {
             let place = self.whole.ir.nodes[*id].place;
             self.made.names.insert(port.name.clone(), place);
-            self.made
-                .ports
-                .push((port.clone(), self.numbers[&plan.stands[*id]]));
+            let node = self.at(*id);
+            self.made.ports.push((port.clone(), node));
         }
     }
 }

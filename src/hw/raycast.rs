@@ -210,7 +210,11 @@ pub(super) fn module(plan: &Plan) -> Result<Arc<Module>, HdlError> {
     let paused = (inputs.skin_start.valid | skinning).named("paused");
 
     let ray = (inputs.ray.valid, inputs.ray.payload.tag);
-    let packets = packets::packets(m, plan, ray, object.valid, paused, from_hits.get())?;
+    let packets = m.part(
+        "packet_numbers",
+        "gives packet numbers to packets that arrive, and lets rays into ray setup.",
+        || packets::packets(m, plan, ray, object.valid, paused, from_hits.get()),
+    )?;
     let set_up = site.set_up(&packets, object);
     let traversal = site.traverse(&set_up, from_geometry.get());
     let (intersection, to_geometry) = site.intersect(
@@ -227,12 +231,13 @@ pub(super) fn module(plan: &Plan) -> Result<Arc<Module>, HdlError> {
         done: intersection.done,
         start: intersection.start,
     });
-    let hits = hits::hits(
-        m,
-        plan,
-        traversal.finished,
-        inputs.hit_ready,
-        intersection.read,
+    let hits = m.part(
+        "hit_output",
+        "gives the hits of finished packets out, a ray a clock.",
+        || {
+            let (finished, ready) = (traversal.finished, inputs.hit_ready);
+            hits::hits(m, plan, finished, ready, intersection.read)
+        },
     )?;
     from_hits.drive(FromHits {
         freed: hits.leaves,
@@ -250,14 +255,20 @@ pub(super) fn module(plan: &Plan) -> Result<Arc<Module>, HdlError> {
     });
     let [of_skinner, of_geometry] = [skinner.vertex, intersection.vertex].map(|port| port.request);
     let request = &ports.outputs.vertex.request;
-    let request = units::vertex_request(request, skinning, of_skinner, of_geometry);
+    let request = m.part(
+        "vertex_arbiter",
+        "lets skinning or the geometry unit request vertices.",
+        || units::vertex_request(request, skinning, of_skinner, of_geometry),
+    );
     let placed = Placed {
         packets: &packets,
         traversal,
         intersection,
         skinner,
     };
-    let count = count(m, placed.events(skinning));
+    let count = m.part("counters", "counts events since reset.", || {
+        count(m, placed.events(skinning))
+    });
     let outputs = placed.outputs(&hits, request, count);
     ports.outputs.outputs(m, outputs);
     properties::shares(&Watched {

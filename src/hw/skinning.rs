@@ -238,11 +238,31 @@ pub(super) fn module(plan: &Plan, test: &Module) -> Result<Arc<Module>, HdlError
         told,
     };
 
-    let rows = Rows::new(&around)?;
-    let vectors = Vectors::new(&around, rows.start)?;
-    let issue = Issue::new(&around, &rows, &vectors);
-    let sums = VertexSums::new(&around, sum_latency);
-    let queue = Queue::new(&around, &rows, vectors.loading, &issue, &sums);
+    let rows = m.part(
+        "row_fetch",
+        "starts meshes and reads their influences ahead.",
+        || Rows::new(&around),
+    )?;
+    let vectors = m.part(
+        "vector_fetch",
+        "reads palettes, then vertices at rest, ahead.",
+        || Vectors::new(&around, rows.start),
+    )?;
+    let issue = m.part(
+        "influence_issue",
+        "issues an influence with its vertex to the geometry unit.",
+        || Issue::new(&around, &rows, &vectors),
+    );
+    let sums = m.part(
+        "vertex_sum",
+        "adds up the weighted points of a vertex.",
+        || VertexSums::new(&around, sum_latency),
+    );
+    let queue = m.part(
+        "vertex_write",
+        "queues vertices until they are written, and tells when all of a mesh are.",
+        || Queue::new(&around, &rows, vectors.loading, &issue, &sums),
+    );
     back.drive(Back {
         pop_row: issue.pop_row,
         completes: issue.completes,

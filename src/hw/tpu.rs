@@ -80,7 +80,7 @@ bundle! {
 
 interface! {
     pub (plan: &Plan) {
-        in "A ray that has been set up; a packet's last one that comes starts the packet. soon says so pop_latency clocks before" {
+        in "A ray that has been set up; a packet's last one that comes starts the packet. soon says so as many clocks before as a pop takes" {
             setup_soon: 1,
             setup: Flow<SetUp>(plan),
         }

@@ -61,6 +61,11 @@ struct Use {
 impl Borders {
     pub fn of(plan: &Plan, owners: Owners) -> Borders {
         let parts = plan.ir.parts.len() + 1;
+        let mut owners = owners;
+        for id in 0..plan.ops.len() {
+            // A wire that is another name of a signal is where that is.
+            owners.nodes[id] = owners.nodes[plan.signal(id)];
+        }
         let mut borders = Borders {
             owners,
             has: vec![BTreeSet::new(); parts],
@@ -99,7 +104,10 @@ impl Borders {
         let owners = &self.owners;
         for id in 0..plan.ops.len() {
             let placed = matches!(plan.ops[id], Op::Input | Op::Instance(..));
-            if placed || plan.live[id] && plan.stands[id] == id && !light(plan, id) {
+            if plan.signal(id) != id {
+                continue;
+            }
+            if placed || plan.live[id] && plan.stands[id] == id && !plan.is_light(id) {
                 let owner = owners.nodes[id];
                 self.has[owner].insert(id);
                 reads.extend(plan.sources(id).into_iter().map(|source| (owner, source)));
@@ -120,14 +128,17 @@ impl Borders {
     }
 
     fn read(&mut self, plan: &Plan, part: usize, id: Id, uses: &mut BTreeMap<(usize, Id), Use>) {
-        if !light(plan, id) {
+        if !plan.is_light(id) {
             if self.owners.nodes[id] != part {
-                uses.entry((part, id)).or_default().whole = true;
+                uses.entry((part, plan.signal(id))).or_default().whole = true;
+            } else if plan.signal(id) != id {
+                self.has[part].insert(id);
             }
             return;
         }
         let (of, _) = slice_of(plan, id);
-        if of != id && !light(plan, of) && self.owners.nodes[of] != part {
+        if of != id && !plan.is_light(of) && self.owners.nodes[of] != part {
+            let of = plan.signal(of);
             uses.entry((part, of)).or_default().slices.insert(id);
         } else if self.has[part].insert(id) {
             for source in plan.sources(id) {
@@ -153,15 +164,6 @@ impl Borders {
     pub fn leaves(&self, plan: &Plan, part: usize) -> BTreeSet<Id> {
         let all = self.enters.iter().flatten().copied();
         all.filter(|id| self.source(plan, *id) == part).collect()
-    }
-}
-
-/// What is made anew wherever it is read rather than carried there.
-fn light(plan: &Plan, id: Id) -> bool {
-    match plan.ops[id] {
-        Op::Literal(_) | Op::Reset | Op::Slice(..) => true,
-        Op::Not(_) | Op::Repeat(..) => !plan.declared[id],
-        _ => false,
     }
 }
 

@@ -66,9 +66,7 @@ impl Printer<'_> {
             Op::Register(_) => match plan.in_line[id] {
                 Some((line, at)) => {
                     let name = &self.names.lines[line];
-                    let (width, at) = (plan.width(id), at as u32);
-                    let high = (at + 1) * width - 1;
-                    format!("{name}{}", bits(high, at * width))
+                    format!("{name}[{at}]")
                 }
                 None => self.names.of[id].clone(),
             },
@@ -163,11 +161,13 @@ impl Printer<'_> {
     /// `target expression;`, broken over lines where it is long.
     pub(super) fn definition(&self, target: &str, id: Id) -> String {
         let mut text = target.to_string();
+        // What is clocked stands further in.
+        let most = LINE - if target.ends_with("<=") { 4 } else { 2 };
         if let Op::Mux(_, _, rest) = self.plan.ops[id] {
             let chain = !self.plan.declared[rest] && matches!(self.plan.ops[rest], Op::Mux(..));
             if !chain {
                 let line = format!("{target} {};", self.expression(id));
-                if line.len() <= LINE {
+                if line.len() <= most {
                     return line;
                 }
             }
@@ -188,7 +188,7 @@ impl Printer<'_> {
             }
             _ => format!("{target} {};", self.expression(id)),
         };
-        if line.len() <= LINE {
+        if line.len() <= most {
             return line;
         }
         match &self.plan.ops[id] {

@@ -16,13 +16,15 @@ pub(in super::super) struct Names {
     late: Vec<Option<String>>,
     /// The node is this output port: no other wire is declared for it.
     pub port: Vec<bool>,
-    /// The node is this wire, declared earlier.
-    pub wire: Vec<Option<Id>>,
+    /// The wire in whose place the node is declared, earlier than it is driven.
+    pub early: Vec<Option<Id>>,
     /// For each memory, the names of its copies.
     pub copies: Vec<Vec<String>>,
     pub lines: Vec<String>,
     /// The wire that takes what nothing reads.
     pub unused: String,
+    /// What counts the registers of delay lines.
+    pub counter: String,
     /// Names that nothing in the description says.
     pub made_up: Vec<(String, Id)>,
     taken: HashSet<String>,
@@ -39,10 +41,11 @@ impl Names {
             stem: vec![None; nodes],
             late: vec![None; nodes],
             port: vec![false; nodes],
-            wire: vec![None; nodes],
+            early: vec![None; nodes],
             copies: vec![],
             lines: vec![],
             unused: String::new(),
+            counter: String::new(),
             made_up: vec![],
             taken: ir.names.keys().cloned().collect(),
             numbers: HashMap::new(),
@@ -76,6 +79,7 @@ impl Names {
             let name = names.unique(format!("{stem}_delay"), line.registers[0]);
             names.lines.push(name);
         }
+        names.counter = names.free("age".to_string());
         names
     }
 
@@ -119,29 +123,42 @@ impl Names {
         }
     }
 
-    /// A nameless node that drives an output port or an earlier wire is that port or wire.
+    /// What drives an output port or a wire is that port or wire, unless it has a name of its own. An instance's output has none; nor
+    /// has logic that is one port and no wire. Registers keep theirs.
     fn take_ports_and_wires(&mut self, plan: &Plan) {
-        for (port, id) in &plan.ir.ports {
-            let id = plan.stands[*id];
-            if port.direction == Direction::Output && plan.declared[id] && self.of[id].is_empty() {
+        let ports = (plan.ir.ports.iter()).filter(|(port, _)| port.direction == Direction::Output);
+        let ports = ports.map(|(port, id)| (port, plan.signal(plan.stands[*id])));
+        let nameless = |names: &Names, id: Id| {
+            names.of[id].is_empty() || matches!(plan.ops[id], Op::Instance(..))
+        };
+        let mut goes_to: HashMap<Id, usize> = HashMap::new();
+        let wires = (0..plan.ops.len()).filter(|id| plan.signal(*id) != *id);
+        let of_wires = wires.map(|wire| plan.signal(wire));
+        for id in ports.clone().map(|(_, id)| id).chain(of_wires) {
+            *goes_to.entry(id).or_default() += 1;
+        }
+        for (port, id) in ports {
+            let state = matches!(plan.ops[id], Op::Input | Op::Register(_) | Op::Read(..));
+            let open = nameless(self, id) || !state && goes_to[&id] == 1;
+            if plan.declared[id] && !self.port[id] && open {
                 self.of[id] = port.name.clone();
                 self.port[id] = true;
             }
         }
+        let mut by_wire = HashSet::new();
         for wire in 0..plan.ops.len() {
-            if !plan.live[wire] || plan.ops[wire] != Op::Wire {
+            let id = plan.signal(wire);
+            if id == wire {
                 continue;
             }
-            let id = plan.driver(wire);
-            let clocked = match &plan.ops[id] {
-                Op::Register(_) => plan.in_line[id].is_none(),
-                Op::Read(_, _, _, synchronous) => *synchronous,
-                _ => false,
-            };
-            if wire < id && !clocked && plan.declared[id] && self.of[id].is_empty() {
+            if nameless(self, id) && !self.port[id] && by_wire.insert(id) {
                 self.of[id] = self.of[wire].clone();
-                self.wire[id] = Some(wire);
             }
+            let declared = self.port[id] || plan.ops[id] == Op::Input;
+            if wire < id && !declared {
+                self.early[id].get_or_insert(wire);
+            }
+            self.of[wire] = self.of[id].clone();
         }
     }
 

@@ -1,5 +1,5 @@
 //! What of a module is printed, and as what: equal values as one, expressions where they are used or under a
-//! name of their own, long chains of delay registers as one shift register.
+//! name of their own, long chains of delay registers as one delay line.
 
 use super::super::design::Direction;
 use super::super::ir::{Binary, Hint, Id, Netlist, Op, Register};
@@ -13,7 +13,7 @@ const LONG_CONNECTION: usize = 36;
 /// From this many registers on, a chain of which few are read is a delay line.
 const DELAY_LINE: usize = 4;
 
-/// A chain of delay registers of one signal, printed as one shift register.
+/// A chain of delay registers of one signal, printed as a shift register or an array.
 pub(in super::super) struct DelayLine {
     /// The registers, the first to hold the value first.
     pub registers: Vec<Id>,
@@ -40,6 +40,8 @@ pub(in super::super) struct Plan<'a> {
     pub in_line: Vec<Option<(usize, usize)>>,
     /// For each memory the copies that are read, by the node that reads each.
     pub copies: Vec<Vec<Id>>,
+    /// The declared node that a wire is another name of: both are one signal in the Verilog.
+    merged: Vec<Option<Id>>,
     /// Of a module in parts.
     pub borders: Option<Borders>,
 }
@@ -181,6 +183,7 @@ impl<'a> Plan<'a> {
             lines: vec![],
             in_line: vec![None; nodes],
             copies: vec![],
+            merged: vec![None; nodes],
             borders: None,
         };
         for first in [true, false] {
@@ -202,6 +205,12 @@ impl<'a> Plan<'a> {
         plan.find_delay_lines(&count, &owners);
         let live = plan.live.clone();
         plan.choose_declared(&count, &live);
+        for id in (0..nodes).filter(|id| live[*id]) {
+            let signal = plan.driven_by_name(id);
+            // What each part makes anew has no place of its own.
+            let placed = |signal: &Id| ir.parts.is_empty() || !plan.is_light(*signal);
+            plan.merged[id] = signal.filter(placed);
+        }
         if !ir.parts.is_empty() {
             let borders = Borders::of(&plan, owners);
             for id in borders.enters.iter().flatten() {
@@ -211,6 +220,32 @@ impl<'a> Plan<'a> {
         }
         plan.mark_used();
         plan
+    }
+
+    /// The declared node that drives a wire, through further wires too.
+    fn driven_by_name(&self, wire: Id) -> Option<Id> {
+        if self.ops[wire] != Op::Wire {
+            return None;
+        }
+        let driver = self.driver(wire);
+        match self.driven_by_name(driver) {
+            None => self.declared[driver].then_some(driver),
+            further => further,
+        }
+    }
+
+    /// Whether a node is made anew in each part that reads it rather than carried there.
+    pub fn is_light(&self, id: Id) -> bool {
+        match self.ops[id] {
+            Op::Literal(_) | Op::Reset | Op::Slice(..) => true,
+            Op::Not(_) | Op::Repeat(..) => !self.declared[id],
+            _ => false,
+        }
+    }
+
+    /// The node under whose declaration a node is printed: for a wire that a declared node drives, that node.
+    pub fn signal(&self, id: Id) -> Id {
+        self.merged.get(id).copied().flatten().unwrap_or(id)
     }
 
     /// Plans what properties read beside the module: which nodes are written for them alone, in order. What the module declares stays.
@@ -523,6 +558,7 @@ impl<'a> Plan<'a> {
                 Op::Slice(of, low) => self.mark(of, low, self.width(reader)),
                 // A register of a delay line reads the one before it in the line itself.
                 Op::Register(_) if self.in_line[reader].is_some_and(|(_, at)| at > 0) => {}
+                Op::Wire if self.merged[reader].is_some() => {}
                 _ => {
                     for source in self.sources(reader) {
                         self.mark(source, 0, self.width(source));
@@ -538,6 +574,14 @@ impl<'a> Plan<'a> {
         }
         for id in outside {
             self.mark(id, 0, self.width(id));
+        }
+        for wire in 0..self.ops.len() {
+            if let Some(signal) = self.merged[wire] {
+                let used = std::mem::take(&mut self.used[wire]);
+                for (of_signal, of_wire) in self.used[signal].iter_mut().zip(used) {
+                    *of_signal |= of_wire;
+                }
+            }
         }
     }
 

@@ -1,0 +1,223 @@
+//! What holds state: registers, delays, memories.
+
+use super::super::ir::{Id, Op};
+use super::super::memory::Style;
+use super::expression::{bits, literal};
+use super::plan::DelayLine;
+use super::{Body, LINE, Printer, range};
+use crate::hdl::ir::{Register, Root};
+use std::fmt::Write as _;
+
+/// Verilator takes apart loops of up to so many steps; it cannot do without in an array's delays.
+const LOOP_STEPS: usize = 64;
+
+impl Printer<'_> {
+    fn register(&self, id: Id) -> &Register {
+        match &self.plan.ops[id] {
+            Op::Register(register) => register,
+            _ => unreachable!("only registers are clocked"),
+        }
+    }
+
+    pub(super) fn register_statement(&self, id: Id) -> String {
+        let register = self.register(id);
+        let name = &self.names.of[id];
+        let next = register.next.expect("checked: every register is driven");
+        let mark = self.mark(Root::Next(id));
+        let enable = register.enable.map(|id| format!("if ({}) ", self.part(id)));
+        let target = format!("{}{name} <=", enable.unwrap_or_default());
+        let Some(reset) = register.reset else {
+            return mark + &self.assignment(&target, next);
+        };
+        let clear = format!(
+            "if (rst) {name} <= {};",
+            literal(reset, self.plan.width(id))
+        );
+        let line = self.assignment(&format!("{clear} else {target}"), next);
+        if !line.contains('\n') && line.len() + 4 <= LINE {
+            return mark + &line;
+        }
+        let otherwise = self.assignment(&format!("else {target}"), next);
+        format!("{mark}{clear}\n  {otherwise}")
+    }
+
+    /// Delay registers stage by stage, then delay lines.
+    pub(super) fn delays(&self, body: &mut Body, delays: Vec<Id>) {
+        let stage = |id: Id| {
+            let stage = self.ir().nodes[id].stage;
+            stage.map(|stage| (stage.pipeline, stage.at))
+        };
+        let mut stages: Vec<_> = delays.iter().map(|id| stage(*id)).collect();
+        stages.sort_unstable();
+        stages.dedup();
+        let mut pipelines: Vec<u32> = stages.iter().flatten().map(|(p, _)| *p).collect();
+        pipelines.dedup();
+        if !delays.is_empty() {
+            body.comment("Pipeline registers.");
+            let mut statements = vec![];
+            for (i, at) in stages.iter().enumerate() {
+                if i > 0 {
+                    statements.push(String::new());
+                }
+                if stages.len() > 1 {
+                    statements.push(match at {
+                        None => "// Outside the pipelines".to_string(),
+                        Some((_, at)) if pipelines.len() == 1 => format!("// Stage {at}"),
+                        Some((pipeline, at)) => format!("// Pipeline {pipeline}, stage {at}"),
+                    });
+                }
+                let here = delays.iter().filter(|id| stage(**id) == *at);
+                statements.extend(here.map(|id| self.register_statement(*id)));
+            }
+            body.always(&statements);
+        }
+        let lines = &self.plan.lines;
+        if !lines.is_empty() {
+            body.comment(
+                "Delay lines: values that wait for others of their pipeline, the newest in 0.",
+            );
+            if lines.iter().any(|line| self.is_array(line)) {
+                body.line(&format!("integer {};", self.names.counter));
+            }
+            let names = lines.iter().zip(&self.names.lines);
+            let statements = names.flat_map(|(line, name)| self.delay_line(line, name));
+            body.always(&statements.collect::<Vec<_>>());
+        }
+    }
+
+    /// Whether a delay line is an array: of words, while bits are a word of their own.
+    fn is_array(&self, line: &DelayLine) -> bool {
+        self.plan.width(line.registers[0]) > 1
+    }
+
+    pub(super) fn delay_line_declaration(&self, line: usize) -> String {
+        let (line, name) = (&self.plan.lines[line], &self.names.lines[line]);
+        let last = bits(line.registers.len() as u32 - 1, 0);
+        match self.is_array(line) {
+            // Without the attribute Yosys says that it takes no memory for it.
+            true => format!(
+                "(* mem2reg *) reg {}{name} [0:{}];",
+                range(self.plan.width(line.registers[0])),
+                line.registers.len() - 1
+            ),
+            false => format!("reg  {last} {name};"),
+        }
+    }
+
+    fn delay_line(&self, line: &DelayLine, name: &str) -> Vec<String> {
+        let head = line.registers[0];
+        let register = self.register(head);
+        let next = register.next.expect("a delay register has a next value");
+        let (mark, clocks) = (self.mark(Root::Next(head)), line.registers.len());
+        if !self.is_array(line) {
+            let next = format!(
+                "{name} <= {{{name}{}, {}}};",
+                bits(clocks as u32 - 2, 0),
+                self.part(next)
+            );
+            let clear = register
+                .reset
+                .map(|value| format!("if (rst) {name} <= {};", literal(value, clocks as u32)));
+            return vec![match clear {
+                None => mark + &next,
+                Some(clear) if clear.len() + next.len() + 10 <= LINE => {
+                    format!("{mark}{clear} else {next}")
+                }
+                Some(clear) => format!("{mark}{clear}\n  else {next}"),
+            }];
+        }
+        let i = &self.names.counter;
+        let each = |from: usize, end: usize, what: &str| {
+            let head = format!("for ({i} = {from}; {i} < {end}; {i} = {i} + 1)");
+            match head.len() + what.len() + 5 <= LINE {
+                true => format!("{head} {what}"),
+                false => format!("{head}\n    {what}"),
+            }
+        };
+        let mut statements = vec![format!(
+            "{mark}{}",
+            self.assignment(&format!("{name}[0] <="), next)
+        )];
+        for from in (1..clocks).step_by(LOOP_STEPS) {
+            let end = clocks.min(from + LOOP_STEPS);
+            statements.push(each(from, end, &format!("{name}[{i}] <= {name}[{i} - 1];")));
+        }
+        if let Some(value) = register.reset {
+            let value = literal(value, self.plan.width(head));
+            for from in (0..clocks).step_by(LOOP_STEPS) {
+                let end = clocks.min(from + LOOP_STEPS);
+                let clear = each(from, end, &format!("{name}[{i}] <= {value};"));
+                statements.push(format!("if (rst) {clear}"));
+            }
+        }
+        statements
+    }
+
+    /// A memory's copies, each with the statement that writes and reads it.
+    pub(super) fn memory(&self, body: &mut Body, index: usize, early: &[bool]) {
+        let memory = &self.ir().memories[index];
+        let style = match memory.style {
+            Style::Block => "block",
+            Style::Distributed => "distributed",
+        };
+        let clocked = std::mem::take(&mut body.clocked);
+        for (name, &read) in self.names.copies[index]
+            .iter()
+            .zip(&self.plan.copies[index])
+        {
+            let mut text = format!(
+                "  (* no_rw_check, ram_style = \"{style}\" *)\n  reg  {}{name} [0:{}];\n",
+                range(memory.width),
+                memory.depth - 1
+            );
+            let declared = early[read] || self.is_declared_elsewhere(read);
+            let word = format!("{}{}", range(memory.width), self.names.of[read]);
+            if self.is_reg(read) && !declared {
+                let _ = writeln!(text, "  reg  {word};");
+            }
+            let [enable, address, data] = self.plan.write_port(index).map(|id| self.part(id));
+            let mark = self.mark(Root::Write(index, 0));
+            let write = format!("{mark}if ({enable}) {name}[{address}] <= {data};");
+            let mut statements = vec![write];
+            let mark = self.mark(Root::Address(read));
+            let (target, value) = (&self.names.of[read], self.expression(read));
+            if self.is_reg(read) {
+                statements.push(format!("{mark}{target} <= {value};"));
+            }
+            text += &Body::always_block(&statements);
+            body.block(&text);
+            if !self.is_reg(read) {
+                let target = if declared {
+                    format!("assign {target}")
+                } else {
+                    format!("wire {word}")
+                };
+                body.line(&format!("{mark}{target} = {value};"));
+            }
+        }
+        body.clocked = clocked;
+    }
+
+    /// What registers hold before the first clock.
+    pub(super) fn initial(&self, body: &mut Body) {
+        let plan = &self.plan;
+        let mut lines = vec![];
+        for id in (0..plan.ops.len()).filter(|id| plan.live[*id]) {
+            let Op::Register(register) = &plan.ops[id] else {
+                continue;
+            };
+            let Some(value) = register.initial else {
+                continue;
+            };
+            let value = literal(value, plan.width(id));
+            let target = match plan.in_line[id] {
+                None => self.names.of[id].clone(),
+                Some((line, at)) => format!("{}[{at}]", self.names.lines[line]),
+            };
+            lines.push(format!("    {target} = {value};\n"));
+        }
+        if !lines.is_empty() {
+            body.block(&format!("  initial begin\n{}  end\n", lines.concat()));
+        }
+    }
+}
