@@ -450,14 +450,14 @@ impl<'a> Printer<'a> {
                 }
                 name.clone()
             };
-            connections.push(format!("{mark}    .{}({value})", port.name));
+            connections.push((port, format!("{mark}.{}({value})", port.name)));
         }
         let _ = writeln!(
             text,
-            "  {MARK}{} {} (\n{}\n  );",
+            "  {MARK}{} {} (\n{}  );",
             instance.module.name(),
             instance.name,
-            connections.join(",\n")
+            connected(&connections)
         );
         text
     }
@@ -499,6 +499,35 @@ impl<'a> Printer<'a> {
             ));
         }
     }
+}
+
+/// The connections of an instance: those of a group of ports beside one another, as many as a line has room for.
+fn connected(connections: &[(&Port, String)]) -> String {
+    let mut text = String::new();
+    let mut column = 0;
+    for (number, (port, connection)) in connections.iter().enumerate() {
+        let before = number.checked_sub(1).map(|before| connections[before].0);
+        let comma = if number + 1 == connections.len() {
+            ""
+        } else {
+            ","
+        };
+        // A mark is no part of the text.
+        let behind = connection.rfind([MARK, STATEMENT]).map_or(0, |at| at + 1);
+        let width = connection[behind..].len() + comma.len();
+        let goes_on = before.is_some_and(|before| before.group == port.group);
+        if goes_on && column + 1 + width <= LINE {
+            text.push(' ');
+            column += 1 + width;
+        } else {
+            text.push_str(if number == 0 { "    " } else { "\n    " });
+            column = 4 + width;
+        }
+        text.push_str(connection);
+        text.push_str(comma);
+    }
+    text.push('\n');
+    text
 }
 
 /// A text without its marks, where those of names were, and the lines of statements, by their numbers.
