@@ -6,7 +6,7 @@ pub mod bench;
 use crate::bkd::layout::Record;
 use crate::config::{Config, KEYS};
 use crate::hdl::{Design, Direction, GENERATED, Module, Port, Prefix};
-use crate::hw::{self, Machine};
+use crate::hw::{self, Machine, Plan};
 use crate::temporary::{self, Parents};
 use crate::{interrupt, text};
 use anyhow::{Context, Result, anyhow, bail};
@@ -167,7 +167,11 @@ fn plain_name(name: &str) -> String {
 /// What a program needs to know of a machine to connect it and to fill its memories: configuration, top
 /// module, modules with ports and latencies, layouts of the records in memory, counters.
 pub fn manifest(machine: &Machine) -> Value {
-    let Machine { config, design } = machine;
+    let Machine {
+        config,
+        trace,
+        design,
+    } = machine;
     let format = config.format();
     let top = design.top();
     let latencies: Map<String, Value> = design
@@ -193,6 +197,7 @@ pub fn manifest(machine: &Machine) -> Value {
             "bias": format.bias(),
         },
         "prefix": design.prefix().as_str(),
+        "trace_ports": trace,
         "top": design.emitted(top.name()),
         "files": file_names,
         "ports": ports(top),
@@ -260,47 +265,48 @@ fn layout(record: &Record) -> Value {
     value
 }
 
-/// Describes the machine of a configuration, the names of whose modules begin with `prefix`.
+/// Describes a machine, the names of whose modules begin with `prefix`.
 ///
 /// # Errors
 /// See [`hw::core::emit`].
-pub fn machine_with(config: &Config, prefix: Prefix) -> Result<Machine> {
-    let machine =
-        hw::core::emit(config).with_context(|| format!("configuration {}", config.name))?;
+pub fn machine_with(plan: &Plan, prefix: Prefix) -> Result<Machine> {
+    let name = &plan.config.name;
+    let machine = hw::core::emit(plan).with_context(|| format!("configuration {name}"))?;
     Ok(Machine {
         design: machine.design.with_prefix(prefix),
         ..machine
     })
 }
 
-/// The same with the prefix [`hw::core::PREFIX`].
+/// Describes the machine of a configuration, without trace ports, with the prefix [`hw::core::PREFIX`].
 ///
 /// # Errors
 /// See [`hw::core::emit`].
 pub fn machine(config: &Config) -> Result<Machine> {
-    machine_with(config, hw::core::default_prefix())
+    machine_with(&Plan::new(config)?, hw::core::default_prefix())
 }
 
-/// Describes the machine of a configuration and generates all its files, whose names begin with [`hw::core::PREFIX`]; see [`files`].
+/// The same with all its files, whose names begin with the prefix; see [`files`].
 ///
 /// # Errors
 /// See [`hw::core::emit`].
 pub fn generate(config: &Config) -> Result<(Machine, Vec<(String, String)>)> {
-    generate_with(config, hw::core::default_prefix(), Extras::default())
+    let plan = Plan::new(config)?;
+    generate_with(&plan, hw::core::default_prefix(), Extras::default())
 }
 
-/// The same with another prefix, and more.
+/// The same of a machine with trace ports or without, with another prefix, and more.
 ///
 /// # Errors
 /// See [`hw::core::emit`].
 pub fn generate_with(
-    config: &Config,
+    plan: &Plan,
     prefix: Prefix,
     extras: Extras,
 ) -> Result<(Machine, Vec<(String, String)>)> {
-    let machine = machine_with(config, prefix)?;
-    let files =
-        files(&machine, extras).with_context(|| format!("configuration {}", config.name))?;
+    let machine = machine_with(plan, prefix)?;
+    let name = &plan.config.name;
+    let files = files(&machine, extras).with_context(|| format!("configuration {name}"))?;
     Ok((machine, files))
 }
 

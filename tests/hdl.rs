@@ -1100,7 +1100,8 @@ fn what_an_output_depends_on_is_compared_to_its_end() {
 fn the_text_is_the_same_every_time() {
     let emit = || {
         let config = dynrt::config::Config::load("tiny").unwrap();
-        let mut files = dynrt::hw::emit(&config).unwrap().design.files();
+        let plan = hw::Plan::new(&config).unwrap();
+        let mut files = hw::emit(&plan).unwrap().design.files();
         for module in [
             counter(),
             memories(),
@@ -1188,7 +1189,8 @@ fn a_prefix_is_of_its_pattern() {
 #[test]
 fn two_machines_elaborate_together() {
     let machine = |name: &str, prefix: &str| {
-        let design = hw::core::emit(&Config::load(name).unwrap()).unwrap().design;
+        let plan = hw::Plan::new(&Config::load(name).unwrap()).unwrap();
+        let design = hw::core::emit(&plan).unwrap().design;
         design.with_prefix(prefix.parse().unwrap())
     };
     let designs = [

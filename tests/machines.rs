@@ -11,6 +11,7 @@ use dynrt::cosim::scoreboard::Fault;
 use dynrt::emit;
 use dynrt::fuzz::{Case, Event, Options, Report, Size, Stage, Workbench, run};
 use dynrt::hdl::Prefix;
+use dynrt::hw::Plan;
 use say::say;
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -256,12 +257,13 @@ fn fusesoc() -> Option<PathBuf> {
     found
 }
 
-/// Writes machines, each into a folder that is called after its prefix.
-fn workspace(machines: &[(&Config, &str)]) -> tempfile::TempDir {
+/// Writes machines, with trace ports or without, each into a folder that is called after its prefix.
+fn workspace(machines: &[(&Config, bool, &str)]) -> tempfile::TempDir {
     let folder = tempfile::tempdir().unwrap();
-    for (config, prefix) in machines {
+    for (config, trace, prefix) in machines {
         let parsed: Prefix = prefix.parse().unwrap();
-        let (_, files) = emit::generate_with(config, parsed, emit::Extras::default()).unwrap();
+        let plan = Plan::new(config).unwrap().with_trace(*trace);
+        let (_, files) = emit::generate_with(&plan, parsed, emit::Extras::default()).unwrap();
         emit::write_folder(&folder.path().join("cores").join(prefix), &files).unwrap();
     }
     folder
@@ -319,7 +321,7 @@ fn least() -> Config {
 fn fusesoc_lints_simulates_and_synthesises() {
     let Some(fusesoc) = fusesoc() else { return };
     let (reference, least) = (Config::reference(), least());
-    let folder = workspace(&[(&reference, "dynrt_"), (&least, "small_")]);
+    let folder = workspace(&[(&reference, true, "dynrt_"), (&least, false, "small_")]);
     let version = env!("CARGO_PKG_VERSION");
     let cores = [
         format!("dynrt:machine:dynrt_{}:{version}", reference.name),
@@ -379,7 +381,7 @@ fn fusesoc_lints_simulates_and_synthesises() {
 fn fusesoc_takes_two_machines_into_one_design() {
     let Some(fusesoc) = fusesoc() else { return };
     let (reference, least) = (Config::reference(), least());
-    let folder = workspace(&[(&reference, "big_"), (&least, "small_")]);
+    let folder = workspace(&[(&reference, false, "big_"), (&least, false, "small_")]);
     let cores = folder.path().join("cores");
     fs::write(
         cores.join("both.v"),

@@ -5,10 +5,10 @@
 #[path = "common/say.rs"]
 mod say;
 
-use dynrt::config::Config;
+use dynrt::config::{Config, NAMED};
 use dynrt::emit::{self, Extras, FORMAL, bench};
-use dynrt::hw::Machine;
 use dynrt::hw::core::default_prefix;
+use dynrt::hw::{Machine, Plan};
 use dynrt::prove::{self, Options, Outcome, Row, formal};
 use say::say;
 use std::path::{Path, PathBuf};
@@ -104,9 +104,20 @@ fn seeded_faults_of_the_arithmetic_are_refuted() {
 #[test]
 fn seeded_faults_of_control_are_refuted() {
     let units = [
-        "slots", "fifo", "prefetch", "credit", "skin", "geometry", "tpu", "stack", "share",
+        "slots", "fifo", "prefetch", "credit", "skin", "geometry", "tpu", "stack", "share", "trace",
     ];
-    hold(&rows(&few_packets(), &units, true, true), 42);
+    hold(&rows(&few_packets(), &units, true, true), 45);
+}
+
+/// Both machines of every named configuration agree, and much of them was compared.
+#[test]
+fn trace_ports_change_nothing_else() {
+    for (name, _) in NAMED {
+        let rows = rows(&Config::load(name).unwrap(), &["trace"], false, false);
+        hold(&rows, 1);
+        println!("{name}: {} outputs, {}", rows[0].cases, rows[0].how);
+        assert!(rows[0].cases > 400, "{rows:?}");
+    }
 }
 
 #[test]
@@ -152,9 +163,16 @@ fn simulated(machine: &Machine, folder: &Path) -> String {
 #[test]
 fn a_simulator_checks_properties() {
     let folder = tempfile::tempdir().unwrap();
-    let machine = emit::machine(&machine(&[])).unwrap();
-    let said = simulated(&machine, &folder.path().join("whole"));
-    assert!(said.contains("PASS ") && !said.contains("not so"), "{said}");
+    let plan = Plan::new(&machine(&[])).unwrap();
+    let [machine, traced] = [false, true].map(|trace| {
+        let machine = emit::machine_with(&plan.clone().with_trace(trace), default_prefix());
+        machine.unwrap()
+    });
+    for (machine, compared) in [(&machine, "; counted "), (&traced, ", ")] {
+        let said = simulated(machine, &folder.path().join("whole"));
+        let passed = format!("PASS 160 hits checked{compared}");
+        assert!(said.contains(&passed) && !said.contains("not so"), "{said}");
+    }
     // Faults of proofs, which the bench meets; whichever property sees one first stops it.
     for (module, proof, fault) in [
         (
@@ -175,8 +193,11 @@ fn a_simulator_checks_properties() {
         let mut faults = proof.expect("a proof of the unit").faults.iter();
         let (_, mutation) = faults.find(|(what, _)| what == fault).expect("its fault");
         let design = machine.design.with(mutation).unwrap();
-        let config = machine.config.clone();
-        let changed = Machine { config, design };
+        let changed = Machine {
+            config: machine.config.clone(),
+            design,
+            ..machine
+        };
         let said = simulated(&changed, &folder.path().join(module));
         println!("{module}: {fault}: {said}");
         assert!(said.contains(": not so: "), "{module}: {fault}: {said}");

@@ -333,14 +333,15 @@ fn rays_and_meshes_take_turns() {
     };
     let target = (base as usize + 136) * 3;
 
-    let machine = emit(&config).unwrap();
+    let plan = Plan::new(&config).unwrap();
+    let machine = emit(&plan).unwrap();
     let sources = sources(&machine.design);
     let built = build(&sources, &BuildOptions::default(), &|_| ()).unwrap();
     let mut model = Model::load(&built, &sources.ports).unwrap();
     model.reset(4);
     let nodes = prepared.image.node_words();
     let records = prepared.image.record_words();
-    let ports = model.ports(&ports(&Plan::new(&config).unwrap())).unwrap();
+    let ports = model.ports(&ports(&plan)).unwrap();
     let Ports { inputs, outputs } = ports;
     let mut memories = [
         (

@@ -10,6 +10,7 @@ mod say;
 use dynrt::config::Config;
 use dynrt::emit;
 use dynrt::hdl::Prefix;
+use dynrt::hw::Plan;
 use dynrt::hw::core::default_prefix;
 use dynrt::synth::{Area, Cells, Target, constraints, parse_cells, parse_timing};
 use say::say;
@@ -590,7 +591,8 @@ fn simulated_as(
     change: impl Fn(&str, String) -> String,
 ) -> (bool, String) {
     let folder = tempfile::tempdir().unwrap();
-    let (_, rtl) = emit::generate_with(config, prefix.clone(), emit::Extras::default()).unwrap();
+    let plan = Plan::new(config).unwrap();
+    let (_, rtl) = emit::generate_with(&plan, prefix.clone(), emit::Extras::default()).unwrap();
     emit::write_folder(&folder.path().join("rtl"), &rtl).unwrap();
     let files = constraints::files(config, prefix, "../rtl", None).unwrap();
     let files: Vec<_> = files

@@ -12,7 +12,7 @@ use dynrt::cosim::unit_skinning::SkinMesh;
 use dynrt::float::{Format, plain};
 use dynrt::golden::{Caster, EnterEvent, HandOver, Observer, RayTest};
 use dynrt::hdl::{Design, Direction};
-use dynrt::hw;
+use dynrt::hw::{self, Plan};
 use dynrt::port::Ray;
 use dynrt::scene::animation::MachineScene;
 use dynrt::scene::{self, Camera, Frame, ImageSize, MachineMesh, RayPacket};
@@ -134,9 +134,14 @@ impl Case {
         write(&self.request(out)).unwrap()
     }
 
-    fn write_rtl(&self, folder: &Path) {
+    /// The machine, with trace ports or without.
+    fn machine(&self, trace: bool) -> hw::Machine {
+        hw::core::emit(&Plan::new(&self.config).unwrap().with_trace(trace)).unwrap()
+    }
+
+    fn write_rtl(&self, trace: bool, folder: &Path) {
         fs::create_dir_all(folder).unwrap();
-        for (name, text) in hw::core::emit(&self.config).unwrap().design.files() {
+        for (name, text) in self.machine(trace).design.files() {
             fs::write(folder.join(name), text).unwrap();
         }
     }
@@ -1673,7 +1678,7 @@ fn the_manifest_says_all_of_the_macros_and_ports() {
             .collect();
         assert_eq!(defined, macros_of(&manifest));
 
-        let machine = hw::core::emit(&case.config).unwrap();
+        let machine = case.machine(true);
         let mut on_ports = BTreeSet::new();
         let units = manifest["units"].as_array().unwrap();
         assert_eq!(units.len(), 11);
@@ -1833,7 +1838,7 @@ fn verilog_benches_replay_them() {
                 let folder = workplace(case);
                 let (out, rtl) = (folder.join("vectors"), folder.join("rtl"));
                 let _ = fs::remove_dir_all(&folder);
-                built.write_rtl(&rtl);
+                built.write_rtl(true, &rtl);
                 let request = Request {
                     limit: Some(4),
                     ..built.request(&out)
@@ -1847,6 +1852,12 @@ fn verilog_benches_replay_them() {
                     summary.rays, summary.steps, summary.tests, summary.transforms
                 );
                 assert!(said.contains(&expected), "{said}");
+                // Without trace ports, hits are compared and all else is counted.
+                let plain = folder.join("plain");
+                built.write_rtl(false, &plain);
+                let (passes, said_plain) = run(&out, &plain, &["raycast", "skinning"]);
+                let expected = expected.replace("checked,", "checked; counted");
+                assert!(passes && said_plain.contains(&expected), "{said_plain}");
                 let manifest = Vectors::open(&out);
                 let total = |name: &str| manifest.number(&format!("/{name}"));
                 for line in [
@@ -1880,7 +1891,7 @@ fn the_benches_find_what_is_wrong() {
     let _ = fs::remove_dir_all(&folder);
     let (good, rtl) = (folder.join("good"), folder.join("rtl"));
     let case = Case::new(CASES[1]);
-    case.write_rtl(&rtl);
+    case.write_rtl(true, &rtl);
     case.write(&good);
     let seed = seed();
     let mut rng = fastrand::Rng::with_seed(seed);
@@ -2003,7 +2014,7 @@ fn the_benches_find_what_is_wrong() {
     // Ray transformations, in a scene of two levels.
     let two_levels = Case::moving(MOVING[0]);
     let (reef, reef_rtl) = (folder.join("reef"), folder.join("reef_rtl"));
-    two_levels.write_rtl(&reef_rtl);
+    two_levels.write_rtl(true, &reef_rtl);
     let limited = Request {
         limit: Some(1),
         ..two_levels.request(&reef)

@@ -5,6 +5,7 @@ use super::{ConfigArgs, print};
 use anyhow::Result;
 use dynrt::emit::{self, Extras};
 use dynrt::hdl::Prefix;
+use dynrt::hw::Plan;
 use dynrt::hw::core::PREFIX;
 use dynrt::prove::formal;
 
@@ -15,7 +16,10 @@ Writes into DIR
   dynrt_core.core  the same for FuseSoC (2.4 or later), with targets lint, sim, sim_verilator and synth
   sim/             a bench of the ray casting unit, and a small set of golden vectors that it replays: for the sim targets
   formal/          with --formal: for each proof by induction the module with its properties, and a task for SymbiYosys
-  manifest.json    configuration, top module, modules with ports and latencies, layouts of the records in memory
+  manifest.json    configuration, whether it has trace ports, top module, modules with ports and latencies, layouts of the records in memory
+
+Trace ports (trace_*) of the ray casting unit show every packet step, triangle test and ray transformation. With --trace-ports the
+machine has them, at a cost in area, and the bench compares what they show; without, it compares hits and counts. All else is the same.
 
 The names of all modules, their files and the core begin with dynrt_, or what --prefix says: two machines of different prefixes
 can stand in one design.
@@ -31,6 +35,7 @@ Examples:
   dynrt generate --config tiny --prefix small_ --out build/small
   dynrt generate --formal --out build/rtl && cd build/rtl/formal && sby -f dynrt_update_processor_credit.sby
   dynrt generate --checks --out build/checked
+  dynrt generate --trace-ports --out build/traced
   cd build/rtl && verilator --lint-only -Wall -f dynrt_core.f --top-module dynrt_core
 
 Every configuration key, with its range, is explained in the files of configs/.";
@@ -48,6 +53,9 @@ pub struct Args {
     /// Let the modules check their properties in simulation, where the macro DYNRT_CHECKS is defined
     #[arg(long)]
     checks: bool,
+    /// Give the machine trace ports, which show every packet step, triangle test and ray transformation
+    #[arg(long)]
+    trace_ports: bool,
     #[command(flatten)]
     prefix: PrefixArg,
     #[command(flatten)]
@@ -80,7 +88,8 @@ pub fn run(args: &Args) -> Result<()> {
         checks: args.checks,
         formal,
     };
-    let (machine, files) = emit::generate_with(&config, prefix, extras)?;
+    let plan = Plan::new(&config)?.with_trace(args.trace_ports);
+    let (machine, files) = emit::generate_with(&plan, prefix, extras)?;
     args.out.files(&files)?;
     let modules = machine.design.modules();
     let lines: usize = modules.iter().map(|m| m.verilog().lines().count()).sum();

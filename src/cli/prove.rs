@@ -19,9 +19,11 @@ Units:
   skin, geometry    the skinning processor, the geometry unit: the same of vertices, meshes, leaves and rays
   tpu, stack        packets are neither lost nor doubled, no queue overflows; a pop reads what the push wrote
   share             the ray casting unit: packet numbers, tags, who has the geometry unit and its port to memory
+  trace             the core without trace ports is the core with them, but for these ports
 
 Arithmetic is compared with a reference of its own by ABC, on gates that Yosys makes of both, once every path through the
-unit has been seen to have as many registers as its latency says. The rest is proved by induction with yosys-smtbmc and z3.
+unit has been seen to have as many registers as its latency says. With and without trace ports, outputs are compared as
+expressions over equal state. The rest is proved by induction with yosys-smtbmc and z3.
 A proof that a tool leaves undecided has failed. Lines appear as proofs end; the last one says whether all hold.
 
 Needs yosys and z3 (Debian: apt-get install yosys z3). A tool runs on each core, at low priority.

@@ -23,6 +23,9 @@ pub mod workload;
 use crate::config::Config;
 use crate::hdl::{Design, Direction};
 
+/// Why the ports that show a machine's steps are there.
+const TRACED: &str = "a machine that is compared has trace ports";
+
 /// What Verilator is given of a design.
 pub fn sources(design: &Design) -> model::Sources {
     let top = design.top();

@@ -7,15 +7,15 @@ use super::model::{BuildOptions, Model, PortHandle, build};
 use super::scoreboard::{
     DISTURBED_CYCLES, Interrupted, Mutated, RECORDED_CYCLES, RESET_CYCLES, Recorder, sources_with,
 };
-use super::timing;
+use super::{TRACED, timing};
 use crate::bkd::layout::{MemoryImage, Record};
 use crate::config::Config;
 use crate::float::Format;
 use crate::golden::{Caster, EnterEvent, Observer, Outcome, RayTest, StepEvent};
 use crate::hdl::{self, Bundle};
-use crate::hw::geometry::{TestWatch, TransformWatch};
+use crate::hw::geometry::{TestTrace, TransformTrace};
 use crate::hw::ray::{Interval, Line};
-use crate::hw::tpu::StepWatch;
+use crate::hw::tpu::StepTrace;
 use crate::hw::{self, Plan};
 use crate::port::{Hit, NONE, Ray};
 use anyhow::{Result, bail, ensure};
@@ -227,7 +227,7 @@ type Ports = hdl::Ports<hw::raycast::Inputs<PortHandle>, hw::raycast::Outputs<Po
 /// What differs between the packet step shown and the golden model's: nothing, or all fields.
 pub(super) fn compare_step(
     model: &Model,
-    ports: &StepWatch<PortHandle>,
+    ports: &StepTrace<PortHandle>,
     format: Format,
     golden: &StepEvent,
 ) -> Vec<Field> {
@@ -269,7 +269,7 @@ pub(super) fn compare_step(
 }
 
 /// t, u and v that a test must show: those of a hit, and any of a miss.
-pub(super) fn test_numbers(shown: &TestWatch<u64>, format: Format, golden: &Outcome) -> [u64; 3] {
+pub(super) fn test_numbers(shown: &TestTrace<u64>, format: Format, golden: &Outcome) -> [u64; 3] {
     match golden.hit {
         true => [golden.t, golden.raw[1], golden.raw[2]].map(|x| format.to_bits(x)),
         false => [shown.t, shown.u, shown.v],
@@ -278,9 +278,9 @@ pub(super) fn test_numbers(shown: &TestWatch<u64>, format: Format, golden: &Outc
 
 /// What differs between the ray-triangle test shown and the one expected: nothing, or all fields.
 pub(super) fn compare_test(
-    shown: &TestWatch<u64>,
+    shown: &TestTrace<u64>,
     format: Format,
-    expected: &TestWatch<u64>,
+    expected: &TestTrace<u64>,
 ) -> Vec<Field> {
     if shown == expected {
         return vec![];
@@ -304,13 +304,13 @@ pub(super) fn compare_test(
 
 /// What differs between the transformed ray shown and the golden model's: nothing, or all fields.
 pub(super) fn compare_transform(
-    shown: &TransformWatch<u64>,
+    shown: &TransformTrace<u64>,
     format: Format,
     golden: &EnterEvent,
 ) -> Vec<Field> {
     let transformed = &golden.transformed;
     let [near, far] = transformed.window.map(|x| format.to_bits(x));
-    let expected = TransformWatch {
+    let expected = TransformTrace {
         packet: shown.packet,
         ray: golden.slot.into(),
         record: golden.record.into(),
@@ -396,7 +396,8 @@ impl RaycastUnit {
         how: &BuildOptions,
         mutated: Option<&Mutated>,
     ) -> Result<RaycastUnit> {
-        let machine = hw::emit(config)?;
+        let plan = Plan::new(config)?.with_trace(true);
+        let machine = hw::emit(&plan)?;
         let build_options = BuildOptions {
             traced: how.traced || trace.is_some(),
             ..how.clone()
@@ -415,7 +416,7 @@ impl RaycastUnit {
         }
         Ok(RaycastUnit {
             config: config.clone(),
-            ports: model.ports(&hw::raycast::ports(&Plan::new(config)?))?,
+            ports: model.ports(&hw::raycast::ports(&plan))?,
             model,
             model_build_s,
             model_reused: built.reused,
@@ -606,7 +607,7 @@ impl<'a> Run<'a> {
             self.model
                 .set(self.ports.inputs.hit_ready, u64::from(takes_hit));
 
-            let mut events = self.watch_step()? | self.watch_test()? | self.watch_transform()?;
+            let mut events = self.check_step()? | self.check_test()? | self.check_transform()?;
             if let Some(index) = shown
                 && self.model.get(self.ports.outputs.ray_ready) != 0
             {
@@ -681,15 +682,15 @@ impl<'a> Run<'a> {
     fn start(&mut self, first_ray: usize, tag: u32) -> Result<()> {
         // A packet of one ray has the tag that stands at the port.
         self.model.eval();
-        let watch = self.ports.outputs.watch_start.payload;
-        let shown = self.model.get(watch.tag);
+        let trace = self.ports.outputs.trace_start.expect(TRACED).payload;
+        let shown = self.model.get(trace.tag);
         if shown != u64::from(tag) {
             let fields = vec![Field::integer("tag", tag.into(), shown)];
             let place = format!("the packet that begins with ray {first_ray}");
             return Err(self.mismatch("raycast", place, fields));
         }
         let size = self.config.rays_per_packet as usize;
-        let packet = self.model.get(watch.packet) as usize;
+        let packet = self.model.get(trace.packet) as usize;
         let rays = &self.rays[first_ray..(first_ray + size).min(self.rays.len())];
         let mut expected = Expected {
             first_ray,
@@ -723,22 +724,22 @@ impl<'a> Run<'a> {
         })
     }
 
-    fn watch_step(&mut self) -> Result<bool> {
-        let watch = &self.ports.outputs.watch_step;
-        if self.model.get(watch.valid) == 0 {
+    fn check_step(&mut self) -> Result<bool> {
+        let trace = self.ports.outputs.trace_step.as_ref().expect(TRACED);
+        if self.model.get(trace.valid) == 0 {
             return Ok(false);
         }
-        let packet = self.model.get(watch.payload.packet) as usize;
+        let packet = self.model.get(trace.payload.packet) as usize;
         let expected = self.expected("tpu", packet)?;
         let (at, first) = (expected.next_step, expected.first_ray);
         let last = first + self.config.rays_per_packet as usize - 1;
         let place = || format!("packet step {at} of the packet of rays {first} to {last}");
         let Some(golden) = expected.steps.get(at) else {
-            let (node, steps) = (self.model.get(watch.payload.node), expected.steps.len());
+            let (node, steps) = (self.model.get(trace.payload.node), expected.steps.len());
             let place = format!("{}, which has only {steps}: node {node}", place());
             return Err(self.mismatch("tpu", place, vec![]));
         };
-        let fields = compare_step(self.model, &watch.payload, self.format, golden);
+        let fields = compare_step(self.model, &trace.payload, self.format, golden);
         if !fields.is_empty() {
             return Err(self.mismatch("tpu", place(), fields));
         }
@@ -749,12 +750,12 @@ impl<'a> Run<'a> {
         Ok(true)
     }
 
-    fn watch_test(&mut self) -> Result<bool> {
-        let watch = &self.ports.outputs.watch_test;
-        if self.model.get(watch.valid) == 0 {
+    fn check_test(&mut self) -> Result<bool> {
+        let trace = self.ports.outputs.trace_test.as_ref().expect(TRACED);
+        if self.model.get(trace.valid) == 0 {
             return Ok(false);
         }
-        let test = self.model.sample(&watch.payload);
+        let test = self.model.sample(&trace.payload);
         let packet = test.packet as usize;
         let expected = self.expected("geometry", packet)?;
         let at = expected.next_test;
@@ -777,7 +778,7 @@ impl<'a> Run<'a> {
             ));
         };
         let [t, u, v] = test_numbers(&test, self.format, &golden.outcome);
-        let expected = TestWatch {
+        let expected = TestTrace {
             ray: golden.slot.into(),
             record: golden.record.into(),
             instance: golden.instance.into(),
@@ -798,12 +799,12 @@ impl<'a> Run<'a> {
         Ok(true)
     }
 
-    fn watch_transform(&mut self) -> Result<bool> {
-        let watch = &self.ports.outputs.watch_transform;
-        if self.model.get(watch.valid) == 0 {
+    fn check_transform(&mut self) -> Result<bool> {
+        let trace = &self.ports.outputs.trace_transform.expect(TRACED);
+        if self.model.get(trace.valid) == 0 {
             return Ok(false);
         }
-        let shown = self.model.sample(&watch.payload);
+        let shown = self.model.sample(&trace.payload);
         let packet = shown.packet as usize;
         let expected = self.expected("geometry", packet)?;
         let at = expected.next_transform;

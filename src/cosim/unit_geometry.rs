@@ -11,6 +11,7 @@
 //! origin and direction in the object's space, its window, the interval that it is given to ray setup with), and where its packet starts in
 //! the object. The transformed rays are set up by the golden model and written, and triangles are tested with them.
 
+use super::TRACED;
 use super::memory::Image;
 use super::mismatch::Field;
 use super::model::{BuildOptions, PortHandle};
@@ -28,7 +29,7 @@ use crate::golden::{
 };
 use crate::hdl::{self, Bundle, Flow, ReadPort, Spec, Specs};
 use crate::hw::Plan;
-use crate::hw::geometry::{self, TestWatch, World};
+use crate::hw::geometry::{self, TestTrace, World};
 use crate::hw::ray::{Context, InContext, Leaf, Limit};
 use crate::port::Ray;
 use anyhow::{Result, ensure};
@@ -435,7 +436,7 @@ struct Run<'a> {
 
 impl<'a> Run<'a> {
     fn new(config: &'a Config, counted: Counted, options: &UnitOptions) -> Result<Run<'a>> {
-        let plan = Plan::new(config)?;
+        let plan = Plan::new(config)?.with_trace(true);
         let name = match counted {
             Counted::Tests => "geometry",
             Counted::Transforms => "transform",
@@ -471,8 +472,8 @@ impl<'a> Run<'a> {
             let model = &mut self.bench.model;
             model.set(self.ports.inputs.sweep_packet, packet as u64);
             model.eval();
-            self.watch_test()?;
-            self.watch_transform()?;
+            self.check_test()?;
+            self.check_transform()?;
             self.bench.model.clock();
         }
         self.bench.model.set(self.ports.inputs.sweep, 0);
@@ -710,13 +711,13 @@ impl<'a> Run<'a> {
                 progress = true;
             }
         }
-        if let Some((id, is_done)) = self.watch_test()? {
+        if let Some((id, is_done)) = self.check_test()? {
             progress = true;
             if is_done {
                 self.goes_on(id, queues);
             }
         }
-        if let Some((id, is_done)) = self.watch_transform()? {
+        if let Some((id, is_done)) = self.check_transform()? {
             progress = true;
             if is_done {
                 self.set_up_object(id, &mut queues.arriving);
@@ -988,10 +989,11 @@ impl<'a> Run<'a> {
     }
 
     /// Compares the test that the unit shows, if any; returns its packet, and whether its leaf is done.
-    fn watch_test(&mut self) -> Result<Option<(usize, bool)>> {
+    fn check_test(&mut self) -> Result<Option<(usize, bool)>> {
         let (ports, model) = (&self.ports.outputs, &self.bench.model);
         let (limit, done) = (model.sample(&ports.limit), model.sample(&ports.done));
-        if model.get(ports.watch_test.valid) == 0 {
+        let trace = ports.trace_test.as_ref().expect(TRACED);
+        if model.get(trace.valid) == 0 {
             let strays = [("a limit", limit.valid), ("a leaf done", done.valid)];
             return match strays.into_iter().find(|(_, valid)| *valid != 0) {
                 Some((what, _)) => Err(self
@@ -1000,7 +1002,7 @@ impl<'a> Run<'a> {
                 None => Ok(None),
             };
         }
-        let test = model.sample(&ports.watch_test.payload);
+        let test = model.sample(&trace.payload);
         let id = test.packet as usize;
         let golden = self
             .packets
@@ -1018,7 +1020,7 @@ impl<'a> Run<'a> {
         let (id_bits, ray, bits) = (id as u64, expected.ray as u64, |x| self.format.to_bits(x));
         let replaces = u64::from(expected.replaces);
         let [t, u, v] = test_numbers(&test, self.format, &expected.outcome);
-        let golden_test = TestWatch {
+        let golden_test = TestTrace {
             packet: id_bits,
             ray,
             record: leaf.record.into(),
@@ -1084,10 +1086,11 @@ impl<'a> Run<'a> {
     }
 
     /// Compares the transformed ray that the unit shows, if any; returns its packet, and whether its instance is done.
-    fn watch_transform(&mut self) -> Result<Option<(usize, bool)>> {
+    fn check_transform(&mut self) -> Result<Option<(usize, bool)>> {
         let (ports, model) = (&self.ports.outputs, &self.bench.model);
         let valid = model.get(ports.object.valid);
-        if model.get(ports.watch_transform.valid) == 0 {
+        let trace = ports.trace_transform.as_ref().expect(TRACED);
+        if model.get(trace.valid) == 0 {
             return match valid {
                 0 => Ok(None),
                 _ => Err(self
@@ -1095,7 +1098,7 @@ impl<'a> Run<'a> {
                     .mismatch("a ray for ray setup without a transformation", vec![])),
             };
         }
-        let shown = model.sample(&ports.watch_transform.payload);
+        let shown = model.sample(&trace.payload);
         let id = shown.packet as usize;
         let golden = self
             .packets

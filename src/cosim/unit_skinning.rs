@@ -254,10 +254,12 @@ impl SkinUnit {
     /// # Errors
     /// A tool that is missing.
     pub fn new(config: &Config, options: &UnitOptions) -> Result<SkinUnit> {
-        let machine = emit(config)?;
+        // The model is that of the ray casting unit's own bench.
+        let plan = Plan::new(config)?.with_trace(true);
+        let machine = emit(&plan)?;
         let mut bench = Bench::new("skinning", machine.design.top(), options)?;
         bench.model.reset(RESET_CYCLES);
-        let ports = bench.model.ports(&ports(&Plan::new(config)?))?;
+        let ports = bench.model.ports(&ports(&plan))?;
         Ok(SkinUnit {
             format: config.format(),
             joints: config.skinning_joints,

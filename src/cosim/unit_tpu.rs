@@ -9,6 +9,7 @@
 //! handed over (record, rays, stack level, rays that have hit something), every packet finished, and at the end the
 //! stack's high-water mark.
 
+use super::TRACED;
 use super::mismatch::Field;
 use super::model::PortHandle;
 use super::raycast::{MemoryPort, compare_step};
@@ -187,7 +188,7 @@ type Ports = hdl::Ports<tpu::Inputs<PortHandle>, tpu::Outputs<PortHandle>>;
 /// # Errors
 /// A tool that is missing; a scene that the machine cannot hold. A mismatch is no error here: it is in the report.
 pub fn run(config: &Config, workload: Workload<'_>, options: &UnitOptions) -> Result<UnitReport> {
-    let plan = Plan::new(config)?;
+    let plan = Plan::new(config)?.with_trace(true);
     let unit = tpu::module(&plan)?;
     let mut run = Run::new(config, &plan, &unit, options)?;
     let ended = run.all(workload, options);
@@ -335,8 +336,8 @@ impl<'a> Run<'a> {
 
             // What the unit shows for the edge.
             model.eval();
-            let mut progress = self.watch_step()?;
-            progress |= self.watch_finished()?;
+            let mut progress = self.check_step()?;
+            progress |= self.check_finished()?;
             if takes_leaf && self.bench.model.get(outputs.leaf.valid) != 0 {
                 self.take_leaf(around)?;
                 progress = true;
@@ -583,12 +584,12 @@ impl<'a> Run<'a> {
         }
     }
 
-    fn watch_step(&mut self) -> Result<bool> {
+    fn check_step(&mut self) -> Result<bool> {
         let (ports, model) = (&self.ports.outputs, &self.bench.model);
         if model.get(ports.step_taken) == 0 {
             return Ok(false);
         }
-        let step = &ports.watch_step;
+        let step = ports.trace_step.as_ref().expect(TRACED);
         let id = model.get(step.packet) as usize;
         let packet = self.packet(id, "a packet step")?;
         let Some(Event::Step(golden)) = packet.events.get(packet.next) else {
@@ -673,7 +674,7 @@ impl<'a> Run<'a> {
         Ok(())
     }
 
-    fn watch_finished(&mut self) -> Result<bool> {
+    fn check_finished(&mut self) -> Result<bool> {
         let (ports, model) = (&self.ports.outputs.finished, &self.bench.model);
         if model.get(ports.valid) == 0 {
             return Ok(false);

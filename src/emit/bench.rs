@@ -24,6 +24,8 @@ const SOURCES: [(&str, &str); 2] = [
     ("raycast_tb", include_str!("../../sim/raycast_tb.v")),
     ("memory", include_str!("../../sim/memory.v")),
 ];
+/// What the names begin with of files of what trace ports show.
+const TRACED: [&str; 3] = ["packet_step_", "triangle_test_", "ray_transform_"];
 const MACROS: (&str, &str) = ("bench.vh", include_str!("../../sim/bench.vh"));
 
 /// A bench: its files by their names within the folder of the machine.
@@ -53,11 +55,13 @@ impl Bench {
             fs::read_to_string(&path).with_context(|| format!("cannot read {}", path.display()))
         };
         let header = read(HEADER)?;
-        // The bench says itself what it loads. Of an image of one level there are no ray transformations.
+        // The bench says itself what it loads: what trace ports show only of a machine that has them; of an image of one level no ray
+        // transformations.
         let loaded = SOURCES[0].1.split("`LOAD(\"").skip(1);
         let loaded: Vec<&str> = loaded
             .filter_map(|rest| rest.split('"').next())
             .filter(|name| folder.path().join(name).exists())
+            .filter(|name| machine.trace || !TRACED.iter().any(|files| name.starts_with(files)))
             .collect();
         let mut data = vec![];
         for name in &loaded {
@@ -65,6 +69,10 @@ impl Bench {
             let text = read(name)?;
             let kept = text.split_inclusive('\n').take(lines).collect();
             data.push((name.to_string(), kept));
+        }
+        let mut header = header_of(&header, &loaded, &summary);
+        if machine.trace {
+            header += "\n// The machine has trace ports\n`define DYNRT_TRACE\n";
         }
         let design = &machine.design;
         let prefix = design.prefix().as_str();
@@ -78,7 +86,7 @@ impl Bench {
             top: design.emitted(SOURCES[0].0),
             sources: sources.collect(),
             headers: vec![
-                (place(HEADER), header_of(&header, &loaded, &summary)),
+                (place(HEADER), header),
                 (place(MACROS.0), MACROS.1.to_string()),
             ],
             data: data

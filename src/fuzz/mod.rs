@@ -19,7 +19,8 @@ pub use stages::{Checked, Failure, Stage, Workbench};
 
 use crate::config::Config;
 use crate::cosim::build;
-use crate::hw;
+use crate::hdl::HdlError;
+use crate::hw::{self, Plan};
 use crate::synth::store::CHECKS;
 use anyhow::{Context, Result, ensure};
 use serde_json::{Value, json};
@@ -248,9 +249,13 @@ impl Memory {
 
     /// All that a machine's checks depend on. None if it cannot even be generated.
     fn key(case: &Case, stages: &[Stage]) -> Option<String> {
-        let emitted = std::panic::catch_unwind(|| hw::core::emit(&case.config));
-        let machine = emitted.ok()?.ok()?;
-        let files = machine.design.files();
+        let emitted = std::panic::catch_unwind(|| {
+            let plan = Plan::new(&case.config)?;
+            let traced = hw::core::emit(&plan.clone().with_trace(true))?;
+            Ok::<_, HdlError>([hw::core::emit(&plan)?, traced])
+        });
+        let machines = emitted.ok()?.ok()?;
+        let files = machines.map(|machine| machine.design.files()).concat();
         let (config, seed, sizes) = (
             case.config.to_toml(),
             case.seed.to_string(),

@@ -8,7 +8,7 @@ use crate::cosim::scoreboard::{Fault, UnitOptions, UnitReport};
 use crate::cosim::workload::{Workload, instanced_scene};
 use crate::cosim::{animate, build, sources, unit_geometry, unit_skinning, unit_tpu, unit_update};
 use crate::emit;
-use crate::hw;
+use crate::hw::{self, Plan};
 use crate::temporary;
 use anyhow::{Context, Result, ensure};
 use std::panic::{AssertUnwindSafe, catch_unwind};
@@ -197,9 +197,11 @@ impl Workbench {
                 Ok(files.len() as u64)
             }
             Stage::Lint => {
-                let machine = hw::core::emit(config)?;
-                model::lint(&sources(&machine.design))?;
-                Ok(LINT_TOOLS)
+                for trace in [false, true] {
+                    let machine = hw::core::emit(&Plan::new(config)?.with_trace(trace))?;
+                    model::lint(&sources(&machine.design))?;
+                }
+                Ok(2 * LINT_TOOLS)
             }
             Stage::Tpu => {
                 let one = checked(unit_tpu::run(config, one_level, &options)?)?;

@@ -3,7 +3,6 @@
 use super::plan::Plan;
 use super::raycast::{self, Machine};
 use super::update;
-use crate::config::Config;
 use crate::hdl::{Builder, Design, Direction, HdlError, Module, Prefix};
 use std::sync::Arc;
 
@@ -18,16 +17,16 @@ pub fn default_prefix() -> Prefix {
     PREFIX.parse().expect("it is of the pattern")
 }
 
-/// Describes the core of a configuration. The top module is [`NAME`], which is emitted as `dynrt_core`; another prefix is set by
+/// Describes the core of a machine. The top module is [`NAME`], which is emitted as `dynrt_core`; another prefix is set by
 /// [`Design::with_prefix`].
 ///
 /// # Errors
 /// A mistake in the description itself, with its place in the Rust source.
-pub fn emit(config: &Config) -> Result<Machine, HdlError> {
-    let plan = Plan::new(config)?;
+pub fn emit(plan: &Plan) -> Result<Machine, HdlError> {
     Ok(Machine {
-        config: config.clone(),
-        design: Design::new(module(&plan)?)?.with_prefix(default_prefix()),
+        config: plan.config.clone(),
+        trace: plan.trace,
+        design: Design::new(module(plan)?)?.with_prefix(default_prefix()),
     })
 }
 

@@ -99,7 +99,7 @@ bundle! {
 
 bundle! {
     /// A ray-triangle test.
-    pub struct TestWatch(plan: &Plan) {
+    pub struct TestTrace(plan: &Plan) {
         packet: plan.packet_bits(),
         ray: plan.ray_bits(),
         record: plan.address(),
@@ -114,7 +114,7 @@ bundle! {
 
 bundle! {
     /// A ray taken to an object's space, and its interval in the instance's box.
-    pub struct TransformWatch(plan: &Plan) {
+    pub struct TransformTrace(plan: &Plan) {
         packet: plan.packet_bits(),
         ray: plan.ray_bits(),
         record: plan.address(),
@@ -192,11 +192,11 @@ interface! {
         }
         out "The closest hit that was asked for, a clock or two later" { read: {Hit}(plan) }
         out "Counters' events" { slot_taken: 1, test_issued: 1, transform_issued: 1 }
-        out "The ray-triangle test just merged, for whoever watches" {
-            watch_test: Flow<TestWatch>(plan),
+        out "Trace: the ray-triangle test just merged" {
+            trace_test if (plan.trace): Flow<TestTrace>(plan),
         }
-        out "The ray just transformed, its interval in the instance's box, and the instance's record, for whoever watches" {
-            watch_transform: Flow<TransformWatch>(plan),
+        out "Trace: the ray just transformed, its interval in the instance's box, and the instance's record" {
+            trace_transform if (plan.trace): Flow<TransformTrace>(plan),
         }
     }
 }
@@ -287,8 +287,8 @@ pub fn module(plan: &Plan) -> Result<Geometry, HdlError> {
         slot_taken: issue.busy,
         test_issued: issue.is_test(),
         transform_issued: issue.is_transform(ORIGIN_SLOT),
-        watch_test: merge.watch,
-        watch_transform: object.watch(&rays, leaves),
+        trace_test: merge.trace,
+        trace_transform: (leaves.traced.as_ref()).map(|leaves| object.trace(&rays, leaves)),
     };
     ports.outputs.outputs(&m, outputs);
     properties::conserves(&Unit {

@@ -19,6 +19,8 @@ pub struct Plan {
     /// Plane distances, three ulps down and up.
     pub near_distance: Arc<Module>,
     pub far_distance: Arc<Module>,
+    /// Whether the machine has trace ports, which show every packet step, test and transformation.
+    pub trace: bool,
 }
 
 /// Target clocks, in MHz, from which on a path needs a register more. A block RAM's output takes half of a 10 ns
@@ -34,6 +36,7 @@ const REGISTER_DECISIONS_FROM: u32 = 110;
 const REGISTER_CHOICE_FROM: u32 = 80;
 
 impl Plan {
+    /// Of a machine without trace ports.
     pub fn new(config: &Config) -> Result<Plan, HdlError> {
         let format = config.format();
         let units = Units::new(format, config.clock_mhz)?;
@@ -43,7 +46,13 @@ impl Plan {
             near_distance: distance::near(&units)?,
             far_distance: distance::far(&units)?,
             units,
+            trace: false,
         })
+    }
+
+    /// The same machine, with trace ports or without.
+    pub fn with_trace(self, trace: bool) -> Plan {
+        Plan { trace, ..self }
     }
 
     /// Bits of a number.

@@ -5,11 +5,11 @@ mod packets;
 mod properties;
 mod units;
 
-use super::geometry::{self, Moved, TestWatch, TransformWatch};
+use super::geometry::{self, Moved, TestTrace, TransformTrace};
 use super::plan::Plan;
 use super::ray::{Hit, InContext, Limit, Limits, Line, Start};
 use super::skinning::{self, Column, Issued, Mesh, Sums, Taken};
-use super::tpu::{self, StepWatch};
+use super::tpu::{self, StepTrace};
 use crate::bkd::layout::Record;
 use crate::config::Config;
 use crate::hdl::{
@@ -30,18 +30,20 @@ pub const COUNTER_BITS: u32 = 40;
 #[derive(Debug)]
 pub struct Machine {
     pub config: Config,
+    /// Whether it has trace ports.
+    pub trace: bool,
     pub design: Design,
 }
 
-/// Describes the machine of a configuration. The top module is `raycast_unit`.
+/// Describes the ray casting unit of a machine. The top module is `raycast_unit`.
 ///
 /// # Errors
 /// A mistake in the description itself, with its place in the Rust source.
-pub fn emit(config: &Config) -> Result<Machine, HdlError> {
-    let plan = Plan::new(config)?;
+pub fn emit(plan: &Plan) -> Result<Machine, HdlError> {
     Ok(Machine {
-        config: config.clone(),
-        design: Design::new(module(&plan)?)?,
+        config: plan.config.clone(),
+        trace: plan.trace,
+        design: Design::new(module(plan)?)?,
     })
 }
 
@@ -67,7 +69,7 @@ bundle! {
 
 bundle! {
     /// A packet all of whose rays have been taken, and its number in flight.
-    pub struct StartWatch(plan: &Plan) {
+    pub struct StartTrace(plan: &Plan) {
         packet: plan.packet_bits(),
         tag: plan.config.tag_bits,
     }
@@ -141,11 +143,11 @@ interface! {
             stack_high_water: plan.level_bits(),
             stack_overflow: 1,
         }
-        out "What happens inside, for whoever watches" {
-            watch_start: Flow<StartWatch>(plan),
-            watch_step: Flow<StepWatch>(plan),
-            watch_test: Flow<TestWatch>(plan),
-            watch_transform: Flow<TransformWatch>(plan),
+        out "Trace: what happens inside" {
+            trace_start if (plan.trace): Flow<StartTrace>(plan),
+            trace_step if (plan.trace): Flow<StepTrace>(plan),
+            trace_test if (plan.trace): Flow<TestTrace>(plan),
+            trace_transform if (plan.trace): Flow<TransformTrace>(plan),
         }
     }
 }
@@ -269,7 +271,7 @@ pub(super) fn module(plan: &Plan) -> Result<Arc<Module>, HdlError> {
     let count = m.part("counters", "counts events since reset.", || {
         count(m, placed.events(skinning))
     });
-    let outputs = placed.outputs(&hits, request, count);
+    let outputs = placed.outputs(plan, &hits, request, count);
     ports.outputs.outputs(m, outputs);
     properties::shares(&Watched {
         inputs,
@@ -319,6 +321,7 @@ impl<'b> Placed<'_, 'b> {
 
     fn outputs(
         &self,
+        plan: &Plan,
         hits: &Hits<'b>,
         vertex_request: VertexRequest<'b>,
         count: Counters<Signal<'b>>,
@@ -333,7 +336,7 @@ impl<'b> Placed<'_, 'b> {
             tag: packets.tag_out,
             hit: hits.hit.payload,
         };
-        let start = StartWatch {
+        let start = StartTrace {
             packet: packets.place.packet,
             tag: packets.tag_in,
         };
@@ -352,10 +355,10 @@ impl<'b> Placed<'_, 'b> {
             count,
             stack_high_water: traversal.stack_high_water,
             stack_overflow: traversal.stack_overflow,
-            watch_start: Flow::new(packets.enters, start),
-            watch_step: Flow::new(traversal.step_taken, traversal.watch_step),
-            watch_test: intersection.watch_test,
-            watch_transform: intersection.watch_transform,
+            trace_start: (plan.trace).then(|| Flow::new(packets.enters, start)),
+            trace_step: (traversal.trace_step).map(|step| Flow::new(traversal.step_taken, step)),
+            trace_test: intersection.trace_test,
+            trace_transform: intersection.trace_transform,
         }
     }
 }

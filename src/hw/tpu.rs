@@ -59,7 +59,7 @@ bundle! {
 
 bundle! {
     /// A packet step: its node, which rays go to each child, and their intervals in it.
-    pub struct StepWatch(plan: &Plan) {
+    pub struct StepTrace(plan: &Plan) {
         packet: plan.packet_bits(),
         node: plan.address(),
         left: plan.rays(),
@@ -118,8 +118,8 @@ interface! {
             stack_high_water: plan.level_bits(),
             stack_overflow: 1,
         }
-        out "The packet step just decided, for whoever watches" {
-            watch_step: {StepWatch}(plan),
+        out "Trace: the packet step just decided" {
+            trace_step if (plan.trace): {StepTrace}(plan),
         }
     }
 }
@@ -200,7 +200,7 @@ pub fn module(plan: &Plan) -> Result<Tpu, HdlError> {
         step_taken: step.valid,
         stack_high_water: stack.high_water.q,
         stack_overflow: stack.overflow.q,
-        watch_step: step.watch,
+        trace_step: step.trace,
     };
     ports.outputs.outputs(m, outputs);
     properties::describe(&Watched {

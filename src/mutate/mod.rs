@@ -157,13 +157,13 @@ impl Population {
 }
 
 fn design_of(config: &Config, unit: &str) -> Result<Design> {
-    let plan = || hw::Plan::new(config);
+    let plan = &hw::Plan::new(config)?.with_trace(true);
     let top = match unit {
-        unit_arithmetic::TOP => unit_arithmetic::module(&plan()?)?,
-        "tpu" => hw::tpu::module(&plan()?)?.module,
-        "geometry" => hw::geometry::module(&plan()?)?.module,
-        "update" => hw::update::module(&plan()?)?.module,
-        "raycast" => return Ok(hw::emit(config)?.design.apart()?),
+        unit_arithmetic::TOP => unit_arithmetic::module(plan)?,
+        "tpu" => hw::tpu::module(plan)?.module,
+        "geometry" => hw::geometry::module(plan)?.module,
+        "update" => hw::update::module(plan)?.module,
+        "raycast" => return Ok(hw::emit(plan)?.design.apart()?),
         _ => bail!("unit {unit}: is not one of {}", UNITS.join(", ")),
     };
     Ok(Design::new(top)?.apart()?)
@@ -520,7 +520,7 @@ fn run_unit(
     } = population;
     let selectable = population.selectable(design)?;
     let machine = match *unit {
-        "geometry" => Some(hw::emit(config)?.design.apart()?),
+        "geometry" => Some(design_of(config, "raycast")?),
         _ => None,
     };
     let whole = machine.as_ref().map(|whole| population.selectable(whole));

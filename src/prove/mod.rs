@@ -1,7 +1,7 @@
 //! Proofs about the emitted Verilog, by open tools.
 //!
 //! Arithmetic ([`arithmetic`]) is compared with an exact reference for all operands; a pipeline that is lent is shown to keep its slots
-//! apart ([`slots`]); queues, credits, stack and ports
+//! apart ([`slots`]); a machine is the same with trace ports and without ([`trace`]); queues, credits, stack and ports
 //! ([`induction`]) are proved by induction. Every proof has *seeded faults*: changes of the module, each of which must make it
 //! fail, with a counterexample. A proof that a tool leaves undecided has failed.
 
@@ -12,6 +12,7 @@ mod induction;
 mod reference;
 mod slots;
 pub(crate) mod tools;
+mod trace;
 
 use crate::config::Config;
 use crate::temporary;
@@ -23,7 +24,7 @@ use std::sync::{Arc, mpsc};
 use std::time::Instant;
 
 /// What can be proved, with what it is.
-pub const UNITS: [(&str, &str); 15] = [
+pub const UNITS: [(&str, &str); 16] = [
     ("add", "fp_add: the sum of any two operands"),
     ("sub", "fp_sub: the difference of any two operands"),
     ("mul", "fp_mul: the product of any two operands"),
@@ -69,6 +70,7 @@ pub const UNITS: [(&str, &str); 15] = [
         "share",
         "the ray casting unit: packet numbers, tags, who has the geometry unit and its port",
     ),
+    ("trace", "the core: the same with trace ports and without"),
 ];
 
 /// How a proof ended.
@@ -108,7 +110,7 @@ pub struct Row {
     /// The seeded fault.
     pub fault: Option<String>,
     pub how: String,
-    /// Cases proved; in an induction, properties.
+    /// Cases proved; in an induction, properties; of variants, outputs.
     pub cases: usize,
     pub seconds: f64,
     pub outcome: Outcome,
@@ -242,11 +244,12 @@ impl Job {
     }
 }
 
-/// Something to prove, by one of two ways.
+/// Something to prove, each in its way.
 enum Subject {
     Equivalence(arithmetic::Equivalence),
     Slots(slots::Slots),
     Induction(induction::Induction),
+    Trace(trace::Variants),
 }
 
 fn subjects(unit: &str, config: &Config) -> Result<Vec<Subject>> {
@@ -254,9 +257,11 @@ fn subjects(unit: &str, config: &Config) -> Result<Vec<Subject>> {
     let inductions = induction::proofs(unit, config)?;
     let equivalences = equivalences.into_iter().map(Subject::Equivalence);
     let slots = slots::proofs(unit, config)?.into_iter().map(Subject::Slots);
+    let variants = trace::proofs(unit, config)?;
     Ok(equivalences
         .chain(slots)
         .chain(inductions.into_iter().map(Subject::Induction))
+        .chain(variants.into_iter().map(Subject::Trace))
         .collect())
 }
 
@@ -270,6 +275,7 @@ impl Subject {
             Subject::Equivalence(proof) => names(&proof.faults),
             Subject::Slots(proof) => names(&proof.faults),
             Subject::Induction(proof) => proof.faults().collect(),
+            Subject::Trace(proof) => names(&proof.faults),
         }
     }
 
@@ -278,6 +284,7 @@ impl Subject {
             Subject::Equivalence(proof) => &proof.what,
             Subject::Slots(proof) => &proof.what,
             Subject::Induction(proof) => &proof.proof.what,
+            Subject::Trace(_) => trace::WHAT,
         }
     }
 
@@ -286,6 +293,7 @@ impl Subject {
             Subject::Equivalence(proof) => proof.module.name(),
             Subject::Slots(proof) => proof.module.name(),
             Subject::Induction(proof) => proof.module.name(),
+            Subject::Trace(proof) => proof.plain.top().name(),
         }
     }
 
@@ -308,6 +316,7 @@ impl Subject {
                 proof.prove(folder, fault)?,
             ),
             Subject::Induction(proof) => (proof.how(), proof.prove(folder, fault)?),
+            Subject::Trace(proof) => proof.prove(fault)?,
         };
         Ok(Row {
             unit,

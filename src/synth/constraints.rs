@@ -5,6 +5,7 @@ use super::selftest::{self, SelfTest};
 use crate::config::Config;
 use crate::emit;
 use crate::hdl::{Design, Prefix};
+use crate::hw::Plan;
 use anyhow::{Result, ensure};
 use serde_json::json;
 use std::fmt::Write as _;
@@ -92,7 +93,7 @@ pub fn files(
             && !rtl.is_empty(),
         "the folder of Verilog `{rtl}` has characters that the tools' scripts cannot hold; give one of letters, digits and - _ . /"
     );
-    let machine = emit::machine_with(config, prefix)?;
+    let machine = emit::machine_with(&Plan::new(config)?, prefix)?;
     let design = &machine.design;
     let names = Names {
         top: design.emitted(selftest::TOP),

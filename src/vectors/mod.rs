@@ -155,7 +155,9 @@ pub struct Summary {
 pub fn write(request: &Request<'_>) -> Result<Summary> {
     let Request { config, image, .. } = *request;
     check(request)?;
-    let machine = hw::core::emit(config).map_err(|error| anyhow!("the machine: {error}"))?;
+    let machine = hw::Plan::new(config)
+        .and_then(|plan| hw::core::emit(&plan.with_trace(true)))
+        .map_err(|error| anyhow!("the machine: {error}"))?;
     let design = &machine.design;
     let shape = Shape::new(config);
     let directed = match request.directed_scenes {

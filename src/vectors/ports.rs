@@ -183,9 +183,9 @@ impl Map<'_> {
             let fields: Vec<String> = (0..self.rays).flat_map(of_ray).collect();
             self.packed("packet_step_expected", &fields, port)
         };
-        if let Some(watched) = name.strip_prefix("watch_") {
+        if let Some(traced) = name.strip_prefix("trace_") {
             let field = |layout, field| Ok(self.field(layout, field, port));
-            return match watched {
+            return match traced {
                 "start_tag" => field("raycast_rays", "tag"),
                 "step_node" => field("packet_step_stimulus", "node"),
                 "step_left" => field("packet_step_expected", "to_left"),

@@ -130,9 +130,13 @@ pub(in super::super) fn with_checks(
         return (text, modules);
     }
     let roots: Vec<Id> = checks.iter().map(|(_, id)| *id).collect();
+    let owners = printer.plan.borders.as_ref().map(|borders| &borders.owners);
+    let parts = owners.map(|owners| owners.instances.clone());
     let inside = |instance: usize, node: Id| {
+        let part = parts.as_ref().map_or(0, |parts| parts[instance]);
         let instance = &ir.instances[instance];
-        format!("{}.{}", instance.name, instance.module.name_of(node))
+        let name = format!("{}.{}", instance.name, instance.module.name_of(node));
+        within(ir, part, &name)
     };
     let mut section = printer.beside(&roots, &inside, false);
     let started_name = printer.names.free("f_started".to_string());
@@ -153,15 +157,20 @@ pub(in super::super) fn with_checks(
     (text, modules)
 }
 
+/// What is called `name` in a part, from the module that places it.
+fn within(ir: &Netlist, part: usize, name: &str) -> String {
+    match part {
+        0 => name.to_string(),
+        part => format!("{}.{name}", ir.parts[part - 1].name),
+    }
+}
+
 impl Printer<'_> {
     /// Names what is in parts from the module that places them.
     fn look_into(&mut self, outline: &Outline) {
         let modules = [&outline.top].into_iter().chain(&outline.parts);
         let printers: Vec<_> = modules.map(|module| Printer::new(&module.ir)).collect();
-        let within = |part: usize, name: &str| match part {
-            0 => name.to_string(),
-            part => format!("{}.{name}", self.plan.ir.parts[part - 1].name),
-        };
+        let within = |part: usize, name: &str| within(self.plan.ir, part, name);
         // What crosses a border has its name outside too, and is found there first.
         let place = |id: &Id| {
             let numbers = outline.numbers.iter().enumerate();

@@ -11,14 +11,6 @@ use crate::hw::plan::Plan;
 use crate::hw::ray::{Context, Start};
 
 bundle! {
-    /// A leaf as it is kept.
-    struct LeafWord(plan: &Plan) {
-        context: Context::of(plan).width(),
-        address: plan.address(),
-    }
-}
-
-bundle! {
     /// Where an object begins.
     struct Root(plan: &Plan) {
         address: plan.address(),
@@ -32,11 +24,17 @@ pub(super) struct Leaves<'b> {
     pub start: Start<Signal<'b>>,
     /// Of the leaf whose ray is merged.
     pub context: Context<Signal<'b>>,
-    pub address: Signal<'b>,
     pub triangle_number: Signal<'b>,
     pub instance_number: Signal<'b>,
-    /// Of the instance whose ray leaves.
-    pub instance_address: Signal<'b>,
+    pub traced: Option<Traced<'b>>,
+}
+
+/// Where leaves lie, for trace ports alone.
+pub(super) struct Traced<'b> {
+    /// The leaf whose ray is merged.
+    pub merged: Signal<'b>,
+    /// The instance whose ray leaves.
+    pub instance: Signal<'b>,
 }
 
 /// Writes leaves as they are taken and their records as they come, and reads both for slots that leave.
@@ -51,16 +49,15 @@ pub(super) fn keep<'b>(
 ) -> Leaves<'b> {
     m.comment("Leaves as they are taken, the numbers and roots of their records, and what is read of them.");
     let packets = plan.packets();
-    let (leaf_word, root, context) = (LeafWord::of(plan), Root::of(plan), Context::of(plan));
+    let (root, context) = (Root::of(plan), Context::of(plan));
     let leaf = inputs.leaf.payload;
-    let leaf_data = leaf_word
-        .pack(LeafWord {
-            context: leaf.context,
-            address: leaf.address,
-        })
-        .named("leaf_data");
-    let leaves = m.memory("leaf_memory", packets, leaf_word.width(), Style::Block);
-    leaves.write(fetch.leaf.taken, leaf.packet, leaf_data);
+    let contexts = m.memory(
+        "leaf_context_memory",
+        packets,
+        context.width(),
+        Style::Block,
+    );
+    contexts.write(fetch.leaf.taken, leaf.packet, leaf.context);
     let (valid, record) = (inputs.record.response.valid, fetch.record);
     let data = inputs.record.response.payload.data;
     let instance = fields::Instance::of().unpack(data);
@@ -85,22 +82,28 @@ pub(super) fn keep<'b>(
 
     let next_packet = inputs.setup_next_packet;
     let start_root = root.unpack(plan.read(roots, next_packet));
-    let start_leaf = leaf_word.unpack(plan.read(leaves, next_packet));
+    let start_context = context.unpack(plan.read(contexts, next_packet));
     let read_at = stages.hit - plan.read_latency();
     let packet = slot.packet.at(read_at);
-    let merged = leaf_word.unpack(plan.read(leaves, packet));
-    let at_object = slot.packet.at(object_leaves_at - plan.read_latency());
+    let traced = plan.trace.then(|| {
+        let addresses = m.memory("leaf_address_memory", packets, plan.address(), Style::Block);
+        addresses.write(fetch.leaf.taken, leaf.packet, leaf.address);
+        let at_object = slot.packet.at(object_leaves_at - plan.read_latency());
+        Traced {
+            merged: plan.read(addresses, packet).named("tested_record"),
+            instance: plan.read(addresses, at_object),
+        }
+    });
     Leaves {
         start: Start {
             address: start_root.address,
             leaf: start_root.leaf,
             context: context.pack(Context {
                 inside: m.lit(1u8, 1),
-                ..context.unpack(start_leaf.context)
+                ..start_context
             }),
         },
-        context: context.unpack(merged.context).named("tested"),
-        address: merged.address.named("tested_record"),
+        context: context.unpack(plan.read(contexts, packet)).named("tested"),
         triangle_number: plan.read(triangle_numbers, packet).named("tested_triangle"),
         // In a scene of one level every triangle is of instance 0.
         instance_number: plan
@@ -111,6 +114,6 @@ pub(super) fn keep<'b>(
                 m.zero(32),
             )
             .named("tested_instance"),
-        instance_address: leaf_word.unpack(plan.read(leaves, at_object)).address,
+        traced,
     }
 }

@@ -2,7 +2,7 @@
 
 use super::issue::Slot;
 use super::leaves::Leaves;
-use super::{Inputs, Kept, TestWatch};
+use super::{Inputs, Kept, TestTrace};
 use crate::bundle;
 use crate::hdl::{Builder, Flow, Memory, Signal, Signals, Specs, Style};
 use crate::hw::fp::{Knowing, Known, equal, less};
@@ -26,7 +26,7 @@ pub(super) struct Merge<'b> {
     pub limit: Flow<Limit<Signal<'b>>, Signal<'b>>,
     pub done: Flow<InContext<Signal<'b>>, Signal<'b>>,
     pub read: Hit<Signal<'b>>,
-    pub watch: Flow<TestWatch<Signal<'b>>, Signal<'b>>,
+    pub trace: Option<Flow<TestTrace<Signal<'b>>, Signal<'b>>>,
 }
 
 /// Merges a test with its ray's closest hit, in the clock behind [`Stages::hit`](super::stages::Stages::hit). A closest hit that is asked
@@ -77,17 +77,20 @@ pub(super) fn merge<'b>(
     let asked = plan.ray_index(inputs.read_packet, inputs.read_ray);
     let asked = m.pipeline().enter(asked);
     let read = word.unpack(closest.read(asked).untimed());
-    let watch = TestWatch {
-        packet,
-        ray: number,
-        record: now(leaf.address),
-        instance: now(leaf.instance_number),
-        hit: now(test.hit),
-        replaces: replaces.untimed(),
-        t: now(test.t),
-        u: now(test.u),
-        v: now(test.v),
-    };
+    let trace = leaf.traced.as_ref().map(|traced| {
+        let test = TestTrace {
+            packet,
+            ray: number,
+            record: now(traced.merged),
+            instance: now(leaf.instance_number),
+            hit: now(test.hit),
+            replaces: replaces.untimed(),
+            t: now(test.t),
+            u: now(test.u),
+            v: now(test.v),
+        };
+        Flow::new(now(slot.test), test)
+    });
     Merge {
         limit,
         done,
@@ -98,7 +101,7 @@ pub(super) fn merge<'b>(
             instance: read.instance,
             triangle: read.triangle,
         },
-        watch: Flow::new(now(slot.test), watch),
+        trace,
     }
 }
 

@@ -1,10 +1,10 @@
 //! Object rays: rays that the test has transformed leave for ray setup, each with its interval in the instance's box.
 
 use super::issue::Slot;
-use super::leaves::Leaves;
+use super::leaves::Traced;
 use super::rays::Rays;
 use super::stages::Stages;
-use super::{Moved, TransformWatch};
+use super::{Moved, TransformTrace};
 use crate::hdl::{Builder, Flow, Signal, Signals, Specs};
 use crate::hw::fp::{Knowing, Known};
 use crate::hw::plan::{AXES, Plan};
@@ -18,21 +18,21 @@ pub(super) struct ObjectRay<'b> {
 }
 
 impl<'b> ObjectRay<'b> {
-    /// What is shown of it to whoever watches.
-    pub fn watch(
+    /// What trace ports show of it.
+    pub fn trace(
         &self,
         rays: &Rays<'b>,
-        leaves: &Leaves<'b>,
-    ) -> Flow<TransformWatch<Signal<'b>>, Signal<'b>> {
+        leaves: &Traced<'b>,
+    ) -> Flow<TransformTrace<Signal<'b>>, Signal<'b>> {
         let Moved { place, line, .. } = self.ray.payload;
-        let watch = TransformWatch {
+        let trace = TransformTrace {
             packet: place.packet,
             ray: place.ray,
-            record: leaves.instance_address.untimed(),
+            record: leaves.instance.untimed(),
             window: rays.own_window.at(self.leaves_at).untimed(),
             line,
         };
-        Flow::new(self.ray.valid, watch)
+        Flow::new(self.ray.valid, trace)
     }
 }
 

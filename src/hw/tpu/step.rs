@@ -6,7 +6,7 @@ use super::ray::{self, RayWord};
 use super::slice::Outputs as Goes;
 use super::stack::Entry;
 use super::start::Start;
-use super::{Inputs, StepWatch};
+use super::{Inputs, StepTrace};
 use crate::bkd::layout::fields::{Node, Planes};
 use crate::bundle;
 use crate::hdl::{Builder, Module, Signal, Signals, Specs, Wire, Wires};
@@ -139,7 +139,7 @@ pub(super) struct Step<'b> {
     /// Entries on the stack before.
     pub push_level: Signal<'b>,
     pub push_word: Signal<'b>,
-    pub watch: StepWatch<Signal<'b>>,
+    pub trace: Option<StepTrace<Signal<'b>>>,
 }
 
 /// The packet goes first where the only or the nearer ones of its rays go; what goes elsewhere is pushed. The step ends a clock after
@@ -218,6 +218,15 @@ pub(super) fn decide<'b>(
         mask: second.mask,
         intervals: second.intervals,
     });
+    let trace = plan.trace.then(|| StepTrace {
+        packet,
+        node: late(own),
+        left: late(to_left),
+        right: late(to_right),
+        left_first: late(left_first),
+        left_intervals: late(left_intervals),
+        right_intervals: late(right_intervals),
+    });
     Step {
         valid,
         packet,
@@ -232,15 +241,7 @@ pub(super) fn decide<'b>(
         push: late(pushes),
         push_level: late(level_before),
         push_word: late(push_word.named("push_word")),
-        watch: StepWatch {
-            packet,
-            node: late(own),
-            left: late(to_left),
-            right: late(to_right),
-            left_first: late(left_first),
-            left_intervals: late(left_intervals),
-            right_intervals: late(right_intervals),
-        },
+        trace,
     }
 }
 
