@@ -997,7 +997,7 @@ fn generated_names_leave_given_ones_alone() {
     let store = m.memory("store", 16, 4, Style::Block);
     store.write(m.ones(1), x, x);
     m.output("y", store.read(x) + store.read(!x) + x.register());
-    m.output("late", x.delay(9));
+    m.output("late", x.delay(150)); // more than a tool takes in one loop
     m.output("spare", p.input("spare_in", 4).low(2));
     let design = Design::new(m.finish().unwrap()).unwrap();
     lint(&sources(&design)).unwrap();

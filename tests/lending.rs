@@ -364,7 +364,7 @@ impl Rig {
     }
 }
 
-fn compare(name: &str, test: TriangleTest) {
+fn compare(test: TriangleTest) {
     const SLOTS: usize = 50_000;
     let seed = seed();
     // The reference; a narrow and a wide format; clocks that ask for no, some and all of the registers after choices.
@@ -399,15 +399,12 @@ fn compare(name: &str, test: TriangleTest) {
 
 #[test]
 fn moller_trumbore_lends_its_operators() {
-    compare(
-        "moller_trumbore_lends_its_operators",
-        TriangleTest::MollerTrumbore,
-    );
+    compare(TriangleTest::MollerTrumbore);
 }
 
 #[test]
 fn watertight_lends_its_operators() {
-    compare("watertight_lends_its_operators", TriangleTest::Watertight);
+    compare(TriangleTest::Watertight);
 }
 
 #[test]

@@ -13,7 +13,8 @@
 //! which can be looked into and changed in one place ([`Mutation`]).
 //!
 //! Names in the Verilog follow from the description: a field of a word is called after both (`stack_read_near`), a register in a
-//! pipeline after its signal and stage (`sum_s3`), a port's value after the port. What several places read needs a name of its own:
+//! pipeline after its signal and stage (`sum_s3`), a port's value after the port, an instance's output after the port or wire that it
+//! drives. A register that a port shows keeps its name. What several places read needs a name of its own:
 //! [`Signal::named`] gives one, [`Signal::hinted`] offers one. [`Module::made_up_names`] lists what is left.
 //!
 //! Mistakes (a width mismatch, a combinational loop, an undriven or doubly driven signal, a name clash, a stage of a signal that

@@ -508,7 +508,8 @@ mod tests {
         // Registers of a delay line where they are, the word where it is stored, the counter where it counts.
         for part in [
             "sum_delay[0]",
-            "= sum_delay[2] * 2'd3;",
+            "wire [7:0] sum_s3 = sum_delay[2];",
+            "= sum_s3 * 2'd3;",
             "words[f_keeps_at]",
             "(* hierconn *) wire [2:0] \\counter.count ;",
             "(* anyconst *) wire [1:0] f_keeps_at;",

@@ -13,6 +13,7 @@
 //!   ▲                                           │           node answer
 //!   └─ 4 plane distances a ray, decision, push ─┴────────────────┘
 //! ```
+
 mod clip;
 mod enter;
 mod kept;

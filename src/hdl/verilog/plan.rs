@@ -253,12 +253,15 @@ impl<'a> Plan<'a> {
         let nodes = self.ops.len();
         let mut beside = vec![false; nodes];
         let mut count = vec![0; nodes];
-        let mut open: Vec<Id> = roots.to_vec();
+        let (mut open, mut words) = (roots.to_vec(), vec![]);
         roots.iter().for_each(|id| count[*id] += 1);
         while let Some(id) = open.pop() {
+            if self.declared[id] || std::mem::replace(&mut beside[id], true) {
+                continue;
+            }
             // A register of a delay line is a part of that line.
-            let known = self.declared[id] || self.live[id] && self.in_line[id].is_some();
-            if known || std::mem::replace(&mut beside[id], true) {
+            if self.live[id] && self.in_line[id].is_some() {
+                words.push(id);
                 continue;
             }
             for source in self.sources(id) {
@@ -266,15 +269,11 @@ impl<'a> Plan<'a> {
                 open.push(source);
             }
         }
-        for id in 0..nodes {
-            let sliced = |of: Id| self.in_line[of].is_some() && !self.declared[of];
-            if let (true, Op::Slice(of, _)) = (beside[id], &self.ops[id])
-                && sliced(*of)
-            {
-                beside[*of] = true;
-            }
-        }
         self.choose_declared(&count, &beside);
+        // Icarus 11 fails at an array's word within an expression.
+        for id in words {
+            self.declared[id] = true;
+        }
         (0..nodes).filter(|id| beside[*id]).collect()
     }
 
@@ -396,7 +395,10 @@ impl<'a> Plan<'a> {
                 .iter()
                 .filter(|id| **id == last || count[**id] > 1 || self.given[**id].is_some())
                 .count();
-            if registers.len() >= DELAY_LINE && 2 * read <= registers.len() {
+            // Reset clears bits alone: arrays have none.
+            let plain =
+                self.width(head) == 1 || self.delay(head).is_some_and(|(_, reset)| reset.is_none());
+            if plain && registers.len() >= DELAY_LINE && 2 * read <= registers.len() {
                 for (at, id) in registers.iter().enumerate() {
                     self.in_line[*id] = Some((self.lines.len(), at));
                 }

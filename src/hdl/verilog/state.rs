@@ -1,14 +1,13 @@
 //! What holds state: registers, delays, memories.
 
-use super::super::ir::{Id, Op};
+use super::super::ir::{Id, Op, Register, Root};
 use super::super::memory::Style;
 use super::expression::{bits, literal};
 use super::plan::DelayLine;
 use super::{Body, LINE, Printer, range};
-use crate::hdl::ir::{Register, Root};
 use std::fmt::Write as _;
 
-/// Verilator takes apart loops of up to so many steps; it cannot do without in an array's delays.
+/// Verilator unrolls loops of up to so many steps, and takes no longer ones for delays in an array.
 const LOOP_STEPS: usize = 64;
 
 impl Printer<'_> {
@@ -24,21 +23,30 @@ impl Printer<'_> {
         let name = &self.names.of[id];
         let next = register.next.expect("checked: every register is driven");
         let mark = self.mark(Root::Next(id));
-        let enable = register.enable.map(|id| format!("if ({}) ", self.part(id)));
-        let target = format!("{}{name} <=", enable.unwrap_or_default());
-        let Some(reset) = register.reset else {
-            return mark + &self.assignment(&target, next);
+        let condition = register.enable.map(|id| format!("if ({})", self.part(id)));
+        let fits = |line: &str| !line.contains('\n') && line.len() + 4 <= LINE;
+        // Behind what it depends on, on a line of its own where that makes it one line.
+        let assigned = |before: &str| {
+            let condition = condition.as_deref().unwrap_or_default();
+            let before = format!("{before} {condition}");
+            let before = before.trim();
+            let alone = self.assignment(&format!("{name} <="), next);
+            let line = self.assignment(format!("{before} {name} <=").trim(), next);
+            match fits(&line) || condition.is_empty() || alone.contains('\n') {
+                true => line,
+                false => format!("{before}\n    {alone}"),
+            }
         };
-        let clear = format!(
-            "if (rst) {name} <= {};",
-            literal(reset, self.plan.width(id))
-        );
-        let line = self.assignment(&format!("{clear} else {target}"), next);
-        if !line.contains('\n') && line.len() + 4 <= LINE {
-            return mark + &line;
+        let Some(reset) = register.reset else {
+            return mark + &assigned("");
+        };
+        let clear = literal(reset, self.plan.width(id));
+        let clear = format!("if (rst) {name} <= {clear};");
+        let line = assigned(&format!("{clear} else"));
+        match fits(&line) {
+            true => mark + &line,
+            false => format!("{mark}{clear}\n  {}", assigned("else")),
         }
-        let otherwise = self.assignment(&format!("else {target}"), next);
-        format!("{mark}{clear}\n  {otherwise}")
     }
 
     /// Delay registers stage by stage, then delay lines.
@@ -94,7 +102,7 @@ impl Printer<'_> {
         let (line, name) = (&self.plan.lines[line], &self.names.lines[line]);
         let last = bits(line.registers.len() as u32 - 1, 0);
         match self.is_array(line) {
-            // Without the attribute Yosys says that it takes no memory for it.
+            // Yosys makes registers of it in any case; with the attribute it does not warn of that.
             true => format!(
                 "(* mem2reg *) reg {}{name} [0:{}];",
                 range(self.plan.width(line.registers[0])),
@@ -127,30 +135,17 @@ impl Printer<'_> {
             }];
         }
         let i = &self.names.counter;
-        let each = |from: usize, end: usize, what: &str| {
-            let head = format!("for ({i} = {from}; {i} < {end}; {i} = {i} + 1)");
-            match head.len() + what.len() + 5 <= LINE {
-                true => format!("{head} {what}"),
-                false => format!("{head}\n    {what}"),
-            }
-        };
-        let mut statements = vec![format!(
-            "{mark}{}",
-            self.assignment(&format!("{name}[0] <="), next)
-        )];
-        for from in (1..clocks).step_by(LOOP_STEPS) {
+        let first = mark + &self.assignment(&format!("{name}[0] <="), next);
+        let loops = (1..clocks).step_by(LOOP_STEPS).map(|from| {
             let end = clocks.min(from + LOOP_STEPS);
-            statements.push(each(from, end, &format!("{name}[{i}] <= {name}[{i} - 1];")));
-        }
-        if let Some(value) = register.reset {
-            let value = literal(value, self.plan.width(head));
-            for from in (0..clocks).step_by(LOOP_STEPS) {
-                let end = clocks.min(from + LOOP_STEPS);
-                let clear = each(from, end, &format!("{name}[{i}] <= {value};"));
-                statements.push(format!("if (rst) {clear}"));
+            let head = format!("for ({i} = {from}; {i} < {end}; {i} = {i} + 1)");
+            let step = format!("{name}[{i}] <= {name}[{i} - 1];");
+            match head.len() + step.len() + 5 <= LINE {
+                true => format!("{head} {step}"),
+                false => format!("{head}\n    {step}"),
             }
-        }
-        statements
+        });
+        std::iter::once(first).chain(loops).collect()
     }
 
     /// A memory's copies, each with the statement that writes and reads it.

@@ -6,6 +6,7 @@ use crate::hw::plan::Plan;
 use crate::hw::ray::Hit;
 use crate::hw::tpu::Finished;
 
+/// The packet whose hits go out, and the hit that is shown.
 pub(super) struct Hits<'b> {
     pub finished: Placed<'b>,
     /// Whether a finished packet's turn comes.

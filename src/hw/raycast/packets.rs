@@ -6,6 +6,7 @@ use crate::hw::fifo::{self, Placed};
 use crate::hw::plan::Plan;
 use crate::hw::ray::Place;
 
+/// Packet numbers, and the ray of the world that comes.
 pub(super) struct Packets<'b> {
     /// After reset, whether packet numbers are counted out, and which.
     pub sweeping: Signal<'b>,

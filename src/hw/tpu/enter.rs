@@ -49,7 +49,8 @@ pub(super) struct Entered<'b> {
     pub none_enters: Signal<'b>,
 }
 
-/// No pop ends in a clock in which a ray arrives, so a choice by that is all that it takes. A packet that goes nowhere in an object pops
+/// Says where a packet goes that starts or has popped, and writes what its step there will read, in the clock of its last ray or of the
+/// pop's end. No pop ends where a ray arrives, so a choice by that is all that it takes. A packet that goes nowhere in an object pops
 /// again, as one does whose entry is dropped.
 pub(super) fn enter<'b>(
     m: &'b Builder,

@@ -348,6 +348,7 @@ fn stack<'b>(unit: &Watched<'_, 'b>) {
     words_are_kept(&proof, unit, &entry);
 }
 
+/// Watches one packet and level, any, that exist.
 fn watched_entry<'b>(proof: &Proof<'b>, unit: &Watched<'_, 'b>) -> WatchedEntry<'b> {
     let (plan, step, popping) = (unit.plan, unit.step, unit.popping);
     let m = proof.module();

@@ -37,8 +37,8 @@ struct Coming<'b> {
 type PlaceQueue<'b> =
     fn(&Plan, &str, u32, Signal<'b>, Signal<'b>, Signal<'b>) -> Result<Placed<'b>, HdlError>;
 
-/// Serves one of two queues, where it has something that after steps, but what was offered and not taken is offered again, so that a waiting
-/// request never changes. Returns what is offered too.
+/// Serves one of two queues: that after steps where it has something, but what was offered and not taken is offered again, so that what
+/// waits never changes. Returns the word that is offered, too.
 fn serve<'b>(
     plan: &Plan,
     name: &str,

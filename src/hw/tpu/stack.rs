@@ -19,6 +19,7 @@ bundle! {
     }
 }
 
+/// The stack, with what is pushed and popped.
 pub(super) struct Stack<'b> {
     pub memory: Banks<'b>,
     /// Bits of a packet's number in its address.
