@@ -2011,6 +2011,23 @@ fn the_benches_find_what_is_wrong() {
         assert!(!passes && said.starts_with(&expected), "{expected}: {said}");
     }
 
+    // Without trace ports, how much they do: a packet has a step more or less than it should.
+    let plain = folder.join("plain");
+    case.write_rtl(false, &plain);
+    copy(&good, &changed);
+    let file = "raycast_packets.hex";
+    let place = Vectors::open(&good).fields(file)["steps"].0 as usize / 4;
+    let mut packets = fs::read(good.join(file)).unwrap();
+    let end = packets.iter().position(|byte| *byte == b'\n').unwrap();
+    let digit = &mut packets[end - 1 - place];
+    *digit = if *digit == b'1' { b'0' } else { b'1' };
+    fs::write(changed.join(file), packets).unwrap();
+    let (passes, said) = run(&changed, &plain, &["raycast"]);
+    assert!(
+        !passes && said.starts_with("raycast: FAIL counters: "),
+        "{said}"
+    );
+
     // Ray transformations, in a scene of two levels.
     let two_levels = Case::moving(MOVING[0]);
     let (reef, reef_rtl) = (folder.join("reef"), folder.join("reef_rtl"));
