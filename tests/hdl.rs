@@ -2209,7 +2209,7 @@ fn a_change_is_seen_in_its_place_alone() {
         // Of an instance, and of two clocks before.
         (
             signal("y").reads(below.output("y").unwrap()).as_value(3),
-            "wire [3:0] below_y; .y(below_y) assign y = 4'd3;",
+            "wire [3:0] below_y; .x(a & sum), .y(below_y) assign y = 4'd3;",
         ),
         (
             kept.reads(sum).as_value(7),
@@ -2238,7 +2238,7 @@ fn a_change_is_seen_in_its_place_alone() {
         (
             a.fault().as_value(0),
             "wire [3:0] sum = {3'd0, 1'b0} + 4'd5; wire chosen = ~sum[0] ? (4'd0 < 4'd3) : (|4'd0); \
-             if (write) words[4'd0] <= sum; .x(4'd0 & sum),",
+             if (write) words[4'd0] <= sum; .x(4'd0 & sum), .y(y)",
         ),
         (
             kept.fault().as_signal(a),
@@ -2263,7 +2263,7 @@ fn a_change_is_seen_in_its_place_alone() {
             memory.write_address().as_signal(sum),
             "if (write) words[sum] <= sum;",
         ),
-        (below.input("x").unwrap().as_signal(a), ".x(a),"),
+        (below.input("x").unwrap().as_signal(a), ".x(a), .y(y)"),
     ];
     for (mutation, expected) in cases {
         assert_eq!(brought(&module, &mutation), expected, "{mutation:?}");

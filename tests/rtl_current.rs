@@ -106,3 +106,28 @@ fn no_name_is_made_up() {
     println!("signals checked: {checked:?}");
     assert!(made_up.is_empty(), "{}", made_up.join("\n"));
 }
+
+/// The page that leads through the hierarchy names every module of the reference machine, and no other.
+#[test]
+fn the_guide_names_every_module() {
+    let page = Path::new(env!("CARGO_MANIFEST_DIR")).join("docs/hierarchy.md");
+    let page = fs::read_to_string(page).unwrap();
+    let ends = |c: char| !(c.is_ascii_alphanumeric() || c == '_');
+    let named = page.split("`dynrt_").skip(1);
+    let named: BTreeSet<&str> = named.map(|rest| rest.split(ends).next().unwrap()).collect();
+    let (machine, _) = emit::generate(&Config::reference()).unwrap();
+    let families = ["fifo_", "block_fifo_"];
+    let modules = machine.design.modules().iter().map(|module| {
+        let name = module.name();
+        let family = families.into_iter().find(|family| name.starts_with(family));
+        family.unwrap_or(name)
+    });
+    let modules: BTreeSet<&str> = modules.collect();
+    let missing: Vec<_> = modules.difference(&named).collect();
+    let gone: Vec<_> = named.difference(&modules).collect();
+    assert!(
+        missing.is_empty() && gone.is_empty(),
+        "docs/hierarchy.md lacks {missing:?} and names {gone:?}, which the machine has not"
+    );
+    println!("modules named: {}", named.len());
+}

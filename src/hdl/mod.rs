@@ -8,6 +8,8 @@
 //! pipelined module adds its latency, and a module reports the stages of its outputs: no latency is ever counted
 //! by hand.
 //!
+//! What [`Builder::part`] surrounds is printed as a module of its own; to properties and mutations the module stays one netlist.
+//!
 //! Signals that go together are fields of Rust structs ([`bundle!`](crate::bundle)), a unit's ports too
 //! ([`interface!`](crate::interface)). What holds of a module is part of its description ([`Proof`]); a finished one is data,
 //! which can be looked into and changed in one place ([`Mutation`]).

@@ -220,7 +220,7 @@ impl<'b> Occupancy<'b> {
         };
         Occupancy {
             room,
-            any: count.q.any(),
+            any: count.q.any().hinted(format!("{name}_any")),
             count: count.q,
             most,
             registered,

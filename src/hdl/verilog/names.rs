@@ -76,7 +76,12 @@ impl Names {
         }
         for line in &plan.lines {
             let stem = names.stem[line.registers[0]].clone().unwrap_or_default();
-            let name = names.unique(format!("{stem}_delay"), line.registers[0]);
+            let name = format!("{stem}_delay");
+            // The parts of a module have lines of one name.
+            let name = match plan.borders {
+                None => names.unique(name, line.registers[0]),
+                Some(_) => names.free(name),
+            };
             names.lines.push(name);
         }
         names.counter = names.free("age".to_string());

@@ -140,9 +140,9 @@ fn request_vertices<'b>(
             packet: record.packet,
             instance: record.instance,
             // An instance's first vector is named where a triangle's first vertex is.
-            v0: triangle.v0.low(a),
-            v1: triangle.v1.low(a),
-            v2: triangle.v2.low(a),
+            v0: triangle.v0.low(a).hinted("first_vertex"),
+            v1: triangle.v1.low(a).hinted("second_vertex"),
+            v2: triangle.v2.low(a).hinted("third_vertex"),
         }),
         job_done.get(),
     )?;

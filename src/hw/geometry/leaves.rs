@@ -73,7 +73,7 @@ pub(super) fn keep<'b>(
     let link = fields::Link::of().unpack(instance.root);
     let root_data = root
         .pack(Root {
-            address: link.link.low(plan.address()),
+            address: link.link.low(plan.address()).hinted("object_root_address"),
             leaf: link.left_leaf,
         })
         .named("root_data");

@@ -114,7 +114,7 @@ pub(super) fn enter<'b>(
         arrives.mux(started, popped).hinted(name)
     };
     let leaf = entering("entering_leaf", object.leaf, root.left_leaf, pop.leaf);
-    let address = root.link.low(plan.address());
+    let address = root.link.low(plan.address()).hinted("root_address");
     let address = entering("entering_address", object.address, address, pop.address);
     let nothing = m.zero(Context::of(plan).width());
     let context = entering("entering_context", object.context, nothing, pop.context);
@@ -131,6 +131,6 @@ pub(super) fn enter<'b>(
             true => packet,
             false => popped.packet.packet.get(),
         },
-        none_enters: start.nowhere & !setup_object,
+        none_enters: (start.nowhere & !setup_object).hinted("none_enters"),
     }
 }

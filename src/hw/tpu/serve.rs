@@ -110,7 +110,7 @@ pub(super) fn nodes<'b>(
         item: front,
         popped: !served.held.choice,
     });
-    let requested = item.unpack(front);
+    let requested = item.unpack(kept.get().item);
     let inside = Context::of(plan).unpack(requested.context).inside;
     let request = hdl::Request {
         address: requested.address,
