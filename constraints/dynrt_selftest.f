@@ -33,6 +33,7 @@
 ../rtl/dynrt_geometry_unit_vector_store.v
 ../rtl/dynrt_geometry_unit_ray_store.v
 ../rtl/dynrt_geometry_unit_operands.v
+../rtl/dynrt_geometry_unit_weighted.v
 ../rtl/dynrt_geometry_unit_object_rays.v
 ../rtl/dynrt_geometry_unit_leaf_store.v
 ../rtl/dynrt_geometry_unit_hit_merge.v

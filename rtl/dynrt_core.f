@@ -33,6 +33,7 @@ dynrt_geometry_unit_slot_issue.v
 dynrt_geometry_unit_vector_store.v
 dynrt_geometry_unit_ray_store.v
 dynrt_geometry_unit_operands.v
+dynrt_geometry_unit_weighted.v
 dynrt_geometry_unit_object_rays.v
 dynrt_geometry_unit_leaf_store.v
 dynrt_geometry_unit_hit_merge.v

@@ -173,34 +173,7 @@ module dynrt_geometry_unit (
   // Counters' events
   output wire         slot_taken,
   output wire         test_issued,
-  output wire         transform_issued,
-
-  // The ray-triangle test just merged, for whoever watches
-  output wire         watch_test_valid,
-  output wire [5:0]   watch_test_packet,
-  output wire [1:0]   watch_test_ray,
-  output wire [21:0]  watch_test_record,
-  output wire [31:0]  watch_test_instance,
-  output wire         watch_test_hit,
-  output wire         watch_test_replaces,
-  output wire [23:0]  watch_test_t,
-  output wire [23:0]  watch_test_u,
-  output wire [23:0]  watch_test_v,
-
-  // The ray just transformed, its interval in the instance's box, and the instance's record, for
-  // whoever watches
-  output wire         watch_transform_valid,
-  output wire [5:0]   watch_transform_packet,
-  output wire [1:0]   watch_transform_ray,
-  output wire [21:0]  watch_transform_record,
-  output reg  [23:0]  watch_transform_near,
-  output reg  [23:0]  watch_transform_far,
-  output wire [23:0]  watch_transform_origin_x,
-  output wire [23:0]  watch_transform_origin_y,
-  output wire [23:0]  watch_transform_origin_z,
-  output wire [23:0]  watch_transform_direction_x,
-  output wire [23:0]  watch_transform_direction_y,
-  output wire [23:0]  watch_transform_direction_z
+  output wire         transform_issued
 );
 
   // Between the parts.
@@ -255,10 +228,9 @@ module dynrt_geometry_unit (
   wire [23:0] skin_issue_weight_s47;
   wire [47:0] window_memory_write_data;
   wire in_box_slot_s19;
-  wire [5:0] packet_or_joint_s37;
   wire [22:0] root_memory_read_d1;
   wire [5:0] packet_or_joint_s54;
-  wire [32:0] leaf_memory_read1_s56;
+  wire [10:0] leaf_context_memory_read1_s56;
   wire [31:0] tested_triangle;
   wire [31:0] tested_instance;
   wire [135:0] closest_memory_read1;
@@ -333,8 +305,6 @@ module dynrt_geometry_unit (
 
   wire [23:0] window_near = window_memory_read0_or_default_s15[23:0];
   wire [23:0] window_far = window_memory_read0_or_default_s15[47:24];
-  wire [23:0] own_near = window_memory_read1_s38[23:0];
-  wire [23:0] own_far = window_memory_read1_s38[47:24];
 
   dynrt_geometry_unit_ray_store ray_store (
     .clk(clk),
@@ -360,9 +330,8 @@ module dynrt_geometry_unit (
     .now_inside_s14(now_inside_s14),
     .test_index_s53(test_index_s53), .ray_any_hit(ray_any_hit),
     .ray_tmin(ray_tmin),
-    .window_memory_read1_s38(window_memory_read1_s38),
-    .own_tmin(own_tmin), .own_tmax(own_tmax), .own_tmin_magnitude(own_tmin_magnitude),
-    .own_tmax_magnitude(own_tmax_magnitude)
+    .window_memory_read1_s38(window_memory_read1_s38), .own_tmin(own_tmin), .own_tmax(own_tmax),
+    .own_tmin_magnitude(own_tmin_magnitude), .own_tmax_magnitude(own_tmax_magnitude)
   );
 
   dynrt_geometry_unit_operands operands (
@@ -428,12 +397,13 @@ module dynrt_geometry_unit (
     .box_near(test_box_near), .box_far(test_box_far)
   );
 
-  reg  [49:0] skin_issue_valid_delay;
-  assign skin_weighted_valid = skin_issue_valid_delay[49];
-  (* mem2reg *) reg [1:0] skin_issue_position_delay [0:49];
-  assign skin_weighted_position = skin_issue_position_delay[49];
-  reg  [49:0] skin_issue_last_delay;
-  assign skin_weighted_last = skin_issue_last_delay[49];
+  dynrt_geometry_unit_weighted weighted (
+    .clk(clk), .rst(rst),
+    .skin_issue_valid(skin_issue_valid), .skin_issue_position(skin_issue_position),
+    .skin_issue_last(skin_issue_last),
+    .skin_weighted_valid(skin_weighted_valid), .skin_weighted_position(skin_weighted_position),
+    .skin_weighted_last(skin_weighted_last)
+  );
 
   dynrt_geometry_unit_object_rays object_rays (
     .clk(clk), .rst(rst),
@@ -449,8 +419,7 @@ module dynrt_geometry_unit (
     .object_first(object_first), .object_last(object_last), .object_origin_x(object_origin_x),
     .object_origin_y(object_origin_y), .object_origin_z(object_origin_z),
     .object_direction_x(object_direction_x), .object_direction_y(object_direction_y),
-    .object_direction_z(object_direction_z), .object_tmin(object_tmin), .object_tmax(object_tmax),
-    .packet_or_joint_s37(packet_or_joint_s37)
+    .object_direction_z(object_direction_z), .object_tmin(object_tmin), .object_tmax(object_tmax)
   );
 
   wire record_response_data_v1_left_leaf = record_response_data[58];
@@ -458,19 +427,19 @@ module dynrt_geometry_unit (
   dynrt_geometry_unit_leaf_store leaf_store (
     .clk(clk),
     .setup_next_packet(setup_next_packet),
-    .leaf_packet(leaf_packet), .leaf_address(leaf_address), .leaf_context(leaf_context),
+    .leaf_packet(leaf_packet), .leaf_context(leaf_context),
     .record_response_valid(record_response_valid), .record_response_tag(record_response_tag),
     .record_response_data_number(record_response_data_number),
     .record_response_data_v1_left_leaf(record_response_data_v1_left_leaf),
     .object_root_address(object_root_address),
     .take_leaf(take_leaf),
     .now_inside_s14(now_inside_s14),
-    .packet_or_joint_s37(packet_or_joint_s37), .object_packet(object_packet),
+    .object_packet(object_packet),
     .root_memory_read_d1(root_memory_read_d1),
-    .packet_or_joint_s54(packet_or_joint_s54), .leaf_memory_read1_s56(leaf_memory_read1_s56),
+    .packet_or_joint_s54(packet_or_joint_s54),
+    .leaf_context_memory_read1_s56(leaf_context_memory_read1_s56),
     .tested_triangle(tested_triangle), .tested_instance(tested_instance),
-    .start_context(start_context),
-    .watch_transform_record(watch_transform_record)
+    .start_context(start_context)
   );
 
   dynrt_geometry_unit_hit_merge hit_merge (
@@ -480,12 +449,9 @@ module dynrt_geometry_unit (
     .test_issued(test_issued),
     .test_index_s53(test_index_s53), .ray_tmin(ray_tmin), .ray_any_hit(ray_any_hit),
     .object_ray(object_ray), .object_first(object_first), .object_last(object_last),
-    .packet_or_joint_s54(packet_or_joint_s54), .leaf_memory_read1_s56(leaf_memory_read1_s56),
+    .packet_or_joint_s54(packet_or_joint_s54),
+    .leaf_context_memory_read1_s56(leaf_context_memory_read1_s56),
     .tested_triangle(tested_triangle), .tested_instance(tested_instance),
-    .watch_test_replaces(watch_test_replaces), .watch_test_t(watch_test_t),
-    .watch_test_u(watch_test_u), .watch_test_v(watch_test_v),
-    .watch_test_instance(watch_test_instance), .watch_test_valid(watch_test_valid),
-    .watch_test_record(watch_test_record), .watch_test_hit(watch_test_hit),
     .limit_valid(limit_valid), .merge_packet(limit_packet), .merge_ray(limit_ray),
     .limit_value(limit_value),
     .done_context(done_context), .done_valid(done_valid),
@@ -494,7 +460,6 @@ module dynrt_geometry_unit (
 
   // Pipeline registers.
   always @(posedge clk) begin
-    // Stage 3
     ray_kz_s3 <= ray_kz;
     ray_shear_x_s3 <= ray_shear_x;
     ray_shear_y_s3 <= ray_shear_y;
@@ -502,10 +467,6 @@ module dynrt_geometry_unit (
     ray_reciprocal_y_s3 <= ray_reciprocal_y;
     ray_reciprocal_z_s3 <= ray_reciprocal_z;
     ray_signs_s3 <= ray_signs;
-
-    // Stage 39
-    watch_transform_near <= own_near;
-    watch_transform_far <= own_far;
   end
 
   // Delay lines: values that wait for others of their pipeline, the newest in 0.
@@ -516,12 +477,6 @@ module dynrt_geometry_unit (
     for (age = 1; age < 5; age = age + 1) translation_x_delay[age] <= translation_x_delay[age - 1];
     translation_z_delay[0] <= translation_z;
     for (age = 1; age < 8; age = age + 1) translation_z_delay[age] <= translation_z_delay[age - 1];
-    if (rst) skin_issue_valid_delay <= 50'd0;
-    else skin_issue_valid_delay <= {skin_issue_valid_delay[48:0], skin_issue_valid};
-    skin_issue_position_delay[0] <= skin_issue_position;
-    for (age = 1; age < 50; age = age + 1)
-      skin_issue_position_delay[age] <= skin_issue_position_delay[age - 1];
-    skin_issue_last_delay <= {skin_issue_last_delay[48:0], skin_issue_last};
   end
 
   assign leaf_ready = record_request_ready;
@@ -535,17 +490,6 @@ module dynrt_geometry_unit (
   assign read_v = closest_memory_read1[71:48];
   assign read_instance = closest_memory_read1[135:104];
   assign read_triangle = closest_memory_read1[103:72];
-  assign watch_test_packet = limit_packet;
-  assign watch_test_ray = limit_ray;
-  assign watch_transform_valid = object_valid;
-  assign watch_transform_packet = object_packet;
-  assign watch_transform_ray = object_ray;
-  assign watch_transform_origin_x = object_origin_x;
-  assign watch_transform_origin_y = object_origin_y;
-  assign watch_transform_origin_z = object_origin_z;
-  assign watch_transform_direction_x = object_direction_x;
-  assign watch_transform_direction_y = object_direction_y;
-  assign watch_transform_direction_z = object_direction_z;
 
   // What nothing reads.
   wire unused = &{

@@ -33,19 +33,9 @@ module dynrt_geometry_unit_hit_merge (
 
   // From leaf_store
   input  wire [5:0]   packet_or_joint_s54,
-  input  wire [32:0]  leaf_memory_read1_s56,
+  input  wire [10:0]  leaf_context_memory_read1_s56,
   input  wire [31:0]  tested_triangle,
   input  wire [31:0]  tested_instance,
-
-  // The ray-triangle test just merged, for whoever watches
-  output reg          watch_test_replaces,
-  output reg  [23:0]  watch_test_t,
-  output reg  [23:0]  watch_test_u,
-  output reg  [23:0]  watch_test_v,
-  output reg  [31:0]  watch_test_instance,
-  output wire         watch_test_valid,
-  output reg  [21:0]  watch_test_record,
-  output reg          watch_test_hit,
 
   // A closer hit of a ray: what its near must not exceed from now on
   output wire         limit_valid,
@@ -61,10 +51,9 @@ module dynrt_geometry_unit_hit_merge (
   output reg  [135:0] closest_memory_read1
 );
 
-  wire [21:0] tested_record = leaf_memory_read1_s56[32:11];
-  wire [5:0] tested_level = leaf_memory_read1_s56[5:0];
-  wire [3:0] tested_touched = leaf_memory_read1_s56[9:6];
-  wire tested_inside = leaf_memory_read1_s56[10];
+  wire [5:0] tested_level = leaf_context_memory_read1_s56[5:0];
+  wire [3:0] tested_touched = leaf_context_memory_read1_s56[9:6];
+  wire tested_inside = leaf_context_memory_read1_s56[10];
 
   // The merge: a hit replaces the ray's closest one if it is closer, or as close and of a lower
   // instance and triangle.
@@ -85,19 +74,24 @@ module dynrt_geometry_unit_hit_merge (
   wire lower = identity < closest_memory_read0_s56[135:72];
   reg  ray_any_hit_s56;
   wire replaces = test_hit & (ray_any_hit_s56 | ~was_touched | closer | (as_close & lower));
+  reg  replaces_s57;
   reg  ray_any_hit_s57;
   reg  [23:0] ray_tmin_s56, ray_tmin_s57;
+  reg  [23:0] test_t_s57;
+  reg  [23:0] test_u_s57;
+  reg  [23:0] test_v_s57;
   reg  [31:0] tested_triangle_s57;
+  reg  [31:0] tested_instance_s57;
   wire [135:0] merged = {
-      ray_any_hit_s57 ? 32'hffffffff : watch_test_instance,
+      ray_any_hit_s57 ? 32'hffffffff : tested_instance_s57,
       ray_any_hit_s57 ? 32'hffffffff : tested_triangle_s57,
-      ray_any_hit_s57 ? 24'd0 : watch_test_v,
-      ray_any_hit_s57 ? 24'd0 : watch_test_u,
-      ray_any_hit_s57 ? ray_tmin_s57 : watch_test_t
+      ray_any_hit_s57 ? 24'd0 : test_v_s57,
+      ray_any_hit_s57 ? 24'd0 : test_u_s57,
+      ray_any_hit_s57 ? ray_tmin_s57 : test_t_s57
     };
   reg  [56:0] test_issued_delay;
-  assign watch_test_valid = test_issued_delay[56];
-  assign limit_valid = watch_test_valid & watch_test_replaces;
+  wire test_issued_s57 = test_issued_delay[56];
+  assign limit_valid = test_issued_s57 & replaces_s57;
   reg  [5:0] packet_or_joint_s55, packet_or_joint_s56;
   assign merge_ray = object_ray_delay[17];
   wire [7:0] closest_memory_write_address = {merge_packet, merge_ray};
@@ -132,7 +126,7 @@ module dynrt_geometry_unit_hit_merge (
   wire [3:0] now_touched = (now_first_s57 ? tested_touched_s57 : gathered) | newly_touched;
 
   always @(posedge clk) begin
-    if (watch_test_valid) gathered <= now_touched;
+    if (test_issued_s57) gathered <= now_touched;
   end
 
   reg  [17:0] object_last_delay;
@@ -153,20 +147,18 @@ module dynrt_geometry_unit_hit_merge (
     packet_or_joint_s56 <= packet_or_joint_s55;
 
     // Stage 57
-    watch_test_replaces <= replaces;
+    replaces_s57 <= replaces;
     ray_any_hit_s57 <= ray_any_hit_s56;
     ray_tmin_s57 <= ray_tmin_s56;
-    watch_test_t <= test_t;
-    watch_test_u <= test_u;
-    watch_test_v <= test_v;
+    test_t_s57 <= test_t;
+    test_u_s57 <= test_u;
+    test_v_s57 <= test_v;
     tested_triangle_s57 <= tested_triangle;
-    watch_test_instance <= tested_instance;
+    tested_instance_s57 <= tested_instance;
     merge_packet <= packet_or_joint_s56;
     tested_level_s57 <= tested_level;
     tested_touched_s57 <= tested_touched;
     tested_inside_s57 <= tested_inside;
-    watch_test_record <= tested_record;
-    watch_test_hit <= test_hit;
   end
 
   // Delay lines: values that wait for others of their pipeline, the newest in 0.
@@ -181,9 +173,9 @@ module dynrt_geometry_unit_hit_merge (
     object_last_delay <= {object_last_delay[16:0], object_last};
   end
 
-  assign limit_value = ray_any_hit_s57 ? 24'hff0000 : watch_test_t;
+  assign limit_value = ray_any_hit_s57 ? 24'hff0000 : test_t_s57;
   assign done_context = {tested_inside_s57, now_touched, tested_level_s57};
-  assign done_valid = watch_test_valid & now_last_s57;
+  assign done_valid = test_issued_s57 & now_last_s57;
 
   // What nothing reads.
   wire unused = &{1'b0, closest_memory_read0_s56[71:24]};

@@ -13,7 +13,6 @@ module dynrt_geometry_unit_leaf_store (
 
   // Leaves from the traversal unit
   input  wire [5:0]  leaf_packet,
-  input  wire [21:0] leaf_address,
   input  wire [10:0] leaf_context,
 
   // Record memory: answers, in any order, always taken
@@ -30,7 +29,6 @@ module dynrt_geometry_unit_leaf_store (
   input  wire        now_inside_s14,
 
   // From object_rays
-  input  wire [5:0]  packet_or_joint_s37,
   input  wire [5:0]  object_packet,
 
   // To geometry_unit
@@ -38,24 +36,19 @@ module dynrt_geometry_unit_leaf_store (
 
   // To hit_merge
   output wire [5:0]  packet_or_joint_s54,
-  output reg  [32:0] leaf_memory_read1_s56,
+  output reg  [10:0] leaf_context_memory_read1_s56,
   output reg  [31:0] tested_triangle,
   output reg  [31:0] tested_instance,
 
   // Where the packet announced by setup_next_packet starts in its object, when its ray has been set
   // up
-  output wire [10:0] start_context,
-
-  // The ray just transformed, its interval in the instance's box, and the instance's record, for
-  // whoever watches
-  output wire [21:0] watch_transform_record
+  output wire [10:0] start_context
 );
 
   wire [5:0] record_response_tag_packet = record_response_tag[5:0];
   wire record_response_tag_instance = record_response_tag[6];
 
   // Leaves as they are taken, the numbers and roots of their records, and what is read of them.
-  wire [32:0] leaf_data = {leaf_address, leaf_context};
   wire triangle_number_memory_write_enable = record_response_valid & ~record_response_tag_instance;
   wire instance_answer = record_response_valid & record_response_tag_instance;
   wire [22:0] root_data = {record_response_data_v1_left_leaf, object_root_address};
@@ -68,32 +61,24 @@ module dynrt_geometry_unit_leaf_store (
     root_memory_read <= root_memory[setup_next_packet];
   end
 
-  reg  [32:0] leaf_memory_read0;
-  reg  [32:0] leaf_memory_read0_d1;
+  reg  [10:0] leaf_context_memory_read0;
+  reg  [10:0] leaf_context_memory_read0_d1;
   (* mem2reg *) reg [5:0] object_packet_delay [0:14];
   assign packet_or_joint_s54 = object_packet_delay[14];
 
   (* no_rw_check, ram_style = "block" *)
-  reg  [32:0] leaf_memory_copy0 [0:47];
+  reg  [10:0] leaf_context_memory_copy0 [0:47];
   always @(posedge clk) begin
-    if (take_leaf) leaf_memory_copy0[leaf_packet] <= leaf_data;
-    leaf_memory_read0 <= leaf_memory_copy0[setup_next_packet];
+    if (take_leaf) leaf_context_memory_copy0[leaf_packet] <= leaf_context;
+    leaf_context_memory_read0 <= leaf_context_memory_copy0[setup_next_packet];
   end
 
   (* no_rw_check, ram_style = "block" *)
-  reg  [32:0] leaf_memory_copy1 [0:47];
-  reg  [32:0] leaf_memory_read1;
+  reg  [10:0] leaf_context_memory_copy1 [0:47];
+  reg  [10:0] leaf_context_memory_read1;
   always @(posedge clk) begin
-    if (take_leaf) leaf_memory_copy1[leaf_packet] <= leaf_data;
-    leaf_memory_read1 <= leaf_memory_copy1[packet_or_joint_s54];
-  end
-
-  (* no_rw_check, ram_style = "block" *)
-  reg  [32:0] leaf_memory_copy2 [0:47];
-  reg  [32:0] leaf_memory_read2;
-  always @(posedge clk) begin
-    if (take_leaf) leaf_memory_copy2[leaf_packet] <= leaf_data;
-    leaf_memory_read2 <= leaf_memory_copy2[packet_or_joint_s37];
+    if (take_leaf) leaf_context_memory_copy1[leaf_packet] <= leaf_context;
+    leaf_context_memory_read1 <= leaf_context_memory_copy1[packet_or_joint_s54];
   end
 
   (* no_rw_check, ram_style = "block" *)
@@ -116,19 +101,15 @@ module dynrt_geometry_unit_leaf_store (
 
   reg  [40:0] now_inside_s14_delay;
   wire now_inside_s55 = now_inside_s14_delay[40];
-  reg  [32:0] leaf_memory_read2_s39;
 
   // Pipeline registers.
   always @(posedge clk) begin
     // Outside the pipelines
     root_memory_read_d1 <= root_memory_read;
-    leaf_memory_read0_d1 <= leaf_memory_read0;
-
-    // Stage 39
-    leaf_memory_read2_s39 <= leaf_memory_read2;
+    leaf_context_memory_read0_d1 <= leaf_context_memory_read0;
 
     // Stage 56
-    leaf_memory_read1_s56 <= leaf_memory_read1;
+    leaf_context_memory_read1_s56 <= leaf_context_memory_read1;
     tested_triangle <= triangle_number_memory_read;
     tested_instance <= now_inside_s55 ? instance_number_memory_read : 32'd0;
   end
@@ -142,11 +123,10 @@ module dynrt_geometry_unit_leaf_store (
     now_inside_s14_delay <= {now_inside_s14_delay[39:0], now_inside_s14};
   end
 
-  assign start_context = {1'b1, leaf_memory_read0_d1[9:0]};
-  assign watch_transform_record = leaf_memory_read2_s39[32:11];
+  assign start_context = {1'b1, leaf_context_memory_read0_d1[9:0]};
 
   // What nothing reads.
-  wire unused = &{1'b0, leaf_memory_read0_d1[32:10], leaf_memory_read2_s39[10:0]};
+  wire unused = &{1'b0, leaf_context_memory_read0_d1[10]};
 
 endmodule
 

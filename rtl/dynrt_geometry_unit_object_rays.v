@@ -53,10 +53,7 @@ module dynrt_geometry_unit_object_rays (
   output reg  [23:0] object_direction_y,
   output reg  [23:0] object_direction_z,
   output reg  [23:0] object_tmin,
-  output reg  [23:0] object_tmax,
-
-  // To leaf_store
-  output wire [5:0]  packet_or_joint_s37
+  output reg  [23:0] object_tmax
 );
 
   wire [23:0] own_near = window_memory_read1_s38[23:0];
@@ -87,7 +84,6 @@ module dynrt_geometry_unit_object_rays (
   reg  [15:0] transform_issued_s23_delay;
   assign object_valid = transform_issued_s23_delay[15];
   (* mem2reg *) reg [5:0] packet_or_joint_s23_delay [0:15];
-  assign packet_or_joint_s37 = packet_or_joint_s23_delay[13];
   assign object_packet = packet_or_joint_s23_delay[15];
   (* mem2reg *) reg [1:0] issue_ray_delay [0:38];
   assign object_ray = issue_ray_delay[38];

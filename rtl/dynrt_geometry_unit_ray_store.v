@@ -73,10 +73,8 @@ module dynrt_geometry_unit_ray_store (
   // To geometry_unit, hit_merge
   output wire [23:0] ray_tmin,
 
-  // To geometry_unit, object_rays
-  output reg  [47:0] window_memory_read1_s38,
-
   // To object_rays
+  output reg  [47:0] window_memory_read1_s38,
   output wire [23:0] own_tmin,
   output wire [23:0] own_tmax,
   output wire [22:0] own_tmin_magnitude,

@@ -121,47 +121,13 @@ module dynrt_raycast_unit (
   output wire [39:0]  count_skin_influences,
   output wire [39:0]  count_skin_cycles,
   output wire [5:0]   stack_high_water,
-  output wire         stack_overflow,
-
-  // What happens inside, for whoever watches
-  output wire         watch_start_valid,
-  output wire [5:0]   watch_start_packet,
-  output wire [15:0]  watch_start_tag,
-  output wire         watch_step_valid,
-  output wire [5:0]   watch_step_packet,
-  output wire [21:0]  watch_step_node,
-  output wire [3:0]   watch_step_left,
-  output wire [3:0]   watch_step_right,
-  output wire         watch_step_left_first,
-  output wire [191:0] watch_step_left_intervals,
-  output wire [191:0] watch_step_right_intervals,
-  output wire         watch_test_valid,
-  output wire [5:0]   watch_test_packet,
-  output wire [1:0]   watch_test_ray,
-  output wire [21:0]  watch_test_record,
-  output wire [31:0]  watch_test_instance,
-  output wire         watch_test_hit,
-  output wire         watch_test_replaces,
-  output wire [23:0]  watch_test_t,
-  output wire [23:0]  watch_test_u,
-  output wire [23:0]  watch_test_v,
-  output wire         watch_transform_valid,
-  output wire [5:0]   watch_transform_packet,
-  output wire [1:0]   watch_transform_ray,
-  output wire [21:0]  watch_transform_record,
-  output wire [23:0]  watch_transform_near,
-  output wire [23:0]  watch_transform_far,
-  output wire [23:0]  watch_transform_origin_x,
-  output wire [23:0]  watch_transform_origin_y,
-  output wire [23:0]  watch_transform_origin_z,
-  output wire [23:0]  watch_transform_direction_x,
-  output wire [23:0]  watch_transform_direction_y,
-  output wire [23:0]  watch_transform_direction_z
+  output wire         stack_overflow
 );
 
   // Between the parts.
   wire sweeping;
   wire [5:0] sweep_packet;
+  wire [5:0] free_queue_front;
   wire [1:0] place;
   wire first_ray;
   wire last_ray;
@@ -226,17 +192,15 @@ module dynrt_raycast_unit (
     .ray_valid(ray_valid), .ray_tag(ray_tag), .ray_ready(ray_ready),
     .read_packet(out_packet), .paused(paused), .object_valid(object_valid),
     .packet_leaves(packet_leaves),
-    .sweeping(sweeping), .sweep_packet(sweep_packet), .place(place), .first_ray(first_ray),
-    .last_ray(last_ray), .take_ray(take_ray),
-    .watch_start_packet(watch_start_packet), .packet_enters(watch_start_valid),
-    .watch_start_tag(watch_start_tag),
+    .sweeping(sweeping), .sweep_packet(sweep_packet), .free_queue_front(free_queue_front),
+    .place(place), .first_ray(first_ray), .last_ray(last_ray), .take_ray(take_ray),
     .some_under_way(some_under_way),
     .hit_tag(hit_tag)
   );
 
   // Ray setup: of a ray of the world, or, before that, of one that the geometry unit has taken to
   // an object's space.
-  wire [5:0] setup_packet = object_valid ? object_packet : watch_start_packet;
+  wire [5:0] setup_packet = object_valid ? object_packet : free_queue_front;
   wire setup_first = object_valid ? object_first : first_ray;
   wire setup_last = object_valid ? object_last : last_ray;
   wire [23:0] setup_origin_x = object_valid ? object_origin_x : ray_origin_x;
@@ -307,6 +271,7 @@ module dynrt_raycast_unit (
   wire traversal_finished_valid;
   wire [5:0] traversal_finished_packet;
   wire [3:0] traversal_finished_touched;
+  wire traversal_step_taken;
   dynrt_tpu traversal (
     .clk(clk), .rst(rst),
     .setup_soon(setup_soon), .setup_valid(setup_out_valid), .setup_packet(setup_out_packet),
@@ -331,13 +296,8 @@ module dynrt_raycast_unit (
     .done_valid(done_valid), .done_packet(done_packet), .done_context(done_context),
     .finished_valid(traversal_finished_valid), .finished_packet(traversal_finished_packet),
     .finished_touched(traversal_finished_touched),
-    .step_taken(watch_step_valid), .stack_high_water(stack_high_water),
-    .stack_overflow(stack_overflow),
-    .watch_step_packet(watch_step_packet), .watch_step_node(watch_step_node),
-    .watch_step_left(watch_step_left), .watch_step_right(watch_step_right),
-    .watch_step_left_first(watch_step_left_first),
-    .watch_step_left_intervals(watch_step_left_intervals),
-    .watch_step_right_intervals(watch_step_right_intervals)
+    .step_taken(traversal_step_taken), .stack_high_water(stack_high_water),
+    .stack_overflow(stack_overflow)
   );
 
   wire intersection_vertex_response_valid = vertex_response_valid & ~skinning_now;
@@ -404,7 +364,7 @@ module dynrt_raycast_unit (
     .skin_vertex_a_z(skin_vertex_a_z), .skin_vertex_b_z(skin_vertex_b_z),
     .sweep(sweeping), .sweep_packet(sweep_packet),
     .read_packet(out_packet), .read_ray(next_ray),
-    .world_valid(take_ray), .world_packet(watch_start_packet), .world_ray(place),
+    .world_valid(take_ray), .world_packet(free_queue_front), .world_ray(place),
     .world_direction_x(ray_direction_x), .world_direction_y(ray_direction_y),
     .world_direction_z(ray_direction_z), .setup_shear_z(setup_out_shear_z),
     .skin_weighted_valid(intersection_skin_weighted_valid),
@@ -429,21 +389,7 @@ module dynrt_raycast_unit (
     .read_t(intersection_read_t), .read_u(intersection_read_u), .read_v(intersection_read_v),
     .read_instance(intersection_read_instance), .read_triangle(intersection_read_triangle),
     .slot_taken(intersection_slot_taken), .test_issued(intersection_test_issued),
-    .transform_issued(intersection_transform_issued),
-    .watch_test_valid(watch_test_valid), .watch_test_packet(watch_test_packet),
-    .watch_test_ray(watch_test_ray), .watch_test_record(watch_test_record),
-    .watch_test_instance(watch_test_instance), .watch_test_hit(watch_test_hit),
-    .watch_test_replaces(watch_test_replaces), .watch_test_t(watch_test_t),
-    .watch_test_u(watch_test_u), .watch_test_v(watch_test_v),
-    .watch_transform_valid(watch_transform_valid), .watch_transform_packet(watch_transform_packet),
-    .watch_transform_ray(watch_transform_ray), .watch_transform_record(watch_transform_record),
-    .watch_transform_near(watch_transform_near), .watch_transform_far(watch_transform_far),
-    .watch_transform_origin_x(watch_transform_origin_x),
-    .watch_transform_origin_y(watch_transform_origin_y),
-    .watch_transform_origin_z(watch_transform_origin_z),
-    .watch_transform_direction_x(watch_transform_direction_x),
-    .watch_transform_direction_y(watch_transform_direction_y),
-    .watch_transform_direction_z(watch_transform_direction_z)
+    .transform_issued(intersection_transform_issued)
   );
 
   dynrt_raycast_unit_hit_output hit_output (
@@ -525,7 +471,7 @@ module dynrt_raycast_unit (
 
   dynrt_raycast_unit_counters counters (
     .clk(clk), .rst(rst),
-    .watch_step_valid(watch_step_valid), .intersection_slot_taken(intersection_slot_taken),
+    .traversal_step_taken(traversal_step_taken), .intersection_slot_taken(intersection_slot_taken),
     .intersection_test_issued(intersection_test_issued),
     .intersection_transform_issued(intersection_transform_issued), .skinning_now(skinning_now),
     .skinner_influence_issued(skinner_influence_issued),

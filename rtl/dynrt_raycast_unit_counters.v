@@ -9,7 +9,7 @@ module dynrt_raycast_unit_counters (
   input  wire        rst,
 
   // From raycast_unit
-  input  wire        watch_step_valid,
+  input  wire        traversal_step_taken,
   input  wire        intersection_slot_taken,
   input  wire        intersection_test_issued,
   input  wire        intersection_transform_issued,
@@ -36,14 +36,14 @@ module dynrt_raycast_unit_counters (
   always @(posedge clk) begin
     if (rst) cycles_counter <= 40'd0; else cycles_counter <= cycles_counter + 40'd1;
     if (rst) packet_steps_counter <= 40'd0;
-    else if (watch_step_valid) packet_steps_counter <= packet_steps_counter + 40'd1;
+    else if (traversal_step_taken) packet_steps_counter <= packet_steps_counter + 40'd1;
     if (rst) ray_triangle_tests_counter <= 40'd0;
     else if (intersection_test_issued)
       ray_triangle_tests_counter <= ray_triangle_tests_counter + 40'd1;
     if (rst) tpu_busy_cycles_counter <= 40'd0;
-    else if (watch_step_valid) tpu_busy_cycles_counter <= tpu_busy_cycles_counter + 40'd1;
+    else if (traversal_step_taken) tpu_busy_cycles_counter <= tpu_busy_cycles_counter + 40'd1;
     if (rst) tpu_starved_cycles_counter <= 40'd0;
-    else if (some_under_way & ~watch_step_valid)
+    else if (some_under_way & ~traversal_step_taken)
       tpu_starved_cycles_counter <= tpu_starved_cycles_counter + 40'd1;
     if (rst) ray_transforms_counter <= 40'd0;
     else if (intersection_transform_issued)

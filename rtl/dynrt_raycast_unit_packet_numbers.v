@@ -25,15 +25,11 @@ module dynrt_raycast_unit_packet_numbers (
   // To raycast_unit
   output reg         sweeping,
   output reg  [5:0]  sweep_packet,
+  output wire [5:0]  free_queue_front,
   output reg  [1:0]  place,
   output wire        first_ray,
   output wire        last_ray,
   output wire        take_ray,
-
-  // What happens inside, for whoever watches
-  output wire [5:0]  watch_start_packet,
-  output wire        packet_enters,
-  output wire [15:0] watch_start_tag,
 
   // To raycast_unit, counters
   output wire        some_under_way,
@@ -44,6 +40,8 @@ module dynrt_raycast_unit_packet_numbers (
 
   // After reset every packet number is put into the queue of free ones, and what counts by packet
   // is cleared.
+  wire packet_enters;
+
   always @(posedge clk) begin
     if (rst) sweeping <= 1'b1; else sweeping <= sweeping & (sweep_packet != 6'd47);
     if (rst) sweep_packet <= 6'd0; else if (sweeping) sweep_packet <= sweep_packet + 6'd1;
@@ -55,7 +53,7 @@ module dynrt_raycast_unit_packet_numbers (
   dynrt_fifo_6x48 free_queue (
     .clk(clk), .rst(rst),
     .push(sweeping | packet_leaves), .data(free_queue_data),
-    .pop(packet_enters), .valid(free_queue_valid), .front(watch_start_packet)
+    .pop(packet_enters), .valid(free_queue_valid), .front(free_queue_front)
   );
 
   // A packet's rays arrive one by one; the first takes a free packet number, the others share it.
@@ -65,36 +63,22 @@ module dynrt_raycast_unit_packet_numbers (
   assign take_ray = ray_valid & ray_ready;
   assign packet_enters = take_ray & last_ray;
 
-  always @(posedge clk) begin
-    if (rst) place <= 2'd0; else if (take_ray) place <= last_ray ? 2'd0 : (place + 2'd1);
-  end
-
-  wire tag_memory_write_enable = take_ray & first_ray;
-
   (* no_rw_check, ram_style = "distributed" *)
-  reg  [15:0] tag_memory_copy0 [0:47];
+  reg  [15:0] tag_memory [0:47];
   always @(posedge clk) begin
-    if (tag_memory_write_enable) tag_memory_copy0[watch_start_packet] <= ray_tag;
+    if (take_ray & first_ray) tag_memory[free_queue_front] <= ray_tag;
   end
 
-  assign hit_tag = tag_memory_copy0[read_packet];
-
-  (* no_rw_check, ram_style = "distributed" *)
-  reg  [15:0] tag_memory_copy1 [0:47];
-  always @(posedge clk) begin
-    if (tag_memory_write_enable) tag_memory_copy1[watch_start_packet] <= ray_tag;
-  end
-
-  wire [15:0] tag_memory_read1 = tag_memory_copy1[watch_start_packet];
+  assign hit_tag = tag_memory[read_packet];
   reg  [6:0] under_way;
 
   always @(posedge clk) begin
+    if (rst) place <= 2'd0; else if (take_ray) place <= last_ray ? 2'd0 : (place + 2'd1);
     if (rst) under_way <= 7'd0;
     else if (packet_enters ^ packet_leaves)
       under_way <= packet_enters ? (under_way + 7'd1) : (under_way - 7'd1);
   end
 
-  assign watch_start_tag = first_ray ? ray_tag : tag_memory_read1;
   assign some_under_way = |under_way;
 
 endmodule

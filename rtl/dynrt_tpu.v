@@ -76,16 +76,7 @@ module dynrt_tpu (
   // Counters' events, and marks
   output wire         step_taken,
   output wire [5:0]   stack_high_water,
-  output wire         stack_overflow,
-
-  // The packet step just decided, for whoever watches
-  output wire [5:0]   watch_step_packet,
-  output wire [21:0]  watch_step_node,
-  output wire [3:0]   watch_step_left,
-  output wire [3:0]   watch_step_right,
-  output wire         watch_step_left_first,
-  output wire [191:0] watch_step_left_intervals,
-  output wire [191:0] watch_step_right_intervals
+  output wire         stack_overflow
 );
 
   // Between the parts.
@@ -101,6 +92,7 @@ module dynrt_tpu (
   wire [3:0] popped_mask_memory_read;
   wire [5:0] packet_s10;
   wire [5:0] packet_s11;
+  wire [5:0] step_packet;
   wire goes_on_s16;
   wire first_leaf_s16;
   wire [21:0] first_address_s16;
@@ -174,7 +166,7 @@ module dynrt_tpu (
 
   dynrt_tpu_packet_store packet_store (
     .clk(clk),
-    .packet_s10(packet_s10), .packet_s11(packet_s11), .step_packet(watch_step_packet),
+    .packet_s10(packet_s10), .packet_s11(packet_s11), .step_packet(step_packet),
     .stepped_mask(stepped_mask), .stepped_intervals(stepped_intervals), .step_goes_on(step_goes_on),
     .finished_packet(finished_packet), .popped_mask(popped_mask), .entered(entered),
     .request_fire(request_fire), .request_popped(request_popped), .node_front(node_front),
@@ -214,11 +206,7 @@ module dynrt_tpu (
     .popped3_far(popped3_far),
     .packet_s10(packet_s10), .packet_s11(packet_s11), .stepped_intervals(stepped_intervals),
     .step_valid(step_taken),
-    .step_packet(watch_step_packet), .watch_step_node(watch_step_node),
-    .watch_step_left(watch_step_left), .watch_step_right(watch_step_right),
-    .watch_step_left_first(watch_step_left_first),
-    .watch_step_left_intervals(watch_step_left_intervals),
-    .watch_step_right_intervals(watch_step_right_intervals),
+    .step_packet(step_packet),
     .goes_on_s16(goes_on_s16),
     .first_leaf_s16(first_leaf_s16), .first_address_s16(first_address_s16),
     .stepped_mask(stepped_mask),
@@ -232,7 +220,7 @@ module dynrt_tpu (
     .clk(clk), .rst(rst),
     .setup_soon(setup_soon),
     .done_valid(done_valid), .done_packet(done_packet), .done_context(done_context),
-    .step_valid(step_taken), .step_packet(watch_step_packet), .goes_on_s16(goes_on_s16),
+    .step_valid(step_taken), .step_packet(step_packet), .goes_on_s16(goes_on_s16),
     .next_context_s16(next_context_s16),
     .retry_push(retry_push), .retry_item(retry_item),
     .pop_valid(pop_valid), .pop_context_touched(pop_context_touched), .stack_empty(stack_empty),
@@ -242,7 +230,7 @@ module dynrt_tpu (
 
   dynrt_tpu_packet_stack packet_stack (
     .clk(clk), .rst(rst),
-    .step_packet(watch_step_packet), .pushes_s16(pushes_s16), .level_before_s16(level_before_s16),
+    .step_packet(step_packet), .pushes_s16(pushes_s16), .level_before_s16(level_before_s16),
     .push_word_s16(push_word_s16), .next_context_level_s16(next_context_level_s16),
     .pop_packet(pop_packet), .pop_context_level(pop_context_level),
     .overflow(stack_overflow), .high_water(stack_high_water),
@@ -303,7 +291,7 @@ module dynrt_tpu (
     .clk(clk), .rst(rst),
     .node_request_ready(node_request_ready), .node_request_address(node_request_address),
     .node_request_valid(node_request_valid), .node_request_tag(node_request_tag),
-    .step_packet(watch_step_packet), .first_leaf_s16(first_leaf_s16),
+    .step_packet(step_packet), .first_leaf_s16(first_leaf_s16),
     .first_address_s16(first_address_s16), .next_context_s16(next_context_s16),
     .step_goes_on(step_goes_on),
     .finished_packet(finished_packet), .entered(entered), .entering_leaf(entering_leaf),
@@ -314,7 +302,7 @@ module dynrt_tpu (
   dynrt_tpu_leaf_dispatch leaf_dispatch (
     .clk(clk), .rst(rst),
     .leaf_ready(leaf_ready), .leaf_valid(leaf_valid),
-    .step_packet(watch_step_packet), .first_leaf_s16(first_leaf_s16),
+    .step_packet(step_packet), .first_leaf_s16(first_leaf_s16),
     .first_address_s16(first_address_s16), .stepped_mask(stepped_mask),
     .next_context_s16(next_context_s16), .step_goes_on(step_goes_on),
     .finished_packet(finished_packet), .popped_mask(popped_mask), .entered(entered),

@@ -71,14 +71,8 @@ module dynrt_tpu_packet_step (
   // Counters' events, and marks
   output wire         step_valid,
 
-  // The packet step just decided, for whoever watches
+  // To packet_store, pop_choice, packet_stack, node_fetch, leaf_dispatch
   output wire [5:0]   step_packet,
-  output wire [21:0]  watch_step_node,
-  output reg  [3:0]   watch_step_left,
-  output reg  [3:0]   watch_step_right,
-  output reg          watch_step_left_first,
-  output reg  [191:0] watch_step_left_intervals,
-  output reg  [191:0] watch_step_right_intervals,
 
   // To pop_choice
   output reg          goes_on_s16,
@@ -269,8 +263,7 @@ module dynrt_tpu_packet_step (
       ray0_out_right_far,
       ray0_out_right_near
     };
-  (* mem2reg *) reg [21:0] request_memory_read_address_s12_delay [0:3];
-  wire [21:0] own_address = request_memory_read_address_s12_delay[2];
+  reg  [21:0] request_memory_read_address_s13, request_memory_read_address_s14, own_address;
   wire [21:0] link_after = link + 22'd1;
   (* mem2reg *) reg [21:0] right_inner_address_delay [0:14];
   reg  [14:0] left_leaf_delay;
@@ -312,7 +305,6 @@ module dynrt_tpu_packet_step (
       second_leaf,
       second_address
     };
-  assign watch_step_node = request_memory_read_address_s12_delay[3];
 
   // Pipeline registers.
   always @(posedge clk) begin
@@ -344,12 +336,15 @@ module dynrt_tpu_packet_step (
     popped_mask_memory_read_s12 <= popped_mask_memory_read;
 
     // Stage 13
+    request_memory_read_address_s13 <= request_memory_read_address_s12;
     request_memory_read_context_s13 <= request_memory_read_context_s12;
 
     // Stage 14
+    request_memory_read_address_s14 <= request_memory_read_address_s13;
     request_memory_read_context_s14 <= request_memory_read_context_s13;
 
     // Stage 15
+    own_address <= request_memory_read_address_s14;
     request_memory_read_context_s15 <= request_memory_read_context_s14;
 
     // Stage 16
@@ -362,11 +357,6 @@ module dynrt_tpu_packet_step (
     if (rst) pushes_s16 <= 1'b0; else pushes_s16 <= pushes;
     level_before_s16 <= level_before;
     push_word_s16 <= push_word;
-    watch_step_left <= to_left;
-    watch_step_right <= to_right;
-    watch_step_left_first <= left_first;
-    watch_step_left_intervals <= left_intervals;
-    watch_step_right_intervals <= right_intervals;
   end
 
   // Delay lines: values that wait for others of their pipeline, the newest in 0.
@@ -375,9 +365,6 @@ module dynrt_tpu_packet_step (
   always @(posedge clk) begin
     packet_delay[0] <= packet;
     for (age = 1; age < 16; age = age + 1) packet_delay[age] <= packet_delay[age - 1];
-    request_memory_read_address_s12_delay[0] <= request_memory_read_address_s12;
-    for (age = 1; age < 4; age = age + 1)
-      request_memory_read_address_s12_delay[age] <= request_memory_read_address_s12_delay[age - 1];
     right_inner_address_delay[0] <= left_leaf ? link : link_after;
     for (age = 1; age < 15; age = age + 1)
       right_inner_address_delay[age] <= right_inner_address_delay[age - 1];

@@ -1,5 +1,6 @@
-// Replays whole rays in the ray casting unit: every hit is compared in all bits by its tag, every packet step and every ray-triangle
-// test, and in a scene of two levels every ray transformation, that the unit shows is compared in the packet's order.
+// Replays whole rays in the ray casting unit: every hit is compared in all bits by its tag, and in the end the numbers of packet steps,
+// ray-triangle tests and ray transformations. Where the macro DYNRT_TRACE is defined, as it must be of a unit with trace ports and of no
+// other, each step, test and transformation that they show is compared, too, in the packet's order.
 //
 // Plusargs: those of memory.v; +rays=PERCENT of the cycles in which a ray is offered, +hits=PERCENT in which a hit is taken
 // (100 by default, both).
@@ -19,18 +20,6 @@ module dynrt_raycast_tb;
     reg [`DYNRT_RAYCAST_RAYS_BITS-1:0]           rays            [0:`DYNRT_RAYCAST_RAYS_LINES-1];
     reg [`DYNRT_RAYCAST_HITS_BITS-1:0]           hits            [0:`DYNRT_RAYCAST_HITS_LINES-1];
     reg [`DYNRT_RAYCAST_PACKETS_BITS-1:0]        packets         [0:`DYNRT_RAYCAST_PACKETS_LINES-1];
-    reg [`DYNRT_PACKET_STEP_STIMULUS_BITS-1:0]   step_stimulus   [0:`DYNRT_PACKET_STEP_STIMULUS_LINES-1];
-    reg [`DYNRT_PACKET_STEP_EXPECTED_BITS-1:0]   step_expected   [0:`DYNRT_PACKET_STEP_EXPECTED_LINES-1];
-    reg [`DYNRT_PACKET_STEP_CARE_BITS-1:0]       step_care       [0:`DYNRT_PACKET_STEP_CARE_LINES-1];
-    reg [`DYNRT_TRIANGLE_TEST_STIMULUS_BITS-1:0] test_stimulus   [0:`DYNRT_TRIANGLE_TEST_STIMULUS_LINES-1];
-    reg [`DYNRT_TRIANGLE_TEST_EXPECTED_BITS-1:0] test_expected   [0:`DYNRT_TRIANGLE_TEST_EXPECTED_LINES-1];
-    reg [`DYNRT_TRIANGLE_TEST_CARE_BITS-1:0]     test_care       [0:`DYNRT_TRIANGLE_TEST_CARE_LINES-1];
-`ifdef DYNRT_TWO_LEVELS
-    reg [`DYNRT_RAY_TRANSFORM_STIMULUS_BITS-1:0] transform_stimulus [0:`DYNRT_RAY_TRANSFORM_STIMULUS_LINES-1];
-    reg [`DYNRT_RAY_TRANSFORM_EXPECTED_BITS-1:0] transform_expected [0:`DYNRT_RAY_TRANSFORM_EXPECTED_LINES-1];
-    reg [`DYNRT_RAY_TRANSFORM_STIMULUS_BITS-1:0] transform_in;
-    reg [`DYNRT_RAY_TRANSFORM_EXPECTED_BITS-1:0] transform, transform_due;
-`endif
     // The registers are those of the scene that the packets under way are in.
     reg [`DYNRT_SCENE_BITS-1:0]                  scene           [0:`DYNRT_SCENE_LINES-1];
     integer                                      scene_now;
@@ -60,23 +49,48 @@ module dynrt_raycast_tb;
     wire [`DYNRT_VERTICES_BITS-1:0]     vertex_response_data;
     wire [39:0]                   count_packet_steps, count_ray_triangle_tests, count_ray_transforms;
     wire                          stack_overflow;
-    wire                          watch_start_valid, watch_step_valid, watch_test_valid;
-    wire [`DYNRT_PACKET_BITS-1:0]       watch_start_packet, watch_step_packet, watch_test_packet;
-    wire [`DYNRT_TAG_BITS-1:0]          watch_start_tag;
-    wire [`DYNRT_ADDRESS_BITS-1:0]      watch_step_node, watch_test_record;
-    wire [N-1:0]                  watch_step_left, watch_step_right;
-    wire                          watch_step_left_first;
-    wire [2*N*W-1:0]              watch_step_left_intervals, watch_step_right_intervals;
-    wire [`DYNRT_RAY_BITS-1:0]          watch_test_ray;
-    wire                          watch_test_hit;
-    wire [W-1:0]                  watch_test_t, watch_test_u, watch_test_v;
-    wire                          watch_transform_valid;
-    wire [`DYNRT_PACKET_BITS-1:0]       watch_transform_packet;
-    wire [`DYNRT_RAY_BITS-1:0]          watch_transform_ray;
-    wire [`DYNRT_ADDRESS_BITS-1:0]      watch_transform_record;
-    wire [W-1:0]                  watch_transform_near, watch_transform_far;
-    wire [W-1:0]                  watch_transform_origin_x, watch_transform_origin_y, watch_transform_origin_z;
-    wire [W-1:0]                  watch_transform_direction_x, watch_transform_direction_y, watch_transform_direction_z;
+
+`ifdef DYNRT_TRACE
+    // What trace ports show, and what they should.
+    wire                          trace_start_valid, trace_step_valid, trace_test_valid;
+    wire [`DYNRT_PACKET_BITS-1:0]       trace_start_packet, trace_step_packet, trace_test_packet;
+    wire [`DYNRT_TAG_BITS-1:0]          trace_start_tag;
+    wire [`DYNRT_ADDRESS_BITS-1:0]      trace_step_node, trace_test_record;
+    wire [N-1:0]                  trace_step_left, trace_step_right;
+    wire                          trace_step_left_first;
+    wire [2*N*W-1:0]              trace_step_left_intervals, trace_step_right_intervals;
+    wire [`DYNRT_RAY_BITS-1:0]          trace_test_ray;
+    wire                          trace_test_hit;
+    wire [W-1:0]                  trace_test_t, trace_test_u, trace_test_v;
+    wire                          trace_transform_valid;
+    wire [`DYNRT_PACKET_BITS-1:0]       trace_transform_packet;
+    wire [`DYNRT_RAY_BITS-1:0]          trace_transform_ray;
+    wire [`DYNRT_ADDRESS_BITS-1:0]      trace_transform_record;
+    wire [W-1:0]                  trace_transform_near, trace_transform_far;
+    wire [W-1:0]                  trace_transform_origin_x, trace_transform_origin_y, trace_transform_origin_z;
+    wire [W-1:0]                  trace_transform_direction_x, trace_transform_direction_y, trace_transform_direction_z;
+    reg [`DYNRT_PACKET_STEP_STIMULUS_BITS-1:0]   step_stimulus   [0:`DYNRT_PACKET_STEP_STIMULUS_LINES-1];
+    reg [`DYNRT_PACKET_STEP_EXPECTED_BITS-1:0]   step_expected   [0:`DYNRT_PACKET_STEP_EXPECTED_LINES-1];
+    reg [`DYNRT_PACKET_STEP_CARE_BITS-1:0]       step_care       [0:`DYNRT_PACKET_STEP_CARE_LINES-1];
+    reg [`DYNRT_TRIANGLE_TEST_STIMULUS_BITS-1:0] test_stimulus   [0:`DYNRT_TRIANGLE_TEST_STIMULUS_LINES-1];
+    reg [`DYNRT_TRIANGLE_TEST_EXPECTED_BITS-1:0] test_expected   [0:`DYNRT_TRIANGLE_TEST_EXPECTED_LINES-1];
+    reg [`DYNRT_TRIANGLE_TEST_CARE_BITS-1:0]     test_care       [0:`DYNRT_TRIANGLE_TEST_CARE_LINES-1];
+`ifdef DYNRT_TWO_LEVELS
+    reg [`DYNRT_RAY_TRANSFORM_STIMULUS_BITS-1:0] transform_stimulus [0:`DYNRT_RAY_TRANSFORM_STIMULUS_LINES-1];
+    reg [`DYNRT_RAY_TRANSFORM_EXPECTED_BITS-1:0] transform_expected [0:`DYNRT_RAY_TRANSFORM_EXPECTED_LINES-1];
+    reg [`DYNRT_RAY_TRANSFORM_STIMULUS_BITS-1:0] transform_in;
+    reg [`DYNRT_RAY_TRANSFORM_EXPECTED_BITS-1:0] transform, transform_due;
+`endif
+    // The place of each packet in the unit.
+    integer place_in [0:(1<<`DYNRT_PACKET_BITS)-1];
+    reg [`DYNRT_PACKET_STEP_STIMULUS_BITS-1:0]   step_in;
+    reg [`DYNRT_PACKET_STEP_EXPECTED_BITS-1:0]   step_due, step_mask;
+    reg [`DYNRT_TRIANGLE_TEST_STIMULUS_BITS-1:0] test_in;
+    reg [`DYNRT_TRIANGLE_TEST_EXPECTED_BITS-1:0] test, test_due, test_mask;
+
+    localparam LEFT  = `DYNRT_PACKET_STEP_EXPECTED_LEFT_RAY0_NEAR_LSB;
+    localparam RIGHT = `DYNRT_PACKET_STEP_EXPECTED_RIGHT_RAY0_NEAR_LSB;
+`endif
 
     dynrt_raycast_unit unit (
         .clk(clk),
@@ -152,6 +166,39 @@ module dynrt_raycast_tb;
         .influence_response_valid(1'b0),
         .influence_response_tag({`DYNRT_INFLUENCE_TAG_BITS{1'b0}}),
         .influence_response_data({`DYNRT_INFLUENCE_ROW_BITS{1'b0}}),
+`ifdef DYNRT_TRACE
+        .trace_start_valid(trace_start_valid),
+        .trace_start_packet(trace_start_packet),
+        .trace_start_tag(trace_start_tag),
+        .trace_step_valid(trace_step_valid),
+        .trace_step_packet(trace_step_packet),
+        .trace_step_node(trace_step_node),
+        .trace_step_left(trace_step_left),
+        .trace_step_right(trace_step_right),
+        .trace_step_left_first(trace_step_left_first),
+        .trace_step_left_intervals(trace_step_left_intervals),
+        .trace_step_right_intervals(trace_step_right_intervals),
+        .trace_test_valid(trace_test_valid),
+        .trace_test_packet(trace_test_packet),
+        .trace_test_ray(trace_test_ray),
+        .trace_test_record(trace_test_record),
+        .trace_test_hit(trace_test_hit),
+        .trace_test_t(trace_test_t),
+        .trace_test_u(trace_test_u),
+        .trace_test_v(trace_test_v),
+        .trace_transform_valid(trace_transform_valid),
+        .trace_transform_packet(trace_transform_packet),
+        .trace_transform_ray(trace_transform_ray),
+        .trace_transform_record(trace_transform_record),
+        .trace_transform_near(trace_transform_near),
+        .trace_transform_far(trace_transform_far),
+        .trace_transform_origin_x(trace_transform_origin_x),
+        .trace_transform_origin_y(trace_transform_origin_y),
+        .trace_transform_origin_z(trace_transform_origin_z),
+        .trace_transform_direction_x(trace_transform_direction_x),
+        .trace_transform_direction_y(trace_transform_direction_y),
+        .trace_transform_direction_z(trace_transform_direction_z),
+`endif
         .count_cycles(),
         .count_packet_steps(count_packet_steps),
         .count_ray_triangle_tests(count_ray_triangle_tests),
@@ -163,40 +210,7 @@ module dynrt_raycast_tb;
         .count_skin_influences(),
         .count_skin_cycles(),
         .stack_high_water(),
-        .stack_overflow(stack_overflow),
-        .watch_start_valid(watch_start_valid),
-        .watch_start_packet(watch_start_packet),
-        .watch_start_tag(watch_start_tag),
-        .watch_step_valid(watch_step_valid),
-        .watch_step_packet(watch_step_packet),
-        .watch_step_node(watch_step_node),
-        .watch_step_left(watch_step_left),
-        .watch_step_right(watch_step_right),
-        .watch_step_left_first(watch_step_left_first),
-        .watch_step_left_intervals(watch_step_left_intervals),
-        .watch_step_right_intervals(watch_step_right_intervals),
-        .watch_test_valid(watch_test_valid),
-        .watch_test_packet(watch_test_packet),
-        .watch_test_ray(watch_test_ray),
-        .watch_test_record(watch_test_record),
-        .watch_test_hit(watch_test_hit),
-        .watch_test_instance(),
-        .watch_test_replaces(),
-        .watch_test_t(watch_test_t),
-        .watch_test_u(watch_test_u),
-        .watch_test_v(watch_test_v),
-        .watch_transform_valid(watch_transform_valid),
-        .watch_transform_packet(watch_transform_packet),
-        .watch_transform_ray(watch_transform_ray),
-        .watch_transform_record(watch_transform_record),
-        .watch_transform_near(watch_transform_near),
-        .watch_transform_far(watch_transform_far),
-        .watch_transform_origin_x(watch_transform_origin_x),
-        .watch_transform_origin_y(watch_transform_origin_y),
-        .watch_transform_origin_z(watch_transform_origin_z),
-        .watch_transform_direction_x(watch_transform_direction_x),
-        .watch_transform_direction_y(watch_transform_direction_y),
-        .watch_transform_direction_z(watch_transform_direction_z)
+        .stack_overflow(stack_overflow)
     );
 
     dynrt_memory #(
@@ -240,8 +254,6 @@ module dynrt_raycast_tb;
     integer test_end  [0:PLACES-1];
     integer transform_of  [0:PLACES-1];
     integer transform_end [0:PLACES-1];
-    // The place of each packet in the unit.
-    integer place_in  [0:(1<<`DYNRT_PACKET_BITS)-1];
 
     integer seed, ray_percent, hit_percent, idle;
     integer hits_checked, steps_checked, tests_checked, transforms_checked;
@@ -251,13 +263,6 @@ module dynrt_raycast_tb;
     reg [`DYNRT_RAYCAST_PACKETS_BITS-1:0]        packet;
     reg [`DYNRT_RAYCAST_RAYS_BITS-1:0]           upcoming;
     reg [`DYNRT_RAYCAST_HITS_BITS-1:0]           hit, hit_due;
-    reg [`DYNRT_PACKET_STEP_STIMULUS_BITS-1:0]   step_in;
-    reg [`DYNRT_PACKET_STEP_EXPECTED_BITS-1:0]   step_due, step_mask;
-    reg [`DYNRT_TRIANGLE_TEST_STIMULUS_BITS-1:0] test_in;
-    reg [`DYNRT_TRIANGLE_TEST_EXPECTED_BITS-1:0] test, test_due, test_mask;
-
-    localparam LEFT  = `DYNRT_PACKET_STEP_EXPECTED_LEFT_RAY0_NEAR_LSB;
-    localparam RIGHT = `DYNRT_PACKET_STEP_EXPECTED_RIGHT_RAY0_NEAR_LSB;
 
     initial begin
         clk    = 1'b0;
@@ -288,6 +293,7 @@ module dynrt_raycast_tb;
         `LOAD("raycast_rays.hex", rays, `DYNRT_RAYCAST_RAYS_LINES)
         `LOAD("raycast_hits.hex", hits, `DYNRT_RAYCAST_HITS_LINES)
         `LOAD("raycast_packets.hex", packets, `DYNRT_RAYCAST_PACKETS_LINES)
+`ifdef DYNRT_TRACE
         `LOAD("packet_step_stimulus.hex", step_stimulus, `DYNRT_PACKET_STEP_STIMULUS_LINES)
         `LOAD("packet_step_expected.hex", step_expected, `DYNRT_PACKET_STEP_EXPECTED_LINES)
         `LOAD("packet_step_care.hex", step_care, `DYNRT_PACKET_STEP_CARE_LINES)
@@ -297,6 +303,7 @@ module dynrt_raycast_tb;
 `ifdef DYNRT_TWO_LEVELS
         `LOAD("ray_transform_stimulus.hex", transform_stimulus, `DYNRT_RAY_TRANSFORM_STIMULUS_LINES)
         `LOAD("ray_transform_expected.hex", transform_expected, `DYNRT_RAY_TRANSFORM_EXPECTED_LINES)
+`endif
 `endif
         repeat (4) @(posedge clk);
         rst <= 1'b0;
@@ -343,35 +350,36 @@ module dynrt_raycast_tb;
             hit_ready <= {$random(seed)} % 100 < hit_percent;
         end
 
+`ifdef DYNRT_TRACE
     // What happens inside.
     always @(posedge clk)
         if (!rst && !failed) begin
-            if (watch_start_valid) place_in[watch_start_packet] = watch_start_tag[PLACE_BITS-1:0];
-            if (watch_step_valid) begin
-                place = place_in[watch_step_packet];
+            if (trace_start_valid) place_in[trace_start_packet] = trace_start_tag[PLACE_BITS-1:0];
+            if (trace_step_valid) begin
+                place = place_in[trace_step_packet];
                 at    = step_of[place];
                 if (at >= step_end[place]) begin
                     $display("FAIL raycast_packets.hex line %0d: a packet step (node %0d) beyond its last",
-                        packet_of[place] + 1, watch_step_node);
+                        packet_of[place] + 1, trace_step_node);
                     fail;
                 end else begin
                     step_in   = step_stimulus[at];
                     step_due  = step_expected[at];
                     step_mask = step_care[at];
-                    if (watch_step_node !== step_in[`DYNRT_PACKET_STEP_STIMULUS_NODE_LSB +: `DYNRT_ADDRESS_BITS]
-                        || watch_step_left !== step_due[`DYNRT_PACKET_STEP_EXPECTED_TO_LEFT]
-                        || watch_step_right !== step_due[`DYNRT_PACKET_STEP_EXPECTED_TO_RIGHT]
-                        || watch_step_left_first !== step_due[`DYNRT_PACKET_STEP_EXPECTED_LEFT_FIRST]
-                        || ((watch_step_left_intervals ^ step_due[LEFT +: 2*N*W]) & step_mask[LEFT +: 2*N*W]) !== {2*N*W{1'b0}}
-                        || ((watch_step_right_intervals ^ step_due[RIGHT +: 2*N*W]) & step_mask[RIGHT +: 2*N*W]) !== {2*N*W{1'b0}}
+                    if (trace_step_node !== step_in[`DYNRT_PACKET_STEP_STIMULUS_NODE_LSB +: `DYNRT_ADDRESS_BITS]
+                        || trace_step_left !== step_due[`DYNRT_PACKET_STEP_EXPECTED_TO_LEFT]
+                        || trace_step_right !== step_due[`DYNRT_PACKET_STEP_EXPECTED_TO_RIGHT]
+                        || trace_step_left_first !== step_due[`DYNRT_PACKET_STEP_EXPECTED_LEFT_FIRST]
+                        || ((trace_step_left_intervals ^ step_due[LEFT +: 2*N*W]) & step_mask[LEFT +: 2*N*W]) !== {2*N*W{1'b0}}
+                        || ((trace_step_right_intervals ^ step_due[RIGHT +: 2*N*W]) & step_mask[RIGHT +: 2*N*W]) !== {2*N*W{1'b0}}
                     ) begin
                         $display("FAIL packet_step_expected.hex line %0d: node %0d, expected %0d; left %b, expected %b; right %b, expected %b; left first %b, expected %b; intervals %h and %h, expected %h and %h where compared",
                             at + 1,
-                            watch_step_node, step_in[`DYNRT_PACKET_STEP_STIMULUS_NODE],
-                            watch_step_left, step_due[`DYNRT_PACKET_STEP_EXPECTED_TO_LEFT],
-                            watch_step_right, step_due[`DYNRT_PACKET_STEP_EXPECTED_TO_RIGHT],
-                            watch_step_left_first, step_due[`DYNRT_PACKET_STEP_EXPECTED_LEFT_FIRST],
-                            watch_step_left_intervals, watch_step_right_intervals,
+                            trace_step_node, step_in[`DYNRT_PACKET_STEP_STIMULUS_NODE],
+                            trace_step_left, step_due[`DYNRT_PACKET_STEP_EXPECTED_TO_LEFT],
+                            trace_step_right, step_due[`DYNRT_PACKET_STEP_EXPECTED_TO_RIGHT],
+                            trace_step_left_first, step_due[`DYNRT_PACKET_STEP_EXPECTED_LEFT_FIRST],
+                            trace_step_left_intervals, trace_step_right_intervals,
                             step_due[LEFT +: 2*N*W], step_due[RIGHT +: 2*N*W]);
                         fail;
                     end
@@ -379,28 +387,28 @@ module dynrt_raycast_tb;
                     steps_checked  = steps_checked + 1;
                 end
             end
-            if (watch_test_valid) begin
-                place = place_in[watch_test_packet];
+            if (trace_test_valid) begin
+                place = place_in[trace_test_packet];
                 at    = test_of[place];
                 if (at >= test_end[place]) begin
                     $display("FAIL raycast_packets.hex line %0d: a triangle test (record %0d) beyond its last",
-                        packet_of[place] + 1, watch_test_record);
+                        packet_of[place] + 1, trace_test_record);
                     fail;
                 end else begin
                     test_in   = test_stimulus[at];
                     test_due  = test_expected[at];
                     test_mask = test_care[at];
-                    test[`DYNRT_TRIANGLE_TEST_EXPECTED_HIT] = watch_test_hit;
-                    test[`DYNRT_TRIANGLE_TEST_EXPECTED_T]   = watch_test_t;
-                    test[`DYNRT_TRIANGLE_TEST_EXPECTED_U]   = watch_test_u;
-                    test[`DYNRT_TRIANGLE_TEST_EXPECTED_V]   = watch_test_v;
-                    if (watch_test_record !== test_in[`DYNRT_TRIANGLE_TEST_STIMULUS_RECORD_LSB +: `DYNRT_ADDRESS_BITS]
-                        || (N > 1 && watch_test_ray !== test_in[`DYNRT_TRIANGLE_TEST_STIMULUS_SLOT_LSB +: `DYNRT_RAY_BITS])
+                    test[`DYNRT_TRIANGLE_TEST_EXPECTED_HIT] = trace_test_hit;
+                    test[`DYNRT_TRIANGLE_TEST_EXPECTED_T]   = trace_test_t;
+                    test[`DYNRT_TRIANGLE_TEST_EXPECTED_U]   = trace_test_u;
+                    test[`DYNRT_TRIANGLE_TEST_EXPECTED_V]   = trace_test_v;
+                    if (trace_test_record !== test_in[`DYNRT_TRIANGLE_TEST_STIMULUS_RECORD_LSB +: `DYNRT_ADDRESS_BITS]
+                        || (N > 1 && trace_test_ray !== test_in[`DYNRT_TRIANGLE_TEST_STIMULUS_SLOT_LSB +: `DYNRT_RAY_BITS])
                         || ((test ^ test_due) & test_mask) !== {`DYNRT_TRIANGLE_TEST_EXPECTED_BITS{1'b0}}
                     ) begin
                         $display("FAIL triangle_test_expected.hex line %0d: record %0d, expected %0d; ray %0d, expected %0d; result %h, expected %h where compared",
-                            at + 1, watch_test_record, test_in[`DYNRT_TRIANGLE_TEST_STIMULUS_RECORD],
-                            watch_test_ray, test_in[`DYNRT_TRIANGLE_TEST_STIMULUS_SLOT], test, test_due);
+                            at + 1, trace_test_record, test_in[`DYNRT_TRIANGLE_TEST_STIMULUS_RECORD],
+                            trace_test_ray, test_in[`DYNRT_TRIANGLE_TEST_STIMULUS_SLOT], test, test_due);
                         fail;
                     end
                     test_of[place] = at + 1;
@@ -411,33 +419,33 @@ module dynrt_raycast_tb;
 
     // Rays taken to an object's space.
     always @(posedge clk)
-        if (!rst && !failed && watch_transform_valid) begin
-            place = place_in[watch_transform_packet];
+        if (!rst && !failed && trace_transform_valid) begin
+            place = place_in[trace_transform_packet];
             at    = transform_of[place];
             if (at >= transform_end[place]) begin
                 $display("FAIL raycast_packets.hex line %0d: a ray transformation (record %0d) beyond its last",
-                    packet_of[place] + 1, watch_transform_record);
+                    packet_of[place] + 1, trace_transform_record);
                 fail;
             end
 `ifdef DYNRT_TWO_LEVELS
             else begin
                 transform_in  = transform_stimulus[at];
                 transform_due = transform_expected[at];
-                transform[`DYNRT_RAY_TRANSFORM_EXPECTED_ORIGIN_X]    = watch_transform_origin_x;
-                transform[`DYNRT_RAY_TRANSFORM_EXPECTED_ORIGIN_Y]    = watch_transform_origin_y;
-                transform[`DYNRT_RAY_TRANSFORM_EXPECTED_ORIGIN_Z]    = watch_transform_origin_z;
-                transform[`DYNRT_RAY_TRANSFORM_EXPECTED_DIRECTION_X] = watch_transform_direction_x;
-                transform[`DYNRT_RAY_TRANSFORM_EXPECTED_DIRECTION_Y] = watch_transform_direction_y;
-                transform[`DYNRT_RAY_TRANSFORM_EXPECTED_DIRECTION_Z] = watch_transform_direction_z;
-                transform[`DYNRT_RAY_TRANSFORM_EXPECTED_NEAR]        = watch_transform_near;
-                transform[`DYNRT_RAY_TRANSFORM_EXPECTED_FAR]         = watch_transform_far;
-                if (watch_transform_record !== transform_in[`DYNRT_RAY_TRANSFORM_STIMULUS_RECORD_LSB +: `DYNRT_ADDRESS_BITS]
-                    || (N > 1 && watch_transform_ray !== transform_in[`DYNRT_RAY_TRANSFORM_STIMULUS_SLOT_LSB +: `DYNRT_RAY_BITS])
+                transform[`DYNRT_RAY_TRANSFORM_EXPECTED_ORIGIN_X]    = trace_transform_origin_x;
+                transform[`DYNRT_RAY_TRANSFORM_EXPECTED_ORIGIN_Y]    = trace_transform_origin_y;
+                transform[`DYNRT_RAY_TRANSFORM_EXPECTED_ORIGIN_Z]    = trace_transform_origin_z;
+                transform[`DYNRT_RAY_TRANSFORM_EXPECTED_DIRECTION_X] = trace_transform_direction_x;
+                transform[`DYNRT_RAY_TRANSFORM_EXPECTED_DIRECTION_Y] = trace_transform_direction_y;
+                transform[`DYNRT_RAY_TRANSFORM_EXPECTED_DIRECTION_Z] = trace_transform_direction_z;
+                transform[`DYNRT_RAY_TRANSFORM_EXPECTED_NEAR]        = trace_transform_near;
+                transform[`DYNRT_RAY_TRANSFORM_EXPECTED_FAR]         = trace_transform_far;
+                if (trace_transform_record !== transform_in[`DYNRT_RAY_TRANSFORM_STIMULUS_RECORD_LSB +: `DYNRT_ADDRESS_BITS]
+                    || (N > 1 && trace_transform_ray !== transform_in[`DYNRT_RAY_TRANSFORM_STIMULUS_SLOT_LSB +: `DYNRT_RAY_BITS])
                     || transform !== transform_due
                 ) begin
                     $display("FAIL ray_transform_expected.hex line %0d: record %0d, expected %0d; ray %0d, expected %0d; result %h, expected %h",
-                        at + 1, watch_transform_record, transform_in[`DYNRT_RAY_TRANSFORM_STIMULUS_RECORD],
-                        watch_transform_ray, transform_in[`DYNRT_RAY_TRANSFORM_STIMULUS_SLOT], transform, transform_due);
+                        at + 1, trace_transform_record, transform_in[`DYNRT_RAY_TRANSFORM_STIMULUS_RECORD],
+                        trace_transform_ray, transform_in[`DYNRT_RAY_TRANSFORM_STIMULUS_SLOT], transform, transform_due);
                     fail;
                 end
                 transform_of[place] = at + 1;
@@ -445,6 +453,7 @@ module dynrt_raycast_tb;
             end
 `endif
         end
+`endif
 
     // Hits out.
     always @(posedge clk)
@@ -471,6 +480,7 @@ module dynrt_raycast_tb;
                 if (hits_of[place] == N) begin
                     busy[place] = 1'b0;
                     under_way   = under_way - 1;
+`ifdef DYNRT_TRACE
                     if (step_of[place] != step_end[place] || test_of[place] != test_end[place]
                         || transform_of[place] != transform_end[place]
                     ) begin
@@ -479,6 +489,12 @@ module dynrt_raycast_tb;
                             transform_end[place] - transform_of[place]);
                         fail;
                     end
+`else
+                    // There are as many as there should be, if the unit's counters agree in the end.
+                    steps_checked      = steps_checked + step_end[place] - step_of[place];
+                    tests_checked      = tests_checked + test_end[place] - test_of[place];
+                    transforms_checked = transforms_checked + transform_end[place] - transform_of[place];
+`endif
                 end
             end
         end
@@ -495,12 +511,17 @@ module dynrt_raycast_tb;
                         count_ray_transforms, transforms_checked);
                     fail;
                 end else begin
+`ifdef DYNRT_TRACE
                     $display("PASS %0d hits checked, %0d packet steps, %0d triangle tests, %0d ray transformations",
                         hits_checked, steps_checked, tests_checked, transforms_checked);
+`else
+                    $display("PASS %0d hits checked; counted %0d packet steps, %0d triangle tests, %0d ray transformations",
+                        hits_checked, steps_checked, tests_checked, transforms_checked);
+`endif
                     $finish;
                 end
             end
-            idle = (watch_step_valid || watch_test_valid || watch_transform_valid || (hit_valid && hit_ready) || (ray_valid && ray_ready)) ? 0 : idle + 1;
+            idle = (node_response_valid || record_response_valid || (hit_valid && hit_ready) || (ray_valid && ray_ready)) ? 0 : idle + 1;
             if (idle == 100000) begin
                 $display("FAIL nothing has happened for 100000 clocks; %0d of %0d hits are missing",
                     `DYNRT_RAYCAST_HITS_LINES - hits_checked, `DYNRT_RAYCAST_HITS_LINES);

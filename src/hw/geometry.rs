@@ -249,7 +249,11 @@ pub fn module(plan: &Plan) -> Result<Geometry, HdlError> {
         || operands::operands(plan, &m, inputs, slot, stages, vectors, &rays),
     );
     let tested = &triangle::ports(plan).place("test", &m, &test, operands);
-    let weighted = operands::weighted(inputs, slot, tested);
+    let weighted = m.part(
+        "weighted",
+        "says whose the weighted points are that leave the triangle test.",
+        || operands::weighted(inputs, slot, tested),
+    );
     let object = m.part(
         "object_rays",
         "lets transformed rays leave for ray setup, each with its interval in the instance's box.",
