@@ -111,17 +111,11 @@ module dynrt_skinning_processor (
 );
 
   // Between the parts.
-  wire start;
-  wire rows_valid;
+  wire start, rows_valid;
   wire [127:0] rows_front;
   wire vectors_valid;
   wire [9:0] column_place;
-  wire loading;
-  wire completes;
-  wire pop_row_next;
-  wire vertex_done;
-  wire room_next;
-  wire over;
+  wire loading, completes, pop_row_next, vertex_done, room_next, over;
 
   // What later parts tell earlier ones.
   dynrt_skinning_processor_row_fetch row_fetch (

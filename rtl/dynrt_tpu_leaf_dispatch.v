@@ -45,8 +45,7 @@ module dynrt_tpu_leaf_dispatch (
       entering_address,
       finished_packet
     };
-  wire take_step_leaf;
-  wire take_pop_leaf;
+  wire take_step_leaf, take_pop_leaf;
 
   wire step_leaf_queue_valid;
   wire [42:0] step_leaf_queue_front;

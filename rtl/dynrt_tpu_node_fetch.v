@@ -39,8 +39,7 @@ module dynrt_tpu_node_fetch (
   // Nodes to fetch: after steps, and after pops and starts.
   wire [38:0] step_node_queue_data = {next_context_s16, first_address_s16, step_packet};
   wire [38:0] entered_node_queue_data = {entering_context, entering_address, finished_packet};
-  wire take_step_node;
-  wire take_pop_node;
+  wire take_step_node, take_pop_node;
 
   wire step_node_queue_valid;
   wire [38:0] step_node_queue_front;

@@ -41,9 +41,7 @@ module dynrt_tpu_pop_choice (
 
   // Packets that pop: from the geometry unit, from steps that went nowhere, and again after a
   // dropped entry or an instance that no ray enters.
-  wire take_done;
-  wire take_retry;
-  wire take_stepped_pop;
+  wire take_done, take_retry, take_stepped_pop;
 
   wire done_queue_valid;
   wire [16:0] done_queue_front;

@@ -65,52 +65,23 @@ module dynrt_update_processor (
 );
 
   // Between the parts.
-  wire running;
-  wire start;
-  wire rows_valid;
+  wire running, start, rows_valid;
   wire [127:0] rows_front;
-  wire pop_row_next;
-  wire decode;
-  wire load_is_decoded;
+  wire pop_row_next, decode, load_is_decoded;
   wire [21:0] vertex_indices_data;
   wire completed;
   wire [27:0] completed_instruction;
-  wire decode_load;
-  wire index_room_next;
-  wire vertices_valid;
+  wire decode_load, index_room_next, vertices_valid;
   wire [71:0] vertices_front;
   wire queue_room_next;
-  wire [5:0] current_x;
-  wire [5:0] current_y;
-  wire [5:0] current_z;
-  wire end_waits;
-  wire missing_vertex;
-  wire missing_room;
-  wire goes;
-  wire node_goes;
-  wire merge_goes;
-  wire pop_vertex;
-  wire of_leaf;
+  wire [5:0] current_x, current_y, current_z;
+  wire end_waits, missing_vertex, missing_room, goes, node_goes, merge_goes, pop_vertex, of_leaf;
   wire [5:0] merge_target;
   wire [3:0] merge_axes;
-  wire [23:0] first_lo_x_s2;
-  wire [23:0] first_lo_y_s2;
-  wire [23:0] first_lo_z_s2;
-  wire [23:0] first_hi_x_s2;
-  wire [23:0] first_hi_y_s2;
-  wire [23:0] first_hi_z_s2;
-  wire [23:0] second_lo_x_s2;
-  wire [23:0] second_lo_y_s2;
-  wire [23:0] second_lo_z_s2;
-  wire [23:0] second_hi_x_s2;
-  wire [23:0] second_hi_y_s2;
-  wire [23:0] second_hi_z_s2;
-  wire merge_goes_s2;
-  wire merge_goes_s3;
-  wire merge_goes_s4;
-  wire node_room_next;
-  wire nodes_under_way_any;
-  wire box_taken;
+  wire [23:0] first_lo_x_s2, first_lo_y_s2, first_lo_z_s2, first_hi_x_s2, first_hi_y_s2;
+  wire [23:0] first_hi_z_s2, second_lo_x_s2, second_lo_y_s2, second_lo_z_s2, second_hi_x_s2;
+  wire [23:0] second_hi_y_s2, second_hi_z_s2;
+  wire merge_goes_s2, merge_goes_s3, merge_goes_s4, node_room_next, nodes_under_way_any, box_taken;
 
   // What later parts tell earlier ones.
   dynrt_update_processor_row_fetch row_fetch (

@@ -104,10 +104,19 @@ struct Body {
     text: String,
     /// What the last line belongs to.
     last: Last,
-    /// Declarations of one signal's delays are gathered on one line: the last of them.
-    declared: Option<Id>,
+    /// Declarations are gathered on one line: what its next name must follow.
+    gathers: Option<Gathers>,
     /// Statements of the state's registers, until the next thing that is not a register.
     clocked: Vec<String>,
+}
+
+/// What stands on one line.
+#[derive(Clone, Copy, PartialEq)]
+enum Gathers {
+    /// One signal's delays: the last of them.
+    Delays(Id),
+    /// Wires of one width.
+    Wires(u32),
 }
 
 #[derive(Clone, Copy, Default, PartialEq)]
@@ -127,7 +136,20 @@ impl Body {
         }
         let _ = writeln!(self.text, "  {line}");
         self.last = Last::Line;
-        self.declared = None;
+        self.gathers = None;
+    }
+
+    /// Adds a name to the declaration on the last line, if it has room.
+    fn goes_on(&mut self, name: &str) -> bool {
+        let line = self.text.trim_end().trim_end_matches(';');
+        let start = line.rfind('\n').map_or(0, |i| i + 1);
+        let fits = line.len() - start + name.len() + 3 <= LINE;
+        if fits {
+            let end = line.len();
+            self.text.truncate(end);
+            let _ = writeln!(self.text, ", {name};");
+        }
+        fits
     }
 
     fn block(&mut self, block: &str) {
@@ -137,7 +159,7 @@ impl Body {
         }
         self.text.push_str(block);
         self.last = Last::Block;
-        self.declared = None;
+        self.gathers = None;
     }
 
     fn comment(&mut self, comment: &str) {
@@ -147,7 +169,7 @@ impl Body {
             let _ = writeln!(self.text, "  // {line}");
         }
         self.last = Last::Comment;
-        self.declared = None;
+        self.gathers = None;
     }
 
     fn always_block(statements: &[String]) -> String {
@@ -401,17 +423,14 @@ impl<'a> Printer<'a> {
                 return;
             }
             // Statements of registers wait: declarations of further ones do not part them.
-            let last = plan.sources(id).first().copied();
-            if delay && body.declared.is_some() && body.declared == last {
-                let start = body.text.trim_end().rfind('\n').map_or(0, |i| i + 1);
-                let line = body.text[start..].trim_end().trim_end_matches(';');
-                if line.len() + name.len() + 3 <= LINE {
-                    let line = format!("{line}, {name};\n");
-                    body.text.truncate(start);
-                    body.text.push_str(&line);
-                    body.declared = Some(id);
-                    return;
-                }
+            let wire = !reg && plan.ops[id] == Op::Wire;
+            let wires = wire.then(|| Gathers::Wires(plan.width(id)));
+            let last = plan.sources(id).first().copied().filter(|_| delay);
+            let follows = last.map(Gathers::Delays).or(wires);
+            let next = delay.then_some(Gathers::Delays(id)).or(wires);
+            if follows.is_some() && body.gathers == follows && body.goes_on(name) {
+                body.gathers = next;
+                return;
             }
             let clocked = std::mem::take(&mut body.clocked);
             body.line(&format!(
@@ -419,7 +438,7 @@ impl<'a> Printer<'a> {
                 if reg { "reg " } else { "wire" }
             ));
             body.clocked = clocked;
-            body.declared = delay.then_some(id);
+            body.gathers = next;
         } else {
             let target = if declared {
                 format!("assign {name} =")
