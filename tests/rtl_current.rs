@@ -2,6 +2,7 @@
 
 use dynrt::config::Config;
 use dynrt::emit;
+use dynrt::hw::{self, Plan};
 use std::collections::BTreeSet;
 use std::fs;
 use std::path::Path;
@@ -90,9 +91,13 @@ fn no_name_is_made_up() {
     for entry in fs::read_dir(folder).unwrap() {
         let path = entry.unwrap().path();
         let config = Config::load(&path).unwrap();
-        let (machine, _) = emit::generate(&config).unwrap();
+        let plan = Plan::new(&config).unwrap();
+        let machines = [false, true].map(|trace| {
+            let machine = hw::core::emit(&plan.clone().with_trace(trace));
+            machine.unwrap().design
+        });
         let mut signals = 0;
-        for module in machine.design.modules() {
+        for module in machines.iter().flat_map(|design| design.modules()) {
             signals += module.signal_count();
             made_up.extend(module.made_up_names().map(|(name, place)| {
                 let config = path.file_stem().unwrap().to_string_lossy();
