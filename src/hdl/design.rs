@@ -5,7 +5,7 @@ use super::error::HdlError;
 use super::ir::{Id, Netlist, Op};
 use super::outline::{Outline, outline};
 use super::verilog::{self, Printed};
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, HashSet};
 use std::panic::Location;
 use std::sync::Arc;
 
@@ -329,6 +329,13 @@ impl Design {
     /// All modules, children before their parents, the top last.
     pub fn modules(&self) -> &[Arc<Module>] {
         &self.modules
+    }
+
+    /// The modules that are no parts of others, children before their parents.
+    pub fn units(&self) -> impl Iterator<Item = &Arc<Module>> {
+        let parts = self.modules.iter().flat_map(|module| module.parts());
+        let parts: HashSet<&str> = parts.map(|part| part.name()).collect();
+        (self.modules.iter()).filter(move |module| !parts.contains(module.name()))
     }
 
     /// File names and texts as they are emitted, one module a file, children first.

@@ -6,7 +6,7 @@ use crate::hdl::design::{Design, Direction, Module, Port};
 use crate::hdl::error::HdlError;
 use crate::hdl::ir::{Binary, Id, Netlist, Node, Op, Root};
 use crate::hdl::verilog::Printer;
-use std::collections::{BTreeMap, HashMap, HashSet};
+use std::collections::{BTreeMap, HashMap};
 use std::panic::Location;
 use std::sync::Arc;
 
@@ -161,15 +161,9 @@ impl Design {
 
     fn rebuilt(&self, change: &Rebuild<'_>) -> Result<Design, HdlError> {
         let mut changed: HashMap<&str, Arc<Module>> = HashMap::new();
-        // Parts follow from what they are parts of.
-        let parts = self.modules.iter().flat_map(|module| module.parts());
-        let parts: HashSet<&str> = parts.map(|part| part.name()).collect();
         let mut top = self.top().clone();
-        for module in self
-            .modules
-            .iter()
-            .filter(|module| !parts.contains(module.name()))
-        {
+        // Parts follow from what they are parts of.
+        for module in self.units() {
             let new = change(module, &changed)?;
             if let Some(new) = &new {
                 changed.insert(module.name(), new.clone());
