@@ -331,7 +331,7 @@ impl Design {
         &self.modules
     }
 
-    /// The modules that are no parts of others, children before their parents.
+    /// The modules without the parts of others, children before their parents.
     pub fn units(&self) -> impl Iterator<Item = &Arc<Module>> {
         let parts = self.modules.iter().flat_map(|module| module.parts());
         let parts: HashSet<&str> = parts.map(|part| part.name()).collect();

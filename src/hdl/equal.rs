@@ -41,9 +41,7 @@ impl Module {
             .run()
             .map_err(|what| format!("{}: {what}", self.name()))
     }
-}
 
-impl Module {
     /// Compares a module in parts with what places them.
     ///
     /// # Errors
@@ -92,6 +90,8 @@ struct Side<'a> {
     /// The scope of each part, by the instance that places it.
     parts: HashMap<(usize, usize), usize>,
     registers: HashMap<&'a str, At>,
+    /// The name of each register.
+    names: HashMap<At, &'a str>,
     numbers: HashMap<At, Id>,
 }
 
@@ -102,6 +102,7 @@ impl<'a> Side<'a> {
             scopes: vec![],
             parts: HashMap::new(),
             registers: HashMap::new(),
+            names: HashMap::new(),
             numbers: HashMap::new(),
         };
         side.open(&module.ir, None);
@@ -126,6 +127,7 @@ impl<'a> Side<'a> {
                 && let Some(name) = node.name.as_ref().or_else(port)
             {
                 self.registers.insert(name, (scope, id));
+                self.names.insert((scope, id), name);
             }
         }
     }
@@ -317,12 +319,11 @@ impl<'a> Matching<'a> {
                 Key::Input(port.map(|(port, _)| port.name.clone()).unwrap_or_default())
             }
             Op::Register(register) if !register.delay => {
-                let registers = &self.sides[side].registers;
-                let name = registers.iter().find(|(_, at)| **at == (scope, id));
+                let name = self.sides[side].names.get(&(scope, id));
                 // One without a name corresponds to none.
                 let name = name.map_or_else(
                     || format!("{scope}.{id} of {side}"),
-                    |(name, _)| name.to_string(),
+                    |name| name.to_string(),
                 );
                 self.open.push(State::Register(name.clone()));
                 Key::Register(name)

@@ -311,8 +311,8 @@ impl<'a> Maker<'a> {
         for (index, memory) in whole.ir.memories.iter().enumerate() {
             if whole.borders.owners.memories[index] == self.part && !plan.copies[index].is_empty() {
                 let mut memory = memory.clone();
-                let at = |id: Id| self.at(id);
-                memory.write = memory.write.map(|(e, a, d)| (at(e), at(a), at(d)));
+                let write = memory.write;
+                memory.write = write.map(|(e, a, d)| (self.at(e), self.at(a), self.at(d)));
                 self.made.names.insert(memory.name.clone(), memory.place);
                 numbers.insert(index, self.made.memories.len());
                 self.made.memories.push(memory);

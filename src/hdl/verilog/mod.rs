@@ -531,7 +531,7 @@ fn connected(connections: &[(&Port, String)]) -> String {
         } else {
             ","
         };
-        // A mark is no part of the text.
+        // Marks are removed later: they do not count.
         let behind = connection.rfind([MARK, STATEMENT]).map_or(0, |at| at + 1);
         let width = connection[behind..].len() + comma.len();
         let goes_on = before.is_some_and(|before| before.group == port.group);

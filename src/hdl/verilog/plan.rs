@@ -207,7 +207,7 @@ impl<'a> Plan<'a> {
         plan.choose_declared(&count, &live);
         for id in (0..nodes).filter(|id| live[*id]) {
             let signal = plan.driven_by_name(id);
-            // What each part makes anew has no place of its own.
+            // A node that each part computes again has no declaration of its own.
             let placed = |signal: &Id| ir.parts.is_empty() || !plan.is_light(*signal);
             plan.merged[id] = signal.filter(placed);
         }
@@ -234,7 +234,7 @@ impl<'a> Plan<'a> {
         }
     }
 
-    /// Whether a node is made anew in each part that reads it rather than carried there.
+    /// Whether each part that reads a node computes it again, in place of a port that carries it there.
     pub fn is_light(&self, id: Id) -> bool {
         match self.ops[id] {
             Op::Literal(_) | Op::Reset | Op::Slice(..) => true,
