@@ -4,7 +4,7 @@ use super::check;
 use super::error::HdlError;
 use super::ir::{Id, Netlist, Op};
 use super::outline::{Outline, outline};
-use super::verilog::{self, Printed};
+use super::verilog::{self, Printed, Printer};
 use std::collections::{BTreeMap, HashSet};
 use std::panic::Location;
 use std::sync::Arc;
@@ -51,7 +51,8 @@ impl Module {
     /// Checks a netlist and prints it.
     pub(super) fn of(ir: Netlist) -> Result<Module, HdlError> {
         let paths = check::check(&ir)?;
-        let printed = verilog::print(&ir);
+        let printer = Printer::new(&ir);
+        let printed = printer.print();
         if let (Some(proof), false) = (ir.proofs.first(), printed.clocked && printed.reset) {
             return Err(HdlError {
                 module: ir.name.clone(),
@@ -90,22 +91,18 @@ impl Module {
             ports,
             children: instances.map(|instance| instance.module.clone()).collect(),
             printed,
-            outline: outline(&ir)?,
+            outline: outline(&printer)?,
             paths,
             ir,
         };
-        match module
-            .outline
-            .as_ref()
-            .map(|outline| module.compare_parts(outline))
-        {
-            Some(Err(what)) => Err(HdlError {
+        if let Some(outline) = &module.outline {
+            module.compare_parts(outline).map_err(|what| HdlError {
                 module: module.name().to_string(),
                 message: format!("its parts are not what they are parts of: {what}"),
                 place: module.ir.place,
-            }),
-            _ => Ok(module),
+            })?;
         }
+        Ok(module)
     }
 
     /// Its name in the description, without the prefix that a design may put before it: see [`Design::emitted`].

@@ -20,17 +20,16 @@ pub(super) struct Outline {
     pub numbers: Vec<HashMap<Id, Id>>,
 }
 
-/// The parts of a netlist as modules; `None` where it has none.
-pub(super) fn outline(ir: &Netlist) -> Result<Option<Outline>, HdlError> {
-    if ir.parts.is_empty() {
+/// The parts of a module as modules; `None` where it has none.
+pub(super) fn outline(printer: &Printer<'_>) -> Result<Option<Outline>, HdlError> {
+    let ir = printer.plan.ir;
+    let Some(borders) = &printer.plan.borders else {
         return Ok(None);
-    }
-    let printer = Printer::new(ir);
-    let borders = printer.plan.borders.as_ref();
+    };
     let whole = Whole {
         ir,
-        printer: &printer,
-        borders: borders.expect("a module in parts has borders"),
+        printer,
+        borders,
     };
     let mut parts = vec![];
     let mut numbers = vec![HashMap::new()];

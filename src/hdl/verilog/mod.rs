@@ -57,26 +57,6 @@ pub(super) struct Printer<'a> {
     statements: RefCell<Vec<Root>>,
 }
 
-pub(super) fn print(ir: &Netlist) -> Printed {
-    let printer = Printer::new(ir);
-    let (text, names, lines) = unmarked(&printer.module(&ir.name, &ir.doc));
-    let signals = printer.signals();
-    let statements = printer.statements.into_inner();
-    Printed {
-        text,
-        names,
-        signals,
-        made_up: printer.names.made_up,
-        statements: lines
-            .into_iter()
-            .map(|(n, line)| (statements[n], line))
-            .collect(),
-        copies: printer.plan.copies.iter().map(Vec::len).collect(),
-        clocked: printer.clocked,
-        reset: printer.reset,
-    }
-}
-
 /// The ports as they are printed: those of one heading together, headings in order of first appearance.
 pub(super) fn port_order(ports: &[(Port, Id)]) -> Vec<usize> {
     let mut headings: Vec<&str> = vec![];
@@ -219,6 +199,23 @@ impl<'a> Printer<'a> {
             reset: reset || below("rst"),
             plan,
             statements: RefCell::default(),
+        }
+    }
+
+    /// The module's text, and what stands where in it.
+    pub fn print(&self) -> Printed {
+        let (text, names, lines) = unmarked(&self.module(&self.ir().name, &self.ir().doc));
+        let statements = self.statements.take();
+        let lines = lines.into_iter();
+        Printed {
+            text,
+            names,
+            signals: self.signals(),
+            made_up: self.names.made_up.clone(),
+            statements: lines.map(|(n, line)| (statements[n], line)).collect(),
+            copies: self.plan.copies.iter().map(Vec::len).collect(),
+            clocked: self.clocked,
+            reset: self.reset,
         }
     }
 
