@@ -51,6 +51,7 @@ module dynrt_geometry_unit_hit_merge (
   output reg  [135:0] closest_memory_read1
 );
 
+  localparam [23:0] MINUS_INFINITY = 24'hff0000;
   wire [5:0] tested_level = leaf_context_memory_read1_s56[5:0];
   wire [3:0] tested_touched = leaf_context_memory_read1_s56[9:6];
   wire tested_inside = leaf_context_memory_read1_s56[10];
@@ -173,7 +174,7 @@ module dynrt_geometry_unit_hit_merge (
     object_last_delay <= {object_last_delay[16:0], object_last};
   end
 
-  assign limit_value = ray_any_hit_s57 ? 24'hff0000 : test_t_s57;
+  assign limit_value = ray_any_hit_s57 ? MINUS_INFINITY : test_t_s57;
   assign done_context = {tested_inside_s57, now_touched, tested_level_s57};
   assign done_valid = test_issued_s57 & now_last_s57;
 

@@ -68,7 +68,7 @@ module dynrt_geometry_unit_leaf_fetch (
   wire [72:0] vertex_queue_data = {third_vertex, second_vertex, first_vertex, record_response_tag};
 
   wire [72:0] vertex_queue_front;
-  dynrt_block_fifo_73x48 vertex_queue (
+  dynrt_block_fifo #(.WIDTH(73), .DEPTH(48), .INDEX_BITS(6), .COUNT_BITS(6)) vertex_queue (
     .clk(clk), .rst(rst),
     .push(record_response_valid), .data(vertex_queue_data),
     .pop(job_done), .valid(vertex_request_valid), .front(vertex_queue_front)

@@ -66,7 +66,7 @@ module dynrt_geometry_unit_slot_issue (
 
   wire ready_queue_valid;
   wire [6:0] ready_queue_front;
-  dynrt_fifo_7x48 ready_queue (
+  dynrt_fifo #(.WIDTH(7), .DEPTH(48), .INDEX_BITS(6), .COUNT_BITS(6)) ready_queue (
     .clk(clk), .rst(rst),
     .push(leaf_complete), .data(ready_queue_data),
     .pop(takes), .valid(ready_queue_valid), .front(ready_queue_front)

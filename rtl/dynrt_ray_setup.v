@@ -113,15 +113,17 @@ module dynrt_ray_setup (
 
   // near and far, clipped by the scene's box; in an object's space by (-infinity, +infinity), which
   // never clips.
-  wire [23:0] clip_lo_x = object ? 24'hff0000 : scene_lo_x;
-  wire [23:0] clip_hi_x = object ? 24'h7f0000 : scene_hi_x;
+  localparam [23:0] INFINITY = 24'h7f0000;
+  localparam [23:0] MINUS_INFINITY = 24'hff0000;
+  wire [23:0] clip_lo_x = object ? MINUS_INFINITY : scene_lo_x;
+  wire [23:0] clip_hi_x = object ? INFINITY : scene_hi_x;
   (* mem2reg *) reg [23:0] near_x_plane_delay [0:6];
   wire [23:0] near_x_plane_s7 = near_x_plane_delay[6];
   (* mem2reg *) reg [23:0] origin_x_delay [0:19];
   wire [23:0] origin_x_s7 = origin_x_delay[6];
 
   wire [23:0] near_x_distance;
-  dynrt_near_distance near_x (
+  dynrt_plane_distance #(.FAR(1'b0)) near_x (
     .clk(clk),
     .plane(near_x_plane_s7), .origin(origin_x_s7), .reciprocal(reciprocal_x_y),
     .distance(near_x_distance)
@@ -131,7 +133,7 @@ module dynrt_ray_setup (
   wire [23:0] far_x_plane_s7 = far_x_plane_delay[6];
 
   wire [23:0] far_x_distance;
-  dynrt_far_distance far_x (
+  dynrt_plane_distance #(.FAR(1'b1)) far_x (
     .clk(clk),
     .plane(far_x_plane_s7), .origin(origin_x_s7), .reciprocal(reciprocal_x_y),
     .distance(far_x_distance)
@@ -156,15 +158,15 @@ module dynrt_ray_setup (
   wire [23:0] out_tmax_s16 = out_tmax_delay[15];
   wire [23:0] far_after_x = far_after_x_is_less ? far_x_distance : out_tmax_s16;
   reg  [23:0] far_after_x_s17;
-  wire [23:0] clip_lo_y = object ? 24'hff0000 : scene_lo_y;
-  wire [23:0] clip_hi_y = object ? 24'h7f0000 : scene_hi_y;
+  wire [23:0] clip_lo_y = object ? MINUS_INFINITY : scene_lo_y;
+  wire [23:0] clip_hi_y = object ? INFINITY : scene_hi_y;
   (* mem2reg *) reg [23:0] near_y_plane_delay [0:6];
   wire [23:0] near_y_plane_s7 = near_y_plane_delay[6];
   (* mem2reg *) reg [23:0] origin_y_delay [0:19];
   wire [23:0] origin_y_s7 = origin_y_delay[6];
 
   wire [23:0] near_y_distance;
-  dynrt_near_distance near_y (
+  dynrt_plane_distance #(.FAR(1'b0)) near_y (
     .clk(clk),
     .plane(near_y_plane_s7), .origin(origin_y_s7), .reciprocal(reciprocal_y_y),
     .distance(near_y_distance)
@@ -174,7 +176,7 @@ module dynrt_ray_setup (
   wire [23:0] far_y_plane_s7 = far_y_plane_delay[6];
 
   wire [23:0] far_y_distance;
-  dynrt_far_distance far_y (
+  dynrt_plane_distance #(.FAR(1'b1)) far_y (
     .clk(clk),
     .plane(far_y_plane_s7), .origin(origin_y_s7), .reciprocal(reciprocal_y_y),
     .distance(far_y_distance)
@@ -198,15 +200,15 @@ module dynrt_ray_setup (
   reg  [23:0] far_y_distance_s17;
   wire [23:0] far_after_y = far_after_y_is_less ? far_y_distance_s17 : far_after_x_s17;
   reg  [23:0] far_after_y_s18;
-  wire [23:0] clip_lo_z = object ? 24'hff0000 : scene_lo_z;
-  wire [23:0] clip_hi_z = object ? 24'h7f0000 : scene_hi_z;
+  wire [23:0] clip_lo_z = object ? MINUS_INFINITY : scene_lo_z;
+  wire [23:0] clip_hi_z = object ? INFINITY : scene_hi_z;
   (* mem2reg *) reg [23:0] near_z_plane_delay [0:6];
   wire [23:0] near_z_plane_s7 = near_z_plane_delay[6];
   (* mem2reg *) reg [23:0] origin_z_delay [0:19];
   wire [23:0] origin_z_s7 = origin_z_delay[6];
 
   wire [23:0] near_z_distance;
-  dynrt_near_distance near_z (
+  dynrt_plane_distance #(.FAR(1'b0)) near_z (
     .clk(clk),
     .plane(near_z_plane_s7), .origin(origin_z_s7), .reciprocal(reciprocal_z_y),
     .distance(near_z_distance)
@@ -216,7 +218,7 @@ module dynrt_ray_setup (
   wire [23:0] far_z_plane_s7 = far_z_plane_delay[6];
 
   wire [23:0] far_z_distance;
-  dynrt_far_distance far_z (
+  dynrt_plane_distance #(.FAR(1'b1)) far_z (
     .clk(clk),
     .plane(far_z_plane_s7), .origin(origin_z_s7), .reciprocal(reciprocal_z_y),
     .distance(far_z_distance)

@@ -42,7 +42,7 @@ module dynrt_raycast_unit_hit_output (
 
   wire finished_queue_valid;
   wire [9:0] finished_queue_front;
-  dynrt_fifo_10x48 finished_queue (
+  dynrt_fifo #(.WIDTH(10), .DEPTH(48), .INDEX_BITS(6), .COUNT_BITS(6)) finished_queue (
     .clk(clk), .rst(rst),
     .push(traversal_finished_valid), .data(finished_queue_data),
     .pop(load), .valid(finished_queue_valid), .front(finished_queue_front)
@@ -75,12 +75,14 @@ module dynrt_raycast_unit_hit_output (
       (out_ray == 2'd1) ? out[7] :
       (out_ray == 2'd2) ? out[8] :
       out[9];
+  localparam [31:0] NOTHING = 32'hffffffff;
+  localparam [23:0] INFINITY = 24'h7f0000;
 
-  assign hit_t = out_touched ? intersection_read_t : 24'h7f0000;
+  assign hit_t = out_touched ? intersection_read_t : INFINITY;
   assign hit_u = out_touched ? intersection_read_u : 24'd0;
   assign hit_v = out_touched ? intersection_read_v : 24'd0;
-  assign hit_instance = out_touched ? intersection_read_instance : 32'hffffffff;
-  assign hit_triangle = out_touched ? intersection_read_triangle : 32'hffffffff;
+  assign hit_instance = out_touched ? intersection_read_instance : NOTHING;
+  assign hit_triangle = out_touched ? intersection_read_triangle : NOTHING;
   assign out_packet = out[5:0];
 
 endmodule

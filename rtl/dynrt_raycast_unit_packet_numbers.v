@@ -50,7 +50,7 @@ module dynrt_raycast_unit_packet_numbers (
   wire [5:0] free_queue_data = sweeping ? sweep_packet : read_packet;
 
   wire free_queue_valid;
-  dynrt_fifo_6x48 free_queue (
+  dynrt_fifo #(.WIDTH(6), .DEPTH(48), .INDEX_BITS(6), .COUNT_BITS(6)) free_queue (
     .clk(clk), .rst(rst),
     .push(sweeping | packet_leaves), .data(free_queue_data),
     .pop(packet_enters), .valid(free_queue_valid), .front(free_queue_front)

@@ -62,7 +62,9 @@ module dynrt_skinning_processor_row_fetch (
   reg  [21:0] row_address;
 
   wire rows_fetch_ready;
-  dynrt_row_prefetch rows (
+  dynrt_prefetch #(
+    .WIDTH(128), .DEPTH(8), .ADDRESS_BITS(22), .TAG_BITS(3), .COUNT_BITS(4)
+  ) rows (
     .clk(clk), .rst(rst),
     .fetch_valid(rows_wanted), .fetch_address(row_address),
     .request_ready(influence_request_ready),

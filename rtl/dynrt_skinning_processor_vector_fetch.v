@@ -59,7 +59,9 @@ module dynrt_skinning_processor_vector_fetch (
 
   wire vectors_fetch_ready;
   wire vectors_empty;
-  dynrt_vector_prefetch vectors (
+  dynrt_prefetch #(
+    .WIDTH(72), .DEPTH(16), .ADDRESS_BITS(22), .TAG_BITS(4), .COUNT_BITS(5)
+  ) vectors (
     .clk(clk), .rst(rst),
     .fetch_valid(vector_wanted), .fetch_address(vectors_fetch_address),
     .request_ready(vertex_request_ready),

@@ -49,7 +49,7 @@ module dynrt_tpu_leaf_dispatch (
 
   wire step_leaf_queue_valid;
   wire [42:0] step_leaf_queue_front;
-  dynrt_block_fifo_43x48 step_leaf_queue (
+  dynrt_block_fifo #(.WIDTH(43), .DEPTH(48), .INDEX_BITS(6), .COUNT_BITS(6)) step_leaf_queue (
     .clk(clk), .rst(rst),
     .push(step_goes_on & first_leaf_s16), .data(step_leaf_queue_data),
     .pop(take_step_leaf), .valid(step_leaf_queue_valid), .front(step_leaf_queue_front)
@@ -57,7 +57,9 @@ module dynrt_tpu_leaf_dispatch (
 
   wire entered_leaf_queue_valid;
   wire [42:0] entered_leaf_queue_front;
-  dynrt_block_fifo_43x48 entered_leaf_queue (
+  dynrt_block_fifo #(
+    .WIDTH(43), .DEPTH(48), .INDEX_BITS(6), .COUNT_BITS(6)
+  ) entered_leaf_queue (
     .clk(clk), .rst(rst),
     .push(entered & entering_leaf), .data(entered_leaf_queue_data),
     .pop(take_pop_leaf), .valid(entered_leaf_queue_valid), .front(entered_leaf_queue_front)

@@ -43,7 +43,7 @@ module dynrt_tpu_node_fetch (
 
   wire step_node_queue_valid;
   wire [38:0] step_node_queue_front;
-  dynrt_fifo_39x48 step_node_queue (
+  dynrt_fifo #(.WIDTH(39), .DEPTH(48), .INDEX_BITS(6), .COUNT_BITS(6)) step_node_queue (
     .clk(clk), .rst(rst),
     .push(step_goes_on & ~first_leaf_s16), .data(step_node_queue_data),
     .pop(take_step_node), .valid(step_node_queue_valid), .front(step_node_queue_front)
@@ -51,7 +51,7 @@ module dynrt_tpu_node_fetch (
 
   wire entered_node_queue_valid;
   wire [38:0] entered_node_queue_front;
-  dynrt_fifo_39x48 entered_node_queue (
+  dynrt_fifo #(.WIDTH(39), .DEPTH(48), .INDEX_BITS(6), .COUNT_BITS(6)) entered_node_queue (
     .clk(clk), .rst(rst),
     .push(entered & ~entering_leaf), .data(entered_node_queue_data),
     .pop(take_pop_node), .valid(entered_node_queue_valid), .front(entered_node_queue_front)

@@ -45,7 +45,7 @@ module dynrt_tpu_pop_choice (
 
   wire done_queue_valid;
   wire [16:0] done_queue_front;
-  dynrt_fifo_17x48 done_queue (
+  dynrt_fifo #(.WIDTH(17), .DEPTH(48), .INDEX_BITS(6), .COUNT_BITS(6)) done_queue (
     .clk(clk), .rst(rst),
     .push(done_valid), .data({done_context, done_packet}),
     .pop(take_done), .valid(done_queue_valid), .front(done_queue_front)
@@ -53,7 +53,7 @@ module dynrt_tpu_pop_choice (
 
   wire retry_queue_valid;
   wire [16:0] retry_queue_front;
-  dynrt_fifo_17x48 retry_queue (
+  dynrt_fifo #(.WIDTH(17), .DEPTH(48), .INDEX_BITS(6), .COUNT_BITS(6)) retry_queue (
     .clk(clk), .rst(rst),
     .push(retry_push), .data(retry_item),
     .pop(take_retry), .valid(retry_queue_valid), .front(retry_queue_front)
@@ -63,7 +63,7 @@ module dynrt_tpu_pop_choice (
 
   wire nowhere_queue_valid;
   wire [16:0] nowhere_queue_front;
-  dynrt_fifo_17x48 nowhere_queue (
+  dynrt_fifo #(.WIDTH(17), .DEPTH(48), .INDEX_BITS(6), .COUNT_BITS(6)) nowhere_queue (
     .clk(clk), .rst(rst),
     .push(step_goes_nowhere), .data({next_context_s16, step_packet}),
     .pop(take_stepped_pop), .valid(nowhere_queue_valid), .front(nowhere_queue_front)

@@ -48,14 +48,14 @@ module dynrt_tpu_slice (
   wire [23:0] left_reciprocal_s6 = left_reciprocal_delay[5];
 
   wire [23:0] left_near_distance_distance;
-  dynrt_near_distance left_near_distance (
+  dynrt_plane_distance #(.FAR(1'b0)) left_near_distance (
     .clk(clk),
     .plane(left_near_plane_s1), .origin(left_origin_s1), .reciprocal(left_reciprocal_s6),
     .distance(left_near_distance_distance)
   );
 
   wire [23:0] left_far_distance_distance;
-  dynrt_far_distance left_far_distance (
+  dynrt_plane_distance #(.FAR(1'b1)) left_far_distance (
     .clk(clk),
     .plane(left_far_plane_s1), .origin(left_origin_s1), .reciprocal(left_reciprocal_s6),
     .distance(left_far_distance_distance)
@@ -98,14 +98,14 @@ module dynrt_tpu_slice (
   wire [23:0] right_reciprocal_s6 = right_reciprocal_delay[5];
 
   wire [23:0] right_near_distance_distance;
-  dynrt_near_distance right_near_distance (
+  dynrt_plane_distance #(.FAR(1'b0)) right_near_distance (
     .clk(clk),
     .plane(right_near_plane_s1), .origin(right_origin_s1), .reciprocal(right_reciprocal_s6),
     .distance(right_near_distance_distance)
   );
 
   wire [23:0] right_far_distance_distance;
-  dynrt_far_distance right_far_distance (
+  dynrt_plane_distance #(.FAR(1'b1)) right_far_distance (
     .clk(clk),
     .plane(right_far_plane_s1), .origin(right_origin_s1), .reciprocal(right_reciprocal_s6),
     .distance(right_far_distance_distance)

@@ -173,7 +173,7 @@ module dynrt_triangle_box (
   reg  [23:0] near_x_plane_s3;
   reg  [23:0] near_x_origin_s3;
 
-  dynrt_fp_sub near_x_offset (
+  dynrt_fp_add_sub #(.SUBTRACT(1'b1)) near_x_offset (
     .clk(clk), .a(near_x_plane_s3), .b(near_x_origin_s3), .y(sum_0)
   );
 
@@ -185,7 +185,9 @@ module dynrt_triangle_box (
     .clk(clk), .a(sum_0), .b(reciprocal_x_s8), .y(near_x_y)
   );
 
-  wire [22:0] near_x_y_moved = near_x_y[22:0] + (near_x_y[23] ? 23'd3 : 23'h7ffffd);
+  localparam [22:0] STEPS = 23'd3;
+  localparam [22:0] MINUS_STEPS = 23'h7ffffd;
+  wire [22:0] near_x_y_moved = near_x_y[22:0] + (near_x_y[23] ? STEPS : MINUS_STEPS);
   wire [15:0] near_x_y_moved_fraction = near_x_y_moved[15:0];
   wire near_x_y_is_not_zero = |near_x_y[22:16];
   wire near_x_y_steps_to_zero = near_x_y_is_not_zero & (~|(~near_x_y_moved_fraction[1:0]));
@@ -218,7 +220,7 @@ module dynrt_triangle_box (
   reg  [23:0] far_x_plane_s3;
   reg  [23:0] far_x_origin_s3;
 
-  dynrt_fp_sub far_x_offset (
+  dynrt_fp_add_sub #(.SUBTRACT(1'b1)) far_x_offset (
     .clk(clk), .a(far_x_plane_s3), .b(far_x_origin_s3), .y(sum_3)
   );
 
@@ -227,7 +229,7 @@ module dynrt_triangle_box (
     .clk(clk), .a(sum_3), .b(reciprocal_x_s8), .y(far_x_y)
   );
 
-  wire [22:0] far_x_y_moved = far_x_y[22:0] + (~far_x_y[23] ? 23'd3 : 23'h7ffffd);
+  wire [22:0] far_x_y_moved = far_x_y[22:0] + (~far_x_y[23] ? STEPS : MINUS_STEPS);
   wire [15:0] far_x_y_moved_fraction = far_x_y_moved[15:0];
   wire far_x_y_is_not_zero = |far_x_y[22:16];
   wire far_x_y_steps_to_zero = far_x_y_is_not_zero & (~|(~far_x_y_moved_fraction[1:0]));
@@ -270,7 +272,7 @@ module dynrt_triangle_box (
   reg  [23:0] near_y_plane_s3;
   reg  [23:0] near_y_origin_s3;
 
-  dynrt_fp_sub near_y_offset (
+  dynrt_fp_add_sub #(.SUBTRACT(1'b1)) near_y_offset (
     .clk(clk), .a(near_y_plane_s3), .b(near_y_origin_s3), .y(sum_1)
   );
 
@@ -282,7 +284,7 @@ module dynrt_triangle_box (
     .clk(clk), .a(sum_1), .b(reciprocal_y_s8), .y(near_y_y)
   );
 
-  wire [22:0] near_y_y_moved = near_y_y[22:0] + (near_y_y[23] ? 23'd3 : 23'h7ffffd);
+  wire [22:0] near_y_y_moved = near_y_y[22:0] + (near_y_y[23] ? STEPS : MINUS_STEPS);
   wire [15:0] near_y_y_moved_fraction = near_y_y_moved[15:0];
   wire near_y_y_is_not_zero = |near_y_y[22:16];
   wire near_y_y_steps_to_zero = near_y_y_is_not_zero & (~|(~near_y_y_moved_fraction[1:0]));
@@ -315,7 +317,7 @@ module dynrt_triangle_box (
   reg  [23:0] far_y_plane_s3;
   reg  [23:0] far_y_origin_s3;
 
-  dynrt_fp_sub far_y_offset (
+  dynrt_fp_add_sub #(.SUBTRACT(1'b1)) far_y_offset (
     .clk(clk), .a(far_y_plane_s3), .b(far_y_origin_s3), .y(sum_4)
   );
 
@@ -324,7 +326,7 @@ module dynrt_triangle_box (
     .clk(clk), .a(sum_4), .b(reciprocal_y_s8), .y(far_y_y)
   );
 
-  wire [22:0] far_y_y_moved = far_y_y[22:0] + (~far_y_y[23] ? 23'd3 : 23'h7ffffd);
+  wire [22:0] far_y_y_moved = far_y_y[22:0] + (~far_y_y[23] ? STEPS : MINUS_STEPS);
   wire [15:0] far_y_y_moved_fraction = far_y_y_moved[15:0];
   wire far_y_y_is_not_zero = |far_y_y[22:16];
   wire far_y_y_steps_to_zero = far_y_y_is_not_zero & (~|(~far_y_y_moved_fraction[1:0]));
@@ -374,7 +376,7 @@ module dynrt_triangle_box (
   reg  [23:0] near_z_plane_s3;
   reg  [23:0] near_z_origin_s3;
 
-  dynrt_fp_sub near_z_offset (
+  dynrt_fp_add_sub #(.SUBTRACT(1'b1)) near_z_offset (
     .clk(clk), .a(near_z_plane_s3), .b(near_z_origin_s3), .y(sum_2)
   );
 
@@ -386,7 +388,7 @@ module dynrt_triangle_box (
     .clk(clk), .a(sum_2), .b(reciprocal_z_s8), .y(near_z_y)
   );
 
-  wire [22:0] near_z_y_moved = near_z_y[22:0] + (near_z_y[23] ? 23'd3 : 23'h7ffffd);
+  wire [22:0] near_z_y_moved = near_z_y[22:0] + (near_z_y[23] ? STEPS : MINUS_STEPS);
   wire [15:0] near_z_y_moved_fraction = near_z_y_moved[15:0];
   wire near_z_y_is_not_zero = |near_z_y[22:16];
   wire near_z_y_steps_to_zero = near_z_y_is_not_zero & (~|(~near_z_y_moved_fraction[1:0]));
@@ -419,7 +421,7 @@ module dynrt_triangle_box (
   reg  [23:0] far_z_plane_s3;
   reg  [23:0] far_z_origin_s3;
 
-  dynrt_fp_sub far_z_offset (
+  dynrt_fp_add_sub #(.SUBTRACT(1'b1)) far_z_offset (
     .clk(clk), .a(far_z_plane_s3), .b(far_z_origin_s3), .y(sum_5)
   );
 
@@ -428,7 +430,7 @@ module dynrt_triangle_box (
     .clk(clk), .a(sum_5), .b(reciprocal_z_s8), .y(far_z_y)
   );
 
-  wire [22:0] far_z_y_moved = far_z_y[22:0] + (~far_z_y[23] ? 23'd3 : 23'h7ffffd);
+  wire [22:0] far_z_y_moved = far_z_y[22:0] + (~far_z_y[23] ? STEPS : MINUS_STEPS);
   wire [15:0] far_z_y_moved_fraction = far_z_y_moved[15:0];
   wire far_z_y_is_not_zero = |far_z_y[22:16];
   wire far_z_y_steps_to_zero = far_z_y_is_not_zero & (~|(~far_z_y_moved_fraction[1:0]));

@@ -73,47 +73,47 @@ module dynrt_triangle_watertight (
 
   // The vertices a, b, c, seen from the origin, their axes turned.
   wire [23:0] a_x_y;
-  dynrt_fp_sub a_x (
+  dynrt_fp_add_sub #(.SUBTRACT(1'b1)) a_x (
     .clk(clk), .a(v0_x), .b(seen_from_x), .y(a_x_y)
   );
 
   wire [23:0] a_y_y;
-  dynrt_fp_sub a_y (
+  dynrt_fp_add_sub #(.SUBTRACT(1'b1)) a_y (
     .clk(clk), .a(v0_y), .b(seen_from_y), .y(a_y_y)
   );
 
   wire [23:0] a_z_y;
-  dynrt_fp_sub a_z (
+  dynrt_fp_add_sub #(.SUBTRACT(1'b1)) a_z (
     .clk(clk), .a(v0_z), .b(seen_from_z), .y(a_z_y)
   );
 
   wire [23:0] b_x_y;
-  dynrt_fp_sub b_x (
+  dynrt_fp_add_sub #(.SUBTRACT(1'b1)) b_x (
     .clk(clk), .a(v1_x), .b(seen_from_x), .y(b_x_y)
   );
 
   wire [23:0] b_y_y;
-  dynrt_fp_sub b_y (
+  dynrt_fp_add_sub #(.SUBTRACT(1'b1)) b_y (
     .clk(clk), .a(v1_y), .b(seen_from_y), .y(b_y_y)
   );
 
   wire [23:0] b_z_y;
-  dynrt_fp_sub b_z (
+  dynrt_fp_add_sub #(.SUBTRACT(1'b1)) b_z (
     .clk(clk), .a(v1_z), .b(seen_from_z), .y(b_z_y)
   );
 
   wire [23:0] c_x_y;
-  dynrt_fp_sub c_x (
+  dynrt_fp_add_sub #(.SUBTRACT(1'b1)) c_x (
     .clk(clk), .a(v2_x), .b(seen_from_x), .y(c_x_y)
   );
 
   wire [23:0] c_y_y;
-  dynrt_fp_sub c_y (
+  dynrt_fp_add_sub #(.SUBTRACT(1'b1)) c_y (
     .clk(clk), .a(v2_y), .b(seen_from_y), .y(c_y_y)
   );
 
   wire [23:0] c_z_y;
-  dynrt_fp_sub c_z (
+  dynrt_fp_add_sub #(.SUBTRACT(1'b1)) c_z (
     .clk(clk), .a(v2_z), .b(seen_from_z), .y(c_z_y)
   );
 
@@ -227,7 +227,7 @@ module dynrt_triangle_watertight (
   wire [23:0] ax_subtrahend = {ax_shift_y[23] ^ matrix_s9, ax_shift_y[22:0]};
 
   wire [23:0] ax_y;
-  dynrt_fp_sub ax (
+  dynrt_fp_add_sub #(.SUBTRACT(1'b1)) ax (
     .clk(clk), .a(ax_minuend), .b(ax_subtrahend), .y(ax_y)
   );
 
@@ -236,7 +236,7 @@ module dynrt_triangle_watertight (
   wire [23:0] ay_subtrahend = {ay_shift_y[23] ^ matrix_s9, ay_shift_y[22:0]};
 
   wire [23:0] ay_y;
-  dynrt_fp_sub ay (
+  dynrt_fp_add_sub #(.SUBTRACT(1'b1)) ay (
     .clk(clk), .a(ay_minuend), .b(ay_subtrahend), .y(ay_y)
   );
 
@@ -245,14 +245,14 @@ module dynrt_triangle_watertight (
   wire [23:0] bx_subtrahend = {bx_shift_y[23] ^ matrix_s9, bx_shift_y[22:0]};
 
   wire [23:0] bx_y;
-  dynrt_fp_sub bx (
+  dynrt_fp_add_sub #(.SUBTRACT(1'b1)) bx (
     .clk(clk), .a(bx_minuend), .b(bx_subtrahend), .y(bx_y)
   );
 
   wire [23:0] b_ky_s9 = b_ky_delay[3];
 
   wire [23:0] by_y;
-  dynrt_fp_sub by (
+  dynrt_fp_add_sub #(.SUBTRACT(1'b1)) by (
     .clk(clk), .a(b_ky_s9), .b(by_shift_y), .y(by_y)
   );
 
@@ -260,7 +260,7 @@ module dynrt_triangle_watertight (
   wire [23:0] c_kx_s9 = c_kx_delay[3];
 
   wire [23:0] cx_y;
-  dynrt_fp_sub cx (
+  dynrt_fp_add_sub #(.SUBTRACT(1'b1)) cx (
     .clk(clk), .a(c_kx_s9), .b(cx_subtrahend), .y(cx_y)
   );
 
@@ -268,7 +268,7 @@ module dynrt_triangle_watertight (
   wire [23:0] c_ky_s9 = c_ky_delay[3];
 
   wire [23:0] cy_y;
-  dynrt_fp_sub cy (
+  dynrt_fp_add_sub #(.SUBTRACT(1'b1)) cy (
     .clk(clk), .a(c_ky_s9), .b(cy_subtrahend), .y(cy_y)
   );
 
@@ -319,7 +319,7 @@ module dynrt_triangle_watertight (
   wire [23:0] eu_subtrahend = matrix_s17 ? ay_y_negated_s17 : eu_minus_y;
 
   wire [23:0] eu_y;
-  dynrt_fp_sub eu (
+  dynrt_fp_add_sub #(.SUBTRACT(1'b1)) eu (
     .clk(clk), .a(eu_plus_y), .b(eu_subtrahend), .y(eu_y)
   );
 
@@ -327,7 +327,7 @@ module dynrt_triangle_watertight (
   wire [23:0] ev_subtrahend = matrix_s17 ? bx_y_negated_s17 : ev_minus_y;
 
   wire [23:0] ev_y;
-  dynrt_fp_sub ev (
+  dynrt_fp_add_sub #(.SUBTRACT(1'b1)) ev (
     .clk(clk), .a(ev_plus_y), .b(ev_subtrahend), .y(ev_y)
   );
 
@@ -335,7 +335,7 @@ module dynrt_triangle_watertight (
   wire [23:0] ew_subtrahend = matrix_s17 ? ax_y_negated_s17 : ew_minus_y;
 
   wire [23:0] ew_y;
-  dynrt_fp_sub ew (
+  dynrt_fp_add_sub #(.SUBTRACT(1'b1)) ew (
     .clk(clk), .a(ew_plus_y), .b(ew_subtrahend), .y(ew_y)
   );
 
@@ -352,7 +352,7 @@ module dynrt_triangle_watertight (
   wire [23:0] ev_or_translation = matrix_s22 ? translation_y : ev_y;
 
   wire [23:0] uv_y;
-  dynrt_fp_add uv (
+  dynrt_fp_add_sub #(.SUBTRACT(1'b0)) uv (
     .clk(clk), .a(eu_y), .b(ev_or_translation), .y(uv_y)
   );
 
@@ -362,7 +362,7 @@ module dynrt_triangle_watertight (
   wire [23:0] ew_y_s27 = ew_y_delay[4];
 
   wire [23:0] det_y;
-  dynrt_fp_add det (
+  dynrt_fp_add_sub #(.SUBTRACT(1'b0)) det (
     .clk(clk), .a(uv_or_translation), .b(ew_y_s27), .y(det_y)
   );
 
@@ -397,7 +397,7 @@ module dynrt_triangle_watertight (
   );
 
   wire [23:0] ua_vb_y;
-  dynrt_fp_add ua_vb (
+  dynrt_fp_add_sub #(.SUBTRACT(1'b0)) ua_vb (
     .clk(clk), .a(ua_y), .b(vb_y), .y(ua_vb_y)
   );
 
@@ -410,7 +410,7 @@ module dynrt_triangle_watertight (
   wire [23:0] wc_y_s30 = wc_y_delay[4];
   wire [23:0] wc_or_translation = matrix_s30 ? translation_z : wc_y_s30;
 
-  dynrt_fp_add scaled (
+  dynrt_fp_add_sub #(.SUBTRACT(1'b0)) scaled (
     .clk(clk), .a(ua_vb_or_sum), .b(wc_or_translation), .y(moved_z)
   );
 

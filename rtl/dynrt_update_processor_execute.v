@@ -52,7 +52,7 @@ module dynrt_update_processor_execute (
 
   wire instruction_queue_valid;
   wire [27:0] instruction_queue_front;
-  dynrt_fifo_28x64 instruction_queue (
+  dynrt_fifo #(.WIDTH(28), .DEPTH(64), .INDEX_BITS(6), .COUNT_BITS(7)) instruction_queue (
     .clk(clk), .rst(rst),
     .push(completed), .data(completed_instruction),
     .pop(take_instruction), .valid(instruction_queue_valid), .front(instruction_queue_front)

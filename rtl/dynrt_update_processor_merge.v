@@ -144,10 +144,11 @@ module dynrt_update_processor_merge (
   wire take_third_lo_x =
       of_leaf_s3 &
       (third_beats_lo_x | (nan_both_lo_x_s3 & third_beats_lo_x_ordered_s3));
+  localparam [23:0] INFINITY = 24'h7f0000;
   reg  nan_third_x_s3;
   reg  [23:0] third_x_s3;
   wire [23:0] merged_lo_x =
-      (nan_both_lo_x_s3 & nan_third_x_s3) ? 24'h7f0000 :
+      (nan_both_lo_x_s3 & nan_third_x_s3) ? INFINITY :
       take_third_lo_x ? third_x_s3 :
       best_lo_x_s3;
   reg  [23:0] merged_lo_x_s4;
@@ -189,7 +190,7 @@ module dynrt_update_processor_merge (
   reg  nan_third_y_s3;
   reg  [23:0] third_y_s3;
   wire [23:0] merged_lo_y =
-      (nan_both_lo_y_s3 & nan_third_y_s3) ? 24'h7f0000 :
+      (nan_both_lo_y_s3 & nan_third_y_s3) ? INFINITY :
       take_third_lo_y ? third_y_s3 :
       best_lo_y_s3;
   reg  [23:0] merged_lo_y_s4;
@@ -231,7 +232,7 @@ module dynrt_update_processor_merge (
   reg  nan_third_z_s3;
   reg  [23:0] third_z_s3;
   wire [23:0] merged_lo_z =
-      (nan_both_lo_z_s3 & nan_third_z_s3) ? 24'h7f0000 :
+      (nan_both_lo_z_s3 & nan_third_z_s3) ? INFINITY :
       take_third_lo_z ? third_z_s3 :
       best_lo_z_s3;
   reg  [23:0] merged_lo_z_s4;
@@ -266,8 +267,9 @@ module dynrt_update_processor_merge (
   wire take_third_hi_x =
       of_leaf_s3 &
       (third_beats_hi_x | (nan_both_hi_x_s3 & third_beats_lo_x_ordered_s3));
+  localparam [23:0] MINUS_INFINITY = 24'hff0000;
   wire [23:0] merged_hi_x =
-      (nan_both_hi_x_s3 & nan_third_x_s3) ? 24'hff0000 :
+      (nan_both_hi_x_s3 & nan_third_x_s3) ? MINUS_INFINITY :
       take_third_hi_x ? third_x_s3 :
       best_hi_x_s3;
   reg  [23:0] merged_hi_x_s4;
@@ -303,7 +305,7 @@ module dynrt_update_processor_merge (
       of_leaf_s3 &
       (third_beats_hi_y | (nan_both_hi_y_s3 & third_beats_lo_y_ordered_s3));
   wire [23:0] merged_hi_y =
-      (nan_both_hi_y_s3 & nan_third_y_s3) ? 24'hff0000 :
+      (nan_both_hi_y_s3 & nan_third_y_s3) ? MINUS_INFINITY :
       take_third_hi_y ? third_y_s3 :
       best_hi_y_s3;
   reg  [23:0] merged_hi_y_s4;
@@ -339,7 +341,7 @@ module dynrt_update_processor_merge (
       of_leaf_s3 &
       (third_beats_hi_z | (nan_both_hi_z_s3 & third_beats_lo_z_ordered_s3));
   wire [23:0] merged_hi_z =
-      (nan_both_hi_z_s3 & nan_third_z_s3) ? 24'hff0000 :
+      (nan_both_hi_z_s3 & nan_third_z_s3) ? MINUS_INFINITY :
       take_third_hi_z ? third_z_s3 :
       best_hi_z_s3;
   reg  [23:0] merged_hi_z_s4;

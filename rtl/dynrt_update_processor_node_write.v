@@ -76,7 +76,7 @@ module dynrt_update_processor_node_write (
   reg  node_goes_s1, node_goes_s2, node_goes_s3;
 
   wire [95:0] node_queue_front;
-  dynrt_fifo_96x8 node_queue (
+  dynrt_fifo #(.WIDTH(96), .DEPTH(8), .INDEX_BITS(3), .COUNT_BITS(4)) node_queue (
     .clk(clk), .rst(rst),
     .push(node_goes_s3), .data(node_queue_data),
     .pop(node_pop), .valid(node_write_valid), .front(node_queue_front)

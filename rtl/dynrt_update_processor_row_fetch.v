@@ -57,7 +57,9 @@ module dynrt_update_processor_row_fetch (
   reg  [21:0] fetch_row;
 
   wire rows_fetch_ready;
-  dynrt_program_prefetch rows (
+  dynrt_prefetch #(
+    .WIDTH(128), .DEPTH(8), .ADDRESS_BITS(22), .TAG_BITS(3), .COUNT_BITS(4)
+  ) rows (
     .clk(clk), .rst(rst),
     .fetch_valid(any_rows_left), .fetch_address(fetch_row),
     .request_ready(program_request_ready),

@@ -42,7 +42,7 @@ module dynrt_update_processor_vertex_fetch (
 
   wire vertex_indices_valid;
   wire [21:0] vertex_indices_front;
-  dynrt_fifo_22x4 vertex_indices (
+  dynrt_fifo #(.WIDTH(22), .DEPTH(4), .INDEX_BITS(2), .COUNT_BITS(3)) vertex_indices (
     .clk(clk), .rst(rst),
     .push(load_is_decoded), .data(vertex_indices_data),
     .pop(take_index), .valid(vertex_indices_valid), .front(vertex_indices_front)
@@ -60,7 +60,9 @@ module dynrt_update_processor_vertex_fetch (
 
   wire vertices_fetch_ready;
   wire vertices_empty;
-  dynrt_vertex_prefetch vertices (
+  dynrt_prefetch #(
+    .WIDTH(72), .DEPTH(16), .ADDRESS_BITS(22), .TAG_BITS(4), .COUNT_BITS(5)
+  ) vertices (
     .clk(clk), .rst(rst),
     .fetch_valid(vertex_indices_valid), .fetch_address(vertex_indices_front),
     .request_ready(vertex_request_ready),

@@ -19,7 +19,7 @@ module dynrt_fp_tb;
     ) add_replay (
         .clk(clk), .running(running), .stimulus_now(add_in), .computed(add_y), .done(done[0]), .failed()
     );
-    dynrt_fp_add add (.clk(clk), .a(add_in[`DYNRT_FP_ADD_STIMULUS_A]), .b(add_in[`DYNRT_FP_ADD_STIMULUS_B]), .y(add_y));
+    dynrt_fp_add_sub #(.SUBTRACT(1'b0)) add (.clk(clk), .a(add_in[`DYNRT_FP_ADD_STIMULUS_A]), .b(add_in[`DYNRT_FP_ADD_STIMULUS_B]), .y(add_y));
 
     wire [`DYNRT_FP_SUB_STIMULUS_BITS-1:0] sub_in;
     wire [`DYNRT_NUMBER_BITS-1:0]          sub_y;
@@ -29,7 +29,7 @@ module dynrt_fp_tb;
     ) sub_replay (
         .clk(clk), .running(running), .stimulus_now(sub_in), .computed(sub_y), .done(done[1]), .failed()
     );
-    dynrt_fp_sub sub (.clk(clk), .a(sub_in[`DYNRT_FP_SUB_STIMULUS_A]), .b(sub_in[`DYNRT_FP_SUB_STIMULUS_B]), .y(sub_y));
+    dynrt_fp_add_sub #(.SUBTRACT(1'b1)) sub (.clk(clk), .a(sub_in[`DYNRT_FP_SUB_STIMULUS_A]), .b(sub_in[`DYNRT_FP_SUB_STIMULUS_B]), .y(sub_y));
 
     wire [`DYNRT_FP_MUL_STIMULUS_BITS-1:0] mul_in;
     wire [`DYNRT_NUMBER_BITS-1:0]          mul_y;

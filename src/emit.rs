@@ -38,13 +38,18 @@ pub struct Extras {
 /// # Errors
 /// See [`Bench::new`].
 pub fn files(machine: &Machine, extras: Extras) -> Result<Vec<(String, String)>> {
+    if extras.checks && !machine.design.is_checked() {
+        let checked = Machine {
+            config: machine.config.clone(),
+            trace: machine.trace,
+            design: machine.design.clone().with_checks(),
+        };
+        return files(&checked, extras);
+    }
     let design = &machine.design;
     let bench = Bench::new(machine)?;
     let top = design.emitted(design.top().name());
-    let mut files = match extras.checks {
-        false => design.files(),
-        true => design.checked_files(),
-    };
+    let mut files = design.files();
     let origin = format!(
         "{GENERATED} {}, configuration {}",
         env!("CARGO_PKG_VERSION"),
@@ -69,8 +74,8 @@ pub fn files(machine: &Machine, extras: Extras) -> Result<Vec<(String, String)>>
 /// The Verilog files, a line each, children first, as `-f` of most tools reads them.
 fn file_list(design: &Design) -> String {
     let mut list = String::new();
-    for module in design.modules() {
-        let _ = writeln!(list, "{}.v", design.emitted(module.name()));
+    for module in design.emitted_modules() {
+        let _ = writeln!(list, "{}.v", design.module_name(module));
     }
     list
 }
@@ -89,8 +94,8 @@ fn core_file(machine: &Machine, bench: &Bench) -> String {
         design.emitted(&config),
         env!("CARGO_PKG_VERSION")
     );
-    for module in design.modules() {
-        let _ = writeln!(core, "      - {}.v", design.emitted(module.name()));
+    for module in design.emitted_modules() {
+        let _ = writeln!(core, "      - {}.v", design.module_name(module));
     }
     core += "    file_type: verilogSource-2001\n\
              \x20 # A bench of the ray casting unit, and golden vectors: see docs/vectors.md of DynRT.\n\
@@ -177,15 +182,15 @@ pub fn manifest(machine: &Machine) -> Value {
     let latencies: Map<String, Value> = design
         .modules()
         .iter()
-        .filter_map(|module| Some((design.emitted(module.name()), json!(module.latency()?))))
+        .filter_map(|module| Some((design.module_name(module), json!(module.latency()?))))
         .collect();
     let counters: Vec<Value> = (top.ports().iter())
         .filter(|port| port.direction == Direction::Output)
         .filter(|port| port.name.contains("count_") || port.name.starts_with("stack_"))
         .map(|port| json!({"port": port.name, "width": port.width}))
         .collect();
-    let file_names: Vec<String> = (design.modules().iter())
-        .map(|module| design.emitted(module.name()) + ".v")
+    let file_names: Vec<String> = (design.emitted_modules().into_iter())
+        .map(|module| design.module_name(module) + ".v")
         .collect();
     json!({
         "generator": concat!("dynrt ", env!("CARGO_PKG_VERSION")),
@@ -231,11 +236,15 @@ pub fn configuration(config: &Config) -> Value {
 
 fn describe(design: &Design, module: &Module) -> Value {
     let instances = module.children().iter();
-    let instances: Vec<String> = instances.map(|m| design.emitted(m.name())).collect();
+    let instances: Vec<String> = instances.map(|m| design.module_name(m)).collect();
+    let parameters: Map<String, Value> = (module.parameters().into_iter())
+        .map(|(name, value)| (name.to_string(), json!(value)))
+        .collect();
     json!({
-        "name": design.emitted(module.name()),
+        "name": design.module_name(module),
         "unit": module.name(),
-        "file": design.emitted(module.name()) + ".v",
+        "file": design.module_name(module) + ".v",
+        "parameters": parameters,
         "latency": module.latency(),
         "instances": instances,
         "ports": ports(module),

@@ -507,8 +507,8 @@ fn constraints_follow_from_the_configuration() {
     assert!(board.contains(".CLKI_DIV(5)") && board.contains(".CLKFB_DIV(16)"));
     let project = file(&files, "dynrt_selftest.prj");
     let machine = emit::machine(&config).unwrap();
-    for module in machine.design.modules() {
-        let line = format!("verilog work \"../rtl/dynrt_{}.v\"\n", module.name());
+    for module in machine.design.emitted_modules() {
+        let line = format!("verilog work \"../rtl/dynrt_{}.v\"\n", module.module_name());
         assert!(project.contains(&line), "{project}");
     }
     assert!(!project.contains("_tb"), "{project}");

@@ -1595,7 +1595,7 @@ fn check_ports(unit: &Value, layouts: &Value, design: &Design) -> BTreeSet<(Stri
     let module = design.modules().iter();
     let module = module
         .clone()
-        .find(|m| design.emitted(m.name()) == unit["module"].as_str().unwrap());
+        .find(|m| design.module_name(m) == unit["module"].as_str().unwrap());
     let module = module.expect("a module of the machine");
     let width_of = |layout: &str, field: &str| {
         let fields = layouts[layout]["fields"].as_array().unwrap();

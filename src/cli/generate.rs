@@ -91,8 +91,8 @@ pub fn run(args: &Args) -> Result<()> {
     let plan = Plan::new(&config)?.with_trace(args.trace_ports);
     let (machine, files) = emit::generate_with(&plan, prefix, extras)?;
     args.out.files(&files)?;
-    let modules = machine.design.modules();
-    let lines: usize = modules.iter().map(|m| m.verilog().lines().count()).sum();
+    let modules = machine.design.files();
+    let lines: usize = modules.iter().map(|(_, text)| text.lines().count()).sum();
     print(&format!(
         "{}: {} modules, {} lines of Verilog, top module {}, configuration {}\n",
         args.out,

@@ -25,6 +25,8 @@ pub(super) struct Inner {
     pub part: usize,
     /// The module is complete; what is made now is for its properties.
     pub formal: bool,
+    /// Whether expressions are simplified where literals and widths allow it.
+    pub simplifies: bool,
     /// Changes that the description names, and where.
     pub mutations: Vec<(Mutation, Place)>,
 }
@@ -39,6 +41,7 @@ impl Inner {
             known: HashMap::new(),
             part: 0,
             formal: false,
+            simplifies: true,
             mutations: vec![],
         }
     }
@@ -176,6 +179,10 @@ impl Builder {
     /// Takes a name, which must be good and free.
     pub(super) fn claim(&self, name: &str, place: Place) {
         self.check_name(name, place);
+        self.claim_unchecked(name, place);
+    }
+
+    fn claim_unchecked(&self, name: &str, place: Place) {
         let earlier = self
             .inner
             .borrow_mut()
@@ -263,6 +270,16 @@ impl Builder {
         result
     }
 
+    /// Whether what is described from here on is simplified where literals and widths of 1 make it trivial. What is not has the same text
+    /// for all numbers, as a module with parameters must.
+    pub fn simplify(&self, whether: bool) {
+        self.inner.borrow_mut().simplifies = whether;
+    }
+
+    pub(super) fn simplifies(&self) -> bool {
+        self.inner.borrow().simplifies
+    }
+
     /// Goes on in another part; returns the one that is left.
     fn enter(&self, part: usize) -> usize {
         let mut inner = self.inner.borrow_mut();
@@ -335,6 +352,31 @@ impl Builder {
             );
         }
         self.node(Op::Literal(value), width, None, Location::caller())
+    }
+
+    /// A literal that has a name, in capitals: a `localparam`. The same may be asked for again.
+    #[track_caller]
+    pub fn constant(&self, name: &str, value: impl Into<u128>, width: u32) -> Signal<'_> {
+        let (value, place) = (value.into(), Location::caller());
+        let known = {
+            let inner = self.inner.borrow();
+            let mut nodes = inner.ir.nodes.iter();
+            nodes.position(|node| node.name.as_deref() == Some(name))
+        };
+        if let Some(id) = known {
+            let node = &self.inner.borrow().ir.nodes[id];
+            if (&node.op, node.width) == (&Op::Literal(value), width) {
+                return self.adopt(id);
+            }
+        }
+        let literal = self.lit(value, width);
+        self.check_name(&name.to_ascii_lowercase(), place);
+        if name != name.to_ascii_uppercase() {
+            self.fail(place, format!("{name}: a constant is named in capitals"));
+        }
+        self.claim_unchecked(name, place);
+        self.inner.borrow_mut().ir.nodes[literal.id].name = Some(name.to_string());
+        literal
     }
 
     #[track_caller]
@@ -627,7 +669,7 @@ impl Builder {
             Binary::Mul => wa + wb,
             _ => wa,
         };
-        if let Some(folded) = self.fold(op, a, b) {
+        if let (true, Some(folded)) = (self.simplifies(), self.fold(op, a, b)) {
             return folded;
         }
         self.node(Op::Binary(op, a.id, b.id), width, stage, place)
@@ -635,12 +677,17 @@ impl Builder {
 
     /// The value of an operation on literals, of at most 128 bits.
     fn evaluate(&self, op: &Op, width: u32) -> Option<u128> {
-        if width > 128 {
+        if width > 128 || !self.simplifies() {
             return None;
         }
         let inner = self.inner.borrow();
-        let literal = |id: &Id| match inner.ir.nodes[*id].op {
-            Op::Literal(value) => Some(value),
+        // What has a name is read by it.
+        let literal = |id: &Id| match &inner.ir.nodes[*id] {
+            Node {
+                op: Op::Literal(value),
+                name: None,
+                ..
+            } => Some(*value),
             _ => None,
         };
         let mask = |w: u32| if w >= 128 { u128::MAX } else { (1 << w) - 1 };
@@ -734,6 +781,7 @@ impl Builder {
                 Some(0),
             ) => Some(a),
             (Binary::Xor, Some(0), _) => Some(b),
+            (Binary::Xor, _, Some(v)) if v == full(w) => Some(!a),
             _ => None,
         }
     }

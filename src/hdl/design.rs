@@ -34,6 +34,8 @@ pub struct Module {
     pub(super) ports: Vec<Port>,
     pub(super) children: Vec<Arc<Module>>,
     pub(super) printed: Printed,
+    /// With parameters, where it or a module that it places is of the library.
+    emitted: Option<Printed>,
     /// Of a module in parts: as it is printed for all but properties.
     pub(super) outline: Option<Outline>,
     /// For each output port (by name) the inputs that reach it through combinational logic.
@@ -51,8 +53,9 @@ impl Module {
     /// Checks a netlist and prints it.
     pub(super) fn of(ir: Netlist) -> Result<Module, HdlError> {
         let paths = check::check(&ir)?;
-        let printer = Printer::new(&ir);
+        let mut printer = Printer::new(&ir);
         let printed = printer.print();
+        let emitted = printer.emitted();
         if let (Some(proof), false) = (ir.proofs.first(), printed.clocked && printed.reset) {
             return Err(HdlError {
                 module: ir.name.clone(),
@@ -91,6 +94,7 @@ impl Module {
             ports,
             children: instances.map(|instance| instance.module.clone()).collect(),
             printed,
+            emitted,
             outline: outline(&printer)?,
             paths,
             ir,
@@ -145,7 +149,8 @@ impl Module {
         self.printed.signals.iter().flatten().count()
     }
 
-    /// Its Verilog, in which modules have their names without a prefix. Of a module in parts, that which places them.
+    /// Its Verilog by itself, in which modules have their names without a prefix and no parameters. Of a module in parts, that which
+    /// places them.
     pub fn verilog(&self) -> &str {
         &self.shown().text
     }
@@ -158,6 +163,29 @@ impl Module {
     /// What is printed for all but properties.
     fn shown(&self) -> &Printed {
         (self.outline.as_ref()).map_or(&self.printed, |outline| &outline.top.printed)
+    }
+
+    /// The name that its module has in a design's Verilog, without a prefix: one of the library stands for all that differ in numbers.
+    pub fn module_name(&self) -> &str {
+        match &self.ir.placed {
+            Some(placed) => &placed.module.name,
+            None => self.name(),
+        }
+    }
+
+    /// Of a module of the library: the names of its parameters, and their values.
+    pub fn parameters(&self) -> Vec<(&'static str, u32)> {
+        let placed = self.ir.placed.iter();
+        placed.flat_map(|placed| placed.parameters()).collect()
+    }
+
+    /// What a design has of it.
+    fn placed(&self) -> &Printed {
+        let module = match &self.outline {
+            Some(outline) => &outline.top,
+            None => self,
+        };
+        module.emitted.as_ref().unwrap_or(&module.printed)
     }
 
     /// Its Verilog with another name for every module, its own and those that it places. Line by line it is [`Self::verilog`].
@@ -259,10 +287,12 @@ impl std::str::FromStr for Prefix {
 }
 
 /// A top module with everything below it, children first, each module once.
-#[derive(Debug)]
+#[derive(Clone, Debug)]
 pub struct Design {
     pub(super) modules: Vec<Arc<Module>>,
     pub(super) prefix: Prefix,
+    /// Whether simulators are to check properties.
+    checked: bool,
 }
 
 impl Design {
@@ -272,9 +302,36 @@ impl Design {
         let mut design = Design {
             modules: vec![],
             prefix: Prefix::none(),
+            checked: false,
         };
         design.add(&top)?;
+        for module in &design.modules {
+            design.check_library(module)?;
+        }
         Ok(design)
+    }
+
+    /// Checks that a module of the library has a name of its own.
+    fn check_library(&self, module: &Module) -> Result<(), HdlError> {
+        let Some(placed) = &module.ir.placed else {
+            return Ok(());
+        };
+        let clashes = |other: &&Arc<Module>| match &other.ir.placed {
+            Some(known) => known.module != placed.module && known.module.name == placed.module.name,
+            None => other.name() == placed.module.name,
+        };
+        match self.modules.iter().find(clashes) {
+            None => Ok(()),
+            Some(other) => Err(HdlError {
+                module: module.name().to_string(),
+                message: format!(
+                    "name clash: it is the library's {}, and {} has another text of this name",
+                    placed.module.name,
+                    other.name()
+                ),
+                place: module.ir.place,
+            }),
+        }
     }
 
     fn add(&mut self, module: &Arc<Module>) -> Result<(), HdlError> {
@@ -314,9 +371,39 @@ impl Design {
         format!("{}{name}", self.prefix.0)
     }
 
-    /// A module's Verilog as it is emitted.
+    /// The same design, whose Verilog simulators check where the macro `DYNRT_CHECKS` is defined: see [`Module::checked`].
+    pub fn with_checks(self) -> Design {
+        Design {
+            checked: true,
+            ..self
+        }
+    }
+
+    pub fn is_checked(&self) -> bool {
+        self.checked
+    }
+
+    /// The name of a module in the emitted Verilog; its file is named after it.
+    pub fn module_name(&self, module: &Module) -> String {
+        // Of a module's properties many are about its numbers: checked, it stands by itself.
+        let by_itself = self.checked || std::ptr::eq(module, &**self.top());
+        self.emitted(match by_itself {
+            true => module.name(),
+            false => module.module_name(),
+        })
+    }
+
+    /// A module's Verilog as it is emitted. The top has no parameters.
     pub fn verilog(&self, module: &Module) -> String {
-        module.verilog_with(&|name| self.emitted(name))
+        let emitted = |name: &str| self.emitted(name);
+        if self.checked {
+            return module.checked(&emitted);
+        }
+        let shown = match module.ir.placed.is_some() && std::ptr::eq(module, &**self.top()) {
+            true => &module.printed,
+            false => module.placed(),
+        };
+        renamed(&shown.text, &shown.names, &emitted)
     }
 
     pub fn top(&self) -> &Arc<Module> {
@@ -335,20 +422,19 @@ impl Design {
         (self.modules.iter()).filter(move |module| !parts.contains(module.name()))
     }
 
+    /// The modules of the emitted Verilog, children first: of those that are one module of the library the first.
+    pub fn emitted_modules(&self) -> Vec<&Arc<Module>> {
+        let mut names = HashSet::new();
+        let modules = self.modules.iter();
+        let modules = modules.filter(|module| names.insert(self.module_name(module)));
+        modules.collect()
+    }
+
     /// File names and texts as they are emitted, one module a file, children first.
     pub fn files(&self) -> Vec<(String, String)> {
-        self.files_of(&|module| self.verilog(module))
-    }
-
-    /// The same with checks: see [`Module::checked`].
-    pub fn checked_files(&self) -> Vec<(String, String)> {
-        self.files_of(&|module| module.checked(&|name| self.emitted(name)))
-    }
-
-    fn files_of(&self, text: &dyn Fn(&Module) -> String) -> Vec<(String, String)> {
-        let modules = self.modules.iter();
+        let modules = self.emitted_modules().into_iter();
         modules
-            .map(|module| (self.emitted(module.name()) + ".v", text(module)))
+            .map(|module| (self.module_name(module) + ".v", self.verilog(module)))
             .collect()
     }
 }

@@ -4,6 +4,7 @@
 //! the description that made it.
 
 use super::design::{Module, Port};
+use super::library::Placed;
 use super::memory::MemoryData;
 use super::mutation::Mutation;
 use super::pipeline::Stage;
@@ -51,6 +52,8 @@ pub(super) enum Op {
     Repeat(Id, u32),
     /// Operand and least significant bit; the width is the node's.
     Slice(Id, u32),
+    /// Word, and the number of one of its bits.
+    Bit(Id, Id),
     Any(Id),
     All(Id),
     Parity(Id),
@@ -80,6 +83,7 @@ impl Op {
             Op::Concat(parts) => Op::Concat(parts.iter().map(|id| at(*id)).collect()),
             Op::Repeat(a, times) => Op::Repeat(at(*a), *times),
             Op::Slice(a, low) => Op::Slice(at(*a), *low),
+            Op::Bit(a, index) => Op::Bit(at(*a), at(*index)),
             Op::Any(a) => Op::Any(at(*a)),
             Op::All(a) => Op::All(at(*a)),
             Op::Parity(a) => Op::Parity(at(*a)),
@@ -257,6 +261,8 @@ pub(super) struct Netlist {
     /// What is printed as modules of its own.
     pub parts: Vec<PartData>,
     pub proofs: Vec<ProofData>,
+    /// What of the library it is.
+    pub placed: Option<Placed>,
 }
 
 impl Netlist {
@@ -276,6 +282,7 @@ impl Netlist {
             names: HashMap::new(),
             parts: vec![],
             proofs: vec![],
+            placed: None,
         }
     }
 }

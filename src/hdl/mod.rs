@@ -41,6 +41,7 @@ mod design;
 mod equal;
 mod error;
 mod ir;
+mod library;
 mod memory;
 mod mutation;
 mod outline;
@@ -57,6 +58,7 @@ pub use bundle::{
 pub use design::{Design, Direction, Module, Port, Prefix};
 pub use equal::Compared;
 pub use error::HdlError;
+pub use library::{Library, Parameter};
 pub use memory::{Memory, Style};
 pub use mutation::{InstanceRef, Kind, MemoryRef, Mutation, Reads, Select, SignalRef, Site};
 pub use pipeline::Pipeline;

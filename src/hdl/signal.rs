@@ -317,6 +317,15 @@ impl<'b> Signal<'b> {
         self.bits(index, index)
     }
 
+    /// The bit of which `index` is the number; any value where there is none.
+    #[track_caller]
+    pub fn bit_numbered(self, index: Signal<'b>) -> Signal<'b> {
+        let place = Location::caller();
+        let (aligned, stage) = self.builder.align(&[self, index], place);
+        let op = Op::Bit(aligned[0].id, aligned[1].id);
+        self.builder.node(op, 1, stage, place)
+    }
+
     /// The most significant bit.
     #[track_caller]
     pub fn msb(self) -> Signal<'b> {
@@ -382,7 +391,7 @@ impl<'b> Signal<'b> {
     /// The signal `times` side by side.
     #[track_caller]
     pub fn repeat(self, times: u32) -> Signal<'b> {
-        if times == 1 {
+        if times == 1 && self.builder.simplifies() {
             return self;
         }
         self.builder.node(
@@ -515,7 +524,7 @@ impl<'b> Signal<'b> {
     /// Whether any bit is 1.
     #[track_caller]
     pub fn any(self) -> Signal<'b> {
-        if self.width() == 1 {
+        if self.width() == 1 && self.builder.simplifies() {
             return self;
         }
         self.unary(Op::Any, 1, Location::caller())
@@ -524,7 +533,7 @@ impl<'b> Signal<'b> {
     /// Whether all bits are 1.
     #[track_caller]
     pub fn all(self) -> Signal<'b> {
-        if self.width() == 1 {
+        if self.width() == 1 && self.builder.simplifies() {
             return self;
         }
         self.unary(Op::All, 1, Location::caller())

@@ -1,13 +1,12 @@
 //! The plane distance: (plane − origin) × reciprocal, three ulps down or up.
 
-use super::fp::{Units, step};
-use crate::hdl::{Builder, HdlError, Module, Signal, Specs};
+use super::fp::{Units, step_up_or_down};
+use crate::hdl::{Builder, HdlError, Library, Module, Parameter, Signal, Specs};
 use crate::interface;
 use std::sync::Arc;
 
-/// Ulps by which a near and a far distance step: they cover the plane distance's own three roundings.
-pub(super) const NEAR_SLACK: i32 = -3;
-pub(super) const FAR_SLACK: i32 = 3;
+/// Ulps by which a near distance steps down and a far one up: they cover the plane distance's own three roundings.
+const SLACK: u64 = 3;
 
 interface! {
     pub(super) (number: u32) {
@@ -24,24 +23,36 @@ interface! {
 const REGISTER_SUM_FROM: u32 = 120;
 
 pub(super) fn near(units: &Units) -> Result<Arc<Module>, HdlError> {
-    distance(
-        units,
-        "near_distance",
-        "a ray's distance to a near plane, three ulps down: it is never beyond the exact one.",
-        NEAR_SLACK,
-    )
+    module(units, false)
 }
 
 pub(super) fn far(units: &Units) -> Result<Arc<Module>, HdlError> {
-    distance(
-        units,
-        "far_distance",
-        "a ray's distance to a far plane, three ulps up: it is never short of the exact one.",
-        FAR_SLACK,
-    )
+    module(units, true)
 }
 
-fn distance(units: &Units, name: &str, doc: &str, slack: i32) -> Result<Arc<Module>, HdlError> {
+fn module(units: &Units, far: bool) -> Result<Arc<Module>, HdlError> {
+    let library = Library {
+        name: "plane_distance",
+        doc: "a ray's distance to a plane, three ulps down to a near one and up to a far one: it is never beyond, or short of, the exact one.",
+        parameters: &[Parameter::flag("FAR", "the plane is a far one")],
+        values: &|far| vec![u32::from(*far)],
+        samples: &[false, true],
+        describe: &|far| describe(units, *far),
+    };
+    library.module(&far)
+}
+
+fn describe(units: &Units, far: bool) -> Result<Arc<Module>, HdlError> {
+    let (name, doc) = match far {
+        false => (
+            "near_distance",
+            "a ray's distance to a near plane, three ulps down: it is never beyond the exact one.",
+        ),
+        true => (
+            "far_distance",
+            "a ray's distance to a far plane, three ulps up: it is never short of the exact one.",
+        ),
+    };
     let w = units.format.width();
     let m = Builder::new(name, doc);
     let p = m.pipeline();
@@ -52,25 +63,29 @@ fn distance(units: &Units, name: &str, doc: &str, slack: i32) -> Result<Arc<Modu
     let offset = units.sub("offset", plane, origin);
     // The reciprocal is needed only once the difference is there.
     let reciprocal = (inputs.reciprocal).input_at(&p, offset.stage());
-    let distance = from_offset("scaled", units, offset, reciprocal, slack);
+    let distance = {
+        // An alternative, not a number that simplifies anything.
+        m.simplify(false);
+        from_offset("scaled", units, offset, reciprocal, m.lit(u8::from(far), 1))
+    };
     ports.outputs.outputs(&m, Outputs { distance });
     m.finish()
 }
 
-/// A plane's distance, from its `offset` from the origin: `slack` ulps down or up.
+/// A plane's distance, from its `offset` from the origin: down, or `up` that of a far one.
 pub(super) fn from_offset<'b>(
     name: impl AsRef<str>,
     units: &Units,
     offset: Signal<'b>,
     reciprocal: Signal<'b>,
-    slack: i32,
+    up: Signal<'b>,
 ) -> Signal<'b> {
     let exact = units.mul(name, offset, reciprocal);
     let after_sum = |sum: Signal<'b>| match units.clock_mhz >= REGISTER_SUM_FROM {
         true => sum.register(),
         false => sum,
     };
-    step(units.format, exact, slack, after_sum).register()
+    step_up_or_down(units.format, exact, up, SLACK, after_sum).register()
 }
 
 /// Places a [`near`] or [`far`] distance as the instance `name` in the plane's module.

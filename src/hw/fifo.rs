@@ -4,7 +4,7 @@
 mod properties;
 
 use super::plan::Plan;
-use crate::hdl::{Builder, HdlError, Module, Signal, Specs, Style, bits_for};
+use crate::hdl::{Builder, HdlError, Library, Module, Parameter, Signal, Specs, Style, bits_for};
 use crate::interface;
 pub(super) use properties::Placed;
 use properties::{Block, Queue};
@@ -22,16 +22,47 @@ interface! {
     }
 }
 
+/// Widths and depths of queues that tell the parameters apart.
+const SAMPLES: &[(u32, u32)] = &[(32, 16), (11, 5), (47, 23)];
+
+const PARAMETERS: &[Parameter] = &[
+    Parameter::number("WIDTH", "bits of a word"),
+    Parameter::number("DEPTH", "words"),
+    Parameter::number(
+        "INDEX_BITS",
+        "bits of a word's number: 2**INDEX_BITS >= DEPTH",
+    ),
+    Parameter::number("COUNT_BITS", "bits that count words: 2**COUNT_BITS > DEPTH"),
+];
+
+fn values(&(width, depth): &(u32, u32)) -> Vec<u32> {
+    let depth = u64::from(depth);
+    vec![width, depth as u32, bits_for(depth), bits_for(depth + 1)]
+}
+
 /// A queue of `depth` words of `width` bits: `push`, `data` → `valid`, `front`; `pop` takes the front word, and only
 /// where `valid` is high. A word shows a clock after it was pushed, at any clock. There is no full flag: the queue is deep enough for
 /// all that can be in it, which is the caller's to see to.
 pub(super) fn fifo(plan: &Plan, width: u32, depth: u32) -> Result<Arc<Module>, HdlError> {
+    let library = Library {
+        name: "fifo",
+        doc: "a queue of DEPTH words of WIDTH bits. What feeds it never has more than DEPTH words under way.",
+        parameters: PARAMETERS,
+        values: &values,
+        samples: SAMPLES,
+        describe: &|&(width, depth)| describe(plan, width, depth),
+    };
+    library.module(&(width, depth))
+}
+
+fn describe(plan: &Plan, width: u32, depth: u32) -> Result<Arc<Module>, HdlError> {
     let m = Builder::new(
         format!("fifo_{width}x{depth}"),
         format!(
             "a queue of {depth} words of {width} bits. What feeds it never has more than {depth} words under way."
         ),
     );
+    m.simplify(false);
     let ports = ports(width);
     let Inputs { push, data, pop } = ports.inputs.inputs(&m);
 
@@ -153,12 +184,25 @@ fn registers_front(plan: &Plan) -> bool {
 /// A queue as [`fifo`] makes it, in block RAM. A word shows [`Plan::read_latency`] + 2 clocks after it was pushed, and
 /// the next one may be taken [`Plan::read_latency`] + 1 clocks after the one before.
 pub(super) fn block_fifo(plan: &Plan, width: u32, depth: u32) -> Result<Arc<Module>, HdlError> {
+    let library = Library {
+        name: "block_fifo",
+        doc: "a queue of DEPTH words of WIDTH bits in block RAM, for a word every few clocks. What feeds it never has more than DEPTH words under way.",
+        parameters: PARAMETERS,
+        values: &values,
+        samples: SAMPLES,
+        describe: &|&(width, depth)| describe_block(plan, width, depth),
+    };
+    library.module(&(width, depth))
+}
+
+fn describe_block(plan: &Plan, width: u32, depth: u32) -> Result<Arc<Module>, HdlError> {
     let m = Builder::new(
         format!("block_fifo_{width}x{depth}"),
         format!(
             "a queue of {depth} words of {width} bits in block RAM, for a word every few clocks. What feeds it never has more than {depth} words under way."
         ),
     );
+    m.simplify(false);
     let ports = ports(width);
     let Inputs { push, data, pop } = ports.inputs.inputs(&m);
 

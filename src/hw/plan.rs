@@ -4,7 +4,7 @@ use super::distance;
 use super::fp::{Operand, Units, goes_before};
 use crate::config::{Config, TriangleTest};
 use crate::float::Format;
-use crate::hdl::{HdlError, Memory, Module, Signal, bits_for};
+use crate::hdl::{Builder, HdlError, Memory, Module, Signal, bits_for};
 use std::sync::Arc;
 
 /// The axes, as ports and fields are named after them.
@@ -58,6 +58,15 @@ impl Plan {
     /// Bits of a number.
     pub fn number(&self) -> u32 {
         self.format.width()
+    }
+
+    pub fn infinity<'b>(&self, m: &'b Builder) -> Signal<'b> {
+        m.constant("INFINITY", self.format.infinity(), self.number())
+    }
+
+    pub fn minus_infinity<'b>(&self, m: &'b Builder) -> Signal<'b> {
+        let value = self.format.infinity() | self.format.sign_bit();
+        m.constant("MINUS_INFINITY", value, self.number())
     }
 
     pub fn watertight(&self) -> bool {

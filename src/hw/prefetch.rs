@@ -4,8 +4,8 @@ mod properties;
 
 use super::plan::Plan;
 use crate::hdl::{
-    Builder, Flow, HdlError, Module, Ports, Proof, ReadInputs, Request, Signal, Spec, Specs, Style,
-    bits_for,
+    Builder, Flow, HdlError, Library, Module, Parameter, Proof, ReadInputs, Request, Signal, Specs,
+    Style, bits_for,
 };
 use crate::interface;
 use properties::Reader;
@@ -58,17 +58,67 @@ pub(super) fn prefetch<'b>(
     inputs: Inputs<Signal<'b>>,
 ) -> Result<Outputs<Signal<'b>>, HdlError> {
     let (word, address) = (inputs.memory.response.payload.data, inputs.fetch_address);
-    let ports = ports(word.width(), depth, address.width());
-    let module = module(plan, name, depth, &ports)?;
+    let sizes = Sizes {
+        width: word.width(),
+        depth,
+        address: address.width(),
+    };
+    let module = module(plan, name, &sizes)?;
+    let ports = ports(sizes.width, sizes.depth, sizes.address);
     Ok(ports.place(instance, word.module(), &module, inputs))
 }
 
-fn module(
-    plan: &Plan,
-    name: &str,
+/// Bits of a word, slots, bits of an address.
+struct Sizes {
+    width: u32,
     depth: u32,
-    ports: &Ports<Inputs<Spec>, Outputs<Spec>>,
-) -> Result<Arc<Module>, HdlError> {
+    address: u32,
+}
+
+const SAMPLES: &[Sizes] = &[
+    Sizes {
+        width: 32,
+        depth: 16,
+        address: 22,
+    },
+    Sizes {
+        width: 71,
+        depth: 11,
+        address: 19,
+    },
+    Sizes {
+        width: 130,
+        depth: 5,
+        address: 27,
+    },
+];
+
+const PARAMETERS: &[Parameter] = &[
+    Parameter::number("WIDTH", "bits of a word"),
+    Parameter::number("DEPTH", "words that it requests ahead"),
+    Parameter::number("ADDRESS_BITS", "bits of an address"),
+    Parameter::number("TAG_BITS", "bits of a request's tag: 2**TAG_BITS >= DEPTH"),
+    Parameter::number("COUNT_BITS", "bits that count words: 2**COUNT_BITS > DEPTH"),
+];
+
+fn module(plan: &Plan, name: &str, sizes: &Sizes) -> Result<Arc<Module>, HdlError> {
+    let library = Library {
+        name: "prefetch",
+        doc: "requests up to DEPTH words ahead through a tagged read port and gives them out in order.",
+        parameters: PARAMETERS,
+        values: &|sizes: &Sizes| {
+            let depth = u64::from(sizes.depth);
+            let (tag, count) = (bits_for(depth), bits_for(depth + 1));
+            vec![sizes.width, sizes.depth, sizes.address, tag, count]
+        },
+        samples: SAMPLES,
+        describe: &|sizes| describe(plan, name, sizes),
+    };
+    library.module(sizes)
+}
+
+fn describe(plan: &Plan, name: &str, sizes: &Sizes) -> Result<Arc<Module>, HdlError> {
+    let depth = sizes.depth;
     let m = Builder::new(
         name,
         format!(
@@ -77,7 +127,9 @@ fn module(
     );
     let tag = bits_for(u64::from(depth));
     let count_bits = bits_for(u64::from(depth) + 1);
-    let width = ports.outputs.front.width;
+    let width = sizes.width;
+    m.simplify(false);
+    let ports = ports(width, depth, sizes.address);
     let inputs = ports.inputs.inputs(&m);
     let Inputs {
         fetch_valid,
@@ -103,8 +155,7 @@ fn module(
     });
     let room = count.q.ne(m.lit(depth, count_bits)).named("room");
     let requested = (fetch_valid & request_ready & room).named("requested");
-    let arrived_bits: Vec<_> = (0..depth).map(|i| arrived.q.bit(i)).collect();
-    let head_arrived = pick("head_arrived", head.q, &arrived_bits).named("head_arrived");
+    let head_arrived = arrived.q.bit_numbered(head.q).named("head_arrived");
     let last_slot = u128::from(depth) - 1;
     let (one, zero) = (m.lit(1u8, tag), m.zero(tag));
     let is_there = (registered.as_ref()).map_or(head_arrived, |(is_there, ..)| is_there.q);
@@ -116,8 +167,7 @@ fn module(
         freed.next(advance);
         leaves = freed.q;
         // As of the clock before: the slot that an advance frees is not the one whose turn comes.
-        let second_arrived =
-            pick("second_arrived", second.q, &arrived_bits).named("second_arrived");
+        let second_arrived = (arrived.q.bit_numbered(second.q)).named("second_arrived");
         arrived_behind = Some(second_arrived);
         is_there.next(advance.mux(second_arrived, head_arrived));
         head.next_when(advance, second.q);

@@ -140,11 +140,11 @@ fn clipped<'b>(
     reciprocal: &[Signal<'b>],
     limits: Limits<Signal<'b>>,
 ) -> Interval<Signal<'b>> {
-    let (w, f, m) = (plan.number(), plan.format, object.module());
+    let m = object.module();
     let [scene_lo, scene_hi] = scene;
     m.comment("near and far, clipped by the scene's box; in an object's space by (-infinity, +infinity), which never clips.");
-    let infinity = m.lit(u128::from(f.infinity()), w);
-    let minus_infinity = m.lit(u128::from(f.infinity() | f.sign_bit()), w);
+    let infinity = plan.infinity(m);
+    let minus_infinity = plan.minus_infinity(m);
     let Limits {
         tmin: mut near,
         tmax: mut far,

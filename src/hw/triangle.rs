@@ -233,7 +233,7 @@ fn triangle_box(plan: &Plan) -> Result<Arc<Module>, HdlError> {
     let lender = Lender::new(&plan.units, accumulate);
     let mut sums = [None; PAIRS];
     // The distance of a plane; its subtractor adds pair `k`.
-    let mut plane_distance = |name: &str, i: usize, k: usize, plane, slack| {
+    let mut plane_distance = |name: &str, i: usize, k: usize, plane, far: bool| {
         let (a, b) = pairs[k];
         let plane = lender.choice(&format!("{name}_plane"), plane, a);
         let origin = lender.choice(&format!("{name}_origin"), origin[i], negated(b));
@@ -243,7 +243,8 @@ fn triangle_box(plan: &Plan) -> Result<Arc<Module>, HdlError> {
             origin.register(),
         );
         sums[k] = Some(offset);
-        distance::from_offset(name, &plan.units, offset, reciprocal[i], slack)
+        let up = m.lit(u8::from(far), 1);
+        distance::from_offset(name, &plan.units, offset, reciprocal[i], up)
     };
     let mut interval: Option<(Signal<'_>, Signal<'_>)> = None;
     for (i, x) in AXES.iter().enumerate() {
@@ -251,15 +252,9 @@ fn triangle_box(plan: &Plan) -> Result<Arc<Module>, HdlError> {
         let (lo, hi) = own.sides[i];
         let sign = signs.part(x, i as u32, 1);
         let near_plane = sign.mux(hi, lo);
-        let n = plane_distance(&format!("near_{x}"), i, i, near_plane, distance::NEAR_SLACK);
+        let n = plane_distance(&format!("near_{x}"), i, i, near_plane, false);
         let far_plane = sign.mux(lo, hi);
-        let d = plane_distance(
-            &format!("far_{x}"),
-            i,
-            3 + i,
-            far_plane,
-            distance::FAR_SLACK,
-        );
+        let d = plane_distance(&format!("far_{x}"), i, 3 + i, far_plane, true);
         let (near, far) = interval.unwrap_or_else(|| {
             let at = n.stage();
             let Interval { near, far } = inputs.window.inputs_at(&p, at);

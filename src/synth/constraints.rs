@@ -154,8 +154,8 @@ fn ucf(names: &Names, config: &Config) -> String {
 
 /// Every Verilog file of the design but the board's and the bench, the core's first, children before parents.
 fn sources(design: &Design, test: &SelfTest, names: &Names, rtl: &str) -> Vec<String> {
-    let modules = design.modules().iter();
-    let core = modules.map(|module| format!("{rtl}/{}.v", design.emitted(module.name())));
+    let modules = design.emitted_modules().into_iter();
+    let core = modules.map(|module| format!("{rtl}/{}.v", design.module_name(module)));
     let bench = format!("{}.v", names.bench);
     let files = test.files(design).into_iter();
     core.chain(files.map(|(name, _)| name).filter(|name| *name != bench))

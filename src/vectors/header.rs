@@ -36,7 +36,7 @@ pub fn pipelines(design: &Design) -> Vec<Value> {
                 .map(|(name, stage)| (name.to_string(), json!(stage)))
                 .collect();
             json!({
-                "module": design.emitted(module.name()),
+                "module": design.module_name(module),
                 "macros": format!("{PREFIX}{}", module.name().to_uppercase()),
                 "latency": latency(module),
                 "stages": stages,

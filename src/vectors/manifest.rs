@@ -257,7 +257,7 @@ fn units(files: &Files, shape: &Shape, design: &Design) -> Result<Vec<Value>> {
         };
         list.push(json!({
             "unit": unit.name,
-            "module": design.emitted(module.name()),
+            "module": design.module_name(module),
             "copies": copies,
             "transactions": transactions,
             "stimulus": unit.stimulus,

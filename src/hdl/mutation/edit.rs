@@ -629,6 +629,8 @@ impl Editor {
             proofs,
             instances,
             memories,
+            // Changed, it is none of the library's.
+            placed: None,
             ..ir
         }
     }

@@ -34,6 +34,9 @@ impl Netlist {
                 continue;
             };
             placed = true;
+            if select.is_some() || child.ir.placed != instance.module.ir.placed {
+                self.placed = None;
+            }
             for node in &mut self.nodes {
                 if let Op::Inside(within, id) = &mut node.op
                     && *within == number

@@ -2,7 +2,7 @@
 //! widening never applies but to a product, which is always assigned at its full width.
 
 use super::super::ir::{Binary, Id, Op};
-use super::{LINE, Printer};
+use super::{LINE, Printer, length};
 use std::fmt::Write as _;
 
 pub(in super::super) fn literal(value: u128, width: u32) -> String {
@@ -90,7 +90,7 @@ impl Printer<'_> {
                     self.part(*address)
                 )
             }
-            Op::Literal(value) => literal(*value, plan.width(id)),
+            Op::Literal(value) => self.numbers.literal(*value, plan.width(id)),
             Op::Reset => "rst".to_string(),
             Op::Not(a) => match &plan.ops[*a] {
                 Op::Any(of) if !plan.declared[*a] => format!("~|{}", self.unary_operand(*of)),
@@ -115,15 +115,18 @@ impl Printer<'_> {
             Op::Concat(parts) => {
                 format!("{{{}}}", self.parts(parts).join(", "))
             }
-            Op::Repeat(a, times) => format!("{{{times}{{{}}}}}", self.part(*a)),
+            Op::Repeat(a, times) => {
+                format!("{{{}{{{}}}}}", self.numbers.plain(*times), self.part(*a))
+            }
             Op::Slice(of, low) => {
                 let width = plan.width(id);
                 let name = self.part(*of);
                 if width == plan.width(*of) {
                     return name;
                 }
-                format!("{name}{}", bits(low + width - 1, *low))
+                format!("{name}{}", self.numbers.bits(low + width - 1, *low))
             }
+            Op::Bit(of, index) => format!("{}[{}]", self.part(*of), self.part(*index)),
             Op::Any(a) => format!("|{}", self.unary_operand(*a)),
             Op::All(a) => format!("&{}", self.unary_operand(*a)),
             Op::Parity(a) => format!("^{}", self.unary_operand(*a)),
@@ -167,7 +170,7 @@ impl Printer<'_> {
             let chain = !self.plan.declared[rest] && matches!(self.plan.ops[rest], Op::Mux(..));
             if !chain {
                 let line = format!("{target} {};", self.expression(id));
-                if line.len() <= most {
+                if length(&line) <= most {
                     return line;
                 }
             }
@@ -188,7 +191,7 @@ impl Printer<'_> {
             }
             _ => format!("{target} {};", self.expression(id)),
         };
-        if line.len() <= most {
+        if length(&line) <= most {
             return line;
         }
         match &self.plan.ops[id] {

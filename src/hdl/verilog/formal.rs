@@ -2,7 +2,7 @@
 
 use super::super::ir::{Id, Netlist, Op, ProofData};
 use super::super::outline::Outline;
-use super::{Body, Printer, range, unmarked};
+use super::{Body, Printer, unmarked};
 use std::collections::HashSet;
 use std::fmt::Write as _;
 
@@ -215,7 +215,7 @@ impl Printer<'_> {
         let mut statements = vec![];
         for id in beside.into_iter().filter(|id| self.plan.declared[*id]) {
             let name = &self.names.of[id];
-            let declaration = format!("{}{name}", range(self.plan.width(id)));
+            let declaration = format!("{}{name}", self.numbers.range(self.plan.width(id)));
             match &self.plan.ops[id] {
                 Op::Register(_) if self.plan.in_line[id].is_none() => {
                     body.line(&format!("reg  {declaration};"));

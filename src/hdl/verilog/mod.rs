@@ -7,11 +7,11 @@ mod layout;
 mod names;
 mod plan;
 mod state;
+mod template;
 
 use super::design::{Direction, Port};
 use super::ir::{Id, Item, Netlist, Op, Root};
 pub(super) use borders::{Borders, slice_of};
-use expression::bits;
 pub(super) use expression::literal;
 pub(super) use formal::{with_checks, with_proof};
 use layout::Layout;
@@ -19,6 +19,8 @@ use names::Names;
 use plan::Plan;
 use std::cell::RefCell;
 use std::fmt::Write as _;
+pub(super) use template::Template;
+use template::{COLUMN, CONSTANTS, Numbers, PARAMETERS, aligned, length};
 
 const LINE: usize = 100;
 
@@ -54,6 +56,9 @@ pub(super) struct Printer<'a> {
     pub names: Names,
     clocked: bool,
     reset: bool,
+    numbers: Numbers,
+    /// Whether modules of the library are placed as such, with parameters.
+    library: bool,
     statements: RefCell<Vec<Root>>,
 }
 
@@ -198,13 +203,39 @@ impl<'a> Printer<'a> {
             clocked: clocked || below("clk"),
             reset: reset || below("rst"),
             plan,
+            numbers: Numbers::Written,
+            library: false,
             statements: RefCell::default(),
         }
     }
 
-    /// The module's text, and what stands where in it.
+    /// The module's text, and what stands where in it. Every module that it places stands by its own name.
     pub fn print(&self) -> Printed {
-        let (text, names, lines) = unmarked(&self.module(&self.ir().name, &self.ir().doc));
+        self.printed(&self.module(&self.ir().name, &self.ir().doc))
+    }
+
+    /// The same with parameters of modules of the library, its own too; `None` where there are none.
+    pub fn emitted(&mut self) -> Option<Printed> {
+        self.library = true;
+        let mut instances = self.ir().instances.iter();
+        match &self.ir().placed {
+            Some(placed) => Some(self.printed(&finished(&placed.module.template.text()))),
+            None if instances.any(|instance| instance.module.ir.placed.is_some()) => {
+                Some(self.print())
+            }
+            None => None,
+        }
+    }
+
+    /// The module's text as one of the library, its numbers marked.
+    pub fn general(mut self, name: &str, doc: &str) -> String {
+        self.library = true;
+        self.numbers = Numbers::Marked;
+        self.marked(name, doc)
+    }
+
+    fn printed(&self, text: &str) -> Printed {
+        let (text, names, lines) = unmarked(text);
         let statements = self.statements.take();
         let lines = lines.into_iter();
         Printed {
@@ -212,7 +243,9 @@ impl<'a> Printer<'a> {
             names,
             signals: self.signals(),
             made_up: self.names.made_up.clone(),
-            statements: lines.map(|(n, line)| (statements[n], line)).collect(),
+            statements: lines
+                .filter_map(|(n, line)| Some((*statements.get(n)?, line)))
+                .collect(),
             copies: self.plan.copies.iter().map(Vec::len).collect(),
             clocked: self.clocked,
             reset: self.reset,
@@ -249,6 +282,10 @@ impl<'a> Printer<'a> {
     }
 
     fn module(&self, name: &str, doc: &str) -> String {
+        finished(&self.marked(name, doc))
+    }
+
+    fn marked(&self, name: &str, doc: &str) -> String {
         let mut text = String::from("// SPDX-License-Identifier: MIT OR Apache-2.0\n");
         let _ = writeln!(text, "// {GENERATED}. Do not edit.");
         let head = format!("{name}: {doc}");
@@ -277,22 +314,27 @@ impl<'a> Printer<'a> {
             let _ = writeln!(text, "// Latency: {clocks}, one set of inputs a clock.");
         }
         text.push_str("\n`default_nettype none\n\n");
-        let _ = writeln!(text, "module {MARK}{name} (");
+        let general = self.numbers == Numbers::Marked;
+        let place = |mark: char| {
+            general
+                .then_some(mark)
+                .map(String::from)
+                .unwrap_or_default()
+        };
+        let _ = writeln!(text, "module {MARK}{name} {}(", place(PARAMETERS));
         text.push_str(&self.port_list());
-        text.push_str(");\n");
+        let _ = write!(text, ");\n{}", place(CONSTANTS));
         text.push_str(&self.body());
         text.push_str("\nendmodule\n\n`default_nettype wire\n");
-        layout::folded(&text)
+        text
     }
 
     fn port_list(&self) -> String {
         let ports = &self.ir().ports;
-        let widest = ports.iter().map(|(p, _)| range(p.width).len()).max();
-        let widest = widest.unwrap_or(0);
         let mut lines: Vec<(Option<&str>, String)> = vec![];
         for (present, name) in [(self.clocked, "clk"), (self.reset, "rst")] {
             if present {
-                lines.push((None, format!("input  wire {:widest$}{name}", "")));
+                lines.push((None, format!("input  wire {COLUMN}{name}")));
             }
         }
         let mut group = "";
@@ -306,8 +348,8 @@ impl<'a> Printer<'a> {
             };
             let heading = (port.group != group && !port.group.is_empty()).then_some(&*port.group);
             group = &port.group;
-            let range = range(port.width);
-            lines.push((heading, format!("{kind} {range:widest$}{}", port.name)));
+            let range = self.numbers.range(port.width);
+            lines.push((heading, format!("{kind} {range}{COLUMN}{}", port.name)));
         }
         let mut text = String::new();
         for (i, (heading, line)) in lines.iter().enumerate() {
@@ -413,7 +455,7 @@ impl<'a> Printer<'a> {
             _ => self.is_declared_elsewhere(id),
         };
         let name = &self.names.of[id];
-        let declaration = format!("{}{name}", range(plan.width(id)));
+        let declaration = format!("{}{name}", self.numbers.range(plan.width(id)));
         let reg = self.is_reg(signal);
         if reg || matches!(plan.ops[id], Op::Wire | Op::Read(..)) {
             if declared {
@@ -437,7 +479,9 @@ impl<'a> Printer<'a> {
             body.clocked = clocked;
             body.gathers = next;
         } else {
-            let target = if declared {
+            let target = if matches!(plan.ops[id], Op::Literal(_)) && plan.given[id].is_some() {
+                format!("localparam {declaration} =")
+            } else if declared {
                 format!("assign {name} =")
             } else {
                 format!("wire {declaration} =")
@@ -462,16 +506,30 @@ impl<'a> Printer<'a> {
                 let (_, id) = output.expect("checked: every port is connected");
                 let name = &self.names.of[*id];
                 if !self.is_declared_elsewhere(*id) {
-                    let _ = writeln!(text, "  wire {}{name};", range(port.width));
+                    let _ = writeln!(text, "  wire {}{name};", self.numbers.range(port.width));
                 }
                 name.clone()
             };
             connections.push((port, format!("{mark}.{}({value})", port.name)));
         }
+        let placed = instance.module.ir.placed.as_ref().filter(|_| self.library);
+        let name = match placed {
+            None => instance.module.name().to_string(),
+            Some(placed) => {
+                let parameters = placed
+                    .module
+                    .template
+                    .connected(&placed.values, self.numbers);
+                let line = length(&parameters) + placed.module.name.len() + instance.name.len();
+                match line + 20 <= LINE {
+                    true => format!("{} #({parameters})", placed.module.name),
+                    false => format!("{} #(\n    {parameters}\n  )", placed.module.name),
+                }
+            }
+        };
         let _ = writeln!(
             text,
-            "  {MARK}{} {} (\n{}  );",
-            instance.module.name(),
+            "  {MARK}{name} {} (\n{}  );",
             instance.name,
             connected(&connections)
         );
@@ -495,7 +553,10 @@ impl<'a> Printer<'a> {
                     bit += 1;
                 }
                 if !used[low] {
-                    parts.push(format!("{name}{}", bits(bit as u32 - 1, low as u32)));
+                    parts.push(format!(
+                        "{name}{}",
+                        self.numbers.bits(bit as u32 - 1, low as u32)
+                    ));
                 }
             }
         }
@@ -506,7 +567,7 @@ impl<'a> Printer<'a> {
         let name = &self.names.unused;
         let joined = parts.join(", ");
         let line = format!("wire {name} = &{{1'b0, {joined}}};");
-        if line.len() + 2 <= LINE {
+        if length(&line) + 2 <= LINE {
             body.line(&line);
         } else {
             body.line(&format!(
@@ -530,7 +591,7 @@ fn connected(connections: &[(&Port, String)]) -> String {
         };
         // Marks are removed later: they do not count.
         let behind = connection.rfind([MARK, STATEMENT]).map_or(0, |at| at + 1);
-        let width = connection[behind..].len() + comma.len();
+        let width = length(&connection[behind..]) + comma.len();
         let goes_on = before.is_some_and(|before| before.group == port.group);
         if goes_on && column + 1 + width <= LINE {
             text.push(' ');
@@ -544,6 +605,11 @@ fn connected(connections: &[(&Port, String)]) -> String {
     }
     text.push('\n');
     text
+}
+
+/// A text whose lines are divided, and whose ports stand in a column.
+fn finished(text: &str) -> String {
+    layout::folded(&aligned(text))
 }
 
 /// A text without its marks, where those of names were, and the lines of statements, by their numbers.

@@ -420,7 +420,7 @@ impl<'a> Plan<'a> {
     fn choose_declared(&mut self, count: &[usize], scope: &[bool]) {
         let mut sliced = HashSet::new();
         for (id, op) in self.ops.iter().enumerate() {
-            if let (true, Op::Slice(of, _)) = (scope[id], op) {
+            if let (true, Op::Slice(of, _) | Op::Bit(of, _)) = (scope[id], op) {
                 sliced.insert(*of);
             }
         }
@@ -524,7 +524,9 @@ impl<'a> Plan<'a> {
         let within = (0..self.ops.len()).filter(|id| scope[*id]);
         let within = within.filter_map(|id| match &self.ops[id] {
             Op::Register(register) => register.enable,
-            Op::Read(_, _, address, _) | Op::Peek(_, address) => Some(*address),
+            Op::Read(_, _, address, _) | Op::Peek(_, address) | Op::Bit(_, address) => {
+                Some(*address)
+            }
             _ => None,
         });
         for id in within.chain(heads).collect::<Vec<_>>() {

@@ -2,9 +2,8 @@
 
 use super::super::ir::{Id, Op, Register, Root};
 use super::super::memory::Style;
-use super::expression::{bits, literal};
 use super::plan::DelayLine;
-use super::{Body, LINE, Printer, range};
+use super::{Body, LINE, Printer, length};
 use std::fmt::Write as _;
 
 /// Verilator unrolls loops of up to so many steps, and takes no longer ones for delays in an array.
@@ -24,7 +23,7 @@ impl Printer<'_> {
         let next = register.next.expect("checked: every register is driven");
         let mark = self.mark(Root::Next(id));
         let condition = register.enable.map(|id| format!("if ({})", self.part(id)));
-        let fits = |line: &str| !line.contains('\n') && line.len() + 4 <= LINE;
+        let fits = |line: &str| !line.contains('\n') && length(line) + 4 <= LINE;
         // Behind what it depends on, on a line of its own where that makes it one line.
         let assigned = |before: &str| {
             let condition = condition.as_deref().unwrap_or_default();
@@ -40,7 +39,7 @@ impl Printer<'_> {
         let Some(reset) = register.reset else {
             return mark + &assigned("");
         };
-        let clear = literal(reset, self.plan.width(id));
+        let clear = self.numbers.literal(reset, self.plan.width(id));
         let clear = format!("if (rst) {name} <= {clear};");
         let line = assigned(&format!("{clear} else"));
         match fits(&line) {
@@ -100,12 +99,12 @@ impl Printer<'_> {
 
     pub(super) fn delay_line_declaration(&self, line: usize) -> String {
         let (line, name) = (&self.plan.lines[line], &self.names.lines[line]);
-        let last = bits(line.registers.len() as u32 - 1, 0);
+        let last = (self.numbers).bits(line.registers.len() as u32 - 1, 0);
         match self.is_array(line) {
             // Yosys makes registers of it in any case; with the attribute it does not warn of that.
             true => format!(
                 "(* mem2reg *) reg {}{name} [0:{}];",
-                range(self.plan.width(line.registers[0])),
+                self.numbers.range(self.plan.width(line.registers[0])),
                 line.registers.len() - 1
             ),
             false => format!("reg  {last} {name};"),
@@ -120,15 +119,18 @@ impl Printer<'_> {
         if !self.is_array(line) {
             let next = format!(
                 "{name} <= {{{name}{}, {}}};",
-                bits(clocks as u32 - 2, 0),
+                self.numbers.bits(clocks as u32 - 2, 0),
                 self.part(next)
             );
-            let clear = register
-                .reset
-                .map(|value| format!("if (rst) {name} <= {};", literal(value, clocks as u32)));
+            let clear = register.reset.map(|value| {
+                format!(
+                    "if (rst) {name} <= {};",
+                    self.numbers.literal(value, clocks as u32)
+                )
+            });
             return vec![match clear {
                 None => mark + &next,
-                Some(clear) if clear.len() + next.len() + 10 <= LINE => {
+                Some(clear) if length(&clear) + length(&next) + 10 <= LINE => {
                     format!("{mark}{clear} else {next}")
                 }
                 Some(clear) => format!("{mark}{clear}\n  else {next}"),
@@ -162,11 +164,15 @@ impl Printer<'_> {
         {
             let mut text = format!(
                 "  (* no_rw_check, ram_style = \"{style}\" *)\n  reg  {}{name} [0:{}];\n",
-                range(memory.width),
-                memory.depth - 1
+                self.numbers.range(memory.width),
+                self.numbers.plain(memory.depth - 1)
             );
             let declared = early[read] || self.is_declared_elsewhere(read);
-            let word = format!("{}{}", range(memory.width), self.names.of[read]);
+            let word = format!(
+                "{}{}",
+                self.numbers.range(memory.width),
+                self.names.of[read]
+            );
             if self.is_reg(read) && !declared {
                 let _ = writeln!(text, "  reg  {word};");
             }
@@ -204,7 +210,7 @@ impl Printer<'_> {
             let Some(value) = register.initial else {
                 continue;
             };
-            let value = literal(value, plan.width(id));
+            let value = self.numbers.literal(value, plan.width(id));
             let target = match plan.in_line[id] {
                 None => self.names.of[id].clone(),
                 Some((line, at)) => format!("{}[{at}]", self.names.lines[line]),

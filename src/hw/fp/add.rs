@@ -4,7 +4,7 @@ use super::binary;
 use super::fields::{Fields, Special, operand, pack};
 use super::schedule::{FAN_OUT, LOGIC, SHIFT, Schedule, Step, chain, reduction};
 use crate::float::{Format, plain};
-use crate::hdl::{Builder, HdlError, Module, Signal, Specs, bits_for};
+use crate::hdl::{Builder, HdlError, Library, Module, Parameter, Signal, Specs, bits_for};
 use std::sync::Arc;
 
 /// Bits by which the smaller significand is shifted at most: beyond its width and two more it is only sticky.
@@ -285,6 +285,20 @@ fn normalise<'b>(
 
 /// The module `fp_add`, or `fp_sub`.
 pub fn module(format: Format, clock_mhz: u32, subtract: bool) -> Result<Arc<Module>, HdlError> {
+    let library = Library {
+        name: "fp_add_sub",
+        doc: &format!(
+            "y = a + b, or a - b, in {format}, rounded to nearest even, for {clock_mhz} MHz."
+        ),
+        parameters: &[Parameter::flag("SUBTRACT", "y = a - b")],
+        values: &|subtract| vec![u32::from(*subtract)],
+        samples: &[false, true],
+        describe: &|subtract| describe(format, clock_mhz, *subtract),
+    };
+    library.module(&subtract)
+}
+
+fn describe(format: Format, clock_mhz: u32, subtract: bool) -> Result<Arc<Module>, HdlError> {
     let (e, f) = (format.exponent_bits(), format.fraction_bits());
     let plan = schedule(format, clock_mhz);
     let (name, operator) = if subtract {
@@ -301,9 +315,11 @@ pub fn module(format: Format, clock_mhz: u32, subtract: bool) -> Result<Arc<Modu
     let binary::Inputs { a, b } = ports.inputs.inputs_at(&p, 0);
     let (a, b) = (operand(format, "a", a), operand(format, "b", b));
 
-    let b_sign = if subtract { !b.sign } else { b.sign };
+    m.simplify(false);
+    let sign_of_addend = b.sign ^ m.lit(u8::from(subtract), 1);
+    m.simplify(true);
     let b = Fields {
-        sign: b_sign.hinted("sign_of_addend"),
+        sign: sign_of_addend.named("sign_of_addend"),
         ..b
     };
     let operands = align(format, &plan, a, b);

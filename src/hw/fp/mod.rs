@@ -52,6 +52,7 @@ pub use compare::{
     Knowing, Known, Operand, equal, goes_before, is_finite, is_nan, is_zero, less, less_equal,
 };
 pub use step::step;
+pub(super) use step::step_up_or_down;
 
 use crate::float::Format;
 use crate::hdl::{HdlError, Module, Signal};

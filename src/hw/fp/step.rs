@@ -18,23 +18,35 @@ pub fn step<'b>(
     ulps: i32,
     after_sum: impl Fn(Signal<'b>) -> Signal<'b>,
 ) -> Signal<'b> {
+    let up = a.module().lit(u8::from(ulps > 0), 1);
+    step_up_or_down(format, a, up, ulps.unsigned_abs().into(), after_sum)
+}
+
+/// The same by `count` ulps, up where `up` is 1, else down.
+pub(in super::super) fn step_up_or_down<'b>(
+    format: Format,
+    a: Signal<'b>,
+    up: Signal<'b>,
+    count: u64,
+    after_sum: impl Fn(Signal<'b>) -> Signal<'b>,
+) -> Signal<'b> {
     let m = a.module();
     let (e, f) = (format.exponent_bits(), format.fraction_bits());
-    let count = u64::from(ulps.unsigned_abs());
     assert!(
         (1..=1 << f).contains(&count),
-        "cannot step by {ulps} ulps in {format}"
+        "cannot step by {count} ulps in {format}"
     );
     // What the parts are called in the Verilog.
     let called = |signal: Signal<'b>, what: &str| signal.hinted_after(a, what);
     let fields_of_a = fields(format, a);
     let sign = fields_of_a.sign;
-    let down = m.lit(u8::from(ulps < 0), 1);
 
     // Away from zero the magnitude, an integer, grows by `count`; towards zero it shrinks.
-    let outwards = if ulps < 0 { sign } else { !sign };
+    let outwards = called(sign ^ up, "outwards");
     let (up_by, down_by) = (count, (1 << (e + f)) - count);
-    let change = outwards.mux(m.lit(up_by, e + f), m.lit(down_by, e + f));
+    let steps = m.constant("STEPS", up_by, e + f);
+    let minus_steps = m.constant("MINUS_STEPS", down_by, e + f);
+    let change = outwards.mux(steps, minus_steps);
     let moved = called(fields_of_a.magnitude + change, "moved");
     let moved = after_sum(moved);
     let (moved_exponent, moved_fraction) =
@@ -56,7 +68,7 @@ pub fn step<'b>(
     );
     let near_fraction = called(near_fraction, "fraction_about_zero");
     let near_zero = m.concat(&[
-        down & !to_zero,
+        !(up | to_zero),
         (!to_zero).extend(e),
         near_fraction.extend(f),
     ]);

@@ -65,8 +65,7 @@ pub(super) fn merge<'b>(
     let packet = now(slot.packet).named("merge_packet");
     let number = now(slot.ray).named("merge_ray");
     closest.write(writes, plan.ray_index(packet, number), merged.untimed());
-    let minus_infinity = u128::from(plan.format.infinity() | plan.format.sign_bit());
-    let value = any.mux(m.lit(minus_infinity, w), test.t.at(merged_at));
+    let value = any.mux(plan.minus_infinity(m), test.t.at(merged_at));
     let limit = Limit {
         packet,
         ray: number,

@@ -35,7 +35,7 @@ pub(super) fn keep<'b>(
     stages: &Stages,
 ) -> Rays<'b> {
     m.comment("Rays as they are set up.");
-    let (w, f) = (plan.number(), plan.format);
+    let w = plan.number();
     let by_ray = plan.rays_in_flight();
     let by_level_ray = plan.level_rays_in_flight();
     let (tested, limits) = (Tested::of(plan), Kept::of(plan));
@@ -66,8 +66,8 @@ pub(super) fn keep<'b>(
     };
     let window = Interval::of(plan);
     let windows = m.memory("window_memory", by_ray, window.width(), Style::Block);
-    let infinity = m.lit(u128::from(f.infinity()), w);
-    let minus_infinity = m.lit(u128::from(f.infinity() | f.sign_bit()), w);
+    let infinity = plan.infinity(m);
+    let minus_infinity = plan.minus_infinity(m);
     let no_window = window.pack(Interval {
         near: minus_infinity,
         far: infinity,

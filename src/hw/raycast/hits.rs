@@ -65,9 +65,9 @@ pub(super) fn hits<'b>(
     let touched_bits: Vec<_> = (0..rays).map(|i| out.q.bit(pb + i)).collect();
     let touched = m.select(out_ray.q, &touched_bits).named("out_touched");
     let zero = m.zero(plan.number());
-    let none = m.lit(u128::from(u32::MAX), 32);
+    let none = m.constant("NOTHING", u32::MAX, 32);
     let miss = Hit {
-        t: m.lit(u128::from(plan.format.infinity()), plan.number()),
+        t: plan.infinity(m),
         u: zero,
         v: zero,
         instance: none,

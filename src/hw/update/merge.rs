@@ -141,8 +141,10 @@ fn bound<'b>(
     let beats_two = beats("third", third, best) | only_third;
     let three = of_leaf & beats_two.hinted(name("third_is_better"));
     let three = split_comparison(plan, three.named(name("take_third")));
-    let sign = if least { 0 } else { f.sign_bit() };
-    let nothing = m.lit(f.infinity() | sign, f.width());
+    let nothing = match least {
+        true => plan.infinity(m),
+        false => plan.minus_infinity(m),
+    };
     let all_nan = (none & nan_3).hinted(name("nan_all"));
     let bound = all_nan.mux(nothing, three.mux(third, best));
     plan.settle(bound.named(name("merged")))
