@@ -34,8 +34,10 @@ pub struct Module {
     pub(super) ports: Vec<Port>,
     pub(super) children: Vec<Arc<Module>>,
     pub(super) printed: Printed,
-    /// With parameters, where it or a module that it places is of the library.
-    emitted: Option<Printed>,
+    /// The same where modules of the library stand with parameters, if it places any.
+    placing: Option<Printed>,
+    /// Of a module of the library: the text that it shares.
+    library: Option<Printed>,
     /// Of a module in parts: as it is printed for all but properties.
     pub(super) outline: Option<Outline>,
     /// For each output port (by name) the inputs that reach it through combinational logic.
@@ -55,7 +57,7 @@ impl Module {
         let paths = check::check(&ir)?;
         let mut printer = Printer::new(&ir);
         let printed = printer.print();
-        let emitted = printer.emitted();
+        let (placing, library) = (printer.placing(), printer.library());
         if let (Some(proof), false) = (ir.proofs.first(), printed.clocked && printed.reset) {
             return Err(HdlError {
                 module: ir.name.clone(),
@@ -94,7 +96,8 @@ impl Module {
             ports,
             children: instances.map(|instance| instance.module.clone()).collect(),
             printed,
-            emitted,
+            placing,
+            library,
             outline: outline(&printer)?,
             paths,
             ir,
@@ -179,13 +182,13 @@ impl Module {
         placed.flat_map(|placed| placed.parameters()).collect()
     }
 
-    /// What a design has of it.
-    fn placed(&self) -> &Printed {
+    /// What a design has of it by itself: modules of the library that it places stand with parameters.
+    fn placing(&self) -> &Printed {
         let module = match &self.outline {
             Some(outline) => &outline.top,
             None => self,
         };
-        module.emitted.as_ref().unwrap_or(&module.printed)
+        module.placing.as_ref().unwrap_or(&module.printed)
     }
 
     /// Its Verilog with another name for every module, its own and those that it places. Line by line it is [`Self::verilog`].
@@ -399,9 +402,9 @@ impl Design {
         if self.checked {
             return module.checked(&emitted);
         }
-        let shown = match module.ir.placed.is_some() && std::ptr::eq(module, &**self.top()) {
-            true => &module.printed,
-            false => module.placed(),
+        let shown = match &module.library {
+            Some(library) if !std::ptr::eq(module, &**self.top()) => library,
+            _ => module.placing(),
         };
         renamed(&shown.text, &shown.names, &emitted)
     }

@@ -214,17 +214,18 @@ impl<'a> Printer<'a> {
         self.printed(&self.module(&self.ir().name, &self.ir().doc))
     }
 
-    /// The same with parameters of modules of the library, its own too; `None` where there are none.
-    pub fn emitted(&mut self) -> Option<Printed> {
+    /// The same where modules of the library stand with parameters; `None` where it places none.
+    pub fn placing(&mut self) -> Option<Printed> {
         self.library = true;
         let mut instances = self.ir().instances.iter();
-        match &self.ir().placed {
-            Some(placed) => Some(self.printed(&finished(&placed.module.template.text()))),
-            None if instances.any(|instance| instance.module.ir.placed.is_some()) => {
-                Some(self.print())
-            }
-            None => None,
-        }
+        let any = instances.any(|instance| instance.module.ir.placed.is_some());
+        any.then(|| self.print())
+    }
+
+    /// The text with parameters that a module of the library has; `None` of any other.
+    pub fn library(&self) -> Option<Printed> {
+        let placed = self.ir().placed.as_ref()?;
+        Some(self.printed(&finished(&placed.module.template.text())))
     }
 
     /// The module's text as one of the library, its numbers marked.
