@@ -19,10 +19,10 @@ demo: tools
 	cargo run --release --quiet -- cosim $(DEMO_SCENE) --size 512x384 --out $(DEMO_OUT)
 
 test: tools
-	cargo test
+	cargo test --workspace
 
 full: tools
-	DYNRT_FULL=1 cargo test
+	DYNRT_FULL=1 cargo test --workspace
 
 # Each step leaves its report and, when it has ended well, a stamp: what is done for these sources is not done again. A step that was cut
 # off goes on where it was by the cache, in which routed modules, proved cases, mutants and machines lie.
@@ -59,12 +59,12 @@ EVIDENCE_plants = $(DYNRT) prove --plant --json $(EVIDENCE)/plants.json | tee $(
 EVIDENCE_machines = $(DYNRT) fuzz --machines 200 --seed 1 --json $(EVIDENCE)/machines.json | tee $(EVIDENCE)/machines.txt
 EVIDENCE_mutants = $(DYNRT) mutate --mutants 600 --seed 1 --least 95 --json $(EVIDENCE)/mutants.json | tee $(EVIDENCE)/mutants.txt
 EVIDENCE_numbers = $(DYNRT) baseline --all --configurations --depths --clock --json $(EVIDENCE)/numbers.json | tee $(EVIDENCE)/numbers.txt
-EVIDENCE_frames = cargo test --test frames -- --nocapture | tee $(EVIDENCE)/frames.txt
+EVIDENCE_frames = cargo test --test cosim frames:: -- --nocapture | tee $(EVIDENCE)/frames.txt
 EVIDENCE_embree = for what in $(OBJECTS) $(ROOMS); do \
     name=$${what%%,*}; file=$$(basename $${name\#builtin:} .obj); \
     $(DYNRT) compare $$name --view $${what\#\#*,} --json $(EVIDENCE)/embree-$$file.json --out $(EVIDENCE)/embree-$$file.png; \
     done | tee $(EVIDENCE)/embree.txt
-EVIDENCE_tests = DYNRT_FULL=1 cargo test 2>&1 | tee $(EVIDENCE)/tests.txt
+EVIDENCE_tests = DYNRT_FULL=1 cargo test --workspace 2>&1 | tee $(EVIDENCE)/tests.txt
 EVIDENCE_speed = cargo bench | tee $(EVIDENCE)/speed.txt
 
 numbers:
@@ -75,8 +75,8 @@ rtl:
 	cargo run --release --quiet -- constraints --out constraints
 
 lint:
-	cargo fmt --check
-	cargo clippy --all-targets -- -D warnings
+	cargo fmt --all --check
+	cargo clippy --workspace --all-targets -- -D warnings
 
 # A package is installed only if what it provides is absent, so that no root is needed where all is there. What places and routes, and
 # FuseSoC, come from PyPI into target/tools; without them only the tests that need them say that they did not run.

@@ -1,5 +1,5 @@
-//! Before compilation: the hash of all that decides what a check finds, with what makes mutants. Remembered outcomes
-//! ([`mutate`](crate::mutate), [`fuzz`](crate::fuzz)) go by it, so that none outlives the test bench or the golden model that it was reached with.
+//! Before compilation: the hash of all sources. Remembered outcomes ([`mutate`](crate::mutate), [`fuzz`](crate::fuzz)) are keyed by it,
+//! so that none outlives the test bench or the golden model that it was reached with.
 
 use std::collections::hash_map::DefaultHasher;
 use std::fs;
@@ -7,8 +7,7 @@ use std::hash::{Hash, Hasher};
 use std::io;
 use std::path::{Path, PathBuf};
 
-/// What only reports.
-const BESIDE: [&str; 6] = ["baseline", "cli", "compare", "main.rs", "prove", "report"];
+const FOLDERS: [&str; 3] = ["src", "crates/hdl/src", "crates/verilated/src"];
 
 fn files(folder: &Path, found: &mut Vec<PathBuf>) -> io::Result<()> {
     for entry in fs::read_dir(folder)? {
@@ -22,16 +21,15 @@ fn files(folder: &Path, found: &mut Vec<PathBuf>) -> io::Result<()> {
 }
 
 fn main() -> io::Result<()> {
-    println!("cargo::rerun-if-changed=src");
     let mut found = vec![];
-    for entry in fs::read_dir("src")? {
-        let entry = entry?;
-        let beside = BESIDE.iter().any(|name| entry.file_name() == *name);
-        match entry.file_type()?.is_dir() {
-            _ if beside => {}
-            true => files(&entry.path(), &mut found)?,
-            false => found.push(entry.path()),
-        }
+    // In a package from a registry the crates are packages of their own, of a version that is theirs.
+    for folder in FOLDERS
+        .map(Path::new)
+        .iter()
+        .filter(|folder| folder.is_dir())
+    {
+        println!("cargo::rerun-if-changed={}", folder.display());
+        files(folder, &mut found)?;
     }
     found.sort();
     let mut hash = DefaultHasher::new();

@@ -3,9 +3,11 @@
 //! Data flows one way: [`scene`] → [`bkd`] tree and memory image → machine ([`golden`] or the Verilog
 //! that [`hw`] describes with [`hdl`]) → results → [`report`]. [`cosim`] joins golden model and RTL.
 
+pub use dynrt_hdl::{self as hdl, bundle, interface, named};
+pub use dynrt_verilated::{child, interrupt, seed, temporary, text};
+
 pub mod baseline;
 pub mod bkd;
-pub mod child;
 pub mod compare;
 pub mod config;
 pub mod cosim;
@@ -13,9 +15,7 @@ pub mod emit;
 pub mod float;
 pub mod fuzz;
 pub mod golden;
-pub mod hdl;
 pub mod hw;
-pub mod interrupt;
 pub mod mutate;
 pub mod port;
 pub mod program;
@@ -23,6 +23,4 @@ pub mod prove;
 pub mod report;
 pub mod scene;
 pub mod synth;
-pub mod temporary;
-pub mod text;
 pub mod vectors;

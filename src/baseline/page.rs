@@ -156,7 +156,7 @@ fn original_and_ours(text: &mut String, baseline: &Baseline) -> Result<()> {
 }
 
 fn frames(text: &mut String, baseline: &Baseline) {
-    *text += "## Frames and films in clocks\n\nCompared to the clock by `cargo test --test baseline`; every result of them is equal to the golden model's in all bits.\n\n\
+    *text += "## Frames and films in clocks\n\nCompared to the clock by `cargo test --test tools baseline::`; every result of them is equal to the golden model's in all bits.\n\n\
               | machine | frame | rays | clocks | packet steps | ray–triangle tests | rays a clock | TPU | GU |\n|---|---|---|---|---|---|---|---|---|\n";
     let machines = [baseline.machine.as_str(), FAST];
     for (machine, frames) in std::iter::zip(machines, [&baseline.frames, &baseline.fast_frames]) {
@@ -252,7 +252,7 @@ fn configurations(text: &mut String, baseline: &Baseline) -> Result<()> {
         });
         let verified = match name == baseline.machine {
             true => "every test; proofs, mutants",
-            false => "`cargo test --test machines`: lint, units and a scene in all bits",
+            false => "`cargo test --test machine machines::`: lint, units and a scene in all bits",
         };
         let _ = writeln!(
             text,

@@ -6,10 +6,7 @@
 //! [`mismatch`] says where RTL and golden model differ.
 
 pub mod animate;
-pub(crate) mod build;
-pub mod memory;
 pub mod mismatch;
-pub mod model;
 mod processor;
 pub mod raycast;
 pub mod scoreboard;
@@ -20,29 +17,13 @@ pub mod unit_tpu;
 pub mod unit_update;
 pub mod workload;
 
+pub(crate) use dynrt_verilated::build;
+pub use dynrt_verilated::{memory, model};
+
 use crate::config::Config;
-use crate::hdl::{Design, Direction};
 
 /// Why the ports that show a machine's steps are there.
 const TRACED: &str = "a machine that is compared has trace ports";
-
-/// What Verilator is given of a design.
-pub fn sources(design: &Design) -> model::Sources {
-    let top = design.top();
-    model::Sources {
-        top: design.emitted(top.name()),
-        files: design.files(),
-        ports: top
-            .ports()
-            .iter()
-            .map(|port| model::Port {
-                name: port.name.clone(),
-                width: port.width,
-                input: port.direction == Direction::Input,
-            })
-            .collect(),
-    }
-}
 
 /// The timing of a memory of a configuration's surroundings.
 pub fn timing(config: &Config, seed: u64) -> memory::Timing {

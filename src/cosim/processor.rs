@@ -90,7 +90,7 @@ impl Reads {
 
     /// Whether a request is shown that the memory takes if it is granted.
     pub fn offers(&mut self, model: &Model) -> bool {
-        self.request = self.handles.request(model);
+        self.request = model.read_request(&self.handles);
         self.request.is_some() && self.port.ready()
     }
 
@@ -110,7 +110,7 @@ impl Reads {
         model.set(self.handles.request.ready, ready.into());
         let data = self.answer.map(|answer| record(answer.address));
         let words = data.as_ref().map_or(&[][..], AsRef::as_ref);
-        self.handles.respond(model, self.answer, words);
+        model.respond(&self.handles, self.answer, words);
     }
 
     /// The edge; whether there is an answer for the next one.

@@ -200,14 +200,14 @@ impl MemoryPort {
         }
         let data = (self.next).map_or(&[][..], |response| self.image.row(response.address));
         if self.next.is_some() || self.shown_valid {
-            self.handles.respond(model, self.next, data);
+            model.respond(&self.handles, self.next, data);
         }
         self.shown_valid = self.next.is_some();
     }
 
     /// At the same edge: takes the request that the model offers.
     pub(super) fn take(&mut self, model: &Model) -> Result<()> {
-        let request = self.handles.request(model);
+        let request = model.read_request(&self.handles);
         ensure!(
             self.waiting.is_none() || self.waiting == request,
             "read port of the {} memory, cycle {}: the request {:?} was not taken, yet now {:?} is shown",

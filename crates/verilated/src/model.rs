@@ -1,0 +1,601 @@
+//! Verilog run as a library: [`build`] makes one of a module with Verilator, [`Model`] drives it.
+//!
+//! # Protocol of a clock
+//!
+//! [`Model::clock`] is one rising edge of `clk`. Inputs written before it are what the edge samples; when it
+//! returns, every output has settled, registered ones to their values after the edge, and combinational ones
+//! to what follows from them and from the inputs as they still stand. Where an output depends on an input
+//! without a register between, [`Model::eval`] settles it again after the input has changed; no edge happens.
+//!
+//! The clock is called `clk`, the reset, synchronous and active high, `rst`; a module may lack either. State
+//! is zero, not unknown, unless the Verilog initialises it. Cycles are counted from 0 by rising edges, those of a reset
+//! included, and a trace's cycle *c* lasts from 10 *c* ns to 10 *c* + 10 ns, its rising edge in the middle.
+//!
+//! # Cache
+//!
+//! Models are kept in `$DYNRT_CACHE`, else `$XDG_CACHE_HOME/dynrt`, else `~/.cache/dynrt`, under a hash of all
+//! that went into them: sources, shim, options and the versions of the tools. A model is built in a folder of
+//! its own and renamed into place when complete, so an interrupted build leaves nothing that looks like a
+//! model, and processes may build the same model at the same time. The cache can be removed at any time.
+
+use std::ffi::{CStr, CString, c_char, c_int, c_void};
+use std::fs;
+use std::io::ErrorKind;
+use std::marker::PhantomData;
+use std::path::Path;
+use std::ptr::NonNull;
+
+use anyhow::{Context, Result, anyhow, ensure};
+use libloading::Library;
+
+use super::build::interface;
+pub use super::build::{BuildOptions, Built, Port, Sources, build, lint};
+use dynrt_hdl::bundle::{Like, LikePorts};
+use dynrt_hdl::{Bundle, Ports, Spec};
+
+/// A port of a [`Model`], found once by name with [`Model::port`]; good for that model only.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct PortHandle(u32);
+
+/// How Verilator stores a port: in the least of these integers that holds it, else in 32-bit words.
+#[derive(Clone, Copy, Debug)]
+enum Storage {
+    U8,
+    U16,
+    U32,
+    U64,
+    Words,
+}
+
+#[derive(Clone, Copy)]
+struct Slot {
+    address: NonNull<c_void>,
+    width: u32,
+    storage: Storage,
+}
+
+impl Slot {
+    /// All bits of the port; only for widths of at most 64.
+    #[inline]
+    fn mask(self) -> u64 {
+        u64::MAX >> (64 - self.width)
+    }
+
+    fn words(self) -> usize {
+        self.width.div_ceil(32) as usize
+    }
+}
+
+/// What a model's inputs were, but `clk` and `rst`, at successive rising edges.
+#[derive(Clone, Debug)]
+pub struct Recording {
+    /// Inputs by name.
+    ports: Vec<String>,
+    most: usize,
+    /// Each cycle's inputs in 32-bit words.
+    cycles: Vec<Vec<Vec<u32>>>,
+}
+
+impl Recording {
+    /// How many cycles there are.
+    pub fn len(&self) -> usize {
+        self.cycles.len()
+    }
+
+    pub fn is_empty(&self) -> bool {
+        self.cycles.is_empty()
+    }
+}
+
+/// A running instance of a module: state, ports, clock.
+///
+/// A model can be moved to another thread but not shared. Any number, of the same library or of others, can
+/// run at the same time. Reading and writing a port costs a bounds check and a branch on its width, a clock
+/// one call into the library.
+///
+/// A model can end the process: the Verilog's own `$finish` or `$fatal`, or combinational logic that never
+/// settles, make Verilator do so, with its message.
+pub struct Model {
+    slots: Vec<Slot>,
+    ports: Vec<Port>,
+    cycles: u64,
+    recording: Option<Recording>,
+    rst: Option<PortHandle>,
+    traced: bool,
+    shim: NonNull<c_void>,
+    clock: unsafe extern "C" fn(*mut c_void, u64),
+    eval: unsafe extern "C" fn(*mut c_void),
+    trace_open: unsafe extern "C" fn(*mut c_void, *const c_char, u64, u64) -> c_int,
+    trace_close: unsafe extern "C" fn(*mut c_void),
+    destroy: unsafe extern "C" fn(*mut c_void),
+    /// Dropped last: the functions above are in it.
+    _library: Library,
+    _not_sync: PhantomData<*mut c_void>,
+}
+
+// SAFETY: all that `shim` points to belongs to this model alone (it has a context of its own, and the shim has
+// no globals), and nothing in it is tied to the thread that made it.
+unsafe impl Send for Model {}
+
+impl Model {
+    /// Loads a model and creates one instance of it, all its inputs zero. `ports` are those it was built with.
+    ///
+    /// # Errors
+    /// The library cannot be loaded, or was built for other ports.
+    pub fn load(built: &Built, ports: &[Port]) -> Result<Model> {
+        let path = &built.library;
+        let damaged = |error| {
+            anyhow!(
+                "cannot load the model {}: {error}; remove the file to have it built again",
+                path.display()
+            )
+        };
+        // SAFETY: the library was made by `build` from our shim and Verilator's runtime; loading it runs only
+        // their static constructors. The signatures are those in the shim.
+        unsafe {
+            let library = Library::new(path).map_err(damaged)?;
+            let interface_of = *library
+                .get::<unsafe extern "C" fn() -> *const c_char>(b"dynrt_interface")
+                .map_err(damaged)?;
+            let create = *library
+                .get::<unsafe extern "C" fn() -> *mut c_void>(b"dynrt_create")
+                .map_err(damaged)?;
+            let port = *library
+                .get::<unsafe extern "C" fn(*mut c_void, u32) -> *mut c_void>(b"dynrt_port")
+                .map_err(damaged)?;
+            let traced = *library
+                .get::<unsafe extern "C" fn() -> c_int>(b"dynrt_traced")
+                .map_err(damaged)?;
+            let clock = *library.get(b"dynrt_clock").map_err(damaged)?;
+            let eval = *library.get(b"dynrt_eval").map_err(damaged)?;
+            let trace_open = *library.get(b"dynrt_trace_open").map_err(damaged)?;
+            let trace_close = *library.get(b"dynrt_trace_close").map_err(damaged)?;
+            let destroy = *library.get(b"dynrt_destroy").map_err(damaged)?;
+
+            // What makes every access below sound: each address has the storage that the width implies.
+            ensure!(
+                CStr::from_ptr(interface_of()).to_bytes() == interface(ports).as_bytes(),
+                "the model {} was built for other ports",
+                path.display()
+            );
+            let shim = NonNull::new(create()).context("the model cannot be created")?;
+            let mut model = Model {
+                slots: Vec::with_capacity(ports.len()),
+                ports: ports.to_vec(),
+                cycles: 0,
+                recording: None,
+                rst: None,
+                traced: traced() != 0,
+                shim,
+                clock,
+                eval,
+                trace_open,
+                trace_close,
+                destroy,
+                _library: library,
+                _not_sync: PhantomData,
+            };
+            for (
+                index,
+                &Port {
+                    ref name,
+                    width,
+                    input,
+                },
+            ) in ports.iter().enumerate()
+            {
+                let address =
+                    NonNull::new(port(shim.as_ptr(), index as u32)).with_context(|| {
+                        format!("the model {} has no port `{name}`", path.display())
+                    })?;
+                let storage = match width {
+                    0..=8 => Storage::U8,
+                    9..=16 => Storage::U16,
+                    17..=32 => Storage::U32,
+                    33..=64 => Storage::U64,
+                    _ => Storage::Words,
+                };
+                model.slots.push(Slot {
+                    address,
+                    width,
+                    storage,
+                });
+                if name == "rst" && input {
+                    model.rst = Some(PortHandle(index as u32));
+                }
+            }
+            Ok(model)
+        }
+    }
+
+    /// The port called `name`; an error lists the ports there are.
+    pub fn port(&self, name: &str) -> Result<PortHandle> {
+        let index = self
+            .ports
+            .iter()
+            .position(|port| port.name == name)
+            .with_context(|| {
+                let names: Vec<&str> = self.ports.iter().map(|port| port.name.as_str()).collect();
+                format!(
+                    "the model has no port `{name}`; its ports are {}",
+                    names.join(", ")
+                )
+            })?;
+        Ok(PortHandle(index as u32))
+    }
+
+    /// The ports of a unit, found once; an error names the first that the model lacks.
+    pub fn ports<I: Bundle<Leaf = Spec>, O: Bundle<Leaf = Spec>>(
+        &self,
+        ports: &Ports<I, O>,
+    ) -> Result<LikePorts<I, O, PortHandle>> {
+        ports.try_map(|spec| self.port(&spec.name))
+    }
+
+    /// The values of some ports, of each the low 64 bits.
+    #[inline]
+    pub fn sample<B: Bundle<Leaf = PortHandle>>(&self, ports: &B) -> Like<B, u64> {
+        ports.map(|_, port| self.get(port))
+    }
+
+    /// Gives some ports values, as [`Model::set`] does.
+    #[inline]
+    pub fn drive<B: Bundle<Leaf = PortHandle>>(&mut self, ports: &B, values: Like<B, u64>) {
+        ports.with(values, |port, value| self.set(port, value));
+    }
+
+    /// Name, width and direction of a port.
+    pub fn describe(&self, port: PortHandle) -> &Port {
+        &self.ports[port.0 as usize]
+    }
+
+    /// The value of a port; of one wider than 64 bits the low 64.
+    #[inline]
+    pub fn get(&self, port: PortHandle) -> u64 {
+        let slot = self.slots[port.0 as usize];
+        // SAFETY: `load` has made sure that the address is that of storage of this kind, which lives as long
+        // as the model and is written only through `&mut self`.
+        unsafe {
+            match slot.storage {
+                Storage::U8 => slot.address.cast::<u8>().read().into(),
+                Storage::U16 => slot.address.cast::<u16>().read().into(),
+                Storage::U32 => slot.address.cast::<u32>().read().into(),
+                Storage::U64 => slot.address.cast::<u64>().read(),
+                Storage::Words => {
+                    let words = self.wide(slot);
+                    u64::from(words[0]) | u64::from(words[1]) << 32
+                }
+            }
+        }
+    }
+
+    /// Gives a port a value: as many of its low bits as the port has; a wider port is filled with zeros.
+    #[inline]
+    pub fn set(&mut self, port: PortHandle, value: u64) {
+        let slot = self.input_slot(port);
+        // SAFETY: as in `get`; `&mut self` makes this the only access.
+        unsafe {
+            match slot.storage {
+                Storage::U8 => slot.address.cast::<u8>().write((value & slot.mask()) as u8),
+                Storage::U16 => slot
+                    .address
+                    .cast::<u16>()
+                    .write((value & slot.mask()) as u16),
+                Storage::U32 => slot
+                    .address
+                    .cast::<u32>()
+                    .write((value & slot.mask()) as u32),
+                Storage::U64 => slot.address.cast::<u64>().write(value & slot.mask()),
+                Storage::Words => {
+                    let words = self.wide_mut(slot);
+                    words.fill(0);
+                    words[0] = value as u32;
+                    words[1] = (value >> 32) as u32;
+                }
+            }
+        }
+    }
+
+    /// `width` bits (1 to 64) of a port from bit `lsb` upwards.
+    ///
+    /// # Panics
+    /// If the port does not have these bits.
+    #[inline]
+    pub fn get_field(&self, port: PortHandle, lsb: u32, width: u32) -> u64 {
+        let slot = self.slots[port.0 as usize];
+        check_field(slot, lsb, width);
+        let mask = u64::MAX >> (64 - width);
+        match slot.storage {
+            Storage::Words => {
+                let words = self.wide(slot);
+                let (first, shift) = (lsb as usize / 32, lsb % 32);
+                let word = |i: usize| u128::from(words.get(first + i).copied().unwrap_or(0));
+                ((word(0) | word(1) << 32 | word(2) << 64) >> shift) as u64 & mask
+            }
+            _ => self.get(port) >> lsb & mask,
+        }
+    }
+
+    /// Gives `width` bits (1 to 64) of a port, from bit `lsb` upwards, the low bits of `value`.
+    ///
+    /// # Panics
+    /// If the port does not have these bits.
+    #[inline]
+    pub fn set_field(&mut self, port: PortHandle, lsb: u32, width: u32, value: u64) {
+        let slot = self.input_slot(port);
+        check_field(slot, lsb, width);
+        let mask = u64::MAX >> (64 - width);
+        match slot.storage {
+            Storage::Words => {
+                let words = self.wide_mut(slot);
+                let (first, shift) = (lsb as usize / 32, lsb % 32);
+                let bits = u128::from(mask) << shift;
+                let value = u128::from(value & mask) << shift;
+                for (i, word) in words[first..].iter_mut().take(3).enumerate() {
+                    let (bits, value) = ((bits >> (32 * i)) as u32, (value >> (32 * i)) as u32);
+                    *word = *word & !bits | value;
+                }
+            }
+            _ => {
+                let rest = self.get(port) & !(mask << lsb);
+                self.set(port, rest | (value & mask) << lsb);
+            }
+        }
+    }
+
+    /// The value of a port as 32-bit words, least significant first, into as many of `words` as the port has;
+    /// the others become zero.
+    ///
+    /// # Panics
+    /// If `words` are too few to hold the port.
+    #[inline]
+    pub fn get_words(&self, port: PortHandle, words: &mut [u32]) {
+        let slot = self.slots[port.0 as usize];
+        let count = slot.words();
+        assert!(
+            words.len() >= count,
+            "a port of {} bits does not fit {} words",
+            slot.width,
+            words.len()
+        );
+        words[count..].fill(0);
+        match slot.storage {
+            Storage::Words => words[..count].copy_from_slice(self.wide(slot)),
+            _ => {
+                let value = self.get(port);
+                words[0] = value as u32;
+                if count > 1 {
+                    words[1] = (value >> 32) as u32;
+                }
+            }
+        }
+    }
+
+    /// Gives a port a value in 32-bit words, least significant first: as many of its low bits as the port has,
+    /// and zeros above where the words are fewer.
+    #[inline]
+    pub fn set_words(&mut self, port: PortHandle, words: &[u32]) {
+        let slot = self.input_slot(port);
+        match slot.storage {
+            Storage::Words => {
+                let wide = self.wide_mut(slot);
+                let count = wide.len().min(words.len());
+                wide[..count].copy_from_slice(&words[..count]);
+                wide[count..].fill(0);
+                // Verilator takes the bits above the port's to be zero.
+                if !slot.width.is_multiple_of(32) {
+                    wide[slot.width as usize / 32] &= u32::MAX >> (32 - slot.width % 32);
+                }
+            }
+            _ => {
+                let word = |i: usize| u64::from(words.get(i).copied().unwrap_or(0));
+                self.set(port, word(0) | word(1) << 32);
+            }
+        }
+    }
+
+    /// One rising edge (see the [module](self) documentation).
+    #[inline]
+    pub fn clock(&mut self) {
+        self.run(1);
+    }
+
+    /// `cycles` rising edges with the inputs as they are.
+    #[inline]
+    pub fn run(&mut self, cycles: u64) {
+        if self.recording.is_some() {
+            for _ in 0..cycles {
+                self.record_inputs();
+            }
+        }
+        // SAFETY: `shim` is what the library's `create` returned, not destroyed yet, and accessed by us only.
+        unsafe { (self.clock)(self.shim.as_ptr(), cycles) };
+        self.cycles += cycles;
+    }
+
+    /// Settles the outputs that depend on inputs without a register between, after inputs have changed.
+    #[inline]
+    pub fn eval(&mut self) {
+        // SAFETY: as in `run`.
+        unsafe { (self.eval)(self.shim.as_ptr()) };
+    }
+
+    /// Clocks the model `cycles` times with random bits at all inputs but `rst`, then sets them to zero: state becomes what no
+    /// one has prepared, as it is in a device that has just been switched on, and reset must do with it.
+    pub fn disturb(&mut self, seed: u64, cycles: u64) {
+        let mut rng = fastrand::Rng::with_seed(seed);
+        let inputs: Vec<PortHandle> = self.inputs().collect();
+        for cycle in 0..=cycles {
+            if cycle < cycles {
+                self.garble(inputs.iter().copied(), &mut rng);
+                self.clock();
+            } else {
+                for &port in &inputs {
+                    self.set_words(port, &[]);
+                }
+            }
+        }
+    }
+
+    /// Gives inputs random bits, as what has no meaning may have.
+    pub fn garble(&mut self, ports: impl IntoIterator<Item = PortHandle>, rng: &mut fastrand::Rng) {
+        for port in ports {
+            let words: Vec<u32> = (0..self.slots[port.0 as usize].words())
+                .map(|_| rng.u32(..))
+                .collect();
+            self.set_words(port, &words);
+        }
+    }
+
+    /// Keeps what the inputs are at so many rising edges from now on, for [`Model::recorded`].
+    pub fn record(&mut self, cycles: usize) {
+        self.recording = Some(Recording {
+            ports: self
+                .inputs()
+                .map(|port| self.ports[port.0 as usize].name.clone())
+                .collect(),
+            most: cycles,
+            cycles: vec![],
+        });
+    }
+
+    /// What has been recorded, if anything has.
+    pub fn recorded(&mut self) -> Option<Recording> {
+        self.recording.take()
+    }
+
+    fn inputs(&self) -> impl Iterator<Item = PortHandle> + use<'_> {
+        (self.ports.iter().enumerate())
+            .filter(|(_, port)| port.input && !matches!(&*port.name, "clk" | "rst"))
+            .map(|(index, _)| PortHandle(index as u32))
+    }
+
+    fn record_inputs(&mut self) {
+        let Some(mut recording) = self.recording.take() else {
+            return;
+        };
+        if recording.cycles.len() < recording.most {
+            let words_of = |port: PortHandle| {
+                let mut words = vec![0; self.slots[port.0 as usize].words()];
+                self.get_words(port, &mut words);
+                words
+            };
+            recording.cycles.push(self.inputs().map(words_of).collect());
+        }
+        self.recording = Some(recording);
+    }
+
+    /// Gives the inputs what was recorded at the first `cycles` rising edges of a model with the same inputs, then sets them to zero: the
+    /// state becomes what it was amid that traffic, and a reset must end it.
+    ///
+    /// # Errors
+    /// An input of another model.
+    pub fn play(&mut self, recording: &Recording, cycles: usize) -> Result<()> {
+        let ports: Vec<PortHandle> = (recording.ports.iter())
+            .map(|name| self.port(name))
+            .collect::<Result<_>>()?;
+        for words in recording.cycles.iter().take(cycles) {
+            for (&port, words) in ports.iter().zip(words) {
+                self.set_words(port, words);
+            }
+            self.clock();
+        }
+        for port in ports {
+            self.set_words(port, &[]);
+        }
+        Ok(())
+    }
+
+    /// Holds `rst` high for `cycles` rising edges and leaves it low. A module without `rst` is only clocked.
+    pub fn reset(&mut self, cycles: u64) {
+        if let Some(rst) = self.rst {
+            self.set(rst, 1);
+        }
+        self.run(cycles);
+        if let Some(rst) = self.rst {
+            self.set(rst, 0);
+            self.eval();
+        }
+    }
+
+    /// Rising edges since the model was loaded: the number of the cycle that the next [`clock`](Self::clock) is.
+    pub fn cycles(&self) -> u64 {
+        self.cycles
+    }
+
+    /// Writes an FST trace of `cycles` cycles from cycle `from` on to `path`, in place of any trace going on.
+    /// It is complete when the last of the cycles is over, [`trace_end`](Self::trace_end) is called, or the
+    /// model is dropped.
+    ///
+    /// # Errors
+    /// The model was built without [`traced`](BuildOptions::traced), the window is empty or over already, or
+    /// the file cannot be written.
+    pub fn trace(&mut self, path: &Path, from: u64, cycles: u64) -> Result<()> {
+        let until = from.saturating_add(cycles);
+        ensure!(
+            cycles > 0 && until > self.cycles,
+            "nothing to trace in cycles {from} to {until}: the model is at cycle {}",
+            self.cycles
+        );
+        ensure!(
+            self.traced,
+            "no trace {}: the model was built without traces",
+            path.display()
+        );
+        let failed = |error| anyhow!("cannot write the trace {}: {error}", path.display());
+        // The trace writer does not say why it cannot write, so try it first.
+        fs::File::create(path).map_err(failed)?;
+        let name = CString::new(path.as_os_str().as_encoded_bytes())
+            .map_err(|_| failed(ErrorKind::InvalidInput.into()))?;
+        // SAFETY: as in `run`; the name outlives the call, which copies it.
+        let opened = unsafe { (self.trace_open)(self.shim.as_ptr(), name.as_ptr(), from, until) };
+        ensure!(opened != 0, failed(ErrorKind::Other.into()));
+        Ok(())
+    }
+
+    /// Completes a trace before its window is over; nothing if there is none.
+    pub fn trace_end(&mut self) {
+        // SAFETY: as in `run`.
+        unsafe { (self.trace_close)(self.shim.as_ptr()) };
+    }
+
+    #[inline]
+    fn input_slot(&self, port: PortHandle) -> Slot {
+        debug_assert!(
+            self.describe(port).input,
+            "port `{}` is an output",
+            self.describe(port).name
+        );
+        self.slots[port.0 as usize]
+    }
+
+    #[inline]
+    fn wide(&self, slot: Slot) -> &[u32] {
+        debug_assert!(matches!(slot.storage, Storage::Words));
+        // SAFETY: as in `get`; only slots of `Words` come here, and these have this many.
+        unsafe { std::slice::from_raw_parts(slot.address.cast().as_ptr(), slot.words()) }
+    }
+
+    #[inline]
+    fn wide_mut(&mut self, slot: Slot) -> &mut [u32] {
+        debug_assert!(matches!(slot.storage, Storage::Words));
+        // SAFETY: as in `wide`; `&mut self` makes this the only access.
+        unsafe { std::slice::from_raw_parts_mut(slot.address.cast().as_ptr(), slot.words()) }
+    }
+}
+
+#[inline]
+fn check_field(slot: Slot, lsb: u32, width: u32) {
+    assert!(
+        (1..=64).contains(&width) && lsb < slot.width && width <= slot.width - lsb,
+        "a port of {} bits has no field of {width} bits from bit {lsb}",
+        slot.width
+    );
+}
+
+impl Drop for Model {
+    fn drop(&mut self) {
+        // SAFETY: as in `run`; nothing uses the shim after this.
+        unsafe { (self.destroy)(self.shim.as_ptr()) };
+    }
+}

@@ -1,0 +1,546 @@
+//! Temporary files and folders, none of which outlives its use.
+//!
+//! They vanish when dropped. Where the process is interrupted, [`interrupt`](crate::interrupt) removes those that live then.
+//! What a process leaves that had no time to do so carries its process number in its name, and is removed by the next run that
+//! makes something temporary in the same place.
+
+use crate::interrupt;
+use std::collections::BTreeSet;
+use std::fs;
+use std::hash::{DefaultHasher, Hash, Hasher};
+use std::io::{self, Write};
+use std::path::{Path, PathBuf};
+use std::sync::{Mutex, MutexGuard, OnceLock, PoisonError};
+use std::time::{Duration, SystemTime};
+
+/// What the names of results begin with while they are written.
+const RESULT: &str = ".dynrt-";
+
+/// What the names of folders begin with that hold what a result replaces, for as long as that takes.
+const REPLACED: &str = ".dynrt-old-";
+
+/// What the names of folders begin with in the system's folder for temporary files.
+const WORK: &str = "dynrt-";
+
+/// After what time something is taken for abandoned whose process cannot be looked for.
+const DAY: Duration = Duration::from_secs(24 * 3600);
+
+/// The characters that `tempfile` makes up at the end of a name.
+const RANDOM: usize = 6;
+
+/// What is there now, to be removed on an interrupt.
+static LIVE: Mutex<BTreeSet<PathBuf>> = Mutex::new(BTreeSet::new());
+
+/// Folders that were made for a result that is not there yet.
+static PARENTS: Mutex<BTreeSet<PathBuf>> = Mutex::new(BTreeSet::new());
+
+/// Where this process has looked for what others have left.
+static SWEPT: Mutex<BTreeSet<PathBuf>> = Mutex::new(BTreeSet::new());
+
+fn locked<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
+    mutex.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+/// A temporary folder.
+pub struct Folder {
+    /// Nothing once it has been kept.
+    inner: Option<tempfile::TempDir>,
+}
+
+impl Folder {
+    /// A folder for intermediate files, where the system keeps such.
+    ///
+    /// # Errors
+    /// It cannot be made.
+    pub fn new() -> io::Result<Folder> {
+        Folder::make(&std::env::temp_dir(), WORK, |_| ())
+    }
+
+    /// A folder in `parent` that will be a result: it is as readable as any new folder.
+    ///
+    /// # Errors
+    /// It cannot be made.
+    pub fn for_result(parent: &Path) -> io::Result<Folder> {
+        Folder::make(parent, RESULT, |builder| permit(builder, 0o777))
+    }
+
+    /// A folder in `parent` for intermediate files, whose name begins with `prefix`.
+    ///
+    /// # Errors
+    /// It cannot be made.
+    pub fn named(parent: &Path, prefix: &str) -> io::Result<Folder> {
+        Folder::make(parent, prefix, |_| ())
+    }
+
+    fn make(
+        parent: &Path,
+        prefix: &str,
+        adjust: impl FnOnce(&mut tempfile::Builder<'_, '_>),
+    ) -> io::Result<Folder> {
+        sweep(parent, prefix);
+        let prefix = format!("{prefix}{}", tag());
+        let mut builder = tempfile::Builder::new();
+        builder.prefix(&prefix).rand_bytes(RANDOM);
+        adjust(&mut builder);
+        let mut live = locked(&LIVE);
+        interrupt::stop_if_ending();
+        let inner = builder.tempdir_in(parent)?;
+        live.insert(inner.path().to_path_buf());
+        Ok(Folder { inner: Some(inner) })
+    }
+
+    /// Where it is.
+    pub fn path(&self) -> &Path {
+        let inner = self.inner.as_ref();
+        inner.map_or(Path::new(""), |inner| inner.path())
+    }
+
+    /// Leaves the folder, which may have another name by now, where it is.
+    pub fn keep(mut self) {
+        if let Some(inner) = self.inner.take() {
+            locked(&LIVE).remove(&inner.keep());
+        }
+    }
+}
+
+impl Drop for Folder {
+    fn drop(&mut self) {
+        if let Some(inner) = self.inner.take() {
+            let path = inner.path().to_path_buf();
+            drop(inner);
+            locked(&LIVE).remove(&path);
+        }
+    }
+}
+
+/// Folders made for a result in them; those that are empty still vanish when dropped.
+pub struct Parents(Vec<PathBuf>);
+
+impl Parents {
+    /// Makes a folder, and those above it, where they are not there.
+    ///
+    /// # Errors
+    /// One cannot be made; then none is left.
+    pub fn make(folder: &Path) -> io::Result<Parents> {
+        let is_missing = |path: &&Path| !path.as_os_str().is_empty() && !path.exists();
+        let missing = folder.ancestors().take_while(is_missing);
+        let parents = Parents(missing.map(Path::to_path_buf).collect());
+        let mut made = locked(&PARENTS);
+        interrupt::stop_if_ending();
+        made.extend(parents.0.iter().cloned());
+        drop(made);
+        // Where this fails, those that it has made vanish with `parents`.
+        fs::create_dir_all(folder)?;
+        Ok(parents)
+    }
+
+    /// Leaves the folders where they are.
+    pub fn keep(mut self) {
+        let mut made = locked(&PARENTS);
+        for path in self.0.drain(..) {
+            made.remove(&path);
+        }
+    }
+}
+
+impl Drop for Parents {
+    fn drop(&mut self) {
+        let mut made = locked(&PARENTS);
+        // The deepest first.
+        for path in self.0.drain(..) {
+            let _ = fs::remove_dir(&path);
+            made.remove(&path);
+        }
+    }
+}
+
+/// A temporary file that will be a result.
+pub struct File {
+    inner: Option<tempfile::NamedTempFile>,
+}
+
+impl File {
+    /// A file in `folder`, as readable as any new file.
+    ///
+    /// # Errors
+    /// It cannot be made.
+    pub fn new(folder: &Path) -> io::Result<File> {
+        sweep(folder, RESULT);
+        let prefix = format!("{RESULT}{}", tag());
+        let mut builder = tempfile::Builder::new();
+        builder.prefix(&prefix).rand_bytes(RANDOM);
+        permit(&mut builder, 0o666);
+        let mut live = locked(&LIVE);
+        interrupt::stop_if_ending();
+        let inner = builder.tempfile_in(folder)?;
+        live.insert(inner.path().to_path_buf());
+        Ok(File { inner: Some(inner) })
+    }
+
+    /// Where it is for now.
+    pub fn path(&self) -> &Path {
+        let inner = self.inner.as_ref();
+        inner.map_or(Path::new(""), |inner| inner.path())
+    }
+
+    /// Gives the file its name, in place of a file that has it.
+    ///
+    /// # Errors
+    /// It cannot be renamed; then it vanishes.
+    pub fn persist(mut self, place: &Path) -> io::Result<()> {
+        let Some(inner) = self.inner.take() else {
+            return Ok(());
+        };
+        let path = inner.path().to_path_buf();
+        let persisted = inner.persist(place);
+        locked(&LIVE).remove(&path);
+        persisted.map(drop).map_err(|error| error.error)
+    }
+}
+
+impl Write for File {
+    fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
+        match &mut self.inner {
+            Some(inner) => inner.write(bytes),
+            None => Err(io::ErrorKind::NotFound.into()),
+        }
+    }
+
+    fn flush(&mut self) -> io::Result<()> {
+        self.inner.as_mut().map_or(Ok(()), Write::flush)
+    }
+}
+
+impl Drop for File {
+    fn drop(&mut self) {
+        if let Some(inner) = self.inner.take() {
+            let path = inner.path().to_path_buf();
+            drop(inner);
+            locked(&LIVE).remove(&path);
+        }
+    }
+}
+
+/// A folder in `parent` for what a result replaces, under the name that it had there. The caller must hold off interrupts
+/// ([`interrupt::hold`]) until it is dropped. A run that finds one left behind puts back what has no successor.
+///
+/// # Errors
+/// It cannot be made.
+pub fn for_replaced(parent: &Path) -> io::Result<tempfile::TempDir> {
+    let prefix = format!("{REPLACED}{}", tag());
+    let mut builder = tempfile::Builder::new();
+    builder.prefix(&prefix).rand_bytes(RANDOM);
+    builder.tempdir_in(parent)
+}
+
+/// Temporary files are private; results are as readable as any new file. The process' file mode mask takes away what it
+/// forbids.
+fn permit(builder: &mut tempfile::Builder<'_, '_>, mode: u32) {
+    #[cfg(unix)]
+    {
+        use std::os::unix::fs::PermissionsExt;
+        builder.permissions(fs::Permissions::from_mode(mode));
+    }
+    #[cfg(not(unix))]
+    let _ = (builder, mode);
+}
+
+/// Removes all that is there, while nothing new can be made, and never lets go.
+pub fn remove_all() {
+    let live = locked(&LIVE);
+    for path in live.iter() {
+        // Another thread may write into it still: what it has opened, it can finish.
+        for _ in 0..50 {
+            match remove(path) {
+                Err(error) if error.kind() != io::ErrorKind::NotFound => {
+                    std::thread::sleep(Duration::from_millis(10));
+                }
+                _ => break,
+            }
+        }
+    }
+    std::mem::forget(live);
+    let parents = locked(&PARENTS);
+    // What is below a folder comes behind it.
+    for path in parents.iter().rev() {
+        let _ = fs::remove_dir(path);
+    }
+    std::mem::forget(parents);
+}
+
+/// Removes a file, or a folder with all that is in it.
+fn remove(path: &Path) -> io::Result<()> {
+    match fs::symlink_metadata(path)?.is_dir() {
+        true => fs::remove_dir_all(path),
+        false => fs::remove_file(path),
+    }
+}
+
+/// What a name says of its process: where its number counts, and the number.
+fn tag() -> String {
+    format!("{}-{}-", machine(), std::process::id())
+}
+
+/// Eight digits that differ where process numbers mean other processes: after a start of the machine, on another one, in another
+/// container. All zero where that cannot be told.
+fn machine() -> &'static str {
+    static MACHINE: OnceLock<String> = OnceLock::new();
+    MACHINE.get_or_init(|| {
+        let started = fs::read("/proc/sys/kernel/random/boot_id");
+        let names = fs::read_link("/proc/self/ns/pid");
+        let (Ok(started), Ok(names)) = (started, names) else {
+            return "0".repeat(8);
+        };
+        let mut hasher = DefaultHasher::new();
+        (started, names).hash(&mut hasher);
+        format!("{:08x}", hasher.finish() as u32)
+    })
+}
+
+/// What the rest of a name says, behind its prefix.
+#[derive(Debug, PartialEq)]
+enum Tag<'n> {
+    /// The machine and the process.
+    Process(&'n str, u32),
+    /// Nothing: earlier versions wrote none.
+    Old,
+}
+
+fn tag_of(rest: &str) -> Option<Tag<'_>> {
+    let is_random =
+        |text: &str| text.len() == RANDOM && text.bytes().all(|byte| byte.is_ascii_alphanumeric());
+    let mut parts = rest.split('-');
+    match (parts.next()?, parts.next(), parts.next(), parts.next()) {
+        (random, None, ..) if is_random(random) => Some(Tag::Old),
+        (machine, Some(process), Some(random), None) => {
+            let is_hex = machine.len() == 8 && machine.bytes().all(|b| b.is_ascii_hexdigit());
+            let process = process.parse().ok()?;
+            (is_hex && is_random(random)).then_some(Tag::Process(machine, process))
+        }
+        _ => None,
+    }
+}
+
+/// Whether a process of this machine is there; `None` where that cannot be told.
+fn is_running(process: u32) -> Option<bool> {
+    #[cfg(unix)]
+    {
+        use rustix::io::Errno;
+        use rustix::process::{Pid, test_kill_process};
+        // One that has ended and that nobody has asked about is there still, in state Z.
+        let status = fs::read_to_string(format!("/proc/{process}/stat")).unwrap_or_default();
+        let state = status
+            .rsplit(')')
+            .next()
+            .and_then(|rest| rest.trim_start().chars().next());
+        let process = Pid::from_raw(i32::try_from(process).ok()?)?;
+        Some(test_kill_process(process) != Err(Errno::SRCH) && !matches!(state, Some('Z' | 'X')))
+    }
+    #[cfg(not(unix))]
+    {
+        let _ = process;
+        None
+    }
+}
+
+/// Whether nobody needs any longer what has a name with this tag.
+fn is_abandoned(tag: &Tag<'_>, path: &Path) -> bool {
+    if let Tag::Process(name, process) = tag
+        && *name == machine()
+        && name.bytes().any(|digit| digit != b'0')
+        && let Some(is_running) = is_running(*process)
+    {
+        return !is_running;
+    }
+    let modified = fs::symlink_metadata(path).and_then(|data| data.modified());
+    let age = modified
+        .ok()
+        .and_then(|modified| SystemTime::now().duration_since(modified).ok());
+    age.is_some_and(|age| age > DAY)
+}
+
+/// Removes what runs that were killed have left in a folder under names with this prefix; failing to is no harm.
+fn sweep(folder: &Path, prefix: &str) {
+    let place = folder.canonicalize().unwrap_or_default().join(prefix);
+    if !locked(&SWEPT).insert(place) {
+        return;
+    }
+    sweep_now(folder, prefix);
+}
+
+fn sweep_now(folder: &Path, prefix: &str) {
+    let Ok(entries) = fs::read_dir(folder) else {
+        return;
+    };
+    for entry in entries.flatten() {
+        let name = entry.file_name();
+        let Some(name) = name.to_str() else {
+            continue;
+        };
+        if let (RESULT, Some(rest)) = (prefix, name.strip_prefix(REPLACED)) {
+            if let Some(tag) = tag_of(rest)
+                && is_abandoned(&tag, &entry.path())
+            {
+                put_back(folder, &entry.path());
+            }
+        } else if let Some(tag) = name.strip_prefix(prefix).and_then(tag_of)
+            && is_abandoned(&tag, &entry.path())
+            // Earlier versions kept here what they could not put back.
+            && !(tag == Tag::Old && entry.path().join("earlier").exists())
+        {
+            let _ = remove(&entry.path());
+        }
+    }
+}
+
+/// Of what a killed run has set aside, puts back what has no successor, and removes the rest.
+fn put_back(folder: &Path, replaced: &Path) {
+    let Ok(entries) = fs::read_dir(replaced) else {
+        return;
+    };
+    for entry in entries.flatten() {
+        let place = folder.join(entry.file_name());
+        if fs::symlink_metadata(&place).is_err() && fs::rename(entry.path(), &place).is_err() {
+            return;
+        }
+    }
+    let _ = remove(replaced);
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn names(folder: &Path) -> Vec<String> {
+        let entries = fs::read_dir(folder).unwrap();
+        let mut names: Vec<String> = entries
+            .map(|entry| entry.unwrap().file_name().into_string().unwrap())
+            .collect();
+        names.sort();
+        names
+    }
+
+    #[test]
+    fn what_is_dropped_vanishes_and_what_is_kept_stays() {
+        let parent = tempfile::tempdir().unwrap();
+        let folder = Folder::for_result(parent.path()).unwrap();
+        fs::write(folder.path().join("a"), "1").unwrap();
+        let file = File::new(parent.path()).unwrap();
+        let live = [folder.path().to_path_buf(), file.path().to_path_buf()];
+        assert!(live.iter().all(|path| locked(&LIVE).contains(path)));
+        let name = folder.path().file_name().unwrap().to_str().unwrap();
+        let tag = tag_of(name.strip_prefix(RESULT).unwrap());
+        assert_eq!(tag, Some(Tag::Process(machine(), std::process::id())));
+        drop((folder, file));
+        assert_eq!(names(parent.path()), [""; 0]);
+        let folder = Folder::for_result(parent.path()).unwrap();
+        fs::rename(folder.path(), parent.path().join("kept")).unwrap();
+        folder.keep();
+        let mut file = File::new(parent.path()).unwrap();
+        file.write_all(b"text").unwrap();
+        file.persist(&parent.path().join("file")).unwrap();
+        assert_eq!(names(parent.path()), ["file", "kept"]);
+        assert!(live.iter().all(|path| !locked(&LIVE).contains(path)));
+    }
+
+    #[test]
+    fn folders_made_for_a_result_vanish_without_it() {
+        let parent = tempfile::tempdir().unwrap();
+        let deep = parent.path().join("a/b/c");
+        drop(Parents::make(&deep).unwrap());
+        assert_eq!(names(parent.path()), [""; 0]);
+        let parents = Parents::make(&deep).unwrap();
+        fs::write(parent.path().join("a/b/mine"), "").unwrap();
+        drop(parents);
+        assert_eq!(names(&parent.path().join("a/b")), ["mine"]);
+        Parents::make(&deep).unwrap().keep();
+        drop(Parents::make(&deep).unwrap());
+        assert!(deep.is_dir());
+        assert!(Parents::make(&parent.path().join("a/b/mine/d/e")).is_err());
+        assert_eq!(names(&parent.path().join("a/b")), ["c", "mine"]);
+    }
+
+    #[test]
+    fn tags_are_told_from_other_names() {
+        assert_eq!(
+            tag_of("0123abcd-77-aB3dE6"),
+            Some(Tag::Process("0123abcd", 77))
+        );
+        assert_eq!(tag_of("aB3dE6"), Some(Tag::Old));
+        for other in ["", "notes.txt", "0123abcd-77", "0123abcd-x-aB3dE6", "aB3dE"] {
+            assert_eq!(tag_of(other), None, "{other}");
+        }
+    }
+
+    /// The number of a process that is over.
+    #[cfg(target_os = "linux")]
+    fn process_that_is_over() -> u32 {
+        let mut child = std::process::Command::new("true").spawn().unwrap();
+        let number = child.id();
+        child.wait().unwrap();
+        number
+    }
+
+    #[cfg(target_os = "linux")]
+    #[test]
+    fn a_process_that_nobody_has_asked_about_is_over() {
+        let mut child = std::process::Command::new("true").spawn().unwrap();
+        while is_running(child.id()) == Some(true) {
+            std::thread::yield_now();
+        }
+        // It was a zombie until now.
+        assert_eq!(
+            child.try_wait().unwrap().map(|status| status.success()),
+            Some(true)
+        );
+        assert_eq!(is_running(std::process::id()), Some(true));
+    }
+
+    #[cfg(target_os = "linux")]
+    #[test]
+    fn what_a_killed_process_has_left_is_removed_and_nothing_else() {
+        let parent = tempfile::tempdir().unwrap();
+        let at = |name: &str| parent.path().join(name);
+        let (ours, over) = (machine(), process_that_is_over());
+        let left = format!(".dynrt-{ours}-{over}-aaaaaa");
+        let alive = format!(".dynrt-{ours}-{}-aaaaaa", std::process::id());
+        let elsewhere = format!(".dynrt-ffffffff-{over}-aaaaaa");
+        let old_elsewhere = format!(".dynrt-ffffffff-{over}-bbbbbb");
+        let (old, new, kept) = (".dynrt-cccccc", ".dynrt-dddddd", ".dynrt-eeeeee");
+        for name in [&left, &alive, &elsewhere, &old_elsewhere] {
+            fs::create_dir_all(at(name).join("below")).unwrap();
+        }
+        for name in [old, new, "mine"] {
+            fs::create_dir(at(name)).unwrap();
+        }
+        fs::create_dir_all(at(kept).join("earlier")).unwrap();
+        fs::write(at(&format!(".dynrt-{ours}-{over}-ffffff")), "a file").unwrap();
+        for name in [old, kept, old_elsewhere.as_str(), "mine"] {
+            let two_days_ago = SystemTime::now() - 2 * DAY;
+            let folder = fs::File::open(at(name)).unwrap();
+            folder.set_modified(two_days_ago).unwrap();
+        }
+        sweep_now(parent.path(), RESULT);
+        let mut expected = [&alive, &elsewhere, new, kept, "mine"];
+        expected.sort_unstable();
+        assert_eq!(names(parent.path()), expected);
+    }
+
+    #[cfg(target_os = "linux")]
+    #[test]
+    fn what_a_killed_process_was_about_to_replace_is_put_back() {
+        let parent = tempfile::tempdir().unwrap();
+        let at = |name: &str| parent.path().join(name);
+        let aside = format!(".dynrt-old-{}-{}-", machine(), process_that_is_over());
+        for (end, name) in [("aaaaaa", "lost"), ("bbbbbb", "replaced")] {
+            let aside = at(&format!("{aside}{end}")).join(name);
+            fs::create_dir_all(&aside).unwrap();
+            fs::write(aside.join("text"), "earlier").unwrap();
+        }
+        fs::create_dir(at("replaced")).unwrap();
+        sweep_now(parent.path(), RESULT);
+        assert_eq!(names(parent.path()), ["lost", "replaced"]);
+        assert_eq!(names(&at("lost")), ["text"]);
+        assert_eq!(names(&at("replaced")), [""; 0]);
+    }
+}

@@ -1,0 +1,12 @@
+//! The Verilog in Verilator, compared with the golden model: units, frames, films, a picture.
+
+mod animate;
+mod fp_units;
+mod frames;
+mod lending;
+mod picture;
+mod skinning;
+#[path = "../support/mod.rs"]
+mod support;
+mod units;
+mod update;

@@ -1,0 +1,7 @@
+//! What is generated: the machine, its vectors, machines of other configurations.
+
+mod machines;
+mod rtl_current;
+#[path = "../support/mod.rs"]
+mod support;
+mod vectors;

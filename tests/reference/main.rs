@@ -1,0 +1,9 @@
+//! The golden model and what it is held against: arithmetic, trees, traversal by brute force, update programs.
+
+mod arithmetic;
+mod laws;
+mod program;
+#[path = "../support/mod.rs"]
+mod support;
+mod tree;
+mod two_levels;
