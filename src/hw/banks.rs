@@ -1,8 +1,22 @@
 //! Block RAM of more words than one has.
 
 use super::plan::Plan;
-use super::prefetch::pick;
 use crate::hdl::{Builder, Memory, Signal, Style, bits_for};
+
+/// The choice that an index names, by a tree of choices between two. It is called `name` where it gets a name in the Verilog.
+pub(super) fn pick<'b>(name: &str, index: Signal<'b>, choices: &[Signal<'b>]) -> Signal<'b> {
+    if let [only] = choices {
+        return *only;
+    }
+    let half = choices.len().next_power_of_two() / 2;
+    let (low, high) = choices.split_at(half);
+    let level = half.trailing_zeros();
+    let is_high = index.bit(level).hinted(format!("{name}_index{level}"));
+    let high = pick(&format!("{name}_high"), index, high);
+    is_high
+        .mux(high, pick(&format!("{name}_low"), index, low))
+        .hinted(name)
+}
 
 /// Words of a block RAM at its greatest width: 512 of 36 bits, in a Virtex-4 as in an ECP5.
 const WORDS: u32 = 512;

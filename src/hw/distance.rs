@@ -1,6 +1,7 @@
 //! The plane distance: (plane − origin) × reciprocal, three ulps down or up.
 
 use super::fp::{Units, step_up_or_down};
+use super::timing::Timing;
 use crate::hdl::{Builder, HdlError, Library, Module, Parameter, Signal, Specs};
 use crate::interface;
 use std::sync::Arc;
@@ -18,9 +19,6 @@ interface! {
         out "Distance in multiples of the ray's direction" { distance: number }
     }
 }
-
-/// Target clock, in MHz, from which on a step's adder has a register behind it.
-const REGISTER_SUM_FROM: u32 = 120;
 
 pub(super) fn near(units: &Units) -> Result<Arc<Module>, HdlError> {
     module(units, false)
@@ -81,7 +79,7 @@ pub(super) fn from_offset<'b>(
     up: Signal<'b>,
 ) -> Signal<'b> {
     let exact = units.mul(name, offset, reciprocal);
-    let after_sum = |sum: Signal<'b>| match units.clock_mhz >= REGISTER_SUM_FROM {
+    let after_sum = |sum: Signal<'b>| match Timing::at(units.clock_mhz).step_sum {
         true => sum.register(),
         false => sum,
     };

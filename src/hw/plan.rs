@@ -2,8 +2,10 @@
 
 use super::distance;
 use super::fp::{Operand, Units, goes_before};
+use super::timing::Timing;
 use crate::config::{Config, TriangleTest};
 use crate::float::Format;
+use crate::hdl::fifo::{self, Placed};
 use crate::hdl::{Builder, HdlError, Memory, Module, Signal, bits_for};
 use std::sync::Arc;
 
@@ -19,21 +21,11 @@ pub struct Plan {
     /// Plane distances, three ulps down and up.
     pub near_distance: Arc<Module>,
     pub far_distance: Arc<Module>,
+    /// Registers that the clock asks for.
+    pub timing: Timing,
     /// Whether the machine has trace ports, which show every packet step, test and transformation.
     pub trace: bool,
 }
-
-/// Target clocks, in MHz, from which on a path needs a register more. A block RAM's output takes half of a 10 ns
-/// period on an ECP5, so from 80 MHz on it is registered again; the wires from all of a wide memory's RAMs take the rest of an 8 ns
-/// period, so from 120 MHz on once more.
-const REGISTER_RAM_OUTPUT_FROM: [u32; 2] = [80, 120];
-const REGISTER_EACH_COMPARISON_FROM: u32 = 70;
-
-/// What a comparison decides goes to each bit of a choice.
-const REGISTER_DECISIONS_FROM: u32 = 110;
-
-/// A choice whose result goes to many block RAMs or operators: the wires to all of them take most of a 10 ns period.
-const REGISTER_CHOICE_FROM: u32 = 80;
 
 impl Plan {
     /// Of a machine without trace ports.
@@ -46,6 +38,7 @@ impl Plan {
             near_distance: distance::near(&units)?,
             far_distance: distance::far(&units)?,
             units,
+            timing: Timing::at(config.clock_mhz),
             trace: false,
         })
     }
@@ -105,6 +98,36 @@ impl Plan {
         self.config.address_bits
     }
 
+    /// A queue: see [`fifo::place`].
+    ///
+    /// # Errors
+    /// None of a depth of at least 1.
+    pub fn queue<'b>(
+        &self,
+        name: &str,
+        depth: u32,
+        push: Signal<'b>,
+        data: Signal<'b>,
+        pop: Signal<'b>,
+    ) -> Result<Placed<'b>, HdlError> {
+        fifo::place(self.timing.queue_front, name, depth, push, data, pop)
+    }
+
+    /// A queue in block RAM: see [`fifo::place_block`].
+    ///
+    /// # Errors
+    /// None of a depth of at least 1.
+    pub fn block_queue<'b>(
+        &self,
+        name: &str,
+        depth: u32,
+        push: Signal<'b>,
+        data: Signal<'b>,
+        pop: Signal<'b>,
+    ) -> Result<Placed<'b>, HdlError> {
+        fifo::place_block(self.read_latency(), name, depth, push, data, pop)
+    }
+
     /// A synchronous read, with more registers where the clock asks for them.
     pub fn read<'b>(&self, memory: Memory<'b>, address: Signal<'b>) -> Signal<'b> {
         self.settle_read(memory.read(address), 1)
@@ -128,8 +151,7 @@ impl Plan {
 
     /// Registers that [`Plan::read`] takes.
     pub fn read_latency(&self) -> u32 {
-        let more = REGISTER_RAM_OUTPUT_FROM.iter();
-        1 + more.filter(|&&from| self.config.clock_mhz >= from).count() as u32
+        self.timing.read_latency()
     }
 
     /// A read as [`Plan::read`] makes it, but `otherwise` where `wanted`, which stands beside the address, is low.
@@ -190,7 +212,7 @@ impl Plan {
 
     /// Registers that [`Plan::choose`] takes.
     pub fn choose_latency(&self) -> u32 {
-        u32::from(self.config.clock_mhz >= REGISTER_CHOICE_FROM)
+        u32::from(self.timing.choice)
     }
 
     /// `x` where it is less than `bound`, else `bound`, its pattern unchanged: a NaN never replaces a bound. Called `name` in the
@@ -234,7 +256,7 @@ impl Plan {
 
     /// A register after what a comparison decides, where the clock asks for it.
     pub fn decide<'b>(&self, signal: Signal<'b>) -> Signal<'b> {
-        if self.config.clock_mhz >= REGISTER_DECISIONS_FROM {
+        if self.timing.decision {
             signal.register()
         } else {
             signal
@@ -243,7 +265,7 @@ impl Plan {
 
     /// A register after a comparison whose result chooses, where the clock asks for it.
     pub fn settle<'b>(&self, signal: Signal<'b>) -> Signal<'b> {
-        if self.config.clock_mhz >= REGISTER_EACH_COMPARISON_FROM {
+        if self.timing.comparison {
             signal.register()
         } else {
             signal

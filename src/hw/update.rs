@@ -46,9 +46,6 @@ use properties::Unit;
 use std::sync::Arc;
 use write::{End, Nodes};
 
-/// Target clock, in MHz, from which on an event has a stage of its own before it is counted.
-const REGISTER_EVENTS_FROM: u32 = 120;
-
 /// Bits of a row of the program.
 const ROW_BITS: u32 = 8 * Program::ROW_BYTES as u32;
 
@@ -329,5 +326,5 @@ fn later<'b>(m: &'b Builder, name: &str, bit: Signal<'b>) -> Signal<'b> {
 
 /// Whether an event is counted a clock later: it leaves too little of the clock for the wires to a counter.
 fn counts_later(plan: &Plan) -> bool {
-    plan.config.clock_mhz >= REGISTER_EVENTS_FROM
+    plan.timing.event
 }

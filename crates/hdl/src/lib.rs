@@ -40,13 +40,16 @@ mod check;
 mod design;
 mod equal;
 mod error;
+pub mod fifo;
 mod ir;
 mod library;
 mod memory;
 mod mutation;
 mod outline;
 mod pipeline;
+pub mod prefetch;
 mod proof;
+pub mod properties;
 mod signal;
 mod verilog;
 

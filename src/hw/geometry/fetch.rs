@@ -3,8 +3,8 @@
 use super::{Fetched, Inputs, VECTORS_OF_INSTANCE, VERTICES_OF_TRIANGLE};
 use crate::bkd::layout::fields;
 use crate::bundle;
+use crate::hdl::fifo;
 use crate::hdl::{Builder, Flow, HdlError, Memory, Request, Signal, Specs, Style};
-use crate::hw::fifo;
 use crate::hw::plan::Plan;
 use crate::hw::ray::Context;
 
@@ -131,8 +131,7 @@ fn request_vertices<'b>(
     let triangle = fields::Triangle::of().unpack(payload.data);
     let job = Job::of(plan);
     let job_done = m.wire("job_done", 1);
-    let queue = fifo::place_block(
-        plan,
+    let queue = plan.block_queue(
         "vertex_queue",
         plan.packets(),
         valid,

@@ -2,8 +2,8 @@
 
 use super::fetch::Fetch;
 use super::{Fetched, Inputs};
+use crate::hdl::fifo;
 use crate::hdl::{Builder, HdlError, Memory, Pipeline, Signal, Specs, Style};
-use crate::hw::fifo;
 use crate::hw::plan::Plan;
 
 /// The slots that a ray takes to be transformed, in their order.
@@ -103,8 +103,7 @@ pub(super) fn issue<'b>(
     );
     let take_ready = m.wire("take_ready", 1);
     let fetched = Fetched::of(plan);
-    let queue = fifo::place(
-        plan,
+    let queue = plan.queue(
         "ready_queue",
         packets,
         fetch.arrival.complete,

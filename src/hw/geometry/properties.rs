@@ -8,9 +8,9 @@
 use super::fetch::{CORNER_BITS, Fetch, Job};
 use super::issue::{Issue, ORIGIN_SLOT, Slot};
 use super::{Fetched, Inputs, Outputs, VECTORS_OF_INSTANCE, VERTICES_OF_TRIANGLE};
+use crate::hdl::fifo::Placed;
+use crate::hdl::properties::{assert_shown_stays, shown_stays};
 use crate::hdl::{Builder, Bundle, Flow, Proof, ReadPort, Reg, Request, Signal, Stream, bits_for};
-use crate::hw::fifo::Placed;
-use crate::hw::properties::{assert_shown_stays, shown_stays};
 
 /// Vertices or vectors that a leaf's requests can number.
 const CORNERS: u32 = 1 << CORNER_BITS;

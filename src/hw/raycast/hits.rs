@@ -1,7 +1,7 @@
 //! Hits that leave.
 
+use crate::hdl::fifo::Placed;
 use crate::hdl::{Builder, Flow, HdlError, Signal, Specs};
-use crate::hw::fifo::{self, Placed};
 use crate::hw::plan::Plan;
 use crate::hw::ray::Hit;
 use crate::hw::tpu::Finished;
@@ -36,8 +36,7 @@ pub(super) fn hits<'b>(
     let of_finished = Finished::of(plan);
     m.comment("Finished packets hand out their hits ray by ray. The word read is always that of the ray shown next.");
     let take_finished = m.wire("take_finished", 1);
-    let queue = fifo::place(
-        plan,
+    let queue = plan.queue(
         "finished_queue",
         plan.packets(),
         finished.valid,

@@ -1,8 +1,8 @@
 //! Packet numbers, and the packets that rays of the world come in.
 
 use super::FromHits;
+use crate::hdl::fifo::Placed;
 use crate::hdl::{Builder, HdlError, Memory, Signal, Style};
-use crate::hw::fifo::{self, Placed};
 use crate::hw::plan::Plan;
 use crate::hw::ray::Place;
 
@@ -44,8 +44,7 @@ pub(super) fn packets<'b>(
     sweeping.next(sweeping.q & !sweep_packet.q.equals(u128::from(packets) - 1));
     sweep_packet.next_when(sweeping.q, sweep_packet.q + m.lit(1u8, pb));
     let take_free = m.wire("take_free", 1);
-    let free = fifo::place(
-        plan,
+    let free = plan.queue(
         "free_queue",
         packets,
         sweeping.q | hits.freed,

@@ -10,9 +10,9 @@ use super::hits::Hits;
 use super::packets::Packets;
 use super::units::VertexRequest;
 use super::{Inputs, Outputs};
+use crate::hdl::properties::{assert_shown_stays, count, shown_stays};
 use crate::hdl::{Bundle, Proof, Signal};
 use crate::hw::plan::Plan;
-use crate::hw::properties::{assert_shown_stays, count, shown_stays};
 
 /// Bits in which packets, and vertices that are owed, are counted.
 const BITS: u32 = 16;

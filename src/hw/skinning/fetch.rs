@@ -1,9 +1,9 @@
 //! Fetch: starts meshes, and reads their influences, their palettes and their vertices at rest ahead of their use.
 
 use super::{Around, Column, Start, joint_bits};
+use crate::hdl::properties::Reader;
 use crate::hdl::{Flow, HdlError, Signal};
 use crate::hw::counters::{counts_down, counts_up};
-use crate::hw::properties::Reader;
 
 /// The rows of a mesh's influences, as they come.
 pub(super) struct Rows<'b> {
@@ -41,7 +41,14 @@ impl<'b> Rows<'b> {
         let names = ("row_prefetch", "rows");
         let room = plan.config.skinning_rows_ahead;
         let (fetch, memory) = (Flow::new(wanted, address.q), inputs.influence);
-        let reader = Reader::new(plan, names, room, fetch, memory, told.pop_row)?;
+        let reader = Reader::new(
+            plan.timing.arrival,
+            names,
+            room,
+            fetch,
+            memory,
+            told.pop_row,
+        )?;
         no_rows.drive(reader.empty);
         let requested = (wanted & reader.fetch_ready).named("row_requested");
         counts_down(rows_left, (starts, mesh.rows), requested);
@@ -95,7 +102,14 @@ impl<'b> Vectors<'b> {
         let names = ("vector_prefetch", "vectors");
         let room = plan.config.skinning_vertices_ahead;
         let fetch = Flow::new(wanted, address);
-        let reader = Reader::new(plan, names, room, fetch, inputs.vertex, pop.get())?;
+        let reader = Reader::new(
+            plan.timing.arrival,
+            names,
+            room,
+            fetch,
+            inputs.vertex,
+            pop.get(),
+        )?;
         let requested = (wanted & reader.fetch_ready).named("vector_requested");
         let column_requested = (requested & requests_column).named("column_requested");
         let rest_requested = (requested & !requests_column).named("rest_requested");

@@ -4,8 +4,8 @@ use super::fetch::{Rows, Vectors};
 use super::{Around, Influence, Issued, Mark, POSITION_BITS, joint_bits};
 use crate::bkd::layout::{INFLUENCES_PER_ROW, fields};
 use crate::hdl::{Flow, Signal, Signals, Specs, bits_for};
+use crate::hw::banks::pick;
 use crate::hw::counters::counts_up;
-use crate::hw::prefetch::pick;
 use crate::hw::ray::Vector;
 
 /// What is issued.

@@ -11,8 +11,8 @@ use super::fetch::{Rows, Vectors};
 use super::issue::Issue;
 use super::sum::VertexSums;
 use super::write::Queue;
+use crate::hdl::properties::{Ahead, assert_shown_stays, count};
 use crate::hdl::{Builder, Proof, Signal, bits_for};
-use crate::hw::properties::{Ahead, assert_shown_stays, count};
 
 /// Bits in which what is under way is counted, and those of a mesh's vertices.
 const BITS: u32 = 16;

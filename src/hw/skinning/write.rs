@@ -5,9 +5,9 @@ use super::fetch::Rows;
 use super::issue::Issue;
 use super::sum::VertexSums;
 use crate::bkd::layout::fields;
+use crate::hdl::prefetch::Occupancy;
 use crate::hdl::{Flow, Memory, Signal, Specs, Style, Write, bits_for};
 use crate::hw::counters::{counts_down, counts_up};
-use crate::hw::prefetch::Occupancy;
 
 /// The write queue, and the end of a mesh.
 pub(super) struct Queue<'b> {
@@ -62,14 +62,21 @@ impl<'b> Queue<'b> {
         let written = m.wire("written", 1);
         let grows = m.reg_reset("queue_grows", 1, 0);
         grows.next(vertex_done);
-        let queued = Occupancy::new(plan, m, "queue_count", depth, grows.q, written.get());
+        let queued = Occupancy::new(
+            plan.timing.room,
+            m,
+            "queue_count",
+            depth,
+            grows.q,
+            written.get(),
+        );
         let next_head = written.get().mux(after(head.q), head.q).named("next_head");
         head.next(next_head);
         let front = words.read(next_head);
         written.drive(queued.any & inputs.write_ready);
         let written = written.get();
         let under_way = Occupancy::new(
-            plan,
+            plan.timing.room,
             m,
             "vertices_under_way",
             depth,

@@ -10,10 +10,6 @@ use crate::hdl::{Builder, Bundle, Signal, Specs, Wire, Wires};
 use crate::hw::plan::Plan;
 use crate::hw::ray::{Context, InContext};
 
-/// Target clock, in MHz, from which on where a packet goes after a start or a pop has a register: whether any of its rays stays is
-/// decided in the clock before, and the wires to all queues and memories take the rest of it.
-const REGISTER_ENTERED_FROM: u32 = 120;
-
 /// What pops and starts write for the step; [`enter`] drives the wires.
 pub(super) struct PoppedWires<'b> {
     pub packet: PoppedWrite<Wire<'b>>,
@@ -33,7 +29,7 @@ impl<'b> PoppedWires<'b> {
 
 /// A packet that goes somewhere after a pop or a start.
 pub(super) struct Entered<'b> {
-    /// Whether it goes somewhere; from [`REGISTER_ENTERED_FROM`] on, a clock before the rest.
+    /// Whether it goes somewhere; with [`Timing::entered_packet`](crate::hw::timing::Timing), a clock before the rest.
     pub decided: Signal<'b>,
     pub registered: bool,
     pub valid: Signal<'b>,
@@ -43,7 +39,7 @@ pub(super) struct Entered<'b> {
     /// Which packet that is, and its rays.
     pub queued: Signal<'b>,
     pub mask: Signal<'b>,
-    /// The packet that starts or whose pop ends; from [`REGISTER_ENTERED_FROM`] on, a clock before the rest.
+    /// The packet that starts or whose pop ends; with [`Timing::entered_packet`](crate::hw::timing::Timing), a clock before the rest.
     pub packet: Signal<'b>,
     /// Whether it starts nowhere, being of the world; in the same clock.
     pub none_enters: Signal<'b>,
@@ -79,7 +75,7 @@ pub(super) fn enter<'b>(
         .drive(arrives.mux(started, again(pop.packet, pop.context)));
 
     // What is kept here is read after the node's answer, which takes a clock more than this register.
-    let registered = plan.config.clock_mhz >= REGISTER_ENTERED_FROM;
+    let registered = plan.timing.entered_packet;
     let later = |name: &str, signal: Signal<'b>, reset: Option<u128>| {
         if !registered {
             return signal;

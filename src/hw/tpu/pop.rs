@@ -4,8 +4,8 @@ use super::clip;
 use super::stack::{Entry, Stack};
 use super::step::Step;
 use crate::bundle;
+use crate::hdl::fifo::Placed;
 use crate::hdl::{Builder, Bundle, Flow, HdlError, Module, Signal, Specs};
-use crate::hw::fifo::{self, Placed};
 use crate::hw::plan::Plan;
 use crate::hw::ray::{Context, InContext, Interval, Limit};
 use std::sync::Arc;
@@ -48,9 +48,8 @@ pub(super) fn choose<'b>(
     );
     let [take_done, take_retry, take_stepped] =
         ["take_done", "take_retry", "take_stepped_pop"].map(|name| m.wire(name, 1));
-    let queue = |name, push, word, take: Signal<'b>| {
-        fifo::place(plan, name, plan.packets(), push, word, take)
-    };
+    let queue =
+        |name, push, word, take: Signal<'b>| plan.queue(name, plan.packets(), push, word, take);
     let word = of_word.pack(done.payload);
     let done_queue = queue("done_queue", done.valid, word, take_done.get())?;
     let retry_queue = queue("retry_queue", retry.push, retry.item, take_retry.get())?;

@@ -6,11 +6,11 @@ use super::pop::{Popped, Popping};
 use super::serve::Served;
 use super::stack::Stack;
 use super::step::{Sliced, Step};
+use crate::hdl::fifo::Placed;
+use crate::hdl::properties::shown_stays;
 use crate::hdl::{Memory, Proof, Signal, Specs as _, bits_for};
 use crate::hw::banks::Banks;
-use crate::hw::fifo::Placed;
 use crate::hw::plan::Plan;
-use crate::hw::properties::shown_stays;
 use crate::hw::ray::Context;
 
 /// The unit's parts, as its description made them.

@@ -4,8 +4,8 @@
 use super::enter::Entered;
 use super::kept::{Item, Request};
 use super::step::Step;
+use crate::hdl::fifo::Placed;
 use crate::hdl::{self, Builder, Flow, HdlError, ReadOutputs, Signal, Specs, Wire, Wires};
-use crate::hw::fifo::{self, Placed};
 use crate::hw::plan::Plan;
 use crate::hw::ray::{Context, Leaf};
 
@@ -33,7 +33,7 @@ struct Coming<'b> {
     after_pop: (Signal<'b>, Signal<'b>),
 }
 
-/// Places a queue as [`fifo::place`] does.
+/// Places a queue as [`Plan::queue`] does.
 type PlaceQueue<'b> =
     fn(&Plan, &str, u32, Signal<'b>, Signal<'b>, Signal<'b>) -> Result<Placed<'b>, HdlError>;
 
@@ -104,7 +104,7 @@ pub(super) fn nodes<'b>(
         after_step: (stepped & !step.first.leaf, after_step),
         after_pop: (entered.valid & !entered.leaf, after_pop),
     };
-    let (front, served) = serve(plan, "node", fifo::place, coming, ready)?;
+    let (front, served) = serve(plan, "node", Plan::queue, coming, ready)?;
     kept.drive(Request {
         fire: served.valid & ready,
         item: front,
@@ -146,6 +146,6 @@ pub(super) fn leaves<'b>(
         after_step: (stepped & step.first.leaf, after_step),
         after_pop: (entered.valid & entered.leaf, after_pop),
     };
-    let (front, served) = serve(plan, "leaf", fifo::place_block, coming, ready)?;
+    let (front, served) = serve(plan, "leaf", Plan::block_queue, coming, ready)?;
     Ok((Flow::new(served.valid, leaf.unpack(front)), served))
 }

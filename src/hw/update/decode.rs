@@ -4,11 +4,11 @@
 use super::fetch::Rows;
 use super::{Around, Instruction, ROW_BITS, Start, WINDOW_BYTES, WORD_BITS, box_bits, vertex_bits};
 use crate::bundle;
+use crate::hdl::properties::Reader;
 use crate::hdl::{Builder, Flow, Reg, Signal, Specs, Style, bits_for};
+use crate::hw::banks::pick;
 use crate::hw::counters::counts_up;
 use crate::hw::plan::Plan;
-use crate::hw::prefetch::pick;
-use crate::hw::properties::Reader;
 
 /// Bytes that a refill brings.
 const WORD_BYTES: u32 = WORD_BITS / 8;

@@ -4,9 +4,9 @@
 use super::decode::Decode;
 use super::fetch::Vertices;
 use super::{Around, Instruction};
+use crate::hdl::fifo::Placed;
+use crate::hdl::prefetch::Occupancy;
 use crate::hdl::{HdlError, Signal, Signals, Spec, Specs};
-use crate::hw::fifo::{self, Placed};
-use crate::hw::prefetch::Occupancy;
 
 /// What execution gives.
 pub(super) struct Execute<'b> {
@@ -45,8 +45,15 @@ impl<'b> Execute<'b> {
         let take = m.wire("take_instruction", 1);
         let (push, word) = (decode.completed.valid, decode.completed.payload);
         let (comes, pop) = (decode.decode, take.get());
-        let queue = fifo::place(plan, "instruction_queue", depth, push, word, pop)?;
-        let in_flight = Occupancy::new(plan, m, "instructions_waiting", depth, comes, pop);
+        let queue = plan.queue("instruction_queue", depth, push, word, pop)?;
+        let in_flight = Occupancy::new(
+            plan.timing.room,
+            m,
+            "instructions_waiting",
+            depth,
+            comes,
+            pop,
+        );
 
         m.comment("Execute: the current instruction goes unless what it needs is missing.");
         let instruction = Instruction::of(plan);

@@ -2,11 +2,11 @@
 
 use super::decode::Decode;
 use super::{Around, Start, VERTEX_INDICES, counts_later};
+use crate::hdl::fifo::Placed;
+use crate::hdl::prefetch::Occupancy;
+use crate::hdl::properties::Reader;
 use crate::hdl::{Flow, HdlError, Signal};
 use crate::hw::counters::{counts_down, counts_up};
-use crate::hw::fifo::{self, Placed};
-use crate::hw::prefetch::Occupancy;
-use crate::hw::properties::Reader;
 
 /// The rows of a program, as they come.
 pub(super) struct Rows<'b> {
@@ -46,7 +46,14 @@ impl<'b> Rows<'b> {
         let names = ("program_prefetch", "rows");
         let room = plan.config.update_program_rows;
         let fetch = Flow::new(wanted, fetch_row.q);
-        let reader = Reader::new(plan, names, room, fetch, inputs.program, told.pop_row)?;
+        let reader = Reader::new(
+            plan.timing.arrival,
+            names,
+            room,
+            fetch,
+            inputs.program,
+            told.pop_row,
+        )?;
         // Not while a row is requested that it does not count yet.
         let none_before = counts_later(plan).then(|| {
             let before = m.reg_reset("no_rows_before", 1, 1);
@@ -91,13 +98,20 @@ impl<'b> Vertices<'b> {
         let take_index = m.wire("take_index", 1);
         let take = take_index.get();
         let (push, data, comes) = (decode.index.valid, decode.index.payload, decode.decode_load);
-        let indices = fifo::place(plan, "vertex_indices", VERTEX_INDICES, push, data, take)?;
+        let indices = plan.queue("vertex_indices", VERTEX_INDICES, push, data, take)?;
         let most = VERTEX_INDICES;
-        let in_flight = Occupancy::new(plan, m, "indices_under_way", most, comes, take);
+        let in_flight = Occupancy::new(plan.timing.room, m, "indices_under_way", most, comes, take);
         let names = ("vertex_prefetch", "vertices");
         let room = plan.config.update_vertices_ahead;
         let fetch = Flow::new(indices.valid, indices.front);
-        let reader = Reader::new(plan, names, room, fetch, inputs.vertex, told.pop_vertex)?;
+        let reader = Reader::new(
+            plan.timing.arrival,
+            names,
+            room,
+            fetch,
+            inputs.vertex,
+            told.pop_vertex,
+        )?;
         take_index.drive(indices.valid & reader.fetch_ready);
         Ok(Vertices {
             reader,

@@ -8,12 +8,6 @@ use crate::hdl::{Builder, Memory, Signal, Signals, Specs, Style};
 use crate::hw::fp::{Knowing, Known, is_nan, less};
 use crate::hw::plan::{AXES, Plan};
 
-/// Target clock, in MHz, from which on a comparison and the choice that it makes have a stage each.
-const SPLIT_COMPARISONS_FROM: u32 = 120;
-
-/// Target clock, in MHz, from which on a block RAM's output has a stage of its own. Below, a choice between two follows it.
-const REGISTER_RAM_OUTPUT_FROM: u32 = 120;
-
 /// What a merge starts from, all at one stage.
 pub(super) struct Operands<'b> {
     pub first: fields::Box<Signal<'b>>,
@@ -153,7 +147,7 @@ fn bound<'b>(
 /// A register's contents, a clock later or two.
 fn read<'b>(plan: &Plan, registers: Memory<'b>, number: Signal<'b>) -> Signal<'b> {
     let word = registers.read(number);
-    if plan.config.clock_mhz >= REGISTER_RAM_OUTPUT_FROM {
+    if plan.timing.merge_register {
         word.register()
     } else {
         word
@@ -162,7 +156,7 @@ fn read<'b>(plan: &Plan, registers: Memory<'b>, number: Signal<'b>) -> Signal<'b
 
 /// A register between a comparison and the choice that it makes, where the clock asks for it.
 fn split_comparison<'b>(plan: &Plan, choice: Signal<'b>) -> Signal<'b> {
-    if plan.config.clock_mhz >= SPLIT_COMPARISONS_FROM {
+    if plan.timing.merge_comparison {
         choice.register()
     } else {
         choice

@@ -8,8 +8,8 @@ use super::execute::Execute;
 use super::fetch::{Rows, Vertices};
 use super::write::{End, Nodes};
 use super::{Around, Instruction};
+use crate::hdl::properties::{Ahead, assert_shown_stays};
 use crate::hdl::{Builder, Proof, Signal};
-use crate::hw::properties::{Ahead, assert_shown_stays};
 
 /// Bits in which what is in several places is added up.
 const BITS: u32 = 10;

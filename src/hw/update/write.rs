@@ -4,10 +4,10 @@ use super::execute::Execute;
 use super::merge::{Merge, Operands};
 use super::{Around, NODE_LANES, NODE_MASK, NodeWrite, Start, counts_later, later};
 use crate::bkd::layout::{Record, fields};
+use crate::hdl::fifo::Placed;
+use crate::hdl::prefetch::Occupancy;
 use crate::hdl::{Flow, HdlError, Signal, Specs, Write};
 use crate::hw::counters::counts_up;
-use crate::hw::fifo::{self, Placed};
-use crate::hw::prefetch::Occupancy;
 
 /// The writes of nodes.
 pub(super) struct Nodes<'b> {
@@ -51,9 +51,16 @@ impl<'b> Nodes<'b> {
         let node_pop = m.wire("node_pop", 1);
         let (depth, pop) = (plan.config.update_nodes_waiting, node_pop.get());
         let (push, data) = (goes.at(at).untimed(), intervals.untimed());
-        let queue = fifo::place(plan, "node_queue", depth, push, data, pop)?;
+        let queue = plan.queue("node_queue", depth, push, data, pop)?;
         node_pop.drive(queue.valid & inputs.node_write_ready);
-        let in_flight = Occupancy::new(plan, m, "nodes_under_way", depth, execute.node_goes, pop);
+        let in_flight = Occupancy::new(
+            plan.timing.room,
+            m,
+            "nodes_under_way",
+            depth,
+            execute.node_goes,
+            pop,
+        );
         let next_node = m.reg("next_node", plan.address());
         counts_up(next_node, (start.valid, start.payload.node_base), pop);
         let node = NodeWrite {

@@ -1,19 +1,18 @@
-//! What properties of several units have in common.
+//! What properties of several modules have in common.
 
-use super::plan::Plan;
-use super::prefetch::{Inputs, Outputs, prefetch};
-use crate::hdl::{Flow, HdlError, Proof, ReadInputs, Signal};
+use crate::prefetch::{Inputs, Outputs, prefetch};
+use crate::{Flow, HdlError, Proof, ReadInputs, Signal};
 use std::ops::Deref;
 
 /// A place of a memory of `depth` words, less than twice as far, brought back into it.
 #[track_caller]
-pub(super) fn wrapped<'b>(place: Signal<'b>, depth: Signal<'b>) -> Signal<'b> {
+pub fn wrapped<'b>(place: Signal<'b>, depth: Signal<'b>) -> Signal<'b> {
     place.ge(depth).mux(place - depth, place)
 }
 
 /// That what is shown at a port and not taken is shown again.
 #[track_caller]
-pub(super) fn assert_shown_stays<'b>(
+pub fn assert_shown_stays<'b>(
     proof: &Proof<'b>,
     what: &str,
     valid: Signal<'b>,
@@ -26,7 +25,7 @@ pub(super) fn assert_shown_stays<'b>(
 
 /// The same as a condition, to be assumed of what surrounds a unit.
 #[track_caller]
-pub(super) fn shown_stays<'b>(
+pub fn shown_stays<'b>(
     proof: &Proof<'b>,
     valid: Signal<'b>,
     ready: Signal<'b>,
@@ -40,7 +39,7 @@ pub(super) fn shown_stays<'b>(
 
 /// A count, in `bits` bits, of what has come and not yet gone.
 #[track_caller]
-pub(super) fn count<'b>(
+pub fn count<'b>(
     proof: &Proof<'b>,
     bits: u32,
     name: &str,
@@ -52,8 +51,8 @@ pub(super) fn count<'b>(
     count.q
 }
 
-/// A reader ahead ([`super::prefetch`]) as a unit places it.
-pub(super) struct Reader<'b> {
+/// A reader ahead ([`prefetch`]) as a unit places it.
+pub struct Reader<'b> {
     /// Words that have a place; the front word has one more.
     pub room: u32,
     pub pop: Signal<'b>,
@@ -63,7 +62,7 @@ pub(super) struct Reader<'b> {
 impl<'b> Reader<'b> {
     /// Places one with the module's and the instance's `names`, which reads at the addresses of `fetch`.
     pub fn new(
-        plan: &Plan,
+        registers_arrival: bool,
         names: (&str, &str),
         room: u32,
         fetch: Flow<Signal<'b>, Signal<'b>>,
@@ -76,7 +75,7 @@ impl<'b> Reader<'b> {
             memory,
             pop,
         };
-        let outputs = prefetch(plan, names, room, inputs)?;
+        let outputs = prefetch(registers_arrival, names, room, inputs)?;
         Ok(Reader { room, pop, outputs })
     }
 }
@@ -91,7 +90,7 @@ impl<'b> Deref for Reader<'b> {
 
 /// A reader ahead of which is assumed what is proved of it: it has a word only if it was given an address for it, and it takes no more
 /// than it has room for.
-pub(super) struct Ahead<'b> {
+pub struct Ahead<'b> {
     /// How many words are in it.
     pub count: Signal<'b>,
     /// Whether fewer are in it than have a place.

@@ -2,8 +2,8 @@
 //! once, in any order. One word, any, is watched.
 
 use super::{Inputs, Outputs};
-use crate::hdl::{Memory, Proof, Reg, Signal};
-use crate::hw::properties::{shown_stays, wrapped};
+use crate::properties::{shown_stays, wrapped};
+use crate::{Memory, Proof, Reg, Signal};
 
 /// A reader's ports and state.
 pub(super) struct Reader<'b> {

@@ -2,36 +2,16 @@
 
 mod properties;
 
-use super::plan::Plan;
-use crate::hdl::{
+use crate::interface;
+use crate::{
     Builder, Flow, HdlError, Library, Module, Parameter, Proof, ReadInputs, Request, Signal, Specs,
     Style, bits_for,
 };
-use crate::interface;
 use properties::Reader;
 use std::sync::Arc;
 
-/// The choice that an index names, by a tree of choices between two. It is called `name` where it gets a name in the Verilog.
-pub(super) fn pick<'b>(name: &str, index: Signal<'b>, choices: &[Signal<'b>]) -> Signal<'b> {
-    if let [only] = choices {
-        return *only;
-    }
-    let half = choices.len().next_power_of_two() / 2;
-    let (low, high) = choices.split_at(half);
-    let level = half.trailing_zeros();
-    let is_high = index.bit(level).hinted(format!("{name}_index{level}"));
-    let high = pick(&format!("{name}_high"), index, high);
-    is_high
-        .mux(high, pick(&format!("{name}_low"), index, low))
-        .hinted(name)
-}
-
-/// Target clock, in MHz, from which on whether the head's word has arrived is a register: the choice of its bit and all that waits for
-/// it do not fit in a clock.
-const REGISTER_ARRIVAL_FROM: u32 = 120;
-
 interface! {
-    pub(super) (width: u32, depth: u32, address: u32) {
+    pub (width: u32, depth: u32, address: u32) {
         in "Addresses to read, taken where fetch_ready is high" { fetch_valid: 1, fetch_address: address }
         in "" {
             memory: ..{ReadInputs}(
@@ -51,8 +31,8 @@ interface! {
 
 /// Reads ahead: takes addresses while it has room for their words, requests them through a tagged read port that may
 /// answer in any order, and gives the words out in the order of the addresses. `name` is the module's, `instance` the instance's.
-pub(super) fn prefetch<'b>(
-    plan: &Plan,
+pub fn prefetch<'b>(
+    registers_arrival: bool,
     (name, instance): (&str, &str),
     depth: u32,
     inputs: Inputs<Signal<'b>>,
@@ -63,7 +43,7 @@ pub(super) fn prefetch<'b>(
         depth,
         address: address.width(),
     };
-    let module = module(plan, name, &sizes)?;
+    let module = module(registers_arrival, name, &sizes)?;
     let ports = ports(sizes.width, sizes.depth, sizes.address);
     Ok(ports.place(instance, word.module(), &module, inputs))
 }
@@ -101,7 +81,7 @@ const PARAMETERS: &[Parameter] = &[
     Parameter::number("COUNT_BITS", "bits that count words: 2**COUNT_BITS > DEPTH"),
 ];
 
-fn module(plan: &Plan, name: &str, sizes: &Sizes) -> Result<Arc<Module>, HdlError> {
+fn module(registers_arrival: bool, name: &str, sizes: &Sizes) -> Result<Arc<Module>, HdlError> {
     let library = Library {
         name: "prefetch",
         doc: "requests up to DEPTH words ahead through a tagged read port and gives them out in order.",
@@ -112,12 +92,12 @@ fn module(plan: &Plan, name: &str, sizes: &Sizes) -> Result<Arc<Module>, HdlErro
             vec![sizes.width, sizes.depth, sizes.address, tag, count]
         },
         samples: SAMPLES,
-        describe: &|sizes| describe(plan, name, sizes),
+        describe: &|sizes| describe(registers_arrival, name, sizes),
     };
     library.module(sizes)
 }
 
-fn describe(plan: &Plan, name: &str, sizes: &Sizes) -> Result<Arc<Module>, HdlError> {
+fn describe(registers_arrival: bool, name: &str, sizes: &Sizes) -> Result<Arc<Module>, HdlError> {
     let depth = sizes.depth;
     let m = Builder::new(
         name,
@@ -147,7 +127,7 @@ fn describe(plan: &Plan, name: &str, sizes: &Sizes) -> Result<Arc<Module>, HdlEr
     let count = m.reg_reset("count", count_bits, 0);
     let arrived = m.reg_reset("arrived", depth, 0);
     let front_valid = m.reg_reset("front_valid", 1, 0);
-    let registered = (plan.config.clock_mhz >= REGISTER_ARRIVAL_FROM).then(|| {
+    let registered = registers_arrival.then(|| {
         let is_there = m.reg_reset("head_is_there", 1, 0);
         let second = m.reg_reset("second", tag, 1);
         let freed = m.reg_reset("slot_freed", 1, 0);
@@ -226,13 +206,9 @@ fn describe(plan: &Plan, name: &str, sizes: &Sizes) -> Result<Arc<Module>, HdlEr
     m.finish()
 }
 
-/// Target clock, in MHz, from which on whether there is room is a register: a count's test and all that waits for room do not fit in
-/// a clock.
-const REGISTER_ROOM_FROM: u32 = 120;
-
 /// A count of what is in flight in a part of limited room.
 #[derive(Clone)]
-pub(super) struct Occupancy<'b> {
+pub struct Occupancy<'b> {
     /// Whether there is room for one more, and whether there is any.
     pub room: Signal<'b>,
     pub any: Signal<'b>,
@@ -245,7 +221,7 @@ pub(super) struct Occupancy<'b> {
 impl<'b> Occupancy<'b> {
     /// Of a part that has room for `most`.
     pub fn new(
-        plan: &Plan,
+        registered: bool,
         m: &'b Builder,
         name: &str,
         most: u32,
@@ -256,7 +232,6 @@ impl<'b> Occupancy<'b> {
         let count = m.reg_reset(name, bits, 0);
         let one = m.lit(1u8, bits);
         count.next_when(comes ^ goes, comes.mux(count.q + one, count.q - one));
-        let registered = plan.config.clock_mhz >= REGISTER_ROOM_FROM;
         let room = match registered {
             false => count.q.ne(m.lit(most, bits)),
             true => {

@@ -1,8 +1,8 @@
 //! What is proved of queues: what comes out is what went in, in order, once; nothing is lost and nothing overflows, given that a queue is
 //! popped only where it shows a word and pushed only where a word is missing. One word, any, is watched.
 
-use crate::hdl::{Builder, Memory, Outputs, Proof, Reads, Reg, Signal, bits_for};
-use crate::hw::properties::{shown_stays, wrapped};
+use crate::properties::{shown_stays, wrapped};
+use crate::{Builder, Memory, Outputs, Proof, Reads, Reg, Signal, bits_for};
 
 const WHAT: &str = "words come out in order, each once; none is lost; no overflow; the front stays";
 
@@ -219,7 +219,7 @@ pub(super) fn block_order(block: &Block<'_>) {
 
 /// A queue that a unit places, for the unit's own properties.
 #[derive(Clone)]
-pub(in crate::hw) struct Placed<'b> {
+pub struct Placed<'b> {
     pub valid: Signal<'b>,
     pub front: Signal<'b>,
     pub name: String,

@@ -3,19 +3,14 @@
 
 mod properties;
 
-use super::plan::Plan;
-use crate::hdl::{Builder, HdlError, Library, Module, Parameter, Signal, Specs, Style, bits_for};
 use crate::interface;
-pub(super) use properties::Placed;
+use crate::{Builder, HdlError, Library, Module, Parameter, Signal, Specs, Style, bits_for};
+pub use properties::Placed;
 use properties::{Block, Queue};
 use std::sync::Arc;
 
-/// Target clock, in MHz, from which on a queue's valid bit and front word are registers: what follows them, a choice between queues and
-/// the wires to a memory's address, leaves no time for a counter's test and a read of distributed RAM.
-const REGISTER_FRONT_FROM: u32 = 105;
-
 interface! {
-    pub(super) (width: u32) {
+    pub (width: u32) {
         in "In" { push: 1, data: width }
         in "Out: the front word, taken by pop" { pop: 1 }
         out "Out: the front word, taken by pop" { valid: 1, front: width }
@@ -43,19 +38,19 @@ fn values(&(width, depth): &(u32, u32)) -> Vec<u32> {
 /// A queue of `depth` words of `width` bits: `push`, `data` → `valid`, `front`; `pop` takes the front word, and only
 /// where `valid` is high. A word shows a clock after it was pushed, at any clock. There is no full flag: the queue is deep enough for
 /// all that can be in it, which is the caller's to see to.
-pub(super) fn fifo(plan: &Plan, width: u32, depth: u32) -> Result<Arc<Module>, HdlError> {
+pub fn fifo(registers_front: bool, width: u32, depth: u32) -> Result<Arc<Module>, HdlError> {
     let library = Library {
         name: "fifo",
         doc: "a queue of DEPTH words of WIDTH bits. What feeds it never has more than DEPTH words under way.",
         parameters: PARAMETERS,
         values: &values,
         samples: SAMPLES,
-        describe: &|&(width, depth)| describe(plan, width, depth),
+        describe: &|&(width, depth)| describe(registers_front, width, depth),
     };
     library.module(&(width, depth))
 }
 
-fn describe(plan: &Plan, width: u32, depth: u32) -> Result<Arc<Module>, HdlError> {
+fn describe(registered: bool, width: u32, depth: u32) -> Result<Arc<Module>, HdlError> {
     let m = Builder::new(
         format!("fifo_{width}x{depth}"),
         format!(
@@ -68,7 +63,6 @@ fn describe(plan: &Plan, width: u32, depth: u32) -> Result<Arc<Module>, HdlError
 
     let bits = bits_for(u64::from(depth));
     let count_bits = bits_for(u64::from(depth) + 1);
-    let registered = registers_front(plan);
     // Of a front in a register, only where the word behind it is stored.
     let head = match registered {
         false => m.reg_reset("head", bits, 0),
@@ -133,23 +127,22 @@ fn describe(plan: &Plan, width: u32, depth: u32) -> Result<Arc<Module>, HdlError
 }
 
 /// Places a queue.
-pub(super) fn place<'b>(
-    plan: &Plan,
+pub fn place<'b>(
+    registers_front: bool,
     name: &str,
     depth: u32,
     push: Signal<'b>,
     data: Signal<'b>,
     pop: Signal<'b>,
 ) -> Result<Placed<'b>, HdlError> {
-    let module = fifo(plan, data.width(), depth)?;
-    let registered = registers_front(plan);
+    let module = fifo(registers_front, data.width(), depth)?;
     Ok(placed(
         name,
         depth,
         &module,
         Inputs { push, data, pop },
         None,
-        registered,
+        registers_front,
     ))
 }
 
@@ -177,25 +170,21 @@ fn placed<'b>(
     }
 }
 
-fn registers_front(plan: &Plan) -> bool {
-    plan.config.clock_mhz >= REGISTER_FRONT_FROM
-}
-
-/// A queue as [`fifo`] makes it, in block RAM. A word shows [`Plan::read_latency`] + 2 clocks after it was pushed, and
-/// the next one may be taken [`Plan::read_latency`] + 1 clocks after the one before.
-pub(super) fn block_fifo(plan: &Plan, width: u32, depth: u32) -> Result<Arc<Module>, HdlError> {
+/// A queue as [`fifo`] makes it, in block RAM. A word shows `read_latency` + 2 cycles after it was pushed, and
+/// the next one may be taken `read_latency` + 1 cycles after the one before.
+pub fn block_fifo(read_latency: u32, width: u32, depth: u32) -> Result<Arc<Module>, HdlError> {
     let library = Library {
         name: "block_fifo",
         doc: "a queue of DEPTH words of WIDTH bits in block RAM, for a word every few clocks. What feeds it never has more than DEPTH words under way.",
         parameters: PARAMETERS,
         values: &values,
         samples: SAMPLES,
-        describe: &|&(width, depth)| describe_block(plan, width, depth),
+        describe: &|&(width, depth)| describe_block(read_latency, width, depth),
     };
     library.module(&(width, depth))
 }
 
-fn describe_block(plan: &Plan, width: u32, depth: u32) -> Result<Arc<Module>, HdlError> {
+fn describe_block(latency: u32, width: u32, depth: u32) -> Result<Arc<Module>, HdlError> {
     let m = Builder::new(
         format!("block_fifo_{width}x{depth}"),
         format!(
@@ -217,10 +206,9 @@ fn describe_block(plan: &Plan, width: u32, depth: u32) -> Result<Arc<Module>, Hd
     let next_tail = tail.q.equals(last).mux(m.zero(bits), tail.q + one);
     let words = m.memory("words", depth, width, Style::Block);
     words.write(push, tail.q, data);
-    let word = plan.read(words, head.q);
+    let word = words.read(head.q).delay(latency - 1);
 
     m.comment("The word at the head is read again and again; it is there once the head has stood still for the RAM's latency.");
-    let latency = plan.read_latency();
     let stored = count.q.any().named("stored");
     let load = m.wire("load", 1);
     let mut settled = stored;
@@ -262,16 +250,16 @@ fn describe_block(plan: &Plan, width: u32, depth: u32) -> Result<Arc<Module>, Hd
 }
 
 /// Places a queue of [`block_fifo`].
-pub(super) fn place_block<'b>(
-    plan: &Plan,
+pub fn place_block<'b>(
+    read_latency: u32,
     name: &str,
     depth: u32,
     push: Signal<'b>,
     data: Signal<'b>,
     pop: Signal<'b>,
 ) -> Result<Placed<'b>, HdlError> {
-    let module = block_fifo(plan, data.width(), depth)?;
-    let settling = Some(plan.read_latency());
+    let module = block_fifo(read_latency, data.width(), depth)?;
+    let settling = Some(read_latency);
     Ok(placed(
         name,
         depth,
