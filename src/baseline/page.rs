@@ -205,7 +205,7 @@ fn units(text: &mut String, baseline: &Baseline) {
          Each module alone, with all below it. Area: Virtex-4 LX160, {} (`dynrt synth`). Clock of the {} units that the machine is \
          made of, but for what joins them: ECP5-85F, speed grade 6, the worst of {} seeds, {} (`dynrt synth --target ecp5-85f --unit NAME --route \
          --seeds {}`). The whole with its self-test, another netlist and more wires, reaches 55 MHz \
-         ([how](development.md#from-verilog-to-a-bitstream)).\n\n\
+         ([how](synthesis.md#from-verilog-to-a-bitstream)).\n\n\
          | module | LUT4 | FF | DSP48 | RAMB16 | MHz | slowest path |\n|---|---|---|---|---|---|---|\n",
         baseline.area_tools.join(", "),
         baseline.clock.len(),

@@ -306,8 +306,9 @@ pub(super) fn surroundings(options: &UnitOptions, rng: &mut fastrand::Rng) -> Su
     match options.surroundings {
         Some(around) => around,
         // Reads that come fast, writes that are taken slowly: else the reads are what all wait for.
+        // At times so slowly that all queues are full.
         None if rng.u8(..4) == 0 => Surroundings {
-            pauses: 0.8,
+            pauses: if rng.bool() { 0.8 } else { 0.97 },
             ..Surroundings::steady(rng.u32(1..=10))
         },
         None => Surroundings::random(rng),

@@ -359,6 +359,8 @@ pub struct RaycastUnit {
     ports: Ports,
     model_build_s: f64,
     model_reused: bool,
+    /// The mutant that is selected, if there are any.
+    mutated: Option<Mutated>,
 }
 
 impl RaycastUnit {
@@ -420,6 +422,7 @@ impl RaycastUnit {
             model,
             model_build_s,
             model_reused: built.reused,
+            mutated: mutated.cloned(),
         })
     }
 
@@ -429,7 +432,12 @@ impl RaycastUnit {
     /// Traffic of another machine.
     pub fn interrupt(&mut self, interrupted: &Interrupted) -> Result<()> {
         self.model.reset(RESET_CYCLES);
-        self.model.play(&interrupted.traffic, interrupted.at)
+        self.model.play(&interrupted.traffic, interrupted.at)?;
+        // Playing leaves every input at 0.
+        match &self.mutated {
+            Some(mutated) => mutated.select(&mut self.model),
+            None => Ok(()),
+        }
     }
 
     /// Records the first traffic from now on, for [`RaycastUnit::recorded`].

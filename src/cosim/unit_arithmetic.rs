@@ -88,7 +88,17 @@ pub fn module(plan: &Plan) -> Result<Arc<Module>> {
 struct Operands {
     format: Format,
     specials: Vec<u64>,
+    corners: Vec<u64>,
     rng: fastrand::Rng,
+}
+
+/// Zeros, infinities, the NaN, ones, the least and the greatest numbers: so few that each pair of them comes often.
+fn corners(format: Format) -> Vec<u64> {
+    let (one, infinity) = (format.one(), format.infinity());
+    let magnitudes = [0, 1 << format.fraction_bits(), one, infinity - 1, infinity];
+    let signs = [0, format.sign_bit()];
+    let numbers = magnitudes.iter().flat_map(|of| signs.map(|sign| of | sign));
+    numbers.chain([format.nan()]).collect()
 }
 
 impl Operands {
@@ -96,10 +106,11 @@ impl Operands {
         let width = self.format.width();
         let mask = u64::MAX >> (64 - width);
         let any = |rng: &mut fastrand::Rng| plain::canonical(self.format, rng.u64(..) & mask);
-        let kind = self.rng.u32(..4);
+        let kind = self.rng.u32(..5);
         let mut drawn: Vec<u64> = (0..count)
             .map(|_| match kind {
                 0 | 1 => any(&mut self.rng),
+                2 => self.corners[self.rng.usize(..self.corners.len())],
                 _ => self.specials[self.rng.usize(..self.specials.len())],
             })
             .collect();
@@ -132,6 +143,7 @@ pub fn run(config: &Config, sets: u64, options: &UnitOptions) -> Result<u64> {
     let mut operands = Operands {
         format: plan.format,
         specials: specials(plan.format),
+        corners: corners(plan.format),
         rng: fastrand::Rng::with_seed(options.seed ^ 0x6f70),
     };
     let mut pipelines = vec![];

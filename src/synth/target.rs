@@ -107,7 +107,7 @@ impl Target {
             let Some((lut4, ff, dsp, ram)) = self.weight(kind) else {
                 bail!(
                     "Yosys made {count} cells {kind}, and what they take of a {} is not known here; use the version of Yosys that \
-                     docs/development.md names",
+                     docs/synthesis.md names",
                     self.name()
                 );
             };

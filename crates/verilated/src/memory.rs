@@ -261,13 +261,21 @@ impl Model {
         })
     }
 
-    /// Shows a response at a read port, or that there is none.
+    /// Shows a response at a read port, or that there is none. Behind a response tag and data become random bits: without `valid` they
+    /// have no meaning, and nothing may depend on them.
     pub fn respond(&mut self, port: &ReadHandles, response: Option<ReadResponse>, data: &[u32]) {
         let port = &port.response;
-        self.set(port.valid, response.is_some().into());
-        if let Some(response) = response {
-            self.set(port.payload.tag, response.tag.into());
-            self.set_words(port.payload.data, data);
+        match response {
+            Some(response) => {
+                self.set(port.valid, 1);
+                self.set(port.payload.tag, response.tag.into());
+                self.set_words(port.payload.data, data);
+            }
+            None if self.get(port.valid) != 0 => {
+                self.set(port.valid, 0);
+                self.scramble([port.payload.tag, port.payload.data]);
+            }
+            None => {}
         }
     }
 }

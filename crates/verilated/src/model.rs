@@ -100,6 +100,8 @@ pub struct Model {
     ports: Vec<Port>,
     cycles: u64,
     recording: Option<Recording>,
+    /// Random bits for inputs without a meaning.
+    noise: fastrand::Rng,
     rst: Option<PortHandle>,
     traced: bool,
     shim: NonNull<c_void>,
@@ -164,6 +166,7 @@ impl Model {
                 ports: ports.to_vec(),
                 cycles: 0,
                 recording: None,
+                noise: fastrand::Rng::with_seed(1),
                 rst: None,
                 traced: traced() != 0,
                 shim,
@@ -445,6 +448,13 @@ impl Model {
                 .collect();
             self.set_words(port, &words);
         }
+    }
+
+    /// The same with random bits of the model's own, the same in every run.
+    pub(crate) fn scramble(&mut self, ports: impl IntoIterator<Item = PortHandle>) {
+        let mut noise = self.noise.clone();
+        self.garble(ports, &mut noise);
+        self.noise = noise;
     }
 
     /// Keeps what the inputs are at so many rising edges from now on, for [`Model::recorded`].
