@@ -8,7 +8,7 @@ use dynrt::cosim::animate::{
     self, Figures, Film, FrameReport, Options, REBUILD_ABOVE, Setup, TreeReport, Unit,
 };
 use dynrt::cosim::mismatch::Mismatch;
-use dynrt::cosim::raycast::Trace;
+use dynrt::cosim::model::Trace;
 use dynrt::report::{self, FrameFolder, Staged};
 use dynrt::scene::animation::{MachineFrame, MachineScene};
 use dynrt::scene::{Animated, Frame, ImageSize, SceneSpec, load_animated};

@@ -16,7 +16,8 @@
 use super::memory::Image;
 use super::mismatch::{Field, Mismatch};
 use super::model::BuildOptions as ModelOptions;
-use super::raycast::{self, RaycastUnit, Trace};
+use super::model::Trace;
+use super::raycast::{self, RaycastUnit};
 use super::scoreboard::{Fault, Surroundings, UnitOptions};
 use super::timing;
 use super::unit_skinning::{self, SkinArrays, SkinUnit};

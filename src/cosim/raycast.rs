@@ -3,7 +3,7 @@
 
 use super::memory::{Image, ReadHandles, ReadPort, ReadRequest, Timing};
 use super::mismatch::{Field, Mismatch};
-use super::model::{BuildOptions, Model, PortHandle, build};
+use super::model::{BuildOptions, Model, PortHandle, Trace, build};
 use super::scoreboard::{
     DISTURBED_CYCLES, Interrupted, Mutated, RECORDED_CYCLES, RESET_CYCLES, Recorder, sources_with,
 };
@@ -19,20 +19,10 @@ use crate::hw::tpu::StepTrace;
 use crate::hw::{self, Plan};
 use crate::port::{Hit, NONE, Ray};
 use anyhow::{Result, bail, ensure};
-use std::path::PathBuf;
 use std::time::Instant;
 
 /// Clocks without any event after which a run is given up as stuck.
 const PATIENCE: u64 = 200_000;
-
-/// A window of cycles to trace.
-#[derive(Clone, Debug)]
-pub struct Trace {
-    /// The FST file.
-    pub path: PathBuf,
-    pub from: u64,
-    pub cycles: u64,
-}
 
 /// How to run.
 #[derive(Clone, Debug)]

@@ -3,8 +3,7 @@
 
 use super::memory::{Bandwidth, Timing};
 use super::mismatch::{Field, Mismatch};
-use super::model::{BuildOptions, Model, Recording, Sources, build};
-use super::raycast::Trace;
+use super::model::{BuildOptions, Model, Recording, Sources, Trace, build};
 use crate::float::Format;
 use crate::golden::RaySetup;
 use crate::hdl::{Design, HdlError, Module, Mutation};

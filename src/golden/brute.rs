@@ -6,8 +6,8 @@
 
 use rayon::prelude::*;
 
-use super::clip::RayLanes;
 use super::geometry::{Closest, Triangle};
+use super::lanes::RayLanes;
 use super::raycast::fetch_triangle;
 use super::setup::RaySetup;
 use super::transform::{Instance, WHOLE_LINE};

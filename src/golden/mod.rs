@@ -19,6 +19,7 @@
 pub mod brute;
 pub mod clip;
 pub mod geometry;
+pub mod lanes;
 pub mod oracle;
 pub mod raycast;
 pub mod setup;

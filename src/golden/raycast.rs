@@ -5,8 +5,8 @@ use std::ops::Range;
 use rayon::prelude::*;
 
 use super::MOST_RAYS;
-use super::clip::RayLanes;
 use super::geometry::{Closest, Outcome, Triangle};
+use super::lanes::RayLanes;
 use super::setup::RaySetup;
 use super::tpu::{Entry, Lanes};
 use super::transform::{Instance, Transformed, WHOLE_LINE};

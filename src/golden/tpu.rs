@@ -3,7 +3,7 @@
 //! A packet's N rays are lanes of arrays; a mask's bit k stands for lane k. The near and far of a lane outside a
 //! mask have no meaning.
 
-use super::clip::RayLanes;
+use super::lanes::RayLanes;
 use crate::bkd::layout::Target;
 use crate::float::Arithmetic;
 

@@ -8,14 +8,16 @@
 pub mod animation;
 mod builtin;
 mod camera;
+mod load;
 mod machine;
 mod obj;
 mod rays;
 mod sources;
 
-pub use animation::{Animated, load_animated};
+pub use animation::Animated;
 pub use builtin::{ANIMATED_NAMES, BUILTIN_NAMES, builtin};
 pub use camera::{Camera, View, default_light};
+pub use load::load_animated;
 pub use machine::{MachineMesh, log2_scale};
 pub use rays::{Frame, ImageSize, RAYS_PER_PACKET, RayPacket, shadow_rays};
 pub use sources::{Role, SceneSpec, Source, sources};

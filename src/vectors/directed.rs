@@ -6,7 +6,7 @@ use super::sheet::UnitSheets;
 use crate::bkd::layout::{LinkWord, Node};
 use crate::config::TriangleTest;
 use crate::float::{Arithmetic, specials};
-use crate::golden::clip::RayLanes;
+use crate::golden::lanes::RayLanes;
 use crate::golden::raycast::RaySet;
 use crate::golden::tpu::Lanes;
 use crate::golden::{RaySetup, Triangle, WHOLE_LINE};

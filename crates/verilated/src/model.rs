@@ -22,7 +22,7 @@ use std::ffi::{CStr, CString, c_char, c_int, c_void};
 use std::fs;
 use std::io::ErrorKind;
 use std::marker::PhantomData;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::ptr::NonNull;
 
 use anyhow::{Context, Result, anyhow, ensure};
@@ -32,6 +32,16 @@ use super::build::interface;
 pub use super::build::{BuildOptions, Built, Port, Sources, build, lint};
 use dynrt_hdl::bundle::{Like, LikePorts};
 use dynrt_hdl::{Bundle, Ports, Spec};
+
+/// A window of cycles to trace.
+#[derive(Clone, Debug)]
+pub struct Trace {
+    /// The FST file.
+    pub path: PathBuf,
+    /// The first cycle, and how many.
+    pub from: u64,
+    pub cycles: u64,
+}
 
 /// A port of a [`Model`], found once by name with [`Model::port`]; good for that model only.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

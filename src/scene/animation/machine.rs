@@ -237,9 +237,10 @@ fn rescaled(matrix: &Matrix3x4, from: i32, to: i32) -> Matrix3x4 {
 
 #[cfg(test)]
 mod tests {
-    use super::super::{IDENTITY, load_animated, skin_f64, transform_point};
+    use super::super::{IDENTITY, skin_f64, transform_point};
     use super::*;
     use crate::golden::skinning::skin_vertices;
+    use crate::scene::load_animated;
 
     #[test]
     fn water_stands_in_one_level_and_fills_the_range() {

@@ -14,14 +14,12 @@
 //! precision; [`Animated::extents`] and [`log2_scale`](super::log2_scale) say how to scale them for the machine.
 
 mod curve;
-mod gltf_file;
-mod load;
+pub(super) mod gltf_file;
 mod machine;
 mod rig;
-mod sequence;
+pub(super) mod sequence;
 mod skin;
 
-pub use load::load_animated;
 pub use machine::{MachineFrame, MachineObject, MachineScene, ObjectFrame};
 pub use sequence::SEQUENCE_FRAMES_PER_SECOND;
 pub use skin::{Influences, MOST_INFLUENCES, Skin, skin_f64, transform_point};
@@ -29,7 +27,7 @@ pub use skin::{Influences, MOST_INFLUENCES, Skin, skin_f64, transform_point};
 pub(super) use curve::{Curve, Interpolation};
 pub(super) use rig::{Local, Node, Property, Rig, Track};
 
-use super::{Bounds, Camera, ImageSize, Mesh, Scene, builtin};
+use super::{Bounds, Camera, ImageSize, Mesh, Scene};
 use crate::text::escaped;
 use anyhow::{Context, Result, bail, ensure};
 use glam::{DAffine3, DQuat, DVec3};
@@ -97,8 +95,10 @@ pub(super) enum Writer {
         node: usize,
     },
     Frames(Vec<Vec<[f64; 3]>>),
-    Water {
-        resolution: u32,
+    /// What a formula makes of a number, of how fine it is to be, and the seconds.
+    Formula {
+        formula: fn(u32, f64) -> Vec<[f64; 3]>,
+        detail: u32,
     },
 }
 
@@ -643,10 +643,8 @@ impl Object {
                 Some(positions)
             }
             Writer::Frames(frames) if moves => Some(sequence::at(frames, seconds)),
-            Writer::Water { resolution } if moves => {
-                Some(builtin::water_surface(*resolution, seconds))
-            }
-            Writer::Frames(_) | Writer::Water { .. } => Some(self.mesh.positions.clone()),
+            Writer::Formula { formula, detail } if moves => Some(formula(*detail, seconds)),
+            Writer::Frames(_) | Writer::Formula { .. } => Some(self.mesh.positions.clone()),
         }
     }
 }

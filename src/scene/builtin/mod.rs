@@ -9,8 +9,6 @@ mod teapot;
 mod teapot_data;
 mod water;
 
-pub(super) use water::surface as water_surface;
-
 use super::animation::Animated;
 use super::{Mesh, Scene};
 use anyhow::{Result, bail, ensure};

@@ -37,7 +37,10 @@ pub fn animated(resolution: u32) -> Animated {
             mesh.triangles.extend([[a, c, b], [a, d, c]]);
         }
     }
-    let writer = Writer::Water { resolution };
+    let writer = Writer::Formula {
+        formula: surface,
+        detail: resolution,
+    };
     let mut animated = Animated::single("water".into(), mesh, Kind::Procedural, writer);
     animated.clips.push(Clip {
         name: "waves".into(),

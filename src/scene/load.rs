@@ -1,7 +1,7 @@
 //! Where scenes that move come from.
 
-use super::super::{BUILTIN_NAMES, SceneSpec, builtin, obj};
-use super::{Animated, gltf_file, sequence};
+use super::animation::{Animated, gltf_file, sequence};
+use super::{BUILTIN_NAMES, SceneSpec, builtin, obj};
 use crate::text;
 use anyhow::{Result, bail};
 use std::ffi::OsStr;
