@@ -4,7 +4,7 @@
 //! that [`hw`] describes with [`hdl`]) → results → [`report`]. [`cosim`] joins golden model and RTL.
 
 pub use dynrt_hdl::{self as hdl, bundle, interface, named};
-pub use dynrt_verilated::{child, interrupt, seed, temporary, text};
+pub use dynrt_verilated::{cache, child, interrupt, seed, temporary, text, tools};
 
 pub mod baseline;
 pub mod bkd;

@@ -13,7 +13,7 @@ use libloading::Library;
 use rayon::prelude::*;
 
 use crate::child::Supervised;
-use crate::cosim::build::complaint;
+use crate::tools::complaint;
 use crate::port;
 use crate::temporary;
 

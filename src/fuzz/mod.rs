@@ -18,7 +18,7 @@ pub use shrink::{Shrunk, shrink};
 pub use stages::{Checked, Failure, Stage, Workbench};
 
 use crate::config::Config;
-use crate::cosim::build;
+use crate::cache;
 use crate::hdl::HdlError;
 use crate::hw::{self, Plan};
 use crate::synth::store::CHECKS;
@@ -237,7 +237,7 @@ struct Memory {
 
 impl Memory {
     fn open() -> Result<Memory> {
-        let folder = build::cache_folder(None)?.join("fuzz");
+        let folder = cache::folder(None)?.join("fuzz");
         std::fs::create_dir_all(&folder).with_context(|| {
             format!(
                 "cannot create {}; set DYNRT_CACHE to a folder that can be written",
@@ -264,7 +264,7 @@ impl Memory {
         let mut parts = vec![CHECKS, &config, &seed, &sizes];
         parts.extend(stages.iter().map(|stage| stage.name()));
         parts.extend(files.iter().flat_map(|(name, text)| [&**name, &**text]));
-        Some(build::key(&parts))
+        Some(cache::key(&parts))
     }
 
     fn path(&self, key: &str) -> PathBuf {

@@ -6,6 +6,7 @@ use crate::cosim::model::{self, BuildOptions, Sources};
 use crate::cosim::raycast::{self, RaycastUnit};
 use crate::cosim::scoreboard::{Fault, UnitOptions, UnitReport};
 use crate::cosim::workload::{Workload, instanced_scene};
+use crate::cache;
 use crate::cosim::{animate, build, unit_geometry, unit_skinning, unit_tpu, unit_update};
 use crate::emit;
 use crate::hw::{self, Plan};
@@ -94,7 +95,7 @@ impl Workbench {
     /// # Errors
     /// One line that names a tool that is missing or fails, or a cache that cannot be written.
     pub fn new() -> Result<Workbench> {
-        let cache = build::cache_folder(None)?;
+        let cache = cache::folder(None)?;
         let folder =
             temporary::Folder::named(&cache, build::Workshop::PREFIX).with_context(|| {
                 format!(

@@ -7,7 +7,8 @@
 //! Registers are paired by their names. Whatever pairs there are, the proof holds: states that are equal in every pair stay so.
 
 use crate::hdl::Design;
-use crate::prove::tools::{self, Ended};
+use crate::prove::tools;
+use crate::tools::Ended;
 use crate::temporary;
 use anyhow::{Context, Result, anyhow};
 use serde_json::{Map, Value, json};
@@ -51,7 +52,7 @@ pub(super) fn proved(designs: &[(&str, Design); 2]) -> Result<bool> {
 
 /// Whether a script ends well, and in time.
 fn content(folder: &Path, script: &str) -> Result<bool> {
-    let ended = tools::run(folder, LIMIT, "yosys", &["-q", "-p", script])?;
+    let ended = tools::tools()?.yosys.run_for(folder, LIMIT, &["-q", "-p", script])?;
     Ok(matches!(ended, Ended::With { success: true, .. }))
 }
 

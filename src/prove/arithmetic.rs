@@ -7,7 +7,8 @@
 
 use super::aig::{Circuit, Fixed, Graph};
 use super::reference::{self, Relation};
-use super::tools::{self, Ended};
+use super::tools;
+use crate::tools::Ended;
 use super::{Outcome, Seeded};
 use crate::float::Format;
 use crate::hdl::{Builder, HdlError, Module, Mutation, Signal};
@@ -450,7 +451,7 @@ fn reason(graph: &mut Graph, folder: &Path) -> Result<Outcome> {
     let _ = std::fs::remove_file(&found);
     let script =
         "read_aiger case.aig; strash; ifraig; dch; drwsat; iprove; write_cex -n counterexample";
-    let text = match tools::run(folder, CASE_LIMIT, "yosys-abc", &["-c", script])? {
+    let text = match tools::tools()?.abc.run_for(folder, CASE_LIMIT, &["-c", script])? {
         Ended::With { text, .. } => text,
         Ended::OutOfTime => {
             let limit = CASE_LIMIT.as_secs();

@@ -6,7 +6,8 @@
 //! properties do not depend on is removed.
 
 use super::Outcome;
-use super::tools::{self, Ended};
+use super::tools;
+use crate::tools::Ended;
 use crate::config::Config;
 use crate::emit;
 use crate::hdl::{Module, ProofFacts};
@@ -174,7 +175,7 @@ impl Induction {
                 args.push("--unroll");
             }
             args.push("proof.smt2");
-            let text = match tools::run(folder, LIMIT, "yosys-smtbmc", &args)? {
+            let text = match tools::tools()?.smtbmc.run_for(folder, LIMIT, &args)? {
                 Ended::With { text, .. } => text,
                 Ended::OutOfTime => {
                     let limit = LIMIT.as_secs();

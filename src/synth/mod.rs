@@ -31,7 +31,6 @@ mod wrapper;
 pub use cells::{Cells, parse_cells};
 pub use target::{Area, Target};
 pub use timing::{CriticalPath, Point, Timing, parse_timing};
-pub use tools::TOOLS_VARIABLE;
 
 use self::outreg::Blocks;
 use crate::config::Config;
@@ -46,7 +45,7 @@ use std::path::PathBuf;
 use std::sync::Arc;
 use std::time::Instant;
 use store::Store;
-use tools::Tool;
+use crate::tools::Tool;
 
 /// What to find out.
 #[derive(Clone, Debug)]

@@ -1,6 +1,6 @@
 //! Results that were reached before, under a key of all that went into them.
 
-use crate::cosim::build;
+use crate::cache;
 use crate::temporary;
 use anyhow::{Result, anyhow};
 use serde::Serialize;
@@ -8,7 +8,7 @@ use serde::de::DeserializeOwned;
 use std::fs;
 use std::path::PathBuf;
 
-pub(crate) use crate::cosim::build::key;
+pub(crate) use crate::cache::key;
 
 /// Test bench, golden model and all else but the Verilog that decides what a check finds, as a part of keys; see `src/build.rs`.
 pub(crate) const CHECKS: &str = env!("DYNRT_SOURCES");
@@ -27,7 +27,7 @@ impl Store {
 
     /// Of that name, in the cache folder given, or the user's.
     pub fn open_in(cache: Option<PathBuf>, name: &str) -> Result<Store> {
-        let cache = build::cache_folder(cache)?;
+        let cache = cache::folder(cache)?;
         let store = Store {
             folder: cache.join(name),
             failed: cache.join("failed"),

