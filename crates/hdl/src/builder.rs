@@ -114,7 +114,7 @@ impl Builder {
         place: Place,
     ) -> Signal<'_> {
         let width = if width == 0 {
-            self.fail(place, "a signal of no bits");
+            self.fail(place, "a signal must have at least 1 bit");
             1
         } else {
             width
@@ -170,7 +170,7 @@ impl Builder {
             self.fail(
                 place,
                 format!(
-                    "\"{name}\" is no name for Verilog: use lower case, digits, _, and no keyword"
+                    "\"{name}\" is not a valid name: use lower-case letters, digits and _, and no Verilog keyword"
                 ),
             );
         }
@@ -204,7 +204,7 @@ impl Builder {
     /// What is of the module itself comes before its properties.
     pub(super) fn must_be_open(&self, what: &str, name: &str, place: Place) {
         if self.inner.borrow().formal {
-            let message = format!("{what} \"{name}\" comes behind the module's properties");
+            let message = format!("{what} \"{name}\" is declared after the module's properties");
             self.fail(place, message);
         }
     }
@@ -322,7 +322,7 @@ impl Builder {
             self.fail(
                 place,
                 format!(
-                    "port \"{name}\" is given a signal of module {}",
+                    "port \"{name}\" is connected to a signal of module {}",
                     signal.builder.name
                 ),
             );
@@ -348,7 +348,7 @@ impl Builder {
         if width < 128 && value >> width != 0 {
             self.fail(
                 Location::caller(),
-                format!("{value} does not fit {width} bits"),
+                format!("{value} does not fit in {width} bits"),
             );
         }
         self.node(Op::Literal(value), width, None, Location::caller())
@@ -372,7 +372,12 @@ impl Builder {
         let literal = self.lit(value, width);
         self.check_name(&name.to_ascii_lowercase(), place);
         if name != name.to_ascii_uppercase() {
-            self.fail(place, format!("{name}: a constant is named in capitals"));
+            self.fail(
+                place,
+                format!(
+                    "\"{name}\" is not a valid constant name: use capital letters, digits and _"
+                ),
+            );
         }
         self.claim_unchecked(name, place);
         self.inner.borrow_mut().ir.nodes[literal.id].name = Some(name.to_string());
@@ -433,7 +438,7 @@ impl Builder {
             self.fail(
                 place,
                 format!(
-                    "reset of \"{}\": {value} does not fit {width} bits",
+                    "reset of \"{}\": {value} does not fit in {width} bits",
                     name.as_ref()
                 ),
             );
@@ -524,7 +529,7 @@ impl Builder {
 
     fn reduce(&self, signals: &[Signal<'_>], op: Binary, place: Place) -> Signal<'_> {
         let Some((first, rest)) = signals.split_first() else {
-            self.fail(place, "a reduction of no signals");
+            self.fail(place, "a reduction needs at least one signal");
             return self.zero(1);
         };
         let mut all = Signal {
@@ -564,7 +569,7 @@ impl Builder {
     pub fn select<'b>(&'b self, index: Signal<'b>, choices: &[Signal<'b>]) -> Signal<'b> {
         let place = Location::caller();
         let Some((last, rest)) = choices.split_last() else {
-            self.fail(place, "a selection among no signals");
+            self.fail(place, "a selection needs at least one choice");
             return self.zero(1);
         };
         let mut chosen = *last;
@@ -607,7 +612,7 @@ impl Builder {
                     self.fail(
                         place,
                         format!(
-                            "{} and {} are in two pipelines: bring one into the other's with \
+                            "{} and {} are in different pipelines: move one to the other with \
                              untimed and enter_at",
                             other.describe(),
                             signal.describe()
@@ -623,7 +628,7 @@ impl Builder {
             self.fail(
                 place,
                 format!(
-                    "{} has a stage, {} has none: bring it in with enter_at, or use untimed",
+                    "{} has a stage, {} has none: give it one with enter_at, or use untimed",
                     staged.describe(),
                     unstaged.describe()
                 ),
@@ -806,7 +811,7 @@ impl Builder {
                 self.fail(
                     place,
                     format!(
-                        "instance {name}: input {port} is given a signal of module {}",
+                        "instance {name}: input {port} is connected to a signal of module {}",
                         signal.builder.name
                     ),
                 );
@@ -815,7 +820,7 @@ impl Builder {
             if inputs[..index].iter().any(|(earlier, _)| earlier == port) {
                 self.fail(
                     place,
-                    format!("instance {name}: input {port} is doubly driven"),
+                    format!("instance {name}: input {port} is driven twice"),
                 );
             }
             let Some(stage) = signal.stage_data() else {
@@ -839,7 +844,7 @@ impl Builder {
             if base.is_some_and(|b| b.pipeline != start.pipeline) {
                 self.fail(
                     place,
-                    format!("instance {name}: inputs come from two pipelines"),
+                    format!("instance {name}: inputs are from different pipelines"),
                 );
             }
             base = Some(base.map_or(start, |b| if start.at > b.at { start } else { b }));
@@ -873,7 +878,7 @@ impl Builder {
                     self.fail(
                         place,
                         format!(
-                            "instance {name} of {}: {} has no stage, other inputs have",
+                            "instance {name} of {}: {} has no stage, but other inputs have one",
                             module.name(),
                             signal.describe()
                         ),
@@ -1003,7 +1008,7 @@ impl Builder {
             self.fail(
                 place,
                 format!(
-                    "\"{name}\" is doubly driven: first at {}:{}",
+                    "\"{name}\" is driven twice: first at {}:{}",
                     earlier.file(),
                     earlier.line()
                 ),
@@ -1117,9 +1122,9 @@ impl<'b> Reg<'b> {
                 builder.fail(
                     place,
                     format!(
-                        "width mismatch: an enable of {} bits ({})",
-                        enable.width(),
-                        enable.describe()
+                        "width mismatch: an enable has 1 bit, {} has {}",
+                        enable.describe(),
+                        enable.width()
                     ),
                 );
             }

@@ -254,7 +254,7 @@ impl<S: Shape> Shape for Maybe<S> {
         match (a, b) {
             (Some(a), Some(b)) => Some(S::zip(a, b)),
             (None, None) => None,
-            _ => panic!("a field that only one of two bundles has"),
+            _ => panic!("an optional field is present in only one of two bundles"),
         }
     }
 }
@@ -1198,7 +1198,7 @@ mod tests {
     }
 
     #[test]
-    #[should_panic(expected = "a field that only one of two bundles has")]
+    #[should_panic(expected = "an optional field is present in only one of two bundles")]
     fn a_missing_field_is_told() {
         let m = Builder::new("lacking", "A mistake.");
         Item::of(3, true).pack(zeros(&Item::of(3, false), &m));

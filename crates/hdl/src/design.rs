@@ -61,7 +61,7 @@ impl Module {
         if let (Some(proof), false) = (ir.proofs.first(), printed.clocked && printed.reset) {
             return Err(HdlError {
                 module: ir.name.clone(),
-                message: format!("proof {}: the module has no clock or no reset", proof.name),
+                message: format!("proof {}: the module needs a clock and a reset", proof.name),
                 place: proof.place,
             });
         }
@@ -72,7 +72,7 @@ impl Module {
                 let name = &ir.memories[memory].name;
                 return Err(HdlError {
                     module: ir.name.clone(),
-                    message: format!("memory \"{name}\" is read by properties alone"),
+                    message: format!("memory \"{name}\" is read only by properties"),
                     place: node.place,
                 });
             }
@@ -105,7 +105,7 @@ impl Module {
         if let Some(outline) = &module.outline {
             module.compare_parts(outline).map_err(|what| HdlError {
                 module: module.name().to_string(),
-                message: format!("its parts are not what they are parts of: {what}"),
+                message: format!("internal error: its parts differ from the whole: {what}"),
                 place: module.ir.place,
             })?;
         }
@@ -328,7 +328,7 @@ impl Design {
             Some(other) => Err(HdlError {
                 module: module.name().to_string(),
                 message: format!(
-                    "name clash: it is the library's {}, and {} has another text of this name",
+                    "name clash: it is a member of library {}, and {} is a different module of that name",
                     placed.module.name,
                     other.name()
                 ),

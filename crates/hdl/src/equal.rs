@@ -203,7 +203,8 @@ impl<'a> Matching<'a> {
                 continue;
             }
             let other = ports[1].iter().find(|(other, _)| other.name == port.name);
-            let (_, other) = other.ok_or_else(|| format!("only one has output {}", port.name))?;
+            let (_, other) =
+                other.ok_or_else(|| format!("only one module has output {}", port.name))?;
             self.equal([(0, *id), (0, *other)], || format!("output {}", port.name))?;
             compared.outputs += 1;
         }
@@ -239,7 +240,7 @@ impl<'a> Matching<'a> {
         let [a, b] = self.sides.each_ref().map(find);
         a.zip(b)
             .map(|(a, b)| [a, b])
-            .ok_or_else(|| format!("only one has {what}"))
+            .ok_or_else(|| format!("only one module has {what}"))
     }
 
     fn registers(&mut self, name: &str) -> Result<(), String> {

@@ -87,7 +87,7 @@ impl<P> Library<'_, P> {
         let module = (self.describe)(of)?;
         let error = |message: String| HdlError {
             module: module.ir.name.clone(),
-            message: format!("as the library's {}: {message}", self.name),
+            message: format!("as a member of library {}: {message}", self.name),
             place: module.ir.place,
         };
         let mut samples = vec![];
@@ -221,7 +221,7 @@ mod tests {
         let message = |way, width, samples: &[u32]| made(way, width, samples).unwrap_err().message;
         let other = message(Way::Another, 8, &[9, 12]);
         assert!(
-            other.starts_with("as the library's counter: texts differ in more than numbers"),
+            other.starts_with("as a member of library counter: texts differ in more than numbers"),
             "{other}"
         );
         let other = message(Way::Another, 9, &[8, 12]);
@@ -231,7 +231,7 @@ mod tests {
         );
         let squared = message(Way::Squared, 9, &[8, 12]);
         assert!(
-            squared.contains("[64, 144] follows from no parameter"),
+            squared.contains("[64, 144] does not follow from a parameter"),
             "{squared}"
         );
         // One sample does not tell that the number is no constant; the module that is asked for does.

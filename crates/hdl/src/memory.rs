@@ -63,7 +63,7 @@ impl Builder {
             self.fail(
                 place,
                 format!(
-                    "memory \"{}\" has {depth} words of {width} bits",
+                    "memory \"{}\" has {depth} words of {width} bits; both must be at least 1",
                     name.as_ref()
                 ),
             );
@@ -141,9 +141,9 @@ impl<'b> Memory<'b> {
             self.builder.fail(
                 place,
                 format!(
-                    "width mismatch: a write enable of {} bits ({})",
-                    enable.width(),
-                    enable.describe()
+                    "width mismatch: a write enable has 1 bit, {} has {}",
+                    enable.describe(),
+                    enable.width()
                 ),
             );
         }
@@ -169,7 +169,7 @@ impl<'b> Memory<'b> {
             self.builder.fail(
                 place,
                 format!(
-                    "memory \"{name}\" is doubly driven: it has one write port, used at {}:{}",
+                    "memory \"{name}\" is written twice: it has one write port, used at {}:{}",
                     earlier.file(),
                     earlier.line()
                 ),
@@ -228,7 +228,8 @@ impl<'b> Memory<'b> {
             };
         }
         if formal {
-            let message = "properties read a memory by peek: a read port would be of the module";
+            let message =
+                "properties must read a memory with peek: a read port would change the module";
             self.builder.fail(place, message);
         }
         let stage = address.stage_data().map(|s| Stage {

@@ -134,19 +134,23 @@ impl<'b> Proof<'b> {
         let place = Location::caller();
         if !std::ptr::eq(condition.builder, self.builder) {
             let message = format!(
-                "{what}: is of a signal of module {}",
+                "{what}: the condition is a signal of module {}",
                 condition.builder.name
             );
             self.builder.fail(place, message);
         } else if what.contains(['%', '"', '\\', '\n']) {
-            let message =
-                format!("{what:?}: is printed in Verilog: leave out %, \", \\ and line breaks");
+            let message = format!(
+                "{what:?}: is printed in Verilog and must not contain %, \", \\ or line breaks"
+            );
             self.builder.fail(place, message);
         } else if condition.width() != 1 {
-            let message = format!("{what}: is of {} bits, not one", condition.width());
+            let message = format!(
+                "{what}: the condition has {} bits, must have 1",
+                condition.width()
+            );
             self.builder.fail(place, message);
         } else if condition.literal() == Some(0) {
-            let message = format!("{what}: never holds");
+            let message = format!("{what}: the condition is always 0");
             self.builder.fail(place, message);
         }
         condition.id
@@ -345,7 +349,10 @@ impl Module {
                 .collect();
             error(
                 self.ir.place,
-                format!("no proof is called {proof}, only {}", known.join(", ")),
+                format!(
+                    "there is no proof {proof}; the proofs are {}",
+                    known.join(", ")
+                ),
             )
         })?;
         let data = &self.ir.proofs[index];
@@ -560,12 +567,12 @@ mod tests {
             error.message
         };
         let wide = error(&|m| m.proof("p", "").assert("it is so", m.zero(4)));
-        assert_eq!(wide, "it is so: is of 4 bits, not one");
+        assert_eq!(wide, "it is so: the condition has 4 bits, must have 1");
         let late = error(&|m| {
             m.proof("p", "");
             m.input("b", 1);
         });
-        assert_eq!(late, "port \"b\" comes behind the module's properties");
+        assert_eq!(late, "port \"b\" is declared after the module's properties");
         let twice = error(&|m| {
             m.proof("p", "");
             m.proof("p", "");
@@ -573,6 +580,6 @@ mod tests {
         assert_eq!(twice, "two proofs are called \"p\"");
         let unit = module(true).unwrap();
         let none = unit.formal("is", &same).unwrap_err().message;
-        assert_eq!(none, "no proof is called is, only keeps, counts");
+        assert_eq!(none, "there is no proof is; the proofs are keeps, counts");
     }
 }

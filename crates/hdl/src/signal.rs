@@ -37,7 +37,7 @@ impl<'b> Signal<'b> {
     pub fn stage(&self) -> u32 {
         let place = Location::caller();
         self.staged().unwrap_or_else(|| {
-            let message = format!("{} has no stage: it is in no pipeline", self.describe());
+            let message = format!("{} has no stage: it is not in a pipeline", self.describe());
             self.builder.fail(place, message);
             0
         })
@@ -189,13 +189,17 @@ impl<'b> Signal<'b> {
             None if self.is_literal() => self,
             None => {
                 self.builder
-                    .fail(place, format!("{} is in no pipeline", self.describe()));
+                    .fail(place, format!("{} is not in a pipeline", self.describe()));
                 self
             }
             Some(s) if s.at > stage => {
                 self.builder.fail(
                     place,
-                    format!("{} is at stage {}, past {stage}", self.describe(), s.at),
+                    format!(
+                        "{} is at stage {}, after stage {stage}",
+                        self.describe(),
+                        s.at
+                    ),
                 );
                 self
             }
@@ -249,7 +253,7 @@ impl<'b> Signal<'b> {
             self.builder.fail(
                 place,
                 format!(
-                    "{} has no bits {high} to {low}: it has {}",
+                    "{} has no bits {high} to {low}: it has {} bits",
                     self.describe(),
                     self.width()
                 ),
@@ -352,7 +356,7 @@ impl<'b> Signal<'b> {
             self.builder.fail(
                 place,
                 format!(
-                    "{} has no {width} bits from {lsb}: it has {}",
+                    "{} has no {width} bits from bit {lsb}: it has {} bits",
                     self.describe(),
                     self.width()
                 ),
@@ -368,7 +372,11 @@ impl<'b> Signal<'b> {
         if width < self.width() {
             self.builder.fail(
                 Location::caller(),
-                format!("{} has more than {width} bits", self.describe()),
+                format!(
+                    "{} has {} bits, cannot be extended to {width}",
+                    self.describe(),
+                    self.width()
+                ),
             );
             return self;
         }
@@ -486,9 +494,9 @@ impl<'b> Signal<'b> {
             self.builder.fail(
                 place,
                 format!(
-                    "width mismatch: a choice by {} bits ({})",
-                    condition.width(),
-                    condition.describe()
+                    "width mismatch: a multiplexer is selected by 1 bit, {} has {}",
+                    condition.describe(),
+                    condition.width()
                 ),
             );
         }
@@ -496,7 +504,7 @@ impl<'b> Signal<'b> {
             self.builder.fail(
                 place,
                 format!(
-                    "width mismatch: a choice of {} bits ({}) or {} bits ({})",
+                    "width mismatch: a multiplexer of {} bits ({}) and {} bits ({})",
                     then.width(),
                     then.describe(),
                     otherwise.width(),

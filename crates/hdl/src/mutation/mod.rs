@@ -188,7 +188,7 @@ impl<O: Owner> Reads<O> {
     pub fn as_signal(self, other: O::Signal) -> Mutation {
         let point = self.owner.point(other);
         let change = point.map(|point| Change::Signal(self.owner.id(point)));
-        let change = change.ok_or("what is to be read is a signal of another module".to_string());
+        let change = change.ok_or("the signal to be read instead is of another module".to_string());
         self.made_of(change, Location::caller())
     }
 
@@ -233,7 +233,7 @@ macro_rules! changes_of_signals {
                 match of {
                     Some(of) => self.reading(|point| Where::Of(point, of)),
                     None => Reads {
-                        at: Err("what is read is a signal of another module".into()),
+                        at: Err("the signal that is read is of another module".into()),
                         owner,
                     },
                 }

@@ -153,7 +153,7 @@ impl Module {
         let near: Vec<_> = near.iter().take(OFFERED).map(|(_, name)| *name).collect();
         let offer = match &near[..] {
             [] => String::new(),
-            near => format!("; it has {}", near.join(", ")),
+            near => format!("; similar names: {}", near.join(", ")),
         };
         HdlError {
             module: self.name().to_string(),

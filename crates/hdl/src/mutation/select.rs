@@ -93,7 +93,7 @@ impl Design {
         found.ok_or_else(|| {
             let names: Vec<_> = self.modules.iter().map(|module| module.name()).collect();
             let top = self.top();
-            top.missing("below it is no module", name, &names, place)
+            top.missing("the design has no module", name, &names, place)
         })
     }
 
@@ -106,7 +106,7 @@ impl Design {
         match self.modules.iter().find(of) {
             Some(whole) => {
                 let message = format!(
-                    "it is a part of {}, whose changes are its own",
+                    "it is a part of {}: change that module instead",
                     whole.name()
                 );
                 Err(module.error(message, place))
@@ -259,7 +259,7 @@ impl Editor {
             .insert(name.to_string(), self.ir.place)
             .is_some()
         {
-            return Err(format!("name clash: a signal is called {name}"));
+            return Err(format!("name clash: a signal is already called {name}"));
         }
         self.ir.nodes[id].name = Some(name.to_string());
         let port = Port {
