@@ -32,10 +32,11 @@ impl Module {
         })
     }
 
-    /// The module with a change.
+    /// Returns the module with a change.
     ///
     /// # Errors
-    /// The change is not of this module, or changes nothing; the module that it makes is not sound.
+    /// The change is of another module, is not possible, leaves the Verilog as it is, or makes the
+    /// module invalid, as by a combinational loop.
     #[track_caller]
     pub fn with(&self, mutation: &Mutation) -> Result<Arc<Module>, HdlError> {
         self.changed(mutation, Location::caller())
