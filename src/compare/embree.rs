@@ -13,9 +13,9 @@ use libloading::Library;
 use rayon::prelude::*;
 
 use crate::child::Supervised;
-use crate::tools::complaint;
 use crate::port;
 use crate::temporary;
+use crate::tools::complaint;
 
 /// What is compiled and loaded.
 const SOURCE: &str = include_str!(concat!(env!("CARGO_MANIFEST_DIR"), "/benches/embree.c"));

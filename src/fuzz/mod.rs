@@ -17,8 +17,8 @@ pub use scene::RandomFilm;
 pub use shrink::{Shrunk, shrink};
 pub use stages::{Checked, Failure, Stage, Workbench};
 
-use crate::config::Config;
 use crate::cache;
+use crate::config::Config;
 use crate::hdl::HdlError;
 use crate::hw::{self, Plan};
 use crate::synth::store::CHECKS;

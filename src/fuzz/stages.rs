@@ -2,11 +2,11 @@
 
 use super::case::{Case, Size};
 use super::scene::RandomFilm;
+use crate::cache;
 use crate::cosim::model::{self, BuildOptions, Sources};
 use crate::cosim::raycast::{self, RaycastUnit};
 use crate::cosim::scoreboard::{Fault, UnitOptions, UnitReport};
 use crate::cosim::workload::{Workload, instanced_scene};
-use crate::cache;
 use crate::cosim::{animate, build, unit_geometry, unit_skinning, unit_tpu, unit_update};
 use crate::emit;
 use crate::hw::{self, Plan};

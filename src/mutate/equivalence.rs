@@ -9,8 +9,8 @@
 use super::next_state;
 use crate::hdl::{Design, HdlError, MemoryRef, Mutation, Select};
 use crate::prove::tools;
-use crate::tools::Ended;
 use crate::temporary;
+use crate::tools::Ended;
 use anyhow::{Context, Result};
 use std::collections::BTreeSet;
 use std::fmt::Write as _;
@@ -75,7 +75,9 @@ pub(super) fn proved(design: &Design, mutation: &Mutation) -> Result<Option<Stri
         let list: Vec<&str> = unmatched.iter().map(String::as_str).collect();
         std::fs::write(folder.path().join(UNMATCHED), list.join("\n"))
             .context("cannot write a temporary file")?;
-        let ended = tools::tools()?.yosys.run_for(folder.path(), LIMIT, &["-q", "-p", &script])?;
+        let ended = tools::tools()?
+            .yosys
+            .run_for(folder.path(), LIMIT, &["-q", "-p", &script])?;
         match ended {
             Ended::With { success: true, .. } => {
                 return Ok(Some(format!("Yosys: equiv_induct -seq {DEPTH}")));

@@ -8,8 +8,8 @@
 
 use crate::hdl::Design;
 use crate::prove::tools;
-use crate::tools::Ended;
 use crate::temporary;
+use crate::tools::Ended;
 use anyhow::{Context, Result, anyhow};
 use serde_json::{Map, Value, json};
 use std::collections::BTreeMap;
@@ -52,7 +52,9 @@ pub(super) fn proved(designs: &[(&str, Design); 2]) -> Result<bool> {
 
 /// Whether a script ends well, and in time.
 fn content(folder: &Path, script: &str) -> Result<bool> {
-    let ended = tools::tools()?.yosys.run_for(folder, LIMIT, &["-q", "-p", script])?;
+    let ended = tools::tools()?
+        .yosys
+        .run_for(folder, LIMIT, &["-q", "-p", script])?;
     Ok(matches!(ended, Ended::With { success: true, .. }))
 }
 

@@ -8,11 +8,11 @@
 use super::aig::{Circuit, Fixed, Graph};
 use super::reference::{self, Relation};
 use super::tools;
-use crate::tools::Ended;
 use super::{Outcome, Seeded};
 use crate::float::Format;
 use crate::hdl::{Builder, HdlError, Module, Mutation, Signal};
 use crate::hw::fp::{self, Knowing, Known, Operand, Units};
+use crate::tools::Ended;
 use anyhow::{Context, Result, ensure};
 use std::cell::OnceCell;
 use std::fmt::Write as _;
@@ -451,7 +451,10 @@ fn reason(graph: &mut Graph, folder: &Path) -> Result<Outcome> {
     let _ = std::fs::remove_file(&found);
     let script =
         "read_aiger case.aig; strash; ifraig; dch; drwsat; iprove; write_cex -n counterexample";
-    let text = match tools::tools()?.abc.run_for(folder, CASE_LIMIT, &["-c", script])? {
+    let text = match tools::tools()?
+        .abc
+        .run_for(folder, CASE_LIMIT, &["-c", script])?
+    {
         Ended::With { text, .. } => text,
         Ended::OutOfTime => {
             let limit = CASE_LIMIT.as_secs();

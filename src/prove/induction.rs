@@ -7,10 +7,10 @@
 
 use super::Outcome;
 use super::tools;
-use crate::tools::Ended;
 use crate::config::Config;
 use crate::emit;
 use crate::hdl::{Module, ProofFacts};
+use crate::tools::Ended;
 use anyhow::{Context, Result, ensure};
 use std::path::Path;
 use std::sync::Arc;

@@ -56,7 +56,10 @@ pub fn tools() -> Result<&'static Tools> {
 /// What Yosys says, in one line.
 pub fn yosys(folder: &Path, script: &str) -> Result<()> {
     const LIMIT: Duration = Duration::from_secs(300);
-    match tools()?.yosys.run_for(folder, LIMIT, &["-q", "-p", script])? {
+    match tools()?
+        .yosys
+        .run_for(folder, LIMIT, &["-q", "-p", script])?
+    {
         Ended::With { success: true, .. } => Ok(()),
         Ended::With { text, .. } => {
             let line = text.lines().find(|line| line.contains("ERROR"));

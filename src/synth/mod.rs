@@ -38,6 +38,7 @@ use crate::emit;
 use crate::hdl::{Design, Module};
 use crate::hw;
 use crate::temporary;
+use crate::tools::Tool;
 use anyhow::{Context, Result, bail, ensure};
 use serde::Serialize;
 use serde_json::Value;
@@ -45,7 +46,6 @@ use std::path::PathBuf;
 use std::sync::Arc;
 use std::time::Instant;
 use store::Store;
-use crate::tools::Tool;
 
 /// What to find out.
 #[derive(Clone, Debug)]

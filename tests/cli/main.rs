@@ -420,7 +420,7 @@ fn a_missing_verilator_gets_one_line() {
         .env("DYNRT_CACHE", cache.path());
     assert_eq!(
         fault_of(&mut command),
-        "verilator is not installed: apt-get install verilator g++"
+        "verilator is not installed: apt-get install verilator g++, of Debian 12 or later, or name its folder in DYNRT_TOOLS"
     );
 }
 

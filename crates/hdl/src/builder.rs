@@ -47,7 +47,14 @@ impl Inner {
     }
 }
 
-/// Makes one module.
+/// Describes one module.
+///
+/// A builder hands out [`Signal`]s, records what is done with them, and becomes a [`Module`] in
+/// [`Builder::finish`]. No method fails by itself: the first mistake (a width mismatch, a name
+/// clash, …) is remembered with the place of the call in the Rust source, and `finish` returns it.
+///
+/// All signals of a builder borrow it, so a signal cannot outlive its module. Signals of two
+/// builders must not be combined; this is a mistake that both builders report.
 pub struct Builder {
     pub(super) name: String,
     pub(super) inner: RefCell<Inner>,
@@ -84,7 +91,11 @@ pub(super) fn is_keyword(name: &str) -> bool {
 }
 
 impl Builder {
-    /// A module; `doc` says in its file's head what it is for.
+    /// Starts a module called `name`. The text `doc` is printed in the head of its Verilog file.
+    ///
+    /// The name starts with a lower-case letter, consists of lower-case letters, digits and `_`,
+    /// and is not a keyword of Verilog or SystemVerilog. This holds for all names of ports, wires,
+    /// registers, memories and instances.
     #[track_caller]
     pub fn new(name: impl Into<String>, doc: impl Into<String>) -> Builder {
         let (name, place) = (name.into(), Location::caller());
@@ -114,7 +125,7 @@ impl Builder {
         place: Place,
     ) -> Signal<'_> {
         let width = if width == 0 {
-            self.fail(place, "a signal of no bits");
+            self.fail(place, "a signal must have at least 1 bit");
             1
         } else {
             width
@@ -170,7 +181,7 @@ impl Builder {
             self.fail(
                 place,
                 format!(
-                    "\"{name}\" is no name for Verilog: use lower case, digits, _, and no keyword"
+                    "\"{name}\" is not a valid name: use lower-case letters, digits and _, and no Verilog keyword"
                 ),
             );
         }
@@ -204,7 +215,7 @@ impl Builder {
     /// What is of the module itself comes before its properties.
     pub(super) fn must_be_open(&self, what: &str, name: &str, place: Place) {
         if self.inner.borrow().formal {
-            let message = format!("{what} \"{name}\" comes behind the module's properties");
+            let message = format!("{what} \"{name}\" is declared after the module's properties");
             self.fail(place, message);
         }
     }
@@ -223,12 +234,13 @@ impl Builder {
         signal
     }
 
-    /// The heading of the ports that follow.
+    /// Sets the heading of the ports that are declared from here on. Ports of one heading are
+    /// printed together, under a comment with the heading.
     pub fn group(&self, heading: impl Into<String>) {
         *self.group.borrow_mut() = heading.into();
     }
 
-    /// A comment before what follows.
+    /// Prints a comment before the statements that follow.
     pub fn comment(&self, text: impl Into<String>) {
         self.inner
             .borrow_mut()
@@ -237,14 +249,18 @@ impl Builder {
             .push(Item::Comment(text.into()));
     }
 
-    /// Describes a part of the module, which becomes a module of its own in the Verilog: `doc` says in its file's head what it is for. It is
-    /// called after the module and `name`, and placed as `name`.
+    /// Describes a part of the module, which becomes a Verilog module of its own; `doc` is printed
+    /// in the head of its file. The part's module is named `<module>_<name>`, its instance `name`.
     ///
-    /// Its ports follow from the description: what it reads of signals made outside, and what is read outside of those made inside, under
-    /// the signals' names. A register, a memory and an instance are in the part in which they are made, a wire in that in which it is
-    /// driven. Properties and [mutations](Mutation) know nothing of parts: to them the module is one netlist.
+    /// The ports of the part follow from the description: its inputs are the signals that it reads
+    /// and that are made outside of it, its outputs are the signals made inside that are read
+    /// outside. Ports are named after these signals. A register, a memory or an instance belongs to
+    /// the part in which it is made, a wire to the part in which it is driven. Properties
+    /// ([`Proof`](crate::Proof)) and [mutations](Mutation) do not see parts: for them the module
+    /// remains one netlist.
     ///
-    /// A part may be left and described further later, under the same name; it ends where another begins.
+    /// A part can be continued later: a second call with the same name adds to it. Parts do not
+    /// nest; a part that is begun inside another interrupts it.
     #[track_caller]
     pub fn part<R>(&self, name: &str, doc: &str, describe: impl FnOnce() -> R) -> R {
         let place = Location::caller();
@@ -270,8 +286,13 @@ impl Builder {
         result
     }
 
-    /// Whether what is described from here on is simplified where literals and widths of 1 make it trivial. What is not has the same text
-    /// for all numbers, as a module with parameters must.
+    /// Turns the simplification of expressions on or off for what is described from here on. It is
+    /// on at first.
+    ///
+    /// Simplification replaces expressions that literals or widths of one bit make trivial, such as
+    /// `x & 0` or the reduction of a single bit. Without it the structure of the Verilog does not
+    /// depend on widths and values, as a module with parameters needs (see
+    /// [`Library`](crate::Library)).
     pub fn simplify(&self, whether: bool) {
         self.inner.borrow_mut().simplifies = whether;
     }
@@ -287,7 +308,7 @@ impl Builder {
         std::mem::replace(&mut inner.part, part)
     }
 
-    /// An input port without a stage.
+    /// Declares an input port of `width` bits that belongs to no pipeline.
     #[track_caller]
     pub fn input(&self, name: impl AsRef<str>, width: u32) -> Signal<'_> {
         self.input_at(name.as_ref(), width, None, Location::caller())
@@ -305,7 +326,8 @@ impl Builder {
         signal
     }
 
-    /// An output port; a staged signal gives the port its stage.
+    /// Declares an output port that shows `signal`. The port has the width of the signal and, if
+    /// the signal is in a pipeline, its stage.
     #[track_caller]
     pub fn output(&self, name: impl AsRef<str>, signal: Signal<'_>) {
         self.output_from(name.as_ref(), signal, Location::caller());
@@ -322,7 +344,7 @@ impl Builder {
             self.fail(
                 place,
                 format!(
-                    "port \"{name}\" is given a signal of module {}",
+                    "port \"{name}\" is connected to a signal of module {}",
                     signal.builder.name
                 ),
             );
@@ -341,20 +363,22 @@ impl Builder {
         ));
     }
 
-    /// A constant.
+    /// Returns a literal of `width` bits. It is a mistake if `value` does not fit. Literals have no
+    /// stage and can be combined with signals of any stage.
     #[track_caller]
     pub fn lit(&self, value: impl Into<u128>, width: u32) -> Signal<'_> {
         let value = value.into();
         if width < 128 && value >> width != 0 {
             self.fail(
                 Location::caller(),
-                format!("{value} does not fit {width} bits"),
+                format!("{value} does not fit in {width} bits"),
             );
         }
         self.node(Op::Literal(value), width, None, Location::caller())
     }
 
-    /// A literal that has a name, in capitals: a `localparam`. The same may be asked for again.
+    /// Returns a literal that is declared as a `localparam`. Its name consists of capital letters,
+    /// digits and `_`. A second call with the same name, value and width returns the same constant.
     #[track_caller]
     pub fn constant(&self, name: &str, value: impl Into<u128>, width: u32) -> Signal<'_> {
         let (value, place) = (value.into(), Location::caller());
@@ -372,18 +396,25 @@ impl Builder {
         let literal = self.lit(value, width);
         self.check_name(&name.to_ascii_lowercase(), place);
         if name != name.to_ascii_uppercase() {
-            self.fail(place, format!("{name}: a constant is named in capitals"));
+            self.fail(
+                place,
+                format!(
+                    "\"{name}\" is not a valid constant name: use capital letters, digits and _"
+                ),
+            );
         }
         self.claim_unchecked(name, place);
         self.inner.borrow_mut().ir.nodes[literal.id].name = Some(name.to_string());
         literal
     }
 
+    /// Returns a literal of `width` bits, all 0.
     #[track_caller]
     pub fn zero(&self, width: u32) -> Signal<'_> {
         self.node(Op::Literal(0), width, None, Location::caller())
     }
 
+    /// Returns a signal of `width` bits, all 1.
     #[track_caller]
     pub fn ones(&self, width: u32) -> Signal<'_> {
         if width <= 128 {
@@ -398,13 +429,15 @@ impl Builder {
         }
     }
 
-    /// The reset, for logic that reads it. Registers have theirs of [`Builder::reg_reset`].
+    /// Returns the reset `rst` as a signal of one bit, for logic that reads it. A register with a
+    /// reset value needs no such logic: see [`Builder::reg_reset`].
     #[track_caller]
     pub fn reset(&self) -> Signal<'_> {
         self.node(Op::Reset, 1, None, Location::caller())
     }
 
-    /// A wire that is driven later, once: for what is used before it is made.
+    /// Declares a wire of `width` bits that is driven later, exactly once, by [`Wire::drive`]. A
+    /// wire makes it possible to use a signal before it is computed, for feedback.
     #[track_caller]
     pub fn wire(&self, name: impl AsRef<str>, width: u32) -> Wire<'_> {
         self.wire_from(name.as_ref(), width, Location::caller())
@@ -416,7 +449,8 @@ impl Builder {
         }
     }
 
-    /// A register without reset.
+    /// Declares a register of `width` bits without a reset value. Its next value is set exactly
+    /// once, by [`Reg::next`] or [`Reg::next_when`].
     #[track_caller]
     pub fn reg(&self, name: impl AsRef<str>, width: u32) -> Reg<'_> {
         let op = Op::Register(Register::default());
@@ -425,7 +459,7 @@ impl Builder {
         }
     }
 
-    /// A register that reset sets to `value`.
+    /// Declares a register of `width` bits that the synchronous reset `rst` sets to `value`.
     #[track_caller]
     pub fn reg_reset(&self, name: impl AsRef<str>, width: u32, value: u128) -> Reg<'_> {
         let place = Location::caller();
@@ -433,7 +467,7 @@ impl Builder {
             self.fail(
                 place,
                 format!(
-                    "reset of \"{}\": {value} does not fit {width} bits",
+                    "reset of \"{}\": {value} does not fit in {width} bits",
                     name.as_ref()
                 ),
             );
@@ -447,7 +481,7 @@ impl Builder {
         }
     }
 
-    /// A pipeline, whose inputs are at stage 0.
+    /// Starts a pipeline; its inputs are at stage 0. A module may have several.
     pub fn pipeline(&self) -> Pipeline<'_> {
         let mut inner = self.inner.borrow_mut();
         inner.pipelines += 1;
@@ -457,7 +491,8 @@ impl Builder {
         }
     }
 
-    /// Signals side by side, the first most significant.
+    /// Concatenates signals; the first is the most significant. Signals of a pipeline are aligned
+    /// to the latest stage among them.
     #[track_caller]
     pub fn concat(&self, parts: &[Signal<'_>]) -> Signal<'_> {
         let place = Location::caller();
@@ -510,13 +545,13 @@ impl Builder {
         Some(of.slice(base, width, place))
     }
 
-    /// Bit by bit or of all.
+    /// Returns the bitwise OR of one or more signals of equal width.
     #[track_caller]
     pub fn or_all(&self, signals: &[Signal<'_>]) -> Signal<'_> {
         self.reduce(signals, Binary::Or, Location::caller())
     }
 
-    /// Bit by bit and of all.
+    /// Returns the bitwise AND of one or more signals of equal width.
     #[track_caller]
     pub fn and_all(&self, signals: &[Signal<'_>]) -> Signal<'_> {
         self.reduce(signals, Binary::And, Location::caller())
@@ -524,7 +559,7 @@ impl Builder {
 
     fn reduce(&self, signals: &[Signal<'_>], op: Binary, place: Place) -> Signal<'_> {
         let Some((first, rest)) = signals.split_first() else {
-            self.fail(place, "a reduction of no signals");
+            self.fail(place, "a reduction needs at least one signal");
             return self.zero(1);
         };
         let mut all = Signal {
@@ -545,7 +580,8 @@ impl Builder {
         all
     }
 
-    /// The value of the first condition that holds, else `default`.
+    /// Returns the value of the first pair `(condition, value)` whose condition is 1, or `default`
+    /// if none is. Conditions have one bit, values and default one width.
     #[track_caller]
     pub fn priority<'b>(
         &'b self,
@@ -559,12 +595,13 @@ impl Builder {
         chosen
     }
 
-    /// The choice that an index names; indexes past the last name the last.
+    /// Returns the choice with the number `index`. An index beyond the last choice selects the last
+    /// one. There must be at least one choice.
     #[track_caller]
     pub fn select<'b>(&'b self, index: Signal<'b>, choices: &[Signal<'b>]) -> Signal<'b> {
         let place = Location::caller();
         let Some((last, rest)) = choices.split_last() else {
-            self.fail(place, "a selection among no signals");
+            self.fail(place, "a selection needs at least one choice");
             return self.zero(1);
         };
         let mut chosen = *last;
@@ -607,7 +644,7 @@ impl Builder {
                     self.fail(
                         place,
                         format!(
-                            "{} and {} are in two pipelines: bring one into the other's with \
+                            "{} and {} are in different pipelines: move one to the other with \
                              untimed and enter_at",
                             other.describe(),
                             signal.describe()
@@ -623,7 +660,7 @@ impl Builder {
             self.fail(
                 place,
                 format!(
-                    "{} has a stage, {} has none: bring it in with enter_at, or use untimed",
+                    "{} has a stage, {} has none: give it one with enter_at, or use untimed",
                     staged.describe(),
                     unstaged.describe()
                 ),
@@ -786,9 +823,12 @@ impl Builder {
         }
     }
 
-    /// An instance of a finished module. Each staged input is delayed until it meets the others at the stage that
-    /// its port has in the module; outputs of a pipelined module are staged after them. Every input but `clk` and
-    /// `rst` must be given.
+    /// Instantiates a finished module. `inputs` gives a signal for each of its input ports, by
+    /// name; `clk` and `rst` are connected automatically.
+    ///
+    /// If the module is pipelined, its inputs are aligned: each staged input is delayed by as many
+    /// registers as it needs to arrive at the stage of its port relative to the others, and the
+    /// outputs are staged accordingly.
     #[track_caller]
     pub fn instance<'b>(
         &'b self,
@@ -806,7 +846,7 @@ impl Builder {
                 self.fail(
                     place,
                     format!(
-                        "instance {name}: input {port} is given a signal of module {}",
+                        "instance {name}: input {port} is connected to a signal of module {}",
                         signal.builder.name
                     ),
                 );
@@ -815,7 +855,7 @@ impl Builder {
             if inputs[..index].iter().any(|(earlier, _)| earlier == port) {
                 self.fail(
                     place,
-                    format!("instance {name}: input {port} is doubly driven"),
+                    format!("instance {name}: input {port} is driven twice"),
                 );
             }
             let Some(stage) = signal.stage_data() else {
@@ -839,7 +879,7 @@ impl Builder {
             if base.is_some_and(|b| b.pipeline != start.pipeline) {
                 self.fail(
                     place,
-                    format!("instance {name}: inputs come from two pipelines"),
+                    format!("instance {name}: inputs are from different pipelines"),
                 );
             }
             base = Some(base.map_or(start, |b| if start.at > b.at { start } else { b }));
@@ -873,7 +913,7 @@ impl Builder {
                     self.fail(
                         place,
                         format!(
-                            "instance {name} of {}: {} has no stage, other inputs have",
+                            "instance {name} of {}: {} has no stage, but other inputs have one",
                             module.name(),
                             signal.describe()
                         ),
@@ -946,10 +986,12 @@ impl Builder {
         }
     }
 
-    /// Checks the module and prints it.
+    /// Checks the module and prints its Verilog.
     ///
     /// # Errors
-    /// The first mistake that was made, with its place in the Rust source.
+    /// The first mistake of the description, with its place in the Rust source; then anything that
+    /// only the complete module shows: an undriven wire, register or input, a combinational loop, a
+    /// memory that is never written or never read, a mutation that cannot be made.
     pub fn finish(self) -> Result<Arc<Module>, HdlError> {
         if let Some(error) = self.error.borrow_mut().take() {
             return Err(error);
@@ -1003,7 +1045,7 @@ impl Builder {
             self.fail(
                 place,
                 format!(
-                    "\"{name}\" is doubly driven: first at {}:{}",
+                    "\"{name}\" is driven twice: first at {}:{}",
                     earlier.file(),
                     earlier.line()
                 ),
@@ -1015,7 +1057,7 @@ impl Builder {
     }
 }
 
-/// The outputs of an instance.
+/// An instance of a module, with access to its outputs. Returned by [`Builder::instance`].
 #[derive(Clone)]
 pub struct Outputs<'b> {
     pub(super) builder: &'b Builder,
@@ -1027,7 +1069,7 @@ pub struct Outputs<'b> {
 }
 
 impl<'b> Outputs<'b> {
-    /// What one of the instance's inputs is given, for a [`Mutation`].
+    /// Names the signal that an input of the instance reads, for a [`Mutation`].
     pub fn input(&self, port: &str) -> Reads<&'b Builder> {
         let inner = self.builder.inner.borrow();
         let mut inputs = inner.ir.instances[self.index].inputs.iter();
@@ -1036,7 +1078,7 @@ impl<'b> Outputs<'b> {
         Reads::of_input(self.builder, self.index, input)
     }
 
-    /// An output by its port's name.
+    /// Returns the output port called `port`. It is a mistake if the module has no such output.
     #[track_caller]
     pub fn get(&self, port: &str) -> Signal<'b> {
         match self.outputs.iter().find(|(name, _)| name == port) {
@@ -1059,17 +1101,20 @@ impl<'b> Outputs<'b> {
     }
 }
 
-/// A wire that is driven once, later.
+/// A wire that is driven once, after it was declared. See [`Builder::wire`].
 #[derive(Clone, Copy)]
 pub struct Wire<'b> {
     signal: Signal<'b>,
 }
 
 impl<'b> Wire<'b> {
+    /// Returns the signal of the wire.
     pub fn get(&self) -> Signal<'b> {
         self.signal
     }
 
+    /// Drives the wire. The value has the width of the wire and no stage; a wire is driven exactly
+    /// once.
     #[track_caller]
     pub fn drive(&self, value: Signal<'b>) {
         self.drive_from(value, Location::caller());
@@ -1080,20 +1125,23 @@ impl<'b> Wire<'b> {
     }
 }
 
-/// A register of the module's state. Its output has no stage.
+/// A register of the module's state. It belongs to no pipeline.
 #[derive(Clone, Copy)]
 pub struct Reg<'b> {
+    /// The current value.
     pub q: Signal<'b>,
 }
 
 impl<'b> Reg<'b> {
-    /// Sets the value after the next clock edge.
+    /// Sets the value that the register takes at every rising clock edge. The value has the width
+    /// of the register and no stage; it is set exactly once.
     #[track_caller]
     pub fn next(&self, value: Signal<'b>) {
         self.set(value, None, Location::caller());
     }
 
-    /// Sets the value after the next clock edge where `enable` (1 bit) is high; else the register keeps its value.
+    /// Sets the value that the register takes at a rising clock edge where `enable` (one bit) is 1.
+    /// Otherwise the register keeps its value.
     #[track_caller]
     pub fn next_when(&self, enable: Signal<'b>, value: Signal<'b>) {
         self.set(value, Some(enable), Location::caller());
@@ -1117,9 +1165,9 @@ impl<'b> Reg<'b> {
                 builder.fail(
                     place,
                     format!(
-                        "width mismatch: an enable of {} bits ({})",
-                        enable.width(),
-                        enable.describe()
+                        "width mismatch: an enable has 1 bit, {} has {}",
+                        enable.describe(),
+                        enable.width()
                     ),
                 );
             }

@@ -1,33 +1,35 @@
-//! Values that go together, as Rust structs: what a word of a memory holds, what a unit's ports are.
+//! Bundles: Rust structs of signals, for the fields of a word and for the ports of a module.
 //!
-//! [`bundle!`](crate::bundle) defines a struct that is generic in its leaf. One definition serves as widths ([`Spec`]), signals,
-//! wires that are driven later, and a simulated model's ports; a name that does not exist is an error of the compiler.
-//! [`interface!`](crate::interface) defines a unit's inputs and outputs the same way, under their headings.
+//! [`bundle!`](macro@crate::bundle) defines a struct that is generic in the type of its leaves. With leaves of type
+//! [`Spec`] it is the definition, with names and widths; the same struct holds [`Signal`]s, [`Wire`]s, the ports of
+//! a simulated model, or numbers. A misspelt field is an error of the Rust compiler.
+//! [`interface!`](crate::interface) defines the inputs and outputs of a module the same way, under headings.
 //!
 //! ```
 //! use dynrt_hdl::{Builder, Signals, Specs};
 //! dynrt_hdl::bundle! {
-//!     /// A ray's interval.
+//!     /// An interval of numbers.
 //!     pub struct Interval(number: u32) {
-//!         /// Where it begins.
-//!         near: number,
-//!         far: number,
+//!         /// The lower bound.
+//!         low: number,
+//!         /// The upper bound.
+//!         high: number,
 //!     }
 //! }
 //! dynrt_hdl::bundle! {
 //!     struct Entry(number: u32, doubled: bool) {
 //!         origin: [number; xyz],         // origin_x, origin_y, origin_z
-//!         interval: {Interval}(number), // interval_near, interval_far
+//!         interval: {Interval}(number), // interval_low, interval_high
 //!         second if (doubled): number,
 //!     }
 //! }
-//! let m = Builder::new("example", "An entry a clock later, its interval turned.");
+//! let m = Builder::new("example", "Delays an entry by a cycle and swaps its bounds.");
 //! let entry = Entry::of(8, false);
 //! assert_eq!(entry.width(), 5 * 8);
 //! let word = m.input("word", entry.width());
 //! let Entry { origin, interval, second } = entry.unpack(word).register();
-//! let interval = Interval { near: interval.far, far: interval.near };
-//! m.output("turned", entry.pack(Entry { origin, interval, second }));
+//! let interval = Interval { low: interval.high, high: interval.low };
+//! m.output("swapped", entry.pack(Entry { origin, interval, second }));
 //! m.finish().unwrap();
 //! ```
 
@@ -41,22 +43,26 @@ use std::fmt;
 use std::panic::Location;
 use std::sync::Arc;
 
-/// A field before it is anything else: its name, its bits, and the heading that it stands under as a port.
+/// The definition of a field: its name, its width and the heading under which it is declared as a
+/// port.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Spec {
+    /// The full name, with the names of the bundles that contain the field.
     pub name: String,
+    /// The width in bits.
     pub width: u32,
+    /// The heading of the port; empty for none.
     pub heading: String,
 }
 
 impl Spec {
-    /// The input port.
+    /// Declares the field as an input port without a stage.
     #[track_caller]
     pub fn input<'b>(&self, m: &'b Builder) -> Signal<'b> {
         self.input_from(m, None, Location::caller())
     }
 
-    /// The input port of a pipeline, at one of its stages.
+    /// Declares the field as an input port of a pipeline, at stage `at`.
     #[track_caller]
     pub fn input_at<'b>(&self, p: &Pipeline<'b>, at: u32) -> Signal<'b> {
         self.input_from(p.builder, Some((p, at)), Location::caller())
@@ -73,7 +79,8 @@ impl Spec {
         m.input_at(&self.name, self.width, stage, place)
     }
 
-    /// The stage of the port in a finished module, for the description of another: it must have one.
+    /// Returns the stage that this port has in a finished module, for use in the description `m` of
+    /// another. It is a mistake of `m` if the port has no stage; the result is then 0.
     #[track_caller]
     pub fn stage(&self, m: &Builder, module: &Module) -> u32 {
         let place = Location::caller();
@@ -99,7 +106,8 @@ impl Spec {
     }
 }
 
-/// A field's name with those of the bundles around it, made into text where it is wanted alone.
+/// The full name of a field: its own, after the names of the bundles that contain it, joined by
+/// `_`. It is formatted on demand by its [`Display`](fmt::Display) implementation.
 #[derive(Clone, Copy, Debug)]
 pub struct Name<'a> {
     around: Option<&'a Name<'a>>,
@@ -127,22 +135,32 @@ impl fmt::Display for Name<'_> {
     }
 }
 
-/// How a bundle is built up, whatever its leaf is. Implemented by [`bundle!`](crate::bundle).
+/// The structure of a bundle, independent of the type of its leaves. It is implemented by
+/// [`bundle!`](macro@crate::bundle).
 pub trait Shape {
+    /// The bundle with leaves of type `T`.
     type Of<T>;
-    /// Its fields stand among those around it, without its name before theirs.
+    /// Whether the fields are named without the name of this bundle before theirs.
     const FLAT: bool = false;
 
-    /// Each leaf of what is called `name`, with its full name, in the order of the definition.
+    /// Calls `f` for every leaf, with its full name, in the order of the definition, and returns
+    /// the bundle of the results. `name` is the name of the bundle itself.
+    ///
+    /// # Errors
+    /// The first error of `f`.
     fn each<T, U, E>(
         of: Self::Of<T>,
         name: &Name<'_>,
         f: &mut dyn FnMut(&Name<'_>, T) -> Result<U, E>,
     ) -> Result<Self::Of<U>, E>;
 
+    /// Pairs the leaves of two bundles.
+    ///
+    /// # Panics
+    /// If an optional field is present in only one of them.
     fn zip<T, U>(a: Self::Of<T>, b: Self::Of<U>) -> Self::Of<(T, U)>;
 
-    /// The name of the field `field` of what is called `around`.
+    /// Returns the name of the field `field` in a bundle called `around`.
     fn name<'a>(around: &'a Name<'a>, field: &'a str) -> Name<'a> {
         if Self::FLAT {
             *around
@@ -152,19 +170,19 @@ pub trait Shape {
     }
 }
 
-/// One value.
+/// The shape of a single value.
 pub struct One;
-/// A value on each axis, named `_x`, `_y`, `_z`.
+/// The shape of three values, with the suffixes `_x`, `_y` and `_z`.
 pub struct Xyz;
-/// So many values, eight at most, named `_0`, `_1` and so on.
+/// The shape of `N` values, at most 8, with the suffixes `_0`, `_1`, ….
 pub struct Numbered<const N: usize>;
 
 const NUMBERS: [&str; 8] = ["0", "1", "2", "3", "4", "5", "6", "7"];
-/// A bundle for each axis, `_x`, `_y`, `_z` after the names of its fields.
+/// The shape of three bundles. The suffixes `_x`, `_y` and `_z` follow the names of their fields.
 pub struct Axes<S>(S);
-/// A field that is not always there.
+/// The shape of an optional field.
 pub struct Maybe<S>(S);
-/// A bundle whose fields keep their own names.
+/// The shape of a bundle whose fields are named without the name of the bundle.
 pub struct Flat<S>(S);
 
 impl Shape for One {
@@ -254,7 +272,7 @@ impl<S: Shape> Shape for Maybe<S> {
         match (a, b) {
             (Some(a), Some(b)) => Some(S::zip(a, b)),
             (None, None) => None,
-            _ => panic!("a field that only one of two bundles has"),
+            _ => panic!("an optional field is present in only one of two bundles"),
         }
     }
 }
@@ -276,15 +294,20 @@ impl<S: Shape> Shape for Flat<S> {
     }
 }
 
-/// A bundle with leaves of some kind.
+/// A bundle: a struct whose fields are leaves of type [`Bundle::Leaf`], or bundles of such leaves.
+///
+/// It is implemented by [`bundle!`](macro@crate::bundle). The names that the methods pass to closures are
+/// full names, see [`Name`].
 pub trait Bundle: Sized + Clone {
+    /// The type of the leaves, such as [`Spec`], [`Signal`] or [`Wire`].
     type Leaf;
+    /// The structure.
     type Shape: Shape<Of<Self::Leaf> = Self>;
 
-    /// The same bundle of what `f` makes of each leaf and its full name, unless that is an error.
+    /// Calls `f` for every leaf and returns the bundle of the results.
     ///
     /// # Errors
-    /// The first of `f`.
+    /// The first error of `f`.
     fn try_map<U, E>(
         &self,
         mut f: impl FnMut(&Name<'_>, Self::Leaf) -> Result<U, E>,
@@ -292,12 +315,12 @@ pub trait Bundle: Sized + Clone {
         Self::Shape::each(self.clone(), &Name::root(""), &mut f)
     }
 
-    /// The same bundle of what `f` makes of each leaf and its full name.
+    /// Calls `f` for every leaf, with its full name, and returns the bundle of the results.
     fn map<U>(&self, f: impl FnMut(&Name<'_>, Self::Leaf) -> U) -> Like<Self, U> {
         self.map_in("", f)
     }
 
-    /// The same with `prefix` before all names.
+    /// As [`map`](Bundle::map), with `prefix` and `_` before all names.
     fn map_in<U>(
         &self,
         prefix: &str,
@@ -309,18 +332,19 @@ pub trait Bundle: Sized + Clone {
         all
     }
 
-    /// The leaves of two bundles of one shape, side by side.
+    /// Pairs the leaves with those of another bundle of the same shape.
     ///
     /// # Panics
-    /// Where one has a field that the other lacks.
+    /// If an optional field is present in only one of the bundles.
     fn zip<U>(&self, other: Like<Self, U>) -> Like<Self, (Self::Leaf, U)> {
         Self::Shape::zip(self.clone(), other)
     }
 
-    /// Each leaf with that of another bundle of this shape, in order.
+    /// Calls `f` for every leaf together with that of another bundle of the same shape, in the
+    /// order of the definition.
     ///
     /// # Panics
-    /// Where one has a field that the other lacks.
+    /// If an optional field is present in only one of the bundles.
     fn with<U>(&self, other: Like<Self, U>, mut f: impl FnMut(Self::Leaf, U)) {
         let Ok(_) = Self::Shape::each(self.zip(other), &Name::root(""), &mut |_, (leaf, other)| {
             f(leaf, other);
@@ -328,14 +352,14 @@ pub trait Bundle: Sized + Clone {
         });
     }
 
-    /// The leaves in the order of the definition.
+    /// Returns the leaves in the order of the definition.
     fn leaves(&self) -> Vec<Self::Leaf> {
         let mut leaves = vec![];
         self.map(|_, leaf| leaves.push(leaf));
         leaves
     }
 
-    /// Names and leaves in the order of the definition.
+    /// Returns the names and the leaves in the order of the definition.
     fn fields(&self) -> Vec<(String, Self::Leaf)> {
         let mut fields = vec![];
         self.map(|name, leaf| fields.push((name.to_string(), leaf)));
@@ -343,7 +367,7 @@ pub trait Bundle: Sized + Clone {
     }
 }
 
-/// A bundle of the same shape with other leaves.
+/// The bundle of the same shape as `B` with leaves of type `T`.
 pub type Like<B, T> = <<B as Bundle>::Shape as Shape>::Of<T>;
 
 /// Leaves of two bundles of one shape, in order.
@@ -353,30 +377,30 @@ fn pairs<A: Bundle, U>(a: &A, b: Like<A, U>) -> Vec<(A::Leaf, U)> {
     pairs
 }
 
-/// A bundle of signals.
+/// Operations on all signals of a bundle.
 pub trait Signals<'b>: Bundle<Leaf = Signal<'b>> {
-    /// Every field one register later.
+    /// Delays every field by one register.
     #[track_caller]
     fn register(&self) -> Self {
         let place = Location::caller();
         self.map(|_, signal| signal.delay_by(1, place))
     }
 
-    /// Every field at a later stage of its pipeline.
+    /// Delays every field to the given stage of its pipeline.
     #[track_caller]
     fn at(&self, stage: u32) -> Self {
         let place = Location::caller();
         self.map(|_, signal| signal.at_from(stage, place))
     }
 
-    /// Every field as it is at its stage, for logic outside the pipeline.
+    /// Removes the stage of every field without delaying it: see [`Signal::untimed`].
     #[track_caller]
     fn untimed(&self) -> Self {
         let place = Location::caller();
         self.map(|_, signal| signal.untimed_from(place))
     }
 
-    /// Names every field in the Verilog, `prefix` before its own name.
+    /// Names every field in the Verilog, with `prefix` and `_` before its own name.
     #[track_caller]
     fn named(&self, prefix: impl AsRef<str>) -> Self {
         let place = Location::caller();
@@ -389,7 +413,8 @@ pub trait Signals<'b>: Bundle<Leaf = Signal<'b>> {
 impl<'b, B: Bundle<Leaf = Signal<'b>>> Signals<'b> for B {}
 
 impl<'b> Signal<'b> {
-    /// `then` where this bit is 1, `otherwise` where it is 0, field by field.
+    /// Returns `then` where this bit is 1, `otherwise` where it is 0: a multiplexer for every
+    /// field.
     #[track_caller]
     pub fn choose<B: Signals<'b>>(self, then: B, otherwise: B) -> B {
         let place = Location::caller();
@@ -401,14 +426,15 @@ impl<'b> Signal<'b> {
     }
 }
 
-/// A bundle's definition.
+/// Operations on the definition of a bundle.
 pub trait Specs: Bundle<Leaf = Spec> {
-    /// Bits of all fields.
+    /// Returns the sum of the widths of all fields.
     fn width(&self) -> u32 {
         self.fields().iter().map(|(_, spec)| spec.width).sum()
     }
 
-    /// A word of the fields' values, the first least significant.
+    /// Concatenates the values of the fields into a word. The first field is the least significant.
+    /// The values must have the widths of the definition.
     #[track_caller]
     fn pack<'b>(&self, values: Like<Self, Signal<'b>>) -> Signal<'b> {
         let place = Location::caller();
@@ -421,7 +447,8 @@ pub trait Specs: Bundle<Leaf = Spec> {
         parts[0].builder.concat(&parts)
     }
 
-    /// The fields of a word.
+    /// Splits a word into the fields, the inverse of [`pack`](Specs::pack). The word must have the
+    /// [width](Specs::width) of the bundle.
     #[track_caller]
     fn unpack<'b>(&self, word: Signal<'b>) -> Like<Self, Signal<'b>> {
         let place = Location::caller();
@@ -445,7 +472,7 @@ pub trait Specs: Bundle<Leaf = Spec> {
         })
     }
 
-    /// One field of a word, a leaf of this definition.
+    /// Returns one field of a word. `field` is a leaf of this definition.
     #[track_caller]
     fn get<'b>(&self, word: Signal<'b>, field: &Spec) -> Signal<'b> {
         let place = Location::caller();
@@ -456,21 +483,21 @@ pub trait Specs: Bundle<Leaf = Spec> {
         part.as_part(&field.name, true)
     }
 
-    /// An input port for each field.
+    /// Declares an input port for each field.
     #[track_caller]
     fn inputs<'b>(&self, m: &'b Builder) -> Like<Self, Signal<'b>> {
         let place = Location::caller();
         self.map(|_, spec| spec.input_from(m, None, place))
     }
 
-    /// An input port of a pipeline for each field, at one of its stages.
+    /// Declares an input port of a pipeline for each field, at stage `at`.
     #[track_caller]
     fn inputs_at<'b>(&self, p: &Pipeline<'b>, at: u32) -> Like<Self, Signal<'b>> {
         let place = Location::caller();
         self.map(|_, spec| spec.input_from(p.builder, Some((p, at)), place))
     }
 
-    /// An output port for each field.
+    /// Declares an output port for each field. The values must have the widths of the definition.
     #[track_caller]
     fn outputs<'b>(&self, m: &'b Builder, values: Like<Self, Signal<'b>>) {
         let place = Location::caller();
@@ -481,7 +508,8 @@ pub trait Specs: Bundle<Leaf = Spec> {
         }
     }
 
-    /// A wire for each field, to be driven once, later; `prefix` before the field's name.
+    /// Declares a wire for each field, to be driven once, later. Its name is `prefix`, `_` and the
+    /// name of the field.
     #[track_caller]
     fn wires<'b>(&self, m: &'b Builder, prefix: &str) -> Like<Self, Wire<'b>> {
         let place = Location::caller();
@@ -490,7 +518,9 @@ pub trait Specs: Bundle<Leaf = Spec> {
         })
     }
 
-    /// A register for each field, `prefix` before the field's name, which takes these values every clock.
+    /// Declares a register without a reset value for each field and loads it with the given value
+    /// every cycle. Its name is `prefix`, `_` and the name of the field. The result is the outputs
+    /// of the registers.
     #[track_caller]
     fn hold<'b>(&self, prefix: &str, values: Like<Self, Signal<'b>>) -> Like<Self, Signal<'b>> {
         let mut held = vec![];
@@ -508,7 +538,8 @@ pub trait Specs: Bundle<Leaf = Spec> {
         self.map(|_, _| held.next().expect("a register for each field"))
     }
 
-    /// A word, of at most 64 bits, of these values.
+    /// Packs numbers into a word as [`pack`](Specs::pack) packs signals, for simulation. The bundle
+    /// has at most 64 bits, and each number must fit its field.
     fn encode(&self, values: Like<Self, u64>) -> u64 {
         let mut lsb = 0;
         pairs::<_, u64>(self, values)
@@ -519,7 +550,8 @@ pub trait Specs: Bundle<Leaf = Spec> {
             })
     }
 
-    /// The values that a word of at most 64 bits holds.
+    /// Splits a word into numbers, the inverse of [`encode`](Specs::encode). The bundle has at most
+    /// 64 bits.
     fn decode(&self, word: u64) -> Like<Self, u64> {
         debug_assert!(self.width() <= 64);
         let mut lsb = 0;
@@ -532,12 +564,14 @@ pub trait Specs: Bundle<Leaf = Spec> {
 
 impl<B: Bundle<Leaf = Spec>> Specs for B {}
 
-/// A bundle of wires that are driven once, later.
+/// Operations on all wires of a bundle.
 pub trait Wires<'b>: Bundle<Leaf = Wire<'b>> {
+    /// Returns the signals of the wires.
     fn get(&self) -> Like<Self, Signal<'b>> {
         self.map(|_, wire| wire.get())
     }
 
+    /// Drives every wire, as [`Wire::drive`].
     #[track_caller]
     fn drive(&self, values: Like<Self, Signal<'b>>) {
         let place = Location::caller();
@@ -549,18 +583,21 @@ pub trait Wires<'b>: Bundle<Leaf = Wire<'b>> {
 
 impl<'b, B: Bundle<Leaf = Wire<'b>>> Wires<'b> for B {}
 
-/// The ports of a unit with other leaves.
+/// [`Ports`] of the same shape as `Ports<I, O>` with leaves of type `T`.
 pub type LikePorts<I, O, T> = Ports<Like<I, T>, Like<O, T>>;
 
-/// The ports of a unit.
+/// The ports of a module as two bundles.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Ports<I, O> {
+    /// The input ports.
     pub inputs: I,
+    /// The output ports.
     pub outputs: O,
 }
 
 impl<I: Bundle<Leaf = Spec>, O: Bundle<Leaf = Spec>> Ports<I, O> {
-    /// Places a module that has these ports. Inputs and outputs are those of [`Builder::instance`].
+    /// Instantiates `module`, which has these ports, and returns its outputs. See
+    /// [`Builder::instance`] for the alignment of pipelined inputs.
     #[track_caller]
     pub fn place<'b>(
         &self,
@@ -572,7 +609,7 @@ impl<I: Bundle<Leaf = Spec>, O: Bundle<Leaf = Spec>> Ports<I, O> {
         self.instance(name, m, module, inputs).0
     }
 
-    /// The same, and the instance itself.
+    /// As [`place`](Ports::place); the second result is the instance itself.
     #[track_caller]
     pub fn instance<'b>(
         &self,
@@ -589,10 +626,11 @@ impl<I: Bundle<Leaf = Spec>, O: Bundle<Leaf = Spec>> Ports<I, O> {
         (self.outputs.map(|_, spec| placed.get(&spec.name)), placed)
     }
 
-    /// What stands for each port elsewhere, a simulated model say.
+    /// Calls `of` for every port and returns the results in the same shape, for example handles to
+    /// the ports of a simulated model.
     ///
     /// # Errors
-    /// The first of `of`.
+    /// The first error of `of`.
     pub fn try_map<T, E>(
         &self,
         mut of: impl FnMut(Spec) -> Result<T, E>,
@@ -604,18 +642,19 @@ impl<I: Bundle<Leaf = Spec>, O: Bundle<Leaf = Spec>> Ports<I, O> {
     }
 }
 
-/// A connection that carries a payload, whose fields stand beside the connection's own.
+/// Defines a connection that carries a payload. The names of the payload's fields do not mention it.
 macro_rules! connection {
     ($(#[$meta:meta])* $name:ident { $($(#[$of:meta])* $field:ident),* }) => {
         $(#[$meta])*
         #[derive(Clone, Copy, Debug, PartialEq, Eq)]
         pub struct $name<P, T = ()> {
             $($(#[$of])* pub $field: T,)*
+            /// The bundle that is transferred.
             pub payload: P,
         }
 
         impl<P: Bundle<Leaf = Spec>> $name<P, Spec> {
-            /// The definition.
+            /// Returns the definition of the connection, given that of its payload.
             pub fn of(payload: P) -> Self {
                 $name { $($field: leaf(1),)* payload }
             }
@@ -651,25 +690,35 @@ macro_rules! connection {
 }
 
 connection! {
-    /// A payload that comes in some clocks and is always taken.
-    Flow { valid }
+    /// A payload with a valid bit and without back-pressure: the receiver takes it in every cycle in which
+    /// `valid` is 1.
+    Flow { #[doc = "Whether the payload is present in this cycle."] valid }
 }
 
 connection! {
-    /// A payload that is taken in the clocks where both `valid` and `ready` are high.
-    Stream { valid, #[doc = "Goes against the payload."] ready }
+    /// A payload with a ready/valid handshake: it is transferred in every cycle in which both `valid` and
+    /// `ready` are 1.
+    Stream {
+        #[doc = "Whether the sender offers a payload in this cycle."]
+        valid,
+        #[doc = "Whether the receiver accepts it. This signal goes against the direction of the payload."]
+        ready
+    }
 }
 
 impl<P, T> Flow<P, T> {
+    /// Makes a flow of a valid bit and a payload.
     pub fn new(valid: T, payload: P) -> Self {
         Flow { valid, payload }
     }
 }
 
 crate::bundle! {
-    /// A request at a read port.
+    /// A read request: an address, and a tag that the response repeats.
     pub struct Request(address: u32, tag: u32) {
+        /// The address to read.
         address: address,
+        /// The tag, returned with the response.
         tag: tag,
     }
 }
@@ -677,40 +726,51 @@ crate::bundle! {
 crate::bundle! {
     /// The response to a [`Request`].
     pub struct Response(tag: u32, data: u32) {
+        /// The tag of the request.
         tag: tag,
+        /// The word that was read.
         data: data,
     }
 }
 
 crate::bundle! {
-    /// A tagged read port: requests, and their responses in any order, always taken.
+    /// A tagged read port: requests with ready/valid handshake, and responses in any order, which
+    /// are always accepted.
     pub struct ReadPort(address: u32, tag: u32, data: u32) {
+        /// The requests.
         request: Stream<Request>(address, tag),
+        /// The responses.
         response: Flow<Response>(tag, data),
     }
 }
 
 crate::bundle! {
-    /// What a unit is given at a read port: whether a request is taken, and responses.
+    /// The inputs of a module that owns a read port: whether a request is accepted, and the
+    /// responses.
     pub struct ReadInputs(title: &str, responses: &str, tag: u32, data: u32) {
-        (format!("{title}: requests")) { request_ready: 1 }
+        (format!("{title}: requests")) {
+            /// Whether the request is accepted in this cycle.
+            request_ready: 1
+        }
         (format!("{title}: answers, {responses}")) {
+            /// The responses.
             response: Flow<Response>(tag, data),
         }
     }
 }
 
 crate::bundle! {
-    /// What a unit gives at a read port.
+    /// The outputs of a module that owns a read port: the requests.
     pub struct ReadOutputs(title: &str, address: u32, tag: u32) {
         (format!("{title}: requests")) {
+            /// The requests, each held until it is accepted.
             request: Flow<Request>(address, tag),
         }
     }
 }
 
 impl<T> ReadPort<T> {
-    /// The port of a unit.
+    /// Assembles the read port from the outputs and inputs of a module.
     pub fn of_unit(outputs: ReadOutputs<T>, inputs: ReadInputs<T>) -> ReadPort<T> {
         ReadPort {
             request: Stream {
@@ -724,28 +784,41 @@ impl<T> ReadPort<T> {
 }
 
 crate::bundle! {
-    /// What is written, and where.
+    /// A word to be written, and its address.
     pub struct Write(address: u32, data: u32) {
+        /// The address to write.
         address: address,
+        /// The word to write.
         data: data,
     }
 }
 
-/// Defines a bundle: a struct generic in its leaf, with its shape.
+/// Defines a bundle: a struct that is generic in the type of its leaves.
 ///
-/// | field | is |
+/// ```text
+/// bundle! {
+///     /// Documentation.
+///     pub struct Name(argument: Type, ...) { fields }
+/// }
+/// ```
+///
+/// The macro defines `Name<T>` and the function `Name::of(argument, ...)`, which returns the definition
+/// `Name<Spec>`. The expressions in the fields may use the arguments. Each field has one of these forms:
+///
+/// | Form | Meaning |
 /// |---|---|
-/// | `name: bits` | one value |
-/// | `name: [bits; xyz]` | one on each axis |
-/// | `name: [bits; 4]` | numbered ones |
-/// | `name: {Bundle}(arguments)` | a bundle, its name before its fields' |
-/// | `name: ..{Bundle}(arguments)` | a bundle whose fields stand among the others |
-/// | `name: Flow<Bundle>(arguments)` | a connection |
-/// | `name: {Shape = definition}` | anything else, and `..` before it as above |
-/// | `name if (condition): …` | an [`Option`] of any of these |
+/// | `name: width` | one value |
+/// | `name: [width; xyz]` | three values, `name_x`, `name_y`, `name_z` |
+/// | `name: [width; 4]` | values `name_0`, `name_1`, …; at most 8 |
+/// | `name: {Bundle}(arguments)` | another bundle; its fields are named `name_…` |
+/// | `name: ..{Bundle}(arguments)` | another bundle whose fields keep their names |
+/// | `name: Flow<Bundle>(arguments)` | a [`Flow`](crate::Flow) or [`Stream`](crate::Stream) of a bundle |
+/// | `name: {Shape = definition}` | any [`Shape`](crate::bundle::Shape) with its definition; also with `..` before it |
+/// | `name if (condition): …` | any of these as an [`Option`], present if the condition holds |
 ///
-/// `of` makes the definition from what stands in the parentheses after the struct's name. Fields may stand in groups, `"heading" { … }`,
-/// whose headings they keep as ports; a heading that is no literal stands in parentheses.
+/// Fields can be grouped as `"heading" { fields }`; the heading is printed above them where they are declared as
+/// ports. A heading that is not a literal is put in parentheses. See the [module documentation](mod@crate::bundle)
+/// for an example.
 #[macro_export]
 macro_rules! bundle {
     ($(#[$meta:meta])* $vis:vis struct $name:ident ($($arg:ident: $type:ty),*) {
@@ -859,7 +932,7 @@ macro_rules! bundle {
         }
 
         impl $name<$crate::Spec> {
-            /// The definition.
+            /// Returns the definition of the bundle.
             #[allow(dead_code, unused_variables)]
             $vis fn of($($arg: $type),*) -> Self {
                 $name {
@@ -874,9 +947,25 @@ macro_rules! bundle {
     };
 }
 
-/// Defines a unit's ports: the bundles `Inputs` and `Outputs`, and `ports`, which makes their definition.
+/// Defines the ports of a module: the bundles `Inputs` and `Outputs`, and the function `ports`, which returns
+/// their definition as [`Ports`](crate::Ports).
 ///
-/// Every group has its direction and its heading; fields are written as in [`bundle!`](crate::bundle).
+/// Each group has a direction and a heading; the fields are written as in [`bundle!`](macro@crate::bundle).
+///
+/// ```
+/// use dynrt_hdl::{Builder, Specs};
+/// dynrt_hdl::interface! {
+///     pub (width: u32) {
+///         in "Operands" { a: width, b: width }
+///         out "Result" { sum: width }
+///     }
+/// }
+/// let m = Builder::new("adder", "sum = a + b.");
+/// let ports = ports(8);
+/// let Inputs { a, b } = ports.inputs.inputs(&m);
+/// ports.outputs.outputs(&m, Outputs { sum: a + b });
+/// assert_eq!(m.finish().unwrap().ports().len(), 3);
+/// ```
 #[macro_export]
 macro_rules! interface {
     ($vis:vis ($($arg:ident: $type:ty),*) { $($groups:tt)* }) => {
@@ -889,10 +978,10 @@ macro_rules! interface {
         $crate::interface!(@split $head $ins [$($outs)* $heading { $($fields)* }] $($rest)*);
     };
     (@split [$vis:vis ($($arg:ident: $type:ty),*)] [$($ins:tt)*] [$($outs:tt)*]) => {
-        $crate::bundle!(@fields [[/** The unit's inputs. */] $vis Inputs ($($arg: $type),*)] [] $($ins)*);
-        $crate::bundle!(@fields [[/** The unit's outputs. */] $vis Outputs ($($arg: $type),*)] [] $($outs)*);
+        $crate::bundle!(@fields [[/** The inputs of the module. */] $vis Inputs ($($arg: $type),*)] [] $($ins)*);
+        $crate::bundle!(@fields [[/** The outputs of the module. */] $vis Outputs ($($arg: $type),*)] [] $($outs)*);
 
-        /// The definition of the unit's ports.
+        /// Returns the definition of the module's ports.
         $vis fn ports($($arg: $type),*) -> $crate::Ports<Inputs<$crate::Spec>, Outputs<$crate::Spec>> {
             $crate::Ports {
                 inputs: Inputs::of($($arg),*),
@@ -902,7 +991,7 @@ macro_rules! interface {
     };
 }
 
-/// A field of so many bits that has no name yet.
+/// Returns a field of `width` bits without a name. Used by [`bundle!`](macro@crate::bundle).
 pub fn leaf(width: u32) -> Spec {
     Spec {
         name: String::new(),
@@ -911,7 +1000,8 @@ pub fn leaf(width: u32) -> Spec {
     }
 }
 
-/// The definition of a field, as one of those under a heading.
+/// Names the fields of a bundle after `field` and puts those without a heading under `heading`.
+/// Used by [`bundle!`](macro@crate::bundle).
 pub fn define<S: Shape>(of: S::Of<Spec>, field: &str, heading: impl Into<String>) -> S::Of<Spec> {
     let heading = heading.into();
     let Ok(defined) = S::each(of, &S::name(&Name::root(""), field), &mut |name, spec| {
@@ -1198,7 +1288,7 @@ mod tests {
     }
 
     #[test]
-    #[should_panic(expected = "a field that only one of two bundles has")]
+    #[should_panic(expected = "an optional field is present in only one of two bundles")]
     fn a_missing_field_is_told() {
         let m = Builder::new("lacking", "A mistake.");
         Item::of(3, true).pack(zeros(&Item::of(3, false), &m));

@@ -9,25 +9,34 @@ use std::collections::{BTreeMap, HashSet};
 use std::panic::Location;
 use std::sync::Arc;
 
+/// The direction of a port.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Direction {
+    /// The module reads the port.
     Input,
+    /// The module drives the port.
     Output,
 }
 
-/// A port of a module. `clk` and `rst` are ports like others.
+/// A port of a module. The clock `clk` and the reset `rst` are listed as ports too, where the
+/// module has them.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Port {
+    /// The name.
     pub name: String,
+    /// The width in bits, at least 1.
     pub width: u32,
+    /// The direction.
     pub direction: Direction,
-    /// The heading of the group that the port stands in.
+    /// The heading under which the port is declared: see [`Builder::group`](crate::Builder::group).
     pub group: String,
-    /// The pipeline stage of a pipelined module's port.
+    /// The stage of the port in its pipeline; `None` for a port that belongs to no pipeline.
     pub stage: Option<u32>,
 }
 
-/// A finished module: its interface, its netlist, and the Verilog that is printed from it.
+/// A finished module: its ports, its netlist and its Verilog.
+///
+/// Two modules are equal if their netlists are.
 #[derive(Debug)]
 pub struct Module {
     pub(super) ir: Netlist,
@@ -44,7 +53,7 @@ pub struct Module {
     pub(super) paths: BTreeMap<String, Vec<String>>,
 }
 
-/// Modules of one netlist are one module.
+/// Modules are equal if their netlists are.
 impl PartialEq for Module {
     fn eq(&self, other: &Module) -> bool {
         self.ir == other.ir
@@ -61,7 +70,7 @@ impl Module {
         if let (Some(proof), false) = (ir.proofs.first(), printed.clocked && printed.reset) {
             return Err(HdlError {
                 module: ir.name.clone(),
-                message: format!("proof {}: the module has no clock or no reset", proof.name),
+                message: format!("proof {}: the module needs a clock and a reset", proof.name),
                 place: proof.place,
             });
         }
@@ -72,7 +81,7 @@ impl Module {
                 let name = &ir.memories[memory].name;
                 return Err(HdlError {
                     module: ir.name.clone(),
-                    message: format!("memory \"{name}\" is read by properties alone"),
+                    message: format!("memory \"{name}\" is read only by properties"),
                     place: node.place,
                 });
             }
@@ -105,22 +114,25 @@ impl Module {
         if let Some(outline) = &module.outline {
             module.compare_parts(outline).map_err(|what| HdlError {
                 module: module.name().to_string(),
-                message: format!("its parts are not what they are parts of: {what}"),
+                message: format!("internal error: its parts differ from the whole: {what}"),
                 place: module.ir.place,
             })?;
         }
         Ok(module)
     }
 
-    /// Its name in the description, without the prefix that a design may put before it: see [`Design::emitted`].
+    /// Returns the name in the description, without the prefix of a design (see
+    /// [`Design::emitted`]).
     pub fn name(&self) -> &str {
         &self.ir.name
     }
 
+    /// Returns all ports in the order in which the Verilog declares them.
     pub fn ports(&self) -> &[Port] {
         &self.ports
     }
 
+    /// Returns the port called `name`, if there is one.
     pub fn port(&self, name: &str) -> Option<&Port> {
         self.ports.iter().find(|p| p.name == name)
     }
@@ -140,25 +152,28 @@ impl Module {
             .expect("a node that was found by its name")
     }
 
-    /// Names of signals in its Verilog that the description does not say, and where each signal is made: they tell a reader nothing.
-    /// [`Signal::named`](super::Signal::named) and [`Signal::hinted`](super::Signal::hinted) give better ones.
+    /// Returns the names of signals in the Verilog that do not follow from the description, each
+    /// with the place where the signal is made in the Rust source. Such names tell a reader
+    /// nothing; [`Signal::named`](super::Signal::named) and
+    /// [`Signal::hinted`](super::Signal::hinted) replace them.
     pub fn made_up_names(&self) -> impl Iterator<Item = (&str, &'static Location<'static>)> {
         let names = self.printed.made_up.iter();
         names.map(|(name, node)| (name.as_str(), self.ir.nodes[*node].place))
     }
 
-    /// How many signals its Verilog declares.
+    /// Returns the number of signals that the Verilog declares.
     pub fn signal_count(&self) -> usize {
         self.printed.signals.iter().flatten().count()
     }
 
-    /// Its Verilog by itself, in which modules have their names without a prefix and no parameters. Of a module in parts, that which
-    /// places them.
+    /// Returns the Verilog of this module alone, with modules named without a prefix and without
+    /// parameters. For a module with [parts](crate::Builder::part) this is the module that
+    /// instantiates them.
     pub fn verilog(&self) -> &str {
         &self.shown().text
     }
 
-    /// Its parts as modules.
+    /// Returns the [parts](crate::Builder::part) of the module, each as a module.
     pub fn parts(&self) -> &[Arc<Module>] {
         (self.outline.as_ref()).map_or(&[], |outline| outline.parts.as_slice())
     }
@@ -168,7 +183,9 @@ impl Module {
         (self.outline.as_ref()).map_or(&self.printed, |outline| &outline.top.printed)
     }
 
-    /// The name that its module has in a design's Verilog, without a prefix: one of the library stands for all that differ in numbers.
+    /// Returns the name of the module in the Verilog of a design, without a prefix. For a module of
+    /// a [`Library`](crate::Library) this is the name of the library, which all its sizes share;
+    /// otherwise it is [`Module::name`].
     pub fn module_name(&self) -> &str {
         match &self.ir.placed {
             Some(placed) => &placed.module.name,
@@ -176,7 +193,8 @@ impl Module {
         }
     }
 
-    /// Of a module of the library: the names of its parameters, and their values.
+    /// Returns the names and values of the Verilog parameters of a module of a
+    /// [`Library`](crate::Library); nothing for other modules.
     pub fn parameters(&self) -> Vec<(&'static str, u32)> {
         let placed = self.ir.placed.iter();
         placed.flat_map(|placed| placed.parameters()).collect()
@@ -191,20 +209,23 @@ impl Module {
         module.placing.as_ref().unwrap_or(&module.printed)
     }
 
-    /// Its Verilog with another name for every module, its own and those that it places. Line by line it is [`Self::verilog`].
+    /// Returns the Verilog with every module name replaced by `emitted` of it, both the module's
+    /// own name and those of the modules that it instantiates. It has the same lines as
+    /// [`Module::verilog`].
     pub fn verilog_with(&self, emitted: &dyn Fn(&str) -> String) -> String {
         renamed(&self.shown().text, &self.shown().names, emitted)
     }
 
-    /// The modules that it places, in the order of the instances.
+    /// Returns the modules that are instantiated, in the order of the instances. A module that is
+    /// instantiated twice is listed twice.
     pub fn children(&self) -> &[Arc<Module>] {
         (self.outline.as_ref()).map_or(&self.children, |outline| &outline.top.children)
     }
 
-    /// The stage of a pipelined module's port.
+    /// Returns the pipeline stage of a port.
     ///
     /// # Errors
-    /// There is no such port, or it has no stage.
+    /// The module has no such port, or the port belongs to no pipeline.
     #[track_caller]
     pub fn stage(&self, port: &str) -> Result<u32, HdlError> {
         let place = Location::caller();
@@ -221,8 +242,9 @@ impl Module {
         })
     }
 
-    /// Registers between inputs and outputs of a pipelined module; `None` where outputs have no stage
-    /// or differing ones.
+    /// Returns the number of registers between the inputs at stage 0 and the outputs of a pipelined
+    /// module. The result is `None` if an output has no stage, if the outputs have different
+    /// stages, or if there is no output.
     pub fn latency(&self) -> Option<u32> {
         let mut outputs = self
             .ports
@@ -249,22 +271,27 @@ pub(super) fn renamed(text: &str, places: &[usize], emitted: &dyn Fn(&str) -> St
     renamed + &text[done..]
 }
 
-/// What the names of all modules of a design begin with, so that two machines can stand in one design.
+/// A prefix for the names of all modules of a design, so that two designs can be used in one
+/// project.
+///
+/// A prefix is parsed from text: it consists of a lower-case letter followed by lower-case letters,
+/// digits and `_`, at most [`Prefix::MOST`] characters in all.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Prefix(String);
 
 impl Prefix {
-    /// What a prefix must be.
+    /// The regular expression that a prefix matches.
     pub const PATTERN: &str = "[a-z][a-z0-9_]*";
-    /// The most characters of a prefix: files are named after modules.
+    /// The greatest length of a prefix in characters. Files are named after modules, so the prefix
+    /// is part of file names.
     pub const MOST: usize = 100;
 
-    /// No prefix: modules have the names of the description.
+    /// Returns the empty prefix: modules keep the names of the description.
     pub fn none() -> Prefix {
         Prefix::default()
     }
 
-    /// The prefix as text; empty for none.
+    /// Returns the prefix as text; it is empty for [`Prefix::none`].
     pub fn as_str(&self) -> &str {
         &self.0
     }
@@ -289,7 +316,8 @@ impl std::str::FromStr for Prefix {
     }
 }
 
-/// A top module with everything below it, children first, each module once.
+/// A top module and all modules below it. Every module is listed once, children before their
+/// parents.
 #[derive(Clone, Debug)]
 pub struct Design {
     pub(super) modules: Vec<Arc<Module>>,
@@ -299,8 +327,10 @@ pub struct Design {
 }
 
 impl Design {
+    /// Collects the modules below `top`.
+    ///
     /// # Errors
-    /// Where two different modules have one name.
+    /// Two different modules have the same name.
     pub fn new(top: Arc<Module>) -> Result<Design, HdlError> {
         let mut design = Design {
             modules: vec![],
@@ -328,7 +358,7 @@ impl Design {
             Some(other) => Err(HdlError {
                 module: module.name().to_string(),
                 message: format!(
-                    "name clash: it is the library's {}, and {} has another text of this name",
+                    "name clash: it is a member of library {}, and {} is a different module of that name",
                     placed.module.name,
                     other.name()
                 ),
@@ -359,22 +389,24 @@ impl Design {
         Ok(())
     }
 
-    /// The same design, every module's name after a prefix wherever it is printed.
+    /// Returns the design with `prefix` before the names of all modules.
     pub fn with_prefix(self, prefix: Prefix) -> Design {
         Design { prefix, ..self }
     }
 
-    /// What names begin with; none in a design that was just made.
+    /// Returns the prefix; it is empty unless [`Design::with_prefix`] has set one.
     pub fn prefix(&self) -> &Prefix {
         &self.prefix
     }
 
-    /// How a module (or another part) of this name is called in the emitted Verilog: the prefix, then the name. Files are named so too.
+    /// Returns the name that a module called `name` has in the emitted Verilog: the prefix followed
+    /// by the name.
     pub fn emitted(&self, name: &str) -> String {
         format!("{}{name}", self.prefix.0)
     }
 
-    /// The same design, whose Verilog simulators check where the macro `DYNRT_CHECKS` is defined: see [`Module::checked`].
+    /// Returns the design with the properties of its modules in the Verilog, which simulators check
+    /// if the macro `DYNRT_CHECKS` is defined (see [`Module::checked`]).
     pub fn with_checks(self) -> Design {
         Design {
             checked: true,
@@ -382,11 +414,13 @@ impl Design {
         }
     }
 
+    /// Returns whether the Verilog contains properties (see [`Design::with_checks`]).
     pub fn is_checked(&self) -> bool {
         self.checked
     }
 
-    /// The name of a module in the emitted Verilog; its file is named after it.
+    /// Returns the name of a module of this design in the emitted Verilog, with the prefix. Its
+    /// file has the same name.
     pub fn module_name(&self, module: &Module) -> String {
         // Of a module's properties many are about its numbers: checked, it stands by itself.
         let by_itself = self.checked || std::ptr::eq(module, &**self.top());
@@ -396,7 +430,9 @@ impl Design {
         })
     }
 
-    /// A module's Verilog as it is emitted. The top has no parameters.
+    /// Returns the emitted Verilog of a module of this design. A module of a
+    /// [`Library`](crate::Library) has parameters, unless it is the top module or the design is
+    /// [checked](Design::with_checks).
     pub fn verilog(&self, module: &Module) -> String {
         let emitted = |name: &str| self.emitted(name);
         if self.checked {
@@ -409,23 +445,28 @@ impl Design {
         renamed(&shown.text, &shown.names, &emitted)
     }
 
+    /// Returns the top module.
     pub fn top(&self) -> &Arc<Module> {
         self.modules.last().expect("a design has a top module")
     }
 
-    /// All modules, children before their parents, the top last.
+    /// Returns all modules, children before their parents, the top module last.
+    /// [Parts](crate::Builder::part) of modules are among them.
     pub fn modules(&self) -> &[Arc<Module>] {
         &self.modules
     }
 
-    /// The modules without the parts of others, children before their parents.
+    /// Returns the modules that are not [parts](crate::Builder::part) of others, children before
+    /// their parents.
     pub fn units(&self) -> impl Iterator<Item = &Arc<Module>> {
         let parts = self.modules.iter().flat_map(|module| module.parts());
         let parts: HashSet<&str> = parts.map(|part| part.name()).collect();
         (self.modules.iter()).filter(move |module| !parts.contains(module.name()))
     }
 
-    /// The modules of the emitted Verilog, children first: of those that are one module of the library the first.
+    /// Returns one module for each module of the emitted Verilog, children before their parents.
+    /// All sizes of a [`Library`](crate::Library) share one Verilog module, for which the first of
+    /// them is returned.
     pub fn emitted_modules(&self) -> Vec<&Arc<Module>> {
         let mut names = HashSet::new();
         let modules = self.modules.iter();
@@ -433,7 +474,8 @@ impl Design {
         modules.collect()
     }
 
-    /// File names and texts as they are emitted, one module a file, children first.
+    /// Returns the names and contents of the emitted files, one module per file, children before
+    /// their parents.
     pub fn files(&self) -> Vec<(String, String)> {
         let modules = self.emitted_modules().into_iter();
         modules

@@ -1,4 +1,4 @@
-//! Whether two modules do the same at the outputs that they share.
+//! Structural comparison of two modules at the outputs that they share.
 
 use super::design::{Direction, Module};
 use super::ir::{Id, InstanceData, Netlist, Op};
@@ -7,12 +7,16 @@ use super::outline::Outline;
 use std::collections::{HashMap, HashSet};
 use std::sync::Arc;
 
-/// How much of two modules was compared, all levels of the hierarchy together.
+/// The extent of a comparison of two modules, summed over all levels of the hierarchy.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Compared {
+    /// The number of outputs compared.
     pub outputs: usize,
+    /// The number of registers compared.
     pub registers: usize,
+    /// The number of memories compared.
     pub memories: usize,
+    /// The number of instances compared.
     pub instances: usize,
 }
 
@@ -26,14 +30,18 @@ impl Compared {
 }
 
 impl Module {
-    /// Compares every output of this module with that of the same name in `whole`, which may have more.
+    /// Compares every output of this module with the output of the same name of `whole`. The module
+    /// `whole` may have more outputs.
     ///
-    /// Both are taken apart into expressions over inputs, registers, memories and outputs of instances. Registers, memories and
-    /// instances correspond by name. Outputs that are equal expressions, over state whose next values, resets and writes are equal
-    /// expressions, are equal at all clocks from a reset on: the two states stay the same, step by step.
+    /// Both modules are reduced to expressions over inputs, registers, memories and outputs of
+    /// instances; registers, memories and instances correspond by name. Two outputs are equal if
+    /// their expressions are, and if the next values, enables, reset values and writes of all state
+    /// that they depend on are equal expressions too. Then they have equal values in every cycle
+    /// after a reset. The comparison is structural: modules that compute the same values by
+    /// different expressions are reported as different.
     ///
     /// # Errors
-    /// What differs, in one line. Modules that do the same by other expressions differ too.
+    /// The first difference, in one line.
     pub fn compare_outputs(&self, whole: &Module) -> Result<Compared, String> {
         let sides = [Side::new(self, &[]), Side::new(whole, &[])];
         let mut matching = Matching::new(sides);
@@ -203,7 +211,8 @@ impl<'a> Matching<'a> {
                 continue;
             }
             let other = ports[1].iter().find(|(other, _)| other.name == port.name);
-            let (_, other) = other.ok_or_else(|| format!("only one has output {}", port.name))?;
+            let (_, other) =
+                other.ok_or_else(|| format!("only one module has output {}", port.name))?;
             self.equal([(0, *id), (0, *other)], || format!("output {}", port.name))?;
             compared.outputs += 1;
         }
@@ -239,7 +248,7 @@ impl<'a> Matching<'a> {
         let [a, b] = self.sides.each_ref().map(find);
         a.zip(b)
             .map(|(a, b)| [a, b])
-            .ok_or_else(|| format!("only one has {what}"))
+            .ok_or_else(|| format!("only one module has {what}"))
     }
 
     fn registers(&mut self, name: &str) -> Result<(), String> {

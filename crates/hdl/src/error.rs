@@ -1,13 +1,17 @@
-//! What the layer says of a mistaken design.
+//! The error type of the crate.
 
 use std::fmt;
 use std::panic::Location;
 
-/// A mistake in the description of a module, and where in the Rust source it was made.
+/// A mistake in the description of a module, and its place in the Rust source. It is displayed as
+/// `file:line: module name: message`.
 #[derive(Debug, Clone)]
 pub struct HdlError {
+    /// The name of the module.
     pub module: String,
+    /// What is wrong.
     pub message: String,
+    /// The place in the Rust source that describes the module.
     pub place: &'static Location<'static>,
 }
 

@@ -1,5 +1,5 @@
-//! Queues whose first word shows before it is taken: in distributed RAM where every clock counts, in block RAM where a word
-//! every few clocks is enough.
+//! Queues that show their front word before it is taken: in distributed RAM for one word per cycle, in block RAM for a word every few
+//! cycles.
 
 mod properties;
 
@@ -11,9 +11,22 @@ use std::sync::Arc;
 
 interface! {
     pub (width: u32) {
-        in "In" { push: 1, data: width }
-        in "Out: the front word, taken by pop" { pop: 1 }
-        out "Out: the front word, taken by pop" { valid: 1, front: width }
+        in "In" {
+            /// Stores a word.
+            push: 1,
+            /// The word.
+            data: width,
+        }
+        in "Out: the front word, taken by pop" {
+            /// Takes the front word; only while `valid` is 1.
+            pop: 1,
+        }
+        out "Out: the front word, taken by pop" {
+            /// Whether there is a front word.
+            valid: 1,
+            /// The front word.
+            front: width,
+        }
     }
 }
 
@@ -35,9 +48,12 @@ fn values(&(width, depth): &(u32, u32)) -> Vec<u32> {
     vec![width, depth as u32, bits_for(depth), bits_for(depth + 1)]
 }
 
-/// A queue of `depth` words of `width` bits: `push`, `data` → `valid`, `front`; `pop` takes the front word, and only
-/// where `valid` is high. A word shows a clock after it was pushed, at any clock. There is no full flag: the queue is deep enough for
-/// all that can be in it, which is the caller's to see to.
+/// Returns a queue of `depth` words of `width` bits: `push`, `data` → `valid`, `front`; `pop` takes the front word, and only while
+/// `valid` is 1. A word is the front one cycle after the push at the earliest. There is no full flag: the caller must never have more
+/// than `depth` words in flight. With `registers_front` the valid bit and the front word are registers.
+///
+/// # Errors
+/// None for a depth of at least 1.
 pub fn fifo(registers_front: bool, width: u32, depth: u32) -> Result<Arc<Module>, HdlError> {
     let library = Library {
         name: "fifo",
@@ -126,7 +142,10 @@ fn describe(registered: bool, width: u32, depth: u32) -> Result<Arc<Module>, Hdl
     m.finish()
 }
 
-/// Places a queue.
+/// Places a queue of [`fifo`] as the instance `name` in the module of `push`.
+///
+/// # Errors
+/// As [`fifo`].
 pub fn place<'b>(
     registers_front: bool,
     name: &str,
@@ -170,8 +189,11 @@ fn placed<'b>(
     }
 }
 
-/// A queue as [`fifo`] makes it, in block RAM. A word shows `read_latency` + 2 cycles after it was pushed, and
-/// the next one may be taken `read_latency` + 1 cycles after the one before.
+/// Returns a queue with the ports of [`fifo`], in block RAM with `read_latency` registers from address to word. A word is the front
+/// `read_latency` + 2 cycles after the push, and the next one may be taken `read_latency` + 1 cycles after the one before.
+///
+/// # Errors
+/// None for a depth of at least 1.
 pub fn block_fifo(read_latency: u32, width: u32, depth: u32) -> Result<Arc<Module>, HdlError> {
     let library = Library {
         name: "block_fifo",
@@ -249,7 +271,10 @@ fn describe_block(latency: u32, width: u32, depth: u32) -> Result<Arc<Module>, H
     m.finish()
 }
 
-/// Places a queue of [`block_fifo`].
+/// Places a queue of [`block_fifo`] as the instance `name` in the module of `push`.
+///
+/// # Errors
+/// As [`block_fifo`].
 pub fn place_block<'b>(
     read_latency: u32,
     name: &str,

@@ -1,38 +1,61 @@
-//! A small hardware-construction layer: Rust describes synchronous hardware, Verilog-2001 comes out.
+//! Describes synchronous hardware in Rust and emits Verilog-2001.
 //!
-//! A [`Builder`] makes one module. [`Signal`]s are width-checked; their operators are combinational. Registers,
-//! memories, instances and forward-declared wires make the rest. One clock `clk`, one synchronous reset
-//! `rst`, connected by themselves where they are needed.
-//!
-//! A [`Pipeline`] gives signals a stage. Operators align staged operands by delay registers, an instance of a
-//! pipelined module adds its latency, and a module reports the stages of its outputs: no latency is ever counted
-//! by hand.
-//!
-//! What [`Builder::part`] surrounds is printed as a module of its own; to properties and mutations the module stays one netlist.
-//!
-//! Signals that go together are fields of Rust structs ([`bundle!`](crate::bundle)), a unit's ports too
-//! ([`interface!`](crate::interface)). What holds of a module is part of its description ([`Proof`]); a finished one is data,
-//! which can be looked into and changed in one place ([`Mutation`]).
-//!
-//! Names in the Verilog follow from the description: a field of a word is called after both (`stack_read_near`), a register in a
-//! pipeline after its signal and stage (`sum_s3`), a port's value after the port, an instance's output after the port or wire that it
-//! drives. A register that a port shows keeps its name. What several places read needs a name of its own:
-//! [`Signal::named`] gives one, [`Signal::hinted`] offers one. [`Module::made_up_names`] lists what is left.
-//!
-//! Mistakes (a width mismatch, a combinational loop, an undriven or doubly driven signal, a name clash, a stage of a signal that
-//! has none) are reported by [`Builder::finish`] with the place in the Rust source.
+//! The crate is a hardware-construction layer: a Rust program calls its functions to build the netlist of a module,
+//! which is then checked and printed. It is meant for generators, where widths, depths and structure follow from a
+//! configuration, and for designs that are verified from Rust as well.
 //!
 //! ```
-//! use dynrt_hdl::{Builder, Design};
+//! use dynrt_hdl::{Builder, Design, HdlError};
 //! let m = Builder::new("multiply_add", "a * b + c, two stages.");
 //! let p = m.pipeline();
 //! let (a, b, c) = (p.input("a", 8), p.input("b", 8), p.input("c", 16));
 //! let product = a.mul(b).named("product").register();
-//! m.output("y", (product + c).register()); // c is delayed by a stage to meet the product
-//! let module = m.finish().unwrap();
+//! m.output("y", (product + c).register()); // c is delayed by one register to meet the product
+//! let module = m.finish()?;
 //! assert_eq!(module.latency(), Some(2));
-//! assert!(Design::new(module).unwrap().files()[0].1.contains("product"));
+//! let (name, verilog) = &Design::new(module)?.files()[0];
+//! assert_eq!(name, "multiply_add.v");
+//! assert!(verilog.contains("wire [15:0] product = a * b;"));
+//! # Ok::<(), HdlError>(())
 //! ```
+//!
+//! # Tour
+//!
+//! - A [`Builder`] describes one module. [`Signal`]s have a width, which every operation checks; their operators are
+//!   combinational logic. [`Builder::reg`], [`Builder::memory`], [`Builder::instance`] and [`Builder::wire`] add
+//!   registers, memories, instances and wires that are driven later.
+//! - There is one clock, `clk`, and one synchronous, active-high reset, `rst`. They are connected automatically and
+//!   are ports of a module only where it needs them.
+//! - In a [`Pipeline`], signals have a stage. Operators align their operands by pipeline registers, an instance of a
+//!   pipelined module adds its latency, and a finished module reports the stages of its outputs
+//!   ([`Module::latency`]). Latencies are never counted by hand.
+//! - [`bundle!`](macro@crate::bundle) defines Rust structs of signals, for the fields of a word;
+//!   [`interface!`] defines the ports of a module: see the module [`bundle`](mod@bundle).
+//! - [`Builder::part`] prints a part of a large module as a module of its own.
+//! - [`Library`] turns a family of modules of different sizes into one Verilog module with parameters.
+//! - [`Builder::finish`] returns a [`Module`], which is immutable data; a [`Design`] is a top module with everything
+//!   below it, and returns the Verilog files.
+//! - A [`Proof`] states properties of a module in its own signals, for a prover or a simulator.
+//! - A [`Mutation`] is a single change of a finished module, for mutation tests. [`Module::compare_outputs`] compares
+//!   two modules structurally.
+//!
+//! # Names
+//!
+//! Names in the Verilog follow from the description. A field of a word is named after both (`word_field`), a pipeline
+//! register after its signal and its stage (`sum_s3`), the value of a port after the port, and the output of an
+//! instance after the port or wire that it drives. A signal that several places read needs a name:
+//! [`Signal::named`] sets it, [`Signal::hinted`] suggests one, [`named!`] takes that of a Rust variable.
+//! [`Module::made_up_names`] lists the signals without one.
+//!
+//! # Errors
+//!
+//! A mistake in a description (a width mismatch, a combinational loop, an undriven signal or one that is driven
+//! twice, a name clash, a signal without a stage where one is needed) does not panic. [`Builder::finish`] reports
+//! the first one as an [`HdlError`] with its place in the Rust source. Structural misuse of the bundle types panics
+//! where this is documented.
+
+#![deny(missing_docs)]
+#![deny(rustdoc::broken_intra_doc_links)]
 
 mod builder;
 pub mod bundle;
@@ -71,7 +94,7 @@ pub use verilog::GENERATED;
 
 /// Names signals after the Rust variables that hold them.
 ///
-/// `named! { let sum = a + b; }` is `let sum = (a + b).named("sum");`.
+/// `named! { let sum = a + b; }` stands for `let sum = (a + b).named("sum");`.
 #[macro_export]
 macro_rules! named {
     ($(let $name:ident = $value:expr;)*) => {
@@ -79,7 +102,8 @@ macro_rules! named {
     };
 }
 
-/// Bits that count from 0 to `values` − 1; at least 1.
+/// Returns the number of bits that a counter from 0 to `values` − 1 needs, at least 1: the width of
+/// an address of a memory with `values` words.
 pub const fn bits_for(values: u64) -> u32 {
     if values <= 2 {
         1
@@ -87,3 +111,8 @@ pub const fn bits_for(values: u64) -> u32 {
         64 - (values - 1).leading_zeros()
     }
 }
+
+/// Compiles the examples of the README.
+#[cfg(doctest)]
+#[doc = include_str!("../README.md")]
+struct Readme;

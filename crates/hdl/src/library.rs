@@ -1,26 +1,28 @@
-//! Modules with parameters: one text for all sizes of a queue, a reader, an adder.
+//! Modules with Verilog parameters: one Verilog module for all sizes of a queue or an adder.
 //!
-//! A description is given numbers, and each set of them makes a netlist of its own, which is simulated, proved and changed like any other.
-//! [`Library::module`] describes a few samples too, finds out how every number in their Verilog follows from the parameters, and checks that
-//! the same holds of the module that is asked for. A design then has one module, with Verilog parameters, in place of all of those.
+//! A description in Rust is a function of numbers, and each set of numbers gives a netlist of its own, which is
+//! simulated, proved and changed like any other. [`Library::module`] also describes a few samples, derives from them
+//! how every number in the Verilog depends on the parameters, and checks the result against the requested member. A
+//! design then contains one module with parameters in place of all members.
 
 use super::design::Module;
 use super::error::HdlError;
 use super::verilog::{Printer, Template};
 use std::sync::Arc;
 
-/// A Verilog parameter.
+/// A Verilog parameter of a [`Library`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Parameter {
+    /// The name, in capital letters.
     pub name: &'static str,
-    /// What it says, behind its name.
+    /// The comment that is printed after the declaration.
     pub doc: &'static str,
-    /// Whether it is one bit, an alternative, rather than a number.
+    /// Whether the parameter is one bit, which selects between two variants, rather than a number.
     pub flag: bool,
 }
 
 impl Parameter {
-    /// A number, such as a width.
+    /// Declares a parameter that is a number, such as a width.
     pub const fn number(name: &'static str, doc: &'static str) -> Parameter {
         Parameter {
             name,
@@ -29,7 +31,7 @@ impl Parameter {
         }
     }
 
-    /// An alternative: 0 or 1.
+    /// Declares a parameter of one bit.
     pub const fn flag(name: &'static str, doc: &'static str) -> Parameter {
         Parameter {
             name,
@@ -63,31 +65,80 @@ impl Placed {
     }
 }
 
-/// Modules of one text, which differ in numbers.
+/// A family of modules that become one Verilog module with parameters. A value of type `P`
+/// identifies a member of the family.
+///
+/// The description of a member must not depend on its numbers in any other way than through widths
+/// and values: use [`Builder::simplify`](crate::Builder::simplify)`(false)`. Each number in the
+/// Verilog must equal a parameter, a parameter plus or minus 1, or a constant. Other
+/// values, such as the number of address bits for a depth, are parameters of their own.
+///
+/// ```
+/// use dynrt_hdl::{Builder, Design, HdlError, Library, Module, Parameter};
+/// use std::sync::Arc;
+///
+/// fn describe(width: u32) -> Result<Arc<Module>, HdlError> {
+///     let m = Builder::new(format!("counter_{width}"), "counts.");
+///     m.simplify(false);
+///     let count = m.reg_reset("count", width, 0);
+///     count.next(count.q + m.lit(1u8, width));
+///     m.output("value", count.q);
+///     m.finish()
+/// }
+///
+/// fn counter(width: u32) -> Result<Arc<Module>, HdlError> {
+///     let library = Library {
+///         name: "counter",
+///         doc: "counts in WIDTH bits.",
+///         parameters: &[Parameter::number("WIDTH", "bits of the counter")],
+///         values: &|width| vec![*width],
+///         samples: &[8, 12],
+///         describe: &|width| describe(*width),
+///     };
+///     library.module(&width)
+/// }
+///
+/// let m = Builder::new("pair", "two counters.");
+/// for width in [7, 21] {
+///     let instance = m.instance(format!("counter_of_{width}"), &counter(width)?, &[]);
+///     m.output(format!("value_{width}"), instance.get("value"));
+/// }
+/// let files = Design::new(m.finish()?)?.files();
+/// let names: Vec<_> = files.iter().map(|(name, _)| name.as_str()).collect();
+/// assert_eq!(names, ["counter.v", "pair.v"]);
+/// assert!(files[1].1.contains("counter #(.WIDTH(21)) counter_of_21 ("));
+/// # Ok::<(), HdlError>(())
+/// ```
 pub struct Library<'a, P> {
+    /// The name of the Verilog module.
     pub name: &'a str,
-    /// What the module is, in terms of the parameters.
+    /// A description of the module in terms of the parameters, printed in the head of its file.
     pub doc: &'a str,
+    /// The parameters.
     pub parameters: &'a [Parameter],
-    /// The parameters of a module.
+    /// Returns the values of the parameters for a member, in the order of `parameters`.
     pub values: &'a dyn Fn(&P) -> Vec<u32>,
-    /// Which tell the parameters apart: no two have the same values in all samples. The first gives the defaults.
+    /// Members that are compared to find out how each number depends on the parameters. No two
+    /// parameters may have the same values in all samples, even up to a constant difference. The
+    /// first sample gives the default values.
     pub samples: &'a [P],
-    /// Makes a module by itself.
+    /// Describes a member as a module without parameters.
     pub describe: &'a dyn Fn(&P) -> Result<Arc<Module>, HdlError>,
 }
 
 impl<P> Library<'_, P> {
-    /// The module for some numbers.
+    /// Returns a member of the family. It is a module with fixed numbers, which can be simulated,
+    /// proved and changed like any other; in a [`Design`](crate::Design) it is emitted as an
+    /// instance of the module with parameters.
     ///
     /// # Errors
-    /// As its description. A number of the text follows from the parameters in no simple way, or the texts of two modules differ in more
-    /// than numbers.
+    /// An error of `describe`; a number of the Verilog that follows from no parameter; two members
+    /// whose Verilog differs in more than numbers.
     pub fn module(&self, of: &P) -> Result<Arc<Module>, HdlError> {
         let module = (self.describe)(of)?;
         let error = |message: String| HdlError {
             module: module.ir.name.clone(),
-            message: format!("as the library's {}: {message}", self.name),
+            message: format!("as a member of library {}: {message}", self.name),
             place: module.ir.place,
         };
         let mut samples = vec![];
@@ -221,7 +272,7 @@ mod tests {
         let message = |way, width, samples: &[u32]| made(way, width, samples).unwrap_err().message;
         let other = message(Way::Another, 8, &[9, 12]);
         assert!(
-            other.starts_with("as the library's counter: texts differ in more than numbers"),
+            other.starts_with("as a member of library counter: texts differ in more than numbers"),
             "{other}"
         );
         let other = message(Way::Another, 9, &[8, 12]);
@@ -231,7 +282,7 @@ mod tests {
         );
         let squared = message(Way::Squared, 9, &[8, 12]);
         assert!(
-            squared.contains("[64, 144] follows from no parameter"),
+            squared.contains("[64, 144] does not follow from a parameter"),
             "{squared}"
         );
         // One sample does not tell that the number is no constant; the module that is asked for does.

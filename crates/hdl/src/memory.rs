@@ -6,12 +6,12 @@ use super::pipeline::Stage;
 use super::signal::Signal;
 use std::panic::Location;
 
-/// What a memory should become.
+/// The kind of RAM that a memory is implemented in.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Style {
-    /// Block RAM: reads take a clock.
+    /// Block RAM: reads are synchronous and take one cycle.
     Block,
-    /// Distributed RAM: reads are combinational ([`Memory::read_now`]) or take a clock.
+    /// Distributed RAM: reads are combinational ([`Memory::read_now`]) or synchronous.
     Distributed,
 }
 
@@ -29,17 +29,20 @@ pub(super) struct MemoryData {
     pub place: Place,
 }
 
-/// A memory of `depth` words with one write port and any number of read ports, each with a copy of the memory of its
-/// own, since no RAM has more than one beside its write port. Reads at the same signal share a port.
+/// A memory with one write port and any number of read ports. Each read port has a copy of the
+/// memory, since a RAM has one read port beside its write port; two reads at the same address
+/// signal share a port.
 ///
-/// # Reading what is being written
+/// # Read during write
 ///
-/// A synchronous read ([`Memory::read`]) of the word that is written in the same clock gives no defined value: RAMs
-/// differ (old word, new word, neither), and synthesis is told by `no_rw_check` that it does not matter, or it would
-/// add a bypass. Simulation gives the old word; nothing may rely on it. A combinational read
-/// ([`Memory::read_now`]) gives the old word up to the clock edge and the new one after it, in hardware too.
+/// A synchronous read ([`Memory::read`]) of the word that is written in the same cycle has an
+/// undefined value: RAMs differ (old word, new word, neither). The attribute `no_rw_check` tells
+/// synthesis not to add a bypass. Simulation returns the old word, on which a description must not
+/// rely. A combinational read ([`Memory::read_now`]) returns the old word until the clock edge and
+/// the new one after it, in hardware too.
 ///
-/// A word that was never written, or that lies past the depth, is undefined as well.
+/// The value of a word that was never written, or whose address is not less than the depth, is
+/// undefined.
 #[derive(Clone, Copy)]
 pub struct Memory<'b> {
     pub(super) builder: &'b Builder,
@@ -47,7 +50,8 @@ pub struct Memory<'b> {
 }
 
 impl Builder {
-    /// A memory. Its addresses have [`super::bits_for`]`(depth)` bits.
+    /// Declares a memory of `depth` words of `width` bits, both at least 1. Its addresses have
+    /// [`bits_for`](super::bits_for)`(depth)` bits. It must be written and read.
     #[track_caller]
     pub fn memory(
         &self,
@@ -63,7 +67,7 @@ impl Builder {
             self.fail(
                 place,
                 format!(
-                    "memory \"{}\" has {depth} words of {width} bits",
+                    "memory \"{}\" has {depth} words of {width} bits; both must be at least 1",
                     name.as_ref()
                 ),
             );
@@ -123,8 +127,9 @@ impl<'b> Memory<'b> {
         true
     }
 
-    /// The write port. It may be set once. `enable` (1 bit), `address` and `data` of a pipeline are aligned.
-    /// A write at an address past the depth is lost.
+    /// Sets the write port. It can be set once. In every cycle in which `enable` (one bit) is 1,
+    /// the word at `address` becomes `data`. Signals of a pipeline are aligned to the latest stage
+    /// among them. A write to an address that is not less than the depth has no effect.
     #[track_caller]
     pub fn write(&self, enable: Signal<'b>, address: Signal<'b>, data: Signal<'b>) {
         let place = Location::caller();
@@ -141,9 +146,9 @@ impl<'b> Memory<'b> {
             self.builder.fail(
                 place,
                 format!(
-                    "width mismatch: a write enable of {} bits ({})",
-                    enable.width(),
-                    enable.describe()
+                    "width mismatch: a write enable has 1 bit, {} has {}",
+                    enable.describe(),
+                    enable.width()
                 ),
             );
         }
@@ -169,7 +174,7 @@ impl<'b> Memory<'b> {
             self.builder.fail(
                 place,
                 format!(
-                    "memory \"{name}\" is doubly driven: it has one write port, used at {}:{}",
+                    "memory \"{name}\" is written twice: it has one write port, used at {}:{}",
                     earlier.file(),
                     earlier.line()
                 ),
@@ -177,21 +182,24 @@ impl<'b> Memory<'b> {
         }
     }
 
-    /// The word at `address`, a clock later: it is in a register of the RAM's own, which is part of block RAM. The
-    /// address is taken every clock. Of a staged address, the word is a stage later.
+    /// Returns the name of the memory.
     pub fn name(&self) -> String {
         self.builder.inner.borrow().ir.memories[self.index]
             .name
             .clone()
     }
 
+    /// Returns the word at `address`, one cycle later. The output register of the read port is part
+    /// of the RAM; an address is read every cycle. If the address is in a pipeline, the word is at
+    /// the next stage.
     #[track_caller]
     pub fn read(&self, address: Signal<'b>) -> Signal<'b> {
         self.port(address, true, Location::caller())
     }
 
-    /// The word at `address`, combinationally, at the address's stage. Only for distributed RAM. While a word is
-    /// being written, its old value is read until the clock edge.
+    /// Returns the word at `address` combinationally, at the stage of the address. The memory must
+    /// be distributed RAM. While a word is being written, its old value is returned until the clock
+    /// edge.
     #[track_caller]
     pub fn read_now(&self, address: Signal<'b>) -> Signal<'b> {
         let place = Location::caller();
@@ -228,7 +236,8 @@ impl<'b> Memory<'b> {
             };
         }
         if formal {
-            let message = "properties read a memory by peek: a read port would be of the module";
+            let message =
+                "properties must read a memory with peek: a read port would change the module";
             self.builder.fail(place, message);
         }
         let stage = address.stage_data().map(|s| Stage {

@@ -550,7 +550,7 @@ mod tests {
         let of_part = design.module("unit_list").unwrap();
         let of_part = of_part.signal("count").unwrap().fault().inverted();
         let refused = design.with(&of_part).unwrap_err().message;
-        assert_eq!(refused, "it is a part of unit, whose changes are its own");
+        assert_eq!(refused, "it is a part of unit: change that module instead");
         let apart = design.apart().unwrap();
         assert_eq!(apart.files(), design.files());
         let changed = apart.with(&of_part).unwrap();

@@ -1,4 +1,4 @@
-//! Pipelines that balance themselves.
+//! Pipelines with automatic balancing of latencies.
 
 use super::builder::Builder;
 use super::signal::Signal;
@@ -12,7 +12,12 @@ pub(super) struct Stage {
     pub at: u32,
 }
 
-/// A pipeline of a module. Signals enter it; whatever is computed from them is aligned by delay registers.
+/// A pipeline of a module.
+///
+/// A signal in a pipeline has a stage: the number of registers between it and the inputs of the
+/// pipeline. An operator that combines signals of different stages delays the earlier ones by
+/// pipeline registers, so that all operands belong to the same set of inputs. Signals of two
+/// pipelines must not be combined, nor signals with and without a stage; literals go with any.
 #[derive(Clone, Copy)]
 pub struct Pipeline<'b> {
     pub(super) builder: &'b Builder,
@@ -20,7 +25,7 @@ pub struct Pipeline<'b> {
 }
 
 impl<'b> Pipeline<'b> {
-    /// An input port of the module, at stage 0.
+    /// Declares an input port at stage 0.
     #[track_caller]
     pub fn input(&self, name: impl AsRef<str>, width: u32) -> Signal<'b> {
         self.builder.input_at(
@@ -31,7 +36,8 @@ impl<'b> Pipeline<'b> {
         )
     }
 
-    /// An input port that meets the others at a later stage: an instance's input is delayed until then.
+    /// Declares an input port at stage `at`: it is expected `at` cycles after the inputs at stage
+    /// 0. An instance of the module delays the signal connected to it accordingly.
     #[track_caller]
     pub fn input_at(&self, name: impl AsRef<str>, width: u32, at: u32) -> Signal<'b> {
         let stage = Some(self.stage(at));
@@ -46,20 +52,21 @@ impl<'b> Pipeline<'b> {
         }
     }
 
-    /// A 1-bit input port at stage 0 that says whether what comes with it means anything; reset clears its
-    /// delay registers.
+    /// Declares an input port of one bit at stage 0 that tells whether the other inputs of the
+    /// cycle are valid. Reset clears its pipeline registers.
     #[track_caller]
     pub fn valid_input(&self, name: impl AsRef<str>) -> Signal<'b> {
         self.input(name, 1).cleared_by_reset()
     }
 
-    /// Brings a signal without a stage into the pipeline, at stage 0.
+    /// Returns a signal that has no stage as a signal at stage 0 of this pipeline.
     #[track_caller]
     pub fn enter(&self, signal: Signal<'b>) -> Signal<'b> {
         self.enter_at(signal, 0)
     }
 
-    /// Brings a signal into the pipeline at a stage: for what is known to be right there.
+    /// Returns a signal as a signal at stage `at` of this pipeline, without adding registers. The
+    /// caller is responsible for the signal belonging to the inputs of that stage.
     #[track_caller]
     pub fn enter_at(&self, signal: Signal<'b>, at: u32) -> Signal<'b> {
         signal.restaged(Some(self.stage(at)), Location::caller())

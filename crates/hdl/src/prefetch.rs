@@ -1,4 +1,4 @@
-//! What reads a stream from memory ahead of its use, and what keeps a part of limited room from overflowing.
+//! Reads a stream from memory ahead of its use, and counts what is in flight in a place of limited room.
 
 mod properties;
 
@@ -12,25 +12,45 @@ use std::sync::Arc;
 
 interface! {
     pub (width: u32, depth: u32, address: u32) {
-        in "Addresses to read, taken where fetch_ready is high" { fetch_valid: 1, fetch_address: address }
+        in "Addresses to read, taken where fetch_ready is high" {
+            /// Whether there is an address.
+            fetch_valid: 1,
+            /// The address.
+            fetch_address: address,
+        }
         in "" {
+            /// The read port.
             memory: ..{ReadInputs}(
                 "Memory", "of any latency, in any order", bits_for(u64::from(depth)), width
             ),
         }
-        in "The words in order; pop takes the front word, and only where valid is high" { pop: 1 }
+        in "The words in order; pop takes the front word, and only where valid is high" {
+            /// Takes the front word.
+            pop: 1,
+        }
         out "The words in order; pop takes the front word, and only where valid is high" {
+            /// Whether the address is taken.
             fetch_ready: 1,
+            /// The requests of the read port.
             request: Flow<Request>(address, bits_for(u64::from(depth))),
+            /// Whether there is a front word.
             valid: 1,
+            /// The front word.
             front: width,
         }
-        out "Whether no word is under way or in here" { empty: 1 }
+        out "Whether no word is under way or in here" {
+            /// Whether no word is in flight or stored.
+            empty: 1,
+        }
     }
 }
 
-/// Reads ahead: takes addresses while it has room for their words, requests them through a tagged read port that may
-/// answer in any order, and gives the words out in the order of the addresses. `name` is the module's, `instance` the instance's.
+/// Places a reader that takes addresses while it has room for their words, requests the words through a tagged read port, whose
+/// responses may come in any order, and shows the words in the order of the addresses. `name` is the name of the module, `instance` that
+/// of the instance. With `registers_arrival` it is a register whether the word at the head has arrived.
+///
+/// # Errors
+/// None for a depth of at least 1.
 pub fn prefetch<'b>(
     registers_arrival: bool,
     (name, instance): (&str, &str),
@@ -206,12 +226,14 @@ fn describe(registers_arrival: bool, name: &str, sizes: &Sizes) -> Result<Arc<Mo
     m.finish()
 }
 
-/// A count of what is in flight in a part of limited room.
+/// A counter of what is in flight in a place of limited room.
 #[derive(Clone)]
 pub struct Occupancy<'b> {
-    /// Whether there is room for one more, and whether there is any.
+    /// Whether there is room for one more.
     pub room: Signal<'b>,
+    /// Whether anything is in flight.
     pub any: Signal<'b>,
+    /// How much is in flight.
     pub count: Signal<'b>,
     most: u32,
     /// Whether there is room is a register.
@@ -219,7 +241,7 @@ pub struct Occupancy<'b> {
 }
 
 impl<'b> Occupancy<'b> {
-    /// Of a part that has room for `most`.
+    /// Makes a counter called `name` for a place with room for `most`. With `registered` it is a register whether there is room.
     pub fn new(
         registered: bool,
         m: &'b Builder,

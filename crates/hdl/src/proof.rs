@@ -1,28 +1,4 @@
-//! Properties of a module, in the terms of its own signals: what is assumed of its surroundings, what holds then at every clock, what
-//! can happen at all.
-//!
-//! Properties are described last, when the module is complete. Its Verilog does without them; [`Module::formal`] prints them with it
-//! for a prover, [`Module::checked`] for a simulator.
-//!
-//! ```
-//! use dynrt_hdl::Builder;
-//! let m = Builder::new("counter", "counts to 9.");
-//! let step = m.input("step", 1);
-//! let count = m.reg_reset("count", 4, 0);
-//! let next = count.q.equals(9).mux(m.zero(4), count.q + m.lit(1u8, 4));
-//! count.next_when(step, next);
-//! m.output("digit", count.q);
-//!
-//! let proof = m.proof("digit", "a counter of one decimal digit");
-//! proof.assert("it stays a digit", count.q.le(m.lit(9u8, 4)));
-//! let before = proof.past(count.q);
-//! let stepped = proof.past(step & !m.reset());
-//! proof.assert("it changes where it steps", stepped.implies(count.q.ne(before)));
-//! proof.cover("it comes round", stepped & count.q.is_zero());
-//! let module = m.finish().unwrap();
-//! assert!(!module.verilog().contains("assert"));
-//! assert!(module.formal("digit", &str::to_string).unwrap().text.contains("assert (count <= 4'd9)"));
-//! ```
+//! Properties of a module, and their text for provers and simulators.
 
 use super::builder::{Builder, Outputs, Reg, Wire};
 use super::design::{Design, Direction, Module, renamed};
@@ -35,7 +11,32 @@ use super::verilog;
 use std::ops::RangeInclusive;
 use std::panic::Location;
 
-/// Properties that are proved together.
+/// Properties that are proved together, expressed in the module's own signals: assumptions about its environment,
+/// assertions, and conditions that must be reachable. Returned by [`Builder::proof`].
+///
+/// Properties are described last, when the module is complete. They are not part of the Verilog of the module;
+/// [`Module::formal`] prints module and properties for a prover, [`Module::checked`] for a simulator. This crate
+/// runs no prover.
+///
+/// ```
+/// use dynrt_hdl::Builder;
+/// let m = Builder::new("counter", "counts to 9.");
+/// let step = m.input("step", 1);
+/// let count = m.reg_reset("count", 4, 0);
+/// let next = count.q.equals(9).mux(m.zero(4), count.q + m.lit(1u8, 4));
+/// count.next_when(step, next);
+/// m.output("digit", count.q);
+///
+/// let proof = m.proof("digit", "a counter of one decimal digit");
+/// proof.assert("it stays a digit", count.q.le(m.lit(9u8, 4)));
+/// let before = proof.past(count.q);
+/// let stepped = proof.past(step & !m.reset());
+/// proof.assert("it changes when it steps", stepped.implies(count.q.ne(before)));
+/// proof.cover("it wraps around", stepped & count.q.is_zero());
+/// let module = m.finish().unwrap();
+/// assert!(!module.verilog().contains("assert"));
+/// assert!(module.formal("digit", &str::to_string).unwrap().text.contains("assert (count <= 4'd9)"));
+/// ```
 #[derive(Clone, Copy)]
 pub struct Proof<'b> {
     builder: &'b Builder,
@@ -43,8 +44,11 @@ pub struct Proof<'b> {
 }
 
 impl Builder {
-    /// Begins properties that are proved together: all that are asserted, under all that is assumed. The module is complete: only
-    /// properties may follow. What instances show is any value, unless they are [kept](Proof::keep).
+    /// Begins a proof: all its assertions are proved under all its assumptions. `what` describes it
+    /// in words.
+    ///
+    /// The module must be complete, because only properties may follow. The outputs of instances
+    /// have arbitrary values in the proof, unless the instances are [kept](Proof::keep).
     #[track_caller]
     pub fn proof(&self, name: impl Into<String>, what: impl Into<String>) -> Proof<'_> {
         let (name, place) = (name.into(), Location::caller());
@@ -78,19 +82,19 @@ impl Builder {
 }
 
 impl<'b> Signal<'b> {
-    /// `other` wherever this bit is high.
+    /// Returns `!self | other`, for a condition of one bit: if it is 1, `other` must be 1 too.
     #[track_caller]
     pub fn implies(self, other: Signal<'b>) -> Signal<'b> {
         !self | other
     }
 
-    /// The signal as it is at each of these stages of its pipeline, for logic outside of it.
+    /// Returns the signal at each of these stages of its pipeline, as signals without a stage.
     #[track_caller]
     pub fn stages(self, stages: RangeInclusive<u32>) -> Vec<Signal<'b>> {
         stages.map(|stage| self.at(stage).untimed()).collect()
     }
 
-    /// The number of 1 bits, in `width` bits.
+    /// Returns the number of 1 bits as a number of `width` bits, modulo 2^`width`.
     #[track_caller]
     pub fn count_ones(self, width: u32) -> Signal<'b> {
         let bits = (0..self.width()).map(|i| self.bit(i).extend(width));
@@ -98,7 +102,7 @@ impl<'b> Signal<'b> {
             .expect("a signal has a bit")
     }
 
-    /// The bit that `index` names; 0 past the last.
+    /// Returns the bit with the number `index`; 0 if there is no such bit.
     #[track_caller]
     pub fn bit_at(self, index: Signal<'b>) -> Signal<'b> {
         let one = self.builder.lit(1u8, self.width());
@@ -107,7 +111,8 @@ impl<'b> Signal<'b> {
 }
 
 impl<'b> Memory<'b> {
-    /// Of properties: the word at `address` as it is stored, without a read port. The memory must be read by the module.
+    /// Returns the stored word at `address` for use in properties, without adding a read port. The
+    /// module must read the memory too.
     #[track_caller]
     pub fn peek(&self, address: Signal<'b>) -> Signal<'b> {
         self.stored(address, Location::caller())
@@ -115,6 +120,7 @@ impl<'b> Memory<'b> {
 }
 
 impl<'b> Proof<'b> {
+    /// Returns the builder of the module.
     pub fn module(&self) -> &'b Builder {
         self.builder
     }
@@ -134,25 +140,30 @@ impl<'b> Proof<'b> {
         let place = Location::caller();
         if !std::ptr::eq(condition.builder, self.builder) {
             let message = format!(
-                "{what}: is of a signal of module {}",
+                "{what}: the condition is a signal of module {}",
                 condition.builder.name
             );
             self.builder.fail(place, message);
         } else if what.contains(['%', '"', '\\', '\n']) {
-            let message =
-                format!("{what:?}: is printed in Verilog: leave out %, \", \\ and line breaks");
+            let message = format!(
+                "{what:?}: is printed in Verilog and must not contain %, \", \\ or line breaks"
+            );
             self.builder.fail(place, message);
         } else if condition.width() != 1 {
-            let message = format!("{what}: is of {} bits, not one", condition.width());
+            let message = format!(
+                "{what}: the condition has {} bits, must have 1",
+                condition.width()
+            );
             self.builder.fail(place, message);
         } else if condition.literal() == Some(0) {
-            let message = format!("{what}: never holds");
+            let message = format!("{what}: the condition is always 0");
             self.builder.fail(place, message);
         }
         condition.id
     }
 
-    /// Assumes a bit to be high at every clock; `what` says so in words.
+    /// Assumes that a condition of one bit is 1 in every cycle. `what` describes it in words; it is
+    /// printed in the Verilog and must not contain `%`, `"`, `\` or line breaks.
     #[track_caller]
     pub fn assume(&self, what: impl Into<String>, condition: Signal<'b>) {
         let what = what.into();
@@ -160,7 +171,8 @@ impl<'b> Proof<'b> {
         self.data(|data| data.assumes.push((what, id)));
     }
 
-    /// A bit that is high at every clock after the first of a reset; `what` says so in words.
+    /// Asserts that a condition of one bit is 1 in every cycle after the first cycle of a reset.
+    /// `what` is as in [`assume`](Proof::assume).
     #[track_caller]
     pub fn assert(&self, what: impl Into<String>, condition: Signal<'b>) {
         let what = what.into();
@@ -168,7 +180,8 @@ impl<'b> Proof<'b> {
         self.data(|data| data.asserts.push((what, id)));
     }
 
-    /// A bit that is high at some clock soon after reset: else the proof would be about nothing.
+    /// Demands that a condition of one bit can become 1 soon after reset, which shows that the
+    /// assumptions do not exclude it. `what` is as in [`assume`](Proof::assume).
     #[track_caller]
     pub fn cover(&self, what: impl Into<String>, condition: Signal<'b>) {
         let what = what.into();
@@ -176,7 +189,7 @@ impl<'b> Proof<'b> {
         self.data(|data| data.covers.push((what, id)));
     }
 
-    /// A value that is any, and the same at every clock.
+    /// Returns an arbitrary value that is the same in every cycle.
     #[track_caller]
     pub fn any_const(&self, name: &str, width: u32) -> Signal<'b> {
         let place = Location::caller();
@@ -184,7 +197,7 @@ impl<'b> Proof<'b> {
             .named_node(Op::AnyConst, width, &self.name(name), None, place)
     }
 
-    /// Any value, at each clock another.
+    /// Returns a value that is arbitrary in every cycle.
     #[track_caller]
     pub fn any_seq(&self, name: &str, width: u32) -> Signal<'b> {
         let place = Location::caller();
@@ -192,43 +205,46 @@ impl<'b> Proof<'b> {
             .named_node(Op::AnySeq, width, &self.name(name), None, place)
     }
 
-    /// What a signal was at the clock before.
+    /// Returns the value that a signal had in the previous cycle.
     #[track_caller]
     pub fn past(&self, signal: Signal<'b>) -> Signal<'b> {
         signal.untimed().register()
     }
 
-    /// A register of the proof's own.
+    /// Declares a register that only the proof has. Its name is prefixed with `f_` and the name of
+    /// the proof.
     #[track_caller]
     pub fn reg(&self, name: &str, width: u32) -> Reg<'b> {
         self.builder.reg(self.name(name), width)
     }
 
-    /// A register of the proof's own, which reset sets to `value`.
+    /// Declares a register that only the proof has and that reset sets to `value`.
     #[track_caller]
     pub fn reg_reset(&self, name: &str, width: u32, value: u128) -> Reg<'b> {
         self.builder.reg_reset(self.name(name), width, value)
     }
 
-    /// A wire of the proof's own, driven later.
+    /// Declares a wire that only the proof has, to be driven later.
     #[track_caller]
     pub fn wire(&self, name: &str, width: u32) -> Wire<'b> {
         self.builder.wire(self.name(name), width)
     }
 
-    /// Gives a signal of the proof's own its name.
+    /// Names a signal that only the proof has.
     #[track_caller]
     pub fn named(&self, name: &str, signal: Signal<'b>) -> Signal<'b> {
         signal.named(self.name(name))
     }
 
-    /// Lets a signal have any value at each clock, whatever drives it: what is proved of any holds of its own. It must have a name.
+    /// Gives a signal an arbitrary value in every cycle, independent of its driver. What is proved
+    /// for arbitrary values holds for the actual ones. The signal must have a name.
     #[track_caller]
     pub fn cut(&self, signal: Signal<'b>) {
         self.data(|data| data.cut.push(signal.id));
     }
 
-    /// Lets an instance stay as it is, with all of the same module.
+    /// Includes an instance in the proof with its actual logic, and with it all instances of the
+    /// same module.
     #[track_caller]
     pub fn keep(&self, instance: &Outputs<'b>) {
         let index = instance.index;
@@ -239,25 +255,29 @@ impl<'b> Proof<'b> {
         });
     }
 
-    /// A fault of the module that the proof must find: else it would prove nothing.
+    /// Registers a fault of the module that must make the proof fail, which shows that the proof
+    /// depends on what it changes. `what` describes the fault in words.
     pub fn fault(&self, what: impl Into<String>, mutation: Mutation) {
         let what = what.into();
         self.data(|data| data.faults.push((what, mutation)));
     }
 
-    /// Clocks that a step of the induction looks back, in place of 1.
+    /// Sets the depth of the induction: the number of cycles that the induction step looks back. It
+    /// is 1 at first.
     pub fn depth(&self, clocks: u32) {
         self.data(|data| data.depth = clocks);
     }
 
-    /// Memories stay arrays for the solver: for those of many words.
+    /// Leaves memories as arrays for the solver instead of mapping them to registers. Use it for
+    /// memories of many words.
     pub fn arrays(&self) {
         self.data(|data| data.arrays = true);
     }
 }
 
 impl<'b> Outputs<'b> {
-    /// Of properties: a register, wire or port inside the instance.
+    /// Returns a register, wire or port inside the instance, by its name in the Verilog, for use in
+    /// properties.
     #[track_caller]
     pub fn inside(&self, name: &str) -> Signal<'b> {
         let place = Location::caller();
@@ -281,34 +301,41 @@ impl<'b> Outputs<'b> {
     }
 }
 
-/// What a proof says, without how.
+/// The contents of a proof in words, and its options.
 #[derive(Clone, Debug)]
 pub struct ProofFacts {
+    /// The name of the proof.
     pub name: String,
+    /// Its description.
     pub what: String,
-    /// What is assumed, asserted and covered, in words.
+    /// The descriptions of the assumptions.
     pub assumes: Vec<String>,
+    /// The descriptions of the assertions.
     pub asserts: Vec<String>,
+    /// The descriptions of the covered conditions.
     pub covers: Vec<String>,
+    /// The depth of the induction.
     pub depth: u32,
+    /// Whether memories remain arrays: see [`Proof::arrays`].
     pub arrays: bool,
-    /// What the proof must find, in words.
+    /// The faults that must make the proof fail, each with its description.
     pub faults: Vec<(String, Mutation)>,
 }
 
-/// A module with the properties of one proof, for Yosys.
+/// A module with the properties of one proof, as input for Yosys.
 #[derive(Clone, Debug)]
 pub struct Formal {
-    /// The module, then what stands for those that it places: SystemVerilog that `read_verilog -formal -sv` reads.
+    /// The module, followed by replacements of the modules that it instantiates: SystemVerilog for
+    /// `read_verilog -formal -sv`.
     pub text: String,
-    /// The line of each assertion, from 1 on.
+    /// The line of each assertion in the text, counted from 1.
     pub asserts: Vec<usize>,
-    /// The wires that have any value at each clock: for Yosys' `cutpoint`.
+    /// The names of the wires that have arbitrary values, for the command `cutpoint` of Yosys.
     pub cut: Vec<String>,
 }
 
 impl Module {
-    /// What can be proved of the module.
+    /// Returns the proofs of the module.
     pub fn proofs(&self) -> Vec<ProofFacts> {
         let words = |of: &[(String, Id)]| of.iter().map(|(what, _)| what.clone()).collect();
         let facts = |proof: &ProofData| ProofFacts {
@@ -324,10 +351,11 @@ impl Module {
         self.ir.proofs.iter().map(facts).collect()
     }
 
-    /// The module's text with a proof's properties, its instances as the proof wants them. `emitted` names modules.
+    /// Returns the module with the properties of the proof called `proof`. The function `emitted`
+    /// maps the names of modules to those in the text.
     ///
     /// # Errors
-    /// There is no such proof; a signal that is cut has no name in the Verilog.
+    /// The module has no such proof, or a signal that is cut has no name in the Verilog.
     pub fn formal(
         &self,
         proof: &str,
@@ -345,7 +373,10 @@ impl Module {
                 .collect();
             error(
                 self.ir.place,
-                format!("no proof is called {proof}, only {}", known.join(", ")),
+                format!(
+                    "there is no proof {proof}; the proofs are {}",
+                    known.join(", ")
+                ),
             )
         })?;
         let data = &self.ir.proofs[index];
@@ -384,8 +415,10 @@ impl Module {
         })
     }
 
-    /// The module's text with its properties as a simulator checks them where the macro `DYNRT_CHECKS` is defined, but those that are
-    /// about any value. What does not hold at a clock is said and stops the simulation. `emitted` names modules.
+    /// Returns the Verilog of the module with its properties, which a simulator checks if the macro
+    /// `DYNRT_CHECKS` is defined. A violated property is reported and stops the simulation.
+    /// Properties of arbitrary values ([`Proof::any_const`], [`Proof::any_seq`]) are left out. The
+    /// function `emitted` maps the names of modules to those in the text.
     pub fn checked(&self, emitted: &dyn Fn(&str) -> String) -> String {
         let (text, modules) = verilog::with_checks(&self.ir, self.outline.as_ref());
         renamed(&text, &modules, emitted)
@@ -560,12 +593,12 @@ mod tests {
             error.message
         };
         let wide = error(&|m| m.proof("p", "").assert("it is so", m.zero(4)));
-        assert_eq!(wide, "it is so: is of 4 bits, not one");
+        assert_eq!(wide, "it is so: the condition has 4 bits, must have 1");
         let late = error(&|m| {
             m.proof("p", "");
             m.input("b", 1);
         });
-        assert_eq!(late, "port \"b\" comes behind the module's properties");
+        assert_eq!(late, "port \"b\" is declared after the module's properties");
         let twice = error(&|m| {
             m.proof("p", "");
             m.proof("p", "");
@@ -573,6 +606,6 @@ mod tests {
         assert_eq!(twice, "two proofs are called \"p\"");
         let unit = module(true).unwrap();
         let none = unit.formal("is", &same).unwrap_err().message;
-        assert_eq!(none, "no proof is called is, only keeps, counts");
+        assert_eq!(none, "there is no proof is; the proofs are keeps, counts");
     }
 }

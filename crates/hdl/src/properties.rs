@@ -55,6 +55,7 @@ pub fn count<'b>(
 pub struct Reader<'b> {
     /// Words that have a place; the front word has one more.
     pub room: u32,
+    /// Takes the front word.
     pub pop: Signal<'b>,
     outputs: Outputs<Signal<'b>>,
 }

@@ -6,7 +6,11 @@ use super::pipeline::Stage;
 use std::ops;
 use std::panic::Location;
 
-/// A value of a known number of bits in a module under construction. Unsigned.
+/// An unsigned value of a fixed number of bits in a module that is being described.
+///
+/// The operators `&`, `|`, `^`, `+` and `-` take operands of one width and return a result of that
+/// width; `+` and `-` wrap around. `!` inverts all bits. Operands in a pipeline are aligned to the
+/// latest stage among them: see [`Pipeline`](crate::Pipeline).
 #[derive(Clone, Copy)]
 pub struct Signal<'b> {
     pub(super) builder: &'b Builder,
@@ -14,11 +18,12 @@ pub struct Signal<'b> {
 }
 
 impl<'b> Signal<'b> {
+    /// Returns the width in bits, at least 1.
     pub fn width(&self) -> u32 {
         self.builder.inner.borrow().ir.nodes[self.id].width
     }
 
-    /// The module that the signal belongs to.
+    /// Returns the builder that the signal belongs to.
     pub fn module(&self) -> &'b Builder {
         self.builder
     }
@@ -27,23 +32,25 @@ impl<'b> Signal<'b> {
         self.builder.inner.borrow().ir.nodes[self.id].stage
     }
 
-    /// Registers since the pipeline's inputs; `None` outside a pipeline.
+    /// Returns the stage in the pipeline; `None` for a signal outside a pipeline.
     pub fn staged(&self) -> Option<u32> {
         self.stage_data().map(|s| s.at)
     }
 
-    /// Registers since the pipeline's inputs, of a signal that must be in a pipeline.
+    /// Returns the stage in the pipeline. It is a mistake if the signal is outside a pipeline; the
+    /// result is then 0.
     #[track_caller]
     pub fn stage(&self) -> u32 {
         let place = Location::caller();
         self.staged().unwrap_or_else(|| {
-            let message = format!("{} has no stage: it is in no pipeline", self.describe());
+            let message = format!("{} has no stage: it is not in a pipeline", self.describe());
             self.builder.fail(place, message);
             0
         })
     }
 
-    /// The signal's value where it is a constant: a literal, or what follows from literals alone.
+    /// Returns the value of the signal if it is a literal, or an expression that was simplified to
+    /// one.
     pub fn literal(&self) -> Option<u128> {
         match self.builder.inner.borrow().ir.nodes[self.id].op {
             Op::Literal(value) => Some(value),
@@ -69,7 +76,8 @@ impl<'b> Signal<'b> {
         }
     }
 
-    /// Gives the signal its name in the Verilog.
+    /// Sets the name of the signal in the Verilog. A signal that has a name already, and a literal,
+    /// remain as they are.
     #[track_caller]
     pub fn named(self, name: impl AsRef<str>) -> Signal<'b> {
         self.named_from(name.as_ref(), Location::caller())
@@ -88,14 +96,15 @@ impl<'b> Signal<'b> {
         self
     }
 
-    /// Says what the signal is called in the Verilog if it gets a name there, as it does where several places read it.
+    /// Suggests a name for the signal. It is used if the signal is declared in the Verilog, as it
+    /// is where several places read it; `_2`, `_3`, … is appended if it is taken.
     #[track_caller]
     pub fn hinted(self, name: impl AsRef<str>) -> Signal<'b> {
         self.builder.check_name(name.as_ref(), Location::caller());
         self.hint(None, name.as_ref(), false)
     }
 
-    /// The same, behind the name of another signal: `x_is_zero`.
+    /// As [`hinted`](Signal::hinted), with the name of the signal `other` and `_` before `name`.
     #[track_caller]
     pub fn hinted_after(self, other: Signal<'b>, name: impl AsRef<str>) -> Signal<'b> {
         self.hint(Some(other.id), name.as_ref(), false)
@@ -115,7 +124,8 @@ impl<'b> Signal<'b> {
         self
     }
 
-    /// `width` bits from bit `lsb` upwards, called `name` behind the word's name if they get one in the Verilog.
+    /// Returns `width` bits from bit `lsb` upwards, like [`field`](Signal::field), and suggests a
+    /// name for them: that of this signal, `_` and `name`.
     #[track_caller]
     pub fn part(self, name: impl AsRef<str>, lsb: u32, width: u32) -> Signal<'b> {
         self.field(lsb, width).as_part(name.as_ref(), false)
@@ -136,7 +146,8 @@ impl<'b> Signal<'b> {
         }
     }
 
-    /// Lets reset clear the delay registers of this signal (a valid bit's, say).
+    /// Lets reset clear the pipeline registers that delay this signal, as is useful for a valid
+    /// bit.
     pub fn cleared_by_reset(self) -> Signal<'b> {
         self.builder.inner.borrow_mut().ir.nodes[self.id].cleared = true;
         self
@@ -153,7 +164,8 @@ impl<'b> Signal<'b> {
             .node(Op::Slice(self.id, 0), self.width(), stage, place)
     }
 
-    /// The signal as it is at its stage, for logic outside the pipeline.
+    /// Returns the signal without its stage, for logic outside the pipeline. No register is added:
+    /// the value is that of the signal at its stage.
     #[track_caller]
     pub fn untimed(self) -> Signal<'b> {
         self.untimed_from(Location::caller())
@@ -166,19 +178,20 @@ impl<'b> Signal<'b> {
         self.restaged(None, place)
     }
 
-    /// The signal one register later.
+    /// Returns the signal delayed by one register.
     #[track_caller]
     pub fn register(self) -> Signal<'b> {
         self.delay_by(1, Location::caller())
     }
 
-    /// The signal `registers` later.
+    /// Returns the signal delayed by the given number of registers.
     #[track_caller]
     pub fn delay(self, registers: u32) -> Signal<'b> {
         self.delay_by(registers, Location::caller())
     }
 
-    /// The signal at a later stage of its pipeline.
+    /// Returns the signal delayed to the given stage of its pipeline, which must not be before its
+    /// own.
     #[track_caller]
     pub fn at(self, stage: u32) -> Signal<'b> {
         self.at_from(stage, Location::caller())
@@ -189,13 +202,17 @@ impl<'b> Signal<'b> {
             None if self.is_literal() => self,
             None => {
                 self.builder
-                    .fail(place, format!("{} is in no pipeline", self.describe()));
+                    .fail(place, format!("{} is not in a pipeline", self.describe()));
                 self
             }
             Some(s) if s.at > stage => {
                 self.builder.fail(
                     place,
-                    format!("{} is at stage {}, past {stage}", self.describe(), s.at),
+                    format!(
+                        "{} is at stage {}, after stage {stage}",
+                        self.describe(),
+                        s.at
+                    ),
                 );
                 self
             }
@@ -241,7 +258,7 @@ impl<'b> Signal<'b> {
         signal
     }
 
-    /// Bits `high` down to `low`, both included.
+    /// Returns the bits `high` down to `low`, inclusive.
     #[track_caller]
     pub fn bits(self, high: u32, low: u32) -> Signal<'b> {
         let place = Location::caller();
@@ -249,7 +266,7 @@ impl<'b> Signal<'b> {
             self.builder.fail(
                 place,
                 format!(
-                    "{} has no bits {high} to {low}: it has {}",
+                    "{} has no bits {high} to {low}: it has {} bits",
                     self.describe(),
                     self.width()
                 ),
@@ -312,12 +329,14 @@ impl<'b> Signal<'b> {
             .node(Op::Slice(source, low), width, stage, place)
     }
 
+    /// Returns the bit with the number `index`, which is less than the width.
     #[track_caller]
     pub fn bit(self, index: u32) -> Signal<'b> {
         self.bits(index, index)
     }
 
-    /// The bit of which `index` is the number; any value where there is none.
+    /// Returns the bit whose number is the value of `index`. The result is undefined if `index` is
+    /// not less than the width.
     #[track_caller]
     pub fn bit_numbered(self, index: Signal<'b>) -> Signal<'b> {
         let place = Location::caller();
@@ -326,25 +345,25 @@ impl<'b> Signal<'b> {
         self.builder.node(op, 1, stage, place)
     }
 
-    /// The most significant bit.
+    /// Returns the most significant bit.
     #[track_caller]
     pub fn msb(self) -> Signal<'b> {
         self.bit(self.width() - 1)
     }
 
-    /// The `width` least significant bits.
+    /// Returns the `width` least significant bits.
     #[track_caller]
     pub fn low(self, width: u32) -> Signal<'b> {
         self.field(0, width)
     }
 
-    /// The `width` most significant bits.
+    /// Returns the `width` most significant bits.
     #[track_caller]
     pub fn high(self, width: u32) -> Signal<'b> {
         self.field(self.width().saturating_sub(width), width)
     }
 
-    /// `width` bits from bit `lsb` upwards.
+    /// Returns `width` bits (at least 1) from bit `lsb` upwards.
     #[track_caller]
     pub fn field(self, lsb: u32, width: u32) -> Signal<'b> {
         let place = Location::caller();
@@ -352,7 +371,7 @@ impl<'b> Signal<'b> {
             self.builder.fail(
                 place,
                 format!(
-                    "{} has no {width} bits from {lsb}: it has {}",
+                    "{} has no {width} bits from bit {lsb}: it has {} bits",
                     self.describe(),
                     self.width()
                 ),
@@ -362,13 +381,17 @@ impl<'b> Signal<'b> {
         self.slice(lsb, width, place)
     }
 
-    /// Zeros in front, up to `width` bits.
+    /// Zero-extends the signal to `width` bits, which is at least its own width.
     #[track_caller]
     pub fn extend(self, width: u32) -> Signal<'b> {
         if width < self.width() {
             self.builder.fail(
                 Location::caller(),
-                format!("{} has more than {width} bits", self.describe()),
+                format!(
+                    "{} has {} bits, cannot be extended to {width}",
+                    self.describe(),
+                    self.width()
+                ),
             );
             return self;
         }
@@ -382,13 +405,13 @@ impl<'b> Signal<'b> {
             .concat(&[self.builder.zero(width - self.width()), self])
     }
 
-    /// `self` in front of `low`.
+    /// Concatenates this signal, as the more significant part, with `low`.
     #[track_caller]
     pub fn concat(self, low: Signal<'b>) -> Signal<'b> {
         self.builder.concat(&[self, low])
     }
 
-    /// The signal `times` side by side.
+    /// Concatenates the signal with itself, `times` copies in all.
     #[track_caller]
     pub fn repeat(self, times: u32) -> Signal<'b> {
         if times == 1 && self.builder.simplifies() {
@@ -402,7 +425,7 @@ impl<'b> Signal<'b> {
         )
     }
 
-    /// The full product.
+    /// Returns the full product. Its width is the sum of the operands' widths, which may differ.
     #[track_caller]
     #[allow(clippy::should_implement_trait)] // the product is wider than its factors, and their widths may differ
     pub fn mul(self, other: Signal<'b>) -> Signal<'b> {
@@ -410,49 +433,61 @@ impl<'b> Signal<'b> {
             .binary(Binary::Mul, self, other, Location::caller())
     }
 
+    /// Returns whether two signals of equal width have equal values, as one bit.
     #[track_caller]
     pub fn eq(self, other: Signal<'b>) -> Signal<'b> {
         self.builder
             .binary(Binary::Equal, self, other, Location::caller())
     }
 
+    /// Returns whether two signals of equal width have different values, as one bit.
     #[track_caller]
     pub fn ne(self, other: Signal<'b>) -> Signal<'b> {
         self.builder
             .binary(Binary::NotEqual, self, other, Location::caller())
     }
 
-    /// Whether the signal is a constant.
+    /// Returns whether the signal has the given constant value, as one bit. The value must fit its
+    /// width.
     #[track_caller]
     pub fn equals(self, value: u128) -> Signal<'b> {
         self.eq(self.builder.lit(value, self.width()))
     }
 
+    /// Returns whether this signal is less than `other`, both unsigned and of equal width, as one
+    /// bit.
     #[track_caller]
     pub fn lt(self, other: Signal<'b>) -> Signal<'b> {
         self.builder
             .binary(Binary::Less, self, other, Location::caller())
     }
 
+    /// Returns whether this signal is at most `other`, both unsigned and of equal width, as one
+    /// bit.
     #[track_caller]
     pub fn le(self, other: Signal<'b>) -> Signal<'b> {
         self.builder
             .binary(Binary::LessEqual, self, other, Location::caller())
     }
 
+    /// Returns whether this signal is greater than `other`, both unsigned and of equal width, as
+    /// one bit.
     #[track_caller]
     pub fn gt(self, other: Signal<'b>) -> Signal<'b> {
         self.builder
             .binary(Binary::Less, other, self, Location::caller())
     }
 
+    /// Returns whether this signal is at least `other`, both unsigned and of equal width, as one
+    /// bit.
     #[track_caller]
     pub fn ge(self, other: Signal<'b>) -> Signal<'b> {
         self.builder
             .binary(Binary::LessEqual, other, self, Location::caller())
     }
 
-    /// Shifted towards the most significant bit; the width stays.
+    /// Shifts the signal to the left, towards the most significant bit, by the value of `by`. The
+    /// width remains; zeros are shifted in.
     #[track_caller]
     #[allow(clippy::should_implement_trait)] // the amount is a signal of another width
     pub fn shl(self, by: Signal<'b>) -> Signal<'b> {
@@ -460,7 +495,8 @@ impl<'b> Signal<'b> {
             .binary(Binary::ShiftLeft, self, by, Location::caller())
     }
 
-    /// Shifted towards the least significant bit; the width stays.
+    /// Shifts the signal to the right, towards the least significant bit, by the value of `by`. The
+    /// width remains; zeros are shifted in.
     #[track_caller]
     #[allow(clippy::should_implement_trait)] // the amount is a signal of another width
     pub fn shr(self, by: Signal<'b>) -> Signal<'b> {
@@ -468,7 +504,8 @@ impl<'b> Signal<'b> {
             .binary(Binary::ShiftRight, self, by, Location::caller())
     }
 
-    /// `then` where this bit is 1, `otherwise` where it is 0.
+    /// Returns `then` where this bit is 1, `otherwise` where it is 0: a multiplexer. Both have the
+    /// same width.
     #[track_caller]
     pub fn mux(self, then: Signal<'b>, otherwise: Signal<'b>) -> Signal<'b> {
         self.mux_from(then, otherwise, Location::caller())
@@ -486,9 +523,9 @@ impl<'b> Signal<'b> {
             self.builder.fail(
                 place,
                 format!(
-                    "width mismatch: a choice by {} bits ({})",
-                    condition.width(),
-                    condition.describe()
+                    "width mismatch: a multiplexer is selected by 1 bit, {} has {}",
+                    condition.describe(),
+                    condition.width()
                 ),
             );
         }
@@ -496,7 +533,7 @@ impl<'b> Signal<'b> {
             self.builder.fail(
                 place,
                 format!(
-                    "width mismatch: a choice of {} bits ({}) or {} bits ({})",
+                    "width mismatch: a multiplexer of {} bits ({}) and {} bits ({})",
                     then.width(),
                     then.describe(),
                     otherwise.width(),
@@ -521,7 +558,7 @@ impl<'b> Signal<'b> {
         }
     }
 
-    /// Whether any bit is 1.
+    /// Returns whether any bit is 1: the OR of all bits.
     #[track_caller]
     pub fn any(self) -> Signal<'b> {
         if self.width() == 1 && self.builder.simplifies() {
@@ -530,7 +567,7 @@ impl<'b> Signal<'b> {
         self.unary(Op::Any, 1, Location::caller())
     }
 
-    /// Whether all bits are 1.
+    /// Returns whether all bits are 1: the AND of all bits.
     #[track_caller]
     pub fn all(self) -> Signal<'b> {
         if self.width() == 1 && self.builder.simplifies() {
@@ -539,13 +576,13 @@ impl<'b> Signal<'b> {
         self.unary(Op::All, 1, Location::caller())
     }
 
-    /// Whether the number of 1 bits is odd.
+    /// Returns whether the number of 1 bits is odd: the XOR of all bits.
     #[track_caller]
     pub fn parity(self) -> Signal<'b> {
         self.unary(Op::Parity, 1, Location::caller())
     }
 
-    /// Whether all bits are 0.
+    /// Returns whether all bits are 0.
     #[track_caller]
     pub fn is_zero(self) -> Signal<'b> {
         !self.any()

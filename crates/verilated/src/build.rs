@@ -1,4 +1,7 @@
-//! From Verilog to a library in the cache, and lint. Part of [`model`](super::model), which documents the cache.
+//! Builds a model from Verilog with Verilator, keeps it in the cache, and runs lint.
+//!
+//! The usual entry points, [`build()`] and [`lint`], are re-exported by [`model`](super::model), which documents the
+//! cache. The rest are helpers for programs that run other hardware tools in the same way.
 
 use std::collections::BTreeSet;
 use std::fmt::Write as _;
@@ -18,42 +21,42 @@ use crate::tools::{Tool, Wanted, complaint};
 use anyhow::{Context, Result, anyhow, bail, ensure};
 use dynrt_hdl::{Design, Direction};
 
-/// One port of a module.
+/// A port of a module.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Port {
-    /// Its name in the Verilog.
+    /// The name in the Verilog.
     pub name: String,
-    /// Its width in bits, at least 1.
+    /// The width in bits, at least 1.
     pub width: u32,
-    /// Whether it is an input; else it is an output.
+    /// Whether the port is an input; otherwise it is an output.
     pub input: bool,
 }
 
-/// A module in Verilog: what a model is built from.
+/// A module in Verilog, from which a model is built.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Sources {
-    /// Name of the top module.
+    /// The name of the top module.
     pub top: String,
-    /// Name and text of every file. Those that end in `.v` are compiled, in this order; others (included
-    /// files, `$readmemh` data) only lie beside them.
+    /// The name and the contents of every file. Files that end in `.v` are compiled in this order;
+    /// others (included files, data for `$readmemh`) are put beside them.
     pub files: Vec<(String, String)>,
-    /// The ports of the top module, all of them, in any order.
+    /// All ports of the top module, in any order.
     pub ports: Vec<Port>,
 }
 
-/// How to build a model.
+/// Options for building a model.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct BuildOptions {
     /// Whether the model can write FST traces. Such a model is slower even while it writes none.
     pub traced: bool,
-    /// The C++ compiler's options for the code that runs every clock, separated by blanks.
+    /// The options of the C++ compiler for the code that runs in every cycle, separated by spaces.
     pub opt: String,
-    /// The cache folder; `None` for the user's (see [`model`](super::model)).
+    /// The cache directory; `None` for the default (see [`model`](super::model)).
     pub cache: Option<PathBuf>,
 }
 
 impl Default for BuildOptions {
-    /// Untraced, `-Os`, in the user's cache.
+    /// Returns options for a model without traces, compiled with `-Os`, in the default cache.
     fn default() -> Self {
         BuildOptions {
             traced: false,
@@ -63,12 +66,12 @@ impl Default for BuildOptions {
     }
 }
 
-/// A model that lies in the cache.
+/// A model in the cache.
 #[derive(Clone, Debug)]
 pub struct Built {
-    /// The shared library.
+    /// The path of the shared library.
     pub library: PathBuf,
-    /// Seconds that [`build`] took: next to nothing if `reused`.
+    /// The time that [`build`] took in seconds; close to 0 if `reused`.
     pub build_seconds: f64,
     /// Whether the model was in the cache already.
     pub reused: bool,
@@ -122,12 +125,16 @@ const UNIT_BYTES: u64 = 300_000;
 /// The same where the compiler does not optimise, and so takes less time for the text than for the headers.
 const PLAIN_UNIT_BYTES: u64 = 1_500_000;
 
-/// Makes a model of `sources`, or finds it in the cache. `progress` is told what is going on, a line at a time.
+/// Builds a model of `sources`, or finds it in the cache. `progress` receives one line at a time
+/// that describes what is being done.
+///
+/// Within a process, only one model is built at a time; a build uses all cores.
 ///
 /// # Errors
-/// One line each: a tool is missing (and how to install it); the cache cannot be written; the sources make no
-/// sense; Verilator rejects them (its first message, with file and line, and where its whole output is kept);
-/// the ports are not those of the Verilog.
+/// A tool is missing or too old (the message says how to install it), the cache cannot be written,
+/// the sources are inconsistent, Verilator rejects them, or the ports are not those of the Verilog.
+/// Every message is one line; if a tool fails, it holds the first error of the tool and the path of
+/// the complete log.
 pub fn build(sources: &Sources, options: &BuildOptions, progress: &dyn Fn(&str)) -> Result<Built> {
     let start = Instant::now();
     sources.check()?;
@@ -164,7 +171,7 @@ pub fn build(sources: &Sources, options: &BuildOptions, progress: &dyn Fn(&str))
 }
 
 impl Sources {
-    /// What Verilator is given of a design.
+    /// Returns the emitted files and the ports of a design.
     pub fn of(design: &Design) -> Sources {
         let top = design.top();
         let port = |port: &dynrt_hdl::Port| Port {
@@ -327,7 +334,7 @@ fn model_key(sources: &Sources, options: &BuildOptions, tools: &Tools) -> String
     key(&parts)
 }
 
-/// A folder in the cache in which something is being built, removed when dropped.
+/// A directory in the cache in which something is being built. It is removed when dropped.
 pub struct Workshop {
     folder: temporary::Folder,
     /// Where the log goes if the build fails.
@@ -336,7 +343,7 @@ pub struct Workshop {
 }
 
 impl Workshop {
-    /// What the names of such folders begin with.
+    /// The prefix of the names of such directories.
     pub const PREFIX: &str = "building-";
 
     fn open(cache: &Path, name: &str) -> Result<Workshop> {
@@ -477,10 +484,7 @@ fn build_model(
     if options.traced {
         verilator.arg("--trace-fst");
     }
-    workshop.run(
-        &tools.verilator,
-        verilator.args(sources.verilog_files()),
-    )?;
+    workshop.run(&tools.verilator, verilator.args(sources.verilog_files()))?;
 
     let obj = workshop.obj();
     let header = read(&obj.join("Vmodel.h"))?;
@@ -741,11 +745,12 @@ fn compile(
     })
 }
 
-/// Runs three tools that must all accept the sources without a word: Verilator's lint with every warning on,
-/// Icarus as Verilog-2001, and Yosys down to its netlist checks.
+/// Checks the sources with Verilator's lint with all warnings (`-Wall`), with Icarus Verilog as
+/// Verilog-2001, and with Yosys (hierarchy and netlist checks). Any output of a tool counts as a
+/// failure.
 ///
 /// # Errors
-/// One line: which tool is missing, or which said what first.
+/// One line: which tool is missing, or the first complaint of the first tool that fails.
 pub fn lint(sources: &Sources) -> Result<()> {
     sources.check()?;
     let folder = temporary::Folder::new().context("cannot create a temporary folder to lint in")?;

@@ -44,4 +44,3 @@ pub fn key(parts: &[&str]) -> String {
     }
     hex
 }
-

@@ -1,4 +1,4 @@
-//! Running other programs so that they end with this one.
+//! Runs other programs such that they end with this process. See [`Supervised`].
 
 use crate::interrupt;
 use std::collections::BTreeSet;
@@ -13,18 +13,21 @@ fn running() -> MutexGuard<'static, BTreeSet<u32>> {
     RUNNING.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
-/// Running a program to its end, or to this process' end if that comes first.
+/// Runs a program to its end, or until this process ends if that is earlier.
+///
+/// On Unix each program runs in a process group of its own, which [`interrupt`] ends as a whole.
 pub trait Supervised {
-    /// As [`Command::output`], without input.
+    /// Runs the program with empty standard input and returns what it prints, as
+    /// [`Command::output`].
     ///
     /// # Errors
-    /// The program cannot be started.
+    /// The program cannot be started, or its output cannot be read.
     fn supervised_output(&mut self) -> io::Result<Output>;
 
-    /// As [`Command::status`].
+    /// Runs the program with the standard streams of this process, as [`Command::status`].
     ///
     /// # Errors
-    /// The program cannot be started.
+    /// The program cannot be started, or its status cannot be read.
     fn supervised_status(&mut self) -> io::Result<ExitStatus>;
 }
 
@@ -61,7 +64,9 @@ fn while_running<T>(
     ended
 }
 
-/// Ends all programs that run, and what they have started, while nothing new can be started, and never lets go.
+/// Ends all supervised programs and the programs that they have started: they get SIGTERM, and
+/// SIGKILL after two seconds. No supervised program can be started afterwards; the function is
+/// meant for a process that is about to end.
 #[cfg(unix)]
 pub fn end_all() {
     use rustix::process::{Pid, Signal, kill_process_group, test_kill_process_group};

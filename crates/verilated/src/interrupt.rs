@@ -1,4 +1,8 @@
-//! What happens when a person, or the system, ends the process: nothing is left behind.
+//! Cleans up when the process is ended by a signal.
+//!
+//! A program calls [`listen`] once, at its start. From then on SIGINT, SIGTERM and SIGHUP end the programs started
+//! through [`child`] and remove the files made by [`temporary`] before the process ends. On platforms other than Unix
+//! nothing is installed.
 
 use crate::{child, temporary};
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -10,23 +14,27 @@ static ENDING: AtomicBool = AtomicBool::new(false);
 /// Held while results are put in place, and from an interrupt on.
 static PLACING: Mutex<()> = Mutex::new(());
 
-/// Holds off interrupts while results are put in place, until the guard is dropped: what belongs together appears together.
+/// Delays the handling of signals until the guard is dropped, so that files that belong together
+/// are put in place together. The guard is not reentrant: a second call in the same thread blocks.
 pub fn hold() -> MutexGuard<'static, ()> {
     PLACING.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
-/// Waits for the end if the process is about to end. What goes wrong from then on is no news.
+/// Blocks forever if the process is about to end after a signal; otherwise returns at once. Call it
+/// before creating anything that would have to be removed.
 pub fn stop_if_ending() {
     while ENDING.load(Ordering::SeqCst) {
         std::thread::park();
     }
 }
 
-/// From now on SIGINT, SIGTERM and SIGHUP end the tools that run, remove all that is temporary, and end the process as they do
-/// by default, so that a shell sees status 130, 143 or 129. A second signal ends the process at once.
+/// Installs the handling of SIGINT, SIGTERM and SIGHUP: the supervised programs are ended,
+/// everything temporary is removed, and the process ends as it would by default, with exit status
+/// 130, 143 or 129 in a shell. A second signal ends the process at once. SIGHUP remains ignored if
+/// it was ignored when the process started, as under `nohup`.
 ///
 /// # Errors
-/// The system refuses.
+/// The handler or its thread cannot be installed.
 #[cfg(unix)]
 pub fn listen() -> std::io::Result<()> {
     use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
@@ -57,7 +65,8 @@ pub fn listen() -> std::io::Result<()> {
         .map(drop)
 }
 
-/// Elsewhere nothing is listened to; the next run removes what was left.
+/// Does nothing on this platform. What an interrupted process leaves is removed by a later one: see
+/// [`temporary`].
 ///
 /// # Errors
 /// None.

@@ -1,63 +1,66 @@
-//! The environment of a unit under test: memory behind a tagged read port or a write port, and ready/valid
-//! streams that stall at random.
+//! The environment of a module under test: memories behind tagged read ports and write ports, and ready/valid streams
+//! that stall at random.
 //!
 //! # Cycles
 //!
-//! A rising edge *k* samples the unit's inputs; after it the unit shows its outputs for edge *k* + 1. A
-//! model here is stepped once per rising edge, just before it, with what the unit shows for that edge:
+//! Rising edge *k* samples the inputs of the module; after it the module shows its outputs for edge *k* + 1. A model of
+//! this library is stepped once per rising edge, just before it, with the outputs that the module shows for that edge:
 //!
 //! ```text
 //! loop {
-//!     unit.set(ready, port.ready());              // for this edge
-//!     unit.eval();                                // only if a request depends on an input in the same cycle
-//!     let request = unit.get(valid) != 0 then Some(ReadRequest { address, tag });
-//!     let response = port.step(request)?;         // accepts the request if, and only if, ready() was true
-//!     unit.clock();                               // the edge
-//!     unit.set(response_valid, response.is_some()); // for the next edge, with its tag and image.row(address)
+//!     module.set(ready, port.ready());              // for this edge
+//!     module.eval();                                // only if a request depends combinationally on an input
+//!     let request = if module.get(valid) != 0 { Some(ReadRequest { address, tag }) } else { None };
+//!     let response = port.step(request)?;           // accepts the request if and only if ready() was true
+//!     module.clock();                               // the edge
+//!     module.set(response_valid, response.is_some()); // for the next edge, with its tag and image.row(address)
 //! }
 //! ```
 //!
-//! So with a latency of L clocks, the response to a request accepted at edge *k* is sampled by the unit at
-//! edge *k* + L, and with L = 1 it comes out of the very step that took the request.
+//! With a latency of L cycles, the response to a request accepted at edge *k* is sampled by the module at edge *k* + L;
+//! with L = 1 it is returned by the step that accepts the request.
 //!
-//! Everything random comes from the seed given, through [`fastrand`]: the same seed and the same requests
-//! give the same run.
+//! All randomness comes from the given seed through [`fastrand`]: the same seed and the same requests give the same
+//! run.
 
 use super::model::{Model, PortHandle};
 use anyhow::{Result, bail, ensure};
 use dynrt_hdl::{Stream, Write};
 
-/// A limit of `requests` accepted requests in `cycles` clocks.
+/// A limit of `requests` accepted requests in `cycles` cycles.
 ///
-/// In any span of *n* clocks at most ⌈*n* · requests ÷ cycles⌉ are accepted.
+/// In any interval of *n* cycles at most ⌈*n* · requests ÷ cycles⌉ requests are accepted.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Bandwidth {
-    /// Requests accepted per `cycles` clocks, at least 1 and at most `cycles`.
+    /// The number of requests accepted per `cycles` cycles, at least 1 and at most `cycles`.
     pub requests: u32,
-    /// The clocks in which they are accepted, at least 1.
+    /// The number of cycles, at least 1.
     pub cycles: u32,
 }
 
-/// When a port takes requests and when it answers.
+/// The timing of a memory port.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Timing {
-    /// Clocks from the edge that accepts a request to the edge that samples its response, 1 to 2²⁰.
+    /// The number of cycles from the edge that accepts a request to the edge that samples its
+    /// response, 1 to [`Timing::MAX_CLOCKS`].
     pub latency: u32,
-    /// Greatest number of clocks by which a response is late, 0 to 2²⁰; each is late by a random number.
+    /// The greatest additional delay of a response in cycles, 0 to [`Timing::MAX_CLOCKS`]; each
+    /// response has a random one.
     pub jitter: u32,
-    /// Whether responses come in another order than the requests did. Takes a `jitter` of at least 1, which
-    /// is what moves one response past another.
+    /// Whether responses may come in another order than their requests. This requires a `jitter` of
+    /// at least 1.
     pub out_of_order: bool,
-    /// How many requests are accepted; one a clock is the most a port can take.
+    /// The limit of accepted requests; at most one request is accepted per cycle.
     pub bandwidth: Bandwidth,
-    /// Probability, 0 ≤ p < 1, that the port is not ready in a clock, whatever its bandwidth.
+    /// The probability *p*, 0 ≤ *p* < 1, that the port is not ready in a cycle, in addition to the
+    /// limit of the bandwidth.
     pub backpressure: f64,
-    /// Seed of everything random here.
+    /// The seed of all random decisions of the port.
     pub seed: u64,
 }
 
 impl Default for Timing {
-    /// 8 clocks, in order, one request a clock, always ready.
+    /// Returns a latency of 8 cycles, in order, with one request per cycle and no back-pressure.
     fn default() -> Self {
         Timing {
             latency: 8,
@@ -74,10 +77,13 @@ impl Default for Timing {
 }
 
 impl Timing {
-    /// Greatest latency and greatest jitter.
+    /// The greatest latency and the greatest jitter in cycles.
     pub const MAX_CLOCKS: u32 = 1 << 20;
 
-    /// Checks every range; the error names the field, its value and the range.
+    /// Checks all fields.
+    ///
+    /// # Errors
+    /// A field is out of range; the message names the field, its value and the range.
     pub fn check(&self) -> Result<()> {
         let Timing {
             latency,
@@ -116,7 +122,8 @@ fn check_probability(what: &str, probability: f64) -> Result<()> {
     Ok(())
 }
 
-/// Records of equal size, each a run of 32-bit words, least significant first: the contents of a memory.
+/// The contents of a memory: records of equal size, each stored as 32-bit words, the least
+/// significant first.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Image {
     words: Vec<u32>,
@@ -124,7 +131,7 @@ pub struct Image {
 }
 
 impl Image {
-    /// `rows` records of `bits` bits (at least 1), all zero.
+    /// Returns `rows` records of `bits` bits (at least 1), all zero.
     pub fn zeroed(rows: u64, bits: u32) -> Image {
         let words_per_row = words_for(bits);
         Image {
@@ -133,7 +140,11 @@ impl Image {
         }
     }
 
-    /// Records of `bits` bits (at least 1), one after another in `words`; an error if they do not fill it exactly.
+    /// Returns records of `bits` bits (at least 1) with the contents `words`, one record after
+    /// another.
+    ///
+    /// # Errors
+    /// The number of words is not a multiple of the words of a record.
     pub fn from_words(words: Vec<u32>, bits: u32) -> Result<Image> {
         let words_per_row = words_for(bits);
         ensure!(
@@ -147,12 +158,13 @@ impl Image {
         })
     }
 
-    /// The number of records.
+    /// Returns the number of records.
     pub fn rows(&self) -> u64 {
         (self.words.len() / self.words_per_row) as u64
     }
 
-    /// Record `address`. The ports of this module return addresses that are within the rows they were made for.
+    /// Returns the record `address`. The ports of this module return only addresses within the
+    /// number of records that they were created with.
     ///
     /// # Panics
     /// If there is no such record.
@@ -162,7 +174,7 @@ impl Image {
         &self.words[start..start + self.words_per_row]
     }
 
-    /// Record `address`, to be changed.
+    /// Returns the record `address` for modification.
     ///
     /// # Panics
     /// If there is no such record.
@@ -172,12 +184,12 @@ impl Image {
         &mut self.words[start..start + self.words_per_row]
     }
 
-    /// All words, record after record.
+    /// Returns all words, record after record.
     pub fn words(&self) -> &[u32] {
         &self.words
     }
 
-    /// All words, record after record.
+    /// Returns all words, record after record.
     pub fn into_words(self) -> Vec<u32> {
         self.words
     }
@@ -229,30 +241,31 @@ impl Gate {
     }
 }
 
-/// A request as a unit shows it: `valid` is the `Some` around it.
+/// A request that a module issues at a read port.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct ReadRequest {
-    /// Index of the record wanted.
+    /// The index of the requested record.
     pub address: u64,
-    /// Returned with the response.
+    /// The tag that is returned with the response.
     pub tag: u32,
 }
 
-/// What a unit is to see for one edge: the record at `address`, for `tag`. It cannot be refused.
+/// A response that a module receives in one cycle and cannot refuse: the record at `address`, for
+/// `tag`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct ReadResponse {
-    /// The address of the request; its data are [`Image::row`] of it.
+    /// The address of the request; the data is [`Image::row`] of it.
     pub address: u64,
     /// The tag of the request.
     pub tag: u32,
 }
 
-/// A read port of a model.
+/// The signals of a read port of a model.
 pub type ReadHandles = dynrt_hdl::ReadPort<PortHandle>;
 
-/// Read ports of a model.
+/// Access to read ports, for [`ReadPort`].
 impl Model {
-    /// The request that the model shows at a read port.
+    /// Returns the request that the model shows at a read port, if its valid bit is 1.
     pub fn read_request(&self, port: &ReadHandles) -> Option<ReadRequest> {
         let request = &port.request;
         (self.get(request.valid) != 0).then(|| ReadRequest {
@@ -261,8 +274,9 @@ impl Model {
         })
     }
 
-    /// Shows a response at a read port, or that there is none. Behind a response tag and data become random bits: without `valid` they
-    /// have no meaning, and nothing may depend on them.
+    /// Drives a response to a read port: the valid bit, and the tag and the data if there is a
+    /// response. After a response the tag and the data are random bits: they have no meaning
+    /// without the valid bit, and no module may depend on them.
     pub fn respond(&mut self, port: &ReadHandles, response: Option<ReadResponse>, data: &[u32]) {
         let port = &port.response;
         match response {
@@ -280,15 +294,15 @@ impl Model {
     }
 }
 
-/// A write port of a model, its handshake and what is written.
+/// The signals of a write port of a model: the handshake, the address and the data.
 pub type WriteHandles = Stream<Write<PortHandle>, PortHandle>;
 
-/// Memory behind one tagged read port: requests with ready/valid, responses with valid only.
+/// A model of a memory behind one tagged read port: requests with a ready/valid handshake,
+/// responses with a valid bit only.
 ///
-/// It keeps no data: a response carries its address, and the caller looks it up. At most one request is
-/// accepted and one response given per clock. A response comes `latency` to `latency + jitter` clocks after
-/// its request was accepted, whatever the order: every request reserves its clock when it is accepted, and
-/// the last clock of its span cannot have been taken by an earlier one.
+/// The port stores no data: a response carries the address, with which the caller looks up the
+/// record. At most one request is accepted and at most one response is returned per cycle. A
+/// response comes `latency` to `latency + jitter` cycles after its request was accepted.
 #[derive(Clone, Debug)]
 pub struct ReadPort {
     name: String,
@@ -307,7 +321,10 @@ pub struct ReadPort {
 }
 
 impl ReadPort {
-    /// A port, called `name` in errors, to a memory of `rows` records. An error if `timing` is out of range.
+    /// Creates a port to a memory of `rows` records. The name is used in error messages.
+    ///
+    /// # Errors
+    /// `timing` is out of range: see [`Timing::check`].
     pub fn new(name: impl Into<String>, rows: u64, timing: Timing) -> Result<ReadPort> {
         timing.check()?;
         let mut rng = fastrand::Rng::with_seed(timing.seed);
@@ -327,16 +344,18 @@ impl ReadPort {
         })
     }
 
-    /// Whether the port takes a request at the coming edge.
+    /// Returns whether the port accepts a request at the coming edge.
     #[inline]
     pub fn ready(&self) -> bool {
         self.gate.ready
     }
 
-    /// One rising edge. `request` is what the unit shows for it, accepted if [`ready`](Self::ready); returned
-    /// is what the unit must be shown for the next edge.
+    /// Advances by one rising edge. `request` is the request that the module shows for this edge;
+    /// it is accepted if [`ready`](Self::ready) is true. The result is the response that the module
+    /// must be shown for the next edge.
     ///
-    /// An error if an accepted request's address is not within the memory; the message names the port, the
+    /// # Errors
+    /// The address of an accepted request is outside the memory; the message names the port, the
     /// address and the tag.
     #[inline]
     pub fn step(&mut self, request: Option<ReadRequest>) -> Result<Option<ReadResponse>> {
@@ -380,29 +399,29 @@ impl ReadPort {
         )
     }
 
-    /// Requests accepted whose response has not been returned yet.
+    /// Returns the number of accepted requests whose response has not been returned yet.
     pub fn outstanding(&self) -> usize {
         self.outstanding
     }
 
-    /// Requests accepted since the port was made.
+    /// Returns the number of requests accepted so far.
     pub fn accepted(&self) -> u64 {
         self.accepted
     }
 }
 
-/// A write as a unit shows it.
+/// A write that a module issues.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct WriteRequest<'a> {
-    /// Index of the record written.
+    /// The index of the record to write.
     pub address: u64,
-    /// The record's new contents, in words as in [`Image::row`].
+    /// The new contents of the record, in words as in [`Image::row`].
     pub data: &'a [u32],
-    /// One bit a lane, lane 0 lowest: which lanes are written.
+    /// The lanes to write, one bit per lane, lane 0 in bit 0.
     pub mask: u64,
 }
 
-/// Memory behind one write port, with ready/valid and a write mask.
+/// A model of a memory behind one write port, with a ready/valid handshake and a write mask.
 #[derive(Clone, Debug)]
 pub struct WritePort {
     name: String,
@@ -415,11 +434,15 @@ pub struct WritePort {
 }
 
 impl WritePort {
-    /// A port, called `name` in errors, to records made of `lane_bits`: the widths of the lanes that the write
-    /// mask selects, from bit 0 upwards, 1 to 64 lanes.
+    /// Creates a port to records that consist of lanes. `lane_bits` holds the widths of the lanes
+    /// that the write mask selects, from bit 0 upwards: 1 to 64 lanes of at least 1 bit. The name
+    /// is used in error messages.
     ///
-    /// Of `timing`, bandwidth, back-pressure and seed count: a write has no response, and is visible to reads
-    /// of its memory as soon as it is accepted.
+    /// Only `bandwidth`, `backpressure` and `seed` of `timing` are used: a write has no response,
+    /// and is visible to reads as soon as it is accepted.
+    ///
+    /// # Errors
+    /// `timing` or the lanes are out of range.
     pub fn new(name: impl Into<String>, lane_bits: &[u32], timing: Timing) -> Result<WritePort> {
         timing.check()?;
         let name = name.into();
@@ -452,16 +475,19 @@ impl WritePort {
         })
     }
 
-    /// Whether the port takes a write at the coming edge.
+    /// Returns whether the port accepts a write at the coming edge.
     #[inline]
     pub fn ready(&self) -> bool {
         self.gate.ready
     }
 
-    /// One rising edge. `request` is what the unit shows for it; if [`ready`](Self::ready), it is accepted,
-    /// its lanes are written to `image`, and true is returned.
+    /// Advances by one rising edge. `request` is the write that the module shows for this edge. If
+    /// [`ready`](Self::ready) is true, it is accepted: its lanes are written to `image`, and the
+    /// result is true.
     ///
-    /// An error, and no write, if an accepted write's address, data or mask do not fit the memory.
+    /// # Errors
+    /// The address, the data or the mask of an accepted write does not fit the memory; nothing is
+    /// written.
     #[inline]
     pub fn step(&mut self, request: Option<WriteRequest>, image: &mut Image) -> Result<bool> {
         let accepted = self.gate.step(request.is_some());
@@ -514,13 +540,14 @@ impl WritePort {
         Ok(())
     }
 
-    /// Writes accepted since the port was made.
+    /// Returns the number of writes accepted so far.
     pub fn accepted(&self) -> u64 {
         self.accepted
     }
 }
 
-/// A coin that says, clock by clock, whether to stall: a stream's consumer that is not ready.
+/// A random decision, cycle by cycle, whether to stall: for example the receiver of a stream that
+/// is not always ready.
 #[derive(Clone, Debug)]
 pub struct RandomStall {
     probability: f64,
@@ -528,7 +555,10 @@ pub struct RandomStall {
 }
 
 impl RandomStall {
-    /// Stalls with a `probability`, 0 ≤ p < 1, in each clock.
+    /// Creates a decision with a probability *p* of a stall in each cycle, 0 ≤ *p* < 1.
+    ///
+    /// # Errors
+    /// The probability is out of range.
     pub fn new(probability: f64, seed: u64) -> Result<RandomStall> {
         check_probability("the probability of a stall", probability)?;
         Ok(RandomStall {
@@ -537,15 +567,15 @@ impl RandomStall {
         })
     }
 
-    /// Whether to stall in the next clock. Call it once per clock.
+    /// Returns whether to stall in the next cycle. Call it once per cycle.
     #[inline]
     pub fn stalls(&mut self) -> bool {
         self.probability > 0.0 && self.rng.f64() < self.probability
     }
 }
 
-/// The producer's side of a ready/valid stream: pauses at random, but once an item is offered it stays so
-/// until it is accepted, as ready/valid asks.
+/// The sender of a ready/valid stream. It pauses at random; an item that has been offered remains
+/// so until it is accepted, as the handshake requires.
 #[derive(Clone, Debug)]
 pub struct StreamSource {
     stall: RandomStall,
@@ -553,21 +583,25 @@ pub struct StreamSource {
 }
 
 impl StreamSource {
-    /// Pauses with a `probability`, 0 ≤ p < 1, in each clock in which no item is waiting.
+    /// Creates a sender that pauses with a probability *p*, 0 ≤ *p* < 1, in each cycle in which no
+    /// item is waiting.
+    ///
+    /// # Errors
+    /// The probability is out of range.
     pub fn new(probability: f64, seed: u64) -> Result<StreamSource> {
         let mut stall = RandomStall::new(probability, seed)?;
         let open = !stall.stalls();
         Ok(StreamSource { stall, open })
     }
 
-    /// Whether to show an item (`valid`) for the coming edge, if there is one.
+    /// Returns whether to offer an item (`valid`) for the coming edge, if there is one.
     #[inline]
     pub fn open(&self) -> bool {
         self.open
     }
 
-    /// One rising edge, at which an item was or was not `offered`, and `ready` says whether the unit took it.
-    /// True if an item was transferred.
+    /// Advances by one rising edge. `offered` is whether there was an item to offer, `ready`
+    /// whether the receiver was ready. The result is whether an item was transferred.
     #[inline]
     pub fn step(&mut self, offered: bool, ready: bool) -> bool {
         let offered = offered && self.open;

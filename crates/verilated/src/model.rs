@@ -1,22 +1,23 @@
-//! Verilog run as a library: [`build`] makes one of a module with Verilator, [`Model`] drives it.
+//! Simulation of a Verilog module in this process: [`build()`] makes a shared library with Verilator, [`Model`] runs it.
 //!
-//! # Protocol of a clock
+//! # Clock cycles
 //!
-//! [`Model::clock`] is one rising edge of `clk`. Inputs written before it are what the edge samples; when it
-//! returns, every output has settled, registered ones to their values after the edge, and combinational ones
-//! to what follows from them and from the inputs as they still stand. Where an output depends on an input
-//! without a register between, [`Model::eval`] settles it again after the input has changed; no edge happens.
+//! [`Model::clock`] is one rising edge of `clk`. The edge samples the inputs as they were set before the call; when it
+//! returns, all outputs have settled: registered outputs to their values after the edge, combinational ones to what
+//! follows from them and the current inputs. If an output depends combinationally on an input, [`Model::eval`] updates
+//! it after the input has changed, without a clock edge.
 //!
-//! The clock is called `clk`, the reset, synchronous and active high, `rst`; a module may lack either. State
-//! is zero, not unknown, unless the Verilog initialises it. Cycles are counted from 0 by rising edges, those of a reset
-//! included, and a trace's cycle *c* lasts from 10 *c* ns to 10 *c* + 10 ns, its rising edge in the middle.
+//! The clock is called `clk`, the synchronous, active-high reset `rst`; a module may lack either. State is zero, not
+//! unknown, unless the Verilog initialises it. Cycles are numbered from 0 by rising edges, including those of a reset.
+//! In a trace, cycle *c* lasts from 10 *c* ns to 10 *c* + 10 ns, with its rising edge in the middle.
 //!
 //! # Cache
 //!
-//! Models are kept in `$DYNRT_CACHE`, else `$XDG_CACHE_HOME/dynrt`, else `~/.cache/dynrt`, under a hash of all
-//! that went into them: sources, shim, options and the versions of the tools. A model is built in a folder of
-//! its own and renamed into place when complete, so an interrupted build leaves nothing that looks like a
-//! model, and processes may build the same model at the same time. The cache can be removed at any time.
+//! Models are kept in the directory `$DYNRT_CACHE`, otherwise `$XDG_CACHE_HOME/dynrt`, otherwise `~/.cache/dynrt`,
+//! under a hash of everything that they are built from: sources, interface code, options and tool versions. A model is
+//! built in a directory of its own and renamed into place when it is complete. An interrupted build therefore leaves no
+//! incomplete model, and several processes may build the same model at the same time. The cache can be deleted at any
+//! time.
 
 use std::ffi::{CStr, CString, c_char, c_int, c_void};
 use std::fs;
@@ -38,12 +39,14 @@ use dynrt_hdl::{Bundle, Ports, Spec};
 pub struct Trace {
     /// The FST file.
     pub path: PathBuf,
-    /// The first cycle, and how many.
+    /// The first cycle.
     pub from: u64,
+    /// The number of cycles.
     pub cycles: u64,
 }
 
-/// A port of a [`Model`], found once by name with [`Model::port`]; good for that model only.
+/// A port of a [`Model`], returned by [`Model::port`]. It is valid for that model, and for others
+/// loaded with the same list of ports.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct PortHandle(u32);
 
@@ -76,7 +79,7 @@ impl Slot {
     }
 }
 
-/// What a model's inputs were, but `clk` and `rst`, at successive rising edges.
+/// The inputs of a model except `clk` and `rst` at successive rising edges.
 #[derive(Clone, Debug)]
 pub struct Recording {
     /// Inputs by name.
@@ -87,24 +90,25 @@ pub struct Recording {
 }
 
 impl Recording {
-    /// How many cycles there are.
+    /// Returns the number of recorded cycles.
     pub fn len(&self) -> usize {
         self.cycles.len()
     }
 
+    /// Returns whether nothing was recorded.
     pub fn is_empty(&self) -> bool {
         self.cycles.is_empty()
     }
 }
 
-/// A running instance of a module: state, ports, clock.
+/// A running instance of a module.
 ///
-/// A model can be moved to another thread but not shared. Any number, of the same library or of others, can
-/// run at the same time. Reading and writing a port costs a bounds check and a branch on its width, a clock
-/// one call into the library.
+/// A model can be moved to another thread but not shared between threads. Any number of models, of
+/// the same library or of others, can run at the same time. Access to a port costs a bounds check
+/// and a branch on its width; a cycle costs one call into the library.
 ///
-/// A model can end the process: the Verilog's own `$finish` or `$fatal`, or combinational logic that never
-/// settles, make Verilator do so, with its message.
+/// A model can end the process: Verilator does so, with a message, on `$finish` or `$fatal` in the
+/// Verilog, and if combinational logic does not settle.
 pub struct Model {
     slots: Vec<Slot>,
     ports: Vec<Port>,
@@ -130,7 +134,8 @@ pub struct Model {
 unsafe impl Send for Model {}
 
 impl Model {
-    /// Loads a model and creates one instance of it, all its inputs zero. `ports` are those it was built with.
+    /// Loads a model and creates an instance of it with all inputs zero. `ports` is the list that
+    /// the model was built with.
     ///
     /// # Errors
     /// The library cannot be loaded, or was built for other ports.
@@ -221,7 +226,10 @@ impl Model {
         }
     }
 
-    /// The port called `name`; an error lists the ports there are.
+    /// Returns the port called `name`.
+    ///
+    /// # Errors
+    /// The model has no such port; the message lists those that it has.
     pub fn port(&self, name: &str) -> Result<PortHandle> {
         let index = self
             .ports
@@ -237,7 +245,10 @@ impl Model {
         Ok(PortHandle(index as u32))
     }
 
-    /// The ports of a unit, found once; an error names the first that the model lacks.
+    /// Returns the ports of a typed interface (see [`Ports`]).
+    ///
+    /// # Errors
+    /// The model lacks a port; the message names the first.
     pub fn ports<I: Bundle<Leaf = Spec>, O: Bundle<Leaf = Spec>>(
         &self,
         ports: &Ports<I, O>,
@@ -245,24 +256,24 @@ impl Model {
         ports.try_map(|spec| self.port(&spec.name))
     }
 
-    /// The values of some ports, of each the low 64 bits.
+    /// Returns the values of a bundle of ports, the low 64 bits of each.
     #[inline]
     pub fn sample<B: Bundle<Leaf = PortHandle>>(&self, ports: &B) -> Like<B, u64> {
         ports.map(|_, port| self.get(port))
     }
 
-    /// Gives some ports values, as [`Model::set`] does.
+    /// Sets a bundle of ports, each as by [`Model::set`].
     #[inline]
     pub fn drive<B: Bundle<Leaf = PortHandle>>(&mut self, ports: &B, values: Like<B, u64>) {
         ports.with(values, |port, value| self.set(port, value));
     }
 
-    /// Name, width and direction of a port.
+    /// Returns the name, width and direction of a port.
     pub fn describe(&self, port: PortHandle) -> &Port {
         &self.ports[port.0 as usize]
     }
 
-    /// The value of a port; of one wider than 64 bits the low 64.
+    /// Returns the value of a port; the low 64 bits if it is wider.
     #[inline]
     pub fn get(&self, port: PortHandle) -> u64 {
         let slot = self.slots[port.0 as usize];
@@ -282,7 +293,11 @@ impl Model {
         }
     }
 
-    /// Gives a port a value: as many of its low bits as the port has; a wider port is filled with zeros.
+    /// Sets an input port to the low bits of `value`; the bits of a wider port above them become
+    /// zero.
+    ///
+    /// # Panics
+    /// In builds with debug assertions, if the port is an output.
     #[inline]
     pub fn set(&mut self, port: PortHandle, value: u64) {
         let slot = self.input_slot(port);
@@ -309,7 +324,7 @@ impl Model {
         }
     }
 
-    /// `width` bits (1 to 64) of a port from bit `lsb` upwards.
+    /// Returns `width` bits (1 to 64) of a port from bit `lsb` upwards.
     ///
     /// # Panics
     /// If the port does not have these bits.
@@ -329,7 +344,8 @@ impl Model {
         }
     }
 
-    /// Gives `width` bits (1 to 64) of a port, from bit `lsb` upwards, the low bits of `value`.
+    /// Sets `width` bits (1 to 64) of an input port, from bit `lsb` upwards, to the low bits of
+    /// `value`.
     ///
     /// # Panics
     /// If the port does not have these bits.
@@ -356,11 +372,11 @@ impl Model {
         }
     }
 
-    /// The value of a port as 32-bit words, least significant first, into as many of `words` as the port has;
-    /// the others become zero.
+    /// Copies the value of a port to `words`, least significant word first. Words beyond the width
+    /// of the port become zero.
     ///
     /// # Panics
-    /// If `words` are too few to hold the port.
+    /// If there are too few words for the port.
     #[inline]
     pub fn get_words(&self, port: PortHandle, words: &mut [u32]) {
         let slot = self.slots[port.0 as usize];
@@ -384,8 +400,8 @@ impl Model {
         }
     }
 
-    /// Gives a port a value in 32-bit words, least significant first: as many of its low bits as the port has,
-    /// and zeros above where the words are fewer.
+    /// Sets an input port to a value in 32-bit words, least significant first. Bits beyond the
+    /// width of the port are ignored; missing words are zero.
     #[inline]
     pub fn set_words(&mut self, port: PortHandle, words: &[u32]) {
         let slot = self.input_slot(port);
@@ -407,13 +423,13 @@ impl Model {
         }
     }
 
-    /// One rising edge (see the [module](self) documentation).
+    /// Simulates one rising edge: see the [module documentation](self).
     #[inline]
     pub fn clock(&mut self) {
         self.run(1);
     }
 
-    /// `cycles` rising edges with the inputs as they are.
+    /// Simulates `cycles` rising edges with constant inputs.
     #[inline]
     pub fn run(&mut self, cycles: u64) {
         if self.recording.is_some() {
@@ -426,15 +442,16 @@ impl Model {
         self.cycles += cycles;
     }
 
-    /// Settles the outputs that depend on inputs without a register between, after inputs have changed.
+    /// Evaluates the outputs that depend combinationally on inputs, after inputs have changed.
     #[inline]
     pub fn eval(&mut self) {
         // SAFETY: as in `run`.
         unsafe { (self.eval)(self.shim.as_ptr()) };
     }
 
-    /// Clocks the model `cycles` times with random bits at all inputs but `rst`, then sets them to zero: state becomes what no
-    /// one has prepared, as it is in a device that has just been switched on, and reset must do with it.
+    /// Simulates `cycles` rising edges with random bits at all inputs except `rst`, then sets these
+    /// inputs to zero. This brings the module into an arbitrary state, as after power-up, from
+    /// which its reset must recover.
     pub fn disturb(&mut self, seed: u64, cycles: u64) {
         let mut rng = fastrand::Rng::with_seed(seed);
         let inputs: Vec<PortHandle> = self.inputs().collect();
@@ -450,7 +467,7 @@ impl Model {
         }
     }
 
-    /// Gives inputs random bits, as what has no meaning may have.
+    /// Sets the given inputs to random bits, for inputs whose value must not matter.
     pub fn garble(&mut self, ports: impl IntoIterator<Item = PortHandle>, rng: &mut fastrand::Rng) {
         for port in ports {
             let words: Vec<u32> = (0..self.slots[port.0 as usize].words())
@@ -467,7 +484,7 @@ impl Model {
         self.noise = noise;
     }
 
-    /// Keeps what the inputs are at so many rising edges from now on, for [`Model::recorded`].
+    /// Starts recording the inputs at the next `cycles` rising edges, for [`Model::recorded`].
     pub fn record(&mut self, cycles: usize) {
         self.recording = Some(Recording {
             ports: self
@@ -479,7 +496,7 @@ impl Model {
         });
     }
 
-    /// What has been recorded, if anything has.
+    /// Ends the recording and returns it; `None` if none was started.
     pub fn recorded(&mut self) -> Option<Recording> {
         self.recording.take()
     }
@@ -505,11 +522,12 @@ impl Model {
         self.recording = Some(recording);
     }
 
-    /// Gives the inputs what was recorded at the first `cycles` rising edges of a model with the same inputs, then sets them to zero: the
-    /// state becomes what it was amid that traffic, and a reset must end it.
+    /// Replays the first `cycles` recorded cycles of a model with the same inputs, then sets the
+    /// inputs to zero. This brings the module into a state amid real traffic, from which its reset
+    /// must recover.
     ///
     /// # Errors
-    /// An input of another model.
+    /// The model lacks a recorded input.
     pub fn play(&mut self, recording: &Recording, cycles: usize) -> Result<()> {
         let ports: Vec<PortHandle> = (recording.ports.iter())
             .map(|name| self.port(name))
@@ -526,7 +544,8 @@ impl Model {
         Ok(())
     }
 
-    /// Holds `rst` high for `cycles` rising edges and leaves it low. A module without `rst` is only clocked.
+    /// Holds `rst` at 1 for `cycles` rising edges, then sets it to 0. A module without `rst` is
+    /// only clocked.
     pub fn reset(&mut self, cycles: u64) {
         if let Some(rst) = self.rst {
             self.set(rst, 1);
@@ -538,18 +557,19 @@ impl Model {
         }
     }
 
-    /// Rising edges since the model was loaded: the number of the cycle that the next [`clock`](Self::clock) is.
+    /// Returns the number of rising edges since the model was loaded: the number of the cycle that
+    /// the next [`clock`](Self::clock) simulates.
     pub fn cycles(&self) -> u64 {
         self.cycles
     }
 
-    /// Writes an FST trace of `cycles` cycles from cycle `from` on to `path`, in place of any trace going on.
-    /// It is complete when the last of the cycles is over, [`trace_end`](Self::trace_end) is called, or the
-    /// model is dropped.
+    /// Writes an FST trace of `cycles` cycles, starting with cycle `from`, to `path`. It replaces a
+    /// trace in progress. The file is complete when the last of the cycles is over, when
+    /// [`trace_end`](Self::trace_end) is called, or when the model is dropped.
     ///
     /// # Errors
-    /// The model was built without [`traced`](BuildOptions::traced), the window is empty or over already, or
-    /// the file cannot be written.
+    /// The model was built without [`traced`](BuildOptions::traced), the interval is empty or in
+    /// the past, or the file cannot be written.
     pub fn trace(&mut self, path: &Path, from: u64, cycles: u64) -> Result<()> {
         let until = from.saturating_add(cycles);
         ensure!(
@@ -573,7 +593,7 @@ impl Model {
         Ok(())
     }
 
-    /// Completes a trace before its window is over; nothing if there is none.
+    /// Completes a trace in progress; does nothing if there is none.
     pub fn trace_end(&mut self) {
         // SAFETY: as in `run`.
         unsafe { (self.trace_close)(self.shim.as_ptr()) };

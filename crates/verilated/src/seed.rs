@@ -1,10 +1,11 @@
-//! The seed of a random run.
+//! The seed of a test with random data.
 
-/// 1, or what the variable `DYNRT_SEED` says: a number, or `random` for another seed in every run. It is printed, so that a test that
-/// fails shows it.
+/// Returns the seed for a test with random data: 1, or the value of the environment variable
+/// `DYNRT_SEED`, which is an unsigned integer or `random` for a different seed in every run. The
+/// seed is printed to standard output, so that a failing test shows it.
 ///
 /// # Panics
-/// `DYNRT_SEED` is neither.
+/// If `DYNRT_SEED` is neither an unsigned integer nor `random`.
 pub fn of_run() -> u64 {
     let seed = match std::env::var("DYNRT_SEED").as_deref() {
         Err(_) => 1,

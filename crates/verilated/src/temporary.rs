@@ -1,8 +1,11 @@
-//! Temporary files and folders, none of which outlives its use.
+//! Temporary files and directories that do not outlive their use.
 //!
-//! They vanish when dropped. Where the process is interrupted, [`interrupt`](crate::interrupt) removes those that live then.
-//! What a process leaves that had no time to do so carries its process number in its name, and is removed by the next run that
-//! makes something temporary in the same place.
+//! They are removed when dropped. If the process is ended by a signal, [`interrupt`] removes those
+//! that exist at that time. A process that is killed leaves them behind; their names contain its process number, and
+//! the next process that creates something temporary in the same directory removes what no running process owns.
+//!
+//! [`File`] and [`Folder::for_result`] are for results that appear complete or not at all: they are created beside
+//! their final place and renamed.
 
 use crate::interrupt;
 use std::collections::BTreeSet;
@@ -41,33 +44,35 @@ fn locked<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
     mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
-/// A temporary folder.
+/// A temporary directory. It is removed with its contents when dropped.
 pub struct Folder {
     /// Nothing once it has been kept.
     inner: Option<tempfile::TempDir>,
 }
 
 impl Folder {
-    /// A folder for intermediate files, where the system keeps such.
+    /// Creates a directory for intermediate files in the system's directory for temporary files.
+    /// Its name starts with `dynrt-`.
     ///
     /// # Errors
-    /// It cannot be made.
+    /// The directory cannot be created.
     pub fn new() -> io::Result<Folder> {
         Folder::make(&std::env::temp_dir(), WORK, |_| ())
     }
 
-    /// A folder in `parent` that will be a result: it is as readable as any new folder.
+    /// Creates a directory in `parent` that is going to be renamed to a result. Its permissions are
+    /// those of any new directory; its name starts with `.dynrt-`.
     ///
     /// # Errors
-    /// It cannot be made.
+    /// The directory cannot be created.
     pub fn for_result(parent: &Path) -> io::Result<Folder> {
         Folder::make(parent, RESULT, |builder| permit(builder, 0o777))
     }
 
-    /// A folder in `parent` for intermediate files, whose name begins with `prefix`.
+    /// Creates a directory in `parent` for intermediate files. Its name starts with `prefix`.
     ///
     /// # Errors
-    /// It cannot be made.
+    /// The directory cannot be created.
     pub fn named(parent: &Path, prefix: &str) -> io::Result<Folder> {
         Folder::make(parent, prefix, |_| ())
     }
@@ -89,13 +94,13 @@ impl Folder {
         Ok(Folder { inner: Some(inner) })
     }
 
-    /// Where it is.
+    /// Returns the path.
     pub fn path(&self) -> &Path {
         let inner = self.inner.as_ref();
         inner.map_or(Path::new(""), |inner| inner.path())
     }
 
-    /// Leaves the folder, which may have another name by now, where it is.
+    /// Leaves the directory in place, even if it has been renamed in the meantime.
     pub fn keep(mut self) {
         if let Some(inner) = self.inner.take() {
             locked(&LIVE).remove(&inner.keep());
@@ -113,14 +118,14 @@ impl Drop for Folder {
     }
 }
 
-/// Folders made for a result in them; those that are empty still vanish when dropped.
+/// Directories that were created to hold a result. Those that are empty are removed when dropped.
 pub struct Parents(Vec<PathBuf>);
 
 impl Parents {
-    /// Makes a folder, and those above it, where they are not there.
+    /// Creates a directory and its missing ancestors.
     ///
     /// # Errors
-    /// One cannot be made; then none is left.
+    /// One of them cannot be created; none is left then.
     pub fn make(folder: &Path) -> io::Result<Parents> {
         let is_missing = |path: &&Path| !path.as_os_str().is_empty() && !path.exists();
         let missing = folder.ancestors().take_while(is_missing);
@@ -134,7 +139,7 @@ impl Parents {
         Ok(parents)
     }
 
-    /// Leaves the folders where they are.
+    /// Leaves the directories in place.
     pub fn keep(mut self) {
         let mut made = locked(&PARENTS);
         for path in self.0.drain(..) {
@@ -154,16 +159,17 @@ impl Drop for Parents {
     }
 }
 
-/// A temporary file that will be a result.
+/// A temporary file that is going to be renamed to a result. It is removed when dropped.
 pub struct File {
     inner: Option<tempfile::NamedTempFile>,
 }
 
 impl File {
-    /// A file in `folder`, as readable as any new file.
+    /// Creates a file in `folder` with the permissions of any new file. Its name starts with
+    /// `.dynrt-`.
     ///
     /// # Errors
-    /// It cannot be made.
+    /// The file cannot be created.
     pub fn new(folder: &Path) -> io::Result<File> {
         sweep(folder, RESULT);
         let prefix = format!("{RESULT}{}", tag());
@@ -177,16 +183,16 @@ impl File {
         Ok(File { inner: Some(inner) })
     }
 
-    /// Where it is for now.
+    /// Returns the current path.
     pub fn path(&self) -> &Path {
         let inner = self.inner.as_ref();
         inner.map_or(Path::new(""), |inner| inner.path())
     }
 
-    /// Gives the file its name, in place of a file that has it.
+    /// Renames the file to `place`, replacing a file of that name.
     ///
     /// # Errors
-    /// It cannot be renamed; then it vanishes.
+    /// The file cannot be renamed; it is removed then.
     pub fn persist(mut self, place: &Path) -> io::Result<()> {
         let Some(inner) = self.inner.take() else {
             return Ok(());
@@ -221,11 +227,13 @@ impl Drop for File {
     }
 }
 
-/// A folder in `parent` for what a result replaces, under the name that it had there. The caller must hold off interrupts
-/// ([`interrupt::hold`]) until it is dropped. A run that finds one left behind puts back what has no successor.
+/// Creates a directory in `parent` that holds the files a result replaces, under their names, while they are
+/// being replaced. The caller must hold off signals ([`interrupt::hold`]) until it is dropped. If the process is
+/// killed, the next one that creates something temporary in `parent` puts back the files that have not been
+/// replaced.
 ///
 /// # Errors
-/// It cannot be made.
+/// The directory cannot be created.
 pub fn for_replaced(parent: &Path) -> io::Result<tempfile::TempDir> {
     let prefix = format!("{REPLACED}{}", tag());
     let mut builder = tempfile::Builder::new();
@@ -245,7 +253,8 @@ fn permit(builder: &mut tempfile::Builder<'_, '_>, mode: u32) {
     let _ = (builder, mode);
 }
 
-/// Removes all that is there, while nothing new can be made, and never lets go.
+/// Removes everything temporary that exists. Nothing temporary can be created or removed afterwards: such calls
+/// block. The function is meant for a process that is about to end.
 pub fn remove_all() {
     let live = locked(&LIVE);
     for path in live.iter() {

@@ -1,12 +1,13 @@
-//! Text from outside, made fit to be printed.
+//! Makes text from outside fit to be printed.
 //!
-//! Names in scene files and names of files may hold line feeds, escape sequences or bytes that are not UTF-8. Whatever of
-//! them reaches a message, a report or a terminal goes through [`escaped`], [`path`] or [`word`].
+//! Names of files and words in files may contain line feeds, escape sequences or bytes that are not UTF-8. Pass them
+//! through [`escaped`], [`path`] or [`word`] before they go to a message, a report or a terminal.
 
 use std::borrow::Cow;
 use std::path::Path;
 
-/// `text` with every control character (and every character that changes the direction of text) in Rust's escaped form.
+/// Returns `text` with every control character, line or paragraph separator, and every character
+/// that changes the direction of text escaped as in Rust source, such as `\u{1b}` or `\n`.
 pub fn escaped(text: &str) -> Cow<'_, str> {
     if !text.chars().any(is_unprintable) {
         return Cow::Borrowed(text);
@@ -21,17 +22,19 @@ pub fn escaped(text: &str) -> Cow<'_, str> {
     Cow::Owned(shown)
 }
 
-/// A path as messages show it: bytes that are not UTF-8 become replacement characters, the rest is [`escaped`].
+/// Returns a path for display: bytes that are not UTF-8 become replacement characters, then the
+/// text is [`escaped`].
 pub fn path(path: &Path) -> String {
     escaped(&path.to_string_lossy()).into_owned()
 }
 
-/// A word of a file, [`escaped`] and cut after 24 characters.
+/// Returns a word, [`escaped`] and cut after 24 characters.
 pub fn word(word: &str) -> String {
     cut(word, 24)
 }
 
-/// Text [`escaped`] and cut after so many characters.
+/// Returns a text cut after `longest` characters, with `…` in place of the rest, and then
+/// [`escaped`].
 pub fn cut(text: &str, longest: usize) -> String {
     let mut shown: String = text.chars().take(longest).collect();
     if text.chars().nth(longest).is_some() {
@@ -40,7 +43,8 @@ pub fn cut(text: &str, longest: usize) -> String {
     escaped(&shown).into_owned()
 }
 
-/// A number in few digits: those that it needs, with an exponent where it is very large or very small.
+/// Returns a number in the shortest decimal form that reads back as the same value, with an
+/// exponent if it is less than 10⁻⁵ or at least 10¹⁶ in magnitude.
 pub fn number(x: f64) -> String {
     match x == 0.0 || !x.is_finite() || (1e-5..1e16).contains(&x.abs()) {
         true => x.to_string(),

@@ -302,7 +302,6 @@ pub fn complaint(printed: &str) -> Option<String> {
     line.map(|line| line.trim_start_matches('%').to_owned())
 }
 
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -335,6 +334,5 @@ mod tests {
             let read = read.map(|version| (version.major, version.minor));
             assert_eq!(read, number, "{line}");
         }
-        
     }
 }

@@ -1,5 +1,8 @@
 //! Verilator models built, cached and driven; the memory models' laws.
 
+#[path = "../examples/counter.rs"]
+mod counter;
+
 use dynrt_verilated::seed::of_run as seed;
 use std::cell::RefCell;
 use std::collections::{HashMap, VecDeque};
@@ -459,11 +462,11 @@ fn missing_tools_and_unusable_caches_are_named() {
         .unwrap();
     let printed = String::from_utf8_lossy(&output.stdout);
     assert!(
-        printed.contains("build: verilator is not installed: apt-get install verilator g++\n"),
+        printed.contains("build: verilator is not installed: apt-get install verilator g++, of Debian 12 or later, or name its folder in DYNRT_TOOLS\n"),
         "{printed}"
     );
     assert!(
-        printed.contains("lint: verilator is not installed: apt-get install verilator\n"),
+        printed.contains("lint: verilator is not installed: apt-get install verilator g++, of Debian 12 or later, or name its folder in DYNRT_TOOLS\n"),
         "{printed}"
     );
 
@@ -942,4 +945,17 @@ fn a_stream_offers_until_it_is_taken() {
     assert!((8_000..12_000).contains(&pauses), "{pauses} pauses");
     assert!(!(0..1000).any(|_| RandomStall::new(0.0, 1).unwrap().stalls()));
     error(RandomStall::new(1.0, 1));
+}
+
+#[test]
+fn the_readme_shows_the_example_and_what_it_prints() {
+    let readme = include_str!("../README.md");
+    let source = include_str!("../examples/counter.rs");
+    let (_, code) = source.split_at(source.find("use ").unwrap());
+    let printed = counter::simulate(&options()).unwrap();
+    let shown = format!("```rust,no_run\n{code}```\n\nIt prints:\n\n```text\n{printed}```\n");
+    assert!(
+        readme.contains(&shown),
+        "README.md must show it so:\n{shown}"
+    );
 }

@@ -220,11 +220,17 @@ pub(super) fn block_order(block: &Block<'_>) {
 /// A queue that a unit places, for the unit's own properties.
 #[derive(Clone)]
 pub struct Placed<'b> {
+    /// Whether there is a front word.
     pub valid: Signal<'b>,
+    /// The front word.
     pub front: Signal<'b>,
+    /// The name of the instance.
     pub name: String,
+    /// The most words that it holds.
     pub depth: u32,
+    /// The inputs that it was given.
     pub push: Signal<'b>,
+    /// See `push`.
     pub pop: Signal<'b>,
     pub(super) instance: Outputs<'b>,
     /// Of a queue in block RAM, how many registers say that its head has stood still.

@@ -32,10 +32,11 @@ impl Module {
         })
     }
 
-    /// The module with a change.
+    /// Returns the module with a change.
     ///
     /// # Errors
-    /// The change is not of this module, or changes nothing; the module that it makes is not sound.
+    /// The change is of another module, is not possible, leaves the Verilog as it is, or makes the
+    /// module invalid, as by a combinational loop.
     #[track_caller]
     pub fn with(&self, mutation: &Mutation) -> Result<Arc<Module>, HdlError> {
         self.changed(mutation, Location::caller())
@@ -48,7 +49,10 @@ impl Module {
     ) -> Result<Arc<Module>, HdlError> {
         let error = |why| self.error(why, place);
         if mutation.module != self.name() {
-            return Err(error(format!("the change is of {}", mutation.module)));
+            return Err(error(format!(
+                "the change is for module {}",
+                mutation.module
+            )));
         }
         let printer = Printer::new(&self.ir);
         let mut editor = Editor::new(&printer);
@@ -63,9 +67,7 @@ impl Module {
         }
         let module = Module::of(editor.finish())?;
         if module.printed.text == self.printed.text {
-            return Err(error(
-                "the change leaves the module's Verilog as it is".to_string(),
-            ));
+            return Err(error("the change leaves the Verilog as it is".to_string()));
         }
         Ok(Arc::new(module))
     }
@@ -228,8 +230,8 @@ impl Editor {
         let computed = |id: Id| {
             let name = &self.ir.nodes[id].name;
             format!(
-                "nothing is read there by {}",
-                name.as_deref().unwrap_or("it")
+                "{} reads nothing there",
+                name.as_deref().unwrap_or("the signal")
             )
         };
         Ok(match root {
@@ -310,7 +312,7 @@ impl Editor {
                     _ => None,
                 };
                 return match reset == *value || reset.is_none() {
-                    true => Err("reset gives it no other value as it is".into()),
+                    true => Err("the register has no reset, or that reset value already".into()),
                     false => Ok(vec![]),
                 };
             }
@@ -368,7 +370,7 @@ impl Editor {
             }
         }
         match all.is_empty() {
-            true => Err("what is to be changed is not read there".to_string()),
+            true => Err("the signal is not read there".to_string()),
             false => Ok(all),
         }
     }
@@ -450,7 +452,7 @@ impl Editor {
         let Node { op, width, .. } = self.ir.nodes[id].clone();
         Ok(match change {
             Change::Value(value) | Change::Flipped(value) if width < 128 && value >> width != 0 => {
-                return Err(format!("{value} does not fit {width} bits"));
+                return Err(format!("{value} does not fit in {width} bits"));
             }
             Change::Value(value) => self.literal(value, width),
             Change::Inverted => self.not(gap, id),
@@ -462,7 +464,9 @@ impl Editor {
                 let other = self.stands[other];
                 let bits = self.ir.nodes[other].width;
                 if bits != width {
-                    return Err(format!("{bits} bits cannot be read for {width}"));
+                    return Err(format!(
+                        "width mismatch: {width} bits are read, the other signal has {bits}"
+                    ));
                 }
                 let late = (self.available[other], !FIRST) > (gap.0, gap.1 || other == id);
                 if late { self.wire(gap, other) } else { other }
@@ -477,7 +481,8 @@ impl Editor {
                 self.ir.drivers.insert(late, id);
                 late
             }
-            Change::Early => *(self.earlier.get(&id)).ok_or("what is read there is no delay")?,
+            Change::Early => *(self.earlier.get(&id))
+                .ok_or("the signal read there is not a pipeline register")?,
             Change::Operator => {
                 let op = match op {
                     Op::Not(a) => return Ok(a),
@@ -504,7 +509,7 @@ impl Editor {
                         });
                         Op::Binary(other, a, b)
                     }
-                    _ => return Err("there is no operator".into()),
+                    _ => return Err("there is no operator to replace".into()),
                 };
                 self.push(gap, op, width)
             }
@@ -514,7 +519,7 @@ impl Editor {
                     self.extended(slice, width, gap)
                 }
                 Op::Slice(of, low) if low > 0 => self.push(gap, Op::Slice(of, low - 1), width),
-                _ => return Err("there is no slice that could be shorter or lower".into()),
+                _ => return Err("there is no slice to shorten or shift".into()),
             },
         })
     }

@@ -1,11 +1,4 @@
-//! Single changes of a module: mutants, and faults that proofs and benches must find.
-//!
-//! A [`Mutation`] says that something is read as something else in one place: `sum.reads(carry).as_value(0)`. It is made from
-//! [`Signal`]s, where a module is described, or from [`SignalRef`]s, by the names of a finished one, and holds no more than numbers of
-//! nodes. [`Module::with`] is the module with the change, [`Design::with`] the design; [`Design::selectable`] holds many changes, of which
-//! one is selected.
-//!
-//! Only the nodes between the place and what is read there are made anew: whatever else reads shared logic sees nothing of it.
+//! Single changes of a module: mutants and faults that proofs and tests must find.
 
 mod edit;
 mod refs;
@@ -25,7 +18,28 @@ use super::memory::Memory;
 use super::signal::Signal;
 use std::panic::Location;
 
-/// A change of one module.
+/// A single change of one module: a mutant or a fault that proofs and tests must find.
+///
+/// It states that in one place something else is read. It is made from [`Signal`]s while a module is described, or
+/// from [`SignalRef`]s, by name, of a finished module; [`Reads`] lists the changes. [`Module::with`] returns the
+/// module with the change, [`Design::with`] the design, and [`Design::selectable`] a design that contains many
+/// changes, of which one is selected. [`Module::mutations`] lists all single changes of a module.
+///
+/// Only the nodes between the place and what is read there are copied: other readers of shared logic are not
+/// affected.
+///
+/// ```
+/// use dynrt_hdl::{Builder, HdlError};
+/// let m = Builder::new("adder", "sum = a + b.");
+/// m.output("sum", (m.input("a", 8) + m.input("b", 8)).register());
+/// let adder = m.finish()?;
+///
+/// let (sum, a) = (adder.signal("sum")?, adder.signal("a")?);
+/// let faulty = adder.with(&sum.reads(a).as_value(0))?;
+/// assert!(adder.verilog().contains("sum <= a + b;"));
+/// assert!(faulty.verilog().contains("sum <= 8'd0 + b;"));
+/// # Ok::<(), HdlError>(())
+/// ```
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
 pub struct Mutation {
     module: String,
@@ -33,7 +47,7 @@ pub struct Mutation {
 }
 
 impl Mutation {
-    /// The name of the module that it changes.
+    /// Returns the name of the module that is changed.
     pub fn module(&self) -> &str {
         &self.module
     }
@@ -148,7 +162,12 @@ impl Netlist {
     }
 }
 
-/// What is read, in one place or in all, before it is said as what it is read instead.
+/// One or more places that read a signal, before it is stated what they read instead. Each method
+/// completes it to a [`Mutation`].
+///
+/// Whether the mutation is possible is checked later: by
+/// [`Builder::finish`](crate::Builder::finish) if it is part of a description, otherwise by
+/// [`Module::with`].
 #[must_use]
 #[derive(Clone)]
 pub struct Reads<O> {
@@ -165,46 +184,47 @@ impl<O: Owner> Reads<O> {
         self.owner.made(edit, place)
     }
 
-    /// It is read as a constant.
+    /// Reads a constant instead. The value must fit the width.
     #[track_caller]
     pub fn as_value(self, value: u128) -> Mutation {
         self.made_of(Ok(Change::Value(value)), Location::caller())
     }
 
-    /// It is read with all bits inverted.
+    /// Reads the value with all bits inverted.
     #[track_caller]
     pub fn inverted(self) -> Mutation {
         self.made_of(Ok(Change::Inverted), Location::caller())
     }
 
-    /// It is read with some bits inverted, those of a mask.
+    /// Reads the value with the bits of `mask` inverted. The mask must fit the width.
     #[track_caller]
     pub fn with_flipped(self, mask: u128) -> Mutation {
         self.made_of(Ok(Change::Flipped(mask)), Location::caller())
     }
 
-    /// Another signal of the module is read.
+    /// Reads another signal of the module, which must have the same width.
     #[track_caller]
     pub fn as_signal(self, other: O::Signal) -> Mutation {
         let point = self.owner.point(other);
         let change = point.map(|point| Change::Signal(self.owner.id(point)));
-        let change = change.ok_or("what is to be read is a signal of another module".to_string());
+        let change = change.ok_or("the signal to be read instead is of another module".to_string());
         self.made_of(change, Location::caller())
     }
 
-    /// Another operator computes it: `-` for `+`, `|` for `&`; or none, for `~`.
+    /// Replaces the operator that computes the value by a related one, such as `-` for `+` or `|`
+    /// for `&`; removes it if it is `~`.
     #[track_caller]
     pub fn other_operator(self) -> Mutation {
         self.made_of(Ok(Change::Operator), Location::caller())
     }
 
-    /// Its value of the clock before is read.
+    /// Reads the value of the previous cycle.
     #[track_caller]
     pub fn one_clock_late(self) -> Mutation {
         self.made_of(Ok(Change::Late), Location::caller())
     }
 
-    /// What a delay register takes is read rather than what it shows.
+    /// Reads the value one cycle early: the input of a pipeline register instead of its output.
     #[track_caller]
     pub fn one_clock_early(self) -> Mutation {
         self.made_of(Ok(Change::Early), Location::caller())
@@ -213,7 +233,7 @@ impl<O: Owner> Reads<O> {
 
 macro_rules! changes_of_signals {
     ($signal:ty, $owner:ty, $of:expr) => {
-        /// Changes: see [`Mutation`].
+        /// Places for a [`Mutation`].
         impl<'b> $signal {
             fn reading(self, at: impl FnOnce(Point) -> Where) -> Reads<$owner> {
                 let owner: $owner = $of(&self);
@@ -224,43 +244,50 @@ macro_rules! changes_of_signals {
                 }
             }
 
-            /// `of`, where this signal is computed: in its combinational logic; of a wire in its driver's, of a register in that of its
-            /// next value and its enable. Where the logic as far back as the next named signals reads `of`, it changes there alone, else
-            /// further back. Of a pipeline, `of` stands for itself at later stages too, where it is not read itself.
+            /// Names the places where the computation of this signal reads `of`.
+            ///
+            /// The computation of a signal is its combinational logic; that of a wire is the logic
+            /// of its driver, that of a register the logic of its next value and its enable. If the
+            /// logic back to the nearest named signals reads `of`, only that is changed; otherwise
+            /// the search continues beyond them. In a pipeline, `of` also stands for its delayed
+            /// copies if it is not read itself.
             pub fn reads(self, of: Self) -> Reads<$owner> {
                 let owner: $owner = $of(&self);
                 let of = owner.point(of).map(|of| owner.id(of));
                 match of {
                     Some(of) => self.reading(|point| Where::Of(point, of)),
                     None => Reads {
-                        at: Err("what is read is a signal of another module".into()),
+                        at: Err("the signal that is read is of another module".into()),
                         owner,
                     },
                 }
             }
 
-            /// Literals of this value, where this signal is computed: see [`Self::reads`].
+            /// Names the literals of this value in the computation of this signal: see
+            /// [`reads`](Self::reads).
             pub fn literal_of(self, value: u128) -> Reads<$owner> {
                 self.reading(|point| Where::Literal(point, value))
             }
 
-            /// An operand of what computes this signal, by its number, or an operand of that, and so on; by no number the whole.
+            /// Names an operand in the expression that computes this signal. The path holds the
+            /// number of an operand, from 0, then the number of an operand of that, and so on; an
+            /// empty path names the whole expression.
             pub fn operand(self, path: &[usize]) -> Reads<$owner> {
                 self.reading(|point| Where::Operand(point, path.to_vec()))
             }
 
-            /// This signal, wherever it is read.
+            /// Names all places that read this signal.
             pub fn fault(self) -> Reads<$owner> {
                 self.reading(Where::Everywhere)
             }
 
-            /// This register's enable; 1 where it has none.
+            /// Names the enable of this register; a register without one has the constant 1.
             pub fn enable(self) -> Reads<$owner> {
                 let owner: $owner = $of(&self);
                 self.reading(|point| Where::At(Slot(Root::Enable(owner.id(point))), vec![]))
             }
 
-            /// Reset leaves this register as it is.
+            /// Removes the reset of this register: reset leaves it as it is.
             #[track_caller]
             pub fn without_reset(self) -> Mutation {
                 let owner: $owner = $of(&self);
@@ -297,17 +324,17 @@ fn write_port<O>(owner: O, memory: usize, role: usize) -> Reads<O> {
 }
 
 impl<'b> Memory<'b> {
-    /// The write port's enable, for a [`Mutation`].
+    /// Names the enable of the write port, for a [`Mutation`].
     pub fn write_enable(&self) -> Reads<&'b Builder> {
         write_port(self.builder, self.index, 0)
     }
 
-    /// The write port's address, for a [`Mutation`].
+    /// Names the address of the write port, for a [`Mutation`].
     pub fn write_address(&self) -> Reads<&'b Builder> {
         write_port(self.builder, self.index, 1)
     }
 
-    /// The write port's data, for a [`Mutation`].
+    /// Names the data of the write port, for a [`Mutation`].
     pub fn write_data(&self) -> Reads<&'b Builder> {
         write_port(self.builder, self.index, 2)
     }

@@ -8,7 +8,7 @@ use std::collections::HashSet;
 use std::panic::Location;
 use std::sync::Arc;
 
-/// A signal of a finished module.
+/// A signal of a finished module. Returned by [`Module::signal`].
 #[derive(Clone, Copy, Debug)]
 pub struct SignalRef<'m> {
     pub(super) module: &'m Module,
@@ -16,17 +16,18 @@ pub struct SignalRef<'m> {
 }
 
 impl<'m> SignalRef<'m> {
+    /// Returns the width in bits.
     pub fn width(&self) -> u32 {
         self.module.ir.nodes[self.module.id(self.point)].width
     }
 
-    /// The module that has it.
+    /// Returns the module that has the signal.
     pub fn module(&self) -> &'m Module {
         self.module
     }
 }
 
-/// A memory of a finished module.
+/// A memory of a finished module. Returned by [`Module::memory`].
 #[derive(Clone, Copy, Debug)]
 pub struct MemoryRef<'m> {
     module: &'m Module,
@@ -34,40 +35,43 @@ pub struct MemoryRef<'m> {
 }
 
 impl<'m> MemoryRef<'m> {
+    /// Returns the name of the memory.
     pub fn name(&self) -> &'m str {
         &self.module.ir.memories[self.index].name
     }
 
+    /// Returns the number of words.
     pub fn depth(&self) -> u32 {
         self.module.ir.memories[self.index].depth
     }
 
+    /// Returns the width of a word in bits.
     pub fn width(&self) -> u32 {
         self.module.ir.memories[self.index].width
     }
 
-    /// Copies of it, one for each place that reads it.
+    /// Returns the number of copies in the Verilog, one for each read port.
     pub fn copies(&self) -> usize {
         self.module.printed.copies[self.index]
     }
 
-    /// The write port's enable, for a [`Mutation`](super::Mutation).
+    /// Names the enable of the write port, for a [`Mutation`](super::Mutation).
     pub fn write_enable(&self) -> Reads<&'m Module> {
         write_port(self.module, self.index, 0)
     }
 
-    /// The write port's address, for a [`Mutation`](super::Mutation).
+    /// Names the address of the write port, for a [`Mutation`](super::Mutation).
     pub fn write_address(&self) -> Reads<&'m Module> {
         write_port(self.module, self.index, 1)
     }
 
-    /// The write port's data, for a [`Mutation`](super::Mutation).
+    /// Names the data of the write port, for a [`Mutation`](super::Mutation).
     pub fn write_data(&self) -> Reads<&'m Module> {
         write_port(self.module, self.index, 2)
     }
 }
 
-/// An instance in a finished module.
+/// An instance in a finished module. Returned by [`Module::instances`].
 #[derive(Clone, Copy, Debug)]
 pub struct InstanceRef<'m> {
     within: &'m Module,
@@ -75,18 +79,20 @@ pub struct InstanceRef<'m> {
 }
 
 impl<'m> InstanceRef<'m> {
+    /// Returns the name of the instance.
     pub fn name(&self) -> &'m str {
         &self.within.ir.instances[self.index].name
     }
 
+    /// Returns the module that is instantiated.
     pub fn module(&self) -> &'m Arc<Module> {
         &self.within.ir.instances[self.index].module
     }
 
-    /// What an input is given.
+    /// Names the signal that an input of the instance reads, for a [`Mutation`](super::Mutation).
     ///
     /// # Errors
-    /// There is no such input.
+    /// The instance has no such input.
     #[track_caller]
     pub fn input(&self, port: &str) -> Result<Reads<&'m Module>, HdlError> {
         let inputs = self.within.ir.instances[self.index].inputs.iter();
@@ -98,10 +104,10 @@ impl<'m> InstanceRef<'m> {
         })
     }
 
-    /// What an output gives.
+    /// Returns an output of the instance.
     ///
     /// # Errors
-    /// There is no such output.
+    /// The instance has no such output.
     #[track_caller]
     pub fn output(&self, port: &str) -> Result<SignalRef<'m>, HdlError> {
         let outputs = &self.within.ir.instances[self.index].outputs;
@@ -153,7 +159,7 @@ impl Module {
         let near: Vec<_> = near.iter().take(OFFERED).map(|(_, name)| *name).collect();
         let offer = match &near[..] {
             [] => String::new(),
-            near => format!("; it has {}", near.join(", ")),
+            near => format!("; similar names: {}", near.join(", ")),
         };
         HdlError {
             module: self.name().to_string(),
@@ -162,10 +168,10 @@ impl Module {
         }
     }
 
-    /// A signal by the name that the description gives it, or a port.
+    /// Returns a signal by its name in the description, or an output port.
     ///
     /// # Errors
-    /// There is none; the error has the names that are most like it.
+    /// The module has no such signal; the message suggests similar names.
     #[track_caller]
     pub fn signal(&self, name: &str) -> Result<SignalRef<'_>, HdlError> {
         let named = |node: &Node| node.name.as_deref() == Some(name);
@@ -198,10 +204,10 @@ impl Module {
             })
     }
 
-    /// A memory by its name.
+    /// Returns a memory by its name.
     ///
     /// # Errors
-    /// There is none.
+    /// The module has no such memory; the message suggests similar names.
     #[track_caller]
     pub fn memory(&self, name: &str) -> Result<MemoryRef<'_>, HdlError> {
         let place = Location::caller();
@@ -212,6 +218,7 @@ impl Module {
         })
     }
 
+    /// Returns all memories, in the order of their declaration.
     pub fn memories(&self) -> Vec<MemoryRef<'_>> {
         let all = 0..self.ir.memories.len();
         all.map(|index| MemoryRef {
@@ -221,6 +228,7 @@ impl Module {
         .collect()
     }
 
+    /// Returns all instances, in the order of their declaration.
     pub fn instances(&self) -> Vec<InstanceRef<'_>> {
         let all = 0..self.ir.instances.len();
         all.map(|index| InstanceRef {
@@ -230,7 +238,8 @@ impl Module {
         .collect()
     }
 
-    /// Instances of modules that are called so, or so with `_` and parameters behind it.
+    /// Returns the instances of modules whose name is `module`, or `module` followed by `_` and
+    /// anything.
     pub fn instances_of(&self, module: &str) -> Vec<InstanceRef<'_>> {
         let of = |instance: &InstanceRef<'_>| {
             let rest = instance.module().name().strip_prefix(module);

@@ -13,10 +13,11 @@ use std::sync::Arc;
 /// How a change of [`Design::selectable`] is selected.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Select<'a> {
-    /// By an input of this name, which every module has. Registers that reset sets begin as the complement of what it gives them:
-    /// simulation begins with zeros, which most resets give too, and a reset left out would change nothing.
+    /// By the value of an input port of this name, 32 bits wide, which is added to every module.
+    /// Registers with a reset value start with its complement in simulation; otherwise a missing
+    /// reset would not show, since simulators start with zeros and most reset values are zero.
     Port(&'a str),
-    /// By a constant: what differs between two of them is the constant alone.
+    /// By a constant. Designs made with different constants differ only in that constant.
     Constant(u32),
 }
 
@@ -64,10 +65,11 @@ impl Netlist {
 }
 
 impl Design {
-    /// The design with a change in one of its modules.
+    /// Returns the design with a change in one of its modules.
     ///
     /// # Errors
-    /// It has no such module; see [`Module::with`].
+    /// The design has no such module, the module is a part of another, or the change is not
+    /// possible (see [`Module::with`]).
     #[track_caller]
     pub fn with(&self, mutation: &Mutation) -> Result<Design, HdlError> {
         let place = Location::caller();
@@ -82,10 +84,10 @@ impl Design {
         })
     }
 
-    /// A module by its name.
+    /// Returns a module by its name in the description, without a prefix.
     ///
     /// # Errors
-    /// There is none.
+    /// The design has no such module; the message suggests similar names.
     #[track_caller]
     pub fn module(&self, name: &str) -> Result<&Arc<Module>, HdlError> {
         let place = Location::caller();
@@ -93,7 +95,7 @@ impl Design {
         found.ok_or_else(|| {
             let names: Vec<_> = self.modules.iter().map(|module| module.name()).collect();
             let top = self.top();
-            top.missing("below it is no module", name, &names, place)
+            top.missing("the design has no module", name, &names, place)
         })
     }
 
@@ -106,7 +108,7 @@ impl Design {
         match self.modules.iter().find(of) {
             Some(whole) => {
                 let message = format!(
-                    "it is a part of {}, whose changes are its own",
+                    "it is a part of {}: change that module instead",
                     whole.name()
                 );
                 Err(module.error(message, place))
@@ -115,10 +117,11 @@ impl Design {
         }
     }
 
-    /// The design whose parts of modules are modules like others, without properties: as it is printed.
+    /// Returns the design in which [parts](crate::Builder::part) have become ordinary modules, as
+    /// they are in the Verilog. Properties are dropped.
     ///
     /// # Errors
-    /// None, if the design is sound.
+    /// None for a design made by this crate; an error of a module that is built anew is passed on.
     pub fn apart(&self) -> Result<Design, HdlError> {
         let mut printed: HashMap<&str, Arc<Module>> = HashMap::new();
         let mut top = self.top().clone();
@@ -137,10 +140,11 @@ impl Design {
         Ok(Design::new(top)?.with_prefix(self.prefix.clone()))
     }
 
-    /// The design with many changes, of which the one that is selected by its number holds; with 0, or another number, none does.
+    /// Returns a design that contains many changes, each with a number. The change whose number is
+    /// selected takes effect; none does if the selected number is 0 or not among them.
     ///
     /// # Errors
-    /// A change is of no module; as [`Module::with`].
+    /// A change is of no module of the design, or is not possible (see [`Module::with`]).
     #[track_caller]
     pub fn selectable(
         &self,
@@ -259,7 +263,7 @@ impl Editor {
             .insert(name.to_string(), self.ir.place)
             .is_some()
         {
-            return Err(format!("name clash: a signal is called {name}"));
+            return Err(format!("name clash: a signal is already called {name}"));
         }
         self.ir.nodes[id].name = Some(name.to_string());
         let port = Port {

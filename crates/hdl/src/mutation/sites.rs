@@ -7,27 +7,28 @@ use crate::ir::{Id, Op, Register, Root};
 use crate::verilog::{Printer, literal};
 use std::collections::HashSet;
 
-/// What a change changes.
+/// The kind of a change.
 #[derive(
     Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, serde::Serialize, serde::Deserialize,
 )]
 #[serde(rename_all = "lowercase")]
 pub enum Kind {
-    /// One operator in place of another, or none.
+    /// An operator is replaced by another one, or removed.
     Operator,
-    /// The lowest bit of a literal.
+    /// The lowest bit of a literal is inverted.
     Constant,
-    /// A condition negated, or held.
+    /// A condition is inverted, or becomes a constant.
     Condition,
-    /// A slice that loses its top bit, or lies a bit lower.
+    /// A slice loses its top bit, or starts one bit lower.
     Width,
-    /// A register's value in reset, or no reset at all.
+    /// A register has another reset value, or none.
     Reset,
-    /// A pipeline's register left out: a value from the stage before.
+    /// A pipeline register is bypassed.
     Register,
 }
 
 impl Kind {
+    /// All kinds.
     pub const ALL: [Kind; 6] = [
         Kind::Operator,
         Kind::Constant,
@@ -37,6 +38,7 @@ impl Kind {
         Kind::Register,
     ];
 
+    /// Returns the name in lower case, as it is serialised.
     pub fn name(self) -> &'static str {
         match self {
             Kind::Operator => "operator",
@@ -49,20 +51,24 @@ impl Kind {
     }
 }
 
-/// A change that a module admits, and how its Verilog shows it.
+/// A possible change of a module, with the expression in its Verilog that it changes.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Site {
+    /// The kind of the change.
     pub kind: Kind,
+    /// The change.
     pub mutation: Mutation,
-    /// Where in the module's Verilog the statement begins, from 1 on.
+    /// The line in the Verilog of the module where the changed statement begins, counted from 1.
     pub line: usize,
-    /// The expression as it is and as it becomes.
+    /// The expression before the change.
     pub before: String,
+    /// The expression after the change.
     pub after: String,
 }
 
 impl Module {
-    /// Every single change of each kind that the module's Verilog shows, in its order.
+    /// Returns all single changes of every [`Kind`] that the module admits, in the order of its
+    /// Verilog.
     pub fn mutations(&self) -> Vec<Site> {
         let mut printer = Printer::new(&self.ir);
         let mut editor = Editor::new(&printer);

@@ -186,7 +186,7 @@ impl Template {
     ) -> Result<Template, String> {
         let divided: Vec<_> = samples.iter().map(|(_, text)| divided(text)).collect();
         let Some((pieces, first)) = divided.first() else {
-            return Err("there is no sample".into());
+            return Err("the library has no samples".into());
         };
         for (others, marks) in &divided[1..] {
             same(pieces, first, others, marks)?;
@@ -202,7 +202,7 @@ impl Template {
                 numbers.push(Term::new(&number).ok_or_else(|| {
                     let numbers: Vec<_> = number.iter().map(|(_, number)| number).collect();
                     format!(
-                        "{numbers:?} follows from no parameter, behind {}",
+                        "{numbers:?} does not follow from a parameter, after {}",
                         tail(&pieces[at])
                     )
                 })?);
@@ -239,7 +239,7 @@ impl Template {
             for (term, number) in mark.numbers.iter().zip(&found.numbers) {
                 if term.value(values) != Some(*number) {
                     return Err(format!(
-                        "{number} is not {}, behind {}",
+                        "{number} is not {}, after {}",
                         self.term(*term),
                         tail(&self.pieces[at])
                     ));

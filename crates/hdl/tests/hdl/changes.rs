@@ -201,7 +201,7 @@ fn changes_are_part_of_a_description() {
     ];
     assert_eq!(of_signals, by_name);
 
-    let not_read = "what is to be changed is not read there";
+    let not_read = "the signal is not read there";
     mistake(not_read, |m| {
         let (a, b) = (m.input("a", 4), m.input("b", 4));
         let (sum, c) = ((a + b).named("sum"), m.input("c", 4));
@@ -209,24 +209,27 @@ fn changes_are_part_of_a_description() {
         next_line();
         sum.reads(c).as_value(0);
     });
-    mistake("16 does not fit 4 bits", |m| {
+    mistake("16 does not fit in 4 bits", |m| {
         let a = m.input("a", 4);
         m.output("y", !a);
         next_line();
         a.fault().as_value(16);
     });
-    mistake("what is read there is no delay", |m| {
+    mistake("the signal read there is not a pipeline register", |m| {
         let a = m.input("a", 4);
         m.output("y", !a);
         next_line();
         a.fault().one_clock_early();
     });
-    mistake("2 bits cannot be read for 4", |m| {
-        let (a, b) = (m.input("a", 4), m.input("b", 2));
-        m.output("y", !a);
-        next_line();
-        a.fault().as_signal(b);
-    });
+    mistake(
+        "width mismatch: 4 bits are read, the other signal has 2",
+        |m| {
+            let (a, b) = (m.input("a", 4), m.input("b", 2));
+            m.output("y", !a);
+            next_line();
+            a.fault().as_signal(b);
+        },
+    );
     mistake("module follower has no input z", |m| {
         let below = m.instance("below", &follower(), &[("x", m.input("a", 4))]);
         m.output("y", below.get("y"));
@@ -245,7 +248,7 @@ fn what_a_change_needs_must_be_there() {
     };
     has(
         module.signal("choosen").unwrap_err(),
-        "it has no signal \"choosen\"; it has chosen",
+        "it has no signal \"choosen\"; similar names: chosen",
     );
     let below = module.instances_of("follower")[0];
     has(
@@ -254,7 +257,7 @@ fn what_a_change_needs_must_be_there() {
     );
     has(
         design.module("followers").unwrap_err(),
-        "below it is no module \"followers\"; it has follower",
+        "the design has no module \"followers\"; similar names: follower",
     );
     let sum = module.signal("sum").unwrap();
     let chosen = module.signal("chosen").unwrap();
@@ -270,7 +273,7 @@ fn what_a_change_needs_must_be_there() {
     let change = sum.reads(elsewhere.signal("a").unwrap()).inverted();
     has(
         module.with(&change).unwrap_err(),
-        "what is read is a signal of another module",
+        "the signal that is read is of another module",
     );
 }
 

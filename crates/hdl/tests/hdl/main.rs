@@ -3,5 +3,6 @@
 mod changes;
 mod mistakes;
 mod pipelines;
+mod readme;
 mod simulation;
 mod text;

@@ -95,13 +95,16 @@ fn widths_must_match() {
             let _ = m.or_all(&[a, five]);
         },
     );
-    mistake("width mismatch: a choice by 2 bits (\"c\")", |m| {
-        let (c, a) = (m.input("c", 2), m.input("a", 8));
-        next_line();
-        let _ = c.mux(a, !a);
-    });
     mistake(
-        "width mismatch: a choice of 8 bits (\"a\") or 7 bits (\"b\")",
+        "width mismatch: a multiplexer is selected by 1 bit, \"c\" has 2",
+        |m| {
+            let (c, a) = (m.input("c", 2), m.input("a", 8));
+            next_line();
+            let _ = c.mux(a, !a);
+        },
+    );
+    mistake(
+        "width mismatch: a multiplexer of 8 bits (\"a\") and 7 bits (\"b\")",
         |m| {
             let (c, a, b) = (m.input("c", 1), m.input("a", 8), m.input("b", 7));
             next_line();
@@ -118,7 +121,7 @@ fn widths_must_match() {
         next_line();
         r.next(b);
     });
-    mistake("width mismatch: an enable of 2 bits (\"e\")", |m| {
+    mistake("width mismatch: an enable has 1 bit, \"e\" has 2", |m| {
         let (r, e) = (m.reg("r", 8), m.input("e", 2));
         next_line();
         r.next_when(e, r.q);
@@ -135,48 +138,48 @@ fn widths_must_match() {
 
 #[test]
 fn bits_must_exist() {
-    mistake("\"a\" has no bits 8 to 1: it has 8", |m| {
+    mistake("\"a\" has no bits 8 to 1: it has 8 bits", |m| {
         let a = m.input("a", 8);
         next_line();
         a.bits(8, 1);
     });
-    mistake("\"a\" has no bits 1 to 2: it has 8", |m| {
+    mistake("\"a\" has no bits 1 to 2: it has 8 bits", |m| {
         let a = m.input("a", 8);
         next_line();
         a.bits(1, 2);
     });
-    mistake("\"a\" has no 4 bits from 6: it has 8", |m| {
+    mistake("\"a\" has no 4 bits from bit 6: it has 8 bits", |m| {
         let a = m.input("a", 8);
         next_line();
         a.field(6, 4);
     });
-    mistake("\"a\" has no 9 bits from 0: it has 8", |m| {
+    mistake("\"a\" has no 9 bits from bit 0: it has 8 bits", |m| {
         let a = m.input("a", 8);
         next_line();
         a.high(9);
     });
-    mistake("\"a\" has more than 7 bits", |m| {
+    mistake("\"a\" has 8 bits, cannot be extended to 7", |m| {
         let a = m.input("a", 8);
         next_line();
         a.extend(7);
     });
-    mistake("a signal of no bits", |m| {
+    mistake("a signal must have at least 1 bit", |m| {
         next_line();
         m.input("a", 0).msb();
     });
-    mistake("16 does not fit 4 bits", |m| {
+    mistake("16 does not fit in 4 bits", |m| {
         next_line();
         m.lit(16u8, 4);
     });
-    mistake("reset of \"r\": 16 does not fit 4 bits", |m| {
+    mistake("reset of \"r\": 16 does not fit in 4 bits", |m| {
         next_line();
         m.reg_reset("r", 4, 16);
     });
-    mistake("a reduction of no signals", |m| {
+    mistake("a reduction needs at least one signal", |m| {
         next_line();
         m.and_all(&[]);
     });
-    mistake("a selection among no signals", |m| {
+    mistake("a selection needs at least one choice", |m| {
         let index = m.input("index", 2);
         next_line();
         m.select(index, &[]);
@@ -211,16 +214,22 @@ fn memories_are_checked() {
             store.write(m.ones(1), a, d);
         },
     );
-    mistake("width mismatch: a write enable of 2 bits (\"e\")", |m| {
-        let store = m.memory("store", 48, 8, Style::Block);
-        let (e, a, d) = (m.input("e", 2), m.input("a", 6), m.input("d", 8));
-        next_line();
-        store.write(e, a, d);
-    });
-    mistake("memory \"store\" has 0 words of 8 bits", |m| {
-        next_line();
-        m.memory("store", 0, 8, Style::Block);
-    });
+    mistake(
+        "width mismatch: a write enable has 1 bit, \"e\" has 2",
+        |m| {
+            let store = m.memory("store", 48, 8, Style::Block);
+            let (e, a, d) = (m.input("e", 2), m.input("a", 6), m.input("d", 8));
+            next_line();
+            store.write(e, a, d);
+        },
+    );
+    mistake(
+        "memory \"store\" has 0 words of 8 bits; both must be at least 1",
+        |m| {
+            next_line();
+            m.memory("store", 0, 8, Style::Block);
+        },
+    );
     mistake("block RAM cannot be read combinationally", |m| {
         let (store, a) = (m.memory("store", 48, 8, Style::Block), m.input("a", 6));
         next_line();
@@ -327,7 +336,7 @@ fn everything_is_driven_once() {
     });
     let line = line!() + 6;
     let first = format!("first at {}:{line}", file!());
-    mistake(&format!("\"w\" is doubly driven: {first}"), |m| {
+    mistake(&format!("\"w\" is driven twice: {first}"), |m| {
         let x = m.input("x", 4);
         let w = m.wire("w", 4);
 
@@ -337,7 +346,7 @@ fn everything_is_driven_once() {
     });
     let line = line!() + 6;
     let first = format!("first at {}:{line}", file!());
-    mistake(&format!("\"r\" is doubly driven: {first}"), |m| {
+    mistake(&format!("\"r\" is driven twice: {first}"), |m| {
         let x = m.input("x", 4);
         let r = m.reg("r", 4);
 
@@ -348,7 +357,7 @@ fn everything_is_driven_once() {
     let line = line!() + 7;
     let first = format!("it has one write port, used at {}:{line}", file!());
     mistake(
-        &format!("memory \"store\" is doubly driven: {first}"),
+        &format!("memory \"store\" is written twice: {first}"),
         |m| {
             let (a, e) = (m.input("a", 4), m.input("e", 1));
             let store = m.memory("store", 16, 4, Style::Block);
@@ -357,7 +366,7 @@ fn everything_is_driven_once() {
             store.write(!e, a, a);
         },
     );
-    mistake("instance i: input x is doubly driven", |m| {
+    mistake("instance i: input x is driven twice", |m| {
         let (module, x) = (follower(), m.input("x", 4));
         next_line();
         m.instance("i", &module, &[("x", x), ("x", !x)]);
@@ -421,8 +430,9 @@ fn names_are_good_and_free() {
         "clk",
         "rst",
     ] {
-        let text =
-            format!("\"{name}\" is no name for Verilog: use lower case, digits, _, and no keyword");
+        let text = format!(
+            "\"{name}\" is not a valid name: use lower-case letters, digits and _, and no Verilog keyword"
+        );
         mistake(&text, |m| {
             next_line();
             m.input(name, 4);
@@ -467,7 +477,7 @@ fn modules_of_one_name_must_be_one() {
 #[test]
 fn stages_do_not_mix() {
     mistake(
-        "\"a1\" and \"b\" are in two pipelines: bring one into the other's with untimed and enter_at",
+        "\"a1\" and \"b\" are in different pipelines: move one to the other with untimed and enter_at",
         |m| {
             // At different stages, either way round.
             let a = m.pipeline().input("a", 4).register();
@@ -481,7 +491,7 @@ fn stages_do_not_mix() {
 #[test]
 fn staged_and_unstaged_do_not_mix() {
     mistake(
-        "\"a\" has a stage, \"b\" has none: bring it in with enter_at, or use untimed",
+        "\"a\" has a stage, \"b\" has none: give it one with enter_at, or use untimed",
         |m| {
             let (a, b) = (m.pipeline().input("a", 4), m.input("b", 4));
             next_line();
@@ -493,7 +503,7 @@ fn staged_and_unstaged_do_not_mix() {
         next_line();
         w.drive(a);
     });
-    mistake("\"b\" has no stage: it is in no pipeline", |m| {
+    mistake("\"b\" has no stage: it is not in a pipeline", |m| {
         let (a, b) = (m.pipeline().input("a", 4), m.input("b", 4));
         next_line();
         m.output("y", a.at(b.stage()));
@@ -525,12 +535,12 @@ fn staged_and_unstaged_do_not_mix() {
             r.next_when(a, r.q);
         },
     );
-    mistake("\"b\" is in no pipeline", |m| {
+    mistake("\"b\" is not in a pipeline", |m| {
         let b = m.input("b", 4);
         next_line();
         b.at(3);
     });
-    mistake("\"late\" is at stage 4, past 3", |m| {
+    mistake("\"late\" is at stage 4, after stage 3", |m| {
         let late = m.pipeline().input("a", 4).delay(4).named("late");
         next_line();
         late.at(3);
@@ -542,7 +552,7 @@ fn staged_and_unstaged_do_not_mix() {
         m.finish().unwrap()
     };
     mistake(
-        "instance i of adder: \"b\" has no stage, other inputs have",
+        "instance i of adder: \"b\" has no stage, but other inputs have one",
         |m| {
             let (a, b) = (m.pipeline().input("a", 4), m.input("b", 4));
             let adder = adder();
@@ -550,7 +560,7 @@ fn staged_and_unstaged_do_not_mix() {
             m.instance("i", &adder, &[("a", a), ("b", b)]);
         },
     );
-    mistake("instance i: inputs come from two pipelines", |m| {
+    mistake("instance i: inputs are from different pipelines", |m| {
         let a = m.pipeline().input("a", 4);
         let b = m.pipeline().input("b", 4);
         let adder = adder();
@@ -612,14 +622,14 @@ fn signals_stay_in_their_module() {
             },
         ),
         (
-            "port \"y\" is given a signal of module other",
+            "port \"y\" is connected to a signal of module other",
             |m, _, x, _| {
                 next_line();
                 m.output("y", x);
             },
         ),
         (
-            "instance i: input x is given a signal of module other",
+            "instance i: input x is connected to a signal of module other",
             |m, _, x, _| {
                 let module = follower();
                 next_line();

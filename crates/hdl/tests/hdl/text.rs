@@ -258,7 +258,7 @@ fn what_an_output_depends_on_is_compared_to_its_end() {
         }
     );
     let error = whole.compare_outputs(&reduced).unwrap_err();
-    assert_eq!(error, "watched: only one has output watch_store");
+    assert_eq!(error, "watched: only one module has output watch_store");
     let error = reduced.compare_outputs(&watched(true, true)).unwrap_err();
     assert_eq!(error, "watched: memory store differs");
     let faulty = whole.signal("count").unwrap().fault().inverted();
