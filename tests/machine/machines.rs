@@ -1,6 +1,6 @@
 //! Machines of other configurations: each is generated, linted by three tools, and co-simulated unit by unit and as a whole.
 //!
-//! Random ones are new in every run; tests print their seed, and `DYNRT_SEED=… cargo test --test machine machines::` replays them. With
+//! Tests print their seed; `DYNRT_SEED=… cargo test --test machine machines::` replays them. With
 //! `DYNRT_FULL=1` there are twenty of them, and the named configurations are given more to do.
 
 use crate::support::say::say;
