@@ -4,6 +4,7 @@ use dynrt::config::Config;
 use dynrt::cosim::model::{Port, Sources, lint};
 use dynrt::emit;
 use dynrt::hdl::{Design, Direction, Module};
+use dynrt::hw::timing::Timing;
 use dynrt::hw::{self, Plan};
 use std::collections::BTreeSet;
 use std::fs;
@@ -292,4 +293,16 @@ fn the_machine_is_the_same_every_time() {
             "another thread gives another text"
         );
     }
+}
+
+/// The page on synthesis has the table of registers that the target clock asks for, row by row.
+#[test]
+fn the_page_has_the_table_of_registers() {
+    let page = Path::new(env!("CARGO_MANIFEST_DIR")).join("docs/synthesis.md");
+    let page = fs::read_to_string(page).unwrap();
+    let mut table = String::from("<!-- table: timing -->\n\n| from MHz | register | reason |\n|---|---|---|\n");
+    for (name, mhz, why) in Timing::TABLE {
+        table += &format!("| {mhz} | `{name}` | {} |\n", why.trim());
+    }
+    assert!(page.contains(&table), "docs/synthesis.md should have\n{table}");
 }
