@@ -1,7 +1,7 @@
 """The jobs of a campaign, from its configuration: the Snakefile runs them, report.py looks for what they left.
 
 A job is one command of at most so many minutes. All that it is lies in its configuration and, for tests and benches, in the list of
-them that build.py has written; nothing depends on what other jobs found.
+them that build.py has written.
 """
 
 import json
@@ -166,15 +166,14 @@ class Plan:
             yield Job("embree", f"{stem}-{frame['view']}", command, threads=given["threads"])
 
     def tests(self, given):
-        built = self.built("tests", given)
-        each, only = given.get("each", []), given.get("only")
+        built = self.built("tests")
+        each, seen = given.get("each", []), set()
         for program, about in built.items():
             groups = {}
             for test in about["tests"]:
                 module = test.split("::")[0] if "::" in test else ""
                 key = f"{about['name']} {module}".strip()
-                if only is not None and key not in only and f"{key.split()[0]} {test}" not in only:
-                    continue
+                seen.add(key)
                 # What is not below a module is a job of all such tests.
                 alone = key in each
                 groups.setdefault((module, test if alone else None), []).append(test)
@@ -185,17 +184,19 @@ class Plan:
                 programs = ["dynrt", program]
                 yield Job("tests", name, command, kind="tests", programs=programs, full=given["full"], package=about["package"])
 
+        unknown = [key for key in each if key not in seen]
+        if built and unknown:
+            raise Mistake(f"tests: {', '.join(unknown)}: no module of a test program")
         if given.get("examples") and built:
             # Those in the documentation, which cargo alone can build.
             command = ["cargo", "test", "--workspace", "--doc"]
             yield Job("tests", "examples", command, kind="examples", full=given["full"])
 
     def speed(self, given):
-        for program, about in self.built("benches", given).items():
-            if given.get("benches") is None or about["name"] in given["benches"]:
-                command = [f"{BIN}/{program}", "--bench"]
-                threads = given["threads"]
-                yield Job("speed", about["name"], command, kind="text", threads=threads, programs=[program], package=about["package"])
+        for program, about in self.built("benches").items():
+            command = [f"{BIN}/{program}", "--bench"]
+            threads = given["threads"]
+            yield Job("speed", about["name"], command, kind="text", threads=threads, programs=[program], package=about["package"])
 
     def figures(self, given):
         yield Job(
@@ -216,7 +217,7 @@ class Plan:
         self.left_out.append(f"{part}: {name} is not there (sim/fetch_scenes.sh)")
         return None, None
 
-    def built(self, what, given):
+    def built(self, what):
         try:
             return json.loads((self.folder / "bin" / "built.json").read_text(encoding="utf-8"))[what]
         except FileNotFoundError:

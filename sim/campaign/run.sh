@@ -53,6 +53,8 @@ main() {
     cd "$folder" || exit 1
     campaign() { "$snakemake" --snakefile "$here/Snakefile" --configfile "$config" --nolock "$@"; }
 
+    # What was built before may not be what the configuration asks for now.
+    rm -f bin/built.json
     campaign --quiet all --cores 1 build || { echo "error: what the jobs run could not be built" >&2; exit 1; }
     campaign "${options[@]}"
     ended=$?
