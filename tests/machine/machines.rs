@@ -224,7 +224,7 @@ fn bad_requests_get_one_clear_line() {
 
 // The FuseSoC core that is generated beside a machine, by the real FuseSoC.
 
-/// FuseSoC, where `make tools` has put it or wherever else it is.
+/// FuseSoC, where `make deps` has put it or wherever else it is.
 fn fusesoc() -> Option<PathBuf> {
     let named = std::env::var_os("DYNRT_TOOLS");
     let searched = std::env::var_os("PATH");
@@ -237,7 +237,7 @@ fn fusesoc() -> Option<PathBuf> {
     let found = folders.iter().map(|folder| folder.join("fusesoc"));
     let found = found.into_iter().find(|path| path.is_file());
     if found.is_none() {
-        say("fusesoc is not installed: its core files were not run; make tools installs it");
+        say("fusesoc is not installed: its core files were not run; make deps installs it");
     }
     found
 }

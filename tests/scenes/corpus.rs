@@ -1,6 +1,6 @@
 //! Files of others: each loads, or is refused with one line that names it, and none that has ever loaded is refused.
 //!
-//! `tests/corpus.tsv` lists them. They are in Debian's package `assimp-testmodels`, which `make tools` installs, and in the source of the crate
+//! `tests/corpus.tsv` lists them. They are in Debian's package `assimp-testmodels`, which `make deps` installs, and in the source of the crate
 //! `gltf-json`. `DYNRT_BLESS=1 cargo test --test scenes corpus::` writes the list again, but never turns a file that loads into one that is refused.
 //!
 //! And `sim/fetch_scenes.sh`, which fetches the public scenes.

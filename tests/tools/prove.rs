@@ -201,7 +201,7 @@ fn a_simulator_checks_properties() {
     }
 }
 
-/// SymbiYosys with the Yosys that it comes with, where `make tools` has put them or wherever else they are.
+/// SymbiYosys with the Yosys that it comes with, where `make deps` has put them or wherever else they are.
 fn symbiyosys() -> Option<PathBuf> {
     let folders = [std::env::var_os("DYNRT_TOOLS"), std::env::var_os("PATH")];
     let folders = folders.iter().flatten().flat_map(std::env::split_paths);
@@ -211,7 +211,7 @@ fn symbiyosys() -> Option<PathBuf> {
         .find(|folder| folder.join("yowasp-sby").is_file());
     if found.is_none() {
         say(
-            "yowasp-sby is not installed: generated proofs were not run by SymbiYosys; make tools installs it",
+            "yowasp-sby is not installed: generated proofs were not run by SymbiYosys; make deps installs it",
         );
     }
     found

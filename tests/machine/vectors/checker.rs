@@ -16,7 +16,7 @@ fn check(folder: &Path, arguments: &[&str]) -> Output {
         .arg(folder)
         .args(arguments)
         .output()
-        .expect("python3, which make tools installs")
+        .expect("python3, which make deps installs")
 }
 
 fn text(output: &Output) -> String {
