@@ -3,7 +3,7 @@
 //! All mutants of a unit are compiled into one model, in which an input selects one ([`Design::selectable`]); with none selected it is the
 //! machine as it is, and passes. Each mutant then runs through what the unit's tests run, and is noticed at the first bit that differs, when
 //! the unit stops, when its own checks fail, or when the run takes another number of clocks than without a mutant, as fixed frames do
-//! in [`crate::baseline`]. What survives is tried for equivalence ([`equivalence`]) and otherwise listed.
+//! in [`crate::baseline`]. What survives is tried for equivalence (`equivalence`) and otherwise listed.
 //!
 //! | unit | modules | runs |
 //! |---|---|---|
@@ -54,7 +54,7 @@ pub struct Request {
     pub only: Option<u32>,
     /// Whether survivors are tried for equivalence.
     pub prove: bool,
-    /// How many of [`LENGTHS`] survivors run.
+    /// How many of all survivors run.
     pub lengths: usize,
     /// The cache folder; `None` for the user's.
     pub cache: Option<PathBuf>,

@@ -13,7 +13,7 @@ use crate::emit::FORMAL as FOLDER;
 /// Every proof by induction of a machine as two files, and what the manifest says of them.
 ///
 /// # Errors
-/// See [`induction::proofs`].
+/// The description of a unit is refused.
 pub fn files(config: &Config, prefix: &Prefix) -> Result<(Vec<(String, String)>, Value)> {
     let emitted = |name: &str| format!("{}{name}", prefix.as_str());
     let mut files = vec![];

@@ -1,8 +1,8 @@
 //! Proofs about the emitted Verilog, by open tools.
 //!
-//! Arithmetic ([`arithmetic`]) is compared with an exact reference for all operands; a pipeline that is lent is shown to keep its slots
-//! apart ([`slots`]); a machine is the same with trace ports and without ([`trace`]); queues, credits, stack and ports
-//! ([`induction`]) are proved by induction. Every proof has *seeded faults*: changes of the module, each of which must make it
+//! Arithmetic (`arithmetic`) is compared with an exact reference for all operands; a pipeline that is lent is shown to keep its slots
+//! apart (`slots`); a machine is the same with trace ports and without (`trace`); queues, credits, stack and ports
+//! (`induction`) are proved by induction. Every proof has *seeded faults*: changes of the module, each of which must make it
 //! fail, with a counterexample. A proof that a tool leaves undecided has failed.
 
 mod aig;

@@ -300,9 +300,13 @@ fn the_machine_is_the_same_every_time() {
 fn the_page_has_the_table_of_registers() {
     let page = Path::new(env!("CARGO_MANIFEST_DIR")).join("docs/synthesis.md");
     let page = fs::read_to_string(page).unwrap();
-    let mut table = String::from("<!-- table: timing -->\n\n| from MHz | register | reason |\n|---|---|---|\n");
+    let mut table =
+        String::from("<!-- table: timing -->\n\n| from MHz | register | reason |\n|---|---|---|\n");
     for (name, mhz, why) in Timing::TABLE {
         table += &format!("| {mhz} | `{name}` | {} |\n", why.trim());
     }
-    assert!(page.contains(&table), "docs/synthesis.md should have\n{table}");
+    assert!(
+        page.contains(&table),
+        "docs/synthesis.md should have\n{table}"
+    );
 }

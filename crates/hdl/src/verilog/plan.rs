@@ -100,10 +100,9 @@ impl Values {
                         values.given[same] = Some(name);
                     }
                     let hint = values.hints[id].clone();
-                    if node.formal && !ir.nodes[same].formal {
-                    } else if hint.as_ref().is_some_and(|hint| hint.field) {
-                        values.hints[same] = hint;
-                    } else if values.hints[same].is_none() {
+                    let of_module = !node.formal || ir.nodes[same].formal;
+                    let is_field = hint.as_ref().is_some_and(|hint| hint.field);
+                    if of_module && (is_field || values.hints[same].is_none()) {
                         values.hints[same] = hint;
                     }
                 }
