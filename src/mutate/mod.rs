@@ -54,7 +54,7 @@ pub struct Request {
     pub only: Option<u32>,
     /// Whether survivors are tried for equivalence.
     pub prove: bool,
-    /// How many of all survivors run.
+    /// How many run lengths each survivor runs, of those that there are.
     pub lengths: usize,
     /// The cache folder; `None` for the user's.
     pub cache: Option<PathBuf>,
