@@ -895,6 +895,8 @@ UNITS = [
     ("fp_mul", False),
     ("fp_reciprocal", False),
 ]
+# Units of the library, and the module that stands for them with parameters.
+LIBRARY = {"fp_add": ("fp_add_sub", {"SUBTRACT": 0}), "fp_sub": ("fp_add_sub", {"SUBTRACT": 1})}
 PIPELINES = ["ray_setup", "tpu_slice", "triangle_test", "fp_add", "fp_sub", "fp_mul", "fp_reciprocal"]
 # What the names of all modules begin with.
 PREFIX = "dynrt_"
@@ -1186,7 +1188,7 @@ class Checker:
             if unit == "ray_transform" and not self.folder.two_levels:
                 continue
             names = ["%s_%s.hex" % (unit, role) for role in ("stimulus", "expected", "care")]
-            module = {"packet_step": "tpu_slice", "ray_transform": "raycast_unit"}.get(unit, unit)
+            module = {"packet_step": "tpu_slice", "ray_transform": "raycast_unit"}.get(unit, LIBRARY.get(unit, (unit, {}))[0])
             wanted[unit] = (module, names[0], names[1], names[2] if care else None, [], [])
         for unit, (module, stimulus, expected, others, memories) in WHOLE_UNITS.items():
             wanted[unit] = (module, stimulus, expected, None, others, memories)
@@ -1318,17 +1320,20 @@ class Checker:
 
     def _check_pipelines(self):
         entries = self.folder.value("pipelines", list)
-        modules = [entry.get("module") if isinstance(entry, dict) else None for entry in entries]
-        self.report.expect("manifest", "manifest.json", None, "pipelines", [PREFIX + name for name in PIPELINES], modules)
+        units = [entry.get("unit") if isinstance(entry, dict) else None for entry in entries]
+        self.report.expect("manifest", "manifest.json", None, "pipelines", PIPELINES, units)
         for entry in entries:
             entry = entry if isinstance(entry, dict) else {}
-            name, latency, stages = entry.get("module"), entry.get("latency"), entry.get("stages")
+            name, latency, stages = entry.get("unit"), entry.get("latency"), entry.get("stages")
             good = isinstance(latency, int) and latency > 0
             field = "pipelines: %s: " % name
             self.report.claim("manifest", "manifest.json", None, field + "latency", good, "cycles", latency)
             good = good and isinstance(stages, dict) and all(isinstance(n, int) and 0 <= n <= latency for n in stages.values())
             self.report.claim("manifest", "manifest.json", None, field + "stages", good, "at most the latency", stages)
-            self.report.expect("manifest", "manifest.json", None, field + "macros", str(name).upper(), entry.get("macros"))
+            module, parameters = LIBRARY.get(name, (name, {}))
+            self.report.expect("manifest", "manifest.json", None, field + "module", "%s%s" % (PREFIX, module), entry.get("module"))
+            self.report.expect("manifest", "manifest.json", None, field + "parameters", parameters, entry.get("parameters"))
+            self.report.expect("manifest", "manifest.json", None, field + "macros", (PREFIX + str(name)).upper(), entry.get("macros"))
 
     def _check_machine(self):
         """Widths and settings that follow from the configuration."""

@@ -237,18 +237,23 @@ pub fn configuration(config: &Config) -> Value {
 fn describe(design: &Design, module: &Module) -> Value {
     let instances = module.children().iter();
     let instances: Vec<String> = instances.map(|m| design.module_name(m)).collect();
-    let parameters: Map<String, Value> = (module.parameters().into_iter())
-        .map(|(name, value)| (name.to_string(), json!(value)))
-        .collect();
     json!({
         "name": design.module_name(module),
         "unit": module.name(),
         "file": design.module_name(module) + ".v",
-        "parameters": parameters,
+        "parameters": parameters(module),
         "latency": module.latency(),
         "instances": instances,
         "ports": ports(module),
     })
+}
+
+/// The parameters that a module has where it is placed, and their values; none of a module that has no parameters.
+pub(crate) fn parameters(module: &Module) -> Map<String, Value> {
+    let parameters = module.parameters().into_iter();
+    parameters
+        .map(|(name, value)| (name.to_string(), json!(value)))
+        .collect()
 }
 
 fn ports(module: &Module) -> Vec<Value> {

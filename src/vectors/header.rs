@@ -3,6 +3,7 @@
 use super::layout::Layout;
 use super::shape::Shape;
 use crate::config::{Config, TriangleTest};
+use crate::emit::parameters;
 use crate::hdl::{Design, Direction, Module};
 use serde_json::{Map, Value, json};
 use std::fmt::Write as _;
@@ -36,7 +37,9 @@ pub fn pipelines(design: &Design) -> Vec<Value> {
                 .map(|(name, stage)| (name.to_string(), json!(stage)))
                 .collect();
             json!({
+                "unit": module.name(),
                 "module": design.module_name(module),
+                "parameters": parameters(module),
                 "macros": format!("{PREFIX}{}", module.name().to_uppercase()),
                 "latency": latency(module),
                 "stages": stages,

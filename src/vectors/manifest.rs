@@ -9,6 +9,7 @@ use super::sheet::{Part, Sheet};
 use super::{GIVEN, HEADER, Request, VERSION, VERSION_KEY};
 use crate::bkd::layout::{MemoryImage, Record};
 use crate::config::{Config, TriangleTest};
+use crate::emit::parameters;
 use crate::hdl::Design;
 use crate::program::UpdateMachine;
 use anyhow::Result;
@@ -258,6 +259,7 @@ fn units(files: &Files, shape: &Shape, design: &Design) -> Result<Vec<Value>> {
         list.push(json!({
             "unit": unit.name,
             "module": design.module_name(module),
+            "parameters": parameters(module),
             "copies": copies,
             "transactions": transactions,
             "stimulus": unit.stimulus,

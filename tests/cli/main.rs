@@ -450,7 +450,10 @@ fn a_tool_that_is_too_old_gets_one_line() {
         let said = fault_of(&mut with_tool(arguments, folder.path(), tool, &script));
         // The tool that was found is named by its place.
         let place = format!("{}/tools/{tool}", folder.path().display());
-        assert!(said.starts_with(&place) || said.starts_with(&format!("`{place}")), "{said}");
+        assert!(
+            said.starts_with(&place) || said.starts_with(&format!("`{place}")),
+            "{said}"
+        );
         said.replace(&format!("{}/tools/", folder.path().display()), "")
     };
     for says in [
@@ -653,7 +656,11 @@ fn generated_names_begin_with_the_prefix() {
             let parameters = module["parameters"].as_object().unwrap();
             // A unit of the library is a module of another name, with parameters.
             assert!(name.starts_with(prefix), "{name}");
-            assert_eq!(name == format!("{prefix}{unit}"), parameters.is_empty(), "{name}");
+            assert_eq!(
+                name == format!("{prefix}{unit}"),
+                parameters.is_empty(),
+                "{name}"
+            );
             assert_eq!(module["file"], format!("{name}.v"));
         }
         for (name, bytes) in contents(&out) {
