@@ -33,7 +33,7 @@ pub fn emit(plan: &Plan) -> Result<Machine, HdlError> {
 fn module(plan: &Plan) -> Result<Arc<Module>, HdlError> {
     let m = Builder::new(
         NAME,
-        "the core: ray casting and update of the tree. Units work independently; what may not overlap is for whoever starts them to see to.",
+        "the whole machine: ray casting, skinning and tree update. The units run independently; the host must prevent conflicting operations.",
     );
     for (name, prefix, unit) in [
         ("casting", "", raycast::module(plan)?),

@@ -11,12 +11,12 @@ const SLACK: u64 = 3;
 
 interface! {
     pub(super) (number: u32) {
-        in "The plane, and the ray's origin and reciprocal direction on the plane's axis" {
+        in "Plane position; the ray's origin and reciprocal direction on the plane's axis" {
             plane: number,
             origin: number,
             reciprocal: number,
         }
-        out "Distance in multiples of the ray's direction" { distance: number }
+        out "Distance, as a multiple of the ray's direction" { distance: number }
     }
 }
 
@@ -31,8 +31,8 @@ pub(super) fn far(units: &Units) -> Result<Arc<Module>, HdlError> {
 fn module(units: &Units, far: bool) -> Result<Arc<Module>, HdlError> {
     let library = Library {
         name: "plane_distance",
-        doc: "a ray's distance to a plane, three ulps down to a near one and up to a far one: it is never beyond, or short of, the exact one.",
-        parameters: &[Parameter::flag("FAR", "the plane is a far one")],
+        doc: "the distance of a ray to a plane, conservative: three ulps less for a near plane (never above the exact distance), three ulps more for a far plane (never below it).",
+        parameters: &[Parameter::flag("FAR", "1 for a far plane")],
         values: &|far| vec![u32::from(*far)],
         samples: &[false, true],
         describe: &|far| describe(units, *far),
@@ -44,11 +44,11 @@ fn describe(units: &Units, far: bool) -> Result<Arc<Module>, HdlError> {
     let (name, doc) = match far {
         false => (
             "near_distance",
-            "a ray's distance to a near plane, three ulps down: it is never beyond the exact one.",
+            "the distance of a ray to a near plane, three ulps less: never above the exact distance.",
         ),
         true => (
             "far_distance",
-            "a ray's distance to a far plane, three ulps up: it is never short of the exact one.",
+            "the distance of a ray to a far plane, three ulps more: never below the exact distance.",
         ),
     };
     let w = units.format.width();

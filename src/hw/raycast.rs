@@ -98,7 +98,7 @@ fn vertex_tag_bits(plan: &Plan) -> u32 {
 
 interface! {
     pub (plan: &Plan) {
-        in "The scene: root link word and box, constant while packets are under way" {
+        in "Scene: link word of the root, and box; constant while packets are in flight" {
             scene_root: Record::link_word().width,
             scene_lo: [plan.number(); xyz],
             scene_hi: [plan.number(); xyz],
@@ -109,26 +109,26 @@ interface! {
             node: {ReadInputs = tpu::Inputs::of(plan).node},
             record: {ReadInputs = geometry::Inputs::of(plan).record},
             vertex: {ReadInputs}(
-                "Vertex memory", "in any order, always taken",
+                "Vertex memory", "any order, always accepted",
                 vertex_tag_bits(plan), Record::vertex(plan.format).width
             ),
             influence: {ReadInputs}(
-                "Influence memory", "in any order, always taken",
+                "Influence memory", "any order, always accepted",
                 skinning::row_tag_bits(plan), Record::influence_row(plan.format).width
             ),
         }
-        in "A mesh to skin, taken when no packet is under way: indices of its palette, influence rows, vertices at rest \
-            and vertices to write, and how many of each" {
+        in "Mesh to skin, accepted while no packet is in flight: index and count of its palette, influence rows, vertices at rest \
+            and vertices to write" {
             skin_start: Flow<Mesh>(plan),
         }
         in "Vertex memory: writes of skinned vertices" { skin_write_ready: 1 }
         out "Rays in" { ray_ready: 1 }
         out "Hits out" { hit: Flow<TaggedHit>(plan) }
-        out "A mesh to skin, taken when no packet is under way: indices of its palette, influence rows, vertices at rest \
-            and vertices to write, and how many of each" {
+        out "Mesh to skin, accepted while no packet is in flight: index and count of its palette, influence rows, vertices at rest \
+            and vertices to write" {
             skin_start_ready: 1,
         }
-        out "High for a clock when a mesh is complete" { skin_done: 1 }
+        out "High for one cycle when a mesh is complete" { skin_done: 1 }
         out "Vertex memory: writes of skinned vertices" {
             skin_write: Flow<Write>(plan.address(), Record::vertex(plan.format).width),
         }
@@ -143,7 +143,7 @@ interface! {
             stack_high_water: plan.level_bits(),
             stack_overflow: 1,
         }
-        out "Trace: what happens inside" {
+        out "Trace: packet starts, traversal steps, tests and transformations" {
             trace_start if (plan.trace): Flow<StartTrace>(plan),
             trace_step if (plan.trace): Flow<StepTrace>(plan),
             trace_test if (plan.trace): Flow<TestTrace>(plan),
@@ -189,7 +189,7 @@ pub(super) fn module(plan: &Plan) -> Result<Arc<Module>, HdlError> {
         "raycast_unit",
         format!(
             "casts packets of {} rays into a scene, {} packets at a time.\n\
-             Rays arrive one a clock, a packet's in order; its hits leave the same way under its tag, packets in any order. \
+             One ray enters per cycle, the rays of a packet in order. One hit leaves per cycle, with the packet's tag, the hits of a packet in order, the packets in any order. \
              After reset, wait for ray_ready.",
             plan.rays(),
             plan.packets()
@@ -214,7 +214,7 @@ pub(super) fn module(plan: &Plan) -> Result<Arc<Module>, HdlError> {
     let ray = (inputs.ray.valid, inputs.ray.payload.tag);
     let packets = m.part(
         "packet_numbers",
-        "gives packet numbers to packets that arrive, and lets rays into ray setup.",
+        "assigns packet numbers to arriving packets and passes their rays to ray setup.",
         || packets::packets(m, plan, ray, object.valid, paused, from_hits.get()),
     )?;
     let set_up = site.set_up(&packets, object);
@@ -235,7 +235,7 @@ pub(super) fn module(plan: &Plan) -> Result<Arc<Module>, HdlError> {
     });
     let hits = m.part(
         "hit_output",
-        "gives the hits of finished packets out, a ray a clock.",
+        "outputs the hits of finished packets, one ray per cycle.",
         || {
             let (finished, ready) = (traversal.finished, inputs.hit_ready);
             hits::hits(m, plan, finished, ready, intersection.read)
@@ -259,7 +259,7 @@ pub(super) fn module(plan: &Plan) -> Result<Arc<Module>, HdlError> {
     let request = &ports.outputs.vertex.request;
     let request = m.part(
         "vertex_arbiter",
-        "lets skinning or the geometry unit request vertices.",
+        "shares the vertex memory port between the geometry unit and the skinning processor.",
         || units::vertex_request(request, skinning, of_skinner, of_geometry),
     );
     let placed = Placed {

@@ -13,28 +13,28 @@ use std::sync::Arc;
 
 interface! {
     pub (plan: &Plan, lookahead: u32) {
-        in "A ray's packet and place in it, and whether it is the first and the last of the packet's rays that come" {
+        in "Packet and slot of the ray; high if it is the first or the last ray of the packet" {
             valid: 1,
             place: ..{Place}(plan),
         }
-        in "Whether it is in an object's space: the scene's box does not clip it" { object: 1 }
-        in "The ray" {
+        in "High for a ray in object space, which the scene's box does not clip" { object: 1 }
+        in "Ray" {
             active: 1,
             any_hit: 1,
             line: ..{Line}(plan),
             limits: ..{Limits}(plan),
         }
-        in "The scene's box, constant while rays are under way" {
+        in "Scene's box, constant while rays are in flight" {
             scene_lo: [plan.number(); xyz],
             scene_hi: [plan.number(); xyz],
         }
-        out "The ray, set up" {
+        out "Ray after setup" {
             out: Flow<SetUp>(plan),
         }
-        out (format!("The packet of the ray that comes out {} clocks later", plan.read_latency())) {
+        out (format!("Packet of the ray that leaves {} cycles later", plan.read_latency())) {
             next_packet: plan.packet_bits(),
         }
-        out (format!("Says {lookahead} clocks ahead that a ray is coming out")) { soon: 1 }
+        out (format!("High {lookahead} cycles before a ray leaves")) { soon: 1 }
     }
 }
 
@@ -45,7 +45,7 @@ pub fn module(plan: &Plan, lookahead: u32) -> Result<Arc<Module>, HdlError> {
     let f = plan.format;
     let m = Builder::new(
         "ray_setup",
-        "what traversal and intersection need to know of a ray, and its interval in the scene's box.",
+        "ray setup: reciprocals of the direction, shear of the triangle test, and the ray's interval in the scene's box.",
     );
     let p = m.pipeline();
     let ports = ports(plan, lookahead);
@@ -61,7 +61,7 @@ pub fn module(plan: &Plan, lookahead: u32) -> Result<Arc<Module>, HdlError> {
     let scene =
         [&inputs.scene_lo, &inputs.scene_hi].map(|corner| corner.each_ref().map(|x| x.input(&m)));
 
-    m.comment("A ray is valid if it is active, nothing in it is a NaN, and 0 <= tmin <= tmax.");
+    m.comment("A ray is valid if it is active, contains no NaN, and 0 <= tmin <= tmax.");
     let zero = m.zero(w);
     let tmin = is_zero(f, tmin).mux(zero, tmin).named("tmin_clean");
     let tmax = is_zero(f, tmax).mux(zero, tmax).named("tmax_clean");
@@ -84,7 +84,7 @@ pub fn module(plan: &Plan, lookahead: u32) -> Result<Arc<Module>, HdlError> {
     let [tmin, tmax] = [tmin, tmax].map(|limit| m.zero(1).concat(limit.low(w - 1)));
     let limits = Limits { tmin, tmax };
 
-    m.comment("Reciprocals of the direction, and its sign bits.");
+    m.comment("Reciprocals and signs of the direction.");
     let reciprocal: Vec<_> = (0..3)
         .map(|i| {
             plan.units
@@ -142,7 +142,7 @@ fn clipped<'b>(
 ) -> Interval<Signal<'b>> {
     let m = object.module();
     let [scene_lo, scene_hi] = scene;
-    m.comment("near and far, clipped by the scene's box; in an object's space by (-infinity, +infinity), which never clips.");
+    m.comment("near and far, clipped to the scene's box; in object space, clipped to (-infinity, +infinity), which has no effect.");
     let infinity = plan.infinity(m);
     let minus_infinity = plan.minus_infinity(m);
     let Limits {
@@ -192,7 +192,7 @@ fn shear<'b>(
     reciprocal: &[Signal<'b>],
 ) -> (Shear<Signal<'b>>, Signal<'b>) {
     let (w, f) = (plan.number(), plan.format);
-    m.comment("The shear that the watertight test turns the ray into the z axis with.");
+    m.comment("The shear that maps the ray to the z axis, for the watertight test.");
     let size: Vec<_> = (0..3)
         .map(|i| {
             is_zero(f, direction[i])

@@ -138,54 +138,54 @@ bundle! {
 
 interface! {
     pub (plan: &Plan) {
-        in "A mesh to skin: indices of its palette, influence rows, vertices at rest and vertices to write, and how many" {
+        in "Mesh to skin: index and count of its palette, influence rows, vertices at rest and vertices to write" {
             start: Flow<Mesh>(plan),
         }
-        in "Whether the geometry unit is free for it" { may_start: 1 }
+        in "High if the geometry unit is available" { may_start: 1 }
         in "" {
             vertex: {ReadInputs}(
-                "Vertex memory", "of any latency, in any order",
+                "Vertex memory", "any latency, any order",
                 vector_tag_bits(plan), Record::vertex(plan.format).width
             ),
             influence: {ReadInputs}(
-                "Influence memory", "of any latency, in any order",
+                "Influence memory", "any latency, any order",
                 row_tag_bits(plan), Record::influence_row(plan.format).width
             ),
         }
         in "Vertex memory: writes" { write_ready: 1 }
-        in "From the geometry unit: a moved vertex times a weight, and which of its vertex's it is" {
+        in "From the geometry unit: a transformed vertex times its weight, and the index of the influence" {
             weighted: Flow<Weighted>(plan),
         }
-        in "From the geometry unit: sums of two weighted ones, and of two sums" {
+        in "From the geometry unit: sums of two weighted points, and of two sums" {
             pair_sum: [plan.number(); xyz],
             vertex_sum: [plan.number(); xyz],
         }
-        out "A mesh to skin: indices of its palette, influence rows, vertices at rest and vertices to write, and how many" {
+        out "Mesh to skin: index and count of its palette, influence rows, vertices at rest and vertices to write" {
             start_ready: 1,
         }
-        out "High while a mesh is being skinned, from the clock after its start" { skinning: 1 }
+        out "High from the cycle after the start of a mesh until it is complete" { skinning: 1 }
         out "" {
             vertex: {ReadOutputs}("Vertex memory", plan.address(), vector_tag_bits(plan)),
             influence: {ReadOutputs}("Influence memory", plan.address(), row_tag_bits(plan)),
         }
-        out "To the geometry unit: a column of a joint's matrix" {
+        out "To the geometry unit: one column of a joint's matrix" {
             palette: Flow<Column>(plan),
         }
-        out "To the geometry unit: an influence, and which of its vertex's it is" {
+        out "To the geometry unit: one influence, and its index within the vertex" {
             issue: Flow<Issued>(plan),
         }
         out "" {
             operands: ..{Sums}(
                 plan,
-                "To the geometry unit: operands of the sums of two weighted ones",
+                "To the geometry unit: operands of the sums of two weighted points",
                 "To the geometry unit: operands of the sums of two sums"
             ),
         }
         out "Vertex memory: writes" {
             write: Flow<Write>(plan.address(), Record::vertex(plan.format).width),
         }
-        out "High for a clock when a mesh is complete" { done: 1 }
-        out "Counters' events" { influence_issued: 1 }
+        out "High for one cycle when a mesh is complete" { done: 1 }
+        out "Events for the counters" { influence_issued: 1 }
     }
 }
 
@@ -220,14 +220,14 @@ type Start<'b> = Flow<Mesh<Signal<'b>>, Signal<'b>>;
 pub(super) fn module(plan: &Plan, test: &Module) -> Result<Arc<Module>, HdlError> {
     let m = Builder::new(
         "skinning_processor",
-        "the skinning processor: moves vertices at rest by the weighted matrices of a palette.",
+        "the skinning processor: transforms vertices at rest with the weighted matrices of a palette.",
     );
     let of_test = triangle::ports(plan);
     let sum_latency =
         of_test.outputs.sum[0].stage(&m, test) - of_test.inputs.pairs.sum_a[0].stage(&m, test);
     let ports = ports(plan);
     let inputs = ports.inputs.inputs(&m);
-    m.comment("What later parts tell earlier ones.");
+    m.comment("Signals from later parts to earlier ones.");
     let back = Back::of().wires(&m, "");
     let told = back.get();
 
@@ -240,27 +240,27 @@ pub(super) fn module(plan: &Plan, test: &Module) -> Result<Arc<Module>, HdlError
 
     let rows = m.part(
         "row_fetch",
-        "starts meshes and reads their influences ahead.",
+        "starts meshes and prefetches their influences.",
         || Rows::new(&around),
     )?;
     let vectors = m.part(
         "vector_fetch",
-        "reads palettes, then vertices at rest, ahead.",
+        "prefetches palettes, then vertices at rest.",
         || Vectors::new(&around, rows.start),
     )?;
     let issue = m.part(
         "influence_issue",
-        "issues an influence with its vertex to the geometry unit.",
+        "issues influences to the geometry unit, each with its vertex.",
         || Issue::new(&around, &rows, &vectors),
     );
     let sums = m.part(
         "vertex_sum",
-        "adds up the weighted points of a vertex.",
+        "adds the weighted points of each vertex.",
         || VertexSums::new(&around, sum_latency),
     );
     let queue = m.part(
         "vertex_write",
-        "queues vertices until they are written, and tells when all of a mesh are.",
+        "queues vertices until they are written, and signals the completion of a mesh.",
         || Queue::new(&around, &rows, vectors.loading, &issue, &sums),
     );
     back.drive(Back {

@@ -52,7 +52,7 @@ bundle! {
 
 interface! {
     pub(super) (plan: &Plan) {
-        in "A slot of the test" {
+        in "One slot of the test" {
             matrix: 1,
             corners: ..{Corners}(plan),
             ray: ..{Tested}(plan),
@@ -63,20 +63,20 @@ interface! {
             accumulate: 1,
             pairs: ..{Pairs}(plan),
         }
-        in "The ray's limits, needed last" { limits: ..{Limits}(plan) }
-        out "Whether the ray hits, and where" {
+        in "The ray's limits, at a late stage" { limits: ..{Limits}(plan) }
+        out "Hit flag, distance and weights" {
             hit: 1,
             t: plan.number(),
             u: plan.number(),
             v: plan.number(),
         }
-        out "The point moved by the matrix" { moved: [plan.number(); xyz] }
-        out "The point moved and weighted" { weighted: [plan.number(); xyz] }
-        out "The interval, and whether the box alone makes the ray miss" {
+        out "Transformed point" { moved: [plan.number(); xyz] }
+        out "Transformed point times the weight" { weighted: [plan.number(); xyz] }
+        out "Interval in the box, and a flag for a miss because of the box" {
             box_near: plan.number(),
             box_far: plan.number(),
         }
-        out "While it accumulates: sums, whose operands are given at any time" {
+        out "Sums, while accumulate is high; independent of the slots" {
             sum: [plan.number(); 6],
         }
     }
@@ -98,23 +98,23 @@ mod intersection {
 
     interface! {
         pub (plan: &Plan) {
-            in "What the slot is: 0 a test, 1 a matrix" { matrix: 1 }
-            in "The triangle's vertices, or the matrix's columns x, y, z" {
+            in "Kind of the slot: 0 for a test, 1 for a matrix" { matrix: 1 }
+            in "Vertices of the triangle, or columns x, y, z of the matrix" {
                 corners: ..{Corners}(plan),
             }
-            in "The ray's origin, or the point" { origin: [plan.number(); xyz] }
-            in "The ray's direction" { direction if (!plan.watertight()): [plan.number(); xyz] }
-            in "The ray's shear" { shear if (plan.watertight()): ..{Shear}(plan) }
-            in "The matrix's fourth column" { translation: [plan.number(); xyz] }
-            in "The weight of the moved point" { weight: plan.number() }
-            in "The reciprocal of the direction's greatest component" {
+            in "Origin of the ray, or the point" { origin: [plan.number(); xyz] }
+            in "Direction of the ray" { direction if (!plan.watertight()): [plan.number(); xyz] }
+            in "Shear of the ray" { shear if (plan.watertight()): ..{Shear}(plan) }
+            in "Fourth column of the matrix" { translation: [plan.number(); xyz] }
+            in "Weight of the transformed point" { weight: plan.number() }
+            in "Reciprocal of the greatest component of the direction" {
                 shear_z if (plan.watertight()): plan.number(),
             }
-            out "Distance, the second and third vertex's weights, and whether the ray passes the triangle" {
+            out "Distance, weights of the second and third vertex, and a flag for a miss" {
                 test: {Test}(plan),
             }
-            out "The point moved by the matrix" { moved: [plan.number(); xyz] }
-            out "The point moved and weighted" { weighted: [plan.number(); xyz] }
+            out "Transformed point" { moved: [plan.number(); xyz] }
+            out "Transformed point times the weight" { weighted: [plan.number(); xyz] }
         }
     }
 }
@@ -125,23 +125,23 @@ mod own_box {
 
     interface! {
         pub (plan: &Plan) {
-            in "The triangle's vertices" { corners: ..{Corners}(plan) }
-            in "The ray" {
+            in "Vertices of the triangle" { corners: ..{Corners}(plan) }
+            in "Ray" {
                 origin: [plan.number(); xyz],
                 reciprocal: [plan.number(); xyz],
                 signs: 3,
             }
-            in "While it accumulates: sums, whose operands are given at any time" {
+            in "Sums, while accumulate is high; independent of the slots" {
                 accumulate: 1,
                 pairs: ..{Pairs}(plan),
             }
-            in "The interval that the box clips" { window: {Interval}(plan) }
-            out "The interval, and whether the box alone makes the ray miss" {
+            in "Interval before the box clips it" { window: {Interval}(plan) }
+            out "Interval in the box, and a flag for a miss because of the box" {
                 box_near: plan.number(),
                 box_far: plan.number(),
                 box_misses: 1,
             }
-            out "While it accumulates: sums, whose operands are given at any time" {
+            out "Sums, while accumulate is high; independent of the slots" {
                 sum: [plan.number(); 6],
             }
         }
@@ -195,7 +195,7 @@ impl<'b> OwnBox<'b> {
     }
 
     fn is_degenerate(&self, m: &'b Builder) -> Signal<'b> {
-        m.comment("Degenerate: two vertices are equal, or the box is flat on two axes.");
+        m.comment("Degenerate triangle: two vertices are equal, or the box is flat on two axes.");
         let flat_on = |i: usize, j: usize| {
             (self.flat[i] & self.flat[j]).hinted(format!("flat_{}{}", AXES[i], AXES[j]))
         };
@@ -212,7 +212,7 @@ fn triangle_box(plan: &Plan) -> Result<Arc<Module>, HdlError> {
     let f = plan.format;
     let m = Builder::new(
         "triangle_box",
-        "a ray's interval in a triangle's own box, by the very plane distances of traversal, and whether the triangle is degenerate.",
+        "the interval of a ray in a triangle's own box, with the same plane distances as in traversal, and the check for degenerate triangles.",
     );
     let p = m.pipeline();
     let ports = own_box::ports(plan);
@@ -248,7 +248,7 @@ fn triangle_box(plan: &Plan) -> Result<Arc<Module>, HdlError> {
     };
     let mut interval: Option<(Signal<'_>, Signal<'_>)> = None;
     for (i, x) in AXES.iter().enumerate() {
-        m.comment(format!("Clipped on the {x} axis."));
+        m.comment(format!("Clip on the {x} axis."));
         let (lo, hi) = own.sides[i];
         let sign = signs.part(x, i as u32, 1);
         let near_plane = sign.mux(hi, lo);
@@ -363,7 +363,7 @@ fn moller_trumbore(plan: &Plan) -> Result<Arc<Module>, HdlError> {
     let units = &plan.units;
     let m = Builder::new(
         "triangle_moller_trumbore",
-        "the ray-triangle test of Moeller and Trumbore, whose operators also apply a matrix to a point.",
+        "the ray-triangle test of Moeller and Trumbore. Its operators also apply a matrix to a point.",
     );
     let inputs = Shared::new(&m, plan);
     let Shared {
@@ -376,14 +376,14 @@ fn moller_trumbore(plan: &Plan) -> Result<Arc<Module>, HdlError> {
     let direction = (inputs.ports.inputs.direction.as_ref()).expect("this test needs it");
     let direction = direction.each_ref().map(|x| x.input_at(p, 0));
 
-    m.comment("Edges, and the origin seen from the first vertex. Matrix: the columns y and z, and x negated.");
+    m.comment("Edges, and the origin relative to the first vertex. Matrix: the columns y and z, and x negated.");
     let base = [0, 1, 2].map(|i| inputs.subtracted(&format!("base_{}", AXES[i]), v[0][i]));
     let e1 = difference(plan, "e1", v[1], base);
     let e2 = difference(plan, "e2", v[2], base);
     // The subtrahend is the column here: the other operand is nothing.
     let o = [0, 1, 2].map(|i| inputs.subtracted(&format!("seen_from_{}", AXES[i]), origin[i]));
     let c = difference(plan, "c", o, v[0]);
-    m.comment("Matrix: the point takes the direction's way, its x negated as its column is.");
+    m.comment("Matrix: the point replaces the direction, with x negated like its column.");
     let point = [negated(origin[0]), origin[1], origin[2]];
     let d = [0, 1, 2].map(|i| {
         let name = format!("direction_or_point_{}", AXES[i]);
@@ -416,7 +416,7 @@ fn moller_trumbore(plan: &Plan) -> Result<Arc<Module>, HdlError> {
             units.mul(format!("q_{x}_minus"), minus, e1[j]),
         ]
     });
-    m.comment("p = d x e2, q = c x e1. Matrix: the sum of columns x and y, of component y in q_x and so on.");
+    m.comment("p = d x e2, q = c x e1. Matrix: the sum of columns x and y; its component y is in q_x, and so on.");
     let pv = [p_x, p_y, p_z];
     let pv = [0, 1, 2].map(|i| units.sub(format!("p_{}", AXES[i]), pv[i][0], pv[i][1]));
     let qv = [0, 1, 2].map(|i| {
@@ -442,7 +442,7 @@ fn moller_trumbore(plan: &Plan) -> Result<Arc<Module>, HdlError> {
         let z = lender.term(&format!("{name}_z_or_translation"), of[2], translation);
         units.add(name, xy, z)
     });
-    m.comment("u = (c . p) i, v = (d . q) i, t = (e2 . q) i. Matrix: all by the weight.");
+    m.comment("u = (c . p) i, v = (d . q) i, t = (e2 . q) i. Matrix: all times the weight.");
     let i = units.reciprocal("i", det);
     let factor = lender.factor("i_or_weight", i, inputs.weight(i));
     let u = units.mul("u", cp, factor);
@@ -490,7 +490,7 @@ impl<'b> Sheared<'b> {
         } = shear.inputs_at(p, 0);
         let shear = [shear_x, shear_y];
 
-        m.comment("Matrix: the columns pass as if seen from the origin and along z; the point takes the shear's way.");
+        m.comment("Matrix: the columns pass unchanged, as if relative to the origin and along z; the point replaces the shear.");
         let o = [0, 1, 2].map(|i| inputs.subtracted(&format!("seen_from_{}", AXES[i]), origin[i]));
         let kz = lender.choice("axis", kz, m.zero(2));
         let [along_x, along_y] = [0, 1].map(|i| {
@@ -498,7 +498,7 @@ impl<'b> Sheared<'b> {
             lender.choice(&name, shear[i], origin[i])
         });
 
-        m.comment("The vertices a, b, c, seen from the origin, their axes turned.");
+        m.comment("The vertices a, b, c relative to the origin, with permuted axes.");
         let names = ["a", "b", "c"];
         let seen = [0, 1, 2].map(|i| difference(plan, names[i], vertices[i], o));
         // kz names an axis; kx and ky follow it cyclically. In a matrix slot component x is where kz is, and so on.
@@ -512,7 +512,7 @@ impl<'b> Sheared<'b> {
             [turn("kx", [1, 2, 0]), turn("ky", [2, 0, 1]), z]
         });
         let [a_turned, b_turned, c_turned] = turned;
-        m.comment("What shears them. Matrix: the products of column x (by shear x) and y (by shear y), each component once.");
+        m.comment("The shifts by the shear. Matrix: the products of columns x (times shear x) and y (times shear y), each component once.");
         let shift = |i: usize, along: usize, column: usize, component: usize| {
             let name = format!("{}{}_shift", names[i], AXES[along]);
             // Chosen before the register that turns the axes has anyway.
@@ -532,7 +532,7 @@ impl<'b> Sheared<'b> {
         let [ay_shift, by_shift, cy_shift] =
             [(0, 1), (1, 0), (2, 2)].map(|(i, x)| shift(i, 1, 1, x));
         m.comment(
-            "Sheared. Matrix: the sum of columns x and y in ax, ay, bx; column z passes in cx, cy.",
+            "Sheared vertices. Matrix: the sum of columns x and y in ax, ay, bx; column z passes in cx, cy.",
         );
         let ax = units.sub(
             "ax",
@@ -574,9 +574,7 @@ impl<'b> Sheared<'b> {
         let ([ax, ay, _], [bx, by, _], [cx, cy, cz]) = (self.a, self.b, self.c);
         let columns_xy = [ax, ay, bx];
         let column_z = [cz, cx, cy];
-        m.comment(
-            "Edge functions. Matrix: plus the products of column z, which is added to the sum.",
-        );
+        m.comment("Edge functions. Matrix: the products of column z are added to the sum.");
         let eu_plus = units.mul(
             "eu_plus",
             column_z[1],
@@ -664,7 +662,7 @@ fn watertight(plan: &Plan) -> Result<Arc<Module>, HdlError> {
         lender.term("ua_vb_or_sum", ua_vb, ev),
         lender.term("wc_or_translation", wc, translation_z),
     );
-    m.comment("t = (T i) Sz, u = V i, v = W i. Matrix: all by the weight; the point moved takes the way of V and W.");
+    m.comment("t = (T i) Sz, u = V i, v = W i. Matrix: all times the weight; the transformed point replaces V and W.");
     let second = lender.choice("v_or_moved_y", ev, uv);
     let third = lender.choice("w_or_moved_x", ew, det);
     let factor = lender.factor("i_or_weight", i, inputs.weight(i));
@@ -712,8 +710,8 @@ pub(super) fn module(plan: &Plan) -> Result<Arc<Module>, HdlError> {
     let in_box = triangle_box(plan)?;
     let m = Builder::new(
         "triangle_test",
-        "a ray against a triangle: the test itself, clamped to the ray's interval in the triangle's own box, within tmin and tmax; \
-         or a matrix applied to a point.",
+        "the triangle test: a ray against a triangle, with the distance clamped to the ray's interval in the triangle's own box and checked against tmin and tmax; \
+         or a matrix times a point.",
     );
     let p = m.pipeline();
     // What the two of them need, at the stages that they need it at.
@@ -735,7 +733,7 @@ pub(super) fn module(plan: &Plan) -> Result<Arc<Module>, HdlError> {
     let inputs = of_box.inputs.map(|_, spec| made[spec.name.as_str()]);
     let boxed = of_box.place("own_box", &m, &in_box, inputs);
     let end = latest(&[tested.test.t, boxed.box_near]);
-    m.comment("Clamp t into the box's interval; the box decides a miss before.");
+    m.comment("Clamp t to the interval in the box; a miss of the box is decided before.");
     let t = tested.test.t.at(end);
     let near = boxed.box_near.at(end);
     let far = boxed.box_far.at(end);

@@ -147,22 +147,22 @@ fn box_bits(plan: &Plan) -> u32 {
 
 interface! {
     pub (plan: &Plan) {
-        in "An update: rows of its program, bases of the object's vertices and nodes, index of its box" {
+        in "Update: rows of its program, bases of the object's vertices and nodes, index of its box" {
             start: Flow<Update>(plan),
         }
         in "" {
             program: {ReadInputs}(
-                "Program memory", "of any latency, in any order",
+                "Program memory", "any latency, any order",
                 bits_for(u64::from(plan.config.update_program_rows)), ROW_BITS
             ),
             vertex: {ReadInputs}(
-                "Vertex memory", "of any latency, in any order",
+                "Vertex memory", "any latency, any order",
                 bits_for(u64::from(plan.config.update_vertices_ahead)), Record::vertex(plan.format).width
             ),
         }
         in "Node memory: writes" { node_write_ready: 1 }
-        in "The object's box: its write, after all of the nodes'" { box_write_ready: 1 }
-        out "An update: rows of its program, bases of the object's vertices and nodes, index of its box" {
+        in "Object's box: write, after the writes of all nodes" { box_write_ready: 1 }
+        out "Update: rows of its program, bases of the object's vertices and nodes, index of its box" {
             start_ready: 1,
         }
         out "" {
@@ -176,10 +176,10 @@ interface! {
         out "Node memory: writes" {
             node_write: Flow<NodeWrite>(plan),
         }
-        out "The object's box: its write, after all of the nodes'" {
+        out "Object's box: write, after the writes of all nodes" {
             box_write: Flow<Write>(plan.address(), Record::bounding_box(plan.format).width),
         }
-        out "High for a clock when an update is complete" { done: 1 }
+        out "High for one cycle when an update is complete" { done: 1 }
         out "Counters since reset" { count: {Counters}() }
     }
 }
@@ -202,7 +202,7 @@ pub fn module(plan: &Plan) -> Result<UpdateProcessor, HdlError> {
     );
     let ports = ports(plan);
     let inputs = ports.inputs.inputs(&m);
-    m.comment("What later parts tell earlier ones.");
+    m.comment("Signals from later parts to earlier ones.");
     let back = Back::of().wires(&m, "");
     let told = back.get();
     let around = Around {
@@ -215,22 +215,22 @@ pub fn module(plan: &Plan) -> Result<UpdateProcessor, HdlError> {
 
     let rows = m.part(
         "row_fetch",
-        "starts updates and reads the rows of their programs ahead.",
+        "starts updates and prefetches the rows of their programs.",
         || Rows::new(&around),
     )?;
     let decode = m.part(
         "instructions",
-        "cuts the program's rows into instructions, one a clock.",
+        "decodes the rows of the program into instructions, one per cycle.",
         || Decode::new(&around, &rows),
     );
     let vertices = m.part(
         "vertex_fetch",
-        "reads the vertices of load instructions ahead.",
+        "prefetches the vertices of load instructions.",
         || Vertices::new(&around, &decode),
     )?;
     let execute = m.part(
         "execute",
-        "lets the current instruction go when what it needs is there.",
+        "issues the current instruction when its operands are available.",
         || Execute::new(&around, &decode, &vertices),
     )?;
     let (operands, merge) = m.part(

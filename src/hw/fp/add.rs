@@ -138,7 +138,7 @@ struct Aligned<'b> {
 fn align<'b>(format: Format, plan: &Schedule, a: Fields<'b>, b: Fields<'b>) -> Aligned<'b> {
     let m = a.sign.module();
     let (e, f) = (format.exponent_bits(), format.fraction_bits());
-    m.comment("The operand of the greater magnitude, and by how many bits the other must move.");
+    m.comment("The operand of the greater magnitude, and the shift of the other one.");
     crate::named! {
         let swap = a.magnitude.lt(b.magnitude);
         let exponent_difference = a.exponent.extend(e + 1) - b.exponent.extend(e + 1);
@@ -170,7 +170,7 @@ fn align<'b>(format: Format, plan: &Schedule, a: Fields<'b>, b: Fields<'b>) -> A
         let small_fraction =
             swap.mux(a.fraction, b.fraction) & small_is_kept.at(at).repeat(f);
     }
-    m.comment("Align the smaller significand; a sticky bit collects what is shifted out.");
+    m.comment("Align the smaller significand; a sticky bit collects the bits shifted out.");
     let mut small = m
         .concat(&[small_is_kept.at(at), small_fraction, m.zero(2)])
         .named("unaligned");
@@ -219,7 +219,7 @@ struct Sum<'b> {
 fn sum<'b>(format: Format, plan: &Schedule, operands: &Aligned<'b>) -> Sum<'b> {
     let m = operands.sticky.module();
     let f = format.fraction_bits();
-    m.comment("The sum: carry, significand, three bits to round by. It is never negative.");
+    m.comment("The sum: carry, significand, three rounding bits. It is never negative.");
     let at = plan.at("add");
     let x = exponent_width(format);
     let (aligned, subtracting) = (operands.small.at(at), operands.subtracting.at(at));
@@ -241,7 +241,7 @@ fn sum<'b>(format: Format, plan: &Schedule, operands: &Aligned<'b>) -> Sum<'b> {
         let sum = augend + addend;
     }
     m.comment(
-        "A NaN or an infinity is always the greater operand. Infinities of the same sign add to one.",
+        "A NaN or an infinity is always the greater operand. The sum of infinities of the same sign is that infinity.",
     );
     let [big_fraction, big_exponent] =
         [operands.big_fraction, operands.big_exponent].map(|field| field.at(at));
@@ -267,7 +267,7 @@ fn normalise<'b>(
 ) -> (Signal<'b>, Vec<Signal<'b>>) {
     let m = sum.module();
     let width = sum_width(format);
-    m.comment("Normalise: the leading one moves to the front, to where a carry would be.");
+    m.comment("Normalise: shift the leading one to the position of the carry.");
     let mut normal = sum;
     let mut shift = vec![];
     for level in (0..normalise_bits(format)).rev() {
@@ -328,7 +328,7 @@ fn describe(format: Format, clock_mhz: u32, subtract: bool) -> Result<Arc<Module
 
     m.comment(
         "Round to nearest even. The exponent is that of the greater operand, plus 1, minus the shift; \
-         minus the shift is plus its complement plus 1.",
+         the shift is subtracted as its complement plus 1.",
     );
     let at = plan.at("rounding");
     let normal = normal.at(at);
@@ -350,7 +350,7 @@ fn describe(format: Format, clock_mhz: u32, subtract: bool) -> Result<Arc<Module
         let rounded = unrounded + correction;
     }
 
-    m.comment("Below the least normal number: zero. Above the greatest: infinity.");
+    m.comment("Underflow (below the least normal number) gives zero, overflow infinity.");
     let at = plan.at("pack");
     let (rounded, status) = (rounded.at(at), sum.status.at(at));
     crate::named! {

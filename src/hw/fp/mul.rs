@@ -91,7 +91,7 @@ fn product<'b>(plan: &Schedule, a: Signal<'b>, b: Signal<'b>) -> Signal<'b> {
     if width <= DSP_BITS {
         return a.mul(b).named("product").at(registered);
     }
-    m.comment("Wider than a DSP block: four products, added as by hand.");
+    m.comment("Wider than a DSP block: the sum of four partial products.");
     let (a_low, a_high) = (a.low(DSP_BITS), a.high(width - DSP_BITS));
     let (b_low, b_high) = (b.low(DSP_BITS), b.high(width - DSP_BITS));
     crate::named! {
@@ -126,14 +126,14 @@ pub fn module(format: Format, clock_mhz: u32) -> Result<Arc<Module>, HdlError> {
     let binary::Inputs { a, b } = ports.inputs.inputs_at(&p, 0);
     let (a, b) = (operand(format, "a", a), operand(format, "b", b));
 
-    m.comment("The significands, in [1, 2), and their product, in [1, 4).");
+    m.comment("The significands are in [1, 2), their product is in [1, 4).");
     crate::named! {
         let a_significand = m.lit(1u8, 1).concat(a.fraction);
         let b_significand = m.lit(1u8, 1).concat(b.fraction);
     }
     let product = product(&plan, a_significand, b_significand);
 
-    m.comment("The exponent for a product in [1, 2). The bias is a power of two less 1: the 1 is carried in.");
+    m.comment("The exponent for a product in [1, 2). The bias is a power of two minus 1: the 1 is the carry-in.");
     let x = e + 2;
     crate::named! {
         let sign = a.sign ^ b.sign;
@@ -147,7 +147,7 @@ pub fn module(format: Format, clock_mhz: u32) -> Result<Arc<Module>, HdlError> {
             sum_plus_1.low(e - 1),
         ]);
     }
-    m.comment("Zero times infinity is a NaN, as is whatever has a NaN for a factor.");
+    m.comment("The product is a NaN for zero times infinity and if a factor is a NaN.");
     crate::named! {
         let a_is_zero = a.exponent.is_zero();
         let b_is_zero = b.exponent.is_zero();
@@ -185,7 +185,7 @@ pub fn module(format: Format, clock_mhz: u32) -> Result<Arc<Module>, HdlError> {
         let rounded = unrounded + correction;
     }
 
-    m.comment("Below the least normal number: zero. Above the greatest: infinity.");
+    m.comment("Underflow (below the least normal number) gives zero, overflow infinity.");
     let at = plan.at("pack");
     let (rounded, status) = (rounded.at(at), status.at(at));
     crate::named! {

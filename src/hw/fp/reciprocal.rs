@@ -65,7 +65,7 @@ pub fn module(format: Format, clock_mhz: u32) -> Result<Arc<Module>, HdlError> {
     let a = operand(format, "a", ports.inputs.a.input_at(&p, 0));
 
     m.comment(
-        "The exponent of 1 / a where a is no power of two; for a power of two rounding adds the 1 that lacks. \
+        "The exponent of 1 / a if a is not a power of two; for a power of two, rounding adds the missing 1. \
          The two greatest exponents give results below the least normal number, except for the lesser power of two.",
     );
     let last = u128::from(format.exponent_mask()) - 1;
@@ -84,7 +84,7 @@ pub fn module(format: Format, clock_mhz: u32) -> Result<Arc<Module>, HdlError> {
     }
 
     m.comment(
-        "Non-restoring division of 2 by the significand: every remainder's sign is a bit of the quotient.",
+        "Non-restoring division of 2 by the significand: the sign of each remainder is a bit of the quotient.",
     );
     let width = f + 2;
     let significand = m.lit(1u8, 2).concat(a.fraction).named("significand");
@@ -119,7 +119,7 @@ pub fn module(format: Format, clock_mhz: u32) -> Result<Arc<Module>, HdlError> {
     }
     let quotient = quotient.named(format!("quotient_{}", f + 1));
 
-    m.comment("Round by the last bit of the quotient.");
+    m.comment("Round with the last bit of the quotient.");
     let at = plan.at("round");
     let (quotient, status) = (quotient.at(at), status.at(at));
     crate::named! {

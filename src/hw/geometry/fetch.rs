@@ -80,13 +80,11 @@ pub(super) fn fetch<'b>(
 ) -> Result<Fetch<'b>, HdlError> {
     let leaf = take(plan, m, inputs);
     m.comment(
-        "A record's answer: three vertices, or the six vectors that lie one after another, are requested one a clock.",
+        "Response with a record: its three vertices, or its six consecutive vectors, are requested, one per cycle.",
     );
     let record = Fetched::of(plan).unpack(inputs.record.response.payload.tag);
     let requests = request_vertices(plan, m, inputs, record)?;
-    m.comment(
-        "Vertices and vectors arrive in any order; the last one to come makes the leaf complete.",
-    );
+    m.comment("Vertices and vectors arrive in any order; the last one completes the leaf.");
     let arrival = count_arrivals(plan, m, inputs, leaf.instance_leaves);
     Ok(Fetch {
         leaf,
@@ -98,7 +96,7 @@ pub(super) fn fetch<'b>(
 
 /// Takes a leaf in the clock in which its record can be requested.
 fn take<'b>(plan: &Plan, m: &'b Builder, inputs: &Inputs<Signal<'b>>) -> TakenLeaf<'b> {
-    m.comment("A leaf is taken when its record can be requested. Its tag says whether it is an instance's.");
+    m.comment("A leaf is accepted when its record can be requested. Its tag marks the leaf of an instance.");
     let (valid, leaf) = (inputs.leaf.valid, inputs.leaf.payload);
     let taken = (valid & inputs.record.request_ready).named("take_leaf");
     let inside = Context::of(plan).unpack(leaf.context).inside;

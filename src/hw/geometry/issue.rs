@@ -98,8 +98,8 @@ pub(super) fn issue<'b>(
     let leaf = inputs.leaf.payload;
     masks.write(fetch.leaf.taken, leaf.packet, leaf.mask);
     m.comment(
-        "The rays of a complete leaf's mask go into the test, one a clock: a ray once for a triangle, three times for an instance, \
-         for its box, the direction and the origin.",
+        "The rays in a complete leaf's mask enter the test, one slot per cycle: one slot per ray for a triangle, three for an instance \
+        (box, direction, origin).",
     );
     let take_ready = m.wire("take_ready", 1);
     let fetched = Fetched::of(plan);
@@ -156,7 +156,7 @@ pub(super) fn enter<'b>(
     inputs: &Inputs<Signal<'b>>,
     issue: &Issue<'b>,
 ) -> Slot<'b> {
-    m.comment("What goes with a slot.");
+    m.comment("The data of a slot in the pipeline.");
     let p = m.pipeline();
     let test = p.enter(issue.is_test()).cleared_by_reset();
     // What a reset leaves of it is written long before a packet comes for it.

@@ -47,7 +47,7 @@ pub(super) fn keep<'b>(
     stages: &Stages,
     object_leaves_at: u32,
 ) -> Leaves<'b> {
-    m.comment("Leaves as they are taken, the numbers and roots of their records, and what is read of them.");
+    m.comment("Leaves, the numbers and roots in their records, and the reads of both.");
     let packets = plan.packets();
     let (root, context) = (Root::of(plan), Context::of(plan));
     let leaf = inputs.leaf.payload;

@@ -40,7 +40,7 @@ pub(super) fn merge<'b>(
     ray: Kept<Signal<'b>>,
     test: &triangle::Outputs<Signal<'b>>,
 ) -> Merge<'b> {
-    m.comment("The merge: a hit replaces the ray's closest one if it is closer, or as close and of a lower instance and triangle.");
+    m.comment("Merge: a hit replaces the ray's closest hit if it is closer, or equally close with a lower instance and triangle number.");
     let w = plan.number();
     let word = Closest::of(plan);
     let rays = plan.rays_in_flight();
@@ -143,7 +143,7 @@ fn gather<'b>(
     merged: Flow<Limit<Signal<'b>>, Signal<'b>>,
     merged_at: u32,
 ) -> Flow<InContext<Signal<'b>>, Signal<'b>> {
-    m.comment("Which rays have hit something, gathered over the triangle's rays.");
+    m.comment("The hit mask, collected over the rays of the leaf.");
     let gathered = m.reg("gathered", plan.rays());
     let ray = merged.payload.ray;
     let one_hot: Vec<_> = (0..plan.rays())

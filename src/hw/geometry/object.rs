@@ -45,7 +45,7 @@ pub(super) fn leave<'b>(
     rays: &Rays<'b>,
     tested: &triangle::Outputs<Signal<'b>>,
 ) -> ObjectRay<'b> {
-    m.comment("A ray's window is kept as soon as its box slot has it.");
+    m.comment("The window of a ray is stored when its box slot leaves the test.");
     let new_window = Interval::of(plan)
         .pack(Interval {
             near: tested.box_near,
@@ -57,7 +57,7 @@ pub(super) fn leave<'b>(
         slot.index.at(stages.boxed).untimed(),
         new_window,
     );
-    m.comment("The direction waits for the origin, a clock behind it; then the transformed ray leaves, with its interval.");
+    m.comment("The direction waits for the origin, which follows one cycle later; then the transformed ray leaves, with its interval.");
     let moved = tested.moved;
     let moved_direction = [0, 1, 2].map(|i| {
         let held = m.reg(format!("moved_direction_{}", AXES[i]), plan.number());

@@ -22,7 +22,7 @@ pub(super) fn operands<'b>(
     vectors: Vectors<'b>,
     rays: &Rays<'b>,
 ) -> triangle::Inputs<Signal<'b>> {
-    m.comment("The test, and what it lends its operators to.");
+    m.comment("The triangle test, and the operands of the computations that share its operators.");
     let p = slot.pipeline;
     let read = plan.read_latency();
     let is_direction = slot.direction.at(read).named("point_is_direction");

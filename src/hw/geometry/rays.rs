@@ -34,7 +34,7 @@ pub(super) fn keep<'b>(
     slot: &Slot<'b>,
     stages: &Stages,
 ) -> Rays<'b> {
-    m.comment("Rays as they are set up.");
+    m.comment("Rays from ray setup.");
     let w = plan.number();
     let by_ray = plan.rays_in_flight();
     let by_level_ray = plan.level_rays_in_flight();

@@ -33,7 +33,9 @@ pub(super) fn keep<'b>(
     slot: &Slot<'b>,
     stages: &Stages,
 ) -> Vectors<'b> {
-    m.comment("Vertices and vectors by packet, or a palette's columns by joint.");
+    m.comment(
+        "Vertices and vectors per packet; during skinning, the columns of the palette per joint.",
+    );
     let (corners, translations) = write(plan, m, inputs, arrival);
     let read = plan.read_latency();
     let vertex = fields::Vertex::of(plan.format);

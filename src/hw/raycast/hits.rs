@@ -34,7 +34,7 @@ pub(super) fn hits<'b>(
 ) -> Result<Hits<'b>, HdlError> {
     let (pb, rb, rays) = (plan.packet_bits(), plan.ray_bits(), plan.rays());
     let of_finished = Finished::of(plan);
-    m.comment("Finished packets hand out their hits ray by ray. The word read is always that of the ray shown next.");
+    m.comment("Finished packets output their hits ray by ray. The word that is read belongs to the next ray to be output.");
     let take_finished = m.wire("take_finished", 1);
     let queue = plan.queue(
         "finished_queue",

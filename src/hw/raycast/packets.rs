@@ -38,7 +38,7 @@ pub(super) fn packets<'b>(
 ) -> Result<Packets<'b>, HdlError> {
     let (rays, packets) = (plan.rays(), plan.packets());
     let (pb, rb) = (plan.packet_bits(), plan.ray_bits());
-    m.comment("After reset every packet number is put into the queue of free ones, and what counts by packet is cleared.");
+    m.comment("After reset, every packet number is pushed to the queue of free numbers, and the counts per packet are cleared.");
     let sweeping = m.reg_reset("sweeping", 1, 1);
     let sweep_packet = m.reg_reset("sweep_packet", pb, 0);
     sweeping.next(sweeping.q & !sweep_packet.q.equals(u128::from(packets) - 1));
@@ -53,7 +53,7 @@ pub(super) fn packets<'b>(
     )?;
     let packet = free.front;
 
-    m.comment("A packet's rays arrive one by one; the first takes a free packet number, the others share it.");
+    m.comment("The rays of a packet arrive one by one; the first takes a free packet number for all of them.");
     let ray = m.reg_reset("place", rb, 0);
     let first = ray.q.is_zero().named("first_ray");
     let last = ray.q.equals(u128::from(rays) - 1).named("last_ray");

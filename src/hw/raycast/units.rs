@@ -50,7 +50,7 @@ impl<'b> Site<'_, 'b> {
     ) -> setup::Outputs<Signal<'b>> {
         let ray = self.inputs.ray.payload;
         self.m.comment(
-            "Ray setup: of a ray of the world, or, before that, of one that the geometry unit has taken to an object's space.",
+            "Ray setup: of rays in world space and, with priority, of rays that the geometry unit has transformed into object space.",
         );
         let of_world = geometry::Moved {
             place: packets.place,
@@ -168,8 +168,9 @@ impl<'b> Site<'_, 'b> {
         skinning_now: Signal<'b>,
         geometry: &geometry::Outputs<Signal<'b>>,
     ) -> (skinning::Outputs<Signal<'b>>, Signal<'b>) {
-        self.m
-            .comment("Skinning borrows the geometry unit and its port to vertex memory.");
+        self.m.comment(
+            "Skinning uses the operators of the geometry unit and its port to vertex memory.",
+        );
         let ports = skinning::ports(self.plan);
         let vertex = self.vertex(&ports.inputs.vertex, skinning_now);
         let given = skinning::Inputs {

@@ -26,7 +26,7 @@ impl<'b> Rows<'b> {
         let Around { plan, m, .. } = *around;
         let (inputs, told) = (&around.inputs, &around.told);
         let (start, mesh, a) = (inputs.start.valid, inputs.start.payload, plan.address());
-        m.comment("A mesh starts when the last one is written and none of its rows is left.");
+        m.comment("A mesh starts when the last one is written and none of its rows is left in the prefetcher.");
         let skinning = m.reg_reset("skinning_now", 1, 0);
         let rows_left = m.reg_reset("rows_left", a, 0);
         let no_rows = m.wire("no_rows", 1);
@@ -36,7 +36,7 @@ impl<'b> Rows<'b> {
         let starts = (start & start_ready).named("start");
         skinning.next(starts | (skinning.q & !told.over));
 
-        m.comment("Rows of influences ahead of their use.");
+        m.comment("Prefetch of influence rows.");
         let address = m.reg("row_address", a);
         let names = ("row_prefetch", "rows");
         let room = plan.config.skinning_rows_ahead;
@@ -88,7 +88,7 @@ impl<'b> Vectors<'b> {
         let Around { plan, m, .. } = *around;
         let (inputs, told) = (&around.inputs, &around.told);
         let (start, mesh) = (start.valid, start.payload);
-        m.comment("Vectors ahead of their use: the palette's, then the vertices at rest.");
+        m.comment("Prefetch of vectors: the palette, then the vertices at rest.");
         let a = plan.address();
         let columns = mesh.joints.concat(m.zero(2)).named("columns");
         let columns_to_request = m.reg_reset("columns_to_request", columns.width(), 0);
@@ -118,7 +118,7 @@ impl<'b> Vectors<'b> {
         counts_down(rest_to_request, (start, mesh.vertices), rest_requested);
         counts_up(rest_address, (start, mesh.rest), rest_requested);
 
-        m.comment("The palette's vectors go into its memories as they come.");
+        m.comment("The vectors of the palette are written to its memories as they arrive.");
         let joint_width = joint_bits(plan);
         let columns_to_come = m.reg_reset("columns_to_come", columns.width(), 0);
         let column_place = m.reg("column_place", joint_width + 2);

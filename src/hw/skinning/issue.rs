@@ -28,7 +28,7 @@ impl<'b> Issue<'b> {
         rows: &Rows<'b>,
         vectors: &Vectors<'b>,
     ) -> Issue<'b> {
-        m.comment("Issue: an influence goes with its vertex unless either is missing, or room for a vertex that it completes.");
+        m.comment("Issue: an influence is issued with its vertex when both are available; the last influence of a vertex also needs room in the write queue.");
         let (start, skinning) = (rows.start.valid, rows.skinning);
         let slot_bits = bits_for(INFLUENCES_PER_ROW as u64);
         let slot = m.reg("slot", slot_bits);

@@ -21,7 +21,7 @@ impl<'b> VertexSums<'b> {
     pub fn new(around: &Around<'b>, latency: u32) -> VertexSums<'b> {
         let Around { plan, m, .. } = *around;
         let inputs = &around.inputs;
-        m.comment("Accumulation: the first and the second, the third and the fourth, then both; an absent one is 0.");
+        m.comment("Accumulation of up to four points: (first + second) + (third + fourth); an absent point is 0.");
         let (p, w) = (m.pipeline(), plan.number());
         let (valid, Weighted { mark, point }) = (inputs.weighted.valid, inputs.weighted.payload);
         let Mark { position, last } = mark;

@@ -41,7 +41,7 @@ impl<'b> Queue<'b> {
     ) -> Queue<'b> {
         let Around { plan, m, .. } = *around;
         let inputs = &around.inputs;
-        m.comment("The write queue, in block RAM: always read where the front is next, a word shows two clocks after it came.");
+        m.comment("The write queue, in block RAM: read at the next head in every cycle; a word is valid two cycles after its write.");
         let depth = plan.config.skinning_vertices_waiting;
         let bits = bits_for(u64::from(depth));
         let of_vertex = fields::Vertex::of(plan.format);
@@ -87,7 +87,7 @@ impl<'b> Queue<'b> {
         let next_written = m.reg("next_written", plan.address());
         counts_up(next_written, (start, mesh.target), written);
 
-        m.comment("The end: the last vertex is written.");
+        m.comment("End of the mesh: its last vertex is written.");
         let vertices_left = m.reg_reset("vertices_left", plan.address(), 0);
         counts_down(vertices_left, (start, mesh.vertices), written);
         let over = rows.skinning & !(loading | vertices_left.q.any());

@@ -17,18 +17,18 @@ bundle! {
 
 interface! {
     pub(super) (plan: &Plan) {
-        in "A closer hit of the ray: what its near must not exceed from now on" {
+        in "New upper bound for near of the ray, from a closer hit" {
             limit: Flow<Limit>(plan),
         }
-        in "The packet that pops, and a clock later the entry that it pops: whether the ray is in it, its interval there, \
-            and whether it has hit something" {
+        in "Packet that pops; one cycle later the popped entry: whether it contains the ray, the ray's interval in it, \
+            and whether the ray has had a hit" {
             packet: plan.packet_bits(),
             was_in: 1,
             entry: {Interval}(plan),
             touched: 1,
         }
-        out "Whether the ray stays in the entry" { stays: 1 }
-        out "Its interval there" { clipped: {Interval}(plan) }
+        out "High if the ray stays in the entry" { stays: 1 }
+        out "Clipped interval of the ray" { clipped: {Interval}(plan) }
     }
 }
 
@@ -36,7 +36,7 @@ interface! {
 pub(super) fn module(plan: &Plan) -> Result<Arc<Module>, HdlError> {
     let m = Builder::new(
         "tpu_clip",
-        "one ray's part of a pop: its closest hit so far bounds its interval in the entry; a ray whose interval is empty leaves.",
+        "one ray's part of a pop: the ray's closest hit bounds its interval in the popped entry; a ray with an empty interval leaves the entry.",
     );
     let p = m.pipeline();
     let ports = ports(plan);

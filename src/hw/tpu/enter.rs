@@ -65,7 +65,7 @@ pub(super) fn enter<'b>(
         ..
     } = inputs;
     let (arrives, setup) = (setup.valid, setup.payload);
-    m.comment("Where a packet goes that starts or has popped.");
+    m.comment("The destination of a packet after a start or a pop.");
     let in_object = start.nowhere & setup_object;
     retry.push.drive(pop.dropped | in_object);
     let again = |packet, context| InContext::of(plan).pack(InContext { packet, context });

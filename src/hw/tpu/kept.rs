@@ -77,7 +77,7 @@ pub(super) fn keep<'b>(
 ) -> Kept<'b> {
     let packets = plan.packets();
     m.comment(
-        "Where a requested node lies, and its packet's context, kept while the request is out.",
+        "The address of a requested node and its packet's context, stored while the request is in flight.",
     );
     let of_request = Requested::of(plan);
     let width = of_request.width();
@@ -90,7 +90,7 @@ pub(super) fn keep<'b>(
     });
     requests.write(request.fire, item.packet, word);
 
-    m.comment("Intervals and mask of the packet in the node it goes to as a step left them, and its mask as a pop or the setup did.");
+    m.comment("Intervals and mask of the packet in its next node, written by a step; its mask, written by a pop or a start.");
     let of_step = Stepped::of(plan);
     let stepped_memory = m.memory("stepped_memory", packets, of_step.width(), Style::Block);
     stepped_memory.write(stepped.write, stepped.packet, of_step.pack(stepped.kept));

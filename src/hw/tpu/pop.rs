@@ -43,7 +43,7 @@ pub(super) fn choose<'b>(
 ) -> Result<Popping<'b>, HdlError> {
     let of_word = InContext::of(plan);
     m.comment(
-        "Packets that pop: from the geometry unit, from steps that went nowhere, and again after a dropped entry or an instance \
+        "Packets that pop: from the geometry unit, from steps without a next node, and again after a dropped entry or an instance \
          that no ray enters.",
     );
     let [take_done, take_retry, take_stepped] =
@@ -119,7 +119,7 @@ pub(super) fn clip<'b>(
     popping: &Popping<'b>,
     stack: &Stack<'b>,
 ) -> Popped<'b> {
-    m.comment("The pop.");
+    m.comment("Pop: clip the entry.");
     let entry = Entry::of(plan).unpack(stack.entry.word);
     let (ports, interval) = (clip::ports(plan), Interval::of(plan));
     let touched = popping.touched.at(entry.mask.stage());

@@ -89,7 +89,7 @@ pub(super) fn nodes<'b>(
     kept: Request<Wire<'b>>,
 ) -> Result<(ReadOutputs<Signal<'b>>, Served<'b>), HdlError> {
     let item = Item::of(plan);
-    m.comment("Nodes to fetch: after steps, and after pops and starts.");
+    m.comment("Node requests: after steps, and after pops and starts.");
     let after_step = item.pack(Item {
         packet: step.packet,
         address: step.first.address,
@@ -129,7 +129,7 @@ pub(super) fn leaves<'b>(
     ready: Signal<'b>,
 ) -> Result<(Flow<Leaf<Signal<'b>>, Signal<'b>>, Served<'b>), HdlError> {
     let leaf = Leaf::of(plan);
-    m.comment("Leaves to hand over: after steps, and after pops and starts.");
+    m.comment("Leaves to dispatch: after steps, and after pops and starts.");
     let after_step = leaf.pack(Leaf {
         packet: step.packet,
         address: step.first.address,

@@ -29,8 +29,8 @@ pub(super) fn start<'b>(
     } = setup;
     let rays = plan.rays();
     m.comment(
-        "The start, in the scene or in an object: rays arrive one by one, the last one starts the packet at the root. No pop ends while \
-         one arrives. Rays of the world and of an object's space may alternate.",
+        "Start in world space or in object space: rays arrive one by one, the last one starts the packet at the root. No pop ends while \
+         one arrives. Rays in world space and in object space may alternate.",
     );
     let is_ray: Vec<_> = (0..rays)
         .map(|i| {

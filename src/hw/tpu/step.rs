@@ -38,7 +38,7 @@ pub(super) fn slices<'b>(
 ) -> Sliced<'b> {
     let answer = inputs.node.response;
     let interval = Interval::of(plan);
-    m.comment("The packet step. A node's answer enters with the packet's rays.");
+    m.comment("The traversal step. A node from memory enters with the packet's rays.");
     let p = m.pipeline();
     let valid = p.enter(answer.valid).cleared_by_reset();
     let level_packet = p.enter(answer.payload.tag);
@@ -151,7 +151,7 @@ pub(super) fn decide<'b>(
     stepped: SteppedWrite<Wire<'b>>,
 ) -> Step<'b> {
     let (rays, decided) = (&sliced.rays, sliced.decided);
-    m.comment("The packet's decision.");
+    m.comment("The decision for the packet.");
     let gather = |of: fn(&Goes<Signal<'b>>) -> Signal<'b>| {
         let bits: Vec<_> = rays.iter().rev().map(of).collect();
         m.concat(&bits)

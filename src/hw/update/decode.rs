@@ -61,7 +61,7 @@ impl<'b> Decode<'b> {
         window.advance(m, decode, &first);
         decoding.next(start.valid | (decoding.q & !(decode & first.says.end)));
 
-        m.comment("The decoded instruction. Its implicit registers and its vertex's index follow from those before it.");
+        m.comment("The decoded instruction. Its implicit registers and its vertex index follow from earlier instructions.");
         let decoded = m.reg_reset("decoded", 1, 0);
         decoded.next(decode);
         let of = Decoded::of(plan).hold("decoded", first.says);
@@ -116,7 +116,7 @@ pub(super) struct Window<'b> {
 impl<'b> Window<'b> {
     /// Takes the rows' words one by one, while `decoding`. [`Window::advance`] is to follow.
     fn new(m: &'b Builder, decoding: Signal<'b>, rows: &Reader<'b>) -> Window<'b> {
-        m.comment("The window: the program's next bytes, refilled by words, and which of them are there. The others are 0.");
+        m.comment("The window: the next bytes of the program, refilled by words, and their valid bits. Invalid bytes are 0.");
         let bytes = m.reg("window", 8 * WINDOW_BYTES);
         let there = m.reg("window_there", WINDOW_BYTES);
         let words = ROW_BITS / WORD_BITS;
@@ -212,7 +212,7 @@ pub(super) struct First<'b> {
 
 impl<'b> First<'b> {
     fn of(plan: &Plan, m: &'b Builder, window: &Window<'b>) -> First<'b> {
-        m.comment("Decode: the first byte tells the kind and the length.");
+        m.comment("Decode: the first byte determines kind and length.");
         let code = |bit: u32| window.bytes.q.bit(bit);
         let long = (code(3) & code(2)).named("long_code");
         let reload_or_end = (long & code(1) & !code(0)).hinted("is_reload_or_end");

@@ -1,4 +1,4 @@
-//! Execute: the current instruction goes unless what it needs is missing. Only here is memory waited for, and then all later instructions
+//! Execute: the current instruction is issued when its operands are available. Only here is memory waited for, and then all later instructions
 //! wait too.
 
 use super::decode::Decode;
@@ -40,7 +40,7 @@ impl<'b> Execute<'b> {
         decode: &Decode<'b>,
         vertices: &Vertices<'b>,
     ) -> Result<Execute<'b>, HdlError> {
-        m.comment("Instructions wait for their vertices.");
+        m.comment("Instructions wait here for their vertices.");
         let depth = plan.config.update_instructions_ahead;
         let take = m.wire("take_instruction", 1);
         let (push, word) = (decode.completed.valid, decode.completed.payload);
@@ -55,7 +55,7 @@ impl<'b> Execute<'b> {
             pop,
         );
 
-        m.comment("Execute: the current instruction goes unless what it needs is missing.");
+        m.comment("Execute: the current instruction is issued when its operands are available.");
         let instruction = Instruction::of(plan);
         let word = m.reg("current", instruction.width());
         let valid = m.reg_reset("current_valid", 1, 0);

@@ -31,7 +31,7 @@ impl<'b> Rows<'b> {
         let Around { plan, m, .. } = *around;
         let (inputs, told) = (&around.inputs, &around.told);
         let (start, update, a) = (inputs.start.valid, inputs.start.payload, plan.address());
-        m.comment("An update starts when the last one is over and none of its rows is left.");
+        m.comment("An update starts when the last one is complete and none of its rows is left in the prefetcher.");
         let running = m.reg_reset("running", 1, 0);
         let rows_left = m.reg("rows_left", a);
         let any_rows_left = m.reg_reset("any_rows_left", 1, 0);
@@ -40,7 +40,7 @@ impl<'b> Rows<'b> {
         let start = (start & start_ready).named("start");
         running.next(start | (running.q & !told.box_taken));
 
-        m.comment("Fetch: rows of the program, ahead of their use.");
+        m.comment("Prefetch of program rows.");
         let fetch_row = m.reg("fetch_row", a);
         let wanted = any_rows_left.q;
         let names = ("program_prefetch", "rows");
@@ -94,7 +94,7 @@ impl<'b> Vertices<'b> {
     pub fn new(around: &Around<'b>, decode: &Decode<'b>) -> Result<Vertices<'b>, HdlError> {
         let Around { plan, m, .. } = *around;
         let (inputs, told) = (&around.inputs, &around.told);
-        m.comment("Vertices are requested in the order of their loads, ahead of their use.");
+        m.comment("Prefetch of vertices, in the order of their loads.");
         let take_index = m.wire("take_index", 1);
         let take = take_index.get();
         let (push, data, comes) = (decode.index.valid, decode.index.payload, decode.decode_load);

@@ -26,7 +26,9 @@ impl<'b> Operands<'b> {
         execute: &Execute<'b>,
         vertices: &Vertices<'b>,
     ) -> Operands<'b> {
-        m.comment("The registers. A load is written as it goes; the next instruction can read it.");
+        m.comment(
+            "The registers. A load is written when it is issued; the next instruction can read it.",
+        );
         let (config, f) = (&plan.config, plan.format);
         let (of_vertex, of_box) = (fields::Vertex::of(f), fields::Box::of(f));
         let block = |name, registers, width| m.memory(name, registers, width, Style::Block);
@@ -83,7 +85,7 @@ impl<'b> Merge<'b> {
         execute: &Execute<'b>,
         operands: &Operands<'b>,
     ) -> Merge<'b> {
-        m.comment("Merge: of two boxes, or of three vertices, of which each is a box too. A number that is no NaN goes before one that is.");
+        m.comment("Merge of two boxes, or of three vertices (each a degenerate box). A NaN loses against any number.");
         // What a reset leaves here is written before an update can merge anything.
         let goes = p.enter(execute.merge_goes);
         let target = p.enter(execute.current.target).named("merge_target");

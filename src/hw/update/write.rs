@@ -31,7 +31,7 @@ impl<'b> Nodes<'b> {
     ) -> Result<Nodes<'b>, HdlError> {
         let Around { plan, m, p, .. } = *around;
         let inputs = &around.inputs;
-        m.comment("A node's intervals, each on its axis, wait until they are written.");
+        m.comment("The intervals of a node, each on its axis, are queued until they are written.");
         let axes = p.enter(execute.current.z.low(4)).named("merge_axes");
         let axes = axes.at(operands.stage());
         let number = |child: u32, side: &str, end: &str, bounds: [Signal<'b>; 3]| {
@@ -107,7 +107,7 @@ impl<'b> End<'b> {
         let inputs = &around.inputs;
         let ends = execute.end_waits;
         let (read_at, merges) = (operands.stage(), merge.goes);
-        m.comment("The end: when all merges are in their registers and all nodes written, the box, read like a node's.");
+        m.comment("End of the update: when all merges are in their registers and all nodes are written, the object's box is read like that of a node.");
         // What is shown was read read_at clocks before.
         // Since the end waits, nothing has merged.
         let under_way: Vec<_> = (read_at..merge.written + read_at)
