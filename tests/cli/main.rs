@@ -591,7 +591,7 @@ fn links_and_devices_stay_what_they_are() {
     assert_eq!(output.status.code(), Some(1));
     assert_eq!(
         String::from_utf8(output.stderr).unwrap(),
-        "error: pipe.obj: what is written there is JSON; give it a name that ends in .json, not in .obj\n"
+        "error: pipe.obj: the output is JSON; give it a name that ends in .json, not in .obj\n"
     );
     fs::remove_file(at("pipe.obj")).unwrap();
     symlink("/dev/full", at("full")).unwrap();
@@ -1040,7 +1040,7 @@ fn cosim_runs_one_unit_alone() {
             &format!("cosim {scene} --unit tpu --out a.png"),
             folder.path()
         ),
-        "--unit tpu: one unit alone computes no picture; leave out --out"
+        "--unit tpu: a single unit computes no picture; leave out --out"
     );
 }
 

@@ -819,7 +819,7 @@ fn bad_arguments_are_refused_in_one_line() {
         ),
         (
             format!("{water} --rebuild-above 0.5"),
-            "error: --rebuild-above 0.5: give 1 or more, how many times a new tree's cost is too much",
+            "error: --rebuild-above 0.5: give a factor of at least 1",
         ),
         (
             format!("{water} --frames 2 --from-frame 2"),
