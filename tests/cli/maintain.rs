@@ -72,7 +72,7 @@ fn a_configuration_that_cannot_be_upgraded_stays() {
         ),
         (
             ".",
-            ".: is no regular file; give a configuration's name or a TOML file",
+            ".: is not a regular file; give a configuration's name or a TOML file",
         ),
     ] {
         assert_eq!(

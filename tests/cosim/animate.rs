@@ -835,7 +835,7 @@ fn bad_arguments_are_refused_in_one_line() {
         ),
         (
             format!("{water} --frames 1 --trace w.fst --cycles 5 --unit skinning"),
-            "error: scene water: nothing in this scene is skinned: there is no waveform of the skinning processor to be had; give another unit",
+            "error: scene water: this scene has no skinned objects, so the skinning processor has no waveform; give another unit",
         ),
     ] {
         assert_eq!(fault(&arguments, folder), wanted);

@@ -399,7 +399,7 @@ fn tools_that_are_missing_old_or_failing_are_named() {
         "{old}"
     );
     let mute = fails(&mut with("exit 0", unit), folder);
-    assert!(mute.contains("does not say its version"), "{mute}");
+    assert!(mute.contains("does not report its version"), "{mute}");
 
     const VERSION: &str = "case $1 in -V) echo 'Yosys 0.99'; exit 0 ;; esac;";
     let failing = format!("{VERSION} echo 'Warning: odd'; echo 'ERROR: no room' >&2; exit 1");
