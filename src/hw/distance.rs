@@ -1,4 +1,4 @@
-//! The plane distance: (plane − origin) × reciprocal, three ulps down or up.
+//! The plane distance: (plane − origin) × reciprocal, minus or plus three ulps.
 
 use super::fp::{Units, step_up_or_down};
 use super::timing::Timing;
@@ -6,7 +6,7 @@ use crate::hdl::{Builder, HdlError, Library, Module, Parameter, Signal, Specs};
 use crate::interface;
 use std::sync::Arc;
 
-/// Ulps by which a near distance steps down and a far one up: they cover the plane distance's own three roundings.
+/// The ulps by which a near distance is decreased and a far one increased: they cover the three roundings of the plane distance.
 const SLACK: u64 = 3;
 
 interface! {
@@ -59,10 +59,10 @@ fn describe(units: &Units, far: bool) -> Result<Arc<Module>, HdlError> {
     let plane = inputs.plane.input_at(&p, 0);
     let origin = inputs.origin.input_at(&p, 0);
     let offset = units.sub("offset", plane, origin);
-    // The reciprocal is needed only once the difference is there.
+    // The reciprocal is needed at the stage of the difference.
     let reciprocal = (inputs.reciprocal).input_at(&p, offset.stage());
     let distance = {
-        // An alternative, not a number that simplifies anything.
+        // The literal selects a variant; it must not simplify the logic.
         m.simplify(false);
         from_offset("scaled", units, offset, reciprocal, m.lit(u8::from(far), 1))
     };
@@ -70,7 +70,7 @@ fn describe(units: &Units, far: bool) -> Result<Arc<Module>, HdlError> {
     m.finish()
 }
 
-/// A plane's distance, from its `offset` from the origin: down, or `up` that of a far one.
+/// The distance of a plane, given its `offset` from the origin: decreased, or increased if `up` (a far plane).
 pub(super) fn from_offset<'b>(
     name: impl AsRef<str>,
     units: &Units,
@@ -86,7 +86,7 @@ pub(super) fn from_offset<'b>(
     step_up_or_down(units.format, exact, up, SLACK, after_sum).register()
 }
 
-/// Places a [`near`] or [`far`] distance as the instance `name` in the plane's module.
+/// Instantiates a [`near`] or [`far`] distance as `name` in the module of `plane`.
 pub(super) fn place<'b>(
     name: impl AsRef<str>,
     distance: &Arc<Module>,

@@ -1,26 +1,26 @@
-//! The geometry unit: fetches a leaf and its vertices, and passes the packet's rays one a clock through the triangle test.
+//! The geometry unit: fetches a leaf and its vertices, and passes the packet's rays through the triangle test, one per cycle.
 //!
-//! - A leaf that is a **triangle** takes a slot of the test for each ray; the hits are merged.
-//! - A leaf that is an **instance** of an object takes three slots for each ray, in which the test's own operators transform the ray:
+//! - A leaf that is a **triangle** takes one slot of the test per ray; the hits are merged.
+//! - A leaf that is an **instance** of an object takes three slots per ray, in which the operators of the test transform the ray:
 //!   *box* (the ray's interval in the instance's box: its window), *direction* and *origin* (each a matrix times a vector). The
-//!   transformed ray goes through ray setup again and the packet goes on in the object's space.
+//!   transformed ray passes through ray setup again, and the packet continues in object space.
 //!
-//! A packet has at most one leaf under way, so everything here is numbered by its packet, queues are as deep as there are packets,
-//! and nothing can overflow. Rays outside a leaf's mask are skipped and cost nothing.
+//! A packet has at most one leaf in flight. So all state is addressed by the packet number, each queue has one entry per packet,
+//! and no queue can overflow. Rays outside the mask of a leaf are skipped without a slot.
 //!
-//! While no packet is under way, the skinning processor (`skinning.rs`) borrows the test: it writes a palette of matrices and then
-//! issues an influence a clock, which takes a slot.
+//! While no packet is in flight, the skinning processor (`skinning.rs`) can use the test: it writes a palette of matrices and then
+//! issues one influence per cycle, which takes one slot.
 //!
-//! One file a part, in the order in which a leaf meets them:
+//! Each part has a file; a leaf passes the parts in this order:
 //!
-//! | part | does |
+//! | part | function |
 //! |---|---|
-//! | `fetch` | requests a leaf's record and vertices, and says when all are there |
-//! | `issue` | issues slots of the test, one a clock |
-//! | `vectors`, `rays` | keep vertices, vectors and matrices, and rays; a slot reads its own |
-//! | `operands` | chooses what the test takes with a slot |
-//! | `object` | takes transformed rays to ray setup |
-//! | `leaves` | keeps what is needed of a leaf behind the test |
+//! | `fetch` | requests the record and the vertices of a leaf, and signals when all have arrived |
+//! | `issue` | issues slots of the test, one per cycle |
+//! | `vectors`, `rays` | store vertices, vectors and matrices, and rays; each slot reads its data |
+//! | `operands` | selects the operands of the test for each slot |
+//! | `object` | sends transformed rays to ray setup |
+//! | `leaves` | stores the data of a leaf that is needed after the test |
 //! | `merge` | merges hits |
 
 mod fetch;
@@ -52,7 +52,7 @@ const VERTICES_OF_TRIANGLE: u8 = 3;
 const VECTORS_OF_INSTANCE: u8 = 6;
 
 bundle! {
-    /// What is kept of a ray for its tests.
+    /// The limits of a ray and its kind, stored for the tests.
     pub struct Kept(plan: &Plan) {
         limits: ..{Limits}(plan),
         any_hit: 1,
@@ -60,11 +60,11 @@ bundle! {
 }
 
 bundle! {
-    /// A ray that has been set up, as tests need it.
+    /// A ray from ray setup, in the form that tests use.
     pub struct SetUp(plan: &Plan) {
         packet: plan.packet_bits(),
         ray: plan.ray_bits(),
-        /// Whether it is in an object's space.
+        /// Whether it is in object space.
         object: 1,
         tested: ..{Tested}(plan),
         kept: ..{Kept}(plan),
@@ -72,7 +72,7 @@ bundle! {
 }
 
 bundle! {
-    /// A leaf: the tag of its record's request.
+    /// A leaf, as the tag of the request for its record.
     struct Fetched(plan: &Plan) {
         packet: plan.packet_bits(),
         instance: 1,
@@ -80,7 +80,7 @@ bundle! {
 }
 
 bundle! {
-    /// A direction in the world, and whose it is.
+    /// A ray's direction in world space, with packet and slot.
     pub struct World(plan: &Plan) {
         packet: plan.packet_bits(),
         ray: plan.ray_bits(),
@@ -89,7 +89,7 @@ bundle! {
 }
 
 bundle! {
-    /// A ray in an object's space.
+    /// A ray in object space.
     pub struct Moved(plan: &Plan) {
         place: ..{Place}(plan),
         line: ..{Line}(plan),
@@ -113,7 +113,7 @@ bundle! {
 }
 
 bundle! {
-    /// A ray taken to an object's space, and its interval in the instance's box.
+    /// A ray transformed into object space, and its interval in the instance's box.
     pub struct TransformTrace(plan: &Plan) {
         packet: plan.packet_bits(),
         ray: plan.ray_bits(),
@@ -201,13 +201,13 @@ interface! {
     }
 }
 
-/// The geometry unit, and the triangle test within.
+/// The geometry unit, and the triangle test that it contains.
 pub struct Geometry {
     pub module: Arc<Module>,
     pub test: Arc<Module>,
 }
 
-/// The geometry unit of a machine.
+/// Describes the geometry unit of a machine.
 pub fn module(plan: &Plan) -> Result<Geometry, HdlError> {
     let test = triangle::module(plan)?;
     let m = Builder::new(

@@ -1,4 +1,4 @@
-//! The ray casting unit: ray setup, traversal processing unit, geometry unit, and who is in which packet's place.
+//! The ray casting unit: ray setup, traversal unit, geometry unit, and the assignment of packet numbers.
 
 mod hits;
 mod packets;
@@ -23,10 +23,10 @@ use properties::Watched;
 use std::sync::Arc;
 use units::{Site, Units, VertexRequest};
 
-/// Bits of each counter; they wrap.
+/// Width of each counter; counters wrap.
 pub const COUNTER_BITS: u32 = 40;
 
-/// A machine as it was emitted.
+/// An emitted machine.
 #[derive(Debug)]
 pub struct Machine {
     pub config: Config,
@@ -38,7 +38,7 @@ pub struct Machine {
 /// Describes the ray casting unit of a machine. The top module is `raycast_unit`.
 ///
 /// # Errors
-/// A mistake in the description itself, with its place in the Rust source.
+/// A mistake in the description, with its location in the Rust source.
 pub fn emit(plan: &Plan) -> Result<Machine, HdlError> {
     Ok(Machine {
         config: plan.config.clone(),
@@ -50,7 +50,7 @@ pub fn emit(plan: &Plan) -> Result<Machine, HdlError> {
 bundle! {
     /// A ray to cast.
     pub struct Ray(plan: &Plan) {
-        /// Counts at a packet's first ray.
+        /// Valid with the first ray of a packet.
         tag: plan.config.tag_bits,
         line: ..{Line}(plan),
         limits: ..{Limits}(plan),
@@ -60,7 +60,7 @@ bundle! {
 }
 
 bundle! {
-    /// A ray's closest hit, under its packet's tag.
+    /// The closest hit of a ray, with the tag of its packet.
     pub struct TaggedHit(plan: &Plan) {
         tag: plan.config.tag_bits,
         hit: ..{Hit}(plan),
@@ -68,7 +68,7 @@ bundle! {
 }
 
 bundle! {
-    /// A packet all of whose rays have been taken, and its number in flight.
+    /// A packet whose last ray has been accepted, and its packet number.
     pub struct StartTrace(plan: &Plan) {
         packet: plan.packet_bits(),
         tag: plan.config.tag_bits,
@@ -76,7 +76,7 @@ bundle! {
 }
 
 bundle! {
-    /// What is counted since reset.
+    /// The counters since reset.
     pub struct Counters() {
         cycles: COUNTER_BITS,
         packet_steps: COUNTER_BITS,
@@ -91,7 +91,7 @@ bundle! {
     }
 }
 
-/// Bits of the tags of vertex reads: the geometry unit's or the skinning processor's.
+/// Width of the tags of vertex reads, by the geometry unit or the skinning processor.
 fn vertex_tag_bits(plan: &Plan) -> u32 {
     (plan.packet_bits() + geometry::CORNER_BITS).max(skinning::vector_tag_bits(plan))
 }
@@ -153,9 +153,9 @@ interface! {
 }
 
 bundle! {
-    /// What the geometry unit says to units before it.
+    /// The signals from the geometry unit to earlier units.
     struct FromGeometry(plan: &Plan) {
-        /// A ray in an object's space, to be set up.
+        /// A ray in object space, to ray setup.
         object: Flow<Moved>(plan),
         leaf_ready: 1,
         limit: Flow<Limit>(plan),
@@ -165,7 +165,7 @@ bundle! {
 }
 
 bundle! {
-    /// What the skinning processor says to the geometry unit, and that it has it.
+    /// The signals from the skinning processor to the geometry unit, and whether it uses the unit.
     struct FromSkinner(plan: &Plan) {
         skinning_now: 1,
         skin_palette: Flow<Column>(plan),
@@ -175,7 +175,7 @@ bundle! {
 }
 
 bundle! {
-    /// The packet whose hits go out, the ray whose hit is read, and whether the packet's last hit is taken.
+    /// The packet whose hits are output, the ray whose hit is read, and whether the packet's last hit is accepted.
     struct FromHits(plan: &Plan) {
         freed: 1,
         read_packet: plan.packet_bits(),
@@ -208,7 +208,7 @@ pub(super) fn module(plan: &Plan) -> Result<Arc<Module>, HdlError> {
     let from_geometry = FromGeometry::of(plan).wires(m, "");
     let from_skinner = FromSkinner::of(plan).wires(m, "");
     let (object, skinning) = (from_geometry.object.get(), from_skinner.skinning_now.get());
-    // A mesh to skin does not wait for a pause between packets: it makes one.
+    // A mesh to skin stops new packets, so it starts as soon as the packets in flight are finished.
     let paused = (inputs.skin_start.valid | skinning).named("paused");
 
     let ray = (inputs.ray.valid, inputs.ray.payload.tag);
@@ -292,7 +292,7 @@ pub(super) fn module(plan: &Plan) -> Result<Arc<Module>, HdlError> {
     builder.finish()
 }
 
-/// What the units within say to the outside.
+/// The outputs of the instantiated units.
 struct Placed<'a, 'b> {
     packets: &'a Packets<'b>,
     traversal: tpu::Outputs<Signal<'b>>,
@@ -301,7 +301,7 @@ struct Placed<'a, 'b> {
 }
 
 impl<'b> Placed<'_, 'b> {
-    /// What is counted, where it happens.
+    /// The events for the counters.
     fn events(&self, skinning: Signal<'b>) -> Counters<Signal<'b>> {
         let (some, step) = (self.packets.some_under_way, self.traversal.step_taken);
         let slot = self.intersection.slot_taken;
@@ -363,7 +363,7 @@ impl<'b> Placed<'_, 'b> {
     }
 }
 
-/// Counts events; the counters wrap.
+/// Counts events. The counters wrap.
 fn count<'b>(m: &'b Builder, events: Counters<Signal<'b>>) -> Counters<Signal<'b>> {
     m.comment("Counters since reset.");
     events.map(|name, event| {

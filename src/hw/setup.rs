@@ -1,7 +1,7 @@
-//! Ray setup: reciprocals, the watertight test's shear, and the clip to the scene's box. A ray a clock.
+//! Ray setup: reciprocals, the shear of the watertight test, and the clip to the scene's box. It processes one ray per cycle.
 //!
-//! Rays of the world come from the ray port. Rays in an object's space come from the geometry unit, with the interval that
-//! they have in the instance as tmin and tmax; no box clips them further.
+//! Rays in world space come from the ray port. Rays in object space come from the geometry unit, with their interval in the
+//! instance as tmin and tmax; no box clips them further.
 
 use super::distance;
 use super::fp::{Knowing, Known, is_nan, is_zero, less_equal};
@@ -38,8 +38,8 @@ interface! {
     }
 }
 
-/// Ray setup as a pipeline. `lookahead` is how many clocks before its outputs `soon` announces them; the packet alone
-/// is named [`Plan::read_latency`] clocks before, for reads of what belongs to it.
+/// Describes ray setup as a pipeline. `soon` announces a ray `lookahead` cycles before the other outputs. The packet number
+/// leaves [`Plan::read_latency`] cycles before them, as a read address.
 pub fn module(plan: &Plan, lookahead: u32) -> Result<Arc<Module>, HdlError> {
     let w = plan.number();
     let f = plan.format;
@@ -70,17 +70,17 @@ pub fn module(plan: &Plan, lookahead: u32) -> Result<Arc<Module>, HdlError> {
         .chain(&direction)
         .map(|n| plan.decide(is_nan(f, *n)))
         .collect();
-    // A tmin that is a NaN is negative, or greater than any tmax but a NaN.
+    // If tmin is a NaN, it is negative or greater than any tmax that is not a NaN.
     nans.push(plan.decide(is_nan(f, tmax)));
     let any_nan = m.or_all(&nans).named("any_nan").register();
-    // What it says of a NaN does not matter.
+    // The result for a NaN is not used.
     let [least, most] = [tmin, tmax].map(|limit| limit.known(Known::Number));
     let not_negative = less_equal(f, "tmin_not_negative", zero.known(Known::Positive), least);
     let ordered = (not_negative & less_equal(f, "tmin_not_behind_tmax", least, most))
         .named("ordered")
         .register();
     let sound = (active & !any_nan & ordered).named("sound");
-    // A sound ray's limits are not negative, and another's do not matter.
+    // The limits of a valid ray are not negative; those of an invalid ray are not used.
     let [tmin, tmax] = [tmin, tmax].map(|limit| m.zero(1).concat(limit.low(w - 1)));
     let limits = Limits { tmin, tmax };
 
@@ -118,7 +118,7 @@ pub fn module(plan: &Plan, lookahead: u32) -> Result<Arc<Module>, HdlError> {
     };
 
     let ahead = plan.read_latency();
-    // All of a ray but constants is in the pipeline.
+    // All fields of a ray except constants are in the pipeline.
     let stages = out.fields().into_iter().filter_map(|(_, s)| s.staged());
     let last = stages.fold(lookahead.max(ahead), u32::max);
     let outputs = Outputs {
@@ -130,7 +130,7 @@ pub fn module(plan: &Plan, lookahead: u32) -> Result<Arc<Module>, HdlError> {
     m.finish()
 }
 
-/// A ray's interval within its limits and the scene's box, whose least and greatest corner are `scene`.
+/// The interval of a ray within its limits and the scene's box. `scene` is the least and the greatest corner of the box.
 fn clipped<'b>(
     plan: &Plan,
     p: &Pipeline<'b>,
@@ -151,7 +151,7 @@ fn clipped<'b>(
     } = limits;
     for (i, axis) in AXES.iter().enumerate() {
         let sign = line.direction[i].msb();
-        // The box does not change under way: it needs no delay registers to be right at any stage.
+        // The box is constant while rays are in flight, so it needs no delay registers.
         let (lo, hi) = (p.enter_at(scene_lo[i], 0), p.enter_at(scene_hi[i], 0));
         let lo = object
             .mux(minus_infinity, lo)
@@ -184,7 +184,7 @@ fn clipped<'b>(
     Interval { near, far }
 }
 
-/// What the watertight test shears a ray by, and the reciprocal of the direction's greatest component.
+/// The shear of the watertight test, and the reciprocal of the direction's greatest component.
 fn shear<'b>(
     plan: &Plan,
     m: &'b Builder,

@@ -1,8 +1,8 @@
-//! The skinning processor: moves a mesh's vertices at rest by the matrices of the joints that they follow.
+//! The skinning processor: transforms the vertices at rest of a mesh with the weighted matrices of their joints.
 //!
-//! It is a stream without a program: the palette is copied into the geometry unit's memories, then vertices at rest
-//! and their influences are read ahead and meet, an influence a clock. It has no arithmetic: the geometry unit's
-//! triangle test lends its multipliers and adders, so no packet may be under way meanwhile.
+//! It is a stream processor without a program: it copies the palette to the memories of the geometry unit, then prefetches
+//! vertices at rest and their influences and pairs them, one influence per cycle. It has no arithmetic: it uses the
+//! multipliers and adders of the triangle test in the geometry unit, so no packet may be in flight meanwhile.
 //!
 //! ```text
 //! vector memory ──► prefetch ─┬─► palette memories (geometry unit)
@@ -12,10 +12,9 @@
 //!
 //! Each part has a file: `fetch` (vectors and influence rows), `issue`, `sum` and `write`.
 //!
-//! What is issued never waits; a vertex's last influence is issued when the write queue has room for the vertex.
+//! An issued influence never waits; the last influence of a vertex is issued when the write queue has room for the vertex.
 //!
-//! The reference machine's takes, as Yosys counts them for Virtex-4, 642 LUT4, 1,039 flip-flops, 2 RAMB16 (the write queue) and, as
-//! distributed RAM, 200 RAM16X1D, which are 400 LUT4 more; no DSP48. Beside that the geometry unit chooses between its own operands and these.
+//! Its area in the reference machine, without the operand multiplexers in the geometry unit, is in `docs/numbers.md`.
 
 mod fetch;
 mod issue;
@@ -39,20 +38,20 @@ use std::sync::Arc;
 use sum::VertexSums;
 use write::Queue;
 
-/// Bits that number an influence of its vertex.
+/// Width of the index of an influence within its vertex.
 const POSITION_BITS: u32 = 2;
 
-/// Bits that number a joint of a machine's palette.
+/// Width of a joint number.
 pub(super) fn joint_bits(plan: &Plan) -> u32 {
     bits_for(u64::from(plan.config.skinning_joints))
 }
 
-/// Bits of the tags of the processor's vector reads.
+/// Width of the tags of vector reads.
 pub(super) fn vector_tag_bits(plan: &Plan) -> u32 {
     bits_for(u64::from(plan.config.skinning_vertices_ahead))
 }
 
-/// Bits of the tags of its reads of influence rows.
+/// Width of the tags of influence row reads.
 pub(super) fn row_tag_bits(plan: &Plan) -> u32 {
     bits_for(u64::from(plan.config.skinning_rows_ahead))
 }
@@ -71,7 +70,7 @@ bundle! {
 }
 
 bundle! {
-    /// What goes with an influence through the geometry unit and comes back with the result: which of its vertex's it is.
+    /// The mark that an influence carries through the geometry unit: its index within the vertex, returned with the result.
     pub struct Mark() {
         position: POSITION_BITS,
         last: 1,
@@ -79,7 +78,7 @@ bundle! {
 }
 
 bundle! {
-    /// An influence, and the vertex at rest that it moves.
+    /// An influence and its vertex at rest.
     pub struct Influence(plan: &Plan) {
         joint: joint_bits(plan),
         point: ..{Vector}(plan),
@@ -88,7 +87,7 @@ bundle! {
 }
 
 bundle! {
-    /// An influence as the processor issues it.
+    /// An influence as issued by the processor.
     pub struct Issued(plan: &Plan) {
         influence: ..{Influence}(plan),
         mark: ..{Mark}(),
@@ -96,7 +95,7 @@ bundle! {
 }
 
 bundle! {
-    /// An influence as the geometry unit takes it.
+    /// An influence as accepted by the geometry unit.
     pub struct Taken(plan: &Plan) {
         mark: ..{Mark}(),
         influence: ..{Influence}(plan),
@@ -104,7 +103,7 @@ bundle! {
 }
 
 bundle! {
-    /// A vertex moved and weighted.
+    /// A transformed vertex times its weight.
     pub struct Weighted(plan: &Plan) {
         mark: ..{Mark}(),
         point: ..{Vector}(plan),
@@ -121,7 +120,7 @@ bundle! {
 }
 
 bundle! {
-    /// Numbers to add.
+    /// Operands of an addition.
     pub struct Operands(plan: &Plan) {
         a: plan.number(),
         b: plan.number(),
@@ -129,7 +128,7 @@ bundle! {
 }
 
 bundle! {
-    /// Numbers to add on each axis: weighted ones, and sums of two.
+    /// Operands of the additions on each axis: of two weighted points, and of two sums.
     pub struct Sums(plan: &Plan, pair_heading: &str, vertex_heading: &str) {
         pair_heading { pair: {Axes<Operands> = [(); 3].map(|()| Operands::of(plan))} }
         vertex_heading { vertex: {Axes<Operands> = [(); 3].map(|()| Operands::of(plan))} }
@@ -190,19 +189,19 @@ interface! {
 }
 
 bundle! {
-    /// What later parts tell earlier ones.
+    /// The signals from later parts to earlier ones.
     struct Back() {
-        /// The front row has been used.
+        /// Removes the front row, which has been used.
         pop_row: 1,
-        /// A vertex's last influence is issued, so the vertex at rest has been used; there is room for one more vertex that is.
+        /// The last influence of a vertex is issued, so its vertex at rest has been used; there is room for one more such vertex.
         completes: 1,
         room: 1,
-        /// All of the mesh is written.
+        /// The whole mesh is written.
         over: 1,
     }
 }
 
-/// What every part is given: the unit's inputs and what later parts tell, and what it is described with.
+/// The environment of every part: the inputs of the unit, the signals from later parts, and the description.
 struct Around<'b> {
     plan: &'b Plan,
     m: &'b Builder,
@@ -210,10 +209,10 @@ struct Around<'b> {
     told: Back<Signal<'b>>,
 }
 
-/// A mesh, in the clock in which it starts.
+/// A mesh, in the cycle of its start.
 type Start<'b> = Flow<Mesh<Signal<'b>>, Signal<'b>>;
 
-/// The skinning processor of a machine whose triangle test is `test`.
+/// Describes the skinning processor of a machine with the triangle test `test`.
 ///
 /// # Errors
 /// A mistake in the description; none is known for any configuration.

@@ -1,8 +1,8 @@
-//! The traversal processing unit: a packet step a clock.
+//! The traversal unit (TPU): one traversal step per cycle.
 //!
-//! A packet under way is in exactly one place: waiting in a queue, in memory as a node request, in the step pipeline, in the
-//! pop pipeline, or in the geometry unit. So every queue is as deep as there are packets and can never overflow, every pipeline
-//! has a fixed latency and never stalls, and what belongs to a packet travels with it as its *context*.
+//! A packet in flight is in exactly one place: in a queue, in memory as a node request, in the step pipeline, in the pop
+//! pipeline, or in the geometry unit. So a queue with one entry per packet can never overflow, every pipeline has a fixed
+//! latency and never stalls, and the state of a packet travels with it as its *context*.
 //!
 //! ```text
 //! start ──────────────────────────────► pop ──► fetch (popped) ──┐
@@ -10,8 +10,8 @@
 //!  retry, step's pops, geometry's done ──┘ └── stack        node request
 //!                                               ▲                │
 //!  step ──► fetch (stepped) ────────────────────┼─► node request ▼
-//!   ▲                                           │           node answer
-//!   └─ 4 plane distances a ray, decision, push ─┴────────────────┘
+//!   ▲                                           │          node response
+//!   └─ 4 plane distances/ray, decision, push  ──┴────────────────┘
 //! ```
 
 mod clip;
@@ -37,17 +37,17 @@ use pop::Retry;
 use properties::Watched;
 use std::sync::Arc;
 
-/// The traversal processing unit, and how long its pop pipeline is.
+/// The traversal unit, and the latency of its pop pipeline.
 pub struct Tpu {
     pub module: Arc<Module>,
-    /// Clocks from a pop's start to its result. Whatever else writes what a pop writes must say so that long before.
+    /// Cycles from the start of a pop to its result. Any other write to the memories that a pop writes must be announced this early.
     pub pop_latency: u32,
-    /// The slice of one ray, for its own tests.
+    /// The slice of one ray, for its tests.
     pub slice: Arc<Module>,
 }
 
 bundle! {
-    /// A ray that has been set up, as traversal needs it.
+    /// A ray from ray setup, in the form that traversal uses.
     pub struct SetUp(plan: &Plan) {
         place: ..{Place}(plan),
         enters: 1,
@@ -59,7 +59,7 @@ bundle! {
 }
 
 bundle! {
-    /// A packet step: its node, which rays go to each child, and their intervals in it.
+    /// A traversal step: its node, the rays that enter each child, and their intervals in it.
     pub struct StepTrace(plan: &Plan) {
         packet: plan.packet_bits(),
         node: plan.address(),
@@ -72,7 +72,7 @@ bundle! {
 }
 
 bundle! {
-    /// A finished packet, and which of its rays have hit something.
+    /// A finished packet and its hit mask.
     pub struct Finished(plan: &Plan) {
         packet: plan.packet_bits(),
         touched: plan.rays(),
@@ -125,8 +125,8 @@ interface! {
     }
 }
 
-/// The traversal processing unit of a machine: its parts in the order in which a packet meets them. What a later part says to an
-/// earlier one goes by wires, made first.
+/// Describes the traversal unit of a machine: its parts, in the order in which a packet passes them. Wires, declared first, carry
+/// the signals from later parts to earlier ones.
 pub fn module(plan: &Plan) -> Result<Tpu, HdlError> {
     let slice = slice::module(plan)?;
     let (ray, clip) = (ray::module(plan, &slice)?, clip::module(plan)?);
