@@ -1,4 +1,4 @@
-//! Multiplication: one product of significands, rounded.
+//! Multiplication: the rounded product of the significands.
 
 use super::binary;
 use super::fields::{Special, operand, pack};
@@ -7,7 +7,7 @@ use crate::float::{Format, plain};
 use crate::hdl::{Builder, HdlError, Module, Signal, Specs};
 use std::sync::Arc;
 
-/// Bits of an unsigned operand of a DSP48 (which multiplies 18 by 18 bits, signed).
+/// Width of an unsigned operand of a DSP48, which multiplies signed numbers of 18 bits.
 const DSP_BITS: u32 = 17;
 
 fn schedule(format: Format, clock_mhz: u32) -> Schedule {
@@ -17,42 +17,42 @@ fn schedule(format: Format, clock_mhz: u32) -> Schedule {
         steps.push(Step::new("add crosswise", chain(f + 2)));
         steps.push(Step::new("add products", chain(2 * f + 2 - DSP_BITS)));
     }
-    // Which bits are rounded off is known one level after the product; their test is a tree beside it.
+    // The bits below the rounding position are known one level after the product; their test is a parallel tree.
     steps.push(Step::new("rounding", reduction(f).max(LOGIC) + 2 * LOGIC));
     steps.push(Step::new("round", chain(e + f + 3)));
     steps.push(Step::new("pack", reduction(e + 1) + LOGIC));
     Schedule::new(steps, clock_mhz)
 }
 
-/// Clocks from operands to product.
+/// The latency from operands to product, in cycles.
 pub fn latency(format: Format, clock_mhz: u32) -> u32 {
     schedule(format, clock_mhz).depth()
 }
 
-/// Whether the caller may choose between two operands before the unit, a level of logic, without a register.
+/// Whether a two-input multiplexer (one level of logic) fits before the unit without a register.
 pub fn takes_choice(format: Format, clock_mhz: u32) -> bool {
     schedule(format, clock_mhz).takes_choice()
 }
 
-/// What `fp_mul` computes.
+/// The function of `fp_mul`.
 pub fn model(format: Format, a: u64, b: u64) -> u64 {
     plain::mul(format, a, b)
 }
 
-/// Pairs at the edges of what the multiplier's steps distinguish.
+/// Pairs of operands at the corner cases of the multiplier's steps.
 pub fn directed_cases(format: Format) -> Vec<(u64, u64)> {
     let f = format.fraction_bits();
     let sign = format.sign_bit();
     let (one, infinity) = (format.one(), format.infinity());
     let ones = format.fraction_mask();
     let mut cases = vec![];
-    // Products about a power of two, ties, and rounding that carries into the exponent.
+    // Products near a power of two, ties, and rounding that carries into the exponent.
     for a in [0, 1, 2, 3, ones, ones - 1, ones >> 1, (ones >> 1) + 1] {
         for b in [0, 1, 2, 3, ones, ones - 1, ones >> 1, (ones >> 1) + 1] {
             for signs in [0, sign] {
                 cases.push((one | a, (one | b) | signs));
             }
-            // The same at the edges: exponents that add up to the least or the greatest, or one beyond.
+            // The same at the limits of the range: sums of exponents equal to the least or the greatest, or one beyond.
             let last = format.exponent_mask() - 1;
             let bias = format.bias() as u64;
             for exponent in [bias - 1, bias, bias + 1, bias + 2] {
@@ -113,7 +113,7 @@ fn product<'b>(plan: &Schedule, a: Signal<'b>, b: Signal<'b>) -> Signal<'b> {
         .named("product")
 }
 
-/// The module `fp_mul`.
+/// Describes the module `fp_mul`.
 pub fn module(format: Format, clock_mhz: u32) -> Result<Arc<Module>, HdlError> {
     let (e, f) = (format.exponent_bits(), format.fraction_bits());
     let plan = schedule(format, clock_mhz);
