@@ -1,16 +1,16 @@
-//! Fetch: starts meshes, and reads their influences, their palettes and their vertices at rest ahead of their use.
+//! Fetch: starts meshes, and prefetches their influences, palettes and vertices at rest.
 
 use super::{Around, Column, Start, joint_bits};
 use crate::hdl::properties::Reader;
 use crate::hdl::{Flow, HdlError, Signal};
 use crate::hw::counters::{counts_down, counts_up};
 
-/// The rows of a mesh's influences, as they come.
+/// The prefetched influence rows of a mesh.
 pub(super) struct Rows<'b> {
-    /// Whether a mesh may start, and one that starts.
+    /// Whether a mesh may start, and the mesh that starts.
     pub start_ready: Signal<'b>,
     pub start: Start<'b>,
-    /// High from the clock after a start until all of the mesh is written.
+    /// High from the cycle after a start until the whole mesh is written.
     pub skinning: Signal<'b>,
     pub reader: Reader<'b>,
     // For the properties.
@@ -20,8 +20,8 @@ pub(super) struct Rows<'b> {
 }
 
 impl<'b> Rows<'b> {
-    /// Starts a mesh when the last one is written, none of its rows is left and the geometry unit is free, and requests its rows in order. The
-    /// front row stays until `pop_row`, which comes only where it is valid.
+    /// Starts a mesh when the previous one is written, none of its rows is left and the geometry unit is available, and requests its rows
+    /// in order. The front row is stable until `pop_row`, which may be high only while the row is valid.
     pub fn new(around: &Around<'b>) -> Result<Rows<'b>, HdlError> {
         let Around { plan, m, .. } = *around;
         let (inputs, told) = (&around.inputs, &around.told);
@@ -65,9 +65,9 @@ impl<'b> Rows<'b> {
     }
 }
 
-/// The vectors of a mesh, as they come: the palette's, then the vertices at rest.
+/// The prefetched vectors of a mesh: the palette, then the vertices at rest.
 pub(super) struct Vectors<'b> {
-    /// The palette's go out as they come; while any is to come, `loading` is high.
+    /// The vectors of the palette, output when they arrive; `loading` is high until the last one has arrived.
     pub palette: Flow<Column<Signal<'b>>, Signal<'b>>,
     pub loading: Signal<'b>,
     pub reader: Reader<'b>,
@@ -83,7 +83,7 @@ pub(super) struct Vectors<'b> {
 }
 
 impl<'b> Vectors<'b> {
-    /// Requests a mesh's vectors in order. A vertex at rest stays in front until it `completes`.
+    /// Requests the vectors of a mesh in order. A vertex at rest stays at the front until `completes`.
     pub fn new(around: &Around<'b>, start: Start<'b>) -> Result<Vectors<'b>, HdlError> {
         let Around { plan, m, .. } = *around;
         let (inputs, told) = (&around.inputs, &around.told);

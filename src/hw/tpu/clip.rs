@@ -1,4 +1,4 @@
-//! One ray's part of a pop.
+//! The part of one ray in a pop.
 
 use crate::hdl::{Builder, Bundle, Flow, HdlError, Module, Specs, Style};
 use crate::hw::fp::{Knowing, Known, less_equal};
@@ -8,7 +8,7 @@ use crate::{bundle, interface};
 use std::sync::Arc;
 
 bundle! {
-    /// What the ray's near must not exceed from now on.
+    /// A new upper bound for near of the ray.
     pub(super) struct Limit(plan: &Plan) {
         packet: plan.packet_bits(),
         value: plan.number(),
@@ -32,7 +32,7 @@ interface! {
     }
 }
 
-/// A ray's limit, which bounds its interval in an entry of the stack.
+/// Describes the limit of a ray, which bounds its interval in a stack entry.
 pub(super) fn module(plan: &Plan) -> Result<Arc<Module>, HdlError> {
     let m = Builder::new(
         "tpu_clip",
@@ -53,7 +53,7 @@ pub(super) fn module(plan: &Plan) -> Result<Arc<Module>, HdlError> {
         Style::Distributed,
     );
     limits.write(limit.valid, limit.payload.packet, limit.payload.value);
-    // Any hit's limit is minus infinity; a closest hit's is a distance.
+    // The limit of an any-hit ray with a hit is minus infinity; that of other rays is a distance.
     let limit = limits.read_now(packet).register().known(Known::Number);
     let near_known = near.known(Known::Positive);
     let within = less_equal(plan.format, "is_within", near_known, limit).named("is_within");

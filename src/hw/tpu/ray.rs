@@ -1,4 +1,4 @@
-//! What the traversal unit keeps of one of a packet's rays, and the ray's part of a packet step.
+//! One ray of every packet in the traversal unit: its memories, and its part of a traversal step.
 
 use super::slice::{self, Outputs as Goes, Side};
 use crate::bkd::layout::fields::Planes;
@@ -9,7 +9,7 @@ use crate::{bundle, interface};
 use std::sync::Arc;
 
 bundle! {
-    /// What a packet step needs of a ray.
+    /// The data of a ray for a traversal step.
     pub(super) struct RayWord(plan: &Plan) {
         origin: [plan.number(); xyz],
         reciprocal: [plan.number(); xyz],
@@ -18,7 +18,7 @@ bundle! {
 }
 
 bundle! {
-    /// A ray's interval, to be kept.
+    /// A write of a ray's interval.
     pub(super) struct Write(plan: &Plan) {
         write: 1,
         interval: ..{Interval}(plan),
@@ -53,7 +53,7 @@ interface! {
     }
 }
 
-/// A ray's memories, and its slice behind them. Stage 0 is the node's answer.
+/// Describes the memories of a ray and the slice that follows them. Stage 0 is the response with the node.
 pub(super) fn module(plan: &Plan, slice: &Arc<Module>) -> Result<Arc<Module>, HdlError> {
     let builder = Builder::new(
         "tpu_ray",

@@ -1,4 +1,4 @@
-//! One ray's part of a packet step.
+//! The part of one ray in a traversal step.
 
 use crate::bkd::layout::fields::Planes;
 use crate::hdl::{Builder, HdlError, Module, Signals, Specs};
@@ -41,7 +41,7 @@ interface! {
     }
 }
 
-/// One ray's part of a packet step: its interval in both children, and where it goes.
+/// Describes the part of one ray in a traversal step: its interval in both children, and the children that it enters.
 pub(super) fn module(plan: &Plan) -> Result<Arc<Module>, HdlError> {
     let f = plan.format;
     let m = Builder::new(
@@ -54,7 +54,7 @@ pub(super) fn module(plan: &Plan) -> Result<Arc<Module>, HdlError> {
     let planes = inputs.planes.inputs_at(&p, 0);
     let sides = [&inputs.left, &inputs.right].map(|side| side.inputs_at(&p, 0));
     let distance_latency = plan.near_distance.stage("distance")?;
-    // A valid ray's 0 <= tmin <= near, and neither near nor far is ever a NaN.
+    // For a valid ray 0 <= tmin <= near, and near and far are never NaN.
     let Interval { near, far } = inputs.ray.inputs_at(&p, distance_latency);
     let active = inputs.ray_active.input_at(&p, distance_latency);
 
