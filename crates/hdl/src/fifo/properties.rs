@@ -4,7 +4,8 @@
 use crate::properties::{shown_stays, wrapped};
 use crate::{Builder, Memory, Outputs, Proof, Reads, Reg, Signal, bits_for};
 
-const WHAT: &str = "words leave in order, each once; none is lost; no overflow; the front word is stable";
+const WHAT: &str =
+    "words leave in order, each once; none is lost; no overflow; the front word is stable";
 
 /// The ports and the state of a queue.
 pub(super) struct Queue<'b> {
@@ -155,7 +156,10 @@ pub(super) fn order<'b>(queue: &Queue<'b>, front: Option<(Signal<'b>, Signal<'b>
             .implies(queue.valid & queue.front.eq(watched.word)),
     );
     queue.seed_faults(&proof, queue.push | queue.pop);
-    proof.fault("a reset does not clear the count", queue.count.q.without_reset());
+    proof.fault(
+        "a reset does not clear the count",
+        queue.count.q.without_reset(),
+    );
     if let Some((more, front)) = front {
         let one = m.lit(1u8, queue.count.q.width());
         proof.assert(
