@@ -169,17 +169,17 @@ fn to_text(args: &Args, loaded: &Loaded, found: &Comparison) -> String {
         let [built, refitted] = both.map(|agreement| grouped(count(agreement) as u64));
         let _ = writeln!(text, "{what:28} {built:>12} {refitted:>12}");
     };
-    row("hit something", |a| a.account.hits);
-    row("see another triangle", |a| a.account.different());
-    row("  equally far", |a| a.account.same_distance);
+    row("with a hit", |a| a.account.hits);
+    row("different triangle", |a| a.account.different());
+    row("  at equal distance", |a| a.account.same_distance);
     row("  near an edge", |a| a.account.near_edge);
-    row("    nothing in the machine", |a| a.account.lost);
+    row("    no hit in the machine", |a| a.account.lost);
     row("  unexplained", |a| a.account.unexplained);
     row("  f64 as the machine", |a| a.machine_exact);
     row("  f64 as Embree", |a| a.embree_exact);
     let _ = writeln!(
         text,
-        "Embree's own packets of 4 see another triangle than its single rays in {}",
+        "Embree's packets of 4 hit a different triangle than its single rays in {}",
         counted(found.embree_differs_by_four as u64, "ray")
     );
     text

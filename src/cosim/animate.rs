@@ -65,7 +65,7 @@ pub enum Unit {
     Skinning,
     /// The update processor
     Update,
-    /// Ray setup, traversal and geometry together
+    /// Ray setup, traversal unit and geometry unit together
     Raycast,
 }
 

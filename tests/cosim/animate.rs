@@ -815,7 +815,7 @@ fn bad_arguments_are_refused_in_one_line() {
         ),
         (
             format!("{water} --fps 0"),
-            "error: --fps 0: give from 0.001 to 1000000 frames a second",
+            "error: --fps 0: give 0.001 to 1000000 frames per second",
         ),
         (
             format!("{water} --rebuild-above 0.5"),
