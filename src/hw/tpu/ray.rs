@@ -58,7 +58,7 @@ pub(super) fn module(plan: &Plan, slice: &Arc<Module>) -> Result<Arc<Module>, Hd
     let builder = Builder::new(
         "tpu_ray",
         "one ray of every packet in the traversal unit: the ray, its interval after a pop or a start, and its part of a \
-         packet step.",
+         traversal step.",
     );
     let m = &builder;
     let p = m.pipeline();
