@@ -909,7 +909,7 @@ fn what_the_format_cannot_hold_is_said_of_every_object_once() {
     assert_eq!(
         precision(&file.load()),
         [
-            "scene scene: 1 of 4 triangles have no area (1 of flat); remove them from the mesh, where they only take time".to_string(),
+            "scene scene: 1 of 4 triangles have no area (1 of flat); remove them from the mesh, because they only cost time".to_string(),
             format!("scene scene: 1 of 4 triangles have no area once rounded to {format} (1 of far); a format with more fraction bits would keep them"),
             format!("scene scene: 1 coordinates are too small for {format} and became zero (1 of tiny); a format with more exponent bits would keep them"),
             format!("scene scene, far: lies 1000000 times its own size away from the origin, where {format} is coarse; move it to the origin"),
