@@ -387,7 +387,7 @@ impl Key {
         };
         if !is_whole && !matches!(self.values, Values::Names(_)) {
             bail!(
-                "{} = {} is no whole number: use {}",
+                "{} = {} is not a whole number: use {}",
                 self.path(),
                 text::word(&value.to_string()),
                 self.range()
@@ -496,7 +496,7 @@ impl Config {
                     );
                 }
                 bail!(
-                    "{file}:{}: key {} stands outside a section: write it under one of {}",
+                    "{file}:{}: key {} is outside a section: write it under one of {}",
                     find_line(text, None, section),
                     text::cut(section, LONGEST_NAME),
                     sections().join(", ")
@@ -634,7 +634,7 @@ fn read_file(path: &Path) -> Result<String> {
         );
     }
     if !path.is_file() {
-        bail!("{shown}: is no regular file; give a configuration's name or a TOML file");
+        bail!("{shown}: is not a regular file; give a configuration's name or a TOML file");
     }
     let bytes = std::fs::read(path);
     let bytes = bytes.with_context(|| format!("{shown}: cannot read the configuration"))?;
@@ -753,7 +753,7 @@ fn add(document: &mut toml_edit::DocumentMut, key: &Key) -> Result<()> {
             }
             table.insert(key.name, value);
         }
-        _ => bail!("key {} stands outside a section", key.section),
+        _ => bail!("key {} is outside a section", key.section),
     }
     Ok(())
 }
@@ -979,7 +979,7 @@ mod tests {
         );
         assert_eq!(
             fault("packets.rays", "four"),
-            "packets.rays = \"four\" is no whole number: use 1, 2, 4, 8"
+            "packets.rays = \"four\" is not a whole number: use 1, 2, 4, 8"
         );
         assert!(fault("packets.ray", "4").starts_with(
             "unknown key packets.ray: there are float.exponent_bits, float.fraction_bits, "

@@ -98,7 +98,7 @@ fn core_file(machine: &Machine, bench: &Bench) -> String {
         let _ = writeln!(core, "      - {}.v", design.module_name(module));
     }
     core += "    file_type: verilogSource-2001\n\
-             \x20 # A bench of the ray casting unit, and golden vectors: see docs/vectors.md of DynRT.\n\
+             \x20 # Test bench of the ray casting unit and golden vectors: see docs/vectors.md of DynRT.\n\
              \x20 sim:\n    files:\n";
     for (name, _) in &bench.sources {
         let _ = writeln!(core, "      - {name}");
@@ -107,7 +107,7 @@ fn core_file(machine: &Machine, bench: &Bench) -> String {
         let _ = writeln!(core, "      - {name}: {{is_include_file: true}}");
     }
     core += "    file_type: verilogSource-2001\n\
-             \x20 # The bench reads them where it runs.\n\
+             \x20 # The test bench reads these files from its working directory.\n\
              \x20 vectors:\n    files:\n";
     for (name, _) in &bench.data {
         let file = name.rsplit('/').next().unwrap_or(name);
@@ -123,7 +123,7 @@ fn core_file(machine: &Machine, bench: &Bench) -> String {
          \x20   toplevel: {top}\n\
          \x20 lint:\n\
          \x20   <<: *default\n\
-         \x20   description: every warning of Verilator\n\
+         \x20   description: lint with all warnings of Verilator\n\
          \x20   flow: lint\n\
          \x20   flow_options:\n\
          \x20     tool: verilator\n\
@@ -134,7 +134,7 @@ fn core_file(machine: &Machine, bench: &Bench) -> String {
          \x20   flow_options:\n\
          \x20     tool: icarus\n\
          \x20     iverilog_options: [-g2001]\n\
-         \x20     # Whatever does not agree ends the simulation by $stop, which this makes a failure.\n\
+         \x20     # A mismatch ends the simulation with $stop; this option makes it a failure.\n\
          \x20     vvp_options: [-N]\n\
          \x20   filesets: [rtl, sim, vectors]\n\
          \x20   toplevel: {bench}\n\

@@ -128,7 +128,7 @@ pub fn measure(
             };
             ensure!(
                 request.clocks == Clocks::All || tools == was.clock_tools,
-                "the clocks were measured with {}, and these tools are {}; use --clock, which measures all of them",
+                "the clocks were measured with {}, but the tools are {}; use --clock to measure all of them again",
                 was.clock_tools.join(", "),
                 tools.join(", ")
             );
@@ -197,7 +197,7 @@ fn frame(
     let report = unit.cast(&image, &rays, &options, &|_| ())?;
     ensure!(
         report.cycles == cycles,
-        "{spec}: {cycles} clocks, then {} for the same rays: a run does not repeat itself",
+        "{spec}: {cycles} cycles, then {} for the same rays: the run is not deterministic",
         report.cycles
     );
     let by_interval = |count: fn(&Counters) -> u64| {

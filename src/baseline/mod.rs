@@ -206,7 +206,7 @@ impl Baseline {
             anyhow!("{shown}: {error}; run this in a checkout, give --file, or make one: dynrt baseline --accept \"the first\" --configurations --depths --clock")
         })?;
         serde_json::from_str(&text).with_context(|| {
-            format!("{shown}: is no baseline of this version; restore it from the repository, or remove it and make one anew")
+            format!("{shown}: is not a baseline of this version; restore it from the repository, or remove it and create a new one")
         })
     }
 

@@ -92,7 +92,7 @@ impl InstanceSpec {
         for &x in numbers {
             ensure!(
                 x.is_finite() && a.round(x) == x,
-                "{x:e} is no number of {}; round its matrix and its box to the format",
+                "{x:e} is not a number of {}; round its matrix and its box to the format",
                 a.format()
             );
         }
@@ -231,7 +231,7 @@ impl InstancedImage {
             .with_context(|| format!("object {number}"))?;
         ensure!(
             (place.triangles, place.vertices) == (old.triangles, old.vertices),
-            "object {number} has {} triangles and {} vertices, but its place holds {} and {}; build the image anew",
+            "object {number} has {} triangles and {} vertices, but its place holds {} and {}; build the image again",
             place.triangles,
             place.vertices,
             old.triangles,

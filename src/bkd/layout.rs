@@ -391,7 +391,10 @@ impl Record {
             );
             for (digit, character) in line.chars().rev().enumerate() {
                 let Some(nibble) = character.to_digit(16) else {
-                    bail!("line {}: {character:?} is no hexadecimal digit", number + 1);
+                    bail!(
+                        "line {}: {character:?} is not a hexadecimal digit",
+                        number + 1
+                    );
                 };
                 words[start + digit / 8] |= nibble << (4 * (digit % 8));
             }
@@ -777,7 +780,7 @@ impl MemoryImage {
         let range = first..first + records.len() as u32;
         ensure!(
             records.last() == Some(&(range.end - 1)),
-            "the {} instance records do not lie one after another from {first} on; build the top-level tree anew",
+            "the {} instance records do not lie one after another from {first} on; build the top-level tree again",
             records.len()
         );
         Ok(range)
@@ -867,7 +870,7 @@ impl MemoryImage {
             let missed = walk.reached.iter().filter(|seen| !**seen).count();
             ensure!(
                 missed == 0,
-                "{missed} of {} triangle records are not reached from the root; build the tree anew",
+                "{missed} of {} triangle records are not reached from the root; build the tree again",
                 walk.reached.len()
             );
             return Ok(deepest);
@@ -949,23 +952,23 @@ impl MemoryImage {
             ensure!(
                 vectors as usize + InstanceRecord::VECTORS <= self.vertices.len(),
                 "instance record {index} names vectors {vectors} and the {} after it, but there are {}; \
-                 build the top-level tree anew",
+                 build the top-level tree again",
                 InstanceRecord::VECTORS - 1,
                 self.vertices.len()
             );
             ensure!(
                 root.left_axis == 0 && root.right_axis == 0 && record.vertices[2] == 0,
-                "instance record {index} has a field other than 0 where it must be 0; build the top-level tree anew"
+                "instance record {index} has a field other than 0 where it must be 0; build the top-level tree again"
             );
             let Some(taken) = numbered.get_mut(number as usize) else {
                 bail!(
                     "instance record {index} has the number {number}, but there are {count} instances, counted from 0; \
-                     build the top-level tree anew"
+                     build the top-level tree again"
                 );
             };
             ensure!(
                 !std::mem::replace(taken, true),
-                "two instances have the number {number}; build the top-level tree anew"
+                "two instances have the number {number}; build the top-level tree again"
             );
         }
         Ok(())
@@ -1001,31 +1004,31 @@ impl<'a> Walk<'a> {
                 Target::Record(index) => {
                     let Some(seen) = self.reached.get_mut(index as usize) else {
                         bail!(
-                            "a link leads to {kind} record {index}, but there are {}; build the tree anew",
+                            "a link leads to {kind} record {index}, but there are {}; build the tree again",
                             self.image.records.len()
                         );
                     };
                     ensure!(
                         !std::mem::replace(seen, true),
-                        "{kind} record {index} is reached twice; build the tree anew"
+                        "{kind} record {index} is reached twice; build the tree again"
                     );
                     leaf(index, depth);
                 }
                 Target::Node(index) => {
                     let Some(seen) = self.visited.get_mut(index as usize) else {
                         bail!(
-                            "a link leads to node {index}, but there are {}; build the tree anew",
+                            "a link leads to node {index}, but there are {}; build the tree again",
                             self.image.nodes.len()
                         );
                     };
                     ensure!(
                         !std::mem::replace(seen, true),
-                        "node {index} is reached twice; build the tree anew"
+                        "node {index} is reached twice; build the tree again"
                     );
                     let link = self.image.nodes[index as usize].link;
                     ensure!(
                         link.left_axis < 3 && link.right_axis < 3,
-                        "node {index} has an axis other than 0, 1 and 2; build the tree anew"
+                        "node {index} has an axis other than 0, 1 and 2; build the tree again"
                     );
                     open.extend(link.children(index).map(|child| (child, depth + 1)));
                 }
@@ -1223,7 +1226,7 @@ mod tests {
         );
         let error = layout.words_of_hex("g50123456789abcdef").unwrap_err();
         assert!(
-            error.to_string().contains("'g' is no hexadecimal digit"),
+            error.to_string().contains("'g' is not a hexadecimal digit"),
             "{error}"
         );
     }

@@ -1,4 +1,4 @@
-//! `dynrt animate`: a scene that moves, every stage of every frame in the emitted Verilog.
+//! `dynrt animate`: co-simulation of an animated scene, every stage of every frame.
 
 use super::files::{Kind, Output};
 use super::frame::{CameraArgs, SIZE, active, check_size};
@@ -18,14 +18,14 @@ use std::fmt::Write as _;
 use std::time::Duration;
 
 const HELP: &str = "\
-In every frame the host poses the scene and builds the tree over its instances; the skinning processor writes the
-vertices of skinned objects; the update processor writes the bounds of trees whose vertices moved; the ray casting unit
-draws. All three run as Verilog under Verilator and are compared with the golden model in all bits: vertices, nodes, boxes,
-hits, the picture. The first mismatch stops the run and is reported with the command that replays its frame. Exit status 0
-only if all agrees.
+In every frame the host poses the scene and builds the top-level tree over its instances; the skinning processor writes the
+vertices of skinned objects; the update processor refits the trees whose vertices moved; the ray casting unit casts the rays
+of the picture. All three run as Verilog under Verilator, and all results are compared bit by bit with the golden model:
+vertices, nodes, boxes, hits and the picture. The first mismatch ends the run; the report includes the command that replays
+its frame. The exit status is 0 only if all results agree.
 
-SCENE is a glTF file (.glb, .gltf), a folder of OBJ files, which are the frames of a sequence, an OBJ file, or builtin:NAME,
-NAME one of water, figure, reef, or a scene that stands still.
+SCENE is a glTF file (.glb, .gltf), a folder of OBJ files (the frames of a sequence), an OBJ file, or builtin:NAME,
+where NAME is water, figure, reef or a static scene.
 
 Examples:
   dynrt animate builtin:water --frames 24 --gif water.gif
@@ -33,74 +33,74 @@ Examples:
   dynrt animate model.glb --clip Run --frames 12 --json run.json
   dynrt animate model.glb --rebuild-above 1.2 --view outside --json rebuilt.json";
 
-/// Co-simulate an animation: skinning, update and ray casting of every frame through the Verilog
+/// Co-simulate an animation: skinning, update and ray casting of every frame in the Verilog
 #[derive(clap::Args)]
 #[command(after_help = HELP)]
 pub struct Args {
-    /// What to show
+    /// The scene: a glTF or OBJ file, a folder of OBJ files, or builtin:NAME
     #[arg(value_name = "SCENE")]
     scene: SceneSpec,
-    /// The motion to play [default: the scene's first]
+    /// The clip to play [default: the first clip of the scene]
     #[arg(long, value_name = "NAME")]
     clip: Option<String>,
-    /// How many frames [default: as many as the clip has at --fps, else 12; 1 of a scene without clips]
+    /// Number of frames [default: the length of the clip at --fps, else 12; 1 for a scene without clips]
     #[arg(long, value_name = "N", allow_hyphen_values = true)]
     frames: Option<String>,
-    /// Frames a second; a clip that is over begins again [default: the frames divide the clip]
+    /// Frames per second; a clip that ends is repeated [default: the frames divide the clip evenly]
     #[arg(long, value_name = "F", allow_hyphen_values = true)]
     fps: Option<f64>,
-    /// Width and height of the pictures in pixels
+    /// Width and height of each picture in pixels
     #[arg(long, value_name = "WxH", default_value = SIZE)]
     size: ImageSize,
     #[command(flatten)]
     camera: CameraArgs,
     #[command(flatten)]
     config: ConfigArgs,
-    /// An object's tree is built anew when it costs more than so many times what a new one would
+    /// Rebuild the tree of an object when its cost exceeds that of a new tree by more than this factor
     #[arg(long, value_name = "R", default_value_t = REBUILD_ABOVE, allow_hyphen_values = true)]
     rebuild_above: f64,
-    /// Of the memories' random delays and stalls
+    /// Random seed of the memories' delays and stalls
     #[arg(long, value_name = "S", default_value_t = 1)]
     seed: u64,
-    /// The frames as PNG, in a folder of their own
+    /// Write the frames as PNG files to this folder
     #[arg(long, value_name = "DIR", value_parser = Kind::Folder)]
     out: Option<Output>,
-    /// The frames as one animated picture
+    /// Write the frames as an animated GIF
     #[arg(long, value_name = "F.gif", value_parser = Kind::Gif)]
     gif: Option<Output>,
-    /// The figures, as JSON
+    /// Write the results as JSON
     #[arg(long, value_name = "F", value_parser = Kind::Json)]
     json: Option<Output>,
-    /// The first frame to run in Verilog, counted from 0; those before only move the scene to where it then is
+    /// The first frame to co-simulate, counted from 0; earlier frames only bring the scene into its state
     #[arg(long, value_name = "K", default_value_t = 0)]
     from_frame: usize,
-    /// A waveform of some cycles of one unit, as FST
+    /// Write a waveform of one unit as FST
     #[arg(long, value_name = "F.fst", requires_all = ["cycles", "unit"], value_parser = Kind::Fst)]
     trace: Option<Output>,
-    /// The unit of the waveform
+    /// The unit to record in the waveform
     #[arg(long, value_name = "UNIT", requires = "trace")]
     unit: Option<Unit>,
-    /// The first cycle of the waveform, counted from the first frame run
+    /// The first cycle of the waveform, counted from the start of the first frame that is co-simulated
     #[arg(long, value_name = "CYCLE", default_value_t = 0, requires = "trace")]
     from: u64,
-    /// How many cycles the waveform has
+    /// Number of cycles in the waveform
     #[arg(long, value_name = "N", requires = "trace", value_parser = clap::value_parser!(u64).range(1..))]
     cycles: Option<u64>,
 }
 
-/// When the frames are, and how fast they follow each other.
+/// The times of the frames and the frame rate.
 struct Schedule {
     /// The clip's name.
     clip: Option<String>,
-    /// Seconds into the clip, a frame each.
+    /// The time of each frame within the clip, in seconds.
     times: Vec<f64>,
     frames_per_second: f64,
 }
 
-/// Frames where nothing says how many.
+/// The default number of frames.
 const FRAMES: usize = 12;
 
-/// The most frames: all of their pictures may be held in memory.
+/// The maximum number of frames: all of their pictures may be held in memory.
 const MOST_FRAMES: usize = 100_000;
 
 impl Args {
@@ -118,7 +118,7 @@ impl Args {
         if let Some(fps) = self.fps {
             ensure!(
                 fps > 0.0 && (1e-3..=1e6).contains(&fps),
-                "--fps {}: give from 0.001 to 1000000 frames a second",
+                "--fps {}: give 0.001 to 1000000 frames per second",
                 text::number(fps)
             );
         }
@@ -127,7 +127,7 @@ impl Args {
         let (times, frames_per_second) = if seconds > 0.0 {
             match (given, self.fps) {
                 (given, Some(fps)) => {
-                    // What a clip at most has, and at least one frame of one that is shorter than one.
+                    // At most the limit, and at least one frame even if the clip is shorter than a frame.
                     let all = (seconds * fps).round().clamp(1.0, MOST_FRAMES as f64);
                     let count = given.unwrap_or(all as usize);
                     let time = |frame: usize| (frame as f64 / fps).rem_euclid(seconds);
@@ -152,7 +152,7 @@ impl Args {
         ))
     }
 
-    /// What a person types to run this again, but for where it begins.
+    /// The command that runs this again, without the first frame.
     fn replay(&self) -> String {
         let mut text = format!("dynrt animate {}", quoted(&self.scene));
         if let Some(clip) = &self.clip {
@@ -183,7 +183,7 @@ pub fn run(args: &Args) -> Result<()> {
     check_size(args.size)?;
     ensure!(
         args.rebuild_above >= 1.0,
-        "--rebuild-above {}: give 1 or more, how many times a new tree's cost is too much",
+        "--rebuild-above {}: give a factor of at least 1",
         text::number(args.rebuild_above)
     );
     let config = args.config.load()?;
@@ -313,7 +313,7 @@ pub fn run(args: &Args) -> Result<()> {
     print(&text)
 }
 
-/// What is known of a run so far.
+/// The results of a run so far.
 struct Job<'a> {
     args: &'a Args,
     scene: &'a Animated,
@@ -383,7 +383,7 @@ impl Job<'_> {
         ) {
             let _ = writeln!(
                 text,
-                "update: {triangles:.3} triangles and {nodes:.3} nodes a clock; refitted trees cost {:.3} times new ones; {}",
+                "update: {triangles:.3} triangles and {nodes:.3} nodes per cycle; refitted trees cost {:.3} times as much as new ones; {}",
                 self.total.sah_ratio(),
                 counted(self.total.rebuilds, "rebuild")
             );
@@ -391,7 +391,7 @@ impl Job<'_> {
         text
     }
 
-    /// With `setup` of a whole run, with a mismatch of one that it ended.
+    /// The report as JSON: of a whole run, with its `setup`, or of a run that ended with a mismatch.
     fn json(&self, setup: Option<&Setup>, mismatch: Option<&anyhow::Error>) -> Value {
         let args = self.args;
         let mut value = json!({
@@ -420,7 +420,7 @@ impl Job<'_> {
     }
 }
 
-/// Figures as JSON. Rates of nothing are null.
+/// The figures as JSON. A rate over zero events is null.
 fn figures(of: &Figures, mismatches: usize) -> Value {
     let ratio = |x: f64| if x.is_finite() { json!(x) } else { Value::Null };
     json!({

@@ -1,4 +1,4 @@
-//! `dynrt baseline`: the ratchet; `dynrt numbers`: the page made of it.
+//! `dynrt baseline`: the regression gate; `dynrt numbers`: the page generated from its figures.
 
 use super::files::{Figures, Kind, Output};
 use super::{counted, print, tell};
@@ -11,17 +11,18 @@ use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
 
 const HELP: &str = "\
-Measures the reference machine and compares: clocks and counts of fixed frames and films must be the same, no module may take more than
-1 % more of anything, none may become more than 3 % slower, and what the machine must reach (at most 35 % of an LX160's LUT4, 60 % of
-its DSP48, 40 % of its RAMB16; 100 MHz, ecp5-85f 125 MHz; a pipeline the clock it is made for) it must reach still. A module whose Verilog has not changed is not synthesised again.
+Measures the reference machine and compares it with the recorded figures. Cycles and counts of fixed frames and animations must be
+equal; no module may use over 1 % more of any resource or become over 3 % slower; and the goals must be met: at most 35 % of the
+LUT4, 60 % of the DSP48 and 40 % of the RAMB16 of an LX160; 100 MHz, or 125 MHz for ecp5-85f; every pipeline at its target clock.
+Modules with unchanged Verilog are not synthesised again.
 
 Examples:
-  dynrt baseline                            clocks, and the area of the smaller modules that have changed
-  dynrt baseline --all                      the area of the larger ones too: up to an hour where they have changed
-  dynrt baseline --all --configurations --depths --clock     everything, placed and routed from three seeds: hours
-  dynrt baseline --all --clock=changed --accept 'a stack of 24'     take the figures as they are now, and log why";
+  dynrt baseline                            cycles, and the area of the smaller modules that have changed
+  dynrt baseline --all                      also the area of the larger modules (up to an hour if they have changed)
+  dynrt baseline --all --configurations --depths --clock     everything, with place and route from three seeds (hours)
+  dynrt baseline --all --clock=changed --accept 'a stack of 24'     record the new figures and log the reason";
 
-/// Larger modules are left out without `--all`: Yosys takes minutes for them.
+/// Modules above this size are skipped without `--all`: Yosys takes minutes for each.
 const MOST_LUT4: u64 = 6000;
 
 /// Units to place and route.
@@ -31,23 +32,23 @@ enum Which {
     Changed,
 }
 
-/// Compare what the machine costs with what is checked in, or accept what it costs now
+/// Compare cycles, area and clock with the recorded figures, or record new ones
 #[derive(clap::Args)]
 #[command(after_help = HELP)]
 pub struct Args {
-    /// The checked-in figures
+    /// The file of recorded figures
     #[arg(long, value_name = "F", default_value = "docs/baseline.json")]
     file: Figures,
-    /// The area of every module that has changed, however large
+    /// Measure the area of every module that has changed, of any size
     #[arg(long)]
     all: bool,
-    /// The area of the other named configurations too
+    /// Measure the area of the other named configurations too
     #[arg(long)]
     configurations: bool,
-    /// The table of depths too
+    /// Measure the table of pipeline depths too
     #[arg(long)]
     depths: bool,
-    /// The clocks of the units too, placed and routed from three seeds: of all, or with =changed of those whose Verilog has changed
+    /// Measure the clock of the units too, with place and route from three seeds: all units, or with =changed those with changed Verilog
     #[arg(
         long,
         value_name = "WHICH",
@@ -56,10 +57,10 @@ pub struct Args {
         default_missing_value = "all"
     )]
     clock: Option<Which>,
-    /// Write the figures as they are now, and why, into the log beside them
+    /// Record the new figures, and log this reason
     #[arg(long, value_name = "WHY")]
     accept: Option<String>,
-    /// The comparison, as JSON
+    /// Write the comparison as JSON
     #[arg(long, value_name = "F", value_parser = Kind::Json)]
     json: Option<Output>,
 }
@@ -70,7 +71,7 @@ pub fn run(args: &Args) -> Result<()> {
         let why = why.trim();
         ensure!(
             !why.is_empty() && why.lines().count() == 1,
-            "--accept: say in one line why the figures may change"
+            "--accept: give the reason for the change in one line"
         );
         report::check_writable(file)?;
         let log = log_of(file);
@@ -145,7 +146,7 @@ pub fn run(args: &Args) -> Result<()> {
     match findings.iter().find(|f| f.verdict == Verdict::Fails) {
         None => Ok(()),
         Some(first) => bail!(
-            "{failed} of {} have changed for the worse, the first {first}; if that is meant: dynrt baseline --accept WHY",
+            "{failed} of {} have become worse, the first is {first}; if this is intended: dynrt baseline --accept WHY",
             counted(findings.len() as u64, "figure")
         ),
     }
@@ -156,7 +157,7 @@ fn log_of(file: &Path) -> PathBuf {
     file.with_extension("log.md")
 }
 
-/// The figures as they are now, and the log with the reason.
+/// Writes the new figures, and the log with the reason.
 fn accept(
     file: &Path,
     why: &str,
@@ -170,7 +171,7 @@ fn accept(
         false => LOG_HEAD.to_string(),
     };
     let entry = baseline::log_entry(why, findings);
-    // The log first: figures without their reason would look as if they had always been so.
+    // The log first: figures must never be without their reason.
     Ok([
         Staged::text(&log, &format!("{before}{entry}"))?,
         Staged::json(file, &serde_json::to_value(is)?)?,
@@ -178,20 +179,20 @@ fn accept(
 }
 
 const NUMBERS_HELP: &str = "\
-Measures nothing: what the page says is what `dynrt baseline --accept` has measured.
+This command measures nothing: the page shows the figures that `dynrt baseline --accept` recorded.
 
 Examples:
   dynrt numbers                                     docs/numbers.md and its plots, from docs/baseline.json
-  dynrt numbers --file my-baseline.json --out page  those of other figures, in a folder of their own";
+  dynrt numbers --file my-baseline.json --out page  the same for other figures, in another folder";
 
-/// Write the page of numbers and its plots from the checked-in figures
+/// Write the page of numbers and its plots from the recorded figures
 #[derive(clap::Args)]
 #[command(after_help = NUMBERS_HELP)]
 pub struct NumbersArgs {
-    /// The checked-in figures
+    /// The file of recorded figures
     #[arg(long, value_name = "F", default_value = "docs/baseline.json")]
     file: Figures,
-    /// The folder of page and plots
+    /// The folder for the page and its plots
     #[arg(long, value_name = "DIR", default_value = "docs", value_parser = Kind::Files)]
     out: Output,
 }

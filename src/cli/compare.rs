@@ -1,4 +1,4 @@
-//! `dynrt compare`: the project's software beside Embree 3.
+//! `dynrt compare`: comparison of the project's software with Embree 3.
 
 use super::files::{Kind, Output};
 use super::frame::{Loaded, SIZE, SceneArgs, active};
@@ -11,23 +11,23 @@ use serde_json::{Value, json};
 use std::fmt::Write as _;
 
 const HELP: &str = "\
-Both sides get the same mesh, rounded to the machine's numbers, and the same rays, and take turns in one process. Embree 3 runs
-in robust mode (Debian: apt-get install libembree-dev, and a C compiler, since benches/embree.c is compiled at each start).
+Both sides run alternately in one process on the same mesh, rounded to the machine's number format, and on the same rays. Embree 3
+runs in robust mode (Debian: apt-get install libembree-dev and a C compiler, because benches/embree.c is compiled at each start).
 
-The hits are the golden model's, which are the machine's bit for bit. A ray that sees another triangle must pass within ε of an edge,
-or meet both triangles equally far within ε, ε being 32 rounding errors of numbers as great as distances in the scene; at most one
-ray in 1000 may differ at all. Otherwise the exit status is 1. The same is done with the vertices moved and both trees refitted.
+The hits are those of the golden model, which equal the machine's in all bits. A ray with different hits must pass within ε of an
+edge, or hit both triangles at distances within ε; ε is 32 rounding errors at the magnitude of distances in the scene. At most one
+ray in 1000 may differ. Otherwise the exit status is 1. The comparison is repeated with moved vertices and both trees refitted.
 
-Times are of this project's software, not of the hardware it emits: the tree's builder, its refit, the golden model.
+The times are those of this project's software (tree builder, refit, golden model), not of the generated hardware.
 
-In the picture a frame around a ray that differs is blue where triangles are equally far, orange near an edge, and magenta where
-nothing explains it.
+In the picture each ray with different hits has a frame: blue for equal distances, orange near an edge, magenta for an unexplained
+difference.
 
 Examples:
   dynrt compare builtin:interior --view inside
   dynrt compare model.obj --view outside --out differences.png --json model.json";
 
-/// Compare build, refit, casting and hits with Embree 3, in one run on the same mesh and rays
+/// Compare build, refit, ray casting and hits with Embree 3, on the same mesh and rays
 #[derive(clap::Args)]
 #[command(after_help = HELP)]
 pub struct Args {
@@ -38,13 +38,13 @@ pub struct Args {
     size: ImageSize,
     #[command(flatten)]
     config: ConfigArgs,
-    /// How many times everything is measured; times are medians
+    /// Number of measurements; the reported times are medians
     #[arg(long, value_name = "N", default_value_t = compare::ROUNDS, value_parser = clap::value_parser!(u32).range(1..=1000))]
     rounds: u32,
-    /// The picture with the rays marked that see another triangle, as PNG
+    /// Write a PNG picture that marks the rays with different hits
     #[arg(long, value_name = "F.png", value_parser = Kind::Png)]
     out: Option<Output>,
-    /// The figures, as JSON
+    /// Write the results as JSON
     #[arg(long, value_name = "F", value_parser = Kind::Json)]
     json: Option<Output>,
 }
@@ -169,28 +169,28 @@ fn to_text(args: &Args, loaded: &Loaded, found: &Comparison) -> String {
         let [built, refitted] = both.map(|agreement| grouped(count(agreement) as u64));
         let _ = writeln!(text, "{what:28} {built:>12} {refitted:>12}");
     };
-    row("hit something", |a| a.account.hits);
-    row("see another triangle", |a| a.account.different());
-    row("  equally far", |a| a.account.same_distance);
+    row("with a hit", |a| a.account.hits);
+    row("different triangle", |a| a.account.different());
+    row("  at equal distance", |a| a.account.same_distance);
     row("  near an edge", |a| a.account.near_edge);
-    row("    nothing in the machine", |a| a.account.lost);
+    row("    no hit in the machine", |a| a.account.lost);
     row("  unexplained", |a| a.account.unexplained);
     row("  f64 as the machine", |a| a.machine_exact);
     row("  f64 as Embree", |a| a.embree_exact);
     let _ = writeln!(
         text,
-        "Embree's own packets of 4 see another triangle than its single rays in {}",
+        "Embree's packets of 4 hit a different triangle than its single rays in {}",
         counted(found.embree_differs_by_four as u64, "ray")
     );
     text
 }
 
-/// Milliseconds of both sides.
+/// The times of both sides in milliseconds.
 fn times(timing: &Timing) -> [String; 2] {
     [timing.ours(), timing.embree()].map(|seconds| format!("{:.2} ms", seconds * 1e3))
 }
 
-/// Millions of rays a second of both sides.
+/// The rates of both sides in millions of rays per second.
 fn rates(timing: &Timing) -> [String; 2] {
     [timing.ours(), timing.embree()]
         .map(|seconds| format!("{:.2} M/s", timing.work as f64 / seconds / 1e6))

@@ -1,4 +1,4 @@
-//! `dynrt config`: care of configuration files.
+//! `dynrt config`: maintenance of configuration files.
 
 use super::print;
 use anyhow::Result;
@@ -12,7 +12,7 @@ const HELP: &str = "\
 Examples:
   dynrt config upgrade machine.toml";
 
-/// Bring a configuration file up to date
+/// Update a configuration file
 #[derive(clap::Args)]
 #[command(after_help = HELP)]
 pub struct Args {
@@ -26,15 +26,15 @@ enum Command {
 }
 
 const UPGRADE_HELP: &str = "\
-A configuration sets every key, so a file for an earlier version may lack some. Each that is missing is added below the others of its
-section, with the reference machine's value and a comment that gives meaning, range and unit. Values, comments and order of
-what is there stay. A file with a fault is left as it is.
+A configuration must set every key, and a file for an earlier version may lack some. Each missing key is added at the end of its
+section, with the value of the reference machine and a comment with meaning, range and unit. Existing values, comments and order
+are kept. A file with an error is not changed.
 
 Examples:
   dynrt config upgrade machine.toml
   dynrt config upgrade machine.toml && dynrt generate --config machine.toml --out build/rtl";
 
-/// Add the keys that a configuration file lacks, with their defaults and comments
+/// Add the missing keys to a configuration file, with default values and comments
 #[derive(clap::Args)]
 #[command(after_help = UPGRADE_HELP)]
 struct UpgradeArgs {
@@ -43,7 +43,7 @@ struct UpgradeArgs {
     file: ConfigFile,
 }
 
-/// A configuration's file, which is read and written.
+/// The file of a configuration; it is read and written.
 #[derive(Clone)]
 struct ConfigFile(PathBuf);
 

@@ -1,4 +1,4 @@
-//! `dynrt cosim`: the emitted Verilog under Verilator, held against the golden model.
+//! `dynrt cosim`: co-simulation of the generated Verilog and the golden model.
 
 use super::files::{Kind, Output};
 use super::frame::{Built, Loaded, SIZE, SceneArgs, active};
@@ -25,10 +25,10 @@ use std::fmt::Write as _;
 use std::time::Duration;
 
 const HELP: &str = "\
-The Verilog of the configuration is built with Verilator once, kept in a cache ($DYNRT_CACHE, by default the user's cache
-folder), and driven clock by clock. Every hit, packet step, ray transformation and ray-triangle test is compared with the
-golden model in all bits; the picture is drawn from what the Verilog computed. The first mismatch stops the run
-and is reported with the command that replays it. Exit status 0 only if something was checked and all agrees.
+The Verilog of the configuration is compiled with Verilator once, kept in a cache ($DYNRT_CACHE, by default the user's cache
+folder), and simulated cycle by cycle. Every hit, traversal step, ray transformation and ray-triangle test is compared bit by bit
+with the golden model; the picture shows the results of the Verilog. The first mismatch ends the run; the report includes the
+command that replays it. The exit status is 0 only if results were compared and all agree.
 
 Examples:
   dynrt cosim builtin:teapot --out teapot.png
@@ -41,7 +41,7 @@ Examples:
   dynrt cosim builtin:cornell --size 64x48 --set memory.latency=40 --set memory.jitter=20 --seed 7
   dynrt cosim builtin:cornell --size 64x48 --trace cornell.fst --from 1000 --cycles 500";
 
-/// Co-simulate: cast a picture's rays through the Verilog and compare with the golden model
+/// Co-simulate: cast the rays of a picture in the Verilog and compare with the golden model
 #[derive(clap::Args)]
 #[command(after_help = HELP)]
 pub struct Args {
@@ -52,47 +52,47 @@ pub struct Args {
     size: ImageSize,
     #[command(flatten)]
     config: ConfigArgs,
-    /// What to run: the whole ray casting unit, or one unit alone, with random delays and stalls around it in place
-    /// of the configuration's memories
+    /// The design under test: the whole ray casting unit with the configured memories, or a single unit with random
+    /// delays and stalls at its ports
     #[arg(long, value_name = "UNIT", default_value = "raycast")]
     unit: Unit,
-    /// What to cast: the camera's rays, or any-hit rays from what they hit to a light
+    /// The rays to cast: rays of the camera, or any-hit rays from their hits to a light
     #[arg(long, value_name = "RAYS", default_value = "primary")]
     rays: RayKind,
-    /// Of the memories' random delays and stalls
+    /// Random seed of the memories' delays and stalls
     #[arg(long, value_name = "S", default_value_t = 1)]
     seed: u64,
-    /// The picture that the Verilog computed, as PNG
+    /// Write the picture computed by the Verilog as PNG
     #[arg(long, value_name = "F.png", value_parser = Kind::Png)]
     out: Option<Output>,
-    /// The figures, as JSON
+    /// Write the results as JSON
     #[arg(long, value_name = "F", value_parser = Kind::Json)]
     json: Option<Output>,
-    /// A waveform of some cycles, as FST
+    /// Write a waveform as FST
     #[arg(long, value_name = "F.fst", requires = "cycles", value_parser = Kind::Fst)]
     trace: Option<Output>,
     /// The first cycle of the waveform
     #[arg(long, value_name = "CYCLE", default_value_t = 0, requires = "trace")]
     from: u64,
-    /// How many cycles the waveform has
+    /// Number of cycles in the waveform
     #[arg(long, value_name = "N", requires = "trace", value_parser = clap::value_parser!(u64).range(1..))]
     cycles: Option<u64>,
 }
 
 #[derive(Clone, Copy, PartialEq, Eq, ValueEnum)]
 enum Unit {
-    /// The traversal processing unit: every packet step
+    /// The traversal unit: every traversal step
     Tpu,
     /// The geometry unit: every ray-triangle test
     Geometry,
-    /// The geometry unit's ray transformations, in a scene of two levels: this one's, or the scene eight times, turned at random
+    /// The ray transformations of the geometry unit, in a two-level scene: SCENE if it has two levels, else eight instances of it with random rotations
     Transform,
-    /// Ray setup, traversal and geometry together, from rays to hits
+    /// Ray setup, traversal unit and geometry unit together, from rays to hits
     Raycast,
-    /// The update processor: every node that the scene's update program writes
+    /// The update processor: every node written by the update program of the scene
     Update,
-    /// Skinning: every vertex of the scene's skinned meshes, half through its first clip; of a scene without any, every vertex
-    /// bound to joints at random. The scene may be a glTF file, too
+    /// The skinning processor: every vertex of the scene's skinned meshes, at the middle of the first clip; in a scene without
+    /// skinned meshes, all vertices with random joints. SCENE may also be a glTF file
     Skinning,
 }
 
@@ -109,7 +109,7 @@ impl Unit {
     }
 }
 
-/// The report of a unit's mismatch, many lines.
+/// The report of a mismatch in a unit, of several lines.
 #[derive(Debug)]
 pub struct UnitMismatch(String);
 
@@ -138,7 +138,7 @@ impl RayKind {
     }
 }
 
-/// The figures of a run that are not known where a mismatch ended it.
+/// The results that are unknown after a run that ended with a mismatch.
 const WHOLE_RUN_KEYS: [&str; 10] = [
     "hits",
     "checked",
@@ -152,7 +152,7 @@ const WHOLE_RUN_KEYS: [&str; 10] = [
     "simulate_s",
 ];
 
-/// What is known before the run.
+/// The inputs of a run.
 struct Job<'a> {
     args: &'a Args,
     loaded: &'a Loaded,
@@ -162,7 +162,7 @@ struct Job<'a> {
 pub fn run(args: &Args) -> Result<()> {
     ensure!(
         args.unit == Unit::Raycast || args.out.is_none(),
-        "--unit {}: one unit alone computes no picture; leave out --out",
+        "--unit {}: a single unit computes no picture; leave out --out",
         args.unit.name()
     );
     let waveform = (args.trace.as_ref())
@@ -175,7 +175,7 @@ pub fn run(args: &Args) -> Result<()> {
     });
     let result = run_traced(args, trace);
     let is_mismatch = |error: &anyhow::Error| error.is::<Mismatch>() || error.is::<UnitMismatch>();
-    // A mismatch is what waveforms are for.
+    // Waveforms are kept after a mismatch.
     if result.as_ref().err().is_none_or(is_mismatch) {
         report::publish_all(waveform)?;
     }
@@ -280,7 +280,7 @@ fn extend(value: &mut Value, more: Value) {
 }
 
 impl Args {
-    /// What a person types to run this again.
+    /// The command that runs this again.
     fn replay(&self) -> String {
         let Args {
             scene,
@@ -307,17 +307,17 @@ impl Args {
         text
     }
 
-    /// Says so if the run was over before the waveform's first cycle.
+    /// Warns if the run ended before the first cycle of the waveform.
     fn check_trace(&self, cycles: u64) {
         let Args { trace, from, .. } = self;
         if let (Some(trace), true) = (trace, *from >= cycles) {
             tell(&format!(
-                "warning: {trace}: the waveform is empty: it was to begin at cycle {from}, and the run has {cycles}; give a smaller --from"
+                "warning: {trace}: the waveform is empty: it starts at cycle {from}, but the run has {cycles}; give a smaller --from"
             ));
         }
     }
 
-    /// Skinning alone, which needs no rays: first with random delays and stalls around it, then at its full pace.
+    /// Runs the skinning processor alone, which needs no rays: first with random delays and stalls at its ports, then at full rate.
     fn run_skinning(&self, trace: Option<Trace>) -> Result<()> {
         let config = self.config.load()?;
         let spec = self.scene.spec();
@@ -341,7 +341,7 @@ impl Args {
             .collect();
         if meshes.is_empty() {
             tell(&format!(
-                "{}: nothing is skinned; bound at random",
+                "{}: has no skinned meshes; vertices have random joints",
                 scene.name
             ));
             let bound = |object| SkinMesh::bound_at_random(format, object, joints, self.seed);
@@ -415,7 +415,7 @@ impl Args {
         });
         write(value, unit)?;
         print(&format!(
-            "{}\nat full pace, with {} bytes of memory traffic a clock:\n{}\n",
+            "{}\nat full rate, with {} bytes of memory traffic per cycle:\n{}\n",
             found.summary(),
             unit_skinning::SHARED_BYTES,
             pace.summary()
@@ -424,7 +424,7 @@ impl Args {
 }
 
 impl Job<'_> {
-    /// What is known however the run ends.
+    /// The results that are known for every outcome of the run.
     fn common_json(&self) -> Value {
         let size = self.args.size;
         json!({
@@ -442,7 +442,7 @@ impl Job<'_> {
         })
     }
 
-    /// Of a run that a mismatch ended; what is only known of a whole run is null.
+    /// The report of a run that ended with a mismatch; results of a whole run are null.
     fn mismatch_json(&self, mismatch: &str, cycles: u64, checked: Option<u64>) -> Value {
         let mut value = self.common_json();
         for key in WHOLE_RUN_KEYS {
@@ -456,7 +456,7 @@ impl Job<'_> {
         value
     }
 
-    /// One unit alone.
+    /// Runs one unit alone.
     fn run_unit(&self, image: &MemoryImage, rays: &[Ray], trace: Option<Trace>) -> Result<()> {
         let args = self.args;
         let Loaded { config, frame, .. } = self.loaded;
@@ -489,7 +489,7 @@ impl Job<'_> {
         print(&format!("{}\n", found.summary()))
     }
 
-    /// The update processor alone, on the scene's update program.
+    /// Runs the update processor alone, on the update program of the scene.
     fn run_update(&self, tree: &Tree, trace: Option<Trace>) -> Result<()> {
         let Loaded {
             config,
@@ -584,7 +584,7 @@ impl Job<'_> {
 
     fn json(&self, found: &Report) -> Value {
         let mut value = self.common_json();
-        // Beside the counter of all clocks since reset stand those of the run.
+        // The cycles of the run are reported next to the counter of cycles since reset.
         let counters = found.counters.fields().into_iter();
         let counters: Map<String, Value> =
             counters.map(|(name, count)| (name, json!(count))).collect();
@@ -596,7 +596,7 @@ impl Job<'_> {
             "steps_checked": found.steps_checked,
             "tests_checked": found.tests_checked,
             "transforms_checked": found.transforms_checked,
-            // A report is of a run without one: the first mismatch ends it with an error.
+            // Always 0: a mismatch ends the run with an error.
             "mismatches": 0,
             "cycles": found.cycles,
             "rays_per_clock": self.rays_per_clock(found),
@@ -620,8 +620,8 @@ impl Job<'_> {
         format!(
             "scene {}, {}, configuration {}{}, view {}, {}\n\
              {}, {}: all bits agree in {}, {}, {}\n\
-             {}, {:.4} rays a clock; traversal {:.3} packet steps a clock, geometry {:.3} tests a clock; at most {} stack entries\n\
-             model {model}, simulated in {:.1} s ({:.0} thousand cycles a second)\n",
+             {}, {:.4} rays per cycle; {:.3} traversal steps per cycle, {:.3} ray-triangle tests per cycle; at most {} stack entries\n\
+             model {model}, simulated in {:.1} s ({:.0} thousand cycles per second)\n",
             loaded.scene.name,
             counted(loaded.mesh.triangles.len() as u64, "triangle"),
             loaded.config.name,
@@ -631,7 +631,7 @@ impl Job<'_> {
             counted(self.active, &format!("{} ray", self.args.rays.name())),
             counted(self.hits(found), "hit"),
             counted(found.hits_checked, "hit"),
-            counted(found.steps_checked, "packet step"),
+            counted(found.steps_checked, "traversal step"),
             counted(found.tests_checked, "ray-triangle test"),
             counted(found.cycles, "cycle"),
             self.rays_per_clock(found),

@@ -1,7 +1,7 @@
-//! The files that commands read and write: types of arguments, and what is checked of all of them in one place.
+//! The files that commands read and write: the types of their arguments, and the checks that apply to all of them.
 //!
-//! Whatever a command reads or writes is an argument of a type of this module, [`SceneSpec`] or [`ConfigName`]: [`check`] finds
-//! them by their types, so that no command can forget one.
+//! Every file that a command reads or writes is an argument of a type of this module, [`SceneSpec`] or [`ConfigName`]. [`check`]
+//! finds these arguments by their types, so no command can omit a check.
 
 use super::ConfigName;
 use anyhow::{Context, Result, bail, ensure};
@@ -18,7 +18,7 @@ use std::fmt;
 use std::path::{Path, PathBuf};
 use std::sync::OnceLock;
 
-/// What an output is.
+/// The kind of an output.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Kind {
     /// A JSON file.
@@ -36,7 +36,7 @@ pub enum Kind {
 }
 
 impl Kind {
-    /// What a file's name may end in, and the name of the format; nothing of folders.
+    /// The extension and the format name of a file; `None` for folders.
     fn extension(self) -> Option<(&'static str, &'static str)> {
         match self {
             Kind::Json => Some(("json", "JSON")),
@@ -48,7 +48,7 @@ impl Kind {
     }
 }
 
-/// Extensions of files that are something definite. An output of another kind does not get such a name.
+/// Extensions of known file types. An output of another type must not have such a name.
 const KNOWN_EXTENSIONS: [&str; 45] = [
     "3ds", "bin", "blend", "bmp", "core", "csv", "dae", "exr", "f", "fbx", "fst", "gif", "glb",
     "gltf", "hdr", "hex", "html", "jpeg", "jpg", "json", "lpf", "mtl", "obj", "pdf", "ply", "png",
@@ -80,7 +80,7 @@ impl TypedValueParser for Kind {
     }
 }
 
-/// As messages show it.
+/// The name in messages.
 impl fmt::Display for Output {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self.is_standard_output() {
@@ -99,10 +99,10 @@ impl Output {
         self.kind.extension().is_none()
     }
 
-    /// Where to write.
+    /// The path to write to.
     pub fn path(&self) -> &Path {
         match self.is_standard_output() {
-            // `report` knows it by this name, on every system.
+            // `report` uses this name on every system.
             true => Path::new("/dev/stdout"),
             false => &self.path,
         }
@@ -134,7 +134,7 @@ impl Output {
     /// Writes texts, by their names, into the folder, and touches nothing else in it.
     pub fn texts(&self, files: &[(String, String)]) -> Result<()> {
         let parents = Parents::make(&self.path)
-            .with_context(|| format!("{self}: cannot be made; give --out another place"))?;
+            .with_context(|| format!("{self}: cannot be created; give --out another place"))?;
         let staged = files.iter().map(|(name, content)| {
             let path = self.path.join(name);
             check_apart(&path)?;
@@ -145,12 +145,12 @@ impl Output {
         Ok(())
     }
 
-    /// That the name is not one of another type of file.
+    /// Checks that the name does not belong to another type of file.
     fn check_name(&self) -> Result<()> {
         if self.is_standard_output() {
             ensure!(
                 !self.is_folder() && self.kind != Kind::Fst,
-                "-: is the standard output, which cannot take this; give a name, for one of a dash ./-"
+                "-: is the standard output, which cannot hold this output; give a file name (./- for a file named -)"
             );
             return Ok(());
         }
@@ -162,20 +162,20 @@ impl Output {
         match self.kind.extension() {
             Some((right, _)) if right == extension => Ok(()),
             Some((right, format)) => bail!(
-                "{self}: what is written there is {format}; give it a name that ends in .{right}, not in .{extension}"
+                "{self}: the output is {format}; give it a name that ends in .{right}, not in .{extension}"
             ),
             None if self.path.is_dir() => Ok(()),
             None => bail!(
-                "{self}: what is written there is a folder; give it a name that does not end in .{extension}"
+                "{self}: the output is a folder; give it a name that does not end in .{extension}"
             ),
         }
     }
 
-    /// That it takes nothing from another output.
+    /// Checks that it does not collide with another output.
     fn check_beside(&self, other: &Output) -> Result<()> {
         ensure!(
             !(self.is_standard_output() && other.is_standard_output()),
-            "-: is the standard output, which takes one output; give the other a name"
+            "-: is the standard output, which can hold only one output; give the other one a file name"
         );
         let is_same = self.path == other.path || report::is_same_file(self.path(), other.path());
         ensure!(
@@ -185,13 +185,13 @@ impl Output {
         for (inner, outer) in [(self, other), (other, self)] {
             ensure!(
                 outer.kind != Kind::Folder || !is_within(&inner.path, &outer.path),
-                "{inner}: lies in {outer}, which is replaced as a whole; give it another place"
+                "{inner}: is in {outer}, which is replaced as a whole; give it another place"
             );
         }
         Ok(())
     }
 
-    /// That what is read stays.
+    /// Checks that it replaces no input.
     fn check_apart(&self) -> Result<()> {
         if self.is_standard_output() || report::is_stream(&self.path) {
             return Ok(());
@@ -210,7 +210,7 @@ impl Output {
         Ok(())
     }
 
-    /// That a file can be written there when it is done.
+    /// Checks that the file can be written at the end.
     fn check_writable(&self) -> Result<()> {
         if self.is_folder() {
             return Ok(());
@@ -243,7 +243,7 @@ fn is_within(path: &Path, folder: &Path) -> bool {
     })
 }
 
-/// A file that a command reads beside scenes and configurations: the figures of a baseline.
+/// A file that a command reads in addition to scenes and configurations: the figures of a baseline.
 #[derive(Clone, Debug)]
 pub struct Figures(PathBuf);
 
@@ -254,30 +254,30 @@ impl From<std::ffi::OsString> for Figures {
 }
 
 impl Figures {
-    /// Where it is.
+    /// Its path.
     pub fn path(&self) -> &Path {
         &self.0
     }
 }
 
-/// Something that is read.
+/// An input file.
 struct Input {
     path: PathBuf,
-    /// What messages call it.
+    /// Its description in messages.
     role: &'static str,
 }
 
-/// The arguments that name what is read.
+/// The arguments that name input files.
 #[derive(Default)]
 struct Inputs {
     scenes: Vec<SceneSpec>,
     others: Vec<Input>,
 }
 
-/// What this process reads.
+/// The input files of this process.
 static INPUTS: OnceLock<Inputs> = OnceLock::new();
 
-/// The files that are read. Scenes are looked through for the names of others, once, and only where somebody asks.
+/// The input files. Scenes are searched for the names of further files once, on first use.
 fn read_files() -> &'static [Input] {
     static FILES: OnceLock<Vec<Input>> = OnceLock::new();
     FILES.get_or_init(|| {
@@ -296,9 +296,9 @@ fn read_files() -> &'static [Input] {
     })
 }
 
-/// That writing at `path` replaces nothing that is read, under whatever name.
+/// Checks that writing to `path` replaces no input file, under any of its names.
 fn check_apart(path: &Path) -> Result<()> {
-    // What is not there cannot be read.
+    // A path that does not exist is not an input.
     let Some(identity) = Identity::of(path) else {
         return Ok(());
     };
@@ -317,15 +317,15 @@ fn check_apart(path: &Path) -> Result<()> {
     )
 }
 
-/// The values of a type among the arguments that were given, or have a default.
+/// The values of one type among the given and default arguments.
 fn arguments<T: Clone + Send + Sync + 'static>(matches: &ArgMatches) -> Vec<T> {
     let values =
         (matches.ids()).filter_map(|id| matches.try_get_many::<T>(id.as_str()).ok().flatten());
     values.flatten().cloned().collect()
 }
 
-/// Checks, before anything else, what a command will read and write: outputs have names that suit them, replace neither each
-/// other nor what is read, and can be written.
+/// Checks the inputs and outputs of a command before any work: outputs have suitable names, replace neither each other nor an
+/// input, and can be written.
 pub fn check(matches: &ArgMatches) -> Result<()> {
     let mut matches = matches;
     while let Some((_, below)) = matches.subcommand() {
@@ -338,17 +338,17 @@ pub fn check(matches: &ArgMatches) -> Result<()> {
         .filter_map(|name| name.file())
         .map(|file| Input {
             path: file.to_path_buf(),
-            role: "the configuration that is read",
+            role: "the input configuration",
         });
     let figures = arguments::<Figures>(matches).into_iter().map(|file| Input {
         path: file.0,
-        role: "the file of figures that is read",
+        role: "the input file of figures",
     });
     let inputs = Inputs {
         scenes: arguments(matches),
         others: configs.chain(figures).collect(),
     };
-    // One command a process: nothing is set here twice.
+    // A process runs one command, so this is set only once.
     let _ = INPUTS.set(inputs);
     if outputs.iter().any(Output::is_standard_output) {
         super::results_go_to_stdout();

@@ -1,4 +1,4 @@
-//! What subcommands that cast rays share: a scene, a camera, a machine's memory, packets of rays.
+//! Common parts of the subcommands that cast rays: scene, camera, memory image, packets of rays.
 
 use super::{ConfigArgs, grouped, quoted, tell};
 use anyhow::{Context, Result, bail, ensure};
@@ -11,16 +11,16 @@ use dynrt::scene::{
 use dynrt::text;
 use std::time::Instant;
 
-/// The size of a picture where none is given.
+/// The default size of a picture.
 pub const SIZE: &str = "512x384";
 
-/// The most pixels of a picture: its rays are held in memory, some 150 bytes each.
+/// The maximum number of pixels of a picture: its rays are held in memory, about 150 bytes each.
 const MOST_PIXELS: u64 = 1 << 24;
 
-/// Which scene, from where.
+/// The scene and the camera.
 #[derive(clap::Args)]
 pub struct SceneArgs {
-    /// An OBJ file, or builtin:NAME for a scene that needs no file
+    /// The scene: an OBJ file, or builtin:NAME for a built-in scene
     #[arg(value_name = "SCENE")]
     scene: SceneSpec,
     #[command(flatten)]
@@ -28,24 +28,24 @@ pub struct SceneArgs {
 }
 
 /// The heading of [`CameraArgs`].
-const CAMERA: &str = "Camera (by default one that frames the scene)";
+const CAMERA: &str = "Camera (default: outside, framing the scene)";
 
-/// From where; by default the camera frames the scene from outside by itself. The other options change that camera.
+/// The camera. By default it frames the scene from outside; the other options modify this camera.
 #[derive(clap::Args)]
 pub struct CameraArgs {
-    /// A camera that depends only on the scene's box: inside for rooms, outside for objects
+    /// A camera that depends on the scene's box only: inside for rooms, outside for objects
     #[arg(long, value_name = "VIEW", help_heading = CAMERA)]
     view: Option<View>,
-    /// Where the camera is, in the scene's units
+    /// Position of the camera, in units of the scene
     #[arg(long, value_name = "X,Y,Z", value_parser = vector, allow_hyphen_values = true, conflicts_with = "view", help_heading = CAMERA)]
     eye: Option<[f64; 3]>,
-    /// What it looks at [default: the middle of the scene's box]
+    /// Point that the camera looks at [default: the centre of the scene's box]
     #[arg(long, value_name = "X,Y,Z", value_parser = vector, allow_hyphen_values = true, conflicts_with = "view", help_heading = CAMERA)]
     look_at: Option<[f64; 3]>,
-    /// Which way is up [default: 0,1,0]
+    /// Up direction [default: 0,1,0]
     #[arg(long, value_name = "X,Y,Z", value_parser = vector, allow_hyphen_values = true, conflicts_with = "view", help_heading = CAMERA)]
     up: Option<[f64; 3]>,
-    /// The whole vertical field of view [default: 60 with --eye, else that of the camera that frames the scene]
+    /// Full vertical field of view in degrees [default: 60 with --eye, else that of the camera that frames the scene]
     #[arg(
         long,
         value_name = "DEGREES",
@@ -54,7 +54,7 @@ pub struct CameraArgs {
     fov: Option<f64>,
 }
 
-/// Three numbers, written with commas.
+/// Parses three numbers, separated by commas.
 fn vector(text: &str) -> Result<[f64; 3], String> {
     let numbers: Option<Vec<f64>> = (text.split(','))
         .map(|part| part.trim().parse().ok())
@@ -64,13 +64,13 @@ fn vector(text: &str) -> Result<[f64; 3], String> {
         .ok_or_else(|| "give three numbers, such as 1,2.5,-3".into())
 }
 
-/// A scene as a machine's memory holds it, before any tree.
+/// A scene as in the memory of a machine, without a tree.
 pub struct Loaded {
     pub config: Config,
     pub scene: Scene,
     pub mesh: MachineMesh,
     pub camera: Camera,
-    /// How reports speak of the camera.
+    /// The name of the camera in reports.
     pub view: String,
     pub frame: Frame,
     /// The primary rays.
@@ -81,22 +81,22 @@ pub struct Loaded {
 pub struct Built {
     pub tree: Tree,
     pub image: MemoryImage,
-    /// Seconds that building the tree took.
+    /// The build time of the tree in seconds.
     pub build_s: f64,
 }
 
 impl SceneArgs {
-    /// The scene, as it was given.
+    /// The scene argument.
     pub fn spec(&self) -> &SceneSpec {
         &self.scene
     }
 
-    /// The arguments that choose this scene and camera again.
+    /// The arguments that select this scene and camera again.
     pub fn replay(&self) -> String {
         format!(" {}{}", quoted(&self.scene), self.camera.replay())
     }
 
-    /// Loads configuration and scene, says what the number format cannot hold, and makes the camera's rays.
+    /// Loads configuration and scene, warns of values outside the number format, and makes the rays of the camera.
     pub fn load(&self, size: ImageSize, config: &ConfigArgs) -> Result<Loaded> {
         check_size(size)?;
         let config = config.load()?;
@@ -116,7 +116,7 @@ impl SceneArgs {
     }
 }
 
-/// That a picture's rays can be held.
+/// Checks that the rays of a picture fit in memory.
 pub fn check_size(size: ImageSize) -> Result<()> {
     ensure!(
         u64::from(size.width) * u64::from(size.height) <= MOST_PIXELS,
@@ -126,7 +126,7 @@ pub fn check_size(size: ImageSize) -> Result<()> {
     Ok(())
 }
 
-/// Loads a scene into a machine's numbers, and says what is not in its mesh and what the numbers cannot hold.
+/// Loads a scene in the number format of a machine. Warns of omitted parts of the mesh and of values outside the format.
 pub fn load_mesh(spec: &SceneSpec, config: &Config) -> Result<(Scene, MachineMesh)> {
     let scene = scene::load(spec)?;
     check_address_space(&scene, config)
@@ -138,7 +138,7 @@ pub fn load_mesh(spec: &SceneSpec, config: &Config) -> Result<(Scene, MachineMes
     Ok((scene, mesh))
 }
 
-/// That indices of triangles, nodes and vertices fit the machine's addresses.
+/// Checks that indices of triangles, nodes and vertices fit the machine's addresses.
 fn check_address_space(scene: &Scene, config: &Config) -> Result<()> {
     let mesh = &scene.mesh;
     layout::check_capacity(0, mesh.triangles.len() as u64, config.address_bits)?;
@@ -153,7 +153,7 @@ fn check_address_space(scene: &Scene, config: &Config) -> Result<()> {
 }
 
 impl CameraArgs {
-    /// The options beside `--view` that are given, as `name=value`.
+    /// The given options other than `--view`, as `name=value`.
     fn settings(&self) -> Vec<String> {
         let vector = |name: &str, vector: Option<[f64; 3]>| {
             vector.map(|vector| format!("{name}={}", vector.map(text::number).join(",")))
@@ -169,7 +169,7 @@ impl CameraArgs {
         .collect()
     }
 
-    /// What reports call the camera: `inside`, `outside`, `framing`, or the options that make it.
+    /// The name of the camera in reports: `inside`, `outside`, `framing`, or its options.
     pub fn name(&self) -> String {
         let base = match self.view {
             Some(View::Inside) => Some("inside"),
@@ -181,12 +181,12 @@ impl CameraArgs {
         base.chain(self.settings()).collect::<Vec<_>>().join(" ")
     }
 
-    /// Whether it is left to the scene alone.
+    /// Whether no camera option is given.
     pub fn is_default(&self) -> bool {
         self.view.is_none() && self.settings().is_empty()
     }
 
-    /// The options that choose this camera again.
+    /// The options that select this camera again.
     pub fn replay(&self) -> String {
         let mut text = String::new();
         match self.view {
@@ -263,10 +263,10 @@ impl Loaded {
     }
 }
 
-/// How many of `rays` are active; there must be some.
+/// The number of active rays, at least 1.
 pub fn active(rays: &[Ray]) -> Result<u64> {
     match rays.iter().filter(|ray| ray.active).count() {
-        0 => bail!("no ray of this picture can be cast; give another camera or scene"),
+        0 => bail!("this picture has no valid ray; give another camera or scene"),
         count => Ok(count as u64),
     }
 }

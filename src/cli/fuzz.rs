@@ -1,4 +1,4 @@
-//! `dynrt fuzz`: random machines, each generated, linted and co-simulated.
+//! `dynrt fuzz`: tests of random machines: generation, lint, co-simulation.
 
 use super::files::{Kind, Output};
 use super::{counted, grouped, print};
@@ -12,57 +12,57 @@ use serde_json::{Map, Value, json};
 use std::time::Instant;
 
 const HELP: &str = "\
-Every key of the configuration is drawn at random within its range. Each machine is generated, linted by verilator -Wall,
-iverilog -g2001 and yosys, and co-simulated against the golden model in all bits: traversal unit, geometry unit, update and
-skinning processor alone, the ray casting unit on scenes of two levels, and all together on a scene that moves, with
-triangles of no area, slivers, coincident and flat ones, and instances turned, mirrored and pressed flat.
+Every configuration key has a random value within its range. Each machine is generated, linted with verilator -Wall,
+iverilog -g2001 and yosys, and co-simulated with the golden model, with comparison of all bits: traversal unit, geometry unit,
+update processor and skinning processor alone, the ray casting unit on two-level scenes, and the whole machine on an animated
+scene. The scenes include degenerate, thin, coincident and axis-parallel triangles, and rotated, mirrored and flattened instances.
 
-Machine number K of seed S is the first machine of seed S + K. The first that fails ends the run: it is reported with the
-command that checks just it, and shrunk, key by key towards the reference machine and by halves towards a smaller scene, to the
-plainest machine that fails in the same stage, which is printed as a command too. Machines that pass are remembered in
-the cache by their Verilog and their scene: a run that was cut off goes on where it was.
+Machine number K of seed S is the first machine of seed S + K. The first failure ends the run and is reported with the command that
+replays it. The failing case is then shrunk to the simplest one that fails in the same stage: key by key towards the reference
+machine, and by halves towards a smaller scene; the command for this case is printed as well. Machines that pass are recorded in
+the cache by their Verilog and scene, so an interrupted run can be resumed.
 
-Needs verilator, iverilog, yosys and g++. One machine takes about half a minute of two cores.
+Requires verilator, iverilog, yosys and g++. One machine takes about 30 seconds on two cores.
 
 Examples:
-  dynrt fuzz                                       ten machines of a new seed
+  dynrt fuzz                                       ten machines with a new seed
   dynrt fuzz --machines 200 --seed 1 --json F      the same 200 machines every time
-  dynrt fuzz --machines 1 --seed 27 --list         the machine of that seed, without checking it
+  dynrt fuzz --machines 1 --seed 27 --list         print the machine of this seed, without checks
   dynrt fuzz --config tiny --machines 5            one machine, five random scenes
   dynrt fuzz --seed 1 --stage lint --machines 500  some stages only";
 
-/// Check random machines: generated, linted, co-simulated unit by unit and whole
+/// Generate, lint and co-simulate random machines
 #[derive(clap::Args)]
 #[command(after_help = HELP)]
 pub struct Args {
-    /// How many machines
+    /// Number of machines
     #[arg(long, value_name = "N", default_value_t = 10, value_parser = clap::value_parser!(u32).range(1..=100_000))]
     machines: u32,
-    /// Of the first machine; each further one's is greater by one [default: a new one, printed]
+    /// Random seed of the first machine; it increases by one per machine [default: a new seed, which is printed]
     #[arg(long, value_name = "S")]
     seed: Option<u64>,
-    /// Only this stage; may be repeated [default: all]
+    /// Run only this stage; may be repeated [default: all]
     #[arg(long, value_name = "STAGE")]
     stage: Vec<Stage>,
-    /// In place of random machines this one: a configuration's name or a TOML file
+    /// Check this machine instead of random ones: the name of a configuration or a TOML file
     #[arg(long, value_name = "C")]
     config: Option<super::ConfigName>,
-    /// Sets one key of --config, such as packets.rays=8; may be repeated
+    /// Set one key of --config, such as packets.rays=8; may be repeated
     #[arg(long, value_name = "SECTION.KEY=VALUE", requires = "config")]
     set: Vec<String>,
-    /// Sets a size of what machines are given to do: objects, triangles, instances, frames, packets or transactions
+    /// Set one size of the workload: objects, triangles, instances, frames, packets or transactions
     #[arg(long, value_name = "NAME=N")]
     size: Vec<String>,
-    /// Check machines again that have passed before
+    /// Check machines again even if they passed in an earlier run
     #[arg(long)]
     again: bool,
-    /// The most cases tried to make a failing one plainer
+    /// Maximum number of attempts to shrink a failing case
     #[arg(long, value_name = "N", default_value_t = 80)]
     shrink: usize,
-    /// Print the machines, and check nothing
+    /// Print the machines without checks
     #[arg(long, conflicts_with = "json")]
     list: bool,
-    /// What was checked of each machine, as JSON; written when all are checked, or one has failed
+    /// Write the results per machine as JSON, at the end or after a failure
     #[arg(long, value_name = "F", value_parser = Kind::Json)]
     json: Option<Output>,
 }
@@ -90,7 +90,7 @@ impl Args {
 
 pub fn run_fuzz(args: &Args) -> Result<()> {
     let options = args.options()?;
-    // A mistake in a size shows before anything is printed.
+    // An invalid size is reported before any other output.
     let cases = options.cases()?;
     print(&format!(
         "{} from seed {}\n",
@@ -167,13 +167,13 @@ pub fn run_fuzz(args: &Args) -> Result<()> {
         some => format!(" ({some} in earlier runs; --again checks them again)"),
     };
     print(&format!(
-        "{} passed{before}, {} results: {summary}; in {seconds:.0} s\n",
+        "{} passed{before}, {} results compared: {summary}; in {seconds:.0} s\n",
         counted(report.passed.len() as u64, "machine"),
         grouped(report.checked()),
     ))
 }
 
-/// A machine, as settings.
+/// A machine as a list of settings.
 fn line(case: &Case) -> String {
     let settings = case.settings();
     let settings: Vec<String> = settings.iter().map(|s| format!("--set {s}")).collect();
@@ -183,7 +183,7 @@ fn line(case: &Case) -> String {
 fn line_of(passed: &Passed) -> String {
     let results: u64 = passed.checked.iter().map(|checked| checked.count).sum();
     let when = match passed.remembered {
-        true => "passed before".to_string(),
+        true => "passed in an earlier run".to_string(),
         false => format!("passed in {:.1} s", passed.seconds),
     };
     format!(

@@ -1,4 +1,4 @@
-//! `dynrt generate`: the machine as Verilog.
+//! `dynrt generate`: generation of the Verilog.
 
 use super::files::{Kind, Output};
 use super::{ConfigArgs, print};
@@ -11,22 +11,22 @@ use dynrt::prove::formal;
 
 const HELP: &str = "\
 Writes into DIR
-  *.v              Verilog-2001, one module a file
-  dynrt_core.f     the Verilog files, children first, for -f of most tools
+  *.v              Verilog-2001, one module per file
+  dynrt_core.f     the list of Verilog files, submodules first, for the -f option of most tools
   dynrt_core.core  the same for FuseSoC (2.4 or later), with targets lint, sim, sim_verilator and synth
-  sim/             a bench of the ray casting unit, and a small set of golden vectors that it replays: for the sim targets
-  formal/          with --formal: for each proof by induction the module with its properties, and a task for SymbiYosys
-  manifest.json    configuration, whether it has trace ports, top module, modules with ports and latencies, layouts of the records in memory
+  sim/             a test bench of the ray casting unit and a small set of golden vectors, for the sim targets
+  formal/          with --formal: for each proof by induction, the module with its properties and a task for SymbiYosys
+  manifest.json    configuration, trace ports, top module, modules with ports and latencies, layouts of the records in memory
 
-Trace ports (trace_*) of the ray casting unit show every packet step, triangle test and ray transformation. With --trace-ports the
-machine has them, at a cost in area, and the bench compares what they show; without, it compares hits and counts. All else is the same.
+With --trace-ports the ray casting unit has trace ports (trace_*), which show every traversal step, triangle test and ray
+transformation, at a cost in area. The test bench then compares these as well; otherwise it compares hits and counts.
 
-The names of all modules, their files and the core begin with dynrt_, or what --prefix says: two machines of different prefixes
-can stand in one design.
+The names of all modules, their files and the core begin with dynrt_ or the value of --prefix. Two machines with different prefixes
+can be part of one design.
 
-DIR is made if it does not exist. In one that exists, files of the same names are replaced, files that its old
-manifest.json lists and this machine lacks are removed, and nothing else is touched. All files are written whole before
-the first takes its place, the manifest last. The same configuration gives the same files, to the byte.
+DIR is created if it does not exist. In an existing DIR, files of the same names are replaced, and files that its old
+manifest.json lists and this machine lacks are removed; no other file is changed. All files are written completely before
+the first one is replaced, the manifest last. The same configuration always gives identical files.
 
 Examples:
   dynrt generate --out build/rtl
@@ -38,22 +38,22 @@ Examples:
   dynrt generate --trace-ports --out build/traced
   cd build/rtl && verilator --lint-only -Wall -f dynrt_core.f --top-module dynrt_core
 
-Every configuration key, with its range, is explained in the files of configs/.";
+The files in configs/ explain every configuration key and its range.";
 
-/// Emit the machine: Verilog, file lists and a manifest
+/// Generate the machine: Verilog, file lists and a manifest
 #[derive(clap::Args)]
 #[command(after_help = HELP)]
 pub struct Args {
-    /// The folder to write
+    /// The output folder
     #[arg(long, value_name = "DIR", value_parser = Kind::Files)]
     out: Output,
-    /// Write the properties of all units for provers: formal/*.sv for Yosys, formal/*.sby for SymbiYosys
+    /// Write the properties of all units for formal tools: formal/*.sv for Yosys, formal/*.sby for SymbiYosys
     #[arg(long)]
     formal: bool,
-    /// Let the modules check their properties in simulation, where the macro DYNRT_CHECKS is defined
+    /// Add checks of the properties to the modules, for simulation with the macro DYNRT_CHECKS
     #[arg(long)]
     checks: bool,
-    /// Give the machine trace ports, which show every packet step, triangle test and ray transformation
+    /// Add trace ports, which show every traversal step, triangle test and ray transformation
     #[arg(long)]
     trace_ports: bool,
     #[command(flatten)]
@@ -62,16 +62,16 @@ pub struct Args {
     config: ConfigArgs,
 }
 
-/// What the names of a machine's modules and files begin with.
+/// The prefix of the names of a machine's modules and files.
 #[derive(clap::Args)]
 pub struct PrefixArg {
-    /// What the names of all modules and files begin with, exactly as given: [a-z][a-z0-9_]*
+    /// The prefix of all module and file names, [a-z][a-z0-9_]*
     #[arg(long, value_name = "NAME", default_value = PREFIX)]
     prefix: String,
 }
 
 impl PrefixArg {
-    /// The prefix, or one line that says what it must be.
+    /// The prefix, or an error in one line.
     pub fn parse(&self) -> Result<Prefix> {
         self.prefix.parse().map_err(anyhow::Error::msg)
     }

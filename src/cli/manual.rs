@@ -1,4 +1,4 @@
-//! `dynrt completions` and `dynrt man`: what shells and readers of manuals know of the command line.
+//! `dynrt completions` and `dynrt man`: shell completions and manual pages.
 
 use super::files::{Kind, Output};
 use super::{command, counted, print, print_as_it_is};
@@ -15,7 +15,7 @@ Examples:
   dynrt completions zsh > ~/.zfunc/_dynrt
   dynrt completions fish > ~/.config/fish/completions/dynrt.fish";
 
-/// Print what makes a shell complete the arguments of dynrt
+/// Print a completion script for a shell
 #[derive(clap::Args)]
 #[command(after_help = COMPLETIONS_HELP)]
 pub struct CompletionsArgs {
@@ -31,23 +31,23 @@ pub fn completions(args: &CompletionsArgs) -> Result<()> {
 }
 
 const MAN_HELP: &str = "\
-Writes dynrt.1 and a page for each command, such as dynrt-cosim.1. DIR is made if it does not exist; earlier pages in it are replaced
-as a whole; a folder that holds anything else is left alone.
+Writes dynrt.1 and one page per command, such as dynrt-cosim.1. DIR is created if it does not exist. Earlier pages in it are replaced
+as a whole; a folder with any other file is refused.
 
 Examples:
   dynrt man --out build/man1 && man build/man1/dynrt-cosim.1
   dynrt man --out /tmp/man1 && install -m 644 /tmp/man1/*.1 /usr/local/share/man/man1/";
 
-/// Write the manual pages, one for each command
+/// Write the manual pages, one per command
 #[derive(clap::Args)]
 #[command(after_help = MAN_HELP)]
 pub struct ManArgs {
-    /// The folder to write
+    /// The output folder
     #[arg(long, value_name = "DIR", value_parser = Kind::Folder)]
     out: Output,
 }
 
-/// A folder is one of pages if it has the first one; all pages of dynrt are its own.
+/// A folder holds manual pages if it contains dynrt.1; all pages of dynrt belong to it.
 const CONTENT: Content = Content {
     name: "manual pages",
     owned: |_, names| {
@@ -81,7 +81,7 @@ pub fn run(args: &ManArgs) -> Result<()> {
     ))
 }
 
-/// A command's page, its name first. What stands below the options in its help has lines that must stay as they are.
+/// The name and text of the manual page of a command. The text after the options in its help keeps its line breaks.
 fn page(command: clap::Command) -> Result<(String, String)> {
     let notes = command.get_after_help().map(ToString::to_string);
     let man = Man::new(command.after_help(Resettable::Reset)).manual("DynRT");

@@ -1,4 +1,4 @@
-//! `dynrt mutate`: whether co-simulation would notice a bug.
+//! `dynrt mutate`: mutation test of the co-simulation.
 
 use super::files::{self, Output};
 use super::{ConfigArgs, counted, print, tell};
@@ -11,37 +11,37 @@ use serde_json::json;
 use std::fmt::Write as _;
 
 const HELP: &str = "\
-Each mutant is one change of the netlist, as its Verilog shows it: an operator, a literal, a condition, a slice, a reset, a pipeline register left out.
-All of a unit's are compiled into one model, which runs what the unit's tests run. What survives is tried for equivalence by Yosys, and
-listed otherwise. Results are kept in the cache: a run that was cut off goes on where it was.
+Each mutant is one change of the netlist: of an operator, literal, condition, slice or reset, or a missing pipeline register. The
+mutants of a unit are compiled into one model, which runs the co-simulation of the unit. Yosys checks survivors for equivalence;
+the others are listed. Results are kept in the cache, so an interrupted run can be resumed.
 
 Examples:
   dynrt mutate --mutants 600 --seed 1 --json mutants.json
-  dynrt mutate --mutants 600 --seed 1 --only 217          one of them again, with all that is said of it
+  dynrt mutate --mutants 600 --seed 1 --only 217          one of these mutants again, with details
   dynrt mutate --mutants 100 --seed 7 --unit update";
 
-/// Change the emitted Verilog in many places, one at a time, and see whether co-simulation notices
+/// Mutation test: apply random single changes to the netlist and check that co-simulation detects them
 #[derive(clap::Args)]
 #[command(after_help = HELP)]
 pub struct Args {
-    /// How many, over all units
+    /// Number of mutants, over all units
     #[arg(long, value_name = "N", default_value_t = 100, value_parser = clap::value_parser!(u32).range(1..=100_000))]
     mutants: u32,
-    /// Of the draw; the same draws the same
+    /// Random seed
     #[arg(long, value_name = "S", default_value_t = 1)]
     seed: u64,
-    /// Those of one unit only: arithmetic, tpu, geometry, update or raycast; may be repeated
+    /// Mutate only this unit: arithmetic, tpu, geometry, update or raycast; may be repeated
     #[arg(long, value_name = "NAME")]
     unit: Vec<String>,
-    /// One mutant alone, by its number
+    /// Run only the mutant with this number
     #[arg(long, value_name = "K")]
     only: Option<u32>,
-    /// Fail where fewer percent of those not proved equivalent are noticed
+    /// Fail if the mutation score (killed mutants, in percent of those not proved equivalent) is below this value
     #[arg(long, value_name = "P", default_value_t = 95.0)]
     least: f64,
     #[command(flatten)]
     config: ConfigArgs,
-    /// Every mutant and what became of it, as JSON
+    /// Write all mutants and their outcomes as JSON
     #[arg(long, value_name = "F", value_parser = files::Kind::Json)]
     json: Option<Output>,
 }
@@ -49,7 +49,7 @@ pub struct Args {
 pub fn run(args: &Args) -> Result<()> {
     ensure!(
         (0.0..=100.0).contains(&args.least),
-        "--least {}: give a share from 0 to 100 percent",
+        "--least {}: give a percentage from 0 to 100",
         text::number(args.least)
     );
     let config = args.config.load()?;
@@ -59,7 +59,7 @@ pub fn run(args: &Args) -> Result<()> {
         ..Request::new(args.mutants, args.seed)
     };
     let bar = report::progress(u64::from(args.mutants), "mutants");
-    // A bench that a mutant breaks says so by a panic, of which there are many: that they happened is in the report.
+    // Mutants make benches panic. These panics are part of the report and are not printed.
     let hook = std::panic::take_hook();
     std::panic::set_hook(Box::new(|_| ()));
     let found = mutate::mutate(&config, &request, &tell, &|done, total| {
@@ -87,7 +87,7 @@ pub fn run(args: &Args) -> Result<()> {
     print(&to_text(args, &found))?;
     ensure!(
         found.share_percent() >= args.least,
-        "{:.1} % of the mutants that are not equivalent were noticed, not {} %: the survivors above are gaps of the tests",
+        "the mutation score is {:.1} %, below {} %: the survivors above are gaps in the tests",
         found.share_percent(),
         args.least
     );
@@ -99,7 +99,7 @@ fn to_text(args: &Args, found: &Report) -> String {
     for mutant in found.survivors() {
         let _ = writeln!(
             text,
-            "survived  {} {} {PREFIX}{}.v:{} {}\n  before {}\n  after  {}\n  again: dynrt mutate --mutants {} --seed {} --only {}{}",
+            "survived  {} {} {PREFIX}{}.v:{} {}\n  before {}\n  after  {}\n  replay: dynrt mutate --mutants {} --seed {} --only {}{}",
             mutant.number,
             mutant.unit,
             mutant.module,
@@ -121,7 +121,7 @@ fn to_text(args: &Args, found: &Report) -> String {
                 mutant.unit, mutant.module, mutant.line, mutant.before, mutant.after
             );
             let _ = match &mutant.outcome {
-                Outcome::Noticed { run, how } => writeln!(text, "noticed by {run}: {how}"),
+                Outcome::Noticed { run, how } => writeln!(text, "killed by {run}: {how}"),
                 Outcome::Equivalent { proof } => writeln!(text, "equivalent: {proof}"),
                 Outcome::Survived { runs } => writeln!(text, "survives {}", runs.join(", ")),
             };
@@ -130,7 +130,7 @@ fn to_text(args: &Args, found: &Report) -> String {
     let _ = writeln!(
         text,
         "{:10} {:>8} {:>8} {:>10} {:>9}",
-        "", "mutants", "noticed", "equivalent", "survived"
+        "", "mutants", "killed", "equivalent", "survived"
     );
     let row = |name: &str, of: &dyn Fn(&mutate::Mutant) -> bool| {
         let mutants: Vec<_> = found.mutants.iter().filter(|m| of(m)).cloned().collect();
@@ -157,7 +157,7 @@ fn to_text(args: &Args, found: &Report) -> String {
     }
     let _ = writeln!(
         text,
-        "{} of seed {}, {} known from before: {} noticed, {} proved equivalent, {} survived: {:.1} % of those not equivalent are noticed",
+        "{} of seed {}, {} from earlier runs: {} killed, {} proved equivalent, {} survived; mutation score {:.1} %",
         counted(found.mutants.len() as u64, "mutant"),
         found.seed,
         found.remembered,

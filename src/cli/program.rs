@@ -12,28 +12,28 @@ use serde_json::{Value, json};
 use std::time::Instant;
 
 const HELP: &str = "\
-The update program rewrites the bounds of a tree whose topology stays when its vertices have moved. It has one stream
-of instructions: load a vertex, merge three vertices to a leaf's box, merge two boxes and write the node between.
-docs/update.md describes them bit for bit.
+The update program rewrites the bounds of a tree of fixed topology after its vertices have moved. It is one stream of
+instructions: load a vertex, merge three vertices to the box of a leaf, merge two boxes and write the node above them.
+docs/update.md defines the instructions in all bits.
 
 Examples:
   dynrt program builtin:teapot
   dynrt program model.obj --list | less
   dynrt program model.obj --json program.json";
 
-/// Compile the program that updates a scene's tree, and show what it takes
+/// Compile the update program of a scene's tree, and print its statistics
 #[derive(clap::Args)]
 #[command(after_help = HELP)]
 pub struct Args {
-    /// An OBJ file, or builtin:NAME for a scene that needs no file
+    /// The scene: an OBJ file, or builtin:NAME for a built-in scene
     #[arg(value_name = "SCENE")]
     scene: SceneSpec,
-    /// Every instruction, a line each: byte address, bytes, operands
+    /// List the instructions, one per line: byte address, bytes, operands
     #[arg(long)]
     list: bool,
     #[command(flatten)]
     config: ConfigArgs,
-    /// The figures, as JSON
+    /// Write the results as JSON
     #[arg(long, value_name = "F", value_parser = Kind::Json)]
     json: Option<Output>,
 }

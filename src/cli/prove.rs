@@ -1,4 +1,4 @@
-//! `dynrt prove`: proofs about the emitted Verilog.
+//! `dynrt prove`: proofs about the generated Verilog.
 
 use super::files::{Kind, Output};
 use super::{ConfigArgs, counted, print};
@@ -10,47 +10,47 @@ use std::time::Instant;
 
 const HELP: &str = "\
 Units:
-  add, sub, mul     the result is the exact one, rounded once, for all operands, specials included
-  reciprocal        the same; every operand is tried on the gates
+  add, sub, mul     the result is the exact one, rounded once, for all operands including special values
+  reciprocal        the same, by simulation of the gates for every operand
   compare, step     less, less or equal, equal, min, max; steps of three ulps
-  slots             the triangle test: own slots and borrowed ones never meet
-  fifo, prefetch    every queue and every reader ahead of the machine: order, no loss, no duplicate, no overflow
-  credit            the update processor: credits are what they stand for, ports keep what they show, nothing locks up
-  skin, geometry    the skinning processor, the geometry unit: the same of vertices, meshes, leaves and rays
-  tpu, stack        packets are neither lost nor doubled, no queue overflows; a pop reads what the push wrote
-  share             the ray casting unit: packet numbers, tags, who has the geometry unit and its port to memory
-  trace             the core without trace ports is the core with them, but for these ports
+  slots             the triangle test: shared operators, slots of different kinds do not affect each other
+  fifo, prefetch    every queue and every prefetcher of the machine: order, no loss, no duplicate, no overflow
+  credit            the update processor: exact credits, stable ports, no deadlock
+  skin, geometry    the skinning processor, the geometry unit: the same for vertices, meshes, leaves and rays
+  tpu, stack        the traversal unit: no packet is lost or duplicated, no queue overflows; a pop reads the pushed entry
+  share             the ray casting unit: packet numbers, tags, sharing of the geometry unit and its memory port
+  trace             the core behaves the same with and without trace ports
 
-Arithmetic is compared with a reference of its own by ABC, on gates that Yosys makes of both, once every path through the
-unit has been seen to have as many registers as its latency says. With and without trace ports, outputs are compared as
-expressions over equal state. The rest is proved by induction with yosys-smtbmc and z3.
-A proof that a tool leaves undecided has failed. Lines appear as proofs end; the last one says whether all hold.
+Arithmetic is compared with an independent reference by ABC, on gates that Yosys makes of both; before that, every path through
+the unit is checked to have as many registers as the latency of the unit. For the trace ports, the outputs of both cores are
+compared as expressions over equal state. All other proofs are inductions with yosys-smtbmc and z3.
+A proof without a decision counts as failed. Each line appears when its proof ends; the last line is the overall result.
 
-Needs yosys and z3 (Debian: apt-get install yosys z3). A tool runs on each core, at low priority.
+Requires yosys and z3 (Debian: apt-get install yosys z3). One tool runs per core, at low priority.
 
 Examples:
   dynrt prove                    everything
-  dynrt prove --quick            what takes about two minutes: some of the sums' cases, all else whole
+  dynrt prove --quick            about two minutes: some cases of the sums, all other proofs
   dynrt prove add mul            two units
-  dynrt prove --plant            instead, seeded faults: each proof must refute each of its own
+  dynrt prove --plant            seeded faults instead: each proof must refute each of its faults
   dynrt prove --json proofs.json";
 
-/// Prove the arithmetic, the queues and the ports of the emitted Verilog
+/// Prove properties of the generated Verilog: arithmetic, queues, protocols
 #[derive(clap::Args)]
 #[command(after_help = HELP)]
 pub struct Args {
-    /// What to prove; all units if none is named
+    /// The units to prove [default: all]
     #[arg(value_name = "UNIT")]
     units: Vec<String>,
-    /// Of the sums' cases only those where the operands meet at the rounding bits
+    /// Of the cases of the sums, prove only those in which the operands overlap at the rounding bits
     #[arg(long)]
     quick: bool,
-    /// Instead, seeded faults: changes of the netlist, one at a time; each must be refuted
+    /// Check seeded faults instead: single changes of the netlist, each of which must be refuted
     #[arg(long)]
     plant: bool,
     #[command(flatten)]
     config: ConfigArgs,
-    /// The table, as JSON; written only when every proof has ended
+    /// Write the table as JSON, when all proofs have ended
     #[arg(long, value_name = "F", value_parser = Kind::Json)]
     json: Option<Output>,
 }
@@ -66,7 +66,7 @@ pub fn run(args: &Args) -> Result<()> {
     let clock = Instant::now();
     let bar = report::progress(0, "proofs");
     let mut printed = print(&format!(
-        "configuration {}{}\n{:10} {:18} {:>5} {:>8}  {:9} what, and how\n",
+        "configuration {}{}\n{:10} {:18} {:>5} {:>8}  {:9} property and method\n",
         config.name,
         args.config.settings(),
         "unit",

@@ -12,15 +12,15 @@ use std::fmt::Write as _;
 use std::time::Instant;
 
 const HELP: &str = "\
-The golden model computes what the machine of the configuration computes, bit for bit, without a clock. A test is one
-visit of a leaf by a packet; averages are over all packets, those that miss the scene included.
+The golden model computes the same results as the machine of the configuration, in all bits, without timing. A triangle
+test is one visit of a leaf by a packet. Averages are over all packets, including those that miss the scene.
 
 Examples:
   dynrt render builtin:teapot --out teapot.png
   dynrt render builtin:interior --view inside --out hall.png --heatmap steps.png
   dynrt render model.obj --eye=4,2,-7 --look-at=0,1,0 --fov=40 --size 1024x768 --out model.png";
 
-/// Draw a picture with the golden model, and a heat map of its packet steps
+/// Render a picture with the golden model, and a heat map of its traversal steps
 #[derive(clap::Args)]
 #[command(after_help = HELP)]
 pub struct Args {
@@ -31,13 +31,13 @@ pub struct Args {
     size: ImageSize,
     #[command(flatten)]
     config: ConfigArgs,
-    /// The picture, as PNG
+    /// Write the picture as PNG
     #[arg(long, value_name = "F.png", value_parser = Kind::Png)]
     out: Option<Output>,
-    /// Packet steps of each packet, as PNG: the lighter the more
+    /// Write the traversal steps per packet as PNG; brighter means more
     #[arg(long, value_name = "F.png", value_parser = Kind::Png)]
     heatmap: Option<Output>,
-    /// The figures, as JSON
+    /// Write the results as JSON
     #[arg(long, value_name = "F", value_parser = Kind::Json)]
     json: Option<Output>,
 }
@@ -63,7 +63,7 @@ pub fn run(args: &Args) -> Result<()> {
     let size = args.size;
     let mut text = format!(
         "scene {}, {}, configuration {}{}, view {}, {size}\n\
-         {}, {}, {:.2} packet steps and {:.2} triangle tests a packet\n\
+         {}, {}, {:.2} traversal steps and {:.2} triangle tests per packet\n\
          {:.2} M rays/s, tree built in {:.2} s\n",
         loaded.scene.name,
         counted(loaded.mesh.triangles.len() as u64, "triangle"),
@@ -87,7 +87,7 @@ pub fn run(args: &Args) -> Result<()> {
         let steps: Vec<u32> = frame.packets.iter().map(|packet| packet.steps).collect();
         let (picture, greatest) = report::heatmap(size, &loaded.packets, &steps, None);
         files.push(heatmap.png(&picture)?);
-        let _ = writeln!(text, "heat map, 0 to {greatest} packet steps: {heatmap}");
+        let _ = writeln!(text, "heat map, 0 to {greatest} traversal steps: {heatmap}");
     }
     if let Some(json) = &args.json {
         let value = json!({

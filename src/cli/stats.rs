@@ -1,4 +1,4 @@
-//! `dynrt stats`: what trees of a scene take and cost.
+//! `dynrt stats`: size and traversal cost of trees.
 
 use super::files::{Kind, Output};
 use super::frame::{Built, Loaded, SIZE, SceneArgs, active};
@@ -14,17 +14,17 @@ use std::fmt::Write as _;
 
 const HELP: &str = "\
 Three trees are built and measured with the golden model:
-  plain    the surface area heuristic over boxes' areas, one axis a node, sorted by centre
+  plain    surface area heuristic with the areas of boxes, one axis per node, sorted by centre
   region   the same with the area of the region that traversal knows
-  default  the builder's best for the configuration, which every other subcommand uses
-A packet step is one node met by a packet, a triangle test one visit of a leaf by a packet; averages are over all
-packets of the picture, those that miss the scene included. build_s is one build on one core, in seconds.
+  default  the best options for the configuration, used by all other subcommands
+A traversal step is one visit of a node by a packet, a triangle test one visit of a leaf by a packet. Averages are over
+all packets of the picture, including those that miss the scene. build_s is the time of one build on one core in seconds.
 
 Examples:
   dynrt stats builtin:interior --view inside
   dynrt stats model.obj --view outside --config dynrt-2006 --json model.json";
 
-/// Measure the trees of a scene: size, depth, and packet steps and triangle tests a packet
+/// Measure trees of a scene: size, depth, and traversal steps and triangle tests per packet
 #[derive(clap::Args)]
 #[command(after_help = HELP)]
 pub struct Args {
@@ -35,12 +35,12 @@ pub struct Args {
     size: ImageSize,
     #[command(flatten)]
     config: ConfigArgs,
-    /// The figures, as JSON
+    /// Write the results as JSON
     #[arg(long, value_name = "F", value_parser = Kind::Json)]
     json: Option<Output>,
 }
 
-/// What was measured of one tree.
+/// The measurements of one tree.
 struct Measured {
     name: &'static str,
     tree: TreeStatistics,

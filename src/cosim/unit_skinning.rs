@@ -183,7 +183,7 @@ impl SkinFigures {
     /// The figures in a line.
     pub fn summary(&self) -> String {
         format!(
-            "{}: {} vertices, {} influences in {} clocks: {:.4} influences, {:.4} vertices a clock",
+            "{}: {} vertices, {} influences in {} cycles: {:.4} influences, {:.4} vertices per cycle",
             self.name,
             self.vertices,
             self.influences,

@@ -578,7 +578,7 @@ impl<'a> Run<'a> {
             )),
             Some(packet) => Ok(packet),
             None => Err(self.bench.mismatch(
-                format!("{what} of packet {id} in flight, which there is not"),
+                format!("{what} of packet number {id}, which is not in flight"),
                 vec![],
             )),
         }

@@ -159,7 +159,7 @@ impl UpdateFigures {
     /// The figures in a line.
     pub fn summary(&self) -> String {
         format!(
-            "{}: {} triangles, {} instructions in {} clocks ({} waiting for a vertex, {} for room for a node): {:.4} instructions, {:.4} triangles, {:.4} nodes a clock",
+            "{}: {} triangles, {} instructions in {} cycles ({} waiting for a vertex, {} for room for a node): {:.4} instructions, {:.4} triangles, {:.4} nodes per cycle",
             self.name,
             self.triangles,
             self.instructions,

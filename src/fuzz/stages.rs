@@ -14,26 +14,26 @@ use crate::temporary;
 use anyhow::{Context, Result, ensure};
 use std::panic::{AssertUnwindSafe, catch_unwind};
 
-/// A step of a machine's way through its checks, in order.
+/// A stage of the checks of a machine, in order.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
 pub enum Stage {
-    /// The machine is described and printed as Verilog, with its manifest
+    /// Generation of the Verilog and the manifest
     Generate,
-    /// verilator -Wall, iverilog -g2001 and yosys accept it without a word
+    /// verilator -Wall, iverilog -g2001 and yosys report no warnings
     Lint,
-    /// The traversal unit alone, packet step by packet step
+    /// The traversal unit alone, by traversal steps
     Tpu,
-    /// The geometry unit alone, test by test
+    /// The geometry unit alone, by tests
     Geometry,
-    /// The geometry unit alone, ray transformation by ray transformation
+    /// The geometry unit alone, by ray transformations
     Transform,
     /// The update processor alone
     Update,
     /// The skinning processor alone
     Skinning,
-    /// The ray casting unit on scenes of two levels, with rays of every kind
+    /// The ray casting unit on two-level scenes, with rays of every kind
     Raycast,
-    /// Skinning, update and ray casting of a scene that moves
+    /// Skinning, update and ray casting of an animated scene
     Animation,
 }
 

@@ -1,9 +1,9 @@
-//! Block RAM of more words than one has.
+//! Memories of more words than one block RAM has.
 
 use super::plan::Plan;
 use crate::hdl::{Builder, Memory, Signal, Style, bits_for};
 
-/// The choice that an index names, by a tree of choices between two. It is called `name` where it gets a name in the Verilog.
+/// A multiplexer that selects the choice with number `index`, as a tree of two-input multiplexers. Its name in the Verilog is `name`.
 pub(super) fn pick<'b>(name: &str, index: Signal<'b>, choices: &[Signal<'b>]) -> Signal<'b> {
     if let [only] = choices {
         return *only;
@@ -18,33 +18,33 @@ pub(super) fn pick<'b>(name: &str, index: Signal<'b>, choices: &[Signal<'b>]) ->
         .hinted(name)
 }
 
-/// Words of a block RAM at its greatest width: 512 of 36 bits, in a Virtex-4 as in an ECP5.
+/// Words of a block RAM at its greatest width: 512 of 36 bits, for Virtex-4 and ECP5.
 const WORDS: u32 = 512;
 
-/// What writes a bank, as it does: a clock late where there are several.
+/// The write port of a bank. With several banks, writes are one cycle later.
 pub(super) struct BankWrite<'b> {
     pub enable: Signal<'b>,
     pub address: Signal<'b>,
     pub word: Signal<'b>,
 }
 
-/// What is read of all banks.
+/// The words read from all banks.
 pub(super) struct BankRead<'b> {
     pub address: Signal<'b>,
     pub word: Signal<'b>,
-    /// Of each bank, as its RAM has read it.
+    /// The word of each bank, at the output of its RAM.
     pub of_banks: Vec<Signal<'b>>,
 }
 
-/// A memory in block RAM, as one or, where a choice between block RAMs needs a stage of its own, in banks.
+/// A memory in block RAM. It is split into banks if the multiplexer between block RAMs needs a pipeline stage of its own.
 pub(super) struct Banks<'b> {
     name: String,
-    /// As many as the memory needs, each with the bits of its addresses; the last perhaps smaller.
+    /// The banks, each with its number of address bits; the last one can be smaller.
     banks: Vec<(Memory<'b>, u32)>,
 }
 
 impl<'b> Banks<'b> {
-    /// `plan` says whether there are banks: from the clock on where [`Plan::read`] has a register to choose behind.
+    /// Makes the memory. It has banks if [`Plan::chooses_after_read`].
     pub fn new(plan: &Plan, m: &'b Builder, name: &str, words: u32, width: u32) -> Banks<'b> {
         let whole = |name: String, words| {
             let memory = m.memory(name, words, width, Style::Block);
@@ -60,19 +60,19 @@ impl<'b> Banks<'b> {
         Banks { name, banks }
     }
 
-    /// Each bank, with the bits of its addresses.
+    /// The banks, each with its number of address bits.
     pub fn banks(&self) -> &[(Memory<'b>, u32)] {
         &self.banks
     }
 
-    /// The number of the bank that an address is in, and where it is there.
+    /// Splits an address into the number of the bank and the address in the bank.
     pub fn split(address: Signal<'b>) -> (Signal<'b>, Signal<'b>) {
         let low = WORDS.trailing_zeros();
         (address.high(address.width() - low), address.low(low))
     }
 
-    /// Writes a word at the clock edge; with banks a clock later, since wires to all of them take a clock of their own. So nobody may
-    /// read it in the two clocks after.
+    /// Writes a word at the clock edge. With banks the write is one cycle later, because the wires to all banks take a cycle of their
+    /// own; the word must not be read in the two cycles after the call.
     pub fn write(
         &self,
         enable: Signal<'b>,
@@ -100,7 +100,7 @@ impl<'b> Banks<'b> {
         written.collect()
     }
 
-    /// The word at an address, as late as [`Plan::read`] has it; with banks a clock later, as it is written.
+    /// Reads the word at an address with the latency of [`Plan::read`]. With banks the latency is one cycle more, like that of a write.
     pub fn read(&self, plan: &Plan, address: Signal<'b>) -> BankRead<'b> {
         if let [(only, _)] = self.banks[..] {
             return BankRead {

@@ -1,4 +1,4 @@
-//! The whole core: every unit of the machine, side by side, each with its own ports to memory.
+//! The whole core: all units of the machine, each with its own memory ports.
 
 use super::plan::Plan;
 use super::raycast::{self, Machine};
@@ -6,10 +6,10 @@ use super::update;
 use crate::hdl::{Builder, Design, Direction, HdlError, Module, Prefix};
 use std::sync::Arc;
 
-/// The core's module.
+/// The name of the core's module.
 pub const NAME: &str = "core";
 
-/// What the names of all modules of a machine begin with in Verilog, unless another prefix is asked for.
+/// The default prefix of all module names in the Verilog.
 pub const PREFIX: &str = "dynrt_";
 
 /// [`PREFIX`], for a design.
@@ -17,11 +17,11 @@ pub fn default_prefix() -> Prefix {
     PREFIX.parse().expect("it is of the pattern")
 }
 
-/// Describes the core of a machine. The top module is [`NAME`], which is emitted as `dynrt_core`; another prefix is set by
-/// [`Design::with_prefix`].
+/// Describes the core of a machine. The top module is [`NAME`], which is emitted as `dynrt_core`; [`Design::with_prefix`] sets
+/// another prefix.
 ///
 /// # Errors
-/// A mistake in the description itself, with its place in the Rust source.
+/// A mistake in the description, with its location in the Rust source.
 pub fn emit(plan: &Plan) -> Result<Machine, HdlError> {
     Ok(Machine {
         config: plan.config.clone(),
@@ -33,7 +33,7 @@ pub fn emit(plan: &Plan) -> Result<Machine, HdlError> {
 fn module(plan: &Plan) -> Result<Arc<Module>, HdlError> {
     let m = Builder::new(
         NAME,
-        "the core: ray casting and update of the tree. Units work independently; what may not overlap is for whoever starts them to see to.",
+        "the whole machine: ray casting, skinning and tree update. The units run independently; the host must prevent conflicting operations.",
     );
     for (name, prefix, unit) in [
         ("casting", "", raycast::module(plan)?),
@@ -61,7 +61,7 @@ fn module(plan: &Plan) -> Result<Arc<Module>, HdlError> {
     m.finish()
 }
 
-/// The heading of a unit's group of ports among all units'.
+/// The heading of a port group in the core: that of the unit, with the name of the unit.
 fn group(prefix: &str, heading: &str) -> String {
     match prefix {
         "" => heading.to_string(),

@@ -1,4 +1,4 @@
-//! The plane distance: (plane − origin) × reciprocal, three ulps down or up.
+//! The plane distance: (plane − origin) × reciprocal, minus or plus three ulps.
 
 use super::fp::{Units, step_up_or_down};
 use super::timing::Timing;
@@ -6,17 +6,17 @@ use crate::hdl::{Builder, HdlError, Library, Module, Parameter, Signal, Specs};
 use crate::interface;
 use std::sync::Arc;
 
-/// Ulps by which a near distance steps down and a far one up: they cover the plane distance's own three roundings.
+/// The ulps by which a near distance is decreased and a far one increased: they cover the three roundings of the plane distance.
 const SLACK: u64 = 3;
 
 interface! {
     pub(super) (number: u32) {
-        in "The plane, and the ray's origin and reciprocal direction on the plane's axis" {
+        in "Plane position; the ray's origin and reciprocal direction on the plane's axis" {
             plane: number,
             origin: number,
             reciprocal: number,
         }
-        out "Distance in multiples of the ray's direction" { distance: number }
+        out "Distance, as a multiple of the ray's direction" { distance: number }
     }
 }
 
@@ -31,8 +31,8 @@ pub(super) fn far(units: &Units) -> Result<Arc<Module>, HdlError> {
 fn module(units: &Units, far: bool) -> Result<Arc<Module>, HdlError> {
     let library = Library {
         name: "plane_distance",
-        doc: "a ray's distance to a plane, three ulps down to a near one and up to a far one: it is never beyond, or short of, the exact one.",
-        parameters: &[Parameter::flag("FAR", "the plane is a far one")],
+        doc: "the distance of a ray to a plane, conservative: three ulps less for a near plane (never above the exact distance), three ulps more for a far plane (never below it).",
+        parameters: &[Parameter::flag("FAR", "1 for a far plane")],
         values: &|far| vec![u32::from(*far)],
         samples: &[false, true],
         describe: &|far| describe(units, *far),
@@ -44,11 +44,11 @@ fn describe(units: &Units, far: bool) -> Result<Arc<Module>, HdlError> {
     let (name, doc) = match far {
         false => (
             "near_distance",
-            "a ray's distance to a near plane, three ulps down: it is never beyond the exact one.",
+            "the distance of a ray to a near plane, three ulps less: never above the exact distance.",
         ),
         true => (
             "far_distance",
-            "a ray's distance to a far plane, three ulps up: it is never short of the exact one.",
+            "the distance of a ray to a far plane, three ulps more: never below the exact distance.",
         ),
     };
     let w = units.format.width();
@@ -59,10 +59,10 @@ fn describe(units: &Units, far: bool) -> Result<Arc<Module>, HdlError> {
     let plane = inputs.plane.input_at(&p, 0);
     let origin = inputs.origin.input_at(&p, 0);
     let offset = units.sub("offset", plane, origin);
-    // The reciprocal is needed only once the difference is there.
+    // The reciprocal is needed at the stage of the difference.
     let reciprocal = (inputs.reciprocal).input_at(&p, offset.stage());
     let distance = {
-        // An alternative, not a number that simplifies anything.
+        // The literal selects a variant; it must not simplify the logic.
         m.simplify(false);
         from_offset("scaled", units, offset, reciprocal, m.lit(u8::from(far), 1))
     };
@@ -70,7 +70,7 @@ fn describe(units: &Units, far: bool) -> Result<Arc<Module>, HdlError> {
     m.finish()
 }
 
-/// A plane's distance, from its `offset` from the origin: down, or `up` that of a far one.
+/// The distance of a plane, given its `offset` from the origin: decreased, or increased if `up` (a far plane).
 pub(super) fn from_offset<'b>(
     name: impl AsRef<str>,
     units: &Units,
@@ -86,7 +86,7 @@ pub(super) fn from_offset<'b>(
     step_up_or_down(units.format, exact, up, SLACK, after_sum).register()
 }
 
-/// Places a [`near`] or [`far`] distance as the instance `name` in the plane's module.
+/// Instantiates a [`near`] or [`far`] distance as `name` in the module of `plane`.
 pub(super) fn place<'b>(
     name: impl AsRef<str>,
     distance: &Arc<Module>,

@@ -1,26 +1,26 @@
-//! The geometry unit: fetches a leaf and its vertices, and passes the packet's rays one a clock through the triangle test.
+//! The geometry unit: fetches a leaf and its vertices, and passes the packet's rays through the triangle test, one per cycle.
 //!
-//! - A leaf that is a **triangle** takes a slot of the test for each ray; the hits are merged.
-//! - A leaf that is an **instance** of an object takes three slots for each ray, in which the test's own operators transform the ray:
+//! - A leaf that is a **triangle** takes one slot of the test per ray; the hits are merged.
+//! - A leaf that is an **instance** of an object takes three slots per ray, in which the operators of the test transform the ray:
 //!   *box* (the ray's interval in the instance's box: its window), *direction* and *origin* (each a matrix times a vector). The
-//!   transformed ray goes through ray setup again and the packet goes on in the object's space.
+//!   transformed ray passes through ray setup again, and the packet continues in object space.
 //!
-//! A packet has at most one leaf under way, so everything here is numbered by its packet, queues are as deep as there are packets,
-//! and nothing can overflow. Rays outside a leaf's mask are skipped and cost nothing.
+//! A packet has at most one leaf in flight. So all state is addressed by the packet number, each queue has one entry per packet,
+//! and no queue can overflow. Rays outside the mask of a leaf are skipped without a slot.
 //!
-//! While no packet is under way, the skinning processor (`skinning.rs`) borrows the test: it writes a palette of matrices and then
-//! issues an influence a clock, which takes a slot.
+//! While no packet is in flight, the skinning processor (`skinning.rs`) can use the test: it writes a palette of matrices and then
+//! issues one influence per cycle, which takes one slot.
 //!
-//! One file a part, in the order in which a leaf meets them:
+//! Each part has a file; a leaf passes the parts in this order:
 //!
-//! | part | does |
+//! | part | function |
 //! |---|---|
-//! | `fetch` | requests a leaf's record and vertices, and says when all are there |
-//! | `issue` | issues slots of the test, one a clock |
-//! | `vectors`, `rays` | keep vertices, vectors and matrices, and rays; a slot reads its own |
-//! | `operands` | chooses what the test takes with a slot |
-//! | `object` | takes transformed rays to ray setup |
-//! | `leaves` | keeps what is needed of a leaf behind the test |
+//! | `fetch` | requests the record and the vertices of a leaf, and signals when all have arrived |
+//! | `issue` | issues slots of the test, one per cycle |
+//! | `vectors`, `rays` | store vertices, vectors and matrices, and rays; each slot reads its data |
+//! | `operands` | selects the operands of the test for each slot |
+//! | `object` | sends transformed rays to ray setup |
+//! | `leaves` | stores the data of a leaf that is needed after the test |
 //! | `merge` | merges hits |
 
 mod fetch;
@@ -52,7 +52,7 @@ const VERTICES_OF_TRIANGLE: u8 = 3;
 const VECTORS_OF_INSTANCE: u8 = 6;
 
 bundle! {
-    /// What is kept of a ray for its tests.
+    /// The limits of a ray and its kind, stored for the tests.
     pub struct Kept(plan: &Plan) {
         limits: ..{Limits}(plan),
         any_hit: 1,
@@ -60,11 +60,11 @@ bundle! {
 }
 
 bundle! {
-    /// A ray that has been set up, as tests need it.
+    /// A ray from ray setup, in the form that tests use.
     pub struct SetUp(plan: &Plan) {
         packet: plan.packet_bits(),
         ray: plan.ray_bits(),
-        /// Whether it is in an object's space.
+        /// Whether it is in object space.
         object: 1,
         tested: ..{Tested}(plan),
         kept: ..{Kept}(plan),
@@ -72,7 +72,7 @@ bundle! {
 }
 
 bundle! {
-    /// A leaf: the tag of its record's request.
+    /// A leaf, as the tag of the request for its record.
     struct Fetched(plan: &Plan) {
         packet: plan.packet_bits(),
         instance: 1,
@@ -80,7 +80,7 @@ bundle! {
 }
 
 bundle! {
-    /// A direction in the world, and whose it is.
+    /// A ray's direction in world space, with packet and slot.
     pub struct World(plan: &Plan) {
         packet: plan.packet_bits(),
         ray: plan.ray_bits(),
@@ -89,7 +89,7 @@ bundle! {
 }
 
 bundle! {
-    /// A ray in an object's space.
+    /// A ray in object space.
     pub struct Moved(plan: &Plan) {
         place: ..{Place}(plan),
         line: ..{Line}(plan),
@@ -113,7 +113,7 @@ bundle! {
 }
 
 bundle! {
-    /// A ray taken to an object's space, and its interval in the instance's box.
+    /// A ray transformed into object space, and its interval in the instance's box.
     pub struct TransformTrace(plan: &Plan) {
         packet: plan.packet_bits(),
         ray: plan.ray_bits(),
@@ -125,44 +125,44 @@ bundle! {
 
 interface! {
     pub (plan: &Plan) {
-        in "A ray that has been set up, of the world or in an object's space" {
+        in "Ray from ray setup, in world space or in object space" {
             setup: Flow<SetUp>(plan),
         }
-        in "The packet of the ray that will have been set up so many clocks later as a memory's read takes" {
+        in (format!("Packet of the ray from ray setup, ahead of it by one RAM read (latency {})", plan.read_latency())) {
             setup_next_packet: plan.packet_bits(),
         }
-        in "Whether leaves in the world are instances of objects: bit right_leaf of the scene's root" {
+        in "High if leaves in world space are instances: bit right_leaf of the scene's root" {
             instanced: 1,
         }
         in "Leaves from the traversal unit" { leaf: Flow<Leaf>(plan) }
         in "" {
             record: {ReadInputs}(
-                "Record memory", "in any order, always taken", plan.packet_bits() + 1, Record::triangle().width
+                "Record memory", "any order, always accepted", plan.packet_bits() + 1, Record::triangle().width
             ),
             vertex: {ReadInputs}(
-                "Vertex memory", "in any order, always taken",
+                "Vertex memory", "any order, always accepted",
                 plan.packet_bits() + CORNER_BITS, Record::vertex(plan.format).width
             ),
         }
-        in "Skinning: whether it borrows this unit" { skinning: 1 }
-        in "Skinning: a column of a joint's matrix" {
+        in "Skinning: high while it uses this unit" { skinning: 1 }
+        in "Skinning: one column of a joint's matrix" {
             skin_palette: Flow<Column>(plan),
         }
-        in "Skinning: an influence, and which of its vertex's it is" {
+        in "Skinning: one influence, and its index within the vertex" {
             skin_issue: Flow<Taken>(plan),
         }
-        in "Skinning: numbers to add" {
+        in "Skinning: operands of the adders" {
             skin: {Sums}(plan, "", ""),
         }
-        in "After reset, packet numbers in turn, to clear what counts by packet" {
+        in "After reset: packet numbers in turn, to clear the counts per packet" {
             sweep: 1,
             sweep_packet: plan.packet_bits(),
         }
-        in "Closest hits are read by packet and ray; the word is there a clock later" {
+        in "Read address of the closest hits; the word is valid one cycle later" {
             read_packet: plan.packet_bits(),
             read_ray: plan.ray_bits(),
         }
-        in "A ray of the world as it comes: the watertight test needs its direction for transformations alone" {
+        in "Ray as it enters the machine: in the watertight configuration only transformations use its direction" {
             world if (plan.watertight()): Flow<World>(plan),
             setup_shear_z if (plan.watertight()): plan.number(),
         }
@@ -171,48 +171,48 @@ interface! {
             record: {ReadOutputs}("Record memory", plan.address(), plan.packet_bits() + 1),
             vertex: {ReadOutputs}("Vertex memory", plan.address(), plan.packet_bits() + CORNER_BITS),
         }
-        out "Skinning: an influence's vertex moved and weighted, and which of its vertex's it is" {
+        out "Skinning: the vertex transformed by one influence and multiplied by its weight, and the index of the influence" {
             skin_weighted: Flow<Weighted>(plan),
         }
         out "Skinning: sums" {
             skin_pair_sum: [plan.number(); xyz],
             skin_vertex_sum: [plan.number(); xyz],
         }
-        out "A ray in an object's space, to be set up; its interval comes as tmin and tmax" {
+        out "Ray in object space, to ray setup; tmin and tmax are its interval in the instance" {
             object: Flow<Moved>(plan),
         }
-        out "Where the packet announced by setup_next_packet starts in its object, when its ray has been set up" {
+        out "Start of the packet named by setup_next_packet in its object, valid with its ray from ray setup" {
             start: {Start}(plan),
         }
-        out "A closer hit of a ray: what its near must not exceed from now on" {
+        out "New upper bound for near, from a closer hit" {
             limit: Flow<Limit>(plan),
         }
-        out "A leaf all of whose tests are merged" {
+        out "Leaf complete: all of its tests are merged" {
             done: Flow<InContext>(plan),
         }
-        out "The closest hit that was asked for, a clock or two later" { read: {Hit}(plan) }
-        out "Counters' events" { slot_taken: 1, test_issued: 1, transform_issued: 1 }
-        out "Trace: the ray-triangle test just merged" {
+        out "Closest hit that was read, one cycle after its address" { read: {Hit}(plan) }
+        out "Events for the counters" { slot_taken: 1, test_issued: 1, transform_issued: 1 }
+        out "Trace: last ray-triangle test" {
             trace_test if (plan.trace): Flow<TestTrace>(plan),
         }
-        out "Trace: the ray just transformed, its interval in the instance's box, and the instance's record" {
+        out "Trace: last ray transformation, with the ray's interval in the instance's box and the instance's record" {
             trace_transform if (plan.trace): Flow<TransformTrace>(plan),
         }
     }
 }
 
-/// The geometry unit, and the triangle test within.
+/// The geometry unit, and the triangle test that it contains.
 pub struct Geometry {
     pub module: Arc<Module>,
     pub test: Arc<Module>,
 }
 
-/// The geometry unit of a machine.
+/// Describes the geometry unit of a machine.
 pub fn module(plan: &Plan) -> Result<Geometry, HdlError> {
     let test = triangle::module(plan)?;
     let m = Builder::new(
         "geometry_unit",
-        "the geometry unit: a leaf's triangle and vertices are fetched, the packet's rays tested one a clock, the hits merged.",
+        "the geometry unit: fetches the record and the vertices of a leaf, tests the packet's rays, one per cycle, and merges the hits.",
     );
     let ports = ports(plan);
     let inputs = &ports.inputs.inputs(&m);
@@ -220,12 +220,12 @@ pub fn module(plan: &Plan) -> Result<Geometry, HdlError> {
 
     let fetch = m.part(
         "leaf_fetch",
-        "requests a leaf's record, then its vertices, and counts what arrives until the leaf is complete.",
+        "requests the record of a leaf, then its vertices, and counts the responses until the leaf is complete.",
         || fetch::fetch(plan, &m, inputs),
     )?;
     let (issue, slot) = m.part(
         "slot_issue",
-        "lets the rays of complete leaves into the triangle test, one a clock; joints of the skinning processor instead.",
+        "issues the rays of complete leaves to the triangle test, one per cycle; during skinning, the influences of the skinning processor.",
         || {
             let issue = issue::issue(plan, &m, inputs, &fetch)?;
             let slot = issue::enter(plan, &m, inputs, &issue);
@@ -235,39 +235,39 @@ pub fn module(plan: &Plan) -> Result<Geometry, HdlError> {
     let slot = &slot;
     let vectors = m.part(
         "vector_store",
-        "keeps vertices, instances' vectors and joints' matrices.",
+        "stores vertices, vectors of instances and matrices of joints.",
         || vectors::keep(plan, &m, inputs, &fetch.arrival, slot, stages),
     );
     let rays = m.part(
         "ray_store",
-        "keeps what tests and transformations need of a ray.",
+        "stores rays in the form that tests and transformations use.",
         || rays::keep(plan, &m, inputs, slot, stages),
     );
     let operands = m.part(
         "operands",
-        "chooses what the triangle test takes with a slot.",
+        "selects the operands of the triangle test for each slot.",
         || operands::operands(plan, &m, inputs, slot, stages, vectors, &rays),
     );
     let tested = &triangle::ports(plan).place("test", &m, &test, operands);
     let weighted = m.part(
         "weighted",
-        "says whose the weighted points are that leave the triangle test.",
+        "passes weighted points from the triangle test to the skinning processor, with the marks of their influences.",
         || operands::weighted(inputs, slot, tested),
     );
     let object = m.part(
         "object_rays",
-        "lets transformed rays leave for ray setup, each with its interval in the instance's box.",
+        "sends transformed rays to ray setup, each with its interval in the instance's box.",
         || object::leave(plan, &m, slot, stages, &rays, tested),
     );
     let leaves = m.part(
         "leaf_store",
-        "keeps what is needed of a packet's leaf when its rays leave the test.",
+        "stores the data of a packet's leaf until its rays leave the test.",
         || leaves::keep(plan, &m, inputs, &fetch, slot, stages, object.leaves_at),
     );
     let leaves = &leaves;
     let merge = m.part(
         "hit_merge",
-        "keeps each ray's closest hit, and tells when a leaf is done.",
+        "keeps the closest hit of each ray and signals the completion of a leaf.",
         || merge::merge(plan, &m, inputs, slot, leaves, rays.kept, tested),
     );
 

@@ -1,7 +1,7 @@
-//! The machine, one file or folder a unit, named as in `golden`. It follows `docs/arithmetic.md` and knows nothing of how
-//! its Verilog is simulated.
+//! The machine: one file or folder per unit, named as in `golden`. It follows `docs/arithmetic.md` and is independent of the
+//! simulation of its Verilog.
 //!
-//! [`core`] places all units. [`raycast`] is the largest: ray setup, traversal processing unit, geometry unit, and the packets' bookkeeping.
+//! [`core`] instantiates all units. [`raycast`] is the largest unit: ray setup, traversal unit, geometry unit, and the assignment of packet numbers.
 
 mod banks;
 pub mod core;

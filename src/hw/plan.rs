@@ -1,4 +1,4 @@
-//! What every unit of one machine agrees on: its configuration, the widths that follow from it, its arithmetic.
+//! The parameters of a machine that all its units share: configuration, widths, arithmetic, timing.
 
 use super::distance;
 use super::fp::{Operand, Units, goes_before};
@@ -9,7 +9,7 @@ use crate::hdl::fifo::{self, Placed};
 use crate::hdl::{Builder, HdlError, Memory, Module, Signal, bits_for};
 use std::sync::Arc;
 
-/// The axes, as ports and fields are named after them.
+/// The names of the axes in ports and fields.
 pub(super) const AXES: [&str; 3] = ["x", "y", "z"];
 
 /// The widths and shared modules of one machine.
@@ -18,17 +18,17 @@ pub struct Plan {
     pub config: Config,
     pub format: Format,
     pub units: Units,
-    /// Plane distances, three ulps down and up.
+    /// The modules of plane distances, to near and to far planes.
     pub near_distance: Arc<Module>,
     pub far_distance: Arc<Module>,
-    /// Registers that the clock asks for.
+    /// The registers that the target clock requires.
     pub timing: Timing,
-    /// Whether the machine has trace ports, which show every packet step, test and transformation.
+    /// Whether the machine has trace ports, which show every traversal step, test and transformation.
     pub trace: bool,
 }
 
 impl Plan {
-    /// Of a machine without trace ports.
+    /// Makes the plan of a machine without trace ports.
     pub fn new(config: &Config) -> Result<Plan, HdlError> {
         let format = config.format();
         let units = Units::new(format, config.clock_mhz)?;
@@ -43,12 +43,12 @@ impl Plan {
         })
     }
 
-    /// The same machine, with trace ports or without.
+    /// The same machine with or without trace ports.
     pub fn with_trace(self, trace: bool) -> Plan {
         Plan { trace, ..self }
     }
 
-    /// Bits of a number.
+    /// Width of a number.
     pub fn number(&self) -> u32 {
         self.format.width()
     }
@@ -74,22 +74,22 @@ impl Plan {
         self.config.packets_in_flight
     }
 
-    /// Bits that number a ray of a packet.
+    /// Width of the index of a ray in its packet.
     pub fn ray_bits(&self) -> u32 {
         bits_for(u64::from(self.rays()))
     }
 
-    /// Bits that number a packet in flight.
+    /// Width of a packet number.
     pub fn packet_bits(&self) -> u32 {
         bits_for(u64::from(self.packets()))
     }
 
-    /// Bits that index an entry of a packet's stack.
+    /// Width of the index of a stack entry.
     pub fn stack_bits(&self) -> u32 {
         bits_for(u64::from(self.config.stack_depth))
     }
 
-    /// Bits that count the entries of a packet's stack.
+    /// Width of the number of entries in a packet's stack.
     pub fn level_bits(&self) -> u32 {
         bits_for(u64::from(self.config.stack_depth) + 1)
     }
@@ -98,10 +98,10 @@ impl Plan {
         self.config.address_bits
     }
 
-    /// A queue: see [`fifo::place`].
+    /// Instantiates a queue: see [`fifo::place`].
     ///
     /// # Errors
-    /// None of a depth of at least 1.
+    /// None for a depth of at least 1.
     pub fn queue<'b>(
         &self,
         name: &str,
@@ -113,10 +113,10 @@ impl Plan {
         fifo::place(self.timing.queue_front, name, depth, push, data, pop)
     }
 
-    /// A queue in block RAM: see [`fifo::place_block`].
+    /// Instantiates a queue in block RAM: see [`fifo::place_block`].
     ///
     /// # Errors
-    /// None of a depth of at least 1.
+    /// None for a depth of at least 1.
     pub fn block_queue<'b>(
         &self,
         name: &str,
@@ -128,34 +128,35 @@ impl Plan {
         fifo::place_block(self.read_latency(), name, depth, push, data, pop)
     }
 
-    /// A synchronous read, with more registers where the clock asks for them.
+    /// Reads a memory synchronously, with the output registers that the target clock requires.
     pub fn read<'b>(&self, memory: Memory<'b>, address: Signal<'b>) -> Signal<'b> {
         self.settle_read(memory.read(address), 1)
     }
 
-    /// The registers that [`Plan::read`] has behind the first so many.
+    /// Adds the remaining output registers of [`Plan::read`], after the first `behind`.
     fn settle_read<'b>(&self, word: Signal<'b>, behind: u32) -> Signal<'b> {
         (behind..self.read_latency()).fold(word, |word, _| word.register())
     }
 
-    /// Whether a choice of what was read has a register before it as well as behind: that before it can be a block RAM's own.
+    /// Whether a multiplexer of words read from memories has a register before and after it. The one before it can be the output
+    /// register of the block RAM.
     pub fn chooses_after_read(&self) -> bool {
         self.read_latency() >= 3
     }
 
-    /// A choice of what was read and registered, as late as [`Plan::read`] has a word. Only where
+    /// Delays a choice of registered words to the latency of [`Plan::read`]. Only if
     /// [`Plan::chooses_after_read`].
     pub fn settle_choice<'b>(&self, choice: Signal<'b>) -> Signal<'b> {
         self.settle_read(choice, 2)
     }
 
-    /// Registers that [`Plan::read`] takes.
+    /// The latency of [`Plan::read`] in cycles.
     pub fn read_latency(&self) -> u32 {
         self.timing.read_latency()
     }
 
-    /// A read as [`Plan::read`] makes it, but `otherwise` where `wanted`, which stands beside the address, is low.
-    /// Where the word is registered again, choosing a constant costs only that register's reset.
+    /// Reads as [`Plan::read`], but returns `otherwise` where `wanted` was low in the cycle of the address.
+    /// If the word is registered again, the choice of a constant costs only the reset of this register.
     pub fn read_where<'b>(
         &self,
         memory: Memory<'b>,
@@ -176,33 +177,33 @@ impl Plan {
         }
     }
 
-    /// Bits that number a packet in the world and in an object's space.
+    /// Width of the address of a packet in world space or in object space.
     pub fn level_packet_bits(&self) -> u32 {
         1 + self.packet_bits()
     }
 
-    /// Words of a memory that has one for each packet in the world, and behind them one for each in an object's space.
+    /// Depth of a memory with one word per packet in world space, followed by one per packet in object space.
     pub fn level_packets(&self) -> u32 {
         (1 << self.packet_bits()) + self.packets()
     }
 
-    /// Words of a memory that has one for each ray in flight.
+    /// Depth of a memory with one word per ray in flight.
     pub fn rays_in_flight(&self) -> u32 {
         self.packets() << self.ray_bits()
     }
 
-    /// The word of a ray in such a memory.
+    /// The address of a ray in such a memory.
     pub fn ray_index<'b>(&self, packet: Signal<'b>, ray: Signal<'b>) -> Signal<'b> {
         let bits = bits_for(u64::from(self.rays_in_flight())) - self.ray_bits();
         packet.low(bits).concat(ray)
     }
 
-    /// Words of a memory that has one for each ray in flight in the world, and behind them one for each in an object's space.
+    /// Depth of a memory with one word per ray in flight in world space, followed by one per ray in object space.
     pub fn level_rays_in_flight(&self) -> u32 {
         (1 << bits_for(u64::from(self.rays_in_flight()))) + self.rays_in_flight()
     }
 
-    /// A register after a choice whose result goes far, to a large memory or to many operators, where the clock asks for it.
+    /// Adds a register after a multiplexer with a large fan-out (a large memory or many operators), if the target clock requires it.
     pub fn choose<'b>(&self, signal: Signal<'b>) -> Signal<'b> {
         match self.choose_latency() {
             0 => signal,
@@ -210,13 +211,13 @@ impl Plan {
         }
     }
 
-    /// Registers that [`Plan::choose`] takes.
+    /// The latency of [`Plan::choose`] in cycles.
     pub fn choose_latency(&self) -> u32 {
         u32::from(self.timing.choice)
     }
 
-    /// `x` where it is less than `bound`, else `bound`, its pattern unchanged: a NaN never replaces a bound. Called `name` in the
-    /// Verilog. Where the clock asks for it, a register follows the comparison.
+    /// Returns `x` if it is less than `bound`, else `bound`; the bit pattern is unchanged, and a NaN never replaces a bound. The
+    /// result is called `name` in the Verilog. A register follows the comparison if the target clock requires it.
     pub fn min<'b>(
         &self,
         name: impl AsRef<str>,
@@ -229,7 +230,7 @@ impl Plan {
         self.replaced(name, less, bound, x)
     }
 
-    /// `x` where it is greater than `bound`, else `bound`; as [`Plan::min`].
+    /// Returns `x` if it is greater than `bound`, else `bound`; as [`Plan::min`].
     pub fn max<'b>(
         &self,
         name: impl AsRef<str>,
@@ -254,7 +255,7 @@ impl Plan {
             .named(name)
     }
 
-    /// A register after what a comparison decides, where the clock asks for it.
+    /// Adds a register after the result of a comparison, if the target clock requires it.
     pub fn decide<'b>(&self, signal: Signal<'b>) -> Signal<'b> {
         if self.timing.decision {
             signal.register()
@@ -263,7 +264,7 @@ impl Plan {
         }
     }
 
-    /// A register after a comparison whose result chooses, where the clock asks for it.
+    /// Adds a register after a comparison whose result selects an operand, if the target clock requires it.
     pub fn settle<'b>(&self, signal: Signal<'b>) -> Signal<'b> {
         if self.timing.comparison {
             signal.register()

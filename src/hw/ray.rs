@@ -1,4 +1,4 @@
-//! Bundles that several units know: parts of a ray, and what else passes between units.
+//! Bundles shared by several units: parts of a ray, and other data between units.
 
 use super::plan::Plan;
 use crate::bundle;
@@ -6,7 +6,7 @@ use crate::hdl::Specs;
 use crate::hdl::bundle::{Axes, Xyz, leaf};
 
 bundle! {
-    /// Which ray of which packet, and whether it is the first and the last of the packet's rays that come.
+    /// The packet and the slot of a ray, and flags for the first and last ray of the packet.
     pub struct Place(plan: &Plan) {
         packet: plan.packet_bits(),
         ray: plan.ray_bits(),
@@ -16,7 +16,7 @@ bundle! {
 }
 
 bundle! {
-    /// Where a ray runs.
+    /// The origin and the direction of a ray.
     pub struct Line(plan: &Plan) {
         origin: [plan.number(); xyz],
         direction: [plan.number(); xyz],
@@ -24,7 +24,7 @@ bundle! {
 }
 
 bundle! {
-    /// The distances that count.
+    /// The range of valid distances.
     pub struct Limits(plan: &Plan) {
         tmin: plan.number(),
         tmax: plan.number(),
@@ -32,7 +32,7 @@ bundle! {
 }
 
 bundle! {
-    /// A ray's interval in a box.
+    /// The interval of a ray in a box.
     pub struct Interval(plan: &Plan) {
         near: plan.number(),
         far: plan.number(),
@@ -40,7 +40,7 @@ bundle! {
 }
 
 bundle! {
-    /// A ray's origin and reciprocal direction on an axis.
+    /// The origin and the reciprocal direction of a ray on one axis.
     pub struct Along(plan: &Plan) {
         origin: plan.number(),
         reciprocal: plan.number(),
@@ -48,7 +48,7 @@ bundle! {
 }
 
 bundle! {
-    /// What the watertight test turns a ray into the z axis with: the axis that becomes z, and the shear of the two others.
+    /// The shear that maps a ray to the z axis in the watertight test: the axis that becomes z, and the shear of the other two.
     pub struct Shear(plan: &Plan) {
         kz: 2,
         shear_x: plan.number(),
@@ -57,7 +57,7 @@ bundle! {
 }
 
 bundle! {
-    /// What the triangle test takes of a ray first.
+    /// The operands from a ray that the triangle test takes at its first stage.
     pub struct Tested(plan: &Plan) {
         origin: [plan.number(); xyz],
         reciprocal: [plan.number(); xyz],
@@ -68,10 +68,10 @@ bundle! {
 }
 
 bundle! {
-    /// A ray that has been set up.
+    /// A ray after ray setup.
     pub struct SetUp(plan: &Plan) {
         place: ..{Place}(plan),
-        /// Whether it is in an object's space.
+        /// Whether it is in object space.
         object: 1,
         /// Whether it is valid and enters the scene or the object.
         enters: 1,
@@ -87,19 +87,19 @@ bundle! {
 }
 
 bundle! {
-    /// What belongs to a packet beside its rays.
+    /// The context of a packet.
     pub struct Context(plan: &Plan) {
-        /// How full its stack is.
+        /// The number of entries on its stack.
         level: plan.level_bits(),
-        /// Which rays have hit something.
+        /// The hit mask: the rays that have had a hit.
         touched: plan.rays(),
-        /// Whether it is inside an object, in whose space its rays then are.
+        /// Whether it is in object space.
         inside: 1,
     }
 }
 
 bundle! {
-    /// A packet somewhere; its context is a word of [`Context`].
+    /// A packet and its context, a word of [`Context`].
     pub struct InContext(plan: &Plan) {
         packet: plan.packet_bits(),
         context: Context::of(plan).width(),
@@ -117,7 +117,7 @@ bundle! {
 }
 
 bundle! {
-    /// What a ray's near must not exceed from now on.
+    /// A new upper bound for near of a ray.
     pub struct Limit(plan: &Plan) {
         packet: plan.packet_bits(),
         ray: plan.ray_bits(),
@@ -126,7 +126,7 @@ bundle! {
 }
 
 bundle! {
-    /// Where a packet starts in an object.
+    /// The start of a packet in an object.
     pub struct Start(plan: &Plan) {
         address: plan.address(),
         leaf: 1,
@@ -135,7 +135,7 @@ bundle! {
 }
 
 bundle! {
-    /// A ray's closest hit.
+    /// The closest hit of a ray.
     pub struct Hit(plan: &Plan) {
         t: plan.number(),
         u: plan.number(),

@@ -1,4 +1,4 @@
-//! The ray casting unit: ray setup, traversal processing unit, geometry unit, and who is in which packet's place.
+//! The ray casting unit: ray setup, traversal unit, geometry unit, and the assignment of packet numbers.
 
 mod hits;
 mod packets;
@@ -23,10 +23,10 @@ use properties::Watched;
 use std::sync::Arc;
 use units::{Site, Units, VertexRequest};
 
-/// Bits of each counter; they wrap.
+/// Width of each counter; counters wrap.
 pub const COUNTER_BITS: u32 = 40;
 
-/// A machine as it was emitted.
+/// An emitted machine.
 #[derive(Debug)]
 pub struct Machine {
     pub config: Config,
@@ -38,7 +38,7 @@ pub struct Machine {
 /// Describes the ray casting unit of a machine. The top module is `raycast_unit`.
 ///
 /// # Errors
-/// A mistake in the description itself, with its place in the Rust source.
+/// A mistake in the description, with its location in the Rust source.
 pub fn emit(plan: &Plan) -> Result<Machine, HdlError> {
     Ok(Machine {
         config: plan.config.clone(),
@@ -50,7 +50,7 @@ pub fn emit(plan: &Plan) -> Result<Machine, HdlError> {
 bundle! {
     /// A ray to cast.
     pub struct Ray(plan: &Plan) {
-        /// Counts at a packet's first ray.
+        /// Valid with the first ray of a packet.
         tag: plan.config.tag_bits,
         line: ..{Line}(plan),
         limits: ..{Limits}(plan),
@@ -60,7 +60,7 @@ bundle! {
 }
 
 bundle! {
-    /// A ray's closest hit, under its packet's tag.
+    /// The closest hit of a ray, with the tag of its packet.
     pub struct TaggedHit(plan: &Plan) {
         tag: plan.config.tag_bits,
         hit: ..{Hit}(plan),
@@ -68,7 +68,7 @@ bundle! {
 }
 
 bundle! {
-    /// A packet all of whose rays have been taken, and its number in flight.
+    /// A packet whose last ray has been accepted, and its packet number.
     pub struct StartTrace(plan: &Plan) {
         packet: plan.packet_bits(),
         tag: plan.config.tag_bits,
@@ -76,7 +76,7 @@ bundle! {
 }
 
 bundle! {
-    /// What is counted since reset.
+    /// The counters since reset.
     pub struct Counters() {
         cycles: COUNTER_BITS,
         packet_steps: COUNTER_BITS,
@@ -91,14 +91,14 @@ bundle! {
     }
 }
 
-/// Bits of the tags of vertex reads: the geometry unit's or the skinning processor's.
+/// Width of the tags of vertex reads, by the geometry unit or the skinning processor.
 fn vertex_tag_bits(plan: &Plan) -> u32 {
     (plan.packet_bits() + geometry::CORNER_BITS).max(skinning::vector_tag_bits(plan))
 }
 
 interface! {
     pub (plan: &Plan) {
-        in "The scene: root link word and box, constant while packets are under way" {
+        in "Scene: link word of the root, and box; constant while packets are in flight" {
             scene_root: Record::link_word().width,
             scene_lo: [plan.number(); xyz],
             scene_hi: [plan.number(); xyz],
@@ -109,26 +109,26 @@ interface! {
             node: {ReadInputs = tpu::Inputs::of(plan).node},
             record: {ReadInputs = geometry::Inputs::of(plan).record},
             vertex: {ReadInputs}(
-                "Vertex memory", "in any order, always taken",
+                "Vertex memory", "any order, always accepted",
                 vertex_tag_bits(plan), Record::vertex(plan.format).width
             ),
             influence: {ReadInputs}(
-                "Influence memory", "in any order, always taken",
+                "Influence memory", "any order, always accepted",
                 skinning::row_tag_bits(plan), Record::influence_row(plan.format).width
             ),
         }
-        in "A mesh to skin, taken when no packet is under way: indices of its palette, influence rows, vertices at rest \
-            and vertices to write, and how many of each" {
+        in "Mesh to skin, accepted while no packet is in flight: index and count of its palette, influence rows, vertices at rest \
+            and vertices to write" {
             skin_start: Flow<Mesh>(plan),
         }
         in "Vertex memory: writes of skinned vertices" { skin_write_ready: 1 }
         out "Rays in" { ray_ready: 1 }
         out "Hits out" { hit: Flow<TaggedHit>(plan) }
-        out "A mesh to skin, taken when no packet is under way: indices of its palette, influence rows, vertices at rest \
-            and vertices to write, and how many of each" {
+        out "Mesh to skin, accepted while no packet is in flight: index and count of its palette, influence rows, vertices at rest \
+            and vertices to write" {
             skin_start_ready: 1,
         }
-        out "High for a clock when a mesh is complete" { skin_done: 1 }
+        out "High for one cycle when a mesh is complete" { skin_done: 1 }
         out "Vertex memory: writes of skinned vertices" {
             skin_write: Flow<Write>(plan.address(), Record::vertex(plan.format).width),
         }
@@ -143,7 +143,7 @@ interface! {
             stack_high_water: plan.level_bits(),
             stack_overflow: 1,
         }
-        out "Trace: what happens inside" {
+        out "Trace: packet starts, traversal steps, tests and transformations" {
             trace_start if (plan.trace): Flow<StartTrace>(plan),
             trace_step if (plan.trace): Flow<StepTrace>(plan),
             trace_test if (plan.trace): Flow<TestTrace>(plan),
@@ -153,9 +153,9 @@ interface! {
 }
 
 bundle! {
-    /// What the geometry unit says to units before it.
+    /// The signals from the geometry unit to earlier units.
     struct FromGeometry(plan: &Plan) {
-        /// A ray in an object's space, to be set up.
+        /// A ray in object space, to ray setup.
         object: Flow<Moved>(plan),
         leaf_ready: 1,
         limit: Flow<Limit>(plan),
@@ -165,7 +165,7 @@ bundle! {
 }
 
 bundle! {
-    /// What the skinning processor says to the geometry unit, and that it has it.
+    /// The signals from the skinning processor to the geometry unit, and whether it uses the unit.
     struct FromSkinner(plan: &Plan) {
         skinning_now: 1,
         skin_palette: Flow<Column>(plan),
@@ -175,7 +175,7 @@ bundle! {
 }
 
 bundle! {
-    /// The packet whose hits go out, the ray whose hit is read, and whether the packet's last hit is taken.
+    /// The packet whose hits are output, the ray whose hit is read, and whether the packet's last hit is accepted.
     struct FromHits(plan: &Plan) {
         freed: 1,
         read_packet: plan.packet_bits(),
@@ -189,7 +189,7 @@ pub(super) fn module(plan: &Plan) -> Result<Arc<Module>, HdlError> {
         "raycast_unit",
         format!(
             "casts packets of {} rays into a scene, {} packets at a time.\n\
-             Rays arrive one a clock, a packet's in order; its hits leave the same way under its tag, packets in any order. \
+             One ray enters per cycle, the rays of a packet in order. One hit leaves per cycle, with the packet's tag, the hits of a packet in order, the packets in any order. \
              After reset, wait for ray_ready.",
             plan.rays(),
             plan.packets()
@@ -208,13 +208,13 @@ pub(super) fn module(plan: &Plan) -> Result<Arc<Module>, HdlError> {
     let from_geometry = FromGeometry::of(plan).wires(m, "");
     let from_skinner = FromSkinner::of(plan).wires(m, "");
     let (object, skinning) = (from_geometry.object.get(), from_skinner.skinning_now.get());
-    // A mesh to skin does not wait for a pause between packets: it makes one.
+    // A mesh to skin stops new packets, so it starts as soon as the packets in flight are finished.
     let paused = (inputs.skin_start.valid | skinning).named("paused");
 
     let ray = (inputs.ray.valid, inputs.ray.payload.tag);
     let packets = m.part(
         "packet_numbers",
-        "gives packet numbers to packets that arrive, and lets rays into ray setup.",
+        "assigns packet numbers to arriving packets and passes their rays to ray setup.",
         || packets::packets(m, plan, ray, object.valid, paused, from_hits.get()),
     )?;
     let set_up = site.set_up(&packets, object);
@@ -235,7 +235,7 @@ pub(super) fn module(plan: &Plan) -> Result<Arc<Module>, HdlError> {
     });
     let hits = m.part(
         "hit_output",
-        "gives the hits of finished packets out, a ray a clock.",
+        "outputs the hits of finished packets, one ray per cycle.",
         || {
             let (finished, ready) = (traversal.finished, inputs.hit_ready);
             hits::hits(m, plan, finished, ready, intersection.read)
@@ -259,7 +259,7 @@ pub(super) fn module(plan: &Plan) -> Result<Arc<Module>, HdlError> {
     let request = &ports.outputs.vertex.request;
     let request = m.part(
         "vertex_arbiter",
-        "lets skinning or the geometry unit request vertices.",
+        "shares the vertex memory port between the geometry unit and the skinning processor.",
         || units::vertex_request(request, skinning, of_skinner, of_geometry),
     );
     let placed = Placed {
@@ -292,7 +292,7 @@ pub(super) fn module(plan: &Plan) -> Result<Arc<Module>, HdlError> {
     builder.finish()
 }
 
-/// What the units within say to the outside.
+/// The outputs of the instantiated units.
 struct Placed<'a, 'b> {
     packets: &'a Packets<'b>,
     traversal: tpu::Outputs<Signal<'b>>,
@@ -301,7 +301,7 @@ struct Placed<'a, 'b> {
 }
 
 impl<'b> Placed<'_, 'b> {
-    /// What is counted, where it happens.
+    /// The events for the counters.
     fn events(&self, skinning: Signal<'b>) -> Counters<Signal<'b>> {
         let (some, step) = (self.packets.some_under_way, self.traversal.step_taken);
         let slot = self.intersection.slot_taken;
@@ -363,7 +363,7 @@ impl<'b> Placed<'_, 'b> {
     }
 }
 
-/// Counts events; the counters wrap.
+/// Counts events. The counters wrap.
 fn count<'b>(m: &'b Builder, events: Counters<Signal<'b>>) -> Counters<Signal<'b>> {
     m.comment("Counters since reset.");
     events.map(|name, event| {

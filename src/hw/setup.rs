@@ -1,7 +1,7 @@
-//! Ray setup: reciprocals, the watertight test's shear, and the clip to the scene's box. A ray a clock.
+//! Ray setup: reciprocals, the shear of the watertight test, and the clip to the scene's box. It processes one ray per cycle.
 //!
-//! Rays of the world come from the ray port. Rays in an object's space come from the geometry unit, with the interval that
-//! they have in the instance as tmin and tmax; no box clips them further.
+//! Rays in world space come from the ray port. Rays in object space come from the geometry unit, with their interval in the
+//! instance as tmin and tmax; no box clips them further.
 
 use super::distance;
 use super::fp::{Knowing, Known, is_nan, is_zero, less_equal};
@@ -13,39 +13,39 @@ use std::sync::Arc;
 
 interface! {
     pub (plan: &Plan, lookahead: u32) {
-        in "A ray's packet and place in it, and whether it is the first and the last of the packet's rays that come" {
+        in "Packet and slot of the ray; high if it is the first or the last ray of the packet" {
             valid: 1,
             place: ..{Place}(plan),
         }
-        in "Whether it is in an object's space: the scene's box does not clip it" { object: 1 }
-        in "The ray" {
+        in "High for a ray in object space, which the scene's box does not clip" { object: 1 }
+        in "Ray" {
             active: 1,
             any_hit: 1,
             line: ..{Line}(plan),
             limits: ..{Limits}(plan),
         }
-        in "The scene's box, constant while rays are under way" {
+        in "Scene's box, constant while rays are in flight" {
             scene_lo: [plan.number(); xyz],
             scene_hi: [plan.number(); xyz],
         }
-        out "The ray, set up" {
+        out "Ray after setup" {
             out: Flow<SetUp>(plan),
         }
-        out (format!("The packet of the ray that comes out {} clocks later", plan.read_latency())) {
+        out (format!("Packet of the ray that leaves {} cycles later", plan.read_latency())) {
             next_packet: plan.packet_bits(),
         }
-        out (format!("Says {lookahead} clocks ahead that a ray is coming out")) { soon: 1 }
+        out (format!("High {lookahead} cycles before a ray leaves")) { soon: 1 }
     }
 }
 
-/// Ray setup as a pipeline. `lookahead` is how many clocks before its outputs `soon` announces them; the packet alone
-/// is named [`Plan::read_latency`] clocks before, for reads of what belongs to it.
+/// Describes ray setup as a pipeline. `soon` announces a ray `lookahead` cycles before the other outputs. The packet number
+/// leaves [`Plan::read_latency`] cycles before them, as a read address.
 pub fn module(plan: &Plan, lookahead: u32) -> Result<Arc<Module>, HdlError> {
     let w = plan.number();
     let f = plan.format;
     let m = Builder::new(
         "ray_setup",
-        "what traversal and intersection need to know of a ray, and its interval in the scene's box.",
+        "ray setup: reciprocals of the direction, shear of the triangle test, and the ray's interval in the scene's box.",
     );
     let p = m.pipeline();
     let ports = ports(plan, lookahead);
@@ -61,7 +61,7 @@ pub fn module(plan: &Plan, lookahead: u32) -> Result<Arc<Module>, HdlError> {
     let scene =
         [&inputs.scene_lo, &inputs.scene_hi].map(|corner| corner.each_ref().map(|x| x.input(&m)));
 
-    m.comment("A ray is valid if it is active, nothing in it is a NaN, and 0 <= tmin <= tmax.");
+    m.comment("A ray is valid if it is active, contains no NaN, and 0 <= tmin <= tmax.");
     let zero = m.zero(w);
     let tmin = is_zero(f, tmin).mux(zero, tmin).named("tmin_clean");
     let tmax = is_zero(f, tmax).mux(zero, tmax).named("tmax_clean");
@@ -70,21 +70,21 @@ pub fn module(plan: &Plan, lookahead: u32) -> Result<Arc<Module>, HdlError> {
         .chain(&direction)
         .map(|n| plan.decide(is_nan(f, *n)))
         .collect();
-    // A tmin that is a NaN is negative, or greater than any tmax but a NaN.
+    // If tmin is a NaN, it is negative or greater than any tmax that is not a NaN.
     nans.push(plan.decide(is_nan(f, tmax)));
     let any_nan = m.or_all(&nans).named("any_nan").register();
-    // What it says of a NaN does not matter.
+    // The result for a NaN is not used.
     let [least, most] = [tmin, tmax].map(|limit| limit.known(Known::Number));
     let not_negative = less_equal(f, "tmin_not_negative", zero.known(Known::Positive), least);
     let ordered = (not_negative & less_equal(f, "tmin_not_behind_tmax", least, most))
         .named("ordered")
         .register();
     let sound = (active & !any_nan & ordered).named("sound");
-    // A sound ray's limits are not negative, and another's do not matter.
+    // The limits of a valid ray are not negative; those of an invalid ray are not used.
     let [tmin, tmax] = [tmin, tmax].map(|limit| m.zero(1).concat(limit.low(w - 1)));
     let limits = Limits { tmin, tmax };
 
-    m.comment("Reciprocals of the direction, and its sign bits.");
+    m.comment("Reciprocals and signs of the direction.");
     let reciprocal: Vec<_> = (0..3)
         .map(|i| {
             plan.units
@@ -118,7 +118,7 @@ pub fn module(plan: &Plan, lookahead: u32) -> Result<Arc<Module>, HdlError> {
     };
 
     let ahead = plan.read_latency();
-    // All of a ray but constants is in the pipeline.
+    // All fields of a ray except constants are in the pipeline.
     let stages = out.fields().into_iter().filter_map(|(_, s)| s.staged());
     let last = stages.fold(lookahead.max(ahead), u32::max);
     let outputs = Outputs {
@@ -130,7 +130,7 @@ pub fn module(plan: &Plan, lookahead: u32) -> Result<Arc<Module>, HdlError> {
     m.finish()
 }
 
-/// A ray's interval within its limits and the scene's box, whose least and greatest corner are `scene`.
+/// The interval of a ray within its limits and the scene's box. `scene` is the least and the greatest corner of the box.
 fn clipped<'b>(
     plan: &Plan,
     p: &Pipeline<'b>,
@@ -142,7 +142,7 @@ fn clipped<'b>(
 ) -> Interval<Signal<'b>> {
     let m = object.module();
     let [scene_lo, scene_hi] = scene;
-    m.comment("near and far, clipped by the scene's box; in an object's space by (-infinity, +infinity), which never clips.");
+    m.comment("near and far, clipped to the scene's box; in object space, clipped to (-infinity, +infinity), which has no effect.");
     let infinity = plan.infinity(m);
     let minus_infinity = plan.minus_infinity(m);
     let Limits {
@@ -151,7 +151,7 @@ fn clipped<'b>(
     } = limits;
     for (i, axis) in AXES.iter().enumerate() {
         let sign = line.direction[i].msb();
-        // The box does not change under way: it needs no delay registers to be right at any stage.
+        // The box is constant while rays are in flight, so it needs no delay registers.
         let (lo, hi) = (p.enter_at(scene_lo[i], 0), p.enter_at(scene_hi[i], 0));
         let lo = object
             .mux(minus_infinity, lo)
@@ -184,7 +184,7 @@ fn clipped<'b>(
     Interval { near, far }
 }
 
-/// What the watertight test shears a ray by, and the reciprocal of the direction's greatest component.
+/// The shear of the watertight test, and the reciprocal of the direction's greatest component.
 fn shear<'b>(
     plan: &Plan,
     m: &'b Builder,
@@ -192,7 +192,7 @@ fn shear<'b>(
     reciprocal: &[Signal<'b>],
 ) -> (Shear<Signal<'b>>, Signal<'b>) {
     let (w, f) = (plan.number(), plan.format);
-    m.comment("The shear that the watertight test turns the ray into the z axis with.");
+    m.comment("The shear that maps the ray to the z axis, for the watertight test.");
     let size: Vec<_> = (0..3)
         .map(|i| {
             is_zero(f, direction[i])

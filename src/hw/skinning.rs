@@ -1,8 +1,8 @@
-//! The skinning processor: moves a mesh's vertices at rest by the matrices of the joints that they follow.
+//! The skinning processor: transforms the vertices at rest of a mesh with the weighted matrices of their joints.
 //!
-//! It is a stream without a program: the palette is copied into the geometry unit's memories, then vertices at rest
-//! and their influences are read ahead and meet, an influence a clock. It has no arithmetic: the geometry unit's
-//! triangle test lends its multipliers and adders, so no packet may be under way meanwhile.
+//! It is a stream processor without a program: it copies the palette to the memories of the geometry unit, then prefetches
+//! vertices at rest and their influences and pairs them, one influence per cycle. It has no arithmetic: it uses the
+//! multipliers and adders of the triangle test in the geometry unit, so no packet may be in flight meanwhile.
 //!
 //! ```text
 //! vector memory ──► prefetch ─┬─► palette memories (geometry unit)
@@ -12,10 +12,9 @@
 //!
 //! Each part has a file: `fetch` (vectors and influence rows), `issue`, `sum` and `write`.
 //!
-//! What is issued never waits; a vertex's last influence is issued when the write queue has room for the vertex.
+//! An issued influence never waits; the last influence of a vertex is issued when the write queue has room for the vertex.
 //!
-//! The reference machine's takes, as Yosys counts them for Virtex-4, 642 LUT4, 1,039 flip-flops, 2 RAMB16 (the write queue) and, as
-//! distributed RAM, 200 RAM16X1D, which are 400 LUT4 more; no DSP48. Beside that the geometry unit chooses between its own operands and these.
+//! Its area in the reference machine, without the operand multiplexers in the geometry unit, is in `docs/numbers.md`.
 
 mod fetch;
 mod issue;
@@ -39,20 +38,20 @@ use std::sync::Arc;
 use sum::VertexSums;
 use write::Queue;
 
-/// Bits that number an influence of its vertex.
+/// Width of the index of an influence within its vertex.
 const POSITION_BITS: u32 = 2;
 
-/// Bits that number a joint of a machine's palette.
+/// Width of a joint number.
 pub(super) fn joint_bits(plan: &Plan) -> u32 {
     bits_for(u64::from(plan.config.skinning_joints))
 }
 
-/// Bits of the tags of the processor's vector reads.
+/// Width of the tags of vector reads.
 pub(super) fn vector_tag_bits(plan: &Plan) -> u32 {
     bits_for(u64::from(plan.config.skinning_vertices_ahead))
 }
 
-/// Bits of the tags of its reads of influence rows.
+/// Width of the tags of influence row reads.
 pub(super) fn row_tag_bits(plan: &Plan) -> u32 {
     bits_for(u64::from(plan.config.skinning_rows_ahead))
 }
@@ -71,7 +70,7 @@ bundle! {
 }
 
 bundle! {
-    /// What goes with an influence through the geometry unit and comes back with the result: which of its vertex's it is.
+    /// The mark that an influence carries through the geometry unit: its index within the vertex, returned with the result.
     pub struct Mark() {
         position: POSITION_BITS,
         last: 1,
@@ -79,7 +78,7 @@ bundle! {
 }
 
 bundle! {
-    /// An influence, and the vertex at rest that it moves.
+    /// An influence and its vertex at rest.
     pub struct Influence(plan: &Plan) {
         joint: joint_bits(plan),
         point: ..{Vector}(plan),
@@ -88,7 +87,7 @@ bundle! {
 }
 
 bundle! {
-    /// An influence as the processor issues it.
+    /// An influence as issued by the processor.
     pub struct Issued(plan: &Plan) {
         influence: ..{Influence}(plan),
         mark: ..{Mark}(),
@@ -96,7 +95,7 @@ bundle! {
 }
 
 bundle! {
-    /// An influence as the geometry unit takes it.
+    /// An influence as accepted by the geometry unit.
     pub struct Taken(plan: &Plan) {
         mark: ..{Mark}(),
         influence: ..{Influence}(plan),
@@ -104,7 +103,7 @@ bundle! {
 }
 
 bundle! {
-    /// A vertex moved and weighted.
+    /// A transformed vertex times its weight.
     pub struct Weighted(plan: &Plan) {
         mark: ..{Mark}(),
         point: ..{Vector}(plan),
@@ -121,7 +120,7 @@ bundle! {
 }
 
 bundle! {
-    /// Numbers to add.
+    /// Operands of an addition.
     pub struct Operands(plan: &Plan) {
         a: plan.number(),
         b: plan.number(),
@@ -129,7 +128,7 @@ bundle! {
 }
 
 bundle! {
-    /// Numbers to add on each axis: weighted ones, and sums of two.
+    /// Operands of the additions on each axis: of two weighted points, and of two sums.
     pub struct Sums(plan: &Plan, pair_heading: &str, vertex_heading: &str) {
         pair_heading { pair: {Axes<Operands> = [(); 3].map(|()| Operands::of(plan))} }
         vertex_heading { vertex: {Axes<Operands> = [(); 3].map(|()| Operands::of(plan))} }
@@ -138,71 +137,71 @@ bundle! {
 
 interface! {
     pub (plan: &Plan) {
-        in "A mesh to skin: indices of its palette, influence rows, vertices at rest and vertices to write, and how many" {
+        in "Mesh to skin: index and count of its palette, influence rows, vertices at rest and vertices to write" {
             start: Flow<Mesh>(plan),
         }
-        in "Whether the geometry unit is free for it" { may_start: 1 }
+        in "High if the geometry unit is available" { may_start: 1 }
         in "" {
             vertex: {ReadInputs}(
-                "Vertex memory", "of any latency, in any order",
+                "Vertex memory", "any latency, any order",
                 vector_tag_bits(plan), Record::vertex(plan.format).width
             ),
             influence: {ReadInputs}(
-                "Influence memory", "of any latency, in any order",
+                "Influence memory", "any latency, any order",
                 row_tag_bits(plan), Record::influence_row(plan.format).width
             ),
         }
         in "Vertex memory: writes" { write_ready: 1 }
-        in "From the geometry unit: a moved vertex times a weight, and which of its vertex's it is" {
+        in "From the geometry unit: a transformed vertex times its weight, and the index of the influence" {
             weighted: Flow<Weighted>(plan),
         }
-        in "From the geometry unit: sums of two weighted ones, and of two sums" {
+        in "From the geometry unit: sums of two weighted points, and of two sums" {
             pair_sum: [plan.number(); xyz],
             vertex_sum: [plan.number(); xyz],
         }
-        out "A mesh to skin: indices of its palette, influence rows, vertices at rest and vertices to write, and how many" {
+        out "Mesh to skin: index and count of its palette, influence rows, vertices at rest and vertices to write" {
             start_ready: 1,
         }
-        out "High while a mesh is being skinned, from the clock after its start" { skinning: 1 }
+        out "High from the cycle after the start of a mesh until it is complete" { skinning: 1 }
         out "" {
             vertex: {ReadOutputs}("Vertex memory", plan.address(), vector_tag_bits(plan)),
             influence: {ReadOutputs}("Influence memory", plan.address(), row_tag_bits(plan)),
         }
-        out "To the geometry unit: a column of a joint's matrix" {
+        out "To the geometry unit: one column of a joint's matrix" {
             palette: Flow<Column>(plan),
         }
-        out "To the geometry unit: an influence, and which of its vertex's it is" {
+        out "To the geometry unit: one influence, and its index within the vertex" {
             issue: Flow<Issued>(plan),
         }
         out "" {
             operands: ..{Sums}(
                 plan,
-                "To the geometry unit: operands of the sums of two weighted ones",
+                "To the geometry unit: operands of the sums of two weighted points",
                 "To the geometry unit: operands of the sums of two sums"
             ),
         }
         out "Vertex memory: writes" {
             write: Flow<Write>(plan.address(), Record::vertex(plan.format).width),
         }
-        out "High for a clock when a mesh is complete" { done: 1 }
-        out "Counters' events" { influence_issued: 1 }
+        out "High for one cycle when a mesh is complete" { done: 1 }
+        out "Events for the counters" { influence_issued: 1 }
     }
 }
 
 bundle! {
-    /// What later parts tell earlier ones.
+    /// The signals from later parts to earlier ones.
     struct Back() {
-        /// The front row has been used.
+        /// Removes the front row, which has been used.
         pop_row: 1,
-        /// A vertex's last influence is issued, so the vertex at rest has been used; there is room for one more vertex that is.
+        /// The last influence of a vertex is issued, so its vertex at rest has been used; there is room for one more such vertex.
         completes: 1,
         room: 1,
-        /// All of the mesh is written.
+        /// The whole mesh is written.
         over: 1,
     }
 }
 
-/// What every part is given: the unit's inputs and what later parts tell, and what it is described with.
+/// The environment of every part: the inputs of the unit, the signals from later parts, and the description.
 struct Around<'b> {
     plan: &'b Plan,
     m: &'b Builder,
@@ -210,24 +209,24 @@ struct Around<'b> {
     told: Back<Signal<'b>>,
 }
 
-/// A mesh, in the clock in which it starts.
+/// A mesh, in the cycle of its start.
 type Start<'b> = Flow<Mesh<Signal<'b>>, Signal<'b>>;
 
-/// The skinning processor of a machine whose triangle test is `test`.
+/// Describes the skinning processor of a machine with the triangle test `test`.
 ///
 /// # Errors
 /// A mistake in the description; none is known for any configuration.
 pub(super) fn module(plan: &Plan, test: &Module) -> Result<Arc<Module>, HdlError> {
     let m = Builder::new(
         "skinning_processor",
-        "the skinning processor: moves vertices at rest by the weighted matrices of a palette.",
+        "the skinning processor: transforms vertices at rest with the weighted matrices of a palette.",
     );
     let of_test = triangle::ports(plan);
     let sum_latency =
         of_test.outputs.sum[0].stage(&m, test) - of_test.inputs.pairs.sum_a[0].stage(&m, test);
     let ports = ports(plan);
     let inputs = ports.inputs.inputs(&m);
-    m.comment("What later parts tell earlier ones.");
+    m.comment("Signals from later parts to earlier ones.");
     let back = Back::of().wires(&m, "");
     let told = back.get();
 
@@ -240,27 +239,27 @@ pub(super) fn module(plan: &Plan, test: &Module) -> Result<Arc<Module>, HdlError
 
     let rows = m.part(
         "row_fetch",
-        "starts meshes and reads their influences ahead.",
+        "starts meshes and prefetches their influences.",
         || Rows::new(&around),
     )?;
     let vectors = m.part(
         "vector_fetch",
-        "reads palettes, then vertices at rest, ahead.",
+        "prefetches palettes, then vertices at rest.",
         || Vectors::new(&around, rows.start),
     )?;
     let issue = m.part(
         "influence_issue",
-        "issues an influence with its vertex to the geometry unit.",
+        "issues influences to the geometry unit, each with its vertex.",
         || Issue::new(&around, &rows, &vectors),
     );
     let sums = m.part(
         "vertex_sum",
-        "adds up the weighted points of a vertex.",
+        "adds the weighted points of each vertex.",
         || VertexSums::new(&around, sum_latency),
     );
     let queue = m.part(
         "vertex_write",
-        "queues vertices until they are written, and tells when all of a mesh are.",
+        "queues vertices until they are written, and signals the completion of a mesh.",
         || Queue::new(&around, &rows, vectors.loading, &issue, &sums),
     );
     back.drive(Back {

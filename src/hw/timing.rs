@@ -1,57 +1,57 @@
-//! Which registers the target clock asks for, beside those of the arithmetic, which [`fp`](super::fp) schedules by its steps' delays: one
-//! table for all units.
+//! The registers that the target clock requires outside of the arithmetic units, in one table for all units. The pipelines of the
+//! arithmetic units follow from the delays of their steps, see [`fp`](super::fp).
 
 macro_rules! timing {
     ($($(#[doc = $doc:literal])* $name:ident from $mhz:literal;)*) => {
-        /// Registers of one target clock.
+        /// The registers at one target clock.
         #[derive(Clone, Copy, Debug, PartialEq, Eq)]
         pub struct Timing {
             $($(#[doc = $doc])* pub $name: bool,)*
         }
 
         impl Timing {
-            /// Registers for a clock in MHz.
+            /// The registers at a clock in MHz.
             pub const fn at(clock_mhz: u32) -> Timing {
                 Timing { $($name: clock_mhz >= $mhz,)* }
             }
 
-            /// Each register: its name, the clock in MHz from which on it is there, and why.
+            /// Each register: its name, the lowest clock in MHz at which it is present, and the reason.
             pub const TABLE: &[(&str, u32, &str)] = &[$((stringify!($name), $mhz, concat!($($doc),*)),)*];
         }
     };
 }
 
 timing! {
-    /// A register after each comparison whose result chooses.
+    /// A register after each comparison whose result selects an operand.
     comparison from 70;
-    /// A register after a choice whose result goes to many block RAMs or operators: the wires to all of them take most of a 10 ns period.
+    /// A register after a multiplexer with a fan-out to many block RAMs or operators: the wires take most of a 10 ns period.
     choice from 80;
-    /// A second register behind a block RAM, whose output takes half of a 10 ns period on an ECP5.
+    /// A second register after a block RAM, whose output takes half of a 10 ns period on an ECP5.
     ram_output from 80;
-    /// A third one: the wires from all the RAMs of a wide memory take the rest of an 8 ns period.
+    /// A third register after a block RAM: the wires from all RAMs of a wide memory take the rest of an 8 ns period.
     wide_ram_output from 120;
-    /// Registers for a queue's valid bit and front word: a choice between queues and the wires to a memory's address follow them.
+    /// Registers for the valid bit and the front word of a queue, which are followed by a multiplexer of queues and the wires to a memory's address.
     queue_front from 105;
-    /// A register after what a comparison decides, which goes to each bit of a choice.
+    /// A register after a comparison whose result drives every bit of a multiplexer.
     decision from 110;
-    /// A register for where a packet goes after a start or a pop: the wires to all queues and memories follow it.
+    /// A register for the destination of a packet after a start or a pop, which is followed by the wires to all queues and memories.
     entered_packet from 120;
-    /// A register between a comparison of the update processor and the choice that it makes.
+    /// A register between a comparison of the update processor and the multiplexer that it controls.
     merge_comparison from 120;
-    /// A register behind the update processor's registers, which lie in block RAM. Below, a choice between two words follows the RAM.
+    /// A register after the registers of the update processor, which are in block RAM. At lower clocks a multiplexer of two words follows the RAM directly.
     merge_register from 120;
-    /// A register for whether the word at a reader's head has arrived: the choice of its bit and all that waits for it do not fit in a clock.
+    /// A register for the arrival of the word at the head of a prefetcher: the selection of its bit and the logic that waits for it do not fit into one cycle.
     arrival from 120;
-    /// A register for whether there is room: a count's test and all that waits for room do not fit in a clock.
+    /// A register for room in a queue: the test of the count and the logic that waits for it do not fit into one cycle.
     room from 120;
-    /// A register behind the adder of a step by ulps.
+    /// A register after the adder of a step by ulps.
     step_sum from 120;
-    /// A register for an event before it is counted: it leaves too little of the clock for the wires to a counter.
+    /// A register for an event before its counter: the event leaves too little of the cycle for the wires to the counter.
     event from 120;
 }
 
 impl Timing {
-    /// Registers from a block RAM's address to its word.
+    /// The latency from the address of a block RAM to its word.
     pub const fn read_latency(&self) -> u32 {
         1 + self.ram_output as u32 + self.wide_ram_output as u32
     }

@@ -1,8 +1,8 @@
-//! The traversal processing unit: a packet step a clock.
+//! The traversal unit (TPU): one traversal step per cycle.
 //!
-//! A packet under way is in exactly one place: waiting in a queue, in memory as a node request, in the step pipeline, in the
-//! pop pipeline, or in the geometry unit. So every queue is as deep as there are packets and can never overflow, every pipeline
-//! has a fixed latency and never stalls, and what belongs to a packet travels with it as its *context*.
+//! A packet in flight is in exactly one place: in a queue, in memory as a node request, in the step pipeline, in the pop
+//! pipeline, or in the geometry unit. So a queue with one entry per packet can never overflow, every pipeline has a fixed
+//! latency and never stalls, and the state of a packet travels with it as its *context*.
 //!
 //! ```text
 //! start ──────────────────────────────► pop ──► fetch (popped) ──┐
@@ -10,8 +10,8 @@
 //!  retry, step's pops, geometry's done ──┘ └── stack        node request
 //!                                               ▲                │
 //!  step ──► fetch (stepped) ────────────────────┼─► node request ▼
-//!   ▲                                           │           node answer
-//!   └─ 4 plane distances a ray, decision, push ─┴────────────────┘
+//!   ▲                                           │          node response
+//!   └─ 4 plane distances/ray, decision, push  ──┴────────────────┘
 //! ```
 
 mod clip;
@@ -37,17 +37,17 @@ use pop::Retry;
 use properties::Watched;
 use std::sync::Arc;
 
-/// The traversal processing unit, and how long its pop pipeline is.
+/// The traversal unit, and the latency of its pop pipeline.
 pub struct Tpu {
     pub module: Arc<Module>,
-    /// Clocks from a pop's start to its result. Whatever else writes what a pop writes must say so that long before.
+    /// Cycles from the start of a pop to its result. Any other write to the memories that a pop writes must be announced this early.
     pub pop_latency: u32,
-    /// The slice of one ray, for its own tests.
+    /// The slice of one ray, for its tests.
     pub slice: Arc<Module>,
 }
 
 bundle! {
-    /// A ray that has been set up, as traversal needs it.
+    /// A ray from ray setup, in the form that traversal uses.
     pub struct SetUp(plan: &Plan) {
         place: ..{Place}(plan),
         enters: 1,
@@ -59,7 +59,7 @@ bundle! {
 }
 
 bundle! {
-    /// A packet step: its node, which rays go to each child, and their intervals in it.
+    /// A traversal step: its node, the rays that enter each child, and their intervals in it.
     pub struct StepTrace(plan: &Plan) {
         packet: plan.packet_bits(),
         node: plan.address(),
@@ -72,7 +72,7 @@ bundle! {
 }
 
 bundle! {
-    /// A finished packet, and which of its rays have hit something.
+    /// A finished packet and its hit mask.
     pub struct Finished(plan: &Plan) {
         packet: plan.packet_bits(),
         touched: plan.rays(),
@@ -81,28 +81,28 @@ bundle! {
 
 interface! {
     pub (plan: &Plan) {
-        in "A ray that has been set up; a packet's last one that comes starts the packet. soon says so as many clocks before as a pop takes" {
+        in "Ray from ray setup; the last one starts its packet. setup_soon is high earlier, by the latency of a pop" {
             setup_soon: 1,
             setup: Flow<SetUp>(plan),
         }
-        in "The ray is in an object's space: where and with which context its packet starts there, beside its last ray" {
+        in "High for a ray in object space; with the packet's last ray, its start there and its context" {
             setup_object: 1,
             object: {Start}(plan),
         }
-        in "The root link word, constant while packets are under way" {
+        in "Link word of the scene's root, constant while packets are in flight" {
             root: Record::link_word().width,
         }
         in "" {
             node: {ReadInputs}(
-                "Node memory", "in any order, always taken",
+                "Node memory", "any order, always accepted",
                 plan.level_packet_bits(), Record::node(plan.format).width
             ),
         }
         in "Leaves to the geometry unit" { leaf_ready: 1 }
-        in "A closer hit of a ray: what its near must not exceed from now on" {
+        in "New upper bound for near, from a closer hit" {
             limit: Flow<Limit>(plan),
         }
-        in "A leaf all of whose tests are merged" {
+        in "Leaf complete: all of its tests are merged" {
             done: Flow<InContext>(plan),
         }
         out "" {
@@ -111,28 +111,28 @@ interface! {
         out "Leaves to the geometry unit" {
             leaf: Flow<Leaf>(plan),
         }
-        out "A finished packet, and which of its rays have hit something" {
+        out "Finished packet and its hit mask" {
             finished: Flow<Finished>(plan),
         }
-        out "Counters' events, and marks" {
+        out "Events for the counters, and stack figures" {
             step_taken: 1,
             stack_high_water: plan.level_bits(),
             stack_overflow: 1,
         }
-        out "Trace: the packet step just decided" {
+        out "Trace: last traversal step" {
             trace_step if (plan.trace): {StepTrace}(plan),
         }
     }
 }
 
-/// The traversal processing unit of a machine: its parts in the order in which a packet meets them. What a later part says to an
-/// earlier one goes by wires, made first.
+/// Describes the traversal unit of a machine: its parts, in the order in which a packet passes them. Wires, declared first, carry
+/// the signals from later parts to earlier ones.
 pub fn module(plan: &Plan) -> Result<Tpu, HdlError> {
     let slice = slice::module(plan)?;
     let (ray, clip) = (ray::module(plan, &slice)?, clip::module(plan)?);
     let builder = Builder::new(
         "tpu",
-        "the traversal processing unit: takes packets through a B-KD tree, a packet step a clock.",
+        "the traversal unit: traverses a B-KD tree with packets of rays, one traversal step per cycle.",
     );
     let m = &builder;
     let ports = ports(plan);
@@ -144,47 +144,49 @@ pub fn module(plan: &Plan) -> Result<Tpu, HdlError> {
 
     let start = m.part(
         "packet_start",
-        "collects the rays of a packet that starts, in the scene or in an object.",
+        "collects the rays of a packet that starts, in world space or in object space.",
         || start::start(m, plan, inputs.setup, inputs.setup_object),
     );
     let kept = m.part(
         "packet_store",
-        "keeps what belongs to a packet whose node is fetched.",
+        "stores the state of packets whose node is in flight.",
         || kept::keep(m, plan, request.get(), stepped.get(), popped.packet.get()),
     );
     let (sliced, step) = m.part(
         "packet_step",
-        "the traversal step: where each ray of a packet goes below a node, then where the packet goes.",
+        "the traversal step: the children of a node that each ray enters, then the packet's next node.",
         || {
             let sliced = step::slices(m, plan, &ray, &inputs, &start, &popped, &kept);
             let step = step::decide(m, plan, &sliced, stepped);
             (sliced, step)
         },
     );
-    let popping = m.part("pop_choice", "chooses which packet pops its stack.", || {
-        pop::choose(m, plan, inputs.setup_soon, inputs.done, retry.get(), &step)
-    })?;
+    let popping = m.part(
+        "pop_choice",
+        "selects the packet that pops its stack.",
+        || pop::choose(m, plan, inputs.setup_soon, inputs.done, retry.get(), &step),
+    )?;
     let stack = m.part("packet_stack", "the stacks of all packets.", || {
         stack::stack(m, plan, &step, &popping)
     });
     let pop = m.part(
         "packet_pop",
-        "clips what was popped to each ray's closest hit: the rays of which nothing is left stay out.",
+        "clips the popped entry to the closest hits; a ray with an empty interval leaves it.",
         || pop::clip(m, plan, &clip, inputs.limit, &popping, &stack),
     );
     let entered = m.part(
         "packet_enter",
-        "sends packets that start or have popped to a node, to a leaf, to another pop or out.",
+        "sends packets, after a start or a pop, to a node, to a leaf, to another pop, or out.",
         || enter::enter(m, plan, &inputs, &start, &pop, &popped, retry),
     );
     let after_step = (&step, stepped.write.get());
-    let (node, nodes) = m.part("node_fetch", "requests nodes of memory.", || {
+    let (node, nodes) = m.part("node_fetch", "requests nodes from memory.", || {
         let ready = inputs.node.request_ready;
         serve::nodes(m, plan, after_step, &entered, ready, request)
     })?;
     let (leaf, leaves) = m.part(
         "leaf_dispatch",
-        "hands leaves over to the geometry unit.",
+        "dispatches leaves to the geometry unit.",
         || serve::leaves(m, plan, after_step, &entered, inputs.leaf_ready),
     )?;
     let finished = Flow {

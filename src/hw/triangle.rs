@@ -1,22 +1,23 @@
-//! The triangle test as a pipeline: Möller–Trumbore or watertight, and the ray's interval in the triangle's own box.
+//! The triangle test as a pipeline: Möller–Trumbore or watertight, and the interval of the ray in the triangle's own box.
 //!
 //! # Slots
-//! One slot enters a clock. `matrix` says what it is.
-//! - 0: a test. The ray, a valid one (0 ≤ tmin ≤ tmax, no NaN), against the triangle v0, v1, v2, from the interval `window_near`,
-//!   `window_far`, which operators gave: no NaN, no -0. Any box is measured as the triangle lo, hi, hi: `box_near`, `box_far` are
-//!   the window clipped by it, whatever else the slot says. A vertex with a NaN makes the ray miss; the box then means nothing.
+//! One slot enters per cycle. `matrix` is its kind.
+//! - 0: a test of a valid ray (0 ≤ tmin ≤ tmax, no NaN) against the triangle v0, v1, v2 within the interval `window_near`,
+//!   `window_far`, which consists of results of operators: no NaN, no -0. An arbitrary box is measured as the triangle lo, hi, hi:
+//!   `box_near`, `box_far` are the window clipped by it, for any other content of the slot. A vertex with a NaN makes the ray
+//!   miss; the box is then undefined.
 //! - 1: a matrix. v0, v1, v2 carry the columns c_x, c_y, c_z, `origin` a point p, `translation` the column c_w: in each component
-//!   `moved` = ((c_x × p_x + c_y × p_y) + c_z × p_z) + c_w, and `weighted` = moved × `weight`. Everything else of
-//!   the slot has no meaning.
+//!   `moved` = ((c_x × p_x + c_y × p_y) + c_z × p_z) + c_w, and `weighted` = moved × `weight`. All other outputs of
+//!   the slot are undefined.
 //!
-//! All of this is done by the test's own operators (`share.rs`), so slots of both kinds follow each other in any order.
-//! While `accumulate` is 1 no slot may be a test, as the six subtractors of the box's plane distances are adders then:
+//! Both kinds use the same operators (operator sharing, `share.rs`), and their slots can follow each other in any order.
+//! While `accumulate` is 1 no slot may be a test, because the six subtractors of the box's plane distances are then adders:
 //! `sum_K` = `sum_a_K` + `sum_b_K` for K = 0 … 5, each pair of its own.
 //!
 //! # Stages
-//! Inputs and outputs are at differing stages, which the module's ports tell ([`crate::hdl::Port::stage`]): an input at stage
-//! s must be given s clocks after the slot's first ones. Outputs of one kind are at one stage. `accumulate`, `sum_a`, `sum_b` and
-//! `sum` belong to no slot; only the difference of their stages matters: the clocks from operands to sum.
+//! Inputs and outputs are at different stages, which are given by the ports of the module ([`crate::hdl::Port::stage`]): an input
+//! at stage s is expected s cycles after the first inputs of the slot. Outputs of one kind are at one stage. `accumulate`, `sum_a`,
+//! `sum_b` and `sum` do not belong to a slot; only the difference of their stages matters: the cycles from operands to sum.
 
 use super::distance;
 use super::fp::{Knowing, Known, Operand, equal, is_finite, is_nan, is_zero, less, less_equal};
@@ -34,7 +35,7 @@ use std::sync::Arc;
 type Vector<'b> = [Signal<'b>; 3];
 
 bundle! {
-    /// A triangle's vertices, or three columns of a matrix.
+    /// The vertices of a triangle, or three columns of a matrix.
     pub(super) struct Corners(plan: &Plan) {
         v0: [plan.number(); xyz],
         v1: [plan.number(); xyz],
@@ -43,7 +44,7 @@ bundle! {
 }
 
 bundle! {
-    /// Pairs of numbers that are added while the test accumulates.
+    /// Pairs of numbers to add while `accumulate` is 1.
     pub(super) struct Pairs(plan: &Plan) {
         sum_a: [plan.number(); 6],
         sum_b: [plan.number(); 6],
@@ -52,7 +53,7 @@ bundle! {
 
 interface! {
     pub(super) (plan: &Plan) {
-        in "A slot of the test" {
+        in "One slot of the test" {
             matrix: 1,
             corners: ..{Corners}(plan),
             ray: ..{Tested}(plan),
@@ -63,20 +64,20 @@ interface! {
             accumulate: 1,
             pairs: ..{Pairs}(plan),
         }
-        in "The ray's limits, needed last" { limits: ..{Limits}(plan) }
-        out "Whether the ray hits, and where" {
+        in "The ray's limits, at a late stage" { limits: ..{Limits}(plan) }
+        out "Hit flag, distance and weights" {
             hit: 1,
             t: plan.number(),
             u: plan.number(),
             v: plan.number(),
         }
-        out "The point moved by the matrix" { moved: [plan.number(); xyz] }
-        out "The point moved and weighted" { weighted: [plan.number(); xyz] }
-        out "The interval, and whether the box alone makes the ray miss" {
+        out "Transformed point" { moved: [plan.number(); xyz] }
+        out "Transformed point times the weight" { weighted: [plan.number(); xyz] }
+        out "Interval in the box, and a flag for a miss because of the box" {
             box_near: plan.number(),
             box_far: plan.number(),
         }
-        out "While it accumulates: sums, whose operands are given at any time" {
+        out "Sums, while accumulate is high; independent of the slots" {
             sum: [plan.number(); 6],
         }
     }
@@ -87,7 +88,7 @@ mod intersection {
     use super::*;
 
     bundle! {
-        /// What a test says.
+        /// The result of a test.
         pub struct Test(plan: &Plan) {
             t: plan.number(),
             u: plan.number(),
@@ -98,23 +99,23 @@ mod intersection {
 
     interface! {
         pub (plan: &Plan) {
-            in "What the slot is: 0 a test, 1 a matrix" { matrix: 1 }
-            in "The triangle's vertices, or the matrix's columns x, y, z" {
+            in "Kind of the slot: 0 for a test, 1 for a matrix" { matrix: 1 }
+            in "Vertices of the triangle, or columns x, y, z of the matrix" {
                 corners: ..{Corners}(plan),
             }
-            in "The ray's origin, or the point" { origin: [plan.number(); xyz] }
-            in "The ray's direction" { direction if (!plan.watertight()): [plan.number(); xyz] }
-            in "The ray's shear" { shear if (plan.watertight()): ..{Shear}(plan) }
-            in "The matrix's fourth column" { translation: [plan.number(); xyz] }
-            in "The weight of the moved point" { weight: plan.number() }
-            in "The reciprocal of the direction's greatest component" {
+            in "Origin of the ray, or the point" { origin: [plan.number(); xyz] }
+            in "Direction of the ray" { direction if (!plan.watertight()): [plan.number(); xyz] }
+            in "Shear of the ray" { shear if (plan.watertight()): ..{Shear}(plan) }
+            in "Fourth column of the matrix" { translation: [plan.number(); xyz] }
+            in "Weight of the transformed point" { weight: plan.number() }
+            in "Reciprocal of the greatest component of the direction" {
                 shear_z if (plan.watertight()): plan.number(),
             }
-            out "Distance, the second and third vertex's weights, and whether the ray passes the triangle" {
+            out "Distance, weights of the second and third vertex, and a flag for a miss" {
                 test: {Test}(plan),
             }
-            out "The point moved by the matrix" { moved: [plan.number(); xyz] }
-            out "The point moved and weighted" { weighted: [plan.number(); xyz] }
+            out "Transformed point" { moved: [plan.number(); xyz] }
+            out "Transformed point times the weight" { weighted: [plan.number(); xyz] }
         }
     }
 }
@@ -125,35 +126,35 @@ mod own_box {
 
     interface! {
         pub (plan: &Plan) {
-            in "The triangle's vertices" { corners: ..{Corners}(plan) }
-            in "The ray" {
+            in "Vertices of the triangle" { corners: ..{Corners}(plan) }
+            in "Ray" {
                 origin: [plan.number(); xyz],
                 reciprocal: [plan.number(); xyz],
                 signs: 3,
             }
-            in "While it accumulates: sums, whose operands are given at any time" {
+            in "Sums, while accumulate is high; independent of the slots" {
                 accumulate: 1,
                 pairs: ..{Pairs}(plan),
             }
-            in "The interval that the box clips" { window: {Interval}(plan) }
-            out "The interval, and whether the box alone makes the ray miss" {
+            in "Interval before the box clips it" { window: {Interval}(plan) }
+            out "Interval in the box, and a flag for a miss because of the box" {
                 box_near: plan.number(),
                 box_far: plan.number(),
                 box_misses: 1,
             }
-            out "While it accumulates: sums, whose operands are given at any time" {
+            out "Sums, while accumulate is high; independent of the slots" {
                 sum: [plan.number(); 6],
             }
         }
     }
 }
 
-/// Pairs of numbers that are added at once while the test accumulates.
+/// The number of pairs that are added in parallel while `accumulate` is 1.
 const PAIRS: usize = 6;
 
-/// A triangle's own box, and what makes the triangle degenerate.
+/// A triangle's own box, and the conditions for a degenerate triangle.
 struct OwnBox<'b> {
-    /// Least and greatest coordinate on each axis.
+    /// The least and greatest coordinate on each axis.
     sides: Vec<(Signal<'b>, Signal<'b>)>,
     /// Whether they are equal.
     flat: Vec<Signal<'b>>,
@@ -167,7 +168,7 @@ impl<'b> OwnBox<'b> {
         let mut sides = vec![];
         let mut flat = vec![];
         let mut same = [vec![], vec![], vec![]];
-        // A vertex with a NaN makes the ray miss by its determinant, whatever the box is; and of zeros any may be the box's.
+        // A vertex with a NaN makes the determinant a NaN, so the ray misses for any box; a zero of either sign is valid in the box.
         fn any_zero<'b>(coordinate: Signal<'b>) -> Operand<'b> {
             coordinate.known(Known::Number)
         }
@@ -195,7 +196,7 @@ impl<'b> OwnBox<'b> {
     }
 
     fn is_degenerate(&self, m: &'b Builder) -> Signal<'b> {
-        m.comment("Degenerate: two vertices are equal, or the box is flat on two axes.");
+        m.comment("Degenerate triangle: two vertices are equal, or the box is flat on two axes.");
         let flat_on = |i: usize, j: usize| {
             (self.flat[i] & self.flat[j]).hinted(format!("flat_{}{}", AXES[i], AXES[j]))
         };
@@ -207,12 +208,12 @@ impl<'b> OwnBox<'b> {
     }
 }
 
-/// The ray's interval in the triangle's own box, and whether the triangle is degenerate.
+/// Describes the interval of a ray in the triangle's own box, and the check for degenerate triangles.
 fn triangle_box(plan: &Plan) -> Result<Arc<Module>, HdlError> {
     let f = plan.format;
     let m = Builder::new(
         "triangle_box",
-        "a ray's interval in a triangle's own box, by the very plane distances of traversal, and whether the triangle is degenerate.",
+        "the interval of a ray in a triangle's own box, with the same plane distances as in traversal, and the check for degenerate triangles.",
     );
     let p = m.pipeline();
     let ports = own_box::ports(plan);
@@ -232,7 +233,7 @@ fn triangle_box(plan: &Plan) -> Result<Arc<Module>, HdlError> {
         .collect();
     let lender = Lender::new(&plan.units, accumulate);
     let mut sums = [None; PAIRS];
-    // The distance of a plane; its subtractor adds pair `k`.
+    // The distance of a plane. Its subtractor adds pair `k` while `accumulate` is 1.
     let mut plane_distance = |name: &str, i: usize, k: usize, plane, far: bool| {
         let (a, b) = pairs[k];
         let plane = lender.choice(&format!("{name}_plane"), plane, a);
@@ -248,7 +249,7 @@ fn triangle_box(plan: &Plan) -> Result<Arc<Module>, HdlError> {
     };
     let mut interval: Option<(Signal<'_>, Signal<'_>)> = None;
     for (i, x) in AXES.iter().enumerate() {
-        m.comment(format!("Clipped on the {x} axis."));
+        m.comment(format!("Clip on the {x} axis."));
         let (lo, hi) = own.sides[i];
         let sign = signs.part(x, i as u32, 1);
         let near_plane = sign.mux(hi, lo);
@@ -292,7 +293,7 @@ fn triangle_box(plan: &Plan) -> Result<Arc<Module>, HdlError> {
     m.finish()
 }
 
-/// The inputs that both tests have alike, and what lends their operators.
+/// The inputs that both tests have in common, and the operand selection for operator sharing.
 struct Shared<'b> {
     p: Pipeline<'b>,
     ports: Ports<intersection::Inputs<Spec>, intersection::Outputs<Spec>>,
@@ -316,26 +317,26 @@ impl<'b> Shared<'b> {
         }
     }
 
-    /// What is subtracted from `name`: `own` in a test; +0 in a matrix slot, which keeps what it is subtracted from, for a
-    /// product does not tell a zero's sign.
+    /// The subtrahend called `name`: `own` in a test, +0 in a matrix slot. The minuend then passes unchanged, except for the sign of a
+    /// zero, which does not affect the products.
     fn subtracted(&self, name: &str, own: Signal<'b>) -> Signal<'b> {
         let zero = own.module().zero(own.width());
         self.lender.term(name, own, zero)
     }
 
-    /// The fourth column's component `axis`, which `other` meets.
+    /// Component `axis` of the fourth column, at the stage of `other`.
     fn translation(&self, axis: usize, other: Signal<'b>) -> Signal<'b> {
         let translation = &self.ports.inputs.translation[axis];
         translation.input_at(&self.p, other.stage())
     }
 
-    /// The weight, which `other` meets.
+    /// The weight, at the stage of `other`.
     fn weight(&self, other: Signal<'b>) -> Signal<'b> {
         let weight = &self.ports.inputs.weight;
         weight.input_at(&self.p, other.stage())
     }
 
-    /// Makes the outputs: t, u, v and whether the ray misses; a point moved, and weighted.
+    /// Makes the outputs: t, u, v and the miss flag; the transformed point, and this point times the weight.
     fn finish(
         &self,
         m: &Builder,
@@ -356,14 +357,14 @@ impl<'b> Shared<'b> {
     }
 }
 
-/// Möller–Trumbore: t, u, v and whether the ray misses, before the box and the limits; a moved point.
+/// Describes the test of Möller and Trumbore: t, u, v and the miss flag, before box and limits; a transformed point.
 fn moller_trumbore(plan: &Plan) -> Result<Arc<Module>, HdlError> {
     let w = plan.number();
     let f = plan.format;
     let units = &plan.units;
     let m = Builder::new(
         "triangle_moller_trumbore",
-        "the ray-triangle test of Moeller and Trumbore, whose operators also apply a matrix to a point.",
+        "the ray-triangle test of Moeller and Trumbore. Its operators also apply a matrix to a point.",
     );
     let inputs = Shared::new(&m, plan);
     let Shared {
@@ -376,14 +377,14 @@ fn moller_trumbore(plan: &Plan) -> Result<Arc<Module>, HdlError> {
     let direction = (inputs.ports.inputs.direction.as_ref()).expect("this test needs it");
     let direction = direction.each_ref().map(|x| x.input_at(p, 0));
 
-    m.comment("Edges, and the origin seen from the first vertex. Matrix: the columns y and z, and x negated.");
+    m.comment("Edges, and the origin relative to the first vertex. Matrix: the columns y and z, and x negated.");
     let base = [0, 1, 2].map(|i| inputs.subtracted(&format!("base_{}", AXES[i]), v[0][i]));
     let e1 = difference(plan, "e1", v[1], base);
     let e2 = difference(plan, "e2", v[2], base);
-    // The subtrahend is the column here: the other operand is nothing.
+    // The subtrahend is the column here: the other operand is +0.
     let o = [0, 1, 2].map(|i| inputs.subtracted(&format!("seen_from_{}", AXES[i]), origin[i]));
     let c = difference(plan, "c", o, v[0]);
-    m.comment("Matrix: the point takes the direction's way, its x negated as its column is.");
+    m.comment("Matrix: the point replaces the direction, with x negated like its column.");
     let point = [negated(origin[0]), origin[1], origin[2]];
     let d = [0, 1, 2].map(|i| {
         let name = format!("direction_or_point_{}", AXES[i]);
@@ -394,7 +395,7 @@ fn moller_trumbore(plan: &Plan) -> Result<Arc<Module>, HdlError> {
     let [p_x, p_y, p_z] = [0, 1, 2].map(|i| {
         let (j, k) = ((i + 1) % 3, (i + 2) % 3);
         let x = AXES[i];
-        // Of the nine products of d and e2 these are six; z × z is none of them.
+        // These are six of the nine products of d and e2; z × z is not among them.
         let plus = match i {
             0 => lender.factor("direction_y_or_point_z_2", d[1], d[2]),
             _ => d[j],
@@ -416,7 +417,7 @@ fn moller_trumbore(plan: &Plan) -> Result<Arc<Module>, HdlError> {
             units.mul(format!("q_{x}_minus"), minus, e1[j]),
         ]
     });
-    m.comment("p = d x e2, q = c x e1. Matrix: the sum of columns x and y, of component y in q_x and so on.");
+    m.comment("p = d x e2, q = c x e1. Matrix: the sum of columns x and y; its component y is in q_x, and so on.");
     let pv = [p_x, p_y, p_z];
     let pv = [0, 1, 2].map(|i| units.sub(format!("p_{}", AXES[i]), pv[i][0], pv[i][1]));
     let qv = [0, 1, 2].map(|i| {
@@ -442,7 +443,7 @@ fn moller_trumbore(plan: &Plan) -> Result<Arc<Module>, HdlError> {
         let z = lender.term(&format!("{name}_z_or_translation"), of[2], translation);
         units.add(name, xy, z)
     });
-    m.comment("u = (c . p) i, v = (d . q) i, t = (e2 . q) i. Matrix: all by the weight.");
+    m.comment("u = (c . p) i, v = (d . q) i, t = (e2 . q) i. Matrix: all times the weight.");
     let i = units.reciprocal("i", det);
     let factor = lender.factor("i_or_weight", i, inputs.weight(i));
     let u = units.mul("u", cp, factor);
@@ -465,7 +466,7 @@ fn moller_trumbore(plan: &Plan) -> Result<Arc<Module>, HdlError> {
     m.finish()
 }
 
-/// The vertices in the ray's frame, in which the ray runs along z. In a matrix slot, the columns.
+/// The vertices in the frame of the ray, in which the ray is the z axis. In a matrix slot, the columns.
 struct Sheared<'b> {
     a: Vector<'b>,
     b: Vector<'b>,
@@ -490,7 +491,7 @@ impl<'b> Sheared<'b> {
         } = shear.inputs_at(p, 0);
         let shear = [shear_x, shear_y];
 
-        m.comment("Matrix: the columns pass as if seen from the origin and along z; the point takes the shear's way.");
+        m.comment("Matrix: the columns pass unchanged, as if relative to the origin and along z; the point replaces the shear.");
         let o = [0, 1, 2].map(|i| inputs.subtracted(&format!("seen_from_{}", AXES[i]), origin[i]));
         let kz = lender.choice("axis", kz, m.zero(2));
         let [along_x, along_y] = [0, 1].map(|i| {
@@ -498,10 +499,10 @@ impl<'b> Sheared<'b> {
             lender.choice(&name, shear[i], origin[i])
         });
 
-        m.comment("The vertices a, b, c, seen from the origin, their axes turned.");
+        m.comment("The vertices a, b, c relative to the origin, with permuted axes.");
         let names = ["a", "b", "c"];
         let seen = [0, 1, 2].map(|i| difference(plan, names[i], vertices[i], o));
-        // kz names an axis; kx and ky follow it cyclically. In a matrix slot component x is where kz is, and so on.
+        // kz is the number of an axis; kx and ky follow it cyclically. In a matrix slot component x is at the position of kz, and so on.
         let pick = |i: usize, choices: [usize; 3]| m.select(kz, &choices.map(|axis| seen[i][axis]));
         let turned = [0, 1, 2].map(|i| {
             let turn = |what: &str, choices| {
@@ -512,10 +513,10 @@ impl<'b> Sheared<'b> {
             [turn("kx", [1, 2, 0]), turn("ky", [2, 0, 1]), z]
         });
         let [a_turned, b_turned, c_turned] = turned;
-        m.comment("What shears them. Matrix: the products of column x (by shear x) and y (by shear y), each component once.");
+        m.comment("The shifts by the shear. Matrix: the products of columns x (times shear x) and y (times shear y), each component once.");
         let shift = |i: usize, along: usize, column: usize, component: usize| {
             let name = format!("{}{}_shift", names[i], AXES[along]);
-            // Chosen before the register that turns the axes has anyway.
+            // Selected before the register that follows the axis multiplexer in any case.
             let z = match (i, component) {
                 (i, 0) if i == column => turned[i][2],
                 _ => {
@@ -532,7 +533,7 @@ impl<'b> Sheared<'b> {
         let [ay_shift, by_shift, cy_shift] =
             [(0, 1), (1, 0), (2, 2)].map(|(i, x)| shift(i, 1, 1, x));
         m.comment(
-            "Sheared. Matrix: the sum of columns x and y in ax, ay, bx; column z passes in cx, cy.",
+            "Sheared vertices. Matrix: the sum of columns x and y in ax, ay, bx; column z passes in cx, cy.",
         );
         let ax = units.sub(
             "ax",
@@ -574,9 +575,7 @@ impl<'b> Sheared<'b> {
         let ([ax, ay, _], [bx, by, _], [cx, cy, cz]) = (self.a, self.b, self.c);
         let columns_xy = [ax, ay, bx];
         let column_z = [cz, cx, cy];
-        m.comment(
-            "Edge functions. Matrix: plus the products of column z, which is added to the sum.",
-        );
+        m.comment("Edge functions. Matrix: the products of column z are added to the sum.");
         let eu_plus = units.mul(
             "eu_plus",
             column_z[1],
@@ -608,7 +607,7 @@ impl<'b> Sheared<'b> {
     }
 }
 
-/// Whether some edge function is negative, and whether some is positive, a register behind them.
+/// Whether any edge function is negative, and whether any is positive, one register later.
 fn edge_signs<'b>(plan: &Plan, m: &'b Builder, [eu, ev, ew]: Vector<'b>) -> [Signal<'b>; 2] {
     let f = plan.format;
     let none = m.zero(plan.number()).known(Known::Positive);
@@ -621,7 +620,7 @@ fn edge_signs<'b>(plan: &Plan, m: &'b Builder, [eu, ev, ew]: Vector<'b>) -> [Sig
     [some_negative, some_positive]
 }
 
-/// The watertight test of Woop, Benthin and Wald: t, u, v and whether the ray misses, before the box and the limits; a moved point.
+/// Describes the watertight test of Woop, Benthin and Wald: t, u, v and the miss flag, before box and limits; a transformed point.
 fn watertight(plan: &Plan) -> Result<Arc<Module>, HdlError> {
     let f = plan.format;
     let units = &plan.units;
@@ -664,7 +663,7 @@ fn watertight(plan: &Plan) -> Result<Arc<Module>, HdlError> {
         lender.term("ua_vb_or_sum", ua_vb, ev),
         lender.term("wc_or_translation", wc, translation_z),
     );
-    m.comment("t = (T i) Sz, u = V i, v = W i. Matrix: all by the weight; the point moved takes the way of V and W.");
+    m.comment("t = (T i) Sz, u = V i, v = W i. Matrix: all times the weight; the transformed point replaces V and W.");
     let second = lender.choice("v_or_moved_y", ev, uv);
     let third = lender.choice("w_or_moved_x", ew, det);
     let factor = lender.factor("i_or_weight", i, inputs.weight(i));
@@ -702,7 +701,7 @@ fn dot<'b>(plan: &Plan, name: &str, a: Vector<'b>, b: Vector<'b>) -> Signal<'b> 
     plan.units.add(name, xy, z)
 }
 
-/// The whole triangle test as a pipeline: the configured test, the box, the clamp and the ray's limits.
+/// Describes the triangle test as a pipeline: the configured test, the box, the clamp, and the check of the ray's limits.
 pub(super) fn module(plan: &Plan) -> Result<Arc<Module>, HdlError> {
     let f = plan.format;
     let test = match plan.config.triangle_test {
@@ -712,11 +711,11 @@ pub(super) fn module(plan: &Plan) -> Result<Arc<Module>, HdlError> {
     let in_box = triangle_box(plan)?;
     let m = Builder::new(
         "triangle_test",
-        "a ray against a triangle: the test itself, clamped to the ray's interval in the triangle's own box, within tmin and tmax; \
-         or a matrix applied to a point.",
+        "the triangle test: a ray against a triangle, with the distance clamped to the ray's interval in the triangle's own box and checked against tmin and tmax; \
+         or a matrix times a point.",
     );
     let p = m.pipeline();
-    // What the two of them need, at the stages that they need it at.
+    // The inputs of both, at the stages that they need.
     let mut made: HashMap<&str, Signal<'_>> = HashMap::new();
     for module in [&test, &in_box] {
         let ports = module.ports().iter();
@@ -735,11 +734,11 @@ pub(super) fn module(plan: &Plan) -> Result<Arc<Module>, HdlError> {
     let inputs = of_box.inputs.map(|_, spec| made[spec.name.as_str()]);
     let boxed = of_box.place("own_box", &m, &in_box, inputs);
     let end = latest(&[tested.test.t, boxed.box_near]);
-    m.comment("Clamp t into the box's interval; the box decides a miss before.");
+    m.comment("Clamp t to the interval in the box; a miss of the box is decided before.");
     let t = tested.test.t.at(end);
     let near = boxed.box_near.at(end);
     let far = boxed.box_far.at(end);
-    // A NaN is never replaced: t's makes it a miss.
+    // A NaN is never replaced: a NaN for t is a miss.
     let [near, far] = [near, far].map(|end| end.known(Known::Number));
     let raised = plan.max("raised", t.known(Known::Result), near).register();
     let clamped = plan
@@ -751,7 +750,7 @@ pub(super) fn module(plan: &Plan) -> Result<Arc<Module>, HdlError> {
     let misses =
         (tested.test.misses | boxed.box_misses | is_nan(f, tested.test.t).at(end)).named("misses");
     let [least, most] = [tmin, tmax].map(|limit| limit.known(Known::Positive));
-    // A NaN is a miss by itself.
+    // A NaN is always a miss.
     let distance = clamped.known(Known::Number);
     let within_limits = (less_equal(f, "not_before_tmin", least, distance)
         & less_equal(f, "not_behind_tmax", distance, most)

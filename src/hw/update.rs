@@ -1,8 +1,8 @@
 //! The update processor: runs an update program (`docs/update.md`) and rewrites the bounds of all nodes of an object.
 //!
-//! The program never branches, so everything is known ahead, and three parts work at their own pace. Only execution
-//! can wait for memory, and where it waits all later instructions do. So merges need no interlock: their distance in
-//! clocks is at least the one in instructions that the program was compiled for.
+//! The program has no branches, so all reads can be prefetched, and three parts work independently. Only execution waits for
+//! memory, and it then stalls all later instructions. So merges need no interlock: their distance in cycles is at least the
+//! merge distance in instructions for which the program is compiled.
 //!
 //! ```text
 //! program rows ─► prefetch ─► window ─► decode ─┬─► instruction queue ─► execute ─► merge ─► box registers
@@ -10,17 +10,16 @@
 //!                                               └─► vertex prefetch ──────┘  └─► vertex registers
 //! ```
 //!
-//! Each part has a file: `fetch` (program rows and vertices), `decode`, `execute`, `merge` (the registers too) and `write`. A part is given
-//! what those before it give, and by `Back` what those behind it tell.
+//! Each part has a file: `fetch` (program rows and vertices), `decode`, `execute`, `merge` (with the registers) and `write`. A part
+//! takes the results of earlier parts, and the signals of later parts through `Back`.
 //!
 //! | clock, MHz | merge distance |
 //! |---|---|
 //! | below 70 | 4 |
 //! | 70 to 119 | 5 |
-//! | from 120 on | 8 |
+//! | 120 and above | 8 |
 //!
-//! The reference machine's takes, as Yosys counts them for Virtex-4, 2,708 LUT4, 1,780 flip-flops, 454 RAM16X1D, which are 908 LUT4
-//! more, and 14 block RAMs; no DSP48.
+//! Its area in the reference machine is in `docs/numbers.md`.
 
 mod decode;
 mod execute;
@@ -46,24 +45,24 @@ use properties::Unit;
 use std::sync::Arc;
 use write::{End, Nodes};
 
-/// Bits of a row of the program.
+/// Width of a row of the program.
 const ROW_BITS: u32 = 8 * Program::ROW_BYTES as u32;
 
-/// Bits that the window takes from a row at a time.
+/// Width of the words by which the window is refilled.
 const WORD_BITS: u32 = 32;
 
-/// Bytes of the window. Four more find room beside the longest instruction, of five: it never runs dry by itself.
+/// Bytes of the window. It has room for a refill of four bytes in addition to the longest instruction (five bytes), so decoding never waits for a refill if rows are available.
 const WINDOW_BYTES: u32 = 12;
 
-/// Vertex indices decoded and not yet requested: enough for a load every clock.
+/// Maximum number of vertex indices that are decoded and not yet requested: enough for one load per cycle.
 const VERTEX_INDICES: u32 = 4;
 
-/// The lanes of a node's write mask: its four numbers, lowest first, and above them the link word, never written.
+/// The lanes of a node's write mask: its four numbers, lowest first, then the link word, which is never written.
 pub const NODE_LANES: u32 = 5;
 const NODE_MASK: u32 = 0b01111;
 
 bundle! {
-    /// An update: rows of its program, bases of the object's vertices and nodes, index of its box.
+    /// An update command: rows of its program, bases of the object's vertices and nodes, index of its box.
     pub struct Update(plan: &Plan) {
         program: plan.address(),
         rows: plan.address(),
@@ -83,7 +82,7 @@ bundle! {
 }
 
 bundle! {
-    /// What is counted since reset.
+    /// The counters since reset.
     pub struct Counters() {
         instructions: COUNTER_BITS,
         busy_cycles: COUNTER_BITS,
@@ -94,7 +93,7 @@ bundle! {
 }
 
 bundle! {
-    /// An instruction that is decoded.
+    /// A decoded instruction.
     struct Instruction(plan: &Plan) {
         load: 1,
         leaf: 1,
@@ -110,21 +109,21 @@ bundle! {
 }
 
 bundle! {
-    /// What later parts tell earlier ones.
+    /// The signals from later parts to earlier ones.
     struct Back() {
-        /// The front row has been used; the vertex in front goes to its register.
+        /// Removes the front row, which has been used, and the front vertex, which is written to its register.
         pop_row: 1,
         pop_vertex: 1,
-        /// There is room for an instruction, a vertex's index, a node.
+        /// There is room for an instruction, a vertex index, a node.
         queue_room: 1,
         index_room: 1,
         node_room: 1,
-        /// The object's box is written, which ends the update.
+        /// The object's box is accepted, which ends the update.
         box_taken: 1,
     }
 }
 
-/// What every part is given: the unit's inputs and what later parts tell, and what it is described with.
+/// The environment of every part: the inputs of the unit, the signals from later parts, and the description.
 struct Around<'b> {
     plan: &'b Plan,
     m: &'b Builder,
@@ -134,7 +133,7 @@ struct Around<'b> {
     told: Back<Signal<'b>>,
 }
 
-/// An update, in the clock in which it starts.
+/// An update, in the cycle of its start.
 type Start<'b> = Flow<Update<Signal<'b>>, Signal<'b>>;
 
 fn vertex_bits(plan: &Plan) -> u32 {
@@ -147,22 +146,22 @@ fn box_bits(plan: &Plan) -> u32 {
 
 interface! {
     pub (plan: &Plan) {
-        in "An update: rows of its program, bases of the object's vertices and nodes, index of its box" {
+        in "Update: rows of its program, bases of the object's vertices and nodes, index of its box" {
             start: Flow<Update>(plan),
         }
         in "" {
             program: {ReadInputs}(
-                "Program memory", "of any latency, in any order",
+                "Program memory", "any latency, any order",
                 bits_for(u64::from(plan.config.update_program_rows)), ROW_BITS
             ),
             vertex: {ReadInputs}(
-                "Vertex memory", "of any latency, in any order",
+                "Vertex memory", "any latency, any order",
                 bits_for(u64::from(plan.config.update_vertices_ahead)), Record::vertex(plan.format).width
             ),
         }
         in "Node memory: writes" { node_write_ready: 1 }
-        in "The object's box: its write, after all of the nodes'" { box_write_ready: 1 }
-        out "An update: rows of its program, bases of the object's vertices and nodes, index of its box" {
+        in "Object's box: write, after the writes of all nodes" { box_write_ready: 1 }
+        out "Update: rows of its program, bases of the object's vertices and nodes, index of its box" {
             start_ready: 1,
         }
         out "" {
@@ -176,22 +175,22 @@ interface! {
         out "Node memory: writes" {
             node_write: Flow<NodeWrite>(plan),
         }
-        out "The object's box: its write, after all of the nodes'" {
+        out "Object's box: write, after the writes of all nodes" {
             box_write: Flow<Write>(plan.address(), Record::bounding_box(plan.format).width),
         }
-        out "High for a clock when an update is complete" { done: 1 }
+        out "High for one cycle when an update is complete" { done: 1 }
         out "Counters since reset" { count: {Counters}() }
     }
 }
 
-/// The update processor, and what its programs must be compiled for.
+/// The update processor, and the machine parameters for the compiler of its programs.
 pub struct UpdateProcessor {
     pub module: Arc<Module>,
-    /// Its registers, and the merge distance that follows from its depth.
+    /// Its number of registers, and the merge distance, which follows from its pipeline depth.
     pub machine: UpdateMachine,
 }
 
-/// The update processor of a machine.
+/// Describes the update processor of a machine.
 ///
 /// # Errors
 /// A mistake in the description; none is known for any configuration.
@@ -202,7 +201,7 @@ pub fn module(plan: &Plan) -> Result<UpdateProcessor, HdlError> {
     );
     let ports = ports(plan);
     let inputs = ports.inputs.inputs(&m);
-    m.comment("What later parts tell earlier ones.");
+    m.comment("Signals from later parts to earlier ones.");
     let back = Back::of().wires(&m, "");
     let told = back.get();
     let around = Around {
@@ -215,22 +214,22 @@ pub fn module(plan: &Plan) -> Result<UpdateProcessor, HdlError> {
 
     let rows = m.part(
         "row_fetch",
-        "starts updates and reads the rows of their programs ahead.",
+        "starts updates and prefetches the rows of their programs.",
         || Rows::new(&around),
     )?;
     let decode = m.part(
         "instructions",
-        "cuts the program's rows into instructions, one a clock.",
+        "decodes the rows of the program into instructions, one per cycle.",
         || Decode::new(&around, &rows),
     );
     let vertices = m.part(
         "vertex_fetch",
-        "reads the vertices of load instructions ahead.",
+        "prefetches the vertices of load instructions.",
         || Vertices::new(&around, &decode),
     )?;
     let execute = m.part(
         "execute",
-        "lets the current instruction go when what it needs is there.",
+        "issues the current instruction when its operands are available.",
         || Execute::new(&around, &decode, &vertices),
     )?;
     let (operands, merge) = m.part(
@@ -292,7 +291,7 @@ pub fn module(plan: &Plan) -> Result<UpdateProcessor, HdlError> {
     })
 }
 
-/// Counts, since reset, what happens in each clock.
+/// Counts events since reset.
 fn counters<'b>(
     &Around { plan, m, .. }: &Around<'b>,
     running: Signal<'b>,
@@ -317,14 +316,14 @@ fn counters<'b>(
     })
 }
 
-/// A bit a clock later, 0 after a reset.
+/// Delays a bit by one cycle; it is 0 after a reset.
 fn later<'b>(m: &'b Builder, name: &str, bit: Signal<'b>) -> Signal<'b> {
     let register = m.reg_reset(name, 1, 0);
     register.next(bit);
     register.q
 }
 
-/// Whether an event is counted a clock later: it leaves too little of the clock for the wires to a counter.
+/// Whether events have a register before their counters: they leave too little of the cycle for the wires to a counter.
 fn counts_later(plan: &Plan) -> bool {
     plan.timing.event
 }

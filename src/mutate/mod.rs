@@ -460,17 +460,17 @@ fn told(run: &Run<'_>, play: Play) -> Result<u64, Stopped> {
 fn noticed(run: &Run<'_>, play: Play, clocks: u64) -> Result<Option<String>> {
     let said = match told(run, play.clone()) {
         Ok(now) if now == clocks => return Ok(None),
-        Ok(now) => return Ok(Some(format!("{now} clocks, not {clocks}"))),
+        Ok(now) => return Ok(Some(format!("{now} cycles, not {clocks}"))),
         Err(Stopped::Differs(said)) => return Ok(Some(said)),
         Err(Stopped::Breaks(said)) => said,
     };
     match told(run, play.without_mutant()) {
         Ok(now) if now == clocks => Ok(Some(said)),
         Ok(now) => bail!(
-            "{}: takes {now} clocks without any mutant, and took {clocks} before",
+            "{}: takes {now} cycles without a mutant, but took {clocks} before",
             run.0
         ),
-        Err(stopped) => bail!("{}: fails without any mutant: {}", run.0, stopped.said()),
+        Err(stopped) => bail!("{}: fails without a mutant: {}", run.0, stopped.said()),
     }
 }
 
@@ -567,7 +567,7 @@ fn run_unit(
             match told(run, play) {
                 Ok(taken) => clocks.push(taken),
                 Err(stopped) => bail!(
-                    "{unit}, {}: fails without any mutant: {}",
+                    "{unit}, {}: fails without a mutant: {}",
                     run.0,
                     stopped.said()
                 ),
@@ -599,7 +599,7 @@ fn run_unit(
             };
             if let Some(said) = noticed(&runs[run], play, clocks[run])? {
                 bail!(
-                    "{unit}, {}, after a reset {after} clocks into its traffic: fails without any mutant: {said}",
+                    "{unit}, {}, after a reset in cycle {after}: fails without a mutant: {said}",
                     runs[run].0
                 );
             }
@@ -620,10 +620,7 @@ fn run_unit(
             )
         };
         let amid = |(run, interrupted): (usize, Interrupted)| {
-            let name = format!(
-                "{}, after a reset {} clocks into its traffic",
-                runs[run].0, interrupted.at
-            );
+            let name = format!("{}, after a reset in cycle {}", runs[run].0, interrupted.at);
             let play = Play {
                 interrupted: Some(interrupted),
                 ..select(number)

@@ -31,7 +31,7 @@ pub(super) fn compile(
     machine.check()?;
     ensure!(
         tree.triangle_count() == triangles.len(),
-        "the tree has {} leaves but the mesh {} triangles; build the tree anew",
+        "the tree has {} leaves but the mesh {} triangles; build the tree again",
         tree.triangle_count(),
         triangles.len()
     );
@@ -49,7 +49,7 @@ pub(super) fn compile(
         .sum();
     ensure!(
         walk.leaves.len() == triangles.len() && nodes_walked == tree.nodes.len(),
-        "the tree does not reach each of its {} nodes once; build it anew",
+        "the tree does not reach each of its {} nodes once; build it again",
         tree.nodes.len()
     );
     ensure!(

@@ -360,7 +360,7 @@ pub fn check(instructions: &[Instruction], machine: UpdateMachine) -> Result<()>
     for (number, &instruction) in instructions.iter().enumerate() {
         let fault = |what: String| {
             Err(anyhow::anyhow!(
-                "instruction {number} ({instruction:?}) {what}; compile the program anew"
+                "instruction {number} ({instruction:?}) {what}; compile the program again"
             ))
         };
         if instruction.form().name == "end" && number + 1 != instructions.len() {
@@ -427,7 +427,7 @@ pub fn check(instructions: &[Instruction], machine: UpdateMachine) -> Result<()>
         }
     }
     let Some(Instruction::End { .. }) = instructions.last() else {
-        bail!("the program does not end; compile it anew");
+        bail!("the program does not end; compile it again");
     };
     Ok(())
 }

@@ -74,7 +74,7 @@ impl Circuit {
         let mut lines = text.lines();
         let header: Vec<&str> = lines.next().unwrap_or_default().split(' ').collect();
         let ["aag", rest @ ..] = &header[..] else {
-            bail!("this is no ASCII AIGER file");
+            bail!("this is not an ASCII AIGER file");
         };
         let numbers = |line: &str| -> Result<Vec<u32>> {
             let parts = line.split(' ').map(|n| n.parse::<u32>());

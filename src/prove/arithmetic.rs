@@ -444,7 +444,7 @@ fn reason(graph: &mut Graph, folder: &Path) -> Result<Outcome> {
     let differs = graph.differs("legal", "y", "expected")?;
     ensure!(
         meaningful(graph)?,
-        "no operands of a case that were tried mean anything: the case proves nothing"
+        "no operands of the case satisfy its assumptions: the proof is vacuous"
     );
     std::fs::write(folder.join("case.aig"), graph.to_aiger(differs)).context("case.aig")?;
     let found = folder.join("counterexample");
@@ -466,7 +466,7 @@ fn reason(graph: &mut Graph, folder: &Path) -> Result<Outcome> {
         return Ok(Outcome::Proved);
     }
     if !says("SATISFIABLE") {
-        return Ok(Outcome::Undecided("ABC does not decide it".into()));
+        return Ok(Outcome::Undecided("ABC returns no decision".into()));
     }
     let text = std::fs::read_to_string(&found).context("ABC's counterexample")?;
     let mut inputs = vec![0; graph.inputs.len()];
@@ -482,7 +482,7 @@ fn reason(graph: &mut Graph, folder: &Path) -> Result<Outcome> {
     let values = graph.simulate(&inputs);
     ensure!(
         values.literal(differs) & 1 == 1,
-        "ABC's counterexample makes no difference on the gates"
+        "the counterexample of ABC shows no difference on the gates"
     );
     Ok(Outcome::Refuted(shown(graph, &inputs, 0)?))
 }
@@ -496,7 +496,7 @@ fn exhaust(graph: &mut Graph) -> Result<Outcome> {
         .collect();
     ensure!(
         places.len() as u32 <= EXHAUSTIBLE,
-        "2^{} operands are too many to try each",
+        "2^{} operands are too many for an exhaustive simulation",
         places.len()
     );
     /// The lowest six inputs count through the 64 bits of a word.

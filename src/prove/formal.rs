@@ -31,7 +31,7 @@ pub fn files(config: &Config, prefix: &Prefix) -> Result<(Vec<(String, String)>,
             for (key, value) in proof.few {
                 let _ = writeln!(
                     head,
-                    "// Of a machine in which {key} = {value}: more is hard for a solver."
+                    "// For a machine with {key} = {value}: larger values are hard for the solver."
                 );
             }
             files.push((source.clone(), format!("{head}{}", formal.text)));

@@ -188,7 +188,7 @@ impl Induction {
             let last = last.unwrap_or_default();
             if last.ends_with("FAILED") && stage == HAPPENS {
                 let why = format!(
-                    "{} never happens within {SOON} clocks of reset: the properties are about nothing",
+                    "{} is not reachable within {SOON} cycles after reset: the properties are vacuous",
                     self.proof.covers.join(", or ")
                 );
                 return Ok((0, Outcome::Undecided(why)));
@@ -198,7 +198,11 @@ impl Induction {
                 return Ok((0, Outcome::Refuted(format!("{stage}: {broken}"))));
             }
             if !last.ends_with("PASSED") {
-                let line = text.lines().last().unwrap_or("smtbmc says nothing").trim();
+                let line = text
+                    .lines()
+                    .last()
+                    .unwrap_or("smtbmc printed no status")
+                    .trim();
                 return Ok((0, Outcome::Undecided(format!("{stage}: {line}"))));
             }
         }
@@ -222,7 +226,7 @@ impl Induction {
             .rev()
             .find_map(|line| line.split_once(" in step ").map(|(_, n)| n));
         let clock = step.map_or(String::new(), |step| {
-            format!(" at clock {}", step.trim_end_matches('.'))
+            format!(" in cycle {}", step.trim_end_matches('.'))
         });
         match broken.is_empty() {
             true => format!("a property fails{clock}"),

@@ -44,31 +44,31 @@ pub const UNITS: [(&str, &str); 16] = [
     ),
     (
         "prefetch",
-        "words read ahead: order, slots, port, nothing waits for itself",
+        "every prefetcher: order, slots, ports, no deadlock",
     ),
     (
         "credit",
-        "the update processor: credits, ports, nothing locks up",
+        "the update processor: credits, ports, no deadlock",
     ),
     (
         "skin",
-        "the skinning processor: credits, write queue, ports, nothing locks up",
+        "the skinning processor: credits, write queue, ports, no deadlock",
     ),
     (
         "geometry",
-        "the geometry unit: leaves, vertices, rays, ports, nothing locks up",
+        "the geometry unit: leaves, vertices, rays, ports, no deadlock",
     ),
     (
         "tpu",
-        "the traversal unit's packets, queues, ports and choices",
+        "the traversal unit: packets, queues, ports, arbitration",
     ),
     (
         "stack",
-        "the traversal unit's stack: a pop reads what the push wrote",
+        "the traversal unit's stack: a pop reads the pushed entry",
     ),
     (
         "share",
-        "the ray casting unit: packet numbers, tags, who has the geometry unit and its port",
+        "the ray casting unit: packet numbers, tags, sharing of the geometry unit and its port",
     ),
     ("trace", "the core: the same with trace ports and without"),
 ];

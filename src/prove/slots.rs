@@ -57,7 +57,7 @@ pub fn proofs(unit: &str, config: &Config) -> Result<Vec<Slots>> {
     ];
     Ok(vec![Slots {
         what:
-            "what comes out of a slot is made of what went into it, whoever has the slots beside it"
+            "the outputs of a slot depend only on its own inputs, for any use of the neighbouring slots"
                 .into(),
         faults,
         module,

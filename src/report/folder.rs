@@ -57,7 +57,10 @@ impl Folder {
         let place = match (place.exists(), place.file_name()) {
             (true, _) => place.canonicalize().map_err(written)?,
             (false, Some(name)) => parent.canonicalize().map_err(written)?.join(name),
-            (false, None) => bail!("{}: is no folder's name; give --out one", text::path(shown)),
+            (false, None) => bail!(
+                "{}: is not a folder name; give --out one",
+                text::path(shown)
+            ),
         };
         let current = std::env::current_dir().and_then(|folder| folder.canonicalize());
         let (false, Some(parent)) = (
@@ -172,7 +175,7 @@ fn check_free(place: &Path, shown: &Path, content: Content) -> Result<()> {
     };
     if let Some(foreign) = names.iter().find(|name| !owned.contains(*name)) {
         bail!(
-            "{shown}: holds {} beside earlier {what}; move it elsewhere, or name a new folder",
+            "{shown}: holds {} besides earlier {what}; move it elsewhere, or name a new folder",
             text::escaped(foreign)
         );
     }
@@ -219,7 +222,7 @@ mod tests {
         fs::write(place.join("notes.txt"), "mine").unwrap();
         assert_eq!(
             refusal(&place),
-            "PLACE: holds notes.txt beside earlier vectors; move it elsewhere, or name a new folder"
+            "PLACE: holds notes.txt besides earlier vectors; move it elsewhere, or name a new folder"
         );
         let left: Vec<_> = fs::read_dir(place.parent().unwrap()).unwrap().collect();
         assert_eq!(left.len(), 1, "no temporary folder is left: {left:?}");

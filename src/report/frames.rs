@@ -83,7 +83,7 @@ mod tests {
         assert_eq!(
             error,
             format!(
-                "{}: holds frame_x.png beside earlier frames; move it elsewhere, or name a new folder",
+                "{}: holds frame_x.png besides earlier frames; move it elsewhere, or name a new folder",
                 place.display()
             )
         );

@@ -63,7 +63,7 @@ pub fn check_regular(path: &Path) -> Result<()> {
     match Place::of(path) {
         Place::File(_) => Ok(()),
         Place::Stream => bail!(
-            "{}: cannot be written: it is no regular file; give a file's name",
+            "{}: cannot be written: it is not a regular file; give a file's name",
             text::path(path)
         ),
     }

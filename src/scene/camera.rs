@@ -5,12 +5,12 @@ use crate::text;
 use anyhow::{Result, ensure};
 use glam::DVec3;
 
-/// The two cameras with which figures are compared.
+/// The two standard cameras.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
 pub enum View {
-    /// From within the scene's box, along its x axis: for rooms.
+    /// Inside the scene's box, along its x axis: for rooms.
     Inside,
-    /// From outside, towards the middle of the scene's box: for objects.
+    /// Outside, towards the centre of the scene's box: for objects.
     Outside,
 }
 

@@ -52,7 +52,7 @@ pub fn load_animated(spec: impl AsRef<OsStr>) -> Result<Animated> {
         "glb" | "gltf" => gltf_file::load(path),
         "obj" => Ok(Animated::still(obj::load(path)?)),
         _ => bail!(
-            "{shown}: is no scene that can be read here; give a file whose name ends in .glb, .gltf or .obj, a folder of OBJ files, or builtin:NAME"
+            "{shown}: is not a scene that can be read; give a file whose name ends in .glb, .gltf or .obj, a folder of OBJ files, or builtin:NAME"
         ),
     }
 }

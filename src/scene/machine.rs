@@ -160,7 +160,7 @@ pub(super) fn losses(scene: &str, format: Format, meshes: &[Loss]) -> Vec<String
     let (flat, place) = of(|mesh| mesh.flat);
     if flat > 0 {
         warnings.push(format!(
-            "scene {scene}: {flat} of {total} triangles have no area{place}; remove them from the mesh, where they only take time"
+            "scene {scene}: {flat} of {total} triangles have no area{place}; remove them from the mesh, because they only cost time"
         ));
     }
     let (flattened, place) = of(|mesh| mesh.flattened);
@@ -217,7 +217,7 @@ pub fn log2_scale((low, high): Bounds, format: Format) -> Result<i32> {
     };
     ensure!(
         (-1022..=1023).contains(&log2_scale),
-        "its greatest coordinate, {greatest:e}, would have to be scaled by 2^{log2_scale}, which no number can be; scale the scene towards 1"
+        "its greatest coordinate, {greatest:e}, would have to be scaled by 2^{log2_scale}, which is out of range; scale the scene towards 1"
     );
     Ok(log2_scale)
 }
@@ -429,7 +429,7 @@ mod tests {
         );
         assert_eq!(
             fault(&triangle_to(5e-324)),
-            "scene test: its greatest coordinate, 5e-324, would have to be scaled by 2^1082, which no number can be; scale the scene towards 1"
+            "scene test: its greatest coordinate, 5e-324, would have to be scaled by 2^1082, which is out of range; scale the scene towards 1"
         );
     }
 }

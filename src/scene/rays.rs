@@ -41,7 +41,9 @@ impl FromStr for ImageSize {
         let sides = text.split_once('x');
         match sides.map(|(width, height)| (width.parse(), height.parse())) {
             Some((Ok(width), Ok(height))) => Self::new(width, height),
-            _ => bail!("`{text}` is no image size; give WIDTHxHEIGHT in pixels, such as 512x384"),
+            _ => {
+                bail!("`{text}` is not an image size; give WIDTHxHEIGHT in pixels, such as 512x384")
+            }
         }
     }
 }
@@ -406,11 +408,11 @@ mod tests {
         for (text, expected) in [
             (
                 "512",
-                "`512` is no image size; give WIDTHxHEIGHT in pixels, such as 512x384",
+                "`512` is not an image size; give WIDTHxHEIGHT in pixels, such as 512x384",
             ),
             (
                 "5x-1",
-                "`5x-1` is no image size; give WIDTHxHEIGHT in pixels, such as 512x384",
+                "`5x-1` is not an image size; give WIDTHxHEIGHT in pixels, such as 512x384",
             ),
             (
                 "0x5",

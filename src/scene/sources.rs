@@ -87,11 +87,11 @@ impl Role {
     /// How messages speak of it.
     pub fn name(self) -> &'static str {
         match self {
-            Role::Scene => "the scene that is read",
-            Role::Frame => "a frame of the scene that is read",
-            Role::Buffer => "a buffer of the scene that is read",
-            Role::Image => "an image of the scene that is read",
-            Role::Material => "a material file of the scene that is read",
+            Role::Scene => "the input scene",
+            Role::Frame => "a frame of the input scene",
+            Role::Buffer => "a buffer of the input scene",
+            Role::Image => "an image of the input scene",
+            Role::Material => "a material file of the input scene",
         }
     }
 }

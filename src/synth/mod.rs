@@ -139,7 +139,7 @@ pub fn synthesise(config: &Config, request: &Request, progress: &dyn Fn(&str)) -
     let chosen = choose(design, &request.units)?;
     ensure!(
         !is_routed || target.is_routable(),
-        "target {}: no open tool places and routes it; route for {}, the nearest device that one does",
+        "target {}: no open tool supports place and route for it; use --target {}, the most similar supported device",
         target.name(),
         Target::Ecp5_85f.name()
     );
@@ -241,7 +241,7 @@ fn choose<'d>(design: &'d Design, names: &[String]) -> Result<Vec<&'d Arc<Module
         let Some(module) = modules.iter().find(is_named) else {
             let known: Vec<&str> = modules.iter().map(|module| unit_name(module)).collect();
             bail!(
-                "unit {name}: this machine has no such module; choose of {}",
+                "unit {name}: this machine has no such module; choose one of {}",
                 known.join(", ")
             )
         };

@@ -185,7 +185,7 @@ impl SelfTest {
              );\n\n\
              \x20 localparam [63:0] EXPECTED = 64'h{:016x};\n\
              \x20 localparam [{}:0] RAYS = {count_bits}'d{};\n\n\
-             \x20 // Reset for some clocks after configuration, and while rst_n is low.\n\
+             \x20 // Reset for several cycles after configuration, and while rst_n is low.\n\
              \x20 reg  [1:0] rst_n_synchronised;\n\
              \x20 reg  [3:0] startup;\n\
              \x20 reg        rst;\n\
@@ -197,7 +197,7 @@ impl SelfTest {
              \x20   if (!rst_n_synchronised[1]) startup <= 4'd0; else if (!(&startup)) startup <= startup + 4'd1;\n\
              \x20   rst <= !(&startup);\n\
              \x20 end\n\n\
-             \x20 // A ray is read, then offered until the core takes it.\n\
+             \x20 // A ray is read, then offered until the core accepts it.\n\
              \x20 reg  [{}:0] ray_index;\n\
              \x20 reg  ray_read;\n\
              \x20 reg  ray_valid;\n\
@@ -286,7 +286,7 @@ impl SelfTest {
             let used = rom.address_bits().min(address);
             let _ = write!(
                 text,
-                "  // The {name} memory answers two clocks after a request.\n\
+                "  // The {name} memory responds two cycles after a request.\n\
                  \x20 wire {name}_request_valid;\n\
                  \x20 wire [{}:0] {name}_request_address;\n\
                  \x20 wire [{tag_high}:0] {name}_request_tag;\n\
@@ -330,7 +330,7 @@ impl SelfTest {
 
         let _ = write!(
             text,
-            "  // A hit's hash, and the sum of all: packets return in any order, a packet's rays in theirs.\n\
+            "  // The hash of a hit, and the sum of all hashes: packets return in any order, the rays of a packet in order.\n\
              \x20 wire hit_valid;\n\
              \x20 wire [{tag_high}:0] hit_tag;\n\
              \x20 wire [{high}:0] hit_t;\n\
@@ -427,7 +427,7 @@ impl SelfTest {
         let _ = write!(
             text,
             "  {} core (\n{}\n  );\n\n\
-             \x20 // What nothing reads.\n\
+             \x20 // Unused bits.\n\
              \x20 wire unused = &{{1'b0, {}}};\n\n\
              endmodule\n\n\
              `default_nettype wire\n",

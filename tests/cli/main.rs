@@ -198,7 +198,7 @@ fn a_byte_order_mark_is_no_fault_and_flat_triangles_are_counted() {
     assert!(output.status.success(), "{stderr}");
     assert_eq!(
         stderr,
-        "warning: scene marked: 1 of 2 triangles have no area; remove them from the mesh, where they only take time\n"
+        "warning: scene marked: 1 of 2 triangles have no area; remove them from the mesh, because they only cost time\n"
     );
 }
 
@@ -238,13 +238,13 @@ fn what_is_no_regular_file_is_not_read() {
     };
     assert_eq!(
         refused("stats device.obj"),
-        "error: device.obj: is no regular file; give an OBJ file or builtin:NAME\n"
+        "error: device.obj: is not a regular file; give an OBJ file or builtin:NAME\n"
     );
     for place in [".", "device.obj"] {
         assert_eq!(
             refused(&format!("stats builtin:cornell --config {place}")),
             format!(
-                "error: {place}: is no regular file; give a configuration's name or a TOML file\n"
+                "error: {place}: is not a regular file; give a configuration's name or a TOML file\n"
             )
         );
     }
@@ -357,7 +357,7 @@ fn configurations_that_cannot_be_used_get_one_line() {
         ),
         (
             "--set packets.rays=x",
-            "--set packets.rays=x: packets.rays = \"x\" is no whole number: ",
+            "--set packets.rays=x: packets.rays = \"x\" is not a whole number: ",
         ),
         (
             "--set packets.ray=4",
@@ -475,7 +475,7 @@ fn a_tool_that_is_too_old_gets_one_line() {
     for says in ["", "yosys: error while loading shared libraries"] {
         let mute = old("prove fifo", "yosys", says);
         assert!(
-            mute.starts_with("yosys does not say its version: ")
+            mute.starts_with("yosys does not report its version: ")
                 && mute.ends_with("; apt-get install yosys"),
             "{mute}"
         );
@@ -508,7 +508,8 @@ fn a_verilator_of_an_odd_version_is_used_with_a_warning() {
             real.trim()
         );
         let warning = format!(
-            "warning: {}/tools/verilator: its version cannot be read in `{says}`; it is taken for 5.006 or later, as is needed\n",
+            "warning: {}/tools/verilator: its version cannot be read in `{says}`; 5.006 or later is required, and assumed
+",
             folder.path().display()
         );
         let arguments = "cosim builtin:cornell --unit update --config tiny";
@@ -599,7 +600,7 @@ fn links_and_devices_stay_what_they_are() {
     assert_eq!(output.status.code(), Some(1));
     assert_eq!(
         String::from_utf8(output.stderr).unwrap(),
-        "error: pipe.obj: what is written there is JSON; give it a name that ends in .json, not in .obj\n"
+        "error: pipe.obj: the output is JSON; give it a name that ends in .json, not in .obj\n"
     );
     fs::remove_file(at("pipe.obj")).unwrap();
     symlink("/dev/full", at("full")).unwrap();
@@ -618,7 +619,7 @@ fn links_and_devices_stay_what_they_are() {
     );
     assert_eq!(
         String::from_utf8(trace.stderr).unwrap(),
-        "error: full: cannot be written: it is no regular file; give a file's name\n"
+        "error: full: cannot be written: it is not a regular file; give a file's name\n"
     );
 }
 
@@ -1063,7 +1064,7 @@ fn cosim_runs_one_unit_alone() {
             &format!("cosim {scene} --unit tpu --out a.png"),
             folder.path()
         ),
-        "--unit tpu: one unit alone computes no picture; leave out --out"
+        "--unit tpu: a single unit computes no picture; leave out --out"
     );
 }
 

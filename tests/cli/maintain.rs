@@ -72,7 +72,7 @@ fn a_configuration_that_cannot_be_upgraded_stays() {
         ),
         (
             ".",
-            ".: is no regular file; give a configuration's name or a TOML file",
+            ".: is not a regular file; give a configuration's name or a TOML file",
         ),
     ] {
         assert_eq!(
@@ -169,7 +169,7 @@ fn manual_pages_cover_every_command_and_replace_only_their_own() {
     fs::write(folder.path().join("man/mine.1"), "mine").unwrap();
     assert_eq!(
         fault("man --out man", folder.path()),
-        "man: holds mine.1 beside earlier manual pages; move it elsewhere, or name a new folder"
+        "man: holds mine.1 besides earlier manual pages; move it elsewhere, or name a new folder"
     );
 }
 

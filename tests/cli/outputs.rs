@@ -37,18 +37,18 @@ fn inputs() -> tempfile::TempDir {
 fn what_is_read_is_not_overwritten() {
     let folder = inputs();
     let is = |out: &str, what: &str| format!("{out}: is {what}; give the output another name");
-    let scene = "the scene that is read";
+    let scene = "the input scene";
     for (command, expected) in [
         ("render mesh.obj --out mesh.obj", is("mesh.obj", scene)),
         ("render mesh.obj --heatmap mesh.obj", is("mesh.obj", scene)),
         ("stats mesh.obj --json mesh.obj", is("mesh.obj", scene)),
         (
             "compare mesh.obj --json ./mesh.obj",
-            is("./mesh.obj", "mesh.obj, the scene that is read"),
+            is("./mesh.obj", "mesh.obj, the input scene"),
         ),
         (
             "program mesh.obj --json film/../mesh.obj",
-            is("film/../mesh.obj", "mesh.obj, the scene that is read"),
+            is("film/../mesh.obj", "mesh.obj, the input scene"),
         ),
         (
             "cosim mesh.obj --cycles 5 --trace mesh.obj",
@@ -62,47 +62,47 @@ fn what_is_read_is_not_overwritten() {
         ("animate film --out film", is("film", scene)),
         (
             "stats mesh.obj --json mesh.mtl",
-            is("mesh.mtl", "a material file of the scene that is read"),
+            is("mesh.mtl", "a material file of the input scene"),
         ),
         (
             "animate film --json film/f2.obj",
-            is("film/f2.obj", "a frame of the scene that is read"),
+            is("film/f2.obj", "a frame of the input scene"),
         ),
         (
             "animate scene.gltf --json look",
-            is("look", "an image of the scene that is read"),
+            is("look", "an image of the input scene"),
         ),
         (
             "stats mesh.obj --config machine --json machine",
-            is("machine", "the configuration that is read"),
+            is("machine", "the input configuration"),
         ),
         (
             "prove fifo --config machine --json machine",
-            is("machine", "the configuration that is read"),
+            is("machine", "the input configuration"),
         ),
         (
             "fuzz --config machine --json machine",
-            is("machine", "the configuration that is read"),
+            is("machine", "the input configuration"),
         ),
         (
             "mutate --config machine --json machine",
-            is("machine", "the configuration that is read"),
+            is("machine", "the input configuration"),
         ),
         (
             "synth --config machine --json machine",
-            is("machine", "the configuration that is read"),
+            is("machine", "the input configuration"),
         ),
         (
             "baseline --file figures --json figures",
-            is("figures", "the file of figures that is read"),
+            is("figures", "the input file of figures"),
         ),
         (
             "numbers --file figures --out figures",
-            is("figures", "the file of figures that is read"),
+            is("figures", "the input file of figures"),
         ),
         (
             "vectors mesh.obj --out .",
-            ".: holds mesh.obj, the scene that is read; name another folder".into(),
+            ".: holds mesh.obj, the input scene; name another folder".into(),
         ),
     ] {
         assert_eq!(fault(command, folder.path()), expected, "{command}");
@@ -110,7 +110,7 @@ fn what_is_read_is_not_overwritten() {
     let mut command = dynrt("animate scene.gltf --json", folder.path());
     assert_eq!(
         fault_of(command.arg("three vertices")),
-        is("three vertices", "a buffer of the scene that is read")
+        is("three vertices", "a buffer of the input scene")
     );
 }
 
@@ -125,7 +125,7 @@ fn a_generated_file_does_not_replace_the_configuration() {
             "generate --config rtl/manifest.json --out rtl",
             folder.path()
         ),
-        "rtl/manifest.json: is the configuration that is read; give the output another name"
+        "rtl/manifest.json: is the input configuration; give the output another name"
     );
     // One beside what is written is no obstacle.
     fs::rename(at("manifest.json"), at("machine.toml")).unwrap();
@@ -150,20 +150,20 @@ fn what_is_read_is_not_overwritten_under_another_name() {
     for out in ["soft", "hard.png"] {
         assert_eq!(
             fault(&format!("render mesh.obj --out {out}"), folder.path()),
-            format!("{out}: is mesh.obj, the scene that is read; give the output another name")
+            format!("{out}: is mesh.obj, the input scene; give the output another name")
         );
     }
     assert_eq!(
         fault("animate film --json reel/f1.obj", folder.path()),
-        "reel/f1.obj: is film/f1.obj, a frame of the scene that is read; give the output another name"
+        "reel/f1.obj: is film/f1.obj, a frame of the input scene; give the output another name"
     );
     assert_eq!(
         fault("animate film --out reel", folder.path()),
-        "reel: is film, the scene that is read; give the output another name"
+        "reel: is film, the input scene; give the output another name"
     );
     assert_eq!(
         fault("render soft --out hard.png", folder.path()),
-        "hard.png: is soft, the scene that is read; give the output another name"
+        "hard.png: is soft, the input scene; give the output another name"
     );
     assert_eq!(
         fault(
@@ -178,9 +178,7 @@ fn what_is_read_is_not_overwritten_under_another_name() {
 fn outputs_do_not_get_names_of_other_types() {
     let folder = inputs();
     let other = |out: &str, is: &str, right: &str, wrong: &str| {
-        format!(
-            "{out}: what is written there is {is}; give it a name that ends in .{right}, not in .{wrong}"
-        )
+        format!("{out}: the output is {is}; give it a name that ends in .{right}, not in .{wrong}")
     };
     for (command, expected) in [
         (
@@ -223,7 +221,7 @@ fn outputs_do_not_get_names_of_other_types() {
         let (_, extension) = command.rsplit_once('.').unwrap();
         assert!(
             line.ends_with(&format!(
-                ".{extension}: what is written there is a folder; give it a name that does not end in .{extension}"
+                ".{extension}: the output is a folder; give it a name that does not end in .{extension}"
             )),
             "{line}"
         );
@@ -264,11 +262,11 @@ fn json_may_go_to_the_standard_output_alone() {
     assert_eq!(json(&folder.path().join("-"))["scene"], "cornell");
     assert_eq!(
         fault("render builtin:cornell --out - --json -", folder.path()),
-        "-: is the standard output, which takes one output; give the other a name"
+        "-: is the standard output, which can hold only one output; give the other one a file name"
     );
     assert_eq!(
         fault("generate --out -", folder.path()),
-        "-: is the standard output, which cannot take this; give a name, for one of a dash ./-"
+        "-: is the standard output, which cannot hold this output; give a file name (./- for a file named -)"
     );
 }
 
@@ -307,6 +305,6 @@ fn an_output_does_not_lie_in_a_folder_that_is_replaced() {
             "animate builtin:water --out film --gif film/a.gif",
             folder.path()
         ),
-        "film/a.gif: lies in film, which is replaced as a whole; give it another place"
+        "film/a.gif: is in film, which is replaced as a whole; give it another place"
     );
 }

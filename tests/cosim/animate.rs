@@ -815,11 +815,11 @@ fn bad_arguments_are_refused_in_one_line() {
         ),
         (
             format!("{water} --fps 0"),
-            "error: --fps 0: give from 0.001 to 1000000 frames a second",
+            "error: --fps 0: give 0.001 to 1000000 frames per second",
         ),
         (
             format!("{water} --rebuild-above 0.5"),
-            "error: --rebuild-above 0.5: give 1 or more, how many times a new tree's cost is too much",
+            "error: --rebuild-above 0.5: give a factor of at least 1",
         ),
         (
             format!("{water} --frames 2 --from-frame 2"),
@@ -835,7 +835,7 @@ fn bad_arguments_are_refused_in_one_line() {
         ),
         (
             format!("{water} --frames 1 --trace w.fst --cycles 5 --unit skinning"),
-            "error: scene water: nothing in this scene is skinned: there is no waveform of the skinning processor to be had; give another unit",
+            "error: scene water: this scene has no skinned objects, so the skinning processor has no waveform; give another unit",
         ),
     ] {
         assert_eq!(fault(&arguments, folder), wanted);

@@ -532,7 +532,7 @@ fn what_cannot_be_compiled_is_refused_in_one_line() {
     );
     assert_eq!(
         fault(&balanced, &[[0, 1, 2]; 63], machine),
-        "the tree has 64 leaves but the mesh 63 triangles; build the tree anew"
+        "the tree has 64 leaves but the mesh 63 triangles; build the tree again"
     );
     assert_eq!(
         fault(&balanced, &[[0, 3, 2]; 64], machine),

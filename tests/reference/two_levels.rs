@@ -742,7 +742,7 @@ fn bad_instances_get_one_clear_line() {
     };
     let error = said(&mut image, &[odd]);
     assert!(
-        error.starts_with("instance 0: 1e-1 is no number of"),
+        error.starts_with("instance 0: 1e-1 is not a number of"),
         "{error}"
     );
     let error = said(&mut image, &[moved_by(0.0, 0); 3]);

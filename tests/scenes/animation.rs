@@ -352,7 +352,7 @@ fn a_program_curls_the_fingers_of_the_hand() {
     let none = error(Overrides::default().turn(name, [0.0; 3], 1.0));
     assert_eq!(
         none,
-        "scene left: what `index-finger-tip` is to be turned by is no rotation"
+        "scene left: the rotation given for `index-finger-tip` is not a rotation"
     );
 }
 
@@ -1130,7 +1130,7 @@ fn faulty_files_are_refused_in_one_line() {
                 let attributes = f.json["meshes"][0]["primitives"][0]["attributes"].as_object_mut();
                 attributes.unwrap().remove("WEIGHTS_0");
             },
-            ": mesh 0: primitive 0: has JOINTS_0 or WEIGHTS_0 without the other; export the file anew",
+            ": mesh 0: primitive 0: has JOINTS_0 or WEIGHTS_0 without the other; export the file again",
         ),
         (
             |f| f.json["meshes"][0]["primitives"][0]["attributes"] = json!({"POSITION": 0}),
@@ -1153,27 +1153,27 @@ fn faulty_files_are_refused_in_one_line() {
         ),
         (
             |f| f.json["accessors"][0]["count"] = json!(4),
-            ": mesh 0: primitive 0: POSITION: accessor 0: has 4 elements of 12 bytes, which reach beyond its bufferView of 36 bytes; export the file anew",
+            ": mesh 0: primitive 0: POSITION: accessor 0: has 4 elements of 12 bytes, which reach beyond its bufferView of 36 bytes; export the file again",
         ),
         (
             |f| f.json["accessors"][0]["count"] = json!(u64::MAX / 8),
-            ": mesh 0: primitive 0: POSITION: accessor 0: has 2305843009213693951 elements of 12 bytes, which reach beyond its bufferView of 36 bytes; export the file anew",
+            ": mesh 0: primitive 0: POSITION: accessor 0: has 2305843009213693951 elements of 12 bytes, which reach beyond its bufferView of 36 bytes; export the file again",
         ),
         (
             |f| f.json["bufferViews"][0]["byteOffset"] = json!(1_000_000),
-            ": mesh 0: primitive 0: POSITION: accessor 0: bufferView 0 reaches beyond buffer 0 of 224 bytes; export the file anew",
+            ": mesh 0: primitive 0: POSITION: accessor 0: bufferView 0 reaches beyond buffer 0 of 224 bytes; export the file again",
         ),
         (
             |f| f.json["meshes"][0]["primitives"][0]["attributes"]["POSITION"] = json!(2),
-            ": mesh 0: primitive 0: POSITION: accessor 2: has elements of type Vec4, where Vec3 belongs; export the file anew",
+            ": mesh 0: primitive 0: POSITION: accessor 2: has elements of type Vec4, where Vec3 belongs; export the file again",
         ),
         (
             |f| f.json["meshes"][0]["primitives"][0]["attributes"]["POSITION"] = json!(50),
-            ": mesh 0: primitive 0: has its POSITION in accessor 50, which is out of range (there are 4, counted from 0); export the file anew",
+            ": mesh 0: primitive 0: has its POSITION in accessor 50, which is out of range (there are 4, counted from 0); export the file again",
         ),
         (
             |f| f.json["nodes"][0]["mesh"] = json!(5),
-            ": is no valid glTF: nodes[0].mesh: index out of bounds; export it anew",
+            ": is not valid glTF: nodes[0].mesh: index out of bounds; export it again",
         ),
         (
             |f| f.json["buffers"][0] = json!({"uri": "gone.bin", "byteLength": 224}),
@@ -1181,11 +1181,11 @@ fn faulty_files_are_refused_in_one_line() {
         ),
         (
             |f| f.json["buffers"][0] = json!({"uri": "data:;base64,AAAA", "byteLength": 224}),
-            ": skin 0, inverseBindMatrices: accessor 3: buffer 0 has 3 bytes, not 224; export the file anew",
+            ": skin 0, inverseBindMatrices: accessor 3: buffer 0 has 3 bytes, not 224; export the file again",
         ),
         (
             |f| f.json["buffers"][0] = json!({"uri": "data:;base64,A*AA", "byteLength": 3}),
-            ": skin 0, inverseBindMatrices: accessor 3: buffer 0: is no base64: Invalid symbol 42, offset 1.; export the file anew",
+            ": skin 0, inverseBindMatrices: accessor 3: buffer 0: is not base64: Invalid symbol 42, offset 1.; export the file again",
         ),
         (
             |f| {
@@ -1203,18 +1203,18 @@ fn faulty_files_are_refused_in_one_line() {
         ),
         (
             |f| f.channel("translation", 1, "LINEAR", &[1.0, 0.0], "VEC3", &[0.0; 6]),
-            ": animation 0 (translation LINEAR), channel 0: times decrease: key 1 is at 0 s, the one before it at 1 s; export the file anew",
+            ": animation 0 (translation LINEAR), channel 0: times decrease: key 1 is at 0 s, the one before it at 1 s; export the file again",
         ),
         (
             |f| f.channel("rotation", 1, "LINEAR", &[0.0, 1.0], "VEC4", &[0.0; 4]),
-            ": animation 0 (rotation LINEAR), channel 0: has 4 numbers for 2 keys, where 8 belong; export the file anew",
+            ": animation 0 (rotation LINEAR), channel 0: has 4 numbers for 2 keys, where 8 belong; export the file again",
         ),
         (
             |f| {
                 f.channel("scale", 1, "LINEAR", &[0.0], "VEC3", &[1.0; 3]);
                 f.json["animations"][0]["channels"][0]["target"]["node"] = json!(3);
             },
-            ": animation 0 (scale LINEAR), channel 0: moves node 3, which is out of range (there are 3, counted from 0); export the file anew",
+            ": animation 0 (scale LINEAR), channel 0: moves node 3, which is out of range (there are 3, counted from 0); export the file again",
         ),
         (
             |f| f.channel("colour", 1, "LINEAR", &[0.0], "VEC3", &[1.0; 3]),
@@ -1524,17 +1524,17 @@ fn other_things_are_refused_in_one_line() {
         (
             "picture.png",
             &b"\x89PNG"[..],
-            ": is no scene that can be read here; give a file whose name ends in .glb, .gltf or .obj, a folder of OBJ files, or builtin:NAME",
+            ": is not a scene that can be read; give a file whose name ends in .glb, .gltf or .obj, a folder of OBJ files, or builtin:NAME",
         ),
         (
             "empty.gltf",
             b"",
-            ": is no glTF: EOF while parsing a value at line 1 column 0; export it anew",
+            ": is not glTF: EOF while parsing a value at line 1 column 0; export it again",
         ),
         (
             "list.gltf",
             b"[1, 2]",
-            ": is no glTF: its JSON is no object; export it anew",
+            ": is not glTF: its JSON is not an object; export it again",
         ),
         (
             "old.glb",
@@ -1544,12 +1544,12 @@ fn other_things_are_refused_in_one_line() {
         (
             "short.glb",
             b"glTF\x02\0",
-            ": is a binary glTF file that is cut off; export it anew",
+            ": is a binary glTF file that is cut off; export it again",
         ),
         (
             "bare.glb",
             b"glTF\x02\0\0\0\x0c\0\0\0",
-            ": is a binary glTF file without a JSON chunk; export it anew",
+            ": is a binary glTF file without a JSON chunk; export it again",
         ),
     ] {
         assert_eq!(fault_of(name, contents), expected);
@@ -1562,6 +1562,6 @@ fn other_things_are_refused_in_one_line() {
     file[8..12].copy_from_slice(&length.to_le_bytes());
     assert_eq!(
         fault_of("bare.glb", &file),
-        ": mesh 0: primitive 0: POSITION: accessor 0: buffer 0 is missing: the file has no binary chunk for it; export it anew"
+        ": mesh 0: primitive 0: POSITION: accessor 0: buffer 0 is missing: the file has no binary chunk for it; export it again"
     );
 }

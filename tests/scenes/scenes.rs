@@ -315,7 +315,7 @@ fn files_that_are_no_meshes_are_refused_in_one_line() {
         ),
         (
             write("picture.png", b"\x89PNG\r\n\x1a\n\0\0"),
-            ": is no mesh that can be read here; give an OBJ file, whose name ends in .obj, or builtin:NAME",
+            ": is not a mesh that can be read; give an OBJ file, whose name ends in .obj, or builtin:NAME",
         ),
         (
             write("picture.obj", b"\x89PNG\r\n\x1a\n\0\0"),

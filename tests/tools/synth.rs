@@ -399,7 +399,7 @@ fn tools_that_are_missing_old_or_failing_are_named() {
         "{old}"
     );
     let mute = fails(&mut with("exit 0", unit), folder);
-    assert!(mute.contains("does not say its version"), "{mute}");
+    assert!(mute.contains("does not report its version"), "{mute}");
 
     const VERSION: &str = "case $1 in -V) echo 'Yosys 0.99'; exit 0 ;; esac;";
     let failing = format!("{VERSION} echo 'Warning: odd'; echo 'ERROR: no room' >&2; exit 1");
@@ -431,14 +431,14 @@ fn what_cannot_be_measured_is_said_at_once() {
     let fault = |arguments: &str| fails(&mut dynrt(arguments, folder), folder);
     let unknown = fault("synth --unit nonesuch");
     assert!(
-        unknown.starts_with("unit nonesuch: this machine has no such module; choose of ")
+        unknown.starts_with("unit nonesuch: this machine has no such module; choose one of ")
             && unknown.contains("fp_mul")
             && unknown.ends_with("dynrt_core"),
         "{unknown}"
     );
     assert_eq!(
         fault("synth --unit fp_mul --target virtex4-lx160 --route"),
-        "target virtex4-lx160: no open tool places and routes it; route for ecp5-85f, the nearest device that one does"
+        "target virtex4-lx160: no open tool supports place and route for it; use --target ecp5-85f, the most similar supported device"
     );
     // A unit may be named as its module is emitted, too.
     for name in ["fp_mul", "dynrt_fp_mul"] {

@@ -752,7 +752,7 @@ crate::bundle! {
             /// Whether the request is accepted in this cycle.
             request_ready: 1
         }
-        (format!("{title}: answers, {responses}")) {
+        (format!("{title}: responses, {responses}")) {
             /// The responses.
             response: Flow<Response>(tag, data),
         }

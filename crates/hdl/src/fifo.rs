@@ -11,17 +11,17 @@ use std::sync::Arc;
 
 interface! {
     pub (width: u32) {
-        in "In" {
+        in "Write port" {
             /// Stores a word.
             push: 1,
             /// The word.
             data: width,
         }
-        in "Out: the front word, taken by pop" {
+        in "Read port: the front word; pop removes it" {
             /// Takes the front word; only while `valid` is 1.
             pop: 1,
         }
-        out "Out: the front word, taken by pop" {
+        out "Read port: the front word; pop removes it" {
             /// Whether there is a front word.
             valid: 1,
             /// The front word.
@@ -34,13 +34,13 @@ interface! {
 const SAMPLES: &[(u32, u32)] = &[(32, 16), (11, 5), (47, 23)];
 
 const PARAMETERS: &[Parameter] = &[
-    Parameter::number("WIDTH", "bits of a word"),
+    Parameter::number("WIDTH", "bits per word"),
     Parameter::number("DEPTH", "words"),
+    Parameter::number("INDEX_BITS", "bits of an index: 2**INDEX_BITS >= DEPTH"),
     Parameter::number(
-        "INDEX_BITS",
-        "bits of a word's number: 2**INDEX_BITS >= DEPTH",
+        "COUNT_BITS",
+        "bits of the word count: 2**COUNT_BITS > DEPTH",
     ),
-    Parameter::number("COUNT_BITS", "bits that count words: 2**COUNT_BITS > DEPTH"),
 ];
 
 fn values(&(width, depth): &(u32, u32)) -> Vec<u32> {
@@ -57,7 +57,7 @@ fn values(&(width, depth): &(u32, u32)) -> Vec<u32> {
 pub fn fifo(registers_front: bool, width: u32, depth: u32) -> Result<Arc<Module>, HdlError> {
     let library = Library {
         name: "fifo",
-        doc: "a queue of DEPTH words of WIDTH bits. What feeds it never has more than DEPTH words under way.",
+        doc: "a queue of DEPTH words of WIDTH bits. It has no full flag: at most DEPTH words may be in flight.",
         parameters: PARAMETERS,
         values: &values,
         samples: SAMPLES,
@@ -70,7 +70,7 @@ fn describe(registered: bool, width: u32, depth: u32) -> Result<Arc<Module>, Hdl
     let m = Builder::new(
         format!("fifo_{width}x{depth}"),
         format!(
-            "a queue of {depth} words of {width} bits. What feeds it never has more than {depth} words under way."
+            "a queue of {depth} words of {width} bits. It has no full flag: at most {depth} words may be in flight."
         ),
     );
     m.simplify(false);
@@ -120,7 +120,7 @@ fn describe(registered: bool, width: u32, depth: u32) -> Result<Arc<Module>, Hdl
         properties::order(&queue(valid, front), None);
         return m.finish();
     }
-    m.comment("The front word stands in a register too, which the word behind it follows: one stored, or the one that is pushed.");
+    m.comment("The front word is also in a register, which loads the next word: a stored one, or the one being pushed.");
     let front_valid = m.reg_reset("front_valid", 1, 0);
     let more = m.reg_reset("more", 1, 0);
     let front = m.reg("front_word", width);
@@ -197,7 +197,7 @@ fn placed<'b>(
 pub fn block_fifo(read_latency: u32, width: u32, depth: u32) -> Result<Arc<Module>, HdlError> {
     let library = Library {
         name: "block_fifo",
-        doc: "a queue of DEPTH words of WIDTH bits in block RAM, for a word every few clocks. What feeds it never has more than DEPTH words under way.",
+        doc: "a queue of DEPTH words of WIDTH bits in block RAM, for at most one word every few cycles. It has no full flag: at most DEPTH words may be in flight.",
         parameters: PARAMETERS,
         values: &values,
         samples: SAMPLES,
@@ -210,7 +210,7 @@ fn describe_block(latency: u32, width: u32, depth: u32) -> Result<Arc<Module>, H
     let m = Builder::new(
         format!("block_fifo_{width}x{depth}"),
         format!(
-            "a queue of {depth} words of {width} bits in block RAM, for a word every few clocks. What feeds it never has more than {depth} words under way."
+            "a queue of {depth} words of {width} bits in block RAM, for at most one word every few cycles. It has no full flag: at most {depth} words may be in flight."
         ),
     );
     m.simplify(false);
@@ -230,7 +230,7 @@ fn describe_block(latency: u32, width: u32, depth: u32) -> Result<Arc<Module>, H
     words.write(push, tail.q, data);
     let word = words.read(head.q).delay(latency - 1);
 
-    m.comment("The word at the head is read again and again; it is there once the head has stood still for the RAM's latency.");
+    m.comment("The word at the head is read in every cycle; it is valid once the head has been stable for the read latency.");
     let stored = count.q.any().named("stored");
     let load = m.wire("load", 1);
     let mut settled = stored;

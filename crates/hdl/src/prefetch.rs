@@ -12,7 +12,7 @@ use std::sync::Arc;
 
 interface! {
     pub (width: u32, depth: u32, address: u32) {
-        in "Addresses to read, taken where fetch_ready is high" {
+        in "Addresses to read, accepted while fetch_ready is high" {
             /// Whether there is an address.
             fetch_valid: 1,
             /// The address.
@@ -21,14 +21,14 @@ interface! {
         in "" {
             /// The read port.
             memory: ..{ReadInputs}(
-                "Memory", "of any latency, in any order", bits_for(u64::from(depth)), width
+                "Memory", "any latency, any order", bits_for(u64::from(depth)), width
             ),
         }
-        in "The words in order; pop takes the front word, and only where valid is high" {
+        in "Words in order; pop removes the front word and may be high only while valid is high" {
             /// Takes the front word.
             pop: 1,
         }
-        out "The words in order; pop takes the front word, and only where valid is high" {
+        out "Words in order; pop removes the front word and may be high only while valid is high" {
             /// Whether the address is taken.
             fetch_ready: 1,
             /// The requests of the read port.
@@ -38,7 +38,7 @@ interface! {
             /// The front word.
             front: width,
         }
-        out "Whether no word is under way or in here" {
+        out "High if no word is in flight or stored" {
             /// Whether no word is in flight or stored.
             empty: 1,
         }
@@ -94,17 +94,20 @@ const SAMPLES: &[Sizes] = &[
 ];
 
 const PARAMETERS: &[Parameter] = &[
-    Parameter::number("WIDTH", "bits of a word"),
-    Parameter::number("DEPTH", "words that it requests ahead"),
-    Parameter::number("ADDRESS_BITS", "bits of an address"),
-    Parameter::number("TAG_BITS", "bits of a request's tag: 2**TAG_BITS >= DEPTH"),
-    Parameter::number("COUNT_BITS", "bits that count words: 2**COUNT_BITS > DEPTH"),
+    Parameter::number("WIDTH", "bits per word"),
+    Parameter::number("DEPTH", "maximum number of words in flight or stored"),
+    Parameter::number("ADDRESS_BITS", "bits per address"),
+    Parameter::number("TAG_BITS", "bits per tag: 2**TAG_BITS >= DEPTH"),
+    Parameter::number(
+        "COUNT_BITS",
+        "bits of the word count: 2**COUNT_BITS > DEPTH",
+    ),
 ];
 
 fn module(registers_arrival: bool, name: &str, sizes: &Sizes) -> Result<Arc<Module>, HdlError> {
     let library = Library {
         name: "prefetch",
-        doc: "requests up to DEPTH words ahead through a tagged read port and gives them out in order.",
+        doc: "requests up to DEPTH words ahead through a tagged read port and outputs them in order.",
         parameters: PARAMETERS,
         values: &|sizes: &Sizes| {
             let depth = u64::from(sizes.depth);
@@ -122,7 +125,7 @@ fn describe(registers_arrival: bool, name: &str, sizes: &Sizes) -> Result<Arc<Mo
     let m = Builder::new(
         name,
         format!(
-            "requests up to {depth} words ahead through a tagged read port and gives them out in order."
+            "requests up to {depth} words ahead through a tagged read port and outputs them in order."
         ),
     );
     let tag = bits_for(u64::from(depth));
@@ -141,7 +144,7 @@ fn describe(registers_arrival: bool, name: &str, sizes: &Sizes) -> Result<Arc<Mo
         pop,
     } = inputs;
 
-    m.comment("A request takes a slot, whose number is its tag; the slot is free again when its word is the front.");
+    m.comment("A request occupies a slot, and its tag is the slot number; the slot is free again once its word is the front word.");
     let head = m.reg_reset("head", tag, 0);
     let tail = m.reg_reset("tail", tag, 0);
     let count = m.reg_reset("count", count_bits, 0);

@@ -1,16 +1,16 @@
-//! What properties of several modules have in common.
+//! Common parts of the properties of several modules.
 
 use crate::prefetch::{Inputs, Outputs, prefetch};
 use crate::{Flow, HdlError, Proof, ReadInputs, Signal};
 use std::ops::Deref;
 
-/// A place of a memory of `depth` words, less than twice as far, brought back into it.
+/// An address below twice the depth, reduced modulo the `depth` of a memory.
 #[track_caller]
 pub fn wrapped<'b>(place: Signal<'b>, depth: Signal<'b>) -> Signal<'b> {
     place.ge(depth).mux(place - depth, place)
 }
 
-/// That what is shown at a port and not taken is shown again.
+/// Asserts that an offer at a port is stable until it is accepted.
 #[track_caller]
 pub fn assert_shown_stays<'b>(
     proof: &Proof<'b>,
@@ -20,10 +20,10 @@ pub fn assert_shown_stays<'b>(
     shown: &[Signal<'b>],
 ) {
     let stays = shown_stays(proof, valid, ready, shown);
-    proof.assert(format!("a {what} that is not taken stays"), stays);
+    proof.assert(format!("a {what} is stable until it is accepted"), stays);
 }
 
-/// The same as a condition, to be assumed of what surrounds a unit.
+/// The same as a condition, for an assumption on the environment of a unit.
 #[track_caller]
 pub fn shown_stays<'b>(
     proof: &Proof<'b>,
@@ -37,7 +37,7 @@ pub fn shown_stays<'b>(
     refused.implies(same.fold(valid, |all, same| all & same))
 }
 
-/// A count, in `bits` bits, of what has come and not yet gone.
+/// Counts arrivals minus departures, in `bits` bits.
 #[track_caller]
 pub fn count<'b>(
     proof: &Proof<'b>,
@@ -51,9 +51,9 @@ pub fn count<'b>(
     count.q
 }
 
-/// A reader ahead ([`prefetch`]) as a unit places it.
+/// A prefetcher ([`prefetch`]) that a unit instantiates.
 pub struct Reader<'b> {
-    /// Words that have a place; the front word has one more.
+    /// The number of slots; the front word has an additional one.
     pub room: u32,
     /// Takes the front word.
     pub pop: Signal<'b>,
@@ -61,7 +61,7 @@ pub struct Reader<'b> {
 }
 
 impl<'b> Reader<'b> {
-    /// Places one with the module's and the instance's `names`, which reads at the addresses of `fetch`.
+    /// Instantiates a prefetcher for the addresses of `fetch`, with the `names` of module and instance.
     pub fn new(
         registers_arrival: bool,
         names: (&str, &str),
@@ -89,20 +89,20 @@ impl<'b> Deref for Reader<'b> {
     }
 }
 
-/// A reader ahead of which is assumed what is proved of it: it has a word only if it was given an address for it, and it takes no more
-/// than it has room for.
+/// A prefetcher with its proved properties as assumptions: it has a word only for an accepted address, and it accepts an address
+/// only with room.
 pub struct Ahead<'b> {
-    /// How many words are in it.
+    /// The number of words in it.
     pub count: Signal<'b>,
-    /// Whether fewer are in it than have a place.
+    /// Whether it has fewer words than slots.
     pub has_room: Signal<'b>,
 }
 
 impl<'b> Ahead<'b> {
-    /// Bits that count its words.
+    /// Width of the number of its words.
     const BITS: u32 = 10;
 
-    /// `takes` says that it takes an address.
+    /// Makes the assumptions. `takes` is high when the prefetcher accepts an address.
     #[track_caller]
     pub fn assumed(
         proof: &Proof<'b>,
@@ -120,19 +120,19 @@ impl<'b> Ahead<'b> {
         );
         let room = m.lit(reader.room, Self::BITS);
         proof.assume(
-            "a reader ahead has a word only if it was given an address",
+            "a prefetcher has a word only for an accepted address",
             reader.valid.implies(count.any()),
         );
         proof.assume(
-            "a reader ahead is empty where nothing is in it",
+            "a prefetcher without words is empty",
             reader.empty.eq(count.is_zero()),
         );
         proof.assume(
-            "a reader ahead takes an address only where it has room",
+            "a prefetcher accepts an address only with room",
             reader.fetch_ready.implies(count.le(room)),
         );
         proof.assert(
-            format!("no more words are in {name} than it has room for"),
+            format!("{name} never holds more words than it has room for"),
             count.le(m.lit(reader.room + 1, Self::BITS)),
         );
         Ahead {

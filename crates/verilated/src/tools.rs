@@ -69,7 +69,7 @@ impl Wanted {
             let printed = printed(&output);
             ensure!(
                 output.status.success(),
-                "`{called} {ask}` does not say its version: {}; {}",
+                "`{called} {ask}` does not report its version: {}; {}",
                 complaint(&printed).unwrap_or_else(|| output.status.to_string()),
                 self.install
             );
@@ -221,14 +221,14 @@ fn current<'t>(tool: &str, printed: &'t str, oldest: &str, install: &str) -> Res
             let fails = printed.to_ascii_lowercase().contains("error");
             ensure!(
                 !fails && !printed.trim().is_empty(),
-                "{tool} does not say its version: {}; {install}",
+                "{tool} does not report its version: {}; {install}",
                 quoted(&complaint(printed).unwrap_or_else(|| first_line(printed).into()))
             );
             first_line(printed)
         }
     };
     warn_once(format!(
-        "{tool}: its version cannot be read in `{}`; it is taken for {oldest} or later, as is needed",
+        "{tool}: its version cannot be read in `{}`; {oldest} or later is required, and assumed",
         quoted(line)
     ));
     Ok(line)

@@ -7,12 +7,12 @@ use crate::float::{Format, plain};
 use crate::hdl::{Builder, HdlError, Library, Module, Parameter, Signal, Specs, bits_for};
 use std::sync::Arc;
 
-/// Bits by which the smaller significand is shifted at most: beyond its width and two more it is only sticky.
+/// The maximum shift of the smaller significand: beyond its width and two more bits it affects the sticky bit only.
 fn align_bits(format: Format) -> u32 {
     bits_for(u64::from(format.fraction_bits()) + 4).min(format.exponent_bits())
 }
 
-/// Bits of the sum: one in front for the carry; significand; guard, round and sticky bit.
+/// Width of the sum: carry, significand, guard, round and sticky bit.
 fn sum_width(format: Format) -> u32 {
     format.fraction_bits() + 5
 }
@@ -21,7 +21,7 @@ fn normalise_bits(format: Format) -> u32 {
     bits_for(u64::from(sum_width(format)))
 }
 
-/// Bits of the result's exponent before it is known to be in range, two's complement.
+/// Width of the result's exponent before the range check, in two's complement.
 fn exponent_width(format: Format) -> u32 {
     format.exponent_bits().max(normalise_bits(format)) + 2
 }
@@ -48,33 +48,33 @@ fn schedule(format: Format, clock_mhz: u32) -> Schedule {
     Schedule::new(steps, clock_mhz)
 }
 
-/// Clocks from operands to sum.
+/// The latency from operands to sum, in cycles.
 pub fn latency(format: Format, clock_mhz: u32) -> u32 {
     schedule(format, clock_mhz).depth()
 }
 
-/// Whether the caller may choose between two operands before the unit, a level of logic, without a register.
+/// Whether a two-input multiplexer (one level of logic) fits before the unit without a register.
 pub fn takes_choice(format: Format, clock_mhz: u32) -> bool {
     schedule(format, clock_mhz).takes_choice()
 }
 
-/// What `fp_add` computes.
+/// The function of `fp_add`.
 pub fn model(format: Format, a: u64, b: u64) -> u64 {
     plain::add(format, a, b)
 }
 
-/// What `fp_sub` computes.
+/// The function of `fp_sub`.
 pub fn model_sub(format: Format, a: u64, b: u64) -> u64 {
     plain::sub(format, a, b)
 }
 
-/// Pairs at the edges of what the adder's steps distinguish.
+/// Pairs of operands at the corner cases of the adder's steps.
 pub fn directed_cases(format: Format) -> Vec<(u64, u64)> {
     let f = format.fraction_bits();
     let sign = format.sign_bit();
     let one = format.one();
     let mut cases = vec![];
-    // A one and powers of two, and their neighbours, at all distances that move the rounding bits.
+    // One and powers of two, with their neighbours, at all distances that affect the rounding bits.
     for distance in 0..=u64::from(f) + 4 {
         let Some(small) = one.checked_sub(distance << f).filter(|s| *s > 3) else {
             break;
@@ -88,12 +88,12 @@ pub fn directed_cases(format: Format) -> Vec<(u64, u64)> {
     }
     let (least, greatest) = (format.least_normal(), format.greatest());
     for step in 0..4 {
-        // Cancellation down to and below the least normal, and sums about the greatest number.
+        // Cancellation to and below the least normal number, and sums near the greatest number.
         cases.push((least + step, sign | least));
         cases.push((2 * least + step, sign | (2 * least - 1)));
         cases.push((greatest, greatest - step));
     }
-    // Half an ulp of the greatest number, and neighbours: what takes it to infinity.
+    // Half an ulp of the greatest number, and its neighbours: sums that round to infinity.
     let last = format.exponent_mask() - 1;
     if let Some(exponent) = last.checked_sub(u64::from(f) + 1).filter(|e| *e > 0) {
         let half_ulp = exponent << f;
@@ -121,24 +121,24 @@ pub fn directed_cases(format: Format) -> Vec<(u64, u64)> {
     cases
 }
 
-/// The operands in the order of their magnitudes, the smaller one moved to where it is added.
+/// The operands in the order of their magnitudes, the smaller one aligned.
 struct Aligned<'b> {
     big_sign: Signal<'b>,
     big_exponent: Signal<'b>,
     big_fraction: Signal<'b>,
-    /// The smaller significand, and two bits behind it.
+    /// The smaller significand, with two more bits below it.
     small: Signal<'b>,
-    /// Whether a one was shifted out behind these.
+    /// Whether a one was shifted out below these bits.
     sticky: Signal<'b>,
     subtracting: Signal<'b>,
     both_are_special: Signal<'b>,
 }
 
-/// Finds the operand of the greater magnitude, and aligns the other.
+/// Selects the operand of the greater magnitude, and aligns the other.
 fn align<'b>(format: Format, plan: &Schedule, a: Fields<'b>, b: Fields<'b>) -> Aligned<'b> {
     let m = a.sign.module();
     let (e, f) = (format.exponent_bits(), format.fraction_bits());
-    m.comment("The operand of the greater magnitude, and by how many bits the other must move.");
+    m.comment("The operand of the greater magnitude, and the shift of the other one.");
     crate::named! {
         let swap = a.magnitude.lt(b.magnitude);
         let exponent_difference = a.exponent.extend(e + 1) - b.exponent.extend(e + 1);
@@ -151,7 +151,7 @@ fn align<'b>(format: Format, plan: &Schedule, a: Fields<'b>, b: Fields<'b>) -> A
         let either_is_zero = a.exponent.is_zero() | b.exponent.is_zero();
     }
     let shift_bits = align_bits(format);
-    // A zero's fraction means nothing, and so does that of an operand that is too far away.
+    // The fraction of a zero is ignored, and so is that of an operand that is too small.
     let (small_is_nothing, small_is_far) = if shift_bits < e {
         let far = distance.bits(e - 1, shift_bits).any().named("too_far");
         let nothing = (either_is_zero | far).named("small_vanishes");
@@ -170,7 +170,7 @@ fn align<'b>(format: Format, plan: &Schedule, a: Fields<'b>, b: Fields<'b>) -> A
         let small_fraction =
             swap.mux(a.fraction, b.fraction) & small_is_kept.at(at).repeat(f);
     }
-    m.comment("Align the smaller significand; a sticky bit collects what is shifted out.");
+    m.comment("Align the smaller significand; a sticky bit collects the bits shifted out.");
     let mut small = m
         .concat(&[small_is_kept.at(at), small_fraction, m.zero(2)])
         .named("unaligned");
@@ -205,21 +205,21 @@ fn align<'b>(format: Format, plan: &Schedule, a: Fields<'b>, b: Fields<'b>) -> A
     }
 }
 
-/// Both significands added.
+/// The sum of both significands.
 struct Sum<'b> {
-    /// A bit for the carry, the significand, three bits to round by.
+    /// The carry, the significand, and three rounding bits.
     significand: Signal<'b>,
-    /// The greater operand's exponent, plus 2.
+    /// The exponent of the greater operand, plus 2.
     exponent_plus_2: Signal<'b>,
-    /// Sign, whether it is an infinity or a NaN, and whether it is a NaN.
+    /// The sign, a flag for infinity or NaN, and a flag for NaN.
     status: Signal<'b>,
 }
 
-/// Adds the significands, and says what becomes of special operands.
+/// Adds the significands and handles special operands.
 fn sum<'b>(format: Format, plan: &Schedule, operands: &Aligned<'b>) -> Sum<'b> {
     let m = operands.sticky.module();
     let f = format.fraction_bits();
-    m.comment("The sum: carry, significand, three bits to round by. It is never negative.");
+    m.comment("The sum: carry, significand, three rounding bits. It is never negative.");
     let at = plan.at("add");
     let x = exponent_width(format);
     let (aligned, subtracting) = (operands.small.at(at), operands.subtracting.at(at));
@@ -230,7 +230,7 @@ fn sum<'b>(format: Format, plan: &Schedule, operands: &Aligned<'b>) -> Sum<'b> {
             m.zero(2),
             subtracting,
         ]);
-        // In parts, not as one word: so Yosys takes it for the second operand of the sum, whose complement costs nothing.
+        // A concatenation, not one word: Yosys then uses it as the second operand of the sum, whose complement costs no logic.
         let addend = m.concat(&[
             subtracting,
             aligned.msb() ^ subtracting,
@@ -241,7 +241,7 @@ fn sum<'b>(format: Format, plan: &Schedule, operands: &Aligned<'b>) -> Sum<'b> {
         let sum = augend + addend;
     }
     m.comment(
-        "A NaN or an infinity is always the greater operand. Infinities of the same sign add to one.",
+        "A NaN or an infinity is always the greater operand. The sum of infinities of the same sign is that infinity.",
     );
     let [big_fraction, big_exponent] =
         [operands.big_fraction, operands.big_exponent].map(|field| field.at(at));
@@ -259,7 +259,7 @@ fn sum<'b>(format: Format, plan: &Schedule, operands: &Aligned<'b>) -> Sum<'b> {
     }
 }
 
-/// Moves the leading one of a sum to the front. Returns the sum, and the bits of how far it was moved.
+/// Shifts the leading one of a sum to the top. Returns the sum and the bits of the shift.
 fn normalise<'b>(
     format: Format,
     plan: &Schedule,
@@ -267,7 +267,7 @@ fn normalise<'b>(
 ) -> (Signal<'b>, Vec<Signal<'b>>) {
     let m = sum.module();
     let width = sum_width(format);
-    m.comment("Normalise: the leading one moves to the front, to where a carry would be.");
+    m.comment("Normalise: shift the leading one to the position of the carry.");
     let mut normal = sum;
     let mut shift = vec![];
     for level in (0..normalise_bits(format)).rev() {
@@ -283,7 +283,7 @@ fn normalise<'b>(
     (normal, shift)
 }
 
-/// The module `fp_add`, or `fp_sub`.
+/// Describes the module `fp_add` or `fp_sub`.
 pub fn module(format: Format, clock_mhz: u32, subtract: bool) -> Result<Arc<Module>, HdlError> {
     let library = Library {
         name: "fp_add_sub",
@@ -328,7 +328,7 @@ fn describe(format: Format, clock_mhz: u32, subtract: bool) -> Result<Arc<Module
 
     m.comment(
         "Round to nearest even. The exponent is that of the greater operand, plus 1, minus the shift; \
-         minus the shift is plus its complement plus 1.",
+         the shift is subtracted as its complement plus 1.",
     );
     let at = plan.at("rounding");
     let normal = normal.at(at);
@@ -350,7 +350,7 @@ fn describe(format: Format, clock_mhz: u32, subtract: bool) -> Result<Arc<Module
         let rounded = unrounded + correction;
     }
 
-    m.comment("Below the least normal number: zero. Above the greatest: infinity.");
+    m.comment("Underflow (below the least normal number) gives zero, overflow infinity.");
     let at = plan.at("pack");
     let (rounded, status) = (rounded.at(at), sum.status.at(at));
     crate::named! {

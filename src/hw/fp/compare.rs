@@ -1,16 +1,16 @@
-//! Comparison and choice: combinational, built into the caller's module.
+//! Comparisons: combinational logic in the caller's module.
 
 use super::fields::fields;
 use crate::float::Format;
 use crate::hdl::Signal;
 
-/// Whether a number is a NaN, of whatever pattern.
+/// Whether a number is a NaN, with any bit pattern.
 pub fn is_nan<'b>(format: Format, number: Signal<'b>) -> Signal<'b> {
     let a = fields(format, number);
     (a.exponent.all() & a.fraction.any()).hinted_after(number, "is_nan")
 }
 
-/// Whether a number is a zero of either sign: whether its stored exponent is 0.
+/// Whether a number is a zero of either sign, that is, whether its stored exponent is 0.
 pub fn is_zero<'b>(format: Format, number: Signal<'b>) -> Signal<'b> {
     let a = fields(format, number);
     a.exponent.is_zero().hinted_after(number, "is_zero")
@@ -22,21 +22,21 @@ pub fn is_finite<'b>(format: Format, number: Signal<'b>) -> Signal<'b> {
     (!a.exponent.all()).hinted_after(number, "is_finite")
 }
 
-/// What is known of an operand's pattern.
+/// Known facts about the bit pattern of an operand.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Known {
     Nothing,
-    /// No NaN; or the comparison does not matter where it is one.
+    /// It is not a NaN, or the result of the comparison is not used if it is.
     NoNan,
-    /// As operators give it: no other pattern of zero than +0, none of NaN than theirs, which is positive and greater than any number.
+    /// It is the result of an operator: the only pattern of a zero is +0, and the only pattern of a NaN is the canonical one, which is positive and greater than any number.
     Result,
-    /// As operators give it, and no NaN.
+    /// It is the result of an operator and not a NaN.
     Number,
-    /// And not negative.
+    /// It is the result of an operator, not a NaN and not negative.
     Positive,
 }
 
-/// An operand of a comparison: a signal, and what its user vouches for. A comparison has no logic for what cannot be.
+/// An operand of a comparison: a signal, and facts that the caller guarantees. A comparison has no logic for cases that these exclude.
 #[derive(Clone, Copy)]
 pub struct Operand<'b> {
     signal: Signal<'b>,
@@ -49,7 +49,7 @@ impl<'b> From<Signal<'b>> for Operand<'b> {
     }
 }
 
-/// To say what is known of a signal.
+/// Attaches known facts to a signal.
 pub trait Knowing<'b> {
     fn known(self, known: Known) -> Operand<'b>;
 }
@@ -72,20 +72,20 @@ impl<'b> Operand<'b> {
         matches!(self.known, Known::Nothing | Known::Result).then(|| is_nan(format, self.signal))
     }
 
-    /// Whether zero has one pattern.
+    /// Whether zero has only one bit pattern.
     fn has_one_zero(self) -> bool {
         !matches!(self.known, Known::Nothing | Known::NoNan)
     }
 }
 
-/// a < b for numbers that are not NaN, and false where a is an operator's NaN and b a number.
+/// a < b for numbers that are not NaN; false if a is an operator's NaN and b a number.
 ///
-/// With equal signs one carry chain decides: negative numbers are in order where their magnitudes are not, so the
-/// sign, as one bit more of `b`, turns "less" into "less or equal", and then inverts it.
+/// With equal signs one carry chain decides. The order of negative numbers is the inverse order of their magnitudes, so the
+/// sign, as an additional bit of `b`, turns "less" into "less or equal", and then inverts it.
 ///
-/// `name` is what its parts are called after in the Verilog.
+/// `name` is the prefix of the names of its parts in the Verilog.
 ///
-/// Where `of_equals` is false it says anything of equal patterns, and needs no bit more.
+/// If `of_equals` is false, the result for equal patterns is undefined and the additional bit is omitted.
 fn less_ordered<'b>(
     format: Format,
     name: &str,
@@ -122,7 +122,7 @@ fn less_ordered<'b>(
             signs_differ.mux(x.sign, by_sign)
         }
     };
-    // Zeros of one pattern are in order as they are.
+    // Zeros with only one pattern need no special case.
     if a.has_one_zero() && b.has_one_zero() {
         return unless_zero;
     }
@@ -130,7 +130,7 @@ fn less_ordered<'b>(
     part(unless_zero, "unless_zero") & !part(both_zero, "both_zero")
 }
 
-/// What a comparison says where no operand is a NaN, so far as that is not known; else false.
+/// The result of a comparison if no operand is a NaN, else false. Operands that are known not to be NaN need no check.
 fn unless_nan<'b>(
     format: Format,
     name: &str,
@@ -145,7 +145,7 @@ fn unless_nan<'b>(
     })
 }
 
-/// The operands of a < b or a ≤ b whose NaN makes it false only by being looked for: an operator's on the left is greater than any number.
+/// The operands of a < b or a ≤ b that need a check for NaN. An operator's NaN on the left needs none, since it is greater than any number.
 fn to_order<'b>(a: Operand<'b>, b: Operand<'b>) -> Vec<Operand<'b>> {
     match a.known {
         Known::Result => vec![b],
@@ -153,7 +153,7 @@ fn to_order<'b>(a: Operand<'b>, b: Operand<'b>) -> Vec<Operand<'b>> {
     }
 }
 
-/// a < b: −0 = +0, false with a NaN. 1 bit. This and what it is made of are called after `name` where they get names in the Verilog.
+/// a < b, 1 bit: −0 = +0, false if an operand is a NaN. The names in the Verilog begin with `name`.
 pub fn less<'b>(
     format: Format,
     name: impl AsRef<str>,
@@ -165,7 +165,7 @@ pub fn less<'b>(
     unless_nan(format, name, less, &to_order(a, b)).hinted(name)
 }
 
-/// [`less`] for a choice between `a` and `b`: where their patterns are the same it may say either. It is called `name` in the Verilog.
+/// [`less`] for a selection of `a` or `b`: the result is undefined for equal patterns. It is called `name` in the Verilog.
 pub fn goes_before<'b>(
     format: Format,
     name: &str,
@@ -173,13 +173,13 @@ pub fn goes_before<'b>(
     b: impl Into<Operand<'b>>,
 ) -> Signal<'b> {
     let (a, b) = (a.into(), b.into());
-    // Zeros of several patterns are equal, but not the same.
+    // Zeros with different patterns are equal numbers.
     let of_equals = !(a.has_one_zero() && b.has_one_zero());
     let less = less_ordered(format, name, a, b, of_equals);
     unless_nan(format, name, less, &to_order(a, b)).named(name)
 }
 
-/// a ≤ b: −0 = +0, false with a NaN. 1 bit. Called as [`less`].
+/// a ≤ b, 1 bit: −0 = +0, false if an operand is a NaN. It is named as [`less`].
 pub fn less_equal<'b>(
     format: Format,
     name: impl AsRef<str>,
@@ -192,7 +192,7 @@ pub fn less_equal<'b>(
     unless_nan(format, name, less_equal, &to_order(a, b)).hinted(name)
 }
 
-/// a = b: −0 = +0, false with a NaN. 1 bit. Called as [`less`].
+/// a = b, 1 bit: −0 = +0, false if an operand is a NaN. It is named as [`less`].
 pub fn equal<'b>(
     format: Format,
     name: impl AsRef<str>,
@@ -210,7 +210,7 @@ pub fn equal<'b>(
             part(same | part(both, "both_zero"), "unless_nan")
         }
     };
-    // Of a pattern that is no NaN's, the same is none either.
+    // If one of two equal patterns is not a NaN, neither is the other.
     match [a, b].map(|o| o.may_be_nan(format)) {
         [Some(_), Some(_)] => unless_nan(format, name, equal, &[a, b]).hinted(name),
         _ => equal.hinted(name),

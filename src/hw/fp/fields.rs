@@ -1,4 +1,4 @@
-//! Taking numbers apart and putting them together.
+//! Extraction of the fields of numbers, and assembly of results.
 
 use crate::float::Format;
 use crate::hdl::Signal;
@@ -22,7 +22,7 @@ pub(super) fn fields<'b>(format: Format, number: Signal<'b>) -> Fields<'b> {
     }
 }
 
-/// The fields of an operand of a module, called after it in the Verilog.
+/// The fields of an operand of a module. Their names in the Verilog begin with that of the operand.
 pub(super) fn operand<'b>(format: Format, name: &str, number: Signal<'b>) -> Fields<'b> {
     let Fields {
         sign,
@@ -38,8 +38,7 @@ pub(super) fn operand<'b>(format: Format, name: &str, number: Signal<'b>) -> Fie
     }
 }
 
-/// What a result is instead of the number that was computed. At most one of `infinity_or_nan` and `zero` is set; a
-/// NaN sets `infinity_or_nan` too.
+/// The special cases of a result. At most one of `infinity_or_nan` and `zero` is set; a NaN sets `infinity_or_nan` too.
 #[derive(Clone, Copy)]
 pub(super) struct Special<'b> {
     pub infinity_or_nan: Signal<'b>,
@@ -47,7 +46,7 @@ pub(super) struct Special<'b> {
     pub zero: Signal<'b>,
 }
 
-/// The canonical pattern of a result: a LUT of four inputs for each bit.
+/// The canonical pattern of a result, with one four-input LUT per bit.
 pub(super) fn pack<'b>(
     sign: Signal<'b>,
     exponent: Signal<'b>,

@@ -1,4 +1,4 @@
-//! The machine's arithmetic units, for any [`Format`], as deep as a clock asks for.
+//! The arithmetic units of a machine, for any [`Format`], with pipeline depths for the target clock.
 //!
 //! | unit | module | ports | computes |
 //! |---|---|---|---|
@@ -6,19 +6,18 @@
 //! | [`mul`] | `fp_mul` | `a`, `b` → `y` | a × b |
 //! | [`reciprocal`] | `fp_reciprocal` | `a` → `y` | 1 ÷ a |
 //!
-//! These are pipelines without control: operands every clock, the result a fixed number of clocks later
-//! ([`Module::latency`]). Inputs are not registered at entry; outputs come from registers. Any pattern is an
-//! operand: a stored exponent of 0 is a zero whatever the fraction, and so on; results are canonical and never −0.
+//! These are pipelines without control: one set of operands per cycle, with a fixed latency
+//! ([`Module::latency`]). Inputs are not registered; outputs are registers. Any bit pattern is a valid
+//! operand: a stored exponent of 0 is a zero with any fraction, and so on; results are canonical and never −0.
 //! `docs/arithmetic.md` is normative, [`crate::float::plain`] the model.
 //!
 //! Comparisons ([`less`], [`less_equal`], [`equal`]) and steps by ulps ([`step()`]) are
-//! combinational and become part of the caller's module: how many of them fit between two registers is for the
-//! caller to say.
+//! combinational and become part of the caller's module. The caller adds registers where needed.
 //!
 //! # Depth
 //!
-//! A unit's steps are spread over as few stages as the clock allows, by a table of delays (`schedule.rs`) of an
-//! ECP5 of the slowest grade with a fifth of the period to spare, 2 ns at least. For [`Format::FP24`]:
+//! The steps of a unit are distributed over the fewest stages that the clock allows, by a table of delays (`schedule.rs`) of an
+//! ECP5 of the slowest grade, with a margin of a fifth of the period and at least 2 ns. Depths for [`Format::FP24`]:
 //!
 //! | clock, MHz | add, sub | mul | reciprocal |
 //! |---|---|---|---|
@@ -28,8 +27,8 @@
 //! | 133 | 9 | 4 | 18 |
 //! | 200 | 13 | 4 | 34 |
 //!
-//! Measured for [`Format::FP24`], between registers: Virtex-4 LUT4, flip-flops and DSP48 as Yosys counts them, and MHz on an
-//! ECP5-85F of the slowest grade as nextpnr places it.
+//! Measurements for [`Format::FP24`]: LUT4, flip-flops and DSP48 of a Virtex-4 by Yosys, and the register-to-register clock on an
+//! ECP5-85F of the slowest grade by nextpnr.
 //!
 //! | unit | for 66 MHz | for 100 MHz | for 133 MHz |
 //! |---|---|---|---|
@@ -37,8 +36,8 @@
 //! | mul | 89 / 71 / 1, 101 MHz | 89 / 102 / 1, 139 MHz | 89 / 131 / 1, 187 MHz |
 //! | reciprocal | 377 / 345 / 0, 81 MHz | 431 / 609 / 0, 120 MHz | 324 / 906 / 0, 172 MHz |
 //!
-//! Combinational, in LUT4: less 56, equal 33, min or max 81, a step of three ulps 63 to 78; a comparison takes less where something is
-//! [`Known`] of its operands.
+//! Combinational functions, in LUT4: less 56, equal 33, min or max 81, a step of three ulps 63 to 78. Comparisons of operands with
+//! [`Known`] facts are smaller.
 
 pub mod add;
 mod compare;
@@ -58,11 +57,11 @@ use crate::float::Format;
 use crate::hdl::{HdlError, Module, Signal};
 use std::sync::Arc;
 
-/// The arithmetic units of a machine, each made once.
+/// The modules of a machine's arithmetic units, each described once.
 #[derive(Clone)]
 pub struct Units {
     pub format: Format,
-    /// The clock that the units' depths are chosen for, in MHz.
+    /// The target clock of the units, in MHz.
     pub clock_mhz: u32,
     pub add: Arc<Module>,
     pub sub: Arc<Module>,
@@ -72,7 +71,7 @@ pub struct Units {
 
 impl Units {
     /// # Errors
-    /// A mistake in a unit's description; none is known for any format.
+    /// A mistake in the description of a unit; none is known for any format.
     pub fn new(format: Format, clock_mhz: u32) -> Result<Units, HdlError> {
         Ok(Units {
             format,
@@ -84,25 +83,25 @@ impl Units {
         })
     }
 
-    /// a + b, by an instance called `name` in the operands' module.
+    /// Instantiates a + b as `name` in the module of the operands.
     #[track_caller]
     pub fn add<'b>(&self, name: impl AsRef<str>, a: Signal<'b>, b: Signal<'b>) -> Signal<'b> {
         self.binary(&self.add, name, a, b)
     }
 
-    /// a − b, by an instance called `name` in the operands' module.
+    /// Instantiates a − b as `name` in the module of the operands.
     #[track_caller]
     pub fn sub<'b>(&self, name: impl AsRef<str>, a: Signal<'b>, b: Signal<'b>) -> Signal<'b> {
         self.binary(&self.sub, name, a, b)
     }
 
-    /// a × b, by an instance called `name` in the operands' module.
+    /// Instantiates a × b as `name` in the module of the operands.
     #[track_caller]
     pub fn mul<'b>(&self, name: impl AsRef<str>, a: Signal<'b>, b: Signal<'b>) -> Signal<'b> {
         self.binary(&self.mul, name, a, b)
     }
 
-    /// 1 ÷ a, by an instance called `name` in the operand's module.
+    /// Instantiates 1 ÷ a as `name` in the module of the operand.
     #[track_caller]
     pub fn reciprocal<'b>(&self, name: impl AsRef<str>, a: Signal<'b>) -> Signal<'b> {
         let ports = unary::ports(self.format);
@@ -125,7 +124,7 @@ impl Units {
     }
 }
 
-/// Ports of a unit of one operand.
+/// The ports of a unit with one operand.
 mod unary {
     use super::Format;
 
@@ -137,7 +136,7 @@ mod unary {
     }
 }
 
-/// Ports of a unit of two operands.
+/// The ports of a unit with two operands.
 mod binary {
     use super::Format;
 

@@ -1,4 +1,4 @@
-//! Multiplication: one product of significands, rounded.
+//! Multiplication: the rounded product of the significands.
 
 use super::binary;
 use super::fields::{Special, operand, pack};
@@ -7,7 +7,7 @@ use crate::float::{Format, plain};
 use crate::hdl::{Builder, HdlError, Module, Signal, Specs};
 use std::sync::Arc;
 
-/// Bits of an unsigned operand of a DSP48 (which multiplies 18 by 18 bits, signed).
+/// Width of an unsigned operand of a DSP48, which multiplies signed numbers of 18 bits.
 const DSP_BITS: u32 = 17;
 
 fn schedule(format: Format, clock_mhz: u32) -> Schedule {
@@ -17,42 +17,42 @@ fn schedule(format: Format, clock_mhz: u32) -> Schedule {
         steps.push(Step::new("add crosswise", chain(f + 2)));
         steps.push(Step::new("add products", chain(2 * f + 2 - DSP_BITS)));
     }
-    // Which bits are rounded off is known one level after the product; their test is a tree beside it.
+    // The bits below the rounding position are known one level after the product; their test is a parallel tree.
     steps.push(Step::new("rounding", reduction(f).max(LOGIC) + 2 * LOGIC));
     steps.push(Step::new("round", chain(e + f + 3)));
     steps.push(Step::new("pack", reduction(e + 1) + LOGIC));
     Schedule::new(steps, clock_mhz)
 }
 
-/// Clocks from operands to product.
+/// The latency from operands to product, in cycles.
 pub fn latency(format: Format, clock_mhz: u32) -> u32 {
     schedule(format, clock_mhz).depth()
 }
 
-/// Whether the caller may choose between two operands before the unit, a level of logic, without a register.
+/// Whether a two-input multiplexer (one level of logic) fits before the unit without a register.
 pub fn takes_choice(format: Format, clock_mhz: u32) -> bool {
     schedule(format, clock_mhz).takes_choice()
 }
 
-/// What `fp_mul` computes.
+/// The function of `fp_mul`.
 pub fn model(format: Format, a: u64, b: u64) -> u64 {
     plain::mul(format, a, b)
 }
 
-/// Pairs at the edges of what the multiplier's steps distinguish.
+/// Pairs of operands at the corner cases of the multiplier's steps.
 pub fn directed_cases(format: Format) -> Vec<(u64, u64)> {
     let f = format.fraction_bits();
     let sign = format.sign_bit();
     let (one, infinity) = (format.one(), format.infinity());
     let ones = format.fraction_mask();
     let mut cases = vec![];
-    // Products about a power of two, ties, and rounding that carries into the exponent.
+    // Products near a power of two, ties, and rounding that carries into the exponent.
     for a in [0, 1, 2, 3, ones, ones - 1, ones >> 1, (ones >> 1) + 1] {
         for b in [0, 1, 2, 3, ones, ones - 1, ones >> 1, (ones >> 1) + 1] {
             for signs in [0, sign] {
                 cases.push((one | a, (one | b) | signs));
             }
-            // The same at the edges: exponents that add up to the least or the greatest, or one beyond.
+            // The same at the limits of the range: sums of exponents equal to the least or the greatest, or one beyond.
             let last = format.exponent_mask() - 1;
             let bias = format.bias() as u64;
             for exponent in [bias - 1, bias, bias + 1, bias + 2] {
@@ -91,7 +91,7 @@ fn product<'b>(plan: &Schedule, a: Signal<'b>, b: Signal<'b>) -> Signal<'b> {
     if width <= DSP_BITS {
         return a.mul(b).named("product").at(registered);
     }
-    m.comment("Wider than a DSP block: four products, added as by hand.");
+    m.comment("Wider than a DSP block: the sum of four partial products.");
     let (a_low, a_high) = (a.low(DSP_BITS), a.high(width - DSP_BITS));
     let (b_low, b_high) = (b.low(DSP_BITS), b.high(width - DSP_BITS));
     crate::named! {
@@ -113,7 +113,7 @@ fn product<'b>(plan: &Schedule, a: Signal<'b>, b: Signal<'b>) -> Signal<'b> {
         .named("product")
 }
 
-/// The module `fp_mul`.
+/// Describes the module `fp_mul`.
 pub fn module(format: Format, clock_mhz: u32) -> Result<Arc<Module>, HdlError> {
     let (e, f) = (format.exponent_bits(), format.fraction_bits());
     let plan = schedule(format, clock_mhz);
@@ -126,14 +126,14 @@ pub fn module(format: Format, clock_mhz: u32) -> Result<Arc<Module>, HdlError> {
     let binary::Inputs { a, b } = ports.inputs.inputs_at(&p, 0);
     let (a, b) = (operand(format, "a", a), operand(format, "b", b));
 
-    m.comment("The significands, in [1, 2), and their product, in [1, 4).");
+    m.comment("The significands are in [1, 2), their product is in [1, 4).");
     crate::named! {
         let a_significand = m.lit(1u8, 1).concat(a.fraction);
         let b_significand = m.lit(1u8, 1).concat(b.fraction);
     }
     let product = product(&plan, a_significand, b_significand);
 
-    m.comment("The exponent for a product in [1, 2). The bias is a power of two less 1: the 1 is carried in.");
+    m.comment("The exponent for a product in [1, 2). The bias is a power of two minus 1: the 1 is the carry-in.");
     let x = e + 2;
     crate::named! {
         let sign = a.sign ^ b.sign;
@@ -147,7 +147,7 @@ pub fn module(format: Format, clock_mhz: u32) -> Result<Arc<Module>, HdlError> {
             sum_plus_1.low(e - 1),
         ]);
     }
-    m.comment("Zero times infinity is a NaN, as is whatever has a NaN for a factor.");
+    m.comment("The product is a NaN for zero times infinity and if a factor is a NaN.");
     crate::named! {
         let a_is_zero = a.exponent.is_zero();
         let b_is_zero = b.exponent.is_zero();
@@ -185,7 +185,7 @@ pub fn module(format: Format, clock_mhz: u32) -> Result<Arc<Module>, HdlError> {
         let rounded = unrounded + correction;
     }
 
-    m.comment("Below the least normal number: zero. Above the greatest: infinity.");
+    m.comment("Underflow (below the least normal number) gives zero, overflow infinity.");
     let at = plan.at("pack");
     let (rounded, status) = (rounded.at(at), status.at(at));
     crate::named! {

@@ -1,10 +1,10 @@
-//! The reciprocal, by non-restoring division, a bit of the quotient at a time.
+//! The reciprocal, by non-restoring division with one bit of the quotient per step.
 //!
-//! For a significand x in [1, 2), 2 ÷ x lies in (1, 2]. Starting from the quotient 2 with the remainder
-//! 2 − 2x, every digit doubles the remainder and adds x where it is negative, else subtracts it; the quotient's bits
-//! are the signs of the remainders that follow. There is no tie to break and no sticky bit: 2 ÷ x is never half way
-//! between two numbers, so one bit beyond the fraction rounds it. For x = 1 all bits are ones, the rounding carries all
-//! the way, and the result is exact.
+//! For a significand x in [1, 2), 2 ÷ x is in (1, 2]. Starting with the quotient 2 and the remainder 2 − 2x, each step doubles
+//! the remainder and adds x if the remainder is negative, else subtracts x; the bits of the quotient are the signs of the
+//! resulting remainders. There are no ties and no sticky bit: 2 ÷ x is never halfway between two numbers, so one bit below the
+//! fraction is enough for rounding. For x = 1 all bits are ones, the rounding carry propagates to the top, and the result is
+//! exact.
 
 use super::fields::{Special, operand, pack};
 use super::schedule::{FAN_OUT, LOGIC, Schedule, Step, chain};
@@ -24,22 +24,22 @@ fn schedule(format: Format, clock_mhz: u32) -> Schedule {
     Schedule::new(steps, clock_mhz)
 }
 
-/// Clocks from operand to reciprocal.
+/// The latency from operand to reciprocal, in cycles.
 pub fn latency(format: Format, clock_mhz: u32) -> u32 {
     schedule(format, clock_mhz).depth()
 }
 
-/// What `fp_reciprocal` computes.
+/// The function of `fp_reciprocal`.
 pub fn model(format: Format, a: u64) -> u64 {
     plain::reciprocal(format, a)
 }
 
-/// Operands at the edges of what the divider distinguishes.
+/// Operands at the corner cases of the divider.
 pub fn directed_cases(format: Format) -> Vec<u64> {
     let f = format.fraction_bits();
     let ones = format.fraction_mask();
     let mut magnitudes = vec![0, 1, format.infinity(), format.infinity() + 1, format.nan()];
-    // About 1, the greatest, and where results are about the least normal number.
+    // Near 1, near the greatest number, and with results near the least normal number.
     let last = format.exponent_mask() - 1;
     for exponent in [1, 2, format.bias() as u64, last - 2, last - 1, last] {
         for fraction in [0, 1, 2, ones >> 1, ones - 1, ones] {
@@ -52,7 +52,7 @@ pub fn directed_cases(format: Format) -> Vec<u64> {
         .collect()
 }
 
-/// The module `fp_reciprocal`.
+/// Describes the module `fp_reciprocal`.
 pub fn module(format: Format, clock_mhz: u32) -> Result<Arc<Module>, HdlError> {
     let (e, f) = (format.exponent_bits(), format.fraction_bits());
     let plan = schedule(format, clock_mhz);
@@ -65,7 +65,7 @@ pub fn module(format: Format, clock_mhz: u32) -> Result<Arc<Module>, HdlError> {
     let a = operand(format, "a", ports.inputs.a.input_at(&p, 0));
 
     m.comment(
-        "The exponent of 1 / a where a is no power of two; for a power of two rounding adds the 1 that lacks. \
+        "The exponent of 1 / a if a is not a power of two; for a power of two, rounding adds the missing 1. \
          The two greatest exponents give results below the least normal number, except for the lesser power of two.",
     );
     let last = u128::from(format.exponent_mask()) - 1;
@@ -84,14 +84,14 @@ pub fn module(format: Format, clock_mhz: u32) -> Result<Arc<Module>, HdlError> {
     }
 
     m.comment(
-        "Non-restoring division of 2 by the significand: every remainder's sign is a bit of the quotient.",
+        "Non-restoring division of 2 by the significand: the sign of each remainder is a bit of the quotient.",
     );
     let width = f + 2;
     let significand = m.lit(1u8, 2).concat(a.fraction).named("significand");
     let mut remainder = (significand - a.fraction.concat(m.zero(2))).named("remainder_1");
     let mut quotient = (!remainder.msb()).named("quotient_1");
-    // The fraction as a stage receives it: complemented where the digit before the register subtracted it. So a
-    // register behind the choice holds no more bits than one before it.
+    // The fraction as a stage receives it: complemented if the step before the register subtracted it. So a
+    // register after the multiplexer holds no more bits than one before it.
     let (mut fraction, mut complemented) = (a.fraction, m.zero(1));
     let mut last = 0;
     for digit in 2..=f + 1 {
@@ -119,7 +119,7 @@ pub fn module(format: Format, clock_mhz: u32) -> Result<Arc<Module>, HdlError> {
     }
     let quotient = quotient.named(format!("quotient_{}", f + 1));
 
-    m.comment("Round by the last bit of the quotient.");
+    m.comment("Round with the last bit of the quotient.");
     let at = plan.at("round");
     let (quotient, status) = (quotient.at(at), status.at(at));
     crate::named! {

@@ -1,19 +1,19 @@
-//! How deep a unit's pipeline is: its steps, in order, are spread over as few stages as the clock allows.
+//! The pipeline depth of a unit: its steps are distributed, in order, over the fewest stages that the clock allows.
 //!
-//! Every unit lists its critical path as steps with a delay each: a level of logic, a carry chain, a multiplication.
-//! A step is never split, and never shares a stage with so many others that their delays add up to more than the
-//! clock's [`budget`]. Within the fewest stages that keep this, the worst stage is made as short as possible.
+//! Every unit lists its critical path as steps, each with a delay: a level of logic, a carry chain, a multiplication.
+//! A step is never split, and the sum of the delays in a stage does not exceed the [`budget`] of the clock, except for a single
+//! longer step. With the resulting minimum number of stages, the worst stage is made as short as possible.
 //!
-//! Delays are those of an ECP5 of the slowest grade, routing included; a Virtex-4 of the slowest grade is within a few
-//! percent. They decide where registers stand, never what a unit computes.
+//! Delays are those of an ECP5 of the slowest grade, including routing; a Virtex-4 of the slowest grade is within a few
+//! percent. They determine the positions of registers, never the function of a unit.
 
-/// A level of logic: one LUT and the way to the next.
+/// A level of logic: one LUT and the route to the next.
 pub(super) const LOGIC: u32 = 1100;
-/// A level of a shifter: two of them make one wide LUT.
+/// A level of a shifter: two levels share one wide LUT.
 pub(super) const SHIFT: u32 = 800;
-/// What more it takes to reach as many LUTs as a significand has bits.
+/// The additional delay of a fan-out to one LUT per bit of a significand.
 pub(super) const FAN_OUT: u32 = 350;
-/// A multiplication of at most 17 by 17 bits in a DSP block whose own registers are not used.
+/// A multiplication of at most 17 by 17 bits in a DSP block without use of its internal registers.
 pub(super) const MULTIPLY: u32 = 6000;
 
 /// An addition, subtraction or comparison of `width` bits on a carry chain.
@@ -31,20 +31,20 @@ pub(super) const fn reduction(width: u32) -> u32 {
     levels * LOGIC
 }
 
-/// Picoseconds between two registers that a unit's steps may take at a clock of `clock_mhz`: the period, less a
-/// register's own delay and setup, less what routing in a full device costs on top: a fifth of the period, and 2 ns at
-/// least, since wires do not become shorter as the clock becomes faster.
+/// The maximum delay of the steps between two registers at a clock of `clock_mhz`, in picoseconds: the period minus clock-to-output
+/// and setup times of the registers, minus a margin for routing in a full device. The margin is a fifth of the period and at
+/// least 2 ns, because wires do not become shorter at a higher clock.
 pub(super) const fn budget(clock_mhz: u32) -> u32 {
     let period = 1_000_000 / if clock_mhz == 0 { 1 } else { clock_mhz };
     let routing = if period / 5 > 2000 { period / 5 } else { 2000 };
     period.saturating_sub(routing + 700)
 }
 
-/// A part of a unit's critical path that no register splits.
+/// A part of a unit's critical path that is never split by a register.
 pub(super) struct Step {
     name: String,
     picoseconds: u32,
-    /// The next step begins a stage, whatever the clock.
+    /// The next step begins a stage at any clock.
     registered: bool,
 }
 
@@ -57,7 +57,7 @@ impl Step {
         }
     }
 
-    /// The same step with a register behind it at any clock.
+    /// The same step, followed by a register at any clock.
     pub fn registered(self) -> Step {
         Step {
             registered: true,
@@ -69,14 +69,14 @@ impl Step {
 /// The stage of each step of a unit, counted from 0.
 pub(super) struct Schedule {
     steps: Vec<(String, u32)>,
-    /// Picoseconds that the first stage leaves of the budget.
+    /// The unused part of the budget in the first stage, in picoseconds.
     headroom: u32,
 }
 
 impl Schedule {
     pub fn new(steps: Vec<Step>, clock_mhz: u32) -> Schedule {
-        // Stages are filled from the last one back: what is left over then makes the first stages short, to which
-        // the caller may add logic of its own.
+        // Stages are filled from the last one backwards. So the first stages are short, and the caller may add logic to
+        // them.
         let within = |limit: u32| {
             let (mut from_end, mut used) = (0, 0);
             let mut stages: Vec<u32> = steps
@@ -98,7 +98,7 @@ impl Schedule {
                 .collect::<Vec<u32>>()
         };
         let depth = |limit| within(limit).last().map_or(0, |last| last + 1);
-        // The least limit that needs no more stages: depth falls as the limit grows.
+        // The least limit with the same number of stages: the depth decreases as the limit grows.
         let (mut too_low, mut enough) = (0, budget(clock_mhz));
         let fewest = depth(enough);
         while enough - too_low > 1 {
@@ -122,7 +122,7 @@ impl Schedule {
         }
     }
 
-    /// The stage in which a step works.
+    /// The stage of a step.
     pub fn at(&self, step: impl AsRef<str>) -> u32 {
         let step = step.as_ref();
         self.steps
@@ -132,12 +132,12 @@ impl Schedule {
             .1
     }
 
-    /// Whether the caller may choose between two operands before the unit, a level of logic, without a register.
+    /// Whether a two-input multiplexer (one level of logic) fits before the unit without a register.
     pub fn takes_choice(&self) -> bool {
         self.headroom >= LOGIC
     }
 
-    /// Stages in all: the unit's latency, since a register ends each.
+    /// The number of stages. It is the latency of the unit, because each stage ends with a register.
     pub fn depth(&self) -> u32 {
         self.steps.last().map_or(0, |(_, stage)| stage + 1)
     }

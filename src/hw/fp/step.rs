@@ -1,17 +1,16 @@
-//! Stepping by ulps: combinational, built into the caller's module.
+//! Steps by ulps: combinational logic in the caller's module.
 
 use super::fields::fields;
 use crate::float::Format;
 use crate::hdl::{Signal, bits_for};
 
-/// The number `ulps` steps above `a` (below, where negative), a zero's pattern being +0. −0 and +0 are one
-/// value whose neighbours are ± the least normal number; past the greatest is infinity; infinities and NaNs do not
-/// step, their patterns stay.
+/// The number `ulps` steps above `a` (below if negative). −0 and +0 are one value, whose neighbours are ± the least normal number;
+/// a resulting zero is +0. The successor of the greatest number is infinity. Infinities and NaNs keep their patterns.
 ///
-/// Costs an adder of the format's width and a LUT or two for each bit. `after_sum` may put a register behind the adder.
+/// The cost is an adder of the format's width and one or two LUTs per bit. `after_sum` may add a register after the adder.
 ///
 /// # Panics
-/// Where `ulps` is 0, or steps over more numbers than there are between two powers of two.
+/// If `ulps` is 0 or exceeds the count of numbers between two powers of two.
 pub fn step<'b>(
     format: Format,
     a: Signal<'b>,
@@ -22,7 +21,7 @@ pub fn step<'b>(
     step_up_or_down(format, a, up, ulps.unsigned_abs().into(), after_sum)
 }
 
-/// The same by `count` ulps, up where `up` is 1, else down.
+/// The same by `count` ulps, upwards if `up` is 1, else downwards.
 pub(in super::super) fn step_up_or_down<'b>(
     format: Format,
     a: Signal<'b>,
@@ -36,12 +35,12 @@ pub(in super::super) fn step_up_or_down<'b>(
         (1..=1 << f).contains(&count),
         "cannot step by {count} ulps in {format}"
     );
-    // What the parts are called in the Verilog.
+    // The names of the parts in the Verilog.
     let called = |signal: Signal<'b>, what: &str| signal.hinted_after(a, what);
     let fields_of_a = fields(format, a);
     let sign = fields_of_a.sign;
 
-    // Away from zero the magnitude, an integer, grows by `count`; towards zero it shrinks.
+    // The magnitude is an integer: it grows by `count` in steps away from zero, and shrinks in steps towards zero.
     let outwards = called(sign ^ up, "outwards");
     let (up_by, down_by) = (count, (1 << (e + f)) - count);
     let steps = m.constant("STEPS", up_by, e + f);
@@ -52,8 +51,8 @@ pub(in super::super) fn step_up_or_down<'b>(
     let (moved_exponent, moved_fraction) =
         (moved.part("exponent", f, e), moved.part("fraction", 0, f));
 
-    // Below the least normal number the integers that follow are zero, then the numbers of the other sign from
-    // their least on: the complement of the fraction counts how many steps beyond zero it went.
+    // The steps below the least normal number lead to zero, then to the numbers of the other sign in increasing magnitude: the
+    // complement of the fraction is the number of steps beyond zero.
     let is_number = called(fields_of_a.exponent.any(), "is_not_zero");
     let from_zero = called(!is_number, "is_zero");
     let inwards = called(!outwards, "inwards");

@@ -1,4 +1,4 @@
-//! Leaf fetch: a leaf's record is requested, then its vertices, and their responses are counted until the leaf is complete.
+//! Leaf fetch: requests the record of a leaf, then its vertices, and counts the responses until the leaf is complete.
 
 use super::{Fetched, Inputs, VECTORS_OF_INSTANCE, VERTICES_OF_TRIANGLE};
 use crate::bkd::layout::fields;
@@ -8,11 +8,11 @@ use crate::hdl::{Builder, Flow, HdlError, Memory, Request, Signal, Specs, Style}
 use crate::hw::plan::Plan;
 use crate::hw::ray::Context;
 
-/// Bits that number a leaf's vertices or vectors in the tags of their requests.
+/// Width of the index of a vertex or vector within its leaf, in the tags of requests.
 pub(in crate::hw) const CORNER_BITS: u32 = 3;
 
 bundle! {
-    /// The tag of a vertex's or a vector's request.
+    /// The tag of the request for a vertex or vector.
     struct Corner(plan: &Plan) {
         number: CORNER_BITS,
         packet: plan.packet_bits(),
@@ -30,7 +30,7 @@ bundle! {
     }
 }
 
-/// Leaf fetch, as other parts and the properties see it.
+/// The signals of leaf fetch for other parts and for the properties.
 pub(super) struct Fetch<'b> {
     pub leaf: TakenLeaf<'b>,
     pub record: Fetched<Signal<'b>>,
@@ -38,21 +38,21 @@ pub(super) struct Fetch<'b> {
     pub arrival: Arrival<'b>,
 }
 
-/// A leaf that comes, and the request for its record in the same clock.
+/// A leaf that arrives, and the request for its record in the same cycle.
 pub(super) struct TakenLeaf<'b> {
-    /// Whether it is taken.
+    /// Whether it is accepted.
     pub taken: Signal<'b>,
     pub is_instance: Signal<'b>,
-    /// The latter, by packet.
+    /// Whether the leaf is an instance, by packet.
     pub instance_leaves: Memory<'b>,
     pub request: Flow<Request<Signal<'b>>, Signal<'b>>,
 }
 
-/// What asks for the vertices of the leaf at the front of a queue.
+/// The requests for the vertices of the leaf at the front of the queue.
 pub(super) struct VertexRequests<'b> {
     pub queue: fifo::Placed<'b>,
     pub job: Job<Signal<'b>>,
-    /// Which vertex or vector is asked for, whether it is the leaf's last, and whether the request is taken.
+    /// The index of the requested vertex or vector, whether it is the leaf's last, and whether the request is accepted.
     pub corner: Signal<'b>,
     pub last_corner: Signal<'b>,
     pub fire: Signal<'b>,
@@ -63,16 +63,16 @@ pub(super) struct VertexRequests<'b> {
 pub(super) struct Arrival<'b> {
     pub number: Signal<'b>,
     pub of: Fetched<Signal<'b>>,
-    /// How many have arrived before, by packet.
+    /// The number of earlier arrivals, by packet.
     pub counts: Memory<'b>,
-    /// Whether it would be its leaf's last, and whether it is.
+    /// Whether the count is that of the leaf's last vertex, and whether the last vertex arrives.
     pub last_arrives: Signal<'b>,
     pub complete: Signal<'b>,
 }
 
-/// Takes leaves from the ports, drives both memories' requests, and says in the clock of a leaf's last response that it is complete.
-/// A vertex is requested in each clock in which the vertex memory is ready; a leaf's first one, as a queue in block RAM has it,
-/// [`Plan::read_latency`] + 2 clocks after its record came.
+/// Accepts leaves at the ports, drives the requests to both memories, and signals a complete leaf in the cycle of its last response.
+/// One vertex is requested in each cycle in which the vertex memory is ready. The first request of a leaf is
+/// [`Plan::read_latency`] + 2 cycles after the arrival of its record, because the queue is in block RAM.
 pub(super) fn fetch<'b>(
     plan: &Plan,
     m: &'b Builder,
@@ -80,13 +80,11 @@ pub(super) fn fetch<'b>(
 ) -> Result<Fetch<'b>, HdlError> {
     let leaf = take(plan, m, inputs);
     m.comment(
-        "A record's answer: three vertices, or the six vectors that lie one after another, are requested one a clock.",
+        "Response with a record: its three vertices, or its six consecutive vectors, are requested, one per cycle.",
     );
     let record = Fetched::of(plan).unpack(inputs.record.response.payload.tag);
     let requests = request_vertices(plan, m, inputs, record)?;
-    m.comment(
-        "Vertices and vectors arrive in any order; the last one to come makes the leaf complete.",
-    );
+    m.comment("Vertices and vectors arrive in any order; the last one completes the leaf.");
     let arrival = count_arrivals(plan, m, inputs, leaf.instance_leaves);
     Ok(Fetch {
         leaf,
@@ -96,9 +94,9 @@ pub(super) fn fetch<'b>(
     })
 }
 
-/// Takes a leaf in the clock in which its record can be requested.
+/// Accepts a leaf in the cycle in which its record can be requested.
 fn take<'b>(plan: &Plan, m: &'b Builder, inputs: &Inputs<Signal<'b>>) -> TakenLeaf<'b> {
-    m.comment("A leaf is taken when its record can be requested. Its tag says whether it is an instance's.");
+    m.comment("A leaf is accepted when its record can be requested. Its tag marks the leaf of an instance.");
     let (valid, leaf) = (inputs.leaf.valid, inputs.leaf.payload);
     let taken = (valid & inputs.record.request_ready).named("take_leaf");
     let inside = Context::of(plan).unpack(leaf.context).inside;
@@ -119,7 +117,7 @@ fn take<'b>(plan: &Plan, m: &'b Builder, inputs: &Inputs<Signal<'b>>) -> TakenLe
     }
 }
 
-/// Queues the packets whose record has come, and requests the vertices of the one at the front.
+/// Queues the packets whose record has arrived, and requests the vertices of the front packet.
 fn request_vertices<'b>(
     plan: &Plan,
     m: &'b Builder,
@@ -138,7 +136,7 @@ fn request_vertices<'b>(
         job.pack(Job {
             packet: record.packet,
             instance: record.instance,
-            // An instance's first vector is named where a triangle's first vertex is.
+            // The index of an instance's first vector is in the same field as that of a triangle's first vertex.
             v0: triangle.v0.low(a).hinted("first_vertex"),
             v1: triangle.v1.low(a).hinted("second_vertex"),
             v2: triangle.v2.low(a).hinted("third_vertex"),
@@ -178,7 +176,7 @@ fn request_vertices<'b>(
     })
 }
 
-/// Counts what arrives, by packet.
+/// Counts arrivals, by packet.
 fn count_arrivals<'b>(
     plan: &Plan,
     m: &'b Builder,

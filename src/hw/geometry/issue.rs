@@ -1,4 +1,4 @@
-//! Slot issue: the rays of complete leaves go into the test, one a clock, and joints of the skinning processor instead.
+//! Slot issue: issues the rays of complete leaves to the test, one per cycle, or influences of the skinning processor.
 
 use super::fetch::Fetch;
 use super::{Fetched, Inputs};
@@ -6,76 +6,76 @@ use crate::hdl::fifo;
 use crate::hdl::{Builder, HdlError, Memory, Pipeline, Signal, Specs, Style};
 use crate::hw::plan::Plan;
 
-/// The slots that a ray takes to be transformed, in their order.
+/// The slots of a ray transformation, in their order.
 const BOX_SLOT: u128 = 0;
 const DIRECTION_SLOT: u128 = 1;
 pub(super) const ORIGIN_SLOT: u128 = 2;
 
-/// Slot issue, as the properties see it. What it issues in a clock is [`Slot`].
+/// The signals of slot issue for the properties. The issued slot is [`Slot`].
 pub(super) struct Issue<'b> {
-    /// The rays to be tested, by packet.
+    /// The mask of each packet's leaf.
     pub masks: Memory<'b>,
     pub queue: fifo::Placed<'b>,
     /// The leaf at the queue's front.
     pub ready: Fetched<Signal<'b>>,
-    /// Whether a leaf's rays are issued: which leaf's, the rays that are left, and which of a ray's slots.
+    /// Whether the rays of a leaf are being issued; then the leaf, the remaining rays, and the slot of the ray.
     pub busy: Signal<'b>,
     pub now_packet: Signal<'b>,
     pub now_instance: Signal<'b>,
     pub now_mask: Signal<'b>,
     pub slot: Signal<'b>,
     pub ray: Signal<'b>,
-    /// Whether it is the ray's last slot, and whether it is the leaf's.
+    /// Whether it is the last slot of the ray, and the last slot of the leaf.
     pub last_slot: Signal<'b>,
     pub now_last: Signal<'b>,
-    /// Whether another leaf can be taken.
+    /// Whether another leaf can be accepted.
     pub idle_next: Signal<'b>,
     now_first: Signal<'b>,
 }
 
 impl<'b> Issue<'b> {
-    /// Whether a ray goes into the test to be tested.
+    /// Whether a test slot is issued.
     pub fn is_test(&self) -> Signal<'b> {
         self.busy & !self.now_instance
     }
 
-    /// Whether one goes in to be transformed, with the slot of this number.
+    /// Whether the transformation slot of this number is issued.
     pub fn is_transform(&self, slot: u128) -> Signal<'b> {
         let transforming = (self.busy & self.now_instance).hinted("transforming");
         transforming & self.slot.equals(slot)
     }
 }
 
-/// What goes through the test with a slot, in its pipeline: stage 0 is the clock of issue.
+/// The data of a slot in the pipeline of the test. Stage 0 is the cycle of issue.
 pub(super) struct Slot<'b> {
     pub pipeline: Pipeline<'b>,
     /// Whether a ray is tested.
     pub test: Signal<'b>,
-    /// Whether a ray is transformed: its interval in the instance's box, its direction, its origin.
+    /// Whether the slot transforms a ray: box (interval in the instance's box), direction, or origin.
     pub in_box: Signal<'b>,
     pub direction: Signal<'b>,
     pub origin: Signal<'b>,
-    /// The packet, or as many bits of a joint.
+    /// The packet, or the low bits of a joint.
     pub packet: Signal<'b>,
-    /// The joint's other bits, if it has more; 0 in a packet's slot.
+    /// The high bits of a joint, if it has more; 0 in a packet's slot.
     pub joint_high: Option<Signal<'b>>,
     pub ray: Signal<'b>,
-    /// Whether the ray is the first and the slot the last of the leaf's.
+    /// Whether the ray is the first of its leaf, and whether the slot is the last of its leaf.
     pub first: Signal<'b>,
     pub last: Signal<'b>,
-    /// Whether the packet is inside an object.
+    /// Whether the packet is in object space.
     pub inside: Signal<'b>,
-    /// Where a memory by ray has the ray, and one by space and ray.
+    /// The address of the ray in memories by ray, and in memories by space and ray.
     pub index: Signal<'b>,
     pub level_index: Signal<'b>,
-    /// Whether the skinning processor borrows the test, and a clock later. It does so for a whole mesh, so that a register more
-    /// changes nothing, and keeps a fan-out to hundreds of operands off the operators' first stage.
+    /// Whether the skinning processor uses the test, and the same one cycle later. The flag is constant for a whole mesh, so the
+    /// additional register is harmless; it keeps a fan-out to hundreds of operands off the first stage of the operators.
     skinning: Signal<'b>,
     skinning_held: Signal<'b>,
 }
 
 impl<'b> Slot<'b> {
-    /// Whether the skinning processor borrows the test, for what is at a stage.
+    /// Whether the skinning processor uses the test, for signals at a stage.
     pub fn skinning_at(&self, stage: u32) -> Signal<'b> {
         let skinning = match stage {
             0 => self.skinning,
@@ -85,8 +85,8 @@ impl<'b> Slot<'b> {
     }
 }
 
-/// Takes complete leaves in order, each when the one before has issued its last slot, and issues a slot a clock: one for each ray
-/// of the mask of a triangle's leaf, three for each of an instance's.
+/// Takes complete leaves in order, each after the last slot of the previous one, and issues one slot per cycle: one per ray in the
+/// mask of a triangle, three per ray in the mask of an instance.
 pub(super) fn issue<'b>(
     plan: &Plan,
     m: &'b Builder,
@@ -98,8 +98,8 @@ pub(super) fn issue<'b>(
     let leaf = inputs.leaf.payload;
     masks.write(fetch.leaf.taken, leaf.packet, leaf.mask);
     m.comment(
-        "The rays of a complete leaf's mask go into the test, one a clock: a ray once for a triangle, three times for an instance, \
-         for its box, the direction and the origin.",
+        "The rays in a complete leaf's mask enter the test, one slot per cycle: one slot per ray for a triangle, three for an instance \
+        (box, direction, origin).",
     );
     let take_ready = m.wire("take_ready", 1);
     let fetched = Fetched::of(plan);
@@ -149,17 +149,17 @@ pub(super) fn issue<'b>(
     })
 }
 
-/// The slot that is issued, at stage 0 of a new pipeline. While skinning, a joint goes the packet's way.
+/// The issued slot, at stage 0 of a new pipeline. During skinning the fields of the packet carry a joint.
 pub(super) fn enter<'b>(
     plan: &Plan,
     m: &'b Builder,
     inputs: &Inputs<Signal<'b>>,
     issue: &Issue<'b>,
 ) -> Slot<'b> {
-    m.comment("What goes with a slot.");
+    m.comment("The data of a slot in the pipeline.");
     let p = m.pipeline();
     let test = p.enter(issue.is_test()).cleared_by_reset();
-    // What a reset leaves of it is written long before a packet comes for it.
+    // The state after a reset is overwritten before the first packet uses it.
     let in_box = p.enter(issue.is_transform(BOX_SLOT).named("in_box_slot"));
     let direction = p.enter(
         issue
@@ -169,7 +169,7 @@ pub(super) fn enter<'b>(
     let origin = p
         .enter(issue.is_transform(ORIGIN_SLOT).named("in_origin_slot"))
         .cleared_by_reset();
-    // A joint goes the packet's way, and beside it with the bits that it has more.
+    // The fields of the packet carry the low bits of a joint; an additional field carries its high bits.
     let (skinning, joint) = (inputs.skinning, inputs.skin_issue.payload.influence.joint);
     let (joint_width, pb) = (joint.width(), plan.packet_bits());
     let joint_low = joint.extend(joint_width.max(pb)).low(pb);
@@ -203,7 +203,7 @@ pub(super) fn enter<'b>(
     }
 }
 
-/// The number of the lowest bit that is set, and the rest without it.
+/// The index of the lowest bit that is set, and the mask without this bit.
 fn lowest<'b>(m: &'b Builder, mask: Signal<'b>, bits: u32) -> (Signal<'b>, Signal<'b>) {
     let width = mask.width();
     let choices: Vec<_> = (0..width)

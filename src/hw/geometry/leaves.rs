@@ -1,4 +1,4 @@
-//! Leaf store: what is needed of a packet's leaf when its rays leave the test.
+//! Leaf store: the data of a packet's leaf that is needed when its rays leave the test.
 
 use super::Inputs;
 use super::fetch::Fetch;
@@ -11,25 +11,25 @@ use crate::hw::plan::Plan;
 use crate::hw::ray::{Context, Start};
 
 bundle! {
-    /// Where an object begins.
+    /// The root of an object.
     struct Root(plan: &Plan) {
         address: plan.address(),
         leaf: 1,
     }
 }
 
-/// What is read of leaves.
+/// The data read from the leaf store.
 pub(super) struct Leaves<'b> {
-    /// Where the packet starts that is announced by `setup_next_packet`, [`Plan::read_latency`] clocks later.
+    /// The start of the packet given by `setup_next_packet`, [`Plan::read_latency`] cycles later.
     pub start: Start<Signal<'b>>,
-    /// Of the leaf whose ray is merged.
+    /// The context of the leaf whose ray is merged.
     pub context: Context<Signal<'b>>,
     pub triangle_number: Signal<'b>,
     pub instance_number: Signal<'b>,
     pub traced: Option<Traced<'b>>,
 }
 
-/// Where leaves lie, for trace ports alone.
+/// Addresses of leaves, for trace ports only.
 pub(super) struct Traced<'b> {
     /// The leaf whose ray is merged.
     pub merged: Signal<'b>,
@@ -37,7 +37,7 @@ pub(super) struct Traced<'b> {
     pub instance: Signal<'b>,
 }
 
-/// Writes leaves as they are taken and their records as they come, and reads both for slots that leave.
+/// Writes leaves when they are accepted and records when they arrive, and reads both for the slots that leave the test.
 pub(super) fn keep<'b>(
     plan: &Plan,
     m: &'b Builder,
@@ -47,7 +47,7 @@ pub(super) fn keep<'b>(
     stages: &Stages,
     object_leaves_at: u32,
 ) -> Leaves<'b> {
-    m.comment("Leaves as they are taken, the numbers and roots of their records, and what is read of them.");
+    m.comment("Leaves, the numbers and roots in their records, and the reads of both.");
     let packets = plan.packets();
     let (root, context) = (Root::of(plan), Context::of(plan));
     let leaf = inputs.leaf.payload;

@@ -1,4 +1,4 @@
-//! Hit merge: a ray's closest hit, and which of a packet's rays have hit something.
+//! Hit merge: the closest hit of each ray, and the hit mask of each packet.
 
 use super::issue::Slot;
 use super::leaves::Leaves;
@@ -11,7 +11,7 @@ use crate::hw::ray::{Context, Hit, InContext, Limit};
 use crate::hw::triangle;
 
 bundle! {
-    /// A ray's closest hit as it is kept.
+    /// The stored closest hit of a ray.
     struct Closest(plan: &Plan) {
         t: plan.number(),
         u: plan.number(),
@@ -21,7 +21,7 @@ bundle! {
     }
 }
 
-/// What the merge says of a slot, a clock behind the test.
+/// The result of the merge of a slot, one cycle after the test.
 pub(super) struct Merge<'b> {
     pub limit: Flow<Limit<Signal<'b>>, Signal<'b>>,
     pub done: Flow<InContext<Signal<'b>>, Signal<'b>>,
@@ -29,8 +29,8 @@ pub(super) struct Merge<'b> {
     pub trace: Option<Flow<TestTrace<Signal<'b>>, Signal<'b>>>,
 }
 
-/// Merges a test with its ray's closest hit, in the clock behind [`Stages::hit`](super::stages::Stages::hit). A closest hit that is asked
-/// for at the ports is there a clock later.
+/// Merges the result of a test with the closest hit of its ray, in the cycle after [`Stages::hit`](super::stages::Stages::hit). A
+/// closest hit that is read at the ports is valid one cycle after its address.
 pub(super) fn merge<'b>(
     plan: &Plan,
     m: &'b Builder,
@@ -40,7 +40,7 @@ pub(super) fn merge<'b>(
     ray: Kept<Signal<'b>>,
     test: &triangle::Outputs<Signal<'b>>,
 ) -> Merge<'b> {
-    m.comment("The merge: a hit replaces the ray's closest one if it is closer, or as close and of a lower instance and triangle.");
+    m.comment("Merge: a hit replaces the ray's closest hit if it is closer, or equally close with a lower instance and triangle number.");
     let w = plan.number();
     let word = Closest::of(plan);
     let rays = plan.rays_in_flight();
@@ -104,7 +104,7 @@ pub(super) fn merge<'b>(
     }
 }
 
-/// Whether a hit replaces the ray's closest one, a register behind the test.
+/// Whether a hit replaces the ray's closest one, one register after the test.
 fn replaces<'b>(
     plan: &Plan,
     m: &'b Builder,
@@ -120,7 +120,7 @@ fn replaces<'b>(
     let old = Closest::of(plan).unpack(plan.read(closest, slot.index.at(read_at)));
     let touched = leaf.context.touched;
     let was_touched = bit_of(m, touched, slot.ray.at(merge_at)).named("was_touched");
-    // Distances of hits, where the decision counts: not less than tmin.
+    // The result is used for hits only, and their distances are at least tmin.
     let [new_t, old_t] = [test.t, old.t].map(|t| t.known(Known::Positive));
     let closer = less(f, "closer", new_t, old_t).named("closer");
     let as_close = equal(f, "as_close", new_t, old_t).named("as_close");
@@ -134,7 +134,7 @@ fn replaces<'b>(
         .register()
 }
 
-/// Gathers over a leaf's rays which have hit something, and says with the last one that the leaf is done.
+/// Collects the hit mask over the rays of a leaf, and signals the completion of the leaf with the last ray.
 fn gather<'b>(
     plan: &Plan,
     m: &'b Builder,
@@ -143,7 +143,7 @@ fn gather<'b>(
     merged: Flow<Limit<Signal<'b>>, Signal<'b>>,
     merged_at: u32,
 ) -> Flow<InContext<Signal<'b>>, Signal<'b>> {
-    m.comment("Which rays have hit something, gathered over the triangle's rays.");
+    m.comment("The hit mask, collected over the rays of the leaf.");
     let gathered = m.reg("gathered", plan.rays());
     let ray = merged.payload.ray;
     let one_hot: Vec<_> = (0..plan.rays())
@@ -164,7 +164,7 @@ fn gather<'b>(
     Flow::new(is_last.untimed(), done)
 }
 
-/// The bit of a word that an index names.
+/// The bit of a word with the given index.
 fn bit_of<'b>(m: &'b Builder, word: Signal<'b>, index: Signal<'b>) -> Signal<'b> {
     let bits: Vec<_> = (0..word.width()).map(|i| word.bit(i)).collect();
     m.select(index, &bits)

@@ -1,4 +1,4 @@
-//! Object rays: rays that the test has transformed leave for ray setup, each with its interval in the instance's box.
+//! Object rays: sends transformed rays to ray setup, each with its interval in the instance's box.
 
 use super::issue::Slot;
 use super::leaves::Traced;
@@ -11,14 +11,14 @@ use crate::hw::plan::{AXES, Plan};
 use crate::hw::ray::{Interval, Limits, Line, Place};
 use crate::hw::triangle;
 
-/// A ray in an object's space, and when it leaves.
+/// A ray in object space, and its valid bit.
 pub(super) struct ObjectRay<'b> {
     pub leaves_at: u32,
     pub ray: Flow<Moved<Signal<'b>>, Signal<'b>>,
 }
 
 impl<'b> ObjectRay<'b> {
-    /// What trace ports show of it.
+    /// The values of the trace ports.
     pub fn trace(
         &self,
         rays: &Rays<'b>,
@@ -36,7 +36,7 @@ impl<'b> ObjectRay<'b> {
     }
 }
 
-/// Keeps windows as they are measured, and joins direction and origin. A ray leaves a register behind [`Stages::object`], or two.
+/// Stores the windows from box slots, and joins direction and origin. A ray leaves one or two registers after [`Stages::object`].
 pub(super) fn leave<'b>(
     plan: &Plan,
     m: &'b Builder,
@@ -45,7 +45,7 @@ pub(super) fn leave<'b>(
     rays: &Rays<'b>,
     tested: &triangle::Outputs<Signal<'b>>,
 ) -> ObjectRay<'b> {
-    m.comment("A ray's window is kept as soon as its box slot has it.");
+    m.comment("The window of a ray is stored when its box slot leaves the test.");
     let new_window = Interval::of(plan)
         .pack(Interval {
             near: tested.box_near,
@@ -57,13 +57,13 @@ pub(super) fn leave<'b>(
         slot.index.at(stages.boxed).untimed(),
         new_window,
     );
-    m.comment("The direction waits for the origin, a clock behind it; then the transformed ray leaves, with its interval.");
+    m.comment("The direction waits for the origin, which follows one cycle later; then the transformed ray leaves, with its interval.");
     let moved = tested.moved;
     let moved_direction = [0, 1, 2].map(|i| {
         let held = m.reg(format!("moved_direction_{}", AXES[i]), plan.number());
         let comes = slot.direction.at(stages.moved).untimed();
         held.next_when(comes, moved[i].untimed());
-        // It stays until the next ray's, three clocks later.
+        // It is stable until that of the next ray, three cycles later.
         let stage = stages.object.min(stages.moved + 2);
         slot.pipeline.enter_at(held.q, stage)
     });

@@ -1,4 +1,4 @@
-//! Operands: what the triangle test takes with a slot, and what the skinning processor is given of its results.
+//! Operands: the inputs of the triangle test for each slot, and its results for the skinning processor.
 
 use super::Inputs;
 use super::issue::Slot;
@@ -11,8 +11,8 @@ use crate::hw::ray::{Tested, Vector};
 use crate::hw::skinning::{Operands, Weighted};
 use crate::hw::triangle::{self, Pairs};
 
-/// The test's inputs. A slot takes the ray's origin or its direction as the point that a matrix is applied to; the skinning
-/// processor gives points, weights and pairs of its own, at [`Stages::weight`] and [`Stages::sums`].
+/// The inputs of the test. The point of a matrix slot is the origin or the direction of the ray; the skinning processor provides
+/// its own points, weights and pairs, at [`Stages::weight`] and [`Stages::sums`].
 pub(super) fn operands<'b>(
     plan: &Plan,
     m: &'b Builder,
@@ -22,7 +22,7 @@ pub(super) fn operands<'b>(
     vectors: Vectors<'b>,
     rays: &Rays<'b>,
 ) -> triangle::Inputs<Signal<'b>> {
-    m.comment("The test, and what it lends its operators to.");
+    m.comment("The triangle test, and the operands of the computations that share its operators.");
     let p = slot.pipeline;
     let read = plan.read_latency();
     let is_direction = slot.direction.at(read).named("point_is_direction");
@@ -63,7 +63,7 @@ pub(super) fn operands<'b>(
     }
 }
 
-/// An influence's point moved and weighted, when the test has it, with the mark that came with it.
+/// The transformed and weighted point of an influence, when it leaves the test, with the mark of the influence.
 pub(super) fn weighted<'b>(
     inputs: &Inputs<Signal<'b>>,
     slot: &Slot<'b>,

@@ -1,9 +1,9 @@
-//! What is proved of the geometry unit: a leaf that it takes is in one place and leaves once, under its own packet's number, as a
-//! triangle or as an instance as it came; its rays go into the test once each, and not before every one of its vertices is there; no
-//! queue overflows; what is asked for stays asked for until it is taken, once; and a leaf that is here moves, or waits for memory.
+//! Properties of the geometry unit: an accepted leaf is in one place and leaves once, with its own packet number and its kind
+//! (triangle or instance) unchanged; its rays enter the test once each, and not before all of its vertices have arrived; no queue
+//! overflows; a request is stable until it is accepted, once; and a leaf makes progress or waits for memory.
 //!
-//! It is assumed that a packet has one leaf here at a time, with a ray in its mask, that skinning borrows the unit when none is here, and
-//! that memory answers what it was asked, once. Every packet is watched: the machine of the proof has few.
+//! Assumptions: a packet has at most one leaf in the unit, with a ray in its mask; skinning uses the unit only without leaves; memory
+//! responds once to each request. Every packet is watched, because the machine of the proof has few.
 
 use super::fetch::{CORNER_BITS, Fetch, Job};
 use super::issue::{Issue, ORIGIN_SLOT, Slot};
@@ -14,12 +14,12 @@ use crate::hdl::{Builder, Bundle, Flow, Proof, ReadPort, Reg, Request, Signal, S
 
 /// Vertices or vectors that a leaf's requests can number.
 const CORNERS: u32 = 1 << CORNER_BITS;
-/// Bits that count a leaf's vertices or vectors.
+/// Width of a count of a leaf's vertices or vectors.
 const COUNT_BITS: u32 = CORNER_BITS + 1;
-/// Bits of the clocks since a leaf's last slot went into the test: enough for all stages of the test.
+/// Width of the cycles since a leaf's last slot entered the test: enough for all stages of the test.
 const AGE_BITS: u32 = 8;
 
-/// Slots of one kind on their way through the test, at each register behind its entrance up to where they leave.
+/// Slots of one kind in the test, at each register from its input to its output.
 pub(super) struct Passage<'b> {
     pub valid: Vec<Signal<'b>>,
     /// Whether the slot is its leaf's last.
@@ -49,19 +49,19 @@ pub(super) struct Unit<'b> {
     pub moves: Passage<'b>,
 }
 
-/// The packets whose leaf is in a place, a bit each.
+/// The packets whose leaf is in each place, one bit per packet.
 struct Places<'b> {
-    /// Its record is asked for.
+    /// Its record is requested.
     record: Reg<'b>,
-    /// Its vertices are being asked for.
+    /// Its vertices are being requested.
     job: Reg<'b>,
-    /// All its vertices are asked for, and not all there.
+    /// All its vertices are requested, and not all have arrived.
     owed: Reg<'b>,
-    /// All its vertices are there.
+    /// All its vertices have arrived.
     ready: Reg<'b>,
-    /// Its rays are in the test's entrance.
+    /// Its rays are being issued.
     now: Reg<'b>,
-    /// All its rays are in the test.
+    /// All its rays are issued.
     out: Reg<'b>,
 }
 
@@ -79,15 +79,15 @@ impl<'b> Places<'b> {
     }
 }
 
-/// What is remembered of a packet's leaf.
+/// The state that the proof records of a packet's leaf.
 struct Leaf<'b> {
     is_instance: Signal<'b>,
     mask: Signal<'b>,
-    /// Vertices or vectors that it has, that it has asked for, and that have come.
+    /// The numbers of its vertices or vectors: in all, requested, and arrived.
     vertices: Signal<'b>,
     asked: Signal<'b>,
     arrived: Signal<'b>,
-    /// Clocks since its last slot went into the test.
+    /// Cycles since its last slot entered the test.
     age: Signal<'b>,
 }
 
@@ -127,12 +127,12 @@ impl<'b> Unit<'b> {
         self.issue.busy.module()
     }
 
-    /// Whether the leaf in the test's entrance leaves it.
+    /// Whether the last ray of the current leaf is issued.
     fn issued_last(&self) -> Signal<'b> {
         self.issue.busy & self.issue.now_last
     }
 
-    /// Whether a packet goes on in an object's space.
+    /// Whether a packet continues in object space.
     fn moved(&self) -> Signal<'b> {
         self.outputs.object.valid & self.outputs.object.payload.place.last
     }
@@ -188,7 +188,7 @@ impl<'b> Unit<'b> {
         places
     }
 
-    /// Remembers of a packet's leaf what came with it, and counts its vertices.
+    /// Records a packet's leaf, and counts its vertices.
     fn leaf(&self, proof: &Proof<'b>, packet: u32) -> Leaf<'b> {
         let m = self.module();
         let reg = |name: &str, width| proof.reg(&format!("{name}_{packet}"), width);
@@ -240,11 +240,11 @@ impl<'b> Unit<'b> {
         );
         let last_vector = last(VECTORS_OF_INSTANCE);
         proof.fault(
-            "the last vertex is not asked for",
+            "the last vertex is not requested",
             (self.fetch.requests.last_corner.literal_of(last_vector)).as_value(last_vector - 1),
         );
         proof.fault(
-            "a vertex counts as asked for before it is taken",
+            "a vertex counts as requested before the request is accepted",
             (self
                 .fetch
                 .requests
@@ -253,7 +253,7 @@ impl<'b> Unit<'b> {
             .as_value(1),
         );
         proof.fault(
-            "a leaf is taken while another's rays are issued",
+            "a leaf is accepted while the rays of another one are issued",
             self.issue.idle_next.fault().as_value(1),
         );
         proof.fault(
@@ -266,7 +266,7 @@ impl<'b> Unit<'b> {
 pub(super) fn conserves<'b>(unit: &Unit<'b>) {
     let proof = &unit.module().proof(
         "conserves",
-        "a leaf is in one place and leaves once, its rays tested once each when all is there, ports, nothing locks up",
+        "a leaf is in one place and leaves once; its rays are tested once each, when it is complete; stable ports; no deadlock",
     );
     unit.fetch.requests.queue.keep(proof);
     unit.issue.queue.keep(proof);
@@ -288,18 +288,18 @@ pub(super) fn conserves<'b>(unit: &Unit<'b>) {
     }
 }
 
-/// The unit, with what is remembered of it.
+/// The unit, with the recorded state.
 struct Watched<'a, 'b> {
     unit: &'a Unit<'b>,
     proof: &'a Proof<'b>,
     places: Places<'b>,
     /// The packets whose leaf is in any place.
     here: Signal<'b>,
-    /// The vertices that memory owes, by their tags.
+    /// The outstanding vertex requests, by tag.
     owed_vertices: Signal<'b>,
-    /// Of the leaf in the test's entrance, the rays that are issued.
+    /// The issued rays of the current leaf.
     issued: Signal<'b>,
-    /// Whether what counts by packet is being cleared after a reset, and of which packet.
+    /// Whether the counts per packet are being cleared after a reset, and the current packet.
     sweeping: Signal<'b>,
     swept: Signal<'b>,
     leaves: Vec<Leaf<'b>>,
@@ -351,7 +351,7 @@ impl<'a, 'b> Watched<'a, 'b> {
         }
     }
 
-    /// What those who use the unit promise.
+    /// Makes the assumptions on the environment.
     fn assume_inputs(&self) {
         let (proof, inputs, here) = (self.proof, &self.unit.inputs, self.here);
         let Flow {
@@ -363,23 +363,23 @@ impl<'a, 'b> Watched<'a, 'b> {
             inputs.instanced.eq(proof.past(inputs.instanced)),
         );
         proof.assume(
-            "what counts by packet is cleared after a reset",
+            "the counts per packet are cleared after a reset",
             inputs.sweep.eq(self.sweeping) & inputs.sweep_packet.eq(self.swept),
         );
         proof.assume(
-            "no leaf and no vertex comes while that is cleared",
+            "no leaf and no vertex arrives while these are cleared",
             !(inputs.sweep & (leaf_valid | inputs.vertex.response.valid)),
         );
         proof.assume(
-            "no leaf is here or comes while a mesh is skinned",
+            "no leaf is in the unit or arrives while a mesh is skinned",
             !(inputs.skinning & (leaf_valid | here.any())),
         );
         proof.assume(
-            "a packet has one leaf here at a time, with a ray in its mask",
+            "a packet has one leaf in the unit at a time, with a ray in its mask",
             leaf_valid.implies(!here.bit_at(leaf.packet) & leaf.mask.any()),
         );
         proof.assume(
-            "a leaf that is not taken stays",
+            "a leaf is stable until it is accepted",
             shown_stays(
                 proof,
                 leaf_valid,
@@ -389,7 +389,7 @@ impl<'a, 'b> Watched<'a, 'b> {
         );
     }
 
-    /// An answer is of something asked for; and what comes out of a queue went in.
+    /// Assumes that responses belong to requests, and that queues return the words pushed.
     fn assume_returns(&self) {
         let (fetch, issue) = (&self.unit.fetch, &self.unit.issue);
         let (record, vertex) = (self.unit.inputs.record, self.unit.inputs.vertex);
@@ -404,13 +404,13 @@ impl<'a, 'b> Watched<'a, 'b> {
         ] {
             let as_it_came = of.instance.eq(self.instances.bit_at(of.packet));
             self.proof.assume(
-                "records and queues give back what they were given",
+                "records and queues return the packets that they were given",
                 shown.implies(place.q.bit_at(of.packet) & as_it_came),
             );
         }
         let Flow { valid, payload } = vertex.response;
         self.proof.assume(
-            "memory gives vertices that it was asked for, once",
+            "memory responds once to each vertex request",
             valid.implies(self.owed_vertices.bit_at(payload.tag)),
         );
     }
@@ -430,22 +430,22 @@ impl<'a, 'b> Watched<'a, 'b> {
         let (requests, ready) = (&self.unit.fetch.requests, &self.unit.issue.queue);
         let jobs_held = self.held(&requests.queue);
         proof.assert(
-            "as many leaves are in the vertex queue as it holds",
+            "the number of leaves in the vertex queue is its count",
             jobs_held.eq(places.job.q.count_ones(jobs_held.width())),
         );
         let ready_held = self.held(ready);
         proof.assert(
-            "as many leaves are in the ready queue as it holds",
+            "the number of leaves in the ready queue is its count",
             ready_held.eq(places.ready.q.count_ones(ready_held.width())),
         );
         proof.assert(
-            "vertices are asked for from the first on",
+            "vertices are requested starting with the first",
             requests.queue.valid | requests.corner.is_zero(),
         );
         requests.queue.assert_settles(proof);
     }
 
-    /// How many leaves a queue holds, in one bit more than its own count has: what it holds is in two places.
+    /// The number of leaves in a queue, with one bit more than its count, because its words are in two places.
     fn held(&self, queue: &Placed<'b>) -> Signal<'b> {
         queue.count(queue.count_bits() + 1)
     }
@@ -455,7 +455,7 @@ impl<'a, 'b> Watched<'a, 'b> {
         let in_entrance = self.unit.of_packet(issue.busy, issue.now_packet);
         let as_it_came = (issue.now_instance).eq(self.instances.bit_at(issue.now_packet));
         proof.assert(
-            "one leaf is in the test's entrance, as it came",
+            "one leaf is being issued, unchanged",
             self.places.now.q.eq(in_entrance) & issue.busy.implies(as_it_came),
         );
         let last_slot = (issue.now_instance).mux(m.lit(ORIGIN_SLOT, 2), m.zero(2));
@@ -488,11 +488,11 @@ impl<'a, 'b> Watched<'a, 'b> {
         );
         let (was_here, instance) = self.was_out(outputs.object.payload.place.packet);
         proof.assert(
-            "a packet that goes on in an object was here, at an instance",
+            "a packet that continues in object space was here, at an instance",
             self.unit.moved().implies(was_here & instance),
         );
         proof.assert(
-            "nothing is here until what counts by packet is clear",
+            "no leaf is here until the counts per packet are clear",
             self.sweeping.implies(self.here.is_zero()),
         );
     }
@@ -507,7 +507,7 @@ impl<'a, 'b> Watched<'a, 'b> {
         let asks = unit.vertex_requests().valid;
         let memory = places.record.q.any() | self.owed_vertices.any() | asks;
         self.proof.assert(
-            "a leaf that is here moves, or waits for memory",
+            "a leaf makes progress or waits for memory",
             self.here.any().implies(moves | memory),
         );
     }
@@ -528,7 +528,7 @@ impl<'a, 'b> Watched<'a, 'b> {
             })
             .collect();
         proof.assert(
-            "the last slot of a leaf in the test is of one that is there",
+            "the last slot of a leaf in the test belongs to a leaf in the unit",
             self.unit.module().concat(&strays).is_zero(),
         );
         Ends {
@@ -560,7 +560,7 @@ impl<'a, 'b> Watched<'a, 'b> {
         let [as_triangle, as_instance] =
             ends.map(|Ends { end, packet }| end.at(leaf.age) & is_p(packet.at(leaf.age)));
         assert(
-            "all of whose rays are issued is in the test until it leaves",
+            "with all rays issued is in the test until it leaves",
             at(places.out.q).implies(leaf.is_instance.mux(as_instance, as_triangle)),
         );
 
@@ -569,22 +569,22 @@ impl<'a, 'b> Watched<'a, 'b> {
         let at_front = requests.queue.valid & is_p(requests.job.packet);
         let next = at_front.mux(requests.corner.extend(COUNT_BITS), m.zero(COUNT_BITS));
         assert(
-            "vertices are asked for in turn, by the leaf at the front",
+            "vertices are requested in order, for the leaf at the front",
             is_job.implies(leaf.asked.eq(next) & leaf.asked.lt(leaf.vertices)),
         );
         assert(
-            "a leaf leaves the queue when all its vertices are asked for",
+            "a leaf leaves the queue when all its vertices are requested",
             is_owed.implies(leaf.asked.eq(leaf.vertices) & leaf.arrived.lt(leaf.vertices)),
         );
         let owed = self.owed_vertices.field(p * CORNERS, CORNERS);
         let sum_bits = COUNT_BITS + 1;
         let known = owed.count_ones(sum_bits) + leaf.arrived.extend(sum_bits);
         assert(
-            "every vertex asked for is owed or has arrived",
+            "every requested vertex is outstanding or has arrived",
             fetching.implies(known.eq(leaf.asked.extend(sum_bits))),
         );
         assert(
-            "no vertex is owed that was not asked for",
+            "no vertex is outstanding without a request",
             fetching.mux(owed.shr(leaf.asked).is_zero(), owed.is_zero()),
         );
 
@@ -594,7 +594,7 @@ impl<'a, 'b> Watched<'a, 'b> {
         assert("arrivals are counted", to_be_swept | count.eq(counted));
         let with_this = leaf.arrived + m.lit(1u8, COUNT_BITS);
         assert(
-            "a leaf is complete when all its vertices are there",
+            "a leaf is complete when all its vertices have arrived",
             (arrival.complete & is_p(arrival.of.packet))
                 .implies(is_owed & with_this.eq(leaf.vertices)),
         );

@@ -1,4 +1,4 @@
-//! Ray store: what tests and transformations need of a ray, by its packet and its place there.
+//! Ray store: the data of a ray for tests and transformations, by packet and slot.
 
 use super::issue::Slot;
 use super::stages::Stages;
@@ -7,26 +7,26 @@ use crate::hdl::{Builder, Flow, Memory, Signal, Signals, Specs, Style};
 use crate::hw::plan::Plan;
 use crate::hw::ray::{Interval, Limits, Tested, Vector};
 
-/// What a slot reads of its ray.
+/// The data that a slot reads of its ray.
 pub(super) struct Rays<'b> {
     /// At stage [`Plan::read_latency`].
     pub tested: Tested<Signal<'b>>,
     pub direction: [Signal<'b>; 3],
-    /// At [`Stages::window`]: the interval that clips a test, that of the instance in an object's space.
+    /// At [`Stages::window`]: the interval that clips a test; in object space, the interval in the instance.
     pub window: Interval<Signal<'b>>,
     /// At [`Stages::limits`].
     pub kept: Kept<Signal<'b>>,
     /// At [`Stages::shear_z`].
     pub shear_z: Option<Signal<'b>>,
-    /// At [`Stages::object`]: what limits the ray in the instance's object.
+    /// At [`Stages::object`]: the interval that limits the ray in the object of the instance.
     pub own_window: Interval<Signal<'b>>,
     pub own_limits: Limits<Signal<'b>>,
-    /// The intervals in instances' boxes, which are written where they are measured.
+    /// The intervals in the boxes of instances, written when their box slots leave the test.
     pub windows: Memory<'b>,
 }
 
-/// Writes rays as they are set up, and reads those of slots. A ray's limits and direction in the world are kept while it is
-/// in an object's space; all else is kept for each space.
+/// Writes rays from ray setup, and reads them for slots. The limits and the direction in world space are kept while a ray is
+/// in object space; all other data is stored per space.
 pub(super) fn keep<'b>(
     plan: &Plan,
     m: &'b Builder,
@@ -34,7 +34,7 @@ pub(super) fn keep<'b>(
     slot: &Slot<'b>,
     stages: &Stages,
 ) -> Rays<'b> {
-    m.comment("Rays as they are set up.");
+    m.comment("Rays from ray setup.");
     let w = plan.number();
     let by_ray = plan.rays_in_flight();
     let by_level_ray = plan.level_rays_in_flight();
@@ -93,7 +93,7 @@ pub(super) fn keep<'b>(
     }
 }
 
-/// A ray's direction in the world, where the test itself needs none.
+/// The direction of a ray in world space, in the configuration whose test does not need it.
 fn world_direction<'b>(
     plan: &Plan,
     m: &'b Builder,

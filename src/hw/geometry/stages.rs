@@ -1,10 +1,10 @@
-//! The stages at which the triangle test takes and gives what, counted from the clock in which a slot is issued.
+//! The stages of the triangle test's inputs and outputs, counted from the cycle in which a slot is issued.
 
 use super::Plan;
 use crate::hdl::{Builder, Module, Spec};
 use crate::hw::triangle;
 
-/// Stages of the pipeline of slots. A memory is read [`Plan::read_latency`] stages before its word is needed.
+/// The stages of the pipeline of slots. A memory is read [`Plan::read_latency`] stages before its word is needed.
 pub(super) struct Stages {
     /// The test's first inputs.
     pub test: u32,
@@ -14,22 +14,22 @@ pub(super) struct Stages {
     pub limits: u32,
     pub shear_z: Option<u32>,
     pub weight: u32,
-    /// Pairs to be added, and whether they are.
+    /// The pairs to add, and `accumulate`.
     pub sums: u32,
     /// A ray's interval in a box.
     pub boxed: u32,
     /// A point moved by a matrix.
     pub moved: u32,
-    /// From when on a ray in an object's space can leave.
+    /// The first stage at which a ray in object space can leave.
     pub object: u32,
-    /// What a test says.
+    /// The result of a test.
     pub hit: u32,
 }
 
 impl Stages {
     pub fn of(plan: &Plan, m: &Builder, test: &Module) -> Stages {
         let read = plan.read_latency();
-        // The point that the test takes is chosen among three; where the clock asks for it, the test starts a clock after the choice.
+        // The point is selected from three sources. If the target clock requires it, the test starts one cycle after this multiplexer.
         let start = read + plan.choose_latency();
         let ports = triangle::ports(plan);
         let of = |port: &Spec| port.stage(m, test) + start;
@@ -46,7 +46,7 @@ impl Stages {
             sums: of(&inputs.accumulate),
             boxed,
             moved,
-            // The box's slot is two clocks ahead of the origin's: its window can be read from stage boxed - 1 of the origin's on.
+            // The box slot is two cycles ahead of the origin slot: its window can be read from stage boxed - 1 of the origin slot on.
             object: moved.max(boxed + read - 1),
             hit: of(&outputs.hit),
         }

@@ -1,6 +1,6 @@
-//! Vector store: where vertices, instances' vectors and joints' matrices are kept.
+//! Vector store: the memories of vertices, vectors of instances, and matrices of joints.
 //!
-//! | memory | by packet | behind, by packet | behind, by joint |
+//! | memory | by packet | above, by packet | above, by joint |
 //! |---|---|---|---|
 //! | `vertex0_memory` | first vertex, or c_x | least corner of the instance's box | p_x |
 //! | `vertex1_memory` | second vertex, or c_y | greatest corner | p_y |
@@ -16,15 +16,15 @@ use crate::hdl::{Builder, Flow, Memory, Signal, Signals, Specs, Style};
 use crate::hw::plan::{AXES, Plan};
 use crate::hw::triangle::Corners;
 
-/// What a slot reads.
+/// The data that a slot reads.
 pub(super) struct Vectors<'b> {
-    /// At the test's first stage.
+    /// At the first stage of the test.
     pub corners: Corners<Signal<'b>>,
-    /// From [`Stages::translation`] on. A direction is not moved: it has the translation +0.
+    /// From [`Stages::translation`] on. It is +0 for a direction, which is not translated.
     pub translation: [Signal<'b>; 3],
 }
 
-/// Writes vertices and vectors as they arrive or, while skinning, columns of matrices; reads what a slot needs.
+/// Writes vertices and vectors when they arrive or, during skinning, columns of matrices; reads the data of each slot.
 pub(super) fn keep<'b>(
     plan: &Plan,
     m: &'b Builder,
@@ -33,11 +33,13 @@ pub(super) fn keep<'b>(
     slot: &Slot<'b>,
     stages: &Stages,
 ) -> Vectors<'b> {
-    m.comment("Vertices and vectors by packet, or a palette's columns by joint.");
+    m.comment(
+        "Vertices and vectors per packet; during skinning, the columns of the palette per joint.",
+    );
     let (corners, translations) = write(plan, m, inputs, arrival);
     let read = plan.read_latency();
     let vertex = fields::Vertex::of(plan.format);
-    // Above the packet: whether its box is wanted, or the rest of a joint; and whether it is a joint.
+    // The address bits above the packet: whether its box is read, or the high bits of a joint; and whether it is a joint.
     let joint_width = inputs.skin_palette.payload.joint.width();
     let bits = plan.level_packet_bits().max(joint_width);
     let above_packet = match slot.joint_high {

@@ -1,4 +1,4 @@
-//! Hits that leave.
+//! Output of hits.
 
 use crate::hdl::fifo::Placed;
 use crate::hdl::{Builder, Flow, HdlError, Signal, Specs};
@@ -6,25 +6,25 @@ use crate::hw::plan::Plan;
 use crate::hw::ray::Hit;
 use crate::hw::tpu::Finished;
 
-/// The packet whose hits go out, and the hit that is shown.
+/// The packet whose hits are output, and the current hit.
 pub(super) struct Hits<'b> {
     pub finished: Placed<'b>,
-    /// Whether a finished packet's turn comes.
+    /// Whether the next finished packet is loaded.
     pub load: Signal<'b>,
-    /// The packet whose turn it is, with which of its rays have hit something, and whether there is one.
+    /// The current packet and its hit mask, as one word, and its valid bit.
     pub out: Signal<'b>,
     pub out_valid: Signal<'b>,
     pub packet: Signal<'b>,
-    /// The ray whose hit is shown, and the one whose hit is read.
+    /// The ray whose hit is output, and the ray whose hit is read.
     pub ray: Signal<'b>,
     pub next_ray: Signal<'b>,
     pub taken: Signal<'b>,
-    /// Whether the packet's last hit is taken.
+    /// Whether the packet's last hit is accepted.
     pub leaves: Signal<'b>,
     pub hit: Flow<Hit<Signal<'b>>, Signal<'b>>,
 }
 
-/// Hands out the hits of finished packets, ray by ray. `read` is what is kept of the packet's next ray, a clock after it was asked for.
+/// Outputs the hits of finished packets, ray by ray. `read` is the closest hit of the packet's next ray, one cycle after its address.
 pub(super) fn hits<'b>(
     m: &'b Builder,
     plan: &Plan,
@@ -34,7 +34,7 @@ pub(super) fn hits<'b>(
 ) -> Result<Hits<'b>, HdlError> {
     let (pb, rb, rays) = (plan.packet_bits(), plan.ray_bits(), plan.rays());
     let of_finished = Finished::of(plan);
-    m.comment("Finished packets hand out their hits ray by ray. The word read is always that of the ray shown next.");
+    m.comment("Finished packets output their hits ray by ray. The word that is read belongs to the next ray to be output.");
     let take_finished = m.wire("take_finished", 1);
     let queue = plan.queue(
         "finished_queue",

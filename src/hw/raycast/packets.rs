@@ -1,4 +1,4 @@
-//! Packet numbers, and the packets that rays of the world come in.
+//! Packet numbers, and the packets of arriving rays.
 
 use super::FromHits;
 use crate::hdl::fifo::Placed;
@@ -6,28 +6,28 @@ use crate::hdl::{Builder, HdlError, Memory, Signal, Style};
 use crate::hw::plan::Plan;
 use crate::hw::ray::Place;
 
-/// Packet numbers, and the ray of the world that comes.
+/// Packet numbers, and the arriving ray.
 pub(super) struct Packets<'b> {
-    /// After reset, whether packet numbers are counted out, and which.
+    /// Whether packet numbers are being initialised after a reset, and the current number.
     pub sweeping: Signal<'b>,
     pub sweep_packet: Signal<'b>,
     pub free: Placed<'b>,
     pub tags: Memory<'b>,
     pub under_way: Signal<'b>,
     pub some_under_way: Signal<'b>,
-    /// The place of the ray that comes.
+    /// The packet and slot of the arriving ray.
     pub place: Place<Signal<'b>>,
-    /// Whether a ray may come, whether one does, and whether it is its packet's last.
+    /// Whether a ray can be accepted, whether one is, and whether it is its packet's last.
     pub ready: Signal<'b>,
     pub take_ray: Signal<'b>,
     pub enters: Signal<'b>,
-    /// The tag of the packet that the ray is of, and of that whose hits go out.
+    /// The tag of the ray's packet, and the tag of the packet whose hits are output.
     pub tag_in: Signal<'b>,
     pub tag_out: Signal<'b>,
 }
 
-/// Gives each packet of rays that comes a free number, under which its tag is kept, until its last hit has left. A ray waits while one of
-/// an object's space comes, and while `paused`. All in the clock of the ray, or of the hit.
+/// Assigns a free number to each arriving packet until its last hit has left, and stores its tag under this number. A ray waits while
+/// a ray in object space arrives, and while `paused`. All signals are in the cycle of the ray or of the hit.
 pub(super) fn packets<'b>(
     m: &'b Builder,
     plan: &Plan,
@@ -38,7 +38,7 @@ pub(super) fn packets<'b>(
 ) -> Result<Packets<'b>, HdlError> {
     let (rays, packets) = (plan.rays(), plan.packets());
     let (pb, rb) = (plan.packet_bits(), plan.ray_bits());
-    m.comment("After reset every packet number is put into the queue of free ones, and what counts by packet is cleared.");
+    m.comment("After reset, every packet number is pushed to the queue of free numbers, and the counts per packet are cleared.");
     let sweeping = m.reg_reset("sweeping", 1, 1);
     let sweep_packet = m.reg_reset("sweep_packet", pb, 0);
     sweeping.next(sweeping.q & !sweep_packet.q.equals(u128::from(packets) - 1));
@@ -53,7 +53,7 @@ pub(super) fn packets<'b>(
     )?;
     let packet = free.front;
 
-    m.comment("A packet's rays arrive one by one; the first takes a free packet number, the others share it.");
+    m.comment("The rays of a packet arrive one by one; the first takes a free packet number for all of them.");
     let ray = m.reg_reset("place", rb, 0);
     let first = ray.q.is_zero().named("first_ray");
     let last = ray.q.equals(u128::from(rays) - 1).named("last_ray");

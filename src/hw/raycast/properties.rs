@@ -1,10 +1,10 @@
-//! What is proved of the ray casting unit: every packet number is in one place, so no queue overflows and hits leave under the tag that
-//! their rays came with; rays of the world give way to those of an object's space, and none is lost; and of rays and skinning only one has
-//! the geometry unit and its port to vertex memory, whose answers reach who asked.
+//! Properties of the ray casting unit: every packet number is in one place, so no queue overflows, and hits leave with the tag of
+//! their rays; rays in object space have priority over new rays, and none is lost; rays and skinning never use the geometry unit and
+//! its port to vertex memory at the same time, and each response reaches the unit that sent the request.
 //!
-//! It is assumed of the units within what is proved of them: the traversal unit finishes each packet that it was given once, the geometry
-//! unit asks for nothing between packets, the skinning processor for nothing between meshes, and what they show at a port stays. Of memory
-//! it is assumed that it answers what it was asked.
+//! The proved properties of the instantiated units are assumptions: the traversal unit finishes each packet once, the geometry unit
+//! sends no request between packets, the skinning processor none between meshes, and their ports are stable. Memory is assumed to
+//! respond to requests only.
 
 use super::hits::Hits;
 use super::packets::Packets;
@@ -14,10 +14,10 @@ use crate::hdl::properties::{assert_shown_stays, count, shown_stays};
 use crate::hdl::{Bundle, Proof, Signal};
 use crate::hw::plan::Plan;
 
-/// Bits in which packets, and vertices that are owed, are counted.
+/// Width of counts of packets and of outstanding vertices.
 const BITS: u32 = 16;
 
-/// Fewer vertices than this are owed to each unit, so that no count wraps.
+/// The assumed limit of outstanding vertices per unit, so that no count wraps.
 const OWED_BELOW: u32 = 1024;
 
 /// The unit's signals.
@@ -48,7 +48,7 @@ pub(super) fn shares(unit: &Watched<'_, '_>) {
     let m = unit.paused.module();
     let proof = m.proof(
         "shares",
-        "packet numbers are in one place, hits keep their tag, the geometry unit and its port serve one, answers reach who asked",
+        "packet numbers are in one place, hits keep their tag, the geometry unit and its port serve one user, responses reach the requester",
     );
     let proof = &proof;
     unit.packets.free.keep(proof);
@@ -79,11 +79,11 @@ pub(super) fn shares(unit: &Watched<'_, '_>) {
     packets(proof, unit, traversing);
     packet(proof, unit);
     proof.assert(
-        "a ray of the world is taken only where none of an object's space comes",
+        "a new ray is accepted only if no ray in object space arrives",
         !(unit.packets.take_ray & unit.object_valid),
     );
     proof.assert(
-        "a ray waits for nothing but a packet under way, an object's ray or a mesh",
+        "a ray waits only for a packet in flight, a ray in object space or a mesh",
         m.or_all(&[
             unit.packets.sweeping,
             unit.outputs.ray_ready,
@@ -99,7 +99,7 @@ pub(super) fn shares(unit: &Watched<'_, '_>) {
 
 fn seed_faults<'b>(proof: &Proof<'b>, unit: &Watched<'_, 'b>) {
     proof.fault(
-        "a ray is taken where an object's comes",
+        "a ray is accepted while one in object space arrives",
         (unit.outputs.ray_ready.reads(unit.object_valid)).as_value(0),
     );
     proof.fault(
@@ -107,20 +107,20 @@ fn seed_faults<'b>(proof: &Proof<'b>, unit: &Watched<'_, 'b>) {
         unit.paused.reads(unit.skinning).as_value(0),
     );
     proof.fault(
-        "skinning's vertices go to the geometry unit too",
+        "vertices for skinning also reach the geometry unit",
         unit.to_geometry.reads(unit.skinning).as_value(0),
     );
     proof.fault(
-        "a packet is free before its last hit is taken",
+        "a packet is free before its last hit is accepted",
         (unit.hits.leaves.reads(unit.hits.taken)).as_signal(unit.outputs.hit.valid),
     );
     proof.fault(
-        "skinning's requests reach no memory",
+        "requests of skinning do not reach memory",
         (unit.outputs.vertex.request.valid.reads(unit.skinning)).as_value(0),
     );
 }
 
-/// How many packets are where.
+/// Asserts the numbers of packets in each place.
 fn packets<'b>(proof: &Proof<'b>, unit: &Watched<'_, 'b>, traversing: Signal<'b>) {
     let m = proof.module();
     let all = m.lit(unit.plan.packets(), BITS);
@@ -134,38 +134,38 @@ fn packets<'b>(proof: &Proof<'b>, unit: &Watched<'_, 'b>, traversing: Signal<'b>
         unit.hits.finished.push.implies(traversing.any()),
     );
     proof.assert(
-        "every packet under way is traversing, finished or leaving",
+        "every packet in flight is in traversal, finished or leaving",
         under_way.eq(traversing + finished + wide(unit.hits.out_valid)),
     );
     let swept = free.eq(wide(unit.packets.sweep_packet)) & under_way.is_zero();
     proof.assert(
-        "every packet number is free or under way",
+        "every packet number is free or in flight",
         (unit.packets.sweeping).mux(swept, (free + under_way).eq(all)),
     );
     proof.assert(
-        "no more packets are under way than there are",
+        "no more packets are in flight than there are packet numbers",
         under_way.le(all) & traversing.le(all) & finished.le(all),
     );
     proof.assert(
-        "packets are swept once each",
+        "each packet number is initialised once",
         (unit.packets.sweeping).implies(wide(unit.packets.sweep_packet).lt(all)),
     );
     proof.assert(
-        "nothing is pushed to a full queue of free packets",
+        "no number is pushed to a full queue of free packet numbers",
         unit.packets.free.push.implies(free.lt(all)),
     );
     proof.assert(
-        "nothing is pushed to a full queue of finished packets",
+        "no packet is pushed to a full queue of finished packets",
         unit.hits.finished.push.implies(finished.lt(all)),
     );
     proof.assert(
-        "queues are popped only where they show a word",
+        "queues are popped only while they present a word",
         unit.packets.free.pop.implies(unit.packets.free.shows())
             & unit.hits.finished.pop.implies(unit.hits.finished.shows()),
     );
 }
 
-/// One packet number, any: where it is, and the tag that its first ray came with.
+/// Watches one arbitrary packet number: its place, and the tag of its first ray.
 fn packet<'b>(proof: &Proof<'b>, unit: &Watched<'_, 'b>) {
     let m = proof.module();
     let packet = proof.any_const("packet", unit.packets.sweep_packet.width());
@@ -195,19 +195,19 @@ fn packet<'b>(proof: &Proof<'b>, unit: &Watched<'_, 'b>) {
     tag.next_when(enters, unit.packets.place.first.mux(ray_tag, stored));
 
     proof.assume(
-        "a packet that is finished was traversing",
+        "a packet that is finished was in traversal",
         finishes.implies(is_traversing.q),
     );
     proof.assume(
-        "what comes out of the queue of free numbers was in it",
+        "a number that leaves the queue of free numbers was in it",
         (free.valid & in_front).implies(is_free.q),
     );
     proof.assume(
-        "what comes out of the queue of finished packets was in it",
+        "a packet that leaves the queue of finished packets was in it",
         (finished.valid & finished_front).implies(is_finished.q),
     );
     proof.assume(
-        "the front of the queue of free numbers stays until it is taken",
+        "the front of the queue of free numbers is stable until it is taken",
         shown_stays(proof, free.valid, free.pop, &[free.front]),
     );
 
@@ -218,16 +218,16 @@ fn packet<'b>(proof: &Proof<'b>, unit: &Watched<'_, 'b>) {
         places.count_ones(3).eq((!to_sweep).extend(3)),
     );
     proof.assert(
-        "a packet's hits leave under the tag that its first ray came with",
+        "the hits of a packet leave with the tag of its first ray",
         is_out.implies(unit.outputs.hit.payload.tag.eq(tag.q)),
     );
     proof.assert(
-        "a packet's tag stays while it is under way",
+        "the tag of a packet is stable while it is in flight",
         (is_traversing.q | is_finished.q | is_out).implies(stored.eq(tag.q)),
     );
 }
 
-/// That skinning and packets exclude each other.
+/// Asserts that skinning and packets exclude each other.
 fn skinning<'b>(proof: &Proof<'b>, unit: &Watched<'_, 'b>) {
     let m = proof.module();
     let start_ready = unit.outputs.skin_start_ready;
@@ -238,20 +238,20 @@ fn skinning<'b>(proof: &Proof<'b>, unit: &Watched<'_, 'b>) {
         start_ready.implies(!unit.skinning & unit.may_start),
     );
     proof.assume(
-        "the skinning processor is busy with a mesh alone",
+        "the skinning processor is busy only with a mesh",
         unit.skinning.implies(mesh),
     );
     proof.assert(
-        "no packet is under way while a mesh is skinned",
+        "no packet is in flight while a mesh is skinned",
         (unit.skinning | mesh).implies(unit.packets.under_way.is_zero() & !unit.packets.sweeping),
     );
     proof.assert(
-        "no ray is taken while a mesh is skinned",
+        "no ray is accepted while a mesh is skinned",
         !(unit.skinning & unit.packets.take_ray),
     );
 }
 
-/// Who is owed what vertex memory answers.
+/// Asserts that responses of vertex memory reach the unit that sent the request.
 fn vertices<'b>(proof: &Proof<'b>, unit: &Watched<'_, 'b>, traversing: Signal<'b>) {
     let m = proof.module();
     let (geometry, skinner) = (unit.of_geometry, unit.of_skinner);
@@ -269,27 +269,27 @@ fn vertices<'b>(proof: &Proof<'b>, unit: &Watched<'_, 'b>, traversing: Signal<'b
     let skinner_asks = asks & unit.skinning;
     let owed_skinner = count(proof, BITS, "owed_skinner", skinner_asks, unit.to_skinner);
     proof.assume(
-        "memory gives vertices that it was asked for",
+        "memory responds to vertex requests only",
         response.implies(owed_geometry.any() | owed_skinner.any()),
     );
     for owed in [owed_geometry, owed_skinner] {
         proof.assume(
-            "fewer vertex requests are open than can be counted",
+            "the number of outstanding vertex requests does not wrap",
             (owed + wide(asks)).lt(m.lit(OWED_BELOW, BITS)),
         );
     }
     let quiet = !geometry.valid & !unit.object_valid & owed_geometry.is_zero();
     proof.assume(
-        "the geometry unit is quiet between packets",
+        "the geometry unit sends no request between packets",
         traversing.any() | quiet,
     );
     proof.assume(
-        "the skinning processor asks for nothing between meshes",
+        "the skinning processor sends no request between meshes",
         unit.skinning | (!skinner.valid & owed_skinner.is_zero()),
     );
     for request in [geometry, skinner] {
         proof.assume(
-            "a vertex request that is not taken stays",
+            "a vertex request is stable until it is accepted",
             shown_stays(
                 proof,
                 request.valid,
@@ -299,11 +299,11 @@ fn vertices<'b>(proof: &Proof<'b>, unit: &Watched<'_, 'b>, traversing: Signal<'b
         );
     }
     proof.assert(
-        "only one unit is owed vertices",
+        "only one unit has outstanding vertices",
         owed_geometry.is_zero() | owed_skinner.is_zero(),
     );
     proof.assert(
-        "a vertex reaches the unit that asked",
+        "a vertex reaches the unit that requested it",
         unit.to_geometry.implies(owed_geometry.any()) & unit.to_skinner.implies(owed_skinner.any()),
     );
     proof.assert(
@@ -311,7 +311,7 @@ fn vertices<'b>(proof: &Proof<'b>, unit: &Watched<'_, 'b>, traversing: Signal<'b
         response.eq(unit.to_geometry ^ unit.to_skinner),
     );
     proof.assert(
-        "what a unit asks for is asked",
+        "a request of a unit reaches the port",
         request.valid.eq(geometry.valid | skinner.valid),
     );
 }

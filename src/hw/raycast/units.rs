@@ -1,4 +1,4 @@
-//! The units within, and what each is given.
+//! The instances of the units, and their connections.
 
 use super::packets::Packets;
 use super::{FromGeometry, FromHits, FromSkinner, Inputs};
@@ -13,7 +13,7 @@ use crate::hw::tpu::{self, Tpu};
 use crate::hw::{setup, skinning};
 use std::sync::Arc;
 
-/// The units' modules.
+/// The modules of the units.
 pub(super) struct Units {
     tpu: Tpu,
     setup: Arc<Module>,
@@ -33,7 +33,7 @@ impl Units {
     }
 }
 
-/// Where the units are placed.
+/// The environment in which the units are instantiated.
 pub(super) struct Site<'a, 'b> {
     pub m: &'b Builder,
     pub plan: &'a Plan,
@@ -42,7 +42,7 @@ pub(super) struct Site<'a, 'b> {
 }
 
 impl<'b> Site<'_, 'b> {
-    /// Ray setup takes a ray of an object's space where one comes, else one of the world.
+    /// Instantiates ray setup. It takes a ray in object space if there is one, else a ray in world space.
     pub fn set_up(
         &self,
         packets: &Packets<'b>,
@@ -50,7 +50,7 @@ impl<'b> Site<'_, 'b> {
     ) -> setup::Outputs<Signal<'b>> {
         let ray = self.inputs.ray.payload;
         self.m.comment(
-            "Ray setup: of a ray of the world, or, before that, of one that the geometry unit has taken to an object's space.",
+            "Ray setup: of rays in world space and, with priority, of rays that the geometry unit has transformed into object space.",
         );
         let of_world = geometry::Moved {
             place: packets.place,
@@ -74,7 +74,7 @@ impl<'b> Site<'_, 'b> {
         ports.place("setup", self.m, &self.units.setup, given)
     }
 
-    /// The traversal unit takes every ray that has been set up, and what the geometry unit makes of its leaves.
+    /// Instantiates the traversal unit. It takes every ray from ray setup, and the results of the geometry unit.
     pub fn traverse(
         &self,
         set_up: &setup::Outputs<Signal<'b>>,
@@ -104,8 +104,8 @@ impl<'b> Site<'_, 'b> {
         tpu::ports(self.plan).place("traversal", self.m, &self.units.tpu.module, given)
     }
 
-    /// The geometry unit takes every ray too, the traversal unit's leaves, and what skinning borrows its operators for. It has the port to
-    /// vertex memory unless skinning has it.
+    /// Instantiates the geometry unit. It also takes every ray, the leaves of the traversal unit, and the operands of the skinning
+    /// processor. It has the port to vertex memory unless skinning uses it.
     pub fn intersect(
         &self,
         packets: &Packets<'b>,
@@ -161,15 +161,16 @@ impl<'b> Site<'_, 'b> {
         (outputs, vertex.response.valid)
     }
 
-    /// The skinning processor borrows the geometry unit's operators, and its port to vertex memory.
+    /// Instantiates the skinning processor, which uses the operators of the geometry unit and its port to vertex memory.
     pub fn skin(
         &self,
         may_start: Signal<'b>,
         skinning_now: Signal<'b>,
         geometry: &geometry::Outputs<Signal<'b>>,
     ) -> (skinning::Outputs<Signal<'b>>, Signal<'b>) {
-        self.m
-            .comment("Skinning borrows the geometry unit and its port to vertex memory.");
+        self.m.comment(
+            "Skinning uses the operators of the geometry unit and its port to vertex memory.",
+        );
         let ports = skinning::ports(self.plan);
         let vertex = self.vertex(&ports.inputs.vertex, skinning_now);
         let given = skinning::Inputs {
@@ -186,7 +187,7 @@ impl<'b> Site<'_, 'b> {
         (outputs, vertex.response.valid)
     }
 
-    /// The port to vertex memory, as one of two units has it: it takes its own responses, and as many bits of their tags as it has given.
+    /// The port to vertex memory of one of the two units: it receives its own responses, with as many tag bits as its requests have.
     fn vertex(&self, ports: &ReadInputs<Spec>, its: Signal<'b>) -> ReadInputs<Signal<'b>> {
         let ReadInputs {
             request_ready,
@@ -201,10 +202,10 @@ impl<'b> Site<'_, 'b> {
     }
 }
 
-/// A unit's request for vertices.
+/// A request of a unit to vertex memory.
 pub(super) type VertexRequest<'b> = Flow<Request<Signal<'b>>, Signal<'b>>;
 
-/// What vertex memory is asked: what the unit asks that has the port.
+/// The request to vertex memory: that of the unit which has the port.
 pub(super) fn vertex_request<'b>(
     ports: &Flow<Request<Spec>, Spec>,
     skinning_now: Signal<'b>,

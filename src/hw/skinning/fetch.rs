@@ -1,16 +1,16 @@
-//! Fetch: starts meshes, and reads their influences, their palettes and their vertices at rest ahead of their use.
+//! Fetch: starts meshes, and prefetches their influences, palettes and vertices at rest.
 
 use super::{Around, Column, Start, joint_bits};
 use crate::hdl::properties::Reader;
 use crate::hdl::{Flow, HdlError, Signal};
 use crate::hw::counters::{counts_down, counts_up};
 
-/// The rows of a mesh's influences, as they come.
+/// The prefetched influence rows of a mesh.
 pub(super) struct Rows<'b> {
-    /// Whether a mesh may start, and one that starts.
+    /// Whether a mesh may start, and the mesh that starts.
     pub start_ready: Signal<'b>,
     pub start: Start<'b>,
-    /// High from the clock after a start until all of the mesh is written.
+    /// High from the cycle after a start until the whole mesh is written.
     pub skinning: Signal<'b>,
     pub reader: Reader<'b>,
     // For the properties.
@@ -20,13 +20,13 @@ pub(super) struct Rows<'b> {
 }
 
 impl<'b> Rows<'b> {
-    /// Starts a mesh when the last one is written, none of its rows is left and the geometry unit is free, and requests its rows in order. The
-    /// front row stays until `pop_row`, which comes only where it is valid.
+    /// Starts a mesh when the previous one is written, none of its rows is left and the geometry unit is available, and requests its rows
+    /// in order. The front row is stable until `pop_row`, which may be high only while the row is valid.
     pub fn new(around: &Around<'b>) -> Result<Rows<'b>, HdlError> {
         let Around { plan, m, .. } = *around;
         let (inputs, told) = (&around.inputs, &around.told);
         let (start, mesh, a) = (inputs.start.valid, inputs.start.payload, plan.address());
-        m.comment("A mesh starts when the last one is written and none of its rows is left.");
+        m.comment("A mesh starts when the last one is written and none of its rows is left in the prefetcher.");
         let skinning = m.reg_reset("skinning_now", 1, 0);
         let rows_left = m.reg_reset("rows_left", a, 0);
         let no_rows = m.wire("no_rows", 1);
@@ -36,7 +36,7 @@ impl<'b> Rows<'b> {
         let starts = (start & start_ready).named("start");
         skinning.next(starts | (skinning.q & !told.over));
 
-        m.comment("Rows of influences ahead of their use.");
+        m.comment("Prefetch of influence rows.");
         let address = m.reg("row_address", a);
         let names = ("row_prefetch", "rows");
         let room = plan.config.skinning_rows_ahead;
@@ -65,9 +65,9 @@ impl<'b> Rows<'b> {
     }
 }
 
-/// The vectors of a mesh, as they come: the palette's, then the vertices at rest.
+/// The prefetched vectors of a mesh: the palette, then the vertices at rest.
 pub(super) struct Vectors<'b> {
-    /// The palette's go out as they come; while any is to come, `loading` is high.
+    /// The vectors of the palette, output when they arrive; `loading` is high until the last one has arrived.
     pub palette: Flow<Column<Signal<'b>>, Signal<'b>>,
     pub loading: Signal<'b>,
     pub reader: Reader<'b>,
@@ -83,12 +83,12 @@ pub(super) struct Vectors<'b> {
 }
 
 impl<'b> Vectors<'b> {
-    /// Requests a mesh's vectors in order. A vertex at rest stays in front until it `completes`.
+    /// Requests the vectors of a mesh in order. A vertex at rest stays at the front until `completes`.
     pub fn new(around: &Around<'b>, start: Start<'b>) -> Result<Vectors<'b>, HdlError> {
         let Around { plan, m, .. } = *around;
         let (inputs, told) = (&around.inputs, &around.told);
         let (start, mesh) = (start.valid, start.payload);
-        m.comment("Vectors ahead of their use: the palette's, then the vertices at rest.");
+        m.comment("Prefetch of vectors: the palette, then the vertices at rest.");
         let a = plan.address();
         let columns = mesh.joints.concat(m.zero(2)).named("columns");
         let columns_to_request = m.reg_reset("columns_to_request", columns.width(), 0);
@@ -118,7 +118,7 @@ impl<'b> Vectors<'b> {
         counts_down(rest_to_request, (start, mesh.vertices), rest_requested);
         counts_up(rest_address, (start, mesh.rest), rest_requested);
 
-        m.comment("The palette's vectors go into its memories as they come.");
+        m.comment("The vectors of the palette are written to its memories as they arrive.");
         let joint_width = joint_bits(plan);
         let columns_to_come = m.reg_reset("columns_to_come", columns.width(), 0);
         let column_place = m.reg("column_place", joint_width + 2);

@@ -1,4 +1,4 @@
-//! Issue: an influence goes to the geometry unit with its vertex.
+//! Issue: sends influences to the geometry unit, each with its vertex.
 
 use super::fetch::{Rows, Vectors};
 use super::{Around, Influence, Issued, Mark, POSITION_BITS, joint_bits};
@@ -8,27 +8,27 @@ use crate::hw::banks::pick;
 use crate::hw::counters::counts_up;
 use crate::hw::ray::Vector;
 
-/// What is issued.
+/// The issued influences.
 pub(super) struct Issue<'b> {
-    /// An influence, a clock after `issue`.
+    /// An influence, one cycle after `issue`.
     pub issued: Flow<Issued<Signal<'b>>, Signal<'b>>,
     pub issue: Signal<'b>,
-    /// High with `issue` for a vertex's last influence.
+    /// High with `issue` for the last influence of a vertex.
     pub completes: Signal<'b>,
-    /// High where the front row has been used.
+    /// High when the front row has been used.
     pub pop_row: Signal<'b>,
     // For the properties.
     pub room_missing: Signal<'b>,
 }
 
 impl<'b> Issue<'b> {
-    /// Issues an influence a clock unless it or its vertex is missing or, of a vertex's last one, room for it.
+    /// Issues one influence per cycle if it and its vertex are available and, for the last influence of a vertex, the write queue has room.
     pub fn new(
         &Around { plan, m, told, .. }: &Around<'b>,
         rows: &Rows<'b>,
         vectors: &Vectors<'b>,
     ) -> Issue<'b> {
-        m.comment("Issue: an influence goes with its vertex unless either is missing, or room for a vertex that it completes.");
+        m.comment("Issue: an influence is issued with its vertex when both are available; the last influence of a vertex also needs room in the write queue.");
         let (start, skinning) = (rows.start.valid, rows.skinning);
         let slot_bits = bits_for(INFLUENCES_PER_ROW as u64);
         let slot = m.reg("slot", slot_bits);
@@ -72,7 +72,7 @@ impl<'b> Issue<'b> {
             issued: Flow::new(issued.q, held),
             issue,
             completes: issue & last,
-            // What is left of the last row when the mesh is complete is of no use.
+            // The rest of the last row is discarded when the mesh is complete.
             pop_row: rows.reader.valid & (!skinning | (issue & last_slot)),
             room_missing,
         }

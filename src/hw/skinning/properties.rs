@@ -1,10 +1,10 @@
-//! What is proved of the skinning processor: every vertex that it has begun is in one place until it is written, so its write queue never
-//! overflows; a mesh is over when, and only when, all of it is written; what it shows at its ports stays; and while it works, something in
-//! it moves unless memory or the geometry unit is waited for. Of its readers ahead it assumes what is proved of them, of the geometry unit
-//! that it returns what it was issued, of a mesh that its rows have an end for each vertex.
+//! Properties of the skinning processor: every begun vertex is in one place until it is written, so the write queue never overflows;
+//! a mesh is complete if and only if all of it is written; ports are stable; and while it is busy, it makes progress or waits for
+//! memory or the geometry unit. Assumptions: the proved properties of prefetchers; the geometry unit returns each issued influence;
+//! the rows of a mesh have an end for each vertex.
 //!
-//! Of its write queue: vertices are written in the order in which they were summed, each once, and the one that is shown stays until it is
-//! written.
+//! Properties of the write queue: vertices are written in the order of their sums, once each, and the presented vertex is stable until
+//! it is written.
 
 use super::Around;
 use super::fetch::{Rows, Vectors};
@@ -14,7 +14,7 @@ use super::write::Queue;
 use crate::hdl::properties::{Ahead, assert_shown_stays, count};
 use crate::hdl::{Builder, Proof, Signal, bits_for};
 
-/// Bits in which what is under way is counted, and those of a mesh's vertices.
+/// Width of counts of vertices in flight, and of the vertices of a mesh.
 const BITS: u32 = 16;
 const VERTEX_BITS: u32 = 32;
 
@@ -46,7 +46,7 @@ impl<'b> Unit<'b> {
 pub(super) fn conserves<'b>(m: &'b Builder, unit: &Unit<'b>) {
     let proof = m.proof(
         "conserves",
-        "no vertex is lost or doubled, no queue overflows, a mesh ends when written, ports, nothing locks up",
+        "no vertex is lost or duplicated; no queue overflows; a mesh ends when written; stable ports; no deadlock",
     );
     proof.cover("a vertex is written", unit.queue.written);
     ports(&proof, unit);
@@ -58,7 +58,7 @@ pub(super) fn conserves<'b>(m: &'b Builder, unit: &Unit<'b>) {
     faults(&proof, unit);
 }
 
-/// What is shown at a port stays until it is taken.
+/// Asserts that offers at ports are stable until they are accepted.
 fn ports<'b>(proof: &Proof<'b>, unit: &Unit<'b>) {
     let (vectors, rows, write) = (&unit.vectors, &unit.rows, unit.queue.write);
     let write_ready = unit.around.inputs.write_ready;
@@ -81,23 +81,23 @@ fn ports<'b>(proof: &Proof<'b>, unit: &Unit<'b>) {
     }
 }
 
-/// Where vertices and columns are, counted.
+/// The numbers of vertices and columns in each place.
 struct Places<'b> {
     vectors: Ahead<'b>,
     rows: Ahead<'b>,
     columns_ahead: Signal<'b>,
     rest_ahead: Signal<'b>,
-    /// Vertices of which no influence has been issued, or not the last.
+    /// Vertices whose last influence has not been issued.
     to_begin: Signal<'b>,
-    /// From a vertex's last influence until it returns from the geometry unit.
+    /// Vertices from the issue of the last influence until the return from the geometry unit.
     begun: Signal<'b>,
-    /// Of these, in the geometry unit.
+    /// Those of them that are in the geometry unit.
     outside: Signal<'b>,
-    /// The last influence is shown to the geometry unit.
+    /// The last influence is presented to the geometry unit.
     last_issued: Signal<'b>,
-    /// From its return until it is written.
+    /// Vertices from the return until the write.
     returned: Signal<'b>,
-    /// Of these, not yet in the write queue, and in it.
+    /// Those of them that are not yet in the write queue, and those in it.
     summing: Signal<'b>,
     held: Signal<'b>,
 }
@@ -125,7 +125,7 @@ impl<'b> Places<'b> {
         to_begin.next((start.valid).mux(vertices, to_begin.q - wider(completes)));
         let starved = rows.skinning & !vectors.loading & vectors.reader.valid;
         proof.assume(
-            "the geometry unit gives back influences that it was issued",
+            "the geometry unit returns issued influences only",
             returns.implies(outside.any()),
         );
         proof.assume(
@@ -147,64 +147,64 @@ impl<'b> Places<'b> {
         }
     }
 
-    /// Every column and every vertex is in one place.
+    /// Asserts that every column and every vertex is in one place.
     fn are_all(&self, proof: &Proof<'b>, unit: &Unit<'b>) {
         let vectors = &unit.vectors;
         let under_way = unit.queue.under_way.count;
         proof.assert(
-            "what is ahead is columns and vertices",
+            "prefetched vectors are columns or vertices",
             wide(self.vectors.count).eq(self.columns_ahead + self.rest_ahead),
         );
         proof.assert(
-            "every column to come is to be requested or ahead",
+            "every missing column is unrequested or in the prefetcher",
             wide(vectors.columns_to_come).eq(wide(vectors.columns_to_request) + self.columns_ahead),
         );
         proof.assert(
-            "vertices are requested behind all columns",
+            "vertices are requested after all columns",
             vectors.columns_to_request.is_zero() | self.rest_ahead.is_zero(),
         );
         proof.assert(
-            "every vertex to begin is to be requested or ahead",
+            "every vertex to begin is unrequested or in the prefetcher",
             (self.to_begin).eq(wider(vectors.rest_to_request) + wider(self.rest_ahead)),
         );
         proof.assert(
-            "every vertex left is to begin or under way",
+            "every remaining vertex is to begin or in flight",
             wider(unit.queue.vertices_left).eq(self.to_begin + wider(under_way)),
         );
         proof.assert(
-            "every vertex under way is on its way to the geometry unit or back from it",
+            "every vertex in flight is before or after its return from the geometry unit",
             wide(under_way).eq(self.begun + self.returned),
         );
         proof.assert(
-            "every vertex not yet back is issued or in the geometry unit",
+            "every vertex before its return is being issued or in the geometry unit",
             (self.begun).eq(self.outside + wide(self.last_issued)),
         );
         proof.assert(
-            "every vertex that is back is being summed or queued",
+            "every returned vertex is being summed or queued",
             (self.returned).eq(self.summing + self.held),
         );
         proof.assert(
-            "as many vertices are being summed as bits say",
+            "the number of vertices being summed is that of the pipeline's valid bits",
             (self.summing).eq(proof.module().concat(&unit.sums.summing).count_ones(BITS)),
         );
     }
 
-    /// Nothing overflows.
+    /// Asserts that no queue overflows.
     fn have_room(&self, proof: &Proof<'b>, unit: &Unit<'b>) {
         let m = proof.module();
         let depth = m.lit(unit.queue.depth, BITS);
         let under_way = &unit.queue.under_way;
         proof.assert(
-            "no more vertices are under way than the write queue has room for",
+            "no more vertices are in flight than the write queue has room for",
             wide(under_way.count).le(depth) & self.outside.le(depth),
         );
         proof.assert(
-            "nothing is pushed to a full write queue",
+            "no vertex is pushed to a full write queue",
             self.held.le(depth) & unit.sums.vertex_done.implies(self.held.lt(depth)),
         );
         let most_ahead = m.lit(unit.vectors.reader.room + 1, BITS);
         proof.assert(
-            "no more is ahead than has room",
+            "no prefetcher holds more than it has room for",
             self.columns_ahead.le(most_ahead)
                 & self.rest_ahead.le(most_ahead)
                 & self.summing.le(depth),
@@ -213,25 +213,25 @@ impl<'b> Places<'b> {
     }
 }
 
-/// A mesh is over when, and only when, all of it is written.
+/// Asserts that a mesh is complete if and only if all of it is written.
 fn ends<'b>(proof: &Proof<'b>, unit: &Unit<'b>, places: &Places<'b>) {
     let skinning = unit.rows.skinning;
     let nothing_left = unit.queue.vertices_left.is_zero() & unit.vectors.columns_to_come.is_zero();
     proof.assert(
-        "a mesh is over only when all of it is written",
+        "a mesh is complete only when all of it is written",
         skinning | (nothing_left & !unit.issue.issued.valid),
     );
     proof.assert(
-        "a vertex is in the geometry unit only while that is borrowed",
+        "a vertex is in the geometry unit only during skinning",
         skinning | places.outside.is_zero(),
     );
     proof.assert(
-        "no vector is requested but for a mesh",
+        "vectors are requested only for a mesh",
         unit.vectors.wanted.implies(skinning),
     );
 }
 
-/// Nothing locks up.
+/// Asserts the absence of deadlock.
 fn goes_on<'b>(proof: &Proof<'b>, unit: &Unit<'b>, places: &Places<'b>) {
     let m = proof.module();
     let (vectors, rows) = (&places.vectors, &places.rows);
@@ -254,7 +254,7 @@ fn goes_on<'b>(proof: &Proof<'b>, unit: &Unit<'b>, places: &Places<'b>) {
         unit.queue.write.valid,
     ]);
     proof.assert(
-        "while a mesh is skinned something moves, or memory or the geometry unit is waited for",
+        "skinning makes progress or waits for memory or the geometry unit",
         unit.rows.skinning.implies(moves | waits),
     );
 }
@@ -266,35 +266,35 @@ fn faults<'b>(proof: &Proof<'b>, unit: &Unit<'b>) {
         unit.issue.room_missing.fault().as_value(0),
     );
     proof.fault(
-        "a mesh is over when the last vertex is requested",
+        "a mesh is complete when the last vertex is requested",
         (queue.over.reads(queue.vertices_left)).as_signal(unit.vectors.rest_to_request),
     );
     proof.fault(
-        "a vertex's room comes back when it is summed",
+        "the room of a vertex is released when it is summed",
         (queue.under_way.count.reads(queue.written)).as_signal(unit.sums.vertex_done),
     );
     proof.fault(
-        "room for a vertex is never seen",
+        "room for a vertex is never detected",
         unit.around.told.room.fault().as_value(0),
     );
 }
 
-/// Nothing is pushed to the write queue where it is full, which [`conserves`] shows. One vertex, any, is watched.
+/// Properties of the write queue. It is assumed never to be pushed when full, which [`conserves`] proves. One arbitrary vertex is watched.
 pub(super) fn write_queue<'b>(m: &'b Builder, unit: &Unit<'b>) {
     let proof = m.proof(
         "write_queue",
         format!(
-            "vertices are written in order, each once, and stay until taken; a queue of {}",
+            "vertices are written in order, each once, and are stable until accepted; a queue of {}",
             unit.queue.depth
         ),
     );
     let depth = m.lit(unit.queue.depth, BITS);
     let (held, head) = (unit.held(), wide(unit.queue.head));
     let write = unit.queue.write;
-    // Of any bits that come and go, so of those of the pipeline too. The data are inputs.
+    // The valid bit is arbitrary, which includes that of the pipeline. The data are inputs.
     proof.cut(unit.sums.vertex_done);
     proof.assume(
-        "a vertex comes only where the write queue has room",
+        "a vertex arrives only if the write queue has room",
         unit.sums.vertex_done.implies(held.lt(depth)),
     );
     let watching = proof.reg_reset("watching", 1, 0);
@@ -323,7 +323,7 @@ pub(super) fn write_queue<'b>(m: &'b Builder, unit: &Unit<'b>) {
     );
     proof.assert("the head is a slot", head.lt(depth));
     proof.assert(
-        "the tail is as far from the head as there are vertices",
+        "the distance from head to tail is the number of vertices",
         wide(unit.queue.tail).eq(from_head(held)),
     );
     proof.assert(
@@ -340,20 +340,20 @@ pub(super) fn write_queue<'b>(m: &'b Builder, unit: &Unit<'b>) {
         watching.q.implies(stored.eq(word.q)),
     );
     proof.assert(
-        "a watched vertex is shown in its turn, until it is written",
+        "a watched vertex is presented in order, until it is written",
         (in_turn & write.valid).implies(write.payload.data.eq(word.q)),
     );
     proof.fault(
-        "a vertex shows before it is in the queue",
+        "a vertex is presented before it is in the queue",
         (unit.queue.grows.reads(unit.sums.vertex_done))
             .as_signal(unit.around.inputs.weighted.valid),
     );
     proof.fault(
-        "the vertex behind is read where none is written",
+        "the next vertex is read although none is written",
         unit.queue.written.reads(write.valid).as_value(1),
     );
     proof.fault(
-        "a vertex is stored beside its slot",
+        "a vertex is stored in a wrong slot",
         unit.queue.words.write_address().as_signal(unit.queue.head),
     );
 }

@@ -1,4 +1,4 @@
-//! Sum: adds up the weighted points of a vertex, in the geometry unit's adders.
+//! Sum: adds the weighted points of each vertex, with the adders of the geometry unit.
 
 use super::{Around, Mark, Operands, Sums, Weighted};
 use crate::hdl::{Pipeline, Signal};
@@ -6,22 +6,22 @@ use crate::hw::plan::AXES;
 
 /// The sums of a vertex.
 pub(super) struct VertexSums<'b> {
-    /// What the geometry unit is to add.
+    /// The operands for the adders of the geometry unit.
     pub operands: Sums<Signal<'b>>,
-    /// High in the clock in which the vertex sum is that of a whole vertex.
+    /// High in the cycle in which the vertex sum is complete.
     pub vertex_done: Signal<'b>,
     // For the properties.
-    /// Whether a vertex is being summed, at each stage until it is done.
+    /// Whether a vertex is being summed, for each stage until its end.
     pub summing: Vec<Signal<'b>>,
 }
 
 impl<'b> VertexSums<'b> {
-    /// Adds the first and the second of a vertex's weighted points, the third and the fourth, then both; an absent one is 0. The sums, of
-    /// pairs and of vertices, come `latency` clocks after their operands.
+    /// Adds up to four weighted points of a vertex: (first + second) + (third + fourth); an absent point is 0. Each sum, of a pair or of
+    /// a vertex, is available `latency` cycles after its operands.
     pub fn new(around: &Around<'b>, latency: u32) -> VertexSums<'b> {
         let Around { plan, m, .. } = *around;
         let inputs = &around.inputs;
-        m.comment("Accumulation: the first and the second, the third and the fourth, then both; an absent one is 0.");
+        m.comment("Accumulation of up to four points: (first + second) + (third + fourth); an absent point is 0.");
         let (p, w) = (m.pipeline(), plan.number());
         let (valid, Weighted { mark, point }) = (inputs.weighted.valid, inputs.weighted.payload);
         let Mark { position, last } = mark;
@@ -59,12 +59,12 @@ impl<'b> VertexSums<'b> {
     }
 }
 
-/// What `of` makes of each axis, its name and its number.
+/// Calls `of` for each axis, with its name and number.
 fn each_axis<'b>(of: impl Fn(&str, usize) -> Operands<Signal<'b>>) -> [Operands<Signal<'b>>; 3] {
     [0, 1, 2].map(|i| of(AXES[i], i))
 }
 
-/// Two numbers to add, a clock after they were there at a stage.
+/// The operands of an addition: two numbers at a stage, delayed by one cycle.
 fn operands<'b>(p: Pipeline<'b>, a: Signal<'b>, b: Signal<'b>, at: u32) -> Operands<Signal<'b>> {
     let [a, b] = [a, b].map(|number| p.enter_at(number, at).register().untimed());
     Operands { a, b }

@@ -1,4 +1,4 @@
-//! Write: queues vertices until they are written, and tells when all of a mesh are.
+//! Write: queues vertices until they are written, and signals the completion of a mesh.
 
 use super::Around;
 use super::fetch::Rows;
@@ -12,9 +12,9 @@ use crate::hw::counters::{counts_down, counts_up};
 /// The write queue, and the end of a mesh.
 pub(super) struct Queue<'b> {
     pub write: Flow<Write<Signal<'b>>, Signal<'b>>,
-    /// The vertices that have room in it: it tells whether one more may be issued.
+    /// The vertices with reserved room in the queue: it determines whether one more may be issued.
     pub under_way: Occupancy<'b>,
-    /// All of the mesh is written; the same a clock later.
+    /// The whole mesh is written; the same one cycle later.
     pub over: Signal<'b>,
     pub done: Signal<'b>,
     // For the properties.
@@ -30,8 +30,8 @@ pub(super) struct Queue<'b> {
 }
 
 impl<'b> Queue<'b> {
-    /// Takes each vertex that is summed, for which room was taken when its last influence was issued, and shows it until it is written, two clocks later at
-    /// the earliest. A mesh is over when its palette is no longer loading and all its vertices are written.
+    /// Takes each summed vertex, for which room was reserved when its last influence was issued, and presents it until it is written, at
+    /// least two cycles later. A mesh is complete when its palette is loaded and all its vertices are written.
     pub fn new(
         around: &Around<'b>,
         rows: &Rows<'b>,
@@ -41,7 +41,7 @@ impl<'b> Queue<'b> {
     ) -> Queue<'b> {
         let Around { plan, m, .. } = *around;
         let inputs = &around.inputs;
-        m.comment("The write queue, in block RAM: always read where the front is next, a word shows two clocks after it came.");
+        m.comment("The write queue, in block RAM: read at the next head in every cycle; a word is valid two cycles after its write.");
         let depth = plan.config.skinning_vertices_waiting;
         let bits = bits_for(u64::from(depth));
         let of_vertex = fields::Vertex::of(plan.format);
@@ -87,7 +87,7 @@ impl<'b> Queue<'b> {
         let next_written = m.reg("next_written", plan.address());
         counts_up(next_written, (start, mesh.target), written);
 
-        m.comment("The end: the last vertex is written.");
+        m.comment("End of the mesh: its last vertex is written.");
         let vertices_left = m.reg_reset("vertices_left", plan.address(), 0);
         counts_down(vertices_left, (start, mesh.vertices), written);
         let over = rows.skinning & !(loading | vertices_left.q.any());

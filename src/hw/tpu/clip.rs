@@ -1,4 +1,4 @@
-//! One ray's part of a pop.
+//! The part of one ray in a pop.
 
 use crate::hdl::{Builder, Bundle, Flow, HdlError, Module, Specs, Style};
 use crate::hw::fp::{Knowing, Known, less_equal};
@@ -8,7 +8,7 @@ use crate::{bundle, interface};
 use std::sync::Arc;
 
 bundle! {
-    /// What the ray's near must not exceed from now on.
+    /// A new upper bound for near of the ray.
     pub(super) struct Limit(plan: &Plan) {
         packet: plan.packet_bits(),
         value: plan.number(),
@@ -17,26 +17,26 @@ bundle! {
 
 interface! {
     pub(super) (plan: &Plan) {
-        in "A closer hit of the ray: what its near must not exceed from now on" {
+        in "New upper bound for near of the ray, from a closer hit" {
             limit: Flow<Limit>(plan),
         }
-        in "The packet that pops, and a clock later the entry that it pops: whether the ray is in it, its interval there, \
-            and whether it has hit something" {
+        in "Packet that pops; one cycle later the popped entry: whether it contains the ray, the ray's interval in it, \
+            and whether the ray has had a hit" {
             packet: plan.packet_bits(),
             was_in: 1,
             entry: {Interval}(plan),
             touched: 1,
         }
-        out "Whether the ray stays in the entry" { stays: 1 }
-        out "Its interval there" { clipped: {Interval}(plan) }
+        out "High if the ray stays in the entry" { stays: 1 }
+        out "Clipped interval of the ray" { clipped: {Interval}(plan) }
     }
 }
 
-/// A ray's limit, which bounds its interval in an entry of the stack.
+/// Describes the limit of a ray, which bounds its interval in a stack entry.
 pub(super) fn module(plan: &Plan) -> Result<Arc<Module>, HdlError> {
     let m = Builder::new(
         "tpu_clip",
-        "one ray's part of a pop: its closest hit so far bounds its interval in the entry; a ray whose interval is empty leaves.",
+        "one ray's part of a pop: the ray's closest hit bounds its interval in the popped entry; a ray with an empty interval leaves the entry.",
     );
     let p = m.pipeline();
     let ports = ports(plan);
@@ -53,7 +53,7 @@ pub(super) fn module(plan: &Plan) -> Result<Arc<Module>, HdlError> {
         Style::Distributed,
     );
     limits.write(limit.valid, limit.payload.packet, limit.payload.value);
-    // Any hit's limit is minus infinity; a closest hit's is a distance.
+    // The limit of an any-hit ray with a hit is minus infinity; that of other rays is a distance.
     let limit = limits.read_now(packet).register().known(Known::Number);
     let near_known = near.known(Known::Positive);
     let within = less_equal(plan.format, "is_within", near_known, limit).named("is_within");

@@ -1,4 +1,4 @@
-//! Where packets go after starts and pops.
+//! The destination of packets after starts and pops.
 
 use super::Inputs;
 use super::kept::PoppedWrite;
@@ -10,10 +10,10 @@ use crate::hdl::{Builder, Bundle, Signal, Specs, Wire, Wires};
 use crate::hw::plan::Plan;
 use crate::hw::ray::{Context, InContext};
 
-/// What pops and starts write for the step; [`enter`] drives the wires.
+/// The data that pops and starts write for the next step; [`enter`] drives the wires.
 pub(super) struct PoppedWires<'b> {
     pub packet: PoppedWrite<Wire<'b>>,
-    /// By place in the packet.
+    /// By slot in the packet.
     pub rays: Vec<ray::Write<Wire<'b>>>,
 }
 
@@ -27,27 +27,27 @@ impl<'b> PoppedWires<'b> {
     }
 }
 
-/// A packet that goes somewhere after a pop or a start.
+/// A packet after a pop or a start.
 pub(super) struct Entered<'b> {
-    /// Whether it goes somewhere; with [`Timing::entered_packet`](crate::hw::timing::Timing), a clock before the rest.
+    /// Whether it continues to a node or a leaf; with [`Timing::entered_packet`](crate::hw::timing::Timing), one cycle before the other fields.
     pub decided: Signal<'b>,
     pub registered: bool,
     pub valid: Signal<'b>,
     pub leaf: Signal<'b>,
     pub address: Signal<'b>,
     pub context: Signal<'b>,
-    /// Which packet that is, and its rays.
+    /// The packet number, and the mask.
     pub queued: Signal<'b>,
     pub mask: Signal<'b>,
-    /// The packet that starts or whose pop ends; with [`Timing::entered_packet`](crate::hw::timing::Timing), a clock before the rest.
+    /// The packet that starts or whose pop ends; with [`Timing::entered_packet`](crate::hw::timing::Timing), one cycle before the other fields.
     pub packet: Signal<'b>,
-    /// Whether it starts nowhere, being of the world; in the same clock.
+    /// Whether it starts in world space and no ray enters the scene; in the same cycle.
     pub none_enters: Signal<'b>,
 }
 
-/// Says where a packet goes that starts or has popped, and writes what its step there will read, in the clock of its last ray or of the
-/// pop's end. No pop ends where a ray arrives, so a choice by that is all that it takes. A packet that goes nowhere in an object pops
-/// again, as one does whose entry is dropped.
+/// Determines the destination of a packet after a start or a pop, and writes the data for its next step, in the cycle of its last ray or
+/// of the end of the pop. No pop ends in a cycle in which a ray arrives, so one multiplexer is sufficient. A packet pops again if none
+/// of its rays enters an object, or if its entry is dropped.
 pub(super) fn enter<'b>(
     m: &'b Builder,
     plan: &Plan,
@@ -65,7 +65,7 @@ pub(super) fn enter<'b>(
         ..
     } = inputs;
     let (arrives, setup) = (setup.valid, setup.payload);
-    m.comment("Where a packet goes that starts or has popped.");
+    m.comment("The destination of a packet after a start or a pop.");
     let in_object = start.nowhere & setup_object;
     retry.push.drive(pop.dropped | in_object);
     let again = |packet, context| InContext::of(plan).pack(InContext { packet, context });
@@ -74,7 +74,7 @@ pub(super) fn enter<'b>(
         .item
         .drive(arrives.mux(started, again(pop.packet, pop.context)));
 
-    // What is kept here is read after the node's answer, which takes a clock more than this register.
+    // The data written here is read after the response with the node, which is later than this register by at least one cycle.
     let registered = plan.timing.entered_packet;
     let later = |name: &str, signal: Signal<'b>, reset: Option<u128>| {
         if !registered {

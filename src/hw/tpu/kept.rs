@@ -1,4 +1,4 @@
-//! What is kept of packets while a node is fetched, for the step there.
+//! The state of packets while their node is in flight, for the next step.
 
 use crate::bundle;
 use crate::hdl::{Builder, Memory, Signal, Specs, Style};
@@ -6,7 +6,7 @@ use crate::hw::plan::Plan;
 use crate::hw::ray::{Context, Interval};
 
 bundle! {
-    /// A child to go to.
+    /// A child, as the destination of a packet.
     pub(super) struct Item(plan: &Plan) {
         packet: plan.packet_bits(),
         address: plan.address(),
@@ -15,17 +15,17 @@ bundle! {
 }
 
 bundle! {
-    /// A node request as it is made.
+    /// An issued node request.
     pub(super) struct Request(plan: &Plan) {
         fire: 1,
         item: Item::of(plan).width(),
-        /// Whether the packet comes from a pop or a start, not from a step.
+        /// Whether the packet comes from a pop or a start instead of a step.
         popped: 1,
     }
 }
 
 bundle! {
-    /// What is kept of a packet while its node is fetched.
+    /// The state of a packet while its node is in flight.
     pub(super) struct Requested(plan: &Plan) {
         address: plan.address(),
         context: Context::of(plan).width(),
@@ -34,7 +34,7 @@ bundle! {
 }
 
 bundle! {
-    /// What a step leaves of a packet for its next node.
+    /// The state of a packet from a step, for its next node.
     pub(super) struct Stepped(plan: &Plan) {
         intervals: plan.rays() * Interval::of(plan).width(),
         mask: plan.rays(),
@@ -42,7 +42,7 @@ bundle! {
 }
 
 bundle! {
-    /// What a step writes.
+    /// The write of a step.
     pub(super) struct SteppedWrite(plan: &Plan) {
         write: 1,
         packet: plan.packet_bits(),
@@ -51,7 +51,7 @@ bundle! {
 }
 
 bundle! {
-    /// What a pop or a start writes of a packet.
+    /// The write of a pop or a start.
     pub(super) struct PoppedWrite(plan: &Plan) {
         packet: plan.packet_bits(),
         mask_write: 1,
@@ -62,12 +62,12 @@ bundle! {
 /// The memories from which a step reads.
 pub(super) struct Kept<'b> {
     pub requests: Memory<'b>,
-    /// Intervals and masks of packets in the nodes that they go to, as steps leave them, and masks as pops and starts do.
+    /// Intervals and masks of packets in their next nodes, written by steps, and masks written by pops and starts.
     pub stepped: Memory<'b>,
     pub popped_masks: Memory<'b>,
 }
 
-/// Makes the memories, which the wires write.
+/// Makes the memories. Their write ports are the given wires.
 pub(super) fn keep<'b>(
     m: &'b Builder,
     plan: &Plan,
@@ -77,7 +77,7 @@ pub(super) fn keep<'b>(
 ) -> Kept<'b> {
     let packets = plan.packets();
     m.comment(
-        "Where a requested node lies, and its packet's context, kept while the request is out.",
+        "The address of a requested node and its packet's context, stored while the request is in flight.",
     );
     let of_request = Requested::of(plan);
     let width = of_request.width();
@@ -90,7 +90,7 @@ pub(super) fn keep<'b>(
     });
     requests.write(request.fire, item.packet, word);
 
-    m.comment("Intervals and mask of the packet in the node it goes to as a step left them, and its mask as a pop or the setup did.");
+    m.comment("Intervals and mask of the packet in its next node, written by a step; its mask, written by a pop or a start.");
     let of_step = Stepped::of(plan);
     let stepped_memory = m.memory("stepped_memory", packets, of_step.width(), Style::Block);
     stepped_memory.write(stepped.write, stepped.packet, of_step.pack(stepped.kept));

@@ -1,4 +1,4 @@
-//! Packets that pop: which one does, and which of its rays stay.
+//! Pops: the selection of a packet, and the clip of its popped entry.
 
 use super::clip;
 use super::stack::{Entry, Stack};
@@ -18,12 +18,12 @@ bundle! {
     }
 }
 
-/// The packet that pops, in a pipeline of its own: chosen in stage 0; where the clock asks for it, all but `valid` are a clock later.
+/// The packet that pops, in its own pipeline: selected in stage 0. If the target clock requires it, all fields except `valid` are one cycle later.
 pub(super) struct Popping<'b> {
-    /// The queues of packets that are to pop: from the geometry unit, once more, from steps that went nowhere.
+    /// The queues of packets that wait for a pop: from the geometry unit, for another pop, and from steps without a next node.
     pub queues: [Placed<'b>; 3],
     pub valid: Signal<'b>,
-    /// A word of [`InContext`], and what is in it.
+    /// A word of [`InContext`], and its fields.
     pub word: Signal<'b>,
     pub packet: Signal<'b>,
     pub level: Signal<'b>,
@@ -32,7 +32,7 @@ pub(super) struct Popping<'b> {
     pub empty: Signal<'b>,
 }
 
-/// Queues packets that are to pop, and takes one a clock unless a ray will arrive when its pop would end.
+/// Queues packets that wait for a pop, and takes one per cycle unless a ray will arrive in the cycle in which the pop would end.
 pub(super) fn choose<'b>(
     m: &'b Builder,
     plan: &Plan,
@@ -43,7 +43,7 @@ pub(super) fn choose<'b>(
 ) -> Result<Popping<'b>, HdlError> {
     let of_word = InContext::of(plan);
     m.comment(
-        "Packets that pop: from the geometry unit, from steps that went nowhere, and again after a dropped entry or an instance \
+        "Packets that pop: from the geometry unit, from steps without a next node, and again after a dropped entry or an instance \
          that no ray enters.",
     );
     let [take_done, take_retry, take_stepped] =
@@ -88,11 +88,11 @@ pub(super) fn choose<'b>(
     })
 }
 
-/// What comes out of the pop pipeline, all in the clock in which a pop ends but what is said to be in the pipeline.
+/// The outputs of the pop pipeline, in the cycle in which a pop ends; fields marked as in the pipeline are earlier.
 pub(super) struct Popped<'b> {
-    /// Clocks from the choice of a packet to here.
+    /// Cycles from the selection of a packet to the end of its pop.
     pub latency: u32,
-    /// The rays that stay, as it is decided; in the pipeline.
+    /// The rays that stay, at the stage of the decision; in the pipeline.
     pub stays: Signal<'b>,
     pub done: Signal<'b>,
     pub packet: Signal<'b>,
@@ -105,12 +105,12 @@ pub(super) struct Popped<'b> {
     pub context: Signal<'b>,
     pub level: Signal<'b>,
     pub intervals: Vec<Interval<Signal<'b>>>,
-    /// Whether there was an entry and some ray stays, or none does.
+    /// Whether there was an entry and at least one ray stays, and whether there was one and no ray stays.
     pub goes: Signal<'b>,
     pub dropped: Signal<'b>,
 }
 
-/// A popped entry is clipped by what its rays have hit since it was pushed, in a module for each ray.
+/// Clips the popped entry to the current closest hits, with one module per ray.
 pub(super) fn clip<'b>(
     m: &'b Builder,
     plan: &Plan,
@@ -119,7 +119,7 @@ pub(super) fn clip<'b>(
     popping: &Popping<'b>,
     stack: &Stack<'b>,
 ) -> Popped<'b> {
-    m.comment("The pop.");
+    m.comment("Pop: clip the entry.");
     let entry = Entry::of(plan).unpack(stack.entry.word);
     let (ports, interval) = (clip::ports(plan), Interval::of(plan));
     let touched = popping.touched.at(entry.mask.stage());
@@ -141,7 +141,7 @@ pub(super) fn clip<'b>(
     let stays: Vec<_> = clipped.iter().rev().map(|ray| ray.stays).collect();
     let stays = m.concat(&stays).named("stay_mask");
     let mask = stays.register();
-    // What clips a far may take a clock more than what a ray stays by.
+    // The clip of far can take one cycle more than the decision whether a ray stays.
     let latency = mask.stage().max(clipped[0].clipped.far.stage());
     let late = |signal: Signal<'b>| signal.at(latency).untimed();
     let mask = late(mask).named("pop_out_mask");

@@ -1,4 +1,4 @@
-//! What is proved of the traversal unit: packets are neither lost nor doubled, its ports keep what they show, a pop reads what was pushed.
+//! Properties of the traversal unit: packets are neither lost nor duplicated, ports are stable, and a pop reads the pushed entry.
 
 use super::Inputs;
 use super::enter::Entered;
@@ -19,7 +19,7 @@ pub(super) struct Watched<'a, 'b> {
     pub inputs: &'a Inputs<Signal<'b>>,
     pub sliced: &'a Sliced<'b>,
     pub step: &'a Step<'b>,
-    /// Whether a step's packet goes on.
+    /// Whether the packet of a step continues.
     pub stepped: Signal<'b>,
     pub stack: &'a Stack<'b>,
     pub popping: &'a Popping<'b>,
@@ -36,7 +36,7 @@ pub(super) fn describe(unit: &Watched<'_, '_>) {
     stack(unit);
 }
 
-/// Where packets are: how many, and where one comes and one goes.
+/// A place of packets: their number, and the events of arrival and departure.
 struct Place<'b> {
     name: String,
     count: Signal<'b>,
@@ -44,13 +44,13 @@ struct Place<'b> {
     goes: Signal<'b>,
 }
 
-/// Bits in which packets are counted.
+/// Width of counts of packets.
 fn count_bits(unit: &Watched<'_, '_>) -> u32 {
     bits_for(u64::from(unit.plan.packets()) + 1) + 4
 }
 
-/// Every packet that the unit was given is in exactly one place, or is finished: so no queue ever holds more than there are packets. It
-/// is given no more packets than it has numbers for; memory and geometry unit answer what they were asked.
+/// Every accepted packet is in exactly one place, or finished, so no queue ever holds more entries than there are packets.
+/// Assumptions: no more packets than packet numbers; memory and the geometry unit respond to requests only.
 fn packets<'b>(unit: &Watched<'_, 'b>) {
     let Watched {
         step, popping, pop, ..
@@ -61,7 +61,7 @@ fn packets<'b>(unit: &Watched<'_, 'b>) {
         "packets",
         format!("every packet is in one place, no queue overflows; a machine of {packets} packets"),
     );
-    // Which way a packet goes.
+    // The decision of a step is arbitrary.
     proof.cut(step.goes_left);
     proof.cut(step.goes_right);
     proof.cut(pop.stays);
@@ -76,11 +76,11 @@ fn packets<'b>(unit: &Watched<'_, 'b>) {
     conserved(&proof, unit, total, counted);
     for queue in queues {
         proof.assert(
-            format!("{} is popped only where it shows a word", queue.name),
+            format!("{} is popped only while it presents a word", queue.name),
             queue.pop.implies(queue.shows()),
         );
         proof.assert(
-            format!("nothing is pushed to a full {}", queue.name),
+            format!("no word is pushed to a full {}", queue.name),
             queue.push.implies(queue.count(count_bits(unit)).lt(all)),
         );
         queue.assert_settles(&proof);
@@ -93,13 +93,13 @@ fn packets<'b>(unit: &Watched<'_, 'b>) {
         retry_queue.push.reads(pop.dropped).as_value(0),
     );
     proof.fault(
-        "a packet goes on and ends",
+        "a packet both continues and ends",
         nowhere_queue.push.reads(step.goes).as_value(0),
     );
 }
 
-/// All packets that the unit has, and those in places that are no queue: the pop pipeline, then memory, the step pipeline and the
-/// geometry unit. What is assumed of the surroundings, and that the pipelines' valid bits say the same.
+/// The number of all packets in the unit, and of those in places other than queues: the pop pipeline, memory, the step pipeline and
+/// the geometry unit. Makes the assumptions on the environment, and asserts that the valid bits of the pipelines agree with the counts.
 fn counted<'b>(proof: &Proof<'b>, unit: &Watched<'_, 'b>) -> (Signal<'b>, [Place<'b>; 4]) {
     let (inputs, sliced, step) = (unit.inputs, unit.sliced, unit.step);
     let (popping, pop, nodes, leaves) = (unit.popping, unit.pop, unit.nodes, unit.leaves);
@@ -117,7 +117,7 @@ fn counted<'b>(proof: &Proof<'b>, unit: &Watched<'_, 'b>) -> (Signal<'b>, [Place
         }
     };
     let starts = inputs.setup.valid & inputs.setup.payload.place.last & !inputs.setup_object;
-    // A packet that was handed over at an instance comes back as rays set up in the object's space.
+    // A packet that was dispatched at an instance returns as rays in object space from ray setup.
     let enters = inputs.setup.valid & inputs.setup.payload.place.last & inputs.setup_object;
     let returns = wide(inputs.done.valid) + wide(enters);
     let requested = wide(nodes.valid & nodes.ready);
@@ -134,7 +134,7 @@ fn counted<'b>(proof: &Proof<'b>, unit: &Watched<'_, 'b>) -> (Signal<'b>, [Place
     soon.next(soon.q.concat(inputs.setup_soon).low(pop.latency));
 
     proof.assume(
-        "setup_soon announces each ray that has been set up",
+        "setup_soon announces each ray from ray setup",
         inputs.setup.valid.eq(soon.q.msb()),
     );
     proof.assume(
@@ -142,11 +142,11 @@ fn counted<'b>(proof: &Proof<'b>, unit: &Watched<'_, 'b>) -> (Signal<'b>, [Place
         starts.implies(total.lt(m.lit(unit.plan.packets(), bits))),
     );
     proof.assume(
-        "node memory answers requests that were made",
+        "node memory responds to requests only",
         inputs.node.response.valid.implies(memory.count.any()),
     );
     proof.assume(
-        "the geometry unit gives back leaves that it was given",
+        "the geometry unit completes dispatched leaves only",
         geometry.count.ge(returns),
     );
     let registers = |valid: Signal<'b>, last: u32| {
@@ -156,22 +156,22 @@ fn counted<'b>(proof: &Proof<'b>, unit: &Watched<'_, 'b>) -> (Signal<'b>, [Place
     };
     let stepping_bits = registers(sliced.valid, sliced.decided + 1);
     proof.assert(
-        "as many packets are in the step pipeline as its valid bits say",
+        "the number of packets in the step pipeline is that of its valid bits",
         stepping.count.eq(stepping_bits.count_ones(bits)),
     );
     let popping_bits = registers(popping.valid, pop.latency);
     proof.assert(
-        "as many packets are in the pop pipeline as its valid bits say",
+        "the number of packets in the pop pipeline is that of its valid bits",
         pops.count.eq(popping_bits.count_ones(bits)),
     );
     proof.assert(
-        "no pop ends where a ray arrives",
+        "no pop ends in a cycle in which a ray arrives",
         (soon.q & popping_bits).is_zero(),
     );
     (total, [pops, memory, stepping, geometry])
 }
 
-/// Place by place, that a packet which leaves one comes to another.
+/// Asserts place by place that a packet that leaves one place arrives at another.
 fn conserved<'b>(
     proof: &Proof<'b>,
     unit: &Watched<'_, 'b>,
@@ -189,7 +189,7 @@ fn conserved<'b>(
     };
     let mut places: Vec<_> = unit.queues().iter().map(of_queue).collect();
     places.insert(unit.popping.queues.len(), pops);
-    // Where a packet goes may have a register of its own.
+    // The destination of a packet can have a register.
     let entered = unit.entered;
     if entered.registered {
         let goes = entered.valid.extend(bits);
@@ -201,7 +201,7 @@ fn conserved<'b>(
         });
     }
     places.extend([memory, stepping, geometry]);
-    // Partial sums, each kept by itself: that the last is the total is then easy to see, clock by clock.
+    // Partial sums in separate registers make it easy for the solver that the last one is the total.
     let (mut change, mut before) = (m.zero(bits), m.zero(bits));
     for (i, place) in places.iter().enumerate() {
         let Place { name, count, .. } = place;
@@ -209,7 +209,7 @@ fn conserved<'b>(
         let sum = proof.reg_reset(&format!("sum{i}"), bits, 0);
         sum.next(sum.q + change);
         proof.assert(
-            format!("packets are neither lost nor doubled up to {name}"),
+            format!("packets are neither lost nor duplicated up to {name}"),
             sum.q.eq(before + *count),
         );
         proof.assert(
@@ -220,7 +220,7 @@ fn conserved<'b>(
     }
     proof.assert("every packet is in one place or finished", before.eq(total));
     proof.assert(
-        "no more packets are under way than there are",
+        "no more packets are in flight than there are packet numbers",
         total.le(all),
     );
 }
@@ -239,7 +239,7 @@ impl<'a, 'b> Watched<'a, 'b> {
 }
 
 impl<'b> Served<'b> {
-    /// That the queue which something that waits is from has it.
+    /// Asserts that a waiting word is still in its queue.
     fn assert_held(&self, proof: &Proof<'b>, what: &str) {
         let (preferred, other) = (self.preferred.shows(), self.other.shows());
         let there = self.held.waiting_choice.mux(preferred, other);
@@ -250,15 +250,15 @@ impl<'b> Served<'b> {
     }
 }
 
-/// Of the choices between two queues: what is offered and not taken is offered again, from the same queue, which keeps it at its front (a
-/// property of the queue). What feeds a queue finds room in it, which [`packets`] shows.
+/// Properties of the choice between two queues: an offer that is not accepted is repeated, from the same queue, which keeps it at its
+/// front (a property of the queue). Queues are assumed to have room for pushes, which [`packets`] proves.
 fn choices<'b>(unit: &Watched<'_, 'b>) {
     let m = unit.finished.module();
     let proof = m.proof(
         "choices",
-        "node requests and leaves shown stay until taken, each taken from one queue",
+        "offered node requests and leaves are stable until accepted, and each is taken from one queue",
     );
-    // What is pushed, and when.
+    // The pushes.
     let [_, retry_queue, nowhere_queue] = &unit.popping.queues;
     let pushed = [
         unit.stepped,
@@ -273,7 +273,7 @@ fn choices<'b>(unit: &Watched<'_, 'b>) {
         let bits = queue.count_bits() + 1;
         let (count, depth) = (queue.count(bits), m.lit(queue.depth, bits));
         proof.assume(
-            "what feeds a queue finds room in it",
+            "queues have room for pushes",
             queue.push.implies(count.lt(depth)),
         );
         proof.assert(
@@ -287,11 +287,11 @@ fn choices<'b>(unit: &Watched<'_, 'b>) {
         let (first, second) = (served.preferred.pop, served.other.pop);
         served.assert_held(&proof, name);
         proof.assert(
-            format!("a {name} that is not taken stays, from the same queue"),
+            format!("a {name} is stable until it is accepted, from the same queue"),
             shown_stays(&proof, valid, ready, &[served.held.choice]),
         );
         proof.assert(
-            format!("one queue is popped where a {name} is taken, none elsewhere"),
+            format!("one queue is popped when a {name} is accepted, otherwise none"),
             (first ^ second).eq(valid & ready),
         );
         proof.assert(
@@ -299,29 +299,29 @@ fn choices<'b>(unit: &Watched<'_, 'b>) {
             !(first & second),
         );
         proof.fault(
-            format!("a waiting {name} gives way"),
+            format!("a waiting {name} is replaced"),
             served.held.choice.reads(served.held.waits).as_value(0),
         );
     }
     let &Served { valid, ready, .. } = unit.leaves;
     let refused = proof.past(!m.reset() & valid & !ready);
-    proof.cover("a leaf that was not taken is", refused & ready);
+    proof.cover("a waiting leaf is accepted", refused & ready);
 }
 
-/// One packet and level, any: what is pushed and popped there.
+/// One arbitrary packet and level, with its pushes and pops.
 struct WatchedEntry<'b> {
     packet: Signal<'b>,
     level: Signal<'b>,
     push: Signal<'b>,
     pop: Signal<'b>,
-    /// Whether something has been pushed, and what was last.
+    /// Whether an entry has been pushed, and the last one.
     pushed: Signal<'b>,
     word: Signal<'b>,
 }
 
-/// What a pop reads is what was last pushed for that packet at that level, and a packet's level goes up by 1 with a push and down by 1 with
-/// a pop. One packet and level, any, are watched. What is pushed, who pops and which level a node's answer brings back may be anything; but
-/// a level is assumed to be at most the stack's depth: beyond it the unit has long flagged an overflow.
+/// A pop reads the entry that was last pushed for its packet at its level, and a packet's level increases by 1 with a push and
+/// decreases by 1 with a pop. One arbitrary packet and level are watched. Pushed entries, popping packets and the levels in responses
+/// are arbitrary, except that a level is at most the depth of the stack: above it the unit has already flagged an overflow.
 fn stack<'b>(unit: &Watched<'_, 'b>) {
     let (plan, step, popping) = (unit.plan, unit.step, unit.popping);
     let (packets, levels) = (plan.packets(), plan.config.stack_depth);
@@ -329,10 +329,10 @@ fn stack<'b>(unit: &Watched<'_, 'b>) {
     let proof = m.proof(
         "stack",
         format!(
-            "a pop reads what the packet's push at its level wrote; levels count; {packets} packets, {levels} levels"
+            "a pop reads the entry of the packet's push at its level; levels count pushes and pops; {packets} packets, {levels} levels"
         ),
     );
-    // Clocks from where what pops addresses the stack to where the pop ends.
+    // Cycles from the address of the stack to the end of the pop.
     proof.depth(unit.pop.latency - popping.word.stage() + 1);
     proof.arrays();
     let cut = [
@@ -348,7 +348,7 @@ fn stack<'b>(unit: &Watched<'_, 'b>) {
     words_are_kept(&proof, unit, &entry);
 }
 
-/// Watches one packet and level, any, that exist.
+/// Watches one arbitrary existing packet and level.
 fn watched_entry<'b>(proof: &Proof<'b>, unit: &Watched<'_, 'b>) -> WatchedEntry<'b> {
     let (plan, step, popping) = (unit.plan, unit.step, unit.popping);
     let m = proof.module();
@@ -390,7 +390,7 @@ fn watched_entry<'b>(proof: &Proof<'b>, unit: &Watched<'_, 'b>) -> WatchedEntry<
     }
 }
 
-/// A packet's level goes up with a push, down with a pop; beyond the stack's depth nothing is written.
+/// Asserts that a packet's level increases with a push and decreases with a pop, and that no entry is written above the stack's depth.
 fn levels_count<'b>(proof: &Proof<'b>, unit: &Watched<'_, 'b>) {
     let (step, stack, popping, pop) = (unit.step, unit.stack, unit.popping, unit.pop);
     let m = proof.module();
@@ -400,7 +400,7 @@ fn levels_count<'b>(proof: &Proof<'b>, unit: &Watched<'_, 'b>) {
     let was_reset = proof.past(m.reset());
     let nothing = !stack.write & stack.high_water.q.is_zero() & !stack.overflow.q;
     proof.assert(
-        "a clock of reset is enough: nothing is pushed after it, nor counted",
+        "one cycle of reset is enough: no entry is pushed or counted after it",
         was_reset.implies(nothing),
     );
     proof.assert(
@@ -409,10 +409,10 @@ fn levels_count<'b>(proof: &Proof<'b>, unit: &Watched<'_, 'b>) {
     );
     let level_after = step.push_level + step.push.extend(level_bits);
     proof.assert(
-        "a packet's level goes up by 1 where it pushes, else stays",
+        "a packet's level increases by 1 with a push, else it is unchanged",
         (step.valid).implies(stack.level_after.eq(level_after)),
     );
-    // A wire, so that it is the level in the packet's context that is meant, whatever is packed there.
+    // A wire, so that the level in the packet's context is meant, for any content of the context.
     let context = proof.wire("context", pop.context.width());
     context.drive(pop.context);
     let pops = pop.latency - popping.word.stage();
@@ -421,11 +421,11 @@ fn levels_count<'b>(proof: &Proof<'b>, unit: &Watched<'_, 'b>) {
         Context::of(unit.plan).unpack(context.get()).level,
     );
     proof.assert(
-        "a packet's level goes down by 1 where it pops",
+        "a packet's level decreases by 1 with a pop",
         (pop.done & was_level.any()).implies(is_level.eq(was_level - one)),
     );
     proof.fault(
-        "a full stack is written",
+        "a push to a full stack is written",
         stack.write.reads(stack.full).as_value(0),
     );
     proof.fault(
@@ -442,10 +442,10 @@ fn levels_count<'b>(proof: &Proof<'b>, unit: &Watched<'_, 'b>) {
     );
 }
 
-const STAYS: &str = "what was pushed stays until it is overwritten at its level";
-const READS: &str = "a pop reads what was pushed";
+const STAYS: &str = "a pushed entry is stored until it is overwritten at its level";
+const READS: &str = "a pop reads the pushed entry";
 
-/// The watched word is in the stack's memory until the next push there, and a pop reads it.
+/// Asserts that the watched word is in the stack's memory until the next push there, and that a pop reads it.
 fn words_are_kept<'b>(proof: &Proof<'b>, unit: &Watched<'_, 'b>, entry: &WatchedEntry<'b>) {
     let stack = unit.stack;
     let m = proof.module();
@@ -463,8 +463,8 @@ fn words_are_kept<'b>(proof: &Proof<'b>, unit: &Watched<'_, 'b>, entry: &Watched
     words_are_kept_in_banks(proof, stack, entry, place, (popped, expected));
 }
 
-/// The same of a memory in banks. A push is written a clock later, as a pop reads. Its packet cannot pop in the clocks until then: it has
-/// yet to ask for its next node.
+/// The same for a memory in banks. Writes and reads are one cycle later. The packet of a push cannot pop in these cycles, because it
+/// has yet to request its next node.
 fn words_are_kept_in_banks<'b>(
     proof: &Proof<'b>,
     stack: &Stack<'b>,
@@ -478,7 +478,7 @@ fn words_are_kept_in_banks<'b>(
         !(entry.pop & (entry.push | flies)),
     );
     let (bank, place) = Banks::split(place);
-    // Of the bank that the watched place is in.
+    // Selects the bank of the watched address.
     let of_bank = |of_banks: Vec<Signal<'b>>| {
         let (first, others) = of_banks.split_first().expect("a stack has a bank");
         let others = (1u32..).zip(others);
@@ -521,7 +521,7 @@ fn words_are_kept_in_banks<'b>(
     );
     let (bank_of_pop, _) = Banks::split(stack.entry.address);
     proof.fault(
-        "the choice between banks takes another bank's word",
+        "the multiplexer of banks selects the word of another bank",
         stack.entry.word.reads(bank_of_pop.bit(0)).inverted(),
     );
 }

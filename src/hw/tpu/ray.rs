@@ -1,4 +1,4 @@
-//! What the traversal unit keeps of one of a packet's rays, and the ray's part of a packet step.
+//! One ray of every packet in the traversal unit: its memories, and its part of a traversal step.
 
 use super::slice::{self, Outputs as Goes, Side};
 use crate::bkd::layout::fields::Planes;
@@ -9,7 +9,7 @@ use crate::{bundle, interface};
 use std::sync::Arc;
 
 bundle! {
-    /// What a packet step needs of a ray.
+    /// The data of a ray for a traversal step.
     pub(super) struct RayWord(plan: &Plan) {
         origin: [plan.number(); xyz],
         reciprocal: [plan.number(); xyz],
@@ -18,7 +18,7 @@ bundle! {
 }
 
 bundle! {
-    /// A ray's interval, to be kept.
+    /// A write of a ray's interval.
     pub(super) struct Write(plan: &Plan) {
         write: 1,
         interval: ..{Interval}(plan),
@@ -27,23 +27,23 @@ bundle! {
 
 interface! {
     pub(super) (plan: &Plan) {
-        in "The ray as it is set up, and its packet's number, behind whether it is in an object's space" {
+        in "Ray from ray setup, and its address: the space (1 for object space) and the packet number" {
             setup_write: 1,
             setup_packet: plan.level_packet_bits(),
             setup: {RayWord}(plan),
         }
-        in "Its interval in the node that the packet goes to, as a pop or a start leaves it" {
+        in "Interval of the ray in the packet's next node, from a pop or a start" {
             popped_packet: plan.packet_bits(),
             popped: {Write}(plan),
         }
-        in "A node's answer: whose it is, and when the ray is there, the children's axes and intervals" {
+        in "Response with a node: its packet and, when the ray has been read, the axes and planes of the children" {
             packet: plan.level_packet_bits(),
             left_axis: 2,
             right_axis: 2,
             planes: ..{Planes}(plan.format),
         }
-        in "The packet again, and when the distances are there, whether it comes from a pop or a start, the ray's interval \
-            as a step left it, and whether the ray is in the node" {
+        in "Packet, at a later stage; with the distances: whether it comes from a pop or a start, the ray's interval \
+        from a step, and whether the ray is in the node" {
             late_packet: plan.packet_bits(),
             from_pop: 1,
             stepped: {Interval}(plan),
@@ -53,12 +53,12 @@ interface! {
     }
 }
 
-/// A ray's memories, and its slice behind them. Stage 0 is the node's answer.
+/// Describes the memories of a ray and the slice that follows them. Stage 0 is the response with the node.
 pub(super) fn module(plan: &Plan, slice: &Arc<Module>) -> Result<Arc<Module>, HdlError> {
     let builder = Builder::new(
         "tpu_ray",
-        "one of a packet's rays in the traversal unit: the ray of each packet, its interval where a pop or a start led it, its part of a \
-         packet step.",
+        "one ray of every packet in the traversal unit: the ray, its interval after a pop or a start, and its part of a \
+         traversal step.",
     );
     let m = &builder;
     let p = m.pipeline();
@@ -79,7 +79,7 @@ pub(super) fn module(plan: &Plan, slice: &Arc<Module>) -> Result<Arc<Module>, Hd
     let stepped = inputs.stepped.inputs_at(&p, interval_at);
     let active = inputs.active.input_at(&p, interval_at);
 
-    m.comment("The ray, in the world, and behind that in the object's space, so that the world's is still there when the packet leaves an object.");
+    m.comment("The ray in world space and, in the upper half, in object space: the ray in world space is needed again when the packet leaves the object.");
     let of_word = RayWord::of(plan);
     let rays = m.memory(
         "ray_memory",
@@ -104,7 +104,7 @@ pub(super) fn module(plan: &Plan, slice: &Arc<Module>) -> Result<Arc<Module>, Hd
     let [left, right] = axes;
     let (left, right) = (side("left", left), side("right", right));
 
-    m.comment("Its interval in the packet's node.");
+    m.comment("The interval of the ray in the packet's node.");
     let of_interval = Interval::of(plan);
     let intervals = m.memory(
         "popped_memory",

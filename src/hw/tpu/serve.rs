@@ -1,5 +1,5 @@
-//! What packets go to: nodes are requested of memory, leaves handed over to the geometry unit. Of each there are two queues, after steps,
-//! and after pops and starts.
+//! Node requests to memory, and dispatch of leaves to the geometry unit. Each has two queues: one after steps, and one after pops
+//! and starts.
 
 use super::enter::Entered;
 use super::kept::{Item, Request};
@@ -9,7 +9,7 @@ use crate::hdl::{self, Builder, Flow, HdlError, ReadOutputs, Signal, Specs, Wire
 use crate::hw::plan::Plan;
 use crate::hw::ray::{Context, Leaf};
 
-/// Two queues of which one is served.
+/// Two queues, one of which is served.
 pub(super) struct Served<'b> {
     pub preferred: Placed<'b>,
     pub other: Placed<'b>,
@@ -18,27 +18,27 @@ pub(super) struct Served<'b> {
     pub held: Held<'b>,
 }
 
-/// A choice that stays while what it offers is not taken.
+/// A choice between two queues that is stable until its offer is accepted.
 pub(super) struct Held<'b> {
     /// Whether it is the preferred one.
     pub choice: Signal<'b>,
-    /// Whether something was offered and not taken, and from which it was.
+    /// Whether an offer was not accepted, and the queue that it came from.
     pub waits: Signal<'b>,
     pub waiting_choice: Signal<'b>,
 }
 
-/// Packets that go somewhere: whether one does, and the word that says where, after a step, and after a pop or a start.
+/// Packets for the queues: valid bit and word, after a step, and after a pop or a start.
 struct Coming<'b> {
     after_step: (Signal<'b>, Signal<'b>),
     after_pop: (Signal<'b>, Signal<'b>),
 }
 
-/// Places a queue as [`Plan::queue`] does.
+/// A function that instantiates a queue, such as [`Plan::queue`].
 type PlaceQueue<'b> =
     fn(&Plan, &str, u32, Signal<'b>, Signal<'b>, Signal<'b>) -> Result<Placed<'b>, HdlError>;
 
-/// Serves one of two queues: that after steps where it has something, but what was offered and not taken is offered again, so that what
-/// waits never changes. Returns the word that is offered, too.
+/// Serves one of two queues, with priority for the queue after steps. An offer that is not accepted is repeated, so it is stable
+/// while it waits. The first result is the offered word.
 fn serve<'b>(
     plan: &Plan,
     name: &str,
@@ -79,7 +79,7 @@ fn serve<'b>(
     Ok((front.named(format!("{name}_front")), served))
 }
 
-/// Requests nodes, and says what is to be kept of a packet while its request is out.
+/// Requests nodes, and returns the state of a packet to be stored while its request is in flight.
 pub(super) fn nodes<'b>(
     m: &'b Builder,
     plan: &Plan,
@@ -89,7 +89,7 @@ pub(super) fn nodes<'b>(
     kept: Request<Wire<'b>>,
 ) -> Result<(ReadOutputs<Signal<'b>>, Served<'b>), HdlError> {
     let item = Item::of(plan);
-    m.comment("Nodes to fetch: after steps, and after pops and starts.");
+    m.comment("Node requests: after steps, and after pops and starts.");
     let after_step = item.pack(Item {
         packet: step.packet,
         address: step.first.address,
@@ -120,7 +120,7 @@ pub(super) fn nodes<'b>(
     Ok((ReadOutputs { request }, served))
 }
 
-/// Hands leaves over.
+/// Dispatches leaves.
 pub(super) fn leaves<'b>(
     m: &'b Builder,
     plan: &Plan,
@@ -129,7 +129,7 @@ pub(super) fn leaves<'b>(
     ready: Signal<'b>,
 ) -> Result<(Flow<Leaf<Signal<'b>>, Signal<'b>>, Served<'b>), HdlError> {
     let leaf = Leaf::of(plan);
-    m.comment("Leaves to hand over: after steps, and after pops and starts.");
+    m.comment("Leaves to dispatch: after steps, and after pops and starts.");
     let after_step = leaf.pack(Leaf {
         packet: step.packet,
         address: step.first.address,

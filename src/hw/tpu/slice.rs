@@ -1,4 +1,4 @@
-//! One ray's part of a packet step.
+//! The part of one ray in a traversal step.
 
 use crate::bkd::layout::fields::Planes;
 use crate::hdl::{Builder, HdlError, Module, Signals, Specs};
@@ -20,18 +20,18 @@ bundle! {
 
 interface! {
     pub(super) (plan: &Plan) {
-        in "The node's intervals" {
+        in "Intervals of the node" {
             planes: ..{Planes}(plan.format),
         }
-        in "The ray on the left and the right child's axis" {
+        in "Ray on the axes of the left and the right child" {
             left: {Side}(plan),
             right: {Side}(plan),
         }
-        in "The ray's interval in the node, needed when the distances are there" {
+        in "Interval of the ray in the node, at the stage of the distances" {
             ray: {Interval}(plan),
             ray_active: 1,
         }
-        out "The ray's interval in the children, and where it goes" {
+        out "Intervals of the ray in the children, and the children that it enters" {
             out_left: {Interval}(plan),
             out_right: {Interval}(plan),
             to_left: 1,
@@ -41,12 +41,12 @@ interface! {
     }
 }
 
-/// One ray's part of a packet step: its interval in both children, and where it goes.
+/// Describes the part of one ray in a traversal step: its interval in both children, and the children that it enters.
 pub(super) fn module(plan: &Plan) -> Result<Arc<Module>, HdlError> {
     let f = plan.format;
     let m = Builder::new(
         "tpu_slice",
-        "one ray's part of a packet step: four plane distances, its interval in each child, where it goes.",
+        "one ray's part of a traversal step: four plane distances, the interval in each child, and the children that the ray enters.",
     );
     let p = m.pipeline();
     let ports = ports(plan);
@@ -54,7 +54,7 @@ pub(super) fn module(plan: &Plan) -> Result<Arc<Module>, HdlError> {
     let planes = inputs.planes.inputs_at(&p, 0);
     let sides = [&inputs.left, &inputs.right].map(|side| side.inputs_at(&p, 0));
     let distance_latency = plan.near_distance.stage("distance")?;
-    // A valid ray's 0 <= tmin <= near, and neither near nor far is ever a NaN.
+    // For a valid ray 0 <= tmin <= near, and near and far are never NaN.
     let Interval { near, far } = inputs.ray.inputs_at(&p, distance_latency);
     let active = inputs.ray_active.input_at(&p, distance_latency);
 
@@ -63,7 +63,7 @@ pub(super) fn module(plan: &Plan) -> Result<Arc<Module>, HdlError> {
         ("left", sides[0], planes.left_lo, planes.left_hi),
         ("right", sides[1], planes.right_lo, planes.right_hi),
     ] {
-        m.comment(format!("The {name} child: near and far planes by the direction's sign, then near and far clipped."));
+        m.comment(format!("The {name} child: select near and far planes by the sign of the direction, then clip near and far."));
         let Side {
             sign,
             origin,
@@ -96,7 +96,7 @@ pub(super) fn module(plan: &Plan) -> Result<Arc<Module>, HdlError> {
         let near = near.register().known(Known::Positive);
         intervals.push((near, far.register().known(Known::Number)));
     }
-    m.comment("Where the ray goes.");
+    m.comment("The children that the ray enters.");
     let (left_near, left_far) = intervals[0];
     let (right_near, right_far) = intervals[1];
     let compare = |name: &str, a, b| plan.decide(less_equal(f, name, a, b));

@@ -19,10 +19,10 @@ bundle! {
     }
 }
 
-/// The stack, with what is pushed and popped.
+/// The stack, with its push and its pop.
 pub(super) struct Stack<'b> {
     pub memory: Banks<'b>,
-    /// Bits of a packet's number in its address.
+    /// Width of the packet number in its address.
     pub packet_bits: u32,
     pub full: Signal<'b>,
     pub write: Signal<'b>,
@@ -31,12 +31,13 @@ pub(super) struct Stack<'b> {
     pub level_after: Signal<'b>,
     pub overflow: Reg<'b>,
     pub high_water: Reg<'b>,
-    /// The popping packet's level after the pop, and the entry that it pops; in the pipeline of pops.
+    /// The packet's level after the pop, and the popped entry; in the pipeline of pops.
     pub level_below: Signal<'b>,
     pub entry: BankRead<'b>,
 }
 
-/// Writes what a step pushes, in the clock in which the step ends; reads for a packet that pops, as late as [`Banks`] say.
+/// Writes the entry that a step pushes, in the cycle in which the step ends; reads the entry of a packet that pops, with the latency
+/// of [`Banks`].
 pub(super) fn stack<'b>(
     m: &'b Builder,
     plan: &Plan,

@@ -1,22 +1,22 @@
-//! Packets that start, in the scene or in an object.
+//! Starts of packets, in world space or in object space.
 
 use super::SetUp;
 use crate::hdl::{Builder, Flow, Signal};
 use crate::hw::plan::Plan;
 
-/// What a ray that has been set up means for its packet, in the clock in which it comes.
+/// The effect of a ray from ray setup on its packet, in the cycle in which it arrives.
 pub(super) struct Start<'b> {
-    /// By place in the packet: whether the ray that comes has that place.
+    /// By slot in the packet: whether the arriving ray has this slot.
     pub of_ray: Vec<Signal<'b>>,
-    /// The packet's rays that have come and enter, this one included.
+    /// The packet's rays so far that enter, including this one.
     pub mask: Signal<'b>,
-    /// Whether the ray is the packet's last, and some ray enters, or none does.
+    /// Whether the ray is the packet's last and at least one ray enters, and whether it is the last and none enters.
     pub goes: Signal<'b>,
     pub nowhere: Signal<'b>,
 }
 
-/// Gathers a packet's rays. They arrive one by one, those of the world and of an object's space alternating as they like; the last one
-/// starts the packet. All outputs belong to the clock in which a ray arrives.
+/// Collects the rays of a packet. They arrive one by one, with rays in world space and in object space interleaved in any order; the
+/// last one starts the packet. All outputs are in the cycle in which a ray arrives.
 pub(super) fn start<'b>(
     m: &'b Builder,
     plan: &Plan,
@@ -29,8 +29,8 @@ pub(super) fn start<'b>(
     } = setup;
     let rays = plan.rays();
     m.comment(
-        "The start, in the scene or in an object: rays arrive one by one, the last one starts the packet at the root. No pop ends while \
-         one arrives. Rays of the world and of an object's space may alternate.",
+        "Start in world space or in object space: rays arrive one by one, the last one starts the packet at the root. No pop ends while \
+         one arrives. Rays in world space and in object space may alternate.",
     );
     let is_ray: Vec<_> = (0..rays)
         .map(|i| {

@@ -1,4 +1,4 @@
-//! The packet step: where the packet's rays go, then where the packet goes.
+//! The traversal step: the children that each ray enters, then the packet's next node.
 
 use super::enter::PoppedWires;
 use super::kept::{Kept, Requested, Stepped, SteppedWrite};
@@ -14,19 +14,19 @@ use crate::hw::plan::Plan;
 use crate::hw::ray::{Context, Interval};
 use std::sync::Arc;
 
-/// The step pipeline up to the rays' results; its stage 0 is the clock of the node's answer.
+/// The step pipeline up to the results of the rays. Stage 0 is the cycle of the response with the node.
 pub(super) struct Sliced<'b> {
     pub valid: Signal<'b>,
     packet: Signal<'b>,
     node: Signal<'b>,
     request: Requested<Signal<'b>>,
     rays: Vec<Goes<Signal<'b>>>,
-    /// The stage of the rays' results.
+    /// The stage of the results of the rays.
     pub decided: u32,
 }
 
-/// A node's answer meets the packet's rays, and in time what was kept of the packet, in a module for each ray. A ray is written there as it
-/// is set up, and its interval after a pop or a start.
+/// Combines a node from memory with the packet's rays and the stored state of the packet, with one module per ray. Rays are written
+/// there by ray setup, and intervals by pops and starts.
 pub(super) fn slices<'b>(
     m: &'b Builder,
     plan: &Plan,
@@ -38,7 +38,7 @@ pub(super) fn slices<'b>(
 ) -> Sliced<'b> {
     let answer = inputs.node.response;
     let interval = Interval::of(plan);
-    m.comment("The packet step. A node's answer enters with the packet's rays.");
+    m.comment("The traversal step. A node from memory enters with the packet's rays.");
     let p = m.pipeline();
     let valid = p.enter(answer.valid).cleared_by_reset();
     let level_packet = p.enter(answer.payload.tag);
@@ -48,7 +48,7 @@ pub(super) fn slices<'b>(
     let planes = of_planes.unpack(node.low(of_planes.width())).named("");
     let [left_axis, right_axis] = axes(plan, node);
 
-    // Intervals are wanted later than rays.
+    // Intervals are needed later than rays.
     let ports = ray::ports(plan);
     let at = ports.inputs.active.stage(m, module);
     let late_packet = packet.at(at - plan.read_latency());
@@ -104,14 +104,14 @@ fn axes<'b>(plan: &Plan, node: Signal<'b>) -> [Signal<'b>; 2] {
     let axis = |spec| of_node.get(node, spec).named(&spec.name);
     let left = axis(&of_node.link.left_axis);
     match plan.config.axes_per_node {
-        // One axis bounds both children: the right one's would say the same.
+        // One axis bounds both children, so the axis of the right one is the same.
         1 => [left; 2],
         _ => [left, axis(&of_node.link.right_axis)],
     }
 }
 
 bundle! {
-    /// A child of a node, and which rays go there.
+    /// A child of a node, and the rays that enter it.
     pub(super) struct Child(plan: &Plan) {
         leaf: 1,
         address: plan.address(),
@@ -120,30 +120,30 @@ bundle! {
     }
 }
 
-/// A packet step that has been decided: where the packet goes first, and what it pushes. All but what is said to be in the pipeline
-/// belong to the clock in which the step ends.
+/// The result of a traversal step: the packet's next node or leaf, and the entry that it pushes. Fields are in the cycle in which the
+/// step ends, except those marked as in the pipeline.
 pub(super) struct Step<'b> {
     pub valid: Signal<'b>,
     pub packet: Signal<'b>,
-    /// Whether some ray goes left, and right; whether both; and the levels before and after. In the pipeline.
+    /// Whether any ray enters the left child, the right child, and both; the stack levels before and after. In the pipeline.
     pub goes_left: Signal<'b>,
     pub goes_right: Signal<'b>,
     pub goes_both: Signal<'b>,
     pub level_before: Signal<'b>,
     pub next_level: Signal<'b>,
-    /// Whether it goes anywhere; there, and with which context.
+    /// Whether the packet has a next node or leaf; its address, and the packet's context.
     pub goes: Signal<'b>,
     pub first: Child<Signal<'b>>,
     pub context: Signal<'b>,
     pub push: Signal<'b>,
-    /// Entries on the stack before.
+    /// The number of entries on the stack before the push.
     pub push_level: Signal<'b>,
     pub push_word: Signal<'b>,
     pub trace: Option<StepTrace<Signal<'b>>>,
 }
 
-/// The packet goes first where the only or the nearer ones of its rays go; what goes elsewhere is pushed. The step ends a clock after
-/// the rays' results.
+/// Decides the step. The packet first visits the child that its rays enter only or first; the other child is pushed. The step ends
+/// one cycle after the results of the rays.
 pub(super) fn decide<'b>(
     m: &'b Builder,
     plan: &Plan,
@@ -151,7 +151,7 @@ pub(super) fn decide<'b>(
     stepped: SteppedWrite<Wire<'b>>,
 ) -> Step<'b> {
     let (rays, decided) = (&sliced.rays, sliced.decided);
-    m.comment("The packet's decision.");
+    m.comment("The decision for the packet.");
     let gather = |of: fn(&Goes<Signal<'b>>) -> Signal<'b>| {
         let bits: Vec<_> = rays.iter().rev().map(of).collect();
         m.concat(&bits)
@@ -245,7 +245,7 @@ pub(super) fn decide<'b>(
     }
 }
 
-/// Whether each child, left and right, is a leaf, and where it lies. A leaf has its own node's address, or that of the link.
+/// The kind (leaf or node) and the address of each child, left and right. A leaf has the address of its node, or that of the link.
 fn children<'b>(
     plan: &Plan,
     sliced: &Sliced<'b>,

@@ -1,5 +1,5 @@
-//! Decode: cuts the program's rows into instructions, an instruction a clock, and adds what an instruction does not say: its implicit
-//! registers and the index of its vertex.
+//! Decode: splits the rows of the program into instructions, one per cycle, and adds the implicit registers and the vertex index of
+//! each instruction.
 
 use super::fetch::Rows;
 use super::{Around, Instruction, ROW_BITS, Start, WINDOW_BYTES, WORD_BITS, box_bits, vertex_bits};
@@ -10,11 +10,11 @@ use crate::hw::banks::pick;
 use crate::hw::counters::counts_up;
 use crate::hw::plan::Plan;
 
-/// Bytes that a refill brings.
+/// Bytes per refill.
 const WORD_BYTES: u32 = WORD_BITS / 8;
 
 bundle! {
-    /// What an instruction says, a clock after it was in the window.
+    /// The explicit fields of an instruction, one cycle after it was in the window.
     pub(super) struct Decoded(plan: &Plan) {
         x: Instruction::of(plan).x.width,
         y: Instruction::of(plan).y.width,
@@ -30,14 +30,14 @@ bundle! {
     }
 }
 
-/// What decode gives.
+/// The results of decode.
 pub(super) struct Decode<'b> {
-    /// An instruction leaves the window; it is a load.
+    /// Whether an instruction leaves the window, and whether it is a load.
     pub decode: Signal<'b>,
     pub decode_load: Signal<'b>,
-    /// Of a load a clock later, its vertex's index.
+    /// The vertex index of a load, one cycle later.
     pub index: Flow<Signal<'b>, Signal<'b>>,
-    /// Two clocks after it has left the window, the instruction as a word.
+    /// The instruction as a word, two cycles after it has left the window.
     pub completed: Flow<Signal<'b>, Signal<'b>>,
     // For the properties.
     pub window: Window<'b>,
@@ -49,8 +49,8 @@ pub(super) struct Decode<'b> {
 }
 
 impl<'b> Decode<'b> {
-    /// Decodes from the start to the end of the program, wherever a whole instruction is in the window and there is room for it and for a
-    /// vertex's index.
+    /// Decodes the program from start to end. An instruction is decoded when it is completely in the window and there is room for it and
+    /// for a vertex index.
     pub fn new(&Around { plan, m, told, .. }: &Around<'b>, rows: &Rows<'b>) -> Decode<'b> {
         let start = rows.start;
         let decoding = m.reg_reset("decoding", 1, 0);
@@ -61,7 +61,7 @@ impl<'b> Decode<'b> {
         window.advance(m, decode, &first);
         decoding.next(start.valid | (decoding.q & !(decode & first.says.end)));
 
-        m.comment("The decoded instruction. Its implicit registers and its vertex's index follow from those before it.");
+        m.comment("The decoded instruction. Its implicit registers and its vertex index follow from earlier instructions.");
         let decoded = m.reg_reset("decoded", 1, 0);
         decoded.next(decode);
         let of = Decoded::of(plan).hold("decoded", first.says);
@@ -77,7 +77,7 @@ impl<'b> Decode<'b> {
             target: implied_target(plan, m, start.valid, decoded.q, &of),
         };
         let index = vertex_index(m, start, load, &of);
-        // The target may have come from the list of free ones: it queues a clock later.
+        // The target can be read from the list of free registers, so the instruction is queued one cycle later.
         let instruction = Instruction::of(plan);
         let word = instruction.pack(decoded_as);
         let completed = m.reg_reset("completed", 1, 0);
@@ -99,30 +99,30 @@ impl<'b> Decode<'b> {
     }
 }
 
-/// The program's next bytes, and which of them are there. The others are 0.
+/// The next bytes of the program, and their valid bits. Invalid bytes are 0.
 pub(super) struct Window<'b> {
     bytes: Reg<'b>,
     pub there: Reg<'b>,
-    /// Both with the next word behind them, where there is room for it.
+    /// Both with the next word appended, if there is room for it.
     filled: Signal<'b>,
     filled_there: Signal<'b>,
     pub idle_before: Signal<'b>,
     pub take_word: Signal<'b>,
     pub refill: Signal<'b>,
-    /// High where the front row has been used.
+    /// High when the front row has been used.
     pub pop_row: Signal<'b>,
 }
 
 impl<'b> Window<'b> {
-    /// Takes the rows' words one by one, while `decoding`. [`Window::advance`] is to follow.
+    /// Takes the words of the rows one by one, while `decoding`. [`Window::advance`] must be called afterwards.
     fn new(m: &'b Builder, decoding: Signal<'b>, rows: &Reader<'b>) -> Window<'b> {
-        m.comment("The window: the program's next bytes, refilled by words, and which of them are there. The others are 0.");
+        m.comment("The window: the next bytes of the program, refilled by words, and their valid bits. Invalid bytes are 0.");
         let bytes = m.reg("window", 8 * WINDOW_BYTES);
         let there = m.reg("window_there", WINDOW_BYTES);
         let words = ROW_BITS / WORD_BITS;
         let word_bits = bits_for(u64::from(words));
         let word_index = m.reg("word_index", word_bits);
-        // A clock later than it could be: there is no row for the window so soon after a start.
+        // One cycle later than necessary: no row arrives so soon after a start.
         let idle = m.reg_reset("idle_before", 1, 1);
         idle.next(!decoding);
         let busy = !idle.q;
@@ -158,7 +158,7 @@ impl<'b> Window<'b> {
         }
     }
 
-    /// Drops the bytes of an instruction that is decoded.
+    /// Removes the bytes of a decoded instruction.
     fn advance(&self, m: &'b Builder, decode: Signal<'b>, first: &First<'b>) {
         for (register, name, filled, unit) in [
             (self.bytes, "rest", self.filled, 8),
@@ -176,7 +176,7 @@ impl<'b> Window<'b> {
     }
 }
 
-/// The window with `word`, which is 0 where there is none, behind the last byte that is there.
+/// The window with `word` (0 if there is none) after the last valid byte.
 fn filled<'b>(window: Signal<'b>, there: Signal<'b>, word: Signal<'b>) -> Signal<'b> {
     let goes_to: Vec<_> = (0..=WINDOW_BYTES - WORD_BYTES)
         .map(|byte| {
@@ -201,18 +201,18 @@ fn filled<'b>(window: Signal<'b>, there: Signal<'b>, word: Signal<'b>) -> Signal
     window.module().concat(&bytes).named("filled")
 }
 
-/// The instruction that is first in the window.
+/// The first instruction in the window.
 pub(super) struct First<'b> {
     pub says: Decoded<Signal<'b>>,
-    /// Bytes of instructions of more than one, the longest first.
+    /// The lengths of instructions of more than one byte, in bytes, the longest first.
     lengths: [(u32, Signal<'b>); 3],
-    /// Whether all of its bytes are there.
+    /// Whether all of its bytes are valid.
     pub complete: Signal<'b>,
 }
 
 impl<'b> First<'b> {
     fn of(plan: &Plan, m: &'b Builder, window: &Window<'b>) -> First<'b> {
-        m.comment("Decode: the first byte tells the kind and the length.");
+        m.comment("Decode: the first byte determines kind and length.");
         let code = |bit: u32| window.bytes.q.bit(bit);
         let long = (code(3) & code(2)).named("long_code");
         let reload_or_end = (long & code(1) & !code(0)).hinted("is_reload_or_end");
@@ -255,7 +255,7 @@ impl<'b> First<'b> {
     }
 }
 
-/// A leaf's third vertex register, the last one loaded where the instruction is short; a node's axes.
+/// The third vertex register of a leaf, which is the last loaded one in the short form; the axes of a node.
 fn implied_z<'b>(
     plan: &Plan,
     m: &'b Builder,
@@ -278,7 +278,7 @@ fn implied_z<'b>(
     z.named("implied_z")
 }
 
-/// The box register that a merge writes: a node's first, whose second is free from then on; a leaf's a free one, or else a fresh one.
+/// The box register that a merge writes. A node reuses its first operand, and its second one becomes free; a leaf takes a free register, or else the next unused one.
 fn implied_target<'b>(
     plan: &Plan,
     m: &'b Builder,
@@ -311,7 +311,7 @@ fn implied_target<'b>(
     (decoded.node.mux(decoded.x.low(box_bits), of_leaf)).named("implied_target")
 }
 
-/// The index of a load's vertex: the next one, or a reload's own from the object's first on.
+/// The vertex index of a load: the next one, or for a reload the given one, relative to the object's first vertex.
 fn vertex_index<'b>(
     m: &'b Builder,
     start: Start<'b>,

@@ -1,5 +1,5 @@
-//! Execute: the current instruction goes unless what it needs is missing. Only here is memory waited for, and then all later instructions
-//! wait too.
+//! Execute: issues the current instruction when its operands are available. This is the only part that waits for memory; later
+//! instructions then wait as well.
 
 use super::decode::Decode;
 use super::fetch::Vertices;
@@ -8,20 +8,20 @@ use crate::hdl::fifo::Placed;
 use crate::hdl::prefetch::Occupancy;
 use crate::hdl::{HdlError, Signal, Signals, Spec, Specs};
 
-/// What execution gives.
+/// The results of execution.
 pub(super) struct Execute<'b> {
-    /// Instructions that have room: it tells whether one more may be decoded.
+    /// The instructions with reserved room: it determines whether one more may be decoded.
     pub in_flight: Occupancy<'b>,
-    /// The instruction that goes, or waits.
+    /// The current instruction, issued or waiting.
     pub current: Instruction<Signal<'b>>,
     pub goes: Signal<'b>,
-    /// It goes, and is a load; a node; one of the two kinds that merge.
+    /// Whether it is issued and is a load, a node, or one of the two kinds that merge.
     pub load_goes: Signal<'b>,
     pub node_goes: Signal<'b>,
     pub merge_goes: Signal<'b>,
-    /// It is the end, and stays until the object's box is taken.
+    /// Whether it is the end instruction, which waits until the object's box is accepted.
     pub end_waits: Signal<'b>,
-    /// Why it waits.
+    /// The reason for waiting.
     pub missing_vertex: Signal<'b>,
     pub missing_room: Signal<'b>,
     // For the properties.
@@ -33,14 +33,14 @@ pub(super) struct Execute<'b> {
 }
 
 impl<'b> Execute<'b> {
-    /// Queues instructions, which take room as they leave the window and come two clocks later, and lets them go in order: a load when its
-    /// vertex is there, a node when there is room for it, the end when the box is taken.
+    /// Queues instructions, which reserve room when they leave the window and arrive two cycles later, and issues them in order: a load
+    /// when its vertex is available, a node when there is room for its write, the end when the box is accepted.
     pub fn new(
         &Around { plan, m, told, .. }: &Around<'b>,
         decode: &Decode<'b>,
         vertices: &Vertices<'b>,
     ) -> Result<Execute<'b>, HdlError> {
-        m.comment("Instructions wait for their vertices.");
+        m.comment("Instructions wait here for their vertices.");
         let depth = plan.config.update_instructions_ahead;
         let take = m.wire("take_instruction", 1);
         let (push, word) = (decode.completed.valid, decode.completed.payload);
@@ -55,7 +55,7 @@ impl<'b> Execute<'b> {
             pop,
         );
 
-        m.comment("Execute: the current instruction goes unless what it needs is missing.");
+        m.comment("Execute: the current instruction is issued when its operands are available.");
         let instruction = Instruction::of(plan);
         let word = m.reg("current", instruction.width());
         let valid = m.reg_reset("current_valid", 1, 0);

@@ -1,4 +1,4 @@
-//! Fetch: starts updates, and reads the rows of their programs and the vertices of their loads ahead of their use.
+//! Fetch: starts updates, and prefetches the rows of their programs and the vertices of their loads.
 
 use super::decode::Decode;
 use super::{Around, Start, VERTEX_INDICES, counts_later};
@@ -8,30 +8,30 @@ use crate::hdl::properties::Reader;
 use crate::hdl::{Flow, HdlError, Signal};
 use crate::hw::counters::{counts_down, counts_up};
 
-/// The rows of a program, as they come.
+/// The prefetched rows of a program.
 pub(super) struct Rows<'b> {
-    /// Whether an update may start, and one that starts.
+    /// Whether an update may start, and the update that starts.
     pub start_ready: Signal<'b>,
     pub start: Start<'b>,
-    /// High from the clock after a start until the object's box is taken.
+    /// High from the cycle after a start until the object's box is accepted.
     pub running: Signal<'b>,
     pub reader: Reader<'b>,
     // For the properties.
     pub any_left: Signal<'b>,
     pub next: Signal<'b>,
     pub requested: Signal<'b>,
-    /// Where it has one, the register that says that nothing was in the reader.
+    /// The register that tells that the prefetcher was empty, if there is one.
     pub none_before: Option<Signal<'b>>,
 }
 
 impl<'b> Rows<'b> {
-    /// Starts an update when the last one is over and none of its rows is left, and requests its rows in order. The front row stays until
-    /// `pop_row`, which comes only where it is valid; `box_taken` ends the update.
+    /// Starts an update when the previous one is complete and none of its rows is left, and requests its rows in order. The front row is
+    /// stable until `pop_row`, which may be high only while the row is valid; `box_taken` ends the update.
     pub fn new(around: &Around<'b>) -> Result<Rows<'b>, HdlError> {
         let Around { plan, m, .. } = *around;
         let (inputs, told) = (&around.inputs, &around.told);
         let (start, update, a) = (inputs.start.valid, inputs.start.payload, plan.address());
-        m.comment("An update starts when the last one is over and none of its rows is left.");
+        m.comment("An update starts when the last one is complete and none of its rows is left in the prefetcher.");
         let running = m.reg_reset("running", 1, 0);
         let rows_left = m.reg("rows_left", a);
         let any_rows_left = m.reg_reset("any_rows_left", 1, 0);
@@ -40,7 +40,7 @@ impl<'b> Rows<'b> {
         let start = (start & start_ready).named("start");
         running.next(start | (running.q & !told.box_taken));
 
-        m.comment("Fetch: rows of the program, ahead of their use.");
+        m.comment("Prefetch of program rows.");
         let fetch_row = m.reg("fetch_row", a);
         let wanted = any_rows_left.q;
         let names = ("program_prefetch", "rows");
@@ -54,7 +54,7 @@ impl<'b> Rows<'b> {
             inputs.program,
             told.pop_row,
         )?;
-        // Not while a row is requested that it does not count yet.
+        // Not while a row is requested that the register does not reflect yet.
         let none_before = counts_later(plan).then(|| {
             let before = m.reg_reset("no_rows_before", 1, 1);
             before.next(reader.empty & !wanted);
@@ -80,9 +80,9 @@ impl<'b> Rows<'b> {
     }
 }
 
-/// The vertices of loads, as they come.
+/// The prefetched vertices of loads.
 pub(super) struct Vertices<'b> {
-    /// Loads that have room: it tells whether one more may be decoded.
+    /// The loads with reserved room: it determines whether one more may be decoded.
     pub indices_in_flight: Occupancy<'b>,
     pub reader: Reader<'b>,
     // For the properties.
@@ -90,11 +90,11 @@ pub(super) struct Vertices<'b> {
 }
 
 impl<'b> Vertices<'b> {
-    /// Requests the vertices of decoded loads in order. The front one stays until `pop_vertex`, which comes only where it is valid.
+    /// Requests the vertices of decoded loads in order. The front vertex is stable until `pop_vertex`, which may be high only while it is valid.
     pub fn new(around: &Around<'b>, decode: &Decode<'b>) -> Result<Vertices<'b>, HdlError> {
         let Around { plan, m, .. } = *around;
         let (inputs, told) = (&around.inputs, &around.told);
-        m.comment("Vertices are requested in the order of their loads, ahead of their use.");
+        m.comment("Prefetch of vertices, in the order of their loads.");
         let take_index = m.wire("take_index", 1);
         let take = take_index.get();
         let (push, data, comes) = (decode.index.valid, decode.index.payload, decode.decode_load);

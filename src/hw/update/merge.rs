@@ -1,4 +1,4 @@
-//! Merge: of two boxes, or of three vertices, of which each is a box too.
+//! Merge: the union of two boxes, or of three vertices (each a degenerate box).
 
 use super::execute::Execute;
 use super::fetch::Vertices;
@@ -8,25 +8,27 @@ use crate::hdl::{Builder, Memory, Signal, Signals, Specs, Style};
 use crate::hw::fp::{Knowing, Known, is_nan, less};
 use crate::hw::plan::{AXES, Plan};
 
-/// What a merge starts from, all at one stage.
+/// The operands of a merge, at one stage.
 pub(super) struct Operands<'b> {
     pub first: fields::Box<Signal<'b>>,
     pub second: fields::Box<Signal<'b>>,
-    /// A leaf's third vertex.
+    /// The third vertex of a leaf.
     third: [Signal<'b>; 3],
     of_leaf: Signal<'b>,
     box_registers: Memory<'b>,
 }
 
 impl<'b> Operands<'b> {
-    /// Writes a load's vertex into its register, and reads the registers that the current instruction names: of a leaf three vertices, of
-    /// others two boxes.
+    /// Writes the vertex of a load to its register, and reads the operands of the current instruction: three vertices for a leaf, two
+    /// boxes for other instructions.
     pub fn read(
         &Around { plan, m, p, .. }: &Around<'b>,
         execute: &Execute<'b>,
         vertices: &Vertices<'b>,
     ) -> Operands<'b> {
-        m.comment("The registers. A load is written as it goes; the next instruction can read it.");
+        m.comment(
+            "The registers. A load is written when it is issued; the next instruction can read it.",
+        );
         let (config, f) = (&plan.config, plan.format);
         let (of_vertex, of_box) = (fields::Vertex::of(f), fields::Box::of(f));
         let block = |name, registers, width| m.memory(name, registers, width, Style::Block);
@@ -70,21 +72,21 @@ impl<'b> Operands<'b> {
 
 /// The merge in progress.
 pub(super) struct Merge<'b> {
-    /// Whether something merges, from stage 0 on.
+    /// Whether a merge is in the pipeline, from stage 0 on.
     pub goes: Signal<'b>,
     /// The stage at which the box is written to its register.
     pub written: u32,
 }
 
 impl<'b> Merge<'b> {
-    /// Merges the operands of what goes, and writes the box to the instruction's target. A number that is no NaN goes before one that is.
+    /// Merges the operands of the issued instruction, and writes the box to its target register. A NaN loses against any number.
     pub fn new(
         &Around { plan, m, p, .. }: &Around<'b>,
         execute: &Execute<'b>,
         operands: &Operands<'b>,
     ) -> Merge<'b> {
-        m.comment("Merge: of two boxes, or of three vertices, of which each is a box too. A number that is no NaN goes before one that is.");
-        // What a reset leaves here is written before an update can merge anything.
+        m.comment("Merge of two boxes, or of three vertices (each a degenerate box). A NaN loses against any number.");
+        // The state after a reset is overwritten before the first merge of an update.
         let goes = p.enter(execute.merge_goes);
         let target = p.enter(execute.current.target).named("merge_target");
         let bounds = |least| [0, 1, 2].map(|axis| bound(plan, m, operands, least, axis));
@@ -101,8 +103,8 @@ impl<'b> Merge<'b> {
     }
 }
 
-/// One of the six numbers of the merged box: the least, or the greatest, of two numbers or of three; of NaNs alone an infinity, so that the
-/// interval is empty.
+/// One of the six numbers of the merged box: the least or the greatest of two or three numbers. If all of them are NaN, it is an
+/// infinity such that the interval is empty.
 fn bound<'b>(
     plan: &Plan,
     m: &'b Builder,
@@ -118,7 +120,7 @@ fn bound<'b>(
     let [first, second, third] = [first, second, operands.third].map(|of| of[axis]);
     let name = |of: &str| format!("{of}_{end_name}_{axis_name}");
     let beats = |who: &str, challenger: Signal<'b>, holder: Signal<'b>| {
-        // A bound that is a NaN is looked for beside the comparison.
+        // The check for a NaN bound is parallel to the comparison.
         let (x, bound) = (challenger.known(Known::Nothing), holder.known(Known::NoNan));
         let (a, b) = if least { (x, bound) } else { (bound, x) };
         less(f, name(&format!("{who}_beats")), a, b)
@@ -144,7 +146,7 @@ fn bound<'b>(
     plan.settle(bound.named(name("merged")))
 }
 
-/// A register's contents, a clock later or two.
+/// The content of a register, one or two cycles later.
 fn read<'b>(plan: &Plan, registers: Memory<'b>, number: Signal<'b>) -> Signal<'b> {
     let word = registers.read(number);
     if plan.timing.merge_register {
@@ -154,7 +156,7 @@ fn read<'b>(plan: &Plan, registers: Memory<'b>, number: Signal<'b>) -> Signal<'b
     }
 }
 
-/// A register between a comparison and the choice that it makes, where the clock asks for it.
+/// Adds a register between a comparison and the multiplexer that it controls, if the target clock requires it.
 fn split_comparison<'b>(plan: &Plan, choice: Signal<'b>) -> Signal<'b> {
     if plan.timing.merge_comparison {
         choice.register()

@@ -1,7 +1,6 @@
-//! What is proved of the update processor: its credits are exactly what they stand for, so none is lost and no queue overflows; what it
-//! shows at its ports stays until it is taken; and while it runs, something in it moves unless memory is waited for: it cannot lock up.
-//! Of its queues and of its readers ahead it assumes what is proved of them; of a program, that its instructions are of one kind each and
-//! that its rows have its end.
+//! Properties of the update processor: credits are exact, so none is lost and no queue overflows; ports are stable until their offers
+//! are accepted; and while it runs, it makes progress or waits for memory (no deadlock). Assumptions: the proved properties of queues
+//! and prefetchers; each instruction of a program is of one kind; the rows of a program contain its end.
 
 use super::decode::Decode;
 use super::execute::Execute;
@@ -11,7 +10,7 @@ use super::{Around, Instruction};
 use crate::hdl::properties::{Ahead, assert_shown_stays};
 use crate::hdl::{Builder, Proof, Signal};
 
-/// Bits in which what is in several places is added up.
+/// Width of sums over several places.
 const BITS: u32 = 10;
 
 impl<'b> Instruction<Signal<'b>> {
@@ -41,11 +40,11 @@ fn wide(signal: Signal<'_>) -> Signal<'_> {
     signal.extend(BITS)
 }
 
-/// What passes through the instruction queue, whose words come out as they went in.
+/// The content of the instruction queue, whose words leave unchanged.
 struct Passing<'b> {
     /// Loads among its words.
     loads: Signal<'b>,
-    /// Whether an end is among them, and how many are before it.
+    /// Whether it contains an end, and the number of words before it.
     end: Signal<'b>,
     before_end: Signal<'b>,
 }
@@ -76,15 +75,15 @@ impl<'b> Passing<'b> {
             |what: &str, condition: Signal<'b>| proof.assume(what, shown.implies(condition));
         assume("an instruction is of one kind", front.one());
         assume(
-            "a load that comes out went in",
+            "a load that leaves the queue was in it",
             front.load.implies(loads.q.any()),
         );
         assume(
-            "not all are loads where the front is none",
+            "if the front is not a load, not all words are loads",
             front.load | loads.q.ne(held),
         );
         assume(
-            "the end comes out in its turn",
+            "the end leaves in order",
             front.end.eq(end.q & before_end.q.is_zero()),
         );
         Passing {
@@ -98,7 +97,7 @@ impl<'b> Passing<'b> {
 pub(super) fn credit<'b>(m: &'b Builder, unit: &Unit<'b>) {
     let proof = m.proof(
         "credit",
-        "no credit is lost or invented, no queue overflows, what is shown at a port stays, nothing locks up",
+        "credits are exact; no queue overflows; stable ports; no deadlock",
     );
     let proof = &proof;
     let queues = [
@@ -120,7 +119,7 @@ pub(super) fn credit<'b>(m: &'b Builder, unit: &Unit<'b>) {
         & !unit.decode.window.refill
         & !unit.rows.any_left;
     proof.assume(
-        "a program's rows have its end",
+        "the rows of a program contain its end",
         !(starved & unit.rows.reader.empty),
     );
     proof.cover("an update is done", unit.end.done);
@@ -156,27 +155,27 @@ pub(super) fn credit<'b>(m: &'b Builder, unit: &Unit<'b>) {
     }
     if let Some(before) = unit.rows.none_before {
         proof.assert(
-            "what is said to be empty is",
+            "a prefetcher marked as empty is empty",
             before.implies(rows.count.is_zero()),
         );
     }
     proof.fault(
-        "a credit comes back twice",
+        "a credit is returned twice",
         (unit.execute.in_flight.count.enable()).as_signal(unit.execute.queue.pop),
     );
     proof.fault(
-        "a node goes without room",
+        "a node is issued without room",
         unit.execute
             .node_goes
             .reads(unit.around.told.node_room)
             .as_value(1),
     );
     proof.fault(
-        "room for an instruction is never seen",
+        "room for an instruction is never detected",
         unit.around.told.queue_room.fault().as_value(0),
     );
     proof.fault(
-        "a load's vertex is not asked for",
+        "the vertex of a load is not requested",
         unit.vertices.indices.push_input().as_value(0),
     );
     credits(proof, unit, &vertices, &passing);
@@ -184,13 +183,13 @@ pub(super) fn credit<'b>(m: &'b Builder, unit: &Unit<'b>) {
     ends(proof, unit, &rows, &vertices);
 }
 
-/// What each credit stands for.
+/// Asserts the meaning of each credit.
 fn credits<'b>(proof: &Proof<'b>, unit: &Unit<'b>, vertices: &Ahead<'b>, passing: &Passing<'b>) {
     let decoded_load = unit.decode.decoded & unit.decode.decoded_as.load;
     let merging = unit.nodes.to_queue.iter().map(|bit| wide(*bit));
     let merging = merging
         .reduce(|sum, bit| sum + bit)
-        .expect("a merge takes clocks");
+        .expect("a merge takes cycles");
     let held = unit.execute.queue.count(BITS);
     let waiting = unit.vertices.indices.count(BITS);
     for (occupancy, place, stands_for, what) in [
@@ -218,13 +217,13 @@ fn credits<'b>(proof: &Proof<'b>, unit: &Unit<'b>, vertices: &Ahead<'b>, passing
         proof.assert(what, wide(occupancy.count).eq(stands_for));
         proof.assert(
             format!(
-                "no more credits for {} are out than there is room",
+                "no more credits for {} are in use than there is room",
                 place.name
             ),
             wide(occupancy.count).le(most),
         );
         proof.assert(
-            format!("nothing is pushed to a full {}", place.name),
+            format!("no word is pushed to a full {}", place.name),
             place.push.implies(place.count(BITS).lt(most)),
         );
     }
@@ -232,7 +231,7 @@ fn credits<'b>(proof: &Proof<'b>, unit: &Unit<'b>, vertices: &Ahead<'b>, passing
         + wide(unit.execute.load_waits)
         + wide(unit.decode.completed.valid & unit.decode.completed_as.load);
     proof.assert(
-        "every load that waits has its vertex on the way",
+        "every waiting load has its vertex in flight",
         loads.eq(waiting + vertices.count),
     );
     proof.assert(
@@ -241,13 +240,13 @@ fn credits<'b>(proof: &Proof<'b>, unit: &Unit<'b>, vertices: &Ahead<'b>, passing
     );
 }
 
-/// From the window through the instruction queue: kinds, and that the end is last.
+/// Asserts, from the window to the instruction queue, that instructions are of one kind and that the end is last.
 fn order<'b>(proof: &Proof<'b>, unit: &Unit<'b>, rows: &Ahead<'b>, passing: &Passing<'b>) {
     let m = proof.module();
     let there = unit.decode.window.there.q;
     let one = m.lit(1u8, there.width());
     proof.assert(
-        "the window's bytes are there from the first on",
+        "the valid bytes of the window start with the first",
         unit.decode
             .decoding
             .implies((there & (there + one)).is_zero()),
@@ -257,7 +256,7 @@ fn order<'b>(proof: &Proof<'b>, unit: &Unit<'b>, rows: &Ahead<'b>, passing: &Pas
         unit.rows.running | unit.decode.window.idle_before,
     );
     proof.assert(
-        "no row is there so soon after a start that it would be lost",
+        "no row arrives so soon after a start that it would be lost",
         (unit.decode.decoding & unit.decode.window.idle_before)
             .implies(!unit.rows.reader.valid & rows.count.is_zero()),
     );
@@ -286,20 +285,20 @@ fn order<'b>(proof: &Proof<'b>, unit: &Unit<'b>, rows: &Ahead<'b>, passing: &Pas
     );
     let decodes = unit.decode.decoding | (unit.decode.decoded & !unit.decode.decoded_as.end);
     proof.assert(
-        "nothing is decoded after an end",
+        "no instruction is decoded after an end",
         (passing.end | end_waits | completed_end | decoded_end).implies(!decodes),
     );
     proof.assert(
-        "nothing is behind the end",
+        "no instruction follows the end",
         end_waits.implies(held.is_zero() & !unit.decode.decoded & !unit.decode.completed.valid),
     );
     proof.assert(
-        "nothing is completed behind the end",
+        "no instruction is completed after the end",
         (passing.end | completed_end)
             .implies(!unit.decode.decoded & !(passing.end & unit.decode.completed.valid)),
     );
     proof.assert(
-        "an update that runs is being decoded, or its end is on its way",
+        "a running update is being decoded, or its end is in flight",
         (unit.rows.running).eq(unit.decode.decoding
             | decoded_end
             | completed_end
@@ -325,7 +324,7 @@ fn order<'b>(proof: &Proof<'b>, unit: &Unit<'b>, rows: &Ahead<'b>, passing: &Pas
     );
 }
 
-/// The end of an update, and that it comes.
+/// Asserts the conditions of the end of an update, and that it is reached.
 fn ends<'b>(proof: &Proof<'b>, unit: &Unit<'b>, rows: &Ahead<'b>, vertices: &Ahead<'b>) {
     let m = proof.module();
     let box_shown = unit.end.write.valid;
@@ -338,24 +337,21 @@ fn ends<'b>(proof: &Proof<'b>, unit: &Unit<'b>, rows: &Ahead<'b>, vertices: &Ahe
         waited.push(so_far);
     }
     for (waited, merges) in waited.iter().zip(&unit.end.merging) {
-        proof.assert("nothing merges while the end waits", !(*waited & *merges));
+        proof.assert("no merge starts while the end waits", !(*waited & *merges));
     }
     for (waited, waits) in waited.iter().zip(&unit.end.waiting) {
-        proof.assert(
-            "an end waits as long as its registers say",
-            waits.eq(*waited),
-        );
+        proof.assert("the registers of a waiting end agree", waits.eq(*waited));
     }
     proof.assert(
-        "a box is shown at an update's end only",
+        "a box is presented only at the end of an update",
         box_shown.implies(unit.execute.end_waits),
     );
     proof.assert(
-        "a box is shown when all else is complete",
+        "a box is presented only when all else is complete",
         box_shown.implies(unit.end.all_complete),
     );
     proof.assert(
-        "the box that is shown was read since the end came",
+        "the presented box was read after the end arrived",
         box_shown.implies(m.and_all(&waited)),
     );
     let end_moves = !unit.end.box_was_read
@@ -384,7 +380,7 @@ fn ends<'b>(proof: &Proof<'b>, unit: &Unit<'b>, rows: &Ahead<'b>, vertices: &Ahe
         box_shown,
     ]);
     proof.assert(
-        "while it runs something moves, or memory is waited for",
+        "an update makes progress or waits for memory",
         unit.rows.running.implies(moves | memory),
     );
 }

@@ -1,4 +1,4 @@
-//! Write: the nodes' intervals, and at the end the object's box.
+//! Write: the intervals of nodes, and the object's box at the end.
 
 use super::execute::Execute;
 use super::merge::{Merge, Operands};
@@ -12,17 +12,17 @@ use crate::hw::counters::counts_up;
 /// The writes of nodes.
 pub(super) struct Nodes<'b> {
     pub write: Flow<NodeWrite<Signal<'b>>, Signal<'b>>,
-    /// Nodes that have room: it tells whether one more may go.
+    /// The nodes with reserved room: it determines whether one more may be issued.
     pub in_flight: Occupancy<'b>,
     // For the properties.
     pub queue: Placed<'b>,
-    /// Of a node's bounds on their way to the queue, all registers.
+    /// The registers of a node's bounds on their way to the queue.
     pub to_queue: Vec<Signal<'b>>,
 }
 
 impl<'b> Nodes<'b> {
-    /// Chooses the intervals of a node that goes among its operands, a clock after these, and queues them until they are written, from the
-    /// object's first node on.
+    /// Selects the intervals of an issued node from its operands, one cycle after these, and queues them until they are written, starting
+    /// with the object's first node.
     pub fn new(
         around: &Around<'b>,
         start: Start<'b>,
@@ -31,7 +31,7 @@ impl<'b> Nodes<'b> {
     ) -> Result<Nodes<'b>, HdlError> {
         let Around { plan, m, p, .. } = *around;
         let inputs = &around.inputs;
-        m.comment("A node's intervals, each on its axis, wait until they are written.");
+        m.comment("The intervals of a node, each on its axis, are queued until they are written.");
         let axes = p.enter(execute.current.z.low(4)).named("merge_axes");
         let axes = axes.at(operands.stage());
         let number = |child: u32, side: &str, end: &str, bounds: [Signal<'b>; 3]| {
@@ -81,20 +81,20 @@ impl<'b> Nodes<'b> {
 pub(super) struct End<'b> {
     pub write: Flow<Write<Signal<'b>>, Signal<'b>>,
     pub box_taken: Signal<'b>,
-    /// High for a clock when the update is over.
+    /// High for one cycle when the update is complete.
     pub done: Signal<'b>,
     // For the properties.
-    /// Of a merge, one register after the other; as many as a box's read takes.
+    /// The registers of the merge flag, one per cycle of a box's read.
     pub merging: Vec<Signal<'b>>,
-    /// Of an end that waits, the same but the last.
+    /// The registers of the flag of a waiting end, one fewer.
     pub waiting: Vec<Signal<'b>>,
     pub box_was_read: Signal<'b>,
     pub all_complete: Signal<'b>,
 }
 
 impl<'b> End<'b> {
-    /// Shows the object's box until it is taken: the first operand, when an end has waited until its register is read, all merges are in
-    /// their registers, and all nodes are written.
+    /// Presents the object's box until it is accepted. The box is the first operand of the end instruction, after its register has been
+    /// read, all merges are in their registers, and all nodes are written.
     pub fn new(
         around: &Around<'b>,
         start: Start<'b>,
@@ -107,9 +107,9 @@ impl<'b> End<'b> {
         let inputs = &around.inputs;
         let ends = execute.end_waits;
         let (read_at, merges) = (operands.stage(), merge.goes);
-        m.comment("The end: when all merges are in their registers and all nodes written, the box, read like a node's.");
-        // What is shown was read read_at clocks before.
-        // Since the end waits, nothing has merged.
+        m.comment("End of the update: when all merges are in their registers and all nodes are written, the object's box is read like that of a node.");
+        // The presented box was read read_at cycles before.
+        // No merge has started since the end waits.
         let under_way: Vec<_> = (read_at..merge.written + read_at)
             .map(|k| merges.at(k).untimed())
             .collect();
@@ -118,7 +118,7 @@ impl<'b> End<'b> {
         let all_complete = (!under_way).named("all_complete");
         let box_shown = m.reg_reset("box_shown", 1, 0);
         let box_taken = box_shown.q & inputs.box_write_ready;
-        // The end must itself have waited until its register is read: nothing else may have been under way for long.
+        // The end must have waited until its register is read: other merges may have ended long before.
         let waits = p.enter(ends).cleared_by_reset();
         let was_read = (1..read_at).fold(ends, |so_far, k| so_far & waits.at(k).untimed());
         let box_was_read = was_read.named("box_was_read");
@@ -131,7 +131,7 @@ impl<'b> End<'b> {
         };
         let over = m.reg_reset("over", 1, 0);
         over.next(box_taken);
-        // As late as what is counted.
+        // With the same delay as the counters.
         let done = match counts_later(plan) {
             false => over.q,
             true => later(m, "over_before", over.q),

@@ -83,7 +83,7 @@ impl Curve {
             let squared: f64 = self.key(number).iter().map(|x| x * x).sum();
             ensure!(
                 squared > 0.0,
-                "key {number} is no rotation: all of its numbers are zero"
+                "key {number} is not a rotation: all of its numbers are zero"
             );
         }
         Ok(Self {
@@ -275,7 +275,7 @@ mod tests {
         let zero = Curve::new(vec![0.0], vec![0.0; 4], 4, linear).unwrap();
         assert_eq!(
             zero.of_rotations().unwrap_err().to_string(),
-            "key 0 is no rotation: all of its numbers are zero"
+            "key 0 is not a rotation: all of its numbers are zero"
         );
     }
 }

@@ -355,7 +355,7 @@ impl Animated {
                 let length = rotation.length();
                 ensure!(
                     length > 0.0 && length.is_finite(),
-                    "what `{name}` is to be turned by is no rotation"
+                    "the rotation given for `{name}` is not a rotation"
                 );
                 local.set_rotation(rotation / length);
             }

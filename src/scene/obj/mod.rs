@@ -61,7 +61,7 @@ pub fn read(path: &Path) -> Result<(Mesh, LeftOut)> {
     // To read a pipe could wait for ever.
     ensure!(
         metadata.is_file(),
-        "{shown}: is no regular file; give an OBJ file or builtin:NAME"
+        "{shown}: is not a regular file; give an OBJ file or builtin:NAME"
     );
     ensure!(
         !is_named(path, &GLTF),
@@ -69,7 +69,7 @@ pub fn read(path: &Path) -> Result<(Mesh, LeftOut)> {
     );
     ensure!(
         is_named(path, &OBJ),
-        "{shown}: is no mesh that can be read here; give an OBJ file, whose name ends in .obj, or builtin:NAME"
+        "{shown}: is not a mesh that can be read; give an OBJ file, whose name ends in .obj, or builtin:NAME"
     );
     let bytes = std::fs::read(path).with_context(|| format!("{shown}: cannot be read"))?;
     parse(&bytes).map_err(|error| anyhow::anyhow!("{shown}{error}"))
@@ -92,7 +92,7 @@ fn parse(bytes: &[u8]) -> Result<(Mesh, LeftOut)> {
     let (models, _) = tobj::load_obj_buf(&mut reduced.as_bytes(), &options, |_| {
         Err(tobj::LoadError::OpenFileFailed)
     })
-    .map_err(|error| anyhow::anyhow!(": is no OBJ mesh: {error}; export it anew"))?;
+    .map_err(|error| anyhow::anyhow!(": is not an OBJ mesh: {error}; export it again"))?;
     let mut mesh = Mesh::default();
     for model in models {
         let base = u32::try_from(mesh.positions.len()).context(": has more than 2^32 vertices")?;

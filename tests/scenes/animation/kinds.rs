@@ -49,12 +49,12 @@ fn an_accessor_without_a_buffer_view_is_zeros() {
     file.json["accessors"][still]["count"] = json!(4);
     assert_eq!(
         file.fault(),
-        ": mesh 0: primitive 0: morph target 0: has 4 elements for 3 vertices; export the file anew"
+        ": mesh 0: primitive 0: morph target 0: has 4 elements for 3 vertices; export the file again"
     );
     file.json["accessors"][still] = json!({"componentType": 5126, "count": 3, "type": "SCALAR"});
     assert_eq!(
         file.fault(),
-        ": mesh 0: primitive 0: morph target 0: accessor 1: has elements of type Scalar, where Vec3 belongs; export the file anew"
+        ": mesh 0: primitive 0: morph target 0: accessor 1: has elements of type Scalar, where Vec3 belongs; export the file again"
     );
 
     // Attributes that nobody reads here, and an accessor that nothing names.
@@ -204,52 +204,52 @@ fn what_is_used_is_judged() {
     let cases: [(Change, &str); 12] = [
         (
             |f| f.json["accessors"][0]["componentType"] = json!(5130),
-            ": is no valid glTF: accessors[0].componentType: invalid value; export it anew",
+            ": is not valid glTF: accessors[0].componentType: invalid value; export it again",
         ),
         (
             |f| f.json["bufferViews"][0]["byteStride"] = json!(8),
-            ": mesh 0: primitive 0: POSITION: accessor 0: has elements of 12 bytes every 8 bytes; export the file anew",
+            ": mesh 0: primitive 0: POSITION: accessor 0: has elements of 12 bytes every 8 bytes; export the file again",
         ),
         (
             |f| f.json["bufferViews"][0]["byteStride"] = json!("wide"),
-            ": mesh 0: primitive 0: POSITION: accessor 0: bufferView 0 has the byteStride \"wide\"; export the file anew",
+            ": mesh 0: primitive 0: POSITION: accessor 0: bufferView 0 has the byteStride \"wide\"; export the file again",
         ),
         // One beyond the last of each list is not something to be found there.
         (
             |f| f.json["accessors"][0]["bufferView"] = json!(1),
-            ": is no valid glTF: accessors[0].bufferView: index out of bounds; export it anew",
+            ": is not valid glTF: accessors[0].bufferView: index out of bounds; export it again",
         ),
         (
             |f| f.json["bufferViews"][0]["buffer"] = json!(1),
-            ": is no valid glTF: bufferViews[0].buffer: index out of bounds; export it anew",
+            ": is not valid glTF: bufferViews[0].buffer: index out of bounds; export it again",
         ),
         (
             |f| f.json["meshes"][0]["primitives"][0]["indices"] = json!(1),
-            ": is no valid glTF: meshes[0].primitives[0].indices: index out of bounds; export it anew",
+            ": is not valid glTF: meshes[0].primitives[0].indices: index out of bounds; export it again",
         ),
         (
             |f| f.json["meshes"][0]["primitives"][0]["targets"] = json!([{"POSITION": 1}]),
-            ": is no valid glTF: meshes[0].primitives[0].targets[0].positions: index out of bounds; export it anew",
+            ": is not valid glTF: meshes[0].primitives[0].targets[0].positions: index out of bounds; export it again",
         ),
         (
             |f| f.json["meshes"][0]["primitives"][0]["attributes"]["POSITION"] = json!(1),
-            ": mesh 0: primitive 0: has its POSITION in accessor 1, which is out of range (there are 1, counted from 0); export the file anew",
+            ": mesh 0: primitive 0: has its POSITION in accessor 1, which is out of range (there are 1, counted from 0); export the file again",
         ),
         (
             |f| f.json["meshes"][0]["primitives"][0]["mode"] = json!(9),
-            ": is no valid glTF: meshes[0].primitives[0].mode: invalid value; export it anew",
+            ": is not valid glTF: meshes[0].primitives[0].mode: invalid value; export it again",
         ),
         (
             |f| f.json["scene"] = json!(1),
-            ": is no valid glTF: scene: index out of bounds; export it anew",
+            ": is not valid glTF: scene: index out of bounds; export it again",
         ),
         (
             |f| f.json["nodes"][0]["children"] = json!([1]),
-            ": is no valid glTF: nodes[0].children[0]: index out of bounds; export it anew",
+            ": is not valid glTF: nodes[0].children[0]: index out of bounds; export it again",
         ),
         (
             |f| f.json["nodes"][0]["rotation"] = json!([0, 0, 0, "x"]),
-            ": is no glTF: invalid type: string \"x\", expected f32; export it anew",
+            ": is not glTF: invalid type: string \"x\", expected f32; export it again",
         ),
     ];
     for (change, expected) in cases {
@@ -399,15 +399,15 @@ fn faulty_gpu_instancing_is_refused() {
     for (attributes, expected) in [
         (
             json!({"TRANSLATION": 0, "SCALE": two}),
-            ": node 0: EXT_mesh_gpu_instancing: its attributes have 3 and 2 elements, which must be as many in all; export the file anew",
+            ": node 0: EXT_mesh_gpu_instancing: its attributes have 3 and 2 elements, which must be equal in number; export the file again",
         ),
         (
             json!({"TRANSLATION": 4}),
-            ": node 0: EXT_mesh_gpu_instancing: TRANSLATION is not an accessor of the file (there are 4, counted from 0); export it anew",
+            ": node 0: EXT_mesh_gpu_instancing: TRANSLATION is not an accessor of the file (there are 4, counted from 0); export it again",
         ),
         (
             json!({"ROTATION": two}),
-            ": node 0: EXT_mesh_gpu_instancing: ROTATION: accessor 1: has elements of type Vec3, where Vec4 belongs; export the file anew",
+            ": node 0: EXT_mesh_gpu_instancing: ROTATION: accessor 1: has elements of type Vec3, where Vec4 belongs; export the file again",
         ),
         (
             json!({"ROTATION": zero}),
@@ -496,8 +496,8 @@ fn extensions_that_are_not_read_are_named() {
         file.load().warnings,
         [
             "uses MSFT_lod (at 1 object of the file), which is not read here: of several levels of detail only the first is shown",
-            "uses XYZ_hair, which is not read here: what it adds to shapes, instances, places or motion is missing",
-            "uses XYZ_undeclared (at 1 object of the file), which is not read here: what it adds to shapes, instances, places or motion is missing",
+            "uses XYZ_hair, which is not read here: its effect on shapes, instances, positions or motion is missing",
+            "uses XYZ_undeclared (at 1 object of the file), which is not read here: its effect on shapes, instances, positions or motion is missing",
         ]
     );
 
@@ -529,7 +529,7 @@ fn extensions_that_are_not_read_are_named() {
     file.json["animations"][0]["channels"][3]["target"]["node"] = json!(8);
     assert_eq!(
         file.fault(),
-        ": animation 0 (translation LINEAR), channel 3: moves node 8, which is out of range (there are 1, counted from 0); export the file anew"
+        ": animation 0 (translation LINEAR), channel 3: moves node 8, which is out of range (there are 1, counted from 0); export the file again"
     );
 }
 
@@ -545,7 +545,7 @@ fn compressed_vertices_are_not_taken_for_zeros() {
     assert_eq!(
         scene.warnings,
         [
-            "uses KHR_draco_mesh_compression (at 1 object of the file), which is not read here: the uncompressed vertices beside it are shown"
+            "uses KHR_draco_mesh_compression (at 1 object of the file), which is not read here: the uncompressed vertices are shown instead"
         ]
     );
     file.json["accessors"][0]
@@ -610,12 +610,12 @@ fn what_is_around_the_json_is_passed_over() {
     for after in ["}", "\0{}", "x"] {
         let line = fault_of("a.gltf", format!("{}{after}", file.text()).as_bytes());
         assert!(
-            line.starts_with(": is no glTF: trailing characters at line 1 column "),
+            line.starts_with(": is not glTF: trailing characters at line 1 column "),
             "{line}"
         );
         assert!(fault_of("a.glb", &binary_with(&file, "", after)).contains("trailing characters"));
     }
-    assert!(fault_of("a.gltf", &[0; 8]).starts_with(": is no glTF: EOF while parsing"));
+    assert!(fault_of("a.gltf", &[0; 8]).starts_with(": is not glTF: EOF while parsing"));
 }
 
 /// A binary file whose JSON stands between others' bytes.
@@ -678,7 +678,7 @@ fn data_uris_are_those_of_rfc_2397() {
         assert_eq!(
             file.fault(),
             format!(
-                ": mesh 0: primitive 0: POSITION: accessor 0: buffer 0 has {length} bytes, not 36; export the file anew"
+                ": mesh 0: primitive 0: POSITION: accessor 0: buffer 0 has {length} bytes, not 36; export the file again"
             ),
             "{uri}"
         );
@@ -687,11 +687,11 @@ fn data_uris_are_those_of_rfc_2397() {
         ("data:;base64", "is a data URI without data"),
         (
             "data:;base64,A*AA",
-            "is no base64: Invalid symbol 42, offset 1.",
+            "is not base64: Invalid symbol 42, offset 1.",
         ),
         (
             "https://a.b/c",
-            "`https://a.b/c` is not a file beside this one; put it there",
+            "`https://a.b/c` is not a file in the same folder; put it there",
         ),
     ] {
         file.json["buffers"][0] = json!({"uri": uri, "byteLength": 36});
@@ -909,7 +909,7 @@ fn what_the_format_cannot_hold_is_said_of_every_object_once() {
     assert_eq!(
         precision(&file.load()),
         [
-            "scene scene: 1 of 4 triangles have no area (1 of flat); remove them from the mesh, where they only take time".to_string(),
+            "scene scene: 1 of 4 triangles have no area (1 of flat); remove them from the mesh, because they only cost time".to_string(),
             format!("scene scene: 1 of 4 triangles have no area once rounded to {format} (1 of far); a format with more fraction bits would keep them"),
             format!("scene scene: 1 coordinates are too small for {format} and became zero (1 of tiny); a format with more exponent bits would keep them"),
             format!("scene scene, far: lies 1000000 times its own size away from the origin, where {format} is coarse; move it to the origin"),

@@ -1,12 +1,13 @@
-//! What is proved of queues: what comes out is what went in, in order, once; nothing is lost and nothing overflows, given that a queue is
-//! popped only where it shows a word and pushed only where a word is missing. One word, any, is watched.
+//! Properties of queues: words leave unchanged, in order and once each, and no queue overflows. A queue is assumed to be popped only
+//! while it presents a word and pushed only with room. The proof watches one arbitrary word.
 
 use crate::properties::{shown_stays, wrapped};
 use crate::{Builder, Memory, Outputs, Proof, Reads, Reg, Signal, bits_for};
 
-const WHAT: &str = "words come out in order, each once; none is lost; no overflow; the front stays";
+const WHAT: &str =
+    "words leave in order, each once; none is lost; no overflow; the front word is stable";
 
-/// A queue's ports and state.
+/// The ports and the state of a queue.
 pub(super) struct Queue<'b> {
     pub depth: u32,
     pub push: Signal<'b>,
@@ -14,23 +15,23 @@ pub(super) struct Queue<'b> {
     pub pop: Signal<'b>,
     pub valid: Signal<'b>,
     pub front: Signal<'b>,
-    /// Where the front word is stored; of a front in a register, where the word behind it is.
+    /// The address of the front word or, if the front word is in a register, of the next word.
     pub head: Reg<'b>,
     pub tail: Reg<'b>,
     pub count: Reg<'b>,
     pub words: Memory<'b>,
 }
 
-/// A word that is watched from the push that it came with until its pop.
+/// A word that is watched from its push to its pop.
 struct Watched<'b> {
     watching: Signal<'b>,
     word: Signal<'b>,
-    /// Words before it.
+    /// The number of words before it.
     ahead: Signal<'b>,
 }
 
 impl<'b> Queue<'b> {
-    /// Bits in which places and counts are added up.
+    /// Width for sums of addresses and counts.
     fn bits(&self) -> u32 {
         bits_for(u64::from(self.depth)) + 2
     }
@@ -47,21 +48,21 @@ impl<'b> Queue<'b> {
         self.module().lit(self.depth, self.bits())
     }
 
-    /// A place so far behind another, round the memory.
+    /// The address at a distance from another one, modulo the depth.
     fn behind(&self, place: Signal<'b>, words: Signal<'b>) -> Signal<'b> {
         wrapped(place + words, self.depth())
     }
 
-    /// Watches any word. `held` are the words in the queue.
+    /// Watches an arbitrary word. `held` is the number of words in the queue.
     fn watch(&self, proof: &Proof<'b>, held: Signal<'b>) -> Watched<'b> {
         let m = self.module();
         let (push, pop) = (self.push, self.pop);
         proof.assume(
-            "it is popped only where it shows a word",
+            "it is popped only while it presents a word",
             pop.implies(self.valid),
         );
         proof.assume(
-            "it is pushed only where it has room",
+            "it is pushed only with room",
             push.implies(held.lt(self.depth())),
         );
         let choose = proof.any_seq("choose", 1);
@@ -87,7 +88,7 @@ impl<'b> Queue<'b> {
             watching.q.implies(ahead.q.lt(held)),
         );
         proof.assert(
-            "a front word that is not popped stays",
+            "the front word is stable until it is popped",
             shown_stays(proof, self.valid, pop, &[self.front]),
         );
         Watched {
@@ -97,25 +98,25 @@ impl<'b> Queue<'b> {
         }
     }
 
-    /// That head and tail are as far from each other as words are stored.
+    /// Asserts that the distance from head to tail is the number of stored words.
     fn places(&self, proof: &Proof<'b>, head: Signal<'b>) {
         let head_slot = self.wide(self.head.q);
         proof.assert("the head is a slot", head_slot.lt(self.depth()));
         let tail = self.behind(head, self.wide(self.count.q));
         proof.assert(
-            "the tail is as far from the head as there are words",
+            "the distance from head to tail is the number of words",
             self.wide(self.tail.q).eq(tail),
         );
     }
 
-    /// Faults of both kinds of queues. `together` is high where its count changes, or a push and a pop come together.
+    /// The seeded faults of both kinds of queues. `together` is high when the count changes, or when a push and a pop coincide.
     fn seed_faults(&self, proof: &Proof<'b>, together: Signal<'b>) {
         proof.fault(
             "a push and a pop at once count as a push",
             self.count.q.enable().as_signal(together),
         );
         proof.fault(
-            "a word is written beside its slot",
+            "a word is written to a wrong slot",
             self.words.write_address().as_signal(self.head.q),
         );
     }
@@ -125,7 +126,7 @@ impl<'b> Queue<'b> {
     }
 }
 
-/// Of a queue in distributed RAM; `front` are, where it has them, its registers of the front word: that there is a word behind, and the word.
+/// Properties of a queue in distributed RAM. `front` are the registers of the front word, if it has them: whether there is a next word, and the word.
 pub(super) fn order<'b>(queue: &Queue<'b>, front: Option<(Signal<'b>, Signal<'b>)>) {
     let m = queue.module();
     let proof = m.proof("order", WHAT);
@@ -141,7 +142,7 @@ pub(super) fn order<'b>(queue: &Queue<'b>, front: Option<(Signal<'b>, Signal<'b>
     let watched = queue.watch(&proof, count);
     queue.places(&proof, head);
     proof.assert(
-        "it shows a word where it holds one",
+        "it presents a word if it holds one",
         queue.valid.eq(queue.count.q.any()),
     );
     let slot = queue.behind(head, watched.ahead);
@@ -150,20 +151,23 @@ pub(super) fn order<'b>(queue: &Queue<'b>, front: Option<(Signal<'b>, Signal<'b>
         (watched.watching).implies(queue.stored(slot).eq(watched.word)),
     );
     proof.assert(
-        "a watched word comes out in its turn",
+        "a watched word leaves in order",
         (watched.watching & watched.ahead.is_zero())
             .implies(queue.valid & queue.front.eq(watched.word)),
     );
     queue.seed_faults(&proof, queue.push | queue.pop);
-    proof.fault("a reset leaves words in it", queue.count.q.without_reset());
+    proof.fault(
+        "a reset does not clear the count",
+        queue.count.q.without_reset(),
+    );
     if let Some((more, front)) = front {
         let one = m.lit(1u8, queue.count.q.width());
         proof.assert(
-            "it knows whether there is a word behind the front",
+            "the flag of a next word is correct",
             more.eq(queue.count.q.gt(one)),
         );
         proof.fault(
-            "a word that is pushed as the last one is popped is not its successor",
+            "a word that is pushed while the last one is popped does not become the front word",
             front
                 .reads(queue.data)
                 .as_signal(queue.words.peek(queue.head.q)),
@@ -171,11 +175,11 @@ pub(super) fn order<'b>(queue: &Queue<'b>, front: Option<(Signal<'b>, Signal<'b>
     }
 }
 
-/// Of a queue in block RAM: its front word is in a register, and what the RAM has read is right when the head has stood still.
+/// Properties of a queue in block RAM: its front word is in a register, and the output of the RAM is valid after the head has been stable for the read latency.
 pub(super) struct Block<'b> {
     pub queue: Queue<'b>,
     pub front_valid: Signal<'b>,
-    /// For each clock of the RAM's latency whether the head has stood still for it, and what has then been read.
+    /// For each cycle of the RAM's latency: whether the head has been stable for it, and the word read.
     pub settled: Vec<(Reg<'b>, Signal<'b>)>,
     pub load: Signal<'b>,
 }
@@ -198,26 +202,26 @@ pub(super) fn block_order(block: &Block<'_>) {
         watched.watching.implies(kept.eq(watched.word)),
     );
     proof.assert(
-        "a watched word comes out in its turn",
+        "a watched word leaves in order",
         (watched.watching & watched.ahead.is_zero() & queue.valid)
             .implies(queue.front.eq(watched.word)),
     );
     let first = queue.words.peek(queue.head.q);
     for (settled, word) in &block.settled {
         proof.assert(
-            "the word read is the head's once that has stood still",
+            "the word read is that at the head once the head has been stable",
             (settled.q).implies(queue.count.q.any() & word.eq(first)),
         );
     }
     queue.seed_faults(&proof, queue.push | block.load);
     let (settled, _) = block.settled.last().expect("a read takes a clock");
     proof.fault(
-        "a reset leaves its front word settled",
+        "a reset does not clear the flag of a stable head",
         settled.q.without_reset(),
     );
 }
 
-/// A queue that a unit places, for the unit's own properties.
+/// A queue that a unit instantiates, for the properties of the unit.
 #[derive(Clone)]
 pub struct Placed<'b> {
     /// Whether there is a front word.
@@ -226,26 +230,26 @@ pub struct Placed<'b> {
     pub front: Signal<'b>,
     /// The name of the instance.
     pub name: String,
-    /// The most words that it holds.
+    /// The maximum number of words.
     pub depth: u32,
-    /// The inputs that it was given.
+    /// The connected inputs.
     pub push: Signal<'b>,
     /// See `push`.
     pub pop: Signal<'b>,
     pub(super) instance: Outputs<'b>,
-    /// Of a queue in block RAM, how many registers say that its head has stood still.
+    /// The number of flags of a stable head, for a queue in block RAM.
     pub(super) settling: Option<u32>,
-    /// Of a queue in distributed RAM, whether its front word stands in a register.
+    /// Whether the front word is in a register, for a queue in distributed RAM.
     pub(super) registered: bool,
 }
 
 impl<'b> Placed<'b> {
-    /// Bits that count its words.
+    /// Width of the number of its words.
     pub fn count_bits(&self) -> u32 {
         bits_for(u64::from(self.depth) + 1)
     }
 
-    /// How many words it holds, in `width` bits.
+    /// The number of words in it, in `width` bits.
     pub fn count(&self, width: u32) -> Signal<'b> {
         let count = self.instance.inside("count").extend(width);
         match self.settling {
@@ -254,7 +258,7 @@ impl<'b> Placed<'b> {
         }
     }
 
-    /// Whether it shows a word.
+    /// Whether it presents a word.
     pub fn shows(&self) -> Signal<'b> {
         match self.settling {
             None => self.instance.inside("count").any(),
@@ -262,29 +266,29 @@ impl<'b> Placed<'b> {
         }
     }
 
-    /// What it is given for a push, for a fault.
+    /// The push input, for a fault.
     pub fn push_input(&self) -> Reads<&'b Builder> {
         self.instance.input("push")
     }
 
-    /// Lets it stay as it is in a proof, which may rely on what is proved of the queue itself.
+    /// Keeps the queue in a proof, with its proved properties as assumptions.
     pub fn keep(&self, proof: &Proof<'b>) {
         proof.keep(&self.instance);
         if self.registered {
             let count = self.instance.inside("count");
             let one = proof.module().lit(1u8, count.width());
             proof.assume(
-                "a queue's front word is valid where it holds one",
+                "the front word of a queue is valid if it holds one",
                 self.instance.inside("front_valid").eq(count.any()),
             );
             proof.assume(
-                "a queue knows whether there is a word behind the front",
+                "the flag of a next word in a queue is correct",
                 self.instance.inside("more").eq(count.gt(one)),
             );
         }
     }
 
-    /// Of a queue in block RAM: that its head stands still only while it names a word.
+    /// Asserts for a queue in block RAM that its head is stable only while it is the address of a word.
     pub fn assert_settles(&self, proof: &Proof<'b>) {
         let Some(settling) = self.settling else {
             return;
@@ -293,7 +297,7 @@ impl<'b> Placed<'b> {
             .map(|clock| self.instance.inside(&format!("settled{clock}")))
             .collect();
         proof.assert(
-            format!("the head of {} stands still at a word", self.name),
+            format!("the stable head of {} is the address of a word", self.name),
             proof
                 .module()
                 .or_all(&settled)

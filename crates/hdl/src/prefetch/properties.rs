@@ -1,11 +1,11 @@
-//! What is proved of words read ahead: each comes out in the order of the requests, as memory answered it. Memory answers each request
-//! once, in any order. One word, any, is watched.
+//! Properties of prefetchers: words leave in the order of the requests, as memory returned them. Memory is assumed to respond to each
+//! request once, in any order. The proof watches one arbitrary word.
 
 use super::{Inputs, Outputs};
 use crate::properties::{shown_stays, wrapped};
 use crate::{Memory, Proof, Reg, Signal};
 
-/// A reader's ports and state.
+/// The ports and the state of a prefetcher.
 pub(super) struct Reader<'b> {
     pub depth: u32,
     pub inputs: Inputs<Signal<'b>>,
@@ -20,7 +20,7 @@ pub(super) struct Reader<'b> {
     pub front_valid: Reg<'b>,
     pub front: Reg<'b>,
     pub words: Memory<'b>,
-    /// Where it has them, the registers of what the head's word comes to: that it is there, the slot behind, the slot that was freed.
+    /// The registers of the head's arrival, if it has them: whether the word has arrived, the next slot, the freed slot.
     pub registered: Option<[Reg<'b>; 3]>,
     pub second_arrived: Option<Signal<'b>>,
 }
@@ -29,7 +29,7 @@ pub(super) fn order<'b>(reader: &Reader<'b>) {
     let m = reader.inputs.pop.module();
     let proof = m.proof(
         "order",
-        "words come out in the order of requests, whatever the answers' order; requests shown stay",
+        "words leave in the order of requests, for any order of responses; requests are stable",
     );
     let owed = owed(&proof, reader);
     slots(&proof, reader, owed);
@@ -45,17 +45,17 @@ pub(super) fn order<'b>(reader: &Reader<'b>) {
         ..
     } = reader.outputs;
     proof.assume(
-        "a word is popped only where one is shown",
+        "a word is popped only while one is presented",
         pop.implies(reader.front_valid.q),
     );
     proof.assume(
-        "an address that is not taken stays",
+        "an address is stable until it is accepted",
         shown_stays(&proof, fetch_valid, fetch_ready, &[fetch_address]),
     );
     let shown = [fetch_address, reader.tail.q];
     let stays = shown_stays(&proof, request.valid, memory.request_ready, &shown);
     proof.assert(
-        "a request that is not taken stays, its address and tag too",
+        "a request is stable until it is accepted, with address and tag",
         stays,
     );
     watched_word(&proof, reader);
@@ -63,25 +63,25 @@ pub(super) fn order<'b>(reader: &Reader<'b>) {
         registered(&proof, reader, registers);
     }
     proof.fault(
-        "a word is forgotten when another arrives",
+        "an arrival clears the flag of another word",
         reader.advance.reads(pop).as_value(1),
     );
     proof.fault("it requests without room", reader.room.fault().as_value(1));
 }
 
 impl<'b> Reader<'b> {
-    /// A signal in as many bits as sums of places need.
+    /// Extends a signal to the width of sums of addresses.
     fn wide(&self, signal: Signal<'b>) -> Signal<'b> {
         signal.extend(self.tail.q.width() + 2)
     }
 
-    /// How many slots there are.
+    /// The number of slots.
     fn slots(&self) -> Signal<'b> {
         let m = self.inputs.pop.module();
         m.lit(self.depth, self.tail.q.width() + 2)
     }
 
-    /// The slots that are taken: the count, less one that it has yet to give back.
+    /// The number of occupied slots: the count, minus one that is yet to be freed.
     fn taken(&self) -> Signal<'b> {
         let count = self.wide(self.count.q);
         match &self.registered {
@@ -90,18 +90,18 @@ impl<'b> Reader<'b> {
         }
     }
 
-    /// Words that were asked for and not popped.
+    /// Words that were requested and not popped.
     fn held(&self) -> Signal<'b> {
         self.taken() + self.wide(self.front_valid.q)
     }
 
-    /// Whether the reader asks memory, and memory takes it.
+    /// Whether a request is accepted by memory.
     fn asks(&self) -> Signal<'b> {
         self.outputs.request.valid & self.inputs.memory.request_ready
     }
 }
 
-/// The slots whose words memory owes, a bit each; memory gives no others.
+/// The slots with an outstanding request, one bit each. Memory responds to no other tag.
 fn owed<'b>(proof: &Proof<'b>, reader: &Reader<'b>) -> Signal<'b> {
     let response = reader.inputs.memory.response;
     let (depth, tag) = (reader.depth, response.payload.tag);
@@ -111,13 +111,13 @@ fn owed<'b>(proof: &Proof<'b>, reader: &Reader<'b>) -> Signal<'b> {
     owed.next((owed.q | requests.shl(reader.tail.q)) & !answers.shl(tag));
     let is_slot = reader.wide(tag).lt(reader.slots());
     proof.assume(
-        "memory answers requests that were made, once",
+        "memory responds once to each request",
         response.valid.implies(is_slot & owed.q.bit_at(tag)),
     );
     owed.q
 }
 
-/// Of all slots: those from the head to the tail are taken, each owed by memory or with its word.
+/// Asserts that the slots from head to tail are occupied, each with an outstanding request or its word.
 fn slots<'b>(proof: &Proof<'b>, reader: &Reader<'b>, owed: Signal<'b>) {
     let m = proof.module();
     let wide = |signal| reader.wide(signal);
@@ -140,34 +140,34 @@ fn slots<'b>(proof: &Proof<'b>, reader: &Reader<'b>, owed: Signal<'b>) {
     );
     proof.assert("the head is a slot", wide(head).lt(slots));
     proof.assert(
-        "the tail is as far from the head as slots are taken",
+        "the distance from head to tail is the number of occupied slots",
         wide(reader.tail.q).eq(end),
     );
     let arrived = reader.arrived.q;
     proof.assert(
-        "every slot taken is owed by memory or has its word",
+        "every occupied slot has an outstanding request or its word",
         (owed | arrived).eq(m.concat(&used)),
     );
     proof.assert(
-        "no slot is both owed and has its word",
+        "no slot has both an outstanding request and its word",
         (owed & arrived).is_zero(),
     );
     let head_owed = owed.bit_at(head);
     proof.assert(
-        "it waits for nothing but the memory",
+        "it waits for memory only",
         reader.front_valid.q | reader.head_arrived | taken.is_zero() | head_owed,
     );
     proof.assert(
-        "as many words are in flight as were asked for and not popped",
+        "the number of words in flight is the number of words requested and not popped",
         inside.q.eq(reader.held()),
     );
     proof.assert(
-        "it is empty where nothing is in flight",
+        "it is empty if no word is in flight",
         reader.outputs.empty.eq(inside.q.is_zero()),
     );
 }
 
-/// One request, any: its word, and how many are ahead of it.
+/// Watches one arbitrary request: its word, and the number of words before it.
 fn watched_word<'b>(proof: &Proof<'b>, reader: &Reader<'b>) {
     let m = proof.module();
     let wide = |signal| reader.wide(signal);
@@ -200,11 +200,11 @@ fn watched_word<'b>(proof: &Proof<'b>, reader: &Reader<'b>) {
     let slot = wrapped(wide(head) + ahead.q - wide(front_valid), slots);
     proof.cover("a watched word is popped", watching.q & in_front & pop);
     proof.assert(
-        "a watched word comes out in its turn",
+        "a watched word leaves in order",
         (watching.q & in_front).implies(answered.q & front.eq(word.q)),
     );
     proof.assert(
-        "a watched word is there until it is popped",
+        "a watched word is held until it is popped",
         watching.q.implies(ahead.q.lt(held)),
     );
     proof.assert(
@@ -212,16 +212,16 @@ fn watched_word<'b>(proof: &Proof<'b>, reader: &Reader<'b>) {
         behind.implies(slot.eq(wide(tag.q))),
     );
     proof.assert(
-        "a watched word has arrived when memory answered",
+        "a watched word has arrived after its response",
         behind.implies(answered.q.eq(arrived.bit_at(tag.q))),
     );
     proof.assert(
-        "a watched word is stored as memory answered",
+        "a watched word is stored as memory returned it",
         (behind & answered.q).implies(reader.words.peek(tag.q).eq(word.q)),
     );
 }
 
-/// The registers of what the head's word comes to.
+/// Asserts the state of the registers of the head's arrival.
 fn registered<'b>(
     proof: &Proof<'b>,
     reader: &Reader<'b>,
@@ -230,20 +230,20 @@ fn registered<'b>(
     let m = proof.module();
     let head = reader.head.q;
     proof.assert(
-        "a slot that has just been freed is counted, and its word is the front",
+        "a slot that has just been freed is still counted, and its word is the front word",
         freed.q.implies(reader.count.q.any() & reader.front_valid.q),
     );
     proof.assert(
-        "a word that is said to be there has arrived",
+        "a word marked as arrived has arrived",
         is_there.q.implies(reader.arrived.q.bit_at(head)),
     );
     let next = head
         .equals(u128::from(reader.depth) - 1)
         .mux(m.zero(head.width()), head + m.lit(1u8, head.width()));
-    proof.assert("the second slot is behind the head", second.q.eq(next));
+    proof.assert("the second slot follows the head", second.q.eq(next));
     let second_arrived = reader.second_arrived.expect("it has a register");
     proof.fault(
-        "the head's word is said to be there again when the next one's turn comes",
+        "the arrival flag of the head is kept for the next word",
         (is_there.q.reads(second_arrived)).as_signal(reader.head_arrived),
     );
 }

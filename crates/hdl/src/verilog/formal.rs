@@ -151,7 +151,7 @@ pub(in super::super) fn with_checks(
     }
     section += "  end\n";
     let section = format!(
-        "\n`ifdef {CHECKS}\n  // What is proved of the module, or taken for granted of what is around it, at every clock\n  // after a reset.\n{section}`endif\n"
+        "\n`ifdef {CHECKS}\n  // Properties of the module and assumptions on its environment, checked in every cycle\n  // after a reset.\n{section}`endif\n"
     );
     let (text, modules, _) = unmarked(&insert(&module, &section).0);
     (text, modules)

@@ -309,11 +309,11 @@ impl<'a> Printer<'a> {
         };
         if let (Some(least), Some(greatest)) = (outputs().min(), outputs().max()) {
             let clocks = match (least, greatest) {
-                (1, 1) => "1 clock".to_string(),
-                _ if least == greatest => format!("{least} clocks"),
-                _ => format!("{least} to {greatest} clocks"),
+                (1, 1) => "1 cycle".to_string(),
+                _ if least == greatest => format!("{least} cycles"),
+                _ => format!("{least} to {greatest} cycles"),
             };
-            let _ = writeln!(text, "// Latency: {clocks}, one set of inputs a clock.");
+            let _ = writeln!(text, "// Latency: {clocks}, one set of inputs per cycle.");
         }
         text.push_str("\n`default_nettype none\n\n");
         let general = self.numbers == Numbers::Marked;
@@ -538,7 +538,7 @@ impl<'a> Printer<'a> {
         text
     }
 
-    /// Collects what nothing reads, so that lint knows that it is meant.
+    /// Collects the bits without a reader in one wire, so that lint does not report them.
     fn unused(&self, body: &mut Body) {
         let plan = &self.plan;
         let mut parts = vec![];
@@ -565,7 +565,7 @@ impl<'a> Printer<'a> {
         if parts.is_empty() {
             return;
         }
-        body.comment("What nothing reads.");
+        body.comment("Unused bits.");
         let name = &self.names.unused;
         let joined = parts.join(", ");
         let line = format!("wire {name} = &{{1'b0, {joined}}};");

@@ -21,7 +21,7 @@ pub(in super::super) struct Names {
     /// For each memory, the names of its copies.
     pub copies: Vec<Vec<String>>,
     pub lines: Vec<String>,
-    /// The wire that takes what nothing reads.
+    /// The wire that collects the bits without a reader.
     pub unused: String,
     /// What counts the registers of delay lines.
     pub counter: String,

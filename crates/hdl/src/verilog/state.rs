@@ -81,7 +81,7 @@ impl Printer<'_> {
         let lines = &self.plan.lines;
         if !lines.is_empty() {
             body.comment(
-                "Delay lines: values that wait for others of their pipeline, the newest in 0.",
+                "Delay lines: they align values of a pipeline; index 0 is the newest value.",
             );
             if lines.iter().any(|line| self.is_array(line)) {
                 body.line(&format!("integer {};", self.names.counter));

@@ -64,7 +64,7 @@ impl<'a> Buffers<'a> {
                 "buffer {number} has no data (EXT_meshopt_compression's fallback?); export it without compression"
             ),
             Source::Bin => self.binary_chunk.with_context(|| {
-                format!("buffer {number} is missing: the file has no binary chunk for it; export it anew")
+                format!("buffer {number} is missing: the file has no binary chunk for it; export it again")
             })?,
             Source::Uri(uri) => {
                 let cell = &self.read[number];
@@ -78,7 +78,7 @@ impl<'a> Buffers<'a> {
         let length = buffer.length();
         ensure!(
             bytes.len() >= length,
-            "buffer {number} has {} bytes, not {length}; export the file anew",
+            "buffer {number} has {} bytes, not {length}; export the file again",
             bytes.len()
         );
         Ok(&bytes[..length])
@@ -93,12 +93,12 @@ impl<'a> Buffers<'a> {
         }
         ensure!(
             !uri.contains("://"),
-            "`{}` is not a file beside this one; put it there",
+            "`{}` is not a file in the same folder; put it there",
             text::word(uri)
         );
         ensure!(
             !uri.is_empty(),
-            "has an empty URI, which names no file; export the file anew"
+            "has an empty URI, which names no file; export the file again"
         );
         let path = place_of_uri(self.folder, uri).with_context(|| {
             format!(
@@ -126,7 +126,7 @@ impl<'a> Buffers<'a> {
             .and_then(|end| buffer.get(view.offset()..end));
         range.with_context(|| {
             format!(
-                "bufferView {} reaches beyond buffer {} of {} bytes; export the file anew",
+                "bufferView {} reaches beyond buffer {} of {} bytes; export the file again",
                 view.index(),
                 view.buffer().index(),
                 buffer.len()
@@ -144,7 +144,7 @@ impl<'a> Buffers<'a> {
                     .and_then(|stride| usize::try_from(stride).ok());
                 let number = number.with_context(|| {
                     format!(
-                        "bufferView {} has the byteStride {}; export the file anew",
+                        "bufferView {} has the byteStride {}; export the file again",
                         view.index(),
                         text::word(&stride.to_string())
                     )
@@ -182,7 +182,7 @@ impl<'a> Buffers<'a> {
     ) -> Result<Vec<f64>> {
         ensure!(
             accessor.count() == count,
-            "has {} elements for {count} vertices; export the file anew",
+            "has {} elements for {count} vertices; export the file again",
             accessor.count()
         );
         self.read_up_to(accessor, dimensions, numbers, count)
@@ -198,7 +198,7 @@ impl<'a> Buffers<'a> {
         let inner = || {
             ensure!(
                 accessor.dimensions() == dimensions,
-                "has elements of type {:?}, where {dimensions:?} belongs; export the file anew",
+                "has elements of type {:?}, where {dimensions:?} belongs; export the file again",
                 accessor.dimensions()
             );
             let kind = accessor.data_type();
@@ -208,7 +208,7 @@ impl<'a> Buffers<'a> {
             };
             ensure!(
                 fitting,
-                "has numbers of type {kind:?}, which do not belong there; export the file anew"
+                "has numbers of type {kind:?}, which do not belong there; export the file again"
             );
             ensure!(
                 self.view_of(accessor).is_some() || accessor.count() <= most,
@@ -300,7 +300,7 @@ impl<'a> Buffers<'a> {
 fn data_of(rest: &str) -> Result<Vec<u8>> {
     let (header, data) = rest
         .split_once(',')
-        .context("is a data URI without data; export the file anew")?;
+        .context("is a data URI without data; export the file again")?;
     let data: Vec<u8> = percent_encoding::percent_decode_str(data).collect();
     let last = header.rsplit_once(';').map(|(_, last)| last.trim());
     if !last.is_some_and(|last| last.eq_ignore_ascii_case("base64")) {
@@ -315,7 +315,7 @@ fn data_of(rest: &str) -> Result<Vec<u8>> {
         .with_decode_padding_mode(DecodePaddingMode::Indifferent);
     GeneralPurpose::new(&STANDARD, lenient)
         .decode(digits)
-        .map_err(|error| anyhow::anyhow!("is no base64: {error}; export the file anew"))
+        .map_err(|error| anyhow::anyhow!("is not base64: {error}; export the file again"))
 }
 
 /// An accessor's numbers by elements of `N`.
@@ -345,7 +345,7 @@ impl Layout {
         let stride = stride.unwrap_or(size);
         ensure!(
             stride >= size,
-            "has elements of {size} bytes every {stride} bytes; export the file anew"
+            "has elements of {size} bytes every {stride} bytes; export the file again"
         );
         if count == 0 {
             return Ok(Vec::new());
@@ -355,7 +355,7 @@ impl Layout {
             .and_then(|last| last.checked_add(offset)?.checked_add(size));
         ensure!(
             end.is_some_and(|end| end <= bytes.len()),
-            "has {count} elements of {size} bytes, which reach beyond its bufferView of {} bytes; export the file anew",
+            "has {count} elements of {size} bytes, which reach beyond its bufferView of {} bytes; export the file again",
             bytes.len()
         );
         let mut values = Vec::with_capacity(count * self.width);

@@ -334,7 +334,7 @@ impl<'a> Cleaner<'a> {
         // The crate looks this one up before it has checked it.
         ensure!(
             position_number.is_none_or(|accessor| accessor < self.facts.accessors),
-            "has its POSITION in accessor {}, which is out of range (there are {}, counted from 0); export the file anew",
+            "has its POSITION in accessor {}, which is out of range (there are {}, counted from 0); export the file again",
             position_number.unwrap_or_default(),
             self.facts.accessors
         );
@@ -418,7 +418,7 @@ impl<'a> Cleaner<'a> {
                     index(Some(accessor)).filter(|&place| place < self.accessors.len())
                 else {
                     bail!(
-                        "{name}: EXT_mesh_gpu_instancing: {attribute} is not an accessor of the file (there are {}, counted from 0); export it anew",
+                        "{name}: EXT_mesh_gpu_instancing: {attribute} is not an accessor of the file (there are {}, counted from 0); export it again",
                         self.accessors.len()
                     );
                 };

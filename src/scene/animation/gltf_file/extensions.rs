@@ -128,12 +128,12 @@ pub fn warnings(root: &Map<String, Value>) -> Vec<String> {
             continue;
         }
         let missing = match name {
-            "KHR_draco_mesh_compression" => "the uncompressed vertices beside it are shown",
+            "KHR_draco_mesh_compression" => "the uncompressed vertices are shown instead",
             "EXT_meshopt_compression" | "KHR_meshopt_compression" => {
-                "the uncompressed buffers beside it are shown"
+                "the uncompressed buffers are shown instead"
             }
             "MSFT_lod" => "of several levels of detail only the first is shown",
-            _ => "what it adds to shapes, instances, places or motion is missing",
+            _ => "its effect on shapes, instances, positions or motion is missing",
         };
         let at = match found.near {
             0 => String::new(),

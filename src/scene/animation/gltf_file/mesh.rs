@@ -189,7 +189,7 @@ impl Source {
         for (set, (joints, weights)) in sets {
             ensure!(
                 joints && weights,
-                "has JOINTS_{set} or WEIGHTS_{set} without the other; export the file anew"
+                "has JOINTS_{set} or WEIGHTS_{set} without the other; export the file again"
             );
             let attribute = |semantic: Semantic, numbers| {
                 let place = semantic.to_string();

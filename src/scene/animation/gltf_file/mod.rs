@@ -49,23 +49,23 @@ pub fn load(path: &Path) -> Result<Animated> {
 fn parse(bytes: &[u8], folder: &Path, name: String) -> Result<Animated> {
     let (json, binary_chunk) = chunks(bytes)?;
     let value: Value = serde_json::from_slice(trimmed(json))
-        .map_err(|error| anyhow!("is no glTF: {error}; export it anew"))?;
+        .map_err(|error| anyhow!("is not glTF: {error}; export it again"))?;
     let root = value
         .as_object()
-        .context("is no glTF: its JSON is no object; export it anew")?;
+        .context("is not glTF: its JSON is not an object; export it again")?;
     check_version(root)?;
     extensions::check_required(root)?;
     let (cleaned, facts) = clean::clean(root)?;
     drop(value);
     let root = serde_json::from_value(cleaned)
-        .map_err(|error| anyhow!("is no glTF: {error}; export it anew"))?;
+        .map_err(|error| anyhow!("is not glTF: {error}; export it again"))?;
     let document = gltf::Document::from_json(root).map_err(|error| match error {
         gltf::Error::Validation(faults) => {
             let (place, fault) = &faults[0];
             let fault = fault.to_string().to_lowercase();
-            anyhow!("is no valid glTF: {place}: {fault}; export it anew")
+            anyhow!("is not valid glTF: {place}: {fault}; export it again")
         }
-        error => anyhow!("is no glTF: {error}; export it anew"),
+        error => anyhow!("is not glTF: {error}; export it again"),
     })?;
     let loader = Loader {
         document: &document,
@@ -92,7 +92,7 @@ fn chunks(bytes: &[u8]) -> Result<(&[u8], Option<&[u8]>)> {
     }
     let word = |at: usize| -> Result<usize> {
         let word = bytes.get(at..at + 4);
-        let word = word.context("is a binary glTF file that is cut off; export it anew")?;
+        let word = word.context("is a binary glTF file that is cut off; export it again")?;
         Ok(u32::from_le_bytes(word.try_into().expect("four bytes")) as usize)
     };
     let version = word(4)?;
@@ -106,7 +106,7 @@ fn chunks(bytes: &[u8]) -> Result<(&[u8], Option<&[u8]>)> {
         let chunk = (at + 8)
             .checked_add(length)
             .and_then(|end| bytes.get(at + 8..end));
-        let chunk = chunk.context("is a binary glTF file that is cut off; export it anew")?;
+        let chunk = chunk.context("is a binary glTF file that is cut off; export it again")?;
         match &(kind as u32).to_le_bytes() {
             b"JSON" if json.is_none() => json = Some(chunk),
             b"BIN\0" if binary.is_none() => binary = Some(chunk),
@@ -114,7 +114,7 @@ fn chunks(bytes: &[u8]) -> Result<(&[u8], Option<&[u8]>)> {
         }
         at += 8 + length;
     }
-    let json = json.context("is a binary glTF file without a JSON chunk; export it anew")?;
+    let json = json.context("is a binary glTF file without a JSON chunk; export it again")?;
     Ok((json, binary))
 }
 
@@ -337,7 +337,7 @@ impl Loader<'_> {
         let count = *given.next().expect("it has one of the three");
         ensure!(
             given.all(|&other| other == count),
-            "its attributes have {} elements, which must be as many in all; export the file anew",
+            "its attributes have {} elements, which must be equal in number; export the file again",
             counts
                 .iter()
                 .flatten()
@@ -452,7 +452,7 @@ impl Loader<'_> {
                     .collect();
                 ensure!(
                     matrices.len() >= nodes.len(),
-                    "{}: has {} inverse bind matrices for {} joints; export the file anew",
+                    "{}: has {} inverse bind matrices for {} joints; export the file again",
                     place(),
                     matrices.len(),
                     nodes.len()
@@ -518,7 +518,7 @@ impl Loader<'_> {
         let node = target.node.value();
         ensure!(
             node < rig.nodes.len(),
-            "moves node {node}, which is out of range (there are {}, counted from 0); export the file anew",
+            "moves node {node}, which is out of range (there are {}, counted from 0); export the file again",
             rig.nodes.len()
         );
         let Checked::Valid(property) = target.path else {
@@ -569,7 +569,7 @@ impl Loader<'_> {
             Property::Rotation => curve.and_then(Curve::of_rotations),
             _ => curve,
         };
-        let curve = curve.map_err(|error| anyhow!("{error}; export the file anew"))?;
+        let curve = curve.map_err(|error| anyhow!("{error}; export the file again"))?;
         Ok(Some(Track {
             node,
             property,
