@@ -17,7 +17,7 @@ module dynrt_selftest (
   localparam [63:0] EXPECTED = 64'h315b38ac01d842fa;
   localparam [9:0] RAYS = 10'd512;
 
-  // Reset for some clocks after configuration, and while rst_n is low.
+  // Reset for several cycles after configuration, and while rst_n is low.
   reg  [1:0] rst_n_synchronised;
   reg  [3:0] startup;
   reg        rst;
@@ -30,7 +30,7 @@ module dynrt_selftest (
     rst <= !(&startup);
   end
 
-  // A ray is read, then offered until the core takes it.
+  // A ray is read, then offered until the core accepts it.
   reg  [9:0] ray_index;
   reg  ray_read;
   reg  ray_valid;
@@ -55,7 +55,7 @@ module dynrt_selftest (
   end
   dynrt_selftest_ray_rom ray_rom (.clk(clk), .address(ray_index[8:0]), .word(ray));
 
-  // The node memory answers two clocks after a request.
+  // The node memory responds two cycles after a request.
   wire node_request_valid;
   wire [21:0] node_request_address;
   wire [6:0] node_request_tag;
@@ -74,7 +74,7 @@ module dynrt_selftest (
   end
   dynrt_selftest_node_rom node_rom (.clk(clk), .address(node_request_address[5:0]), .word(node_word));
 
-  // The record memory answers two clocks after a request.
+  // The record memory responds two cycles after a request.
   wire record_request_valid;
   wire [21:0] record_request_address;
   wire [6:0] record_request_tag;
@@ -93,7 +93,7 @@ module dynrt_selftest (
   end
   dynrt_selftest_record_rom record_rom (.clk(clk), .address(record_request_address[5:0]), .word(record_word));
 
-  // The vertex memory answers two clocks after a request.
+  // The vertex memory responds two cycles after a request.
   wire vertex_request_valid;
   wire [21:0] vertex_request_address;
   wire [8:0] vertex_request_tag;
@@ -112,7 +112,7 @@ module dynrt_selftest (
   end
   dynrt_selftest_vertex_rom vertex_rom (.clk(clk), .address(vertex_request_address[4:0]), .word(vertex_word));
 
-  // A hit's hash, and the sum of all: packets return in any order, a packet's rays in theirs.
+  // The hash of a hit, and the sum of all hashes: packets return in any order, the rays of a packet in order.
   wire hit_valid;
   wire [15:0] hit_tag;
   wire [23:0] hit_t;
@@ -286,7 +286,7 @@ module dynrt_selftest (
     .update_count_node_wait_cycles(unread[1107:1068])
   );
 
-  // What nothing reads.
+  // Unused bits.
   wire unused = &{1'b0, node_request_address[21:6], record_request_address[21:6], vertex_request_address[21:5], unread};
 
 endmodule

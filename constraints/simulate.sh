@@ -16,7 +16,7 @@ configuration() {
     sed -n '/"configuration": {/,/^  }/p' "$1/manifest.json"
 }
 if [ ! -f ../rtl/manifest.json ] || [ "$(configuration ../rtl)" != "$(configuration .)" ]; then
-    echo 'error: ../rtl does not hold the machine that this self-test is of: dynrt generate, with the same configuration' >&2
+    echo 'error: ../rtl does not hold the machine that this self-test belongs to: run dynrt generate with the same configuration' >&2
     exit 1
 fi
 iverilog=$(need 'apt-get install iverilog' iverilog)

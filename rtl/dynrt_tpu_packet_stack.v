@@ -19,7 +19,7 @@ module dynrt_tpu_packet_stack (
   input  wire [5:0]   pop_packet,
   input  wire [5:0]   pop_context_level,
 
-  // Counters' events, and marks
+  // Events for the counters, and stack figures
   output reg          overflow,
   output reg  [5:0]   high_water,
 

@@ -3,17 +3,17 @@
 // dynrt_triangle_watertight: the watertight ray-triangle test of Woop, Benthin and Wald: edge
 // functions of vertices sheared into the ray's frame. Its operators also apply a matrix to a
 // point.
-// Latency: 35 to 50 clocks, one set of inputs a clock.
+// Latency: 35 to 50 cycles, one set of inputs per cycle.
 
 `default_nettype none
 
 module dynrt_triangle_watertight (
   input  wire        clk,
 
-  // What the slot is: 0 a test, 1 a matrix
+  // Kind of the slot: 0 for a test, 1 for a matrix
   input  wire        matrix,
 
-  // The triangle's vertices, or the matrix's columns x, y, z
+  // Vertices of the triangle, or columns x, y, z of the matrix
   input  wire [23:0] v0_x,
   input  wire [23:0] v0_y,
   input  wire [23:0] v0_z,
@@ -24,46 +24,46 @@ module dynrt_triangle_watertight (
   input  wire [23:0] v2_y,
   input  wire [23:0] v2_z,
 
-  // The ray's origin, or the point
+  // Origin of the ray, or the point
   input  wire [23:0] origin_x,
   input  wire [23:0] origin_y,
   input  wire [23:0] origin_z,
 
-  // The ray's shear
+  // Shear of the ray
   input  wire [1:0]  kz,
   input  wire [23:0] shear_x,
   input  wire [23:0] shear_y,
 
-  // The matrix's fourth column
+  // Fourth column of the matrix
   input  wire [23:0] translation_y,
   input  wire [23:0] translation_x,
   input  wire [23:0] translation_z,
 
-  // The weight of the moved point
+  // Weight of the transformed point
   input  wire [23:0] weight,
 
-  // The reciprocal of the direction's greatest component
+  // Reciprocal of the greatest component of the direction
   input  wire [23:0] shear_z,
 
-  // Distance, the second and third vertex's weights, and whether the ray passes the triangle
+  // Distance, weights of the second and third vertex, and a flag for a miss
   output wire [23:0] test_t,
   output reg  [23:0] test_u,
   output reg  [23:0] test_v,
   output wire        test_misses,
 
-  // The point moved by the matrix
+  // Transformed point
   output wire [23:0] moved_x,
   output wire [23:0] moved_y,
   output wire [23:0] moved_z,
 
-  // The point moved and weighted
+  // Transformed point times the weight
   output wire [23:0] weighted_x,
   output wire [23:0] weighted_y,
   output wire [23:0] weighted_z
 );
 
-  // Matrix: the columns pass as if seen from the origin and along z; the point takes the shear's
-  // way.
+  // Matrix: the columns pass unchanged, as if relative to the origin and along z; the point
+  // replaces the shear.
   wire [23:0] seen_from_x = matrix ? 24'd0 : origin_x;
   wire [23:0] seen_from_y = matrix ? 24'd0 : origin_y;
   wire [23:0] seen_from_z = matrix ? 24'd0 : origin_z;
@@ -71,7 +71,7 @@ module dynrt_triangle_watertight (
   wire [23:0] shear_or_point_x = matrix ? origin_x : shear_x;
   wire [23:0] shear_or_point_y = matrix ? origin_y : shear_y;
 
-  // The vertices a, b, c, seen from the origin, their axes turned.
+  // The vertices a, b, c relative to the origin, with permuted axes.
   wire [23:0] a_x_y;
   dynrt_fp_add_sub #(.SUBTRACT(1'b1)) a_x (
     .clk(clk), .a(v0_x), .b(seen_from_x), .y(a_x_y)
@@ -169,8 +169,8 @@ module dynrt_triangle_watertight (
       c_y_y;
   (* mem2reg *) reg [23:0] c_ky_delay [0:3];
 
-  // What shears them. Matrix: the products of column x (by shear x) and y (by shear y), each
-  // component once.
+  // The shifts by the shear. Matrix: the products of columns x (times shear x) and y (times shear
+  // y), each component once.
   (* mem2reg *) reg [23:0] shear_or_point_x_delay [0:5];
   wire [23:0] shear_or_point_x_s6 = shear_or_point_x_delay[5];
 
@@ -220,7 +220,7 @@ module dynrt_triangle_watertight (
     .clk(clk), .a(shear_or_point_y_s6), .b(cy_shift_factor_s6), .y(cy_shift_y)
   );
 
-  // Sheared. Matrix: the sum of columns x and y in ax, ay, bx; column z passes in cx, cy.
+  // Sheared vertices. Matrix: the sum of columns x and y in ax, ay, bx; column z passes in cx, cy.
   wire matrix_s9 = matrix_delay[8];
   wire [23:0] a_kx_s9 = a_kx_delay[3];
   wire [23:0] ax_minuend = matrix_s9 ? by_shift_y : a_kx_s9;
@@ -272,7 +272,7 @@ module dynrt_triangle_watertight (
     .clk(clk), .a(c_ky_s9), .b(cy_subtrahend), .y(cy_y)
   );
 
-  // Edge functions. Matrix: plus the products of column z, which is added to the sum.
+  // Edge functions. Matrix: the products of column z are added to the sum.
   wire matrix_s14 = matrix_delay[13];
   (* mem2reg *) reg [23:0] origin_z_delay [0:13];
   wire [23:0] origin_z_s14 = origin_z_delay[13];
@@ -414,7 +414,7 @@ module dynrt_triangle_watertight (
     .clk(clk), .a(ua_vb_or_sum), .b(wc_or_translation), .y(moved_z)
   );
 
-  // t = (T i) Sz, u = V i, v = W i. Matrix: all by the weight; the point moved takes the way of V
+  // t = (T i) Sz, u = V i, v = W i. Matrix: all times the weight; the transformed point replaces V
   // and W.
   wire [23:0] v_or_moved_y = matrix_s27 ? uv_y : ev_y_s27;
   wire matrix_s32 = matrix_delay[31];
@@ -499,7 +499,7 @@ module dynrt_triangle_watertight (
     test_v <= weighted_x_s49;
   end
 
-  // Delay lines: values that wait for others of their pipeline, the newest in 0.
+  // Delay lines: they align values of a pipeline; index 0 is the newest value.
   integer age;
 
   always @(posedge clk) begin

@@ -9,7 +9,7 @@ module dynrt_update_processor (
   input  wire         clk,
   input  wire         rst,
 
-  // An update: rows of its program, bases of the object's vertices and nodes, index of its box
+  // Update: rows of its program, bases of the object's vertices and nodes, index of its box
   input  wire         start_valid,
   input  wire [21:0]  start_program,
   input  wire [21:0]  start_rows,
@@ -24,7 +24,7 @@ module dynrt_update_processor (
   output wire [21:0]  program_request_address,
   output wire [2:0]   program_request_tag,
 
-  // Program memory: answers, of any latency, in any order
+  // Program memory: responses, any latency, any order
   input  wire         program_response_valid,
   input  wire [2:0]   program_response_tag,
   input  wire [127:0] program_response_data,
@@ -35,7 +35,7 @@ module dynrt_update_processor (
   output wire [21:0]  vertex_request_address,
   output wire [3:0]   vertex_request_tag,
 
-  // Vertex memory: answers, of any latency, in any order
+  // Vertex memory: responses, any latency, any order
   input  wire         vertex_response_valid,
   input  wire [3:0]   vertex_response_tag,
   input  wire [71:0]  vertex_response_data,
@@ -47,13 +47,13 @@ module dynrt_update_processor (
   output wire [4:0]   node_write_mask,
   output wire [127:0] node_write_data,
 
-  // The object's box: its write, after all of the nodes'
+  // Object's box: write, after the writes of all nodes
   input  wire         box_write_ready,
   output wire         box_write_valid,
   output wire [21:0]  box_write_address,
   output wire [143:0] box_write_data,
 
-  // High for a clock when an update is complete
+  // High for one cycle when an update is complete
   output wire         done,
 
   // Counters since reset
@@ -83,7 +83,7 @@ module dynrt_update_processor (
   wire [23:0] second_hi_y_s2, second_hi_z_s2;
   wire merge_goes_s2, merge_goes_s3, merge_goes_s4, node_room_next, nodes_under_way_any, box_taken;
 
-  // What later parts tell earlier ones.
+  // Signals from later parts to earlier ones.
   dynrt_update_processor_row_fetch row_fetch (
     .clk(clk), .rst(rst),
     .start_valid(start_valid), .start_program(start_program), .start_rows(start_rows),

@@ -8,10 +8,10 @@ module dynrt_update_processor_box_write (
   input  wire         clk,
   input  wire         rst,
 
-  // An update: rows of its program, bases of the object's vertices and nodes, index of its box
+  // Update: rows of its program, bases of the object's vertices and nodes, index of its box
   input  wire [21:0]  start_box_index,
 
-  // The object's box: its write, after all of the nodes'
+  // Object's box: write, after the writes of all nodes
   input  wire         box_write_ready,
   output reg          box_shown,
   output reg  [21:0]  box_index,
@@ -40,12 +40,12 @@ module dynrt_update_processor_box_write (
   // To row_fetch, execute
   output wire         box_taken,
 
-  // High for a clock when an update is complete
+  // High for one cycle when an update is complete
   output reg          over
 );
 
-  // The end: when all merges are in their registers and all nodes written, the box, read like a
-  // node's.
+  // End of the update: when all merges are in their registers and all nodes are written, the
+  // object's box is read like that of a node.
   reg  merge_goes_s5;
   wire work_under_way =
       merge_goes_s2 |

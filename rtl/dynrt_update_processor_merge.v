@@ -41,7 +41,7 @@ module dynrt_update_processor_merge (
   output reg         merge_goes_s4
 );
 
-  // The registers. A load is written as it goes; the next instruction can read it.
+  // The registers. A load is written when it is issued; the next instruction can read it.
   (* no_rw_check, ram_style = "block" *)
   reg  [71:0] vertex_registers_copy0 [0:63];
   reg  [71:0] vertex_registers_read0;
@@ -106,8 +106,8 @@ module dynrt_update_processor_merge (
   reg  [23:0] third_y_s2;
   reg  [23:0] third_z_s2;
 
-  // Merge: of two boxes, or of three vertices, of which each is a box too. A number that is no NaN
-  // goes before one that is.
+  // Merge of two boxes, or of three vertices (each a degenerate box). A NaN loses against any
+  // number.
   wire nan_first_lo_x = (&first_lo_x_s2[22:16]) & (|first_lo_x_s2[15:0]);
   wire nan_second_lo_x = (&second_lo_x_s2[22:16]) & (|second_lo_x_s2[15:0]);
   wire nan_third_x = (&third_x_s2[22:16]) & (|third_x_s2[15:0]);
@@ -443,7 +443,7 @@ module dynrt_update_processor_merge (
     merge_goes_s4 <= merge_goes_s3;
   end
 
-  // Delay lines: values that wait for others of their pipeline, the newest in 0.
+  // Delay lines: they align values of a pipeline; index 0 is the newest value.
   integer age;
 
   always @(posedge clk) begin

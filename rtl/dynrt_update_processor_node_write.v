@@ -8,7 +8,7 @@ module dynrt_update_processor_node_write (
   input  wire         clk,
   input  wire         rst,
 
-  // An update: rows of its program, bases of the object's vertices and nodes, index of its box
+  // Update: rows of its program, bases of the object's vertices and nodes, index of its box
   input  wire [21:0]  start_node_base,
 
   // Node memory: writes
@@ -45,7 +45,7 @@ module dynrt_update_processor_node_write (
   output wire         nodes_under_way_any
 );
 
-  // A node's intervals, each on its axis, wait until they are written.
+  // The intervals of a node, each on its axis, are queued until they are written.
   reg  [3:0] merge_axes_s1, merge_axes_s2;
   wire merge_axes_left_is_1_s2 = merge_axes_s2[1:0] == 2'd1;
   wire merge_axes_left_is_0_s2 = merge_axes_s2[1:0] == 2'd0;
