@@ -20,7 +20,7 @@ Examples:
   dynrt mutate --mutants 600 --seed 1 --only 217          one of these mutants again, with details
   dynrt mutate --mutants 100 --seed 7 --unit update";
 
-/// Mutation test: apply random single changes to the netlist and check that co-simulation detects them
+/// Mutation test: change the netlist in one place, and check that co-simulation detects it
 #[derive(clap::Args)]
 #[command(after_help = HELP)]
 pub struct Args {
