@@ -60,7 +60,8 @@ fn paths_need_not_be_utf8() {
     ];
     for line in lines {
         assert!(
-            line.starts_with("mi\u{fffd}") || line.starts_with("na\u{fffd}me.obj: is the input scene"),
+            line.starts_with("mi\u{fffd}")
+                || line.starts_with("na\u{fffd}me.obj: is the input scene"),
             "{line}"
         );
     }
