@@ -4,7 +4,7 @@
 mod properties;
 
 use crate::interface;
-use crate::{Builder, HdlError, Library, Module, Parameter, Signal, Specs, Style, bits_for};
+use crate::{Builder, HdlError, Library, Module, Parameter, Reg, Signal, Specs, Style, bits_for};
 pub use properties::Placed;
 use properties::{Block, Queue};
 use std::sync::Arc;
@@ -66,6 +66,20 @@ pub fn fifo(registers_front: bool, width: u32, depth: u32) -> Result<Arc<Module>
     library.module(&(width, depth))
 }
 
+/// Returns the place behind another in a memory of `depth` words, the first behind the last.
+pub(crate) fn next_place(place: Signal<'_>, depth: u32) -> Signal<'_> {
+    let m = place.module();
+    let is_last = place.equals(u128::from(depth) - 1);
+    let next = place + m.lit(1u8, place.width());
+    is_last.mux(m.zero(place.width()), next)
+}
+
+/// Lets a register count what has come and not yet gone.
+pub(crate) fn track<'b>(count: &Reg<'b>, comes: Signal<'b>, goes: Signal<'b>) {
+    let one = comes.module().lit(1u8, count.q.width());
+    count.next_when(comes ^ goes, comes.mux(count.q + one, count.q - one));
+}
+
 fn describe(registered: bool, width: u32, depth: u32) -> Result<Arc<Module>, HdlError> {
     let m = Builder::new(
         format!("fifo_{width}x{depth}"),
@@ -86,19 +100,9 @@ fn describe(registered: bool, width: u32, depth: u32) -> Result<Arc<Module>, Hdl
     };
     let tail = m.reg_reset("tail", bits, 0);
     let count = m.reg_reset("count", count_bits, 0);
-    let one = m.lit(1u8, bits);
-    let next_head = head
-        .q
-        .equals(u128::from(depth) - 1)
-        .mux(m.zero(bits), head.q + one);
-    let next_tail = tail
-        .q
-        .equals(u128::from(depth) - 1)
-        .mux(m.zero(bits), tail.q + one);
-    head.next_when(pop, next_head);
-    tail.next_when(push, next_tail);
-    let unit = m.lit(1u8, count_bits);
-    count.next_when(push ^ pop, push.mux(count.q + unit, count.q - unit));
+    head.next_when(pop, next_place(head.q, depth));
+    tail.next_when(push, next_place(tail.q, depth));
+    track(&count, push, pop);
 
     let words = m.memory("words", depth, width, Style::Distributed);
     words.write(push, tail.q, data);
@@ -219,13 +223,9 @@ fn describe_block(latency: u32, width: u32, depth: u32) -> Result<Arc<Module>, H
 
     let bits = bits_for(u64::from(depth));
     let count_bits = bits_for(u64::from(depth) + 1);
-    let (one, unit) = (m.lit(1u8, bits), m.lit(1u8, count_bits));
     let head = m.reg_reset("head", bits, 0);
     let tail = m.reg_reset("tail", bits, 0);
     let count = m.reg_reset("count", count_bits, 0);
-    let last = u128::from(depth) - 1;
-    let next_head = head.q.equals(last).mux(m.zero(bits), head.q + one);
-    let next_tail = tail.q.equals(last).mux(m.zero(bits), tail.q + one);
     let words = m.memory("words", depth, width, Style::Block);
     words.write(push, tail.q, data);
     let word = words.read(head.q).delay(latency - 1);
@@ -246,9 +246,9 @@ fn describe_block(latency: u32, width: u32, depth: u32) -> Result<Arc<Module>, H
     front_valid.next(load.get() | (front_valid.q & !pop));
     let front = m.reg("front_word", width);
     front.next_when(load.get(), word);
-    head.next_when(load.get(), next_head);
-    tail.next_when(push, next_tail);
-    count.next_when(push ^ load.get(), push.mux(count.q + unit, count.q - unit));
+    head.next_when(load.get(), next_place(head.q, depth));
+    tail.next_when(push, next_place(tail.q, depth));
+    track(&count, push, load.get());
     let (valid, front) = (front_valid.q, front.q);
     ports.outputs.outputs(&m, Outputs { valid, front });
     properties::block_order(&Block {

@@ -2,6 +2,7 @@
 
 mod properties;
 
+use crate::fifo::{next_place, track};
 use crate::interface;
 use crate::{
     Builder, Flow, HdlError, Library, Module, Parameter, Proof, ReadInputs, Request, Signal, Specs,
@@ -159,8 +160,6 @@ fn describe(registers_arrival: bool, name: &str, sizes: &Sizes) -> Result<Arc<Mo
     let room = count.q.ne(m.lit(depth, count_bits)).named("room");
     let requested = (fetch_valid & request_ready & room).named("requested");
     let head_arrived = arrived.q.bit_numbered(head.q).named("head_arrived");
-    let last_slot = u128::from(depth) - 1;
-    let (one, zero) = (m.lit(1u8, tag), m.zero(tag));
     let is_there = (registered.as_ref()).map_or(head_arrived, |(is_there, ..)| is_there.q);
     let advance = (is_there & (!front_valid.q | pop)).named("advance");
     // What leaves the count: a clock later where nothing else fits in a clock with who pops. The front word is there by then.
@@ -174,18 +173,12 @@ fn describe(registers_arrival: bool, name: &str, sizes: &Sizes) -> Result<Arc<Mo
         arrived_behind = Some(second_arrived);
         is_there.next(advance.mux(second_arrived, head_arrived));
         head.next_when(advance, second.q);
-        let third = second.q.equals(last_slot).mux(zero, second.q + one);
-        second.next_when(advance, third);
+        second.next_when(advance, next_place(second.q, depth));
     } else {
-        let second = head.q.equals(last_slot).mux(zero, head.q + one);
-        head.next_when(advance, second);
+        head.next_when(advance, next_place(head.q, depth));
     }
-    tail.next_when(requested, tail.q.equals(last_slot).mux(zero, tail.q + one));
-    let unit = m.lit(1u8, count_bits);
-    count.next_when(
-        requested ^ leaves,
-        requested.mux(count.q + unit, count.q - unit),
-    );
+    tail.next_when(requested, next_place(tail.q, depth));
+    track(&count, requested, leaves);
     let lowest = m.lit(1u8, depth);
     let comes = lowest.shl(response.payload.tag) & response.valid.repeat(depth);
     let goes = lowest.shl(head.q) & advance.repeat(depth);
@@ -255,8 +248,7 @@ impl<'b> Occupancy<'b> {
     ) -> Occupancy<'b> {
         let bits = bits_for(u64::from(most) + 1);
         let count = m.reg_reset(name, bits, 0);
-        let one = m.lit(1u8, bits);
-        count.next_when(comes ^ goes, comes.mux(count.q + one, count.q - one));
+        track(&count, comes, goes);
         let room = match registered {
             false => count.q.ne(m.lit(most, bits)),
             true => {
