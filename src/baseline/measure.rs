@@ -64,6 +64,8 @@ pub struct Request {
     pub most_lut4: Option<u64>,
     /// Of which of the [`UNITS`] the clocks too, of the reference machine and of [`FAST`].
     pub clocks: Clocks,
+    /// Of which of the [`UNITS`] only; none: of all. The others keep the clocks that they have.
+    pub clock_units: Vec<String>,
     /// The area of the other named configurations too: half an hour, without a cache.
     pub configurations: bool,
     /// The table of depths too: half an hour, without a cache.
@@ -104,24 +106,13 @@ pub fn measure(
     if request.depths {
         depths(&config, &mut is, &routing, progress)?;
     }
-    if request.clocks == Clocks::None {
-        stale_clocks(&config, &was.clock, &mut kept)?;
-        stale_clocks(&Config::load(FAST)?, &was.fast_clock, &mut kept)?;
-    } else {
-        let known = |of: &[UnitClock]| match request.clocks {
-            Clocks::Changed => of.to_vec(),
-            _ => vec![],
-        };
+    if request.clocks != Clocks::None {
         let machines = [
-            (config, known(&was.clock), &mut is.clock),
-            (
-                Config::load(FAST)?,
-                known(&was.fast_clock),
-                &mut is.fast_clock,
-            ),
+            (&config, &was.clock, &mut is.clock),
+            (&Config::load(FAST)?, &was.fast_clock, &mut is.fast_clock),
         ];
         for (config, known, clock) in machines {
-            let (measured, tools) = clocks(&config, &known, &routing, progress)?;
+            let (measured, tools) = clocks(config, known, request, &routing, progress)?;
             let Some(tools) = tools else {
                 *clock = measured;
                 continue;
@@ -135,6 +126,8 @@ pub fn measure(
             (*clock, is.clock_tools) = (measured, tools);
         }
     }
+    stale_clocks(&config, &is.clock, &mut kept)?;
+    stale_clocks(&Config::load(FAST)?, &is.fast_clock, &mut kept)?;
     Ok((is, kept))
 }
 
@@ -433,10 +426,12 @@ fn stale_clocks(
     Ok(())
 }
 
-/// The clocks of a machine's units, those that are `known` for the same Verilog taken over; and the tools, if any were needed.
+/// The clocks of a machine's units, and the tools, if any were needed. Taken over from those `known`: the clocks of units that are
+/// not asked for, and those of the same Verilog unless all are asked for.
 fn clocks(
     config: &Config,
     known: &[UnitClock],
+    request: &Request,
     routing: Routing<'_>,
     progress: &dyn Fn(&str),
 ) -> Result<(Vec<UnitClock>, Option<Vec<String>>)> {
@@ -448,7 +443,11 @@ fn clocks(
             .iter()
             .find(|module| synth::unit_name(module) == name);
         let verilog = synth::fingerprint(module.context("a unit of the machine")?)?;
-        let of = |known: &&UnitClock| known.name == name && known.verilog == verilog;
+        let asked =
+            request.clock_units.is_empty() || request.clock_units.iter().any(|unit| unit == name);
+        let current =
+            |known: &UnitClock| request.clocks == Clocks::Changed && known.verilog == verilog;
+        let of = |known: &&UnitClock| known.name == name && (!asked || current(known));
         clocks.push(match known.iter().find(of) {
             Some(known) => known.clone(),
             None => {

@@ -57,6 +57,9 @@ pub struct Args {
         default_missing_value = "all"
     )]
     clock: Option<Which>,
+    /// Place and route only these of the units, such as tpu,geometry_unit; the others keep the clocks that are recorded
+    #[arg(long, value_name = "U", value_delimiter = ',', requires = "clock", value_parser = clap::builder::PossibleValuesParser::new(baseline::UNITS))]
+    clock_units: Vec<String>,
     /// Record the new figures, and log this reason
     #[arg(long, value_name = "WHY")]
     accept: Option<String>,
@@ -93,6 +96,7 @@ pub fn run(args: &Args) -> Result<()> {
             Some(Which::Changed) => Clocks::Changed,
             Some(Which::All) => Clocks::All,
         },
+        clock_units: args.clock_units.clone(),
         configurations: args.configurations,
         depths: args.depths,
         cache: None,
