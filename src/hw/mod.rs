@@ -9,6 +9,7 @@ mod counters;
 mod distance;
 pub mod fp;
 pub mod geometry;
+pub mod memory;
 mod plan;
 pub mod ray;
 pub mod raycast;

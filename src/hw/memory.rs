@@ -1,0 +1,36 @@
+//! The memory system between the read and write ports of the units and an AXI4 master, as `docs/chip.md` defines it. Its modules know
+//! records, lines and bursts, but nothing of rays or trees.
+
+use crate::bundle;
+
+/// Width of a byte address.
+pub const ADDRESS_BITS: u32 = 32;
+
+/// Width of the number of beats in a burst, minus one, as on an AXI4 bus.
+pub const BEATS_BITS: u32 = 8;
+
+bundle! {
+    /// A burst to read: full-width beats from an address that is a multiple of the burst's size.
+    pub struct Burst(id_bits: u32) {
+        /// The byte address of the first beat.
+        address: ADDRESS_BITS,
+        /// The number of beats, minus one.
+        beats: BEATS_BITS,
+        /// The requester's identifier. Beats of bursts with one identifier arrive in the order of the bursts; all others in any order.
+        id: id_bits,
+    }
+}
+
+bundle! {
+    /// A beat of read data. It is always accepted.
+    pub struct Beat(id_bits: u32, data_bits: u32) {
+        /// The identifier of its burst.
+        id: id_bits,
+        /// The data.
+        data: data_bits,
+        /// Whether it is the last beat of its burst.
+        last: 1,
+        /// Whether the bus reported an error (SLVERR or DECERR).
+        error: 1,
+    }
+}
