@@ -8,6 +8,7 @@ pub use dynrt_verilated::{cache, child, interrupt, seed, temporary, text, tools}
 
 pub mod baseline;
 pub mod bkd;
+pub mod chip;
 pub mod compare;
 pub mod config;
 pub mod cosim;

@@ -318,6 +318,25 @@ impl Record {
         Record::new("influence_row", &parts)
     }
 
+    /// A hit, as the chip writes it.
+    pub fn hit(format: Format) -> Self {
+        let w = format.width();
+        Record::new(
+            "hit",
+            &[
+                ("t", w, "distance"),
+                ("u", w, "weight of the second vertex"),
+                ("v", w, "weight of the third vertex"),
+                ("triangle", 32, "the triangle's number in its mesh"),
+                (
+                    "instance",
+                    24,
+                    "the instance's number in the scene, modulo 2^24",
+                ),
+            ],
+        )
+    }
+
     /// The link word of a node; alone, the root by which an object is entered.
     pub fn link_word() -> Self {
         Record::new("link_word", &LINK_WORD)

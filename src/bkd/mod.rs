@@ -5,6 +5,7 @@
 //! A node holds, for each of its two children, one interval on one axis. One triangle a leaf.
 
 pub mod build;
+pub mod bytes;
 mod instances;
 pub mod layout;
 pub mod quality;

@@ -11,12 +11,14 @@
 //! | [`transform`] | a ray taken to an instance's object, and its window |
 //! | [`geometry`] | both triangle tests, the interval of the triangle's box, the merge of hits |
 //! | [`raycast`] | a packet through all of them: [`Caster`] |
+//! | [`chip`] | the chip: a command list on a memory of bytes |
 //! | [`skinning`] | the skinning processor: a palette of matrices and the influences write vertices |
 //! | [`update`] | the update processor: a program over the vertices writes bounds |
 //! | [`brute`] | every triangle of every instance by the same test with no tree at all |
 //! | [`oracle`] | an independent `f64` intersector that the picture is held against |
 
 pub mod brute;
+pub mod chip;
 pub mod clip;
 pub mod geometry;
 pub mod lanes;

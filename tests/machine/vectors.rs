@@ -2277,6 +2277,19 @@ fn the_layout_page_says_what_the_layout_is() {
             record.name
         );
     }
+    use dynrt::bkd::bytes::ByteRecord;
+    for record in [
+        ByteRecord::node(Format::FP24),
+        ByteRecord::vertex(Format::FP24),
+        ByteRecord::triangle(Format::FP24),
+        ByteRecord::influence_row(Format::FP24),
+        ByteRecord::hit(Format::FP24),
+    ] {
+        let name = format!("{} in bytes", record.record.name);
+        let table = record.table();
+        let shown = table_in(&text, &name);
+        assert_eq!(shown, table, "docs/layout.md, {name}:\n{table}");
+    }
     let link = LinkWord {
         link: 5,
         left_leaf: true,

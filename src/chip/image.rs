@@ -1,0 +1,221 @@
+//! Images of the chip's memory: the arrays of a scene, rays, command lists, and room for hits.
+
+use super::descriptor::{self, Cast, Command, Scene};
+use super::memory::Memory;
+use super::ray;
+use crate::bkd::bytes::{BASE_ALIGNMENT, ByteRecord};
+use crate::bkd::layout::{MemoryImage, vector_words};
+use crate::config::Config;
+use crate::golden::chip::most_rays;
+use crate::port::Ray;
+use anyhow::{Result, ensure};
+use serde::Serialize;
+
+/// A named range of the memory.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
+pub struct Part {
+    pub name: String,
+    pub address: u32,
+    pub bytes: u64,
+}
+
+/// Fills a memory from a base address up. Each part begins at a multiple of [`BASE_ALIGNMENT`].
+pub struct Builder {
+    base: u32,
+    most: u64,
+    bytes: Vec<u8>,
+    pub parts: Vec<Part>,
+}
+
+impl Builder {
+    /// A memory that begins at `base`, a multiple of [`BASE_ALIGNMENT`], and has at most `most` bytes.
+    pub fn new(base: u32, most: u64) -> Builder {
+        assert!(base.is_multiple_of(BASE_ALIGNMENT), "an aligned base");
+        Builder {
+            base,
+            most: most.min((1 << 32) - u64::from(base)),
+            bytes: vec![],
+            parts: vec![],
+        }
+    }
+
+    /// Places bytes; returns their address.
+    ///
+    /// # Errors
+    /// The memory is too small.
+    pub fn place(&mut self, name: impl Into<String>, bytes: &[u8]) -> Result<u32> {
+        let address = self.reserve(name, bytes.len() as u64)?;
+        let first = (address - self.base) as usize;
+        self.bytes[first..first + bytes.len()].copy_from_slice(bytes);
+        Ok(address)
+    }
+
+    /// Reserves zeros; returns their address.
+    ///
+    /// # Errors
+    /// The memory is too small.
+    pub fn reserve(&mut self, name: impl Into<String>, bytes: u64) -> Result<u32> {
+        let name = name.into();
+        let end = self.bytes.len() as u64 + bytes.next_multiple_of(BASE_ALIGNMENT.into());
+        ensure!(
+            end <= self.most,
+            "{name} does not fit: the image needs at least {end} bytes, but the memory has {}; give it more, or a smaller scene",
+            self.most
+        );
+        let address = self.base + self.bytes.len() as u32;
+        self.bytes.resize(end as usize, 0);
+        self.parts.push(Part {
+            name,
+            address,
+            bytes,
+        });
+        Ok(address)
+    }
+
+    /// The memory.
+    pub fn finish(self) -> (Memory, Vec<Part>) {
+        (Memory::new(self.base, self.bytes), self.parts)
+    }
+
+    /// Places the arrays of a scene.
+    ///
+    /// # Errors
+    /// The memory is too small.
+    pub fn scene(&mut self, image: &MemoryImage) -> Result<Scene> {
+        let format = image.format;
+        let (lo, hi) = image.bounds;
+        let bounds = vector_words(format, &[lo, hi]);
+        let vertex = ByteRecord::vertex(format);
+        let nodes = ByteRecord::node(format).array(&image.node_words());
+        let records = ByteRecord::triangle(format).array(&image.record_words());
+        Ok(Scene {
+            root: image.root.pack(),
+            nodes: self.place("nodes", &nodes)?,
+            records: self.place("triangle records", &records)?,
+            vertices: self.place("vertices", &vertex.array(&image.vertex_words()))?,
+            bounds: self.place("box of the scene", &vertex.array(&bounds))?,
+        })
+    }
+
+    /// Places rays and room for their hits; returns the casts, each of as many rays as the machine allows. A cast is of any-hit rays
+    /// if its first ray is one: all must be alike.
+    ///
+    /// # Errors
+    /// The memory is too small; rays of both kinds.
+    pub fn casts(&mut self, config: &Config, rays: &[Ray]) -> Result<Vec<Cast>> {
+        let Some(first) = rays.first() else {
+            return Ok(vec![]);
+        };
+        let any_hit = first.any_hit;
+        ensure!(
+            rays.iter().all(|ray| ray.any_hit == any_hit),
+            "rays of one cast are all any-hit rays, or none is"
+        );
+        let bytes: Vec<u8> = (rays.iter())
+            .flat_map(|ray| ray::to_bytes(&ray::numbers(ray)))
+            .collect();
+        let record = u64::from(ByteRecord::hit(config.format()).bytes);
+        let rays_at = self.place("rays", &bytes)?;
+        let count = rays.len() as u64;
+        let hits_at = self.reserve(
+            "hits",
+            match any_hit {
+                true => 4 * count.div_ceil(32),
+                false => count * record,
+            },
+        )?;
+        // A whole number of packets, of words of answers, and of aligned hits.
+        let most = most_rays(config).min(count.next_multiple_of(512));
+        let casts = (0..count).step_by(most as usize).map(|done| Cast {
+            rays: rays_at + (done * ray::BYTES as u64) as u32,
+            count: most.min(count - done) as u32,
+            hits: hits_at
+                + match any_hit {
+                    true => done / 8,
+                    false => done * record,
+                } as u32,
+            any_hit,
+            short: None,
+        });
+        Ok(casts.collect())
+    }
+
+    /// Places a command list.
+    ///
+    /// # Errors
+    /// The memory is too small.
+    pub fn list(&mut self, name: impl Into<String>, commands: &[Command]) -> Result<u32> {
+        let words = commands.iter().flat_map(Command::encode);
+        let bytes: Vec<u8> = words.flat_map(u32::to_le_bytes).collect();
+        debug_assert!(bytes.len().is_multiple_of(descriptor::BYTES as usize));
+        self.place(name, &bytes)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::bkd::{BuildOptions, build};
+    use crate::golden::Caster;
+    use crate::golden::chip::{Chip, words_of_hit};
+    use crate::scene::{self, Camera, Frame, MachineMesh};
+
+    /// The command list's hits in memory are the golden caster's, for both kinds of rays.
+    #[test]
+    fn a_list_casts_what_the_caster_casts() {
+        let config = Config::reference();
+        let scene = scene::load("builtin:cornell").unwrap();
+        let mesh = MachineMesh::new(&scene, config.format()).unwrap();
+        let options = BuildOptions::default_for(config.axes_per_node, config.stack_depth);
+        let tree = build(&mesh.vertices, &mesh.triangles, &options).unwrap();
+        let image = MemoryImage::new(mesh.format, &mesh.vertices, &mesh.triangles, &tree).unwrap();
+        let picture =
+            Frame::new("37x23".parse().unwrap(), config.rays_per_packet as usize).unwrap();
+        let packets = picture
+            .primary_rays(&Camera::framing(scene.bounds()), &mesh)
+            .unwrap();
+        let rays: Vec<Ray> = packets.iter().flat_map(|p| p.rays.clone()).collect();
+        let expected = Caster::new(
+            &image,
+            config.triangle_test,
+            config.rays_per_packet as usize,
+        )
+        .cast_packets(&rays)
+        .hits;
+        assert!(expected.iter().any(|hit| hit.is_hit()));
+        for any_hit in [false, true] {
+            let rays: Vec<Ray> = rays.iter().map(|ray| Ray { any_hit, ..*ray }).collect();
+            let mut builder = Builder::new(0x1000, 1 << 24);
+            let scene = builder.scene(&image).unwrap();
+            let casts = builder.casts(&config, &rays).unwrap();
+            let done = builder.reserve("done", 4).unwrap();
+            let mut commands = vec![Command::Scene(scene)];
+            commands.extend(casts.iter().map(|cast| Command::Cast(*cast)));
+            let value = 7;
+            let signal = Command::Signal {
+                address: done,
+                value,
+                interrupt: true,
+            };
+            commands.extend([Command::Fence, signal, Command::End]);
+            let list = builder.list("list", &commands).unwrap();
+            let (mut memory, _) = builder.finish();
+            let outcome = Chip::new(&config).run(&mut memory, list, 100);
+            assert_eq!(outcome.error, None);
+            assert_eq!(outcome.rays, rays.len() as u64);
+            assert_eq!(memory.word(done.into()), Some(value));
+            let record = ByteRecord::hit(config.format());
+            let hits_at = u64::from(casts[0].hits);
+            for (place, hit) in (0u64..).zip(&expected) {
+                if any_hit {
+                    let word = memory.word(hits_at + 4 * (place / 32)).unwrap();
+                    assert_eq!(word >> (place % 32) & 1 == 1, hit.is_hit(), "ray {place}");
+                } else {
+                    let bytes = memory.read(hits_at + 16 * place, 16).unwrap();
+                    let expected = words_of_hit(&record, config.format(), hit);
+                    assert_eq!(record.read(bytes), expected, "ray {place}");
+                }
+            }
+        }
+    }
+}

@@ -1,0 +1,44 @@
+//! What a host and the chip share: registers, descriptors of commands, rays and hits in bytes. `docs/chip.md` is the normative page; the
+//! tables here are the one definition from which the RTL, the golden chip and `docs/registers.md` derive.
+
+pub mod descriptor;
+pub mod image;
+pub mod memory;
+pub mod ray;
+pub mod registers;
+
+use std::fmt::Write as _;
+
+/// The text of `docs/registers.md`, for the machine of a configuration.
+pub fn page(config: &crate::config::Config) -> String {
+    let mut page = String::from(
+        "# Registers and descriptors\n\n\
+         This page is generated from `src/chip/registers.rs` and `src/chip/descriptor.rs` for the reference machine; a test keeps it current.\n\
+         [`chip.md`](chip.md) defines what the registers and commands do.\n\n\
+         ## Registers\n\n\
+         Offsets are in bytes from the base of the AXI4-Lite window.\n\n",
+    );
+    page += &registers::table(config);
+    page += "\n## Descriptors\n\nA descriptor has 16 words of 32 bits. Bits 7:0 of word 0 are the opcode, bits 15:8 the flags. Words that are not listed are 0.\n";
+    for command in descriptor::COMMANDS {
+        let _ = write!(
+            page,
+            "\n### `{}`\n\nOpcode {}: {}.\n",
+            command.name, command.opcode, command.what
+        );
+        if !command.words.is_empty() || !command.flags.is_empty() {
+            page += "\n| place | name | what |\n|---|---|---|\n";
+        }
+        for (bit, name, what) in command.flags {
+            let _ = writeln!(page, "| flag {bit} | `{name}` | {what} |");
+        }
+        for (word, name, what) in command.words {
+            let _ = writeln!(page, "| word {word} | `{name}` | {what} |");
+        }
+    }
+    page += "\n## Error codes\n\n| code | name | condition |\n|---|---|---|\n";
+    for (code, name, what) in descriptor::ERRORS {
+        let _ = writeln!(page, "| {code} | `{name}` | {what} |");
+    }
+    page
+}
