@@ -118,8 +118,7 @@ const COMPILE: &[&str] = &[
 const RUNTIME_OPT: &str = "-Os";
 const SLOW_OPT: &str = "-O0";
 
-/// Text of C++ that is worth a compiler process of its own, in bytes. A process needs half a second to read the
-/// headers: a model of 820 kB took 6.7 s of CPU in units of 60 kB, 3.7 s in units of 300 kB.
+/// Text of C++ that is worth a compiler process of its own, in bytes. Each process reads the headers of the model again.
 const UNIT_BYTES: u64 = 300_000;
 
 /// The same where the compiler does not optimise, and so takes less time for the text than for the headers.
@@ -160,7 +159,16 @@ pub fn build(sources: &Sources, options: &BuildOptions, progress: &dyn Fn(&str))
     }
     let workshop = Workshop::open(&cache, &format!("{}-{key}", sources.top))?;
     let runtime = runtime(&cache, options.traced, tools, progress)?;
-    build_model(sources, options, tools, &workshop, &runtime, progress)?;
+    let headers = [options.opt.as_str(), SLOW_OPT]
+        .into_iter()
+        .map(|opt| Ok((opt.to_owned(), header(&cache, options.traced, opt, tools)?)))
+        .collect::<Result<_>>()?;
+    let compiler = Compiler {
+        tools,
+        traced: options.traced,
+        headers,
+    };
+    build_model(sources, options, &compiler, &workshop, &runtime, progress)?;
     workshop.publish(&folder)?;
     progress(&format!(
         "built the model of {} in {:.1} s",
@@ -454,19 +462,61 @@ fn runtime(cache: &Path, traced: bool, tools: &Tools, progress: &dyn Fn(&str)) -
             opt: RUNTIME_OPT.into(),
         })
         .collect();
-    compile(&units, traced, tools, &workshop, &|_| ())?;
+    let compiler = Compiler {
+        tools,
+        traced,
+        headers: vec![],
+    };
+    compiler.compile(&units, &workshop, &|_| ())?;
     workshop.publish(&folder)?;
     Ok(folder)
+}
+
+/// Verilator's headers, precompiled once for each optimisation level: the path to include. Reading them as text takes a second for
+/// each unit, more than most units take beside it.
+fn header(cache: &Path, traced: bool, opt: &str, tools: &Tools) -> Result<PathBuf> {
+    let mut text = String::from("#include \"verilated.h\"\n");
+    if traced {
+        text += "#include \"verilated_fst_c.h\"\n";
+    }
+    let mut parts = vec![
+        tools.verilator.version.as_str(),
+        &tools.compiler_version,
+        opt,
+        &text,
+    ];
+    parts.extend(COMPILE);
+    let name = format!("header-{}", key(&parts));
+    let folder = cache.join(&name);
+    let place = folder.join("verilated_all.h");
+    if folder.is_dir() {
+        return Ok(place);
+    }
+    let workshop = Workshop::open(cache, &name)?;
+    let source = workshop.product().join("verilated_all.h");
+    write(&source, &text)?;
+    let compiler = Compiler {
+        tools,
+        traced,
+        headers: vec![],
+    };
+    let mut command = compiler.command(&workshop, opt);
+    command.args(["-x", "c++-header"]).arg(&source).arg("-o");
+    command.arg(source.with_extension("h.gch"));
+    workshop.run(&tools.compiler, &mut command)?;
+    workshop.publish(&folder)?;
+    Ok(place)
 }
 
 fn build_model(
     sources: &Sources,
     options: &BuildOptions,
-    tools: &Tools,
+    compiler: &Compiler,
     workshop: &Workshop,
     runtime: &Path,
     progress: &dyn Fn(&str),
 ) -> Result<()> {
+    let tools = compiler.tools;
     sources.write_to(&workshop.rtl())?;
     progress(&format!(
         "verilating {} ({} files)",
@@ -494,7 +544,7 @@ fn build_model(
     )?;
     write(&obj.join("shim.cpp"), SHIM)?;
     let units = join_units(&obj, &options.opt)?;
-    compile(&units, options.traced, tools, workshop, &|done| {
+    compiler.compile(&units, workshop, &|done| {
         progress(&format!(
             "compiling {}: {done} of {} units",
             sources.top,
@@ -689,21 +739,23 @@ fn jobs() -> usize {
     thread::available_parallelism().map_or(2, NonZero::get)
 }
 
-/// Compiles units on all cores; `progress` is told how many are done.
-fn compile(
-    units: &[Unit],
+/// The C++ compiler with what all its runs for a model share.
+struct Compiler<'a> {
+    tools: &'a Tools,
     traced: bool,
-    tools: &Tools,
-    workshop: &Workshop,
-    progress: &dyn Fn(usize),
-) -> Result<()> {
-    let trace = u32::from(traced);
-    let one = |unit: &Unit| {
-        let mut command = tools.compiler.command();
+    /// The precompiled headers by optimisation options.
+    headers: Vec<(String, PathBuf)>,
+}
+
+impl Compiler<'_> {
+    /// A run of the compiler among the model's sources, without its input and output.
+    fn command(&self, workshop: &Workshop, opt: &str) -> Command {
+        let trace = u32::from(self.traced);
+        let mut command = self.tools.compiler.command();
         command
             .current_dir(workshop.obj())
             .args(COMPILE)
-            .args(unit.opt.split_whitespace());
+            .args(opt.split_whitespace());
         command.args([
             format!("-DVM_TRACE={trace}"),
             format!("-DVM_TRACE_FST={trace}"),
@@ -711,38 +763,49 @@ fn compile(
             "-I".into(),
         ]);
         command
-            .arg(tools.include())
+            .arg(self.tools.include())
             .arg("-I")
-            .arg(tools.include().join("vltstd"));
+            .arg(self.tools.include().join("vltstd"));
         command
-            .arg("-c")
-            .arg("-o")
-            .arg(&unit.object)
-            .arg(&unit.source);
-        workshop.run(&tools.compiler, &mut command)
-    };
-    let next = AtomicUsize::new(0);
-    let (sender, results) = std::sync::mpsc::channel();
-    thread::scope(|scope| {
-        for _ in 0..jobs().min(units.len()) {
-            let (sender, next, one) = (sender.clone(), &next, &one);
-            scope.spawn(move || {
-                while let Some(unit) = units.get(next.fetch_add(1, Ordering::Relaxed)) {
-                    let result = one(unit);
-                    if result.is_err() {
-                        next.store(units.len(), Ordering::Relaxed);
+    }
+
+    /// Compiles units on all cores; `progress` is told how many are done.
+    fn compile(&self, units: &[Unit], workshop: &Workshop, progress: &dyn Fn(usize)) -> Result<()> {
+        let one = |unit: &Unit| {
+            let mut command = self.command(workshop, &unit.opt);
+            if let Some((_, header)) = self.headers.iter().find(|(opt, _)| *opt == unit.opt) {
+                command.arg("-include").arg(header);
+            }
+            command
+                .arg("-c")
+                .arg("-o")
+                .arg(&unit.object)
+                .arg(&unit.source);
+            workshop.run(&self.tools.compiler, &mut command)
+        };
+        let next = AtomicUsize::new(0);
+        let (sender, results) = std::sync::mpsc::channel();
+        thread::scope(|scope| {
+            for _ in 0..jobs().min(units.len()) {
+                let (sender, next, one) = (sender.clone(), &next, &one);
+                scope.spawn(move || {
+                    while let Some(unit) = units.get(next.fetch_add(1, Ordering::Relaxed)) {
+                        let result = one(unit);
+                        if result.is_err() {
+                            next.store(units.len(), Ordering::Relaxed);
+                        }
+                        let _ = sender.send(result);
                     }
-                    let _ = sender.send(result);
-                }
-            });
-        }
-        drop(sender);
-        for (done, result) in results.iter().enumerate() {
-            result?;
-            progress(done + 1);
-        }
-        Ok(())
-    })
+                });
+            }
+            drop(sender);
+            for (done, result) in results.iter().enumerate() {
+                result?;
+                progress(done + 1);
+            }
+            Ok(())
+        })
+    }
 }
 
 /// Checks the sources with Verilator's lint with all warnings (`-Wall`), with Icarus Verilog as
