@@ -4,6 +4,7 @@
 //! [`core`] instantiates all units. [`raycast`] is the largest unit: ray setup, traversal unit, geometry unit, and the assignment of packet numbers.
 
 mod banks;
+pub mod chip;
 pub mod core;
 mod counters;
 mod distance;

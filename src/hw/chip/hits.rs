@@ -1,0 +1,353 @@
+//! The hit writer: turns the hits of a cast into writes.
+
+use super::{COUNT_BITS, WORD_BITS, WORD_BYTES, WordWrite};
+use crate::bkd::bytes::ByteRecord;
+use crate::hdl::{Builder, Flow, HdlError, Module, Signal, Specs, Style};
+use crate::hw::memory::ADDRESS_BITS;
+use crate::hw::plan::Plan;
+use crate::hw::ray::Hit;
+use crate::hw::raycast::TaggedHit;
+use crate::{bundle, interface};
+use std::sync::Arc;
+
+/// Words of answers to any-hit rays that are open at a time, each of 32 rays.
+const OPEN: u32 = 16;
+
+/// Rays of a word of answers.
+const RAYS_PER_WORD: u32 = 32;
+
+bundle! {
+    /// The hits of a cast.
+    pub struct Hits() {
+        /// The number of rays, at least 1.
+        count: COUNT_BITS,
+        any_hit: 1,
+        /// The address of the hits, a multiple of 64.
+        address: ADDRESS_BITS,
+    }
+}
+
+interface! {
+    pub (plan: &Plan) {
+        in "Cast to start, accepted while the unit is idle" { start: Flow<Hits>() }
+        in "Hits: those of a packet one after another" { hit: Flow<TaggedHit>(plan) }
+        in "The packet that the next ray belongs to" { packet: plan.config.tag_bits }
+        in "Writes" { write_ready: 1 }
+        out "High from the cycle after the start until the last write is accepted" { running: 1 }
+        out "Hits: those of a packet one after another" { hit_ready: 1 }
+        out "High while no further packet may start" { hold: 1 }
+        out "Writes" { write: Flow<WordWrite>() }
+    }
+}
+
+/// A write of up to two words, before its register.
+#[derive(Clone, Copy)]
+struct Offer<'b> {
+    valid: Signal<'b>,
+    address: Signal<'b>,
+    data: Signal<'b>,
+    strobes: Signal<'b>,
+}
+
+/// The state that the parts share.
+struct Writer<'a, 'b> {
+    m: &'b Builder,
+    plan: &'a Plan,
+    inputs: Inputs<Signal<'b>>,
+    /// Whether a hit is accepted, and whether it is its packet's last.
+    taken: Signal<'b>,
+    last_slot: Signal<'b>,
+    slot: Signal<'b>,
+    /// Rays and address of the cast.
+    count: Signal<'b>,
+    base: Signal<'b>,
+}
+
+/// Describes the hit writer of a machine.
+///
+/// # Errors
+/// A mistake in the description; none is known for any configuration.
+pub fn module(plan: &Plan) -> Result<Arc<Module>, HdlError> {
+    let m = Builder::new(
+        "hit_writer",
+        "writes the hits of a cast: a record for each ray, or one bit for each any-hit ray.\n\
+         Packets finish in any order; the address of a hit follows from the tag of its packet.",
+    );
+    let ports = ports(plan);
+    let inputs = ports.inputs.inputs(&m);
+    let start = inputs.start.valid;
+    let cast = inputs.start.payload;
+    let (rays, slot_bits) = (plan.rays(), plan.ray_bits());
+
+    let count = m.reg("ray_count", COUNT_BITS);
+    let any_hit = m.reg("is_any_hit", 1);
+    let base = m.reg("base_address", ADDRESS_BITS);
+    count.next_when(start, cast.count);
+    any_hit.next_when(start, cast.any_hit);
+    base.next_when(start, cast.address);
+
+    m.comment("The last hit of each packet counts the packet.");
+    let taken = m.wire("takes_hit", 1);
+    let slot = m.reg("slot", slot_bits);
+    let last_slot = slot.q.equals(u128::from(rays) - 1).named("is_last_slot");
+    let one_slot = m.lit(1u8, slot_bits);
+    slot.next_when(
+        start | taken.get(),
+        (start | last_slot).mux(m.zero(slot_bits), slot.q + one_slot),
+    );
+    let packets_left = m.reg_reset("packets_left", COUNT_BITS, 0);
+    let packet_ends = (taken.get() & last_slot).named("packet_ends");
+    let packets = packets_of(plan, cast.count);
+    packets_left.next_when(
+        start | packet_ends,
+        start.mux(packets, packets_left.q - m.lit(1u8, COUNT_BITS)),
+    );
+
+    let writer = Writer {
+        m: &m,
+        plan,
+        inputs,
+        taken: taken.get(),
+        last_slot,
+        slot: slot.q,
+        count: count.q,
+        base: base.q,
+    };
+    let record = writer.record();
+    let (answers, hold) = writer.answers(any_hit.q);
+
+    m.comment("A write is registered. The second word of a wide record follows the first.");
+    let words = record.data.width() / WORD_BITS;
+    let write_valid = m.reg_reset("is_write_valid", 1, 0);
+    let second = m.reg_reset("second_follows", 1, 0);
+    let address = m.reg("write_address", ADDRESS_BITS);
+    let data = m.reg("write_data", record.data.width());
+    let strobes = m.reg("write_strobes", WORD_BYTES);
+    let accepted = (write_valid.q & inputs.write_ready).named("is_accepted");
+    let leaves = (accepted & !second.q).named("write_leaves");
+    let hit_ready = (!write_valid.q | leaves).named("is_hit_ready");
+    taken.drive(inputs.hit.valid & hit_ready);
+    let offer = Offer {
+        valid: any_hit.q.mux(answers.valid, record.valid).named("offers"),
+        address: any_hit.q.mux(answers.address, record.address),
+        data: any_hit.q.mux(answers.data, record.data),
+        strobes: any_hit.q.mux(answers.strobes, record.strobes),
+    };
+    write_valid.next(offer.valid | (write_valid.q & !leaves));
+    let moves_on = (accepted & second.q).named("second_moves");
+    let step = m.lit(WORD_BYTES, ADDRESS_BITS);
+    address.next_when(
+        offer.valid | moves_on,
+        moves_on.mux(address.q + step, offer.address),
+    );
+    strobes.next_when(offer.valid, offer.strobes);
+    match words {
+        1 => {
+            second.next(m.zero(1));
+            data.next_when(offer.valid, offer.data);
+        }
+        _ => {
+            second.next((offer.valid & !any_hit.q) | (second.q & !accepted));
+            let shifted = m.zero(WORD_BITS).concat(data.q.high(WORD_BITS));
+            data.next_when(offer.valid | moves_on, moves_on.mux(shifted, offer.data));
+        }
+    }
+
+    let write = WordWrite {
+        address: address.q,
+        data: data.q.low(WORD_BITS),
+        strobes: strobes.q,
+    };
+    let outputs = Outputs {
+        running: packets_left.q.any() | write_valid.q,
+        hit_ready,
+        hold: any_hit.q & hold,
+        write: Flow::new(write_valid.q, write),
+    };
+    ports.outputs.outputs(&m, outputs);
+    m.finish()
+}
+
+/// The number of packets of a number of rays.
+fn packets_of<'b>(plan: &Plan, rays: Signal<'b>) -> Signal<'b> {
+    let m = rays.module();
+    let slots = plan.rays().ilog2();
+    if slots == 0 {
+        return rays;
+    }
+    let part = rays.low(slots).any().extend(COUNT_BITS);
+    (m.zero(slots).concat(rays.high(COUNT_BITS - slots)) + part).named("packet_count")
+}
+
+impl<'b> Writer<'_, 'b> {
+    /// The number of the ray whose hit is offered, in `COUNT_BITS` bits.
+    fn ray(&self) -> Signal<'b> {
+        let tag = self.inputs.hit.payload.tag;
+        let number = match self.plan.rays() {
+            1 => tag,
+            _ => tag.concat(self.slot),
+        };
+        fitted(number, COUNT_BITS)
+    }
+
+    /// A record for each ray.
+    fn record(&self) -> Offer<'b> {
+        let m = self.m;
+        m.comment("A record for each ray: the parts of the hit at their bytes.");
+        let layout = ByteRecord::hit(self.plan.format);
+        let ray = self.ray().named("ray_number");
+        let exists = ray.lt(self.count).named("ray_exists");
+        let scale = layout.bytes.ilog2();
+        let offset = ray.low(ADDRESS_BITS - scale).concat(m.zero(scale));
+        let bytes = layout.bytes.max(WORD_BYTES);
+        Offer {
+            valid: self.taken & exists,
+            address: (self.base + offset).named("record_address"),
+            data: bytes_of(&layout, self.inputs.hit.payload.hit, 8 * bytes).named("record_bytes"),
+            strobes: m.ones(WORD_BYTES),
+        }
+    }
+
+    /// One bit for each ray, collected in words of 32 rays. Returns the write of a complete word, and whether the next packet has no
+    /// open word.
+    fn answers(&self, any_hit: Signal<'b>) -> (Offer<'b>, Signal<'b>) {
+        let (m, plan) = (self.m, self.plan);
+        let rays = plan.rays();
+        let start = self.inputs.start.valid;
+        m.comment("One bit for each any-hit ray: the bits of a packet are collected, then those of 32 rays in one of 16 open words.");
+        let infinity = plan.infinity(m);
+        let is_hit = (self.inputs.hit.payload.hit.t.ne(infinity)).named("is_hit");
+        let bits = match rays {
+            1 => is_hit,
+            _ => {
+                let earlier = m.reg("earlier_answers", rays - 1);
+                let all = is_hit.concat(earlier.q);
+                earlier.next_when(self.taken, all.high(rays - 1));
+                all
+            }
+        }
+        .named("packet_answers");
+
+        let packets = RAYS_PER_WORD / rays;
+        let place_bits = packets.ilog2();
+        let tag = self.inputs.hit.payload.tag;
+        let place = tag.low(place_bits.max(1)).named("place_in_word");
+        let open_bits = OPEN.ilog2();
+        let word_number = tag.high(tag.width() - place_bits).named("word_number");
+        let open = word_number.low(open_bits).named("open_word");
+        let words = m.memory("answer_words", OPEN, RAYS_PER_WORD, Style::Distributed);
+        let counts = m.memory("answer_counts", OPEN, place_bits + 1, Style::Distributed);
+        let used = m.reg_reset("used_words", OPEN, 0);
+        let is_used = used.q.bit_numbered(open).named("word_is_used");
+        let before = is_used.mux(words.read_now(open), m.zero(RAYS_PER_WORD));
+        let shift = place.concat(m.zero(rays.ilog2()));
+        let shift = match rays {
+            1 => place,
+            _ => shift,
+        };
+        let word = (before | bits.extend(RAYS_PER_WORD).shl(shift)).named("answers");
+        let counted = is_used.mux(counts.read_now(open), m.zero(place_bits + 1));
+        let counted = (counted + m.lit(1u8, place_bits + 1)).named("packets_of_word");
+        let (last_word, last_packets) = self.last_word(word_number.width(), place_bits);
+        let is_last = word_number.eq(last_word).named("is_last_word");
+        let expected = is_last.mux(last_packets, m.lit(packets, place_bits + 1));
+        let ends = (self.taken & self.last_slot & any_hit).named("answers_end");
+        let complete = (ends & counted.eq(expected)).named("word_completes");
+        words.write(ends, open, word);
+        counts.write(ends, open, counted);
+
+        m.comment("The first open word moves on behind complete words, in order.");
+        let first = m.reg("first_open_word", word_number.width());
+        let done = m.reg_reset("complete_words", OPEN, 0);
+        let first_place = first.q.low(open_bits);
+        let advances = done.q.bit_numbered(first_place).named("first_advances");
+        let one = m.lit(1u8, OPEN);
+        let this = one.shl(open).named("open_word_bit");
+        let set = this & complete.repeat(OPEN);
+        let touch = this & (ends & !complete).repeat(OPEN);
+        let clear = one.shl(first_place) & advances.repeat(OPEN);
+        used.next((used.q | touch) & !set);
+        done.next((done.q | set) & !clear);
+        first.next_when(
+            start | advances,
+            start.mux(
+                m.zero(word_number.width()),
+                first.q + m.lit(1u8, word_number.width()),
+            ),
+        );
+        let next = self.inputs.packet;
+        let next_word = next.high(next.width() - place_bits).named("next_word");
+        let distance = (next_word - first.q).named("distance");
+        let hold = distance
+            .ge(m.lit(OPEN, distance.width()))
+            .named("no_open_word");
+
+        let offset = fitted(word_number, ADDRESS_BITS - 2).concat(m.zero(2));
+        let lane = word_number.low(2);
+        let lanes: Vec<_> = (0..4u32)
+            .rev()
+            .map(|k| lane.equals(k.into()).repeat(4))
+            .collect();
+        let address = (self.base + offset).named("answer_address");
+        let aligned = address.high(ADDRESS_BITS - 4).concat(m.zero(4));
+        let copies = word.repeat(WORD_BITS / RAYS_PER_WORD);
+        let width = bytes_width(plan);
+        let offer = Offer {
+            valid: complete,
+            address: aligned,
+            data: copies.extend(width),
+            strobes: m.concat(&lanes),
+        };
+        (offer, hold)
+    }
+
+    /// The number of the last word of answers, and of the packets in it; registered at the start.
+    fn last_word(&self, word_bits: u32, place_bits: u32) -> (Signal<'b>, Signal<'b>) {
+        let m = self.m;
+        let packets = packets_of(self.plan, self.count);
+        let last = (packets - m.lit(1u8, COUNT_BITS)).named("last_packet");
+        let word = last.high(COUNT_BITS - place_bits);
+        let word = fitted(word, word_bits);
+        let packets = match place_bits {
+            0 => m.lit(1u8, 1),
+            bits => last.low(bits).extend(bits + 1) + m.lit(1u8, bits + 1),
+        };
+        (word.register(), packets.register())
+    }
+}
+
+/// A number in another width: extended, or its low bits.
+fn fitted(number: Signal<'_>, width: u32) -> Signal<'_> {
+    match number.width() < width {
+        true => number.extend(width),
+        false => number.low(width),
+    }
+}
+
+/// Bits of the data of a write: a record, at least a word.
+fn bytes_width(plan: &Plan) -> u32 {
+    8 * ByteRecord::hit(plan.format).bytes.max(WORD_BYTES)
+}
+
+/// A hit as bytes.
+fn bytes_of<'b>(layout: &ByteRecord, hit: Hit<Signal<'b>>, width: u32) -> Signal<'b> {
+    let m = hit.t.module();
+    let value = |name: &str| match name {
+        "t" => hit.t,
+        "u" => hit.u,
+        "v" => hit.v,
+        "triangle" => hit.triangle,
+        _ => hit.instance.low(24),
+    };
+    let mut parts: Vec<Signal<'b>> = vec![];
+    let mut bytes = 0;
+    for part in &layout.parts {
+        parts.push(value(part.name).extend(8 * part.bytes()));
+        bytes += part.bytes();
+    }
+    if 8 * bytes < width {
+        parts.push(m.zero(width - 8 * bytes));
+    }
+    parts.reverse();
+    m.concat(&parts)
+}

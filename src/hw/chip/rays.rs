@@ -1,0 +1,151 @@
+//! The ray reader: makes packets of rays from the words of a cast.
+
+use super::{COUNT_BITS, WORD_BITS, number};
+use crate::hdl::{Builder, Flow, HdlError, Module, Signal, Specs};
+use crate::hw::plan::Plan;
+use crate::hw::ray::{Limits, Line};
+use crate::hw::raycast::Ray;
+use crate::{bundle, interface};
+use std::sync::Arc;
+
+bundle! {
+    /// The rays of a cast.
+    pub struct Rays() {
+        /// The number of rays, at least 1.
+        count: COUNT_BITS,
+        any_hit: 1,
+        /// Whether a ray is one word, direction and tmax, and not two.
+        short: 1,
+        /// Origin and tmin of short rays, in binary32.
+        origin: WORD_BITS,
+    }
+}
+
+interface! {
+    pub (plan: &Plan) {
+        in "Cast to start, accepted while the unit is idle" { start: Flow<Rays>() }
+        in "Words of rays, in the order of memory" { word_valid: 1, word: WORD_BITS }
+        in "High while no further packet may start" { hold: 1 }
+        in "Rays" { ray_ready: 1 }
+        out "High from the cycle after the start until the last ray of the last packet is accepted" { running: 1 }
+        out "Words of rays, in the order of memory" { word_ready: 1 }
+        out "The packet that the next ray belongs to" { packet: plan.config.tag_bits }
+        out "Rays" { ray: Flow<Ray>(plan) }
+        out "Events for the counters" { ray_taken: 1 }
+    }
+}
+
+/// Describes the ray reader of a machine.
+///
+/// # Errors
+/// A mistake in the description; none is known for any configuration.
+pub fn module(plan: &Plan) -> Result<Arc<Module>, HdlError> {
+    let m = Builder::new(
+        "ray_reader",
+        "converts the rays of a cast to the machine's format and passes them to the ray casting unit in packets.\n\
+         The tag of a packet is its number in the cast. Inactive rays fill the last packet.",
+    );
+    let convert = number::module(plan.format)?;
+    let ports = ports(plan);
+    let inputs = ports.inputs.inputs(&m);
+    let start = (inputs.start.valid).named("starts");
+    let cast = inputs.start.payload;
+
+    let running = m.reg_reset("is_running", 1, 0);
+    let left = m.reg("rays_left", COUNT_BITS);
+    let any_hit = m.reg("is_any_hit", 1);
+    let short = m.reg("is_short", 1);
+    any_hit.next_when(start, cast.any_hit);
+    short.next_when(start, cast.short);
+
+    m.comment("A word is registered, then converted. Words of origins and of directions alternate; short rays have one origin for all, in a word of the start.");
+    let word_valid = m.reg_reset("is_word_valid", 1, 0);
+    let word = m.reg("stored_word", WORD_BITS);
+    let is_origin = m.reg("is_origin", 1);
+    let ray_valid = m.reg_reset("is_ray_valid", 1, 0);
+    let ray_taken = m.wire("takes_ray", 1);
+    let moves = (word_valid.q & (!ray_valid.q | ray_taken.get())).named("moves");
+    let word_ready = (running.q & (!word_valid.q | moves)).named("is_word_ready");
+    let word_taken = (inputs.word_valid & word_ready).named("takes_word");
+    word_valid.next((start & cast.short) | word_taken | (word_valid.q & !moves));
+    word.next_when(start | word_taken, start.mux(cast.origin, inputs.word));
+    let expects_origin = m.reg("expects_origin", 1);
+    expects_origin.next_when(
+        start | word_taken,
+        start.mux(!cast.short, !short.q & !expects_origin.q),
+    );
+    is_origin.next_when(
+        start | word_taken,
+        start.mux(m.lit(1u8, 1), expects_origin.q),
+    );
+    let number = plan.number();
+    let numbers: Vec<_> = (["x", "y", "z", "limit"].iter().zip(0u32..))
+        .map(|(part, place)| {
+            let binary32 = word.q.field(32 * place, 32);
+            let unit = m.instance(format!("convert_{part}"), &convert, &[("word", binary32)]);
+            unit.get("number")
+        })
+        .collect();
+    let registers = |names: [&str; 4], load: Signal<'_>| {
+        let mut place = 0;
+        names.map(|name| {
+            let register = m.reg(name, number);
+            register.next_when(load, numbers[place]);
+            place += 1;
+            register.q
+        })
+    };
+    let loads_origin = (moves & is_origin.q).named("loads_origin");
+    let loads_direction = (moves & !is_origin.q).named("loads_direction");
+    let [ox, oy, oz, tmin] = registers(["origin_x", "origin_y", "origin_z", "tmin"], loads_origin);
+    let [dx, dy, dz, tmax] = registers(
+        ["direction_x", "direction_y", "direction_z", "tmax"],
+        loads_direction,
+    );
+
+    m.comment("Rays leave in packets; a packet starts only while it is not held. Inactive rays follow the last ray to the end of its packet.");
+    let (rays, slot_bits, tag_bits) = (plan.rays(), plan.ray_bits(), plan.config.tag_bits);
+    let slot = m.reg("slot", slot_bits);
+    let packet = m.reg("packet_number", tag_bits);
+    let fills = (running.q & left.q.is_zero()).named("fills");
+    let held = (inputs.hold & slot.q.is_zero()).named("is_held");
+    let valid = ((ray_valid.q | fills) & !held).named("offers_ray");
+    let taken = (valid & inputs.ray_ready).named("takes");
+    let active_taken = (taken & !fills).named("takes_active_ray");
+    ray_taken.drive(active_taken);
+    ray_valid.next(loads_direction | (ray_valid.q & !active_taken));
+    let one = m.lit(1u8, COUNT_BITS);
+    left.next_when(start | active_taken, start.mux(cast.count, left.q - one));
+    let last_slot = slot.q.equals(u128::from(rays) - 1).named("is_last_slot");
+    slot.next_when(
+        start | taken,
+        (start | last_slot).mux(m.zero(slot_bits), slot.q + m.lit(1u8, slot_bits)),
+    );
+    let packet_ends = (taken & last_slot).named("packet_ends");
+    packet.next_when(
+        start | packet_ends,
+        start.mux(m.zero(tag_bits), packet.q + m.lit(1u8, tag_bits)),
+    );
+    let none_left = (fills | left.q.equals(1)).named("none_left");
+    running.next(start | (running.q & !(packet_ends & none_left)));
+
+    let ray = Ray {
+        tag: packet.q,
+        line: Line {
+            origin: [ox, oy, oz],
+            direction: [dx, dy, dz],
+        },
+        limits: Limits { tmin, tmax },
+        active: !fills,
+        any_hit: any_hit.q,
+    };
+    let outputs = Outputs {
+        running: running.q,
+        word_ready,
+        packet: packet.q,
+        ray: Flow::new(valid, ray),
+        ray_taken: active_taken,
+    };
+    ports.outputs.outputs(&m, outputs);
+    m.finish()
+}
