@@ -101,6 +101,7 @@ pub const ERRORS: &[(u32, &str, &str)] = &[
         "bus",
         "a read or a write was answered with SLVERR or DECERR",
     ),
+    (Fault::SCENE, "scene", "a cast before the first scene"),
 ];
 
 /// Why a descriptor is refused: the code, and the wrong value.
@@ -115,6 +116,7 @@ impl Fault {
     pub const ALIGNMENT: u32 = 2;
     pub const SIZE: u32 = 3;
     pub const BUS: u32 = 4;
+    pub const SCENE: u32 = 5;
 }
 
 /// A command in decoded form. Addresses are in bytes.
@@ -226,7 +228,7 @@ impl Command {
     ///
     /// # Errors
     /// Why the chip refuses it. Addresses are checked in the order of the words.
-    pub fn decode(words: &[u32; WORDS], most_rays: u64) -> Result<Command, Fault> {
+    pub fn decode(words: &[u32; WORDS], most_rays: u32) -> Result<Command, Fault> {
         let flag = |bit: u32| words[0] >> (8 + bit) & 1 == 1;
         let aligned = |place: usize, to: u32| match words[place] % to {
             0 => Ok(words[place]),
@@ -262,7 +264,7 @@ impl Command {
                 let rays = aligned(word::rays, 16)?;
                 let hits = aligned(word::hits, 64)?;
                 let count = words[word::count];
-                if count == 0 || u64::from(count) > most_rays {
+                if count == 0 || count > most_rays {
                     return Err(Fault {
                         code: Fault::SIZE,
                         value: count,

@@ -2,11 +2,10 @@
 
 use super::descriptor::{self, Cast, Command, Scene};
 use super::memory::Memory;
-use super::ray;
+use super::{most_rays, ray};
 use crate::bkd::bytes::{BASE_ALIGNMENT, ByteRecord};
 use crate::bkd::layout::{MemoryImage, vector_words};
 use crate::config::Config;
-use crate::golden::chip::most_rays;
 use crate::port::Ray;
 use anyhow::{Result, ensure};
 use serde::Serialize;
@@ -125,7 +124,7 @@ impl Builder {
             },
         )?;
         // A whole number of packets, of words of answers, and of aligned hits.
-        let most = most_rays(config).min(count.next_multiple_of(512));
+        let most = u64::from(most_rays(config)).min(count.next_multiple_of(512));
         let casts = (0..count).step_by(most as usize).map(|done| Cast {
             rays: rays_at + (done * ray::BYTES as u64) as u32,
             count: most.min(count - done) as u32,

@@ -7,10 +7,17 @@ pub mod memory;
 pub mod ray;
 pub mod registers;
 
+use crate::config::Config;
 use std::fmt::Write as _;
 
+/// Rays that a cast may have: the tags tell packets apart, and the addresses of rays stay within the address space.
+pub fn most_rays(config: &Config) -> u32 {
+    let rays = u64::from(config.rays_per_packet) << config.tag_bits;
+    rays.min(1 << 26) as u32
+}
+
 /// The text of `docs/registers.md`, for the machine of a configuration.
-pub fn page(config: &crate::config::Config) -> String {
+pub fn page(config: &Config) -> String {
     let mut page = String::from(
         "# Registers and descriptors\n\n\
          This page is generated from `src/chip/registers.rs` and `src/chip/descriptor.rs` for the reference machine; a test keeps it current.\n\

@@ -5,7 +5,7 @@ use crate::bkd::bytes::ByteRecord;
 use crate::bkd::layout::{InstanceRecord, LinkWord, MemoryImage, Node, Target, TriangleRecord};
 use crate::chip::descriptor::{self, Cast, Command, Fault, Scene};
 use crate::chip::memory::Memory;
-use crate::chip::ray;
+use crate::chip::{most_rays, ray};
 use crate::config::Config;
 use crate::float::Format;
 use crate::port::{Hit, Ray};
@@ -35,11 +35,6 @@ pub struct Outcome {
 pub struct Chip {
     config: Config,
     scene: Option<(Scene, Caster)>,
-}
-
-/// Rays that a cast may have: packets are told apart by their tags.
-pub fn most_rays(config: &Config) -> u64 {
-    u64::from(config.rays_per_packet) << config.tag_bits
 }
 
 impl Chip {
@@ -112,9 +107,14 @@ impl Chip {
         outcome: &mut Outcome,
     ) -> Result<(), Fault> {
         let format = self.config.format();
+        let Some((_, caster)) = &self.scene else {
+            return Err(Fault {
+                code: Fault::SCENE,
+                value: cast.count,
+            });
+        };
         let rays = (0..cast.count).map(|number| read_ray(memory, format, cast, number));
         let rays: Vec<Ray> = rays.collect::<Result<_, _>>()?;
-        let (_, caster) = (self.scene.as_ref()).expect("a list sets a scene before it casts");
         let hits = caster.cast_packets(&rays).hits;
         outcome.rays += rays.len() as u64;
         outcome.hits += hits.iter().filter(|hit| hit.is_hit()).count() as u64;

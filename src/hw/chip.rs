@@ -1,9 +1,11 @@
 //! The chip around the core: registers, command processor, ray reader, hit writer, caches, and the AXI4 master, as `docs/chip.md`
 //! defines them.
 
+pub mod commands;
 pub mod hits;
 pub mod number;
 pub mod rays;
+pub mod registers;
 
 use super::memory::ADDRESS_BITS;
 use crate::bundle;

@@ -62,6 +62,14 @@ impl Plan {
         m.constant("MINUS_INFINITY", value, self.number())
     }
 
+    /// A number from memory: −0 becomes +0.
+    pub fn without_minus_zero<'b>(&self, number: Signal<'b>) -> Signal<'b> {
+        let (exponent, fraction) = (self.format.exponent_bits(), self.format.fraction_bits());
+        let is_normal = number.field(fraction, exponent).any();
+        let magnitude = number.low(self.number() - 1);
+        (number.msb() & is_normal).concat(magnitude)
+    }
+
     pub fn watertight(&self) -> bool {
         self.config.triangle_test == TriangleTest::Watertight
     }

@@ -1,0 +1,456 @@
+//! The command processor: executes command lists.
+
+use super::hits::Hits;
+use super::rays::Rays;
+use super::{WORD_BITS, WORD_BYTES, WordWrite};
+use crate::bkd::bytes::ByteRecord;
+use crate::bkd::layout::Record;
+use crate::chip::descriptor::{self, Fault, cast, end, fence, jump, scene, signal};
+use crate::chip::most_rays;
+use crate::hdl::{Builder, Flow, HdlError, Module, Signal, Specs, bits_for};
+use crate::hw::memory::{ADDRESS_BITS, BEATS_BITS, Beat, Burst};
+use crate::hw::plan::Plan;
+use crate::{bundle, interface};
+use std::sync::Arc;
+
+/// Words of a descriptor that any command has, from word 0 on.
+const STORED: u32 = 8;
+
+/// Width of an error code.
+pub const CODE_BITS: u32 = 4;
+
+/// Width of the number of 16-byte words of a cast's rays.
+pub const WORDS_BITS: u32 = 28;
+
+bundle! {
+    /// The arrays of a scene, constant while rays are cast.
+    pub struct Arrays(plan: &Plan) {
+        root: Record::link_word().width,
+        /// Byte addresses.
+        nodes: ADDRESS_BITS,
+        records: ADDRESS_BITS,
+        vertices: ADDRESS_BITS,
+        lo: [plan.number(); xyz],
+        hi: [plan.number(); xyz],
+    }
+}
+
+bundle! {
+    /// The start of a cast, for the burst reader, the ray reader and the hit writer.
+    pub struct CastStart() {
+        /// The address of the rays, and their words.
+        rays_address: ADDRESS_BITS,
+        words: WORDS_BITS,
+        rays: {Rays}(),
+        hits: {Hits}(),
+    }
+}
+
+bundle! {
+    /// How a list has ended early.
+    pub struct Failure() {
+        code: CODE_BITS,
+        descriptor: ADDRESS_BITS,
+        value: ADDRESS_BITS,
+    }
+}
+
+interface! {
+    pub (plan: &Plan, bus_bits: u32) {
+        in "Command list to start" { start_valid: 1, start_address: ADDRESS_BITS }
+        in "Memory: bursts to read" { read_ready: 1 }
+        in "Memory: read data, always taken" { beat: Flow<Beat>(1, bus_bits) }
+        in "Memory: writes" { write_ready: 1 }
+        in "High while a cast runs" { casting: 1 }
+        in "High while no write is pending, open or without its response" { writes_done: 1 }
+        in "High while a cache invalidates itself" { invalidating: 1 }
+        in "Bus error: high for one cycle, with the address of the burst" { bus_error_valid: 1, bus_error_address: ADDRESS_BITS }
+        out "Command list to start" { start_ready: 1 }
+        out "Memory: bursts to read" { read: Flow<Burst>(1) }
+        out "Memory: writes" { write: Flow<WordWrite>() }
+        out "Cast to start, while no cast runs" { cast_valid: 1, cast: {CastStart}() }
+        out "Scene of the cast" { scene: {Arrays}(plan) }
+        out "High while all open lines of the write combiner must be closed" { flush: 1 }
+        out "High for one cycle to invalidate all caches, which are idle" { invalidate: 1 }
+        out "High while a list runs" { running: 1 }
+        out "High for one cycle at a signal that raises the interrupt" { signalled: 1 }
+        out "High for one cycle at the end of a list" { ended: 1 }
+        out "With ended: code 0, or why the list ended early, and where" { failure: {Failure}() }
+    }
+}
+
+/// The states, one bit each.
+struct States<'b> {
+    idle: Signal<'b>,
+    fetches: Signal<'b>,
+    receives: Signal<'b>,
+    decodes: Signal<'b>,
+    waits: Signal<'b>,
+    fetches_box: Signal<'b>,
+    receives_box: Signal<'b>,
+    signals: Signal<'b>,
+    drains: Signal<'b>,
+    flushes: Signal<'b>,
+    invalidates: Signal<'b>,
+}
+
+/// What a decoded descriptor is.
+struct Decoded<'b> {
+    is_scene: Signal<'b>,
+    is_jump: Signal<'b>,
+    is_signal: Signal<'b>,
+    is_cast: Signal<'b>,
+    is_end: Signal<'b>,
+    /// Whether it is refused, with the code and the wrong value.
+    fault: Signal<'b>,
+    code: Signal<'b>,
+    value: Signal<'b>,
+}
+
+/// Describes the command processor of a machine whose bus has `bus_bits` bits of data.
+///
+/// # Errors
+/// A mistake in the description; none is known for any configuration.
+pub fn module(plan: &Plan, bus_bits: u32) -> Result<Arc<Module>, HdlError> {
+    let m = Builder::new(
+        "command_processor",
+        "executes command lists: reads descriptors, sets the scene, starts casts, writes signals, and orders memory with fences.",
+    );
+    let ports = ports(plan, bus_bits);
+    let inputs = ports.inputs.inputs(&m);
+    let Inputs {
+        read_ready,
+        beat,
+        casting,
+        ..
+    } = inputs;
+
+    m.comment("The state, one bit each.");
+    let state = |name: &str, first: u128| m.reg_reset(name, 1, first);
+    let idle = state("idle", 1);
+    let fetches = state("fetches", 0);
+    let receives = state("receives", 0);
+    let decodes = state("decodes", 0);
+    let waits = state("waits", 0);
+    let fetches_box = state("fetches_box", 0);
+    let receives_box = state("receives_box", 0);
+    let signals = state("signals", 0);
+    let drains = state("drains", 0);
+    let flushes = state("flushes", 0);
+    let invalidates = state("invalidates", 0);
+    let now = States {
+        idle: idle.q,
+        fetches: fetches.q,
+        receives: receives.q,
+        decodes: decodes.q,
+        waits: waits.q,
+        fetches_box: fetches_box.q,
+        receives_box: receives_box.q,
+        signals: signals.q,
+        drains: drains.q,
+        flushes: flushes.q,
+        invalidates: invalidates.q,
+    };
+    let starts = (now.idle & inputs.start_valid).named("starts");
+    let read_taken = ((now.fetches | now.fetches_box) & read_ready).named("read_taken");
+    let last_beat = (beat.valid & beat.payload.last).named("last_beat");
+
+    let words = stored_words(&m, bus_bits, &now, beat, read_taken);
+    let has_scene = m.reg_reset("has_scene", 1, 0);
+    let decoded = decode(&m, plan, &words, has_scene.q);
+
+    m.comment(
+        "An error is kept until the list ends: the first of a refused descriptor or of the bus.",
+    );
+    let code = m.reg_reset("failure_code", CODE_BITS, 0);
+    let value = m.reg("failure_value", ADDRESS_BITS);
+    let is_bad = code.q.any().named("is_failed");
+    let refused = (now.decodes & decoded.fault & !is_bad).named("refuses");
+    let breaks = (inputs.bus_error_valid & !is_bad & !now.idle).named("bus_breaks");
+    let bus_code = m.lit(Fault::BUS, CODE_BITS);
+    let loads = (refused | breaks).named("failure_loads");
+    code.next_when(
+        starts | loads,
+        starts.mux(m.zero(CODE_BITS), breaks.mux(bus_code, decoded.code)),
+    );
+    value.next_when(loads, breaks.mux(inputs.bus_error_address, decoded.value));
+
+    m.comment("Transitions.");
+    let stops = (decoded.fault | is_bad).named("stops");
+    let goes = (now.decodes & !stops).named("executes");
+    let signal_taken = (now.signals & inputs.write_ready).named("signal_taken");
+    let cast_free = (now.waits & !casting).named("cast_is_free");
+    let cast_starts = (cast_free & decoded.is_cast).named("cast_starts");
+    let scene_starts = (cast_free & decoded.is_scene).named("scene_starts");
+    let box_arrives = (now.receives_box & last_beat).named("box_arrives");
+    has_scene.next(box_arrives | has_scene.q);
+    let asked = m.reg_reset("invalidation_asked", 1, 0);
+    let drained = (now.drains & !casting).named("drained");
+    let flushed = (now.flushes & inputs.writes_done).named("flushed");
+    let invalidated = (now.invalidates & asked.q & !inputs.invalidating).named("invalidated");
+    let begins = m.reg("begins", 1);
+    begins.next_when(starts | invalidated, starts);
+    let ends_list = m.reg("ends_list", 1);
+    ends_list.next_when(starts | now.decodes, now.decodes & (decoded.is_end | stops));
+    let is_over = (!begins.q & (ends_list.q | is_bad)).named("is_over");
+    let ended = (invalidated & is_over).named("list_ends");
+    let jumps = (goes & decoded.is_jump).named("jumps");
+    let advances =
+        (signal_taken | cast_starts | box_arrives | (invalidated & !begins.q & !is_over))
+            .named("advances");
+    let is_done = (goes & decoded.is_signal).named("signal_starts");
+    let needs_cast = (goes & (decoded.is_cast | decoded.is_scene)).named("needs_cast_unit");
+    idle.next(ended | (now.idle & !starts));
+    fetches.next(jumps | advances | (invalidated & begins.q) | (now.fetches & !read_taken));
+    receives.next((now.fetches & read_taken) | (now.receives & !last_beat));
+    decodes.next(now.receives & last_beat);
+    waits.next(needs_cast | (now.waits & casting));
+    fetches_box.next(scene_starts | (now.fetches_box & !read_taken));
+    receives_box.next((now.fetches_box & read_taken) | (now.receives_box & !last_beat));
+    signals.next(is_done | (now.signals & !signal_taken));
+    drains.next((now.decodes & !jumps & !is_done & !needs_cast) | (now.drains & casting));
+    flushes.next(drained | (now.flushes & !flushed));
+    invalidates.next(starts | flushed | (now.invalidates & !invalidated));
+    let asks = (now.invalidates & !asked.q).named("asks_to_invalidate");
+    asked.next(asks | (asked.q & !invalidated));
+
+    m.comment("The descriptor that is executed.");
+    let place = m.reg("descriptor_address", ADDRESS_BITS);
+    let next_place = place.q + m.lit(descriptor::BYTES, ADDRESS_BITS);
+    place.next_when(
+        starts | jumps | advances,
+        m.priority(
+            &[
+                (starts, inputs.start_address),
+                (jumps, words[jump::word::to]),
+            ],
+            next_place,
+        ),
+    );
+
+    let scene = scene_registers(&m, plan, &words, scene_starts, box_arrives);
+    let short = flag(&words, cast::flag::short_rays);
+    let any_hit = flag(&words, cast::flag::any_hit);
+    let count = words[cast::word::count];
+    let origin: Vec<_> = (cast::word::origin_x..=cast::word::tmin)
+        .map(|k| words[k])
+        .collect();
+    let origin: Vec<_> = origin.into_iter().rev().collect();
+    let both = count.low(WORDS_BITS - 1).concat(m.zero(1));
+    let start = CastStart {
+        rays_address: words[cast::word::rays],
+        words: short.mux(count.low(WORDS_BITS), both),
+        rays: Rays {
+            count,
+            any_hit,
+            short,
+            origin: m.concat(&origin),
+        },
+        hits: Hits {
+            count,
+            any_hit,
+            address: words[cast::word::hits],
+        },
+    };
+    let outputs = Outputs {
+        start_ready: now.idle,
+        read: Flow::new(
+            now.fetches | now.fetches_box,
+            Burst {
+                address: now.fetches_box.mux(words[scene::word::bounds], place.q),
+                beats: now.fetches_box.mux(
+                    m.lit(beats(box_bytes(plan), bus_bits), BEATS_BITS),
+                    m.lit(beats(descriptor::BYTES, bus_bits), BEATS_BITS),
+                ),
+                id: m.zero(1),
+            },
+        ),
+        write: signal_write(&m, &words, now.signals),
+        cast_valid: cast_starts,
+        cast: start,
+        scene,
+        flush: now.flushes,
+        invalidate: asks,
+        running: !now.idle,
+        signalled: signal_taken & flag(&words, signal::flag::interrupt),
+        ended,
+        failure: Failure {
+            code: code.q,
+            descriptor: place.q,
+            value: value.q,
+        },
+    };
+    ports.outputs.outputs(&m, outputs);
+    m.finish()
+}
+
+/// Bytes of the box of a scene.
+fn box_bytes(plan: &Plan) -> u32 {
+    2 * ByteRecord::vertex(plan.format).bytes
+}
+
+/// The number of beats of a burst, minus one.
+fn beats(bytes: u32, bus_bits: u32) -> u32 {
+    (8 * bytes).div_ceil(bus_bits) - 1
+}
+
+fn flag<'b>(words: &[Signal<'b>], bit: u32) -> Signal<'b> {
+    words[0].bit(8 + bit)
+}
+
+/// The first words of the burst that is received: of a descriptor, or of a box.
+fn stored_words<'b>(
+    m: &'b Builder,
+    bus_bits: u32,
+    now: &States<'b>,
+    beat: Flow<Beat<Signal<'b>>, Signal<'b>>,
+    read_taken: Signal<'b>,
+) -> Vec<Signal<'b>> {
+    m.comment("The first 32 bytes of a descriptor; of a box, they replace it.");
+    let per_beat = bus_bits / 32;
+    let beats = bits_for(u64::from(descriptor::WORDS as u32 / per_beat).max(2));
+    let number = m.reg("beat_number", beats);
+    let arrives = ((now.receives | now.receives_box) & beat.valid).named("beat_arrives");
+    let one = m.lit(1u8, beats);
+    number.next_when(
+        read_taken | arrives,
+        read_taken.mux(m.zero(beats), number.q + one),
+    );
+    let mut selects: Vec<Signal<'b>> = vec![];
+    (0..STORED)
+        .map(|k| {
+            let word = m.reg(format!("word{k}"), 32);
+            let (of_beat, place) = (k / per_beat, k % per_beat);
+            if selects.len() as u32 == of_beat {
+                let is_beat = number.q.equals(of_beat.into());
+                selects.push((arrives & is_beat).named(format!("beat{of_beat}_arrives")));
+            }
+            let selected = selects[of_beat as usize];
+            word.next_when(selected, beat.payload.data.field(32 * place, 32));
+            word.q
+        })
+        .collect()
+}
+
+/// Decodes the stored descriptor, and checks it.
+fn decode<'b>(
+    m: &'b Builder,
+    plan: &Plan,
+    words: &[Signal<'b>],
+    has_scene: Signal<'b>,
+) -> Decoded<'b> {
+    m.comment("The command, and what is wrong with it.");
+    let opcode = words[0].low(8).named("opcode");
+    let is = |code: u32, name: &str| opcode.equals(code.into()).named(format!("is_{name}"));
+    let is_end = is(end::OPCODE, "end");
+    let is_jump = is(jump::OPCODE, "jump");
+    let is_fence = is(fence::OPCODE, "fence");
+    let is_signal = is(signal::OPCODE, "signal");
+    let is_scene = is(scene::OPCODE, "scene");
+    let is_cast = is(cast::OPCODE, "cast");
+    let known = m
+        .or_all(&[is_end, is_jump, is_fence, is_signal, is_scene, is_cast])
+        .named("is_known");
+    // The words that are addresses of a command, and the low bits that must be 0.
+    let addresses = [
+        (is_jump, jump::word::to, 6),
+        (is_signal, signal::word::address, 2),
+        (is_scene, scene::word::nodes, 6),
+        (is_scene, scene::word::records, 6),
+        (is_scene, scene::word::vertices, 6),
+        (is_scene, scene::word::bounds, 6),
+        (is_cast, cast::word::rays, 4),
+        (is_cast, cast::word::hits, 6),
+    ];
+    let addresses: Vec<_> = (addresses.iter())
+        .map(|&(of, word, bits)| (of & words[word].low(bits).any(), words[word]))
+        .collect();
+    let odd: Vec<_> = addresses.iter().map(|(is_odd, _)| *is_odd).collect();
+    let is_odd = m.or_all(&odd).named("is_misaligned");
+    let count = words[cast::word::count];
+    let most = most_rays(&plan.config);
+    let excess = count.gt(m.lit(most, 32));
+    let is_size = (is_cast & (count.is_zero() | excess)).named("is_wrong_size");
+    let without_scene = (is_cast & !has_scene).named("is_without_scene");
+    let code = |code: u32| m.lit(code, CODE_BITS);
+    let choices = [
+        (!known, code(Fault::OPCODE)),
+        (is_odd, code(Fault::ALIGNMENT)),
+        (is_size, code(Fault::SIZE)),
+    ];
+    let mut values = vec![(!known, opcode.extend(ADDRESS_BITS))];
+    values.extend(addresses);
+    Decoded {
+        is_scene,
+        is_jump,
+        is_signal,
+        is_cast,
+        is_end,
+        fault: !known | is_odd | is_size | without_scene,
+        code: m.priority(&choices, code(Fault::SCENE)).named("fault_code"),
+        value: m.priority(&values, count).named("fault_value"),
+    }
+}
+
+/// The registers of the scene: arrays when its command starts, the box when it arrives.
+fn scene_registers<'b>(
+    m: &'b Builder,
+    plan: &Plan,
+    words: &[Signal<'b>],
+    starts: Signal<'b>,
+    box_arrives: Signal<'b>,
+) -> Arrays<Signal<'b>> {
+    m.comment("The scene.");
+    let register = |name: &str, word: usize| {
+        let register = m.reg(format!("scene_{name}_address"), 32);
+        register.next_when(starts, words[word]);
+        register.q
+    };
+    let loads = m.reg_reset("box_loads", 1, 0);
+    loads.next(box_arrives);
+    let bytes: Vec<_> = words.iter().rev().copied().collect();
+    let bytes = m.concat(&bytes);
+    let layout = ByteRecord::vertex(plan.format);
+    let corner = |name: &str, record: u32| -> [Signal<'b>; 3] {
+        let mut place = 0;
+        ["x", "y", "z"].map(|axis| {
+            let part = layout.parts[place];
+            place += 1;
+            let at = 8 * (record * layout.bytes + part.offset);
+            let register = m.reg(format!("box_{name}_{axis}"), plan.number());
+            register.next_when(
+                loads.q,
+                plan.without_minus_zero(bytes.field(at, part.width)),
+            );
+            register.q
+        })
+    };
+    Arrays {
+        root: register("root", scene::word::root),
+        nodes: register("nodes", scene::word::nodes),
+        records: register("records", scene::word::records),
+        vertices: register("vertices", scene::word::vertices),
+        lo: corner("lo", 0),
+        hi: corner("hi", 1),
+    }
+}
+
+/// The word that a signal writes.
+fn signal_write<'b>(
+    m: &'b Builder,
+    words: &[Signal<'b>],
+    valid: Signal<'b>,
+) -> Flow<WordWrite<Signal<'b>>, Signal<'b>> {
+    let address = words[signal::word::address];
+    let lane = address.bits(3, 2);
+    let lanes: Vec<_> = (0..WORD_BYTES / 4)
+        .rev()
+        .map(|k| lane.equals(k.into()).repeat(4))
+        .collect();
+    let write = WordWrite {
+        address: address.high(ADDRESS_BITS - 4).concat(m.zero(4)),
+        data: words[signal::word::value].repeat(WORD_BITS / 32),
+        strobes: m.concat(&lanes),
+    };
+    Flow::new(valid, write)
+}

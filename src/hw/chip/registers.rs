@@ -1,0 +1,335 @@
+//! The register file: the AXI4-Lite slave, doorbells, interrupts, and the counters with their snapshot. The registers are those of
+//! [`crate::chip::registers`].
+
+use super::commands::Failure;
+use crate::chip::registers::{
+    self as table, Access, COUNTER_BITS, COUNTERS, interrupt, offset, status,
+};
+use crate::hdl::{Builder, Bundle, HdlError, Module, Reg, Signal, Specs};
+use crate::hw::memory::ADDRESS_BITS;
+use crate::hw::plan::Plan;
+use crate::hw::raycast::Counters;
+use crate::{bundle, interface};
+use std::collections::BTreeMap;
+use std::sync::Arc;
+
+/// Width of an address in the register window.
+pub const WINDOW_BITS: u32 = table::WINDOW.ilog2();
+
+bundle! {
+    /// The signals of an AXI4-Lite bus that its master drives, under the names of the standard.
+    pub struct LiteInputs() {
+        "Write address channel" { awvalid: 1, awaddr: WINDOW_BITS, awprot: 3 }
+        "Write data channel" { wvalid: 1, wdata: 32, wstrb: 4 }
+        "Write response channel" { bready: 1 }
+        "Read address channel" { arvalid: 1, araddr: WINDOW_BITS, arprot: 3 }
+        "Read data channel" { rready: 1 }
+    }
+}
+
+bundle! {
+    /// The signals of an AXI4-Lite bus that its slave drives.
+    pub struct LiteOutputs() {
+        "Write address channel" { awready: 1 }
+        "Write data channel" { wready: 1 }
+        "Write response channel" { bvalid: 1, bresp: 2 }
+        "Read address channel" { arready: 1 }
+        "Read data channel" { rvalid: 1, rdata: 32, rresp: 2 }
+    }
+}
+
+bundle! {
+    /// Events of a cache.
+    pub struct CacheEvents() {
+        requests: 1,
+        hits: 1,
+        misses: 1,
+        stalls: 1,
+    }
+}
+
+bundle! {
+    /// Events that are counted here, in the order of the counters in the table.
+    pub struct Events() {
+        list_cycles: 1,
+        cast_cycles: 1,
+        cast_rays: 1,
+        node: {CacheEvents}(),
+        record: {CacheEvents}(),
+        vertex: {CacheEvents}(),
+        read_beats: 1,
+        read_waits: 1,
+        write_beats: 1,
+        write_waits: 1,
+    }
+}
+
+interface! {
+    pub () {
+        in "" { s_axi: {LiteInputs}() }
+        out "" { s_axi: {LiteOutputs}() }
+        in "From the command processor" {
+            start_ready: 1,
+            running: 1,
+            signalled: 1,
+            ended: 1,
+            failure: {Failure}(),
+        }
+        in "Counters of the ray casting unit" { count: {Counters}() }
+        in "Events to count" { event: {Events}() }
+        out "Command list to start" { start_valid: 1, start_address: ADDRESS_BITS }
+        out "Interrupt" { interrupt: 1 }
+    }
+}
+
+/// Describes the register file of a machine.
+///
+/// # Errors
+/// A mistake in the description; none is known for any configuration.
+pub fn module(plan: &Plan) -> Result<Arc<Module>, HdlError> {
+    let m = Builder::new(
+        "registers",
+        "the register file: an AXI4-Lite slave with the doorbell, status, interrupts and counters. One access of each kind at a time.",
+    );
+    let ports = ports();
+    let inputs = ports.inputs.inputs(&m);
+    let bus = inputs.s_axi;
+
+    m.comment(
+        "A write is accepted when address and data are there and the last response has been taken.",
+    );
+    let responds = m.reg_reset("responds", 1, 0);
+    let writes = (bus.awvalid & bus.wvalid & !responds.q).named("writes");
+    responds.next(writes | (responds.q & !bus.bready));
+    let write = WriteAccess {
+        m: &m,
+        valid: writes,
+        address: bus.awaddr,
+        data: bus.wdata,
+        strobes: bus.wstrb,
+    };
+
+    let control = control(&m, &inputs, &write);
+    let counters = counters(&m, &inputs, write.to(offset::SNAPSHOT));
+
+    m.comment("A read takes two cycles: the address is registered, then the selected word.");
+    let address = m.reg("read_address", WINDOW_BITS);
+    let selects = m.reg_reset("selects", 1, 0);
+    let shows = m.reg_reset("shows", 1, 0);
+    let data = m.reg("read_data", 32);
+    let read_ready = (!selects.q & !shows.q).named("read_ready");
+    let reads = (bus.arvalid & read_ready).named("reads");
+    selects.next(reads);
+    shows.next(selects.q | (shows.q & !bus.rready));
+    address.next_when(reads, bus.araddr);
+    let mut words: BTreeMap<u32, Signal<'_>> = control.words;
+    for register in table::registers(&plan.config) {
+        if register.access == Access::ReadOnly && register.reset != 0 {
+            let name = format!("{}_VALUE", register.name);
+            words.insert(register.offset, m.constant(&name, register.reset, 32));
+        }
+    }
+    words.extend(counters);
+    let last = words.keys().last().expect("there are registers") / 4;
+    let bits = last.ilog2() + 1;
+    let inside = address
+        .q
+        .high(WINDOW_BITS - 2 - bits)
+        .is_zero()
+        .named("is_inside");
+    let selected = tree(address.q.field(2, bits), 0, &words).unwrap_or(m.zero(32));
+    data.next_when(selects.q, inside.mux(selected, m.zero(32)));
+
+    let outputs = Outputs {
+        s_axi: LiteOutputs {
+            awready: writes,
+            wready: writes,
+            bvalid: responds.q,
+            bresp: m.zero(2),
+            arready: read_ready,
+            rvalid: shows.q,
+            rdata: data.q,
+            rresp: m.zero(2),
+        },
+        start_valid: control.start_valid,
+        start_address: control.start_address,
+        interrupt: control.interrupt,
+    };
+    ports.outputs.outputs(&m, outputs);
+    m.finish()
+}
+
+/// A write to the registers.
+struct WriteAccess<'b> {
+    m: &'b Builder,
+    valid: Signal<'b>,
+    address: Signal<'b>,
+    data: Signal<'b>,
+    strobes: Signal<'b>,
+}
+
+impl<'b> WriteAccess<'b> {
+    /// Whether a register is written.
+    fn to(&self, offset: u32) -> Signal<'b> {
+        let word = self.address.high(WINDOW_BITS - 2);
+        self.valid & word.equals(u128::from(offset / 4))
+    }
+
+    /// The bits that the strobes select.
+    fn mask(&self) -> Signal<'b> {
+        let lanes: Vec<_> = (0..4)
+            .rev()
+            .map(|k| self.strobes.bit(k).repeat(8))
+            .collect();
+        self.m.concat(&lanes)
+    }
+
+    /// Stores what is written to a register, byte by byte; bits above the register's width are dropped.
+    fn store(&self, register: &Reg<'b>, offset: u32) {
+        let width = register.q.width();
+        let mask = self.mask().low(width);
+        let merged = (self.data.low(width) & mask) | (register.q & !mask);
+        register.next_when(self.to(offset), merged);
+    }
+}
+
+/// Doorbell, status and interrupts.
+struct Control<'b> {
+    words: BTreeMap<u32, Signal<'b>>,
+    start_valid: Signal<'b>,
+    start_address: Signal<'b>,
+    interrupt: Signal<'b>,
+}
+
+fn control<'b>(
+    m: &'b Builder,
+    inputs: &Inputs<Signal<'b>>,
+    write: &WriteAccess<'b>,
+) -> Control<'b> {
+    m.comment("A doorbell starts the list, or queues it; behind a queued list it has no effect.");
+    let list = m.reg("list", ADDRESS_BITS);
+    write.store(&list, offset::LIST);
+    let rings = write.to(offset::DOORBELL).named("rings");
+    let queued = m.reg_reset("is_queued", 1, 0);
+    let next = m.reg("next_list", ADDRESS_BITS);
+    let starts = (queued.q & inputs.start_ready).named("list_starts");
+    let is_accepted = (rings & !queued.q).named("doorbell_accepted");
+    let is_lost = (rings & queued.q).named("doorbell_lost");
+    queued.next(is_accepted | (queued.q & !starts));
+    next.next_when(is_accepted, list.q);
+
+    m.comment("How the last list has ended.");
+    let failure = inputs.failure;
+    let failed = failure.code.any().named("has_failed");
+    let code = m.reg_reset("error_code", failure.code.width(), 0);
+    let descriptor = m.reg("error_descriptor", ADDRESS_BITS);
+    let value = m.reg("error_address", ADDRESS_BITS);
+    code.next_when(
+        starts | inputs.ended,
+        starts.mux(m.zero(code.q.width()), failure.code),
+    );
+    descriptor.next_when(inputs.ended, failure.descriptor);
+    value.next_when(inputs.ended, failure.value);
+
+    m.comment("Interrupts.");
+    let enable = m.reg_reset("interrupt_enable", interrupt::COUNT, 0);
+    write.store(&enable, offset::INTERRUPT_ENABLE);
+    let pending = m.reg_reset("interrupt_status", interrupt::COUNT, 0);
+    let mut events = [m.zero(1); interrupt::COUNT as usize];
+    events[interrupt::END as usize] = inputs.ended & !failed;
+    events[interrupt::SIGNAL as usize] = inputs.signalled;
+    events[interrupt::ERROR as usize] = inputs.ended & failed;
+    events[interrupt::OVERRUN as usize] = is_lost;
+    events.reverse();
+    let clears = write.to(offset::INTERRUPT_STATUS).repeat(interrupt::COUNT);
+    let clears = clears & write.data.low(interrupt::COUNT) & write.mask().low(interrupt::COUNT);
+    pending.next((pending.q & !clears) | m.concat(&events));
+
+    let mut state = [m.zero(1); 3];
+    state[status::BUSY as usize] = inputs.running;
+    state[status::QUEUED as usize] = queued.q;
+    state[status::OVERRUN as usize] = pending.q.bit(interrupt::OVERRUN);
+    state.reverse();
+    let words = [
+        (offset::LIST, list.q),
+        (offset::STATUS, m.concat(&state)),
+        (offset::ERROR_CODE, code.q),
+        (offset::ERROR_DESCRIPTOR, descriptor.q),
+        (offset::ERROR_ADDRESS, value.q),
+        (offset::INTERRUPT_STATUS, pending.q),
+        (offset::INTERRUPT_ENABLE, enable.q),
+    ];
+    Control {
+        words: words.map(|(at, word)| (at, word.extend(32))).into(),
+        start_valid: queued.q,
+        start_address: next.q,
+        interrupt: (pending.q & enable.q).any(),
+    }
+}
+
+/// The counters' copies, by the offsets of their registers.
+fn counters<'b>(
+    m: &'b Builder,
+    inputs: &Inputs<Signal<'b>>,
+    snapshot: Signal<'b>,
+) -> Vec<(u32, Signal<'b>)> {
+    m.comment("Counters, and their copies: all of one cycle.");
+    let snapshot = snapshot.named("takes_snapshot");
+    let of_core = inputs.count.fields().into_iter();
+    let mut all: Vec<Signal<'b>> = of_core.map(|(_, count)| count).collect();
+    let events = inputs.event.fields().into_iter();
+    for (name, event) in events {
+        let count = m.reg_reset(format!("count_{name}"), COUNTER_BITS, 0);
+        count.next_when(event, count.q + m.lit(1u8, COUNTER_BITS));
+        all.push(count.q);
+    }
+    let copies = COUNTERS.iter().zip(all).enumerate();
+    let copies = copies.flat_map(|(place, ((name, _), count))| {
+        let copy = m.reg(format!("copy_{name}"), COUNTER_BITS);
+        copy.next_when(snapshot, count);
+        let [low, high] = table::counter(place);
+        let upper = copy.q.high(COUNTER_BITS - 32).extend(32);
+        [(low, copy.q.low(32)), (high, upper)]
+    });
+    copies.collect()
+}
+
+/// Selects the word at the number `index`: a tree of multiplexers. `first` is the number of the first word of the subtree. `None` where
+/// no register is in the subtree.
+fn tree<'b>(
+    index: Signal<'b>,
+    first: u32,
+    words: &BTreeMap<u32, Signal<'b>>,
+) -> Option<Signal<'b>> {
+    let bits = index.width();
+    let half = 1 << (bits - 1);
+    let side = |start: u32| match bits {
+        1 => words.get(&(4 * start)).copied(),
+        _ => tree(index.low(bits - 1), start, words),
+    };
+    match (side(first), side(first + half)) {
+        (None, None) => None,
+        (Some(low), None) => Some(index.msb().mux(low.module().zero(32), low)),
+        (None, Some(high)) => Some(index.msb().mux(high, high.module().zero(32))),
+        (Some(low), Some(high)) => Some(index.msb().mux(high, low)),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::hdl::Specs;
+
+    /// The counters of the table are those that are counted, in their order.
+    #[test]
+    fn the_counters_are_those_of_the_table() {
+        let of_core = Counters::of().fields();
+        let of_chip = Events::of().fields();
+        let names = of_core
+            .iter()
+            .chain(&of_chip)
+            .map(|(name, _)| name.as_str());
+        let expected = COUNTERS.iter().map(|(name, _)| *name);
+        assert_eq!(names.collect::<Vec<_>>(), expected.collect::<Vec<_>>());
+    }
+}
