@@ -18,6 +18,29 @@ pub enum TriangleTest {
     Watertight,
 }
 
+/// The memory behind the chip's bus; see `docs/chip.md`.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub enum MemoryModel {
+    Ideal,
+    DdrVirtex4,
+    SdrUlx3s,
+}
+
+impl MemoryModel {
+    /// The names, in the order of the variants.
+    pub const NAMES: &[&str] = &["ideal", "ddr-virtex4", "sdr-ulx3s"];
+
+    const ALL: [MemoryModel; 3] = [
+        MemoryModel::Ideal,
+        MemoryModel::DdrVirtex4,
+        MemoryModel::SdrUlx3s,
+    ];
+
+    pub fn name(self) -> &'static str {
+        MemoryModel::NAMES[self as usize]
+    }
+}
+
 /// A machine, and the memory around it.
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
 pub struct Config {
@@ -43,6 +66,18 @@ pub struct Config {
     pub skinning_rows_ahead: u32,
     pub skinning_vertices_ahead: u32,
     pub skinning_vertices_waiting: u32,
+    pub bus_data_bits: u32,
+    pub bus_reads: u32,
+    pub bus_writes: u32,
+    pub bus_write_lines: u32,
+    pub bus_rays_ahead: u32,
+    pub cache_line_bytes: u32,
+    pub cache_ways: u32,
+    pub cache_misses: u32,
+    pub cache_nodes_kib: u32,
+    pub cache_records_kib: u32,
+    pub cache_vertices_kib: u32,
+    pub memory_model: MemoryModel,
     pub memory_latency: u32,
     pub memory_jitter: u32,
     pub memory_in_order: bool,
@@ -274,6 +309,115 @@ pub static KEYS: &[Key] = &[
         false,
         "vertices in the arithmetic or waiting to be written; its depth, where vertices follow one joint each"
     ),
+    key!(
+        "bus",
+        "data_bits",
+        "bits",
+        Values::OneOf(&[32, 64, 128, 256]),
+        bus_data_bits,
+        false,
+        "width of the data of the chip's memory bus"
+    ),
+    key!(
+        "bus",
+        "reads",
+        "bursts",
+        Values::Range(1..=64),
+        bus_reads,
+        false,
+        "read bursts that the chip may have outstanding"
+    ),
+    key!(
+        "bus",
+        "writes",
+        "bursts",
+        Values::Range(1..=16),
+        bus_writes,
+        false,
+        "write bursts that the chip may have outstanding"
+    ),
+    key!(
+        "bus",
+        "write_lines",
+        "lines",
+        Values::OneOf(&[4, 8, 16]),
+        bus_write_lines,
+        false,
+        "open lines of 64 bytes in the write combiner"
+    ),
+    key!(
+        "bus",
+        "rays_ahead",
+        "words",
+        Values::OneOf(&[16, 32, 64, 128]),
+        bus_rays_ahead,
+        false,
+        "words of 16 bytes that the chip reads ahead of the rays of a cast"
+    ),
+    key!(
+        "cache",
+        "line_bytes",
+        "bytes",
+        Values::OneOf(&[32, 64, 128]),
+        cache_line_bytes,
+        false,
+        "line of a cache, one burst"
+    ),
+    key!(
+        "cache",
+        "ways",
+        "lines",
+        Values::OneOf(&[1, 2, 4]),
+        cache_ways,
+        false,
+        "lines per set of a cache"
+    ),
+    key!(
+        "cache",
+        "misses",
+        "lines",
+        Values::Range(1..=16),
+        cache_misses,
+        false,
+        "lines that each cache may have in flight"
+    ),
+    key!(
+        "cache",
+        "nodes_kib",
+        "KiB",
+        Values::OneOf(&[1, 2, 4, 8, 16, 32, 64]),
+        cache_nodes_kib,
+        false,
+        "size of the cache of nodes"
+    ),
+    key!(
+        "cache",
+        "records_kib",
+        "KiB",
+        Values::OneOf(&[1, 2, 4, 8, 16, 32, 64]),
+        cache_records_kib,
+        false,
+        "size of the cache of triangle records"
+    ),
+    key!(
+        "cache",
+        "vertices_kib",
+        "KiB",
+        Values::OneOf(&[1, 2, 4, 8, 16, 32, 64]),
+        cache_vertices_kib,
+        false,
+        "size of the cache of vertices"
+    ),
+    Key {
+        section: "memory",
+        name: "model",
+        unit: "",
+        meaning: "the memory behind the chip's bus: ideal has the latency below, the others are DRAM",
+        values: Values::Names(MemoryModel::NAMES),
+        environment: true,
+        get: |c| c.memory_model as u32,
+        set: |c, v| c.memory_model = MemoryModel::ALL[v as usize],
+    },
     key!(
         "memory",
         "latency",
@@ -579,6 +723,18 @@ impl Config {
             skinning_rows_ahead: 0,
             skinning_vertices_ahead: 0,
             skinning_vertices_waiting: 0,
+            bus_data_bits: 0,
+            bus_reads: 0,
+            bus_writes: 0,
+            bus_write_lines: 0,
+            bus_rays_ahead: 0,
+            cache_line_bytes: 0,
+            cache_ways: 0,
+            cache_misses: 0,
+            cache_nodes_kib: 0,
+            cache_records_kib: 0,
+            cache_vertices_kib: 0,
+            memory_model: MemoryModel::Ideal,
             memory_latency: 0,
             memory_jitter: 0,
             memory_in_order: true,

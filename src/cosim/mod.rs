@@ -6,6 +6,7 @@
 //! [`mismatch`] says where RTL and golden model differ.
 
 pub mod animate;
+pub mod dram;
 pub mod mismatch;
 mod processor;
 pub mod raycast;
