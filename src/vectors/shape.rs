@@ -68,12 +68,12 @@ impl Shape {
             .vector(
                 "lo",
                 self.number(),
-                "least corner of the box of all triangles",
+                "minimum corner of the box of all triangles",
             )
             .vector(
                 "hi",
                 self.number(),
-                "greatest corner of the box of all triangles",
+                "maximum corner of the box of all triangles",
             )
     }
 
@@ -88,15 +88,15 @@ impl Shape {
         let w = self.number();
         layout
             .vector("origin", w, "the ray's origin")
-            .vector("direction", w, "its direction")
-            .field("tmin", w, Number, "least distance of a hit")
-            .field("tmax", w, Number, "greatest distance of a hit")
-            .field("active", 1, Flag, "whether there is a ray in this place")
+            .vector("direction", w, "the ray's direction")
+            .field("tmin", w, Number, "minimum distance of a hit")
+            .field("tmax", w, Number, "maximum distance of a hit")
+            .field("active", 1, Flag, "1 if the slot contains a ray")
             .field(
                 "any_hit",
                 1,
                 Flag,
-                "whether the ray asks only if there is a hit",
+                "1 for an any-hit ray",
             )
     }
 
@@ -125,8 +125,8 @@ impl Shape {
             .field("t", w, Number, "distance in multiples of the direction")
             .field("u", w, Number, "weight of the second vertex")
             .field("v", w, Number, "weight of the third vertex")
-            .field("instance", 32, Unsigned, "instance, all ones for none")
-            .field("triangle", 32, Unsigned, "triangle, all ones for none")
+            .field("instance", 32, Unsigned, "number of the instance, all ones if there is none")
+            .field("triangle", 32, Unsigned, "number of the triangle, all ones if there is none")
             .field("tag", self.tag_bits, Unsigned, "the packet's tag")
     }
 
@@ -148,41 +148,41 @@ impl Shape {
                 "first_step",
                 32,
                 Unsigned,
-                "line of packet_step_*.hex, from 0, of its first packet step",
+                "line of the first packet step in packet_step_*.hex, counted from 0",
             )
-            .field("steps", 32, Unsigned, "packet steps it takes")
+            .field("steps", 32, Unsigned, "number of packet steps")
             .field(
                 "first_test",
                 32,
                 Unsigned,
-                "line of triangle_test_*.hex, from 0, of its first ray-triangle test",
+                "line of the first ray-triangle test in triangle_test_*.hex, counted from 0",
             )
-            .field("tests", 32, Unsigned, "ray-triangle tests it takes")
+            .field("tests", 32, Unsigned, "number of ray-triangle tests")
             .field(
                 "first_transform",
                 32,
                 Unsigned,
-                "line of ray_transform_*.hex, from 0, of its first ray transformation",
+                "line of the first ray transformation in ray_transform_*.hex, counted from 0",
             )
-            .field("transforms", 32, Unsigned, "ray transformations it takes")
+            .field("transforms", 32, Unsigned, "number of ray transformations")
             .field(
                 "scene",
                 32,
                 Unsigned,
-                "line of scene.hex, from 0, of its scene",
+                "line of the scene in scene.hex, counted from 0",
             )
             .field(
                 "block",
                 32,
                 Unsigned,
-                "its block of the picture, all ones for none",
+                "number of the block in the picture, all ones if there is none",
             )
     }
 
     pub fn ray_transform_stimulus(&self) -> Layout {
         let w = self.number();
         let mut layout = Layout::default()
-            .field("slot", SLOT_BITS, Unsigned, "the ray's place in its packet")
+            .field("slot", SLOT_BITS, Unsigned, "slot of the ray in its packet")
             .field(
                 "record",
                 LINK_BITS,
@@ -190,16 +190,16 @@ impl Shape {
                 "index of the instance's record",
             );
         for column in ["cx", "cy", "cz", "cw"] {
-            let what = format!("the matrix' column c_{}", &column[1..]);
+            let what = format!("column c_{} of the instance's matrix", &column[1..]);
             layout = layout.vector(column, w, &what);
         }
         layout
-            .vector("lo", w, "least corner of the instance's box in the world")
-            .vector("hi", w, "greatest corner of that box")
+            .vector("lo", w, "minimum corner of the instance's box in the world")
+            .vector("hi", w, "maximum corner of the instance's box in the world")
             .vector("origin", w, "the ray's origin in the world")
-            .vector("direction", w, "its direction there")
-            .vector("reciprocal", w, "reciprocal of that")
-            .field("signs", 3, Mask, "sign bits of its direction there")
+            .vector("direction", w, "the ray's direction in the world")
+            .vector("reciprocal", w, "reciprocal of the direction in the world")
+            .field("signs", 3, Mask, "sign bits of the direction in the world")
     }
 
     pub fn ray_transform_values(
@@ -233,10 +233,10 @@ impl Shape {
     pub fn ray_transform_expected(&self) -> Layout {
         let w = self.number();
         Layout::default()
-            .vector("origin", w, "the ray's origin in the object's space")
-            .vector("direction", w, "its direction there")
-            .field("near", w, Number, "near of its window")
-            .field("far", w, Number, "far of its window")
+            .vector("origin", w, "the ray's origin in object space")
+            .vector("direction", w, "the ray's direction in object space")
+            .field("near", w, Number, "near of the ray's window")
+            .field("far", w, Number, "far of the ray's window")
     }
 
     pub fn ray_transform_outcome(&self, transformed: &Transformed) -> Expected {
@@ -259,13 +259,13 @@ impl Shape {
                 "enters",
                 1,
                 Flag,
-                "whether the ray is in the packet's first mask",
+                "1 if the ray is in the packet's initial mask",
             )
-            .field("near", w, Number, "near in the scene's box")
-            .field("far", w, Number, "far in the scene's box")
-            .field("tmin", w, Number, "tmin, a zero as +0; of a valid ray")
-            .field("tmax", w, Number, "tmax, a zero as +0; of a valid ray")
-            .field("any_hit", 1, Flag, "as it came");
+            .field("near", w, Number, "near of the ray in the scene's box")
+            .field("far", w, Number, "far of the ray in the scene's box")
+            .field("tmin", w, Number, "tmin, with +0 for a zero; compared only for a valid ray")
+            .field("tmax", w, Number, "tmax, with +0 for a zero; compared only for a valid ray")
+            .field("any_hit", 1, Flag, "as in the stimulus");
         self.with_setup(layout)
     }
 
@@ -274,10 +274,10 @@ impl Shape {
         let w = self.number();
         let layout = layout
             .vector("origin", w, "the ray's origin")
-            .vector("reciprocal", w, "reciprocal of its direction")
-            .field("signs", 3, Mask, "sign bits of its direction");
+            .vector("reciprocal", w, "reciprocal of the ray's direction")
+            .field("signs", 3, Mask, "sign bits of the ray's direction");
         match self.test {
-            TriangleTest::MollerTrumbore => layout.vector("direction", w, "its direction"),
+            TriangleTest::MollerTrumbore => layout.vector("direction", w, "the ray's direction"),
             TriangleTest::Watertight => layout
                 .field("kz", 2, Unsigned, "axis k_z: 0 x, 1 y, 2 z")
                 .field("shear_x", w, Number, "S_x")
@@ -325,9 +325,9 @@ impl Shape {
     pub fn packet_step_stimulus(&self) -> Layout {
         let w = self.number();
         let mut layout = Layout::default()
-            .field("node", LINK_BITS, Unsigned, "the node's index")
+            .field("node", LINK_BITS, Unsigned, "index of the node")
             .record(&Record::node(self.format), self.format)
-            .field("mask", self.rays as u32, Mask, "rays that come");
+            .field("mask", self.rays as u32, Mask, "rays that take part in the step");
         for k in 0..self.rays {
             layout = layout
                 .vector(&format!("ray{k}_origin"), w, &format!("ray {k}'s origin"))
@@ -402,45 +402,45 @@ impl Shape {
     pub fn packet_step_expected(&self) -> Layout {
         let n = self.rays as u32;
         let mut layout = Layout::default()
-            .field("to_left", n, Mask, "rays that go left")
-            .field("to_right", n, Mask, "rays that go right")
+            .field("to_left", n, Mask, "rays that enter the left child")
+            .field("to_right", n, Mask, "rays that enter the right child")
             .field(
                 "both_left_first",
                 n,
                 Mask,
-                "of the rays that go both ways, those that go left first",
+                "rays that enter both children, the left one first",
             )
             .field(
                 "left_first",
                 1,
                 Flag,
-                "whether the packet goes on with the left child",
+                "1 if the packet continues with the left child",
             )
             .field(
                 "goes_on",
                 1,
                 Flag,
-                "whether it goes on with a child; else it pops",
+                "1 if the packet continues with a child, 0 if it pops",
             )
             .field(
                 "next_leaf",
                 1,
                 Flag,
-                "whether the child it goes on with is a leaf",
+                "1 if the child with which it continues is a leaf",
             )
             .field(
                 "next",
                 LINK_BITS,
                 Unsigned,
-                "index of that child's node, or of its triangle record",
+                "index of that child's node or record",
             )
-            .field("pushes", 1, Flag, "whether the other child is pushed")
-            .field("pushed_leaf", 1, Flag, "whether the child pushed is a leaf")
+            .field("pushes", 1, Flag, "1 if the other child is pushed")
+            .field("pushed_leaf", 1, Flag, "1 if the pushed child is a leaf")
             .field(
                 "pushed",
                 LINK_BITS,
                 Unsigned,
-                "index of that child's node, or of its triangle record",
+                "index of the pushed child's node or record",
             );
         for side in ["left", "right"] {
             for k in 0..self.rays {
@@ -505,7 +505,7 @@ impl Shape {
     pub fn triangle_test_stimulus(&self) -> Layout {
         let w = self.number();
         let layout = Layout::default()
-            .field("slot", SLOT_BITS, Unsigned, "the ray's place in its packet")
+            .field("slot", SLOT_BITS, Unsigned, "slot of the ray in its packet")
             .field(
                 "record",
                 LINK_BITS,
@@ -515,8 +515,8 @@ impl Shape {
             .vector("v0", w, "first vertex")
             .vector("v1", w, "second vertex")
             .vector("v2", w, "third vertex")
-            .field("tmin", w, Number, "least distance of a hit, not -0")
-            .field("tmax", w, Number, "greatest distance of a hit, not -0")
+            .field("tmin", w, Number, "minimum distance of a hit, not -0")
+            .field("tmax", w, Number, "maximum distance of a hit, not -0")
             .field(
                 "window_near",
                 w,
@@ -553,8 +553,8 @@ impl Shape {
     pub fn triangle_test_expected(&self) -> Layout {
         let w = self.number();
         Layout::default()
-            .field("hit", 1, Flag, "whether the ray hits")
-            .field("t", w, Number, "distance, clamped into the triangle's box")
+            .field("hit", 1, Flag, "1 if the ray hits")
+            .field("t", w, Number, "distance, clamped to the triangle's box")
             .field("u", w, Number, "weight of the second vertex")
             .field("v", w, Number, "weight of the third vertex")
     }

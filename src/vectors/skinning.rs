@@ -49,20 +49,20 @@ impl Shape {
             "joints",
             JOINT_BITS + 1,
             Unsigned,
-            "matrices of the palette",
+            "number of matrices in the palette",
         );
         let layout = index(layout, "influences", "index of the first row of influences");
-        let layout = index(layout, "rows", "rows of influences");
+        let layout = index(layout, "rows", "number of rows of influences");
         let layout = index(layout, "rest", "index of the first vertex at rest");
-        let layout = index(layout, "vertices", "vertices");
+        let layout = index(layout, "vertices", "number of vertices");
         index(layout, "target", "index of the first vertex to write")
             .field(
                 "first_vertex",
                 32,
                 Unsigned,
-                "line of skinning_expected.hex, from 0, of its first vertex",
+                "line of the first vertex in skinning_expected.hex, counted from 0",
             )
-            .field("count", 32, Unsigned, "influences that it has")
+            .field("count", 32, Unsigned, "number of influences")
     }
 
     fn skinning_expected(&self) -> Layout {

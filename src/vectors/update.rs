@@ -67,31 +67,31 @@ impl Shape {
                 "low",
                 64,
                 Unsigned,
-                "bytes 0 to 7 of the row, the first least significant",
+                "bytes 0 to 7 of the row, byte 0 least significant",
             )
-            .field("high", 64, Unsigned, "bytes 8 to 15")
+            .field("high", 64, Unsigned, "bytes 8 to 15 of the row")
     }
 
     fn update_commands(&self) -> Layout {
         let index =
             |layout: Layout, name: &str, what: &str| layout.field(name, LINK_BITS, Unsigned, what);
-        let layout = index(Layout::default(), "program", "first row of the program");
-        let layout = index(layout, "rows", "rows that it has");
+        let layout = index(Layout::default(), "program", "index of the program's first row");
+        let layout = index(layout, "rows", "number of rows of the program");
         let layout = index(layout, "vertex_base", "index of the object's first vertex");
         let layout = index(layout, "node_base", "index of the object's first node");
-        index(layout, "box_index", "index at which its box is written")
+        index(layout, "box_index", "index at which the object's box is written")
             .field(
                 "first_write",
                 32,
                 Unsigned,
-                "line of update_node_writes.hex, from 0, of its first node",
+                "line of the first written node in update_node_writes.hex, counted from 0",
             )
-            .field("writes", 32, Unsigned, "nodes that it writes")
+            .field("writes", 32, Unsigned, "number of nodes written")
             .field(
                 "instructions",
                 32,
                 Unsigned,
-                "instructions that it executes, end included",
+                "number of instructions executed, including the end instruction",
             )
     }
 
@@ -102,7 +102,7 @@ impl Shape {
                 "mask",
                 NODE_LANES,
                 Mask,
-                "lanes written, always 15: the four numbers, left_lo least, and not the link word",
+                "lanes written, always 15: the four numbers (bit 0 for left_lo), not the link word",
             );
         for field in &Record::node(self.format).fields[..4] {
             layout = layout.field(field.name, field.width, Kind::Number, field.description);
