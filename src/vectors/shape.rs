@@ -1,4 +1,4 @@
-//! What the vectors of one machine look like: the layout of every file's lines, and how values are put into them.
+//! The layouts of one machine's files, and the conversion of values to the fields of their lines.
 
 use super::layout::{Kind, Layout};
 use crate::bkd::layout::{LINK_BITS, LinkWord, Node, Record, Target};
@@ -10,22 +10,22 @@ use crate::port::{Hit, Ray};
 
 use Kind::{Flag, Mask, Number, Unsigned};
 
-/// Bits that number a ray of a packet, whatever its size.
+/// Bits of a slot number, the same for all packet sizes.
 const SLOT_BITS: u32 = MOST_RAYS.ilog2();
 
-/// What of a machine shapes its vectors.
+/// The parameters of a machine on which its vectors depend.
 #[derive(Clone, Debug)]
 pub struct Shape {
     pub format: Format,
     pub test: TriangleTest,
-    /// Rays of a packet.
+    /// Rays per packet.
     pub rays: usize,
     pub tag_bits: u32,
     pub axes_per_node: u32,
     pub address_bits: u32,
 }
 
-/// Values of an expected line, and whether each is compared.
+/// Values of an expected line, each with a flag that says whether it is compared.
 pub type Expected = Vec<(u64, bool)>;
 
 impl Shape {
@@ -105,7 +105,7 @@ impl Shape {
             .field("tag", self.tag_bits, Unsigned, "the packet's tag")
     }
 
-    /// The ray's fields as the ray casting unit and ray setup take them.
+    /// The fields of a ray at the ports of the ray casting unit and of ray setup.
     pub fn ray_values(&self, ray: &Ray) -> Vec<u64> {
         let mut values = vec![];
         values.extend(self.vector(ray.origin));
@@ -269,7 +269,7 @@ impl Shape {
         self.with_setup(layout)
     }
 
-    /// What setup makes of a ray: everything that the triangle test reads beside the limits.
+    /// Appends the results of ray setup that the triangle test reads, except for the limits.
     fn with_setup(&self, layout: Layout) -> Layout {
         let w = self.number();
         let layout = layout
@@ -301,7 +301,7 @@ impl Shape {
         values
     }
 
-    /// `interval` is the ray's in the scene's box.
+    /// `near` and `far` are the ray's interval in the scene's box.
     pub fn ray_setup_values(&self, ray: &RaySetup, [near, far]: [f64; 2]) -> Expected {
         let enters = ray.valid && near <= far;
         let mut expected = vec![
@@ -312,7 +312,7 @@ impl Shape {
             (self.bits(ray.tmax), ray.valid),
             (u64::from(ray.any_hit), true),
         ];
-        // Only the shear is without meaning for a ray that is not valid: it lies above origin, reciprocal and signs.
+        // For an invalid ray only the shear is undefined; its fields are above origin, reciprocal and signs.
         let always = match self.test {
             TriangleTest::MollerTrumbore => usize::MAX,
             TriangleTest::Watertight => 7,
@@ -363,8 +363,8 @@ impl Shape {
         8 * self.number() + 3
     }
 
-    /// Of a ray outside the mask all is 0 but far = +∞: it would enter every child that has 0 in its interval, so a machine
-    /// that overlooks the mask is found out.
+    /// A ray outside the mask has 0 in all fields except far = +∞. It would enter every child whose interval contains 0, so the
+    /// vectors detect a machine that ignores the mask.
     pub fn packet_step_values(
         &self,
         index: u32,
