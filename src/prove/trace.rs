@@ -19,7 +19,7 @@ pub struct Variants {
 
 /// The description of the proof.
 pub const WHAT: &str =
-    "without trace ports, every other output is what it is with them, at all clocks";
+    "without trace ports, all other outputs are the same in every cycle";
 
 /// The comparison for the core of a machine.
 ///
