@@ -50,10 +50,7 @@ pub(super) fn area_by_unit(baseline: &Baseline) -> Result<String> {
     svg(|area| {
         let mut chart = ChartBuilder::on(area)
             .margin(12)
-            .caption(
-                "LUT4 per module, including everything below it",
-                CAPTION,
-            )
+            .caption("LUT4 per module, including everything below it", CAPTION)
             .x_label_area_size(36)
             .y_label_area_size(150)
             .build_cartesian_2d(0.0..most * 1.1, (0..rows).into_segmented())
@@ -100,10 +97,7 @@ pub(super) fn clock_by_depth(baseline: &Baseline) -> Result<String> {
     svg(|area| {
         let mut chart = ChartBuilder::on(area)
             .margin(12)
-            .caption(
-                "Clock reached on an ECP5-85F by pipeline depth",
-                CAPTION,
-            )
+            .caption("Clock reached on an ECP5-85F by pipeline depth", CAPTION)
             .x_label_area_size(40)
             .y_label_area_size(50)
             .build_cartesian_2d(0u32..deepest, 0.0..fastest * 1.1)
@@ -163,7 +157,10 @@ pub(super) fn utilisation(frame: &FrameFigures) -> Result<String> {
             .map_err(fault)?;
         let series = [
             ("packet steps per cycle", &frame.tpu_by_interval),
-            ("slots of the triangle test per cycle", &frame.gu_by_interval),
+            (
+                "slots of the triangle test per cycle",
+                &frame.gu_by_interval,
+            ),
         ];
         for ((name, values), colour) in series.into_iter().zip(COLOURS) {
             let middle = |at: usize| (at as f64 + 0.5) * frame.interval_cycles as f64 / 1000.0;

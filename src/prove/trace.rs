@@ -18,8 +18,7 @@ pub struct Variants {
 }
 
 /// The description of the proof.
-pub const WHAT: &str =
-    "without trace ports, all other outputs are the same in every cycle";
+pub const WHAT: &str = "without trace ports, all other outputs are the same in every cycle";
 
 /// The comparison for the core of a machine.
 ///

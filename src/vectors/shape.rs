@@ -92,12 +92,7 @@ impl Shape {
             .field("tmin", w, Number, "minimum distance of a hit")
             .field("tmax", w, Number, "maximum distance of a hit")
             .field("active", 1, Flag, "1 if the slot contains a ray")
-            .field(
-                "any_hit",
-                1,
-                Flag,
-                "1 for an any-hit ray",
-            )
+            .field("any_hit", 1, Flag, "1 for an any-hit ray")
     }
 
     pub fn raycast_rays(&self) -> Layout {
@@ -125,8 +120,18 @@ impl Shape {
             .field("t", w, Number, "distance in multiples of the direction")
             .field("u", w, Number, "weight of the second vertex")
             .field("v", w, Number, "weight of the third vertex")
-            .field("instance", 32, Unsigned, "number of the instance, all ones if there is none")
-            .field("triangle", 32, Unsigned, "number of the triangle, all ones if there is none")
+            .field(
+                "instance",
+                32,
+                Unsigned,
+                "number of the instance, all ones if there is none",
+            )
+            .field(
+                "triangle",
+                32,
+                Unsigned,
+                "number of the triangle, all ones if there is none",
+            )
             .field("tag", self.tag_bits, Unsigned, "the packet's tag")
     }
 
@@ -263,8 +268,18 @@ impl Shape {
             )
             .field("near", w, Number, "near of the ray in the scene's box")
             .field("far", w, Number, "far of the ray in the scene's box")
-            .field("tmin", w, Number, "tmin, with +0 for a zero; compared only for a valid ray")
-            .field("tmax", w, Number, "tmax, with +0 for a zero; compared only for a valid ray")
+            .field(
+                "tmin",
+                w,
+                Number,
+                "tmin, with +0 for a zero; compared only for a valid ray",
+            )
+            .field(
+                "tmax",
+                w,
+                Number,
+                "tmax, with +0 for a zero; compared only for a valid ray",
+            )
             .field("any_hit", 1, Flag, "as in the stimulus");
         self.with_setup(layout)
     }
@@ -327,7 +342,12 @@ impl Shape {
         let mut layout = Layout::default()
             .field("node", LINK_BITS, Unsigned, "index of the node")
             .record(&Record::node(self.format), self.format)
-            .field("mask", self.rays as u32, Mask, "rays that take part in the step");
+            .field(
+                "mask",
+                self.rays as u32,
+                Mask,
+                "rays that take part in the step",
+            );
         for k in 0..self.rays {
             layout = layout
                 .vector(&format!("ray{k}_origin"), w, &format!("ray {k}'s origin"))

@@ -75,24 +75,32 @@ impl Shape {
     fn update_commands(&self) -> Layout {
         let index =
             |layout: Layout, name: &str, what: &str| layout.field(name, LINK_BITS, Unsigned, what);
-        let layout = index(Layout::default(), "program", "index of the program's first row");
+        let layout = index(
+            Layout::default(),
+            "program",
+            "index of the program's first row",
+        );
         let layout = index(layout, "rows", "number of rows of the program");
         let layout = index(layout, "vertex_base", "index of the object's first vertex");
         let layout = index(layout, "node_base", "index of the object's first node");
-        index(layout, "box_index", "index at which the object's box is written")
-            .field(
-                "first_write",
-                32,
-                Unsigned,
-                "line of the first written node in update_node_writes.hex, counted from 0",
-            )
-            .field("writes", 32, Unsigned, "number of nodes written")
-            .field(
-                "instructions",
-                32,
-                Unsigned,
-                "number of instructions executed, including the end instruction",
-            )
+        index(
+            layout,
+            "box_index",
+            "index at which the object's box is written",
+        )
+        .field(
+            "first_write",
+            32,
+            Unsigned,
+            "line of the first written node in update_node_writes.hex, counted from 0",
+        )
+        .field("writes", 32, Unsigned, "number of nodes written")
+        .field(
+            "instructions",
+            32,
+            Unsigned,
+            "number of instructions executed, including the end instruction",
+        )
     }
 
     fn update_node_writes(&self) -> Layout {
