@@ -1,11 +1,11 @@
-# make demo   a picture of a built-in scene, every ray of it cast by the Verilog and checked
-# make test   the tests, in less than 20 minutes on two cores
-# make full   the tests at full length: hours
-# make evidence  everything that the README claims, in full: a campaign of hours; goes on from its finished jobs where it was cut off
-# make rtl    refresh rtl/ and constraints/, which tests hold to what the program generates
-# make numbers  refresh docs/numbers.md and its plots from docs/baseline.json
-# make lint   formatting, clippy and documentation, without a warning
-# make deps   install what is missing: Debian packages, and Python packages into target/tools; demo, test, full and evidence call it if so
+# make demo      renders a built-in scene: the Verilog casts every ray, and all results are checked
+# make test      runs all tests, in less than 20 minutes on two cores
+# make full      runs all tests at full length: hours
+# make evidence  measures and proves every claim of the README: a resumable campaign of several hours
+# make rtl       refreshes rtl/ and constraints/, which tests compare with the generator's output
+# make numbers   refreshes docs/numbers.md and its plots from docs/baseline.json
+# make lint      checks formatting, clippy and documentation, with warnings as errors
+# make deps      installs missing Debian packages, and Python packages into target/tools; demo, test, full and evidence call it if needed
 
 DEMO_SCENE := builtin:interior --view inside
 DEMO_OUT   := demo.png
@@ -24,8 +24,8 @@ test: ready
 full: ready
 	DYNRT_FULL=1 cargo test --workspace
 
-# A campaign of jobs, each of which leaves its report in target/campaign/: what is done with the same program is not done again, and what
-# was cut off goes on from there (sim/campaign/README.md). With CAMPAIGN=sim/campaign/small.yaml it is another, of a few minutes.
+# A campaign of jobs, each of which writes its report to target/campaign/. Finished jobs are not repeated while their program is the same
+# (see sim/campaign/README.md). CAMPAIGN=sim/campaign/small.yaml selects a campaign of a few minutes.
 CAMPAIGN := sim/campaign/config.yaml
 
 evidence: ready snakemake
@@ -43,7 +43,7 @@ lint:
 	cargo clippy --workspace --all-targets -- -D warnings
 	RUSTDOCFLAGS="-D warnings" cargo doc --workspace --no-deps --quiet
 
-# Where Python packages are installed, and looked for.
+# Folder of the Python packages.
 ROUTERS := target/tools
 export DYNRT_TOOLS ?= $(CURDIR)/$(ROUTERS)/bin
 
@@ -54,7 +54,7 @@ deps:
 ready:
 	@sim/deps.sh --check || $(MAKE) --no-print-directory deps
 
-# What runs campaigns, with the plug-in for clusters under Slurm.
+# Snakemake runs the campaigns; the plug-in is for clusters under Slurm.
 snakemake:
 	@if ! PATH="$$DYNRT_TOOLS:$(CURDIR)/$(ROUTERS)/bin:$$PATH" command -v snakemake >/dev/null; then \
 	    echo "installing snakemake into $(ROUTERS)"; \

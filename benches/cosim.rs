@@ -1,5 +1,5 @@
-//! Co-simulation: pictures through the Verilog of the reference machine, every step and test compared. A report's items are
-//! simulated clocks. The model is built first, unless it is in the cache, and its time does not count.
+//! Co-simulation: pictures in the Verilog of the reference machine, with every step and test compared. The items of the report are
+//! simulated cycles. The model is built first, unless it is in the cache; the build time is not measured.
 
 mod common;
 
@@ -25,7 +25,7 @@ fn raycast(bencher: Bencher, subject: &Subject) {
         unit.cast(&image, &rays, &options, &|_| ())
             .unwrap_or_else(|error| panic!("{error:#}"))
     };
-    // A picture takes as many clocks every time.
+    // Every run of a picture takes the same number of cycles.
     let clocks = cast().cycles;
     bencher.counter(ItemsCount::new(clocks)).bench_local(cast);
 }

@@ -1,4 +1,4 @@
-//! The golden model: a picture's primary rays, on all cores and on one. A report's items are rays.
+//! The golden model: a picture's primary rays, on all cores and on one. The items of the report are rays.
 
 mod common;
 
@@ -22,7 +22,7 @@ fn cast(bencher: Bencher, subject: &Subject, threads: usize) {
         config.triangle_test,
         config.rays_per_packet as usize,
     );
-    // 0 is as many threads as there are cores.
+    // 0 stands for one thread per core.
     let pool = rayon::ThreadPoolBuilder::new()
         .num_threads(threads)
         .build()

@@ -1,4 +1,4 @@
-//! The tree: built in its default and its plainer forms, and refitted, on one core. A report's items are triangles.
+//! Tree construction in its default and simpler forms, and refit, on one core. The items of the report are triangles.
 
 mod common;
 
@@ -21,7 +21,7 @@ fn build(bencher: Bencher, subject: &Subject, options: impl Fn(&Config) -> Build
         .bench_local(|| bkd::build(&mesh.vertices, &mesh.triangles, &options).expect("a tree"));
 }
 
-/// The region cost, sorted by three keys, the axes of the reference machine.
+/// The region cost with three sort keys, on the axes of the reference machine.
 #[divan::bench(args = subjects(), sample_count = 5, sample_size = 1)]
 fn build_default(bencher: Bencher, subject: &Subject) {
     build(bencher, subject, |config| {
@@ -29,7 +29,7 @@ fn build_default(bencher: Bencher, subject: &Subject) {
     });
 }
 
-/// The region cost, sorted by centre, one axis.
+/// The region cost, sorted by centre, on one axis.
 #[divan::bench(args = subjects(), sample_count = 5, sample_size = 1)]
 fn build_region(bencher: Bencher, subject: &Subject) {
     build(bencher, subject, |config| {
@@ -37,7 +37,7 @@ fn build_region(bencher: Bencher, subject: &Subject) {
     });
 }
 
-/// The classical heuristic.
+/// The classical surface area heuristic.
 #[divan::bench(args = subjects(), sample_count = 5, sample_size = 1)]
 fn build_plain(bencher: Bencher, subject: &Subject) {
     build(bencher, subject, |config| {
@@ -45,7 +45,7 @@ fn build_plain(bencher: Bencher, subject: &Subject) {
     });
 }
 
-/// New bounds for the same topology.
+/// New bounds for an unchanged topology.
 #[divan::bench(args = subjects(), sample_count = 10, sample_size = 1)]
 fn refit(bencher: Bencher, subject: &Subject) {
     let config = Config::reference();

@@ -1,19 +1,20 @@
 #!/usr/bin/env python3
-"""Checks a folder that `dynrt vectors` wrote: recomputes all that it holds.
+"""Checks a folder that `dynrt vectors` wrote by recomputing its contents.
 
     sim/check_vectors.py DIR [--limit N] [--jobs N] [--json FILE] [--quiet]
 
-Written from docs/vectors.md, docs/arithmetic.md, docs/layout.md, docs/update.md and a folder's manifest.json alone, without a look at
-the program that writes the folder. It takes from the folder only what the pages leave open (a camera, a mesh's vertices, random
-operands) and predicts everything else, bit by bit: expected values, care masks, the packets' steps, tests and ray transformations and
-their order, the structure of the trees, what an update and the skinning of a mesh write, the manifest's own figures, the macros.
+The script was written only from docs/vectors.md, docs/arithmetic.md, docs/layout.md, docs/update.md and a folder's manifest.json; it
+shares no code with the program that writes the folder. It reads from the folder only the contents that the pages do not determine (a
+camera, a mesh's vertices, random operands) and predicts everything else in all bits: expected values, care masks, the steps, tests and
+ray transformations of each packet and their order, the structure of the trees, the writes of updates and skinning, the figures of the
+manifest, and the macros.
 
-Numbers are Python floats (IEEE doubles): of two numbers of at most 24 significant bits a double holds the product exactly, and sum and
-quotient so exactly that rounding them a second time gives what one rounding of the exact result gives. The vectors of the arithmetic
-units are recomputed with integers as well.
+Numbers are Python floats (IEEE doubles). For two numbers of at most 24 significant bits, the product is exact in a double. Sum and
+quotient are precise enough that a second rounding gives the same result as one rounding of the exact value. The vectors of the
+arithmetic units are also recomputed with integers.
 
-Exit status: 0 if something was checked and all of it is right; 1 if something is wrong or missing, with one line that says what;
-2 for arguments that make no sense. Needs Python 3.9 or later and nothing else.
+Exit status: 0 if something was checked and no mismatch was found; 1 if something is wrong or missing, with one line that describes it;
+2 for a usage error. Requires Python 3.9 or later and only its standard library.
 """
 
 import argparse
@@ -35,14 +36,14 @@ WORLD = (-INF, INF)
 
 
 class Refused(Exception):
-    """What keeps the checker from checking at all, as one line."""
+    """A fault that prevents further checks, as one line."""
 
 
 # ---- Report --------------------------------------------------------------------------------------------------------
 
 
 class Report:
-    """Counts what was checked and what differs, by kind, and keeps the first difference of each kind."""
+    """Counts checks and mismatches by kind, and keeps the first mismatch of each kind."""
 
     def __init__(self):
         self.kinds = {}
@@ -57,7 +58,7 @@ class Report:
         self._row(kind)[0] += values
 
     def wrong(self, kind, file, line, field, expected, found, number=None):
-        """A difference; `line` counts from 1 (None for a whole file), `number` turns bits into a number."""
+        """Records a mismatch; `line` counts from 1 (None for a whole file), `number` converts bits to a number."""
         row = self._row(kind)
         row[1] += 1
         if row[2] is None:
@@ -70,7 +71,7 @@ class Report:
             }
 
     def expect(self, kind, file, line, field, expected, found):
-        """One value."""
+        """Checks one value."""
         self.count(kind)
         if expected != found or isinstance(expected, bool) != isinstance(found, bool):
             self.wrong(kind, file, line, field, expected, found)
@@ -78,7 +79,7 @@ class Report:
         return True
 
     def claim(self, kind, file, line, field, holds, expected, found):
-        """One property that is no equality; `expected` says it in words."""
+        """Checks a property other than equality; `expected` describes it."""
         self.count(kind)
         if not holds:
             self.wrong(kind, file, line, field, expected, found)
@@ -93,7 +94,7 @@ class Report:
 
 
 def shown(value, number):
-    """A value as the report shows it: bits in hexadecimal and as what they mean."""
+    """Formats a value for the report: bits in hexadecimal, and their meaning."""
     if isinstance(value, bool) or not isinstance(value, int) or number is None:
         return value if isinstance(value, (str, int)) else repr(value)
     return "0x%x (%s)" % (value, number(value))
@@ -103,7 +104,7 @@ def shown(value, number):
 
 
 class Numbers:
-    """The section *Numbers* of arithmetic.md, on floats that hold the format's values."""
+    """The section *Numbers* of arithmetic.md, with floats that represent values of the format."""
 
     def __init__(self, exponent_bits, fraction_bits):
         self.exponent_bits, self.fraction_bits = exponent_bits, fraction_bits
@@ -160,24 +161,24 @@ class Numbers:
         return "%.9g" % self.decode(bits)
 
     def canonical(self, bits, minus_zero=False):
-        """Whether a pattern is the one that stands for its value."""
+        """Whether a pattern is the canonical one of its value."""
         exponent = bits >> self.fraction_bits & self.exponent_mask
         if exponent == self.exponent_mask:
             return bits & self.fraction_mask == 0 or bits == self.nan
         return exponent != 0 or bits == 0 or minus_zero and bits == self.sign
 
     def _functions(self):
-        """Rounding and the steps of three ulps, with the format's constants at hand."""
+        """Creates the functions for rounding and for steps of three ulps, with the format's constants."""
         frexp, ldexp = math.frexp, math.ldexp
         precision = self.fraction_bits + 1
-        # Adding this to a mantissa in [1/2, 1) leaves no bits below 2^-precision: the processor rounds them off, ties to even.
+        # Adding this to a mantissa in [1/2, 1) rounds away the bits below 2^-precision, ties to even.
         chop = 1.5 * 2.0 ** (52 - precision)
         least, limit = ldexp(1.0, 1 - self.bias), ldexp(1.0, self.bias + 1)
         three = 3.0 * 2.0**-precision
         low, high = 0.5 + three, 1.0 - three
 
         def rounded(x):
-            """An exact result (or one so near that it makes no difference) as the format gives it."""
+            """Rounds an exact result, or one close enough to round the same, to the format."""
             mantissa, exponent = frexp(x)
             try:
                 y = ldexp((mantissa + chop) - chop, exponent)
@@ -193,7 +194,7 @@ class Numbers:
             if x != x or x in (INF, -INF):
                 return x
             bits = self.encode(x)
-            # Places in the order of the values: 0 for both zeros, the least normal next to it.
+            # Ranks of the values: 0 for both zeros, then the least normal number.
             place = max(0, (bits & ~self.sign) - self.least + 1)
             place = (-place if bits & self.sign else place) + steps
             if place == 0:
@@ -201,7 +202,7 @@ class Numbers:
             size = min(abs(place) + self.least - 1, self.inf)
             return self.decode(size | (self.sign if place < 0 else 0))
 
-        # Within a power of two, three ulps are a subtraction.
+        # Between two powers of two, three ulps can be subtracted directly.
         def down(x):
             mantissa, exponent = frexp(x)
             if low <= mantissa or -high < mantissa <= -0.5:
@@ -225,10 +226,10 @@ class Numbers:
             return 0.0
         return self.round(1.0 / x)
 
-    # The arithmetic units once more, with integers alone, as bits.
+    # The arithmetic units a second time, on bits, with integers only.
 
     def _parts(self, bits):
-        """Sign, kind and, of a number, significand and the exponent of its last bit."""
+        """Sign, kind and, for a number, the significand and the exponent of its last bit."""
         exponent = bits >> self.fraction_bits & self.exponent_mask
         fraction = bits & self.fraction_mask
         negative = bits & self.sign != 0
@@ -239,7 +240,7 @@ class Numbers:
         return negative, "number", fraction | 1 << self.fraction_bits, exponent - self.bias - self.fraction_bits
 
     def _pack(self, negative, significand, exponent, sticky=False):
-        """±significand × 2^exponent, and a little more in size if `sticky`, rounded once."""
+        """±significand × 2^exponent, slightly larger in magnitude if `sticky`, rounded once."""
         if significand == 0:
             return 0
         surplus = significand.bit_length() - self.fraction_bits - 1
@@ -307,10 +308,10 @@ class Numbers:
 
 
 class Layout:
-    """Named bit fields of a line, from the least significant on."""
+    """Named bit fields of a line, from the least significant bit up."""
 
     def __init__(self, name, fields):
-        """`fields`: (name, width, kind) each, without a gap."""
+        """`fields` is a list of (name, width, kind), without gaps."""
         self.name, self.fields, self.at = name, [], {}
         lsb = 0
         for field, width, kind in fields:
@@ -340,7 +341,7 @@ class Layout:
         return line
 
     def mask(self, *fields):
-        """All bits of some fields."""
+        """A mask of all bits of some fields."""
         return sum(self.at[field][1] << self.at[field][0] for field in fields)
 
 
@@ -442,7 +443,7 @@ def layouts_of(width, rays, tag_bits, watertight, two_levels):
 
 
 class Ray:
-    """A ray in the world or in an object: origin, direction, and what ray setup makes of them."""
+    """A ray in the world or in object space: origin, direction, and the results of ray setup."""
 
     __slots__ = (
         "o", "d", "r", "signs", "kz", "shear", "o_bits", "d_bits", "r_bits",
@@ -455,7 +456,7 @@ Step = collections.namedtuple("Step", "to_left to_right both_left_first left_fir
 
 
 class Units:
-    """What each unit makes of its operands: arithmetic.md."""
+    """The results of each unit, as arithmetic.md defines them."""
 
     def __init__(self, numbers, rays, watertight, layouts):
         self.numbers, self.rays, self.watertight, self.layouts = numbers, rays, watertight, layouts
@@ -487,10 +488,10 @@ class Units:
         return ray
 
     def world_ray(self, origin, direction, tmin, tmax, active, any_hit, box):
-        """*Ray setup*, all of it."""
+        """All steps of *Ray setup*."""
         ray = self.set_up(origin, direction)
         decode = self.numbers.decode
-        # A zero becomes +0: the sum of a zero and +0 is +0.
+        # A zero becomes +0, because the sum of a zero and +0 is +0.
         ray.tmin, ray.tmax, ray.any_hit = decode(tmin) + 0.0, decode(tmax) + 0.0, any_hit
         no_nan = all(x == x for x in ray.o + ray.d + (ray.tmin, ray.tmax))
         ray.valid = bool(active and no_nan and 0 <= ray.tmin <= ray.tmax)
@@ -554,7 +555,7 @@ class Units:
     # -- The triangle test
 
     def test(self, ray, vertices, tmin, tmax):
-        """(t, u, v) of a hit, or None; `ray` with its window, vertices as three tuples."""
+        """(t, u, v) of a hit, or None; `ray` includes its window, and the vertices are three tuples."""
         v0, v1, v2 = vertices
         lo, hi, flat = [], [], 0
         for i in range(3):
@@ -640,7 +641,7 @@ class Units:
         return rounded(rounded(x + y) + z)
 
     def transform(self, columns, box, ray):
-        """Steps 1 to 3 of *Two levels*: the ray in the object's space, with its window."""
+        """Steps 1 to 3 of *Two levels*: the ray in object space, with its window."""
         rounded, encode = self.numbers.round, self.numbers.encode
         origin = [rounded(self.linear(columns, i, ray.o) + columns[3][i]) for i in range(3)]
         direction = [self.linear(columns, i, ray.d) for i in range(3)]
@@ -651,7 +652,7 @@ class Units:
     # -- Skinning
 
     def skin(self, vertex, influences):
-        """`influences`: (columns, weight) each, at most four."""
+        """`influences` is a list of at most four (columns, weight)."""
         rounded = self.numbers.round
         result = []
         for i in range(3):
@@ -663,7 +664,7 @@ class Units:
     # -- Lines
 
     def _prepare_packing(self):
-        """Where the fields of each ray lie in the lines of packet steps."""
+        """The positions of each ray's fields in the lines of packet steps."""
         stimulus, expected = self.layouts["packet_step_stimulus"], self.layouts["packet_step_expected"]
         self._ray_at, self._child_at = [], []
         for k in range(self.rays):
@@ -672,7 +673,7 @@ class Units:
             self._child_at.append([expected.at["%s_ray%d_near" % (side, k)][0] for side in ("left", "right")])
 
     def three(self, bits):
-        """Three numbers that lie one after another."""
+        """Three consecutive numbers."""
         width = self.numbers.width
         return bits[0] | bits[1] << width | bits[2] << 2 * width
 
@@ -690,7 +691,7 @@ class Units:
         return line
 
     def step_expected(self, step):
-        """The expected line and its care."""
+        """The expected line and its care mask."""
         layout, encode, width = self.layouts["packet_step_expected"], self.numbers.encode, self.numbers.width
         line = layout.pack(
             to_left=step.to_left,
@@ -736,7 +737,7 @@ class Units:
         return line, layout.mask(*(field for field in every if field not in uncared))
 
     def test_stimulus(self, slot, record, vertices, ray, tmin, tmax):
-        """`vertices` as bits, nine in a row; tmin and tmax are the world's."""
+        """`vertices` is a list of nine numbers as bits; tmin and tmax are those of the ray in the world."""
         layout, encode = self.layouts["triangle_test_stimulus"], self.numbers.encode
         line = layout.pack(
             slot=slot,
@@ -764,7 +765,7 @@ class Units:
         return layout.pack(hit=1, t=t, u=u, v=v), layout.mask("hit", "t", "u", "v")
 
     def transform_stimulus(self, slot, record, vectors, ray):
-        """`vectors`: the instance's six, as bits."""
+        """`vectors` has the six vectors of the instance, as bits."""
         layout = self.layouts["ray_transform_stimulus"]
         line = layout.pack(slot=slot, record=record, signs=ray.signs)
         for name, vector in zip(("cx", "cy", "cz", "cw", "lo", "hi"), vectors):
@@ -778,7 +779,7 @@ class Units:
         line = layout.put_vector("origin", moved.o_bits) | layout.put_vector("direction", moved.d_bits)
         return line | layout.pack(near=encode(moved.window[0]), far=encode(moved.window[1]))
 
-    # -- From a stimulus line to what is expected
+    # -- From a stimulus line to the expected line
 
     def of_setup(self, line, box):
         layout = self.layouts["ray_setup_stimulus"]
@@ -884,7 +885,7 @@ FILES = [
     ("skinning_commands.hex", "skinning", "stimulus", "skinning_commands"),
     ("skinning_expected.hex", "skinning", "expected", "skinning_expected"),
 ]
-# The units that turn a line into a line, and whether they have a care file.
+# The units with one expected line per stimulus line, and whether they have a care file.
 UNITS = [
     ("ray_setup", True),
     ("packet_step", True),
@@ -895,12 +896,12 @@ UNITS = [
     ("fp_mul", False),
     ("fp_reciprocal", False),
 ]
-# Units of the library, and the module that stands for them with parameters.
+# Units that are a library module with parameters.
 LIBRARY = {"fp_add": ("fp_add_sub", {"SUBTRACT": 0}), "fp_sub": ("fp_add_sub", {"SUBTRACT": 1})}
 PIPELINES = ["ray_setup", "tpu_slice", "triangle_test", "fp_add", "fp_sub", "fp_mul", "fp_reciprocal"]
-# What the names of all modules begin with.
+# The prefix of all module names.
 PREFIX = "dynrt_"
-# The other units: module, stimulus, expected, other files, and read ports with the images behind them.
+# The other units: module, stimulus, expected, other files, and read ports with their images.
 WHOLE_UNITS = {
     "raycast": (
         "raycast_unit",
@@ -946,7 +947,7 @@ def files_of(two_levels):
 
 
 class Folder:
-    """A folder of vectors: its manifest, the machine that it names, and the lines of its files."""
+    """A folder of vectors: its manifest, its machine, and the lines of its files."""
 
     def __init__(self, path, report):
         self.path, self.report = path, report
@@ -978,7 +979,7 @@ class Folder:
         return manifest
 
     def value(self, path, kind=int):
-        """A value of the manifest, or a refusal that names it."""
+        """Returns a value of the manifest; raises a refusal that names the value if it is missing."""
         value = self.manifest
         for key in path.split("."):
             value = value.get(key) if isinstance(value, dict) else None
@@ -1006,7 +1007,7 @@ class Folder:
         self.units = Units(self.numbers, self.rays, self.watertight, self.layouts)
 
     def _scenes(self):
-        """The scenes that lie in memory, with what the manifest says of each."""
+        """The manifest's entries of the scenes in memory."""
         keys = ("levels", "triangles", "instances", "first_record", "records", "first_vertex", "vertices")
         scenes = self.value("scenes", list)
         for scene in scenes:
@@ -1019,7 +1020,7 @@ class Folder:
         return scenes
 
     def read(self):
-        """Reads all files; a line that is no line of its layout is a mismatch and reads as 0."""
+        """Reads all files. A line that does not fit its layout is a mismatch and reads as 0."""
         for file, _, _, layout in self.table:
             self.lines[file] = self._read_lines(file, self.layouts[layout])
 
@@ -1071,13 +1072,13 @@ class Checker:
         self.lines = folder.lines
 
     def sample(self, count):
-        """Which of so many lines are checked: all, or `--limit` of them, spread evenly."""
+        """The lines to check: all, or `--limit` of them, spread evenly."""
         if self.limit is None or count <= self.limit:
             return range(count)
         return sorted({k * count // self.limit for k in range(self.limit)})
 
     def same(self, kind, file, number, layout, expected, found):
-        """A whole line, `number` from 0; counts its fields."""
+        """Checks a whole line, `number` from 0, and counts its fields."""
         self.report.count(kind, len(layout.fields))
         if expected == found:
             return True
@@ -1092,7 +1093,7 @@ class Checker:
         return self.numbers.text if what == "number" and width >= self.numbers.width - 1 else str
 
     def line(self, kind, file, number, found):
-        """Line `number` of a file (from 0), or a mismatch and nothing if the file is too short."""
+        """Line `number` of a file (from 0). If the file is too short, records a mismatch and returns nothing."""
         lines = self.lines[file]
         if number < len(lines):
             return lines[number]
@@ -1160,7 +1161,7 @@ class Checker:
         self._check_layouts()
 
     def _check_scene_list(self):
-        """Scenes lie one after another, and the levels are those of their roots."""
+        """Checks that scenes are consecutive, and that their levels are those of their roots."""
         report, kind = self.report, "manifest"
         record = vertex = 0
         for k, scene in enumerate(self.folder.scenes):
@@ -1215,17 +1216,17 @@ class Checker:
         self.report.expect("manifest", "manifest.json", None, "units", sorted(wanted), sorted(map(str, found)))
 
     def check_filler(self, kind, file, first, end):
-        """Records that nothing reads: all numbers are the NaN, all else is ones."""
+        """A filler: all numbers are NaN, all other bits are 1."""
         layout = self.layouts[file[:-4]]
         line = 0
         for _, lsb, width, what in layout.fields:
-            # Of a weight the sign, which is 0, is left out.
+            # A weight has no sign bit; its sign is 0.
             line |= (self.numbers.nan if what == "number" else (1 << width) - 1) << lsb
         for place in range(first, min(end, len(self.lines[file]))):
             self.same(kind, file, place, layout, line, self.lines[file][place])
 
     def check_canonical(self, file, layout):
-        """All numbers of a file that may hold no −0."""
+        """Checks that the numbers of a file are canonical and not −0."""
         numbers, report = self.numbers, self.report
         fields = [field for field in self.layouts[layout].fields if field[2] and field[3] == "number"]
         report.count("canonical numbers", len(fields) * len(self.lines[file]))
@@ -1236,7 +1237,7 @@ class Checker:
                     report.wrong("canonical numbers", file, place + 1, field, "a canonical number, not -0", bits, numbers.text)
 
     def _check_memories(self, unit, memories, entry):
-        """Read ports: names, images, and widths that follow from the layouts and the ports."""
+        """Checks the read ports: names, images, and widths that follow from the layouts and the ports."""
         given = entry.get("memories")
         given = [memory for memory in given if isinstance(memory, dict)] if isinstance(given, list) else []
         field = "units: %s: memories" % unit
@@ -1267,7 +1268,7 @@ class Checker:
                 expect("manifest", "manifest.json", None, "units: %s: %s_%s" % (unit, name, end), memory.get(key), port.get("width"))
 
     def _check_ports(self, unit, entry):
-        """The map from fields to ports: fields exist, lie within ports, and have the widths that are said."""
+        """Checks the map from fields to ports: fields exist, fit their ports, and have the stated widths."""
         report, name = self.report, "units: %s: ports: " % unit
         stages = {p.get("module"): p.get("stages") for p in self.folder.value("pipelines", list) if isinstance(p, dict)}
         stages = stages.get(entry.get("module")) or {}
@@ -1290,7 +1291,7 @@ class Checker:
                 self._check_port_field(place, width, field)
             if use == "fields":
                 bits = sorted((f["port_lsb"], f["port_lsb"] + f["width"]) for f in fields)
-                # Of an output some upper bits may be of no field: the link word of a node that is written.
+                # The upper bits of an output may belong to no field, such as the link word of a written node.
                 tiled = [0] + [end for _, end in bits[:-1]] == [first for first, _ in bits]
                 tiled = tiled and (bits[-1][1] == width or bits[-1][1] < width and port["direction"] == "output")
                 report.claim("manifest", "manifest.json", None, place, tiled, "fields that fill %d bits" % width, bits)
@@ -1336,7 +1337,7 @@ class Checker:
             self.report.expect("manifest", "manifest.json", None, field + "macros", (PREFIX + str(name)).upper(), entry.get("macros"))
 
     def _check_machine(self):
-        """Widths and settings that follow from the configuration."""
+        """Checks the widths and settings that follow from the configuration."""
         value, machine = self.folder.value, self.folder.value("machine", dict)
         configuration = "configuration."
         wanted = {
@@ -1384,7 +1385,7 @@ class Checker:
         report.expect("manifest", "", None, "the folder", sorted(names), sorted(os.listdir(folder.path)))
 
     def _check_parts(self, file, entry, lines):
-        """Runs of lines, one after another from line 0 on, that together are the whole file."""
+        """Checks that the parts are consecutive from line 0 and cover the whole file."""
         parts = entry.get("parts")
         parts = parts if isinstance(parts, list) else []
         place, good = 0, bool(parts)
@@ -1400,7 +1401,7 @@ class Checker:
         self.report.expect("manifest", "manifest.json", None, field, lines, place)
 
     def part(self, file, label):
-        """The lines (first, count) of the part of a file that has a label; nothing of a file that has no such part."""
+        """The lines (first, count) of the part of a file with this label; (0, 0) if there is none."""
         for entry in self.folder.value("files", list):
             if entry.get("file") == file:
                 for part in entry["parts"]:
@@ -1429,7 +1430,7 @@ class Checker:
     # -- The macros
 
     def check_macros(self):
-        """vectors.vh: every macro, by what the manifest says."""
+        """Checks every macro of vectors.vh against the manifest."""
         file, kind = "vectors.vh", "macros"
         text = self.folder.read_bytes(file).decode("utf-8", "replace")
         values = self._macros()
@@ -1446,7 +1447,7 @@ class Checker:
         self.report.expect(kind, file, None, "macros that are missing", [], sorted(set(values) - seen))
 
     def _macros(self):
-        """All macros; one that is only defined has no value."""
+        """All macros; one without a value is only defined."""
         values = {}
         for key, value in self.folder.value("machine", dict).items():
             if value is not False:
@@ -1470,7 +1471,7 @@ PORT_USES = ("fields", "select", "constant", "identity", "handshake", "memory", 
 
 
 def bits_of(count):
-    """Bits that tell so many apart."""
+    """The number of bits of an index below `count`."""
     return (count - 1).bit_length()
 
 
@@ -1541,7 +1542,7 @@ class Scene:
         self.blocks = []
 
     def triangle(self, index):
-        """The corners of the triangle in a record."""
+        """The vertices of the triangle in a record."""
         return tuple(self.vertices[v] for v in self.records[index][:3])
 
     def check(self):
@@ -1599,9 +1600,9 @@ class Scene:
             report.claim("memory", "vertices.hex", vectors + 5, "lo", good, "lo <= hi", "%s, %s" % (lo, hi))
 
     def _find_objects(self, end):
-        """The objects that instances name, in the order of their slots."""
+        """Finds the objects that instances name, in the order of their slots."""
         roots = {self.records[index][1] for index in range(end, self.end)}
-        # The last slot of an object is that behind its root node, or the record of its only triangle.
+        # The last slot of an object is the one after its root node, or the record of its only triangle.
         ends = [(root["link"] + (1 if root["left_leaf"] else 2), root["link"], root) for root in map(link_fields, roots)]
         ends.sort(key=lambda entry: entry[:2])
         base = self.first
@@ -1612,7 +1613,7 @@ class Scene:
             self.blocks.append(block)
 
     def _walk(self, root, base, end, top):
-        """Checks an object's (or the top-level) tree, whose slots end at `end` and begin at `base`, if that is known."""
+        """Checks the tree of an object, or the top-level tree. Its slots start at `base`, if that is known, and end at `end`."""
         if root["left_leaf"]:
             if root["link"] >= len(self.records):
                 raise Refused("%s: a root names record %d, beyond records.hex" % (self.checker.folder.path, root["link"]))
@@ -1632,7 +1633,7 @@ class Scene:
         return Block(root, base, end - base, boxes[root["link"]], depths[root["link"]])
 
     def _reach(self, root):
-        """Nodes below a root, and how often each record is a leaf; a child not below its parent's index is a mismatch."""
+        """The nodes below a root, and the number of leaves per record. A child whose index is not below its parent's is a mismatch."""
         nodes, leaves, stack = set(), collections.Counter(), [root]
         while stack:
             index = stack.pop()
@@ -1657,7 +1658,7 @@ class Scene:
         return nodes, leaves
 
     def _check_node(self, index, boxes, depths, top):
-        """Axes and bounds; the boxes of the children are known, for they come first."""
+        """Checks axes and bounds. Children come before their parents, so their boxes are known."""
         node, report = self.nodes[index], self.report
         axes = node.left_axis, node.right_axis
         report.claim("memory", "nodes.hex", index + 1, "axes", 3 not in axes, "0, 1 or 2", axes)
@@ -1692,7 +1693,7 @@ class Scene:
         return box_of(self.vertices[v] for v in corners)
 
     def _check_slots(self, base, end, leaves, top):
-        """Each record of an object once, numbers of triangles once, and 0 in the last node slot."""
+        """Checks that each record and each number of a triangle occurs once, and that the last node slot is 0."""
         report = self.report
         for index in range(base, end):
             report.expect("memory", "records.hex", index + 1, "leaves that name the record", 1, leaves.get(index, 0))
@@ -1707,7 +1708,7 @@ class Scene:
 
 
 def join(a, b):
-    """The box of two boxes."""
+    """The union of two boxes."""
     return tuple(map(min, a[0], b[0])), tuple(map(max, a[1], b[1]))
 
 
@@ -1720,7 +1721,7 @@ def box_of(points):
 
 
 class Space:
-    """What a packet traverses: the world, or an instance's object."""
+    """The space that a packet traverses: the world, or an instance's object space."""
 
     __slots__ = ("rays", "instance", "object")
 
@@ -1729,14 +1730,14 @@ class Space:
 
 
 class Caster:
-    """The traversal of arithmetic.md over the memory images, with a record of all that happens in it."""
+    """The traversal of arithmetic.md in the memory images, with a record of all steps, tests and transformations."""
 
     def __init__(self, units, scene):
         self.units, self.memory = units, scene
         self.two_levels = scene.two_levels
 
     def cast(self, rays):
-        """(hits, steps, tests, transforms): each of the last three a list of stimulus lines."""
+        """Returns (hits, steps, tests, transforms); the last three are lists of stimulus lines."""
         self.steps, self.tests, self.transforms = [], [], []
         self.limits = [INF] * len(rays)
         self.hits = [(INF, 0.0, 0.0, ALL_ONES, ALL_ONES)] * len(rays)
@@ -1787,7 +1788,7 @@ class Caster:
         return None
 
     def _enter(self, index, mask):
-        """An instance handed over: its object's root with the rays that enter, or nothing."""
+        """The dispatch of an instance: its object's root with the rays that enter, or nothing."""
         units, memory = self.units, self.memory
         vectors, root, _, number = memory.records[index]
         bits = memory.vertex_bits[vectors : vectors + 6]
@@ -1826,7 +1827,7 @@ class Caster:
                 self.hits[k], self.limits[k] = merged(self.hits[k], world, hit, space.instance, record[3])
 
     def brute_force(self, ray):
-        """The hit of a ray by tests of all triangles, with no tree."""
+        """The hit of a ray by tests against all triangles, without a tree."""
         best = (INF, 0.0, 0.0, ALL_ONES, ALL_ONES)
         if not ray.valid:
             return best
@@ -1844,7 +1845,7 @@ class Caster:
         return best
 
     def _placed(self, ray):
-        """A ray in the space of each instance that it may meet, with the object's slots."""
+        """The ray in the object space of each instance whose box it meets, with the object's slots."""
         memory, units = self.memory, self.units
         blocks = {(block.root["link"], block.root["left_leaf"]): block for block in memory.blocks}
         places = []
@@ -1859,7 +1860,7 @@ class Caster:
 
 
 def spread(entry, rays):
-    """An entry's mask, nears and fars by slot."""
+    """The mask of a stack entry, and its nears and fars by slot."""
     mask, nears, fars = 0, [0.0] * rays, [INF] * rays
     for k, (near, far) in entry.items():
         mask |= 1 << k
@@ -1868,7 +1869,7 @@ def spread(entry, rays):
 
 
 def merged(best, ray, hit, instance, triangle):
-    """The ray's closest hit and its limit after another hit: *Merging a hit*."""
+    """The closest hit and the limit of a ray after another hit: *Merging a hit*."""
     if ray.any_hit:
         return (ray.tmin, 0.0, 0.0, ALL_ONES, ALL_ONES), -INF
     t, u, v = hit
@@ -1878,9 +1879,9 @@ def merged(best, ray, hit, instance, triangle):
 
 
 class RayCasting:
-    """raycast_*.hex, and which lines of the units' files are a packet's own."""
+    """raycast_*.hex, and the lines of each packet in the units' files."""
 
-    # Ray-triangle tests of the hits that are sought by brute force, in all scenes together.
+    # The number of ray-triangle tests for brute force in all scenes together.
     BRUTE_FORCE = 600_000
 
     def __init__(self, checker, scenes):
@@ -1890,7 +1891,7 @@ class RayCasting:
         self.casters = [Caster(self.units, scene) for scene in scenes]
 
     def check_serial(self):
-        """What concerns all packets at once: tags, scenes, blocks, where each one's lines begin, and their rays."""
+        """Checks the tags, scenes, blocks, first lines and rays of all packets."""
         checker, report, file = self.checker, self.checker.report, "raycast_packets.hex"
         layout, tags = self.layout["raycast_packets"], 1 << checker.folder.tag_bits
         firsts = [0, 0, 0]
@@ -1914,7 +1915,7 @@ class RayCasting:
         self._check_rays()
 
     def _check_blocks(self):
-        """The packets of the picture come first, in its order: all of them, or one of each of `limit` equal runs."""
+        """Checks that the packets of the picture come first, in its order: all of them, or one of each of `limit` equal runs."""
         checker, file = self.checker, "raycast_packets.hex"
         layout, report = self.layout["raycast_packets"], self.checker.report
         value = checker.folder.value
@@ -1929,7 +1930,7 @@ class RayCasting:
             if p >= count:
                 report.expect("raycast_packets", file, p + 1, "block", ALL_ONES, block)
                 continue
-            # Runs of about equal length: their ends may be rounded in any way.
+            # The runs have about equal length; their ends may be rounded up or down.
             loose = 0 if count == total else 1
             first, end = p * total // count - loose, -(-(p + 1) * total // count) + loose
             good = last_block < block and first <= block < end
@@ -1938,7 +1939,7 @@ class RayCasting:
             report.expect("raycast_packets", file, p + 1, "scene", 0, layout.get(line, "scene"))
 
     def _check_picture(self):
-        """The rays of the picture, from the camera that the manifest names."""
+        """Checks the rays of the picture with the camera of the manifest."""
         checker, numbers, file = self.checker, self.checker.numbers, "raycast_rays.hex"
         value, layout, encode = checker.folder.value, self.layout["raycast_rays"], self.checker.numbers.encode
         camera = value("made.camera", dict)
@@ -1962,7 +1963,7 @@ class RayCasting:
                 checker.same("rays of the picture", file, p * self.rays + k, layout, expected, found)
 
     def _check_rays(self):
-        """Rays and their tags; those of scene 0 are the first that ray setup gets."""
+        """Checks rays and tags. The rays of scene 0 are the first stimulus lines of ray setup."""
         checker, report = self.checker, self.checker.report
         setup, ray_layout = self.layout["ray_setup_stimulus"], self.layout["raycast_rays"]
         packets, get = self.lines["raycast_packets.hex"], self.layout["raycast_packets"].get
@@ -1986,7 +1987,7 @@ class RayCasting:
         report.expect("raycast_rays", "manifest.json", None, "ray_setup_stimulus.hex: parts: packets", (0, first_scene), part)
 
     def scene_of(self, p):
-        """The scene of a packet; scene 0 for one that names none that there is."""
+        """The scene of a packet; scene 0 if the packet names a scene that does not exist."""
         scene = self.layout["raycast_packets"].get(self.lines["raycast_packets.hex"][p], "scene")
         return scene if scene < len(self.scenes) else 0
 
@@ -2033,12 +2034,12 @@ class RayCasting:
             checker.same(kind, "raycast_hits.hex", k, layout, expected, found)
 
     def brute_force_rays(self):
-        """Which rays are cast by brute force: all of a small scene, of a large one so many, spread evenly, that it does not take long."""
+        """The rays to cast by brute force: all rays of a small scene; for a large one a limited number, spread evenly."""
         counts = collections.Counter(self.scene_of(p) for p in range(len(self.lines["raycast_packets.hex"])))
         chosen, first = [], 0
         for number in sorted(counts):
             scene, count = self.scenes[number], counts[number] * self.rays
-            # An instance costs about as much as two tests; few rays enter many.
+            # An instance costs about as much as two tests, because most rays enter few instances.
             cost = sum(block.slots for block in scene.blocks) + 2 * scene.instances
             wanted = min(count, max(4, self.BRUTE_FORCE // len(counts) // cost))
             if self.checker.limit is not None:
@@ -2057,7 +2058,7 @@ class RayCasting:
 
 
 class UnitLines:
-    """A unit's expected and care lines from its stimulus lines."""
+    """Checks the expected and care lines of a unit by its stimulus lines."""
 
     def __init__(self, checker, scene):
         self.checker, self.box = checker, scene.box
@@ -2066,7 +2067,7 @@ class UnitLines:
         shift, one = stimulus.at["b"][0], stimulus.at["a"][1]
 
         def pair(by_floats, by_bits):
-            """A result computed twice: with floats, and with integers. They differ only if this checker is wrong."""
+            """A result computed with floats and with integers. The two differ only if this checker has a bug."""
 
             def result(line):
                 a, b = line & one, line >> shift
@@ -2094,7 +2095,7 @@ class UnitLines:
             "fp_mul": pair(lambda a, b: rounded(a * b), numbers.mul_bits),
             "fp_reciprocal": reciprocal,
         }
-        # Operands of the arithmetic units are any patterns; all others are canonical.
+        # Operands of the arithmetic units are arbitrary patterns; all other numbers are canonical.
         self.any_pattern = ("fp_add", "fp_sub", "fp_mul", "fp_reciprocal")
 
     def check(self, unit, place):
@@ -2122,7 +2123,7 @@ class UnitLines:
             if kind == "number":
                 checked += 1
                 bits = line >> lsb & (1 << width) - 1
-                # -0 occurs in rays alone: arithmetic.md lets ray setup pass origin and direction on unchanged.
+                # -0 occurs only in rays: ray setup passes origin and direction on unchanged.
                 of_ray = "origin" in field or "direction" in field or field in ("tmin", "tmax") and self.of_setup(file)
                 if not canonical(bits, minus_zero=of_ray):
                     report.wrong("canonical numbers", file, place + 1, field, "a canonical number", bits, numbers.text)
@@ -2133,7 +2134,7 @@ class UnitLines:
         return file == "ray_setup_stimulus.hex"
 
     def check_special_operands(self):
-        """The special operands: the same lines of three files, and as a, four times each, those of the reciprocal."""
+        """Checks that the special operands are the same in three files, and that each operand of the reciprocal is `a` four times."""
         checker, kind = self.checker, "special operands"
         label, lines = "directed: special operands", checker.lines
         layout = checker.layouts["fp_add_stimulus"]
@@ -2148,7 +2149,7 @@ class UnitLines:
                 checker.same(kind, file, place, layout, expected, lines[file][place])
 
     def check_counts(self):
-        """As many lines of stimulus, expected values and care."""
+        """Checks that stimulus, expected and care files have the same number of lines."""
         checker = self.checker
         for unit, _ in UNITS:
             names = [unit + end for end in ("_stimulus.hex", "_expected.hex", "_care.hex")]
@@ -2161,11 +2162,11 @@ class UnitLines:
 
 
 class Stopped(Exception):
-    """Why an update program cannot be executed further."""
+    """The reason why an update program cannot be executed further."""
 
 
 class Program:
-    """One run of an update program: update.md."""
+    """One execution of an update program, as update.md defines it."""
 
     def __init__(self, data, vertices, vertex_base, node_base, registers, distance):
         self.data, self.vertices = data, vertices
@@ -2175,7 +2176,7 @@ class Program:
         self.loads, self.leaves, self.nodes = 0, 0, 0
         self.v = {}
         self.unread = set()
-        # Of a box register: box, what it is the box of, and the instruction that wrote it.
+        # Per box register: its box, the subtree of that box, and the instruction that wrote it.
         self.boxes = {}
         self.free, self.fresh, self.last = [], 0, None
         self.writes, self.links, self.triangles = [], [], []
@@ -2258,7 +2259,7 @@ class Program:
         for register in registers:
             if register not in self.v:
                 raise Stopped("vertex register %d holds nothing" % register)
-        # The loads that stand before a leaf are of its own vertices.
+        # The loads before a leaf load only vertices of this leaf.
         if not self.unread.issubset(registers):
             raise Stopped("a leaf does not read what was loaded for it")
         self.unread.clear()
@@ -2342,7 +2343,7 @@ class Update:
         self._check_canonical()
 
     def _check_directed(self, runs):
-        """Directed objects have no bounds before their update: all are the NaN."""
+        """Checks that the bounds of directed objects are NaN before their update."""
         file, layout = "update_nodes_before.hex", self.layouts["update_nodes_before"]
         first, count = self.checker.part("update_commands.hex", "directed objects")
         bounds = layout.pack(**dict.fromkeys(("left_lo", "left_hi", "right_lo", "right_hi"), self.numbers.nan))
@@ -2373,7 +2374,7 @@ class Update:
         return run
 
     def _check_places(self, commands):
-        """Objects lie one after another, each behind one or two records that nothing reads."""
+        """Checks that objects are consecutive, each after one or two fillers."""
         report, file = self.report, "update_commands.hex"
         ends = {"program": 0, "node_base": 0}
         files = {"program": ["update_program.hex"], "node_base": ["update_nodes_before.hex", "update_nodes_after.hex", "update_records.hex"]}
@@ -2423,7 +2424,7 @@ class Update:
             checker.same("update_boxes", "update_boxes.hex", command["box_index"], layout, expected, found)
 
     def _check_links(self, k, run):
-        """Link words of the object in memory, as its program says; its last slot is 0."""
+        """Checks the object's link words in memory against its program; its last slot is 0."""
         layout, lines = self.layouts["update_nodes_before"], self.lines["update_nodes_before.hex"]
         kind, file = "update_nodes_before", "update_nodes_before.hex"
         report = self.report
@@ -2462,7 +2463,7 @@ class Update:
         return tuple(line >> 32 * k & ALL_ONES for k in range(4))
 
     def _check_records(self, run):
-        """Each leaf of the program has the vertices of its record; the records count the object's triangles."""
+        """Checks that each leaf of the program has the vertices of its record, and that the records number the object's triangles."""
         report, kind, file = self.report, "update_records", "update_records.hex"
         layout, nodes = self.layouts["update_nodes_before"], self.lines["update_nodes_before.hex"]
         base, count = run.node_base, run.nodes + 1
@@ -2499,7 +2500,7 @@ class Update:
             checker.same("update_nodes_after", "update_nodes_after.hex", place, layout, after[place], lines[place])
 
     def _check_objects(self, runs):
-        """The first updates are of the objects of scene 0, those whose root is a node first."""
+        """Checks that the first updates are those of the objects of scene 0, those with a node as root first."""
         first, count = self.checker.part("update_commands.hex", "objects of the scene")
         blocks = sorted(self.scene.blocks, key=lambda block: (block.root["left_leaf"], block.root["link"]))
         field = "parts: objects of the scene"
@@ -2511,7 +2512,7 @@ class Update:
                 self._check_object(run, block)
 
     def _check_object(self, run, block):
-        """An object's tree in the update processor's memory is that in nodes.hex, and its triangles are those of the records."""
+        """Checks that an object's tree in the update processor's memory is that in nodes.hex, and its triangles are those of the records."""
         scene, report = self.scene, self.report
         pairs = {}
 
@@ -2550,7 +2551,7 @@ class Update:
             self.checker.same("update of the scene", "update_nodes_before.hex", own, layout, expected, lines[own])
 
     def _check_vertices(self, block, pairs):
-        """Vertices have moved by at most 1/64 of the box, rounded once, and no two are one."""
+        """Checks that vertices have moved by at most 1/64 of the box, rounded once, and that no two of them share one line."""
         report, rounded = self.report, self.numbers.round
         lo, hi = block.box
         most = max(b - a for a, b in zip(lo, hi)) / 64.0
@@ -2563,7 +2564,7 @@ class Update:
                 report.claim("update of the scene", "update_vertices.hex", theirs + 1, "vertex", good, words, "%s from %s" % (new, old))
 
     def _check_canonical(self):
-        """No -0 and only the one NaN, in records that nothing reads too."""
+        """Checks that numbers are canonical and not -0, in fillers as well."""
         for file, layout in (
             ("update_vertices.hex", "update_vertices"),
             ("update_nodes_before.hex", "update_nodes_before"),
@@ -2592,7 +2593,7 @@ class Skinning:
         commands = [{name: layout.get(line, name) for name, _, _, _ in layout.fields} for line in self.lines[file]]
         first, vectors, rows = 0, 0, 0
         for k, command in enumerate(commands):
-            # In front of each mesh lies one record that nothing reads; palette, rest and target follow each other.
+            # One filler precedes each mesh; palette, rest and target are consecutive.
             palette = vectors + 1
             rest = palette + 4 * command["joints"]
             target = rest + command["vertices"]
@@ -2625,7 +2626,7 @@ class Skinning:
             self.checker.check_canonical(name + ".hex", name)
 
     def _check_unused_joints(self, commands):
-        """Of directed meshes the matrices that no influence names are the NaN."""
+        """Checks that in directed meshes the matrices that no influence names are NaN."""
         first, count = self.checker.part("skinning_commands.hex", "directed meshes")
         for command in commands[first : first + count]:
             stream = self._influences(None, command)
@@ -2638,7 +2639,7 @@ class Skinning:
                     self.checker.check_filler("skinning fillers", "skinning_vectors.hex", at, at + 4)
 
     def _check_objects(self, commands):
-        """The vertices of the scene's skinned objects are those that its triangles have: a run of lines of vertices.hex."""
+        """Checks that the vertices of the scene's skinned objects are consecutive lines of vertices.hex."""
         first, count = self.checker.part("skinning_commands.hex", "skinned objects of the scene")
         layout = self.layouts["skinning_expected"]
         scene, start = self.scene, self.scene.first_vertex
@@ -2649,7 +2650,7 @@ class Skinning:
             lines = self.lines["skinning_expected.hex"][command["first_vertex"] :][: command["vertices"]]
             wanted = [line >> layout.at["x"][0] & (1 << width) - 1 for line in lines]
             places = range(start, scene.end_vertex - len(wanted) + 1)
-            # The place at which most vertices agree, so that a single one that differs is shown as such.
+            # Take the position at which most vertices agree, so a single wrong vertex is reported as one mismatch.
             best = max(places, key=lambda at: sum(a == b for a, b in zip(wanted, images[at : at + 8])), default=None)
             if best is None:
                 self.report.wrong("skinning of the scene", "vertices.hex", None, "mesh %d" % k, "its vertices", "none")
@@ -2659,7 +2660,7 @@ class Skinning:
             start = best + len(wanted)
 
     def _influences(self, k, command):
-        """The stream of a mesh's influences: (weight, joint, last) each."""
+        """The influences of a mesh as a list of (weight, joint, last)."""
         layout, decode = self.layouts["skinning_influences"], self.numbers.decode
         stream = []
         lines = self.lines["skinning_influences.hex"]
@@ -2721,7 +2722,7 @@ class Skinning:
 
 
 class Work:
-    """What may be done in several processes: packets, rays by brute force, lines of units."""
+    """The checks that can run in several processes: packets, rays by brute force, lines of units."""
 
     def __init__(self, casting, unit_lines):
         self.casting, self.unit_lines = casting, unit_lines
@@ -2753,7 +2754,7 @@ WORK = None
 
 
 def do_task(task):
-    """Runs in a process of its own, which has a copy of all that was read."""
+    """Runs in a worker process, which has a copy of all files."""
     report = Report()
     WORK.casting.checker.report = report
     WORK.do(task)
@@ -2810,14 +2811,14 @@ def first_mismatch(kind, first):
 def main(arguments):
     parser = argparse.ArgumentParser(
         prog="check_vectors.py",
-        description="Checks a folder that `dynrt vectors` wrote: recomputes all that it holds from docs/vectors.md.",
+        description="Checks a folder that `dynrt vectors` wrote: recomputes its contents from the definitions in docs/vectors.md.",
         epilog="Exit status 0 if something was checked and all of it is right, 1 if not, 2 for arguments that make no sense.",
     )
     parser.add_argument("folder", metavar="DIR", help="the folder of vectors")
-    parser.add_argument("--limit", metavar="N", type=positive, help="check at most N packets, N lines of each unit, N updates, N meshes, spread evenly; files, layouts and trees are always checked whole")
-    parser.add_argument("--jobs", metavar="N", type=positive, default=os.cpu_count() or 1, help="processes [default: one for each core]")
-    parser.add_argument("--json", metavar="FILE", help="write the result as JSON too; with - to the standard output, and the table to the standard error")
-    parser.add_argument("--quiet", action="store_true", help="say nothing if all is right, else only the first mismatch of each kind")
+    parser.add_argument("--limit", metavar="N", type=positive, help="check at most N packets, N lines of each unit, N updates, N meshes, spread evenly; files, layouts and trees are always checked completely")
+    parser.add_argument("--jobs", metavar="N", type=positive, default=os.cpu_count() or 1, help="number of processes [default: one per core]")
+    parser.add_argument("--json", metavar="FILE", help="write the result as JSON; with - to the standard output, and the table to the standard error")
+    parser.add_argument("--quiet", action="store_true", help="print nothing if there is no mismatch, else only the first mismatch of each kind")
     options = parser.parse_args(arguments)
     try:
         report = check(options.folder, options.limit, options.jobs)
@@ -2825,7 +2826,7 @@ def main(arguments):
         print("error: %s" % refused, file=sys.stderr)
         return 1
     except (ArithmeticError, AttributeError, LookupError, TypeError, ValueError) as error:
-        # A manifest can be wrong in more ways than are worth a sentence each.
+        # The checks above do not cover every way in which a manifest can be malformed.
         what = "%s: %s" % (type(error).__name__, error)
         print("error: %s: is not as docs/vectors.md says, so that it cannot be checked: %s" % (options.folder, what), file=sys.stderr)
         return 1
@@ -2834,7 +2835,7 @@ def main(arguments):
     right = checked > 0 and wrong == 0
     if options.json:
         write_json(options, report, checked, wrong)
-    # Where JSON goes to the standard output, nothing else does.
+    # If JSON goes to the standard output, nothing else does.
     out = sys.stderr if options.json == "-" else sys.stdout
     if not options.quiet:
         print("\n".join(table(report)), file=out)

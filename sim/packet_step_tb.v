@@ -1,5 +1,5 @@
-// Replays the vectors of packet steps in the traversal unit's slices, one a ray, a step a clock. What the packet does as a whole
-// raycast_tb.v checks.
+// Replays the vectors of packet steps in the slices of the traversal unit, one slice per ray, one step per cycle. raycast_tb.v checks the
+// results for the packet as a whole.
 `default_nettype none
 `timescale 1ns / 1ps
 `include "vectors.vh"
@@ -23,7 +23,7 @@ module dynrt_packet_step_tb;
         .clk(clk), .running(running), .stimulus_now(in), .computed(out), .done(done), .failed()
     );
 
-    // The interval in the node is due later.
+    // The interval in the node is due in a later cycle.
     wire [31:0] late_line = step_replay.clock - `DYNRT_TPU_SLICE_RAY_NEAR_STAGE;
     wire [`DYNRT_PACKET_STEP_STIMULUS_BITS-1:0] late = step_replay.stimulus[late_line];
 
@@ -62,7 +62,7 @@ module dynrt_packet_step_tb;
         end
     endgenerate
 
-    // The slices decide for rays, not for the packet.
+    // The slices decide for each ray, not for the packet.
     localparam FIRST = `DYNRT_PACKET_STEP_EXPECTED_LEFT_FIRST_LSB;
     localparam LAST  = `DYNRT_PACKET_STEP_EXPECTED_LEFT_RAY0_NEAR_LSB - 1;
     localparam [`DYNRT_PACKET_STEP_EXPECTED_BITS-1:0] ONE     = 1;

@@ -1,4 +1,4 @@
-// Replays the vectors of ray setup, a ray a clock.
+// Replays the vectors of ray setup, one ray per cycle.
 `default_nettype none
 `timescale 1ns / 1ps
 `include "vectors.vh"
@@ -101,7 +101,7 @@ module dynrt_ray_setup_tb;
         running <= !failed;
     end
 
-    // Who a ray is travels with it.
+    // The identification of the ray travels with it.
     wire [`DYNRT_PACKET_BITS-1:0] packet_due = setup_replay.out;
     wire [`DYNRT_RAY_BITS-1:0]    ray_due    = setup_replay.out;
     always @(posedge clk)

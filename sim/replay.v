@@ -1,4 +1,4 @@
-// Replays the vectors of a pipelined unit: a line a clock goes in, and what comes out LATENCY clocks later is compared.
+// Replays the vectors of a pipelined unit: one line enters per cycle, and its result is compared LATENCY cycles later.
 `default_nettype none
 
 module dynrt_replay #(
@@ -9,16 +9,16 @@ module dynrt_replay #(
     parameter LATENCY       = 1
 ) (
     input  wire                     clk,
-    // From when it is high a line is taken every clock.
+    // While this is high, one line enters per cycle.
     input  wire                     running,
-    // The line that enters the pipeline, and what comes out of it.
+    // The line that enters the pipeline, and the result that leaves it.
     output wire [STIMULUS_BITS-1:0] stimulus_now,
     input  wire [EXPECTED_BITS-1:0] computed,
-    // That all lines have been compared, and that one differs.
+    // `done` after the last line has been compared, `failed` after a difference.
     output reg                      done,
     output reg                      failed
 );
-    // The bench fills these. Bits of `expected` are compared where `care` has a 1: everywhere, unless there is a file that says so.
+    // The bench fills these. A bit of `expected` is compared if its bit in `care` is 1; without a care file all bits are compared.
     reg [STIMULUS_BITS-1:0] stimulus [0:LINES-1];
     reg [EXPECTED_BITS-1:0] expected [0:LINES-1];
     reg [EXPECTED_BITS-1:0] care     [0:LINES-1];
@@ -31,7 +31,7 @@ module dynrt_replay #(
         for (line = 0; line < LINES; line = line + 1) care[line] = {EXPECTED_BITS{1'b1}};
     end
 
-    // Outside the lines the operands are undefined: nothing that is compared may depend on them.
+    // Outside the lines the operands are undefined, and no compared result may depend on them.
     assign stimulus_now = stimulus[clock];
 
     wire [31:0]              out    = clock - LATENCY;

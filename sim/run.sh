@@ -3,10 +3,10 @@
 #
 #   sim/run.sh VECTORS RTL [BENCH...] [+PLUSARG...]
 #
-# VECTORS is a folder that `dynrt vectors` wrote, RTL one that `dynrt generate` wrote for the same configuration, whatever the prefix of
-# its names. BENCH is one or more
-# of fp, ray_setup, packet_step, triangle_test, raycast, update, skinning; all of them by default. Plusargs go to the benches; see
-# sim/raycast_tb.v and sim/memory.v. Prints a line a bench; the exit status is 0 only if each of them says PASS.
+# VECTORS is a folder that `dynrt vectors` wrote. RTL is a folder that `dynrt generate` wrote for the same configuration; its module names
+# may have any prefix. BENCH is one or more of fp, ray_setup, packet_step, triangle_test, raycast, update and skinning, by default all of
+# them. Plusargs are passed to the benches; see sim/raycast_tb.v and sim/memory.v. The script prints one line per bench; the exit status is
+# 0 only if every bench reports PASS.
 
 sim=$(CDPATH='' cd -- "$(dirname -- "$0")" && pwd) || exit 2
 usage() {
@@ -37,7 +37,7 @@ command -v iverilog >/dev/null || fail "iverilog is not installed: install the p
 [ -d "$vectors" ] || fail "$vectors is no folder"
 [ -f "$vectors/vectors.vh" ] || fail "$vectors/vectors.vh is missing"
 vectors=$(CDPATH='' cd -- "$vectors" && pwd) || exit 2
-# The generated modules may lie in the folder itself or in its folder rtl.
+# The generated modules are in the folder itself or in its folder rtl.
 prefix=
 find_unit() {
     for unit in "$1"/*raycast_unit.v; do
@@ -49,7 +49,7 @@ find_unit() {
 }
 find_unit "$rtl" || { rtl=$rtl/rtl && find_unit "$rtl"; } || fail "$rtl/dynrt_raycast_unit.v is missing"
 rtl=$(CDPATH='' cd -- "$rtl" && pwd) || exit 2
-# The raycast bench compares what trace ports show, where the machine has them.
+# The raycast bench compares the trace ports if the machine has them.
 trace=
 if grep -q trace_step_valid "$rtl/${prefix}raycast_unit.v"; then trace=-DDYNRT_TRACE; fi
 if empty=$(grep -o '[A-Z0-9_]*_LINES 0$' "$vectors/vectors.vh"); then
@@ -66,7 +66,7 @@ for bench in $benches; do
         raycast | update | skinning) beside=memory ;;
         *) beside=replay ;;
     esac
-    # The benches name the modules as they are named by default.
+    # The benches use the default names of the modules.
     for file in "${bench}_tb" "$beside"; do
         sed "s/dynrt_/$prefix/g" "$sim/$file.v" >"$work/$file.v"
     done
@@ -77,7 +77,7 @@ for bench in $benches; do
         status=1
         continue
     fi
-    # The benches open their vectors by name.
+    # The benches open their vectors by relative file names.
     # shellcheck disable=SC2086
     (cd "$vectors" && vvp -n "$work/$bench" $plusargs) >"$work/out" 2>&1
     if verdict=$(grep -m 1 '^FAIL ' "$work/out"); then

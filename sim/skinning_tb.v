@@ -1,7 +1,7 @@
-// Replays skinned meshes in the skinning processor, which is part of the ray casting unit: every vertex written is compared in order,
-// address and all bits, and how many influences it takes.
+// Replays skinned meshes in the skinning processor, which is part of the ray casting unit. Compares every written vertex in order,
+// address and all bits, and the number of influences.
 //
-// Plusargs: those of memory.v; +writes=PERCENT of the cycles in which a vertex is taken (100 by default).
+// Plusargs: those of memory.v; +writes=PERCENT of the cycles in which a vertex is accepted (100 by default).
 `default_nettype none
 `timescale 1ns / 1ps
 `include "vectors.vh"
@@ -17,7 +17,7 @@ module dynrt_skinning_tb;
     reg [`DYNRT_SKINNING_COMMANDS_BITS-1:0] commands [0:`DYNRT_SKINNING_COMMANDS_LINES-1];
     reg [`DYNRT_SKINNING_EXPECTED_BITS-1:0] expected [0:`DYNRT_SKINNING_EXPECTED_LINES-1];
 
-    // The unit and its memories. No rays come.
+    // The unit and its memories. There are no rays.
     integer                             number;
     wire [`DYNRT_SKINNING_COMMANDS_BITS-1:0]  command = commands[number];
     reg                                 skin_start_valid;
@@ -181,7 +181,7 @@ module dynrt_skinning_tb;
         end
     endtask
 
-    // Meshes start one after the other.
+    // Meshes start one after another.
     always @(posedge clk)
         if (!rst && !failed) begin
             skin_start_valid <= !running && !(skin_start_valid && skin_start_ready) && number < `DYNRT_SKINNING_COMMANDS_LINES;
@@ -210,7 +210,7 @@ module dynrt_skinning_tb;
             vertices_checked = vertices_checked + 1;
         end
 
-    // The end of a mesh, and of all of them.
+    // The end of a mesh, and of the run.
     always @(negedge clk)
         if (!rst && !failed && !finished) begin
             if (running && skin_done) begin

@@ -1,4 +1,4 @@
-// Replays the vectors of the triangle test, a ray and a triangle a clock.
+// Replays the vectors of the triangle test, one ray and one triangle per cycle.
 `default_nettype none
 `timescale 1ns / 1ps
 `include "vectors.vh"
@@ -19,7 +19,7 @@ module dynrt_triangle_test_tb;
         .clk(clk), .running(running), .stimulus_now(in), .computed(out), .done(done), .failed()
     );
 
-    // Some inputs are due later than the others.
+    // Some inputs are due in later cycles than the others.
     wire [31:0] limits_line = test_replay.clock - `DYNRT_TRIANGLE_TEST_TMIN_STAGE;
     wire [`DYNRT_TRIANGLE_TEST_STIMULUS_BITS-1:0] limits = test_replay.stimulus[limits_line];
     wire [31:0] window_line = test_replay.clock - `DYNRT_TRIANGLE_TEST_WINDOW_NEAR_STAGE;
@@ -57,7 +57,7 @@ module dynrt_triangle_test_tb;
         .direction_y(in[`DYNRT_TRIANGLE_TEST_STIMULUS_DIRECTION_Y]),
         .direction_z(in[`DYNRT_TRIANGLE_TEST_STIMULUS_DIRECTION_Z]),
 `endif
-        // Every slot is a test.
+        // Every slot contains a test.
         .matrix(1'b0),
         .translation_x({`DYNRT_NUMBER_BITS{1'b0}}),
         .translation_y({`DYNRT_NUMBER_BITS{1'b0}}),

@@ -1,7 +1,7 @@
-// Replays updates of objects in the update processor: every node written is compared in order, address, mask and numbers; every box;
-// how many instructions are executed; and, when all is over, all of node memory.
+// Replays updates of objects in the update processor. Compares every written node in order (address, mask and numbers), every box, and
+// the number of executed instructions. After the last update it compares the whole node memory.
 //
-// Plusargs: those of memory.v; +writes=PERCENT of the cycles in which a node or a box is taken (100 by default).
+// Plusargs: those of memory.v; +writes=PERCENT of the cycles in which a node or a box is accepted (100 by default).
 `default_nettype none
 `timescale 1ns / 1ps
 `include "vectors.vh"
@@ -109,7 +109,7 @@ module dynrt_update_tb;
     reg [`DYNRT_UPDATE_NODE_WRITES_BITS-1:0] write, write_due;
     reg [NODE-1:0]                     node;
 
-    // The four numbers lie at the bottom of a node, as they do in a line.
+    // The four numbers are the lowest bits of a node, in memory and in a line.
     localparam NUMBERS = 4 * W;
 
     initial begin
@@ -151,7 +151,7 @@ module dynrt_update_tb;
         end
     endtask
 
-    // Updates start one after the other.
+    // Updates start one after another.
     always @(posedge clk)
         if (!rst && !failed) begin
             start_valid      <= !running && !(start_valid && start_ready) && number < `DYNRT_UPDATE_COMMANDS_LINES;
@@ -200,7 +200,7 @@ module dynrt_update_tb;
             box_written = 1'b1;
         end
 
-    // The end of an update, and of all of them.
+    // The end of an update, and of the run.
     always @(negedge clk)
         if (!rst && !failed) begin
             if (running && done) begin

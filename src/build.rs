@@ -1,5 +1,5 @@
-//! Before compilation: the hash of all sources. Remembered outcomes ([`mutate`](crate::mutate), [`fuzz`](crate::fuzz)) are keyed by it,
-//! so that none outlives the test bench or the golden model that it was reached with.
+//! Computes a hash of all sources before compilation. Stored results ([`mutate`](crate::mutate), [`fuzz`](crate::fuzz)) are keyed by it,
+//! so a change of the test bench or the golden model invalidates them.
 
 use std::collections::hash_map::DefaultHasher;
 use std::fs;
@@ -22,7 +22,7 @@ fn files(folder: &Path, found: &mut Vec<PathBuf>) -> io::Result<()> {
 
 fn main() -> io::Result<()> {
     let mut found = vec![];
-    // In a package from a registry the crates are packages of their own, of a version that is theirs.
+    // In a package from a registry the crates are separate packages, each with its own version.
     for folder in FOLDERS
         .map(Path::new)
         .iter()

@@ -1,6 +1,6 @@
-//! Every knob of the machine: its range, its unit, its meaning.
+//! The configuration keys of a machine, with the range, unit and meaning of each.
 //!
-//! A configuration is one TOML file that sets every key of [`KEYS`]. Files, their validation, the emitted
+//! A configuration is one TOML file that sets every key of [`KEYS`]. The files, their validation, the emitted
 //! manifest and random configurations all derive from that table.
 
 use crate::float::Format;
@@ -11,7 +11,7 @@ use std::fmt::Write as _;
 use std::ops::RangeInclusive;
 use std::path::Path;
 
-/// Which test decides whether a ray hits a triangle; see `docs/arithmetic.md`.
+/// The test of a ray against a triangle; see `docs/arithmetic.md`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum TriangleTest {
     MollerTrumbore,
@@ -41,10 +41,10 @@ impl MemoryModel {
     }
 }
 
-/// A machine, and the memory around it.
+/// The parameters of a machine and of the model of its memory.
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
 pub struct Config {
-    /// The file's stem; names generated folders and reports, shapes nothing.
+    /// The file's stem. It names generated folders and reports, and does not affect the hardware.
     pub name: String,
     pub exponent_bits: u32,
     pub fraction_bits: u32,
@@ -84,7 +84,7 @@ pub struct Config {
     pub memory_ready_percent: u32,
 }
 
-/// How much of a name that is no key's errors show.
+/// Maximum length of an unknown name in an error message, in characters.
 const LONGEST_NAME: usize = 60;
 
 /// The values that a key may have.
@@ -92,18 +92,18 @@ const LONGEST_NAME: usize = 60;
 pub enum Values {
     Range(RangeInclusive<u32>),
     OneOf(&'static [u32]),
-    /// Named choices; the value is the index.
+    /// Named choices; the value is the index of the name.
     Names(&'static [&'static str]),
 }
 
-/// One knob.
+/// One configuration key.
 pub struct Key {
     pub section: &'static str,
     pub name: &'static str,
     pub unit: &'static str,
     pub meaning: &'static str,
     pub values: Values,
-    /// Whether the key shapes the model of the machine's surroundings and not the machine itself.
+    /// Whether the key belongs to the model of the memory in simulation and not to the machine.
     pub environment: bool,
     get: fn(&Config) -> u32,
     set: fn(&mut Config, u32),
@@ -124,7 +124,7 @@ macro_rules! key {
     };
 }
 
-/// All knobs, in the order of the files.
+/// All keys, in the order of the files.
 pub static KEYS: &[Key] = &[
     key!(
         "float",
@@ -133,7 +133,7 @@ pub static KEYS: &[Key] = &[
         Values::Range(3..=10),
         exponent_bits,
         false,
-        "exponent of the machine's numbers; the bias is 2^(bits - 1) - 1"
+        "exponent bits of a number; the bias is 2^(bits - 1) - 1"
     ),
     key!(
         "float",
@@ -142,7 +142,7 @@ pub static KEYS: &[Key] = &[
         Values::Range(2..=23),
         fraction_bits,
         false,
-        "fraction of the machine's numbers; 16 make a significand that one DSP48 multiplies"
+        "fraction bits of a number; with 16, one DSP48 multiplies two significands"
     ),
     key!(
         "clock",
@@ -151,7 +151,7 @@ pub static KEYS: &[Key] = &[
         Values::Range(25..=200),
         clock_mhz,
         false,
-        "clock to reach; it sets the depth of every pipeline"
+        "target clock; it determines the depth of every pipeline"
     ),
     key!(
         "packets",
@@ -160,7 +160,7 @@ pub static KEYS: &[Key] = &[
         Values::OneOf(&[1, 2, 4, 8]),
         rays_per_packet,
         false,
-        "rays traversed together; each has a slice of the traversal unit"
+        "rays per packet; the traversal unit has one slice per ray"
     ),
     key!(
         "packets",
@@ -169,7 +169,7 @@ pub static KEYS: &[Key] = &[
         Values::Range(4..=64),
         packets_in_flight,
         false,
-        "packets that hide each other's latency"
+        "packets in flight; more packets hide more latency"
     ),
     key!(
         "packets",
@@ -178,7 +178,7 @@ pub static KEYS: &[Key] = &[
         Values::Range(7..=32),
         tag_bits,
         false,
-        "tag that a packet of rays carries in and its hits carry out"
+        "tag of a packet; the hits return the tag of their rays"
     ),
     key!(
         "tree",
@@ -187,7 +187,7 @@ pub static KEYS: &[Key] = &[
         Values::Range(1..=2),
         axes_per_node,
         false,
-        "1: both children are bounded on one axis, as in the original; 2: each on its own"
+        "1: both children are bounded on one common axis, as in the original; 2: each child has its own axis"
     ),
     key!(
         "tree",
@@ -196,7 +196,7 @@ pub static KEYS: &[Key] = &[
         Values::Range(8..=64),
         stack_depth,
         false,
-        "entries of a packet's stack, and the greatest depth of a tree in inner nodes"
+        "stack entries per packet; also the maximum depth of a tree, in inner nodes"
     ),
     key!(
         "tree",
@@ -211,7 +211,7 @@ pub static KEYS: &[Key] = &[
         section: "geometry",
         name: "triangle_test",
         unit: "",
-        meaning: "moller-trumbore, as in the original, or watertight: no ray slips between two triangles",
+        meaning: "moller-trumbore, as in the original, or watertight: no ray passes between two adjacent triangles",
         values: Values::Names(&["moller-trumbore", "watertight"]),
         environment: false,
         get: |c| c.triangle_test as u32,
@@ -226,7 +226,7 @@ pub static KEYS: &[Key] = &[
         Values::Range(8..=64),
         update_vertex_registers,
         false,
-        "vertices that the update processor holds; the more, the fewer are loaded twice"
+        "vertex registers of the update processor; with more registers, fewer vertices are loaded twice"
     ),
     key!(
         "update",
@@ -235,7 +235,7 @@ pub static KEYS: &[Key] = &[
         Values::Range(8..=64),
         update_box_registers,
         false,
-        "boxes that the update processor holds; an object of n triangles takes at most 2 log2(n)"
+        "box registers of the update processor; an object of n triangles needs at most 2 log2(n)"
     ),
     key!(
         "update",
@@ -244,7 +244,7 @@ pub static KEYS: &[Key] = &[
         Values::Range(2..=32),
         update_program_rows,
         false,
-        "rows of 16 bytes of the update program that are fetched ahead"
+        "rows (16 bytes) of the update program that are fetched ahead"
     ),
     key!(
         "update",
@@ -253,7 +253,7 @@ pub static KEYS: &[Key] = &[
         Values::Range(4..=128),
         update_instructions_ahead,
         false,
-        "decoded update instructions that wait for their vertices; about the memory's latency"
+        "decoded update instructions that wait for their vertices; use about the latency of the memory"
     ),
     key!(
         "update",
@@ -271,7 +271,7 @@ pub static KEYS: &[Key] = &[
         Values::Range(2..=32),
         update_nodes_waiting,
         false,
-        "nodes merged by the update processor that wait to be written"
+        "merged nodes of the update processor that wait to be written"
     ),
     key!(
         "skinning",
@@ -280,7 +280,7 @@ pub static KEYS: &[Key] = &[
         Values::OneOf(&[16, 32, 64, 128, 256]),
         skinning_joints,
         false,
-        "matrices that the palette holds"
+        "matrices in the palette"
     ),
     key!(
         "skinning",
@@ -298,7 +298,7 @@ pub static KEYS: &[Key] = &[
         Values::Range(2..=64),
         skinning_vertices_ahead,
         false,
-        "vertices at rest that the skinning processor fetches ahead; about the memory's latency"
+        "vertices at rest that the skinning processor fetches ahead; use about the latency of the memory"
     ),
     key!(
         "skinning",
@@ -307,7 +307,7 @@ pub static KEYS: &[Key] = &[
         Values::Range(4..=128),
         skinning_vertices_waiting,
         false,
-        "vertices in the arithmetic or waiting to be written; its depth, where vertices follow one joint each"
+        "vertices in the arithmetic or waiting to be written; with one influence per vertex, use the depth of the arithmetic"
     ),
     key!(
         "bus",
@@ -425,7 +425,7 @@ pub static KEYS: &[Key] = &[
         Values::Range(1..=100),
         memory_latency,
         true,
-        "from a request to its answer, on every read port"
+        "from a request to its response, on every read port"
     ),
     key!(
         "memory",
@@ -434,13 +434,13 @@ pub static KEYS: &[Key] = &[
         Values::Range(0..=100),
         memory_jitter,
         true,
-        "greatest random addition to the latency"
+        "maximum random addition to the latency"
     ),
     Key {
         section: "memory",
         name: "order",
         unit: "",
-        meaning: "whether answers come in the order of their requests",
+        meaning: "whether responses arrive in the order of their requests",
         values: Values::Names(&["out-of-order", "in-order"]),
         environment: true,
         get: |c| u32::from(c.memory_in_order),
@@ -453,7 +453,7 @@ pub static KEYS: &[Key] = &[
         Values::Range(5..=100),
         memory_ready_percent,
         true,
-        "share of the cycles in which a read port takes a request"
+        "share of the cycles in which a read port accepts a request"
     ),
 ];
 
@@ -463,7 +463,7 @@ impl Key {
         format!("{}.{}", self.section, self.name)
     }
 
-    /// The values that the key may have, for a person.
+    /// The allowed values, as text for messages.
     pub fn range(&self) -> String {
         let list = |values: &[String]| values.join(", ");
         match &self.values {
@@ -475,7 +475,7 @@ impl Key {
         }
     }
 
-    /// The unit, where there is one, with a blank before it.
+    /// The unit with a leading blank; empty if there is no unit.
     fn unit_after_blank(&self) -> String {
         match self.unit {
             "" => String::new(),
@@ -483,13 +483,13 @@ impl Key {
         }
     }
 
-    /// The line above the key in a file: meaning, range and unit.
+    /// The comment above the key in a file: meaning, range and unit.
     fn comment(&self) -> String {
         let unit = self.unit_after_blank();
         format!("# {} ({}{unit})", self.meaning, self.range())
     }
 
-    /// The key's value as TOML writes it.
+    /// The key's value in TOML syntax.
     pub fn value(&self, config: &Config) -> String {
         let value = (self.get)(config);
         match &self.values {
@@ -498,7 +498,7 @@ impl Key {
         }
     }
 
-    /// Sets the key to the value that it has in `other`.
+    /// Copies the key's value from `other`.
     #[cfg(test)]
     fn set_value(&self, config: &mut Config, other: &Config) {
         (self.set)(config, (self.get)(other));
@@ -518,7 +518,7 @@ impl Key {
             }
             _ => None,
         };
-        // Digits beyond 64 bits come as text.
+        // A number of more than 64 bits arrives as a string.
         let is_whole = match value {
             toml::Value::Integer(_) => true,
             toml::Value::String(s) => {
@@ -560,7 +560,7 @@ impl Key {
     }
 }
 
-/// The configurations of `configs/`, built in so that the command needs no files.
+/// The configurations of `configs/`, compiled in, so the command needs no files.
 pub const NAMED: &[(&str, &str)] = &[
     (
         "virtex4-lx160",
@@ -577,7 +577,7 @@ impl Config {
         Config::load(NAMED[0].0).expect("the reference configuration is valid")
     }
 
-    /// A configuration by its name in `configs/`, or from a TOML file.
+    /// Loads a configuration by its name in `configs/`, or from a TOML file.
     ///
     /// # Errors
     /// One line that names the file, the line, the key and what to write instead.
@@ -616,7 +616,7 @@ impl Config {
         )
     }
 
-    /// Parses a configuration that may lack keys, and says which it lacks; those have no value that means anything.
+    /// Parses a configuration that may lack keys, and returns the missing ones. Their values in the configuration are meaningless.
     fn parse_some(name: &str, file: &str, text: &str) -> Result<(Config, Vec<&'static Key>)> {
         let table: toml::Table = text.parse().map_err(|e: toml::de::Error| {
             let line = e.span().map_or(1, |s| line_of(text, s.start));
@@ -680,11 +680,11 @@ impl Config {
         Ok((config, KEYS.iter().filter(is_missing).collect()))
     }
 
-    /// Sets one key, `path` being `section.name`, from the text of its value, checked as in a file; quotes
-    /// around a named choice may be left out.
+    /// Sets one key, given as `section.name`, from text. The value is checked as in a file; quotes around a named
+    /// choice are optional.
     ///
     /// # Errors
-    /// One line that names the key and what to write instead; the configuration is then as it was.
+    /// One line that names the key and what to write instead. The configuration is then unchanged.
     pub fn set(&mut self, path: &str, value: &str) -> Result<()> {
         let Some(key) = KEYS.iter().find(|key| key.path() == path) else {
             bail!(
@@ -742,7 +742,7 @@ impl Config {
         }
     }
 
-    /// A machine with every key random within its range, the same for the same seed.
+    /// A machine with a random value for every key, the same for the same seed.
     pub fn random(seed: u64) -> Config {
         let mut rng = fastrand::Rng::with_seed(seed);
         let mut config = Config::blank(&format!("random-{seed}"));
@@ -801,20 +801,20 @@ fn read_file(path: &Path) -> Result<String> {
     })
 }
 
-/// A configuration's file with the keys that it lacks.
+/// A configuration file with its missing keys added.
 #[derive(Debug)]
 pub struct Upgrade {
-    /// The whole file.
+    /// The text of the whole file.
     pub text: String,
-    /// The paths of the keys that were added; none of a file that has all.
+    /// The paths of the added keys; empty if the file had all keys.
     pub added: Vec<String>,
 }
 
 impl Upgrade {
-    /// Adds what a file lacks; the file itself stays.
+    /// Adds the missing keys of a file to its text; the file itself is not changed.
     ///
     /// # Errors
-    /// See [`Config::load`]; that keys are missing is no error here.
+    /// See [`Config::load`]; missing keys are not an error here.
     pub fn of_file(path: &Path) -> Result<Upgrade> {
         let shown = text::path(path);
         if !path.exists() {
@@ -823,8 +823,8 @@ impl Upgrade {
         Upgrade::new(&shown, &read_file(path)?)
     }
 
-    /// Adds what a file's text lacks, `file` naming it in errors: each key below those of its section, with the reference
-    /// machine's value and a comment. Values, comments and order of what is there stay.
+    /// Adds the missing keys to a file's text; `file` names it in errors. Each key is appended to its section, with the reference
+    /// machine's value and a comment. Existing values, comments and their order do not change.
     ///
     /// # Errors
     /// As [`Upgrade::of_file`].
@@ -837,7 +837,7 @@ impl Upgrade {
         if missing.is_empty() {
             return Ok(upgrade);
         }
-        // Line ends are the file's own: the parser's are line feeds.
+        // The parser emits line feeds; keep the file's own line ends.
         let line_end = if text.contains("\r\n") { "\r\n" } else { "\n" };
         let mark = if text.starts_with('\u{feff}') {
             "\u{feff}"
@@ -851,12 +851,12 @@ impl Upgrade {
             add(&mut document, key)?;
         }
         upgrade.text = mark.to_string() + &document.to_string().replace('\n', line_end);
-        // What was parsed before and is not now would be this function's fault.
+        // If the text parsed before and does not parse now, this function has a bug.
         Config::parse("upgraded", file, &upgrade.text)?;
         Ok(upgrade)
     }
 
-    /// Writes the text in place of a file, whole or not at all; who may read and write the file stays.
+    /// Writes the text to the file atomically and keeps the file's permissions.
     ///
     /// # Errors
     /// One line that names the file if it cannot be written.
@@ -871,7 +871,7 @@ impl Upgrade {
     }
 }
 
-/// Adds a key with its comment to its section, which is made where it is missing.
+/// Adds a key with its comment to its section, and adds the section if it is missing.
 fn add(document: &mut toml_edit::DocumentMut, key: &Key) -> Result<()> {
     use toml_edit::{Item, Table, Value};
     let mut value: Value = key
@@ -879,7 +879,7 @@ fn add(document: &mut toml_edit::DocumentMut, key: &Key) -> Result<()> {
         .parse()
         .map_err(|error| anyhow!("{}: {error}", key.path()))?;
     if !document.contains_key(key.section) {
-        // Comments at the end of the file stay where they are: above the new section.
+        // Comments at the end of the file stay at their place, which is then above the new section.
         let mut above = document.trailing().as_str().unwrap_or_default().to_string();
         document.set_trailing("");
         if !(document.is_empty() && above.is_empty()) {
@@ -892,14 +892,14 @@ fn add(document: &mut toml_edit::DocumentMut, key: &Key) -> Result<()> {
     match &mut document[key.section] {
         Item::Table(table) => {
             table.insert(key.name, Item::Value(value));
-            // In a line `section.key = value` there is no room for a comment, nor in a table on one line.
+            // There is no place for a comment in a line `section.key = value` or in an inline table.
             if let (false, Some(mut name)) = (table.is_dotted(), table.key_mut(key.name)) {
                 let comment = format!("{}\n", key.comment());
                 name.leaf_decor_mut().set_prefix(comment);
             }
         }
         Item::Value(Value::InlineTable(table)) => {
-            // The blank before the brace stays there.
+            // Keep the blank before the brace.
             if let Some((_, last)) = table.iter_mut().last() {
                 let decor = last.decor_mut();
                 let blank = decor.suffix().and_then(|suffix| suffix.as_str());
@@ -924,7 +924,7 @@ fn line_of(text: &str, offset: usize) -> usize {
     text[..offset.min(text.len())].matches('\n').count() + 1
 }
 
-/// The line on which a section (with an empty key) or a key of it is set; 1 where it is written in a form not looked for.
+/// The line that sets a section (with an empty key) or a key of it; 1 if it is written in a form that is not recognised.
 fn find_line(text: &str, section: Option<&str>, key: &str) -> usize {
     let mut within = section.is_none();
     for (number, line) in text.lines().enumerate() {
@@ -999,7 +999,7 @@ mod tests {
     fn an_error_for_a_missing_key_prints_the_line_to_add() {
         assert_eq!(
             error(|t| t.replace("rays = 4\n", "")),
-            "x.toml: key packets.rays is missing (rays traversed together; each has a slice of the traversal unit; \
+            "x.toml: key packets.rays is missing (rays per packet; the traversal unit has one slice per ray; \
              1, 2, 4, 8 rays): add the line `rays = 4` below [packets], or run dynrt config upgrade x.toml"
         );
         let line = error(|t| t.replace("triangle_test", "# ").replace("latency = ", "# "));
@@ -1012,7 +1012,7 @@ mod tests {
         );
     }
 
-    /// That every line of a text is in another one, in the same order.
+    /// Asserts that every line of `before` is in `after`, in the same order.
     fn keeps_lines(before: &str, after: &str) {
         let mut after_lines = after.lines();
         for line in before.lines() {
@@ -1078,7 +1078,7 @@ mod tests {
         all("[packets]\nrays = 4 # the original's\n# below\n\n[clock]\n\ttarget_mhz = 100");
         all("packets.rays = 4\nmemory.order = \"in-order\"\n");
         all("[\"packets\"]\n'rays' = 0x4\n");
-        // A line that is a table on its own gets longer.
+        // An inline table is extended on its line.
         let line = "packets = { rays = 4 }\nclock = {}\n[float]\n";
         let text = Upgrade::new("f", line).unwrap().text;
         let start =

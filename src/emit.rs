@@ -1,5 +1,5 @@
-//! What is generated of a machine besides its Verilog: file list, FuseSoC core, bench, manifest; and folders of
-//! generated files that appear whole.
+//! Generates the files of a machine besides its Verilog: file list, FuseSoC core, bench, manifest. Writes folders of
+//! generated files atomically.
 
 pub mod bench;
 
@@ -18,22 +18,22 @@ use std::path::{Component, Path};
 
 /// The name of the manifest in a folder of generated files.
 pub const MANIFEST: &str = "manifest.json";
-/// The manifest's key under which the bench is described, with its files.
+/// The manifest's key of the bench and its files.
 const SIMULATION: &str = "simulation";
-/// The manifest's key of the properties for provers, and the folder that their files are in.
+/// The manifest's key of the properties for provers, and the name of the folder with their files.
 pub const FORMAL: &str = "formal";
 
-/// What is generated beside the machine itself.
+/// Options for additional generated files.
 #[derive(Clone, Debug, Default)]
 pub struct Extras {
-    /// Modules check their properties where the macro `DYNRT_CHECKS` is defined.
+    /// Whether modules check their properties if the macro `DYNRT_CHECKS` is defined.
     pub checks: bool,
-    /// Files of properties for provers, in [`FORMAL`], and what the manifest says of them; `files` among it lists them.
+    /// Files of properties for provers, in [`FORMAL`], and their description in the manifest; its key `files` lists them.
     pub formal: Option<(Vec<(String, String)>, Value)>,
 }
 
-/// Every file of a machine, by name: its modules, children first, then file list, core file, bench and manifest. The
-/// same for the same configuration, to the byte.
+/// All files of a machine by name: its modules, children first, then file list, core file, bench and manifest. The same
+/// configuration gives the same bytes.
 ///
 /// # Errors
 /// See [`Bench::new`].
@@ -71,7 +71,7 @@ pub fn files(machine: &Machine, extras: Extras) -> Result<Vec<(String, String)>>
     Ok(files)
 }
 
-/// The Verilog files, a line each, children first, as `-f` of most tools reads them.
+/// The list of Verilog files, one per line, children first, in the format of the option `-f` of most tools.
 fn file_list(design: &Design) -> String {
     let mut list = String::new();
     for module in design.emitted_modules() {
@@ -80,7 +80,7 @@ fn file_list(design: &Design) -> String {
     list
 }
 
-/// A FuseSoC core: the Verilog, and targets that lint, simulate and synthesise it.
+/// The FuseSoC core file: the Verilog, and targets for lint, simulation and synthesis.
 fn core_file(machine: &Machine, bench: &Bench) -> String {
     let design = &machine.design;
     let top = design.emitted(design.top().name());
@@ -160,7 +160,7 @@ fn core_file(machine: &Machine, bench: &Bench) -> String {
     core
 }
 
-/// A name of letters, digits, `_` and `-`, as a core may have.
+/// A name with only letters, digits, `_` and `-`, as required for a core.
 fn plain_name(name: &str) -> String {
     let plain = |c: char| match c.is_ascii_alphanumeric() || matches!(c, '_' | '-') {
         true => c,
@@ -169,7 +169,7 @@ fn plain_name(name: &str) -> String {
     name.chars().map(plain).collect()
 }
 
-/// What a program needs to know of a machine to connect it and to fill its memories: configuration, top
+/// The information that a program needs to connect a machine and to fill its memories: configuration, top
 /// module, modules with ports and latencies, layouts of the records in memory, counters.
 pub fn manifest(machine: &Machine) -> Value {
     let Machine {
@@ -221,13 +221,13 @@ pub fn manifest(machine: &Machine) -> Value {
     })
 }
 
-/// Every key of a configuration by section, and its name.
+/// The configuration's name, and every key by section.
 pub fn configuration(config: &Config) -> Value {
     let mut sections = Map::new();
     sections.insert("name".into(), json!(config.name));
     for key in KEYS {
         let section = sections.entry(key.section).or_insert_with(|| json!({}));
-        // Numbers and quoted names are written alike in TOML and JSON.
+        // Numbers and quoted names have the same syntax in TOML and JSON.
         let value = serde_json::from_str(&key.value(config)).expect("a number or a quoted name");
         section[key.name] = value;
     }
@@ -248,7 +248,7 @@ fn describe(design: &Design, module: &Module) -> Value {
     })
 }
 
-/// The parameters that a module has where it is placed, and their values; none of a module that has no parameters.
+/// The values of a module's Verilog parameters where it is instantiated; empty for a module without parameters.
 pub(crate) fn parameters(module: &Module) -> Map<String, Value> {
     let parameters = module.parameters().into_iter();
     parameters
@@ -279,7 +279,7 @@ fn layout(record: &Record) -> Value {
     value
 }
 
-/// Describes a machine, the names of whose modules begin with `prefix`.
+/// Describes a machine whose module names start with `prefix`.
 ///
 /// # Errors
 /// See [`hw::core::emit`].
@@ -300,7 +300,7 @@ pub fn machine(config: &Config) -> Result<Machine> {
     machine_with(&Plan::new(config)?, hw::core::default_prefix())
 }
 
-/// The same with all its files, whose names begin with the prefix; see [`files`].
+/// Describes the same machine and generates all its files, whose names start with the prefix; see [`files`].
 ///
 /// # Errors
 /// See [`hw::core::emit`].
@@ -309,7 +309,7 @@ pub fn generate(config: &Config) -> Result<(Machine, Vec<(String, String)>)> {
     generate_with(&plan, hw::core::default_prefix(), Extras::default())
 }
 
-/// The same of a machine with trace ports or without, with another prefix, and more.
+/// As [`generate`], with options for trace ports, prefix and additional files.
 ///
 /// # Errors
 /// See [`hw::core::emit`].
@@ -326,14 +326,14 @@ pub fn generate_with(
 
 /// Writes files into `folder`.
 ///
-/// A folder that does not exist is filled under a temporary name beside its place, then renamed: it appears whole or
-/// not at all. In one that exists every file is first written whole to a temporary folder within; then each is renamed
-/// to its place, what the folder's old manifest lists and the new files lack is removed, and the new manifest comes
-/// last. An error before the first rename leaves the folder as it was; a crash between renames leaves the old
-/// manifest beside some new files. Nothing else is touched.
+/// A new folder is filled under a temporary name next to its place and then renamed, so it is never incomplete. In an
+/// existing folder, every file is first written to a temporary folder inside it. Then each file is renamed to its place,
+/// files that the old manifest lists and that no longer exist are removed, and the new manifest is written last. An error
+/// before the first rename leaves the folder unchanged; a crash between renames leaves the old manifest with some new
+/// files. Other files are not touched.
 ///
 /// # Errors
-/// One line that names the folder and why it cannot be written.
+/// One line that names the folder and the reason why it cannot be written.
 pub fn write_folder(folder: &Path, files: &[(String, String)]) -> Result<()> {
     let fault = |error: std::io::Error| {
         anyhow!(
@@ -357,7 +357,7 @@ pub fn write_folder(folder: &Path, files: &[(String, String)]) -> Result<()> {
             );
         }
         let within = path.parent().unwrap_or(folder);
-        // A link to nothing is in the way too.
+        // A dangling link is an obstacle as well.
         if fs::symlink_metadata(within).is_ok() && !within.is_dir() {
             bail!(
                 "{}: cannot be made a folder: it is a file; move it elsewhere",
@@ -381,7 +381,7 @@ pub fn write_folder(folder: &Path, files: &[(String, String)]) -> Result<()> {
     let _whole = interrupt::hold();
     if is_new {
         fs::rename(temporary.path(), folder).map_err(fault)?;
-        // Its folder is the result now; there is nothing to remove.
+        // The temporary folder has become the result, so there is nothing to remove.
         temporary.keep();
         parents.keep();
         return Ok(());
@@ -401,21 +401,21 @@ pub fn write_folder(folder: &Path, files: &[(String, String)]) -> Result<()> {
     for name in stale.iter().filter(|n| files.iter().all(|(f, _)| f != *n)) {
         let path = folder.join(name);
         match fs::remove_file(&path) {
-            // A folder of that name is not what an earlier run wrote.
+            // An earlier run did not write a folder with this name.
             Err(error) if error.kind() != std::io::ErrorKind::NotFound && !path.is_dir() => {
                 return Err(fault(error));
             }
             _ => {}
         }
         if let Some(within) = path.parent().filter(|within| *within != folder) {
-            // It stays where anything else is in it.
+            // The folder stays if it contains other files.
             let _ = fs::remove_dir(within);
         }
     }
     manifest.into_iter().try_for_each(|name| publish(name))
 }
 
-/// The files that an earlier run says it wrote: those in the folder's manifest, where this program made it.
+/// The files that an earlier run wrote, according to the folder's manifest if this program wrote it.
 fn listed_files(folder: &Path) -> Vec<String> {
     let manifest: Option<Value> = fs::read_to_string(folder.join(MANIFEST))
         .ok()
@@ -434,10 +434,10 @@ fn listed_files(folder: &Path) -> Vec<String> {
     ];
     let names = lists.into_iter().filter_map(Value::as_array).flatten();
     let names = names.filter_map(Value::as_str).map(str::to_string);
-    // They are called after the top module, and so after the prefix.
+    // These files are named after the top module, and therefore include the prefix.
     let top = manifest["top"].as_str();
     let of_top = top.map(|top| [format!("{top}.f"), format!("{top}.core")]);
-    // In the folder itself, or in one of ours in it.
+    // Only files in the folder itself, or in one of our folders inside it.
     let is_plain = |name: &String| {
         let name = Path::new(name);
         let within = [bench::FOLDER, FORMAL].map(|folder| name.strip_prefix(folder));
@@ -525,7 +525,7 @@ mod tests {
         assert_eq!(names(&folder), ["manifest.json", "other"]);
         assert_eq!(names(&folder.join("other")), ["y"]);
         assert_eq!(names(parent.path()), ["a", "x"]);
-        // A file where the folder should be.
+        // There is a file in place of the folder.
         fs::write(folder.join("sim"), "not ours").unwrap();
         let error = write_folder(&folder, &[file("sim/a.hex", "3"), manifest(&["sim/a.hex"])]);
         let place = folder.join("sim");

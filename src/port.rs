@@ -1,28 +1,28 @@
-//! What crosses the ray casting unit's ports: rays in, hits out.
+//! The data at the ports of the ray casting unit: rays in, hits out.
 
 use crate::float::Format;
 
-/// The identity of no triangle and of no instance: all ones.
+/// The number that stands for no triangle and no instance: all ones.
 pub const NONE: u32 = u32::MAX;
 
-/// A ray, in the machine's coordinates. Every number is one of the format's, carried in an `f64`; −0, ±∞
-/// and NaN are allowed and mean what `docs/arithmetic.md` says.
+/// A ray in machine coordinates. Every number is a value of the machine's format in an `f64`. −0, ±∞
+/// and NaN are allowed; `docs/arithmetic.md` defines their meaning.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Ray {
     pub origin: [f64; 3],
-    /// Of any length: distances count in multiples of it.
+    /// Of any length; distances are multiples of this vector.
     pub direction: [f64; 3],
     /// A hit's distance t satisfies tmin ≤ t ≤ tmax. A ray misses unless 0 ≤ tmin ≤ tmax.
     pub tmin: f64,
     pub tmax: f64,
-    /// An inactive ray fills its packet's place and misses.
+    /// Whether the slot contains a ray; an inactive ray misses.
     pub active: bool,
-    /// Asks only whether there is a hit.
+    /// Whether the ray is an any-hit ray, which only reports whether there is a hit.
     pub any_hit: bool,
 }
 
 impl Ray {
-    /// Fills the place of a ray that does not exist.
+    /// The ray in a slot without a ray.
     pub const INACTIVE: Ray = Ray {
         origin: [0.0; 3],
         direction: [0.0; 3],
@@ -33,7 +33,7 @@ impl Ray {
     };
 }
 
-/// What a ray met first. u and v are the weights of the triangle's second and third vertex.
+/// The first hit of a ray. u and v are the weights of the triangle's second and third vertex.
 #[derive(Clone, Copy, Debug)]
 pub struct Hit {
     pub t: f64,
@@ -54,7 +54,7 @@ impl Hit {
         triangle: NONE,
     };
 
-    /// The answer to an any-hit ray that hits.
+    /// The result of an any-hit ray with a hit.
     pub fn any(tmin: f64) -> Hit {
         Hit {
             t: tmin,
@@ -66,7 +66,7 @@ impl Hit {
         self.t < f64::INFINITY
     }
 
-    /// Whether two hits are the same in all bits.
+    /// Whether two hits are equal in all bits.
     pub fn same_bits(&self, other: &Hit, format: Format) -> bool {
         let bits = |h: &Hit| [h.t, h.u, h.v].map(|x| format.to_bits(x));
         bits(self) == bits(other)

@@ -1,4 +1,4 @@
-//! What the benchmarks share: scenes, and their pictures' rays.
+//! Common code of the benchmarks: scenes, and the rays of their pictures.
 
 use dynrt::bkd::{BuildOptions, MemoryImage, build};
 use dynrt::config::Config;
@@ -7,7 +7,7 @@ use dynrt::scene::{self, Frame, ImageSize, MachineMesh, View};
 use std::fmt;
 use std::path::PathBuf;
 
-/// A scene by the name that a benchmark's report shows.
+/// A scene with the name that a benchmark's report shows.
 #[derive(Clone, Debug)]
 pub struct Subject {
     name: String,
@@ -21,7 +21,7 @@ impl fmt::Display for Subject {
     }
 }
 
-/// The built-in scenes, and those public scenes that are there (see `.cargo/config.toml`); of those that are not, a line on stderr says so.
+/// The built-in scenes and the available public scenes (see `.cargo/config.toml`); a line on stderr names each missing scene.
 pub fn subjects() -> Vec<Subject> {
     let built_in = [
         ("builtin:teapot", View::Outside),
@@ -57,14 +57,14 @@ pub fn subjects() -> Vec<Subject> {
 }
 
 impl Subject {
-    /// The scene in the machine's numbers.
+    /// The scene in the machine's number format.
     #[allow(dead_code)]
     pub fn mesh(&self, config: &Config) -> MachineMesh {
         let scene = scene::load(&self.spec).expect("the scene loads");
         MachineMesh::new(&scene, config.format()).expect("the scene fits")
     }
 
-    /// The machine's memory, and the rays of a picture.
+    /// The memory image, and the rays of a picture.
     #[allow(dead_code)]
     pub fn picture(&self, config: &Config, size: ImageSize) -> (MemoryImage, Vec<Ray>) {
         let scene = scene::load(&self.spec).expect("the scene loads");

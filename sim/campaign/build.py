@@ -1,9 +1,9 @@
-"""Builds what jobs run and puts it below FOLDER/bin: the program, every test and bench, and built.json, which lists them.
+"""Builds the programs of the jobs and copies them to FOLDER/bin: dynrt, all tests and benches, and built.json, which lists them.
 
     build.py FOLDER [--no-cargo]
 
-A file is replaced only where its content differs, so that what has been done with a program that is the same still counts. With --no-cargo
-target/release/dynrt is taken as it is, and there are no tests and no benches.
+A file is replaced only if its content differs, so results of an unchanged program remain valid. --no-cargo copies the existing
+target/release/dynrt, without tests and benches.
 """
 
 import filecmp
@@ -18,7 +18,7 @@ from jobs import ROOT
 
 
 def cargo(*words):
-    """The executables that cargo has built, or found built."""
+    """Returns the executables that cargo has built or found up to date."""
     command = ["cargo", *words, "--quiet", "--message-format=json"]
     done = subprocess.run(command, cwd=ROOT, stdout=subprocess.PIPE, text=True, check=False)
     messages = [json.loads(line) for line in done.stdout.splitlines() if line.startswith("{")]
@@ -31,7 +31,7 @@ def cargo(*words):
 
 def place(source, target):
     if not (target.exists() and filecmp.cmp(source, target, shallow=False)):
-        # Not over a program that may be running.
+        # Rename instead of overwriting, because the program may be running.
         part = target.with_name(f".{target.name}.part")
         shutil.copy2(source, part)
         os.utime(part)
@@ -39,14 +39,14 @@ def place(source, target):
 
 
 def name_of(message):
-    """As `cargo test` knows it: a test's own name, that of a library or program with its kind."""
+    """Returns the name of a test target: the test's own name, or the name of a library or program with its kind."""
     target = message["target"]
     kind = target["kind"][0]
     return target["name"] if kind in ("test", "bench") else f"{target['name']}.{kind}"
 
 
 def listed(program):
-    """The tests of a program, without those that are only run on demand."""
+    """Returns the tests of a program, except ignored ones."""
     def names(*words):
         command = [program, "--list", "--format", "terse", *words]
         text = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=True).stdout
@@ -71,7 +71,7 @@ def main():
                 if program in built[what]:
                     sys.exit(f"{name}: two programs have this name")
                 place(Path(message["executable"]), folder / program)
-                # Where cargo would run it.
+                # The directory in which cargo would run it.
                 package = Path(message["manifest_path"]).parent
                 built[what][program] = {"name": name, "package": os.path.relpath(package, ROOT)}
                 if what == "tests":

@@ -1,10 +1,10 @@
-"""Runs one job of a campaign, and leaves its JSON if and only if it succeeded.
+"""Runs one job of a campaign, and writes its JSON if and only if the job succeeds.
 
     job.py --part PART --job NAME --out F.json --log F.log --minutes N --threads N --kind KIND --package DIR [--full] \
         --bin DIR -- COMMAND ...
 
-A job that failed leaves F.failed with what it said last, and F.fault.json if the command wrote down what is wrong; one that was cut off
-leaves nothing but its log. KIND is what becomes of the command's output, see jobs.py.
+A failed job writes F.failed with the last lines of its output, and F.fault.json if the command described the fault. An interrupted job
+leaves only its log. KIND says how the command's output is interpreted, see jobs.py.
 """
 
 import argparse
@@ -31,24 +31,24 @@ def sha256(path):
 
 
 def program_of(command, programs):
-    """What tells a program from another: its content; of what is not the campaign's own, its name."""
+    """Returns the identity of a program: the hash of its content if it is in the campaign's bin/, otherwise its name."""
     path = command[0].replace(BIN, str(programs))
     return sha256(path) if path != command[0] else path
 
 
 def read_tests(text, asked):
-    """What Rust's test harness said: every test that was asked for must have passed; any, where none was named."""
+    """Reads the output of Rust's test harness. Every named test must have passed; without names, at least one."""
     summaries = re.findall(r"^test result: (\w+)\. (\d+) passed; (\d+) failed", text, re.M)
     passed = sum(int(passed) for _, passed, _ in summaries)
     if any(outcome != "ok" or failed != "0" for outcome, _, failed in summaries) or passed != (len(asked) or passed) or not passed:
         raise ValueError(f"{passed} of {len(asked) or 'all'} tests passed")
-    # A test that lacks a scene or a tool says so and passes.
+    # A test that lacks a scene or a tool prints a note and passes.
     lacking = re.findall(r"^.*(?:absent, so not checked|not installed).*$", text, re.M)
     return {"passed": passed, "lacking": sorted({line.strip() for line in lacking})}
 
 
 def stop(process):
-    """Ends the command with all that it has started."""
+    """Ends the command and all processes that it has started."""
     try:
         os.killpg(process.pid, signal.SIGTERM)
         try:
@@ -82,7 +82,7 @@ def main():
     environment = dict(os.environ)
     environment.setdefault("DYNRT_SCENES", str(scenes()))
     environment["RAYON_NUM_THREADS"] = environment["RUST_TEST_THREADS"] = str(args.threads)
-    # Snapshots are compared, never written, and need no cargo to be found.
+    # Snapshots are compared and never written; they are found without cargo.
     environment.update(INSTA_UPDATE="no", INSTA_WORKSPACE_ROOT=str(ROOT))
     environment.pop("DYNRT_FULL", None)
     if args.full:
@@ -105,7 +105,7 @@ def main():
         text = args.log.read_text(encoding="utf-8", errors="replace")
         lines = [line for line in text.splitlines() if line.strip()]
         said = {"last": lines[-20:]}
-        # A program that has found a fault may have written down which.
+        # A program that has found a fault may have described it in a file.
         if written.exists():
             written.replace(fault)
         failed.write_text(json.dumps(tell(said, why), indent=1) + "\n", encoding="utf-8")
@@ -131,7 +131,7 @@ def main():
                 status = process.wait(1)
             except subprocess.TimeoutExpired:
                 if os.getppid() != parent:
-                    # Whoever runs the campaign was killed, and the job with it: nobody would hear of what it finds.
+                    # The process that runs the campaign was killed, so end the job as well; nobody would read its result.
                     cut_off(signal.SIGHUP, None)
                 if time.monotonic() - started > args.minutes * 60:
                     is_over = True
@@ -152,7 +152,7 @@ def main():
                 result = read_tests(text, words[3:] if args.kind == "tests" else [])
     except (OSError, ValueError) as error:
         fail(f"left no result: {error}")
-    # It appears whole or not at all.
+    # Rename, so the file is never incomplete.
     written.write_text(json.dumps(tell(result), indent=1) + "\n", encoding="utf-8")
     written.replace(args.out)
 

@@ -1,7 +1,7 @@
-"""The jobs of a campaign, from its configuration: the Snakefile runs them, report.py looks for what they left.
+"""Defines the jobs of a campaign from its configuration. The Snakefile runs them; report.py reads their results.
 
-A job is one command of at most so many minutes. All that it is lies in its configuration and, for tests and benches, in the list of
-them that build.py has written.
+A job is one command with a time limit. It is defined by the configuration and, for tests and benches, by the list that build.py
+writes.
 """
 
 import json
@@ -16,11 +16,11 @@ HERE = Path(__file__).resolve().parent
 ROOT = HERE.parent.parent
 DEFAULT = HERE / "config.yaml"
 
-# In a command: the file that the program is to write its JSON to, and the folder of the programs.
+# Placeholders in a command: the JSON file to write, and the folder of the programs.
 JSON = "@JSON@"
 BIN = "@BIN@"
 
-# In the order of the report.
+# The parts in the order of the report.
 PARTS = "proofs faults machines mutants areas routed depths frames embree tests speed figures".split()
 
 
@@ -31,13 +31,13 @@ class Job:
     command: list
     minutes: int = 30
     threads: int = 2
-    # What becomes of what the command says: "json" (it writes JSON), "tests" and "examples" (of Rust's test harness), "text".
+    # The interpretation of the output: "json" (the command writes JSON), "tests" and "examples" (Rust's test harness), "text".
     kind: str = "json"
-    # Programs below bin/ that it runs, and jobs that come before it, as PART/NAME.
+    # The programs below bin/ that the job runs, and the jobs that must be done before, as PART/NAME.
     programs: list = field(default_factory=lambda: ["dynrt"])
     after: list = field(default_factory=list)
     full: bool = False
-    # Where it runs, below the source tree.
+    # Its working directory, relative to the source tree.
     package: str = "."
 
     @property
@@ -46,7 +46,7 @@ class Job:
 
 
 class Mistake(Exception):
-    """Something in the configuration that makes no sense."""
+    """An error in the configuration."""
 
 
 def read_config(path):
@@ -59,7 +59,7 @@ def folder_of(config):
 
 
 class Plan:
-    """All jobs of a configuration, by part; and what is left out, with why."""
+    """All jobs of a configuration by part, and the parts that are left out, with the reasons."""
 
     def __init__(self, config):
         known = {*PARTS, "folder"}
@@ -92,7 +92,7 @@ class Plan:
         part, name = path.split("/")
         return self.parts.get(part, {}).get(name)
 
-    # Each of these makes the jobs of one part.
+    # Each of these methods creates the jobs of one part.
 
     def proofs(self, given, plant=()):
         part = "faults" if plant else "proofs"
@@ -114,7 +114,7 @@ class Plan:
         for seed in given["seeds"]:
             for unit in given["units"]:
                 command = dynrt("mutate", "--mutants", given["mutants"], "--seed", seed, "--unit", unit)
-                # How many must be noticed is asked of the sum, by the report.
+                # The report compares the sum over all jobs with the required percentage.
                 command += ["--least", "0", "--json", JSON]
                 yield Job("mutants", f"{unit}-seed{seed}", command)
 
@@ -134,7 +134,7 @@ class Plan:
                     command = dynrt("synth", "--config", configuration, "--unit", unit, "--route")
                     command += ["--seeds", str(seed), "--json", JSON]
                     name = f"{configuration}-{unit}-seed{seed}"
-                    # Seeds 1, 2, ... of those before come out of the cache: each job routes from one.
+                    # Each job routes with one new seed; the results of earlier seeds come from the cache.
                     yield Job("routed", name, command, minutes=90, threads=1, after=before)
                     before = [f"routed/{name}"]
 
@@ -162,7 +162,7 @@ class Plan:
             if not scene:
                 continue
             command = dynrt("compare", scene, "--view", frame["view"], "--size", given["size"], "--json", JSON)
-            # It takes times.
+            # This job measures times.
             yield Job("embree", f"{stem}-{frame['view']}", command, threads=given["threads"])
 
     def tests(self, given):
@@ -174,7 +174,7 @@ class Plan:
                 module = test.split("::")[0] if "::" in test else ""
                 key = f"{about['name']} {module}".strip()
                 seen.add(key)
-                # What is not below a module is a job of all such tests.
+                # All tests that are in no module are one job.
                 alone = key in each
                 groups.setdefault((module, test if alone else None), []).append(test)
             for (module, alone), tests in groups.items():
@@ -188,7 +188,7 @@ class Plan:
         if built and unknown:
             raise Mistake(f"tests: {', '.join(unknown)}: no module of a test program")
         if given.get("examples") and built:
-            # Those in the documentation, which cargo alone can build.
+            # The examples in the documentation, which only cargo can build.
             command = ["cargo", "test", "--workspace", "--doc"]
             yield Job("tests", "examples", command, kind="examples", full=given["full"])
 
@@ -203,12 +203,12 @@ class Plan:
             "figures",
             "baseline",
             dynrt("baseline", *given["options"], "--json", JSON),
-            # All that it measures is in the cache then, but for frames and films.
+            # All of its measurements except frames and films are then in the cache.
             after=[job.path for part in ("areas", "routed", "depths") for job in self.parts.get(part, {}).values()],
         )
 
     def scene(self, name, part):
-        """What a scene is called on a command line, and in a file's name; none if it is not there."""
+        """Returns the name of a scene on a command line and in a file name, or None if the scene is missing."""
         if name.startswith("builtin:"):
             return name, re.sub(r"[^\w.]+", "_", name.removeprefix("builtin:"))
         path = scenes() / name

@@ -1,10 +1,10 @@
-"""What a campaign has come to: one table, and report.json and report.md in its folder.
+"""Reports the results of a campaign: one table, and report.json and report.md in its folder.
 
     report.py [--folder] [CONFIG.yaml]
 
-A job is done if its JSON is there and is of the command that the configuration asks for and of the program that lies in the campaign's
-bin/; failed if it says so itself; missing otherwise. Exit status 0 only if all jobs are done, no part is without jobs, every figure has
-something that it counts, and what the configuration asks of the sums holds. With --folder only the campaign's folder is printed.
+A job is done if its JSON exists and belongs to the configured command and to the program in the campaign's bin/. It has failed if it
+wrote a .failed file, and is missing otherwise. The exit status is 0 only if all jobs are done, every part has jobs, every figure counts
+something, and the sums reach the configured limits. With --folder the script only prints the campaign's folder.
 """
 
 import json
@@ -19,7 +19,7 @@ def number(value):
 
 
 class Fault(Exception):
-    """A part whose jobs are done and which does not hold all the same."""
+    """A part that fails although its jobs are done."""
 
 
 def need(count, what):
@@ -57,7 +57,7 @@ def mutants(results, given):
     drawn, noticed, equivalent, survived = (
         sum(result[key] for result in results) for key in ("drawn", "noticed", "equivalent", "survived")
     )
-    # As `dynrt mutate` counts; where all are equivalent there is nothing to notice.
+    # The same definition as in `dynrt mutate`. If all mutants are equivalent, there is no percentage.
     percent = 100 * noticed / need(drawn - equivalent, "mutants that are not equivalent")
     figures = {
         "mutants": drawn,
@@ -72,9 +72,9 @@ def mutants(results, given):
             if mutant["outcome"] == "survived"
         ],
     }
-    text = f"{number(drawn)} mutants: {number(noticed)} noticed ({percent:.1f} %), {equivalent} equivalent, {survived} survived"
+    text = f"{number(drawn)} mutants: {number(noticed)} killed ({percent:.1f} %), {equivalent} equivalent, {survived} survived"
     if percent < given["least"]:
-        raise Fault(f"{text}; at least {given['least']} % are asked for", figures)
+        raise Fault(f"{text}; the configuration requires at least {given['least']} %", figures)
     return figures, text
 
 
@@ -134,13 +134,13 @@ def embree(results, _given):
     if not all(result["agrees"] for result in results):
         raise Fault("hits differ")
     figures = {"rays": rays, "different": different}
-    return figures, f"{len(results)} scenes, {number(2 * rays)} rays, {number(different)} see another triangle, all explained"
+    return figures, f"{len(results)} scenes, {number(2 * rays)} rays, {number(different)} hit another triangle, all explained"
 
 
 def tests(results, _given):
     passed = need(sum(result["passed"] for result in results), "tests")
     lacking = sorted({line for result in results for line in result["lacking"]})
-    said = f"; scenes and tools that were not there: {len(lacking)}" if lacking else ""
+    said = f"; missing scenes and tools: {len(lacking)}" if lacking else ""
     return {"passed": passed, "lacking": lacking}, f"{number(passed)} tests passed{said}"
 
 
@@ -152,12 +152,12 @@ def figures(results, _given):
     checked = need(sum(result["checked"] for result in results), "figures")
     failed = sum(result["failed"] for result in results)
     if failed:
-        raise Fault(f"{failed} of {checked} figures have become worse")
+        raise Fault(f"{failed} of {checked} figures are worse than docs/baseline.json")
     return {"checked": checked}, f"{number(checked)} figures compared with docs/baseline.json"
 
 
 def state_of(job, folder, programs):
-    """`done` with what the job left, `failed` with why, or `missing` with why."""
+    """Returns `done` with the job's result, `failed` with the reason, or `missing` with the reason."""
     path = folder / f"{job.path}.json"
     program = job.command[0]
     if program not in programs:
@@ -182,7 +182,7 @@ def state_of(job, folder, programs):
     if left and is_this(left):
         return "done", left
     other = failed or left
-    return "missing", {"why": "what is there is of another program or another command"} if other else None
+    return "missing", {"why": "the result belongs to another program or another command"} if other else None
 
 
 def report(plan):
@@ -193,7 +193,7 @@ def report(plan):
             state, about = state_of(job, plan.folder, programs)
             before = [path for path in job.after if state_of(plan.find(path), plan.folder, programs)[0] != "done"]
             if state == "missing" and before and not about:
-                about = {"why": f"comes after {before[0]}, which is not done"}
+                about = {"why": f"waits for {before[0]}, which is not done"}
             states[state][name] = about
         done = states["done"].values()
         entry = {
@@ -232,7 +232,7 @@ def rows_of(found):
 
 
 def notes_of(found):
-    """What is not done, and why, a line each."""
+    """Yields one line with the reason for each job that is not done, and for each part that was left out."""
     for name, part in found["parts"].items():
         for job, about in part["failed_jobs"].items():
             last = about["last"][-1].strip() if about["last"] else ""
@@ -264,7 +264,7 @@ def ending(found):
     total = {key: sum(part[key] for part in parts) for key in COLUMNS[1:5]}
     faults = [name for name, part in found["parts"].items() if part["fault"]]
     text = f"{total['done']} of {total['jobs']} jobs done, {total['failed']} failed, {total['missing']} missing"
-    return text + (f"; what does not hold: {', '.join(faults)}" if faults else "")
+    return text + (f"; failed checks: {', '.join(faults)}" if faults else "")
 
 
 def to_markdown(found):

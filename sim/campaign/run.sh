@@ -1,17 +1,17 @@
 #!/bin/bash
-# Runs a campaign, or goes on with one: builds, runs the jobs that are not done, and reports.
+# Runs or resumes a campaign: builds the programs, runs the jobs that are not done, and writes the report.
 #
 #     sim/campaign/run.sh [--configfile F] [--no-cargo] [--report] [OPTIONS OF SNAKEMAKE]
 #
-#     --configfile F  what is in the campaign, in place of sim/campaign/config.yaml
-#     --no-cargo      take target/release/dynrt as it is and build nothing; tests and benches are left out
-#     --report        only report what is there
+#     --configfile F  the campaign's configuration; sim/campaign/config.yaml by default
+#     --no-cargo      uses the existing target/release/dynrt and builds nothing; tests and benches are left out
+#     --report        only writes the report
 #
-# All else goes to Snakemake: --profile sim/campaign/profiles/local, --cores 2, --dry-run. Exit status: 0 if every job is done and what the
-# configuration asks of the sums holds, 1 if not, 2 if another campaign is running in the same folder.
+# Other options are passed to Snakemake, such as --profile sim/campaign/profiles/local, --cores 2, --dry-run. Exit status: 0 if every job is
+# done and all required figures are reached, 1 if not, 2 if another campaign is running in the same folder.
 set -u -o pipefail
 
-# All of it is read before any of it runs: a campaign is long, and this file may change meanwhile.
+# Bash reads the whole file before it runs any of it, because the file may change during a long campaign.
 main() {
     local here root config only_report options python folder snakemake profile option ended
     here=$(cd "$(dirname "$0")" && pwd) || exit 1
@@ -23,7 +23,7 @@ main() {
             --configfile) config=$(realpath -e -- "${2:?--configfile needs a file}") || exit 1; shift ;;
             --profile)
                 profile=${2:?--profile needs a folder}
-                # From here; else a name that Snakemake knows.
+                # A path relative to this folder, or else a name that Snakemake knows.
                 [ ! -d "$profile" ] || profile=$(realpath -- "$profile")
                 options+=(--profile "$profile")
                 shift
@@ -39,21 +39,21 @@ main() {
     export DYNRT_TOOLS=${DYNRT_TOOLS:-$root/target/tools/bin}
     PATH=$DYNRT_TOOLS:$root/target/tools/bin:$PATH
     snakemake=$(command -v snakemake) || { echo "error: snakemake is not there; make evidence installs it into target/tools" >&2; exit 1; }
-    # The Python that Snakemake runs on has what reads its configuration.
+    # The Python interpreter of Snakemake has the YAML library that jobs.py needs.
     python=$(sed -n '1s/^#!//p' "$snakemake")
 
     report() { $python "$here/report.py" "$config"; }
     [ -z "$only_report" ] || { report; exit; }
 
     folder=$($python "$here/report.py" --folder "$config") && mkdir -p "$folder" || exit 1
-    # Snakemake's own lock outlives a campaign that was killed; this one goes with the last of its processes.
+    # Snakemake's own lock survives if a campaign is killed; this lock is released when its last process ends.
     exec 9>"$folder/lock"
     flock -w 30 9 || { echo "error: another campaign is running in $folder" >&2; exit 2; }
-    # Snakemake keeps what it knows of jobs where it was started.
+    # Snakemake stores the state of jobs in the current directory.
     cd "$folder" || exit 1
     campaign() { "$snakemake" --snakefile "$here/Snakefile" --configfile "$config" --nolock "$@"; }
 
-    # What was built before may not be what the configuration asks for now.
+    # An earlier build may not match the current configuration.
     rm -f bin/built.json
     campaign --quiet all --cores 1 build || { echo "error: what the jobs run could not be built" >&2; exit 1; }
     campaign "${options[@]}"

@@ -1,4 +1,4 @@
-"""python3 sim/campaign/test_report.py: what the report says of jobs that are done, have failed, are missing or are of another program."""
+"""python3 sim/campaign/test_report.py: tests the report on jobs that are done, failed, missing or of another program."""
 
 import json
 import tempfile
@@ -47,14 +47,14 @@ class Campaign(unittest.TestCase):
         found = self.found()
         self.assertTrue(found["complete"])
         self.assertEqual(found["parts"]["proofs"]["figures"], {"proofs": 6, "hold": 6})
-        self.assertIn("22 mutants: 18 noticed (90.0 %), 2 equivalent, 2 survived", report.to_text(found))
+        self.assertIn("22 mutants: 18 killed (90.0 %), 2 equivalent, 2 survived", report.to_text(found))
         self.assertIn("4 of 4 jobs done, 0 failed, 0 missing", report.to_markdown(found))
 
     def test_too_few_noticed(self):
         self.finish(noticed=7)
         found = self.found()
         self.assertFalse(found["complete"])
-        self.assertIn("what does not hold: mutants", report.to_text(found))
+        self.assertIn("failed checks: mutants", report.to_text(found))
         self.assertEqual(found["parts"]["mutants"]["figures"]["noticed_percent"], 70)
 
     def test_a_proof_that_does_not_hold(self):
@@ -83,7 +83,7 @@ class Campaign(unittest.TestCase):
         self.finish()
         self.config["mutants"]["mutants"] = 20
         text = report.to_text(self.found())
-        self.assertIn("MISSING mutants/tpu-seed1: what is there is of another program or another command", text)
+        self.assertIn("MISSING mutants/tpu-seed1: the result belongs to another program or another command", text)
 
     def test_a_file_that_was_cut_off(self):
         self.finish()

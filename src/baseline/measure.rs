@@ -1,4 +1,4 @@
-//! Measures what a baseline holds.
+//! Measures the figures of a baseline.
 
 use super::{
     Baseline, ConfigurationArea, Depth, FAST, FilmFigures, FrameFigures, SEEDS, UnitArea, UnitClock,
@@ -16,21 +16,21 @@ use crate::synth::{self, Target};
 use anyhow::{Context, Result, ensure};
 use std::path::PathBuf;
 
-/// The fixed frames: scenes that need no file.
+/// The fixed frames; their scenes need no file.
 const FRAMES: [(&str, Option<View>, &str); 3] = [
     ("builtin:teapot", None, "256x192"),
     ("builtin:cornell", None, "256x192"),
     ("builtin:interior", Some(View::Inside), "256x192"),
 ];
 
-/// The fixed films: one that is skinned, one that the host moves, one of two levels.
+/// The fixed films: one with skinning, one with vertices written by the host, one of two levels.
 const FILMS: [(&str, usize, &str); 3] = [
     ("builtin:figure", 3, "256x192"),
     ("builtin:water", 2, "128x96"),
     ("builtin:reef", 2, "128x96"),
 ];
 
-/// The units that are placed and routed, each with all below it: together they are the machine, but for what joins them.
+/// The units that are placed and routed, each with everything below it. Together they are the machine except for its glue logic.
 pub const UNITS: [&str; 5] = [
     "ray_setup",
     "tpu",
@@ -39,46 +39,46 @@ pub const UNITS: [&str; 5] = [
     "update_processor",
 ];
 
-/// Intervals that a frame is cut into, about.
+/// Approximate number of intervals into which a frame is divided.
 const INTERVALS: u64 = 100;
 
-/// Units of the table of depths, and clocks that they are made for.
+/// Units in the table of depths, and their clock targets.
 const DEPTH_UNITS: [&str; 4] = ["fp_add", "fp_mul", "fp_reciprocal", "near_distance"];
 const DEPTH_CLOCKS: [u32; 6] = [50, 66, 75, 100, 125, 150];
 
-/// Which units are placed and routed.
+/// Selection of the units to place and route.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Clocks {
     #[default]
     None,
-    /// Those whose Verilog has changed, by the tools that measured the others.
+    /// Only units whose Verilog has changed, with the tools that measured the others.
     Changed,
-    /// All: hours, without a cache.
+    /// All units: hours without a cache.
     All,
 }
 
-/// What to measure; all else is taken over from the baseline given.
+/// Selection of the measurements; all other figures are copied from the given baseline.
 #[derive(Clone, Debug, Default)]
 pub struct Request {
-    /// Modules that took more LUT4 than this are not synthesised again; `None`: all that have changed are.
+    /// Modules that took more LUT4 than this are not synthesised again; `None`: all changed modules are.
     pub most_lut4: Option<u64>,
-    /// Of which of the [`UNITS`] the clocks too, of the reference machine and of [`FAST`].
+    /// The units whose clocks are measured, for the reference machine and for [`FAST`].
     pub clocks: Clocks,
-    /// Of which of the [`UNITS`] only; none: of all. The others keep the clocks that they have.
+    /// Restricts the clocks to these [`UNITS`]; empty: all. The other units keep their recorded clocks.
     pub clock_units: Vec<String>,
-    /// The area of the other named configurations too: half an hour, without a cache.
+    /// Whether to measure the area of the other named configurations: half an hour without a cache.
     pub configurations: bool,
-    /// The table of depths too: half an hour, without a cache.
+    /// Whether to measure the table of depths: half an hour without a cache.
     pub depths: bool,
-    /// The cache folder; `None` for the user's.
+    /// The cache folder; `None` for the user's cache.
     pub cache: Option<PathBuf>,
 }
 
-/// Measures the reference machine. Returns its figures, and of each module that has changed but was not synthesised its name and
-/// why. `progress` is told what is going on, a line at a time.
+/// Measures the reference machine. Returns its figures, and the name of each module that has changed but was not synthesised,
+/// with the reason. `progress` receives one line per step.
 ///
 /// # Errors
-/// A mismatch of RTL and golden model; a tool that is missing or fails.
+/// A mismatch of RTL and golden model, or a tool that is missing or fails.
 pub fn measure(
     was: &Baseline,
     request: &Request,
@@ -135,7 +135,7 @@ fn rounded(value: f64) -> f64 {
     (value * 1e4).round() / 1e4
 }
 
-/// The fixed frames and films of a machine.
+/// Runs the fixed frames and films on a machine.
 fn pictures(
     config: &Config,
     progress: &dyn Fn(&str),
@@ -183,7 +183,7 @@ fn frame(
         ..raycast::Options::default()
     };
     let mut unit = raycast::RaycastUnit::new(config, None)?;
-    // The first run only tells how long it is: intervals are whole hundredths of it, in round numbers.
+    // The first run measures the length of the frame; intervals are about 1/100 of it, in round numbers.
     let cycles = unit.cast(&image, &rays, &options, &|_| ())?.cycles;
     let interval_cycles = (cycles / INTERVALS).next_power_of_two();
     options.sample_cycles = Some(interval_cycles);
@@ -282,7 +282,7 @@ fn area(
 ) -> Result<Vec<(String, String)>> {
     let machine = emit::machine(config)?;
     let (mut units, mut kept, mut changed) = (vec![], vec![], vec![]);
-    // What a part takes is counted with its unit.
+    // The area of a part is included in its unit.
     for module in machine.design.units() {
         let name = synth::unit_name(module).to_string();
         let verilog = synth::fingerprint(module)?;
@@ -304,7 +304,7 @@ fn area(
             units.push(old.clone());
             continue;
         }
-        // Its place; the area follows.
+        // Placeholder; the area is measured below.
         changed.push(name.clone());
         units.push(UnitArea {
             name,
@@ -333,7 +333,7 @@ fn area(
     Ok(kept)
 }
 
-/// How modules are asked to be placed and routed from so many seeds.
+/// Creates the request that places and routes the given modules with the given number of seeds.
 type Routing<'a> = &'a dyn Fn(&[&str], u32) -> synth::Request;
 
 fn configurations(is: &mut Baseline, routing: Routing<'_>, progress: &dyn Fn(&str)) -> Result<()> {
@@ -389,7 +389,7 @@ fn depths(
     Ok(())
 }
 
-/// Notes configurations whose Verilog is another than that which was measured.
+/// Records configurations whose Verilog has changed since they were measured.
 fn stale_configurations(was: &Baseline, kept: &mut Vec<(String, String)>) -> Result<()> {
     for known in &was.configurations {
         let machine = emit::machine(&Config::load(&known.name)?)?;
@@ -403,7 +403,7 @@ fn stale_configurations(was: &Baseline, kept: &mut Vec<(String, String)>) -> Res
     Ok(())
 }
 
-/// Notes units whose Verilog is another than that which was routed.
+/// Records units whose Verilog has changed since they were routed.
 fn stale_clocks(
     config: &Config,
     known: &[UnitClock],
@@ -426,8 +426,8 @@ fn stale_clocks(
     Ok(())
 }
 
-/// The clocks of a machine's units, and the tools, if any were needed. Taken over from those `known`: the clocks of units that are
-/// not asked for, and those of the same Verilog unless all are asked for.
+/// The clocks of a machine's units, and the tools if any were needed. Known clocks are kept for units that are not selected and,
+/// unless all are selected, for units whose Verilog is unchanged.
 fn clocks(
     config: &Config,
     known: &[UnitClock],
@@ -452,7 +452,7 @@ fn clocks(
             Some(known) => known.clone(),
             None => {
                 changed.push(name);
-                // Its place; the clock follows.
+                // Placeholder; the clock is measured below.
                 UnitClock {
                     name: name.into(),
                     verilog,

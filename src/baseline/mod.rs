@@ -1,13 +1,13 @@
-//! The ratchet: what the reference machine takes, how fast it is and in how many clocks it does fixed work, as checked in
-//! under `docs/`, and what a change does to it.
+//! The regression gate: compares area, clock and cycle counts of the reference machine with the figures checked in
+//! under `docs/`.
 //!
-//! | figure | holds when |
+//! | figure | passes if |
 //! |---|---|
-//! | clocks and counts of fixed frames and films, of the reference machine and of [`FAST`] | they are the same to the clock |
-//! | area of each module | it is at most 1 % more; a module whose Verilog is the same needs no tool to tell |
+//! | cycles and counts of fixed frames and films, of the reference machine and of [`FAST`] | they are exactly equal |
+//! | area of each module | it grows by at most 1 %; a module with unchanged Verilog is not synthesised |
 //! | clock of each unit, placed and routed | the worst seed is at most 3 % slower |
 //!
-//! [`page`] makes the page of numbers and its plots of the same figures, so that they are written down once.
+//! [`page`] generates the page of numbers and its plots from the same figures.
 
 mod measure;
 pub mod page;
@@ -21,41 +21,41 @@ use serde::{Deserialize, Serialize};
 use std::fmt::{self, Write as _};
 use std::path::Path;
 
-/// Figures of the reference machine, and some of others.
+/// Figures of the reference machine and of some others.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Baseline {
-    /// The configuration that units, frames and films are of, if not said otherwise.
+    /// The configuration of units, frames and films, unless a field says otherwise.
     pub machine: String,
-    /// Whole pictures through the ray casting unit.
+    /// Whole pictures in the ray casting unit.
     pub frames: Vec<FrameFigures>,
-    /// Scenes that move, through all units.
+    /// Animated scenes in all units.
     pub films: Vec<FilmFigures>,
-    /// The same frames and films of the configuration [`FAST`], whose pipelines are deeper.
+    /// The same frames on the configuration [`FAST`], whose pipelines are deeper.
     pub fast_frames: Vec<FrameFigures>,
     pub fast_films: Vec<FilmFigures>,
-    /// Versions of the tools that counted area.
+    /// Versions of the tools that measured area.
     pub area_tools: Vec<String>,
-    /// On a Virtex-4 LX160: every module, the machine last.
+    /// Area on a Virtex-4 LX160: every module, the whole machine last.
     pub area: Vec<UnitArea>,
     /// Versions of the tools that placed and routed.
     pub clock_tools: Vec<String>,
-    /// On an ECP5-85F, speed grade 6: the worst of [`SEEDS`] seeds.
+    /// Clock on an ECP5-85F, speed grade 6: the worst of [`SEEDS`] seeds.
     pub clock: Vec<UnitClock>,
-    /// The same of the configuration [`FAST`].
+    /// The same for the configuration [`FAST`].
     pub fast_clock: Vec<UnitClock>,
-    /// All named configurations, whole.
+    /// Area of all named configurations.
     pub configurations: Vec<ConfigurationArea>,
-    /// Of units made for several clocks.
+    /// Area and clock of units with several clock targets.
     pub depths: Vec<Depth>,
 }
 
-/// Seeds from which each module is placed and routed.
+/// Number of seeds with which each module is placed and routed.
 pub const SEEDS: u32 = 3;
 
 /// The configuration for the fastest clock.
 pub const FAST: &str = "ecp5-85f";
 
-/// A picture, all rays of which went through the RTL.
+/// A picture whose rays were all cast in the RTL.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct FrameFigures {
     pub scene: String,
@@ -63,15 +63,15 @@ pub struct FrameFigures {
     pub view: String,
     pub size: String,
     pub rays: u64,
-    /// From the first ray taken to the last hit.
+    /// From the first ray accepted to the last hit.
     pub cycles: u64,
     pub packet_steps: u64,
     pub ray_triangle_tests: u64,
-    /// Packet steps a clock.
+    /// Packet steps per cycle.
     pub tpu_utilisation: f64,
-    /// Slots of the triangle test used a clock.
+    /// Used slots of the triangle test per cycle.
     pub gu_utilisation: f64,
-    /// Clocks of one value of what follows.
+    /// Cycles per interval of the following fields.
     pub interval_cycles: u64,
     /// `tpu_utilisation` of each interval.
     pub tpu_by_interval: Vec<f64>,
@@ -79,7 +79,7 @@ pub struct FrameFigures {
     pub gu_by_interval: Vec<f64>,
 }
 
-/// Frames of a scene that moves, every stage of which ran in RTL.
+/// Frames of an animated scene, with every stage run in RTL.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct FilmFigures {
     pub scene: String,
@@ -95,7 +95,7 @@ pub struct FilmFigures {
     pub raycast_cycles: u64,
 }
 
-/// What a module takes, all below it included.
+/// The area of a module, including everything below it.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct UnitArea {
     pub name: String,
@@ -110,54 +110,54 @@ pub struct UnitArea {
 pub struct UnitClock {
     pub name: String,
     pub verilog: String,
-    /// Of the worst seed.
+    /// The worst seed's clock.
     pub mhz: f64,
-    /// From start to end of the slowest path, in the Verilog's names.
+    /// Start and end of the slowest path, with the Verilog's names.
     pub critical_path: String,
 }
 
-/// What the machine of a named configuration takes of a Virtex-4.
+/// The area of a named configuration's machine on a Virtex-4.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct ConfigurationArea {
     pub name: String,
-    /// What it is made for.
+    /// Its clock target.
     pub clock_mhz: u32,
     pub verilog: String,
     #[serde(flatten)]
     pub area: Area,
 }
 
-/// A unit made for a clock, on an ECP5-85F from one seed.
+/// A unit with one clock target, on an ECP5-85F with one seed.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Depth {
     pub unit: String,
-    /// What it was made for.
+    /// The clock target.
     pub asked_mhz: u32,
-    /// Registers from its inputs to its outputs.
+    /// Pipeline registers from its inputs to its outputs.
     pub depth: u32,
     #[serde(flatten)]
     pub area: Area,
     pub mhz: f64,
 }
 
-/// How a figure compares with the one that is checked in.
+/// Result of a comparison with the checked-in figure.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Verdict {
-    /// Within what is allowed.
+    /// Within the allowed change.
     Holds,
-    /// Different where it must be the same, or worse than is allowed.
+    /// Different although it must be equal, or worse than allowed.
     Fails,
-    /// Not measured this time, and so kept as it was.
+    /// Not measured in this run; the old figure is kept.
     Kept,
-    /// What must be reached is.
+    /// A goal that is reached.
     Reached,
 }
 
-/// A figure beside the one that is checked in.
+/// A figure and its checked-in value.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Finding {
-    /// Whose, and which.
+    /// The module or picture, and the name of the figure.
     pub figure: String,
     pub was: String,
     pub is: String,
@@ -177,21 +177,21 @@ impl fmt::Display for Finding {
     }
 }
 
-/// What is in place of a figure that is not there.
+/// Printed for a figure that does not exist.
 const NOTHING: &str = "nothing";
 
-/// How much more of anything a module may take.
+/// Allowed growth of a module's area, as a fraction.
 const AREA_SLACK: f64 = 0.01;
 
-/// How much slower a module may be: place and route of the same function wanders by as much.
+/// Allowed loss of clock, as a fraction: place and route of the same netlist varies by about as much.
 const CLOCK_SLACK: f64 = 0.03;
 
-/// Of an LX160, how much the machine may take: there is to be room for a second traversal unit.
+/// Maximum shares of an LX160 for the whole machine, which leave room for a second traversal unit.
 const LUT4_GOAL: f64 = 0.35;
 const DSP_GOAL: f64 = 0.60;
 const RAM_GOAL: f64 = 0.40;
 
-/// The clock in MHz of each unit, of the reference machine (the original ran at 66) and of [`FAST`].
+/// The minimum clock of each unit in MHz, for the reference machine (the original had 66 MHz) and for [`FAST`].
 const CLOCK_GOAL: f64 = 100.0;
 const FAST_CLOCK_GOAL: f64 = 125.0;
 
@@ -199,7 +199,7 @@ impl Baseline {
     /// Reads a checked-in file.
     ///
     /// # Errors
-    /// One line that names the file and the remedy where it cannot be read or is not of this form.
+    /// One line with the file and the remedy if it cannot be read or has another format.
     pub fn read(path: &Path) -> Result<Baseline> {
         let shown = path.display();
         let text = std::fs::read_to_string(path).map_err(|error| {
@@ -215,10 +215,10 @@ impl Baseline {
     }
 }
 
-/// Something that has a name, by which it is found again, and figures.
+/// A named group of figures.
 trait Figures {
     fn name(&self) -> String;
-    /// Names and values, and which changes of them are allowed.
+    /// The names and values of the figures, and the allowed changes.
     fn values(&self) -> Vec<(&'static str, f64, Rule)>;
 }
 
@@ -311,7 +311,7 @@ impl Figures for Depth {
     }
 }
 
-/// Which changes are allowed.
+/// The allowed change of a figure.
 #[derive(Clone, Copy)]
 enum Rule {
     Same,
@@ -329,7 +329,7 @@ impl Rule {
     }
 }
 
-/// Compares lists whose elements are found by name: one that is new or gone fails too.
+/// Compares lists by the names of their elements. An element that is new or missing fails too.
 fn compare_all<T: Figures>(was: &[T], is: &[T], findings: &mut Vec<Finding>) {
     for new in is {
         let name = new.name();
@@ -367,8 +367,8 @@ fn compare_all<T: Figures>(was: &[T], is: &[T], findings: &mut Vec<Finding>) {
     }
 }
 
-/// Every figure of `is` beside that of `was`, and beside what the machine must reach however it was. Modules of which `kept` tells why
-/// they were not measured are said to be so.
+/// Compares every figure of `is` with that of `was`, and with its goal. `kept` gives the modules that were not measured, with
+/// the reasons.
 pub fn compare(was: &Baseline, is: &Baseline, kept: &[(String, String)]) -> Vec<Finding> {
     let mut findings = vec![];
     compare_all(&was.frames, &is.frames, &mut findings);
@@ -396,7 +396,7 @@ pub fn compare(was: &Baseline, is: &Baseline, kept: &[(String, String)]) -> Vec<
     findings
 }
 
-/// What the machine must reach, whatever was accepted before.
+/// Checks the goals, which do not depend on the checked-in figures.
 fn goals(is: &Baseline, findings: &mut Vec<Finding>) {
     let mut goal = |figure: String, goal: String, is: String, holds: bool| {
         findings.push(Finding {
@@ -448,7 +448,7 @@ fn goals(is: &Baseline, findings: &mut Vec<Finding>) {
     }
 }
 
-/// A section of the log: why, and every figure that is another now.
+/// A section of the log: the reason, and every changed figure.
 pub fn log_entry(why: &str, findings: &[Finding]) -> String {
     let mut text = format!("\n## {why}\n\n");
     let changed = |f: &&Finding| f.was != f.is && f.verdict != Verdict::Reached;
@@ -462,6 +462,6 @@ pub fn log_entry(why: &str, findings: &[Finding]) -> String {
     text
 }
 
-/// What a new log begins with.
+/// The head of a new log.
 pub const LOG_HEAD: &str =
     "# Changes of the baseline\n\nWritten by `dynrt baseline --accept WHY`, the latest last.\n";

@@ -1,4 +1,4 @@
-//! The page of numbers: the original's figures beside ours, and what each costs.
+//! The page of numbers: figures of the original and of DynRT, and the cost of each unit.
 
 use super::{Baseline, FAST, FrameFigures, UnitClock, plots};
 use crate::config::{Config, NAMED};
@@ -6,13 +6,13 @@ use crate::synth::{Area, Target};
 use anyhow::{Context, Result};
 use std::fmt::Write as _;
 
-/// The page's file name; its plots lie beside it.
+/// The page's file name; its plots are in the same folder.
 pub const PAGE: &str = "numbers.md";
 
-/// The page and its plots, by file name. The same for the same baseline, to the byte.
+/// The page and its plots, by file name. The same baseline gives the same bytes.
 ///
 /// # Errors
-/// A baseline that lacks what is shown.
+/// If the baseline lacks a figure that the page shows.
 pub fn files(baseline: &Baseline) -> Result<Vec<(String, String)>> {
     let shown = (baseline.frames.last())
         .context("the baseline has no frame: make one with dynrt baseline --accept")?;
@@ -37,7 +37,7 @@ fn percent(part: u64, whole: u64) -> String {
     format!("{:.1} %", part as f64 * 100.0 / whole as f64)
 }
 
-/// What a module takes, in the columns of a table.
+/// The area of a module as table columns.
 fn area_columns(area: Area) -> String {
     format!(
         "{} | {} | {} | {}",
@@ -62,8 +62,8 @@ fn page(baseline: &Baseline, shown: &FrameFigures) -> Result<String> {
     let _ = write!(
         text,
         "## Utilisation over a frame\n\n![Utilisation over a frame](utilisation.svg)\n\n\
-         `{}` at {}, {} clocks a point. As figures: `tpu_by_interval` and \
-         `gu_by_interval` of `docs/baseline.json`.\n",
+         `{}` at {}, {} cycles per point. \
+         The values are `tpu_by_interval` and `gu_by_interval` in `docs/baseline.json`.\n",
         shown.scene,
         shown.size,
         grouped(shown.interval_cycles)
@@ -74,12 +74,13 @@ fn page(baseline: &Baseline, shown: &FrameFigures) -> Result<String> {
 const HEAD: &str = "\
 # Numbers
 
-Everything here is made from [`baseline.json`](baseline.json) by `dynrt numbers`; `dynrt baseline` measures it again and fails where
-it has become worse (in `make test` clocks and the area of the smaller modules; in `make evidence` all of it). [`baseline.log.md`](baseline.log.md) says why it ever did.
+`dynrt numbers` generates this page from [`baseline.json`](baseline.json).
+`dynrt baseline` measures the figures again and fails if one is worse: `make test` checks the cycles and the area of the smaller modules, `make evidence` checks all figures.
+[`baseline.log.md`](baseline.log.md) records every accepted change and its reason.
 
 ";
 
-/// Rows of what the original reached and what we do.
+/// The table that compares the original with DynRT.
 fn original_and_ours(text: &mut String, baseline: &Baseline) -> Result<()> {
     let device = Target::Virtex4Lx160.holds();
     let config = Config::reference();
@@ -119,22 +120,22 @@ fn original_and_ours(text: &mut String, baseline: &Baseline) -> Result<()> {
     };
     let _ = write!(
         text,
-        "## The original and ours\n\n\
-         The original's figures are those of Woop, Marmitt and Slusallek, 2006, on a Virtex-4 LX160.\n\n\
-         | what | original | ours | shown by |\n|---|---|---|---|\n\
+        "## The original and DynRT\n\n\
+         The figures of the original are from Woop, Marmitt and Slusallek, 2006, for a Virtex-4 LX160.\n\n\
+         | figure | original | DynRT | command |\n|---|---|---|---|\n\
          | clock, placed and routed | 66 MHz, Virtex-4 | {clock} | `dynrt baseline --clock` |\n\
-         | traversal, packet steps a clock | 1, peak | {busiest:.3} on a whole frame, peak 1 | `dynrt baseline` |\n\
-         | geometry, ray–triangle tests a clock | about 1, peak | {busiest_gu:.3} on a whole frame, peak 1 | `dynrt baseline` |\n\
-         | primary rays a clock | 0.03–0.12 | {least:.3}–{most:.3} over the frames below | `dynrt baseline` |\n\
-         | update, triangles a clock | 0.24 | {:.3} (`{}`) | `dynrt baseline` |\n\
-         | update, instructions a clock | 1, peak | {:.4}, peak 1 | `dynrt baseline` |\n\
-         | skinning, influences a clock | not told | {:.3} (`{}`), peak 1 | `dynrt baseline` |\n\
-         | update's share of a frame | 1–15 % | {} (`{}`, {}) | `dynrt baseline` |\n\
-         | bytes of program a triangle | not told | 5.0 on closed meshes | `dynrt program` |\n\
+         | traversal, packet steps per cycle | 1, peak | {busiest:.3} on a whole frame, peak 1 | `dynrt baseline` |\n\
+         | geometry, ray–triangle tests per cycle | about 1, peak | {busiest_gu:.3} on a whole frame, peak 1 | `dynrt baseline` |\n\
+         | primary rays per cycle | 0.03–0.12 | {least:.3}–{most:.3} for the frames below | `dynrt baseline` |\n\
+         | update, triangles per cycle | 0.24 | {:.3} (`{}`) | `dynrt baseline` |\n\
+         | update, instructions per cycle | 1, peak | {:.4}, peak 1 | `dynrt baseline` |\n\
+         | skinning, influences per cycle | not published | {:.3} (`{}`), peak 1 | `dynrt baseline` |\n\
+         | update, share of a frame | 1–15 % | {} (`{}`, {}) | `dynrt baseline` |\n\
+         | update program, bytes per triangle | not published | 5.0 on closed meshes | `dynrt program` |\n\
          | packets in flight × rays | 32 × 4 | {} × {} | [`configs/`](../configs) |\n\
-         | LUT4 of an LX160 | not told, of the whole or by unit | {} ({}) | `dynrt synth` |\n\
-         | DSP48 | not told | {} ({}) | `dynrt synth` |\n\
-         | RAMB16 | not told | {} ({}) | `dynrt synth` |\n\n",
+         | LUT4 of an LX160 | not published | {} ({}) | `dynrt synth` |\n\
+         | DSP48 | not published | {} ({}) | `dynrt synth` |\n\
+         | RAMB16 | not published | {} ({}) | `dynrt synth` |\n\n",
         water.triangles as f64 / water.update_cycles as f64,
         water.scene,
         water.instructions as f64 / water.update_cycles as f64,
@@ -156,8 +157,8 @@ fn original_and_ours(text: &mut String, baseline: &Baseline) -> Result<()> {
 }
 
 fn frames(text: &mut String, baseline: &Baseline) {
-    *text += "## Frames and films in clocks\n\nCompared to the clock by `cargo test --test tools baseline::`; every result of them is equal to the golden model's in all bits.\n\n\
-              | machine | frame | rays | clocks | packet steps | ray–triangle tests | rays a clock | TPU | GU |\n|---|---|---|---|---|---|---|---|---|\n";
+    *text += "## Cycles of frames and films\n\n`cargo test --test tools baseline::` fails if one of these cycle counts changes.\nAll results of these runs equal those of the golden model in all bits.\n\n\
+              | machine | frame | rays | cycles | packet steps | ray–triangle tests | rays per cycle | TPU | GU |\n|---|---|---|---|---|---|---|---|---|\n";
     let machines = [baseline.machine.as_str(), FAST];
     for (machine, frames) in std::iter::zip(machines, [&baseline.frames, &baseline.fast_frames]) {
         for frame in frames {
@@ -177,7 +178,7 @@ fn frames(text: &mut String, baseline: &Baseline) {
             );
         }
     }
-    *text += "\n| machine | film | frames | skinning, clocks | influences | update, clocks | instructions | triangles | ray casting, clocks |\n|---|---|---|---|---|---|---|---|---|\n";
+    *text += "\n| machine | film | frames | skinning, cycles | influences | update, cycles | instructions | triangles | ray casting, cycles |\n|---|---|---|---|---|---|---|---|---|\n";
     for (machine, films) in std::iter::zip(machines, [&baseline.films, &baseline.fast_films]) {
         for film in films {
             let _ = writeln!(
@@ -202,10 +203,12 @@ fn units(text: &mut String, baseline: &Baseline) {
     let _ = write!(
         text,
         "## Area and clock by module\n\n![Area by module](area.svg)\n\n\
-         Each module alone, with all below it. Area: Virtex-4 LX160, {} (`dynrt synth`). Clock of the {} units that the machine is \
-         made of, but for what joins them: ECP5-85F, speed grade 6, the worst of {} seeds, {} (`dynrt synth --target ecp5-85f --unit NAME --route \
-         --seeds {}`). The whole with its self-test, another netlist and more wires, reaches 55 MHz \
-         ([how](synthesis.md#from-verilog-to-a-bitstream)).\n\n\
+         Each module is synthesised alone, with everything below it.\n\
+         The area is for a Virtex-4 LX160, by {} (`dynrt synth`).\n\
+         The clock column has the {} units that make up the machine without its glue logic.\n\
+         It is for an ECP5-85F, speed grade 6, the worst of {} seeds, by {} (`dynrt synth --target ecp5-85f --unit NAME --route --seeds {}`).\n\
+         The whole machine with its self-test has more logic and more wires, and reaches 55 MHz \
+         (see [synthesis](synthesis.md#from-verilog-to-a-bitstream)).\n\n\
          | module | LUT4 | FF | DSP48 | RAMB16 | MHz | slowest path |\n|---|---|---|---|---|---|---|\n",
         baseline.area_tools.join(", "),
         baseline.clock.len(),
@@ -234,7 +237,7 @@ fn units(text: &mut String, baseline: &Baseline) {
 fn configurations(text: &mut String, baseline: &Baseline) -> Result<()> {
     let device = Target::Virtex4Lx160.holds();
     *text += "## Configurations\n\n\
-              | configuration | what | made for | LUT4 | FF | DSP48 | RAMB16 | of an LX160 | slowest unit on an ECP5-85F | verified by |\n|---|---|---|---|---|---|---|---|---|---|\n";
+              | configuration | parameters | clock target | LUT4 | FF | DSP48 | RAMB16 | LUT4 share of an LX160 | slowest unit on an ECP5-85F | verified by |\n|---|---|---|---|---|---|---|---|---|---|\n";
     for &(name, _) in NAMED {
         let config = Config::load(name)?;
         let known = baseline.configurations.iter().find(|c| c.name == name);
@@ -251,26 +254,30 @@ fn configurations(text: &mut String, baseline: &Baseline) -> Result<()> {
             format!("{:.1} MHz (`{}`)", unit.mhz, unit.name)
         });
         let verified = match name == baseline.machine {
-            true => "every test; proofs, mutants",
+            true => "all tests, proofs and mutants",
             false => "`cargo test --test machine machines::`: lint, units and a scene in all bits",
         };
         let _ = writeln!(
             text,
-            "| {name} | {} × {} packets, {:?}, {} axes a node | {} MHz | {area} | {share} | {clock} | {verified} |",
+            "| {name} | {} × {} packets, {:?}, {} per node | {} MHz | {area} | {share} | {clock} | {verified} |",
             config.rays_per_packet,
             config.packets_in_flight,
             config.triangle_test,
-            config.axes_per_node,
+            match config.axes_per_node {
+                1 => "1 axis".to_string(),
+                axes => format!("{axes} axes"),
+            },
             config.clock_mhz,
         );
     }
-    *text += "\n`dynrt synth --config NAME`; clocks by `dynrt baseline --clock`, of the units above.\n\n";
+    *text += "\n`dynrt synth --config NAME` measures the area; `dynrt baseline --clock` measures the clock of the units listed above.\n\n";
     Ok(())
 }
 
 fn depths(text: &mut String, baseline: &Baseline) {
-    *text += "## Clock asked for, depth, area, clock reached\n\n![Clock by depth](clock.svg)\n\n\
-              On an ECP5-85F, speed grade 6, one seed: `dynrt synth --route --clocks 50,66,75,100,125,150 --unit UNIT`. Depth: LUT4 / flip-flops, MHz reached.\n\n";
+    *text += "## Depth, area and clock by clock target\n\n![Clock by depth](clock.svg)\n\n\
+              `dynrt synth --route --clocks 50,66,75,100,125,150 --unit UNIT` measures these figures for an ECP5-85F, speed grade 6, with one seed.\n\
+              A column is a clock target; an entry has the pipeline depth in cycles, then LUT4 / flip-flops, and the clock reached in MHz.\n\n";
     let mut clocks: Vec<u32> = baseline.depths.iter().map(|d| d.asked_mhz).collect();
     clocks.sort_unstable();
     clocks.dedup();

@@ -7,7 +7,7 @@ use plotters::prelude::*;
 
 const SIZE: (u32, u32) = (860, 440);
 
-/// Colours that differ in lightness too.
+/// Colours that also differ in lightness.
 const COLOURS: [RGBColor; 5] = [
     RGBColor(31, 90, 166),
     RGBColor(214, 110, 30),
@@ -37,23 +37,20 @@ fn fault(error: impl std::fmt::Display) -> anyhow::Error {
     anyhow!("cannot draw a plot: {error}")
 }
 
-/// The least that a module must take to be shown.
+/// Minimum LUT4 of a module in the plot.
 const LEAST_LUT4: u64 = 1000;
 
-/// LUT4 of the larger modules, the largest first.
+/// LUT4 of the larger modules, in descending order.
 pub(super) fn area_by_unit(baseline: &Baseline) -> Result<String> {
     let large = (baseline.area.iter()).filter(|unit| unit.area.lut4 >= LEAST_LUT4);
     let mut units: Vec<(&str, u64)> = large.map(|unit| (&*unit.name, unit.area.lut4)).collect();
     units.sort_by(|a, b| b.1.cmp(&a.1).then(a.0.cmp(b.0)));
-    let most = units.first().context("no area is known")?.1 as f64 / 1000.0;
+    let most = units.first().context("the baseline has no area")?.1 as f64 / 1000.0;
     let rows = units.len();
     svg(|area| {
         let mut chart = ChartBuilder::on(area)
             .margin(12)
-            .caption(
-                "Thousands of LUT4 by module, all below it included",
-                CAPTION,
-            )
+            .caption("LUT4 per module, including everything below it", CAPTION)
             .x_label_area_size(36)
             .y_label_area_size(150)
             .build_cartesian_2d(0.0..most * 1.1, (0..rows).into_segmented())
@@ -85,10 +82,10 @@ pub(super) fn area_by_unit(baseline: &Baseline) -> Result<String> {
     })
 }
 
-/// The clock that pipelines of several depths reach, a line a unit.
+/// Clock reached by pipelines of several depths, one line per unit.
 pub(super) fn clock_by_depth(baseline: &Baseline) -> Result<String> {
     let depths = &baseline.depths;
-    ensure!(!depths.is_empty(), "no clock by depth is known");
+    ensure!(!depths.is_empty(), "the baseline has no table of depths");
     let deepest = depths.iter().map(|d| d.depth).max().unwrap_or(1) + 1;
     let fastest = depths.iter().map(|d| d.mhz).fold(0.0, f64::max);
     let mut units: Vec<&str> = vec![];
@@ -100,17 +97,14 @@ pub(super) fn clock_by_depth(baseline: &Baseline) -> Result<String> {
     svg(|area| {
         let mut chart = ChartBuilder::on(area)
             .margin(12)
-            .caption(
-                "Clock reached on an ECP5-85F by depth of the pipeline",
-                CAPTION,
-            )
+            .caption("Clock reached on an ECP5-85F by pipeline depth", CAPTION)
             .x_label_area_size(40)
             .y_label_area_size(50)
             .build_cartesian_2d(0u32..deepest, 0.0..fastest * 1.1)
             .map_err(fault)?;
         chart
             .configure_mesh()
-            .x_desc("registers from input to output")
+            .x_desc("pipeline registers from input to output")
             .y_desc("MHz")
             .label_style(LABEL)
             .draw()
@@ -139,7 +133,7 @@ pub(super) fn clock_by_depth(baseline: &Baseline) -> Result<String> {
     })
 }
 
-/// How busy traversal and geometry unit are from the frame's first clock to its last.
+/// Utilisation of the traversal and the geometry unit over the cycles of a frame.
 pub(super) fn utilisation(frame: &FrameFigures) -> Result<String> {
     let last = frame.tpu_by_interval.len() as f64 * frame.interval_cycles as f64 / 1000.0;
     svg(|area| {
@@ -156,14 +150,17 @@ pub(super) fn utilisation(frame: &FrameFigures) -> Result<String> {
             .map_err(fault)?;
         chart
             .configure_mesh()
-            .x_desc("thousands of clocks")
-            .y_desc("of the peak")
+            .x_desc("thousands of cycles")
+            .y_desc("share of the peak")
             .label_style(LABEL)
             .draw()
             .map_err(fault)?;
         let series = [
-            ("packet steps a clock", &frame.tpu_by_interval),
-            ("slots of the triangle test a clock", &frame.gu_by_interval),
+            ("packet steps per cycle", &frame.tpu_by_interval),
+            (
+                "slots of the triangle test per cycle",
+                &frame.gu_by_interval,
+            ),
         ];
         for ((name, values), colour) in series.into_iter().zip(COLOURS) {
             let middle = |at: usize| (at as f64 + 0.5) * frame.interval_cycles as f64 / 1000.0;

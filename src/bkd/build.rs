@@ -1,8 +1,8 @@
-//! The build: a full sweep of the surface area heuristic over presorted lists.
+//! Tree construction: a full sweep with the surface area heuristic over presorted lists.
 //!
-//! The triangles are sorted once by each key on each axis. A node is split where some list, cut at some
-//! position, costs least; the lists are then partitioned stably, so that they stay sorted. That is O(n log n)
-//! while the tree's depth is O(log n), and never more than O(n · greatest depth).
+//! The triangles are sorted once by each key on each axis. A node is split at the position of the list with the least
+//! cost. The lists are then partitioned stably, so they stay sorted. The run time is O(n log n) if the tree's depth is
+//! O(log n), and at most O(n · maximum depth).
 
 use std::marker::PhantomData;
 
@@ -10,41 +10,41 @@ use anyhow::{Result, bail, ensure};
 
 use super::tree::{Bounds, Child, Tree, TreeNode};
 
-/// By which box a child's chance of being entered is estimated.
+/// The box that determines the estimated probability that a ray enters a child.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum SplitCost {
-    /// The child's tight box, as if a node stored it whole.
+    /// The child's tight box, as if the node stored it completely.
     Boxes,
-    /// The region that traversal knows: the parent's, clipped by the one interval that the node stores.
+    /// The region known to traversal: the parent's region, clipped by the child's interval.
     Region,
 }
 
-/// The keys by which triangles are sorted on each axis.
+/// The sort keys of triangles on each axis.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum SortKeys {
-    /// The centre of the triangle's box: three lists.
+    /// The centre of the triangle's box: 3 lists.
     Centre,
-    /// Its centre, its minimum and its maximum: nine lists.
+    /// The centre, the minimum and the maximum of the triangle's box: 9 lists.
     CentreMinMax,
 }
 
-/// How a tree is built.
+/// Options of tree construction.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct BuildOptions {
     pub cost: SplitCost,
     pub sort_keys: SortKeys,
-    /// 1: both children's intervals lie on one axis; 2: each child's on its own.
+    /// 1: both children's intervals are on one common axis; 2: each has its own axis.
     pub axes_per_node: u32,
-    /// The most inner nodes on a path: the entries of the machine's traversal stack. A tree is never deeper
-    /// than [`MOST_DEPTH`].
+    /// Maximum number of inner nodes on a path, which is the number of entries of the traversal stack. The limit
+    /// [`MOST_DEPTH`] applies in addition.
     pub max_depth: u32,
 }
 
-/// The depth that no tree exceeds, whatever its options allow.
+/// Maximum depth of any tree, independent of the options.
 pub const MOST_DEPTH: u32 = 60;
 
 impl BuildOptions {
-    /// The classical build: boxes' areas, one axis a node, sorted by centre.
+    /// The classical construction: areas of boxes, one axis per node, sorted by centre.
     pub fn plain(max_depth: u32) -> Self {
         BuildOptions {
             cost: SplitCost::Boxes,
@@ -62,7 +62,7 @@ impl BuildOptions {
         }
     }
 
-    /// The builder's best for a machine with 1 or 2 axes a node.
+    /// The best known options for a machine with 1 or 2 axes per node.
     pub fn default_for(axes_per_node: u32, max_depth: u32) -> Self {
         BuildOptions {
             cost: SplitCost::Region,
@@ -73,11 +73,11 @@ impl BuildOptions {
     }
 }
 
-/// Builds the tree of a mesh. The result depends on nothing but the arguments.
+/// Builds the tree of a mesh. The result depends only on the arguments.
 ///
 /// # Errors
-/// Where there is no triangle, a triangle names a vertex that is missing or not finite, or the greatest depth
-/// cannot hold so many triangles.
+/// If there is no triangle, if a triangle names a vertex that is missing or not finite, or if the maximum depth
+/// is too small for the number of triangles.
 pub fn build(
     vertices: &[[f64; 3]],
     triangles: &[[u32; 3]],
@@ -108,11 +108,11 @@ pub fn build(
     build_leaves(&boxes, leaves, options)
 }
 
-/// Builds the top-level tree over instances, of which these are the boxes in the world. The result depends on
-/// nothing but the arguments.
+/// Builds the top-level tree over instances with the given boxes in the world. The result depends only on the
+/// arguments.
 ///
 /// # Errors
-/// Where there is no box, one is not finite, or the greatest depth cannot hold so many.
+/// If there is no box, if a box is not finite, or if the maximum depth is too small for the number of boxes.
 pub fn build_over_boxes(boxes: &[Bounds], options: &BuildOptions) -> Result<Tree> {
     ensure!(!boxes.is_empty(), "the scene has no instances");
     for (number, bounds) in boxes.iter().enumerate() {
@@ -128,7 +128,7 @@ pub fn build_over_boxes(boxes: &[Bounds], options: &BuildOptions) -> Result<Tree
     build_leaves(boxes, leaves, options)
 }
 
-/// What a tree's leaves are called where there are too many.
+/// The name of the leaves in error messages.
 struct Leaves {
     plural: &'static str,
     remedy: &'static str,
@@ -189,7 +189,7 @@ fn build_leaves(boxes: &[Bounds], leaves: Leaves, options: &BuildOptions) -> Res
     })
 }
 
-/// A box for sweeping: least corner and negated greatest corner, so that a union is eight minima.
+/// A box for sweeping: minimum corner and negated maximum corner, which makes a union eight minima.
 #[derive(Clone, Copy, PartialEq)]
 #[repr(align(32))]
 struct SweepBox([f32; 8]);
@@ -223,7 +223,7 @@ impl SweepBox {
         std::array::from_fn(|axis| EXTENT + self.hi(axis) - self.lo(axis))
     }
 
-    /// This region clipped by a child's interval on an axis.
+    /// This region, clipped by a child's interval on an axis.
     #[inline(always)]
     fn clipped(&self, axis: usize, child: &SweepBox) -> SweepBox {
         let mut clipped = *self;
@@ -233,7 +233,7 @@ impl SweepBox {
     }
 }
 
-/// Added to every extent, in units of the scene's: keeps a flat scene's areas in proportion to its lengths.
+/// Added to every extent, in units of the scene's extent. It keeps the areas of a flat scene proportional to its lengths.
 const EXTENT: f32 = 1.0 / 65536.0;
 
 #[inline(always)]
@@ -241,12 +241,12 @@ fn half_area([x, y, z]: [f32; 3]) -> f32 {
     x * y + y * z + z * x
 }
 
-/// Boxes scaled by a power of two so that no coordinate exceeds 1 and no area overflows.
+/// Boxes scaled by a power of two, so that no coordinate exceeds 1 and no area overflows.
 fn scaled_boxes(exact: &[Bounds]) -> Vec<SweepBox> {
     let greatest = (exact.iter())
         .flat_map(|b| b.lo.into_iter().chain(b.hi))
         .fold(f64::MIN_POSITIVE, |greatest, x| greatest.max(x.abs()));
-    // 2^−(exponent + 1), from the exponent's bits: the same on every machine.
+    // 2^−(exponent + 1) from the bits of the exponent, which is the same on every machine.
     let scale = f64::from_bits((2045 - (greatest.to_bits() >> 52)).max(1) << 52);
     (exact.iter())
         .map(|b| {
@@ -260,7 +260,7 @@ fn scaled_boxes(exact: &[Bounds]) -> Vec<SweepBox> {
         .collect()
 }
 
-/// The triangles' numbers sorted by each key on each axis; equal keys in the order of the numbers. List i is of axis i mod 3.
+/// The numbers of the triangles, sorted by each key on each axis; equal keys are sorted by number. List i belongs to axis i mod 3.
 fn sorted_lists(boxes: &[SweepBox], keys: SortKeys) -> Vec<Vec<u32>> {
     type Key = fn(&SweepBox, usize) -> f32;
     let centre: Key = |b, axis| b.lo(axis) + b.hi(axis);
@@ -271,7 +271,7 @@ fn sorted_lists(boxes: &[SweepBox], keys: SortKeys) -> Vec<Vec<u32>> {
     let mut lists = Vec::with_capacity(3 * keys.len());
     for key in keys {
         for axis in 0..3 {
-            // One integer that orders as (key, number) does.
+            // One integer with the same order as (key, number).
             let mut sorted: Vec<u64> = (boxes.iter().zip(0u64..))
                 .map(|(b, number)| {
                     let bits = (key(b, axis) + 0.0).to_bits();
@@ -290,19 +290,19 @@ fn sorted_lists(boxes: &[SweepBox], keys: SortKeys) -> Vec<Vec<u32>> {
     lists
 }
 
-/// How a split of one range by one list is costed, and on which axes the children's intervals are stored.
+/// The cost of a split of a range by one list, and the axes of the children's intervals.
 trait Measure {
-    /// Readies the measure for a range's known region and a list's axis.
+    /// Prepares the measure for a range with the given region and for the axis of a list.
     fn new(region: &SweepBox, sweep_axis: usize) -> Self;
-    /// The area by which a child's chance of being entered is estimated.
+    /// The area that is proportional to the estimated probability that a ray enters the child.
     fn area(&self, child: &SweepBox) -> f32;
-    /// The estimated cost of a subtree of `count` triangles once it is entered, but for a common factor.
+    /// The estimated cost of a subtree of `count` triangles after it is entered, up to a common factor.
     fn subtree_cost(count: usize) -> f64;
     /// The axes of the children's intervals.
     fn axes(region: &SweepBox, sweep_axis: usize, children: &[SweepBox; 2]) -> [u8; 2];
 }
 
-/// The axis on which a child's interval clips most of a region.
+/// The axis on which the child's interval reduces the region most.
 fn best_axis(region: &SweepBox, child: &SweepBox) -> u8 {
     let area = |axis: u8| half_area(region.clipped(axis.into(), child).extents());
     (1..3).fold(
@@ -313,7 +313,7 @@ fn best_axis(region: &SweepBox, child: &SweepBox) -> u8 {
     )
 }
 
-/// The tight box's area; both intervals on the axis of the sweep.
+/// The area of the tight box; both intervals are on the axis of the sweep.
 struct BoxArea;
 
 impl Measure for BoxArea {
@@ -336,7 +336,7 @@ impl Measure for BoxArea {
     }
 }
 
-/// The tight box's area; each interval on the axis where it clips most.
+/// The area of the tight box; each interval is on the axis on which it reduces the region most.
 struct BoxAreaOwnAxes;
 
 impl Measure for BoxAreaOwnAxes {
@@ -361,7 +361,7 @@ impl Measure for BoxAreaOwnAxes {
 
 /// The area of the region clipped on the axis of the sweep, linear in the child's extent there.
 struct RegionArea {
-    /// For each axis what a unit of the child's extent adds: 0 but on the axis of the sweep.
+    /// The change of the area per unit of the child's extent, by axis; 0 except on the axis of the sweep.
     slope: [f32; 3],
     constant: f32,
 }
@@ -394,7 +394,7 @@ impl Measure for RegionArea {
     }
 }
 
-/// The area of the region clipped on the axis where the child's interval clips most.
+/// The area of the region clipped on the axis on which the child's interval reduces it most.
 struct RegionAreaOwnAxes {
     slope: [f32; 3],
     constant: [f32; 3],
@@ -417,9 +417,9 @@ impl Measure for RegionAreaOwnAxes {
         area(0).min(area(1)).min(area(2))
     }
 
-    /// A ray that enters a subtree visits a part of it, the smaller the larger it is: count^¾. Over eight views
-    /// each that takes 39.7 steps a packet instead of 46.8 in Sponza, 18.5 instead of 19.1 in the kitchen and as
-    /// many on the bunny; with one axis a node it gains nothing. (Square roots, not `powf`: the same on every machine.)
+    /// A ray that enters a subtree visits only a part of it, and the share falls with the size: count^¾. Averaged over
+    /// eight views, this needs 39.7 steps per packet instead of 46.8 in Sponza, 18.5 instead of 19.1 in the kitchen, and no
+    /// fewer for the bunny. With one axis per node it saves nothing. (Square roots, unlike `powf`, are the same on every machine.)
     fn subtree_cost(count: usize) -> f64 {
         let count = count as f64;
         (count * count.sqrt()).sqrt()
@@ -433,26 +433,26 @@ impl Measure for RegionAreaOwnAxes {
 /// The triangles of one subtree.
 #[derive(Clone, Copy)]
 struct Range {
-    /// Where they lie in every list.
+    /// Its first position in every list.
     start: usize,
     count: usize,
-    /// What traversal knows of their place.
+    /// The region known to traversal.
     region: SweepBox,
-    /// The most inner nodes on a path.
+    /// Maximum number of inner nodes on a path.
     depth: u32,
 }
 
-/// Where to split a range: the first `left` triangles of a list go left.
+/// A split of a range: the first `left` triangles of a list become the left child.
 struct Split {
     list: usize,
     left: usize,
 }
 
-/// The search for the best split, with its scratch memory.
+/// The search for the best split, and its scratch memory.
 struct Sweep<M> {
-    /// For each position the area right of it.
+    /// For each position, the area to the right of it.
     right: Vec<f32>,
-    /// For each count of triangles the estimated cost of their subtree.
+    /// For each number of triangles, the estimated cost of a subtree.
     subtree_cost: Vec<f64>,
     measure: PhantomData<M>,
 }
@@ -466,14 +466,14 @@ impl<M: Measure> Sweep<M> {
         }
     }
 
-    /// The split that costs least; of equals the one that divides most evenly, then the first.
+    /// The split with the least cost. Ties are resolved by the most even division, then by position.
     fn best_split(&mut self, boxes: &[SweepBox], lists: &[Vec<u32>], range: &Range) -> Split {
         let count = range.count;
         let whole = range.start..range.start + count;
         let numbers = &lists[0][whole.clone()];
         let one = boxes[numbers[0] as usize];
         if numbers.iter().all(|&number| boxes[number as usize] == one) {
-            // No split separates anything: keep the tree shallow, and clip where that helps most.
+            // No split separates the triangles: keep the tree shallow, and clip on the best axis.
             let area = |list: usize| M::new(&range.region, list).area(&one);
             let list = (1..3).fold(
                 0,
@@ -485,7 +485,7 @@ impl<M: Measure> Sweep<M> {
             };
         }
         let mut best = Split { list: 0, left: 0 };
-        // Only positions that leave both sides room under the greatest depth: the object median at worst.
+        // Only positions that respect the maximum depth on both sides; the object median always does.
         let most = 1 << (range.depth - 1);
         let first = count.saturating_sub(most).max(1);
         let last = most.min(count - 1);
@@ -526,17 +526,17 @@ impl<M: Measure> Sweep<M> {
 
 struct Builder {
     boxes: Vec<SweepBox>,
-    /// The triangles' numbers, sorted differently in each list; every subtree has the same range of all.
+    /// The numbers of the triangles, sorted differently in each list; a subtree has the same range in all lists.
     lists: Vec<Vec<u32>>,
     goes_left: Vec<bool>,
-    /// Scratch of a partition.
+    /// Scratch memory of a partition.
     rest: Vec<u32>,
     nodes: Vec<TreeNode>,
 }
 
 impl Builder {
-    /// Builds a subtree. Its count − 1 nodes take the indices from the range's start up, the left
-    /// child's, its root and the right child's in this order.
+    /// Builds a subtree. Its count − 1 nodes get the indices from the start of the range: first those of the left
+    /// child, then its root, then those of the right child.
     fn subtree<M: Measure>(&mut self, sweep: &mut Sweep<M>, range: Range) -> Child {
         if range.count == 1 {
             return Child::Leaf(self.lists[0][range.start]);
@@ -560,7 +560,7 @@ impl Builder {
         Child::Inner(index as u32)
     }
 
-    /// Partitions all lists stably by a split; returns the boxes of both sides.
+    /// Partitions all lists stably by a split, and returns the boxes of both sides.
     fn partition(&mut self, range: &Range, split: &Split) -> [SweepBox; 2] {
         let whole = range.start..range.start + range.count;
         let numbers = &self.lists[split.list][whole.clone()];

@@ -1,4 +1,4 @@
-//! Scenes of two levels: objects laid out one after another, and a top-level tree over instances of them.
+//! Scenes of two levels: consecutive objects, and a top-level tree over their instances.
 
 use anyhow::{Context, Result, ensure};
 use glam::{DAffine3, DVec3};
@@ -11,29 +11,29 @@ use super::layout::{
 use super::tree::{Bounds, Tree};
 use crate::float::{Arithmetic, Format};
 
-/// By how much an instance's box in the world is widened on every side, in the machine's units. It covers what
-/// rounding the matrix and the transformed ray moves a hit by, as seen from the world.
+/// Widening of an instance's box in the world on every side, in machine units. It covers the displacement of a hit,
+/// as seen from the world, by the rounding of the matrix and of the transformed ray.
 pub const WIDENING: f64 = 1.0 / 16.0;
 
-/// Where an instance stands. Its number is its place in the list that [`InstancedImage::set_top`] is given.
+/// An instance. Its number is its index in the list that [`InstancedImage::set_top`] receives.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct InstanceSpec {
-    /// The object's number, as [`InstancedImage::add_object`] gave it.
+    /// The object's number, as returned by [`InstancedImage::add_object`].
     pub object: usize,
-    /// Takes a point of the world to the object's space. Numbers of the format.
+    /// Transforms a point of the world into object space. The numbers are values of the format.
     pub world_to_object: Columns,
-    /// The box in the world, already widened. Numbers of the format.
+    /// The box in the world, already widened. The numbers are values of the format.
     pub world_box: Bounds,
 }
 
 impl InstanceSpec {
-    /// The instance of an object that `object_to_world` places, a transformation of machine coordinates: the inverse
-    /// rounded once to the format; the box around the eight transformed corners of `object_box` (the object's own, in
-    /// its space), widened by [`WIDENING`] on every side and rounded outwards.
+    /// Creates an instance from `object_to_world`, a transformation of machine coordinates. The inverse is rounded once to
+    /// the format. The box in the world is that of the eight transformed corners of `object_box` (the object's box in
+    /// object space), widened by [`WIDENING`] on every side and rounded outwards.
     ///
     /// # Errors
-    /// Where the matrix is singular, or the format cannot hold its inverse or the box: one line that names the
-    /// instance by `number`.
+    /// One line that names the instance by `number`, if the matrix is singular or if the format cannot represent its
+    /// inverse or the box.
     pub fn new(
         format: Format,
         number: usize,
@@ -85,7 +85,7 @@ impl InstanceSpec {
         })
     }
 
-    /// That all numbers are ones of the format, and the box is one.
+    /// Checks that all numbers are values of the format, and that the box is valid.
     fn check(&self, a: &Arithmetic) -> Result<()> {
         let numbers = self.world_to_object.as_flattened().iter();
         let numbers = numbers.chain(&self.world_box.lo).chain(&self.world_box.hi);
@@ -104,7 +104,7 @@ impl InstanceSpec {
     }
 }
 
-/// Whether a transformation presses space flat, up to rounding: its columns span next to no volume for their length.
+/// Whether a transformation is singular up to rounding: its columns span almost no volume relative to their lengths.
 fn is_flat(matrix: &DAffine3) -> bool {
     const NEXT_TO_NOTHING: f64 = 1e-12;
     let m = matrix.matrix3;
@@ -112,9 +112,9 @@ fn is_flat(matrix: &DAffine3) -> bool {
     x.cross(y).dot(z).abs() <= NEXT_TO_NOTHING
 }
 
-/// What to do about an instance whose matrix has no inverse in the format, by its exact box in the world.
+/// The remedy for an instance whose matrix has no inverse in the format, given its exact box in the world.
 fn remedy(world_box: &Bounds) -> String {
-    /// How many times its own size away something is far.
+    /// The distance, in units of a box's own size, from which the box counts as far away.
     const FAR: f64 = 1e3;
     let Bounds { lo, hi } = world_box;
     let size = (0..3).map(|k| hi[k] - lo[k]).fold(0f64, f64::max);
@@ -135,7 +135,7 @@ fn is_box(bounds: &Bounds) -> bool {
     })
 }
 
-/// The greatest number of the format that is not above x; −∞ where there is none.
+/// The greatest value of the format that is not above x; −∞ if there is none.
 fn round_down(a: &Arithmetic, x: f64) -> f64 {
     let rounded = a.round(x);
     if rounded > x {
@@ -145,40 +145,40 @@ fn round_down(a: &Arithmetic, x: f64) -> f64 {
     }
 }
 
-/// Where an object lies in the arrays of an [`InstancedImage`].
+/// The position of an object in the arrays of an [`InstancedImage`].
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ObjectPlace {
-    /// Index of its first slot among nodes and triangle records: an update's node base.
+    /// Index of its first node and record: the node base of an update.
     pub base: u32,
-    /// Its triangles: slots in both arrays, the last node slot unused.
+    /// Number of its triangles, which is its number of slots in both arrays; the last node slot is unused.
     pub triangles: u32,
-    /// Index of its first vertex: an update's vertex base.
+    /// Index of its first vertex: the vertex base of an update.
     pub vertex_base: u32,
     pub vertices: u32,
-    /// By which instances enter it.
+    /// Its root, by which instances enter it.
     pub root: LinkWord,
-    /// The box of its triangles, in its own space.
+    /// The box of its triangles in object space.
     pub bounds: Bounds,
-    /// Inner nodes on the longest path from its root.
+    /// Number of inner nodes on the longest path from its root.
     pub depth: u32,
 }
 
-/// A memory image of two levels, made in two parts: objects, and vectors that something else reads, are added once;
-/// the top-level tree over the instances is set anew whenever one moves.
+/// A memory image of two levels in two parts. Objects and additional vectors are added once; the top-level tree over
+/// the instances is replaced whenever an instance moves.
 ///
-/// In the node and record arrays the objects lie one after another, then the top-level tree; in the vertex array what
-/// was added, in the order in which it was, then six vectors an instance, in the order of their numbers.
+/// The node and record arrays contain the objects, one after another, then the top-level tree. The vertex array contains
+/// everything that was added, in order, then six vectors per instance, in the order of the instances' numbers.
 #[derive(Clone, Debug, PartialEq)]
 pub struct InstancedImage {
     image: MemoryImage,
     objects: Vec<ObjectPlace>,
-    /// Records and vertices below the top level's.
+    /// Number of records and vertices below those of the top level.
     record_count: usize,
     vertex_count: usize,
 }
 
 impl InstancedImage {
-    /// An image without objects.
+    /// Creates an image without objects.
     pub fn new(format: Format) -> Self {
         InstancedImage {
             image: MemoryImage {
@@ -195,10 +195,10 @@ impl InstancedImage {
         }
     }
 
-    /// Adds an object, from its own image at base 0, and returns its number. The top level must be set again.
+    /// Adds an object from its own image at base 0, and returns its number. The top level must then be set again.
     ///
     /// # Errors
-    /// Where the object is of another format or no sound scene of one level, or the arrays grow too large for a link.
+    /// If the object has another format, if it is not a valid scene of one level, or if the arrays become too large for a link.
     pub fn add_object(&mut self, object: &MemoryImage) -> Result<usize> {
         let number = self.objects.len();
         let place = self
@@ -216,14 +216,14 @@ impl InstancedImage {
         Ok(number)
     }
 
-    /// Puts another state of an object in its place: vertices, bounds or a new tree over as many triangles. Instances
-    /// stay as they are: set the top level again if the object's box or depth has changed.
+    /// Replaces the state of an object: its vertices, its bounds, or its tree over the same number of triangles. Instances
+    /// do not change: set the top level again if the object's box or depth has changed.
     ///
     /// # Errors
-    /// As [`InstancedImage::add_object`], and where the counts of triangles or vertices differ.
+    /// As [`InstancedImage::add_object`], and if the number of triangles or vertices differs.
     ///
     /// # Panics
-    /// Where there is no such object.
+    /// If there is no such object.
     pub fn replace_object(&mut self, number: usize, object: &MemoryImage) -> Result<()> {
         let old = self.objects[number];
         let place = self
@@ -250,11 +250,11 @@ impl InstancedImage {
         Ok(())
     }
 
-    /// Adds vectors to the vertex array that no triangle names, as palettes are or vertices at rest, and returns the
-    /// index of the first. The top level must be set again.
+    /// Adds vectors that no triangle names to the vertex array, such as palettes or vertices at rest. Returns the index of
+    /// the first one. The top level must then be set again.
     ///
     /// # Errors
-    /// Where an index of the vertex array has more than 32 bits.
+    /// If an index of the vertex array would need more than 32 bits.
     pub fn add_vectors(&mut self, vectors: &[[f64; 3]]) -> Result<u32> {
         let first = self.vertex_count;
         check_vertices(first + vectors.len())?;
@@ -264,22 +264,22 @@ impl InstancedImage {
         Ok(first as u32)
     }
 
-    /// Writes vectors from an index on, over such as were added.
+    /// Overwrites added vectors from an index on.
     ///
     /// # Panics
-    /// Where they reach into the top level's.
+    /// If they overlap the vectors of the top level.
     pub fn write_vectors(&mut self, first: u32, vectors: &[[f64; 3]]) {
         let first = first as usize;
         assert!(first + vectors.len() <= self.vertex_count, "added vectors");
         self.image.vertices[first..first + vectors.len()].copy_from_slice(vectors);
     }
 
-    /// Builds the top-level tree over instances, in place of the one before. `options` are those of the objects' trees:
-    /// both levels together are no deeper than `max_depth`.
+    /// Builds the top-level tree over instances and replaces the previous one. `options` are those of the objects' trees:
+    /// the depth of both levels together is at most `max_depth`.
     ///
     /// # Errors
-    /// Where there is no instance, one is not sound or names an object that is not there, the stack cannot hold both
-    /// levels, or the arrays grow too large: one line; the image stays as it was.
+    /// One line if there is no instance, if an instance is invalid or names a missing object, if the stack is too small for
+    /// both levels, or if the arrays become too large. The image then does not change.
     pub fn set_top(&mut self, instances: &[InstanceSpec], options: &BuildOptions) -> Result<()> {
         self.check_instances(instances)?;
         let objects = instances.iter().map(|instance| instance.object);
@@ -301,18 +301,18 @@ impl InstancedImage {
         self.put_top(instances, &build_over_boxes(&boxes, &options)?)
     }
 
-    /// Takes the top-level tree away, as before it was first set: there is no tree over no instances.
+    /// Removes the top-level tree, because there is no tree over zero instances.
     pub fn clear_top(&mut self) {
         self.remove_top();
     }
 
-    /// Sets a top-level tree of one's own, its leaves the instances' numbers.
+    /// Sets a given top-level tree, whose leaves are the numbers of instances.
     ///
     /// # Errors
-    /// As [`InstancedImage::set_top`], but for the depth: [`MemoryImage::check`] sees to that.
+    /// As [`InstancedImage::set_top`], except for the depth, which [`MemoryImage::check`] checks.
     ///
     /// # Panics
-    /// Where `tree` is none over these instances.
+    /// If `tree` is not a tree over these instances.
     pub fn set_top_tree(&mut self, instances: &[InstanceSpec], tree: &Tree) -> Result<()> {
         self.check_instances(instances)?;
         assert_eq!(
@@ -323,12 +323,12 @@ impl InstancedImage {
         self.put_top(instances, tree)
     }
 
-    /// The whole image. Before the top level is set it has no root, and [`MemoryImage::check`] refuses it.
+    /// The whole image. Until the top level is set it has no root, and [`MemoryImage::check`] rejects it.
     pub fn image(&self) -> &MemoryImage {
         &self.image
     }
 
-    /// Where the objects lie, by their numbers.
+    /// The positions of the objects, by number.
     pub fn objects(&self) -> &[ObjectPlace] {
         &self.objects
     }
@@ -394,7 +394,7 @@ impl InstancedImage {
         self.image.bounds = EMPTY_SCENE;
     }
 
-    /// The place of an object at given bases.
+    /// The position of an object for given bases.
     fn placed(&self, object: &MemoryImage, base: usize, vertex_base: usize) -> Result<ObjectPlace> {
         ensure!(
             object.format == self.image.format,
@@ -421,7 +421,7 @@ impl InstancedImage {
         })
     }
 
-    /// Copies an object into its place.
+    /// Copies an object to its position.
     fn fill(&mut self, object: &MemoryImage, place: &ObjectPlace) {
         let base = place.base as usize;
         let used = object.nodes.len() - 1;
@@ -445,7 +445,7 @@ impl InstancedImage {
     }
 }
 
-/// The root of a scene whose top level is not set: it leads nowhere.
+/// The root of a scene whose top level is not set; it names no valid node.
 const NO_TOP: LinkWord = LinkWord {
     link: (1 << LINK_BITS) - 1,
     left_leaf: true,
@@ -456,7 +456,7 @@ const NO_TOP: LinkWord = LinkWord {
 
 const EMPTY_SCENE: ([f64; 3], [f64; 3]) = ([0.0; 3], [0.0; 3]);
 
-/// A link word whose index is raised by an object's base.
+/// A link word with an object's base added to its index.
 fn raised(link: LinkWord, base: u32) -> LinkWord {
     LinkWord {
         link: link.link + base,

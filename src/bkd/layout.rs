@@ -1,14 +1,14 @@
-//! The records in memory: the one definition from which memory images, golden model, RTL and
-//! documentation derive.
+//! The records in memory. Memory images, golden model, RTL and documentation derive from these
+//! definitions.
 //!
-//! A [`Record`] is a table of named bit fields. Records lie in arrays of whole records; an array's image is
-//! a little-endian bit vector in 32-bit words, each record starting at a word, or a line of hexadecimal
-//! digits a record for `$readmemh`.
+//! A [`Record`] is a table of named bit fields. Arrays contain whole records. The image of an array is
+//! a little-endian bit vector in 32-bit words, in which each record starts at a word; as text for `$readmemh` it has
+//! one line of hexadecimal digits per record.
 //!
-//! # Where things lie
-//! An object of n triangles takes n consecutive slots at one base in both the node and the triangle record
-//! array; indices are absolute. Its n − 1 nodes fill the first slots, children before parents, two inner
-//! children of one node side by side, the root last; the last node slot is unused. A node's children are
+//! # Positions in memory
+//! An object of n triangles occupies n consecutive slots at one base in the node array and in the record
+//! array; indices are absolute. Its n − 1 nodes fill the first slots: children before parents, two inner
+//! children of one node next to each other, the root last. The last node slot is unused. The children of a node are
 //!
 //! | children        | left                 | right                |
 //! |-----------------|----------------------|----------------------|
@@ -17,8 +17,8 @@
 //! | right is a leaf | node \[link]         | record \[own index]  |
 //! | two leaves      | record \[own index]  | record \[link]       |
 //!
-//! so that every triangle record is some node's: the record at the index of a node with two inner children, and
-//! the last one, serve the right leaves of nodes with two leaves.
+//! Every triangle record belongs to exactly one node: the record at the index of a node with two inner children, and
+//! the last record, are the right leaves of nodes with two leaves.
 
 use std::collections::HashMap;
 use std::collections::hash_map::Entry;
@@ -32,13 +32,13 @@ use crate::float::Format;
 /// Bits of an index in a link word.
 pub const LINK_BITS: u32 = 26;
 
-/// Bits that name a joint of a palette.
+/// Bits of a joint's index in a palette.
 pub const JOINT_BITS: u32 = 8;
 
-/// Influences in a row of the skinning processor's stream.
+/// Number of influences in a row of the skinning processor's stream.
 pub const INFLUENCES_PER_ROW: usize = 4;
 
-/// The most triangle records that a link word can address.
+/// Maximum number of triangle records that a link word can address.
 pub const MOST_RECORDS: u64 = 1 << LINK_BITS;
 
 /// The records by field: what [`Record`] tabulates, as bundles.
@@ -126,15 +126,15 @@ pub mod fields {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 pub struct Field {
     pub name: &'static str,
-    /// The field's least significant bit, counted from the record's.
+    /// Position of the field's least significant bit in the record.
     pub lsb: u32,
-    /// Bits, 1–64.
+    /// Width in bits, 1 to 64.
     pub width: u32,
     pub description: &'static str,
 }
 
 impl Field {
-    /// The field's value in a record of little-endian `words`.
+    /// The value of the field in a record of little-endian `words`.
     pub fn get(&self, words: &[u32]) -> u64 {
         let mut value = 0;
         let mut done = 0;
@@ -148,10 +148,10 @@ impl Field {
         value
     }
 
-    /// Stores `value` in a record of little-endian `words`, leaving other bits as they are.
+    /// Stores `value` in a record of little-endian `words` and keeps all other bits.
     ///
     /// # Panics
-    /// Where `value` does not fit the field.
+    /// If `value` does not fit the field.
     pub fn set(&self, words: &mut [u32], value: u64) {
         assert!(
             value & !mask(self.width) == 0,
@@ -179,7 +179,7 @@ fn mask(width: u32) -> u64 {
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 pub struct Record {
     pub name: &'static str,
-    /// Bits.
+    /// Width in bits.
     pub width: u32,
     pub fields: Vec<Field>,
 }
@@ -249,7 +249,7 @@ impl Record {
         )
     }
 
-    /// A whole box: an object's, as the update processor writes it.
+    /// The box of an object, as the update processor writes it.
     pub fn bounding_box(format: Format) -> Self {
         let w = format.width();
         Record::new(
@@ -278,8 +278,8 @@ impl Record {
         )
     }
 
-    /// An instance: where its six vectors lie, its object's root and its number. As wide as a triangle record, with the
-    /// number in the same place, and in the same array.
+    /// An instance: the index of its six vectors, its object's root and its number. The record has the width of a triangle
+    /// record and is in the same array, with the number in the same bits.
     pub fn instance() -> Self {
         Record::new(
             "instance",
@@ -337,15 +337,15 @@ impl Record {
         )
     }
 
-    /// The link word of a node; alone, the root by which an object is entered.
+    /// The link word of a node; alone, the root of an object.
     pub fn link_word() -> Self {
         Record::new("link_word", &LINK_WORD)
     }
 
-    /// The field of a name.
+    /// The field with this name.
     ///
     /// # Panics
-    /// Where the record has no such field.
+    /// If the record has no such field.
     pub fn field(&self, name: &str) -> &Field {
         self.fields
             .iter()
@@ -363,20 +363,20 @@ impl Record {
         self.field(name).set(words, value);
     }
 
-    /// 32-bit words from one record of an array to the next.
+    /// Number of 32-bit words per record in an array.
     pub fn words(&self) -> usize {
         self.width.div_ceil(32) as usize
     }
 
-    /// Hexadecimal digits of a record.
+    /// Number of hexadecimal digits of a record.
     pub fn hex_digits(&self) -> usize {
         self.width.div_ceil(4) as usize
     }
 
-    /// The records of an array's words, a line each as `$readmemh` reads it: most significant digit first.
+    /// The records of an array as text for `$readmemh`: one line per record, most significant digit first.
     ///
     /// # Panics
-    /// Where `words` does not hold whole records.
+    /// If `words` does not contain whole records.
     pub fn hex_lines(&self, words: &[u32]) -> String {
         assert_eq!(words.len() % self.words(), 0, "whole records");
         let digits = self.hex_digits();
@@ -391,10 +391,10 @@ impl Record {
         lines
     }
 
-    /// The words of an array from the lines that [`Record::hex_lines`] writes.
+    /// Parses the lines that [`Record::hex_lines`] writes into the words of an array.
     ///
     /// # Errors
-    /// Names the first line that is no record.
+    /// Names the first line that is not a record.
     pub fn words_of_hex(&self, lines: &str) -> Result<Vec<u32>> {
         let mut words = Vec::new();
         for (number, line) in lines.lines().enumerate() {
@@ -442,9 +442,9 @@ const LINK_WORD: [(&str, u32, &str); 5] = [
     ),
 ];
 
-/// Where a node's children lie, and the axes of their intervals.
+/// The positions of a node's children, and the axes of their intervals.
 ///
-/// As a root: with `left_leaf` set the tree is one leaf, record \[link]; otherwise link is the root node's index.
+/// As a root: if `left_leaf` is set, the tree is one leaf, record \[link]; otherwise link is the root node's index.
 /// `right_leaf` marks the root of a top-level tree, whose leaves are instances. The other fields are 0.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 pub struct LinkWord {
@@ -454,7 +454,7 @@ pub struct LinkWord {
     pub right_leaf: bool,
     /// 0 = x, 1 = y, 2 = z.
     pub left_axis: u8,
-    /// 0 = x, 1 = y, 2 = z; equal to `left_axis` where a machine has one axis a node.
+    /// 0 = x, 1 = y, 2 = z; equal to `left_axis` in a machine with one axis per node.
     pub right_axis: u8,
 }
 
@@ -462,7 +462,7 @@ impl LinkWord {
     /// The link word's 32 bits.
     ///
     /// # Panics
-    /// Where a field does not fit.
+    /// If a field does not fit.
     pub fn pack(self) -> u32 {
         assert!(u64::from(self.link) < MOST_RECORDS && self.left_axis < 4 && self.right_axis < 4);
         self.link
@@ -482,7 +482,7 @@ impl LinkWord {
         }
     }
 
-    /// The children of the node at index `own`: a node's or a record's index each.
+    /// The children of the node at index `own`, each the index of a node or of a record.
     pub fn children(self, own: u32) -> [Target; 2] {
         match (self.left_leaf, self.right_leaf) {
             (false, false) => [Target::Node(self.link), Target::Node(self.link + 1)],
@@ -492,7 +492,7 @@ impl LinkWord {
         }
     }
 
-    /// What a root link word names.
+    /// The node or record that a root link word names.
     pub fn root(self) -> Target {
         if self.left_leaf {
             Target::Record(self.link)
@@ -502,20 +502,20 @@ impl LinkWord {
     }
 }
 
-/// What a link leads to, by absolute index.
+/// The target of a link, by absolute index.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Target {
     Node(u32),
-    /// A triangle record, in a top-level tree an instance record: the child is a leaf.
+    /// The child is a leaf: a triangle record, or an instance record in a top-level tree.
     Record(u32),
 }
 
 /// A node in decoded form.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Node {
-    /// \[least, greatest] coordinate of the left child on `link.left_axis`.
+    /// \[minimum, maximum] coordinate of the left child on `link.left_axis`.
     pub left: [f64; 2],
-    /// \[least, greatest] coordinate of the right child on `link.right_axis`.
+    /// \[minimum, maximum] coordinate of the right child on `link.right_axis`.
     pub right: [f64; 2],
     pub link: LinkWord,
 }
@@ -529,20 +529,20 @@ pub struct TriangleRecord {
     pub number: u32,
 }
 
-/// An instance record in decoded form. It shares the array of the triangle records: the conversions keep its bits.
+/// An instance record in decoded form. It shares the array with triangle records; conversions keep its bits.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct InstanceRecord {
-    /// Index of the first of its six vectors in the vertex array: the columns of the matrix that takes a point of the
-    /// world to the object's space, the least and the greatest corner of its box in the world.
+    /// Index of the first of its six vectors in the vertex array: the columns of the matrix that transforms a point of the
+    /// world into object space, then the minimum and the maximum corner of its box in the world.
     pub vectors: u32,
     /// Its object's root.
     pub root: LinkWord,
-    /// Its number in the scene, which ties and results use.
+    /// Its number in the scene, which is used in results and to resolve ties.
     pub number: u32,
 }
 
 impl InstanceRecord {
-    /// Vectors of an instance in the vertex array.
+    /// Number of vectors of an instance in the vertex array.
     pub const VECTORS: usize = 6;
 }
 
@@ -557,7 +557,7 @@ impl From<InstanceRecord> for TriangleRecord {
 }
 
 impl From<TriangleRecord> for InstanceRecord {
-    /// The instance record of the same bits; the unused field is left out.
+    /// The instance record of the same bits, without the unused field.
     fn from(record: TriangleRecord) -> Self {
         let [vectors, root, _] = record.vertices;
         InstanceRecord {
@@ -568,36 +568,36 @@ impl From<TriangleRecord> for InstanceRecord {
     }
 }
 
-/// All that the machine reads of a scene: arrays indexed by the absolute indices that links and records hold. Numbers
-/// are values of `format`. [`super::InstancedImage`] makes those of two levels.
+/// The contents of the machine's memory for a scene: arrays indexed by the absolute indices in links and records. Numbers
+/// are values of `format`. [`super::InstancedImage`] creates images of two levels.
 #[derive(Clone, Debug, PartialEq)]
 pub struct MemoryImage {
     pub format: Format,
-    /// As many as `records`: an object's last node slot is unused, as are slots below its base.
+    /// The same number as `records`: the last node slot of an object is unused, as are slots below its base.
     pub nodes: Vec<Node>,
-    /// Triangle records; below the root of two levels, instance records by their bits ([`InstanceRecord`]).
+    /// Triangle records; in the top-level tree, the bits of instance records ([`InstanceRecord`]).
     pub records: Vec<TriangleRecord>,
     pub vertices: Vec<[f64; 3]>,
     /// `right_leaf` marks a scene of two levels.
     pub root: LinkWord,
-    /// Least and greatest corner of the box of all triangles, or of all instances' boxes in the world.
+    /// Minimum and maximum corner of the box of all triangles, or of all instances' boxes in the world.
     pub bounds: ([f64; 3], [f64; 3]),
 }
 
-/// One object's slots in the node and record arrays, as [`place`] fills them.
+/// The slots of one object in the node and record arrays, as [`place`] fills them.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Placement {
-    /// One for each triangle, the last unused.
+    /// One per triangle; the last one is unused.
     pub nodes: Vec<Node>,
-    /// One for each triangle.
+    /// One per triangle.
     pub records: Vec<TriangleRecord>,
     pub root: LinkWord,
 }
 
-/// The order in which nodes are laid out where nothing else asks for one: all below a node's children, then
-/// the children side by side. Every subtree is contiguous but for its root.
+/// The default order of the nodes: all descendants of a node's children, then the children next to each other. Every
+/// subtree is contiguous except for its root.
 pub fn default_order(tree: &Tree) -> Vec<u32> {
-    // In reverse: a node, then its children from right to left, the left one's descendants last.
+    // In reverse order: a node, then its children from right to left, the descendants of the left one last.
     let Child::Inner(root) = tree.root else {
         return Vec::new();
     };
@@ -606,7 +606,7 @@ pub fn default_order(tree: &Tree) -> Vec<u32> {
     let mut open = vec![root];
     while let Some(index) = open.pop() {
         let node = &tree.nodes[index as usize];
-        // The right child's descendants are nearer to it, hence opened first: pushed last.
+        // The right child's descendants come first in this order, so they are pushed last.
         for child in node.children {
             if let Child::Inner(child) = child {
                 open.push(child);
@@ -622,14 +622,14 @@ pub fn default_order(tree: &Tree) -> Vec<u32> {
     order
 }
 
-/// Lays out a tree at `base`, its nodes in `order` (indices into `tree.nodes`): children before parents and two
-/// inner children of one node side by side, left first. Vertex indices are raised by `vertex_base`.
+/// Lays out a tree at `base`, with its nodes in `order` (indices into `tree.nodes`): children before parents, and two
+/// inner children of one node next to each other, left first. `vertex_base` is added to vertex indices.
 ///
 /// # Errors
-/// Where the object would lie beyond what a link addresses.
+/// If a link cannot address the object.
 ///
 /// # Panics
-/// Where `order` breaks its rules.
+/// If `order` violates these rules.
 pub fn place(
     tree: &Tree,
     refit: &Refit,
@@ -644,7 +644,7 @@ pub fn place(
     })
 }
 
-/// [`place`] for leaves of any kind: `record` gives that of a leaf's number.
+/// As [`place`], for leaves of any kind: `record` returns the record of a leaf's number.
 pub(super) fn place_records(
     tree: &Tree,
     refit: &Refit,
@@ -671,8 +671,8 @@ pub(super) fn place_records(
     let mut slot_of = vec![UNPLACED; tree.nodes.len()];
     let mut nodes = vec![Node::default(); count];
     let mut records = vec![TriangleRecord::default(); count];
-    // Nodes whose right leaf still waits for a record. Among the nodes placed so far there is one more with two
-    // leaves than with two inner children for each finished subtree, so one waits whenever a record is free.
+    // Nodes whose right leaf still needs a record. In each finished subtree, the nodes with two leaves outnumber the nodes
+    // with two inner children by one, so a node waits whenever a record is free.
     let mut waiting: Vec<(usize, u32)> = Vec::new();
     for (slot, &index) in order.iter().enumerate() {
         let node = &tree.nodes[index as usize];
@@ -729,7 +729,7 @@ pub(super) fn place_records(
     })
 }
 
-/// Checks that `triangles` records at `base` lie within what `address_bits` address (at most [`LINK_BITS`]).
+/// Checks that `triangles` records at `base` can be addressed with `address_bits` bits (at most [`LINK_BITS`]).
 ///
 /// # Errors
 /// Names the counts and the remedy.
@@ -746,10 +746,10 @@ pub fn check_capacity(base: u64, triangles: u64, address_bits: u32) -> Result<()
 }
 
 impl MemoryImage {
-    /// The image of one mesh and its tree at base 0, nodes in the default order. `vertices` are values of `format`.
+    /// Creates the image of one mesh and its tree at base 0, with nodes in the default order. `vertices` are values of `format`.
     ///
     /// # Errors
-    /// Where the mesh is too large for the link word.
+    /// If the mesh is too large for the link word.
     pub fn new(
         format: Format,
         vertices: &[[f64; 3]],
@@ -769,15 +769,15 @@ impl MemoryImage {
         })
     }
 
-    /// Whether the scene has two levels: the root is a top-level tree's.
+    /// Whether the scene has two levels, that is, the root is that of a top-level tree.
     pub fn is_instanced(&self) -> bool {
         self.root.right_leaf
     }
 
-    /// The indices of the records below a root, lowest first: an object's triangles, or the top-level tree's instances.
+    /// The indices of the records below a root, in ascending order: an object's triangles, or the top-level tree's instances.
     ///
     /// # Errors
-    /// Where a link is not as the layout says.
+    /// If a link violates the layout.
     pub fn records_below(&self, root: LinkWord) -> Result<Vec<u32>> {
         let mut records = Vec::new();
         Walk::new(self).tree(root, |record, _| records.push(record))?;
@@ -785,11 +785,11 @@ impl MemoryImage {
         Ok(records)
     }
 
-    /// The instance records of the top-level tree, lowest first: they lie one after another. Empty in a scene of one
+    /// The consecutive instance records of the top-level tree, in ascending order. Empty in a scene of one
     /// level.
     ///
     /// # Errors
-    /// Where a link is not as the layout says, or there is a gap.
+    /// If a link violates the layout, or if the records are not consecutive.
     pub fn instance_records(&self) -> Result<std::ops::Range<u32>> {
         if !self.is_instanced() {
             return Ok(0..0);
@@ -805,12 +805,12 @@ impl MemoryImage {
         Ok(range)
     }
 
-    /// Inner nodes of the tree, in a scene of one level.
+    /// Number of inner nodes, in a scene of one level.
     pub fn node_count(&self) -> usize {
         self.records.len() - 1
     }
 
-    /// The node array's words, [`Record::words`] a node.
+    /// The words of the node array, [`Record::words`] per node.
     pub fn node_words(&self) -> Vec<u32> {
         let layout = Record::node(self.format);
         let numbers = ["left_lo", "left_hi", "right_lo", "right_hi"].map(|n| *layout.field(n));
@@ -824,7 +824,7 @@ impl MemoryImage {
         })
     }
 
-    /// The nodes of an array's words.
+    /// Decodes the words of a node array.
     pub fn nodes_of_words(format: Format, words: &[u32]) -> Vec<Node> {
         let layout = Record::node(format);
         let number = |words: &[u32], name| format.to_f64(layout.get(words, name));
@@ -838,7 +838,7 @@ impl MemoryImage {
             .collect()
     }
 
-    /// The triangle record array's words, [`Record::words`] a record.
+    /// The words of the record array, [`Record::words`] per record.
     pub fn record_words(&self) -> Vec<u32> {
         let layout = Record::triangle();
         let fields = ["v0", "v1", "v2", "number"].map(|name| *layout.field(name));
@@ -850,7 +850,7 @@ impl MemoryImage {
         })
     }
 
-    /// The triangle records of an array's words.
+    /// Decodes the words of a record array.
     pub fn records_of_words(words: &[u32]) -> Vec<TriangleRecord> {
         let layout = Record::triangle();
         words
@@ -862,12 +862,12 @@ impl MemoryImage {
             .collect()
     }
 
-    /// The vertex array's words, [`Record::words`] a vertex.
+    /// The words of the vertex array, [`Record::words`] per vertex.
     pub fn vertex_words(&self) -> Vec<u32> {
         vector_words(self.format, &self.vertices)
     }
 
-    /// The vertices of an array's words.
+    /// Decodes the words of a vertex array.
     pub fn vertices_of_words(format: Format, words: &[u32]) -> Vec<[f64; 3]> {
         let layout = Record::vertex(format);
         words
@@ -876,11 +876,11 @@ impl MemoryImage {
             .collect()
     }
 
-    /// Inner nodes on the longest path from the root, of two levels both together; each may push one entry on the
+    /// Number of inner nodes on the longest path from the root, over both levels. Each of them may push one entry on the
     /// traversal stack.
     ///
     /// # Errors
-    /// Where a link or record is not as the layout says.
+    /// If a link or record violates the layout.
     pub fn depth(&self) -> Result<u32> {
         let mut walk = Walk::new(self);
         let mut deepest = 0;
@@ -896,7 +896,7 @@ impl MemoryImage {
         }
         let mut instances = Vec::new();
         walk.tree(self.root, |record, depth| instances.push((record, depth)))?;
-        // An object is walked once, however many its instances.
+        // Walk each object once, independent of the number of its instances.
         let mut object_depths = HashMap::new();
         for (index, top_depth) in instances {
             let root = InstanceRecord::from(self.records[index as usize]).root;
@@ -919,13 +919,13 @@ impl MemoryImage {
         Ok(deepest)
     }
 
-    /// What is checked of an image before a machine with a stack of `stack_depth` entries may load it: every link
-    /// in range, every record reached exactly once (of two levels: no record twice, but for an object's by several
-    /// instances; an object need not be instanced), indices of vertices and vectors in range, instances numbered from
-    /// 0 up, the tree no deeper than the stack. (Whether memory holds it is [`check_capacity`]'s to say.)
+    /// Checks an image for a machine with a stack of `stack_depth` entries. Every link must be in range. Every record must be
+    /// reached exactly once; in two levels, several instances may share an object, and an object need not be instanced.
+    /// Indices of vertices and vectors must be in range, instances must be numbered from 0, and the tree must not be deeper
+    /// than the stack. The size of memory is checked by [`check_capacity`].
     ///
     /// # Errors
-    /// One line that says what is wrong and what to do.
+    /// One line that describes the fault and the remedy.
     pub fn check(&self, stack_depth: u32) -> Result<()> {
         check_capacity(0, self.records.len() as u64, LINK_BITS)?;
         ensure!(!self.records.is_empty(), "the scene has no triangles");
@@ -957,7 +957,7 @@ impl MemoryImage {
         Ok(())
     }
 
-    /// That instance records are sound but for their roots.
+    /// Checks instance records except for their roots.
     fn check_instances(&self, records: std::ops::Range<u32>) -> Result<()> {
         let count = records.len();
         let mut numbered = vec![false; count];
@@ -994,7 +994,7 @@ impl MemoryImage {
     }
 }
 
-/// Walks trees by their links, and sees to it that nothing is reached twice.
+/// Walks trees along their links and checks that nothing is reached twice.
 struct Walk<'a> {
     image: &'a MemoryImage,
     visited: Vec<bool>,
@@ -1010,7 +1010,7 @@ impl<'a> Walk<'a> {
         }
     }
 
-    /// Goes through the tree of a root and tells `leaf` each record's index and the number of inner nodes above it.
+    /// Walks the tree of a root and calls `leaf` with each record's index and the number of inner nodes above it.
     fn tree(&mut self, root: LinkWord, mut leaf: impl FnMut(u32, u32)) -> Result<()> {
         let kind = if root.right_leaf {
             "instance"
@@ -1057,7 +1057,7 @@ impl<'a> Walk<'a> {
     }
 }
 
-/// The link word's bits of a node, as one field.
+/// The bits of a node's link word as one field.
 fn link_field(node: &Record) -> Field {
     Field {
         name: "link_word",
@@ -1075,22 +1075,22 @@ fn pack<T>(layout: &Record, items: &[T], fill: impl Fn(&T, &mut [u32])) -> Vec<u
     words
 }
 
-/// A matrix by columns, c_x, c_y, c_z, c_w: the point (x, y, z) goes to c_x·x + c_y·y + c_z·z + c_w. In memory each column
-/// is a vector of the vertex array, one after another.
+/// A matrix by its columns c_x, c_y, c_z, c_w: it maps the point (x, y, z) to c_x·x + c_y·y + c_z·z + c_w. In memory the
+/// columns are consecutive vectors of the vertex array.
 pub type Columns = [[f64; 3]; 4];
 
-/// One joint that a vertex follows, as the skinning processor's stream has it.
+/// The influence of one joint on a vertex, as in the skinning processor's stream.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Influence {
-    /// The joint's place in the palette.
+    /// The joint's index in the palette.
     pub joint: u8,
     /// A value of the format; its sign is not stored.
     pub weight: f64,
-    /// The vertex has no further influence.
+    /// Whether this is the vertex's last influence.
     pub last: bool,
 }
 
-/// The words of the influence rows that hold a stream, [`Record::words`] of [`Record::influence_row`] a row; zeros fill the last row.
+/// The words of the influence rows of a stream, [`Record::words`] of [`Record::influence_row`] per row. The last row is filled with zeros.
 pub fn influence_words(format: Format, stream: &[Influence]) -> Vec<u32> {
     let layout = Record::influence_row(format);
     let rows: Vec<_> = stream.chunks(INFLUENCES_PER_ROW).collect();
@@ -1104,7 +1104,7 @@ pub fn influence_words(format: Format, stream: &[Influence]) -> Vec<u32> {
     })
 }
 
-/// The influences in the words of whole rows, what fills the last one included: [`INFLUENCES_PER_ROW`] a row.
+/// The influences in the words of whole rows, [`INFLUENCES_PER_ROW`] per row, including the filler in the last row.
 pub fn influences_of_words(format: Format, words: &[u32]) -> Vec<Influence> {
     let layout = Record::influence_row(format);
     let row = |words| {
@@ -1118,8 +1118,8 @@ pub fn influences_of_words(format: Format, words: &[u32]) -> Vec<Influence> {
     words.chunks_exact(layout.words()).flat_map(row).collect()
 }
 
-/// The words of vectors in the vertex array, [`Record::words`] of [`Record::vertex`] each: vertices, or the columns of
-/// matrices (a palette's are `palette.as_flattened()`).
+/// The words of vectors in the vertex array, [`Record::words`] of [`Record::vertex`] per vector: vertices, or the columns of
+/// matrices (for a palette, `palette.as_flattened()`).
 pub fn vector_words(format: Format, vectors: &[[f64; 3]]) -> Vec<u32> {
     let layout = Record::vertex(format);
     pack(&layout, vectors, |vector, words| {
@@ -1175,7 +1175,7 @@ mod tests {
         alike(&Record::link_word(), &fields::Link::of());
         alike(&Record::triangle(), &fields::Triangle::of());
         alike(&Record::instance(), &fields::Instance::of());
-        // One piece of hardware reads either, before it knows which it is.
+        // The hardware reads a record before it knows of which kind it is.
         let (triangle, instance) = (Record::triangle(), Record::instance());
         assert_eq!(instance.field("vectors").lsb, triangle.field("v0").lsb);
     }
@@ -1233,7 +1233,7 @@ mod tests {
     #[test]
     fn hex_lines_read_as_one_number_a_record() {
         let layout = Record::vertex(Format::FP24);
-        // 72 bits: 18 digits, of which the third word holds two.
+        // 72 bits are 18 digits; the third word has two of them.
         let words = [0x89ab_cdef, 0x0123_4567, 0xa5, 1, 2, 3];
         let lines = layout.hex_lines(&words);
         assert_eq!(lines, "a50123456789abcdef\n030000000200000001\n");

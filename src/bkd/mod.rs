@@ -1,8 +1,8 @@
-//! The B-KD tree: [`build`](mod@build) makes a [`Tree`] of a mesh, [`Tree::refit`] its bounds, [`layout`] says where it lies in
-//! memory and makes the [`MemoryImage`] that golden model and RTL read. [`InstancedImage`] puts objects under a top-level
-//! tree over their instances.
+//! The B-KD tree. [`build`](mod@build) creates a [`Tree`] for a mesh, and [`Tree::refit`] computes its bounds. [`layout`] defines
+//! the positions in memory and creates the [`MemoryImage`] that golden model and RTL read. [`InstancedImage`] adds a
+//! top-level tree over instances of objects.
 //!
-//! A node holds, for each of its two children, one interval on one axis. One triangle a leaf.
+//! A node has one interval on one axis for each of its two children. A leaf is one triangle.
 
 pub mod build;
 pub mod bytes;

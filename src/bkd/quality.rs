@@ -1,7 +1,7 @@
-//! How good a tree still is once its vertices have moved.
+//! The quality of a tree after its vertices have moved.
 //!
-//! Refitting keeps a tree right, not good: a split that parted two limbs does not part them where they have crossed. The
-//! measure is the tree's cost by areas, relative to a tree built anew for where the vertices are.
+//! A refit keeps a tree correct, but not efficient: a split that separated two limbs no longer separates them after they cross.
+//! The measure is the tree's cost by areas, relative to a tree rebuilt for the current vertices.
 
 use super::build::{BuildOptions, build};
 use super::stats::TreeStatistics;
@@ -9,22 +9,22 @@ use super::tree::Tree;
 use crate::float::Format;
 use anyhow::Result;
 
-/// A tree held against one built anew.
+/// A comparison of a refitted tree with a rebuilt one.
 #[derive(Clone, Debug)]
 pub struct Quality {
-    /// Expected clocks of a random ray through the object's box: of the tree as it is refitted.
+    /// Expected cycles of a random ray through the object's box, for the refitted tree.
     pub refitted: f64,
-    /// Of the tree built anew.
+    /// The same for the rebuilt tree.
     pub rebuilt: f64,
-    /// The tree built anew.
+    /// The rebuilt tree.
     pub tree: Tree,
 }
 
 impl Quality {
-    /// Holds a tree over `triangles` against one that `options` build for the vertices as they are now.
+    /// Compares a tree over `triangles` with one that is built with `options` for the current vertices.
     ///
     /// # Errors
-    /// What [`build`] refuses.
+    /// If [`build`] rejects the mesh.
     pub fn of(
         tree: &Tree,
         vertices: &[[f64; 3]],
@@ -35,7 +35,7 @@ impl Quality {
         let rebuilt = build(vertices, triangles, options)?;
         let cost = |tree: &Tree| {
             let of = TreeStatistics::new(tree, vertices, triangles, format);
-            // A step and a test take a clock each, of the traversal unit and of the geometry unit.
+            // A traversal step takes one cycle of the traversal unit, a test one cycle of the geometry unit.
             of.expected_steps + of.expected_tests
         };
         Ok(Quality {
@@ -45,8 +45,8 @@ impl Quality {
         })
     }
 
-    /// Cost of the refitted tree ÷ that of the one built anew: 1 where they are as good, and, as no builder finds the
-    /// best tree, sometimes a little less.
+    /// Cost of the refitted tree ÷ cost of the rebuilt one. It is 1 for equal trees, and can be slightly below 1, because
+    /// the builder does not find the optimal tree.
     pub fn ratio(&self) -> f64 {
         self.refitted / self.rebuilt
     }
@@ -71,7 +71,7 @@ mod tests {
             |vertices: &[_]| Quality::of(&tree, vertices, &triangles, &options, Format::FP24);
         let still = quality(&vertices).unwrap();
         assert_eq!((still.ratio(), &still.tree), (1.0, &tree));
-        // Every second triangle of the first half changes places with one of the second.
+        // Every second triangle of the first half is swapped with one of the second half.
         for k in (0..32).step_by(2) {
             for corner in 0..3 {
                 vertices.swap(3 * k + corner, 3 * (k + 32) + corner);

@@ -1,4 +1,4 @@
-//! What a tree takes and what it should cost.
+//! Size and estimated cost of a tree.
 
 use serde::Serialize;
 
@@ -6,21 +6,21 @@ use super::layout::Record;
 use super::tree::{Bounds, Child, Tree};
 use crate::float::Format;
 
-/// A tree's size, and its cost as estimated by areas: the traversal of a random ray that crosses the scene's box
+/// A tree's size, and its cost estimated by areas, for a random ray that crosses the scene's box
 /// and hits nothing.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct TreeStatistics {
     pub triangles: usize,
     pub nodes: usize,
-    /// Bytes of the nodes, of the triangle records and of the vertices, each record at whole bytes.
+    /// Bytes of the nodes, the triangle records and the vertices, with each record rounded up to whole bytes.
     pub node_bytes: usize,
     pub record_bytes: usize,
     pub vertex_bytes: usize,
-    /// Inner nodes on the longest path.
+    /// Number of inner nodes on the longest path.
     pub depth: u32,
-    /// Expected node steps: the areas of the regions that traversal knows of the nodes, over the root's.
+    /// Expected node steps: the sum of the areas of the nodes' regions, divided by the root's area.
     pub expected_steps: f64,
-    /// Expected triangle tests: the same of the leaves.
+    /// Expected triangle tests: the same sum over the leaves.
     pub expected_tests: f64,
 }
 
@@ -29,7 +29,7 @@ impl TreeStatistics {
     pub fn new(tree: &Tree, vertices: &[[f64; 3]], triangles: &[[u32; 3]], format: Format) -> Self {
         let refit = tree.refit(vertices, triangles);
         let whole = refit.root.half_area();
-        // A scene without area is crossed by no random ray; a ray that does cross it meets everything.
+        // No random ray crosses a scene without area; assume that a ray meets all nodes and leaves.
         let chance = |region: Bounds| {
             if whole > 0.0 {
                 region.half_area() / whole

@@ -1,11 +1,11 @@
-//! A tree's topology, apart from where it lies in memory, and the bounds that follow from it.
+//! The topology of a tree, independent of its position in memory, and the bounds that follow from it.
 
 /// A child of a node, or the root.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Child {
     /// The index of an inner node in [`Tree::nodes`].
     Inner(u32),
-    /// The number of a triangle in its mesh; of a top-level tree, of an instance.
+    /// The number of a triangle in its mesh, or of an instance in a top-level tree.
     Leaf(u32),
 }
 
@@ -14,7 +14,7 @@ pub enum Child {
 pub struct TreeNode {
     /// Left and right.
     pub children: [Child; 2],
-    /// For each child the axis of the interval that bounds it: 0 = x, 1 = y, 2 = z.
+    /// For each child, the axis of its interval: 0 = x, 1 = y, 2 = z.
     pub axes: [u8; 2],
 }
 
@@ -28,14 +28,14 @@ pub struct Tree {
 /// An axis-aligned box.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Bounds {
-    /// Least corner.
+    /// Minimum corner.
     pub lo: [f64; 3],
-    /// Greatest corner.
+    /// Maximum corner.
     pub hi: [f64; 3],
 }
 
 impl Bounds {
-    /// The box of nothing.
+    /// The empty box.
     pub const EMPTY: Bounds = Bounds {
         lo: [f64::INFINITY; 3],
         hi: [f64::NEG_INFINITY; 3],
@@ -54,7 +54,7 @@ impl Bounds {
         bounds
     }
 
-    /// The least box around both.
+    /// The smallest box that contains both.
     pub fn union(self, other: Bounds) -> Self {
         let mut union = self;
         for axis in 0..3 {
@@ -68,7 +68,7 @@ impl Bounds {
         union
     }
 
-    /// \[least, greatest] coordinate on an axis.
+    /// \[minimum, maximum] coordinate on an axis.
     pub fn interval(self, axis: u8) -> [f64; 2] {
         [self.lo[axis as usize], self.hi[axis as usize]]
     }
@@ -92,7 +92,7 @@ impl Bounds {
 pub struct Refit {
     /// For each of [`Tree::nodes`], the box of the triangles below it.
     pub boxes: Vec<Bounds>,
-    /// For each of [`Tree::nodes`], what it stores: the \[least, greatest] coordinate of the left child and of the
+    /// For each of [`Tree::nodes`], its stored intervals: the \[minimum, maximum] coordinate of the left child and of the
     /// right child, each on its axis.
     pub intervals: Vec<[[f64; 2]; 2]>,
     /// The box of all triangles.
@@ -100,12 +100,12 @@ pub struct Refit {
 }
 
 impl Tree {
-    /// Triangles in the tree.
+    /// Number of triangles in the tree.
     pub fn triangle_count(&self) -> usize {
         self.nodes.len() + 1
     }
 
-    /// The nodes' indices, every node after its children.
+    /// The indices of the nodes, every node after its children.
     pub fn children_first(&self) -> Vec<u32> {
         let mut order = Vec::with_capacity(self.nodes.len());
         let mut open = vec![self.root];
@@ -119,7 +119,7 @@ impl Tree {
         order
     }
 
-    /// Inner nodes on the longest path from the root: the stack entries that traversal may need.
+    /// Number of inner nodes on the longest path from the root: the maximum number of stack entries in traversal.
     pub fn depth(&self) -> u32 {
         let mut depth = vec![0; self.nodes.len()];
         let of = |depth: &[u32], child| match child {
@@ -138,7 +138,7 @@ impl Tree {
         self.refit_leaves(|number| Bounds::of_triangle(vertices, triangles[number as usize]))
     }
 
-    /// The bounds of the tree over leaves of which `leaf_box` gives the boxes: their exact minima and maxima.
+    /// The bounds of the tree over leaves with the boxes of `leaf_box`: their exact minima and maxima.
     pub fn refit_leaves(&self, leaf_box: impl Fn(u32) -> Bounds) -> Refit {
         let mut boxes = vec![Bounds::EMPTY; self.nodes.len()];
         let mut intervals = vec![[[0.0; 2]; 2]; self.nodes.len()];

@@ -1,4 +1,4 @@
-//! Embree 3 in this process, through `benches/embree.c`.
+//! Embree 3 in the same process, through `benches/embree.c`.
 
 use std::ffi::{c_int, c_long, c_void};
 use std::io::ErrorKind;
@@ -17,13 +17,13 @@ use crate::port;
 use crate::temporary;
 use crate::tools::complaint;
 
-/// What is compiled and loaded.
+/// The C source that is compiled and loaded.
 const SOURCE: &str = include_str!(concat!(env!("CARGO_MANIFEST_DIR"), "/benches/embree.c"));
 
-/// The package that Embree comes from.
+/// The command that installs Embree.
 const INSTALL: &str = "apt-get install libembree-dev";
 
-/// Rays that a thread casts at a time: enough that nothing is spent on sharing them out; a multiple of 4.
+/// Rays per task: a multiple of 4, and large enough that the distribution over threads costs almost nothing.
 const RAYS_AT_A_TIME: usize = 1024;
 
 /// A ray in single precision, as `dynrt_ray` in the C file.
@@ -38,7 +38,7 @@ pub struct Ray {
 }
 
 impl Ray {
-    /// The same ray, if single precision holds it exactly.
+    /// The ray in single precision, if that represents it exactly.
     pub fn exactly(ray: &port::Ray) -> Option<Ray> {
         Some(Ray {
             origin: exactly(ray.origin)?,
@@ -50,13 +50,13 @@ impl Ray {
     }
 }
 
-/// The same numbers, if single precision holds them exactly.
+/// The numbers in single precision, if that represents them exactly.
 pub fn exactly<const N: usize>(numbers: [f64; N]) -> Option<[f32; N]> {
     let single = numbers.map(|x| x as f32);
     (single.map(f64::from) == numbers).then_some(single)
 }
 
-/// What a ray met, as `dynrt_hit` in the C file.
+/// The result for a ray, as `dynrt_hit` in the C file.
 #[repr(C)]
 #[derive(Clone, Copy, Debug)]
 pub struct Hit {
@@ -74,7 +74,7 @@ impl Hit {
         triangle: port::NONE,
     };
 
-    /// Whether both name the same triangle, or both none.
+    /// Whether both results name the same triangle, or both are misses.
     pub fn same_triangle(&self, other: &Hit) -> bool {
         self.triangle == other.triangle
     }
@@ -116,29 +116,29 @@ struct Functions {
     cast: unsafe extern "C" fn(*mut c_void, *const Ray, *mut Hit, usize, c_int) -> c_int,
 }
 
-/// Embree, loaded, with one device that builds on one core.
+/// The loaded library, with one device that builds on one core.
 pub struct Embree {
     functions: Functions,
     device: NonNull<c_void>,
-    /// Never unloaded: Embree leaves threads of its own behind, whose code must stay.
+    /// Never unloaded, because Embree's threads remain and execute its code.
     _library: ManuallyDrop<Library>,
 }
 
-// SAFETY: Embree's functions of a device may be called from any thread, many at a time.
+// SAFETY: Embree's functions of a device may be called from any number of threads.
 unsafe impl Send for Embree {}
 // SAFETY: as above.
 unsafe impl Sync for Embree {}
 
 impl Embree {
-    /// Compiles the C file and loads it, and Embree with it.
+    /// Compiles the C file and loads it together with Embree.
     ///
     /// # Errors
-    /// One line: the compiler or Embree is missing, and what to install.
+    /// One line if the compiler or Embree is missing, with the command that installs it.
     pub fn load() -> Result<Arc<Embree>> {
         let folder = temporary::Folder::new().context("no temporary folder can be made")?;
         let path = folder.path().join("embree.so");
         compile(folder.path(), &path)?;
-        // SAFETY: the library runs nothing when loaded but what Embree and its threads' library do.
+        // SAFETY: loading runs only the initialisers of Embree and its thread library.
         let library = unsafe { Library::new(&path) }
             .map_err(|error| anyhow!("Embree 3 cannot be loaded: {error}; {INSTALL}"))?;
         macro_rules! function {
@@ -147,7 +147,7 @@ impl Embree {
                     .map_err(|error| anyhow!("benches/embree.c: {error}"))?
             };
         }
-        // SAFETY: each name has the signature that the C file, which was just compiled, gives it.
+        // SAFETY: each name has this signature in the C file, which was just compiled.
         let functions = Functions {
             open: function!(b"dynrt_open"),
             close: function!(b"dynrt_close"),
@@ -160,7 +160,7 @@ impl Embree {
             cast: function!(b"dynrt_cast"),
         };
         let _library = ManuallyDrop::new(library);
-        // SAFETY: it has no conditions.
+        // SAFETY: the function has no preconditions.
         let device = NonNull::new(unsafe { (functions.open)() })
             .context("Embree cannot be started on this processor")?;
         Ok(Arc::new(Embree {
@@ -177,14 +177,14 @@ impl Embree {
         format!("{}.{}.{}", number / 10000, number / 100 % 100, number % 100)
     }
 
-    /// That Embree has met no error in this thread since the last call.
+    /// Checks that Embree has reported no error in this thread since the last call.
     fn check(&self) -> Result<()> {
         // SAFETY: the device is open.
         meaning(unsafe { (self.functions.error)(self.device.as_ptr()) })
     }
 }
 
-/// What an error number says; 0 is none.
+/// The meaning of an error number; 0 is no error.
 fn meaning(error: c_int) -> Result<()> {
     let meaning = match error {
         0 => return Ok(()),
@@ -199,7 +199,7 @@ fn meaning(error: c_int) -> Result<()> {
 
 impl Drop for Embree {
     fn drop(&mut self) {
-        // SAFETY: the device is open, and meshes, which hold it, are gone.
+        // SAFETY: the device is open, and no mesh is left, because meshes keep a reference to it.
         unsafe { (self.functions.close)(self.device.as_ptr()) }
     }
 }
@@ -223,7 +223,7 @@ fn compile(folder: &Path, library: &Path) -> Result<()> {
         return Ok(());
     }
     let printed = String::from_utf8_lossy(&output.stderr);
-    // The header, or the library for the linker.
+    // The message mentions the header, or the library if the linker reports it.
     let missing = ["embree3/rtcore.h: No such file", "cannot find -lembree3"];
     if missing.iter().any(|text| printed.contains(text)) {
         bail!("Embree 3 is not installed: {INSTALL}");
@@ -241,19 +241,19 @@ pub struct Mesh {
     vertex_count: usize,
 }
 
-// SAFETY: a mesh is changed through `&mut self` alone; casting at one may be done from any thread, many at a time.
+// SAFETY: a mesh is changed only through `&mut self`; rays may be cast from any number of threads.
 unsafe impl Send for Mesh {}
 // SAFETY: as above.
 unsafe impl Sync for Mesh {}
 
 impl Mesh {
-    /// Hands a mesh over, not built yet. One that `moves` is refitted by every [`Mesh::commit`] after the first.
+    /// Passes a mesh to Embree without building it. If it `moves`, every [`Mesh::commit`] after the first is a refit.
     ///
     /// # Errors
     /// One line, if Embree reports one.
     ///
     /// # Panics
-    /// Where a triangle names a vertex that is not there.
+    /// If a triangle names a missing vertex.
     pub fn new(
         embree: &Arc<Embree>,
         vertices: &[[f32; 3]],
@@ -262,7 +262,7 @@ impl Mesh {
     ) -> Result<Mesh> {
         let indices = triangles.as_flattened();
         assert!(indices.iter().all(|&i| (i as usize) < vertices.len()));
-        // SAFETY: both arrays are as long as is said; they are copied.
+        // SAFETY: both arrays have the stated lengths; they are copied.
         let handle = unsafe {
             (embree.functions.mesh)(
                 embree.device.as_ptr(),
@@ -282,33 +282,33 @@ impl Mesh {
         mesh.context("Embree cannot hold the mesh: out of memory")
     }
 
-    /// Builds the index; of a mesh that moves, refits it from the second time on.
+    /// Builds the index. For a mesh that moves, refits it from the second call on.
     ///
     /// # Errors
     /// One line, if Embree reports one.
     pub fn commit(&mut self) -> Result<()> {
-        // SAFETY: the mesh is whole, and nobody casts at it.
+        // SAFETY: the mesh is complete, and no rays are being cast.
         unsafe { (self.embree.functions.commit)(self.handle()) };
         self.embree.check()
     }
 
-    /// Hands over the vertices of a mesh that moves, before a commit.
+    /// Sets the vertices of a mesh that moves, before a commit.
     ///
     /// # Panics
-    /// If they are not as many as there were.
+    /// If the number of vertices differs.
     pub fn move_to(&mut self, vertices: &[[f32; 3]]) {
         assert_eq!(vertices.len(), self.vertex_count);
-        // SAFETY: the mesh's buffer is of this length.
+        // SAFETY: the mesh's buffer has this length.
         unsafe { (self.embree.functions.move_to)(self.handle(), vertices.as_ptr().cast()) }
     }
 
-    /// Casts rays at the mesh, as it was committed, on all threads of the current pool; one by one or by four.
+    /// Casts rays at the committed mesh on all threads of the current pool, one by one or four at a time.
     ///
     /// # Errors
     /// One line, if Embree reports one.
     ///
     /// # Panics
-    /// If there are not as many hits as rays.
+    /// If the numbers of hits and rays differ.
     pub fn cast(&self, rays: &[Ray], hits: &mut [Hit], by_four: bool) -> Result<()> {
         assert_eq!(rays.len(), hits.len());
         let Functions { cast, .. } = self.embree.functions;
@@ -316,7 +316,7 @@ impl Mesh {
             .zip(hits.par_chunks_mut(RAYS_AT_A_TIME))
             .try_for_each(|(rays, hits)| {
                 let (count, by_four) = (rays.len(), by_four.into());
-                // SAFETY: the arrays are equally long; the mesh does not change while `self` is borrowed.
+                // SAFETY: the arrays have equal lengths; the mesh does not change while `self` is borrowed.
                 meaning(unsafe {
                     cast(
                         self.handle(),
@@ -336,12 +336,12 @@ impl Mesh {
 
 impl Drop for Mesh {
     fn drop(&mut self) {
-        // SAFETY: the mesh is used by nobody else.
+        // SAFETY: no other reference to the mesh exists.
         unsafe { (self.embree.functions.free)(self.handle()) }
     }
 }
 
-/// That every number of `mesh` and of the rays is one of single precision, which they become.
+/// Converts the vertices to single precision; fails if a number is not representable.
 pub(super) fn vertices_exactly(vertices: &[[f64; 3]]) -> Result<Vec<[f32; 3]>> {
     vertices
         .iter()
@@ -350,7 +350,7 @@ pub(super) fn vertices_exactly(vertices: &[[f64; 3]]) -> Result<Vec<[f32; 3]>> {
         .context(BEYOND_SINGLE)
 }
 
-/// The rays in single precision.
+/// Converts the rays to single precision.
 pub(super) fn rays_exactly(rays: &[port::Ray]) -> Result<Vec<Ray>> {
     ensure!(!rays.is_empty(), "there are no rays to cast");
     rays.iter()

@@ -1,11 +1,11 @@
-//! The project's software beside Embree 3, in one run: the same mesh, the same rays, by turns.
+//! Compares the project's software with Embree 3 in one process: the same mesh and the same rays, in alternation.
 //!
-//! Both sides get the scene as the machine has it, rounded to its number format, and the rays as the machine gets them;
-//! numbers of [`Format::FP24`](crate::float::Format::FP24) are exact in the single precision in which Embree computes.
-//! So what differs in the hits is arithmetic alone, and each ray whose triangle differs is explained like a pixel that
-//! differs from the `f64` intersector ([`Oracle::account`]).
+//! Both sides get the scene and the rays as the machine has them, rounded to its number format; numbers of
+//! [`Format::FP24`](crate::float::Format::FP24) are exact in Embree's single precision. Hits can therefore differ only by
+//! the arithmetic. Each ray with a different triangle is explained in the same way as a pixel that differs from the `f64`
+//! intersector ([`Oracle::account`]).
 //!
-//! What is timed on our side is software, the builder and the golden model; the machine's own pace is told by co-simulation.
+//! On DynRT's side the times are those of software, the builder and the golden model. Co-simulation measures the machine's speed.
 
 mod embree;
 mod picture;
@@ -26,30 +26,30 @@ use crate::port::{Hit, Ray};
 use crate::scene::MachineMesh;
 use embree::{Mesh, rays_exactly, vertices_exactly};
 
-/// How many times everything is measured where nothing else is said.
+/// Default number of rounds.
 pub const ROUNDS: u32 = 5;
 
-/// What was measured.
+/// A measured task.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Task {
-    /// The default tree and its memory image here; a tree of medium quality there.
+    /// DynRT: the default tree and its memory image. Embree: a tree of medium quality.
     Build,
-    /// New bounds for vertices that have moved.
+    /// New bounds for moved vertices.
     Refit,
-    /// Closest hits, this many rays at a time.
+    /// Closest hits, with this many rays at a time.
     Cast { together: usize },
 }
 
-/// One task's times on both sides, taken by turns.
+/// The times of one task on both sides, measured in alternation.
 #[derive(Clone, Debug)]
 pub struct Timing {
     pub task: Task,
     pub cores: usize,
-    /// Triangles built or refitted, or active rays cast, each time.
+    /// Triangles built or refitted, or active rays cast, per round.
     pub work: usize,
-    /// Seconds, one for each round.
+    /// Seconds of DynRT, one value per round.
     pub ours_s: Vec<f64>,
-    /// Seconds, one for each round.
+    /// Seconds of Embree, one value per round.
     pub embree_s: Vec<f64>,
 }
 
@@ -64,17 +64,17 @@ impl Timing {
         }
     }
 
-    /// Seconds on our side, the median of all rounds.
+    /// Median of DynRT's seconds over all rounds.
     pub fn ours(&self) -> f64 {
         median(&self.ours_s)
     }
 
-    /// Seconds on Embree's side, the median of all rounds.
+    /// Median of Embree's seconds over all rounds.
     pub fn embree(&self) -> f64 {
         median(&self.embree_s)
     }
 
-    /// How many times as fast as ours Embree is: the median of the rounds' ratios, each of two neighbouring measurements.
+    /// Speed of Embree relative to DynRT: the median over the rounds of the ratio of two consecutive measurements.
     pub fn ratio(&self) -> f64 {
         let rounds = std::iter::zip(&self.ours_s, &self.embree_s);
         median(
@@ -84,7 +84,7 @@ impl Timing {
         )
     }
 
-    /// Measures both sides, ours first in even rounds.
+    /// Measures both sides, DynRT first in even rounds.
     fn round(
         &mut self,
         round: u32,
@@ -108,11 +108,11 @@ impl Timing {
 fn seconds(work: impl FnOnce() -> Result<()>) -> Result<f64> {
     let started = Instant::now();
     work()?;
-    // A clock may be too coarse to see a small scene's refit, and nothing takes no time.
+    // The clock may be too coarse for the refit of a small scene, so avoid a time of zero.
     Ok(started.elapsed().as_secs_f64().max(1e-9))
 }
 
-/// The middle of some numbers, of an even count the mean of the two in the middle.
+/// The median; for an even count, the mean of the two middle values.
 fn median(numbers: &[f64]) -> f64 {
     let mut sorted = numbers.to_vec();
     sorted.sort_by(f64::total_cmp);
@@ -123,40 +123,40 @@ fn median(numbers: &[f64]) -> f64 {
     }
 }
 
-/// How the hits of one pose compare.
+/// The comparison of the hits in one pose.
 #[derive(Clone, Debug)]
 pub struct Agreement {
     pub account: Account,
-    /// The machine's hits, one for each ray.
+    /// The machine's hits, one per ray.
     pub hits: Vec<Hit>,
-    /// Of the rays that differ, those in which exact arithmetic (as good as `f64` is) sees what the machine sees.
+    /// Number of differing rays for which `f64`, as a substitute for exact arithmetic, agrees with the machine.
     pub machine_exact: usize,
-    /// Of the rays that differ, those in which it sees what Embree sees.
+    /// Number of differing rays for which it agrees with Embree.
     pub embree_exact: usize,
 }
 
-/// What a comparison found.
+/// The result of a comparison.
 #[derive(Clone, Debug)]
 pub struct Comparison {
     /// Embree's version.
     pub version: String,
-    /// Cores that casting on all cores uses.
+    /// Number of cores used for casting on all cores.
     pub cores: usize,
     pub rounds: u32,
-    /// Of the mesh as it is, both indexes built.
+    /// The original mesh, with both indexes built.
     pub built: Agreement,
-    /// Of the mesh with its vertices moved, both indexes refitted.
+    /// The mesh with moved vertices, with both indexes refitted.
     pub refitted: Agreement,
-    /// Rays in which Embree sees another triangle when it casts four at a time.
+    /// Number of rays for which Embree reports another triangle when it casts four at a time.
     pub embree_differs_by_four: usize,
     pub timings: Vec<Timing>,
 }
 
 impl Comparison {
-    /// That the hits agree as they must in both poses.
+    /// Checks that the hits agree as required in both poses.
     ///
     /// # Errors
-    /// One line that says what is wrong: see [`Account::verdict`].
+    /// One line that describes the fault: see [`Account::verdict`].
     pub fn verdict(&self) -> Result<()> {
         for (what, agreement) in [("built", &self.built), ("refitted", &self.refitted)] {
             let context = || format!("the {what} mesh against Embree {}", self.version);
@@ -166,19 +166,19 @@ impl Comparison {
     }
 }
 
-/// Rays cast at a time.
+/// Numbers of rays cast at a time.
 const TOGETHER: [usize; 2] = [1, 4];
 
-/// How far a vertex moves at most, as a share of the diagonal of the scene's box.
+/// Maximum motion of a vertex, as a share of the diagonal of the scene's box.
 const DISPLACEMENT: f64 = 0.01;
 
-/// The mesh with a smooth wave through it, in the mesh's number format: neighbours stay neighbours, as in what animates.
+/// The mesh displaced by a smooth wave, in the mesh's number format. Neighbours stay neighbours, as in animations.
 fn displaced(mesh: &MachineMesh) -> Vec<[f64; 3]> {
     let arithmetic = Arithmetic::new(mesh.format);
     let (low, high) = mesh.bounds();
     let extent: [f64; 3] = std::array::from_fn(|k| high[k] - low[k]);
     let diagonal = extent.iter().map(|x| x * x).sum::<f64>().sqrt();
-    // Three waves across the scene, each axis displaced by the place on the next one.
+    // Three waves across the scene; the displacement on each axis depends on the coordinate on the next axis.
     let wave = |vertex: &[f64; 3], axis: usize| {
         let along = (axis + 1) % 3;
         let place = (vertex[along] - low[along]) / diagonal.max(f64::MIN_POSITIVE);
@@ -188,7 +188,7 @@ fn displaced(mesh: &MachineMesh) -> Vec<[f64; 3]> {
     mesh.vertices.iter().map(displace).collect()
 }
 
-/// Vertices in both precisions, with the same values.
+/// The same vertices in both precisions.
 struct Pose {
     vertices: Vec<[f64; 3]>,
     singles: Vec<[f32; 3]>,
@@ -201,7 +201,7 @@ impl Pose {
     }
 }
 
-/// What both sides work on.
+/// The inputs of both sides.
 struct Bench<'a> {
     config: &'a Config,
     mesh: &'a MachineMesh,
@@ -225,7 +225,7 @@ impl<'a> Bench<'a> {
         })
     }
 
-    /// The tree in memory, refitted to a pose.
+    /// The memory image of the tree, refitted to a pose.
     fn image(&self, tree: &Tree, pose: &Pose) -> Result<MemoryImage> {
         let MachineMesh {
             format, triangles, ..
@@ -235,13 +235,13 @@ impl<'a> Bench<'a> {
         Ok(image)
     }
 
-    /// The golden model over a pose.
+    /// The golden model for a pose.
     fn caster(&self, pose: &Pose, together: usize) -> Result<Caster> {
         let image = self.image(&self.tree, pose)?;
         Ok(Caster::new(&image, self.config.triangle_test, together))
     }
 
-    /// From a mesh to what the machine's memory holds.
+    /// Builds the memory image from the mesh.
     fn build_ours(&self) -> Result<()> {
         let MachineMesh {
             format,
@@ -254,7 +254,7 @@ impl<'a> Bench<'a> {
         Ok(())
     }
 
-    /// What Embree sees, and the same in our terms.
+    /// Embree's hits compared with the machine's.
     fn agreement(&self, pose: &Pose, machine: Vec<Hit>, embree: &[embree::Hit]) -> Agreement {
         let others: Vec<Hit> = embree.iter().map(|&hit| hit.into()).collect();
         let oracle = Oracle::new(&pose.vertices, &self.mesh.triangles);
@@ -278,12 +278,12 @@ fn build_options(config: &Config) -> BuildOptions {
     BuildOptions::default_for(config.axes_per_node, config.stack_depth)
 }
 
-/// Compares on a mesh of one level: `rays` are closest-hit rays, the configuration gives the tree's form and the triangle test.
-/// `progress` is told how many rounds are done.
+/// Runs the comparison on a mesh of one level. `rays` are closest-hit rays; the configuration gives the options of the tree and the
+/// triangle test. `progress` receives the number of finished rounds.
 ///
 /// # Errors
-/// One line: Embree is missing; numbers that single precision does not hold; a mesh that cannot be built; hits that depend on
-/// the size of packets, a defect of the golden model. Whether hits agree is for [`Comparison::verdict`] to say.
+/// One line if Embree is missing, if single precision cannot represent a number, if a mesh cannot be built, or if hits depend on
+/// the packet size, which is a bug of the golden model. [`Comparison::verdict`] checks that the hits agree.
 pub fn run(
     config: &Config,
     mesh: &MachineMesh,
@@ -325,7 +325,7 @@ pub fn run(
         });
     }
     for round in 0..rounds {
-        // Every build of theirs wants a mesh without an index; copying it is no part of the build.
+        // Each build of Embree needs a mesh without an index; the copy is not part of the measured time.
         let mut fresh = their_mesh(false)?;
         building.round(round, || bench.build_ours(), || fresh.commit())?;
 
@@ -377,7 +377,7 @@ pub fn run(
     let pairs = std::iter::zip(&singly.their_hits, &by_four.their_hits);
     let embree_differs_by_four = pairs.filter(|(a, b)| !a.same_triangle(b)).count();
 
-    // The last round may have left it in either pose.
+    // The last round may have left either pose.
     moving.move_to(&bench.moved.singles);
     moving.commit()?;
     let mut their_hits = vec![embree::Hit::MISS; rays.len()];
@@ -401,7 +401,7 @@ pub fn run(
     })
 }
 
-/// Rays cast so many at a time.
+/// Rays cast a given number at a time.
 struct Casting {
     together: usize,
     ours: Caster,

@@ -1,23 +1,23 @@
-//! Where two intersectors see different triangles.
+//! Marks the pixels in which two intersectors report different triangles.
 
 use image::{Rgb, RgbImage};
 
 use crate::golden::oracle::{Account, Explanation};
 use crate::scene::RayPacket;
 
-/// Pixels from a differing one to the frame around it.
+/// Distance in pixels from a differing pixel to the frame around it.
 const REACH: i64 = 4;
 
-/// Colours of a mark: where triangles are equally far, near an edge, and unexplained.
+/// Colours of the marks: equal distance, near an edge, unexplained.
 const SAME_DISTANCE: [u8; 3] = [70, 200, 255];
 const NEAR_EDGE: [u8; 3] = [255, 180, 40];
 const UNEXPLAINED: [u8; 3] = [255, 40, 160];
 
-/// Fades a picture to dark grey and marks every ray that an account counts as different: its pixel and a square frame around
-/// it, blue where the triangles are equally far, orange near an edge, magenta where nothing explains it.
+/// Fades a picture to dark grey and marks every ray that an account counts as different, by its pixel and a square frame around
+/// it: blue for equal distances, orange near an edge, magenta if unexplained.
 ///
 /// # Panics
-/// If the account names a ray that is none of `packets`.
+/// If the account names a ray that is not in `packets`.
 pub fn mark_differences(picture: &mut RgbImage, packets: &[RayPacket], account: &Account) {
     for pixel in picture.pixels_mut() {
         let [red, green, blue] = pixel.0.map(u32::from);
@@ -86,7 +86,7 @@ mod tests {
             .pixels()
             .filter(|pixel| pixel.0 == NEAR_EDGE)
             .count();
-        // A whole frame of 9 × 9 pixels and its middle; of the other the part within the picture.
+        // A full frame of 9 × 9 pixels with its centre; of the other frame, the part within the picture.
         assert_eq!(count, (9 * 9 - 7 * 7 + 1) + (5 + 4 + 1));
         let Rgb([red, green, blue]) = *picture.get_pixel(1, 1);
         assert!(red == green && green == blue && red < 80);

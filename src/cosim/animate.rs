@@ -1,16 +1,16 @@
-//! A scene that moves, every stage of every frame in RTL.
+//! Co-simulation of an animated scene, with every stage of every frame in RTL.
 //!
 //! ```text
 //! host: pose ─→ vertices at rest, palettes ─→ skinning processor ─→ vertices ─→ update processor ─→ bounds, boxes
 //!       boxes, instances ─→ top-level tree ──────────────────────────────────────────────→ ray casting unit ─→ picture
 //! ```
 //!
-//! Units are held against their golden models transaction by transaction while they run. Beside that, after every frame, all of
-//! the machine's memory is held against one computed by other means: vertices skinned in the mesh's order, bounds of
-//! the tree from scratch; and the picture against that of the golden caster. The host only ever reads what the RTL
-//! wrote: nothing is passed on from the golden side.
+//! The units are compared with their golden models transaction by transaction. In addition, after every frame the whole
+//! memory of the machine is compared with one computed by other means: vertices skinned in the order of the mesh, and bounds of
+//! the tree computed from scratch. The picture is compared with that of the golden caster. The host reads only data that the RTL
+//! has written; no data comes from the golden model.
 //!
-//! Where a tree has become bad for what moved, the host builds it anew and compiles its program; both serve from the
+//! If the motion has made a tree inefficient, the host rebuilds it and compiles its program; both are used from the
 //! next frame on.
 
 use super::memory::Image;
@@ -44,21 +44,21 @@ use anyhow::{Context, Result, ensure};
 use image::RgbImage;
 use serde::Serialize;
 
-/// The ratio of [`Quality::ratio`] above which a tree is built anew where nothing else is said.
+/// Default ratio of [`Quality::ratio`] above which a tree is rebuilt.
 pub const REBUILD_ABOVE: f64 = 1.5;
 
-/// What is shown.
+/// An animated scene with its frames and rays.
 #[derive(Clone, Copy, Debug)]
 pub struct Film<'a> {
     pub scene: &'a MachineScene,
-    /// At least one.
+    /// At least one frame.
     pub frames: &'a [MachineFrame],
     pub size: ImageSize,
-    /// The same in all frames.
+    /// The rays, the same in all frames.
     pub packets: &'a [RayPacket],
 }
 
-/// The units that have a model of their own.
+/// The units with their own models.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
 pub enum Unit {
     /// The skinning processor
@@ -79,22 +79,22 @@ impl Unit {
     }
 }
 
-/// How to run.
+/// Options of a run.
 #[derive(Clone, Debug)]
 pub struct Options {
-    /// Of the memories' jitter and stalls; every frame's follow from it and the frame's number.
+    /// Seed of the memories' jitter and stalls; those of a frame depend on it and on the frame's number.
     pub seed: u64,
-    /// Above this ratio of its cost to that of one built anew an object's tree is built anew; at least 1, +∞: never.
+    /// An object's tree is rebuilt if the ratio of its cost to that of a rebuilt tree is above this value; at least 1, +∞: never.
     pub rebuild_above: f64,
-    /// The first frame that runs in RTL; what comes before only brings trees and memory to where they then are.
+    /// The first frame that runs in RTL; earlier frames only bring trees and memory to the required state.
     pub from_frame: usize,
-    /// A waveform of one unit, its cycles counted from the beginning of `from_frame`.
+    /// A waveform of one unit; its cycles are counted from the beginning of `from_frame`.
     pub trace: Option<(Unit, Trace)>,
-    /// A fault that the Verilog of the skinning or the update processor is given first, to see that it is noticed.
+    /// A fault in the Verilog of one processor, with which tests check that it is detected.
     pub fault: Option<(Unit, Fault)>,
-    /// How models are built. One with a trace is built for tracing, whatever this says.
+    /// Options for building the models. A model with a trace is always built for tracing.
     pub build: ModelOptions,
-    /// What a person types to run this again from its first frame, for a mismatch's report; may be empty.
+    /// The command that repeats the run from its first frame, for a mismatch's report; may be empty.
     pub replay: String,
 }
 
@@ -112,36 +112,36 @@ impl Default for Options {
     }
 }
 
-/// The figures of a frame, or of several together.
+/// The figures of one frame, or the sum over several.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Figures {
-    /// Clocks from a unit's start to its completion. Skinning and update are given one memory behind all of their
+    /// Cycles from a unit's start to its completion. Skinning and update have one memory behind all of their
     /// ports; see [`unit_update::Traffic::Shared`].
     pub skinning_cycles: u64,
     pub update_cycles: u64,
     pub raycast_cycles: u64,
-    /// Vertices skinned, and influences on them.
+    /// Number of skinned vertices and of their influences.
     pub vertices_skinned: u64,
     pub influences: u64,
-    /// Triangles of objects whose bounds were updated, and nodes written, and instructions executed for it.
+    /// Triangles of updated objects, nodes written, and instructions executed.
     pub triangles: u64,
     pub nodes_written: u64,
     pub instructions: u64,
-    /// Active rays, and hits of them.
+    /// Number of active rays, and of their hits.
     pub rays: u64,
     pub hits: u64,
-    /// Costs of the trees as refitted and of trees built anew, each weighted by the area of its instances' boxes in
+    /// Costs of the refitted trees and of rebuilt trees, each weighted by the area of its instances' boxes in
     /// the world.
     pub refitted_cost: f64,
     pub rebuilt_cost: f64,
-    /// Trees built anew after the frame.
+    /// Number of trees rebuilt after the frame.
     pub rebuilds: u64,
-    /// Results of RTL compared in all bits.
+    /// Number of results of the RTL compared in all bits.
     pub checked: u64,
 }
 
 impl Figures {
-    /// Clocks of all units.
+    /// Cycles of all units.
     pub fn cycles(&self) -> u64 {
         self.skinning_cycles + self.update_cycles + self.raycast_cycles
     }
@@ -156,22 +156,22 @@ impl Figures {
         self.skinning_cycles as f64 / self.cycles() as f64
     }
 
-    /// Of the update; none where nothing was updated.
+    /// Triangles per cycle of the update; `None` if nothing was updated.
     pub fn triangles_per_clock(&self) -> Option<f64> {
         (self.update_cycles > 0).then(|| self.triangles as f64 / self.update_cycles as f64)
     }
 
-    /// Of the update; none where nothing was updated.
+    /// Nodes per cycle of the update; `None` if nothing was updated.
     pub fn nodes_per_clock(&self) -> Option<f64> {
         (self.update_cycles > 0).then(|| self.nodes_written as f64 / self.update_cycles as f64)
     }
 
-    /// What refitted trees cost, relative to trees built anew for each frame.
+    /// Cost of the refitted trees relative to trees rebuilt for each frame.
     pub fn sah_ratio(&self) -> f64 {
         self.refitted_cost / self.rebuilt_cost
     }
 
-    /// Adds another frame's.
+    /// Adds the figures of another frame.
     pub fn add(&mut self, other: &Figures) {
         self.skinning_cycles += other.skinning_cycles;
         self.update_cycles += other.update_cycles;
@@ -190,43 +190,43 @@ impl Figures {
     }
 }
 
-/// A frame as the RTL made it.
+/// The result of a frame in RTL.
 #[derive(Clone, Debug)]
 pub struct FrameReport {
-    /// Its place in [`Film::frames`].
+    /// Its index in [`Film::frames`].
     pub number: usize,
     pub figures: Figures,
-    /// Of objects whose vertices can move: the tree's cost relative to one built anew, and whether it is built anew.
+    /// For objects with moving vertices: the tree's cost relative to a rebuilt tree, and whether it is rebuilt.
     pub trees: Vec<TreeReport>,
     pub picture: RgbImage,
 }
 
-/// The tree of an object that moves, in a frame.
+/// The tree of a moving object in a frame.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct TreeReport {
     pub object: String,
     pub sah_ratio: f64,
-    /// Built anew from the next frame on.
+    /// Whether it is rebuilt from the next frame on.
     pub rebuilt: bool,
 }
 
-/// What is known of a film before its first frame.
+/// Facts about a film before its first frame.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 pub struct Setup {
     /// 1 or 2.
     pub levels: u32,
     pub objects: usize,
     pub instances: usize,
-    /// Of all objects, each counted once.
+    /// Triangles of all objects, each object counted once.
     pub triangles: usize,
 }
 
-/// Shows a film through the RTL of `config` from `options.from_frame` on, and gives each frame to `done` as soon as all of
-/// it agrees. `progress` is told how many rays of a frame have come back.
+/// Runs a film in the RTL of `config` from `options.from_frame` on, and passes each frame to `done` when all of
+/// it agrees. `progress` receives the number of rays of the current frame that have returned.
 ///
 /// # Errors
-/// The first mismatch, a [`Mismatch`] whose cycle and replay are those of its frame alone; a scene that the machine cannot
-/// hold; a tool that is missing; no frame from `from_frame` on; an error of `done`.
+/// The first mismatch, a [`Mismatch`] whose cycle and replay refer to its frame. Also an error if the machine cannot hold the
+/// scene, if a tool is missing, if there is no frame `from_frame`, or if `done` fails.
 pub fn run(
     config: &Config,
     film: Film<'_>,
@@ -267,12 +267,12 @@ pub fn run(
 
 /// The models, each built once.
 struct Units {
-    /// Where anything is skinned.
+    /// `Some` if any object is skinned.
     skinning: Option<SkinUnit>,
     update: UpdateUnit,
     raycast: RaycastUnit,
     around: Surroundings,
-    /// By [`Unit`]: the clocks of its model before the frame that would not be, did it begin with that frame.
+    /// By [`Unit`]: the cycles of its model before this frame that a run starting with this frame would not have.
     began: [u64; 3],
 }
 
@@ -305,11 +305,11 @@ impl Units {
         })
     }
 
-    /// Begins a frame: whatever is random in it depends on the frame's number alone, so that it can be run on its own.
+    /// Begins a frame. All random values in it depend only on the frame's number, so the frame can be run alone.
     fn begin(&mut self, seed: u64, frame: usize) {
         let seed = seed ^ (frame as u64).wrapping_mul(0x9e37_79b9_7f4a_7c15);
         self.around.memory.seed = seed;
-        // All units are reset for every frame: the ray casting unit by itself, the others beside once when they are built.
+        // All units are reset for every frame. The ray casting unit resets itself; the others are also reset when they are built.
         if let Some(skinning) = &mut self.skinning {
             self.began[Unit::Skinning as usize] = skinning.cycles() - RESET;
             skinning.restart(seed);
@@ -320,7 +320,7 @@ impl Units {
     }
 }
 
-/// Clocks for which a unit is reset when it is built.
+/// Number of cycles for which a unit is reset when it is built.
 const RESET: u64 = 4;
 
 /// An object of the film.
@@ -335,29 +335,29 @@ struct Object<'a> {
     code: Vec<u8>,
     code_at: u32,
     skin: Option<SkinPlace>,
-    /// What the host gave last; none before the first frame and where memory awaits a new order.
+    /// The data that the host supplied last; `None` before the first frame, and if memory must be written in a new order.
     given: Option<ObjectFrame>,
-    /// In the mesh's order, as the host gave them last.
+    /// The vertices in the order of the mesh, as supplied last by the host.
     rest: Vec<[f64; 3]>,
-    /// In the mesh's order, as the tree sees them, by the golden model.
+    /// The vertices of the tree in the order of the mesh, by the golden model.
     vertices: Vec<[f64; 3]>,
-    /// Costs of the tree as refitted and of one built anew, for the vertices as they are.
+    /// Costs of the refitted tree and of a rebuilt one, for the current vertices.
     costs: [f64; 2],
 }
 
-/// Where the parts of a skinned object lie.
+/// The positions of the parts of a skinned object in memory.
 #[derive(Clone, Copy)]
 struct SkinPlace {
     /// Indices of the first vector of the palette and of the first vertex at rest.
     palette: u32,
     rest: u32,
-    /// Index of the first row of influences, and how many there are.
+    /// Index of the first row of influences, and the number of rows.
     influences: u32,
     rows: u32,
 }
 
 impl<'a> Object<'a> {
-    /// The object with a tree for where its vertices are in the first frame.
+    /// Creates the object with a tree for the vertices of the first frame.
     fn new(
         film: Film<'a>,
         number: usize,
@@ -389,14 +389,14 @@ impl<'a> Object<'a> {
         })
     }
 
-    /// The object's part of memory at base 0, by the golden model: its bounds are computed from scratch.
+    /// The object's memory image at base 0, by the golden model, with bounds computed from scratch.
     fn image(&self, format: Format) -> Result<MemoryImage> {
         let triangles = &self.machine.triangles;
         self.program
             .image(format, &self.vertices, triangles, &self.tree)
     }
 
-    /// The stream of influences in the order of the program's vertices; none of an object without a skin.
+    /// The stream of influences in the order of the program's vertices; empty for an object without a skin.
     fn influences(&self) -> Vec<Influence> {
         let influences = self.machine.influences.as_ref();
         influences.map_or(Vec::new(), |influences| {
@@ -405,8 +405,8 @@ impl<'a> Object<'a> {
     }
 }
 
-/// The vertices that the tree sees in a frame, in the mesh's order, by the golden model; `rest` becomes what the host has given
-/// up to then.
+/// The vertices of the tree in a frame, in the order of the mesh, by the golden model. `rest` becomes the data that the host has
+/// supplied up to then.
 fn posed(
     scene: &MachineScene,
     number: usize,
@@ -427,29 +427,29 @@ fn posed(
     Ok(vertices)
 }
 
-/// The host: it keeps the machine's memory and starts its units.
+/// The host: it manages the machine's memory and starts its units.
 struct Host<'a> {
     config: &'a Config,
     film: Film<'a>,
     rays: Vec<Ray>,
     machine: UpdateMachine,
     objects: Vec<Object<'a>>,
-    /// What memory must hold, by the golden model.
+    /// The required contents of memory, by the golden model.
     golden: InstancedImage,
-    /// What memory holds, by host and RTL.
+    /// The contents of memory, as written by host and RTL.
     arrays: UpdateArrays,
     influences: Vec<u32>,
     one_level: bool,
-    /// Of the top-level tree in memory: of the instances that are there in the frame.
+    /// The instances of the top-level tree in memory: those that are present in the frame.
     specs: Vec<InstanceSpec>,
     /// The numbers of these instances in the scene.
     there: Vec<usize>,
     setup: Setup,
 }
 
-/// What a tree for some of a scene's triangles may be as deep as: what the top-level tree leaves of the stack.
+/// The maximum depth of a tree over some of a scene's triangles: the part of the stack that the top-level tree does not need.
 fn object_depth(stack_depth: u32, instances: usize, triangles: usize) -> u32 {
-    /// Entries beyond the fewest that the top-level tree can do with, so that it need not be balanced.
+    /// Entries in addition to the minimum for the top-level tree, because it need not be balanced.
     const SLACK: u32 = 4;
     if instances == 1 {
         return stack_depth;
@@ -519,8 +519,8 @@ impl<'a> Host<'a> {
                 triangles,
             },
         };
-        // The host loads memory: links, triangle records, and bounds of what never moves. Bounds of all else are the
-        // update processor's to write, and are left zero.
+        // The host loads memory: links, triangle records, and the bounds of static objects. The update processor writes all other
+        // bounds, which are zero before.
         let boxes: Vec<Bounds> = host.golden.objects().iter().map(|o| o.bounds).collect();
         for (number, bounds) in boxes.iter().enumerate() {
             if !host.objects[number].moves {
@@ -533,7 +533,7 @@ impl<'a> Host<'a> {
         }
         host.set_top(0, &boxes)?;
         let image = host.golden.image();
-        // Memory has room for all instances, of which some may not be there in the first frame.
+        // Memory has room for all instances, of which some may be absent from the first frame.
         let (slots, vertices) = match one_level {
             true => (image.nodes.len(), image.vertices.len() as u64),
             false => (
@@ -565,7 +565,7 @@ impl<'a> Host<'a> {
         self.film.scene.format
     }
 
-    /// Writes links of an object's nodes, and zeros in the place of bounds.
+    /// Writes the links of an object's nodes, with zeros as bounds.
     fn load_tree(&mut self, number: usize) {
         let layout = Record::node(self.format());
         let place = self.golden.objects()[number];
@@ -580,14 +580,14 @@ impl<'a> Host<'a> {
         }
     }
 
-    /// Writes vectors from an index of vertex memory on.
+    /// Writes vectors to vertex memory from an index on.
     fn write_vectors(&mut self, first: u32, vectors: &[[f64; 3]]) {
         let words = vector_words(self.format(), vectors);
         let start = first as usize * Record::vertex(self.format()).words();
         self.arrays.vertices[start..start + words.len()].copy_from_slice(&words);
     }
 
-    /// The box of an object as it stands in box memory.
+    /// The box of an object in box memory.
     fn box_of(&self, number: usize) -> Bounds {
         let (layout, format) = (Record::bounding_box(self.format()), self.format());
         let words = self.arrays.boxes.row(number as u64);
@@ -600,8 +600,8 @@ impl<'a> Host<'a> {
         }
     }
 
-    /// Builds the top-level tree over the instances that are there in a frame, objects having these boxes. Of one level there
-    /// is none, nor of no instances.
+    /// Builds the top-level tree over the instances that are present in a frame, from the boxes of the objects. There is
+    /// no tree in a scene of one level, nor over zero instances.
     fn set_top(&mut self, frame: usize, boxes: &[Bounds]) -> Result<()> {
         if self.one_level {
             return Ok(());
@@ -637,7 +637,7 @@ impl<'a> Host<'a> {
         self.golden.set_top(&self.specs, &options)
     }
 
-    /// Writes what of the golden image is the top level's: nodes and instances' vectors.
+    /// Writes the part of the golden image that belongs to the top level: nodes and the instances' vectors.
     fn load_top(&mut self) {
         if self.one_level {
             return;
@@ -655,7 +655,7 @@ impl<'a> Host<'a> {
         self.write_vectors(first, &vectors);
     }
 
-    /// Brings memory to a frame; with `units`, by RTL, which then draws it.
+    /// Advances memory to a frame; with `units`, in RTL, which then casts the rays.
     fn frame(
         &mut self,
         number: usize,
@@ -680,7 +680,7 @@ impl<'a> Host<'a> {
             state.given = Some(given.clone());
             self.move_object(object, given, units.as_deref_mut(), &mut figures)
                 .map_err(|error| located(error, number, units.as_deref(), options))?;
-            // The golden side of it, by other means.
+            // The reference of the golden model, by other means.
             let image = self.objects[object].image(self.format())?;
             self.golden.replace_object(object, &image)?;
             changed.push(object);
@@ -695,7 +695,7 @@ impl<'a> Host<'a> {
             .compare_memory()
             .map_err(|mismatch| located(mismatch.into(), number, units.as_deref(), options))?;
 
-        // Trees are judged, and the golden picture is cast, while the RTL draws its own.
+        // The costs of trees and the golden picture are computed while the RTL casts the rays.
         let image = self.image(&boxes);
         let (format, objects) = (self.format(), &self.objects);
         let side = |draws: bool| {
@@ -717,7 +717,7 @@ impl<'a> Host<'a> {
             });
             (qualities, hits)
         };
-        // There is no tree over no instances: nothing is cast, and nothing is counted as compared.
+        // There is no tree over zero instances, so nothing is cast or counted.
         let is_empty = self.there.is_empty();
         let (qualities, drawn) = match &mut units {
             Some(_) if is_empty => {
@@ -773,7 +773,7 @@ impl<'a> Host<'a> {
         }))
     }
 
-    /// Judges the trees of objects that have moved in a frame; those that have become bad are built anew.
+    /// Evaluates the trees of objects that have moved in a frame, and rebuilds the inefficient ones.
     fn rebuild_bad(
         &mut self,
         number: usize,
@@ -784,7 +784,7 @@ impl<'a> Host<'a> {
         let mut trees = Vec::new();
         for (object, quality) in qualities {
             let sah_ratio = quality.ratio();
-            // The last frame has no next one, which a new tree could serve.
+            // The last frame has no next one that could use a new tree.
             let rebuilt = sah_ratio > options.rebuild_above && number + 1 < self.film.frames.len();
             trees.push(TreeReport {
                 object: self.objects[object].machine.name.clone(),
@@ -799,7 +799,7 @@ impl<'a> Host<'a> {
         Ok(trees)
     }
 
-    /// Skinning and update of an object whose vertices have changed.
+    /// Skins and updates an object whose vertices have changed.
     fn move_object(
         &mut self,
         number: usize,
@@ -911,7 +911,7 @@ impl<'a> Host<'a> {
         Ok(())
     }
 
-    /// The memory image that is cast, objects having these boxes.
+    /// The memory image for ray casting, with the given boxes of the objects.
     fn image(&self, boxes: &[Bounds]) -> MemoryImage {
         let mut image = self.golden.image().clone();
         if self.one_level {
@@ -921,7 +921,7 @@ impl<'a> Host<'a> {
         image
     }
 
-    /// Holds all of memory that moves against the golden image; returns how many records were compared.
+    /// Compares all memory that changes with the golden image; returns the number of records compared.
     fn compare_memory(&self) -> Result<u64, Mismatch> {
         let (image, format) = (self.golden.image(), self.format());
         let mut boxes = Vec::new();
@@ -975,7 +975,7 @@ impl<'a> Host<'a> {
         Ok(compared)
     }
 
-    /// Draws what rays hit in a frame.
+    /// Draws the hits of rays in a frame.
     fn shade(&self, frame: &MachineFrame, hits: &[Hit]) -> RgbImage {
         let corners = |hit: &Hit| {
             let instance = self.there[hit.instance as usize];
@@ -991,7 +991,7 @@ impl<'a> Host<'a> {
         report::shade_triangles(self.film.size, self.film.packets, hits, corners, None)
     }
 
-    /// Sums the trees' costs over the instances, each as likely to be met as its box in the world is large.
+    /// Sums the trees' costs over the instances, weighted by the areas of their boxes in the world.
     fn weigh(&self, figures: &mut Figures) {
         for (place, &number) in self.there.iter().enumerate() {
             let object = self.film.scene.instances[number];
@@ -1005,8 +1005,8 @@ impl<'a> Host<'a> {
         }
     }
 
-    /// Gives an object another tree, and so another program and another order of vertices and nodes. All of the object is
-    /// moved anew in the next frame.
+    /// Gives an object another tree, and therefore another program and another order of vertices and nodes. The whole object is
+    /// written and updated again in the next frame.
     fn rebuild(&mut self, number: usize, tree: Tree) -> Result<()> {
         let format = self.format();
         let object = &mut self.objects[number];
@@ -1015,7 +1015,7 @@ impl<'a> Host<'a> {
         object.tree = tree;
         object.code = object.program.bytes();
         object.given = None;
-        // Programs follow one another, and this one may be longer or shorter than before.
+        // Programs are consecutive, and the new one may have another length.
         self.arrays.program.clear();
         for object in &mut self.objects {
             object.code_at = self.arrays.program.len() as u32;
@@ -1059,7 +1059,7 @@ fn compare_pictures(rtl: &RgbImage, golden: &RgbImage) -> Result<(), Mismatch> {
     })
 }
 
-/// A mismatch with its frame, its cycle counted from the beginning of that, and the command that begins there.
+/// A mismatch with its frame, its cycle counted from the beginning of the frame, and the command that starts there.
 fn located(
     error: anyhow::Error,
     number: usize,

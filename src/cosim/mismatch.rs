@@ -1,4 +1,4 @@
-//! What is said of the first place where RTL and golden model differ.
+//! The report of the first difference between RTL and golden model.
 
 use crate::float::Format;
 use std::fmt;
@@ -22,7 +22,7 @@ impl Field {
         }
     }
 
-    /// A number of a format, as bit patterns.
+    /// A number of a format, given by bit patterns.
     pub fn number(name: impl Into<String>, format: Format, golden: u64, rtl: u64) -> Field {
         Field {
             name: name.into(),
@@ -37,15 +37,15 @@ impl Field {
 #[derive(Clone, Debug)]
 pub struct Mismatch {
     pub unit: &'static str,
-    /// Which transaction differs.
+    /// The transaction that differs.
     pub place: String,
     pub cycle: u64,
     pub fields: Vec<Field>,
-    /// The command that runs it again.
+    /// The command that repeats the run.
     pub replay: String,
 }
 
-/// Cycles before the mismatch with which a waveform shows how it came about.
+/// Number of cycles before the mismatch in its waveform.
 const LEAD: u64 = 400;
 
 impl fmt::Display for Mismatch {

@@ -1,9 +1,9 @@
-//! Co-simulation: the emitted Verilog, run by Verilator under Rust, held against the golden model.
+//! Co-simulation: runs the emitted Verilog with Verilator and compares it with the golden model.
 //!
-//! [`model`] builds a module into a library and drives it clock by clock; [`memory`] stands in for what a
-//! unit's ports lead to. Both are generic: they know nothing of ray tracing. [`raycast`] drives the whole ray
-//! casting unit, [`unit_tpu`], [`unit_geometry`], [`unit_skinning`] and [`unit_update`] drive one unit each, on a [`workload`], under a [`scoreboard`];
-//! [`mismatch`] says where RTL and golden model differ.
+//! [`model`] builds a module into a library and drives it cycle by cycle; [`memory`] models the memories at a
+//! unit's ports. Both are independent of ray tracing. [`raycast`] drives the whole ray casting unit.
+//! [`unit_tpu`], [`unit_geometry`], [`unit_skinning`] and [`unit_update`] drive one unit each, with a [`workload`] and a [`scoreboard`].
+//! [`mismatch`] reports the first difference between RTL and golden model.
 
 pub mod animate;
 pub mod dram;
@@ -23,15 +23,15 @@ pub use dynrt_verilated::{memory, model};
 
 use crate::config::Config;
 
-/// Why the ports that show a machine's steps are there.
+/// Message if a machine for comparison lacks trace ports.
 const TRACED: &str = "a machine that is compared has trace ports";
 
-/// The timing of a memory of a configuration's surroundings.
+/// The timing of the memories that a configuration defines.
 pub fn timing(config: &Config, seed: u64) -> memory::Timing {
     memory::Timing {
         latency: config.memory_latency,
         jitter: config.memory_jitter,
-        // Without jitter answers cannot overtake each other.
+        // Without jitter, responses cannot overtake each other.
         out_of_order: !config.memory_in_order && config.memory_jitter > 0,
         backpressure: 1.0 - f64::from(config.memory_ready_percent) / 100.0,
         seed,

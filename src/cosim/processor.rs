@@ -1,5 +1,5 @@
-//! What the co-simulations of the two processors share: memories at their ports, whose traffic may be limited, a start that is offered until
-//! it is taken, and results that come in order.
+//! Common code of the co-simulations of the two processors: memories at their ports, optionally with limited traffic, a start that is
+//! offered until it is accepted, and results in order.
 
 use super::memory::{
     Image, ReadHandles, ReadPort, ReadRequest, ReadResponse, Timing, WriteHandles, WritePort,
@@ -13,25 +13,25 @@ use crate::config::Config;
 use crate::float::Format;
 use anyhow::{Result, ensure};
 
-/// How the memories' traffic is limited beside what [`Surroundings`] say.
+/// The limit of the memories' traffic, in addition to [`Surroundings`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Traffic {
-    /// Not at all: each port has a memory of its own.
+    /// No limit: each port has its own memory.
     Separate,
     /// One memory behind all ports, which are served in turn.
     ///
-    /// The update processor's takes one request a clock: a row of the program, a vertex, a node's numbers. Up to 32 bits a number that is at
-    /// most 16 bytes a clock in all, each padded to a row. (Only the object's box, once an update, is longer.)
+    /// The update processor's memory accepts one request per cycle: a row of the program, a vertex, or a node's numbers. With up to 32 bits
+    /// per number this is at most 16 bytes per cycle, padded to a row. (Only the object's box, once per update, is longer.)
     ///
-    /// The skinning processor's moves [`SHARED_BYTES`](super::unit_skinning::SHARED_BYTES) a clock, reads and writes together. A record takes
-    /// its whole bytes: in Fp24 a vector 9, a row of influences 16. At most one clock's bytes are saved up.
+    /// The skinning processor's memory transfers [`SHARED_BYTES`](super::unit_skinning::SHARED_BYTES) per cycle, for reads and writes together.
+    /// A record uses whole bytes: in Fp24 9 for a vector and 16 for a row of influences. At most the bytes of one cycle are saved up.
     Shared,
 }
 
 /// Serves ports that may share a memory.
 pub(super) struct Share<const N: usize> {
     traffic: Traffic,
-    /// What a request of each port costs, what a clock brings, and how much of that may be saved up.
+    /// The cost of a request at each port, the credit per cycle, and the maximum credit.
     costs: [u32; N],
     each_clock: u32,
     saved: u32,
@@ -51,7 +51,7 @@ impl<const N: usize> Share<N> {
         }
     }
 
-    /// Which ports may take a request in this clock, where these `offer` one.
+    /// The ports that may transfer a request in this cycle, given those that offer one.
     pub fn grant(&mut self, offered: [bool; N]) -> [bool; N] {
         if self.traffic == Traffic::Separate {
             return [true; N];
@@ -70,7 +70,7 @@ impl<const N: usize> Share<N> {
     }
 }
 
-/// Memory at a read port. In each clock come [`Reads::offers`], [`Reads::show`] and [`Reads::step`].
+/// The memory at a read port. In each cycle call [`Reads::offers`], [`Reads::show`] and [`Reads::step`].
 pub(super) struct Reads {
     handles: ReadHandles,
     port: ReadPort,
@@ -88,18 +88,18 @@ impl Reads {
         }
     }
 
-    /// Whether a request is shown that the memory takes if it is granted.
+    /// Whether the port offers a request that the memory accepts if it is granted.
     pub fn offers(&mut self, model: &Model) -> bool {
         self.request = model.read_request(&self.handles);
         self.request.is_some() && self.port.ready()
     }
 
-    /// The address that is asked for.
+    /// The requested address.
     pub fn address(&self) -> u64 {
         self.request.map_or(0, |request| request.address)
     }
 
-    /// Shows what the unit sees at the edge: `record` gives the words at an address.
+    /// Drives the inputs of the unit for the edge: `record` gives the words at an address.
     pub fn show<R: AsRef<[u32]>>(
         &self,
         model: &mut Model,
@@ -113,7 +113,7 @@ impl Reads {
         model.respond(&self.handles, self.answer, words);
     }
 
-    /// The edge; whether there is an answer for the next one.
+    /// Performs the edge; returns whether there is a response for the next one.
     pub fn step(&mut self, granted: bool) -> Result<bool> {
         self.answer = self.port.step(self.request.filter(|_| granted))?;
         Ok(self.answer.is_some())
@@ -125,20 +125,20 @@ impl Reads {
     }
 }
 
-/// Memory at a write port. In each clock come [`Writes::offers`], [`Writes::show`] and [`Writes::step`].
+/// The memory at a write port. In each cycle call [`Writes::offers`], [`Writes::show`] and [`Writes::step`].
 pub(super) struct Writes {
     record: Record,
     format: Format,
     handles: WriteHandles,
     mask: Option<PortHandle>,
-    /// What the mask should say, or is where the port has none.
+    /// The required mask; also used if the port has no mask.
     whole: u64,
     port: WritePort,
     data: Vec<u32>,
 }
 
 impl Writes {
-    /// Of records whose first `numbers` fields are written, by a `mask` where there are more.
+    /// For records whose first `numbers` fields are written, selected by a `mask` if there are more fields.
     pub fn new(
         record: Record,
         format: Format,
@@ -161,7 +161,7 @@ impl Writes {
         })
     }
 
-    /// Whether a write is shown that the memory takes if it is granted.
+    /// Whether the port offers a write that the memory accepts if it is granted.
     pub fn offers(&self, model: &Model) -> bool {
         model.get(self.handles.valid) != 0 && self.port.ready()
     }
@@ -175,7 +175,7 @@ impl Writes {
         self.mask.map_or(self.whole, |mask| model.get(mask))
     }
 
-    /// The edge, at which what is shown is or is not `accepted`.
+    /// Performs the edge, at which the offered write is or is not `accepted`.
     pub fn step(&mut self, model: &Model, accepted: bool, image: &mut Image) -> Result<()> {
         if accepted {
             model.get_words(self.handles.payload.data, &mut self.data);
@@ -194,7 +194,7 @@ impl Writes {
     }
 }
 
-/// Offers a start until it is taken, and sees whether anything happens.
+/// Offers a start until it is accepted, and detects a unit that has stopped.
 pub(super) struct Pace {
     pauses: f64,
     patience: u64,
@@ -212,13 +212,13 @@ impl Pace {
         }
     }
 
-    /// Whether a start is offered in this clock.
+    /// Whether a start is offered in this cycle.
     pub fn starts(&self, rng: &mut fastrand::Rng) -> bool {
         let pauses = self.pauses > 0.0 && rng.f64() < self.pauses;
         !self.started && !pauses
     }
 
-    /// After a clock's edge: for how many clocks nothing has happened, if these are too many.
+    /// Call after each edge. Returns the number of cycles without an event if it exceeds the limit.
     pub fn step(&mut self, starting: bool, accepted: &[bool]) -> Option<u64> {
         self.started |= starting;
         let progress = starting || accepted.contains(&true);
@@ -227,9 +227,9 @@ impl Pace {
     }
 }
 
-/// Results in order.
+/// Compares results in order.
 impl Bench {
-    /// That counters begin at 0.
+    /// Checks that counters start at 0.
     pub fn counts_from_zero(&self, counts: &[u64]) -> Result<()> {
         if counts.iter().all(|&count| count == 0) {
             return Ok(());
@@ -240,7 +240,7 @@ impl Bench {
         Err(self.mismatch("after reset", fields.collect()))
     }
 
-    /// A read, held against the next one that the golden model makes.
+    /// Compares a read with the next one of the golden model.
     pub fn ordered(&mut self, what: &str, golden: Option<u32>, rtl: u64) -> Result<()> {
         self.tally.checked += 1;
         match golden.map(u64::from) {
@@ -253,7 +253,7 @@ impl Bench {
         }
     }
 
-    /// A write, held against the next one that the golden model makes, at `place`.
+    /// Compares a write with the next one of the golden model, at `place`.
     pub fn written<const N: usize>(
         &mut self,
         place: impl Into<String>,
@@ -283,7 +283,7 @@ impl Bench {
         Err(self.mismatch(place, fields))
     }
 
-    /// That a memory holds the same at the end; `place` says which.
+    /// Compares the final contents of a memory; `place` names it.
     pub fn same_memory(&self, place: &str, golden: &[u32], rtl: &Image) -> Result<()> {
         let differs = golden.iter().zip(rtl.words()).position(|(g, r)| g != r);
         let Some(word) = differs else { return Ok(()) };
@@ -293,7 +293,7 @@ impl Bench {
     }
 }
 
-/// The timing of what takes writes: it pauses by itself, so that slow writes meet fast reads too.
+/// The timing of a receiver of writes. It pauses independently, so slow writes also meet fast reads.
 pub(super) fn write_timing(around: &Surroundings, port: u64) -> Timing {
     Timing {
         backpressure: around.pauses,
@@ -301,12 +301,12 @@ pub(super) fn write_timing(around: &Surroundings, port: u64) -> Timing {
     }
 }
 
-/// Those that are given, or random ones.
+/// The given surroundings, or random ones.
 pub(super) fn surroundings(options: &UnitOptions, rng: &mut fastrand::Rng) -> Surroundings {
     match options.surroundings {
         Some(around) => around,
-        // Reads that come fast, writes that are taken slowly: else the reads are what all wait for.
-        // At times so slowly that all queues are full.
+        // Fast reads and slowly accepted writes, because otherwise the reads are always the bottleneck.
+        // In some runs writes are so slow that all queues are full.
         None if rng.u8(..4) == 0 => Surroundings {
             pauses: if rng.bool() { 0.8 } else { 0.97 },
             ..Surroundings::steady(rng.u32(1..=10))
@@ -315,7 +315,7 @@ pub(super) fn surroundings(options: &UnitOptions, rng: &mut fastrand::Rng) -> Su
     }
 }
 
-/// Checks that a machine's addresses reach the `most` records of an array.
+/// Checks that a machine's addresses can reach the `most` records of an array.
 pub(super) fn check_capacity(config: &Config, what: &str, most: u64) -> Result<()> {
     ensure!(
         most < 1 << config.address_bits,
@@ -327,7 +327,7 @@ pub(super) fn check_capacity(config: &Config, what: &str, most: u64) -> Result<(
     Ok(())
 }
 
-/// A report in a few lines, the last ones of each figure.
+/// A report in a few lines, with the last lines of each figure.
 pub(super) fn summary(
     unit: &UnitReport,
     [transactions, packets]: [&str; 2],

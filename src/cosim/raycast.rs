@@ -1,5 +1,5 @@
-//! The whole ray casting unit: rays in, hits out, every packet step, ray transformation and ray–triangle test on the way held
-//! against the golden model, in all bits.
+//! Co-simulation of the whole ray casting unit: compares hits, packet steps, ray transformations and ray–triangle tests
+//! with the golden model, in all bits.
 
 use super::memory::{Image, ReadHandles, ReadPort, ReadRequest, Timing};
 use super::mismatch::{Field, Mismatch};
@@ -21,22 +21,22 @@ use crate::port::{Hit, NONE, Ray};
 use anyhow::{Result, bail, ensure};
 use std::time::Instant;
 
-/// Clocks without any event after which a run is given up as stuck.
+/// Number of cycles without an event after which a run ends as stuck.
 const PATIENCE: u64 = 200_000;
 
-/// How to run.
+/// Options of a run.
 #[derive(Clone, Debug)]
 pub struct Options {
-    /// Of the memories' jitter and of the stalls.
+    /// Seed of the memories' jitter and of the stalls.
     pub seed: u64,
-    /// Share of the clocks in which no ray is offered, 0 to 1.
+    /// Share of the cycles in which no ray is offered, 0 to 1.
     pub ray_stall: f64,
-    /// Share of the clocks in which no hit is taken, 0 to 1.
+    /// Share of the cycles in which no hit is accepted, 0 to 1.
     pub hit_stall: f64,
-    /// Clocks from one of [`Report::samples`] to the next; none are taken without.
+    /// Cycles between two of the [`Report::samples`]; `None`: no samples.
     pub sample_cycles: Option<u64>,
     pub trace: Option<Trace>,
-    /// What a person types to run this again, for a mismatch's report.
+    /// The command that repeats the run, for a mismatch's report.
     pub replay: String,
 }
 
@@ -53,33 +53,33 @@ impl Default for Options {
     }
 }
 
-/// What a run found.
+/// The result of a run.
 #[derive(Clone, Debug)]
 pub struct Report {
-    /// The RTL's hits, one for each ray given, in order.
+    /// The hits of the RTL, one per given ray, in order.
     pub hits: Vec<Hit>,
-    /// Hits, packet steps, ray–triangle tests and ray transformations that were compared in all bits and agree.
+    /// Number of hits, packet steps, ray–triangle tests and ray transformations that were compared in all bits and agree.
     pub hits_checked: u64,
     pub steps_checked: u64,
     pub tests_checked: u64,
     pub transforms_checked: u64,
-    /// From the first ray offered to the last hit taken.
+    /// From the first ray offered to the last hit accepted.
     pub cycles: u64,
     /// The RTL's own counters.
     pub counters: Counters,
-    /// The most entries that a packet's stack has held.
+    /// Maximum number of entries in a packet's stack.
     pub stack_high_water: u64,
-    /// The same as they stood every [`Options::sample_cycles`] clocks on the way.
+    /// The counters after every [`Options::sample_cycles`] cycles.
     pub samples: Vec<Counters>,
     pub model_build_s: f64,
     pub model_reused: bool,
     pub simulate_s: f64,
 }
 
-/// Slots of the triangle test that a ray takes to be transformed.
+/// Number of slots of the triangle test that one ray transformation uses.
 const SLOTS_OF_TRANSFORM: u64 = 3;
 
-/// A pattern that means the same: a zero or a NaN has any fraction.
+/// Another pattern with the same meaning: the fraction of a zero or a NaN is arbitrary.
 fn disguised(format: Format, bits: u64, rng: &mut fastrand::Rng) -> u64 {
     let fraction = (1u64 << format.fraction_bits()) - 1;
     let exponent = bits >> format.fraction_bits() & format.exponent_mask();
@@ -97,7 +97,7 @@ fn disguised(format: Format, bits: u64, rng: &mut fastrand::Rng) -> u64 {
     }
 }
 
-/// What the ray casting unit counts, since the last reset.
+/// The counters of the ray casting unit since the last reset.
 pub type Counters = hw::raycast::Counters<u64>;
 
 impl Report {
@@ -109,18 +109,18 @@ impl Report {
         self.hits.len() as f64 / self.cycles as f64
     }
 
-    /// Packet steps a clock.
+    /// Packet steps per cycle.
     pub fn tpu_utilisation(&self) -> f64 {
         self.counters.packet_steps as f64 / self.cycles as f64
     }
 
-    /// Slots of the triangle test that are used a clock: one for each ray–triangle test, three for each ray transformation.
+    /// Used slots of the triangle test per cycle: one per ray–triangle test, three per ray transformation.
     pub fn gu_utilisation(&self) -> f64 {
         self.counters.gu_busy_cycles as f64 / self.cycles as f64
     }
 }
 
-/// What the golden model says of one packet, and how far the RTL has come in it.
+/// The golden model's events of one packet, and the RTL's progress in them.
 #[derive(Default)]
 struct Expected {
     /// Index of the packet's first ray.
@@ -146,7 +146,7 @@ impl Observer for Expected {
     }
 }
 
-/// A tagged read port of the model with the memory behind it.
+/// A tagged read port of the model with its memory.
 pub(super) struct MemoryPort {
     name: String,
     port: ReadPort,
@@ -155,7 +155,7 @@ pub(super) struct MemoryPort {
     shown_ready: bool,
     shown_valid: bool,
     next: Option<super::memory::ReadResponse>,
-    /// A request that was shown and not taken: it must be shown again, unchanged.
+    /// A request that was shown and not accepted; it must be shown again unchanged.
     waiting: Option<ReadRequest>,
 }
 
@@ -181,7 +181,7 @@ impl MemoryPort {
         })
     }
 
-    /// Before a clock edge: presents what the memory answers, and whether it takes a request.
+    /// Before a clock edge: drives the memory's response, and whether it accepts a request.
     pub(super) fn show(&mut self, model: &mut Model) {
         let ready = self.port.ready();
         if ready != self.shown_ready {
@@ -195,7 +195,7 @@ impl MemoryPort {
         self.shown_valid = self.next.is_some();
     }
 
-    /// At the same edge: takes the request that the model offers.
+    /// At the same edge: accepts the request that the model offers.
     pub(super) fn take(&mut self, model: &Model) -> Result<()> {
         let request = model.read_request(&self.handles);
         ensure!(
@@ -214,7 +214,7 @@ impl MemoryPort {
 
 type Ports = hdl::Ports<hw::raycast::Inputs<PortHandle>, hw::raycast::Outputs<PortHandle>>;
 
-/// What differs between the packet step shown and the golden model's: nothing, or all fields.
+/// Compares a traced packet step with the golden model's: no fields if they are equal, otherwise all fields.
 pub(super) fn compare_step(
     model: &Model,
     ports: &StepTrace<PortHandle>,
@@ -223,7 +223,7 @@ pub(super) fn compare_step(
 ) -> Vec<Field> {
     let (shown, width) = (model.sample(ports), format.width());
     let [left, right] = [&golden.left, &golden.right];
-    // Left, if a ray that enters both children goes there first, or if no ray goes right.
+    // Left first, if a ray that enters both children goes there first, or if no ray enters the right child.
     let left_first = left.mask != 0 && (golden.left_first != 0 || right.mask == 0);
     let integers = [
         ("node", golden.node.into(), shown.node),
@@ -258,7 +258,7 @@ pub(super) fn compare_step(
     integers.into_iter().chain(numbers).collect()
 }
 
-/// t, u and v that a test must show: those of a hit, and any of a miss.
+/// The required t, u and v of a test: those of a hit; for a miss any values.
 pub(super) fn test_numbers(shown: &TestTrace<u64>, format: Format, golden: &Outcome) -> [u64; 3] {
     match golden.hit {
         true => [golden.t, golden.raw[1], golden.raw[2]].map(|x| format.to_bits(x)),
@@ -266,7 +266,7 @@ pub(super) fn test_numbers(shown: &TestTrace<u64>, format: Format, golden: &Outc
     }
 }
 
-/// What differs between the ray-triangle test shown and the one expected: nothing, or all fields.
+/// Compares a traced ray–triangle test with the expected one: no fields if they are equal, otherwise all fields.
 pub(super) fn compare_test(
     shown: &TestTrace<u64>,
     format: Format,
@@ -292,7 +292,7 @@ pub(super) fn compare_test(
     integers.into_iter().chain(numbers).collect()
 }
 
-/// What differs between the transformed ray shown and the golden model's: nothing, or all fields.
+/// Compares a traced ray transformation with the golden model's: no fields if they are equal, otherwise all fields.
 pub(super) fn compare_transform(
     shown: &TransformTrace<u64>,
     format: Format,
@@ -323,11 +323,11 @@ pub(super) fn compare_transform(
     fields
 }
 
-/// Casts `rays`, in packets of the machine's size, through the RTL of `config` over `image`, and compares everything.
-/// The last packet is filled up with inactive rays. `progress` is told how many rays have come back.
+/// Casts `rays`, in packets of the machine's size, in the RTL of `config` with the scene `image`, and compares all events.
+/// Inactive rays fill the last packet. `progress` receives the number of rays that have returned.
 ///
 /// # Errors
-/// The first mismatch; a machine that makes no headway; a tool that is missing; no rays at all.
+/// The first mismatch, or an error if the machine stops, if a tool is missing, or if there are no rays.
 pub fn run(
     config: &Config,
     image: &MemoryImage,
@@ -349,20 +349,20 @@ pub struct RaycastUnit {
     ports: Ports,
     model_build_s: f64,
     model_reused: bool,
-    /// The mutant that is selected, if there are any.
+    /// The selected mutant, if there are mutants.
     mutated: Option<Mutated>,
 }
 
 impl RaycastUnit {
-    /// Builds the unit of a machine; with a trace, one that writes it.
+    /// Builds the unit of a machine, with support for the trace if one is given.
     ///
     /// # Errors
-    /// A tool that is missing.
+    /// If a tool is missing.
     pub fn new(config: &Config, trace: Option<&Trace>) -> Result<RaycastUnit> {
         Self::build(config, trace, &BuildOptions::default(), None)
     }
 
-    /// The same, its model built as `how` says; one with a trace is built for tracing, whatever that says.
+    /// The same, with the model built as `how` states; a model with a trace is always built for tracing.
     ///
     /// # Errors
     /// As [`RaycastUnit::new`].
@@ -377,7 +377,7 @@ impl RaycastUnit {
     /// Builds the unit with mutants, one of them selected.
     ///
     /// # Errors
-    /// A tool that is missing.
+    /// If a tool is missing.
     pub fn mutated(config: &Config, mutated: Option<&Mutated>) -> Result<RaycastUnit> {
         Self::build(config, None, &BuildOptions::default(), mutated)
     }
@@ -416,39 +416,39 @@ impl RaycastUnit {
         })
     }
 
-    /// Lets a reset, that of the next picture, interrupt an earlier one's traffic.
+    /// Makes the reset of the next picture interrupt earlier traffic.
     ///
     /// # Errors
-    /// Traffic of another machine.
+    /// If the traffic belongs to another machine.
     pub fn interrupt(&mut self, interrupted: &Interrupted) -> Result<()> {
         self.model.reset(RESET_CYCLES);
         self.model.play(&interrupted.traffic, interrupted.at)?;
-        // Playing leaves every input at 0.
+        // After playing, every input is 0.
         match &self.mutated {
             Some(mutated) => mutated.select(&mut self.model),
             None => Ok(()),
         }
     }
 
-    /// Records the first traffic from now on, for [`RaycastUnit::recorded`].
+    /// Records the traffic from now on, for [`RaycastUnit::recorded`].
     pub fn record(&mut self) {
         self.model.record(RECORDED_CYCLES);
     }
 
-    /// Leaves what was recorded with a recorder.
+    /// Stores the recorded traffic in a recorder.
     pub fn recorded(&mut self, recorder: &Recorder) {
         recorder.put(self.model.recorded());
     }
 
-    /// Clocks simulated so far, resets included: a mismatch's cycle is counted so, and a trace's.
+    /// Number of cycles simulated so far, including resets, as in mismatches and traces.
     pub fn cycles(&self) -> u64 {
         self.model.cycles()
     }
 
-    /// Resets the unit and casts rays as [`run`] does, whose options hold but for the trace.
+    /// Resets the unit and casts rays as [`run`] does, with the same options except for the trace.
     ///
     /// # Errors
-    /// The first mismatch; a machine that makes no headway; no rays at all; an image that the machine cannot hold.
+    /// The first mismatch, or an error if the machine stops, if there are no rays, or if the machine cannot hold the image.
     pub fn cast(
         &mut self,
         image: &MemoryImage,
@@ -487,9 +487,9 @@ struct Run<'a> {
     caster: Caster,
     memories: [MemoryPort; 3],
     ports: Ports,
-    /// By packet number in flight: which packet it is.
+    /// By packet number in flight: the packet's expected events.
     expected: Vec<Option<Expected>>,
-    /// By tag: the packet's number in flight, and rays that have come back.
+    /// By tag: the packet's number in flight, and the number of its rays that have returned.
     by_tag: Vec<Option<(usize, usize)>>,
     free_tags: Vec<u32>,
     hits: Vec<Hit>,
@@ -498,7 +498,7 @@ struct Run<'a> {
     tests_checked: u64,
     transforms_checked: u64,
     cycles: u64,
-    /// The model's clock at which the last reset had ended.
+    /// The model's cycle at the end of the last reset.
     reset_at: u64,
     counters: Counters,
     stack_high_water: u64,
@@ -582,7 +582,7 @@ impl<'a> Run<'a> {
             for memory in &mut self.memories {
                 memory.show(self.model);
             }
-            // A ray once offered stays until it is taken.
+            // An offered ray stays until it is accepted.
             if shown.is_none() && offered < total && !self.stalls(self.options.ray_stall) {
                 if offered.is_multiple_of(size) {
                     tag = self
@@ -591,7 +591,7 @@ impl<'a> Run<'a> {
                         .expect("more tags than packets in flight");
                 }
                 let ray = self.rays.get(offered).copied().unwrap_or(Ray::INACTIVE);
-                // The tag of a packet's first ray counts for all.
+                // The tag of a packet's first ray applies to the packet.
                 let shown_tag = match offered.is_multiple_of(size) {
                     true => tag,
                     false => self.rng.u32(..),
@@ -676,9 +676,9 @@ impl<'a> Run<'a> {
         self.model.set(port.any_hit, u64::from(ray.any_hit));
     }
 
-    /// A packet's last ray was taken: the golden model says what must come of it.
+    /// The last ray of a packet was accepted: computes the expected events with the golden model.
     fn start(&mut self, first_ray: usize, tag: u32) -> Result<()> {
-        // A packet of one ray has the tag that stands at the port.
+        // A packet of one ray has the tag that is currently at the port.
         self.model.eval();
         let trace = self.ports.outputs.trace_start.expect(TRACED).payload;
         let shown = self.model.get(trace.tag);
@@ -909,7 +909,7 @@ impl<'a> Run<'a> {
         self.model.sample(&self.ports.outputs.count)
     }
 
-    /// Reads what the unit counted, and holds it against what was seen of it.
+    /// Reads the unit's counters, and compares them with the observed events.
     fn end(&mut self) -> Result<()> {
         self.counters = self.counters();
         self.stack_high_water = self.model.get(self.ports.outputs.stack_high_water);
@@ -948,7 +948,7 @@ impl<'a> Run<'a> {
                 self.tests_checked + SLOTS_OF_TRANSFORM * self.transforms_checked,
                 self.counters.gu_busy_cycles,
             ),
-            // With both of them busy or not, as many clocks had packets under way.
+            // For both units, busy and starved cycles add up to the cycles with packets in flight.
             (
                 "clocks with packets",
                 self.counters.tpu_busy_cycles + self.counters.tpu_starved_cycles,

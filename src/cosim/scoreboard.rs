@@ -1,5 +1,5 @@
-//! What the co-simulations of single units share: their surroundings, their options, their report, and
-//! the ray setup's place, which they take.
+//! Common code of the co-simulations of single units: their environment, options and report, and
+//! the part of ray setup, which they replace.
 
 use super::memory::{Bandwidth, Timing};
 use super::mismatch::{Field, Mismatch};
@@ -12,21 +12,21 @@ use anyhow::{Result, bail, ensure};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Instant;
 
-/// What surrounds a unit: memories, and the pace of its neighbours.
+/// The environment of a unit: memories, and the speed of its neighbours.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Surroundings {
-    /// Every read port's, each with a seed of its own.
+    /// The timing of every read port; each has its own seed.
     pub memory: Timing,
-    /// Probability, 0 ≤ p < 1, that a neighbour pauses in a clock: gives nothing, or takes nothing.
+    /// Probability, 0 ≤ p < 1, that a neighbour pauses in a cycle: it neither supplies nor accepts data.
     pub pauses: f64,
-    /// Greatest number of clocks, from 1, until what stands for the geometry unit has tested a leaf.
+    /// Maximum number of cycles, at least 1, for the model of the geometry unit to test a leaf.
     pub leaf_clocks: u32,
-    /// Probability, 0 ≤ p ≤ 1, that the rows of an update's program come so slowly that all else waits for them.
+    /// Probability, 0 ≤ p ≤ 1, that the rows of an update's program are the bottleneck.
     pub slow_programs: f64,
 }
 
 impl Surroundings {
-    /// Memories that answer every clock after `latency` clocks, and neighbours that never pause.
+    /// Memories with a response in every cycle after `latency` cycles, and neighbours that never pause.
     pub fn steady(latency: u32) -> Surroundings {
         Surroundings {
             memory: Timing {
@@ -39,7 +39,7 @@ impl Surroundings {
         }
     }
 
-    /// Latencies from 1 to 100 clocks, in any order or in theirs; every pace, from none that ever waits to all that mostly do.
+    /// Random latency (1 to 100 cycles), order of responses and back-pressure (none to most cycles).
     pub fn random(rng: &mut fastrand::Rng) -> Surroundings {
         let latency = match rng.u8(..8) {
             0 => 1,
@@ -65,7 +65,7 @@ impl Surroundings {
         }
     }
 
-    /// The timing of port number `port`, with a seed that no other has.
+    /// The timing of port number `port`, with a unique seed.
     pub(super) fn port(&self, port: u64) -> Timing {
         Timing {
             seed: self.memory.seed ^ port.wrapping_mul(0x9e37_79b9_7f4a_7c15),
@@ -73,31 +73,31 @@ impl Surroundings {
         }
     }
 
-    /// Clocks without any event after which a unit has stopped.
+    /// Number of cycles without an event after which a unit counts as stopped.
     pub(super) fn patience(&self) -> u64 {
         20_000 + 100 * u64::from(self.memory.latency + self.memory.jitter + self.leaf_clocks)
     }
 }
 
-/// How a unit is co-simulated.
+/// Options for the co-simulation of a unit.
 #[derive(Clone, Debug)]
 pub struct UnitOptions {
-    /// Seed of all that is random; the same run has the same seed.
+    /// Seed of all random values; the same seed gives the same run.
     pub seed: u64,
-    /// `None`: new random ones again and again.
+    /// `None`: random ones, which change during the run.
     pub surroundings: Option<Surroundings>,
-    /// The `dynrt cosim` command that runs this again, for a mismatch's report; may be empty.
+    /// The `dynrt cosim` command that repeats the run, for a mismatch's report; may be empty.
     pub replay: String,
     pub trace: Option<Trace>,
-    /// A fault that the unit is given first, to see that it is noticed.
+    /// A fault in the unit, with which tests check that it is detected.
     pub fault: Option<Fault>,
-    /// The unit with mutants, one of them selected.
+    /// The unit with mutants, of which one is selected.
     pub mutated: Option<Mutated>,
-    /// Traffic of an earlier run that a reset interrupts before this one begins.
+    /// Traffic of an earlier run, which a reset interrupts before this one begins.
     pub interrupted: Option<Interrupted>,
-    /// Where the run's first traffic is left, for [`UnitOptions::interrupted`] of another.
+    /// The recorder for the first traffic of the run, for [`UnitOptions::interrupted`] of another run.
     pub record: Option<Recorder>,
-    /// How the model is built. One with a trace is built for tracing, whatever this says.
+    /// Options for building the model. A model with a trace is always built for tracing.
     pub build: BuildOptions,
 }
 
@@ -118,7 +118,7 @@ impl UnitOptions {
     }
 }
 
-/// Takes a run's first traffic.
+/// Records the first traffic of a run.
 #[derive(Clone, Debug, Default)]
 pub struct Recorder(Arc<Mutex<Option<Recording>>>);
 
@@ -127,7 +127,7 @@ impl Recorder {
         *self.0.lock().unwrap_or_else(PoisonError::into_inner) = recording;
     }
 
-    /// What was recorded; `None` before the run's end, or where nothing was clocked.
+    /// The recording; `None` before the run has ended, or if no cycle was simulated.
     pub fn take(&self) -> Option<Arc<Recording>> {
         let mut recorded = self.0.lock().unwrap_or_else(PoisonError::into_inner);
         let recording = recorded.take().filter(|recording| !recording.is_empty());
@@ -135,26 +135,26 @@ impl Recorder {
     }
 }
 
-/// Traffic that is played until a cycle, at which it is interrupted.
+/// Traffic that is played up to a cycle and then interrupted.
 #[derive(Clone, Debug)]
 pub struct Interrupted {
     pub traffic: Arc<Recording>,
     pub at: usize,
 }
 
-/// Cycles of a run that are recorded, resets included.
+/// Number of recorded cycles, including resets.
 pub const RECORDED_CYCLES: usize = 4000;
 
 /// A change of a unit's design.
 pub type Fault = fn(&Design) -> Result<Mutation, HdlError>;
 
-/// The input of a design with mutants that selects one.
+/// The input that selects the mutant.
 pub const SELECT: &str = "mutant";
 
-/// A design with mutants in place of a unit's.
+/// A design with mutants that replaces the unit's design.
 #[derive(Clone, Debug)]
 pub struct Mutated {
-    /// One in which [`SELECT`] selects: see [`Design::selectable`].
+    /// The design, in which [`SELECT`] selects the mutant: see [`Design::selectable`].
     pub design: Arc<Design>,
     pub selected: u32,
 }
@@ -167,12 +167,12 @@ impl Mutated {
     }
 }
 
-/// What Verilator is given of a unit: the design with mutants, if there is one.
+/// The sources of a unit for Verilator: those of the design with mutants, if there is one.
 pub(super) fn sources_with(mutated: Option<&Mutated>, design: &Design) -> Sources {
     Sources::of(mutated.map_or(design, |mutated| &mutated.design))
 }
 
-/// What makes a transaction worth counting on its own. See [`Category::name`].
+/// A kind of transaction that is counted separately. See [`Category::name`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Category {
     Nan,
@@ -241,7 +241,7 @@ impl Category {
     }
 }
 
-/// Transactions by category.
+/// Number of transactions by category.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Categories([u64; Category::COUNT]);
 
@@ -251,43 +251,43 @@ impl Categories {
         self.0[category as usize] += u64::from(holds);
     }
 
-    /// Transactions of a category.
+    /// Number of transactions of a category.
     pub fn of(&self, category: Category) -> u64 {
         self.0[category as usize]
     }
 }
 
-/// What a unit's co-simulation found.
+/// The result of a unit's co-simulation.
 #[derive(Clone, Debug)]
 pub struct UnitReport {
     /// `tpu`, `geometry` or `transform`.
     pub unit: &'static str,
     pub seed: u64,
-    /// Packets that went through the unit.
+    /// Number of packets processed.
     pub packets: u64,
-    /// Packet steps of the TPU, ray–triangle tests or ray transformations of the geometry unit.
+    /// Number of packet steps of the traversal unit, or of ray–triangle tests or ray transformations of the geometry unit.
     pub transactions: u64,
-    /// Results compared: transactions, and beside them leaves handed over, packets finished, hits read back.
+    /// Number of compared results: transactions, dispatched leaves, finished packets, and hits read back.
     pub checked: u64,
-    /// 0, or 1: the run ends there.
+    /// 0 or 1, because the run ends at the first mismatch.
     pub mismatches: u64,
     /// The report of the mismatch.
     pub mismatch: Option<String>,
-    /// Clocks, the reset's included.
+    /// Number of cycles, including the reset.
     pub cycles: u64,
-    /// The categories that the unit can meet, and how many transactions were of each.
+    /// The categories that can occur in the unit, with their numbers of transactions.
     pub categories: Vec<(Category, u64)>,
-    /// Seconds that building the model took.
+    /// Build time of the model in seconds.
     pub model_build_s: f64,
-    /// Seconds that simulating and comparing took.
+    /// Time of simulation and comparison in seconds.
     pub simulate_s: f64,
 }
 
 impl UnitReport {
-    /// Whether the unit has passed.
+    /// Checks that the unit has passed.
     ///
     /// # Errors
-    /// The mismatch; or that nothing was checked.
+    /// The mismatch, or a message that nothing was checked.
     pub fn verdict(&self) -> Result<()> {
         if let Some(mismatch) = &self.mismatch {
             bail!("{mismatch}");
@@ -322,7 +322,7 @@ impl UnitReport {
     }
 }
 
-/// What a run has counted so far.
+/// The counts of a run so far.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Tally {
     pub packets: u64,
@@ -331,13 +331,13 @@ pub(super) struct Tally {
     pub categories: Categories,
 }
 
-/// Clocks of a reset: one is enough for any unit.
+/// Number of cycles of a reset; one is sufficient for every unit.
 pub(super) const RESET_CYCLES: u64 = 1;
 
-/// Clocks that a model runs with random inputs before its first reset.
+/// Number of cycles with random inputs before the first reset.
 pub(super) const DISTURBED_CYCLES: u64 = 64;
 
-/// A unit's model, built and loaded, and what a mismatch report needs.
+/// A unit's model, built and loaded, with the data for a mismatch report.
 pub(super) struct Bench {
     pub unit: &'static str,
     pub model: Model,
@@ -386,7 +386,7 @@ impl Bench {
         })
     }
 
-    /// The error for fields of which some differ; for an event that must not be, or did not come, without fields.
+    /// The error for fields that differ, or without fields for an unexpected or missing event.
     #[cold]
     pub fn mismatch(&self, place: impl Into<String>, fields: Vec<Field>) -> anyhow::Error {
         let mismatch = Mismatch {
@@ -399,7 +399,7 @@ impl Bench {
         mismatch.into()
     }
 
-    /// The report of a run that ended so. Only a mismatch is a result; any other error stays one.
+    /// The report of a run. Only a mismatch is a result; other errors are returned.
     pub fn report(mut self, ended: Result<()>, categories: &[Category]) -> Result<UnitReport> {
         self.model.trace_end();
         if let Some(record) = &self.record {
@@ -429,7 +429,7 @@ impl Bench {
     }
 }
 
-/// A ray as it leaves ray setup, by the golden model.
+/// A ray after ray setup, by the golden model.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct RaySetUp {
     pub ray: RaySetup,
@@ -438,16 +438,16 @@ pub(super) struct RaySetUp {
     pub enters: bool,
 }
 
-/// Which ray of which packet in flight is given to a unit.
+/// The position of a ray: its packet in flight and its slot.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct SetupPlace {
     pub packet: usize,
-    /// Its place in the packet.
+    /// Its slot in the packet.
     pub ray: usize,
-    /// Whether it is the first and the last of the packet's rays that come.
+    /// Whether it is the first, and the last, of the packet's rays that arrive.
     pub first: bool,
     pub last: bool,
-    /// Whether it is in an object's space.
+    /// Whether it is in object space.
     pub object: bool,
 }
 
@@ -465,7 +465,7 @@ impl SetupPlace {
 }
 
 impl RaySetUp {
-    /// What the traversal unit is given of it.
+    /// The ray as the traversal unit receives it.
     pub fn for_traversal(&self, format: Format, place: SetupPlace) -> tpu::SetUp<u64> {
         let numbers = |x: [f64; 3]| x.map(|x| format.to_bits(x));
         let [near, far] = self.interval.map(|x| format.to_bits(x));
@@ -484,7 +484,7 @@ impl RaySetUp {
         }
     }
 
-    /// What the geometry unit is given of it, but for the last component of a watertight test's shear.
+    /// The ray as the geometry unit receives it, without the last component of a watertight test's shear.
     pub fn for_tests(&self, plan: &Plan, place: SetupPlace) -> geometry::SetUp<u64> {
         let number = |x: f64| plan.format.to_bits(x);
         let ray = &self.ray;

@@ -1,5 +1,5 @@
-//! The floating-point pipelines alone, held against the definition of the arithmetic, operand by operand: operands of any bits, all
-//! special ones with each other, and pairs that nearly cancel.
+//! Co-simulation of the floating-point pipelines: compares them with the definition of the arithmetic, for arbitrary operands, all
+//! pairs of special operands, and pairs that nearly cancel.
 
 use super::model::{Model, PortHandle, build};
 use super::scoreboard::{DISTURBED_CYCLES, UnitOptions, sources_with};
@@ -10,13 +10,13 @@ use crate::hw::Plan;
 use anyhow::{Result, bail, ensure};
 use std::sync::Arc;
 
-/// Name of the module that holds them all.
+/// Name of the module that contains all pipelines.
 pub const TOP: &str = "arithmetic";
 
-/// Ulps by which plane distances are moved.
+/// Number of ulps by which plane distances are moved.
 const SLACK: i32 = 3;
 
-/// A pipeline and what it computes of its operands, in the order of its inputs.
+/// A pipeline and its function of the operands, in the order of its inputs.
 struct Operation {
     module: Arc<Module>,
     operands: Vec<&'static str>,
@@ -60,10 +60,10 @@ fn operations(plan: &Plan) -> Vec<Operation> {
     ]
 }
 
-/// The module that holds them all.
+/// The module that contains all pipelines.
 ///
 /// # Errors
-/// A mistake in the description; none is known for any configuration.
+/// If the description has a mistake, which is not known for any configuration.
 pub fn module(plan: &Plan) -> Result<Arc<Module>> {
     let m = Builder::new(TOP, "the floating-point pipelines, side by side.");
     for operation in operations(plan) {
@@ -84,7 +84,7 @@ pub fn module(plan: &Plan) -> Result<Arc<Module>> {
     Ok(m.finish()?)
 }
 
-/// Draws operands of a format.
+/// Generates random operands of a format.
 struct Operands {
     format: Format,
     specials: Vec<u64>,
@@ -92,7 +92,7 @@ struct Operands {
     rng: fastrand::Rng,
 }
 
-/// Zeros, infinities, the NaN, ones, the least and the greatest numbers: so few that each pair of them comes often.
+/// Zeros, infinities, the NaN, ones, the least and the greatest numbers: a set small enough that each pair occurs often.
 fn corners(format: Format) -> Vec<u64> {
     let (one, infinity) = (format.one(), format.infinity());
     let magnitudes = [0, 1 << format.fraction_bits(), one, infinity - 1, infinity];
@@ -115,7 +115,7 @@ impl Operands {
             })
             .collect();
         if kind == 1 && count > 1 {
-            // Near the first, or near its negative: sums of a few bits, ties, long carries.
+            // Close to the first operand or to its negative: sums of a few bits, ties, long carries.
             let near = drawn[0].wrapping_add(self.rng.u64(..9)).wrapping_sub(4);
             let shifted = self.rng.u64(..3) << (self.rng.u32(..=2) * self.format.fraction_bits());
             let sign = self.rng.u64(..2) << (width - 1);
@@ -125,10 +125,10 @@ impl Operands {
     }
 }
 
-/// Gives each pipeline so many operands, one set a clock, and compares all results.
+/// Applies one set of operands per cycle to every pipeline, and compares all results.
 ///
 /// # Errors
-/// The first result that differs; a tool that is missing.
+/// The first result that differs, or an error if a tool is missing.
 pub fn run(config: &Config, sets: u64, options: &UnitOptions) -> Result<u64> {
     ensure!(sets > 0, "no operands: nothing would be checked");
     let plan = Plan::new(config)?;

@@ -1,15 +1,15 @@
-//! The geometry unit alone, held against the golden model test by test.
+//! Co-simulation of the geometry unit: compares it with the golden model test by test.
 //!
-//! What is around the unit is played here: ray setup writes rays that the golden model has set up, the traversal unit hands over
-//! leaves, a packet's next one when the last is done, and triangle and vertex memory answer at any pace. When a packet has had all its leaves
+//! This module models the unit's neighbours. Ray setup writes rays that the golden model has set up. The traversal unit dispatches
+//! the leaves of a packet one after another. Triangle and vertex memory respond with any timing. After the last leaf of a packet
 //! its closest hits are read back.
 //!
 //! Every ray–triangle test is compared in all bits (ray, record, whether it hits and replaces the closest hit, t, u and v of a hit, the
-//! limit), every leaf done (its context, with the rays that have hit something), every closest hit read back.
+//! limit), as are every finished leaf (its context, with the hit mask) and every closest hit that is read back.
 //!
-//! In a scene of two levels the traversal unit hands over instances too. Every ray that the unit then transforms is compared in all bits (its
-//! origin and direction in the object's space, its window, the interval that it is given to ray setup with), and where its packet starts in
-//! the object. The transformed rays are set up by the golden model and written, and triangles are tested with them.
+//! In a scene of two levels the traversal unit also dispatches instances. Every transformed ray is compared in all bits (origin and
+//! direction in object space, window, and the interval for ray setup), as is the root at which its packet starts in
+//! the object. The golden model sets up the transformed rays; they are written, and triangles are tested with them.
 
 use super::TRACED;
 use super::memory::Image;
@@ -36,18 +36,18 @@ use anyhow::{Result, ensure};
 use std::collections::VecDeque;
 use std::ops::Range;
 
-/// What the unit can meet, in ray–triangle tests.
+/// The categories of ray–triangle tests.
 pub const CATEGORIES: &[Category] = &[
-    // The ray or a vertex has a NaN, an infinity, a -0.
+    // The ray or a vertex has a NaN, an infinity or a -0.
     Category::Nan,
     Category::Infinity,
     Category::SignedZero,
-    // The triangle's box is flat on one axis; on two, or has two equal vertices; the ray lies in a plane of the box.
+    // The triangle's box is flat on one axis; on two, or two vertices are equal; the ray is in a plane of the box.
     Category::FlatBox,
     Category::Degenerate,
     Category::RayInPlane,
     Category::Hit,
-    // The hit is as far as the closest one; is moved into the box; lies on an edge or a vertex.
+    // The hit has the distance of the closest one; is clamped into the box; is on an edge or a vertex.
     Category::EqualDistances,
     Category::Clamped,
     Category::OnEdge,
@@ -57,35 +57,35 @@ pub const CATEGORIES: &[Category] = &[
     Category::DeepestStack,
 ];
 
-/// What it can meet in ray transformations.
+/// The categories of ray transformations.
 pub const TRANSFORM_CATEGORIES: &[Category] = &[
-    // The ray, the instance's matrix or box, or what comes of them, has a NaN, an infinity, a -0.
+    // The ray, the instance's matrix or box, or a result has a NaN, an infinity or a -0.
     Category::Nan,
     Category::Infinity,
     Category::SignedZero,
-    // The instance's box is flat on one axis; the ray lies in a plane of it.
+    // The instance's box is flat on one axis; the ray is in a plane of it.
     Category::FlatBox,
     Category::RayInPlane,
-    // The ray misses the instance's box; is in it, but not between tmin and tmax; no ray of the packet enters.
+    // The ray misses the instance's box; hits it, but not between tmin and tmax; no ray of the packet enters.
     Category::EmptyWindow,
     Category::OutsideLimits,
     Category::NothingEntered,
     Category::AnyHit,
     Category::FiniteLimits,
-    // The instance mirrors; its object's root is a leaf.
+    // The instance is mirrored; the root of its object is a leaf.
     Category::Mirrored,
     Category::LeafRoot,
     Category::DeepestStack,
 ];
 
-/// Which of the unit's transactions count.
+/// The transactions that are counted.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Counted {
     Tests,
     Transforms,
 }
 
-/// A triangle as the categories see it.
+/// The properties of a triangle on which its categories depend.
 struct Marks {
     lo: [f64; 3],
     hi: [f64; 3],
@@ -94,14 +94,14 @@ struct Marks {
     negative_zero: bool,
 }
 
-/// What the unit's memories hold.
+/// The contents of the unit's memories.
 struct Contents {
     records: Image,
     vertices: Image,
-    /// By record; in the place of an instance one of no meaning.
+    /// By record; the element of an instance's record is undefined.
     triangles: Vec<Triangle>,
     marks: Vec<Marks>,
-    /// By record, those that are instances.
+    /// By record; `Some` for instances.
     instances: Vec<Option<Instance>>,
 }
 
@@ -132,11 +132,11 @@ impl Contents {
             .collect()
     }
 
-    /// Puts infinities, NaNs and other odd numbers into some of the vertices. No scene has such; yet they must do no more harm
-    /// than golden model and RTL agree on.
+    /// Puts infinities, NaNs and other special values into some of the vertices. Scenes do not contain them, but golden model
+    /// and RTL must agree on them.
     fn poison(&mut self, format: Format, rng: &mut fastrand::Rng) {
         let (vertex, triangle) = (Record::vertex(format), Record::triangle());
-        // Instances' vectors come last, and stay.
+        // The instances' vectors are at the end and do not change.
         let vectors = self.instances.iter().flatten().count() * InstanceRecord::VECTORS;
         let seldom = if rng.bool() { 32 } else { 6 };
         for row in 0..self.vertices.rows() - vectors as u64 {
@@ -182,7 +182,7 @@ fn is_negative_zero(x: f64) -> bool {
     x == 0.0 && x.is_sign_negative()
 }
 
-/// Of which categories a ray transformation is.
+/// The categories of a ray transformation.
 fn transform_categories(
     instance: &Instance,
     ray: &TestRay,
@@ -227,7 +227,7 @@ fn transform_categories(
     ]
 }
 
-/// What must come of one ray–triangle test.
+/// The expected result of one ray–triangle test.
 struct Expected {
     ray: usize,
     outcome: Outcome,
@@ -235,10 +235,10 @@ struct Expected {
     limit: f64,
 }
 
-/// A ray of a packet, and its result so far.
+/// A ray of a packet, and its current result.
 struct TestRay {
     setup: RaySetup,
-    /// In the space of the object that its packet is or was in last.
+    /// The ray in the object space that its packet entered last.
     object: Option<Transformed>,
     closest: Closest,
     nan: bool,
@@ -246,48 +246,48 @@ struct TestRay {
     negative_zero: bool,
 }
 
-/// A packet under way.
+/// A packet in flight.
 struct Packet {
     number: u64,
     rays: Vec<TestRay>,
     leaves: Vec<HandOver>,
     next_leaf: usize,
-    /// Of the triangle that is with the unit, not empty while one is.
+    /// Expected tests of the triangle in the unit; not empty while there is one.
     tests: VecDeque<Expected>,
-    /// Of the instance that is with the unit, not empty while one is.
+    /// Expected transformations of the instance in the unit; not empty while there is one.
     transforms: VecDeque<EnterEvent>,
-    /// The number of the instance that the packet is in.
+    /// The number of the packet's instance.
     instance: u32,
     level: u64,
     touched: u64,
-    /// Rays read back so far.
+    /// Number of rays read back so far.
     read: usize,
 }
 
 impl Packet {
-    /// The leaf that is offered or with the unit.
+    /// The leaf that is offered or in the unit.
     fn leaf(&self) -> HandOver {
         self.leaves[self.next_leaf]
     }
 }
 
-/// A ray that is written into the unit.
+/// A ray to write into the unit.
 struct Writing {
     place: SetupPlace,
     values: geometry::SetUp<u64>,
     /// The last component of its shear.
     shear_z: u64,
-    /// Of a ray of the world: bits of its direction.
+    /// For a ray of the world, the bits of its direction.
     direction: [u64; 3],
 }
 
-/// What is to be done with packets in flight.
+/// The pending operations of packets in flight.
 #[derive(Default)]
 struct Queues {
-    /// Rays to be written; those whose packet was named as many clocks before as a memory's read takes.
+    /// Rays to write, and those whose packet was named early enough for the read latency of the unit's memory.
     arriving: VecDeque<Writing>,
     announced: VecDeque<Option<Writing>>,
-    /// Packets that have a leaf to hand over; the one whose leaf is offered; those to be read back.
+    /// Packets with a leaf to dispatch; the one whose leaf is offered; those to read back.
     ready: Vec<usize>,
     offered: Option<usize>,
     finished: VecDeque<usize>,
@@ -295,18 +295,18 @@ struct Queues {
 
 type Ports = hdl::Ports<geometry::Inputs<PortHandle>, geometry::Outputs<PortHandle>>;
 
-/// Co-simulates the geometry unit of a machine. Of [`Workload::Rays`] it gets the leaves that the golden model's traversal hands
-/// over; of tiny scenes any leaves, with any rays.
+/// Co-simulates the geometry unit of a machine. With [`Workload::Rays`] the leaves are those of the golden model's traversal;
+/// in tiny scenes they are random leaves with random rays.
 ///
 /// # Errors
-/// A tool that is missing; a scene that the machine cannot hold. A mismatch is no error here: it is in the report.
+/// If a tool is missing, or if the machine cannot hold a scene. A mismatch is no error here; it is in the report.
 pub fn run(config: &Config, workload: Workload<'_>, options: &UnitOptions) -> Result<UnitReport> {
     let mut run = Run::new(config, Counted::Tests, options)?;
     let ended = run.all(workload, options);
     run.bench.report(ended, CATEGORIES)
 }
 
-/// The same, but counting ray transformations. A scene of one level has none.
+/// The same, but with ray transformations as transactions. A scene of one level has none.
 ///
 /// # Errors
 /// As [`run`].
@@ -320,37 +320,37 @@ pub fn run_transform(
     run.bench.report(ended, TRANSFORM_CATEGORIES)
 }
 
-/// How fast the geometry unit is.
+/// The throughput of the geometry unit.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Throughput {
-    /// Rays of each leaf.
+    /// Active rays per leaf.
     pub active_rays: u32,
-    /// Ray–triangle tests, all of them compared.
+    /// Number of ray–triangle tests, all of them compared.
     pub tests: u64,
-    /// Clocks from the first to the last of them.
+    /// Number of cycles from the first to the last test.
     pub clocks: u64,
 }
 
 impl Throughput {
-    /// Ray–triangle tests a clock.
+    /// Ray–triangle tests per cycle.
     pub fn rate(&self) -> f64 {
         self.tests as f64 / self.clocks as f64
     }
 
-    /// The share of what there could be: a test a clock, and a vertex a clock, three of which make a triangle.
+    /// The share of the peak of one test per cycle and one vertex per cycle, with three vertices per triangle.
     pub fn share_of_peak(&self) -> f64 {
         self.rate() / (f64::from(self.active_rays) / 3.0).min(1.0)
     }
 }
 
-/// Leaves of each packet when throughput is measured: enough that beginning and end do not count.
+/// Number of leaves per packet in measurements of throughput, large enough that start and end are negligible.
 const LEAVES_FOR_THROUGHPUT: usize = 400;
 
-/// Measures the geometry unit with leaves of `active_rays` rays each, memories that answer every clock after 8 clocks,
-/// and nobody who pauses.
+/// Measures the geometry unit with leaves of `active_rays` rays each, with memories that respond in every cycle after 8 cycles,
+/// and without pauses.
 ///
 /// # Errors
-/// A tool that is missing; a mismatch; more active rays than a packet has.
+/// If a tool is missing, if there is a mismatch, or if `active_rays` exceeds the packet size.
 pub fn throughput(
     config: &Config,
     active_rays: u32,
@@ -374,7 +374,7 @@ pub fn throughput(
         TinyTree::Any,
         &mut run.rng,
     )?;
-    // A leaf is met by valid rays alone.
+    // Only valid rays reach a leaf.
     for ray in batch.packets.iter_mut().flatten() {
         if !RaySetup::new(&run.arithmetic, ray).valid {
             *ray = Ray {
@@ -419,7 +419,7 @@ struct Run<'a> {
     format: Format,
     arithmetic: Arithmetic,
     test: TriangleTest,
-    /// Clocks by which a packet is named before its ray is written.
+    /// Number of cycles between naming a packet and writing its ray.
     read_latency: usize,
     bench: Bench,
     ports: Ports,
@@ -429,7 +429,7 @@ struct Run<'a> {
     packets: Vec<Option<Packet>>,
     free: Vec<usize>,
     started: u64,
-    /// The clocks of the first and behind the last test.
+    /// The cycle of the first test, and the cycle after the last one.
     tested: Range<u64>,
     rng: fastrand::Rng,
 }
@@ -464,7 +464,7 @@ impl<'a> Run<'a> {
         })
     }
 
-    /// Reset, and the sweep over all packets that must follow. Nothing of what was before may come out.
+    /// Resets the unit and waits for the initialisation of all packets. No earlier result may appear.
     fn reset(&mut self) -> Result<()> {
         self.bench.model.reset(RESET_CYCLES);
         self.bench.model.set(self.ports.inputs.sweep, 1);
@@ -483,7 +483,7 @@ impl<'a> Run<'a> {
     fn all(&mut self, workload: Workload<'_>, options: &UnitOptions) -> Result<()> {
         self.reset()?;
         let mut batches = Batches::new(self.config, workload, options.seed)?;
-        // However few the scenes are, some of them hold odd numbers.
+        // Even the smallest run has scenes with special values.
         let mut until_poison = self.rng.u8(..4);
         while let Some(batch) = batches.next(self.bench.tally.transactions)? {
             let around = match options.surroundings {
@@ -503,7 +503,7 @@ impl<'a> Run<'a> {
         Ok(())
     }
 
-    /// Each packet's rays and leaves. Packets that come to no leaf are left out.
+    /// The rays and leaves of each packet. Packets without a leaf are left out.
     fn scripts(&mut self, batch: &Batch, contents: &Contents) -> Vec<(Vec<Ray>, Vec<HandOver>)> {
         struct Leaves(Vec<HandOver>);
         impl Observer for Leaves {
@@ -515,7 +515,7 @@ impl<'a> Run<'a> {
         let script = |rays: &Vec<Ray>| {
             let mut leaves = Leaves(vec![]);
             if batch.is_random {
-                // A leaf is met by valid rays alone.
+                // Only valid rays reach a leaf.
                 let valid = rays
                     .iter()
                     .map(|ray| RaySetup::new(&self.arithmetic, ray).valid);
@@ -525,7 +525,7 @@ impl<'a> Run<'a> {
                 if all == 0 {
                     return (rays.clone(), vec![]);
                 }
-                // In two levels only the rays of an instance are in its object's space.
+                // In two levels, only the rays of an instance are in its object space.
                 let mut come = all;
                 for _ in 0..self.rng.usize(1..=12) {
                     let first = leaves.0.is_empty();
@@ -556,7 +556,7 @@ impl<'a> Run<'a> {
         scripts.filter(|(_, leaves)| !leaves.is_empty()).collect()
     }
 
-    /// Plays packets over a scene's contents until all are read back.
+    /// Runs packets with a scene's contents until all are read back.
     fn batch(
         &mut self,
         contents: &Contents,
@@ -595,7 +595,7 @@ impl<'a> Run<'a> {
             records.show(model);
             vertices.show(model);
 
-            // What the unit shows for the edge.
+            // The outputs of the unit for this edge.
             model.eval();
             let mut progress = self.watch(contents, written, &mut queues)?;
             records.take(&self.bench.model)?;
@@ -616,7 +616,7 @@ impl<'a> Run<'a> {
         Ok(())
     }
 
-    /// Writes the ray, if any, whose packet was named long enough ago, and names the next one's. One ray a clock is written.
+    /// Writes the ray, if any, whose packet was named early enough, and names the packet of the next one. At most one ray is written per cycle.
     fn write_ray(&mut self, queues: &mut Queues, around: &Surroundings) -> Option<Writing> {
         let next = match self.pauses(around) {
             true => None,
@@ -652,7 +652,7 @@ impl<'a> Run<'a> {
                     model.set(port, writing.shear_z);
                 }
             }
-            // What else stands on the ports has no meaning, and may be anything.
+            // The other inputs have no meaning and may have any value.
             None => {
                 let fields = inputs.setup.payload.leaves().into_iter();
                 model.garble(fields.chain(inputs.setup_shear_z), &mut self.rng);
@@ -661,7 +661,7 @@ impl<'a> Run<'a> {
         written
     }
 
-    /// Offers a leaf, which then stays until it is taken.
+    /// Offers a leaf, which then stays until it is accepted.
     fn offer_leaf(&mut self, queues: &mut Queues, around: &Surroundings) {
         if queues.offered.is_none() && !queues.ready.is_empty() && !self.pauses(around) {
             let id = queues
@@ -677,7 +677,7 @@ impl<'a> Run<'a> {
         }
     }
 
-    /// Asks for the next closest hit to be read back; returns its packet. One a clock is read.
+    /// Requests the next closest hit; returns its packet. At most one is read per cycle.
     fn ask_for_hit(&mut self, queues: &Queues, around: &Surroundings) -> Option<usize> {
         let id = *queues.finished.front()?;
         if self.pauses(around) {
@@ -690,7 +690,7 @@ impl<'a> Run<'a> {
         Some(id)
     }
 
-    /// Checks what the unit shows before a clock edge; returns whether anything happens.
+    /// Checks the outputs before a clock edge; returns whether there was an event.
     fn watch(
         &mut self,
         contents: &Contents,
@@ -726,7 +726,7 @@ impl<'a> Run<'a> {
         Ok(progress)
     }
 
-    /// A packet goes on to its next leaf or, after the last, to be read back.
+    /// Advances a packet to its next leaf or, after the last one, to reading back.
     fn goes_on(&self, id: usize, queues: &mut Queues) {
         let packet = self.packets[id].as_ref().expect("it is in flight");
         match packet.next_leaf < packet.leaves.len() {
@@ -739,7 +739,7 @@ impl<'a> Run<'a> {
         around.pauses > 0.0 && self.rng.f64() < around.pauses
     }
 
-    /// Chooses a packet's number in flight, and lets its rays be written.
+    /// Chooses a packet's number in flight, and queues its rays for writing.
     fn arrive(&mut self, rays: &[Ray], leaves: Vec<HandOver>, arriving: &mut VecDeque<Writing>) {
         let id = self.free.swap_remove(self.rng.usize(..self.free.len()));
         let mut tested = vec![];
@@ -790,7 +790,7 @@ impl<'a> Run<'a> {
         }
     }
 
-    /// Ray setup's part for the rays that the unit has transformed: all of them are written, whether they enter or not.
+    /// Sets up the rays that the unit has transformed. All of them are written, whether they enter or not.
     fn set_up_object(&self, id: usize, arriving: &mut VecDeque<Writing>) {
         let packet = self.packets[id].as_ref().expect("its rays are transformed");
         let mask = packet.leaves[packet.next_leaf - 1].mask;
@@ -800,7 +800,7 @@ impl<'a> Run<'a> {
             }
             let object = ray.object.as_ref().expect("it was transformed");
             let set_up = RaySetUp {
-                // Ray setup gets the interval as limits. The unit must keep the world's.
+                // Ray setup receives the interval as limits. The unit must keep the limits of the world.
                 ray: RaySetup {
                     tmin: object.near,
                     tmax: object.far,
@@ -820,7 +820,7 @@ impl<'a> Run<'a> {
         }
     }
 
-    /// Beside the last ray of an object: compares where its packet starts.
+    /// With the last ray of an object, compares the root at which its packet starts.
     fn check_start(&mut self, contents: &Contents, place: SetupPlace) -> Result<()> {
         if !place.object || !place.last {
             return Ok(());
@@ -855,7 +855,7 @@ impl<'a> Run<'a> {
         Ok(())
     }
 
-    /// A packet's context, as the traversal unit packs it.
+    /// A packet's context in the form of the traversal unit.
     fn context(&self, packet: &Packet, inside: u64) -> u64 {
         self.context.encode(Context {
             level: packet.level,
@@ -864,12 +864,12 @@ impl<'a> Run<'a> {
         })
     }
 
-    /// Shows a packet's next leaf.
+    /// Drives a packet's next leaf.
     fn offer(&mut self, id: usize, instanced: bool) {
         let packet = self.packets[id]
             .as_mut()
             .expect("it has a leaf to hand over");
-        // The unit passes the level on; it may be any.
+        // The unit passes the level on, so it may have any value.
         packet.level = match self.rng.u8(..8) {
             0 => u64::from(self.config.stack_depth),
             _ => self.rng.u64(..=u64::from(self.config.stack_depth)),
@@ -886,7 +886,7 @@ impl<'a> Run<'a> {
         (self.bench.model).drive(&self.ports.inputs.leaf.payload, shown);
     }
 
-    /// Asks the golden model what must come of a leaf that the unit takes.
+    /// Computes the expected results of an accepted leaf with the golden model.
     fn expect(&mut self, contents: &Contents, id: usize) {
         let packet = self.packets[id].as_mut().expect("its leaf is taken");
         let leaf = packet.leaf();
@@ -988,7 +988,7 @@ impl<'a> Run<'a> {
         }
     }
 
-    /// Compares the test that the unit shows, if any; returns its packet, and whether its leaf is done.
+    /// Compares the test at the outputs, if any; returns its packet, and whether its leaf is finished.
     fn check_test(&mut self) -> Result<Option<(usize, bool)>> {
         let (ports, model) = (&self.ports.outputs, &self.bench.model);
         let (limit, done) = (model.sample(&ports.limit), model.sample(&ports.done));
@@ -1031,7 +1031,7 @@ impl<'a> Run<'a> {
             u,
             v,
         };
-        // What stands beside a low valid has no meaning.
+        // Without valid, the other outputs have no meaning.
         let golden_limit = match expected.replaces {
             true => Limit {
                 packet: id_bits,
@@ -1085,7 +1085,7 @@ impl<'a> Run<'a> {
         Ok(Some((id, is_done)))
     }
 
-    /// Compares the transformed ray that the unit shows, if any; returns its packet, and whether its instance is done.
+    /// Compares the transformed ray at the outputs, if any; returns its packet, and whether its instance is finished.
     fn check_transform(&mut self) -> Result<Option<(usize, bool)>> {
         let (ports, model) = (&self.ports.outputs, &self.bench.model);
         let valid = model.get(ports.object.valid);
@@ -1158,13 +1158,13 @@ impl<'a> Run<'a> {
         Ok(Some((id, is_done)))
     }
 
-    /// Compares the closest hit that was asked for; returns whether it was the packet's last.
+    /// Compares the requested closest hit; returns whether it was the packet's last.
     fn read_back(&mut self, id: usize) -> Result<bool> {
         let shown = self.bench.model.sample(&self.ports.outputs.read);
         let packet = self.packets[id].as_mut().expect("it is being read back");
         let slot = packet.read;
         packet.read += 1;
-        // What was never written has no meaning: whoever reads it knows that the ray has hit nothing.
+        // A hit that was never written is undefined, but its bit in the hit mask is 0.
         if packet.touched >> slot & 1 != 0 {
             let hit = packet.rays[slot].closest.hit;
             let golden = [hit.t, hit.u, hit.v].map(|x| self.format.to_bits(x));

@@ -1,8 +1,8 @@
-//! Skinning in the ray casting unit, where the skinning processor borrows the geometry unit, held against the golden model: every
-//! vector and every influence row requested, every vertex written, in order, address and all bits; then all of vertex memory, so
-//! that whatever was written beside them shows.
+//! Co-simulation of skinning in the ray casting unit, where the skinning processor uses operators of the geometry unit. Compares every
+//! requested vector and influence row and every written vertex with the golden model, in order, address and all bits. At the end it
+//! compares the whole vertex memory, which detects unexpected writes.
 //!
-//! [`SkinUnit`] skins one mesh after another in memories that the caller keeps; [`run`] gives it a [`Workload`].
+//! [`SkinUnit`] skins one mesh after another in memories of the caller; [`run`] gives it a [`Workload`].
 
 use super::memory::{Image, ReadHandles, ReadPort, WriteHandles};
 use super::mismatch::Field;
@@ -25,14 +25,14 @@ use crate::scene::animation::{MachineObject, ObjectFrame};
 use anyhow::{Result, ensure};
 use std::collections::VecDeque;
 
-/// What the unit can meet: of vertices, but for the last two, which are of meshes.
+/// The categories of vertices; the last two are those of meshes.
 pub const CATEGORIES: &[Category] = &[
     Category::OneInfluence,
     Category::TwoInfluences,
     Category::ThreeInfluences,
     Category::FourInfluences,
     Category::InTwoRows,
-    // The vertex at rest or a matrix or a weight has a NaN, an infinity, a −0.
+    // The vertex at rest, a matrix or a weight has a NaN, an infinity or a −0.
     Category::Nan,
     Category::Infinity,
     Category::SignedZero,
@@ -40,20 +40,20 @@ pub const CATEGORIES: &[Category] = &[
     Category::OneVertex,
 ];
 
-/// A mesh to skin. Numbers are of the machine's format.
+/// A mesh to skin. Numbers are values of the machine's format.
 #[derive(Clone, Debug)]
 pub struct SkinMesh {
     pub name: String,
-    /// At least one.
+    /// At least one vertex.
     pub rest: Vec<[f64; 3]>,
-    /// Vertex by vertex, 1 to 4 each, the last of each marked.
+    /// In the order of the vertices, 1 to 4 per vertex, with the last one of each marked.
     pub influences: Vec<Influence>,
-    /// At least one.
+    /// At least one matrix.
     pub palette: Vec<Columns>,
 }
 
 impl SkinMesh {
-    /// A skinned object in a frame; none, if it is not skinned.
+    /// A skinned object in a frame; `None` if it is not skinned.
     pub fn of_frame(object: &MachineObject, frame: &ObjectFrame) -> Option<SkinMesh> {
         let influences = object.influences.as_ref()?;
         Some(SkinMesh {
@@ -64,7 +64,7 @@ impl SkinMesh {
         })
     }
 
-    /// An object bound at random, the same for the same seed: every vertex to 1 to 4 of up to `joints` random matrices.
+    /// An object with random influences, the same for the same seed: every vertex follows 1 to 4 of up to `joints` random matrices.
     pub fn bound_at_random(
         format: Format,
         object: &MachineObject,
@@ -96,30 +96,30 @@ impl SkinMesh {
     }
 }
 
-/// What the unit is given to do.
+/// The workload of the unit.
 #[derive(Clone, Copy, Debug)]
 pub enum Workload<'a> {
     /// These meshes, one after another.
     Meshes(&'a [SkinMesh]),
-    /// Random meshes, small more often than not, full of special values, until so many vertices are skinned.
+    /// Random meshes, mostly small, with many special values, until the given number of vertices is skinned.
     Random { vertices: u64 },
 }
 
-/// The memories around the unit.
+/// The memories of the unit.
 #[derive(Clone, Debug)]
 pub struct SkinArrays {
     /// Words of [`Record::influence_row`] records.
     pub influences: Vec<u32>,
-    /// [`Record::vertex`] records: palettes, vertices at rest, vertices to write.
+    /// [`Record::vertex`] records: palettes, vertices at rest, written vertices.
     pub vertices: Image,
 }
 
 impl SkinArrays {
-    /// Memories that hold one mesh, and the command that skins it: vertices to write first, from index 0 on, then those at
+    /// Memories with one mesh, and the command that skins it: the vertices to write from index 0, then those at
     /// rest, then the palette.
     ///
     /// # Errors
-    /// Where a mesh has more vectors than can be counted.
+    /// If a mesh has more vectors than an index can address.
     pub fn of_mesh(format: Format, mesh: &SkinMesh) -> Result<(SkinArrays, SkinCommand)> {
         let count = mesh.rest.len();
         let mut vectors = vec![[0.0; 3]; count];
@@ -151,7 +151,7 @@ impl SkinArrays {
     }
 }
 
-/// Bytes a clock of [`Traffic::Shared`].
+/// Bytes per cycle of [`Traffic::Shared`].
 pub const SHARED_BYTES: u32 = 32;
 
 /// Figures of skinning.
@@ -159,9 +159,9 @@ pub const SHARED_BYTES: u32 = 32;
 pub struct SkinFigures {
     pub name: String,
     pub vertices: u64,
-    /// As the RTL counts them; the first is compared with the golden model's.
+    /// Counters of the RTL; the first is compared with the golden model's.
     pub influences: u64,
-    /// Clocks from start to completion.
+    /// Cycles from start to completion.
     pub busy_cycles: u64,
 }
 
@@ -180,7 +180,7 @@ impl SkinFigures {
         self.vertices as f64 / self.busy_cycles as f64
     }
 
-    /// The figures in a line.
+    /// The figures in one line.
     pub fn summary(&self) -> String {
         format!(
             "{}: {} vertices, {} influences in {} cycles: {:.4} influences, {:.4} vertices per cycle",
@@ -194,12 +194,12 @@ impl SkinFigures {
     }
 }
 
-/// What a run found.
+/// The result of a run.
 #[derive(Clone, Debug)]
 pub struct SkinReport {
-    /// Meshes as its packets, vertices as its transactions.
+    /// The report, with meshes as packets and vertices as transactions.
     pub unit: UnitReport,
-    /// Of each mesh of the workload, or of all random ones together.
+    /// The figures of each mesh of the workload, or of all random ones together.
     pub meshes: Vec<SkinFigures>,
 }
 
@@ -221,7 +221,7 @@ impl SkinReport {
     }
 }
 
-/// What the golden model says that skinning does.
+/// The golden model's events of skinning.
 #[derive(Default)]
 struct Expected {
     vectors: VecDeque<u32>,
@@ -237,14 +237,14 @@ impl Expected {
 
 type Ports = hdl::Ports<Inputs<PortHandle>, Outputs<PortHandle>>;
 
-/// The ray casting unit in simulation, given nothing but meshes to skin.
+/// The ray casting unit in simulation, used only for skinning.
 pub struct SkinUnit {
     bench: Bench,
     format: Format,
     joints: u32,
     ports: Ports,
     rng: fastrand::Rng,
-    /// Meshes so far, to give every memory of each a seed of its own.
+    /// Number of meshes so far, which gives the memories of each mesh their own seeds.
     meshes: u64,
 }
 
@@ -252,9 +252,9 @@ impl SkinUnit {
     /// Builds the ray casting unit of a machine and resets it.
     ///
     /// # Errors
-    /// A tool that is missing.
+    /// If a tool is missing.
     pub fn new(config: &Config, options: &UnitOptions) -> Result<SkinUnit> {
-        // The model is that of the ray casting unit's own bench.
+        // The model is the same as that for ray casting.
         let plan = Plan::new(config)?.with_trace(true);
         let machine = emit(&plan)?;
         let mut bench = Bench::new("skinning", machine.design.top(), options)?;
@@ -270,33 +270,33 @@ impl SkinUnit {
         })
     }
 
-    /// Influences and clocks counted since reset.
+    /// Influences and cycles counted since the reset.
     fn counters(&self) -> [u64; 2] {
         let count = &self.ports.outputs.count;
         [count.skin_influences, count.skin_cycles].map(|port| self.bench.model.get(port))
     }
 
-    /// Clocks simulated so far, the reset's included.
+    /// Number of cycles simulated so far, including the reset.
     pub fn cycles(&self) -> u64 {
         self.bench.model.cycles()
     }
 
-    /// Results compared so far.
+    /// Number of results compared so far.
     pub fn checked(&self) -> u64 {
         self.bench.tally.checked
     }
 
-    /// Resets the unit and lets all that is random in what follows depend on `seed`, not on how many meshes went before.
+    /// Resets the unit. Later random values then depend on `seed` and not on the number of earlier meshes.
     pub fn restart(&mut self, seed: u64) {
         self.bench.model.reset(RESET_CYCLES);
         self.rng = fastrand::Rng::with_seed(seed);
         self.meshes = 0;
     }
 
-    /// Skins a mesh; vertex memory is then as the RTL left it, which is as the golden model says.
+    /// Skins a mesh. Vertex memory then has the contents written by the RTL, which equal the golden model's.
     ///
     /// # Errors
-    /// A [`super::mismatch::Mismatch`]; a command that the golden model refuses; a palette that the machine cannot hold.
+    /// A [`super::mismatch::Mismatch`], or an error if the golden model rejects the command or if the palette is too large.
     pub fn skin(
         &mut self,
         arrays: &mut SkinArrays,
@@ -371,7 +371,7 @@ impl SkinUnit {
         })
     }
 
-    /// Offers the mesh until it is taken, and clocks the unit until it is done.
+    /// Offers the mesh until it is accepted, and runs the unit until it is done.
     fn simulate(
         &mut self,
         memories: &mut Memories,
@@ -397,7 +397,7 @@ impl SkinUnit {
             let accepted: [bool; 3] = std::array::from_fn(|k| offered[k] && granted[k]);
             let starting = starts && model.get(outputs.skin_start_ready) != 0;
 
-            // For the edge.
+            // Inputs for the edge.
             model.set(inputs.skin_start.valid, starts.into());
             vector.show(model, granted[0], |index| arrays.vertices.row(index));
             row.show(model, granted[1], |index| {
@@ -405,7 +405,7 @@ impl SkinUnit {
             });
             write.show(model, granted[2]);
 
-            // What the unit does at it.
+            // Events of the unit at the edge.
             if accepted[0] {
                 bench.ordered(
                     "vector read",
@@ -439,7 +439,7 @@ impl SkinUnit {
         }
     }
 
-    /// Counts what a mesh will meet. The golden model has found the command to be good.
+    /// Counts the categories of a mesh. The golden model has accepted the command.
     fn count(&mut self, arrays: &SkinArrays, command: SkinCommand) {
         let format = self.format;
         let vector_record = Record::vertex(format);
@@ -486,7 +486,7 @@ impl SkinUnit {
     }
 }
 
-/// The memories around the unit during the skinning of a mesh.
+/// The memories of the unit while it skins a mesh.
 struct Memories {
     vector: Reads,
     row: Reads,
@@ -536,7 +536,7 @@ impl Memories {
 /// Co-simulates the skinning processor of a machine.
 ///
 /// # Errors
-/// A tool that is missing; a mesh that the machine cannot hold. A mismatch is no error here: it is in the report.
+/// If a tool is missing, or if the machine cannot hold a mesh. A mismatch is no error here; it is in the report.
 pub fn run(
     config: &Config,
     workload: Workload<'_>,
@@ -565,7 +565,7 @@ pub fn run(
             while ended.is_ok() && total.vertices < vertices {
                 let around = surroundings(options, &mut rng);
                 let (mut arrays, commands) = random_meshes(config, &mut rng)?;
-                // Twice over, so that what one leaves behind in the unit meets the other.
+                // Twice, so that the state left by each mesh meets another one.
                 ended = commands.repeat(2).into_iter().try_for_each(|command| {
                     total.add(&unit.skin(&mut arrays, command, &around, traffic)?);
                     Ok(())
@@ -581,7 +581,7 @@ pub fn run(
     })
 }
 
-/// Checks that the machine's addresses reach all of the arrays.
+/// Checks that the machine's addresses can reach all of the arrays.
 fn check_capacity(config: &Config, arrays: &SkinArrays) -> Result<()> {
     let row_words = Record::influence_row(config.format()).words();
     let most = arrays
@@ -591,7 +591,7 @@ fn check_capacity(config: &Config, arrays: &SkinArrays) -> Result<()> {
     processor::check_capacity(config, "meshes", most)
 }
 
-/// A few random meshes together in memory, noise between them and where they are written.
+/// A few random meshes in one memory, with random data between them and at the targets.
 fn random_meshes(
     config: &Config,
     rng: &mut fastrand::Rng,
@@ -599,7 +599,7 @@ fn random_meshes(
     let format = config.format();
     let vector = Record::vertex(format);
     let row = Record::influence_row(format);
-    // All palettes may be full, and there are a few meshes: so many joints that half of a small memory is left to vertices.
+    // All palettes may have the maximum size; limit them to half of a small memory.
     let memory = 1usize << config.address_bits;
     let most_joints = config.skinning_joints.min((memory / 64) as u32);
     let room = memory - 32 * most_joints as usize;
@@ -636,7 +636,7 @@ fn random_meshes(
         let palette = add_vectors(4 * joints as usize, &mut vertices, rng);
         let rest = add_vectors(count, &mut vertices, rng);
         let target = add_vectors(count, &mut vertices, rng);
-        // As many of each, or always the same.
+        // Either a random number of influences per vertex, or a constant one.
         let always = rng.usize(..=MOST_INFLUENCES);
         let mut stream = vec![];
         for _ in 0..count {
@@ -672,7 +672,7 @@ fn random_meshes(
     Ok((arrays, commands))
 }
 
-/// A number's bit pattern: any at all, one of few, or one of moderate size with now and then a special one among them.
+/// A random bit pattern: arbitrary, one of few, or of moderate size with some special ones.
 fn random_bits(format: Format, kind: u8, rng: &mut fastrand::Rng) -> u64 {
     let special = [f64::NAN, f64::INFINITY, f64::NEG_INFINITY, 0.0, -0.0];
     let moderate = |rng: &mut fastrand::Rng| {

@@ -1,13 +1,13 @@
-//! The traversal processing unit alone, held against the golden model step by step.
+//! Co-simulation of the traversal unit: compares it with the golden model step by step.
 //!
-//! What is around the unit is played here: ray setup gives it rays that the golden model has set up, node memory answers
-//! at any pace, and the geometry unit takes leaves and returns what the golden model's triangle tests made of them:
-//! limits, one a clock, then the leaf's context with the rays that have hit something. In a scene of two levels it takes
-//! instances too, and gives the rays that the golden model has transformed back through ray setup, between rays of the world.
+//! This module models the unit's neighbours. Ray setup supplies rays that the golden model has set up. Node memory responds
+//! with any timing. The geometry unit accepts leaves and returns the results of the golden model's triangle tests: limits,
+//! one per cycle, then the leaf's context with the hit mask. In a scene of two levels it also accepts
+//! instances, and returns the rays that the golden model has transformed through ray setup, between rays of the world.
 //!
-//! Every packet step is compared in all bits (node, which rays go where, their intervals, which child is first), every leaf
-//! handed over (record, rays, stack level, rays that have hit something), every packet finished, and at the end the
-//! stack's high-water mark.
+//! Every packet step is compared in all bits (node, masks, intervals, order of the children), as are every dispatched leaf
+//! (record, rays, stack level, hit mask), every finished packet, and at the end the
+//! maximum height of the stack.
 
 use super::TRACED;
 use super::mismatch::Field;
@@ -35,49 +35,49 @@ use std::cmp::Reverse;
 use std::collections::{BinaryHeap, VecDeque};
 use std::rc::Rc;
 
-/// What the unit can meet, packet steps unless said otherwise.
+/// The categories, of packet steps unless stated otherwise.
 pub const CATEGORIES: &[Category] = &[
-    // A ray of the packet has a NaN, an infinity, a -0; or does not exist.
+    // A ray of the packet has a NaN, an infinity or a -0; or does not exist.
     Category::Nan,
     Category::Infinity,
     Category::SignedZero,
     Category::InactiveRay,
-    // A child's interval is flat; a ray lies in one of the planes.
+    // A child's interval is flat; a ray is in one of the planes.
     Category::FlatBox,
     Category::RayInPlane,
     // A ray enters both children at the same distance.
     Category::EqualDistances,
-    // A ray that comes is an any-hit ray, or has a limit.
+    // A ray of the step is an any-hit ray, or has a limit.
     Category::AnyHit,
     Category::FiniteLimits,
-    // Pushes that fill the stack; entries dropped since all their rays have hit something nearer.
+    // Pushes that fill the stack; entries dropped because all their rays have closer hits.
     Category::DeepestStack,
     Category::DroppedEntry,
     // Leaves whose triangle is degenerate.
     Category::Degenerate,
-    // Packets whose rays all miss the scene's box; that meet a triangle without a node.
+    // Packets whose rays all miss the scene's box; packets that reach a triangle without a node.
     Category::NothingEntered,
     Category::LeafRoot,
 ];
 
-/// Clocks after a reset in which no packet's first node can have come yet.
+/// Number of cycles after a reset in which no packet can have received its first node.
 const NOTHING_PUSHED: u64 = 4;
 
-/// What must happen to a packet, in order.
+/// The expected events of a packet, in order.
 #[expect(clippy::large_enum_variant, reason = "most events are steps")]
 enum Event {
     Step(StepEvent),
     Leaf {
         leaf: HandOver,
         level: u32,
-        /// Rays whose closest hit the leaf changes, and their limits.
+        /// Rays whose closest hit changes in the leaf, and their limits.
         limits: Vec<(u8, f64)>,
-        /// Of an instance: its rays in the object's space.
+        /// For an instance, its rays in object space.
         entries: Vec<EnterEvent>,
     },
 }
 
-/// A packet's events, by the golden model.
+/// The events of a packet, by the golden model.
 struct Script<'a> {
     scene: &'a TestScene,
     rays: &'a [RaySetup],
@@ -87,7 +87,7 @@ struct Script<'a> {
     high_water: u32,
     closest: Vec<Closest>,
     categories: &'a mut Categories,
-    /// Of the whole packet.
+    /// Categories of the whole packet.
     has: [(Category, bool); 4],
 }
 
@@ -164,18 +164,18 @@ impl Observer for Script<'_> {
     }
 }
 
-/// A packet under way.
+/// A packet in flight.
 struct Packet {
     number: u64,
     events: Vec<Event>,
     next: usize,
     steps: usize,
     touched: u64,
-    /// Whether its leaf is with the geometry unit.
+    /// Whether its leaf is in the geometry unit.
     in_leaf: bool,
 }
 
-/// A ray that ray setup is giving to the unit.
+/// A ray that ray setup passes to the unit.
 struct Arriving {
     place: SetupPlace,
     values: tpu::SetUp<u64>,
@@ -183,10 +183,10 @@ struct Arriving {
 
 type Ports = hdl::Ports<tpu::Inputs<PortHandle>, tpu::Outputs<PortHandle>>;
 
-/// Co-simulates the traversal processing unit of a machine.
+/// Co-simulates the traversal unit of a machine.
 ///
 /// # Errors
-/// A tool that is missing; a scene that the machine cannot hold. A mismatch is no error here: it is in the report.
+/// If a tool is missing, or if the machine cannot hold a scene. A mismatch is no error here; it is in the report.
 pub fn run(config: &Config, workload: Workload<'_>, options: &UnitOptions) -> Result<UnitReport> {
     let plan = Plan::new(config)?.with_trace(true);
     let unit = tpu::module(&plan)?;
@@ -207,18 +207,18 @@ struct Run<'a> {
     /// By packet number in flight.
     packets: Vec<Option<Packet>>,
     free: Vec<usize>,
-    /// Rays that were announced, one a clock: the front one is shown for the coming edge.
+    /// Announced rays, one per cycle; the first one is shown for the next edge.
     announced: VecDeque<Option<Arriving>>,
-    /// Rays of objects that are still to be announced.
+    /// Rays in object space that have not been announced yet.
     entering: VecDeque<Arriving>,
-    /// Leaves that are being tested, by the clock in which that ends.
+    /// Leaves in the test, by the cycle in which it ends.
     tested: BinaryHeap<Reverse<(u64, usize)>>,
-    /// The leaf whose limits are being given, and which is next.
+    /// The leaf whose limits are being returned, and the next limit.
     merging: Option<(usize, usize)>,
-    /// Leaves to be done in coming clocks.
+    /// Leaves to finish in later cycles.
     done: VecDeque<usize>,
     high_water: u32,
-    /// The clock after the reset.
+    /// The cycle after the reset.
     reset_at: u64,
     started: u64,
     rng: fastrand::Rng,
@@ -272,7 +272,7 @@ impl<'a> Run<'a> {
         self.stack_mark(self.high_water, "after all packets")
     }
 
-    /// Compares the deepest stack since the reset.
+    /// Compares the maximum height of the stack since the reset.
     fn stack_mark(&mut self, deepest: u32, when: &str) -> Result<()> {
         let (outputs, model) = (&self.ports.outputs, &self.bench.model);
         let [high_water, overflow] =
@@ -298,12 +298,12 @@ impl<'a> Run<'a> {
         let (model, nodes) = (&mut self.bench.model, scene.nodes.clone());
         let mut memory = MemoryPort::new(model, "node", port, nodes, around.port(1))?;
         let mut waiting = batch.packets.iter();
-        // A packet's rays that are still to be announced.
+        // The rays of a packet that have not been announced yet.
         let mut arriving: VecDeque<Arriving> = VecDeque::new();
         let all = self.packets.len();
         let mut idle = 0;
         loop {
-            // Ray setup: a ray is announced, and shown so many clocks later. Rays of objects go first.
+            // Ray setup: a ray is announced, and shown a fixed number of cycles later. Rays in object space have priority.
             if arriving.is_empty() && !self.free.is_empty() {
                 match waiting.next() {
                     Some(rays) => self.arrive(&scene, rays, &mut arriving),
@@ -321,7 +321,7 @@ impl<'a> Run<'a> {
             match self.announced.pop_front().flatten() {
                 Some(ray) => self.show(&scene, &ray),
                 None => {
-                    // What else stands on the ports has no meaning, and may be anything.
+                    // The other inputs have no meaning and may have any value.
                     model.set(inputs.setup.valid, 0);
                     let fields = inputs.setup.payload.leaves().into_iter();
                     model.garble(fields.chain([inputs.setup_object]), &mut self.rng);
@@ -334,7 +334,7 @@ impl<'a> Run<'a> {
             let model = &mut self.bench.model;
             model.set(inputs.leaf_ready, takes_leaf.into());
 
-            // What the unit shows for the edge.
+            // The outputs of the unit for this edge.
             model.eval();
             let mut progress = self.check_step()?;
             progress |= self.check_finished()?;
@@ -344,7 +344,7 @@ impl<'a> Run<'a> {
             }
             memory.take(&self.bench.model)?;
             self.bench.model.clock();
-            // What a reset has left would show now, and not once packets have gone deeper.
+            // Check now for remains of a reset, before packets reach a greater height.
             if self.bench.model.cycles() < self.reset_at + NOTHING_PUSHED {
                 self.stack_mark(0, "after the reset")?;
             }
@@ -361,7 +361,7 @@ impl<'a> Run<'a> {
         around.pauses > 0.0 && self.rng.f64() < around.pauses
     }
 
-    /// Shows a ray that has been set up; the last of an object's, with where the packet starts there.
+    /// Shows a ray after setup; for the last ray of an object, also the root at which the packet starts.
     fn show(&mut self, scene: &TestScene, ray: &Arriving) {
         let model = &mut self.bench.model;
         let inputs = &self.ports.inputs;
@@ -398,7 +398,7 @@ impl<'a> Run<'a> {
         model.drive(&inputs.object, start);
     }
 
-    /// Ray setup's part for an instance's rays.
+    /// Sets up the rays of an instance.
     fn enter(&mut self, id: usize) {
         let packet = self.packets[id].as_ref().expect("the packet is in a leaf");
         let Event::Leaf { entries, .. } = &packet.events[packet.next - 1] else {
@@ -425,7 +425,7 @@ impl<'a> Run<'a> {
         }
     }
 
-    /// Chooses a packet's number in flight, and asks the golden model what must come of it.
+    /// Chooses a packet's number in flight, and computes its expected events with the golden model.
     fn arrive(&mut self, scene: &TestScene, rays: &[Ray], arriving: &mut VecDeque<Arriving>) {
         let a = self.arithmetic;
         let id = self.free.swap_remove(self.rng.usize(..self.free.len()));
@@ -495,7 +495,7 @@ impl<'a> Run<'a> {
         self.started += 1;
     }
 
-    /// The geometry unit's side: limits, and leaves that are done, for the coming edge.
+    /// Models the geometry unit: limits and finished leaves for the next edge.
     fn return_leaves(&mut self, around: &Surroundings) {
         let now = self.bench.model.cycles();
         let (mut limit, mut done) = (None, None);
@@ -527,7 +527,7 @@ impl<'a> Run<'a> {
                 }
             }
         }
-        // With the last limit, as the geometry unit does, or later.
+        // Together with the last limit, as in the geometry unit, or later.
         if !self.done.is_empty() && !self.pauses(around) {
             done = self.done.pop_front();
         }
@@ -560,7 +560,7 @@ impl<'a> Run<'a> {
         }
     }
 
-    /// Whether the leaf that a packet is at is an instance.
+    /// Whether the current leaf of a packet is an instance.
     fn is_at_instance(&self, id: usize) -> bool {
         let packet = self.packets[id].as_ref().expect("the packet is in a leaf");
         matches!(&packet.events[packet.next - 1], Event::Leaf { leaf, .. } if leaf.instance)
@@ -718,7 +718,7 @@ fn name(id: usize, packet: &Packet) -> String {
     format!("packet {} ({id} in flight)", packet.number)
 }
 
-/// What must happen to a packet next.
+/// The next expected event of a packet, as text.
 fn expected(packet: &Packet) -> String {
     match packet.events.get(packet.next) {
         Some(Event::Step(step)) => format!("packet step {} at node {}", packet.steps, step.node),

@@ -1,8 +1,8 @@
-//! The update processor alone, held against the golden model: every program row and every vertex requested, every node
-//! written, in order, address and all bits, and the object's box; then all of node and box memory, so that whatever
-//! was written beside them shows.
+//! Co-simulation of the update processor. Compares every requested program row and vertex, every written node
+//! and the object's box with the golden model, in order, address and all bits. At the end it compares the whole node and box
+//! memory, which detects unexpected writes.
 //!
-//! [`UpdateUnit`] runs one update after another on memories that the caller keeps; [`run`] gives it a [`Workload`].
+//! [`UpdateUnit`] runs one update after another on memories of the caller; [`run`] gives it a [`Workload`].
 
 use super::memory::{Bandwidth, Image, ReadHandles, ReadPort, WriteHandles};
 use super::mismatch::Field;
@@ -26,24 +26,24 @@ use crate::program::{Program, UpdateMachine};
 use anyhow::{Context, Result};
 use std::collections::VecDeque;
 
-/// Clocks from a load's request for its vertex to its being the instruction that waits, at most.
+/// Maximum number of cycles from a load's request for its vertex until the load is the waiting instruction.
 const ARRIVAL_OF_A_LOAD: u64 = 4;
 
-/// What the unit can meet.
+/// The categories.
 pub const CATEGORIES: &[Category] = &[
-    // A vertex read has a NaN, an infinity.
+    // A vertex that is read has a NaN or an infinity.
     Category::Nan,
     Category::Infinity,
-    // A node written has a flat interval.
+    // A node that is written has a flat interval.
     Category::FlatBox,
     // An object is one triangle.
     Category::LeafRoot,
 ];
 
-/// What programs for the update processor of a machine must be compiled for.
+/// The parameters for compiling programs for a machine's update processor.
 ///
 /// # Errors
-/// A mistake in the machine's description; none is known.
+/// If the machine's description has a mistake, which is not known to occur.
 pub fn machine(config: &Config) -> Result<UpdateMachine> {
     Ok(module(&Plan::new(config)?)?.machine)
 }
@@ -52,18 +52,18 @@ pub fn machine(config: &Config) -> Result<UpdateMachine> {
 #[derive(Clone, Debug)]
 pub struct UpdateObject {
     pub name: String,
-    /// Whole rows.
+    /// The program in whole rows.
     pub program: Vec<u8>,
-    /// Whole [`Record::vertex`] records.
+    /// The vertices as whole [`Record::vertex`] records.
     pub vertices: Vec<u32>,
     pub triangles: u64,
 }
 
 impl UpdateObject {
-    /// Compiles the object's program for a machine. `vertices` hold numbers of `format`.
+    /// Compiles the object's program for a machine. `vertices` are values of `format`.
     ///
     /// # Errors
-    /// What [`Program::compile`] refuses.
+    /// If [`Program::compile`] rejects it.
     pub fn new(
         name: impl Into<String>,
         format: Format,
@@ -82,17 +82,17 @@ impl UpdateObject {
     }
 }
 
-/// What the unit is given to do.
+/// The workload of the unit.
 #[derive(Clone, Copy, Debug)]
 pub enum Workload<'a> {
     /// These objects, one after another.
     Objects(&'a [UpdateObject]),
-    /// Random topologies, small more often than not, their vertices full of coincidences and special values,
-    /// until so many instructions are executed.
+    /// Random topologies, mostly small, whose vertices have many ties and special values,
+    /// until the given number of instructions is executed.
     Random { instructions: u64 },
 }
 
-/// The memories around the unit.
+/// The memories of the unit.
 #[derive(Clone, Debug)]
 pub struct UpdateArrays {
     /// Programs, each in whole rows of 16 bytes.
@@ -121,13 +121,13 @@ pub struct UpdateFigures {
     pub triangles: u64,
     pub nodes_written: u64,
     pub vertices_read: u64,
-    /// As the RTL counts them; the first is compared with the golden model's.
+    /// Counters of the RTL; the first is compared with the golden model's.
     pub instructions: u64,
-    /// Clocks from start to completion.
+    /// Cycles from start to completion.
     pub busy_cycles: u64,
-    /// Those of them in which no instruction went.
+    /// Cycles in which no instruction was issued.
     pub stalled_cycles: u64,
-    /// Those in which a vertex was missing; room for a node.
+    /// Cycles that waited for a vertex, and cycles that waited for room for a node.
     pub vertex_wait_cycles: u64,
     pub node_wait_cycles: u64,
 }
@@ -156,7 +156,7 @@ impl UpdateFigures {
         self.nodes_written as f64 / self.busy_cycles as f64
     }
 
-    /// The figures in a line.
+    /// The figures in one line.
     pub fn summary(&self) -> String {
         format!(
             "{}: {} triangles, {} instructions in {} cycles ({} waiting for a vertex, {} for room for a node): {:.4} instructions, {:.4} triangles, {:.4} nodes per cycle",
@@ -173,12 +173,12 @@ impl UpdateFigures {
     }
 }
 
-/// What a run found.
+/// The result of a run.
 #[derive(Clone, Debug)]
 pub struct UpdateReport {
-    /// Updates as its packets, instructions as its transactions.
+    /// The report, with updates as packets and instructions as transactions.
     pub unit: UnitReport,
-    /// Of each object of the workload, or of all random ones together.
+    /// The figures of each object of the workload, or of all random ones together.
     pub objects: Vec<UpdateFigures>,
 }
 
@@ -190,7 +190,7 @@ impl UpdateReport {
     }
 }
 
-/// What the golden model says that an update does.
+/// The golden model's events of an update.
 #[derive(Default)]
 struct Expected {
     rows: VecDeque<u32>,
@@ -214,7 +214,7 @@ pub struct UpdateUnit {
     machine: UpdateMachine,
     ports: Ports,
     rng: fastrand::Rng,
-    /// Updates so far, to give every memory of each a seed of its own.
+    /// Number of updates so far, which gives the memories of each update their own seeds.
     updates: u64,
 }
 
@@ -222,7 +222,7 @@ impl UpdateUnit {
     /// Builds the unit of a machine and resets it.
     ///
     /// # Errors
-    /// A tool that is missing.
+    /// If a tool is missing.
     pub fn new(config: &Config, options: &UnitOptions) -> Result<UpdateUnit> {
         let plan = Plan::new(config)?;
         let unit = module(&plan)?;
@@ -239,33 +239,33 @@ impl UpdateUnit {
         })
     }
 
-    /// What the programs that it runs must be compiled for.
+    /// The parameters for compiling its programs.
     pub fn machine(&self) -> UpdateMachine {
         self.machine
     }
 
-    /// Clocks simulated so far, the reset's included.
+    /// Number of cycles simulated so far, including the reset.
     pub fn cycles(&self) -> u64 {
         self.bench.model.cycles()
     }
 
-    /// Results compared so far.
+    /// Number of results compared so far.
     pub fn checked(&self) -> u64 {
         self.bench.tally.checked
     }
 
-    /// Resets the unit and lets all that is random in what follows depend on `seed`, not on how many updates went before.
+    /// Resets the unit. Later random values then depend on `seed` and not on the number of earlier updates.
     pub fn restart(&mut self, seed: u64) {
         self.bench.model.reset(RESET_CYCLES);
         self.rng = fastrand::Rng::with_seed(seed);
         self.updates = 0;
     }
 
-    /// Runs an update of `rows` rows of program; node and box memory are then as the RTL left them, which is as the
-    /// golden model says.
+    /// Runs an update with `rows` rows of program. Node and box memory then have the contents written by the RTL, which equal
+    /// the golden model's.
     ///
     /// # Errors
-    /// A [`super::mismatch::Mismatch`]; a program that the golden model refuses.
+    /// A [`super::mismatch::Mismatch`], or an error if the golden model rejects the program.
     pub fn update(
         &mut self,
         arrays: &mut UpdateArrays,
@@ -326,8 +326,8 @@ impl UpdateUnit {
         Ok(figures)
     }
 
-    /// Offers the update until it is taken, and clocks the unit until it is done. Returns the clocks from the first vertex read to the first
-    /// that is answered.
+    /// Offers the update until it is accepted, and runs the unit until it is done. Returns the number of cycles from the first read of
+    /// a vertex to the first response.
     fn simulate(
         &mut self,
         memories: &mut Memories,
@@ -363,7 +363,7 @@ impl UpdateUnit {
                 return Err(self.bench.mismatch(place, vec![]));
             }
 
-            // For the edge.
+            // Inputs for the edge.
             model.set(inputs.start.valid, starts.into());
             program.show(model, granted[0], |row| arrays.program_row(row));
             vertex.show(model, granted[1], |index| {
@@ -372,7 +372,7 @@ impl UpdateUnit {
             node.show(model, granted[2]);
             bounds.show(model, granted[3]);
 
-            // What the unit does at it.
+            // Events of the unit at the edge.
             let bench = &mut self.bench;
             if accepted[0] {
                 bench.ordered("program row", expected.rows.pop_front(), program.address())?;
@@ -413,7 +413,7 @@ impl UpdateUnit {
         Ok(first_answer.unwrap_or(0) - first_read.unwrap_or(0))
     }
 
-    /// What has been counted since `before`, checked. `left` are the reads and writes that did not come; the first vertex took `waited` clocks.
+    /// Checks and returns the counts since `before`. `left` are the missing reads and writes; the first vertex took `waited` cycles.
     fn figures(
         &self,
         before: Counters<u64>,
@@ -437,7 +437,7 @@ impl UpdateUnit {
             ];
             return Err(self.bench.mismatch("after an update", fields));
         }
-        // An update's first instruction is a load, which is there soon after it asked for its vertex.
+        // The first instruction is a load, which becomes the waiting instruction soon after its request.
         let (least, waits) = (
             waited.saturating_sub(ARRIVAL_OF_A_LOAD),
             vertex_wait + node_wait,
@@ -463,7 +463,7 @@ impl UpdateUnit {
         })
     }
 
-    /// Counts what an update will meet.
+    /// Counts the categories of an update.
     fn count(&mut self, vertices: &[u32], expected: &Expected) {
         let format = self.format;
         let record = Record::vertex(format);
@@ -485,7 +485,7 @@ impl UpdateUnit {
     }
 }
 
-/// The memories around the unit during an update.
+/// The memories of the unit during an update.
 struct Memories {
     program: Reads,
     vertex: Reads,
@@ -555,7 +555,7 @@ impl Memories {
 /// Co-simulates the update processor of a machine.
 ///
 /// # Errors
-/// A tool that is missing; an object that the machine cannot hold. A mismatch is no error here: it is in the report.
+/// If a tool is missing, or if the machine cannot hold an object. A mismatch is no error here; it is in the report.
 pub fn run(
     config: &Config,
     workload: Workload<'_>,
@@ -603,8 +603,8 @@ pub fn run(
     })
 }
 
-/// Updates objects that lie together in memory, with gaps between them, one after another; twice over where there are
-/// several, so that what one leaves behind in the unit meets the other.
+/// Updates objects in one memory, with gaps between them, one after another. If there are several, it updates them
+/// twice, so that the state left by each one meets another.
 fn batch(
     unit: &mut UpdateUnit,
     config: &Config,
@@ -642,7 +642,7 @@ fn batch(
         .max((vertices.len() / vertex_words) as u64)
         .max((program.len() / Program::ROW_BYTES) as u64);
     check_capacity(config, "objects", most)?;
-    // Whatever is there before: what must stay shows then.
+    // Random initial contents, which show unexpected writes.
     let mut noise = |rows: u64, bits: u32| {
         let count = rows as usize * bits.div_ceil(32) as usize;
         let words = std::iter::repeat_with(|| rng.u32(..)).take(count).collect();
@@ -662,13 +662,13 @@ fn batch(
     Ok(figures)
 }
 
-/// A few random objects that a machine can hold together.
+/// A few random objects that fit the machine's memory together.
 fn random_objects(
     config: &Config,
     machine: UpdateMachine,
     rng: &mut fastrand::Rng,
 ) -> Result<Vec<UpdateObject>> {
-    // n triangles take at most 2 log2(n) box registers, and a random one up to three indices of vertices each.
+    // n triangles need at most 2 log2(n) box registers, and a random triangle has up to three vertices of its own.
     let most = (1usize << (machine.box_registers / 2).min(11))
         .min((1 << config.address_bits) / 20)
         .max(1);
@@ -687,13 +687,13 @@ fn random_object(
     let size = [1, 2, 3, 10, 60, 400, 2000][rng.usize(..7)];
     let count = rng.usize(1..=most.min(size));
     let triangles: Vec<[u32; 3]> = match rng.u8(..3) {
-        // Any corners, some of them the same.
+        // Arbitrary corners, some of them equal.
         0 => {
             let vertices = rng.u32(1..=2 * count as u32);
             let mut corner = || rng.u32(..vertices);
             (0..count).map(|_| [corner(), corner(), corner()]).collect()
         }
-        // A strip, its triangles turned at random.
+        // A strip with randomly rotated corners.
         1 => (0..count as u32)
             .map(|k| {
                 let mut corners = [k, k + 1, k + 2];
@@ -701,7 +701,7 @@ fn random_object(
                 corners
             })
             .collect(),
-        // Nothing shared.
+        // No shared vertices.
         _ => (0..count as u32)
             .map(|k| [3 * k, 3 * k + 1, 3 * k + 2])
             .collect(),
@@ -716,7 +716,7 @@ fn random_object(
         .with_context(|| format!("a random object of {count} triangles"))
 }
 
-/// A number of the format that is no −0: any, or one of few.
+/// A value of the format other than −0: arbitrary, or one of few.
 fn random_number(format: Format, kind: u8, rng: &mut fastrand::Rng) -> f64 {
     let special = [f64::NAN, f64::INFINITY, f64::NEG_INFINITY, 0.0];
     match kind {
@@ -730,13 +730,13 @@ fn random_number(format: Format, kind: u8, rng: &mut fastrand::Rng) -> f64 {
     }
 }
 
-/// A tree of a random shape over triangles in a random order.
+/// A tree of random shape over triangles in random order.
 fn random_tree(count: usize, rng: &mut fastrand::Rng) -> Tree {
     let mut leaves: Vec<u32> = (0..count as u32).collect();
     rng.shuffle(&mut leaves);
     let mut nodes: Vec<TreeNode> = Vec::with_capacity(count - 1);
     let shape = rng.u8(..4);
-    // The ranges of leaves still to be split, and whose child each is.
+    // The ranges of leaves that are not yet split, and their parents.
     let mut open = vec![(0, count, None::<(usize, usize)>)];
     let mut root = Child::Leaf(leaves[0]);
     while let Some((from, to, parent)) = open.pop() {

@@ -1,4 +1,4 @@
-//! What a single unit is given to do: the rays of a scene, or random tiny scenes in which everything coincides.
+//! The workload of a single unit: the rays of a scene, or random tiny scenes with many ties.
 
 use crate::bkd::layout::Record;
 use crate::bkd::{
@@ -14,38 +14,38 @@ use std::rc::Rc;
 
 use super::memory::Image;
 
-/// What a unit's co-simulation does.
+/// The workload of a unit's co-simulation.
 #[derive(Clone, Copy, Debug)]
 pub enum Workload<'a> {
-    /// Rays into one scene, in packets of the machine's size, in order; the last packet is filled up with inactive rays.
+    /// Rays into one scene, in packets of the machine's size, in order; inactive rays fill the last packet.
     Rays {
         image: &'a MemoryImage,
         rays: &'a [Ray],
     },
-    /// Random tiny scenes full of coincidences, and rays of every kind, until there were so many transactions.
+    /// Random tiny scenes with many ties, and rays of every kind, until the given number of transactions is reached.
     Coincidences { transactions: u64 },
-    /// The same in scenes of two levels: instances of a few tiny objects, turned, scaled, mirrored.
+    /// The same in scenes of two levels: instances of a few tiny objects, rotated, scaled, mirrored.
     Instances { transactions: u64 },
 }
 
-/// Packets that go through a unit between two times that it runs empty, when surroundings and scene may change.
+/// Number of packets after which the unit runs empty; environment and scene may then change.
 const PACKETS_OF_A_FRAME: usize = 2048;
 const PACKETS_OF_A_TINY_SCENE: usize = 160;
 
-/// Of so many tiny scenes the first fills the stack and the second has one triangle, so that no run is without them.
+/// Number of tiny scenes in a round. The first fills the stack and the second has one triangle, so every run has both.
 const SCENES_OF_A_ROUND: usize = 16;
 
 /// The tree of a tiny scene.
 #[derive(Clone, Copy)]
 pub(super) enum TinyTree {
     Any,
-    /// As deep as the stack.
+    /// Its depth is that of the stack.
     Deepest,
-    /// Its root is a leaf.
+    /// The root is a leaf.
     Leaf,
 }
 
-/// A scene as a unit's memories hold it, and as the golden model sees it.
+/// A scene in the unit's memories and in the golden model.
 pub(super) struct TestScene {
     pub root: LinkWord,
     pub bounds: ([f64; 3], [f64; 3]),
@@ -53,11 +53,11 @@ pub(super) struct TestScene {
     pub records: Image,
     pub vertices: Image,
     pub caster: Caster,
-    /// By record; in the place of an instance a triangle of no meaning.
+    /// By record; the element of an instance's record is undefined.
     pub triangles: Vec<Triangle>,
-    /// By record: those that are instances.
+    /// By record; `Some` for instances.
     pub instances: Vec<Option<Instance>>,
-    /// By node: both children's intervals and their axes.
+    /// By node: the intervals of both children with their axes.
     pub intervals: Vec<[([f64; 2], usize); 2]>,
 }
 
@@ -110,12 +110,12 @@ impl TestScene {
     }
 }
 
-/// Packets of rays that go through a unit together.
+/// Packets of rays that are processed together.
 pub(super) struct Batch {
     pub scene: Rc<TestScene>,
-    /// Each of a whole packet's rays.
+    /// The packets, each with all of its rays.
     pub packets: Vec<Vec<Ray>>,
-    /// The packets come from the triangles of a tiny scene, and not from a picture.
+    /// Whether the packets belong to a tiny scene and not to a picture.
     pub is_random: bool,
 }
 
@@ -126,7 +126,7 @@ pub(super) struct Batches<'a> {
     rng: fastrand::Rng,
     scene: Option<Rc<TestScene>>,
     next_ray: usize,
-    /// Tiny scenes so far.
+    /// Number of tiny scenes so far.
     scenes: usize,
 }
 
@@ -155,7 +155,7 @@ impl<'a> Batches<'a> {
         })
     }
 
-    /// Gives some packets' rays directions so long that distances come near the least normal number.
+    /// Gives the rays of some packets such long directions that distances are near the least normal number.
     fn hasten(&mut self, batch: &mut Batch) {
         let a = Arithmetic::new(self.config.format());
         let longest = self.config.format().bias() - 1;
@@ -171,7 +171,7 @@ impl<'a> Batches<'a> {
         }
     }
 
-    /// The next packets, when so many `transactions` are done; `None` when the work is done.
+    /// The next packets, given the number of finished `transactions`; `None` when the work is done.
     pub fn next(&mut self, transactions: u64) -> Result<Option<Batch>> {
         let size = self.config.rays_per_packet as usize;
         match self.workload {
@@ -227,7 +227,7 @@ impl<'a> Batches<'a> {
     }
 }
 
-/// A random tiny scene, and so many packets of rays into it.
+/// A random tiny scene, and packets of rays into it.
 pub(super) fn tiny_scene(
     config: &Config,
     packets: usize,
@@ -250,17 +250,17 @@ pub(super) fn tiny_scene(
     })
 }
 
-/// A random tiny scene of two levels, and so many rays into it, neighbours often alike.
+/// A random tiny scene of two levels, and rays into it; neighbouring rays are often similar.
 ///
 /// # Errors
-/// A machine whose addresses are too short for any.
+/// If the machine's addresses are too short for any scene.
 pub fn instanced_scene(
     config: &Config,
     rays: usize,
     rng: &mut fastrand::Rng,
 ) -> Result<(MemoryImage, Vec<Ray>)> {
     let format = config.format();
-    // A machine of few addresses holds few vertices: what is too large is made anew, smaller.
+    // A machine with short addresses can hold few vertices; if a scene is too large, a smaller one is generated.
     let mut most_objects = 4;
     loop {
         let tiny = TinyInstances::random(config, most_objects, rng)?;
@@ -281,15 +281,15 @@ pub fn instanced_scene(
     }
 }
 
-/// How often a scene stands in [`in_instances`].
+/// Number of instances of the scene in [`in_instances`].
 const INSTANCES_OF_A_SCENE: usize = 8;
 
-/// A scene of one level as instances of itself: the first where it is, the others turned, scaled, some mirrored, about its centre,
-/// and moved within its extent.
+/// A scene of one level as instances of itself: the first is unchanged, the others are rotated, scaled and partly mirrored about its
+/// centre, and moved within its extent.
 ///
 /// # Errors
-/// Where the stack does not hold the instances' tree beside the scene's, or the format or the machine's addresses do not
-/// hold the instances.
+/// If the stack is too small for both levels, or if the format or the machine's addresses are too small for
+/// the instances.
 pub fn in_instances(config: &Config, scene: &MemoryImage, seed: u64) -> Result<MemoryImage> {
     let mut rng = fastrand::Rng::with_seed(seed ^ 0x1_7a9c);
     let mut image = InstancedImage::new(scene.format);
@@ -327,15 +327,15 @@ pub fn in_instances(config: &Config, scene: &MemoryImage, seed: u64) -> Result<M
 struct TinyInstances {
     image: MemoryImage,
     objects: Vec<TinyMesh>,
-    /// Each instance's object, and the matrix that takes it to the world.
+    /// The object of each instance, and its matrix to the world.
     instances: Vec<(usize, Columns)>,
 }
 
-/// The fewest nodes on the longest path that every tiny object has room for.
+/// The minimum stack depth for an object; every tiny object fits it.
 const LEAST_OBJECT_DEPTH: u32 = 6;
 
 impl TinyInstances {
-    /// At most so many objects, but at least one; one alone, of few triangles, if none are asked for.
+    /// At most `most_objects` objects, but at least one; if it is 0, one object of few triangles.
     fn random(config: &Config, most_objects: usize, rng: &mut fastrand::Rng) -> Result<Self> {
         let format = config.format();
         let object_depth = rng.u32(LEAST_OBJECT_DEPTH..config.stack_depth);
@@ -364,18 +364,18 @@ impl TinyInstances {
             let bounds = image.objects()[object].bounds;
             let mut columns = random_placement(rng);
             if number > 0 && rng.u8(..6) == 0 {
-                // Where another one stands: every distance is met twice.
+                // At the position of another instance, so every distance occurs twice.
                 columns = instances[rng.usize(..number)].1;
             }
             let spec = match InstanceSpec::new(format, number, object, &columns, bounds) {
                 Ok(mut spec) => {
                     if columns == IDENTITY && rng.bool() {
-                        // Not widened: flat objects then have flat boxes.
+                        // Not widened, so flat objects have flat boxes.
                         spec.world_box = bounds;
                     }
                     spec
                 }
-                // The format is too coarse for it there.
+                // The format is too coarse at this position.
                 Err(_) => {
                     columns = IDENTITY;
                     InstanceSpec {
@@ -398,8 +398,8 @@ impl TinyInstances {
         let first = image.instance_vectors(0) as usize;
         let mut image = image.image().clone();
         if rng.u8(..8) == 0 {
-            // No scene has such matrices; yet they must do no more harm than golden model and RTL agree on. A box stays
-            // one, but may be endless.
+            // Scenes do not contain such matrices, but golden model and RTL must agree on them. The box remains
+            // valid, but may be infinite.
             for vectors in image.vertices[first..].chunks_mut(InstanceRecord::VECTORS) {
                 let (columns, corners) = vectors.split_at_mut(4);
                 for x in columns.as_flattened_mut() {
@@ -437,7 +437,7 @@ impl TinyInstances {
         (0..size).map(ray).collect()
     }
 
-    /// Rays at one of the instances, as if it were alone in its own space.
+    /// Rays at one of the instances, generated in its object space.
     fn packet(&self, format: Format, size: usize, rng: &mut fastrand::Rng) -> Vec<Ray> {
         let a = Arithmetic::new(format);
         let (object, columns) = &self.instances[rng.usize(..self.instances.len())];
@@ -458,7 +458,7 @@ impl TinyInstances {
 
 const IDENTITY: Columns = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [0.0; 3]];
 
-/// A matrix that places an object: none; axes exchanged and mirrored; turned and scaled, evenly or not, mirrored or not.
+/// The matrix of an object: the identity; permuted and mirrored axes; or rotated, scaled (uniformly or not) and possibly mirrored.
 fn random_placement(rng: &mut fastrand::Rng) -> Columns {
     let kind = rng.u8(..4);
     if kind == 0 {
@@ -480,9 +480,9 @@ fn random_placement(rng: &mut fastrand::Rng) -> Columns {
     columns
 }
 
-/// A matrix that turns and scales, evenly or not, and mirrors or does not, about the origin.
+/// A matrix that rotates, scales (uniformly or not) and possibly mirrors, about the origin.
 fn random_turn(rng: &mut fastrand::Rng) -> Columns {
-    // A random unit quaternion's rotation.
+    // The rotation of a random unit quaternion.
     let q = loop {
         let q = [0; 4].map(|_| 2.0 * rng.f64() - 1.0);
         let length = q.iter().map(|x| x * x).sum::<f64>().sqrt();
@@ -508,7 +508,7 @@ struct TinyMesh {
     tree: Tree,
 }
 
-/// The greatest coordinate of a tiny scene's grid.
+/// The maximum coordinate of a tiny scene's grid.
 const GRID: i32 = 3;
 
 fn one_of<T: Copy>(rng: &mut fastrand::Rng, choices: &[T]) -> T {
@@ -540,7 +540,7 @@ impl TinyMesh {
         let mut triangles: Vec<[u32; 3]> = vec![];
         while triangles.len() < count {
             if !triangles.is_empty() && rng.u8(..8) == 0 {
-                // Once more, perhaps from another vertex on.
+                // A copy of another triangle, possibly starting at another vertex.
                 let mut again = triangles[rng.usize(..triangles.len())];
                 again.rotate_left(rng.usize(..3));
                 triangles.push(again);
@@ -558,7 +558,7 @@ impl TinyMesh {
                     _ => [0; 3].map(|_| on_grid(rng)),
                 };
                 if i > 0 && kind == 7 {
-                    // A sliver: near the vertex before, but on one axis.
+                    // A sliver: the previous vertex, moved on one axis.
                     let axis = rng.usize(..3);
                     let before = vertices[corners[i - 1] as usize];
                     for j in (0..3).filter(|j| *j != axis) {
@@ -576,7 +576,7 @@ impl TinyMesh {
             }
             triangles.push(corners);
         }
-        // No scene has a -0, but a record may.
+        // Scenes do not contain -0, but a record may.
         for x in vertices.iter_mut().flatten() {
             if *x == 0.0 {
                 *x = if kind == 8 && rng.bool() { -0.0 } else { 0.0 };
@@ -599,7 +599,7 @@ impl TinyMesh {
         })
     }
 
-    /// A tree as deep as the stack, whose every node most rays enter both children of, the deep one first.
+    /// A tree of the depth of the stack. Most rays enter both children of every node, the deep one first.
     fn chain(rng: &mut fastrand::Rng, axes: u32, depth: u32) -> TinyMesh {
         let (low, high) = (-f64::from(GRID), f64::from(GRID));
         let mut vertices = vec![[low; 3], [high; 3]];
@@ -630,7 +630,7 @@ impl TinyMesh {
         }
     }
 
-    /// Rays that have nothing in common, or begin at one point and go almost the same way.
+    /// Unrelated rays, or rays with one origin and almost the same direction.
     fn packet(&self, format: Format, size: usize, rng: &mut fastrand::Rng) -> Vec<Ray> {
         let a = Arithmetic::new(format);
         let together = rng.bool();
@@ -709,12 +709,12 @@ impl TinyMesh {
             }
         };
         if rng.u8(..8) == 0 {
-            // Almost in the plane of a flat triangle: the test's error is then greater than the box's slack.
+            // Almost in the plane of a flat triangle, where the error of the test exceeds the slack of the box.
             let axis = rng.usize(..3);
             origin[axis] = target[axis] + one_of(rng, &[1.0, -1.0]) / 64.0;
             direction = [0, 1, 2].map(|i| target[i] - origin[i]);
         }
-        // Rounding makes every zero +0; those that were -0 stay so.
+        // Rounding changes −0 to +0, so restore the zeros that were −0.
         let round = |x: f64| if x == 0.0 { x } else { a.round(x) };
         origin = origin.map(round);
         direction = direction.map(round);
@@ -741,7 +741,7 @@ impl TinyMesh {
                 tmin = rng.f64();
                 tmax = tmin + rng.f64();
             }
-            // The distance of what was aimed at.
+            // The distance of the target.
             3 => (tmin, tmax) = one_of(rng, &[(1.0, 1.0), (1.0, f64::INFINITY), (0.0, 1.0)]),
             4 if rng.u8(..8) == 0 => {
                 (tmin, tmax) = (
@@ -762,8 +762,8 @@ impl TinyMesh {
     }
 }
 
-/// A ray along an axis through a target in a box, so long and from so close to a plane of the box that its distance is the least normal
-/// number and a few ulps, of either sign: what steps by ulps passes zero.
+/// A ray parallel to an axis through a target in a box. It is so long and starts so close to a plane of the box that its distance is
+/// within a few ulps of the least normal number, of either sign, so steps by ulps cross zero.
 fn ray_near_plane(
     format: Format,
     [lo, hi]: [[f64; 3]; 2],
@@ -794,7 +794,7 @@ fn ray_near_plane(
     }
 }
 
-/// A number that is seldom met.
+/// A special value: zero, the least normal number, the greatest number, infinity or NaN.
 pub(super) fn odd_number(format: Format, rng: &mut fastrand::Rng) -> f64 {
     let least = format.to_f64(format.least_normal());
     let greatest = format.to_f64(format.greatest());
@@ -810,7 +810,7 @@ fn random_axes(rng: &mut fastrand::Rng, axes: u32) -> [u8; 2] {
     [left, if axes == 2 { rng.u8(..3) } else { left }]
 }
 
-/// Any tree over so many triangles that is not too deep; neighbours need have nothing in common.
+/// A random tree of limited depth; neighbouring leaves may be unrelated.
 fn random_tree(rng: &mut fastrand::Rng, triangles: usize, axes: u32, most_depth: u32) -> Tree {
     fn grow(
         rng: &mut fastrand::Rng,
@@ -822,7 +822,7 @@ fn random_tree(rng: &mut fastrand::Rng, triangles: usize, axes: u32, most_depth:
         if let [leaf] = leaves {
             return Child::Leaf(*leaf);
         }
-        // Below a node no side may hold more leaves than the depth left allows.
+        // Neither side may have more leaves than the remaining depth allows.
         let most = 1usize << (depth - 1).min(20);
         let least_left = leaves.len().saturating_sub(most).max(1);
         let at = rng.usize(least_left..=(leaves.len() - 1).min(most));
@@ -845,7 +845,7 @@ fn random_tree(rng: &mut fastrand::Rng, triangles: usize, axes: u32, most_depth:
 mod tests {
     use super::*;
 
-    /// Whatever the machine, its tiny scenes fit it, and some fill its stack.
+    /// The tiny scenes fit every machine, and some fill its stack.
     #[test]
     fn tiny_scenes_fit_their_machine() {
         let seed = fastrand::u64(..);

@@ -1,5 +1,5 @@
-//! The bench that is generated beside a machine: the ray casting unit's of `sim/`, with a small set of golden vectors, so that the
-//! machine can be simulated where nothing else of this program is.
+//! The bench that is generated with a machine: that of the ray casting unit in `sim/`, with a small set of golden vectors. With it the
+//! machine can be simulated without the rest of this program.
 
 use crate::bkd::layout::MemoryImage;
 use crate::bkd::{BuildOptions, build};
@@ -12,33 +12,33 @@ use serde_json::{Value, json};
 use std::fmt::Write as _;
 use std::fs;
 
-/// The folder of the bench's files, within that of the machine.
+/// The folder of the bench's files, inside the folder of the machine.
 pub const FOLDER: &str = "sim";
 
-/// What it casts: primary rays of a picture of a built-in scene, and the variants of them that vectors always have.
+/// The scene whose primary rays are cast; the variants of rays that all vectors have are added.
 const SCENE: &str = "builtin:cornell";
 const PICTURE: (u32, u32) = (8, 8);
 
-/// The bench and what surrounds the unit in it, in which modules have their names of the default prefix.
+/// The bench and the models around the unit; their modules use the names of the default prefix.
 const SOURCES: [(&str, &str); 2] = [
     ("raycast_tb", include_str!("../../sim/raycast_tb.v")),
     ("memory", include_str!("../../sim/memory.v")),
 ];
-/// What the names begin with of files of what trace ports show.
+/// Prefixes of the names of files that only trace ports need.
 const TRACED: [&str; 3] = ["packet_step_", "triangle_test_", "ray_transform_"];
 const MACROS: (&str, &str) = ("bench.vh", include_str!("../../sim/bench.vh"));
 
-/// A bench: its files by their names within the folder of the machine.
+/// A bench: its files, with names relative to the folder of the machine.
 pub struct Bench {
-    /// Its module, as it is emitted.
+    /// The name of its top module.
     pub top: String,
-    /// Verilog to compile.
+    /// The Verilog files to compile.
     pub sources: Vec<(String, String)>,
-    /// What the Verilog includes.
+    /// The Verilog files to include.
     pub headers: Vec<(String, String)>,
-    /// What the bench reads where it runs, by names without a folder.
+    /// The files that the bench reads at run time, by names without a folder.
     pub data: Vec<(String, String)>,
-    /// Rays that are cast.
+    /// Number of rays cast.
     rays: u64,
 }
 
@@ -46,7 +46,7 @@ impl Bench {
     /// Casts the rays in the golden model and writes the vectors of the ray casting unit.
     ///
     /// # Errors
-    /// There is no room for temporary files; none that a configuration makes is known.
+    /// If temporary files cannot be written. No configuration is known to cause an error.
     pub fn new(machine: &Machine) -> Result<Bench> {
         let (folder, summary) =
             vectors_of(machine).with_context(|| format!("vectors of {SCENE}"))?;
@@ -55,8 +55,8 @@ impl Bench {
             fs::read_to_string(&path).with_context(|| format!("cannot read {}", path.display()))
         };
         let header = read(HEADER)?;
-        // The bench says itself what it loads: what trace ports show only of a machine that has them; of an image of one level no ray
-        // transformations.
+        // The bench determines which files it loads: those for trace ports only for a machine that has them, and no ray
+        // transformations for an image of one level.
         let loaded = SOURCES[0].1.split("`LOAD(\"").skip(1);
         let loaded: Vec<&str> = loaded
             .filter_map(|rest| rest.split('"').next())
@@ -97,19 +97,19 @@ impl Bench {
         })
     }
 
-    /// All its files.
+    /// All files of the bench.
     pub fn files(&self) -> impl Iterator<Item = &(String, String)> {
         self.sources.iter().chain(&self.headers).chain(&self.data)
     }
 
-    /// What the manifest of the machine says of it.
+    /// The entry of the bench in the machine's manifest.
     pub fn describe(&self) -> Value {
         let files: Vec<&str> = self.files().map(|(name, _)| name.as_str()).collect();
         json!({"top": self.top, "scene": SCENE, "rays": self.rays, "files": files})
     }
 }
 
-/// The vectors of all units of a machine in a temporary folder.
+/// Writes the vectors of all units of a machine to a temporary folder.
 fn vectors_of(machine: &Machine) -> Result<(temporary::Folder, Summary)> {
     let config = &machine.config;
     let scene = scene::load(SCENE)?;
@@ -145,7 +145,7 @@ fn vectors_of(machine: &Machine) -> Result<(temporary::Folder, Summary)> {
     Ok((folder, summary))
 }
 
-/// How many lines of a file the packets need. Those that follow are for the benches of units alone.
+/// The number of lines of a file that the packets use. The remaining lines are only for the benches of single units.
 fn lines_used(file: &str, summary: &Summary) -> Option<usize> {
     let lines = match file {
         _ if file.starts_with("packet_step_") => summary.steps,
@@ -155,7 +155,7 @@ fn lines_used(file: &str, summary: &Summary) -> Option<usize> {
     usize::try_from(lines).ok()
 }
 
-/// The part of the header that is of the files that are loaded, with the lines that are left of them.
+/// The part of the header for the loaded files, with their reduced numbers of lines.
 fn header_of(header: &str, loaded: &[&str], summary: &Summary) -> String {
     let is_of_another = |section: &&str| {
         let title = section.lines().next().unwrap_or_default();

@@ -1,29 +1,29 @@
-//! Arithmetic at the golden model's speed: a number is carried exactly in an `f64`, an operation is the
-//! hardware's `f64` operation and one rounding.
+//! Arithmetic at the golden model's speed: a number is represented exactly in an `f64`; an operation is the
+//! hardware's `f64` operation followed by one rounding.
 //!
-//! With p = 53 ≥ 2·24 + 2 bits, rounding a sum, product or quotient of numbers of at most 24 bits twice is
-//! rounding it once, and with at most 10 exponent bits no such `f64` result over- or underflows.
+//! With p = 53 ≥ 2·24 + 2 bits, rounding a sum, product or quotient of numbers of at most 24 bits twice gives the same
+//! result as rounding it once, and with at most 10 exponent bits no such `f64` result overflows or underflows.
 
 use super::Format;
 
-/// The operations of one format on numbers carried in `f64`. Every operand must be a number of the format.
+/// The operations of one format on numbers in `f64`. Every operand must be a value of the format.
 ///
-/// Rounding and stepping have no branches, so that a loop over a packet's rays becomes vector instructions
-/// wherever the compiler may use them (with AVX2, 2.5 times as fast), and that zeros and infinities cost no more than any number.
+/// Rounding and stepping have no branches, so a loop over a packet's rays becomes vector instructions
+/// if the compiler may use them (with AVX2, 2.5 times as fast), and zeros and infinities cost no more than other numbers.
 #[derive(Clone, Copy, Debug)]
 pub struct Arithmetic {
     format: Format,
-    /// Bits of an `f64` fraction beyond the format's.
+    /// Number of fraction bits of an `f64` in addition to the format's.
     shift: u32,
     half_minus_one: u64,
     keep: u64,
-    /// The least and the greatest magnitude, as `f64` bit patterns, that round to a normal number.
+    /// The minimum and maximum magnitudes that round to a normal number, as `f64` bit patterns.
     least_rounded: u64,
     greatest_rounded: u64,
     /// The greatest number, as an `f64` bit pattern.
     greatest: u64,
-    /// For [`Arithmetic::step`]: the greatest number's position, and what an `f64` bit pattern, shifted,
-    /// exceeds its number's position by.
+    /// For [`Arithmetic::step`]: the position of the greatest number, and the difference between a shifted `f64` bit pattern
+    /// and its number's position.
     greatest_position: i64,
     offset: i64,
 }
@@ -62,8 +62,8 @@ impl Arithmetic {
     pub fn round(&self, value: f64) -> f64 {
         let bits = value.to_bits();
         let magnitude = bits & !SIGN;
-        // Half an ulp more, but a little less where that would take a tie to an odd number; then the excess is cut
-        // off. A carry out of the fraction increments the exponent, as it must.
+        // Add half an ulp, or slightly less if that would round a tie to an odd number, and truncate.
+        // A carry out of the fraction increments the exponent, as required.
         let odd = bits.wrapping_shr(self.shift) & 1;
         let more = self.half_minus_one.wrapping_add(odd);
         let rounded = bits.wrapping_add(more) & self.keep;
@@ -75,7 +75,7 @@ impl Arithmetic {
         if magnitude <= self.greatest_rounded {
             f64::from_bits(rounded)
         } else {
-            // An infinity of its sign, or NaN.
+            // An infinity with the same sign, or NaN.
             value * f64::INFINITY
         }
     }
@@ -101,20 +101,20 @@ impl Arithmetic {
         self.round(1.0 / a)
     }
 
-    /// `candidate` where it is less than `bound`, else `bound`: a NaN never replaces a bound.
+    /// `candidate` if it is less than `bound`, otherwise `bound`: a NaN never replaces a bound.
     #[inline(always)]
     pub fn min(&self, bound: f64, candidate: f64) -> f64 {
         if candidate < bound { candidate } else { bound }
     }
 
-    /// `candidate` where it is greater than `bound`, else `bound`: a NaN never replaces a bound.
+    /// `candidate` if it is greater than `bound`, otherwise `bound`: a NaN never replaces a bound.
     #[inline(always)]
     pub fn max(&self, bound: f64, candidate: f64) -> f64 {
         if candidate > bound { candidate } else { bound }
     }
 
-    /// The number `ulps` steps above `value` (below, where negative). −0 and +0 are one value whose
-    /// neighbours are ± the least normal, beyond the greatest is ∞; ±∞ and NaN do not step.
+    /// The number `ulps` steps above `value`, or below it if negative. −0 and +0 are one value whose
+    /// neighbours are ± the least normal number. Beyond the greatest number is ∞; ±∞ and NaN do not change.
     #[inline(always)]
     pub fn step(&self, value: f64, ulps: i32) -> f64 {
         let bits = value.to_bits();
@@ -126,7 +126,7 @@ impl Arithmetic {
                 position
             }
         };
-        // On this line the format's numbers are consecutive integers: zero is 0, the least normal 1.
+        // Positions are consecutive integers: zero is 0, the least normal number is 1.
         let position = if magnitude == 0 {
             0
         } else {

@@ -11,7 +11,7 @@ pub struct Format {
     fraction_bits: u32,
 }
 
-/// A format outside the supported range.
+/// The error of a format outside the supported range.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct FormatError {
     exponent_bits: u32,
@@ -36,20 +36,20 @@ impl fmt::Display for FormatError {
 impl std::error::Error for FormatError {}
 
 impl Format {
-    /// The range of exponent bits that a format may have.
+    /// The range of a format's exponent bits.
     pub const EXPONENT_BITS: std::ops::RangeInclusive<u32> = 3..=10;
-    /// The range of fraction bits that a format may have: all that an `f64` rounds innocuously.
+    /// The range of a format's fraction bits, limited so that double rounding through `f64` is exact.
     pub const FRACTION_BITS: std::ops::RangeInclusive<u32> = 2..=23;
-    /// The reference format: a 17-bit significand is what one DSP48 multiplies.
+    /// The reference format: one DSP48 multiplies its 17-bit significands.
     pub const FP24: Format = Format {
         exponent_bits: 7,
         fraction_bits: 16,
     };
 
-    /// A format of the given bits.
+    /// The format with the given numbers of bits.
     ///
     /// # Errors
-    /// Where either is outside its range.
+    /// If either is outside its range.
     pub fn new(exponent_bits: u32, fraction_bits: u32) -> Result<Self, FormatError> {
         if Self::EXPONENT_BITS.contains(&exponent_bits)
             && Self::FRACTION_BITS.contains(&fraction_bits)
@@ -74,12 +74,12 @@ impl Format {
         self.fraction_bits
     }
 
-    /// Bits of a number: sign, exponent and fraction.
+    /// Width of a number in bits: sign, exponent and fraction.
     pub const fn width(self) -> u32 {
         1 + self.exponent_bits + self.fraction_bits
     }
 
-    /// What is added to a number's exponent before it is stored.
+    /// The value added to a number's exponent before it is stored.
     pub const fn bias(self) -> i32 {
         (1 << (self.exponent_bits - 1)) - 1
     }
@@ -122,13 +122,13 @@ impl Format {
         (self.bias() as u64) << self.fraction_bits
     }
 
-    /// Whether a bit pattern is a NaN's, the canonical one or any other.
+    /// Whether a bit pattern is a NaN, canonical or not.
     pub const fn is_nan(self, bits: u64) -> bool {
         bits & !self.sign_bit() > self.infinity()
     }
 
-    /// The number of a bit pattern, exactly. A pattern with a stored exponent of zero is a zero of its
-    /// sign (there are no subnormals), every NaN pattern is NaN.
+    /// The value of a bit pattern, exactly. A pattern with the stored exponent 0 is a zero with
+    /// its sign (there are no subnormals); every NaN pattern gives NaN.
     pub fn to_f64(self, bits: u64) -> f64 {
         let magnitude = bits & !self.sign_bit();
         let value = if magnitude > self.infinity() {
@@ -149,10 +149,10 @@ impl Format {
         }
     }
 
-    /// The bit pattern of a number that the format holds exactly, −0 included; any NaN gives the canonical one.
+    /// The bit pattern of a value of the format, including −0; any NaN gives the canonical one.
     ///
     /// # Panics
-    /// In debug builds, where `value` is not a number of the format: round it first ([`super::Arithmetic::round`]).
+    /// In debug builds, if `value` is not a value of the format: round it first ([`super::Arithmetic::round`]).
     pub fn to_bits(self, value: f64) -> u64 {
         if value.is_nan() {
             return self.nan();

@@ -1,12 +1,12 @@
 //! The machine's numbers: a parameterised binary floating-point format and its arithmetic.
 //!
 //! A number has 1 sign bit, `exponent_bits` (bias 2^(e−1) − 1) and `fraction_bits`. Results are rounded to
-//! nearest even with unbounded exponent; then below the least normal → zero, above the greatest →
-//! infinity. There are no subnormals, in or out; infinities are IEEE 754's; there is one NaN; a result of
-//! −0 is stored as +0. `docs/arithmetic.md` is normative.
+//! nearest even with an unbounded exponent. Results below the least normal number then become zero, and results above the
+//! greatest number become infinity. There are no subnormals, neither as operands nor as results. Infinities are those of
+//! IEEE 754. There is one NaN. A result of −0 is stored as +0. `docs/arithmetic.md` is normative.
 //!
-//! Two implementations are kept equal by test: [`Arithmetic`], fast, which carries a number exactly in an
-//! `f64`, and [`plain`], on bit patterns with integers only, which reads as the definition does.
+//! Tests compare two implementations: [`Arithmetic`], which is fast and represents a number exactly in an
+//! `f64`, and [`plain`], which uses only integers on bit patterns and follows the definition.
 
 mod fast;
 mod format;

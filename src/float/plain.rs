@@ -1,13 +1,13 @@
-//! The definition of the arithmetic, in integers on bit patterns. Nothing here is fast; everything here is
-//! meant to be read.
+//! The definition of the arithmetic, with integers on bit patterns. The code is written to be read, not to be
+//! fast.
 //!
-//! Every function takes any bit pattern of the format, right-aligned: a stored exponent of 0 makes it a
-//! zero of its sign, whatever its fraction, and every NaN pattern is the one NaN. Every pattern returned
-//! is canonical ([`canonical`]). Arithmetic never returns −0; [`min`] and [`max`] do where they choose it.
+//! Every function accepts any bit pattern of the format, right-aligned: a stored exponent of 0 is a
+//! zero with its sign, whatever its fraction, and every NaN pattern is the one NaN. Every returned pattern
+//! is canonical ([`canonical`]). Arithmetic never returns −0; [`min`] and [`max`] return it if they choose it.
 
 use super::Format;
 
-/// What a bit pattern stands for.
+/// The meaning of a bit pattern.
 #[derive(Clone, Copy)]
 enum Number {
     Nan,
@@ -57,8 +57,8 @@ fn signed(format: Format, negative: bool, magnitude: u64) -> u64 {
     }
 }
 
-/// The one pattern that stands for what `bits` stands for: fraction 0 where the stored exponent is 0, the
-/// canonical NaN for any NaN. The zeros keep their signs.
+/// The canonical pattern with the meaning of `bits`: fraction 0 if the stored exponent is 0, and the
+/// canonical NaN for any NaN. Zeros keep their signs.
 pub fn canonical(format: Format, bits: u64) -> u64 {
     match Number::of(format, bits) {
         Nan => format.nan(),
@@ -71,8 +71,8 @@ pub fn canonical(format: Format, bits: u64) -> u64 {
     }
 }
 
-/// ± `significand` · 2^`exponent` rounded to nearest even as if the exponent had no bounds; then zero below
-/// the least normal number and infinity above the greatest. Zero is always +0.
+/// Rounds ± `significand` · 2^`exponent` to nearest even with an unbounded exponent. Results below
+/// the least normal number then become zero, and results above the greatest become infinity. A zero is always +0.
 fn round(format: Format, negative: bool, significand: u128, exponent: i32) -> u64 {
     if significand == 0 {
         return 0;
@@ -126,8 +126,8 @@ pub fn add(format: Format, a: u64, b: u64) -> u64 {
                 exponent: b_exponent,
             },
         ) => {
-            // With 64 bits below the significands, of at most 24 bits, an operand loses some only where it is
-            // less than 2^−40 ulps of the other: too little to change how that is rounded.
+            // With 64 bits below the significands of at most 24 bits, an operand loses bits only if it is
+            // less than 2^−40 ulps of the other: too little to affect the rounding.
             const GUARD: u32 = 64;
             let exponent = a_exponent.max(b_exponent);
             let align = |significand: u128, own: i32| {
@@ -185,7 +185,7 @@ pub fn reciprocal(format: Format, a: u64) -> u64 {
             significand,
             exponent,
         } => {
-            // A quotient of at least 40 bits; the lowest says that there is a remainder.
+            // A quotient of at least 40 bits; its lowest bit is set if there is a remainder.
             const SCALE: u32 = 64;
             let one = 1_u128 << SCALE;
             let quotient = (one / significand) | u128::from(!one.is_multiple_of(significand));
@@ -194,8 +194,8 @@ pub fn reciprocal(format: Format, a: u64) -> u64 {
     }
 }
 
-/// Where a number lies on the line on which the format's numbers are consecutive integers: both zeros at 0,
-/// the least normal number at 1, +∞ one beyond the greatest. NaN is nowhere.
+/// The position of a number in the order of the format's numbers: both zeros are 0,
+/// the least normal number is 1, and +∞ is one above the greatest number. NaN has no position.
 fn position(format: Format, bits: u64) -> Option<i64> {
     let magnitude = bits & !format.sign_bit();
     let distance = match Number::of(format, bits) {
@@ -210,7 +210,7 @@ fn position(format: Format, bits: u64) -> Option<i64> {
     })
 }
 
-/// The pattern at a [`position`], +0 for zero. Beyond the infinities there is nothing but them.
+/// The pattern at a [`position`], +0 for zero. Positions beyond the infinities give infinities.
 fn at_position(format: Format, position: i64) -> u64 {
     if position == 0 {
         return 0;
@@ -234,20 +234,20 @@ pub fn equal(format: Format, a: u64, b: u64) -> bool {
     matches!((position(format, a), position(format, b)), (Some(a), Some(b)) if a == b)
 }
 
-/// `candidate` where it is less than `bound`, else `bound`: a NaN never replaces a bound.
+/// `candidate` if it is less than `bound`, otherwise `bound`: a NaN never replaces a bound.
 pub fn min(format: Format, bound: u64, candidate: u64) -> u64 {
     let replaced = less(format, candidate, bound);
     canonical(format, if replaced { candidate } else { bound })
 }
 
-/// `candidate` where it is greater than `bound`, else `bound`: a NaN never replaces a bound.
+/// `candidate` if it is greater than `bound`, otherwise `bound`: a NaN never replaces a bound.
 pub fn max(format: Format, bound: u64, candidate: u64) -> u64 {
     let replaced = less(format, bound, candidate);
     canonical(format, if replaced { candidate } else { bound })
 }
 
-/// The number `ulps` steps above `value` (below, where negative). −0 and +0 are one value whose
-/// neighbours are ± the least normal, beyond the greatest is ∞; ±∞ and NaN do not step. Never −0.
+/// The number `ulps` steps above `value`, or below it if negative. −0 and +0 are one value whose
+/// neighbours are ± the least normal number. Beyond the greatest number is ∞; ±∞ and NaN do not change. Never −0.
 pub fn step(format: Format, value: u64, ulps: i32) -> u64 {
     match (Number::of(format, value), position(format, value)) {
         (Finite { .. }, Some(position)) => at_position(format, position + i64::from(ulps)),

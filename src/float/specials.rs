@@ -1,17 +1,17 @@
-//! The operands that arithmetic gets wrong first.
+//! Special operands, for which faults of arithmetic are most likely.
 
 use super::Format;
 use std::collections::HashSet;
 
-/// Formats of at most this many patterns are tested whole.
+/// Formats with at most this number of patterns are tested completely.
 const WHOLE: usize = 1 << 11;
 
-/// The bit patterns whose every pair an arithmetic unit is tested on, the same and in the same order at every
-/// call, none twice: all patterns of a format of at most 11 bits, else at least 2,048 and at most 2,500.
+/// The bit patterns for tests of arithmetic units with all pairs, in a fixed order
+/// and without duplicates: all patterns of a format of at most 11 bits, otherwise 2,048 to 2,500 patterns.
 ///
-/// Both signs of: zeros, infinities, NaNs, patterns with a stored exponent of 0 that are zeros all the same; the
-/// numbers about 1, the least and the greatest normal number; powers of two from one end of the range
-/// to the other, with both neighbours; significands that produce ties and long carries; and a fixed random rest.
+/// With both signs: zeros, infinities, NaNs, and zeros with a non-zero fraction; the
+/// numbers near 1, the least and the greatest normal number; powers of two over the whole range,
+/// with both neighbours; significands that result in ties and long carries; and a fixed random rest.
 pub fn specials(format: Format) -> Vec<u64> {
     if format.width() <= WHOLE.ilog2() {
         return (0..1 << format.width()).collect();
@@ -30,14 +30,14 @@ pub fn specials(format: Format) -> Vec<u64> {
         list.push(fraction);
         list.push(infinity | fraction);
     }
-    // The edges of the range, and 1.
+    // The ends of the range, and 1.
     for distance in 0..4 {
         list.push(format.least_normal() + distance);
         list.push(format.greatest() - distance);
         list.push(format.one() + distance);
         list.push(format.one() - distance);
     }
-    // Fractions of few bits, of many, and halves of them: their sums and products are ties or carry far.
+    // Fractions with few bits, with many bits, and halves of them: their sums and products are ties or have long carries.
     let mut fractions = vec![0, 1, 2, 3, ones, ones - 1, ones - 2, ones >> 1, ones / 3];
     for bit in 0..fraction_bits {
         fractions.extend([1 << bit, 1 << bit | 1, ones ^ 1 << bit, ones >> bit]);
@@ -54,7 +54,7 @@ pub fn specials(format: Format) -> Vec<u64> {
         list.push(power + 1);
         list.push(power - 1);
     }
-    // The rest: any exponent, with one of these fractions or any.
+    // The rest: any exponent, with one of these fractions or a random one.
     let mut random = SplitMix64(0x24);
     while list.patterns.len() < WHOLE {
         let exponent = 1 + random.below(format.exponent_mask() - 1);
@@ -67,8 +67,8 @@ pub fn specials(format: Format) -> Vec<u64> {
     list.patterns
 }
 
-/// Stored exponents of normal numbers: all of them where there are at most 128; else those at either end and
-/// about 1 as far as significands reach, and an even sample of the others.
+/// Stored exponents of normal numbers: all if there are at most 128, otherwise those at both ends and
+/// near 1 within the reach of significands, and an even sample of the others.
 fn exponents(format: Format) -> Vec<u64> {
     let last = format.exponent_mask() - 1;
     let one = format.bias() as u64;
@@ -100,7 +100,7 @@ impl List {
     }
 }
 
-/// A generator of this file's own, so that the list never changes with a library.
+/// An own generator, so the list does not depend on the version of a library.
 struct SplitMix64(u64);
 
 impl SplitMix64 {

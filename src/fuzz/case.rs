@@ -1,27 +1,27 @@
-//! A machine and what it is given to do, drawn from a seed.
+//! A machine and its workload, generated from a seed.
 
 use crate::config::{Config, KEYS, Key, Values};
 use anyhow::{Context, Result, bail};
 use std::fmt::Write as _;
 
-/// How much a machine is given to do.
+/// The sizes of a workload.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct Sizes([u32; Sizes::NAMES.len()]);
 
-/// One of [`Sizes`].
+/// The name of one of the [`Sizes`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Size {
-    /// Objects of the scene that moves.
+    /// Objects in the animated scene.
     Objects,
-    /// Triangles of each of them, fewer where the machine cannot hold as many.
+    /// Triangles per object, or fewer if the machine cannot hold as many.
     Triangles,
-    /// Places in which they stand.
+    /// Instances in the animated scene.
     Instances,
-    /// Frames of the scene that moves.
+    /// Frames of the animated scene.
     Frames,
-    /// Packets of rays, of each frame and of each scene that stands still.
+    /// Packets of rays per frame of the animated scene, and per static scene.
     Packets,
-    /// Packet steps, tests, transformations, instructions of each unit alone.
+    /// Packet steps, tests, transformations or instructions per unit.
     Transactions,
 }
 
@@ -39,7 +39,7 @@ impl Size {
         Sizes::NAMES[self as usize]
     }
 
-    /// The greatest value: what every machine can hold, and does in seconds.
+    /// The maximum value: every machine can hold it and processes it in seconds.
     pub fn most(self) -> u32 {
         match self {
             Size::Objects | Size::Frames => 3,
@@ -102,7 +102,7 @@ impl Sizes {
     }
 }
 
-/// A machine and what it is given to do. Scenes and stimuli follow from the seed, the configuration and the sizes alone.
+/// A machine and its workload. Scenes and stimuli depend only on the seed, the configuration and the sizes.
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
 pub struct Case {
     pub seed: u64,
@@ -111,8 +111,8 @@ pub struct Case {
 }
 
 impl Case {
-    /// The case of a seed: every key of [`KEYS`] random within its range, its least and its greatest value more often
-    /// than others.
+    /// The case of a seed: every key of [`KEYS`] is random within its range. The minimum and the maximum have a higher
+    /// probability than other values.
     pub fn random(seed: u64) -> Case {
         let mut rng = fastrand::Rng::with_seed(seed ^ 0x6d61_6368_696e_6573);
         let sizes = Sizes::draw(&mut rng);
@@ -132,7 +132,7 @@ impl Case {
         }
     }
 
-    /// The keys that differ from the reference machine's, each as `section.name=value`, as `--set` takes them.
+    /// The keys that differ from the reference machine's, each as `section.name=value`, the syntax of `--set`.
     pub fn settings(&self) -> Vec<String> {
         let reference = Config::reference();
         let differs = |key: &&Key| key.value(&self.config) != key.value(&reference);
@@ -140,7 +140,7 @@ impl Case {
         KEYS.iter().filter(differs).map(setting).collect()
     }
 
-    /// The command that checks the case again, `stage` being the only one if one is given.
+    /// The command that checks this case, with only the given stage if there is one.
     pub fn command(&self, stage: Option<super::Stage>) -> String {
         let mut text = format!("dynrt fuzz --machines 1 --seed {}", self.seed);
         if let Some(stage) = stage {
@@ -166,12 +166,12 @@ impl Case {
     }
 }
 
-/// Gives a key a value that it may have.
+/// Sets a key to a valid value.
 pub(super) fn set(config: &mut Config, key: &Key, value: &str) {
     (config.set(&key.path(), value)).expect("the value is one of the key's own");
 }
 
-/// A key's value without quotes.
+/// The value of a key without quotes.
 pub(super) fn plain(value: &str) -> &str {
     value.trim_matches('"')
 }
@@ -220,7 +220,7 @@ mod tests {
             other.command(Some(super::super::Stage::Tpu)),
             "dynrt fuzz --machines 1 --seed 7 --stage tpu --config virtex4-lx160 --set packets.rays=8 --size triangles=3"
         );
-        // The settings make the machine again.
+        // The settings reproduce the machine.
         let mut again = Config::reference();
         for setting in case.settings() {
             let (path, value) = setting.split_once('=').unwrap();

@@ -1,11 +1,11 @@
 //! Random machines: each is generated, linted by three tools, and co-simulated unit by unit and as a whole.
 //!
-//! A [`Case`] is a configuration and sizes of what it is given to do, both drawn from a seed. It goes through [`Stage`]s;
-//! the first that fails ends the run, and [`shrink`] looks for the plainest case that still fails there. Machine number k
-//! of seed S is the first one of seed S + k, so that every machine is replayed by a seed of its own.
+//! A [`Case`] is a configuration and the sizes of its workload, both generated from a seed. It passes through [`Stage`]s.
+//! The first failure ends the run, and [`shrink`] searches for the simplest case that fails in the same stage. Machine
+//! number k of seed S is the first machine of seed S + k, so a seed is sufficient to repeat a machine.
 //!
-//! What has passed is remembered in the cache under a hash of the case and of all its Verilog: a run that was cut off goes on
-//! where it was, and a machine whose Verilog has changed is checked again.
+//! Passed machines are stored in the cache under a hash of the case and of all its Verilog. An interrupted run resumes where
+//! it stopped, and a machine whose Verilog has changed is checked again.
 
 mod case;
 mod scene;
@@ -27,27 +27,27 @@ use serde_json::{Value, json};
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
-/// Which machines to check, and how.
+/// The machines to check, and the checks.
 #[derive(Clone, Debug)]
 pub struct Options {
-    /// Of the first machine; each further one's is greater by one.
+    /// Seed of the first machine; it increases by one per machine.
     pub seed: u64,
-    /// At least one.
+    /// Number of machines, at least 1.
     pub machines: u32,
-    /// What they go through; none is nothing checked, and an error.
+    /// Stages to run; at least one.
     pub stages: Vec<Stage>,
-    /// In place of random ones the same machine again and again, given other things to do.
+    /// If given, this machine is checked with different workloads, instead of random machines.
     pub config: Option<Config>,
-    /// Sizes in place of random ones, as `NAME=VALUE`.
+    /// Sizes that replace random ones, as `NAME=VALUE`.
     pub sizes: Vec<String>,
-    /// Checks machines again that are remembered as checked.
+    /// Whether to check machines again that have passed before.
     pub again: bool,
-    /// The most cases to try on the way to a plainer one that fails; 0: a failing machine stays as it is.
+    /// Maximum number of cases to try while shrinking; 0: do not shrink.
     pub shrink_attempts: usize,
 }
 
 impl Options {
-    /// All stages of so many random machines.
+    /// All stages for the given number of random machines.
     pub fn new(seed: u64, machines: u32) -> Options {
         Options {
             seed,
@@ -63,7 +63,7 @@ impl Options {
     /// The machines, in order.
     ///
     /// # Errors
-    /// A size that is none.
+    /// If a size is invalid.
     pub fn cases(&self) -> Result<Vec<Case>> {
         (0..self.machines).map(|number| self.case(number)).collect()
     }
@@ -85,9 +85,9 @@ impl Options {
 pub struct Passed {
     pub case: Case,
     pub checked: Vec<Checked>,
-    /// That its checks took, when they were made.
+    /// Duration of its checks when they were run.
     pub seconds: f64,
-    /// An earlier run checked it.
+    /// Whether an earlier run checked it.
     pub remembered: bool,
 }
 
@@ -96,39 +96,39 @@ pub struct Passed {
 pub struct Failed {
     pub case: Case,
     pub failure: Failure,
-    /// The plainest case found that fails in the same stage, how it fails, and how many cases were tried.
+    /// The simplest case found that fails in the same stage, its failure, and the number of cases tried.
     pub shrunk: Case,
     pub shrunk_failure: Failure,
     pub attempts: usize,
 }
 
-/// What a run tells as it goes.
+/// Progress of a run.
 pub enum Event<'a> {
-    /// A machine, counted from 0, enters a stage.
+    /// A machine, counted from 0, starts a stage.
     Enters(u32, &'a Case, Stage),
     Passed(u32, &'a Passed),
-    /// It has failed, and is about to be shrunk.
+    /// The machine has failed, and shrinking starts.
     Failed(u32, &'a Case, &'a Failure),
-    /// So many cases were tried; the plainest that fails so far.
+    /// The number of cases tried so far, and the simplest one that fails.
     Shrinks(usize, &'a Case),
 }
 
-/// What a run found.
+/// The result of a run.
 #[derive(Clone, Debug, Default)]
 pub struct Report {
     pub passed: Vec<Passed>,
-    /// The first that failed; the run ended there.
+    /// The first failed machine; the run ended there.
     pub failed: Option<Failed>,
 }
 
 impl Report {
-    /// Files, tools and results that were found right, of all machines.
+    /// Number of files, tools and results that passed, over all machines.
     pub fn checked(&self) -> u64 {
         let checked = self.passed.iter().flat_map(|passed| &passed.checked);
         checked.map(|checked| checked.count).sum()
     }
 
-    /// The same of one stage.
+    /// The same for one stage.
     pub fn checked_in(&self, stage: Stage) -> u64 {
         let checked = self.passed.iter().flat_map(|passed| &passed.checked);
         let of_stage = checked.filter(|checked| checked.stage == stage);
@@ -136,10 +136,10 @@ impl Report {
     }
 }
 
-/// Checks machines one after another, until one fails.
+/// Checks machines one after another until one fails.
 ///
 /// # Errors
-/// Nothing to check; a size that is none; a tool that is missing. A machine that fails is no error here: it is in the report.
+/// If nothing is to be checked, if a size is invalid, or if a tool is missing. A failing machine is no error here; it is in the report.
 pub fn run(
     bench: &Workbench,
     options: &Options,
@@ -200,7 +200,7 @@ pub fn run(
     Ok(report)
 }
 
-/// Shrinks a failing case as long as it fails in the same stage.
+/// Shrinks a failing case while it fails in the same stage.
 fn plainest(
     bench: &Workbench,
     options: &Options,
@@ -230,7 +230,7 @@ fn plainest(
     }
 }
 
-/// What is remembered of machines that have passed: a file each in the cache.
+/// The passed machines, one file per machine in the cache.
 struct Memory {
     folder: PathBuf,
 }
@@ -247,7 +247,7 @@ impl Memory {
         Ok(Memory { folder })
     }
 
-    /// All that a machine's checks depend on. None if it cannot even be generated.
+    /// The key of everything on which a machine's checks depend; `None` if the machine cannot be generated.
     fn key(case: &Case, stages: &[Stage]) -> Option<String> {
         let emitted = std::panic::catch_unwind(|| {
             let plan = Plan::new(&case.config)?;
@@ -271,7 +271,7 @@ impl Memory {
         self.folder.join(format!("{key}.json"))
     }
 
-    /// What was found of a machine, and in how many seconds; nothing where that is not known whole.
+    /// The stored results of a machine and their duration; `None` unless they are complete.
     fn recall(&self, key: &str, stages: &[Stage]) -> Option<(Vec<Checked>, f64)> {
         let text = std::fs::read_to_string(self.path(key)).ok()?;
         let value: Value = serde_json::from_str(&text).ok()?;
@@ -311,7 +311,7 @@ mod tests {
         let checked: Vec<_> = (checked.map(|(count, stage)| Checked { stage, count })).collect();
         memory.remember(&key, &case, &checked, 1.5).unwrap();
         assert_eq!(memory.recall(&key, &stages), Some((checked, 1.5)));
-        // What was not checked is not remembered as such.
+        // A stage that was not run is not stored as passed.
         assert!(memory.recall(&key, &Stage::ALL).is_none());
 
         let mut others = vec![(Case::random(6), &stages[..]), (case.clone(), &stages[..1])];

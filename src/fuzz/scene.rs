@@ -1,7 +1,7 @@
-//! Small random scenes that move: triangles of every degenerate kind, instances turned, mirrored and pressed flat, vertices
+//! Small random animated scenes: degenerate triangles of all kinds; rotated, mirrored and flattened instances; vertices
 //! moved by the host and by joints.
 //!
-//! Every part of a scene has a random stream of its own, so that one with fewer parts is the same but for those.
+//! Every part of a scene has its own random stream, so a scene with fewer parts has the same remaining parts.
 
 use super::case::{Case, Size};
 use crate::bkd::layout::{Columns, Influence, InstanceRecord};
@@ -19,13 +19,13 @@ use anyhow::{Result, ensure};
 use fastrand::Rng;
 use glam::{DAffine3, DMat3, DQuat, DVec3};
 
-/// The greatest coordinate at rest: small, so that even the narrowest format reaches what it becomes.
+/// The maximum coordinate at rest. It is small enough that the narrowest format can represent the moved vertices.
 const REACH: i32 = 3;
 
-/// The most joints of an object.
+/// Maximum number of joints of an object.
 const MOST_JOINTS: u32 = 4;
 
-/// A random scene that moves, and the rays into each of its frames.
+/// A random animated scene, and the rays for each of its frames.
 pub struct RandomFilm {
     scene: MachineScene,
     frames: Vec<MachineFrame>,
@@ -33,7 +33,7 @@ pub struct RandomFilm {
     packets: Vec<RayPacket>,
 }
 
-/// Which part of a scene a random stream is for.
+/// The part of a scene to which a random stream belongs.
 #[derive(Clone, Copy)]
 enum Part {
     Object,
@@ -46,13 +46,13 @@ enum Part {
 fn stream(seed: u64, part: Part, place: &[u32]) -> Rng {
     let mut state = seed ^ 0x0066_696c_6d00 ^ part as u64;
     for &number in place {
-        // One step of a generator each, so that neighbours have nothing in common.
+        // One step of a generator each, so neighbouring streams are unrelated.
         state = Rng::with_seed(state).u64(..) ^ u64::from(number);
     }
     Rng::with_seed(state)
 }
 
-/// How an object's vertices move.
+/// The motion of an object's vertices.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Motion {
     Still,
@@ -75,7 +75,7 @@ fn one_of<T: Copy>(rng: &mut Rng, choices: &[T]) -> T {
     choices[rng.usize(..choices.len())]
 }
 
-/// From −`reach` to `reach`.
+/// A random number from −`reach` to `reach`.
 fn between(rng: &mut Rng, reach: f64) -> f64 {
     (2.0 * rng.f64() - 1.0) * reach
 }
@@ -84,7 +84,7 @@ impl RandomFilm {
     /// The scene of a case.
     ///
     /// # Errors
-    /// Where the machine cannot hold even the plainest scene; no configuration within range is known to be so small.
+    /// If the machine cannot hold even the simplest scene. No configuration within the ranges is known to be that small.
     pub fn new(case: &Case) -> Result<RandomFilm> {
         let Case {
             seed,
@@ -107,7 +107,7 @@ impl RandomFilm {
             instances,
         };
         let mut frames: Vec<MachineFrame> = vec![];
-        // Where the host has put vertices up to the frame, and where they then are.
+        // The vertices written by the host up to this frame, and the resulting positions.
         let mut rest: Vec<_> = scene.objects.iter().map(|o| o.rest.clone()).collect();
         let mut posed = rest.clone();
         for number in 0..count(Size::Frames) {
@@ -133,7 +133,7 @@ impl RandomFilm {
                 };
                 let matrix = match fits(&matrix) {
                     Ok(_) => matrix,
-                    // The format is too coarse for it there.
+                    // The format is too coarse at this position.
                     Err(_) => IDENTITY,
                 };
                 fits(&matrix)?;
@@ -144,7 +144,7 @@ impl RandomFilm {
                 instances: matrices.into_iter().map(Some).collect(),
             });
         }
-        // Objects in no instance would have no box that anything shows.
+        // An object without instances would have a box that nothing checks.
         let shown = scene.instances.len().min(scene.objects.len());
         scene.objects.truncate(shown);
         for frame in &mut frames {
@@ -176,7 +176,7 @@ impl RandomFilm {
     }
 }
 
-/// Rays have nothing to do with each other's places; each has a pixel only so that its hit shows.
+/// Rays are unrelated to each other; each has its own pixel, which makes its hit visible.
 const PIXELS_A_ROW: u32 = 16;
 
 struct Object {
@@ -194,14 +194,14 @@ impl Object {
         } = case;
         let rng = &mut stream(*seed, Part::Object, &[number]);
         let motion = match rng.u8(..8) {
-            // Something moves in every scene.
+            // At least one object moves in every scene.
             0 | 1 if number > 0 => Motion::Still,
             0..=3 => Motion::Written,
             4 | 5 => Motion::WrittenAndSkinned,
             _ => Motion::Skinned,
         };
         let joints = rng.u32(1..=MOST_JOINTS.min(config.skinning_joints));
-        // Vectors that the object may take in memory: of a skinned one its palette, and its vertices twice.
+        // The number of vectors that the object may use in memory: a skinned object has its palette, and its vertices twice.
         let instances = u64::from(sizes.get(Size::Instances)) * InstanceRecord::VECTORS as u64;
         let all = (1u64 << config.address_bits) - instances;
         let own = all / u64::from(sizes.get(Size::Objects));
@@ -209,7 +209,7 @@ impl Object {
             true => (own - 4 * u64::from(joints)) / 2,
             false => own,
         };
-        // An update takes up to 2 log2(n) box registers for n triangles.
+        // An update needs up to 2 log2(n) box registers for n triangles.
         let registers = 1 << (config.update_box_registers / 2).min(16);
         let triangles = sizes.get(Size::Triangles).min(registers);
         ensure!(
@@ -245,9 +245,9 @@ impl Object {
         })
     }
 
-    /// What the host gives in a frame.
+    /// The data that the host supplies for a frame.
     fn state(&self, a: &Arithmetic, rest: &[[f64; 3]], frame: u32, rng: &mut Rng) -> ObjectFrame {
-        // Now and then nothing is written, and so nothing moves.
+        // In some frames nothing is written, so nothing moves.
         let is_written = self.motion.is_written() && (frame == 0 || rng.u8(..4) > 0);
         let flat = (rng.u8(..6) == 0).then(|| (rng.usize(..3), on_grid(rng)));
         let onto = (rng.u8(..12) == 0).then(|| [0; 3].map(|_| on_grid(rng)));
@@ -274,9 +274,9 @@ impl Object {
         }
     }
 
-    /// The state, its joints where they were at rest if the format does not hold where they lead.
+    /// The state, with joints at rest if the format cannot represent the moved vertices.
     fn held(&self, a: &Arithmetic, rest: &[[f64; 3]], mut state: ObjectFrame) -> ObjectFrame {
-        // Half of the greatest number, so that the box has room for its widening.
+        // Half of the greatest number, which leaves room for the widening of the box.
         let limit = greatest(a.format()) / 2.0;
         let posed = self.posed(a, rest, &state.palette);
         let mut used = (self.machine.triangles.iter().flatten()).map(|&v| posed[v as usize]);
@@ -294,13 +294,13 @@ impl Object {
     }
 }
 
-/// A mesh in the making.
+/// A mesh under construction.
 struct Mesh {
     vertices: Vec<[f64; 3]>,
     triangles: Vec<[u32; 3]>,
-    /// As many vertices as it may have, at least three.
+    /// Maximum number of vertices, at least three.
     most: usize,
-    /// The plane in which all of it lies, if it does.
+    /// The plane of a flat mesh, if it is flat.
     flat: Option<(usize, f64)>,
 }
 
@@ -308,7 +308,7 @@ impl Mesh {
     fn add(&mut self, a: &Arithmetic, rng: &mut Rng) {
         let kind = rng.u8(..10);
         if kind == 0 && !self.triangles.is_empty() {
-            // Where another one is, perhaps the other way round.
+            // A copy of another triangle, possibly with reversed orientation.
             let mut corners = one_of(rng, &self.triangles);
             match rng.bool() {
                 true => corners.rotate_left(rng.usize(..3)),
@@ -320,7 +320,7 @@ impl Mesh {
         let plane = (kind == 1).then(|| (rng.usize(..3), on_grid(rng)));
         let first = self.corner(a, plane, rng);
         let second = match kind {
-            // No area: two corners are one, or all three.
+            // No area: two or three corners coincide.
             2 | 3 => first,
             // A sliver.
             4 => {
@@ -333,7 +333,7 @@ impl Mesh {
         };
         let third = match kind {
             3 => first,
-            // No area: on the line of the others.
+            // No area: the third corner is on the line of the others.
             5 => {
                 let [p, q] = [first, second].map(|v| self.vertices[v as usize]);
                 let between = [0, 1, 2].map(|i| a.round((p[i] + q[i]) / 2.0));
@@ -346,7 +346,7 @@ impl Mesh {
         self.triangles.push(corners);
     }
 
-    /// A vertex, new or shared with another triangle.
+    /// A vertex, either new or shared with another triangle.
     fn corner(&mut self, a: &Arithmetic, plane: Option<(usize, f64)>, rng: &mut Rng) -> u32 {
         if plane.is_none() && !self.vertices.is_empty() && rng.u8(..3) == 0 {
             return rng.u32(..self.vertices.len() as u32);
@@ -361,7 +361,7 @@ impl Mesh {
         self.vertex(at, rng)
     }
 
-    /// A new vertex if there is room for one, else any.
+    /// A new vertex if there is room, otherwise an existing one.
     fn vertex(&mut self, mut at: [f64; 3], rng: &mut Rng) -> u32 {
         let count = self.vertices.len();
         if count == self.most {
@@ -379,7 +379,7 @@ fn on_grid(rng: &mut Rng) -> f64 {
     f64::from(rng.i32(-REACH..=REACH))
 }
 
-/// 1 to 4 joints that a vertex follows, their weights 1 in sum but for rounding.
+/// Influences of 1 to 4 joints, whose weights have the sum 1 up to rounding.
 fn influences(a: &Arithmetic, joints: u32, rng: &mut Rng) -> Vec<Influence> {
     let count = rng.usize(1..=MOST_INFLUENCES);
     let weights: Vec<f64> = (0..count).map(|_| 0.05 + rng.f64()).collect();
@@ -393,7 +393,7 @@ fn influences(a: &Arithmetic, joints: u32, rng: &mut Rng) -> Vec<Influence> {
         .collect()
 }
 
-/// A matrix of a palette: it turns, mirrors, presses flat, or does nothing, and moves a little.
+/// A matrix of a palette: it rotates, mirrors, flattens or keeps the object, and translates it slightly.
 fn joint(a: &Arithmetic, rng: &mut Rng) -> Columns {
     let linear = match rng.u8(..6) {
         0 => DMat3::IDENTITY,
@@ -406,7 +406,7 @@ fn joint(a: &Arithmetic, rng: &mut Rng) -> Columns {
     matrix.map(|column| column.map(|x| a.round(x) + 0.0))
 }
 
-/// Axes exchanged, some of them mirrored.
+/// A permutation of the axes, some of them mirrored.
 fn exchange(rng: &mut Rng) -> DMat3 {
     let mut axes = [DVec3::X, DVec3::Y, DVec3::Z];
     rng.shuffle(&mut axes);
@@ -423,7 +423,7 @@ fn turn(rng: &mut Rng) -> DMat3 {
     }
 }
 
-/// Where an instance stands in a frame. `before` are the frame's instances of lower numbers.
+/// The placement of an instance in a frame. `before` has the frame's instances with lower numbers.
 fn placement(
     config: &Config,
     seed: u64,
@@ -434,7 +434,7 @@ fn placement(
     let rng = &mut stream(seed, Part::Instance, &[number]);
     let kind = rng.u8(..8);
     if kind == 0 && !before.is_empty() {
-        // Where another one stands, of another object or of the same.
+        // At the position of another instance, of the same or another object.
         return one_of(rng, before);
     }
     let (moves, linear) = match kind {
@@ -467,7 +467,7 @@ fn columns(matrix: &Matrix3x4) -> Columns {
     std::array::from_fn(|column| std::array::from_fn(|row| matrix[row][column]))
 }
 
-/// The greatest finite number of a format, but for its fraction.
+/// The finite number of a format with the greatest exponent and fraction 0.
 fn greatest(format: Format) -> f64 {
     f64::from(format.bias()).exp2()
 }
@@ -478,7 +478,7 @@ fn box_of(triangles: &[[u32; 3]], vertices: &[[f64; 3]]) -> Bounds {
     })
 }
 
-/// Triangles in the world, to aim at.
+/// Triangles in the world as targets of rays.
 struct Targets {
     triangles: Vec<[[f64; 3]; 3]>,
 }
@@ -497,7 +497,7 @@ impl Targets {
         }
     }
 
-    /// Rays that have nothing in common, or begin at one point and go almost the same way.
+    /// Unrelated rays, or rays with one origin and almost the same direction.
     fn packet(&self, a: &Arithmetic, config: &Config, number: u32, rng: &mut Rng) -> RayPacket {
         let size = config.rays_per_packet;
         let together = rng.bool();
@@ -542,7 +542,7 @@ impl Targets {
         let origin = origin.map(|x| a.round(x));
         let mut direction = [0, 1, 2].map(|i| a.round(target[i] - origin[i]));
         if rng.u8(..8) == 0 {
-            // Along an axis: reciprocals are infinite, boxes' planes may hold the ray.
+            // Parallel to an axis: reciprocals are infinite, and the ray may be in a plane of a box.
             direction = [0; 3].map(|_| one_of(rng, &[0.0, -0.0]));
             direction[rng.usize(..3)] = one_of(rng, &[1.0, -1.0]);
         }
@@ -618,7 +618,7 @@ mod tests {
         let case = (0..)
             .map(Case::random)
             .find(|case| {
-                // Room for all vertices, so that none is shared for want of it.
+                // Room for all vertices, so none is shared for lack of room.
                 case.config.address_bits > 12
                     && case.sizes.get(Size::Triangles) > 6
                     && case.sizes.get(Size::Frames) > 1

@@ -1,19 +1,19 @@
-//! From a case that fails to the plainest one that still does.
+//! Shrinks a failing case to the simplest one that still fails.
 
 use super::case::{Case, Size, plain, set};
 use crate::config::{Config, KEYS, Key, Values};
 
-/// The plainest case found.
+/// The simplest case found.
 #[derive(Clone, Debug)]
 pub struct Shrunk {
     pub case: Case,
-    /// Cases tried on the way.
+    /// Number of cases tried.
     pub attempts: usize,
 }
 
-/// Makes a case plainer as long as `fails` says that it still fails: sizes towards 1, then keys towards the reference machine's
-/// values, those of the surroundings first, since they need no other Verilog. `fails` is asked at most `most` times, never
-/// about `case` itself.
+/// Simplifies a case while `fails` returns true. Sizes move towards 1, then keys towards the reference machine's
+/// values. The keys of the memory model come first, because they do not change the Verilog. `fails` is called at most `most`
+/// times, and never with `case` itself.
 pub fn shrink(case: &Case, most: usize, fails: impl FnMut(&Case) -> bool) -> Shrunk {
     let mut search = Search {
         case: case.clone(),
@@ -42,7 +42,7 @@ struct Search<F> {
 }
 
 impl<F: FnMut(&Case) -> bool> Search<F> {
-    /// Goes over to a case if it fails too.
+    /// Replaces the current case if the given one fails too.
     fn take(&mut self, case: Case) -> bool {
         if self.left == 0 || case == self.case {
             return false;
@@ -57,7 +57,7 @@ impl<F: FnMut(&Case) -> bool> Search<F> {
 
     fn sizes(&mut self) {
         for size in Size::ALL {
-            // Least of all, else by halves, at last by ones.
+            // Try 1 first, then halve, then decrement.
             let to = |search: &mut Self, value: u32| {
                 let mut case = search.case.clone();
                 case.sizes.set(size, value);
@@ -67,14 +67,14 @@ impl<F: FnMut(&Case) -> bool> Search<F> {
                 continue;
             }
             while self.case.sizes.get(size) > 3 && to(self, self.case.sizes.get(size) / 2) {}
-            // A thousand transactions less one are no plainer.
+            // Large sizes are not decremented, because 999 transactions are no simpler than 1,000.
             while (3..=24).contains(&self.case.sizes.get(size))
                 && to(self, self.case.sizes.get(size) - 1)
             {}
         }
     }
 
-    /// Gives keys their reference values: all at once, else half of them, and so on down to single keys.
+    /// Sets keys to their reference values: all together, then in groups of half the size, down to single keys.
     fn keys(&mut self, which: impl Fn(&Key) -> bool) {
         let reference = Config::reference();
         let differing: Vec<&Key> = (KEYS.iter())
@@ -93,7 +93,7 @@ impl<F: FnMut(&Case) -> bool> Search<F> {
         }
     }
 
-    /// Brings each number that must differ from the reference as near to it as it can be, by halving the distance.
+    /// Moves each number that must differ from the reference as close to it as possible, by bisection.
     fn values(&mut self) {
         let reference = Config::reference();
         for key in KEYS {
@@ -101,7 +101,7 @@ impl<F: FnMut(&Case) -> bool> Search<F> {
             let (Ok(passes), Ok(fails)) = (number(&reference), number(&self.case.config)) else {
                 continue;
             };
-            // Places in the list of values, or the values themselves.
+            // Indices into the list of values, or the values themselves.
             let place = |value: i64| match &key.values {
                 Values::OneOf(values) => {
                     let at = values.iter().position(|&v| i64::from(v) == value);
@@ -133,7 +133,7 @@ mod tests {
 
     const MANY: usize = 10_000;
 
-    /// A case of which the planted fault holds.
+    /// A case that fails with the seeded fault.
     fn failing(mut fails: impl FnMut(&Case) -> bool) -> Case {
         (0..10_000)
             .map(Case::random)
@@ -151,7 +151,7 @@ mod tests {
                 .iter()
                 .all(|&size| shrunk.case.sizes.get(size) == 1)
         );
-        // Each size once, then all keys at once, those around the machine before.
+        // One attempt per size, then one for the keys of the memory model and one for all others.
         assert!(shrunk.attempts <= Size::ALL.len() + 2);
     }
 
@@ -183,7 +183,7 @@ mod tests {
             let one = case.config.axes_per_node == 1;
             few == one
         };
-        // Both or neither: of a case with both, each alone is none.
+        // Both values or neither: from a case with both, removing one alone passes.
         let both = failing(|case| fault(case) && case.config.axes_per_node == 1);
         let shrunk = shrink(&both, MANY, fault);
         assert_eq!(shrunk.case.settings(), Vec::<String>::new());
@@ -206,7 +206,7 @@ mod tests {
             });
             assert!(shrunk.attempts == asked && asked <= most);
         }
-        // Nothing else fails: the case is already the plainest.
+        // No simpler case fails.
         let shrunk = shrink(&case, MANY, |other| *other == case);
         assert_eq!(shrunk.case, case);
         assert!(shrunk.attempts > 0);

@@ -1,4 +1,4 @@
-//! What every machine goes through.
+//! The stages that every machine passes through.
 
 use super::case::{Case, Size};
 use super::scene::RandomFilm;
@@ -65,32 +65,32 @@ impl Stage {
     }
 }
 
-/// What a stage found to be right: files generated, tools that had nothing to say, or results compared in all bits.
+/// The result of a passed stage: the number of files generated, of tools without a warning, or of results compared in all bits.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Checked {
     pub stage: Stage,
     pub count: u64,
 }
 
-/// Why a machine fails.
+/// A failure of a machine.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Failure {
     pub stage: Stage,
-    /// A line, or a mismatch's report.
+    /// One line, or the report of a mismatch.
     pub message: String,
 }
 
-/// Where models are built: a cache that is emptied after every machine, since none of its models is wanted again.
+/// The folder in which models are built: a cache that is cleared after every machine, because its models are not needed again.
 pub struct Workbench {
     folder: temporary::Folder,
     build: BuildOptions,
-    /// A fault that the Verilog of the units alone is given, to see that it is noticed.
+    /// A fault in the Verilog of one unit, with which tests check that the stage fails.
     fault: Option<(Stage, Fault)>,
 }
 
 impl Workbench {
-    /// A workbench beside the user's models, gone when dropped. Verilator's runtime is compiled on the way, and so all tools are
-    /// known to work.
+    /// Creates a workbench separate from the user's models; it is removed when dropped. Verilator's runtime is compiled here, which
+    /// also checks that all tools work.
     ///
     /// # Errors
     /// One line that names a tool that is missing or fails, or a cache that cannot be written.
@@ -105,7 +105,7 @@ impl Workbench {
             })?;
         let bench = Workbench {
             build: BuildOptions {
-                // Simulations are short: the compiler's time is what counts.
+                // Simulations are short, so the compile time dominates.
                 opt: OPT.into(),
                 cache: Some(folder.path().to_path_buf()),
                 ..BuildOptions::default()
@@ -129,23 +129,23 @@ impl Workbench {
         Ok(bench)
     }
 
-    /// The same, with a fault in the Verilog of one stage's unit.
+    /// As [`Workbench::new`], with a fault in the Verilog of one stage's unit.
     #[must_use]
     pub fn with_fault(mut self, stage: Stage, fault: Fault) -> Workbench {
         self.fault = Some((stage, fault));
         self
     }
 
-    /// Removes the models built so far; failing to is no harm.
+    /// Removes the models built so far; errors are ignored.
     pub fn clear(&self) {
         let _ = std::fs::remove_dir_all(self.folder.path().join("models"));
         let _ = std::fs::remove_dir_all(self.folder.path().join("failed"));
     }
 
-    /// Takes a case through the stages of `stages`, in order. `told` hears of each before it begins.
+    /// Runs the stages of `stages` on a case, in order. `told` is called before each stage.
     ///
     /// # Errors
-    /// The first stage that fails, or that checks nothing.
+    /// The first stage that fails or checks nothing.
     pub fn check(
         &self,
         case: &Case,
@@ -239,7 +239,7 @@ impl Workbench {
         }
     }
 
-    /// Scenes of two levels, through models that wait for nothing and models that wait often.
+    /// Scenes of two levels, with memories that never stall and memories that stall often.
     fn raycast(&self, case: &Case) -> Result<u64> {
         let Case {
             seed,
@@ -290,13 +290,13 @@ impl Workbench {
     }
 }
 
-/// The compiler's options for models.
+/// The compiler's optimisation option for models.
 const OPT: &str = "-O0";
 
-/// Verilator, Icarus, Yosys.
+/// Verilator, Icarus Verilog and Yosys.
 const LINT_TOOLS: u64 = 3;
 
-/// The least that every tool can be tried on.
+/// The smallest module on which every tool can be tried.
 const TRIVIAL: &str = "`default_nettype none
 module trivial (input wire clk, input wire d, output reg q);
     always @(posedge clk) q <= d;

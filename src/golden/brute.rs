@@ -1,8 +1,8 @@
-//! Brute force: every triangle of every instance by the geometry unit's very transformation, test and merge; no tree, no
-//! box of the scene, no packets.
+//! Brute force: tests every triangle of every instance with the transformation, test and merge of the geometry unit, without a
+//! tree, a box of the scene, or packets.
 //!
-//! A triangle that the ray's interval in the triangle's own box rules out is not tested further: that is the test's
-//! own outcome. Triangles go by in the records' order, whose effect on the result is none.
+//! A triangle is not tested further if the ray's interval in the triangle's own box is empty, because the test then gives
+//! a miss. Triangles are tested in the order of the records, which does not affect the result.
 
 use rayon::prelude::*;
 
@@ -16,23 +16,23 @@ use crate::config::TriangleTest;
 use crate::float::Arithmetic;
 use crate::port::{Hit, Ray};
 
-/// Rays whose boxes are clipped side by side.
+/// Number of rays that are clipped together.
 const LANES: usize = 8;
 
 /// The triangles of an object.
 ///
 /// # Panics
-/// Where the image is not sound.
+/// If the image is not valid.
 fn triangles_of(image: &MemoryImage, root: LinkWord) -> Vec<Triangle> {
     let records = image.records_below(root).expect("a sound image");
     let fetch = |index: u32| fetch_triangle(image, &image.records[index as usize]);
     records.into_iter().map(fetch).collect()
 }
 
-/// Tests one ray against every triangle, in the plainest way.
+/// Tests one ray against every triangle, in the simplest way.
 ///
 /// # Panics
-/// Where the image is not sound ([`MemoryImage::check`]).
+/// If the image is not valid ([`MemoryImage::check`]).
 pub fn brute_force(image: &MemoryImage, test: TriangleTest, ray: &Ray) -> Hit {
     let a = Arithmetic::new(image.format);
     let ray = RaySetup::new(&a, ray);
@@ -58,22 +58,22 @@ pub fn brute_force(image: &MemoryImage, test: TriangleTest, ray: &Ray) -> Hit {
     closest.hit
 }
 
-/// A triangle that is not degenerate, and \[least, greatest] coordinate of its box on each axis.
+/// A triangle that is not degenerate, and the \[minimum, maximum] coordinate of its box on each axis.
 type BoxedTriangle = (Triangle, [[f64; 2]; 3]);
 
-/// [`brute_force`] for many rays: the same result, on all cores, several rays at a time.
+/// [`brute_force`] for many rays on all cores, several rays at a time, with the same results.
 #[derive(Clone, Debug)]
 pub struct BruteForce {
     arithmetic: Arithmetic,
     test: TriangleTest,
     objects: Vec<Vec<BoxedTriangle>>,
-    /// Each with its object's place in `objects`; none in a scene of one level, whose only object is in the world.
+    /// Each instance with its object's index in `objects`; empty in a scene of one level, which has one object in the world.
     instances: Vec<(Instance, usize)>,
 }
 
 impl BruteForce {
     /// # Panics
-    /// Where the image is not sound ([`MemoryImage::check`]).
+    /// If the image is not valid ([`MemoryImage::check`]).
     pub fn new(image: &MemoryImage, test: TriangleTest) -> Self {
         let records = image.instance_records().expect("a sound image");
         let root_of = |record: u32| InstanceRecord::from(image.records[record as usize]).root;
@@ -107,7 +107,7 @@ impl BruteForce {
         }
     }
 
-    /// The hits of rays, in order. Rays that are alike and neighbours are fastest.
+    /// The hits of rays, in order. It is fastest if neighbouring rays are similar.
     pub fn cast(&self, rays: &[Ray]) -> Vec<Hit> {
         let mut hits = vec![Hit::MISS; rays.len()];
         rays.par_chunks(LANES)
@@ -146,7 +146,7 @@ impl BruteForce {
         }
     }
 
-    /// Merges what rays in an object's space meet of it.
+    /// Merges the hits of rays in object space with an object.
     fn meet(
         &self,
         object: &[BoxedTriangle],
@@ -160,7 +160,7 @@ impl BruteForce {
         for (triangle, intervals) in object {
             let mut near = windows.map(|[near, _]| near);
             let mut far = windows.map(|[_, far]| far);
-            // near only grows and far only falls: once all are empty they stay so.
+            // near only grows and far only falls, so empty intervals stay empty.
             let mut some = true;
             for (axis, interval) in intervals.iter().enumerate() {
                 lanes.clip(a, &mut near, &mut far, *interval, axis);

@@ -2,8 +2,8 @@
 
 use crate::float::Arithmetic;
 
-/// Ulps by which a near distance is taken down and a far one up: they cover the three roundings of the
-/// plane distance itself, so that a box never loses what it bounds.
+/// Number of ulps by which a near distance is decreased and a far distance is increased. It covers the three roundings of the
+/// plane distance, so a ray never misses the box of a triangle that it hits.
 pub const SLACK_ULPS: i32 = 3;
 
 /// The distance at which a ray meets the plane at coordinate `plane` of an axis; NaN for 0 × ∞.
@@ -44,7 +44,7 @@ mod tests {
         let a = Arithmetic::new(Format::FP24);
         let ulp = 2f64.powi(-16);
         let forward = clip(&a, ANYWHERE, [1.0, 2.0], 0.0, 1.0, false);
-        // Below a power of two an ulp is half as great.
+        // Below a power of two an ulp is half as large.
         assert_eq!(forward, [1.0 - 1.5 * ulp, 2.0 + 6.0 * ulp]);
         let backward = clip(&a, ANYWHERE, [1.0, 2.0], 4.0, -1.0, true);
         assert_eq!(backward, [2.0 - 3.0 * ulp, 3.0 + 6.0 * ulp]);

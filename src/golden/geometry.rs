@@ -1,39 +1,39 @@
-//! The geometry unit: a ray against a triangle, and the merge of a hit into the ray's result.
+//! The geometry unit: the test of a ray against a triangle, and the merge of a hit into the ray's result.
 
 use super::setup::RaySetup;
 use crate::config::TriangleTest;
 use crate::float::Arithmetic;
 use crate::port::Hit;
 
-/// A triangle fetched: what the test reads, and what its box follows from.
+/// A fetched triangle, as the test and its box need it.
 #[derive(Clone, Copy, Debug)]
 pub struct Triangle {
-    /// In the record's order.
+    /// In the order of the record.
     pub vertices: [[f64; 3]; 3],
-    /// The triangle's number in its mesh, which ties and results use.
+    /// The triangle's number in its mesh, which is used in results and to resolve ties.
     pub number: u32,
-    /// Two equal vertices, or a box without extent on two axes: never hit.
+    /// Whether the triangle has two equal vertices, or a box without extent on two axes. It is then never hit.
     pub degenerate: bool,
 }
 
-/// What a ray–triangle test found.
+/// The result of a ray–triangle test.
 #[derive(Clone, Copy, Debug)]
 pub struct Outcome {
     pub hit: bool,
-    /// t, u and v as the triangle test computes them, before t is clamped. Of a miss they may be anything.
+    /// t, u and v as the triangle test computes them, before t is clamped. For a miss they are undefined.
     pub raw: [f64; 3],
-    /// The ray's interval in the triangle's own box, from its window.
+    /// The ray's interval in the triangle's own box, within its window.
     pub near: f64,
     pub far: f64,
-    /// t clamped into that interval; of a hit, its distance.
+    /// t clamped to that interval: the distance of a hit.
     pub t: f64,
 }
 
-/// A ray's result so far.
+/// The current result of a ray.
 #[derive(Clone, Copy, Debug)]
 pub struct Closest {
     pub hit: Hit,
-    /// What a popped entry's near must not exceed.
+    /// Upper bound for the near of a popped entry.
     pub limit: f64,
 }
 
@@ -51,7 +51,7 @@ impl Triangle {
         triangle
     }
 
-    /// Least and greatest corner of the triangle's box.
+    /// Minimum and maximum corner of the triangle's box.
     #[inline(always)]
     pub fn bounds(&self) -> ([f64; 3], [f64; 3]) {
         let [v0, v1, v2] = &self.vertices;
@@ -67,8 +67,8 @@ impl Triangle {
         (lo, hi)
     }
 
-    /// Tests a ray of a window: in an instance [`super::Transformed::window`], else [`super::WHOLE_LINE`]. Without `WHOLE` it stops as soon as a miss is certain, and of a miss only `hit` is of meaning;
-    /// the answer is the same.
+    /// Tests a ray with a window: [`super::Transformed::window`] in an instance, otherwise [`super::WHOLE_LINE`]. Without `WHOLE` it
+    /// stops as soon as a miss is certain; for a miss only `hit` is then defined. The result is the same.
     #[inline(always)]
     pub fn intersect<const WHOLE: bool>(
         &self,
@@ -114,7 +114,7 @@ impl Triangle {
         outcome
     }
 
-    /// Whether the ray's line passes inside, and t, u, v.
+    /// Whether the ray's line passes through the triangle, and t, u, v.
     #[inline(always)]
     pub(crate) fn moller_trumbore<const WHOLE: bool>(
         &self,
@@ -141,7 +141,7 @@ impl Triangle {
         (inside, [t, u, v])
     }
 
-    /// Whether the ray's line passes inside, and t, u, v.
+    /// Whether the ray's line passes through the triangle, and t, u, v.
     #[inline(always)]
     pub(crate) fn watertight<const WHOLE: bool>(
         &self,
@@ -297,7 +297,7 @@ mod tests {
             ([1.0, 3.0], Some(2.0)),
             ([2.0 + ulp, 3.0], Some(2.0 + ulp)),
             ([1.0, 2.0 - ulp], Some(2.0 - ulp)),
-            // Beyond the slack of the triangle's own box nothing is left.
+            // The interval beyond the slack of the triangle's own box is empty.
             ([2.0 + 4.0 * ulp, 3.0], None),
             ([3.0, 1.0], None),
         ];
@@ -326,7 +326,7 @@ mod tests {
                 assert!(!outcome.hit);
             }
         }
-        // Slanted in all axes, a line is not told from a triangle; the tests must cope.
+        // A line that is oblique to all axes is not recognised as degenerate; the tests must handle it.
         let line = Triangle::new([[1.0, 1.0, 1.0], [2.0, 2.0, 2.0], [3.0, 3.0, 3.0]], 0);
         assert!(!line.degenerate);
         test_both(&line, &ray([1.0, 1.0, 1.0], 0.0, f64::INFINITY));

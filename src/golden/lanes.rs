@@ -1,10 +1,10 @@
-//! Clipping N rays at once.
+//! Clips N rays at once.
 
 use super::clip::clip;
 use super::setup::RaySetup;
 use crate::float::Arithmetic;
 
-/// The part of N rays that clipping reads, by axis and lane.
+/// The inputs of clipping for N rays, by axis and lane.
 #[derive(Clone, Copy, Debug)]
 pub struct RayLanes<const N: usize> {
     pub origin: [[f64; N]; 3],
@@ -33,13 +33,13 @@ impl<const N: usize> RayLanes<N> {
     ) {
         #[cfg(target_arch = "x86_64")]
         if N >= 4 && is_x86_feature_detected!("avx2") {
-            // SAFETY: the processor has what the function needs.
+            // SAFETY: the processor has the features that the function needs.
             return unsafe { self.clip_with_avx2(a, near, far, interval, axis) };
         }
         self.clip_anywhere(a, near, far, interval, axis);
     }
 
-    /// [`Self::clip_anywhere`] as vector instructions. Inlined it would not become such.
+    /// [`Self::clip_anywhere`] as vector instructions. It must not be inlined, or it would be compiled without them.
     #[cfg(target_arch = "x86_64")]
     #[target_feature(enable = "avx2")]
     #[inline(never)]

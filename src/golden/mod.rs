@@ -1,21 +1,21 @@
-//! The golden model: the machine's function, bit for bit, without a clock.
+//! The golden model: the function of the machine, exact in all bits, without timing.
 //!
-//! It is written from `docs/arithmetic.md`, in that page's vocabulary, independently of the RTL; a file
-//! models one unit. Numbers of the machine's format are carried exactly in `f64`.
+//! It is written from `docs/arithmetic.md`, in that page's vocabulary, independently of the RTL. Each file
+//! models one unit. Numbers of the machine's format are represented exactly in `f64`.
 //!
 //! | file | unit |
 //! |---|---|
 //! | [`setup`] | ray setup: validity, reciprocals, shear, clip to the scene's box |
-//! | [`clip`] | the plane distance and the clipping by an interval, which all units share |
+//! | [`clip`] | the plane distance and the clipping by an interval, used by all units |
 //! | [`tpu`] | the packet step, the stack entry and its pop |
-//! | [`transform`] | a ray taken to an instance's object, and its window |
+//! | [`transform`] | the ray transformation into an instance's object space, and the window |
 //! | [`geometry`] | both triangle tests, the interval of the triangle's box, the merge of hits |
-//! | [`raycast`] | a packet through all of them: [`Caster`] |
-//! | [`chip`] | the chip: a command list on a memory of bytes |
-//! | [`skinning`] | the skinning processor: a palette of matrices and the influences write vertices |
-//! | [`update`] | the update processor: a program over the vertices writes bounds |
-//! | [`brute`] | every triangle of every instance by the same test with no tree at all |
-//! | [`oracle`] | an independent `f64` intersector that the picture is held against |
+//! | [`chip`] | the chip: executes a command list on a memory of bytes |
+//! | [`raycast`] | a packet in all of these units: [`Caster`] |
+//! | [`skinning`] | the skinning processor: computes vertices from a palette of matrices and influences |
+//! | [`update`] | the update processor: computes bounds from vertices by a program |
+//! | [`brute`] | brute force: every triangle of every instance by the same test, without a tree |
+//! | [`oracle`] | an independent `f64` intersector for comparison with pictures |
 
 pub mod brute;
 pub mod chip;
@@ -39,5 +39,5 @@ pub use raycast::{
 pub use setup::RaySetup;
 pub use transform::{Instance, Transformed, WHOLE_LINE};
 
-/// The most rays that a packet may have.
+/// Maximum number of rays in a packet.
 pub const MOST_RAYS: usize = 8;

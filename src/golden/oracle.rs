@@ -1,4 +1,4 @@
-//! An independent intersector in plain `f64`, which knows nothing of the machine's arithmetic, boxes or trees, and
+//! An independent intersector in plain `f64`, without the machine's arithmetic, boxes or trees, and
 //! an account of the pixels in which the machine sees another triangle.
 
 use anyhow::{Result, ensure};
@@ -7,14 +7,14 @@ use glam::DVec3;
 use crate::float::Format;
 use crate::port::{Hit, NONE, Ray};
 
-/// Triangles in a leaf of the oracle's hierarchy.
+/// Maximum number of triangles in a leaf of the oracle's hierarchy.
 const LEAF_SIZE: usize = 4;
 
 /// Casts rays at a mesh in `f64`.
 #[derive(Clone, Debug)]
 pub struct Oracle {
     corners: Vec<[DVec3; 3]>,
-    /// Triangle numbers, those of a leaf side by side.
+    /// Triangle numbers; those of a leaf are consecutive.
     order: Vec<u32>,
     /// The root is first.
     boxes: Vec<BoxNode>,
@@ -24,62 +24,62 @@ pub struct Oracle {
 struct BoxNode {
     lo: DVec3,
     hi: DVec3,
-    /// Of a leaf its range in `order`; of an inner node its two children's indices.
+    /// For a leaf, the start of its range in `order`; for an inner node, the index of its first child.
     first: u32,
     second: u32,
     leaf: bool,
 }
 
-/// Why machine and oracle may see what they see.
+/// The relation between the results of machine and oracle.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Explanation {
-    /// They see the same triangle, or both none.
+    /// Both see the same triangle, or both none.
     Agrees,
-    /// Two triangles at distances that the format cannot tell apart, |Δt|·|d| ≤ ε, both of which the ray meets or passes within ε of
+    /// Two triangles at distances that the format cannot distinguish, |Δt|·|d| ≤ ε. The ray meets both of them or passes within ε of
     /// an edge.
     SameDistance { difference: f64, epsilon: f64 },
     /// The ray passes within ε of an edge of either triangle.
     NearEdge { distance: f64, epsilon: f64 },
-    /// Neither: the machine is wrong.
+    /// Neither applies, so the machine is wrong.
     Unexplained {
-        /// From the nearest edge.
+        /// Distance from the nearest edge.
         distance: f64,
         epsilon: f64,
     },
 }
 
-/// Of this many rays one may see another triangle than an independent intersector does.
+/// At most one in this many rays may see another triangle than an independent intersector.
 pub const RAYS_PER_DIFFERENCE: usize = 1000;
 
-/// What many rays come to, as two intersectors see them.
+/// The comparison of many rays between two intersectors.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Account {
-    /// Active rays.
+    /// Number of active rays.
     pub rays: usize,
-    /// Rays that hit something in the machine.
+    /// Number of rays with a hit in the machine.
     pub hits: usize,
-    /// Rays that [`Explanation::SameDistance`] explains.
+    /// Number of rays explained by [`Explanation::SameDistance`].
     pub same_distance: usize,
-    /// Rays that [`Explanation::NearEdge`] explains.
+    /// Number of rays explained by [`Explanation::NearEdge`].
     pub near_edge: usize,
-    /// Of those near an edge, the rays that see nothing in the machine and something in the other.
+    /// Number of the latter that miss in the machine and hit in the other intersector.
     pub lost: usize,
-    /// Rays that nothing explains.
+    /// Number of unexplained rays.
     pub unexplained: usize,
-    /// Every ray that sees another triangle, by its index, in order.
+    /// The indices of all rays that see another triangle, in order.
     pub differences: Vec<(usize, Explanation)>,
 }
 
 impl Account {
-    /// Rays that see another triangle, explained or not.
+    /// Number of rays that see another triangle, explained or not.
     pub fn different(&self) -> usize {
         self.differences.len()
     }
 
-    /// Whether there were hits, all differences are explained, and they are few enough ([`RAYS_PER_DIFFERENCE`]).
+    /// Checks that there were hits, that all differences are explained, and that they are few enough ([`RAYS_PER_DIFFERENCE`]).
     ///
     /// # Errors
-    /// One line that says which of these fails.
+    /// One line that describes the failed check.
     pub fn verdict(&self) -> Result<()> {
         let Account {
             rays,
@@ -105,10 +105,10 @@ impl Account {
 }
 
 impl Oracle {
-    /// An oracle for a mesh of rounded vertices.
+    /// Creates an oracle for a mesh of rounded vertices.
     ///
     /// # Panics
-    /// Where a triangle names a vertex that is not there.
+    /// If a triangle names a missing vertex.
     pub fn new(vertices: &[[f64; 3]], triangles: &[[u32; 3]]) -> Self {
         let corner = |index: u32| DVec3::from_array(vertices[index as usize]);
         let mut oracle = Oracle {
@@ -155,8 +155,8 @@ impl Oracle {
         index as u32
     }
 
-    /// The closest hit with tmin ≤ t ≤ tmax, of equal ones that of the lowest triangle. An inactive or malformed
-    /// ray misses; an any-hit ray is treated like any other.
+    /// The closest hit with tmin ≤ t ≤ tmax; of equal ones, that of the triangle with the lowest number. An inactive or malformed
+    /// ray misses; an any-hit ray is treated like any other ray.
     pub fn cast(&self, ray: &Ray) -> Hit {
         let mut best = Hit::MISS;
         let sound = ray.active && 0.0 <= ray.tmin && ray.tmin <= ray.tmax;
@@ -196,18 +196,18 @@ impl Oracle {
         best
     }
 
-    /// Least and greatest corner of the mesh.
+    /// Minimum and maximum corner of the mesh.
     fn bounds(&self) -> (DVec3, DVec3) {
         self.boxes
             .first()
             .map_or((DVec3::ZERO, DVec3::ZERO), |root| (root.lo, root.hi))
     }
 
-    /// Accounts for what the machine, computing in `format`, sees of rays of which another intersector sees `others`: this
-    /// one, or one that computes in no coarser a format than the machine.
+    /// Compares the machine's hits, computed in `format`, with the hits `others` of another intersector: this one, or one
+    /// with at least the machine's precision.
     ///
     /// # Panics
-    /// If there are not as many hits of either as rays.
+    /// If the numbers of hits and rays differ.
     pub fn account(
         &self,
         format: Format,
@@ -238,8 +238,8 @@ impl Oracle {
         account
     }
 
-    /// Explains what the machine, computing in `format`, sees of a ray of which the oracle sees `exact`. With
-    /// ε = 32 · 2^−(f+1) · (|o| + t·|d| + the box's diagonal), t being the distance at which the respective triangle was hit.
+    /// Explains the machine's result, computed in `format`, for a ray with the oracle's result `exact`.
+    /// ε = 32 · 2^−(f+1) · (|o| + t·|d| + the box's diagonal), where t is the distance of the respective hit.
     pub fn explain(&self, format: Format, ray: &Ray, machine: &Hit, exact: &Hit) -> Explanation {
         if machine.triangle == exact.triangle {
             return Explanation::Agrees;
@@ -259,7 +259,7 @@ impl Oracle {
                 })
                 .fold(f64::INFINITY, f64::min)
         };
-        // That two triangles of one plane are equally far says nothing of where in the plane the ray comes through.
+        // Two triangles in one plane have the same distance at every ray; that does not explain which of them is hit.
         let meets = |hit: &Hit| {
             meet(&self.corners[hit.triangle as usize], origin, direction).is_some()
                 || to_edges(hit) <= epsilon_at(hit.t)
@@ -274,7 +274,7 @@ impl Oracle {
                 };
             }
         }
-        // Of the hits' edges, the one that is nearest in terms of its ε.
+        // Of the edges of both hits, the nearest in units of its ε.
         let mut nearest = (f64::INFINITY, 1.0);
         for hit in [machine, exact] {
             if hit.triangle == NONE {
@@ -295,7 +295,7 @@ impl Oracle {
     }
 }
 
-/// Whether a ray may meet something in a box; generous by far more than `f64` errs.
+/// Whether a ray may hit something in a box; the margin is much larger than the errors of `f64`.
 fn enters(node: &BoxNode, origin: DVec3, inverse: DVec3, tmin: f64, tmax: f64) -> bool {
     let (mut near, mut far) = (tmin, tmax);
     for axis in 0..3 {
@@ -310,8 +310,8 @@ fn enters(node: &BoxNode, origin: DVec3, inverse: DVec3, tmin: f64, tmax: f64) -
     near <= far
 }
 
-/// Where a line meets a triangle: t and the weights of the second and third corner. The triple products are taken
-/// with the corners seen from the origin, so that two triangles agree about an edge they share.
+/// The intersection of a line with a triangle: t and the weights of the second and third corner. The triple products use
+/// the corners relative to the origin, so two triangles agree about a shared edge.
 fn meet(corners: &[DVec3; 3], origin: DVec3, direction: DVec3) -> Option<(f64, f64, f64)> {
     let [a, b, c] = corners.map(|corner| corner - origin);
     let weight_a = direction.dot(c.cross(b));
@@ -327,7 +327,7 @@ fn meet(corners: &[DVec3; 3], origin: DVec3, direction: DVec3) -> Option<(f64, f
     (sum != 0.0 && t.is_finite()).then(|| (t, weight_b / sum, weight_c / sum))
 }
 
-/// The distance between a ray and a segment. Along the segment the distance from the ray is convex.
+/// The distance between a ray and a segment. Along the segment, the distance from the ray is convex.
 fn ray_to_segment(origin: DVec3, direction: DVec3, from: DVec3, to: DVec3) -> f64 {
     let squared = direction.length_squared();
     let from_ray = |part: f64| {

@@ -1,4 +1,4 @@
-//! The ray casting unit: a packet of rays through setup, traversal, ray transformations and triangle tests.
+//! The ray casting unit: a packet of rays in setup, traversal, ray transformation and triangle test.
 
 use std::ops::Range;
 
@@ -15,13 +15,13 @@ use crate::config::TriangleTest;
 use crate::float::Arithmetic;
 use crate::port::{Hit, Ray};
 
-/// Sees everything that happens to a packet, in order. The co-simulation's scoreboards hold the RTL's node steps
-/// and triangle tests against it. A method that is not overridden costs nothing.
+/// Receives all events of a packet, in order. The scoreboards of co-simulation compare them with the RTL's node steps
+/// and triangle tests. A method that is not overridden costs nothing.
 ///
-/// Arrays have a place for each of [`MOST_RAYS`] rays. Of a place outside the mask that goes with it, near and far
-/// have no meaning.
+/// Arrays have one element for each of [`MOST_RAYS`] rays. For a ray outside the corresponding mask, near and far
+/// are undefined.
 pub trait Observer {
-    /// Whether events are made at all.
+    /// Whether events are generated at all.
     const WATCHES: bool = true;
 
     /// One packet step was taken.
@@ -30,24 +30,24 @@ pub trait Observer {
     fn push(&mut self, _event: &PushEvent) {}
     /// An entry was popped, and kept or dropped.
     fn pop(&mut self, _event: &PopEvent) {}
-    /// A leaf was handed over to the geometry unit.
+    /// A leaf was dispatched to the geometry unit.
     fn hand_over(&mut self, _event: &HandOver) {}
-    /// One ray was taken to an instance's object: of an instance handed over, ray by ray from slot 0 up. If some ray
-    /// enters, the packet goes on at the object's root, in its space.
+    /// One ray was transformed into an instance's object space. The rays of a dispatched instance follow in order of slots. If
+    /// any ray enters, the packet continues at the object's root in object space.
     fn enter(&mut self, _event: &EnterEvent) {}
-    /// One ray was tested against one triangle: of a leaf handed over, ray by ray from slot 0 up.
+    /// One ray was tested against one triangle. The rays of a dispatched leaf follow in order of slots.
     fn test(&mut self, _event: &RayTest) {}
 }
 
-/// Watches nothing, at no cost.
+/// An observer that ignores all events, at no cost.
 impl Observer for () {
     const WATCHES: bool = false;
 }
 
-/// Rays that are together somewhere, and their intervals there.
+/// A set of rays, and their intervals in a node or child.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct RaySet {
-    /// Bit k for the ray in slot k.
+    /// Bit k is the ray in slot k.
     pub mask: u8,
     pub near: [f64; MOST_RAYS],
     pub far: [f64; MOST_RAYS],
@@ -56,31 +56,31 @@ pub struct RaySet {
 /// A packet step.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct StepEvent {
-    /// The node's index.
+    /// Index of the node.
     pub node: u32,
-    /// Whether the packet is in an object's space, below a top-level tree.
+    /// Whether the packet is in object space, below a top-level tree.
     pub inside: bool,
-    /// The rays that come, with their intervals.
+    /// The rays that take part, with their intervals.
     pub rays: RaySet,
-    /// The rays that go left, with their intervals clipped by the left child's.
+    /// The rays that enter the left child, with their clipped intervals.
     pub left: RaySet,
-    /// The rays that go right, with their intervals clipped by the right child's.
+    /// The rays that enter the right child, with their clipped intervals.
     pub right: RaySet,
-    /// Of the rays that go both ways, those that go left first.
+    /// The rays that enter both children, the left one first.
     pub left_first: u8,
-    /// Where the packet goes on: the only child that a ray enters, the first of two, or none: it pops.
+    /// The child with which the packet continues: the only one that a ray enters, or the first of two; `None` if it pops.
     pub next: Option<Target>,
 }
 
-/// The second child of a step in which the packet goes both ways.
+/// The second child of a step in which the packet enters both.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct PushEvent {
     pub child: Target,
-    /// Whether the child is in an object's tree below a top-level one.
+    /// Whether the child is in an object's tree, below a top-level tree.
     pub inside: bool,
-    /// The rays that go there, with their intervals.
+    /// The rays that enter the child, with their intervals.
     pub rays: RaySet,
-    /// Entries on the stack, this one included.
+    /// Number of entries on the stack, including this one.
     pub height: u32,
 }
 
@@ -88,75 +88,75 @@ pub struct PushEvent {
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct PopEvent {
     pub child: Target,
-    /// Whether the child is in an object's tree below a top-level one: the packet goes on in the object's space.
+    /// Whether the child is in an object's tree below a top-level tree, so that the packet continues in object space.
     pub inside: bool,
-    /// The rays that stay, with their far bounded by their limit. None stays: the entry is dropped, the next one popped.
+    /// The remaining rays, with their far bounded by their limit. If none remains, the entry is dropped and the next one is popped.
     pub rays: RaySet,
-    /// Entries left on the stack.
+    /// Number of entries left on the stack.
     pub height: u32,
 }
 
-/// A leaf handed over to the geometry unit.
+/// A leaf dispatched to the geometry unit.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct HandOver {
     /// Index of the leaf's record.
     pub record: u32,
-    /// Whether it is an instance, for the rays to enter; else a triangle, for them to be tested.
+    /// Whether the leaf is an instance that the rays enter; otherwise it is a triangle to test.
     pub instance: bool,
-    /// The rays that come.
+    /// The rays that take part.
     pub mask: u8,
 }
 
-/// A ray taken to an instance's object.
+/// A ray transformed into an instance's object space.
 #[derive(Clone, Copy, Debug)]
 pub struct EnterEvent {
-    /// The ray's place in its packet.
+    /// The ray's slot in its packet.
     pub slot: u8,
     /// Index of the instance's record.
     pub record: u32,
     /// The instance's number in the scene.
     pub instance: u32,
-    /// The ray in the object's space, its window, and whether it enters.
+    /// The ray in object space, its window, and whether it enters.
     pub transformed: Transformed,
 }
 
 /// A ray–triangle test and its merge.
 #[derive(Clone, Copy, Debug)]
 pub struct RayTest {
-    /// The ray's place in its packet.
+    /// The ray's slot in its packet.
     pub slot: u8,
     /// Index of the triangle's record.
     pub record: u32,
-    /// The number of the instance that the packet is in, 0 in a scene of one level.
+    /// The number of the current instance, 0 in a scene of one level.
     pub instance: u32,
     /// The triangle's number in its mesh.
     pub triangle: u32,
     pub outcome: Outcome,
-    /// The ray's result with this test merged.
+    /// The ray's result after this test.
     pub merged: Closest,
 }
 
-/// What a packet cost.
+/// The work of a packet.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Counts {
-    /// Packet steps.
+    /// Number of packet steps.
     pub steps: u32,
-    /// Triangles handed over: a packet's triangle tests.
+    /// Triangles dispatched: the packet's triangle tests.
     pub tests: u32,
-    /// Ray–triangle tests: the rays of all triangles handed over.
+    /// Ray–triangle tests: the sum of the rays over all dispatched triangles.
     pub ray_tests: u32,
-    /// Instances handed over: a packet's entries.
+    /// Instances dispatched: the packet's entries into instances.
     pub entries: u32,
-    /// Ray transformations: the rays of all instances handed over.
+    /// Ray transformations: the sum of the rays over all dispatched instances.
     pub ray_transforms: u32,
-    /// The most entries on the stack at one time.
+    /// Maximum number of entries on the stack.
     pub stack_high_water: u32,
 }
 
-/// A packet's results.
+/// The results of a packet.
 #[derive(Clone, Debug)]
 pub struct PacketResult {
-    /// One for each ray given.
+    /// One per given ray.
     pub hits: Vec<Hit>,
     pub counts: Counts,
 }
@@ -164,34 +164,34 @@ pub struct PacketResult {
 /// The results of many packets.
 #[derive(Clone, Debug)]
 pub struct FrameResult {
-    /// One for each ray given, in order.
+    /// One per given ray, in order.
     pub hits: Vec<Hit>,
-    /// One for each packet.
+    /// One per packet.
     pub packets: Vec<Counts>,
 }
 
 impl FrameResult {
-    /// Packet steps of all packets.
+    /// Number of packet steps of all packets.
     pub fn steps(&self) -> u64 {
         self.sum(|packet| packet.steps)
     }
 
-    /// Triangles handed over by all packets.
+    /// Number of triangles dispatched by all packets.
     pub fn tests(&self) -> u64 {
         self.sum(|packet| packet.tests)
     }
 
-    /// Ray–triangle tests of all packets.
+    /// Number of ray–triangle tests of all packets.
     pub fn ray_tests(&self) -> u64 {
         self.sum(|packet| packet.ray_tests)
     }
 
-    /// Instances handed over by all packets.
+    /// Number of instances dispatched by all packets.
     pub fn entries(&self) -> u64 {
         self.sum(|packet| packet.entries)
     }
 
-    /// Ray transformations of all packets.
+    /// Number of ray transformations of all packets.
     pub fn ray_transforms(&self) -> u64 {
         self.sum(|packet| packet.ray_transforms)
     }
@@ -203,7 +203,7 @@ impl FrameResult {
             .sum()
     }
 
-    /// The most entries on any packet's stack.
+    /// Maximum number of entries on any packet's stack.
     pub fn stack_high_water(&self) -> u32 {
         self.packets
             .iter()
@@ -213,10 +213,10 @@ impl FrameResult {
     }
 }
 
-/// A node decoded for traversal.
+/// A node, decoded for traversal.
 #[derive(Clone, Copy, Debug)]
 struct DecodedNode {
-    /// [least, greatest] coordinate of the left and the right child on their axes.
+    /// [minimum, maximum] coordinate of the left and the right child on their axes.
     intervals: [[f64; 2]; 2],
     axes: [u8; 2],
     children: [Target; 2],
@@ -229,9 +229,9 @@ pub struct Caster {
     test: TriangleTest,
     rays_per_packet: usize,
     nodes: Vec<DecodedNode>,
-    /// By record; at an instance's record one that is of no meaning.
+    /// Indexed by record; the element of an instance's record is undefined.
     triangles: Vec<Triangle>,
-    /// Of a scene of two levels: by record, from `first_instance` on.
+    /// In a scene of two levels, indexed by record from `first_instance` on.
     instances: Vec<Instance>,
     first_instance: u32,
     root: Target,
@@ -242,7 +242,7 @@ impl Caster {
     /// Decodes an image that [`MemoryImage::check`] accepts.
     ///
     /// # Panics
-    /// Where `rays_per_packet` is not 1, 2, 4 or 8, or the image is not sound.
+    /// If `rays_per_packet` is not 1, 2, 4 or 8, or if the image is not valid.
     pub fn new(image: &MemoryImage, test: TriangleTest, rays_per_packet: usize) -> Self {
         assert!(
             matches!(rays_per_packet, 1 | 2 | 4 | 8),
@@ -273,17 +273,17 @@ impl Caster {
         self.rays_per_packet
     }
 
-    /// Casts one packet, telling `observer` all that happens. Places without a ray are inactive.
+    /// Casts one packet and reports all events to `observer`. Slots without a ray are inactive.
     ///
     /// # Panics
-    /// Where there are more rays than a packet has.
+    /// If there are more rays than slots in a packet.
     pub fn cast(&self, rays: &[Ray], observer: &mut impl Observer) -> PacketResult {
         let mut hits = vec![Hit::MISS; rays.len()];
         let counts = self.cast_into(rays, &mut hits, observer);
         PacketResult { hits, counts }
     }
 
-    /// Casts rays in packets, in order, on all cores; the last packet is filled up with inactive rays.
+    /// Casts rays in packets, in order, on all cores; inactive rays fill the last packet.
     pub fn cast_packets(&self, rays: &[Ray]) -> FrameResult {
         let mut hits = vec![Hit::MISS; rays.len()];
         let packets = rays
@@ -313,7 +313,7 @@ impl Caster {
         }
     }
 
-    /// Casts a packet of N rays. `INSTANCED` says that the scene has two levels; without it nothing is spent on them.
+    /// Casts a packet of N rays. `INSTANCED` says whether the scene has two levels; without it the code for them is omitted.
     fn traverse<const N: usize, const INSTANCED: bool, O: Observer>(
         &self,
         rays: &[Ray],
@@ -357,27 +357,27 @@ impl Caster {
     }
 }
 
-/// A packet of N rays under way.
+/// A packet of N rays during traversal.
 struct Packet<'a, const N: usize, const INSTANCED: bool, O> {
     caster: &'a Caster,
     observer: &'a mut O,
     /// The rays in the world.
     rays: &'a [RaySetup; N],
     lanes: &'a RayLanes<N>,
-    /// Whether the packet is inside the object of an instance, where `object` stands for its rays.
+    /// Whether the packet is in object space; `object` then has its rays.
     inside: bool,
-    /// Of a scene of two levels.
+    /// `Some` in a scene of two levels.
     object: Option<Inside<N>>,
-    /// The rays that are where the packet is.
+    /// The rays in the current space.
     current: Lanes<N>,
     stack: Vec<Entry<N>>,
     closest: [Closest; N],
     counts: Counts,
 }
 
-// Each step is made once, in the loop of `traverse`, and belongs to it.
+// Each of these steps has one call, in the loop of `traverse`, and is inlined there.
 impl<const N: usize, const INSTANCED: bool, O: Observer> Packet<'_, N, INSTANCED, O> {
-    /// From the root to the last entry of the stack.
+    /// Traverses from the root until the stack is empty.
     #[inline(always)]
     fn traverse(&mut self) {
         let mut next = Some(self.caster.root);
@@ -393,7 +393,7 @@ impl<const N: usize, const INSTANCED: bool, O: Observer> Packet<'_, N, INSTANCED
         }
     }
 
-    /// One packet step. Returns where the packet goes on, the only child that a ray enters or the first of two; the second is pushed.
+    /// Performs one packet step. Returns the child with which the packet continues: the only one that a ray enters, or the first of two; the second one is pushed.
     #[inline(always)]
     fn step(&mut self, index: u32) -> Option<Target> {
         self.counts.steps += 1;
@@ -439,7 +439,7 @@ impl<const N: usize, const INSTANCED: bool, O: Observer> Packet<'_, N, INSTANCED
         next
     }
 
-    /// Puts a child off, and the rays that go there.
+    /// Pushes a child with the rays that enter it.
     #[inline(always)]
     fn push(&mut self, child: Target, rays: Lanes<N>) {
         let inside = self.inside;
@@ -460,7 +460,7 @@ impl<const N: usize, const INSTANCED: bool, O: Observer> Packet<'_, N, INSTANCED
         }
     }
 
-    /// Goes on at an entry that was popped, if any of its rays stays. Returns where.
+    /// Continues with a popped entry if any of its rays remains, and returns its child.
     #[inline(always)]
     fn resume(&mut self, entry: Entry<N>) -> Option<Target> {
         self.inside = entry.inside;
@@ -477,8 +477,8 @@ impl<const N: usize, const INSTANCED: bool, O: Observer> Packet<'_, N, INSTANCED
         (self.current.mask != 0).then_some(entry.child)
     }
 
-    /// A leaf: an instance, which the rays enter, or a triangle, against which they are tested. Returns where the packet goes on, if it
-    /// does so without a pop.
+    /// Processes a leaf: the rays enter an instance, or are tested against a triangle. Returns the node or record with which the packet
+    /// continues, if it continues without a pop.
     #[inline(always)]
     fn hand_over(&mut self, record: u32) -> Option<Target> {
         let instance = INSTANCED && !self.inside;
@@ -496,7 +496,7 @@ impl<const N: usize, const INSTANCED: bool, O: Observer> Packet<'_, N, INSTANCED
         None
     }
 
-    /// Takes the rays to an instance's object, and goes on at its root with those that enter it, if any does.
+    /// Transforms the rays into an instance's object space, and continues at its root with the rays that enter it, if there are any.
     #[inline(always)]
     fn enter(&mut self, record: u32) -> Option<Target> {
         let object = self.object.as_mut()?;
@@ -556,10 +556,10 @@ impl<const N: usize, const INSTANCED: bool, O: Observer> Packet<'_, N, INSTANCED
     }
 }
 
-/// A packet's rays inside the object of the instance that was entered last. An instance that was left is entered
-/// again only by another leaf, so that its entries are gone when the next one is entered.
+/// A packet's rays in the object space of the instance entered last. All stack entries of an instance are gone before
+/// another leaf can enter an instance.
 struct Inside<const N: usize> {
-    /// The instance's number.
+    /// The number of the instance.
     number: u32,
     rays: [RaySetup; N],
     lanes: RayLanes<N>,
@@ -567,7 +567,7 @@ struct Inside<const N: usize> {
 }
 
 impl<const N: usize> Inside<N> {
-    /// Inside of nothing yet; rays that never enter stay as they are.
+    /// The state before any instance is entered; rays that never enter keep it.
     fn new(rays: &[RaySetup; N], lanes: &RayLanes<N>) -> Self {
         Inside {
             number: 0,
@@ -577,7 +577,7 @@ impl<const N: usize> Inside<N> {
         }
     }
 
-    /// Takes the rays of a mask to an instance's object, and returns those that enter it. `watch` sees each one.
+    /// Transforms the rays of a mask into an instance's object space, and returns those that enter it. `watch` receives each ray.
     fn enter(
         &mut self,
         a: &Arithmetic,
@@ -620,7 +620,7 @@ impl<const N: usize> From<&Lanes<N>> for RaySet {
     }
 }
 
-/// The triangles of an image's records, in the records' order; in place of its instances, one at the origin.
+/// The triangles of an image's records, in order; the records of instances give triangles at the origin.
 fn fetch_triangles(image: &MemoryImage, instances: &Range<u32>) -> Vec<Triangle> {
     (0..)
         .zip(&image.records)
@@ -647,18 +647,18 @@ mod tests {
     use crate::float::Format;
     use glam::{DAffine3, DMat3, DVec3, EulerRot};
 
-    /// Checks, while a packet is cast, that events follow from one another as `docs/arithmetic.md` says.
+    /// Checks during a cast that the sequence of events conforms to `docs/arithmetic.md`.
     #[derive(Default)]
     struct Follower {
         instanced: bool,
         counts: Counts,
         stack: Vec<PushEvent>,
-        /// Where the packet must be seen next, and with which rays; of an object's root only the rays are known.
+        /// The next target of the packet, and its rays; for an object's root only the rays are known.
         expected: Option<(Option<Target>, u8)>,
-        /// Whether that is in an object's space.
+        /// Whether that target is in object space.
         inside: bool,
         untested: u8,
-        /// Rays that an instance still waits for, and those that entered it, with their intervals.
+        /// The rays of an instance that are not yet transformed, and those that entered it, with their intervals.
         untransformed: u8,
         entered: Option<RaySet>,
         instance: u32,

@@ -1,10 +1,10 @@
-//! Ray setup: what is computed once a ray, before its packet is traversed.
+//! Ray setup: the computations once per ray before its packet is traversed.
 
 use super::clip::clip;
 use crate::float::Arithmetic;
 use crate::port::Ray;
 
-/// A ray as the TPU and the geometry unit see it.
+/// A ray as the traversal unit and the geometry unit receive it.
 #[derive(Clone, Copy, Debug)]
 pub struct RaySetup {
     pub origin: [f64; 3],
@@ -17,15 +17,15 @@ pub struct RaySetup {
     pub tmin: f64,
     pub tmax: f64,
     pub any_hit: bool,
-    /// Whether the ray may hit at all: active, no NaN, 0 ≤ tmin ≤ tmax.
+    /// Whether the ray can hit anything: it is active, has no NaN, and 0 ≤ tmin ≤ tmax.
     pub valid: bool,
     pub shear: Shear,
 }
 
-/// How the watertight test turns the ray into the third axis. Of meaning only for a valid ray.
+/// The shear with which the watertight test aligns the ray with the third axis. Defined only for a valid ray.
 #[derive(Clone, Copy, Debug)]
 pub struct Shear {
-    /// k_x, k_y, k_z: 0 = x, 1 = y, 2 = z; the last is the direction's greatest component's.
+    /// k_x, k_y, k_z: 0 = x, 1 = y, 2 = z; k_z is the axis of the direction's largest component.
     pub axes: [u8; 3],
     /// S_x, S_y, S_z.
     pub scale: [f64; 3],
@@ -52,13 +52,13 @@ impl RaySetup {
         }
     }
 
-    /// The ray's interval from tmin to tmax, clipped by the scene's box, `bounds` its least and greatest corner.
-    /// The ray misses the scene where the first exceeds the second.
+    /// The ray's interval from tmin to tmax, clipped by the scene's box with the given minimum and maximum corner.
+    /// The ray misses the scene if near is greater than far.
     pub fn enter_scene(&self, a: &Arithmetic, (lo, hi): ([f64; 3], [f64; 3])) -> [f64; 2] {
         self.clip_box(a, [self.tmin, self.tmax], lo, hi)
     }
 
-    /// Clips an interval by a box: axis x, then y, then z.
+    /// Clips an interval by a box: on axis x, then y, then z.
     #[inline(always)]
     pub(super) fn clip_box(
         &self,

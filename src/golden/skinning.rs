@@ -1,4 +1,4 @@
-//! The skinning processor: moves vertices at rest by the weighted matrices of the joints that they follow
+//! The skinning processor: moves vertices at rest by the weighted matrices of their joints
 //! (`docs/arithmetic.md`, *Skinning*; `docs/layout.md`, *Influence row*).
 
 use anyhow::{Context, Result, bail, ensure};
@@ -6,23 +6,23 @@ use anyhow::{Context, Result, bail, ensure};
 use crate::bkd::layout::{Columns, INFLUENCES_PER_ROW, Influence, JOINT_BITS, Record};
 use crate::float::{Arithmetic, Format};
 
-/// The most joints that a vertex may follow.
+/// Maximum number of influences of a vertex.
 pub const MOST_INFLUENCES: usize = 4;
 
-/// What starts the skinning of a mesh. Vectors are counted in the vertex array, four to a joint, one to a vertex.
+/// The command to skin a mesh. Indices count vectors of the vertex array; a joint has four, a vertex one.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct SkinCommand {
     /// Index of the palette's first vector.
     pub palette: u32,
-    /// Matrices of the palette, at least 1 and at most the machine's `skinning.joints`.
+    /// Number of matrices in the palette, at least 1 and at most the machine's `skinning.joints`.
     pub joints: u32,
     /// Index of the first row of influences.
     pub influences: u32,
-    /// Rows of influences, as many as the vertices' influences fill.
+    /// Number of rows of influences, exactly as many as the vertices' influences need.
     pub rows: u32,
     /// Index of the first vertex at rest.
     pub rest: u32,
-    /// Vertices, at least 1.
+    /// Number of vertices, at least 1.
     pub vertices: u32,
     /// Index of the first vertex to write.
     pub target: u32,
@@ -33,11 +33,11 @@ pub struct SkinMemory<'a> {
     pub format: Format,
     /// [`Record::influence_row`].
     pub influences: &'a [u32],
-    /// [`Record::vertex`]: palette, vertices at rest, and where they are written.
+    /// [`Record::vertex`]: palette, vertices at rest, and written vertices.
     pub vertices: &'a mut [u32],
 }
 
-/// What skinning does that its surroundings can see. Events of one kind come in the machine's order.
+/// An externally visible event of skinning. Events of one kind are in the machine's order.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum SkinEvent {
     /// A vector of the palette or a vertex at rest is read, by absolute index.
@@ -48,15 +48,15 @@ pub enum SkinEvent {
     VertexWrite { vertex: u32, position: [u64; 3] },
 }
 
-/// What the skinning of a mesh came to.
+/// Counts of the skinning of one mesh.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Skinned {
     pub influences: u64,
     pub vertices: u64,
 }
 
-/// One vertex: (x, y, z) moved by each of up to [`MOST_INFLUENCES`] matrices, times its weight, summed pairwise. All are
-/// numbers of the arithmetic's format.
+/// Computes one vertex: (x, y, z) transformed by each of up to [`MOST_INFLUENCES`] matrices, multiplied by its weight and summed
+/// pairwise. All are values of the arithmetic's format.
 pub fn skin_vertex(
     a: &Arithmetic,
     rest: [f64; 3],
@@ -74,12 +74,12 @@ pub fn skin_vertex(
     std::array::from_fn(|i| a.add(a.add(q[0][i], q[1][i]), a.add(q[2][i], q[3][i])))
 }
 
-/// Moves all vertices of a mesh. `influences` follow each other vertex by vertex, the last of each vertex marked. All numbers are
-/// of the arithmetic's format.
+/// Computes all vertices of a mesh. `influences` are in the order of the vertices, with the last one of each vertex marked. All
+/// numbers are values of the arithmetic's format.
 ///
 /// # Panics
-/// Where the stream does not mark as many vertices as there are, marks none within [`MOST_INFLUENCES`], or names a joint
-/// that `palette` does not have.
+/// If the number of marked influences is not the number of vertices, if a vertex has more than [`MOST_INFLUENCES`], or if a
+/// joint is not in `palette`.
 pub fn skin_vertices(
     a: &Arithmetic,
     rest: &[[f64; 3]],
@@ -99,12 +99,12 @@ pub fn skin_vertices(
         .collect()
 }
 
-/// Skins a mesh in memory and tells `observe` all that is read and written.
+/// Skins a mesh in memory and reports all reads and writes to `observe`.
 ///
 /// # Errors
-/// Where the command or the stream reads or writes outside the arrays, a vertex follows more than [`MOST_INFLUENCES`]
-/// joints or one that the palette does not have, the rows are not those that the vertices need, or what is written
-/// overlaps what is read.
+/// If the command or the stream reads or writes outside the arrays, if a vertex has more than [`MOST_INFLUENCES`]
+/// influences or a joint that is not in the palette, if the number of rows is wrong, or if written vectors overlap
+/// those that are read.
 pub fn skin(
     memory: SkinMemory,
     command: SkinCommand,
@@ -162,7 +162,7 @@ pub fn skin(
     })
 }
 
-/// Checks that all that a command reads and writes is in the arrays, and that what is written overlaps nothing that is read.
+/// Checks that a command reads and writes only within the arrays, and that its target overlaps nothing that it reads.
 fn check_ranges(memory: &SkinMemory, command: SkinCommand) -> Result<()> {
     let SkinCommand { joints, rows, .. } = command;
     ensure!(
@@ -171,7 +171,7 @@ fn check_ranges(memory: &SkinMemory, command: SkinCommand) -> Result<()> {
         1 << JOINT_BITS
     );
     ensure!(command.vertices > 0, "there are no vertices to skin");
-    // Where things lie, in u64 so that no sum wraps.
+    // Ranges in u64, so sums do not wrap.
     let range = |from: u32, length: u32, factor: u64| {
         let from = u64::from(from);
         from..from + factor * u64::from(length)
@@ -207,18 +207,18 @@ fn check_ranges(memory: &SkinMemory, command: SkinCommand) -> Result<()> {
     Ok(())
 }
 
-/// The influences of a command, one after the other, in its rows.
+/// The influences of a command, in order, from its rows.
 struct Stream<'a> {
     format: Format,
     row: Record,
     influences: &'a [u32],
     command: SkinCommand,
-    /// Influences read.
+    /// Number of influences read.
     place: usize,
 }
 
 impl Stream<'_> {
-    /// The next influence. A row is read with its first.
+    /// Returns the next influence. A row is read together with its first influence.
     fn next(&mut self, observe: &mut impl FnMut(SkinEvent)) -> Result<Influence> {
         let row = &self.row;
         let (at_row, slot) = (

@@ -1,13 +1,13 @@
-//! The traversal processing unit: what one packet step decides, and what becomes of a popped entry.
+//! The traversal unit: the decisions of one packet step, and the treatment of a popped entry.
 //!
-//! A packet's N rays are lanes of arrays; a mask's bit k stands for lane k. The near and far of a lane outside a
-//! mask have no meaning.
+//! A packet's N rays are lanes of arrays; bit k of a mask is lane k. The near and far of a lane outside a
+//! mask are undefined.
 
 use super::lanes::RayLanes;
 use crate::bkd::layout::Target;
 use crate::float::Arithmetic;
 
-/// Rays that go somewhere together, and their intervals there.
+/// A set of rays, and their intervals.
 #[derive(Clone, Copy, Debug)]
 pub struct Lanes<const N: usize> {
     pub mask: u8,
@@ -15,26 +15,26 @@ pub struct Lanes<const N: usize> {
     pub far: [f64; N],
 }
 
-/// A stack entry: a child put off, and the rays that go there.
+/// A stack entry: a child for later, and the rays that enter it.
 #[derive(Clone, Copy, Debug)]
 pub struct Entry<const N: usize> {
     pub child: Target,
-    /// Whether the child is in an object's tree below the top level: the rays go there in the object's space.
+    /// Whether the child is in an object's tree below the top level; its rays are then in object space.
     pub inside: bool,
     pub rays: Lanes<N>,
 }
 
-/// What one packet step computes. The packet goes to a side if its mask is not empty.
+/// The result of one packet step. The packet enters a child if its mask is not empty.
 #[derive(Clone, Copy, Debug)]
 pub struct StepOutcome<const N: usize> {
     pub left: Lanes<N>,
     pub right: Lanes<N>,
-    /// Of the rays that go both ways, those that go left first.
+    /// The rays that enter both children, the left one first.
     pub left_first: u8,
 }
 
 impl<const N: usize> Lanes<N> {
-    /// One packet step: both children's intervals and axes against all rays.
+    /// Performs one packet step: clips all rays by both children's intervals.
     #[inline(always)]
     pub fn step(
         &self,
@@ -53,7 +53,7 @@ impl<const N: usize> Lanes<N> {
         }
     }
 
-    /// The rays whose interval, clipped by a child's, is not empty.
+    /// The rays whose interval is not empty after clipping by a child's interval.
     #[inline(always)]
     fn enter(
         &self,
@@ -68,7 +68,7 @@ impl<const N: usize> Lanes<N> {
         entered
     }
 
-    /// The rays of a popped entry that stay, their far bounded by each lane's `limit`.
+    /// The remaining rays of a popped entry, with their far bounded by each lane's `limit`.
     #[inline(always)]
     pub fn within(&self, a: &Arithmetic, limit: &[f64; N]) -> Lanes<N> {
         let mut rays = *self;
@@ -80,7 +80,7 @@ impl<const N: usize> Lanes<N> {
     }
 }
 
-/// The mask of the lanes of which `holds` is true.
+/// The mask of the lanes for which `holds` is true.
 #[inline(always)]
 fn mask_where(holds: impl Fn(usize) -> bool, lanes: usize) -> u8 {
     (0..lanes).fold(0, |mask, k| mask | u8::from(holds(k)) << k)

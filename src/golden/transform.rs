@@ -1,4 +1,4 @@
-//! The ray transformation: a ray taken from the world to an instance's object, and its window there.
+//! The ray transformation: a ray of the world in an instance's object space, and its window there.
 
 use super::setup::RaySetup;
 use crate::bkd::Columns;
@@ -6,30 +6,30 @@ use crate::bkd::layout::{InstanceRecord, MemoryImage, Target};
 use crate::float::Arithmetic;
 use crate::port::Ray;
 
-/// The window of a ray that is in no instance: it rules nothing out.
+/// The window of a ray that is in no instance; it excludes nothing.
 pub const WHOLE_LINE: [f64; 2] = [f64::NEG_INFINITY, f64::INFINITY];
 
-/// An instance fetched.
+/// A fetched instance.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Instance {
-    /// The columns c_x, c_y, c_z, c_w of the matrix that takes a point of the world to the object's space.
+    /// The columns c_x, c_y, c_z, c_w of the matrix that transforms a point of the world into object space.
     pub columns: Columns,
-    /// Least and greatest corner of its box in the world.
+    /// Minimum and maximum corner of its box in the world.
     pub bounds: ([f64; 3], [f64; 3]),
     /// Its object's root.
     pub root: Target,
-    /// Its number in the scene, which ties and results use.
+    /// Its number in the scene, which is used in results and to resolve ties.
     pub number: u32,
 }
 
-/// A ray at an instance.
+/// A ray transformed for an instance.
 #[derive(Clone, Copy, Debug)]
 pub struct Transformed {
-    /// The ray in the object's space; limits and kind are the world's. Valid unless a component is a NaN.
+    /// The ray in object space; limits and kind are unchanged. It is valid unless a component is a NaN.
     pub ray: RaySetup,
     /// Its interval in the instance's box, from (−∞, +∞).
     pub window: [f64; 2],
-    /// tmin and tmax clipped by the window: where the object's tree is entered.
+    /// tmin and tmax clipped by the window: the interval in which the object's tree is entered.
     pub near: f64,
     pub far: f64,
     pub enters: bool,
@@ -39,7 +39,7 @@ impl Instance {
     /// Fetches the instance of a record and its six vectors.
     ///
     /// # Panics
-    /// Where one is not in the image.
+    /// If the record or a vector is not in the image.
     pub fn fetch(image: &MemoryImage, record: u32) -> Self {
         let record = InstanceRecord::from(image.records[record as usize]);
         let vector = |k: usize| image.vertices[record.vectors as usize + k];
@@ -51,7 +51,7 @@ impl Instance {
         }
     }
 
-    /// Takes a valid ray of the world to the object's space.
+    /// Transforms a valid ray of the world into object space.
     pub fn transform(&self, a: &Arithmetic, ray: &RaySetup) -> Transformed {
         let (lo, hi) = self.bounds;
         let window = ray.clip_box(a, WHOLE_LINE, lo, hi);
@@ -95,7 +95,7 @@ mod tests {
     use crate::float::Format;
 
     const INSTANCE: Instance = Instance {
-        // Turns x to y and y to −x, doubles z, then moves by (1, 2, 3).
+        // Maps x to y and y to −x, doubles z, then translates by (1, 2, 3).
         columns: [
             [0.0, 1.0, 0.0],
             [-1.0, 0.0, 0.0],
@@ -126,7 +126,7 @@ mod tests {
         let moved = transform([0.0, 0.5, -4.0], [0.0, 0.0, 2.0], 0.0, 2.0);
         assert_eq!(moved.ray.origin, [0.5, 2.0, -5.0]);
         assert_eq!(moved.ray.direction, [0.0, 0.0, 4.0]);
-        // −1 and 1 lie at 1.5 and 2.5 of the world's direction, taken three ulps apart.
+        // −1 and 1 are at 1.5 and 2.5 times the direction in the world, each moved outwards by three ulps.
         assert_eq!(moved.window, [1.5 - 3.0 * ulp, 2.5 + 6.0 * ulp]);
         assert_eq!((moved.near, moved.far), (moved.window[0], 2.0));
         assert!(moved.enters && moved.ray.valid && moved.ray.tmax == 2.0);
@@ -141,7 +141,7 @@ mod tests {
         assert!(beside.ray.valid && !beside.enters);
         let past = transform(inside, [0.0, 1.0, 0.0], 4.0, forever);
         assert!(past.ray.valid && !past.enters);
-        // 0 × ∞ in a coefficient that is zero.
+        // 0 × ∞ for a coefficient of zero.
         let endless = transform(inside, [0.0, forever, 0.0], 0.0, forever);
         assert!(endless.ray.direction[1].is_nan());
         assert!(!endless.ray.valid && !endless.enters);

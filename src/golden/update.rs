@@ -1,13 +1,13 @@
 //! The update processor: runs an update program, as `docs/update.md` defines it, on the bits in memory.
 //!
-//! Written from that page alone: nothing here is shared with the compiler.
+//! It is written from that page only and shares no code with the compiler.
 
 use anyhow::{Result, bail, ensure};
 
 use crate::bkd::{Bounds, Record};
 use crate::float::{Arithmetic, Format};
 
-/// What starts an update.
+/// The command to update an object.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct UpdateCommand {
     /// Address of the program's first byte, a multiple of 16.
@@ -23,7 +23,7 @@ pub struct UpdateCommand {
 /// The arrays that an update reads and writes, as words of whole records ([`Record::words`] each).
 pub struct UpdateMemory<'a> {
     pub format: Format,
-    /// The programs' bytes.
+    /// The bytes of the programs.
     pub program: &'a [u8],
     /// [`Record::vertex`].
     pub vertices: &'a [u32],
@@ -33,23 +33,23 @@ pub struct UpdateMemory<'a> {
     pub boxes: &'a mut [u32],
 }
 
-/// What an update does that its surroundings can see, in the order of the program.
+/// An externally visible event of an update. Events are in the order of the program.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum UpdateEvent {
     /// A vertex is read, by absolute index.
     VertexRead { vertex: u32 },
     /// A node's bounds are written, by absolute index: bit patterns of left_lo, left_hi, right_lo, right_hi.
     NodeWrite { node: u32, bounds: [u64; 4] },
-    /// The object's box is written, by absolute index: bit patterns of the least and of the greatest corner.
+    /// The object's box is written, by absolute index: bit patterns of the minimum and of the maximum corner.
     BoxWrite { index: u32, bounds: [u64; 6] },
 }
 
-/// What an update came to.
+/// The result of an update.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Updated {
     /// The object's box.
     pub bounds: Bounds,
-    /// Instructions executed, `end` included.
+    /// Number of instructions executed, including `end`.
     pub instructions: u64,
     pub vertices_read: u64,
     pub nodes_written: u64,
@@ -57,11 +57,11 @@ pub struct Updated {
 
 const REGISTERS: usize = 64;
 
-/// Runs a program and tells `observe` all that is read and written.
+/// Runs a program and reports all reads and writes to `observe`.
 ///
 /// # Errors
-/// Where the program is none, or reads what nothing wrote, or reads or writes outside the arrays: each with the byte at
-/// which the instruction starts.
+/// If the program is invalid, uses a register without a value, or reads or writes outside the arrays. The message names the byte
+/// at which the instruction starts.
 pub fn update(
     memory: UpdateMemory,
     command: UpdateCommand,
@@ -120,9 +120,9 @@ pub fn update(
     }
 }
 
-/// Where execution goes on.
+/// The continuation after an instruction.
 enum Step {
-    /// So many bytes further.
+    /// The length of the instruction in bytes.
     Next(usize),
     End,
 }
@@ -148,7 +148,7 @@ struct Processor<'a, F> {
 }
 
 impl<F: FnMut(UpdateEvent)> Processor<'_, F> {
-    /// Executes the instruction at the bottom of `bits`.
+    /// Executes the instruction in the low bits of `bits`.
     fn execute(&mut self, bits: u64, command: &UpdateCommand) -> Result<Step> {
         let six = |lsb: u32| (bits >> lsb & 63) as usize;
         let bytes = match (bits & 3, bits >> 2 & 3) {
@@ -225,7 +225,7 @@ impl<F: FnMut(UpdateEvent)> Processor<'_, F> {
 
     fn node(&mut self, a: usize, b: usize, axes: [u8; 2]) -> Result<()> {
         ensure!(a != b, "b{a} is merged with itself");
-        // Taking the second one out frees it: reading it again is an error.
+        // `take` frees the second register; a later read of it is an error.
         let (Some(left), Some(right)) = (self.b[a], self.b[b].take()) else {
             bail!("b{a} or b{b} is read, but holds no box");
         };

@@ -1,10 +1,10 @@
-//! Whether a mutated module does at its ports what the module does, for ever: by induction over Yosys' pairs of signals of the
-//! same name. A module that holds much memory is not tried.
+//! Proves that a mutated module is equivalent to the original at its ports in all cycles, by induction over the pairs of signals of
+//! the same name that Yosys finds. A module with much memory is not tried.
 //!
-//! A mutation that no port shows may well show inside: `<` for `<=` before a choice between equals. So pairs of inner signals that
-//! were not proved are matched no more, and the rest is tried again; ports stay, and every pair that is left must be proved. The induction
-//! says that two modules which have agreed for [`DEPTH`] clocks do so ever after. That they agree in the first place is what the
-//! runs before have shown, which every survivor has passed.
+//! A mutation without an effect at the ports may change internal signals, such as `<` instead of `<=` before a choice between equal
+//! values. Pairs of internal signals that are not proved are therefore no longer matched, and the proof is repeated. Ports stay
+//! matched, and every remaining pair must be proved. The induction shows that two modules that have agreed for [`DEPTH`] cycles
+//! agree in all later cycles. The earlier runs, which every survivor has passed, show that they agree at the beginning.
 
 use super::next_state;
 use crate::hdl::{Design, HdlError, MemoryRef, Mutation, Select};
@@ -17,28 +17,28 @@ use std::fmt::Write as _;
 use std::path::Path;
 use std::time::Duration;
 
-/// Bits of memory up to which a module is tried: they become registers.
+/// Maximum number of memory bits of a module that is tried; they become registers.
 const MOST_MEMORY_BITS: u64 = 4096;
 
 const LIMIT: Duration = Duration::from_secs(60);
 
-/// Clocks over which the induction looks back.
+/// Number of cycles of the induction.
 const DEPTH: u32 = 6;
 
-/// Times that a proof is tried, with fewer and fewer inner signals matched.
+/// Maximum number of attempts at a proof, each with fewer internal signals matched.
 const ATTEMPTS: usize = 4;
 
-/// The inner signals that are not matched, and what was not proved, in files of a proof's folder.
+/// Files in a proof's folder: the internal signals that are not matched, and the signals that were not proved.
 const UNMATCHED: &str = "unmatched.txt";
 const STATUS: &str = "status.txt";
 
-/// Says what proved it, if it was proved within the time.
+/// Returns the description of the proof if there is one within the time limit.
 ///
 /// # Errors
-/// Yosys cannot be started.
+/// If Yosys cannot be started.
 pub(super) fn proved(design: &Design, mutation: &Mutation) -> Result<Option<String>> {
     let top = design.module(mutation.module())?;
-    // The same but for the constant that selects: so the same signals have the same names.
+    // The two designs differ only in the selecting constant, so the same signals have the same names.
     let of_module = Design::new(top.clone())?;
     let selected = |number| -> Result<Design, HdlError> {
         of_module.selectable(&[(1, mutation)], Select::Constant(number))
@@ -85,7 +85,7 @@ pub(super) fn proved(design: &Design, mutation: &Mutation) -> Result<Option<Stri
             Ended::With { .. } => {}
             Ended::OutOfTime => return Ok(None),
         }
-        // Without a status it was not the proof that failed.
+        // Without a status file, Yosys failed for another reason.
         let Ok(status) = std::fs::read_to_string(folder.path().join(STATUS)) else {
             return Ok(None);
         };
@@ -98,7 +98,7 @@ pub(super) fn proved(design: &Design, mutation: &Mutation) -> Result<Option<Stri
     Ok(None)
 }
 
-/// The signals of which `equiv_status` says that a bit is not proved.
+/// The signals with an unproved bit in the output of `equiv_status`.
 fn unproved(status: &str) -> impl Iterator<Item = String> {
     let lines = status
         .lines()
@@ -112,10 +112,10 @@ fn unproved(status: &str) -> impl Iterator<Item = String> {
     })
 }
 
-/// Writes a design's files; the script that reads them.
+/// Writes a design's files and returns the script that reads them.
 ///
 /// # Errors
-/// They cannot be written.
+/// If they cannot be written.
 pub(super) fn read(folder: &Path, kind: &str, design: &Design) -> Result<String> {
     let mut script = String::new();
     for (name, text) in design.files() {
@@ -132,12 +132,12 @@ mod tests {
     use crate::hdl::{Builder, Module, Style};
     use std::sync::Arc;
 
-    /// Whether it is proved, and how, that a change is none that shows.
+    /// The proof that a change is equivalent, if there is one.
     fn verdict(module: &Arc<Module>, mutation: &Mutation) -> Option<String> {
         proved(&Design::new(module.clone()).unwrap(), mutation).unwrap()
     }
 
-    /// The change that makes an expression this one.
+    /// The mutation that results in this expression.
     fn becomes(module: &Module, after: &str) -> Mutation {
         let sites = module.mutations();
         let site = sites.iter().find(|site| site.after == after);
@@ -173,7 +173,7 @@ mod tests {
         assert!(verdict(&module, &becomes(&module, "at_end ? 2'd0 : (count - 2'd1)")).is_none());
     }
 
-    /// The lesser of two numbers, or what is one more where `b` is, which a memory too large to become registers keeps.
+    /// A memory, too large to become registers, that stores the lesser of two numbers; with `more`, `b + 1` in place of `b`.
     fn kept(more: bool) -> (Arc<Module>, [Mutation; 3]) {
         let m = Builder::new("kept", "the lesser of two.");
         let (write, address) = (m.input("write", 1), m.input("address", 10));
@@ -200,12 +200,12 @@ mod tests {
         );
         assert_eq!(verdict(&module, &other), None);
         assert_eq!(verdict(&module, &always), None);
-        // Here it matters which of the two equals is less.
+        // Here the choice between equal values has an effect.
         let (module, [or_equal, ..]) = kept(true);
         assert_eq!(verdict(&module, &or_equal), None);
     }
 
-    /// The lesser of two numbers, chosen a clock later than compared.
+    /// The lesser of two numbers, chosen one cycle after the comparison.
     #[test]
     fn a_change_that_shows_inside_alone_is_proved() {
         let m = Builder::new("lesser", "the lesser of two.");
@@ -219,9 +219,9 @@ mod tests {
             .named("chosen");
         m.output("y", y.register());
         let changes = [
-            // Of equal numbers either is the lesser.
+            // Of equal numbers, either may be chosen.
             (term.operand(&[]).other_operator(), true),
-            // Where both are negative the wrong one, or one of two clocks, is chosen.
+            // If both are negative, the wrong one, or the one of another cycle, is chosen.
             (signs.operand(&[]).other_operator(), false),
             (y.reads(a.register()).one_clock_early(), false),
         ];

@@ -1,17 +1,17 @@
-//! Mutants: single changes of the emitted Verilog, which co-simulation must notice.
+//! Mutants: single changes of the emitted Verilog, which co-simulation must detect.
 //!
-//! All mutants of a unit are compiled into one model, in which an input selects one ([`Design::selectable`]); with none selected it is the
-//! machine as it is, and passes. Each mutant then runs through what the unit's tests run, and is noticed at the first bit that differs, when
-//! the unit stops, when its own checks fail, or when the run takes another number of clocks than without a mutant, as fixed frames do
-//! in [`crate::baseline`]. What survives is tried for equivalence (`equivalence`) and otherwise listed.
+//! All mutants of a unit are compiled into one model, in which an input selects one ([`Design::selectable`]). If none is selected,
+//! the model is the original machine, and passes. Each mutant goes through the runs of the unit's tests. It is noticed if a bit
+//! differs, if the unit stops, if its own checks fail, or if the run takes another number of cycles than without a mutant, as for
+//! the fixed frames in [`crate::baseline`]. Survivors are tried for equivalence (`equivalence`) and otherwise listed.
 //!
 //! | unit | modules | runs |
 //! |---|---|---|
-//! | `arithmetic` | adder, subtractor, multiplier, reciprocal, plane distances | operands, each result |
+//! | `arithmetic` | adder, subtractor, multiplier, reciprocal, plane distances | operands, with every result compared |
 //! | `tpu` | traversal unit and below | packets in tiny scenes of one and of two levels |
-//! | `geometry` | geometry unit and below, what the traversal unit has too left out | triangle tests, ray transformations; skinned meshes in the whole machine, which borrows its operators |
+//! | `geometry` | geometry unit and below, without the modules of the traversal unit | triangle tests, ray transformations; skinned meshes in the whole machine, which uses its operators |
 //! | `update` | update processor and its prefetch | programs of random topologies |
-//! | `raycast` | ray setup, skinning processor, what joins the units | whole small scenes of two levels; random skinned meshes |
+//! | `raycast` | ray setup, skinning processor, glue logic of the units | whole small scenes of two levels; random skinned meshes |
 
 mod equivalence;
 mod next_state;
@@ -37,31 +37,31 @@ use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::PathBuf;
 use std::sync::Arc;
 
-/// The units, whose modules are mutated.
+/// The units whose modules are mutated.
 pub const UNITS: [&str; 5] = ["arithmetic", "tpu", "geometry", "update", "raycast"];
 
-/// Transactions of a mutant's runs: most are noticed in the first, what is left goes on to the last.
+/// Numbers of transactions of a mutant's runs: most mutants are noticed in the first run, and only the others go on to the next.
 const LENGTHS: [u64; 3] = [2_000, 30_000, 200_000];
 
-/// What to do.
+/// A request to run mutants.
 #[derive(Clone, Debug)]
 pub struct Request {
     pub mutants: u32,
     pub seed: u64,
-    /// Of [`UNITS`]; all, if there is none.
+    /// Names from [`UNITS`]; empty for all.
     pub units: Vec<String>,
-    /// This mutant alone, by its number from 1 on.
+    /// Only this mutant, by its number from 1.
     pub only: Option<u32>,
-    /// Whether survivors are tried for equivalence.
+    /// Whether to try survivors for equivalence.
     pub prove: bool,
-    /// How many run lengths each survivor runs, of those that there are.
+    /// The number of run lengths that each survivor passes through.
     pub lengths: usize,
     /// The cache folder; `None` for the user's.
     pub cache: Option<PathBuf>,
 }
 
 impl Request {
-    /// All units, everything tried.
+    /// All units, with every run and proof.
     pub fn new(mutants: u32, seed: u64) -> Request {
         Request {
             mutants,
@@ -75,22 +75,22 @@ impl Request {
     }
 }
 
-/// What became of a mutant.
+/// The outcome of a mutant.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase", tag = "outcome")]
 pub enum Outcome {
-    /// The run, and the first line of what it said.
+    /// The run, and the first line of its message.
     Noticed { run: String, how: String },
-    /// No difference can ever be seen at the module's ports: what showed it.
+    /// No difference can occur at the module's ports; with the proof.
     Equivalent { proof: String },
-    /// The runs that it passed.
+    /// The passed runs.
     Survived { runs: Vec<String> },
 }
 
 /// A mutant.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 pub struct Mutant {
-    /// From 1 on, for [`Request::only`].
+    /// Counted from 1, as for [`Request::only`].
     pub number: u32,
     pub unit: &'static str,
     pub module: String,
@@ -103,11 +103,11 @@ pub struct Mutant {
     pub outcome: Outcome,
 }
 
-/// What became of all.
+/// The outcomes of all mutants.
 #[derive(Clone, Debug, Serialize)]
 pub struct Report {
     pub seed: u64,
-    /// Of how many the outcome was known from a run before.
+    /// Number of mutants whose outcome was stored by an earlier run.
     pub remembered: usize,
     pub mutants: Vec<Mutant>,
 }
@@ -128,13 +128,13 @@ impl Report {
         self.mutants.iter().filter(survived)
     }
 
-    /// Noticed, of those not proved equivalent, in percent.
+    /// Percentage of noticed mutants among those not proved equivalent.
     pub fn share_percent(&self) -> f64 {
         self.noticed() as f64 * 100.0 / (self.mutants.len() - self.equivalent()).max(1) as f64
     }
 }
 
-/// A unit with the mutants drawn of it.
+/// A unit with its selected mutants.
 struct Population {
     unit: &'static str,
     design: Design,
@@ -169,8 +169,8 @@ fn design_of(config: &Config, unit: &str) -> Result<Design> {
     Ok(Design::new(top)?.apart()?)
 }
 
-/// Draws mutants: as many of each unit, in a unit by turns of each kind, in a kind of any place alike. A module that two units have is
-/// mutated in the first.
+/// Selects mutants at random: the same number per unit, in turns of the kinds, and with equal probability for all places of a kind. A
+/// module of two units is mutated in the first.
 fn draw(config: &Config, request: &Request) -> Result<Vec<Population>> {
     let mut rng = fastrand::Rng::with_seed(request.seed);
     let mut seen: BTreeSet<String> = BTreeSet::new();
@@ -232,12 +232,12 @@ fn draw(config: &Config, request: &Request) -> Result<Vec<Population>> {
     Ok(all)
 }
 
-/// What a run came to.
+/// The result of a run.
 #[derive(Default)]
 struct Ended {
-    /// What does not agree.
+    /// The first mismatch.
     mismatch: Option<String>,
-    /// Those of the traffic that its first reset has ended, too.
+    /// Number of cycles, including those before a reset in the middle of traffic.
     clocks: u64,
 }
 
@@ -253,22 +253,22 @@ impl From<UnitReport> for Ended {
 /// A run of a unit with a mutant.
 type Run<'a> = (String, Box<dyn Fn(Play) -> Result<Ended> + Sync + 'a>);
 
-/// How a run is done.
+/// The settings of a run.
 #[derive(Clone, Default)]
 struct Play {
     mutated: Option<Mutated>,
-    /// Traffic before it, which its first reset interrupts.
+    /// Traffic before the run, which its first reset interrupts.
     interrupted: Option<Interrupted>,
     record: Option<Recorder>,
 }
 
 impl Play {
-    /// Clocks of the traffic that a reset ends, with the one in which it begins.
+    /// Cycles of the interrupted traffic, including the one in which the reset begins.
     fn interrupted_clocks(&self) -> u64 {
         (self.interrupted.as_ref()).map_or(0, |interrupted| interrupted.at as u64 + 1)
     }
 
-    /// The same run of the same model, no mutant selected.
+    /// The same run of the same model without a mutant.
     fn without_mutant(mut self) -> Play {
         if let Some(mutated) = &mut self.mutated {
             mutated.selected = 0;
@@ -286,10 +286,10 @@ impl Play {
     }
 }
 
-/// Times that each of the shortest runs is done once more, after a reset amid its traffic: of what a reset leaves, most shows soon or never.
+/// The number of repetitions of each of the shortest runs after a reset in the middle of traffic. Most faults of a reset show early or never.
 const INTERRUPTIONS: u64 = 24;
 
-/// Scenes of two levels and rays into them, for whole machines.
+/// Scenes of two levels with their rays, for whole machines.
 struct Scenes(Vec<(MemoryImage, Vec<Ray>)>);
 
 impl Scenes {
@@ -300,7 +300,7 @@ impl Scenes {
     }
 }
 
-/// The runs of a unit, the shortest first. Those that need more than the unit have `whole`, with the same mutants.
+/// The runs of a unit, the shortest first. `whole` is a model of the whole machine with the same mutants, for the runs that need it.
 fn runs<'a>(
     config: &'a Config,
     unit: &str,
@@ -418,12 +418,12 @@ fn runs<'a>(
     Ok(all)
 }
 
-/// Why a run did not come to its end.
+/// The reason why a run stopped early.
 enum Stopped {
-    /// A mismatch: the mutant's doing.
+    /// A mismatch, which the mutant has caused.
     Differs(String),
-    /// An error, or a check of the bench's own: a mutant may break what a bench takes for granted, such as that a packet has a number
-    /// that exists. But a full disk says no more.
+    /// An error, or a failed check of the bench. A mutant may violate an assumption of the bench, such as that the number of a packet
+    /// is valid; but the cause may also be unrelated, such as a full disk.
     Breaks(String),
 }
 
@@ -435,7 +435,7 @@ impl Stopped {
     }
 }
 
-/// What made a run end: nothing, after so many clocks from its last reset on, or what stopped it, a line.
+/// The result of a run: its number of cycles since the last reset, or the reason why it stopped, in one line.
 fn told(run: &Run<'_>, play: Play) -> Result<u64, Stopped> {
     let interrupted = play.interrupted_clocks();
     let line = |said: &str| said.lines().next().unwrap_or("stopped").to_string();
@@ -453,10 +453,10 @@ fn told(run: &Run<'_>, play: Play) -> Result<u64, Stopped> {
     }
 }
 
-/// How a run with a mutant differs from one of so many clocks without.
+/// The difference between a run with a mutant and the same run without one, which took the given number of cycles.
 ///
 /// # Errors
-/// What breaks the run breaks it without the mutant too: the mutant has not been told.
+/// If the run also stops without the mutant, so that the mutant is not decided.
 fn noticed(run: &Run<'_>, play: Play, clocks: u64) -> Result<Option<String>> {
     let said = match told(run, play.clone()) {
         Ok(now) if now == clocks => return Ok(None),
@@ -474,10 +474,10 @@ fn noticed(run: &Run<'_>, play: Play, clocks: u64) -> Result<Option<String>> {
     }
 }
 
-/// Draws mutants and runs them. `progress` is told what is going on; `done` how many mutants of how many are through.
+/// Selects mutants and runs them. `progress` receives a line per step; `done` receives the number of finished mutants and the total.
 ///
 /// # Errors
-/// A tool that is missing; a machine that fails without any mutant; no such unit or mutant.
+/// If a tool is missing, if the machine fails without a mutant, or if there is no such unit or mutant.
 pub fn mutate(
     config: &Config,
     request: &Request,
@@ -504,7 +504,7 @@ pub fn mutate(
     })
 }
 
-/// What became of a unit's mutants, and of how many that was known.
+/// The outcomes of a unit's mutants, and the number of those that were stored.
 fn run_unit(
     config: &Config,
     request: &Request,
@@ -535,7 +535,7 @@ fn run_unit(
     );
     let key = |number: u32| -> String {
         let (_, site) = drawn.iter().find(|d| d.0 == number).expect("drawn");
-        // A mutant's number seeds when its resets come.
+        // The mutant's number is the seed for the cycles of its resets.
         let place = format!("{number} {:?} {}", site.mutation, request.lengths);
         store::key(&[CHECKS, *unit, &place, &config.to_toml(), &around, &texts])
     };
@@ -575,7 +575,7 @@ fn run_unit(
             traffic.push(recorder.take());
         }
     }
-    // What the unit of arithmetic has is no traffic, and it has no reset.
+    // The unit `arithmetic` has no traffic and no reset.
     let interruptions = |number: u32| {
         let mut rng = fastrand::Rng::with_seed(u64::from(number));
         let mut all = vec![];

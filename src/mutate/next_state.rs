@@ -1,10 +1,10 @@
-//! Whether a mutated module does the same in every single clock: from any one state and any inputs, the same outputs and the same next state.
+//! Proves that a mutated module does the same in every single cycle: from any state and any inputs, the same outputs and the same next state.
 //!
-//! Registers and memories are cut out: what they show becomes an input, what they are given an output. What is left are two pieces of
-//! combinational logic, in which most is the very same text; Yosys merges that, and its solver decides the rest. Memories may be of any
-//! size. A difference that shows inside a register, be it seen later or not, is none that this proves.
+//! Registers and memories are cut out: their values become inputs, and their next values become outputs. This leaves two pieces of
+//! combinational logic with mostly identical text. Yosys merges the identical part, and its solver decides the rest. Memories may be
+//! of any size. A mutation that changes the next value of a register is never proved in this way, even if no port depends on it.
 //!
-//! Registers are paired by their names. Whatever pairs there are, the proof holds: states that are equal in every pair stay so.
+//! Registers are paired by name. The proof is valid for any pairing: states that are equal in every pair remain so.
 
 use crate::hdl::Design;
 use crate::prove::tools;
@@ -18,13 +18,13 @@ use std::time::Duration;
 
 const LIMIT: Duration = Duration::from_secs(60);
 
-/// What proves it, for reports.
+/// The description of the proof, for reports.
 pub(super) const PROOF: &str = "Yosys: sat, the same outputs and next state from any state";
 
-/// Whether it was proved within the time that two designs are the same: `gold` and `gate`.
+/// Whether the designs `gold` and `gate` were proved equal within the time limit.
 ///
 /// # Errors
-/// Yosys cannot be started.
+/// If Yosys cannot be started.
 pub(super) fn proved(designs: &[(&str, Design); 2]) -> Result<bool> {
     let folder = temporary::Folder::new().context("cannot create a temporary folder")?;
     let mut shapes = vec![];
@@ -50,7 +50,7 @@ pub(super) fn proved(designs: &[(&str, Design); 2]) -> Result<bool> {
     content(folder.path(), script)
 }
 
-/// Whether a script ends well, and in time.
+/// Whether a script succeeds within the time limit.
 fn content(folder: &Path, script: &str) -> Result<bool> {
     let ended = tools::tools()?
         .yosys
@@ -58,11 +58,11 @@ fn content(folder: &Path, script: &str) -> Result<bool> {
     Ok(matches!(ended, Ended::With { success: true, .. }))
 }
 
-/// What must be alike in two designs for their ports to be compared: the ports that were cut, with their widths, and the memories'
-/// parameters.
+/// Properties that must be equal in two designs before their ports are compared: the ports of cut registers with their widths, and the
+/// parameters of the memories.
 type Shape = BTreeMap<String, String>;
 
-/// Cuts registers and memories out of the only module of `design`.json. `None` if it has anything else with a state, or an unknown value.
+/// Cuts registers and memories out of the only module of `design`.json. `None` if it contains other cells with a state, or an unknown value.
 fn cut(folder: &Path, design: &str) -> Result<Option<Shape>> {
     let path = folder.join(format!("{design}.json"));
     let text = std::fs::read_to_string(&path).context("cannot read a temporary file")?;
@@ -105,7 +105,7 @@ fn cut(folder: &Path, design: &str) -> Result<Option<Shape>> {
             }
             let port = format!("{pairing}/{port}");
             shape.insert(port.clone(), format!("{direction} {width}"));
-            // Two registers of one name would make one port.
+            // Two registers with the same name would become one port.
             if ports
                 .insert(port, json!({"direction": direction, "bits": bits}))
                 .is_some()
@@ -125,7 +125,7 @@ fn cut(folder: &Path, design: &str) -> Result<Option<Shape>> {
     Ok(Some(shape))
 }
 
-/// Yosys' internal cells that have a state, or may have, begin like these.
+/// Prefixes of Yosys' internal cells that have a state, or may have one.
 fn stateless(kind: &str) -> bool {
     let stateful = [
         "$mem", "$dff", "$adff", "$sdff", "$aldff", "$sr", "$dlatch", "$ff", "$_", "$any", "$all",
@@ -133,7 +133,7 @@ fn stateless(kind: &str) -> bool {
     kind.starts_with('$') && !stateful.iter().any(|start| kind.starts_with(start))
 }
 
-/// The first of a signal's names, by its bits.
+/// The first name of each signal, by its bits.
 fn public_names(module: &Map<String, Value>) -> BTreeMap<String, String> {
     let mut names = BTreeMap::new();
     for (name, net) in module["netnames"].as_object().into_iter().flatten() {

@@ -1,8 +1,8 @@
-//! From a tree's topology to its update program.
+//! Compiles a tree's topology to its update program.
 //!
-//! 1. [`walk`] fixes the order of the leaves.
-//! 2. [`VertexFile`] turns the sequence of leaves into one of loads and leaf merges.
-//! 3. [`NodeQueue`] puts the nodes between them, so that no merge has to wait for another.
+//! 1. [`walk`] determines the order of the leaves.
+//! 2. [`VertexFile`] converts the sequence of leaves to loads and leaf merges.
+//! 3. [`NodeQueue`] inserts the nodes between them, so that no merge has to wait for another.
 
 use std::cmp::Reverse;
 use std::collections::{BinaryHeap, VecDeque};
@@ -12,13 +12,13 @@ use anyhow::{Result, ensure};
 use super::{Instruction, Program, UpdateMachine};
 use crate::bkd::{Child, Tree, TreeNode};
 
-/// The order of the leaves, and that of the nodes in which the fewest box registers do.
+/// The order of the leaves, and the order of the nodes that needs the fewest box registers.
 struct Walk {
-    /// Triangles, in the order of their leaf merges.
+    /// Triangles in the order of their leaf merges.
     leaves: Vec<u32>,
-    /// Nodes, each with its right sibling if both are inner ones.
+    /// Nodes, each with its right sibling if both are inner nodes.
     units: Vec<(u32, Option<u32>)>,
-    /// Box registers that the sequences need at least.
+    /// Minimum number of box registers for these sequences.
     box_registers: u32,
 }
 
@@ -93,28 +93,28 @@ pub(super) fn compile(
     })
 }
 
-/// Decides which node goes next: of those whose operands are there and old enough, the first of the walk.
+/// Selects the next node: the first one of the walk whose operands are available and old enough.
 ///
-/// Two inner siblings are written side by side: they make one *unit*, which is ready when all four operands are; any
-/// other node is a unit of its own.
+/// Two inner siblings are written next to each other. They form one *unit*, which is ready when all four operands are; any
+/// other node is a unit alone.
 struct NodeQueue<'a> {
     tree: &'a Tree,
     distance: usize,
     boxes: BoxFile,
-    /// Nodes in the order in which they are written.
+    /// Nodes in the order of their writes.
     order: Vec<u32>,
-    /// Where the box of each node and of each leaf is, once it is.
+    /// The register of the box of each node and of each leaf, after it is written.
     of_node: Vec<Held>,
     of_leaf: Vec<Held>,
-    /// For each node and each leaf, the unit that reads its box: that of its parent; [`NEVER`] for the root.
+    /// For each node and each leaf, the unit that reads its box, which is that of its parent; [`NEVER`] for the root.
     reader_of_node: Vec<u32>,
     reader_of_leaf: Vec<u32>,
     units: Vec<Unit>,
-    /// Units all of whose operands are written, by the time when the last of them was.
+    /// Units whose operands are all written, with the time of the last write.
     waiting: VecDeque<(usize, u32)>,
-    /// Units that may go.
+    /// Units that can be issued.
     ready: BinaryHeap<Reverse<u32>>,
-    /// The second node of a unit whose first has gone.
+    /// The second node of a unit whose first node has been issued.
     sibling: Option<u32>,
 }
 
@@ -122,7 +122,7 @@ struct NodeQueue<'a> {
 struct Unit {
     first: u32,
     second: Option<u32>,
-    /// Operands not yet written.
+    /// Number of operands not yet written.
     missing: u8,
 }
 
@@ -170,7 +170,7 @@ impl<'a> NodeQueue<'a> {
         }
     }
 
-    /// The node that goes as instruction `now`, if one can.
+    /// The node to issue as instruction `now`, if there is one.
     fn next(&mut self, now: usize) -> Option<Instruction> {
         while let Some(&(written, unit)) = self.waiting.front()
             && now >= written + self.distance
@@ -188,7 +188,7 @@ impl<'a> NodeQueue<'a> {
         Some(self.begin(unit, now))
     }
 
-    /// A node to go as instruction `now` where otherwise there is nothing to do: the first of two siblings, the second of
+    /// A node to issue as instruction `now` if there is nothing else: the first of two siblings, the second of
     /// which has to wait.
     fn next_early(&mut self, now: usize) -> Option<Instruction> {
         if self.sibling.is_some() {
@@ -227,7 +227,7 @@ impl<'a> NodeQueue<'a> {
         }
     }
 
-    /// Notes that a leaf's box is written by instruction `now`.
+    /// Records that instruction `now` writes a leaf's box.
     fn leaf_merged(&mut self, number: u32, now: usize) {
         self.of_leaf[number as usize] = Held {
             register: self.boxes.take(),
@@ -236,7 +236,7 @@ impl<'a> NodeQueue<'a> {
         self.written(self.reader_of_leaf[number as usize], now);
     }
 
-    /// Notes that one of the operands of a unit is written by instruction `now`.
+    /// Records that instruction `now` writes an operand of a unit.
     fn written(&mut self, unit: u32, now: usize) {
         if unit == NEVER {
             return;
@@ -257,7 +257,7 @@ struct Held {
     written: usize,
 }
 
-/// Which box registers are free, as the machine itself decides it.
+/// The free box registers, with the same allocation as in the machine.
 #[derive(Default)]
 struct BoxFile {
     free: Vec<u8>,
@@ -282,17 +282,17 @@ impl BoxFile {
     }
 }
 
-/// What is left to do in [`walk`], last in, first out.
+/// The remaining tasks of [`walk`], last in, first out.
 enum Task {
-    /// Make the boxes of a node's children.
+    /// Compute the boxes of a node's children.
     Children(u32),
-    /// Merge the children of a node, or of two siblings, whose boxes are made.
+    /// Merge the children of a node, or of two siblings, whose boxes are computed.
     Unit(u32, Option<u32>),
     Leaf(u32),
 }
 
-/// Walks the tree depth first, the greedier subtree first. Siblings are written side by side, so what a subtree leaves
-/// behind until its sibling is done is not its box but those of its two children.
+/// Walks the tree depth first, starting with the subtree that needs more registers. Siblings are written next to each other, so
+/// until its sibling is done a subtree occupies not one box but those of its two children.
 fn walk(tree: &Tree) -> Walk {
     let need = box_registers_needed(tree);
     let mut walk = Walk {
@@ -345,7 +345,7 @@ fn walk(tree: &Tree) -> Walk {
     walk
 }
 
-/// For each node, the box registers in which its children's boxes can be made.
+/// For each node, the number of box registers needed to compute its children's boxes.
 fn box_registers_needed(tree: &Tree) -> Vec<u32> {
     let mut need = vec![0u32; tree.nodes.len()];
     for index in tree.children_first() {
@@ -363,23 +363,23 @@ fn box_registers_needed(tree: &Tree) -> Vec<u32> {
     need
 }
 
-/// The vertex registers, filled for one leaf after the other. The vertex whose next use is farthest gives way.
+/// The vertex registers, filled for one leaf after another. The vertex with the most distant next use is replaced.
 struct VertexFile<'a> {
     leaves: &'a [u32],
     triangles: &'a [[u32; 3]],
-    /// For each leaf, in order, and corner, the leaf that uses the vertex next.
+    /// For each leaf, in order, and each corner, the leaf with the next use of the vertex.
     next_uses: Vec<[u32; 3]>,
     /// The leaf whose vertices are being loaded.
     leaf: usize,
-    /// For each vertex, the register it is in, or [`NOWHERE`].
+    /// For each vertex, its register, or [`NOWHERE`].
     register_of: Vec<u8>,
-    /// For each vertex, its place in `loaded`, or [`NEVER`].
+    /// For each vertex, its index in `loaded`, or [`NEVER`].
     place_of: Vec<u32>,
-    /// Vertices by first load.
+    /// Vertices in the order of their first loads.
     loaded: Vec<u32>,
-    /// For each register, the vertex in it, or [`NEVER`].
+    /// For each register, its vertex, or [`NEVER`].
     contents: Vec<u32>,
-    /// For each register, the leaf that uses it next, or [`NEVER`].
+    /// For each register, the leaf with its next use, or [`NEVER`].
     used_next: Vec<u32>,
     last: u8,
 }
@@ -418,14 +418,14 @@ impl<'a> VertexFile<'a> {
         }
     }
 
-    /// The next load that the leaf needs, if any.
+    /// The next load for the leaf, if it needs one.
     fn next_load(&mut self) -> Option<Instruction> {
         let number = *self.leaves.get(self.leaf)?;
         let triangle = self.triangles[number as usize];
         let vertex = triangle
             .into_iter()
             .find(|&vertex| self.register_of[vertex as usize] == NOWHERE)?;
-        // Those of this leaf are used soonest, hence stay.
+        // The vertices of this leaf have the nearest next use, so they are not replaced.
         for held in triangle {
             let register = self.register_of[held as usize];
             if register != NOWHERE {
@@ -460,7 +460,7 @@ impl<'a> VertexFile<'a> {
         })
     }
 
-    /// The merge of the leaf, whose vertices are all loaded, and on to the next leaf.
+    /// The merge of the leaf, whose vertices are all loaded; advances to the next leaf.
     fn merge_leaf(&mut self) -> Instruction {
         let triangle = self.triangles[self.leaves[self.leaf] as usize];
         let registers = triangle.map(|vertex| self.register_of[vertex as usize]);
@@ -484,7 +484,7 @@ impl<'a> VertexFile<'a> {
         }
     }
 
-    /// All vertices, by first load, unused ones last.
+    /// All vertices in the order of their first loads, followed by unused ones.
     fn vertex_order(self) -> Vec<u32> {
         let mut order = self.loaded;
         let unused = (0..self.place_of.len() as u32)

@@ -1,4 +1,4 @@
-//! The instructions and their bits: the one definition from which encoder, decoder and manifest derive.
+//! The instructions and their encoding. Encoder, decoder and manifest derive from these definitions.
 
 use anyhow::{Result, bail, ensure};
 use serde::Serialize;
@@ -10,7 +10,7 @@ use crate::bkd::Field;
 pub enum Instruction {
     /// Loads the next vertex in memory.
     Load { register: u8 },
-    /// Loads a vertex again, which had to give way to others. `vertex` counts from the vertex base.
+    /// Loads a vertex again that was replaced. `vertex` counts from the vertex base.
     Reload { register: u8, vertex: u32 },
     /// Merges three vertices into a box.
     Leaf { vertices: [u8; 3] },
@@ -18,26 +18,26 @@ pub enum Instruction {
     LeafLast { vertices: [u8; 2] },
     /// Merges two boxes and writes the next node.
     Node {
-        /// Box registers of left and right child; the first receives the box of both, the second is freed.
+        /// Box registers of left and right child; the first receives the merged box, the second is freed.
         children: [u8; 2],
         /// The axis of the interval of left and right child: 0 = x, 1 = y, 2 = z.
         axes: [u8; 2],
     },
-    /// Waits.
+    /// Does nothing for one issue slot.
     Nop,
     /// Writes the object's box and completes the update.
     End { register: u8 },
 }
 
-/// How a kind of instruction is encoded.
+/// The encoding of a kind of instruction.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 pub struct Form {
     pub name: &'static str,
-    /// Length.
+    /// Length in bytes.
     pub bytes: usize,
-    /// The bits of the first byte by which the form is known …
+    /// The bits of the first byte that identify the form …
     pub mask: u8,
-    /// … and their values. Of several forms that match, the first in [`FORMS`] is meant.
+    /// … and their values. If several forms match, the first in [`FORMS`] applies.
     pub value: u8,
     /// Operands, in the order of the listing.
     pub fields: &'static [Field],
@@ -60,7 +60,7 @@ const LEAF: usize = 4;
 const LEAF_LAST: usize = 5;
 const NODE: usize = 6;
 
-/// All forms; a first byte that matches none is no instruction.
+/// All forms; a first byte that matches none is invalid.
 pub static FORMS: [Form; 7] = [
     Form {
         name: "load",
@@ -117,7 +117,7 @@ pub static FORMS: [Form; 7] = [
     Form {
         name: "node",
         bytes: 2,
-        // What is left, where neither axis is 3.
+        // All other values, in which neither axis is 3.
         mask: 0,
         value: 0,
         fields: &[
@@ -130,12 +130,12 @@ pub static FORMS: [Form; 7] = [
 ];
 
 impl Instruction {
-    /// How the instruction is encoded.
+    /// The encoding of the instruction.
     pub fn form(&self) -> &'static Form {
         &FORMS[self.operands().0]
     }
 
-    /// The form's place in [`FORMS`] and the values of its fields, filled up with zeros.
+    /// The index of the form in [`FORMS`] and the values of its fields, padded with zeros.
     fn operands(&self) -> (usize, [u32; 4]) {
         match *self {
             Instruction::Load { register } => (LOAD, [register.into(), 0, 0, 0]),
@@ -176,10 +176,10 @@ impl Instruction {
     }
 }
 
-/// The bytes of instructions, one after the other.
+/// The encoded instructions, one after another.
 ///
 /// # Panics
-/// Where an operand does not fit its field, or an axis is not 0, 1 or 2.
+/// If an operand does not fit its field, or if an axis is not 0, 1 or 2.
 pub fn encode(instructions: &[Instruction]) -> Vec<u8> {
     let mut bytes = Vec::with_capacity(instructions.len() * 5 / 2);
     for instruction in instructions {
@@ -201,10 +201,10 @@ pub fn encode(instructions: &[Instruction]) -> Vec<u8> {
     bytes
 }
 
-/// The instructions of a program's bytes up to `end`, and with it; what follows is not looked at.
+/// Decodes the bytes of a program up to and including `end`; the bytes after it are ignored.
 ///
 /// # Errors
-/// Names the first byte where no instruction starts, the bytes end, or bits that must be 0 are not.
+/// Names the first byte at which no instruction starts, the bytes end, or bits that must be 0 are not.
 pub fn decode(bytes: &[u8]) -> Result<Vec<Instruction>> {
     let mut instructions = Vec::with_capacity(bytes.len() / 2);
     let mut at = 0;
@@ -243,12 +243,12 @@ pub fn decode(bytes: &[u8]) -> Result<Vec<Instruction>> {
     }
 }
 
-/// The place in [`FORMS`] of the form that a first byte tells.
+/// The index in [`FORMS`] of the form with this first byte.
 fn form_of(first: u8) -> Option<usize> {
     let place = FORMS
         .iter()
         .position(|form| first & form.mask == form.value)?;
-    // No axis is 3: those codes belong to the other forms.
+    // Axis 3 does not exist; its codes belong to the other forms.
     (place != NODE || first & 0b1100 != 0b1100).then_some(place)
 }
 

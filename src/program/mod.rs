@@ -1,8 +1,8 @@
-//! The update program: a tree's topology compiled into the one instruction stream that the update processor runs
+//! The update program: a tree's topology compiled to the instruction stream that the update processor executes
 //! after every motion of the vertices. `docs/update.md` is normative.
 //!
-//! [`Program::compile`] fixes two orders besides the instructions: that of the vertices in memory (by first load) and
-//! that of the nodes (as they are written). [`Program::image`] lays an object out accordingly.
+//! [`Program::compile`] determines the instructions and two orders: that of the vertices in memory (by first load) and
+//! that of the nodes (by write). [`Program::image`] lays an object out accordingly.
 
 mod compile;
 mod encode;
@@ -17,22 +17,22 @@ use crate::float::Format;
 
 pub use encode::{FORMS, Form, Instruction, decode, encode};
 
-/// What a program needs to know of the update processor.
+/// The parameters of the update processor for which a program is compiled.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize)]
 pub struct UpdateMachine {
-    /// Registers of one vertex each, in [`UpdateMachine::REGISTERS`].
+    /// Number of vertex registers, in [`UpdateMachine::REGISTERS`].
     pub vertex_registers: u32,
-    /// Registers of one box each, in [`UpdateMachine::REGISTERS`].
+    /// Number of box registers, in [`UpdateMachine::REGISTERS`].
     pub box_registers: u32,
-    /// Instructions from the one that writes a box register to the first that may read it, in
-    /// [`UpdateMachine::MERGE_DISTANCE`]; 1 is the next.
+    /// Minimum distance between the instruction that writes a box register and the first one that may read it, in
+    /// [`UpdateMachine::MERGE_DISTANCE`]; 1 is the next instruction.
     pub merge_distance: u32,
 }
 
 impl UpdateMachine {
-    /// The number of registers of a kind that a machine may have.
+    /// The valid numbers of registers of a kind.
     pub const REGISTERS: std::ops::RangeInclusive<u32> = 8..=64;
-    /// The merge distances that a machine may have.
+    /// The valid merge distances.
     pub const MERGE_DISTANCE: std::ops::RangeInclusive<u32> = 1..=16;
 
     /// # Errors
@@ -72,46 +72,46 @@ impl Default for UpdateMachine {
 /// The update program of one object.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Program {
-    /// The machine it was compiled for: it runs on any with no fewer registers and no greater distance.
+    /// The machine for which it was compiled. It runs on any machine with at least as many registers and at most the same distance.
     pub machine: UpdateMachine,
-    /// What is executed, `end` last.
+    /// The instructions, with `end` as the last one.
     pub instructions: Vec<Instruction>,
-    /// The mesh's vertices in the order in which the program wants them in memory: by first load, unused ones last.
+    /// The mesh's vertices in the order of memory: by first load, followed by unused ones.
     /// Entry k is the mesh's index of the vertex at vertex base + k.
     pub vertex_order: Vec<u32>,
-    /// Indices into [`Tree::nodes`] in the order in which they are written: the `order` of [`layout::place`].
+    /// Indices into [`Tree::nodes`] in the order of the writes: the `order` of [`layout::place`].
     pub node_order: Vec<u32>,
     vertices_used: u32,
     box_registers_used: u32,
 }
 
-/// A program in figures.
+/// Statistics of a program.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Statistics {
     pub triangles: u64,
-    /// Nodes written: one less than triangles.
+    /// Number of nodes written: one less than the number of triangles.
     pub nodes: u64,
-    /// Vertices that triangles use.
+    /// Number of vertices that triangles use.
     pub vertices: u64,
-    /// All instructions, `end` and `nop` included.
+    /// Number of all instructions, including `end` and `nop`.
     pub instructions: u64,
-    /// Vertices loaded, the first time and again.
+    /// Number of loads of vertices, including repeated ones.
     pub loads: u64,
-    /// Vertices loaded again.
+    /// Number of repeated loads.
     pub reloads: u64,
-    /// Merges of three vertices.
+    /// Number of merges of three vertices.
     pub leaf_merges: u64,
-    /// Those in the short form, which implies the vertex loaded last.
+    /// Number of those in the short form, which implies the vertex loaded last.
     pub short_leaf_merges: u64,
-    /// Merges of two boxes.
+    /// Number of merges of two boxes.
     pub node_merges: u64,
-    /// Instructions that only wait.
+    /// Number of `nop` instructions.
     pub nops: u64,
-    /// Encoded length, without the fill after `end`.
+    /// Encoded length in bytes, without the padding after `end`.
     pub bytes: u64,
     pub vertex_registers_used: u32,
     pub box_registers_used: u32,
-    /// `loads` ÷ `vertices`; 1 is the least there is.
+    /// `loads` ÷ `vertices`; the minimum is 1.
     pub loads_per_vertex: f64,
     pub instructions_per_triangle: f64,
     pub bytes_per_triangle: f64,
@@ -119,11 +119,11 @@ pub struct Statistics {
 
 impl Program {
     /// Compiles the update program of a tree over `triangles`, whose indices are below `vertices`, for a machine.
-    /// The result depends on nothing but the arguments.
+    /// The result depends only on the arguments.
     ///
     /// # Errors
-    /// Where a machine's parameter is out of range, the tree is not one over these triangles, a triangle names a missing
-    /// vertex, or the tree needs more box registers than the machine has.
+    /// If a machine's parameter is out of range, if the tree is not a tree over these triangles, if a triangle names a missing
+    /// vertex, or if the tree needs more box registers than the machine has.
     pub fn compile(
         tree: &Tree,
         triangles: &[[u32; 3]],
@@ -133,17 +133,17 @@ impl Program {
         compile::compile(tree, triangles, vertices, machine)
     }
 
-    /// The program as it lies in memory: encoded, filled with zeros up to a multiple of [`Program::ROW_BYTES`].
+    /// The program in memory: encoded, and padded with zeros to a multiple of [`Program::ROW_BYTES`].
     pub fn bytes(&self) -> Vec<u8> {
         let mut bytes = encode(&self.instructions);
         bytes.resize(bytes.len().next_multiple_of(Self::ROW_BYTES), 0);
         bytes
     }
 
-    /// A program starts at a multiple of this many bytes and is filled up to one.
+    /// A program starts at a multiple of this number of bytes and is padded to one.
     pub const ROW_BYTES: usize = 16;
 
-    /// The rows of [`Program::bytes`], a line of hexadecimal digits each as `$readmemh` reads it.
+    /// The rows of [`Program::bytes`] as text for `$readmemh`, one line of hexadecimal digits per row.
     pub fn hex_lines(&self) -> String {
         let mut lines = String::new();
         for row in self.bytes().chunks_exact(Self::ROW_BYTES) {
@@ -155,10 +155,10 @@ impl Program {
         lines
     }
 
-    /// Something for each of the mesh's vertices, put in the order of the program.
+    /// Reorders one item per vertex of the mesh to the order of the program.
     ///
     /// # Panics
-    /// Where `items` are not as many as the mesh's vertices.
+    /// If the number of items is not the number of the mesh's vertices.
     pub fn reorder_vertices<T: Clone>(&self, items: &[T]) -> Vec<T> {
         assert_eq!(
             items.len(),
@@ -169,10 +169,10 @@ impl Program {
         order.map(|&old| items[old as usize].clone()).collect()
     }
 
-    /// The mesh's triangles, naming vertices by their places in the order of the program.
+    /// The mesh's triangles with vertices numbered in the order of the program.
     ///
     /// # Panics
-    /// Where a triangle names a vertex that the mesh did not have.
+    /// If a triangle names a vertex that the mesh did not have.
     pub fn renumber(&self, triangles: &[[u32; 3]]) -> Vec<[u32; 3]> {
         let mut place_of = vec![0; self.vertex_order.len()];
         for (place, &old) in self.vertex_order.iter().enumerate() {
@@ -182,11 +182,11 @@ impl Program {
         triangles.iter().map(renumbered).collect()
     }
 
-    /// The memory image of the object at base 0, vertices and nodes in the order of the program. `tree`, `triangles` and
-    /// `vertices` are what it was compiled from; `vertices` hold numbers of `format`, in the mesh's order.
+    /// The memory image of the object at base 0, with vertices and nodes in the order of the program. `tree`, `triangles` and
+    /// `vertices` are those for which it was compiled; `vertices` are values of `format`, in the mesh's order.
     ///
     /// # Errors
-    /// Where the mesh is too large for the link word.
+    /// If the mesh is too large for the link word.
     pub fn image(
         &self,
         format: Format,
@@ -213,7 +213,7 @@ impl Program {
         })
     }
 
-    /// The program in figures.
+    /// The statistics of the program.
     pub fn statistics(&self) -> Statistics {
         let (mut loads, mut reloads, mut leaves, mut short, mut nodes, mut nops) =
             (0, 0, 0, 0, 0, 0);
@@ -261,7 +261,7 @@ impl Program {
         }
     }
 
-    /// Checks what `docs/update.md` says that a program guarantees its machine.
+    /// Checks the properties that `docs/update.md` guarantees for a program.
     ///
     /// # Errors
     /// Names the instruction that breaks a rule, and the rule.
@@ -269,8 +269,8 @@ impl Program {
         check(&self.instructions, self.machine)
     }
 
-    /// The program as text, a line an instruction: byte address, the bytes, the instruction with its implicit operands
-    /// written out.
+    /// The program as text, one line per instruction: byte address, bytes, and the instruction with its implicit
+    /// operands.
     pub fn listing(&self) -> String {
         let mut listing = String::with_capacity(self.instructions.len() * 48);
         let mut state = Implicit::default();
@@ -289,7 +289,7 @@ impl Program {
     }
 }
 
-/// The operands that instructions imply, as decoding in order finds them.
+/// The implicit operands of instructions, determined by decoding in order.
 #[derive(Default)]
 struct Implicit {
     next_vertex: u32,
@@ -307,7 +307,7 @@ impl Implicit {
         })
     }
 
-    /// Goes past an instruction and says what it does.
+    /// Advances by one instruction and returns its description.
     fn step(&mut self, instruction: Instruction) -> String {
         let axis = |axis: u8| ["x", "y", "z"][axis as usize];
         match instruction {

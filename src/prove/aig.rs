@@ -1,13 +1,13 @@
 //! And-inverter graphs: the bit-level form in which a unit and its reference are compared.
 //!
-//! A graph is read from ASCII AIGER as Yosys writes it, and given to ABC as binary AIGER. In between, a pipeline is made
-//! combinational where all paths have as many registers as they should, and inputs are fixed to a case's values.
+//! A graph is read from ASCII AIGER, as written by Yosys, and passed to ABC as binary AIGER. In between, a pipeline becomes
+//! combinational if all paths have the required number of registers, and inputs are fixed to the values of a case.
 
 use anyhow::{Context, Result, bail, ensure};
 use std::collections::HashMap;
 use std::ops::Range;
 
-/// A node's number times two, plus 1 for its complement. Node 0 is the constant false.
+/// Twice the number of a node, plus 1 for its complement. Node 0 is the constant false.
 type Literal = u32;
 
 const FALSE: Literal = 0;
@@ -17,10 +17,10 @@ fn node(literal: Literal) -> usize {
     (literal >> 1) as usize
 }
 
-/// A circuit as Yosys wrote it: inputs, registers, gates.
+/// A circuit from Yosys: inputs, registers, gates.
 pub struct Circuit {
     inputs: Vec<String>,
-    /// What defines each node.
+    /// The definition of each node.
     nodes: Vec<Node>,
     outputs: Vec<(String, Literal)>,
 }
@@ -28,14 +28,14 @@ pub struct Circuit {
 #[derive(Clone, Copy)]
 enum Node {
     False,
-    /// An input, by its place in [`Circuit::inputs`].
+    /// An input, by its index in [`Circuit::inputs`].
     Input(usize),
-    /// A register, by what it holds a clock later.
+    /// A register, by its value in the next cycle.
     Register(Literal),
     And(Literal, Literal),
 }
 
-/// The gates of a combinational circuit, inputs first, equal ones shared.
+/// The gates of a combinational circuit, inputs first; equal gates are shared.
 #[derive(Clone, Default)]
 pub struct Graph {
     pub inputs: Vec<String>,
@@ -45,7 +45,7 @@ pub struct Graph {
     outputs: Vec<(String, Vec<Literal>)>,
 }
 
-/// The name and the bit's number of `name[bit]`, or of a signal of one bit.
+/// The name and the bit number of `name[bit]`, or of a signal of one bit.
 fn bit_of(name: &str) -> Result<(&str, usize)> {
     match name.strip_suffix(']').and_then(|n| n.split_once('[')) {
         Some((word, bit)) => Ok((
@@ -56,12 +56,12 @@ fn bit_of(name: &str) -> Result<(&str, usize)> {
     }
 }
 
-/// What is known of a node when registers are seen through.
+/// The state of a node during the replacement of registers by wires.
 #[derive(Clone, Copy)]
 enum Sight {
     Unseen,
     UnderWay,
-    /// Its literal, and the registers on the paths that lead to it.
+    /// Its literal, and the number of registers on the paths to it.
     Seen(Literal, Option<u32>),
 }
 
@@ -69,7 +69,7 @@ impl Circuit {
     /// Reads ASCII AIGER with a symbol table.
     ///
     /// # Errors
-    /// What is wrong with the text.
+    /// A description of the mistake in the text.
     pub fn parse(text: &str) -> Result<Circuit> {
         let mut lines = text.lines();
         let header: Vec<&str> = lines.next().unwrap_or_default().split(' ').collect();
@@ -121,7 +121,7 @@ impl Circuit {
         }
         let mut names = HashMap::new();
         for line in lines.take_while(|line| *line != "c") {
-            // A node with several names has them all; the first is the port's.
+            // A node may have several names; the first one is the port's.
             if let [place, name, ..] = line.split(' ').collect::<Vec<_>>()[..] {
                 names.insert(place.to_string(), name.to_string());
             }
@@ -149,22 +149,22 @@ impl Circuit {
 
     /// The combinational function of a pipeline without feedback.
     ///
-    /// Every output word must come as many clocks after its inputs as `latency` says, over every path through gates
-    /// and registers. Then its value at a clock is a function of the inputs of one clock alone, and that function is
-    /// what remains when registers are taken for wires. This is checked gate by gate; what does not depend on any
+    /// Every output word must come `latency` cycles after its inputs, on every path through gates
+    /// and registers. Then its value in a cycle is a function of the inputs of a single cycle: the function that
+    /// results if registers are replaced by wires. This is checked gate by gate. Values that do not depend on any
     /// input may come at any time.
     ///
     /// # Errors
-    /// The output or the gate at which numbers of registers differ; a loop of registers.
+    /// The output or the gate at which the numbers of registers differ, or a loop of registers.
     pub fn transparent(&self, latency: impl Fn(&str) -> u32) -> Result<Graph> {
         self.staged(|_| 0, latency)
     }
 
-    /// The same of a pipeline whose input words enter at stages of their own: `entry` says at which; an output word then comes at the
-    /// stage that `latency` says.
+    /// The same for a pipeline whose input words enter at different stages, given by `entry`; an output word then comes at the
+    /// stage given by `latency`.
     ///
     /// # Errors
-    /// As of [`Circuit::transparent`].
+    /// As for [`Circuit::transparent`].
     pub fn staged(
         &self,
         entry: impl Fn(&str) -> u32,
@@ -205,7 +205,7 @@ impl Circuit {
         Ok(graph)
     }
 
-    /// A node in the graph, and the registers on the paths that lead to it; none where no input reaches it.
+    /// A node in the graph, and the number of registers on the paths to it; `None` if it depends on no input.
     fn see_through(
         &self,
         index: usize,
@@ -281,7 +281,7 @@ impl Graph {
             .1)
     }
 
-    /// Where the bits of an input lie among all inputs, least significant first.
+    /// The positions of an input's bits among all inputs, least significant bit first.
     fn input_bits(&self, word: &str) -> Result<Vec<usize>> {
         let mut bits = vec![];
         for (place, name) in self.inputs.iter().enumerate() {
@@ -295,10 +295,10 @@ impl Graph {
         Ok(bits.into_iter().map(|(_, place)| place).collect())
     }
 
-    /// The graph with fields of inputs fixed: input, its bits, their value.
+    /// The graph with fields of inputs fixed to values.
     ///
     /// # Errors
-    /// An input that does not exist or has no such bits.
+    /// If an input does not exist or has no such bits.
     pub fn fixed(&self, values: &[Fixed]) -> Result<Graph> {
         let mut map: Vec<Literal> = (0..self.first_gate() as u32).map(|i| 2 * i).collect();
         for Fixed { input, bits, value } in values {
@@ -324,10 +324,10 @@ impl Graph {
         Ok(graph)
     }
 
-    /// One bit: whether output `legal` is set and outputs `got` and `expected` differ.
+    /// A bit that is 1 if output `legal` is 1 and outputs `got` and `expected` differ.
     ///
     /// # Errors
-    /// An output that does not exist; differing widths.
+    /// If an output does not exist, or if the widths differ.
     pub fn differs(&mut self, legal: &str, got: &str, expected: &str) -> Result<Literal> {
         let (legal, a, b) = (
             self.output(legal)?[0],
@@ -348,7 +348,7 @@ impl Graph {
         Ok(self.and(legal, same ^ 1))
     }
 
-    /// Binary AIGER of the gates that one output depends on.
+    /// Binary AIGER of the gates on which one output depends.
     pub fn to_aiger(&self, output: Literal) -> Vec<u8> {
         let first = self.first_gate();
         let mut used = vec![false; first + self.gates.len()];
@@ -385,7 +385,7 @@ impl Graph {
         [header.into_bytes(), body].concat()
     }
 
-    /// The values of all nodes, for 64 assignments of the inputs in each of `N` words.
+    /// The values of all nodes for 64 assignments of the inputs in each of `N` words.
     pub fn evaluate<const N: usize>(&self, inputs: &[[u64; N]], nodes: &mut Vec<[u64; N]>) {
         nodes.clear();
         nodes.push([0; N]);
@@ -396,7 +396,7 @@ impl Graph {
         }
     }
 
-    /// A literal's values, those of all nodes being known.
+    /// The values of a literal, given those of all nodes.
     pub fn literal<const N: usize>(nodes: &[[u64; N]], literal: Literal) -> [u64; N] {
         let complement = 0u64.wrapping_sub(u64::from(literal & 1));
         nodes[node(literal)].map(|word| word ^ complement)
@@ -411,7 +411,7 @@ impl Graph {
     }
 }
 
-/// Some bits of an input, and the value that they have in a case.
+/// A bit field of an input, and its value in a case.
 #[derive(Clone, Debug)]
 pub struct Fixed {
     pub input: String,
@@ -419,22 +419,22 @@ pub struct Fixed {
     pub value: u64,
 }
 
-/// What [`Graph::simulate`] computed.
+/// The result of [`Graph::simulate`].
 pub struct Values<'g> {
     graph: &'g Graph,
     nodes: Vec<[u64; 1]>,
 }
 
 impl Values<'_> {
-    /// A literal, in each of 64 assignments.
+    /// The value of a literal in each of 64 assignments.
     pub fn literal(&self, literal: Literal) -> u64 {
         Graph::literal(&self.nodes, literal)[0]
     }
 
-    /// An output word in the assignment of the given number.
+    /// The value of an output word in the assignment with this number.
     ///
     /// # Errors
-    /// An output that does not exist.
+    /// If the output does not exist.
     pub fn word(&self, name: &str, assignment: u32) -> Result<u64> {
         let bits = self.graph.output(name)?.iter().enumerate();
         Ok(bits.fold(0, |word, (i, bit)| {

@@ -1,9 +1,9 @@
-//! The arithmetic units against exact arithmetic and one rounding, for all operands.
+//! Compares the arithmetic units with exact arithmetic and one rounding, for all operands.
 //!
-//! Yosys turns a unit and its reference into gates. The unit's registers are taken for wires, once it is checked gate by
-//! gate that every path from an operand to the result has as many as the unit's latency says ([`Circuit::transparent`]):
-//! so what is proved of the gates holds of the pipeline, whatever comes before and after. ABC then shows that no
-//! operands make a difference. Where operands are few enough, all of them are tried on the gates instead.
+//! Yosys converts a unit and its reference to gates. The unit's registers are replaced by wires after a check, gate by
+//! gate, that every path from an operand to the result has as many registers as the unit's latency ([`Circuit::transparent`]).
+//! Therefore a proof about the gates holds for the pipeline, whatever operands precede and follow. ABC then proves that the
+//! results are equal for all operands. If there are few operands, all of them are tried on the gates instead.
 
 use super::aig::{Circuit, Fixed, Graph};
 use super::reference::{self, Relation};
@@ -20,16 +20,16 @@ use std::path::Path;
 use std::sync::Arc;
 use std::time::Duration;
 
-/// The slack of the machine's plane distances, in ulps: what it steps by.
+/// The slack of the machine's plane distances, in ulps.
 const ULPS: i32 = 3;
 
-/// What ABC may take for one case. The slowest of the reference format takes about a hundredth.
+/// Time limit of ABC for one case. The slowest case of the reference format takes about 1 % of it.
 const CASE_LIMIT: Duration = Duration::from_secs(120);
 
-/// As many free input bits are tried one by one rather than reasoned about.
+/// Up to this number of free input bits, all operands are tried.
 const EXHAUSTIBLE: u32 = 24;
 
-/// A unit, what it should compute, and into which cases the operands fall.
+/// A unit, its reference, and the cases into which the operands are divided.
 pub struct Equivalence {
     pub module: Arc<Module>,
     pub what: String,
@@ -39,18 +39,18 @@ pub struct Equivalence {
     pub faults: Vec<Seeded<Change>>,
 }
 
-/// Where a fault is.
+/// The place of a seeded fault.
 pub enum Change {
     Unit(Mutation),
-    /// A law of the reference alone has it there: a reference with the fault.
+    /// The reference has the fault, because the property is one of the reference alone.
     Reference(String),
 }
 
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 enum Method {
-    /// ABC's `iprove`.
+    /// By ABC's `iprove`.
     Reasoned,
-    /// Every operand tried.
+    /// By trying all operands.
     Exhausted,
 }
 
@@ -58,7 +58,7 @@ enum Method {
 pub struct Case {
     name: String,
     fixed: Vec<Fixed>,
-    /// Whether it is among those that are always proved.
+    /// Whether it is also proved with `--quick`.
     pub quick: bool,
 }
 
@@ -87,7 +87,7 @@ fn seeded(what: &str, mutation: Mutation) -> Seeded<Change> {
     }
 }
 
-/// A tie is rounded up whatever the last bit: of `half & (more | last)` remains the half.
+/// A tie is rounded up independent of the last bit: `half & (more | last)` becomes `half`.
 fn odd(unit: &Module) -> Result<Seeded<Change>, HdlError> {
     let round_up = unit.signal("round_up")?;
     Ok(seeded(
@@ -96,10 +96,10 @@ fn odd(unit: &Module) -> Result<Seeded<Change>, HdlError> {
     ))
 }
 
-/// All equivalences of a unit of the given name; none if it is no unit of arithmetic.
+/// All equivalences of the unit with this name; empty if it is not an arithmetic unit.
 ///
 /// # Errors
-/// A mistake in a unit's description.
+/// A mistake in the description of a unit.
 pub fn proofs(unit: &str, format: Format, clock_mhz: u32) -> Result<Vec<Equivalence>> {
     let units = Units::new(format, clock_mhz)?;
     Ok(match unit {
@@ -163,7 +163,7 @@ pub fn proofs(unit: &str, format: Format, clock_mhz: u32) -> Result<Vec<Equivale
     })
 }
 
-/// A sum's proofs: numbers by the distance of their exponents, everything else, and that these are all.
+/// The proofs of a sum: numbers by the distance of their exponents, all other operands, and the completeness of these cases.
 fn sums(
     module: &Arc<Module>,
     format: Format,
@@ -171,7 +171,7 @@ fn sums(
 ) -> Result<Vec<Equivalence>, HdlError> {
     let (e, f) = (format.exponent_bits(), format.fraction_bits());
     let operator = if subtract { '-' } else { '+' };
-    // Where the smaller operand meets the rounding bits, and where it leaves them, is where mistakes live.
+    // Mistakes are likely where the smaller operand reaches the rounding bits, and where it leaves them.
     let edge = |distance: u32| distance < 3 || (f - 1..f + 4).contains(&distance);
     let distances = (0..(1u32 << e) - 2).map(|distance| Case {
         name: format!("exponents {distance} apart"),
@@ -223,7 +223,7 @@ fn sums(
     ])
 }
 
-/// What is known of both operands: nothing first, then every pair that the machine's comparisons have.
+/// Facts about both operands: first none, then every pair that occurs in the machine's comparisons.
 const KNOWING: [[Known; 2]; 12] = {
     use Known::{NoNan, Nothing, Number, Positive, Result};
     [
@@ -242,7 +242,7 @@ const KNOWING: [[Known; 2]; 12] = {
     ]
 };
 
-/// The operand as it is where what is `known` holds, else +0, for which it does.
+/// The operand if the fact `known` holds for it, otherwise +0, for which it holds.
 fn made_known<'b>(format: Format, operand: Signal<'b>, known: Known) -> Signal<'b> {
     let m = operand.module();
     let zero = m.zero(format.width());
@@ -275,7 +275,7 @@ fn relation_of<'b>(
     }
 }
 
-/// A relation of any two operands; where something is known of them, the relation that knows it gives what the other gives.
+/// A relation of any two operands. A relation that uses known facts must give the same result as one that does not.
 fn related(
     name: &str,
     what: &str,
@@ -309,7 +309,7 @@ fn related(
             let [a, b] = [(a, known[0]), (b, known[1])]
                 .map(|(operand, known)| (made_known(format, operand, known), known));
             let knows = of(a.0.known(a.1), b.0.known(b.1));
-            // The two may have logic in common: a fault belongs behind it.
+            // The two may share logic, so the fault is placed after it.
             let differs = (knows ^ of(a.0.into(), b.0.into())).named("differs");
             let fault = differs.fault().inverted();
             (
@@ -355,7 +355,7 @@ fn stepped(name: &str, ulps: i32, format: Format) -> Result<Equivalence> {
 }
 
 impl Equivalence {
-    /// How it is proved, as the report says it.
+    /// The method of the proof, for reports.
     pub fn how(&self) -> String {
         let registers = self.module.latency().unwrap_or(0);
         let how = match self.method {
@@ -368,10 +368,10 @@ impl Equivalence {
         }
     }
 
-    /// Proves the cases that are asked for, or finds operands that make a difference. `done` is called after each case.
+    /// Proves the requested cases, or finds operands with different results. `done` is called after each case.
     ///
     /// # Errors
-    /// A tool that fails; a fault that cannot be made.
+    /// If a tool fails, or if a fault cannot be made.
     pub fn prove(
         &self,
         folder: &Path,
@@ -405,7 +405,7 @@ impl Equivalence {
         Ok((proved, Outcome::Proved))
     }
 
-    /// Unit and reference as one combinational circuit, or why the unit is no pipeline of its latency.
+    /// Unit and reference as one combinational circuit, or the reason why the unit is not a pipeline of its latency.
     fn gates(&self, folder: &Path, fault: Option<usize>) -> Result<Result<Graph, String>> {
         let name = self.module.name();
         ensure!(
@@ -439,7 +439,7 @@ impl Equivalence {
     }
 }
 
-/// Asks ABC whether any operands make a difference.
+/// Asks ABC whether the results differ for any operands.
 fn reason(graph: &mut Graph, folder: &Path) -> Result<Outcome> {
     let differs = graph.differs("legal", "y", "expected")?;
     ensure!(
@@ -487,7 +487,7 @@ fn reason(graph: &mut Graph, folder: &Path) -> Result<Outcome> {
     Ok(Outcome::Refuted(shown(graph, &inputs, 0)?))
 }
 
-/// Tries all assignments of the inputs that the operand `a` has.
+/// Tries all assignments of the inputs of operand `a`.
 fn exhaust(graph: &mut Graph) -> Result<Outcome> {
     let differs = graph.differs("legal", "y", "expected")?;
     let places: Vec<usize> = (graph.inputs.iter().enumerate())
@@ -508,7 +508,7 @@ fn exhaust(graph: &mut Graph) -> Result<Outcome> {
         0xffff_0000_ffff_0000,
         0xffff_ffff_0000_0000,
     ];
-    // Four words at once: 256 operands, of which each word's first two higher bits are the word's number.
+    // Four words at once: 256 operands. In each word, the first two higher bits are the word's number.
     const WORDS: usize = 4;
     let rest = places.len().saturating_sub(LOWEST.len());
     let mut inputs = vec![[0; WORDS]; graph.inputs.len()];
@@ -534,7 +534,7 @@ fn exhaust(graph: &mut Graph) -> Result<Outcome> {
     Ok(Outcome::Proved)
 }
 
-/// Whether some operands of a case are legal. Most are, so few tries find one.
+/// Whether a case has legal operands. Most operands are legal, so a few random tries find one.
 fn meaningful(graph: &Graph) -> Result<bool> {
     let mut random = fastrand::Rng::with_seed(1);
     for _ in 0..1000 {
@@ -549,7 +549,7 @@ fn meaningful(graph: &Graph) -> Result<bool> {
     Ok(false)
 }
 
-/// Operands and results of one of 64 assignments.
+/// Operands and results of one of 64 assignments, as text.
 fn shown(graph: &Graph, inputs: &[u64], assignment: u32) -> Result<String> {
     let values = graph.simulate(inputs);
     let mut text = String::new();

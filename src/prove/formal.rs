@@ -1,4 +1,4 @@
-//! The properties as files for others' tools: SystemVerilog that Yosys reads, and a task of SymbiYosys for each.
+//! Writes the properties as files for other tools: SystemVerilog for Yosys, and one SymbiYosys task per proof.
 
 use super::UNITS;
 use super::induction::{self, Induction};
@@ -10,10 +10,10 @@ use std::fmt::Write as _;
 
 use crate::emit::FORMAL as FOLDER;
 
-/// Every proof by induction of a machine as two files, and what the manifest says of them.
+/// Every proof by induction of a machine as two files, and their description in the manifest.
 ///
 /// # Errors
-/// The description of a unit is refused.
+/// If the description of a unit is rejected.
 pub fn files(config: &Config, prefix: &Prefix) -> Result<(Vec<(String, String)>, Value)> {
     let emitted = |name: &str| format!("{}{name}", prefix.as_str());
     let mut files = vec![];
@@ -54,12 +54,12 @@ pub fn files(config: &Config, prefix: &Prefix) -> Result<(Vec<(String, String)>,
     Ok((files, described))
 }
 
-/// A task that proves by induction, and one that shows what can happen.
+/// One task that proves by induction, and one that shows the covers.
 fn task_of(proof: &Induction, name: &str, module: &str, cut: &[String]) -> String {
     let script = proof
         .script(&format!("{name}.sv"), module, cut)
         .replace("; ", "\n");
-    // As the proofs here run: z3 is minutes slower on words that are registers without --unroll.
+    // As in the proofs here: z3 is minutes slower on wide registers without --unroll.
     let options = match proof.proof.arrays {
         true => "--nopresat",
         false => "--nomem --nopresat --unroll",

@@ -1,9 +1,9 @@
 //! Properties of units, by induction: queues, credits, the stack, ports.
 //!
-//! The units describe their properties ([`crate::hdl::Proof`]) beside themselves, in `src/hw`. Here is which of them are proved, and on
-//! which machine. Yosys makes a transition system of a module's text with the properties, `yosys-smtbmc` with z3 shows that none fails in
-//! the first clocks after reset, and that if all hold for so many clocks they hold in the next: so they hold for ever. What the
-//! properties do not depend on is removed.
+//! The units describe their properties ([`crate::hdl::Proof`]) next to their hardware, in `src/hw`. This module lists the proofs and the
+//! machine of each. Yosys converts a module with its properties to a transition system. `yosys-smtbmc` with z3 shows that no property
+//! fails in the first cycles after reset, and that if all hold for a number of cycles they also hold in the next one. Therefore they
+//! always hold. Logic on which the properties do not depend is removed.
 
 use super::Outcome;
 use super::tools;
@@ -16,28 +16,28 @@ use std::path::Path;
 use std::sync::Arc;
 use std::time::Duration;
 
-/// What z3 may take for each of base and step.
+/// Time limit of z3 for each of base and step.
 const LIMIT: Duration = Duration::from_secs(240);
 
-/// Clocks after reset in which what a proof is about must be seen to happen.
+/// Number of cycles after reset within which the covers must be reached.
 pub(super) const SOON: u32 = 40;
 
-/// The last stage of a proof: that it is not about nothing.
+/// The last stage of a proof, which shows that it is not vacuous.
 const HAPPENS: &str = "what can happen";
 
-/// Properties of one name in all modules whose names begin (or, with a `_` in front, end) so.
+/// Properties with one name, in all modules whose names start with it, or end with it if it starts with `_`.
 struct Wanted {
     unit: &'static str,
     modules: &'static str,
     proof: &'static str,
-    /// Keys that the machine has another value of. The sum of what is in nine queues is hard for a solver where they are deep; the
+    /// Keys with other values than in the given machine. A solver has difficulties with the sum over nine deep queues; the
     /// description is the same for any number of packets.
     few: &'static [(&'static str, u32)],
 }
 
 const FEW_PACKETS: &[(&str, u32)] = &[("packets.in_flight", 4)];
 
-/// No power of two, so that the wrap of the write queue's places is seen.
+/// Not a power of two, so that the wrap-around of the write queue is included.
 const FEW_VERTICES: &[(&str, u32)] = &[("skinning.vertices_waiting", 6)];
 
 const fn wanted(
@@ -68,18 +68,18 @@ const WANTED: &[Wanted] = &[
     wanted("share", "raycast_unit", "shares", FEW_PACKETS),
 ];
 
-/// The properties of one proof, of one module.
+/// The properties of one proof of one module.
 pub struct Induction {
     pub module: Arc<Module>,
     pub proof: ProofFacts,
-    /// Keys that the module's machine has another value of.
+    /// Keys with other values than in the given machine.
     pub few: &'static [(&'static str, u32)],
 }
 
-/// All inductions of a unit of the given name; none if it is no unit that is proved so.
+/// All inductions of the unit with this name; empty if the unit has none.
 ///
 /// # Errors
-/// A mistake in the machine's description; a module that no longer has the properties.
+/// If the machine's description has a mistake, or if a module no longer has the properties.
 pub fn proofs(unit: &str, config: &Config) -> Result<Vec<Induction>> {
     let mut found = vec![];
     for wanted in WANTED.iter().filter(|wanted| wanted.unit == unit) {
@@ -113,17 +113,17 @@ pub fn proofs(unit: &str, config: &Config) -> Result<Vec<Induction>> {
 }
 
 impl Induction {
-    /// Its faults, in words.
+    /// Descriptions of its seeded faults.
     pub fn faults(&self) -> impl Iterator<Item = &str> {
         self.proof.faults.iter().map(|(what, _)| what.as_str())
     }
 
-    /// How it is proved, as the report says it.
+    /// The method of the proof, for reports.
     pub fn how(&self) -> String {
         format!("z3, induction, depth {}", self.proof.depth)
     }
 
-    /// Yosys' commands from a file with the properties to a transition system.
+    /// Yosys' commands that convert a file with the properties to a transition system.
     pub fn script(&self, file: &str, top: &str, cut: &[String]) -> String {
         let memory = match self.proof.arrays {
             true => "memory_collect",
@@ -140,10 +140,10 @@ impl Induction {
         )
     }
 
-    /// Shows all properties by induction, or finds one that fails.
+    /// Proves all properties by induction, or finds one that fails.
     ///
     /// # Errors
-    /// A tool that fails; a fault that cannot be made.
+    /// If a tool fails, or if a fault cannot be made.
     pub fn prove(&self, folder: &Path, fault: Option<usize>) -> Result<(usize, Outcome)> {
         let module = match fault {
             Some(fault) => self.module.with(&self.proof.faults[fault].1)?,
@@ -157,7 +157,7 @@ impl Induction {
         };
         let script = self.script("proof.sv", self.module.name(), &formal.cut);
         tools::yosys(folder, &format!("{script}; {write} proof.smt2"))?;
-        // The base must cover as many clocks as a step assumes, and what a seeded fault needs to show.
+        // The base must cover as many cycles as the step assumes, and as many as a seeded fault needs to show.
         let base = (self.proof.depth + 1).to_string();
         let depth = self.proof.depth.to_string();
         let soon = SOON.to_string();
@@ -169,7 +169,7 @@ impl Induction {
             let mut args = vec!["--noprogress", "-s", "z3"];
             args.extend(stage_args);
             if stage == HAPPENS {
-                // Asked anew each clock: z3 then simplifies before it searches, twenty times as fast with a stack's arrays.
+                // Not incremental: z3 then simplifies before it searches, which is twenty times as fast for the stack's arrays.
                 args.extend(["--noincr", "--unroll"]);
             } else if !self.proof.arrays {
                 args.push("--unroll");
@@ -209,7 +209,7 @@ impl Induction {
         Ok((self.proof.asserts.len(), Outcome::Proved))
     }
 
-    /// The properties that smtbmc says fail, by their lines, and at which clock.
+    /// The properties that smtbmc reports as failed, identified by their lines, and the cycle.
     fn broken(&self, text: &str, lines: &[usize]) -> String {
         let mut broken: Vec<&str> = vec![];
         for line in text.lines().filter(|line| line.contains("Assert failed")) {

@@ -1,9 +1,9 @@
 //! Proofs about the emitted Verilog, by open tools.
 //!
-//! Arithmetic (`arithmetic`) is compared with an exact reference for all operands; a pipeline that is lent is shown to keep its slots
-//! apart (`slots`); a machine is the same with trace ports and without (`trace`); queues, credits, stack and ports
-//! (`induction`) are proved by induction. Every proof has *seeded faults*: changes of the module, each of which must make it
-//! fail, with a counterexample. A proof that a tool leaves undecided has failed.
+//! Arithmetic units (`arithmetic`) are compared with an exact reference for all operands. A pipeline with operator sharing keeps its
+//! slots apart (`slots`). A machine is the same with and without trace ports (`trace`). Queues, credits, stack and ports
+//! (`induction`) are proved by induction. Every proof has *seeded faults*: changes of the module, each of which must refute the
+//! proof with a counterexample. A proof that a tool leaves undecided counts as failed.
 
 mod aig;
 mod arithmetic;
@@ -23,7 +23,7 @@ use std::path::Path;
 use std::sync::{Arc, mpsc};
 use std::time::Instant;
 
-/// What can be proved, with what it is.
+/// The names of all proofs, with descriptions.
 pub const UNITS: [(&str, &str); 16] = [
     ("add", "fp_add: the sum of any two operands"),
     ("sub", "fp_sub: the difference of any two operands"),
@@ -73,35 +73,35 @@ pub const UNITS: [(&str, &str); 16] = [
     ("trace", "the core: the same with trace ports and without"),
 ];
 
-/// How a proof ended.
+/// The outcome of a proof.
 #[derive(Clone, PartialEq, Eq, Debug)]
 pub enum Outcome {
     Proved,
     /// A counterexample, in one line.
     Refuted(String),
-    /// Why there is neither a proof nor a counterexample. That is a failure.
+    /// The reason why there is neither a proof nor a counterexample, which counts as a failure.
     Undecided(String),
 }
 
-/// A fault that a proof must find.
+/// A fault that a proof must detect.
 #[derive(Clone, Debug)]
 pub struct Seeded<Change> {
     pub what: String,
     pub change: Change,
 }
 
-/// What is to be proved.
+/// The proofs to run.
 #[derive(Clone, Debug, Default)]
 pub struct Options {
-    /// Names of [`UNITS`]; all if there is none.
+    /// Names from [`UNITS`]; empty for all.
     pub units: Vec<String>,
-    /// Only what takes a few minutes in all: a selection of the sums' cases, everything else whole.
+    /// Whether to prove only a selection of the sums' cases, in a few minutes in total; all other proofs are complete.
     pub quick: bool,
-    /// Instead of the design as it is, every seeded fault, one at a time.
+    /// Whether to run every seeded fault, one at a time, instead of the original design.
     pub plant: bool,
 }
 
-/// One proof, or one seeded fault, and how it ended.
+/// The outcome of one proof, or of one seeded fault.
 #[derive(Clone, Debug)]
 pub struct Row {
     pub unit: &'static str,
@@ -110,14 +110,14 @@ pub struct Row {
     /// The seeded fault.
     pub fault: Option<String>,
     pub how: String,
-    /// Cases proved; in an induction, properties; of variants, outputs.
+    /// Number of cases proved: properties in an induction, outputs in a comparison of variants.
     pub cases: usize,
     pub seconds: f64,
     pub outcome: Outcome,
 }
 
 impl Row {
-    /// Whether it ended as it should: proved, or, with a seeded fault, refuted.
+    /// Whether the outcome is as required: proved, or refuted for a seeded fault.
     pub fn holds(&self) -> bool {
         matches!(
             (&self.fault, &self.outcome),
@@ -126,10 +126,10 @@ impl Row {
     }
 }
 
-/// Checks that every name is one of [`UNITS`], and that the tools are there.
+/// Checks that every name is one of [`UNITS`], and that the tools are installed.
 ///
 /// # Errors
-/// The name, and those that there are; a tool that is missing or too old.
+/// One line with an unknown name and the known ones, or with a tool that is missing or too old.
 pub fn check(names: &[String]) -> Result<()> {
     for name in names {
         if !UNITS.iter().any(|(unit, _)| unit == name) {
@@ -143,11 +143,11 @@ pub fn check(names: &[String]) -> Result<()> {
     tools::tools().map(drop)
 }
 
-/// Proves what the options ask for about the machine of a configuration. `started` is told each proof's name, `done`
-/// each row.
+/// Runs the requested proofs for the machine of a configuration. `started` receives each proof's name, `done`
+/// receives each row.
 ///
 /// # Errors
-/// A unit that does not exist; a tool that is missing or fails; a fault that cannot be made. Failed proofs are rows.
+/// If a unit does not exist, if a tool is missing or fails, or if a fault cannot be made. A failed proof is a row, not an error.
 pub fn run(
     config: &Config,
     options: &Options,
@@ -163,13 +163,13 @@ pub fn run(
         let proofs = scope.spawn(move || {
             let jobs = jobs.into_iter().enumerate().par_bridge();
             jobs.try_for_each_with(sender, |tell, (place, job)| {
-                // Nobody listens where the run has failed.
+                // The receiver is gone if the run has failed.
                 let row = job.row(options, &|| drop(tell.send(Told::Started(job.name()))))?;
                 let _ = tell.send(Told::Ended(place, row));
                 anyhow::Ok(())
             })
         });
-        // Rows in the order of the proofs, whichever ends first.
+        // Rows are in the order of the proofs, independent of which one ends first.
         let mut early = BTreeMap::new();
         for told in told {
             match told {
@@ -187,22 +187,22 @@ pub fn run(
     Ok(rows)
 }
 
-/// What is told of a proof while it runs.
+/// Progress of a proof.
 enum Told {
     Started(String),
-    /// The proof's place among all.
+    /// The index of the proof, and its outcome.
     Ended(usize, Row),
 }
 
-/// A proof of the design as it is, or with one of the proof's faults.
+/// A proof of the original design, or of the design with one of the proof's faults.
 struct Job {
     unit: &'static str,
     subject: Arc<Subject>,
-    /// Its place among the subject's faults.
+    /// The index of the fault.
     fault: Option<usize>,
 }
 
-/// What the options ask for, in order.
+/// The requested proofs, in order.
 fn jobs(config: &Config, options: &Options) -> Result<Vec<Job>> {
     let mut jobs = vec![];
     for (unit, _) in UNITS {
@@ -235,7 +235,7 @@ impl Job {
         format!("{}: {}", self.unit, self.subject.what())
     }
 
-    /// Does the proof. `started` is told when it begins, and when a part of it does.
+    /// Runs the proof. `started` is called when it begins, and when a part of it begins.
     fn row(&self, options: &Options, started: &dyn Fn()) -> Result<Row> {
         started();
         let folder = temporary::Folder::new().context("a temporary folder")?;
@@ -244,7 +244,7 @@ impl Job {
     }
 }
 
-/// Something to prove, each in its way.
+/// A proof of one of the kinds.
 enum Subject {
     Equivalence(arithmetic::Equivalence),
     Slots(slots::Slots),
@@ -266,7 +266,7 @@ fn subjects(unit: &str, config: &Config) -> Result<Vec<Subject>> {
 }
 
 impl Subject {
-    /// What its faults are.
+    /// Descriptions of its faults.
     fn faults(&self) -> Vec<&str> {
         fn names<T>(faults: &[Seeded<T>]) -> Vec<&str> {
             faults.iter().map(|fault| fault.what.as_str()).collect()

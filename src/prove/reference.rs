@@ -1,13 +1,13 @@
-//! What the arithmetic should be, as plain combinational Verilog: exact integers, then one rounding.
+//! Reference arithmetic as simple combinational Verilog: exact integers, then one rounding.
 //!
-//! Written from `docs/arithmetic.md` alone, in another style than the units (`src/hw/fp/`): nothing is shared with
-//! them, and nothing is economical. Each text is a module `prove_case` around the unit `dut`. Its inputs are a
-//! case's coordinates; its outputs the operands that follow (`a`, `b`), the unit's result (`y`), what it should be
-//! (`expected`), and whether these coordinates mean anything (`legal`).
+//! It is written from `docs/arithmetic.md` only, in another style than the units (`src/hw/fp/`); it shares nothing with
+//! them and is not optimised. Each text is a module `prove_case` around the unit `dut`. Its inputs are the
+//! parameters of a case. Its outputs are the resulting operands (`a`, `b`), the unit's result (`y`), the reference
+//! result (`expected`), and whether these inputs are a valid case (`legal`).
 
 use crate::float::Format;
 
-/// Declarations that every reference begins with.
+/// The declarations at the start of every reference.
 fn head(format: Format, inputs: &str) -> String {
     let (e, f) = (format.exponent_bits(), format.fraction_bits());
     format!(
@@ -30,8 +30,8 @@ fn head(format: Format, inputs: &str) -> String {
     )
 }
 
-/// An exact magnitude `sum` of `bits` bits, in units of 2^(`unit` − BIAS − F), becomes `expected`: the leading one
-/// moves to the front, what lies beyond the significand is compared with one half.
+/// Rounds an exact magnitude `sum` of `bits` bits, in units of 2^(`unit` − BIAS − F), to `expected`: the leading one
+/// moves to the front, and the bits below the significand are compared with one half.
 fn round(bits: u32) -> String {
     format!(
         "
@@ -60,8 +60,8 @@ fn round(bits: u32) -> String {
     )
 }
 
-/// Sum or difference of two numbers, neither zero nor infinite nor NaN, by the lesser exponent, the distance of the
-/// exponents, and which operand has the greater one.
+/// Sum or difference of two numbers that are neither zero nor infinite nor NaN. The inputs are the lesser exponent, the
+/// distance of the exponents, and the operand with the greater exponent.
 pub fn sum_of_numbers(format: Format, subtract: bool) -> String {
     let (e, f) = (format.exponent_bits(), format.fraction_bits());
     let shift = (1u32 << e) - 3;
@@ -104,7 +104,7 @@ endmodule
         )
 }
 
-/// Sum or difference where an operand is a zero, an infinity or a NaN.
+/// Sum or difference with a zero, an infinity or a NaN as an operand.
 pub fn sum_of_specials(format: Format, subtract: bool) -> String {
     head(format, &operand_inputs(format))
         + &format!(
@@ -128,8 +128,8 @@ endmodule
         )
 }
 
-/// That every pair of numbers is a case of [`sum_of_numbers`]: operands made of the coordinates of a pair are the pair. The exponents are fewer
-/// than `distances` apart.
+/// Checks that every pair of numbers whose exponents differ by less than `distances` is a case of [`sum_of_numbers`]: the operands
+/// computed from the parameters of a pair are that pair.
 pub fn sum_coverage(format: Format, distances: &str) -> String {
     head(format, &operand_inputs(format))
         + &format!(
@@ -159,7 +159,7 @@ fn operand_inputs(format: Format) -> String {
     )
 }
 
-/// Of what kind the operands are. A zero's fraction means nothing.
+/// The kinds of the operands. The fraction of a zero is ignored.
 fn classes() -> &'static str {
     "  wire a_zero = a[E+F-1:F] == 0;
   wire b_zero = b[E+F-1:F] == 0;
@@ -170,7 +170,7 @@ fn classes() -> &'static str {
 "
 }
 
-/// The product, of all operands.
+/// The product of all operands.
 pub fn product(format: Format) -> String {
     let f = format.fraction_bits();
     head(format, &operand_inputs(format))
@@ -199,8 +199,8 @@ endmodule
         )
 }
 
-/// The reciprocal, of all operands, by a division of integers. It leaves a quotient of at least F + 2 bits, and a remainder:
-/// whether that is zero is the bit below, which is all that rounding asks of it.
+/// The reciprocal of all operands, by a division of integers. The quotient has at least F + 2 bits; the bit below says whether
+/// the remainder is zero, which is sufficient for rounding.
 pub fn reciprocal(format: Format) -> String {
     let f = format.fraction_bits();
     head(format, &operand_inputs(format))
@@ -230,7 +230,7 @@ endmodule
         )
 }
 
-/// A comparison or a choice, of all operands. What is compared are integers with sign in the order of the numbers.
+/// A comparison or a choice, for all operands. It compares signed integers with the same order as the numbers.
 pub fn relation(format: Format, relation: Relation) -> String {
     let expected = match relation {
         Relation::Less => "{{(E+F){1'b0}}, comparable & key_a < key_b}",
@@ -259,7 +259,7 @@ endmodule
         )
 }
 
-/// A comparison or a choice between two numbers: bound and x, where it is a choice.
+/// A comparison or a choice between two numbers; a choice has the operands bound and x.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub enum Relation {
     Less,
@@ -269,7 +269,7 @@ pub enum Relation {
     Max,
 }
 
-/// Steps by ulps, of all operands: by the numbers' ranks, −0 and +0 having rank 0, the least normal numbers ±1.
+/// Steps by ulps, for all operands, computed with the ranks of the numbers: −0 and +0 have rank 0, the least normal numbers ±1.
 pub fn step(format: Format, ulps: i32) -> String {
     head(format, &operand_inputs(format))
         + &format!(

@@ -1,12 +1,12 @@
-//! Slots of a pipeline never meet: what comes out of one is made of what went into the same one.
+//! Proves that slots of a pipeline are independent: the outputs of a slot depend only on the inputs of the same slot.
 //!
-//! The triangle test is lent, slot by slot, to transformations and to skinning (`hw/share.rs`), and slots of all kinds follow each other
-//! in any order. On the gates of the emitted module, registers included, every path from an input to an output is checked to have as many
-//! registers as their stages are apart. So an output at a clock is a function of the inputs of one slot alone, the one that says whose
-//! slot it is among them, whatever is in the slots before and behind it.
+//! Slots of the triangle test are used for transformations and skinning (`hw/share.rs`), and slots of all kinds follow each other
+//! in any order. In the gates of the emitted module, including registers, every path from an input to an output must have as many
+//! registers as the difference of their stages. Then an output in a cycle is a function of the inputs of a single slot, including the
+//! input that gives the kind of the slot, and independent of the slots before and after it.
 //!
-//! The arithmetic units within are replaced by registers, as many as their latency, behind one gate of all of their operands: that their
-//! own paths are of one length is part of their proofs.
+//! The arithmetic units inside are replaced by one gate of all their operands, followed by as many registers as their latency. Their
+//! own proofs show that their paths have equal lengths.
 
 use super::aig::Circuit;
 use super::{Outcome, Seeded, tools};
@@ -25,13 +25,13 @@ pub struct Slots {
     pub faults: Vec<Seeded<Mutation>>,
 }
 
-/// What the names of arithmetic units begin with.
+/// The prefix of arithmetic units' names.
 const ARITHMETIC: &str = "fp_";
 
-/// The triangle test of a machine.
+/// The proof for the triangle test of a machine.
 ///
 /// # Errors
-/// A mistake in the machine's description; a test that has no stage to leave out.
+/// If the machine's description has a mistake, or if the test has no stage to remove for a fault.
 pub fn proofs(unit: &str, config: &Config) -> Result<Vec<Slots>> {
     if unit != "slots" {
         return Ok(vec![]);
@@ -65,10 +65,10 @@ pub fn proofs(unit: &str, config: &Config) -> Result<Vec<Slots>> {
 }
 
 impl Slots {
-    /// Checks every path. Returns how many output bits there are.
+    /// Checks every path. Returns the number of output bits.
     ///
     /// # Errors
-    /// A tool that fails; a fault that cannot be made.
+    /// If a tool fails, or if a fault cannot be made.
     pub fn prove(&self, folder: &Path, fault: Option<usize>) -> Result<(usize, Outcome)> {
         let changed = fault.map(|fault| self.module.with(&self.faults[fault].change));
         let module = changed.transpose()?.unwrap_or(self.module.clone());
@@ -102,7 +102,7 @@ impl Slots {
     }
 }
 
-/// The texts of all below a module, arithmetic units as registers, each once.
+/// Collects the Verilog of all modules below a module, each once, with arithmetic units as registers.
 fn add_children(module: &Module, names: &mut Vec<String>, texts: &mut Vec<String>) {
     for child in module.children() {
         if names.iter().any(|name| name == child.name()) {
@@ -118,7 +118,7 @@ fn add_children(module: &Module, names: &mut Vec<String>, texts: &mut Vec<String
     }
 }
 
-/// A unit's registers behind one gate of all of its operands.
+/// A replacement for a unit: one gate of all its operands, then registers.
 fn registers(unit: &Module) -> String {
     let (mut ports, mut operands, mut body) = (vec![], vec![], String::new());
     for port in unit.ports() {

@@ -25,17 +25,17 @@ const Z3: Wanted = Wanted {
     ..of(&["z3"], "apt-get install z3")
 };
 
-/// What proofs are made with.
+/// The tools for proofs.
 pub struct Tools {
     pub yosys: Tool,
     pub abc: Tool,
     pub smtbmc: Tool,
 }
 
-/// The tools: looked for once in a process.
+/// The tools, located once per process.
 ///
 /// # Errors
-/// One line that names the tool that is missing or too old and what to install.
+/// One line that names the tool that is missing or too old, and how to install it.
 pub fn tools() -> Result<&'static Tools> {
     static FOUND: OnceLock<Tools> = OnceLock::new();
     if let Some(tools) = FOUND.get() {
@@ -53,7 +53,7 @@ pub fn tools() -> Result<&'static Tools> {
 /// Runs a Yosys script.
 ///
 /// # Errors
-/// What Yosys says, in one line.
+/// The message of Yosys, in one line.
 pub fn yosys(folder: &Path, script: &str) -> Result<()> {
     const LIMIT: Duration = Duration::from_secs(300);
     match tools()?

@@ -1,8 +1,8 @@
-//! Trace ports change nothing else: without them, a machine does the same at all its outputs.
+//! Proves that trace ports have no side effect: without them, all other outputs of a machine are the same.
 //!
-//! The core without trace ports is compared with the core with them by [`Module::compare_outputs`](crate::hdl::Module::compare_outputs),
-//! module by module: every output is the same expression, over registers, memories and instances of the same names whose next values,
-//! writes and inputs are the same expressions. So what co-simulation, which looks at trace ports, says of the one holds of the other.
+//! The core without trace ports is compared with the core with trace ports by [`Module::compare_outputs`](crate::hdl::Module::compare_outputs),
+//! module by module. Every output is the same expression over registers, memories and instances of the same names, whose next values,
+//! writes and inputs are the same expressions. Results of co-simulation, which uses trace ports, therefore hold without them as well.
 
 use super::{Outcome, Seeded};
 use crate::config::Config;
@@ -17,14 +17,13 @@ pub struct Variants {
     pub faults: Vec<Seeded<Mutation>>,
 }
 
-/// What is proved.
-pub const WHAT: &str =
-    "without trace ports, every other output is what it is with them, at all clocks";
+/// The description of the proof.
+pub const WHAT: &str = "without trace ports, all other outputs are the same in every cycle";
 
-/// The core of a machine.
+/// The comparison for the core of a machine.
 ///
 /// # Errors
-/// A mistake in the machine's description; a signal to change that is gone.
+/// If the machine's description has a mistake, or if a signal needed for a fault is missing.
 pub fn proofs(unit: &str, config: &Config) -> Result<Vec<Variants>> {
     if unit != "trace" {
         return Ok(vec![]);
@@ -60,10 +59,10 @@ pub fn proofs(unit: &str, config: &Config) -> Result<Vec<Variants>> {
 }
 
 impl Variants {
-    /// Compares all outputs. Returns how much was compared, too, as the report says it.
+    /// Compares all outputs. Also returns the amount of logic compared, for reports.
     ///
     /// # Errors
-    /// A fault that cannot be made.
+    /// If a fault cannot be made.
     pub fn prove(&self, fault: Option<usize>) -> Result<(String, (usize, Outcome))> {
         let changed = fault.map(|fault| self.plain.with(&self.faults[fault].change));
         let changed = changed.transpose()?;

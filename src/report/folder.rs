@@ -1,4 +1,4 @@
-//! A folder of results: filled under a temporary name beside its place, then renamed.
+//! Folders of results that are filled under a temporary name next to their place and then renamed.
 
 use crate::temporary::{self, Parents};
 use crate::{interrupt, text};
@@ -7,33 +7,33 @@ use std::collections::BTreeSet;
 use std::fs;
 use std::path::{Path, PathBuf};
 
-/// What a folder is filled with, and so what may be replaced.
+/// The kind of content of a folder, which determines what may be replaced.
 #[derive(Clone, Copy)]
 pub struct Content {
-    /// How messages speak of it, in the plural.
+    /// Its name in messages, in the plural.
     pub name: &'static str,
-    /// Of a folder with files of the names given: the names that belong to an earlier result, or none if it holds no
+    /// For a folder with files of the given names: the names that belong to an earlier result, or `None` if it contains no
     /// such result.
     pub owned: fn(&Path, &BTreeSet<String>) -> Option<BTreeSet<String>>,
 }
 
-/// A folder that is being filled; what is not [`Folder::publish`]ed vanishes.
+/// A folder that is being filled. It is removed when dropped, unless it was [`Folder::publish`]ed.
 pub struct Folder {
     content: Content,
-    /// As the user named it.
+    /// The path as the user gave it.
     shown: PathBuf,
-    /// Without links and dots, so that its parent and its name are what they seem.
+    /// The path without links and dots, so that its parent and its name are well defined.
     place: PathBuf,
     temporary: temporary::Folder,
-    /// The folders above it that were made for it; below `temporary`, so that they are dropped when they are empty.
+    /// Parent folders that were created for it. Declared after `temporary`, so they are empty when they are dropped.
     parents: Option<Parents>,
 }
 
 impl Folder {
-    /// Begins a folder for `place`, which must not exist yet, be empty, or hold such content and nothing else.
+    /// Begins a folder for `place`, which must not exist, or be empty, or contain only earlier content of this kind.
     ///
     /// # Errors
-    /// One line that says what is in the way.
+    /// One line that describes the obstacle.
     pub fn begin(place: &Path, content: Content) -> Result<Folder> {
         check_free(place, place, content)?;
         let shown = place;
@@ -53,7 +53,7 @@ impl Folder {
             true => None,
             false => Some(Parents::make(parent).map_err(written)?),
         };
-        // Making the parent of `v/../v` makes `v`: whether the place exists is asked again.
+        // Creating the parent of `v/../v` creates `v`, so check again whether the place exists.
         let place = match (place.exists(), place.file_name()) {
             (true, _) => place.canonicalize().map_err(written)?,
             (false, Some(name)) => parent.canonicalize().map_err(written)?.join(name),
@@ -81,12 +81,12 @@ impl Folder {
         })
     }
 
-    /// Where to write a file of this name for now.
+    /// The current path of a file with this name.
     pub fn file(&self, name: &str) -> PathBuf {
         self.temporary.path().join(name)
     }
 
-    /// How to speak of a file.
+    /// The path of a file for messages.
     pub fn shown(&self, name: &str) -> String {
         text::path(&self.shown.join(name))
     }
@@ -100,17 +100,17 @@ impl Folder {
             .with_context(|| format!("{}: cannot be written", self.shown(name)))
     }
 
-    /// Puts the folder in its place, instead of an earlier one there.
+    /// Moves the folder to its place and replaces an earlier result there.
     ///
     /// # Errors
-    /// One line that names the place; what was there before is there still, or, if it cannot be put back, where the line
-    /// says.
+    /// One line that names the place. The earlier result is still there or, if it cannot be put back, at the place that the line
+    /// names.
     pub fn publish(self) -> Result<()> {
         let Folder {
             content,
             shown,
             place,
-            // What is dropped last comes first.
+            // These are dropped in reverse order.
             parents,
             temporary,
         } = self;
@@ -119,7 +119,7 @@ impl Folder {
         let failed = |error: std::io::Error| {
             anyhow::anyhow!("{shown}: cannot be put in place: {}", error.kind())
         };
-        // What was there moves into a folder that is removed, and back if its successor cannot take its place.
+        // The earlier result moves into a folder that is removed later, and back if the new one cannot take its place.
         let _whole = interrupt::hold();
         let parent = temporary.path().parent().unwrap_or(Path::new("."));
         let retired = temporary::for_replaced(parent).map_err(failed)?;
@@ -140,7 +140,7 @@ impl Folder {
             }
             return Err(failed(error));
         }
-        // Its content is in place: there is nothing left to remove.
+        // Its content has moved, so there is nothing to remove.
         temporary.keep();
         if let Some(parents) = parents {
             parents.keep();
@@ -149,7 +149,7 @@ impl Folder {
     }
 }
 
-/// That `place` is free, or holds an earlier result and nothing that is not its own.
+/// Checks that `place` is free, or contains only files of an earlier result.
 fn check_free(place: &Path, shown: &Path, content: Content) -> Result<()> {
     let shown = text::path(shown);
     if !place.exists() {
@@ -186,7 +186,7 @@ fn check_free(place: &Path, shown: &Path, content: Content) -> Result<()> {
 mod tests {
     use super::*;
 
-    /// `a.hex`, and `list`, which names it.
+    /// Content with the file `list`, which names the other file, `a.hex`.
     const VECTORS: Content = Content {
         name: "vectors",
         owned: |folder, _| {

@@ -1,4 +1,4 @@
-//! The pictures of an animation in a folder of their own.
+//! A folder with the pictures of an animation.
 
 use super::folder::{Content, Folder};
 use super::write_png;
@@ -9,7 +9,7 @@ use std::path::Path;
 const PREFIX: &str = "frame_";
 const SUFFIX: &str = ".png";
 
-/// A folder is one of frames if it has a first one; all files with frames' names are its own.
+/// A folder contains frames if it has a first frame; it owns all files with names of frames.
 const CONTENT: Content = Content {
     name: "frames",
     owned: |_, names| {
@@ -25,14 +25,14 @@ const CONTENT: Content = Content {
     },
 };
 
-/// A folder of pictures `frame_0000.png`, `frame_0001.png`, … that appears whole or not at all.
+/// A folder of pictures `frame_0000.png`, `frame_0001.png`, … that appears only when it is complete.
 pub struct FrameFolder(Folder);
 
 impl FrameFolder {
-    /// Begins a folder for `place`, which must not exist yet, be empty, or hold earlier frames and nothing else.
+    /// Begins a folder for `place`, which must not exist, or be empty, or contain only earlier frames.
     ///
     /// # Errors
-    /// One line that says what is in the way.
+    /// One line that describes the obstacle.
     pub fn begin(place: &Path) -> Result<FrameFolder> {
         Ok(FrameFolder(Folder::begin(place, CONTENT)?))
     }
@@ -46,7 +46,7 @@ impl FrameFolder {
         write_png(&self.0.file(&name), picture)
     }
 
-    /// Puts the folder in its place, instead of earlier frames there.
+    /// Moves the folder to its place and replaces earlier frames there.
     ///
     /// # Errors
     /// One line that names the place.

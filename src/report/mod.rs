@@ -1,7 +1,7 @@
-//! What people and programs look at: pictures, JSON, progress.
+//! Output for people and programs: pictures, JSON, progress.
 //!
-//! Files appear whole or not at all: they are written beside their place, then renamed. Symbolic links are followed;
-//! devices and pipes are written to as they are.
+//! Files are written next to their place and then renamed, so they are never incomplete. Symbolic links are followed;
+//! devices and pipes are written directly.
 
 pub mod folder;
 mod frames;
@@ -32,7 +32,7 @@ pub fn text(path: &Path, text: &str) -> Result<()> {
     Staged::text(path, text)?.publish()
 }
 
-/// A progress bar on stderr that counts to `length`; silent where stderr is not a terminal.
+/// A progress bar on stderr that counts to `length`; hidden if stderr is not a terminal.
 pub fn progress(length: u64, what: &'static str) -> ProgressBar {
     let bar = ProgressBar::with_draw_target(Some(length), ProgressDrawTarget::hidden());
     if std::io::stderr().is_terminal() {
@@ -43,22 +43,22 @@ pub fn progress(length: u64, what: &'static str) -> ProgressBar {
     bar.with_message(what)
 }
 
-/// Checks, before long work, that a file can be written at `path` when it is done; leaves nothing there.
+/// Checks before a long computation that a file can be written at `path`; leaves no file there.
 ///
 /// # Errors
 /// One line that names the file and why it cannot be written.
 pub fn check_writable(path: &Path) -> Result<()> {
     match Place::of(path) {
         Place::File(file) => create_beside(path, &file).map(drop),
-        // To open it could wait for a reader, or end what a reader sees.
+        // Opening it could wait for a reader, or end the stream of a reader.
         Place::Stream => Ok(()),
     }
 }
 
-/// Checks that `path` names a regular file or none yet, as formats need that are not written from first to last byte.
+/// Checks that `path` is a regular file or does not exist, as required for formats that are not written sequentially.
 ///
 /// # Errors
-/// One line that names what is there.
+/// One line that names the object at the path.
 pub fn check_regular(path: &Path) -> Result<()> {
     match Place::of(path) {
         Place::File(_) => Ok(()),
@@ -69,7 +69,7 @@ pub fn check_regular(path: &Path) -> Result<()> {
     }
 }
 
-/// Which file or folder there is at a path, links followed: the same for all its names, hard links among them.
+/// The identity of the file or folder at a path, with links followed: the same for all its names, including hard links.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Identity(
     #[cfg(unix)] (u64, u64),
@@ -77,7 +77,7 @@ pub struct Identity(
 );
 
 impl Identity {
-    /// That of what is at `path`; nothing if there is nothing.
+    /// The identity of the object at `path`; `None` if there is none.
     pub fn of(path: &Path) -> Option<Identity> {
         #[cfg(unix)]
         {
@@ -92,12 +92,12 @@ impl Identity {
     }
 }
 
-/// Whether what is written at `path` goes to a device, a pipe or the standard output, and replaces nothing.
+/// Whether `path` is a device, a pipe or the standard output, so that writing replaces nothing.
 pub fn is_stream(path: &Path) -> bool {
     matches!(Place::of(path), Place::Stream)
 }
 
-/// Whether two paths name the same regular file, which one of them would lose.
+/// Whether two paths name the same regular file, so that one output would overwrite the other.
 pub fn is_same_file(a: &Path, b: &Path) -> bool {
     if is_stream(a) || is_stream(b) {
         return false;
@@ -115,11 +115,11 @@ pub fn is_same_file(a: &Path, b: &Path) -> bool {
     resolved(a).is_some_and(|a| resolved(b) == Some(a))
 }
 
-/// What a path leads to.
+/// The destination of a path.
 enum Place {
-    /// A file, or nothing yet, with symbolic links followed: it is replaced as a whole.
+    /// A file, which need not exist yet, with symbolic links followed. It is replaced as a whole.
     File(PathBuf),
-    /// A device, a pipe or a socket: it takes what is written and stays what it is.
+    /// A device, a pipe or a socket. It is written directly.
     Stream,
 }
 
@@ -134,15 +134,15 @@ impl Place {
                 Ok(file) if found.is_file() => Place::File(file),
                 _ => Place::Stream,
             },
-            // A link to a file that does not exist yet leads to where it will be.
+            // A link to a missing file names the place where the file will be created.
             Err(_) => Place::File(follow(path)),
         }
     }
 }
 
-/// Follows symbolic links to a place where nothing is.
+/// Follows symbolic links to a place where nothing exists.
 fn follow(path: &Path) -> PathBuf {
-    /// As many as the kernel follows.
+    /// Maximum number of links, as in the kernel.
     const LINKS: usize = 40;
     let mut place = path.to_path_buf();
     for _ in 0..LINKS {
@@ -154,30 +154,30 @@ fn follow(path: &Path) -> PathBuf {
     place
 }
 
-/// Whether a path is the standard output. What goes there must share the position in it with the text that follows,
-/// wherever the output is redirected to.
+/// Whether a path is the standard output. Data written there must share its position with the text that follows,
+/// even if the output is redirected.
 pub fn is_stdout(path: &Path) -> bool {
     ["/dev/stdout", "/dev/fd/1", "/proc/self/fd/1"]
         .iter()
         .any(|name| path == Path::new(name))
 }
 
-/// A file that is written and not in its place yet. What is not published vanishes.
+/// A file that is written but not yet in its place. It is removed when dropped, unless it was published.
 pub struct Staged {
-    /// As the user named it.
+    /// The path as the user gave it.
     shown: String,
     content: Content,
 }
 
 enum Content {
-    /// In a temporary file beside the place.
+    /// A temporary file next to the place.
     File(temporary::File, PathBuf),
-    /// For a device, a pipe or the standard output.
+    /// The data for a device, a pipe or the standard output.
     Stream(Vec<u8>, PathBuf),
 }
 
 impl Staged {
-    /// A value as indented JSON with a final newline.
+    /// Stages a value as indented JSON with a final newline.
     ///
     /// # Errors
     /// One line that names the file if it cannot be written.
@@ -188,7 +188,7 @@ impl Staged {
         })
     }
 
-    /// A text.
+    /// Stages a text.
     ///
     /// # Errors
     /// One line that names the file if it cannot be written.
@@ -196,16 +196,16 @@ impl Staged {
         Staged::write(path, |file| Ok(file.write_all(text.as_bytes())?))
     }
 
-    /// An empty file, to be written by others where [`Staged::temporary`] says.
+    /// Creates an empty file to be written by others at the path [`Staged::temporary`].
     ///
     /// # Errors
-    /// One line that names the file if it cannot be written, or is no regular file.
+    /// One line that names the file if it cannot be written or is not a regular file.
     pub fn empty(path: &Path) -> Result<Staged> {
         check_regular(path)?;
         Staged::write(path, |_| Ok(()))
     }
 
-    /// Where the file is for now; for a device or a pipe, where it will go.
+    /// The current path of the file; for a device or a pipe, the final path.
     pub fn temporary(&self) -> &Path {
         match &self.content {
             Content::File(file, _) => file.path(),
@@ -213,8 +213,8 @@ impl Staged {
         }
     }
 
-    /// Lets `write` write a file under a temporary name beside the place that `path` leads to; or, for a device or a pipe,
-    /// into memory.
+    /// Calls `write` with a temporary file next to the destination of `path` or, for a device or a pipe,
+    /// with a buffer in memory.
     pub(crate) fn write(
         path: &Path,
         write: impl FnOnce(&mut dyn Write) -> Result<()>,
@@ -244,7 +244,7 @@ impl Staged {
         Ok(Staged { shown, content })
     }
 
-    /// Puts the file in its place.
+    /// Moves the file to its place.
     ///
     /// # Errors
     /// One line that names the file.
@@ -252,7 +252,7 @@ impl Staged {
         publish_all([self])
     }
 
-    /// Writes what goes to a device, a pipe or the standard output.
+    /// Writes the data for a device, a pipe or the standard output.
     fn send(&self) -> Result<()> {
         let Content::Stream(bytes, path) = &self.content else {
             return Ok(());
@@ -261,7 +261,7 @@ impl Staged {
             if is_stdout(path) {
                 let mut stdout = std::io::stdout().lock();
                 return match stdout.write_all(bytes).and_then(|()| stdout.flush()) {
-                    // A reader that has seen enough is no error.
+                    // It is no error if the reader closes the pipe early.
                     Err(error) if error.kind() == std::io::ErrorKind::BrokenPipe => Ok(()),
                     sent => sent,
                 };
@@ -274,24 +274,24 @@ impl Staged {
     }
 }
 
-/// Puts files in their places, all of them or, where that can be known before, none.
+/// Moves all files to their places, or none if an obstacle is known in advance.
 ///
 /// # Errors
-/// One line that names the first that cannot be put in place.
+/// One line that names the first file that cannot be moved.
 pub fn publish_all(files: impl IntoIterator<Item = Staged>) -> Result<()> {
     publish_beside(files, || Ok(()))
 }
 
-/// The same of files beside a folder, which `publish_folder` puts in its place once what can fail on the way has not.
+/// As [`publish_all`], for files together with a folder. `publish_folder` moves the folder after the steps that can fail.
 ///
 /// # Errors
-/// See [`publish_all`]; those of `publish_folder`.
+/// See [`publish_all`], and the errors of `publish_folder`.
 pub fn publish_beside(
     files: impl IntoIterator<Item = Staged>,
     publish_folder: impl FnOnce() -> Result<()>,
 ) -> Result<()> {
     let files: Vec<Staged> = files.into_iter().collect();
-    // To write can fail on the way, to rename hardly.
+    // Writing can fail halfway; renaming rarely does.
     files.iter().try_for_each(Staged::send)?;
     publish_folder()?;
     let _whole = interrupt::hold();
@@ -310,7 +310,7 @@ fn failed(shown: &str, error: &std::io::Error) -> anyhow::Error {
 
 const ADVICE: &str = "give a place that exists and can be written";
 
-/// The folder in which a path's last part is.
+/// The folder that contains the last component of a path.
 fn folder_of(path: &Path) -> &Path {
     match path.parent() {
         Some(parent) if !parent.as_os_str().is_empty() => parent,
@@ -318,7 +318,7 @@ fn folder_of(path: &Path) -> &Path {
     }
 }
 
-/// A temporary file in the folder of `place`, to which `path` leads.
+/// Creates a temporary file in the folder of `place`, the destination of `path`.
 fn create_beside(path: &Path, place: &Path) -> Result<temporary::File> {
     let shown = text::path(path);
     if place.is_dir() {
@@ -334,7 +334,7 @@ fn create_beside(path: &Path, place: &Path) -> Result<temporary::File> {
     })
 }
 
-/// Why, without the temporary name that the error may hold.
+/// The reason of an error, without the temporary name that its message may contain.
 fn reason(error: &std::io::Error) -> String {
     error.kind().to_string()
 }

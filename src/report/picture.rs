@@ -1,4 +1,4 @@
-//! Pictures of what rays met and of what that took.
+//! Pictures of hits and of counts per packet.
 
 use super::Staged;
 use crate::port::{Hit, Ray};
@@ -10,14 +10,14 @@ use image::codecs::gif::{GifEncoder, Repeat};
 use image::{Delay, DynamicImage, Frame, ImageFormat, Rgb, RgbImage};
 use std::path::Path;
 
-/// Draws what the primary rays of `packets` hit: each triangle in one shade, by the angle between its plane and the
-/// ray and by a slight tint of its own; misses show a background. Where `shadowed` is given, a value for
-/// each ray in order, its pixels are darkened.
+/// Draws the hits of the primary rays of `packets`. Each triangle has one shade, which depends on the angle between its plane
+/// and the ray, and a slight tint of its own; misses show a background. If `shadowed` is given, with one value
+/// per ray in order, the pixels of shadowed rays are darkened.
 ///
 /// `hits` are the results of all rays in order, inactive ones included.
 ///
 /// # Panics
-/// If there are not as many hits, or shadows, as rays, or a hit's triangle is not in `mesh`.
+/// If the number of hits or shadows is not the number of rays, or if a hit's triangle is not in `mesh`.
 pub fn shade(
     size: ImageSize,
     packets: &[RayPacket],
@@ -32,11 +32,11 @@ pub fn shade(
     shade_triangles(size, packets, hits, corners, shadowed)
 }
 
-/// Draws what the primary rays of `packets` hit as [`shade`] does, `corners` being those of the triangle that a hit
-/// names, in the world.
+/// Draws the hits of the primary rays of `packets` as [`shade`] does; `corners` returns the corners of a hit's
+/// triangle in the world.
 ///
 /// # Panics
-/// If there are not as many hits, or shadows, as rays.
+/// If the number of hits or shadows is not the number of rays.
 pub fn shade_triangles(
     size: ImageSize,
     packets: &[RayPacket],
@@ -71,12 +71,12 @@ pub fn shade_triangles(
     picture
 }
 
-/// A triangle's linear colour as a ray sees it.
+/// The linear colour of a triangle for a ray.
 fn surface(corners: [[f64; 3]; 3], ray: &Ray, hit: &Hit) -> DVec3 {
     let [a, b, c] = corners.map(DVec3::from);
     let normal = (b - a).cross(c - a).normalize_or_zero();
     let direction = DVec3::from(ray.direction).normalize_or_zero();
-    // Both sides are lit by a lamp at the eye; a little light from above tells walls from floors.
+    // A lamp at the eye lights both sides; a little light from above distinguishes walls from floors.
     let facing = if normal.dot(direction) > 0.0 {
         -normal
     } else {
@@ -84,8 +84,8 @@ fn surface(corners: [[f64; 3]; 3], ray: &Ray, hit: &Hit) -> DVec3 {
     };
     let lamp = 0.02 + 0.52 * facing.dot(-direction).powf(1.4);
     let sky = 0.1 * (1.0 + facing.y);
-    // Neighbouring triangles have consecutive numbers: mixing the bits makes them differ. So do those of an instance and
-    // the next; of instance 0, the only one of a scene of one level, the number is left as it is.
+    // Neighbouring triangles and instances have consecutive numbers; mixing the bits makes their tints differ. Instance 0, the
+    // only one in a scene of one level, leaves the number unchanged.
     let number = hit.triangle ^ hit.instance.wrapping_mul(0xc2b2_ae35);
     let mixed = number.wrapping_mul(0x9e37_79b1) ^ number.rotate_left(15).wrapping_mul(0x85eb_ca6b);
     let byte = |shift: u32| f64::from(mixed >> shift & 255) / 255.0 - 0.5;
@@ -93,7 +93,7 @@ fn surface(corners: [[f64; 3]; 3], ray: &Ray, hit: &Hit) -> DVec3 {
     tint * (lamp + sky)
 }
 
-/// From a light horizon at the lower edge to a darker sky.
+/// A gradient from a light horizon at the lower edge to a darker sky.
 fn background(down: f64) -> DVec3 {
     dvec3(0.05, 0.09, 0.17).lerp(dvec3(0.34, 0.4, 0.46), down)
 }
@@ -103,11 +103,11 @@ fn to_pixel(linear: DVec3) -> Rgb<u8> {
     Rgb([encode(linear.x), encode(linear.y), encode(linear.z)])
 }
 
-/// Draws a count a packet, such as its steps, on the scale of [`heatmap_colour`], in which `greatest` is 1: by
-/// default the greatest count. Returns the picture and `greatest`.
+/// Draws one count per packet, such as its steps, on the scale of [`heatmap_colour`], in which `greatest` is 1; by
+/// default that is the maximum count. Returns the picture and `greatest`.
 ///
 /// # Panics
-/// If there are not as many counts as packets.
+/// If the number of counts is not the number of packets.
 pub fn heatmap(
     size: ImageSize,
     packets: &[RayPacket],
@@ -129,7 +129,7 @@ pub fn heatmap(
 }
 
 /// A colour for a value from 0 to 1 (others are clamped): from near black through violet, red and orange to light
-/// yellow, lighter with every step, so that it reads without colour too.
+/// yellow. The lightness increases with the value, so the picture is readable without colour.
 pub fn heatmap_colour(value: f64) -> [u8; 3] {
     const STOPS: [[f64; 3]; 7] = [
         [8.0, 6.0, 28.0],
@@ -149,7 +149,7 @@ pub fn heatmap_colour(value: f64) -> [u8; 3] {
     })
 }
 
-/// Writes a picture as PNG, whatever the file is called.
+/// Writes a picture as PNG, independent of the file's extension.
 ///
 /// # Errors
 /// One line that names the file if it cannot be written.
@@ -169,7 +169,7 @@ pub fn write_gif(path: &Path, pictures: &[RgbImage], frames_per_second: f64) -> 
 }
 
 impl Staged {
-    /// A picture as PNG, whatever the file is called.
+    /// Stages a picture as PNG, independent of the file's extension.
     ///
     /// # Errors
     /// One line that names the file if it cannot be written.
@@ -183,9 +183,9 @@ impl Staged {
         })
     }
 
-    /// Pictures as a GIF that repeats for ever, whatever the file is called.
+    /// Stages pictures as a GIF that repeats forever, independent of the file's extension.
     ///
-    /// GIF counts hundredths of a second and players stumble over less than two: each picture stays for the number nearest
+    /// GIF counts in hundredths of a second, and players handle values below 2 badly. Each picture gets the duration nearest
     /// to 1 / `frames_per_second`, at least 2.
     ///
     /// # Errors
@@ -195,7 +195,7 @@ impl Staged {
     /// Unless `frames_per_second` is above 0 and finite.
     pub fn gif(path: &Path, pictures: &[RgbImage], frames_per_second: f64) -> Result<Staged> {
         assert!(frames_per_second > 0.0 && frames_per_second.is_finite());
-        // What a GIF can say, 655 s, is more than any animation's picture stays.
+        // The maximum of the format, 655 s, is longer than any picture of an animation.
         let hundredths = (100.0 / frames_per_second).round().clamp(2.0, 65535.0) as u32;
         let delay = Delay::from_numer_denom_ms(10 * hundredths, 1);
         let mut gif = Vec::new();
@@ -219,7 +219,7 @@ mod tests {
     use crate::float::Format;
     use crate::scene::{self, Camera, builtin};
 
-    /// Four packets of two rays over 3×2 pixels: the last ray of each row is outside the image.
+    /// Four packets of two rays for 3×2 pixels; the last ray of each row is outside the image.
     fn small() -> (ImageSize, Vec<RayPacket>, MachineMesh) {
         let size = ImageSize::new(3, 2).unwrap();
         let scene = builtin("sphere?level=0").unwrap();

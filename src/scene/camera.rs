@@ -8,14 +8,14 @@ use glam::DVec3;
 /// The two standard cameras.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
 pub enum View {
-    /// Inside the scene's box, along its x axis: for rooms.
+    /// Inside the scene's box, along its x axis, for rooms.
     Inside,
-    /// Outside, towards the centre of the scene's box: for objects.
+    /// Outside, towards the centre of the scene's box, for objects.
     Outside,
 }
 
 impl View {
-    /// This view of a scene with the box `bounds`.
+    /// The camera of this view for a scene with the box `bounds`.
     pub fn camera(self, bounds: Bounds) -> Camera {
         match self {
             View::Inside => Camera::inside(bounds),
@@ -25,16 +25,16 @@ impl View {
 }
 
 /// A pinhole camera. The ray through image position (x, y) has the direction forward + x·right + y·up, where
-/// y runs from −1 at the lower to 1 at the upper edge and x is as long a step as y: from −w/h to w/h.
+/// y runs from −1 at the lower to 1 at the upper edge. x has the same unit as y: it runs from −w/h to w/h.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Camera {
-    /// Where rays begin.
+    /// The origin of rays.
     pub eye: [f64; 3],
-    /// The direction of the image's centre; constructors give it the length 1.
+    /// The direction of the image's centre; constructors set its length to 1.
     pub forward: [f64; 3],
-    /// To the image's right; as long, relative to `forward`, as the tangent of half the vertical field of view.
+    /// Towards the image's right. Its length relative to `forward` is the tangent of half the vertical field of view.
     pub right: [f64; 3],
-    /// To the image's upper edge, as long as `right`.
+    /// Towards the image's upper edge, with the length of `right`.
     pub up: [f64; 3],
 }
 
@@ -62,14 +62,14 @@ impl Camera {
     /// For objects: the eye at c + 0.9·|d|·normalise(0.5, 0.4, 1), looking at c, y up, the tangent 0.55.
     pub fn outside(bounds: Bounds) -> Self {
         let (centre, extent) = centre_and_extent(bounds);
-        // A scene that is one point is looked at from a distance too.
+        // A scene that is a single point also needs a distance.
         let distance = 0.9 * positive_or_one(extent.length());
         let eye = centre + distance * OUTSIDE.normalize();
         Camera::new(eye, -OUTSIDE, DVec3::Y, 0.55)
     }
 
-    /// From the direction of [`Camera::outside`], as near as all of the scene's box is still seen, with a small
-    /// margin, in an image that is square or wider than high.
+    /// From the direction of [`Camera::outside`], at the shortest distance from which the whole box of the scene is visible, with a
+    /// small margin, in an image that is square or wider than high.
     pub fn framing(bounds: Bounds) -> Self {
         const TANGENT: f64 = 0.45;
         const MARGIN: f64 = 1.05;
@@ -89,8 +89,8 @@ impl Camera {
         camera
     }
 
-    /// From the direction of [`Camera::outside`], as near as all of these points are still seen, with a small margin, in an image
-    /// `aspect` times as wide as high; but never nearer to one than a tenth of their depth.
+    /// From the direction of [`Camera::outside`], at the shortest distance from which all of these points are visible, with a small
+    /// margin, in an image `aspect` times as wide as high. The distance to a point is at least a tenth of the points' depth.
     ///
     /// # Panics
     /// If there are no points, or `aspect` is not positive.
@@ -103,7 +103,7 @@ impl Camera {
         let [forward, right, up] =
             [camera.forward, camera.right, camera.up].map(|v| DVec3::from(v).normalize());
         let tangents = [aspect * TANGENT / MARGIN, TANGENT / MARGIN];
-        // A point at x across and z along the direction is seen from an eye at (a, c) if |x − a| ≤ tangent · (z − c).
+        // A point at x across and z along the direction is visible from an eye at (a, c) if |x − a| ≤ tangent · (z − c).
         let mut sides = [[f64::NEG_INFINITY; 2]; 2];
         let (mut nearest, mut farthest) = (f64::INFINITY, f64::NEG_INFINITY);
         for point in points {
@@ -122,7 +122,7 @@ impl Camera {
         let along = std::iter::zip(sides, tangents)
             .map(|([a, b], tangent)| -(a + b) / (2.0 * tangent))
             .fold(f64::INFINITY, f64::min);
-        // Of what is thin and points at the eye, one end could be where the eye is.
+        // The end of a thin scene that points at the eye could otherwise be at the eye.
         let room = NEAR * positive_or_one(farthest - nearest);
         let along = along.min(nearest - room);
         let [x, y] = sides.map(|[a, b]| (a - b) / 2.0);
@@ -130,17 +130,17 @@ impl Camera {
         camera
     }
 
-    /// The whole vertical field of view.
+    /// The full vertical field of view.
     pub fn vertical_fov_degrees(&self) -> f64 {
         let [up, forward] = [self.up, self.forward].map(|v| DVec3::from(v).length());
         2.0 * (up / forward).atan().to_degrees()
     }
 
-    /// From `eye` towards `target`, with `up` upwards in the image (it need not be perpendicular), and the whole
+    /// From `eye` towards `target`, with `up` upwards in the image (it need not be perpendicular), and with the full
     /// vertical field of view in degrees.
     ///
     /// # Errors
-    /// One line, if a number is not finite, eye and target are the same, `up` is zero or along the direction, or the
+    /// One line if a number is not finite, if eye and target are equal, if `up` is zero or along the direction, or if the
     /// field of view is not between 0 and 180 degrees.
     pub fn look_at(
         eye: [f64; 3],
@@ -160,7 +160,7 @@ impl Camera {
             "the camera's vertical field of view is {} degrees; give more than 0 and less than 180",
             text::number(vertical_fov_degrees)
         );
-        // Halves cannot overflow.
+        // The halves cannot overflow.
         let towards = (DVec3::from(target) / 2.0 - DVec3::from(eye) / 2.0).try_normalize_scaled();
         let Some(forward) = towards else {
             anyhow::bail!(
@@ -180,11 +180,11 @@ impl Camera {
     }
 }
 
-/// Where the eye of outside views is, seen from the scene's centre.
+/// The direction of the eye in outside views, seen from the scene's centre.
 const OUTSIDE: DVec3 = DVec3::new(0.5, 0.4, 1.0);
 
-/// A place for a point light: for an eye within the box, below its ceiling near the middle, so that it is in the
-/// same room; else behind and above the eye, to its right.
+/// A position for a point light. For an eye inside the box it is below the ceiling near the middle, to be in the
+/// same room; otherwise it is behind and above the eye, to its right.
 pub fn default_light(bounds: Bounds, camera: &Camera) -> [f64; 3] {
     let (centre, extent) = centre_and_extent(bounds);
     let (low, high) = bounds;
@@ -207,14 +207,14 @@ fn positive_or_one(x: f64) -> f64 {
     if x > 0.0 { x } else { 1.0 }
 }
 
-/// A place or a direction, for messages.
+/// A position or a direction, for messages.
 pub(super) fn shown([x, y, z]: [f64; 3]) -> String {
     let [x, y, z] = [x, y, z].map(text::number);
     format!("({x}, {y}, {z})")
 }
 
 trait NormalizeScaled: Sized {
-    /// The vector of length 1 in the same direction, whatever its length; `None` for zero.
+    /// The vector of length 1 in the same direction, for any length; `None` for zero.
     fn try_normalize_scaled(self) -> Option<Self>;
 }
 

@@ -1,4 +1,4 @@
-//! Where scenes that move come from.
+//! Loads animated scenes.
 
 use super::animation::{Animated, gltf_file, sequence};
 use super::{BUILTIN_NAMES, SceneSpec, builtin, obj};
@@ -9,21 +9,21 @@ use std::path::Path;
 
 /// Loads a scene with its motion.
 ///
-/// | `spec` | what |
+/// | `spec` | scene |
 /// |---|---|
-/// | a file whose name ends in `.glb` or `.gltf` | nodes, skins, morph targets, clips and instances (EXT_mesh_gpu_instancing) of glTF 2.0 that are shown; materials, pictures and cameras are not looked at |
-/// | a folder | its files whose names end in `.obj` are the frames of a sequence, in the order of their names: numbers in them compare as numbers, case does not count, and hidden files are passed over |
-/// | a file whose name ends in `.obj` | a scene that stands still |
+/// | a file whose name ends in `.glb` or `.gltf` | the shown nodes, skins, morph targets, clips and instances (EXT_mesh_gpu_instancing) of glTF 2.0; materials, pictures and cameras are ignored |
+/// | a folder | a sequence whose frames are the files with names that end in `.obj`, in the order of their names: numbers in them compare as numbers, case is ignored, and hidden files are skipped |
+/// | a file whose name ends in `.obj` | a static scene |
 /// | `builtin:NAME` | a built-in scene, see [`builtin()`](fn@crate::scene::builtin) and [`ANIMATED_NAMES`](crate::scene::ANIMATED_NAMES) |
 ///
-/// Vertices of a glTF mesh that are the same in everything that moves them become one: files part them where
-/// normals or texture coordinates differ, which costs the machine time and changes no picture. What of geometry and motion
-/// is in a file and not in the picture is in [`Animated::warnings`]; what is not shown is not judged.
+/// Vertices of a glTF mesh that are equal in everything that moves them are merged. Files split them where
+/// normals or texture coordinates differ, which costs time and does not change the picture. [`Animated::warnings`] lists geometry
+/// and motion that is in a file and not in the picture; parts that are not shown are not checked.
 ///
 /// # Errors
-/// One line that names the file, the place in it and the remedy: no such file; a file that is no mesh; no triangles; a
-/// missing buffer; an index or a joint out of range; numbers that are not finite; weights that are zero;
-/// cyclic nodes; a required extension that is not known here; frames of different topology.
+/// One line that names the file, the place in it and the remedy, if a file or buffer is missing, if a file is not a mesh, if there
+/// are no triangles, if an index or a joint is out of range, if numbers are not finite, if weights are zero, if nodes are cyclic,
+/// if a required extension is not supported, or if the topology of frames differs.
 pub fn load_animated(spec: impl AsRef<OsStr>) -> Result<Animated> {
     let spec = SceneSpec::new(spec);
     if let Some(name) = spec.builtin() {

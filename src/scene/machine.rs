@@ -1,4 +1,4 @@
-//! Scenes in the machine's numbers.
+//! Scenes in the machine's number format.
 
 use super::animation::some;
 use super::{Bounds, Mesh, Scene, used_bounds};
@@ -6,33 +6,33 @@ use crate::float::{Arithmetic, Format};
 use anyhow::{Context, Result, ensure};
 
 /// A mesh scaled by a power of two and rounded once to the machine's number format. Trees, memory images
-/// and results derive from it alone.
+/// and results are computed only from it.
 #[derive(Clone, Debug, PartialEq)]
 pub struct MachineMesh {
-    /// The format whose numbers the vertices are.
+    /// The format of the vertices.
     pub format: Format,
     /// A scene coordinate times 2^`log2_scale` is a machine coordinate.
     pub log2_scale: i32,
-    /// Numbers of the format, carried exactly; −0 does not occur.
+    /// Values of the format, represented exactly, without −0.
     pub vertices: Vec<[f64; 3]>,
-    /// Three indices into `vertices` each, as in the scene's mesh.
+    /// Three indices into `vertices` per triangle, as in the scene's mesh.
     pub triangles: Vec<[u32; 3]>,
 }
 
 impl MachineMesh {
-    /// The greatest magnitude of a scaled scene's coordinates, as a power of two: 2⁸ = 256, or 2^(bias − 1)
-    /// where a format of few exponent bits has less, which leaves room for distances and for rays that
+    /// The limit for the magnitude of a scaled scene's coordinates, as a power of two: 2⁸ = 256, or 2^(bias − 1)
+    /// for a format with few exponent bits. The limit leaves room for distances and for rays that
     /// start outside.
     pub fn log2_limit(format: Format) -> i32 {
         8.min(format.bias() - 1)
     }
 
-    /// Scales a scene by the greatest power of two with which the box of its triangles fits the limit (by 1,
+    /// Scales a scene by the greatest power of two for which the box of its triangles is within the limit (by 1
     /// if all of its vertices are at the origin) and rounds its vertices.
     ///
     /// # Errors
-    /// If the mesh has no triangles, a triangle names a vertex that does not exist, a vertex is not finite, or
-    /// the scale is not a power of two that a double-precision number can be.
+    /// If the mesh has no triangles, if a triangle names a missing vertex, if a vertex is not finite, or if
+    /// double precision cannot represent the scale.
     pub fn new(scene: &Scene, format: Format) -> Result<Self> {
         let Scene { name, mesh, .. } = scene;
         check(mesh).with_context(|| format!("scene {name}"))?;
@@ -63,7 +63,7 @@ impl MachineMesh {
         power_of_two(self.log2_scale)
     }
 
-    /// What of `scene`, which this was made from, the format cannot hold, a line each.
+    /// The losses of `scene`, the source of this mesh, in the format, one line each.
     pub fn warnings(&self, scene: &Scene) -> Vec<String> {
         let mesh = &scene.mesh;
         let loss = Loss::of(
@@ -76,24 +76,24 @@ impl MachineMesh {
     }
 }
 
-/// What a mesh has lost, or never had, when it is in the machine's numbers.
+/// The losses of a mesh in the machine's number format, and its initial defects.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct Loss {
     /// The mesh's name.
     name: String,
     triangles: usize,
-    /// Triangles that had no area before.
+    /// Number of triangles that had no area initially.
     flat: usize,
-    /// Triangles that have no area any more.
+    /// Number of triangles that have lost their area.
     flattened: usize,
-    /// Coordinates that became zero.
+    /// Number of coordinates that became zero.
     flushed: usize,
-    /// How many times its own size away from the origin it lies, where that is much.
+    /// Distance from the origin in units of the mesh's own size, if that is large.
     distance: Option<f64>,
 }
 
 impl Loss {
-    /// Of a mesh whose vertices are `before` in the scene and `after` in the machine, up to a scale.
+    /// The losses of a mesh with the vertices `before` in the scene and `after` in the machine, up to a scale.
     pub(super) fn of(
         name: &str,
         before: &[[f64; 3]],
@@ -119,15 +119,15 @@ impl Loss {
     }
 }
 
-/// How many times its own size a box lies away from the origin, where that is so far that detail is lost: neighbouring
-/// numbers lie further apart there than near the origin.
+/// The distance of a box from the origin in units of its own size, if it is so large that detail is lost: the
+/// spacing of numbers grows with their magnitude.
 fn distance((low, high): Bounds) -> Option<f64> {
     let extent = (0..3).map(|k| high[k] - low[k]).fold(0f64, f64::max);
     let greatest = low.iter().chain(&high).fold(0f64, |g, x| g.max(x.abs()));
     (extent < greatest / 16.0).then(|| (greatest / extent).min(1e9))
 }
 
-/// Of a whole scene, whose box in the world this is, how far away it lies: see [`losses`].
+/// The warning about the distance of a whole scene with this box in the world: see [`losses`].
 pub(super) fn world_warning(scene: &str, format: Format, world: Bounds) -> Option<String> {
     let distance = distance(world)?;
     Some(far(&format!("scene {scene}"), format, distance))
@@ -139,12 +139,12 @@ fn far(what: &str, format: Format, distance: f64) -> String {
     )
 }
 
-/// What a format cannot hold of the meshes of a scene: a line for each kind of loss, which names the meshes if there are
+/// The losses of a scene's meshes in a format: one line per kind of loss, which names the meshes if there are
 /// several.
 pub(super) fn losses(scene: &str, format: Format, meshes: &[Loss]) -> Vec<String> {
     let mut warnings = Vec::new();
     let total: usize = meshes.iter().map(|mesh| mesh.triangles).sum();
-    // How many there are of a kind, and in which meshes.
+    // The number of losses of one kind, and their meshes.
     let of = |count: fn(&Loss) -> usize| {
         let with = meshes.iter().filter(|mesh| count(mesh) > 0);
         let names: Vec<String> = with
@@ -202,10 +202,10 @@ pub(super) fn losses(scene: &str, format: Format, meshes: &[Loss]) -> Vec<String
 }
 
 /// The exponent of the greatest power of two by which a box can be scaled to fit ±2^[`MachineMesh::log2_limit`]; 0 for
-/// a box that is nothing but the origin.
+/// a box that is only the origin.
 ///
 /// # Errors
-/// If that power is none that a double-precision number can be.
+/// If double precision cannot represent that power.
 pub fn log2_scale((low, high): Bounds, format: Format) -> Result<i32> {
     let greatest = low
         .iter()
@@ -222,7 +222,7 @@ pub fn log2_scale((low, high): Bounds, format: Format) -> Result<i32> {
     Ok(log2_scale)
 }
 
-/// That every triangle's vertices exist and are finite.
+/// Checks that every triangle's vertices exist and are finite.
 fn check(mesh: &Mesh) -> Result<()> {
     ensure!(
         !mesh.triangles.is_empty(),
@@ -251,9 +251,9 @@ pub(super) fn power_of_two(exponent: i32) -> f64 {
     f64::from_bits(((exponent + 1023) as u64) << 52)
 }
 
-/// The least k with x ≤ 2^k, for a finite x > 0.
+/// The minimum k with x ≤ 2^k, for a finite x > 0.
 fn ceil_log2(x: f64) -> i32 {
-    // Subnormal numbers have no exponent of their own.
+    // The exponent field of subnormal numbers does not give their magnitude.
     let (x, shift) = if x < f64::MIN_POSITIVE {
         (x * power_of_two(100), 100)
     } else {
@@ -264,14 +264,14 @@ fn ceil_log2(x: f64) -> i32 {
     (bits >> 52) as i32 - 1023 - shift + i32::from(!is_power)
 }
 
-/// Whether a triangle's edges are parallel, which includes that corners coincide. Exact as long as its edges are.
+/// Whether a triangle's edges are parallel, which includes coinciding corners. The result is exact if the edges are.
 fn is_degenerate(positions: &[[f64; 3]], triangle: [u32; 3]) -> bool {
     let [a, b, c] = triangle.map(|index| positions[index as usize]);
     let ab: [f64; 3] = std::array::from_fn(|k| b[k] - a[k]);
     let ac: [f64; 3] = std::array::from_fn(|k| c[k] - a[k]);
     (0..3).all(|k| {
         let (i, j) = ((k + 1) % 3, (k + 2) % 3);
-        // A product is its rounded value and the error that a fused operation gives back.
+        // A fused operation gives the error of a rounded product.
         let product = |x: f64, y: f64| (x * y, x.mul_add(y, -(x * y)));
         product(ab[i], ac[j]) == product(ab[j], ac[i])
     })

@@ -1,8 +1,8 @@
-//! Scenes: where triangles come from, how they become the machine's numbers, and the rays that look at them.
+//! Scenes: the sources of triangles, their conversion to the machine's number format, and rays.
 //!
-//! [`load`] reads an OBJ file or builds one of the scenes that need no file; [`MachineMesh`] is the scene
-//! scaled and rounded to the machine's number format, from which everything else is computed; [`Camera`]
-//! and [`Frame`] make the packets of rays that cross the ray port. [`load_animated`] reads what moves:
+//! [`load`] reads an OBJ file or builds one of the scenes that need no file. [`MachineMesh`] is the scene
+//! scaled and rounded to the machine's number format; everything else is computed from it. [`Camera`]
+//! and [`Frame`] generate packets of rays. [`load_animated`] loads animated scenes:
 //! see [`animation`].
 
 pub mod animation;
@@ -24,15 +24,15 @@ pub use sources::{Role, SceneSpec, Source, sources};
 
 use std::ffi::OsStr;
 
-/// The least and the greatest corner of an axis-aligned box.
+/// The minimum and the maximum corner of an axis-aligned box.
 pub type Bounds = ([f64; 3], [f64; 3]);
 
-/// Triangles on shared vertices, in the scene's own units.
+/// Triangles with shared vertices, in the scene's own units.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Mesh {
-    /// Vertices; triangles that meet share them as their source does.
+    /// Vertices; adjacent triangles share them as in the source.
     pub positions: Vec<[f64; 3]>,
-    /// Three indices into `positions` each. A triangle's number is its place here.
+    /// Three indices into `positions` per triangle. A triangle's number is its index here.
     pub triangles: Vec<[u32; 3]>,
 }
 
@@ -40,19 +40,19 @@ impl Mesh {
     /// The exact box of the vertices that triangles use; `None` for a mesh without triangles.
     ///
     /// # Panics
-    /// If a triangle names a vertex that does not exist.
+    /// If a triangle names a missing vertex.
     pub fn bounds(&self) -> Option<Bounds> {
         used_bounds(&self.positions, &self.triangles)
     }
 }
 
-/// A mesh with the name by which reports speak of it.
+/// A mesh with a name for reports.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Scene {
     /// The file's stem, or the built-in scene's name.
     pub name: String,
     pub mesh: Mesh,
-    /// What of the source is not in the mesh, a line each.
+    /// The parts of the source that are not in the mesh, one line each.
     pub warnings: Vec<String>,
 }
 
@@ -60,7 +60,7 @@ impl Scene {
     /// See [`Mesh::bounds`]. A loaded scene always has triangles.
     ///
     /// # Panics
-    /// If the scene was made by hand without triangles.
+    /// If the scene was created by hand without triangles.
     pub fn bounds(&self) -> Bounds {
         self.mesh.bounds().expect("a scene has triangles")
     }
@@ -72,21 +72,21 @@ impl Scene {
 /// `builtin:NAME?key=value&key=value`, for example `builtin:teapot?tessellation=20`. See [`builtin()`] for
 /// names and parameters.
 ///
-/// Of an OBJ file the polygons of all groups and objects are read, as one mesh whose vertices stay shared:
+/// The polygons of all groups and objects of an OBJ file become one mesh with shared vertices:
 ///
-/// | in the file | what becomes of it |
+/// | in the file | treatment |
 /// |---|---|
-/// | encoding | UTF-8, or UTF-16 with a byte order mark or where it is plain; comments and names may be in any |
-/// | lines | end in LF, CR LF or CR; `#` begins a comment anywhere but in a name; a backslash at the end joins the next line, but not after a comment, a name or an unknown statement |
-/// | `v` | x y z; of four numbers the last is a weight, by which they are divided; three or four more are a colour, which is not used |
-/// | `f` | a fan around its first corner, which may be wrong if it is concave; texture coordinates and normals are not looked at |
-/// | groups, materials, `vt`, `vn`, smoothing | not used; files of materials may be missing |
+/// | encoding | UTF-8, or UTF-16 with a byte order mark or if it can be recognised; comments and names may have any encoding |
+/// | lines | end in LF, CR LF or CR; `#` starts a comment except in a name; a backslash at the end joins the next line, except after a comment, a name or an unknown statement |
+/// | `v` | x y z; of four numbers the last is a weight, by which the others are divided; three or four more are a colour, which is ignored |
+/// | `f` | a fan around its first corner, which may be wrong for a concave polygon; texture coordinates and normals are ignored |
+/// | groups, materials, `vt`, `vn`, smoothing | ignored; files of materials may be missing |
 /// | lines, points, curves, surfaces, other files (`call`), unknown statements | left out, with a warning in [`Scene::warnings`] |
 ///
 /// # Errors
-/// One line that names the file, the place in it and the remedy: no such file, a file that is no mesh (an OBJ file has `v` or
-/// `f`), a mesh without triangles, a face without corners, vertices that are not finite, an index out of range, an unknown
-/// built-in scene.
+/// One line that names the file, the place in it and the remedy, if the file is missing, if it is not a mesh (an OBJ file has `v`
+/// or `f`), if a mesh has no triangles, if a face has no corners, if vertices are not finite, if an index is out of range, or if
+/// the built-in scene is unknown.
 pub fn load(spec: impl AsRef<OsStr>) -> anyhow::Result<Scene> {
     let spec = SceneSpec::new(spec);
     match spec.builtin() {

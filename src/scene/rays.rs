@@ -1,4 +1,4 @@
-//! Packets of rays, in the machine's numbers.
+//! Packets of rays, in the machine's number format.
 
 use super::machine::power_of_two;
 use super::{Camera, MachineMesh, camera};
@@ -9,7 +9,7 @@ use glam::DVec3;
 use std::fmt;
 use std::str::FromStr;
 
-/// The sizes of packets that there are.
+/// The valid packet sizes.
 pub const RAYS_PER_PACKET: [usize; 4] = [1, 2, 4, 8];
 
 /// The size of an image in pixels, written as `WIDTHxHEIGHT`.
@@ -54,16 +54,16 @@ impl fmt::Display for ImageSize {
     }
 }
 
-/// The rays that travel together, and the pixels they belong to.
+/// The rays of a packet, and their pixels.
 #[derive(Clone, Debug, PartialEq)]
 pub struct RayPacket {
-    /// Column and row of each ray's pixel, from the upper left; an inactive ray's pixel may lie outside the image.
+    /// Column and row of each ray's pixel, from the upper left; the pixel of an inactive ray may be outside the image.
     pub pixels: Vec<[u32; 2]>,
     pub rays: Vec<Ray>,
 }
 
-/// How an image is cut into packets: into blocks of 1×1, 2×1, 2×2 or 4×2 pixels, row by row from the upper
-/// left, within a block as well.
+/// The division of an image into packets: blocks of 1×1, 2×1, 2×2 or 4×2 pixels, row by row from the upper
+/// left, and in the same order within a block.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Frame {
     size: ImageSize,
@@ -73,7 +73,7 @@ pub struct Frame {
 
 impl Frame {
     /// # Errors
-    /// If there are no packets of `rays_per_packet` rays.
+    /// If `rays_per_packet` is not a valid packet size.
     pub fn new(size: ImageSize, rays_per_packet: usize) -> Result<Self> {
         let block = match rays_per_packet {
             1 => [1, 1],
@@ -106,7 +106,7 @@ impl Frame {
         self.size.width.div_ceil(self.block[0]) as usize
     }
 
-    /// The pixels of packet number `packet`; those at the right and lower edge may lie outside the image.
+    /// The pixels of packet number `packet`; those at the right and lower edge may be outside the image.
     pub fn pixels(&self, packet: usize) -> Vec<[u32; 2]> {
         let [width, height] = self.block;
         let column = (packet % self.blocks_per_row()) as u32 * width;
@@ -116,20 +116,20 @@ impl Frame {
             .collect()
     }
 
-    /// The rays through the pixels' centres, in the coordinates of `mesh`: the eye is scaled and rounded, the
-    /// direction computed in double precision from the camera's frame and rounded. It is not normalised and not scaled:
-    /// a hit is t·|direction| machine units away. tmin is 0, tmax +∞; rays of pixels outside the image are inactive.
+    /// The rays through the pixels' centres, in the coordinates of `mesh`. The eye is scaled and rounded. The
+    /// direction is computed in double precision from the camera and rounded; it is neither normalised nor scaled, so
+    /// the distance of a hit is t·|direction| machine units. tmin is 0, tmax +∞; rays of pixels outside the image are inactive.
     ///
     /// # Errors
-    /// If the eye lies beyond the format's greatest number.
+    /// If the eye exceeds the format's greatest number.
     pub fn primary_rays(&self, camera: &Camera, mesh: &MachineMesh) -> Result<Vec<RayPacket>> {
         self.rays_in(camera, mesh.format, mesh.log2_scale)
     }
 
-    /// [`Frame::primary_rays`] in the coordinates of a world whose unit is 2^`log2_scale` machine units.
+    /// [`Frame::primary_rays`] in the coordinates of a world that is scaled by 2^`log2_scale`.
     ///
     /// # Errors
-    /// If the eye lies beyond the format's greatest number.
+    /// If the eye exceeds the format's greatest number.
     pub fn rays_in(
         &self,
         camera: &Camera,
@@ -173,19 +173,18 @@ impl Frame {
     }
 }
 
-/// Any-hit rays from what `packets` hit to a point light: a hit means shadow.
+/// Any-hit rays from the hits of `packets` to a point light; a hit means shadow.
 ///
-/// `hits` are the results of all rays in order, inactive ones included. `light` is in scene units. A shadow
-/// ray begins at its hit, pushed off the surface along the triangle's normal, to the side that the ray came
-/// from, by 32 ulps of the scene's greatest coordinate, or 1/64 of the diagonal of its box if that is
-/// less. Its direction is light − origin, tmin is 0 and tmax 1. Rays that hit nothing, and those that
-/// begin exactly at the light, are inactive.
+/// `hits` are the results of all rays in order, inactive ones included. `light` is in scene units. The origin of a shadow
+/// ray is the hit, moved along the triangle's normal, to the side of the incoming ray, by 32 ulps of the scene's greatest
+/// coordinate, or by 1/64 of the diagonal of its box if that is less. The direction is light − origin, tmin is 0 and tmax 1.
+/// Rays without a hit, and rays that start exactly at the light, are inactive.
 ///
 /// # Errors
-/// If the light lies beyond the format's greatest number.
+/// If the light exceeds the format's greatest number.
 ///
 /// # Panics
-/// If there are not as many hits as rays, or a hit's triangle is not in `mesh`.
+/// If the number of hits is not the number of rays, or if a hit's triangle is not in `mesh`.
 pub fn shadow_rays(
     packets: &[RayPacket],
     hits: &[Hit],
@@ -242,7 +241,7 @@ pub fn shadow_rays(
         .collect())
 }
 
-/// How far shadow rays begin off the surface, in machine units; see [`shadow_rays`].
+/// Distance of the origins of shadow rays from the surface, in machine units; see [`shadow_rays`].
 fn shadow_offset(mesh: &MachineMesh) -> f64 {
     let (low, high) = mesh.bounds();
     let greatest = low.iter().chain(&high).fold(0f64, |g, x| g.max(x.abs()));

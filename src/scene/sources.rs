@@ -1,4 +1,4 @@
-//! What names a scene, and which files are read for it.
+//! The names of scenes, and the files that are read for them.
 
 use crate::text;
 use serde_json::Value;
@@ -9,23 +9,23 @@ use std::fs::File;
 use std::io::{self, Read};
 use std::path::{Path, PathBuf};
 
-/// What a user names as a scene: `builtin:NAME`, or the path of a file or a folder. Paths are bytes: they need not be UTF-8.
+/// A scene as named by the user: `builtin:NAME`, or the path of a file or a folder. Paths are bytes and need not be UTF-8.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct SceneSpec(OsString);
 
 impl SceneSpec {
-    /// A scene by its name.
+    /// A scene with this name.
     pub fn new(spec: impl AsRef<OsStr>) -> SceneSpec {
         SceneSpec(spec.as_ref().to_os_string())
     }
 
-    /// What follows `builtin:`, where the scene is a built-in one.
+    /// The part after `builtin:`, if the scene is a built-in one.
     pub fn builtin(&self) -> Option<String> {
         let name = self.0.to_string_lossy();
         name.strip_prefix("builtin:").map(str::to_string)
     }
 
-    /// The path of the scene's file or folder, where the scene is not a built-in one.
+    /// The path of the scene's file or folder, if the scene is not a built-in one.
     pub fn path(&self) -> Option<&Path> {
         match self.builtin() {
             Some(_) => None,
@@ -52,7 +52,7 @@ impl From<OsString> for SceneSpec {
     }
 }
 
-/// As messages show it.
+/// The form for messages.
 impl fmt::Display for SceneSpec {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.write_str(&text::path(Path::new(&self.0)))
@@ -62,20 +62,20 @@ impl fmt::Display for SceneSpec {
 /// A file or folder that is read for a scene, or that the scene's file names.
 #[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub struct Source {
-    /// What it is to the scene. In a sorted list what the user named comes first.
+    /// Its role for the scene. In a sorted list, the file named by the user comes first.
     pub role: Role,
-    /// Where it is.
+    /// Its path.
     pub path: PathBuf,
 }
 
-/// What a [`Source`] is to its scene.
+/// The role of a [`Source`] for its scene.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Role {
     /// The file, or the folder, that the user named.
     Scene,
     /// An OBJ file of a sequence.
     Frame,
-    /// A file of vertices and the like that a glTF file names.
+    /// A file with vertices or other data that a glTF file names.
     Buffer,
     /// A picture that a glTF file names.
     Image,
@@ -84,7 +84,7 @@ pub enum Role {
 }
 
 impl Role {
-    /// How messages speak of it.
+    /// The name of the role in messages.
     pub fn name(self) -> &'static str {
         match self {
             Role::Scene => "the input scene",
@@ -99,7 +99,7 @@ impl Role {
 pub(super) const OBJ: [&str; 1] = ["obj"];
 pub(super) const GLTF: [&str; 2] = ["glb", "gltf"];
 
-/// Whether a file's name ends in one of `extensions`, in whatever case.
+/// Whether a file's name ends in one of `extensions`, ignoring case.
 pub(super) fn is_named(path: &Path, extensions: &[&str]) -> bool {
     let extension = path.extension().unwrap_or_default();
     extensions
@@ -107,10 +107,10 @@ pub(super) fn is_named(path: &Path, extensions: &[&str]) -> bool {
         .any(|known| extension.eq_ignore_ascii_case(known))
 }
 
-/// The files and folders that are read for a scene, and those that its files name, each once; none of a built-in scene.
+/// The files and folders that are read for a scene, and those that its files name, each once; empty for a built-in scene.
 ///
-/// This is for those who are about to write files, who must leave these alone. Faults of the files are left to the loaders:
-/// what cannot be read names nothing here.
+/// Callers use the list to avoid overwriting these files. The loaders report faults of the files; a file that cannot be read
+/// names no other files here.
 pub fn sources(spec: &SceneSpec) -> Vec<Source> {
     let Some(path) = spec.path() else {
         return vec![];
@@ -146,7 +146,7 @@ pub fn sources(spec: &SceneSpec) -> Vec<Source> {
     found.into_iter().collect()
 }
 
-/// At most `limit` bytes of a regular file. To open a pipe could wait for ever, and to read a device never end.
+/// At most `limit` bytes of a regular file. Opening a pipe could wait forever, and reading a device could never end.
 fn bytes_of(path: &Path, limit: u64) -> Option<Vec<u8>> {
     let mut bytes = vec![];
     let file = open_regular(path).ok()?;
@@ -154,10 +154,10 @@ fn bytes_of(path: &Path, limit: u64) -> Option<Vec<u8>> {
     Some(bytes)
 }
 
-/// A regular file's bytes.
+/// The contents of a regular file.
 ///
 /// # Errors
-/// The file is something else, or cannot be read.
+/// If the file is not regular, or cannot be read.
 pub(super) fn read_regular(path: &Path) -> io::Result<Vec<u8>> {
     let mut bytes = vec![];
     open_regular(path)?.read_to_end(&mut bytes)?;
@@ -171,14 +171,14 @@ fn open_regular(path: &Path) -> io::Result<File> {
     File::open(path)
 }
 
-/// The file that an address beside a glTF file names: percent-encoded bytes, which need not be UTF-8.
+/// The file that a URI in a glTF file names: percent-encoded bytes, which need not be UTF-8.
 pub(super) fn place_of_uri(folder: &Path, uri: &str) -> Option<PathBuf> {
     let name: Vec<u8> = percent_encoding::percent_decode_str(uri).collect();
     Some(folder.join(os_string(&name)?))
 }
 
-/// The material files that an OBJ file names. A name may hold blanks, and a statement may hold several names: all readings of
-/// a statement are listed.
+/// The material files that an OBJ file names. A name may contain blanks, and a statement may have several names, so all possible
+/// readings of a statement are listed.
 fn material_files(obj: &Path) -> Vec<PathBuf> {
     const STATEMENT: &[u8] = b"mtllib";
     let bytes = bytes_of(obj, u64::MAX).unwrap_or_default();
@@ -220,7 +220,7 @@ fn utf8_of_utf16(bytes: &[u8]) -> Option<Vec<u8>> {
     Some(String::from_utf16_lossy(&units).into_bytes())
 }
 
-/// The JSON of a glTF file, of a binary one its first chunk. What stands behind the value does not matter here.
+/// The JSON of a glTF file, or of the first chunk of a binary one. Data after the value is ignored.
 fn gltf_json(path: &Path) -> Option<Value> {
     const HEAD: u64 = 20;
     let head = bytes_of(path, HEAD)?;
@@ -239,7 +239,7 @@ fn gltf_json(path: &Path) -> Option<Value> {
         .ok()
 }
 
-/// The addresses in a list of buffers or images that name files.
+/// The URIs in a list of buffers or images that name files.
 fn uris(list: &Value) -> impl Iterator<Item = &str> {
     let entries = list.as_array().into_iter().flatten();
     entries
@@ -250,14 +250,14 @@ fn uris(list: &Value) -> impl Iterator<Item = &str> {
         })
 }
 
-/// The files that an address in a glTF file may mean: percent-encoded as it ought to be, or as it stands.
+/// The files that a URI in a glTF file may name: after percent-decoding, or unchanged.
 fn places_of(gltf: &Path, uri: &str) -> Vec<PathBuf> {
     let folder = gltf.parent().unwrap_or(Path::new(""));
     let places = [place_of_uri(folder, uri), Some(folder.join(uri))];
     places.into_iter().flatten().collect()
 }
 
-/// Bytes as a file's name.
+/// Bytes as a file name.
 fn os_string(bytes: &[u8]) -> Option<OsString> {
     #[cfg(unix)]
     {

@@ -1,16 +1,16 @@
-//! What Yosys reports: cells by kind.
+//! Parses Yosys' report of cells by kind.
 
 use anyhow::{Context, Result};
 use serde_json::Value;
 use std::collections::BTreeMap;
 
-/// How many cells there are of each kind.
+/// Number of cells of each kind.
 pub type Cells = BTreeMap<String, u64>;
 
-/// The cells of a flattened design, from what Yosys' `stat -json` writes.
+/// The cells of a flattened design, from the output of Yosys' `stat -json`.
 ///
 /// # Errors
-/// The text is no such report, or a cut-off one.
+/// If the text is not such a report, or is incomplete.
 pub fn parse_cells(report: &str) -> Result<Cells> {
     const WHAT: &str = "Yosys has written no whole report of its cells";
     let report: Value = serde_json::from_str(report).context(WHAT)?;
@@ -20,7 +20,7 @@ pub fn parse_cells(report: &str) -> Result<Cells> {
         .map(|(kind, count)| Some((kind.clone(), count.as_u64()?)))
         .collect::<Option<Cells>>()
         .context(WHAT)?;
-    // 0.70 counts what remembers scopes apart.
+    // Yosys 0.70 counts cells that store scope information separately.
     let all = design["num_cells"].as_u64().context(WHAT)?;
     let sum: u64 = cells.values().sum();
     anyhow::ensure!(

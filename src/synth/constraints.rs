@@ -1,5 +1,5 @@
-//! What vendors' tools and the open ones need besides the Verilog, to take a machine from its text to a bitstream: constraints from the
-//! configuration's clock, projects, scripts, and a design that tests itself on a board.
+//! Generates the files that vendors' tools and open tools need, besides the Verilog, to build a bitstream: constraints for the
+//! configuration's clock, projects, scripts, and a self-test for a board.
 
 use super::selftest::{self, SelfTest};
 use crate::config::Config;
@@ -12,22 +12,22 @@ use std::fmt::Write as _;
 
 /// The Virtex-4: the smallest package of an LX160, the slowest grade.
 const VIRTEX4_PART: &str = "xc4vlx160-10-ff1148";
-/// The board of the ECP5: a ULX3S with an LFE5U-85F-6BG381C, and its oscillator in MHz. The board's module is called so, after the prefix.
+/// The board of the ECP5: a ULX3S with an LFE5U-85F-6BG381C, and its oscillator in MHz. Also the name of the board's module, after the prefix.
 const BOARD: &str = "ulx3s";
 const OSCILLATOR_MHZ: u32 = 25;
 const LEAST_BOARD_MHZ: u32 = 4;
-/// The greatest divider of a PLL's output.
+/// Maximum divider of a PLL's output.
 const MOST_OUTPUT: u32 = 128;
 
-/// The names of the designs around the core, which begin as its own modules' do.
+/// The names of the modules around the core, which have the same prefix as the core's modules.
 struct Names {
-    /// The self-test, and its bench.
+    /// The self-test and its bench.
     top: String,
     bench: String,
     board: String,
 }
 
-/// How a board's clock is made from its oscillator by an ECP5's PLL: oscillator × feedback ÷ input.
+/// The settings of an ECP5's PLL, which makes the clock from the board's oscillator: oscillator × feedback ÷ input.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 struct Pll {
     input: u32,
@@ -36,8 +36,8 @@ struct Pll {
 }
 
 impl Pll {
-    /// The fastest clock of at most `mhz`, 4 MHz or more. The oscillator divided must be 3.125 MHz or more, the output multiplied, 400 to
-    /// 800 MHz.
+    /// The fastest clock of at most `mhz`, which must be at least 4. The divided oscillator must have at least 3.125 MHz; the multiplied
+    /// output must have 400 to 800 MHz.
     fn new(mhz: u32) -> Pll {
         let candidates = (1..=8).map(|input| {
             let feedback = mhz * input / OSCILLATOR_MHZ;
@@ -55,7 +55,7 @@ impl Pll {
             })
             .expect("a clock of 4 MHz or more");
         Pll {
-            // As near to 600 MHz as the divider goes, which is within the range for every clock up to 400 MHz.
+            // As close to 600 MHz as the divider permits, which is in the valid range for every clock up to 400 MHz.
             output: ((600_000 + best.khz() / 2) / best.khz()).min(MOST_OUTPUT),
             ..best
         }
@@ -66,14 +66,14 @@ impl Pll {
     }
 }
 
-/// Every file, by name, and a manifest of them. The same for the same configuration, to the byte.
+/// All files by name, and a manifest of them. The same configuration gives the same bytes.
 ///
-/// `rtl` is the folder of the machine's Verilog, as `dynrt generate` writes it with the same prefix, seen from where the files will lie. `board_mhz` is the
-/// clock of the ECP5 board; half the configuration's where `None`, which the whole reaches: clocks that units reach
-/// alone, with netlists that `dynrt synth` has improved, are no promise for it.
+/// `rtl` is the path of the machine's Verilog, written by `dynrt generate` with the same prefix, relative to the folder of the files.
+/// `board_mhz` is the clock of the ECP5 board; `None` selects half the configuration's clock, which the whole design reaches. The clocks
+/// of single units, measured by `dynrt synth` with improved netlists, do not apply to it.
 ///
 /// # Errors
-/// The board's clock is not 4 MHz to the configuration's; the self-test's scene does not fit the configuration's addresses.
+/// If the board's clock is not between 4 MHz and the configuration's clock, or if the self-test's scene does not fit the addresses.
 pub fn files(
     config: &Config,
     prefix: Prefix,
@@ -152,7 +152,7 @@ fn ucf(names: &Names, config: &Config) -> String {
     )
 }
 
-/// Every Verilog file of the design but the board's and the bench, the core's first, children before parents.
+/// All Verilog files of the design except the board's module and the bench: first those of the core, children before parents.
 fn sources(design: &Design, test: &SelfTest, names: &Names, rtl: &str) -> Vec<String> {
     let modules = design.emitted_modules().into_iter();
     let core = modules.map(|module| format!("{rtl}/{}.v", design.module_name(module)));
@@ -198,7 +198,7 @@ fn xst_script(names: &Names) -> String {
     )
 }
 
-/// The start of every script: where it is, where what it makes goes, and whether the Verilog is the machine that the self-test is of.
+/// The start of every script: its folder, the folder of its results, and a check that the Verilog belongs to the same machine as the self-test.
 fn preamble(about: &str, rtl: &str) -> String {
     let mut text = "#!/bin/sh\n".to_string();
     for line in about.lines() {

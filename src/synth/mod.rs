@@ -1,22 +1,22 @@
-//! Area and clock of a machine's modules by open tools: Yosys counts what a module takes of a device, nextpnr places and routes it.
+//! Area and clock of a machine's modules with open tools: Yosys counts cells, nextpnr places and routes.
 //!
-//! | module | what |
+//! | module | content |
 //! |---|---|
-//! | [`target`] | the devices: what they hold, how modules are mapped to them, what a cell counts for |
+//! | [`target`] | the devices: capacity, mapping of modules, and the area of each cell |
 //! | `tools` | finding and running the tools |
-//! | `wrapper` | shift registers at a module's ports, so that pins stay off its critical paths |
-//! | `cells` | what Yosys reports |
+//! | `wrapper` | shift registers at a module's ports, which keep pins off its critical paths |
+//! | `cells` | Yosys' report |
 //! | `outreg` | the output registers of ECP5 block RAMs and multipliers, which Yosys leaves unused |
-//! | `timing` | what nextpnr reports, in the names of our modules |
-//! | [`constraints`], [`selftest`] | what takes a machine to a bitstream, and the design that it is of |
-//! | `store` | results that were reached before |
+//! | `timing` | nextpnr's report, with the names of our modules |
+//! | [`constraints`], [`selftest`] | the files for a bitstream, and its self-test |
+//! | `store` | stored results |
 //!
-//! Every module is synthesised alone, with all below it flattened into it, so that a unit's figures hold what it is made of, and
-//! the parts of a unit do not add up to the whole: what two parts share, or what a constant port makes superfluous, is counted once.
+//! Every module is synthesised alone, with everything below it flattened into it. The figures of a unit include its parts. The sum over
+//! the parts differs from the whole, because shared logic, and logic that a constant port makes superfluous, is counted only once.
 //!
-//! A result is kept in the cache folder under a key of all that went into it: the module's Verilog and that of all modules below
-//! it, the tool's version, its options. A module is synthesised again only when one of them changes, and a run that was cut off goes on
-//! where it was.
+//! A result is stored in the cache folder under a key of all its inputs: the Verilog of the module and of all modules below
+//! it, the tool's version, and its options. A module is synthesised again only if one of them changes, and an interrupted run
+//! resumes where it stopped.
 
 mod cells;
 pub mod constraints;
@@ -47,58 +47,58 @@ use std::sync::Arc;
 use std::time::Instant;
 use store::Store;
 
-/// What to find out.
+/// A request for measurements.
 #[derive(Clone, Debug)]
 pub struct Request {
     /// The device.
     pub target: Target,
-    /// Names of the modules; all of them, and the whole machine, where empty.
+    /// Names of the modules; empty for all of them and the whole machine.
     pub units: Vec<String>,
-    /// How often each module is placed and routed, from seeds 1, 2, … on; 0: not at all.
+    /// Number of seeds, starting at 1, with which each module is placed and routed; 0: not at all.
     pub seeds: u32,
     /// The cache folder; `None` for the user's, as for models (see [`crate::cosim::model`]).
     pub cache: Option<PathBuf>,
 }
 
-/// What a machine takes of a device.
+/// The area and clock of a machine on a device.
 #[derive(Clone, Debug, Serialize)]
 pub struct Report {
     pub generator: &'static str,
     /// Every key of the configuration, by section.
     pub configuration: Value,
     pub target: &'static str,
-    /// What the device holds.
+    /// The capacity of the device.
     pub device: Area,
-    /// How the columns are counted.
+    /// The definition of the columns.
     pub counted: &'static str,
     /// The tools' versions.
     pub tools: Vec<String>,
-    /// The modules below the top module, children first, or those that were asked for.
+    /// The modules below the top module, children first, or the requested ones.
     pub units: Vec<Unit>,
-    /// The top module; nothing where single units were asked for.
+    /// The top module; `None` if single units were requested.
     pub total: Option<Unit>,
 }
 
-/// What one module takes, with all that is below it.
+/// The area and clock of one module, including everything below it.
 #[derive(Clone, Debug, Serialize)]
 pub struct Unit {
     pub name: String,
-    /// Registers from inputs to outputs, of a pipeline.
+    /// Pipeline registers from inputs to outputs, if the module is a pipeline.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub latency: Option<u32>,
     #[serde(flatten)]
     pub area: Area,
-    /// The same in percent of the device.
+    /// The area in percent of the device.
     pub share_percent: Share,
-    /// Cells by kind, as Yosys names them.
+    /// Number of cells by Yosys' names of the kinds.
     pub cells: Cells,
-    /// The clock of the worst seed, in MHz, where it was routed.
+    /// The clock of the worst seed in MHz, if the module was routed.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub mhz: Option<f64>,
-    /// What limits the clock of the worst seed.
+    /// The critical path of the worst seed.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub critical_path: Option<CriticalPath>,
-    /// The clock of every seed from 1 on, in MHz.
+    /// The clocks of all seeds from 1 on, in MHz.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub mhz_by_seed: Vec<f64>,
 }
@@ -125,12 +125,12 @@ impl Share {
     }
 }
 
-/// Synthesises modules of a configuration's machine and, where `request.seeds` is not 0, places and routes them. One tool runs at a
-/// time. `progress` is told what is going on, a line at a time; nothing where all is known already.
+/// Synthesises modules of a configuration's machine and, if `request.seeds` is not 0, places and routes them. Only one tool runs at a
+/// time. `progress` receives one line per step, and none if all results are stored.
 ///
 /// # Errors
-/// One line each: there is no such module; no open tool routes for the target; a tool is missing or too old (and how to
-/// install it) or fails (what it said first, and where all that it said is kept); the cache cannot be written.
+/// One line if there is no such module, if no open tool routes for the target, if a tool is missing or too old (with the command that
+/// installs it), if a tool fails (with its first message and the path of its log), or if the cache cannot be written.
 pub fn synthesise(config: &Config, request: &Request, progress: &dyn Fn(&str)) -> Result<Report> {
     let target = request.target;
     let is_routed = request.seeds > 0;
@@ -180,8 +180,8 @@ pub fn synthesise(config: &Config, request: &Request, progress: &dyn Fn(&str)) -
     })
 }
 
-/// What a module is called where it is measured: as in the description, without the prefix of an emitted machine, so that figures stay
-/// comparable whatever the prefix. The whole core alone keeps the name under which its figures have always been kept.
+/// The name of a module in measurements: that of its description, without the prefix of the emitted machine, so figures are
+/// comparable for all prefixes. Only the whole core keeps its emitted name.
 pub fn unit_name(module: &Module) -> &str {
     measured_name(module.name())
 }
@@ -194,7 +194,7 @@ fn measured_name(name: &str) -> &str {
     }
 }
 
-/// The Verilog of a module and of all below it, by file, as it is measured: under the names of [`unit_name`].
+/// The Verilog of a module and of everything below it, by file, with the names of [`unit_name`].
 fn measured_files(module: &Arc<Module>) -> Result<Vec<(String, String)>> {
     let design = Design::new(module.clone())?;
     let file = |module: &Arc<Module>| {
@@ -204,10 +204,10 @@ fn measured_files(module: &Arc<Module>) -> Result<Vec<(String, String)>> {
     Ok(design.modules().iter().map(file).collect())
 }
 
-/// Identifies the Verilog of a module and of all modules below it. Comments do not count: they cost nothing.
+/// Identifies the Verilog of a module and of all modules below it. Comments are ignored, because they do not affect results.
 ///
 /// # Errors
-/// None of a module that [`emit::machine`] made.
+/// None for a module of [`emit::machine`].
 pub fn fingerprint(module: &Arc<Module>) -> Result<String> {
     let files = measured_files(module)?;
     let code: Vec<(&str, String)> = (files.iter())
@@ -219,7 +219,7 @@ pub fn fingerprint(module: &Arc<Module>) -> Result<String> {
     Ok(store::key(&parts))
 }
 
-/// Generated Verilog without comments and blank lines. No text in it has two slashes.
+/// Generated Verilog without comments and blank lines. Its strings contain no `//`.
 fn without_comments(text: &str) -> String {
     let lines = text
         .lines()
@@ -228,7 +228,7 @@ fn without_comments(text: &str) -> String {
     lines.flat_map(|line| [line, "\n"]).collect()
 }
 
-/// The modules of the names given, or all. A module may be named as it is emitted, too.
+/// The modules with the given names, or all modules. Emitted names are also accepted.
 fn choose<'d>(design: &'d Design, names: &[String]) -> Result<Vec<&'d Arc<Module>>> {
     let modules = design.modules();
     if names.is_empty() {
@@ -262,10 +262,10 @@ impl Tools {
     }
 }
 
-/// What modules are measured with.
+/// The common settings of all measurements.
 struct Bench<'a> {
     target: Target,
-    /// The clock asked for, in MHz.
+    /// The clock target in MHz.
     clock_mhz: u32,
     seeds: u32,
     store: Store,
@@ -273,7 +273,7 @@ struct Bench<'a> {
     progress: &'a dyn Fn(&str),
 }
 
-/// The netlist that nextpnr reads.
+/// The netlist for nextpnr.
 const NETLIST: &str = "netlist.json";
 
 impl Bench<'_> {
@@ -288,7 +288,7 @@ impl Bench<'_> {
         let timings: Vec<Option<Timing>> = (1..=self.seeds)
             .map(|seed| self.store.get(name, &job.timing_key(self, seed)))
             .collect();
-        // Netlists are large and are not kept: whoever places one makes it again.
+        // Netlists are large and are not stored; a placement creates its netlist again.
         if cells.is_none() || timings.iter().any(Option::is_none) {
             job.write()?;
             cells = Some(self.synthesise(&job, number)?);
@@ -357,12 +357,12 @@ impl Bench<'_> {
     }
 }
 
-/// A module in a folder of its own, with what the tools are told.
+/// A module in its own folder, with the inputs of the tools.
 struct Job<'a> {
     module: &'a Arc<Module>,
     /// The Verilog, by file.
     files: Vec<(String, String)>,
-    /// Of Yosys.
+    /// The script for Yosys.
     script: String,
     area_key: String,
     folder: temporary::Folder,
@@ -413,7 +413,7 @@ impl<'a> Job<'a> {
         Ok(())
     }
 
-    /// Moves registers into `blocks`, in the netlist that nextpnr reads and in what it counts for.
+    /// Moves registers into `blocks`, both in the netlist for nextpnr and in the counts of cells.
     fn absorb_output_registers(&self, cells: &mut Cells, blocks: Blocks) -> Result<()> {
         let mut netlist = serde_json::from_str(&self.read(NETLIST)?)
             .context("Yosys has written no whole netlist")?;

@@ -1,18 +1,18 @@
-//! The output registers of ECP5 block RAMs and multipliers. Yosys leaves them unused and puts a register that follows a block into
-//! slices; the block's own has no wire before it, and its bits come sooner after the clock (Lattice FPGA-TN-02204, *ECP5 and ECP5-5G
-//! Memory User Guide*: REGMODE; FPGA-TN-02205, *ECP5 and ECP5-5G sysDSP Usage Guide*: REG_OUTPUT_CLK).
+//! The output registers of ECP5 block RAMs and multipliers. Yosys does not use them, and puts a register that follows a block into
+//! slices. The block's own register has no wire in front of it, and its output is valid earlier (Lattice FPGA-TN-02204, *ECP5 and
+//! ECP5-5G Memory User Guide*: REGMODE; FPGA-TN-02205, *ECP5 and ECP5-5G sysDSP Usage Guide*: REG_OUTPUT_CLK).
 
 use anyhow::{Context, Result, bail};
 use serde_json::{Map, Value, json};
 use std::collections::HashMap;
 
-/// Outputs of a block that have registers of their own, as Yosys leaves them and as they are with the registers.
+/// Outputs of a block with optional registers, as Yosys leaves them and as they are with the registers.
 struct Outputs {
-    /// What the ports' names begin with; numbers follow.
+    /// Prefixes of the ports' names; numbers follow.
     ports: &'static [&'static str],
-    /// The clock of the registers. Where the block has none yet, it gets theirs.
+    /// The clock of the registers. It is connected if the block has none yet.
     clock: &'static str,
-    /// Ports and parameters of outputs without registers that always show the last word.
+    /// Ports and parameters of outputs without registers that always show the last word read.
     tied: &'static [(&'static str, &'static str)],
     unset: &'static [(&'static str, &'static str)],
     /// Ports and parameters with the registers.
@@ -38,7 +38,7 @@ const PORT_B: Outputs = Outputs {
     sets: &[("REGMODE_B", "OUTREG")],
 };
 
-/// Words of 36 bits come out of both halves and belong to port B, as they do for Lattice's PDPW16KD.
+/// Words of 36 bits use both halves and belong to port B, as in Lattice's PDPW16KD.
 const WIDE: Outputs = Outputs {
     ports: &["DOA", "DOB"],
     clock: "CLKB",
@@ -48,7 +48,7 @@ const WIDE: Outputs = Outputs {
     sets: &[("REGMODE_A", "OUTREG"), ("REGMODE_B", "OUTREG")],
 };
 
-/// A product. Yosys names neither a clock nor any register of a multiplier.
+/// A product. Yosys connects neither a clock nor any register of a multiplier.
 const PRODUCT: Outputs = Outputs {
     ports: &["P"],
     clock: "CLK0",
@@ -62,11 +62,11 @@ const PRODUCT: Outputs = Outputs {
     ],
 };
 
-/// Target clock, in MHz, from which on a product's register moves too: its bits come later from the multiplier's register than from a
-/// slice's, which pays only where little follows in the same clock.
+/// Clock target in MHz at and above which a product's register is moved too. The multiplier's register has a longer clock-to-output
+/// delay than a slice's, so the change pays only if little logic follows in the same cycle.
 const PRODUCTS_FROM: u32 = 120;
 
-/// The blocks whose registers are used.
+/// The blocks whose output registers are used.
 #[derive(Clone, Copy, PartialEq)]
 pub(super) enum Blocks {
     Rams,
@@ -74,7 +74,7 @@ pub(super) enum Blocks {
 }
 
 impl Blocks {
-    /// At a target clock in MHz.
+    /// The selection for a clock target in MHz.
     pub fn at(clock_mhz: u32) -> Blocks {
         match clock_mhz < PRODUCTS_FROM {
             true => Blocks::Rams,
@@ -82,7 +82,7 @@ impl Blocks {
         }
     }
 
-    /// What is done, for keys of results.
+    /// The selection as a part of the keys of results.
     pub fn key(self) -> &'static str {
         match self {
             Blocks::Rams => "output registers of block RAMs, 2",
@@ -91,7 +91,7 @@ impl Blocks {
     }
 }
 
-/// The kind of a flip-flop's cell.
+/// The cell name of a flip-flop.
 pub(super) const FLIP_FLOP: &str = "TRELLIS_FF";
 
 fn outputs(cell: &Value, blocks: Blocks) -> &'static [Outputs] {
@@ -119,19 +119,19 @@ fn unregistered(multiplier: &Value) -> bool {
     !has("connections", "CLK") && !has("parameters", "REG_")
 }
 
-/// Who reads a net.
+/// The readers of a net.
 enum Reader {
     /// One cell's input.
     One { cell: String, port: String },
-    /// More than one, or a pin.
+    /// Several inputs, or a pin.
     Many,
 }
 
-/// Moves into `blocks` the registers that follow them, where all bits of a word or a product have one, each a plain
-/// one of the same clock that nothing else comes between; and says how many flip-flops that saves. Registers whose cells' names begin with `stay` stay.
+/// Moves registers that follow `blocks` into them, if every bit of a word or product is followed directly by a plain register of
+/// the same clock. Returns the number of flip-flops saved. Registers of cells whose names start with `stay` are not moved.
 ///
 /// # Errors
-/// `netlist` is not what Yosys writes for one flattened module `top`.
+/// If `netlist` is not Yosys' output for one flattened module `top`.
 pub(super) fn absorb(netlist: &mut Value, top: &str, stay: &str, blocks: Blocks) -> Result<u64> {
     let module = netlist
         .pointer_mut(&format!("/modules/{top}"))
@@ -182,7 +182,7 @@ fn kind(cell: &Value) -> &str {
     cell["type"].as_str().unwrap_or_default()
 }
 
-/// The net at a port of one bit, if it is no constant.
+/// The net at a one-bit port, unless it is a constant.
 fn net<'v>(cell: &'v Value, port: &str) -> Option<&'v Value> {
     Some(&cell["connections"][port][0]).filter(|bit| bit.is_u64())
 }
@@ -191,7 +191,7 @@ fn is_constant(cell: &Value, port: &str, bit: &str) -> bool {
     cell["connections"][port][0] == *bit
 }
 
-/// Who reads each net.
+/// The readers of each net.
 fn readers(cells: &Map<String, Value>, pins: &[Value]) -> HashMap<u64, Reader> {
     let mut readers: HashMap<u64, Reader> = HashMap::new();
     for pin in pins.iter().filter_map(Value::as_u64) {
@@ -217,7 +217,7 @@ fn readers(cells: &Map<String, Value>, pins: &[Value]) -> HashMap<u64, Reader> {
     readers
 }
 
-/// The registers behind all of a block's outputs that anyone reads, each with its output, if they can move into the block.
+/// The registers behind all used outputs of a block, each with its output, if they can be moved into the block.
 fn registers_behind(
     cells: &Map<String, Value>,
     block: &Value,
@@ -254,7 +254,7 @@ fn registers_behind(
     Some(registers).filter(|registers| !registers.is_empty())
 }
 
-/// A flip-flop of a clock's rising edge, without enable or reset, that begins as 0.
+/// A flip-flop of a clock's rising edge, without enable or reset, with the initial value 0.
 fn is_plain_register(cell: &Value, clock: &Value) -> bool {
     let parameter = |name: &str| cell["parameters"][name].as_str().map(str::trim);
     kind(cell) == FLIP_FLOP
@@ -272,7 +272,7 @@ mod tests {
     use super::*;
     use serde_json::json;
 
-    /// Two bits of a block RAM, a register behind each; and what a test changes of it.
+    /// Two bits of a block RAM with a register each, after a change by a test.
     fn netlist(change: impl Fn(&mut Value)) -> Value {
         let register = |d: u32, q: u32| {
             json!({
@@ -395,7 +395,7 @@ mod tests {
         assert_eq!(ram["parameters"]["REGMODE_A"], "OUTREG");
         assert_eq!(ram["parameters"]["REGMODE_B"], "OUTREG");
 
-        // A bit of one half that something else reads keeps those of the other from moving.
+        // If another cell reads a bit of one half, the registers of the other half are not moved.
         let mut one = netlist(|top| {
             wide(top, 14);
             top["ports"]["q"]["bits"] = json!([20, 21, 14]);
@@ -403,7 +403,7 @@ mod tests {
         assert_eq!(moved(&mut one, "captured").unwrap(), 0);
     }
 
-    /// The RAM's place taken by a multiplier, as Yosys writes it.
+    /// Replaces the RAM by a multiplier, in Yosys' form.
     fn multiplier(top: &mut Value) {
         top["cells"]["ram"] = json!({
             "type": "MULT18X18D",

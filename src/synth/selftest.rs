@@ -1,5 +1,5 @@
-//! A design that tests itself on a board: the core, a small scene and rays in ROM, and a checksum of the hits, which the golden model
-//! knows in advance.
+//! A self-test for a board: the core, a small scene and rays in ROM, and a checksum of the hits, which is compared with that of
+//! the golden model.
 
 use crate::bkd::layout::{MemoryImage, Record, check_capacity};
 use crate::bkd::{BuildOptions, build};
@@ -12,23 +12,23 @@ use crate::scene::{self, Camera, Frame, ImageSize, MachineMesh};
 use anyhow::{Context, Result, ensure};
 use std::fmt::Write as _;
 
-/// The self-testing design's module, before which the core's prefix stands: see [`Design::emitted`].
+/// The module of the self-test, without the core's prefix: see [`Design::emitted`].
 pub const TOP: &str = "selftest";
 /// Its test bench.
 pub const BENCH: &str = "selftest_tb";
 
-/// What it casts: primary rays of a picture of a built-in scene, and a shadow ray for each.
+/// The scene of its rays: primary rays of a picture of a built-in scene, and one shadow ray for each.
 const SCENE: &str = "builtin:cornell";
 const PICTURE: (u32, u32) = (16, 16);
-/// Bits that each field of a hit rotates the hash before it is added.
+/// Number of bits by which the hash is rotated before each field of a hit.
 const ROTATION: u32 = 7;
-/// Clocks in a row without a hit after which the bench gives up.
+/// Number of consecutive cycles without a hit after which the bench stops.
 const PATIENCE: u32 = 10_000;
 
 /// The self-test of one machine.
 pub struct SelfTest {
     rays: Vec<Ray>,
-    /// Rays a packet.
+    /// Rays per packet.
     packet: usize,
     hits: Vec<Hit>,
     image: MemoryImage,
@@ -36,10 +36,10 @@ pub struct SelfTest {
 }
 
 impl SelfTest {
-    /// Loads the scene, makes the rays and casts them in the golden model.
+    /// Loads the scene, generates the rays and casts them in the golden model.
     ///
     /// # Errors
-    /// The scene does not fit the configuration's addresses.
+    /// If the scene does not fit the configuration's addresses.
     pub fn new(config: &Config) -> Result<SelfTest> {
         let context = || format!("self-test on {SCENE}");
         let scene = scene::load(SCENE)?;
@@ -83,16 +83,16 @@ impl SelfTest {
         })
     }
 
-    /// Rays that are cast, of which a hit or a miss each comes back.
+    /// Number of rays cast, which is also the number of results.
     pub fn rays(&self) -> usize {
         self.rays.len()
     }
 
-    /// What the hits add up to in the golden model.
+    /// The checksum of the hits in the golden model.
     ///
-    /// A hit's hash starts at 0; for each of its fields (t, u, v, instance, triangle, tag, place in the packet) it is rotated left by 7
-    /// and the field added to it by exclusive or, all in 64 bits. The checksum is the sum of all hashes, so that the order in which packets
-    /// return does not matter.
+    /// A hit's hash starts at 0. For each of its fields (t, u, v, instance, triangle, tag, slot in the packet) it is rotated left by 7
+    /// and combined with the field by exclusive or, all in 64 bits. The checksum is the sum of all hashes, so it does not depend on the
+    /// order in which packets return.
     pub fn checksum(&self) -> u64 {
         let format = self.image.format;
         let hashes = self.hits.iter().enumerate().map(|(index, hit)| {
@@ -115,7 +115,7 @@ impl SelfTest {
         packet as u64 & ((1 << self.tag_bits) - 1)
     }
 
-    /// The Verilog of the design and its bench, by file; the core of `design` is not among it.
+    /// The Verilog of the self-test and its bench, by file, without the core of `design`.
     pub fn files(&self, design: &Design) -> Vec<(String, String)> {
         let format = self.image.format;
         let scene = &self.image;
@@ -236,7 +236,7 @@ impl SelfTest {
             rays.address_bits() - 1,
         );
 
-        // The core's ports by name: what they connect to. The other inputs are low, the other outputs unread.
+        // The connections of the core's ports by name. Other inputs are 0, other outputs are not connected.
         let mut connected: Vec<(String, String)> = vec![
             ("clk".into(), "clk".into()),
             ("rst".into(), "rst".into()),
@@ -490,17 +490,17 @@ impl SelfTest {
     }
 }
 
-/// Bits of a ray's word: eight numbers and two flags.
+/// Width of a ray's word in bits: eight numbers and two flags.
 fn ray_width(format: Format) -> u32 {
     8 * format.width() + 2
 }
 
-/// `name`, of `width` bits, as 64 bits.
+/// `name`, of `width` bits, extended to 64 bits.
 fn extended(name: &str, width: u32) -> String {
     format!("{{{}'d0, {name}}}", 64 - width)
 }
 
-/// Bits of `ray_index` from `least` on as a number of `width` bits.
+/// The bits of `ray_index` from `least` on, as a number of `width` bits.
 fn slice_of_index(index_bits: u32, least: u32, width: u32) -> String {
     let taken = (index_bits - least).min(width);
     let bits = format!("ray_index[{}:{least}]", least + taken - 1);
@@ -510,7 +510,7 @@ fn slice_of_index(index_bits: u32, least: u32, width: u32) -> String {
     }
 }
 
-/// A number's binary digits in hexadecimal.
+/// Converts binary digits to hexadecimal.
 fn hex(bits: &str) -> String {
     let width = bits.len().div_ceil(4) * 4;
     let padded = format!("{bits:0>width$}");
@@ -521,11 +521,11 @@ fn hex(bits: &str) -> String {
     padded.as_bytes().chunks(4).map(digit).collect()
 }
 
-/// A ROM: one line of hexadecimal digits a word. It is a case statement behind a register, which every tool knows for a block RAM with
-/// contents, and which needs no file beside it.
+/// A ROM with one line of hexadecimal digits per word. It is a case statement followed by a register, which every tool recognises as a
+/// block RAM with contents, and which needs no data file.
 struct Rom {
     name: String,
-    /// As it is emitted.
+    /// Its emitted name.
     module: String,
     width: u32,
     lines: Vec<String>,

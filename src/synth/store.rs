@@ -1,4 +1,4 @@
-//! Results that were reached before, under a key of all that went into them.
+//! Stored results, under keys of all their inputs.
 
 use crate::cache;
 use crate::temporary;
@@ -10,7 +10,7 @@ use std::path::PathBuf;
 
 pub(crate) use crate::cache::key;
 
-/// Test bench, golden model and all else but the Verilog that decides what a check finds, as a part of keys; see `src/build.rs`.
+/// The hash of everything except the Verilog that determines the result of a check, as a part of keys; see `src/build.rs`.
 pub(crate) const CHECKS: &str = env!("DYNRT_SOURCES");
 
 /// The folder of results.
@@ -20,12 +20,12 @@ pub(crate) struct Store {
 }
 
 impl Store {
-    /// Of synthesis, in the cache folder given, or the user's.
+    /// The store of synthesis results, in the given cache folder or the user's.
     pub fn open(cache: Option<PathBuf>) -> Result<Store> {
         Store::open_in(cache, "synth")
     }
 
-    /// Of that name, in the cache folder given, or the user's.
+    /// The store with this name, in the given cache folder or the user's.
     pub fn open_in(cache: Option<PathBuf>, name: &str) -> Result<Store> {
         let cache = cache::folder(cache)?;
         let store = Store {
@@ -47,7 +47,7 @@ impl Store {
         self.folder.join(format!("{name}-{key}.json"))
     }
 
-    /// What is known; nothing too where the file cannot be read, so that it is made again.
+    /// The stored result; `None` also if the file cannot be read, so that the result is computed again.
     pub fn get<T: DeserializeOwned>(&self, name: &str, key: &str) -> Option<T> {
         let text = fs::read_to_string(self.place(name, key)).ok()?;
         serde_json::from_str(&text).ok()
@@ -60,7 +60,7 @@ impl Store {
             .map_err(|error| self.fault(&error))
     }
 
-    /// Where all that a failing tool said is kept.
+    /// The path at which the output of a failing tool is kept.
     pub fn failure_log(&self, name: &str) -> PathBuf {
         self.failed.join(format!("{name}.log"))
     }

@@ -1,4 +1,4 @@
-//! The devices: what they hold, how modules are mapped to them, what a cell counts for.
+//! The devices: capacity, mapping of modules, and the area of each cell.
 
 use super::cells::Cells;
 use anyhow::{Result, bail};
@@ -9,16 +9,16 @@ use std::str::FromStr;
 /// A device that modules are synthesised for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Target {
-    /// Xilinx Virtex-4 XC4VLX160, the original's device: counted by Yosys, routed by no open tool.
+    /// Xilinx Virtex-4 XC4VLX160, the device of the original. Yosys counts its cells; no open tool places and routes it.
     Virtex4Lx160,
-    /// Lattice ECP5 LFE5U-85F, speed grade 6, the slowest: the open LUT4 and 18×18 device nearest to it, placed and routed by nextpnr.
+    /// Lattice ECP5 LFE5U-85F, speed grade 6 (the slowest): the most similar device with LUT4 and 18×18 multipliers that nextpnr supports.
     Ecp5_85f,
 }
 
-/// What a module takes, or a device holds.
+/// The area of a module, or the capacity of a device.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Area {
-    /// 4-input look-up tables, those of distributed RAM and carry chains included.
+    /// 4-input look-up tables, including those of distributed RAM and carry chains.
     pub lut4: u64,
     /// Flip-flops.
     pub ff: u64,
@@ -28,13 +28,13 @@ pub struct Area {
     pub ram: u64,
 }
 
-/// The file to which the script of [`Target::yosys_script`] writes the cells.
+/// The file to which the script of [`Target::yosys_script`] writes the counts of cells.
 pub(super) const CELLS: &str = "cells.json";
 
 impl Target {
     pub const ALL: [Target; 2] = [Target::Virtex4Lx160, Target::Ecp5_85f];
 
-    /// The name by which it is chosen.
+    /// Its name on the command line.
     pub fn name(self) -> &'static str {
         match self {
             Target::Virtex4Lx160 => "virtex4-lx160",
@@ -42,7 +42,7 @@ impl Target {
         }
     }
 
-    /// What the device holds.
+    /// The capacity of the device.
     pub fn holds(self) -> Area {
         match self {
             Target::Virtex4Lx160 => Area {
@@ -60,12 +60,12 @@ impl Target {
         }
     }
 
-    /// Whether an open tool places and routes it.
+    /// Whether an open tool places and routes for it.
     pub fn is_routable(self) -> bool {
         self == Target::Ecp5_85f
     }
 
-    /// How the columns are counted, in a sentence.
+    /// The definition of the columns, in one sentence.
     pub fn counting(self) -> &'static str {
         match self {
             Target::Virtex4Lx160 => {
@@ -79,14 +79,14 @@ impl Target {
         }
     }
 
-    /// What Yosys is to do: read `files`, map `top`, write its cells to [`CELLS`] and, where it can be routed, the netlist.
+    /// The Yosys script: reads `files`, maps `top`, writes its cells to [`CELLS`] and, if the device is routable, the netlist.
     pub(super) fn yosys_script(self, files: &[&str], top: &str, netlist: &str) -> String {
         let mut script = "read_verilog".to_string();
         for file in files {
             let _ = write!(script, " {file}");
         }
         let _ = match self {
-            // Without wide multiplexers, or counts wander; without pins, since modules are inside a device.
+            // Without wide multiplexers, because they make counts unstable; without pins, because modules are inside a device.
             Target::Virtex4Lx160 => write!(
                 script,
                 "; synth_xilinx -family xc4v -ise -flatten -nowidelut -noiopad -noclkbuf -top {top}"
@@ -97,10 +97,10 @@ impl Target {
         script
     }
 
-    /// What cells add up to; see [`Target::counting`].
+    /// The area of all cells; see [`Target::counting`].
     ///
     /// # Errors
-    /// There is a kind of cell that it is not known what to count for.
+    /// If there is a kind of cell with unknown area.
     pub fn area(self, cells: &Cells) -> Result<Area> {
         let mut area = Area::default();
         for (kind, &count) in cells {
@@ -119,7 +119,7 @@ impl Target {
         Ok(area)
     }
 
-    /// LUTs, flip-flops, multipliers and block RAMs of a cell.
+    /// Number of LUTs, flip-flops, multipliers and block RAMs of a cell.
     fn weight(self, kind: &str) -> Option<(u64, u64, u64, u64)> {
         let weight = match (self, kind) {
             (Target::Virtex4Lx160, "LUT1" | "LUT2" | "LUT3" | "LUT4" | "RAM16X1S") => (1, 0, 0, 0),
@@ -142,7 +142,7 @@ impl Target {
             (Target::Ecp5_85f, "MULT18X18D") => (0, 0, 1, 0),
             (Target::Ecp5_85f, "DP16KD" | "PDPW16KD") => (0, 0, 0, 1),
             (Target::Ecp5_85f, "PFUMX" | "L6MUX21") => (0, 0, 0, 0),
-            // Remembers where a flattened module was.
+            // A cell that only stores the position of a flattened module.
             (_, "$scopeinfo") => (0, 0, 0, 0),
             _ => return None,
         };
@@ -162,7 +162,7 @@ impl FromStr for Target {
     }
 }
 
-/// The options of nextpnr that decide its result. A clock missed is a result too, not an error.
+/// The options of nextpnr that determine its result. A missed clock target is a result, not an error.
 pub(super) fn nextpnr_options(clock_mhz: u32, seed: u32) -> Vec<String> {
     let clock = clock_mhz.to_string();
     let seed = seed.to_string();

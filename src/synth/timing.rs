@@ -1,4 +1,4 @@
-//! What nextpnr reports: the clock reached, and the path that limits it, in the names of our modules.
+//! Parses nextpnr's report: the clock reached, and the critical path, with the names of our modules.
 
 use super::wrapper;
 use crate::hdl::Module;
@@ -7,7 +7,7 @@ use serde::{Deserialize, Serialize};
 use serde_json::Value;
 use std::fmt;
 
-/// What a module reached, placed and routed.
+/// The timing of a placed and routed module.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Timing {
     /// The fastest clock.
@@ -15,29 +15,29 @@ pub struct Timing {
     pub critical_path: CriticalPath,
 }
 
-/// The slowest way from a register to a register.
+/// The slowest path between two registers.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct CriticalPath {
-    /// Where the signal starts.
+    /// The start of the path.
     pub from: Point,
-    /// Signals that it passes and that have a name in the Verilog.
+    /// The signals on the path that have a name in the Verilog.
     pub through: Vec<Point>,
-    /// Where it ends.
+    /// The end of the path.
     pub to: Point,
-    /// What logic takes of it, registers' own times included.
+    /// Delay of the logic in ns, including the delays of the registers.
     pub logic_ns: f64,
-    /// What the wires take of it.
+    /// Delay of the wires in ns.
     pub routing_ns: f64,
 }
 
-/// A signal of one of our modules, where it stands under the module that was routed.
+/// A signal of one of our modules, with its position below the routed module.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Point {
-    /// Names of the instances on the way down, joined by dots; empty in the routed module itself.
+    /// Names of the instances from the routed module down, joined by dots; empty in the routed module itself.
     pub instance: String,
-    /// The module whose signal it is.
+    /// The module that contains the signal.
     pub module: String,
-    /// The signal, or `inputs` or `outputs`: the registers around the routed module.
+    /// The signal, or `inputs` or `outputs` for the registers around the routed module.
     pub signal: String,
 }
 
@@ -63,10 +63,10 @@ impl fmt::Display for CriticalPath {
     }
 }
 
-/// The clock and its critical path, from what nextpnr's `--report` writes of a wrapped `module`.
+/// The clock and its critical path, from the output of nextpnr's `--report` for a wrapped `module`.
 ///
 /// # Errors
-/// The text is no such report, or a cut-off one, or tells of no path between registers.
+/// If the text is not such a report, if it is incomplete, or if it has no path between registers.
 pub fn parse_timing(report: &str, module: &Module) -> Result<Timing> {
     const WHAT: &str = "nextpnr has written no whole report of its timing";
     let report: Value = serde_json::from_str(report).context(WHAT)?;
@@ -113,7 +113,7 @@ pub fn parse_timing(report: &str, module: &Module) -> Result<Timing> {
     })
 }
 
-/// What Yosys appends to a signal's name to name the cells and wires around it.
+/// Suffixes that Yosys appends to a signal's name for the cells and wires around it.
 const SUFFIXES: [&str; 9] = [
     "_TRELLIS_",
     "_LUT4_",
@@ -126,7 +126,7 @@ const SUFFIXES: [&str; 9] = [
     "$",
 ];
 
-/// The signal that a flattened cell or net belongs to or was named after.
+/// The signal to which a flattened cell or net belongs, or after which it is named.
 fn point(module: &Module, flat: &str) -> Point {
     let cut = (SUFFIXES.iter())
         .filter_map(|suffix| flat.find(suffix))
@@ -160,7 +160,7 @@ fn point(module: &Module, flat: &str) -> Point {
         parts.next();
     }
     point.module = super::unit_name(within).to_string();
-    // A memory's cells are numbered behind a dot.
+    // The cells of a memory are numbered after a dot.
     point.signal = parts.next().unwrap_or("(unnamed)").to_string();
     point
 }

@@ -1,10 +1,10 @@
-//! The tools that measure.
+//! The tools for measurements.
 
 use super::Target;
 use crate::tools::{Tool, Wanted};
 use anyhow::Result;
 
-/// Yosys for a target. Debian's 0.23 maps to a Virtex-4 as well as any; for an ECP5 a later one is better by far.
+/// Yosys for a target. Debian's 0.23 is sufficient for a Virtex-4; for an ECP5 a later version gives much better results.
 pub(super) fn yosys(target: Target) -> Result<Tool> {
     let wanted = match target {
         Target::Virtex4Lx160 => Wanted {

@@ -1,4 +1,4 @@
-//! Shift registers at a module's ports, so that pins stay off its critical paths and any number of ports fits a device.
+//! Shift registers at a module's ports. They keep pins off its critical paths, and allow any number of ports.
 
 use super::cells::Cells;
 use crate::hdl::{Direction, Module, Port};
@@ -9,13 +9,13 @@ use std::fmt::Write as _;
 pub(super) const NAME: &str = "synthesis_wrapper";
 /// The wrapped module's instance in it.
 pub(super) const INSTANCE: &str = "unit";
-/// The registers that feed inputs, and those that take outputs.
+/// The registers that drive inputs, and those that capture outputs.
 pub(super) const STIMULUS: &str = "stimulus";
 pub(super) const CAPTURED: &str = "captured";
 
 const CLOCK: &str = "clk";
 
-/// Bits of the module's inputs without the clock, and of its outputs.
+/// Number of bits of the module's inputs without the clock, and of its outputs.
 fn widths(module: &Module) -> (u32, u32) {
     let sum = |direction| {
         let ports = module.ports().iter();
@@ -25,8 +25,8 @@ fn widths(module: &Module) -> (u32, u32) {
     (sum(Direction::Input), sum(Direction::Output))
 }
 
-/// The wrapper: one register shifts a pin into all inputs, outputs are captured as they come and folded into another pin. Nothing of
-/// it may be optimised away, so that what it takes is known.
+/// The wrapper: one register shifts data from a pin into all inputs; a second captures the outputs and reduces them to another pin.
+/// It is protected from optimisation, so its own area is known.
 pub(super) fn verilog(module: &Module) -> Result<String> {
     let (inputs, outputs) = widths(module);
     ensure!(
@@ -83,7 +83,7 @@ pub(super) fn verilog(module: &Module) -> Result<String> {
     Ok(text)
 }
 
-/// Takes the wrapper's own cells off an ECP5's: its registers, and the LUTs that fold outputs (the least bit needs none).
+/// Subtracts the cells of the wrapper on an ECP5: its registers, and the LUTs that reduce outputs (the lowest bit needs none).
 pub(super) fn subtract(module: &Module, cells: &mut Cells) -> Result<()> {
     let (inputs, outputs) = widths(module);
     for (kind, own) in [("TRELLIS_FF", inputs + 2 * outputs), ("LUT4", outputs - 1)] {

@@ -1,4 +1,4 @@
-//! Vectors from the golden model at work: what its observer sees becomes lines.
+//! Writes vectors from the events that the golden model reports to its observer.
 
 use super::shape::Shape;
 use super::sheet::{PICTURE, Sheet, UnitSheets};
@@ -13,7 +13,7 @@ use crate::report::folder::Folder;
 use anyhow::Result;
 use std::rc::Rc;
 
-/// Operands of a kind that a frame computes: an even choice of at most 2,000, the same for the same frame.
+/// An even selection of at most 2,000 operands of one kind from a frame; the same frame gives the same selection.
 pub struct Reservoir<T> {
     pub kept: Vec<T>,
     seen: usize,
@@ -44,28 +44,28 @@ impl<T> Reservoir<T> {
     }
 }
 
-/// A scene to cast into, with indices from 0 on.
+/// A scene into which packets are cast, with indices from 0.
 pub struct Scene<'a> {
     pub image: &'a MemoryImage,
     pub caster: Rc<Caster>,
-    /// What is added to indices of nodes and records in lines.
+    /// Offset of node and record indices in the files.
     pub first_record: u32,
 }
 
 /// A packet to cast.
 pub struct Packet {
-    /// The scene it is in, 0 for the one that was given.
+    /// Index of the packet's scene; 0 is the given scene.
     pub scene: usize,
-    /// Its block of the picture, if it is of the picture.
+    /// The packet's block of the picture, if it belongs to the picture.
     pub block: Option<u32>,
     pub label: &'static str,
-    /// As many as the machine's packets have.
+    /// One ray per slot of the machine's packets.
     pub rays: Vec<Ray>,
-    /// What each ray is; empty where the label says it.
+    /// The kind of each ray; empty if the label gives it.
     pub kinds: Vec<&'static str>,
 }
 
-/// Operands that the frame computes with.
+/// Operands that occur in the frame.
 pub struct Operands {
     /// u and v of a triangle test.
     pub add: Reservoir<[f64; 2]>,
@@ -81,9 +81,9 @@ pub struct Operands {
 pub struct Collector<'a> {
     pub shape: Shape,
     pub arithmetic: Arithmetic,
-    /// The one that was given first.
+    /// All scenes, the given one first.
     scenes: Vec<Scene<'a>>,
-    /// The one that packets are cast into.
+    /// Index of the scene into which packets are cast.
     scene: usize,
     pub rays: Sheet,
     pub hits: Sheet,
@@ -91,16 +91,16 @@ pub struct Collector<'a> {
     pub setup: UnitSheets,
     pub step: UnitSheets,
     pub test: UnitSheets,
-    /// Of a scene of two levels.
+    /// `Some` if at least one scene has two levels.
     pub transform: Option<UnitSheets>,
     pub operands: Operands,
-    /// Packet steps and ray–triangle tests of the packets.
+    /// Number of packet steps and ray–triangle tests of the packets.
     pub steps: u64,
     pub tests: u64,
 }
 
 impl<'a> Collector<'a> {
-    /// A collector of lines in scenes, the one that was given first.
+    /// Creates a collector for `scenes`, the first of which is the given scene.
     ///
     /// # Errors
     /// One line that names a file that cannot be written.
@@ -174,7 +174,7 @@ impl<'a> Collector<'a> {
         self.packets.begin(label);
         let mut setups = vec![];
         for (k, ray) in rays.iter().enumerate() {
-            // Ray setup has the box of one scene.
+            // Ray setup uses the box of scene 0 only.
             setups.push(match scene {
                 0 => self.set_up(ray)?,
                 _ => RaySetup::new(&self.arithmetic, ray),
@@ -220,18 +220,18 @@ impl<'a> Collector<'a> {
         Ok(())
     }
 
-    /// Ray transformations so far: 0 in a scene of one level.
+    /// Number of ray transformations so far; 0 in a scene of one level.
     pub fn transforms(&self) -> u64 {
         (self.transform.as_ref()).map_or(0, |sheets| sheets.stimulus.lines)
     }
 
-    /// The scene that packets are cast into, and where its slots begin.
+    /// The current scene's image, and the index of its first slot.
     fn image(&self) -> (&'a MemoryImage, u32) {
         let scene = &self.scenes[self.scene];
         (scene.image, scene.first_record)
     }
 
-    /// A ray's setup in the scene that was given.
+    /// Writes the setup of one ray in the given scene.
     ///
     /// # Errors
     /// One line that names a file that cannot be written.
@@ -248,7 +248,7 @@ impl<'a> Collector<'a> {
         Ok(setup)
     }
 
-    /// A packet step: rays that come, rays that go left and right, and those that go both ways, left first.
+    /// Writes a packet step: the rays that take part, the rays that enter the left and the right child, and those that enter both, the left one first.
     ///
     /// # Errors
     /// One line that names a file that cannot be written.
@@ -265,7 +265,7 @@ impl<'a> Collector<'a> {
         self.step.push(&stimulus, &expected)
     }
 
-    /// A ray–triangle test of a ray and its window.
+    /// Writes a test of a ray, with its window, against a triangle.
     ///
     /// # Errors
     /// One line that names a file that cannot be written.
@@ -284,12 +284,12 @@ impl<'a> Collector<'a> {
     }
 }
 
-/// Turns what happens to one packet into lines; after a failure it does nothing more.
+/// Writes the events of one packet as lines; after an error it writes nothing more.
 struct Watcher<'c, 'a> {
     collector: &'c mut Collector<'a>,
     setups: &'c [RaySetup],
-    /// The rays inside the object that the packet entered last, and their windows. In a scene of one level the rays
-    /// themselves: there is nothing that they enter.
+    /// The rays in the object space of the instance entered last, and their windows. In a scene of one level these are the
+    /// rays themselves.
     inside: Vec<RaySetup>,
     windows: Vec<[f64; 2]>,
     result: Result<()>,

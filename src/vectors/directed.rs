@@ -1,5 +1,5 @@
-//! Vectors that a frame may not bring: rays of every kind, and transactions full of coincidences and special values.
-//! They are the same for the same machine and frame.
+//! Vectors that a frame may not contain: rays of all kinds, and transactions with many ties and special values.
+//! The same machine and frame give the same vectors.
 
 use super::collect::{Collector, Packet};
 use super::sheet::UnitSheets;
@@ -13,15 +13,15 @@ use crate::golden::{RaySetup, Triangle, WHOLE_LINE};
 use crate::port::{Hit, Ray};
 use anyhow::Result;
 
-/// Transactions of each unit beside those of the frame.
+/// Number of directed transactions per unit.
 const TRANSACTIONS: usize = 500;
-/// Partners of each special operand.
+/// Number of second operands per special operand.
 const PARTNERS: usize = 4;
 
-/// Makes another ray of a frame's ray and its hit.
+/// Derives a ray from a ray of the frame and its hit.
 type Variant = fn(&Arithmetic, &Ray, &Hit) -> Ray;
 
-/// What the rays of a frame are not by themselves.
+/// The variants of a ray that are written in addition to the rays of the frame.
 const VARIANTS: &[(&str, Variant)] = &[
     ("as in the picture", |_, ray, _| *ray),
     ("any hit", |_, ray, _| Ray {
@@ -56,7 +56,7 @@ const VARIANTS: &[(&str, Variant)] = &[
         tmax: hit.t,
         ..*ray
     }),
-    // Limits that make a ray miss, and zeros of both signs.
+    // Limits with which a ray misses, and zeros of both signs.
     ("tmin above tmax", |_, ray, _| Ray {
         tmin: 2.0,
         tmax: 1.0,
@@ -114,7 +114,7 @@ const VARIANTS: &[(&str, Variant)] = &[
         direction: [0.0; 3],
         ..*ray
     }),
-    // Valid: no component is a NaN. On the axis nothing clips it; in an object it is a NaN, and must not enter.
+    // Valid, because no component is a NaN. On this axis the ray is not clipped. In object space it is a NaN and must not enter.
     ("origin and direction infinite on an axis", |_, ray, _| {
         Ray {
             origin: with(ray.origin, 0, f64::INFINITY),
@@ -129,7 +129,7 @@ fn with(mut vector: [f64; 3], axis: usize, component: f64) -> [f64; 3] {
     vector
 }
 
-/// Packets of variants of one packet's rays: each ray is of each kind in turn, in a packet of mixed kinds.
+/// Packets of variants of one packet's rays. Each ray appears once in each kind, and each packet mixes kinds.
 pub fn variants(a: &Arithmetic, rays: &[Ray], hits: &[Hit]) -> Vec<Packet> {
     let packet = |first: usize| {
         let kind = |k: usize| VARIANTS[(first + k) % VARIANTS.len()];
@@ -145,7 +145,7 @@ pub fn variants(a: &Arithmetic, rays: &[Ray], hits: &[Hit]) -> Vec<Packet> {
     (0..VARIANTS.len()).map(packet).collect()
 }
 
-/// Random values on a grid so coarse that coincidences abound.
+/// Random values on a coarse grid, which produces many ties.
 struct Grid {
     rng: fastrand::Rng,
     arithmetic: Arithmetic,
@@ -164,7 +164,7 @@ impl Grid {
         values[self.rng.usize(..values.len())]
     }
 
-    /// A valid ray; towards `target`, if there is one.
+    /// A valid ray, directed at `target` if there is one.
     fn ray(&mut self, target: Option<[f64; 3]>) -> Ray {
         let origin = self.vector();
         let mut direction = match target {
@@ -187,7 +187,7 @@ impl Grid {
     }
 }
 
-/// Ray setups with special values, triangle tests and packet steps with coincidences.
+/// Writes ray setups with special values, and triangle tests and packet steps with many ties.
 ///
 /// # Errors
 /// One line that names a file that cannot be written.
@@ -240,7 +240,7 @@ pub fn transactions(collector: &mut Collector<'_>) -> Result<()> {
 fn triangle_test(collector: &mut Collector<'_>, grid: &mut Grid) -> Result<()> {
     let a = collector.arithmetic;
     let vertices: [[f64; 3]; 3] = std::array::from_fn(|_| grid.vector());
-    // At nothing, at a corner, at the middle of an edge, or into the triangle.
+    // The ray is aimed at nothing, at a corner, at the middle of an edge, or at the inside of the triangle.
     let [v0, v1, v2] = vertices;
     let between = |p: [f64; 3], q: [f64; 3]| std::array::from_fn(|i| a.round((p[i] + q[i]) / 2.0));
     let target = match grid.rng.u8(..6) {
@@ -263,14 +263,14 @@ fn triangle_test(collector: &mut Collector<'_>, grid: &mut Grid) -> Result<()> {
     collector.test((0, 0), &vertices, (&setup, window), &outcome)
 }
 
-/// The most tests of a kind that a search writes, and how many it tries for them.
+/// The maximum number of tests per kind that a search writes, and the number of candidates that it tries.
 const FOUND: usize = 32;
 const TRIED: usize = 20_000;
 
 /// Three vertices and a ray.
 type Candidate = ([[f64; 3]; 3], Ray);
 
-/// Tests of a kind that would hit but for one rule. In some formats, and for a rule that the test itself implies, there are none.
+/// Writes tests that would hit if one rule did not exist. There are none in some formats, and none for a rule that the test implies.
 fn search(
     collector: &mut Collector<'_>,
     grid: &mut Grid,
@@ -300,11 +300,11 @@ fn search(
 enum Rule {
     /// t < ∞.
     Finite,
-    /// lo_i = hi_i on two axes is degenerate.
+    /// A box with lo_i = hi_i on two axes is degenerate.
     FlatBox,
 }
 
-/// Whether a ray hits a triangle where one rule does not hold.
+/// Whether a ray hits a triangle if one rule is ignored.
 fn hits_without(
     a: &Arithmetic,
     test: TriangleTest,
@@ -334,7 +334,7 @@ fn hits_without(
         && outcome.t <= ray.tmax
 }
 
-/// A ray so short that the triangle in front of it is infinitely far.
+/// A ray with such a short direction that t of the triangle in front of it is infinite.
 fn endless(grid: &mut Grid) -> (Candidate, Rule) {
     let a = grid.arithmetic;
     let vertices: [[f64; 3]; 3] = std::array::from_fn(|_| grid.vector());
@@ -355,7 +355,7 @@ fn endless(grid: &mut Grid) -> (Candidate, Rule) {
     ((vertices, ray), Rule::Finite)
 }
 
-/// A triangle on a line along an axis, and a ray that goes about as the line does and meets it.
+/// A triangle that is a line parallel to an axis, and a ray of about the same direction that meets it.
 fn flat(grid: &mut Grid) -> (Candidate, Rule) {
     let a = grid.arithmetic;
     let axis = grid.rng.usize(..3);
@@ -437,7 +437,7 @@ pub enum Operation {
     Binary(fn(&Arithmetic, f64, f64) -> f64),
 }
 
-/// Lines of an arithmetic unit: every special operand, with some others where there are two, then those of the frame.
+/// Writes the lines of an arithmetic unit: every special operand, with several second operands if there are two, then the operands of the frame.
 ///
 /// # Errors
 /// One line that names a file that cannot be written.

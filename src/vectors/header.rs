@@ -1,4 +1,4 @@
-//! `vectors.vh`: what the Verilog benches in `sim/` must know of a machine and its vectors, as macros.
+//! `vectors.vh`: the parameters of a machine and its vectors for the Verilog benches in `sim/`, as macros.
 
 use super::layout::Layout;
 use super::shape::Shape;
@@ -8,7 +8,7 @@ use crate::hdl::{Design, Direction, Module};
 use serde_json::{Map, Value, json};
 use std::fmt::Write as _;
 
-/// What every macro begins with.
+/// The prefix of every macro.
 pub const PREFIX: &str = "DYNRT_";
 
 /// The modules that the benches drive as pipelines.
@@ -29,7 +29,7 @@ pub struct Entry<'a> {
     pub layout: &'a Layout,
 }
 
-/// The pipelined modules of a design: how long each takes, and by how many cycles each input is due later than the first.
+/// The pipelined modules of a design, with the latency of each and the cycle in which each input is due after the first.
 pub fn pipelines(design: &Design) -> Vec<Value> {
     modules(design)
         .map(|module| {
@@ -48,10 +48,10 @@ pub fn pipelines(design: &Design) -> Vec<Value> {
         .collect()
 }
 
-/// The module of a design that has this name in its description.
+/// The module of a design whose description has this name.
 ///
 /// # Panics
-/// Where there is none.
+/// If there is none.
 pub fn module<'d>(design: &'d Design, name: &str) -> &'d Module {
     let mut modules = design.modules().iter();
     let found = modules.find(|module| module.name() == name);
@@ -69,7 +69,7 @@ fn inputs(module: &Module) -> impl Iterator<Item = (&str, u32)> {
         .filter_map(|port| Some((port.name.as_str(), port.stage?)))
 }
 
-/// The stage of a module's results: that of most of its outputs, the last. (`soon` of ray setup comes before.)
+/// The stage of a module's last output. Most outputs have this stage; `soon` of ray setup is earlier.
 fn latency(module: &Module) -> u32 {
     let outputs = module.ports().iter();
     outputs
@@ -79,7 +79,7 @@ fn latency(module: &Module) -> u32 {
         .unwrap_or(0)
 }
 
-/// Widths of ports and settings of memories, by the names of their macros without prefix and in small letters.
+/// Widths of ports and settings of memories. A key is the macro's name in lower case, without the prefix.
 pub fn machine(
     config: &Config,
     shape: &Shape,

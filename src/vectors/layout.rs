@@ -1,18 +1,18 @@
-//! What a line of a vectors file holds.
+//! The layout of a line in a vectors file.
 
 use crate::bkd::layout::{Field as RecordField, Record};
 use crate::float::Format;
 use serde::Serialize;
 
-/// How a field's bits are read.
+/// The interpretation of a field's bits.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Kind {
-    /// A floating-point number of the machine's format; where the field is one bit narrower, without its sign, which is +.
+    /// A floating-point number of the machine's format. A field that is one bit narrower has no sign bit; the sign is +.
     Number,
     /// An unsigned number.
     Unsigned,
-    /// A bit for each ray of a packet, that of the ray in slot 0 least significant; or for each axis, x least; or for each lane.
+    /// One bit per ray of a packet (bit 0 for slot 0), per axis (bit 0 for x), or per lane.
     Mask,
     /// One bit, 1 for yes.
     Flag,
@@ -22,9 +22,9 @@ pub enum Kind {
 #[derive(Clone, Debug, Serialize)]
 pub struct Field {
     pub name: String,
-    /// Place of its least significant bit; 0 is the line's last digit's least.
+    /// Position of the least significant bit; bit 0 is the least significant bit of the line's last digit.
     pub lsb: u32,
-    /// Bits, 1 to 64.
+    /// Width in bits, 1 to 64.
     pub width: u32,
     pub kind: Kind,
     pub description: String,
@@ -33,13 +33,13 @@ pub struct Field {
 /// The fields of a file's lines, from the least significant bit up, without gaps.
 #[derive(Clone, Debug, Default, Serialize)]
 pub struct Layout {
-    /// Bits of a line.
+    /// Width of a line in bits.
     pub width: u32,
     pub fields: Vec<Field>,
 }
 
 impl Layout {
-    /// Appends a field above those that are there.
+    /// Appends a field above the existing ones.
     pub fn field(
         mut self,
         name: impl Into<String>,
@@ -58,7 +58,7 @@ impl Layout {
         self
     }
 
-    /// Appends x, y and z of a vector.
+    /// Appends the components x, y and z of a vector.
     pub fn vector(mut self, name: &str, width: u32, description: &str) -> Self {
         for axis in ["x", "y", "z"] {
             self = self.field(
@@ -95,15 +95,15 @@ impl Layout {
         self
     }
 
-    /// Hexadecimal digits of a line.
+    /// Number of hexadecimal digits of a line.
     pub fn digits(&self) -> usize {
         self.width.div_ceil(4) as usize
     }
 
-    /// The line that holds `values`, one a field in the fields' order: hexadecimal digits, most significant first.
+    /// The line that contains `values`, one per field in the order of the fields, as hexadecimal digits, most significant first.
     ///
     /// # Panics
-    /// Where there is not one value a field, or a value does not fit.
+    /// If the number of values is not the number of fields, or if a value does not fit.
     pub fn line(&self, values: &[u64]) -> String {
         assert_eq!(values.len(), self.fields.len(), "a value a field");
         let mut nibbles = vec![0u8; self.digits()];

@@ -1,4 +1,4 @@
-//! `manifest.json`: which files there are, every bit of their lines, the ports they belong on, and how all was made.
+//! `manifest.json`: the list of the files, the layouts of their lines, the ports to which fields belong, and how the folder was made.
 
 use super::header;
 use super::layout::Layout;
@@ -16,7 +16,7 @@ use anyhow::Result;
 use serde::Serialize;
 use serde_json::{Map, Value, json};
 
-/// A file as the manifest lists it.
+/// The manifest's entry of a file.
 #[derive(Serialize)]
 pub struct FileEntry {
     pub file: String,
@@ -29,12 +29,12 @@ pub struct FileEntry {
     pub sha256: String,
 }
 
-/// The files that are complete, and their layouts.
+/// The completed files and their layouts.
 #[derive(Default)]
 pub struct Files {
     pub entries: Vec<FileEntry>,
     pub layouts: Layouts,
-    /// The names of the layouts in the files' order.
+    /// The names of the layouts, in the order of the files.
     order: Vec<String>,
 }
 
@@ -80,7 +80,7 @@ impl Files {
         self.layouts.get(entry.layout.as_deref()?)
     }
 
-    /// The layouts of records that lie in others' lines.
+    /// Adds the layouts of records that are parts of other files' lines.
     pub fn add_records(&mut self, shape: &Shape) {
         for record in [Record::link_word(), Record::instance()] {
             let layout = Layout::default().record(&record, shape.format);
@@ -105,13 +105,13 @@ impl Files {
     }
 }
 
-/// A unit, the module that does its work, its files, and which memories stand around it.
+/// A unit, the module that implements it, its files, and its memories.
 struct Unit {
     name: &'static str,
     module: &'static str,
     stimulus: &'static str,
     expected: &'static str,
-    /// What the ports of a memory begin with, and its image.
+    /// The prefix of each memory's ports, and its image.
     memories: &'static [(&'static str, &'static str)],
 }
 
@@ -213,7 +213,7 @@ const fn pipeline(
     }
 }
 
-/// The units that the files are of.
+/// The manifest's entries of all units.
 fn units(files: &Files, shape: &Shape, design: &Design) -> Result<Vec<Value>> {
     let mut list = vec![];
     for unit in UNITS {
@@ -273,18 +273,18 @@ fn units(files: &Files, shape: &Shape, design: &Design) -> Result<Vec<Value>> {
     Ok(list)
 }
 
-/// What the manifest says beside the files.
+/// The contents of the manifest in addition to the files.
 pub struct Contents<'a> {
     pub request: &'a Request<'a>,
     pub directed: &'a [DirectedScene],
     pub shape: &'a Shape,
     pub design: &'a Design,
-    /// Of [`header::machine`].
+    /// The result of [`header::machine`].
     pub machine: &'a Map<String, Value>,
     pub update: UpdateMachine,
-    /// Packets of the picture that were cast.
+    /// Number of packets of the picture that were cast.
     pub of_picture: usize,
-    /// Counts by their keys, in order.
+    /// Totals by key, in the manifest's order.
     pub totals: Vec<(&'static str, u64)>,
 }
 
@@ -292,7 +292,7 @@ impl Contents<'_> {
     /// The whole manifest.
     ///
     /// # Errors
-    /// One line that says what of the machine cannot be described.
+    /// One line that says which part of the machine cannot be described.
     pub fn manifest(&self, files: &Files) -> Result<Value> {
         let Contents { request, shape, .. } = self;
         let Request { config, image, .. } = **request;
@@ -403,7 +403,7 @@ fn levels(image: &MemoryImage) -> u32 {
     1 + u32::from(image.is_instanced())
 }
 
-/// Triangles and instances of a scene.
+/// Number of triangles and instances of a scene.
 fn counts(image: &MemoryImage) -> Result<(usize, usize)> {
     let instances = image.instance_records()?.len();
     Ok((image.records.len() - instances, instances))

@@ -1,22 +1,22 @@
-//! Golden vectors: memory images, stimulus and expected results of every unit, as text files that any program reads.
+//! Golden vectors: memory images, stimulus and expected results of every unit, as text files that any program can read.
 //!
-//! [`write()`] casts packets in the golden model and writes down what goes into and comes out of each unit.
-//! `docs/vectors.md` describes the files for who knows nothing else; the benches in `sim/` replay them in the RTL.
+//! [`write()`] casts packets in the golden model and writes the inputs and outputs of each unit.
+//! `docs/vectors.md` defines the files; the benches in `sim/` replay them in the RTL.
 //!
-//! | module | what |
+//! | module | content |
 //! |---|---|
 //! | `layout` | the fields of a line |
 //! | `shape` | the layout of each file of one machine, and the values of its lines |
-//! | `sheet` | a file of lines being written |
-//! | `collect` | lines from the golden model at work |
-//! | `directed` | lines that a frame may not bring |
-//! | `update` | the update of the scene's objects |
+//! | `sheet` | writes a file line by line |
+//! | `collect` | lines from events of the golden model |
+//! | `directed` | lines that a frame may not contain |
+//! | `update` | updates of the scene's objects |
 //! | `skinning` | skinned meshes |
-//! | `pose` | a scene that moves, in memory as it is at one time |
-//! | `scenes` | directed scenes, behind the one that was given |
-//! | `plan` | what is to be cast, and how large the files will be |
-//! | `header` | what the Verilog benches must know, as macros |
-//! | `ports` | which field belongs on which port |
+//! | `pose` | an animated scene in memory at one time |
+//! | `scenes` | directed scenes, stored after the given one |
+//! | `plan` | the packets to cast, and the size of the files |
+//! | `header` | macros for the Verilog benches |
+//! | `ports` | the field that belongs to each port |
 //! | `manifest` | the manifest |
 
 mod collect;
@@ -56,12 +56,12 @@ use std::path::Path;
 use std::rc::Rc;
 use update::UpdateSheets;
 
-/// The version of the vectors' format, in the manifest.
+/// The version of the format, which is in the manifest.
 pub const VERSION: u32 = 3;
 
-/// The manifest's name in the folder.
+/// The file name of the manifest.
 const MANIFEST: &str = "manifest.json";
-/// The manifest's key that says that a folder holds vectors; its value is the version of their form.
+/// The key in the manifest that marks a folder of vectors; its value is the version of the format.
 const VERSION_KEY: &str = "dynrt_vectors";
 
 /// A folder of vectors: its manifest lists its files.
@@ -78,80 +78,80 @@ const CONTENT: Content = Content {
     },
 };
 
-/// The label of the scene that was given.
+/// The label of the given scene.
 const GIVEN: &str = "given";
 
-/// The file of the macros for the Verilog benches.
+/// The file with the macros for the Verilog benches.
 pub const HEADER: &str = "vectors.vh";
 
-/// What vectors to write.
+/// A request to write vectors.
 #[derive(Clone, Copy, Debug)]
 pub struct Request<'a> {
     pub config: &'a Config,
-    /// Names the scene in the manifest.
+    /// The scene's name in the manifest.
     pub scene_name: &'a str,
-    /// Of one level or two, in the configuration's number format.
+    /// One or two levels, in the configuration's number format.
     pub image: &'a MemoryImage,
-    /// The scene's skinned objects, to which others are always added.
+    /// The scene's skinned objects; directed meshes are always added.
     pub skins: &'a [SkinMesh],
-    /// Of as many rays as the configuration says; at least one packet.
+    /// At least one packet; each has the number of rays that the configuration defines.
     pub packets: &'a [RayPacket],
-    /// The most of `packets` to cast, spread over them; `None` for all.
+    /// Maximum number of `packets` to cast, spread evenly; `None` for all.
     pub limit: Option<usize>,
-    /// Whether directed scenes are written behind the image, as far as the machine can hold them. They pin down rules that few
-    /// scenes show, and make most of the bytes of a small folder.
+    /// Whether to write directed scenes after the image, as far as the machine can hold them. They test rules that few
+    /// scenes exercise, and are most of the bytes of a small folder.
     pub directed_scenes: bool,
-    /// Whether more than 1 GiB may be written.
+    /// Whether to write more than 1 GiB.
     pub force: bool,
-    /// For the manifest.
+    /// Recorded in the manifest.
     pub made: Made<'a>,
     /// The folder to write.
     pub out: &'a Path,
 }
 
-/// How packets and scene were made.
+/// Origin of the packets and the scene.
 #[derive(Clone, Copy, Debug)]
 pub struct Made<'a> {
-    /// The command that writes the same again, but for the folder's place.
+    /// The command that writes the same files again, except for the output folder.
     pub command: &'a str,
-    /// The packets' picture.
+    /// The picture that the packets belong to.
     pub frame: Frame,
     pub camera: Camera,
-    /// A coordinate of the scene times 2^`log2_scale` is one of the machine.
+    /// A coordinate of the scene times 2^`log2_scale` is a machine coordinate.
     pub log2_scale: i32,
-    /// Of a scene that moves: the clip, if it has one, and the time in it.
+    /// For an animated scene: the clip, if it has one, and the time in seconds.
     pub motion: Option<(Option<&'a str>, f64)>,
 }
 
-/// What was written.
+/// Counts of what was written.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Summary {
-    /// Packets cast: those of the request, and of variants of their rays.
+    /// Packets cast: those of the request, variants of their rays, and those of directed scenes.
     pub packets: u64,
-    /// Their rays, inactive ones included.
+    /// Rays of these packets, including inactive ones.
     pub rays: u64,
-    /// Their packet steps.
+    /// Packet steps of these packets.
     pub steps: u64,
-    /// Their ray–triangle tests.
+    /// Ray–triangle tests of these packets.
     pub tests: u64,
-    /// Their ray transformations; none in a scene of one level.
+    /// Ray transformations of these packets; 0 if all scenes have one level.
     pub transforms: u64,
-    /// Updates of objects, and the nodes that they write.
+    /// Updates of objects, and the number of nodes written.
     pub updates: u64,
     pub nodes_written: u64,
-    /// Meshes skinned, and their vertices.
+    /// Skinned meshes, and the number of their vertices.
     pub skins: u64,
     pub vertices_skinned: u64,
     /// Files in the folder.
     pub files: usize,
 }
 
-/// Casts packets and writes the vectors of all units into a folder, which appears whole or not at all. Earlier vectors in its
-/// place are replaced.
+/// Casts packets and writes the vectors of all units into a folder. The folder appears only when it is complete, and replaces
+/// earlier vectors of the same name.
 ///
 /// # Errors
-/// One line: no packet to cast, an image that the machine cannot hold, more bytes than are allowed, a folder that holds something
-/// else or cannot be written.
+/// One line if there is no packet to cast, if the machine cannot hold the image, if the files are larger than allowed, or if the
+/// folder contains other files or cannot be written.
 pub fn write(request: &Request<'_>) -> Result<Summary> {
     let Request { config, image, .. } = *request;
     check(request)?;
@@ -259,7 +259,7 @@ pub fn write(request: &Request<'_>) -> Result<Summary> {
     Ok(summary)
 }
 
-/// Writes the arrays of all scenes, one after another, and their registers.
+/// Writes the memory arrays of all scenes, one after another, and the scenes' registers.
 fn memories(
     folder: &Folder,
     files: &mut Files,
@@ -342,7 +342,7 @@ fn list(
     Ok(())
 }
 
-/// What must hold of a request before anything is written.
+/// Checks a request before anything is written.
 fn check(request: &Request<'_>) -> Result<()> {
     let Request {
         config,

@@ -1,4 +1,4 @@
-//! What is to be cast, and how large the files will be.
+//! Selects the packets to cast and computes the size of the files.
 
 use super::Request;
 use super::collect::Packet;
@@ -13,18 +13,18 @@ use crate::scene::RayPacket;
 use anyhow::{Result, ensure};
 use rayon::prelude::*;
 
-/// The most bytes that are written unless more is allowed: 1 GiB.
+/// The maximum size without `force`: 1 GiB.
 pub const MOST_BYTES: u64 = 1 << 30;
 
-/// Packets to cast, and about how many bytes all files take.
+/// The packets to cast, and the approximate size of all files in bytes.
 pub struct Plan {
     pub packets: Vec<Packet>,
-    /// How many of them are of the picture.
+    /// The number of these packets that belong to the picture.
     pub of_picture: usize,
     pub bytes: u64,
 }
 
-/// The request's packets, or as many as its limit allows; variants of the one with the most hits; packets of directed scenes.
+/// Selects the packets of the request up to its limit, variants of the packet with the most hits, and the packets of directed scenes.
 pub fn plan(
     request: &Request<'_>,
     shape: &Shape,
@@ -51,7 +51,7 @@ pub fn plan(
         });
     }
     let of_picture = chosen.len();
-    // Not only of those that are cast: the variants of rays that hit nothing would say little.
+    // All packets are candidates, not only those that are cast, because variants of rays without a hit would test little.
     let richest = (0..packets.len())
         .rev()
         .max_by_key(|&number| results[number].0);
@@ -97,8 +97,8 @@ pub fn plan(
     }
 }
 
-/// The numbers of packets to cast: one at random from each of as many equal parts as the limit says. A fixed distance would often
-/// meet the same column of the picture.
+/// The numbers of the packets to cast: one at random from each of `limit` equal parts. A constant distance would often
+/// select the same column of the picture.
 fn spread(packets: usize, limit: Option<usize>) -> Vec<usize> {
     let count = limit.unwrap_or(packets).min(packets);
     let mut rng = fastrand::Rng::with_seed(3);
@@ -109,10 +109,10 @@ fn spread(packets: usize, limit: Option<usize>) -> Vec<usize> {
 }
 
 impl Plan {
-    /// That the files are not larger than is allowed.
+    /// Checks that the files are not larger than allowed.
     ///
     /// # Errors
-    /// One line with their size, and what helps.
+    /// One line with the size of the files and the remedy.
     pub fn check(&self, scene: &str, force: bool) -> Result<()> {
         ensure!(
             force || self.bytes <= MOST_BYTES,
@@ -126,23 +126,23 @@ impl Plan {
     }
 }
 
-/// What the files' sizes follow from.
+/// Quantities that determine the sizes of the files.
 struct Sizes<'a> {
     shape: &'a Shape,
     rays: u64,
-    /// Slots of nodes and records, and vertices, of all scenes.
+    /// Number of slots (of nodes and records) and of vertices in all scenes.
     slots: u64,
     vertices: u64,
     skinned: u64,
 }
 
 impl Sizes<'_> {
-    /// Bytes of all files. What is the same for every scene, and programs and vertices of updates, are estimated.
+    /// Size of all files in bytes. Parts that are the same for every scene, and the programs and vertices of updates, are estimated.
     fn bytes(&self, counts: &[Counts]) -> u64 {
-        /// Lines that are added to each unit, and to each arithmetic unit.
+        /// Directed lines per unit and per arithmetic unit.
         const DIRECTED: u64 = 500;
         const OPERATIONS: u64 = 10_000;
-        /// Bytes of manifest, macros, and directed updates and meshes.
+        /// Bytes of the manifest, the macros, and the directed updates and meshes.
         const REST: u64 = 400_000;
         let shape = self.shape;
         let total =
@@ -172,7 +172,7 @@ impl Sizes<'_> {
             .iter()
             .map(|layout| Sheet::bytes(layout, total(|c| c.ray_transforms)))
             .sum::<u64>();
-        // Nodes before, written and after; five and a half bytes of program for a triangle, in rows of 16.
+        // Nodes before, written and after; 5.5 bytes of program per triangle, in rows of 16 bytes.
         let update = self.slots * (3 * node + 12) + self.vertices * vertex;
         let skinning = self.skinned * 4 * vertex;
         of_packets

@@ -1,4 +1,4 @@
-//! Which field of which file belongs on which port of the Verilog.
+//! Maps the fields of the files to the ports of the Verilog.
 
 use super::layout::Layout;
 use crate::hdl::{Direction, Module, Port};
@@ -10,30 +10,30 @@ use std::collections::BTreeMap;
 /// The layouts of the files, by name.
 pub type Layouts = BTreeMap<String, Layout>;
 
-/// Bits of a field that lie on a port.
+/// A range of a field's bits on a port.
 #[derive(Serialize)]
 struct Bits {
     layout: String,
     field: String,
-    /// Of the field's bits the first.
+    /// The first of the field's bits.
     lsb: u32,
     width: u32,
-    /// Where that lies in the port.
+    /// The position of that bit in the port.
     port_lsb: u32,
 }
 
-/// What belongs on a port.
+/// The use of a port.
 enum Use {
     Fields(Vec<Bits>),
-    /// One of the fields, by the number in another.
+    /// One of the fields, selected by the value of another field.
     Select(&'static str, Vec<Bits>),
-    /// An input that is tied.
+    /// An input with a constant value.
     Constant,
-    /// What is no vector's.
+    /// A port that the vectors do not define.
     Other(&'static str),
 }
 
-/// Makes the map of one unit's ports.
+/// Maps the ports of one unit.
 pub struct Map<'a> {
     pub layouts: &'a Layouts,
     pub unit: &'a str,
@@ -70,7 +70,7 @@ impl Map<'_> {
             "raycast" => self.raycast(port),
             "update" => self.update(port),
             "skinning" => self.skinning(port),
-            // Ports are called as fields are; what is left over drives the matrix and skinning.
+            // Ports have the names of fields; the remaining inputs drive the matrix and skinning.
             unit => Ok(match port.direction {
                 Direction::Input => self.field(&format!("{unit}_stimulus"), &port.name, port),
                 Direction::Output => self.field(&format!("{unit}_expected"), &port.name, port),
@@ -82,7 +82,7 @@ impl Map<'_> {
         }))
     }
 
-    /// A field that the port carries, if there is one of that name.
+    /// The field of this name on the port, if it exists.
     fn field(&self, layout: &str, field: &str, port: &Port) -> Option<Use> {
         let width = self.width(layout, field)?.min(port.width);
         Some(Use::Fields(vec![bits(layout, field, 0, width, 0)]))
@@ -94,7 +94,7 @@ impl Map<'_> {
         Some(found.width)
     }
 
-    /// Fields one above the other.
+    /// Several fields on one port, from the least significant bit up.
     fn packed(&self, layout: &str, fields: &[String], port: &Port) -> Result<Option<Use>> {
         let mut list = vec![];
         let mut place = 0;
@@ -261,7 +261,7 @@ impl Map<'_> {
     }
 }
 
-/// Whether a port is one of a read port's.
+/// Whether a port belongs to a read port.
 fn is_memory(name: &str) -> bool {
     name.contains("_request_") || name.contains("_response_")
 }

@@ -1,4 +1,4 @@
-//! A scene that moves, in memory as it is at one time.
+//! An animated scene in memory at one time.
 
 use crate::bkd::layout::MemoryImage;
 use crate::bkd::{BuildOptions, InstanceSpec, InstancedImage, build};
@@ -9,23 +9,23 @@ use crate::golden::skinning::skin_vertices;
 use crate::scene::animation::{MachineFrame, MachineScene};
 use anyhow::{Context, Result};
 
-/// What vectors are written of.
+/// The image and the skinned objects of one frame.
 #[derive(Clone, Debug)]
 pub struct Posed {
-    /// Of two levels, unless the frame's only instance stands where its object's space is the world's.
+    /// Two levels, unless the frame's only instance has the identity as its matrix.
     pub image: MemoryImage,
-    /// Skinned objects with this frame's palettes.
+    /// Skinned objects with the palettes of this frame.
     pub skins: Vec<SkinMesh>,
 }
 
-/// Skins a scene's objects for a frame, and builds their trees and the one over their instances.
+/// Skins a scene's objects for a frame, and builds their trees and the top-level tree.
 ///
 /// # Errors
-/// One line: what trees, images and instances are refused for.
+/// One line if a tree, an image or an instance is rejected.
 pub fn pose(config: &Config, scene: &MachineScene, frame: &MachineFrame) -> Result<Posed> {
     let format = scene.format;
     let one_level = scene.is_one_level(std::slice::from_ref(frame));
-    // What the top-level tree needs at the least is left to it, and some more, so that it need not be balanced.
+    // The top-level tree gets its minimum depth plus a margin, because it need not be balanced.
     let top = match one_level {
         true => 0,
         false => scene.instances.len().next_power_of_two().ilog2() + 4,
@@ -60,7 +60,7 @@ pub fn pose(config: &Config, scene: &MachineScene, frame: &MachineFrame) -> Resu
     for object in &objects {
         image.add_object(object)?;
     }
-    // An instance that is not there in this frame has no number in the image.
+    // An instance that is absent from this frame has no number in the image.
     let there = scene.instances.iter().zip(&frame.instances);
     let there = there.filter_map(|(&object, matrix)| Some((object, matrix.as_ref()?)));
     let specs = there

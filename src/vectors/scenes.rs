@@ -1,4 +1,4 @@
-//! Directed scenes: small ones that lie in memory behind the scene that was given, and rays that tell in them what a picture may not.
+//! Directed scenes: small scenes after the given one in memory, with rays that test rules which a picture may not exercise.
 
 use crate::bkd::layout::{InstanceRecord, LinkWord, MemoryImage, Target, TriangleRecord};
 use crate::bkd::{
@@ -9,42 +9,42 @@ use crate::float::{Arithmetic, Format, specials};
 use crate::port::Ray;
 use anyhow::Result;
 
-/// A scene in the arrays that all share.
+/// A scene in the shared arrays.
 pub struct DirectedScene {
     pub label: &'static str,
-    /// By itself, with indices from 0 on.
+    /// The scene alone, with indices from 0.
     pub image: MemoryImage,
-    /// The same slots, vertices and registers with indices that count from the arrays' begin.
+    /// The same slots, vertices and registers with indices into the shared arrays.
     pub placed: MemoryImage,
-    /// Where it lies in the arrays.
+    /// Index of its first slot in the shared arrays.
     pub first_record: usize,
     pub first_vertex: usize,
-    /// Packets, each with what its rays are for.
+    /// Packets, each with the purpose of its rays.
     pub packets: Vec<(&'static str, Vec<Ray>)>,
 }
 
-/// A scene by itself, from index 0 on.
+/// A scene alone, with indices from 0.
 struct Plan {
     label: &'static str,
     image: MemoryImage,
     packets: Vec<(&'static str, Vec<Ray>)>,
 }
 
-/// Rays of ties, of NaNs, of special values: as many packets as hold so many.
+/// Minimum number of rays of each kind: for ties, NaNs and special values.
 const TIE_RAYS: usize = 96;
 const NAN_RAYS: usize = 16;
 const SPECIAL_RAYS: usize = 40;
 /// Instances of the scene `transforms`.
 const SPECIAL_INSTANCES: usize = 24;
 
-/// The directed scenes that a machine can hold behind `image`: its addresses and its stack reach for them, and its numbers can
-/// place them. They are the same for the same configuration.
+/// The directed scenes that fit after `image`: within the machine's addresses, its stack and its number format.
+/// They are the same for the same configuration.
 pub fn scenes(config: &Config, image: &MemoryImage) -> Vec<DirectedScene> {
     let (mut record, mut vertex) = (image.records.len(), image.vertices.len());
     let most = 1usize << config.address_bits;
     let mut placed = vec![];
     for plan in [ties, instances, transforms] {
-        // A format of few bits cannot place all of them.
+        // A format with few bits cannot represent the positions of all scenes.
         let Ok(plan) = plan(config) else {
             continue;
         };
@@ -69,7 +69,7 @@ pub fn scenes(config: &Config, image: &MemoryImage) -> Vec<DirectedScene> {
     placed
 }
 
-/// An image's slots and vertices as they are where its first slot is `record` and its first vertex `vertex`.
+/// An image with the indices that it has if its first slot is `record` and its first vertex is `vertex`.
 fn moved(image: &MemoryImage, record: usize, vertex: usize) -> MemoryImage {
     let moved_link = |link: LinkWord| LinkWord {
         link: link.link + record as u32,
@@ -109,7 +109,7 @@ fn moved(image: &MemoryImage, record: usize, vertex: usize) -> MemoryImage {
     }
 }
 
-/// The nodes below all roots; the slots between objects are none of them.
+/// The nodes below all roots, without the unused slots between objects.
 fn nodes_of(image: &MemoryImage) -> Vec<u32> {
     let instances = image.instance_records().expect("a sound image");
     let mut roots = vec![image.root.root()];
@@ -129,8 +129,8 @@ fn nodes_of(image: &MemoryImage) -> Vec<u32> {
     reached
 }
 
-/// A square of side 2 in the plane z = 0 about the origin, `side`² squares of two triangles each, twice, in a random order: each triangle
-/// has an equal one, which begins at another corner.
+/// A square of side 2 in the plane z = 0 around the origin, divided into `side`² squares of two triangles. Each triangle occurs
+/// twice, starting at different corners. The order is random.
 fn sheet(side: u32, rng: &mut fastrand::Rng) -> (Vec<[f64; 3]>, Vec<[u32; 3]>) {
     let coordinate = |k: u32| 2.0 * f64::from(k) / f64::from(side) - 1.0;
     let corners = (0..=side).flat_map(|y| (0..=side).map(move |x| (x, y)));
@@ -147,8 +147,8 @@ fn sheet(side: u32, rng: &mut fastrand::Rng) -> (Vec<[f64; 3]>, Vec<[u32; 3]>) {
     (vertices.collect(), triangles)
 }
 
-/// The image of an object of one level. Of equal triangles any may come first in the tree: the builder alone would sort them by
-/// their numbers.
+/// The image of an object of one level, with its leaves in random order, so any of several equal triangles may come first in the
+/// tree. The builder alone would sort them by number.
 fn object(
     config: &Config,
     vertices: &[[f64; 3]],
@@ -162,7 +162,7 @@ fn object(
     MemoryImage::new(config.format(), vertices, triangles, &tree)
 }
 
-/// The numbers below `count` in a random order.
+/// The numbers below `count` in random order.
 fn shuffled(count: usize, rng: &mut fastrand::Rng) -> Vec<u32> {
     let mut order: Vec<u32> = (0..count as u32).collect();
     rng.shuffle(&mut order);
@@ -184,7 +184,7 @@ fn renumbered(mut tree: Tree, order: &[u32]) -> Tree {
     tree
 }
 
-/// A ray through a point of a sheet about `centre`: a corner, an edge or the inside of a triangle.
+/// A ray through a point of a sheet around `centre`: a corner, an edge or the inside of a triangle.
 fn ray_at_sheet(a: &Arithmetic, centre: [f64; 3], rng: &mut fastrand::Rng) -> Ray {
     const DIRECTIONS: [[f64; 3]; 6] = [
         [0.0, 0.0, -1.0],
@@ -209,7 +209,7 @@ fn ray_at_sheet(a: &Arithmetic, centre: [f64; 3], rng: &mut fastrand::Rng) -> Ra
     }
 }
 
-/// Packets of `count` rays in all, at least one, each full.
+/// Full packets, at least one, with `count` or more rays in total.
 fn packets(
     config: &Config,
     label: &'static str,
@@ -221,7 +221,7 @@ fn packets(
     (0..count.div_ceil(rays)).map(packet).collect()
 }
 
-/// Equal triangles and shared edges, in one level.
+/// A scene of one level with equal triangles and shared edges.
 fn ties(config: &Config) -> Result<Plan> {
     let a = Arithmetic::new(config.format());
     let mut rng = fastrand::Rng::with_seed(6);
@@ -235,7 +235,7 @@ fn ties(config: &Config) -> Result<Plan> {
     })
 }
 
-/// Where groups of equal instances stand.
+/// Positions of groups of equal instances.
 const PLACES: [[f64; 3]; 4] = [
     [-1.5, -1.5, 0.0],
     [1.5, -1.5, 0.5],
@@ -243,14 +243,14 @@ const PLACES: [[f64; 3]; 4] = [
     [1.5, 1.5, 0.0],
 ];
 
-/// Equal instances, of objects whose equal triangles are numbered differently; and rays that are a NaN in an object's space.
+/// Equal instances of objects that number equal triangles differently, and rays that are a NaN in object space.
 fn instances(config: &Config) -> Result<Plan> {
     let format = config.format();
     let a = Arithmetic::new(format);
     let mut rng = fastrand::Rng::with_seed(7);
     let mut image = InstancedImage::new(format);
     let (vertices, triangles) = sheet(1, &mut rng);
-    // Behind others that no ray meets, the same triangles have higher numbers.
+    // The second object starts with triangles that no ray meets, so the same triangles have higher numbers.
     let mut hidden = vertices.clone();
     let first = hidden.len() as u32;
     hidden.extend([[0.0, 0.0, 0.0], [0.0, 0.0, 0.25], [0.0, 0.0, 0.5]]);
@@ -288,7 +288,7 @@ fn instances(config: &Config) -> Result<Plan> {
         let place = PLACES[rng.usize(..PLACES.len())];
         ray_at_sheet(&a, place, &mut rng)
     });
-    // Infinite on one axis, on which nothing clips it; on the others it meets a group of instances.
+    // Infinite on one axis, on which the ray is not clipped; on the other axes it meets a group of instances.
     all.extend(packets(config, "NaN in an object", NAN_RAYS, |number| {
         let place = PLACES[number % PLACES.len()];
         let axis = number / PLACES.len() % 2;
@@ -305,7 +305,7 @@ fn instances(config: &Config) -> Result<Plan> {
     })
 }
 
-/// Instances whose matrices hold special numbers, all about the origin, and rays through it with such components.
+/// Instances at the origin with special numbers in their matrices, and rays through it with such components.
 fn transforms(config: &Config) -> Result<Plan> {
     let format = config.format();
     let a = Arithmetic::new(format);
@@ -335,7 +335,7 @@ fn transforms(config: &Config) -> Result<Plan> {
     for matrix in image.vertices[first..].chunks_exact_mut(InstanceRecord::VECTORS) {
         for component in matrix[..4].as_flattened_mut() {
             if special.rng.u8(..3) == 0 {
-                // In memory there is no −0.
+                // Memory never contains −0.
                 *component = special.number() + 0.0;
             }
         }
@@ -359,7 +359,7 @@ fn transforms(config: &Config) -> Result<Plan> {
     })
 }
 
-/// Special numbers, half of them such as end the range or are not finite.
+/// Special numbers: half of them are at the ends of the range or not finite.
 struct Specials<'r> {
     all: Vec<f64>,
     ends: Vec<f64>,
@@ -393,7 +393,7 @@ impl<'r> Specials<'r> {
         list[self.rng.usize(..list.len())]
     }
 
-    /// One that is no NaN.
+    /// A special number that is not a NaN.
     fn valid_number(&mut self) -> f64 {
         loop {
             let number = self.number();

@@ -1,4 +1,4 @@
-//! What the vectors of one machine look like: the layout of every file's lines, and how values are put into them.
+//! The layouts of one machine's files, and the conversion of values to the fields of their lines.
 
 use super::layout::{Kind, Layout};
 use crate::bkd::layout::{LINK_BITS, LinkWord, Node, Record, Target};
@@ -10,22 +10,22 @@ use crate::port::{Hit, Ray};
 
 use Kind::{Flag, Mask, Number, Unsigned};
 
-/// Bits that number a ray of a packet, whatever its size.
+/// Bits of a slot number, the same for all packet sizes.
 const SLOT_BITS: u32 = MOST_RAYS.ilog2();
 
-/// What of a machine shapes its vectors.
+/// The parameters of a machine on which its vectors depend.
 #[derive(Clone, Debug)]
 pub struct Shape {
     pub format: Format,
     pub test: TriangleTest,
-    /// Rays of a packet.
+    /// Rays per packet.
     pub rays: usize,
     pub tag_bits: u32,
     pub axes_per_node: u32,
     pub address_bits: u32,
 }
 
-/// Values of an expected line, and whether each is compared.
+/// Values of an expected line, each with a flag that says whether it is compared.
 pub type Expected = Vec<(u64, bool)>;
 
 impl Shape {
@@ -68,12 +68,12 @@ impl Shape {
             .vector(
                 "lo",
                 self.number(),
-                "least corner of the box of all triangles",
+                "minimum corner of the box of all triangles",
             )
             .vector(
                 "hi",
                 self.number(),
-                "greatest corner of the box of all triangles",
+                "maximum corner of the box of all triangles",
             )
     }
 
@@ -88,16 +88,11 @@ impl Shape {
         let w = self.number();
         layout
             .vector("origin", w, "the ray's origin")
-            .vector("direction", w, "its direction")
-            .field("tmin", w, Number, "least distance of a hit")
-            .field("tmax", w, Number, "greatest distance of a hit")
-            .field("active", 1, Flag, "whether there is a ray in this place")
-            .field(
-                "any_hit",
-                1,
-                Flag,
-                "whether the ray asks only if there is a hit",
-            )
+            .vector("direction", w, "the ray's direction")
+            .field("tmin", w, Number, "minimum distance of a hit")
+            .field("tmax", w, Number, "maximum distance of a hit")
+            .field("active", 1, Flag, "1 if the slot contains a ray")
+            .field("any_hit", 1, Flag, "1 for an any-hit ray")
     }
 
     pub fn raycast_rays(&self) -> Layout {
@@ -105,7 +100,7 @@ impl Shape {
             .field("tag", self.tag_bits, Unsigned, "the packet's tag")
     }
 
-    /// The ray's fields as the ray casting unit and ray setup take them.
+    /// The fields of a ray at the ports of the ray casting unit and of ray setup.
     pub fn ray_values(&self, ray: &Ray) -> Vec<u64> {
         let mut values = vec![];
         values.extend(self.vector(ray.origin));
@@ -125,8 +120,18 @@ impl Shape {
             .field("t", w, Number, "distance in multiples of the direction")
             .field("u", w, Number, "weight of the second vertex")
             .field("v", w, Number, "weight of the third vertex")
-            .field("instance", 32, Unsigned, "instance, all ones for none")
-            .field("triangle", 32, Unsigned, "triangle, all ones for none")
+            .field(
+                "instance",
+                32,
+                Unsigned,
+                "number of the instance, all ones if there is none",
+            )
+            .field(
+                "triangle",
+                32,
+                Unsigned,
+                "number of the triangle, all ones if there is none",
+            )
             .field("tag", self.tag_bits, Unsigned, "the packet's tag")
     }
 
@@ -148,41 +153,41 @@ impl Shape {
                 "first_step",
                 32,
                 Unsigned,
-                "line of packet_step_*.hex, from 0, of its first packet step",
+                "line of the first packet step in packet_step_*.hex, counted from 0",
             )
-            .field("steps", 32, Unsigned, "packet steps it takes")
+            .field("steps", 32, Unsigned, "number of packet steps")
             .field(
                 "first_test",
                 32,
                 Unsigned,
-                "line of triangle_test_*.hex, from 0, of its first ray-triangle test",
+                "line of the first ray-triangle test in triangle_test_*.hex, counted from 0",
             )
-            .field("tests", 32, Unsigned, "ray-triangle tests it takes")
+            .field("tests", 32, Unsigned, "number of ray-triangle tests")
             .field(
                 "first_transform",
                 32,
                 Unsigned,
-                "line of ray_transform_*.hex, from 0, of its first ray transformation",
+                "line of the first ray transformation in ray_transform_*.hex, counted from 0",
             )
-            .field("transforms", 32, Unsigned, "ray transformations it takes")
+            .field("transforms", 32, Unsigned, "number of ray transformations")
             .field(
                 "scene",
                 32,
                 Unsigned,
-                "line of scene.hex, from 0, of its scene",
+                "line of the scene in scene.hex, counted from 0",
             )
             .field(
                 "block",
                 32,
                 Unsigned,
-                "its block of the picture, all ones for none",
+                "number of the block in the picture, all ones if there is none",
             )
     }
 
     pub fn ray_transform_stimulus(&self) -> Layout {
         let w = self.number();
         let mut layout = Layout::default()
-            .field("slot", SLOT_BITS, Unsigned, "the ray's place in its packet")
+            .field("slot", SLOT_BITS, Unsigned, "slot of the ray in its packet")
             .field(
                 "record",
                 LINK_BITS,
@@ -190,16 +195,16 @@ impl Shape {
                 "index of the instance's record",
             );
         for column in ["cx", "cy", "cz", "cw"] {
-            let what = format!("the matrix' column c_{}", &column[1..]);
+            let what = format!("column c_{} of the instance's matrix", &column[1..]);
             layout = layout.vector(column, w, &what);
         }
         layout
-            .vector("lo", w, "least corner of the instance's box in the world")
-            .vector("hi", w, "greatest corner of that box")
+            .vector("lo", w, "minimum corner of the instance's box in the world")
+            .vector("hi", w, "maximum corner of the instance's box in the world")
             .vector("origin", w, "the ray's origin in the world")
-            .vector("direction", w, "its direction there")
-            .vector("reciprocal", w, "reciprocal of that")
-            .field("signs", 3, Mask, "sign bits of its direction there")
+            .vector("direction", w, "the ray's direction in the world")
+            .vector("reciprocal", w, "reciprocal of the direction in the world")
+            .field("signs", 3, Mask, "sign bits of the direction in the world")
     }
 
     pub fn ray_transform_values(
@@ -233,10 +238,10 @@ impl Shape {
     pub fn ray_transform_expected(&self) -> Layout {
         let w = self.number();
         Layout::default()
-            .vector("origin", w, "the ray's origin in the object's space")
-            .vector("direction", w, "its direction there")
-            .field("near", w, Number, "near of its window")
-            .field("far", w, Number, "far of its window")
+            .vector("origin", w, "the ray's origin in object space")
+            .vector("direction", w, "the ray's direction in object space")
+            .field("near", w, Number, "near of the ray's window")
+            .field("far", w, Number, "far of the ray's window")
     }
 
     pub fn ray_transform_outcome(&self, transformed: &Transformed) -> Expected {
@@ -259,25 +264,35 @@ impl Shape {
                 "enters",
                 1,
                 Flag,
-                "whether the ray is in the packet's first mask",
+                "1 if the ray is in the packet's initial mask",
             )
-            .field("near", w, Number, "near in the scene's box")
-            .field("far", w, Number, "far in the scene's box")
-            .field("tmin", w, Number, "tmin, a zero as +0; of a valid ray")
-            .field("tmax", w, Number, "tmax, a zero as +0; of a valid ray")
-            .field("any_hit", 1, Flag, "as it came");
+            .field("near", w, Number, "near of the ray in the scene's box")
+            .field("far", w, Number, "far of the ray in the scene's box")
+            .field(
+                "tmin",
+                w,
+                Number,
+                "tmin, with +0 for a zero; compared only for a valid ray",
+            )
+            .field(
+                "tmax",
+                w,
+                Number,
+                "tmax, with +0 for a zero; compared only for a valid ray",
+            )
+            .field("any_hit", 1, Flag, "as in the stimulus");
         self.with_setup(layout)
     }
 
-    /// What setup makes of a ray: everything that the triangle test reads beside the limits.
+    /// Appends the results of ray setup that the triangle test reads, except for the limits.
     fn with_setup(&self, layout: Layout) -> Layout {
         let w = self.number();
         let layout = layout
             .vector("origin", w, "the ray's origin")
-            .vector("reciprocal", w, "reciprocal of its direction")
-            .field("signs", 3, Mask, "sign bits of its direction");
+            .vector("reciprocal", w, "reciprocal of the ray's direction")
+            .field("signs", 3, Mask, "sign bits of the ray's direction");
         match self.test {
-            TriangleTest::MollerTrumbore => layout.vector("direction", w, "its direction"),
+            TriangleTest::MollerTrumbore => layout.vector("direction", w, "the ray's direction"),
             TriangleTest::Watertight => layout
                 .field("kz", 2, Unsigned, "axis k_z: 0 x, 1 y, 2 z")
                 .field("shear_x", w, Number, "S_x")
@@ -301,7 +316,7 @@ impl Shape {
         values
     }
 
-    /// `interval` is the ray's in the scene's box.
+    /// `near` and `far` are the ray's interval in the scene's box.
     pub fn ray_setup_values(&self, ray: &RaySetup, [near, far]: [f64; 2]) -> Expected {
         let enters = ray.valid && near <= far;
         let mut expected = vec![
@@ -312,7 +327,7 @@ impl Shape {
             (self.bits(ray.tmax), ray.valid),
             (u64::from(ray.any_hit), true),
         ];
-        // Only the shear is without meaning for a ray that is not valid: it lies above origin, reciprocal and signs.
+        // For an invalid ray only the shear is undefined; its fields are above origin, reciprocal and signs.
         let always = match self.test {
             TriangleTest::MollerTrumbore => usize::MAX,
             TriangleTest::Watertight => 7,
@@ -325,9 +340,14 @@ impl Shape {
     pub fn packet_step_stimulus(&self) -> Layout {
         let w = self.number();
         let mut layout = Layout::default()
-            .field("node", LINK_BITS, Unsigned, "the node's index")
+            .field("node", LINK_BITS, Unsigned, "index of the node")
             .record(&Record::node(self.format), self.format)
-            .field("mask", self.rays as u32, Mask, "rays that come");
+            .field(
+                "mask",
+                self.rays as u32,
+                Mask,
+                "rays that take part in the step",
+            );
         for k in 0..self.rays {
             layout = layout
                 .vector(&format!("ray{k}_origin"), w, &format!("ray {k}'s origin"))
@@ -363,8 +383,8 @@ impl Shape {
         8 * self.number() + 3
     }
 
-    /// Of a ray outside the mask all is 0 but far = +∞: it would enter every child that has 0 in its interval, so a machine
-    /// that overlooks the mask is found out.
+    /// A ray outside the mask has 0 in all fields except far = +∞. It would enter every child whose interval contains 0, so the
+    /// vectors detect a machine that ignores the mask.
     pub fn packet_step_values(
         &self,
         index: u32,
@@ -402,45 +422,45 @@ impl Shape {
     pub fn packet_step_expected(&self) -> Layout {
         let n = self.rays as u32;
         let mut layout = Layout::default()
-            .field("to_left", n, Mask, "rays that go left")
-            .field("to_right", n, Mask, "rays that go right")
+            .field("to_left", n, Mask, "rays that enter the left child")
+            .field("to_right", n, Mask, "rays that enter the right child")
             .field(
                 "both_left_first",
                 n,
                 Mask,
-                "of the rays that go both ways, those that go left first",
+                "rays that enter both children, the left one first",
             )
             .field(
                 "left_first",
                 1,
                 Flag,
-                "whether the packet goes on with the left child",
+                "1 if the packet continues with the left child",
             )
             .field(
                 "goes_on",
                 1,
                 Flag,
-                "whether it goes on with a child; else it pops",
+                "1 if the packet continues with a child, 0 if it pops",
             )
             .field(
                 "next_leaf",
                 1,
                 Flag,
-                "whether the child it goes on with is a leaf",
+                "1 if the child with which it continues is a leaf",
             )
             .field(
                 "next",
                 LINK_BITS,
                 Unsigned,
-                "index of that child's node, or of its triangle record",
+                "index of that child's node or record",
             )
-            .field("pushes", 1, Flag, "whether the other child is pushed")
-            .field("pushed_leaf", 1, Flag, "whether the child pushed is a leaf")
+            .field("pushes", 1, Flag, "1 if the other child is pushed")
+            .field("pushed_leaf", 1, Flag, "1 if the pushed child is a leaf")
             .field(
                 "pushed",
                 LINK_BITS,
                 Unsigned,
-                "index of that child's node, or of its triangle record",
+                "index of the pushed child's node or record",
             );
         for side in ["left", "right"] {
             for k in 0..self.rays {
@@ -505,7 +525,7 @@ impl Shape {
     pub fn triangle_test_stimulus(&self) -> Layout {
         let w = self.number();
         let layout = Layout::default()
-            .field("slot", SLOT_BITS, Unsigned, "the ray's place in its packet")
+            .field("slot", SLOT_BITS, Unsigned, "slot of the ray in its packet")
             .field(
                 "record",
                 LINK_BITS,
@@ -515,8 +535,8 @@ impl Shape {
             .vector("v0", w, "first vertex")
             .vector("v1", w, "second vertex")
             .vector("v2", w, "third vertex")
-            .field("tmin", w, Number, "least distance of a hit, not -0")
-            .field("tmax", w, Number, "greatest distance of a hit, not -0")
+            .field("tmin", w, Number, "minimum distance of a hit, not -0")
+            .field("tmax", w, Number, "maximum distance of a hit, not -0")
             .field(
                 "window_near",
                 w,
@@ -553,8 +573,8 @@ impl Shape {
     pub fn triangle_test_expected(&self) -> Layout {
         let w = self.number();
         Layout::default()
-            .field("hit", 1, Flag, "whether the ray hits")
-            .field("t", w, Number, "distance, clamped into the triangle's box")
+            .field("hit", 1, Flag, "1 if the ray hits")
+            .field("t", w, Number, "distance, clamped to the triangle's box")
             .field("u", w, Number, "weight of the second vertex")
             .field("v", w, Number, "weight of the third vertex")
     }

@@ -1,4 +1,4 @@
-//! Files of lines, written as lines come.
+//! Files that are written line by line.
 
 use super::layout::Layout;
 use crate::report::folder::Folder;
@@ -11,25 +11,25 @@ use std::io::{BufWriter, Write};
 /// A run of lines of one kind.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 pub struct Part {
-    /// Its first line, from 0.
+    /// Index of its first line, from 0.
     pub first: u64,
     pub lines: u64,
-    /// What its lines are.
+    /// The kind of its lines.
     pub label: String,
 }
 
-/// The label of what packets bring, and of packets of the picture.
+/// The label of lines that belong to packets, and of packets of the picture.
 pub const PACKETS: &str = "packets";
 pub const PICTURE: &str = "picture";
 
-/// A file of equal lines.
+/// A file of lines with the same layout.
 pub struct Sheet {
     /// The file's name.
     pub file: String,
     pub layout: Layout,
-    /// Lines so far.
+    /// Number of lines so far.
     pub lines: u64,
-    /// One after another from line 0 on; empty ones are left out.
+    /// Consecutive parts from line 0; empty parts are omitted.
     pub parts: Vec<Part>,
     hash: Sha256,
     shown: String,
@@ -37,7 +37,7 @@ pub struct Sheet {
 }
 
 impl Sheet {
-    /// A file without lines; those to come are `label`.
+    /// Creates an empty file; `label` is the label of its first part.
     ///
     /// # Errors
     /// One line that names the file.
@@ -61,7 +61,7 @@ impl Sheet {
         })
     }
 
-    /// Says what the lines to come are.
+    /// Starts a part with this label.
     pub fn begin(&mut self, label: &str) {
         let last = self.parts.last_mut().expect("there is always a part");
         if last.label == label {
@@ -87,7 +87,7 @@ impl Sheet {
         self.push_text(&line)
     }
 
-    /// Appends a line that is made up already.
+    /// Appends a line that is already formatted.
     ///
     /// # Errors
     /// One line that names the file.
@@ -100,7 +100,7 @@ impl Sheet {
             .with_context(|| format!("{}: cannot be written", self.shown))
     }
 
-    /// Writes what is still held back, and returns the SHA-256 of the file.
+    /// Flushes the file and returns its SHA-256.
     ///
     /// # Errors
     /// One line that names the file.
@@ -112,7 +112,7 @@ impl Sheet {
         Ok(hex(&self.hash.clone().finalize()))
     }
 
-    /// Bytes of a file of `lines` lines of this layout.
+    /// Size in bytes of a file with `lines` lines of this layout.
     pub fn bytes(layout: &Layout, lines: u64) -> u64 {
         lines * (layout.digits() as u64 + 1)
     }
@@ -127,13 +127,13 @@ fn hex(digest: &[u8]) -> String {
     digest.iter().map(|byte| format!("{byte:02x}")).collect()
 }
 
-/// A unit's stimulus and expected results, and which bits of these are compared.
+/// A unit's stimulus, its expected results, and the mask of compared bits.
 pub struct UnitSheets {
-    /// The unit.
+    /// The unit's name.
     pub name: &'static str,
     pub stimulus: Sheet,
     pub expected: Sheet,
-    /// `None` if all bits are always compared.
+    /// `None` if all bits are compared in every line.
     pub care: Option<Sheet>,
 }
 
@@ -158,7 +158,7 @@ impl UnitSheets {
         })
     }
 
-    /// Says what the transactions to come are.
+    /// Starts a part of transactions with this label.
     pub fn begin(&mut self, label: &str) {
         self.sheets().for_each(|sheet| sheet.begin(label));
     }

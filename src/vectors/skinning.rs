@@ -1,6 +1,6 @@
-//! Vectors of the skinning processor: meshes bound to joints, and the vertices that must be written.
+//! Vectors of the skinning processor: meshes bound to joints, and the expected vertices.
 //!
-//! All meshes lie together in memories of their own, behind records of no meaning, and are skinned one after another.
+//! All meshes are in separate memories, each preceded by a filler record, and are skinned one after another.
 
 use super::layout::{Kind, Layout};
 use super::shape::Shape;
@@ -19,10 +19,10 @@ use anyhow::{Context, Result, ensure};
 
 use Kind::Unsigned;
 
-/// Meshes beside the scene's: small, full of special values.
+/// Number of directed meshes: small meshes with many special values.
 const DIRECTED: usize = 12;
 
-/// Labels of meshes.
+/// Labels of the parts.
 const OF_SCENE: &str = "skinned objects of the scene";
 const OF_NONE: &str = "directed meshes";
 
@@ -32,7 +32,7 @@ pub struct SkinSheets {
     pub vectors: Sheet,
     pub commands: Sheet,
     pub expected: Sheet,
-    /// Influences of all meshes.
+    /// Number of influences of all meshes.
     pub total: u64,
 }
 
@@ -49,20 +49,20 @@ impl Shape {
             "joints",
             JOINT_BITS + 1,
             Unsigned,
-            "matrices of the palette",
+            "number of matrices in the palette",
         );
         let layout = index(layout, "influences", "index of the first row of influences");
-        let layout = index(layout, "rows", "rows of influences");
+        let layout = index(layout, "rows", "number of rows of influences");
         let layout = index(layout, "rest", "index of the first vertex at rest");
-        let layout = index(layout, "vertices", "vertices");
+        let layout = index(layout, "vertices", "number of vertices");
         index(layout, "target", "index of the first vertex to write")
             .field(
                 "first_vertex",
                 32,
                 Unsigned,
-                "line of skinning_expected.hex, from 0, of its first vertex",
+                "line of the first vertex in skinning_expected.hex, counted from 0",
             )
-            .field("count", 32, Unsigned, "influences that it has")
+            .field("count", 32, Unsigned, "number of influences")
     }
 
     fn skinning_expected(&self) -> Layout {
@@ -73,10 +73,10 @@ impl Shape {
 }
 
 impl SkinSheets {
-    /// Skins meshes, and directed ones.
+    /// Skins the scene's meshes and directed meshes.
     ///
     /// # Errors
-    /// One line: a mesh that the machine cannot hold; a file that cannot be written.
+    /// One line if the machine cannot hold a mesh, or if a file cannot be written.
     pub fn write(
         folder: &Folder,
         config: &Config,
@@ -92,7 +92,7 @@ impl SkinSheets {
         let mut commands = vec![];
         let row_words = Record::influence_row(format).words();
         for (number, mesh) in meshes.iter().chain(&directed).enumerate() {
-            // With the record in front.
+            // Including the filler in front.
             let room = 1 + 4 * mesh.palette.len() + 2 * mesh.rest.len();
             let fits = (vectors.len() + room) as u64 <= 1 << config.address_bits;
             if number >= meshes.len() && !fits {
@@ -105,7 +105,7 @@ impl SkinSheets {
                 mesh.palette.len(),
                 config.skinning_joints
             );
-            // A row and a vector that nothing reads or writes.
+            // A row and a vector that are never read or written.
             vectors.push([f64::NAN; 3]);
             rows.extend(filler(&Record::influence_row(format), format));
             let influences = influence_words(format, &mesh.influences);
@@ -211,11 +211,11 @@ fn run(
     })
 }
 
-/// A small mesh: coordinates and matrices on a coarse grid, some of them special.
+/// A small mesh with coordinates and matrices on a coarse grid, some of them special values.
 fn directed(format: Format, most_joints: u32, number: usize, rng: &mut fastrand::Rng) -> SkinMesh {
     let a = Arithmetic::new(format);
     let special: Vec<f64> = specials(format).iter().map(|&b| format.to_f64(b)).collect();
-    // The first ones have nothing special, so that sums are seen.
+    // The first meshes have no special values, so that finite sums are compared.
     let rarely = if number < DIRECTED / 2 { 0 } else { 4 };
     let mut coordinate = || match rng.u8(..16) {
         k if k < rarely => special[rng.usize(..special.len())] + 0.0,
@@ -239,7 +239,7 @@ fn directed(format: Format, most_joints: u32, number: usize, rng: &mut fastrand:
             (1..=follows).map(influence).collect::<Vec<_>>()
         })
         .collect();
-    // A matrix that no influence names is noticed if it is used.
+    // A matrix that no influence names is a NaN, so any use of it changes the result.
     for (joint, matrix) in palette.iter_mut().enumerate() {
         if !influences.iter().any(|i| usize::from(i.joint) == joint) {
             *matrix = [[f64::NAN; 3]; 4];

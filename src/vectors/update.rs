@@ -1,6 +1,6 @@
-//! Vectors of the update processor: objects whose vertices have moved, and what rewriting their bounds must write.
+//! Vectors of the update processor: objects with moved vertices, and the bounds that an update must write.
 //!
-//! All objects lie together in memories of their own, behind records of no meaning, and are updated one after another.
+//! All objects are in separate memories, each preceded by filler records, and are updated one after another.
 
 use super::layout::{Kind, Layout};
 use super::shape::Shape;
@@ -20,43 +20,43 @@ use std::collections::{BTreeSet, HashMap};
 
 use Kind::{Mask, Unsigned};
 
-/// Objects beside the scene's: small, their vertices full of coincidences and special values.
+/// Number of directed objects: small objects whose vertices contain many ties and special values.
 const DIRECTED: usize = 20;
-/// The most triangles of one of them: a tree over so many fits the fewest box registers, 2·log₂ 12 < 8.
+/// Maximum number of triangles of a directed object. Its tree fits the minimum number of box registers: 2·log₂ 12 < 8.
 const MOST_TRIANGLES: usize = 12;
-/// More records than one of them takes in any memory, guards included.
+/// An upper bound for the records of a directed object in any memory, including fillers.
 const ROOM: u64 = 40;
-/// By what part of the greatest side of its box an object's vertices move at most, in each coordinate.
+/// Maximum motion of a vertex per coordinate, as a fraction of the largest side of its object's box.
 const MOTION: f64 = 1.0 / 64.0;
 
-/// The write mask of a node: all lanes but that of the link word, the uppermost.
+/// The write mask of a node: all lanes except the uppermost one, the link word.
 const ALL_NUMBERS: u64 = (1 << (NODE_LANES - 1)) - 1;
 
-/// An object by itself: a tree over triangles, its vertices as they were when its bounds were written last, and as they are.
+/// One object: a tree over triangles, its vertices when its bounds were last written, and its current vertices.
 struct Object {
     tree: Tree,
     triangles: Vec<[u32; 3]>,
     before: Vec<[f64; 3]>,
     after: Vec<[f64; 3]>,
-    /// Whether the bounds in memory are those of `before`; else they are the NaN, for an update reads none.
+    /// Whether the bounds in memory are those of `before`. Otherwise they are NaN, because an update does not read bounds.
     has_bounds: bool,
 }
 
 /// The files of the update processor.
 pub struct UpdateSheets {
-    /// In the order in which they are listed.
+    /// The memory images in the order of the manifest.
     pub images: [Sheet; 4],
     pub commands: Sheet,
     pub writes: Sheet,
     pub after: Sheet,
     pub boxes: Sheet,
-    /// Instructions of all updates.
+    /// Number of instructions of all updates.
     pub instructions: u64,
-    /// What the programs were compiled for.
+    /// The parameters for which the programs were compiled.
     pub machine: UpdateMachine,
 }
 
-/// Labels of updates.
+/// Labels of the parts.
 const OF_SCENE: &str = "objects of the scene";
 const OF_NONE: &str = "directed objects";
 
@@ -67,32 +67,40 @@ impl Shape {
                 "low",
                 64,
                 Unsigned,
-                "bytes 0 to 7 of the row, the first least significant",
+                "bytes 0 to 7 of the row, byte 0 least significant",
             )
-            .field("high", 64, Unsigned, "bytes 8 to 15")
+            .field("high", 64, Unsigned, "bytes 8 to 15 of the row")
     }
 
     fn update_commands(&self) -> Layout {
         let index =
             |layout: Layout, name: &str, what: &str| layout.field(name, LINK_BITS, Unsigned, what);
-        let layout = index(Layout::default(), "program", "first row of the program");
-        let layout = index(layout, "rows", "rows that it has");
+        let layout = index(
+            Layout::default(),
+            "program",
+            "index of the program's first row",
+        );
+        let layout = index(layout, "rows", "number of rows of the program");
         let layout = index(layout, "vertex_base", "index of the object's first vertex");
         let layout = index(layout, "node_base", "index of the object's first node");
-        index(layout, "box_index", "index at which its box is written")
-            .field(
-                "first_write",
-                32,
-                Unsigned,
-                "line of update_node_writes.hex, from 0, of its first node",
-            )
-            .field("writes", 32, Unsigned, "nodes that it writes")
-            .field(
-                "instructions",
-                32,
-                Unsigned,
-                "instructions that it executes, end included",
-            )
+        index(
+            layout,
+            "box_index",
+            "index at which the object's box is written",
+        )
+        .field(
+            "first_write",
+            32,
+            Unsigned,
+            "line of the first written node in update_node_writes.hex, counted from 0",
+        )
+        .field("writes", 32, Unsigned, "number of nodes written")
+        .field(
+            "instructions",
+            32,
+            Unsigned,
+            "number of instructions executed, including the end instruction",
+        )
     }
 
     fn update_node_writes(&self) -> Layout {
@@ -102,7 +110,7 @@ impl Shape {
                 "mask",
                 NODE_LANES,
                 Mask,
-                "lanes written, always 15: the four numbers, left_lo least, and not the link word",
+                "lanes written, always 15: the four numbers (bit 0 for left_lo), not the link word",
             );
         for field in &Record::node(self.format).fields[..4] {
             layout = layout.field(field.name, field.width, Kind::Number, field.description);
@@ -112,10 +120,10 @@ impl Shape {
 }
 
 impl UpdateSheets {
-    /// Updates the objects of an image, and directed ones.
+    /// Updates the objects of an image and directed objects.
     ///
     /// # Errors
-    /// One line: an object for which the update processor has too few registers; a file that cannot be written.
+    /// One line if the update processor has too few registers for an object, or if a file cannot be written.
     pub fn write(
         folder: &Folder,
         config: &Config,
@@ -147,7 +155,7 @@ impl UpdateSheets {
             memory.guard(format, &mut rng);
             commands.push(memory.add(format, machine, &object)?);
         }
-        // Boxes in another order than the objects'.
+        // The order of the boxes differs from the order of the objects.
         let boxes = (0..commands.len() as u32).rev();
         for ((command, _), index) in commands.iter_mut().zip(boxes) {
             command.box_index = index;
@@ -157,19 +165,19 @@ impl UpdateSheets {
     }
 }
 
-/// The memories around the update processor.
+/// The memories of the update processor.
 #[derive(Default)]
 struct Memory {
     program: Vec<u8>,
     /// Words of [`Record::vertex`] and [`Record::node`] records.
     vertices: Vec<u32>,
     nodes: Vec<u32>,
-    /// Words of triangle records, which no update reads: they say which triangle a leaf is.
+    /// Words of triangle records. No update reads them; they give the triangle of each leaf.
     records: Vec<u32>,
 }
 
 impl Memory {
-    /// A record or two that no update may read or write, in each memory. Nodes and records go side by side.
+    /// Appends one or two filler records, which no update may read or write, to each memory. Nodes and records stay parallel.
     fn guard(&mut self, format: Format, rng: &mut fastrand::Rng) {
         let mut one_or_two = || rng.usize(1..=2);
         let rows = one_or_two() * Program::ROW_BYTES;
@@ -184,8 +192,8 @@ impl Memory {
         }
     }
 
-    /// Lays an object out behind what is there, its vertices moved and its bounds not yet; returns what updates it, and the
-    /// rows of its program.
+    /// Appends an object with moved vertices and old bounds; returns the command of its update, and the number of rows of its
+    /// program.
     fn add(
         &mut self,
         format: Format,
@@ -215,7 +223,7 @@ impl Memory {
             command.vertex_base,
         )?;
         if !has_bounds {
-            // The last slot has no node.
+            // The last slot contains no node.
             for node in placement.nodes.iter_mut().take(triangles.len() - 1) {
                 (node.left, node.right) = ([f64::NAN; 2], [f64::NAN; 2]);
             }
@@ -238,7 +246,7 @@ impl Memory {
         Ok((command, rows))
     }
 
-    /// The records of the memory that has most.
+    /// The number of records in the largest memory.
     fn most(&self, format: Format) -> u64 {
         let vertices = self.vertices.len() / Record::vertex(format).words();
         let nodes = self.nodes.len() / Record::node(format).words();
@@ -246,7 +254,7 @@ impl Memory {
         vertices.max(nodes).max(rows) as u64
     }
 
-    /// That the machine can address all of it.
+    /// Checks that the machine can address all records.
     fn check(&self, config: &Config) -> Result<()> {
         let most = self.most(config.format());
         ensure!(
@@ -357,7 +365,7 @@ impl Memory {
     }
 }
 
-/// A record that nothing reads: its numbers are the NaN, its other fields all ones, so that it is noticed if it is read.
+/// A record that nothing reads. Its numbers are NaN and its other fields are all ones, so any use of it changes a result.
 pub fn filler(record: &Record, format: Format) -> Vec<u32> {
     let mut words = vec![0; record.words()];
     let layout = Layout::default().record(record, format);
@@ -371,7 +379,7 @@ pub fn filler(record: &Record, format: Format) -> Vec<u32> {
     words
 }
 
-/// The objects of an image, each once, their vertices moved a little.
+/// Each object of an image once, with slightly moved vertices.
 fn objects_of(image: &MemoryImage, rng: &mut fastrand::Rng) -> Vec<Object> {
     let instances = image.instance_records().expect("a sound image");
     let mut roots = BTreeSet::new();
@@ -401,7 +409,7 @@ fn objects_of(image: &MemoryImage, rng: &mut fastrand::Rng) -> Vec<Object> {
         .collect()
 }
 
-/// A root as something that can be sorted.
+/// A sort key for a root.
 fn key(root: Target) -> (bool, u32) {
     match root {
         Target::Node(index) => (false, index),
@@ -409,7 +417,7 @@ fn key(root: Target) -> (bool, u32) {
     }
 }
 
-/// The tree below a root, its triangles and their vertices, numbered anew.
+/// The tree below a root with its triangles and vertices, renumbered from 0.
 fn taken_out(image: &MemoryImage, root: Target) -> (Tree, Vec<[u32; 3]>, Vec<[f64; 3]>) {
     let mut tree = Tree {
         nodes: vec![],
@@ -457,7 +465,7 @@ fn taken_out(image: &MemoryImage, root: Target) -> (Tree, Vec<[u32; 3]>, Vec<[f6
     (tree, triangles, vertices)
 }
 
-/// Vertices moved at random, each coordinate by up to [`MOTION`] of the greatest side of their box.
+/// Vertices moved at random, each coordinate by at most [`MOTION`] times the largest side of their box.
 fn moved(format: Format, vertices: &[[f64; 3]], rng: &mut fastrand::Rng) -> Vec<[f64; 3]> {
     let a = Arithmetic::new(format);
     let side = |i: usize| {
@@ -465,13 +473,13 @@ fn moved(format: Format, vertices: &[[f64; 3]], rng: &mut fastrand::Rng) -> Vec<
         coordinates().fold(f64::MIN, f64::max) - coordinates().fold(f64::MAX, f64::min)
     };
     let reach = MOTION * side(0).max(side(1)).max(side(2));
-    // A sum of +0 has no −0.
+    // Adding +0 turns −0 into +0.
     let mut coordinate = |x: f64| a.round(x + reach * (2.0 * rng.f64() - 1.0)) + 0.0;
     vertices.iter().map(|v| v.map(&mut coordinate)).collect()
 }
 
-/// A small object: triangles of any corners, a vertex that none uses, coordinates on a coarse grid before; after, some of
-/// them infinite or NaN.
+/// A small object: triangles with arbitrary corners, one unused vertex, coordinates on a coarse grid before the update; after it,
+/// some coordinates are infinite or NaN.
 fn directed(config: &Config, rng: &mut fastrand::Rng) -> Result<Object> {
     let count = rng.usize(1..=MOST_TRIANGLES);
     let vertices = rng.u32(3..=2 * MOST_TRIANGLES as u32);

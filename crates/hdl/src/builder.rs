@@ -1,4 +1,4 @@
-//! The description of one module, while it is being made.
+//! The description of one module.
 
 use super::design::{Direction, Module, Port};
 use super::error::HdlError;
@@ -12,22 +12,22 @@ use std::collections::hash_map::Entry;
 use std::panic::Location;
 use std::sync::Arc;
 
-/// A module that is being made.
+/// The state of a description.
 pub(super) struct Inner {
     pub ir: Netlist,
     pub delays: HashMap<Id, Id>,
     /// Reads by memory, address, and whether they are synchronous.
     pub reads: HashMap<(usize, Id, bool), Id>,
     pub pipelines: u32,
-    /// Nodes by what they compute: the same expression twice is one node.
+    /// Nodes by their expressions, so that equal expressions share one node.
     pub known: HashMap<(Op, u32, Option<Stage>), Id>,
-    /// The part in which is described what comes now; 0 outside of all.
+    /// The part to which the following statements belong; 0 outside of all parts.
     pub part: usize,
-    /// The module is complete; what is made now is for its properties.
+    /// Whether the module is complete, so that new nodes belong to its properties.
     pub formal: bool,
-    /// Whether expressions are simplified where literals and widths allow it.
+    /// Whether expressions are simplified if literals or widths permit it.
     pub simplifies: bool,
-    /// Changes that the description names, and where.
+    /// Changes that the description names, with their places.
     pub mutations: Vec<(Mutation, Place)>,
 }
 
@@ -62,7 +62,7 @@ pub struct Builder {
     error: RefCell<Option<HdlError>>,
 }
 
-/// Reserved in Verilog or SystemVerilog (tools read files as either), or taken for clock and reset.
+/// Words reserved in Verilog or SystemVerilog (tools may read files as either), and the names of clock and reset.
 pub(super) const KEYWORDS: &str = "\
     accept_on alias always always_comb always_ff always_latch and assert assign assume automatic before \
     begin bind bins binsof bit break buf bufif0 bufif1 byte case casex casez cell chandle checker class \
@@ -187,7 +187,7 @@ impl Builder {
         }
     }
 
-    /// Takes a name, which must be good and free.
+    /// Registers a name, which must be valid and unused.
     pub(super) fn claim(&self, name: &str, place: Place) {
         self.check_name(name, place);
         self.claim_unchecked(name, place);
@@ -212,7 +212,7 @@ impl Builder {
         }
     }
 
-    /// What is of the module itself comes before its properties.
+    /// The module's own logic must precede its properties.
     pub(super) fn must_be_open(&self, what: &str, name: &str, place: Place) {
         if self.inner.borrow().formal {
             let message = format!("{what} \"{name}\" is declared after the module's properties");
@@ -301,7 +301,7 @@ impl Builder {
         self.inner.borrow().simplifies
     }
 
-    /// Goes on in another part; returns the one that is left.
+    /// Continues in another part; returns the previous one.
     fn enter(&self, part: usize) -> usize {
         let mut inner = self.inner.borrow_mut();
         inner.ir.items.push(Item::Part(part));
@@ -519,7 +519,7 @@ impl Builder {
         )
     }
 
-    /// Two parts of a concatenation as one: neighbouring bits of one signal, or literals.
+    /// Joins two operands of a concatenation that are neighbouring bits of one signal, or literals.
     fn joined<'b>(&'b self, high: Signal<'b>, low: Signal<'b>, place: Place) -> Option<Signal<'b>> {
         let width = high.width() + low.width();
         if let (Some(a), Some(b)) = (high.literal(), low.literal()) {
@@ -617,7 +617,7 @@ impl Builder {
         Signal { builder: self, id }
     }
 
-    /// Delays staged signals until all are at the latest's stage. Literals go with any stage.
+    /// Delays staged signals to the latest stage among them. Literals have no stage.
     pub(super) fn align<'b>(
         &'b self,
         signals: &[Signal<'_>],
@@ -632,7 +632,7 @@ impl Builder {
                     signal.describe(),
                     signal.builder.name
                 );
-                // Whichever of them is finished says so.
+                // The builder that is finished first reports the mistake.
                 signal.builder.fail(place, &message);
                 self.fail(place, message);
                 return (vec![self.zero(1); signals.len()], None);
@@ -712,13 +712,13 @@ impl Builder {
         self.node(Op::Binary(op, a.id, b.id), width, stage, place)
     }
 
-    /// The value of an operation on literals, of at most 128 bits.
+    /// The value of an operation on literals of at most 128 bits.
     fn evaluate(&self, op: &Op, width: u32) -> Option<u128> {
         if width > 128 || !self.simplifies() {
             return None;
         }
         let inner = self.inner.borrow();
-        // What has a name is read by it.
+        // Do not simplify a named signal; its readers refer to the name.
         let literal = |id: &Id| match &inner.ir.nodes[*id] {
             Node {
                 op: Op::Literal(value),
@@ -774,7 +774,7 @@ impl Builder {
         })
     }
 
-    /// Simplifies what a literal makes trivial; lint rightly objects to it in the Verilog.
+    /// Simplifies operations that are trivial because of a literal; lint would report them in the Verilog.
     fn fold<'b>(&'b self, op: Binary, a: Signal<'b>, b: Signal<'b>) -> Option<Signal<'b>> {
         let (la, lb) = (a.literal(), b.literal());
         let full = |w: u32| if w >= 128 { u128::MAX } else { (1 << w) - 1 };
@@ -839,7 +839,7 @@ impl Builder {
         let (name, place) = (name.as_ref(), Location::caller());
         self.must_be_open("instance", name, place);
         self.claim(name, place);
-        // The stage, in this module, of the instance's stage 0.
+        // The stage in this module that corresponds to stage 0 of the instance.
         let mut base: Option<Stage> = None;
         for (index, (port, signal)) in inputs.iter().enumerate() {
             if !std::ptr::eq(signal.builder, self) {
@@ -862,7 +862,7 @@ impl Builder {
                 continue;
             };
             let Some(enters) = module.port(port).and_then(|p| p.stage) else {
-                // Reported below, where there is no such input.
+                // A missing input is reported below.
                 if module.port(port).is_some() {
                     let message = format!(
                         "instance {name}: input {port} has no stage, {} has one: use untimed",
@@ -1061,7 +1061,7 @@ impl Builder {
 #[derive(Clone)]
 pub struct Outputs<'b> {
     pub(super) builder: &'b Builder,
-    /// Among the builder's instances.
+    /// Index among the instances of the builder.
     pub(super) index: usize,
     place: Place,
     pub(super) module: String,

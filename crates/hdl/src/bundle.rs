@@ -115,7 +115,7 @@ pub struct Name<'a> {
 }
 
 impl<'a> Name<'a> {
-    /// The name of a bundle in no other; it may be empty.
+    /// The name of a bundle that is in no other bundle; it may be empty.
     fn root(own: &'a str) -> Name<'a> {
         Name { around: None, own }
     }
@@ -140,7 +140,7 @@ impl fmt::Display for Name<'_> {
 pub trait Shape {
     /// The bundle with leaves of type `T`.
     type Of<T>;
-    /// Whether the fields are named without the name of this bundle before theirs.
+    /// Whether the names of the fields omit the name of this bundle.
     const FLAT: bool = false;
 
     /// Calls `f` for every leaf, with its full name, in the order of the definition, and returns
@@ -370,7 +370,7 @@ pub trait Bundle: Sized + Clone {
 /// The bundle of the same shape as `B` with leaves of type `T`.
 pub type Like<B, T> = <<B as Bundle>::Shape as Shape>::Of<T>;
 
-/// Leaves of two bundles of one shape, in order.
+/// The leaves of two bundles of the same shape, in order.
 fn pairs<A: Bundle, U>(a: &A, b: Like<A, U>) -> Vec<(A::Leaf, U)> {
     let mut pairs = vec![];
     a.with(b, |a, b| pairs.push((a, b)));
@@ -642,7 +642,7 @@ impl<I: Bundle<Leaf = Spec>, O: Bundle<Leaf = Spec>> Ports<I, O> {
     }
 }
 
-/// Defines a connection that carries a payload. The names of the payload's fields do not mention it.
+/// Defines a connection with a payload. The names of the payload's fields do not include that of the payload.
 macro_rules! connection {
     ($(#[$meta:meta])* $name:ident { $($(#[$of:meta])* $field:ident),* }) => {
         $(#[$meta])*
@@ -707,7 +707,7 @@ connection! {
 }
 
 impl<P, T> Flow<P, T> {
-    /// Makes a flow of a valid bit and a payload.
+    /// Creates a flow from a valid bit and a payload.
     pub fn new(valid: T, payload: P) -> Self {
         Flow { valid, payload }
     }

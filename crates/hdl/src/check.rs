@@ -6,7 +6,7 @@ use super::ir::{Id, Netlist, Op};
 use std::collections::BTreeMap;
 
 impl Netlist {
-    /// The nodes that a node's value depends on without a register between.
+    /// The nodes on which a node depends without a register in between.
     pub(super) fn combinational_inputs(&self, id: Id) -> Vec<Id> {
         match &self.nodes[id].op {
             Op::Register(_) | Op::Read(_, _, _, true) => vec![],
@@ -68,7 +68,7 @@ pub(super) fn check(ir: &Netlist) -> Result<BTreeMap<String, Vec<String>>, HdlEr
         }
     }
     find_loop(ir).map_or(Ok(()), |cycle| {
-        // Named signals tell enough. A wire closes the loop: nothing else is used before it is made.
+        // Named signals are sufficient. Every loop contains a wire, because all other nodes are read only after they are made.
         let wire = |id: &Id| matches!(ir.nodes[*id].op, Op::Wire);
         let start = cycle.iter().position(wire).unwrap_or(0);
         let mut names: Vec<_> = cycle[start..]
@@ -109,7 +109,7 @@ fn reaching_inputs(ir: &Netlist, output: Id) -> Vec<String> {
     inputs
 }
 
-/// A cycle of nodes, if there is one.
+/// Returns a cycle of nodes, if there is one.
 fn find_loop(ir: &Netlist) -> Option<Vec<Id>> {
     #[derive(Clone, Copy, PartialEq)]
     enum Mark {

@@ -18,7 +18,7 @@ pub enum Direction {
     Output,
 }
 
-/// A port of a module. The clock `clk` and the reset `rst` are listed as ports too, where the
+/// A port of a module. The clock `clk` and the reset `rst` are listed as ports too, if the
 /// module has them.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Port {
@@ -43,17 +43,17 @@ pub struct Module {
     pub(super) ports: Vec<Port>,
     pub(super) children: Vec<Arc<Module>>,
     pub(super) printed: Printed,
-    /// The same where modules of the library stand with parameters, if it places any.
+    /// The text with library modules instantiated by parameters, if there are any.
     placing: Option<Printed>,
-    /// Of a module of the library: the text that it shares.
+    /// For a module of a library, the text shared by all its sizes.
     library: Option<Printed>,
-    /// Of a module in parts: as it is printed for all but properties.
+    /// For a module with parts, its printed form, except for properties.
     pub(super) outline: Option<Outline>,
-    /// For each output port (by name) the inputs that reach it through combinational logic.
+    /// For each output port (by name), the inputs that reach it through combinational logic.
     pub(super) paths: BTreeMap<String, Vec<String>>,
 }
 
-/// Modules are equal if their netlists are.
+/// Compares the netlists.
 impl PartialEq for Module {
     fn eq(&self, other: &Module) -> bool {
         self.ir == other.ir
@@ -178,7 +178,7 @@ impl Module {
         (self.outline.as_ref()).map_or(&[], |outline| outline.parts.as_slice())
     }
 
-    /// What is printed for all but properties.
+    /// The printed form, except for properties.
     fn shown(&self) -> &Printed {
         (self.outline.as_ref()).map_or(&self.printed, |outline| &outline.top.printed)
     }
@@ -200,7 +200,7 @@ impl Module {
         placed.flat_map(|placed| placed.parameters()).collect()
     }
 
-    /// What a design has of it by itself: modules of the library that it places stand with parameters.
+    /// The text in a design, in which library modules are instantiated by parameters.
     fn placing(&self) -> &Printed {
         let module = match &self.outline {
             Some(outline) => &outline.top,
@@ -256,7 +256,7 @@ impl Module {
     }
 }
 
-/// A text with other names for modules, which begin at `places`.
+/// A text with the names of modules, which start at `places`, replaced.
 pub(super) fn renamed(text: &str, places: &[usize], emitted: &dyn Fn(&str) -> String) -> String {
     let mut renamed = String::with_capacity(text.len());
     let mut done = 0;
@@ -322,7 +322,7 @@ impl std::str::FromStr for Prefix {
 pub struct Design {
     pub(super) modules: Vec<Arc<Module>>,
     pub(super) prefix: Prefix,
-    /// Whether simulators are to check properties.
+    /// Whether the Verilog contains properties for simulators.
     checked: bool,
 }
 
@@ -344,7 +344,7 @@ impl Design {
         Ok(design)
     }
 
-    /// Checks that a module of the library has a name of its own.
+    /// Checks that a library module's name is not used by another module.
     fn check_library(&self, module: &Module) -> Result<(), HdlError> {
         let Some(placed) = &module.ir.placed else {
             return Ok(());
@@ -422,7 +422,7 @@ impl Design {
     /// Returns the name of a module of this design in the emitted Verilog, with the prefix. Its
     /// file has the same name.
     pub fn module_name(&self, module: &Module) -> String {
-        // Of a module's properties many are about its numbers: checked, it stands by itself.
+        // Many properties of a module refer to its numbers, so with checks it is not shared.
         let by_itself = self.checked || std::ptr::eq(module, &**self.top());
         self.emitted(match by_itself {
             true => module.name(),

@@ -50,7 +50,7 @@ impl Module {
             .map_err(|what| format!("{}: {what}", self.name()))
     }
 
-    /// Compares a module in parts with what places them.
+    /// Compares a module with the modules of its parts.
     ///
     /// # Errors
     /// As [`Self::compare_outputs`].
@@ -63,7 +63,7 @@ impl Module {
     }
 }
 
-/// What an expression is, in terms of those that it is made of: equal ones have one number on both sides.
+/// An expression in terms of the numbers of its operands; equal expressions have the same number on both sides.
 #[derive(PartialEq, Eq, Hash)]
 enum Key {
     Input(String),
@@ -72,21 +72,21 @@ enum Key {
     Read(String, Id, bool),
     /// Instance and port.
     Output(String, String),
-    /// Operands are numbers of expressions.
+    /// An operation whose operands are numbers of expressions.
     Op(Op, u32),
 }
 
-/// State that an expression depends on, and whose own next state is to be compared.
+/// State on which an expression depends, and whose next state must be compared as well.
 enum State {
     Register(String),
     Memory(String),
     Instance(String),
 }
 
-/// A netlist, and where it is placed: what parts of a module do is compared as if it were done by the module itself.
+/// A netlist and its position in the hierarchy. Parts of a module are treated as if they were in the module itself.
 struct Scope<'a> {
     ir: &'a Netlist,
-    /// The scope that places it, and its instance there.
+    /// The parent scope, and the index of the instance there.
     within: Option<(usize, usize)>,
 }
 
@@ -95,7 +95,7 @@ type At = (usize, Id);
 
 struct Side<'a> {
     scopes: Vec<Scope<'a>>,
-    /// The scope of each part, by the instance that places it.
+    /// The scope of each part, by the instance of the part.
     parts: HashMap<(usize, usize), usize>,
     registers: HashMap<&'a str, At>,
     /// The name of each register.
@@ -104,7 +104,7 @@ struct Side<'a> {
 }
 
 impl<'a> Side<'a> {
-    /// A module, taken together with its parts where it places them.
+    /// Creates the scopes of a module and of its parts.
     fn new(module: &'a Module, parts: &'a [Arc<Module>]) -> Self {
         let mut side = Side {
             scopes: vec![],
@@ -128,7 +128,7 @@ impl<'a> Side<'a> {
         self.scopes.push(Scope { ir, within });
         let is_register = |id: Id| matches!(&ir.nodes[id].op, Op::Register(r) if !r.delay);
         for (id, node) in ir.nodes.iter().enumerate() {
-            // One that has the name of a port bears none itself.
+            // An element with the name of a port has no name of its own.
             let mut ports = ir.ports.iter();
             let port = || ports.find_map(|(port, of)| (*of == id).then_some(&port.name));
             if is_register(id)
@@ -158,7 +158,7 @@ impl<'a> Side<'a> {
         instances.find(|(_, instance)| instance.name == name)
     }
 
-    /// What a node is where it is computed: behind wires, and behind ports of parts.
+    /// The node that computes a value, behind wires and behind ports of parts.
     fn origin(&self, (scope, id): At) -> At {
         let ir = self.ir(scope);
         let node = &ir.nodes[id];
@@ -301,7 +301,7 @@ impl<'a> Matching<'a> {
         a.module.compare_outputs(&b.module)
     }
 
-    /// The number of the expression that a node is.
+    /// The number of a node's expression.
     fn number(&mut self, side: usize, at: At) -> Id {
         if let Some(known) = self.sides[side].numbers.get(&at) {
             return *known;
@@ -329,7 +329,7 @@ impl<'a> Matching<'a> {
             }
             Op::Register(register) if !register.delay => {
                 let name = self.sides[side].names.get(&(scope, id));
-                // One without a name corresponds to none.
+                // An element without a name has no counterpart.
                 let name = name.map_or_else(
                     || format!("{scope}.{id} of {side}"),
                     |name| name.to_string(),
@@ -349,7 +349,7 @@ impl<'a> Matching<'a> {
                 Key::Output(instance.name.clone(), port.clone())
             }
             Op::Slice(of, low) => {
-                // A slice of a slice is one slice.
+                // Merge a slice of a slice into one slice.
                 let (mut of, mut lowest) = (self.sides[side].origin((scope, *of)), *low);
                 while let Op::Slice(whole, low) = &self.sides[side].ir(of.0).nodes[of.1].op {
                     lowest += low;

@@ -9,7 +9,7 @@ use std::panic::Location;
 pub struct HdlError {
     /// The name of the module.
     pub module: String,
-    /// What is wrong.
+    /// A description of the mistake.
     pub message: String,
     /// The place in the Rust source that describes the module.
     pub place: &'static Location<'static>,

@@ -30,7 +30,7 @@ interface! {
     }
 }
 
-/// Widths and depths of queues that tell the parameters apart.
+/// Sample widths and depths that distinguish the parameters.
 const SAMPLES: &[(u32, u32)] = &[(32, 16), (11, 5), (47, 23)];
 
 const PARAMETERS: &[Parameter] = &[
@@ -66,7 +66,7 @@ pub fn fifo(registers_front: bool, width: u32, depth: u32) -> Result<Arc<Module>
     library.module(&(width, depth))
 }
 
-/// Returns the place behind another in a memory of `depth` words, the first behind the last.
+/// Returns the address after another one in a memory of `depth` words; the first follows the last.
 pub(crate) fn next_place(place: Signal<'_>, depth: u32) -> Signal<'_> {
     let m = place.module();
     let is_last = place.equals(u128::from(depth) - 1);
@@ -74,7 +74,7 @@ pub(crate) fn next_place(place: Signal<'_>, depth: u32) -> Signal<'_> {
     is_last.mux(m.zero(place.width()), next)
 }
 
-/// Lets a register count what has come and not yet gone.
+/// Lets a register count arrivals minus departures.
 pub(crate) fn track<'b>(count: &Reg<'b>, comes: Signal<'b>, goes: Signal<'b>) {
     let one = comes.module().lit(1u8, count.q.width());
     count.next_when(comes ^ goes, comes.mux(count.q + one, count.q - one));
@@ -93,7 +93,7 @@ fn describe(registered: bool, width: u32, depth: u32) -> Result<Arc<Module>, Hdl
 
     let bits = bits_for(u64::from(depth));
     let count_bits = bits_for(u64::from(depth) + 1);
-    // Of a front in a register, only where the word behind it is stored.
+    // With the front word in a register, only if the next word is stored.
     let head = match registered {
         false => m.reg_reset("head", bits, 0),
         true => m.reg_reset("behind", bits, u128::from(1 % depth)),

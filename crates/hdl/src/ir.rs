@@ -1,4 +1,4 @@
-//! A module as data: what the builder makes, and what is checked, printed and changed.
+//! A module as data, which the builder creates and which is checked, printed and changed.
 //!
 //! Nothing here refers to the builder, and everything is owned: a netlist can be shared between threads and outlives
 //! the description that made it.
@@ -32,7 +32,7 @@ pub(super) enum Binary {
 }
 
 impl Binary {
-    /// Whether a chain of it needs no parentheses.
+    /// Whether a chain of this operator needs no parentheses.
     pub fn is_associative(self) -> bool {
         matches!(self, Binary::And | Binary::Or | Binary::Xor | Binary::Add)
     }
@@ -50,31 +50,31 @@ pub(super) enum Op {
     /// Most significant part first.
     Concat(Vec<Id>),
     Repeat(Id, u32),
-    /// Operand and least significant bit; the width is the node's.
+    /// Operand and lowest bit; the width is that of the node.
     Slice(Id, u32),
-    /// Word, and the number of one of its bits.
+    /// A word, and the number of one of its bits.
     Bit(Id, Id),
     Any(Id),
     All(Id),
     Parity(Id),
     Wire,
     Register(Register),
-    /// Memory, copy of it, address, and whether the read is synchronous.
+    /// Memory, number of its copy, address, and whether the read is synchronous.
     Read(usize, usize, Id, bool),
     /// Instance and index of its port.
     Instance(usize, usize),
-    /// Of properties: a value that is any, and stays.
+    /// For properties: an arbitrary constant value.
     AnyConst,
-    /// Of properties: any value, at each clock another.
+    /// For properties: an arbitrary value in each cycle.
     AnySeq,
-    /// Of properties: a word of a memory, at an address, as it is stored.
+    /// For properties: the stored word of a memory at an address.
     Peek(usize, Id),
-    /// Of properties: a signal inside an instance, by its node there.
+    /// For properties: a signal inside an instance, by its node there.
     Inside(usize, Id),
 }
 
 impl Op {
-    /// The same operation on other operands. A register's are its next value, then its enable.
+    /// The same operation with other operands. The operands of a register are its next value, then its enable.
     pub fn map(&self, at: &mut dyn FnMut(Id) -> Id) -> Op {
         match self {
             Op::Not(a) => Op::Not(at(*a)),
@@ -122,19 +122,19 @@ pub(super) struct Register {
     pub next: Option<Id>,
     pub enable: Option<Id>,
     pub reset: Option<u128>,
-    /// What it holds before the first clock, in simulation.
+    /// Its value before the first clock edge in simulation.
     pub initial: Option<u128>,
-    /// A delay register belongs to the pipeline, not to the module's state.
+    /// Whether it is a pipeline register, which is not part of the module's state.
     pub delay: bool,
 }
 
-/// What a node is called if it gets a name in the Verilog.
+/// The suggested name of a node, if it needs a name in the Verilog.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct Hint {
     pub name: String,
-    /// The node behind whose name it goes.
+    /// The node whose name is the prefix.
     pub after: Option<Id>,
-    /// A field of a word: it gets a name wherever it is read.
+    /// Whether the node is a field of a word, which is named wherever it is read.
     pub field: bool,
 }
 
@@ -146,14 +146,14 @@ pub(super) struct Node {
     pub hint: Option<Hint>,
     pub place: Place,
     pub stage: Option<Stage>,
-    /// Delay registers of this signal are cleared by reset.
+    /// Whether reset clears the pipeline registers of this signal.
     pub cleared: bool,
-    /// Made for properties: the module's Verilog does without it.
+    /// Whether it was made for properties and is not in the module's Verilog.
     pub formal: bool,
 }
 
 impl Node {
-    /// Whether a slice is a word's part that has a name.
+    /// Whether it is a slice that is a named part of a word.
     pub fn is_part(&self) -> bool {
         self.name.is_some() || self.hint.as_ref().is_some_and(|hint| hint.after.is_some())
     }
@@ -172,37 +172,37 @@ pub(super) struct InstanceData {
 /// A place that reads a node.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
 pub(super) enum Root {
-    /// Every reader of a node; what it computes itself is read there, so to speak.
+    /// All readers of a node at once, for the place where it is computed.
     Value(Id),
-    /// A wire.
+    /// The driver of a wire.
     Driver(Id),
-    /// A register.
+    /// The next value of a register.
     Next(Id),
     Enable(Id),
-    /// What reads a memory.
+    /// The address of a memory's read port.
     Address(Id),
     /// A memory's write port: enable, address, data.
     Write(usize, usize),
-    /// An instance and its input.
+    /// An instance, and the number of its input.
     Input(usize, usize),
-    /// A port.
+    /// An output port.
     Output(usize),
 }
 
-/// What is printed, in order.
+/// The statements to print, in order.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) enum Item {
     Node(Id),
-    /// A wire's driver or a register's next value.
+    /// The driver of a wire, or the next value of a register.
     Drive(Id),
     Comment(String),
     Instance(usize),
     Memory(usize),
-    /// What follows is described in a part, by its number from 1 on; 0 is the module itself.
+    /// The following statements belong to a part, numbered from 1; 0 is the module itself.
     Part(usize),
 }
 
-/// A part of a module that is printed as a module of its own.
+/// A part of a module that is printed as a separate module.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct PartData {
     pub name: String,
@@ -210,7 +210,7 @@ pub(super) struct PartData {
     pub place: Place,
 }
 
-/// Properties that are proved together, and what of the module may be anything meanwhile.
+/// Properties that are proved together, and the signals that are arbitrary in the proof.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct ProofData {
     pub name: String,
@@ -219,20 +219,20 @@ pub(super) struct ProofData {
     pub assumes: Vec<(String, Id)>,
     pub asserts: Vec<(String, Id)>,
     pub covers: Vec<(String, Id)>,
-    /// Signals that have any value at each clock, whatever drives them.
+    /// Signals with an arbitrary value in each cycle, independent of their drivers.
     pub cut: Vec<Id>,
-    /// Instances that stay; all others have outputs of any value.
+    /// Instances with their actual logic; the outputs of all others are arbitrary.
     pub kept: Vec<usize>,
-    /// Clocks that a step of the induction looks back.
+    /// The number of cycles that an induction step looks back.
     pub depth: u32,
-    /// Whether memories stay arrays for the solver; else each word is a register.
+    /// Whether memories remain arrays for the solver; otherwise each word is a register.
     pub arrays: bool,
-    /// Faults that the proof must find, in words.
+    /// Faults that the proof must detect, with descriptions.
     pub faults: Vec<(String, Mutation)>,
 }
 
 impl ProofData {
-    /// All the nodes that it speaks of.
+    /// All nodes to which it refers.
     pub fn nodes(&mut self) -> impl Iterator<Item = &mut Id> {
         let said = self.assumes.iter_mut().chain(&mut self.asserts);
         let said = said.chain(&mut self.covers).map(|(_, id)| id);
@@ -240,7 +240,7 @@ impl ProofData {
     }
 }
 
-/// A module's hierarchy level: its nodes and what connects them.
+/// One level of the hierarchy: the nodes of a module and their connections.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct Netlist {
     pub name: String,
@@ -248,25 +248,25 @@ pub(super) struct Netlist {
     pub place: Place,
     pub nodes: Vec<Node>,
     pub items: Vec<Item>,
-    /// What drives each wire and register.
+    /// The driver of each wire and register.
     pub drivers: HashMap<Id, Id>,
-    /// Where each wire or register is driven.
+    /// The place of each driver in the Rust source.
     pub driven_at: HashMap<Id, Place>,
     pub instances: Vec<InstanceData>,
     pub memories: Vec<MemoryData>,
     /// Ports in order, with the node of each.
     pub ports: Vec<(Port, Id)>,
-    /// Names that are taken, and where.
+    /// Used names, and the places of their declarations.
     pub names: HashMap<String, Place>,
-    /// What is printed as modules of its own.
+    /// The parts that are printed as separate modules.
     pub parts: Vec<PartData>,
     pub proofs: Vec<ProofData>,
-    /// What of the library it is.
+    /// Its library and parameters, if it belongs to one.
     pub placed: Option<Placed>,
 }
 
 impl Netlist {
-    /// A module of nothing.
+    /// Creates an empty module.
     pub fn new(name: String, doc: String, place: Place) -> Self {
         Netlist {
             name,

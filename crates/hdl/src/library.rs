@@ -17,7 +17,7 @@ pub struct Parameter {
     pub name: &'static str,
     /// The comment that is printed after the declaration.
     pub doc: &'static str,
-    /// Whether the parameter is one bit, which selects between two variants, rather than a number.
+    /// Whether the parameter is one bit that selects between two variants; otherwise it is a number.
     pub flag: bool,
 }
 
@@ -48,7 +48,7 @@ pub(super) struct Parameterised {
     pub template: Template,
 }
 
-/// What a module is printed as where it is placed.
+/// The library module and the parameters of an instance.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct Placed {
     pub module: Arc<Parameterised>,
@@ -169,13 +169,13 @@ mod tests {
     use super::*;
     use crate::{Builder, Design};
 
-    /// How a counter is described: in a few ways that are none of a library.
+    /// Variants of a counter's description, some of which are invalid in a library.
     #[derive(Clone, Copy, PartialEq)]
     enum Way {
         Plain,
-        /// Of 8 bits it has a second output.
+        /// The counter of 8 bits has a second output.
         Another,
-        /// It counts in steps of its width squared.
+        /// The counter counts in steps of its width squared.
         Squared,
     }
 
@@ -240,7 +240,7 @@ mod tests {
             "{}",
             files[1].1
         );
-        // By itself a size has no parameters.
+        // A module alone has no parameters.
         let alone = design.module("counter_7").unwrap();
         assert!(
             alone.verilog().contains("count <= count + 7'd6;"),
@@ -285,7 +285,7 @@ mod tests {
             squared.contains("[64, 144] does not follow from a parameter"),
             "{squared}"
         );
-        // One sample does not tell that the number is no constant; the module that is asked for does.
+        // One sample cannot show that a number is not constant; the requested member does.
         let squared = message(Way::Squared, 9, &[8]);
         assert!(squared.contains("is not"), "{squared}");
     }

@@ -30,8 +30,8 @@ pub(super) struct MemoryData {
 }
 
 /// A memory with one write port and any number of read ports. Each read port has a copy of the
-/// memory, since a RAM has one read port beside its write port; two reads at the same address
-/// signal share a port.
+/// memory, because a RAM has one read port in addition to its write port; two reads at the same
+/// address signal share a port.
 ///
 /// # Read during write
 ///
@@ -93,7 +93,7 @@ impl Builder {
 }
 
 impl<'b> Memory<'b> {
-    /// Whether an address can be the memory's; what is wrong with it is reported.
+    /// Checks an address and reports a mistake; returns whether it is valid.
     fn check_address(&self, address: Signal<'b>, place: Place) -> bool {
         let (depth, name) = {
             let inner = self.builder.inner.borrow();

@@ -1,7 +1,7 @@
-//! A module in parts as modules: one for each part, and one that places them.
+//! Divides a module with parts into one module per part, and one that instantiates them.
 //!
-//! The module's netlist stays whole for properties and mutations; its parts are made when it is finished, and compared with it: what is
-//! proved of the whole holds of what is printed.
+//! Properties and mutations use the undivided netlist. The modules of the parts are made when the module is finished and compared with
+//! it, so proofs about the undivided netlist hold for the printed modules.
 
 use super::design::{Direction, Module, Port};
 use super::error::HdlError;
@@ -10,17 +10,17 @@ use super::verilog::{Borders, Printer, slice_of};
 use std::collections::{BTreeSet, HashMap};
 use std::sync::Arc;
 
-/// A module in parts, as it is printed.
+/// The printed form of a module with parts.
 #[derive(Debug)]
 pub(super) struct Outline {
-    /// The module of the same name and ports, which places the parts.
+    /// The module with the same name and ports that instantiates the parts.
     pub top: Arc<Module>,
     pub parts: Vec<Arc<Module>>,
-    /// For the module's top and then each part: which of its nodes are the whole's.
+    /// For the top module and then for each part, the correspondence of its nodes to those of the whole.
     pub numbers: Vec<HashMap<Id, Id>>,
 }
 
-/// The parts of a module as modules; `None` where it has none.
+/// The modules of a module's parts; `None` if it has no parts.
 pub(super) fn outline(printer: &Printer<'_>) -> Result<Option<Outline>, HdlError> {
     let ir = printer.plan.ir;
     let Some(borders) = &printer.plan.borders else {
@@ -67,7 +67,7 @@ pub(super) fn outline(printer: &Printer<'_>) -> Result<Option<Outline>, HdlError
     }))
 }
 
-/// The module that is taken apart.
+/// The module to divide.
 struct Whole<'a> {
     ir: &'a Netlist,
     printer: &'a Printer<'a>,
@@ -75,7 +75,7 @@ struct Whole<'a> {
 }
 
 impl Whole<'_> {
-    /// How a part is called where others say what comes from it or goes to it.
+    /// The name of a part in the headings of other parts.
     fn name(&self, part: usize) -> &str {
         match part {
             0 => &self.ir.name,
@@ -83,7 +83,7 @@ impl Whole<'_> {
         }
     }
 
-    /// The heading of an input of a part: that of the module's port that it is, or where it comes from.
+    /// The heading of an input of a part: that of the module's port, or the part from which it comes.
     fn from(&self, id: Id) -> String {
         let plan = &self.printer.plan;
         let (of, _) = slice_of(plan, id);
@@ -116,16 +116,16 @@ impl Whole<'_> {
     }
 }
 
-/// Makes the netlist of a part, or of what places the parts.
+/// Creates the netlist of a part, or of the module that instantiates the parts.
 struct Maker<'a> {
     whole: &'a Whole<'a>,
     part: usize,
     made: Netlist,
-    /// For each node of the whole that is here, or comes in, its node here.
+    /// For each node of the whole that is in this part, or is an input of it, its node in the part.
     numbers: HashMap<Id, Id>,
-    /// The nodes of this part that others read.
+    /// The nodes of this part that other parts read.
     leaves: BTreeSet<Id>,
-    /// The instance of each part, in the module that places them.
+    /// The instance of each part, in the module that instantiates them.
     placed: Vec<usize>,
 }
 
@@ -166,7 +166,7 @@ impl<'a> Maker<'a> {
         self.made.nodes.len() - 1
     }
 
-    /// The node here of what the whole reads.
+    /// The node in this part for a node of the whole.
     fn at(&self, id: Id) -> Id {
         let plan = &self.whole.printer.plan;
         let id = plan.stands[id];
@@ -192,7 +192,7 @@ impl<'a> Maker<'a> {
         self.made.ports.push((port, node));
     }
 
-    /// What comes into a part; what leaves it gets its nodes later.
+    /// Creates the inputs of a part; its outputs get their nodes later.
     fn ports_of_part(&mut self) {
         let (whole, borders) = (self.whole, self.whole.borders);
         let plan = &whole.printer.plan;
@@ -206,7 +206,7 @@ impl<'a> Maker<'a> {
         }
     }
 
-    /// The wires between parts, and a place for each part.
+    /// Creates the wires between parts, and an instance of each part.
     fn place_parts(&mut self, parts: &[Arc<Module>]) {
         let (whole, borders) = (self.whole, self.whole.borders);
         let plan = &whole.printer.plan;
@@ -215,7 +215,7 @@ impl<'a> Maker<'a> {
             .push(Item::Comment("Between the parts.".into()));
         for part in 1..=parts.len() {
             for id in borders.leaves(plan, part) {
-                // What is a port of the module needs no wire.
+                // A port of the module needs no wire.
                 let name = (!whole.printer.names.port[id]).then(|| self.name(id));
                 let wire = self.add(id, Op::Wire, name);
                 self.made.items.push(Item::Node(wire));
@@ -233,13 +233,13 @@ impl<'a> Maker<'a> {
         }
     }
 
-    /// What the whole has of this part.
+    /// Copies the nodes of the whole that belong to this part.
     fn make(&mut self) {
         let whole = self.whole;
         let plan = &whole.printer.plan;
         let has = &whole.borders.has[self.part];
         for &id in has {
-            // Its operands may come later.
+            // The operands may be made later.
             let number = self.add(id, Op::Input, None);
             self.numbers.insert(id, number);
         }
@@ -279,7 +279,7 @@ impl<'a> Maker<'a> {
         self.items(&memories, &instances);
     }
 
-    /// A node's name and its hint: it is called here as in the whole.
+    /// A node's name and its hint, which are the same as in the whole.
     fn naming(&self, id: Id) -> (Option<String>, Option<Hint>) {
         let plan = &self.whole.printer.plan;
         let called = |name| Hint {
@@ -296,7 +296,7 @@ impl<'a> Maker<'a> {
                 let hint = plan.hints[id].clone().filter(|hint| hint.after.is_none());
                 (None, hint)
             }
-            // Where it is the module's port it is so here.
+            // A port of the module stays a port here.
             _ if self.part == 0 && self.whole.printer.names.port[id] => (None, None),
             (None, Op::Register(_)) => (Some(self.name(id)), None),
             _ => (None, Some(called(self.name(id)))),
@@ -343,7 +343,7 @@ impl<'a> Maker<'a> {
         numbers
     }
 
-    /// The items of this part in their order, each part placed where its description ends.
+    /// The items of this part in order, with each instance of a part at the end of the part's description.
     fn items(&mut self, memories: &HashMap<usize, usize>, instances: &HashMap<usize, usize>) {
         let whole = self.whole;
         let has = &whole.borders.has[self.part];
@@ -410,7 +410,7 @@ impl<'a> Maker<'a> {
         self.made.items.extend(drives);
     }
 
-    /// The ports of the whole.
+    /// Creates the ports of the whole.
     fn ports_of_whole(&mut self) {
         for (port, id) in &self.whole.ir.ports {
             let place = self.whole.ir.nodes[*id].place;
@@ -434,7 +434,7 @@ mod tests {
         m.finish().unwrap()
     }
 
-    /// Requests wait in a list; what is listed is summed, unless told to wait.
+    /// A unit that stores requests in a list and sums them, unless told to wait.
     fn unit(in_parts: bool) -> Arc<Module> {
         let m = Builder::new("unit", "lists and sums.");
         let part = |name: &str, doc: &str, describe: &dyn Fn()| match in_parts {
@@ -494,7 +494,7 @@ mod tests {
             ports.map(|port| port.name.clone()).collect()
         };
         use Direction::{Input, Output};
-        // A field crosses, not the word that it is of.
+        // The field crosses the boundary, not its word.
         assert_eq!(
             ports("unit_list", Input),
             ["clk", "rst", "valid", "words_write_data", "taken"]
@@ -527,7 +527,7 @@ mod tests {
         assert_eq!((compared.outputs, compared.registers), (4, 1));
         assert_eq!((compared.memories, compared.instances), (1, 1));
         assert_eq!(whole.compare_outputs(&parts), Ok(compared));
-        // Whatever is changed in the whole, the parts of what it was differ from it.
+        // After any change of the whole, its parts differ from the original ones.
         let mutations = parts.mutations();
         assert!(mutations.len() > 20, "only {} mutations", mutations.len());
         for site in mutations {

@@ -4,11 +4,11 @@ use super::builder::Builder;
 use super::signal::Signal;
 use std::panic::Location;
 
-/// Where in which pipeline of a module a signal is.
+/// The pipeline and the stage of a signal.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub(super) struct Stage {
     pub pipeline: u32,
-    /// Registers since the pipeline's inputs.
+    /// Number of registers since the pipeline's inputs.
     pub at: u32,
 }
 

@@ -1,4 +1,4 @@
-//! Reads a stream from memory ahead of its use, and counts what is in flight in a place of limited room.
+//! A prefetcher, which reads a stream from memory ahead of its use, and a counter of words in flight.
 
 mod properties;
 
@@ -46,9 +46,9 @@ interface! {
     }
 }
 
-/// Places a reader that takes addresses while it has room for their words, requests the words through a tagged read port, whose
-/// responses may come in any order, and shows the words in the order of the addresses. `name` is the name of the module, `instance` that
-/// of the instance. With `registers_arrival` it is a register whether the word at the head has arrived.
+/// Instantiates a prefetcher. It accepts addresses while it has room for their words, requests the words through a tagged read port,
+/// whose responses may come in any order, and presents the words in the order of the addresses. `name` is the name of the module,
+/// `instance` that of the instance. With `registers_arrival` a register says whether the word at the head has arrived.
 ///
 /// # Errors
 /// None for a depth of at least 1.
@@ -69,7 +69,7 @@ pub fn prefetch<'b>(
     Ok(ports.place(instance, word.module(), &module, inputs))
 }
 
-/// Bits of a word, slots, bits of an address.
+/// Width of a word, number of slots, width of an address.
 struct Sizes {
     width: u32,
     depth: u32,
@@ -162,13 +162,13 @@ fn describe(registers_arrival: bool, name: &str, sizes: &Sizes) -> Result<Arc<Mo
     let head_arrived = arrived.q.bit_numbered(head.q).named("head_arrived");
     let is_there = (registered.as_ref()).map_or(head_arrived, |(is_there, ..)| is_there.q);
     let advance = (is_there & (!front_valid.q | pop)).named("advance");
-    // What leaves the count: a clock later where nothing else fits in a clock with who pops. The front word is there by then.
+    // The departure from the count is one cycle late if the clock permits no other logic in the cycle of `pop`. The front word is present by then.
     let mut leaves = advance;
     let mut arrived_behind = None;
     if let Some((is_there, second, freed)) = registered {
         freed.next(advance);
         leaves = freed.q;
-        // As of the clock before: the slot that an advance frees is not the one whose turn comes.
+        // The value of the previous cycle is sufficient: the slot freed by an advance is not the next one in turn.
         let second_arrived = (arrived.q.bit_numbered(second.q)).named("second_arrived");
         arrived_behind = Some(second_arrived);
         is_there.next(advance.mux(second_arrived, head_arrived));
@@ -222,22 +222,22 @@ fn describe(registers_arrival: bool, name: &str, sizes: &Sizes) -> Result<Arc<Mo
     m.finish()
 }
 
-/// A counter of what is in flight in a place of limited room.
+/// A counter of words in flight for a store with limited room.
 #[derive(Clone)]
 pub struct Occupancy<'b> {
     /// Whether there is room for one more.
     pub room: Signal<'b>,
     /// Whether anything is in flight.
     pub any: Signal<'b>,
-    /// How much is in flight.
+    /// The number of words in flight.
     pub count: Signal<'b>,
     most: u32,
-    /// Whether there is room is a register.
+    /// Whether `room` is a register.
     registered: bool,
 }
 
 impl<'b> Occupancy<'b> {
-    /// Makes a counter called `name` for a place with room for `most`. With `registered` it is a register whether there is room.
+    /// Creates a counter called `name` for at most `most` words. With `registered`, `room` is a register.
     pub fn new(
         registered: bool,
         m: &'b Builder,
@@ -269,7 +269,7 @@ impl<'b> Occupancy<'b> {
         }
     }
 
-    /// Where it is a register whether there is room: that it says so.
+    /// Asserts the value of `room` if it is a register.
     pub fn assert_room(&self, proof: &Proof<'b>) {
         if self.registered {
             proof.assert(

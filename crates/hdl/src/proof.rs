@@ -129,12 +129,12 @@ impl<'b> Proof<'b> {
         change(&mut self.builder.inner.borrow_mut().ir.proofs[self.index])
     }
 
-    /// A name for what only this proof has.
+    /// The name of an element that exists only in this proof.
     fn name(&self, name: &str) -> String {
         self.data(|data| format!("f_{}_{name}", data.name))
     }
 
-    /// A condition as it is at its stage.
+    /// A condition at its stage, without the stage.
     #[track_caller]
     fn bit(&self, what: &str, condition: Signal<'b>) -> Id {
         let place = Location::caller();
@@ -424,7 +424,7 @@ impl Module {
         renamed(&text, &modules, emitted)
     }
 
-    /// A module of the same ports whose outputs are any value at each clock.
+    /// A module with the same ports whose outputs are arbitrary in each cycle.
     fn of_any_value(&self, name: String) -> String {
         let mut ports = vec![];
         let mut body = String::new();
@@ -457,7 +457,7 @@ mod tests {
         name.to_string()
     }
 
-    /// A value that waits for others, a word that is kept, a counter inside: what properties speak of.
+    /// A module for tests of properties: a delayed value, a stored word, a counter.
     fn child() -> Arc<Module> {
         let m = Builder::new("child", "counts.");
         let count = m.reg_reset("count", 3, 0);
@@ -538,7 +538,7 @@ mod tests {
                 "{line}: {what}"
             );
         }
-        // Registers of a delay line where they are, the word where it is stored, the counter where it counts.
+        // Properties find registers of a delay line, stored words and counters at their places in the parts.
         for part in [
             "sum_delay[0]",
             "wire [7:0] sum_s3 = sum_delay[2];",

@@ -114,7 +114,7 @@ impl<'b> Signal<'b> {
         let mut inner = self.builder.inner.borrow_mut();
         let formal = inner.formal;
         let node = &mut inner.ir.nodes[self.id];
-        // A name for properties is none for what the module computes without them.
+        // A name given for properties does not apply to nodes of the module itself.
         let free = (node.hint.as_ref()).is_none_or(|hint| field && !hint.field);
         if free && (node.formal || !formal) && !matches!(node.op, Op::Literal(_)) {
             let name = name.to_string();
@@ -131,7 +131,7 @@ impl<'b> Signal<'b> {
         self.field(lsb, width).as_part(name.as_ref(), false)
     }
 
-    /// A slice of a word as its part `name`; what is a signal of its own stays that.
+    /// A slice of a word with the name of its part; other signals do not change.
     pub(super) fn as_part(self, name: &str, field: bool) -> Signal<'b> {
         let inner = self.builder.inner.borrow();
         let node = &inner.ir.nodes[self.id];
@@ -159,7 +159,7 @@ impl<'b> Signal<'b> {
     }
 
     pub(super) fn restaged(self, stage: Option<Stage>, place: Place) -> Signal<'b> {
-        // A slice of all bits: the same signal under another stage.
+        // A slice of all bits gives the same signal with another stage.
         self.builder
             .node(Op::Slice(self.id, 0), self.width(), stage, place)
     }
@@ -293,13 +293,13 @@ impl<'b> Signal<'b> {
             let inner = self.builder.inner.borrow();
             let node = &inner.ir.nodes[self.id];
             match &node.op {
-                // A slice of a slice is one slice, unless that is known under a name.
+                // Merge a slice of a slice into one slice, unless the inner slice has a name.
                 Op::Slice(of, base)
                     if inner.ir.nodes[*of].stage == node.stage && !node.is_part() =>
                 {
                     (node.stage, *of, base + low)
                 }
-                // A slice within one part of a concatenation is that part's.
+                // A slice within one operand of a concatenation is a slice of that operand.
                 Op::Concat(parts) => {
                     let mut base = node.width;
                     let mut found = None;
@@ -616,7 +616,7 @@ impl<'b> ops::Not for Signal<'b> {
             let inner = self.builder.inner.borrow();
             let node = &inner.ir.nodes[self.id];
             match &node.op {
-                // What has a name is not looked into, for its reader's sake.
+                // Do not look into a named signal; the reader refers to the name.
                 _ if node.name.is_some() => None,
                 Op::Not(a) if inner.ir.nodes[*a].stage == node.stage => {
                     return Signal {

@@ -80,7 +80,7 @@ pub struct Built {
 /// The C interface between this module and Verilator's class.
 const SHIM: &str = include_str!("shim.cpp");
 
-/// Verilator's options. Its output is split finely: [`compile`] joins the pieces into a unit per core.
+/// Verilator's options. Its output is split into small files; [`compile`] joins them into one unit per core.
 const VERILATE: &[&str] = &[
     "--cc",
     "-O3",
@@ -99,8 +99,8 @@ const VERILATE: &[&str] = &[
     "Vmodel",
 ];
 
-/// Options of every compilation. Nothing but the shim's functions is visible, so that models loaded side by
-/// side share no symbol, and none is unique to the process, so that a library can be unloaded.
+/// Options of every compilation. Only the shim's functions are exported, so models loaded at the same time share no
+/// symbols. No symbol is unique to the process, so a library can be unloaded.
 const COMPILE: &[&str] = &[
     "-std=gnu++17",
     "-fPIC",
@@ -114,14 +114,14 @@ const COMPILE: &[&str] = &[
     "-DVM_TRACE_VCD=0",
 ];
 
-/// Options for code that does not run every clock: Verilator's runtime library, and constructors.
+/// Options for code that does not run in every cycle: Verilator's runtime library, and constructors.
 const RUNTIME_OPT: &str = "-Os";
 const SLOW_OPT: &str = "-O0";
 
 /// Text of C++ that is worth a compiler process of its own, in bytes. Each process reads the headers of the model again.
 const UNIT_BYTES: u64 = 300_000;
 
-/// The same where the compiler does not optimise, and so takes less time for the text than for the headers.
+/// The same without optimisation, where the source takes less time than the headers.
 const PLAIN_UNIT_BYTES: u64 = 1_500_000;
 
 /// Builds a model of `sources`, or finds it in the cache. `progress` receives one line at a time
@@ -151,7 +151,7 @@ pub fn build(sources: &Sources, options: &BuildOptions, progress: &dyn Fn(&str))
         return Ok(done(true));
     }
 
-    // One build at a time in a process: each uses all cores, and whoever waits for the same model finds it made.
+    // One build at a time per process, because each uses all cores. A caller that waits for the same model then finds it in the cache.
     static BUILDING: Mutex<()> = Mutex::new(());
     let _building = BUILDING.lock().unwrap_or_else(PoisonError::into_inner);
     if library.is_file() {
@@ -194,7 +194,7 @@ impl Sources {
         }
     }
 
-    /// Checks what the tools would report badly or not at all.
+    /// Checks for mistakes that the tools report unclearly or not at all.
     fn check(&self) -> Result<()> {
         let identifier = |s: &str| {
             s.starts_with(|c: char| c.is_ascii_alphabetic() || c == '_')
@@ -212,7 +212,7 @@ impl Sources {
         );
         let mut names = BTreeSet::new();
         for (name, _) in &self.files {
-            // A leading dash would be read as an option.
+            // A leading dash would be taken for an option.
             let plain = !name.starts_with('-')
                 && Path::new(name)
                     .components()
@@ -275,7 +275,7 @@ const COMPILER: Wanted = Wanted {
     install: "apt-get install g++ zlib1g-dev",
 };
 
-/// Debian's maps to a Virtex-4 as well as any, and lints.
+/// Debian's Yosys is sufficient for lint and for synthesis for a Virtex-4.
 const YOSYS: Wanted = Wanted {
     names: &["yosys"],
     version: Some(("-V", "0.23")),
@@ -288,7 +288,7 @@ const ICARUS: Wanted = Wanted {
     install: "apt-get install iverilog",
 };
 
-/// The tools of a build: found once in a process.
+/// The tools of a build, located once per process.
 struct Tools {
     verilator: Tool,
     verilator_root: PathBuf,
@@ -342,16 +342,16 @@ fn model_key(sources: &Sources, options: &BuildOptions, tools: &Tools) -> String
     key(&parts)
 }
 
-/// A directory in the cache in which something is being built. It is removed when dropped.
+/// A directory in the cache for one build. It is removed when dropped.
 pub struct Workshop {
     folder: temporary::Folder,
-    /// Where the log goes if the build fails.
+    /// The path of the log if the build fails.
     failure_log: PathBuf,
     log: Mutex<String>,
 }
 
 impl Workshop {
-    /// The prefix of the names of such directories.
+    /// The prefix of the directories' names.
     pub const PREFIX: &str = "building-";
 
     fn open(cache: &Path, name: &str) -> Result<Workshop> {
@@ -381,12 +381,12 @@ impl Workshop {
         self.folder.path().join("obj")
     }
 
-    /// What goes into the cache.
+    /// The directory that is moved into the cache.
     fn product(&self) -> PathBuf {
         self.folder.path().join("product")
     }
 
-    /// Runs a tool and logs it; if it fails, keeps the log and returns the first line that says why.
+    /// Runs a tool and logs its output; if it fails, keeps the log and returns the first error line.
     fn run(&self, tool: &Tool, command: &mut Command) -> Result<()> {
         let output = tool.output(command)?;
         let tool = tool.name;
@@ -412,7 +412,7 @@ impl Workshop {
         }
     }
 
-    /// Puts the product in place. That it is there already, made by another process meanwhile, is as good.
+    /// Moves the product to its place. It is no error if another process has put the same product there in the meantime.
     fn publish(&self, place: &Path) -> Result<()> {
         match fs::rename(self.product(), place) {
             Ok(()) => Ok(()),
@@ -432,7 +432,7 @@ impl Workshop {
     }
 }
 
-/// Verilator's own runtime library, compiled once for all models: the folder of its objects.
+/// Compiles Verilator's runtime library, once for all models; returns the folder of the object files.
 fn runtime(cache: &Path, traced: bool, tools: &Tools, progress: &dyn Fn(&str)) -> Result<PathBuf> {
     let mut parts = vec![
         tools.verilator.version.as_str(),
@@ -524,7 +524,7 @@ fn build_model(
         sources.files.len()
     ));
     let mut verilator = tools.verilator.command();
-    // Run among the sources, so that messages name files as the user knows them.
+    // The tools run in the folder of the sources, so that messages contain the user's file names.
     verilator.current_dir(workshop.rtl()).args(VERILATE).args([
         "--Mdir",
         "../obj",
@@ -588,7 +588,7 @@ fn files_with_extension(folder: &Path, extension: &str) -> Result<Vec<PathBuf>> 
     list().with_context(|| format!("cannot list {}", folder.display()))
 }
 
-/// The ports that Verilator found, read from the header it wrote: `VL_IN8(&clk,0,0);` and the like.
+/// Reads the ports that Verilator found from the header that it wrote, with lines such as `VL_IN8(&clk,0,0);`.
 fn verilated_ports(header: &str) -> Vec<Port> {
     let parse = |line: &str| -> Option<Port> {
         let (kind, rest) = line.trim().strip_prefix("VL_")?.split_once("(&")?;
@@ -609,7 +609,7 @@ fn verilated_ports(header: &str) -> Vec<Port> {
     header.lines().filter_map(parse).collect()
 }
 
-/// One string that says all about a list of ports; a library holds that of the ports it was built for.
+/// A string that describes a list of ports completely; a library contains that of the ports it was built for.
 pub(super) fn interface(ports: &[Port]) -> String {
     ports
         .iter()
@@ -623,7 +623,7 @@ pub(super) fn interface(ports: &[Port]) -> String {
         })
 }
 
-/// The text of `ports.h` (see the shim), provided the ports claimed are those that the module has.
+/// The text of `ports.h` (see the shim). Fails if the claimed ports are not those of the module.
 fn port_table(claimed: &[Port], actual: &[Port], top: &str) -> Result<String> {
     let show = |port: &Port| {
         format!(
@@ -662,7 +662,7 @@ fn port_table(claimed: &[Port], actual: &[Port], top: &str) -> Result<String> {
         u32::from(has_clk)
     );
     for (index, port) in claimed.iter().enumerate() {
-        // Verilator keeps double underscores for itself, and escapes those of a name.
+        // Verilator reserves double underscores and escapes those in names.
         let name = port.name.replace("__", "___05F");
         let address = if port.width > 64 {
             format!("model.{name}.data()")
@@ -682,7 +682,7 @@ struct Unit {
     opt: String,
 }
 
-/// Joins Verilator's pieces (and the shim) into few units that keep all cores busy, the greatest first.
+/// Joins Verilator's files and the shim into few units that keep all cores busy, the largest first.
 fn join_units(obj: &Path, opt: &str) -> Result<Vec<Unit>> {
     let mut slow = Vec::new();
     let mut fast = Vec::new();
@@ -695,21 +695,21 @@ fn join_units(obj: &Path, opt: &str) -> Result<Vec<Unit>> {
         let bytes = fs::metadata(&path)
             .with_context(|| format!("cannot read {}", path.display()))?
             .len();
-        // What runs once: constructors, initial values, tables of names.
+        // Code that runs once: constructors, initial values, tables of names.
         let is_slow = name.ends_with("__Slow.cpp") || name.ends_with("__Syms.cpp");
         if is_slow { &mut slow } else { &mut fast }.push((bytes, name));
     }
     let mut units = Vec::new();
     for (kind, opt, mut pieces) in [("fast", opt, fast), ("slow", SLOW_OPT, slow)] {
         let bytes: u64 = pieces.iter().map(|(bytes, _)| bytes).sum();
-        // At most a few for each core, so that greater models make greater units.
+        // A few units per core at most, so that larger models have larger units.
         let unit = if opt == "-O0" {
             PLAIN_UNIT_BYTES
         } else {
             UNIT_BYTES
         };
         let count = (bytes.div_ceil(unit) as usize).clamp(1, 4 * jobs());
-        // Greatest first, each to the unit that is least so far.
+        // Largest first; each file goes to the unit that is smallest so far.
         pieces.sort_by(|a, b| b.cmp(a));
         let mut bins = vec![(0, String::new()); count];
         for (bytes, name) in pieces {
@@ -769,7 +769,7 @@ impl Compiler<'_> {
         command
     }
 
-    /// Compiles units on all cores; `progress` is told how many are done.
+    /// Compiles units on all cores; `progress` receives the number of finished units.
     fn compile(&self, units: &[Unit], workshop: &Workshop, progress: &dyn Fn(usize)) -> Result<()> {
         let one = |unit: &Unit| {
             let mut command = self.command(workshop, &unit.opt);
@@ -813,14 +813,14 @@ impl Compiler<'_> {
 /// failure.
 ///
 /// # Errors
-/// One line: which tool is missing, or the first complaint of the first tool that fails.
+/// One line: the missing tool, or the first message of the first tool that fails.
 pub fn lint(sources: &Sources) -> Result<()> {
     sources.check()?;
     let folder = temporary::Folder::new().context("cannot create a temporary folder to lint in")?;
     sources.write_to(folder.path())?;
     let top = sources.top.as_str();
     let files: Vec<&str> = sources.verilog_files().collect();
-    // Names are quoted: the script is split at blanks.
+    // Names are quoted, because Yosys splits the script at blanks.
     let quoted: String = files.iter().map(|file| format!(" \"{file}\"")).collect();
     let script = format!("read_verilog{quoted}; hierarchy -check -top {top}; proc; check -assert");
 

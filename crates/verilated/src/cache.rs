@@ -1,4 +1,4 @@
-//! The folder in which what took long to make is kept, and keys of what went into it.
+//! The cache folder, and hash keys for its entries.
 
 use anyhow::{Context, Result, anyhow};
 use sha2::{Digest, Sha256};
@@ -6,7 +6,7 @@ use std::fmt::Write as _;
 use std::fs;
 use std::path::PathBuf;
 
-/// The cache folder given, or the user's (see [`model`](super::model)), made where it is not there.
+/// The given cache folder, or the user's (see [`model`](super::model)); creates it if it is missing.
 pub fn folder(given: Option<PathBuf>) -> Result<PathBuf> {
     let variable = |name| {
         std::env::var_os(name)
@@ -20,7 +20,7 @@ pub fn folder(given: Option<PathBuf>) -> Result<PathBuf> {
         .context(
             "no folder for the model cache: set DYNRT_CACHE to a folder that can be written",
         )?;
-    // Compilers run in folders of their own, so paths must not depend on where one is.
+    // Compilers run in other folders, so the path must be absolute.
     let folder = std::path::absolute(&folder).unwrap_or(folder);
     fs::create_dir_all(folder.join("models")).map_err(|error| {
         anyhow!(
@@ -31,7 +31,7 @@ pub fn folder(given: Option<PathBuf>) -> Result<PathBuf> {
     Ok(folder)
 }
 
-/// Hash of a list of texts, each with its length, so that different lists never look alike.
+/// The hash of a list of texts, including their lengths, so different lists have different hashes.
 pub fn key(parts: &[&str]) -> String {
     let mut hash = Sha256::new();
     for part in parts {

@@ -6,7 +6,7 @@ use std::io;
 use std::process::{Child, Command, ExitStatus, Output, Stdio};
 use std::sync::{Mutex, MutexGuard, PoisonError};
 
-/// The process groups of the programs that run, each led by the program.
+/// The process groups of running programs; the program leads its group.
 static RUNNING: Mutex<BTreeSet<u32>> = Mutex::new(BTreeSet::new());
 
 fn running() -> MutexGuard<'static, BTreeSet<u32>> {
@@ -48,7 +48,7 @@ fn while_running<T>(
     command: &mut Command,
     wait: impl FnOnce(Child) -> io::Result<T>,
 ) -> io::Result<T> {
-    // With a group of its own, what the program starts ends with it.
+    // In a group of its own, the processes that the program starts can be ended with it.
     #[cfg(unix)]
     std::os::unix::process::CommandExt::process_group(command, 0);
     let child = {
@@ -72,7 +72,7 @@ pub fn end_all() {
     use rustix::process::{Pid, Signal, kill_process_group, test_kill_process_group};
     use std::time::{Duration, Instant};
 
-    /// How long a program has to tidy up.
+    /// Time for a program to end after SIGTERM.
     const PATIENCE: Duration = Duration::from_secs(2);
 
     let running = running();
@@ -82,7 +82,7 @@ pub fn end_all() {
     std::mem::forget(running);
     let signal = |signal| {
         for &group in &groups {
-            // One that is over already is no harm.
+            // An error means that the program has already ended.
             let _ = kill_process_group(group, signal);
         }
     };

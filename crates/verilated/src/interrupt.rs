@@ -11,7 +11,7 @@ use std::sync::{Mutex, MutexGuard, PoisonError};
 /// Whether the process is about to end.
 static ENDING: AtomicBool = AtomicBool::new(false);
 
-/// Held while results are put in place, and from an interrupt on.
+/// Held while results are moved into place, and after an interrupt.
 static PLACING: Mutex<()> = Mutex::new(());
 
 /// Delays the handling of signals until the guard is dropped, so that files that belong together
@@ -42,7 +42,7 @@ pub fn listen() -> std::io::Result<()> {
     use std::sync::Arc;
 
     let mut wanted = vec![SIGINT, SIGTERM];
-    // `nohup` says so that a command is to go on when its terminal has gone.
+    // `nohup` ignores SIGHUP so that a command continues after its terminal is closed.
     if !is_ignored(SIGHUP) {
         wanted.push(SIGHUP);
     }
@@ -55,7 +55,7 @@ pub fn listen() -> std::io::Result<()> {
         if let Some(signal) = signals.forever().next() {
             again.store(true, Ordering::SeqCst);
             end();
-            // Never returns, as the signals listened to all end a process.
+            // Never returns, because all of these signals end a process.
             let _ = signal_hook::low_level::emulate_default_handler(signal);
         }
     };
@@ -65,7 +65,7 @@ pub fn listen() -> std::io::Result<()> {
         .map(drop)
 }
 
-/// Does nothing on this platform. What an interrupted process leaves is removed by a later one: see
+/// Does nothing on this platform. Files that an interrupted process leaves are removed by a later process: see
 /// [`temporary`].
 ///
 /// # Errors
@@ -75,7 +75,7 @@ pub fn listen() -> std::io::Result<()> {
     Ok(())
 }
 
-/// Whether the process was started with a signal ignored; `false` where that cannot be told.
+/// Whether the process was started with the signal ignored; `false` if that cannot be determined.
 #[cfg(unix)]
 fn is_ignored(signal: i32) -> bool {
     let status = std::fs::read_to_string("/proc/self/status").unwrap_or_default();
@@ -86,7 +86,7 @@ fn is_ignored(signal: i32) -> bool {
     mask.is_some_and(|mask| mask >> (signal - 1) & 1 == 1)
 }
 
-/// Ends what this process has started and removes what it has made; other threads stop at the next thing they would make.
+/// Ends the started programs and removes temporary files. Other threads stop when they try to create one.
 #[cfg(unix)]
 fn end() {
     ENDING.store(true, Ordering::SeqCst);

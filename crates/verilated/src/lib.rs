@@ -34,8 +34,8 @@
 //! - [`model::lint`] checks Verilog with Verilator, Icarus Verilog and Yosys.
 //! - [`seed`] chooses the seed of a test with random data.
 //! - [`child`], [`temporary`] and [`interrupt`] are general helpers for programs that run external tools: the tools
-//!   end with the process, and temporary files are removed even if it is ended by a signal. [`text`] makes text from
-//!   outside fit to be printed, [`tools`] finds and runs external tools, and [`cache`] keeps what took long to make.
+//!   end with the process, and temporary files are removed even if it is ended by a signal. [`text`] escapes text from
+//!   outside for printing, [`tools`] finds and runs external tools, and [`cache`] stores results that took long to compute.
 //!
 //! # Requirements
 //!

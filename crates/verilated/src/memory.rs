@@ -199,11 +199,11 @@ fn words_for(bits: u32) -> usize {
     bits.max(1).div_ceil(32) as usize
 }
 
-/// Says in which clocks a port takes a request: bandwidth and random back-pressure.
+/// Decides in which cycles a port accepts a request, by bandwidth and random back-pressure.
 #[derive(Clone, Debug)]
 struct Gate {
     bandwidth: Bandwidth,
-    /// A request costs `bandwidth.cycles`, a clock earns `bandwidth.requests`.
+    /// A request costs `bandwidth.cycles`; each cycle earns `bandwidth.requests`.
     credit: u64,
     stall: RandomStall,
     ready: bool,
@@ -221,7 +221,7 @@ impl Gate {
         Ok(gate)
     }
 
-    /// One clock; true if the request offered in it is accepted.
+    /// Advances by one cycle; returns whether the offered request is accepted.
     #[inline]
     fn step(&mut self, offered: bool) -> bool {
         let (cost, earned) = (
@@ -232,9 +232,9 @@ impl Gate {
         if accepted {
             self.credit -= cost;
         }
-        // What is left of a request's cost is kept, so that the mean is exact; more is not, so that no burst is.
+        // Credit above the cost of a request is kept, which makes the mean exact. The limit prevents bursts.
         self.credit = (self.credit + earned).min(cost + earned - 1);
-        // Drawn even where there is no credit: the draws then do not depend on the requests.
+        // Draw a random number even without credit, so the sequence does not depend on the requests.
         let stalls = self.stall.stalls();
         self.ready = self.credit >= cost && !stalls;
         accepted
@@ -310,9 +310,9 @@ pub struct ReadPort {
     timing: Timing,
     gate: Gate,
     rng: fastrand::Rng,
-    /// Responses by the edge at which they are sampled, modulo the length, a power of two.
+    /// Responses by the edge that samples them, modulo the length, which is a power of two.
     slots: Vec<Option<ReadResponse>>,
-    /// The edge that the next step is for.
+    /// The edge of the next step.
     edge: u64,
     /// The edge of the latest response reserved.
     last_reserved: u64,
@@ -425,7 +425,7 @@ pub struct WriteRequest<'a> {
 #[derive(Clone, Debug)]
 pub struct WritePort {
     name: String,
-    /// For every lane the bits it covers, per word of the record.
+    /// For every lane, the bits that it covers in each word of the record.
     lane_masks: Vec<Vec<u32>>,
     words_per_row: usize,
     gate: Gate,

@@ -50,7 +50,7 @@ pub struct Trace {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct PortHandle(u32);
 
-/// How Verilator stores a port: in the least of these integers that holds it, else in 32-bit words.
+/// Verilator's storage of a port: the smallest of these integers that holds it, otherwise 32-bit words.
 #[derive(Clone, Copy, Debug)]
 enum Storage {
     U8,
@@ -68,7 +68,7 @@ struct Slot {
 }
 
 impl Slot {
-    /// All bits of the port; only for widths of at most 64.
+    /// A mask of all bits of the port, for widths of at most 64.
     #[inline]
     fn mask(self) -> u64 {
         u64::MAX >> (64 - self.width)
@@ -82,10 +82,10 @@ impl Slot {
 /// The inputs of a model except `clk` and `rst` at successive rising edges.
 #[derive(Clone, Debug)]
 pub struct Recording {
-    /// Inputs by name.
+    /// The names of the inputs.
     ports: Vec<String>,
     most: usize,
-    /// Each cycle's inputs in 32-bit words.
+    /// The inputs of each cycle in 32-bit words.
     cycles: Vec<Vec<Vec<u32>>>,
 }
 
@@ -114,7 +114,7 @@ pub struct Model {
     ports: Vec<Port>,
     cycles: u64,
     recording: Option<Recording>,
-    /// Random bits for inputs without a meaning.
+    /// Source of random bits for inputs whose value has no meaning.
     noise: fastrand::Rng,
     rst: Option<PortHandle>,
     traced: bool,
@@ -124,13 +124,13 @@ pub struct Model {
     trace_open: unsafe extern "C" fn(*mut c_void, *const c_char, u64, u64) -> c_int,
     trace_close: unsafe extern "C" fn(*mut c_void),
     destroy: unsafe extern "C" fn(*mut c_void),
-    /// Dropped last: the functions above are in it.
+    /// The library must be dropped last, because it contains the functions above.
     _library: Library,
     _not_sync: PhantomData<*mut c_void>,
 }
 
-// SAFETY: all that `shim` points to belongs to this model alone (it has a context of its own, and the shim has
-// no globals), and nothing in it is tied to the thread that made it.
+// SAFETY: everything that `shim` points to belongs to this model only (it has its own context, and the shim has
+// no globals), and nothing in it is bound to the thread that created it.
 unsafe impl Send for Model {}
 
 impl Model {
@@ -169,7 +169,7 @@ impl Model {
             let trace_close = *library.get(b"dynrt_trace_close").map_err(damaged)?;
             let destroy = *library.get(b"dynrt_destroy").map_err(damaged)?;
 
-            // What makes every access below sound: each address has the storage that the width implies.
+            // All accesses below rely on this check: each address has the storage that the width implies.
             ensure!(
                 CStr::from_ptr(interface_of()).to_bytes() == interface(ports).as_bytes(),
                 "the model {} was built for other ports",
@@ -277,7 +277,7 @@ impl Model {
     #[inline]
     pub fn get(&self, port: PortHandle) -> u64 {
         let slot = self.slots[port.0 as usize];
-        // SAFETY: `load` has made sure that the address is that of storage of this kind, which lives as long
+        // SAFETY: `load` has checked that the address refers to storage of this kind. The storage lives as long
         // as the model and is written only through `&mut self`.
         unsafe {
             match slot.storage {
@@ -411,7 +411,7 @@ impl Model {
                 let count = wide.len().min(words.len());
                 wide[..count].copy_from_slice(&words[..count]);
                 wide[count..].fill(0);
-                // Verilator takes the bits above the port's to be zero.
+                // Verilator assumes that the bits above the port's width are zero.
                 if !slot.width.is_multiple_of(32) {
                     wide[slot.width as usize / 32] &= u32::MAX >> (32 - slot.width % 32);
                 }
@@ -477,7 +477,7 @@ impl Model {
         }
     }
 
-    /// The same with random bits of the model's own, the same in every run.
+    /// Sets the given inputs to random bits from the model's own source, which are the same in every run.
     pub(crate) fn scramble(&mut self, ports: impl IntoIterator<Item = PortHandle>) {
         let mut noise = self.noise.clone();
         self.garble(ports, &mut noise);
@@ -583,7 +583,7 @@ impl Model {
             path.display()
         );
         let failed = |error| anyhow!("cannot write the trace {}: {error}", path.display());
-        // The trace writer does not say why it cannot write, so try it first.
+        // The trace writer does not report why it cannot write, so try to create the file first.
         fs::File::create(path).map_err(failed)?;
         let name = CString::new(path.as_os_str().as_encoded_bytes())
             .map_err(|_| failed(ErrorKind::InvalidInput.into()))?;
@@ -612,7 +612,7 @@ impl Model {
     #[inline]
     fn wide(&self, slot: Slot) -> &[u32] {
         debug_assert!(matches!(slot.storage, Storage::Words));
-        // SAFETY: as in `get`; only slots of `Words` come here, and these have this many.
+        // SAFETY: as in `get`; this function is called only for slots of `Words`, which have this many words.
         unsafe { std::slice::from_raw_parts(slot.address.cast().as_ptr(), slot.words()) }
     }
 

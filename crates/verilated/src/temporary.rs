@@ -1,11 +1,11 @@
 //! Temporary files and directories that do not outlive their use.
 //!
 //! They are removed when dropped. If the process is ended by a signal, [`interrupt`] removes those
-//! that exist at that time. A process that is killed leaves them behind; their names contain its process number, and
-//! the next process that creates something temporary in the same directory removes what no running process owns.
+//! that exist at that time. A process that is killed leaves them behind. Their names contain its process number;
+//! the next process that creates something temporary in the same directory removes those without a running process.
 //!
-//! [`File`] and [`Folder::for_result`] are for results that appear complete or not at all: they are created beside
-//! their final place and renamed.
+//! [`File`] and [`Folder::for_result`] are for results that must never be incomplete: they are created in the folder of
+//! the result and then renamed.
 
 use crate::interrupt;
 use std::collections::BTreeSet;
@@ -16,28 +16,28 @@ use std::path::{Path, PathBuf};
 use std::sync::{Mutex, MutexGuard, OnceLock, PoisonError};
 use std::time::{Duration, SystemTime};
 
-/// What the names of results begin with while they are written.
+/// The prefix of a result's name while it is written.
 const RESULT: &str = ".dynrt-";
 
-/// What the names of folders begin with that hold what a result replaces, for as long as that takes.
+/// The prefix of folders that hold replaced files while a result is moved into place.
 const REPLACED: &str = ".dynrt-old-";
 
-/// What the names of folders begin with in the system's folder for temporary files.
+/// The prefix of folders in the system's folder for temporary files.
 const WORK: &str = "dynrt-";
 
-/// After what time something is taken for abandoned whose process cannot be looked for.
+/// Age after which a file is regarded as abandoned if its process cannot be checked.
 const DAY: Duration = Duration::from_secs(24 * 3600);
 
-/// The characters that `tempfile` makes up at the end of a name.
+/// The number of random characters that `tempfile` appends to a name.
 const RANDOM: usize = 6;
 
-/// What is there now, to be removed on an interrupt.
+/// The existing temporary files, to be removed on an interrupt.
 static LIVE: Mutex<BTreeSet<PathBuf>> = Mutex::new(BTreeSet::new());
 
-/// Folders that were made for a result that is not there yet.
+/// Folders that were created for a result that does not exist yet.
 static PARENTS: Mutex<BTreeSet<PathBuf>> = Mutex::new(BTreeSet::new());
 
-/// Where this process has looked for what others have left.
+/// The folders in which this process has already removed abandoned files.
 static SWEPT: Mutex<BTreeSet<PathBuf>> = Mutex::new(BTreeSet::new());
 
 fn locked<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
@@ -46,7 +46,7 @@ fn locked<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
 
 /// A temporary directory. It is removed with its contents when dropped.
 pub struct Folder {
-    /// Nothing once it has been kept.
+    /// `None` after `keep`.
     inner: Option<tempfile::TempDir>,
 }
 
@@ -134,7 +134,7 @@ impl Parents {
         interrupt::stop_if_ending();
         made.extend(parents.0.iter().cloned());
         drop(made);
-        // Where this fails, those that it has made vanish with `parents`.
+        // On an error, dropping `parents` removes the folders created so far.
         fs::create_dir_all(folder)?;
         Ok(parents)
     }
@@ -151,7 +151,7 @@ impl Parents {
 impl Drop for Parents {
     fn drop(&mut self) {
         let mut made = locked(&PARENTS);
-        // The deepest first.
+        // Deepest first.
         for path in self.0.drain(..) {
             let _ = fs::remove_dir(&path);
             made.remove(&path);
@@ -241,8 +241,8 @@ pub fn for_replaced(parent: &Path) -> io::Result<tempfile::TempDir> {
     builder.tempdir_in(parent)
 }
 
-/// Temporary files are private; results are as readable as any new file. The process' file mode mask takes away what it
-/// forbids.
+/// Gives a temporary file, which is private by default, the permissions of any new file. The process's file mode mask
+/// applies.
 fn permit(builder: &mut tempfile::Builder<'_, '_>, mode: u32) {
     #[cfg(unix)]
     {
@@ -258,7 +258,7 @@ fn permit(builder: &mut tempfile::Builder<'_, '_>, mode: u32) {
 pub fn remove_all() {
     let live = locked(&LIVE);
     for path in live.iter() {
-        // Another thread may write into it still: what it has opened, it can finish.
+        // Another thread may still write into the folder through files that it has opened.
         for _ in 0..50 {
             match remove(path) {
                 Err(error) if error.kind() != io::ErrorKind::NotFound => {
@@ -270,14 +270,14 @@ pub fn remove_all() {
     }
     std::mem::forget(live);
     let parents = locked(&PARENTS);
-    // What is below a folder comes behind it.
+    // A parent precedes its children here, so remove in reverse order.
     for path in parents.iter().rev() {
         let _ = fs::remove_dir(path);
     }
     std::mem::forget(parents);
 }
 
-/// Removes a file, or a folder with all that is in it.
+/// Removes a file, or a folder with its contents.
 fn remove(path: &Path) -> io::Result<()> {
     match fs::symlink_metadata(path)?.is_dir() {
         true => fs::remove_dir_all(path),
@@ -285,13 +285,13 @@ fn remove(path: &Path) -> io::Result<()> {
     }
 }
 
-/// What a name says of its process: where its number counts, and the number.
+/// The part of a name that identifies its process: the machine and the process number.
 fn tag() -> String {
     format!("{}-{}-", machine(), std::process::id())
 }
 
-/// Eight digits that differ where process numbers mean other processes: after a start of the machine, on another one, in another
-/// container. All zero where that cannot be told.
+/// Eight digits that identify the scope of process numbers: the machine, its last start, and the container. All zero if that
+/// cannot be determined.
 fn machine() -> &'static str {
     static MACHINE: OnceLock<String> = OnceLock::new();
     MACHINE.get_or_init(|| {
@@ -306,12 +306,12 @@ fn machine() -> &'static str {
     })
 }
 
-/// What the rest of a name says, behind its prefix.
+/// The meaning of a name after its prefix.
 #[derive(Debug, PartialEq)]
 enum Tag<'n> {
-    /// The machine and the process.
+    /// The identification of the machine, and the process number.
     Process(&'n str, u32),
-    /// Nothing: earlier versions wrote none.
+    /// No information, because an earlier version wrote the name.
     Old,
 }
 
@@ -330,13 +330,13 @@ fn tag_of(rest: &str) -> Option<Tag<'_>> {
     }
 }
 
-/// Whether a process of this machine is there; `None` where that cannot be told.
+/// Whether a process runs on this machine; `None` if that cannot be determined.
 fn is_running(process: u32) -> Option<bool> {
     #[cfg(unix)]
     {
         use rustix::io::Errno;
         use rustix::process::{Pid, test_kill_process};
-        // One that has ended and that nobody has asked about is there still, in state Z.
+        // A process that has ended but has not been waited for still exists, in state Z.
         let status = fs::read_to_string(format!("/proc/{process}/stat")).unwrap_or_default();
         let state = status
             .rsplit(')')
@@ -352,7 +352,7 @@ fn is_running(process: u32) -> Option<bool> {
     }
 }
 
-/// Whether nobody needs any longer what has a name with this tag.
+/// Whether no process uses the file with this tag any longer.
 fn is_abandoned(tag: &Tag<'_>, path: &Path) -> bool {
     if let Tag::Process(name, process) = tag
         && *name == machine()
@@ -368,7 +368,7 @@ fn is_abandoned(tag: &Tag<'_>, path: &Path) -> bool {
     age.is_some_and(|age| age > DAY)
 }
 
-/// Removes what runs that were killed have left in a folder under names with this prefix; failing to is no harm.
+/// Removes files with this prefix that killed processes have left in a folder; errors are ignored.
 fn sweep(folder: &Path, prefix: &str) {
     let place = folder.canonicalize().unwrap_or_default().join(prefix);
     if !locked(&SWEPT).insert(place) {
@@ -394,7 +394,7 @@ fn sweep_now(folder: &Path, prefix: &str) {
             }
         } else if let Some(tag) = name.strip_prefix(prefix).and_then(tag_of)
             && is_abandoned(&tag, &entry.path())
-            // Earlier versions kept here what they could not put back.
+            // Earlier versions kept files here that they could not put back.
             && !(tag == Tag::Old && entry.path().join("earlier").exists())
         {
             let _ = remove(&entry.path());
@@ -402,7 +402,7 @@ fn sweep_now(folder: &Path, prefix: &str) {
     }
 }
 
-/// Of what a killed run has set aside, puts back what has no successor, and removes the rest.
+/// Puts back files that a killed process has set aside and not replaced, and removes the others.
 fn put_back(folder: &Path, replaced: &Path) {
     let Ok(entries) = fs::read_dir(replaced) else {
         return;
@@ -481,7 +481,7 @@ mod tests {
         }
     }
 
-    /// The number of a process that is over.
+    /// The number of a process that has ended.
     #[cfg(target_os = "linux")]
     fn process_that_is_over() -> u32 {
         let mut child = std::process::Command::new("true").spawn().unwrap();
@@ -497,7 +497,7 @@ mod tests {
         while is_running(child.id()) == Some(true) {
             std::thread::yield_now();
         }
-        // It was a zombie until now.
+        // Until now it was a zombie.
         assert_eq!(
             child.try_wait().unwrap().map(|status| status.success()),
             Some(true)

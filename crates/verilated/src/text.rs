@@ -1,4 +1,4 @@
-//! Makes text from outside fit to be printed.
+//! Makes text from outside safe to print.
 //!
 //! Names of files and words in files may contain line feeds, escape sequences or bytes that are not UTF-8. Pass them
 //! through [`escaped`], [`path`] or [`word`] before they go to a message, a report or a terminal.

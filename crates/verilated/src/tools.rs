@@ -1,4 +1,4 @@
-//! External tools: whether they are there and late enough, and running them.
+//! Finds external tools, checks their versions, and runs them.
 
 use crate::child::Supervised;
 use anyhow::{Context, Result, anyhow, bail, ensure};
@@ -11,36 +11,36 @@ use std::process::{Command, Output, Stdio};
 use std::sync::{Mutex, PoisonError};
 use std::time::{Duration, Instant};
 
-/// The environment variable that lists folders in which tools are looked for before `PATH`, such as the `bin` of a Python
+/// The environment variable with the folders in which tools are searched before `PATH`, such as the `bin` of a Python
 /// environment.
 pub const TOOLS_VARIABLE: &str = "DYNRT_TOOLS";
 
-/// A tool that is needed.
+/// A required tool.
 #[derive(Clone, Copy, Debug)]
 pub struct Wanted {
-    /// Its names; the first that is there is taken.
+    /// Its possible names; the first one found is used.
     pub names: &'static [&'static str],
-    /// The option that asks for its version, and the oldest version whose results are known to be right.
+    /// The option that prints the version, and the oldest version known to give correct results.
     pub version: Option<(&'static str, &'static str)>,
-    /// How to install it.
+    /// The command that installs it.
     pub install: &'static str,
 }
 
 /// A tool that was found.
 #[derive(Clone, Debug)]
 pub struct Tool {
-    /// How it is called.
+    /// The name under which it was found.
     pub name: &'static str,
     path: PathBuf,
-    /// The line in which it says what it is; empty where its version does not matter.
+    /// The line with its version; empty if the version does not matter.
     pub version: String,
 }
 
 impl Wanted {
-    /// Looks for the tool in the folders of [`TOOLS_VARIABLE`], then in those of `PATH`.
+    /// Searches for the tool in the folders of [`TOOLS_VARIABLE`], then in those of `PATH`.
     ///
     /// # Errors
-    /// One line that names the tool that is missing or too old, and what to install.
+    /// One line that names the missing or outdated tool and how to install it.
     pub fn find(&self) -> Result<Tool> {
         let named = env::var_os(TOOLS_VARIABLE).filter(|value| !value.is_empty());
         let folders: Vec<PathBuf> = [named, env::var_os("PATH")]
@@ -59,7 +59,7 @@ impl Wanted {
         };
         let mut tool = Tool {
             name,
-            // A relative folder must hold where the tool runs.
+            // Make a relative folder absolute, because the tool may run in another directory.
             path: std::path::absolute(&path).unwrap_or(path),
             version: String::new(),
         };
@@ -83,40 +83,40 @@ fn printed(output: &Output) -> String {
     String::from_utf8_lossy(&output.stdout).into_owned() + &String::from_utf8_lossy(&output.stderr)
 }
 
-/// How a tool ended.
+/// The end of a tool's run.
 #[derive(Debug)]
 pub enum Ended {
-    /// By itself.
+    /// The tool ended by itself.
     With {
-        /// What it printed.
+        /// Its output.
         text: String,
         /// Whether its exit status was 0.
         success: bool,
     },
-    /// It was still running after its time.
+    /// The tool was ended at the time limit.
     OutOfTime,
 }
 
 impl Tool {
-    /// A command that runs it.
+    /// Creates a command for the tool.
     pub fn command(&self) -> Command {
         Command::new(&self.path)
     }
 
-    /// Runs a command of it to its end.
+    /// Runs a command of the tool to its end.
     ///
     /// # Errors
-    /// It cannot be started.
+    /// The tool cannot be started.
     pub fn output(&self, command: &mut Command) -> Result<Output> {
         command
             .supervised_output()
             .map_err(|error| anyhow!("cannot run {}: {error}", self.path.display()))
     }
 
-    /// What it prints when run with these arguments.
+    /// Returns the output of the tool with these arguments.
     ///
     /// # Errors
-    /// It cannot be started, or fails.
+    /// The tool cannot be started, or fails.
     pub fn says(&self, args: &[&str]) -> Result<String> {
         let output = self.output(self.command().args(args))?;
         ensure!(
@@ -129,10 +129,10 @@ impl Tool {
         Ok(String::from_utf8_lossy(&output.stdout).trim().to_owned())
     }
 
-    /// Runs it in a folder. If it fails, all that it said is kept in `log`, and the error is what it said first.
+    /// Runs the tool in a folder. If it fails, its output is kept in `log`, and the error is its first message.
     ///
     /// # Errors
-    /// It fails, or cannot be started.
+    /// The tool fails, or cannot be started.
     pub fn run(&self, folder: &Path, args: &[&str], log: &Path) -> Result<()> {
         let mut command = self.command();
         command.args(args).current_dir(folder);
@@ -155,15 +155,15 @@ impl Tool {
         }
     }
 
-    /// Runs it in a folder at low priority, its output in the folder's file `tool.log`. Ends it, and what it has started, when its time
-    /// is over.
+    /// Runs the tool in a folder at low priority, with its output in the folder's file `tool.log`. At the time limit the tool and all
+    /// processes that it has started are ended.
     ///
     /// # Errors
-    /// It cannot be started.
+    /// The tool cannot be started.
     pub fn run_for(&self, folder: &Path, limit: Duration, args: &[&str]) -> Result<Ended> {
         let log = folder.join("tool.log");
         let output = File::create(&log).with_context(|| format!("{}", log.display()))?;
-        // `timeout` ends the whole group that it starts: what the tool has started ends with it.
+        // `timeout` ends its whole process group, including the processes that the tool has started.
         let seconds = limit.as_secs().max(1).to_string();
         let started = Instant::now();
         let status = Command::new("nice")
@@ -192,11 +192,11 @@ impl Tool {
     }
 }
 
-/// The line in which a tool says what it is, of all that it has printed. A version that cannot be read, as builds from a tool's own
-/// repository may have, is taken for a late one, with a warning.
+/// The line with a tool's version in its output. A version that cannot be parsed, as in builds from a tool's repository, is assumed to
+/// be recent, with a warning.
 ///
 /// # Errors
-/// One line: it says nothing, or a version older than the oldest whose results are known to be right; and how to install it.
+/// One line if the output is empty or the version is older than the oldest one known to be correct, and how to install the tool.
 fn current<'t>(tool: &str, printed: &'t str, oldest: &str, install: &str) -> Result<&'t str> {
     let mut lines = printed.lines().map(str::trim);
     let said = lines.find_map(|line| Some((line, version_number(line)?)));
@@ -234,14 +234,14 @@ fn current<'t>(tool: &str, printed: &'t str, oldest: &str, install: &str) -> Res
     Ok(line)
 }
 
-/// What a tool says, fit for a message of one line.
+/// A tool's message, shortened to one line.
 fn quoted(line: &str) -> String {
     const LONGEST: usize = 120;
     let short: String = line.chars().take(LONGEST).collect();
     crate::text::escaped(&short).into_owned()
 }
 
-/// Writes a warning to standard error, once in a process.
+/// Writes a warning to standard error, once per process.
 fn warn_once(warning: String) {
     static WARNED: Mutex<BTreeSet<String>> = Mutex::new(BTreeSet::new());
     let mut warned = WARNED.lock().unwrap_or_else(PoisonError::into_inner);
@@ -251,11 +251,11 @@ fn warn_once(warning: String) {
     }
 }
 
-/// A version, as far as it can be read.
+/// A version number, as far as it can be parsed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 struct Version {
     major: u32,
-    /// `None` where it is no plain number, as in `5.0xx`.
+    /// `None` if it is not a number, as in `5.0xx`.
     minor: Option<u32>,
 }
 
@@ -282,7 +282,7 @@ fn first_line(text: &str) -> &str {
         .unwrap_or("no message")
 }
 
-/// The line of a tool's output that says what is wrong: the first error, else the first warning.
+/// The line of a tool's output that describes the failure: the first error, otherwise the first warning.
 pub fn complaint(printed: &str) -> Option<String> {
     let lines = || {
         printed
@@ -290,7 +290,7 @@ pub fn complaint(printed: &str) -> Option<String> {
             .map(str::trim)
             .filter(|line| !line.is_empty())
     };
-    // Verilator and Yosys end with an error that only counts the messages before it.
+    // Verilator and Yosys end with an error line that only counts the messages before it.
     const COUNTS: [&str; 2] = ["exiting due to", "problems in 'check"];
     let error = lines().find(|line| {
         let lower = line.to_ascii_lowercase();

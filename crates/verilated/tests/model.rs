@@ -1,4 +1,4 @@
-//! Verilator models built, cached and driven; the memory models' laws.
+//! Verilator models: building, caching and driving them; properties of the memory models.
 
 #[path = "../examples/counter.rs"]
 mod counter;
@@ -18,7 +18,7 @@ use dynrt_verilated::memory::{
 };
 use dynrt_verilated::model::{BuildOptions, Built, Model, Port, Sources, build, lint};
 
-/// A cache of this test run's own, emptied of models when the run begins.
+/// The cache of this test run; models are removed from it when the run begins.
 static CACHE: LazyLock<PathBuf> = LazyLock::new(|| {
     let cache = Path::new(env!("CARGO_TARGET_TMPDIR")).join("model-cache");
     let _ = fs::remove_dir_all(cache.join("models"));
@@ -49,7 +49,7 @@ fn output(name: &str, width: u32) -> Port {
     }
 }
 
-/// Ports of every storage that Verilator has; registered and combinational outputs; an instance in a second file.
+/// A module with ports of every storage class of Verilator, registered and combinational outputs, and an instance in a second file.
 fn mixer(comment: &str) -> Sources {
     let mixer = format!(
         "// {comment}
@@ -140,7 +140,7 @@ fn values_reach_ports_of_every_width() {
     let mut rng = fastrand::Rng::with_seed(seed());
     let mut previous_sum = model.get(sum_next);
     for round in 0..1000 {
-        // Bits above the port's must not reach it.
+        // Bits above the port's width must not reach it.
         let values: [u64; 4] = std::array::from_fn(|_| rng.u64(..));
         for (port, value) in [a5, a12, a32, a40].into_iter().zip(values) {
             model.set(port, value);
@@ -361,7 +361,7 @@ fn rejected_verilog_is_reported_by_file_and_line_and_leaves_no_model() {
         "{message}"
     );
 
-    // A compiler that fails leaves no model either, and no folder that it was being built in.
+    // A failing compiler leaves neither a model nor a build folder.
     let cache = tempfile::tempdir().unwrap();
     let options = BuildOptions {
         cache: Some(cache.path().into()),
@@ -441,7 +441,7 @@ fn missing_tools_and_unusable_caches_are_named() {
     const CHILD: &str = "DYNRT_TEST_CHILD_WITHOUT_TOOLS";
     let sources = mixer("no tools");
     if std::env::var_os(CHILD).is_some() {
-        // Not `options()`: the cache is the parent's, and in use.
+        // Not `options()`, because the parent's cache is in use.
         println!(
             "build: {}",
             error(build(&sources, &BuildOptions::default(), &|_| ()))
@@ -510,15 +510,15 @@ fn a_trace_covers_its_window() {
     model.trace(&path, 10, 5).unwrap();
     model.run(13);
     assert_eq!(model.cycles(), 15);
-    // Complete though the model lives on. The header: a byte 0, its length, first and last time, ...
+    // The trace is complete although the model still exists. Its header: a byte 0, its length, first and last time, ...
     let fst = fs::read(&path).unwrap();
     let word = |index: usize| {
         let at = 1 + 8 * index;
         u64::from_be_bytes(fst[at..at + 8].try_into().unwrap())
     };
     assert_eq!((fst[0], word(0), word(1), word(2)), (0, 329, 100, 145));
-    // ... a double, the memory used, scopes, variables (the ports, and more within), ..., ten to which power of
-    // a second is a unit of time.
+    // ... a double, the memory used, scopes, variables (the ports and internal ones), ..., the exponent to base ten of
+    // the time unit in seconds.
     assert!(
         word(6) >= sources.ports.len() as u64,
         "{} variables",
@@ -549,7 +549,7 @@ fn lint_says_which_tool_objects() {
         "{message}"
     );
 
-    // SystemVerilog, which Verilator takes for what it is and Icarus, held to Verilog-2001, does not.
+    // SystemVerilog: Verilator accepts it, Icarus in Verilog-2001 mode does not.
     let mut modern = mixer("lint");
     modern.files[1].1 = modern.files[1]
         .1
@@ -560,7 +560,7 @@ fn lint_says_which_tool_objects() {
         "{message}"
     );
 
-    // Two drivers of one wire, which are legal Verilog.
+    // Two drivers of one wire, which is legal Verilog.
     let mut twice = mixer("lint");
     twice.files[0].1 = twice.files[0].1.replace(
         "    assign inverse_now",
@@ -576,7 +576,7 @@ fn lint_says_which_tool_objects() {
 
 // ---- memory ----
 
-/// What an ideal observer saw of a port: per accepted request (edge, address, tag), per response the same.
+/// The events at a port: (edge, address, tag) of each accepted request, and the same of each response.
 struct Observed {
     accepted: Vec<(u64, u64, u32)>,
     answered: Vec<(u64, u64, u32)>,
@@ -585,7 +585,7 @@ struct Observed {
 
 const ROWS: u64 = 1000;
 
-/// Drives a port with requests that are there with some probability, until `count` were accepted and answered.
+/// Drives a port with requests of the given probability until `count` requests were accepted and answered.
 fn observe(timing: Timing, count: usize, demand: f64, rng: &mut fastrand::Rng) -> Observed {
     let mut port = ReadPort::new("nodes", ROWS, timing).unwrap();
     let mut seen = Observed {
@@ -606,7 +606,7 @@ fn observe(timing: Timing, count: usize, demand: f64, rng: &mut fastrand::Rng) -
             seen.accepted.push((edge, address, tag));
         }
         if let Some(response) = port.step(request).unwrap() {
-            // Given by the step of this edge, it is sampled at the next.
+            // A response returned by the step of this edge is sampled at the next edge.
             seen.answered
                 .push((edge + 1, response.address, response.tag));
         }
@@ -656,7 +656,7 @@ fn a_read_port_keeps_its_laws() {
         let count = rng.usize(1..=400);
         let seen = observe(timing, count, demand, &mut rng);
 
-        // Every request is answered exactly once, with its address, within its bounds; one response a clock.
+        // Every request gets exactly one response, with its address and within its bounds; at most one response per cycle.
         let requests: HashMap<u32, (u64, u64)> =
             seen.accepted.iter().map(|&(e, a, t)| (t, (e, a))).collect();
         let mut answered: Vec<u32> = seen.answered.iter().map(|&(_, _, tag)| tag).collect();
@@ -682,7 +682,7 @@ fn a_read_port_keeps_its_laws() {
         answered.sort_unstable();
         assert!(answered.iter().copied().eq(0..count as u32), "{timing:?}");
 
-        // In no span of clocks are more requests accepted than the bandwidth allows.
+        // In no interval are more requests accepted than the bandwidth allows.
         let edges: Vec<u64> = seen.accepted.iter().map(|&(edge, ..)| edge).collect();
         let Bandwidth { requests, cycles } = timing.bandwidth;
         for (i, first) in edges.iter().enumerate() {
@@ -715,7 +715,7 @@ fn a_read_port_reaches_its_bandwidth_and_repeats_itself() {
             "{span} clocks, not {ideal}"
         );
     }
-    // Back-pressure is as frequent as asked: 20,000 draws, ten standard deviations.
+    // The frequency of back-pressure is as requested: 20,000 draws, within ten standard deviations.
     let timing = Timing {
         backpressure: 0.3,
         seed: rng.u64(..),
@@ -941,7 +941,7 @@ fn a_stream_offers_until_it_is_taken() {
         }
     }
     assert!(taken.iter().copied().eq(0..10_000));
-    // A pause follows a transfer with probability ½, and is on average two clocks long.
+    // A pause follows a transfer with probability ½, and takes two cycles on average.
     assert!((8_000..12_000).contains(&pauses), "{pauses} pauses");
     assert!(!(0..1000).any(|_| RandomStall::new(0.0, 1).unwrap().stalls()));
     error(RandomStall::new(1.0, 1));

@@ -1,24 +1,24 @@
-//! What a clip does to one property over time.
+//! The change of one property over the time of a clip.
 
 use super::number as shown;
 use anyhow::{Result, ensure};
 use glam::DQuat;
 
-/// How a property gets from one key to the next.
+/// The interpolation of a property between two keys.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Interpolation {
-    /// It stays and then jumps.
+    /// Constant until the next key.
     Step,
-    /// In a straight line; rotations on the shorter great arc.
+    /// Linear; rotations along the shorter great arc.
     Linear,
-    /// On a cubic Hermite spline; every key has an incoming tangent, a value and an outgoing tangent.
+    /// A cubic Hermite spline; every key has an incoming tangent, a value and an outgoing tangent.
     CubicSpline,
 }
 
-/// The keys of one property, `width` numbers each. Before the first key and after the last it stays what it is there.
+/// The keys of one property with `width` numbers each. Before the first key and after the last the property is constant.
 #[derive(Clone, Debug)]
 pub struct Curve {
-    /// In seconds; they do not decrease.
+    /// In seconds, in non-decreasing order.
     times: Vec<f64>,
     values: Vec<f64>,
     width: usize,
@@ -28,11 +28,11 @@ pub struct Curve {
 }
 
 impl Curve {
-    /// `values` has `width` numbers a key, with cubic splines three times as many.
+    /// `values` has `width` numbers per key, or three times as many for cubic splines.
     ///
     /// # Errors
-    /// One line if there are no keys, times decrease or are not finite, the number of values is not that of the keys,
-    /// or a rotation is no rotation.
+    /// One line if there are no keys, if times decrease or are not finite, if the number of values does not match the keys,
+    /// or if a rotation is invalid.
     pub fn new(
         times: Vec<f64>,
         values: Vec<f64>,
@@ -69,10 +69,10 @@ impl Curve {
         })
     }
 
-    /// The same curve as one of rotations.
+    /// The same curve as a curve of rotations.
     ///
     /// # Errors
-    /// One line if a key is no rotation.
+    /// One line if a key is not a rotation.
     pub fn of_rotations(self) -> Result<Self> {
         ensure!(
             self.width == 4,
@@ -92,12 +92,12 @@ impl Curve {
         })
     }
 
-    /// When the last key is, in seconds.
+    /// The time of the last key, in seconds.
     pub fn end(&self) -> f64 {
         self.times[self.times.len() - 1]
     }
 
-    /// The property at a time. Rotations have the length 1.
+    /// The property at a time. Rotations have length 1.
     pub fn sample(&self, seconds: f64) -> Vec<f64> {
         let following = self.times.partition_point(|&time| time <= seconds);
         let value = if following == 0 {
@@ -109,7 +109,7 @@ impl Curve {
         };
         if self.rotation {
             let length = value.iter().map(|x| x * x).sum::<f64>().sqrt();
-            // A spline between opposite quaternions may go through zero, which turns nothing.
+            // A spline between opposite quaternions may pass through zero, which gives the identity.
             if length > 0.0 {
                 value.iter().map(|x| x / length).collect()
             } else {
@@ -120,7 +120,7 @@ impl Curve {
         }
     }
 
-    /// The property between a key and the next, whose time is greater.
+    /// The property between a key and the next one, whose time is greater.
     fn between(&self, key: usize, seconds: f64) -> Vec<f64> {
         let (from, to) = (self.key(key), self.key(key + 1));
         let length = self.times[key + 1] - self.times[key];
@@ -158,7 +158,7 @@ impl Curve {
         }
     }
 
-    /// A spline's key: 0 its incoming tangent, 1 its value, 2 its outgoing tangent.
+    /// One part of a spline's key: 0 its incoming tangent, 1 its value, 2 its outgoing tangent.
     fn part(&self, number: usize, part: usize) -> &[f64] {
         &self.values[(3 * number + part) * self.width..][..self.width]
     }
@@ -213,7 +213,7 @@ mod tests {
     #[test]
     fn rotations_take_the_shorter_arc_at_constant_speed() {
         let quarter = DQuat::from_rotation_y(std::f64::consts::FRAC_PI_2);
-        // The same rotation with the opposite sign is the longer way round.
+        // The same rotation with the opposite sign gives the longer arc.
         let values = [DQuat::IDENTITY.to_array(), (-quarter).to_array()].concat();
         let curve = Curve::new(vec![0.0, 1.0], values, 4, Interpolation::Linear)
             .and_then(Curve::of_rotations)

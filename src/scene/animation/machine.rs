@@ -1,9 +1,9 @@
-//! A scene that moves, in the machine's numbers.
+//! An animated scene in the machine's number format.
 //!
-//! The world is scaled by the greatest power of two with which its box over all frames fits, every object by one of its own: the
-//! vertices of each use the number format to the full however large the object stands in the world. A skinned object's
-//! vertices are the world's, since its palette leads there; only those at rest have a scale of their own. What
-//! leads from one space to another carries the scales: it is computed in double precision and rounded once.
+//! The world is scaled by the greatest power of two for which its box over all frames fits. Every object has its own scale, so its
+//! vertices use the full number format, independent of the object's size in the world. A skinned object's vertices are in the
+//! world, because its palette leads there; only its vertices at rest have a scale of their own. Matrices between two spaces
+//! contain the scales; they are computed in double precision and rounded once.
 
 use super::{Animated, Extents, Matrix3x4, Pose};
 use crate::bkd::layout::{Columns, Influence};
@@ -11,61 +11,61 @@ use crate::float::{Arithmetic, Format};
 use crate::scene::machine::{Loss, log2_scale, losses, power_of_two, world_warning};
 use anyhow::{Context, Result, bail, ensure};
 
-/// What of a scene stays as it is from frame to frame.
+/// The constant part of a scene.
 #[derive(Clone, Debug, PartialEq)]
 pub struct MachineScene {
-    /// The format whose numbers vertices, weights and palettes are.
+    /// The format of vertices, weights and palettes.
     pub format: Format,
     /// A scene coordinate times 2^`log2_scale` is a machine coordinate of the world.
     pub log2_scale: i32,
-    /// One for each of [`Animated::objects`].
+    /// One per element of [`Animated::objects`].
     pub objects: Vec<MachineObject>,
-    /// Objects' places, one for each of [`Animated::instances`].
+    /// The index of the object of each of [`Animated::instances`].
     pub instances: Vec<usize>,
 }
 
-/// An object in the machine's numbers.
+/// An object in the machine's number format.
 #[derive(Clone, Debug, PartialEq)]
 pub struct MachineObject {
     pub name: String,
-    /// An object's coordinate times 2^`log2_scale` is a machine coordinate of the space in which its tree stands. Of a
-    /// skinned object that is the world.
+    /// An object's coordinate times 2^`log2_scale` is a machine coordinate in the space of its tree, which for a
+    /// skinned object is the world.
     pub log2_scale: i32,
-    /// The same of vertices as the host gives them: of a skinned object those at rest, else equal to `log2_scale`.
+    /// The same for vertices as written by the host: for a skinned object those at rest, otherwise equal to `log2_scale`.
     pub rest_log2_scale: i32,
-    /// As the host gives them, rounded once; −0 does not occur.
+    /// The vertices as written by the host, rounded once, without −0.
     pub rest: Vec<[f64; 3]>,
-    /// Three indices into `rest` each, as in the object's mesh.
+    /// Three indices into `rest` per triangle, as in the object's mesh.
     pub triangles: Vec<[u32; 3]>,
-    /// Of a skinned object those of each vertex, 1 to 4, the last one marked.
+    /// For a skinned object, the 1 to 4 influences of each vertex, with the last one marked.
     pub influences: Option<Vec<Vec<Influence>>>,
 }
 
-/// What the host gives the machine in a frame.
+/// The data that the host supplies in a frame.
 #[derive(Clone, Debug, PartialEq)]
 pub struct MachineFrame {
-    /// One for each object.
+    /// One per object.
     pub objects: Vec<ObjectFrame>,
-    /// One for each instance: from its object's space to the world, both in machine coordinates, in double precision; none for
-    /// one that is not there in this frame. (The machine wants the inverse, rounded.)
+    /// One matrix per instance, from object space to the world, both in machine coordinates, in double precision; `None` for
+    /// an instance that is absent from this frame. (The machine needs the rounded inverse.)
     pub instances: Vec<Option<Matrix3x4>>,
 }
 
-/// The part of a frame that is one object's.
+/// The data of one object in a frame.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ObjectFrame {
-    /// Vertices that the host writes this frame, if it writes any: those at rest of a skinned object.
+    /// The vertices that the host writes in this frame, if any; for a skinned object, those at rest.
     pub written: Option<Vec<[f64; 3]>>,
-    /// Of a skinned object a matrix a joint, from vertices at rest to the world, both in machine coordinates; else empty.
+    /// For a skinned object, one matrix per joint from vertices at rest to the world, both in machine coordinates; otherwise empty.
     pub palette: Vec<Columns>,
 }
 
 impl MachineScene {
-    /// Scales and rounds a scene whose boxes over all frames to be shown are `extents`, for a machine whose palette holds
+    /// Scales and rounds a scene whose boxes over all frames are `extents`, for a machine whose palette holds
     /// `joints` matrices.
     ///
     /// # Errors
-    /// One line that names the object: more joints than the machine's palette holds, or a scale that is no number.
+    /// One line that names the object if it has more joints than the machine's palette, or if its scale is not a number.
     pub fn new(
         scene: &Animated,
         extents: &Extents,
@@ -126,8 +126,8 @@ impl MachineScene {
         })
     }
 
-    /// What of `scene`, which this was made from with these boxes over all frames, the format cannot hold, a line each: of every
-    /// object as it is at rest, and of the world.
+    /// The losses of `scene`, the source of this scene, in the format, one line each: for every object at rest, and for the
+    /// world.
     pub fn warnings(&self, scene: &Animated, extents: &Extents) -> Vec<String> {
         let meshes = std::iter::zip(&scene.objects, &self.objects).map(|(before, after)| {
             let positions = &before.mesh.positions;
@@ -135,7 +135,7 @@ impl MachineScene {
         });
         let meshes: Vec<Loss> = meshes.collect();
         let mut warnings = losses(&scene.name, self.format, &meshes);
-        // Of an object whose box is the world's it has been said.
+        // The warning for an object whose box is that of the world was already given.
         let is_said = extents
             .objects
             .iter()
@@ -146,13 +146,13 @@ impl MachineScene {
         warnings
     }
 
-    /// A pose of the scene that this was made from.
+    /// Converts a pose of the scene from which this one was made.
     ///
     /// # Errors
-    /// One line that names the object and the joint if the format cannot hold a palette's number.
+    /// One line that names the object and the joint if the format cannot represent a number of a palette.
     ///
     /// # Panics
-    /// If the pose is another scene's.
+    /// If the pose belongs to another scene.
     pub fn frame(&self, pose: &Pose) -> Result<MachineFrame> {
         let arithmetic = Arithmetic::new(self.format);
         assert_eq!(pose.objects.len(), self.objects.len());
@@ -185,7 +185,7 @@ impl MachineScene {
             instances: instances
                 .map(|(&object, matrix)| {
                     let object = &self.objects[object];
-                    // A skinned object's matrix is the identity, and so are its scales' quotient.
+                    // For a skinned object, both the matrix and the quotient of the scales are the identity.
                     let rescaled = |matrix| rescaled(matrix, object.log2_scale, self.log2_scale);
                     matrix.as_ref().map(rescaled)
                 })
@@ -193,14 +193,14 @@ impl MachineScene {
         })
     }
 
-    /// Whether all frames can be cast in one level: there is one instance, and it always stands where its object's
-    /// space is the world's.
+    /// Whether all frames can be cast in one level: there is one instance, and in every frame its object space is
+    /// the world.
     pub fn is_one_level(&self, frames: &[MachineFrame]) -> bool {
         let identity = |frame: &MachineFrame| frame.instances == [Some(super::IDENTITY)];
         self.instances.len() == 1 && frames.iter().all(identity)
     }
 
-    /// Checks that an object's vertices, after skinning, are numbers, those at least that triangles use.
+    /// Checks that the vertices of an object that triangles use are numbers after skinning.
     ///
     /// # Errors
     /// One line that names the object and the vertex.
@@ -220,17 +220,17 @@ impl MachineScene {
     }
 }
 
-/// Positions scaled and rounded once, −0 to +0.
+/// Positions, scaled and rounded once, with −0 replaced by +0.
 fn rounded(arithmetic: &Arithmetic, positions: &[[f64; 3]], log2_scale: i32) -> Vec<[f64; 3]> {
     let scale = power_of_two(log2_scale);
     let number = |x: f64| arithmetic.round(x * scale) + 0.0;
     positions.iter().map(|p| p.map(number)).collect()
 }
 
-/// A matrix between spaces of which the one that it leads from is scaled by 2^`from`, the other by 2^`to`.
+/// A matrix between two spaces; the source space is scaled by 2^`from`, the target space by 2^`to`.
 fn rescaled(matrix: &Matrix3x4, from: i32, to: i32) -> Matrix3x4 {
     let scale = power_of_two(to);
-    // In two steps, since the quotient alone may be no number.
+    // Two steps, because the quotient alone may overflow.
     let linear = |x: f64| x * scale / power_of_two(from);
     matrix.map(|[x, y, z, w]| [linear(x), linear(y), linear(z), w * scale])
 }
@@ -297,7 +297,7 @@ mod tests {
         matrix[0] = [3.0, 0.5, 0.0, 10.0];
         let scaled = rescaled(&matrix, 4, -2);
         let [x, _, _] = transform_point(&scaled, [16.0, 32.0, 0.0]);
-        // The point (1, 2, 0) goes to x = 3 + 1 + 10.
+        // The point (1, 2, 0) is mapped to x = 3 + 1 + 10.
         assert_eq!(x, 14.0 / 4.0);
     }
 

@@ -1,17 +1,17 @@
-//! Scenes that move.
+//! Animated scenes.
 //!
-//! An [`Animated`] scene is made of [`Object`]s, meshes whose triangles never change, that stand in the world as
-//! [`Instance`]s. A [`Pose`] is one frame of it: all that the host computes and hands to the machine.
+//! An [`Animated`] scene consists of [`Object`]s, which are meshes of constant topology, and of their [`Instance`]s in the
+//! world. A [`Pose`] is one frame: all data that the host computes and writes to the machine.
 //!
-//! | what moves | who moves it |
+//! | moving part | moved by |
 //! |---|---|
 //! | a whole object | the host writes the matrix of its instance |
 //! | a skinned object's vertices | the host writes the matrices of the palette, the machine the vertices |
 //! | morph targets, mesh sequences, water | the host writes the vertices (of a skinned object those at rest) |
 //!
-//! As glTF has it, a skinned object ignores the place of its node: its palette leads to the world, and
+//! As in glTF, a skinned object ignores the place of its node: its palette leads to the world, and
 //! the matrix of its instance is the identity. All numbers here are in the scene's own units and in double
-//! precision; [`Animated::extents`] and [`log2_scale`](super::log2_scale) say how to scale them for the machine.
+//! precision; [`Animated::extents`] and [`log2_scale`](super::log2_scale) give the scale for the machine.
 
 mod curve;
 pub(super) mod gltf_file;
@@ -34,48 +34,48 @@ use glam::{DAffine3, DQuat, DVec3};
 use std::borrow::Cow;
 use std::rc::Rc;
 
-/// A 3×4 matrix by rows: the point (x, y, z) goes to `m[row][0]·x + m[row][1]·y + m[row][2]·z + m[row][3]`.
+/// A 3×4 matrix by rows: it maps (x, y, z) to `m[row][0]·x + m[row][1]·y + m[row][2]·z + m[row][3]`.
 pub type Matrix3x4 = [[f64; 4]; 3];
 
-/// The matrix that moves nothing.
+/// The identity.
 pub const IDENTITY: Matrix3x4 = [
     [1.0, 0.0, 0.0, 0.0],
     [0.0, 1.0, 0.0, 0.0],
     [0.0, 0.0, 1.0, 0.0],
 ];
 
-/// A scene with its motion.
+/// A scene with its clips.
 #[derive(Clone, Debug)]
 pub struct Animated {
     /// The file's stem, the folder's name, or the built-in scene's name.
     pub name: String,
-    /// At least one, each with at least one triangle.
+    /// At least one object, each with at least one triangle.
     pub objects: Vec<Object>,
-    /// At least one; every object has one.
+    /// At least one instance; every object has one.
     pub instances: Vec<Instance>,
-    /// What the scene can do; none, if it only stands.
+    /// The clips of the scene; empty for a static scene.
     pub clips: Vec<Clip>,
-    /// What of the source was left out or changed, a line each.
+    /// The parts of the source that were left out or changed, one line each.
     pub warnings: Vec<String>,
     pub(super) rig: Rig,
 }
 
-/// A mesh of fixed triangles.
+/// A mesh with constant triangles.
 #[derive(Clone, Debug)]
 pub struct Object {
     pub name: String,
-    /// At rest, in the object's own space. Triangles meet in shared vertices.
+    /// The mesh at rest, in object space. Adjacent triangles share vertices.
     pub mesh: Mesh,
     pub kind: Kind,
     pub(super) writer: Writer,
 }
 
-/// How an object's vertices move within the object.
+/// The way in which an object's vertices move within the object.
 #[derive(Clone, Debug)]
 pub enum Kind {
     /// Not at all.
     Static,
-    /// With joints; those of a skinned object may also be blended from morph targets before.
+    /// By joints; the vertices at rest may also be blended from morph targets.
     Skinned(Skin),
     /// The host blends them from morph targets.
     Morphed,
@@ -85,74 +85,74 @@ pub enum Kind {
     Procedural,
 }
 
-/// What the host writes into an object's vertices each frame.
+/// The source of the vertices that the host writes in each frame.
 #[derive(Clone, Debug)]
 pub(super) enum Writer {
     Nothing,
-    /// The mesh plus displacements, each times a weight of the node.
+    /// The mesh plus displacements, each multiplied by a weight of the node.
     Morphs {
         displacements: Vec<Vec<[f64; 3]>>,
         node: usize,
     },
     Frames(Vec<Vec<[f64; 3]>>),
-    /// What a formula makes of a number, of how fine it is to be, and the seconds.
+    /// The result of a formula for a resolution and a time in seconds.
     Formula {
         formula: fn(u32, f64) -> Vec<[f64; 3]>,
         detail: u32,
     },
 }
 
-/// An object standing in the world.
+/// An instance of an object in the world.
 #[derive(Clone, Debug)]
 pub struct Instance {
     pub name: String,
-    /// Its place in [`Animated::objects`].
+    /// Its index in [`Animated::objects`].
     pub object: usize,
-    /// The node that carries it; none for what always stands at the identity.
+    /// The node that carries it; `None` for the identity.
     pub(super) node: Option<usize>,
-    /// Its place against that node.
+    /// Its transform relative to that node.
     pub(super) local: DAffine3,
 }
 
-/// A motion that a scene can play.
+/// A named motion of a scene.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Clip {
-    /// Unique in its scene; a clip that the source gives no name is called by its number.
+    /// Unique in its scene; a clip without a name in the source is named by its number.
     pub name: String,
-    /// The time of its last key; before 0 and after this it holds still. Playing it over and over is left to the caller.
+    /// The time of its last key; before 0 and after this time nothing moves. The caller may repeat the clip.
     pub seconds: f64,
 }
 
 impl Clip {
-    /// Times that divide the clip into `frames` equal steps, beginning with 0; the end, which is where a clip made to
-    /// be repeated begins again, is none of them.
+    /// Times that divide the clip into `frames` equal steps, starting with 0. The end is not included, because a repeated
+    /// clip starts again there.
     pub fn frame_times(&self, frames: usize) -> Vec<f64> {
         let step = |i| self.seconds * i as f64 / frames as f64;
         (0..frames).map(step).collect()
     }
 }
 
-/// One frame: what the host computes and hands to the machine.
+/// One frame: the data that the host computes and writes to the machine.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Pose {
-    /// One for each object.
+    /// One per object.
     pub objects: Vec<ObjectPose>,
-    /// One for each instance: from the object's space to the world, never singular; none for an instance that is not there
-    /// in this frame, because a scale of 0 presses it flat or to a point.
+    /// One matrix per instance, from object space to the world, never singular; `None` for an instance that is absent
+    /// in this frame because a scale of 0 flattens it.
     pub instances: Vec<Option<Matrix3x4>>,
 }
 
-/// The part of a frame that is one object's.
+/// The data of one object in a frame.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ObjectPose {
-    /// The object's vertices if the host writes them each frame (see [`Object::is_written_by_host`]): those at rest if
-    /// it is skinned.
+    /// The vertices, if the host writes them in each frame (see [`Object::is_written_by_host`]); those at rest if
+    /// the object is skinned.
     pub positions: Option<Vec<[f64; 3]>>,
-    /// Of a skinned object one matrix a joint: the joint's place in the world × its inverse bind matrix. Else empty.
+    /// For a skinned object, one matrix per joint: the joint's transform in the world × its inverse bind matrix. Otherwise empty.
     pub palette: Vec<Matrix3x4>,
 }
 
-/// What a program does to joints beyond what a clip does to them.
+/// Rotations of joints by a program, in addition to a clip.
 #[derive(Clone, Debug, Default)]
 pub struct Overrides {
     rotations: Vec<(String, Rotation)>,
@@ -165,18 +165,18 @@ enum Rotation {
 }
 
 impl Overrides {
-    /// Turns a joint to a rotation against its parent, whatever the clip says: a quaternion x, y, z, w, of any length
-    /// but zero.
+    /// Sets a joint's rotation relative to its parent and overrides the clip; a quaternion x, y, z, w of any length
+    /// except zero.
     pub fn rotate(mut self, joint: &str, quaternion: [f64; 4]) -> Self {
         let rotation = Rotation::Instead(DQuat::from_array(quaternion));
         self.rotations.push((joint.to_string(), rotation));
         self
     }
 
-    /// Turns a joint, from where the clip or rest has it, about an axis of its own space. The axis may have any length but
-    /// zero; the angle is in radians, counter-clockwise seen against the axis.
+    /// Rotates a joint, relative to its position in the clip or at rest, about an axis in its own space. The axis may have any length
+    /// except zero; the angle is in radians, counter-clockwise seen against the axis.
     pub fn turn(mut self, joint: &str, axis: [f64; 3], angle: f64) -> Self {
-        // An axis that is none becomes a quaternion of NaNs, which posing refuses.
+        // An invalid axis results in a quaternion of NaNs, which posing rejects.
         let axis = DVec3::from_array(axis).normalize();
         let rotation = Rotation::Further(DQuat::from_axis_angle(axis, angle));
         self.rotations.push((joint.to_string(), rotation));
@@ -184,26 +184,26 @@ impl Overrides {
     }
 }
 
-/// The boxes of a scene over frames.
+/// The boxes of a scene over several frames.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Extents {
-    /// Of all instances' triangles, in the world.
+    /// The box of all instances' triangles in the world.
     pub world: Bounds,
-    /// One for each object.
+    /// One per object.
     pub objects: Vec<ObjectExtents>,
 }
 
-/// The boxes of an object's triangles over frames, in the object's space.
+/// The boxes of an object's triangles over several frames, in object space.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ObjectExtents {
-    /// Of vertices as the host writes them: before skinning.
+    /// The box of the vertices as written by the host, before skinning.
     pub rest: Bounds,
-    /// Of vertices as the tree sees them: after skinning.
+    /// The box of the vertices after skinning, as in the tree.
     pub posed: Bounds,
 }
 
 impl Object {
-    /// How its vertices follow joints, if they do.
+    /// The skin, if the object has one.
     pub fn skin(&self) -> Option<&Skin> {
         match &self.kind {
             Kind::Skinned(skin) => Some(skin),
@@ -211,12 +211,12 @@ impl Object {
         }
     }
 
-    /// Whether the host writes the vertices every frame: those at rest of a skinned object. Else they never change.
+    /// Whether the host writes the vertices in every frame (for a skinned object, those at rest); otherwise they are constant.
     pub fn is_written_by_host(&self) -> bool {
         !matches!(self.writer, Writer::Nothing)
     }
 
-    /// Which vertices triangles use.
+    /// For each vertex, whether a triangle uses it.
     fn used(&self) -> Vec<bool> {
         let mut used = vec![false; self.mesh.positions.len()];
         for &index in self.mesh.triangles.iter().flatten() {
@@ -227,7 +227,7 @@ impl Object {
 }
 
 impl Animated {
-    /// A scene of one object that stands still.
+    /// A static scene of one object.
     pub(super) fn still(scene: Scene) -> Self {
         let Scene {
             name,
@@ -239,7 +239,7 @@ impl Animated {
         animated
     }
 
-    /// A scene of one object that stands at the identity, without clips.
+    /// A scene of one object at the identity, without clips.
     pub(super) fn single(name: String, mesh: Mesh, kind: Kind, writer: Writer) -> Self {
         Animated {
             objects: vec![Object {
@@ -261,11 +261,11 @@ impl Animated {
         }
     }
 
-    /// The place in `clips` of the clip of that name, as the file or as a message has it; of no name the first clip's, if
-    /// there is any.
+    /// The index in `clips` of the clip with this name, in the form of the file or of messages; without a name, the first clip,
+    /// if there is one.
     ///
     /// # Errors
-    /// One line that lists the clips there are, if none has the name.
+    /// One line that lists the existing clips, if none has the name.
     pub fn clip(&self, name: Option<&str>) -> Result<Option<usize>> {
         let Some(name) = name else {
             return Ok((!self.clips.is_empty()).then_some(0));
@@ -286,19 +286,19 @@ impl Animated {
         }
     }
 
-    /// The names of the joints and other nodes that [`Overrides`] can turn.
+    /// The names of the joints and other nodes that [`Overrides`] can rotate.
     pub fn node_names(&self) -> Vec<&str> {
         let nodes = self.rig.nodes.iter();
         nodes.map(|node| node.name.as_str()).collect()
     }
 
-    /// Triangles of all objects, each counted once however often it stands.
+    /// Number of triangles of all objects, each object counted once.
     pub fn triangle_count(&self) -> usize {
         let objects = self.objects.iter();
         objects.map(|object| object.mesh.triangles.len()).sum()
     }
 
-    /// The scene at a time of a clip, or at rest. Before its first key and after its last a clip holds still.
+    /// The scene at a time of a clip, or at rest. Before the first key and after the last a clip is constant.
     ///
     /// # Errors
     /// See [`Animated::pose_with`].
@@ -306,14 +306,14 @@ impl Animated {
         self.pose_with(clip, seconds, &Overrides::default())
     }
 
-    /// The scene at a time of a clip, or at rest, with joints turned by a program.
+    /// The scene at a time of a clip, or at rest, with joints rotated by a program.
     ///
-    /// An instance whose matrix is singular is left out: by a scale of 0 animators hide things, and the machine cannot show
-    /// what is pressed flat, since it needs the inverse. [`Animated::warnings_of`] says so.
+    /// Instances with a singular matrix are left out, because the machine needs the inverse; animators use a scale of 0 to hide
+    /// objects. [`Animated::warnings_of`] reports them.
     ///
     /// # Errors
-    /// One line if there is no such clip, the time is NaN, an override names no node or several or is no
-    /// rotation, or a matrix is not finite.
+    /// One line if there is no such clip, if the time is NaN, if an override names no node or several, if it is not a
+    /// rotation, or if a matrix is not finite.
     pub fn pose_with(
         &self,
         clip: Option<usize>,
@@ -401,7 +401,7 @@ impl Animated {
         })
     }
 
-    /// The node of a name, as the file or as a message has it: a joint, if a joint and another node share it.
+    /// The node with this name, in the form of the file or of messages; a joint has priority over another node.
     fn node(&self, name: &str) -> Result<usize> {
         let nodes = &self.rig.nodes;
         let shown = match nodes.iter().any(|node| node.name == name) {
@@ -435,10 +435,10 @@ impl Animated {
         }
     }
 
-    /// What of the scene is not there in these poses, in a line or two.
+    /// Warnings about parts of the scene that are absent in these poses.
     ///
     /// # Panics
-    /// If a pose is another scene's.
+    /// If a pose belongs to another scene.
     pub fn warnings_of(&self, poses: &[Pose]) -> Vec<String> {
         let frames = |count: usize| match (count, poses.len()) {
             (all, frames) if all == frames => "all frames".into(),
@@ -475,10 +475,10 @@ impl Animated {
         warnings
     }
 
-    /// An object's vertices at a pose of this scene, after skinning, in double precision.
+    /// The vertices of an object in a pose of this scene, after skinning, in double precision.
     ///
     /// # Panics
-    /// If there is no such object or the pose is another scene's.
+    /// If there is no such object, or if the pose belongs to another scene.
     pub fn vertices(&self, pose: &Pose, object: usize) -> Vec<[f64; 3]> {
         let (object, pose) = (&self.objects[object], &pose.objects[object]);
         let positions = pose.positions.as_ref().unwrap_or(&object.mesh.positions);
@@ -488,10 +488,10 @@ impl Animated {
         }
     }
 
-    /// The whole scene at a pose as one mesh in the world, instance after instance that is there, in double precision.
+    /// The whole scene in a pose as one mesh in the world, in double precision, with all present instances in order.
     ///
     /// # Panics
-    /// If the pose is another scene's, or the scene has more than 2³² vertices.
+    /// If the pose belongs to another scene, or if the scene has more than 2³² vertices.
     pub fn world_mesh(&self, pose: &Pose) -> Mesh {
         let mut mesh = Mesh::default();
         for (instance, matrix) in std::iter::zip(&self.instances, &pose.instances) {
@@ -509,10 +509,10 @@ impl Animated {
         mesh
     }
 
-    /// A camera that sees all triangles in all of these poses, as near as it can.
+    /// A camera that sees all triangles in all of these poses from the shortest possible distance.
     ///
     /// # Panics
-    /// If there are no poses, one is another scene's, or a vertex is not finite.
+    /// If there are no poses, if one belongs to another scene, or if a vertex is not finite.
     pub fn camera(&self, poses: &[Pose], size: ImageSize) -> Camera {
         let used: Vec<Vec<bool>> = self.objects.iter().map(Object::used).collect();
         let corners = poses.iter().flat_map(|pose| {
@@ -534,11 +534,11 @@ impl Animated {
         Camera::framing_points(corners, f64::from(size.width) / f64::from(size.height))
     }
 
-    /// The boxes of the scene and its objects over the frames of a clip: of vertices that triangles use, in double
+    /// The boxes of the scene and its objects over the frames of a clip, over the vertices that triangles use, in double
     /// precision.
     ///
     /// # Errors
-    /// One line if `times` is empty, a vertex is not finite, or as [`Animated::pose`].
+    /// One line if `times` is empty or a vertex is not finite, and as [`Animated::pose`].
     pub fn extents(&self, clip: Option<usize>, times: &[f64]) -> Result<Extents> {
         ensure!(
             !times.is_empty(),
@@ -549,13 +549,13 @@ impl Animated {
         self.extents_of(&poses.collect::<Result<Vec<_>>>()?)
     }
 
-    /// The boxes of the scene and its objects over poses: see [`Animated::extents`].
+    /// The boxes of the scene and its objects over several poses: see [`Animated::extents`].
     ///
     /// # Errors
-    /// One line if there are no poses, no instance is there in any of them, or a vertex is not finite.
+    /// One line if there are no poses, if no instance is present in any of them, or if a vertex is not finite.
     ///
     /// # Panics
-    /// If a pose is another scene's.
+    /// If a pose belongs to another scene.
     pub fn extents_of(&self, poses: &[Pose]) -> Result<Extents> {
         ensure!(
             !poses.is_empty(),
@@ -616,7 +616,7 @@ impl Animated {
 }
 
 impl Object {
-    /// What the host writes at a time.
+    /// The vertices that the host writes at a time.
     fn written(
         &self,
         clip: Option<usize>,
@@ -649,7 +649,7 @@ impl Object {
     }
 }
 
-/// A box that grows.
+/// A box to which points are added.
 #[derive(Clone, Copy)]
 struct GrowingBox {
     low: [f64; 3],
@@ -673,7 +673,7 @@ impl GrowingBox {
     }
 }
 
-/// Whether a matrix presses space flat, up to rounding: its columns span next to no volume for their length.
+/// Whether a matrix is singular up to rounding: its columns span almost no volume relative to their lengths.
 fn is_singular(matrix: &DAffine3) -> bool {
     const NEXT_TO_NOTHING: f64 = 1e-12;
     let m = matrix.matrix3;
@@ -700,7 +700,7 @@ fn rows(matrix: &DAffine3) -> Matrix3x4 {
     })
 }
 
-/// A number for a message: very large and very small ones in scientific notation.
+/// A number for a message; very large and very small ones in scientific notation.
 fn number(x: f64) -> String {
     match x == 0.0 || !x.is_finite() || (1e-6..1e12).contains(&x.abs()) {
         true => x.to_string(),
@@ -708,7 +708,7 @@ fn number(x: f64) -> String {
     }
 }
 
-/// Names for a line that is about any number of things: the first few.
+/// A list of names for a message, limited to the first few.
 pub(super) fn some<'a>(names: impl IntoIterator<Item = &'a str>) -> String {
     const MOST: usize = 4;
     let names: Vec<&str> = names.into_iter().collect();
@@ -718,7 +718,7 @@ pub(super) fn some<'a>(names: impl IntoIterator<Item = &'a str>) -> String {
     }
 }
 
-/// Names for an error message, not too many of them.
+/// A list of quoted names for an error message, limited in length.
 fn quoted<'a>(names: impl IntoIterator<Item = &'a str>) -> String {
     const MOST: usize = 64;
     let names: Vec<String> = names.into_iter().map(|name| format!("`{name}`")).collect();

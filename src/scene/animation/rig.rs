@@ -1,36 +1,36 @@
-//! The hierarchy of nodes, and the clips that move it.
+//! The hierarchy of nodes, and the tracks of clips that move it.
 
 use super::Curve;
 use anyhow::{Result, bail, ensure};
 use glam::{DAffine3, DQuat, DVec3};
 
-/// Nodes and what clips do to them.
+/// The nodes and the tracks of all clips.
 #[derive(Clone, Debug, Default)]
 pub struct Rig {
     pub nodes: Vec<Node>,
     /// All nodes, every parent before its children.
     order: Vec<usize>,
-    /// For each clip.
+    /// The tracks of each clip.
     pub tracks: Vec<Vec<Track>>,
 }
 
-/// A place in the hierarchy.
+/// A node of the hierarchy.
 #[derive(Clone, Debug)]
 pub struct Node {
     pub name: String,
     pub parent: Option<usize>,
     pub local: Local,
-    /// Of the morph targets of what it carries.
+    /// The weights of its morph targets.
     pub weights: Vec<f64>,
 }
 
-/// A node's place against its parent.
+/// A node's transform relative to its parent.
 #[derive(Clone, Copy, Debug)]
 pub struct Local {
     pub translation: DVec3,
     pub rotation: DQuat,
     pub scale: DVec3,
-    /// What stands in place of the three until one of them is set: a matrix may shear.
+    /// A matrix, which may shear, in place of the three until one of them is set.
     matrix: Option<DAffine3>,
 }
 
@@ -64,12 +64,12 @@ impl Local {
     }
 }
 
-/// What a clip does to one property of a node.
+/// The change of one property of a node by a clip.
 #[derive(Clone, Debug)]
 pub struct Track {
     pub node: usize,
     pub property: Property,
-    /// As wide as the property.
+    /// Its width is that of the property.
     pub curve: Curve,
 }
 
@@ -81,17 +81,17 @@ pub enum Property {
     Weights,
 }
 
-/// Where all nodes are at a time.
+/// The state of all nodes at a time.
 pub struct Posed {
-    /// From the node's space to the world.
+    /// From node space to the world.
     pub globals: Vec<DAffine3>,
-    /// Of the node's morph targets.
+    /// The weights of each node's morph targets.
     pub weights: Vec<Vec<f64>>,
 }
 
 impl Rig {
     /// # Errors
-    /// One line if nodes are their own ancestors.
+    /// One line if a node is its own ancestor.
     pub fn new(nodes: Vec<Node>) -> Result<Self> {
         let mut children = vec![Vec::new(); nodes.len()];
         let mut order = Vec::with_capacity(nodes.len());
@@ -107,7 +107,7 @@ impl Rig {
             next += 1;
         }
         if order.len() < nodes.len() {
-            // What no root leads to hangs on a cycle: its parents lead into it.
+            // A node that cannot be reached from a root has a cycle among its ancestors.
             let mut reached = vec![false; nodes.len()];
             order.iter().for_each(|&number| reached[number] = true);
             let unreached = (0..nodes.len()).find(|&number| !reached[number]);
@@ -132,7 +132,7 @@ impl Rig {
         self.tracks.push(tracks);
     }
 
-    /// Where nodes are at a time of a clip, or at rest; `change` may change them before the hierarchy is applied.
+    /// The state of the nodes at a time of a clip, or at rest; `change` may modify the nodes before the hierarchy is applied.
     pub fn pose(
         &self,
         clip: Option<usize>,
@@ -142,7 +142,7 @@ impl Rig {
         let mut locals: Vec<Local> = self.nodes.iter().map(|node| node.local).collect();
         let mut weights: Vec<Vec<f64>> =
             self.nodes.iter().map(|node| node.weights.clone()).collect();
-        // What moves no nodes has no tracks.
+        // A clip that moves no nodes has no tracks.
         let tracks = clip.and_then(|clip| self.tracks.get(clip));
         for track in tracks.into_iter().flatten() {
             let value = track.curve.sample(seconds);

@@ -1,4 +1,4 @@
-//! Sequences of OBJ files, one a frame.
+//! Sequences of OBJ files, one per frame.
 
 use super::super::Mesh;
 use super::super::obj::{self, LeftOut};
@@ -10,11 +10,11 @@ use std::cmp::Ordering;
 use std::ffi::OsStr;
 use std::path::{Path, PathBuf};
 
-/// How fast a sequence of meshes plays. Between two meshes vertices run in straight lines.
+/// The speed of a sequence of meshes. Vertices are interpolated linearly between two meshes.
 pub const SEQUENCE_FRAMES_PER_SECOND: f64 = 24.0;
 
-/// The meshes of a folder's OBJ files in the order of their names (see [`by_name`]). Hidden files, whose names begin with a
-/// dot, are not frames: macOS leaves such files beside every file on a foreign disk.
+/// Loads the OBJ files of a folder in the order of their names (see [`by_name`]). Hidden files, whose names start with a
+/// dot, are ignored: macOS creates such files on other file systems.
 pub fn load(folder: &Path) -> Result<Animated> {
     let shown = text::path(folder);
     let entries = std::fs::read_dir(folder).with_context(|| format!("{shown}: cannot be read"))?;
@@ -60,7 +60,7 @@ pub fn load(folder: &Path) -> Result<Animated> {
         }
     }
     let mesh = first.expect("there is a file");
-    // A folder given as `.` has no name of its own.
+    // A folder given as `.` has no name.
     let name = folder
         .canonicalize()
         .unwrap_or_else(|_| folder.to_path_buf());
@@ -87,14 +87,14 @@ pub fn load(folder: &Path) -> Result<Animated> {
     Ok(animated)
 }
 
-/// The order of frames: runs of digits compare as numbers, so that f2 comes before f10, and case does not count. Names that
-/// are then the same, such as f1, F1 and f01, are in the order of their bytes.
+/// The order of frames: runs of digits compare as numbers, so f2 precedes f10, and case is ignored. Names that
+/// are then equal, such as f1, F1 and f01, are ordered by their bytes.
 fn by_name(a: &Path, b: &Path) -> Ordering {
     let key = |path: &Path| folded(path.file_stem().unwrap_or_default());
     natural(&key(a), &key(b)).then_with(|| a.cmp(b))
 }
 
-/// A name in lower case; a name need not be Unicode.
+/// A name in lower case; it need not be Unicode.
 fn folded(name: &OsStr) -> Vec<u8> {
     match name.to_str() {
         Some(name) => name.to_lowercase().into_bytes(),
@@ -125,7 +125,7 @@ fn natural(mut a: &[u8], mut b: &[u8]) -> Ordering {
     }
 }
 
-/// Takes the digits in front, and gives those that count.
+/// Removes the leading digits and returns the significant ones.
 fn number<'a>(bytes: &mut &'a [u8]) -> &'a [u8] {
     let end = bytes.iter().position(|byte| !byte.is_ascii_digit());
     let (digits, rest) = bytes.split_at(end.unwrap_or(bytes.len()));
@@ -159,10 +159,10 @@ fn check_topology(first: &Mesh, other: &Mesh) -> Result<()> {
     Ok(())
 }
 
-/// The vertices at a time: those of the frame that is there, or between two.
+/// The vertices at a time: those of a frame, or interpolated between two.
 pub fn at(frames: &[Vec<[f64; 3]>], seconds: f64) -> Vec<[f64; 3]> {
     let place = (seconds * SEQUENCE_FRAMES_PER_SECOND).clamp(0.0, (frames.len() - 1) as f64);
-    // The time of a frame, divided and multiplied, may miss it by its last bits.
+    // Division and multiplication may change the last bits of a frame's time.
     let nearest = place.round();
     if (place - nearest).abs() < 1e-9 {
         return frames[nearest as usize].clone();

@@ -1,26 +1,26 @@
-//! What binds a mesh to its skeleton.
+//! The binding of a mesh to its skeleton.
 
 use super::{Matrix3x4, number};
 use anyhow::{Result, ensure};
 use glam::DAffine3;
 
-/// The most joints that a vertex may follow.
+/// Maximum number of influences of a vertex.
 pub const MOST_INFLUENCES: usize = 4;
 
-/// The joints that one vertex follows, the strongest first. Weights are positive, then zero; they sum to 1. Where a
-/// weight is zero, so is the joint.
+/// The influences of one vertex, the strongest first. Weights are positive, then zero; their sum is 1. A joint with weight
+/// zero is joint 0.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Influences {
-    /// Places in the object's palette.
+    /// Indices into the object's palette.
     pub joints: [u16; MOST_INFLUENCES],
     pub weights: [f64; MOST_INFLUENCES],
 }
 
 impl Influences {
-    /// The strongest of the joints given, which may repeat, and whether there were more than [`MOST_INFLUENCES`].
+    /// The strongest of the given influences, whose joints may repeat, and whether there were more than [`MOST_INFLUENCES`].
     ///
     /// # Errors
-    /// One line if a weight is negative or not finite, all are zero, or a joint that has a weight is not below
+    /// One line if a weight is negative or not finite, if all are zero, or if a joint with a weight is not below
     /// `joint_count`.
     pub fn new(given: &[(u32, f64)], joint_count: usize) -> Result<(Self, bool)> {
         let mut merged: Vec<(u16, f64)> = Vec::with_capacity(given.len());
@@ -30,7 +30,7 @@ impl Influences {
                 "has the weight {}; give weights from 0 to 1",
                 number(weight)
             );
-            // What fills up the four often names joints that are not there.
+            // Unused entries often name joints that do not exist.
             if weight == 0.0 {
                 continue;
             }
@@ -51,7 +51,7 @@ impl Influences {
         merged.sort_by(|(i, v), (j, w)| w.total_cmp(v).then(i.cmp(j)));
         let reduced = merged.len() > MOST_INFLUENCES;
         merged.truncate(MOST_INFLUENCES);
-        // Dividing by the greatest first keeps the sum of enormous or tiny weights finite and normal.
+        // Dividing by the maximum first keeps the sum of very large or small weights finite and normal.
         let greatest = merged[0].1;
         let sum: f64 = merged.iter().map(|(_, weight)| weight / greatest).sum();
         let mut influences = Self {
@@ -65,7 +65,7 @@ impl Influences {
         Ok((influences, reduced))
     }
 
-    /// How many joints the vertex follows, 1 to [`MOST_INFLUENCES`].
+    /// Number of influences of the vertex, 1 to [`MOST_INFLUENCES`].
     pub fn count(&self) -> usize {
         self.weights.iter().filter(|&&weight| weight > 0.0).count()
     }
@@ -74,23 +74,23 @@ impl Influences {
 /// The binding of an object's vertices to joints.
 #[derive(Clone, Debug)]
 pub struct Skin {
-    /// One for each vertex of the object's mesh.
+    /// One per vertex of the object's mesh.
     pub influences: Vec<Influences>,
     /// Names of the joints in the order of the palette.
     pub joint_names: Vec<String>,
-    /// The node that each joint is.
+    /// The node of each joint.
     pub(in crate::scene) nodes: Vec<usize>,
     /// From the space of the mesh to that of the joint at rest.
     pub(in crate::scene) inverse_bind: Vec<DAffine3>,
 }
 
 impl Skin {
-    /// Matrices in the palette.
+    /// Number of matrices in the palette.
     pub fn joint_count(&self) -> usize {
         self.nodes.len()
     }
 
-    /// Influences of all vertices together, which is the work of skinning.
+    /// Number of influences of all vertices, which determines the time of skinning.
     pub fn influence_count(&self) -> usize {
         self.influences.iter().map(Influences::count).sum()
     }
@@ -101,11 +101,11 @@ pub fn transform_point(matrix: &Matrix3x4, point: [f64; 3]) -> [f64; 3] {
     matrix.map(|[x, y, z, w]| x * point[0] + y * point[1] + z * point[2] + w)
 }
 
-/// Skinning in double precision: every vertex is the weighted sum of where its joints take it. For bounds and
-/// pictures; the machine's own result is that of its arithmetic.
+/// Skinning in double precision: every vertex is the weighted sum of its transformations by its joints. It is used for bounds
+/// and pictures; the machine's result is that of its own arithmetic.
 ///
 /// # Panics
-/// If `positions` and `influences` are not of equal length or a joint is not in `palette`.
+/// If `positions` and `influences` have different lengths, or if a joint is not in `palette`.
 pub fn skin_f64(
     positions: &[[f64; 3]],
     influences: &[Influences],

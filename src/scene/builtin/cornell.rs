@@ -1,11 +1,10 @@
-//! The Cornell box, from Cornell University's published measurements, in millimetres, turned by half a turn
-//! around the vertical: its open front faces +z, where other scenes too are looked at from.
+//! The Cornell box, from Cornell University's published measurements, in millimetres, rotated by 180°
+//! around the vertical axis: its open front faces +z, as in other scenes.
 
 use super::{Mesh, Welder, snap};
 
-/// Floor, ceiling, three walls (the front is open) and two blocks standing on the floor without bottoms. The
-/// light is a hole's worth of the ceiling: the ceiling goes around it, so that nothing lies upon
-/// anything else.
+/// Floor, ceiling, three walls (the front is open) and two blocks on the floor without bottom faces. The ceiling has a
+/// hole for the light, so no two faces overlap.
 pub fn mesh() -> Mesh {
     let mut scene = Welder::default();
     let floor = [

@@ -1,8 +1,8 @@
-//! A human figure under one closed skin.
+//! A human figure with one closed skin.
 //!
-//! Its body is the smooth union of round cones about the bones of its skeleton, turned into triangles by marching
-//! tetrahedra and evened out. A vertex is bound to the bone whose cone is nearest, and the binding is then spread over the
-//! skin, so that it bends smoothly where it should and a leg does not tug at the other.
+//! The body is the smooth union of round cones around the bones of the skeleton. Marching tetrahedra convert it to triangles,
+//! which are then smoothed. A vertex is bound to the bone with the nearest cone; the binding is then spread over the
+//! skin, so it bends smoothly and the motion of one leg does not move the other.
 
 use super::super::Mesh;
 use super::super::animation::{
@@ -14,17 +14,17 @@ use glam::{DAffine3, DQuat, DVec3};
 use std::collections::{BTreeMap, HashMap};
 use std::f64::consts::TAU;
 
-/// Metres.
+/// Height in metres.
 const HEIGHT: f64 = 1.8;
 
-/// How far cones of the union reach for each other, in metres.
+/// Distance over which cones are blended, in metres.
 const SMOOTHING: f64 = 0.075;
 
-/// How wide the binding is spread over the skin, as a share of the figure's height.
+/// Width over which the binding is spread, as a share of the figure's height.
 const SPREAD: f64 = 0.035;
 
-/// Joints: name, parent and place at rest, in metres. The figure stands on y = 0 and faces +z, its left is +x; its arms
-/// hang outwards at 45°. Those of the left side are mirrored to the right.
+/// Joints: name, parent and position at rest, in metres. The figure stands on y = 0 and faces +z; its left is +x; its arms
+/// point outwards and down at 45°. The joints of the left side are mirrored to the right.
 const MIDDLE: [(&str, &str, [f64; 3]); 5] = [
     ("hips", "", [0.0, 0.95, 0.0]),
     ("spine", "hips", [0.0, 1.07, 0.0]),
@@ -43,7 +43,7 @@ const LEFT: [(&str, &str, [f64; 3]); 8] = [
     ("toes", "foot", [0.150, 0.045, 0.095]),
 ];
 
-/// A cone with round ends about a bone: from an end and its radius to the other and its.
+/// A cone with round ends around a bone: the positions of both ends, each with its radius.
 type Cone = (&'static str, [f64; 3], f64, [f64; 3], f64);
 
 const MIDDLE_CONES: [Cone; 10] = [
@@ -173,7 +173,7 @@ pub fn animated(detail: u32) -> Animated {
     let mut mesh = isosurface(&cones, HEIGHT / f64::from(detail));
     let neighbours = neighbours(&mesh);
     smooth(&mut mesh.positions, &neighbours, &cones);
-    // Edges are about half a cell long, and what spreads at random gets as far as the root of its steps.
+    // Edges are about half a cell long, and a random spread reaches a distance that grows with the square root of the number of steps.
     let steps = (2.0 * SPREAD * f64::from(detail)).powi(2).round() as usize;
     let influences = bind(&mesh.positions, &neighbours, &cones, joints.len(), steps);
     let place = |joint: usize| DVec3::from_array(joints[joint].place);
@@ -236,7 +236,7 @@ fn mirrored([x, y, z]: [f64; 3]) -> [f64; 3] {
     [-x, y, z]
 }
 
-/// What the tables call `name` on one side.
+/// The full name of `name` on one side of the body.
 fn sided(name: &str, side: &str) -> String {
     match MIDDLE.iter().any(|(middle, ..)| *middle == name) {
         true => name.to_string(),
@@ -268,7 +268,7 @@ fn joints() -> Vec<Joint> {
         .collect()
 }
 
-/// A cone and the joint whose bone it is about.
+/// A cone, and the joint of its bone.
 struct Flesh {
     joint: usize,
     from: DVec3,
@@ -277,7 +277,7 @@ struct Flesh {
 }
 
 impl Flesh {
-    /// About the distance from its surface, negative within.
+    /// The approximate distance from its surface, negative inside.
     fn distance(&self, point: DVec3) -> f64 {
         let offset = point - self.from;
         let part = (offset.dot(self.along) / self.along.length_squared()).clamp(0.0, 1.0);
@@ -308,20 +308,20 @@ fn cones(joints: &[Joint]) -> Vec<Flesh> {
     all
 }
 
-/// The smooth union's field, negative within.
+/// The field of the smooth union, negative inside.
 fn field(cones: &[Flesh], point: DVec3) -> f64 {
     let distances = cones.iter().map(|cone| cone.distance(point));
     distances
         .reduce(|a, b| {
-            // A polynomial that is the minimum where the two are apart.
+            // A polynomial that equals the minimum at some distance.
             let overlap = (SMOOTHING - (a - b).abs()).max(0.0) / SMOOTHING;
             a.min(b) - overlap * overlap * SMOOTHING / 4.0
         })
         .expect("there are cones")
 }
 
-/// The triangles of the field's zero by marching tetrahedra: the cubes of a grid fall into six tetrahedra each, which
-/// the zero cuts in a triangle or two. Whatever the field, the mesh is closed and each of its edges joins two
+/// The triangles of the field's zero by marching tetrahedra: each cube of a grid is divided into six tetrahedra, and
+/// the surface cuts a tetrahedron in one or two triangles. The mesh is closed for any field, and each edge joins two
 /// triangles.
 fn isosurface(cones: &[Flesh], cell: f64) -> Mesh {
     let (mut low, mut high) = (DVec3::INFINITY, DVec3::NEG_INFINITY);
@@ -332,7 +332,7 @@ fn isosurface(cones: &[Flesh], cell: f64) -> Mesh {
             high = high.max(end + radius);
         }
     }
-    // A plane of the grid in the plane of symmetry.
+    // One plane of the grid is the plane of symmetry.
     let first = (low / cell).floor();
     let counts = ((high / cell).ceil() - first + 1.0).to_array();
     let counts = counts.map(|count| count as usize);
@@ -344,10 +344,10 @@ fn isosurface(cones: &[Flesh], cell: f64) -> Mesh {
     };
     let values: Vec<f64> = grid(counts).map(|p| field(cones, point(p))).collect();
     let mut mesh = Mesh::default();
-    // By the grid's points at the ends of the edge that the vertex is on.
+    // Keyed by the grid points of the edge that contains the vertex.
     let mut vertices: HashMap<[usize; 2], u32> = HashMap::new();
     for base in grid(counts.map(|count| count - 1)) {
-        // A tetrahedron follows the cube's edges along the axes in some order from corner 000 to corner 111.
+        // A tetrahedron follows the cube's edges along the axes, in some order, from corner 000 to corner 111.
         for order in [
             [0, 1, 2],
             [1, 2, 0],
@@ -371,7 +371,7 @@ fn isosurface(cones: &[Flesh], cell: f64) -> Mesh {
                 (&[i, j], &[a, b]) => vec![[i, a], [i, b], [j, b], [j, a]],
                 _ => continue,
             };
-            // Its front is where the outside is, seen on the middles of the edges, which lie in one plane.
+            // The front is the side of the outside, judged by the midpoints of the edges, which are in one plane.
             let middle = |[i, o]: [[usize; 3]; 2]| (point(i) + point(o)) / 2.0;
             let [p, q, r] = [0, 1, 2].map(|corner| middle(cut[corner]));
             let outwards = point(cut[0][1]) - point(cut[0][0]);
@@ -398,11 +398,11 @@ fn isosurface(cones: &[Flesh], cell: f64) -> Mesh {
     mesh
 }
 
-/// The vertices that share an edge with each.
+/// For each vertex, the vertices that share an edge with it.
 fn neighbours(mesh: &Mesh) -> Vec<Vec<usize>> {
     let mut neighbours = vec![Vec::new(); mesh.positions.len()];
     for &[a, b, c] in &mesh.triangles {
-        // In a closed mesh every edge runs once either way.
+        // In a closed mesh every edge occurs once in each direction.
         for (from, to) in [(a, b), (b, c), (c, a)] {
             neighbours[from as usize].push(to as usize);
         }
@@ -410,7 +410,7 @@ fn neighbours(mesh: &Mesh) -> Vec<Vec<usize>> {
     neighbours
 }
 
-/// Evens out the grid's traces: vertices move amid their neighbours and from there back to the field's zero.
+/// Smooths the traces of the grid: vertices move to the mean of their neighbours and from there back to the surface.
 fn smooth(positions: &mut Vec<[f64; 3]>, neighbours: &[Vec<usize>], cones: &[Flesh]) {
     const ROUNDS: usize = 6;
     const STEP: f64 = 1e-4;
@@ -433,8 +433,8 @@ fn smooth(positions: &mut Vec<[f64; 3]>, neighbours: &[Vec<usize>], cones: &[Fle
     }
 }
 
-/// Binds every vertex to the joint whose flesh is nearest, then lets each vertex take the mean of itself and its
-/// neighbours, `steps` times over.
+/// Binds every vertex to the joint with the nearest cone. Then `steps` times replaces the binding of each vertex by the mean of
+/// itself and its neighbours.
 fn bind(
     positions: &[[f64; 3]],
     neighbours: &[Vec<usize>],
@@ -476,7 +476,7 @@ fn bind(
                 .map(|(joint, weight)| (joint as u32, weight))
                 .collect();
             given.sort_by(|(_, v), (_, w)| w.total_cmp(v));
-            // Traces of far joints would cost an influence each and be seen by nobody.
+            // Very small weights of distant joints would cost one influence each and would not be visible.
             let strongest = given[0].1;
             given.retain(|(_, weight)| *weight >= strongest / 32.0);
             given.truncate(MOST_INFLUENCES);
@@ -487,7 +487,7 @@ fn bind(
         .collect()
 }
 
-/// What a motion sets at one moment: rotations of joints, in radians, and where the hips are.
+/// The state of a motion at one time: rotations of joints, in radians, and the position of the hips.
 struct Limbs<'a> {
     joints: &'a [Joint],
     rotations: Vec<DQuat>,
@@ -495,28 +495,28 @@ struct Limbs<'a> {
 }
 
 impl Limbs<'_> {
-    /// Turns a joint about an axis that is the world's when it is at rest, before what was set earlier.
+    /// Rotates a joint about an axis of the world at rest, before the rotations set earlier.
     fn turn(&mut self, joint: &str, axis: DVec3, angle: f64) {
         let place = self.joints.iter().position(|other| other.name == joint);
         let rotation = &mut self.rotations[place.expect("motions name joints")];
         *rotation = DQuat::from_axis_angle(axis, angle) * *rotation;
     }
 
-    /// Turns a joint so that a bone that hangs down swings forwards.
+    /// Rotates a joint so that a bone that points down swings forwards.
     fn swing(&mut self, joint: &str, angle: f64) {
         self.turn(joint, DVec3::NEG_X, angle);
     }
 }
 
-/// How far the arms hang down from their 45° when they are at ease, in radians.
+/// The angle of the relaxed arms relative to their 45°, in radians.
 const AT_EASE: f64 = 0.62;
 
-/// A step with each foot. `phase` runs from 0 to 1.
+/// One step with each foot. `phase` runs from 0 to 1.
 fn walk(limbs: &mut Limbs, phase: f64) {
     for (side, out, turn) in [("left", 1.0, phase), ("right", -1.0, phase + 0.5)] {
         let (sin, cos) = (TAU * turn).sin_cos();
         let named = |name: &str| format!("{side}_{name}");
-        // The knee bends while the leg comes forward.
+        // The knee bends while the leg moves forward.
         let knee = 0.12 + 0.85 * cos.max(0.0).powi(2);
         limbs.swing(&named("thigh"), 0.08 + 0.42 * sin);
         limbs.swing(&named("shin"), -knee);
@@ -524,7 +524,7 @@ fn walk(limbs: &mut Limbs, phase: f64) {
         limbs.swing(&named("toes"), 0.35 * (-sin).max(0.0) * cos.max(0.0));
         limbs.turn(&named("upper_arm"), DVec3::Z, -out * AT_EASE);
         limbs.swing(&named("upper_arm"), -0.45 * sin);
-        // The forearm bends forwards about the axis across its 45°.
+        // The forearm bends forwards about the axis perpendicular to its 45°.
         let across = DVec3::new(-1.0, -out, 0.0).normalize();
         limbs.turn(&named("forearm"), across, 0.35 - 0.25 * sin);
     }
@@ -534,11 +534,11 @@ fn walk(limbs: &mut Limbs, phase: f64) {
     limbs.turn("chest", DVec3::Y, 0.11 * sin);
     limbs.turn("head", DVec3::Y, -0.11 * sin);
     limbs.turn("spine", DVec3::X, 0.05);
-    // Highest when a leg passes below the hips.
+    // The hips are highest when a leg passes below them.
     limbs.hips.y += 0.018 * (2.0 * TAU * phase).cos() - 0.03;
 }
 
-/// Greets with the right hand. `phase` runs from 0 to 1.
+/// Waves with the right hand. `phase` runs from 0 to 1.
 fn wave(limbs: &mut Limbs, phase: f64) {
     let (sin, _) = (TAU * phase).sin_cos();
     let (faster, _) = (2.0 * TAU * phase).sin_cos();
@@ -558,7 +558,7 @@ fn wave(limbs: &mut Limbs, phase: f64) {
     limbs.hips.x += 0.012 * sin;
 }
 
-/// The keys of a motion that repeats itself.
+/// The keys of a periodic motion.
 fn tracks(joints: &[Joint], seconds: f64, motion: fn(&mut Limbs, f64)) -> Vec<Track> {
     const KEYS: u32 = 24;
     let times: Vec<f64> = (0..=KEYS)

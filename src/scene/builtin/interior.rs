@@ -1,6 +1,6 @@
 //! A vaulted hall, in metres: a nave between two arcades of ten bays, aisles under groin vaults, benches,
-//! chandeliers, urns and a sculpture. x runs along the nave, y up. Everything stands within closed walls, so
-//! that every ray from inside hits.
+//! chandeliers, urns and a sculpture. x runs along the nave, y points up. The walls are closed, so
+//! every ray from inside hits.
 
 use super::shapes::knot_into;
 use super::{Mesh, Welder};
@@ -11,14 +11,14 @@ const HALF_WIDTH: f64 = 8.0;
 const HEIGHT: f64 = 13.8;
 const BAYS: u32 = 10;
 const BAY: f64 = 2.0 * HALF_LENGTH / BAYS as f64;
-/// The arcades' walls, as distances from the nave's middle.
+/// The walls of the arcades, as distances from the centre line of the nave.
 const ARCADE_INNER: f64 = 3.65;
 const ARCADE_OUTER: f64 = 4.35;
 const ARCADE_MIDDLE: f64 = (ARCADE_INNER + ARCADE_OUTER) / 2.0;
-/// Where the arcades' arches and the aisles' vaults begin.
+/// The height at which the arches of the arcades and the vaults of the aisles begin.
 const SPRINGING: f64 = 4.6;
 const ARCH_RADIUS: f64 = 1.55;
-/// Where the nave's vault begins.
+/// The height at which the vault of the nave begins.
 const NAVE_SPRINGING: f64 = 9.4;
 
 pub fn mesh() -> Mesh {
@@ -56,7 +56,7 @@ pub fn mesh() -> Mesh {
     hall.mesh
 }
 
-/// Floor of one quad a metre, four walls and a roof.
+/// A floor with one quad per square metre, four walls and a roof.
 fn shell(hall: &mut Welder) {
     let x = |s: f64| HALF_LENGTH * (2.0 * s - 1.0);
     let z = |t: f64| HALF_WIDTH * (2.0 * t - 1.0);
@@ -71,7 +71,7 @@ fn shell(hall: &mut Welder) {
 /// A barrel vault with coffers, and a rib over each pair of columns.
 fn nave_vault(hall: &mut Welder) {
     hall.surface(160, 44, |s, t| {
-        // Coffers are sunk where both waves are high.
+        // Coffers are at the positions where both waves are high.
         let wave = |phase: f64| (1.6 * (TAU * phase).cos()).clamp(-0.5, 0.5) + 0.5;
         let sunk = 0.16 * wave(f64::from(2 * BAYS) * s + 0.5) * wave(11.0 * t + 0.5);
         let edge = (4.0 * (PI * t).sin()).min(1.0);
@@ -82,7 +82,7 @@ fn nave_vault(hall: &mut Welder) {
     });
     for bay in 1..BAYS {
         let x = -HALF_LENGTH + BAY * f64::from(bay);
-        // Across the rib: down one side, along its face, up the other.
+        // Across the rib: down one side, along its face, up the other side.
         let outline = [
             [-0.22, 0.1],
             [-0.22, -0.14],
@@ -108,7 +108,7 @@ fn arcade_bay(hall: &mut Welder, middle: f64, side: f64) {
         [middle - ARCH_RADIUS * cos, SPRINGING + ARCH_RADIUS * sin]
     };
     for z in [side * ARCADE_INNER, side * ARCADE_OUTER] {
-        // Below the clerestory, strips from the arch straight up; the piers beside it.
+        // Below the clerestory, vertical strips above the arch, with the piers on both sides.
         let upright = |x: f64, low: f64, t: f64| [x, low + (NAVE_SPRINGING - low) * t, z];
         hall.surface(STEPS, 4, |s, t| {
             let [x, low] = arch(s);
@@ -136,7 +136,7 @@ fn arcade_bay(hall: &mut Welder, middle: f64, side: f64) {
             side * (ARCADE_INNER + t * (ARCADE_OUTER - ARCADE_INNER)),
         ]
     });
-    // A round window's frame and its bars, before the clerestory's wall.
+    // The frame and the bars of a round window, in front of the clerestory's wall.
     let centre = [middle, 7.75, side * (ARCADE_INNER - 0.03)];
     ring(hall, centre, [X, Y], 0.75, 0.08, [24, 6]);
     ring(hall, centre, [X, Y], 0.3, 0.05, [16, 5]);
@@ -153,7 +153,7 @@ fn arcade_bay(hall: &mut Welder, middle: f64, side: f64) {
     }
 }
 
-/// Two barrels that cross over one bay of an aisle.
+/// Two crossing barrel vaults over one bay of an aisle.
 fn aisle_vault(hall: &mut Welder, middle: f64, side: f64) {
     hall.surface(12, 12, |s, t| {
         // Evenly spaced angles resolve the steep feet of the vault.
@@ -191,7 +191,7 @@ fn column(hall: &mut Welder, foot: [f64; 3]) {
             ]
         })
         .collect();
-    // Flutes: every other of 32 lines lies deeper.
+    // Flutes: every second of 32 lines is deeper.
     lathe(hall, foot, &shaft, 32, |angle| {
         0.965 + 0.035 * (16.0 * angle).cos()
     });
@@ -211,7 +211,7 @@ fn column(hall: &mut Welder, foot: [f64; 3]) {
     });
 }
 
-/// A band along the foot of the nave's vault and one below the clerestory.
+/// A band along the base of the nave's vault, and one below the clerestory.
 fn cornice(hall: &mut Welder, side: f64) {
     for (y, depth) in [(NAVE_SPRINGING - 0.15, 0.22), (6.55, 0.12)] {
         let outline = [
@@ -353,14 +353,14 @@ const X: [f64; 3] = [1.0, 0.0, 0.0];
 const Y: [f64; 3] = [0.0, 1.0, 0.0];
 const Z: [f64; 3] = [0.0, 0.0, 1.0];
 
-/// Half a ring, upright along x, that stands on its two ends.
+/// An upright half ring along x that stands on its two ends.
 fn arch_moulding(hall: &mut Welder, centre: [f64; 3], radius: f64, thickness: f64) {
     hall.surface(6, 20, |s, t| {
         on_ring(centre, [X, Y], radius, thickness, PI * t, TAU * s)
     });
 }
 
-/// A torus in the plane of two perpendicular axes, of `counts` segments along and around it.
+/// A torus in the plane of two perpendicular axes, with `counts` segments along and around it.
 fn ring(
     hall: &mut Welder,
     centre: [f64; 3],
@@ -374,7 +374,7 @@ fn ring(
     });
 }
 
-/// Fractions of a turn as angles; a whole turn is none, so that ends meet.
+/// A fraction of a turn as an angle; a whole turn gives 0, so ends meet.
 fn wrap(turn: f64) -> f64 {
     TAU * turn.rem_euclid(1.0)
 }
@@ -396,8 +396,8 @@ fn on_ring(
     })
 }
 
-/// A surface of revolution around the vertical through `foot`. The profile is of radii and heights; `radial` scales
-/// radii by the angle.
+/// A surface of revolution around the vertical axis through `foot`. The profile consists of radii and heights; `radial` scales
+/// the radii by the angle.
 fn lathe(
     hall: &mut Welder,
     foot: [f64; 3],
@@ -421,7 +421,7 @@ fn lathe(
 /// A square bar between two points.
 fn bar(hall: &mut Welder, from: [f64; 3], to: [f64; 3], half: f64) {
     let along: [f64; 3] = std::array::from_fn(|k| to[k] - from[k]);
-    // Two directions across it: one level, one perpendicular to both.
+    // Two directions perpendicular to the bar: one horizontal, one perpendicular to both.
     let level = if along[0].abs() + along[2].abs() < 1e-9 {
         X
     } else {
@@ -440,7 +440,7 @@ fn bar(hall: &mut Welder, from: [f64; 3], to: [f64; 3], half: f64) {
     });
 }
 
-/// A box whose lower side is open: it stands on something. `half` are its extents along x and z.
+/// A box with an open bottom, for boxes that stand on another surface. `half` are its half extents along x and z.
 fn pillar(hall: &mut Welder, [x, z]: [f64; 2], half: [f64; 2], low: f64, high: f64) {
     let corner = |turn: f64, y: f64| {
         let angle = FRAC_PI_2 * (turn * 4.0).round() + FRAC_PI_2 / 2.0;

@@ -14,23 +14,23 @@ use super::{Mesh, Scene};
 use anyhow::{Result, bail, ensure};
 use std::ops::RangeInclusive;
 
-/// The names that [`builtin()`] knows.
+/// The names of the scenes of [`builtin()`].
 pub const BUILTIN_NAMES: [&str; 5] = ["teapot", "cornell", "interior", "sphere", "knot"];
 
-/// The names of the built-in scenes that move: see [`load_animated`](super::load_animated).
+/// The names of the animated built-in scenes: see [`load_animated`](super::load_animated).
 ///
-/// | name | parameters (range, default) | what | clips |
+/// | name | parameters (range, default) | content | clips |
 /// |---|---|---|---|
-/// | `water` | `resolution` (2–1024, 104) | a surface under travelling waves, 2·resolution² triangles; the host writes every vertex in every frame | `waves` |
-/// | `figure` | `detail` (36–96, 48) | a human figure under one closed skin, 21 joints; it is `detail` cells high, from which its triangles come | `walk`, `wave` |
-/// | `reef` | `fish` (1–8192, 800) | shoals of `fish` fish over 160 weeds, 80 stones and a seabed: instances of four objects, of which two deform | `swim` |
+/// | `water` | `resolution` (2–1024, 104) | a surface with travelling waves, 2·resolution² triangles; the host writes every vertex in every frame | `waves` |
+/// | `figure` | `detail` (36–96, 48) | a human figure with one closed skin and 21 joints; its height is `detail` cells of the grid that gives the triangles | `walk`, `wave` |
+/// | `reef` | `fish` (1–8192, 800) | shoals of `fish` fish over 160 weeds, 80 stones and a seabed: instances of four objects, two of which deform | `swim` |
 pub const ANIMATED_NAMES: [&str; 3] = ["water", "figure", "reef"];
 
-/// Builds a scene that needs no file.
+/// Builds a static scene that needs no file.
 ///
-/// `spec` is a name, then optionally `?key=value` and more of them after `&`:
+/// `spec` is a name, optionally followed by `?key=value` and further `&key=value`:
 ///
-/// | name | parameters (range, default) | what |
+/// | name | parameters (range, default) | content |
 /// |---|---|---|
 /// | `teapot` | `tessellation` (2–128, 10) | the Utah teapot, each Bézier patch cut into tessellation² quads: 6,320 triangles |
 /// | `cornell` | | the Cornell box as measured, 38 triangles |
@@ -38,8 +38,8 @@ pub const ANIMATED_NAMES: [&str; 3] = ["water", "figure", "reef"];
 /// | `sphere` | `level` (0–8, 4) | an icosahedron subdivided level times: closed, 20·4^level triangles |
 /// | `knot` | `segments` (8–4096, 384), `sides` (3–64, 16) | a tube along a trefoil knot: closed, 2·segments·sides triangles |
 ///
-/// Every scene is the same on every machine: coordinates lie on a fine grid, which takes up the last bits in
-/// which libraries of elementary functions differ.
+/// Every scene is the same on every machine: coordinates are on a fine grid, which removes the differences between
+/// libraries of elementary functions.
 ///
 /// # Errors
 /// One line if the name, a parameter's name or its value is unknown or out of range.
@@ -68,7 +68,7 @@ pub fn builtin(spec: &str) -> Result<Scene> {
     })
 }
 
-/// Builds a scene with its motion, of which those of [`builtin()`] have none.
+/// Builds a scene with its motion; scenes of [`builtin()`] have no motion.
 pub(super) fn animated(spec: &str) -> Result<Animated> {
     let (name, parameters) = spec.split_once('?').unwrap_or((spec, ""));
     if BUILTIN_NAMES.contains(&name) {
@@ -88,7 +88,7 @@ pub(super) fn animated(spec: &str) -> Result<Animated> {
     Ok(animated)
 }
 
-/// The parameters of a built-in scene that are still to be used.
+/// The parameters of a built-in scene that have not been used yet.
 struct Parameters<'a> {
     scene: &'a str,
     left: Vec<(&'a str, &'a str)>,
@@ -147,14 +147,14 @@ impl<'a> Parameters<'a> {
     }
 }
 
-/// Puts a coordinate on the grid of built-in scenes, multiples of 2⁻³²: what is computed in two ways from
-/// the same numbers becomes the same, and so does what two machines compute.
+/// Rounds a coordinate to the grid of built-in scenes, multiples of 2⁻³². Equal coordinates that were computed in two ways
+/// become equal in all bits, also on different machines.
 fn snap(x: f64) -> f64 {
     const GRID: f64 = (1u64 << 32) as f64;
     (x * GRID).round() / GRID + 0.0
 }
 
-/// Vertices that are found again by their position.
+/// Merges vertices with equal positions.
 #[derive(Default)]
 struct Welder {
     mesh: Mesh,
@@ -173,7 +173,7 @@ impl Welder {
             })
     }
 
-    /// Adds a triangle unless two of its corners are the same.
+    /// Adds a triangle, unless two of its corners are the same.
     fn triangle(&mut self, [a, b, c]: [u32; 3]) {
         if a != b && b != c && c != a {
             self.mesh.triangles.push([a, b, c]);

@@ -1,5 +1,5 @@
-//! A reef: shoals of fish circling over weeds and stones. Many instances of few objects, most of which move as wholes and
-//! deform too; some are mirrored, all are scaled, by less in one direction than in another.
+//! A reef: shoals of fish that circle over weeds and stones. It has many instances of few objects. Most instances move and
+//! deform; some are mirrored, and all are scaled differently along different axes.
 
 use super::super::Mesh;
 use super::super::animation::{
@@ -13,13 +13,13 @@ use std::f64::consts::{FRAC_PI_2, PI, TAU};
 const WEEDS: u32 = 160;
 const STONES: u32 = 80;
 
-/// After so many seconds everything is where it began.
+/// The period of the motion in seconds.
 const PERIOD: f64 = 6.0;
 
-/// Beats of the fishes' tails in a period.
+/// Number of tail beats per period.
 const BEATS: u32 = 8;
 
-/// Shoals: how often each goes round in a period, against the clock seen from above, how far from the middle and how high.
+/// Shoals: turns per period (counter-clockwise seen from above), distance from the centre, and height.
 const SHOALS: [(i32, f64, f64); 8] = [
     (1, 1.2, 0.8),
     (-1, 1.9, 1.3),
@@ -31,10 +31,10 @@ const SHOALS: [(i32, f64, f64); 8] = [
     (-1, 3.0, 2.1),
 ];
 
-/// How far the seabed reaches from the middle.
+/// Distance of the seabed's edges from the centre.
 const REACH: f64 = 4.5;
 
-/// The nodes that morph targets' weights belong to; shoals' nodes follow.
+/// Index of the first node with the weights of morph targets; the nodes of the shoals follow.
 const BEAT: usize = 0;
 const SWAY: usize = 1;
 const FIRST_SHOAL: usize = 2;
@@ -74,7 +74,7 @@ pub fn animated(fish: u32) -> Animated {
             height + 0.5 * (spread(number, 2) - 0.5),
             radius * angle.sin(),
         );
-        // Ahead is where the shoal's turning takes it.
+        // The fish look in the direction in which the shoal turns.
         let heading = FRAC_PI_2 - angle + if turns < 0 { PI } else { 0.0 };
         let size = 0.6 + 0.6 * spread(number, 3);
         let side = if number % 3 == 0 { -1.0 } else { 1.0 };
@@ -133,9 +133,9 @@ pub fn animated(fish: u32) -> Animated {
     }
 }
 
-/// A number from 0 to 1: those of one `axis`, for numbers 0, 1, 2, …, lie as evenly as can be.
+/// A number from 0 to 1. For one `axis` and the numbers 0, 1, 2, …, the values are evenly distributed.
 fn spread(number: u32, axis: usize) -> f64 {
-    // Powers of the inverse of the root of x⁵ = x + 1, which is further from fractions than others.
+    // Powers of the inverse of the root of x⁵ = x + 1, whose multiples are distributed most evenly.
     const STEPS: [f64; 4] = [
         0.856_674_883_854_502_9,
         0.733_891_856_627_126_7,
@@ -151,7 +151,7 @@ fn placed(place: DVec3, heading: f64, scale: DVec3) -> Local {
     Local::new(vector(place), turn.normalize(), vector(scale))
 }
 
-/// A place on the seabed, `sunk` of its relief below, and a heading.
+/// A position on the seabed, lowered by the share `sunk` of its relief, and a heading.
 fn somewhere(number: u32, sunk: f64) -> (DVec3, f64) {
     let [x, z] = [0, 1].map(|axis| REACH * 0.95 * (2.0 * spread(number, axis) - 1.0));
     (
@@ -175,12 +175,12 @@ fn seabed() -> Mesh {
     welder.mesh
 }
 
-/// A fish that looks towards +x, and the displacement of its vertices that bends its tail to one side.
+/// A fish that faces +x, and the displacements that bend its tail to one side.
 fn fish_body() -> (Mesh, Vec<[f64; 3]>) {
     let mut welder = Welder::default();
     let angle = |fraction: f64| TAU * fraction.rem_euclid(1.0);
     welder.surface(8, 7, |s, t| {
-        // From the nose, at t = 0, to the root of the tail.
+        // From the nose, at t = 0, to the base of the tail.
         let thickness = (PI * t.powf(0.7)).sin().max(0.0) * 0.06;
         let (sin, cos) = angle(s).sin_cos();
         [
@@ -207,7 +207,7 @@ fn fish_body() -> (Mesh, Vec<[f64; 3]>) {
     (mesh, displacement)
 }
 
-/// Three blades that grow towards +y, and the displacement of their vertices that leans them to one side.
+/// Three blades that point towards +y, and the displacements that lean them to one side.
 fn weed() -> (Mesh, Vec<[f64; 3]>) {
     let mut welder = Welder::default();
     for (blade, height) in [0.9, 0.7, 0.55].into_iter().enumerate() {
@@ -229,7 +229,7 @@ fn weed() -> (Mesh, Vec<[f64; 3]>) {
     (mesh, displacement)
 }
 
-/// The weight of a node's morph target goes up and down so many times.
+/// The weight of a node's morph target as a wave with the given number of periods.
 fn wave(node: usize, periods: u32) -> Track {
     let keys = 12 * periods;
     let part = |key: u32| f64::from(key) / f64::from(keys);
@@ -244,7 +244,7 @@ fn wave(node: usize, periods: u32) -> Track {
     }
 }
 
-/// A node turns so many times about the vertical.
+/// The rotation of a node about the vertical axis by the given number of turns.
 fn turning(node: usize, turns: i32) -> Track {
     let keys = 8 * turns.unsigned_abs();
     let part = |key: u32| f64::from(key) / f64::from(keys);
@@ -296,7 +296,7 @@ mod tests {
         for number in 0..16 {
             let [a, b] = [&now, &then].map(|pose| pose.instances[number].unwrap());
             let moved: Vec<f64> = (0..3).map(|row| b[row][3] - a[row][3]).collect();
-            // The first column is where the nose points.
+            // The first column is the direction of the nose.
             let ahead: f64 = (0..3).map(|row| a[row][0] * moved[row]).sum();
             let length = |v: &[f64]| v.iter().map(|x| x * x).sum::<f64>().sqrt();
             let nose: Vec<f64> = a.iter().map(|row| row[0]).collect();

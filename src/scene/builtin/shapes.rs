@@ -4,8 +4,8 @@ use super::{Mesh, Welder, snap};
 use std::collections::HashMap;
 use std::f64::consts::TAU;
 
-/// A unit sphere: an icosahedron whose triangles are cut in four `level` times. Seen from outside, corners
-/// run counter-clockwise.
+/// A unit sphere: an icosahedron whose triangles are divided into four `level` times. Corners are counter-clockwise
+/// seen from outside.
 pub fn sphere(level: u32) -> Mesh {
     let golden = (1.0 + 5f64.sqrt()) / 2.0;
     let mut positions: Vec<[f64; 3]> = Vec::new();
@@ -19,7 +19,7 @@ pub fn sphere(level: u32) -> Mesh {
         positions.push(onto_sphere([0.0, a, b]));
         positions.push(onto_sphere([b, 0.0, a]));
     }
-    // Neighbours are 2 apart before normalising; a face is three mutual neighbours.
+    // Neighbours have distance 2 before normalising; a face consists of three mutual neighbours.
     let near = |i: usize, j: usize| {
         let d: f64 = (0..3)
             .map(|k| (positions[i][k] - positions[j][k]).powi(2))
@@ -77,13 +77,13 @@ pub fn knot_into(
     thickness: f64,
     place: impl Fn([f64; 3]) -> [f64; 3],
 ) {
-    // Angles wrap exactly, so that the last ring is the first.
+    // Angles wrap around exactly, so the last ring is the first.
     let angle = |fraction: f64| TAU * fraction.rem_euclid(1.0);
     welder.surface(sides, segments, |s, t| {
         let (phi, theta) = (angle(2.0 * t), angle(3.0 * t));
         let ring = 2.0 + 0.9 * theta.cos();
         let centre = [ring * phi.cos(), ring * phi.sin(), 0.9 * theta.sin()];
-        // The torus' normal stands on the curve everywhere and returns to itself: a frame with no twist left over.
+        // The normal of the torus is perpendicular to the curve everywhere and periodic, so the frame has no residual twist.
         let normal = [
             theta.cos() * phi.cos(),
             theta.cos() * phi.sin(),

@@ -3,10 +3,10 @@
 use super::teapot_data::{CONTROL_POINTS, PATCHES};
 use super::{Mesh, Welder};
 
-/// Cuts each of the 32 patches into n × n quads of two triangles. Neighbouring patches share their
-/// vertices, and the 8 patches with an edge that is a point lose the n triangles there: 64 n² − 8 n triangles
-/// remain. The y axis points up. As published, the teapot is not closed: there is a gap around the lid, and
-/// spout and handle enter the body.
+/// Divides each of the 32 patches into n × n quads of two triangles. Neighbouring patches share their
+/// vertices. The 8 patches with a degenerate edge lose n triangles there, which leaves 64 n² − 8 n triangles.
+/// The y axis points up. The published teapot is not closed: there is a gap around the lid, and
+/// spout and handle penetrate the body.
 pub fn mesh(n: u32) -> Mesh {
     let mut welder = Welder::default();
     for patch in &PATCHES {
@@ -18,7 +18,7 @@ pub fn mesh(n: u32) -> Mesh {
     welder.mesh
 }
 
-/// The point of a bicubic Bézier patch: u along a row of control points, v from row to row.
+/// A point of a bicubic Bézier patch: u along a row of control points, v from row to row.
 fn evaluate(patch: &[u16; 16], u: f64, v: f64) -> [f64; 3] {
     let (along, across) = (bernstein(u), bernstein(v));
     std::array::from_fn(|axis| {

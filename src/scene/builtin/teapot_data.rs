@@ -1,7 +1,7 @@
 //! The Utah teapot's published data: bicubic Bézier patches by Martin Newell (1975), in the public domain,
 //! with the bottom that Frank Crow added.
 
-/// Four rows of four control points a patch, as numbers in [`CONTROL_POINTS`] counted from 1.
+/// Four rows of four control points per patch, as indices into [`CONTROL_POINTS`] counted from 1.
 #[rustfmt::skip]
 pub const PATCHES: [[u16; 16]; 32] = [
     // Rim

@@ -1,19 +1,19 @@
-//! Open water: a sheet under travelling waves.
+//! Open water: a sheet with travelling waves.
 
 use super::super::Mesh;
 use super::super::animation::{Animated, Clip, Kind, Writer};
 use super::snap;
 use std::f64::consts::TAU;
 
-/// After so many seconds all waves are where they began.
+/// The period of all waves in seconds.
 const PERIOD: f64 = 4.0;
 
 /// The sheet's half width.
 const HALF_WIDTH: f64 = 2.0;
 
-/// Trochoidal waves: the direction they travel in, in degrees from +x towards +z, their length, their height above
-/// the mean, how often they pass in a period, and where they begin, in turns. Heights × 2π / lengths add up to less than
-/// 1, so that no crest ever curls over.
+/// Trochoidal waves: direction of travel in degrees from +x towards +z, length, height above
+/// the mean, number of passes per period, and initial phase in turns. The sum of height × 2π / length is less than
+/// 1, so no crest curls over.
 const WAVES: [(f64, f64, f64, f64, f64); 6] = [
     (20.0, 2.60, 0.085, 3.0, 0.00),
     (-35.0, 1.70, 0.045, 4.0, 0.31),
@@ -49,7 +49,7 @@ pub fn animated(resolution: u32) -> Animated {
     animated
 }
 
-/// The sheet's vertices at a time, row by row.
+/// The vertices of the sheet at a time, row by row.
 pub fn surface(resolution: u32, seconds: f64) -> Vec<[f64; 3]> {
     let seconds = seconds.clamp(0.0, PERIOD);
     let waves = WAVES.map(|(degrees, length, height, passes, start)| {
@@ -64,7 +64,7 @@ pub fn surface(resolution: u32, seconds: f64) -> Vec<[f64; 3]> {
             let (x, z) = (along(column), along(row));
             let mut position = [x, 0.0, z];
             for (towards_x, towards_z, number, height, phase) in waves {
-                // Water goes round in circles, which sharpens crests and widens troughs.
+                // Water moves in circles, which sharpens crests and widens troughs.
                 let (sin, cos) = (number * (towards_x * x + towards_z * z) - phase).sin_cos();
                 position[0] -= height * towards_x * sin;
                 position[1] += height * cos;

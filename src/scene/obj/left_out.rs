@@ -1,39 +1,39 @@
-//! What is in an OBJ file and not in the picture.
+//! The parts of an OBJ file that are not in the picture.
 
 use crate::text;
 
-/// The most words of a kind that are named: all that are statements of geometry, and enough of unknown ones.
+/// Maximum number of words named per kind: all statements of geometry, and sufficiently many unknown ones.
 const MOST_WORDS: usize = 9;
 
-/// What of an OBJ file, or of the files of a sequence, is not in the picture.
+/// The parts of an OBJ file, or of the files of a sequence, that are not in the picture.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct LeftOut {
     /// Lines, points, curves, surfaces.
     pub not_polygons: Tally,
     /// References to other files, and commands.
     pub other_files: Tally,
-    /// Statements that the format does not have.
+    /// Statements that are not in the format.
     pub unknown: Tally,
     /// Faces of one or two corners.
     pub small_faces: Tally,
-    /// Vertices with numbers of unknown meaning.
+    /// Vertices with additional numbers of unknown meaning.
     pub odd_vertices: Tally,
 }
 
-/// How often something was met, and where first.
+/// The number of occurrences of something, and the first place.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Tally {
     count: usize,
-    /// The first words, each with how often it was met.
+    /// The first words, each with its number of occurrences.
     words: Vec<(String, usize)>,
-    /// The place where it was met first.
+    /// The place of the first occurrence.
     first: String,
-    /// How many files have it.
+    /// Number of files with an occurrence.
     files: usize,
 }
 
 impl Tally {
-    /// Counts what begins with `word` in a line of the only file so far.
+    /// Counts a statement that starts with `word` in a line of the first file.
     pub fn add(&mut self, word: &str, line: usize) {
         if self.count == 0 {
             self.first = format!("line {line}");
@@ -51,7 +51,7 @@ impl Tally {
         }
     }
 
-    /// Adds what another file has.
+    /// Adds the counts of another file.
     fn merge(&mut self, other: &Tally, file: &str) {
         if other.count == 0 {
             return;
@@ -63,7 +63,7 @@ impl Tally {
         for (word, count) in &other.words {
             self.add_words(word, *count);
         }
-        // Those whose words the other does not name either.
+        // The words beyond the limit, which the other does not name either.
         self.count += other.unnamed();
     }
 
@@ -71,7 +71,7 @@ impl Tally {
         self.count - self.words.iter().map(|(_, count)| count).sum::<usize>()
     }
 
-    /// The words, and that there are more.
+    /// The list of words, with a note if there are more.
     fn list(&self, shown: impl Fn(&(String, usize)) -> String) -> String {
         let words: Vec<String> = self.words.iter().map(shown).collect();
         let more = match self.unnamed() {
@@ -81,14 +81,14 @@ impl Tally {
         words.join(", ") + more
     }
 
-    /// The words, each with its count.
+    /// The words with their counts.
     fn counts(&self) -> String {
         self.list(|(word, count)| format!("{count} `{}`", text::word(word)))
     }
 }
 
 impl LeftOut {
-    /// Adds what a file of a sequence leaves out; `file` is how messages show it.
+    /// Adds the counts of a file of a sequence; `file` is its name in messages.
     pub fn merge(&mut self, other: &LeftOut, file: &str) {
         self.not_polygons.merge(&other.not_polygons, file);
         self.other_files.merge(&other.other_files, file);
@@ -97,7 +97,7 @@ impl LeftOut {
         self.odd_vertices.merge(&other.odd_vertices, file);
     }
 
-    /// What a mesh without triangles has instead, for a message; nothing, if it has nothing.
+    /// For a message: the contents of a mesh without triangles; empty if there are none.
     pub fn instead_of_triangles(&self) -> String {
         let faces = match self.small_faces.count {
             0 => None,
@@ -112,7 +112,7 @@ impl LeftOut {
         }
     }
 
-    /// One line for each kind. `shown` is how messages show the file, or the folder of `frames` files.
+    /// One line per kind. `shown` is the name of the file, or of the folder of `frames` files, in messages.
     pub fn warnings(&self, shown: &str, frames: Option<usize>) -> Vec<String> {
         let line = |tally: &Tally, what: String, then: &str| {
             let within = match frames {

@@ -1,11 +1,11 @@
-//! From an OBJ file's bytes to its statements.
+//! Divides the bytes of an OBJ file into statements.
 //!
-//! All that depends on how files are written down, and not on what they say, is settled here: encodings, line ends,
-//! comments, and lines that go on in the next.
+//! This module handles everything that depends on the notation and not on the meaning: encodings, line ends,
+//! comments, and continued lines.
 
 use std::borrow::Cow;
 
-/// How a statement's argument is read, and whether it is in the picture.
+/// The interpretation of a statement's argument.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Kind {
     /// A vertex's position.
@@ -14,15 +14,15 @@ pub enum Kind {
     Face,
     /// Geometry that is not polygons: lines, points, free-form curves and surfaces.
     NotPolygon,
-    /// What another file or program adds; the argument is a name.
+    /// A reference to another file or program; the argument is a name.
     OtherFile,
     /// A group, an object, a material or a library of materials; the argument is a name.
     Name,
-    /// What says nothing of positions, or belongs to a free-form curve or surface.
+    /// A statement without positions, or one that belongs to a free-form curve or surface.
     Attribute,
-    /// A statement of parameters, whose argument may hold the words `u` and `v`.
+    /// A statement of parameters, whose argument may contain the words `u` and `v`.
     Parameters,
-    /// Not a statement of the format.
+    /// A statement that is not in the format.
     Unknown,
 }
 
@@ -30,7 +30,7 @@ impl Kind {
     fn of(word: &str) -> Self {
         match word {
             "v" => Kind::Vertex,
-            // `fo` is the format's former name of `f`.
+            // `fo` is the former name of `f`.
             "f" | "fo" => Kind::Face,
             "vt" | "vn" | "vp" | "s" | "mg" | "bevel" | "c_interp" | "d_interp" | "lod"
             | "ctech" | "stech" | "cstype" | "deg" | "step" | "trim" | "hole" | "scrv" | "sp"
@@ -45,33 +45,33 @@ impl Kind {
         }
     }
 
-    /// Whether the argument is a name, which may hold `#` and may end in a backslash, as a Windows folder does.
+    /// Whether the argument is a name, which may contain `#` and may end in a backslash, such as a folder of Windows.
     fn takes_name(self) -> bool {
         matches!(self, Kind::Name | Kind::OtherFile)
     }
 
-    /// Whether a backslash at the end of the line says that the statement goes on. What an unknown statement takes is
-    /// not known; it may be a name.
+    /// Whether a backslash at the end of the line continues the statement. The argument of an unknown statement may be
+    /// a name.
     fn goes_on(self) -> bool {
         !self.takes_name() && self != Kind::Unknown
     }
 }
 
-/// A statement, without white space around it.
+/// A statement, without surrounding white space.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Statement<'a> {
-    /// The line on which it begins, counted from 1.
+    /// The line on which it starts, counted from 1.
     pub line: usize,
     /// Its first word.
     pub word: &'a str,
     pub kind: Kind,
-    /// What follows the word, in one line and without its comment. But a name is whole: a `#` in it begins a comment only if
-    /// there is no such name, and then [`without_comment`] cuts it.
+    /// The rest of the statement, in one line and without its comment. A name is kept whole: a `#` in it starts a comment only if
+    /// there is no such name, and then [`without_comment`] removes it.
     pub argument: Cow<'a, str>,
 }
 
-/// The text of a file: UTF-8, or UTF-16 with a byte order mark or where its NULs show it. What is in another encoding, as
-/// comments and names may be, becomes replacement characters; numbers are ASCII. `None` for what is not text.
+/// The text of a file: UTF-8, or UTF-16 with a byte order mark or recognisable by its NULs. Characters in other
+/// encodings, as in comments and names, become replacement characters; numbers are ASCII. `None` if the file is not text.
 pub fn decode(bytes: &[u8]) -> Option<Cow<'_, str>> {
     let text = match bytes {
         [0xef, 0xbb, 0xbf, text @ ..] => String::from_utf8_lossy(text),
@@ -87,15 +87,15 @@ type Unit = fn([u8; 2]) -> u16;
 
 fn utf16(bytes: &[u8], unit: Unit) -> Cow<'static, str> {
     let pairs = bytes.chunks_exact(2);
-    // Half a unit at the end is a fault of its last character.
+    // An incomplete unit at the end belongs to the last character.
     let cut = (!pairs.remainder().is_empty()).then_some(char::REPLACEMENT_CHARACTER);
     let units = pairs.map(|pair| unit([pair[0], pair[1]]));
     let text = char::decode_utf16(units).map(|c| c.unwrap_or(char::REPLACEMENT_CHARACTER));
     Cow::Owned(text.chain(cut).collect())
 }
 
-/// The byte order of UTF-16 without a mark: most characters are ASCII, so most of the bytes of one half of the units are NUL
-/// and none of the other's is.
+/// The byte order of UTF-16 without a mark. Most characters are ASCII, so most bytes in one half of the units are NUL,
+/// and none in the other half.
 fn byte_order(bytes: &[u8]) -> Option<Unit> {
     let mut zeros = [0; 2];
     for pair in bytes.chunks(2) {
@@ -111,7 +111,7 @@ fn byte_order(bytes: &[u8]) -> Option<Unit> {
     }
 }
 
-/// A text's lines, whether LF, CR LF or, on old Macs, CR ends them.
+/// The lines of a text, which end in LF, CR LF or (on old Macs) CR.
 struct Lines<'a> {
     rest: Option<&'a str>,
 }
@@ -135,19 +135,19 @@ impl<'a> Iterator for Lines<'a> {
     }
 }
 
-/// What of a line is in front of a `#`.
+/// The part of a line before a `#`.
 pub fn without_comment(line: &str) -> &str {
     let end = line.bytes().position(|byte| byte == b'#');
     &line[..end.unwrap_or(line.len())]
 }
 
-/// The first word of a line that does not begin with white space; empty, if there is none.
+/// The first word of a line that does not start with white space; empty if there is none.
 fn first_word(line: &str) -> &str {
     &line[..line.find(char::is_whitespace).unwrap_or(line.len())]
 }
 
-/// The statements of a text. One whose line ends in a backslash, white space and comments aside, goes on in the next line;
-/// comments do not, nor do names and unknown statements.
+/// The statements of a text. A statement whose line ends in a backslash, ignoring white space and comments, continues in the
+/// next line; comments, names and unknown statements do not.
 pub fn statements(text: &str) -> impl Iterator<Item = Statement<'_>> {
     let mut lines = Lines { rest: Some(text) }.zip(1..).peekable();
     std::iter::from_fn(move || {
@@ -188,7 +188,7 @@ pub fn statements(text: &str) -> impl Iterator<Item = Statement<'_>> {
     })
 }
 
-/// A line without comment, white space around it and the backslash that says that it goes on; and whether there is one.
+/// A line without comment, surrounding white space and final backslash; and whether there was one.
 fn part(line: &str) -> (&str, bool) {
     let cut = without_comment(line).trim();
     match cut.strip_suffix('\\') {
@@ -197,8 +197,8 @@ fn part(line: &str) -> (&str, bool) {
     }
 }
 
-/// Whether a line begins with the word of a statement. It is then not what the line before goes on with, which is numbers: the
-/// backslash there is a stray one, and to join the lines would lose a vertex or a face.
+/// Whether a line starts with the word of a statement. A continuation line has only numbers, so the backslash before is stray,
+/// and joining the lines would lose a vertex or a face.
 fn is_statement(line: &str) -> bool {
     Kind::of(first_word(without_comment(line).trim())) != Kind::Unknown
 }
@@ -230,7 +230,7 @@ mod tests {
             assert_lexed(&text, &expected);
             assert_lexed(&format!("{text}{end}"), &expected);
         }
-        // Mixed ends; the CR of a CR LF ends no line of its own.
+        // Mixed line ends; the CR of a CR LF does not end a line of its own.
         assert_lexed(
             "v 1\rv 2\r\nv 3\n\rv 4",
             &[(1, "v", "1"), (2, "v", "2"), (3, "v", "3"), (5, "v", "4")],
@@ -257,7 +257,7 @@ mod tests {
             &[(1, "f", "1  2 3  4"), (5, "v", "0"), (7, "v", "1 ")],
         );
         assert_lexed("f\\\n1 2 3\n", &[(1, "f", " 1 2 3")]);
-        // A blank line ends it.
+        // A blank line ends the statement.
         assert_lexed("f 1 2 3 \\\n\n4\n", &[(1, "f", "1 2 3  "), (3, "4", "")]);
     }
 
@@ -286,7 +286,7 @@ mod tests {
                 &[(1, word, "C:\\my tex\\"), (2, "v", "1 2 3")],
             );
         }
-        // Nor do statements of which it is not known what they take.
+        // Unknown statements do not continue either, because their arguments are unknown.
         assert_lexed(
             "texture C:\\tex\\\nv 1\n",
             &[(1, "texture", "C:\\tex\\"), (2, "v", "1")],

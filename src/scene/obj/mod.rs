@@ -1,20 +1,20 @@
 //! Wavefront OBJ files.
 //!
-//! The file is first taken apart into statements (see [`lexer`]) and reduced to what geometry needs, its vertices and its
-//! faces' position indices, every statement of it checked, so that an error can say where it is. What is left goes through
-//! `tobj`, as one object: groups, objects and materials merge in file order, vertices stay shared across them, and neither
-//! a missing material file nor a bad texture coordinate stands in a ray's way. Faces of more than three
-//! corners become fans around their first corner, concave ones too.
+//! The file is divided into statements (see [`lexer`]) and reduced to its vertices and the position indices of its
+//! faces. Every statement is checked, so errors can name the line. The result is read by
+//! `tobj` as one object: groups, objects and materials merge in file order, and vertices stay shared. A missing
+//! material file or a bad texture coordinate causes no error. Faces of more than three
+//! corners become fans around their first corner, including concave ones.
 //!
-//! | after `v` | what it is |
+//! | after `v` | meaning |
 //! |---|---|
 //! | 3 numbers | x y z |
 //! | 4 numbers | x y z and a weight, by which they are divided |
-//! | 6 or 7 numbers | x y z and a colour, with or without alpha, which is not used |
-//! | 5, or 8 and more | x y z; the rest is of unknown meaning, left out and warned of |
+//! | 6 or 7 numbers | x y z and a colour, with or without alpha, which is ignored |
+//! | 5, or 8 and more | x y z; the rest has an unknown meaning and is left out with a warning |
 //!
-//! Lines, points, free-form curves and surfaces, references to other files and unknown statements are left out and warned
-//! of (see [`left_out`]).
+//! Lines, points, free-form curves and surfaces, references to other files and unknown statements are left out with a
+//! warning (see [`left_out`]).
 
 mod left_out;
 mod lexer;
@@ -29,7 +29,7 @@ use lexer::{Kind, Statement};
 use std::fmt::Write;
 use std::path::Path;
 
-/// Reads a file as a scene, with a warning for each kind of thing that is not in the picture.
+/// Reads a file as a scene, with one warning per kind of content that is not in the picture.
 pub fn load(path: &Path) -> Result<Scene> {
     let (mesh, left_out) = read(path)?;
     let name = path.file_stem().unwrap_or_default().to_string_lossy();
@@ -40,7 +40,7 @@ pub fn load(path: &Path) -> Result<Scene> {
     })
 }
 
-/// Reads a file's mesh, and what else is in the file.
+/// Reads a file's mesh, and counts the parts that are left out.
 pub fn read(path: &Path) -> Result<(Mesh, LeftOut)> {
     let shown = text::path(path);
     let metadata = match std::fs::metadata(path) {
@@ -58,7 +58,7 @@ pub fn read(path: &Path) -> Result<(Mesh, LeftOut)> {
         !metadata.is_dir(),
         "{shown}: is a folder, not a mesh; {THEY_READ} a folder of OBJ files as a sequence; give this command an OBJ file or builtin:NAME"
     );
-    // To read a pipe could wait for ever.
+    // Reading a pipe could wait forever.
     ensure!(
         metadata.is_file(),
         "{shown}: is not a regular file; give an OBJ file or builtin:NAME"
@@ -75,10 +75,10 @@ pub fn read(path: &Path) -> Result<(Mesh, LeftOut)> {
     parse(&bytes).map_err(|error| anyhow::anyhow!("{shown}{error}"))
 }
 
-/// The commands that read what moves.
+/// The commands that read animated scenes.
 const THEY_READ: &str = "`dynrt animate`, `dynrt vectors` and `dynrt cosim --unit skinning` read";
 
-/// Errors begin with what follows the file's name.
+/// Parses a file. Errors do not include the file's name.
 fn parse(bytes: &[u8]) -> Result<(Mesh, LeftOut)> {
     let text = lexer::decode(bytes)
         .context(": is a binary file, not an OBJ mesh; export the mesh as OBJ")?;
@@ -111,12 +111,12 @@ fn parse(bytes: &[u8]) -> Result<(Mesh, LeftOut)> {
     Ok((mesh, left_out))
 }
 
-/// `tobj` reads single or double precision, by a feature of the crate.
+/// `tobj` reads single or double precision, depending on a feature of the crate.
 fn widen(x: impl Into<f64>) -> f64 {
     x.into()
 }
 
-/// The text's `v` and `f` statements alone, with `f` naming positions only, and what is left out of the rest. Checks every
+/// The `v` and `f` statements of a text, with only positions in `f`, and the counts of all other statements. Checks every
 /// statement.
 fn reduce(text: &str) -> Result<(String, LeftOut)> {
     let mut reduction = Reduction {
@@ -154,13 +154,13 @@ fn reduce(text: &str) -> Result<(String, LeftOut)> {
     Ok((reduction.text, left_out))
 }
 
-/// What has been read of a text.
+/// The state of the reduction.
 #[derive(Default)]
 struct Reduction {
     text: String,
     vertices: i64,
     faces: usize,
-    /// The greatest number of a vertex that a face names, that face and its line: faces may name vertices that follow
+    /// The greatest index of a vertex that a face names, that face and its line. Faces may name vertices that follow
     /// them, so they are checked at the end.
     furthest: (i64, usize, usize),
 }
@@ -227,7 +227,7 @@ impl Reduction {
         Ok(())
     }
 
-    /// That the vertices that faces name exist.
+    /// Checks that the vertices that faces name exist.
     fn check_furthest(&self) -> Result<()> {
         let (index, face, line) = self.furthest;
         ensure!(
@@ -239,8 +239,8 @@ impl Reduction {
     }
 }
 
-/// The words of a vertex that are its position: three, or four with a weight; and whether others follow that are not a
-/// colour either. What is wrong, if it is not a position.
+/// The words of a vertex's position (three, or four with a weight), and whether further words follow that are not a
+/// colour. The error describes the fault if it is not a position.
 fn position<'a, 'b>(words: &'b [&'a str]) -> Result<(&'b [&'a str], bool), String> {
     let kept = match words.len() {
         1 => return Err("has 1 number where 3 belong".into()),
@@ -261,7 +261,7 @@ fn position<'a, 'b>(words: &'b [&'a str]) -> Result<(&'b [&'a str], bool), Strin
     if weight == 0.0 {
         return Err("has the weight 0".into());
     }
-    // Nearly every reader of OBJ files, `tobj` by default too, keeps single precision.
+    // Most readers of OBJ files, including `tobj` by default, use single precision.
     for (number, axis) in numbers.iter().zip(["x", "y", "z"]) {
         let value = number / weight;
         if !value.is_finite() {
@@ -286,7 +286,7 @@ mod tests {
         mesh
     }
 
-    /// A mesh, and what is warned of in the file m.obj.
+    /// A mesh, and the warnings for the file m.obj.
     fn warned(text: &str) -> (Mesh, Vec<String>) {
         let (mesh, left_out) = parse(text.as_bytes()).expect("a good mesh");
         (mesh, left_out.warnings("m.obj", None))
@@ -387,7 +387,7 @@ mod tests {
                     "1 face of fewer than three corners left out, first in line 6",
                 ],
             ),
-            // What only says how faces look is not missed.
+            // There are no warnings about statements that only describe the appearance.
             (
                 "vt 0 0\nvn 0 0 1\nvp 0\no a\ng b c\ns off\nmg 1 2\nmtllib x.mtl\nusemtl y\nlod 3\nv 0 0 0 1 0 0\n",
                 &[],

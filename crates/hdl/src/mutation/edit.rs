@@ -1,4 +1,4 @@
-//! How a netlist is changed.
+//! Applies changes to a netlist.
 
 use super::select::ones;
 use super::{Change, Edit, Mutation, Point, Slot, Where};
@@ -19,7 +19,7 @@ impl Module {
         }
     }
 
-    /// Whether each mutation can be made.
+    /// Checks that each mutation is possible.
     pub(crate) fn admits(&self, mutations: &[(Mutation, Place)]) -> Result<(), HdlError> {
         if mutations.is_empty() {
             return Ok(());
@@ -35,8 +35,8 @@ impl Module {
     /// Returns the module with a change.
     ///
     /// # Errors
-    /// The change is of another module, is not possible, leaves the Verilog as it is, or makes the
-    /// module invalid, as by a combinational loop.
+    /// The change belongs to another module, is not possible, has no effect on the Verilog, or makes the
+    /// module invalid, for example by a combinational loop.
     #[track_caller]
     pub fn with(&self, mutation: &Mutation) -> Result<Arc<Module>, HdlError> {
         self.changed(mutation, Location::caller())
@@ -73,29 +73,29 @@ impl Module {
     }
 }
 
-/// The place of a new item: before the item of this number; first there where something is changed as soon as it is made.
+/// The position of a new item: before the item with this number. First come items that are changed where they are made.
 pub(super) type Gap = (usize, bool);
 
-/// A netlist that is being changed: one without copies of equal nodes, to which nodes are added.
+/// A netlist during a change: equal nodes are merged, and new nodes are added.
 pub(super) struct Editor {
     pub ir: Netlist,
-    /// For each node of the module as it was the one that is printed for it.
+    /// For each node of the original module, the node that is printed for it.
     pub stands: Vec<Id>,
-    /// What a delay register, or a slice of one, shows a clock later.
+    /// The value of a pipeline register, or of a slice of one, in the next cycle.
     pub earlier: HashMap<Id, Id>,
-    /// From which gap on a node can be read.
+    /// For each node, the first position at which it can be read.
     pub available: Vec<usize>,
-    /// The items that drive wires and registers, and that of each instance.
+    /// The items that drive wires and registers, and the item of each instance.
     pub drives: HashMap<Id, usize>,
     pub instances: Vec<usize>,
     pub new: BTreeMap<(usize, bool), Vec<Item>>,
-    /// What every reader of a node reads instead.
+    /// The replacement of a node for all readers.
     pub redirected: HashMap<Id, Id>,
-    /// New nodes that read a node in spite of that.
+    /// Pairs of a new node and a node that it reads without the replacement.
     pub exempt: HashSet<(Id, Id)>,
 }
 
-/// Comes before those that are not first.
+/// Sorts before items that are not first.
 pub(super) const FIRST: bool = false;
 
 impl Editor {
@@ -159,7 +159,7 @@ impl Editor {
         (self.ir.items.len(), !FIRST)
     }
 
-    /// Where what a place reads is made.
+    /// The position for new nodes that a place reads.
     pub fn gap(&self, root: Root) -> Gap {
         let delay = |id: Id| matches!(&self.ir.nodes[id].op, Op::Register(r) if r.delay);
         match root {
@@ -190,7 +190,7 @@ impl Editor {
         id
     }
 
-    /// A node in the place of another, after which it is called.
+    /// Adds a node that replaces another one and is named after it.
     fn copy(&mut self, gap: Gap, op: Op, id: Id) -> Id {
         let node = &self.ir.nodes[id];
         let (width, hint) = (node.width, node.hint.clone());
@@ -212,7 +212,7 @@ impl Editor {
         self.push(gap, Op::Not(id), self.ir.nodes[id].width)
     }
 
-    /// A wire for what is made later, or earlier than it is named.
+    /// A wire for a node that is made later, or is read before its name is declared.
     fn wire(&mut self, gap: Gap, driver: Id) -> Id {
         let name = (0..)
             .map(|number| format!("changed_{number}"))
@@ -225,7 +225,7 @@ impl Editor {
         wire
     }
 
-    /// What a place reads, if it can be read otherwise.
+    /// The node that a place reads, if it can be replaced.
     pub fn get(&self, root: Root) -> Result<Id, String> {
         let computed = |id: Id| {
             let name = &self.ir.nodes[id].name;
@@ -262,7 +262,7 @@ impl Editor {
     pub fn set(&mut self, root: Root, new: Id) {
         match root {
             Root::Value(id) => {
-                // A computed value's name goes with it.
+                // The replacement takes over the name.
                 let nodes = &mut self.ir.nodes;
                 let state = matches!(
                     nodes[id].op,
@@ -300,7 +300,7 @@ impl Editor {
         }
     }
 
-    /// What the places of a mutation read instead.
+    /// The replacements for the places of a mutation.
     pub fn resolve(&mut self, mutation: &Mutation) -> Result<Vec<(Root, Id)>, String> {
         let before = self.ir.nodes.len();
         let all = match &mutation.edit {
@@ -323,7 +323,7 @@ impl Editor {
                 };
                 let gap = self.gap(root);
                 let id = match (root, self.get(root)) {
-                    // A register without an enable takes every value.
+                    // A register without an enable loads in every cycle.
                     (Root::Enable(id), Err(_)) if self.drives.contains_key(&id) => {
                         self.literal(1, 1)
                     }
@@ -391,7 +391,7 @@ impl Editor {
         }
     }
 
-    /// The places of a signal's logic, with all that the first of `meant` means changed that means anything there.
+    /// The places of a signal's logic, with all nodes replaced that match the first of `meant` that has a match.
     fn within(
         &mut self,
         point: Point,
@@ -414,7 +414,7 @@ impl Editor {
                         known: HashMap::new(),
                     };
                     let new = match root {
-                        // A signal is not read where it is computed.
+                        // The place where a signal is computed does not read it.
                         Root::Value(id) => copier.operands(self, id, gap)?,
                         _ => copier.copy(self, id, gap)?,
                     };
@@ -447,7 +447,7 @@ impl Editor {
         Ok(self.copy(gap, op, id))
     }
 
-    /// What is read instead of a node.
+    /// The replacement of a node.
     fn instead(&mut self, id: Id, change: Change, gap: Gap) -> Result<Id, String> {
         let Node { op, width, .. } = self.ir.nodes[id].clone();
         Ok(match change {
@@ -524,7 +524,7 @@ impl Editor {
         })
     }
 
-    /// Zeros in front.
+    /// Zero-extends a node.
     fn extended(&mut self, id: Id, width: u32, gap: Gap) -> Id {
         let missing = width - self.ir.nodes[id].width;
         if missing == 0 {
@@ -534,7 +534,7 @@ impl Editor {
         self.push(gap, Op::Concat(vec![zeros, id]), width)
     }
 
-    /// The netlist with the new nodes where they belong, numbered in the order of items.
+    /// The netlist with the new nodes at their positions, renumbered in the order of items.
     pub fn finish(mut self) -> Netlist {
         let redirected = std::mem::take(&mut self.redirected);
         let to = |reader: Option<Id>, id: Id| match redirected.get(&id) {
@@ -573,7 +573,7 @@ impl Editor {
         let read = |reader: Id| {
             let node = &ir.nodes[reader];
             match &node.op {
-                // Verilog has no part of a constant.
+                // Verilog cannot take a part-select of a constant.
                 Op::Slice(whole, low) => match ir.nodes[to(Some(reader), *whole)].op {
                     Op::Literal(value) => {
                         Op::Literal(value.checked_shr(*low).unwrap_or(0) & ones(node.width))
@@ -611,7 +611,7 @@ impl Editor {
         let mut proofs = ir.proofs.clone();
         for proof in &mut proofs {
             proof.nodes().for_each(|id| *id = of(None, *id));
-            // They are of the nodes as they were.
+            // Proofs refer to the original nodes.
             proof.faults.clear();
         }
         let ports = ir.ports.iter().map(|(port, id)| {
@@ -634,21 +634,21 @@ impl Editor {
             proofs,
             instances,
             memories,
-            // Changed, it is none of the library's.
+            // A changed module no longer belongs to the library.
             placed: None,
             ..ir
         }
     }
 }
 
-/// Whether a node is what is to be read otherwise.
+/// Whether a node is to be replaced.
 type Meant<'a> = dyn Fn(&Editor, Id) -> bool + 'a;
 
-/// Copies of logic in which something is read otherwise.
+/// Copies logic and replaces some of the nodes that it reads.
 struct Copier<'a> {
     meant: &'a Meant<'a>,
     change: Change,
-    /// Whether it goes on behind named signals.
+    /// Whether it continues beyond named signals.
     deep: bool,
     known: HashMap<(Id, Gap), Id>,
 }
@@ -676,7 +676,7 @@ impl Copier<'_> {
         }
     }
 
-    /// The node, or a copy that reads something otherwise.
+    /// The node, or a copy of it that reads a replacement.
     fn operands(&mut self, editor: &mut Editor, id: Id, gap: Gap) -> Result<Id, String> {
         if let Some(known) = self.known.get(&(id, gap)) {
             return Ok(*known);

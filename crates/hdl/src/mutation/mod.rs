@@ -1,4 +1,4 @@
-//! Single changes of a module: mutants and faults that proofs and tests must find.
+//! Single changes of a module: mutants, and faults that proofs and tests must detect.
 
 mod edit;
 mod refs;
@@ -18,14 +18,14 @@ use super::memory::Memory;
 use super::signal::Signal;
 use std::panic::Location;
 
-/// A single change of one module: a mutant or a fault that proofs and tests must find.
+/// A single change of one module: a mutant, or a fault that proofs and tests must detect.
 ///
-/// It states that in one place something else is read. It is made from [`Signal`]s while a module is described, or
-/// from [`SignalRef`]s, by name, of a finished module; [`Reads`] lists the changes. [`Module::with`] returns the
-/// module with the change, [`Design::with`] the design, and [`Design::selectable`] a design that contains many
-/// changes, of which one is selected. [`Module::mutations`] lists all single changes of a module.
+/// It states that one place reads another value. It is made from [`Signal`]s in a description, or
+/// from [`SignalRef`]s, by name, in a finished module; [`Reads`] lists the changes. [`Module::with`] returns the
+/// module with the change, [`Design::with`] the design, and [`Design::selectable`] a design with many
+/// changes, one of which can be selected. [`Module::mutations`] lists all single changes of a module.
 ///
-/// Only the nodes between the place and what is read there are copied: other readers of shared logic are not
+/// Only the nodes between the place and the replaced value are copied: other readers of shared logic are not
 /// affected.
 ///
 /// ```
@@ -56,35 +56,35 @@ impl Mutation {
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
 pub enum Edit {
     Read(Where, Change),
-    /// What reset gives a register, if it gives it anything.
+    /// The reset value of a register, or none.
     Reset(Id, Option<u128>),
-    /// Why there is no such change.
+    /// The reason why the change does not exist.
     Wrong(String),
 }
 
-/// What is read otherwise.
+/// The place of a change.
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
 pub enum Where {
-    /// A node, where a signal is computed.
+    /// A node in the computation of a signal.
     Of(Point, Id),
-    /// Literals of a value, where a signal is computed.
+    /// The literals with a value in the computation of a signal.
     Literal(Point, u128),
-    /// An operand of what computes a signal, or an operand of that.
+    /// An operand of the expression that computes a signal, or an operand of that operand, and so on.
     Operand(Point, Vec<usize>),
-    /// A signal, wherever it is read.
+    /// A signal, for all of its readers.
     Everywhere(Point),
-    /// What a place reads, or what that reads: operands, each of the one before.
+    /// The node that a place reads, or an operand of it, given by a path.
     At(Slot, Vec<usize>),
 }
 
-/// A signal, by its node or, of an output, by its port.
+/// A signal, by its node or, for an output, by its port.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Point {
     Node(Id),
     Output(usize),
 }
 
-/// A place that reads a node, for what is public in name alone.
+/// A place that reads a node, with a name in the public interface.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct Slot(pub(super) Root);
 
@@ -99,18 +99,18 @@ pub enum Change {
     Early,
     /// Another operator, or none.
     Operator,
-    /// A slice without its top bit, or a bit lower.
+    /// A slice without its top bit, or one bit lower.
     Shorter,
     Lower,
 }
 
-/// Where signals are from: a description, or a finished module.
+/// The source of signals: a description, or a finished module.
 pub trait Owner: Sized {
     type Signal;
 
     fn made(&self, edit: Edit, place: Place) -> Mutation;
 
-    /// The signal's place, if it is the owner's.
+    /// The node of the signal, if it belongs to the owner.
     fn point(&self, signal: Self::Signal) -> Option<Point>;
 
     fn id(&self, point: Point) -> Id;
@@ -162,7 +162,7 @@ impl Netlist {
     }
 }
 
-/// One or more places that read a signal, before it is stated what they read instead. Each method
+/// One or more places that read a signal, without the replacement. Each method
 /// completes it to a [`Mutation`].
 ///
 /// Whether the mutation is possible is checked later: by

@@ -1,4 +1,4 @@
-//! What is in a finished module, by name.
+//! The signals, memories and instances of a finished module, by name.
 
 use super::{Owner, Point, Reads, Slot, Where, write_port};
 use crate::design::{Direction, Module, Port};
@@ -134,12 +134,12 @@ impl<'m> InstanceRef<'m> {
     }
 }
 
-/// How many names like a wrong one a message offers.
+/// Maximum number of similar names in an error message.
 const OFFERED: usize = 5;
 
 impl Module {
     pub(super) fn missing(&self, what: &str, name: &str, names: &[&str], place: Place) -> HdlError {
-        // Names that have most pairs of letters in common are nearest.
+        // Names with the most common pairs of letters are the most similar.
         let pairs = |text: &str| -> HashSet<(u8, u8)> {
             let bytes = text.as_bytes();
             bytes.windows(2).map(|pair| (pair[0], pair[1])).collect()
@@ -180,7 +180,7 @@ impl Module {
         let ports = &self.ir.ports;
         let point = match ports.iter().position(output) {
             Some(port) => {
-                // What has no other name is what the port is.
+                // A signal without another name has the name of its output port.
                 let id = ports[port].1;
                 let node = &self.ir.nodes[id];
                 let first = ports.iter().position(|(_, other)| *other == id);

@@ -1,4 +1,4 @@
-//! Designs that hold many changes, of which one is selected.
+//! Designs with many changes, one of which is selected.
 
 use super::edit::{Editor, FIRST};
 use super::{Edit, Mutation};
@@ -10,7 +10,7 @@ use std::collections::{BTreeMap, HashMap};
 use std::panic::Location;
 use std::sync::Arc;
 
-/// How a change of [`Design::selectable`] is selected.
+/// The way in which a change of [`Design::selectable`] is selected.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Select<'a> {
     /// By the value of an input port of this name, 32 bits wide, which is added to every module.
@@ -21,12 +21,12 @@ pub enum Select<'a> {
     Constant(u32),
 }
 
-/// Bits of a change's number.
+/// Width of the number of a change.
 const SELECT_BITS: u32 = 32;
 
 impl Netlist {
-    /// Puts other modules of the same names below, with an input more where `select` says which.
-    /// Proofs that look for a signal that is gone from one of them are gone too.
+    /// Replaces the child modules by modules with the same names and, for `select`, an additional input.
+    /// Proofs that refer to a signal that no longer exists are dropped.
     fn place(&mut self, children: &HashMap<&str, Arc<Module>>, select: Option<(&str, Id)>) -> bool {
         let mut placed = false;
         let mut complete = true;
@@ -99,7 +99,7 @@ impl Design {
         })
     }
 
-    /// Checks that a module stands by itself: a part follows from what it is a part of.
+    /// Checks that a module is not a part, because parts are derived from their modules.
     #[track_caller]
     fn changeable(&self, name: &str) -> Result<(), HdlError> {
         let place = Location::caller();
@@ -121,7 +121,7 @@ impl Design {
     /// they are in the Verilog. Properties are dropped.
     ///
     /// # Errors
-    /// None for a design made by this crate; an error of a module that is built anew is passed on.
+    /// None for a design made by this crate; an error of a module that is rebuilt is passed on.
     pub fn apart(&self) -> Result<Design, HdlError> {
         let mut printed: HashMap<&str, Arc<Module>> = HashMap::new();
         let mut top = self.top().clone();
@@ -169,7 +169,7 @@ impl Design {
     fn rebuilt(&self, change: &Rebuild<'_>) -> Result<Design, HdlError> {
         let mut changed: HashMap<&str, Arc<Module>> = HashMap::new();
         let mut top = self.top().clone();
-        // Parts follow from what they are parts of.
+        // Parts are derived from their modules.
         for module in self.units() {
             let new = change(module, &changed)?;
             if let Some(new) = &new {
@@ -181,7 +181,7 @@ impl Design {
     }
 }
 
-/// Makes a module anew, if it must be, with those below it that were.
+/// Rebuilds a module if it or a module below it has changed.
 type Rebuild<'a> =
     dyn Fn(&Module, &HashMap<&str, Arc<Module>>) -> Result<Option<Arc<Module>>, HdlError> + 'a;
 
@@ -255,7 +255,7 @@ pub(super) fn ones(width: u32) -> u128 {
 }
 
 impl Editor {
-    /// Makes a node an input.
+    /// Replaces a node by an input.
     fn input(&mut self, name: &str, id: Id) -> Result<(), String> {
         if self
             .ir
@@ -277,7 +277,7 @@ impl Editor {
         Ok(())
     }
 
-    /// Lets logic do what a register's reset does, so that what it gives can be chosen.
+    /// Replaces the reset of a register by logic, so that the reset value can be selected.
     fn choose_reset(&mut self, id: Id, choices: &[(Id, Option<u128>)]) {
         let Node { op, width, .. } = self.ir.nodes[id].clone();
         let Op::Register(register) = op else {

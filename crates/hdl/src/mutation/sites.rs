@@ -1,4 +1,4 @@
-//! Which changes a module admits.
+//! Lists the possible changes of a module.
 
 use super::edit::Editor;
 use super::{Change, Edit, Mutation, Slot, Where};
@@ -125,7 +125,7 @@ impl Module {
     }
 }
 
-/// Finds the changes that statements admit.
+/// Finds the possible changes of statements.
 struct Walk<'a> {
     printer: &'a Printer<'a>,
     editor: &'a Editor,
@@ -174,7 +174,7 @@ impl Walk<'_> {
         }
     }
 
-    /// A condition, which may be held.
+    /// A condition, which may become a constant.
     fn condition(&mut self, root: Root) {
         let Ok(id) = self.editor.get(root) else {
             return;
@@ -204,7 +204,7 @@ impl Walk<'_> {
         }
     }
 
-    /// A node that is written out.
+    /// A node whose expression is printed in place.
     fn node(&mut self, root: Root, path: &mut Vec<usize>, id: Id) {
         let op = self.op(id).clone();
         match &op {

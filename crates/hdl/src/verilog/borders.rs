@@ -1,4 +1,4 @@
-//! Which part of a module a node is in, and what crosses the borders between parts.
+//! The part of a module to which a node belongs, and the nodes that cross the boundaries of parts.
 
 use super::super::ir::{Id, Item, Netlist, Op};
 use super::plan::Plan;
@@ -22,7 +22,7 @@ impl Owners {
         for item in &ir.items {
             match item {
                 Item::Part(begun) => part = *begun,
-                // A wire belongs where it is driven, which comes later.
+                // A wire belongs to the part that drives it, which is known later.
                 Item::Node(id) => owners.nodes[*id] = part,
                 Item::Drive(id) if ir.nodes[*id].op == Op::Wire => owners.nodes[*id] = part,
                 Item::Memory(index) => owners.memories[*index] = part,
@@ -42,16 +42,16 @@ impl Owners {
     }
 }
 
-/// What is in which part.
+/// The nodes of each part.
 pub(in super::super) struct Borders {
     pub owners: Owners,
-    /// For each part, the nodes that it has: its own, and copies of what needs no logic.
+    /// For each part, its own nodes, and copies of nodes that need no logic.
     pub has: Vec<BTreeSet<Id>>,
-    /// For each part, the nodes of others that it reads.
+    /// For each part, the nodes of other parts that it reads.
     pub enters: Vec<BTreeSet<Id>>,
 }
 
-/// How a part reads a node of another.
+/// The way in which a part reads a node of another one.
 #[derive(Default)]
 struct Use {
     whole: bool,
@@ -63,7 +63,7 @@ impl Borders {
         let parts = plan.ir.parts.len() + 1;
         let mut owners = owners;
         for id in 0..plan.ops.len() {
-            // A wire that is another name of a signal is where that is.
+            // A wire that only renames a signal belongs to the part of the signal.
             owners.nodes[id] = owners.nodes[plan.signal(id)];
         }
         let mut borders = Borders {
@@ -82,7 +82,7 @@ impl Borders {
                 covered[low..low + plan.width(*slice) as usize].fill(true);
             }
             let whole = of.whole || covered.into_iter().all(|bit| bit);
-            // Of a word that is read in part, the fields cross rather than the word.
+            // If only fields of a word are read, they cross the boundary instead of the word.
             let (entering, sliced_in) = match whole {
                 true => (BTreeSet::from([id]), part),
                 false => (of.slices.clone(), borders.owners.nodes[id]),
@@ -98,7 +98,7 @@ impl Borders {
         borders
     }
 
-    /// What each part's own logic reads; it has that logic itself.
+    /// The nodes that each part's own logic reads, in addition to that logic.
     fn reads(&mut self, plan: &Plan) -> Vec<(usize, Id)> {
         let mut reads = vec![];
         let owners = &self.owners;
@@ -160,14 +160,14 @@ impl Borders {
         self.owners.nodes[slice_of(plan, id).0]
     }
 
-    /// The nodes of a part that others read.
+    /// The nodes of a part that other parts read.
     pub fn leaves(&self, plan: &Plan, part: usize) -> BTreeSet<Id> {
         let all = self.enters.iter().flatten().copied();
         all.filter(|id| self.source(plan, *id) == part).collect()
     }
 }
 
-/// The signal that a slice is of, a slice of a slice too, and its lowest bit there.
+/// The signal and the lowest bit of a slice, or of a slice of a slice.
 pub(in super::super) fn slice_of(plan: &Plan, mut id: Id) -> (Id, u32) {
     let mut lowest = 0;
     while let Op::Slice(of, low) = plan.ops[id] {

@@ -1,5 +1,5 @@
-//! Expressions and assignments. All operands of an operator are printed at one width, so Verilog's own
-//! widening never applies but to a product, which is always assigned at its full width.
+//! Expressions and assignments. All operands of an operator are printed with the same width, so Verilog's implicit
+//! extension applies only to products, which are always assigned with their full width.
 
 use super::super::ir::{Binary, Id, Op};
 use super::{LINE, Printer, length};
@@ -15,7 +15,7 @@ pub(in super::super) fn literal(value: u128, width: u32) -> String {
     }
 }
 
-/// Bits `high` to `low`, of a signal or in a declaration.
+/// The bits `high` to `low`, for a signal or a declaration.
 pub(super) fn bits(high: u32, low: u32) -> String {
     if high == low {
         format!("[{low}]")
@@ -25,7 +25,7 @@ pub(super) fn bits(high: u32, low: u32) -> String {
 }
 
 impl Printer<'_> {
-    /// A node as an operand: its name, or its expression in parentheses where needed.
+    /// A node as an operand: its name, or its expression in parentheses if they are needed.
     fn operand(&self, id: Id) -> String {
         let text = self.part(id);
         if self.plan.declared[id] {
@@ -40,7 +40,7 @@ impl Printer<'_> {
         }
     }
 
-    /// Verilog has no unary operator of a unary operator.
+    /// Verilog does not allow a unary operator directly after a unary operator.
     fn unary_operand(&self, id: Id) -> String {
         let text = self.operand(id);
         if text.starts_with('~') {
@@ -50,7 +50,7 @@ impl Printer<'_> {
         }
     }
 
-    /// A node where no parentheses are needed.
+    /// A node in a position that needs no parentheses.
     pub fn part(&self, id: Id) -> String {
         if self.plan.declared[id] {
             self.names.of[id].clone()
@@ -59,7 +59,7 @@ impl Printer<'_> {
         }
     }
 
-    /// A node's expression, written out even if the node is declared.
+    /// The expression of a node, even if the node is declared.
     pub fn expression(&self, id: Id) -> String {
         let plan = &self.plan;
         match &plan.ops[id] {
@@ -133,7 +133,7 @@ impl Printer<'_> {
         }
     }
 
-    /// The parts of a concatenation, with those of parts that are concatenations themselves.
+    /// The operands of a concatenation, with nested concatenations flattened.
     fn parts(&self, parts: &[Id]) -> Vec<String> {
         let mut text = vec![];
         for id in parts {
@@ -145,14 +145,14 @@ impl Printer<'_> {
         text
     }
 
-    /// Whether a left operand goes on an associative chain and so needs no parentheses.
+    /// Whether a left operand continues a chain of an associative operator, so that it needs no parentheses.
     fn continues(&self, op: Binary, left: Id) -> bool {
         op.is_associative()
             && !self.plan.declared[left]
             && matches!(&self.plan.ops[left], Op::Binary(ir, ..) if *ir == op)
     }
 
-    /// `target id;`, with the node's name if it has one of its own.
+    /// `target id;`, with the node's name if it has one.
     pub(super) fn assignment(&self, target: &str, id: Id) -> String {
         if self.plan.declared[id] {
             format!("{target} {};", self.names.of[id])
@@ -161,10 +161,10 @@ impl Printer<'_> {
         }
     }
 
-    /// `target expression;`, broken over lines where it is long.
+    /// `target expression;`, divided over several lines if it is long.
     pub(super) fn definition(&self, target: &str, id: Id) -> String {
         let mut text = target.to_string();
-        // What is clocked stands further in.
+        // Statements in `always` blocks are indented further.
         let most = LINE - if target.ends_with("<=") { 4 } else { 2 };
         if let Op::Mux(_, _, rest) = self.plan.ops[id] {
             let chain = !self.plan.declared[rest] && matches!(self.plan.ops[rest], Op::Mux(..));
@@ -185,7 +185,7 @@ impl Printer<'_> {
             return text;
         }
         let line = match &self.plan.ops[id] {
-            // Else it reads like a second assignment.
+            // Otherwise the second line would look like another assignment.
             Op::Binary(Binary::LessEqual, ..) if target.ends_with("<=") => {
                 format!("{target} ({});", self.expression(id))
             }

@@ -1,4 +1,4 @@
-//! Properties, behind all else in a module's text: for a prover, or for a simulator.
+//! Prints properties at the end of a module's text, for a prover or a simulator.
 
 use super::super::ir::{Id, Netlist, Op, ProofData};
 use super::super::outline::Outline;
@@ -9,25 +9,25 @@ use std::fmt::Write as _;
 /// A module's text with the properties of one proof.
 pub(in super::super) struct WithProof {
     pub text: String,
-    /// Where in the text a module's name begins.
+    /// The positions in the text at which names of modules start.
     pub modules: Vec<usize>,
-    /// The line of each assertion, from 1 on.
+    /// The line of each assertion, counted from 1.
     pub asserts: Vec<usize>,
-    /// Under which name each node is declared.
+    /// The name under which each node is declared.
     pub names: Vec<Option<String>>,
 }
 
-/// What begins the properties of either kind: they hold from the clock after the first of a reset on.
+/// The start of the properties of either kind: they hold from the cycle after the first cycle of a reset.
 fn started(name: &str) -> String {
     format!("  reg  {name} = 1'b0;\n  always @(posedge clk) if (rst) {name} <= 1'b1;\n")
 }
 
-/// The macro that lets a simulator check.
+/// The macro that enables the checks in a simulator.
 const CHECKS: &str = "DYNRT_CHECKS";
 
 const END: &str = "\nendmodule\n";
 
-/// The text with something in front of its end.
+/// Inserts a section before the end of the text.
 fn insert(text: &str, section: &str) -> (String, usize) {
     let end = text.rfind(END).expect("a module has an end");
     let first = text[..end].lines().count();
@@ -50,7 +50,7 @@ pub(in super::super) fn with_proof(ir: &Netlist, proof: &ProofData) -> WithProof
     let started_name = printer.names.free("f_started".to_string());
     section += &started(&started_name);
     let _ = writeln!(section, "  always @* if (!{started_name}) assume (rst);");
-    // In the first clock of reset too: what registers hold a clock later comes from it.
+    // Also in the first cycle of reset, which determines the registers of the next cycle.
     for ((what, _), id) in proof.assumes.iter().zip(&assumes) {
         let _ = writeln!(
             section,
@@ -77,7 +77,7 @@ pub(in super::super) fn with_proof(ir: &Netlist, proof: &ProofData) -> WithProof
     WithProof {
         text,
         modules,
-        // Behind a blank line and a heading.
+        // After a blank line and a heading.
         asserts: lines.into_iter().map(|line| first + 2 + line).collect(),
         names: (0..names.len())
             .map(|id| names[printer.plan.stands[id]].clone())
@@ -85,7 +85,7 @@ pub(in super::super) fn with_proof(ir: &Netlist, proof: &ProofData) -> WithProof
     }
 }
 
-/// Whether a node follows from what only a prover can choose.
+/// Whether a node depends on a value that only a prover can choose.
 fn of_any(printer: &Printer, root: Id) -> bool {
     let mut seen = HashSet::new();
     let mut open = vec![root];
@@ -100,7 +100,7 @@ fn of_any(printer: &Printer, root: Id) -> bool {
     false
 }
 
-/// The text with checks, and where in it a module's name begins.
+/// The text with checks, and the positions at which names of modules start.
 pub(in super::super) fn with_checks(
     ir: &Netlist,
     outline: Option<&Outline>,
@@ -157,7 +157,7 @@ pub(in super::super) fn with_checks(
     (text, modules)
 }
 
-/// What is called `name` in a part, from the module that places it.
+/// The hierarchical name of `name` in a part, seen from the module that instantiates it.
 fn within(ir: &Netlist, part: usize, name: &str) -> String {
     match part {
         0 => name.to_string(),
@@ -166,12 +166,12 @@ fn within(ir: &Netlist, part: usize, name: &str) -> String {
 }
 
 impl Printer<'_> {
-    /// Names what is in parts from the module that places them.
+    /// Names the nodes in parts, seen from the module that instantiates them.
     fn look_into(&mut self, outline: &Outline) {
         let modules = [&outline.top].into_iter().chain(&outline.parts);
         let printers: Vec<_> = modules.map(|module| Printer::new(&module.ir)).collect();
         let within = |part: usize, name: &str| within(self.plan.ir, part, name);
-        // What crosses a border has its name outside too, and is found there first.
+        // A node that crosses a boundary also has a name outside, which is found first.
         let place = |id: &Id| {
             let numbers = outline.numbers.iter().enumerate();
             let mut places = numbers.filter_map(|(part, of)| Some((part, *of.get(id)?)));
@@ -201,7 +201,7 @@ impl Printer<'_> {
         }
     }
 
-    /// What is written beside the module for its properties.
+    /// The declarations that the properties need in addition to the module.
     fn beside(
         &mut self,
         roots: &[Id],

@@ -1,21 +1,21 @@
-//! Where things stand in a module's text, and how long lines are divided.
+//! The order of statements in a module's text, and the division of long lines.
 
 use super::super::ir::{Id, Item, Op};
 use super::plan::Plan;
 use super::{LINE, MARK, Names, STATEMENT};
 
-/// Where memories stand.
+/// The positions of memories.
 pub(super) struct Layout {
-    /// For each item the memories that are printed behind it: all that writes and addresses them is declared there.
+    /// For each item, the memories that are printed after it, where all of their writes and addresses are declared.
     pub memories: Vec<Vec<usize>>,
-    /// Of words that are read: declared before their memory.
+    /// For words that are read, whether they are declared before their memory.
     pub early: Vec<bool>,
 }
 
 impl Layout {
     pub fn new(plan: &Plan, names: &Names) -> Layout {
         let ir = plan.ir;
-        // The item behind which a node can be read.
+        // The item after which a node can be read.
         let mut from = vec![0; ir.nodes.len()];
         let mut declared_at = vec![0; ir.memories.len()];
         for (place, item) in ir.items.iter().enumerate() {
@@ -75,7 +75,7 @@ impl Layout {
     }
 }
 
-/// A text without lines of code that are too long: they are divided behind conditions and operators, as far outside of brackets as
+/// A text with long lines of code divided, after conditions and operators and with as few open brackets as
 /// possible.
 pub(super) fn folded(text: &str) -> String {
     let mut folded = String::with_capacity(text.len());
@@ -97,7 +97,7 @@ pub(super) fn folded(text: &str) -> String {
     folded
 }
 
-/// The blank at which a line that is too long is divided, and whether it is the one behind a condition.
+/// The blank at which a long line is divided, and whether it follows a condition.
 fn fold(line: &str) -> Option<(usize, bool)> {
     const OPERATORS: &str = " & | ^ + - * ? : = == != < <= > >= << >> ";
     let (mut column, mut depth, mut marked) = (0, 0, false);

@@ -1,5 +1,5 @@
-//! Names for what the Rust source does not name: after the port or wire that it drives, after the word that it is a field of, or
-//! after where it goes.
+//! Names for nodes that the Rust source does not name. They are derived from the port or wire that the node drives, from the word
+//! of a field, or from the first reader.
 
 use super::super::builder::KEYWORDS;
 use super::super::design::Direction;
@@ -8,27 +8,27 @@ use super::plan::Plan;
 use std::collections::{HashMap, HashSet};
 
 pub(in super::super) struct Names {
-    /// Of declared nodes.
+    /// The names of declared nodes.
     pub of: Vec<String>,
-    /// The name without the stage, from which the names of delays are made.
+    /// The name without the stage, from which names of pipeline registers are derived.
     stem: Vec<Option<String>>,
-    /// What a name has behind its stem.
+    /// The suffix of a name after its stem.
     late: Vec<Option<String>>,
-    /// The node is this output port: no other wire is declared for it.
+    /// Whether the node is an output port, so that no wire is declared for it.
     pub port: Vec<bool>,
-    /// The wire in whose place the node is declared, earlier than it is driven.
+    /// The wire in whose place the node is declared, before it is driven.
     pub early: Vec<Option<Id>>,
     /// For each memory, the names of its copies.
     pub copies: Vec<Vec<String>>,
     pub lines: Vec<String>,
     /// The wire that collects the bits without a reader.
     pub unused: String,
-    /// What counts the registers of delay lines.
+    /// The loop counter of delay lines.
     pub counter: String,
-    /// Names that nothing in the description says.
+    /// Names that do not follow from the description.
     pub made_up: Vec<(String, Id)>,
     taken: HashSet<String>,
-    /// Names that were wanted more than once, with the last number that they got.
+    /// Names that were requested more than once, with the last number used.
     numbers: HashMap<String, u32>,
 }
 
@@ -77,7 +77,7 @@ impl Names {
         for line in &plan.lines {
             let stem = names.stem[line.registers[0]].clone().unwrap_or_default();
             let name = format!("{stem}_delay");
-            // The parts of a module have lines of one name.
+            // The lines of a module's parts have the same name.
             let name = match plan.borders {
                 None => names.unique(name, line.registers[0]),
                 Some(_) => names.free(name),
@@ -88,7 +88,7 @@ impl Names {
         names
     }
 
-    /// Names what stands beside the module for its properties. `inside` names signals inside instances.
+    /// Names the additional nodes of properties. `inside` names signals inside instances.
     pub fn extend(&mut self, plan: &Plan, beside: &[Id], inside: &dyn Fn(usize, Id) -> String) {
         let mut stems = HashSet::new();
         for &id in beside.iter().filter(|id| plan.declared[**id]) {
@@ -104,7 +104,7 @@ impl Names {
         }
     }
 
-    /// The name for a node, with a number behind it where it is taken.
+    /// The name of a node, with a number appended if it is used.
     fn unique(&mut self, name: String, id: Id) -> String {
         let unique = self.free(name.clone());
         if unique != name && self.made_up.last().is_none_or(|(_, last)| *last != id) {
@@ -113,7 +113,7 @@ impl Names {
         unique
     }
 
-    /// A name that nothing has yet.
+    /// An unused name.
     pub fn free(&mut self, name: String) -> String {
         if self.taken.insert(name.clone()) {
             return name;
@@ -128,8 +128,8 @@ impl Names {
         }
     }
 
-    /// What drives an output port or a wire is that port or wire, unless it has a name of its own. An instance's output has none; nor
-    /// has logic that is one port and no wire. Registers keep theirs.
+    /// Gives the driver of an output port or wire the name of that port or wire, unless it has its own name. The output of an instance
+    /// has none, nor has logic that drives one port and no wire. Registers keep their names.
     fn take_ports_and_wires(&mut self, plan: &Plan) {
         let ports = (plan.ir.ports.iter()).filter(|(port, _)| port.direction == Direction::Output);
         let ports = ports.map(|(port, id)| (port, plan.signal(plan.stands[*id])));
@@ -167,7 +167,7 @@ impl Names {
         }
     }
 
-    /// Gives a declared node its name, and a delay register the name that those behind it continue.
+    /// Chooses the name of a declared node and, for a pipeline register, the stem for the following ones.
     fn choose(
         &mut self,
         plan: &Plan,
@@ -189,7 +189,7 @@ impl Names {
                     let stem = match (self.hinted(plan, next), &goals[next]) {
                         (Some((stem, Some(_))), _) => stem,
                         (Some((name, None)), _) => self.unique(name, next),
-                        // The goal has this name, its delays are called after it.
+                        // The destination has this name, and its pipeline registers are named after it.
                         (None, Some(goal)) => {
                             let mut unique = goal.clone();
                             let mut n = 1;
@@ -255,11 +255,11 @@ impl Names {
         };
     }
 
-    /// The name that the description has for a node if it needs one, and what is behind it: the lateness of the word that it is of.
+    /// The suggested name of a node and its suffix, which gives the delay of its word.
     fn hinted(&self, plan: &Plan, id: Id) -> Option<(String, Option<String>)> {
         match &plan.ops[id] {
             Op::Reset => return Some(("rst".to_string(), None)),
-            // Its own name is of two parts.
+            // Its own name consists of two parts.
             Op::Inside(instance, _) => {
                 let instance = &plan.ir.instances[*instance].name;
                 return Some((format!("{instance}_inside"), None));
@@ -282,7 +282,7 @@ impl Names {
         Some((format!("{stem}_{}", hint.name), late))
     }
 
-    /// A name for what has none in the description.
+    /// A name for a node without one in the description.
     fn make_up(&mut self, plan: &Plan, id: Id) -> String {
         let name = match &plan.ops[id] {
             Op::Slice(of, low) if !self.of[*of].is_empty() => {
@@ -295,7 +295,7 @@ impl Names {
     }
 }
 
-/// What is behind the name of a delay register's signal: its stage, or the clocks that it is late.
+/// The suffix of a pipeline register's name: its stage, or its delay in cycles.
 fn suffix(plan: &Plan, id: Id) -> String {
     if let Some(stage) = plan.ir.nodes[id].stage {
         return format!("s{}", stage.at);
@@ -311,7 +311,7 @@ fn suffix(plan: &Plan, id: Id) -> String {
     format!("d{clocks}")
 }
 
-/// For each node the name of the first place that it goes to, through delay registers too.
+/// For each node, the name of its first destination, also through pipeline registers.
 fn goals(plan: &Plan) -> Vec<Option<String>> {
     let ir = plan.ir;
     let mut goals: Vec<Option<String>> = vec![None; plan.ops.len()];

@@ -1,52 +1,52 @@
-//! What of a module is printed, and as what: equal values as one, expressions where they are used or under a
-//! name of their own, long chains of delay registers as one delay line.
+//! Determines what is printed for each node: equal values once, expressions in place or under a
+//! name, and long chains of pipeline registers as delay lines.
 
 use super::super::design::Direction;
 use super::super::ir::{Binary, Hint, Id, Netlist, Op, Register};
 use super::borders::{Borders, Owners};
 use std::collections::{HashMap, HashSet};
 
-/// Beyond this many characters, estimated, an expression gets a wire of its own.
+/// Estimated length in characters above which an expression gets a wire.
 const LONG_EXPRESSION: usize = 72;
-/// The same for what is connected to an instance or a memory.
+/// The same for connections of an instance or a memory.
 const LONG_CONNECTION: usize = 36;
-/// From this many registers on, a chain of which few are read is a delay line.
+/// Minimum number of registers of a chain with few readers that is printed as a delay line.
 const DELAY_LINE: usize = 4;
 
-/// A chain of delay registers of one signal, printed as a shift register or an array.
+/// A chain of pipeline registers of one signal, printed as a shift register or an array.
 pub(in super::super) struct DelayLine {
-    /// The registers, the first to hold the value first.
+    /// The registers, in the order in which they receive the value.
     pub registers: Vec<Id>,
 }
 
 pub(in super::super) struct Plan<'a> {
     pub ir: &'a Netlist,
-    /// The node that is printed for a node: itself, or an earlier one of the same value.
+    /// The node that is printed for a node: itself, or an earlier one with the same value.
     pub stands: Vec<Id>,
-    /// What each node computes, in terms of nodes that stand for themselves.
+    /// The operation of each node, in terms of nodes that are printed.
     pub ops: Vec<Op>,
-    /// Names that the Rust source gives.
+    /// Names given by the Rust source.
     pub given: Vec<Option<String>>,
-    /// Names for what gets one, behind those of their words for slices.
+    /// Suggested names; those of slices follow the names of their words.
     pub hints: Vec<Option<Hint>>,
-    /// Reached from an output, an instance or a memory.
+    /// Whether the node is reached from an output, an instance or a memory.
     pub live: Vec<bool>,
-    /// Declared under a name of its own.
+    /// Whether the node is declared with a name.
     pub declared: Vec<bool>,
-    /// For declared nodes: which bits are used.
+    /// For declared nodes, the bits that are used.
     pub used: Vec<Vec<bool>>,
     pub lines: Vec<DelayLine>,
-    /// The delay line that a register is in, and how many registers are before it.
+    /// The delay line of a register, and the number of registers before it.
     pub in_line: Vec<Option<(usize, usize)>>,
-    /// For each memory the copies that are read, by the node that reads each.
+    /// For each memory, its copies, each with the node that reads it.
     pub copies: Vec<Vec<Id>>,
-    /// The declared node that a wire is another name of: both are one signal in the Verilog.
+    /// The declared node that a wire renames; both are one signal in the Verilog.
     merged: Vec<Option<Id>>,
-    /// Of a module in parts.
+    /// The boundaries of parts, for a module with parts.
     pub borders: Option<Borders>,
 }
 
-/// Nodes by value: equal expressions and equal delay registers are one, whatever stage they are filed under.
+/// Nodes by value: equal expressions and equal pipeline registers are merged, independent of their recorded stage.
 struct Values {
     stands: Vec<Id>,
     ops: Vec<Op>,
@@ -55,7 +55,7 @@ struct Values {
 }
 
 impl Values {
-    /// With `live` given, the delayed slice of a signal becomes a slice of the delayed signal where that is live.
+    /// With `live`, the delayed slice of a signal becomes a slice of the delayed signal if that is live.
     fn of(ir: &Netlist, live: Option<&[bool]>) -> Values {
         let mut values = Values {
             stands: (0..ir.nodes.len()).collect(),
@@ -91,7 +91,7 @@ impl Values {
                 _ => known.get(&(op.clone(), node.width)).copied(),
             };
             match same {
-                // A name for properties is none for what the module computes without them.
+                // A name given for properties does not apply to nodes of the module itself.
                 Some(same)
                     if node.formal && !ir.nodes[same].formal && values.given[id].is_some() => {}
                 Some(same) if values.given[id].is_none() || values.given[same].is_none() => {
@@ -121,7 +121,7 @@ impl Values {
         values
     }
 
-    /// The slice of a live delay register that a delayed slice is.
+    /// The slice of a live pipeline register that equals a delayed slice.
     fn of_delayed(
         &self,
         ir: &Netlist,
@@ -147,7 +147,7 @@ impl Values {
         None
     }
 
-    /// Whether a slice is a word's part that has a name.
+    /// Whether a slice is a named part of a word.
     fn is_part(&self, id: Id) -> bool {
         self.given[id].is_some()
             || self.hints[id]
@@ -158,7 +158,7 @@ impl Values {
     fn resolved(&self, op: &Op) -> Op {
         match op.map(&mut |id| self.stands[id]) {
             Op::Slice(a, low) => match self.ops[a] {
-                // A slice of a slice, with a change of stage between, is one slice.
+                // A slice of a slice, with a change of stage in between, is one slice.
                 Op::Slice(of, base) if !self.is_part(a) => Op::Slice(of, base + low),
                 _ => Op::Slice(a, low),
             },
@@ -206,7 +206,7 @@ impl<'a> Plan<'a> {
         plan.choose_declared(&count, &live);
         for id in (0..nodes).filter(|id| live[*id]) {
             let signal = plan.driven_by_name(id);
-            // A node that each part computes again has no declaration of its own.
+            // A node that each part computes itself has no declaration.
             let placed = |signal: &Id| ir.parts.is_empty() || !plan.is_light(*signal);
             plan.merged[id] = signal.filter(placed);
         }
@@ -221,7 +221,7 @@ impl<'a> Plan<'a> {
         plan
     }
 
-    /// The declared node that drives a wire, through further wires too.
+    /// The declared node that drives a wire, also through other wires.
     fn driven_by_name(&self, wire: Id) -> Option<Id> {
         if self.ops[wire] != Op::Wire {
             return None;
@@ -233,7 +233,7 @@ impl<'a> Plan<'a> {
         }
     }
 
-    /// Whether each part that reads a node computes it again, in place of a port that carries it there.
+    /// Whether each part that reads a node computes it itself, instead of reading it through a port.
     pub fn is_light(&self, id: Id) -> bool {
         match self.ops[id] {
             Op::Literal(_) | Op::Reset | Op::Slice(..) => true,
@@ -242,12 +242,12 @@ impl<'a> Plan<'a> {
         }
     }
 
-    /// The node under whose declaration a node is printed: for a wire that a declared node drives, that node.
+    /// The node whose declaration is used for a node: for a wire that a declared node drives, that node.
     pub fn signal(&self, id: Id) -> Id {
         self.merged.get(id).copied().flatten().unwrap_or(id)
     }
 
-    /// Plans what properties read beside the module: which nodes are written for them alone, in order. What the module declares stays.
+    /// Plans the nodes that properties read in addition to the module, and returns the new ones in order. Declarations of the module do not change.
     pub fn extend(&mut self, roots: &[Id]) -> Vec<Id> {
         let nodes = self.ops.len();
         let mut beside = vec![false; nodes];
@@ -258,7 +258,7 @@ impl<'a> Plan<'a> {
             if self.declared[id] || std::mem::replace(&mut beside[id], true) {
                 continue;
             }
-            // A register of a delay line is a part of that line.
+            // A register of a delay line is an element of that line.
             if self.live[id] && self.in_line[id].is_some() {
                 words.push(id);
                 continue;
@@ -269,7 +269,7 @@ impl<'a> Plan<'a> {
             }
         }
         self.choose_declared(&count, &beside);
-        // Icarus 11 fails at an array's word within an expression.
+        // Icarus 11 cannot read a word of an array within an expression.
         for id in words {
             self.declared[id] = true;
         }
@@ -280,7 +280,7 @@ impl<'a> Plan<'a> {
         self.ir.nodes[id].width
     }
 
-    /// The node that drives a wire.
+    /// The driver of a wire.
     pub fn driver(&self, wire: Id) -> Id {
         self.stands[self.ir.drivers[&wire]]
     }
@@ -293,7 +293,7 @@ impl<'a> Plan<'a> {
         [enable, address, data].map(|id| self.stands[id])
     }
 
-    /// All the nodes that a node's value comes from, through registers too.
+    /// All nodes on which a node depends, also through registers.
     pub fn sources(&self, id: Id) -> Vec<Id> {
         match &self.ops[id] {
             Op::Wire => vec![self.driver(id)],
@@ -301,7 +301,7 @@ impl<'a> Plan<'a> {
         }
     }
 
-    /// What instances read.
+    /// The nodes that instances read.
     fn connected(&self) -> impl Iterator<Item = Id> + '_ {
         self.ir
             .instances
@@ -309,7 +309,7 @@ impl<'a> Plan<'a> {
             .flat_map(|i| i.inputs.iter().map(|(_, id)| self.stands[*id]))
     }
 
-    /// What output ports read.
+    /// The nodes that output ports read.
     pub fn outputs(&self) -> impl Iterator<Item = Id> + '_ {
         self.ir
             .ports
@@ -336,7 +336,7 @@ impl<'a> Plan<'a> {
         live
     }
 
-    /// How many places read a node.
+    /// The number of readers of each node.
     fn count_uses(&self) -> Vec<usize> {
         let mut count = vec![0; self.ops.len()];
         for id in (0..self.ops.len()).filter(|id| self.live[*id]) {
@@ -394,7 +394,7 @@ impl<'a> Plan<'a> {
                 .iter()
                 .filter(|id| **id == last || count[**id] > 1 || self.given[**id].is_some())
                 .count();
-            // Reset clears bits alone: arrays have none.
+            // Reset clears only bits; arrays have no reset.
             let plain =
                 self.width(head) == 1 || self.delay(head).is_some_and(|(_, reset)| reset.is_none());
             if plain && registers.len() >= DELAY_LINE && 2 * read <= registers.len() {
@@ -406,7 +406,7 @@ impl<'a> Plan<'a> {
         }
     }
 
-    /// Whether an undeclared node is as short as a name.
+    /// Whether the expression of an undeclared node is as short as a name.
     fn short(&self, id: Id) -> bool {
         match &self.ops[id] {
             Op::Literal(_) | Op::Reset | Op::Slice(..) => true,
@@ -415,7 +415,7 @@ impl<'a> Plan<'a> {
         }
     }
 
-    /// Of nodes in `scope`, which are declared.
+    /// Chooses the declared nodes among those in `scope`.
     fn choose_declared(&mut self, count: &[usize], scope: &[bool]) {
         let mut sliced = HashSet::new();
         for (id, op) in self.ops.iter().enumerate() {
@@ -423,7 +423,7 @@ impl<'a> Plan<'a> {
                 sliced.insert(*of);
             }
         }
-        // The first operands of a chain of equal operators are printed with it, a line each where it is long.
+        // The first operands of a chain of equal operators are printed with it, one line per operand if it is long.
         let mut goes_on = HashSet::new();
         for op in &self.ops {
             if let Op::Binary(of, first, _) = op
@@ -436,7 +436,7 @@ impl<'a> Plan<'a> {
         }
         let mut length = vec![0usize; self.ops.len()];
         for id in 0..self.ops.len() {
-            // Inputs and instances' outputs exist whether used or not.
+            // Inputs and outputs of instances exist even if they are unused.
             if matches!(self.ops[id], Op::Input | Op::Instance(..)) {
                 self.declared[id] = true;
                 continue;
@@ -463,14 +463,14 @@ impl<'a> Plan<'a> {
             }
             let sources = self.sources(id);
             for source in &sources {
-                // A chain of choices is printed a line each: it cannot be an operand.
+                // A chain of choices is printed with one line per choice, so it cannot be an operand.
                 let rest = matches!(self.ops[id], Op::Mux(_, _, rest) if rest == *source);
                 if !rest && self.chained(*source) {
                     self.declared[*source] = true;
                 }
             }
             if let Op::Binary(Binary::Mul, ..) = self.ops[id] {
-                // The product's width is that of its operands too: no operator may stand there.
+                // The operands of a product have its width, so they cannot be expressions with operators.
                 for source in sources.iter().filter(|source| scope[**source]) {
                     self.declared[*source] |= !matches!(
                         self.ops[*source],
@@ -501,7 +501,7 @@ impl<'a> Plan<'a> {
             self.declared[id] = self.given[id].is_some()
                 || self.hints[id].as_ref().is_some_and(|hint| hint.field)
                 || sliced.contains(&id)
-                // The width of a product is its context's: it gets a context of its own.
+                // The width of a product is determined by its context, so it gets its own assignment.
                 || matches!(self.ops[id], Op::Binary(Binary::Mul, ..))
                 || !self.short(id)
                     && (count[id] > 1 || length[id] > LONG_EXPRESSION && !goes_on.contains(&id));
@@ -517,7 +517,7 @@ impl<'a> Plan<'a> {
                 self.declared[id] = true;
             }
         }
-        // Neither can it be a condition, an address, or a part of a delay line's next value.
+        // It can be neither a condition, nor an address, nor a part of a delay line's next value.
         let heads = self.lines.iter().map(|line| line.registers[0]);
         let heads: Vec<Id> = heads.flat_map(|id| self.sources(id)).collect();
         let within = (0..self.ops.len()).filter(|id| scope[*id]);
@@ -535,7 +535,7 @@ impl<'a> Plan<'a> {
         }
     }
 
-    /// Whether a node is a choice of which the last alternative is another, written in place.
+    /// Whether the last alternative of a choice is another choice that is printed in place.
     pub fn chained(&self, id: Id) -> bool {
         match &self.ops[id] {
             Op::Mux(_, _, rest) => {
@@ -556,10 +556,10 @@ impl<'a> Plan<'a> {
                 continue;
             }
             match self.ops[reader] {
-                // What reads a slice that is written in place reads through it: see `mark`.
+                // The reader of a slice that is printed in place reads the sliced signal: see `mark`.
                 Op::Slice(..) if !self.declared[reader] => {}
                 Op::Slice(of, low) => self.mark(of, low, self.width(reader)),
-                // A register of a delay line reads the one before it in the line itself.
+                // A register of a delay line reads its predecessor inside the line.
                 Op::Register(_) if self.in_line[reader].is_some_and(|(_, at)| at > 0) => {}
                 Op::Wire if self.merged[reader].is_some() => {}
                 _ => {

@@ -1,4 +1,4 @@
-//! What holds state: registers, delays, memories.
+//! Prints state: registers, delays, memories.
 
 use super::super::ir::{Id, Op, Register, Root};
 use super::super::memory::Style;
@@ -6,7 +6,7 @@ use super::plan::DelayLine;
 use super::{Body, LINE, Printer, length};
 use std::fmt::Write as _;
 
-/// Verilator unrolls loops of up to so many steps, and takes no longer ones for delays in an array.
+/// Verilator unrolls loops up to this number of steps, and does not accept longer loops with delayed assignments to an array.
 const LOOP_STEPS: usize = 64;
 
 impl Printer<'_> {
@@ -24,7 +24,7 @@ impl Printer<'_> {
         let mark = self.mark(Root::Next(id));
         let condition = register.enable.map(|id| format!("if ({})", self.part(id)));
         let fits = |line: &str| !line.contains('\n') && length(line) + 4 <= LINE;
-        // Behind what it depends on, on a line of its own where that makes it one line.
+        // After its dependencies, on a separate line if it then fits on one line.
         let assigned = |before: &str| {
             let condition = condition.as_deref().unwrap_or_default();
             let before = format!("{before} {condition}");
@@ -48,7 +48,7 @@ impl Printer<'_> {
         }
     }
 
-    /// Delay registers stage by stage, then delay lines.
+    /// Prints pipeline registers stage by stage, then delay lines.
     pub(super) fn delays(&self, body: &mut Body, delays: Vec<Id>) {
         let stage = |id: Id| {
             let stage = self.ir().nodes[id].stage;
@@ -92,7 +92,7 @@ impl Printer<'_> {
         }
     }
 
-    /// Whether a delay line is an array: of words, while bits are a word of their own.
+    /// Whether a delay line is an array of words; bits form one word.
     fn is_array(&self, line: &DelayLine) -> bool {
         self.plan.width(line.registers[0]) > 1
     }
@@ -101,7 +101,7 @@ impl Printer<'_> {
         let (line, name) = (&self.plan.lines[line], &self.names.lines[line]);
         let last = (self.numbers).bits(line.registers.len() as u32 - 1, 0);
         match self.is_array(line) {
-            // Yosys makes registers of it in any case; with the attribute it does not warn of that.
+            // Yosys converts it to registers in any case; the attribute suppresses its warning.
             true => format!(
                 "(* mem2reg *) reg {}{name} [0:{}];",
                 self.numbers.range(self.plan.width(line.registers[0])),
@@ -150,7 +150,7 @@ impl Printer<'_> {
         std::iter::once(first).chain(loops).collect()
     }
 
-    /// A memory's copies, each with the statement that writes and reads it.
+    /// Prints the copies of a memory, each with the statement that writes and reads it.
     pub(super) fn memory(&self, body: &mut Body, index: usize, early: &[bool]) {
         let memory = &self.ir().memories[index];
         let style = match memory.style {
@@ -199,7 +199,7 @@ impl Printer<'_> {
         body.clocked = clocked;
     }
 
-    /// What registers hold before the first clock.
+    /// Prints the initial values of registers in simulation.
     pub(super) fn initial(&self, body: &mut Body) {
         let plan = &self.plan;
         let mut lines = vec![];

@@ -1,39 +1,39 @@
-//! A text of which numbers follow from parameters.
+//! A text in which numbers depend on parameters.
 
 use super::super::library::Parameter;
 use super::expression::{bits, literal};
 use super::range;
 use std::fmt::Write as _;
 
-/// Stands around a number of a text that may follow from parameters.
+/// Delimits a number of a text that may depend on parameters.
 const NUMBER: char = '\u{3}';
-/// Stands in front of a port's name; those of a module stand in one column.
+/// Marks the start of a port's name; the names of a module's ports are aligned.
 pub(super) const COLUMN: char = '\u{4}';
-/// Stand where a text with parameters declares them, and constants that follow from them.
+/// Marks the position at which parameters, and constants that depend on them, are declared.
 pub(super) const PARAMETERS: char = '\u{5}';
 pub(super) const CONSTANTS: char = '\u{6}';
 
-/// As many characters as a number of a text with parameters is taken for where lines are divided.
+/// Assumed length of a number in a text with parameters when lines are divided.
 const NUMBER_LENGTH: usize = 8;
 
-/// How numbers are written.
+/// The notation of numbers.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Form {
-    /// A declaration's range, of a width; none for one bit.
+    /// The range of a declaration, from a width; empty for one bit.
     Range,
     /// Width and value.
     Literal,
-    /// The highest bit and the lowest, in brackets.
+    /// The highest and the lowest bit, in brackets.
     Bits,
     Plain,
 }
 
-/// Where a text may have numbers that follow from parameters.
+/// The treatment of numbers that may depend on parameters.
 #[derive(Clone, Copy, PartialEq, Eq)]
 pub(super) enum Numbers {
-    /// They are written out.
+    /// Numbers are written out.
     Written,
-    /// They are marked.
+    /// Numbers are marked.
     Marked,
 }
 
@@ -72,7 +72,7 @@ impl Numbers {
     }
 }
 
-/// How many characters a text has, each marked number taken for the same.
+/// The length of a text in characters, with a fixed length for each marked number.
 pub(super) fn length(text: &str) -> usize {
     let mut length = 0;
     for (at, part) in text.split(NUMBER).enumerate() {
@@ -85,7 +85,7 @@ pub(super) fn length(text: &str) -> usize {
     length
 }
 
-/// A text whose ports' names stand in one column.
+/// A text with the names of its ports aligned.
 pub(super) fn aligned(text: &str) -> String {
     let before = |line: &str| line.find(COLUMN);
     let column = text.lines().filter_map(before).max().unwrap_or(0);
@@ -101,14 +101,14 @@ pub(super) fn aligned(text: &str) -> String {
     aligned
 }
 
-/// Numbers of a text, as they are written there.
+/// Numbers of a text with their notation.
 #[derive(Debug, PartialEq)]
 struct Mark<N> {
     form: Form,
     numbers: Vec<N>,
 }
 
-/// A text between its marked numbers, and those.
+/// Divides a text at its marked numbers.
 fn divided(text: &str) -> (Vec<String>, Vec<Mark<u128>>) {
     let (mut pieces, mut marks) = (vec![], vec![]);
     for (at, part) in text.split(NUMBER).enumerate() {
@@ -132,16 +132,16 @@ fn divided(text: &str) -> (Vec<String>, Vec<Mark<u128>>) {
     (pieces, marks)
 }
 
-/// How a number follows from the parameters.
+/// The dependence of a number on the parameters.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Term {
     Constant(u128),
-    /// A parameter, by its number, and what is added to it.
+    /// A parameter, by its index, plus a constant.
     Parameter(usize, i64),
 }
 
 impl Term {
-    /// What gives these numbers with these values of the parameters.
+    /// The term that gives these numbers for these values of the parameters.
     fn new(samples: &[(Vec<u32>, u128)]) -> Option<Term> {
         let parameters = 0..samples[0].0.len();
         let further = parameters.flat_map(|at| [0, -1, 1].map(|more| Term::Parameter(at, more)));
@@ -175,11 +175,11 @@ pub(in super::super) struct Template {
     marks: Vec<Mark<Term>>,
 }
 
-/// Constants of a text with parameters: their names, and how each is declared.
+/// The names and declarations of the constants in a text with parameters.
 type Constants = Vec<(String, String)>;
 
 impl Template {
-    /// From texts for several values of the parameters.
+    /// Derives the text from samples for several values of the parameters.
     pub fn new(
         parameters: &[Parameter],
         samples: &[(Vec<u32>, String)],
@@ -231,7 +231,7 @@ impl Template {
         &self.parameters
     }
 
-    /// Whether a text is this one with some values of the parameters.
+    /// Checks that a text equals this one for the given values of the parameters.
     pub fn check(&self, values: &[u32], text: &str) -> Result<(), String> {
         let (pieces, marks) = divided(text);
         same(&self.pieces, &self.marks, &pieces, &marks)?;
@@ -249,7 +249,7 @@ impl Template {
         Ok(())
     }
 
-    /// What is said behind the module's name where it is placed.
+    /// The text after the module's name in an instance.
     pub(super) fn connected(&self, values: &[u32], numbers: Numbers) -> String {
         let parameters = self.parameters.iter().zip(values);
         let connected = parameters.map(|(parameter, value)| {
@@ -274,7 +274,7 @@ impl Template {
             .replace(CONSTANTS, &format!("{blank}{constants}"))
     }
 
-    /// The text without declarations of parameters and constants; the constants that it names.
+    /// The text without declarations of parameters and constants, and the constants that it uses.
     fn body(&self) -> (String, Constants) {
         let mut constants = vec![];
         let mut text = String::new();
@@ -287,7 +287,7 @@ impl Template {
         (text, constants)
     }
 
-    /// The parameters' declarations.
+    /// The declarations of the parameters.
     fn declared(&self) -> String {
         let lines = self.parameters.iter().zip(&self.defaults).enumerate();
         let lines = lines.map(|(at, (parameter, default))| {
@@ -335,7 +335,7 @@ impl Template {
         }
     }
 
-    /// A literal: as such, of a flag, or by the name of a constant.
+    /// A literal: as a number, as a flag, or by the name of a constant.
     fn literal(&self, width: Term, value: Term, constants: &mut Constants) -> String {
         match (width, value) {
             (Term::Constant(width), Term::Constant(value)) => {
@@ -362,7 +362,7 @@ impl Template {
                 let name = format!("{called}_{what}");
                 let range = format!("[{}:0]", self.term(width.plus(-1)));
                 let value = match value {
-                    // In as many bits as it has, for lint.
+                    // With as many bits as it needs, for lint.
                     Term::Parameter(at, more) if more != 0 => {
                         let sign = if more < 0 { '-' } else { '+' };
                         let more = more.unsigned_abs();
@@ -381,7 +381,7 @@ impl Template {
     }
 }
 
-/// Whether two texts are the same but for numbers.
+/// Whether two texts differ only in numbers.
 fn same<A, B>(
     pieces: &[String],
     marks: &[Mark<A>],

@@ -1,7 +1,7 @@
-//! Numbers out of a glTF file's buffers.
+//! Reads numbers from the buffers of a glTF file.
 //!
-//! The crate's own iterators trust counts, offsets and strides; a file need not deserve that. Here everything is
-//! checked, and every number becomes an `f64`, which holds all that glTF knows exactly.
+//! The crate's own iterators trust counts, offsets and strides, which may be wrong in a file. Here everything is
+//! checked, and every number becomes an `f64`, which represents all number types of glTF exactly.
 
 use super::clean::Facts;
 use crate::scene::sources::{place_of_uri, read_regular};
@@ -15,21 +15,21 @@ use gltf::buffer::{Source, View};
 use std::cell::OnceCell;
 use std::path::Path;
 
-/// Numbers that an accessor may claim to have without a buffer that has them, unless it has as many elements as another one.
+/// Maximum number of zeros of an accessor without a buffer, unless another accessor has as many elements.
 const MOST_ZEROS: usize = 1 << 24;
 
-/// What an accessor's integers mean.
+/// The interpretation of an accessor's integers.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Numbers {
-    /// Integers are themselves; there are no others.
+    /// Integers are indices; no other types are allowed.
     Indices,
-    /// Integers are fractions of the greatest.
+    /// Integers are fractions of the type's maximum.
     Fractions,
-    /// Integers are what the accessor says they are.
+    /// Integers are interpreted as the accessor states.
     AsStored,
 }
 
-/// The buffers of a file, read when they are first needed: those that only pictures need may be missing.
+/// The buffers of a file, read on first use, because buffers that only pictures need may be missing.
 pub struct Buffers<'a> {
     document: &'a gltf::Document,
     facts: &'a Facts,
@@ -39,7 +39,7 @@ pub struct Buffers<'a> {
 }
 
 impl<'a> Buffers<'a> {
-    /// Files are sought from `folder`.
+    /// Files are relative to `folder`.
     pub fn new(
         document: &'a gltf::Document,
         facts: &'a Facts,
@@ -59,7 +59,7 @@ impl<'a> Buffers<'a> {
     fn buffer(&self, number: usize) -> Result<&[u8]> {
         let buffer = self.document.buffers().nth(number).expect("validated");
         let bytes = match buffer.source() {
-            // The GLB's chunk is the first buffer's alone.
+            // Only the first buffer can be the GLB's chunk.
             Source::Bin if number > 0 => bail!(
                 "buffer {number} has no data (EXT_meshopt_compression's fallback?); export it without compression"
             ),
@@ -134,7 +134,7 @@ impl<'a> Buffers<'a> {
         })
     }
 
-    /// How far apart the elements of a view are; nothing, if one follows the other.
+    /// The distance of a view's elements; `None` if they are adjacent.
     fn stride(&self, view: &View) -> Result<Option<usize>> {
         match &self.facts.strides[view.index()] {
             None | Some(serde_json::Value::Null) => Ok(None),
@@ -154,11 +154,11 @@ impl<'a> Buffers<'a> {
         }
     }
 
-    /// An accessor's numbers, element after element. Without a buffer view it is zeros.
+    /// The numbers of an accessor, element after element; zeros if it has no buffer view.
     ///
     /// # Errors
-    /// One line, which does not say whose accessor it is, if it has other dimensions or types of numbers, reaches beyond
-    /// its buffer, or a number is not finite.
+    /// One line, which does not name the accessor, if it has other dimensions or types of numbers, if it exceeds
+    /// its buffer, or if a number is not finite.
     pub fn read(
         &self,
         accessor: &Accessor,
@@ -169,10 +169,10 @@ impl<'a> Buffers<'a> {
         self.read_up_to(accessor, dimensions, numbers, most)
     }
 
-    /// The same of an accessor that must have an element for each of `count` vertices.
+    /// The same for an accessor that must have one element for each of `count` vertices.
     ///
     /// # Errors
-    /// As [`Buffers::read`], and if it has not as many.
+    /// As [`Buffers::read`], and if the number of elements differs.
     pub fn read_for(
         &self,
         accessor: &Accessor,
@@ -220,12 +220,12 @@ impl<'a> Buffers<'a> {
         inner().with_context(|| format!("accessor {}", accessor.index()))
     }
 
-    /// Whether all of an accessor's numbers are zero, because it has no place in any buffer.
+    /// Whether all numbers of an accessor are zero, because it refers to no buffer.
     pub fn is_zero(&self, accessor: &Accessor) -> bool {
         self.view_of(accessor).is_none() && accessor.sparse().is_none()
     }
 
-    /// The view of an accessor, if it has one: the one beyond the file's own stands for none.
+    /// The view of an accessor, if it has one; the view after the file's own ones stands for none.
     fn view_of<'b>(&self, accessor: &Accessor<'b>) -> Option<View<'b>> {
         let view = accessor.view();
         view.filter(|view| view.index() < self.facts.views)
@@ -295,8 +295,8 @@ impl<'a> Buffers<'a> {
     }
 }
 
-/// What a data URI holds, of which this is all after its scheme: a media type, a comma, and data that is percent-encoded
-/// and, if it says so, base64 within.
+/// The data of a data URI; `rest` is the part after the scheme: a media type, a comma, and data that is percent-encoded
+/// and, if marked so, base64-encoded.
 fn data_of(rest: &str) -> Result<Vec<u8>> {
     let (header, data) = rest
         .split_once(',')
@@ -318,7 +318,7 @@ fn data_of(rest: &str) -> Result<Vec<u8>> {
         .map_err(|error| anyhow::anyhow!("is not base64: {error}; export the file again"))
 }
 
-/// An accessor's numbers by elements of `N`.
+/// The numbers of an accessor in groups of `N`.
 pub fn groups<const N: usize>(numbers: &[f64]) -> Vec<[f64; N]> {
     let elements = numbers.chunks_exact(N);
     elements
@@ -326,7 +326,7 @@ pub fn groups<const N: usize>(numbers: &[f64]) -> Vec<[f64; N]> {
         .collect()
 }
 
-/// How elements lie in a buffer.
+/// The position of elements in a buffer.
 struct Layout {
     kind: DataType,
     width: usize,
@@ -386,7 +386,7 @@ impl Layout {
             _ => unreachable!("components are as long as their type"),
         };
         if self.normalised {
-            // The least of a signed type would be less than −1.
+            // The minimum of a signed type would be less than −1.
             (value / greatest).max(-1.0)
         } else {
             value

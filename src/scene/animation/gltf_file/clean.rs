@@ -1,8 +1,8 @@
-//! The part of a glTF file's JSON that is read here, and nothing else.
+//! Reduces the JSON of a glTF file to the part that is read here.
 //!
-//! Objects keep the fields listed here; all other fields are cut out before the crate validates the document, so that
-//! nothing that is never read can be a reason to refuse a file. What no shown node, skin or animation leads to is replaced
-//! by something neutral: its number stays, its faults do not. What is read is passed on as it stands, and judged.
+//! Objects keep only the fields listed here. All other fields are removed before the crate validates the document, so faults in
+//! them cannot cause an error. Entries that no shown node, skin or animation uses are replaced by neutral ones with the same
+//! number. Everything that is read is passed on unchanged and validated.
 
 use super::{extensions, titled};
 use crate::scene::animation::some;
@@ -11,7 +11,7 @@ use anyhow::{Context, Result, bail, ensure};
 use serde_json::{Map, Value, json};
 use std::collections::HashMap;
 
-/// The fields of a node that has something to do with the picture. `mesh` and `skin` are those of nodes that are shown.
+/// The fields of a node that affect the picture. `mesh` and `skin` are kept for shown nodes only.
 const NODE: [&str; 6] = [
     "children",
     "translation",
@@ -21,41 +21,41 @@ const NODE: [&str; 6] = [
     "weights",
 ];
 const SAMPLER: [&str; 3] = ["input", "output", "interpolation"];
-/// But for `bufferView` and `sparse`.
+/// In addition to `bufferView` and `sparse`.
 const ACCESSOR: [&str; 5] = ["byteOffset", "componentType", "count", "type", "normalized"];
 const SPARSE_INDICES: [&str; 2] = ["byteOffset", "componentType"];
 const SPARSE_VALUES: [&str; 1] = ["byteOffset"];
-/// But for `buffer`. Strides are judged where they are read: see [`Facts::strides`].
+/// In addition to `buffer`. Strides are checked where they are used: see [`Facts::strides`].
 const VIEW: [&str; 2] = ["byteOffset", "byteLength"];
 const BUFFER: [&str; 2] = ["uri", "byteLength"];
 
-/// What is known of a file beside its cleaned document.
+/// Facts about a file that the cleaned document does not contain.
 #[derive(Default)]
 pub struct Facts {
-    /// How many accessors and buffer views the file has. The cleaned document has one more of each, which is empty: it
-    /// stands where the file has nothing.
+    /// The numbers of accessors and buffer views in the file. The cleaned document has one more of each, which is empty and
+    /// stands for missing ones.
     pub accessors: usize,
     pub views: usize,
     /// The `byteStride` of each buffer view, if it has one.
     pub strides: Vec<Option<Value>>,
-    /// The most morph targets that any primitive of a mesh has, for each mesh.
+    /// For each mesh, the maximum number of morph targets of its primitives.
     pub targets: Vec<usize>,
-    /// The mesh of each node, shown or not.
+    /// The mesh of each node, whether shown or not.
     pub meshes: Vec<Option<usize>>,
-    /// The nodes that are shown, in the order of a walk through the hierarchy.
+    /// The shown nodes, in the order of a walk through the hierarchy.
     pub shown: Vec<usize>,
     /// The accessors of EXT_mesh_gpu_instancing by the names of their attributes, for shown nodes with a mesh.
     pub instancing: HashMap<usize, Vec<(String, usize)>>,
     /// For each animation, the channels that are kept, by their numbers in the file.
     pub channels: Vec<Vec<usize>>,
-    /// What was left out, a line each.
+    /// The parts of the file that were left out, one line each.
     pub warnings: Vec<String>,
 }
 
-/// The document to validate, and what is known beside it.
+/// Returns the document to validate, and the facts about it.
 ///
 /// # Errors
-/// One line if vertices lie in an extension, or an accessor that an extension or a primitive names is out of range.
+/// One line if an extension contains the vertices, or if an accessor named by an extension or a primitive is out of range.
 pub fn clean(root: &Map<String, Value>) -> Result<(Value, Facts)> {
     let mut cleaner = Cleaner::new(root);
     cleaner.walk();
@@ -89,9 +89,9 @@ pub fn clean(root: &Map<String, Value>) -> Result<(Value, Facts)> {
 struct Cleaner<'a> {
     root: &'a Map<String, Value>,
     facts: Facts,
-    /// Nodes that are shown, and beside them joints and whatever is above either.
+    /// Shown nodes and joints, and all their ancestors.
     needed: Vec<bool>,
-    /// Of meshes that are shown: whether any node binds them to a skin.
+    /// For each shown mesh, whether any node binds it to a skin.
     skinned: HashMap<usize, bool>,
     skins: Vec<bool>,
     accessors: Vec<bool>,
@@ -138,8 +138,8 @@ impl<'a> Cleaner<'a> {
         index(self.root.get("scene")).unwrap_or(0)
     }
 
-    /// Finds what is shown: nodes of the default scene, else of the first one; of all nodes, if there are no scenes. A node
-    /// that KHR_node_visibility hides is not, nor is anything below it, unless nothing else could be shown.
+    /// Finds the shown nodes: those of the default scene, otherwise of the first scene, or all nodes if there are no scenes. Nodes
+    /// hidden by KHR_node_visibility and their descendants are excluded, unless no other nodes could be shown.
     fn walk(&mut self) {
         let nodes = self.list("nodes");
         let mut parents = vec![Vec::new(); nodes.len()];
@@ -186,7 +186,7 @@ impl<'a> Cleaner<'a> {
         self.find_needed(&parents);
     }
 
-    /// Numbers of nodes, those that there are.
+    /// The valid node numbers of a list.
     fn nodes_in(
         &self,
         list: Option<&'a Value>,
@@ -196,7 +196,7 @@ impl<'a> Cleaner<'a> {
         numbers.filter_map(move |number| index(Some(number)).filter(|&node| node < count))
     }
 
-    /// Nodes in the order of a walk from `roots`, and the names of those that are not entered because they are hidden.
+    /// The nodes in the order of a walk from `roots`, and the names of hidden nodes that the walk does not enter.
     fn reached(&self, roots: &[usize], hides: bool) -> (Vec<usize>, Vec<String>) {
         let nodes = self.list("nodes");
         let mut open: Vec<usize> = roots.iter().rev().copied().collect();
@@ -216,7 +216,7 @@ impl<'a> Cleaner<'a> {
         (reached, hidden)
     }
 
-    /// Finds what shown nodes need: meshes, skins, joints, and whatever is above.
+    /// Finds what shown nodes need: meshes, skins, joints, and the ancestors of all of them.
     fn find_needed(&mut self, parents: &[Vec<usize>]) {
         let nodes = self.list("nodes");
         let mut needed = self.facts.shown.clone();
@@ -318,7 +318,7 @@ impl<'a> Cleaner<'a> {
         };
         let mut kept = fields_of(fields, &["mode"]);
         let position = attributes.get("POSITION").filter(|value| !value.is_null());
-        // Points, lines and their strips are left out, and so is what has no positions.
+        // Leave out points, lines and strips of lines, and primitives without positions.
         let is_left_out = fields
             .get("mode")
             .and_then(Value::as_u64)
@@ -331,7 +331,7 @@ impl<'a> Cleaner<'a> {
             return Ok(Value::Object(kept));
         };
         let position_number = index(Some(position));
-        // The crate looks this one up before it has checked it.
+        // The crate looks up this accessor before it has checked the index.
         ensure!(
             position_number.is_none_or(|accessor| accessor < self.facts.accessors),
             "has its POSITION in accessor {}, which is out of range (there are {}, counted from 0); export the file again",
@@ -448,7 +448,7 @@ impl<'a> Cleaner<'a> {
         skins
     }
 
-    /// Animations with the channels that move nodes: channels without a node belong to extensions.
+    /// Animations with the channels that move nodes; channels without a node belong to extensions.
     fn animations(&mut self) -> Vec<Value> {
         let mut animations = Vec::new();
         let mut left_out = LeftOut::default();
@@ -513,7 +513,7 @@ impl<'a> Cleaner<'a> {
         animations
     }
 
-    /// Whether a channel moves nothing that is read here; it is counted then.
+    /// Whether a channel moves nothing that is read here; such channels are counted.
     fn leaves_out(&self, channel: &Value, left_out: &mut LeftOut) -> bool {
         let Some(target) = channel.get("target") else {
             return false;
@@ -530,7 +530,7 @@ impl<'a> Cleaner<'a> {
         let mesh = index(Some(node)).map(|node| self.facts.meshes.get(node));
         let targets = match mesh {
             Some(Some(mesh)) => mesh.and_then(|mesh| self.facts.targets.get(mesh).copied()),
-            // It is judged where the channel is read.
+            // It is checked where the channel is read.
             _ => return false,
         };
         let is_weights = target.get("path").and_then(Value::as_str) == Some("weights");
@@ -539,7 +539,7 @@ impl<'a> Cleaner<'a> {
         moves_nothing
     }
 
-    /// A reference to an accessor, which is read then. One that is out of range stays so: the document has an accessor more.
+    /// A reference to an accessor, which marks it as read. An index out of range remains out of range in the document, which has one more accessor.
     fn accessor(&mut self, reference: &Value) -> Value {
         used(&mut self.accessors, reference)
     }
@@ -561,7 +561,7 @@ impl<'a> Cleaner<'a> {
                         Some(view) => {
                             kept.insert("bufferView".into(), used(&mut self.views, view));
                         }
-                        // Zeros, which the crate wants to be in some view.
+                        // Zeros; the crate requires a view for them.
                         None if sparse.is_none() => {
                             kept.insert("bufferView".into(), self.facts.views.into());
                         }
@@ -570,7 +570,7 @@ impl<'a> Cleaner<'a> {
                     if let Some(sparse) = sparse {
                         kept.insert("sparse".into(), self.sparse(sparse));
                     }
-                    // Boxes are computed, not believed.
+                    // Bounding boxes are computed; those in the file are ignored.
                     kept.insert("min".into(), zeros());
                     kept.insert("max".into(), zeros());
                     Value::Object(kept)
@@ -637,7 +637,7 @@ impl<'a> Cleaner<'a> {
         kept.chain([nothing.clone()]).collect()
     }
 
-    /// Faulty accessors that nothing here reads.
+    /// Warns of faulty accessors that are not read.
     fn warn_of_accessors(&mut self) {
         let views = self.views.len();
         let is_faulty = |accessor: &Value| {
@@ -671,11 +671,11 @@ impl<'a> Cleaner<'a> {
     }
 }
 
-/// Channels of animations that are left out, by kind.
+/// The omitted channels of animations, by kind.
 #[derive(Default)]
 struct LeftOut {
     pointers: usize,
-    /// The first of them.
+    /// The first such pointer.
     pointer: Option<String>,
     nodeless: usize,
     weights: usize,
@@ -729,12 +729,12 @@ fn channel_of(channel: &Value) -> Value {
     Value::Object(kept)
 }
 
-/// The objects, or whatever they are, in a list of them; none, if it is not a list.
+/// The elements of a JSON list; empty if the value is not a list.
 pub fn items(list: Option<&Value>) -> &[Value] {
     list.and_then(Value::as_array).map_or(&[], Vec::as_slice)
 }
 
-/// A number that counts from 0.
+/// A non-negative integer.
 fn index(value: Option<&Value>) -> Option<usize> {
     let number = value.and_then(Value::as_u64)?;
     usize::try_from(number).ok()
@@ -748,7 +748,7 @@ fn fields_of(fields: &Map<String, Value>, kept: &[&str]) -> Map<String, Value> {
     kept.collect()
 }
 
-/// Names are printed, and so escaped here, once for all.
+/// Copies a name, escaped once here because names are printed.
 fn name_into(kept: &mut Map<String, Value>, fields: &Map<String, Value>) {
     if let Some(Value::String(name)) = fields.get("name") {
         kept.insert("name".into(), escaped(name).into());
@@ -762,7 +762,7 @@ fn node_name(node: &Value, number: usize) -> String {
     }
 }
 
-/// Marks what a reference names; one that is out of range becomes one that is so in any list.
+/// Marks the element that a reference names. A reference out of range is changed to one that is out of range in every list.
 fn used(all: &mut [bool], reference: &Value) -> Value {
     match index(Some(reference)) {
         Some(number) => match all.get_mut(number) {
@@ -776,7 +776,7 @@ fn used(all: &mut [bool], reference: &Value) -> Value {
     }
 }
 
-/// Morph targets of a mesh: the most that any part of it has.
+/// The number of morph targets of a mesh: the maximum over its primitives.
 fn target_count(mesh: &Value) -> usize {
     let primitives = items(mesh.get("primitives"));
     let targets = primitives

@@ -1,4 +1,4 @@
-//! What glTF's extensions say that is read here, and what is said of those that are not.
+//! The supported extensions of glTF, and warnings for unsupported ones.
 
 use super::clean::items;
 use crate::scene::animation::some;
@@ -11,7 +11,7 @@ const INSTANCING: &str = "EXT_mesh_gpu_instancing";
 const VISIBILITY: &str = "KHR_node_visibility";
 const POINTER: &str = "KHR_animation_pointer";
 
-/// Beginnings of the names of extensions that concern materials, pictures, lights and sound alone.
+/// Prefixes of the names of extensions that concern only materials, pictures, lights and sound.
 const NO_GEOMETRY: [&str; 11] = [
     "ADOBE_materials_",
     "EXT_lights_",
@@ -26,7 +26,7 @@ const NO_GEOMETRY: [&str; 11] = [
     "MSFT_texture_",
 ];
 
-/// Extensions that change nothing here though they stand beside geometry: they describe it, or allow what is read anyway.
+/// Extensions next to geometry that have no effect here: they describe the geometry, or permit data that is read anyway.
 const HARMLESS: [&str; 14] = [
     "CESIUM_primitive_outline",
     "EXT_feature_metadata",
@@ -49,7 +49,7 @@ fn is_harmless(name: &str) -> bool {
 }
 
 /// # Errors
-/// One line that names the extensions without which the file cannot be shown, if they are not known here.
+/// One line that names the required extensions that are not supported.
 pub fn check_required(root: &Map<String, Value>) -> Result<()> {
     let required = items(root.get("extensionsRequired"));
     let unknown: Vec<String> = required
@@ -70,14 +70,14 @@ fn extension<'a>(object: &'a Value, name: &str) -> Option<&'a Value> {
     object.get("extensions")?.get(name)
 }
 
-/// Whether a node is hidden, and with it what is below.
+/// Whether a node is hidden, together with its descendants.
 pub fn is_hidden(node: &Value) -> bool {
     let visible = extension(node, VISIBILITY).and_then(|extension| extension.get("visible"));
     visible == Some(&Value::Bool(false))
 }
 
-/// The attributes that place a node's instances, and their accessors. Instances that have only attributes of an
-/// application's own all stand where the node does: one of them is the picture. Or what is wrong with the extension.
+/// The attributes that place a node's instances, with their accessors, or a description of a fault in the extension. Instances
+/// with only application-specific attributes are all at the node's place, so one of them is sufficient.
 pub fn instancing(node: &Value) -> Result<Vec<(&str, &Value)>, &'static str> {
     let Some(extension) = extension(node, INSTANCING) else {
         return Ok(vec![]);
@@ -91,7 +91,7 @@ pub fn instancing(node: &Value) -> Result<Vec<(&str, &Value)>, &'static str> {
         .collect())
 }
 
-/// What a channel's target points at, if it is not a node.
+/// The pointer in a channel's target, if the target is not a node.
 pub fn pointer(target: &Value) -> Option<String> {
     let pointer = extension(target, POINTER);
     let is_pointer = target.get("path").and_then(Value::as_str) == Some("pointer");
@@ -99,19 +99,19 @@ pub fn pointer(target: &Value) -> Option<String> {
         return None;
     }
     let pointer = pointer.and_then(|pointer| pointer.get("pointer")?.as_str());
-    // A pointer says what it moves at its end as much as at its beginning.
+    // Both the beginning and the end of a pointer say what it moves.
     let shown: String = pointer.unwrap_or("?").chars().take(80).collect();
     Some(escaped(&shown).into_owned())
 }
 
-/// The extension that holds a primitive's vertices if its accessors do not.
+/// The extension that contains a primitive's vertices, if its accessors do not.
 pub fn of_primitive(primitive: &Value) -> Option<String> {
     let extensions = primitive.get("extensions")?.as_object()?;
     let mut names = extensions.keys().filter(|name| !is_harmless(name));
     names.next().map(|name| escaped(name).into_owned())
 }
 
-/// A line for each extension that is used beside geometry, motion or buffers and not read here.
+/// One line for each extension that concerns geometry, motion or buffers and is not supported.
 pub fn warnings(root: &Map<String, Value>) -> Vec<String> {
     let mut places: BTreeMap<&str, Places> = BTreeMap::new();
     for name in items(root.get("extensionsUsed"))
@@ -148,7 +148,7 @@ pub fn warnings(root: &Map<String, Value>) -> Vec<String> {
     warnings
 }
 
-/// How often an extension stands at objects that concern geometry, motion or buffers, and at others.
+/// The number of uses of an extension in objects that concern geometry, motion or buffers, and in other objects.
 #[derive(Default)]
 struct Places {
     near: usize,

@@ -1,4 +1,4 @@
-//! Meshes of glTF files: their primitives joined, their vertices shared.
+//! Meshes of glTF files, with joined primitives and shared vertices.
 
 use super::super::{Influences, MOST_INFLUENCES};
 use super::accessor::{Buffers, Numbers, groups};
@@ -9,19 +9,19 @@ use gltf::accessor::Dimensions;
 use gltf::mesh::{Mode, Semantic};
 use std::collections::{BTreeMap, HashMap};
 
-/// A mesh and what moves its vertices.
+/// A mesh and the data that moves its vertices.
 #[derive(Default)]
 pub struct Parts {
     pub mesh: Mesh,
-    /// One a vertex; none if it has no skin.
+    /// One per vertex; empty without a skin.
     pub influences: Vec<Influences>,
-    /// For each morph target one a vertex.
+    /// For each morph target, one displacement per vertex.
     pub displacements: Vec<Vec<[f64; 3]>>,
 }
 
-/// Joins the triangles of all of a mesh's primitives. With `joint_count` vertices must be bound to so many joints.
-/// Vertices that are the same in everything become one, and those that no triangle uses are left out. Accessor `nothing` stands
-/// for positions that the file does not have.
+/// Joins the triangles of all primitives of a mesh. With `joint_count`, vertices must be bound to that number of joints.
+/// Vertices that are equal in all respects are merged, and unused vertices are left out. The accessor `nothing` stands
+/// for positions that the file does not contain.
 pub fn read(
     buffers: &Buffers,
     mesh: &gltf::Mesh,
@@ -108,12 +108,12 @@ pub fn read(
     Ok(welder.parts)
 }
 
-/// A primitive as the file has it.
+/// A primitive as in the file.
 struct Source {
     positions: Vec<[f64; 3]>,
-    /// Into `positions`.
+    /// Indices into `positions`.
     indices: Vec<u32>,
-    /// Of each vertex joints and weights, as given; none without a skin.
+    /// The joints and weights of each vertex, as given; empty without a skin.
     influences: Vec<Vec<(u32, f64)>>,
     displacements: Vec<Vec<[f64; 3]>>,
 }
@@ -147,7 +147,7 @@ impl Source {
             let place = || format!("morph target {number}");
             displacements.push(match target.positions() {
                 None => vec![[0.0; 3]; count],
-                // Zeros that nobody writes to take no memory.
+                // Zeros that are never written need no memory.
                 Some(accessor)
                     if buffers.is_zero(&accessor)
                         && accessor.count() == count
@@ -207,7 +207,7 @@ impl Source {
         Ok(influences)
     }
 
-    /// Triangles, and how many vertices at the end make none.
+    /// The triangles, and the number of vertices at the end that form no triangle.
     fn triangles(&self, primitive: &gltf::Primitive) -> (Vec<[u32; 3]>, usize) {
         let indices = &self.indices;
         if primitive.mode() == Mode::Triangles {
@@ -220,7 +220,7 @@ impl Source {
             Mode::TriangleFan => windows
                 .map(|window| [window[1], window[2], indices[0]])
                 .collect(),
-            // Every other triangle of a strip runs the other way round. Those without area only connect.
+            // Every other triangle of a strip has the opposite orientation. Triangles without area only connect others.
             _ => windows
                 .enumerate()
                 .map(|(number, window)| match number % 2 {
@@ -235,7 +235,7 @@ impl Source {
     }
 }
 
-/// Vertices that are found again by everything that moves them.
+/// Merges vertices that agree in position and in everything that moves them.
 struct Welder {
     parts: Parts,
     found: HashMap<Vec<u64>, u32>,

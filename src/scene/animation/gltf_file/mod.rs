@@ -1,9 +1,9 @@
 //! glTF 2.0 files.
 //!
-//! Only geometry and motion are looked at, and of these only what is shown: all else is cut out of the JSON before the
-//! crate validates it, so that none of it can stand in a ray's way (see [`clean`]). What is in a file and not in the picture is
-//! warned of. Of extensions those are read that place instances (EXT_mesh_gpu_instancing) or hide nodes
-//! (KHR_node_visibility); see [`extensions`].
+//! Only the shown geometry and its motion are read. Everything else is removed from the JSON before the crate validates
+//! it, so faults in it cannot cause an error (see [`clean`]). Geometry that is in the file and not in the picture
+//! causes a warning. Two extensions are supported: EXT_mesh_gpu_instancing, which places instances, and KHR_node_visibility,
+//! which hides nodes; see [`extensions`].
 
 mod accessor;
 mod clean;
@@ -27,7 +27,7 @@ use serde_json::{Map, Value};
 use std::collections::{BTreeMap, HashMap};
 use std::path::Path;
 
-/// The most instances that EXT_mesh_gpu_instancing may place: an accessor without a buffer can claim any number of them.
+/// Maximum number of instances of EXT_mesh_gpu_instancing, because an accessor without a buffer can have any count.
 const MOST_INSTANCES: usize = 1 << 20;
 
 pub fn load(path: &Path) -> Result<Animated> {
@@ -37,7 +37,7 @@ pub fn load(path: &Path) -> Result<Animated> {
     let folder = path.parent().unwrap_or(Path::new(""));
     let name = path.file_stem().unwrap_or_default();
     let mut scene = parse(&bytes, folder, text::path(Path::new(name))).map_err(|error| {
-        // Words of the file may be in any part of it.
+        // Any part of the message may contain words from the file.
         anyhow!("{shown}: {}", text::escaped(&format!("{error:#}")))
     })?;
     for warning in &mut scene.warnings {
@@ -76,7 +76,7 @@ fn parse(bytes: &[u8], folder: &Path, name: String) -> Result<Animated> {
     loader.load(name)
 }
 
-/// JSON without what some exporters put around it: a byte order mark, and zeros that fill up a chunk.
+/// JSON without additions by some exporters: a byte order mark, and zeros at the end of a chunk.
 fn trimmed(json: &[u8]) -> &[u8] {
     let json = json.strip_prefix(b"\xef\xbb\xbf").unwrap_or(json);
     let end = json
@@ -85,7 +85,7 @@ fn trimmed(json: &[u8]) -> &[u8] {
     &json[..end.map_or(0, |last| last + 1)]
 }
 
-/// The JSON and the binary chunk of a binary file, or the whole of a text file.
+/// The JSON and the binary chunk of a binary file, or the whole text file.
 fn chunks(bytes: &[u8]) -> Result<(&[u8], Option<&[u8]>)> {
     if !bytes.starts_with(b"glTF") {
         return Ok((bytes, None));
@@ -141,7 +141,7 @@ impl Loader<'_> {
         let mut rig = Rig::new(self.nodes()?)?;
         let (objects, instances) = self.objects(&rig)?;
         let clips = self.clips(&mut rig)?;
-        // The same mesh may have been read for several skins.
+        // The same mesh may be read for several skins.
         let mut warnings: Vec<String> = Vec::new();
         for warning in self.warnings {
             if !warnings.contains(&warning) {
@@ -219,8 +219,8 @@ impl Loader<'_> {
     fn objects(&mut self, rig: &Rig) -> Result<(Vec<Object>, Vec<Instance>)> {
         let mut objects: Vec<Object> = Vec::new();
         let mut instances = Vec::new();
-        // One object a mesh and skin. Morph targets are blended by the weights of a node, so that each node with some
-        // has an object of its own.
+        // One object per mesh and skin. Morph targets are blended by the weights of a node, so each node with weights
+        // has its own object.
         let mut known: HashMap<(usize, Option<usize>, Option<usize>), Option<usize>> =
             HashMap::new();
         for &node_number in &self.facts.shown {
@@ -249,7 +249,7 @@ impl Loader<'_> {
                 }
             };
             if let Some(object) = object {
-                // Of a skinned object the palette is the place.
+                // The palette gives the place of a skinned object.
                 let place = skin.is_none().then_some(node_number);
                 self.stand(object, node_number, place, rig, &mut instances)?;
             }
@@ -267,7 +267,7 @@ impl Loader<'_> {
         Ok((objects, instances))
     }
 
-    /// Puts an object where its node is: once, or as often as the node's EXT_mesh_gpu_instancing says.
+    /// Places an object at its node: once, or as often as the node's EXT_mesh_gpu_instancing requires.
     fn stand(
         &self,
         object: usize,
@@ -307,7 +307,7 @@ impl Loader<'_> {
         Ok(())
     }
 
-    /// Where instances stand against their node: translation × rotation × scale, of which the file gives some.
+    /// The placements of instances relative to their node: translation × rotation × scale, as far as the file has them.
     fn instancing(&self, attributes: &[(String, usize)]) -> Result<Vec<DAffine3>> {
         let read = |wanted: &str, dimensions, numbers| {
             let Some((_, place)) = attributes.iter().find(|(name, _)| name == wanted) else {
@@ -372,7 +372,7 @@ impl Loader<'_> {
         locals.collect()
     }
 
-    /// The object that a mesh becomes; none if it has no triangles.
+    /// The object of a mesh; `None` if it has no triangles.
     fn object(
         &mut self,
         mesh: &gltf::Mesh,
@@ -383,7 +383,7 @@ impl Loader<'_> {
         let skin = skin.map(|skin| self.skin(skin, rig)).transpose()?;
         let joint_count = skin.as_ref().map(Skin::joint_count);
         let number = format!("mesh {}", mesh.index());
-        // How warnings and errors speak of it, and how the object is called.
+        // The name for warnings and errors, and the name of the object.
         let (title, place, name) = match mesh.name() {
             Some(name) => (
                 format!("mesh {name}"),
@@ -428,7 +428,7 @@ impl Loader<'_> {
         }))
     }
 
-    /// A skin as yet without a mesh.
+    /// A skin that has no mesh yet.
     fn skin(&self, skin: &gltf::Skin, rig: &Rig) -> Result<Skin> {
         let place = || format!("skin {}", skin.index());
         let nodes: Vec<usize> = skin.joints().map(|joint| joint.index()).collect();
@@ -510,9 +510,9 @@ impl Loader<'_> {
         Ok(clips)
     }
 
-    /// What a channel does; nothing, if it moves morph targets of what has none.
+    /// The track of a channel; `None` if it moves the morph targets of a mesh without any.
     fn track(&self, channel: &gltf::animation::Channel, rig: &Rig) -> Result<Option<Track>> {
-        // The crate checks a channel's sampler but not its target.
+        // The crate checks a channel's sampler, but not its target.
         let animation = &self.document.as_json().animations[channel.animation().index()];
         let target = &animation.channels[channel.index()].target;
         let node = target.node.value();
@@ -589,7 +589,7 @@ fn node_name(node: &gltf::Node) -> String {
     }
 }
 
-/// How messages speak of a node: by its number, and its name if it has one.
+/// The name of a node in messages: its number, and its name if it has one.
 fn titled(node: usize, name: &str) -> String {
     match name == format!("node {node}") {
         true => name.to_string(),
@@ -597,7 +597,7 @@ fn titled(node: usize, name: &str) -> String {
     }
 }
 
-/// Morph targets of a mesh: the most that any part of it has.
+/// The number of morph targets of a mesh: the maximum over its primitives.
 fn target_count(mesh: &gltf::Mesh) -> usize {
     let primitives = mesh.primitives();
     primitives
@@ -606,14 +606,14 @@ fn target_count(mesh: &gltf::Mesh) -> usize {
         .unwrap_or(0)
 }
 
-/// A matrix by columns as an affine map.
+/// A matrix given by columns, as an affine map.
 fn affine(columns: &[[f64; 4]; 4]) -> Result<DAffine3> {
     let last_row = columns.map(|column| column[3]);
     ensure!(
         columns.iter().flatten().all(|x| x.is_finite()),
         "its matrix is not finite; correct it"
     );
-    // Some exporters compute the last row; what is left of that is not meant.
+    // Some exporters compute the last row, so tolerate rounding errors.
     let off = std::iter::zip(last_row, [0.0, 0.0, 0.0, 1.0]).map(|(a, b)| (a - b).abs());
     ensure!(
         off.fold(0.0, f64::max) < 1e-3,
@@ -631,7 +631,7 @@ fn affine(columns: &[[f64; 4]; 4]) -> Result<DAffine3> {
     ))
 }
 
-/// The numbers of the attribute sets that a primitive has: of JOINTS and of WEIGHTS.
+/// The numbers of the attribute sets JOINTS and WEIGHTS of a primitive.
 fn attribute_sets(primitive: &gltf::Primitive) -> BTreeMap<u32, (bool, bool)> {
     let mut sets = BTreeMap::new();
     for (semantic, _) in primitive.attributes() {
