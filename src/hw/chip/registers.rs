@@ -318,7 +318,6 @@ fn tree<'b>(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::hdl::Specs;
 
     /// The counters of the table are those that are counted, in their order.
     #[test]
