@@ -202,10 +202,14 @@ pub enum Category {
     InTwoRows,
     FullPalette,
     OneVertex,
+    ShortRay,
+    Overtakes,
+    HeldPacket,
+    WaitingWrite,
 }
 
 impl Category {
-    const COUNT: usize = Category::OneVertex as usize + 1;
+    const COUNT: usize = Category::WaitingWrite as usize + 1;
 
     /// The category's name in reports.
     pub fn name(self) -> &'static str {
@@ -237,6 +241,10 @@ impl Category {
             Category::InTwoRows => "influences in two rows",
             Category::FullPalette => "palette full",
             Category::OneVertex => "mesh of one vertex",
+            Category::ShortRay => "short rays",
+            Category::Overtakes => "packets that overtake",
+            Category::HeldPacket => "cycles of held packets",
+            Category::WaitingWrite => "cycles of waiting writes",
         }
     }
 }

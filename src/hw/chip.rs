@@ -1,6 +1,7 @@
 //! The chip around the core: registers, command processor, ray reader, hit writer, caches, and the AXI4 master, as `docs/chip.md`
 //! defines them.
 
+pub mod cast;
 pub mod commands;
 pub mod hits;
 pub mod number;

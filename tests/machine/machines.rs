@@ -47,43 +47,60 @@ fn random_machines() {
     println!("{} results", report.checked());
 }
 
-/// The named configurations, and those that differ from the reference most in one way each.
+/// A change of a configuration, with its name.
+type Change = (&'static str, fn(&mut Config));
+
+/// The changes that differ from the reference most. Those of one row do not concern the same key, so one machine can have them all.
+const CHANGES: [&[Change]; 3] = [
+    &[
+        ("1 ray a packet", |c| c.rays_per_packet = 1),
+        ("Moller-Trumbore", |c| {
+            c.triangle_test = TriangleTest::MollerTrumbore
+        }),
+        ("25 MHz, 5 packets", |c| {
+            c.clock_mhz = 25;
+            c.packets_in_flight = 5;
+        }),
+    ],
+    &[
+        ("2 rays a packet", |c| c.rays_per_packet = 2),
+        ("8 exponent, 23 fraction bits", |c| {
+            c.exponent_bits = 8;
+            c.fraction_bits = 23;
+        }),
+        ("133 MHz", |c| c.clock_mhz = 133),
+    ],
+    &[
+        ("8 rays a packet", |c| c.rays_per_packet = 8),
+        ("one axis, 64 packets", |c| {
+            c.axes_per_node = 1;
+            c.packets_in_flight = 64;
+        }),
+    ],
+];
+
+/// The named configurations, and those with the changes: a machine for each row, at full length also one for each change.
 fn chosen() -> Vec<Config> {
-    let variant = |name: &str, edit: fn(&mut Config)| {
+    let variant = |changes: &[Change]| {
+        let names: Vec<_> = changes.iter().map(|(name, _)| *name).collect();
         let mut config = Config {
-            name: name.into(),
+            name: names.join(", "),
             memory_latency: 13,
             memory_jitter: 20,
             memory_in_order: false,
             memory_ready_percent: 70,
             ..Config::reference()
         };
-        edit(&mut config);
+        for (_, change) in changes {
+            change(&mut config);
+        }
         config
     };
     let named = NAMED.iter().map(|(name, _)| Config::load(name).unwrap());
-    let variants = [
-        variant("1 ray a packet", |c| c.rays_per_packet = 1),
-        variant("2 rays a packet", |c| c.rays_per_packet = 2),
-        variant("8 rays a packet", |c| c.rays_per_packet = 8),
-        variant("8 exponent, 23 fraction bits", |c| {
-            c.exponent_bits = 8;
-            c.fraction_bits = 23;
-        }),
-        variant("133 MHz", |c| c.clock_mhz = 133),
-        variant("Moller-Trumbore", |c| {
-            c.triangle_test = TriangleTest::MollerTrumbore
-        }),
-        variant("one axis, 64 packets", |c| {
-            c.axes_per_node = 1;
-            c.packets_in_flight = 64;
-        }),
-        variant("25 MHz, 5 packets", |c| {
-            c.clock_mhz = 25;
-            c.packets_in_flight = 5;
-        }),
-    ];
-    named.chain(variants).collect()
+    let rows = CHANGES.iter().map(|row| variant(row));
+    let each = CHANGES.iter().flat_map(|row| row.chunks(1)).map(variant);
+    let each: Vec<_> = if full() { each.collect() } else { vec![] };
+    named.chain(rows).chain(each).collect()
 }
 
 /// Their units alone are tested elsewhere (`units`, `update`, `skinning`).

@@ -120,9 +120,9 @@ pub fn module(plan: &Plan) -> Result<Arc<Module>, HdlError> {
     let words = record.data.width() / WORD_BITS;
     let write_valid = m.reg_reset("is_write_valid", 1, 0);
     let second = m.reg_reset("second_follows", 1, 0);
-    let address = m.reg("write_address", ADDRESS_BITS);
-    let data = m.reg("write_data", record.data.width());
-    let strobes = m.reg("write_strobes", WORD_BYTES);
+    let address = m.reg("stored_address", ADDRESS_BITS);
+    let data = m.reg("stored_data", record.data.width());
+    let strobes = m.reg("stored_strobes", WORD_BYTES);
     let accepted = (write_valid.q & inputs.write_ready).named("is_accepted");
     let leaves = (accepted & !second.q).named("write_leaves");
     let hit_ready = (!write_valid.q | leaves).named("is_hit_ready");
@@ -234,16 +234,15 @@ impl<'b> Writer<'_, 'b> {
         let place = tag.low(place_bits.max(1)).named("place_in_word");
         let open_bits = OPEN.ilog2();
         let word_number = tag.high(tag.width() - place_bits).named("word_number");
-        let open = word_number.low(open_bits).named("open_word");
+        let open = fitted(word_number, open_bits).named("open_word");
         let words = m.memory("answer_words", OPEN, RAYS_PER_WORD, Style::Distributed);
         let counts = m.memory("answer_counts", OPEN, place_bits + 1, Style::Distributed);
         let used = m.reg_reset("used_words", OPEN, 0);
         let is_used = used.q.bit_numbered(open).named("word_is_used");
         let before = is_used.mux(words.read_now(open), m.zero(RAYS_PER_WORD));
-        let shift = place.concat(m.zero(rays.ilog2()));
         let shift = match rays {
             1 => place,
-            _ => shift,
+            _ => place.concat(m.zero(rays.ilog2())),
         };
         let word = (before | bits.extend(RAYS_PER_WORD).shl(shift)).named("answers");
         let counted = is_used.mux(counts.read_now(open), m.zero(place_bits + 1));
@@ -259,7 +258,7 @@ impl<'b> Writer<'_, 'b> {
         m.comment("The first open word moves on behind complete words, in order.");
         let first = m.reg("first_open_word", word_number.width());
         let done = m.reg_reset("complete_words", OPEN, 0);
-        let first_place = first.q.low(open_bits);
+        let first_place = fitted(first.q, open_bits);
         let advances = done.q.bit_numbered(first_place).named("first_advances");
         let one = m.lit(1u8, OPEN);
         let this = one.shl(open).named("open_word_bit");
@@ -267,7 +266,8 @@ impl<'b> Writer<'_, 'b> {
         let touch = this & (ends & !complete).repeat(OPEN);
         let clear = one.shl(first_place) & advances.repeat(OPEN);
         used.next((used.q | touch) & !set);
-        done.next((done.q | set) & !clear);
+        // Behind a cast, complete words may be left that the first one has not passed.
+        done.next(start.mux(m.zero(OPEN), (done.q | set) & !clear));
         first.next_when(
             start | advances,
             start.mux(
@@ -278,9 +278,12 @@ impl<'b> Writer<'_, 'b> {
         let next = self.inputs.packet;
         let next_word = next.high(next.width() - place_bits).named("next_word");
         let distance = (next_word - first.q).named("distance");
-        let hold = distance
-            .ge(m.lit(OPEN, distance.width()))
-            .named("no_open_word");
+        // With few words in all, each has a place of its own.
+        let hold = match distance.width() > open_bits {
+            true => distance.ge(m.lit(OPEN, distance.width())),
+            false => m.zero(1),
+        }
+        .named("no_open_word");
 
         let offset = fitted(word_number, ADDRESS_BITS - 2).concat(m.zero(2));
         let lane = word_number.low(2);
@@ -304,10 +307,10 @@ impl<'b> Writer<'_, 'b> {
     /// The number of the last word of answers, and of the packets in it; registered at the start.
     fn last_word(&self, word_bits: u32, place_bits: u32) -> (Signal<'b>, Signal<'b>) {
         let m = self.m;
-        let packets = packets_of(self.plan, self.count);
-        let last = (packets - m.lit(1u8, COUNT_BITS)).named("last_packet");
-        let word = last.high(COUNT_BITS - place_bits);
-        let word = fitted(word, word_bits);
+        let slots = self.plan.rays().ilog2();
+        let last_ray = (self.count - m.lit(1u8, COUNT_BITS)).named("last_ray");
+        let last = last_ray.high(COUNT_BITS - slots);
+        let word = fitted(last.high(COUNT_BITS - slots - place_bits), word_bits);
         let packets = match place_bits {
             0 => m.lit(1u8, 1),
             bits => last.low(bits).extend(bits + 1) + m.lit(1u8, bits + 1),
