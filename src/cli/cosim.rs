@@ -1,7 +1,7 @@
 //! `dynrt cosim`: co-simulation of the generated Verilog and the golden model.
 
 use super::files::{Kind, Output};
-use super::frame::{Built, Loaded, SIZE, SceneArgs, active};
+use super::frame::{Built, Loaded, RayKind, SIZE, SceneArgs, active};
 use super::{ConfigArgs, counted, one_line, print, tell};
 use anyhow::{Result, ensure};
 use clap::ValueEnum;
@@ -16,10 +16,10 @@ use dynrt::cosim::workload::{Workload, in_instances};
 use dynrt::cosim::{unit_geometry, unit_tpu};
 use dynrt::golden::Caster;
 use dynrt::hdl::Bundle as _;
-use dynrt::port::{Hit, Ray};
+use dynrt::port::Ray;
 use dynrt::report::{self, Staged};
 use dynrt::scene::animation::MachineScene;
-use dynrt::scene::{ImageSize, RayPacket, default_light, load_animated, shadow_rays};
+use dynrt::scene::{ImageSize, load_animated};
 use serde_json::{Map, Value, json};
 use std::fmt::Write as _;
 use std::time::Duration;
@@ -56,10 +56,10 @@ pub struct Args {
     /// delays and stalls at its ports
     #[arg(long, value_name = "UNIT", default_value = "raycast")]
     unit: Unit,
-    /// The rays to cast: rays of the camera, or any-hit rays from their hits to a light
+    /// The rays to cast: rays of the camera; any-hit rays from their hits to a light; or rays from their hits in random directions
     #[arg(long, value_name = "RAYS", default_value = "primary")]
     rays: RayKind,
-    /// Random seed of the memories' delays and stalls
+    /// Random seed of the memories' delays and stalls, and of the directions of diffuse rays
     #[arg(long, value_name = "S", default_value_t = 1)]
     seed: u64,
     /// Write the picture computed by the Verilog as PNG
@@ -121,23 +121,6 @@ impl std::fmt::Display for UnitMismatch {
 
 impl std::error::Error for UnitMismatch {}
 
-#[derive(Clone, Copy, PartialEq, Eq, ValueEnum)]
-enum RayKind {
-    /// Closest hits of the camera's rays
-    Primary,
-    /// Any-hit rays of finite length from the camera's hits to a light
-    Shadow,
-}
-
-impl RayKind {
-    fn name(self) -> &'static str {
-        match self {
-            RayKind::Primary => "primary",
-            RayKind::Shadow => "shadow",
-        }
-    }
-}
-
 /// The results that are unknown after a run that ended with a mismatch.
 const WHOLE_RUN_KEYS: [&str; 10] = [
     "hits",
@@ -188,26 +171,13 @@ fn run_traced(args: &Args, trace: Option<Trace>) -> Result<()> {
     }
     let loaded = args.scene.load(args.size, &args.config)?;
     let Built { image, tree, .. } = loaded.build_default()?;
-    let primary = Loaded::rays(&loaded.packets);
     let caster = Caster::new(
         &image,
         loaded.config.triangle_test,
         loaded.frame.rays_per_packet(),
     );
-    // Shadow rays start where the golden model's primary rays end.
-    let shadow: Option<(Vec<RayPacket>, Vec<Hit>)> = match args.rays {
-        RayKind::Primary => None,
-        RayKind::Shadow => {
-            let hits = caster.cast_packets(&primary).hits;
-            let light = default_light(loaded.scene.bounds(), &loaded.camera);
-            let packets = shadow_rays(&loaded.packets, &hits, &loaded.mesh, light)?;
-            Some((packets, hits))
-        }
-    };
-    let rays = match &shadow {
-        None => primary,
-        Some((packets, _)) => Loaded::rays(packets),
-    };
+    let cast = loaded.rays_of(args.rays, &caster, args.seed)?;
+    let rays = cast.rays();
     let job = Job {
         args,
         loaded: &loaded,
@@ -251,14 +221,7 @@ fn run_traced(args: &Args, trace: Option<Trace>) -> Result<()> {
     let mut text = job.text(&found);
     let mut files = vec![];
     if let Some(out) = &args.out {
-        let size = args.size;
-        let picture = match &shadow {
-            None => report::shade(size, &loaded.packets, &found.hits, &loaded.mesh, None),
-            Some((_, hits)) => {
-                let shadowed: Vec<bool> = found.hits.iter().map(|hit| hit.is_hit()).collect();
-                report::shade(size, &loaded.packets, hits, &loaded.mesh, Some(&shadowed))
-            }
-        };
+        let picture = cast.picture(args.size, &loaded, &found.hits);
         files.push(out.png(&picture)?);
         let _ = writeln!(text, "picture: {out}");
     }

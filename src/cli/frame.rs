@@ -4,9 +4,12 @@ use super::{ConfigArgs, grouped, quoted, tell};
 use anyhow::{Context, Result, bail, ensure};
 use dynrt::bkd::{BuildOptions, MemoryImage, Tree, build, layout};
 use dynrt::config::Config;
-use dynrt::port::Ray;
+use dynrt::golden::Caster;
+use dynrt::port::{Hit, Ray};
+use dynrt::report;
 use dynrt::scene::{
     self, Bounds, Camera, Frame, ImageSize, MachineMesh, RayPacket, Scene, SceneSpec, View,
+    default_light, diffuse_rays, shadow_rays,
 };
 use dynrt::text;
 use std::time::Instant;
@@ -75,6 +78,50 @@ pub struct Loaded {
     pub frame: Frame,
     /// The primary rays.
     pub packets: Vec<RayPacket>,
+}
+
+/// The rays of a picture.
+#[derive(Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
+pub enum RayKind {
+    /// Closest hits of the camera's rays
+    Primary,
+    /// Any-hit rays of finite length from the camera's hits to a light
+    Shadow,
+    /// Closest hits of rays from the camera's hits in random directions
+    Diffuse,
+}
+
+impl RayKind {
+    pub fn name(self) -> &'static str {
+        match self {
+            RayKind::Primary => "primary",
+            RayKind::Shadow => "shadow",
+            RayKind::Diffuse => "diffuse",
+        }
+    }
+}
+
+/// The rays that are cast for a picture.
+pub struct CastRays {
+    packets: Vec<RayPacket>,
+    /// Of rays that start at the hits of primary rays: those hits, by the golden model.
+    primary_hits: Option<Vec<Hit>>,
+}
+
+impl CastRays {
+    /// All rays, packet after packet.
+    pub fn rays(&self) -> Vec<Ray> {
+        Loaded::rays(&self.packets)
+    }
+
+    /// The picture of the primary rays; rays from their hits darken it where they hit something.
+    pub fn picture(&self, size: ImageSize, loaded: &Loaded, hits: &[Hit]) -> image::RgbImage {
+        let Some(primary) = &self.primary_hits else {
+            return report::shade(size, &loaded.packets, hits, &loaded.mesh, None);
+        };
+        let dark: Vec<bool> = hits.iter().map(Hit::is_hit).collect();
+        report::shade(size, &loaded.packets, primary, &loaded.mesh, Some(&dark))
+    }
 }
 
 /// A tree in memory.
@@ -253,6 +300,28 @@ impl Loaded {
             tree,
             image,
             build_s,
+        })
+    }
+
+    /// The rays of a kind. Secondary rays start where the golden model's primary rays end; `seed` is that of random directions.
+    pub fn rays_of(&self, kind: RayKind, caster: &Caster, seed: u64) -> Result<CastRays> {
+        if kind == RayKind::Primary {
+            return Ok(CastRays {
+                packets: self.packets.clone(),
+                primary_hits: None,
+            });
+        }
+        let hits = caster.cast_packets(&Loaded::rays(&self.packets)).hits;
+        let packets = match kind {
+            RayKind::Shadow => {
+                let light = default_light(self.scene.bounds(), &self.camera);
+                shadow_rays(&self.packets, &hits, &self.mesh, light)?
+            }
+            _ => diffuse_rays(&self.packets, &hits, &self.mesh, seed),
+        };
+        Ok(CastRays {
+            packets,
+            primary_hits: Some(hits),
         })
     }
 

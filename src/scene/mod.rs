@@ -19,7 +19,7 @@ pub use builtin::{ANIMATED_NAMES, BUILTIN_NAMES, builtin};
 pub use camera::{Camera, View, default_light};
 pub use load::load_animated;
 pub use machine::{MachineMesh, log2_scale};
-pub use rays::{Frame, ImageSize, RAYS_PER_PACKET, RayPacket, shadow_rays};
+pub use rays::{Frame, ImageSize, RAYS_PER_PACKET, RayPacket, diffuse_rays, shadow_rays};
 pub use sources::{Role, SceneSpec, Source, sources};
 
 use std::ffi::OsStr;

@@ -198,10 +198,64 @@ pub fn shadow_rays(
         "the light lies too far from the scene for {}; move it nearer",
         mesh.format
     );
+    let shadow = |point: DVec3, _normal: DVec3| {
+        let origin = point.to_array().map(|x| arithmetic.round(x) + 0.0);
+        let direction = std::array::from_fn(|k| arithmetic.round(light[k] - origin[k]));
+        Ray {
+            origin,
+            direction,
+            tmin: 0.0,
+            tmax: 1.0,
+            active: direction != [0.0; 3],
+            any_hit: true,
+        }
+    };
+    Ok(secondary_rays(packets, hits, mesh, shadow))
+}
+
+/// Returns a ray for each hit, from its point in a random direction: with the probability of a cosine to the surface's normal, on the
+/// side of the ray that hit it. They are as incoherent as rays become in global illumination. Rays that hit nothing have an inactive
+/// ray.
+///
+/// # Panics
+/// As [`shadow_rays`].
+pub fn diffuse_rays(
+    packets: &[RayPacket],
+    hits: &[Hit],
+    mesh: &MachineMesh,
+    seed: u64,
+) -> Vec<RayPacket> {
+    let arithmetic = Arithmetic::new(mesh.format);
+    let mut rng = fastrand::Rng::with_seed(seed);
+    let diffuse = |point: DVec3, normal: DVec3| {
+        // A point of the unit sphere around the tip of the normal.
+        let (z, angle) = (2.0 * rng.f64() - 1.0, std::f64::consts::TAU * rng.f64());
+        let radius = (1.0 - z * z).sqrt();
+        let direction = normal + DVec3::new(radius * angle.cos(), radius * angle.sin(), z);
+        let direction = direction.to_array().map(|x| arithmetic.round(x) + 0.0);
+        Ray {
+            origin: point.to_array().map(|x| arithmetic.round(x) + 0.0),
+            direction,
+            tmin: 0.0,
+            tmax: f64::INFINITY,
+            active: direction != [0.0; 3],
+            any_hit: false,
+        }
+    };
+    secondary_rays(packets, hits, mesh, diffuse)
+}
+
+/// A ray for each hit: `make` has the point, moved a little off the surface towards the ray that hit it, and the normal on that side.
+fn secondary_rays(
+    packets: &[RayPacket],
+    hits: &[Hit],
+    mesh: &MachineMesh,
+    mut make: impl FnMut(DVec3, DVec3) -> Ray,
+) -> Vec<RayPacket> {
     let ray_count: usize = packets.iter().map(|packet| packet.rays.len()).sum();
     assert_eq!(hits.len(), ray_count, "every ray has a hit");
     let offset = shadow_offset(mesh);
-    let shadow = |ray: &Ray, hit: &Hit| {
+    let mut of_hit = |ray: &Ray, hit: &Hit| {
         let Some(&triangle) = mesh.triangles.get(hit.triangle as usize) else {
             assert!(!hit.is_hit(), "hits are of this mesh");
             return Ray::INACTIVE;
@@ -215,33 +269,22 @@ pub fn shadow_rays(
             normal
         };
         let point = DVec3::from(ray.origin) + hit.t * direction + offset * towards_ray;
-        let origin = point.to_array().map(|x| arithmetic.round(x) + 0.0);
-        let direction = std::array::from_fn(|k| arithmetic.round(light[k] - origin[k]));
-        if direction == [0.0; 3] {
-            return Ray::INACTIVE;
-        }
-        Ray {
-            origin,
-            direction,
-            tmin: 0.0,
-            tmax: 1.0,
-            active: true,
-            any_hit: true,
-        }
+        let ray = make(point, towards_ray);
+        if ray.active { ray } else { Ray::INACTIVE }
     };
     let mut hits = hits.iter();
-    Ok(packets
+    packets
         .iter()
         .map(|packet| RayPacket {
             pixels: packet.pixels.clone(),
             rays: std::iter::zip(&packet.rays, &mut hits)
-                .map(|(ray, hit)| shadow(ray, hit))
+                .map(|(ray, hit)| of_hit(ray, hit))
                 .collect(),
         })
-        .collect())
+        .collect()
 }
 
-/// Distance of the origins of shadow rays from the surface, in machine units; see [`shadow_rays`].
+/// Distance of the origins of secondary rays from the surface, in machine units; see [`shadow_rays`].
 fn shadow_offset(mesh: &MachineMesh) -> f64 {
     let (low, high) = mesh.bounds();
     let greatest = low.iter().chain(&high).fold(0f64, |g, x| g.max(x.abs()));
