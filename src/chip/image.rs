@@ -6,9 +6,12 @@ use super::{most_rays, ray};
 use crate::bkd::bytes::{BASE_ALIGNMENT, ByteRecord};
 use crate::bkd::layout::{MemoryImage, vector_words};
 use crate::config::Config;
-use crate::port::Ray;
+use crate::port::{Hit, NONE, Ray};
 use anyhow::{Result, ensure};
 use serde::Serialize;
+
+/// Bytes of the longest burst: the chip reads whole lines.
+const LONGEST_BURST: usize = 128;
 
 /// A named range of the memory.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
@@ -71,8 +74,10 @@ impl Builder {
         Ok(address)
     }
 
-    /// The memory.
-    pub fn finish(self) -> (Memory, Vec<Part>) {
+    /// The memory, filled up to a multiple of the longest burst.
+    pub fn finish(mut self) -> (Memory, Vec<Part>) {
+        self.bytes
+            .resize(self.bytes.len().next_multiple_of(LONGEST_BURST), 0);
         (Memory::new(self.base, self.bytes), self.parts)
     }
 
@@ -149,6 +154,43 @@ impl Builder {
         debug_assert!(bytes.len().is_multiple_of(descriptor::BYTES as usize));
         self.place(name, &bytes)
     }
+}
+
+/// The hits of a cast in memory. The answer to an any-hit ray with a hit is a hit at distance 0.
+///
+/// # Panics
+/// If the hits are not in the memory.
+pub fn hits_of(memory: &Memory, config: &Config, cast: &Cast) -> Vec<Hit> {
+    let format = config.format();
+    let base = u64::from(cast.hits);
+    let within = "hits are in the memory";
+    if cast.any_hit {
+        let answer = |ray: u64| {
+            let word = memory.word(base + 4 * (ray / 32)).expect(within);
+            match word >> (ray % 32) & 1 {
+                0 => Hit::MISS,
+                _ => Hit::any(0.0),
+            }
+        };
+        return (0..u64::from(cast.count)).map(answer).collect();
+    }
+    let layout = ByteRecord::hit(format);
+    let bytes = u64::from(layout.bytes);
+    let hit = |ray: u64| {
+        let place = memory.read(base + ray * bytes, layout.bytes as usize);
+        let words = layout.read(place.expect(within));
+        let number = |name| format.to_f64(layout.record.get(&words, name));
+        let triangle = layout.record.get(&words, "triangle") as u32;
+        let instance = layout.record.get(&words, "instance") as u32;
+        Hit {
+            t: number("t"),
+            u: number("u"),
+            v: number("v"),
+            instance: if triangle == NONE { NONE } else { instance },
+            triangle,
+        }
+    };
+    (0..u64::from(cast.count)).map(hit).collect()
 }
 
 #[cfg(test)]

@@ -15,6 +15,7 @@ mod mutate;
 mod program;
 mod prove;
 mod render;
+mod run;
 mod stats;
 mod synth;
 mod vectors;
@@ -84,6 +85,7 @@ enum Command {
 enum Use {
     Generate(generate::Args),
     Constraints(constraints::Args),
+    Run(run::Args),
     Cosim(cosim::Args),
     Animate(animate::Args),
     Render(render::Args),
@@ -117,6 +119,7 @@ impl Use {
         match self {
             Use::Generate(args) => generate::run(args),
             Use::Constraints(args) => constraints::run(args),
+            Use::Run(args) => run::run(args),
             Use::Cosim(args) => cosim::run(args),
             Use::Animate(args) => animate::run(args),
             Use::Render(args) => render::run(args),

@@ -4,8 +4,9 @@
 //! issues the commands of a bank as early as its timing allows, also while other data is on the data bus. Of the pending bursts it
 //! serves the one whose data can start first; among equals the oldest.
 
+use super::axi::{Accepted, Decision, Pace, View};
 use crate::config::{Config, MemoryModel};
-use std::collections::VecDeque;
+use std::collections::{HashMap, VecDeque};
 
 /// Picoseconds.
 type Time = u64;
@@ -322,6 +323,114 @@ impl Bank {
             };
         }
         ready.max(self.ready)
+    }
+}
+
+/// Bursts of each kind that wait in the controller at most.
+const QUEUE: usize = 32;
+
+/// Identifier, address, and cycle of acceptance or completion of a burst.
+type Key = (u32, u32, u64);
+
+/// The pace of a slave with the timing of a memory.
+pub struct DramPace {
+    dram: Dram,
+    beat_bytes: u64,
+    next_id: u64,
+    /// Bursts by the numbers that the timing model knows them by, and when they are served.
+    keys: HashMap<u64, Key>,
+    served: HashMap<Key, Served>,
+}
+
+impl DramPace {
+    /// The memory of a configuration.
+    pub fn new(config: &Config) -> DramPace {
+        DramPace {
+            dram: Dram::new(config),
+            beat_bytes: u64::from(config.bus_data_bits / 8),
+            next_id: 0,
+            keys: HashMap::new(),
+            served: HashMap::new(),
+        }
+    }
+
+    /// The timing model.
+    pub fn dram(&self) -> &Dram {
+        &self.dram
+    }
+
+    /// Passes the bursts that are new in this cycle to the timing model.
+    fn add(&mut self, now: u64, bursts: &[Accepted], write: bool) {
+        for burst in bursts.iter().filter(|burst| burst.cycle + 1 == now) {
+            let access = Access {
+                id: self.next_id,
+                address: burst.address.into(),
+                bytes: u64::from(burst.beats) * self.beat_bytes,
+                write,
+            };
+            self.keys.insert(self.next_id, key(burst));
+            self.next_id += 1;
+            self.dram.push(now, access);
+        }
+    }
+
+    /// The burst among the first of their identifiers that has been due for the longest time.
+    fn due(
+        &self,
+        now: u64,
+        bursts: &[Accepted],
+        due: impl Fn(&Served, &Accepted) -> u64,
+    ) -> Option<usize> {
+        let mut seen = vec![];
+        let mut best = None;
+        for (place, burst) in bursts.iter().enumerate() {
+            if seen.contains(&burst.id) {
+                continue;
+            }
+            seen.push(burst.id);
+            let Some(served) = self.served.get(&key(burst)) else {
+                continue;
+            };
+            let due = due(served, burst);
+            if due <= now && best.is_none_or(|(earliest, _)| due < earliest) {
+                best = Some((due, place));
+            }
+        }
+        best.map(|(_, place)| place)
+    }
+}
+
+fn key(burst: &Accepted) -> Key {
+    (burst.id, burst.address, burst.cycle)
+}
+
+impl Pace for DramPace {
+    fn decide(&mut self, view: &View<'_>) -> Decision {
+        self.add(view.now, view.reads, false);
+        self.add(view.now, view.complete, true);
+        while let Some(served) = self.dram.serve(view.now) {
+            if let Some(key) = self.keys.remove(&served.access.id) {
+                self.served.insert(key, served);
+            }
+        }
+        // What is over needs no entry any more.
+        if self.served.len() > 4 * QUEUE {
+            let live: Vec<Key> = view.reads.iter().chain(view.complete).map(key).collect();
+            self.served.retain(|key, _| live.contains(key));
+        }
+        let beat = self.due(view.now, view.reads, |served, burst| {
+            // The bytes of beat k have arrived when that share of the burst has.
+            let share = (served.last - served.first) * u64::from(burst.done);
+            served.first + share.div_ceil(u64::from(burst.beats - 1).max(1))
+        });
+        let response = self.due(view.now, view.complete, |served, _| served.last);
+        Decision {
+            accept_read: view.reads.len() < QUEUE,
+            accept_write: view.writes < QUEUE,
+            accept_datum: view.data < QUEUE,
+            beat: beat.map(|place| (place, false)),
+            response: response.map(|place| (place, false)),
+        }
     }
 }
 

@@ -6,6 +6,8 @@
 //! [`mismatch`] reports the first difference between RTL and golden model.
 
 pub mod animate;
+pub mod axi;
+pub mod chip;
 pub mod dram;
 pub mod mismatch;
 mod processor;

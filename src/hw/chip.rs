@@ -4,12 +4,25 @@
 pub mod cast;
 pub mod commands;
 pub mod hits;
+pub mod monitored;
 pub mod number;
 pub mod rays;
 pub mod registers;
+mod top;
+
+pub use top::{Inputs, Outputs, emit, module, ports};
 
 use super::memory::ADDRESS_BITS;
+use super::memory::axi::Bus;
+use super::memory::cache::{BLOCK_BITS, Shape};
+use super::plan::Plan;
+use crate::bkd::bytes::{ByteRecord, Meaning};
 use crate::bundle;
+use crate::config::Config;
+use crate::hdl::{Signal, bits_for};
+
+/// The name of the chip's module.
+pub const NAME: &str = "chip";
 
 /// Bytes of a word that moves between the units of the chip and the memory system.
 pub const WORD_BYTES: u32 = 16;
@@ -28,4 +41,93 @@ bundle! {
         /// One bit per byte that is written.
         strobes: WORD_BYTES,
     }
+}
+
+/// The clients of the read arbiter, in the order of their numbers in AXI identifiers.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Client {
+    Commands,
+    Rays,
+    Nodes,
+    Records,
+    Vertices,
+}
+
+impl Client {
+    pub const ALL: [Client; 5] = [
+        Client::Commands,
+        Client::Rays,
+        Client::Nodes,
+        Client::Records,
+        Client::Vertices,
+    ];
+
+    /// Bits of the client's own identifiers.
+    pub fn id_bits(self, config: &Config) -> u32 {
+        match self {
+            Client::Commands | Client::Rays => 1,
+            Client::Nodes | Client::Records | Client::Vertices => {
+                bits_for(u64::from(config.cache_misses))
+            }
+        }
+    }
+}
+
+/// Bits of an AXI identifier that are a client's own.
+fn own_bits(config: &Config) -> u32 {
+    let own = Client::ALL.map(|client| client.id_bits(config));
+    own.into_iter().max().unwrap_or(1)
+}
+
+/// The memory bus of a machine.
+pub fn bus(config: &Config) -> Bus {
+    Bus {
+        data_bits: config.bus_data_bits,
+        id_bits: bits_for(Client::ALL.len() as u64) + own_bits(config),
+        reads: config.bus_reads,
+        writes: config.bus_writes,
+    }
+}
+
+/// A cache of records of `layout`, of `kib` KiB, behind a read port with these widths.
+fn cache_shape(
+    plan: &Plan,
+    layout: &ByteRecord,
+    kib: u32,
+    index_bits: u32,
+    tag_bits: u32,
+) -> Shape {
+    let config = &plan.config;
+    let end = layout
+        .parts
+        .last()
+        .map_or(0, |part| part.offset + part.bytes());
+    Shape {
+        record_bits: 8 * end,
+        record_bytes: layout.bytes,
+        line_bytes: config.cache_line_bytes,
+        ways: config.cache_ways,
+        sets: 1024 * kib / (config.cache_line_bytes * config.cache_ways),
+        misses: config.cache_misses,
+        tag_bits,
+        index_bits,
+        bus_bits: config.bus_data_bits,
+        address_bits: ADDRESS_BITS,
+        block_bits: BLOCK_BITS,
+        timing: plan.timing,
+    }
+}
+
+/// The word of a record from its bytes; −0 becomes +0.
+fn record_of<'b>(plan: &Plan, layout: &ByteRecord, bytes: Signal<'b>) -> Signal<'b> {
+    let part = |part: &crate::bkd::bytes::Part| {
+        let bits = bytes.field(8 * part.offset, part.width);
+        match part.meaning {
+            Meaning::Number => plan.without_minus_zero(bits),
+            Meaning::Bits => bits,
+        }
+    };
+    let mut parts: Vec<_> = layout.parts.iter().map(part).collect();
+    parts.reverse();
+    bytes.module().concat(&parts)
 }

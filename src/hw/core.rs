@@ -3,7 +3,7 @@
 use super::plan::Plan;
 use super::raycast::{self, Machine};
 use super::update;
-use crate::hdl::{Builder, Design, Direction, HdlError, Module, Prefix};
+use crate::hdl::{Builder, Bundle, Design, Direction, HdlError, Module, Prefix, Signal};
 use std::sync::Arc;
 
 /// The name of the core's module.
@@ -30,14 +30,14 @@ pub fn emit(plan: &Plan) -> Result<Machine, HdlError> {
     })
 }
 
-fn module(plan: &Plan) -> Result<Arc<Module>, HdlError> {
+pub(super) fn module(plan: &Plan) -> Result<Arc<Module>, HdlError> {
     let m = Builder::new(
         NAME,
         "the whole machine: ray casting, skinning and tree update. The units run independently; the host must prevent conflicting operations.",
     );
     for (name, prefix, unit) in [
         ("casting", "", raycast::module(plan)?),
-        ("updating", "update_", update::module(plan)?.module),
+        ("updating", UPDATE, update::module(plan)?.module),
     ] {
         let of = |direction| {
             let ports = unit.ports().iter();
@@ -59,6 +59,32 @@ fn module(plan: &Plan) -> Result<Arc<Module>, HdlError> {
         }
     }
     m.finish()
+}
+
+/// The prefix of the ports of the update processor.
+const UPDATE: &str = "update_";
+
+/// Instantiates a core: the inputs and outputs of its two units.
+pub(super) fn place<'b>(
+    plan: &Plan,
+    core: &Arc<Module>,
+    casting: raycast::Inputs<Signal<'b>>,
+    updating: update::Inputs<Signal<'b>>,
+) -> (raycast::Outputs<Signal<'b>>, update::Outputs<Signal<'b>>) {
+    let m = casting.scene_root.module();
+    let updating = updating.fields().into_iter();
+    let updating = updating.map(|(name, signal)| (format!("{UPDATE}{name}"), signal));
+    let inputs: Vec<_> = casting.fields().into_iter().chain(updating).collect();
+    let inputs: Vec<_> = (inputs.iter())
+        .map(|(name, signal)| (name.as_str(), *signal))
+        .collect();
+    let placed = m.instance(NAME, core, &inputs);
+    let casting = raycast::ports(plan).outputs;
+    let updating = update::ports(plan).outputs;
+    (
+        casting.map(|_, spec| placed.get(&spec.name)),
+        updating.map(|_, spec| placed.get(&format!("{UPDATE}{}", spec.name))),
+    )
 }
 
 /// The heading of a port group in the core: that of the unit, with the name of the unit.

@@ -162,8 +162,8 @@ pub fn module(plan: &Plan, bus_bits: u32) -> Result<Arc<Module>, HdlError> {
     m.comment(
         "An error is kept until the list ends: the first of a refused descriptor or of the bus.",
     );
-    let code = m.reg_reset("failure_code", CODE_BITS, 0);
-    let value = m.reg("failure_value", ADDRESS_BITS);
+    let code = m.reg_reset("kept_code", CODE_BITS, 0);
+    let value = m.reg("kept_value", ADDRESS_BITS);
     let is_bad = code.q.any().named("is_failed");
     let refused = (now.decodes & decoded.fault & !is_bad).named("refuses");
     let breaks = (inputs.bus_error_valid & !is_bad & !now.idle).named("bus_breaks");

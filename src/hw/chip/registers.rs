@@ -78,7 +78,7 @@ interface! {
         in "Counters of the ray casting unit" { count: {Counters}() }
         in "Events to count" { event: {Events}() }
         out "Command list to start" { start_valid: 1, start_address: ADDRESS_BITS }
-        out "Interrupt" { interrupt: 1 }
+        out "Interrupt request, high while an enabled event is pending" { irq: 1 }
     }
 }
 
@@ -153,7 +153,7 @@ pub fn module(plan: &Plan) -> Result<Arc<Module>, HdlError> {
         },
         start_valid: control.start_valid,
         start_address: control.start_address,
-        interrupt: control.interrupt,
+        irq: control.interrupt,
     };
     ports.outputs.outputs(&m, outputs);
     m.finish()

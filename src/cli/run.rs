@@ -1,0 +1,324 @@
+//! `dynrt run`: the whole chip in Verilator, from a command list in memory to the hits in memory.
+
+use super::files::{Kind, Output};
+use super::frame::{Built, Loaded, RayKind, SIZE, SceneArgs, active};
+use super::{ConfigArgs, counted, print, tell};
+use anyhow::{Result, ensure};
+use dynrt::chip::descriptor::{Cast, Command};
+use dynrt::chip::image::{Builder, hits_of};
+use dynrt::config::MemoryModel;
+use dynrt::cosim::chip::{Chip, Options, Report};
+use dynrt::cosim::dram::Dram;
+use dynrt::cosim::mismatch::Mismatch;
+use dynrt::cosim::model::Trace;
+use dynrt::golden::Caster;
+use dynrt::port::Hit;
+use dynrt::report::{self, Staged};
+use dynrt::scene::ImageSize;
+use serde_json::{Map, Value, json};
+use std::time::Duration;
+
+const HELP: &str = "\
+The chip stands between two buses. The host writes a scene, rays and a command list into memory, and rings the doorbell; the chip
+reads the rays, casts them behind its caches, and writes their hits. At the end every byte of memory and the status are compared with
+the golden chip. An AXI4 protocol monitor watches the memory bus in every cycle. The exit status is 0 only if all agree.
+
+Examples:
+  dynrt run builtin:cornell --out cornell.png
+  dynrt run builtin:interior --view inside --rays diffuse --json run.json
+  dynrt run builtin:interior --view inside --memory ideal --set cache.nodes_kib=4";
+
+/// Run the whole chip: a command list casts the rays of a picture from memory, compared with the golden chip
+#[derive(clap::Args)]
+#[command(after_help = HELP)]
+pub struct Args {
+    #[command(flatten)]
+    scene: SceneArgs,
+    /// Width and height of the picture in pixels
+    #[arg(long, value_name = "WxH", default_value = SIZE)]
+    size: ImageSize,
+    #[command(flatten)]
+    config: ConfigArgs,
+    /// The rays to cast: rays of the camera; any-hit rays from their hits to a light; or rays from their hits in random directions
+    #[arg(long, value_name = "RAYS", default_value = "primary")]
+    rays: RayKind,
+    /// The memory behind the bus [default: memory.model of the configuration]
+    #[arg(long, value_name = "M", value_parser = clap::builder::PossibleValuesParser::new(MemoryModel::NAMES))]
+    memory: Option<String>,
+    /// Random seed of the directions of diffuse rays
+    #[arg(long, value_name = "S", default_value_t = 1)]
+    seed: u64,
+    /// Write the picture computed by the Verilog as PNG
+    #[arg(long, value_name = "F.png", value_parser = Kind::Png)]
+    out: Option<Output>,
+    /// Write the results as JSON
+    #[arg(long, value_name = "F", value_parser = Kind::Json)]
+    json: Option<Output>,
+    /// Write a waveform as FST
+    #[arg(long, value_name = "F.fst", requires = "cycles", value_parser = Kind::Fst)]
+    trace: Option<Output>,
+    /// The first cycle of the waveform
+    #[arg(long, value_name = "CYCLE", default_value_t = 0, requires = "trace")]
+    from: u64,
+    /// Number of cycles in the waveform
+    #[arg(long, value_name = "N", requires = "trace", value_parser = clap::value_parser!(u64).range(1..))]
+    cycles: Option<u64>,
+}
+
+/// Where the image of a run begins in the address space.
+const BASE: u32 = 0x1000;
+
+/// A memory has at most this many bytes in a simulation.
+const MOST_BYTES: u64 = 1 << 31;
+
+pub fn run(args: &Args) -> Result<()> {
+    let waveform = (args.trace.as_ref())
+        .map(|trace| Staged::empty(trace.path()))
+        .transpose()?;
+    let trace = waveform.as_ref().map(|file| Trace {
+        path: file.temporary().to_path_buf(),
+        from: args.from,
+        cycles: args.cycles.unwrap_or(1),
+    });
+    let result = run_traced(args, trace);
+    // Waveforms are kept after a mismatch.
+    if (result.as_ref().err()).is_none_or(|error| error.is::<Mismatch>()) {
+        report::publish_all(waveform)?;
+    }
+    result
+}
+
+fn run_traced(args: &Args, trace: Option<Trace>) -> Result<()> {
+    let mut loaded = args.scene.load(args.size, &args.config)?;
+    if let Some(model) = &args.memory {
+        loaded.config.set("memory.model", model)?;
+    }
+    let config = &loaded.config;
+    let Built { image, .. } = loaded.build_default()?;
+    let caster = Caster::new(&image, config.triangle_test, loaded.frame.rays_per_packet());
+    let cast = loaded.rays_of(args.rays, &caster, args.seed)?;
+    let rays = cast.rays();
+    let active = active(&rays)?;
+
+    let mut memory = Builder::new(BASE, MOST_BYTES);
+    let scene = memory.scene(&image)?;
+    let casts = memory.casts(config, &rays)?;
+    let commands: Vec<Command> = std::iter::once(Command::Scene(scene))
+        .chain(casts.iter().map(|cast| Command::Cast(*cast)))
+        .chain([Command::End])
+        .collect();
+    let list = memory.list("command list", &commands)?;
+    let (mut memory, parts) = memory.finish();
+
+    let bar = report::progress(rays.len() as u64, "building the model");
+    bar.enable_steady_tick(Duration::from_millis(500));
+    let options = Options {
+        seed: args.seed,
+        trace,
+        replay: args.replay(),
+        ..Options::default()
+    };
+    let result = Chip::new(config, &options, &|_| ()).and_then(|mut chip| {
+        bar.set_message("rays");
+        let report = chip.run(&mut memory, list, &|done| bar.set_position(done))?;
+        Ok((chip, report))
+    });
+    bar.finish_and_clear();
+    let (chip, found) = result?;
+    ensure!(found.checked > 0, "nothing was checked");
+    let job = Job {
+        args,
+        loaded: &loaded,
+        active,
+        found: &found,
+        chip: &chip,
+    };
+    let mut text = job.text();
+    let hits: Vec<Hit> = (casts.iter())
+        .flat_map(|cast: &Cast| hits_of(&memory, config, cast))
+        .collect();
+    let mut files = vec![];
+    if let Some(out) = &args.out {
+        files.push(out.png(&cast.picture(args.size, &loaded, &hits))?);
+        text += &format!("picture: {out}\n");
+    }
+    if let Some(trace) = &args.trace {
+        if args.from >= found.cycles {
+            tell(&format!(
+                "warning: {trace}: the waveform may be empty: it starts at cycle {}, but the list has {}; give a smaller --from",
+                args.from, found.cycles
+            ));
+        }
+        text += &format!("waveform: {trace}\n");
+    }
+    if let Some(json) = &args.json {
+        let mut value = job.json();
+        value["memory_parts"] = json!(parts);
+        files.push(json.json(&value)?);
+    }
+    report::publish_all(files)?;
+    print(&text)
+}
+
+impl Args {
+    /// The command that runs this again.
+    fn replay(&self) -> String {
+        let mut text = format!("dynrt run{}{}", self.scene.replay(), self.config.replay());
+        if self.size.to_string() != SIZE {
+            text += &format!(" --size {}", self.size);
+        }
+        if self.rays != RayKind::Primary {
+            text += &format!(" --rays {}", self.rays.name());
+        }
+        if let Some(memory) = &self.memory {
+            text += &format!(" --memory {memory}");
+        }
+        if self.seed != 1 {
+            text += &format!(" --seed {}", self.seed);
+        }
+        text
+    }
+}
+
+/// A run that has ended well.
+struct Job<'a> {
+    args: &'a Args,
+    loaded: &'a Loaded,
+    active: u64,
+    found: &'a Report,
+    chip: &'a Chip,
+}
+
+/// The names of the caches in results and of their counters.
+const CACHES: [(&str, &str); 3] = [
+    ("nodes", "node"),
+    ("records", "record"),
+    ("vertices", "vertex"),
+];
+
+impl Job<'_> {
+    /// Rays per cycle of casts.
+    fn rays_per_clock(&self) -> f64 {
+        self.active as f64 / self.found.counter("cast_cycles") as f64
+    }
+
+    fn peak(&self) -> f64 {
+        let bus = f64::from(self.loaded.config.bus_data_bits / 8);
+        Dram::new(&self.loaded.config)
+            .peak_bytes_per_cycle()
+            .min(bus)
+    }
+
+    fn bus_utilisation(&self) -> f64 {
+        let traffic = self.found.traffic;
+        let bytes = traffic.bytes_read + traffic.bytes_written;
+        bytes as f64 / (self.found.cycles as f64 * self.peak())
+    }
+
+    /// Requests, hit rate and misses of a cache.
+    fn cache(&self, counter: &str) -> (u64, f64, u64) {
+        let of = |what: &str| self.found.counter(&format!("{counter}_{what}"));
+        let requests = of("requests");
+        let rate = of("hits") as f64 / requests.max(1) as f64;
+        (requests, rate, of("misses"))
+    }
+
+    fn json(&self) -> Value {
+        let Job { loaded, found, .. } = self;
+        let size = self.args.size;
+        let traffic = found.traffic;
+        let caches = CACHES.iter().map(|(name, counter)| {
+            let (requests, hit_rate, misses) = self.cache(counter);
+            let value = json!({
+                "requests": requests,
+                "hit_rate": hit_rate,
+                "misses": misses,
+                "stalls": found.counter(&format!("{counter}_stalls")),
+            });
+            (name.to_string(), value)
+        });
+        let frame = json!({
+            "cycles": found.cycles,
+            "rays": self.active,
+            "hits": found.outcome.hits,
+            "rays_per_clock": self.rays_per_clock(),
+            "bytes_read": traffic.bytes_read,
+            "bytes_written": traffic.bytes_written,
+            "bus_utilisation": self.bus_utilisation(),
+        });
+        let names = dynrt::chip::registers::COUNTERS.iter().zip(&found.counters);
+        let counters: Map<String, Value> = names
+            .map(|((name, _), count)| (name.to_string(), json!(count)))
+            .collect();
+        let mut value = json!({
+            "scene": loaded.scene.name,
+            "triangles": loaded.mesh.triangles.len(),
+            "frames": 1,
+            "per_frame": [frame.clone()],
+            "config": loaded.config.name,
+            "overrides": self.args.config.overrides(&loaded.config),
+            "view": loaded.view,
+            "ray_kind": self.args.rays.name(),
+            "seed": self.args.seed,
+            "width": size.width,
+            "height": size.height,
+            "memory": loaded.config.memory_model.name(),
+            "peak_bytes_per_cycle": self.peak(),
+            "checked": found.checked,
+            // Always 0: a mismatch ends the run with an error.
+            "mismatches": 0,
+            "read_bursts": traffic.read_bursts,
+            "write_bursts": traffic.write_bursts,
+            "cache": caches.collect::<Map<String, Value>>(),
+            "counters": counters,
+            "status": "none",
+            "model_build_s": self.chip.model_build_s,
+            "model_reused": self.chip.model_reused,
+            "simulate_s": found.simulate_s,
+        });
+        if let (Value::Object(all), Value::Object(frame)) = (&mut value, frame) {
+            all.extend(frame);
+        }
+        value
+    }
+
+    fn text(&self) -> String {
+        let Job { loaded, found, .. } = self;
+        let model = match self.chip.model_reused {
+            true => "taken from the cache".to_string(),
+            false => format!("built in {:.1} s", self.chip.model_build_s),
+        };
+        let mut text = format!(
+            "scene {}, {}, configuration {}{}, memory {}, view {}, {}\n             {}, {}: all bits agree in {} of memory\n             {}, {:.4} rays per cycle; {} read, {} written, {:.0} % of the peak of the bus\n",
+            loaded.scene.name,
+            counted(loaded.mesh.triangles.len() as u64, "triangle"),
+            loaded.config.name,
+            self.args.config.settings(),
+            loaded.config.memory_model.name(),
+            loaded.view,
+            self.args.size,
+            counted(self.active, &format!("{} ray", self.args.rays.name())),
+            counted(found.outcome.hits, "hit"),
+            counted(found.checked, "byte"),
+            counted(found.cycles, "cycle"),
+            self.rays_per_clock(),
+            counted(found.traffic.bytes_read, "byte"),
+            counted(found.traffic.bytes_written, "byte"),
+            100.0 * self.bus_utilisation(),
+        );
+        for (name, counter) in CACHES {
+            let (requests, rate, misses) = self.cache(counter);
+            text += &format!(
+                "cache of {name}: {}, {:.2} % hits, {} read\n",
+                counted(requests, "request"),
+                100.0 * rate,
+                counted(misses, "line")
+            );
+        }
+        text + &format!(
+            "model {model}, simulated in {:.1} s ({:.0} thousand cycles per second)\n",
+            found.simulate_s,
+            found.cycles as f64 / found.simulate_s / 1e3,
+        )
+    }
+}
