@@ -1,7 +1,7 @@
 //! The whole chip between its two buses: a host writes registers, memory answers bursts, and at the end every byte of memory is held
 //! against the golden chip.
 
-use super::axi::{Bytes, Edge, Handles, Pace, RandomPace, Slave};
+use super::axi::{Bytes, Decision, Edge, Handles, Pace, RandomPace, Slave, View};
 use super::dram::DramPace;
 use super::mismatch::{Field, Mismatch};
 use super::model::{BuildOptions, Model, PortHandle, Sources, Trace, build};
@@ -117,7 +117,21 @@ pub struct Chip {
 
 enum Behaving {
     Model(DramPace),
-    Random(RandomPace),
+    Random(Faultless),
+}
+
+/// A random pace that reports no errors.
+struct Faultless(RandomPace);
+
+impl Pace for Faultless {
+    fn decide(&mut self, view: &View<'_>) -> Decision {
+        let decision = self.0.decide(view);
+        Decision {
+            beat: decision.beat.map(|(place, _)| (place, false)),
+            response: decision.response.map(|(place, _)| (place, false)),
+            ..decision
+        }
+    }
 }
 
 impl Chip {
@@ -148,7 +162,7 @@ impl Chip {
             slave: Slave::new(&bus, handles),
             pace: match options.behaviour {
                 Behaviour::Model => Behaving::Model(DramPace::new(config)),
-                Behaviour::Random => Behaving::Random(RandomPace::new(options.seed)),
+                Behaviour::Random => Behaving::Random(Faultless(RandomPace::new(options.seed))),
             },
             rng: fastrand::Rng::with_seed(options.seed),
             golden: golden::Chip::new(config),
@@ -327,7 +341,7 @@ impl Chip {
             bytes: memory.bytes().to_vec(),
         };
         if let Behaving::Random(pace) = &mut self.pace {
-            pace.draw();
+            pace.0.draw();
         }
         let before = self.counters()?;
         let traffic = self.traffic;
@@ -337,7 +351,8 @@ impl Chip {
         self.write(offset::DOORBELL, 1)?;
         self.quiet = 0;
         let signal = 1 << interrupt::SIGNAL;
-        let pending = loop {
+        let mut seen = 0;
+        loop {
             while !self.interrupt {
                 self.cycle()?;
                 if self.model.cycles().is_multiple_of(PROGRESS) {
@@ -347,13 +362,14 @@ impl Chip {
             let pending = self.read(offset::INTERRUPT_STATUS)?;
             self.write(offset::INTERRUPT_STATUS, pending)?;
             self.cycle()?;
+            seen |= pending;
             if pending & !signal != 0 {
-                break pending;
+                break;
             }
-        };
+        }
         let cycles = self.model.cycles() - first;
         let simulate_s = started.elapsed().as_secs_f64();
-        self.check_status(&outcome, pending)?;
+        self.check_status(&outcome, seen)?;
         let checked = self.check_memory(&expected)?;
         *memory = expected;
         let after = self.counters()?;
@@ -377,16 +393,22 @@ impl Chip {
     }
 
     /// Compares how the list has ended.
-    fn check_status(&mut self, outcome: &Outcome, pending: u32) -> Result<()> {
+    fn check_status(&mut self, outcome: &Outcome, seen: u32) -> Result<()> {
         let [code, descriptor, value] = match outcome.error {
             None => [0; 3],
             Some(error) => [error.fault.code, error.descriptor, error.fault.value],
         };
-        let bit = |place: u32| u64::from(pending >> place & 1);
+        let bit = |place: u32| u64::from(seen >> place & 1);
         let failed = u64::from(outcome.error.is_some());
         let mut fields = vec![
             Field::integer("interrupt end", 1 - failed, bit(interrupt::END)),
             Field::integer("interrupt error", failed, bit(interrupt::ERROR)),
+            Field::integer(
+                "interrupt signal",
+                (outcome.interrupts > 0).into(),
+                bit(interrupt::SIGNAL),
+            ),
+            Field::integer("interrupt overrun", 0, bit(interrupt::OVERRUN)),
         ];
         let found = self.read(offset::ERROR_CODE)?;
         fields.push(Field::integer("error code", code.into(), found.into()));

@@ -3,10 +3,16 @@
 //! Tests print their seed; `DYNRT_SEED=… cargo test --test cosim chip::` replays them. With `DYNRT_FULL=1` the units have a million
 //! transactions each.
 
-use crate::support::{full, seed};
-use dynrt::config::Config;
+use crate::support::{Prepared, full, prepare, seed};
+use dynrt::chip::descriptor::{Cast, Command, Scene, WORDS};
+use dynrt::chip::image::Builder;
+use dynrt::chip::memory::Memory;
+use dynrt::chip::most_rays;
+use dynrt::config::{Config, MemoryModel};
+use dynrt::cosim::chip::{Behaviour, Chip, Options, Report};
 use dynrt::cosim::scoreboard::UnitOptions;
 use dynrt::cosim::unit_cast;
+use dynrt::port::Ray;
 
 /// The reference with some keys changed.
 fn variant(keys: &[(&str, &str)]) -> Config {
@@ -52,4 +58,235 @@ fn casts_read_rays_and_write_hits() {
             assert!(*count > 0, "no {}", category.name());
         }
     }
+}
+
+/// Scratch memory that signals write, in words.
+const SCRATCH: u32 = 64;
+
+/// A scene in memory, rays, and room for hits of all kinds.
+struct Setting {
+    memory: Builder,
+    scene: Scene,
+    /// Of primary rays, and of the same as any-hit rays: the rays' address and that of the hits.
+    casts: [Cast; 2],
+    scratch: u32,
+}
+
+/// A picture of the Cornell box, a list, and scratch memory.
+fn setting(config: &Config) -> Setting {
+    let Prepared { image, rays, .. } = prepare(config, "builtin:cornell", "32x24", None);
+    let mut memory = Builder::new(0x1000, 1 << 24);
+    let scene = memory.scene(&image).unwrap();
+    let casts = [false, true].map(|any_hit| {
+        let rays: Vec<Ray> = rays.iter().map(|ray| Ray { any_hit, ..*ray }).collect();
+        memory.casts(config, &rays).unwrap()[0]
+    });
+    let scratch = memory.reserve("scratch", 4 * u64::from(SCRATCH)).unwrap();
+    Setting {
+        memory,
+        scene,
+        casts,
+        scratch,
+    }
+}
+
+fn run(chip: &mut Chip, memory: &mut Memory, list: u32) -> Report {
+    chip.run(memory, list, &|_| ())
+        .unwrap_or_else(|error| panic!("{error:#}"))
+}
+
+/// Random lists: casts of parts of the rays, of both kinds and both sizes, signals, fences and jumps, behind every behaviour of memory.
+#[test]
+fn random_lists_leave_the_bytes_of_the_golden_chip() {
+    let seed = seed();
+    let lists = if full() { 400 } else { 12 };
+    let config = Config::load("tiny").unwrap();
+    let mut rng = fastrand::Rng::with_seed(seed);
+    let (mut rays, mut bytes, mut bursts) = (0, 0, 0);
+    for behaviour in [Behaviour::Random, Behaviour::Model] {
+        let options = Options {
+            seed,
+            behaviour,
+            ..Options::default()
+        };
+        let mut chip = Chip::new(&config, &options, &|_| ()).unwrap();
+        let mut setting = setting(&config);
+        let mut starts = vec![];
+        for number in 0..lists {
+            let mut commands = vec![Command::Scene(setting.scene)];
+            for _ in 0..rng.u32(1..8) {
+                commands.push(command(&mut rng, &setting));
+            }
+            // The list goes on elsewhere, where its end is.
+            let tail = [command(&mut rng, &setting), Command::End];
+            let to = setting
+                .memory
+                .list(format!("tail {number}"), &tail)
+                .unwrap();
+            commands.push(Command::Jump { to });
+            let list = setting.memory.list(format!("list {number}"), &commands);
+            starts.push(list.unwrap());
+        }
+        let (mut memory, _) = setting.memory.finish();
+        for list in starts {
+            let report = run(&mut chip, &mut memory, list);
+            assert_eq!(report.outcome.error, None);
+            assert_eq!(report.counter("cast_rays"), report.outcome.rays);
+            rays += report.outcome.rays;
+            bytes += report.checked;
+            bursts += report.traffic.read_bursts + report.traffic.write_bursts;
+        }
+    }
+    println!("seed {seed}: {rays} rays, {bytes} bytes compared, {bursts} bursts");
+    assert!(rays > 1000 && bursts > 1000);
+}
+
+/// A command that is correct.
+fn command(rng: &mut fastrand::Rng, setting: &Setting) -> Command {
+    match rng.u8(..5) {
+        0 => Command::Fence,
+        1 => Command::Signal {
+            address: setting.scratch + 4 * rng.u32(..SCRATCH),
+            value: rng.u32(..),
+            interrupt: rng.bool(),
+        },
+        _ => {
+            let of = rng.choice(setting.casts).unwrap();
+            let count = rng.u32(1..=of.count.min(200));
+            let first = rng.u32(..=of.count - count);
+            // Short rays read directions and upper limits, whatever the words are; origin and tmin are those of one ray.
+            let short = rng.bool().then(|| ([0.25, 0.5, -20.0], 0.0));
+            Command::Cast(Cast {
+                rays: of.rays + 32 * first,
+                count,
+                short,
+                ..of
+            })
+        }
+    }
+}
+
+/// Every wrong descriptor ends its list with its code, its address and the wrong value, and the next list runs.
+#[test]
+fn wrong_descriptors_end_their_list_and_not_the_next() {
+    let config = Config::load("tiny").unwrap();
+    let options = Options {
+        seed: seed(),
+        ..Options::default()
+    };
+    let mut chip = Chip::new(&config, &options, &|_| ()).unwrap();
+    let mut setting = setting(&config);
+    let cast = setting.casts[0];
+    let scene = setting.scene;
+    let good = [
+        Command::Scene(scene),
+        Command::Cast(Cast { count: 40, ..cast }),
+        Command::End,
+    ];
+    let good = setting.memory.list("good list", &good).unwrap();
+    let raw = |words: &[u32]| {
+        let mut all = [0; WORDS];
+        all[..words.len()].copy_from_slice(words);
+        all
+    };
+    let most = most_rays(&config);
+    let wrong = [
+        // The first cast of all, before any scene.
+        Command::Cast(cast).encode(),
+        raw(&[]),
+        raw(&[0xff]),
+        raw(&[5]),
+        Command::Jump { to: 0x1020 }.encode(),
+        Command::Signal {
+            address: setting.scratch + 2,
+            value: 1,
+            interrupt: true,
+        }
+        .encode(),
+        Command::Scene(Scene {
+            nodes: scene.nodes + 32,
+            ..scene
+        })
+        .encode(),
+        Command::Scene(Scene {
+            records: scene.records + 16,
+            bounds: scene.bounds + 4,
+            ..scene
+        })
+        .encode(),
+        Command::Scene(Scene {
+            vertices: scene.vertices + 1,
+            ..scene
+        })
+        .encode(),
+        Command::Scene(Scene {
+            bounds: scene.bounds + 8,
+            ..scene
+        })
+        .encode(),
+        Command::Cast(Cast {
+            rays: cast.rays + 8,
+            ..cast
+        })
+        .encode(),
+        Command::Cast(Cast {
+            hits: cast.hits + 32,
+            count: 0,
+            ..cast
+        })
+        .encode(),
+        Command::Cast(Cast { count: 0, ..cast }).encode(),
+        Command::Cast(Cast {
+            count: most + 1,
+            ..cast
+        })
+        .encode(),
+    ];
+    let lists: Vec<u32> = (wrong.iter())
+        .map(|words| {
+            let bytes: Vec<u8> = words.iter().flat_map(|word| word.to_le_bytes()).collect();
+            setting.memory.place("wrong list", &bytes).unwrap()
+        })
+        .collect();
+    let (mut memory, _) = setting.memory.finish();
+    for (number, &list) in lists.iter().enumerate() {
+        let report = run(&mut chip, &mut memory, list);
+        let error = report.outcome.error;
+        assert_eq!(error.map(|error| error.descriptor), Some(list), "{number}");
+        let report = run(&mut chip, &mut memory, good);
+        assert_eq!(report.outcome.error, None);
+        assert_eq!(report.outcome.rays, 40);
+    }
+    println!("wrong descriptors: {}", lists.len());
+}
+
+/// Both memories of the table that are DRAM, and the ideal one: the same bytes, and a list takes longer behind slower memory.
+#[test]
+fn memory_models_change_cycles_only() {
+    let models = [
+        MemoryModel::Ideal,
+        MemoryModel::DdrVirtex4,
+        MemoryModel::SdrUlx3s,
+    ];
+    let runs = models.map(|memory_model| {
+        let config = Config {
+            memory_model,
+            ..Config::load("tiny").unwrap()
+        };
+        let mut chip = Chip::new(&config, &Options::default(), &|_| ()).unwrap();
+        let mut setting = setting(&config);
+        let commands = [
+            Command::Scene(setting.scene),
+            Command::Cast(setting.casts[0]),
+            Command::End,
+        ];
+        let list = setting.memory.list("list", &commands).unwrap();
+        let (mut memory, _) = setting.memory.finish();
+        let report = run(&mut chip, &mut memory, list);
+        (report.cycles, memory)
+    });
+    let [ideal, ddr, sdr] = &runs;
+    println!("cycles: {}, {}, {}", ideal.0, ddr.0, sdr.0);
+    assert!(ideal.0 < ddr.0 && ddr.0 < sdr.0);
+    assert!(ideal.1 == ddr.1 && ddr.1 == sdr.1);
 }
