@@ -13,10 +13,12 @@
 //! | [`raycast`] | a packet through all of them: [`Caster`] |
 //! | [`skinning`] | the skinning processor: a palette of matrices and the influences write vertices |
 //! | [`update`] | the update processor: a program over the vertices writes bounds |
+//! | [`cache`] | a cache: hits, misses, replaced lines, given the order of lookups and answers |
 //! | [`brute`] | every triangle of every instance by the same test with no tree at all |
 //! | [`oracle`] | an independent `f64` intersector that the picture is held against |
 
 pub mod brute;
+pub mod cache;
 pub mod clip;
 pub mod geometry;
 pub mod lanes;
