@@ -22,6 +22,11 @@ impl Field {
         }
     }
 
+    /// Whether golden model and RTL differ.
+    pub fn differs(&self) -> bool {
+        self.golden != self.rtl
+    }
+
     /// A number of a format, as bit patterns.
     pub fn number(name: impl Into<String>, format: Format, golden: u64, rtl: u64) -> Field {
         Field {
