@@ -24,13 +24,13 @@ Examples:
 #[derive(clap::Args)]
 #[command(after_help = HELP)]
 pub struct Args {
-    /// Number of mutants, over all units
+    /// Number of mutants, over all units of the core; the cache gets as many as one of these
     #[arg(long, value_name = "N", default_value_t = 100, value_parser = clap::value_parser!(u32).range(1..=100_000))]
     mutants: u32,
     /// Random seed
     #[arg(long, value_name = "S", default_value_t = 1)]
     seed: u64,
-    /// Mutate only this unit: arithmetic, tpu, geometry, update or raycast; may be repeated
+    /// Mutate only this unit: arithmetic, tpu, geometry, update, raycast or cache; may be repeated
     #[arg(long, value_name = "NAME")]
     unit: Vec<String>,
     /// Run only the mutant with this number

@@ -1,9 +1,9 @@
 //! Co-simulation: runs the emitted Verilog with Verilator and compares it with the golden model.
 //!
-//! [`model`] builds a module into a library and drives it cycle by cycle; [`memory`] models the memories at a
-//! unit's ports. Both are independent of ray tracing. [`raycast`] drives the whole ray casting unit.
-//! [`unit_tpu`], [`unit_geometry`], [`unit_skinning`] and [`unit_update`] drive one unit each, with a [`workload`] and a [`scoreboard`].
-//! [`mismatch`] reports the first difference between RTL and golden model.
+//! [`model`] builds a module into a library and drives it clock by clock; [`memory`] stands in for what a
+//! unit's ports lead to. Both are generic: they know nothing of ray tracing. [`raycast`] drives the whole ray
+//! casting unit, [`unit_tpu`], [`unit_geometry`], [`unit_skinning`], [`unit_update`] and [`unit_cache`] drive one unit each, on a [`workload`] or a random one, under a [`scoreboard`];
+//! [`mismatch`] says where RTL and golden model differ.
 
 pub mod animate;
 pub mod axi;
@@ -14,7 +14,7 @@ mod processor;
 pub mod raycast;
 pub mod scoreboard;
 pub mod unit_arithmetic;
-pub mod unit_cast;
+pub mod unit_cache;
 pub mod unit_geometry;
 pub mod unit_skinning;
 pub mod unit_tpu;

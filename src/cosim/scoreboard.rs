@@ -202,14 +202,25 @@ pub enum Category {
     InTwoRows,
     FullPalette,
     OneVertex,
-    ShortRay,
-    Overtakes,
-    HeldPacket,
-    WaitingWrite,
+    ListedRequest,
+    RegistersInUse,
+    WaysInFlight,
+    HitUnderMiss,
+    LongList,
+    InterleavedBeats,
+    LinesOvertake,
+    ReplacedLine,
+    Invalidation,
+    InvalidatedAtOnce,
+    HitAfterAnswers,
+    ListedAtLastBeat,
+    NextInLine,
+    MovedBase,
+    BusError,
 }
 
 impl Category {
-    const COUNT: usize = Category::WaitingWrite as usize + 1;
+    const COUNT: usize = Category::BusError as usize + 1;
 
     /// The category's name in reports.
     pub fn name(self) -> &'static str {
@@ -241,17 +252,34 @@ impl Category {
             Category::InTwoRows => "influences in two rows",
             Category::FullPalette => "palette full",
             Category::OneVertex => "mesh of one vertex",
-            Category::ShortRay => "short rays",
-            Category::Overtakes => "packets that overtake",
-            Category::HeldPacket => "cycles of held packets",
-            Category::WaitingWrite => "cycles of waiting writes",
+            Category::ListedRequest => "requests for a line in flight",
+            Category::RegistersInUse => "waits: all miss registers in use",
+            Category::WaysInFlight => "waits: all ways in flight",
+            Category::HitUnderMiss => "hits under a miss",
+            Category::LongList => "lists longer than two",
+            Category::InterleavedBeats => "interleaved beats",
+            Category::LinesOvertake => "lines out of order",
+            Category::ReplacedLine => "replaced lines",
+            Category::Invalidation => "invalidations",
+            Category::InvalidatedAtOnce => "invalidations right after idle",
+            Category::HitAfterAnswers => "hits right after the answers",
+            Category::ListedAtLastBeat => "listed at the last beat",
+            Category::NextInLine => "listed in the next cycle",
+            Category::MovedBase => "moved bases",
+            Category::BusError => "errors of the bus",
         }
     }
 }
 
-/// Number of transactions by category.
-#[derive(Clone, Debug, Default, PartialEq, Eq)]
+/// Transactions by category.
+#[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Categories([u64; Category::COUNT]);
+
+impl Default for Categories {
+    fn default() -> Categories {
+        Categories([0; Category::COUNT])
+    }
+}
 
 impl Categories {
     #[inline]
@@ -268,7 +296,7 @@ impl Categories {
 /// The result of a unit's co-simulation.
 #[derive(Clone, Debug)]
 pub struct UnitReport {
-    /// `tpu`, `geometry` or `transform`.
+    /// `tpu`, `geometry`, `transform`, `update`, `skinning` or `cache`.
     pub unit: &'static str,
     pub seed: u64,
     /// Number of packets processed.

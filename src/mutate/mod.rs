@@ -11,7 +11,8 @@
 //! | `tpu` | traversal unit and below | packets in tiny scenes of one and of two levels |
 //! | `geometry` | geometry unit and below, without the modules of the traversal unit | triangle tests, ray transformations; skinned meshes in the whole machine, which uses its operators |
 //! | `update` | update processor and its prefetch | programs of random topologies |
-//! | `raycast` | ray setup, skinning processor, glue logic of the units | whole small scenes of two levels; random skinned meshes |
+//! | `raycast` | ray setup, skinning processor, what joins the units | whole small scenes of two levels; random skinned meshes |
+//! | `cache` | a cache, which is not in the core | requests of every locality |
 
 mod equivalence;
 mod next_state;
@@ -24,7 +25,9 @@ use crate::cosim::model::Recording;
 use crate::cosim::raycast::RaycastUnit;
 use crate::cosim::scoreboard::{Interrupted, Mutated, Recorder, SELECT, UnitOptions, UnitReport};
 use crate::cosim::workload::{Workload, instanced_scene};
-use crate::cosim::{raycast, unit_arithmetic, unit_geometry, unit_skinning, unit_tpu, unit_update};
+use crate::cosim::{
+    raycast, unit_arithmetic, unit_cache, unit_geometry, unit_skinning, unit_tpu, unit_update,
+};
 use crate::hdl::{Design, Mutation, Select, Site};
 use crate::hw;
 use crate::port::Ray;
@@ -37,8 +40,18 @@ use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::PathBuf;
 use std::sync::Arc;
 
-/// The units whose modules are mutated.
-pub const UNITS: [&str; 5] = ["arithmetic", "tpu", "geometry", "update", "raycast"];
+/// The units, whose modules are mutated. What is not in the core comes last, so that mutants of the core keep their numbers.
+pub const UNITS: [&str; 6] = [
+    "arithmetic",
+    "tpu",
+    "geometry",
+    "update",
+    "raycast",
+    "cache",
+];
+
+/// The first of them: the core, over which the mutants that are asked for are divided.
+const OF_CORE: u32 = 5;
 
 /// Numbers of transactions of a mutant's runs: most mutants are noticed in the first run, and only the others go on to the next.
 const LENGTHS: [u64; 3] = [2_000, 30_000, 200_000];
@@ -46,6 +59,7 @@ const LENGTHS: [u64; 3] = [2_000, 30_000, 200_000];
 /// A request to run mutants.
 #[derive(Clone, Debug)]
 pub struct Request {
+    /// Over all units of the core; each unit that is not in it gets as many as one of these.
     pub mutants: u32,
     pub seed: u64,
     /// Names from [`UNITS`]; empty for all.
@@ -164,6 +178,7 @@ fn design_of(config: &Config, unit: &str) -> Result<Design> {
         "geometry" => hw::geometry::module(plan)?.module,
         "update" => hw::update::module(plan)?.module,
         "raycast" => return Ok(hw::emit(plan)?.design.apart()?),
+        "cache" => hw::memory::cache::module("cache", &unit_cache::reference())?,
         _ => bail!("unit {unit}: is not one of {}", UNITS.join(", ")),
     };
     Ok(Design::new(top)?.apart()?)
@@ -188,8 +203,8 @@ fn draw(config: &Config, request: &Request) -> Result<Vec<Population>> {
                 places[kind.expect("every kind is listed")].push(site);
             }
         }
-        let units = UNITS.len() as u32;
-        let share = request.mutants / units + u32::from((index as u32) < request.mutants % units);
+        let share =
+            request.mutants / OF_CORE + u32::from((index as u32) < request.mutants % OF_CORE);
         let mut drawn = vec![];
         let mut kind = 0;
         while (drawn.len() as u32) < share && places.iter().any(|places| !places.is_empty()) {
@@ -314,6 +329,7 @@ fn runs<'a>(
             "tpu" => &["packets", "instances"],
             "geometry" => &["tests", "transforms", "skins"],
             "update" => &["programs"],
+            "cache" => &["requests"],
             _ => &["rays", "skins"],
         };
         for &kind in kinds {
@@ -356,6 +372,12 @@ fn runs<'a>(
                     let traffic = unit_update::Traffic::Separate;
                     let report = unit_update::run(config, workload, traffic, &options)?;
                     Ok(report.unit.into())
+                }),
+                "requests" => Box::new(move |play: Play| {
+                    let shape = unit_cache::reference();
+                    Ok(unit_cache::run(&shape, length, &play.options(seed))?
+                        .unit
+                        .into())
                 }),
                 "rays" => {
                     let count = 1 + length as usize / 4000;

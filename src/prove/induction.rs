@@ -10,6 +10,7 @@ use super::tools;
 use crate::config::Config;
 use crate::emit;
 use crate::hdl::{Module, ProofFacts};
+use crate::hw::memory::cache;
 use crate::tools::Ended;
 use anyhow::{Context, Result, ensure};
 use std::path::Path;
@@ -68,7 +69,29 @@ const WANTED: &[Wanted] = &[
     wanted("share", "raycast_unit", "shares", FEW_PACKETS),
 ];
 
-/// The properties of one proof of one module.
+/// The cache's, which has no parameter of the machine's: of a small one in distributed RAM and in block RAM.
+pub(super) const CACHE: &str = "cache";
+const OF_CACHE: [&str; 3] = ["lists", "lines", "records"];
+
+fn caches() -> Result<Vec<Induction>> {
+    let mut found = vec![];
+    for (name, in_block_ram) in [("cache", false), ("block_cache", true)] {
+        let module = cache::module(name, &cache::small(in_block_ram))?;
+        for wanted in OF_CACHE {
+            let mut proofs = module.proofs().into_iter();
+            let proof = proofs.find(|proof| proof.name == wanted);
+            found.push(Induction {
+                proof: proof
+                    .with_context(|| format!("a cache has no properties called {wanted}"))?,
+                module: module.clone(),
+                few: &[],
+            });
+        }
+    }
+    Ok(found)
+}
+
+/// The properties of one proof, of one module.
 pub struct Induction {
     pub module: Arc<Module>,
     pub proof: ProofFacts,
@@ -81,6 +104,9 @@ pub struct Induction {
 /// # Errors
 /// If the machine's description has a mistake, or if a module no longer has the properties.
 pub fn proofs(unit: &str, config: &Config) -> Result<Vec<Induction>> {
+    if unit == CACHE {
+        return caches();
+    }
     let mut found = vec![];
     for wanted in WANTED.iter().filter(|wanted| wanted.unit == unit) {
         let mut config = config.clone();

@@ -23,8 +23,8 @@ use std::path::Path;
 use std::sync::{Arc, mpsc};
 use std::time::Instant;
 
-/// The names of all proofs, with descriptions.
-pub const UNITS: [(&str, &str); 16] = [
+/// What can be proved, with what it is.
+pub const UNITS: [(&str, &str); 17] = [
     ("add", "fp_add: the sum of any two operands"),
     ("sub", "fp_sub: the difference of any two operands"),
     ("mul", "fp_mul: the product of any two operands"),
@@ -71,6 +71,10 @@ pub const UNITS: [(&str, &str); 16] = [
         "the ray casting unit: packet numbers, tags, sharing of the geometry unit and its port",
     ),
     ("trace", "the core: the same with trace ports and without"),
+    (
+        "cache",
+        "a small cache: tags, lists, lines, lookups, ports, no deadlock",
+    ),
 ];
 
 /// The outcome of a proof.

@@ -1,7 +1,7 @@
 //! The Verilog in Verilator, compared with the golden model: units, frames, films, a picture.
 
 mod animate;
-mod chip;
+mod cache;
 mod fp_units;
 mod frames;
 mod lending;

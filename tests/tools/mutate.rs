@@ -73,11 +73,11 @@ fn what_is_not_there_is_refused_in_one_line() {
     let cases = [
         (
             unknown,
-            "unit shader: is not one of arithmetic, tpu, geometry, update, raycast",
+            "unit shader: is not one of arithmetic, tpu, geometry, update, raycast, cache",
         ),
         (
             Request {
-                only: Some(121),
+                only: Some(145),
                 ..request(1)
             },
             "there is no such mutant",

@@ -15,6 +15,8 @@ pub(super) struct Answer<'b> {
     pub tags: Vec<Signal<'b>>,
     pub place: Signal<'b>,
     pub banks: Vec<Memory<'b>>,
+    /// What the first bank has read, at each stage.
+    pub words: Vec<Signal<'b>>,
 }
 
 impl<'b> Answer<'b> {
@@ -61,6 +63,8 @@ impl<'b> Answer<'b> {
             }
         };
         let at = record.stage();
+        let first = banks[0].read(place.register());
+        let words = (0..latency).map(|k| first.delay(k).untimed()).collect();
         Answer {
             response: Flow::new(
                 valid.at(at).untimed(),
@@ -73,6 +77,7 @@ impl<'b> Answer<'b> {
             tags: tag.stages(1..=at),
             place: place.untimed(),
             banks,
+            words,
         }
     }
 }

@@ -3,7 +3,7 @@
 
 use super::lookup::{Lookup, Sweep};
 use super::{Around, Events, Shape, id, lowest, number};
-use crate::hdl::{Builder, Memory, Reg, Signal, Style, Wire};
+use crate::hdl::{Builder, Reg, Signal, Style, Wire};
 
 /// What the lookup is told of the decision.
 pub(super) struct Told<'b> {
@@ -71,7 +71,6 @@ pub(super) struct Decide<'b> {
     pub in_flight: Vec<Signal<'b>>,
     pub pending: Signal<'b>,
     pub goes: Signal<'b>,
-    pub turn: Option<Memory<'b>>,
 }
 
 impl<'b> Decide<'b> {
@@ -196,7 +195,6 @@ impl<'b> Decide<'b> {
             in_flight,
             pending,
             goes,
-            turn,
         }
     }
 }

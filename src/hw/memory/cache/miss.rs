@@ -64,7 +64,6 @@ pub(super) struct Lists<'b> {
     // For the properties.
     pub complete: Vec<Reg<'b>>,
     pub begins: Signal<'b>,
-    pub chosen: Vec<Signal<'b>>,
     pub id: Signal<'b>,
     pub is_last: Signal<'b>,
     pub heads: PerMiss<'b>,
@@ -73,7 +72,6 @@ pub(super) struct Lists<'b> {
     pub offsets: Option<Memory<'b>>,
     pub homes: PerMiss<'b>,
     pub home: Signal<'b>,
-    pub next_tag: Signal<'b>,
 }
 
 impl<'b> Lists<'b> {
@@ -144,7 +142,6 @@ impl<'b> Lists<'b> {
             freed: m.concat(&freed),
             complete,
             begins,
-            chosen,
             id: answered.q,
             is_last,
             heads,
@@ -153,7 +150,6 @@ impl<'b> Lists<'b> {
             offsets,
             homes,
             home: home.q,
-            next_tag,
         }
     }
 }

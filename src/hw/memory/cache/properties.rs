@@ -1,6 +1,7 @@
-//! Properties of the cache, in two proofs. *Lists*: every tag in use is in one place, each list is a chain in the order of arrival, and
+//! Properties of the cache, in three proofs. *Lists*: every tag in use is in one place, each list is a chain in the order of arrival, and
 //! unfinished work moves on or waits for memory; for any outcome of lookups. *Lines*: a line is in one way and in one miss register,
-//! lookups know what is stored, and no word is read while it is written; for lists of any length. Assumptions: a tag is not in use
+//! lookups know what is stored, and no word is read while it is written; for lists of any length.
+//! *Records*: a response carries the record of its request; one arbitrary tag and record are watched. Assumptions: a tag is not in use
 //! twice; lines are discarded only while no request is outstanding; memory returns the beats of each burst once, in order; the proved
 //! properties of the queue of bursts.
 
@@ -35,6 +36,7 @@ pub(super) fn describe(unit: &Watched<'_, '_>) {
     if is_small && shape.ways > 1 && shape.beats() > 1 && shape.misses > 1 {
         lists(unit);
         lines(unit);
+        records(unit);
     }
 }
 
@@ -652,6 +654,16 @@ fn memories<'b>(unit: &Watched<'_, 'b>, proof: &Proof<'b>, memory: &Memory<'b>) 
     let beat = unit.around.inputs.beat;
     let fills = proof.reg_reset("fills", 1, 0);
     fills.next(beat.valid);
+    // The hardware's flag is not cleared by a reset, because no line is there then.
+    let was_reset = proof.past(m.reset());
+    proof.assert(
+        "lines are discarded after a reset",
+        was_reset.implies(unit.sweep.sweeping.q),
+    );
+    proof.assert(
+        "what is written is a beat",
+        was_reset | fill.valid.eq(fills.q),
+    );
     let id = proof.past(beat.payload.id);
     let reads = answer.on_the_way[0];
     let read = unit.home_of(answer.place.register());
@@ -694,4 +706,266 @@ fn progress<'b>(unit: &Watched<'_, 'b>, proof: &Proof<'b>, tags: &Tags<'b>, memo
         "a burst that is queued is offered",
         m.or_all(&memory.queued).implies(unit.outputs.burst.valid),
     );
+}
+
+/// One arbitrary tag, and one arbitrary record with its value in memory.
+struct WatchedRecord<'b> {
+    tag: Signal<'b>,
+    line: Signal<'b>,
+    offset: Signal<'b>,
+    value: Signal<'b>,
+    /// The tag is in use for this record.
+    wanted: Signal<'b>,
+    /// It waits in the list of this miss register.
+    waiting: Signal<'b>,
+    owner: Signal<'b>,
+}
+
+/// A response carries the record of its request, from base and index to the value that memory returned.
+fn records<'b>(unit: &Watched<'_, 'b>) {
+    let (m, lists, lookup) = (unit.m(), unit.lists, unit.lookup);
+    let proof = &m.proof(
+        "records",
+        format!(
+            "a response carries the record of its request; {} bytes",
+            unit.shape().bytes()
+        ),
+    );
+    proof.cut(lists.is_last);
+    proof.cut(lists.tag);
+    let memory = Memory::new(unit, proof);
+    proof.assume(
+        "lines are discarded only while no request is outstanding",
+        unit.around.inputs.invalidate.implies(unit.outputs.idle),
+    );
+    memory.states(unit, proof);
+    homes(unit, proof);
+    stored_tags(unit, proof);
+    lookups(unit, proof);
+    memories(unit, proof, &memory);
+    let record = watch(unit, proof);
+    fetched(unit, proof, &record, &memory);
+    carried(unit, proof, &record);
+    let response = unit.outputs.response;
+    let answered = proof.reg_reset("answered", 1, 0);
+    answered.next(answered.q | (lists.draining & lists.tag.eq(record.tag) & record.wanted));
+    let responds = response.valid & response.payload.tag.eq(record.tag) & record.wanted;
+    proof.cover(
+        "a request that waited for its line gets its record",
+        answered.q & responds,
+    );
+    proof.fault(
+        "a beat is written to another place",
+        unit.fill.place.fault().with_flipped(1),
+    );
+    proof.fault(
+        "the place of a record is stored for another tag",
+        lists
+            .offsets
+            .expect("several records")
+            .write_enable()
+            .as_value(0),
+    );
+    proof.fault(
+        "an answer reads the line of a request",
+        unit.answer.place.reads(lists.draining).as_value(0),
+    );
+    proof.fault(
+        "a request looks up another line",
+        lookup.request.line.fault().with_flipped(1),
+    );
+}
+
+/// Watches a tag and a record. That a tag is in use while it is in the cache, and that an answer is of a waiting request of its line,
+/// is proved with the lists.
+fn watch<'b>(unit: &Watched<'_, 'b>, proof: &Proof<'b>) -> WatchedRecord<'b> {
+    let (m, shape, inputs, decide) = (unit.m(), unit.shape(), unit.around.inputs, unit.decide);
+    let lists = unit.lists;
+    let tag = proof.any_const("tag", shape.tag_bits);
+    let line = proof.any_const("line", shape.line_bits());
+    let offset = proof.any_const("offset", shape.offset_bits());
+    let value = proof.any_const("value", shape.record_bits);
+    let base = inputs.base.low(shape.address_bits);
+    let step = shape.line_bytes.min(super::BASE_BYTES).ilog2();
+    proof.assume("the base is a multiple", base.low(step).is_zero());
+    let (request, response) = (inputs.request, unit.outputs.response);
+    let index = request.payload.address.extend(shape.address_bits);
+    let shift = m.lit(shape.record_bytes.ilog2(), 4);
+    let address = base + index.shl(shift);
+    let within = m.zero(shape.record_bytes.ilog2().max(1));
+    let watched = match shape.record_bytes {
+        1 => line.concat(offset),
+        _ => m.concat(&[line, offset, within]),
+    };
+    let comes = request.valid & unit.outputs.request_ready & request.payload.tag.eq(tag);
+    let goes = response.valid & response.payload.tag.eq(tag);
+    let in_use = proof.reg_reset("in_use", 1, 0);
+    in_use.next(comes | (in_use.q & !goes));
+    let wanted = proof.reg_reset("wanted", 1, 0);
+    wanted.next(comes.mux(address.eq(watched), wanted.q & !goes));
+    let waiting = proof.reg_reset("waiting", 1, 0);
+    let owner = proof.reg("owner", shape.id_bits());
+    let to = decide.allocates.mux(decide.free, decide.listed);
+    let listed = (decide.allocates | decide.appends) & decide.tag.eq(tag);
+    let answered = lists.draining & lists.tag.eq(tag);
+    waiting.next(listed | (waiting.q & !answered));
+    owner.next_when(listed, to);
+    proof.assume(
+        "no request has a tag in use",
+        (request.valid & request.payload.tag.eq(tag)).implies(!in_use.q),
+    );
+    let stages = unit
+        .lookup
+        .stages
+        .iter()
+        .map(|stage| (stage.valid, stage.request.tag));
+    let decided = (unit.lookup.valid, unit.lookup.request.tag);
+    let answers = unit
+        .answer
+        .on_the_way
+        .iter()
+        .copied()
+        .zip(unit.answer.tags.iter().copied());
+    let here = stages.chain([decided]).chain(answers);
+    let here: Vec<_> = here
+        .map(|(valid, at)| (valid & at.eq(tag)).extend(4))
+        .collect();
+    let places = here
+        .into_iter()
+        .reduce(|sum, bit| sum + bit)
+        .expect("stages");
+    proof.assume(
+        "a tag in use is in one place",
+        (places + waiting.q.extend(4)).eq(in_use.q.extend(4)),
+    );
+    proof.assume(
+        "an answer is of a waiting request of its line",
+        answered.implies(waiting.q & owner.q.eq(lists.id)),
+    );
+    proof.assume(
+        "a request waits for a line in flight",
+        waiting.q.implies(m.select(owner.q, &busy_of(unit))),
+    );
+    WatchedRecord {
+        tag,
+        line,
+        offset,
+        value,
+        wanted: wanted.q,
+        waiting: waiting.q,
+        owner: owner.q,
+    }
+}
+
+fn busy_of<'b>(unit: &Watched<'_, 'b>) -> Vec<Signal<'b>> {
+    unit.misses().map(|(_, miss)| miss.busy.q).collect()
+}
+
+/// What memory returns of the watched record is stored, from its beat on, while its line is there.
+fn fetched<'b>(
+    unit: &Watched<'_, 'b>,
+    proof: &Proof<'b>,
+    record: &WatchedRecord<'b>,
+    memory: &Memory<'b>,
+) {
+    let (m, shape, fill) = (unit.m(), unit.shape(), unit.fill);
+    let beat = unit.around.inputs.beat;
+    let positions = fill.positions.as_ref().expect("several beats");
+    let lines: Vec<_> = unit
+        .misses()
+        .map(|(k, _)| unit.bursts.lines.peek(unit.id(k)))
+        .collect();
+    let of_beat = |of: Vec<Signal<'b>>| m.select(beat.payload.id, &of);
+    let is_beat = of_beat(lines.iter().map(|line| line.eq(record.line)).collect())
+        & of_beat(
+            positions
+                .iter()
+                .map(|position| position.q.eq(record.offset))
+                .collect(),
+        );
+    proof.assume(
+        "memory returns the value of the record",
+        (beat.valid & is_beat).implies(beat.payload.data.low(shape.record_bits).eq(record.value)),
+    );
+    let set = record.line.low(shape.set_bits());
+    let [bank] = unit.answer.banks[..] else {
+        unreachable!("a record is a beat");
+    };
+    for (way, tags) in unit.lookup.tags.iter().enumerate() {
+        let stored = tags.peek(set);
+        let key = record.line.high(shape.key_bits());
+        let holds = stored.msb() & stored.low(shape.key_bits()).eq(key);
+        let way = m.lit(way as u32, shape.way_bits());
+        let missing = unit.misses().map(|(k, miss)| {
+            let passed = record.offset.lt(positions[k].q) & memory.at_memory[k];
+            let home = unit.home(miss).eq(way.concat(set));
+            let is_there = passed | !(memory.queued[k] | memory.at_memory[k]);
+            miss.busy.q & home & !is_there
+        });
+        let missing = m.or_all(&missing.collect::<Vec<_>>());
+        let place = m.concat(&[way, set, record.offset]);
+        let comes = fill.valid & fill.place.eq(place);
+        let word = comes.mux(fill.data.low(shape.record_bits), bank.peek(place));
+        proof.assert(
+            "the record is stored where its line is",
+            (!unit.sweep.sweeping.q & holds & !missing).implies(word.eq(record.value)),
+        );
+    }
+}
+
+/// The watched tag has the line and the place of its record wherever it is, then the record itself.
+fn carried<'b>(unit: &Watched<'_, 'b>, proof: &Proof<'b>, record: &WatchedRecord<'b>) {
+    let (m, shape, lists, answer) = (unit.m(), unit.shape(), unit.lists, unit.answer);
+    let of = |valid: Signal<'b>, tag: Signal<'b>| valid & tag.eq(record.tag) & record.wanted;
+    let is_it = |request: &Looked<Signal<'b>>| {
+        request.line.eq(record.line) & request.offset.expect("several records").eq(record.offset)
+    };
+    let stages = unit
+        .lookup
+        .stages
+        .iter()
+        .map(|stage| (stage.valid, stage.request));
+    for (valid, request) in stages.chain([(unit.lookup.valid, unit.lookup.request)]) {
+        proof.assert(
+            "a request has the line and the place of its record",
+            of(valid, request.tag).implies(is_it(&request)),
+        );
+    }
+    let offsets = lists.offsets.expect("several records");
+    let lines: Vec<_> = unit
+        .misses()
+        .map(|(k, _)| unit.bursts.lines.peek(unit.id(k)))
+        .collect();
+    let waits =
+        offsets.peek(record.tag).eq(record.offset) & m.select(record.owner, &lines).eq(record.line);
+    proof.assert(
+        "a request that waits has the line and the place of its record",
+        (record.waiting & record.wanted).implies(waits),
+    );
+    let set = record.line.low(shape.set_bits());
+    let place = answer.place.register();
+    let ways = (0..).zip(&unit.lookup.tags).map(|(way, tags)| {
+        let stored = tags.peek(set);
+        let key = record.line.high(shape.key_bits());
+        let holds = stored.msb() & stored.low(shape.key_bits()).eq(key);
+        let at = m.concat(&[m.lit(way as u32, shape.way_bits()), set, record.offset]);
+        holds & place.eq(at)
+    });
+    let ways: Vec<_> = ways.collect();
+    proof.assert(
+        "a response reads the place of its record",
+        of(answer.on_the_way[0], answer.tags[0]).implies(m.or_all(&ways)),
+    );
+    for ((valid, tag), word) in answer
+        .on_the_way
+        .iter()
+        .zip(&answer.tags)
+        .skip(1)
+        .zip(&answer.words)
+    {
+        proof.assert(
+            "a response has its record",
+            of(*valid, *tag).implies(word.eq(record.value)),
+        );
+    }
 }
