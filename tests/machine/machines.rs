@@ -1,7 +1,7 @@
 //! Machines of other configurations: each is generated, linted by three tools, and co-simulated unit by unit and as a whole.
 //!
-//! Tests print their seed; `DYNRT_SEED=… cargo test --test machine machines::` replays them. With
-//! `DYNRT_FULL=1` there are twenty of them, and the named configurations are given more to do.
+//! Tests print their seed; `DYNRT_SEED=… cargo test --test machine machines::` repeats them. `DYNRT_FULL=1` runs
+//! twenty random machines, and larger workloads on the named configurations.
 
 use crate::support::say::say;
 use crate::support::{full, seed};
@@ -15,7 +15,7 @@ use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
-/// Checks machines, and that something was checked in every stage.
+/// Checks machines, and that every stage checked something.
 fn check(bench: &Workbench, options: &Options) -> Report {
     let report = run(bench, options, &mut |event| {
         if let Event::Passed(_, passed) = event {
@@ -47,7 +47,7 @@ fn random_machines() {
     println!("{} results", report.checked());
 }
 
-/// The named configurations, and those that differ from the reference most in one way each.
+/// The named configurations, and configurations that differ strongly from the reference in one aspect each.
 fn chosen() -> Vec<Config> {
     let variant = |name: &str, edit: fn(&mut Config)| {
         let mut config = Config {
@@ -86,7 +86,7 @@ fn chosen() -> Vec<Config> {
     named.chain(variants).collect()
 }
 
-/// Their units alone are tested elsewhere (`units`, `update`, `skinning`).
+/// Their single units are tested elsewhere (`units`, `update`, `skinning`).
 #[test]
 fn named_configurations_and_those_that_differ_most() {
     let (seed, bench) = (seed(), Workbench::new().unwrap());
@@ -110,11 +110,11 @@ fn named_configurations_and_those_that_differ_most() {
     }
 }
 
-/// A fault planted in one unit's Verilog is found, its machine is shrunk to the reference and next to nothing to do, and the
-/// command that is printed makes that case again.
+/// A seeded fault in one unit is detected, its machine is shrunk to the reference machine with a minimal workload, and the
+/// printed command reproduces that case.
 #[test]
 fn a_planted_fault_is_found_and_shrunk() {
-    // Every box that is written is wrong in all bits. (Update processors are small, and quickly built.)
+    // Every written box is wrong in all bits. (Update processors are small and quick to build.)
     let fault: Fault = |unit| Ok(unit.top().signal("box_write_data")?.fault().inverted());
     let bench = Workbench::new().unwrap().with_fault(Stage::Update, fault);
     let options = Options {
@@ -157,7 +157,7 @@ fn a_planted_fault_is_found_and_shrunk() {
     assert!(checked.unwrap()[0].count > 0);
 }
 
-/// A machine that is asked nothing, or no machine, is an error and no success.
+/// A run without checks or without machines is an error.
 #[test]
 fn nothing_to_check_is_an_error() {
     let bench = Workbench::new().unwrap();
@@ -176,7 +176,7 @@ fn dynrt(arguments: &str) -> std::process::Output {
     command.args(arguments.split_whitespace()).output().unwrap()
 }
 
-/// The machines that the command lists are those of the library, and their settings make them again.
+/// The machines that the command lists are those of the library, and their settings reproduce them.
 #[test]
 fn listed_machines_are_the_seeds() {
     let output = dynrt("fuzz --machines 3 --seed 12 --list");
@@ -222,9 +222,9 @@ fn bad_requests_get_one_clear_line() {
     }
 }
 
-// The FuseSoC core that is generated beside a machine, by the real FuseSoC.
+// The generated FuseSoC core in the real FuseSoC.
 
-/// FuseSoC, where `make deps` has put it or wherever else it is.
+/// FuseSoC, as installed by `make deps` or found in the path.
 fn fusesoc() -> Option<PathBuf> {
     let named = std::env::var_os("DYNRT_TOOLS");
     let searched = std::env::var_os("PATH");
@@ -242,7 +242,7 @@ fn fusesoc() -> Option<PathBuf> {
     found
 }
 
-/// Writes machines, with trace ports or without, each into a folder that is called after its prefix.
+/// Writes machines, with or without trace ports, each into a folder named after its prefix.
 fn workspace(machines: &[(&Config, bool, &str)]) -> tempfile::TempDir {
     let folder = tempfile::tempdir().unwrap();
     for (config, trace, prefix) in machines {
@@ -254,7 +254,7 @@ fn workspace(machines: &[(&Config, bool, &str)]) -> tempfile::TempDir {
     folder
 }
 
-/// Runs a target of a core of a workspace; returns whether it was content, and what it said.
+/// Runs a target of a core in a workspace; returns whether it succeeds, and its output.
 fn fuse(
     fusesoc: &Path,
     workspace: &Path,
@@ -280,7 +280,7 @@ fn fuse(
     (output.status.success(), said.into_owned())
 }
 
-/// The smallest machine that there is.
+/// The smallest possible machine.
 fn least() -> Config {
     let mut config = Config::load("tiny").unwrap();
     for (key, value) in [
@@ -325,7 +325,7 @@ fn fusesoc_lints_simulates_and_synthesises() {
     }
     let (passes, said) = run("sim_verilator", &cores[1], &[]);
     assert!(passes && said.contains("\nPASS "), "{said}");
-    // Module by module it takes seconds, flattened minutes.
+    // This takes seconds module by module, and minutes for the flattened design.
     let (passes, said) = run("synth", &cores[1], &["--yosys_synth_options=-noflatten"]);
     assert!(passes, "{said}");
     let built = folder
@@ -340,7 +340,7 @@ fn fusesoc_lints_simulates_and_synthesises() {
     let netlist = fs::read_to_string(netlist.expect("a netlist")).unwrap();
     assert!(netlist.contains("\"small_core\"") && netlist.contains("TRELLIS_FF"));
 
-    // A wrong digit of any file makes the simulation fail.
+    // A wrong digit in any file makes the simulation fail.
     for file in [
         "raycast_hits.hex",
         "packet_step_expected.hex",
@@ -348,7 +348,7 @@ fn fusesoc_lints_simulates_and_synthesises() {
     ] {
         let path = folder.path().join("cores/dynrt_/sim").join(file);
         let good = fs::read_to_string(&path).unwrap();
-        // The last digit but one of every line: what the first line holds may not matter.
+        // The last digit but one of every line, because the first line may have no effect.
         let lines = good.lines().map(|line| {
             let at = line.len() - 2;
             let digit = u8::from_str_radix(&line[at..=at], 16).unwrap() ^ 1;
