@@ -205,8 +205,8 @@ fn units(text: &mut String, baseline: &Baseline) {
         "## Area and clock by module\n\n![Area by module](area.svg)\n\n\
          Each module is synthesised alone, with everything below it.\n\
          The area is for a Virtex-4 LX160, by {} (`dynrt synth`).\n\
-         The clock column has the {} units that make up the machine without its glue logic.\n\
-         It is for an ECP5-85F, speed grade 6, the worst of {} seeds, by {} (`dynrt synth --target ecp5-85f --unit NAME --route --seeds {}`).\n\
+         MHz and slowest path are given for the {} units that make up the machine without its glue logic.\n\
+         They are for an ECP5-85F, speed grade 6, the worst of {} seeds, by {} (`dynrt synth --target ecp5-85f --unit NAME --route --seeds {}`).\n\
          The whole machine with its self-test has more logic and more wires, and reaches 55 MHz \
          (see [synthesis](synthesis.md#from-verilog-to-a-bitstream)).\n\n\
          | module | LUT4 | FF | DSP48 | RAMB16 | MHz | slowest path |\n|---|---|---|---|---|---|---|\n",

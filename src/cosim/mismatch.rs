@@ -27,7 +27,7 @@ impl Field {
         self.golden != self.rtl
     }
 
-    /// A number of a format, as bit patterns.
+    /// A number of a format, given by bit patterns.
     pub fn number(name: impl Into<String>, format: Format, golden: u64, rtl: u64) -> Field {
         Field {
             name: name.into(),

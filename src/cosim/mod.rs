@@ -15,6 +15,7 @@ pub mod raycast;
 pub mod scoreboard;
 pub mod unit_arithmetic;
 pub mod unit_cache;
+pub mod unit_cast;
 pub mod unit_geometry;
 pub mod unit_skinning;
 pub mod unit_tpu;

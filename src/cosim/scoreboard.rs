@@ -217,10 +217,14 @@ pub enum Category {
     NextInLine,
     MovedBase,
     BusError,
+    ShortRay,
+    Overtakes,
+    HeldPacket,
+    WaitingWrite,
 }
 
 impl Category {
-    const COUNT: usize = Category::BusError as usize + 1;
+    const COUNT: usize = Category::WaitingWrite as usize + 1;
 
     /// The category's name in reports.
     pub fn name(self) -> &'static str {
@@ -252,6 +256,10 @@ impl Category {
             Category::InTwoRows => "influences in two rows",
             Category::FullPalette => "palette full",
             Category::OneVertex => "mesh of one vertex",
+            Category::ShortRay => "short rays",
+            Category::Overtakes => "packets that overtake",
+            Category::HeldPacket => "cycles of held packets",
+            Category::WaitingWrite => "cycles of waiting writes",
             Category::ListedRequest => "requests for a line in flight",
             Category::RegistersInUse => "waits: all miss registers in use",
             Category::WaysInFlight => "waits: all ways in flight",

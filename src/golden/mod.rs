@@ -10,15 +10,17 @@
 //! | [`tpu`] | the packet step, the stack entry and its pop |
 //! | [`transform`] | the ray transformation into an instance's object space, and the window |
 //! | [`geometry`] | both triangle tests, the interval of the triangle's box, the merge of hits |
-//! | [`raycast`] | a packet through all of them: [`Caster`] |
-//! | [`skinning`] | the skinning processor: a palette of matrices and the influences write vertices |
-//! | [`update`] | the update processor: a program over the vertices writes bounds |
+//! | [`raycast`] | a packet in all of these units: [`Caster`] |
+//! | [`chip`] | the chip: executes a command list on a memory of bytes |
+//! | [`skinning`] | the skinning processor: computes vertices from a palette of matrices and influences |
+//! | [`update`] | the update processor: computes bounds from vertices by a program |
 //! | [`cache`] | a cache: hits, misses, replaced lines, given the order of lookups and answers |
-//! | [`brute`] | every triangle of every instance by the same test with no tree at all |
-//! | [`oracle`] | an independent `f64` intersector that the picture is held against |
+//! | [`brute`] | brute force: every triangle of every instance by the same test, without a tree |
+//! | [`oracle`] | an independent `f64` intersector for comparison with pictures |
 
 pub mod brute;
 pub mod cache;
+pub mod chip;
 pub mod clip;
 pub mod geometry;
 pub mod lanes;

@@ -1,4 +1,4 @@
-//! A run that is ended in the middle leaves nothing behind.
+//! An interrupted run leaves no files behind.
 
 use super::{contents, dynrt, folder, prints};
 use rustix::process::{Pid, Signal, kill_process};
@@ -8,7 +8,7 @@ use std::path::Path;
 use std::process::{Child, Command, Output, Stdio};
 use std::time::{Duration, Instant};
 
-/// How long something is waited for that must happen.
+/// Time limit for an expected event.
 const PATIENCE: Duration = Duration::from_secs(120);
 
 fn wait_until(what: &str, mut holds: impl FnMut() -> bool) {
@@ -25,7 +25,7 @@ fn names(folder: &Path) -> Vec<String> {
     names.collect()
 }
 
-/// The temporary folder that a run has made in `folder`, once something is in it.
+/// The temporary folder of a run in `folder`, as soon as it has contents.
 fn temporary(folder: &Path) -> Option<String> {
     let entries = fs::read_dir(folder).unwrap().flatten();
     let names = entries.map(|entry| entry.file_name().to_string_lossy().into_owned());
@@ -46,7 +46,7 @@ fn send(child: &Child, signal: Signal) {
     kill_process(process, signal).unwrap();
 }
 
-/// Starts a command that writes for a while, and ends it in the middle.
+/// Starts a command that writes for some time, and interrupts it.
 fn ended(arguments: &str, folder: &Path, signal: Signal) -> Output {
     let child = start(&mut dynrt(arguments, folder));
     wait_until("the command writes", || temporary(folder).is_some());
@@ -84,7 +84,7 @@ fn what_a_killed_run_leaves_the_next_one_removes() {
         folder.path(),
     );
     assert_eq!(names(folder.path()), ["v"]);
-    // So does one that writes but a file.
+    // The same for a command that writes a single file.
     ended(
         &LONG.replace("--out v", "--out w"),
         folder.path(),
@@ -112,7 +112,7 @@ fn an_earlier_result_outlives_an_interrupted_one() {
     assert!(contents(folder.path()) == before);
 }
 
-/// The processes that run in a folder or below.
+/// The processes with a working directory in a folder or below.
 fn running_in(folder: &Path) -> Vec<String> {
     let folder = folder.canonicalize().unwrap();
     let processes = fs::read_dir("/proc").unwrap().flatten();
@@ -137,7 +137,7 @@ fn tools_end_with_the_run_that_has_started_them() {
     let output = child.wait_with_output().unwrap();
     assert_eq!(output.status.signal(), Some(15));
     assert_eq!(String::from_utf8_lossy(&output.stderr), "");
-    // The kernel may still be taking the last one away.
+    // The kernel may not have removed the last one yet.
     wait_until("tools end", || running_in(cache.path()).is_empty());
     let left = names(cache.path());
     assert!(

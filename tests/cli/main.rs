@@ -1,4 +1,4 @@
-//! The command as a user meets it: what it writes, and what it says of bad input.
+//! The command line: output files, and error messages for bad input.
 
 #[cfg(unix)]
 mod interrupt;
@@ -22,7 +22,7 @@ fn run(arguments: &str, folder: &Path) -> Output {
     dynrt(arguments, folder).output().unwrap()
 }
 
-/// Runs what must succeed; returns what it prints.
+/// Runs a command that must succeed; returns its output.
 fn prints(arguments: &str, folder: &Path) -> String {
     let Output {
         status,
@@ -35,7 +35,7 @@ fn prints(arguments: &str, folder: &Path) -> String {
     String::from_utf8(stdout).unwrap()
 }
 
-/// The one line, without `error: `, with which a command must fail, leaving the folder as it was.
+/// The error line, without `error: `, of a command that must fail and leave the folder unchanged.
 fn fault_of(command: &mut Command) -> String {
     let folder = command.get_current_dir().unwrap().to_path_buf();
     let before = contents(&folder);
@@ -59,7 +59,7 @@ fn fault(arguments: &str, folder: &Path) -> String {
     fault_of(&mut dynrt(arguments, folder))
 }
 
-/// Every file below a folder, by its path.
+/// All files below a folder, by path.
 fn contents(folder: &Path) -> BTreeMap<String, Vec<u8>> {
     let mut files = BTreeMap::new();
     let mut open = vec![folder.to_path_buf()];
@@ -264,7 +264,7 @@ fn a_scene_too_large_for_its_address_space_gets_one_line() {
              but 12 address bits hold 4096; simplify the mesh or widen the address"
         );
     }
-    // Few enough triangles, but each with vertices of its own.
+    // Few triangles, but each with its own vertices.
     let triangle = |i: usize| {
         let [a, b, c] = [3 * i + 1, 3 * i + 2, 3 * i + 3];
         format!("v {i} 0 0\nv {i} 1 0\nv {i} 0 1\nf {a} {b} {c}\n")
@@ -424,7 +424,7 @@ fn a_missing_verilator_gets_one_line() {
     );
 }
 
-/// A command that finds a tool of this name first, which is a script.
+/// A command that finds a script as the tool with this name.
 #[cfg(unix)]
 fn with_tool(arguments: &str, folder: &Path, tool: &str, script: &str) -> Command {
     use std::os::unix::fs::PermissionsExt;
@@ -448,7 +448,7 @@ fn a_tool_that_is_too_old_gets_one_line() {
         let folder = folder();
         let script = format!("echo '{says}'");
         let said = fault_of(&mut with_tool(arguments, folder.path(), tool, &script));
-        // The tool that was found is named by its place.
+        // The message contains the path of the tool.
         let place = format!("{}/tools/{tool}", folder.path().display());
         assert!(
             said.starts_with(&place) || said.starts_with(&format!("`{place}")),
@@ -482,7 +482,7 @@ fn a_tool_that_is_too_old_gets_one_line() {
     }
 }
 
-/// A Verilator from its own repository is used, whatever it calls itself: here the real one, which only says another version.
+/// A Verilator built from its repository is accepted, with any version string: here the real one with another version.
 #[cfg(unix)]
 #[test]
 fn a_verilator_of_an_odd_version_is_used_with_a_warning() {
@@ -520,7 +520,7 @@ fn a_verilator_of_an_odd_version_is_used_with_a_warning() {
             assert!(output.status.success() && said == warning, "{said}");
             continue;
         }
-        // Nothing is built: there is no room for a model.
+        // Nothing is built, because there is no space for a model.
         fs::write(folder.path().join("cache"), "").unwrap();
         let said = String::from_utf8(command.output().unwrap().stderr).unwrap();
         let rest = match warned {
@@ -587,13 +587,13 @@ fn links_and_devices_stay_what_they_are() {
     for name in ["real.json", "new.json"] {
         assert_eq!(json(&at(name))["config"], "virtex4-lx160", "{name}");
     }
-    // The same as `-`: nothing else goes to the standard output then.
+    // The same as `-`: nothing else is written to the standard output.
     let output = run(&format!("{command} /dev/stdout"), folder.path());
     let value: Value = serde_json::from_slice(&output.stdout).unwrap();
     assert_eq!(value["view"], "framing");
     let text = String::from_utf8(output.stderr).unwrap();
     assert!(text.starts_with("scene cornell, configuration virtex4-lx160, view framing, "));
-    // A pipe's name is judged before it is opened, which would wait for a reader.
+    // The name of a pipe is checked before it is opened, because that would wait for a reader.
     let made = Command::new("mkfifo").arg(at("pipe.obj")).status();
     assert!(made.unwrap().success());
     let output = run(&format!("{command} pipe.obj"), folder.path());
@@ -605,7 +605,7 @@ fn links_and_devices_stay_what_they_are() {
     fs::remove_file(at("pipe.obj")).unwrap();
     symlink("/dev/full", at("full")).unwrap();
     let mut full = dynrt(&format!("{command} full"), folder.path());
-    // Not `fault_of`: it would read the device.
+    // Not `fault_of`, which would read the device.
     let output = full.output().unwrap();
     let stderr = String::from_utf8(output.stderr).unwrap();
     assert_eq!(output.status.code(), Some(1));
@@ -632,7 +632,7 @@ fn outputs_that_would_overwrite_each_other_are_refused() {
     );
 }
 
-/// Names of all files but the manifest, and of all modules, begin with the prefix, exactly as it is given.
+/// The names of all files except the manifest, and of all modules, start with the given prefix.
 #[test]
 fn generated_names_begin_with_the_prefix() {
     let folder = folder();
@@ -655,7 +655,7 @@ fn generated_names_begin_with_the_prefix() {
             let unit = module["unit"].as_str().unwrap();
             let name = module["name"].as_str().unwrap();
             let parameters = module["parameters"].as_object().unwrap();
-            // A unit of the library is a module of another name, with parameters.
+            // A library unit is a module with another name and with parameters.
             assert!(name.starts_with(prefix), "{name}");
             assert_eq!(
                 name == format!("{prefix}{unit}"),
@@ -665,7 +665,7 @@ fn generated_names_begin_with_the_prefix() {
             assert_eq!(module["file"], format!("{name}.v"));
         }
         for (name, bytes) in contents(&out) {
-            // Vectors, and what is included, have the names that the bench knows.
+            // Vectors and include files have the names that the bench uses.
             let verilog = name
                 .strip_prefix("sim/")
                 .filter(|name| name.ends_with(".v"));
@@ -679,7 +679,7 @@ fn generated_names_begin_with_the_prefix() {
             assert!(prefix == "dynrt_" || !text.contains("dynrt_"), "{name}");
         }
     }
-    // Where a machine of another prefix was, nothing of it stays.
+    // Files of a machine with another prefix are removed.
     prints(
         "generate --config tiny --out x --prefix small_",
         folder.path(),
@@ -789,7 +789,7 @@ fn generating_is_deterministic_and_replaces_only_its_own() {
         let place = folder.path().to_string_lossy();
         assert!(!text.contains(&*place), "{name} holds a path");
     }
-    // Another machine into the same folder: its files only, and those that are not ours.
+    // Another machine in the same folder: only its files and foreign files remain.
     fs::write(at("a").join("notes.txt"), "mine").unwrap();
     fs::write(at("a").join("old_unit.v"), "ours").unwrap();
     let mut manifest = json(&at("a").join("manifest.json"));
@@ -936,7 +936,7 @@ fn stats_measures_three_trees() {
 #[test]
 fn stats_averages_over_packets_that_miss() {
     let folder = folder();
-    // Looking away, every packet misses the scene's box: no step, and still as many packets.
+    // A camera that looks away: every packet misses the scene's box, so there is no step, but the number of packets is the same.
     prints(
         "stats builtin:sphere --eye 0,0,5 --look-at 0,0,9 --size 8x8 --json s.json",
         folder.path(),

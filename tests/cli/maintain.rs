@@ -1,4 +1,4 @@
-//! Configuration files that are upgraded, manual pages, completions.
+//! Upgrade of configuration files, manual pages, completions.
 
 use super::{contents, fault, folder, prints};
 use dynrt::config::{Config, KEYS};
@@ -105,7 +105,7 @@ fn an_upgraded_configuration_keeps_its_link_and_who_may_read_it() {
     );
 }
 
-/// The commands that help lists, by group.
+/// The commands in the help text, by group.
 fn commands(help: &str) -> Vec<(String, Vec<String>)> {
     let mut groups: Vec<(String, Vec<String>)> = vec![];
     for line in help.lines().take_while(|line| *line != "Options:") {
@@ -162,7 +162,7 @@ fn manual_pages_cover_every_command_and_replace_only_their_own() {
     }
     assert!(page("dynrt-config-upgrade.1").contains("dynrt config upgrade machine.toml"));
     assert!(page("dynrt.1").starts_with(".ie"), "{}", page("dynrt.1"));
-    // Lines of examples stay lines.
+    // Lines of examples are not wrapped.
     assert!(page("dynrt-stats.1").contains(".nf\n"));
     prints("man --out man", folder.path());
     assert!(contents(&folder.path().join("man")) == pages);

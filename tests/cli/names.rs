@@ -1,4 +1,4 @@
-//! Names are bytes, and nothing in them reaches a terminal but what can be printed.
+//! Names are bytes, and only printable characters reach a terminal.
 
 use super::{contents, dynrt, fault, fault_of, folder, prints};
 use dynrt::config::Config;
@@ -9,7 +9,7 @@ use std::process::Command;
 
 const OBJ: &str = "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n";
 
-/// What a command that must succeed prints.
+/// The output of a command that must succeed.
 fn text_of(command: &mut Command) -> String {
     let output = command.output().unwrap();
     let stderr = String::from_utf8(output.stderr).unwrap();
@@ -136,7 +136,7 @@ fn control_characters_of_names_are_not_printed() {
 #[test]
 fn names_in_gltf_files_are_printed_escaped() {
     let folder = folder();
-    // An animated triangle whose node and clips have names that a terminal would act upon.
+    // An animated triangle whose node and clips have names with control characters.
     let scene = r#"{"asset": {"version": "2.0"}, "scene": 0, "scenes": [{"nodes": [0]}],
         "nodes": [{"name": "no\u001bde\n", "mesh": 0}],
         "meshes": [{"primitives": [{"attributes": {"POSITION": 0}}]}],

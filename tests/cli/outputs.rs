@@ -1,4 +1,4 @@
-//! What a command writes never replaces what it reads, has a name that suits it, and may be the standard output.
+//! Outputs never replace inputs, have suitable names, and may be the standard output.
 
 use super::{contents, dynrt, fault, fault_of, folder, json, prints, run};
 use dynrt::config::Config;
@@ -8,14 +8,14 @@ use std::path::Path;
 
 const OBJ: &str = "mtllib mesh.mtl\nv 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n";
 
-/// A triangle whose vertices are in a file of their own, and a picture that is not looked at.
+/// A triangle whose vertices are in a separate file, and a picture that is not read.
 const GLTF: &str = r#"{"asset": {"version": "2.0"}, "scene": 0, "scenes": [{"nodes": [0]}], "nodes": [{"mesh": 0}],
     "meshes": [{"primitives": [{"attributes": {"POSITION": 0}}]}],
     "accessors": [{"bufferView": 0, "componentType": 5126, "count": 3, "type": "VEC3", "min": [0, 0, 0], "max": [1, 1, 0]}],
     "bufferViews": [{"buffer": 0, "byteLength": 36}],
     "buffers": [{"uri": "three%20vertices", "byteLength": 36}], "images": [{"uri": "look"}]}"#;
 
-/// A folder with every kind of input, none of which has an extension that gives it away where that can be.
+/// A folder with every kind of input, with unusual extensions where possible.
 fn inputs() -> tempfile::TempDir {
     let folder = folder();
     let at = |name: &str| folder.path().join(name);
@@ -127,7 +127,7 @@ fn a_generated_file_does_not_replace_the_configuration() {
         ),
         "rtl/manifest.json: is the input configuration; give the output another name"
     );
-    // One beside what is written is no obstacle.
+    // An input next to the output is permitted.
     fs::rename(at("manifest.json"), at("machine.toml")).unwrap();
     let before = fs::read(at("machine.toml")).unwrap();
     prints(

@@ -1,7 +1,7 @@
-//! Scenes that move, every stage of every frame in RTL, in all bits: skinning, update, two levels, ray casting, pictures.
+//! Animated scenes, with every stage of every frame in RTL and compared in all bits: skinning, update, two levels, ray casting, pictures.
 //!
-//! `cargo test` shows a few frames of everything; with `DYNRT_FULL=1` it is every clip at 12 frames of 256×192, one clip of each
-//! scene at 512×384, and 10⁶ rays of the law that a refitted and a rebuilt tree give the same picture.
+//! `cargo test` runs a few frames of each scene. `DYNRT_FULL=1` runs every clip with 12 frames of 256×192, one clip of each
+//! scene at 512×384, and 10⁶ rays to check that a refitted and a rebuilt tree give the same picture.
 
 use crate::support::command::dynrt;
 #[allow(dead_code)]
@@ -22,7 +22,7 @@ use serde_json::{Value, json};
 use std::collections::BTreeMap;
 use std::path::Path;
 
-/// A scene's frames in the machine's numbers, and the rays that look at them.
+/// The frames of a scene in the machine's number format, and the rays.
 struct Shown {
     machine: MachineScene,
     frames: Vec<MachineFrame>,
@@ -49,7 +49,7 @@ impl Shown {
         }
     }
 
-    /// So many frames of a clip.
+    /// A number of frames of a clip.
     fn clip(
         config: &Config,
         scene: &Animated,
@@ -94,7 +94,7 @@ fn total(reports: &[FrameReport]) -> Figures {
     total
 }
 
-/// Everything of these frames agrees, and something was there to agree.
+/// Runs these frames and checks that something was compared and all of it agrees.
 fn check(what: &str, config: &Config, shown: &Shown, options: &Options) -> Vec<FrameReport> {
     let reports = shown
         .run(config, options)
@@ -177,12 +177,12 @@ fn a_thousand_instances_of_four_objects() {
     let config = Config::reference();
     let scene = load_animated("builtin:reef").unwrap();
     assert!(scene.instances.len() >= 1000 && scene.objects.len() >= 3);
-    // Fishes' tails beat every 0.75 s: in no two of these frames are they bent alike.
+    // Fishes' tails beat every 0.75 s, so they are bent differently in any two of these frames.
     let times = (0..frames).map(|k| 0.17 + 0.47 * f64::from(k));
     let poses: Vec<Pose> = times.map(|t| scene.pose(Some(0), t).unwrap()).collect();
     let shown = Shown::new(&config, &scene, &poses, size);
     for report in check("builtin:reef", &config, &shown, &Options::default()) {
-        // Stones and the seabed never change.
+        // Stones and the seabed are static.
         assert_eq!(report.trees.len(), 2);
     }
 }
@@ -214,7 +214,7 @@ fn other_machines() {
 
 // ---- Public scenes -------------------------------------------------------------------------------
 
-/// All clips of a file; in full, one of them larger.
+/// All clips of a file; at full length, one of them at a larger size.
 fn check_file(file: &str) {
     let Some(path) = shared_scene(file) else {
         return;
@@ -315,8 +315,8 @@ fn a_hand_that_a_program_closes() {
 
 // ---- Trees under motion ---------------------------------------------------------------------------------------
 
-/// Two instances of a triangle, of which the first is there in the frames in which its scale is not 0, the second in those in
-/// which its own is not.
+/// Two instances of a triangle. The first is present in the frames in which its scale is not 0, the second in those in
+/// which its own scale is not 0.
 fn appearing(first: &[f32], second: &[f32]) -> Animated {
     let mut bytes: Vec<u8> = Vec::new();
     let mut add = |numbers: &[f32]| {
@@ -365,7 +365,7 @@ fn appearing(first: &[f32], second: &[f32]) -> Animated {
 #[test]
 fn instances_that_are_not_there_are_not_drawn() {
     let config = Config::reference();
-    // Frame by frame: the second alone, nothing, both, the first alone.
+    // Frame by frame: only the second, none, both, only the first.
     let scene = appearing(&[0.0, 0.0, 1.0, 1.0], &[1.0, 0.0, 1.0, 0.0]);
     let shown = Shown::clip(&config, &scene, Some(0), 4, "24x16");
     let there = |frame: &MachineFrame| frame.instances.iter().flatten().count();
@@ -377,11 +377,11 @@ fn instances_that_are_not_there_are_not_drawn() {
     let hits: Vec<u64> = reports.iter().map(|report| report.figures.hits).collect();
     assert!(hits[0] > 0 && hits[3] > 0, "{hits:?}");
     assert_eq!(hits[2], hits[0] + hits[3], "{hits:?}");
-    // Nothing is cast into nothing: no rays, no cycles, and nothing that agrees but memory.
+    // Without instances there are no rays and no cycles, and only memory is compared.
     let [empty, full] = [1, 2].map(|frame: usize| &reports[frame].figures);
     assert_eq!((empty.hits, empty.rays, empty.raycast_cycles), (0, 0, 0));
     assert!(empty.checked < full.checked && full.rays > 0);
-    // Where a picture shows a triangle, the one without it shows what is behind.
+    // If a picture shows a triangle, the picture without it shows the object behind.
     let differ = |a: usize, b: usize| {
         let pixels = std::iter::zip(reports[a].picture.pixels(), reports[b].picture.pixels());
         pixels.filter(|(a, b)| a != b).count() as u64
@@ -389,7 +389,7 @@ fn instances_that_are_not_there_are_not_drawn() {
     assert_eq!(differ(0, 1), hits[0]);
     assert_eq!(differ(3, 1), hits[3]);
     assert_eq!(differ(2, 1), hits[2]);
-    // The same from the middle of the film.
+    // The same, starting in the middle of the film.
     let options = Options {
         from_frame: 1,
         ..Options::default()
@@ -405,7 +405,7 @@ fn instances_that_are_not_there_are_not_drawn() {
 fn trees_that_have_become_bad_are_built_anew() {
     let config = Config::reference();
     let scene = load_animated("builtin:figure?detail=36").unwrap();
-    // It moves once, then stands: the tree built anew serves from the next frame on, in which it is as good as any.
+    // It moves once and then stands still: the rebuilt tree is used from the next frame on, in which it is optimal.
     let poses = [0.0, 0.4, 0.4, 0.4].map(|time| scene.pose(Some(0), time).unwrap());
     let shown = Shown::new(&config, &scene, &poses, "48x36");
     let with = |rebuild_above: f64| {
@@ -424,7 +424,7 @@ fn trees_that_have_become_bad_are_built_anew() {
     assert!(bad > 1.0);
     assert_eq!(ratios(&never), [1.0, bad, bad, bad]);
     assert_eq!(ratios(&always), [1.0, bad, 1.0, 1.0]);
-    // What does not move is updated once more only where its tree is new.
+    // A static object is updated once more only if its tree is new.
     let updates = |reports: &[FrameReport]| -> Vec<bool> {
         let updated = |report: &FrameReport| report.figures.update_cycles > 0;
         reports.iter().map(updated).collect()
@@ -437,7 +437,7 @@ fn trees_that_have_become_bad_are_built_anew() {
     }
 }
 
-/// The golden image of a frame, objects' trees built for the vertices of `built_for`.
+/// The golden image of a frame, with objects' trees built for the vertices of `built_for`.
 fn golden_image(config: &Config, shown: &Shown, frame: usize, built_for: usize) -> MemoryImage {
     let (scene, format) = (&shown.machine, config.format());
     let arithmetic = Arithmetic::new(format);
@@ -482,7 +482,7 @@ fn golden_image(config: &Config, shown: &Shown, frame: usize, built_for: usize) 
     image.image().clone()
 }
 
-/// The law: a refitted tree and one built anew give every ray the same result, in all bits.
+/// A refitted and a rebuilt tree give every ray the same result, in all bits.
 #[test]
 fn refitted_and_rebuilt_trees_give_the_same_hits() {
     let config = Config::reference();
@@ -533,7 +533,7 @@ fn refitted_and_rebuilt_trees_give_the_same_hits() {
 
 // ---- Replays and mismatches -----------------------------------------------------------------------------------
 
-/// A machine whose memories answer in random order after random times.
+/// A machine whose memories respond in random order with random latency.
 fn unsteady() -> Config {
     let mut config = Config::reference();
     for (key, value) in [
@@ -551,7 +551,7 @@ fn a_frame_on_its_own_is_the_frame_of_the_whole_run() {
     let config = unsteady();
     let scene = load_animated("builtin:figure?detail=36").unwrap();
     let shown = Shown::clip(&config, &scene, Some(0), 4, "32x24");
-    // Trees are built anew on the way, which the frame's own run must do too.
+    // Trees are rebuilt on the way; the run of a single frame must do the same.
     let options = Options {
         rebuild_above: 1.0,
         ..Options::default()
@@ -680,7 +680,7 @@ fn the_command_writes_frames_a_gif_and_figures() {
     assert_eq!(json["total"]["nodes_written"], 3 * 287);
 }
 
-/// The one line with which the command must fail, leaving nothing behind.
+/// The error line of a command that must fail and leave no files.
 fn fault(arguments: &str, folder: &Path) -> String {
     let before = contents(folder);
     let arguments = format!("animate {arguments} --size 16x12");

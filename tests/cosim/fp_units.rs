@@ -1,7 +1,7 @@
-//! The floating-point units in Verilog against the model of the arithmetic, bit for bit.
+//! The floating-point units in Verilog, compared with the model of the arithmetic in all bits.
 //!
-//! Operands: every pair of the special ones, random ones, all there are of a small format, and all operands of the
-//! units that have one operand. Random tests print their seed; `DYNRT_SEED=… cargo test --test cosim fp_units::` replays them.
+//! Operands: every pair of the special ones, random ones, all operands of a small format, and all operands of
+//! units with one operand. Random tests print their seed; `DYNRT_SEED=… cargo test --test cosim fp_units::` repeats them.
 
 use crate::support::seed;
 use dynrt::cosim::model::{self, BuildOptions, Model, PortHandle, Sources};
@@ -13,7 +13,7 @@ use std::sync::Arc;
 /// The slack of the machine's plane distances, in ulps.
 const ULPS: i32 = 3;
 
-/// What is compared.
+/// The operation that is compared.
 #[derive(Clone, Copy, PartialEq, Debug)]
 enum Operation {
     Add,
@@ -24,7 +24,7 @@ enum Operation {
     Max,
     Down,
     Up,
-    /// Less, less or equal, equal; then of `a` NaN, zero, infinite: from the most significant bit down.
+    /// Less, less or equal, equal; then whether `a` is NaN, zero, infinite: from the most significant bit down.
     Relations,
 }
 
@@ -75,7 +75,7 @@ impl Operation {
         }
     }
 
-    /// What the hardware says, as the model would: what only passes an operand on keeps its pattern.
+    /// The result of the hardware as the model would give it: operations that pass an operand on keep its pattern.
     fn canonical(self, format: Format, bits: u64) -> u64 {
         match self {
             Min | Max | Down | Up => plain::canonical(format, bits),
@@ -84,7 +84,7 @@ impl Operation {
     }
 }
 
-/// Units of one format at one clock, side by side with the same operands.
+/// Units of one format and clock target, with the same operands.
 struct Bench {
     format: Format,
     clock_mhz: u32,
@@ -131,7 +131,7 @@ impl Bench {
         }
     }
 
-    /// The bench's modules, their names followed by `suffix`, so that several benches fit one model.
+    /// The bench's modules with `suffix` appended to their names, so several benches fit in one model.
     fn files(&self, suffix: &str) -> Vec<(String, String)> {
         let design = Design::new(self.top.clone()).unwrap_or_else(|error| panic!("{error}"));
         let names: Vec<&str> = design.modules().iter().map(|m| m.name()).collect();
@@ -152,7 +152,7 @@ fn port(name: String, width: u32, input: bool) -> model::Port {
     model::Port { name, width, input }
 }
 
-/// One module of several benches, ports and modules numbered.
+/// One module with several benches, with numbered ports and modules.
 fn sources(benches: &[Bench]) -> Sources {
     let mut files = vec![];
     let mut ports = vec![port("clk".into(), 1, true)];
@@ -204,7 +204,7 @@ struct Lane {
     bench: Bench,
     a: PortHandle,
     b: PortHandle,
-    /// What is compared, where, and how many clocks after its operands.
+    /// Each output: its operation, its port, and its latency in cycles.
     outputs: Vec<(Operation, PortHandle, usize)>,
 }
 
@@ -248,7 +248,7 @@ impl Rig {
         Rig::load(&built, &sources, benches)
     }
 
-    /// Feeds every lane the operands that are its own, and compares all of its results. Returns the number of operand
+    /// Applies the operands of each lane, and compares all of its results. Returns the number of operand
     /// pairs that were compared in each lane.
     fn compare(
         &mut self,
@@ -260,7 +260,7 @@ impl Rig {
         assert_eq!(operands.len(), lanes.len());
         let mut operands: Vec<_> = operands.into_iter().map(Iterator::fuse).collect();
         let mut history = vec![[(0, 0); HISTORY]; lanes.len()];
-        // How many pairs a lane has been given.
+        // The number of pairs given to each lane.
         let mut given = vec![0usize; lanes.len()];
         let mut idle = 0;
         let mut clock = 0;
@@ -328,7 +328,7 @@ fn replay(seed: u64, test: &str) -> String {
     command
 }
 
-/// Random pairs, half of them such that the operands have to do with each other.
+/// Random pairs, half of which have related operands.
 fn random_pairs(format: Format, seed: u64, count: usize) -> impl Iterator<Item = (u64, u64)> {
     let mut random = fastrand::Rng::with_seed(seed);
     let f = format.fraction_bits();
@@ -337,10 +337,10 @@ fn random_pairs(format: Format, seed: u64, count: usize) -> impl Iterator<Item =
     (0..count).map(move |i| {
         let a = random.u64(0..=all);
         let b = match i % 4 {
-            // About as great, of either sign: cancellation and alignment.
+            // Similar magnitudes with either sign: cancellation and alignment.
             0 => a.wrapping_add(random.u64(0..2 << f)).wrapping_sub(1 << f),
             1 => a ^ (random.u64(..) & ((1 << random.u32(0..=f)) - 1)) ^ format.sign_bit(),
-            // About the inverse of the range's ends: products that are almost too small or too great.
+            // Magnitudes near the inverse of the ends of the range: products near the limits.
             2 => {
                 let inverse = (2 * one).wrapping_sub(a & (format.sign_bit() - 1));
                 let end = if random.bool() { one } else { greatest - one };
@@ -355,7 +355,7 @@ fn random_pairs(format: Format, seed: u64, count: usize) -> impl Iterator<Item =
     })
 }
 
-/// All pairs of some operands, of which there are at most 2^16.
+/// All pairs of at most 2^16 operands.
 fn pairs(list: Vec<u64>) -> impl Iterator<Item = (u64, u64)> {
     let n = list.len();
     (0..n * n).map(move |i| (list[i / n], list[i % n]))
@@ -381,7 +381,7 @@ fn format(exponent_bits: u32, fraction_bits: u32) -> Format {
     Format::new(exponent_bits, fraction_bits).expect("a format in range")
 }
 
-/// The formats and clocks beside the reference that are compared: the ends of every range.
+/// The compared formats and clock targets in addition to the reference: the ends of every range.
 fn others() -> Vec<(Format, u32)> {
     let mut list: Vec<_> = [10, 50, 66, 133, 200].map(|mhz| (Format::FP24, mhz)).into();
     list.extend([

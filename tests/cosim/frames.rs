@@ -1,4 +1,4 @@
-//! Whole frames through the RTL of the reference machine: every packet step, every ray–triangle test and every hit
+//! Whole frames in the RTL of the reference machine: every packet step, every ray–triangle test and every hit
 //! equals the golden model's in all bits.
 
 use crate::support::{Prepared, prepare, shadow_rays, shared_scene};

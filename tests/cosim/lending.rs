@@ -1,7 +1,7 @@
-//! The triangle test as a module of its own: tests of triangles, matrices applied to points and sums, in random
-//! order, one a clock, against the model of the arithmetic and the golden triangle test, bit for bit.
+//! The triangle test as a separate module: tests of triangles, matrices applied to points and sums, in random
+//! order, one per cycle, compared with the model of the arithmetic and the golden triangle test in all bits.
 //!
-//! Random tests print their seed; `DYNRT_SEED=… cargo test --test cosim lending::` replays them.
+//! Random tests print their seed; `DYNRT_SEED=… cargo test --test cosim lending::` repeats them.
 
 use crate::support::seed;
 use dynrt::config::{Config, TriangleTest};
@@ -15,7 +15,7 @@ use std::collections::VecDeque;
 use std::sync::Arc;
 
 const AXES: [&str; 3] = ["x", "y", "z"];
-/// Pairs that are added at once.
+/// Number of pairs that are added in parallel.
 const PAIRS: usize = 6;
 
 fn config(test: TriangleTest, (exponent, fraction): (u32, u32), clock_mhz: u32) -> Config {
@@ -34,7 +34,7 @@ fn triangle_test(config: &Config) -> Arc<Module> {
         .test
 }
 
-/// A port, and in which clock after a slot's first it carries the slot's value.
+/// A port, and the cycle after the first one of a slot in which it has the slot's value.
 struct TimedPort {
     name: String,
     width: u32,
@@ -42,24 +42,24 @@ struct TimedPort {
     handle: PortHandle,
 }
 
-/// What enters with one slot, and what must come out.
+/// The inputs and the expected outputs of one slot.
 struct Slot {
     inputs: Vec<u64>,
-    /// `None` where the output has no meaning.
+    /// `None` if the output is undefined.
     outputs: Vec<Option<u64>>,
 }
 
-/// How often what was compared.
+/// Numbers of comparisons by kind.
 #[derive(Debug, Default)]
 struct Counts {
     hits: u32,
     misses: u32,
     /// Tests of a triangle with a NaN in a vertex.
     nans: u32,
-    /// Hits that only a window moved.
+    /// Hits that were moved only by a window.
     moved_into_window: u32,
     matrices: u32,
-    /// Moved points with a component that is neither zero nor infinity nor NaN.
+    /// Transformed points with a component that is neither zero nor infinity nor NaN.
     ordinary_points: u32,
     sums: u32,
     /// A test right after a matrix, or the reverse.
@@ -127,7 +127,7 @@ impl Rig {
         self.a.format()
     }
 
-    /// A number of the format: mostly of a scene's size, at times any pattern or an odd one.
+    /// A number of the format: mostly of a scene's magnitude, sometimes any pattern or a special value.
     fn number(&mut self) -> f64 {
         let format = self.format();
         match self.rng.u32(0..24) {
@@ -145,7 +145,7 @@ impl Rig {
         [(); 3].map(|()| self.number())
     }
 
-    /// A slot of noise.
+    /// A slot with random contents.
     fn noise(&mut self) -> Slot {
         let rng = &mut self.rng;
         Slot {
@@ -182,10 +182,10 @@ impl Rig {
         self.expect_bits(slot, name, self.format().to_bits(number));
     }
 
-    /// A ray against a triangle that is often about where the ray goes, in a window at times.
+    /// A ray and a triangle that is often near the ray, sometimes with a window.
     fn test_slot(&mut self) -> Slot {
         let mut slot = self.noise();
-        // A test is made for valid rays alone: 0 <= tmin <= tmax.
+        // Only valid rays are tested: 0 <= tmin <= tmax.
         let tmin = match self.rng.bool() {
             true => 0.0,
             false => self.number().abs(),
@@ -215,14 +215,14 @@ impl Rig {
         let window = match self.rng.u32(0..3) {
             0 => WHOLE_LINE,
             1 => {
-                // About where the ray meets the triangle.
+                // Near the intersection of the ray with the triangle.
                 let near = t + self.rng.f64() - 0.75;
                 [near, near + self.rng.f64()].map(|x| self.a.round(x))
             }
-            // Any but a NaN, which no window is: what it follows from starts at infinity, and a NaN does not clip.
+            // Any number but NaN: a window starts at infinity, and a NaN does not clip.
             _ => [self.number(), self.number()].map(|x| if x.is_nan() { 0.0 } else { x }),
         };
-        // Operators made it, and they give no -0.
+        // It is a result of operators, which is never -0.
         let window = window.map(|x| if x == 0.0 { 0.0 } else { x });
         self.give_bits(&mut slot, "matrix", 0);
         self.give_bits(&mut slot, "accumulate", 0);
@@ -249,7 +249,7 @@ impl Rig {
 
         let triangle = Triangle::new(vertices, 0);
         let outcome = triangle.intersect::<true>(&self.a, self.test, &setup, window);
-        // A NaN has no box: all that counts is that the ray misses.
+        // A NaN has no box; the only requirement is that the ray misses.
         if vertices.iter().flatten().any(|x| x.is_nan()) {
             assert!(!outcome.hit, "a hit of a triangle with a NaN: {vertices:?}");
             self.counts.nans += 1;
@@ -271,7 +271,7 @@ impl Rig {
         slot
     }
 
-    /// A matrix applied to a point, as *Two levels* and *Skinning* say; at times with sums that have nothing to do with it.
+    /// A matrix applied to a point, as in *Two levels* and *Skinning*; sometimes with unrelated sums.
     fn matrix_slot(&mut self) -> Slot {
         let mut slot = self.noise();
         let a = self.a;
@@ -306,7 +306,7 @@ impl Rig {
         slot
     }
 
-    /// Runs slots of random kinds, one a clock, and compares every output that has a meaning.
+    /// Runs slots of random kinds, one per cycle, and compares every defined output.
     fn run(&mut self, slots: usize, what: &str) {
         let ports = self.inputs.iter().chain(&self.outputs);
         let depth = ports.map(|p| p.stage).max().expect("ports") + 1;
@@ -364,7 +364,7 @@ impl Rig {
 fn compare(test: TriangleTest) {
     const SLOTS: usize = 50_000;
     let seed = seed();
-    // The reference; a narrow and a wide format; clocks that ask for no, some and all of the registers after choices.
+    // The reference; a narrow and a wide format; clock targets with none, some and all of the registers after multiplexers.
     for (format, clock_mhz) in [((7, 16), 100), ((5, 9), 50), ((8, 23), 133)] {
         let config = config(test, format, clock_mhz);
         let what = format!(
@@ -406,7 +406,7 @@ fn watertight_lends_its_operators() {
 
 #[test]
 fn lending_takes_no_operator_more() {
-    // What the tests themselves and the plane distances of a box take, by `docs/arithmetic.md`.
+    // The operators of the tests and of the plane distances of a box, by `docs/arithmetic.md`.
     let cases = [
         (
             TriangleTest::MollerTrumbore,

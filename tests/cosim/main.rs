@@ -2,6 +2,7 @@
 
 mod animate;
 mod cache;
+mod chip;
 mod fp_units;
 mod frames;
 mod lending;

@@ -1,5 +1,5 @@
-//! The picture is right: whole frames agree in triangle with an independent `f64` intersector on the rounded scene,
-//! but for a few counted pixels, each of which lies at an edge or where two triangles are equally far.
+//! Pictures are correct: whole frames agree with an independent `f64` intersector on the rounded scene,
+//! except for a few counted pixels, each of which is at an edge or at two triangles of equal distance.
 
 use crate::support::shared_scene;
 use dynrt::bkd::{BuildOptions, MemoryImage, build};

@@ -1,8 +1,8 @@
-//! The skinning processor, in all bits against the golden model: random meshes under memory latencies from 1 to 100 clocks
-//! and back-pressure of every kind, and whole meshes at its full pace.
+//! The skinning processor, compared with the golden model in all bits: random meshes with memory latencies from 1 to 100 cycles
+//! and with random back-pressure, and whole meshes at full rate.
 //!
-//! Tests print their seed; `DYNRT_SEED=… cargo test --test cosim skinning::` replays them. With `DYNRT_FULL=1` a million vertices
-//! are skinned, else a tenth of them.
+//! Tests print their seed; `DYNRT_SEED=… cargo test --test cosim skinning::` repeats them. `DYNRT_FULL=1` skins a million vertices,
+//! otherwise a tenth of them.
 
 use crate::support::seed;
 #[allow(dead_code)]
@@ -25,7 +25,7 @@ use dynrt::hw::skinning::Mesh;
 use dynrt::hw::{self, Plan};
 use dynrt::scene::load_animated;
 
-/// So many in the full mode, a tenth of them else.
+/// `vertices` at full length, otherwise a tenth of them.
 fn share(vertices: u64) -> u64 {
     let full = std::env::var_os("DYNRT_FULL").is_some_and(|value| value == "1");
     let share = if full { vertices } else { vertices / 10 };
@@ -45,7 +45,7 @@ fn check(
     report
 }
 
-/// So many vertices of random meshes.
+/// Random meshes with this number of vertices.
 fn random(config: &Config, vertices: u64, seed: u64) -> SkinReport {
     let workload = Workload::Random { vertices };
     let report = check(config, workload, Traffic::Separate, &UnitOptions::new(seed));
@@ -62,7 +62,7 @@ fn random_meshes_on_the_reference_machine() {
     }
 }
 
-/// Machines that differ from the reference in all that shapes the unit.
+/// Machines that differ from the reference in all parameters of the unit.
 fn others() -> Vec<Config> {
     vec![
         Config::load("tiny").unwrap(),
@@ -104,7 +104,7 @@ fn random_meshes_on_other_machines() {
     }
 }
 
-/// The skinned objects of a scene half through its first clip, in numbers of the machine: lengths scaled to fit 256.
+/// The skinned objects of a scene at the middle of its first clip, in the machine's number format, scaled to fit 256.
 fn meshes(config: &Config, scene: &str) -> Vec<SkinMesh> {
     let animated = load_animated(scene).unwrap();
     let clip = animated.clip(None).unwrap();
@@ -146,7 +146,7 @@ fn meshes(config: &Config, scene: &str) -> Vec<SkinMesh> {
         .collect()
 }
 
-/// Meshes with one memory of 32 bytes a clock behind all ports, answering after 8 clocks.
+/// Meshes with one memory of 32 bytes per cycle behind all ports and a latency of 8 cycles.
 fn at_full_pace(meshes: &[SkinMesh]) -> Vec<SkinFigures> {
     let options = UnitOptions {
         surroundings: Some(Surroundings::steady(8)),
@@ -156,7 +156,7 @@ fn at_full_pace(meshes: &[SkinMesh]) -> Vec<SkinFigures> {
     check(&Config::reference(), workload, Traffic::Shared, &options).meshes
 }
 
-/// A palette and what fills the pipeline cost a few hundred clocks a mesh.
+/// Loading a palette and filling the pipeline costs a few hundred cycles per mesh.
 #[test]
 fn whole_meshes_at_full_pace() {
     let config = Config::reference();
@@ -182,8 +182,8 @@ fn whole_meshes_at_full_pace() {
     }
 }
 
-/// However many influences a vertex has, one goes a clock: 32 bytes are enough for a vertex read, one written and a quarter
-/// of a row each clock.
+/// One influence is processed per cycle, for any number of influences per vertex: 32 bytes per cycle are sufficient for reading a
+/// vertex, writing one, and a quarter of a row.
 #[test]
 fn an_influence_goes_every_clock_however_many_a_vertex_has() {
     let count = 12_000;
@@ -206,11 +206,11 @@ fn an_influence_goes_every_clock_however_many_a_vertex_has() {
     }
 }
 
-/// Faults of the kind that a designer makes are noticed.
+/// Typical faults of a design are detected.
 #[test]
 fn faults_are_mismatches() {
     let seed = seed();
-    // Its write queue is short, so that it fills.
+    // The write queue is short, so it fills.
     let config = Config::load("tiny").unwrap();
     let faults: [(&str, Fault); 3] = [
         ("the first pair's sum is lost", |unit| {
@@ -243,7 +243,7 @@ fn faults_are_mismatches() {
     }
 }
 
-/// A read port of the ray casting unit with the array behind it.
+/// A read port of the ray casting unit with its memory.
 struct Memory {
     handles: ReadHandles,
     port: ReadPort,
@@ -270,7 +270,7 @@ impl Memory {
         }
     }
 
-    /// Shows the inputs for the coming edge.
+    /// Drives the inputs for the next edge.
     fn show(&self, model: &mut Model, words: &[u32]) {
         model.set(self.handles.request.ready, self.port.ready().into());
         let data = self.answer.map_or(&[][..], |answer| {
@@ -280,14 +280,14 @@ impl Memory {
         model.respond(&self.handles, self.answer, data);
     }
 
-    /// What the edge brings.
+    /// Performs the edge.
     fn step(&mut self, model: &Model) {
         self.answer = self.port.step(model.read_request(&self.handles)).unwrap();
     }
 }
 
-/// Meshes are skinned between the packets of a picture: each waits until no packet is under way, rays wait until it is complete,
-/// and neither disturbs the other's results.
+/// Meshes are skinned between the packets of a picture: each waits until no packet is in flight, rays wait until it is complete,
+/// and the results of both are correct.
 #[test]
 fn rays_and_meshes_take_turns() {
     let (config, seed) = (Config::reference(), seed());
@@ -299,7 +299,7 @@ fn rays_and_meshes_take_turns() {
     let caster = Caster::new(&prepared.image, config.triangle_test, per_packet);
     let hits = caster.cast_packets(rays).hits;
 
-    // The mesh lies behind the scene's vertices: palette, vertices at rest, vertices to write.
+    // The mesh is behind the scene's vertices: palette, vertices at rest, vertices to write.
     let a = Arithmetic::new(format);
     let mut vector = || std::array::from_fn(|_| a.round(8.0 * rng.f64() - 4.0));
     let palette: Vec<Columns> = (0..9).map(|_| std::array::from_fn(|_| vector())).collect();

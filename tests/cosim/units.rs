@@ -1,7 +1,7 @@
-//! The traversal unit and the geometry unit, each alone, in all bits against the golden model: real frames and tiny scenes full of
-//! coincidences, under memory latencies from 1 to 100 clocks and back-pressure of every kind.
+//! The traversal unit and the geometry unit, compared with the golden model in all bits: real frames and tiny scenes with many
+//! ties, with memory latencies from 1 to 100 cycles and random back-pressure.
 //!
-//! Tests print their seed; `DYNRT_SEED=… cargo test --test cosim units::` replays them.
+//! Tests print their seed; `DYNRT_SEED=… cargo test --test cosim units::` repeats them.
 
 use crate::support::prepare;
 use crate::support::seed;
@@ -12,18 +12,18 @@ use dynrt::cosim::{model, raycast, unit_geometry, unit_tpu};
 use dynrt::golden::Caster;
 use dynrt::port::Ray;
 
-/// Transactions of each unit of the reference machine, over all its workloads.
+/// Number of transactions per unit of the reference machine, over all its workloads.
 const MANY: u64 = 1_000_000;
 
-/// Transactions of tiny scenes that meet every category many times.
+/// Number of transactions in tiny scenes with which every category occurs many times.
 const FEW: u64 = 60_000;
 
-/// Scenes that each machine of two levels casts rays into.
+/// Number of two-level scenes per machine.
 const SCENES_OF_TWO_LEVELS: u32 = 12;
 
 type Run = fn(&Config, Workload<'_>, &UnitOptions) -> anyhow::Result<UnitReport>;
 
-/// Runs a workload and shows what came of it.
+/// Runs a workload, prints its report and checks it.
 fn check(run: Run, config: &Config, workload: Workload<'_>, seed: u64) -> UnitReport {
     let report = run(config, workload, &UnitOptions::new(seed)).unwrap_or_else(|e| panic!("{e:#}"));
     println!("{}, {}", config.name, report.summary());
@@ -31,7 +31,7 @@ fn check(run: Run, config: &Config, workload: Workload<'_>, seed: u64) -> UnitRe
     report
 }
 
-/// So many transactions of tiny scenes; each category must have been met.
+/// Runs this number of transactions in tiny scenes; each category must occur.
 fn coincidences(run: Run, config: &Config, transactions: u64, seed: u64) -> u64 {
     let workload = Workload::Coincidences { transactions };
     let report = check(run, config, workload, seed);
@@ -39,9 +39,9 @@ fn coincidences(run: Run, config: &Config, transactions: u64, seed: u64) -> u64 
     let is_tpu = report.unit == "tpu";
     for (category, count) in &report.categories {
         let possible = match category {
-            // A packet of one ray does not step for a ray that is not there.
+            // A packet of one ray never steps for an absent ray.
             Category::Nan | Category::InactiveRay => config.rays_per_packet > 1 || !is_tpu,
-            // Of a few in 60,000 tests none may be.
+            // A category with few tests in 60,000 may not occur.
             Category::Clamped => transactions >= MANY / 2,
             _ => true,
         };
@@ -110,7 +110,7 @@ fn moller_trumbore_geometry_of_the_reference_machine() {
     geometry_of_the_reference_machine(TriangleTest::MollerTrumbore);
 }
 
-/// Machines that differ from the reference in all that shapes the two units.
+/// Machines that differ from the reference in all parameters of the two units.
 fn others() -> Vec<Config> {
     let single = Config {
         name: "8 rays, 8-bit exponent and 23-bit fraction, 133 MHz".into(),
@@ -154,7 +154,7 @@ fn geometry_of_other_machines() {
     }
 }
 
-/// Ray transformations of the geometry unit, and tests in objects' spaces between them.
+/// Ray transformations of the geometry unit, with tests in object space between them.
 fn transforms_of_the_reference_machine(test: TriangleTest) {
     let (config, seed) = (reference(test), seed());
     let workload = Workload::Instances { transactions: MANY };
@@ -176,7 +176,7 @@ fn moller_trumbore_transforms_of_the_reference_machine() {
     transforms_of_the_reference_machine(TriangleTest::MollerTrumbore);
 }
 
-/// The geometry unit of other machines in scenes of two levels, by its tests this time.
+/// The geometry unit of other machines in scenes of two levels, with its tests as transactions.
 #[test]
 fn two_levels_in_the_geometry_unit_of_other_machines() {
     let seed = seed();
@@ -188,7 +188,7 @@ fn two_levels_in_the_geometry_unit_of_other_machines() {
     }
 }
 
-/// Scenes of two levels through the whole ray casting unit: packet steps, ray transformations, triangle tests and hits, in all
+/// Scenes of two levels in the whole ray casting unit: packet steps, ray transformations, triangle tests and hits, in all
 /// bits, for packets of every size, with both triangle tests.
 #[test]
 fn whole_machines_of_two_levels() {
@@ -232,7 +232,7 @@ fn whole_machines_of_two_levels() {
     }
 }
 
-/// The checks check: faults in what is seldom looked at are noticed, and where only one field can show them the
+/// Faults in rarely used logic are detected, and if only one field can show a fault, the
 /// report marks that field.
 #[test]
 fn faults_are_noticed() {
@@ -240,7 +240,7 @@ fn faults_are_noticed() {
     let one_level = Workload::Coincidences { transactions: FEW };
     let two_levels = Workload::Instances { transactions: FEW };
     let faults: [(Run, Workload<'_>, Fault, &str); 8] = [
-        // A limit that is an ulp off.
+        // A limit that is wrong by an ulp.
         (
             unit_tpu::run,
             one_level,
@@ -250,7 +250,7 @@ fn faults_are_noticed() {
             },
             "unit tpu",
         ),
-        // An entry popped is never dropped.
+        // Popped entries are never dropped.
         (
             unit_tpu::run,
             one_level,
@@ -260,14 +260,14 @@ fn faults_are_noticed() {
             },
             "unit tpu",
         ),
-        // A finished packet has hit nothing.
+        // The hit mask of a finished packet is empty.
         (
             unit_tpu::run,
             one_level,
             |unit| Ok(unit.top().signal("finished_touched")?.fault().as_value(0)),
             "* rays that have hit something",
         ),
-        // Of equal distances the last wins.
+        // Of hits at equal distances, the last one is kept.
         (
             unit_geometry::run,
             one_level,
@@ -277,7 +277,7 @@ fn faults_are_noticed() {
             },
             "* replaces the closest",
         ),
-        // What is read back is an ulp off.
+        // The hit that is read back is wrong by an ulp.
         (
             unit_geometry::run,
             one_level,
@@ -294,14 +294,14 @@ fn faults_are_noticed() {
             },
             "unit tpu",
         ),
-        // The interval in an object is an ulp off.
+        // The interval in object space is wrong by an ulp.
         (
             unit_geometry::run_transform,
             two_levels,
             |unit| Ok(unit.top().signal("object_tmax")?.fault().with_flipped(1)),
             "* tmax",
         ),
-        // Triangles in an object are of instance 0.
+        // Triangles in an object are reported for instance 0.
         (
             unit_geometry::run,
             two_levels,

@@ -1,7 +1,7 @@
-//! The update processor alone, in all bits against the golden model: random topologies under memory latencies from 1 to
-//! 100 clocks and back-pressure of every kind, and whole scenes at its full pace.
+//! The update processor, compared with the golden model in all bits: random topologies with memory latencies from 1 to
+//! 100 cycles and random back-pressure, and whole scenes at full rate.
 //!
-//! Tests print their seed; `DYNRT_SEED=… cargo test --test cosim update::` replays them.
+//! Tests print their seed; `DYNRT_SEED=… cargo test --test cosim update::` repeats them.
 
 use crate::support::seed;
 #[allow(dead_code)]
@@ -18,10 +18,10 @@ use dynrt::hw::{Plan, update};
 use dynrt::program::UpdateMachine;
 use dynrt::scene::{self, MachineMesh};
 
-/// Instructions of random topologies on the reference machine.
+/// Number of instructions of random topologies on the reference machine.
 const MANY: u64 = 1_000_000;
 
-/// Those on each other machine.
+/// The same on each other machine.
 const FEW: u64 = 50_000;
 
 fn check(
@@ -36,7 +36,7 @@ fn check(
     report
 }
 
-/// So many instructions of random topologies.
+/// Random topologies with this number of instructions.
 fn random(config: &Config, instructions: u64, seed: u64) -> UpdateReport {
     let workload = Workload::Random { instructions };
     let report = check(config, workload, Traffic::Separate, &UnitOptions::new(seed));
@@ -56,7 +56,7 @@ fn random_topologies_on_the_reference_machine() {
     assert!(waits.node_wait_cycles > 0, "no wait for room for a node");
 }
 
-/// Machines that differ from the reference in all that shapes the unit.
+/// Machines that differ from the reference in all parameters of the unit.
 fn others() -> Vec<Config> {
     vec![
         Config::load("tiny").unwrap(),
@@ -110,7 +110,7 @@ fn random_machines_are_clean_verilog() {
     }
 }
 
-/// A scene as an object, its tree the machine's best.
+/// A scene as an object, with the machine's default tree.
 fn object(config: &Config, name: &str) -> UpdateObject {
     let scene = scene::load(name).unwrap();
     let mesh = MachineMesh::new(&scene, config.format()).unwrap();
@@ -121,13 +121,13 @@ fn object(config: &Config, name: &str) -> UpdateObject {
     UpdateObject::new(name, format, machine, &tree, triangles, vertices).unwrap()
 }
 
-/// The merge distance that a machine declares is the least that works: a program compiled for one less reads a register
-/// too soon, and that shows.
+/// The merge distance of a machine is the minimum: a program compiled for one less reads a register
+/// too early, and the result differs.
 #[test]
 fn a_merge_that_comes_too_soon_is_a_mismatch() {
     let seed = seed();
     for config in [vec![Config::reference()], others()].concat() {
-        // A strip along which every box reaches further than those before it.
+        // A strip in which every box extends beyond the previous ones.
         let steps = (0..14).map(|k| (f64::from(k % 4) + 4.0) * f64::from(1 << (k / 4)) / 4.0);
         let vertices: Vec<[f64; 3]> = steps.map(|x| [x, x, -x]).collect();
         let triangles: Vec<[u32; 3]> = (0..12).map(|k| [k, k + 1, k + 2]).collect();
@@ -159,7 +159,7 @@ fn a_merge_that_comes_too_soon_is_a_mismatch() {
     }
 }
 
-/// Scenes with one memory of 16 bytes a clock behind all ports, answering after 8 clocks.
+/// Scenes with one memory of 16 bytes per cycle behind all ports and a latency of 8 cycles.
 fn at_full_pace(scenes: &[String]) -> Vec<UpdateFigures> {
     let (config, seed) = (Config::reference(), seed());
     let objects: Vec<_> = scenes.iter().map(|name| object(&config, name)).collect();

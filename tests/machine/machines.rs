@@ -1,7 +1,7 @@
 //! Machines of other configurations: each is generated, linted by three tools, and co-simulated unit by unit and as a whole.
 //!
-//! Tests print their seed; `DYNRT_SEED=… cargo test --test machine machines::` replays them. With
-//! `DYNRT_FULL=1` there are twenty of them, and the named configurations are given more to do.
+//! Tests print their seed; `DYNRT_SEED=… cargo test --test machine machines::` repeats them. `DYNRT_FULL=1` runs
+//! twenty random machines, and larger workloads on the named configurations.
 
 use crate::support::say::say;
 use crate::support::{full, seed};
@@ -15,7 +15,7 @@ use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
-/// Checks machines, and that something was checked in every stage.
+/// Checks machines, and that every stage checked something.
 fn check(bench: &Workbench, options: &Options) -> Report {
     let report = run(bench, options, &mut |event| {
         if let Event::Passed(_, passed) = event {
@@ -103,7 +103,7 @@ fn chosen() -> Vec<Config> {
     named.chain(rows).chain(each).collect()
 }
 
-/// Their units alone are tested elsewhere (`units`, `update`, `skinning`).
+/// Their single units are tested elsewhere (`units`, `update`, `skinning`).
 #[test]
 fn named_configurations_and_those_that_differ_most() {
     let (seed, bench) = (seed(), Workbench::new().unwrap());
@@ -127,11 +127,11 @@ fn named_configurations_and_those_that_differ_most() {
     }
 }
 
-/// A fault planted in one unit's Verilog is found, its machine is shrunk to the reference and next to nothing to do, and the
-/// command that is printed makes that case again.
+/// A seeded fault in one unit is detected, its machine is shrunk to the reference machine with a minimal workload, and the
+/// printed command reproduces that case.
 #[test]
 fn a_planted_fault_is_found_and_shrunk() {
-    // Every box that is written is wrong in all bits. (Update processors are small, and quickly built.)
+    // Every written box is wrong in all bits. (Update processors are small and quick to build.)
     let fault: Fault = |unit| Ok(unit.top().signal("box_write_data")?.fault().inverted());
     let bench = Workbench::new().unwrap().with_fault(Stage::Update, fault);
     let options = Options {
@@ -174,7 +174,7 @@ fn a_planted_fault_is_found_and_shrunk() {
     assert!(checked.unwrap()[0].count > 0);
 }
 
-/// A machine that is asked nothing, or no machine, is an error and no success.
+/// A run without checks or without machines is an error.
 #[test]
 fn nothing_to_check_is_an_error() {
     let bench = Workbench::new().unwrap();
@@ -193,7 +193,7 @@ fn dynrt(arguments: &str) -> std::process::Output {
     command.args(arguments.split_whitespace()).output().unwrap()
 }
 
-/// The machines that the command lists are those of the library, and their settings make them again.
+/// The machines that the command lists are those of the library, and their settings reproduce them.
 #[test]
 fn listed_machines_are_the_seeds() {
     let output = dynrt("fuzz --machines 3 --seed 12 --list");
@@ -239,9 +239,9 @@ fn bad_requests_get_one_clear_line() {
     }
 }
 
-// The FuseSoC core that is generated beside a machine, by the real FuseSoC.
+// The generated FuseSoC core in the real FuseSoC.
 
-/// FuseSoC, where `make deps` has put it or wherever else it is.
+/// FuseSoC, as installed by `make deps` or found in the path.
 fn fusesoc() -> Option<PathBuf> {
     let named = std::env::var_os("DYNRT_TOOLS");
     let searched = std::env::var_os("PATH");
@@ -259,7 +259,7 @@ fn fusesoc() -> Option<PathBuf> {
     found
 }
 
-/// Writes machines, with trace ports or without, each into a folder that is called after its prefix.
+/// Writes machines, with or without trace ports, each into a folder named after its prefix.
 fn workspace(machines: &[(&Config, bool, &str)]) -> tempfile::TempDir {
     let folder = tempfile::tempdir().unwrap();
     for (config, trace, prefix) in machines {
@@ -271,7 +271,7 @@ fn workspace(machines: &[(&Config, bool, &str)]) -> tempfile::TempDir {
     folder
 }
 
-/// Runs a target of a core of a workspace; returns whether it was content, and what it said.
+/// Runs a target of a core in a workspace; returns whether it succeeds, and its output.
 fn fuse(
     fusesoc: &Path,
     workspace: &Path,
@@ -297,7 +297,7 @@ fn fuse(
     (output.status.success(), said.into_owned())
 }
 
-/// The smallest machine that there is.
+/// The smallest possible machine.
 fn least() -> Config {
     let mut config = Config::load("tiny").unwrap();
     for (key, value) in [
@@ -347,7 +347,7 @@ fn fusesoc_lints_simulates_and_synthesises() {
     }
     let (passes, said) = run("sim_verilator", &cores[1], &[]);
     assert!(passes && said.contains("\nPASS "), "{said}");
-    // Module by module it takes seconds, flattened minutes.
+    // This takes seconds module by module, and minutes for the flattened design.
     let (passes, said) = run("synth", &cores[1], &["--yosys_synth_options=-noflatten"]);
     assert!(passes, "{said}");
     let built = folder

@@ -1,4 +1,4 @@
-//! What is generated: the machine, its vectors, machines of other configurations.
+//! Generated files: machines, golden vectors, machines of other configurations.
 
 mod machines;
 mod rtl_current;

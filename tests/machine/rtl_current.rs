@@ -1,4 +1,4 @@
-//! `rtl/` holds the reference machine as the program generates it.
+//! `rtl/` contains the reference machine exactly as the program generates it.
 
 use dynrt::config::Config;
 use dynrt::cosim::model::{Port, Sources, lint};
@@ -49,7 +49,7 @@ fn the_checked_in_machine_is_what_is_generated() {
     }
 }
 
-/// Every module says where it is from and keeps within 100 columns, and few assignments do no more than give a second name.
+/// Every module states its origin and has at most 100 columns, and few assignments only rename a signal.
 #[test]
 fn the_verilog_is_easy_to_read() {
     let (machine, files) = emit::generate(&Config::reference()).unwrap();
@@ -70,7 +70,7 @@ fn the_verilog_is_easy_to_read() {
                 let plain = |c: char| c.is_ascii_alphanumeric() || c == '_';
                 sides.1.chars().all(plain).then_some(sides)
             });
-            // A register that a port shows has a name of its own.
+            // A register that is shown at a port has its own name.
             let register = |name: &str| {
                 text.lines().any(|line| {
                     let declared = line.trim_start().trim_start_matches("output ");
@@ -88,7 +88,7 @@ fn the_verilog_is_easy_to_read() {
     assert!(renamed.len() <= 20, "{}", renamed.join("\n"));
 }
 
-/// Every name in the Verilog is one that the description gives, or follows from one: of a port, a field, a register, a memory.
+/// Every name in the Verilog is given by the description, or derived from the name of a port, a field, a register or a memory.
 #[test]
 fn no_name_is_made_up() {
     let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("configs");
@@ -118,7 +118,7 @@ fn no_name_is_made_up() {
     assert!(made_up.is_empty(), "{}", made_up.join("\n"));
 }
 
-/// The page that leads through the hierarchy names every module of the reference machine, and no other.
+/// The page about the hierarchy names exactly the modules of the reference machine.
 #[test]
 fn the_guide_names_every_module() {
     let page = Path::new(env!("CARGO_MANIFEST_DIR")).join("docs/hierarchy.md");
@@ -138,7 +138,7 @@ fn the_guide_names_every_module() {
     println!("modules named: {}", named.len());
 }
 
-/// Whether Yosys proves that a unit of the library is its module with some parameters.
+/// Whether Yosys proves that a library unit equals its module with some parameters.
 fn is_one_of_the_library(design: &Design, unit: &Arc<Module>, parameters: &[(&str, u32)]) -> bool {
     let folder = tempfile::tempdir().unwrap();
     let mut scripts = vec![];
@@ -182,7 +182,7 @@ fn is_one_of_the_library(design: &Design, unit: &Arc<Module>, parameters: &[(&st
     !differs
 }
 
-/// A unit of the library, which is simulated and proved by itself, and the module with parameters that stands for it in the machine's
+/// A library unit, which is simulated and proved alone, and the module with parameters that replaces it in the machine's
 /// Verilog are the same circuit.
 #[test]
 fn each_size_is_the_module_with_its_parameters() {
@@ -204,7 +204,7 @@ fn each_size_is_the_module_with_its_parameters() {
             }
             comparisons.push((design, unit, parameters.clone(), true));
             if families.insert(unit.module_name().to_string()) {
-                // And with another parameter it is not: the alternative, or words more.
+                // With another parameter they differ: the other variant, or more words.
                 let last = parameters.len().min(2) - 1;
                 parameters[last].1 = if last == 0 {
                     1 - parameters[last].1
@@ -230,7 +230,7 @@ fn each_size_is_the_module_with_its_parameters() {
     );
 }
 
-/// Two machines of different configurations stand in one design: the three tools take all of it without a word.
+/// Two machines of different configurations in one design: the three tools accept it without warnings.
 #[test]
 fn two_machines_elaborate_together() {
     let machine = |name: &str, prefix: &str| {
@@ -274,7 +274,7 @@ fn two_machines_elaborate_together() {
     };
     lint(&together).unwrap();
 
-    // One module under the other machine's name: what is declared twice is noticed.
+    // With a module under the other machine's name, the duplicate declaration is reported.
     let twice = Sources {
         files: (files.into_iter())
             .map(|(name, text)| (name, text.replace("small_fp_mul", "dynrt_fp_mul")))
@@ -284,7 +284,7 @@ fn two_machines_elaborate_together() {
     assert!(lint(&twice).is_err());
 }
 
-/// The same configuration gives the same text, to the byte, in every thread.
+/// The same configuration gives the same bytes in every thread.
 #[test]
 fn the_machine_is_the_same_every_time() {
     let emit = || {
@@ -302,7 +302,7 @@ fn the_machine_is_the_same_every_time() {
     }
 }
 
-/// The page on synthesis has the table of registers that the target clock asks for, row by row.
+/// The page about synthesis contains the table of clock thresholds, row by row.
 #[test]
 fn the_page_has_the_table_of_registers() {
     let page = Path::new(env!("CARGO_MANIFEST_DIR")).join("docs/synthesis.md");

@@ -1,4 +1,4 @@
-//! Golden vectors, checked by who knows only the files: an independent checker here, the Verilog benches in `sim/`.
+//! Golden vectors, checked only by their files: with an independent checker here, and with the Verilog benches in `sim/`.
 
 mod checker;
 
@@ -22,14 +22,14 @@ use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
 
-/// A machine, a scene and a size of its picture, each of another kind.
+/// Different machines, each with a scene and a picture size.
 const CASES: [(&str, &str, &str); 3] = [
     ("virtex4-lx160", "builtin:sphere?level=1", "8x6"),
     ("tiny", "builtin:cornell", "6x4"),
     ("dynrt-2006", "builtin:knot?segments=12&sides=3", "8x6"),
 ];
 
-/// Scenes that move: one of two levels, one that is skinned.
+/// Animated scenes: one of two levels, one with skinning.
 const MOVING: [(&str, &str, &str); 2] = [
     ("virtex4-lx160", "builtin:reef?fish=3", "10x6"),
     ("dynrt-2006", "builtin:figure?detail=36", "8x6"),
@@ -44,7 +44,7 @@ struct Case {
     frame: Frame,
     camera: Camera,
     log2_scale: i32,
-    /// Seconds into the motion.
+    /// The time within the motion.
     seconds: Option<f64>,
 }
 
@@ -76,7 +76,7 @@ impl Case {
         }
     }
 
-    /// A scene that moves, a while after its motion began.
+    /// An animated scene at a time after its start.
     fn moving((config, spec, size): (&str, &'static str, &str)) -> Case {
         let config = Config::load(config).unwrap();
         let scene = scene::load_animated(spec).unwrap();
@@ -131,7 +131,7 @@ impl Case {
         write(&self.request(out)).unwrap()
     }
 
-    /// The machine, with trace ports or without.
+    /// The machine, with or without trace ports.
     fn machine(&self, trace: bool) -> hw::Machine {
         hw::core::emit(&Plan::new(&self.config).unwrap().with_trace(trace)).unwrap()
     }
@@ -144,13 +144,13 @@ impl Case {
     }
 }
 
-/// A folder of vectors, read as `docs/vectors.md` says and in no other way.
+/// A folder of vectors, read only as `docs/vectors.md` defines.
 struct Vectors {
     folder: PathBuf,
     manifest: Value,
 }
 
-/// A line of a file: bits by the names of fields.
+/// A line of a file: bits by names of fields.
 struct Line<'a> {
     digits: Vec<u8>,
     fields: &'a HashMap<String, (u32, u32)>,
@@ -213,7 +213,7 @@ impl Vectors {
         fields.iter().map(entry).collect()
     }
 
-    /// Calls `check` with every line, checks that there are as many as the manifest says, and returns their number.
+    /// Calls `check` with every line, checks the number of lines against the manifest, and returns it.
     fn lines<'a>(&self, file: &str, fields: &'a HashMap<String, (u32, u32)>) -> Vec<Line<'a>> {
         let text = fs::read_to_string(self.folder.join(file)).unwrap();
         let layout = self.file(file)["layout"].as_str().unwrap();
@@ -234,8 +234,8 @@ impl Vectors {
         lines
     }
 
-    /// Recomputes every transaction of a unit; `expect` gives names of expected fields and their values. Every bit that
-    /// the care file names must be recomputed, and no other is compared. Returns the number of transactions.
+    /// Recomputes every transaction of a unit; `expect` returns the names of expected fields and their values. Exactly the bits of
+    /// the care file must be recomputed and are compared. Returns the number of transactions.
     fn unit(&self, unit: &str, expect: impl Fn(&Line<'_>) -> Vec<(String, u64)>) -> usize {
         let units = self.manifest["units"].as_array().unwrap();
         let described = units.iter().find(|u| u["unit"] == unit).unwrap();
@@ -276,7 +276,7 @@ impl Vectors {
 struct Machine {
     f: Format,
     watertight: bool,
-    /// A rule of the triangle test that it does not know.
+    /// A rule of the triangle test that is left out.
     without: Option<Rule>,
 }
 
@@ -289,7 +289,7 @@ enum Rule {
     FlatBox,
 }
 
-/// A ray as traversal and triangle tests read it.
+/// A ray with the fields that traversal and triangle tests read.
 struct Setup {
     origin: [u64; 3],
     direction: [u64; 3],
@@ -383,7 +383,7 @@ impl Machine {
         }
     }
 
-    /// What a line of `triangle_test_stimulus.hex` says of a ray.
+    /// The ray in a line of `triangle_test_stimulus.hex`.
     fn given(self, line: &Line<'_>) -> Setup {
         let watertight = self.watertight;
         Setup {
@@ -412,7 +412,7 @@ impl Machine {
         }
     }
 
-    /// The rounded sum of a point or a direction's products with the columns of a matrix.
+    /// The rounded sum of the products of a point or a direction with the columns of a matrix.
     fn linear(self, columns: &[[u64; 3]; 4], i: usize, v: [u64; 3]) -> u64 {
         let f = self.f;
         let product = |k: usize| plain::mul(f, columns[k][i], v[k]);
@@ -427,7 +427,7 @@ impl Machine {
         [0, 1, 2].map(|i| self.linear(columns, i, v))
     }
 
-    /// The ray in an instance's object, if it enters.
+    /// The ray in an instance's object space, if it enters.
     fn enter(self, instance: &Placed, ray: &Setup) -> Option<Setup> {
         let f = self.f;
         let everywhere = [self.infinity(true), self.infinity(false)];
@@ -532,17 +532,17 @@ impl Machine {
     }
 }
 
-/// An instance, as memory says.
+/// An instance, as read from memory.
 struct Placed {
     columns: [[u64; 3]; 4],
     lo: [u64; 3],
     hi: [u64; 3],
     number: u64,
-    /// Its object's root.
+    /// The root of its object.
     root: u64,
 }
 
-/// By root: numbers and corners of its triangles.
+/// By root: numbers and vertices of its triangles.
 type Triangles = Vec<(u64, [[u64; 3]; 3])>;
 
 /// A scene in the files.
@@ -550,13 +550,13 @@ struct Place {
     root: u64,
     lo: [u64; 3],
     hi: [u64; 3],
-    /// None in a scene of one level: an object of which nothing stands anywhere else.
+    /// Empty in a scene of one level, whose only object is in the world.
     instances: Vec<Placed>,
     objects: HashMap<u64, Triangles>,
 }
 
 impl Place {
-    /// Counts in `reached` how often each record is.
+    /// Counts in `reached` how often each record is reached.
     fn read(
         registers: &Line<'_>,
         (nodes, records): (&[Line<'_>], &[Line<'_>]),
@@ -605,7 +605,7 @@ impl Place {
         }
     }
 
-    /// The box is that of all triangles, or of all instances' boxes.
+    /// Checks that the box is that of all triangles, or of all instances' boxes.
     fn check_bounds(&self, f: Format) {
         let corners: Vec<[u64; 3]> = match self.instances.is_empty() {
             true => self.objects[&self.root]
@@ -765,7 +765,7 @@ fn check(folder: &Path, summary: &Summary) {
     });
     assert!(tests as u64 > summary.tests && summary.tests > 0);
 
-    // Whole rays, with no tree at all.
+    // Whole rays, by brute force.
     let fields = ["raycast_rays.hex", "raycast_hits.hex"].map(|file| vectors.fields(file));
     let lines = vectors.lines("raycast_rays.hex", &fields[0]);
     let hits = vectors.lines("raycast_hits.hex", &fields[1]);
@@ -829,7 +829,7 @@ fn check(folder: &Path, summary: &Summary) {
         "hits of any-hit rays, hits, misses: {counts:?}"
     );
 
-    // The packets' parts of the units' lines lie one after the other.
+    // The parts of the packets in the units' files are consecutive.
     let parts = ["step", "test", "transform"];
     let mut next = [0; 3];
     for packet in &packets {
@@ -840,7 +840,7 @@ fn check(folder: &Path, summary: &Summary) {
     }
     assert_eq!(next, [summary.steps, summary.tests, summary.transforms]);
 
-    // Ray transformations: of the packet's rays, by the instance's vectors in memory.
+    // Ray transformations of the packet's rays, with the instance's vectors in memory.
     if places.iter().any(|place| !place.instances.is_empty()) {
         let transforms = vectors.unit("ray_transform", |line| {
             let record = &records[line.get("record") as usize];
@@ -889,7 +889,7 @@ fn check(folder: &Path, summary: &Summary) {
     assert_eq!(files, summary.files);
 }
 
-/// What the manifest says of files: sums, parts, canonical numbers.
+/// Checks the manifest's entries of files: checksums, parts, canonical numbers.
 fn check_files(vectors: &Vectors, f: Format) {
     for file in vectors.manifest["files"].as_array().unwrap() {
         let name = file["file"].as_str().unwrap();
@@ -917,7 +917,7 @@ fn check_files(vectors: &Vectors, f: Format) {
         if name.starts_with("fp_") || name.contains("_care") || name == "update_program.hex" {
             continue;
         }
-        // −0 is in rays, and in what ray setup passes on of them.
+        // −0 occurs only in rays, and in the results of ray setup that pass them on.
         let layout = vectors.manifest["layouts"][layout]["fields"]
             .as_array()
             .unwrap();
@@ -942,7 +942,7 @@ fn check_files(vectors: &Vectors, f: Format) {
     }
 }
 
-/// Indices lie within the machine's addresses; of rays outside the mask nothing is said.
+/// Checks that indices are within the machine's addresses, and that rays outside the mask are not compared.
 fn check_steps(vectors: &Vectors, rays: usize) {
     let f = vectors.format();
     let most = 1 << vectors.number("/machine/address_bits");
@@ -969,7 +969,7 @@ fn check_steps(vectors: &Vectors, rays: usize) {
     assert!(outside > 0 || rays == 1);
 }
 
-/// Runs every update program on the files, as `docs/update.md` says. Returns updates and nodes written.
+/// Runs every update program on the files, as `docs/update.md` defines. Returns the numbers of updates and of nodes written.
 fn check_updates(vectors: &Vectors, f: Format) -> [u64; 2] {
     let files = [
         "update_program.hex",
@@ -1018,7 +1018,7 @@ fn check_updates(vectors: &Vectors, f: Format) -> [u64; 2] {
         let mut b: [Option<Region>; 64] = [None; 64];
         let (mut next_vertex, mut next_node) = (of("vertex_base"), of("node_base"));
         let (mut last, mut free, mut fresh) = (0, vec![], 0);
-        // By register, the index of the vertex in it; and the indices of each leaf.
+        // For each register, the index of its vertex; and the indices of each leaf.
         let (mut held, mut leaves) = ([0; 64], vec![]);
         loop {
             let word = (0..5).rev().fold(0u64, |word, k| {
@@ -1138,7 +1138,7 @@ fn check_updates(vectors: &Vectors, f: Format) -> [u64; 2] {
             moved += u64::from(due != node.get(name));
         }
     }
-    // The motion is seen, the guards between the objects are as they were.
+    // The vertices have moved, and the fillers between the objects are unchanged.
     assert!(moved > 0);
     assert!(written.iter().filter(|line| line.is_none()).count() > commands.len());
     assert_eq!(next_write, writes.len());
@@ -1147,7 +1147,7 @@ fn check_updates(vectors: &Vectors, f: Format) -> [u64; 2] {
     [commands.len() as u64, next_write as u64]
 }
 
-/// The records of updated objects: a leaf of the program has its record's vertices. And what lies between the objects.
+/// Checks the records of updated objects: a leaf of the program has its record's vertices. Also checks the fillers between the objects.
 fn check_update_records(
     vectors: &Vectors,
     nodes: &[Line<'_>],
@@ -1159,7 +1159,7 @@ fn check_update_records(
     assert_eq!(nodes.len(), records.len());
     let count = leaves.len() as u64;
     let base = command.get("node_base");
-    // The root is the last node; one triangle has none.
+    // The root is the last node; an object of one triangle has none.
     let root = match count {
         1 => 1 << 26 | base,
         _ => base + count - 2,
@@ -1187,7 +1187,7 @@ fn check_update_records(
     assert_eq!(nodes[base as usize - 1].get("link"), (1 << 26) - 1);
 }
 
-/// Skins every mesh of the files. Returns meshes and vertices.
+/// Skins every mesh of the files. Returns the numbers of meshes and vertices.
 fn check_skins(vectors: &Vectors, machine: Machine) -> [u64; 2] {
     let f = machine.f;
     let files = [
@@ -1256,7 +1256,7 @@ fn check_skins(vectors: &Vectors, machine: Machine) -> [u64; 2] {
     [commands.len() as u64, next as u64]
 }
 
-/// What a packet step must give, by the names of expected fields.
+/// The expected results of a packet step, by names of fields.
 fn step(machine: Machine, rays: usize, line: &Line<'_>) -> Vec<(String, u64)> {
     let f = machine.f;
     let mask = line.get("mask");
@@ -1335,7 +1335,7 @@ fn files_alone_tell_every_result() {
         let summary = case.write(&out);
         println!("{}, {}: {summary:?}", case.config.name, case.spec);
         check(&out, &summary);
-        // Each distinct object, and each skinned one, beside those that are always there.
+        // Each distinct object and each skinned one, in addition to the directed ones.
         let of_scene = [summary.updates - 20, summary.skins - 12];
         let (objects, skinned) = match case.spec {
             "builtin:reef?fish=3" => (4, 0),
@@ -1362,7 +1362,7 @@ fn files_alone_tell_every_result() {
         check(&out, &summary);
         assert_eq!(scenes_of(&out).len(), 4);
     }
-    // As much as can be addressed is written, and no more.
+    // As many as the machine can address are written.
     let config = Config {
         address_bits: 8,
         ..Config::reference()
@@ -1375,7 +1375,7 @@ fn files_alone_tell_every_result() {
     check(&out, &summary);
 }
 
-/// A scene of the files as the golden model reads it; slots and vertices of other scenes are zeros.
+/// A scene of the files as the golden model reads it; slots and vertices of other scenes are zero.
 fn image_of(vectors: &Vectors, scene: usize) -> MemoryImage {
     let f = vectors.format();
     let read = |file: &str, record: Record| {
@@ -1403,14 +1403,14 @@ fn image_of(vectors: &Vectors, scene: usize) -> MemoryImage {
     image
 }
 
-/// What a packet does that a machine with one rule changed would do otherwise.
+/// Events of a packet that would differ in a machine with one rule changed.
 #[derive(Default)]
 struct Told {
     /// By slot: distance, instance and triangle of each hit, in the order of the tests.
     hits: [Vec<(f64, u32, u32)>; 8],
-    /// The instance record whose rays come, whether one of them enters, and whether one would if a NaN did.
+    /// The record of the current instance, whether one of the rays enters, and whether one would enter if NaNs were accepted.
     entry: Option<(u32, bool, bool)>,
-    /// Instances that no ray enters, and one would.
+    /// Number of instances that no ray enters although one would with that change.
     kept_out: usize,
 }
 
@@ -1442,7 +1442,7 @@ impl Observer for Told {
     }
 }
 
-/// How often each changed rule shows in the packets of a scene: first found, last found, triangle in front of the instance, NaN enters.
+/// The number of effects of each changed rule in the packets of a scene: first hit kept, last hit kept, triangle compared before instance, NaN enters.
 fn packets_tell(vectors: &Vectors, scene: usize) -> [usize; 4] {
     let f = vectors.format();
     let test = match vectors.manifest["triangle_test"] == "watertight" {
@@ -1498,7 +1498,7 @@ fn packets_tell(vectors: &Vectors, scene: usize) -> [usize; 4] {
     told
 }
 
-/// How many lines of triangle tests a test without one rule fails.
+/// The number of triangle tests that fail without one rule.
 fn tests_tell(vectors: &Vectors, without: Rule) -> usize {
     let machine = Machine {
         f: vectors.format(),
@@ -1546,7 +1546,7 @@ fn directed_vectors_tell_each_rule() {
     }
 }
 
-/// The macros that `docs/vectors.md` derives from the manifest.
+/// The macros, derived from the manifest as `docs/vectors.md` defines.
 fn macros_of(manifest: &Value) -> BTreeMap<String, String> {
     let mut macros = BTreeMap::new();
     let mut define = |name: String, value: String| {
@@ -1587,7 +1587,7 @@ fn macros_of(manifest: &Value) -> BTreeMap<String, String> {
     macros
 }
 
-/// Every port of a unit's module, and what lies on it. Returns the fields that lie on ports.
+/// Checks every port of a unit's module and its contents. Returns the fields on ports.
 fn check_ports(unit: &Value, layouts: &Value, design: &Design) -> BTreeSet<(String, String)> {
     let module = design.modules().iter();
     let module = module
@@ -1638,7 +1638,7 @@ fn check_ports(unit: &Value, layouts: &Value, design: &Design) -> BTreeSet<(Stri
                     of("port_lsb") + of("width") <= u64::from(real.width),
                     "{place}"
                 );
-                // Only an index is wider than its port.
+                // Only an index can be wider than its port.
                 let whole = of("width") == width
                     || width == 26
                     || of("width") == 1
@@ -1684,7 +1684,7 @@ fn the_manifest_says_all_of_the_macros_and_ports() {
         }
         let tag_bits = |unit: usize, memory: usize| &units[unit]["memories"][memory]["tag_bits"];
         assert_eq!(tag_bits(0, 2), &manifest["machine"]["vertex_tag_bits"]);
-        // All that goes into a pipeline and comes out of it.
+        // All inputs and outputs of a pipeline.
         for (name, layout) in manifest["layouts"].as_object().unwrap() {
             let pipeline = [
                 "ray_setup_",
@@ -1757,7 +1757,7 @@ fn what_would_be_too_large_is_refused_before_anything_is_written() {
 fn hits_can_be_drawn_as_a_picture() {
     let folder = tempfile::tempdir().unwrap();
     let out = folder.path().join("vectors");
-    // Blocks of 2 by 2 do not divide it.
+    // The size is not a multiple of blocks of 2 by 2.
     let case = Case::new(("virtex4-lx160", CASES[0].1, "9x7"));
     case.write(&out);
     let vectors = Vectors::open(&out);
@@ -1788,7 +1788,7 @@ fn hits_can_be_drawn_as_a_picture() {
     assert_eq!(drawn.len(), 63);
 }
 
-/// Runs the Verilog benches; returns whether they pass, and what they say.
+/// Runs the Verilog benches; returns whether they pass, and their output.
 fn run(vectors: &Path, rtl: &Path, arguments: &[&str]) -> (bool, String) {
     let script = Path::new(env!("CARGO_MANIFEST_DIR")).join("sim/run.sh");
     let Output {
@@ -1815,7 +1815,7 @@ fn workplace(name: &str) -> PathBuf {
 fn verilog_benches_replay_them() {
     let mut cases: Vec<Case> = CASES.into_iter().map(Case::new).collect();
     cases.extend(MOVING.into_iter().map(Case::moving));
-    // More packets at a time than there are tags, another format, a faster clock.
+    // More packets in flight than tags, another format, a faster clock.
     let config = Config {
         name: "few-tags".into(),
         rays_per_packet: 2,
@@ -1849,7 +1849,7 @@ fn verilog_benches_replay_them() {
                     summary.rays, summary.steps, summary.tests, summary.transforms
                 );
                 assert!(said.contains(&expected), "{said}");
-                // Without trace ports, hits are compared and all else is counted.
+                // Without trace ports, hits are compared and other events are counted.
                 let plain = folder.join("plain");
                 built.write_rtl(false, &plain);
                 let (passes, said_plain) = run(&out, &plain, &["raycast", "skinning"]);
@@ -1893,7 +1893,7 @@ fn the_benches_find_what_is_wrong() {
     let seed = seed();
     let mut rng = fastrand::Rng::with_seed(seed);
 
-    // Nothing is: with memories and neighbours that come and go.
+    // The vectors pass with irregular memories and neighbours.
     let seed_argument = format!("+seed={}", seed & 0x7fff_ffff);
     let surroundings = [
         "raycast",
@@ -1947,7 +1947,7 @@ fn the_benches_find_what_is_wrong() {
             .lines()
             .map(String::from)
             .collect();
-        // Early, so that the bench ends soon.
+        // Early in the file, so the bench ends soon.
         let number = rng.usize(..lines.len().min(300));
         let line = &mut lines[number];
         let digit = u8::from_str_radix(&line.split_off(line.len() - 1), 16).unwrap();
@@ -1958,8 +1958,8 @@ fn the_benches_find_what_is_wrong() {
         assert!(!passes && said.starts_with(&expected), "{expected}: {said}");
     }
 
-    // What goes in is seen as well: a bit of a field is changed in all lines. (In an exponent: a box notices a vertex, whatever
-    // its place, only if it moves far.)
+    // Changes of stimuli are detected as well: a bit of a field is changed in all lines. (It is in an exponent, because a box
+    // changes with any one of its vertices only if the vertex moves far.)
     for (bench, file, field, bit) in [
         ("update", "update_vertices.hex", "x", 20),
         ("update", "update_nodes_before.hex", "link", 0),
@@ -1988,7 +1988,7 @@ fn the_benches_find_what_is_wrong() {
         assert!(said.contains(".hex"), "{file}: {said}");
     }
 
-    // What the packets do inside is compared as well.
+    // Events inside the unit are compared as well.
     let steps = Vectors::open(&good).number("/packet_steps") as usize;
     let tests = Vectors::open(&good).number("/ray_triangle_tests") as usize;
     for (file, belonging) in [
@@ -2008,7 +2008,7 @@ fn the_benches_find_what_is_wrong() {
         assert!(!passes && said.starts_with(&expected), "{expected}: {said}");
     }
 
-    // Without trace ports, how much they do: a packet has a step more or less than it should.
+    // Without trace ports, the number of events is compared: a packet has one step more or less than expected.
     let plain = folder.join("plain");
     case.write_rtl(false, &plain);
     copy(&good, &changed);
@@ -2062,7 +2062,7 @@ fn the_benches_find_what_is_wrong() {
         assert!(!passes && said == expected, "{said}");
     }
 
-    // Nothing to check.
+    // A file without lines.
     let header = fs::read_to_string(changed.join("vectors.vh")).unwrap();
     let lines = format!("DYNRT_RAYCAST_HITS_LINES {last}\n");
     assert!(header.contains(&lines));
@@ -2105,7 +2105,7 @@ fn the_same_request_writes_the_same_files() {
     let [first, second] = ["first", "second"].map(|name| folder.path().join(name));
     let summary = case.write(&first);
     assert_eq!(summary, case.write(&second));
-    // Again in the place of the first.
+    // Again, to the same place.
     case.write(&first);
     for entry in fs::read_dir(&first).unwrap() {
         let name = entry.unwrap().file_name();
@@ -2312,7 +2312,7 @@ fn the_layout_page_says_what_the_layout_is() {
     assert_eq!(link.children(7), [Target::Record(7), Target::Node(5)]);
 }
 
-/// A layout as the page shows it: the fields of all rays of a packet but the first are one row.
+/// A layout in the form of the page: the fields of all rays of a packet except the first are one row.
 fn layout_table(layout: &Value) -> String {
     let fields = layout["fields"].as_array().unwrap();
     let text = |field: &Value, key: &str| field[key].as_str().unwrap().to_string();
@@ -2418,7 +2418,7 @@ fn the_vectors_page_says_what_the_reference_machines_layouts_are() {
     }
     let numbers = ["t", "u", "v"].map(|name| Format::FP24.to_f64(line.get(name)));
     assert_eq!(numbers, [5.625, 0.75, 0.25]);
-    // Every file is spoken of, if only by its unit's name in braces.
+    // Every file is mentioned, at least by its unit's name in braces.
     for file in fs::read_dir(&out).unwrap() {
         let name = file.unwrap().file_name().into_string().unwrap();
         let stem = name.split('.').next().unwrap();

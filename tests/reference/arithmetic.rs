@@ -1,7 +1,7 @@
-//! The arithmetic, both implementations of it, against two oracles that this project did not write: the
+//! Both implementations of the arithmetic, compared with two independent oracles: the
 //! processor's `f64` followed by one rounding, and `rustc_apfloat`.
 //!
-//! Random tests print their seed; `DYNRT_SEED=… cargo test --test reference arithmetic::` replays them.
+//! Random tests print their seed; `DYNRT_SEED=… cargo test --test reference arithmetic::` repeats them.
 
 use dynrt::float::{Arithmetic, Format, plain, specials};
 use fastrand::Rng;
@@ -11,11 +11,11 @@ use rustc_apfloat::{Float, FloatConvert};
 use std::cmp::Ordering;
 use std::sync::OnceLock;
 
-/// What the arithmetic is compared with: operations on the bit patterns of one format.
+/// An independent implementation of the operations on the bit patterns of one format.
 trait Oracle: Sync {
-    /// The number of a pattern, exactly.
+    /// The value of a pattern, exactly.
     fn value(&self, bits: u64) -> f64;
-    /// The pattern that stands for the same as `bits`.
+    /// The canonical pattern with the meaning of `bits`.
     fn canonical(&self, bits: u64) -> u64;
     /// Any `f64`, rounded.
     fn round(&self, value: f64) -> u64;
@@ -28,8 +28,8 @@ trait Oracle: Sync {
     fn neighbour(&self, bits: u64, up: bool) -> u64;
 }
 
-/// The processor's `f64`, then one rounding. Unlike the implementation under test it never looks into an
-/// `f64`'s bits: it scales by powers of two and rounds to integers.
+/// The processor's `f64`, then one rounding. Unlike the implementation under test it does not use the bits of an
+/// `f64`: it scales by powers of two and rounds to integers.
 struct Hardware {
     format: Format,
     /// 2^−1022, 2^−1021, … 2^1023.
@@ -123,7 +123,7 @@ impl Oracle for Hardware {
         } else if rounded > self.greatest {
             return sign | format.infinity();
         }
-        // The first significand is a power of two, so that a carry into the next exponent needs no case.
+        // The first significand is a power of two, so a carry into the next exponent needs no special case.
         let stored_exponent = (exponent + format.bias()) as u64;
         let scale = 1 << format.fraction_bits();
         sign | (stored_exponent * scale + significand as u64 - scale)
@@ -171,8 +171,8 @@ impl Oracle for Hardware {
     }
 }
 
-/// `rustc_apfloat` with 12 exponent bits, so that no operation on numbers of at most 10 reaches its
-/// subnormals or its infinity; then the format's own bounds.
+/// `rustc_apfloat` with 12 exponent bits, so that no operation on numbers with at most 10 reaches its
+/// subnormals or its infinity; then the limits of the format.
 struct Apfloat<const FRACTION_BITS: usize>(Format);
 
 struct Wide<const FRACTION_BITS: usize>;
@@ -204,7 +204,7 @@ impl<const FRACTION_BITS: usize> Apfloat<FRACTION_BITS> {
         if negative { -magnitude } else { magnitude }
     }
 
-    /// The pattern of a result that keeps the sign of a zero.
+    /// The pattern of a result with the sign of a zero kept.
     fn narrow(&self, wide: IeeeFloat<Wide<FRACTION_BITS>>) -> u64 {
         let sign = if wide.is_negative() {
             self.0.sign_bit()
@@ -279,7 +279,7 @@ impl<const FRACTION_BITS: usize> Oracle for Apfloat<FRACTION_BITS> {
         if !wide.is_finite() {
             self.narrow(wide)
         } else if wide.is_zero() {
-            // The wider format has numbers between zero and this one's least.
+            // The wider format has numbers between zero and the least number of this one.
             self.0.least_normal() | if up { 0 } else { self.0.sign_bit() }
         } else {
             let next = if up { wide.next_up() } else { wide.next_down() };
@@ -318,7 +318,7 @@ impl Bench {
         }
     }
 
-    /// Compares what implementations computed with what both oracles do; says all there is to know if they differ.
+    /// Compares the results of implementations with those of both oracles; the error lists all of them.
     fn agree(
         &self,
         operation: &str,
@@ -488,7 +488,7 @@ impl Bench {
         Ok(())
     }
 
-    /// An `f64` of any kind to the format.
+    /// Rounds an arbitrary `f64` to the format.
     fn rounding(&self, value: f64) -> Result<(), String> {
         let rounded = self.fast.round(value);
         let bits = self.format.to_bits(rounded);
@@ -526,12 +526,12 @@ fn every_format() -> impl Iterator<Item = Format> {
     Format::EXPONENT_BITS.flat_map(|e| Format::FRACTION_BITS.map(move |f| format(e, f)))
 }
 
-/// The corners of the supported range, and the widths of an `f32`.
+/// The corners of the supported range of formats, and the widths of an `f32`.
 fn extreme_formats() -> [Format; 6] {
     [(3, 2), (3, 23), (10, 2), (10, 23), (8, 23), (7, 16)].map(|(e, f)| format(e, f))
 }
 
-/// Checks 0 to `count` − 1 on all cores; fails with the first that does not hold, or if there was nothing to check.
+/// Runs the checks 0 to `count` − 1 on all cores; fails with the first error, or if there was nothing to check.
 fn check_all(what: &str, count: u64, check: impl Fn(u64) -> Result<(), String> + Sync) {
     const CHUNK: u64 = 1 << 12;
     check_chunks(what, count, CHUNK, |first, length| {
@@ -539,7 +539,7 @@ fn check_all(what: &str, count: u64, check: impl Fn(u64) -> Result<(), String> +
     });
 }
 
-/// Checks `count` random cases on all cores, each chunk with a generator of its own.
+/// Checks `count` random cases on all cores, each chunk with its own generator.
 fn check_random(what: &str, count: u64, check: impl Fn(&mut Rng) -> Result<(), String> + Sync) {
     const CHUNK: u64 = 1 << 12;
     let seed = seed();
@@ -579,18 +579,18 @@ fn seed() -> u64 {
     *SEED.get_or_init(dynrt::seed::of_run)
 }
 
-/// How random pairs are drawn.
+/// The distribution of random pairs.
 #[derive(Clone, Copy, Debug)]
 enum Distribution {
     /// Any two bit patterns.
     Uniform,
-    /// Exponents so close that one operand's bits meet the other's, or its rounding.
+    /// Exponents so close that the bits of one operand overlap the other's, or its rounding.
     CloseExponents,
     /// Magnitudes a few ulps apart.
     NearCancellation,
-    /// Sums and products about the least and the greatest number.
+    /// Sums and products near the least and the greatest number.
     RangeEdge,
-    /// Fractions of a few bits or of all but a few: ties and long carries.
+    /// Fractions with few or with almost all bits set: ties and long carries.
     FewBits,
 }
 
@@ -762,7 +762,7 @@ fn ten_bit_format_on_all_pairs() {
 fn ten_bit_format_steps_of_any_length() {
     let format = format(4, 5);
     let bench = Bench::new(format);
-    // All numbers in order, the zeros once.
+    // All numbers in order, with the zeros once.
     let mut line: Vec<u64> = (0..1 << 10)
         .filter(|&bits| {
             !bench.hardware.value(bits).is_nan() && bench.hardware.canonical(bits) == bits
@@ -854,7 +854,7 @@ fn rounding_any_f64_and_f32() {
                 let reach = format.bias() + 4;
                 let exponent = (1023 + rng.i32(-reach..=reach)) as u64;
                 let mut fraction = rng.u64(..1 << 52);
-                // One in two is a tie, or the `f64` beside one.
+                // Half of them are ties or neighbours of a tie in `f64`.
                 if rng.bool() {
                     fraction = fraction >> shift << shift | 1 << (shift - 1);
                     fraction = fraction.saturating_add_signed(rng.i64(-1..=1));
@@ -878,7 +878,7 @@ fn rounding_any_f64_and_f32() {
     }
 }
 
-/// The definition's corners with results worked out by hand, so that no oracle can share a misreading of it.
+/// Corner cases of the definition with results computed by hand, which are independent of the oracles' reading of it.
 #[test]
 fn named_corners() {
     const F: Format = Format::FP24;

@@ -1,7 +1,7 @@
-//! The laws: nothing is lost, and the tree does not show; with the watertight test, nothing slips through an edge.
+//! Traversal equals brute force for every tree; with the watertight test, no ray passes through an edge.
 //!
-//! Seeds are printed; `DYNRT_SEED=N cargo test --test reference laws::` replays them. `DYNRT_FULL=1` casts 100,000 rays into each
-//! shared scene by brute force instead of 4,000, and ten times as many rays into everything else.
+//! Seeds are printed; `DYNRT_SEED=N cargo test --test reference laws::` repeats them. `DYNRT_FULL=1` casts 100,000 rays into each
+//! public scene by brute force instead of 4,000, and ten times as many rays into all others.
 
 use crate::support::shared_scene;
 use crate::support::small::*;
@@ -14,11 +14,11 @@ use dynrt::scene::{self, Camera, ImageSize, MachineMesh};
 use fastrand::Rng;
 use rayon::prelude::*;
 
-/// Rays by brute force into each scene of tens of thousands of triangles, where `DYNRT_FULL` is not set.
+/// Number of rays by brute force per scene of tens of thousands of triangles, without `DYNRT_FULL`.
 const QUICK_RAYS: usize = 4_000;
 const FULL_RAYS: usize = 100_000;
 
-/// What makes up the rays, counted so that none can be missing.
+/// Counts of the rays by kind, to check that no kind is missing.
 #[derive(Clone, Copy, Debug, Default)]
 struct Tally {
     rays: u64,
@@ -85,7 +85,7 @@ impl Tally {
     }
 }
 
-/// One scene, one triangle test, one tree, one packet size: `rays` rays, equal to brute force in all bits.
+/// Casts `rays` rays with one scene, triangle test, tree and packet size, and compares them with brute force in all bits.
 fn check_batch(kind: Kind, format: Format, test: TriangleTest, rays: usize, seed: u64) -> Tally {
     let rng = &mut Rng::with_seed(seed);
     let mesh = some_mesh(kind, format, rng);
@@ -105,7 +105,7 @@ fn check_batch(kind: Kind, format: Format, test: TriangleTest, rays: usize, seed
         )
     };
     check_same(what, format, &rays, &got, &want);
-    // The fast brute force is the plain one.
+    // The fast brute force equals the simple one.
     let few = &rays[..8];
     let plain: Vec<Hit> = few
         .iter()
@@ -159,7 +159,7 @@ fn nothing_is_lost_and_the_tree_does_not_show() {
     }
 }
 
-/// A scene of the user's size, with rays that look at it.
+/// A scene of realistic size, and its rays.
 struct View {
     name: String,
     mesh: Mesh,
@@ -188,8 +188,8 @@ impl View {
         }
     }
 
-    /// About `count` rays: through a picture's pixels, with every third ray from somewhere in the scene's box to a
-    /// point of some triangle instead, some of them limited or any-hit.
+    /// About `count` rays through a picture's pixels. Every third ray instead goes from a random point of the scene's box to a
+    /// point of a triangle; some are limited or any-hit rays.
     fn rays(&self, count: usize, rng: &mut Rng) -> Vec<Ray> {
         let height = (count as f64 * 0.75).sqrt().ceil() as u32;
         let size = ImageSize::new(height * 4 / 3, height).expect("a size");
@@ -263,15 +263,15 @@ fn real_scenes_obey_the_law_too() {
     }
 }
 
-/// A closed mesh and points within it.
+/// A closed mesh and points inside.
 struct Room {
     name: &'static str,
     mesh: Mesh,
     origins: Vec<[f64; 3]>,
 }
 
-/// A built-in closed mesh as the machine sees it. From the middle of each of some triangles, inwards along its
-/// normal to whatever comes next: halfway is inside.
+/// A built-in closed mesh in the machine's number format. The points are halfway from the middle of some triangles, inwards along
+/// the normal, to the next triangle.
 fn built_in_room(name: &'static str, rng: &mut Rng) -> Room {
     let mesh = View::new(name, true).mesh;
     let a = Arithmetic::new(mesh.format);
@@ -308,7 +308,7 @@ fn plain_ray(origin: [f64; 3], direction: [f64; 3]) -> Ray {
     }
 }
 
-/// The surface of a cube as `n` × `n` squares a side, cut along one diagonal, its lattice points moved by `place`.
+/// The surface of a cube with `n` × `n` squares per side, each divided along a diagonal, with its lattice points moved by `place`.
 fn cube(name: &'static str, n: i32, place: impl Fn([i32; 3]) -> [f64; 3]) -> Room {
     let mut numbers = std::collections::BTreeMap::new();
     let mut vertices = Vec::new();
@@ -356,7 +356,7 @@ fn the_watertight_test_lets_no_ray_out_of_a_closed_mesh() {
         built_in_room("builtin:knot?segments=64&sides=8", rng),
     ];
 
-    // Walls in axis planes, edges along axes, from lattice points too.
+    // Walls in axis planes, edges along axes, and rays from lattice points.
     let mut cubic = cube("cube", 4, |corner| corner.map(|x| f64::from(x) - 2.0));
     cubic.origins = (0..64)
         .map(|k| match k % 2 {
@@ -366,7 +366,7 @@ fn the_watertight_test_lets_no_ray_out_of_a_closed_mesh() {
         .collect();
     rooms.push(cubic);
 
-    // Spikes of random length as seen from the middle, far from it: long, thin triangles at grazing angles.
+    // Spikes of random length seen from a distant centre: long, thin triangles at grazing angles.
     let lengths: Vec<f64> = (0..1000).map(|_| between(rng, 0.0, 3.0).exp2()).collect();
     let mut star = cube("star", 6, |corner| {
         let index = corner.iter().fold(0, |index, &x| 7 * index + x as usize);
@@ -415,8 +415,8 @@ fn the_watertight_test_lets_no_ray_out_of_a_closed_mesh() {
     assert_eq!(lost, 0, "rays escaped");
 }
 
-/// Where three planes of an axis-aligned box meet, every triangle's box ends too: there the three ulps by which the
-/// clipping is generous matter most.
+/// At the intersection of three planes of an axis-aligned box, the boxes of triangles end as well. There the slack of
+/// three ulps in the clipping matters most.
 #[test]
 fn the_watertight_test_lets_no_ray_out_of_a_box() {
     const RAYS: usize = 1000;
@@ -458,7 +458,7 @@ fn the_watertight_test_lets_no_ray_out_of_a_box() {
     assert!(escaped.is_empty(), "rays escaped");
 }
 
-/// From within a room: three of four at a vertex, a point of an edge, or a hair beside one of these.
+/// A ray from inside a room: three of four at a vertex or a point of an edge, or slightly beside one.
 fn aimed_ray(room: &Room, rng: &mut Rng) -> Ray {
     let a = Arithmetic::new(room.mesh.format);
     let origin = one_of(rng, &room.origins);

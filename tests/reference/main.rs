@@ -1,4 +1,4 @@
-//! The golden model and what it is held against: arithmetic, trees, traversal by brute force, update programs.
+//! The golden model and its references: arithmetic, trees, traversal by brute force, update programs.
 
 mod arithmetic;
 mod laws;

@@ -1,5 +1,5 @@
-//! The update program: what its compiler guarantees, shown by an interpreter of its own on random topologies; the
-//! golden update against a refit from scratch, bit for bit; and the figures that decide its speed.
+//! The update program: the guarantees of its compiler, checked by an independent interpreter on random topologies; the
+//! golden update, compared with a refit from scratch in all bits; and the figures that determine its speed.
 
 use crate::support::shared_scene;
 use dynrt::bkd::{Bounds, BuildOptions, Child, MemoryImage, Record, Tree, TreeNode, build};
@@ -18,8 +18,8 @@ struct Object {
     tree: Tree,
 }
 
-/// The tree over `order` that `split` makes: for each range of more than one leaf, how many go left. Nodes are numbered
-/// at random, axes are random.
+/// The tree over `order` with the splits of `split`, which returns the number of leaves of the left child. The numbers of nodes
+/// and the axes are random.
 fn tree_over(order: &[u32], random: &mut Rng, split: &dyn Fn(&mut Rng, usize) -> usize) -> Tree {
     let count = order.len() - 1;
     let mut numbers: Vec<u32> = (0..count as u32).collect();
@@ -56,14 +56,14 @@ fn tree_over(order: &[u32], random: &mut Rng, split: &dyn Fn(&mut Rng, usize) ->
     Tree { nodes, root }
 }
 
-/// A mesh and a tree of random shape and size, small more often than not.
+/// A mesh and a tree of random shape and size, mostly small.
 fn random_object(random: &mut Rng) -> Object {
     let most = [1, 2, 3, 8, 40, 300, 1500][random.usize(..7)];
     let count = random.usize(1..=most);
     let triangles: Vec<[u32; 3]>;
     let mut vertices;
     match random.u32(..4) {
-        // No order at all, few vertices or many, corners that coincide.
+        // Random order, few vertices or many, coinciding corners.
         0 => {
             vertices = random.usize(1..=2 * count + 1);
             triangles = (0..count)
@@ -75,7 +75,7 @@ fn random_object(random: &mut Rng) -> Object {
             vertices = count + 2;
             triangles = (0..count as u32).map(|k| [k + 1, k, k + 2]).collect();
         }
-        // Nothing shared.
+        // No shared vertices.
         2 => {
             vertices = 3 * count;
             triangles = (0..count as u32)
@@ -89,7 +89,7 @@ fn random_object(random: &mut Rng) -> Object {
             triangles = grid(side).take(count).collect();
         }
     }
-    // Vertices that no triangle uses, and a numbering that means nothing.
+    // Unused vertices, and a random numbering.
     vertices += random.usize(..4);
     let mut names: Vec<u32> = (0..vertices as u32).collect();
     random.shuffle(&mut names);
@@ -142,9 +142,9 @@ fn random_machine(random: &mut Rng) -> UpdateMachine {
 }
 
 // ---------------------------------------------------------------------------------------------------
-// The interpreter: it knows what every register must hold, not what the numbers are.
+// The interpreter tracks the vertices of every register, not the numbers.
 
-/// What a box register holds.
+/// The content of a box register.
 #[derive(Clone, Debug, PartialEq)]
 enum Holds {
     /// The box of these vertices of the mesh, in ascending order.
@@ -162,8 +162,8 @@ fn sorted(mut triangle: [u32; 3]) -> [u32; 3] {
     triangle
 }
 
-/// Interprets a program's bytes and panics where a guarantee of `docs/update.md` is broken. Returns how often something
-/// was read from a register.
+/// Interprets a program's bytes and panics if a guarantee of `docs/update.md` is violated. Returns the number of
+/// reads from registers.
 fn interpret(object: &Object, program: &Program, context: &str) -> u64 {
     let machine = program.machine;
     let bytes = program.bytes();
@@ -264,7 +264,7 @@ fn interpret(object: &Object, program: &Program, context: &str) -> u64 {
     assert_eq!(leaves, object.triangles.len(), "{context}");
     assert_eq!(next_node, object.tree.nodes.len(), "{context}");
 
-    // All vertices, each once; those used, and no others, are loaded first.
+    // All vertices, each once; the used ones are loaded first, and no others are loaded.
     let mut used = vec![false; object.vertices];
     for vertex in object.triangles.iter().flatten() {
         used[*vertex as usize] = true;
@@ -281,7 +281,7 @@ fn interpret(object: &Object, program: &Program, context: &str) -> u64 {
 // ---------------------------------------------------------------------------------------------------
 // Numbers.
 
-/// Vertices anywhere, among them coarse ones, so that coordinates coincide.
+/// Random vertices, some of them coarse, so that coordinates coincide.
 fn random_vertices(random: &mut Rng, count: usize, format: Format) -> Vec<[f64; 3]> {
     let arithmetic = Arithmetic::new(format);
     let coarse = random.bool();
@@ -295,8 +295,8 @@ fn random_vertices(random: &mut Rng, count: usize, format: Format) -> Vec<[f64; 
         .collect()
 }
 
-/// Runs a program over moved vertices in a memory full of other things, and holds every word against a refit from
-/// scratch. Returns the nodes compared.
+/// Runs a program over moved vertices in a memory with other contents, and compares every word with a refit from
+/// scratch. Returns the number of nodes compared.
 fn update_and_compare(
     object: &Object,
     program: &Program,
@@ -332,7 +332,7 @@ fn update_and_compare(
     nodes.extend(noise(3 * node_words));
     let mut boxes = noise(4 * box_layout.words());
 
-    // The unused slot keeps what it holds.
+    // The unused slot does not change.
     let (mut wanted_nodes, mut wanted_boxes) = (nodes.clone(), boxes.clone());
     let bounds_of = expected.node_words();
     let written = tree.nodes.len() * node_words;
@@ -394,7 +394,7 @@ fn programs_of_random_topologies_keep_their_guarantees() {
         let program = match compiled {
             Ok(program) => program,
             Err(error) => {
-                // Two registers for each doubling of the triangles always suffice.
+                // Two registers per doubling of the number of triangles are always sufficient.
                 let enough = 2 * object.triangles.len().ilog2();
                 assert!(machine.box_registers < enough, "{context}: {error}");
                 refused += 1;
@@ -418,7 +418,7 @@ fn programs_of_random_topologies_keep_their_guarantees() {
     assert!(cases - refused >= 2500 && nodes > 100_000 && reads > 500_000);
 }
 
-/// A checker that accepts everything would pass all else: breaking any instruction of a program must be noticed.
+/// The checker rejects a program in which any instruction is damaged.
 #[test]
 fn broken_programs_are_noticed() {
     let seed = 0x5eed_0303;
@@ -451,7 +451,7 @@ fn broken_programs_are_noticed() {
         let mut broken = program.clone();
         broken.instructions.remove(at);
         caught_by_check += usize::from(broken.check().is_err());
-        // Without a nop, or a load whose vertex is dead, nothing is wrong but the distance.
+        // Without a nop, or a load of an unused vertex, only the distance is wrong.
         if verdict(&broken) && program.instructions[at] != Instruction::Nop {
             survivors.push(at);
         }
@@ -483,7 +483,7 @@ fn the_smallest_objects_have_the_smallest_programs() {
     assert_eq!(program.bytes().len(), 16);
     assert_eq!(program.hex_lines(), "000000000000000000001e040d0b0703\n");
 
-    // All corners one vertex.
+    // All corners are one vertex.
     let program = Program::compile(&one, &[[0, 0, 0]], 1, machine).unwrap();
     assert_eq!(program.instructions.len(), 3);
 
@@ -564,7 +564,7 @@ fn the_golden_update_refuses_what_it_cannot_run() {
         format!("{:#}", update(memory, command, |_| ()).unwrap_err())
     };
     let start = UpdateCommand::default();
-    // Three loads and a leaf; then what is wrong.
+    // Three loads and a leaf; then the fault.
     let leaf = [0x03, 0x07, 0x0b, 0x0d, 0x04];
     let with = |rest: &[u8]| [&leaf[..], rest].concat();
     assert_eq!(
@@ -660,7 +660,7 @@ fn a_nan_is_never_a_bound() {
 // ---------------------------------------------------------------------------------------------------
 // Figures.
 
-/// Compiles a scene's program, checks it and prints what it comes to.
+/// Compiles a scene's program, checks it and prints its statistics.
 fn figures(scene: &str, machine: UpdateMachine) -> program::Statistics {
     let scene = scene::load(scene).unwrap();
     let mesh = MachineMesh::new(&scene, Format::FP24).unwrap();
@@ -700,7 +700,7 @@ fn measure(name: &str, object: &Object, machine: UpdateMachine) -> program::Stat
     );
     assert!(f.bytes_per_triangle <= 8.0, "{name}");
     if f.triangles >= 10_000 {
-        // What is left of 0.95 instructions a clock for the memory to lose.
+        // The goal is 0.95 instructions per cycle; the rest is left for memory.
         assert!(f.nops * 200 < f.instructions, "{name}: {} nops", f.nops);
     }
     f
@@ -722,7 +722,7 @@ fn built_in_scenes_reach_the_figures() {
 #[test]
 fn real_scenes_reach_the_figures() {
     let closed = |f: program::Statistics| {
-        // With nothing but nops lost, and one clock in twenty for the memory.
+        // Only nops are lost, and one cycle in twenty for memory.
         assert!(f.loads_per_vertex <= 1.10);
         assert!(0.95 / f.instructions_per_triangle >= 0.37);
         assert!(f.bytes_per_triangle <= 5.5);
@@ -746,7 +746,7 @@ fn real_scenes_reach_the_figures() {
 fn a_million_triangles_compile() {
     let side = 709;
     let triangles: Vec<_> = grid(side).collect();
-    // Squares in the order of a curve through their bits, so that halves of the order are near each other.
+    // Squares in the order of a space-filling curve, so that halves of the order are compact.
     let mut order: Vec<u32> = (0..triangles.len() as u32).collect();
     let spread = |x: u32| (0..16).fold(0u64, |s, bit| s | u64::from(x >> bit & 1) << (2 * bit));
     order.sort_by_key(|&number| {

@@ -1,4 +1,4 @@
-//! The tree: structural laws on random small meshes full of coincidences, and the measured cost of
+//! The tree: structural properties on random small meshes with many ties, and the measured cost of
 //! traversing the trees of real scenes.
 
 use dynrt::bkd::stats::TreeStatistics;
@@ -14,9 +14,9 @@ struct Mesh {
 }
 
 // ---------------------------------------------------------------------------------------------------
-// Packet traversal in f64: what the machine's TPU decides, without its rounding.
+// Packet traversal in f64: the decisions of the machine's traversal unit, without its rounding.
 
-/// A ray of a packet and the nearest hit that it knows.
+/// A ray of a packet and its closest hit so far.
 #[derive(Clone, Copy)]
 struct Ray {
     origin: [f64; 3],
@@ -156,7 +156,7 @@ fn traverse(image: &MemoryImage, rays: &mut [Ray; RAYS], cost: &mut Cost) {
 struct Camera {
     eye: DVec3,
     direction: DVec3,
-    /// Of half the vertical field of view.
+    /// The tangent of half the vertical field of view.
     tangent: f64,
 }
 
@@ -178,7 +178,7 @@ impl Camera {
         }
     }
 
-    /// The cost of a frame of 512 × 384 rays, 2 × 2 a packet.
+    /// The cost of a frame of 512 × 384 rays in packets of 2 × 2.
     fn frame(&self, image: &MemoryImage) -> Cost {
         const SIZE: [usize; 2] = [512, 384];
         let forward = self.direction.normalize();
@@ -208,7 +208,7 @@ impl Camera {
     }
 }
 
-/// A scene of the shared folder, scaled and rounded as scenes are when loaded; none where the folder is absent.
+/// A public scene, scaled and rounded as loaded scenes are; `None` if it is absent.
 fn shared_scene(path: &str) -> Option<Mesh> {
     let path = crate::support::shared_scene(path)?;
     let options = tobj::LoadOptions {
@@ -261,8 +261,8 @@ fn measure(name: &str, mesh: &Mesh, view: View, label: &str, options: &BuildOpti
 
 #[test]
 fn trees_of_real_scenes_cost_what_the_design_asks() {
-    // Scene, camera, the design page's first figures of the region cost (packet steps, triangle tests), and the
-    // most steps of the builder's best for one of that cost.
+    // Scene, camera, first figures of the region cost (packet steps, triangle tests), and the
+    // maximum ratio of the steps of the default tree to those of that cost.
     let scenes: [(&str, View, [f64; 2], f64); 3] = [
         ("sponza/sponza.obj", Camera::inside, [62.0, 7.5], 0.9),
         ("kitchen/kitchen.obj", Camera::inside, [27.0, 2.8], 0.9),
@@ -296,7 +296,7 @@ fn trees_of_real_scenes_cost_what_the_design_asks() {
 // ---------------------------------------------------------------------------------------------------
 // Structure.
 
-/// All forms of a build.
+/// All options of tree construction.
 fn forms(max_depth: u32) -> Vec<BuildOptions> {
     let mut forms = Vec::new();
     for cost in [SplitCost::Boxes, SplitCost::Region] {
@@ -314,7 +314,7 @@ fn forms(max_depth: u32) -> Vec<BuildOptions> {
     forms
 }
 
-/// A small mesh full of coincidences: coordinates on a coarse grid, some axes flat, triangles repeated.
+/// A small mesh with many ties: coordinates on a coarse grid, some axes flat, triangles repeated.
 fn random_mesh(random: &mut fastrand::Rng) -> Mesh {
     let steps: [u32; 3] = std::array::from_fn(|_| random.choice([1, 2, 3, 5, 9, 60000]).unwrap());
     let most = random.choice([3, 20, 150]).unwrap();
@@ -339,7 +339,7 @@ fn random_mesh(random: &mut fastrand::Rng) -> Mesh {
     }
 }
 
-/// The numbers of the triangles below a target, by the image's links alone.
+/// The numbers of the triangles below a target, determined only by the image's links.
 fn triangles_below(image: &MemoryImage, target: Target) -> Vec<u32> {
     match target {
         Target::Record(record) => vec![image.records[record as usize].number],
@@ -352,7 +352,7 @@ fn triangles_below(image: &MemoryImage, target: Target) -> Vec<u32> {
     }
 }
 
-/// The least and greatest coordinate of triangles on an axis.
+/// The minimum and maximum coordinate of triangles on an axis.
 fn extent(mesh: &Mesh, triangles: &[u32], axis: u8) -> [f64; 2] {
     let coordinates = || {
         (triangles.iter())
@@ -365,7 +365,7 @@ fn extent(mesh: &Mesh, triangles: &[u32], axis: u8) -> [f64; 2] {
     ]
 }
 
-/// Asserts all that the layout promises of an image of one object at base 0; returns the checks made.
+/// Asserts all properties of the layout for an image of one object at base 0; returns the number of checks.
 fn assert_image_is_right(mesh: &Mesh, image: &MemoryImage, options: &BuildOptions) -> usize {
     let count = mesh.triangles.len();
     assert_eq!((image.nodes.len(), image.records.len()), (count, count));
@@ -426,7 +426,7 @@ fn random_meshes_keep_every_rule() {
         let mesh = random_mesh(&mut random);
         let count = mesh.triangles.len();
         let least = count.next_power_of_two().ilog2();
-        // The least depth that is possible, one more, and plenty.
+        // The minimum depth, one more, and plenty.
         let max_depth = random.choice([least, least + 1, 32]).unwrap();
         for options in forms(max_depth) {
             let tree = build(&mesh.vertices, &mesh.triangles, &options).unwrap();

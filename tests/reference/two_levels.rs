@@ -1,7 +1,7 @@
-//! The laws over two levels: nothing is lost, and neither tree shows. A scene of instances is what the same triangles
-//! are where the instances put them.
+//! Traversal of two levels equals brute force for every pair of trees. A scene of instances gives the same hits as the
+//! transformed triangles in one level.
 //!
-//! Seeds are printed; `DYNRT_SEED=N cargo test --test reference two_levels::` replays them. `DYNRT_FULL=1` casts ten times as many
+//! Seeds are printed; `DYNRT_SEED=N cargo test --test reference two_levels::` repeats them. `DYNRT_FULL=1` casts ten times as many
 //! rays.
 
 use crate::support::small::*;
@@ -19,21 +19,21 @@ use fastrand::Rng;
 use glam::{DAffine3, DMat3, DQuat, DVec3};
 use rayon::prelude::*;
 
-/// How an instance is placed.
+/// The placement of an instance.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Placing {
-    /// Moved by whole numbers: shared planes and equal distances between instances abound.
+    /// Translated by integers: many shared planes and equal distances between instances.
     Moved,
-    /// Axes exchanged and mirrored, exactly.
+    /// Permuted and mirrored axes, exactly.
     Mirrored,
     Rotated,
-    /// Rotated, scaled by another factor on each axis, mirrored or not.
+    /// Rotated, scaled by different factors on the axes, possibly mirrored.
     Scaled,
     /// Nearly flat: scaled by a very small factor on one axis.
     Pressed,
-    /// Exactly as another instance, of the same object or another.
+    /// The same placement as another instance, of the same object or another.
     Coincident,
-    /// Any matrix and any box, which need have nothing to do with each other: the law holds all the same.
+    /// An arbitrary matrix and an unrelated box; traversal must still equal brute force.
     Anything,
 }
 
@@ -52,7 +52,7 @@ fn some_rotation(rng: &mut Rng) -> DMat3 {
     DMat3::from_quat(DQuat::from_xyzw(x, y, z, w + 1e-3).normalize())
 }
 
-/// A matrix from the object to the world; of [`Placing::Coincident`] and [`Placing::Anything`] there is none.
+/// A matrix from the object to the world; `None` for [`Placing::Coincident`] and [`Placing::Anything`].
 fn some_matrix(placing: Placing, size: f64, rng: &mut Rng) -> Option<DAffine3> {
     let grid = DVec3::from_array([0; 3].map(|_| f64::from(rng.i32(-2..=2))));
     let anywhere = DVec3::from_array([0; 3].map(|_| between(rng, -size, size)));
@@ -113,7 +113,7 @@ struct Small {
     specs: Vec<InstanceSpec>,
     placings: Vec<Placing>,
     image: MemoryImage,
-    /// The triangles about where they lie in the world: something to aim at.
+    /// The approximate triangles in the world, as targets of rays.
     world: Mesh,
 }
 
@@ -179,7 +179,7 @@ fn some_scene(kind: Kind, format: Format, rng: &mut Rng) -> Small {
     };
     match options {
         Some(options) => {
-            // What was there before leaves no trace.
+            // Earlier contents have no effect.
             let before = rng.usize(1..=specs.len());
             let fresh = {
                 let mut fresh = image.clone();
@@ -206,7 +206,7 @@ fn some_scene(kind: Kind, format: Format, rng: &mut Rng) -> Small {
     }
 }
 
-/// A ray at what the instances hold, or into a plane of an instance's box.
+/// A ray at an instance's triangles, or in a plane of an instance's box.
 fn some_world_ray(scene: &Small, rng: &mut Rng) -> Ray {
     let mut ray = some_ray(&scene.world, rng);
     if rng.u8(..8) == 0 {
@@ -220,7 +220,7 @@ fn some_world_ray(scene: &Small, rng: &mut Rng) -> Ray {
     ray
 }
 
-/// What the rays came to, counted so that nothing can be missing.
+/// Counts of the results of rays by kind, to check that no kind is missing.
 #[derive(Clone, Copy, Debug, Default)]
 struct Tally {
     rays: u64,
@@ -230,13 +230,13 @@ struct Tally {
     with_zero: u64,
     with_infinity: u64,
     with_nan: u64,
-    /// From within an instance's box.
+    /// Hits of rays that start inside an instance's box.
     inside_hits: u64,
-    /// In an instance that lies exactly where another one of the same object does: the lowest number wins.
+    /// Hits of instances at the same place as another instance of the same object: the lowest number wins.
     tied_hits: u64,
-    /// By the instance's [`Placing`].
+    /// Hits by the instance's [`Placing`].
     hits_by_placing: [u64; PLACINGS.len()],
-    /// In a flat object that is rotated.
+    /// Hits of a flat object that is rotated.
     flat_rotated_hits: u64,
     entries: u64,
 }
@@ -313,7 +313,7 @@ impl Tally {
     }
 }
 
-/// One scene, one triangle test, one pair of trees, one packet size: all bits as by brute force.
+/// Casts rays with one scene, triangle test, pair of trees and packet size, and compares them with brute force in all bits.
 fn check_batch(kind: Kind, format: Format, test: TriangleTest, rays: usize, seed: u64) -> Tally {
     let rng = &mut Rng::with_seed(seed);
     let scene = some_scene(kind, format, rng);
@@ -328,7 +328,7 @@ fn check_batch(kind: Kind, format: Format, test: TriangleTest, rays: usize, seed
         )
     };
     check_same(what, format, &rays, &frame.hits, &want);
-    // The fast brute force is the plain one.
+    // The fast brute force equals the simple one.
     let few = &rays[..4];
     let plain: Vec<Hit> = (few.iter())
         .map(|ray| brute_force(&scene.image, test, ray))
@@ -393,7 +393,7 @@ fn nothing_is_lost_and_neither_tree_shows() {
     }
 }
 
-/// A flat object of which every triangle can be aimed at.
+/// A flat object whose triangles can all be hit.
 fn sheet() -> Mesh {
     let corner = |x: i32, y: i32| [f64::from(x), f64::from(y), 0.0];
     let squares = (-4..4).flat_map(|x| (-4..4).map(move |y| (x, y)));
@@ -409,8 +409,8 @@ fn sheet() -> Mesh {
     Mesh::rounded(Format::FP24, &triangles.collect::<Vec<_>>())
 }
 
-/// Flat sheets, rotated: their boxes in the world are as thin as can be where they lie nearly along an axis, and a box
-/// that is not widened would lose what rounding moves.
+/// Flat sheets, rotated. If they are nearly parallel to an axis, their boxes in the world are very thin, and without
+/// widening they would lose hits that rounding moves.
 #[test]
 fn rotated_sheets_are_hit_wherever_they_are_aimed_at() {
     const RAYS: usize = 200;
@@ -428,7 +428,7 @@ fn rotated_sheets_are_hit_wherever_they_are_aimed_at() {
                 .wrapping_add(number);
             let rng = &mut Rng::with_seed(seed);
             let a = Arithmetic::new(format);
-            // Turned about one axis of its plane, so that the box is flat in the world too, or about any.
+            // Rotated about one axis of its plane, so that the box is flat in the world too, or about any axis.
             let turn = match rng.u8(..3) {
                 0 => some_rotation(rng),
                 1 => DMat3::from_rotation_z(between(rng, -3.0, 3.0)),
@@ -470,7 +470,7 @@ fn rotated_sheets_are_hit_wherever_they_are_aimed_at() {
                         any_hit: false,
                     }
                 })
-                // Not along the sheet, where an ulp decides.
+                // Not along the sheet, where single ulps decide.
                 .filter(|ray| {
                     let direction = DVec3::from_array(ray.direction).normalize();
                     direction.dot(matrix.matrix3.z_axis.normalize()).abs() > 0.1
@@ -496,7 +496,7 @@ fn rotated_sheets_are_hit_wherever_they_are_aimed_at() {
     );
 }
 
-/// A picture of many instances of three objects is that of the same triangles in one level, cast in `f64`, but for
+/// A picture of many instances of three objects equals that of the same triangles in one level, cast in `f64`, except for
 /// pixels at edges.
 #[test]
 fn a_picture_of_instances_is_one_of_their_triangles() {
@@ -535,7 +535,7 @@ fn a_picture_of_instances_is_one_of_their_triangles() {
     image.set_top(&specs, &options).unwrap();
     image.image().check(64).unwrap();
 
-    // Where the rounded matrices put the vertices, not rounded again.
+    // The positions of the vertices by the rounded matrices, without further rounding.
     let mut flat = MachineMesh {
         format,
         log2_scale: 0,
@@ -662,7 +662,7 @@ fn an_image_lies_as_the_layout_says() {
     numbers.sort_unstable();
     assert_eq!(numbers, [0, 1, 2]);
 
-    // The words hold the same, and an object's new state reaches its place alone.
+    // The words are the same, and a new state of an object changes only its own place.
     let words = memory.record_words();
     assert_eq!(MemoryImage::records_of_words(&words), memory.records);
     let before = memory.clone();
@@ -705,7 +705,7 @@ fn bad_instances_get_one_clear_line() {
             1e19,
             "; it stands 1e19 times its own size away from the origin: place it nearer",
         ),
-        // The scale is small for the world because the instance is far away.
+        // The scale of the world is small because the instance is far away.
         (
             [1e-30, 0.0, 0.0],
             1e6,

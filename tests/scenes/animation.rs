@@ -1,4 +1,4 @@
-//! Scenes that move, as a user meets them: files, built-in scenes, and what is said of those that cannot be used.
+//! Animated scenes: files, built-in scenes, and error messages.
 
 mod kinds;
 
@@ -31,7 +31,7 @@ fn close(a: [f64; 3], b: [f64; 3]) -> bool {
     DVec3::from(a).distance(b.into()) < 1e-6
 }
 
-/// That what is loaded keeps the promises of its documentation, at some times of every clip.
+/// Checks that a loaded scene has the documented properties, at some times of every clip.
 fn assert_well_formed(scene: &Animated) {
     let name = &scene.name;
     assert!(
@@ -80,7 +80,7 @@ fn assert_well_formed(scene: &Animated) {
             }
             assert_eq!(scene.pose(clip, seconds).unwrap(), pose, "not repeatable");
         }
-        // The box holds every vertex of every frame and touches some on each side.
+        // The box contains every vertex of every frame and touches some on each side.
         let extents = scene.extents(clip, &times).unwrap();
         let mut touched = [false; 6];
         for &seconds in &times {
@@ -118,7 +118,7 @@ fn assert_influences(influences: &Influences, joint_count: usize) {
     }
 }
 
-/// The box over nine evenly spaced times from beginning to end, as the sources' descriptions give it.
+/// The box over nine evenly spaced times from start to end, as in the sources' descriptions.
 fn nine_times(scene: &Animated, clip: usize) -> Bounds {
     let times = (0..9).map(|i| scene.clips[clip].seconds * f64::from(i) / 8.0);
     let times: Vec<f64> = times.collect();
@@ -178,8 +178,8 @@ fn shared_scenes_have_the_counts_of_their_sources() {
 
 #[test]
 fn shared_scenes_move_as_their_sources_say() {
-    // The robot's boxes are another program's: its source's description has them without normalising weights, of which
-    // 752 sum to up to 2.
+    // The robot's boxes are from another program; its source's description has them without normalising weights, of which
+    // 752 have a sum of up to 2.
     let expected: [(&str, &str, [f64; 6]); 7] = [
         (
             "fox/Fox.glb",
@@ -233,7 +233,7 @@ fn shared_scenes_move_as_their_sources_say() {
 
 #[test]
 fn vertices_that_files_part_are_shared_again() {
-    // Vertices less those of positions that occur before: what the sources' descriptions count.
+    // The number of distinct positions, as counted in the sources' descriptions.
     for (file, vertices) in [
         ("fox/Fox.glb", 1728 - 1438),
         ("cesium_man/CesiumMan.glb", 3273 - 935),
@@ -308,7 +308,7 @@ fn a_program_curls_the_fingers_of_the_hand() {
     for (a, b) in std::iter::zip(hand.vertices(&curled(0.0), 0), hand.vertices(&unturned, 0)) {
         assert!(close(a, b));
     }
-    // A tip's distance from the wrist shrinks step by step; the wrist and the thumb stay.
+    // The distance of a finger's tip from the wrist decreases step by step; the wrist and the thumb do not move.
     let skin = hand.objects[0].skin().unwrap();
     let joint = |name: &str| skin.joint_names.iter().position(|n| n == name).unwrap();
     let vertex_of = |joint: usize| {
@@ -397,7 +397,7 @@ fn water_moves_every_vertex_and_returns() {
         let moved = std::iter::zip(at(pair[0]), at(pair[1])).filter(|(a, b)| a != b);
         assert_eq!(moved.count(), water.objects[0].mesh.positions.len());
     }
-    // No crest curls over: seen from above every triangle shows its front.
+    // No crest curls over: seen from above, every triangle shows its front.
     for &seconds in &times {
         let vertices = at(seconds);
         for triangle in &water.objects[0].mesh.triangles {
@@ -426,7 +426,7 @@ fn the_figure_is_one_closed_skin_that_walks_and_waves() {
         let object = &figure.objects[0];
         let skin = object.skin().unwrap();
         assert!(skin.joint_count() >= 15);
-        // Closed, without holes, and not inside out: each edge runs once either way, and Euler's number is a sphere's.
+        // Closed, without holes, and not inside out: each edge occurs once in each direction, and Euler's number is that of a sphere.
         let mut edges: HashMap<(u32, u32), u32> = HashMap::new();
         for &[a, b, c] in &object.mesh.triangles {
             assert!(a != b && b != c && c != a);
@@ -486,7 +486,7 @@ fn the_figure_is_one_closed_skin_that_walks_and_waves() {
         stride(0.75)
     );
     for part in [0.0, 0.1, 0.35] {
-        // The second half is the first with sides exchanged, but for the triangles.
+        // The second half equals the first with the sides exchanged, except for the triangles.
         let error = stride(part) + stride(part + 0.5);
         assert!(error.abs() < 1e-2, "{error} at {part}");
         let repeated = mean(walk, seconds, left).distance(mean(walk, 0.0, left));
@@ -516,14 +516,14 @@ fn what_stands_still_loads_too() {
 
 // ---- Small files made here ------------------------------------------------------------------------------------
 
-/// A glTF file in the making: numbers go into one buffer, an accessor each.
+/// A glTF file under construction: numbers are appended to one buffer, with one accessor each.
 struct File {
     json: Value,
     bytes: Vec<u8>,
 }
 
 impl File {
-    /// A scene of node 0, which has mesh 0, a triangle of the positions (0 0 0), (1 0 0), (0 1 0) in accessor 0.
+    /// A scene of node 0 with mesh 0, a triangle with the positions (0 0 0), (1 0 0), (0 1 0) in accessor 0.
     fn triangle() -> Self {
         let mut file = File {
             json: json!({
@@ -542,7 +542,7 @@ impl File {
         file
     }
 
-    /// The triangle bound to nodes 1 and 2, of which 2 stands 1 above 1, at rest.
+    /// The triangle bound to nodes 1 and 2; at rest, node 2 is 1 above node 1.
     fn skinned() -> Self {
         let mut file = Self::triangle();
         let joints = file.integers("VEC4", 5121, &[0, 1, 0, 0, 0, 1, 0, 0, 1, 0, 0, 0]);
@@ -612,7 +612,7 @@ impl File {
         self.accessor(kind, component, &bytes, size)
     }
 
-    /// Adds a clip of one channel.
+    /// Adds a clip with one channel.
     fn channel(
         &mut self,
         path: &str,
@@ -673,7 +673,7 @@ impl File {
         scene
     }
 
-    /// What is said of it, without the file's name.
+    /// The error message, without the file's name.
     fn fault(&self) -> String {
         fault_of("scene.gltf", self.text().as_bytes())
     }
@@ -702,7 +702,7 @@ fn write(folder: &tempfile::TempDir, name: &str, contents: &[u8]) -> String {
     path.to_str().unwrap().to_string()
 }
 
-/// What is said of a file, without its name.
+/// The error message for a file, without its name.
 fn fault_of(name: &str, contents: &[u8]) -> String {
     let folder = tempfile::tempdir().unwrap();
     let path = write(&folder, name, contents);
@@ -828,7 +828,7 @@ fn skins_follow_their_joints_and_ignore_their_node() {
     let moved = scene.clip(Some("translation LINEAR")).unwrap();
     assert!(close(corner(&scene, moved, 0.5, 0), [0.0, 0.0, 4.0]));
     assert!(close(corner(&scene, moved, 1.0, 2), [0.0, 1.0, 8.0]));
-    // The tip turns about (0, 1, 0), where the corner that follows it is.
+    // The tip rotates about (0, 1, 0), the position of the corner that follows it.
     let turned = scene.clip(Some("rotation STEP")).unwrap();
     assert!(close(corner(&scene, turned, 0.0, 2), [0.0, 1.0, 0.0]));
     assert!(close(corner(&scene, turned, 0.0, 1), [1.0, 0.0, 0.0]));
@@ -840,7 +840,7 @@ fn skins_follow_their_joints_and_ignore_their_node() {
     ));
     assert_eq!(pose.instances, [Some(IDENTITY)]);
     assert_eq!(scene.node_names(), ["node 0", "root", "tip"]);
-    // A program turns the root about the vertical, on top of the clip.
+    // A program rotates the root about the vertical axis, in addition to the clip.
     let turn = Overrides::default().turn("root", [0.0, 3.0, 0.0], std::f64::consts::PI);
     let pose = scene.pose_with(moved, 1.0, &turn).unwrap();
     assert!(close(
@@ -852,7 +852,7 @@ fn skins_follow_their_joints_and_ignore_their_node() {
 #[test]
 fn weights_may_be_integers_and_more_than_four() {
     let mut file = File::skinned();
-    // A quarter for the root, three for the tip, as bytes that do not quite sum to 255.
+    // One quarter for the root, three for the tip, as bytes whose sum is not exactly 255.
     let bytes = [63, 189, 0, 0].repeat(3);
     let weights = file.integers("VEC4", 5121, &bytes);
     file.json["accessors"][weights]["normalized"] = json!(true);
@@ -867,7 +867,7 @@ fn weights_may_be_integers_and_more_than_four() {
     assert_eq!(skin.influence_count(), 6);
     assert!(scene.warnings.is_empty());
 
-    // Six joints a vertex in two sets.
+    // Six joints per vertex in two sets.
     let nodes = file.json["nodes"].as_array_mut().unwrap();
     nodes.extend((3..7).map(|_| json!({})));
     file.json["scenes"][0]["nodes"] = json!([0, 1, 3, 4, 5, 6]);
@@ -912,7 +912,7 @@ fn morph_targets_are_blended_and_may_be_skinned() {
     let extents = scene.extents(Some(1), &[0.0]).unwrap().objects[0];
     assert_eq!((extents.rest.1[1], extents.posed.1[1]), (1.0, 8.0));
 
-    // Without the skin, and with weights of the node's own.
+    // Without the skin, and with weights of the node.
     file.json["nodes"][0] = json!({"mesh": 0, "weights": [0.0, 0.25]});
     let scene = file.load();
     assert!(matches!(scene.objects[0].kind, Kind::Morphed));
@@ -961,7 +961,7 @@ fn strips_fans_and_all_index_types() {
     ]});
     let scene = file.load();
     let mesh = &scene.objects[0].mesh;
-    // The four corners are shared by all, the fifth vertex is used by none.
+    // The four corners are shared by all; the fifth vertex is unused.
     assert_eq!(mesh.positions.len(), 4);
     assert_eq!(mesh.triangles.len(), 6);
     for triangle in &mesh.triangles {
@@ -984,7 +984,7 @@ fn strips_fans_and_all_index_types() {
 #[test]
 fn sparse_interleaved_and_quantised_accessors() {
     let mut file = File::triangle();
-    // Zeros, but for element 1 and 2.
+    // Zeros, except for elements 1 and 2.
     let places = file.data(&[1, 2]);
     let values: Vec<u8> = [4.0f32, 0.0, 0.0, 0.0, 6.0, 0.0]
         .iter()
@@ -1009,7 +1009,7 @@ fn sparse_interleaved_and_quantised_accessors() {
         ": mesh 0: primitive 0: POSITION: accessor 1: replaces element 3, which is out of range (there are 3, counted from 0); correct its sparse indices"
     );
 
-    // Signed shorts as fractions, every 8 bytes.
+    // Signed shorts as fractions, with a stride of 8 bytes.
     let mut file = File::triangle();
     let shorts: [i16; 12] = [0, 0, 0, 99, 32767, 0, 0, 99, 0, -32768, 0, 99];
     let bytes: Vec<u8> = shorts.iter().flat_map(|x| x.to_le_bytes()).collect();
@@ -1233,7 +1233,7 @@ fn faulty_files_are_refused_in_one_line() {
 }
 
 impl File {
-    /// Gives vertex 1 these weights.
+    /// Sets the weights of vertex 1.
     fn replace_weights(&mut self, weights: [f32; 4]) {
         let mut all = [1.0, 0.0, 0.0, 0.0].repeat(3);
         all[4..8].copy_from_slice(&weights);
@@ -1263,7 +1263,7 @@ fn a_file_cut_off_or_changed_anywhere_is_refused_or_read_but_never_panics() {
             let place = random.usize(..bytes.len());
             bytes[place] = match random.bool() {
                 true => random.u8(..),
-                // Digits keep the JSON well-formed more often.
+                // Replacing digits by digits keeps the JSON well-formed more often.
                 false => random.u8(b'0'..=b'9'),
             };
         }
@@ -1289,7 +1289,7 @@ fn a_file_cut_off_or_changed_anywhere_is_refused_or_read_but_never_panics() {
     );
 }
 
-/// A folder of frames whose first vertices have the x of their places in `names`.
+/// A folder of frames; the x of the first vertex is the index in `names`.
 fn frames(names: &[&str]) -> tempfile::TempDir {
     let folder = tempfile::tempdir().unwrap();
     for (x, name) in names.iter().enumerate() {
@@ -1299,7 +1299,7 @@ fn frames(names: &[&str]) -> tempfile::TempDir {
     folder
 }
 
-/// The first vertices' x of a sequence's frames.
+/// The x of the first vertex of each frame of a sequence.
 fn order(scene: &Animated, frames: usize) -> Vec<f64> {
     let x = |frame: usize| {
         let pose = scene.pose(Some(0), frame as f64 / SEQUENCE_FRAMES_PER_SECOND);
@@ -1314,16 +1314,16 @@ fn frames_play_in_the_order_of_the_numbers_in_their_names() {
         &["f1.obj", "f2.obj", "f10.obj"][..],
         &["f1.obj", "F2.OBJ", "f3.Obj", "F10.obj"],
         &["0001.obj", "0002.obj", "0010.obj", "10000.obj"],
-        // Numbers may be longer than any integer.
+        // Numbers may exceed the range of any integer.
         &[
             "a9.obj",
             "a99999999999999999999999999999999999999.obj",
             "a100000000000000000000000000000000000000.obj",
         ],
-        // The first number decides, then what follows it.
+        // The first number decides, then the text after it.
         &["s1f2.obj", "s1f10.obj", "s2f1.obj", "s2g0.obj", "s10f0.obj"],
         &["f.obj", "f 1.obj", "f1.obj", "f1a.obj", "f1b.obj", "f2.obj"],
-        // The same numbers: what follows decides, and only then leading zeros and case.
+        // If the numbers are equal, the text after them decides, then leading zeros and case.
         &[
             "f01.obj",
             "f1.obj",
@@ -1422,7 +1422,7 @@ fn what_frames_leave_out_is_warned_of_once() {
             ),
         ]
     );
-    // The same of a file that stands still.
+    // The same for a static file.
     let file = folder.path().join("f2.obj");
     let file = file.to_str().unwrap();
     let warnings = load_animated(file).unwrap().warnings;
@@ -1474,7 +1474,7 @@ fn folders_that_are_no_sequence_are_refused_in_one_line() {
         fault(&spec),
         format!("{second}, line 1: vertex 1 is not finite: its z is NaN; correct or remove it")
     );
-    // Between two frames vertices run in straight lines, and the last one stays.
+    // Vertices move linearly between two frames, and the last frame is constant.
     write(
         &folder,
         "2.obj",
@@ -1554,7 +1554,7 @@ fn other_things_are_refused_in_one_line() {
     ] {
         assert_eq!(fault_of(name, contents), expected);
     }
-    // A buffer that the binary chunk should have held.
+    // A buffer that should be in the binary chunk.
     let mut file = File::triangle().binary();
     let json_length = u32::from_le_bytes(file[12..16].try_into().unwrap()) as usize;
     file.truncate(20 + json_length);

@@ -1,9 +1,9 @@
-//! Files of others: each loads, or is refused with one line that names it, and none that has ever loaded is refused.
+//! Files by other programs: each loads, or is rejected with one line that names it, and no file that once loaded is rejected.
 //!
 //! `tests/corpus.tsv` lists them. They are in Debian's package `assimp-testmodels`, which `make deps` installs, and in the source of the crate
-//! `gltf-json`. `DYNRT_BLESS=1 cargo test --test scenes corpus::` writes the list again, but never turns a file that loads into one that is refused.
+//! `gltf-json`. `DYNRT_BLESS=1 cargo test --test scenes corpus::` rewrites the list, but never changes a file that loads to a rejected one.
 //!
-//! And `sim/fetch_scenes.sh`, which fetches the public scenes.
+//! The module also tests `sim/fetch_scenes.sh`, which downloads the public scenes.
 
 use crate::support::say::say;
 use serde_json::Value;
@@ -14,9 +14,9 @@ use std::path::{Path, PathBuf};
 use std::process::{Command, Output, Stdio};
 use std::time::{Duration, Instant};
 
-/// How much of a refusal the list keeps, in characters behind the file's name.
+/// Length of an error message in the list, in characters after the file's name.
 const KEPT: usize = 70;
-/// Far more than any of the files takes.
+/// Time limit, far above the time for any of the files.
 const TIME_OUT: Duration = Duration::from_secs(60);
 
 /// A line of the list.
@@ -47,7 +47,7 @@ fn list() -> (String, Vec<Listed>) {
     (head.to_string(), rest.lines().map(entry).collect())
 }
 
-/// The folder that a package's files are named from, if it is there.
+/// The base folder of a package's files, if it exists.
 fn folder_of(package: &str) -> Option<PathBuf> {
     let folder = match package {
         "assimp-testmodels" => PathBuf::from("/usr/share/assimp/models"),
@@ -56,7 +56,7 @@ fn folder_of(package: &str) -> Option<PathBuf> {
     folder.is_dir().then_some(folder)
 }
 
-/// Where cargo keeps the source of a crate that this one is built with.
+/// The folder in which cargo keeps the source of a dependency.
 fn crate_folder(name: &str) -> Option<PathBuf> {
     let output = Command::new(env!("CARGO"))
         .args(["metadata", "--format-version", "1", "--offline", "--locked"])
@@ -70,7 +70,7 @@ fn crate_folder(name: &str) -> Option<PathBuf> {
     Some(Path::new(manifest).parent()?.to_path_buf())
 }
 
-/// The mesh files of a folder and all below it, by their paths in it.
+/// The mesh files below a folder, by relative path.
 fn mesh_files(folder: &Path) -> BTreeSet<String> {
     let mut files = BTreeSet::new();
     let mut open = vec![folder.to_path_buf()];
@@ -89,7 +89,7 @@ fn mesh_files(folder: &Path) -> BTreeSet<String> {
     files
 }
 
-/// A program's output, or nothing if it takes too long.
+/// The output of a program, or `None` after the time limit.
 fn output_in_time(command: &mut Command) -> Option<Output> {
     let mut child = command
         .stdin(Stdio::null())
@@ -109,7 +109,7 @@ fn output_in_time(command: &mut Command) -> Option<Output> {
     Some(child.wait_with_output().unwrap())
 }
 
-/// What loading a file gives, as the list says it; `Err` if that is neither a scene nor one line that names the file.
+/// The result of loading a file, in the form of the list; `Err` if it is neither a scene nor one line that names the file.
 fn loaded(folder: &Path, file: &str) -> Result<String, String> {
     let scratch = tempfile::tempdir().unwrap();
     let (path, out) = (folder.join(file), scratch.path().join("vectors"));
@@ -148,7 +148,7 @@ fn sha256(path: &Path) -> String {
     format!("{:x}", Sha256::digest(fs::read(path).unwrap()))
 }
 
-/// What each file gives, by package and name; two at a time.
+/// The result of each file, by package and name, with two files loaded at a time.
 fn load_all(
     files: &[(String, PathBuf, String)],
 ) -> BTreeMap<(String, String), Result<String, String>> {
@@ -308,7 +308,7 @@ fn scenes_are_fetched_whole_and_right_or_not_at_all() {
     let good = format!("a/one.obj | {sum} | {url} | none\nb/two.obj | {sum} | {url} | none\n");
     let scenes = folder.join("scenes");
 
-    // Another SHA-256, an origin that is absent, one that is no download: none leaves a file or a folder.
+    // A wrong SHA-256, a missing origin, an origin that is no download: none leaves a file or a folder.
     let wrong = sum.replace(['0', '1', '2'], "f");
     for line in [
         format!("a/one.obj | {wrong} | {url} | none\n"),
@@ -322,7 +322,7 @@ fn scenes_are_fetched_whole_and_right_or_not_at_all() {
         assert!(!scenes.join("a").exists());
     }
 
-    // All is fetched; then nothing is, and what is there stays.
+    // All files are downloaded; a second run downloads nothing, and existing files remain.
     let (right, said) = fetch(folder, &good, &[]);
     assert!(
         right && said.contains("0 were there, 2 fetched, 0 missing"),
@@ -338,13 +338,13 @@ fn scenes_are_fetched_whole_and_right_or_not_at_all() {
         "{said}"
     );
 
-    // A file that is not right is named, and not replaced.
+    // A wrong file is named and not replaced.
     fs::write(scenes.join("b/two.obj"), "v 1 1 1\n").unwrap();
     let (right, said) = fetch(folder, &good, &[]);
     assert!(!right && said.contains("WRONG    b/two.obj"), "{said}");
     assert_eq!(contents(&scenes)["b/two.obj"], "v 1 1 1\n");
 
-    // From another place that holds the files as the folder does.
+    // From another place with the same layout as the folder.
     let mirror = folder.join("mirror");
     fs::create_dir_all(mirror.join("b")).unwrap();
     fs::write(mirror.join("b/two.obj"), "v 0 0 0\n").unwrap();

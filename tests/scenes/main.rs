@@ -1,4 +1,4 @@
-//! Scenes and animations from files and from the program.
+//! Scenes and animations from files, and built-in ones.
 
 mod animation;
 mod corpus;

@@ -1,4 +1,4 @@
-//! Scenes as a user meets them: files, built-in scenes, and what is said of those that cannot be used.
+//! Scenes: files, built-in scenes, and error messages.
 
 use crate::support::seed;
 use crate::support::shared_scene;
@@ -20,7 +20,7 @@ fn fault(spec: &str) -> String {
     }
 }
 
-/// How many triangles each edge, whichever way it runs, belongs to.
+/// For each undirected edge, the number of its triangles.
 fn edge_counts(mesh: &Mesh) -> HashMap<(u32, u32), u32> {
     let mut counts = HashMap::new();
     for &[a, b, c] in &mesh.triangles {
@@ -53,7 +53,7 @@ fn assert_well_formed(name: &str, mesh: &Mesh) {
     assert!(mesh.positions.iter().flatten().all(|x| x.is_finite()));
 }
 
-/// The volume that a closed mesh encloses, positive if its corners run counter-clockwise seen from outside.
+/// The volume of a closed mesh, positive if its corners are counter-clockwise seen from outside.
 fn volume(mesh: &Mesh) -> f64 {
     let volumes = mesh.triangles.iter().map(|t| {
         let [a, b, c] = t.map(|i| DVec3::from(mesh.positions[i as usize]));
@@ -152,7 +152,7 @@ fn the_teapot_has_the_triangles_of_its_tessellation_and_no_seams() {
             assert!(distance > 1e-6, "{p:?} and {q:?} are not welded");
         }
     }
-    // What remains open are the rims of body and lid, and spout and handle where they enter the body and at the tip.
+    // The open edges are the rims of body and lid, and those of spout and handle at the body and at the tip.
     let counts = edge_counts(&mesh);
     assert!(counts.values().all(|&count| count <= 2));
     let open = counts.values().filter(|&&count| count == 1).count();
@@ -183,7 +183,7 @@ fn closed_scenes_are_closed() {
             2 * counts.len(),
             "{spec} turns over somewhere"
         );
-        // A sphere is one surface without holes, the knot's tube has one.
+        // A sphere is one surface without holes; the tube of the knot has one hole.
         let euler = mesh.positions.len() as i64 - counts.len() as i64 + mesh.triangles.len() as i64;
         assert_eq!(euler, if spec.contains("sphere") { 2 } else { 0 });
         assert!(volume(&mesh) > 0.0, "{spec} is inside out");
@@ -280,7 +280,7 @@ fn unknown_built_in_scenes_and_parameters_say_what_there_is() {
     }
 }
 
-/// A path as messages show it.
+/// A path in the form of messages.
 fn shown(path: &Path) -> String {
     path.to_str().unwrap().replace('\u{1b}', "\\u{1b}")
 }
@@ -405,7 +405,7 @@ fn what_is_in_a_file_and_not_in_the_mesh_is_warned_of_by_name_and_count() {
     assert!(load("builtin:cornell").unwrap().warnings.is_empty());
 }
 
-/// Meshes that use all that the reader knows.
+/// Meshes that together use all features of the reader.
 const WHOLE: [&str; 5] = [
     "# made in C:\\model\\\nmtllib a b.mtl\nv 0 0 0\nv 1 0 0 # x\nv 0 1 0\nv 1 1 0\ng a#b\nf 1 2 3\nf 2 4 3\n",
     "v 0 0 0 2\r\nv 1 0 0 0.5 0.5 0.5\r\nv 0 1 0 0 0 0 1\r\nvt 0 0\r\nvn 0 0 1\r\nf 1/1/1 2/1/1 3/1/1\r\nf -1//1 -2//1 -3//1\r\n",
@@ -414,7 +414,7 @@ const WHOLE: [&str; 5] = [
     "cstype bspline\ndeg 1 1\nv 1 2 3\nv 4 5 6\nv 7 8 10\nsurf 0 1 0 1 1 2 3\nparm \\\nv 0 1\nend\ns off\nf 3 2 1\n",
 ];
 
-/// Changes bytes as damage, editors and bad exporters do.
+/// Changes bytes as storage faults, editors and bad exporters do.
 fn damage(bytes: &mut Vec<u8>, random: &mut fastrand::Rng) {
     const PIECES: [&[u8]; 22] = [
         b"\\\n",
@@ -494,7 +494,7 @@ fn an_obj_file_cut_off_or_changed_anywhere_is_refused_or_read_but_never_panics()
         for _ in 0..random.usize(1..5) {
             damage(&mut bytes, &mut random);
         }
-        // A file of its own each time: to cut one off and write it again, some file systems wait for the disk.
+        // A new file each time, because on some file systems truncating and rewriting a file waits for the disk.
         std::fs::remove_file(&path).unwrap();
         std::fs::write(&path, &bytes).unwrap();
         match load(spec) {
@@ -524,7 +524,7 @@ fn an_obj_file_cut_off_or_changed_anywhere_is_refused_or_read_but_never_panics()
     );
 }
 
-/// That a mesh can be worked with, although triangles may have no area.
+/// Checks that a mesh is valid, although triangles may have no area.
 fn assert_well_formed_or_flat(source: &[u8], mesh: &Mesh) {
     assert!(!mesh.triangles.is_empty(), "{source:?}");
     let count = mesh.positions.len() as u32;

@@ -3,7 +3,7 @@
 use std::path::Path;
 use std::process::{Command, Stdio};
 
-/// The command in a folder, with arguments that have no space in them, and nothing to read.
+/// The command in a folder, with arguments without spaces, and with empty standard input.
 pub fn dynrt(arguments: &str, folder: &Path) -> Command {
     let mut command = Command::new(env!("CARGO_BIN_EXE_dynrt"));
     command

@@ -1,6 +1,6 @@
-//! What tests share: scenes, rays, the command, seeds.
+//! Common code of the tests: scenes, rays, the command, seeds.
 
-// A binary of tests uses some of it.
+// Each test program uses only a part of it.
 #![allow(dead_code, unused_imports)]
 
 pub mod command;
@@ -33,7 +33,7 @@ pub struct Prepared {
     pub rays: Vec<Ray>,
 }
 
-/// Loads a scene, builds the best tree that the machine takes, and makes the rays of a picture.
+/// Loads a scene, builds the default tree of the machine, and makes the rays of a picture.
 pub fn prepare(config: &Config, scene: &str, size: &str, view: Option<View>) -> Prepared {
     let scene = scene::load(scene).unwrap();
     let mesh = MachineMesh::new(&scene, config.format()).unwrap();

@@ -1,8 +1,8 @@
-//! What a person is to read of a test that passes.
+//! Messages of tests that pass.
 
 use std::io::Write;
 
-/// A line on standard error, which the test runner does not keep to itself.
+/// Writes a line to standard error, past the test runner, which would capture it.
 pub fn say(line: &str) {
     let _ = writeln!(std::io::stderr(), "{line}");
 }

@@ -1,5 +1,5 @@
-//! Tiny scenes full of coincidences, trees that nobody would build, and rays that ask for trouble: what the laws are
-//! tested on.
+//! Tiny scenes with many ties, random trees, and rays near corner cases, for the comparison of
+//! traversal with brute force.
 
 pub use super::{full, seed};
 use dynrt::bkd::{BuildOptions, Child, MemoryImage, Tree, TreeNode, build};
@@ -10,10 +10,10 @@ use fastrand::Rng;
 
 pub const TESTS: [TriangleTest; 2] = [TriangleTest::MollerTrumbore, TriangleTest::Watertight];
 pub const PACKETS: [usize; 4] = [1, 2, 4, 8];
-/// The deepest tree that the tests allow.
+/// Maximum depth of a tree in the tests.
 pub const MOST_DEEP: u32 = 64;
 
-/// A mesh whose vertices are numbers of the format.
+/// A mesh whose vertices are values of the format.
 pub struct Mesh {
     pub format: Format,
     pub vertices: Vec<[f64; 3]>,
@@ -44,7 +44,7 @@ impl Mesh {
     }
 }
 
-/// A tree that nobody would build: triangles divided at random, axes at random.
+/// A random tree: triangles divided at random, axes at random.
 pub fn random_tree(triangles: usize, rng: &mut Rng) -> Tree {
     fn divide(numbers: &mut [u32], nodes: &mut Vec<TreeNode>, rng: &mut Rng) -> Child {
         if let [number] = numbers {
@@ -65,7 +65,7 @@ pub fn random_tree(triangles: usize, rng: &mut Rng) -> Tree {
     Tree { nodes, root }
 }
 
-/// The builder's three trees, or a random one.
+/// One of the builder's three trees, or a random one.
 pub fn some_tree(mesh: &Mesh, kind: usize, rng: &mut Rng) -> Tree {
     let options = match kind {
         0 => BuildOptions::plain(MOST_DEEP),
@@ -85,24 +85,24 @@ pub fn between(rng: &mut Rng, lo: f64, hi: f64) -> f64 {
     lo + (hi - lo) * rng.f64()
 }
 
-/// The kinds of small scenes; each batch makes a new one.
+/// The kinds of small scenes; each batch creates a new scene.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Kind {
-    /// Triangles anywhere in a cube.
+    /// Random triangles in a cube.
     Soup,
-    /// The two halves of axis-aligned rectangles on a grid: all boxes flat.
+    /// The two halves of axis-aligned rectangles on a grid: all boxes are flat.
     Rectangles,
-    /// Much longer than wide, down to a few ulps.
+    /// Triangles much longer than wide, down to a few ulps.
     Slivers,
-    /// All coordinates in −2 … 2: shared planes, vertices and equal distances abound.
+    /// All coordinates in −2 … 2: many shared planes, vertices and equal distances.
     Grid,
-    /// All in one axis-aligned plane, on top of one another: the scene's box is flat, distances are equal.
+    /// All triangles in one axis-aligned plane, on top of each other: the scene's box is flat, and distances are equal.
     Pancake,
-    /// Far apart along an axis, so that limits cut between them.
+    /// Triangles far apart along an axis, so that limits separate them.
     Row,
-    /// Half are points, lines or equal pairs, the other half are repeated with other numbers.
+    /// Half of the triangles are points, lines or equal pairs; the other half are repeated with other numbers.
     Degenerate,
-    /// Coordinates over the format's whole range, zero to the greatest.
+    /// Coordinates over the format's whole range, from zero to the greatest number.
     Extreme,
 }
 
@@ -119,7 +119,7 @@ pub const KINDS: [Kind; 8] = [
 
 pub fn some_mesh(kind: Kind, format: Format, rng: &mut Rng) -> Mesh {
     let count = rng.usize(1..=20);
-    // What a small format can still hold the differences of.
+    // A magnitude whose differences a small format can represent.
     let size = (f64::from(format.bias()) / 2.0).min(3.0).exp2();
     let grid = |rng: &mut Rng| f64::from(rng.i32(-2..=2));
     let anywhere = |rng: &mut Rng| [0; 3].map(|_| between(rng, -size, size));
@@ -212,7 +212,7 @@ pub fn some_ray(mesh: &Mesh, rng: &mut Rng) -> Ray {
     let on_triangle = |rng: &mut Rng| {
         let [p, q, r] =
             mesh.triangles[rng.usize(..mesh.triangles.len())].map(|v| mesh.vertices[v as usize]);
-        // Vertices, edges and the inside, in equal parts.
+        // Vertices, edges and the inside, in equal shares.
         let (mut u, mut v) = (rng.f64(), rng.f64());
         match rng.u8(..3) {
             0 => (u, v) = one_of(rng, &[(0.0, 0.0), (1.0, 0.0), (0.0, 1.0)]),
@@ -245,7 +245,7 @@ pub fn some_ray(mesh: &Mesh, rng: &mut Rng) -> Ray {
     };
     direction = direction.map(|x| a.round(x));
     if rng.u8(..8) == 0 {
-        // Into a plane of some box.
+        // In a plane of some box.
         let axis = rng.usize(..3);
         origin[axis] = corner(rng)[axis];
         direction[axis] = one_of(rng, &[0.0, -0.0]);
@@ -283,7 +283,7 @@ pub fn some_ray(mesh: &Mesh, rng: &mut Rng) -> Ray {
             tmin = between(rng, 0.0, 1.5);
             tmax = tmin + between(rng, 0.0, 1.0);
         }
-        // The distance of what was aimed at.
+        // The distance of the target.
         3 => (tmin, tmax) = one_of(rng, &[(1.0, 1.0), (1.0, f64::INFINITY), (0.0, 1.0)]),
         4 if rng.u8(..8) == 0 => {
             let odd = [

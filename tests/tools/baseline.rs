@@ -1,4 +1,4 @@
-//! The ratchet: the reference machine costs and takes what `docs/baseline.json` says, and the page of numbers says the same.
+//! The regression gate: the reference machine has the figures of `docs/baseline.json`, and the page of numbers is current.
 
 use dynrt::baseline::{
     Baseline, Finding, Request, UnitClock, Verdict, compare, log_entry, measure, page,
@@ -19,7 +19,7 @@ fn failures(findings: &[Finding]) -> Vec<String> {
     failed.map(ToString::to_string).collect()
 }
 
-/// Clocks are the same; no smaller module that has changed takes more. (`dynrt baseline --all --clock` is the rest.)
+/// Cycles are equal, and no smaller module that has changed takes more area. (`dynrt baseline --all --clock` checks the rest.)
 #[test]
 fn nothing_has_become_worse() {
     let was = checked_in();
@@ -53,7 +53,7 @@ fn the_page_of_numbers_is_current() {
     }
 }
 
-/// Each kind of loss is noticed, and what is allowed is.
+/// Each kind of regression is detected, and permitted changes are accepted.
 #[test]
 fn losses_are_noticed() {
     let mut was = checked_in();
@@ -98,7 +98,7 @@ fn losses_are_noticed() {
         ("depth", |b| b.depths[0].depth += 1),
         ("mhz", |b| b.depths[0].mhz *= 0.96),
         ("lut4", |b| b.depths[0].area.lut4 *= 2),
-        // What must be reached, each by itself.
+        // The goals, each alone.
         ("at least 100 MHz → 99.0 MHz", |b| b.clock[0].mhz = 99.0),
         ("at least 125 MHz → 124.0 MHz", |b| {
             b.fast_clock[0].mhz = 124.0;
@@ -122,7 +122,7 @@ fn losses_are_noticed() {
             "{what}: {failed:?}"
         );
     }
-    // However it was.
+    // A goal is independent of the previous figure.
     let mut slow = was.clone();
     slow.clock[0].mhz = 90.0;
     assert!(!failures(&compare(&slow, &slow, &[])).is_empty());

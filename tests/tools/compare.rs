@@ -1,4 +1,4 @@
-//! `dynrt compare`: the hits agree with Embree's, and what is missing is named. Nothing here depends on how long anything takes.
+//! `dynrt compare`: the hits agree with Embree's, and a missing Embree is reported. No test depends on measured times.
 
 use crate::support::command::dynrt;
 use crate::support::say::say;
@@ -13,7 +13,7 @@ use std::fs;
 use std::path::Path;
 use std::process::{Command, Output};
 
-/// Whether Embree is here; else a plain word about what is not tested. Any other trouble with it is a failure.
+/// Whether Embree is installed; if not, prints which tests are skipped. Any other fault of Embree is a failure.
 fn embree_is_here() -> bool {
     match Embree::load() {
         Ok(_) => true,
@@ -70,7 +70,7 @@ fn hits_agree_with_embree_built_and_refitted() {
     ] {
         config.triangle_test = test;
         let picture = picture(&config, spec, inside, "256x192");
-        // An odd and an even number of rounds leave the moving mesh in either pose.
+        // An odd and an even number of rounds leave the moving mesh in different poses.
         for rounds in [1, 2] {
             let found = compare(&config, &picture, rounds);
             found
@@ -135,9 +135,9 @@ fn a_wrong_triangle_is_noticed() {
     let config = Config::reference();
     let picture = picture(&config, "builtin:cornell", false, "128x96");
     let found = compare(&config, &picture, 1);
-    // Were the machine's hits those of another triangle at another distance, it would be seen.
+    // A wrong triangle at another distance is detected.
     let mut hits = found.built.hits.clone();
-    // One that lies well within its triangle.
+    // A hit well inside its triangle.
     let amid = |hit: &&mut dynrt::port::Hit| {
         hit.is_hit() && hit.u > 0.25 && hit.v > 0.25 && hit.u + hit.v < 0.75
     };
@@ -217,7 +217,7 @@ fn the_command_writes_figures_and_a_picture() {
     assert!(drawn.starts_with(b"\x89PNG"));
 }
 
-/// The one line with which the command fails; it leaves nothing behind.
+/// The error line of a command that must fail and leave no files.
 fn fault(command: &mut Command, folder: &Path) -> String {
     let output = command.output().unwrap();
     let stderr = String::from_utf8(output.stderr).unwrap();
@@ -228,7 +228,7 @@ fn fault(command: &mut Command, folder: &Path) -> String {
     stderr
 }
 
-/// A compiler that says what is given and fails.
+/// A compiler that prints the given text and fails.
 #[cfg(unix)]
 fn compiler_that_says(text: &str, folder: &Path) {
     use std::os::unix::fs::PermissionsExt;

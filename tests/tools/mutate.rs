@@ -1,4 +1,4 @@
-//! Mutants of a unit: most are noticed by its shortest runs, the same seed draws the same, and one can be run again alone.
+//! Mutants of a unit: most are killed by its shortest runs, a seed reproduces them, and one can be run alone.
 
 use dynrt::config::Config;
 use dynrt::mutate::{Kind, Mutant, Outcome, Report, Request, mutate};
@@ -43,7 +43,7 @@ fn mutants_are_noticed_and_come_again() {
             kind.name()
         );
     }
-    // The shortest run, and nothing proved: the whole notices more.
+    // Only the shortest run, without proofs; the full set of runs kills more.
     assert!(report.share_percent() >= 75.0, "{}", report.share_percent());
     let noticed =
         |m: &&Mutant| matches!(&m.outcome, Outcome::Noticed { how, .. } if !how.is_empty());
@@ -60,7 +60,7 @@ fn mutants_are_noticed_and_come_again() {
         ..request(2)
     });
     assert_ne!(drawn(&report.mutants), drawn(&other.mutants));
-    // Without a run nothing can be noticed: the share is what runs find, and nothing else.
+    // Without a run no mutant can be killed: only runs contribute to the score.
     assert_eq!(other.noticed(), 0);
     assert_eq!(other.share_percent(), 0.0);
 }

@@ -1,6 +1,6 @@
-//! The quick part of `dynrt prove`, and that each seeded fault makes its proof fail.
+//! `dynrt prove --quick`, and the refutation of each seeded fault.
 //!
-//! `dynrt prove` and `dynrt prove --plant` are the whole.
+//! `dynrt prove` and `dynrt prove --plant` run all proofs.
 
 use crate::support::say::say;
 use dynrt::config::{Config, NAMED};
@@ -11,7 +11,7 @@ use dynrt::prove::{self, Options, Outcome, Row, formal};
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
-/// The machine that is proved. The sums are proved in a smaller format: they then take seconds with all of their cases.
+/// The machine for the proofs. The sums are proved in a smaller format, in which all of their cases take seconds.
 fn machine(settings: &[(&str, &str)]) -> Config {
     let mut config = Config::load("virtex4-lx160").expect("a named configuration");
     for (key, value) in settings {
@@ -39,14 +39,14 @@ fn rows(config: &Config, units: &[&str], quick: bool, plant: bool) -> Vec<Row> {
     rows
 }
 
-/// Every proof ends as it should, and each has proved something.
+/// Every proof has the required outcome and has proved something.
 fn hold(rows: &[Row], least: usize) {
     assert!(rows.len() >= least, "{} rows", rows.len());
     for row in rows {
         assert!(row.holds(), "{row:?}");
         match row.fault {
             None => assert!(row.cases > 0, "{row:?}"),
-            // A counterexample is one line, and not empty.
+            // A counterexample is one line and not empty.
             Some(_) => match &row.outcome {
                 Outcome::Refuted(text) => assert!(!text.is_empty() && text.lines().count() == 1),
                 _ => panic!("{row:?}"),
@@ -57,7 +57,7 @@ fn hold(rows: &[Row], least: usize) {
 
 const SMALL: &[(&str, &str)] = &[("float.exponent_bits", "4"), ("float.fraction_bits", "5")];
 
-/// A machine whose control is the reference's, with few packets and small numbers.
+/// A machine with the control of the reference machine, but with few packets and small numbers.
 fn few_packets() -> Config {
     machine(&[SMALL, &[("packets.in_flight", "4")]].concat())
 }
@@ -106,7 +106,7 @@ fn seeded_faults_of_control_are_refuted() {
     hold(&rows(&few_packets(), &units, true, true), 45);
 }
 
-/// Both machines of every named configuration agree, and much of them was compared.
+/// Both machines of every named configuration agree, and a large amount of logic was compared.
 #[test]
 fn trace_ports_change_nothing_else() {
     for (name, _) in NAMED {
@@ -132,9 +132,9 @@ fn a_unit_that_does_not_exist_is_named() {
     assert_eq!(text.lines().count(), 1);
 }
 
-// What `generate --checks` and `generate --formal` write.
+// The output of `generate --checks` and `generate --formal`.
 
-/// Replays the generated bench in Icarus Verilog, the modules of whose machine check their properties. Returns what it said.
+/// Replays the generated bench in Icarus Verilog with the checks of the properties. Returns its output.
 fn simulated(machine: &Machine, folder: &Path) -> String {
     let extras = Extras {
         checks: true,
@@ -170,7 +170,7 @@ fn a_simulator_checks_properties() {
         let passed = format!("PASS 160 hits checked{compared}");
         assert!(said.contains(&passed) && !said.contains("not so"), "{said}");
     }
-    // Faults of proofs, which the bench meets; whichever property sees one first stops it.
+    // Seeded faults that occur in the bench; the first violated property stops it.
     for (module, proof, fault) in [
         (
             "fifo_39x48",
@@ -201,7 +201,7 @@ fn a_simulator_checks_properties() {
     }
 }
 
-/// SymbiYosys with the Yosys that it comes with, where `make deps` has put them or wherever else they are.
+/// SymbiYosys and its Yosys, as installed by `make deps` or found in the path.
 fn symbiyosys() -> Option<PathBuf> {
     let folders = [std::env::var_os("DYNRT_TOOLS"), std::env::var_os("PATH")];
     let folders = folders.iter().flatten().flat_map(std::env::split_paths);
@@ -257,6 +257,6 @@ fn symbiyosys_proves_what_is_generated() {
         assert!(output.status.success(), "{said}");
         checked += said.matches("DONE (PASS, rc=0)").count();
     }
-    // Each is proved, and what it is about can happen.
+    // Each property is proved, and each cover is reached.
     assert_eq!(checked, 4);
 }

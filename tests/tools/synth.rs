@@ -1,5 +1,5 @@
-//! Area and clock by open tools, and what takes a machine to a bitstream: reports are read rightly, tools that are missing, old or
-//! failing are named, results are reused, and the self-test finds faults.
+//! Area and clock by open tools, and the files for a bitstream: reports are parsed correctly, missing, outdated and
+//! failing tools are reported, results are reused, and the self-test detects faults.
 
 use crate::support::say::say;
 use dynrt::config::Config;
@@ -29,7 +29,7 @@ fn cells(kinds: &[(&str, u64)]) -> Cells {
     kinds.map(|(kind, n)| (kind.to_string(), *n)).collect()
 }
 
-/// What Yosys 0.23 writes of `fifo_22x4`, in excerpts.
+/// Excerpts of the output of Yosys 0.23 for `fifo_22x4`.
 const STAT_0_23: &str = r#"{
    "creator": "Yosys 0.23 (git sha1 7ce5011c24b)",
    "invocation": "stat -json ",
@@ -149,7 +149,7 @@ fn segment(kind: &str, delay: f64, from: &str, to: &str, net: Option<&str>) -> V
     segment
 }
 
-/// A report in the form of nextpnr 0.11: paths from and to pins beside the one that counts.
+/// A report in the format of nextpnr 0.11, with paths from and to pins in addition to the relevant one.
 fn timing_report(path: Vec<Value>) -> Value {
     const CLOCK: &str = "posedge $glbnet$clk$TRELLIS_IO_IN";
     json!({
@@ -245,7 +245,7 @@ fn succeeds(command: &mut Command) -> Output {
     output
 }
 
-/// The last line, which says why; lines before it may tell what was going on.
+/// The last line, which gives the reason; earlier lines may report progress.
 fn fails(command: &mut Command, folder: &Path) -> String {
     let output = command.arg("--json").arg("report.json").output().unwrap();
     let stderr = text(&output.stderr);
@@ -286,25 +286,25 @@ fn a_unit_is_synthesised_once() {
     assert_eq!(unit["lut4"], area.lut4);
     assert_eq!(unit["ff"], area.ff);
     assert!((50..150).contains(&area.lut4), "{area:?}");
-    // A multiplier has a register of a result's width at least for each stage.
+    // Each stage of a multiplier has at least one register of the result's width.
     assert!(area.ff >= u64::from(24 * latency), "{area:?}");
     assert_eq!(unit["share_percent"]["dsp"], 1.04);
     assert_eq!(unit.get("mhz"), None, "it was not routed");
     assert_eq!(measured["total"], Value::Null, "one unit is not the whole");
 
-    // Again: nothing is run, and all is the same.
+    // Second run: no tool is run, and the results are the same.
     let again = succeeds(&mut dynrt(arguments, folder));
     assert_eq!(text(&again.stderr), "");
     assert_eq!(again.stdout, first.stdout);
     assert_eq!(report(folder), measured);
 
-    // Another machine: what changed is synthesised again, the comment of its clock included.
+    // Another machine: changed modules are synthesised again, including the one that differs only by the clock in a comment.
     let deeper = format!("{arguments} --set clock.target_mhz=150");
     let deeper = succeeds(&mut dynrt(&deeper, folder));
     assert!(text(&deeper.stderr).contains("synthesising fp_mul"));
     assert!(report(folder)["units"][0]["latency"].as_u64() > Some(u64::from(latency)));
 
-    // What cannot be read any more is made again.
+    // An unreadable result is computed again.
     for file in fs::read_dir(folder.join("cache/synth")).unwrap() {
         fs::write(file.unwrap().path(), "{\"DSP48\":").unwrap();
     }
@@ -346,11 +346,11 @@ fn a_unit_is_placed_and_routed() {
     assert!(queue.verilog().contains("reg  [5:0] words [0:47]"));
     // Without the shift registers around it: head, tail and count.
     assert_eq!(units[1]["ff"], 6 + 6 + 6);
-    // 48 words of 6 bits in memories of 16 by 4.
+    // 48 words of 6 bits in memories of 16 × 4 bits.
     assert_eq!(units[1]["cells"]["TRELLIS_DPR16X4"], 3 * 2);
 }
 
-/// A folder in which a script stands for a tool.
+/// A folder with a script in place of a tool.
 fn tool(folder: &Path, name: &str, script: &str) -> PathBuf {
     let bin = folder.join("bin");
     fs::create_dir_all(&bin).unwrap();
@@ -385,7 +385,7 @@ fn tools_that_are_missing_old_or_failing_are_named() {
     let with = |script: &str, arguments: &str| {
         let bin = tool(folder, "yosys", script);
         let mut command = without_tools(arguments);
-        // A shell's own commands do for the scripts.
+        // The scripts use only commands of the shell.
         command.env("DYNRT_TOOLS", bin).env("PATH", "/bin:/usr/bin");
         command
     };
@@ -420,7 +420,7 @@ fn tools_that_are_missing_old_or_failing_are_named() {
         cut.starts_with("module fp_mul: Yosys has written no whole report"),
         "{cut}"
     );
-    // Nothing of all this is taken for a result.
+    // None of these counts as a result.
     assert_eq!(fs::read_dir(folder.join("cache/synth")).unwrap().count(), 0);
 }
 
@@ -440,7 +440,7 @@ fn what_cannot_be_measured_is_said_at_once() {
         fault("synth --unit fp_mul --target virtex4-lx160 --route"),
         "target virtex4-lx160: no open tool supports place and route for it; use --target ecp5-85f, the most similar supported device"
     );
-    // A unit may be named as its module is emitted, too.
+    // A unit can also be named as its module is emitted.
     for name in ["fp_mul", "dynrt_fp_mul"] {
         assert!(
             fault(&format!(
@@ -455,7 +455,7 @@ fn what_cannot_be_measured_is_said_at_once() {
     assert_eq!(command.output().unwrap().status.code(), Some(2));
 }
 
-// What takes a machine to a bitstream.
+// The files for a bitstream.
 
 fn generated(config: &Config) -> Vec<(String, String)> {
     constraints::files(config, default_prefix(), "../rtl", None).unwrap()
@@ -477,7 +477,7 @@ fn the_checked_in_constraints_are_what_is_generated() {
             "constraints/{name} is not what is generated; refresh it with: make rtl"
         );
     }
-    // What scripts have built lies in a folder of its own.
+    // The results of scripts are in a separate folder.
     let held = fs::read_dir(&folder).unwrap().map(|entry| entry.unwrap());
     let held: Vec<_> = held
         .map(|entry| entry.file_name())
@@ -493,7 +493,7 @@ fn constraints_follow_from_the_configuration() {
     let files = generated(&config);
     let ucf = file(&files, "dynrt_selftest.ucf");
     assert!(ucf.contains("PERIOD \"clk\" 12.500 ns"), "{ucf}");
-    // Half of it, where no other is asked for.
+    // Half of the clock by default.
     assert!(file(&files, "dynrt_ulx3s.v").contains("at 40 MHz"));
     let fast = constraints::files(&config, default_prefix(), "../rtl", Some(80)).unwrap();
     let board = file(&fast, "dynrt_ulx3s.v");
@@ -559,7 +559,7 @@ fn scripts_refuse_what_is_not_theirs() {
         }
     }
 
-    // A netlist of an earlier run is not taken for what XST has not written.
+    // The netlist of an earlier run is not used if XST has not written one.
     let bin = tool(folder, "xst", "exit 0");
     for name in ["ngdbuild", "map", "par", "trce", "bitgen"] {
         tool(folder, name, "exit 0");
@@ -574,7 +574,7 @@ fn scripts_refuse_what_is_not_theirs() {
     assert!(!netlist.exists());
 }
 
-/// Writes a machine with its self-test, lets `change` edit the self-test, runs it in Icarus.
+/// Writes a machine with its self-test, applies `change` to the self-test, and runs it in Icarus Verilog.
 fn simulated(config: &Config, change: impl Fn(&str, String) -> String) -> (bool, String) {
     simulated_as(config, default_prefix(), change)
 }
@@ -650,7 +650,7 @@ fn the_self_test_follows_the_machine_s_prefix() {
 #[test]
 fn the_self_test_notices_faults() {
     let config = Config::load("tiny").unwrap();
-    // The scene is another one: the least bit of a vertex' coordinate.
+    // Another scene: the least significant bit of a vertex's coordinate differs.
     let (passed, printed) = simulated(&config, |name, text| {
         if name != "dynrt_selftest_vertex_rom.v" {
             return text;
@@ -667,7 +667,7 @@ fn the_self_test_notices_faults() {
         !passed && printed.starts_with("FAIL checksum "),
         "{printed}"
     );
-    // Hits get lost.
+    // Some hits are lost.
     let (passed, printed) = simulated(&config, |name, text| {
         if name != "dynrt_selftest.v" {
             return text;

@@ -14,7 +14,7 @@ pub fn multiply(width: u32) -> Result<Arc<Module>, HdlError> {
 }
 
 /// `c` and `valid` enter together with `a` and `b`. They are delayed by the latency of the multiplier,
-/// whatever that is.
+/// which the description does not state.
 pub fn multiply_add(width: u32) -> Result<Arc<Module>, HdlError> {
     let m = Builder::new("multiply_add", "y = a * b + c.");
     let p = m.pipeline();

@@ -1,4 +1,4 @@
-//! `sim/check_vectors.py`, the checker that knows only the pages: it finds nothing wrong with vectors as they are written, and notices a changed
+//! `sim/check_vectors.py` finds no mismatch in generated vectors, and detects a changed
 //! digit in every kind of file.
 
 use crate::support::seed;
@@ -9,7 +9,7 @@ use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
 
-/// What the checker says of a folder.
+/// The output of the checker for a folder.
 fn check(folder: &Path, arguments: &[&str]) -> Output {
     Command::new("python3")
         .arg(Path::new(env!("CARGO_MANIFEST_DIR")).join("sim/check_vectors.py"))
@@ -23,7 +23,7 @@ fn text(output: &Output) -> String {
     String::from_utf8_lossy(&output.stdout).into_owned() + &String::from_utf8_lossy(&output.stderr)
 }
 
-/// Writes vectors as a user does.
+/// Writes vectors with the command.
 fn write(folder: &Path, arguments: &[&str]) {
     let output = Command::new(env!("CARGO_BIN_EXE_dynrt"))
         .arg("vectors")
@@ -100,7 +100,7 @@ fn the_checker_that_ships_finds_nothing_wrong() {
                 "{name}: {kind}: {checked:?}"
             );
         }
-        // A part of it, and not a word.
+        // A part of the folder, without output.
         let output = check(&folder, &["--limit", "3", "--quiet"]);
         assert!(
             output.status.success() && text(&output).is_empty(),
@@ -110,7 +110,7 @@ fn the_checker_that_ships_finds_nothing_wrong() {
     }
 }
 
-/// A small folder whose numbers are so coarse that a changed digit of an operand shows in most results.
+/// A small folder with such a coarse number format that a changed digit of an operand affects most results.
 const COARSE: [&str; 11] = [
     "builtin:cornell",
     "--size",
@@ -125,8 +125,8 @@ const COARSE: [&str; 11] = [
     "skinning.joints=16",
 ];
 
-/// Files in which the pages leave some digits open, so that a change of one need not change anything that follows from it: random
-/// operands whose result is a NaN or absorbs them, a register that nothing reads.
+/// Files in which some digits have no effect: random
+/// operands whose result is a NaN or absorbs them, and registers that are never read.
 const OPEN: [&str; 12] = [
     "fp_add_stimulus.hex",
     "fp_mul_stimulus.hex",
@@ -142,7 +142,7 @@ const OPEN: [&str; 12] = [
     "vertices.hex",
 ];
 
-/// Changes one digit of a file, and makes its checksum in the manifest right again. Returns what was done.
+/// Changes one digit of a file and adapts its checksum in the manifest. Returns a description.
 fn flip(folder: &Path, file: &str, rng: &mut Rng) -> String {
     let mut bytes = fs::read(folder.join(file)).unwrap();
     let digits = match file {
@@ -173,7 +173,7 @@ fn flip(folder: &Path, file: &str, rng: &mut Rng) -> String {
     )
 }
 
-/// The whole numbers of the manifest that follow from the pages or from each other, by JSON pointer.
+/// The numbers of the manifest that follow from the pages or from each other, as JSON pointers.
 fn figures(value: &Value, pointer: &str, found: &mut Vec<String>) {
     let open = ["/configuration", "/made", "/ports"];
     match value {
@@ -195,7 +195,7 @@ fn figures(value: &Value, pointer: &str, found: &mut Vec<String>) {
     }
 }
 
-/// Whether the checker notices what was done to a copy of a folder, and names the file or its unit.
+/// Whether the checker detects a change of a copy of a folder, and names the file or its unit.
 fn notices(scratch: &Path, good: &Path, file: &str, rng: &mut Rng) -> Result<(), String> {
     let bad = scratch.join(format!("bad-{file}"));
     fs::create_dir(&bad).unwrap();
@@ -212,7 +212,7 @@ fn notices(scratch: &Path, good: &Path, file: &str, rng: &mut Rng) -> Result<(),
     if output.status.success() {
         return Err(done);
     }
-    // Of two files that do not agree, the checker cannot know which one was changed.
+    // If two files disagree, the checker cannot know which one was changed.
     let unit = match file.split('_').next() {
         Some("raycast" | "update" | "skinning") => file.split('_').next().unwrap(),
         _ => file.trim_end_matches(".hex"),
@@ -297,7 +297,7 @@ fn the_checker_that_ships_notices_a_changed_figure_of_the_manifest() {
     }
 }
 
-/// What the checker did not notice in a file: one digit; where the pages leave digits open, none of twelve.
+/// An undetected change of a file: one digit, or twelve digits in files in which some have no effect.
 fn unnoticed(scratch: &Path, good: &Path, file: &str, seed: u64) -> Option<String> {
     let name = file.bytes().fold(seed, |sum, byte| {
         sum.wrapping_mul(31).wrapping_add(byte.into())
@@ -358,7 +358,7 @@ fn the_checker_that_ships_refuses_what_it_cannot_check() {
         assert_eq!(output.status.code(), Some(1), "{}", text(&output));
         text(&output)
     };
-    // A manifest that lists nothing; other figures in it.
+    // A manifest without files; changed figures in the manifest.
     assert!(said(&|m| m["scenes"] = json!([])).contains("scenes is empty"));
     assert!(said(&|m| m["files"] = json!([])).contains("manifest"));
     assert!(said(&|m| m["units"] = json!([])).contains("units"));
@@ -368,7 +368,7 @@ fn the_checker_that_ships_refuses_what_it_cannot_check() {
         said(&|m| m["layouts"]["nodes"]["fields"][0]["lsb"] = json!(1)).contains("layouts: nodes")
     );
     fs::write(&manifest, whole.to_string()).unwrap();
-    // A file that is absent, one that is cut, one too many.
+    // A missing file, a truncated one, an additional one.
     let hits = folder.join("raycast_hits.hex");
     let lines = fs::read_to_string(&hits).unwrap();
     fs::remove_file(&hits).unwrap();

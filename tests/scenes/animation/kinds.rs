@@ -1,4 +1,4 @@
-//! Kinds of glTF files that others write: what of each is read, and what is said of the rest.
+//! Kinds of glTF files by other programs: the parts that are read, and messages about the others.
 
 use super::{File, base64, close, corner, fault, fault_of, one_line, write};
 use dynrt::float::Format;
@@ -32,11 +32,11 @@ fn nowhere(file: &mut File, kind: &str, component: u32, count: usize) -> usize {
     accessors.len() - 1
 }
 
-// ---- What is read, and what is not judged -----------------------------------------------------------------------
+// ---- Parts that are read, and parts that are ignored -------------------------------------------------------------
 
 #[test]
 fn an_accessor_without_a_buffer_view_is_zeros() {
-    // A morph target that moves nothing, beside one that moves.
+    // A morph target without displacements, and one with displacements.
     let mut file = File::triangle();
     let still = nowhere(&mut file, "VEC3", 5126, 3);
     let up = file.floats("VEC3", &[0.0, 0.0, 2.0].repeat(3));
@@ -57,14 +57,14 @@ fn an_accessor_without_a_buffer_view_is_zeros() {
         ": mesh 0: primitive 0: morph target 0: accessor 1: has elements of type Scalar, where Vec3 belongs; export the file again"
     );
 
-    // Attributes that nobody reads here, and an accessor that nothing names.
+    // Unsupported attributes, and an unused accessor.
     let mut file = File::triangle();
     let zeros = nowhere(&mut file, "VEC3", 5126, 3);
     nowhere(&mut file, "VEC3", 5126, 3);
     file.json["meshes"][0]["primitives"][0]["attributes"]["NORMAL"] = json!(zeros);
     assert_eq!(world(&file.load()).positions, triangle());
 
-    // Joints that are all the first, a track that leads to the origin, and indices that name one vertex.
+    // Joints that are all the first, a track that leads to the origin, and indices that all name one vertex.
     let mut file = File::skinned();
     let joints = nowhere(&mut file, "VEC4", 5121, 3);
     file.json["meshes"][0]["primitives"][0]["attributes"]["JOINTS_0"] = json!(joints);
@@ -96,7 +96,7 @@ fn an_accessor_without_a_buffer_view_is_zeros() {
     );
 }
 
-/// Gives every object below these fields, but for maps from names to accessors.
+/// Adds these members to all objects below, except for maps from names to accessors.
 fn give_all(value: &mut Value, extras: &Value) {
     match value {
         Value::Array(all) => all.iter_mut().for_each(|value| give_all(value, extras)),
@@ -214,7 +214,7 @@ fn what_is_used_is_judged() {
             |f| f.json["bufferViews"][0]["byteStride"] = json!("wide"),
             ": mesh 0: primitive 0: POSITION: accessor 0: bufferView 0 has the byteStride \"wide\"; export the file again",
         ),
-        // One beyond the last of each list is not something to be found there.
+        // An index one beyond the end of each list is out of range.
         (
             |f| f.json["accessors"][0]["bufferView"] = json!(1),
             ": is not valid glTF: accessors[0].bufferView: index out of bounds; export it again",
@@ -342,7 +342,7 @@ fn gpu_instancing_is_read() {
     };
     assert_eq!(matrices(&scene, None, 0.0), [at(0.0), at(3.0), at(6.0)]);
 
-    // Translation × rotation × scale, below a node that moves: a quarter turn about z as a short, and as a byte.
+    // Translation × rotation × scale, below a moving node: a quarter turn about z as a short, and as a byte.
     let scales = file.floats("VEC3", &[1.0, 1.0, 1.0, 2.0, 1.0, 1.0, 1.0, 3.0, 1.0]);
     for (component, greatest) in [(5122, 32767i32), (5120, 127)] {
         let turn = (f64::from(greatest) * 0.5f64.sqrt()).round() as i32 as u32;
@@ -364,7 +364,7 @@ fn gpu_instancing_is_read() {
         );
         let scene = file.load();
         let found = matrices(&scene, Some(0), 0.5);
-        // The corner (1, 0, 0) of the second goes to (0, 2, 0) and is put at 3; the corner (0, 1, 0) of the third to y = 3.
+        // The corner (1, 0, 0) of the second is mapped to (0, 2, 0) and placed at 3; the corner (0, 1, 0) of the third to y = 3.
         let point =
             |instance: usize, p| dynrt::scene::animation::transform_point(&found[instance], p);
         assert!(
@@ -384,7 +384,7 @@ fn gpu_instancing_is_read() {
             "{found:?}"
         );
     }
-    // Without a buffer view all stand at the node.
+    // Without a buffer view all instances are at the node.
     let zeros = nowhere(&mut file, "VEC3", 5126, 2);
     file.json["nodes"][0]["extensions"] = instanced(json!({"TRANSLATION": zeros}));
     assert_eq!(matrices(&file.load(), None, 0.0), [IDENTITY; 2]);
@@ -421,7 +421,7 @@ fn faulty_gpu_instancing_is_refused() {
         file.json["nodes"][0]["extensions"] = instanced(attributes);
         assert_eq!(file.fault(), expected);
     }
-    // Without attributes it says nothing of instances.
+    // Without attributes it defines no instances.
     let mut file = File::triangle();
     for without in [json!(5), json!({}), json!({"attributes": []})] {
         file.json["nodes"][0]["extensions"] = json!({"EXT_mesh_gpu_instancing": without});
@@ -432,7 +432,7 @@ fn faulty_gpu_instancing_is_refused() {
             ["node 0: its EXT_mesh_gpu_instancing is without attributes: the mesh is shown once"]
         );
     }
-    // A skinned mesh has no place that instances could be multiplied by.
+    // A skinned mesh has no place, so instancing has no effect.
     let mut file = File::skinned();
     file.json["nodes"][0]["extensions"] = instanced(json!({"TRANSLATION": 0}));
     let scene = file.load();
@@ -465,7 +465,7 @@ fn hidden_nodes_are_not_shown() {
         scene.warnings,
         ["1 node is hidden by KHR_node_visibility, with all that is below: group"]
     );
-    // A scene of nothing else is shown: a motion that is not read may be meant to make it appear.
+    // A scene with only hidden nodes is shown, because an unsupported motion may make them appear.
     file.json["scenes"][0]["nodes"] = json!([1]);
     let scene = file.load();
     assert_eq!(scene.instances.len(), 1);
@@ -501,7 +501,7 @@ fn extensions_that_are_not_read_are_named() {
         ]
     );
 
-    // Channels that move what no node's property is.
+    // Channels that do not move a property of a node.
     let mut file = File::triangle();
     file.channel("translation", 0, "LINEAR", &[0.0, 2.0], "VEC3", &[0.0; 6]);
     let channels = file.json["animations"][0]["channels"]
@@ -525,7 +525,7 @@ fn extensions_that_are_not_read_are_named() {
             "1 animation channel is left out: the node has no morph targets that the weights could blend",
         ]
     );
-    // What is kept is called by its number in the file.
+    // Remaining channels are named by their numbers in the file.
     file.json["animations"][0]["channels"][3]["target"]["node"] = json!(8);
     assert_eq!(
         file.fault(),
@@ -557,7 +557,7 @@ fn compressed_vertices_are_not_taken_for_zeros() {
         ": mesh 0: primitive 0: its vertices are compressed by KHR_draco_mesh_compression, which cannot be read here; export it without (uncompressed)"
     );
 
-    // A second buffer without data is the fallback of a compressed one; the binary chunk is the first's alone.
+    // A second buffer without data is the fallback of a compressed one; only the first can be the binary chunk.
     let mut file = File::triangle();
     file.json["extensionsUsed"] = json!(["EXT_meshopt_compression"]);
     file.json["bufferViews"][0] = json!({"buffer": 1, "byteLength": 36, "extensions": {
@@ -618,7 +618,7 @@ fn what_is_around_the_json_is_passed_over() {
     assert!(fault_of("a.gltf", &[0; 8]).starts_with(": is not glTF: EOF while parsing"));
 }
 
-/// A binary file whose JSON stands between others' bytes.
+/// A binary file with other bytes before and after the JSON.
 fn binary_with(file: &File, before: &str, after: &str) -> Vec<u8> {
     let whole = file.binary();
     let length = u32::from_le_bytes(whole[12..16].try_into().unwrap()) as usize;
@@ -666,7 +666,7 @@ fn data_uris_are_those_of_rfc_2397() {
         file.json["buffers"][0] = json!({"uri": uri, "byteLength": 36});
         assert_eq!(world(&file.load()).positions, triangle(), "{uri}");
     }
-    // Padding may be missing, and bits beyond the last byte are not looked at.
+    // Padding may be missing, and bits after the last byte are ignored.
     for (uri, length) in [
         ("data:;base64,AAAA", 3),
         ("data:;base64,AA", 1),
@@ -700,7 +700,7 @@ fn data_uris_are_those_of_rfc_2397() {
     }
 }
 
-// ---- What is not there in a frame -------------------------------------------------------------------------------
+// ---- Absent instances -------------------------------------------------------------------------------------------
 
 fn warnings_of(scene: &Animated, clip: Option<usize>, times: &[f64]) -> Vec<String> {
     let poses: Vec<Pose> = times
@@ -726,7 +726,7 @@ fn an_instance_of_scale_zero_is_not_there() {
         "VEC3",
         &[0.0, 0.0, 0.0, 1.0, 1.0, 1.0],
     );
-    // Pressed flat by one axis, it has no inverse either.
+    // Flattened on one axis, it has no inverse either.
     file.channel(
         "scale",
         0,
@@ -768,7 +768,7 @@ fn an_instance_of_scale_zero_is_not_there() {
     );
     assert!(warnings_of(&scene, Some(0), &[0.5, 1.0]).is_empty());
 
-    // A film that begins with nothing, and one that is nothing.
+    // A film that begins without instances, and one without any.
     file.json["scenes"][0]["nodes"] = json!([0]);
     let scene = file.load_unchecked();
     assert_eq!(
@@ -784,7 +784,7 @@ fn an_instance_of_scale_zero_is_not_there() {
         "scene scene: nothing is shown in any frame: a scale of 0 makes the matrix of every instance singular (Ghost); give their nodes, and those above them, other scales, or show another time"
     );
 
-    // A flat parent makes a turned child singular but for rounding.
+    // A flat parent makes a rotated child singular up to rounding.
     let mut file = File::triangle();
     file.json["nodes"] = json!([
         {"children": [1], "scale": [1, 0, 1], "rotation": [0.2, 0.4, 0.4, 0.8]},
@@ -794,7 +794,7 @@ fn an_instance_of_scale_zero_is_not_there() {
         file.load_unchecked().pose(None, 0.0).unwrap().instances,
         [None]
     );
-    // Of many, a few are named; instances that an extension places can be hidden one by one.
+    // Only the first few of many are named; instances of an extension can be hidden one by one.
     let mut file = File::triangle();
     let scales = file.floats("VEC3", &[[0.0; 15].as_slice(), &[1.0; 3]].concat());
     file.json["nodes"][0]["extensions"] = instanced(json!({"SCALE": scales}));
@@ -806,7 +806,7 @@ fn an_instance_of_scale_zero_is_not_there() {
         ]
     );
 
-    // Bones may have any scale: what follows them shrinks to a point and stays.
+    // Bones may have any scale: the vertices that follow them shrink to a point and remain.
     let mut file = File::skinned();
     file.json["nodes"][1]["scale"] = json!([0, 0, 0]);
     file.json["nodes"][0]["scale"] = json!([0, 0, 0]);
@@ -817,7 +817,7 @@ fn an_instance_of_scale_zero_is_not_there() {
     assert!(scene.warnings_of(&[pose]).is_empty());
 }
 
-// ---- What is said -----------------------------------------------------------------------------------------------
+// ---- Messages -----------------------------------------------------------------------------------------------------
 
 #[test]
 fn names_are_escaped_and_found_by_either_spelling() {
@@ -852,7 +852,7 @@ fn names_are_escaped_and_found_by_either_spelling() {
         "{unknown}"
     );
 
-    // Words of the file that are no names, in errors.
+    // Words of the file other than names, in errors.
     let mut file = File::triangle();
     file.json["extensionsRequired"] = json!(["X\u{1b}]0;title\u{7}"]);
     assert_eq!(
@@ -871,7 +871,7 @@ fn names_are_escaped_and_found_by_either_spelling() {
     );
 }
 
-/// What is said of a scene at rest in the machine's numbers.
+/// The warnings about a scene at rest in the machine's number format.
 fn precision(scene: &Animated) -> Vec<String> {
     let extents = scene.extents(None, &[0.0]).unwrap();
     let machine = MachineScene::new(scene, &extents, Format::FP24, 256).unwrap();
@@ -880,7 +880,7 @@ fn precision(scene: &Animated) -> Vec<String> {
 
 #[test]
 fn what_the_format_cannot_hold_is_said_of_every_object_once() {
-    // As of a mesh that stands still, in the same words.
+    // The same words as for a static mesh.
     let folder = tempfile::tempdir().unwrap();
     let obj =
         "v 1000000 0 0\nv 1000001 0 0\nv 1000000 1 0\nv 1000000 1 0.5\nf 1 2 3\nf 1 1 2\nf 1 4 2\n";
@@ -891,7 +891,7 @@ fn what_the_format_cannot_hold_is_said_of_every_object_once() {
     assert_eq!(warnings.len(), 3, "{warnings:?}");
     assert_eq!(precision(&load_animated(&path).unwrap()), warnings);
 
-    // Of objects, those that lose something are named. A node that is far away makes the world far, not its object.
+    // Only objects with losses are named. A distant node affects the world, not its object.
     let mut file = File::triangle();
     let far = file.floats("VEC3", &[1e6, 0.0, 0.0, 1e6 + 1.0, 0.0, 0.0, 1e6, 1.0, 0.0]);
     let flat = file.floats("VEC3", &[0.0, 0.0, 0.0, 1.0, 1.0, 0.0, 2.0, 2.0, 0.0]);
@@ -923,7 +923,7 @@ fn what_the_format_cannot_hold_is_said_of_every_object_once() {
             "scene scene: lies 1001 times its own size away from the origin, where {format} is coarse; move it to the origin"
         )]
     );
-    // A skinned object's vertices at rest have a scale of their own.
+    // A skinned object's vertices at rest have their own scale.
     let mut file = File::skinned();
     file.json["nodes"][1]["scale"] = json!([1e-6, 1e-6, 1e-6]);
     assert!(precision(&file.load()).is_empty());
@@ -935,31 +935,31 @@ thread_local! {
     static LARGEST: Cell<usize> = const { Cell::new(0) };
 }
 
-/// Remembers the largest piece of memory that a thread has asked for.
+/// Records the largest allocation of a thread.
 struct Watched;
 
-// SAFETY: all is passed on to the system's allocator as it is.
+// SAFETY: all calls are passed on to the system's allocator unchanged.
 unsafe impl GlobalAlloc for Watched {
     unsafe fn alloc(&self, layout: Layout) -> *mut u8 {
         LARGEST.with(|largest| largest.set(largest.get().max(layout.size())));
-        // SAFETY: the caller keeps what `GlobalAlloc` demands.
+        // SAFETY: the caller fulfils the requirements of `GlobalAlloc`.
         unsafe { System.alloc(layout) }
     }
 
     unsafe fn alloc_zeroed(&self, layout: Layout) -> *mut u8 {
         LARGEST.with(|largest| largest.set(largest.get().max(layout.size())));
-        // SAFETY: the caller keeps what `GlobalAlloc` demands.
+        // SAFETY: the caller fulfils the requirements of `GlobalAlloc`.
         unsafe { System.alloc_zeroed(layout) }
     }
 
     unsafe fn dealloc(&self, pointer: *mut u8, layout: Layout) {
-        // SAFETY: the caller keeps what `GlobalAlloc` demands.
+        // SAFETY: the caller fulfils the requirements of `GlobalAlloc`.
         unsafe { System.dealloc(pointer, layout) }
     }
 
     unsafe fn realloc(&self, pointer: *mut u8, layout: Layout, size: usize) -> *mut u8 {
         LARGEST.with(|largest| largest.set(largest.get().max(size)));
-        // SAFETY: the caller keeps what `GlobalAlloc` demands.
+        // SAFETY: the caller fulfils the requirements of `GlobalAlloc`.
         unsafe { System.realloc(pointer, layout, size) }
     }
 }
@@ -967,7 +967,7 @@ unsafe impl GlobalAlloc for Watched {
 #[global_allocator]
 static WATCHED: Watched = Watched;
 
-/// Places in a document, as pointers.
+/// All places in a document, as JSON pointers.
 fn pointers(value: &Value, here: String, all: &mut Vec<String>) {
     match value {
         Value::Array(list) => {
@@ -999,7 +999,7 @@ fn random_value(rng: &mut fastrand::Rng, others: &Value, pointers: &[String]) ->
         9 => json!(["", "\u{1b}x\n", "VEC3", "LINEAR", "data:,x", "pointer"][rng.usize(..6)]),
         10 => json!([5120, 5121, 5122, 5123, 5125, 5126][rng.usize(..6)]),
         11 => json!(rng.u32(..100_000_000)),
-        // Something from elsewhere in the file.
+        // A value from elsewhere in the file.
         _ => others
             .pointer(&pointers[rng.usize(..pointers.len())])
             .cloned()
@@ -1007,7 +1007,7 @@ fn random_value(rng: &mut fastrand::Rng, others: &Value, pointers: &[String]) ->
     }
 }
 
-/// Files that together have everything that is read.
+/// Files that together use all supported features.
 fn whole_files() -> [File; 3] {
     let mut skinned = File::skinned();
     let up = skinned.floats("VEC3", &[0.0, 0.0, 1.0].repeat(3));
@@ -1064,7 +1064,7 @@ fn whole_files() -> [File; 3] {
 #[test]
 fn files_changed_at_random_become_a_scene_or_one_line() {
     const ROUNDS: usize = 6000;
-    // A frame holds no more than a few vertices: what is larger was claimed, not given.
+    // A frame has only a few vertices, so a larger allocation follows from a claim of the file.
     const MOST_BYTES: usize = 256 << 20;
     let seed =
         std::env::var("SEED").map_or_else(|_| fastrand::u64(..), |seed| seed.parse().unwrap());
@@ -1166,7 +1166,7 @@ fn buffers_are_regular_files_of_any_name() {
     std::fs::write(folder.path().join(name), &file.bytes).unwrap();
     file.json["buffers"][0] = json!({"uri": "na%FFme.bin", "byteLength": file.bytes.len()});
     assert_eq!(world(&scene(&file).unwrap()).positions, triangle());
-    // To open a pipe would wait for ever, to read a device never end.
+    // Opening a pipe could wait forever, and reading a device could never end.
     let pipe = folder.path().join("pipe.bin");
     let made = std::process::Command::new("mkfifo").arg(&pipe).status();
     assert!(made.unwrap().success());

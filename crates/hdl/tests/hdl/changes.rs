@@ -26,7 +26,7 @@ fn changeable() -> Arc<Module> {
     m.finish().unwrap()
 }
 
-/// The lines that a change brings, but for what gathers the bits that nothing reads.
+/// The lines that a change adds, without the wire for unused bits.
 fn brought(module: &Module, mutation: &Mutation) -> String {
     let changed = module.with(mutation);
     let changed = changed.unwrap_or_else(|error| panic!("{mutation:?}: {error}"));
@@ -114,7 +114,7 @@ fn a_change_is_seen_in_its_place_alone() {
             chosen.literal_of(3).as_value(2),
             "wire chosen = ~sum[0] ? (a < 4'd2) : (|a);",
         ),
-        // Of an instance, and of two clocks before.
+        // The output of an instance, and the value of two cycles before.
         (
             signal("y").reads(below.output("y").unwrap()).as_value(3),
             "wire [3:0] below_y; .x(a & sum), .y(below_y) assign y = 4'd3;",
@@ -132,13 +132,13 @@ fn a_change_is_seen_in_its_place_alone() {
             "reg  [3:0] sum_d1, sum_d2, sum_d3; \
              if (rst) kept <= 4'd2; else if (chosen) kept <= sum_d3; sum_d3 <= sum_d2;",
         ),
-        // Behind named signals, of which whoever else reads them sees nothing.
+        // Behind named signals, whose other readers are not affected.
         (
             kept.reads(a).as_value(7),
             "wire [3:0] sum_2 = {3'd3, 1'b0} + 4'd5; \
              if (rst) kept <= 4'd2; else if (~sum_2[0] ? (4'd7 < 4'd3) : (|4'd7)) kept <= sum_d2;",
         ),
-        // Wherever it is read.
+        // For all readers.
         (
             sum.fault().inverted(),
             "wire [3:0] sum = ~({a[3:1], 1'b0} + 4'd5);",
@@ -153,7 +153,7 @@ fn a_change_is_seen_in_its_place_alone() {
             "assign word = words[a]; assign b = a;",
         ),
         (signal("word").fault().as_signal(a), "assign word = a;"),
-        // What is made later is declared where it is read.
+        // A node that is made later is declared where it is read.
         (
             sum.reads(a).as_signal(kept),
             "wire [3:0] sum = {kept[3:1], 1'b0} + 4'd5;",
@@ -178,7 +178,7 @@ fn a_change_is_seen_in_its_place_alone() {
     }
 }
 
-/// A description's changes are those of the finished module, and mistakes in them are its mistakes.
+/// Changes of a description are those of the finished module, and mistakes in them are mistakes of the description.
 #[test]
 fn changes_are_part_of_a_description() {
     let m = Builder::new("described", "a sum.");
@@ -261,7 +261,7 @@ fn what_a_change_needs_must_be_there() {
     );
     let sum = module.signal("sum").unwrap();
     let chosen = module.signal("chosen").unwrap();
-    // It would be made of itself.
+    // The signal would depend on itself.
     let looped = module.with(
         &sum.reads(module.signal("a").unwrap())
             .as_signal(below.output("y").unwrap()),
@@ -277,7 +277,7 @@ fn what_a_change_needs_must_be_there() {
     );
 }
 
-/// With a change selected by its number a design does what the design with this change alone does, in every clock and every bit.
+/// A design with a change selected by its number behaves like the design with only this change, in every cycle and every bit.
 #[test]
 fn a_selected_change_is_the_change() {
     const CLOCKS: usize = 1000;
@@ -324,7 +324,7 @@ fn a_selected_change_is_the_change() {
     let (mut noticed, mut same) = (0, 0);
     for (site, &(number, change)) in drawn.iter().zip(&changes) {
         let alone = design.with(change).unwrap();
-        // Where an input selects, registers begin as what the reset does not give that they have without changes.
+        // If an input selects, registers start with the complement of the reset value that they have without changes.
         let designs = match site.kind {
             Kind::Reset => [
                 design
@@ -355,7 +355,7 @@ fn a_selected_change_is_the_change() {
                 }
             }
             for model in &mut models {
-                // A change may be that nothing is reset.
+                // A change can remove the last reset.
                 if let Ok(port) = model.model.port("rst") {
                     model.model.set(port, reset);
                 }

@@ -1,4 +1,4 @@
-//! The hardware-construction layer, from the outside: messages, pipelines, text, what the text computes, and changes.
+//! Tests of the hardware-construction layer: messages, pipelines, printed text, its simulation, and changes.
 
 mod changes;
 mod mistakes;

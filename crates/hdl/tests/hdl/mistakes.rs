@@ -1,4 +1,4 @@
-//! What is said of mistakes, word for word.
+//! The exact error messages of mistakes.
 
 use dynrt_hdl::{Builder, Design, HdlError, Module, Signal, Style};
 use std::cell::Cell;
@@ -9,14 +9,14 @@ thread_local! {
     static PLACE: Cell<(&str, u32)> = const { Cell::new(("", 0)) };
 }
 
-/// Says that the mistake is made in the line after this one.
+/// The place of a mistake in the line after this call.
 #[track_caller]
 pub fn next_line() {
     let place = Location::caller();
     PLACE.set((place.file(), place.line() + 1));
 }
 
-/// What is said of a module with a mistake, word for word.
+/// The exact message of a module with a mistake.
 #[track_caller]
 pub fn mistake(expected: &str, describe: impl FnOnce(&Builder)) {
     let m = Builder::new("broken", "has a mistake.");
@@ -276,7 +276,7 @@ fn loops_are_found() {
     });
 }
 
-/// Its output y follows x, through an instance, its output z follows other, and r is a register of x.
+/// A module whose output y follows x through an instance, whose output z follows other, and whose r is a register of x.
 fn nested() -> Arc<Module> {
     let m = Builder::new("nested", "y = x, z = other.");
     let (x, other) = (m.input("x", 4), m.input("other", 4));
@@ -408,7 +408,7 @@ fn names_are_good_and_free() {
         next_line();
         m.instance("i", &module, &[("x", x)]);
     });
-    // The wires of an instance's outputs are called after both.
+    // The wires of an instance's outputs are named after the instance and the port.
     let line = line!() + 3;
     mistake(&taken("i_y", line), |m| {
         let (module, x) = (follower(), m.input("x", 4));
@@ -461,7 +461,7 @@ fn modules_of_one_name_must_be_one() {
         m.output("y", a.get("y") ^ b.get("y"));
         m.finish().unwrap()
     };
-    // Made twice in the same words it is the same module.
+    // Two identical descriptions give the same module.
     let design = Design::new(outer(false)).unwrap();
     let names: Vec<_> = design.modules().iter().map(|m| m.name()).collect();
     assert_eq!(names, ["inner", "outer"]);
@@ -479,7 +479,7 @@ fn stages_do_not_mix() {
     mistake(
         "\"a1\" and \"b\" are in different pipelines: move one to the other with untimed and enter_at",
         |m| {
-            // At different stages, either way round.
+            // At different stages, in both orders.
             let a = m.pipeline().input("a", 4).register();
             let b = m.pipeline().input("b", 4);
             next_line();

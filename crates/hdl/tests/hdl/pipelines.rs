@@ -1,4 +1,4 @@
-//! How pipelines balance.
+//! Balancing of pipelines.
 
 use super::simulation::Verilated;
 use dynrt_hdl::{Builder, Module, Signal, named};
@@ -16,13 +16,13 @@ fn operands_are_aligned_and_latencies_add_up() {
     assert_eq!(m.concat(&[a, b.delay(2), late]).staged(), Some(3));
     assert_eq!(late.at(5).staged(), Some(5));
     assert_eq!(late.at(3).staged(), Some(3));
-    // Literals go with any stage and are never delayed.
+    // Literals can be combined with any stage and are never delayed.
     let five = m.lit(5u8, 8);
     assert_eq!((late + five).staged(), Some(3));
     assert_eq!((five + a).staged(), Some(0));
     assert_eq!((five.delay(9) + five).staged(), None);
     assert_eq!(five.at(7).staged(), None);
-    // A signal outside pipelines can be brought in anywhere, and one inside be taken out.
+    // A signal outside pipelines can be used in one at any stage, and a signal of a pipeline can be used outside.
     let outside = m.input("outside", 8);
     assert_eq!((late + p.enter_at(outside, 3)).staged(), Some(3));
     assert_eq!((late + p.enter(outside)).staged(), Some(3));
@@ -45,7 +45,7 @@ impl MuxStage for Signal<'_> {
     }
 }
 
-/// y = a * b + c, where c comes at stage 2; `next` is 1 where y is of a set of inputs that was valid.
+/// y = a * b + c, with c at stage 2; `next` is 1 if y belongs to valid inputs.
 pub fn multiply_add() -> Arc<Module> {
     let m = Builder::new("multiply_add", "y = a * b + c.");
     let p = m.pipeline();
@@ -64,7 +64,7 @@ pub fn multiply_add() -> Arc<Module> {
     m.finish().unwrap()
 }
 
-/// (a * b + c) * d + e of inputs that all come at stage 0, and the tag that came with them.
+/// (a * b + c) * d + e, with all inputs at stage 0, and their tag.
 pub fn horner() -> Arc<Module> {
     let m = Builder::new("horner", "y = (a * b + c) * d + e.");
     let p = m.pipeline();
@@ -114,7 +114,7 @@ fn nested_pipelines_balance() {
         sent.push(inputs);
         model.clock();
         let Some(entered) = sent.len().checked_sub(6) else {
-            // What came before and during reset is not valid.
+            // Results of inputs before and during reset are not valid.
             assert_eq!(model.get("valid_out"), 0);
             continue;
         };

@@ -1,4 +1,4 @@
-//! The README shows the examples and what they print.
+//! The README contains the examples and their output.
 
 #[path = "../../examples/counter.rs"]
 mod counter;
@@ -10,7 +10,7 @@ mod multiply_add;
 use dynrt_hdl::{Design, HdlError};
 use dynrt_verilated::model::{Sources, lint};
 
-/// An example's name, its source, and the function that returns what it prints.
+/// An example's name, its source, and the function that returns its output.
 type Example = (&'static str, &'static str, fn() -> Result<String, HdlError>);
 
 const EXAMPLES: [Example; 3] = [

@@ -1,11 +1,11 @@
-//! What is printed computes what was described.
+//! The printed Verilog computes the described function.
 
 use dynrt_hdl::{Builder, Design, Module, Signal, Style};
 use dynrt_verilated::model::{BuildOptions, Model, PortHandle, Sources, build, lint};
 use dynrt_verilated::seed;
 use std::sync::Arc;
 
-/// A module run by Verilator, its ports by name.
+/// A module in Verilator, with its ports by name.
 pub struct Verilated {
     pub model: Model,
 }
@@ -59,12 +59,12 @@ impl Verilated {
     }
 }
 
-/// What a net of a random module is, for the interpreter: operands are earlier nets.
+/// A net of a random module for the interpreter; operands are earlier nets.
 #[derive(Debug)]
 enum Net {
     Input(usize),
     Literal(u128),
-    /// The same value, whatever registers are between.
+    /// The same value, with any number of registers in between.
     Same(usize),
     Not(usize),
     Two(Two, usize, usize),
@@ -132,7 +132,7 @@ struct Stored {
     write: [usize; 3],
 }
 
-/// A random module: as it was described to the layer, and for the interpreter.
+/// A random module, described to the layer and to the interpreter.
 pub struct Random {
     pub module: Arc<Module>,
     nets: Vec<(Net, u32)>,
@@ -148,12 +148,12 @@ pub fn mask(width: u32) -> u128 {
     u128::MAX >> (128 - width)
 }
 
-/// Makes a random module by telling the layer and the interpreter the same.
+/// Makes a random module with the same description for the layer and for the interpreter.
 struct Maker<'b, 'r> {
     m: &'b Builder,
     rng: &'r mut fastrand::Rng,
     signals: Vec<Signal<'b>>,
-    /// Nets that are in both descriptions, and no constants: these would breed.
+    /// Nets in both descriptions, without constants, which would produce more and more constants.
     pool: Vec<usize>,
     nets: Vec<(Net, u32)>,
     states: Vec<State>,
@@ -186,7 +186,7 @@ impl<'b> Maker<'b, '_> {
         self.nets[net].1
     }
 
-    /// Any net, the later the likelier.
+    /// A random net; later nets have a higher probability.
     fn any(&mut self) -> usize {
         let n = self.pool.len();
         self.pool[self.rng.usize(..n).max(self.rng.usize(..n))]
@@ -207,7 +207,7 @@ impl<'b> Maker<'b, '_> {
         self.plain(Net::Literal(value), self.m.lit(value, width))
     }
 
-    /// A net of a width.
+    /// A random net of a width.
     fn of(&mut self, width: u32) -> usize {
         if self.rng.u32(..12) == 0 {
             return self.literal(width);
@@ -247,7 +247,7 @@ impl<'b> Maker<'b, '_> {
         self.plain(Net::Literal(0), self.m.zero(width))
     }
 
-    /// Of the operations without state, one.
+    /// Adds a random operation without state.
     fn operation(&mut self) {
         let a = self.any();
         let (x, width) = (self.signals[a], self.width(a));
@@ -336,7 +336,7 @@ impl<'b> Maker<'b, '_> {
         self.add(Net::State(self.states.len() - 1), signal)
     }
 
-    /// An operation with state, or a choice of the layer's composite ones.
+    /// Adds an operation with state, or a composite operation of the layer.
     fn stateful(&mut self) {
         match self.rng.u32(..6) {
             0 => {
@@ -375,7 +375,7 @@ impl<'b> Maker<'b, '_> {
                 let index = self.of(3);
                 let signals: Vec<_> = choices.iter().map(|c| self.signals[*c]).collect();
                 let signal = self.m.select(self.signals[index], &signals);
-                // The interpreter's own: the last choice, then the others from it back to the first.
+                // The interpreter has its own form: the last choice, then the others from it back to the first.
                 let mut chosen = choices[choices.len() - 1];
                 for (i, choice) in choices.iter().enumerate().rev().skip(1) {
                     let number = Net::Literal(i as u128);
@@ -386,7 +386,7 @@ impl<'b> Maker<'b, '_> {
                 self.add(Net::Same(chosen), signal);
             }
             3 => {
-                // One memory; 2 to the power of its address bits deep, for what is past the depth is undefined.
+                // One memory; its depth is a power of two, because addresses beyond the depth are undefined.
                 let (bits, width) = (self.rng.u32(1..6), self.rng.u32(1..=70));
                 let now = self.rng.bool();
                 let style = if now {
@@ -424,15 +424,15 @@ impl<'b> Maker<'b, '_> {
         }
     }
 
-    /// A net of a width that is no constant, and in a pipeline has a stage: one bit of an input, repeated.
+    /// A net of a width that is not constant and has a stage in a pipeline: one bit of an input, repeated.
     fn input_bit(&mut self, width: u32) -> usize {
         let bit = self.part(0, 1);
         let signal = self.signals[bit].repeat(width);
         self.add(Net::Concat(vec![bit; width as usize]), signal)
     }
 
-    /// A net of which no bit is a register's own: tools rightly object to a register that only ever keeps itself,
-    /// and to a comparison that never changes.
+    /// A net without bits that are outputs of registers: tools report a register that only keeps its value,
+    /// and a comparison with a constant result.
     fn varied(&mut self, width: u32) -> usize {
         let (value, changes) = (self.of(width), self.input_bit(width));
         let signal = self.signals[value] ^ self.signals[changes];
@@ -442,8 +442,8 @@ impl<'b> Maker<'b, '_> {
         }
     }
 
-    /// A net of a width that is no constant: an address that is one is no memory's, and an instance must be told
-    /// its stage.
+    /// A net of a width that is not constant: an address must not be constant, and an instance needs a
+    /// stage.
     fn variable(&mut self, width: u32) -> usize {
         let net = self.of(width);
         match self.signals[net].literal() {
@@ -455,7 +455,7 @@ impl<'b> Maker<'b, '_> {
     fn instance(&mut self, child: &Arc<Random>, staged: bool) {
         let mut inputs = vec![];
         for (i, (_, width, _)) in child.inputs.iter().enumerate() {
-            // One input says at which stage the instance is.
+            // One input determines the stage of the instance.
             let net = if staged && i == 0 {
                 self.variable(*width)
             } else {
@@ -481,7 +481,7 @@ impl<'b> Maker<'b, '_> {
         }
     }
 
-    /// A net of the interpreter alone.
+    /// A net that exists only in the interpreter.
     fn silent(&mut self, net: Net, width: u32) -> usize {
         self.nets.push((net, width));
         self.signals.push(self.m.zero(width));
@@ -599,7 +599,7 @@ pub fn random_module(
     })
 }
 
-/// Runs a random module clock by clock; registers and memories begin as zero.
+/// Simulates a random module cycle by cycle; registers and memories start as zero.
 struct Interpreter {
     random: Arc<Random>,
     values: Vec<u128>,
@@ -624,7 +624,7 @@ impl Interpreter {
         }
     }
 
-    /// The outputs that follow from the inputs and the state.
+    /// The outputs for the inputs and the state.
     fn outputs(&mut self, inputs: &[u128]) -> Vec<u128> {
         let random = self.random.clone();
         for (net, (kind, width)) in random.nets.iter().enumerate() {
@@ -679,7 +679,7 @@ impl Interpreter {
         outputs.map(|(_, net)| self.values[*net]).collect()
     }
 
-    /// A clock edge, with the inputs that [`Interpreter::outputs`] was given last.
+    /// A clock edge, with the inputs of the last call of [`Interpreter::outputs`].
     fn clock(&mut self, rst: bool) {
         let v = &self.values;
         let random = self.random.clone();
@@ -710,8 +710,8 @@ impl Interpreter {
     }
 }
 
-/// Random modules, all operators and kinds of state, with modules in modules: Verilator computes in every clock and
-/// every bit what an interpreter computes that knows neither pipelines nor Verilog.
+/// Random modules with all operators and kinds of state, and with nested modules: Verilator's results equal those of an
+/// interpreter without pipelines and Verilog, in every cycle and every bit.
 #[test]
 fn random_modules_compute_what_was_described() {
     const STATEFUL: usize = 40;
@@ -734,7 +734,7 @@ fn random_modules_compute_what_was_described() {
     let buses: Vec<_> = (0..BUSES)
         .map(|i| top.input(format!("bus{i}"), BUS))
         .collect();
-    // For each module the bus that each of its inputs has, and from which bit on.
+    // For each module, the bus of each input, and its first bit there.
     let mut wiring: Vec<Vec<(usize, u32)>> = vec![];
     for random in stateful.iter().chain(&pipelined) {
         let mut inputs = vec![];
@@ -796,7 +796,7 @@ fn random_modules_compute_what_was_described() {
             let ports = 0..random.inputs.len();
             let interpreter = &mut interpreters[index];
             for (output, (name, _)) in random.outputs.iter().enumerate() {
-                // A pipeline's output is of inputs that came as much earlier as its stage is later than theirs.
+                // A pipeline's output belongs to inputs that are earlier by the difference of the stages.
                 let latency = random.module.port(name).unwrap().stage;
                 let entered = match latency {
                     Some(latency) => match clock.checked_sub(latency as usize) {

@@ -1,4 +1,4 @@
-//! What is printed.
+//! The printed Verilog.
 
 use super::pipelines::{horner, multiply_add};
 use dynrt_hdl::{Builder, Compared, Design, Module, Prefix, Specs, Style, named};
@@ -132,7 +132,7 @@ fn pipelines() -> Arc<Module> {
     m.finish().unwrap()
 }
 
-/// What the expectation files hold is what is printed; each is clean in all three tools.
+/// The printed text equals the snapshots, and none of the three tools reports a warning.
 #[test]
 fn the_text_is_as_expected() {
     for module in [
@@ -173,7 +173,7 @@ fn generated_names_leave_given_ones_alone() {
     lint(&Sources::of(&design)).unwrap();
 }
 
-/// Names follow from fields, parts and hints, also behind registers; what is left is told with its place.
+/// Names are derived from fields, parts and hints, also behind registers; the others are listed with their places.
 #[test]
 fn names_follow_from_the_description() {
     dynrt_hdl::bundle! {
@@ -220,7 +220,7 @@ fn names_follow_from_the_description() {
     assert_eq!((name, place.file()), ("term", file!()));
 }
 
-/// A module that counts, with an output more, and perhaps with a fault.
+/// A counter with an additional output, and optionally with a fault.
 fn watched(trace: bool, fault: bool) -> Arc<Module> {
     let below = Builder::new("below", "a queue of one word.");
     let word = below.reg("word", 4);
@@ -294,13 +294,13 @@ fn the_text_is_the_same_every_time() {
     }
 }
 
-/// A design of modules one within another.
+/// A design of nested modules.
 fn placed_twice() -> Design {
     let inner = Builder::new("inner", "adds.");
     inner.output("y", inner.input("x", 4) + inner.ones(4));
     let inner = inner.finish().unwrap();
     let outer = Builder::new("outer", "places inner twice.");
-    // A signal that is called as a module is stays as it is.
+    // A signal with the name of a module keeps its name.
     let x = outer.input("inner", 4);
     let once = outer.instance("once", &inner, &[("x", x)]).get("y");
     let twice = outer.instance("twice", &inner, &[("x", once)]);
@@ -323,7 +323,7 @@ fn a_prefix_stands_before_names_of_modules_and_nothing_else() {
             let own = before.replacen("outer", "big_2outer", 1);
             assert!(after == before || after == once || after == own, "{after}");
         }
-        // The headline, the module, and what it places.
+        // The headline, the module, and its instances.
         let placed = if before.contains("module outer") {
             2
         } else {
