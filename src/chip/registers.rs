@@ -302,6 +302,72 @@ fn capabilities(config: &Config) -> Vec<Register> {
                 ),
             ],
         ),
+        constant(
+            "BUS",
+            0x14,
+            "the memory bus",
+            &[
+                (
+                    "data_bytes",
+                    0,
+                    8,
+                    config.bus_data_bits / 8,
+                    "bytes per beat",
+                ),
+                ("reads", 8, 8, config.bus_reads, "read bursts outstanding"),
+                (
+                    "writes",
+                    16,
+                    8,
+                    config.bus_writes,
+                    "write bursts outstanding",
+                ),
+            ],
+        ),
+        constant(
+            "CACHES",
+            0x18,
+            "the caches",
+            &[
+                (
+                    "line_bytes",
+                    0,
+                    8,
+                    config.cache_line_bytes,
+                    "bytes per line",
+                ),
+                ("ways", 8, 8, config.cache_ways, "lines per set"),
+                (
+                    "misses",
+                    16,
+                    8,
+                    config.cache_misses,
+                    "lines in flight, each cache",
+                ),
+            ],
+        ),
+        constant(
+            "CACHE_KIB",
+            0x1c,
+            "the sizes of the caches",
+            &[
+                ("nodes", 0, 8, config.cache_nodes_kib, "KiB for nodes"),
+                (
+                    "records",
+                    8,
+                    8,
+                    config.cache_records_kib,
+                    "KiB for triangle records",
+                ),
+                (
+                    "vertices",
+                    16,
+                    8,
+                    config.cache_vertices_kib,
+                    "KiB for vertices",
+                ),
+            ],
+        ),
     ]
 }
 

@@ -14,7 +14,7 @@ use dynrt::cosim::model::Trace;
 use dynrt::golden::Caster;
 use dynrt::port::Hit;
 use dynrt::report::{self, Staged};
-use dynrt::scene::ImageSize;
+use dynrt::scene::{ImageSize, sort_along_morton_curve};
 use serde_json::{Map, Value, json};
 use std::time::Duration;
 
@@ -93,6 +93,8 @@ fn run_traced(args: &Args, trace: Option<Trace>) -> Result<()> {
     if let Some(model) = &args.memory {
         loaded.config.set("memory.model", model)?;
     }
+    // The order in which a host that knows of caches writes its rays.
+    sort_along_morton_curve(&mut loaded.packets);
     let config = &loaded.config;
     let Built { image, .. } = loaded.build_default()?;
     let caster = Caster::new(&image, config.triangle_test, loaded.frame.rays_per_packet());

@@ -173,6 +173,16 @@ impl Frame {
     }
 }
 
+/// Sorts packets along a Morton curve over the image, so that packets that are cast at the same time are neighbours in both directions.
+pub fn sort_along_morton_curve(packets: &mut [RayPacket]) {
+    let spread =
+        |x: u32| (0..u32::BITS).fold(0u64, |all, k| all | u64::from(x >> k & 1) << (2 * k));
+    packets.sort_by_key(|packet| {
+        let [column, row] = packet.pixels[0];
+        spread(column) | spread(row) << 1
+    });
+}
+
 /// Any-hit rays from the hits of `packets` to a point light; a hit means shadow.
 ///
 /// `hits` are the results of all rays in order, inactive ones included. `light` is in scene units. The origin of a shadow

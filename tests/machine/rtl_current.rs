@@ -317,3 +317,19 @@ fn the_page_has_the_table_of_registers() {
         "docs/synthesis.md should have\n{table}"
     );
 }
+
+/// The page of registers and descriptors is what the tables say. `DYNRT_BLESS=1` writes it.
+#[test]
+fn the_page_of_registers_is_current() {
+    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("docs/registers.md");
+    let page = dynrt::chip::page(&Config::reference());
+    if std::env::var_os("DYNRT_BLESS").is_some_and(|value| value == "1") {
+        fs::write(&path, &page).unwrap();
+    }
+    let stored = fs::read_to_string(&path).unwrap_or_default();
+    assert!(
+        stored == page,
+        "docs/registers.md is not current; refresh it with: DYNRT_BLESS=1 cargo test --test machine the_page_of_registers"
+    );
+    println!("lines compared: {}", page.lines().count());
+}
