@@ -23,6 +23,9 @@ const SIMULATION: &str = "simulation";
 /// The manifest's key of the properties for provers, and the name of the folder with their files.
 pub const FORMAL: &str = "formal";
 
+/// The folder of expected hits beside a memory image.
+pub const HITS: &str = "hits";
+
 /// Options for additional generated files.
 #[derive(Clone, Debug, Default)]
 pub struct Extras {
@@ -334,7 +337,7 @@ pub fn generate_with(
 ///
 /// # Errors
 /// One line that names the folder and the reason why it cannot be written.
-pub fn write_folder(folder: &Path, files: &[(String, String)]) -> Result<()> {
+pub fn write_folder<T: AsRef<[u8]>>(folder: &Path, files: &[(String, T)]) -> Result<()> {
     let fault = |error: std::io::Error| {
         anyhow!(
             "{}: cannot be written: {}; give a folder that can be",
@@ -376,7 +379,7 @@ pub fn write_folder(folder: &Path, files: &[(String, String)]) -> Result<()> {
     for (name, text) in files {
         let path = temporary.path().join(name);
         fs::create_dir_all(path.parent().unwrap_or(folder)).map_err(fault)?;
-        fs::write(path, text).map_err(fault)?;
+        fs::write(path, text.as_ref()).map_err(fault)?;
     }
     let _whole = interrupt::hold();
     if is_new {
@@ -440,7 +443,7 @@ fn listed_files(folder: &Path) -> Vec<String> {
     // Only files in the folder itself, or in one of our folders inside it.
     let is_plain = |name: &String| {
         let name = Path::new(name);
-        let within = [bench::FOLDER, FORMAL].map(|folder| name.strip_prefix(folder));
+        let within = [bench::FOLDER, FORMAL, HITS].map(|folder| name.strip_prefix(folder));
         let within = within.into_iter().find_map(Result::ok);
         let mut parts = within.unwrap_or(name).components();
         matches!(parts.next(), Some(Component::Normal(_))) && parts.next().is_none()

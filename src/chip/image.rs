@@ -156,6 +156,46 @@ impl Builder {
     }
 }
 
+/// A memory with which the chip casts rays: scene, rays, command list.
+pub struct Still {
+    pub memory: Memory,
+    pub parts: Vec<Part>,
+    /// The address of the command list.
+    pub list: u32,
+    pub casts: Vec<Cast>,
+    /// Where the hits are after the list.
+    pub hits: Part,
+}
+
+/// Fills a memory for a list that casts rays in a scene.
+///
+/// # Errors
+/// The memory is too small; no rays, or rays of both kinds.
+pub fn still(
+    config: &Config,
+    mut memory: Builder,
+    image: &MemoryImage,
+    rays: &[Ray],
+) -> Result<Still> {
+    ensure!(!rays.is_empty(), "there are no rays to cast");
+    let scene = memory.scene(image)?;
+    let casts = memory.casts(config, rays)?;
+    let hits = memory.parts.last().cloned();
+    let commands: Vec<Command> = std::iter::once(Command::Scene(scene))
+        .chain(casts.iter().map(|cast| Command::Cast(*cast)))
+        .chain([Command::End])
+        .collect();
+    let list = memory.list("command list", &commands)?;
+    let (memory, parts) = memory.finish();
+    Ok(Still {
+        memory,
+        parts,
+        list,
+        casts,
+        hits: hits.expect("the hits are the last part behind casts"),
+    })
+}
+
 /// The hits of a cast in memory. The answer to an any-hit ray with a hit is a hit at distance 0.
 ///
 /// # Panics

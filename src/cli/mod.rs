@@ -12,6 +12,7 @@ mod fuzz;
 mod generate;
 mod manual;
 mod mutate;
+mod pack;
 mod program;
 mod prove;
 mod render;
@@ -37,6 +38,8 @@ const EXAMPLES: &str = "\
 Examples:
   dynrt generate --out build/rtl                     Verilog of the reference machine
   dynrt cosim builtin:teapot --out teapot.png        co-simulation: the rays of a picture in that Verilog
+  dynrt run builtin:cornell --out cornell.png        the whole chip: a command list casts rays from memory
+  dynrt pack builtin:cornell --out build/cornell     the memory image of a picture for a host of the chip
   dynrt animate builtin:water --gif water.gif        co-simulation of an animated scene
   dynrt render model.obj --view inside --out a.png   a picture from the golden model, which is much faster
   dynrt stats model.obj                              size and traversal cost of trees of the mesh
@@ -86,6 +89,7 @@ enum Use {
     Generate(generate::Args),
     Constraints(constraints::Args),
     Run(run::Args),
+    Pack(pack::Args),
     Cosim(cosim::Args),
     Animate(animate::Args),
     Render(render::Args),
@@ -120,6 +124,7 @@ impl Use {
             Use::Generate(args) => generate::run(args),
             Use::Constraints(args) => constraints::run(args),
             Use::Run(args) => run::run(args),
+            Use::Pack(args) => pack::run(args),
             Use::Cosim(args) => cosim::run(args),
             Use::Animate(args) => animate::run(args),
             Use::Render(args) => render::run(args),

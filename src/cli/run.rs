@@ -4,8 +4,8 @@ use super::files::{Kind, Output};
 use super::frame::{Built, Loaded, RayKind, SIZE, SceneArgs, active};
 use super::{ConfigArgs, counted, print, tell};
 use anyhow::{Result, ensure};
-use dynrt::chip::descriptor::{Cast, Command};
-use dynrt::chip::image::{Builder, hits_of};
+use dynrt::chip::descriptor::Cast;
+use dynrt::chip::image::{Builder, Still, hits_of, still};
 use dynrt::config::MemoryModel;
 use dynrt::cosim::chip::{Chip, Options, Report};
 use dynrt::cosim::dram::Dram;
@@ -102,15 +102,13 @@ fn run_traced(args: &Args, trace: Option<Trace>) -> Result<()> {
     let rays = cast.rays();
     let active = active(&rays)?;
 
-    let mut memory = Builder::new(BASE, MOST_BYTES);
-    let scene = memory.scene(&image)?;
-    let casts = memory.casts(config, &rays)?;
-    let commands: Vec<Command> = std::iter::once(Command::Scene(scene))
-        .chain(casts.iter().map(|cast| Command::Cast(*cast)))
-        .chain([Command::End])
-        .collect();
-    let list = memory.list("command list", &commands)?;
-    let (mut memory, parts) = memory.finish();
+    let Still {
+        mut memory,
+        parts,
+        list,
+        casts,
+        ..
+    } = still(config, Builder::new(BASE, MOST_BYTES), &image, &rays)?;
 
     let bar = report::progress(rays.len() as u64, "building the model");
     bar.enable_steady_tick(Duration::from_millis(500));

@@ -50,6 +50,7 @@ use manifest::{Contents, Files};
 use scenes::DirectedScene;
 use serde_json::Value;
 use shape::Shape;
+pub use sheet::sha256_of_bytes;
 use sheet::{Sheet, UnitSheets};
 use skinning::SkinSheets;
 use std::path::Path;

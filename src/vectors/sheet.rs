@@ -118,7 +118,12 @@ impl Sheet {
     }
 }
 
-/// The SHA-256 of a text.
+/// The SHA-256 of bytes, in hexadecimal digits.
+pub fn sha256_of_bytes(bytes: &[u8]) -> String {
+    hex(&Sha256::digest(bytes))
+}
+
+/// The SHA-256 of a text, in hexadecimal digits.
 pub fn sha256(text: &str) -> String {
     hex(&Sha256::digest(text))
 }
