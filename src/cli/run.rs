@@ -54,6 +54,9 @@ pub struct Args {
     /// Write the results as JSON
     #[arg(long, value_name = "F", value_parser = Kind::Json)]
     json: Option<Output>,
+    /// Write where packets, bursts and units spend their time, in the Chrome trace format (for Perfetto)
+    #[arg(long, value_name = "F.json", value_parser = Kind::Json)]
+    trace_events: Option<Output>,
     /// Write a waveform as FST
     #[arg(long, value_name = "F.fst", requires = "cycles", value_parser = Kind::Fst)]
     trace: Option<Output>,
@@ -115,6 +118,7 @@ fn run_traced(args: &Args, trace: Option<Trace>) -> Result<()> {
     let options = Options {
         seed: args.seed,
         trace,
+        events: args.trace_events.is_some(),
         replay: args.replay(),
         ..Options::default()
     };
@@ -150,6 +154,13 @@ fn run_traced(args: &Args, trace: Option<Trace>) -> Result<()> {
             ));
         }
         text += &format!("waveform: {trace}\n");
+    }
+    if let Some(out) = &args.trace_events {
+        files.push(out.json(&report::chrome_trace(&found.events))?);
+        text += &format!(
+            "{} written to {out}\n",
+            counted(found.events.len() as u64, "event")
+        );
     }
     if let Some(json) = &args.json {
         let mut value = job.json();

@@ -1,7 +1,7 @@
 //! The whole chip between its two buses: a host writes registers, memory answers bursts, and at the end every byte of memory is held
 //! against the golden chip.
 
-use super::axi::{Bytes, Decision, Edge, Handles, Pace, RandomPace, Slave, View};
+use super::axi::{Accepted, Bytes, Decision, Edge, Handles, Pace, RandomPace, Slave, View};
 use super::dram::DramPace;
 use super::mismatch::{Field, Mismatch};
 use super::model::{BuildOptions, Model, PortHandle, Sources, Trace, build};
@@ -12,10 +12,11 @@ use crate::config::Config;
 use crate::golden::chip::{self as golden, Outcome};
 use crate::hdl::{self, Design};
 use crate::hw::chip::registers::LiteOutputs;
-use crate::hw::chip::{self, monitored};
+use crate::hw::chip::{self, Client, monitored};
 use crate::hw::core::default_prefix;
 use crate::hw::{Plan, memory::axi::Bus};
 use anyhow::{Result, ensure};
+use std::collections::{HashMap, VecDeque};
 use std::time::Instant;
 
 /// Cycles without a transfer on the memory bus after which a run is given up as stuck.
@@ -42,6 +43,8 @@ pub struct Options {
     pub seed: u64,
     pub behaviour: Behaviour,
     pub trace: Option<Trace>,
+    /// Whether [`Report::events`] are collected; the model then has trace ports.
+    pub events: bool,
     /// What a person types to run this again, for a mismatch's report.
     pub replay: String,
     pub build: BuildOptions,
@@ -53,6 +56,7 @@ impl Default for Options {
             seed: 1,
             behaviour: Behaviour::Model,
             trace: None,
+            events: false,
             replay: String::new(),
             build: BuildOptions::default(),
         }
@@ -69,6 +73,44 @@ pub struct Traffic {
     pub bytes_written: u64,
 }
 
+/// Cycles of a [`Event::Activity`].
+pub const ACTIVITY_CYCLES: u64 = 256;
+
+/// Something that happened in a run. Cycles count from the doorbell.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Event {
+    /// A read burst, from its address to its last beat.
+    Read {
+        client: Option<Client>,
+        address: u32,
+        begin: u64,
+        end: u64,
+    },
+    /// A write burst, from its address to its response.
+    Write { address: u32, begin: u64, end: u64 },
+    /// A packet, from its last ray to its last hit.
+    Packet { tag: u64, begin: u64, end: u64 },
+    /// What happened in the [`ACTIVITY_CYCLES`] cycles before.
+    Activity {
+        cycle: u64,
+        steps: u64,
+        tests: u64,
+        bytes: u64,
+    },
+}
+
+/// Collects events.
+#[derive(Default)]
+struct Collector {
+    events: Vec<Event>,
+    reads: Vec<(Accepted, u64)>,
+    writes: VecDeque<(u32, u64)>,
+    packets: HashMap<u64, (u64, u64)>,
+    steps: u64,
+    tests: u64,
+    bytes: u64,
+}
+
 /// What the run of a list found.
 #[derive(Clone, Debug)]
 pub struct Report {
@@ -80,6 +122,8 @@ pub struct Report {
     pub traffic: Traffic,
     /// The increase of each of [`COUNTERS`] in this list.
     pub counters: Vec<u64>,
+    /// In the order in which they ended, if they were asked for.
+    pub events: Vec<Event>,
     pub simulate_s: f64,
 }
 
@@ -94,6 +138,54 @@ impl Report {
     }
 }
 
+/// The events that were collected, in cycles from `first` on.
+fn events(collector: Option<&mut Collector>, first: u64) -> Vec<Event> {
+    let events = collector.map(|collector| std::mem::take(&mut collector.events));
+    let from = |cycle: u64| cycle - first;
+    let moved = events
+        .unwrap_or_default()
+        .into_iter()
+        .map(|event| match event {
+            Event::Read {
+                client,
+                address,
+                begin,
+                end,
+            } => Event::Read {
+                client,
+                address,
+                begin: from(begin),
+                end: from(end),
+            },
+            Event::Write {
+                address,
+                begin,
+                end,
+            } => Event::Write {
+                address,
+                begin: from(begin),
+                end: from(end),
+            },
+            Event::Packet { tag, begin, end } => Event::Packet {
+                tag,
+                begin: from(begin),
+                end: from(end),
+            },
+            Event::Activity {
+                cycle,
+                steps,
+                tests,
+                bytes,
+            } => Event::Activity {
+                cycle: from(cycle),
+                steps,
+                tests,
+                bytes,
+            },
+        });
+    moved.collect()
+}
+
 /// The model of a chip, with its memory.
 pub struct Chip {
     options: Options,
@@ -106,6 +198,8 @@ pub struct Chip {
     golden: golden::Chip,
     memory: Bytes,
     traffic: Traffic,
+    collector: Option<Collector>,
+    config: Config,
     /// What the register slave showed before the last edge.
     lite: LiteOutputs<u64>,
     interrupt: bool,
@@ -140,7 +234,7 @@ impl Chip {
     /// # Errors
     /// A tool that is missing.
     pub fn new(config: &Config, options: &Options, progress: &dyn Fn(&str)) -> Result<Chip> {
-        let plan = Plan::new(config)?;
+        let plan = Plan::new(config)?.with_trace(options.events);
         let bus = chip::bus(config);
         let design = Design::new(monitored::module(&plan)?)?.with_prefix(default_prefix());
         let sources = Sources::of(&design);
@@ -171,6 +265,8 @@ impl Chip {
                 bytes: vec![],
             },
             traffic: Traffic::default(),
+            collector: options.events.then(Collector::default),
+            config: config.clone(),
             lite,
             interrupt: false,
             quiet: 0,
@@ -216,6 +312,7 @@ impl Chip {
         self.interrupt = self.model.get(outputs.chip.irq) != 0;
         let edge = self.slave.step(&self.model, &mut self.memory)?;
         self.count(&edge);
+        self.collect(&edge);
         self.model.clock();
         if self.model.get(outputs.error) != 0 {
             return Err(self.protocol_error());
@@ -236,6 +333,78 @@ impl Chip {
         traffic.write_bursts += u64::from(edge.write.is_some());
         traffic.bytes_read += bytes * u64::from(edge.beat.is_some());
         traffic.bytes_written += bytes * u64::from(edge.datum.is_some());
+    }
+
+    /// Adds what an edge does to the events.
+    fn collect(&mut self, edge: &Edge) {
+        let Some(collector) = &mut self.collector else {
+            return;
+        };
+        let now = self.model.cycles();
+        let bytes = u64::from(self.bus.bytes());
+        if let Some(burst) = edge.read {
+            collector.reads.push((burst, now));
+        }
+        if let Some(beat) = edge.beat {
+            collector.bytes += bytes;
+            let of_id = |(burst, _): &(Accepted, u64)| burst.id == beat.id;
+            if beat.last
+                && let Some(place) = collector.reads.iter().position(of_id)
+            {
+                let (burst, begin) = collector.reads.remove(place);
+                collector.events.push(Event::Read {
+                    client: Client::of_id(&self.config, burst.id),
+                    address: burst.address,
+                    begin,
+                    end: now,
+                });
+            }
+        }
+        if let Some(burst) = edge.write {
+            collector.writes.push_back((burst.address, now));
+        }
+        collector.bytes += bytes * u64::from(edge.datum.is_some());
+        if edge.response.is_some()
+            && let Some((address, begin)) = collector.writes.pop_front()
+        {
+            let end = now;
+            collector.events.push(Event::Write {
+                address,
+                begin,
+                end,
+            });
+        }
+        let Some(trace) = &self.ports.outputs.chip.trace else {
+            return;
+        };
+        let shown = self.model.sample(trace);
+        let hits = u64::from(self.config.rays_per_packet);
+        if shown.start_valid != 0 {
+            collector.packets.insert(shown.start_tag, (now, hits));
+        }
+        if shown.hit_valid != 0
+            && let Some((begin, left)) = collector.packets.get_mut(&shown.hit_tag)
+        {
+            *left -= 1;
+            if *left == 0 {
+                let (tag, begin) = (shown.hit_tag, *begin);
+                collector.packets.remove(&tag);
+                let end = now;
+                collector.events.push(Event::Packet { tag, begin, end });
+            }
+        }
+        collector.steps += shown.step;
+        collector.tests += shown.test;
+        if now.is_multiple_of(ACTIVITY_CYCLES) {
+            let take = |count: &mut u64| std::mem::take(count);
+            let event = Event::Activity {
+                cycle: now,
+                steps: take(&mut collector.steps),
+                tests: take(&mut collector.tests),
+                bytes: take(&mut collector.bytes),
+            };
+            collector.events.push(event);
+        }
     }
 
     /// The mismatch of a rule of the bus that the monitor found violated.
@@ -348,6 +517,9 @@ impl Chip {
         self.write(offset::LIST, list)?;
         let started = Instant::now();
         let first = self.model.cycles();
+        if let Some(collector) = &mut self.collector {
+            *collector = Collector::default();
+        }
         self.write(offset::DOORBELL, 1)?;
         self.quiet = 0;
         let signal = 1 << interrupt::SIGNAL;
@@ -388,6 +560,7 @@ impl Chip {
                 .zip(before)
                 .map(|(after, before)| after - before)
                 .collect(),
+            events: events(self.collector.as_mut(), first),
             simulate_s,
         })
     }

@@ -10,7 +10,7 @@ pub mod rays;
 pub mod registers;
 mod top;
 
-pub use top::{Inputs, Outputs, emit, module, ports};
+pub use top::{Inputs, Outputs, Trace, emit, module, ports};
 
 use super::memory::ADDRESS_BITS;
 use super::memory::axi::Bus;
@@ -61,6 +61,22 @@ impl Client {
         Client::Records,
         Client::Vertices,
     ];
+
+    /// The name in reports.
+    pub fn name(self) -> &'static str {
+        match self {
+            Client::Commands => "commands",
+            Client::Rays => "rays",
+            Client::Nodes => "nodes",
+            Client::Records => "records",
+            Client::Vertices => "vertices",
+        }
+    }
+
+    /// The client of an AXI identifier.
+    pub fn of_id(config: &Config, id: u32) -> Option<Client> {
+        Client::ALL.get((id >> own_bits(config)) as usize).copied()
+    }
 
     /// Bits of the client's own identifiers.
     pub fn id_bits(self, config: &Config) -> u32 {

@@ -3,10 +3,12 @@
 //! Files are written next to their place and then renamed, so they are never incomplete. Symbolic links are followed;
 //! devices and pipes are written directly.
 
+mod events;
 pub mod folder;
 mod frames;
 mod picture;
 
+pub use events::chrome_trace;
 pub use frames::FrameFolder;
 pub use picture::{heatmap, heatmap_colour, shade, shade_triangles, write_gif, write_png};
 

@@ -26,6 +26,24 @@ interface! {
         out "Interrupt request, high while an enabled event is pending" { irq: 1 }
         in "" { m_axi: {MasterInputs}(&bus(&plan.config)) }
         out "" { m_axi: {MasterOutputs}(&bus(&plan.config)) }
+        out "Trace: packet starts, hits, traversal steps and tests" {
+            trace if (plan.trace): {Trace}(plan),
+        }
+    }
+}
+
+bundle! {
+    /// What happens in the ray casting unit.
+    pub struct Trace(plan: &Plan) {
+        /// A packet whose last ray has been accepted.
+        start_valid: 1,
+        start_tag: plan.config.tag_bits,
+        /// A hit that is accepted.
+        hit_valid: 1,
+        hit_tag: plan.config.tag_bits,
+        /// A traversal step; a ray-triangle test.
+        step: 1,
+        test: 1,
     }
 }
 
@@ -397,9 +415,26 @@ pub fn module(plan: &Plan) -> Result<Arc<Module>, HdlError> {
         s_axi: registers.s_axi,
         irq: registers.irq,
         m_axi: master.m_axi,
+        trace: trace(&core, cast.hit_ready),
     };
     ports.outputs.outputs(&m, outputs);
     m.finish()
+}
+
+/// What the trace ports of the core show, if it has them.
+fn trace<'b>(
+    core: &raycast::Outputs<Signal<'b>>,
+    hit_ready: Signal<'b>,
+) -> Option<Trace<Signal<'b>>> {
+    let (start, step) = (core.trace_start?, core.trace_step?);
+    Some(Trace {
+        start_valid: start.valid,
+        start_tag: start.payload.tag,
+        hit_valid: core.hit.valid & hit_ready,
+        hit_tag: core.hit.payload.tag,
+        step: step.valid,
+        test: core.trace_test?.valid,
+    })
 }
 
 bundle! {
