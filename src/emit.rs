@@ -26,6 +26,16 @@ pub const FORMAL: &str = "formal";
 /// The folder of expected hits beside a memory image.
 pub const HITS: &str = "hits";
 
+/// The top module of a design.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Top {
+    /// All units, each with its own memory ports.
+    #[default]
+    Core,
+    /// The core with its memory system behind two buses.
+    Chip,
+}
+
 /// Options for additional generated files.
 #[derive(Clone, Debug, Default)]
 pub struct Extras {
@@ -286,9 +296,13 @@ fn layout(record: &Record) -> Value {
 ///
 /// # Errors
 /// See [`hw::core::emit`].
-pub fn machine_with(plan: &Plan, prefix: Prefix) -> Result<Machine> {
+pub fn machine_with(plan: &Plan, prefix: Prefix, top: Top) -> Result<Machine> {
     let name = &plan.config.name;
-    let machine = hw::core::emit(plan).with_context(|| format!("configuration {name}"))?;
+    let machine = match top {
+        Top::Core => hw::core::emit(plan),
+        Top::Chip => hw::chip::emit(plan),
+    };
+    let machine = machine.with_context(|| format!("configuration {name}"))?;
     Ok(Machine {
         design: machine.design.with_prefix(prefix),
         ..machine
@@ -300,7 +314,7 @@ pub fn machine_with(plan: &Plan, prefix: Prefix) -> Result<Machine> {
 /// # Errors
 /// See [`hw::core::emit`].
 pub fn machine(config: &Config) -> Result<Machine> {
-    machine_with(&Plan::new(config)?, hw::core::default_prefix())
+    machine_with(&Plan::new(config)?, hw::core::default_prefix(), Top::Core)
 }
 
 /// Describes the same machine and generates all its files, whose names start with the prefix; see [`files`].
@@ -309,7 +323,8 @@ pub fn machine(config: &Config) -> Result<Machine> {
 /// See [`hw::core::emit`].
 pub fn generate(config: &Config) -> Result<(Machine, Vec<(String, String)>)> {
     let plan = Plan::new(config)?;
-    generate_with(&plan, hw::core::default_prefix(), Extras::default())
+    let prefix = hw::core::default_prefix();
+    generate_with(&plan, prefix, Top::Core, Extras::default())
 }
 
 /// As [`generate`], with options for trace ports, prefix and additional files.
@@ -319,9 +334,10 @@ pub fn generate(config: &Config) -> Result<(Machine, Vec<(String, String)>)> {
 pub fn generate_with(
     plan: &Plan,
     prefix: Prefix,
+    top: Top,
     extras: Extras,
 ) -> Result<(Machine, Vec<(String, String)>)> {
-    let machine = machine_with(plan, prefix)?;
+    let machine = machine_with(plan, prefix, top)?;
     let name = &plan.config.name;
     let files = files(&machine, extras).with_context(|| format!("configuration {name}"))?;
     Ok((machine, files))

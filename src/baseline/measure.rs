@@ -93,6 +93,7 @@ pub fn measure(
     (is.fast_frames, is.fast_films) = pictures(&Config::load(FAST)?, progress)?;
     let mut kept = area(&config, was, &mut is, request, progress)?;
     let routing = |units: &[&str], seeds| synth::Request {
+        top: emit::Top::Core,
         target: Target::Ecp5_85f,
         units: units.iter().map(ToString::to_string).collect(),
         seeds,
@@ -316,6 +317,7 @@ fn area(
         let report = synth::synthesise(
             config,
             &synth::Request {
+                top: emit::Top::Core,
                 target: Target::Virtex4Lx160,
                 units: changed,
                 seeds: 0,

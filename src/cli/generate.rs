@@ -57,9 +57,36 @@ pub struct Args {
     #[arg(long)]
     trace_ports: bool,
     #[command(flatten)]
+    top: TopArg,
+    #[command(flatten)]
     prefix: PrefixArg,
     #[command(flatten)]
     config: ConfigArgs,
+}
+
+/// The top module of a design.
+#[derive(clap::Args)]
+pub struct TopArg {
+    /// The top module
+    #[arg(long, value_name = "TOP", default_value = "core")]
+    top: Top,
+}
+
+#[derive(Clone, Copy, clap::ValueEnum)]
+enum Top {
+    /// All units, each with its own memory ports
+    Core,
+    /// The core with caches and command processor, behind an AXI4 and an AXI4-Lite bus
+    Chip,
+}
+
+impl TopArg {
+    pub fn top(&self) -> emit::Top {
+        match self.top {
+            Top::Core => emit::Top::Core,
+            Top::Chip => emit::Top::Chip,
+        }
+    }
 }
 
 /// The prefix of the names of a machine's modules and files.
@@ -89,7 +116,7 @@ pub fn run(args: &Args) -> Result<()> {
         formal,
     };
     let plan = Plan::new(&config)?.with_trace(args.trace_ports);
-    let (machine, files) = emit::generate_with(&plan, prefix, extras)?;
+    let (machine, files) = emit::generate_with(&plan, prefix, args.top.top(), extras)?;
     args.out.files(&files)?;
     let modules = machine.design.files();
     let lines: usize = modules.iter().map(|(_, text)| text.lines().count()).sum();

@@ -1,6 +1,7 @@
 //! `dynrt synth`: area of a machine on a device, and the clock that it reaches.
 
 use super::files::{Kind, Output};
+use super::generate::TopArg;
 use super::{ConfigArgs, grouped, print, tell};
 use anyhow::Result;
 use dynrt::synth::{self, Report, Request, Target, Unit};
@@ -43,6 +44,8 @@ pub struct Args {
     #[arg(long, value_name = "MHZ,...", value_delimiter = ',')]
     clocks: Vec<u32>,
     #[command(flatten)]
+    top: TopArg,
+    #[command(flatten)]
     config: ConfigArgs,
     /// Write the results as JSON
     #[arg(long, value_name = "F", value_parser = Kind::Json)]
@@ -52,6 +55,7 @@ pub struct Args {
 pub fn run(args: &Args) -> Result<()> {
     let config = args.config.load()?;
     let request = Request {
+        top: args.top.top(),
         target: args.target.unwrap_or(match args.route {
             true => Target::Ecp5_85f,
             false => Target::Virtex4Lx160,

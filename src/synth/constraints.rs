@@ -93,7 +93,7 @@ pub fn files(
             && !rtl.is_empty(),
         "the folder of Verilog `{rtl}` has characters that the tools' scripts cannot hold; give one of letters, digits and - _ . /"
     );
-    let machine = emit::machine_with(&Plan::new(config)?, prefix)?;
+    let machine = emit::machine_with(&Plan::new(config)?, prefix, emit::Top::Core)?;
     let design = &machine.design;
     let names = Names {
         top: design.emitted(selftest::TOP),

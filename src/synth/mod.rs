@@ -50,6 +50,8 @@ use store::Store;
 /// A request for measurements.
 #[derive(Clone, Debug)]
 pub struct Request {
+    /// The design whose modules are synthesised.
+    pub top: emit::Top,
     /// The device.
     pub target: Target,
     /// Names of the modules; empty for all of them and the whole machine.
@@ -134,7 +136,8 @@ impl Share {
 pub fn synthesise(config: &Config, request: &Request, progress: &dyn Fn(&str)) -> Result<Report> {
     let target = request.target;
     let is_routed = request.seeds > 0;
-    let machine = emit::machine(config)?;
+    let plan = hw::Plan::new(config)?;
+    let machine = emit::machine_with(&plan, hw::core::default_prefix(), request.top)?;
     let design = &machine.design;
     let chosen = choose(design, &request.units)?;
     ensure!(

@@ -265,7 +265,8 @@ fn workspace(machines: &[(&Config, bool, &str)]) -> tempfile::TempDir {
     for (config, trace, prefix) in machines {
         let parsed: Prefix = prefix.parse().unwrap();
         let plan = Plan::new(config).unwrap().with_trace(*trace);
-        let (_, files) = emit::generate_with(&plan, parsed, emit::Extras::default()).unwrap();
+        let (_, files) =
+            emit::generate_with(&plan, parsed, emit::Top::Core, emit::Extras::default()).unwrap();
         emit::write_folder(&folder.path().join("cores").join(prefix), &files).unwrap();
     }
     folder

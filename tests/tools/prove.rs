@@ -162,7 +162,11 @@ fn a_simulator_checks_properties() {
     let folder = tempfile::tempdir().unwrap();
     let plan = Plan::new(&machine(&[])).unwrap();
     let [machine, traced] = [false, true].map(|trace| {
-        let machine = emit::machine_with(&plan.clone().with_trace(trace), default_prefix());
+        let machine = emit::machine_with(
+            &plan.clone().with_trace(trace),
+            default_prefix(),
+            emit::Top::Core,
+        );
         machine.unwrap()
     });
     for (machine, compared) in [(&machine, "; counted "), (&traced, ", ")] {

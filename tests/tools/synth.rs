@@ -586,7 +586,13 @@ fn simulated_as(
 ) -> (bool, String) {
     let folder = tempfile::tempdir().unwrap();
     let plan = Plan::new(config).unwrap();
-    let (_, rtl) = emit::generate_with(&plan, prefix.clone(), emit::Extras::default()).unwrap();
+    let (_, rtl) = emit::generate_with(
+        &plan,
+        prefix.clone(),
+        emit::Top::Core,
+        emit::Extras::default(),
+    )
+    .unwrap();
     emit::write_folder(&folder.path().join("rtl"), &rtl).unwrap();
     let files = constraints::files(config, prefix, "../rtl", None).unwrap();
     let files: Vec<_> = files
