@@ -9,6 +9,7 @@ pub mod animate;
 pub mod axi;
 pub mod chip;
 pub mod dram;
+pub mod lists;
 pub mod mismatch;
 mod processor;
 pub mod raycast;

@@ -3,6 +3,8 @@
 use super::case::{Case, Size};
 use super::scene::RandomFilm;
 use crate::cache;
+use crate::cosim::chip::{self, Behaviour, Chip};
+use crate::cosim::lists::Lists;
 use crate::cosim::model::{self, BuildOptions, Sources};
 use crate::cosim::raycast::{self, RaycastUnit};
 use crate::cosim::scoreboard::{Fault, UnitOptions, UnitReport};
@@ -35,10 +37,12 @@ pub enum Stage {
     Raycast,
     /// Skinning, update and ray casting of an animated scene
     Animation,
+    /// The whole chip: random command lists, with memory that responds in any order and stalls
+    Chip,
 }
 
 impl Stage {
-    pub const ALL: [Stage; 9] = [
+    pub const ALL: [Stage; 10] = [
         Stage::Generate,
         Stage::Lint,
         Stage::Tpu,
@@ -48,6 +52,7 @@ impl Stage {
         Stage::Skinning,
         Stage::Raycast,
         Stage::Animation,
+        Stage::Chip,
     ];
 
     pub fn name(self) -> &'static str {
@@ -61,6 +66,7 @@ impl Stage {
             Stage::Skinning => "skinning",
             Stage::Raycast => "raycast",
             Stage::Animation => "animation",
+            Stage::Chip => "chip",
         }
     }
 }
@@ -202,7 +208,9 @@ impl Workbench {
                     let machine = hw::core::emit(&Plan::new(config)?.with_trace(trace))?;
                     model::lint(&model::Sources::of(&machine.design))?;
                 }
-                Ok(2 * LINT_TOOLS)
+                let chip = hw::chip::emit(&Plan::new(config)?)?;
+                model::lint(&model::Sources::of(&chip.design))?;
+                Ok(3 * LINT_TOOLS)
             }
             Stage::Tpu => {
                 let one = checked(unit_tpu::run(config, one_level, &options)?)?;
@@ -236,6 +244,7 @@ impl Workbench {
             }
             Stage::Raycast => self.raycast(case),
             Stage::Animation => self.animation(case),
+            Stage::Chip => self.chip(case),
         }
     }
 
@@ -289,6 +298,47 @@ impl Workbench {
         Ok(checked)
     }
 }
+
+impl Workbench {
+    /// Random lists in a scene of two levels, behind a random memory and behind that of the configuration.
+    fn chip(&self, case: &Case) -> Result<u64> {
+        let Case {
+            seed,
+            config,
+            sizes,
+        } = case;
+        let mut rng = fastrand::Rng::with_seed(seed ^ 0x6368_6970);
+        let count = (sizes.get(Size::Packets) * config.rays_per_packet) as usize;
+        let mut checked = 0;
+        for behaviour in [Behaviour::Random, Behaviour::Model] {
+            let options = chip::Options {
+                seed: *seed,
+                behaviour,
+                build: self.build.clone(),
+                ..chip::Options::default()
+            };
+            let mut chip = Chip::new(config, &options, &|_| ())?;
+            let (image, rays) = instanced_scene(config, count, &mut rng)?;
+            let mut lists = Lists::new(config, &image, &rays)?;
+            for _ in 0..RANDOM_LISTS {
+                lists.add(&mut rng)?;
+            }
+            let (mut memory, starts) = lists.finish();
+            for list in starts {
+                let report = chip.run(&mut memory, list, &|_| ())?;
+                ensure!(
+                    report.outcome.rays > 0 || report.checked > 0,
+                    "a list did nothing"
+                );
+                checked += report.checked;
+            }
+        }
+        Ok(checked)
+    }
+}
+
+/// Random lists of a chip, for each behaviour of memory.
+const RANDOM_LISTS: u32 = 4;
 
 /// The compiler's optimisation option for models.
 const OPT: &str = "-O0";

@@ -5,14 +5,13 @@
 
 use crate::support::{Prepared, full, prepare, seed};
 use dynrt::chip::descriptor::{Cast, Command, Scene, WORDS};
-use dynrt::chip::image::Builder;
 use dynrt::chip::memory::Memory;
 use dynrt::chip::most_rays;
 use dynrt::config::{Config, MemoryModel};
 use dynrt::cosim::chip::{Behaviour, Chip, Options, Report};
+use dynrt::cosim::lists::Lists;
 use dynrt::cosim::scoreboard::UnitOptions;
 use dynrt::cosim::unit_cast;
-use dynrt::port::Ray;
 
 /// The reference with some keys changed.
 fn variant(keys: &[(&str, &str)]) -> Config {
@@ -60,34 +59,10 @@ fn casts_read_rays_and_write_hits() {
     }
 }
 
-/// Scratch memory that signals write, in words.
-const SCRATCH: u32 = 64;
-
-/// A scene in memory, rays, and room for hits of all kinds.
-struct Setting {
-    memory: Builder,
-    scene: Scene,
-    /// Of primary rays, and of the same as any-hit rays: the rays' address and that of the hits.
-    casts: [Cast; 2],
-    scratch: u32,
-}
-
-/// A picture of the Cornell box, a list, and scratch memory.
-fn setting(config: &Config) -> Setting {
+/// A picture of the Cornell box in memory.
+fn cornell(config: &Config) -> Lists {
     let Prepared { image, rays, .. } = prepare(config, "builtin:cornell", "32x24", None);
-    let mut memory = Builder::new(0x1000, 1 << 24);
-    let scene = memory.scene(&image).unwrap();
-    let casts = [false, true].map(|any_hit| {
-        let rays: Vec<Ray> = rays.iter().map(|ray| Ray { any_hit, ..*ray }).collect();
-        memory.casts(config, &rays).unwrap()[0]
-    });
-    let scratch = memory.reserve("scratch", 4 * u64::from(SCRATCH)).unwrap();
-    Setting {
-        memory,
-        scene,
-        casts,
-        scratch,
-    }
+    Lists::new(config, &image, &rays).unwrap()
 }
 
 fn run(chip: &mut Chip, memory: &mut Memory, list: u32) -> Report {
@@ -110,24 +85,11 @@ fn random_lists_leave_the_bytes_of_the_golden_chip() {
             ..Options::default()
         };
         let mut chip = Chip::new(&config, &options, &|_| ()).unwrap();
-        let mut setting = setting(&config);
-        let mut starts = vec![];
-        for number in 0..lists {
-            let mut commands = vec![Command::Scene(setting.scene)];
-            for _ in 0..rng.u32(1..8) {
-                commands.push(command(&mut rng, &setting));
-            }
-            // The list goes on elsewhere, where its end is.
-            let tail = [command(&mut rng, &setting), Command::End];
-            let to = setting
-                .memory
-                .list(format!("tail {number}"), &tail)
-                .unwrap();
-            commands.push(Command::Jump { to });
-            let list = setting.memory.list(format!("list {number}"), &commands);
-            starts.push(list.unwrap());
+        let mut setting = cornell(&config);
+        for _ in 0..lists {
+            setting.add(&mut rng).unwrap();
         }
-        let (mut memory, _) = setting.memory.finish();
+        let (mut memory, starts) = setting.finish();
         for list in starts {
             let report = run(&mut chip, &mut memory, list);
             assert_eq!(report.outcome.error, None);
@@ -141,31 +103,6 @@ fn random_lists_leave_the_bytes_of_the_golden_chip() {
     assert!(rays > 1000 && bursts > 1000);
 }
 
-/// A command that is correct.
-fn command(rng: &mut fastrand::Rng, setting: &Setting) -> Command {
-    match rng.u8(..5) {
-        0 => Command::Fence,
-        1 => Command::Signal {
-            address: setting.scratch + 4 * rng.u32(..SCRATCH),
-            value: rng.u32(..),
-            interrupt: rng.bool(),
-        },
-        _ => {
-            let of = rng.choice(setting.casts).unwrap();
-            let count = rng.u32(1..=of.count.min(200));
-            let first = rng.u32(..=of.count - count);
-            // Short rays read directions and upper limits, whatever the words are; origin and tmin are those of one ray.
-            let short = rng.bool().then(|| ([0.25, 0.5, -20.0], 0.0));
-            Command::Cast(Cast {
-                rays: of.rays + 32 * first,
-                count,
-                short,
-                ..of
-            })
-        }
-    }
-}
-
 /// Every wrong descriptor ends its list with its code, its address and the wrong value, and the next list runs.
 #[test]
 fn wrong_descriptors_end_their_list_and_not_the_next() {
@@ -175,7 +112,7 @@ fn wrong_descriptors_end_their_list_and_not_the_next() {
         ..Options::default()
     };
     let mut chip = Chip::new(&config, &options, &|_| ()).unwrap();
-    let mut setting = setting(&config);
+    let mut setting = cornell(&config);
     let cast = setting.casts[0];
     let scene = setting.scene;
     let good = [
@@ -274,7 +211,7 @@ fn memory_models_change_cycles_only() {
             ..Config::load("tiny").unwrap()
         };
         let mut chip = Chip::new(&config, &Options::default(), &|_| ()).unwrap();
-        let mut setting = setting(&config);
+        let mut setting = cornell(&config);
         let commands = [
             Command::Scene(setting.scene),
             Command::Cast(setting.casts[0]),
