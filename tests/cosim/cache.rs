@@ -93,12 +93,12 @@ fn faults_are_noticed() {
         // A request for a line that was requested in the cycle before requests it again.
         (
             |unit| Ok(unit.top().signal("tags2_replaced0")?.fault().as_value(0)),
-            "the request of line",
+            "line",
         ),
         // The way used last is replaced.
         (
             |unit| Ok(unit.top().signal("turn_next")?.fault().inverted()),
-            "the request of line",
+            "line",
         ),
         // A list ends after its first answer.
         (
@@ -123,7 +123,7 @@ fn faults_are_noticed() {
                     .fault()
                     .as_value(1 << 21))
             },
-            "the request of line",
+            "line",
         ),
         // The error of a beat is lost.
         (
