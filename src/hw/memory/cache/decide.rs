@@ -73,20 +73,28 @@ pub(super) struct Decide<'b> {
     pub goes: Signal<'b>,
 }
 
-impl<'b> Decide<'b> {
-    /// `draining` is high while the data memory is used by answers, `freed` tells which miss registers are not used any more.
-    pub fn new(
-        around: &Around<'_, 'b>,
-        sweep: &Sweep<'b>,
-        lookup: &Lookup<'b>,
-        told: &Told<'b>,
-        draining: Signal<'b>,
-        freed: Signal<'b>,
-    ) -> Decide<'b> {
+/// The part of the miss registers.
+const MISSES: (&str, &str) = (
+    "misses",
+    "the miss registers: the sets and ways of lines in flight.",
+);
+
+/// The miss registers, and what they say of the request that is decided.
+struct Registers<'b> {
+    misses: Vec<Miss<'b>>,
+    busy: Vec<Signal<'b>>,
+    /// By way: its line in the request's set is in flight.
+    in_flight: Vec<Signal<'b>>,
+    /// By miss register: it has the request's line; the number of the one that does.
+    has_line: Vec<Signal<'b>>,
+    listed: Signal<'b>,
+}
+
+impl<'b> Registers<'b> {
+    fn new(around: &Around<'_, 'b>, lookup: &Lookup<'b>) -> Registers<'b> {
         let Around { m, shape, .. } = *around;
-        let request = lookup.request;
-        let (set, found) = (request.set(shape), &lookup.found);
-        m.comment("The miss registers: a line is in flight while one has its set and way.");
+        let found = &lookup.found;
+        m.comment("A line is in flight while one has its set and way.");
         let misses: Vec<_> = (0..shape.misses).map(|k| miss(m, shape, k)).collect();
         let busy: Vec<_> = misses.iter().map(|miss| miss.busy.q).collect();
         let here: Vec<_> = (busy.iter().zip(&lookup.in_set).enumerate())
@@ -106,13 +114,43 @@ impl<'b> Decide<'b> {
         let in_flight: Vec<_> = (in_way.iter().enumerate())
             .map(|(way, its)| m.or_all(its).named(format!("way{way}_in_flight")))
             .collect();
-        let listed: Vec<_> = (0..misses.len())
+        let has_line: Vec<_> = (0..misses.len())
             .map(|k| {
                 let found = in_way.iter().zip(found).map(|(its, found)| its[k] & *found);
                 let found: Vec<_> = found.collect();
                 m.or_all(&found).named(format!("miss{k}_has_line"))
             })
             .collect();
+        Registers {
+            listed: id(m, shape, "listed_id", &has_line),
+            misses,
+            busy,
+            in_flight,
+            has_line,
+        }
+    }
+}
+
+impl<'b> Decide<'b> {
+    /// `draining` is high while the data memory is used by answers, `freed` tells which miss registers are not used any more.
+    pub fn new(
+        around: &Around<'_, 'b>,
+        sweep: &Sweep<'b>,
+        lookup: &Lookup<'b>,
+        told: &Told<'b>,
+        draining: Signal<'b>,
+        freed: Signal<'b>,
+    ) -> Decide<'b> {
+        let Around { m, shape, .. } = *around;
+        let request = lookup.request;
+        let (set, found) = (request.set(shape), &lookup.found);
+        let Registers {
+            misses,
+            busy,
+            in_flight,
+            has_line,
+            listed,
+        } = m.part(MISSES.0, MISSES.1, || Registers::new(around, lookup));
 
         m.comment("The way that a line would replace: the first, from the preferred one on, that is not in flight.");
         let turn = (shape.ways > 1)
@@ -122,7 +160,7 @@ impl<'b> Decide<'b> {
 
         m.comment("The decision. Answers go before new requests.");
         let is_found = m.or_all(found).named("is_found");
-        let pending = m.or_all(&listed).named("is_pending");
+        let pending = m.or_all(&has_line).named("is_pending");
         let all_busy = m.and_all(&busy).named("all_busy");
         let no_way = m.and_all(&in_flight).named("all_ways_in_flight");
         let has_room = (!all_busy & !no_way).named("has_room");
@@ -139,22 +177,26 @@ impl<'b> Decide<'b> {
         for (wire, victim) in told.replaces.iter().zip(&victims) {
             wire.drive(allocates & *victim);
         }
-        let free = lowest(
-            "is_next",
-            &busy.iter().map(|busy| !*busy).collect::<Vec<_>>(),
-        );
         let victim = number("victim", &victims);
-        for (k, miss) in misses.iter().enumerate() {
-            let takes = allocates & free[k];
-            told.takes[k].drive(takes);
-            told.miss_sets[k].drive(miss.set.q);
-            let takes = told.takes[k].get();
-            miss.busy.next(takes | (miss.busy.q & !freed.bit(k as u32)));
-            miss.set.next_when(takes, set);
-            if let (Some(way), Some(victim)) = (&miss.way, victim) {
-                way.next_when(takes, victim);
+        let free = m.part(MISSES.0, MISSES.1, || {
+            let free = lowest(
+                "is_next",
+                &busy.iter().map(|busy| !*busy).collect::<Vec<_>>(),
+            );
+            for (k, miss) in misses.iter().enumerate() {
+                told.takes[k].drive(allocates & free[k]);
+                told.miss_sets[k].drive(miss.set.q);
             }
-        }
+            for (k, miss) in misses.iter().enumerate() {
+                let takes = told.takes[k].get();
+                miss.busy.next(takes | (miss.busy.q & !freed.bit(k as u32)));
+                miss.set.next_when(takes, set);
+                if let (Some(way), Some(victim)) = (&miss.way, victim) {
+                    way.next_when(takes, victim);
+                }
+            }
+            id(m, shape, "free_id", &free)
+        });
         let way = number("found_way", found);
         if let Some(turn) = turn {
             let (enable, next) = turns(shape, (goes, allocates, is_found), (way, victim));
@@ -179,8 +221,8 @@ impl<'b> Decide<'b> {
             hit,
             appends,
             allocates,
-            listed: id(m, shape, "listed_id", &listed),
-            free: id(m, shape, "free_id", &free),
+            listed,
+            free,
             line: request.line,
             offset: request.offset,
             tag: request.tag,

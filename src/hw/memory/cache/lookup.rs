@@ -282,7 +282,8 @@ fn compare<'b>(around: &Around<'_, 'b>, told: &Told<'b>, stage: &Stage<'b>) -> S
     }
 }
 
-/// The notes of stage `k`, from the stage before it.
+/// The notes of stage `k`, from the stage before it. Those of the first stage are for one cycle: where it waits, its set is read
+/// again, and the word then has what was written.
 fn note<'b>(
     around: &Around<'_, 'b>,
     told: &Told<'b>,
@@ -301,9 +302,13 @@ fn note<'b>(
                 replaced.mux(now.same_key, noted.by_own),
             ),
         };
+        let enable = match before.noted.is_empty() {
+            true => replaced.module().ones(1),
+            false => advance,
+        };
         Noted {
-            replaced: bit(format!("tags{k}_replaced{way}"), advance, replaced),
-            by_own: bit(format!("tags{k}_by_own{way}"), advance, by_own),
+            replaced: bit(format!("tags{k}_replaced{way}"), enable, replaced),
+            by_own: bit(format!("tags{k}_by_own{way}"), enable, by_own),
         }
     };
     (0..around.shape.ways as usize).map(note).collect()
