@@ -2,6 +2,7 @@
 //! records, lines and bursts, but nothing of rays or trees.
 
 pub mod axi;
+pub mod combiner;
 
 use crate::bundle;
 use crate::hdl::bundle::Like;
