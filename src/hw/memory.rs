@@ -4,6 +4,7 @@
 pub mod arbiter;
 pub mod axi;
 pub mod combiner;
+pub mod reader;
 
 use crate::bundle;
 use crate::hdl::bundle::Like;
