@@ -3,14 +3,18 @@
 //! [`model`] builds a module into a library and drives it clock by clock; [`memory`] stands in for what a
 //! unit's ports lead to. Both are generic: they know nothing of ray tracing. [`raycast`] drives the whole ray
 //! casting unit, [`unit_tpu`], [`unit_geometry`], [`unit_skinning`] and [`unit_update`] drive one unit each, on a [`workload`], under a [`scoreboard`];
+//! [`unit_axi`] drives the AXI4 master and [`unit_bus`] a memory system, in front of the slave of [`axi`];
 //! [`mismatch`] says where RTL and golden model differ.
 
 pub mod animate;
+pub mod axi;
 pub mod mismatch;
 mod processor;
 pub mod raycast;
 pub mod scoreboard;
 pub mod unit_arithmetic;
+pub mod unit_axi;
+pub mod unit_bus;
 pub mod unit_geometry;
 pub mod unit_skinning;
 pub mod unit_tpu;

@@ -202,10 +202,27 @@ pub enum Category {
     InTwoRows,
     FullPalette,
     OneVertex,
+    Overtaking,
+    Interleaved,
+    LongestBurst,
+    OneBeat,
+    UpToBoundary,
+    AllReads,
+    AllWrites,
+    DataFirst,
+    PartialWord,
+    BusError,
+    FullLine,
+    TrimmedLine,
+    GapInLine,
+    OverwrittenByte,
+    EvictedLine,
+    Contention,
+    ShortBlock,
 }
 
 impl Category {
-    const COUNT: usize = Category::OneVertex as usize + 1;
+    const COUNT: usize = Category::ShortBlock as usize + 1;
 
     /// The category's name in reports.
     pub fn name(self) -> &'static str {
@@ -237,13 +254,36 @@ impl Category {
             Category::InTwoRows => "influences in two rows",
             Category::FullPalette => "palette full",
             Category::OneVertex => "mesh of one vertex",
+            Category::Overtaking => "beats before an older burst's",
+            Category::Interleaved => "beats of bursts interleaved",
+            Category::LongestBurst => "longest burst",
+            Category::OneBeat => "burst of one beat",
+            Category::UpToBoundary => "burst up to 4 KiB",
+            Category::AllReads => "all reads outstanding",
+            Category::AllWrites => "all writes outstanding",
+            Category::DataFirst => "data before their address",
+            Category::PartialWord => "some bytes of a beat written",
+            Category::BusError => "error on the bus",
+            Category::FullLine => "line full",
+            Category::TrimmedLine => "line trimmed",
+            Category::GapInLine => "word without strobes in a burst",
+            Category::OverwrittenByte => "byte overwritten in a line",
+            Category::EvictedLine => "oldest line closed for room",
+            Category::Contention => "two clients wait at once",
+            Category::ShortBlock => "burst shorter than a block",
         }
     }
 }
 
 /// Transactions by category.
-#[derive(Clone, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Categories([u64; Category::COUNT]);
+
+impl Default for Categories {
+    fn default() -> Categories {
+        Categories([0; Category::COUNT])
+    }
+}
 
 impl Categories {
     #[inline]
