@@ -5,11 +5,10 @@
 //! the first clocks after reset, and that if all hold for so many clocks they hold in the next: so they hold for ever. What the
 //! properties do not depend on is removed.
 
-use super::Outcome;
-use super::tools;
+use super::{Outcome, memory, tools};
 use crate::config::Config;
 use crate::emit;
-use crate::hdl::{Module, ProofFacts};
+use crate::hdl::{Design, Module, ProofFacts};
 use crate::tools::Ended;
 use anyhow::{Context, Result, ensure};
 use std::path::Path;
@@ -81,7 +80,7 @@ pub struct Induction {
 /// # Errors
 /// A mistake in the machine's description; a module that no longer has the properties.
 pub fn proofs(unit: &str, config: &Config) -> Result<Vec<Induction>> {
-    let mut found = vec![];
+    let mut found = memory::proofs(unit)?;
     for wanted in WANTED.iter().filter(|wanted| wanted.unit == unit) {
         let mut config = config.clone();
         for (key, value) in wanted.few {
@@ -146,7 +145,12 @@ impl Induction {
     /// A tool that fails; a fault that cannot be made.
     pub fn prove(&self, folder: &Path, fault: Option<usize>) -> Result<(usize, Outcome)> {
         let module = match fault {
-            Some(fault) => self.module.with(&self.proof.faults[fault].1)?,
+            // A fault may be one of a module below.
+            Some(fault) => {
+                let design = Design::new(self.module.clone())?;
+                let changed = design.with(&self.proof.faults[fault].1)?;
+                changed.top().clone()
+            }
             None => self.module.clone(),
         };
         let formal = module.formal(&self.proof.name, &str::to_string)?;

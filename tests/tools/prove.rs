@@ -101,7 +101,8 @@ fn seeded_faults_of_the_arithmetic_are_refuted() {
 #[test]
 fn seeded_faults_of_control_are_refuted() {
     let units = [
-        "slots", "fifo", "prefetch", "credit", "skin", "geometry", "tpu", "stack", "share", "trace",
+        "slots", "fifo", "prefetch", "credit", "skin", "geometry", "tpu", "stack", "share",
+        "trace", "axi", "combiner", "arbiter", "reader",
     ];
     hold(&rows(&few_packets(), &units, true, true), 45);
 }
