@@ -12,6 +12,8 @@
 //! | `geometry` | geometry unit and below, what the traversal unit has too left out | triangle tests, ray transformations; skinned meshes in the whole machine, which borrows its operators |
 //! | `update` | update processor and its prefetch | programs of random topologies |
 //! | `raycast` | ray setup, skinning processor, what joins the units | whole small scenes of two levels; random skinned meshes |
+//! | `axi` | AXI4 master | bursts in front of a random slave |
+//! | `combiner`, `arbiter`, `reader` | write combiner; read arbiter; burst reader | a memory system in front of a random slave |
 
 mod equivalence;
 mod next_state;
@@ -24,7 +26,10 @@ use crate::cosim::model::Recording;
 use crate::cosim::raycast::RaycastUnit;
 use crate::cosim::scoreboard::{Interrupted, Mutated, Recorder, SELECT, UnitOptions, UnitReport};
 use crate::cosim::workload::{Workload, instanced_scene};
-use crate::cosim::{raycast, unit_arithmetic, unit_geometry, unit_skinning, unit_tpu, unit_update};
+use crate::cosim::{
+    raycast, unit_arithmetic, unit_axi, unit_bus, unit_geometry, unit_skinning, unit_tpu,
+    unit_update,
+};
 use crate::hdl::{Design, Mutation, Select, Site};
 use crate::hw;
 use crate::port::Ray;
@@ -38,7 +43,28 @@ use std::path::PathBuf;
 use std::sync::Arc;
 
 /// The units, whose modules are mutated.
-pub const UNITS: [&str; 5] = ["arithmetic", "tpu", "geometry", "update", "raycast"];
+pub const UNITS: [&str; 9] = [
+    "arithmetic",
+    "tpu",
+    "geometry",
+    "update",
+    "raycast",
+    "axi",
+    "combiner",
+    "arbiter",
+    "reader",
+];
+
+/// The module that is mutated of a unit of the memory system; its neighbours are there for its bench.
+fn only_module(unit: &str) -> Option<&'static str> {
+    match unit {
+        "axi" => Some("axi_master"),
+        "combiner" => Some("write_combiner"),
+        "arbiter" => Some("read_arbiter"),
+        "reader" => Some("burst_reader_16"),
+        _ => None,
+    }
+}
 
 /// Transactions of a mutant's runs: most are noticed in the first, what is left goes on to the last.
 const LENGTHS: [u64; 3] = [2_000, 30_000, 200_000];
@@ -164,6 +190,8 @@ fn design_of(config: &Config, unit: &str) -> Result<Design> {
         "geometry" => hw::geometry::module(plan)?.module,
         "update" => hw::update::module(plan)?.module,
         "raycast" => return Ok(hw::emit(plan)?.design.apart()?),
+        "axi" => unit_axi::module_of(&unit_axi::reference())?,
+        "combiner" | "arbiter" | "reader" => unit_bus::module(&unit_bus::Sizes::reference())?,
         _ => bail!("unit {unit}: is not one of {}", UNITS.join(", ")),
     };
     Ok(Design::new(top)?.apart()?)
@@ -180,6 +208,9 @@ fn draw(config: &Config, request: &Request) -> Result<Vec<Population>> {
         let design = design_of(config, unit)?;
         let mut places: Vec<Vec<Site>> = vec![vec![]; Kind::ALL.len()];
         for module in design.modules() {
+            if only_module(unit).is_some_and(|only| only != module.name()) {
+                continue;
+            }
             if !seen.insert(module.name().to_string()) {
                 continue;
             }
@@ -314,6 +345,8 @@ fn runs<'a>(
             "tpu" => &["packets", "instances"],
             "geometry" => &["tests", "transforms", "skins"],
             "update" => &["programs"],
+            "axi" => &["bursts"],
+            "combiner" | "arbiter" | "reader" => &["traffic"],
             _ => &["rays", "skins"],
         };
         for &kind in kinds {
@@ -356,6 +389,14 @@ fn runs<'a>(
                     let traffic = unit_update::Traffic::Separate;
                     let report = unit_update::run(config, workload, traffic, &options)?;
                     Ok(report.unit.into())
+                }),
+                "bursts" => Box::new(move |play: Play| {
+                    let (bus, options) = (unit_axi::reference(), play.options(seed));
+                    Ok(unit_axi::run(&bus, length / 4, &options)?.into())
+                }),
+                "traffic" => Box::new(move |play: Play| {
+                    let (sizes, options) = (unit_bus::Sizes::reference(), play.options(seed));
+                    Ok(unit_bus::run(&sizes, length, &options)?.into())
                 }),
                 "rays" => {
                     let count = 1 + length as usize / 4000;
