@@ -1,7 +1,7 @@
 //! `dynrt pack`: the contents of memory with which a host needs no other software to cast the rays of a picture.
 
 use super::files::{Kind, Output};
-use super::frame::{Built, Loaded, RayKind, SIZE, SceneArgs, active};
+use super::frame::{Built, RayKind, SIZE, SceneArgs, active};
 use super::{ConfigArgs, counted, print};
 use anyhow::{Result, ensure};
 use dynrt::chip::image::{Builder, Still, still};

@@ -229,6 +229,14 @@ impl Slave {
             && self.response.is_none()
     }
 
+    /// Whether no write burst is in it.
+    pub fn has_written(&self) -> bool {
+        self.writes.is_empty()
+            && self.data.is_empty()
+            && self.complete.is_empty()
+            && self.response.is_none()
+    }
+
     /// Sets the inputs of the model for the coming edge.
     ///
     /// # Errors

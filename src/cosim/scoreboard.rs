@@ -221,10 +221,26 @@ pub enum Category {
     Overtakes,
     HeldPacket,
     WaitingWrite,
+    Overtaking,
+    Interleaved,
+    LongestBurst,
+    OneBeat,
+    UpToBoundary,
+    AllReads,
+    AllWrites,
+    DataFirst,
+    PartialWord,
+    FullLine,
+    TrimmedLine,
+    GapInLine,
+    OverwrittenByte,
+    EvictedLine,
+    Contention,
+    ShortBlock,
 }
 
 impl Category {
-    const COUNT: usize = Category::WaitingWrite as usize + 1;
+    const COUNT: usize = Category::ShortBlock as usize + 1;
 
     /// The category's name in reports.
     pub fn name(self) -> &'static str {
@@ -275,6 +291,22 @@ impl Category {
             Category::NextInLine => "listed in the next cycle",
             Category::MovedBase => "moved bases",
             Category::BusError => "errors of the bus",
+            Category::Overtaking => "beats before an older burst's",
+            Category::Interleaved => "beats of bursts interleaved",
+            Category::LongestBurst => "longest burst",
+            Category::OneBeat => "burst of one beat",
+            Category::UpToBoundary => "burst up to 4 KiB",
+            Category::AllReads => "all reads outstanding",
+            Category::AllWrites => "all writes outstanding",
+            Category::DataFirst => "data before their address",
+            Category::PartialWord => "some bytes of a beat written",
+            Category::FullLine => "line full",
+            Category::TrimmedLine => "line trimmed",
+            Category::GapInLine => "word without strobes in a burst",
+            Category::OverwrittenByte => "byte overwritten in a line",
+            Category::EvictedLine => "oldest line closed for room",
+            Category::Contention => "two clients wait at once",
+            Category::ShortBlock => "burst shorter than a block",
         }
     }
 }

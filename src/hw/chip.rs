@@ -4,6 +4,7 @@
 pub mod cast;
 pub mod commands;
 pub mod hits;
+mod memory;
 pub mod monitored;
 pub mod number;
 pub mod rays;
@@ -12,9 +13,9 @@ mod top;
 
 pub use top::{Inputs, Outputs, Trace, emit, module, ports};
 
-use super::memory::ADDRESS_BITS;
 use super::memory::axi::Bus;
 use super::memory::cache::{BLOCK_BITS, Shape};
+use super::memory::{ADDRESS_BITS, arbiter};
 use super::plan::Plan;
 use crate::bkd::bytes::{ByteRecord, Meaning};
 use crate::bundle;
@@ -75,7 +76,9 @@ impl Client {
 
     /// The client of an AXI identifier.
     pub fn of_id(config: &Config, id: u32) -> Option<Client> {
-        Client::ALL.get((id >> own_bits(config)) as usize).copied()
+        let own = Client::ALL.map(|client| client.id_bits(config));
+        let own = own.into_iter().max().unwrap_or(1);
+        Client::ALL.get((id >> own) as usize).copied()
     }
 
     /// Bits of the client's own identifiers.
@@ -89,17 +92,19 @@ impl Client {
     }
 }
 
-/// Bits of an AXI identifier that are a client's own.
-fn own_bits(config: &Config) -> u32 {
-    let own = Client::ALL.map(|client| client.id_bits(config));
-    own.into_iter().max().unwrap_or(1)
+/// The read arbiter of a machine.
+fn arbiter_sizes(config: &Config) -> arbiter::Sizes {
+    arbiter::Sizes {
+        data_bits: config.bus_data_bits,
+        clients: Client::ALL.map(|client| client.id_bits(config)).into(),
+    }
 }
 
 /// The memory bus of a machine.
 pub fn bus(config: &Config) -> Bus {
     Bus {
         data_bits: config.bus_data_bits,
-        id_bits: bits_for(Client::ALL.len() as u64) + own_bits(config),
+        id_bits: arbiter_sizes(config).id_bits(),
         reads: config.bus_reads,
         writes: config.bus_writes,
     }

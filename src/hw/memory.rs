@@ -1,6 +1,7 @@
 //! The memory system between the read and write ports of the units and an AXI4 master, as `docs/chip.md` defines it. Its modules know
 //! records, lines and bursts, but nothing of rays or trees.
 
+pub mod arbiter;
 pub mod axi;
 pub mod cache;
 pub mod combiner;

@@ -13,6 +13,8 @@
 //! | `update` | update processor and its prefetch | programs of random topologies |
 //! | `raycast` | ray setup, skinning processor, what joins the units | whole small scenes of two levels; random skinned meshes |
 //! | `cache` | a cache, which is not in the core | requests of every locality |
+//! | `axi` | AXI4 master | bursts in front of a random slave |
+//! | `combiner`, `arbiter`, `reader` | write combiner; read arbiter; burst reader | a memory system in front of a random slave |
 
 mod equivalence;
 mod next_state;
@@ -26,7 +28,8 @@ use crate::cosim::raycast::RaycastUnit;
 use crate::cosim::scoreboard::{Interrupted, Mutated, Recorder, SELECT, UnitOptions, UnitReport};
 use crate::cosim::workload::{Workload, instanced_scene};
 use crate::cosim::{
-    raycast, unit_arithmetic, unit_cache, unit_geometry, unit_skinning, unit_tpu, unit_update,
+    raycast, unit_arithmetic, unit_axi, unit_bus, unit_cache, unit_geometry, unit_skinning,
+    unit_tpu, unit_update,
 };
 use crate::hdl::{Design, Mutation, Select, Site};
 use crate::hw;
@@ -41,14 +44,29 @@ use std::path::PathBuf;
 use std::sync::Arc;
 
 /// The units, whose modules are mutated. What is not in the core comes last, so that mutants of the core keep their numbers.
-pub const UNITS: [&str; 6] = [
+pub const UNITS: [&str; 10] = [
     "arithmetic",
     "tpu",
     "geometry",
     "update",
     "raycast",
     "cache",
+    "axi",
+    "combiner",
+    "arbiter",
+    "reader",
 ];
+
+/// The module that is mutated of a unit of the memory system; its neighbours are there for its bench.
+fn only_module(unit: &str) -> Option<&'static str> {
+    match unit {
+        "axi" => Some("axi_master"),
+        "combiner" => Some("write_combiner"),
+        "arbiter" => Some("read_arbiter"),
+        "reader" => Some("burst_reader_16"),
+        _ => None,
+    }
+}
 
 /// The first of them: the core, over which the mutants that are asked for are divided.
 const OF_CORE: u32 = 5;
@@ -179,6 +197,8 @@ fn design_of(config: &Config, unit: &str) -> Result<Design> {
         "update" => hw::update::module(plan)?.module,
         "raycast" => return Ok(hw::emit(plan)?.design.apart()?),
         "cache" => hw::memory::cache::module("cache", &unit_cache::reference())?,
+        "axi" => unit_axi::module_of(&unit_axi::reference())?,
+        "combiner" | "arbiter" | "reader" => unit_bus::module(&unit_bus::Sizes::reference())?,
         _ => bail!("unit {unit}: is not one of {}", UNITS.join(", ")),
     };
     Ok(Design::new(top)?.apart()?)
@@ -195,6 +215,9 @@ fn draw(config: &Config, request: &Request) -> Result<Vec<Population>> {
         let design = design_of(config, unit)?;
         let mut places: Vec<Vec<Site>> = vec![vec![]; Kind::ALL.len()];
         for module in design.modules() {
+            if only_module(unit).is_some_and(|only| only != module.name()) {
+                continue;
+            }
             if !seen.insert(module.name().to_string()) {
                 continue;
             }
@@ -330,6 +353,8 @@ fn runs<'a>(
             "geometry" => &["tests", "transforms", "skins"],
             "update" => &["programs"],
             "cache" => &["requests"],
+            "axi" => &["bursts"],
+            "combiner" | "arbiter" | "reader" => &["traffic"],
             _ => &["rays", "skins"],
         };
         for &kind in kinds {
@@ -378,6 +403,14 @@ fn runs<'a>(
                     Ok(unit_cache::run(&shape, length, &play.options(seed))?
                         .unit
                         .into())
+                }),
+                "bursts" => Box::new(move |play: Play| {
+                    let (bus, options) = (unit_axi::reference(), play.options(seed));
+                    Ok(unit_axi::run(&bus, length / 4, &options)?.into())
+                }),
+                "traffic" => Box::new(move |play: Play| {
+                    let (sizes, options) = (unit_bus::Sizes::reference(), play.options(seed));
+                    Ok(unit_bus::run(&sizes, length, &options)?.into())
                 }),
                 "rays" => {
                     let count = 1 + length as usize / 4000;

@@ -5,11 +5,10 @@
 //! fails in the first cycles after reset, and that if all hold for a number of cycles they also hold in the next one. Therefore they
 //! always hold. Logic on which the properties do not depend is removed.
 
-use super::Outcome;
-use super::tools;
+use super::{Outcome, memory, tools};
 use crate::config::Config;
 use crate::emit;
-use crate::hdl::{Module, ProofFacts};
+use crate::hdl::{Design, Module, ProofFacts};
 use crate::hw::memory::cache;
 use crate::tools::Ended;
 use anyhow::{Context, Result, ensure};
@@ -107,7 +106,7 @@ pub fn proofs(unit: &str, config: &Config) -> Result<Vec<Induction>> {
     if unit == CACHE {
         return caches();
     }
-    let mut found = vec![];
+    let mut found = memory::proofs(unit)?;
     for wanted in WANTED.iter().filter(|wanted| wanted.unit == unit) {
         let mut config = config.clone();
         for (key, value) in wanted.few {
@@ -172,7 +171,12 @@ impl Induction {
     /// If a tool fails, or if a fault cannot be made.
     pub fn prove(&self, folder: &Path, fault: Option<usize>) -> Result<(usize, Outcome)> {
         let module = match fault {
-            Some(fault) => self.module.with(&self.proof.faults[fault].1)?,
+            // A fault may be one of a module below.
+            Some(fault) => {
+                let design = Design::new(self.module.clone())?;
+                let changed = design.with(&self.proof.faults[fault].1)?;
+                changed.top().clone()
+            }
             None => self.module.clone(),
         };
         let formal = module.formal(&self.proof.name, &str::to_string)?;

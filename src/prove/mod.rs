@@ -9,6 +9,7 @@ mod aig;
 mod arithmetic;
 pub mod formal;
 mod induction;
+mod memory;
 mod reference;
 mod slots;
 pub(crate) mod tools;
@@ -24,7 +25,7 @@ use std::sync::{Arc, mpsc};
 use std::time::Instant;
 
 /// What can be proved, with what it is.
-pub const UNITS: [(&str, &str); 17] = [
+pub const UNITS: [(&str, &str); 21] = [
     ("add", "fp_add: the sum of any two operands"),
     ("sub", "fp_sub: the difference of any two operands"),
     ("mul", "fp_mul: the product of any two operands"),
@@ -74,6 +75,22 @@ pub const UNITS: [(&str, &str); 17] = [
     (
         "cache",
         "a small cache: tags, lists, lines, lookups, ports, no deadlock",
+    ),
+    (
+        "axi",
+        "the AXI4 master: the rules of the bus, in front of any slave that obeys its own",
+    ),
+    (
+        "combiner",
+        "the write combiner: bytes and their order, lines, no deadlock",
+    ),
+    (
+        "arbiter",
+        "the read arbiter: bursts unchanged, rotation, routing of beats",
+    ),
+    (
+        "reader",
+        "burst readers: room in the buffer, blocks, ports, no deadlock",
     ),
 ];
 

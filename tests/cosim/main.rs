@@ -1,6 +1,7 @@
 //! The Verilog in Verilator, compared with the golden model: units, frames, films, a picture.
 
 mod animate;
+mod bus;
 mod cache;
 mod chip;
 mod fp_units;

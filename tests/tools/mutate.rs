@@ -1,14 +1,18 @@
 //! Mutants of a unit: most are killed by its shortest runs, a seed reproduces them, and one can be run alone.
 
 use dynrt::config::Config;
-use dynrt::mutate::{Kind, Mutant, Outcome, Report, Request, mutate};
+use dynrt::mutate::{Kind, Mutant, Outcome, Report, Request, UNITS, mutate};
+
+/// Mutants of each unit, and of all.
+const EACH: usize = 24;
+const ALL: u32 = (EACH * UNITS.len()) as u32;
 
 fn request(seed: u64) -> Request {
     Request {
         units: vec!["update".into()],
         prove: false,
         lengths: 1,
-        ..Request::new(120, seed)
+        ..Request::new(ALL, seed)
     }
 }
 
@@ -35,7 +39,7 @@ fn mutants_are_noticed_and_come_again() {
     for mutant in report.survivors() {
         println!("survived the shortest run: {mutant:?}");
     }
-    assert_eq!(report.mutants.len(), 24);
+    assert_eq!(report.mutants.len(), EACH);
     for kind in Kind::ALL {
         assert!(
             report.mutants.iter().any(|m| m.kind == kind),
@@ -77,7 +81,7 @@ fn what_is_not_there_is_refused_in_one_line() {
         ),
         (
             Request {
-                only: Some(145),
+                only: Some(ALL + 1),
                 ..request(1)
             },
             "there is no such mutant",

@@ -102,7 +102,7 @@ fn seeded_faults_of_the_arithmetic_are_refuted() {
 fn seeded_faults_of_control_are_refuted() {
     let units = [
         "slots", "fifo", "prefetch", "credit", "skin", "geometry", "tpu", "stack", "share",
-        "trace", "cache",
+        "trace", "cache", "axi", "combiner", "arbiter", "reader",
     ];
     hold(&rows(&few_packets(), &units, true, true), 45);
 }

@@ -121,7 +121,7 @@ pub fn module(sizes: &Sizes) -> Result<Arc<Module>, HdlError> {
     let contents = Contents::new(&m, sizes, &lines, &stage);
     let next = Next::new(&m, sizes, &lines, inputs.write_ready);
     let stream = Stream::new(&m, sizes, &next, inputs.datum_ready);
-    lines.follow(&m, &inputs, &stage, &contents, &next, &stream);
+    let closing = lines.follow(&m, &inputs, &stage, &contents, &next, &stream);
 
     m.comment("Bursts without a response; nothing is left if there is none and no line is in use.");
     let outstanding = Occupancy::new(
@@ -151,6 +151,8 @@ pub fn module(sizes: &Sizes) -> Result<Arc<Module>, HdlError> {
         next: &next,
         stream: &stream,
         outstanding: &outstanding,
+        closes: &closing.closes,
+        close_oldest: closing.oldest,
     });
     m.finish()
 }
@@ -244,13 +246,13 @@ impl<'b> Lines<'b> {
         contents: &Contents<'b>,
         next: &Next<'b>,
         stream: &Stream<'b>,
-    ) {
+    ) -> Closing<'b> {
         m.comment("A line is closed if it is full. The oldest one is closed if a line is needed and all are open, or by a flush.");
         let open = self.open.iter().map(|reg| reg.q).collect::<Vec<_>>();
         let needed = stage.valid.q & !stage.any_hit & m.and_all(&open);
         let flushes = inputs.flush & !stage.valid.q;
         let close_oldest = (needed | flushes).named("close_oldest");
-        let mut newest = vec![];
+        let (mut newest, mut all) = (vec![], vec![]);
         for i in 0..self.count() {
             let fills = stage.hits[i] & stage.valid.q & contents.line_full;
             let closes = (fills | (close_oldest & self.order.is_oldest("open", i, &open)))
@@ -266,10 +268,22 @@ impl<'b> Lines<'b> {
             let (writes, hit) = (stage.writes[i], stage.hits[i].repeat(LINE_WORDS));
             self.touched[i].next_when(writes, (self.touched[i].q & hit) | stage.word_bit);
             self.full[i].next_when(writes, (self.full[i].q & hit) | contents.now_full);
+            all.push(closes);
             newest.push((opens | closes).hinted(format!("newest{i}")));
         }
         self.order.drive(&newest);
+        Closing {
+            closes: all,
+            oldest: close_oldest,
+        }
     }
+}
+
+/// The lines that are closed.
+struct Closing<'b> {
+    closes: Vec<Signal<'b>>,
+    /// The oldest one is, for want of room or by a flush.
+    oldest: Signal<'b>,
 }
 
 /// The word that acts on the lines.
@@ -353,8 +367,9 @@ impl<'b> Stage<'b> {
 struct Contents<'b> {
     /// One memory for each byte of a row.
     data: Vec<Memory<'b>>,
-    /// One memory for each word of a row.
+    /// One memory for each word of a row, and a copy that is read by the stream.
     strobes: Vec<Memory<'b>>,
+    strobes_to_send: Vec<Memory<'b>>,
     /// The words of its line that the word in the stage fills; whether the line is full with them.
     now_full: Signal<'b>,
     line_full: Signal<'b>,
@@ -381,12 +396,15 @@ impl<'b> Contents<'b> {
             memory
         };
         let data = (0..sizes.row_bytes()).map(byte).collect();
-        let strobes: Vec<_> = (0..sizes.row_words())
-            .map(|lane| {
-                let name = format!("strobes{lane}");
-                m.memory(name, sizes.rows(), WORD_BYTES, Style::Distributed)
-            })
-            .collect();
+        let of_lanes = |name: &str| -> Vec<Memory<'b>> {
+            (0..sizes.row_words())
+                .map(|lane| {
+                    let name = format!("{name}{lane}");
+                    m.memory(name, sizes.rows(), WORD_BYTES, Style::Distributed)
+                })
+                .collect()
+        };
+        let (strobes, strobes_to_send) = (of_lanes("strobes"), of_lanes("strobes_to_send"));
         let stored: Vec<_> = strobes.iter().map(|memory| memory.read_now(row)).collect();
         let stored = match lane_bits {
             0 => stored[0],
@@ -400,16 +418,18 @@ impl<'b> Contents<'b> {
             .any()
             .named("word_touched");
         let stored = stored.hinted("stored_strobes");
-        let before = touched.repeat(WORD_BYTES) & stored;
+        let before = (touched.repeat(WORD_BYTES) & stored).hinted("strobes_before");
         let merged = (before | stage.word.strobes).named("merged_strobes");
-        for (memory, lane) in strobes.iter().zip(&lanes) {
-            memory.write(*lane, row, merged);
+        for (lane, writes) in lanes.iter().enumerate() {
+            strobes[lane].write(*writes, row, merged);
+            strobes_to_send[lane].write(*writes, row, merged);
         }
         let now_full = merged.all().repeat(LINE_WORDS) & stage.word_bit;
         let now_full = now_full.named("now_full");
         Contents {
             data,
             strobes,
+            strobes_to_send,
             now_full,
             line_full: (of("words_full", &lines.full) | now_full)
                 .hinted("words_full_now")
@@ -436,7 +456,7 @@ impl<'b> Contents<'b> {
         let data = m.concat(&bytes).named("row_sent");
         let lanes = sizes.row_words();
         let strobes = (0..lanes).rev().map(|lane| {
-            let strobes = self.strobes[lane as usize].read_now(at);
+            let strobes = self.strobes_to_send[lane as usize].read_now(at);
             let of_lane: Vec<_> = (0..LINE_WORDS / lanes)
                 .map(|row| stream.touched.bit(row * lanes + lane))
                 .collect();

@@ -357,7 +357,7 @@ fn faults(proof: &Proof<'_>, unit: &Module) -> Result<(), HdlError> {
         ),
         (
             "data begin before their address is offered (early_w)",
-            read("data_start", "beats_pending")?.as_signal(signal("write_valid")?),
+            read("datum_room", "beats_left")?.as_value(1),
         ),
         (
             "a read is begun with all outstanding (bound_r)",
