@@ -19,6 +19,9 @@ Units:
   skin, geometry    the skinning processor, the geometry unit: the same for vertices, meshes, leaves and rays
   tpu, stack        the traversal unit: no packet is lost or duplicated, no queue overflows; a pop reads the pushed entry
   share             the ray casting unit: packet numbers, tags, sharing of the geometry unit and its memory port
+  axi               the AXI4 master: the rules of the bus, in front of any slave that obeys its own
+  combiner, arbiter the write combiner, the read arbiter: bytes and their order, bursts unchanged and in turn, no deadlock
+  reader            burst readers: no overflow, bursts within their block, no deadlock
   trace             the core behaves the same with and without trace ports
 
 Arithmetic is compared with an independent reference by ABC, on gates that Yosys makes of both; before that, every path through

@@ -390,6 +390,9 @@ impl Run<'_> {
             && let Some((data, strobes)) = self.datum.item.take()
         {
             let Some((burst, done)) = self.data_for.front_mut() else {
+                if self.checks != Checks::All {
+                    return Ok(true);
+                }
                 let place = "a datum is taken that belongs to no burst";
                 return Err(self.bench.mismatch(place, vec![]));
             };

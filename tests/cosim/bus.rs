@@ -115,7 +115,7 @@ fn faults(
         ("size_aw", signal("m_axi_awaddr")?.fault().with_flipped(1)),
         ("size_ar", signal("m_axi_arburst")?.fault().with_flipped(3)),
         ("last_w", signal("m_axi_wlast")?.fault().inverted()),
-        ("early_w", reads("datum_room", "beats_left")?.as_value(1)),
+        ("early_w", signal("m_axi_awvalid")?.fault().as_value(0)),
         (
             "bound_r",
             reads("reads_outstanding_room", "read_ends")?.as_value(1),

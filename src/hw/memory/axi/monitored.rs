@@ -356,8 +356,8 @@ fn faults(proof: &Proof<'_>, unit: &Module) -> Result<(), HdlError> {
             signal("m_axi_wlast")?.fault().as_value(0),
         ),
         (
-            "data begin before their address is offered (early_w)",
-            read("datum_room", "beats_left")?.as_value(1),
+            "an address is never offered, and its data are (early_w)",
+            signal("m_axi_awvalid")?.fault().as_value(0),
         ),
         (
             "a read is begun with all outstanding (bound_r)",
