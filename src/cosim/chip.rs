@@ -210,7 +210,7 @@ pub struct Chip {
 }
 
 enum Behaving {
-    Model(DramPace),
+    Model(Box<DramPace>),
     Random(Faultless),
 }
 
@@ -255,7 +255,7 @@ impl Chip {
         let mut chip = Chip {
             slave: Slave::new(&bus, handles),
             pace: match options.behaviour {
-                Behaviour::Model => Behaving::Model(DramPace::new(config)),
+                Behaviour::Model => Behaving::Model(Box::new(DramPace::new(config))),
                 Behaviour::Random => Behaving::Random(Faultless(RandomPace::new(options.seed))),
             },
             rng: fastrand::Rng::with_seed(options.seed),
@@ -302,7 +302,7 @@ impl Chip {
     /// One cycle of everything.
     fn cycle(&mut self) -> Result<()> {
         let pace: &mut dyn Pace = match &mut self.pace {
-            Behaving::Model(pace) => pace,
+            Behaving::Model(pace) => pace.as_mut(),
             Behaving::Random(pace) => pace,
         };
         (self.slave).show(&mut self.model, pace, &self.memory, &mut self.rng)?;

@@ -85,10 +85,11 @@ fn the_memory_system_in_front_of_any_slave() {
     }
 }
 
+/// A rule, and the change of the master or the fault of the slave that violates it.
+type Seeded = (&'static str, Option<Mutation>, Option<Fault>);
+
 /// For every rule, the faults of the master or of the slave that it finds.
-fn faults(
-    master: &Module,
-) -> Result<Vec<(&'static str, Option<Mutation>, Option<Fault>)>, HdlError> {
+fn faults(master: &Module) -> Result<Vec<Seeded>, HdlError> {
     let signal = |name: &str| master.signal(name);
     let reads = |name: &str, other: &str| -> Result<_, HdlError> {
         Ok(signal(name)?.reads(signal(other)?))
