@@ -5,7 +5,7 @@
 //!
 //! The model has no clock, so it is told in which order lookups are decided and answers leave; both can be seen at the ports. An event
 //! tells of a decision one cycle later, and a response leaves a fixed number of cycles after its hit or its answer. What happened in one
-//! cycle inside is therefore put together from two cycles at the ports ([`Moment`]), and the model must agree with all of it: whether
+//! cycle inside is therefore put together from two cycles at the ports (`Moment`), and the model must agree with all of it: whether
 //! each request hits, waits for a line in flight or requests its line, that a request waits exactly where it must, that each list is answered
 //! in order. So the counts of requests, hits and misses are compared exactly, one by one. Every response is compared with memory.
 
