@@ -24,7 +24,7 @@ Examples:
 #[derive(clap::Args)]
 #[command(after_help = HELP)]
 pub struct Args {
-    /// Number of mutants, over all units of the core; the cache gets as many as one of these
+    /// Number of mutants, over all five units of the core; each unit of the memory system gets as many as one of these
     #[arg(long, value_name = "N", default_value_t = 100, value_parser = clap::value_parser!(u32).range(1..=100_000))]
     mutants: u32,
     /// Random seed

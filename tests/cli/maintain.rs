@@ -17,7 +17,7 @@ fn a_configuration_is_upgraded_in_place() {
     fs::write(&file, format!("# mine\n{old}")).unwrap();
     let line = fault("stats builtin:cornell --config machine.toml", folder.path());
     assert!(
-        line.starts_with("machine.toml: key packets.tag_bits is missing (tag that ")
+        line.starts_with("machine.toml: key packets.tag_bits is missing (tag of ")
             && line.ends_with(
                 "add the line `tag_bits = 16` below [packets], or run dynrt config upgrade machine.toml, \
                  which adds all 2 that are missing"

@@ -3,16 +3,16 @@
 use dynrt::config::Config;
 use dynrt::mutate::{Kind, Mutant, Outcome, Report, Request, UNITS, mutate};
 
-/// Mutants of each unit, and of all.
+/// Mutants of each unit, and the request that gives as many: one for the five units of the core.
 const EACH: usize = 24;
-const ALL: u32 = (EACH * UNITS.len()) as u32;
+const REQUESTED: u32 = 5 * EACH as u32;
 
 fn request(seed: u64) -> Request {
     Request {
         units: vec!["update".into()],
         prove: false,
         lengths: 1,
-        ..Request::new(ALL, seed)
+        ..Request::new(REQUESTED, seed)
     }
 }
 
@@ -81,7 +81,7 @@ fn what_is_not_there_is_refused_in_one_line() {
         ),
         (
             Request {
-                only: Some(ALL + 1),
+                only: Some((EACH * UNITS.len()) as u32 + 1),
                 ..request(1)
             },
             "there is no such mutant",
