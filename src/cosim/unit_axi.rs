@@ -34,7 +34,7 @@ pub const CATEGORIES: &[Category] = &[
 const MEMORY: u32 = 1 << 16;
 
 /// The multiple of bytes that a burst does not cross.
-const BOUNDARY: u32 = 4096;
+pub(super) const BOUNDARY: u32 = 4096;
 
 /// The monitor's bound on waiting in these benches, in cycles: longer than any pace lets anything wait.
 pub(super) const PATIENCE: u32 = 10_000;

@@ -10,7 +10,7 @@ use super::axi::{Accepted, BEAT_WORDS, Bytes, Data, Edge, Handles, RandomPace, S
 use super::mismatch::Field;
 use super::model::PortHandle;
 use super::scoreboard::{Bench, Category, RESET_CYCLES, UnitOptions, UnitReport};
-use super::unit_axi::{PATIENCE, STUCK, violated};
+use super::unit_axi::{BOUNDARY, PATIENCE, STUCK, violated};
 use crate::hdl::{self, Builder, Flow, Module, Specs as _, Wires as _};
 use crate::hw::memory::arbiter::{self, ClientInputs};
 use crate::hw::memory::axi::monitor::{self, Rules};
@@ -541,17 +541,18 @@ impl Run<'_> {
             let most = (MEMORY / 2 / WORD_BYTES - first).min([3, 20, 100][self.rng.usize(..3)]);
             self.start = Some((read + first * WORD_BYTES, self.rng.u32(..=most)));
         }
-        let boundary = 1024.max(self.bytes);
         for client in &mut self.clients {
             if client.item.is_none() && client.left > 0 && self.rng.f64() >= client.pauses {
                 client.left -= 1;
                 let rng = &mut self.rng;
-                let page = rng.u32(..MEMORY / 2 / boundary) * boundary;
-                let first = rng.u32(..boundary / self.bytes);
+                let page = rng.u32(..MEMORY / 2 / BOUNDARY) * BOUNDARY;
+                let first = rng.u32(..BOUNDARY / self.bytes);
+                // Seldom a long one, as it takes many cycles.
+                let most = if rng.u8(..64) == 0 { 256 } else { 8 };
                 client.item = Some(Given {
                     id: rng.u32(..1 << CLIENT_BITS[client.number as usize]),
                     address: read + page + first * self.bytes,
-                    beats: rng.u32(1..=(boundary / self.bytes - first).min(8)),
+                    beats: rng.u32(1..=(BOUNDARY / self.bytes - first).min(most)),
                 });
             }
         }
