@@ -24,13 +24,13 @@ Examples:
 #[derive(clap::Args)]
 #[command(after_help = HELP)]
 pub struct Args {
-    /// Number of mutants, over all five units of the core; each unit of the memory system gets as many as one of these
+    /// Number of mutants, over all five units of the core; each unit of the chip gets as many as one of these
     #[arg(long, value_name = "N", default_value_t = 100, value_parser = clap::value_parser!(u32).range(1..=100_000))]
     mutants: u32,
     /// Random seed
     #[arg(long, value_name = "S", default_value_t = 1)]
     seed: u64,
-    /// Mutate only this unit: arithmetic, tpu, geometry, update, raycast, cache, axi, combiner, arbiter or reader; may be repeated
+    /// Mutate only this unit: arithmetic, tpu, geometry, update, raycast, cache, axi, combiner, arbiter, reader or cast; may be repeated
     #[arg(long, value_name = "NAME")]
     unit: Vec<String>,
     /// Run only the mutant with this number

@@ -13,6 +13,7 @@
 //! | `update` | update processor and its prefetch | programs of random topologies |
 //! | `raycast` | ray setup, skinning processor, what joins the units | whole small scenes of two levels; random skinned meshes |
 //! | `cache` | a cache, which is not in the core | requests of every locality |
+//! | `cast` | the chip's ray reader and hit writer | casts in front of a random ray casting unit |
 //! | `axi` | AXI4 master | bursts in front of a random slave |
 //! | `combiner`, `arbiter`, `reader` | write combiner; read arbiter; burst reader | a memory system in front of a random slave |
 
@@ -28,8 +29,8 @@ use crate::cosim::raycast::RaycastUnit;
 use crate::cosim::scoreboard::{Interrupted, Mutated, Recorder, SELECT, UnitOptions, UnitReport};
 use crate::cosim::workload::{Workload, instanced_scene};
 use crate::cosim::{
-    raycast, unit_arithmetic, unit_axi, unit_bus, unit_cache, unit_geometry, unit_skinning,
-    unit_tpu, unit_update,
+    raycast, unit_arithmetic, unit_axi, unit_bus, unit_cache, unit_cast, unit_geometry,
+    unit_skinning, unit_tpu, unit_update,
 };
 use crate::hdl::{Design, Mutation, Select, Site};
 use crate::hw;
@@ -44,7 +45,7 @@ use std::path::PathBuf;
 use std::sync::Arc;
 
 /// The units, whose modules are mutated. What is not in the core comes last, so that mutants of the core keep their numbers.
-pub const UNITS: [&str; 10] = [
+pub const UNITS: [&str; 11] = [
     "arithmetic",
     "tpu",
     "geometry",
@@ -55,6 +56,7 @@ pub const UNITS: [&str; 10] = [
     "combiner",
     "arbiter",
     "reader",
+    "cast",
 ];
 
 /// The module that is mutated of a unit of the memory system; its neighbours are there for its bench.
@@ -197,6 +199,7 @@ fn design_of(config: &Config, unit: &str) -> Result<Design> {
         "update" => hw::update::module(plan)?.module,
         "raycast" => return Ok(hw::emit(plan)?.design.apart()?),
         "cache" => hw::memory::cache::module("cache", &unit_cache::reference())?,
+        "cast" => hw::chip::cast::module(plan)?,
         "axi" => unit_axi::module_of(&unit_axi::reference())?,
         "combiner" | "arbiter" | "reader" => unit_bus::module(&unit_bus::Sizes::reference())?,
         _ => bail!("unit {unit}: is not one of {}", UNITS.join(", ")),
@@ -354,6 +357,7 @@ fn runs<'a>(
             "update" => &["programs"],
             "cache" => &["requests"],
             "axi" => &["bursts"],
+            "cast" => &["casts"],
             "combiner" | "arbiter" | "reader" => &["traffic"],
             _ => &["rays", "skins"],
         };
@@ -403,6 +407,9 @@ fn runs<'a>(
                     Ok(unit_cache::run(&shape, length, &play.options(seed))?
                         .unit
                         .into())
+                }),
+                "casts" => Box::new(move |play: Play| {
+                    Ok(unit_cast::run(config, length / 4, &play.options(seed))?.into())
                 }),
                 "bursts" => Box::new(move |play: Play| {
                     let (bus, options) = (unit_axi::reference(), play.options(seed));
