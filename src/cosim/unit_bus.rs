@@ -88,6 +88,7 @@ impl Sizes {
             data_bits: self.data_bits,
             id_bits: CLIENT_BITS[0],
             words: self.words,
+            registers_front: false,
         }
     }
 

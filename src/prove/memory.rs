@@ -47,6 +47,7 @@ fn modules(unit: &str) -> Result<Vec<(Arc<Module>, &'static str)>, HdlError> {
                 data_bits,
                 id_bits: BUS.id_bits,
                 words: 16,
+                registers_front: false,
             };
             let reads = |data_bits| Ok((reader::module(&of(data_bits))?, "reads"));
             [32, 256]

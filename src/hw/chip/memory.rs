@@ -185,6 +185,7 @@ pub(super) fn module(plan: &Plan) -> Result<Arc<Module>, HdlError> {
         data_bits: bus.data_bits,
         id_bits: 1,
         words: config.bus_rays_ahead,
+        registers_front: plan.timing.queue_front,
     };
     let of_rays = to(Client::Rays);
     let rays = reader::ports(&sizes).place(

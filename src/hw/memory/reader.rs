@@ -36,6 +36,8 @@ pub struct Sizes {
     pub id_bits: u32,
     /// Words of the buffer, a multiple of 2 and at least 8.
     pub words: u32,
+    /// Whether the front of the buffer is a register, as that of every queue of a design.
+    pub registers_front: bool,
 }
 
 impl Sizes {
@@ -264,7 +266,7 @@ impl<'b> Buffer<'b> {
             }
         };
         let push = push.hinted("row_complete");
-        let rows = fifo::place(false, "rows", sizes.rows(), push, row, pop)?;
+        let rows = fifo::place(sizes.registers_front, "rows", sizes.rows(), push, row, pop)?;
         Ok(Buffer { rows, part })
     }
 }
