@@ -25,7 +25,8 @@ impl<'b> Bursts<'b> {
         let queue = fifo::place(
             registers_front,
             "burst_queue",
-            shape.misses,
+            // A queue with a register in front has room for two.
+            shape.misses.max(2),
             push,
             data,
             pop.get(),
