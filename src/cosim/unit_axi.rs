@@ -217,6 +217,10 @@ pub fn run_checked(
         bench: &mut bench,
     };
     let ended = (|| {
+        // Nothing is left of what was before the reset.
+        if checks == Checks::All {
+            run.check_master(&Edge::default())?;
+        }
         while run.bench.tally.transactions < bursts {
             run.batch()?;
         }
@@ -421,8 +425,39 @@ impl Run<'_> {
         Ok(any)
     }
 
+    /// Compares the attributes of the addresses that are offered with what they must be.
+    fn check_attributes(&self) -> Result<()> {
+        let (out, model) = (&self.ports.outputs.master.m_axi, &self.bench.model);
+        let size = u64::from(self.bus.size());
+        let (ar, aw) = (model.sample(&out.ar), model.sample(&out.aw));
+        let all = [
+            ("ARSIZE", size, ar.arsize),
+            ("ARBURST", 1, ar.arburst),
+            ("ARLOCK", 0, ar.arlock),
+            ("ARCACHE", 3, ar.arcache),
+            ("ARPROT", 2, ar.arprot),
+            ("ARQOS", 0, ar.arqos),
+            ("AWSIZE", size, aw.awsize),
+            ("AWBURST", 1, aw.awburst),
+            ("AWLOCK", 0, aw.awlock),
+            ("AWCACHE", 3, aw.awcache),
+            ("AWPROT", 2, aw.awprot),
+            ("AWQOS", 0, aw.awqos),
+        ];
+        if all.iter().all(|(_, golden, rtl)| golden == rtl) {
+            return Ok(());
+        }
+        let fields = all.map(|(name, golden, rtl)| Field::integer(name, golden, rtl));
+        Err(self
+            .bench
+            .mismatch("attributes of a burst", fields.to_vec()))
+    }
+
     /// Compares what the bus transfers with what the master was given.
     fn check_bus(&mut self, edge: &Edge) -> Result<()> {
+        if edge.read.is_some() || edge.write.is_some() {
+            self.check_attributes()?;
+        }
         let addresses = [
             ("read burst", edge.read, &mut self.reads, true),
             ("write burst", edge.write, &mut self.writes, false),

@@ -413,6 +413,18 @@ pub fn run(sizes: &Sizes, bursts: u64, options: &UnitOptions) -> Result<UnitRepo
         bench: &mut bench,
     };
     let ended = (|| {
+        // Nothing is left of what was before the reset.
+        run.check_after(&Edge::default(), false)?;
+        let outputs = &run.ports.outputs;
+        let left = [
+            outputs.got.valid,
+            outputs.m_axi.arvalid,
+            outputs.m_axi.wvalid,
+        ];
+        let is_idle = run.bench.model.get(outputs.empty) & run.bench.model.get(outputs.start_ready);
+        if is_idle == 0 || left.iter().any(|port| run.bench.model.get(*port) != 0) {
+            return Err(run.bench.mismatch("not idle after a reset", vec![]));
+        }
         while run.bench.tally.transactions < bursts {
             run.batch()?;
         }
