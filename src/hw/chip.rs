@@ -15,32 +15,35 @@ pub use top::{Inputs, Outputs, Trace, emit, module, ports};
 
 use super::memory::axi::Bus;
 use super::memory::cache::{BLOCK_BITS, Shape};
+use super::memory::combiner::{WORD_BITS, WORD_BYTES, Word};
 use super::memory::{ADDRESS_BITS, arbiter};
 use super::plan::Plan;
 use crate::bkd::bytes::{ByteRecord, Meaning};
-use crate::bundle;
 use crate::config::Config;
 use crate::hdl::{Signal, bits_for};
 
 /// The name of the chip's module.
 pub const NAME: &str = "chip";
 
-/// Bytes of a word that moves between the units of the chip and the memory system.
-pub const WORD_BYTES: u32 = 16;
-
-/// Bits of such a word.
-pub const WORD_BITS: u32 = 8 * WORD_BYTES;
-
 /// Width of the number of rays of a cast.
 pub const COUNT_BITS: u32 = 32;
 
-bundle! {
-    /// A word to write, at a byte address that is a multiple of 16.
-    pub struct WordWrite() {
-        address: ADDRESS_BITS,
-        data: WORD_BITS,
-        /// One bit per byte that is written.
-        strobes: WORD_BYTES,
+/// A 32-bit value as a write to its part of a word: `lane` is the part's number, and `address` is within the word.
+fn write_of_32_bits<'b>(
+    address: Signal<'b>,
+    lane: Signal<'b>,
+    value: Signal<'b>,
+) -> Word<Signal<'b>> {
+    let m = value.module();
+    let lanes: Vec<_> = (0..WORD_BYTES / 4)
+        .rev()
+        .map(|k| lane.equals(k.into()).repeat(4))
+        .collect();
+    let offset = WORD_BYTES.ilog2();
+    Word {
+        address: address.high(ADDRESS_BITS - offset).concat(m.zero(offset)),
+        data: value.repeat(WORD_BITS / 32),
+        strobes: m.concat(&lanes),
     }
 }
 

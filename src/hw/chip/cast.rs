@@ -2,8 +2,8 @@
 
 use super::hits::{self, Hits};
 use super::rays::{self, Rays};
-use super::{WORD_BITS, WordWrite};
 use crate::hdl::{Builder, Flow, HdlError, Module, Specs};
+use crate::hw::memory::combiner::{WORD_BITS, Word};
 use crate::hw::plan::Plan;
 use crate::hw::raycast::{Ray, TaggedHit};
 use crate::{bundle, interface};
@@ -28,7 +28,7 @@ interface! {
         out "Words of rays, in the order of memory" { word_ready: 1 }
         out "Rays" { ray: Flow<Ray>(plan) }
         out "Hits: those of a packet one after another, packets in any order" { hit_ready: 1 }
-        out "Writes" { write: Flow<WordWrite>() }
+        out "Writes" { write: Flow<Word>() }
         out "Events for the counters" { ray_taken: 1 }
     }
 }

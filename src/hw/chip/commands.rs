@@ -1,13 +1,16 @@
 //! The command processor: executes command lists.
 
+use super::cast::Cast;
 use super::hits::Hits;
 use super::rays::Rays;
-use super::{WORD_BITS, WORD_BYTES, WordWrite};
+use super::write_of_32_bits;
 use crate::bkd::bytes::ByteRecord;
 use crate::bkd::layout::Record;
 use crate::chip::descriptor::{self, Fault, cast, end, fence, jump, scene, signal};
 use crate::chip::most_rays;
-use crate::hdl::{Builder, Flow, HdlError, Module, Signal, Specs, bits_for};
+use crate::hdl::{Builder, Bundle, Flow, HdlError, Module, Reg, Signal, Specs, bits_for};
+use crate::hw::memory::combiner::Word;
+use crate::hw::memory::reader::WORD_ADDRESS_BITS;
 use crate::hw::memory::{ADDRESS_BITS, BEATS_BITS, Beat, Burst};
 use crate::hw::plan::Plan;
 use crate::{bundle, interface};
@@ -18,9 +21,6 @@ const STORED: u32 = 8;
 
 /// Width of an error code.
 pub const CODE_BITS: u32 = 4;
-
-/// Width of the number of 16-byte words of a cast's rays.
-pub const WORDS_BITS: u32 = 28;
 
 bundle! {
     /// The arrays of a scene, constant while rays are cast.
@@ -40,9 +40,8 @@ bundle! {
     pub struct CastStart() {
         /// The address of the rays, and their words.
         rays_address: ADDRESS_BITS,
-        words: WORDS_BITS,
-        rays: {Rays}(),
-        hits: {Hits}(),
+        words: WORD_ADDRESS_BITS,
+        cast: ..{Cast}(),
     }
 }
 
@@ -67,7 +66,7 @@ interface! {
         in "Bus error: high for one cycle, with the address of the burst" { bus_error_valid: 1, bus_error_address: ADDRESS_BITS }
         out "Command list to start" { start_ready: 1 }
         out "Memory: bursts to read" { read: Flow<Burst>(1) }
-        out "Memory: writes" { write: Flow<WordWrite>() }
+        out "Memory: writes" { write: Flow<Word>() }
         out "Cast to start, while no cast runs" { cast_valid: 1, cast: {CastStart}() }
         out "Scene of the cast" { scene: {Arrays}(plan) }
         out "High while all open lines of the write combiner must be closed" { flush: 1 }
@@ -79,19 +78,36 @@ interface! {
     }
 }
 
-/// The states, one bit each.
-struct States<'b> {
-    idle: Signal<'b>,
-    fetches: Signal<'b>,
-    receives: Signal<'b>,
-    decodes: Signal<'b>,
-    waits: Signal<'b>,
-    fetches_box: Signal<'b>,
-    receives_box: Signal<'b>,
-    signals: Signal<'b>,
-    drains: Signal<'b>,
-    flushes: Signal<'b>,
-    invalidates: Signal<'b>,
+bundle! {
+    /// The states, one bit each.
+    struct States() {
+        idle: 1,
+        fetches: 1,
+        receives: 1,
+        decodes: 1,
+        waits: 1,
+        fetches_box: 1,
+        receives_box: 1,
+        signals: 1,
+        drains: 1,
+        flushes: 1,
+        invalidates: 1,
+    }
+}
+
+bundle! {
+    /// What happens in a cycle besides the change of state.
+    struct Steps() {
+        cast_starts: 1,
+        scene_starts: 1,
+        box_arrives: 1,
+        signal_taken: 1,
+        asks_to_invalidate: 1,
+        ended: 1,
+        jumps: 1,
+        /// The next descriptor follows.
+        advances: 1,
+    }
 }
 
 /// What a decoded descriptor is.
@@ -118,55 +134,100 @@ pub fn module(plan: &Plan, bus_bits: u32) -> Result<Arc<Module>, HdlError> {
     );
     let ports = ports(plan, bus_bits);
     let inputs = ports.inputs.inputs(&m);
-    let Inputs {
-        read_ready,
-        beat,
-        casting,
-        ..
-    } = inputs;
-
     m.comment("The state, one bit each.");
-    let state = |name: &str, first: u128| m.reg_reset(name, 1, first);
-    let idle = state("idle", 1);
-    let fetches = state("fetches", 0);
-    let receives = state("receives", 0);
-    let decodes = state("decodes", 0);
-    let waits = state("waits", 0);
-    let fetches_box = state("fetches_box", 0);
-    let receives_box = state("receives_box", 0);
-    let signals = state("signals", 0);
-    let drains = state("drains", 0);
-    let flushes = state("flushes", 0);
-    let invalidates = state("invalidates", 0);
-    let now = States {
-        idle: idle.q,
-        fetches: fetches.q,
-        receives: receives.q,
-        decodes: decodes.q,
-        waits: waits.q,
-        fetches_box: fetches_box.q,
-        receives_box: receives_box.q,
-        signals: signals.q,
-        drains: drains.q,
-        flushes: flushes.q,
-        invalidates: invalidates.q,
-    };
+    let states = States::of().map(|name, _| {
+        let name = name.to_string();
+        m.reg_reset(&name, 1, u128::from(name == "idle"))
+    });
+    let now = states.map(|_, state| state.q);
     let starts = (now.idle & inputs.start_valid).named("starts");
-    let read_taken = ((now.fetches | now.fetches_box) & read_ready).named("read_taken");
+    let beat = inputs.beat;
+    let read_taken = ((now.fetches | now.fetches_box) & inputs.read_ready).named("read_taken");
     let last_beat = (beat.valid & beat.payload.last).named("last_beat");
 
     let words = stored_words(&m, bus_bits, &now, beat, read_taken);
     let has_scene = m.reg_reset("has_scene", 1, 0);
     let decoded = decode(&m, plan, &words, has_scene.q);
+    let (code, value) = kept_error(&m, &inputs, starts, &now, &decoded);
+    let is_bad = code.any().named("is_failed");
+    let lists = Lists {
+        m: &m,
+        inputs: &inputs,
+        starts,
+        is_bad,
+        decoded: &decoded,
+    };
+    let steps = lists.follow(&states, read_taken, last_beat);
+    has_scene.next(steps.box_arrives | has_scene.q);
 
+    m.comment("The descriptor that is executed.");
+    let place = m.reg("descriptor_address", ADDRESS_BITS);
+    let next_place = place.q + m.lit(descriptor::BYTES, ADDRESS_BITS);
+    place.next_when(
+        starts | steps.jumps | steps.advances,
+        m.priority(
+            &[
+                (starts, inputs.start_address),
+                (steps.jumps, words[jump::word::to]),
+            ],
+            next_place,
+        ),
+    );
+
+    let scene = scene_registers(&m, plan, &words, steps.scene_starts, steps.box_arrives);
+    let beats = |bytes: u32| m.lit((8 * bytes).div_ceil(bus_bits) - 1, BEATS_BITS);
+    let write = write_of_32_bits(
+        words[signal::word::address],
+        words[signal::word::address].bits(3, 2),
+        words[signal::word::value],
+    );
+    let outputs = Outputs {
+        start_ready: now.idle,
+        read: Flow::new(
+            now.fetches | now.fetches_box,
+            Burst {
+                address: now.fetches_box.mux(words[scene::word::bounds], place.q),
+                beats: now
+                    .fetches_box
+                    .mux(beats(box_bytes(plan)), beats(descriptor::BYTES)),
+                id: m.zero(1),
+            },
+        ),
+        write: Flow::new(now.signals, write),
+        cast_valid: steps.cast_starts,
+        cast: cast_start(&m, &words),
+        scene,
+        flush: now.flushes,
+        invalidate: steps.asks_to_invalidate,
+        running: !now.idle,
+        signalled: steps.signal_taken & flag(&words, signal::flag::interrupt),
+        ended: steps.ended,
+        failure: Failure {
+            code,
+            descriptor: place.q,
+            value,
+        },
+    };
+    ports.outputs.outputs(&m, outputs);
+    m.finish()
+}
+
+/// The code and the wrong value of the first error of a list: of a refused descriptor, or of the bus.
+fn kept_error<'b>(
+    m: &'b Builder,
+    inputs: &Inputs<Signal<'b>>,
+    starts: Signal<'b>,
+    now: &States<Signal<'b>>,
+    decoded: &Decoded<'b>,
+) -> (Signal<'b>, Signal<'b>) {
     m.comment(
         "An error is kept until the list ends: the first of a refused descriptor or of the bus.",
     );
     let code = m.reg_reset("kept_code", CODE_BITS, 0);
     let value = m.reg("kept_value", ADDRESS_BITS);
-    let is_bad = code.q.any().named("is_failed");
-    let refused = (now.decodes & decoded.fault & !is_bad).named("refuses");
-    let breaks = (inputs.bus_error_valid & !is_bad & !now.idle).named("bus_breaks");
+    let none = code.q.is_zero();
+    let refused = (now.decodes & decoded.fault & none).named("refuses");
+    let breaks = (inputs.bus_error_valid & none & !now.idle).named("bus_breaks");
     let bus_code = m.lit(Fault::BUS, CODE_BITS);
     let loads = (refused | breaks).named("failure_loads");
     code.next_when(
@@ -174,124 +235,118 @@ pub fn module(plan: &Plan, bus_bits: u32) -> Result<Arc<Module>, HdlError> {
         starts.mux(m.zero(CODE_BITS), breaks.mux(bus_code, decoded.code)),
     );
     value.next_when(loads, breaks.mux(inputs.bus_error_address, decoded.value));
+    (code.q, value.q)
+}
 
-    m.comment("Transitions.");
-    let stops = (decoded.fault | is_bad).named("stops");
-    let goes = (now.decodes & !stops).named("executes");
-    let signal_taken = (now.signals & inputs.write_ready).named("signal_taken");
-    let cast_free = (now.waits & !casting).named("cast_is_free");
-    let cast_starts = (cast_free & decoded.is_cast).named("cast_starts");
-    let scene_starts = (cast_free & decoded.is_scene).named("scene_starts");
-    let box_arrives = (now.receives_box & last_beat).named("box_arrives");
-    has_scene.next(box_arrives | has_scene.q);
-    let asked = m.reg_reset("invalidation_asked", 1, 0);
-    let drained = (now.drains & !casting).named("drained");
-    let flushed = (now.flushes & inputs.writes_done).named("flushed");
-    let invalidated = (now.invalidates & asked.q & !inputs.invalidating).named("invalidated");
-    let begins = m.reg("begins", 1);
-    begins.next_when(starts | invalidated, starts);
-    let ends_list = m.reg("ends_list", 1);
-    ends_list.next_when(starts | now.decodes, now.decodes & (decoded.is_end | stops));
-    let is_over = (!begins.q & (ends_list.q | is_bad)).named("is_over");
-    let ended = (invalidated & is_over).named("list_ends");
-    let jumps = (goes & decoded.is_jump).named("jumps");
-    let advances =
-        (signal_taken | cast_starts | box_arrives | (invalidated & !begins.q & !is_over))
-            .named("advances");
-    let is_done = (goes & decoded.is_signal).named("signal_starts");
-    let needs_cast = (goes & (decoded.is_cast | decoded.is_scene)).named("needs_cast_unit");
-    idle.next(ended | (now.idle & !starts));
-    fetches.next(jumps | advances | (invalidated & begins.q) | (now.fetches & !read_taken));
-    receives.next((now.fetches & read_taken) | (now.receives & !last_beat));
-    decodes.next(now.receives & last_beat);
-    waits.next(needs_cast | (now.waits & casting));
-    fetches_box.next(scene_starts | (now.fetches_box & !read_taken));
-    receives_box.next((now.fetches_box & read_taken) | (now.receives_box & !last_beat));
-    signals.next(is_done | (now.signals & !signal_taken));
-    drains.next((now.decodes & !jumps & !is_done & !needs_cast) | (now.drains & casting));
-    flushes.next(drained | (now.flushes & !flushed));
-    invalidates.next(starts | flushed | (now.invalidates & !invalidated));
-    let asks = (now.invalidates & !asked.q).named("asks_to_invalidate");
-    asked.next(asks | (asked.q & !invalidated));
+/// What the states of a list follow from.
+struct Lists<'a, 'b> {
+    m: &'b Builder,
+    inputs: &'a Inputs<Signal<'b>>,
+    starts: Signal<'b>,
+    /// The list has had an error.
+    is_bad: Signal<'b>,
+    decoded: &'a Decoded<'b>,
+}
 
-    m.comment("The descriptor that is executed.");
-    let place = m.reg("descriptor_address", ADDRESS_BITS);
-    let next_place = place.q + m.lit(descriptor::BYTES, ADDRESS_BITS);
-    place.next_when(
-        starts | jumps | advances,
-        m.priority(
-            &[
-                (starts, inputs.start_address),
-                (jumps, words[jump::word::to]),
-            ],
-            next_place,
-        ),
-    );
+impl<'b> Lists<'_, 'b> {
+    /// Sets the next states.
+    fn follow(
+        &self,
+        states: &States<Reg<'b>>,
+        read_taken: Signal<'b>,
+        last_beat: Signal<'b>,
+    ) -> Steps<Signal<'b>> {
+        let Lists {
+            m,
+            inputs,
+            starts,
+            is_bad,
+            decoded,
+        } = *self;
+        let now = states.map(|_, state| state.q);
+        m.comment("Transitions.");
+        let stops = (decoded.fault | is_bad).named("stops");
+        let goes = (now.decodes & !stops).named("executes");
+        let signal_taken = (now.signals & inputs.write_ready).named("signal_taken");
+        let cast_free = (now.waits & !inputs.casting).named("cast_is_free");
+        let cast_starts = (cast_free & decoded.is_cast).named("cast_starts");
+        let scene_starts = (cast_free & decoded.is_scene).named("scene_starts");
+        let box_arrives = (now.receives_box & last_beat).named("box_arrives");
+        let asked = m.reg_reset("invalidation_asked", 1, 0);
+        let drained = (now.drains & !inputs.casting).named("drained");
+        let flushed = (now.flushes & inputs.writes_done).named("flushed");
+        let invalidated = (now.invalidates & asked.q & !inputs.invalidating).named("invalidated");
+        let begins = m.reg("begins", 1);
+        begins.next_when(starts | invalidated, starts);
+        let ends_list = m.reg("ends_list", 1);
+        ends_list.next_when(starts | now.decodes, now.decodes & (decoded.is_end | stops));
+        let is_over = (!begins.q & (ends_list.q | is_bad)).named("is_over");
+        let ended = (invalidated & is_over).named("list_ends");
+        let jumps = (goes & decoded.is_jump).named("jumps");
+        let goes_on = invalidated & !begins.q & !is_over;
+        let advances = (signal_taken | cast_starts | box_arrives | goes_on).named("advances");
+        let is_signal = (goes & decoded.is_signal).named("signal_starts");
+        let needs_cast = (goes & (decoded.is_cast | decoded.is_scene)).named("needs_cast_unit");
+        let asks = (now.invalidates & !asked.q).named("asks_to_invalidate");
+        asked.next(asks | (asked.q & !invalidated));
+        (states.idle).next(ended | (now.idle & !starts));
+        (states.fetches)
+            .next(jumps | advances | (invalidated & begins.q) | (now.fetches & !read_taken));
+        (states.receives).next((now.fetches & read_taken) | (now.receives & !last_beat));
+        (states.decodes).next(now.receives & last_beat);
+        (states.waits).next(needs_cast | (now.waits & inputs.casting));
+        (states.fetches_box).next(scene_starts | (now.fetches_box & !read_taken));
+        (states.receives_box)
+            .next((now.fetches_box & read_taken) | (now.receives_box & !last_beat));
+        (states.signals).next(is_signal | (now.signals & !signal_taken));
+        (states.drains).next(
+            (now.decodes & !jumps & !is_signal & !needs_cast) | (now.drains & inputs.casting),
+        );
+        (states.flushes).next(drained | (now.flushes & !flushed));
+        (states.invalidates).next(starts | flushed | (now.invalidates & !invalidated));
+        Steps {
+            cast_starts,
+            scene_starts,
+            box_arrives,
+            signal_taken,
+            asks_to_invalidate: asks,
+            ended,
+            jumps,
+            advances,
+        }
+    }
+}
 
-    let scene = scene_registers(&m, plan, &words, scene_starts, box_arrives);
-    let short = flag(&words, cast::flag::short_rays);
-    let any_hit = flag(&words, cast::flag::any_hit);
+/// The start of the cast of a stored descriptor.
+fn cast_start<'b>(m: &'b Builder, words: &[Signal<'b>]) -> CastStart<Signal<'b>> {
+    let short = flag(words, cast::flag::short_rays);
+    let any_hit = flag(words, cast::flag::any_hit);
     let count = words[cast::word::count];
-    let origin: Vec<_> = (cast::word::origin_x..=cast::word::tmin)
-        .map(|k| words[k])
-        .collect();
-    let origin: Vec<_> = origin.into_iter().rev().collect();
-    let both = count.low(WORDS_BITS - 1).concat(m.zero(1));
-    let start = CastStart {
+    let origin = (cast::word::origin_x..=cast::word::tmin).rev();
+    let origin: Vec<_> = origin.map(|k| words[k]).collect();
+    let both = count.low(WORD_ADDRESS_BITS - 1).concat(m.zero(1));
+    CastStart {
         rays_address: words[cast::word::rays],
-        words: short.mux(count.low(WORDS_BITS), both),
-        rays: Rays {
-            count,
-            any_hit,
-            short,
-            origin: m.concat(&origin),
-        },
-        hits: Hits {
-            count,
-            any_hit,
-            address: words[cast::word::hits],
-        },
-    };
-    let outputs = Outputs {
-        start_ready: now.idle,
-        read: Flow::new(
-            now.fetches | now.fetches_box,
-            Burst {
-                address: now.fetches_box.mux(words[scene::word::bounds], place.q),
-                beats: now.fetches_box.mux(
-                    m.lit(beats(box_bytes(plan), bus_bits), BEATS_BITS),
-                    m.lit(beats(descriptor::BYTES, bus_bits), BEATS_BITS),
-                ),
-                id: m.zero(1),
+        words: short.mux(count.low(WORD_ADDRESS_BITS), both),
+        cast: Cast {
+            rays: Rays {
+                count,
+                any_hit,
+                short,
+                origin: m.concat(&origin),
             },
-        ),
-        write: signal_write(&m, &words, now.signals),
-        cast_valid: cast_starts,
-        cast: start,
-        scene,
-        flush: now.flushes,
-        invalidate: asks,
-        running: !now.idle,
-        signalled: signal_taken & flag(&words, signal::flag::interrupt),
-        ended,
-        failure: Failure {
-            code: code.q,
-            descriptor: place.q,
-            value: value.q,
+            hits: Hits {
+                count,
+                any_hit,
+                address: words[cast::word::hits],
+            },
         },
-    };
-    ports.outputs.outputs(&m, outputs);
-    m.finish()
+    }
 }
 
 /// Bytes of the box of a scene.
 fn box_bytes(plan: &Plan) -> u32 {
     2 * ByteRecord::vertex(plan.format).bytes
-}
-
-/// The number of beats of a burst, minus one.
-fn beats(bytes: u32, bus_bits: u32) -> u32 {
-    (8 * bytes).div_ceil(bus_bits) - 1
 }
 
 fn flag<'b>(words: &[Signal<'b>], bit: u32) -> Signal<'b> {
@@ -302,7 +357,7 @@ fn flag<'b>(words: &[Signal<'b>], bit: u32) -> Signal<'b> {
 fn stored_words<'b>(
     m: &'b Builder,
     bus_bits: u32,
-    now: &States<'b>,
+    now: &States<Signal<'b>>,
     beat: Flow<Beat<Signal<'b>>, Signal<'b>>,
     read_taken: Signal<'b>,
 ) -> Vec<Signal<'b>> {
@@ -433,24 +488,4 @@ fn scene_registers<'b>(
         lo: corner("lo", 0),
         hi: corner("hi", 1),
     }
-}
-
-/// The word that a signal writes.
-fn signal_write<'b>(
-    m: &'b Builder,
-    words: &[Signal<'b>],
-    valid: Signal<'b>,
-) -> Flow<WordWrite<Signal<'b>>, Signal<'b>> {
-    let address = words[signal::word::address];
-    let lane = address.bits(3, 2);
-    let lanes: Vec<_> = (0..WORD_BYTES / 4)
-        .rev()
-        .map(|k| lane.equals(k.into()).repeat(4))
-        .collect();
-    let write = WordWrite {
-        address: address.high(ADDRESS_BITS - 4).concat(m.zero(4)),
-        data: words[signal::word::value].repeat(WORD_BITS / 32),
-        strobes: m.concat(&lanes),
-    };
-    Flow::new(valid, write)
 }

@@ -1,9 +1,10 @@
 //! The hit writer: turns the hits of a cast into writes.
 
-use super::{COUNT_BITS, WORD_BITS, WORD_BYTES, WordWrite};
+use super::{COUNT_BITS, write_of_32_bits};
 use crate::bkd::bytes::ByteRecord;
 use crate::hdl::{Builder, Flow, HdlError, Module, Signal, Specs, Style};
 use crate::hw::memory::ADDRESS_BITS;
+use crate::hw::memory::combiner::{WORD_BITS, WORD_BYTES, Word};
 use crate::hw::plan::Plan;
 use crate::hw::ray::Hit;
 use crate::hw::raycast::TaggedHit;
@@ -36,7 +37,7 @@ interface! {
         out "High from the cycle after the start until the last write is accepted" { running: 1 }
         out "Hits: those of a packet one after another" { hit_ready: 1 }
         out "High while no further packet may start" { hold: 1 }
-        out "Writes" { write: Flow<WordWrite>() }
+        out "Writes" { write: Flow<Word>() }
     }
 }
 
@@ -153,7 +154,7 @@ pub fn module(plan: &Plan) -> Result<Arc<Module>, HdlError> {
         }
     }
 
-    let write = WordWrite {
+    let write = Word {
         address: address.q,
         data: data.q.low(WORD_BITS),
         strobes: strobes.q,
@@ -287,19 +288,13 @@ impl<'b> Writer<'_, 'b> {
 
         let offset = fitted(word_number, ADDRESS_BITS - 2).concat(m.zero(2));
         let lane = word_number.low(2);
-        let lanes: Vec<_> = (0..4u32)
-            .rev()
-            .map(|k| lane.equals(k.into()).repeat(4))
-            .collect();
         let address = (self.base + offset).named("answer_address");
-        let aligned = address.high(ADDRESS_BITS - 4).concat(m.zero(4));
-        let copies = word.repeat(WORD_BITS / RAYS_PER_WORD);
-        let width = bytes_width(plan);
+        let write = write_of_32_bits(address, lane, word);
         let offer = Offer {
             valid: complete,
-            address: aligned,
-            data: copies.extend(width),
-            strobes: m.concat(&lanes),
+            address: write.address,
+            data: write.data.extend(bytes_width(plan)),
+            strobes: write.strobes,
         };
         (offer, hold)
     }

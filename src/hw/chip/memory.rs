@@ -1,12 +1,11 @@
 //! The memory system of the chip: caches, burst reader and write combiner between the units and the AXI4 master.
 
-use super::registers::CacheEvents;
 use super::{Client, arbiter_sizes, bus, cache_shape, record_of};
 use crate::bkd::bytes::ByteRecord;
 use crate::hdl::{Builder, Flow, HdlError, Module, Request, Response, Signal, Specs, Wires};
 use crate::hw::memory::arbiter::{self, ClientInputs};
 use crate::hw::memory::axi::{self, MasterInputs, MasterOutputs};
-use crate::hw::memory::cache::{self, Shape};
+use crate::hw::memory::cache::{self, Events as CacheEvents, Shape};
 use crate::hw::memory::combiner::{self, Word};
 use crate::hw::memory::reader::{self, Sequence, Word as RayWord};
 use crate::hw::memory::{ADDRESS_BITS, Beat, Burst};
@@ -24,8 +23,6 @@ pub(super) enum Port {
 }
 
 impl Port {
-    const ALL: [Port; 3] = [Port::Nodes, Port::Records, Port::Vertices];
-
     fn layout(self, plan: &Plan) -> ByteRecord {
         match self {
             Port::Nodes => ByteRecord::node(plan.format),
@@ -94,7 +91,7 @@ bundle! {
 
 bundle! {
     /// Events of the memory system.
-    pub(super) struct Events() {
+    pub struct Events() {
         node: {CacheEvents}(),
         record: {CacheEvents}(),
         vertex: {CacheEvents}(),
@@ -180,30 +177,12 @@ pub(super) fn module(plan: &Plan) -> Result<Arc<Module>, HdlError> {
         of.wires(&m, &format!("to_{}", client.name()))
     });
     let to = |client: Client| wires[client as usize].get();
-
-    let sizes = reader::Sizes {
-        data_bits: bus.data_bits,
-        id_bits: 1,
-        words: config.bus_rays_ahead,
-        registers_front: plan.timing.queue_front,
+    let around = Around {
+        m: &m,
+        plan,
+        inputs: &inputs,
     };
-    let of_rays = to(Client::Rays);
-    let rays = reader::ports(&sizes).place(
-        "rays",
-        &m,
-        &reader::module(&sizes)?,
-        reader::Inputs {
-            start: inputs.sequence,
-            read_ready: of_rays.ready,
-            beat: Flow::new(
-                of_rays.beat.valid,
-                reader::Datum {
-                    data: of_rays.beat.payload.data,
-                },
-            ),
-            word_ready: inputs.word_ready,
-        },
-    );
+    let rays = around.rays(to(Client::Rays))?;
     let mut reads = vec![inputs.commands_read, rays.read];
     let mut caches = vec![];
     for (port, client, of_port) in [
@@ -211,22 +190,9 @@ pub(super) fn module(plan: &Plan) -> Result<Arc<Module>, HdlError> {
         (Port::Records, Client::Records, inputs.records),
         (Port::Vertices, Client::Vertices, inputs.vertices),
     ] {
-        let (shape, (_, name)) = (port.shape(plan), port.cache(plan));
-        let ToClient { ready, beat } = to(client);
-        let placed = cache::ports(&shape).place(
-            format!("cache_of_{}", client.name()),
-            &m,
-            &cache::module(name, &shape)?,
-            cache::Inputs {
-                request: of_port.request,
-                base: of_port.base,
-                invalidate: inputs.invalidate,
-                burst_ready: ready,
-                beat,
-            },
-        );
-        reads.push(placed.burst);
-        caches.push(placed);
+        let cache = around.cache(port, client, of_port, to(client))?;
+        reads.push(cache.burst);
+        caches.push(cache);
     }
     let clients: Vec<_> = reads
         .into_iter()
@@ -245,23 +211,7 @@ pub(super) fn module(plan: &Plan) -> Result<Arc<Module>, HdlError> {
         });
     }
 
-    let sizes = combiner::Sizes {
-        data_bits: bus.data_bits,
-        lines: config.bus_write_lines,
-        writes: config.bus_writes,
-    };
-    let combiner = combiner::ports(&sizes).place(
-        "combiner",
-        &m,
-        &combiner::module(&sizes)?,
-        combiner::Inputs {
-            word: inputs.write,
-            flush: inputs.flush,
-            write_ready: told.write_ready,
-            datum_ready: told.datum_ready,
-            written: told.written,
-        },
-    );
+    let combiner = around.combiner(told)?;
     let master = axi::ports(&bus).place(
         "master",
         &m,
@@ -281,29 +231,6 @@ pub(super) fn module(plan: &Plan) -> Result<Arc<Module>, HdlError> {
         beat: master.beat,
     });
 
-    let of_cache = |place: usize| {
-        let response = caches[place].response;
-        let record = record_of(plan, &Port::ALL[place].layout(plan), response.payload.data);
-        CachedOutputs {
-            request_ready: caches[place].request_ready,
-            response: Flow::new(
-                response.valid,
-                Response {
-                    tag: response.payload.tag,
-                    data: record,
-                },
-            ),
-        }
-    };
-    let events = |place: usize| {
-        let event = caches[place].event;
-        CacheEvents {
-            requests: event.requests,
-            hits: event.hits,
-            misses: event.misses,
-            stalls: event.stalls,
-        }
-    };
     let invalidating: Vec<_> = caches.iter().map(|cache| cache.invalidating).collect();
     let errors: Vec<_> = (caches.iter())
         .map(|cache| (cache.error.valid, cache.error.payload.address))
@@ -313,9 +240,9 @@ pub(super) fn module(plan: &Plan) -> Result<Arc<Module>, HdlError> {
         commands_ready: clients[0].read_ready,
         commands_beat: clients[0].beat,
         word: rays.word,
-        nodes: of_cache(0),
-        records: of_cache(1),
-        vertices: of_cache(2),
+        nodes: around.cached(Port::Nodes, &caches[0]),
+        records: around.cached(Port::Records, &caches[1]),
+        vertices: around.cached(Port::Vertices, &caches[2]),
         invalidating: m.or_all(&invalidating),
         write_ready: combiner.word_ready,
         writes_done: combiner.empty,
@@ -323,9 +250,9 @@ pub(super) fn module(plan: &Plan) -> Result<Arc<Module>, HdlError> {
         error_valid: event.read_error | event.write_error,
         error_address: m.priority(&errors, m.zero(ADDRESS_BITS)),
         event: Events {
-            node: events(0),
-            record: events(1),
-            vertex: events(2),
+            node: caches[0].event,
+            record: caches[1].event,
+            vertex: caches[2].event,
             read_beats: event.beat_read,
             read_waits: event.read_waits,
             write_beats: event.beat_written,
@@ -336,10 +263,80 @@ pub(super) fn module(plan: &Plan) -> Result<Arc<Module>, HdlError> {
     m.finish()
 }
 
-/// The read ports of the ray casting unit, as the memory system has them.
-pub(super) fn cached<'b>(
-    base: Signal<'b>,
-    request: Flow<Request<Signal<'b>>, Signal<'b>>,
-) -> CachedInputs<Signal<'b>> {
-    CachedInputs { base, request }
+/// The description that the units of the memory system become part of.
+struct Around<'a, 'b> {
+    m: &'b Builder,
+    plan: &'a Plan,
+    inputs: &'a Inputs<Signal<'b>>,
+}
+
+impl<'b> Around<'_, 'b> {
+    /// Places the burst reader for the words of rays.
+    fn rays(&self, told: ToClient<Signal<'b>>) -> Result<reader::Outputs<Signal<'b>>, HdlError> {
+        let sizes = reader::Sizes {
+            data_bits: self.plan.config.bus_data_bits,
+            id_bits: 1,
+            words: self.plan.config.bus_rays_ahead,
+            registers_front: self.plan.timing.queue_front,
+        };
+        let data = told.beat.payload.data;
+        let inputs = reader::Inputs {
+            start: self.inputs.sequence,
+            read_ready: told.ready,
+            beat: Flow::new(told.beat.valid, reader::Datum { data }),
+            word_ready: self.inputs.word_ready,
+        };
+        let module = reader::module(&sizes)?;
+        Ok(reader::ports(&sizes).place("rays", self.m, &module, inputs))
+    }
+
+    /// Places the cache of a port.
+    fn cache(
+        &self,
+        port: Port,
+        client: Client,
+        of_port: CachedInputs<Signal<'b>>,
+        told: ToClient<Signal<'b>>,
+    ) -> Result<cache::Outputs<Signal<'b>>, HdlError> {
+        let (shape, (_, name)) = (port.shape(self.plan), port.cache(self.plan));
+        let inputs = cache::Inputs {
+            request: of_port.request,
+            base: of_port.base,
+            invalidate: self.inputs.invalidate,
+            burst_ready: told.ready,
+            beat: told.beat,
+        };
+        let instance = format!("cache_of_{}", client.name());
+        let module = cache::module(name, &shape)?;
+        Ok(cache::ports(&shape).place(instance, self.m, &module, inputs))
+    }
+
+    /// What a cache answers at its port: the record of the bytes that were read.
+    fn cached(&self, port: Port, cache: &cache::Outputs<Signal<'b>>) -> CachedOutputs<Signal<'b>> {
+        let Response { tag, data } = cache.response.payload;
+        let data = record_of(self.plan, &port.layout(self.plan), data);
+        CachedOutputs {
+            request_ready: cache.request_ready,
+            response: Flow::new(cache.response.valid, Response { tag, data }),
+        }
+    }
+
+    /// Places the write combiner.
+    fn combiner(&self, told: Back<Signal<'b>>) -> Result<combiner::Outputs<Signal<'b>>, HdlError> {
+        let config = &self.plan.config;
+        let sizes = combiner::Sizes {
+            data_bits: config.bus_data_bits,
+            lines: config.bus_write_lines,
+            writes: config.bus_writes,
+        };
+        let inputs = combiner::Inputs {
+            word: self.inputs.write,
+            flush: self.inputs.flush,
+            write_ready: told.write_ready,
+            datum_ready: told.datum_ready,
+            written: told.written,
+        };
+        let module = combiner::module(&sizes)?;
+        Ok(combiner::ports(&sizes).place("combiner", self.m, &module, inputs))
+    }
 }

@@ -1,7 +1,8 @@
 //! The ray reader: makes packets of rays from the words of a cast.
 
-use super::{COUNT_BITS, WORD_BITS, number};
+use super::{COUNT_BITS, number};
 use crate::hdl::{Builder, Flow, HdlError, Module, Signal, Specs};
+use crate::hw::memory::combiner::WORD_BITS;
 use crate::hw::plan::Plan;
 use crate::hw::ray::{Limits, Line};
 use crate::hw::raycast::Ray;

@@ -2,6 +2,7 @@
 //! [`crate::chip::registers`].
 
 use super::commands::Failure;
+use super::memory::Events as MemoryEvents;
 use crate::chip::registers::{
     self as table, Access, COUNTER_BITS, COUNTERS, interrupt, offset, status,
 };
@@ -39,28 +40,12 @@ bundle! {
 }
 
 bundle! {
-    /// Events of a cache.
-    pub struct CacheEvents() {
-        requests: 1,
-        hits: 1,
-        misses: 1,
-        stalls: 1,
-    }
-}
-
-bundle! {
     /// Events that are counted here, in the order of the counters in the table.
     pub struct Events() {
         list_cycles: 1,
         cast_cycles: 1,
         cast_rays: 1,
-        node: {CacheEvents}(),
-        record: {CacheEvents}(),
-        vertex: {CacheEvents}(),
-        read_beats: 1,
-        read_waits: 1,
-        write_beats: 1,
-        write_waits: 1,
+        memory: ..{MemoryEvents}(),
     }
 }
 

@@ -1,15 +1,15 @@
 //! The chip's module: instantiates the units and joins them.
 
-use super::cast::{self, Cast};
-use super::memory::{self, CachedOutputs, Port, cached};
+use super::cast;
+use super::memory::{self, CachedInputs, CachedOutputs, Port};
 use super::registers::{self, LiteInputs, LiteOutputs};
-use super::{NAME, WORD_BITS, WordWrite, bus, commands};
+use super::{NAME, bus, commands};
 use crate::hdl::{
     Builder, Bundle, Design, Flow, HdlError, Module, ReadInputs, Signal, Specs, Wires,
 };
 use crate::hw::core::{self, default_prefix};
 use crate::hw::memory::axi::{MasterInputs, MasterOutputs};
-use crate::hw::memory::combiner::Word;
+use crate::hw::memory::combiner::WORD_BITS;
 use crate::hw::memory::reader::Sequence;
 use crate::hw::memory::{ADDRESS_BITS, Beat};
 use crate::hw::plan::Plan;
@@ -114,25 +114,17 @@ pub fn module(plan: &Plan) -> Result<Arc<Module>, HdlError> {
         },
     );
     m.comment("A signal goes before hits.");
-    let start = commands.cast;
-    let signals = commands.write.valid;
     let cast = cast::ports(plan).place(
         "cast",
         &m,
         &cast::module(plan)?,
         cast::Inputs {
-            start: Flow::new(
-                commands.cast_valid,
-                Cast {
-                    rays: start.rays,
-                    hits: start.hits,
-                },
-            ),
+            start: Flow::new(commands.cast_valid, commands.cast.cast),
             word_valid: told.word_valid,
             word: told.word,
             ray_ready: told.ray_ready,
             hit: told.hit,
-            write_ready: told.write_ready & !signals,
+            write_ready: told.write_ready & !commands.write.valid,
         },
     );
     let (core, _) = core::place(
@@ -141,69 +133,15 @@ pub fn module(plan: &Plan) -> Result<Arc<Module>, HdlError> {
         casting(&m, plan, &commands, &cast, &told),
         update::ports(plan).inputs.map(|_, spec| m.zero(spec.width)),
     );
-    let WordWrite {
-        address,
-        data,
-        strobes,
-    } = signals.choose(commands.write.payload, cast.write.payload);
-    let scene = commands.scene;
-    let memory = memory::ports(plan).place(
-        "memory",
-        &m,
-        &memory::module(plan)?,
-        memory::Inputs {
-            commands_read: commands.read,
-            sequence: Flow::new(
-                commands.cast_valid,
-                Sequence {
-                    address: start.rays_address,
-                    words: start.words,
-                },
-            ),
-            word_ready: cast.word_ready,
-            nodes: cached(scene.nodes, core.node.request),
-            records: cached(scene.records, core.record.request),
-            vertices: cached(scene.vertices, core.vertex.request),
-            invalidate: commands.invalidate,
-            write: Flow::new(
-                signals | cast.write.valid,
-                Word {
-                    address,
-                    data,
-                    strobes,
-                },
-            ),
-            flush: commands.flush,
-            m_axi: inputs.m_axi,
-        },
-    );
-    let event = memory.event;
-    let registers = registers::ports().place(
-        "registers",
-        &m,
-        &registers::module(plan)?,
-        registers::Inputs {
-            s_axi: inputs.s_axi,
-            start_ready: commands.start_ready,
-            running: commands.running,
-            signalled: commands.signalled,
-            ended: commands.ended,
-            failure: commands.failure,
-            count: core.count,
-            event: registers::Events {
-                list_cycles: commands.running,
-                cast_cycles: cast.casting,
-                cast_rays: cast.ray_taken,
-                node: event.node,
-                record: event.record,
-                vertex: event.vertex,
-                read_beats: event.read_beats,
-                read_waits: event.read_waits,
-                write_beats: event.write_beats,
-                write_waits: event.write_waits,
-            },
-        },
-    );
+    let placed = Placed {
+        m: &m,
+        plan,
+        commands,
+        cast,
+        core,
+    };
+    let memory = placed.memory(inputs.m_axi)?;
+    let registers = placed.registers(inputs.s_axi, &memory)?;
     back.drive(Back {
         start_valid: registers.start_valid,
         start_address: registers.start_address,
@@ -231,6 +169,84 @@ pub fn module(plan: &Plan) -> Result<Arc<Module>, HdlError> {
     };
     ports.outputs.outputs(&m, outputs);
     m.finish()
+}
+
+/// The units that are placed before the memory system and the registers.
+struct Placed<'a, 'b> {
+    m: &'b Builder,
+    plan: &'a Plan,
+    commands: commands::Outputs<Signal<'b>>,
+    cast: cast::Outputs<Signal<'b>>,
+    core: raycast::Outputs<Signal<'b>>,
+}
+
+impl<'b> Placed<'_, 'b> {
+    /// Places the memory system.
+    fn memory(
+        &self,
+        m_axi: MasterInputs<Signal<'b>>,
+    ) -> Result<memory::Outputs<Signal<'b>>, HdlError> {
+        let Placed {
+            commands,
+            cast,
+            core,
+            ..
+        } = self;
+        let signals = commands.write.valid;
+        let write = signals.choose(commands.write.payload, cast.write.payload);
+        let cached = |base, request| CachedInputs { base, request };
+        let inputs = memory::Inputs {
+            commands_read: commands.read,
+            sequence: Flow::new(
+                commands.cast_valid,
+                Sequence {
+                    address: commands.cast.rays_address,
+                    words: commands.cast.words,
+                },
+            ),
+            word_ready: cast.word_ready,
+            nodes: cached(commands.scene.nodes, core.node.request),
+            records: cached(commands.scene.records, core.record.request),
+            vertices: cached(commands.scene.vertices, core.vertex.request),
+            invalidate: commands.invalidate,
+            write: Flow::new(signals | cast.write.valid, write),
+            flush: commands.flush,
+            m_axi,
+        };
+        let module = memory::module(self.plan)?;
+        Ok(memory::ports(self.plan).place("memory", self.m, &module, inputs))
+    }
+
+    /// Places the registers.
+    fn registers(
+        &self,
+        s_axi: LiteInputs<Signal<'b>>,
+        memory: &memory::Outputs<Signal<'b>>,
+    ) -> Result<registers::Outputs<Signal<'b>>, HdlError> {
+        let Placed {
+            commands,
+            cast,
+            core,
+            ..
+        } = self;
+        let inputs = registers::Inputs {
+            s_axi,
+            start_ready: commands.start_ready,
+            running: commands.running,
+            signalled: commands.signalled,
+            ended: commands.ended,
+            failure: commands.failure,
+            count: core.count,
+            event: registers::Events {
+                list_cycles: commands.running,
+                cast_cycles: cast.casting,
+                cast_rays: cast.ray_taken,
+                memory: memory.event,
+            },
+        };
+        let module = registers::module(self.plan)?;
+        Ok(registers::ports().place("registers", self.m, &module, inputs))
+    }
 }
 
 /// The inputs of the ray casting unit. Nothing is skinned.

@@ -22,10 +22,12 @@ use std::sync::Arc;
 pub const BLOCK_BYTES: u32 = 128;
 pub const BLOCK_WORDS: u32 = BLOCK_BYTES / WORD_BYTES;
 
-/// Bits of an offset in a word, of a word's number in its block, and of a word's number in memory.
+/// Bits of an offset in a word, and of a word's number in its block.
 const WORD_OFFSET: u32 = WORD_BYTES.ilog2();
 const PLACE_BITS: u32 = BLOCK_WORDS.ilog2();
-const WORD_ADDRESS_BITS: u32 = ADDRESS_BITS - WORD_OFFSET;
+
+/// Bits of a word's number in memory.
+pub const WORD_ADDRESS_BITS: u32 = ADDRESS_BITS - WORD_OFFSET;
 
 /// The parameters of a reader.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
