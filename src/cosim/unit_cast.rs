@@ -7,12 +7,11 @@
 use super::mismatch::Field;
 use super::model::PortHandle;
 use super::scoreboard::{Bench, Categories, Category, RESET_CYCLES, UnitOptions, UnitReport};
-use crate::bkd::bytes::ByteRecord;
 use crate::chip::{most_rays, ray};
 use crate::config::Config;
 use crate::float::{Format, specials};
-use crate::golden::chip::words_of_hit;
-use crate::hdl;
+use crate::golden::chip::bytes_of_hits;
+use crate::hdl::{self, Bundle};
 use crate::hw::chip::cast::{self, Cast, Inputs, Outputs};
 use crate::hw::chip::hits::Hits;
 use crate::hw::chip::rays::Rays;
@@ -91,6 +90,51 @@ struct Script {
     hits: Vec<Hit>,
     /// The bytes to be written, by address.
     bytes: HashMap<u32, u8>,
+}
+
+/// A cast under way.
+struct Casting {
+    words: VecDeque<[u32; 4]>,
+    rays: Vec<Ray>,
+    hits: Vec<Hit>,
+    /// The bytes that are still to be written.
+    bytes: HashMap<u32, u8>,
+    any_hit: u64,
+    in_flight: Vec<Packet>,
+    /// Rays that the bench has accepted, and hits that it has returned.
+    accepted: usize,
+    returned: usize,
+    /// The packet whose hits leave, and the next of them.
+    leaving: Option<(u64, usize)>,
+    /// Offers that were refused, and must be there again.
+    ray_offer: Option<raycast::Ray<u64>>,
+    write_offer: Option<(u32, [u32; 4], u64)>,
+}
+
+impl Casting {
+    fn new(script: Script) -> Casting {
+        Casting {
+            words: script.words,
+            rays: script.rays,
+            hits: script.hits,
+            bytes: script.bytes,
+            any_hit: script.start.rays.any_hit,
+            in_flight: vec![],
+            accepted: 0,
+            returned: 0,
+            leaving: None,
+            ray_offer: None,
+            write_offer: None,
+        }
+    }
+}
+
+/// What the bench gives and accepts at an edge.
+struct Given {
+    word: bool,
+    hit: bool,
+    takes_ray: bool,
+    takes_write: bool,
 }
 
 /// Probabilities that a neighbour pauses in a cycle.
@@ -215,7 +259,9 @@ impl Run<'_> {
                 address: address.into(),
             },
         };
-        let bytes = self.bytes(&hits, any_hit, address);
+        let bytes = bytes_of_hits(self.format, &hits, any_hit);
+        let places = (0u32..).map(|place| address.wrapping_add(place));
+        let bytes = places.zip(bytes).collect();
         let categories = &mut self.bench.tally.categories;
         for _ in 0..count {
             categories.count(Category::AnyHit, any_hit);
@@ -257,46 +303,34 @@ impl Run<'_> {
         }
     }
 
-    /// The bytes that the golden chip writes for hits.
-    fn bytes(&self, hits: &[Hit], any_hit: bool, address: u32) -> HashMap<u32, u8> {
-        let mut bytes = HashMap::new();
-        let mut put = |at: u32, values: &[u8]| {
-            for (place, value) in (0u32..).zip(values) {
-                bytes.insert(address.wrapping_add(at + place), *value);
+    /// Runs a cast, and compares what comes of it.
+    fn cast(&mut self, script: Script, pauses: &Pauses) -> Result<()> {
+        self.start(&script);
+        let mut cast = Casting::new(script);
+        let mut quiet = 0;
+        while self.bench.model.get(self.ports.outputs.casting) != 0 {
+            let given = self.give(&mut cast, pauses);
+            self.bench.model.eval();
+            let mut happens = self.take(&mut cast, &given);
+            happens |= self.ray(&mut cast, &given, pauses.longest)?;
+            happens |= self.write(&mut cast, given.takes_write)?;
+            self.bench.model.clock();
+            quiet = if happens { 0 } else { quiet + 1 };
+            if quiet > PATIENCE {
+                let place = format!(
+                    "the unit has stopped: {} rays accepted, {} hits returned",
+                    cast.accepted, cast.returned
+                );
+                return Err(self.bench.mismatch(place, vec![]));
             }
-        };
-        if any_hit {
-            for (word, hits) in (0u32..).zip(hits.chunks(32)) {
-                let bits = (hits.iter().enumerate())
-                    .fold(0u32, |bits, (k, hit)| bits | u32::from(hit.is_hit()) << k);
-                put(4 * word, &bits.to_le_bytes());
-            }
-            return bytes;
         }
-        let record = ByteRecord::hit(self.format);
-        let mut one = vec![0; record.bytes as usize];
-        for (place, hit) in (0u32..).zip(hits) {
-            record.write(&words_of_hit(&record, self.format, hit), &mut one);
-            put(place * record.bytes, &one);
-        }
-        bytes
+        self.end(&cast)
     }
 
-    fn cast(&mut self, script: Script, pauses: &Pauses) -> Result<()> {
-        let Script {
-            start,
-            origin,
-            mut words,
-            rays,
-            hits,
-            mut bytes,
-        } = script;
-        let (inputs, outputs) = (self.ports.inputs, self.ports.outputs);
-        let slots = self.slots;
-        let packets = rays.len().div_ceil(slots);
-        let model = &mut self.bench.model;
-        model.drive(&inputs.start.payload, start);
-        model.set_words(inputs.start.payload.rays.origin, &origin);
+    fn start(&mut self, script: &Script) {
+        let (model, inputs) = (&mut self.bench.model, self.ports.inputs);
+        model.drive(&inputs.start.payload, script.start);
+        model.set_words(inputs.start.payload.rays.origin, &script.origin);
         model.set(inputs.start.valid, 1);
         for port in [
             inputs.word_valid,
@@ -308,160 +342,146 @@ impl Run<'_> {
         }
         model.clock();
         model.set(inputs.start.valid, 0);
-        let mut in_flight: Vec<Packet> = vec![];
-        let (mut accepted, mut returned, mut quiet) = (0, 0, 0);
-        // The packet whose hits leave, and the next of them.
-        let mut leaving: Option<(u64, usize)> = None;
-        // Offers that were refused, and must be there again.
-        let (mut ray_offer, mut write_offer) = (None, None);
-        while self.bench.model.get(outputs.casting) != 0 {
-            let now = self.bench.model.cycles();
-            let rng = &mut self.rng;
-            let gives_word = rng.f64() >= pauses.words && !words.is_empty();
-            let takes_ray = rng.f64() >= pauses.rays && in_flight.len() < self.packets;
-            let gives_hit = rng.f64() >= pauses.hits;
-            let takes_write = rng.f64() >= pauses.writes;
-            if leaving.is_none() && gives_hit {
-                let ready: Vec<usize> = (0..in_flight.len())
-                    .filter(|&place| in_flight[place].ready <= now)
-                    .collect();
-                if let Some(place) = rng.choice(ready) {
-                    self.bench
-                        .tally
-                        .categories
-                        .count(Category::Overtakes, place > 0);
-                    leaving = Some((in_flight.remove(place).tag, 0));
-                }
-            }
-            let model = &mut self.bench.model;
-            model.set(inputs.word_valid, gives_word.into());
-            match words.front() {
-                Some(word) if gives_word => model.set_words(inputs.word, word),
-                _ => model.garble([inputs.word], rng),
-            }
-            model.set(inputs.ray_ready, takes_ray.into());
-            model.set(inputs.write_ready, takes_write.into());
-            let shown = leaving.filter(|_| gives_hit);
-            model.set(inputs.hit.valid, shown.is_some().into());
-            match shown {
-                Some((tag, slot)) => {
-                    let place = tag as usize * slots + slot;
-                    let hit = hits.get(place).unwrap_or(&Hit::MISS);
-                    let number = |x: f64| self.format.to_bits(x);
-                    let hit = raycast::TaggedHit {
-                        tag,
-                        hit: crate::hw::ray::Hit {
-                            t: number(hit.t),
-                            u: number(hit.u),
-                            v: number(hit.v),
-                            instance: hit.instance.into(),
-                            triangle: hit.triangle.into(),
-                        },
-                    };
-                    model.drive(&inputs.hit.payload, hit);
-                }
-                None => {
-                    use crate::hdl::Bundle as _;
-                    model.garble(inputs.hit.payload.leaves(), rng);
-                }
-            }
-            model.eval();
-            let mut happens = false;
-            if gives_word && model.get(outputs.word_ready) != 0 {
-                words.pop_front();
-                happens = true;
-            }
-            if shown.is_some() && model.get(outputs.hit_ready) != 0 {
-                happens = true;
-                returned += 1;
-                let next = leaving.map(|(tag, slot)| (tag, slot + 1));
-                leaving = next.filter(|(_, slot)| *slot < slots);
-            }
-            let offer =
-                (model.get(outputs.ray.valid) != 0).then(|| model.sample(&outputs.ray.payload));
-            let was = ray_offer.take();
-            if was.is_some() && was != offer {
-                return Err(self.bench.mismatch("a ray that waits changes", vec![]));
-            }
-            let model = &self.bench.model;
-            match offer {
-                Some(ray) if takes_ray => {
-                    happens = true;
-                    self.check_ray(&rays, accepted, &ray, start.rays.any_hit)?;
-                    accepted += 1;
-                    if accepted % slots == 0 {
-                        let ready = now + self.rng.u64(1..=pauses.longest);
-                        in_flight.push(Packet {
-                            tag: ray.tag,
-                            ready,
-                        });
-                    }
-                }
-                offer => {
-                    // Words are refused although no ray is offered: the ray that is there is held.
-                    let refused = gives_word && model.get(outputs.word_ready) == 0;
-                    let is_held = offer.is_none() && refused;
-                    self.bench
-                        .tally
-                        .categories
-                        .count(Category::HeldPacket, is_held);
-                    ray_offer = offer;
-                }
-            }
-            let model = &self.bench.model;
-            let offer = (model.get(outputs.write.valid) != 0).then(|| {
-                let payload = outputs.write.payload;
-                let mut data = [0u32; 4];
-                model.get_words(payload.data, &mut data);
-                (
-                    model.get(payload.address) as u32,
-                    data,
-                    model.get(payload.strobes),
-                )
-            });
-            let was = write_offer.take();
-            if was.is_some() && was != offer {
-                return Err(self.bench.mismatch("a write that waits changes", vec![]));
-            }
-            match offer {
-                Some(write) if takes_write => {
-                    happens = true;
-                    self.check_write(&mut bytes, write)?;
-                }
-                offer => {
-                    self.bench
-                        .tally
-                        .categories
-                        .count(Category::WaitingWrite, offer.is_some());
-                    write_offer = offer;
-                }
-            }
-            self.bench.model.clock();
-            quiet = if happens { 0 } else { quiet + 1 };
-            if quiet > PATIENCE {
-                let place = format!(
-                    "the unit has stopped: {accepted} rays accepted, {returned} hits returned"
-                );
-                return Err(self.bench.mismatch(place, vec![]));
+    }
+
+    /// Sets the inputs for the coming edge.
+    fn give(&mut self, cast: &mut Casting, pauses: &Pauses) -> Given {
+        let now = self.bench.model.cycles();
+        let rng = &mut self.rng;
+        let word = rng.f64() >= pauses.words && !cast.words.is_empty();
+        let takes_ray = rng.f64() >= pauses.rays && cast.in_flight.len() < self.packets;
+        let gives_hit = rng.f64() >= pauses.hits;
+        let takes_write = rng.f64() >= pauses.writes;
+        if cast.leaving.is_none() && gives_hit {
+            let ready: Vec<usize> = (0..cast.in_flight.len())
+                .filter(|&place| cast.in_flight[place].ready <= now)
+                .collect();
+            if let Some(place) = rng.choice(ready) {
+                let categories = &mut self.bench.tally.categories;
+                categories.count(Category::Overtakes, place > 0);
+                cast.leaving = Some((cast.in_flight.remove(place).tag, 0));
             }
         }
+        let (model, inputs) = (&mut self.bench.model, self.ports.inputs);
+        model.set(inputs.word_valid, word.into());
+        match cast.words.front() {
+            Some(front) if word => model.set_words(inputs.word, front),
+            _ => model.garble([inputs.word], rng),
+        }
+        model.set(inputs.ray_ready, takes_ray.into());
+        model.set(inputs.write_ready, takes_write.into());
+        let shown = cast.leaving.filter(|_| gives_hit);
+        model.set(inputs.hit.valid, shown.is_some().into());
+        match shown {
+            Some((tag, slot)) => {
+                let place = tag as usize * self.slots + slot;
+                let hit = cast.hits.get(place).unwrap_or(&Hit::MISS);
+                let number = |x: f64| self.format.to_bits(x);
+                let hit = raycast::TaggedHit {
+                    tag,
+                    hit: crate::hw::ray::Hit {
+                        t: number(hit.t),
+                        u: number(hit.u),
+                        v: number(hit.v),
+                        instance: hit.instance.into(),
+                        triangle: hit.triangle.into(),
+                    },
+                };
+                model.drive(&inputs.hit.payload, hit);
+            }
+            None => model.garble(inputs.hit.payload.leaves(), rng),
+        }
+        Given {
+            word,
+            hit: shown.is_some(),
+            takes_ray,
+            takes_write,
+        }
+    }
+
+    /// Removes the word and the hit that the coming edge accepts; whether there is one.
+    fn take(&self, cast: &mut Casting, given: &Given) -> bool {
+        let (model, outputs) = (&self.bench.model, &self.ports.outputs);
+        let word = given.word && model.get(outputs.word_ready) != 0;
+        if word {
+            cast.words.pop_front();
+        }
+        let hit = given.hit && model.get(outputs.hit_ready) != 0;
+        if hit {
+            cast.returned += 1;
+            let next = cast.leaving.map(|(tag, slot)| (tag, slot + 1));
+            cast.leaving = next.filter(|(_, slot)| *slot < self.slots);
+        }
+        word || hit
+    }
+
+    /// Checks the ray that is offered; whether it is accepted.
+    fn ray(&mut self, cast: &mut Casting, given: &Given, longest: u64) -> Result<bool> {
+        let (model, outputs) = (&self.bench.model, &self.ports.outputs);
+        let offer = (model.get(outputs.ray.valid) != 0).then(|| model.sample(&outputs.ray.payload));
+        let was = cast.ray_offer.take();
+        if was.is_some() && was != offer {
+            return Err(self.bench.mismatch("a ray that waits changes", vec![]));
+        }
+        let Some(ray) = offer.filter(|_| given.takes_ray) else {
+            // Words are refused although no ray is offered: the ray that is there is held.
+            let refused = given.word && model.get(outputs.word_ready) == 0;
+            let categories = &mut self.bench.tally.categories;
+            categories.count(Category::HeldPacket, offer.is_none() && refused);
+            cast.ray_offer = offer;
+            return Ok(false);
+        };
+        self.check_ray(&cast.rays, cast.accepted, &ray, cast.any_hit)?;
+        cast.accepted += 1;
+        if cast.accepted.is_multiple_of(self.slots) {
+            let ready = self.bench.model.cycles() + self.rng.u64(1..=longest);
+            cast.in_flight.push(Packet {
+                tag: ray.tag,
+                ready,
+            });
+        }
+        Ok(true)
+    }
+
+    /// Checks the write that is offered; whether it is accepted.
+    fn write(&mut self, cast: &mut Casting, takes: bool) -> Result<bool> {
+        let (model, port) = (&self.bench.model, &self.ports.outputs.write);
+        let offer = (model.get(port.valid) != 0).then(|| {
+            let mut data = [0u32; 4];
+            model.get_words(port.payload.data, &mut data);
+            let address = model.get(port.payload.address) as u32;
+            (address, data, model.get(port.payload.strobes))
+        });
+        let was = cast.write_offer.take();
+        if was.is_some() && was != offer {
+            return Err(self.bench.mismatch("a write that waits changes", vec![]));
+        }
+        let Some(write) = offer.filter(|_| takes) else {
+            let categories = &mut self.bench.tally.categories;
+            categories.count(Category::WaitingWrite, offer.is_some());
+            cast.write_offer = offer;
+            return Ok(false);
+        };
+        self.check_write(&mut cast.bytes, write)?;
+        Ok(true)
+    }
+
+    /// Counts a cast that has ended, and checks that nothing is left of it.
+    fn end(&mut self, cast: &Casting) -> Result<()> {
+        let packets = cast.rays.len().div_ceil(self.slots);
+        let places = packets * self.slots;
         let tally = &mut self.bench.tally;
-        tally.transactions += rays.len() as u64;
+        tally.transactions += cast.rays.len() as u64;
         tally.packets += packets as u64;
-        let inactive = packets * slots - rays.len();
-        for _ in 0..inactive {
+        for _ in cast.rays.len()..places {
             tally.categories.count(Category::InactiveRay, true);
         }
         let counts = vec![
-            Field::integer(
-                "rays of all packets",
-                (packets * slots) as u64,
-                accepted as u64,
-            ),
-            Field::integer("words left", 0, words.len() as u64),
-            Field::integer("bytes not written", 0, bytes.len() as u64),
+            Field::integer("rays of all packets", places as u64, cast.accepted as u64),
+            Field::integer("words left", 0, cast.words.len() as u64),
+            Field::integer("bytes not written", 0, cast.bytes.len() as u64),
         ];
-        if accepted != packets * slots || !words.is_empty() || !bytes.is_empty() {
+        if counts.iter().any(Field::differs) {
             return Err(self.bench.mismatch("after a cast", counts));
         }
         Ok(())

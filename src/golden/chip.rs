@@ -118,23 +118,34 @@ impl Chip {
         let hits = caster.cast_packets(&rays).hits;
         outcome.rays += rays.len() as u64;
         outcome.hits += hits.iter().filter(|hit| hit.is_hit()).count() as u64;
-        let base = u64::from(cast.hits);
-        if cast.any_hit {
-            for (place, hits) in (0u64..).zip(hits.chunks(32)) {
-                let bits = (hits.iter().enumerate())
-                    .fold(0u32, |bits, (k, hit)| bits | u32::from(hit.is_hit()) << k);
-                write(memory, base + 4 * place, &bits.to_le_bytes())?;
-            }
-            return Ok(());
-        }
-        let record = ByteRecord::hit(format);
-        let mut bytes = vec![0; record.bytes as usize];
-        for (place, hit) in (0u64..).zip(&hits) {
-            record.write(&words_of_hit(&record, format, hit), &mut bytes);
-            write(memory, base + place * u64::from(record.bytes), &bytes)?;
+        let bytes = bytes_of_hits(format, &hits, cast.any_hit);
+        let each = match cast.any_hit {
+            true => 4,
+            false => ByteRecord::hit(format).bytes as usize,
+        };
+        for (place, part) in bytes.chunks(each).enumerate() {
+            let address = u64::from(cast.hits) + (place * each) as u64;
+            write(memory, address, part)?;
         }
         Ok(())
     }
+}
+
+/// The hits of a cast in memory: a record for each ray, or a bit for each any-hit ray in words of 32.
+pub fn bytes_of_hits(format: Format, hits: &[Hit], any_hit: bool) -> Vec<u8> {
+    if any_hit {
+        let word = |hits: &[Hit]| {
+            let bits = (hits.iter().enumerate())
+                .fold(0u32, |bits, (k, hit)| bits | u32::from(hit.is_hit()) << k);
+            bits.to_le_bytes()
+        };
+        return hits.chunks(32).flat_map(word).collect();
+    }
+    let record = ByteRecord::hit(format);
+    let words = hits
+        .iter()
+        .flat_map(|hit| words_of_hit(&record, format, hit));
+    record.array(&words.collect::<Vec<_>>())
 }
 
 /// What comes after a descriptor.
