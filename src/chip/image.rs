@@ -101,43 +101,40 @@ impl Builder {
         })
     }
 
-    /// Places rays and room for their hits; returns the casts, each of as many rays as the machine allows. A cast is of any-hit rays
-    /// if its first ray is one: all must be alike.
+    /// Places rays and room for their hits; returns the casts, each of as many rays as the machine allows. Active rays must all be
+    /// any-hit rays, or none; inactive ones are alike in memory.
     ///
     /// # Errors
     /// The memory is too small; rays of both kinds.
     pub fn casts(&mut self, config: &Config, rays: &[Ray]) -> Result<Vec<Cast>> {
-        let Some(first) = rays.first() else {
+        if rays.is_empty() {
             return Ok(vec![]);
-        };
-        let any_hit = first.any_hit;
+        }
+        let mut active = rays.iter().filter(|ray| ray.active);
+        let any_hit = active.next().is_some_and(|ray| ray.any_hit);
         ensure!(
-            rays.iter().all(|ray| ray.any_hit == any_hit),
+            active.all(|ray| ray.any_hit == any_hit),
             "rays of one cast are all any-hit rays, or none is"
         );
         let bytes: Vec<u8> = (rays.iter())
             .flat_map(|ray| ray::to_bytes(&ray::numbers(ray)))
             .collect();
         let record = u64::from(ByteRecord::hit(config.format()).bytes);
+        let bytes_of = |count: u64| match any_hit {
+            true => 4 * count.div_ceil(32),
+            false => count * record,
+        };
         let rays_at = self.place("rays", &bytes)?;
         let count = rays.len() as u64;
-        let hits_at = self.reserve(
-            "hits",
-            match any_hit {
-                true => 4 * count.div_ceil(32),
-                false => count * record,
-            },
-        )?;
-        // A whole number of packets, of words of answers, and of aligned hits.
-        let most = u64::from(most_rays(config)).min(count.next_multiple_of(512));
-        let casts = (0..count).step_by(most as usize).map(|done| Cast {
-            rays: rays_at + (done * ray::BYTES as u64) as u32,
-            count: most.min(count - done) as u32,
-            hits: hits_at
-                + match any_hit {
-                    true => done / 8,
-                    false => done * record,
-                } as u32,
+        let most = u64::from(most_rays(config));
+        // The hits of each cast begin at an aligned address.
+        let step = bytes_of(most).next_multiple_of(BASE_ALIGNMENT.into());
+        let last = (count - 1) / most;
+        let hits_at = self.reserve("hits", last * step + bytes_of(count - last * most))?;
+        let casts = (0..=last).map(|number| Cast {
+            rays: rays_at + (number * most * ray::BYTES as u64) as u32,
+            count: most.min(count - number * most) as u32,
+            hits: hits_at + (number * step) as u32,
             any_hit,
             short: None,
         });
@@ -241,6 +238,42 @@ mod tests {
     use crate::golden::chip::{Chip, words_of_hit};
     use crate::scene::{self, Camera, Frame, MachineMesh};
 
+    /// Casts of any-hit rays that are as short as the shortest tags allow begin at addresses that the chip accepts.
+    #[test]
+    fn many_short_casts_are_accepted() {
+        let ray = Ray {
+            direction: [1.0, 0.0, 0.0],
+            tmax: 1.0,
+            active: true,
+            any_hit: true,
+            ..Ray::INACTIVE
+        };
+        for (rays_per_packet, any_hit) in [(1, true), (1, false), (2, true), (8, true)] {
+            let config = Config {
+                tag_bits: 7,
+                rays_per_packet,
+                ..Config::reference()
+            };
+            let mut builder = Builder::new(0, 1 << 20);
+            let casts = builder
+                .casts(&config, &vec![Ray { any_hit, ..ray }; 1500])
+                .unwrap();
+            assert_eq!(
+                casts.len(),
+                1500_usize.div_ceil(128 * rays_per_packet as usize)
+            );
+            let counts: u32 = casts.iter().map(|cast| cast.count).sum();
+            assert_eq!(counts, 1500);
+            for cast in casts {
+                let words = Command::Cast(cast).encode();
+                assert!(
+                    Command::decode(&words, most_rays(&config)).is_ok(),
+                    "{cast:?}"
+                );
+            }
+        }
+    }
+
     /// The command list's hits in memory are the golden caster's, for both kinds of rays.
     #[test]
     fn a_list_casts_what_the_caster_casts() {
@@ -265,7 +298,13 @@ mod tests {
         .hits;
         assert!(expected.iter().any(|hit| hit.is_hit()));
         for any_hit in [false, true] {
-            let rays: Vec<Ray> = rays.iter().map(|ray| Ray { any_hit, ..*ray }).collect();
+            // Inactive rays, the first among them, are of either kind.
+            let mut rays: Vec<Ray> = rays.iter().map(|ray| Ray { any_hit, ..*ray }).collect();
+            let mut expected = expected.clone();
+            for place in (0..rays.len()).step_by(7) {
+                rays[place] = Ray::INACTIVE;
+                expected[place] = Hit::MISS;
+            }
             let mut builder = Builder::new(0x1000, 1 << 24);
             let scene = builder.scene(&image).unwrap();
             let casts = builder.casts(&config, &rays).unwrap();
