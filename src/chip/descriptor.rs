@@ -104,6 +104,15 @@ pub const ERRORS: &[(u32, &str, &str)] = &[
     (Fault::SCENE, "scene", "a cast before the first scene"),
 ];
 
+/// The name of an error code.
+///
+/// # Panics
+/// If there is no such code.
+pub fn error_name(code: u32) -> &'static str {
+    let known = ERRORS.iter().find(|(known, ..)| *known == code);
+    known.map(|(_, name, _)| *name).expect("an error code")
+}
+
 /// Why a descriptor is refused: the code, and the wrong value.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Fault {

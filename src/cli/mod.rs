@@ -505,7 +505,8 @@ mod tests {
             );
             let is_output = value == TypeId::of::<files::Output>();
             outputs += usize::from(is_output);
-            let has_name = ["json", "out", "gif", "heatmap", "trace"].contains(&name.as_str());
+            let outs = ["json", "out", "gif", "heatmap", "trace", "trace_events"];
+            let has_name = outs.contains(&name.as_str());
             assert_eq!(is_output, has_name, "dynrt {command}, {name}");
         }
         assert!(outputs >= 20, "{outputs}");

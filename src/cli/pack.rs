@@ -26,7 +26,7 @@ Examples:
   dynrt pack builtin:cornell --size 64x48 --out build/cornell
   dynrt pack builtin:interior --view inside --rays shadow --memory-size 33554432 --out build/hall";
 
-/// Write the memory image of a picture for a host: scene, rays, command list, and the expected hits
+/// Write an image of memory for a host: scene, rays, command list, and the expected hits
 #[derive(clap::Args)]
 #[command(after_help = HELP)]
 pub struct Args {
@@ -86,11 +86,7 @@ pub fn run(args: &Args) -> Result<()> {
     } = still(config, Builder::new(args.address, room), &image, &rays)?;
     let mut after = memory.clone();
     let outcome = Chip::new(config).run(&mut after, list, 1 << 10);
-    ensure!(
-        outcome.error.is_none(),
-        "the golden chip ended the list with {:?}",
-        outcome.error
-    );
+    outcome.check()?;
     let result = after.read(hits.address.into(), hits.bytes as usize);
     let result = result.unwrap_or_default().to_vec();
     let bytes = memory.bytes().to_vec();

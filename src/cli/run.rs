@@ -6,6 +6,7 @@ use super::{ConfigArgs, counted, print, tell};
 use anyhow::{Result, ensure};
 use dynrt::chip::descriptor::Cast;
 use dynrt::chip::image::{Builder, Still, hits_of, still};
+use dynrt::chip::ray;
 use dynrt::config::MemoryModel;
 use dynrt::cosim::chip::{Chip, Options, Report};
 use dynrt::cosim::dram::Dram;
@@ -28,7 +29,7 @@ Examples:
   dynrt run builtin:interior --view inside --rays diffuse --json run.json
   dynrt run builtin:interior --view inside --memory ideal --set cache.nodes_kib=4";
 
-/// Run the whole chip: a command list casts the rays of a picture from memory, compared with the golden chip
+/// Run the whole chip: a command list casts rays from memory, compared with the golden chip
 #[derive(clap::Args)]
 #[command(after_help = HELP)]
 pub struct Args {
@@ -124,11 +125,14 @@ fn run_traced(args: &Args, trace: Option<Trace>) -> Result<()> {
     };
     let result = Chip::new(config, &options, &|_| ()).and_then(|mut chip| {
         bar.set_message("rays");
-        let report = chip.run(&mut memory, list, &|done| bar.set_position(done))?;
+        let report = chip.run(&mut memory, list, &|done| {
+            bar.set_position(done / ray::BYTES as u64)
+        })?;
         Ok((chip, report))
     });
     bar.finish_and_clear();
     let (chip, found) = result?;
+    found.outcome.check()?;
     ensure!(found.checked > 0, "nothing was checked");
     let job = Job {
         args,
@@ -282,7 +286,7 @@ impl Job<'_> {
             "write_bursts": traffic.write_bursts,
             "cache": caches.collect::<Map<String, Value>>(),
             "counters": counters,
-            "status": "none",
+            "status": found.outcome.status(),
             "model_build_s": self.chip.model_build_s,
             "model_reused": self.chip.model_reused,
             "simulate_s": found.simulate_s,

@@ -71,6 +71,8 @@ pub struct Traffic {
     /// Whole beats, whatever their strobes are.
     pub bytes_read: u64,
     pub bytes_written: u64,
+    /// Of those read, the bytes of rays.
+    pub bytes_of_rays: u64,
 }
 
 /// Cycles of a [`Event::Activity`].
@@ -331,7 +333,11 @@ impl Chip {
         let traffic = &mut self.traffic;
         traffic.read_bursts += u64::from(edge.read.is_some());
         traffic.write_bursts += u64::from(edge.write.is_some());
-        traffic.bytes_read += bytes * u64::from(edge.beat.is_some());
+        if let Some(beat) = edge.beat {
+            traffic.bytes_read += bytes;
+            let of_rays = Client::of_id(&self.config, beat.id) == Some(Client::Rays);
+            traffic.bytes_of_rays += bytes * u64::from(of_rays);
+        }
         traffic.bytes_written += bytes * u64::from(edge.datum.is_some());
     }
 
@@ -493,7 +499,7 @@ impl Chip {
     }
 
     /// Runs the list at an address of a memory, which becomes what the chip has made of it, and compares every byte with the golden
-    /// chip's. `progress` is told how many rays have been read.
+    /// chip's. `progress` receives the bytes of rays that have been read.
     ///
     /// # Errors
     /// The first mismatch; a violation of the protocol of the memory bus; a chip that makes no headway.
@@ -528,7 +534,7 @@ impl Chip {
             while !self.interrupt {
                 self.cycle()?;
                 if self.model.cycles().is_multiple_of(PROGRESS) {
-                    progress(self.traffic.bytes_read);
+                    progress(self.traffic.bytes_of_rays - traffic.bytes_of_rays);
                 }
             }
             let pending = self.read(offset::INTERRUPT_STATUS)?;
@@ -554,6 +560,7 @@ impl Chip {
                 write_bursts: self.traffic.write_bursts - traffic.write_bursts,
                 bytes_read: self.traffic.bytes_read - traffic.bytes_read,
                 bytes_written: self.traffic.bytes_written - traffic.bytes_written,
+                bytes_of_rays: self.traffic.bytes_of_rays - traffic.bytes_of_rays,
             },
             counters: after
                 .iter()

@@ -252,7 +252,7 @@ impl Memory {
         let emitted = std::panic::catch_unwind(|| {
             let plan = Plan::new(&case.config)?;
             let traced = hw::core::emit(&plan.clone().with_trace(true))?;
-            Ok::<_, HdlError>([hw::core::emit(&plan)?, traced])
+            Ok::<_, HdlError>([hw::core::emit(&plan)?, traced, hw::chip::emit(&plan)?])
         });
         let machines = emitted.ok()?.ok()?;
         let files = machines.map(|machine| machine.design.files()).concat();

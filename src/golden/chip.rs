@@ -9,6 +9,7 @@ use crate::chip::{most_rays, ray};
 use crate::config::Config;
 use crate::float::Format;
 use crate::port::{Hit, Ray};
+use anyhow::{Result, bail};
 
 /// Why a list ended early.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -29,6 +30,29 @@ pub struct Outcome {
     /// Rays cast, and those that hit something.
     pub rays: u64,
     pub hits: u64,
+}
+
+impl Outcome {
+    /// Checks that the list reached its end.
+    ///
+    /// # Errors
+    /// One line with the error's name, the wrong value and the descriptor.
+    pub fn check(&self) -> Result<()> {
+        let Some(Error { fault, descriptor }) = self.error else {
+            return Ok(());
+        };
+        bail!(
+            "the command list ended early: error {}, value {:#x}, descriptor at {descriptor:#x}",
+            descriptor::error_name(fault.code),
+            fault.value
+        )
+    }
+
+    /// The name of its error, or `none`.
+    pub fn status(&self) -> &'static str {
+        let code = self.error.map_or(0, |error| error.fault.code);
+        descriptor::error_name(code)
+    }
 }
 
 /// The golden chip. Its scene stays from list to list.
