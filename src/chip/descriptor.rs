@@ -1,5 +1,7 @@
 //! Descriptors of commands: 16 words of 32 bits each.
 
+use super::ray;
+
 /// 32-bit words of a descriptor.
 pub const WORDS: usize = 16;
 
@@ -166,6 +168,16 @@ pub struct Cast {
     pub any_hit: bool,
     /// Origin and tmin of short rays.
     pub short: Option<([f32; 3], f32)>,
+}
+
+impl Cast {
+    /// Bytes of each ray.
+    pub fn ray_bytes(&self) -> usize {
+        match self.short {
+            None => ray::BYTES,
+            Some(_) => ray::SHORT_BYTES,
+        }
+    }
 }
 
 impl Command {

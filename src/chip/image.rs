@@ -102,7 +102,7 @@ impl Builder {
     }
 
     /// Places rays and room for their hits; returns the casts, each of as many rays as the machine allows. Active rays must all be
-    /// any-hit rays, or none; inactive ones are alike in memory.
+    /// any-hit rays, or none; inactive ones are alike in memory. Rays of one origin and tmin become short rays.
     ///
     /// # Errors
     /// The memory is too small; rays of both kinds.
@@ -116,9 +116,15 @@ impl Builder {
             active.all(|ray| ray.any_hit == any_hit),
             "rays of one cast are all any-hit rays, or none is"
         );
+        let short = ray::shared_origin(rays);
+        let skipped = match short {
+            None => 0,
+            Some(_) => ray::BYTES - ray::SHORT_BYTES,
+        };
         let bytes: Vec<u8> = (rays.iter())
-            .flat_map(|ray| ray::to_bytes(&ray::numbers(ray)))
+            .flat_map(|ray| ray::to_bytes(&ray::numbers(ray)).into_iter().skip(skipped))
             .collect();
+        let ray_bytes = bytes.len() as u64 / rays.len() as u64;
         let record = u64::from(ByteRecord::hit(config.format()).bytes);
         let bytes_of = |count: u64| match any_hit {
             true => 4 * count.div_ceil(32),
@@ -132,11 +138,11 @@ impl Builder {
         let last = (count - 1) / most;
         let hits_at = self.reserve("hits", last * step + bytes_of(count - last * most))?;
         let casts = (0..=last).map(|number| Cast {
-            rays: rays_at + (number * most * ray::BYTES as u64) as u32,
+            rays: rays_at + (number * most * ray_bytes) as u32,
             count: most.min(count - number * most) as u32,
             hits: hits_at + (number * step) as u32,
             any_hit,
-            short: None,
+            short,
         });
         Ok(casts.collect())
     }

@@ -14,15 +14,27 @@ pub type Numbers = [f32; 8];
 pub fn numbers(ray: &Ray) -> Numbers {
     let [ox, oy, oz] = ray.origin;
     let [dx, dy, dz] = ray.direction;
-    // An inactive ray misses because its limits exclude each other.
-    let (tmin, tmax) = match ray.active {
-        true => (ray.tmin, ray.tmax),
-        false => (1.0, 0.0),
+    // An inactive ray misses, because its limits exclude each other.
+    let tmax = match ray.active {
+        true => ray.tmax,
+        false => f64::NEG_INFINITY,
     };
-    [ox, oy, oz, tmin, dx, dy, dz, tmax].map(|x| x as f32)
+    [ox, oy, oz, ray.tmin, dx, dy, dz, tmax].map(|x| x as f32)
 }
 
-/// The bytes of a ray.
+/// Origin and tmin of rays, if all active ones have the same: then they may be cast as short rays.
+pub fn shared_origin(rays: &[Ray]) -> Option<([f32; 3], f32)> {
+    let own = |ray: &Ray| {
+        let [x, y, z, tmin, ..] = numbers(ray);
+        [x, y, z, tmin]
+    };
+    let mut active = rays.iter().filter(|ray| ray.active);
+    let first @ [x, y, z, tmin] = own(active.next()?);
+    let same = |ray: &Ray| own(ray).map(f32::to_bits) == first.map(f32::to_bits);
+    active.all(same).then_some(([x, y, z], tmin))
+}
+
+/// The bytes of a ray with its own origin; the last [`SHORT_BYTES`] are those of the short ray.
 pub fn to_bytes(numbers: &Numbers) -> [u8; BYTES] {
     let mut bytes = [0; BYTES];
     for (place, number) in bytes.chunks_exact_mut(4).zip(numbers) {

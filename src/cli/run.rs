@@ -6,7 +6,6 @@ use super::{ConfigArgs, counted, print, tell};
 use anyhow::{Result, ensure};
 use dynrt::chip::descriptor::Cast;
 use dynrt::chip::image::{Builder, Still, hits_of, still};
-use dynrt::chip::ray;
 use dynrt::config::MemoryModel;
 use dynrt::cosim::chip::{Chip, Options, Report};
 use dynrt::cosim::dram::Dram;
@@ -114,6 +113,7 @@ fn run_traced(args: &Args, trace: Option<Trace>) -> Result<()> {
         ..
     } = still(config, Builder::new(BASE, MOST_BYTES), &image, &rays)?;
 
+    let ray_bytes = casts.iter().map(Cast::ray_bytes).max().unwrap_or(1) as u64;
     let bar = report::progress(rays.len() as u64, "building the model");
     bar.enable_steady_tick(Duration::from_millis(500));
     let options = Options {
@@ -126,7 +126,7 @@ fn run_traced(args: &Args, trace: Option<Trace>) -> Result<()> {
     let result = Chip::new(config, &options, &|_| ()).and_then(|mut chip| {
         bar.set_message("rays");
         let report = chip.run(&mut memory, list, &|done| {
-            bar.set_position(done / ray::BYTES as u64)
+            bar.set_position(done / ray_bytes)
         })?;
         Ok((chip, report))
     });

@@ -31,11 +31,21 @@ pub const CATEGORIES: &[Category] = &[
     Category::InactiveRay,
     // A packet that finishes before an older one.
     Category::Overtakes,
-    // A cycle in which a packet waits for an open word of answers.
+    // A cycle in which a packet waits because the window of answers is full.
     Category::HeldPacket,
     // A write that waits.
     Category::WaitingWrite,
+    // A cast in the middle of which a reset comes.
+    Category::CutShort,
 ];
+
+/// The machine that is simulated by default: the reference with so few packets that its window of answers is often full.
+pub fn reference() -> Config {
+    Config {
+        packets_in_flight: 8,
+        ..Config::reference()
+    }
+}
 
 /// Cycles without an event after which the unit has stopped.
 const PATIENCE: u64 = 50_000;
@@ -143,8 +153,9 @@ struct Pauses {
     rays: f64,
     hits: f64,
     writes: f64,
-    /// Greatest number of cycles that a packet takes.
+    /// Greatest number of cycles that a packet takes, and that most packets take.
     longest: u64,
+    usual: u64,
 }
 
 impl Pauses {
@@ -156,7 +167,8 @@ impl Pauses {
             rays,
             hits,
             writes,
-            longest: [1, 30, 400, 2000][rng.usize(..4)],
+            longest: [1, 30, 400, 4000][rng.usize(..4)],
+            usual: [1, 30, 400][rng.usize(..3)],
         }
     }
 }
@@ -308,11 +320,21 @@ impl Run<'_> {
         self.start(&script);
         let mut cast = Casting::new(script);
         let mut quiet = 0;
+        let mut until_reset = match self.rng.u8(..16) {
+            0 => self.rng.u64(..2000),
+            _ => u64::MAX,
+        };
         while self.bench.model.get(self.ports.outputs.casting) != 0 {
+            if until_reset == 0 {
+                self.bench.model.reset(RESET_CYCLES);
+                self.bench.tally.categories.count(Category::CutShort, true);
+                return Ok(());
+            }
+            until_reset -= 1;
             let given = self.give(&mut cast, pauses);
             self.bench.model.eval();
             let mut happens = self.take(&mut cast, &given);
-            happens |= self.ray(&mut cast, &given, pauses.longest)?;
+            happens |= self.ray(&mut cast, &given, pauses)?;
             happens |= self.write(&mut cast, given.takes_write)?;
             self.bench.model.clock();
             quiet = if happens { 0 } else { quiet + 1 };
@@ -416,7 +438,7 @@ impl Run<'_> {
     }
 
     /// Checks the ray that is offered; whether it is accepted.
-    fn ray(&mut self, cast: &mut Casting, given: &Given, longest: u64) -> Result<bool> {
+    fn ray(&mut self, cast: &mut Casting, given: &Given, pauses: &Pauses) -> Result<bool> {
         let (model, outputs) = (&self.bench.model, &self.ports.outputs);
         let offer = (model.get(outputs.ray.valid) != 0).then(|| model.sample(&outputs.ray.payload));
         let was = cast.ray_offer.take();
@@ -434,7 +456,11 @@ impl Run<'_> {
         self.check_ray(&cast.rays, cast.accepted, &ray, cast.any_hit)?;
         cast.accepted += 1;
         if cast.accepted.is_multiple_of(self.slots) {
-            let ready = self.bench.model.cycles() + self.rng.u64(1..=longest);
+            let most = match self.rng.u8(..32) {
+                0 => pauses.longest,
+                _ => pauses.usual.min(pauses.longest),
+            };
+            let ready = self.bench.model.cycles() + self.rng.u64(1..=most);
             cast.in_flight.push(Packet {
                 tag: ray.tag,
                 ready,

@@ -207,10 +207,7 @@ pub fn words_of_hit(record: &ByteRecord, format: Format, hit: &Hit) -> Vec<u32> 
 }
 
 fn read_ray(memory: &Memory, format: Format, cast: &Cast, number: u32) -> Result<Ray, Fault> {
-    let size = match cast.short {
-        None => ray::BYTES,
-        Some(_) => ray::SHORT_BYTES,
-    };
+    let size = cast.ray_bytes();
     let address = u64::from(cast.rays) + u64::from(number) * size as u64;
     let bytes = memory.read(address, size).ok_or(bus(address))?;
     let stored: Vec<f32> = (bytes.chunks_exact(4))

@@ -1,6 +1,7 @@
 //! The chip around the core: registers, command processor, ray reader, hit writer, caches, and the AXI4 master, as `docs/chip.md`
 //! defines them.
 
+mod answers;
 pub mod cast;
 pub mod commands;
 pub mod hits;
@@ -27,6 +28,14 @@ pub const NAME: &str = "chip";
 
 /// Width of the number of rays of a cast.
 pub const COUNT_BITS: u32 = 32;
+
+/// A number in another width: extended, or its low bits.
+fn fitted(number: Signal<'_>, width: u32) -> Signal<'_> {
+    match number.width() < width {
+        true => number.extend(width),
+        false => number.low(width),
+    }
+}
 
 /// A 32-bit value as a write to its part of a word: `lane` is the part's number, and `address` is within the word.
 fn write_of_32_bits<'b>(

@@ -199,7 +199,7 @@ fn design_of(config: &Config, unit: &str) -> Result<Design> {
         "update" => hw::update::module(plan)?.module,
         "raycast" => return Ok(hw::emit(plan)?.design.apart()?),
         "cache" => hw::memory::cache::module("cache", &unit_cache::reference())?,
-        "cast" => hw::chip::cast::module(plan)?,
+        "cast" => hw::chip::cast::module(&hw::Plan::new(&unit_cast::reference())?)?,
         "axi" => unit_axi::module_of(&unit_axi::reference())?,
         "combiner" | "arbiter" | "reader" => unit_bus::module(&unit_bus::Sizes::reference())?,
         _ => bail!("unit {unit}: is not one of {}", UNITS.join(", ")),
@@ -409,7 +409,8 @@ fn runs<'a>(
                         .into())
                 }),
                 "casts" => Box::new(move |play: Play| {
-                    Ok(unit_cast::run(config, length / 4, &play.options(seed))?.into())
+                    let (config, options) = (unit_cast::reference(), play.options(seed));
+                    Ok(unit_cast::run(&config, length / 4, &options)?.into())
                 }),
                 "bursts" => Box::new(move |play: Play| {
                     let (bus, options) = (unit_axi::reference(), play.options(seed));

@@ -24,12 +24,12 @@ fn variant(keys: &[(&str, &str)]) -> Config {
 }
 
 /// Rays of random casts with random neighbours: formats of every record size, packets of every number of rays, and tags so short that a
-/// cast is never longer than the open words of answers.
+/// cast is never longer than the window of answers.
 #[test]
 fn casts_read_rays_and_write_hits() {
     let rays = if full() { 1_000_000 } else { 20_000 };
     let configs = [
-        variant(&[]),
+        unit_cast::reference(),
         variant(&[
             ("packets.rays", "1"),
             ("packets.tag_bits", "7"),

@@ -1,8 +1,9 @@
 //! The hit writer: turns the hits of a cast into writes.
 
-use super::{COUNT_BITS, write_of_32_bits};
+use super::answers::{self, AnswerWord, Answers};
+use super::{COUNT_BITS, fitted, write_of_32_bits};
 use crate::bkd::bytes::ByteRecord;
-use crate::hdl::{Builder, Flow, HdlError, Module, Signal, Specs, Style};
+use crate::hdl::{Builder, Flow, HdlError, Module, Signal, Specs};
 use crate::hw::memory::ADDRESS_BITS;
 use crate::hw::memory::combiner::{WORD_BITS, WORD_BYTES, Word};
 use crate::hw::plan::Plan;
@@ -10,12 +11,6 @@ use crate::hw::ray::Hit;
 use crate::hw::raycast::TaggedHit;
 use crate::{bundle, interface};
 use std::sync::Arc;
-
-/// Words of answers to any-hit rays that are open at a time, each of 32 rays.
-const OPEN: u32 = 16;
-
-/// Rays of a word of answers.
-const RAYS_PER_WORD: u32 = 32;
 
 bundle! {
     /// The hits of a cast.
@@ -55,9 +50,8 @@ struct Writer<'a, 'b> {
     m: &'b Builder,
     plan: &'a Plan,
     inputs: Inputs<Signal<'b>>,
-    /// Whether a hit is accepted, and whether it is its packet's last.
+    /// Whether a hit is accepted.
     taken: Signal<'b>,
-    last_slot: Signal<'b>,
     slot: Signal<'b>,
     /// Rays and address of the cast.
     count: Signal<'b>,
@@ -109,13 +103,25 @@ pub fn module(plan: &Plan) -> Result<Arc<Module>, HdlError> {
         plan,
         inputs,
         taken: taken.get(),
-        last_slot,
         slot: slot.q,
         count: count.q,
         base: base.q,
     };
     let record = writer.record();
-    let (answers, hold) = writer.answers(any_hit.q);
+    let room = m.wire("has_room", 1);
+    let collector = answers::ports(plan).place(
+        "answers",
+        &m,
+        &answers::module(plan)?,
+        answers::Inputs {
+            start: start & cast.any_hit,
+            packets,
+            answers: Flow::new(packet_ends & any_hit.q, writer.answers()),
+            packet: inputs.packet,
+            word_ready: room.get(),
+        },
+    );
+    let answers = writer.answer_write(collector.word);
 
     m.comment("A write is registered. The second word of a wide record follows the first.");
     let words = record.data.width() / WORD_BITS;
@@ -126,7 +132,8 @@ pub fn module(plan: &Plan) -> Result<Arc<Module>, HdlError> {
     let strobes = m.reg("stored_strobes", WORD_BYTES);
     let accepted = (write_valid.q & inputs.write_ready).named("is_accepted");
     let leaves = (accepted & !second.q).named("write_leaves");
-    let hit_ready = (!write_valid.q | leaves).named("is_hit_ready");
+    room.drive(!write_valid.q | leaves);
+    let hit_ready = (any_hit.q | room.get()).named("is_hit_ready");
     taken.drive(inputs.hit.valid & hit_ready);
     let offer = Offer {
         valid: any_hit.q.mux(answers.valid, record.valid).named("offers"),
@@ -134,23 +141,24 @@ pub fn module(plan: &Plan) -> Result<Arc<Module>, HdlError> {
         data: any_hit.q.mux(answers.data, record.data),
         strobes: any_hit.q.mux(answers.strobes, record.strobes),
     };
-    write_valid.next(offer.valid | (write_valid.q & !leaves));
+    let loads = (offer.valid & room.get()).named("loads_write");
+    write_valid.next(loads | (write_valid.q & !leaves));
     let moves_on = (accepted & second.q).named("second_moves");
     let step = m.lit(WORD_BYTES, ADDRESS_BITS);
     address.next_when(
-        offer.valid | moves_on,
+        loads | moves_on,
         moves_on.mux(address.q + step, offer.address),
     );
-    strobes.next_when(offer.valid, offer.strobes);
+    strobes.next_when(loads, offer.strobes);
     match words {
         1 => {
             second.next(m.zero(1));
-            data.next_when(offer.valid, offer.data);
+            data.next_when(loads, offer.data);
         }
         _ => {
-            second.next((offer.valid & !any_hit.q) | (second.q & !accepted));
+            second.next((loads & !any_hit.q) | (second.q & !accepted));
             let shifted = m.zero(WORD_BITS).concat(data.q.high(WORD_BITS));
-            data.next_when(offer.valid | moves_on, moves_on.mux(shifted, offer.data));
+            data.next_when(loads | moves_on, moves_on.mux(shifted, offer.data));
         }
     }
 
@@ -160,9 +168,9 @@ pub fn module(plan: &Plan) -> Result<Arc<Module>, HdlError> {
         strobes: strobes.q,
     };
     let outputs = Outputs {
-        running: packets_left.q.any() | write_valid.q,
+        running: packets_left.q.any() | collector.running | write_valid.q,
         hit_ready,
-        hold: any_hit.q & hold,
+        hold: any_hit.q & collector.hold,
         write: Flow::new(write_valid.q, write),
     };
     ports.outputs.outputs(&m, outputs);
@@ -209,116 +217,40 @@ impl<'b> Writer<'_, 'b> {
         }
     }
 
-    /// One bit for each ray, collected in words of 32 rays. Returns the write of a complete word, and whether the next packet has no
-    /// open word.
-    fn answers(&self, any_hit: Signal<'b>) -> (Offer<'b>, Signal<'b>) {
+    /// The answers of the packet whose last hit is offered.
+    fn answers(&self) -> Answers<Signal<'b>> {
         let (m, plan) = (self.m, self.plan);
-        let rays = plan.rays();
-        let start = self.inputs.start.valid;
-        m.comment("One bit for each any-hit ray: the bits of a packet are collected, then those of 32 rays in one of 16 open words.");
-        let infinity = plan.infinity(m);
-        let is_hit = (self.inputs.hit.payload.hit.t.ne(infinity)).named("is_hit");
-        let bits = match rays {
+        m.comment("One bit for each any-hit ray; those of a packet are collected.");
+        let offered = self.inputs.hit.payload;
+        let is_hit = offered.hit.t.ne(plan.infinity(m)).named("is_hit");
+        let bits = match plan.rays() {
             1 => is_hit,
-            _ => {
+            rays => {
                 let earlier = m.reg("earlier_answers", rays - 1);
                 let all = is_hit.concat(earlier.q);
                 earlier.next_when(self.taken, all.high(rays - 1));
                 all
             }
-        }
-        .named("packet_answers");
-
-        let packets = RAYS_PER_WORD / rays;
-        let place_bits = packets.ilog2();
-        let tag = self.inputs.hit.payload.tag;
-        let place = tag.low(place_bits.max(1)).named("place_in_word");
-        let open_bits = OPEN.ilog2();
-        let word_number = tag.high(tag.width() - place_bits).named("word_number");
-        let open = fitted(word_number, open_bits).named("open_word");
-        let words = m.memory("answer_words", OPEN, RAYS_PER_WORD, Style::Distributed);
-        let counts = m.memory("answer_counts", OPEN, place_bits + 1, Style::Distributed);
-        let used = m.reg_reset("used_words", OPEN, 0);
-        let is_used = used.q.bit_numbered(open).named("word_is_used");
-        let before = is_used.mux(words.read_now(open), m.zero(RAYS_PER_WORD));
-        let shift = match rays {
-            1 => place,
-            _ => place.concat(m.zero(rays.ilog2())),
         };
-        let word = (before | bits.extend(RAYS_PER_WORD).shl(shift)).named("answers");
-        let counted = is_used.mux(counts.read_now(open), m.zero(place_bits + 1));
-        let counted = (counted + m.lit(1u8, place_bits + 1)).named("packets_of_word");
-        let (last_word, last_packets) = self.last_word(word_number.width(), place_bits);
-        let is_last = word_number.eq(last_word).named("is_last_word");
-        let expected = is_last.mux(last_packets, m.lit(packets, place_bits + 1));
-        let ends = (self.taken & self.last_slot & any_hit).named("answers_end");
-        let complete = (ends & counted.eq(expected)).named("word_completes");
-        words.write(ends, open, word);
-        counts.write(ends, open, counted);
-
-        m.comment("The first open word moves on behind complete words, in order.");
-        let first = m.reg("first_open_word", word_number.width());
-        let done = m.reg_reset("complete_words", OPEN, 0);
-        let first_place = fitted(first.q, open_bits);
-        let advances = done.q.bit_numbered(first_place).named("first_advances");
-        let one = m.lit(1u8, OPEN);
-        let this = one.shl(open).named("open_word_bit");
-        let set = this & complete.repeat(OPEN);
-        let touch = this & (ends & !complete).repeat(OPEN);
-        let clear = one.shl(first_place) & advances.repeat(OPEN);
-        used.next((used.q | touch) & !set);
-        // Behind a cast, complete words may be left that the first one has not passed.
-        done.next(start.mux(m.zero(OPEN), (done.q | set) & !clear));
-        first.next_when(
-            start | advances,
-            start.mux(
-                m.zero(word_number.width()),
-                first.q + m.lit(1u8, word_number.width()),
-            ),
-        );
-        let next = self.inputs.packet;
-        let next_word = next.high(next.width() - place_bits).named("next_word");
-        let distance = (next_word - first.q).named("distance");
-        // With few words in all, each has a place of its own.
-        let hold = match distance.width() > open_bits {
-            true => distance.ge(m.lit(OPEN, distance.width())),
-            false => m.zero(1),
+        Answers {
+            tag: offered.tag,
+            bits: bits.named("packet_answers"),
         }
-        .named("no_open_word");
-
-        let offset = fitted(word_number, ADDRESS_BITS - 2).concat(m.zero(2));
-        let lane = word_number.low(2);
-        let address = (self.base + offset).named("answer_address");
-        let write = write_of_32_bits(address, lane, word);
-        let offer = Offer {
-            valid: complete,
-            address: write.address,
-            data: write.data.extend(bytes_width(plan)),
-            strobes: write.strobes,
-        };
-        (offer, hold)
     }
 
-    /// The number of the last word of answers, and of the packets in it; registered at the start.
-    fn last_word(&self, word_bits: u32, place_bits: u32) -> (Signal<'b>, Signal<'b>) {
+    /// The write of a word of answers.
+    fn answer_write(&self, word: Flow<AnswerWord<Signal<'b>>, Signal<'b>>) -> Offer<'b> {
         let m = self.m;
-        let slots = self.plan.rays().ilog2();
-        let last_ray = (self.count - m.lit(1u8, COUNT_BITS)).named("last_ray");
-        let last = last_ray.high(COUNT_BITS - slots);
-        let word = fitted(last.high(COUNT_BITS - slots - place_bits), word_bits);
-        let packets = match place_bits {
-            0 => m.lit(1u8, 1),
-            bits => last.low(bits).extend(bits + 1) + m.lit(1u8, bits + 1),
-        };
-        (word.register(), packets.register())
-    }
-}
-
-/// A number in another width: extended, or its low bits.
-fn fitted(number: Signal<'_>, width: u32) -> Signal<'_> {
-    match number.width() < width {
-        true => number.extend(width),
-        false => number.low(width),
+        let AnswerWord { number, bits } = word.payload;
+        let offset = number.low(ADDRESS_BITS - 2).concat(m.zero(2));
+        let address = (self.base + offset).named("answer_address");
+        let write = write_of_32_bits(address, number.low(2), bits);
+        Offer {
+            valid: word.valid,
+            address: write.address,
+            data: write.data.extend(bytes_width(self.plan)),
+            strobes: write.strobes,
+        }
     }
 }
 
