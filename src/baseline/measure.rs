@@ -1,5 +1,7 @@
 //! Measures the figures of a baseline.
 
+mod chip;
+
 use super::{
     Baseline, ConfigurationArea, Depth, FAST, FilmFigures, FrameFigures, SEEDS, UnitArea, UnitClock,
 };
@@ -8,10 +10,12 @@ use crate::bkd::{BuildOptions, build};
 use crate::config::{Config, NAMED};
 use crate::cosim::animate::{self, Figures, Film};
 use crate::cosim::raycast::{self, Counters};
-use crate::emit;
+use crate::emit::{self, Top};
+use crate::hw::{self, Plan};
+use crate::port::Ray;
 use crate::scene::animation::{MachineFrame, MachineScene};
 use crate::scene::load_animated;
-use crate::scene::{self, Camera, Frame, ImageSize, MachineMesh, View};
+use crate::scene::{self, Camera, Frame, ImageSize, MachineMesh, RayPacket, View};
 use crate::synth::{self, Target};
 use anyhow::{Context, Result, ensure};
 use std::path::PathBuf;
@@ -70,6 +74,8 @@ pub struct Request {
     pub configurations: bool,
     /// Whether to measure the table of depths: half an hour without a cache.
     pub depths: bool,
+    /// Whether to measure the tables of the chip's caches and memories: minutes.
+    pub chip: bool,
     /// The cache folder; `None` for the user's cache.
     pub cache: Option<PathBuf>,
 }
@@ -91,9 +97,26 @@ pub fn measure(
     };
     (is.frames, is.films) = pictures(&config, progress)?;
     (is.fast_frames, is.fast_films) = pictures(&Config::load(FAST)?, progress)?;
-    let mut kept = area(&config, was, &mut is, request, progress)?;
+    is.chip_frames = chip::frames(&config, progress)?;
+    let core = area(&config, (Top::Core, &was.area), &[], request, progress)?;
+    let whole = (Top::Chip, &*was.chip_area);
+    let chip = area(&config, whole, &core.units, request, progress)?;
+    (is.area, is.chip_area) = (core.units, chip.units);
+    is.area_tools = chip.tools.or(core.tools).unwrap_or(was.area_tools.clone());
+    let mut kept = [core.kept, chip.kept].concat();
+    let verilog = chip::verilog(&config)?;
+    if request.chip {
+        (is.chip_memories, is.chip_caches) = chip::sweep(&config, progress)?;
+        is.chip_verilog = verilog;
+    } else if verilog != was.chip_verilog {
+        let why = "dynrt baseline --chip measures them";
+        kept.push((
+            "tables of the chip's caches and memories".into(),
+            why.into(),
+        ));
+    }
     let routing = |units: &[&str], seeds| synth::Request {
-        top: emit::Top::Core,
+        top: Top::Core,
         target: Target::Ecp5_85f,
         units: units.iter().map(ToString::to_string).collect(),
         seeds,
@@ -152,6 +175,55 @@ fn pictures(
     Ok((frames, films.collect::<Result<_>>()?))
 }
 
+/// A picture of a built-in scene in the memory of a machine, with its default tree.
+pub(super) struct Picture {
+    pub mesh: MachineMesh,
+    pub image: MemoryImage,
+    /// The name of the camera.
+    pub view: &'static str,
+    /// A light in scene units.
+    pub light: [f64; 3],
+    /// The primary rays.
+    pub packets: Vec<RayPacket>,
+    /// The command that casts them, without options of rays.
+    pub options: String,
+}
+
+impl Picture {
+    pub fn new(config: &Config, spec: &str, view: Option<View>, size: &str) -> Result<Picture> {
+        let scene = scene::load(spec)?;
+        let mesh = MachineMesh::new(&scene, config.format())?;
+        let options = BuildOptions::default_for(config.axes_per_node, config.stack_depth);
+        let tree = build(&mesh.vertices, &mesh.triangles, &options)?;
+        let image = MemoryImage::new(mesh.format, &mesh.vertices, &mesh.triangles, &tree)?;
+        let bounds = scene.bounds();
+        let (camera, name) = match view {
+            Some(View::Inside) => (Camera::inside(bounds), "inside"),
+            Some(View::Outside) => (Camera::outside(bounds), "outside"),
+            None => (Camera::framing(bounds), "framing"),
+        };
+        let pixels: ImageSize = size.parse()?;
+        let picture = Frame::new(pixels, config.rays_per_packet as usize)?;
+        let mut options = format!("{spec} --size {size}");
+        if view.is_some() {
+            options += &format!(" --view {name}");
+        }
+        Ok(Picture {
+            light: scene::default_light(bounds, &camera),
+            packets: picture.primary_rays(&camera, &mesh)?,
+            mesh,
+            image,
+            view: name,
+            options,
+        })
+    }
+}
+
+/// The rays of packets, one after the other.
+pub(super) fn rays_of(packets: &[RayPacket]) -> Vec<Ray> {
+    packets.iter().flat_map(|p| p.rays.clone()).collect()
+}
+
 fn frame(
     config: &Config,
     spec: &str,
@@ -160,35 +232,18 @@ fn frame(
     progress: &dyn Fn(&str),
 ) -> Result<FrameFigures> {
     progress(&format!("casting {spec} at {size}"));
-    let scene = scene::load(spec)?;
-    let mesh = MachineMesh::new(&scene, config.format())?;
-    let options = BuildOptions::default_for(config.axes_per_node, config.stack_depth);
-    let tree = build(&mesh.vertices, &mesh.triangles, &options)?;
-    let image = MemoryImage::new(mesh.format, &mesh.vertices, &mesh.triangles, &tree)?;
-    let bounds = scene.bounds();
-    let (camera, name) = match view {
-        Some(View::Inside) => (Camera::inside(bounds), "inside"),
-        Some(View::Outside) => (Camera::outside(bounds), "outside"),
-        None => (Camera::framing(bounds), "framing"),
-    };
-    let pixels: ImageSize = size.parse()?;
-    let picture = Frame::new(pixels, config.rays_per_packet as usize)?;
-    let packets = picture.primary_rays(&camera, &mesh)?;
-    let rays: Vec<_> = packets.iter().flat_map(|p| p.rays.clone()).collect();
-    let replay = format!("dynrt cosim {spec} --size {size}");
+    let picture = Picture::new(config, spec, view, size)?;
+    let (image, rays) = (&picture.image, rays_of(&picture.packets));
     let mut options = raycast::Options {
-        replay: match view {
-            None => replay,
-            Some(_) => format!("{replay} --view {name}"),
-        },
+        replay: format!("dynrt cosim {}", picture.options),
         ..raycast::Options::default()
     };
     let mut unit = raycast::RaycastUnit::new(config, None)?;
     // The first run measures the length of the frame; intervals are about 1/100 of it, in round numbers.
-    let cycles = unit.cast(&image, &rays, &options, &|_| ())?.cycles;
+    let cycles = unit.cast(image, &rays, &options, &|_| ())?.cycles;
     let interval_cycles = (cycles / INTERVALS).next_power_of_two();
     options.sample_cycles = Some(interval_cycles);
-    let report = unit.cast(&image, &rays, &options, &|_| ())?;
+    let report = unit.cast(image, &rays, &options, &|_| ())?;
     ensure!(
         report.cycles == cycles,
         "{spec}: {cycles} cycles, then {} for the same rays: the run is not deterministic",
@@ -206,7 +261,7 @@ fn frame(
     };
     Ok(FrameFigures {
         scene: spec.into(),
-        view: name.into(),
+        view: picture.view.into(),
         size: size.into(),
         rays: rays.iter().filter(|ray| ray.active).count() as u64,
         cycles,
@@ -274,40 +329,47 @@ fn film(
     })
 }
 
+/// Area of the modules of a design that `elsewhere` does not have: known figures for unchanged modules and, with the reason, for those
+/// that are too large to be measured now.
 fn area(
     config: &Config,
-    was: &Baseline,
-    is: &mut Baseline,
+    (top, known): (Top, &[UnitArea]),
+    elsewhere: &[UnitArea],
     request: &Request,
     progress: &dyn Fn(&str),
-) -> Result<Vec<(String, String)>> {
-    let machine = emit::machine(config)?;
-    let (mut units, mut kept, mut changed) = (vec![], vec![], vec![]);
+) -> Result<Areas> {
+    let plan = Plan::new(config)?;
+    let machine = emit::machine_with(&plan, hw::core::default_prefix(), top)?;
+    let mut areas = Areas::default();
+    let mut changed = vec![];
     // The area of a part is included in its unit.
     for module in machine.design.units() {
         let name = synth::unit_name(module).to_string();
+        if elsewhere.iter().any(|unit| unit.name == name) {
+            continue;
+        }
         let verilog = synth::fingerprint(module)?;
-        let old = was.unit_area(&name);
+        let old = known.iter().find(|unit| unit.name == name);
         if let Some(old) = old.filter(|old| old.verilog == verilog) {
-            units.push(old.clone());
+            areas.units.push(old.clone());
             continue;
         }
         if let (Some(old), Some(most)) = (old, request.most_lut4)
             && old.area.lut4 > most
         {
-            kept.push((
+            areas.kept.push((
                 name,
                 format!(
                     "it took {} LUT4, and modules of more than {most} are measured by dynrt baseline --all",
                     old.area.lut4
                 ),
             ));
-            units.push(old.clone());
+            areas.units.push(old.clone());
             continue;
         }
         // Placeholder; the area is measured below.
         changed.push(name.clone());
-        units.push(UnitArea {
+        areas.units.push(UnitArea {
             name,
             verilog,
             area: Default::default(),
@@ -317,7 +379,7 @@ fn area(
         let report = synth::synthesise(
             config,
             &synth::Request {
-                top: emit::Top::Core,
+                top,
                 target: Target::Virtex4Lx160,
                 units: changed,
                 seeds: 0,
@@ -325,14 +387,26 @@ fn area(
             },
             progress,
         )?;
-        is.area_tools = report.tools;
+        areas.tools = Some(report.tools);
         for measured in report.units {
-            let unit = units.iter_mut().find(|unit| unit.name == measured.name);
+            let unit = areas
+                .units
+                .iter_mut()
+                .find(|unit| unit.name == measured.name);
             unit.context("a module that was not asked for")?.area = measured.area;
         }
     }
-    is.area = units;
-    Ok(kept)
+    Ok(areas)
+}
+
+/// Areas of a design's modules, the whole last.
+#[derive(Default)]
+struct Areas {
+    units: Vec<UnitArea>,
+    /// Changed modules that were not measured, with the reason.
+    kept: Vec<(String, String)>,
+    /// The tools, if they were needed.
+    tools: Option<Vec<String>>,
 }
 
 /// Creates the request that places and routes the given modules with the given number of seeds.

@@ -1,5 +1,7 @@
 //! The page of numbers: figures of the original and of DynRT, and the cost of each unit.
 
+mod chip;
+
 use super::{Baseline, FAST, FrameFigures, UnitClock, plots};
 use crate::config::{Config, NAMED};
 use crate::synth::{Area, Target};
@@ -19,6 +21,7 @@ pub fn files(baseline: &Baseline) -> Result<Vec<(String, String)>> {
     Ok(vec![
         (PAGE.into(), page(baseline, shown)?),
         ("area.svg".into(), plots::area_by_unit(baseline)?),
+        ("caches.svg".into(), plots::hit_rates(baseline)?),
         ("clock.svg".into(), plots::clock_by_depth(baseline)?),
         ("utilisation.svg".into(), plots::utilisation(shown)?),
     ])
@@ -57,6 +60,7 @@ fn page(baseline: &Baseline, shown: &FrameFigures) -> Result<String> {
     original_and_ours(&mut text, baseline)?;
     frames(&mut text, baseline);
     units(&mut text, baseline);
+    chip::section(&mut text, baseline);
     configurations(&mut text, baseline)?;
     depths(&mut text, baseline);
     let _ = write!(

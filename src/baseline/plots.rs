@@ -1,6 +1,7 @@
 //! Plots of a baseline, as SVG.
 
-use super::{Baseline, Depth, FrameFigures};
+use super::{Baseline, ChipFigures, Depth, FrameFigures};
+use crate::scene::RayKind;
 use anyhow::{Context, Result, anyhow, ensure};
 use plotters::coord::Shift;
 use plotters::prelude::*;
@@ -121,6 +122,59 @@ pub(super) fn clock_by_depth(baseline: &Baseline) -> Result<String> {
                 .legend(move |(x, y)| {
                     PathElement::new([(x, y), (x + 18, y)], colour.stroke_width(3))
                 });
+        }
+        chart
+            .configure_series_labels()
+            .position(SeriesLabelPosition::LowerRight)
+            .background_style(WHITE.mix(0.8))
+            .border_style(BLACK.mix(0.3))
+            .label_font(LABEL)
+            .draw()
+            .map_err(fault)
+    })
+}
+
+/// Hit rates of the caches by their size: a colour per cache, and a line per kind of rays, the widest for primary rays.
+pub(super) fn hit_rates(baseline: &Baseline) -> Result<String> {
+    let runs = &baseline.chip_caches;
+    ensure!(!runs.is_empty(), "the baseline has no table of caches");
+    let sizes = || runs.iter().map(|run| run.nodes_kib);
+    let least = sizes().min().unwrap_or(1).ilog2();
+    let most = sizes().max().unwrap_or(1).ilog2();
+    type Rate = fn(&ChipFigures) -> f64;
+    let caches: [(&str, Rate); 3] = [
+        ("nodes", |run| run.node_hit_rate),
+        ("records", |run| run.record_hit_rate),
+        ("vertices", |run| run.vertex_hit_rate),
+    ];
+    svg(|area| {
+        let mut chart = ChartBuilder::on(area)
+            .margin(12)
+            .caption("Hit rate by the size of the cache", CAPTION)
+            .x_label_area_size(40)
+            .y_label_area_size(50)
+            .build_cartesian_2d(f64::from(least)..f64::from(most), 0.0..100.0)
+            .map_err(fault)?;
+        chart
+            .configure_mesh()
+            .x_labels((most - least + 1) as usize)
+            .x_label_formatter(&|power| format!("{}", 1u32 << power.round() as u32))
+            .x_desc("KiB")
+            .y_desc("% hits")
+            .label_style(LABEL)
+            .draw()
+            .map_err(fault)?;
+        for ((cache, rate), colour) in caches.into_iter().zip(COLOURS) {
+            for (kind, width) in RayKind::ALL.into_iter().zip([3, 2, 1]) {
+                let of = runs.iter().filter(|run| run.ray_kind == kind.name());
+                let points = of.map(|run| (f64::from(run.nodes_kib.ilog2()), 100.0 * rate(run)));
+                let style = colour.stroke_width(width);
+                chart
+                    .draw_series(LineSeries::new(points, style).point_size(width + 1))
+                    .map_err(fault)?
+                    .label(format!("{cache}, {} rays", kind.name()))
+                    .legend(move |(x, y)| PathElement::new([(x, y), (x + 18, y)], style));
+            }
         }
         chart
             .configure_series_labels()

@@ -1,8 +1,9 @@
 //! `dynrt cosim`: co-simulation of the generated Verilog and the golden model.
 
 use super::files::{Kind, Output};
-use super::frame::{Built, Loaded, RayKind, SIZE, SceneArgs, active};
-use super::{ConfigArgs, counted, one_line, print, tell};
+use super::frame::{Built, Loaded, PictureArgs, active};
+use super::waveform::WaveformArgs;
+use super::{counted, one_line, print, tell};
 use anyhow::{Result, ensure};
 use clap::ValueEnum;
 use dynrt::bkd::{MemoryImage, Tree};
@@ -17,9 +18,9 @@ use dynrt::cosim::{unit_geometry, unit_tpu};
 use dynrt::golden::Caster;
 use dynrt::hdl::Bundle as _;
 use dynrt::port::Ray;
-use dynrt::report::{self, Staged};
+use dynrt::report;
 use dynrt::scene::animation::MachineScene;
-use dynrt::scene::{ImageSize, load_animated};
+use dynrt::scene::load_animated;
 use serde_json::{Map, Value, json};
 use std::fmt::Write as _;
 use std::time::Duration;
@@ -46,37 +47,19 @@ Examples:
 #[command(after_help = HELP)]
 pub struct Args {
     #[command(flatten)]
-    scene: SceneArgs,
-    /// Width and height of the picture in pixels
-    #[arg(long, value_name = "WxH", default_value = SIZE)]
-    size: ImageSize,
-    #[command(flatten)]
-    config: ConfigArgs,
+    picture: PictureArgs,
     /// The design under test: the whole ray casting unit with the configured memories, or a single unit with random
     /// delays and stalls at its ports
     #[arg(long, value_name = "UNIT", default_value = "raycast")]
     unit: Unit,
-    /// The rays to cast: rays of the camera; any-hit rays from their hits to a light; or rays from their hits in random directions
-    #[arg(long, value_name = "RAYS", default_value = "primary")]
-    rays: RayKind,
-    /// Random seed of the memories' delays and stalls, and of the directions of diffuse rays
-    #[arg(long, value_name = "S", default_value_t = 1)]
-    seed: u64,
     /// Write the picture computed by the Verilog as PNG
     #[arg(long, value_name = "F.png", value_parser = Kind::Png)]
     out: Option<Output>,
     /// Write the results as JSON
     #[arg(long, value_name = "F", value_parser = Kind::Json)]
     json: Option<Output>,
-    /// Write a waveform as FST
-    #[arg(long, value_name = "F.fst", requires = "cycles", value_parser = Kind::Fst)]
-    trace: Option<Output>,
-    /// The first cycle of the waveform
-    #[arg(long, value_name = "CYCLE", default_value_t = 0, requires = "trace")]
-    from: u64,
-    /// Number of cycles in the waveform
-    #[arg(long, value_name = "N", requires = "trace", value_parser = clap::value_parser!(u64).range(1..))]
-    cycles: Option<u64>,
+    #[command(flatten)]
+    waveform: WaveformArgs,
 }
 
 #[derive(Clone, Copy, PartialEq, Eq, ValueEnum)]
@@ -148,35 +131,17 @@ pub fn run(args: &Args) -> Result<()> {
         "--unit {}: a single unit computes no picture; leave out --out",
         args.unit.name()
     );
-    let waveform = (args.trace.as_ref())
-        .map(|trace| Staged::empty(trace.path()))
-        .transpose()?;
-    let trace = waveform.as_ref().map(|file| Trace {
-        path: file.temporary().to_path_buf(),
-        from: args.from,
-        cycles: args.cycles.unwrap_or(1),
-    });
-    let result = run_traced(args, trace);
-    let is_mismatch = |error: &anyhow::Error| error.is::<Mismatch>() || error.is::<UnitMismatch>();
-    // Waveforms are kept after a mismatch.
-    if result.as_ref().err().is_none_or(is_mismatch) {
-        report::publish_all(waveform)?;
-    }
-    result
+    args.waveform.around(|trace| run_traced(args, trace))
 }
 
 fn run_traced(args: &Args, trace: Option<Trace>) -> Result<()> {
     if args.unit == Unit::Skinning {
         return args.run_skinning(trace);
     }
-    let loaded = args.scene.load(args.size, &args.config)?;
+    let PictureArgs { size, seed, .. } = args.picture;
+    let loaded = args.picture.load()?;
     let Built { image, tree, .. } = loaded.build_default()?;
-    let caster = Caster::new(
-        &image,
-        loaded.config.triangle_test,
-        loaded.frame.rays_per_packet(),
-    );
-    let cast = loaded.rays_of(args.rays, &caster, args.seed)?;
+    let cast = args.picture.rays_of(&loaded, &image)?;
     let rays = cast.rays();
     let job = Job {
         args,
@@ -187,14 +152,14 @@ fn run_traced(args: &Args, trace: Option<Trace>) -> Result<()> {
         return job.run_update(&tree, trace);
     }
     if args.unit == Unit::Transform && !image.is_instanced() {
-        let image = in_instances(&loaded.config, &image, args.seed)?;
+        let image = in_instances(&loaded.config, &image, seed)?;
         return job.run_unit(&image, &rays, trace);
     }
     if args.unit != Unit::Raycast {
         return job.run_unit(&image, &rays, trace);
     }
     let options = Options {
-        seed: args.seed,
+        seed,
         trace,
         replay: args.replay(),
         ..Options::default()
@@ -217,17 +182,15 @@ fn run_traced(args: &Args, trace: Option<Trace>) -> Result<()> {
         }
     };
     ensure!(found.checked() > 0, "nothing was checked");
-    args.check_trace(found.cycles);
+    args.waveform.check(found.cycles);
     let mut text = job.text(&found);
     let mut files = vec![];
     if let Some(out) = &args.out {
-        let picture = cast.picture(args.size, &loaded, &found.hits);
+        let picture = cast.picture(size, &loaded, &found.hits);
         files.push(out.png(&picture)?);
         let _ = writeln!(text, "picture: {out}");
     }
-    if let Some(trace) = &args.trace {
-        let _ = writeln!(text, "waveform: {trace}");
-    }
+    text += &args.waveform.line();
     if let Some(json) = &args.json {
         files.push(json.json(&job.json(&found))?);
     }
@@ -245,45 +208,17 @@ fn extend(value: &mut Value, more: Value) {
 impl Args {
     /// The command that runs this again.
     fn replay(&self) -> String {
-        let Args {
-            scene,
-            config,
-            size,
-            unit,
-            rays,
-            seed,
-            ..
-        } = self;
-        let mut text = format!("dynrt cosim{}{}", scene.replay(), config.replay());
-        if size.to_string() != SIZE {
-            text += &format!(" --size {size}");
-        }
-        if *unit != Unit::Raycast {
-            text += &format!(" --unit {}", unit.name());
-        }
-        if *rays != RayKind::Primary {
-            text += &format!(" --rays {}", rays.name());
-        }
-        if *seed != 1 {
-            text += &format!(" --seed {seed}");
+        let mut text = format!("dynrt cosim{}", self.picture.replay());
+        if self.unit != Unit::Raycast {
+            text += &format!(" --unit {}", self.unit.name());
         }
         text
     }
 
-    /// Warns if the run ended before the first cycle of the waveform.
-    fn check_trace(&self, cycles: u64) {
-        let Args { trace, from, .. } = self;
-        if let (Some(trace), true) = (trace, *from >= cycles) {
-            tell(&format!(
-                "warning: {trace}: the waveform is empty: it starts at cycle {from}, but the run has {cycles}; give a smaller --from"
-            ));
-        }
-    }
-
     /// Runs the skinning processor alone, which needs no rays: first with random delays and stalls at its ports, then at full rate.
     fn run_skinning(&self, trace: Option<Trace>) -> Result<()> {
-        let config = self.config.load()?;
-        let spec = self.scene.spec();
+        let config = self.picture.config.load()?;
+        let spec = self.picture.scene.spec();
         let scene = load_animated(spec)?;
         for warning in &scene.warnings {
             tell(&format!("warning: {warning}"));
@@ -307,14 +242,15 @@ impl Args {
                 "{}: has no skinned meshes; vertices have random joints",
                 scene.name
             ));
-            let bound = |object| SkinMesh::bound_at_random(format, object, joints, self.seed);
+            let bound =
+                |object| SkinMesh::bound_at_random(format, object, joints, self.picture.seed);
             meshes = machine.objects.iter().map(bound).collect();
         }
         let workload = unit_skinning::Workload::Meshes(&meshes);
         let options = UnitOptions {
             replay: self.replay(),
             trace,
-            ..UnitOptions::new(self.seed)
+            ..UnitOptions::new(self.picture.seed)
         };
         let at_pace = UnitOptions {
             surroundings: Some(Surroundings::steady(config.memory_latency)),
@@ -328,9 +264,9 @@ impl Args {
                     "scene": scene.name,
                     "triangles": scene.triangle_count(),
                     "config": config.name,
-                    "overrides": self.config.overrides(&config),
+                    "overrides": self.picture.config.overrides(&config),
                     "unit": self.unit.name(),
-                    "seed": self.seed,
+                    "seed": self.picture.seed,
                     "mismatches": found.mismatches,
                 }),
             );
@@ -357,7 +293,7 @@ impl Args {
             Ok::<_, anyhow::Error>(found)
         };
         let found = checked_run(Traffic::Separate, &options)?;
-        self.check_trace(found.unit.cycles);
+        self.waveform.check(found.unit.cycles);
         let pace = checked_run(Traffic::Shared, &at_pace)?;
         let (unit, total) = (&found.unit, pace.total());
         let categories: Map<String, Value> = (unit.categories.iter())
@@ -389,16 +325,16 @@ impl Args {
 impl Job<'_> {
     /// The results that are known for every outcome of the run.
     fn common_json(&self) -> Value {
-        let size = self.args.size;
+        let size = self.args.picture.size;
         json!({
             "scene": self.loaded.scene.name,
             "triangles": self.loaded.mesh.triangles.len(),
             "config": self.loaded.config.name,
-            "overrides": self.args.config.overrides(&self.loaded.config),
+            "overrides": self.args.picture.config.overrides(&self.loaded.config),
             "view": self.loaded.view,
             "unit": self.args.unit.name(),
-            "ray_kind": self.args.rays.name(),
-            "seed": self.args.seed,
+            "ray_kind": self.args.picture.rays.name(),
+            "seed": self.args.picture.seed,
             "width": size.width,
             "height": size.height,
             "rays": self.active,
@@ -429,7 +365,7 @@ impl Job<'_> {
         let options = UnitOptions {
             replay: self.args.replay(),
             trace,
-            ..UnitOptions::new(args.seed)
+            ..UnitOptions::new(args.picture.seed)
         };
         let workload = Workload::Rays { image, rays };
         let run = match args.unit {
@@ -447,7 +383,7 @@ impl Job<'_> {
             return Err(UnitMismatch(mismatch).into());
         }
         found.verdict()?;
-        self.args.check_trace(found.cycles);
+        self.args.waveform.check(found.cycles);
         write(self.unit_json(&found, hits))?;
         print(&format!("{}\n", found.summary()))
     }
@@ -463,7 +399,7 @@ impl Job<'_> {
         let options = UnitOptions {
             replay: self.args.replay(),
             trace,
-            ..UnitOptions::new(self.args.seed)
+            ..UnitOptions::new(self.args.picture.seed)
         };
         let object = UpdateObject::new(
             &scene.name,
@@ -485,7 +421,7 @@ impl Job<'_> {
             return Err(UnitMismatch(mismatch.clone()).into());
         }
         unit.verdict()?;
-        self.args.check_trace(unit.cycles);
+        self.args.waveform.check(unit.cycles);
         let mut value = self.unit_json(unit, 0);
         for figures in &found.objects {
             extend(
@@ -588,10 +524,13 @@ impl Job<'_> {
             loaded.scene.name,
             counted(loaded.mesh.triangles.len() as u64, "triangle"),
             loaded.config.name,
-            self.args.config.settings(),
+            self.args.picture.config.settings(),
             loaded.view,
-            self.args.size,
-            counted(self.active, &format!("{} ray", self.args.rays.name())),
+            self.args.picture.size,
+            counted(
+                self.active,
+                &format!("{} ray", self.args.picture.rays.name())
+            ),
             counted(self.hits(found), "hit"),
             counted(found.hits_checked, "hit"),
             counted(found.steps_checked, "traversal step"),

@@ -8,8 +8,8 @@ use dynrt::golden::Caster;
 use dynrt::port::{Hit, Ray};
 use dynrt::report;
 use dynrt::scene::{
-    self, Bounds, Camera, Frame, ImageSize, MachineMesh, RayPacket, Scene, SceneSpec, View,
-    default_light, diffuse_rays, shadow_rays,
+    self, Bounds, Camera, Frame, ImageSize, MachineMesh, RayKind, RayPacket, Scene, SceneSpec,
+    View, default_light,
 };
 use dynrt::text;
 use std::time::Instant;
@@ -67,6 +67,62 @@ fn vector(text: &str) -> Result<[f64; 3], String> {
         .ok_or_else(|| "give three numbers, such as 1,2.5,-3".into())
 }
 
+/// A picture whose rays are cast: scene, camera, machine and rays.
+#[derive(clap::Args)]
+pub struct PictureArgs {
+    #[command(flatten)]
+    pub scene: SceneArgs,
+    /// Width and height of the picture in pixels
+    #[arg(long, value_name = "WxH", default_value = SIZE)]
+    pub size: ImageSize,
+    #[command(flatten)]
+    pub config: ConfigArgs,
+    /// The rays to cast: rays of the camera; any-hit rays from their hits to a light; or rays from their hits in random directions
+    #[arg(long, value_name = "RAYS", default_value = "primary")]
+    pub rays: RayKind,
+    /// Random seed of the memories' delays and stalls, and of the directions of diffuse rays
+    #[arg(long, value_name = "S", default_value_t = 1)]
+    pub seed: u64,
+}
+
+impl PictureArgs {
+    /// Loads configuration and scene, and makes the rays of the camera.
+    pub fn load(&self) -> Result<Loaded> {
+        self.scene.load(self.size, &self.config)
+    }
+
+    /// The rays, of which at least one is active.
+    pub fn rays_of(&self, loaded: &Loaded, image: &MemoryImage) -> Result<CastRays> {
+        let slots = loaded.frame.rays_per_packet();
+        let caster = Caster::new(image, loaded.config.triangle_test, slots);
+        let cast = loaded.rays_of(self.rays, &caster, self.seed)?;
+        active(&cast.rays())?;
+        Ok(cast)
+    }
+
+    /// The arguments that select this picture again.
+    pub fn replay(&self) -> String {
+        let PictureArgs {
+            scene,
+            size,
+            config,
+            rays,
+            seed,
+        } = self;
+        let mut text = scene.replay() + &config.replay();
+        if size.to_string() != SIZE {
+            text += &format!(" --size {size}");
+        }
+        if *rays != RayKind::Primary {
+            text += &format!(" --rays {}", rays.name());
+        }
+        if *seed != 1 {
+            text += &format!(" --seed {seed}");
+        }
+        text
+    }
+}
+
 /// A scene as in the memory of a machine, without a tree.
 pub struct Loaded {
     pub config: Config,
@@ -78,27 +134,6 @@ pub struct Loaded {
     pub frame: Frame,
     /// The primary rays.
     pub packets: Vec<RayPacket>,
-}
-
-/// The rays of a picture.
-#[derive(Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
-pub enum RayKind {
-    /// Closest hits of the camera's rays
-    Primary,
-    /// Any-hit rays of finite length from the camera's hits to a light
-    Shadow,
-    /// Closest hits of rays from the camera's hits in random directions
-    Diffuse,
-}
-
-impl RayKind {
-    pub fn name(self) -> &'static str {
-        match self {
-            RayKind::Primary => "primary",
-            RayKind::Shadow => "shadow",
-            RayKind::Diffuse => "diffuse",
-        }
-    }
 }
 
 /// The rays that are cast for a picture.
@@ -312,13 +347,8 @@ impl Loaded {
             });
         }
         let hits = caster.cast_packets(&Loaded::rays(&self.packets)).hits;
-        let packets = match kind {
-            RayKind::Shadow => {
-                let light = default_light(self.scene.bounds(), &self.camera);
-                shadow_rays(&self.packets, &hits, &self.mesh, light)?
-            }
-            _ => diffuse_rays(&self.packets, &hits, &self.mesh, seed),
-        };
+        let light = default_light(self.scene.bounds(), &self.camera);
+        let packets = kind.rays(&self.packets, &hits, &self.mesh, light, seed)?;
         Ok(CastRays {
             packets,
             primary_hits: Some(hits),

@@ -20,6 +20,7 @@ mod run;
 mod stats;
 mod synth;
 mod vectors;
+mod waveform;
 
 use anyhow::Result;
 use clap::{ArgMatches, CommandFactory, FromArgMatches, Parser, Subcommand};

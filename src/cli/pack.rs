@@ -1,14 +1,13 @@
 //! `dynrt pack`: the contents of memory with which a host needs no other software to cast the rays of a picture.
 
 use super::files::{Kind, Output};
-use super::frame::{Built, RayKind, SIZE, SceneArgs, active};
-use super::{ConfigArgs, counted, print};
+use super::frame::{Built, PictureArgs, active};
+use super::{counted, print};
 use anyhow::{Result, ensure};
 use dynrt::chip::image::{Builder, Still, still};
 use dynrt::emit::{self, HITS};
-use dynrt::golden::Caster;
 use dynrt::golden::chip::Chip;
-use dynrt::scene::{ImageSize, sort_along_morton_curve};
+use dynrt::scene::sort_along_morton_curve;
 use dynrt::vectors::sha256_of_bytes;
 use serde_json::json;
 use std::fmt::Write as _;
@@ -31,18 +30,7 @@ Examples:
 #[command(after_help = HELP)]
 pub struct Args {
     #[command(flatten)]
-    scene: SceneArgs,
-    /// Width and height of the picture in pixels
-    #[arg(long, value_name = "WxH", default_value = SIZE)]
-    size: ImageSize,
-    #[command(flatten)]
-    config: ConfigArgs,
-    /// The rays to cast: rays of the camera; any-hit rays from their hits to a light; or rays from their hits in random directions
-    #[arg(long, value_name = "RAYS", default_value = "primary")]
-    rays: RayKind,
-    /// Random seed of the directions of diffuse rays
-    #[arg(long, value_name = "S", default_value_t = 1)]
-    seed: u64,
+    picture: PictureArgs,
     /// Address of the image in memory, a multiple of 64
     #[arg(long, value_name = "BYTES", default_value_t = 0)]
     address: u32,
@@ -70,12 +58,12 @@ pub fn run(args: &Args) -> Result<()> {
             args.address
         );
     };
-    let mut loaded = args.scene.load(args.size, &args.config)?;
+    let picture = &args.picture;
+    let mut loaded = picture.load()?;
     sort_along_morton_curve(&mut loaded.packets);
     let config = &loaded.config;
     let Built { image, .. } = loaded.build_default()?;
-    let caster = Caster::new(&image, config.triangle_test, loaded.frame.rays_per_packet());
-    let rays = loaded.rays_of(args.rays, &caster, args.seed)?.rays();
+    let rays = picture.rays_of(&loaded, &image)?.rays();
     let active = active(&rays)?;
     let Still {
         memory,
@@ -104,11 +92,11 @@ pub fn run(args: &Args) -> Result<()> {
         "scene": loaded.scene.name,
         "triangles": loaded.mesh.triangles.len(),
         "config": config.name,
-        "overrides": args.config.overrides(config),
+        "overrides": picture.config.overrides(config),
         "view": loaded.view,
-        "width": args.size.width,
-        "height": args.size.height,
-        "ray_kind": args.rays.name(),
+        "width": picture.size.width,
+        "height": picture.size.height,
+        "ray_kind": picture.rays.name(),
         "rays": active,
         "hits": outcome.hits,
         "load_address": args.address,
@@ -128,7 +116,7 @@ pub fn run(args: &Args) -> Result<()> {
         loaded.scene.name,
         counted(loaded.mesh.triangles.len() as u64, "triangle"),
         config.name,
-        args.config.settings(),
+        picture.config.settings(),
         counted(bytes.len() as u64, "byte"),
         args.address,
     );
@@ -144,7 +132,7 @@ pub fn run(args: &Args) -> Result<()> {
     let _ = writeln!(
         text,
         "{}, {}; command list at {list:#x}; written to {}",
-        counted(active, &format!("{} ray", args.rays.name())),
+        counted(active, &format!("{} ray", picture.rays.name())),
         counted(outcome.hits, "hit"),
         args.out
     );

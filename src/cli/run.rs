@@ -1,20 +1,19 @@
 //! `dynrt run`: the whole chip in Verilator, from a command list in memory to the hits in memory.
 
 use super::files::{Kind, Output};
-use super::frame::{Built, Loaded, RayKind, SIZE, SceneArgs, active};
-use super::{ConfigArgs, counted, print, tell};
+use super::frame::{Built, Loaded, PictureArgs, active};
+use super::waveform::WaveformArgs;
+use super::{counted, print};
 use anyhow::{Result, ensure};
 use dynrt::chip::descriptor::Cast;
 use dynrt::chip::image::{Builder, Still, hits_of, still};
 use dynrt::config::MemoryModel;
 use dynrt::cosim::chip::{Chip, Options, Report};
 use dynrt::cosim::dram::Dram;
-use dynrt::cosim::mismatch::Mismatch;
 use dynrt::cosim::model::Trace;
-use dynrt::golden::Caster;
 use dynrt::port::Hit;
-use dynrt::report::{self, Staged};
-use dynrt::scene::{ImageSize, sort_along_morton_curve};
+use dynrt::report;
+use dynrt::scene::sort_along_morton_curve;
 use serde_json::{Map, Value, json};
 use std::time::Duration;
 
@@ -33,21 +32,10 @@ Examples:
 #[command(after_help = HELP)]
 pub struct Args {
     #[command(flatten)]
-    scene: SceneArgs,
-    /// Width and height of the picture in pixels
-    #[arg(long, value_name = "WxH", default_value = SIZE)]
-    size: ImageSize,
-    #[command(flatten)]
-    config: ConfigArgs,
-    /// The rays to cast: rays of the camera; any-hit rays from their hits to a light; or rays from their hits in random directions
-    #[arg(long, value_name = "RAYS", default_value = "primary")]
-    rays: RayKind,
+    picture: PictureArgs,
     /// The memory behind the bus [default: memory.model of the configuration]
     #[arg(long, value_name = "M", value_parser = clap::builder::PossibleValuesParser::new(MemoryModel::NAMES))]
     memory: Option<String>,
-    /// Random seed of the directions of diffuse rays
-    #[arg(long, value_name = "S", default_value_t = 1)]
-    seed: u64,
     /// Write the picture computed by the Verilog as PNG
     #[arg(long, value_name = "F.png", value_parser = Kind::Png)]
     out: Option<Output>,
@@ -57,15 +45,8 @@ pub struct Args {
     /// Write where packets, bursts and units spend their time, in the Chrome trace format (for Perfetto)
     #[arg(long, value_name = "F.json", value_parser = Kind::Json)]
     trace_events: Option<Output>,
-    /// Write a waveform as FST
-    #[arg(long, value_name = "F.fst", requires = "cycles", value_parser = Kind::Fst)]
-    trace: Option<Output>,
-    /// The first cycle of the waveform
-    #[arg(long, value_name = "CYCLE", default_value_t = 0, requires = "trace")]
-    from: u64,
-    /// Number of cycles in the waveform
-    #[arg(long, value_name = "N", requires = "trace", value_parser = clap::value_parser!(u64).range(1..))]
-    cycles: Option<u64>,
+    #[command(flatten)]
+    waveform: WaveformArgs,
 }
 
 /// Where the image of a run begins in the address space.
@@ -75,24 +56,11 @@ const BASE: u32 = 0x1000;
 const MOST_BYTES: u64 = 1 << 31;
 
 pub fn run(args: &Args) -> Result<()> {
-    let waveform = (args.trace.as_ref())
-        .map(|trace| Staged::empty(trace.path()))
-        .transpose()?;
-    let trace = waveform.as_ref().map(|file| Trace {
-        path: file.temporary().to_path_buf(),
-        from: args.from,
-        cycles: args.cycles.unwrap_or(1),
-    });
-    let result = run_traced(args, trace);
-    // Waveforms are kept after a mismatch.
-    if (result.as_ref().err()).is_none_or(|error| error.is::<Mismatch>()) {
-        report::publish_all(waveform)?;
-    }
-    result
+    args.waveform.around(|trace| run_traced(args, trace))
 }
 
 fn run_traced(args: &Args, trace: Option<Trace>) -> Result<()> {
-    let mut loaded = args.scene.load(args.size, &args.config)?;
+    let mut loaded = args.picture.load()?;
     if let Some(model) = &args.memory {
         loaded.config.set("memory.model", model)?;
     }
@@ -100,8 +68,7 @@ fn run_traced(args: &Args, trace: Option<Trace>) -> Result<()> {
     sort_along_morton_curve(&mut loaded.packets);
     let config = &loaded.config;
     let Built { image, .. } = loaded.build_default()?;
-    let caster = Caster::new(&image, config.triangle_test, loaded.frame.rays_per_packet());
-    let cast = loaded.rays_of(args.rays, &caster, args.seed)?;
+    let cast = args.picture.rays_of(&loaded, &image)?;
     let rays = cast.rays();
     let active = active(&rays)?;
 
@@ -117,7 +84,7 @@ fn run_traced(args: &Args, trace: Option<Trace>) -> Result<()> {
     let bar = report::progress(rays.len() as u64, "building the model");
     bar.enable_steady_tick(Duration::from_millis(500));
     let options = Options {
-        seed: args.seed,
+        seed: args.picture.seed,
         trace,
         events: args.trace_events.is_some(),
         replay: args.replay(),
@@ -147,18 +114,11 @@ fn run_traced(args: &Args, trace: Option<Trace>) -> Result<()> {
         .collect();
     let mut files = vec![];
     if let Some(out) = &args.out {
-        files.push(out.png(&cast.picture(args.size, &loaded, &hits))?);
+        files.push(out.png(&cast.picture(args.picture.size, &loaded, &hits))?);
         text += &format!("picture: {out}\n");
     }
-    if let Some(trace) = &args.trace {
-        if args.from >= found.cycles {
-            tell(&format!(
-                "warning: {trace}: the waveform may be empty: it starts at cycle {}, but the list has {}; give a smaller --from",
-                args.from, found.cycles
-            ));
-        }
-        text += &format!("waveform: {trace}\n");
-    }
+    args.waveform.check(found.cycles);
+    text += &args.waveform.line();
     if let Some(out) = &args.trace_events {
         files.push(out.json(&report::chrome_trace(&found.events))?);
         text += &format!(
@@ -178,18 +138,9 @@ fn run_traced(args: &Args, trace: Option<Trace>) -> Result<()> {
 impl Args {
     /// The command that runs this again.
     fn replay(&self) -> String {
-        let mut text = format!("dynrt run{}{}", self.scene.replay(), self.config.replay());
-        if self.size.to_string() != SIZE {
-            text += &format!(" --size {}", self.size);
-        }
-        if self.rays != RayKind::Primary {
-            text += &format!(" --rays {}", self.rays.name());
-        }
+        let mut text = format!("dynrt run{}", self.picture.replay());
         if let Some(memory) = &self.memory {
             text += &format!(" --memory {memory}");
-        }
-        if self.seed != 1 {
-            text += &format!(" --seed {}", self.seed);
         }
         text
     }
@@ -240,7 +191,7 @@ impl Job<'_> {
 
     fn json(&self) -> Value {
         let Job { loaded, found, .. } = self;
-        let size = self.args.size;
+        let size = self.args.picture.size;
         let traffic = found.traffic;
         let caches = CACHES.iter().map(|(name, counter)| {
             let (requests, hit_rate, misses) = self.cache(counter);
@@ -271,10 +222,10 @@ impl Job<'_> {
             "frames": 1,
             "per_frame": [frame.clone()],
             "config": loaded.config.name,
-            "overrides": self.args.config.overrides(&loaded.config),
+            "overrides": self.args.picture.config.overrides(&loaded.config),
             "view": loaded.view,
-            "ray_kind": self.args.rays.name(),
-            "seed": self.args.seed,
+            "ray_kind": self.args.picture.rays.name(),
+            "seed": self.args.picture.seed,
             "width": size.width,
             "height": size.height,
             "memory": loaded.config.memory_model.name(),
@@ -308,11 +259,14 @@ impl Job<'_> {
             loaded.scene.name,
             counted(loaded.mesh.triangles.len() as u64, "triangle"),
             loaded.config.name,
-            self.args.config.settings(),
+            self.args.picture.config.settings(),
             loaded.config.memory_model.name(),
             loaded.view,
-            self.args.size,
-            counted(self.active, &format!("{} ray", self.args.rays.name())),
+            self.args.picture.size,
+            counted(
+                self.active,
+                &format!("{} ray", self.args.picture.rays.name())
+            ),
             counted(found.outcome.hits, "hit"),
             counted(found.checked, "byte"),
             counted(found.cycles, "cycle"),

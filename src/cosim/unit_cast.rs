@@ -175,13 +175,25 @@ impl Pauses {
 
 impl Run<'_> {
     fn all(&mut self, rays: u64) -> Result<()> {
-        self.bench.model.reset(RESET_CYCLES);
+        self.reset()?;
         while self.bench.tally.transactions < rays {
             let script = self.script();
             let pauses = Pauses::random(&mut self.rng);
             self.cast(script, &pauses)?;
         }
         Ok(())
+    }
+
+    /// Resets the unit, which is idle afterwards.
+    fn reset(&mut self) -> Result<()> {
+        self.bench.model.reset(RESET_CYCLES);
+        match self.bench.model.get(self.ports.outputs.casting) {
+            0 => Ok(()),
+            busy => {
+                let fields = vec![Field::integer("casting", 0, busy)];
+                Err(self.bench.mismatch("after a reset", fields))
+            }
+        }
     }
 
     /// A number in binary32: any bits, special values, and values near the limits of the machine's format.
@@ -326,9 +338,8 @@ impl Run<'_> {
         };
         while self.bench.model.get(self.ports.outputs.casting) != 0 {
             if until_reset == 0 {
-                self.bench.model.reset(RESET_CYCLES);
                 self.bench.tally.categories.count(Category::CutShort, true);
-                return Ok(());
+                return self.reset();
             }
             until_reset -= 1;
             let given = self.give(&mut cast, pauses);
@@ -364,6 +375,7 @@ impl Run<'_> {
         }
         model.clock();
         model.set(inputs.start.valid, 0);
+        model.garble(inputs.start.payload.leaves(), &mut self.rng);
     }
 
     /// Sets the inputs for the coming edge.

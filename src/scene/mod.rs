@@ -20,7 +20,7 @@ pub use camera::{Camera, View, default_light};
 pub use load::load_animated;
 pub use machine::{MachineMesh, log2_scale};
 pub use rays::{
-    Frame, ImageSize, RAYS_PER_PACKET, RayPacket, diffuse_rays, shadow_rays,
+    Frame, ImageSize, RAYS_PER_PACKET, RayKind, RayPacket, diffuse_rays, shadow_rays,
     sort_along_morton_curve,
 };
 pub use sources::{Role, SceneSpec, Source, sources};

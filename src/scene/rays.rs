@@ -173,6 +173,51 @@ impl Frame {
     }
 }
 
+/// The rays of a picture.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
+pub enum RayKind {
+    /// Closest hits of the camera's rays
+    Primary,
+    /// Any-hit rays of finite length from the camera's hits to a light
+    Shadow,
+    /// Closest hits of rays from the camera's hits in random directions
+    Diffuse,
+}
+
+impl RayKind {
+    pub const ALL: [RayKind; 3] = [RayKind::Primary, RayKind::Shadow, RayKind::Diffuse];
+
+    pub fn name(self) -> &'static str {
+        match self {
+            RayKind::Primary => "primary",
+            RayKind::Shadow => "shadow",
+            RayKind::Diffuse => "diffuse",
+        }
+    }
+
+    /// The rays of this kind that belong to primary rays with these hits. `seed` is that of random directions.
+    ///
+    /// # Errors
+    /// As [`shadow_rays`].
+    ///
+    /// # Panics
+    /// As [`shadow_rays`].
+    pub fn rays(
+        self,
+        primary: &[RayPacket],
+        hits: &[Hit],
+        mesh: &MachineMesh,
+        light: [f64; 3],
+        seed: u64,
+    ) -> Result<Vec<RayPacket>> {
+        match self {
+            RayKind::Primary => Ok(primary.to_vec()),
+            RayKind::Shadow => shadow_rays(primary, hits, mesh, light),
+            RayKind::Diffuse => Ok(diffuse_rays(primary, hits, mesh, seed)),
+        }
+    }
+}
+
 /// Sorts packets along a Morton curve over the image, so that packets that are cast at the same time are neighbours in both directions.
 pub fn sort_along_morton_curve(packets: &mut [RayPacket]) {
     let spread =

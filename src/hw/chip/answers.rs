@@ -75,7 +75,7 @@ pub fn module(plan: &Plan) -> Result<Arc<Module>, HdlError> {
 
     m.comment("Packets are numbered modulo two passes. The first packet of a cast follows the last one of the cast before.");
     let first = m.reg_reset("first_packet", number_bits, 0);
-    let offset = m.reg_reset("packet_offset", number_bits, 0);
+    let offset = m.reg("packet_offset", number_bits);
     offset.next_when(inputs.start, first.q);
     let number = |tag| fitted(tag, number_bits) + offset.q;
     let answered = number(inputs.answers.payload.tag).named("answered_packet");
