@@ -59,14 +59,14 @@ pub const UNITS: [&str; 11] = [
     "cast",
 ];
 
-/// The module that is mutated of a unit of the memory system; its neighbours are there for its bench.
-fn only_module(unit: &str) -> Option<&'static str> {
+/// The modules that are mutated of a unit of the memory system; its neighbours are there for its bench. Empty: all.
+fn only_modules(unit: &str) -> &'static [&'static str] {
     match unit {
-        "axi" => Some("axi_master"),
-        "combiner" => Some("write_combiner"),
-        "arbiter" => Some("read_arbiter"),
-        "reader" => Some("burst_reader_16"),
-        _ => None,
+        "axi" => &["axi_master"],
+        "combiner" => &["write_combiner", "write_combiner_next"],
+        "arbiter" => &["read_arbiter"],
+        "reader" => &["burst_reader_16"],
+        _ => &[],
     }
 }
 
@@ -218,7 +218,8 @@ fn draw(config: &Config, request: &Request) -> Result<Vec<Population>> {
         let design = design_of(config, unit)?;
         let mut places: Vec<Vec<Site>> = vec![vec![]; Kind::ALL.len()];
         for module in design.modules() {
-            if only_module(unit).is_some_and(|only| only != module.name()) {
+            let only = only_modules(unit);
+            if !only.is_empty() && !only.contains(&module.name()) {
                 continue;
             }
             if !seen.insert(module.name().to_string()) {

@@ -68,8 +68,10 @@ impl Module {
 enum Key {
     Input(String),
     Register(String),
-    /// Memory, address, and whether the read is synchronous.
-    Read(String, Id, bool),
+    /// Memory and address of a combinational read.
+    Read(String, Id),
+    /// Memory and number of a synchronous read port; its address may depend on its value.
+    SynchronousRead(String, usize),
     /// Instance and port.
     Output(String, String),
     /// An operation whose operands are numbers of expressions.
@@ -80,6 +82,8 @@ enum Key {
 enum State {
     Register(String),
     Memory(String),
+    /// Memory, and number of a synchronous read port.
+    Read(String, usize),
     Instance(String),
 }
 
@@ -149,6 +153,18 @@ impl<'a> Side<'a> {
         let mut memories =
             scopes.flat_map(|(scope, of)| of.ir.memories.iter().map(move |m| (scope, m)));
         memories.find(|(_, memory)| memory.name == name)
+    }
+
+    /// The address of a read port.
+    fn address(&self, name: &str, port: usize) -> Option<At> {
+        let (scope, _) = self.memory(name)?;
+        let ir = self.ir(scope);
+        ir.nodes.iter().find_map(|node| match node.op {
+            Op::Read(memory, of, address, _) if ir.memories[memory].name == name && of == port => {
+                Some((scope, address))
+            }
+            _ => None,
+        })
     }
 
     fn instance(&self, name: &str) -> Option<(usize, &'a InstanceData)> {
@@ -227,6 +243,9 @@ impl<'a> Matching<'a> {
                     self.memories(&name)?;
                     compared.memories += 1;
                 }
+                State::Read(name, port) if seen.insert(format!("read {port} of {name}")) => {
+                    self.reads(&name, port)?;
+                }
                 State::Instance(name) if seen.insert(format!("instance {name}")) => {
                     compared.add(self.instances(&name)?);
                     compared.instances += 1;
@@ -289,6 +308,13 @@ impl<'a> Matching<'a> {
         Ok(())
     }
 
+    /// Compares the addresses of a synchronous read port.
+    fn reads(&mut self, name: &str, port: usize) -> Result<(), String> {
+        let what = format!("read port {port} of memory {name}");
+        let [a, b] = self.both(&what, |side| side.address(name, port))?;
+        self.equal([a, b], || what.clone())
+    }
+
     fn instances(&mut self, name: &str) -> Result<Compared, String> {
         let what = format!("instance {name}");
         let [(scope, a), (other_scope, b)] = self.both(&what, |side| side.instance(name))?;
@@ -337,10 +363,16 @@ impl<'a> Matching<'a> {
                 self.open.push(State::Register(name.clone()));
                 Key::Register(name)
             }
-            Op::Read(memory, _, address, synchronous) => {
+            Op::Read(memory, port, address, synchronous) => {
                 let name = ir.memories[*memory].name.clone();
                 self.open.push(State::Memory(name.clone()));
-                Key::Read(name, self.number(side, (scope, *address)), *synchronous)
+                match synchronous {
+                    false => Key::Read(name, self.number(side, (scope, *address))),
+                    true => {
+                        self.open.push(State::Read(name.clone(), *port));
+                        Key::SynchronousRead(name, *port)
+                    }
+                }
             }
             Op::Instance(instance, port) => {
                 let instance = &ir.instances[*instance];
@@ -362,5 +394,33 @@ impl<'a> Matching<'a> {
                 node.width,
             ),
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use crate::{Builder, Module, Style};
+    use std::sync::Arc;
+
+    /// A memory that is read at an address which depends on the word that was read before.
+    fn chase(step: u8) -> Arc<Module> {
+        let m = Builder::new("chase", "follows links.");
+        let enable = m.input("enable", 1);
+        let links = m.memory("links", 16, 4, Style::Block);
+        let address = m.wire("address", 4);
+        let link = links.read(address.get());
+        address.drive(link + m.lit(step, 4));
+        links.write(enable, m.lit(3u8, 4), link);
+        m.output("link", link);
+        m.finish().unwrap()
+    }
+
+    #[test]
+    fn a_read_may_depend_on_the_word_read_before() {
+        let (one, two) = (chase(1), chase(2));
+        let compared = one.compare_outputs(&chase(1)).unwrap();
+        assert_eq!((compared.outputs, compared.memories), (1, 1));
+        let difference = one.compare_outputs(&two).unwrap_err();
+        assert_eq!(difference, "chase: read port 0 of memory links differs");
     }
 }

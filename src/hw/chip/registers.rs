@@ -20,22 +20,22 @@ pub const WINDOW_BITS: u32 = table::WINDOW.ilog2();
 bundle! {
     /// The signals of an AXI4-Lite bus that its master drives, under the names of the standard.
     pub struct LiteInputs() {
-        "Write address channel" { awvalid: 1, awaddr: WINDOW_BITS, awprot: 3 }
-        "Write data channel" { wvalid: 1, wdata: 32, wstrb: 4 }
-        "Write response channel" { bready: 1 }
-        "Read address channel" { arvalid: 1, araddr: WINDOW_BITS, arprot: 3 }
-        "Read data channel" { rready: 1 }
+        "AXI4-Lite slave: write address channel" { awvalid: 1, awaddr: WINDOW_BITS, awprot: 3 }
+        "AXI4-Lite slave: write data channel" { wvalid: 1, wdata: 32, wstrb: 4 }
+        "AXI4-Lite slave: write response channel" { bready: 1 }
+        "AXI4-Lite slave: read address channel" { arvalid: 1, araddr: WINDOW_BITS, arprot: 3 }
+        "AXI4-Lite slave: read data channel" { rready: 1 }
     }
 }
 
 bundle! {
     /// The signals of an AXI4-Lite bus that its slave drives.
     pub struct LiteOutputs() {
-        "Write address channel" { awready: 1 }
-        "Write data channel" { wready: 1 }
-        "Write response channel" { bvalid: 1, bresp: 2 }
-        "Read address channel" { arready: 1 }
-        "Read data channel" { rvalid: 1, rdata: 32, rresp: 2 }
+        "AXI4-Lite slave: write address channel" { awready: 1 }
+        "AXI4-Lite slave: write data channel" { wready: 1 }
+        "AXI4-Lite slave: write response channel" { bvalid: 1, bresp: 2 }
+        "AXI4-Lite slave: read address channel" { arready: 1 }
+        "AXI4-Lite slave: read data channel" { rvalid: 1, rdata: 32, rresp: 2 }
     }
 }
 

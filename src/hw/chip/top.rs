@@ -54,7 +54,6 @@ bundle! {
         commands_ready: 1,
         commands_beat: Flow<Beat>(1, plan.config.bus_data_bits),
         write_ready: 1,
-        casting: 1,
         writes_done: 1,
         invalidating: 1,
         error_valid: 1,
@@ -90,43 +89,16 @@ pub fn module(plan: &Plan) -> Result<Arc<Module>, HdlError> {
         NAME,
         "the whole chip: executes command lists from memory. Registers are behind an AXI4-Lite slave, memory behind an AXI4 master.",
     );
-    let bus_bits = plan.config.bus_data_bits;
     let ports = ports(plan);
     let inputs = ports.inputs.inputs(&m);
     let back = Back::of(plan).wires(&m, "");
     let told = back.get();
 
-    let commands = commands::ports(plan, bus_bits).place(
-        "commands",
-        &m,
-        &commands::module(plan, bus_bits)?,
-        commands::Inputs {
-            start_valid: told.start_valid,
-            start_address: told.start_address,
-            read_ready: told.commands_ready,
-            beat: told.commands_beat,
-            write_ready: told.write_ready,
-            casting: told.casting,
-            writes_done: told.writes_done,
-            invalidating: told.invalidating,
-            bus_error_valid: told.error_valid,
-            bus_error_address: told.error_address,
-        },
-    );
-    m.comment("A signal goes before hits.");
-    let cast = cast::ports(plan).place(
-        "cast",
-        &m,
-        &cast::module(plan)?,
-        cast::Inputs {
-            start: Flow::new(commands.cast_valid, commands.cast.cast),
-            word_valid: told.word_valid,
-            word: told.word,
-            ray_ready: told.ray_ready,
-            hit: told.hit,
-            write_ready: told.write_ready & !commands.write.valid,
-        },
-    );
+    let (commands, cast) = m.part(
+        "lists",
+        "executes command lists: the command processor and the cast unit.",
+        || executed(&m, plan, &told),
+    )?;
     let (core, _) = core::place(
         plan,
         &core::module(plan)?,
@@ -148,7 +120,6 @@ pub fn module(plan: &Plan) -> Result<Arc<Module>, HdlError> {
         commands_ready: memory.commands_ready,
         commands_beat: memory.commands_beat,
         write_ready: memory.write_ready,
-        casting: cast.casting,
         writes_done: memory.writes_done,
         invalidating: memory.invalidating,
         error_valid: memory.error_valid,
@@ -169,6 +140,49 @@ pub fn module(plan: &Plan) -> Result<Arc<Module>, HdlError> {
     };
     ports.outputs.outputs(&m, outputs);
     m.finish()
+}
+
+/// Places the command processor and the cast unit.
+fn executed<'b>(
+    m: &'b Builder,
+    plan: &Plan,
+    told: &Back<Signal<'b>>,
+) -> Result<(commands::Outputs<Signal<'b>>, cast::Outputs<Signal<'b>>), HdlError> {
+    let bus_bits = plan.config.bus_data_bits;
+    let casting = m.wire("casting", 1);
+    let commands = commands::ports(plan, bus_bits).place(
+        "commands",
+        m,
+        &commands::module(plan, bus_bits)?,
+        commands::Inputs {
+            start_valid: told.start_valid,
+            start_address: told.start_address,
+            read_ready: told.commands_ready,
+            beat: told.commands_beat,
+            write_ready: told.write_ready,
+            casting: casting.get(),
+            writes_done: told.writes_done,
+            invalidating: told.invalidating,
+            bus_error_valid: told.error_valid,
+            bus_error_address: told.error_address,
+        },
+    );
+    m.comment("A signal goes before hits.");
+    let cast = cast::ports(plan).place(
+        "cast",
+        m,
+        &cast::module(plan)?,
+        cast::Inputs {
+            start: Flow::new(commands.cast_valid, commands.cast.cast),
+            word_valid: told.word_valid,
+            word: told.word,
+            ray_ready: told.ray_ready,
+            hit: told.hit,
+            write_ready: told.write_ready & !commands.write.valid,
+        },
+    );
+    casting.drive(cast.casting);
+    Ok((commands, cast))
 }
 
 /// The units that are placed before the memory system and the registers.

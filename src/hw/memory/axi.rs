@@ -120,22 +120,22 @@ bundle! {
 bundle! {
     /// The signals of an AXI4 bus that its master drives.
     pub struct MasterOutputs(bus: &Bus) {
-        "Write address channel" {
+        "AXI4 master: write address channel" {
             awvalid: 1,
             aw: ..{WriteAddress}(bus),
         }
-        "Write data channel" {
+        "AXI4 master: write data channel" {
             wvalid: 1,
             w: ..{WriteData}(bus),
         }
-        "Write response channel" {
+        "AXI4 master: write response channel" {
             bready: 1,
         }
-        "Read address channel" {
+        "AXI4 master: read address channel" {
             arvalid: 1,
             ar: ..{ReadAddress}(bus),
         }
-        "Read data channel" {
+        "AXI4 master: read data channel" {
             rready: 1,
         }
     }
@@ -144,20 +144,20 @@ bundle! {
 bundle! {
     /// The signals of an AXI4 bus that its slave drives.
     pub struct MasterInputs(bus: &Bus) {
-        "Write address channel" {
+        "AXI4 master: write address channel" {
             awready: 1,
         }
-        "Write data channel" {
+        "AXI4 master: write data channel" {
             wready: 1,
         }
-        "Write response channel" {
+        "AXI4 master: write response channel" {
             bvalid: 1,
             b: ..{WriteResponse}(bus),
         }
-        "Read address channel" {
+        "AXI4 master: read address channel" {
             arready: 1,
         }
-        "Read data channel" {
+        "AXI4 master: read data channel" {
             rvalid: 1,
             r: ..{ReadData}(bus),
         }

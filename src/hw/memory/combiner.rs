@@ -119,7 +119,11 @@ pub fn module(sizes: &Sizes) -> Result<Arc<Module>, HdlError> {
     let lines = Lines::new(&m, sizes);
     let stage = Stage::new(&m, &inputs, &lines);
     let contents = Contents::new(&m, sizes, &lines, &stage);
-    let next = Next::new(&m, sizes, &lines, inputs.write_ready);
+    let next = m.part(
+        "next",
+        "selects the closed line that is sent next, and offers its burst.",
+        || Next::new(&m, sizes, &lines, inputs.write_ready),
+    );
     let stream = Stream::new(&m, sizes, &next, inputs.datum_ready);
     let closing = lines.follow(&m, &inputs, &stage, &contents, &next, &stream);
 
