@@ -1,0 +1,40 @@
+//! The modules of the chip's cast unit that are proved: of a machine with a small window of answers and few tags, which no
+//! configuration has. The description is the same for any number of packets.
+
+use super::induction::{Induction, of_module};
+use crate::config::Config;
+use crate::hw::Plan;
+use crate::hw::chip::{answers, hits, rays};
+use anyhow::Result;
+
+/// The name of the unit.
+const UNIT: &str = "cast";
+
+/// A machine with small numbers and packets of this many rays, whose window has 16 packets.
+fn plan(rays: u32, fraction_bits: u32) -> Result<Plan> {
+    let mut config = Config::load("tiny")?;
+    config.exponent_bits = 4;
+    config.fraction_bits = fraction_bits;
+    config.rays_per_packet = rays;
+    config.packets_in_flight = 1;
+    config.tag_bits = 6;
+    Ok(Plan::new(&config)?)
+}
+
+/// All inductions of the cast unit; none if `unit` is another one.
+///
+/// # Errors
+/// A mistake in a description.
+pub fn proofs(unit: &str) -> Result<Vec<Induction>> {
+    if unit != UNIT {
+        return Ok(vec![]);
+    }
+    Ok(vec![
+        // Words of four packets.
+        of_module(unit, answers::module(&plan(8, 5)?)?, "orders")?,
+        of_module(unit, rays::module(&plan(4, 5)?)?, "packs")?,
+        // Records of one word and of two.
+        of_module(unit, hits::module(&plan(4, 5)?)?, "writes")?,
+        of_module(unit, hits::module(&plan(2, 20)?)?, "writes")?,
+    ])
+}
