@@ -4,7 +4,7 @@
 use super::induction::{Induction, of_module};
 use crate::config::Config;
 use crate::hw::Plan;
-use crate::hw::chip::{answers, hits, rays};
+use crate::hw::chip::{answers, cast, hits, rays};
 use anyhow::Result;
 
 /// The name of the unit.
@@ -36,5 +36,6 @@ pub fn proofs(unit: &str) -> Result<Vec<Induction>> {
         // Records of one word and of two.
         of_module(unit, hits::module(&plan(4, 5)?)?, "writes")?,
         of_module(unit, hits::module(&plan(2, 20)?)?, "writes")?,
+        of_module(unit, cast::module(&plan(4, 5)?)?, "joins")?,
     ])
 }

@@ -150,6 +150,7 @@ pub fn module(plan: &Plan) -> Result<Arc<Module>, HdlError> {
             slot,
             any_hit,
             count,
+            base,
             taken: taken.get(),
             ends: packet_ends,
         },

@@ -203,6 +203,12 @@ fn counts<'b>(proof: &Proof<'b>, unit: &Unit<'_, 'b>, cast: &Cast<'b>) {
         "words are numbered from 0",
         running.implies(words.number.q.eq(cast.sent.extend(COUNT_BITS))),
     );
+    let ends = proof.past(!unit.m.reset() & running) & !running;
+    proof.assert(
+        "the unit works from the start on, until its last word is accepted",
+        (proof.past(!unit.m.reset() & unit.inputs.start)).implies(running)
+            & ends.implies(proof.past(words.valid.q & unit.inputs.word_ready)),
+    );
     proof.assert(
         "idle means that all packets are in words, and all words are accepted",
         (!running).implies(cast.moved.eq(cast.total) & cast.sent.eq(whole + part)),

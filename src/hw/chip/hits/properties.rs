@@ -38,6 +38,7 @@ pub(super) struct Packets<'b> {
     pub slot: Reg<'b>,
     pub any_hit: Reg<'b>,
     pub count: Reg<'b>,
+    pub base: Reg<'b>,
     pub taken: Signal<'b>,
     pub ends: Signal<'b>,
 }
@@ -249,7 +250,7 @@ fn counts<'b>(proof: &Proof<'b>, unit: &Unit<'_, 'b>, cast: &Cast<'b>) {
         running.implies(
             packets.count.q.eq(cast.count)
                 & packets.any_hit.q.eq(cast.any_hit)
-                & unit.record.address.eq(cast.address + record_offset(unit, cast.ray)),
+                & packets.base.q.eq(cast.address),
         ),
     );
     proof.assert(
