@@ -10,9 +10,7 @@
 mod properties;
 
 use super::{COUNT_BITS, fitted};
-use crate::hdl::{
-    Builder, Flow, HdlError, Memory, Module, Reg, Signal, Specs, Style, Wire,
-};
+use crate::hdl::{Builder, Flow, HdlError, Memory, Module, Reg, Signal, Specs, Style, Wire};
 use crate::hw::plan::Plan;
 use crate::{bundle, interface};
 use std::sync::Arc;
@@ -60,6 +58,14 @@ fn window(plan: &Plan) -> u32 {
 /// # Errors
 /// A mistake in the description; none is known for any configuration.
 pub fn module(plan: &Plan) -> Result<Arc<Module>, HdlError> {
+    of_window(plan, window(plan))
+}
+
+/// Describes an answer collector whose window has `depth` packets, a power of two.
+///
+/// # Errors
+/// As [`module`].
+pub fn of_window(plan: &Plan, depth: u32) -> Result<Arc<Module>, HdlError> {
     let m = Builder::new(
         "answer_collector",
         "puts the answers to any-hit rays in words of 32, in the order of the rays.\n\
@@ -67,7 +73,7 @@ pub fn module(plan: &Plan) -> Result<Arc<Module>, HdlError> {
     );
     let ports = ports(plan);
     let inputs = ports.inputs.inputs(&m);
-    let window = Window::new(&m, plan, &inputs);
+    let window = Window::new(&m, plan, depth, &inputs);
     let words = Words::new(&m, plan, &inputs, &window);
     let outputs = Outputs {
         running: words.left.q.any() | words.valid.q,
@@ -94,6 +100,7 @@ pub fn module(plan: &Plan) -> Result<Arc<Module>, HdlError> {
 
 /// The packets that follow the last one in a word.
 struct Window<'b> {
+    depth: u32,
     /// After reset the memory is written, a word in each cycle.
     sweeping: Reg<'b>,
     swept: Reg<'b>,
@@ -117,8 +124,8 @@ struct Window<'b> {
 }
 
 impl<'b> Window<'b> {
-    fn new(m: &'b Builder, plan: &Plan, inputs: &Inputs<Signal<'b>>) -> Window<'b> {
-        let (rays, depth) = (plan.rays(), window(plan));
+    fn new(m: &'b Builder, plan: &Plan, depth: u32, inputs: &Inputs<Signal<'b>>) -> Window<'b> {
+        let rays = plan.rays();
         let place_bits = depth.ilog2();
         let number_bits = place_bits + 1;
 
@@ -163,6 +170,7 @@ impl<'b> Window<'b> {
         let first_is_answered =
             (entry.high(1).eq(first.q.high(1)) & !was_written.q).named("first_is_answered");
         Window {
+            depth,
             sweeping,
             swept,
             first,

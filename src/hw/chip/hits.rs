@@ -177,12 +177,7 @@ struct Stored<'b> {
 }
 
 impl<'b> Stored<'b> {
-    fn new(
-        m: &'b Builder,
-        ready: Signal<'b>,
-        data_bits: u32,
-        room: Wire<'b>,
-    ) -> Stored<'b> {
+    fn new(m: &'b Builder, ready: Signal<'b>, data_bits: u32, room: Wire<'b>) -> Stored<'b> {
         m.comment("A write is registered. The second word of a wide record follows the first.");
         let valid = m.reg_reset("is_write_valid", 1, 0);
         let second = m.reg_reset("second_follows", 1, 0);
@@ -205,13 +200,7 @@ impl<'b> Stored<'b> {
     }
 
     /// Drives the registers by a record or by a word of answers.
-    fn follow(
-        &self,
-        m: &'b Builder,
-        any_hit: Signal<'b>,
-        record: Offer<'b>,
-        answers: Offer<'b>,
-    ) {
+    fn follow(&self, m: &'b Builder, any_hit: Signal<'b>, record: Offer<'b>, answers: Offer<'b>) {
         let offer = Offer {
             valid: any_hit.mux(answers.valid, record.valid).named("offers"),
             address: any_hit.mux(answers.address, record.address),

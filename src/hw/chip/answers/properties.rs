@@ -4,7 +4,7 @@
 //! The proof follows each packet of a cast from its begin to its answers, by its tag. Of the answers themselves it watches those of one
 //! arbitrary packet. A read of a word that is written in the same cycle returns any value, as that of a block RAM may.
 
-use super::{Inputs, Outputs, RAYS_PER_WORD, Window, Words, fitted, window};
+use super::{Inputs, Outputs, RAYS_PER_WORD, Window, Words, fitted};
 use crate::hdl::properties::assert_shown_stays;
 use crate::hdl::{Builder, Bundle, Proof, Signal};
 use crate::hw::chip::COUNT_BITS;
@@ -21,12 +21,12 @@ pub(super) struct Unit<'a, 'b> {
 }
 
 /// The proof has a condition for each word of the memory and for each tag: it is described for few of them.
-const FEW_PACKETS: u32 = 16;
-const FEW_TAG_BITS: u32 = 6;
+const FEW_PACKETS: u32 = 8;
+const FEW_TAG_BITS: u32 = 5;
 
 pub(super) fn describe(unit: &Unit<'_, '_>) {
     let plan = unit.plan;
-    let is_small = window(plan) <= FEW_PACKETS && plan.config.tag_bits <= FEW_TAG_BITS;
+    let is_small = unit.window.depth == FEW_PACKETS && plan.config.tag_bits <= FEW_TAG_BITS;
     if is_small && plan.rays() < RAYS_PER_WORD {
         orders(unit);
     }
@@ -125,13 +125,12 @@ fn orders(unit: &Unit<'_, '_>) {
     );
     let cast = &Cast::new(proof, unit);
     cast.assumed(proof, unit);
-    let collides = (unit.inputs.answers.valid | window.sweeping.q)
-        & window.write_place.eq(window.read_place);
+    let collides =
+        (unit.inputs.answers.valid | window.sweeping.q) & window.write_place.eq(window.read_place);
     proof.cut(window.entry);
     proof.assume(
         "a word of the memory that is not written is read as it was",
-        proof.past(collides)
-            | (window.entry).eq(proof.past(window.memory.peek(window.read_place))),
+        proof.past(collides) | (window.entry).eq(proof.past(window.memory.peek(window.read_place))),
     );
     counts(proof, unit, cast);
     memory(proof, unit, cast);
@@ -232,9 +231,8 @@ fn memory<'b>(proof: &Proof<'b>, unit: &Unit<'_, 'b>, cast: &Cast<'b>) {
     );
     proof.assert(
         "no packet begins before the memory is swept",
-        sweeping.implies(
-            window.first.q.is_zero() & window.offset.q.is_zero() & cast.begun.is_zero(),
-        ),
+        sweeping
+            .implies(window.first.q.is_zero() & window.offset.q.is_zero() & cast.begun.is_zero()),
     );
     let begins_sweep = sweeping & swept.is_zero();
     proof.assert(
@@ -272,7 +270,11 @@ fn memory<'b>(proof: &Proof<'b>, unit: &Unit<'_, 'b>, cast: &Cast<'b>) {
 /// The answers of one packet.
 fn watched<'b>(proof: &Proof<'b>, unit: &Unit<'_, 'b>, cast: &Cast<'b>) {
     let (m, window, words) = (unit.m, unit.window, unit.words);
-    let (tags, bits, rays) = (unit.plan.config.tag_bits, cast.total.width(), unit.plan.rays());
+    let (tags, bits, rays) = (
+        unit.plan.config.tag_bits,
+        cast.total.width(),
+        unit.plan.rays(),
+    );
     let answers = unit.inputs.answers;
     let tag = proof.any_const("watched", tags);
     let packet = tag.extend(bits);
@@ -412,6 +414,10 @@ fn faults<'b>(proof: &Proof<'b>, unit: &Unit<'_, 'b>) {
         (
             "answers are stored in the order in which they come",
             (window.memory.write_address()).as_signal(window.read_place),
+        ),
+        (
+            "an answer is inverted in the memory",
+            window.memory.write_data().with_flipped(1),
         ),
         (
             "the first packet stays as it is",

@@ -230,11 +230,7 @@ pub(super) fn writes(unit: &Unit<'_, '_>) {
 fn counts<'b>(proof: &Proof<'b>, unit: &Unit<'_, 'b>, cast: &Cast<'b>) {
     let (m, packets, stored) = (unit.m, &unit.packets, unit.stored);
     let (slots, running) = (unit.slots(), unit.outputs.running);
-    let whole = packets
-        .left
-        .q
-        .low(COUNT_BITS - slots)
-        .concat(m.zero(slots));
+    let whole = packets.left.q.low(COUNT_BITS - slots).concat(m.zero(slots));
     let some = cast.due.any();
     proof.assert(
         "the packets whose hits are to come are counted",
@@ -386,7 +382,10 @@ fn words_of_answers<'b>(proof: &Proof<'b>, unit: &Unit<'_, 'b>, cast: &Cast<'b>)
     let number = proof.past(word.number);
     let bits = proof.past(word.bits);
     let lane = number.low(2);
-    let offset = number.high(COUNT_BITS - 2).low(ADDRESS_BITS - 4).concat(m.zero(4));
+    let offset = number
+        .high(COUNT_BITS - 2)
+        .low(ADDRESS_BITS - 4)
+        .concat(m.zero(4));
     let address = cast.address + offset;
     let lanes = m.lit(15u8, WORD_BYTES).shl(lane.concat(m.zero(2)));
     let data = write.payload.data.shr(lane.concat(m.zero(5))).low(32);
@@ -437,7 +436,10 @@ fn faults<'b>(proof: &Proof<'b>, unit: &Unit<'_, 'b>) {
         ),
         (
             "a packet is counted when a hit is offered",
-            packets.ends.reads(packets.taken).as_signal(unit.inputs.hit.valid),
+            packets
+                .ends
+                .reads(packets.taken)
+                .as_signal(unit.inputs.hit.valid),
         ),
         (
             "the last packet is counted only if it is full",
@@ -495,6 +497,10 @@ fn faults<'b>(proof: &Proof<'b>, unit: &Unit<'_, 'b>) {
             (
                 "the second word is written over the first",
                 stored.address.q.literal_of(WORD_BYTES.into()).as_value(0),
+            ),
+            (
+                "the data of a write change while it waits",
+                stored.data.q.enable().as_value(1),
             ),
             (
                 "the second word is left out",

@@ -140,7 +140,7 @@ pub(super) fn packs(unit: &Unit<'_, '_>) {
     packets(proof, unit, cast);
     words(proof, unit, cast);
     watched(proof, unit, cast);
-    progress(proof, unit);
+    progress(proof, unit, cast);
     covers(proof, unit, cast);
     faults(proof, unit);
 }
@@ -298,13 +298,13 @@ fn watched<'b>(proof: &Proof<'b>, unit: &Unit<'_, 'b>, cast: &Cast<'b>) {
 }
 
 /// Nothing waits without a reason.
-fn progress<'b>(proof: &Proof<'b>, unit: &Unit<'_, 'b>) {
+fn progress<'b>(proof: &Proof<'b>, unit: &Unit<'_, 'b>, cast: &Cast<'b>) {
     let (words, outputs) = (unit.words, &unit.outputs);
+    let takes = outputs.word_ready & cast.due.any();
     let held = unit.inputs.hold & unit.packets.slot.q.is_zero();
     proof.assert(
-        "a cast offers a ray, takes or converts a word, or is held",
-        (outputs.running)
-            .implies(outputs.ray.valid | outputs.word_ready | words.moves | held),
+        "a cast offers a ray, takes a word that is to come, converts one, or is held",
+        (outputs.running).implies(outputs.ray.valid | takes | words.moves | held),
     );
 }
 
@@ -341,9 +341,26 @@ fn faults<'b>(proof: &Proof<'b>, unit: &Unit<'_, 'b>) {
             "a word is taken while another one waits",
             outputs.word_ready.reads(words.valid.q).as_value(0),
         ),
+        ("no word is taken", outputs.word_ready.fault().as_value(0)),
         (
-            "no word is taken while one is converted",
-            outputs.word_ready.reads(words.moves).as_value(0),
+            "a word that waits is overwritten",
+            words.word.q.enable().as_value(1),
+        ),
+        (
+            "rays become short when a short cast waits",
+            packets.short.enable().as_value(1),
+        ),
+        (
+            "the slot goes on without a ray",
+            packets.slot.q.enable().as_value(1),
+        ),
+        (
+            "inactive rays are counted",
+            outputs.ray_taken.fault().as_signal(packets.taken),
+        ),
+        (
+            "the numbers of an origin are those of the next word",
+            unit.loaded.origin_loads.fault().one_clock_late(),
         ),
         (
             "each word of short rays but one is an origin",
@@ -391,10 +408,12 @@ fn faults<'b>(proof: &Proof<'b>, unit: &Unit<'_, 'b>) {
         ),
         (
             "the kind of a ray is that of the next cast",
-            ray.any_hit.fault().as_signal(unit.inputs.start.payload.any_hit),
+            ray.any_hit
+                .fault()
+                .as_signal(unit.inputs.start.payload.any_hit),
         ),
         (
-            "the numbers of a direction are those of the word before",
+            "the numbers of a direction are those of the next word",
             unit.loaded.direction_loads.fault().one_clock_late(),
         ),
     ] {

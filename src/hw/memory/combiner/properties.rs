@@ -190,11 +190,10 @@ fn states<'b>(proof: &Proof<'b>, unit: &Unit<'_, 'b>) {
         "a word is written into one line",
         at_most_one(&stage.writes),
     );
+    let any_used = m.or_all(&used_lines);
     proof.assert(
         "it is empty only without lines and responses",
-        unit.outputs.empty.implies(
-            m.concat(&lines.used()).is_zero() & !stage.valid.q & unit.outstanding.count.is_zero(),
-        ),
+        !(unit.outputs.empty & (any_used | stage.valid.q | unit.outstanding.count.any())),
     );
 }
 
@@ -308,9 +307,8 @@ fn byte<'b>(proof: &Proof<'b>, unit: &Unit<'_, 'b>) {
             & offered.beats.eq(beats);
         proof.assert(
             format!("the byte of line {i} is in the burst that is offered"),
-            (unit.is_next(i) & has.q).implies(
-                unit.next.first.le(its_beat) & its_beat.le(unit.next.last) & is_of_next,
-            ),
+            (unit.is_next(i) & has.q)
+                .implies(unit.next.first.le(its_beat) & its_beat.le(unit.next.last) & is_of_next),
         );
         proof.assert(
             format!("the data of line {i} begin no later than with the byte"),
@@ -463,8 +461,20 @@ fn faults<'b>(proof: &Proof<'b>, unit: &Unit<'_, 'b>) {
             unit.closes[0].reads(contents.line_full).as_value(0),
         ),
         (
-            "the newest line is sent first",
-            lines.order.before(0, 1).fault().inverted(),
+            "the order of lines is not kept",
+            lines.order.before(0, 1).enable().as_value(0),
+        ),
+        (
+            "a word opens two lines",
+            stage.opens[1].fault().as_signal(stage.opens[0]),
+        ),
+        (
+            "two lines are closed at once",
+            (unit.closes[1].reads(lines.order.before(0, 1))).as_value(0),
+        ),
+        (
+            "a word is full when any of its bytes is written",
+            contents.now_full.fault().as_signal(stage.word_bit),
         ),
         (
             "it is empty while a word is in the stage",
