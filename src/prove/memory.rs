@@ -26,14 +26,19 @@ fn modules(unit: &str) -> Result<Vec<(Arc<Module>, &'static str)>, HdlError> {
     };
     Ok(match unit {
         "axi" => vec![(monitored::module(&sizes)?, "obeys")],
-        "combiner" => vec![(
-            combiner::module(&combiner::Sizes {
+        "combiner" => {
+            // Of three lines, two may wait for the bus at once.
+            let of = |lines| combiner::Sizes {
                 data_bits: 128,
-                lines: 2,
+                lines,
                 writes: 2,
-            })?,
-            "keeps",
-        )],
+            };
+            let keeps = |lines| Ok((combiner::module(&of(lines))?, "keeps"));
+            [2, 3]
+                .into_iter()
+                .map(keeps)
+                .collect::<Result<_, HdlError>>()?
+        }
         "arbiter" => vec![(
             arbiter::module(&arbiter::Sizes {
                 data_bits: BUS.data_bits,

@@ -154,6 +154,14 @@ fn states<'b>(proof: &Proof<'b>, unit: &Unit<'_, 'b>) {
                 format!("lines {other} and {i} are not both open for an address"),
                 !(open & lines.open[other].q & same),
             );
+            // Which of the two was opened last.
+            let newer = proof.reg_reset(&format!("newer{other}_{i}"), 1, 0);
+            let opens = (stage.opens[i], stage.opens[other]);
+            newer.next_when(opens.0 | opens.1, opens.0);
+            proof.assert(
+                format!("it is known which of the open lines {other} and {i} is older"),
+                (open & lines.open[other].q).implies(lines.order.before(other, i).eq(newer.q)),
+            );
             for third in 0..unit.count() {
                 if third != i && third != other {
                     let before = |a, b| lines.order.before(a, b);
